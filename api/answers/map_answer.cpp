@@ -121,7 +121,8 @@ std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::ui
 OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, const std::string& hash) {
   OrderedJson warnings = report.warnings;
   warn_of_aims(query.look().accuracy, report, warnings);
-  if (query.request.products & engine::kRadiance) add_reflectance_warnings(query.look(), report, warnings);
+  if (query.request.products & engine::kRadiance)
+    add_reflectance_warnings(query.look(), query.surface, report, warnings);
   warn_of_band(query.look(), warnings);
   if (report.hit_fraction == 0) warnings.push_back("there is no data anywhere in the map");
   return metadata_answer().write({query.look(), query.request.products, query, report, hash, resolved_json(query),

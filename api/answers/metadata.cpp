@@ -75,7 +75,7 @@ OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& re
                            : "no signal: nothing in view is lit");
   add_object_warnings(query, warnings);
   if (query.request.terrain && products & (engine::kImage | engine::kRadiance))
-    add_reflectance_warnings(query.request, report, warnings);
+    add_reflectance_warnings(query.request, query.surface, report, warnings);
   if (query.request.terrain) add_view_warnings(query, report, catalogue, warnings);
   return warnings;
 }

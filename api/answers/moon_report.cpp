@@ -83,7 +83,7 @@ void check_images(const MoonReport& report, std::vector<std::string>& out) {
   for (const ImageRow& row : report.images) {
     const engine::DiscComparison& c = row.comparison;
     const std::string name = row.image + " " + row.channel;
-    if (!(c.correlation >= (row.wavelength_um < 1 ? 0.994 : 0.985)))
+    if (!(c.correlation >= (row.wavelength_um < 1 ? 0.995 : 0.985)))
       out.push_back(fmt::format("{}: correlation {:.4f}", name, c.correlation));
     if (!(std::abs(c.scale - 1) <= 0.1)) out.push_back(fmt::format("{}: scale {:.3f}", name, c.scale));
     if (!(std::abs(c.limb_px) <= 0.1)) out.push_back(fmt::format("{}: limb off by {:.3f} px", name, c.limb_px));

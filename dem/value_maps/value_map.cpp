@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <bit>
 #include <cmath>
 #include <mutex>
 
@@ -283,8 +284,9 @@ ValueMap::Sampler::Sum ValueMap::Sampler::bilinear(double x, double y, int level
   return sum;
 }
 
-std::uint32_t ValueMap::Sampler::means_of_small(const Footprints& footprints, std::size_t first, double* values) {
+std::uint32_t ValueMap::Sampler::means_of_small(const Footprints& footprints, std::uint32_t wanted, double* values) {
   const Impl& map = *map_->impl_;
+  const auto first = static_cast<std::size_t>(std::countr_zero(wanted));
   const Texel middle = map.texel_of(footprints.lat_deg[first], footprints.lon_deg[first]);
   if (!(middle.x >= 0 && middle.y >= 0 && middle.x < map.width && middle.y < map.height)) return 0;
   const int tx = static_cast<int>(middle.x) / kTile, ty = static_cast<int>(middle.y) / kTile;
@@ -292,10 +294,42 @@ std::uint32_t ValueMap::Sampler::means_of_small(const Footprints& footprints, st
   const int columns = std::min(kTile, map.width - tx * kTile), rows = std::min(kTile, map.height - ty * kTile);
   if (of.size() != kTexels || columns < 2 || rows < 2) return 0;
   const auto [per_deg_east, per_deg_south] = map.texels_per_deg;
-  return means_within_texels(
+  const std::uint32_t found = small_means(
       {of.data(), footprints.lon_deg[first] - (middle.x - tx * kTile) / per_deg_east,
        footprints.lat_deg[first] + (middle.y - ty * kTile) / per_deg_south, per_deg_east, per_deg_south, columns, rows},
-      footprints, values);
+      footprints, wanted, values);
+  const std::uint32_t left = wanted & ~found;
+  return left != 0 ? found | means_between_tiles(footprints, left, values) : found;
+}
+
+// Some texels around the first of `wanted`, of all tiles that have them. (Alone, sixteen texels are found for each.)
+std::uint32_t ValueMap::Sampler::means_between_tiles(const Footprints& f, std::uint32_t wanted, double* values) {
+  constexpr int kSide = 8;
+  const Impl& map = *map_->impl_;
+  const auto first = static_cast<std::size_t>(std::countr_zero(wanted));
+  const std::array<double, 2> a = map.side_of({f.a_east_m[first], f.a_north_m[first]}, f.cos_lat[first]),
+                              b = map.side_of({f.b_east_m[first], f.b_north_m[first]}, f.cos_lat[first]);
+  if (!(length_of(a) <= 1 && length_of(b) <= 1)) return 0;
+  const Texel middle = map.texel_of(f.lat_deg[first], f.lon_deg[first]);
+  const int x0 = static_cast<int>(std::floor(middle.x)) - kSide / 2 + 1,
+            y0 = static_cast<int>(std::floor(middle.y)) - kSide / 2 + 1;
+  std::array<float, static_cast<std::size_t>(kSide) * kTile> texels;
+  for (int y = 0; y < kSide; ++y)
+    for (int x = 0; x < kSide; ++x) {
+      const Sum one = texel(x0 + x, y0 + y, 0);
+      texels[static_cast<std::size_t>(y * kTile + x)] = one.weight == 1 ? static_cast<float>(one.value) : kNone;
+    }
+  const auto [per_deg_east, per_deg_south] = map.texels_per_deg;
+  alignas(64) double means[kFootprints];
+  const std::uint32_t found = wanted & small_means({texels.data(), f.lon_deg[first] - (middle.x - x0) / per_deg_east,
+                                                    f.lat_deg[first] + (middle.y - y0) / per_deg_south, per_deg_east,
+                                                    per_deg_south, kSide, kSide},
+                                                   f, wanted, means);
+  for (std::uint32_t bits = found; bits != 0; bits &= bits - 1) {
+    const auto i = static_cast<std::size_t>(std::countr_zero(bits));
+    values[i] = means[i];
+  }
+  return found;
 }
 
 ValueMap::Sampler::Mean ValueMap::Sampler::mean(const Footprint2& f) {

@@ -62,12 +62,13 @@ class ValueMap {
     // Computes the mean with up to 16 probes along the longer side. Throws DataError when the file cannot be read,
     // Cancelled when `stop` says so.
     Mean mean(const Footprint2& footprint);
-    // Computes the means of footprints that are smaller than a texel and between four valid texels of one tile, as most
-    // near the ground are. Returns one bit per such footprint; other `values` are undefined. The tile is that of
-    // footprint `first`.
-    std::uint32_t means_of_small(const Footprints& footprints, std::size_t first, double* values);
+    // Computes the means of footprints whose sides are no longer than a texel, between valid texels of one tile, as
+    // most near the ground are: small_means(). Returns one bit per such footprint; other `values` are undefined. The
+    // tile is that of the first `wanted` footprint, of which there must be one.
+    std::uint32_t means_of_small(const Footprints& footprints, std::uint32_t wanted, double* values);
 
    private:
+    std::uint32_t means_between_tiles(const Footprints& footprints, std::uint32_t wanted, double* values);
     struct Held {
       int level = -1, tx = 0, ty = 0;
       std::shared_ptr<const std::vector<float>> tile;

@@ -24,9 +24,10 @@ struct MapTile {
   int columns, rows;
 };
 
-// Computes the mean of each footprint that is smaller than a texel and between the centres of four valid texels of the
-// tile: the map is bilinear there, and the mean is the value at the centre plus the xy term. Returns one bit per such
-// footprint, the first the lowest; other `values` are undefined.
-std::uint32_t means_within_texels(const MapTile& tile, const Footprints& footprints, double* values);
+// Computes the mean of each footprint whose sides are no longer than a texel and whose probes lie between valid texels
+// of the tile. Between the centres of four texels the map is bilinear, and the mean is the value at the centre plus the
+// xy term; where a wanted footprint is across such squares, four probes are taken. Returns one bit per footprint that
+// has a mean, the first the lowest; other `values` are undefined.
+std::uint32_t small_means(const MapTile& tile, const Footprints& footprints, std::uint32_t wanted, double* values);
 
 }  // namespace selenograph::dem

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <numbers>
 #include <utility>
 #include <variant>
@@ -38,8 +39,17 @@ void HapkeLanes(const HapkeLaw& law, const double* mu0, const double* mu, const 
 
 void OfPhaseLanes(const TermsByPhase& terms, const double* mu0, const double* mu, const double* cos_phase,
                   double* out) {
+  // The lanes' cubics are copied: half the time that a vector's gathering takes.
+  alignas(64) double cubics[kPacket][TermsByPhase::kCoefficients], x[kPacket];
+  alignas(64) int intervals[kPacket];
   SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) out[i] = terms.at(cos_phase[i]).times_mu0(mu0[i], mu[i]);
+  for (int i = 0; i < kPacket; ++i) {
+    const TermsByPhase::Place place = TermsByPhase::place_of(cos_phase[i]);
+    intervals[i] = place.interval, x[i] = place.x;
+  }
+  for (int i = 0; i < kPacket; ++i) std::memcpy(cubics[i], terms.cubics_of(intervals[i]), sizeof cubics[i]);
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) out[i] = TermsByPhase::terms_of(cubics[i], x[i]).times_mu0(mu0[i], mu[i]);
 }
 
 }  // namespace selenograph::engine::HWY_NAMESPACE

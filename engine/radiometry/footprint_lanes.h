@@ -3,8 +3,10 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
+#include <optional>
 
 #include "dem/grid/geodesy.h"
 #include "dem/value_maps/value_map.h"
@@ -24,6 +26,30 @@ struct Near {
   }
   Vec3 east, north, up;
   double sin_lat, cos_lat, lat_deg, lon_deg;
+};
+
+// Reference places of packets, remembered: most packets are near one of the last ones. A packet's own follows from
+// nothing but its first hit, whatever was asked before: a corner of the cube of 2 km that holds it; near the poles,
+// where longitudes differ too much within a cube, the hit itself.
+class NearPlaces {
+ public:
+  const Near& of(const Vec3& place) {
+    constexpr double kPolar = 0.97, kSide_m = 2000;  // sine of 76 degrees
+    const auto x = static_cast<int>(place.x() / kSide_m), y = static_cast<int>(place.y() / kSide_m),
+               z = static_cast<int>(place.z() / kSide_m);
+    Held& held = held_[static_cast<std::size_t>((x & 1) | (y & 1) << 1 | (z & 1) << 2)];
+    Vec3 at(kSide_m * x, kSide_m * y, kSide_m * z);
+    if (place.z() * place.z() > kPolar * kPolar * place.squaredNorm()) at = place;
+    if (!held.near || held.at != at) held.at = at, held.near.emplace(at);
+    return *held.near;
+  }
+
+ private:
+  struct Held {
+    Vec3 at;
+    std::optional<Near> near;
+  };
+  std::array<Held, 8> held_;
 };
 
 // Metres east and north from one sample's ray to the next one's, to the right and down in the image.

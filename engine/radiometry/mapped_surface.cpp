@@ -7,6 +7,7 @@
 #include <bit>
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <numbers>
 #include <string>
 
@@ -29,8 +30,9 @@ namespace selenograph::engine::HWY_NAMESPACE {
 // False: the lanes are too far apart for its series. Where there is no hit, numbers without a meaning.
 bool FootprintsNear(const Near& near, const Vec3& right, const Vec3& down, const SurfacePoints& p, const Rays& rays,
                     FootprintLanes& out) {
-  // Radians, from the packet's first place. The next terms of the series are 1e-12 of the Moon's radius.
-  constexpr double kFarthest = 2e-3;
+  // Radians, from the reference place, which may be 3.5 km off. The next terms of the series are 1e-12 of the
+  // Moon's radius.
+  constexpr double kFarthest = 5e-3;
   const double ex = near.east.x(), ey = near.east.y(), nx = near.north.x(), ny = near.north.y(), nz = near.north.z(),
                ux = near.up.x(), uy = near.up.y(), uz = near.up.z();
   const double sine = near.sin_lat, cosine = near.cos_lat;
@@ -40,11 +42,13 @@ bool FootprintsNear(const Near& near, const Vec3& right, const Vec3& down, const
     const double x = p.x[i] * ex + p.y[i] * ey, y = p.x[i] * nx + p.y[i] * ny + p.z[i] * nz,
                  z = p.x[i] * ux + p.y[i] * uy + p.z[i] * uz;
     const double axis = z * sine + y * cosine, meridian = z * cosine - y * sine;
-    const double ring = std::sqrt(x * x + meridian * meridian), unit = 1 / std::sqrt(ring * ring + axis * axis);
-    const double tan_lon = x / meridian, tan_lat = (axis * cosine - ring * sine) / (ring * cosine + axis * sine);
-    out.lon_deg[i] = near.lon_deg + kDegreesPerRadian * tan_lon * (1 - tan_lon * tan_lon / 3);
-    out.lat_deg[i] = near.lat_deg + kDegreesPerRadian * tan_lat * (1 - tan_lat * tan_lat / 3);
-    out.cos_lat[i] = ring * unit;
+    // Square roots of 1 + tan^2 by their series: the next terms are 1e-14.
+    const double tan_lon = x / meridian, lon2 = tan_lon * tan_lon;
+    const double ring = meridian * (1 + lon2 * (0.5 - lon2 * 0.125));
+    const double tan_lat = (axis * cosine - ring * sine) / (ring * cosine + axis * sine), lat2 = tan_lat * tan_lat;
+    out.lon_deg[i] = near.lon_deg + kDegreesPerRadian * tan_lon * (1 - lon2 / 3);
+    out.lat_deg[i] = near.lat_deg + kDegreesPerRadian * tan_lat * (1 - lat2 / 3);
+    out.cos_lat[i] = (cosine - sine * tan_lat) * (1 - lat2 * (0.5 - lat2 * 0.375));
     off[i] = std::abs(tan_lon) + std::abs(tan_lat);
 
     const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
@@ -122,17 +126,33 @@ double albedo_scale(const dem::ValueMap& map, const Reflectance& reflectance, co
 // Samples that are no reflectances: most likely of eight bits.
 [[noreturn]] void refuse_brightness(double value, const dem::ValueMap::Footprint2& at, const FrameRequest& request,
                                     std::vector<ScaledMap>& maps) {
+  // The map that has this value here, to rounding.
   std::string name;
-  double sample = value;
-  for (std::size_t i = 0; i < maps.size() && name.empty(); ++i)
-    if (const double mean = maps[i].map.mean(at).value; mean * maps[i].scale == value)
-      sample = mean, name = std::filesystem::path(request.albedo_maps[i]->path()).filename().string();
+  double sample = value, nearest = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < maps.size(); ++i) {
+    const double mean = maps[i].map.mean(at).value, off = std::abs(mean * maps[i].scale - value);
+    if (!(off < nearest)) continue;
+    nearest = off, sample = mean, name = std::filesystem::path(request.albedo_maps[i]->path()).filename().string();
+  }
   throw ImpossibleRequest(
       fmt::format(
           "the map {} has a reflectance of {:.4g} at {:.4f} N, {:.4f} E, more than all light: give it a \"scale\" "
           "(eight bits: 1/255), or \"high\": 1 to cut off",
           name, sample, at.lat_deg, at.lon_deg),
       "albedo_maps");
+}
+
+// What a sample may be above the most that a reflectance can be.
+constexpr double kRounding = 1e-6;
+
+// False, with numbers without a meaning, if a value is too large.
+bool scaled_albedo(const double* values, double scale, double most, double* albedo) {
+  double highest = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    const double value = values[i] * scale;
+    highest = std::max(highest, value), albedo[i] = std::clamp(value, 0.0, most);
+  }
+  return highest <= most + kRounding;
 }
 
 }  // namespace
@@ -196,11 +216,12 @@ dem::ValueMap::Footprint2 MappedSurface::footprint(const Steps& steps, const Sur
   return {at.lat_deg, at.lon_deg, {a.dot(at.east), a.dot(at.north)}, {b.dot(at.east), b.dot(at.north)}, at.cos_lat};
 }
 
-void MappedSurface::footprints(const SurfacePoints& points, const Rays& rays, int first_row,
+void MappedSurface::footprints(const SurfacePoints& points, const Rays& rays, int first_row, NearPlaces& near,
                                FootprintLanes& out) const {
   const int first = std::countr_zero(hit_bits(points));
   if (!steps_.fisheye_boresight && !views_.vary() &&
-      HWY_DYNAMIC_DISPATCH(FootprintsNear)(Near(points.position(first)), steps_.right, steps_.down, points, rays, out))
+      HWY_DYNAMIC_DISPATCH(FootprintsNear)(near.of(points.position(first)), steps_.right, steps_.down, points, rays,
+                                           out))
     return;
   Steps steps = steps_;
   for (int i = first; i < kPacket; ++i) {
@@ -212,17 +233,17 @@ void MappedSurface::footprints(const SurfacePoints& points, const Rays& rays, in
 
 void MappedSurface::sample(const SurfacePoints& points, const Rays& rays, Sampler& sampler, double* albedo, float* base,
                            int first_row) const {
-  constexpr double kRounding = 1e-6;
   std::fill(albedo, albedo + kPacket, 0.0);
   const std::uint32_t hits = hit_bits(points);
   if (hits == 0) return;
-  const auto first = static_cast<std::size_t>(std::countr_zero(hits));
   FootprintLanes pixels;
-  footprints(points, rays, first_row, pixels);
+  footprints(points, rays, first_row, sampler.near, pixels);
   alignas(64) double values[kPacket];
+  const auto small_of = [&](std::vector<ScaledMap>& maps) {
+    return maps.empty() ? 0 : maps.front().map.means_of_small(pixels.all(), hits, values);
+  };
   // part(value, share, lane) of each pixel's parts. Of several maps the first decides where it has values.
-  const auto each = [&](std::vector<ScaledMap>& maps, double fallback, const auto& part) {
-    const std::uint32_t small = maps.empty() ? 0 : maps.front().map.means_of_small(pixels.all(), first, values);
+  const auto each = [&](std::vector<ScaledMap>& maps, std::uint32_t small, double fallback, const auto& part) {
     for (int i = 0; i < kPacket; ++i) {
       if (!points.hit[i]) continue;
       if (small >> i & 1)
@@ -231,16 +252,18 @@ void MappedSurface::sample(const SurfacePoints& points, const Rays& rays, Sample
         parts_of(maps, pixels.at(i), fallback, [&](double value, double share) { part(value, share, i); });
     }
   };
-  each(sampler.albedo, fallback_, [&](double value, double share, int i) {
-    if (value > most_ + kRounding) refuse_brightness(value, pixels.at(i), request_, sampler.albedo);
-    albedo[i] += share * std::clamp(value, 0.0, most_);
-  });
-  std::fill(base, base + kPacket, static_cast<float>(path_w_m2_sr_));
+  const std::uint32_t small = small_of(sampler.albedo);
+  if (small != kAllLanes || !scaled_albedo(values, sampler.albedo.front().scale, most_, albedo))
+    each(sampler.albedo, small, fallback_, [&](double value, double share, int i) {
+      if (value > most_ + kRounding) refuse_brightness(value, pixels.at(i), request_, sampler.albedo);
+      albedo[i] += share * std::clamp(value, 0.0, most_);
+    });
   if (!emission_) return;
   alignas(64) double emitted[kPacket] = {};  // eq. (3)
-  each(sampler.temperature, request_.temperature_k, [&](double temperature_k, double share, int i) {
-    emitted[i] += share * (*emission_)(temperature_k) * (1 - albedo[i]);
-  });
+  each(sampler.temperature, small_of(sampler.temperature), request_.temperature_k,
+       [&](double temperature_k, double share, int i) {
+         emitted[i] += share * (*emission_)(temperature_k) * (1 - albedo[i]);
+       });
   for (int i = 0; i < kPacket; ++i) base[i] = static_cast<float>(path_w_m2_sr_ + emitted[i]);
 }
 

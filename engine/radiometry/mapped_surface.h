@@ -40,13 +40,15 @@ class MappedSurface {
   // State of one task; the token that it was made with must outlive it.
   struct Sampler {
     std::vector<ScaledMap> albedo, temperature;
+    NearPlaces near;
   };
   Sampler sampler(const StopToken& stop) const;
 
   // Whether radiance without the Sun varies from place to place.
   bool emits() const { return emission_ != nullptr; }
-  // For each lane that hits: rho or Hapke's w, and the radiance without the Sun, W m-2 sr-1. Throws ImpossibleRequest
-  // where an albedo map has a value above 1. `first_row`: of a square packet, when rows have their own views.
+  // For each lane that hits: rho or Hapke's w, and, if that varies, the radiance without the Sun, W m-2 sr-1. Throws
+  // ImpossibleRequest where an albedo map has a value above 1. `first_row`: of a square packet, when rows have their
+  // own views.
   void sample(const SurfacePoints& points, const Rays& rays, Sampler& sampler, double* albedo, float* base,
               int first_row = 0) const;
 
@@ -61,7 +63,8 @@ class MappedSurface {
   Steps steps_of(const View& view) const;
   static dem::ValueMap::Footprint2 footprint(const Steps& steps, const SurfacePoints& points, int lane,
                                              const Vec3& direction);
-  void footprints(const SurfacePoints& points, const Rays& rays, int first_row, FootprintLanes& out) const;
+  void footprints(const SurfacePoints& points, const Rays& rays, int first_row, NearPlaces& near,
+                  FootprintLanes& out) const;
 
   const FrameRequest& request_;
   const RowViews& views_;

@@ -44,16 +44,29 @@ class TermsByPhase {
   explicit TermsByPhase(const std::function<BrdfTerms(double phase_deg)>& law);
 
   SELENOGRAPH_LANE BrdfTerms at(double cos_phase) const {
+    const Place place = place_of(cos_phase);
+    return terms_of(cubics_of(place.interval), place.x);
+  }
+
+  // The steps of at(), for loops over lanes. `c`: both terms' cubics in an interval, kCoefficients numbers; x, 0 to 1:
+  // a place in it.
+  static constexpr int kCoefficients = 8;
+  struct Place {
+    int interval;
+    double x;
+  };
+  SELENOGRAPH_LANE static Place place_of(double cos_phase) {
     const double half = (1 - cos_phase) / 2, low = half > 0 ? half : 0.0;
     const double sine = std::sqrt(low), place = (sine < kLastSine ? sine : kLastSine) * (kIntervals / kLastSine);
     const int interval = static_cast<int>(place < kIntervals - 1 ? place : kIntervals - 1.0);
-    const double x = place - interval;
-    const double* const c = cubics_.data() + kCoefficients * interval;
+    return {interval, place - interval};
+  }
+  const double* cubics_of(int interval) const { return cubics_.data() + kCoefficients * interval; }
+  SELENOGRAPH_LANE static BrdfTerms terms_of(const double* c, double x) {
     return {c[0] + x * (c[1] + x * (c[2] + x * c[3])), c[4] + x * (c[5] + x * (c[6] + x * c[7]))};
   }
 
  private:
-  static constexpr int kCoefficients = 8;
   static constexpr double kLastSine = 0.9659258262890683;  // of 75 degrees
   std::vector<double> cubics_;
 };

@@ -113,7 +113,8 @@ std::vector<Pixel> disc_pixels(const DiscImage& frame, const FrameRequest& reque
 }  // namespace
 
 double SpinScan::displacement_px(int row, int height) const {
-  const double moved_px = phase_px + step_px * ((height - 1 - row + first) / lines);
+  const int turn = (height - 1 - row + first) / lines;
+  const double moved_px = phase_px + step_px * turn;
   return moved_px - std::floor(moved_px + 0.5);
 }
 
@@ -131,29 +132,52 @@ SpinScan scan_of(const std::vector<DiscImage>& channels, SpinScan scan) {
   return best;
 }
 
+namespace {
+
+// Means of per_pixel x per_pixel pixels, row by row.
+void append_means(const std::vector<float>& fine, int width, int per_pixel, std::vector<float>& out) {
+  const int rows = static_cast<int>(fine.size()) / width;
+  for (int y = 0; y < rows; y += per_pixel)
+    for (int x = 0; x < width; x += per_pixel) {
+      double sum = 0;
+      for (int k = 0; k < per_pixel * per_pixel; ++k)
+        sum += static_cast<double>(fine[static_cast<std::size_t>(y + k / per_pixel) * static_cast<std::size_t>(width) +
+                                        static_cast<std::size_t>(x + k % per_pixel)]);
+      out.push_back(static_cast<float>(sum / (per_pixel * per_pixel)));
+    }
+}
+
+}  // namespace
+
 DiscImage spread(const DiscImage& image, const Placement& by) {
-  if (!(by.sigma_px > 0)) return image;
+  const int fine = image.per_pixel;
   PointSpread gaussian;
-  gaussian.model = PointSpread::Model::gaussian, gaussian.sigma_px = by.sigma_px;
+  gaussian.model = PointSpread::Model::gaussian, gaussian.sigma_px = by.sigma_px * fine;
   const SpreadKernel kernel(gaussian, 1, 1, 1);
-  // A pixel more on both sides, by which lines are moved whole.
-  const int r = kernel.radius(), inner = image.width + 2 * r, width = inner + 2;
-  std::vector<float> bordered(static_cast<std::size_t>(width) * static_cast<std::size_t>(image.height + 2 * r), 0.F);
+  // On all sides a pixel of the result more, by which lines are moved whole.
+  const int r = kernel.radius(), border = r + fine, width = image.width + 2 * border;
+  std::vector<float> bordered(static_cast<std::size_t>(width) * static_cast<std::size_t>(image.height + 2 * border),
+                              0.F);
   for (int y = 0; y < image.height; ++y)
     std::copy_n(image.radiance.begin() + static_cast<std::ptrdiff_t>(y) * image.width, image.width,
-                bordered.begin() + static_cast<std::ptrdiff_t>(y + r) * width + r + 1);
-  DiscImage out{image.width, image.height, {}};
-  for (int y = 0, past = 0; y < image.height; y = past) {
-    const double moved_px = by.scan.displacement_px(y, image.height);
-    for (past = y + 1; past < image.height && by.scan.displacement_px(past, image.height) == moved_px;) ++past;
-    const double whole_px = std::round(by.dx_px + moved_px);
+                bordered.begin() + static_cast<std::ptrdiff_t>(y + border) * width + border);
+  DiscImage out{image.width / fine, image.height / fine, {}};
+  const double down = fine * by.dy_px;
+  const int whole_down = static_cast<int>(std::round(down));
+  for (int y = 0, past = 0; y < out.height; y = past) {
+    const double moved_px = by.scan.displacement_px(y, out.height);
+    for (past = y + 1; past < out.height && by.scan.displacement_px(past, out.height) == moved_px;) ++past;
+    const double across = fine * (by.dx_px + moved_px);
+    const int whole_across = static_cast<int>(std::round(across));
     std::vector<float> lines, done;
-    for (int line = y; line < past + 2 * r; ++line) {
-      const auto from = bordered.begin() + static_cast<std::ptrdiff_t>(line) * width + 1 - static_cast<int>(whole_px);
-      lines.insert(lines.end(), from, from + inner);
+    for (int line = y * fine; line < past * fine + 2 * r; ++line) {
+      const auto from =
+          bordered.begin() + static_cast<std::ptrdiff_t>(line + fine - whole_down) * width + fine - whole_across;
+      lines.insert(lines.end(), from, from + image.width + 2 * r);
     }
-    kernel.shifted(gaussian, by.dx_px + moved_px - whole_px, by.dy_px).apply(lines, image.width, past - y, done);
-    out.radiance.insert(out.radiance.end(), done.begin(), done.end());
+    kernel.shifted(gaussian, across - whole_across, down - whole_down)
+        .apply(lines, image.width, (past - y) * fine, done);
+    append_means(done, image.width, fine, out.radiance);
   }
   return out;
 }

@@ -15,6 +15,7 @@ namespace selenograph::engine {
 struct DiscImage {
   int width, height;
   std::vector<float> radiance;
+  int per_pixel = 1;  // of a frame: its pixels along one of the image beside it
 };
 
 // How a spinning scanner displaces lines. It reads `lines` of them in a turn, upwards, and from turn to turn the Moon
@@ -32,7 +33,8 @@ struct SpinScan {
 // fortieth of a pixel: from the images alone. `channels`: read at the same time, all of one size.
 SpinScan scan_of(const std::vector<DiscImage>& channels, SpinScan scan);
 
-// The same light spread by a Gaussian of sigma_px and moved by (dx, dy), at most half a pixel, and by the scan.
+// The same light spread by a Gaussian of sigma_px > 0 and moved by (dx, dy), at most half a pixel, and by the scan;
+// then averaged over the image's pixels, in which all of these are.
 struct Placement {
   double sigma_px = 0, dx_px = 0, dy_px = 0;
   SpinScan scan{};

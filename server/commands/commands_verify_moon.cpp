@@ -96,6 +96,18 @@ struct Pair {
   engine::SpinScan scan;
 };
 
+// The frame in pixels a quarter as wide, since light is spread and lines are displaced before pixels average it; in W
+// m-2 sr-1 um-1, which the images hold.
+engine::DiscImage fine_frame(engine::FrameRequest request, const engine::Renderer& renderer) {
+  constexpr int kFiner = 4;
+  engine::Camera& camera = request.camera;
+  camera.width *= kFiner, camera.height *= kFiner, camera.fx *= kFiner, camera.fy *= kFiner;
+  camera.cx = (camera.cx + 0.5) * kFiner - 0.5, camera.cy = (camera.cy + 0.5) * kFiner - 0.5;
+  std::vector<float> radiance = renderer.render(request).products.radiance;
+  for (float& value : radiance) value = static_cast<float>(static_cast<double>(value) / request.band->width_um());
+  return {camera.width, camera.height, std::move(radiance), kFiner};
+}
+
 std::vector<Pair> image_pairs(const VerifyMoonSettings& settings, const engine::Renderer& renderer,
                               const api::Assets& assets) {
   const fs::path folder = settings.images;
@@ -108,17 +120,12 @@ std::vector<Pair> image_pairs(const VerifyMoonSettings& settings, const engine::
     for (std::size_t k = 0; k < std::min(images.size(), std::size(kSeviri)); ++k) {
       json body = view;
       body["band"] = {{"center_um", kSeviri[k].center_um}, {"width_um", kSeviri[k].width_um}};
-      body["accuracy"] = {{"samples_per_pixel", 16}};
       body["products"] = {"radiance"};
       Pair pair{name, kSeviri[k].name, read_request(body, settings, assets, "views.json: " + name), images[k], {},
                 scan};
       if (pair.request.camera.width != images[k].width || pair.request.camera.height != images[k].height)
         throw std::runtime_error(name + ": views.json and the .npy file have different sizes");
-      engine::Frame frame = renderer.render(pair.request);
-      // The images hold means over the band, W m-2 sr-1 um-1.
-      for (float& radiance : frame.products.radiance)
-        radiance = static_cast<float>(static_cast<double>(radiance) / kSeviri[k].width_um);
-      pair.frame = {images[k].width, images[k].height, std::move(frame.products.radiance)};
+      pair.frame = fine_frame(pair.request, renderer);
       pairs.push_back(std::move(pair));
     }
   }

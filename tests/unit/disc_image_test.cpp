@@ -46,6 +46,32 @@ TEST(SpinScan, FramesAreDisplacedAsTheImageIs) {
     EXPECT_NEAR(centroid_px(moved, row) - centroid_px(still, row), 0.4 + scan.displacement_px(row, kSize), 2e-3) << row;
 }
 
+// Four pixels of the frame to one of the image: the light is where it is in a frame of the image's pixels.
+TEST(Spread, AveragesFinePixels) {
+  DiscImage fine{4 * kSize, 4 * kSize, {}, 4}, coarse{kSize, kSize, {}};
+  coarse.radiance.assign(kSize * kSize, 0.F);
+  for (int y = 0; y < fine.height; ++y)
+    for (int x = 0; x < fine.width; ++x) {
+      const float light = std::hypot(x - 90.0, y - 80.0) < 60 ? 2.F : 0.F;
+      fine.radiance.push_back(light);
+      coarse.radiance[static_cast<std::size_t>(y / 4 * kSize + x / 4)] += light / 16;
+    }
+  for (const double d_px : {-0.45, 0.0, 0.3}) {
+    const Placement by{1, d_px, -d_px, {3, 0.455, 1, 0.2}};
+    const DiscImage a = spread(fine, by), b = spread(coarse, by);
+    ASSERT_EQ(a.width, kSize);
+    ASSERT_EQ(a.radiance.size(), b.radiance.size());
+    double light_a = 0, light_b = 0;
+    for (std::size_t i = 0; i < a.radiance.size(); ++i) {
+      // Coarse pixels average twice, before and after light is spread: by an edge of 2 that is some hundredths.
+      EXPECT_NEAR(a.radiance[i], b.radiance[i], 0.06) << i;
+      light_a += static_cast<double>(a.radiance[i]), light_b += static_cast<double>(b.radiance[i]);
+    }
+    EXPECT_NEAR(light_a, light_b, 1e-4 * light_b);
+    for (int row = 8; row < 32; ++row) EXPECT_NEAR(centroid_px(a, row), centroid_px(b, row), 3e-3) << row;
+  }
+}
+
 TEST(SpinScan, IsFoundInTheImageAlone) {
   for (int first = 0; first < 3; ++first)
     for (const double phase_px : {0.1, 0.45, 0.8}) {

@@ -8,9 +8,14 @@
 
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/disc_models.h"
+#include "engine/radiometry/phase_law.h"
 #include "engine/radiometry/sato2014.h"
 #include "engine/radiometry/spectrum.h"
+#include "engine/renderer.h"
 #include "engine/verify/moon_disc.h"
+#include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
+#include "tests/support/views.h"
 
 namespace selenograph::engine {
 namespace {
@@ -66,6 +71,36 @@ TEST(Moon, ItsDiscIsLimes) {
       const double lime = disc_reflectance_at(DiscModel::lime, wavelength_um, {g});
       EXPECT_NEAR(moon_reflectance(MoonGround::mean, wavelength_um, g), lime, 1e-12 * lime);
       EXPECT_NEAR(disc(moon(), wavelength_um, g), lime, 1e-3 * lime) << wavelength_um << " um, " << g << " degrees";
+    }
+}
+
+// Integrals over the sphere, and whole frames of it from so far away that the phase angle is the same all over, to 0.1
+// %.
+TEST(Moon, DiscsOfASmoothSphereHaveTheClosedForms) {
+  const Reflectance seeliger{ReflectanceModel::lommel_seeliger, 1, 1}, lambert{ReflectanceModel::lambert, 1, 1};
+  test::TemporaryFolder folder;
+  test::write_global_tile(folder / "dem", 2, [](double, double) { return 0.0; });
+  const Renderer renderer(test::open_terrain(folder / "dem"), RendererOptions{2, std::size_t{256} << 20});
+  constexpr double kDistance_m = 1e10, kRadius_rad = kMoonRadius_m / kDistance_m;
+  FrameRequest request;
+  request.camera = test::square_camera(384, 2.04 * kRadius_rad / kRadians);
+  request.pose = test::looking({kDistance_m, 0, 0}, -Vec3::UnitX(), Vec3::UnitZ());
+  request.band = Band(0.675, 1e-3);
+  request.products = kRadiance, request.accuracy.samples_per_pixel = 4;
+  const double pixel_sr = 1 / (request.camera.fx * request.camera.fy);
+  for (const Reflectance& reflectance : {seeliger, lambert, moon()})
+    for (const double g : {2.0, 15.0, 45.0, 90.0}) {
+      const double expected = reflectance.model == ReflectanceModel::moon
+                                  ? disc_reflectance_at(DiscModel::lime, 0.675, {g})
+                              : reflectance.model == ReflectanceModel::lambert ? lambert_sphere(g)
+                                                                               : lommel_seeliger_sphere(g) / 4;
+      EXPECT_NEAR(sphere_reflectance(Brdf(reflectance, &*request.band), g), expected, 1e-3 * expected) << g;
+      request.reflectance = reflectance;
+      request.sun.direction = {std::cos(g * kRadians), std::sin(g * kRadians), 0};
+      double light = 0;
+      for (const float radiance : renderer.render(request).products.radiance) light += static_cast<double>(radiance);
+      const double reflected = light * pixel_sr / (kRadius_rad * kRadius_rad * solar_irradiance_w_m2(*request.band));
+      EXPECT_NEAR(reflected, expected, 1e-3 * expected) << static_cast<int>(reflectance.model) << " " << g;
     }
 }
 

@@ -333,7 +333,7 @@ void set_ground(engine::FrameRequest& request, SurfaceQuery& query, const Ground
 
 void resolve_preset(engine::FrameRequest& request, const SurfaceQuery& query) {
   if (!query.preset || request.reflectance.model == ReflectanceModel::moon) return;
-  constexpr double kVisible_um = 0.643;  // without a band
+  constexpr double kVisible_um = 0.643;  // without a band, and said in a warning
   const auto region = *query.preset == SurfacePreset::sato2014_mare        ? engine::SatoRegion::mare
                       : *query.preset == SurfacePreset::sato2014_highlands ? engine::SatoRegion::highlands
                                                                            : engine::SatoRegion::global;
@@ -360,9 +360,20 @@ nlohmann::ordered_json reflectance_metadata(const engine::FrameRequest& request,
   return out;
 }
 
-void add_reflectance_warnings(const engine::FrameRequest& request, const engine::FrameReport& report,
-                              nlohmann::ordered_json& warnings) {
+void add_reflectance_warnings(const engine::FrameRequest& request, const SurfaceQuery& query,
+                              const engine::FrameReport& report, nlohmann::ordered_json& warnings) {
   const ReflectanceModel model = request.reflectance.model;
+  const bool by_sato = query.preset && *query.preset != SurfacePreset::moon;
+  const double center_um = request.band ? request.band->center_um() : 0;
+  if (by_sato && (center_um < engine::kSatoFirst_um || center_um > engine::kSatoLast_um))
+    warnings.push_back(
+        model == ReflectanceModel::moon
+            ? "mare and highlands are told apart by Sato et al. 2014 from 0.321 to 0.689 um; beyond, their "
+              "ratio to the mean Moon is that at the nearest of these"
+        : request.band ? "the band's center is beyond 0.321 to 0.689 um, where Sato et al. 2014 have "
+                         "parameters: those at the nearest of these are used"
+                       : "without a band the parameters of Sato et al. 2014 at 0.643 um are used for all "
+                         "wavelengths");
   if (model == ReflectanceModel::moon) {
     constexpr double kMuch = 0.1;
     if (engine::moon_trust(engine::band_of(request)).extrapolated_share > kMuch)

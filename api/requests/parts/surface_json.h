@@ -53,8 +53,8 @@ void resolve_preset(engine::FrameRequest& request, const SurfaceQuery& query);
 // Metadata of the reflectance: its equation; of `moon` how far it is to be trusted. Phase angles in the image are those
 // of a frame.
 nlohmann::ordered_json reflectance_metadata(const engine::FrameRequest& request, const engine::FrameReport& report);
-void add_reflectance_warnings(const engine::FrameRequest& request, const engine::FrameReport& report,
-                              nlohmann::ordered_json& warnings);
+void add_reflectance_warnings(const engine::FrameRequest& request, const SurfaceQuery& query,
+                              const engine::FrameReport& report, nlohmann::ordered_json& warnings);
 
 // Metadata of maps: each map's name and version.
 nlohmann::ordered_json maps_metadata(const engine::FrameRequest& request, const SurfaceQuery& query);

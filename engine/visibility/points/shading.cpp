@@ -38,11 +38,15 @@ void ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, const
   }
 }
 
-void RadiancesOf(const BrdfTerms& terms, double irradiance, const Shading& shading, const float* lit, float* out) {
+// `albedo`: none, or what to multiply by.
+void RadiancesOf(const BrdfTerms& terms, double irradiance, const Shading& shading, const double* albedo,
+                 const float* lit, float* out) {
+  double factor[kPacket];
+  for (int i = 0; i < kPacket; ++i) factor[i] = albedo ? irradiance * albedo[i] : irradiance;
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i)
     out[i] = static_cast<float>(
-        direct_radiance(terms, irradiance, shading.incident[i], shading.mu[i], static_cast<double>(lit[i])));
+        direct_radiance(terms, factor[i], shading.incident[i], shading.mu[i], static_cast<double>(lit[i])));
 }
 
 // `mu`: of emission, not below 0.
@@ -111,22 +115,22 @@ void PacketShader::shade(const Facets& facets, const SurfacePoints& points, cons
 void PacketShader::radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
                              Sampler& sampler, float* out, float* base, int first_row) const {
   alignas(64) double albedo[kPacket];
-  if (const BrdfTerms* terms = brdf_.terms(); terms && !mapped_) {
-    HWY_DYNAMIC_DISPATCH(RadiancesOf)(*terms, irradiance_, shading, lit, out);
+  if (mapped_) mapped_->sample(points, rays, sampler, albedo, base, first_row);
+  if (const BrdfTerms* terms = brdf_.terms()) {
+    HWY_DYNAMIC_DISPATCH(RadiancesOf)(*terms, irradiance_, shading, mapped_ ? albedo : nullptr, lit, out);
   } else {
     alignas(64) double cos_phase[kPacket], mu[kPacket], mu0_brdf[kPacket];
     HWY_DYNAMIC_DISPATCH(Cosines)(rays, shading, request_.sun.direction, cos_phase, mu);
-    if (mapped_) mapped_->sample(points, rays, sampler, albedo, base, first_row);
     const bool hapke = request_.reflectance.model == ReflectanceModel::hapke;
     brdf_.times_mu0(shading.incident, mu, cos_phase, mapped_ && hapke ? albedo : nullptr, mu0_brdf);
     HWY_DYNAMIC_DISPATCH(ReflectedBy)
     (irradiance_, shading, mu0_brdf, mapped_ && !hapke ? albedo : nullptr, lit, out);
   }
   if (indirect_) {
-    if (!mapped_) std::fill_n(base, kPacket, base_);
+    if (!(mapped_ && mapped_->emits())) std::fill_n(base, kPacket, base_);
     indirect_->add(points, shading, rays, brdf_, mapped_ ? albedo : nullptr, base);
   }
-  if (mapped_ || indirect_) {
+  if (bases_vary()) {
     for (int i = 0; i < kPacket; ++i) out[i] += points.hit[i] ? base[i] : 0;
   } else if (base_ != 0) {
     for (int i = 0; i < kPacket; ++i) out[i] += base_;  // eq. (1)
