@@ -96,13 +96,14 @@ void FrameMoment::make_scene(std::size_t draws) {
 }
 
 Drawn FrameMoment::draw(int margin_px, const EachSample& each, FrameProducts& out) {
-  const FrameJob job{request_, views_, *scene_, objects_, radiance_, *lens_, stop_, each,
-                     indirect_ ? &*indirect_ : nullptr};
+  const FrameJob job{
+      request_, views_, *scene_, objects_, radiance_, *lens_, stop_, each, indirect_ ? &*indirect_ : nullptr};
   const ViewMarks marks(views_, margin_px);
   const bool dense = drawn_at_once(request_, request_.accuracy, content_.visibility) > 1;
   Drawn drawn = dense ? draw_dense(job, marks, out) : draw_centres(job, marks, out);
   drawn.triangles = scene_->triangles, drawn.scene_bytes = scene_->bytes;
-  indirect_.reset(), scene_.reset();  // an exposure's other moments have their own: who waits for room for one holds none
+  indirect_.reset(),
+      scene_.reset();  // an exposure's other moments have their own: who waits for room for one holds none
   kept_.settle();
   times_.visibility_ms = watch_.lap_ms();
   kept_.speed(content_.visibility).learn(work_, times_);
@@ -123,9 +124,8 @@ Drawn FrameMoment::draw_dense(const FrameJob& job, const ViewMarks& marks, Frame
   at_centres.products &= ~static_cast<ProductSet>(kRadiance | kImage);
   std::optional<Drawn> drawn;
   if (at_centres.products)
-    drawn =
-        draw_centres({at_centres, views_, job.scene, objects_, radiance_, job.centres, stop_, job.each, job.indirect},
-                     marks, out);
+    drawn = draw_centres(
+        {at_centres, views_, job.scene, objects_, radiance_, job.centres, stop_, job.each, job.indirect}, marks, out);
   const std::shared_ptr<const PixelRays> lens = kept_.lens(dense_camera(job.request.camera), stop_);
   DenseSamples samples(job, *lens, catalogue_size());
   samples.writer().look_at(marks.dense());

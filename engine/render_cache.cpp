@@ -91,7 +91,7 @@ RenderCache::RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_
       scenes_(bytes, std::make_unique<PartsOnce>()),
       lenses_(bytes / 8),
       rocks_(std::make_shared<dem::RockMemory>(std::min(bytes / 8, kMostOfRocks))),
-      light_tiles_(bytes / 8),
+      light_tiles_(bytes / 4),
       speed_of_rays_(threads),
       speed_of_zbuffer_(threads) {}
 

@@ -56,7 +56,7 @@ class RenderCache {
   // Rocks of details, and what surrounds them: on the budget, at most an eighth of it.
   const std::shared_ptr<dem::RockMemory>& rocks() const { return rocks_; }
 
-  // Indirect light of terrain, on the budget: at most an eighth of it.
+  // Indirect light of terrain, on the budget: at most a quarter of it.
   LightTiles& light_tiles() { return light_tiles_; }
 
   // Keep leases short: memory that is lent is not on the budget.
@@ -74,7 +74,9 @@ class RenderCache {
   }
 
   std::size_t capacity() const { return scenes_.capacity(); }
-  std::size_t bytes() const { return scenes_.bytes() + lenses_.bytes() + rocks_->bytes() + light_tiles_.bytes() + scratch_.bytes(); }
+  std::size_t bytes() const {
+    return scenes_.bytes() + lenses_.bytes() + rocks_->bytes() + light_tiles_.bytes() + scratch_.bytes();
+  }
 
  private:
   struct SceneKey {

@@ -228,8 +228,9 @@ class MapDrawing {
     const EachSample each;
     std::optional<TerrainLight> indirect;
     if (wants_indirect(frame_)) {
-      const Vec3 eye = request_.toward_viewer ? Vec3(directions.middle * kMoonRadius_m + *request_.toward_viewer * kFarAway_m)
-                                              : above.reference().position();
+      const Vec3 eye = request_.toward_viewer
+                           ? Vec3(directions.middle * kMoonRadius_m + *request_.toward_viewer * kFarAway_m)
+                           : above.reference().position();
       indirect.emplace(frame_, above, eye, scene.mesh, terrain_, radiance_.direct_w_m2, kept_.light_tiles(), stop_);
     }
     const FrameJob job{frame_, above, scene, objects, radiance_, lens, stop_, each, indirect ? &*indirect : nullptr};

@@ -9,6 +9,7 @@
 #include "api/json/ranges.h"
 #include "api/requests/parts/detail_json.h"
 #include "dem/gdal/geotiff_writer.h"
+#include "engine/frame/needs.h"
 #include "engine/radiometry/photometry.h"
 
 namespace selenograph::api {
@@ -92,11 +93,13 @@ void add_radiometry(Answer<MetadataSource>& a) {
         with_light);
   a.add(
       "radiance_terms",
-      list(text("direct, indirect, scattered, emitted, thermal_path"), 5,
+      list(text("direct, indirect, scattered, emitted, thermal_path, from_terrain, from_earth"), 7,
            "components of radiance that were evaluated: SENSOR++ eq. (1)"),
       [](const MetadataSource& s) {
         auto names = s.report.radiance.names();
         if (s.frame && s.report.emits_elsewhere && !s.report.radiance.emitted) names.emplace_back("emitted");
+        if (engine::wants_indirect(s.request) && s.request.indirect.terrain) names.emplace_back("from_terrain");
+        if (engine::wants_indirect(s.request) && s.request.indirect.earth) names.emplace_back("from_earth");
         return names;
       },
       with_light);

@@ -231,7 +231,8 @@ void check_map(const JsonReader& in, MapQuery& query, const ReadContext& context
 
 const Members<MapQuery>& map_members() {
   static const auto members = made<Members<MapQuery>>(
-      "MapRequest", "A map-projected product. Unknown members are errors. `sun` is required for radiance, lit, irradiance.",
+      "MapRequest",
+      "A map-projected product. Unknown members are errors. `sun` is required for radiance, lit, irradiance.",
       [](auto& m) {
         // The order is that of the resolved request, whose text the ETag is made from.
         m.add("map", &MapQuery::area, Object{area_members()}, "projection, extent and pixels").required();
@@ -257,7 +258,8 @@ const Members<MapQuery>& map_members() {
 
 MapQuery read_map(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
   Findings findings;
-  std::optional<MapQuery> query = map_members().read(JsonReader(body, findings), {limits, assets, stop, utc_of_sun(body)});
+  std::optional<MapQuery> query =
+      map_members().read(JsonReader(body, findings), {limits, assets, stop, utc_of_sun(body)});
   findings.throw_if_any();
   return std::move(*query);
 }

@@ -14,7 +14,10 @@ struct Earth {
 };
 
 struct IndirectLight {
-  bool terrain = false;        // sunlight that terrain reflects once
+  bool terrain = false;  // sunlight that terrain reflects once
+  // Distance in the image of the posts at which the light is gathered, but not below that of the terrain's posts.
+  double spacing_px = kDefaultSpacing_px;
+  static constexpr double kDefaultSpacing_px = 4;
   std::optional<Earth> earth;  // empty: none
   bool any() const { return terrain || earth; }
 };

@@ -44,7 +44,7 @@ struct FrameProducts {
   std::vector<float> angles;         // 3 per pixel: incidence, emission, phase, degrees
   std::vector<float> lit;
   std::vector<float> irradiance;  // 3 per pixel, W m-2: direct, from terrain, from the Earth
-  std::vector<float> gsd;  // m
+  std::vector<float> gsd;         // m
   std::vector<std::uint16_t> source;
   std::vector<std::uint16_t> object_id;  // index into FrameRequest::objects; 65535: terrain, or nothing
   std::vector<std::uint16_t> detail;     // a dem::Ground; 65535: an object, or nothing

@@ -39,7 +39,7 @@ struct StageTimes {
   // Parts of select_ms and build_ms: time waiting for pyramid chunks to be read or built; time waiting for blocks to be
   // loaded, including their pyramid chunks.
   double pyramid_ms = 0, load_ms = 0;
-  double indirect_ms = 0;     // light from terrain and Earth at posts; 0 without
+  double indirect_ms = 0;    // light from terrain and Earth at posts; 0 without
   double visibility_ms = 0;  // visible points, refinement, light and shading
   // Parts of visibility_ms with the z-buffer: drawing triangles, refining and shading points, casting shadows. Ray
   // tracing does all at once.
@@ -49,7 +49,8 @@ struct StageTimes {
 
   StageTimes& operator+=(const StageTimes& t) {
     select_ms += t.select_ms, build_ms += t.build_ms, pyramid_ms += t.pyramid_ms, load_ms += t.load_ms;
-    indirect_ms += t.indirect_ms, visibility_ms += t.visibility_ms, draw_ms += t.draw_ms, resolve_ms += t.resolve_ms, shadow_ms += t.shadow_ms;
+    indirect_ms += t.indirect_ms, visibility_ms += t.visibility_ms, draw_ms += t.draw_ms, resolve_ms += t.resolve_ms,
+        shadow_ms += t.shadow_ms;
     sensor_ms += t.sensor_ms, craters_ms += t.craters_ms;
     return *this;
   }

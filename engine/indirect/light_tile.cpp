@@ -67,21 +67,23 @@ std::shared_ptr<LightTile> make_tile(const dem::BlockId& block, const TileLight&
     Reflectance reflectance = request.reflectance;
     const bool hapke = reflectance.model == ReflectanceModel::hapke;
     if (!request.albedo_maps.empty()) reflectance.rho = 1;
-    const SlopeLight slopes(relief, {request.sun, 1, Brdf(reflectance, band_of(request)), hapke, albedo_of(request, stop)},
-                            stop);
+    const SlopeLight slopes(
+        relief, {request.sun, 1, Brdf(reflectance, band_of(request)), hapke, albedo_of(request, stop)}, stop);
     slopes.gather(directions, light, stop);
     slopes.radiosities(directions, radiosity);
   }
   std::vector<float> earth(directions.size());
-  if (request.indirect.earth) find_shares(relief, {relief, request.indirect.earth->direction, earth_radius_deg(request.indirect.earth->distance_m)}, directions,
-                earth, stop);
+  if (request.indirect.earth)
+    find_shares(relief,
+                {relief, request.indirect.earth->direction, earth_radius_deg(request.indirect.earth->distance_m)},
+                directions, earth, stop);
   std::vector<Relief::Cell> ground(directions.size());
   relief.ground(directions, ground);
   const Eigen::Matrix3f back = relief.axes().transpose().cast<float>();
   for (std::size_t i = 0; i < directions.size(); ++i)
     tile->posts.push_back({light[i], back * ground[i].normal,
-                           static_cast<float>(static_cast<double>(ground[i].height) + relief.reference_m()), radiosity[i],
-                           earth[i]});
+                           static_cast<float>(static_cast<double>(ground[i].height) + relief.reference_m()),
+                           radiosity[i], earth[i]});
   return tile;
 }
 
@@ -102,7 +104,7 @@ LightTiles::Key LightTiles::key_of(const dem::BlockId& block, const TileLight& o
     add(r.phase), add(r.ground);
     for (const double value : {h.w, h.b0, h.h, h.b, h.c, h.theta_bar_deg, h.bc0, h.hc}) add(value);
     add(h.phase_function), add(h.terms);
-    if (r.model == ReflectanceModel::moon && q.band) 
+    if (r.model == ReflectanceModel::moon && q.band)
       for (const ResponsePoint& p : q.band->response()) add(p.wavelength_um), add(p.response);
     for (const auto& map : q.albedo_maps) add(map->fingerprint());
   }
@@ -112,7 +114,8 @@ LightTiles::Key LightTiles::key_of(const dem::BlockId& block, const TileLight& o
   return {hash.low64, hash.high64};
 }
 
-std::shared_ptr<const LightTile> LightTiles::get(const dem::BlockId& block, const TileLight& of, const StopToken& stop) {
+std::shared_ptr<const LightTile> LightTiles::get(const dem::BlockId& block, const TileLight& of,
+                                                 const StopToken& stop) {
   return tiles_.get(
       key_of(block, of),
       [&]() -> decltype(tiles_)::Loaded {

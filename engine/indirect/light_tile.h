@@ -46,6 +46,9 @@ class LightTiles {
   // The same for the same arguments, whatever is kept. Parallel; throws as Terrain::block does.
   std::shared_ptr<const LightTile> get(const dem::BlockId& block, const TileLight& of, const StopToken& stop);
   std::size_t bytes() const { return tiles_.bytes(); }
+  std::size_t capacity() const { return tiles_.capacity(); }
+  // Of a tile of 64 quads, with what a frame makes of it.
+  static constexpr std::size_t kBytesOfTile = std::size_t{65} * 65 * (sizeof(TilePost) + 32);
 
  private:
   struct Key {

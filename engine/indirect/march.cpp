@@ -55,8 +55,8 @@ void Turn(const MarchSphere& sphere, const MarchLanes& lanes, Turns& out) {
 }
 
 // The tangent of the elevation at which each lane sees the ground at a distance; NaN where there is no data.
-void TangentsAt(const GridView& grid, const MarchSphere& sphere, const MarchLanes& lanes, const Turns& turns, float at_m,
-                float* tangent) {
+void TangentsAt(const GridView& grid, const MarchSphere& sphere, const MarchLanes& lanes, const Turns& turns,
+                float at_m, float* tangent) {
   const float inverse = 1 / sphere.datum_radius_m, posts = 1 / grid.spacing_m, first = grid.first_m,
               radius = sphere.reference_radius_m;
   const float* heights = grid.heights;
@@ -156,15 +156,16 @@ void Go(std::span<const GridView> grids, const MarchSphere& sphere, const MarchL
 void Horizons(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, const float* enough,
               float* tangent) {
   Found found;
-  Go(grids, sphere, lanes, found, [](const GridView&, float, const float*) {},
-     [&](const GridView& grid, float at_m) {
-       alignas(64) float goal[kPacket];
-       for (int i = 0; i < kPacket; ++i) {
-         const float has = found.tangent[i];
-         goal[i] = has > enough[i] ? std::numeric_limits<float>::infinity() : has;
-       }
-       return Over(grid, sphere, lanes, at_m, goal);
-     });
+  Go(
+      grids, sphere, lanes, found, [](const GridView&, float, const float*) {},
+      [&](const GridView& grid, float at_m) {
+        alignas(64) float goal[kPacket];
+        for (int i = 0; i < kPacket; ++i) {
+          const float has = found.tangent[i];
+          goal[i] = has > enough[i] ? std::numeric_limits<float>::infinity() : has;
+        }
+        return Over(grid, sphere, lanes, at_m, goal);
+      });
   for (int i = 0; i < kPacket; ++i) tangent[i] = found.tangent[i];
 }
 

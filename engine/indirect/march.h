@@ -50,7 +50,7 @@ void find_horizons(std::span<const GridView> grids, const MarchSphere& sphere, c
 struct SeenPiece {
   // Over the piece: integrals over the elevation e of cos^2 e and of sin e cos e; 0 for lanes that see nothing of it.
   alignas(64) float along[kPacket], up[kPacket];
-  alignas(64) float tangent[kPacket];  // of the elevation of its middle
+  alignas(64) float tangent[kPacket];      // of the elevation of its middle
   alignas(64) std::int32_t cell[kPacket];  // of the grid, beneath its middle: its south-west post
   const GroundLight* light;
 };

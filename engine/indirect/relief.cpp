@@ -68,7 +68,8 @@ std::vector<GridView> Relief::views() const {
 }
 
 Vec3 Relief::at(const Grid& grid, int row, int column) const {
-  const auto post = static_cast<std::size_t>(row) * static_cast<std::size_t>(grid.side) + static_cast<std::size_t>(column);
+  const auto post =
+      static_cast<std::size_t>(row) * static_cast<std::size_t>(grid.side) + static_cast<std::size_t>(column);
   const Vec3 plane(grid.place(column), grid.place(row), kMoonRadius_m);
   return plane * ((kMoonRadius_m + reference_m_ + static_cast<double>(grid.heights[post])) / plane.norm());
 }
@@ -78,7 +79,8 @@ Relief::Cell Relief::cell(std::size_t grid, std::size_t post) const {
   const int row = static_cast<int>(post / static_cast<std::size_t>(g.side)),
             column = static_cast<int>(post % static_cast<std::size_t>(g.side));
   if (row + 1 >= g.side || column + 1 >= g.side) return {std::nanf(""), Eigen::Vector3f::Zero()};
-  const Vec3 a = at(g, row, column), b = at(g, row, column + 1), c = at(g, row + 1, column), d = at(g, row + 1, column + 1);
+  const Vec3 a = at(g, row, column), b = at(g, row, column + 1), c = at(g, row + 1, column),
+             d = at(g, row + 1, column + 1);
   const Vec3 normal = (d - a).cross(c - b);
   const double length = normal.norm();
   if (!(length > 0)) return {std::nanf(""), Eigen::Vector3f::Zero()};
@@ -94,11 +96,14 @@ MarchLanes Relief::places(std::span<const Vec3> directions) const {
     const Vec3 d = axes_ * directions[std::min(i, directions.size() - 1)];
     const double x = kMoonRadius_m * d.x() / d.z(), y = kMoonRadius_m * d.y() / d.z();
     const double column = (x - g.place(0)) / g.spacing_m, row = (y - g.place(0)) / g.spacing_m;
-    const int c = std::clamp(static_cast<int>(column), 0, g.side - 2), r = std::clamp(static_cast<int>(row), 0, g.side - 2);
+    const int c = std::clamp(static_cast<int>(column), 0, g.side - 2),
+              r = std::clamp(static_cast<int>(row), 0, g.side - 2);
     const auto a = static_cast<float>(column - c), b = static_cast<float>(row - r);
-    const float* h = &g.heights[static_cast<std::size_t>(r) * static_cast<std::size_t>(g.side) + static_cast<std::size_t>(c)];
+    const float* h =
+        &g.heights[static_cast<std::size_t>(r) * static_cast<std::size_t>(g.side) + static_cast<std::size_t>(c)];
     const float south = h[0] + a * (h[1] - h[0]), north = h[g.side] + a * (h[g.side + 1] - h[g.side]);
-    lanes.x[i] = static_cast<float>(x), lanes.y[i] = static_cast<float>(y), lanes.height[i] = south + b * (north - south);
+    lanes.x[i] = static_cast<float>(x), lanes.y[i] = static_cast<float>(y),
+    lanes.height[i] = south + b * (north - south);
   }
   return lanes;
 }
@@ -110,9 +115,11 @@ void Relief::ground(std::span<const Vec3> directions, std::span<Cell> out) const
     const MarchLanes lanes = places(directions.subspan(at, count));
     for (std::size_t i = 0; i < count; ++i) {
       const auto index = [&](float place) {
-        return static_cast<std::size_t>(std::clamp((static_cast<double>(place) - g.place(0)) / g.spacing_m, 0.0, g.side - 2.0));
+        return static_cast<std::size_t>(
+            std::clamp((static_cast<double>(place) - g.place(0)) / g.spacing_m, 0.0, g.side - 2.0));
       };
-      out[at + i] = {lanes.height[i], cell(0, index(lanes.y[i]) * static_cast<std::size_t>(g.side) + index(lanes.x[i])).normal};
+      out[at + i] = {lanes.height[i],
+                     cell(0, index(lanes.y[i]) * static_cast<std::size_t>(g.side) + index(lanes.x[i])).normal};
     }
   }
 }

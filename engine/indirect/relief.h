@@ -1,9 +1,9 @@
 // Terrain around a place as nested square grids, each twice as coarse as the one before and reaching farther: what
 // light between slopes is gathered from.
 //
-// Coordinates are gnomonic: a direction d from the Moon's centre lies at R (d.x / d.z, d.y / d.z) in the grids' own axes,
-// z up at their centre. Great circles are straight lines there, at a pole as anywhere, so that a march along an azimuth is
-// a straight line.
+// Coordinates are gnomonic: a direction d from the Moon's centre lies at R (d.x / d.z, d.y / d.z) in the grids' own
+// axes, z up at their centre. Great circles are straight lines there, at a pole as anywhere, so that a march along an
+// azimuth is a straight line.
 #pragma once
 
 #include <Eigen/Core>
@@ -19,10 +19,10 @@ namespace selenograph::engine {
 
 // Where the grids are and how fine. A grid of spacing s serves distances of up to 2 kStepsPerDistance s.
 struct ReliefShape {
-  Vec3 centre;               // unit
-  double half_m;             // around it: half the side of what light is gathered for
-  double spacing_m;          // of the finest grid
-  double farthest_m = 2e5;   // beyond, no relief rises above the horizon
+  Vec3 centre;              // unit
+  double half_m;            // around it: half the side of what light is gathered for
+  double spacing_m;         // of the finest grid
+  double farthest_m = 2e5;  // beyond, no relief rises above the horizon
 };
 
 // Heights above the datum of unit directions (MOON_ME) from terrain with posts of that spacing, m; NaN: no data.
@@ -39,8 +39,8 @@ class Relief {
   int side(std::size_t grid) const { return grids_[grid].side; }
   // Direction (unit, MOON_ME) of a post, row-major; with `middle` of the middle of the cell north-east of it.
   Vec3 direction(std::size_t grid, std::size_t post, bool middle = false) const;
-  // The cell north-east of a post: its mean height above the reference and unit normal in the grids' axes, from its four
-  // corners; NaN and zero where one has no data.
+  // The cell north-east of a post: its mean height above the reference and unit normal in the grids' axes, from its
+  // four corners; NaN and zero where one has no data.
   struct Cell {
     float height;
     Eigen::Vector3f normal;

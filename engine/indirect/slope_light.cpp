@@ -134,8 +134,9 @@ void SlopeLight::radiosities(std::span<const Vec3> places, std::span<float> out)
       return std::clamp(static_cast<int>((place - finest.first_m) / finest.spacing_m), 0, finest.side - 2);
     };
     const GroundLight& ground = finest.light[index(lanes.y[0]) * finest.side + index(lanes.x[0])];
-    const Eigen::Vector3d normal(static_cast<double>(ground.nx), static_cast<double>(ground.ny),
-                                 std::sqrt(std::max(1.0 - static_cast<double>(ground.nx * ground.nx + ground.ny * ground.ny), 0.0)));
+    const Eigen::Vector3d normal(
+        static_cast<double>(ground.nx), static_cast<double>(ground.ny),
+        std::sqrt(std::max(1.0 - static_cast<double>(ground.nx * ground.nx + ground.ny * ground.ny), 0.0)));
     const double mu0 = normal.dot(disc_.direction());
     const auto factor = static_cast<double>(ground.lit * (source_.albedo_is_w ? 1 : ground.albedo));
     out[i] = mu0 > 0 && factor > 0 ? static_cast<float>(kPi * factor * source_.irradiance_w_m2 *

@@ -59,7 +59,8 @@ class BlocksAround {
       stop.check();
       for (std::size_t i = first; i < past_last; ++i) {
         ticks_[i] = ticks_of(directions[i]);
-        ids[i] = dem::block_at(level, static_cast<std::int32_t>(ticks_[i].lat), static_cast<std::int32_t>(ticks_[i].lon));
+        ids[i] =
+            dem::block_at(level, static_cast<std::int32_t>(ticks_[i].lat), static_cast<std::int32_t>(ticks_[i].lon));
       }
     });
     // Neighbours are mostly in one block.
@@ -77,7 +78,8 @@ class BlocksAround {
         if (!terrain.has_data(id)) {
           known->second = kNone;
         } else {
-          if (const int finest = terrain.posts_level(id); finest < id.level) id = dem::ancestor_of(id, std::max(finest, 0));
+          if (const int finest = terrain.posts_level(id); finest < id.level)
+            id = dem::ancestor_of(id, std::max(finest, 0));
           const auto [slot, first] = loaded.try_emplace(id, static_cast<std::uint32_t>(wanted.size()));
           if (first) wanted.push_back(id);
           known->second = slot->second;

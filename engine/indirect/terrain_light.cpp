@@ -1,9 +1,12 @@
 #include "engine/indirect/terrain_light.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <unordered_map>
 
+#include "dem/support/error.h"
 #include "dem/support/parallel.h"
 #include "engine/radiometry/earth.h"
 #include "engine/scene/node_bounds.h"
@@ -12,7 +15,7 @@ namespace selenograph::engine {
 namespace {
 
 // The level of the posts for a block in view: none where its pixels are too large, or nobody sees it.
-int level_for(const MeshBlock& block, const RowViews& views) {
+int level_for(const MeshBlock& block, const RowViews& views, double spacing_px) {
   const dem::BlockId& id = block.posts->id;
   const NodeBounds bounds =
       bounds_of(id, static_cast<double>(block.posts->min_m), static_cast<double>(block.posts->max_m));
@@ -21,7 +24,7 @@ int level_for(const MeshBlock& block, const RowViews& views) {
     if (view.may_see(bounds.centre, bounds.radius_m) && !below_horizon(view.view.position(), bounds, view.shift_m))
       pixels_per_m = std::max(pixels_per_m, view.pixels_per_metre(bounds.centre, bounds.radius_m));
   if (!(pixels_per_m * TerrainLight::kLargestPixel_m >= 1)) return -1;
-  const double level = std::floor(std::log2(dem::post_spacing_m(0) * pixels_per_m / TerrainLight::kSpacing_px));
+  const double level = std::floor(std::log2(dem::post_spacing_m(0) * pixels_per_m / spacing_px));
   return std::max(dem::kRootLevel, static_cast<int>(std::clamp<double>(level, id.level - kFiner, id.level)));
 }
 
@@ -38,7 +41,7 @@ TerrainLight::TerrainLight(const FrameRequest& request, const RowViews& views, c
   in_parallel_pieces(of_blocks.size(), 64, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t i = first; i < past_last; ++i) {
       const MeshBlock& block = mesh.blocks()[i];
-      const int level = level_for(block, views);
+      const int level = level_for(block, views, request.indirect.spacing_px);
       if (level >= 0) of_blocks[i] = dem::ancestor_of(block.posts->id, std::min(level, block.posts->id.level));
     }
   });
@@ -47,6 +50,12 @@ TerrainLight::TerrainLight(const FrameRequest& request, const RowViews& views, c
   std::sort(tile_ids_.begin(), tile_ids_.end());
   tile_ids_.erase(std::unique(tile_ids_.begin(), tile_ids_.end()), tile_ids_.end());
   const Brdf brdf(request.reflectance, band_of(request));
+  if (tile_ids_.size() * LightTiles::kBytesOfTile > tiles.capacity())
+    throw TooMuchTerrain(
+        fmt::format("the frame's indirect light is gathered in {} blocks, more than the {} MB for them hold: "
+                    "a larger \"spacing_px\" takes fewer",
+                    tile_ids_.size(), tiles.capacity() >> 20),
+        "indirect");
   for (const dem::BlockId& id : tile_ids_) {
     stop.check();
     tiles_.push_back({tiles.get(id, {terrain, request}, stop), {}});
@@ -62,7 +71,9 @@ void TerrainLight::link(const std::vector<dem::BlockId>& of_blocks) {
     if (found == tile_ids_.end() || *found != of_blocks[i]) continue;
     const Tile& tile = tiles_[static_cast<std::size_t>(found - tile_ids_.begin())];
     const dem::BlockExtent &own = mesh_.blocks()[i].posts->extent, &wide = tile.light->extent;
-    const auto scale = [](std::int32_t step, std::int32_t of) { return static_cast<float>(step) / static_cast<float>(of); };
+    const auto scale = [](std::int32_t step, std::int32_t of) {
+      return static_cast<float>(step) / static_cast<float>(of);
+    };
     places_[i] = {tile.posts.data(),
                   wide.quads + 1,
                   scale(own.lat0 - wide.lat0, wide.lat_step),
@@ -79,19 +90,24 @@ void TerrainLight::fill(Tile& tile, const Vec3& eye_m, const Brdf& brdf) const {
   for (std::size_t i = 0; i < light.posts.size(); ++i) {
     const TilePost& post = light.posts[i];
     Post& out = tile.posts[i];
-    out = {0, 0, 0, 0, 1, static_cast<float>(earth_w_m2_) * post.earth, static_cast<float>(direct_w_m2_) * post.radiosity, 0};
+    out = {
+        0, 0, 0, 0, 1, static_cast<float>(earth_w_m2_) * post.earth, static_cast<float>(direct_w_m2_) * post.radiosity,
+        0};
     Vec3 sum = Vec3::Zero();
     double fluence = 0;
-    for (const Eigen::Vector3f& from : post.light.from) sum += from.cast<double>(), fluence += static_cast<double>(from.norm());
+    for (const Eigen::Vector3f& from : post.light.from)
+      sum += from.cast<double>(), fluence += static_cast<double>(from.norm());
     if (!(fluence > 0)) continue;
     const int row = static_cast<int>(i) / side, column = static_cast<int>(i) % side;
-    const Vec3 place = to_cartesian({dem::lat_deg_of(light.extent.lat0 + row * light.extent.lat_step),
-                                     dem::lon_deg_of(dem::wrap_lon(std::int64_t{light.extent.lon0} + column * light.extent.lon_step)),
-                                     static_cast<double>(post.height_m)});
+    const Vec3 place =
+        to_cartesian({dem::lat_deg_of(light.extent.lat0 + row * light.extent.lat_step),
+                      dem::lon_deg_of(dem::wrap_lon(std::int64_t{light.extent.lon0} + column * light.extent.lon_step)),
+                      static_cast<double>(post.height_m)});
     const Vec3 toward = (eye_m - place).normalized(), normal = post.normal.cast<double>();
     // A lane per sector, and one for all of them.
     double mu0[kPacket], mu[kPacket], cos_phase[kPacket], reflected[kPacket];
-    std::fill_n(mu0, kPacket, 1e-9), std::fill_n(mu, kPacket, std::max(normal.dot(toward), 0.05)), std::fill_n(cos_phase, kPacket, 0.0);
+    std::fill_n(mu0, kPacket, 1e-9), std::fill_n(mu, kPacket, std::max(normal.dot(toward), 0.05)),
+        std::fill_n(cos_phase, kPacket, 0.0);
     double exact = 0;
     for (int k = 0; k <= kSectors; ++k) {
       const Vec3 from = k < kSectors ? post.light.from[static_cast<std::size_t>(k)].cast<double>() : sum;
@@ -101,7 +117,8 @@ void TerrainLight::fill(Tile& tile, const Vec3& eye_m, const Brdf& brdf) const {
     }
     brdf.times_mu0(mu0, mu, cos_phase, nullptr, reflected);
     for (int k = 0; k < kSectors; ++k)
-      if (mu0[k] > 1e-9) exact += static_cast<double>(post.light.from[static_cast<std::size_t>(k)].norm()) * reflected[k];
+      if (mu0[k] > 1e-9)
+        exact += static_cast<double>(post.light.from[static_cast<std::size_t>(k)].norm()) * reflected[k];
     const double simple = fluence * reflected[kSectors];
     const auto scaled = [&](double value) { return static_cast<float>(value * direct_w_m2_); };
     out.x = scaled(sum.x()), out.y = scaled(sum.y()), out.z = scaled(sum.z()), out.fluence = scaled(fluence);
@@ -160,7 +177,8 @@ void TerrainLight::add(const SurfacePoints& points, const Shading& shading, cons
   }
   const auto take = [&](const double* amount) {
     for (int i = 0; i < kPacket; ++i)
-      if (amount[i] > 0) radiance[i] += static_cast<float>(amount[i] * reflected[i] * (albedo && !hapke ? albedo[i] : 1));
+      if (amount[i] > 0)
+        radiance[i] += static_cast<float>(amount[i] * reflected[i] * (albedo && !hapke ? albedo[i] : 1));
   };
   brdf.times_mu0(mu0, mu, cos_phase, hapke ? albedo : nullptr, reflected);
   take(light);
@@ -188,7 +206,8 @@ TerrainLight::Place TerrainLight::at(const Vec3& place_m) const {
   const auto block = mesh_.block_at(static_cast<std::int64_t>(lat), static_cast<std::int64_t>(lon));
   if (!block) return out;
   const dem::BlockExtent& e = mesh_.blocks()[*block].posts->extent;
-  const Post post = between(*block, static_cast<float>((lat - e.lat0) / e.lat_step), static_cast<float>((lon - e.lon0) / e.lon_step));
+  const Post post =
+      between(*block, static_cast<float>((lat - e.lat0) / e.lat_step), static_cast<float>((lon - e.lon0) / e.lon_step));
   out.terrain = {static_cast<double>(post.x), static_cast<double>(post.y), static_cast<double>(post.z)};
   out.earth = static_cast<double>(post.earth) * earth_;
   out.ground = static_cast<double>(post.ground);

@@ -1,11 +1,10 @@
 // Indirect light over a frame's mesh: from the terrain around, and from the Earth.
 //
-// Gathered at posts about kSpacing_px pixels apart (light_tile.h) and interpolated between them. At a point with normal
-// n the irradiance is the dot product of n with the light's vector; the radiance is that of light from one direction
-// with the same irradiance and mean cosine of incidence, times a factor that makes it exact at the posts.
+// Gathered at posts (light_tile.h) and interpolated between them. At a point with normal n the irradiance is the dot
+// product of n with the light's vector; the radiance is that of light from one direction with the same irradiance and
+// mean cosine of incidence, times a factor that makes it exact at the posts.
 #pragma once
 
-#include <cstdlib>
 #include <memory>
 #include <vector>
 
@@ -25,11 +24,11 @@ struct IndirectIrradiance {
 
 class TerrainLight {
  public:
-  // Distance of the posts in the image. Ground of pixels larger than kLargestPixel_m gets no light from terrain: at
-  // that scale slopes see so little of each other that it is below 1e-3 of the sunlight.
-  static inline double kSpacing_px = std::getenv("SPX") ? std::atof(std::getenv("SPX")) : 8; static constexpr double kLargestPixel_m = 240;
+  // Ground of pixels larger than this gets no indirect light: at that scale slopes see little of each other.
+  static constexpr double kLargestPixel_m = 240;
 
-  // `eye_m`: who looks. `direct_w_m2`: the Sun's, at normal incidence. The other arguments must outlive this object.
+  // Throws TooMuchTerrain where the posts do not fit into the memory for them. `eye_m`: who looks. `direct_w_m2`: the
+  // Sun's, at normal incidence. The other arguments must outlive this object.
   TerrainLight(const FrameRequest& request, const RowViews& views, const Vec3& eye_m, const Mesh& mesh,
                const dem::Terrain& terrain, double direct_w_m2, LightTiles& tiles, const StopToken& stop);
 
@@ -43,14 +42,11 @@ class TerrainLight {
   // At any place near the mesh, as on an object: above the ground, whose light comes from below.
   struct Place {
     Vec3 terrain = Vec3::Zero(), earth = Vec3::Zero();  // vectors of the light, W m-2
-    double ground = 0;                                   // radiosity of the ground below, W m-2
+    double ground = 0;                                  // radiosity of the ground below, W m-2
     Vec3 up = Vec3::UnitZ();
     IndirectIrradiance on(const Vec3& normal) const;
   };
   Place at(const Vec3& place_m) const;
-
-  bool bright() const { return !tiles_.empty(); }
-  std::size_t tiles() const { return tiles_.size(); }
 
  private:
   // A post as pixels read it: 32 bytes.

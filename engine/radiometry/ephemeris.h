@@ -23,8 +23,8 @@ struct SunPosition {
 // at the definition; nearly all of it is the lunar rotation.
 SunPosition sun_at(const std::string& utc);
 
-// The Earth's centre as seen from the Moon's at a UTC epoch, with aberration. Accuracy: 0.01 degrees in direction, 100 km in
-// distance. Throws as sun_at.
+// The Earth's centre as seen from the Moon's at a UTC epoch, with aberration. Accuracy: 0.01 degrees in direction, 100
+// km in distance. Throws as sun_at.
 Earth earth_at(const std::string& utc);
 
 // Rotates vectors of ICRF axes into MOON_ME at a UTC epoch, by the rotation that sun_at uses; errors likewise, and up

@@ -199,7 +199,8 @@ std::optional<double> near_side_mean(const dem::ValueMap& map, const StopToken& 
         const double x = std::sqrt(x2);
         double weight = 0;
         for (const double side : {1.0, -1.0}) {
-          const double mu0 = x * std::cos(kPhase_deg * kRadiansPerDegree) + side * y * std::sin(kPhase_deg * kRadiansPerDegree);
+          const double mu0 =
+              x * std::cos(kPhase_deg * kRadiansPerDegree) + side * y * std::sin(kPhase_deg * kRadiansPerDegree);
           if (mu0 > 0) weight += terms.times_mu0(mu0, x);
         }
         const double lat_deg = std::asin(z) / kRadiansPerDegree, lon_deg = std::atan2(y, x) / kRadiansPerDegree;

@@ -78,7 +78,9 @@ double moon_light(PhaseLaw law, double phase_deg) {
   return 1;
 }
 
-double TermsByPhase::knot_phase_deg(int knot) { return 2 * std::asin(kLastSine * knot / kIntervals) / kRadiansPerDegree; }
+double TermsByPhase::knot_phase_deg(int knot) {
+  return 2 * std::asin(kLastSine * knot / kIntervals) / kRadiansPerDegree;
+}
 
 TermsByPhase::TermsByPhase(const std::vector<BrdfTerms>& knots) : cubics_(kCoefficients * kIntervals) {
   for (int i = 0; i < kIntervals; ++i) {

@@ -115,8 +115,8 @@ class MeshBlocks {
   const Shared* blocks_;
 };
 
-// Blocks in the order of their ids; null where there is nothing, as of Terrain::block(). Loads in parallel, from a network
-// on threads of their own. `before`: may be null.
+// Blocks in the order of their ids; null where there is nothing, as of Terrain::block(). Loads in parallel, from a
+// network on threads of their own. `before`: may be null.
 class Mesh;
 std::vector<std::shared_ptr<const dem::Block>> load_blocks(const dem::Terrain& terrain,
                                                            const std::vector<dem::BlockId>& ids, const Mesh* before,

@@ -12,7 +12,7 @@ namespace {
 using engine::Earth;
 using engine::IndirectLight;
 
-constexpr Range kEarthDistance_m{1e7, 1e12};
+constexpr Range kEarthDistance_m{1e7, 1e12}, kSpacing_px{0.25, 64};
 
 std::optional<Earth> resolve_earth(const JsonReader& in, const EarthForm& form, const ReadContext& context) {
   Earth earth;
@@ -59,8 +59,7 @@ struct FlagOrEarth {
   using Value = std::optional<Earth>;
   std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
     if (in.value().is_boolean() && !in.value().get<bool>()) return Value();
-    const auto earth =
-        in.value().is_boolean() ? resolve_earth(in, {}, context) : earth_members().read(in, context);
+    const auto earth = in.value().is_boolean() ? resolve_earth(in, {}, context) : earth_members().read(in, context);
     return earth ? std::optional<Value>(earth) : std::nullopt;
   }
   OrderedJson write(const Value& earth) const { return earth ? earth_members().write(*earth) : OrderedJson(false); }
@@ -74,11 +73,15 @@ struct FlagOrEarth {
 
 const Members<IndirectLight>& indirect_members() {
   static const auto table = made<Members<IndirectLight>>(
-      "IndirectLight", "Light that does not come from the Sun directly. Adds to the radiance of lit and shadowed ground.",
-      [](auto& m) {
+      "IndirectLight",
+      "Light that does not come from the Sun directly. Adds to the radiance of lit and shadowed ground.", [](auto& m) {
         m.add("terrain", &IndirectLight::terrain, Flag{},
-              "sunlight that the terrain in sight of a point reflects onto it, once, with the frame's reflectance, albedo "
+              "sunlight that the terrain in sight of a point reflects onto it, once, with the frame's reflectance, "
+              "albedo "
               "maps and shadows");
+        m.add("spacing_px", &IndirectLight::spacing_px, Number{kSpacing_px, "px"},
+              "distance in the image of the posts at which the light is gathered, from which it is interpolated; never "
+              "below that of the terrain's posts");
         m.add("earth", &IndirectLight::earth, FlagOrEarth{},
               "light of the Earth, with shadows; true: the Earth at the epoch of `sun`");
       });

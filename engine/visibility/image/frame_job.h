@@ -34,7 +34,7 @@ struct FrameJob {
   const RadianceTerms& radiance;  // of the terrain
   const PixelRays& centres;       // rays of the pixel centres, for a camera with distortion
   const StopToken& stop;
-  const EachSample& each;  // may be empty
+  const EachSample& each;                  // may be empty
   const TerrainLight* indirect = nullptr;  // null: none
 };
 

@@ -401,11 +401,11 @@ void ObjectsInFrame::radiances(const ObjectLanes& lanes, const Rays& rays, const
       // It comes from many sides: as from halfway up.
       constexpr double kHalfway = 0.5;
       const IndirectIrradiance light = indirect->at(lanes.points.position(i)).on(lanes.shading.normal(i));
-      base[i] += static_cast<float>((light.terrain + light.earth) * finish.brdf(kHalfway, std::max(lanes.shading.mu[i], 0.0), 0));
+      base[i] += static_cast<float>((light.terrain + light.earth) *
+                                    finish.brdf(kHalfway, std::max(lanes.shading.mu[i], 0.0), 0));
     }
-    out[i] =
-        base[i] + static_cast<float>(direct_radiance(finish.brdf, finish.direct_w_m2, lanes.shading.incident[i],
-                                                         lanes.shading.mu[i], cos_phase, static_cast<double>(lit[i])));
+    out[i] = base[i] + static_cast<float>(direct_radiance(finish.brdf, finish.direct_w_m2, lanes.shading.incident[i],
+                                                          lanes.shading.mu[i], cos_phase, static_cast<double>(lit[i])));
   }
 }
 
