@@ -116,10 +116,14 @@ void TerrainLight::fill(Tile& tile, const Vec3& eye_m, const Brdf& brdf) const {
       mu0[k] = std::max(normal.dot(from) / length, 1e-9), cos_phase[k] = toward.dot(from) / length;
     }
     brdf.times_mu0(mu0, mu, cos_phase, nullptr, reflected);
-    for (int k = 0; k < kSectors; ++k)
-      if (mu0[k] > 1e-9)
-        exact += static_cast<double>(post.light.from[static_cast<std::size_t>(k)].norm()) * reflected[k];
-    const double simple = fluence * reflected[kSectors];
+    // The mean reflectance of the light that arrives, over that of light from one direction.
+    double arrives = 0;
+    for (std::size_t k = 0; k < kSectors; ++k)
+      if (mu0[k] > 1e-9) {
+        const double length = static_cast<double>(post.light.from[k].norm());
+        exact += length * reflected[k], arrives += length * mu0[k];
+      }
+    const double simple = arrives * reflected[kSectors] / mu0[kSectors];
     const auto scaled = [&](double value) { return static_cast<float>(value * direct_w_m2_); };
     out.x = scaled(sum.x()), out.y = scaled(sum.y()), out.z = scaled(sum.z()), out.fluence = scaled(fluence);
     out.factor = simple > 0 && exact > 0 ? static_cast<float>(std::clamp(exact / simple, 0.25, 4.0)) : 1;

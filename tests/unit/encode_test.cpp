@@ -129,7 +129,7 @@ TEST(Arrays, NamesAreThoseOfTheContractInItsOrder) {
     EXPECT_EQ(name_of(entry.product), entry.name);
   }
   EXPECT_EQ(names, (std::vector<std::string>{"image", "radiance", "depth", "range", "position", "geodetic", "normal",
-                                             "angles", "lit", "gsd", "source", "object_id", "detail"}));
+                                             "angles", "lit", "gsd", "source", "object_id", "detail", "irradiance"}));
 }
 
 TEST(Arrays, TypesAndShapesAreThoseOfTheContract) {

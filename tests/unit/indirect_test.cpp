@@ -1,0 +1,128 @@
+// Light from terrain and from the Earth, against closed forms.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include "engine/indirect/slope_light.h"
+#include "engine/radiometry/earth.h"
+#include "engine/radiometry/ephemeris.h"
+#include "engine/renderer.h"
+#include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
+#include "tests/support/views.h"
+
+namespace selenograph::engine {
+namespace {
+
+// A spherical bowl in level ground: Ingersoll, Svitek & Murray, Icarus 100, 40 (1992).
+struct Bowl {
+  double diameter_m, depth_m;
+  Vec3 centre = to_cartesian({10, 20, 0}).normalized();
+  EastNorthUp axes = local_axes(centre);
+  double radius_m() const { return (diameter_m * diameter_m / 4 + depth_m * depth_m) / (2 * depth_m); }
+  Vec3 level(const Vec3& d) const { return Vec3(d.dot(axes.east), d.dot(axes.north), 0) * kMoonRadius_m; }
+  double height(const Vec3& d) const {
+    const double square = level(d).squaredNorm(), r = radius_m();
+    return square > diameter_m * diameter_m / 4 ? 0 : r - depth_m - std::sqrt(r * r - square);
+  }
+  Vec3 normal(const Vec3& d) const {
+    const Vec3 at = level(d);
+    return (-at.x() * axes.east - at.y() * axes.north + (radius_m() - depth_m - height(d)) * axes.up).normalized();
+  }
+  double first_bounce(double flux_w_m2, double elevation_deg, double albedo) const {
+    const double ratio = diameter_m / depth_m, f = 1 / (1 + ratio * ratio / 4);
+    return flux_w_m2 * std::sin(elevation_deg * kRadiansPerDegree) * albedo * f * (1 - f);
+  }
+};
+
+TEST(IndirectLight, TheFirstBounceInABowlIsTheSameEverywhere) {
+  constexpr double kFlux_w_m2 = 1000, kAlbedo = 0.12;
+  for (const double ratio : {5.0, 8.0, 14.0}) {
+    const Bowl bowl{2000, 2000 / ratio};
+    const Relief relief({bowl.centre, 1000, 2000.0 / 256, 20000},
+                        [&](double, std::span<const Vec3> directions, std::span<float> heights) {
+                          for (std::size_t i = 0; i < heights.size(); ++i)
+                            heights[i] = static_cast<float>(bowl.height(directions[i]));
+                        });
+    std::vector<Vec3> places;
+    for (double x = -900; x <= 900; x += 150)
+      for (double y = -900; y <= 900; y += 150)
+        if (std::hypot(x, y) < 950)
+          places.push_back((bowl.centre * kMoonRadius_m + x * bowl.axes.east + y * bowl.axes.north).normalized());
+    for (const double elevation_deg : {10.0, 20.0, 40.0}) {
+      Reflectance lambert;
+      lambert.model = ReflectanceModel::lambert, lambert.rho = kAlbedo;
+      Sun sun;
+      sun.direction = sun_direction(bowl.axes, 70, elevation_deg);
+      const SlopeLight light(relief, {sun, kFlux_w_m2, Brdf(lambert), false, {}});
+      std::vector<SectorLight> found(places.size());
+      light.gather(places, found);
+      const double truth = bowl.first_bounce(kFlux_w_m2, elevation_deg, kAlbedo);
+      double sum = 0;
+      for (std::size_t i = 0; i < places.size(); ++i) {
+        Vec3 all = Vec3::Zero();
+        for (const Eigen::Vector3f& from : found[i].from) all += from.cast<double>();
+        const double irradiance = all.dot(bowl.normal(places[i]));
+        EXPECT_NEAR(irradiance, truth, 0.05 * truth) << ratio << " " << elevation_deg;
+        sum += irradiance;
+      }
+      EXPECT_NEAR(sum / static_cast<double>(places.size()), truth, 0.02 * truth) << ratio << " " << elevation_deg;
+    }
+  }
+}
+
+// 0.084 W m-2 at full Earth over all wavelengths; at quarter Earth by the phase law 10^(-0.4 * 1.568).
+TEST(IndirectLight, TheEarthFollowsItsPhaseLaw) {
+  Sun sun;
+  sun.direction = -Vec3::UnitX();
+  const Earth full{Vec3::UnitX()}, quarter{Vec3::UnitY()};
+  EXPECT_NEAR(1361 * earth_over_sun(full, sun, nullptr), 0.084, 0.002);
+  EXPECT_NEAR(earth_over_sun(quarter, sun, nullptr) / earth_over_sun(full, sun, nullptr), 0.236, 0.001);
+  EXPECT_NEAR(earth_radius_deg(384.4e6), 0.951, 0.001);
+}
+
+// Librations are at most 8 degrees.
+TEST(IndirectLight, TheEarthIsOverTheNearSide) {
+  for (const char* utc : {"2026-01-07T03:00:00Z", "2026-06-15T12:00:00Z", "2027-11-25T00:00:00Z"}) {
+    const Earth earth = earth_at(utc);
+    EXPECT_GT(earth.direction.x(), std::cos(11 * kRadiansPerDegree)) << utc;
+    EXPECT_GT(earth.distance_m, 355e6) << utc;
+    EXPECT_LT(earth.distance_m, 408e6) << utc;
+  }
+}
+
+// A Lambert frame with and without: the difference is irradiance times rho / pi.
+TEST(IndirectLight, WhatAFrameGainsIsItsIrradiance) {
+  const test::TemporaryFolder folder;
+  test::write_float_tile(folder / "dem", "wall", {2, 10, 64, 129, 129}, [](double lat, double lon) {
+    return 4000 * std::exp(-std::pow((lon - 11) / 0.1, 2)) + 100 * std::sin(40 * lat);
+  });
+  const Renderer renderer(test::open_terrain(folder / "dem"), RendererOptions{2, std::size_t{256} << 20});
+  FrameRequest request;
+  request.camera = test::square_camera(96, 50);
+  const Vec3 eye = to_cartesian({1, 10.85, 20000});
+  request.pose = test::looking(eye, -eye, Vec3::UnitZ());
+  request.sun.direction = sun_direction(local_axes(1, 10.85), 270, 20);
+  request.reflectance = {.model = ReflectanceModel::lambert, .rho = 0.12};
+  request.products = kRadiance | kIrradiance;
+  const Frame without = renderer.render(request);
+  request.indirect.terrain = true;
+  const Frame with = renderer.render(request), again = renderer.render(request);
+  EXPECT_EQ(with.products.radiance, again.products.radiance);
+  EXPECT_EQ(with.products.irradiance, again.products.irradiance);
+  double most = 0;
+  for (std::size_t i = 0; i < with.products.radiance.size(); ++i) {
+    const double gain =
+                     static_cast<double>(with.products.radiance[i]) - static_cast<double>(without.products.radiance[i]),
+                 arrives = static_cast<double>(with.products.irradiance[3 * i + 1]);
+    if (std::isnan(arrives)) continue;
+    EXPECT_NEAR(gain, arrives * 0.12 / std::numbers::pi, 1e-5 * static_cast<double>(with.products.radiance[i]) + 1e-6);
+    most = std::max(most, arrives);
+  }
+  EXPECT_GT(most, 5);
+}
+
+}  // namespace
+}  // namespace selenograph::engine
