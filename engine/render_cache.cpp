@@ -7,7 +7,6 @@
 #include <limits>
 #include <new>
 #include <thread>
-#include <type_traits>
 #include <unordered_map>
 #include <utility>
 #include <vector>
@@ -27,19 +26,12 @@ int detail_of(const SceneContent& content) { return content.terrain ? content.te
 
 }  // namespace
 
-RenderCache::SceneKey RenderCache::key_of(const SceneContent& content) {
+ContentKey RenderCache::key_of(const SceneContent& content) {
   const auto& [blocks, anchor_m, visibility, terrain] = content;
   const int detail = detail_of(content);
-  static_assert(std::has_unique_object_representations_v<dem::BlockId>);
-  XXH3_state_t* state = XXH3_createState();
-  XXH3_128bits_reset(state);
-  XXH3_128bits_update(state, blocks.data(), blocks.size() * sizeof(dem::BlockId));
-  XXH3_128bits_update(state, anchor_m.data(), 3 * sizeof(double));
-  XXH3_128bits_update(state, &visibility, sizeof visibility);
-  XXH3_128bits_update(state, &detail, sizeof detail);
-  const XXH128_hash_t hash = XXH3_128bits_digest(state);
-  XXH3_freeState(state);
-  return {hash.low64, hash.high64};
+  ContentHash hash;
+  hash.add(blocks.data(), blocks.size()), hash.add(anchor_m), hash.add(visibility), hash.add(detail);
+  return hash.key();
 }
 
 std::size_t RenderCache::CameraHash::operator()(const Camera& c) const {
@@ -48,7 +40,7 @@ std::size_t RenderCache::CameraHash::operator()(const Camera& c) const {
 }
 
 // Scenes have most of their parts in common: each counts once.
-class RenderCache::PartsOnce : public dem::Cache<SceneKey, Scene, SceneKeyHash>::Count {
+class RenderCache::PartsOnce : public dem::Cache<ContentKey, Scene, ContentKeyHash>::Count {
  public:
   std::size_t add(const Scene& scene) override {
     std::size_t sum = scene.own_bytes(), counted = 0;
@@ -156,7 +148,7 @@ std::shared_ptr<const Scene> RenderCache::most_in_common(const SceneContent& con
 }
 
 std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, const StopToken& stop, Purpose purpose) {
-  const SceneKey key = key_of(content);
+  const ContentKey key = key_of(content);
   const auto make = [&] {
     const Room room(*this, content, purpose, stop);
     SceneParts before;
@@ -168,7 +160,7 @@ std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, con
     latest_.push_front(made);
     if (latest_.size() > kLatest) latest_.pop_back();
     if (purpose == Purpose::preparation) prepared_.insert(key), ++statistics_.prepared;
-    return dem::Cache<SceneKey, Scene, SceneKeyHash>::Loaded{made, made->bytes};
+    return dem::Cache<ContentKey, Scene, ContentKeyHash>::Loaded{made, made->bytes};
   };
   std::shared_ptr<const Scene> scene = scenes_.get(key, make, stop);
   if (purpose == Purpose::frame) {
@@ -180,7 +172,7 @@ std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, con
 
 PreparationStatistics RenderCache::preparation_statistics() {
   const std::lock_guard lock(latest_mutex_);
-  statistics_.wasted += std::erase_if(prepared_, [&](const SceneKey& key) { return !scenes_.holds(key); });
+  statistics_.wasted += std::erase_if(prepared_, [&](const ContentKey& key) { return !scenes_.holds(key); });
   return statistics_;
 }
 

@@ -21,6 +21,7 @@
 #include "engine/camera/pixel_rays.h"
 #include "engine/indirect/light_tile.h"
 #include "engine/preparation.h"
+#include "engine/support/content_key.h"
 #include "engine/support/pool.h"
 #include "engine/visibility/points/scene.h"
 #include "engine/visibility/zbuffer/raster_pass.h"
@@ -79,18 +80,11 @@ class RenderCache {
   }
 
  private:
-  struct SceneKey {
-    std::uint64_t low, high;
-    bool operator==(const SceneKey&) const = default;
-  };
-  struct SceneKeyHash {
-    std::size_t operator()(const SceneKey& key) const { return key.low; }
-  };
   // Hashes the members in which most cameras differ; equality compares all members.
   struct CameraHash {
     std::size_t operator()(const Camera& camera) const;
   };
-  static SceneKey key_of(const SceneContent& content);
+  static ContentKey key_of(const SceneContent& content);
   class Room;
   void reserve();
   std::size_t latest_scene_bytes();
@@ -99,7 +93,7 @@ class RenderCache {
 
   std::shared_ptr<const dem::Terrain> terrain_;
   int threads_;
-  dem::Cache<SceneKey, Scene, SceneKeyHash> scenes_;
+  dem::Cache<ContentKey, Scene, ContentKeyHash> scenes_;
   dem::Cache<Camera, PixelRays, CameraHash> lenses_;  // pixel directions do not depend on the pose
   static constexpr std::size_t kMostRoughnesses = 16;
   dem::Cache<int, dem::CraterRoughness> roughnesses_{kMostRoughnesses};  // by the detail's number
@@ -114,7 +108,7 @@ class RenderCache {
   static constexpr std::size_t kLatest = 4;
   std::mutex latest_mutex_;
   std::deque<std::weak_ptr<const Scene>> latest_;
-  std::unordered_set<SceneKey, SceneKeyHash> prepared_;  // not yet used by a frame
+  std::unordered_set<ContentKey, ContentKeyHash> prepared_;  // not yet used by a frame
   PreparationStatistics statistics_;
   SpeedGauge speed_of_rays_, speed_of_zbuffer_;
 };

@@ -331,4 +331,10 @@ std::optional<Vec3> direction_of(const Vec3& v) {
   return Vec3(v.x() / largest, v.y() / largest, v.z() / largest).normalized();
 }
 
+std::optional<Vec3> direction_member(const JsonReader& in, const Vec3& v) {
+  const std::optional<Vec3> direction = direction_of(v);
+  if (!direction) in.fail("direction", "is zero: not a direction");
+  return direction;
+}
+
 }  // namespace selenograph::api

@@ -137,5 +137,7 @@ bool is_unit(const Vector& v) {
 
 // A vector's direction for any length (1e-300 and 1e300 alike); empty for zero.
 std::optional<Vec3> direction_of(const Vec3& v);
+// The same of the member "direction" that was read; a zero vector is its fault.
+std::optional<Vec3> direction_member(const JsonReader& in, const Vec3& v);
 
 }  // namespace selenograph::api

@@ -168,10 +168,8 @@ const Members<MapView>& view_members() {
         m.add("direction", &MapView::direction, Vector{kAnyNumber}, "toward the viewer, MOON_ME; any length but zero")
             .required();
         m.resolve([](const JsonReader& in, MapView& view, const ReadContext&) -> std::optional<MapView> {
-          const std::optional<Vec3> direction = direction_of(view.direction);
-          if (direction) return MapView{*direction};
-          in.fail("direction", "is zero: not a direction");
-          return std::nullopt;
+          const std::optional<Vec3> direction = direction_member(in, view.direction);
+          return direction ? std::optional(MapView{*direction}) : std::nullopt;
         });
       });
   return *members;

@@ -6,21 +6,12 @@
 #include "dem/grid/surface.h"
 
 namespace selenograph::dem {
-namespace {
-
-struct Ticks {
-  double lat, lon;
-  std::int32_t whole_lat, whole_lon;
-  BlockId block(int level) const { return block_at(level, whole_lat, whole_lon); }
-};
 
 Ticks ticks_of(double lat_deg, double lon_deg) {
   const double lat = std::clamp((lat_deg + 90) * kTicksPerDegree, 0.0, kLatTicks - 1.0),
                lon = (wrap_lon_deg(lon_deg) + 180) * kTicksPerDegree;
   return {lat, lon, static_cast<std::int32_t>(lat), wrap_lon(static_cast<std::int64_t>(lon))};
 }
-
-}  // namespace
 
 BlockId block_at_place(int level, double lat_deg, double lon_deg) { return ticks_of(lat_deg, lon_deg).block(level); }
 

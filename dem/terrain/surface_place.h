@@ -14,6 +14,15 @@ struct SurfacePlace {
   Vec3 up;  // the surface's normal there, unit, MOON_ME
 };
 
+// A place in the lattice's ticks, below the pole's own; and the tick that each is in.
+struct Ticks {
+  double lat, lon;
+  std::int32_t whole_lat, whole_lon;
+  BlockId block(int level) const { return block_at(level, whole_lat, whole_lon); }
+};
+
+Ticks ticks_of(double lat_deg, double lon_deg);
+
 BlockId block_at_place(int level, double lat_deg, double lon_deg);
 // Finest level of the terrain at a place.
 int finest_level_at(const Terrain& terrain, double lat_deg, double lon_deg);

@@ -1,7 +1,5 @@
 #include "engine/indirect/light_tile.h"
 
-#include <xxhash.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -43,16 +41,17 @@ ReliefShape shape_of(const dem::BlockId& block, const std::vector<Vec3>& directi
 
 GroundAlbedo albedo_of(const FrameRequest& request, const StopToken& stop) {
   if (request.albedo_maps.empty()) return {};
-  return [&request, &stop](double size_m, std::span<const Vec3> directions, std::span<float> albedo) {
-    std::vector<ScaledMap> maps = albedo_maps_of(request, stop);
-    for (std::size_t i = 0; i < directions.size(); ++i) {
-      const Geographic place = to_geographic(directions[i]);
-      double sum = 0;
-      parts_of(maps, {place.lat_deg, place.lon_deg, {size_m, 0}, {0, size_m}}, fallback_albedo(request.reflectance),
-               [&](double value, double share) { sum += value * share; });
-      albedo[i] = static_cast<float>(std::min(sum, 1.0));
-    }
-  };
+  return
+      [known = AlbedoMaps(request), &stop](double size_m, std::span<const Vec3> directions, std::span<float> albedo) {
+        std::vector<ScaledMap> maps = known.sampled(stop);
+        for (std::size_t i = 0; i < directions.size(); ++i) {
+          const Geographic place = to_geographic(directions[i]);
+          double sum = 0;
+          parts_of(maps, {place.lat_deg, place.lon_deg, {size_m, 0}, {0, size_m}}, known.fallback(),
+                   [&](double value, double share) { sum += share * std::clamp(value, 0.0, known.most()); });
+          albedo[i] = static_cast<float>(sum);
+        }
+      };
 }
 
 std::shared_ptr<LightTile> make_tile(const dem::BlockId& block, const TileLight& of, const StopToken& stop) {
@@ -87,32 +86,27 @@ std::shared_ptr<LightTile> make_tile(const dem::BlockId& block, const TileLight&
   return tile;
 }
 
-}  // namespace
-
-LightTiles::Key LightTiles::key_of(const dem::BlockId& block, const TileLight& of) {
+ContentKey key_of(const dem::BlockId& block, const TileLight& of) {
   const FrameRequest& q = of.request;
-  XXH3_state_t* state = XXH3_createState();
-  XXH3_128bits_reset(state);
-  const auto add = [&](const auto& value) { XXH3_128bits_update(state, &value, sizeof value); };
-  const auto add_vector = [&](const Vec3& v) { XXH3_128bits_update(state, v.data(), 3 * sizeof(double)); };
-  add(block), add(of.terrain.detail_number()), add(q.indirect.terrain);
+  ContentHash hash;
+  hash.add(block), hash.add(of.terrain.detail_number()), hash.add(q.indirect.terrain);
   if (q.indirect.terrain) {
     const Reflectance& r = q.reflectance;
     const HapkeParameters& h = r.hapke;
-    add_vector(q.sun.direction), add(q.sun.angular_radius_deg);
-    add(r.model), add(r.lommel_seeliger_weight), add(r.rho), add(r.shininess), add(r.limb_darkening.value_or(-1));
-    add(r.phase), add(r.ground);
-    for (const double value : {h.w, h.b0, h.h, h.b, h.c, h.theta_bar_deg, h.bc0, h.hc}) add(value);
-    add(h.phase_function), add(h.terms);
+    hash.add(q.sun.direction);
+    for (const double value : {q.sun.angular_radius_deg, r.lommel_seeliger_weight, r.rho, r.shininess,
+                               r.limb_darkening.value_or(-1), h.w, h.b0, h.h, h.b, h.c, h.theta_bar_deg, h.bc0, h.hc})
+      hash.add(value);
+    hash.add(r.model), hash.add(r.phase), hash.add(r.ground), hash.add(h.phase_function), hash.add(h.terms);
     if (r.model == ReflectanceModel::moon && q.band)
-      for (const ResponsePoint& p : q.band->response()) add(p.wavelength_um), add(p.response);
-    for (const auto& map : q.albedo_maps) add(map->fingerprint());
+      for (const ResponsePoint& p : q.band->response()) hash.add(p.wavelength_um), hash.add(p.response);
+    for (const auto& map : q.albedo_maps) hash.add(map->fingerprint());
   }
-  if (q.indirect.earth) add_vector(q.indirect.earth->direction), add(q.indirect.earth->distance_m);
-  const XXH128_hash_t hash = XXH3_128bits_digest(state);
-  XXH3_freeState(state);
-  return {hash.low64, hash.high64};
+  if (q.indirect.earth) hash.add(q.indirect.earth->direction), hash.add(q.indirect.earth->distance_m);
+  return hash.key();
 }
+
+}  // namespace
 
 std::shared_ptr<const LightTile> LightTiles::get(const dem::BlockId& block, const TileLight& of,
                                                  const StopToken& stop) {

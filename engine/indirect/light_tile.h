@@ -11,6 +11,7 @@
 #include "dem/terrain/terrain.h"
 #include "engine/frame/request.h"
 #include "engine/indirect/slope_light.h"
+#include "engine/support/content_key.h"
 
 namespace selenograph::engine {
 
@@ -51,16 +52,7 @@ class LightTiles {
   static constexpr std::size_t kBytesOfTile = std::size_t{65} * 65 * (sizeof(TilePost) + 32);
 
  private:
-  struct Key {
-    std::uint64_t low, high;
-    bool operator==(const Key&) const = default;
-  };
-  struct KeyHash {
-    std::size_t operator()(const Key& key) const { return key.low; }
-  };
-  static Key key_of(const dem::BlockId& block, const TileLight& of);
-
-  dem::Cache<Key, LightTile, KeyHash> tiles_;
+  dem::Cache<ContentKey, LightTile, ContentKeyHash> tiles_;
 };
 
 }  // namespace selenograph::engine

@@ -199,7 +199,7 @@ void CellsBeneath(const GridView& grid, const MarchLanes& lanes, float at_m, See
 }
 
 void Pieces(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes,
-            std::vector<SeenPiece>& pieces, float* tangent) {
+            std::vector<SeenPiece>& pieces) {
   Found found;
   const auto see = [&](const GridView& grid, float middle_m, const float* here) {
     std::int32_t seen = 0;
@@ -213,7 +213,6 @@ void Pieces(std::span<const GridView> grids, const MarchSphere& sphere, const Ma
   };
   Go(grids, sphere, lanes, found, see,
      [&](const GridView& grid, float at_m) { return Over(grid, sphere, lanes, at_m, found.tangent); });
-  for (int i = 0; i < kPacket; ++i) tangent[i] = found.tangent[i];
 }
 
 bool LightPiece(const SeenPiece& piece, const AzimuthLanes& lanes, PieceLight& out) {
@@ -271,8 +270,8 @@ void find_horizons(std::span<const GridView> grids, const MarchSphere& sphere, c
 }
 
 void find_pieces(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes,
-                 std::vector<SeenPiece>& pieces, float* tangent) {
-  HWY_DYNAMIC_DISPATCH(Pieces)(grids, sphere, lanes, pieces, tangent);
+                 std::vector<SeenPiece>& pieces) {
+  HWY_DYNAMIC_DISPATCH(Pieces)(grids, sphere, lanes, pieces);
 }
 
 bool light_piece(const SeenPiece& piece, const AzimuthLanes& lanes, PieceLight& out) {

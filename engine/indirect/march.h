@@ -55,9 +55,9 @@ struct SeenPiece {
   const GroundLight* light;
 };
 
-// Appends what is seen, nearest first, to `pieces`; returns in tangent[i] the horizon.
+// Appends what is seen, nearest first, to `pieces`.
 void find_pieces(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes,
-                 std::vector<SeenPiece>& pieces, float* tangent);
+                 std::vector<SeenPiece>& pieces);
 
 // Light that reaches sixteen places along one azimuth.
 struct alignas(64) AzimuthLanes {

@@ -108,26 +108,21 @@ MarchLanes Relief::places(std::span<const Vec3> directions) const {
   return lanes;
 }
 
-void Relief::ground(std::span<const Vec3> directions, std::span<Cell> out) const {
+std::size_t Relief::post_beneath(const MarchLanes& places, std::size_t lane) const {
   const Grid& g = grids_.front();
+  const auto index = [&](float place) {
+    return static_cast<std::size_t>(
+        std::clamp((static_cast<double>(place) - g.place(0)) / g.spacing_m, 0.0, g.side - 2.0));
+  };
+  return index(places.y[lane]) * static_cast<std::size_t>(g.side) + index(places.x[lane]);
+}
+
+void Relief::ground(std::span<const Vec3> directions, std::span<Cell> out) const {
   for (std::size_t at = 0; at < directions.size(); at += kPacket) {
     const std::size_t count = std::min<std::size_t>(kPacket, directions.size() - at);
     const MarchLanes lanes = places(directions.subspan(at, count));
-    for (std::size_t i = 0; i < count; ++i) {
-      const auto index = [&](float place) {
-        return static_cast<std::size_t>(
-            std::clamp((static_cast<double>(place) - g.place(0)) / g.spacing_m, 0.0, g.side - 2.0));
-      };
-      out[at + i] = {lanes.height[i],
-                     cell(0, index(lanes.y[i]) * static_cast<std::size_t>(g.side) + index(lanes.x[i])).normal};
-    }
+    for (std::size_t i = 0; i < count; ++i) out[at + i] = {lanes.height[i], cell(0, post_beneath(lanes, i)).normal};
   }
-}
-
-std::size_t Relief::bytes() const {
-  std::size_t sum = sizeof *this;
-  for (const Grid& grid : grids_) sum += grid.heights.capacity() * sizeof(float);
-  return sum;
 }
 
 }  // namespace selenograph::engine

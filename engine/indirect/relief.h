@@ -51,6 +51,8 @@ class Relief {
   void ground(std::span<const Vec3> directions, std::span<Cell> out) const;
   // Places of the coordinates of up to sixteen directions, the last one repeated; their ux and uy are not set.
   MarchLanes places(std::span<const Vec3> directions) const;
+  // The finest grid's post whose cell a lane of places() is in.
+  std::size_t post_beneath(const MarchLanes& places, std::size_t lane) const;
 
   // For marching. Heights are above reference_m above the datum.
   std::vector<GridView> views() const;
@@ -59,7 +61,6 @@ class Relief {
     return {static_cast<float>(kMoonRadius_m + reference_m_), static_cast<float>(kMoonRadius_m),
             static_cast<float>(shape_.farthest_m)};
   }
-  std::size_t bytes() const;
 
  private:
   struct Grid {

@@ -127,16 +127,10 @@ void SlopeLight::light_cells(std::size_t grid, std::size_t first, std::size_t pa
 }
 
 void SlopeLight::radiosities(std::span<const Vec3> places, std::span<float> out) const {
-  const GridView& finest = grids_.front();
   for (std::size_t i = 0; i < places.size(); ++i) {
-    const MarchLanes lanes = relief_.places(places.subspan(i, 1));
-    const auto index = [&](float place) {
-      return std::clamp(static_cast<int>((place - finest.first_m) / finest.spacing_m), 0, finest.side - 2);
-    };
-    const GroundLight& ground = finest.light[index(lanes.y[0]) * finest.side + index(lanes.x[0])];
-    const Eigen::Vector3d normal(
-        static_cast<double>(ground.nx), static_cast<double>(ground.ny),
-        std::sqrt(std::max(1.0 - static_cast<double>(ground.nx * ground.nx + ground.ny * ground.ny), 0.0)));
+    const std::size_t post = relief_.post_beneath(relief_.places(places.subspan(i, 1)), 0);
+    const GroundLight& ground = light_.front()[post];
+    const Eigen::Vector3d normal = relief_.cell(0, post).normal.cast<double>();
     const double mu0 = normal.dot(disc_.direction());
     const auto factor = static_cast<double>(ground.lit * (source_.albedo_is_w ? 1 : ground.albedo));
     out[i] = mu0 > 0 && factor > 0 ? static_cast<float>(kPi * factor * source_.irradiance_w_m2 *
@@ -161,7 +155,6 @@ void SlopeLight::gather_sixteen(std::span<const Vec3> places, std::span<SectorLi
                                 std::vector<SeenPiece>& pieces) const {
   MarchLanes lanes = relief_.places(places);
   alignas(64) float sums[kSectors][3][kPacket] = {};
-  alignas(64) float horizon[kPacket];
   AzimuthLanes azimuths;
   for (int k = 0; k < 3; ++k) azimuths.sun[k] = static_cast<float>(disc_.direction()[k]);
   for (std::size_t i = 0; i < kPacket; ++i) {
@@ -175,7 +168,7 @@ void SlopeLight::gather_sixteen(std::span<const Vec3> places, std::span<SectorLi
     const double phi = (azimuth + 0.5) * 2 * kPi / kAzimuths;
     aim(static_cast<float>(std::cos(phi)), static_cast<float>(std::sin(phi)), lanes, azimuths);
     pieces.clear();
-    find_pieces(grids_, relief_.sphere(), lanes, pieces, horizon);
+    find_pieces(grids_, relief_.sphere(), lanes, pieces);
     auto& sum = sums[azimuth / (kAzimuths / kSectors)];
     for (const SeenPiece& piece : pieces) {
       if (!light_piece(piece, azimuths, light)) continue;

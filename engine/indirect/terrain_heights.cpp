@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "dem/support/parallel.h"
+#include "dem/terrain/surface_place.h"
 #include "engine/scene/mesh.h"
 
 namespace selenograph::engine {
@@ -15,15 +16,11 @@ namespace {
 
 using dem::BlockId;
 
-struct Ticks {
-  double lat, lon;
-};
+using dem::Ticks;
 
-Ticks ticks_of(const Vec3& direction) {
-  const double lat_deg = std::asin(std::clamp(direction.z(), -1.0, 1.0)) * kDegreesPerRadian,
-               lon_deg = std::atan2(direction.y(), direction.x()) * kDegreesPerRadian;
-  const double lon = (lon_deg + 180) * dem::kTicksPerDegree;
-  return {(lat_deg + 90) * dem::kTicksPerDegree, lon < dem::kLonTicks ? lon : 0};
+Ticks ticks_at(const Vec3& direction) {
+  const Geographic place = to_geographic(direction);
+  return dem::ticks_of(place.lat_deg, place.lon_deg);
 }
 
 float height_at(const dem::Block& block, const Ticks& at) {
@@ -58,7 +55,7 @@ class BlocksAround {
     in_parallel_pieces(ids.size(), 4096, [&](std::size_t first, std::size_t past_last) {
       stop.check();
       for (std::size_t i = first; i < past_last; ++i) {
-        ticks_[i] = ticks_of(directions[i]);
+        ticks_[i] = ticks_at(directions[i]);
         ids[i] =
             dem::block_at(level, static_cast<std::int32_t>(ticks_[i].lat), static_cast<std::int32_t>(ticks_[i].lon));
       }

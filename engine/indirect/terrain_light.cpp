@@ -4,10 +4,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <unordered_map>
 
 #include "dem/support/error.h"
 #include "dem/support/parallel.h"
+#include "dem/terrain/surface_place.h"
 #include "engine/radiometry/earth.h"
 #include "engine/scene/node_bounds.h"
 
@@ -45,31 +45,32 @@ TerrainLight::TerrainLight(const FrameRequest& request, const RowViews& views, c
       if (level >= 0) of_blocks[i] = dem::ancestor_of(block.posts->id, std::min(level, block.posts->id.level));
     }
   });
+  std::vector<dem::BlockId> tile_ids;
   for (const dem::BlockId& id : of_blocks)
-    if (id.level >= 0) tile_ids_.push_back(id);
-  std::sort(tile_ids_.begin(), tile_ids_.end());
-  tile_ids_.erase(std::unique(tile_ids_.begin(), tile_ids_.end()), tile_ids_.end());
+    if (id.level >= 0) tile_ids.push_back(id);
+  std::sort(tile_ids.begin(), tile_ids.end());
+  tile_ids.erase(std::unique(tile_ids.begin(), tile_ids.end()), tile_ids.end());
   const Brdf brdf(request.reflectance, band_of(request));
-  if (tile_ids_.size() * LightTiles::kBytesOfTile > tiles.capacity())
+  if (tile_ids.size() * LightTiles::kBytesOfTile > tiles.capacity())
     throw TooMuchTerrain(
         fmt::format("the frame's indirect light is gathered in {} blocks, more than the {} MB for them hold: "
                     "a larger \"spacing_px\" takes fewer",
-                    tile_ids_.size(), tiles.capacity() >> 20),
+                    tile_ids.size(), tiles.capacity() >> 20),
         "indirect");
-  for (const dem::BlockId& id : tile_ids_) {
+  for (const dem::BlockId& id : tile_ids) {
     stop.check();
     tiles_.push_back({tiles.get(id, {terrain, request}, stop), {}});
   }
   in_parallel(tiles_.size(), [&](std::size_t i) { fill(tiles_[i], eye_m, brdf); });
-  link(of_blocks);
+  link(of_blocks, tile_ids);
 }
 
-void TerrainLight::link(const std::vector<dem::BlockId>& of_blocks) {
+void TerrainLight::link(const std::vector<dem::BlockId>& of_blocks, const std::vector<dem::BlockId>& tile_ids) {
   places_.resize(of_blocks.size());
   for (std::size_t i = 0; i < of_blocks.size(); ++i) {
-    const auto found = std::lower_bound(tile_ids_.begin(), tile_ids_.end(), of_blocks[i]);
-    if (found == tile_ids_.end() || *found != of_blocks[i]) continue;
-    const Tile& tile = tiles_[static_cast<std::size_t>(found - tile_ids_.begin())];
+    const auto found = std::lower_bound(tile_ids.begin(), tile_ids.end(), of_blocks[i]);
+    if (found == tile_ids.end() || *found != of_blocks[i]) continue;
+    const Tile& tile = tiles_[static_cast<std::size_t>(found - tile_ids.begin())];
     const dem::BlockExtent &own = mesh_.blocks()[i].posts->extent, &wide = tile.light->extent;
     const auto scale = [](std::int32_t step, std::int32_t of) {
       return static_cast<float>(step) / static_cast<float>(of);
@@ -91,8 +92,7 @@ void TerrainLight::fill(Tile& tile, const Vec3& eye_m, const Brdf& brdf) const {
     const TilePost& post = light.posts[i];
     Post& out = tile.posts[i];
     out = {
-        0, 0, 0, 0, 1, static_cast<float>(earth_w_m2_) * post.earth, static_cast<float>(direct_w_m2_) * post.radiosity,
-        0};
+        0, 0, 0, 0, 1, static_cast<float>(earth_w_m2_) * post.earth, static_cast<float>(direct_w_m2_) * post.radiosity};
     Vec3 sum = Vec3::Zero();
     double fluence = 0;
     for (const Eigen::Vector3f& from : post.light.from)
@@ -131,8 +131,8 @@ void TerrainLight::fill(Tile& tile, const Vec3& eye_m, const Brdf& brdf) const {
 }
 
 TerrainLight::Post TerrainLight::between(std::uint32_t block, float row, float column) const {
-  const Place2& place = places_[block];
-  if (!place.posts) return {0, 0, 0, 0, 1, 0, 0, 0};
+  const BlockPlace& place = places_[block];
+  if (!place.posts) return {0, 0, 0, 0, 1, 0, 0};
   const float y = std::clamp(place.row + row * place.scale_row, 0.F, static_cast<float>(place.side - 1)),
               x = std::clamp(place.column + column * place.scale_column, 0.F, static_cast<float>(place.side - 1));
   const int r = std::min(static_cast<int>(y), place.side - 2), c = std::min(static_cast<int>(x), place.side - 2);
@@ -205,13 +205,13 @@ IndirectIrradiance TerrainLight::Place::on(const Vec3& normal) const {
 TerrainLight::Place TerrainLight::at(const Vec3& place_m) const {
   Place out;
   const Geographic g = to_geographic(place_m);
-  const double lat = (g.lat_deg + 90) * dem::kTicksPerDegree, lon = (g.lon_deg + 180) * dem::kTicksPerDegree;
+  const dem::Ticks ticks = dem::ticks_of(g.lat_deg, g.lon_deg);
   out.up = place_m.normalized();
-  const auto block = mesh_.block_at(static_cast<std::int64_t>(lat), static_cast<std::int64_t>(lon));
+  const auto block = mesh_.block_at(ticks.whole_lat, ticks.whole_lon);
   if (!block) return out;
   const dem::BlockExtent& e = mesh_.blocks()[*block].posts->extent;
-  const Post post =
-      between(*block, static_cast<float>((lat - e.lat0) / e.lat_step), static_cast<float>((lon - e.lon0) / e.lon_step));
+  const Post post = between(*block, static_cast<float>((ticks.lat - e.lat0) / e.lat_step),
+                            static_cast<float>((ticks.lon - e.lon0) / e.lon_step));
   out.terrain = {static_cast<double>(post.x), static_cast<double>(post.y), static_cast<double>(post.z)};
   out.earth = static_cast<double>(post.earth) * earth_;
   out.ground = static_cast<double>(post.ground);

@@ -56,10 +56,9 @@ class TerrainLight {
     float factor;   // see above
     float earth;    // W m-2 at normal incidence
     float ground;   // radiosity of the ground, W m-2
-    float unused;
   };
   // From a block's rows and columns to those of its tile.
-  struct Place2 {
+  struct BlockPlace {
     const Post* posts = nullptr;
     int side = 0;
     float row, column, scale_row, scale_column;
@@ -68,7 +67,7 @@ class TerrainLight {
     std::shared_ptr<const LightTile> light;
     std::vector<Post> posts;
   };
-  void link(const std::vector<dem::BlockId>& of_blocks);
+  void link(const std::vector<dem::BlockId>& of_blocks, const std::vector<dem::BlockId>& tiles);
   void fill(Tile& tile, const Vec3& eye_m, const Brdf& brdf) const;
   Post between(std::uint32_t block, float row, float column) const;
   Post at_lane(const SurfacePoints& points, int lane) const;
@@ -77,9 +76,8 @@ class TerrainLight {
   const Mesh& mesh_;
   double direct_w_m2_, earth_w_m2_ = 0;
   Vec3 earth_ = Vec3::Zero();
-  std::vector<dem::BlockId> tile_ids_;
   std::vector<Tile> tiles_;
-  std::vector<Place2> places_;  // per block of the mesh
+  std::vector<BlockPlace> places_;  // per block of the mesh
 };
 
 }  // namespace selenograph::engine

@@ -157,25 +157,25 @@ bool scaled_albedo(const double* values, double scale, double most, double* albe
 
 }  // namespace
 
-std::vector<ScaledMap> albedo_maps_of(const FrameRequest& request, const StopToken& stop) {
-  std::vector<ScaledMap> maps;
-  for (const auto& map : request.albedo_maps)
-    maps.push_back({{*map, stop}, albedo_scale(*map, request.reflectance, stop)});
-  return maps;
-}
-
-double fallback_albedo(const Reflectance& reflectance) {
-  if (reflectance.model == ReflectanceModel::moon) return 1;
-  return reflectance.model == ReflectanceModel::hapke ? reflectance.hapke.w : reflectance.rho;
-}
-
-MappedSurface::MappedSurface(const FrameRequest& request, const RowViews& views)
-    : request_(request), views_(views), path_w_m2_sr_(radiance_terms(request, black(0)).base_w_m2_sr()) {
+AlbedoMaps::AlbedoMaps(const FrameRequest& request) : maps_(request.albedo_maps) {
   const Reflectance& reflectance = request.reflectance;
   const bool moon = reflectance.model == ReflectanceModel::moon;
   fallback_ = moon ? 1 : reflectance.model == ReflectanceModel::hapke ? reflectance.hapke.w : reflectance.rho;
   most_ = moon ? kMoonMost : reflectance.model == ReflectanceModel::lunar_lambert ? kLunarLambertMaxRho : 1;
-  for (const auto& map : request.albedo_maps) albedo_scales_.push_back(albedo_scale(*map, reflectance, {}));
+  for (const auto& map : maps_) scales_.push_back(albedo_scale(*map, reflectance, {}));
+}
+
+std::vector<ScaledMap> AlbedoMaps::sampled(const StopToken& stop) const {
+  std::vector<ScaledMap> maps;
+  for (std::size_t i = 0; i < maps_.size(); ++i) maps.push_back({{*maps_[i], stop}, scales_[i]});
+  return maps;
+}
+
+MappedSurface::MappedSurface(const FrameRequest& request, const RowViews& views)
+    : request_(request),
+      views_(views),
+      albedo_(request),
+      path_w_m2_sr_(radiance_terms(request, black(0)).base_w_m2_sr()) {
   if (request.temperature_k > 0 || !request.temperature_maps.empty())
     emission_ = std::make_unique<const EmissionTable>(request);
   steps_ = steps_of(views.reference());
@@ -191,8 +191,7 @@ MappedSurface::Steps MappedSurface::steps_of(const View& view) const {
 
 MappedSurface::Sampler MappedSurface::sampler(const StopToken& stop) const {
   Sampler sampler;
-  for (std::size_t i = 0; i < albedo_scales_.size(); ++i)
-    sampler.albedo.push_back({{*request_.albedo_maps[i], stop}, albedo_scales_[i]});
+  sampler.albedo = albedo_.sampled(stop);
   for (const auto& map : request_.temperature_maps) sampler.temperature.push_back({{*map, stop}});
   return sampler;
 }
@@ -253,10 +252,10 @@ void MappedSurface::sample(const SurfacePoints& points, const Rays& rays, Sample
     }
   };
   const std::uint32_t small = small_of(sampler.albedo);
-  if (small != kAllLanes || !scaled_albedo(values, sampler.albedo.front().scale, most_, albedo))
-    each(sampler.albedo, small, fallback_, [&](double value, double share, int i) {
-      if (value > most_ + kRounding) refuse_brightness(value, pixels.at(i), request_, sampler.albedo);
-      albedo[i] += share * std::clamp(value, 0.0, most_);
+  if (small != kAllLanes || !scaled_albedo(values, sampler.albedo.front().scale, albedo_.most(), albedo))
+    each(sampler.albedo, small, albedo_.fallback(), [&](double value, double share, int i) {
+      if (value > albedo_.most() + kRounding) refuse_brightness(value, pixels.at(i), request_, sampler.albedo);
+      albedo[i] += share * std::clamp(value, 0.0, albedo_.most());
     });
   if (!emission_) return;
   alignas(64) double emitted[kPacket] = {};  // eq. (3)

@@ -31,10 +31,26 @@ struct ScaledMap {
   double scale = 1;
 };
 
+// The albedo maps of a request with their factors: maps of I/F become rho, or for `moon` ratios to the mean Moon: to
+// the map's own mean over the near side, so that the disc stays the Moon's; to the preset's I/F if it has none.
+class AlbedoMaps {
+ public:
+  explicit AlbedoMaps(const FrameRequest& request);
+
+  // For one thread; `stop` must outlive it.
+  std::vector<ScaledMap> sampled(const StopToken& stop) const;
+  double fallback() const { return fallback_; }  // the value where no map has one
+  double most() const { return most_; }          // the largest value of a reflectance
+
+ private:
+  std::vector<std::shared_ptr<const dem::ValueMap>> maps_;
+  std::vector<double> scales_;
+  double fallback_, most_;
+};
+
 class MappedSurface {
  public:
-  // `request` and `views` must outlive this object. Maps of I/F become rho, or for `moon` ratios to the mean Moon: to
-  // the map's own mean over the near side, so that the disc stays the Moon's; to the preset's I/F if it has none.
+  // `request` and `views` must outlive this object.
   MappedSurface(const FrameRequest& request, const RowViews& views);
 
   // State of one task; the token that it was made with must outlive it.
@@ -68,15 +84,11 @@ class MappedSurface {
 
   const FrameRequest& request_;
   const RowViews& views_;
-  std::vector<double> albedo_scales_;  // of each albedo map
-  double path_w_m2_sr_, fallback_, most_;
+  AlbedoMaps albedo_;
+  double path_w_m2_sr_;
   std::unique_ptr<const EmissionTable> emission_;
   Steps steps_;  // for the reference view
 };
-
-// The albedo maps of a request with their factors, and the value where none has one: as MappedSurface takes them.
-std::vector<ScaledMap> albedo_maps_of(const FrameRequest& request, const StopToken& stop);
-double fallback_albedo(const Reflectance& reflectance);
 
 // Visits the parts of a footprint as part(value, share of the footprint): for each part the value of the first map that
 // has one, `fallback` where none has.

@@ -34,6 +34,8 @@ BODIES = {
         dict(FRAME, accuracy={}, truth={}, surface={"reflectance": {}}, objects=[OBJECT], products=["lit", "radiance"]),
         dict(FRAME, accuracy={"budget_ms": 50}),
         dict(FRAME, detail="highlands", craters={}),
+        dict(FRAME, indirect={}),
+        dict(FRAME, indirect={"terrain": True, "earth": {"sub_earth": {"lat_deg": 0.0, "lon_deg": 0.0}}}),
         *(dict(FRAME, surface={"reflectance": {"model": model}}) for model in (
             "lambert", "lommel_seeliger", "blinn_phong", "lunar_lambert", "hapke")),
         dict(FRAME, surface={"reflectance": {"model": "hapke", "terms": "2002"}}),

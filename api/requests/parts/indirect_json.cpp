@@ -17,11 +17,8 @@ constexpr Range kEarthDistance_m{1e7, 1e12}, kSpacing_px{0.25, 64};
 std::optional<Earth> resolve_earth(const JsonReader& in, const EarthForm& form, const ReadContext& context) {
   Earth earth;
   if (form.direction) {
-    const std::optional<Vec3> direction = direction_of(*form.direction);
-    if (!direction) {
-      in.fail("direction", "is zero: not a direction");
-      return std::nullopt;
-    }
+    const std::optional<Vec3> direction = direction_member(in, *form.direction);
+    if (!direction) return std::nullopt;
     earth.direction = *direction;
   } else if (form.sub_earth) {
     earth.direction = to_cartesian(*form.sub_earth).normalized();

@@ -26,11 +26,8 @@ const Members<SunLocal>& local_members() {
 std::optional<Sun> resolve_sun(const JsonReader& in, const SunForm& form, const ReadContext&) {
   Sun sun;
   if (form.direction) {
-    const std::optional<Vec3> direction = direction_of(*form.direction);
-    if (!direction) {
-      in.fail("direction", "is zero: not a direction");
-      return std::nullopt;
-    }
+    const std::optional<Vec3> direction = direction_member(in, *form.direction);
+    if (!direction) return std::nullopt;
     sun.direction = *direction;
   }
   if (form.subsolar) sun.direction = to_cartesian(*form.subsolar).normalized();
