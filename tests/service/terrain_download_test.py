@@ -12,6 +12,8 @@ import threading
 import time
 import unittest
 
+from osgeo import gdal
+
 import harness
 from harness import REPOSITORY, Service, frame_request
 
@@ -213,9 +215,11 @@ class Downloads(unittest.TestCase):
     def test_a_colour_map_becomes_an_albedo(self):
         """Fetched into the maps of an assets folder, the Moon Kit is rho as its publisher's equation makes it of the red band."""
         red, assets = 100, harness.path("assets-moon-kit")
-        picture = b"P6 64 32 255\n" + bytes((red, 200, 50)) * (64 * 32)
         made = harness.path("moon-kit.tif")
-        subprocess.run(["gdal_translate", "-q", "-of", "GTiff", "/vsistdin/", made], input=picture, check=True)
+        picture = gdal.GetDriverByName("GTiff").Create(made, 64, 32, 3)
+        for band, value in enumerate((red, 200, 50), 1):
+            picture.GetRasterBand(band).Fill(value)
+        del picture
         with open(made, "rb") as file:
             self.archive.files = {MOON_KIT: file.read()}
         self.folder = os.path.join(assets, "maps")
