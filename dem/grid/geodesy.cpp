@@ -31,6 +31,7 @@ Geographic to_geographic(const Vec3& p_m) {
 }
 
 double wrap_lon_deg(double lon_deg) {
+  if (lon_deg >= -180 && lon_deg < 180) return lon_deg;  // a division less
   const double wrapped = GeographicLib::Math::AngNormalize(lon_deg);
   return wrapped >= 180.0 ? -180.0 : wrapped;
 }

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
+#include <optional>
 
+#include "dem/grid/lattice.h"
 #include "dem/support/parallel.h"
-#include "dem/terrain/surface_place.h"
 #include "engine/indirect/terrain_heights.h"
 #include "engine/radiometry/earth.h"
 #include "engine/radiometry/mapped_surface.h"
@@ -14,82 +14,33 @@
 namespace selenograph::engine {
 namespace {
 
-// Unit directions of a tile's posts.
-std::vector<Vec3> directions_of(const dem::BlockExtent& extent) {
-  std::vector<Vec3> out;
-  for (int r = 0; r <= extent.quads; ++r)
-    for (int c = 0; c <= extent.quads; ++c)
-      out.push_back(to_cartesian({dem::lat_deg_of(extent.lat0 + r * extent.lat_step),
-                                  dem::lon_deg_of(dem::wrap_lon(std::int64_t{extent.lon0} + c * extent.lon_step)), 0})
-                        .normalized());
-  return out;
-}
-
-ReliefShape shape_of(const dem::BlockId& block, const std::vector<Vec3>& directions, const dem::Terrain& terrain) {
-  ReliefShape shape;
-  const dem::BlockExtent e = dem::extent_of(block);
-  shape.centre = to_cartesian({dem::lat_deg_of(e.lat0 + e.quads / 2 * e.lat_step),
-                               dem::lon_deg_of(e.lon0 + e.quads / 2 * e.lon_step), 0})
-                     .normalized();
-  double cosine = 1;
-  for (const Vec3& d : directions) cosine = std::min(cosine, d.dot(shape.centre));
-  shape.half_m = kMoonRadius_m * std::sqrt(1 - cosine * cosine) / cosine;
-  const int finest = std::clamp(terrain.posts_level(block), block.level, block.level + kFiner);
-  shape.spacing_m = dem::post_spacing_m(finest);
-  return shape;
-}
-
-GroundAlbedo albedo_of(const FrameRequest& request, const StopToken& stop) {
+GroundAlbedo albedo_of(const FrameRequest& request) {
   if (request.albedo_maps.empty()) return {};
-  return
-      [known = AlbedoMaps(request), &stop](double size_m, std::span<const Vec3> directions, std::span<float> albedo) {
-        std::vector<ScaledMap> maps = known.sampled(stop);
-        for (std::size_t i = 0; i < directions.size(); ++i) {
-          const Geographic place = to_geographic(directions[i]);
-          double sum = 0;
-          parts_of(maps, {place.lat_deg, place.lon_deg, {size_m, 0}, {0, size_m}}, known.fallback(),
-                   [&](double value, double share) { sum += share * std::clamp(value, 0.0, known.most()); });
-          albedo[i] = static_cast<float>(sum);
-        }
-      };
+  return [known = AlbedoMaps(request)](double size_m, std::span<const Vec3> directions, std::span<float> albedo,
+                                       const StopToken& stop) {
+    std::vector<ScaledMap> maps = known.sampled(stop);
+    for (std::size_t i = 0; i < directions.size(); ++i) {
+      const Geographic place = to_geographic(directions[i]);
+      double sum = 0;
+      parts_of(maps, {place.lat_deg, place.lon_deg, {size_m, 0}, {0, size_m}}, known.fallback(),
+               [&](double value, double share) { sum += share * std::clamp(value, 0.0, known.most()); });
+      albedo[i] = static_cast<float>(sum);
+    }
+  };
 }
 
-std::shared_ptr<LightTile> make_tile(const dem::BlockId& block, const TileLight& of, const StopToken& stop) {
-  const FrameRequest& request = of.request;
-  auto tile = std::make_shared<LightTile>();
-  tile->extent = dem::extent_of(block);
-  const std::vector<Vec3> directions = directions_of(tile->extent);
-  const Relief relief(shape_of(block, directions, of.terrain), heights_of(of.terrain, stop), stop);
-  std::vector<SectorLight> light(directions.size());
-  std::vector<float> radiosity(directions.size());
-  if (request.indirect.terrain) {
-    Reflectance reflectance = request.reflectance;
-    const bool hapke = reflectance.model == ReflectanceModel::hapke;
-    if (!request.albedo_maps.empty()) reflectance.rho = 1;
-    const SlopeLight slopes(
-        relief, {request.sun, 1, Brdf(reflectance, band_of(request)), hapke, albedo_of(request, stop)}, stop);
-    slopes.gather(directions, light, stop);
-    slopes.radiosities(directions, radiosity);
-  }
-  std::vector<float> earth(directions.size());
-  if (request.indirect.earth)
-    find_shares(relief,
-                {relief, request.indirect.earth->direction, earth_radius_deg(request.indirect.earth->distance_m)},
-                directions, earth, stop);
-  std::vector<Relief::Cell> ground(directions.size());
-  relief.ground(directions, ground);
-  const Eigen::Matrix3f back = relief.axes().transpose().cast<float>();
-  for (std::size_t i = 0; i < directions.size(); ++i)
-    tile->posts.push_back({light[i], back * ground[i].normal,
-                           static_cast<float>(static_cast<double>(ground[i].height) + relief.reference_m()),
-                           radiosity[i], earth[i]});
-  return tile;
+SlopeLightSource source_of(const FrameRequest& request) {
+  Reflectance reflectance = request.reflectance;
+  if (!request.albedo_maps.empty()) reflectance.rho = 1;
+  return {request.sun, 1, Brdf(reflectance, band_of(request)), reflectance.model == ReflectanceModel::hapke,
+          albedo_of(request)};
 }
 
-ContentKey key_of(const dem::BlockId& block, const TileLight& of) {
+// Of all that light depends on but the place.
+ContentKey key_of(const TileLight& of) {
   const FrameRequest& q = of.request;
   ContentHash hash;
-  hash.add(block), hash.add(of.terrain.detail_number()), hash.add(q.indirect.terrain);
+  hash.add(of.terrain.detail_number()), hash.add(q.indirect.terrain);
   if (q.indirect.terrain) {
     const Reflectance& r = q.reflectance;
     const HapkeParameters& h = r.hapke;
@@ -106,18 +57,97 @@ ContentKey key_of(const dem::BlockId& block, const TileLight& of) {
   return hash.key();
 }
 
+ContentKey key_of(const ContentKey& light, const LightField& field, int tile) {
+  ContentHash hash;
+  hash.add(light.low), hash.add(light.high), hash.add(field.level), hash.add(field.finest), hash.add(field.band);
+  hash.add(field.cell), hash.add(tile);
+  return hash.key();
+}
+
 }  // namespace
 
-std::shared_ptr<const LightTile> LightTiles::get(const dem::BlockId& block, const TileLight& of,
-                                                 const StopToken& stop) {
-  return tiles_.get(
-      key_of(block, of),
-      [&]() -> decltype(tiles_)::Loaded {
-        auto tile = make_tile(block, of, stop);
-        const std::size_t bytes = tile->bytes();
-        return {std::move(tile), bytes};
+struct LightTiles::Patch {
+  Patch(const LightField& field, const FieldPlane& plane, const TileLight& of, const StopToken& stop)
+      : relief({plane.centre(), plane.half_m(), dem::post_spacing_m(field.finest)}, heights_of(of.terrain, stop), stop),
+        views(relief.views()) {
+    if (of.request.indirect.terrain) slopes.emplace(relief, source_of(of.request));
+    if (const auto& earth = of.request.indirect.earth)
+      disc.emplace(relief, earth->direction, earth_radius_deg(earth->distance_m));
+  }
+  Patch(const Patch&) = delete;
+  Patch& operator=(const Patch&) = delete;
+  std::size_t bytes() const { return sizeof *this + relief.bytes() + (slopes ? slopes->bytes() : 0); }
+
+  // Sixteen posts of a tile, from the relief's post at `row` and `column` on.
+  void fill_row(int row, int column, int stride, std::span<TilePost> out, const StopToken& stop) const {
+    const Eigen::Matrix3f back = relief.axes().transpose().cast<float>();
+    std::array<SectorLight, kPacket> light;
+    for (SectorLight& of_post : light) of_post.from.fill(Eigen::Vector3f::Zero());
+    if (slopes) slopes->gather(row, column, stride, light, stop);
+    MarchLanes lanes = relief.places(row, column, stride);
+    alignas(64) float share[kPacket] = {};
+    if (disc) disc->shares(views, stride, lanes, share);
+    for (int i = 0; i < kPacket; ++i) {
+      const int at = column + i * stride;
+      const std::size_t post =
+          static_cast<std::size_t>(row) * static_cast<std::size_t>(relief.side(0)) + static_cast<std::size_t>(at);
+      out[static_cast<std::size_t>(i)] = {
+          light[static_cast<std::size_t>(i)], back * relief.cell(0, post).normal,
+          static_cast<float>(static_cast<double>(lanes.height[i]) + relief.reference_m()),
+          slopes ? slopes->radiosity(row, at, stop) : 0, share[i]};
+    }
+  }
+
+  Relief relief;
+  std::vector<GridView> views;
+  std::optional<SlopeLight> slopes;
+  std::optional<SkyDisc> disc;  // the Earth
+};
+
+std::shared_ptr<const LightTiles::Patch> LightTiles::patch(const LightField& field, const FieldPlane& plane,
+                                                           const ContentKey& light, const TileLight& of,
+                                                           const StopToken& stop) {
+  return patches_.get(
+      key_of(light, field, -1),
+      [&]() -> decltype(patches_)::Loaded {
+        const auto made = std::make_shared<const Patch>(field, plane, of, stop);
+        return {made, made->bytes()};
       },
       stop);
+}
+
+std::vector<std::shared_ptr<const LightTile>> LightTiles::get(const LightField& field, const FieldPlane& plane,
+                                                              std::span<const int> tiles, const TileLight& of,
+                                                              const StopToken& stop) {
+  const ContentKey light = key_of(of);
+  std::vector<std::shared_ptr<const LightTile>> out;
+  std::vector<std::size_t> missing;
+  for (const int tile : tiles) {
+    out.push_back(tiles_.find(key_of(light, field, tile)).value_or(nullptr));
+    if (!out.back()) missing.push_back(out.size() - 1);
+  }
+  if (missing.empty()) return out;
+  const std::shared_ptr<const Patch> from = patch(field, plane, light, of, stop);
+  in_parallel(missing.size(), [&](std::size_t i) {
+    const int tile = tiles[missing[i]], stride = field.stride(), half = plane.tiles() / 2;
+    const auto first = [&](int of_side) {
+      return from->relief.middle() + (of_side - half) * FieldPlane::kTileQuads * stride;
+    };
+    out[missing[i]] = tiles_.get(
+        key_of(light, field, tile),
+        [&]() -> decltype(tiles_)::Loaded {
+          constexpr std::size_t kSide = FieldPlane::kTileSide;
+          static_assert(kSide == kPacket);
+          auto made = std::make_shared<LightTile>();
+          made->posts.resize(kSide * kSide);
+          for (std::size_t r = 0; r < kSide; ++r)
+            from->fill_row(first(tile / plane.tiles()) + static_cast<int>(r) * stride, first(tile % plane.tiles()),
+                           stride, std::span(made->posts).subspan(r * kSide, kSide), stop);
+          return {std::move(made), sizeof(LightTile) + kSide * kSide * sizeof(TilePost)};
+        },
+        stop);
+  });
+  return out;
 }
 
 }  // namespace selenograph::engine

@@ -1,15 +1,16 @@
-// Indirect light at the posts of one block of the lattice.
+// Indirect light at the posts of a field (light_field.h), tile by tile.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
-#include "dem/grid/lattice.h"
 #include "dem/support/cache.h"
 #include "dem/terrain/terrain.h"
 #include "engine/frame/request.h"
+#include "engine/indirect/light_field.h"
 #include "engine/indirect/slope_light.h"
 #include "engine/support/content_key.h"
 
@@ -24,35 +25,41 @@ struct TilePost {
   float earth;             // share of the Earth's disc that is seen
 };
 
+// FieldPlane::kTileSide squared posts, row-major from the south-west.
 struct LightTile {
-  dem::BlockExtent extent;
-  std::vector<TilePost> posts;  // (quads + 1)^2, row-major from the south-west
-  std::size_t bytes() const { return sizeof(LightTile) + posts.capacity() * sizeof(TilePost); }
+  std::vector<TilePost> posts;
 };
 
-// What the light of a frame's tiles depends on besides the block.
+// What the light of a frame's tiles depends on besides the place.
 struct TileLight {
   const dem::Terrain& terrain;
   const FrameRequest& request;
 };
 
-// Light is gathered at posts kFiner levels coarser than the terrain that it comes from, if that has posts so fine.
-inline constexpr int kFiner = 3;
-
-// Tiles that were made, on a budget: a hovering camera finds them again. Thread-safe.
+// Tiles that were made, on a budget: a hovering camera finds them again. So are the reliefs that they were gathered
+// from, with the Sun on them. Thread-safe.
 class LightTiles {
  public:
-  explicit LightTiles(std::size_t bytes) : tiles_(bytes) {}
+  explicit LightTiles(std::size_t bytes) : tiles_(bytes / 2), patches_(bytes - bytes / 2) {}
 
-  // The same for the same arguments, whatever is kept. Parallel; throws as Terrain::block does.
-  std::shared_ptr<const LightTile> get(const dem::BlockId& block, const TileLight& of, const StopToken& stop);
-  std::size_t bytes() const { return tiles_.bytes(); }
-  std::size_t capacity() const { return tiles_.capacity(); }
-  // Of a tile of 64 quads, with what a frame makes of it.
-  static constexpr std::size_t kBytesOfTile = std::size_t{65} * 65 * (sizeof(TilePost) + 32);
+  // The same for the same arguments, whatever is kept. Parallel; throws as Terrain::block does. The tiles are numbered
+  // row by row; `plane` is the field's.
+  std::vector<std::shared_ptr<const LightTile>> get(const LightField& field, const FieldPlane& plane,
+                                                    std::span<const int> tiles, const TileLight& of,
+                                                    const StopToken& stop);
+  std::size_t bytes() const { return tiles_.bytes() + patches_.bytes(); }
+  std::size_t capacity() const { return tiles_.capacity(); }  // for tiles
+  // Of a tile with what a frame makes of it.
+  static constexpr std::size_t kBytesOfTile =
+      std::size_t{FieldPlane::kTileSide} * FieldPlane::kTileSide * (sizeof(TilePost) + 32);
 
  private:
+  struct Patch;
+  std::shared_ptr<const Patch> patch(const LightField& field, const FieldPlane& plane, const ContentKey& light,
+                                     const TileLight& of, const StopToken& stop);
+
   dem::Cache<ContentKey, LightTile, ContentKeyHash> tiles_;
+  dem::Cache<ContentKey, Patch, ContentKeyHash> patches_;
 };
 
 }  // namespace selenograph::engine

@@ -14,6 +14,12 @@
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
+namespace hn = hwy::HWY_NAMESPACE;
+
+// Loops over lanes that end in a single answer are not vectorised by compilers: they are written out.
+using Sixteen = hn::CappedTag<float, kPacket>;
+inline constexpr int kLanes = static_cast<int>(HWY_MIN(HWY_LANES(float), kPacket));
+
 inline constexpr float kNothing = -std::numeric_limits<float>::infinity();
 
 // The steps of a march: how far, and over which grid.
@@ -22,7 +28,7 @@ class Steps {
   Steps(std::span<const GridView> grids, const MarchSphere& sphere) : grids_(grids), farthest_m_(sphere.farthest_m) {}
   bool next() {
     before_m_ = at_m_;
-    const float step = std::max(grids_.front().spacing_m, at_m_ / kStepsPerDistance);
+    const float step = std::max(grids_.front().spacing_m, at_m_ * (1 / kStepsPerDistance));
     at_m_ += step;
     while (grid_ + 1 < grids_.size() && grids_[grid_ + 1].spacing_m * kPostsPerStep <= step) ++grid_;
     ++number_;
@@ -32,7 +38,7 @@ class Steps {
   // After a share of the last step.
   float at(float share) const { return before_m_ + share * (at_m_ - before_m_); }
   bool looks_ahead() const { return number_ % 4 == 0; }
-  const GridView& grid() const { return grids_[grid_]; }
+  std::size_t grid() const { return grid_; }
 
  private:
   std::span<const GridView> grids_;
@@ -41,63 +47,117 @@ class Steps {
   unsigned number_ = 0;
 };
 
-struct alignas(64) Turns {
-  float per_m[kPacket];  // sine of the angle at the Moon's centre, per metre of the plane, beside the datum's point
-};
-
-void Turn(const MarchSphere& sphere, const MarchLanes& lanes, Turns& out) {
-  const float inverse = 1 / sphere.datum_radius_m;
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) {
-    const float x = lanes.x[i] * inverse, y = lanes.y[i] * inverse, beside = x * lanes.uy[i] - y * lanes.ux[i];
-    out.per_m[i] = inverse * std::sqrt((1 + beside * beside) / (1 + x * x + y * y));
-  }
+// Sine of the angle at the Moon's centre per metre of the plane, next to the datum's point, for the middle lane.
+float TurnPerMetre(const MarchSphere& sphere, const MarchLanes& lanes) {
+  constexpr int kMiddle = kPacket / 2;
+  const float inverse = 1 / sphere.datum_radius_m, x = lanes.x[kMiddle] * inverse, y = lanes.y[kMiddle] * inverse,
+              beside = x * lanes.uy - y * lanes.ux;
+  return inverse * std::sqrt((1 + beside * beside) / (1 + x * x + y * y));
 }
 
-// The tangent of the elevation at which each lane sees the ground at a distance; NaN where there is no data.
-void TangentsAt(const GridView& grid, const MarchSphere& sphere, const MarchLanes& lanes, const Turns& turns,
-                float at_m, float* tangent) {
-  const float inverse = 1 / sphere.datum_radius_m, posts = 1 / grid.spacing_m, first = grid.first_m,
-              radius = sphere.reference_radius_m;
-  const float* heights = grid.heights;
-  const int side = grid.side, last = side - 2;
-  const float end = static_cast<float>(side - 1);
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) {
-    const float x = lanes.x[i] + at_m * lanes.ux[i], y = lanes.y[i] + at_m * lanes.uy[i];
-    const float column = (x - first) * posts, row = (y - first) * posts;
-    int c = static_cast<int>(column), r = static_cast<int>(row);
-    c = c < 0 ? 0 : c, c = c > last ? last : c;
-    r = r < 0 ? 0 : r, r = r > last ? last : r;
-    const float a = column - static_cast<float>(c), b = row - static_cast<float>(r);
-    const int at = r * side + c;
-    const float south = heights[at] + a * (heights[at + 1] - heights[at]);
-    const float north = heights[at + side] + a * (heights[at + side + 1] - heights[at + side]);
-    const float height = south + b * (north - south);
-    const float tx = x * inverse, ty = y * inverse;
-    const float sine = at_m * turns.per_m[i] / std::sqrt(1 + tx * tx + ty * ty), square = sine * sine;
-    // tan of half the angle at the centre: how far the ground falls away.
-    const float half = sine * (0.5F + square * (0.125F + square * 0.0625F));
-    const float value = (height - lanes.height[i]) / ((radius + height) * sine) - half;
-    const bool inside = column >= 0 && row >= 0 && column <= end && row <= end;
-    tangent[i] = inside ? value : std::numeric_limits<float>::quiet_NaN();
+// Columns of sixteen cells of a row, as vectors: the posts west and east of each place, and how far it is between them.
+// `first` is the lane that the vectors begin with.
+template <class D>
+struct Columns {
+  hn::Vec<D> west, east, share;
+};
+
+template <class D>
+HWY_INLINE Columns<D> ColumnsOf(D d, const float* row, const RowOfCells& cells, int first) {
+  const float at = cells.column + static_cast<float>(first) * cells.pitch;
+  const int base = static_cast<int>(at);
+  if (cells.pitch < 1) {
+    const hn::Rebind<std::int32_t, D> di;
+    const auto place = hn::Add(hn::Set(d, at), hn::Mul(hn::Iota(d, 0.F), hn::Set(d, cells.pitch)));
+    const auto whole = hn::ConvertTo(di, place);
+    const auto local = hn::Sub(whole, hn::Set(di, base));
+    const auto values = hn::LoadU(d, row + base);
+    return {hn::TableLookupLanes(values, hn::IndicesFromVec(d, local)),
+            hn::TableLookupLanes(values, hn::IndicesFromVec(d, hn::Add(local, hn::Set(di, 1)))),
+            hn::Sub(place, hn::ConvertTo(d, whole))};
+  }
+  Columns<D> out{hn::Zero(d), hn::Zero(d), hn::Set(d, at - static_cast<float>(base))};
+  if (cells.pitch == 1) {
+    out.west = hn::LoadU(d, row + base), out.east = hn::LoadU(d, row + base + 1);
+  } else if (cells.pitch == 2) {
+    hn::LoadInterleaved2(d, row + base, out.west, out.east);
+  } else {
+    hn::Vec<D> third, fourth;
+    hn::LoadInterleaved4(d, row + base, out.west, out.east, third, fourth);
+  }
+  return out;
+}
+
+RowOfCells CellsAt(const GridView& grid, const MarchLanes& lanes, int stride, float at_m) {
+  const float posts = grid.posts_per_m, row = (lanes.y[0] + at_m * lanes.uy - grid.first_m) * posts;
+  const int whole = static_cast<int>(row);
+  return {whole, (lanes.x[0] + at_m * lanes.ux - grid.first_m) * posts, static_cast<float>(stride) / grid.coarser,
+          row - static_cast<float>(whole)};
+}
+
+bool Inside(const GridView& grid, const RowOfCells& cells) {
+  const float last = static_cast<float>(grid.side - 1);
+  return cells.row >= 0 && cells.row < grid.side - 1 && cells.north >= 0 && cells.column >= 0 &&
+         cells.column + static_cast<float>(kPacket - 1) * cells.pitch < last;
+}
+
+// Of the grids from `grid` on the first that all places meet after that way; past the last: none.
+std::size_t Covering(std::span<const GridView> grids, std::size_t grid, const MarchLanes& lanes, int stride, float at_m,
+                     RowOfCells& cells) {
+  for (; grid < grids.size(); ++grid)
+    if (cells = CellsAt(grids[grid], lanes, stride, at_m); Inside(grids[grid], cells)) break;
+  return grid;
+}
+
+// The tangent of the elevation at which each lane sees the ground at a distance; NaN where there is no data. The angle
+// at the Moon's centre is that of the middle lane.
+void Tangents(std::span<const GridView> grids, std::size_t first, const MarchSphere& sphere, const MarchLanes& lanes,
+              int stride, float per_m, float at_m, float* tangent) {
+  RowOfCells cells;
+  const std::size_t covering = Covering(grids, first, lanes, stride, at_m, cells);
+  if (covering == grids.size()) {
+    for (int i = 0; i < kPacket; ++i) tangent[i] = std::numeric_limits<float>::quiet_NaN();
+    return;
+  }
+  const GridView& grid = grids[covering];
+  constexpr int kMiddle = kPacket / 2;
+  const float inverse = 1 / sphere.datum_radius_m, tx = (lanes.x[kMiddle] + at_m * lanes.ux) * inverse,
+              ty = (lanes.y[0] + at_m * lanes.uy) * inverse, level = tx * tx + ty * ty,
+              // 1 / sqrt(1 + level), up to 1e-6.
+      sine = at_m * per_m * (1 - level * (0.5F - 0.375F * level)), square = sine * sine,
+              half = sine * (0.5F + square * (0.125F + square * 0.0625F)),
+              inverse_radius = 1 / sphere.reference_radius_m, scale = inverse_radius / sine;
+  const float* south_row = grid.heights + static_cast<std::ptrdiff_t>(cells.row) * grid.side;
+  const Sixteen d;
+  const auto one = hn::Set(d, 1.F), north_share = hn::Set(d, cells.north);
+  for (int i = 0; i < kPacket; i += kLanes) {
+    const Columns<Sixteen> s = ColumnsOf(d, south_row, cells, i), n = ColumnsOf(d, south_row + grid.side, cells, i);
+    const auto south = hn::Add(s.west, hn::Mul(s.share, hn::Sub(s.east, s.west)));
+    const auto north = hn::Add(n.west, hn::Mul(n.share, hn::Sub(n.east, n.west)));
+    const auto height = hn::Add(south, hn::Mul(north_share, hn::Sub(north, south)));
+    // 1 / (1 + h / R) to (h / R)^3.
+    const auto part = hn::Mul(height, hn::Set(d, inverse_radius));
+    const auto nearer = hn::Sub(one, hn::Mul(part, hn::Sub(one, part)));
+    const auto rise = hn::Mul(hn::Sub(height, hn::Load(d, lanes.height + i)), hn::Set(d, scale));
+    hn::Store(hn::Sub(hn::Mul(rise, nearer), hn::Set(d, half)), d, tangent + i);
   }
 }
 
 // Whether no ground from here on rises above what any lane has, by more than a strip that sends next to nothing.
 bool Over(const GridView& grid, const MarchSphere& sphere, const MarchLanes& lanes, float at_m, const float* has) {
   constexpr float kStrip = 1.F / 1024;
-  const float radius = sphere.datum_radius_m, highest = grid.highest_m;
-  std::int32_t more = 0;
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) {
-    const float above = highest - lanes.height[i];
+  const Sixteen d;
+  const auto zero = hn::Zero(d), distance = hn::Set(d, at_m), radius = hn::Set(d, sphere.datum_radius_m);
+  for (int i = 0; i < kPacket; i += kLanes) {
+    const auto above = hn::Sub(hn::Set(d, grid.highest_m), hn::Load(d, lanes.height + i));
     // -|a| / t - t / 2R is largest at t = sqrt(2 R |a|).
-    const float turn = std::sqrt(2 * radius * (above < 0 ? -above : 0)), t = turn > at_m ? turn : at_m;
-    const float bound = above / ((above < 0 ? 1.02F : 0.98F) * t) - t / (2.1F * radius);
-    more |= bound > has[i] + kStrip ? 1 : 0;
+    const auto turn = hn::Sqrt(hn::Mul(hn::Add(radius, radius), hn::Max(hn::Neg(above), zero)));
+    const auto t = hn::Max(turn, distance);
+    const auto part = hn::IfThenElse(hn::Lt(above, zero), hn::Set(d, 1.02F), hn::Set(d, 0.98F));
+    const auto bound = hn::Sub(hn::Div(above, hn::Mul(part, t)), hn::Div(t, hn::Set(d, 2.1F * sphere.datum_radius_m)));
+    if (!hn::AllFalse(d, hn::Gt(bound, hn::Add(hn::Load(d, has + i), hn::Set(d, kStrip))))) return false;
   }
-  return more == 0;
+  return true;
 }
 
 // What lanes have found, and what the last step added to it: 0 where it added nothing.
@@ -108,56 +168,68 @@ struct alignas(64) Found {
 // Whether the ground between two steps matters: a lane's crest lies there, or a wall.
 bool Refines(const Found& found, const float* here) {
   constexpr float kCrest = 1.F / 256, kWall = 1.F / 32;
-  std::int32_t any = 0;
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) {
-    const float has = found.tangent[i], now = here[i];
-    const int crest = (now < has) & (found.rise[i] > kCrest), wall = (now > has + kWall) & (has > kNothing);
-    any |= crest | wall;
+  const Sixteen d;
+  for (int i = 0; i < kPacket; i += kLanes) {
+    const auto has = hn::Load(d, found.tangent + i), now = hn::Load(d, here + i), rise = hn::Load(d, found.rise + i);
+    const auto crest = hn::And(hn::Lt(now, has), hn::Gt(rise, hn::Set(d, kCrest)));
+    const auto wall = hn::And(hn::Gt(now, hn::Add(has, hn::Set(d, kWall))), hn::Gt(has, hn::Set(d, kNothing)));
+    if (!hn::AllFalse(d, hn::Or(crest, wall))) return true;
   }
-  return any != 0;
+  return false;
+}
+
+// Whether any lane sees ground that it has not seen.
+bool Sees(const Found& found, const float* here) {
+  const Sixteen d;
+  for (int i = 0; i < kPacket; i += kLanes) {
+    const auto has = hn::Load(d, found.tangent + i);
+    const auto higher = hn::And(hn::Gt(hn::Load(d, here + i), has), hn::Gt(has, hn::Set(d, kNothing)));
+    if (!hn::AllFalse(d, higher)) return true;
+  }
+  return false;
 }
 
 void Rise(const float* here, Found& found) {
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) {
-    const bool higher = here[i] > found.tangent[i];
-    found.rise[i] = higher ? here[i] - found.tangent[i] : 0;
-    found.tangent[i] = higher ? here[i] : found.tangent[i];
+  const Sixteen d;
+  for (int i = 0; i < kPacket; i += kLanes) {
+    const auto has = hn::Load(d, found.tangent + i), now = hn::Load(d, here + i);
+    const auto higher = hn::Gt(now, has);
+    hn::Store(hn::IfThenElseZero(higher, hn::Sub(now, has)), d, found.rise + i);
+    hn::Store(hn::IfThenElse(higher, now, has), d, found.tangent + i);
   }
 }
 
-// see(grid, middle of the step, tangents at its end) for each step, before `found` takes them; enough(found) ends it.
+// see(grid's index, middle of the step, tangents at its end) for each step, before `found` takes them; enough(grid,
+// distance) ends it.
 template <typename See, typename Enough>
-void Go(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, Found& found,
+void Go(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride, Found& found,
         const See& see, const Enough& enough) {
-  Turns turns;
-  Turn(sphere, lanes, turns);
+  const float per_m = TurnPerMetre(sphere, lanes);
   alignas(64) float here[kPacket], between[kPacket];
   for (int i = 0; i < kPacket; ++i) found.tangent[i] = kNothing, found.rise[i] = 0;
   for (Steps steps(grids, sphere); steps.next();) {
-    const GridView& grid = steps.grid();
-    TangentsAt(grid, sphere, lanes, turns, steps.at_m(), here);
+    const std::size_t grid = steps.grid();
+    Tangents(grids, grid, sphere, lanes, stride, per_m, steps.at_m(), here);
     float share = 0;
     if (Refines(found, here)) {
       constexpr float kPart = 0.25F;
       for (; share < 1 - kPart; share += kPart) {
-        TangentsAt(grid, sphere, lanes, turns, steps.at(share + kPart), between);
+        Tangents(grids, grid, sphere, lanes, stride, per_m, steps.at(share + kPart), between);
         see(grid, steps.at(share + kPart / 2), between);
         Rise(between, found);
       }
     }
     see(grid, steps.at((share + 1) / 2), here);
     Rise(here, found);
-    if (steps.looks_ahead() && enough(grid, steps.at_m())) break;
+    if (steps.looks_ahead() && enough(grids[grid], steps.at_m())) break;
   }
 }
 
-void Horizons(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, const float* enough,
-              float* tangent) {
+void Horizons(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
+              const float* enough, float* tangent) {
   Found found;
   Go(
-      grids, sphere, lanes, found, [](const GridView&, float, const float*) {},
+      grids, sphere, lanes, stride, found, [](std::size_t, float, const float*) {},
       [&](const GridView& grid, float at_m) {
         alignas(64) float goal[kPacket];
         for (int i = 0; i < kPacket; ++i) {
@@ -184,50 +256,52 @@ void Integrals(const float* from, const float* to, SeenPiece& piece) {
   }
 }
 
-void CellsBeneath(const GridView& grid, const MarchLanes& lanes, float at_m, SeenPiece& piece) {
-  const float posts = 1 / grid.spacing_m, first = grid.first_m;
-  const int last = grid.side - 2;
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) {
-    const float column = (lanes.x[i] + at_m * lanes.ux[i] - first) * posts,
-                row = (lanes.y[i] + at_m * lanes.uy[i] - first) * posts;
-    int c = static_cast<int>(column), r = static_cast<int>(row);
-    c = c < 0 ? 0 : c, c = c > last ? last : c;
-    r = r < 0 ? 0 : r, r = r > last ? last : r;
-    piece.cell[i] = r * grid.side + c;
-  }
-}
-
-void Pieces(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes,
+void Pieces(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
             std::vector<SeenPiece>& pieces) {
   Found found;
-  const auto see = [&](const GridView& grid, float middle_m, const float* here) {
-    std::int32_t seen = 0;
-    SELENOGRAPH_INDEPENDENT_LANES
-    for (int i = 0; i < kPacket; ++i) seen |= (here[i] > found.tangent[i]) & (found.tangent[i] > kNothing);
-    if (!seen) return;
+  const auto see = [&](std::size_t grid, float middle_m, const float* here) {
+    if (!Sees(found, here)) return;
+    RowOfCells cells;
+    const std::size_t covering = Covering(grids, grid, lanes, stride, middle_m, cells);
+    if (covering == grids.size()) return;
     SeenPiece& piece = pieces.emplace_back();
-    piece.light = grid.light;
+    piece.grid = covering, piece.cells = cells;
     Integrals(found.tangent, here, piece);
-    CellsBeneath(grid, lanes, middle_m, piece);
   };
-  Go(grids, sphere, lanes, found, see,
+  Go(grids, sphere, lanes, stride, found, see,
      [&](const GridView& grid, float at_m) { return Over(grid, sphere, lanes, at_m, found.tangent); });
 }
 
-bool LightPiece(const SeenPiece& piece, const AzimuthLanes& lanes, PieceLight& out) {
-  const GroundLight* light = piece.light;
-  float any = 0;
-  for (int i = 0; i < kPacket; ++i) {
-    const float lit = piece.along[i] > 0 ? light[piece.cell[i]].lit : 0;
-    out.lit[i] = lit, any += lit;
+struct alignas(64) SeenGround {
+  float nx[kPacket], ny[kPacket], lit[kPacket], albedo[kPacket];
+};
+
+void Read(const GroundLight::Values& values, const GridView& grid, const RowOfCells& cells, float* out) {
+  const Sixteen d;
+  const float* row = values.data() + static_cast<std::ptrdiff_t>(cells.row) * grid.side;
+  for (int i = 0; i < kPacket; i += kLanes) hn::Store(ColumnsOf(d, row, cells, i).west, d, out + i);
+}
+
+bool LightPiece(const SeenPiece& piece, const GridView& grid, const AzimuthLanes& lanes, PieceLight& out) {
+  const GroundLight& light = *grid.light;
+  SeenGround ground;
+  Read(light.lit, grid, piece.cells, ground.lit);
+  const Sixteen d;
+  auto most = hn::Zero(d);
+  for (int i = 0; i < kPacket; i += kLanes) {
+    const auto seen = hn::Gt(hn::Load(d, piece.along + i), hn::Zero(d));
+    const auto lit = hn::IfThenElseZero(seen, hn::Load(d, ground.lit + i));
+    hn::Store(lit, d, out.lit + i);
+    most = hn::Max(most, lit);
   }
-  if (!(any > 0)) return false;
+  if (hn::AllFalse(d, hn::Gt(most, hn::Zero(d)))) return false;
+  Read(light.nx, grid, piece.cells, ground.nx), Read(light.ny, grid, piece.cells, ground.ny);
+  Read(light.albedo, grid, piece.cells, ground.albedo);
   const float sx = lanes.sun[0], sy = lanes.sun[1], sz = lanes.sun[2];
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const GroundLight& ground = light[piece.cell[i]];
-    const float nx = ground.nx, ny = ground.ny, square = 1 - nx * nx - ny * ny, nz = std::sqrt(square > 0 ? square : 0);
+    const float nx = ground.nx[i], ny = ground.ny[i], square = 1 - nx * nx - ny * ny,
+                nz = std::sqrt(square > 0 ? square : 0);
     const float level = 1 / std::sqrt(1 + piece.tangent[i] * piece.tangent[i]), upward = piece.tangent[i] * level;
     const float x = level * lanes.along[0][i] + upward * lanes.up[0][i],
                 y = level * lanes.along[1][i] + upward * lanes.up[1][i],
@@ -235,7 +309,7 @@ bool LightPiece(const SeenPiece& piece, const AzimuthLanes& lanes, PieceLight& o
     const float mu0 = nx * sx + ny * sy + nz * sz, mu = -(x * nx + y * ny + z * nz);
     out.mu0[i] = static_cast<double>(mu0 > 1e-9F ? mu0 : 1e-9F), out.mu[i] = static_cast<double>(mu > 0 ? mu : 0);
     out.cos_phase[i] = static_cast<double>(-(x * sx + y * sy + z * sz));
-    out.albedo[i] = static_cast<double>(ground.albedo);
+    out.albedo[i] = static_cast<double>(ground.albedo[i]);
   }
   return true;
 }
@@ -264,18 +338,18 @@ HWY_EXPORT(Pieces);
 HWY_EXPORT(LightPiece);
 HWY_EXPORT(SumPiece);
 
-void find_horizons(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes,
+void find_horizons(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
                    const float* enough, float* tangent) {
-  HWY_DYNAMIC_DISPATCH(Horizons)(grids, sphere, lanes, enough, tangent);
+  HWY_DYNAMIC_DISPATCH(Horizons)(grids, sphere, lanes, stride, enough, tangent);
 }
 
-void find_pieces(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes,
+void find_pieces(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
                  std::vector<SeenPiece>& pieces) {
-  HWY_DYNAMIC_DISPATCH(Pieces)(grids, sphere, lanes, pieces);
+  HWY_DYNAMIC_DISPATCH(Pieces)(grids, sphere, lanes, stride, pieces);
 }
 
-bool light_piece(const SeenPiece& piece, const AzimuthLanes& lanes, PieceLight& out) {
-  return HWY_DYNAMIC_DISPATCH(LightPiece)(piece, lanes, out);
+bool light_piece(const SeenPiece& piece, const GridView& grid, const AzimuthLanes& lanes, PieceLight& out) {
+  return HWY_DYNAMIC_DISPATCH(LightPiece)(piece, grid, lanes, out);
 }
 
 void add_piece(const SeenPiece& piece, const AzimuthLanes& lanes, const PieceLight& light, const double* reflected,

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "dem/support/uninitialised.h"
 #include "engine/support/packet.h"
 
 namespace selenograph::engine {
@@ -12,27 +13,33 @@ namespace selenograph::engine {
 // A march takes so many steps over a distance: steps of a grid's spacing, then longer ones over coarser grids.
 inline constexpr float kStepsPerDistance = 24, kPostsPerStep = 2;
 
-// The Sun on a cell of a grid, between four posts.
-struct alignas(16) GroundLight {
-  float nx, ny;  // of the unit normal, in the grids' axes; its z is positive
-  float lit;     // share of the Sun that is seen; 0 where there is no data
-  float albedo;  // of the ground, where a map says it; else 1
+// The Sun on the cells of a grid, each between four posts, as arrays like the grid's heights.
+struct GroundLight {
+  using Values = dem::UninitialisedVector<float>;
+  Values nx, ny;  // of the unit normal, in the grids' axes; its z is positive
+  Values lit;     // share of the Sun that is seen; 0 where there is no data
+  Values albedo;  // of the ground, where a map says it; else 1
 };
+
+// Rows are read in whole vectors: arrays end with so many elements that no place needs.
+inline constexpr std::size_t kPadding = 4 * kPacket;
 
 // A square grid as marches read it.
 struct GridView {
   const float* heights;      // m above the reference; NaN: no data
   const GroundLight* light;  // of the cell north-east of each post; null: none
   float first_m, spacing_m;  // coordinate of row and column 0; spacing
+  float posts_per_m;         // its inverse
+  float coarser;             // spacing over that of the finest grid: a power of two
   int side;
   float highest_m;  // of this grid and the coarser ones
 };
 
-// Sixteen places in the grids' coordinates, and the direction in which each looks.
+// Sixteen places in a row, equally far apart in x, and the one direction in which they look; the grids' coordinates.
 struct alignas(64) MarchLanes {
-  float x[kPacket], y[kPacket];    // m
-  float height[kPacket];           // m above the reference
-  float ux[kPacket], uy[kPacket];  // unit
+  float x[kPacket], y[kPacket];  // m
+  float height[kPacket];         // m above the reference
+  float ux, uy;                  // unit
 };
 
 struct MarchSphere {
@@ -42,21 +49,28 @@ struct MarchSphere {
 };
 
 // tangent[i]: of the elevation of the horizon that each lane sees in its direction; -infinity where there is nothing.
-// Nothing above `enough[i]` is looked for.
-void find_horizons(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes,
+// Nothing above `enough[i]` is looked for. Places are `stride` of the finest grid's columns apart, a power of two.
+void find_horizons(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
                    const float* enough, float* tangent);
+
+// What places in a row see of a grid after the same way: one row of its cells, at columns `column + i * pitch`.
+struct RowOfCells {
+  int row;
+  float column, pitch;  // pitch: 4, 2, 1, 1/2, ...
+  float north;          // how far beyond the row's posts, 0 to 1
+};
 
 // What sixteen places see along their direction, from the ground up to the horizon.
 struct SeenPiece {
   // Over the piece: integrals over the elevation e of cos^2 e and of sin e cos e; 0 for lanes that see nothing of it.
   alignas(64) float along[kPacket], up[kPacket];
-  alignas(64) float tangent[kPacket];      // of the elevation of its middle
-  alignas(64) std::int32_t cell[kPacket];  // of the grid, beneath its middle: its south-west post
-  const GroundLight* light;
+  alignas(64) float tangent[kPacket];  // of the elevation of its middle
+  std::size_t grid;
+  RowOfCells cells;  // beneath its middle
 };
 
 // Appends what is seen, nearest first, to `pieces`.
-void find_pieces(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes,
+void find_pieces(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
                  std::vector<SeenPiece>& pieces);
 
 // Light that reaches sixteen places along one azimuth.
@@ -71,7 +85,7 @@ struct alignas(64) PieceLight {
   double mu0[kPacket], mu[kPacket], cos_phase[kPacket], albedo[kPacket];
   float lit[kPacket];
 };
-bool light_piece(const SeenPiece& piece, const AzimuthLanes& lanes, PieceLight& out);
+bool light_piece(const SeenPiece& piece, const GridView& grid, const AzimuthLanes& lanes, PieceLight& out);
 
 // Adds what the ground of a piece sends, of mu0 f_r per unit of light: integrals of radiance times the direction.
 void add_piece(const SeenPiece& piece, const AzimuthLanes& lanes, const PieceLight& light, const double* reflected,

@@ -8,16 +8,13 @@
 #include "dem/support/parallel.h"
 
 namespace selenograph::engine {
-namespace {
 
-Eigen::Matrix3d axes_at(const Vec3& centre) {
+Eigen::Matrix3d relief_axes(const Vec3& centre) {
   const EastNorthUp local = local_axes(centre);
   Eigen::Matrix3d axes;
   axes.row(0) = local.east, axes.row(1) = local.north, axes.row(2) = local.up;
   return axes;
 }
-
-}  // namespace
 
 Vec3 Relief::direction(std::size_t grid, std::size_t post, bool middle) const {
   const Grid& g = grids_[grid];
@@ -28,27 +25,27 @@ Vec3 Relief::direction(std::size_t grid, std::size_t post, bool middle) const {
 }
 
 Relief::Relief(const ReliefShape& shape, const ReliefHeights& heights, const StopToken& stop)
-    : shape_(shape), axes_(axes_at(shape.centre)) {
+    : shape_(shape), axes_(relief_axes(shape.centre)) {
   // A grid ends where the next one serves, seen from the farthest place.
   for (double spacing = shape.spacing_m;; spacing *= 2) {
     const double serves = std::min(2.0 * kPostsPerStep * kStepsPerDistance * spacing, shape.farthest_m);
     const int half = static_cast<int>(std::ceil((shape.half_m + serves) / spacing)) + 2;
     Grid& grid = grids_.emplace_back(Grid{2 * half + 1, spacing, {}});
-    grid.heights.resize(static_cast<std::size_t>(grid.side) * static_cast<std::size_t>(grid.side));
+    grid.heights.resize(grid.posts() + kPadding);
     if (serves >= shape.farthest_m) break;
   }
   constexpr std::size_t kPiece = 4096;
   for (std::size_t g = 0; g < grids_.size(); ++g) {
     Grid& grid = grids_[g];
-    std::vector<Vec3> directions(grid.heights.size());
+    std::vector<Vec3> directions(grid.posts());
     in_parallel_pieces(directions.size(), kPiece, [&](std::size_t first, std::size_t past_last) {
       stop.check();
       for (std::size_t i = first; i < past_last; ++i) directions[i] = direction(g, i);
     });
-    heights(grid.spacing_m, directions, grid.heights);
+    heights(grid.spacing_m, directions, std::span(grid.heights).first(grid.posts()));
   }
   const Grid& finest = grids_.front();
-  const float middle = finest.heights[finest.heights.size() / 2];
+  const float middle = finest.heights[finest.posts() / 2];
   reference_m_ = std::isnan(middle) ? 0 : static_cast<double>(middle);
   for (Grid& grid : grids_)
     for (float& h : grid.heights) h -= static_cast<float>(reference_m_);
@@ -58,10 +55,11 @@ std::vector<GridView> Relief::views() const {
   std::vector<GridView> out;
   for (const Grid& grid : grids_)
     out.push_back({grid.heights.data(), nullptr, static_cast<float>(grid.place(0)), static_cast<float>(grid.spacing_m),
-                   grid.side, -std::numeric_limits<float>::infinity()});
+                   static_cast<float>(1 / grid.spacing_m), static_cast<float>(1 << out.size()), grid.side,
+                   -std::numeric_limits<float>::infinity()});
   float highest = -std::numeric_limits<float>::infinity();
   for (std::size_t g = grids_.size(); g-- > 0;) {
-    for (const float h : grids_[g].heights) highest = h > highest ? h : highest;
+    for (const float h : std::span(grids_[g].heights).first(grids_[g].posts())) highest = h > highest ? h : highest;
     out[g].highest_m = highest;
   }
   return out;
@@ -89,40 +87,22 @@ Relief::Cell Relief::cell(std::size_t grid, std::size_t post) const {
   return {(h[0] + h[1] + h[side] + h[side + 1]) / 4, (normal / length).cast<float>()};
 }
 
-MarchLanes Relief::places(std::span<const Vec3> directions) const {
+MarchLanes Relief::places(int row, int column, int stride) const {
   const Grid& g = grids_.front();
   MarchLanes lanes;
-  for (std::size_t i = 0; i < kPacket; ++i) {
-    const Vec3 d = axes_ * directions[std::min(i, directions.size() - 1)];
-    const double x = kMoonRadius_m * d.x() / d.z(), y = kMoonRadius_m * d.y() / d.z();
-    const double column = (x - g.place(0)) / g.spacing_m, row = (y - g.place(0)) / g.spacing_m;
-    const int c = std::clamp(static_cast<int>(column), 0, g.side - 2),
-              r = std::clamp(static_cast<int>(row), 0, g.side - 2);
-    const auto a = static_cast<float>(column - c), b = static_cast<float>(row - r);
-    const float* h =
-        &g.heights[static_cast<std::size_t>(r) * static_cast<std::size_t>(g.side) + static_cast<std::size_t>(c)];
-    const float south = h[0] + a * (h[1] - h[0]), north = h[g.side] + a * (h[g.side + 1] - h[g.side]);
-    lanes.x[i] = static_cast<float>(x), lanes.y[i] = static_cast<float>(y),
-    lanes.height[i] = south + b * (north - south);
+  for (int i = 0; i < kPacket; ++i) {
+    const int at = column + i * stride;
+    lanes.x[i] = static_cast<float>(g.place(at)), lanes.y[i] = static_cast<float>(g.place(row));
+    lanes.height[i] =
+        g.heights[static_cast<std::size_t>(row) * static_cast<std::size_t>(g.side) + static_cast<std::size_t>(at)];
   }
   return lanes;
 }
 
-std::size_t Relief::post_beneath(const MarchLanes& places, std::size_t lane) const {
-  const Grid& g = grids_.front();
-  const auto index = [&](float place) {
-    return static_cast<std::size_t>(
-        std::clamp((static_cast<double>(place) - g.place(0)) / g.spacing_m, 0.0, g.side - 2.0));
-  };
-  return index(places.y[lane]) * static_cast<std::size_t>(g.side) + index(places.x[lane]);
-}
-
-void Relief::ground(std::span<const Vec3> directions, std::span<Cell> out) const {
-  for (std::size_t at = 0; at < directions.size(); at += kPacket) {
-    const std::size_t count = std::min<std::size_t>(kPacket, directions.size() - at);
-    const MarchLanes lanes = places(directions.subspan(at, count));
-    for (std::size_t i = 0; i < count; ++i) out[at + i] = {lanes.height[i], cell(0, post_beneath(lanes, i)).normal};
-  }
+std::size_t Relief::bytes() const {
+  std::size_t sum = 0;
+  for (const Grid& grid : grids_) sum += grid.heights.capacity() * sizeof(float);
+  return sum;
 }
 
 }  // namespace selenograph::engine

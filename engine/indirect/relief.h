@@ -28,6 +28,9 @@ struct ReliefShape {
 // Heights above the datum of unit directions (MOON_ME) from terrain with posts of that spacing, m; NaN: no data.
 using ReliefHeights = std::function<void(double spacing_m, std::span<const Vec3> directions, std::span<float> heights)>;
 
+// Rows: the axes of a relief's grids in MOON_ME, east, north and up at its centre.
+Eigen::Matrix3d relief_axes(const Vec3& centre);
+
 class Relief {
  public:
   Relief(const ReliefShape& shape, const ReliefHeights& heights, const StopToken& stop = {});
@@ -47,16 +50,15 @@ class Relief {
   };
   Cell cell(std::size_t grid, std::size_t post) const;
 
-  // Cells of the finest grid at unit directions, with the height at the place.
-  void ground(std::span<const Vec3> directions, std::span<Cell> out) const;
-  // Places of the coordinates of up to sixteen directions, the last one repeated; their ux and uy are not set.
-  MarchLanes places(std::span<const Vec3> directions) const;
-  // The finest grid's post whose cell a lane of places() is in.
-  std::size_t post_beneath(const MarchLanes& places, std::size_t lane) const;
+  // Sixteen posts of the finest grid, `stride` columns apart; their ux and uy are not set.
+  MarchLanes places(int row, int column, int stride) const;
+  // Row and column of the finest grid's middle, where shape().centre is.
+  int middle() const { return grids_.front().side / 2; }
 
   // For marching. Heights are above reference_m above the datum.
   std::vector<GridView> views() const;
   double reference_m() const { return reference_m_; }
+  std::size_t bytes() const;
   MarchSphere sphere() const {
     return {static_cast<float>(kMoonRadius_m + reference_m_), static_cast<float>(kMoonRadius_m),
             static_cast<float>(shape_.farthest_m)};
@@ -66,7 +68,8 @@ class Relief {
   struct Grid {
     int side;
     double spacing_m;
-    std::vector<float> heights;
+    std::vector<float> heights;  // and kPadding more
+    std::size_t posts() const { return static_cast<std::size_t>(side) * static_cast<std::size_t>(side); }
     double place(double i) const { return (i - (side - 1) / 2.0) * spacing_m; }
   };
   Vec3 at(const Grid& grid, int row, int column) const;

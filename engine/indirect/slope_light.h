@@ -1,15 +1,17 @@
 // Sunlight that terrain reflects onto terrain, once: what arrives at a place from all ground that it sees.
 //
-// From each place, marches along kAzimuths azimuths (march.h) find the ground that is seen and its elevation. The
+// From each place, marches along azimuths (march.h) find the ground that is seen and its elevation. The
 // integrals over elevation are exact for ground of one radiance per step; azimuths are sampled. No random numbers, no
 // noise.
 #pragma once
 
 #include <array>
 #include <functional>
+#include <memory>
 #include <span>
 #include <vector>
 
+#include "dem/support/once.h"
 #include "dem/support/stop_token.h"
 #include "engine/frame/sun.h"
 #include "engine/indirect/relief.h"
@@ -17,7 +19,10 @@
 
 namespace selenograph::engine {
 
-inline constexpr int kAzimuths = 128, kSectors = 8;
+inline constexpr int kSectors = 8;
+// At a low Sun, what is lit is thin strips, which more azimuths are needed to meet.
+inline constexpr int kAzimuths = 64, kAzimuthsAtLowSun = 128;
+inline constexpr double kLowSun_deg = 10;
 
 // What arrives at a place from the ground in each of eight sectors of azimuth: the integral of radiance times the unit
 // vector to where it comes from, W m-2, MOON_ME. Its dot product with a normal is the irradiance.
@@ -27,7 +32,8 @@ struct SectorLight {
 
 // The ground's albedo at unit directions, averaged over that many metres: factors of what the Brdf reflects or, for
 // Hapke's model, w.
-using GroundAlbedo = std::function<void(double size_m, std::span<const Vec3> directions, std::span<float> albedo)>;
+using GroundAlbedo = std::function<void(double size_m, std::span<const Vec3> directions, std::span<float> albedo,
+                                        const StopToken& stop)>;
 
 struct SlopeLightSource {
   Sun sun;
@@ -43,8 +49,9 @@ class SkyDisc {
   SkyDisc(const Relief& relief, const Vec3& direction, double angular_radius_deg);
   const Vec3& direction() const { return direction_; }  // in the grids' axes
 
-  // The share of the disc that each place sees above the horizon of its march; 0 without a height.
-  void shares(std::span<const GridView> grids, MarchLanes& lanes, float* share) const;
+  // The share of the disc that each place sees above its horizon; 0 without a height. Sets the places' direction.
+  // `stride`: see find_horizons().
+  void shares(std::span<const GridView> grids, int stride, MarchLanes& lanes, float* share) const;
 
  private:
   Vec3 direction_;
@@ -52,30 +59,37 @@ class SkyDisc {
   MarchSphere sphere_;
 };
 
-// The share of a disc that is seen from places on the ground. Parallel.
-void find_shares(const Relief& relief, const SkyDisc& disc, std::span<const Vec3> places, std::span<float> out,
-                 const StopToken& stop = {});
-
+// Thread-safe. Ground is lit when first seen: each needs a march of its own.
 class SlopeLight {
  public:
-  // Finds how the Sun lights each post of the relief, which must outlive this object. Parallel.
-  SlopeLight(const Relief& relief, SlopeLightSource source, const StopToken& stop = {});
+  // The relief must outlive this object.
+  SlopeLight(const Relief& relief, SlopeLightSource source);
 
-  // For unit directions (MOON_ME) of places on the ground within ReliefShape::half_m of the centre. Zero where there is
-  // no data. Parallel.
-  void gather(std::span<const Vec3> places, std::span<SectorLight> out, const StopToken& stop = {}) const;
+  // For sixteen posts of the relief's finest grid within ReliefShape::half_m of its centre, `stride` (1, 2 or 4)
+  // columns apart. Zero where there is no data.
+  void gather(int row, int column, int stride, std::span<SectorLight, kPacket> out, const StopToken& stop) const;
 
-  // What the ground itself gives back at these places, W m-2: pi times its radiance to the zenith.
-  void radiosities(std::span<const Vec3> places, std::span<float> out) const;
+  // What the ground itself gives back at a post of the finest grid, W m-2: pi times its radiance to the zenith.
+  float radiosity(int row, int column, const StopToken& stop) const;
+
+  std::size_t bytes() const;
 
  private:
-  void light_cells(std::size_t grid, std::size_t first, std::size_t past_last);
-  void gather_sixteen(std::span<const Vec3> places, std::span<SectorLight> out, std::vector<SeenPiece>& pieces) const;
+  // Squares of cells that are lit together.
+  static constexpr int kSquare = 16;
+  struct Ground {
+    GroundLight light;
+    int squares;  // per side
+    std::unique_ptr<dem::Once[]> lit;
+  };
+  void light_cells(std::size_t grid, int row, int first_column, int last_column, const StopToken& stop) const;
+  void light_square(std::size_t grid, int row, int column, const StopToken& stop) const;
 
   const Relief& relief_;
   SlopeLightSource source_;
   SkyDisc disc_;
-  std::vector<std::vector<GroundLight>> light_;
+  int azimuths_;
+  mutable std::vector<Ground> ground_;
   std::vector<GridView> grids_;
 };
 

@@ -5,11 +5,13 @@
 // mean cosine of incidence, times a factor that makes it exact at the posts.
 #pragma once
 
-#include <memory>
+#include <array>
 #include <vector>
 
 #include "engine/camera/row_views.h"
 #include "engine/frame/request.h"
+#include "engine/indirect/light_field.h"
+#include "engine/indirect/light_lanes.h"
 #include "engine/indirect/light_tile.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/scene/mesh.h"
@@ -24,9 +26,6 @@ struct IndirectIrradiance {
 
 class TerrainLight {
  public:
-  // Ground of pixels larger than this gets no indirect light: at that scale slopes see little of each other.
-  static constexpr double kLargestPixel_m = 240;
-
   // Throws TooMuchTerrain where the posts do not fit into the memory for them. `eye_m`: who looks. `direct_w_m2`: the
   // Sun's, at normal incidence. The other arguments must outlive this object.
   TerrainLight(const FrameRequest& request, const RowViews& views, const Vec3& eye_m, const Mesh& mesh,
@@ -46,38 +45,27 @@ class TerrainLight {
     Vec3 up = Vec3::UnitZ();
     IndirectIrradiance on(const Vec3& normal) const;
   };
-  Place at(const Vec3& place_m) const;
+  Place on_objects(const Vec3& place_m) const;
 
  private:
-  // A post as pixels read it: 32 bytes.
-  struct alignas(32) Post {
-    float x, y, z;  // vector of the light from terrain, W m-2
-    float fluence;  // sum of the sectors' lengths
-    float factor;   // see above
-    float earth;    // W m-2 at normal incidence
-    float ground;   // radiosity of the ground, W m-2
+  using Tile = std::array<LightPost, FieldPlane::kTileSide * FieldPlane::kTileSide>;
+  struct Field {
+    FieldPlane plane;
+    std::vector<const Tile*> tiles;  // row by row; null: not in view
   };
-  // From a block's rows and columns to those of its tile.
-  struct BlockPlace {
-    const Post* posts = nullptr;
-    int side = 0;
-    float row, column, scale_row, scale_column;
-  };
-  struct Tile {
-    std::shared_ptr<const LightTile> light;
-    std::vector<Post> posts;
-  };
-  void link(const std::vector<dem::BlockId>& of_blocks, const std::vector<dem::BlockId>& tiles);
-  void fill(Tile& tile, const Vec3& eye_m, const Brdf& brdf) const;
-  Post between(std::uint32_t block, float row, float column) const;
-  Post at_lane(const SurfacePoints& points, int lane) const;
+  void fill(const LightTile& from, const FieldPlane& plane, int tile, const Vec3& eye_m, const Brdf& brdf,
+            Tile& out) const;
+  LightPost fill(const TilePost& post, const Vec3& toward, const Brdf& brdf) const;
+  LightPlace place_of(std::uint32_t block, const Vec3& place_m) const;
+  LightPost at(std::uint32_t block, const Vec3& place_m) const;
 
   const FrameRequest& request_;
   const Mesh& mesh_;
   double direct_w_m2_, earth_w_m2_ = 0;
   Vec3 earth_ = Vec3::Zero();
   std::vector<Tile> tiles_;
-  std::vector<BlockPlace> places_;  // per block of the mesh
+  std::vector<Field> fields_;
+  std::vector<int> of_block_;  // field of each block of the mesh; -1: none
 };
 
 }  // namespace selenograph::engine

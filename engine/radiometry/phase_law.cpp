@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <numbers>
 
+#include "dem/grid/geodesy.h"
 #include "engine/radiometry/disc_models.h"
 
 namespace selenograph::engine {

@@ -1,6 +1,7 @@
 // Light from terrain and from the Earth, against closed forms.
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <vector>
@@ -37,40 +38,91 @@ struct Bowl {
   }
 };
 
+constexpr double kFlux_w_m2 = 1000, kAlbedo = 0.12;
+
+SlopeLightSource lambert_in(const Sun& sun) {
+  Reflectance lambert;
+  lambert.model = ReflectanceModel::lambert, lambert.rho = kAlbedo;
+  return {sun, kFlux_w_m2, Brdf(lambert), false, {}};
+}
+
+// check(east and north of the relief's centre in metres, light) for its posts in steps of `stride`.
+template <typename Check>
+void for_posts(const Relief& relief, const SlopeLight& light, int stride, double within_m, const Check& check) {
+  const double spacing_m = relief.shape().spacing_m;
+  const int half = static_cast<int>(within_m / spacing_m), middle = relief.middle();
+  std::array<SectorLight, kPacket> found;
+  for (int row = -half; row <= half; row += stride)
+    for (int column = -half; column <= half; column += kPacket * stride) {
+      light.gather(middle + row, middle + column, stride, found, {});
+      for (int i = 0; i < kPacket; ++i) {
+        Vec3 all = Vec3::Zero();
+        for (const Eigen::Vector3f& from : found[static_cast<std::size_t>(i)].from) all += from.cast<double>();
+        check((column + i * stride) * spacing_m, row * spacing_m, all);
+      }
+    }
+}
+
 TEST(IndirectLight, TheFirstBounceInABowlIsTheSameEverywhere) {
-  constexpr double kFlux_w_m2 = 1000, kAlbedo = 0.12;
   for (const double ratio : {5.0, 8.0, 14.0}) {
     const Bowl bowl{2000, 2000 / ratio};
-    const Relief relief({bowl.centre, 1000, 2000.0 / 256, 20000},
+    const Relief relief({bowl.centre, 2500, 2000.0 / 256, 20000},
                         [&](double, std::span<const Vec3> directions, std::span<float> heights) {
                           for (std::size_t i = 0; i < heights.size(); ++i)
                             heights[i] = static_cast<float>(bowl.height(directions[i]));
                         });
-    std::vector<Vec3> places;
-    for (double x = -900; x <= 900; x += 150)
-      for (double y = -900; y <= 900; y += 150)
-        if (std::hypot(x, y) < 950)
-          places.push_back((bowl.centre * kMoonRadius_m + x * bowl.axes.east + y * bowl.axes.north).normalized());
     for (const double elevation_deg : {10.0, 20.0, 40.0}) {
-      Reflectance lambert;
-      lambert.model = ReflectanceModel::lambert, lambert.rho = kAlbedo;
       Sun sun;
       sun.direction = sun_direction(bowl.axes, 70, elevation_deg);
-      const SlopeLight light(relief, {sun, kFlux_w_m2, Brdf(lambert), false, {}});
-      std::vector<SectorLight> found(places.size());
-      light.gather(places, found);
+      const SlopeLight light(relief, lambert_in(sun));
       const double truth = bowl.first_bounce(kFlux_w_m2, elevation_deg, kAlbedo);
       double sum = 0;
-      for (std::size_t i = 0; i < places.size(); ++i) {
-        Vec3 all = Vec3::Zero();
-        for (const Eigen::Vector3f& from : found[i].from) all += from.cast<double>();
-        const double irradiance = all.dot(bowl.normal(places[i]));
-        EXPECT_NEAR(irradiance, truth, 0.05 * truth) << ratio << " " << elevation_deg;
-        sum += irradiance;
-      }
-      EXPECT_NEAR(sum / static_cast<double>(places.size()), truth, 0.02 * truth) << ratio << " " << elevation_deg;
+      int count = 0;
+      for (const int stride : {2, 4})
+        for_posts(relief, light, stride, 950, [&](double east_m, double north_m, const Vec3& arrives) {
+          if (std::hypot(east_m, north_m) > 950) return;
+          const Vec3 place =
+              (bowl.centre * kMoonRadius_m + east_m * bowl.axes.east + north_m * bowl.axes.north).normalized();
+          const double irradiance = arrives.dot(bowl.normal(place));
+          EXPECT_NEAR(irradiance, truth, 0.05 * truth) << ratio << " " << elevation_deg;
+          sum += irradiance, ++count;
+        });
+      EXPECT_GT(count, 5000);
+      EXPECT_NEAR(sum / count, truth, 0.02 * truth) << ratio << " " << elevation_deg;
     }
   }
+}
+
+// A long trench with plane walls: a strip that a place sees under angles a to b from its normal, across the strip,
+// sends (sin b - sin a) / 2 of what its ground gives back.
+TEST(IndirectLight, WallsOfATrenchLightEachOther) {
+  constexpr double kHalfWidth_m = 500, kSlope_deg = 25;
+  const double slope = std::tan(kSlope_deg * kRadiansPerDegree);
+  const Vec3 centre = to_cartesian({-30, 100, 0}).normalized();
+  const EastNorthUp axes = local_axes(centre);
+  const auto east_m = [&](const Vec3& d) { return d.dot(axes.east) / d.dot(axes.up) * kMoonRadius_m; };
+  const Relief relief(
+      {centre, 1500, 4, 60000}, [&](double, std::span<const Vec3> directions, std::span<float> heights) {
+        for (std::size_t i = 0; i < heights.size(); ++i)
+          heights[i] = static_cast<float>(-slope * std::max(kHalfWidth_m - std::abs(east_m(directions[i])), 0.0));
+      });
+  Sun sun;
+  sun.direction = sun_direction(axes, 90, 40);
+  const SlopeLight light(relief, lambert_in(sun));
+  const auto normal_at = [&](double east) { return (-std::copysign(slope, east) * axes.east + axes.up).normalized(); };
+  int count = 0;
+  for_posts(relief, light, 4, 400, [&](double east, double, const Vec3& arrives) {
+    if (std::abs(east) < 40 || std::abs(east) > 400) return;
+    const Vec3 normal = normal_at(east), other = normal_at(-east);
+    // From the bottom, where the other wall begins, to its upper edge.
+    const Vec3 edge =
+        (-std::copysign(kHalfWidth_m, east) - east) * axes.east + slope * (kHalfWidth_m - std::abs(east)) * axes.up;
+    const Vec3 upward = (std::copysign(1.0, east) * axes.east + slope * axes.up).normalized();
+    const double truth = kFlux_w_m2 * other.dot(sun.direction) * kAlbedo * (edge.normalized().dot(upward) + 1) / 2;
+    EXPECT_NEAR(arrives.dot(normal), truth, 0.02 * truth) << east;
+    ++count;
+  });
+  EXPECT_GT(count, 500);
 }
 
 // 0.084 W m-2 at full Earth over all wavelengths; at quarter Earth by the phase law 10^(-0.4 * 1.568).

@@ -400,7 +400,7 @@ void ObjectsInFrame::radiances(const ObjectLanes& lanes, const Rays& rays, const
     if (indirect) {
       // It comes from many sides: as from halfway up.
       constexpr double kHalfway = 0.5;
-      const IndirectIrradiance light = indirect->at(lanes.points.position(i)).on(lanes.shading.normal(i));
+      const IndirectIrradiance light = indirect->on_objects(lanes.points.position(i)).on(lanes.shading.normal(i));
       base[i] += static_cast<float>((light.terrain + light.earth) *
                                     finish.brdf(kHalfway, std::max(lanes.shading.mu[i], 0.0), 0));
     }

@@ -1,0 +1,53 @@
+// Where indirect light is gathered: square fields of posts, each in the gnomonic plane of one relief (relief.h).
+//
+// The Moon is divided into bands of latitude, and these into cells about as wide as high, so that a pole is no case. A
+// field reaches beyond its cell, by as much as a block of the lattice whose middle is in the cell does.
+#pragma once
+
+#include <Eigen/Core>
+#include <compare>
+#include <cstdint>
+
+#include "dem/grid/geodesy.h"
+
+namespace selenograph::engine {
+
+// Light is gathered at posts of a level, from terrain of up to kFiner levels more.
+inline constexpr int kFiner = 2;
+
+struct LightField {
+  std::int32_t level, finest;  // of the posts, and of the terrain
+  std::int32_t band, cell;
+  int stride() const { return 1 << (finest - level); }  // of the relief's posts from one post to the next
+  auto operator<=>(const LightField&) const = default;
+};
+
+LightField light_field_at(int level, int finest, double lat_deg, double lon_deg);
+
+// A field's posts, in tiles of 16 x 16: adjacent tiles share a row or a column.
+class FieldPlane {
+ public:
+  static constexpr int kTileQuads = 15, kTileSide = kTileQuads + 1;
+  explicit FieldPlane(const LightField& field);
+
+  const Vec3& centre() const { return centre_; }  // unit
+  int tiles() const { return tiles_; }            // per side; even
+  double spacing_m() const { return spacing_m_; }
+  double half_m() const { return tiles_ / 2 * kTileQuads * spacing_m_; }
+  // Column and row of any place on or near the ground, from the south-west post.
+  Eigen::Vector2d place(const Vec3& position_m) const {
+    const Vec3 d = posts_ * position_m;
+    return {d.x() / d.z() + middle(), d.y() / d.z() + middle()};
+  }
+  Vec3 direction(int column, int row) const;  // unit, MOON_ME
+
+ private:
+  double middle() const { return tiles_ / 2 * kTileQuads; }
+
+  Vec3 centre_;
+  Eigen::Matrix3d axes_, posts_;  // the plane's axes; scaled so that quotients are posts
+  double spacing_m_;
+  int tiles_;
+};
+
+}  // namespace selenograph::engine
