@@ -4,20 +4,15 @@
 
 #include <cmath>
 
+#include "api/answers/table_cell.h"
+
 namespace selenograph::api {
-namespace {
-
-std::string value(double number, const char* format = "{:.6g}") {
-  return std::isnan(number) ? std::string() : fmt::format(fmt::runtime(format), number);
-}
-
-}  // namespace
 
 std::string slopes_csv(const GroundReport& report) {
   std::string out = "baseline_m,rms_deg,median_deg,hurst,craters_share,relief_share,published_median_deg\n";
   for (const engine::SlopeRow& r : report.slopes)
     out += fmt::format("{:g},{:.4f},{:.4f},{},{:.4f},{:.4f},{}\n", r.baseline_m, r.rms_deg, r.median_deg,
-                       value(r.hurst, "{:.4f}"), r.craters_share, r.relief_share, value(r.published_deg, "{:.4f}"));
+                       cell(r.hurst, "{:.4f}"), r.craters_share, r.relief_share, cell(r.published_deg, "{:.4f}"));
   return out;
 }
 
@@ -36,7 +31,7 @@ std::string ground_markdown(const GroundReport& report) {
   for (const engine::SlopeRow& r : report.slopes)
     out +=
         fmt::format("| {:g} | {:.2f} | {:.2f} | {} | {} | {:.2f} | {:.2f} |\n", r.baseline_m, r.rms_deg, r.median_deg,
-                    value(r.published_deg, "{:.2f}"), value(r.hurst, "{:.2f}"), r.craters_share, r.relief_share);
+                    cell(r.published_deg, "{:.2f}"), cell(r.hurst, "{:.2f}"), r.craters_share, r.relief_share);
   out += "\n| diameters, m | the law's, per km^2 | visible, over the law's |\n|---|---|---|\n";
   for (const engine::CraterRow& r : report.craters)
     out += fmt::format("| {:g} to {:g} | {:.4g} | {:.2f} |\n", r.diameter_m,

@@ -7,14 +7,12 @@
 #include <iterator>
 #include <map>
 
+#include "api/answers/table_cell.h"
+
 namespace selenograph::api {
 namespace {
 
 using engine::DiscRow;
-
-std::string cell(double value, const char* format = "{:.6g}") {
-  return std::isnan(value) ? std::string() : fmt::format(fmt::runtime(format), value);
-}
 
 std::string quoted(const std::string& text) { return text.find(',') == std::string::npos ? text : "\"" + text + "\""; }
 

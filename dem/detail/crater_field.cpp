@@ -31,6 +31,9 @@ CraterField::CraterField(const CraterLaw& law, const Region& of_centres)
       region_(of_centres),
       cells_(law.seed, law.frequency, law.smallest_m, law.largest_m) {}
 
+// Numbers that it draws.
+constexpr std::uint32_t kDrawsOfCrater = 5;
+
 std::optional<Crater> CraterField::made(Draws& draws, const Vec3& centre, double diameter_m) const {
   const CraterAges::Life life = ages_.life(diameter_m);
   const double formed = draws.uniform(), when = draws.uniform();
@@ -53,10 +56,11 @@ void CraterField::near(int octave, const Vec3& direction, double radius_m, std::
   const double reach_m = CraterShape::reach(CraterShape::kOldest) * cells_.largest_m(octave) / 2;
   cells_.near(octave, direction, (radius_m + reach_m) / kMoonRadius_m, stop,
               [&](Draws& draws, const Vec3& centre, double diameter_m) {
+                const double away_m = (centre - direction).norm() * kMoonRadius_m - radius_m;
+                if (away_m > CraterShape::reach(CraterShape::kOldest) * diameter_m / 2)
+                  return draws.skip(kDrawsOfCrater);
                 const auto crater = made(draws, centre, diameter_m);
-                if (crater && (centre - direction).norm() * kMoonRadius_m <= radius_m + crater->reach_m() &&
-                    region_.holds(centre))
-                  out.push_back(*crater);
+                if (crater && away_m <= crater->reach_m() && region_.holds(centre)) out.push_back(*crater);
               });
 }
 

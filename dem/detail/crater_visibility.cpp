@@ -30,14 +30,8 @@ std::vector<double> heights_of(const Detail& detail, int octave, const Middle& m
                south = middle.lat_deg * kRadiansPerDegree - step * (kSquarePosts / 2),
                lon_step = step / std::cos(middle.lat_deg * kRadiansPerDegree),
                west = middle.lon_deg * kRadiansPerDegree - lon_step * (kSquarePosts / 2);
-  std::array<std::vector<double>, 4> table;
-  for (auto& t : table) t.resize(kSquarePosts);
-  for (std::size_t i = 0; i < kSquarePosts; ++i) {
-    const double lat = south + static_cast<double>(i) * step, lon = west + static_cast<double>(i) * lon_step;
-    table[0][i] = std::sin(lat), table[1][i] = std::cos(lat), table[2][i] = std::sin(lon), table[3][i] = std::cos(lon);
-  }
   std::vector<double> heights(static_cast<std::size_t>(kSquarePosts) * kSquarePosts);
-  detail.add_octave({table[0], table[1], table[2], table[3], west, lon_step}, octave, heights, stop);
+  detail.add_octave(SquareGrid(south, step, west, lon_step, kSquarePosts).grid(), octave, heights, stop);
   return heights;
 }
 

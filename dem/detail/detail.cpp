@@ -1,7 +1,6 @@
 #include "dem/detail/detail.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
 #include <utility>
@@ -56,18 +55,11 @@ Detail::Detail(const DetailPreset& preset)
   // every machine.
   constexpr int kSide = 192;
   for (int octave = craters_.smallest_octave(); octave <= craters_.largest_octave(); ++octave) {
-    std::array<std::vector<double>, 4> table;
-    for (auto& t : table) t.resize(kSide);
     // A square of 64 diameters at the equator, where a grid is square.
     const double step = std::ldexp(64.0, octave) / kSide / kMoonRadius_m;
-    for (int i = 0; i < kSide; ++i) {
-      const auto n = static_cast<std::size_t>(i);
-      table[0][n] = std::sin(i * step), table[1][n] = std::cos(i * step);
-      table[2][n] = std::sin(1 + i * step), table[3][n] = std::cos(1 + i * step);
-    }
     std::vector<double> heights(kSide * kSide);
     means_m_.push_back(0);
-    add_craters({table[0], table[1], table[2], table[3], 1, step}, octave, {}, heights, {}, {});
+    add_craters(SquareGrid(0, step, 1, step, kSide).grid(), octave, {}, heights, {}, {});
     double sum = 0;
     for (const double h : heights) sum += h;
     means_m_.back() = sum / (kSide * kSide);

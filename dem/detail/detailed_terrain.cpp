@@ -21,10 +21,8 @@ namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-std::int64_t floor_to(std::int64_t value, std::int64_t step) {
-  const std::int64_t rest = value % step;
-  return value - (rest < 0 ? rest + step : rest);
-}
+// Steps of the lattice are powers of two.
+std::int64_t floor_to(std::int64_t value, std::int64_t step) { return value & -step; }
 
 // Weighted without those that weigh nothing, which may be voids.
 double weighted(double weight, double value) { return weight == 0 ? 0 : weight * value; }
@@ -36,11 +34,16 @@ BlockId key_of(int number, int kind, const BlockId& id) {
   return {kManyLevels * (2 * number + kind) + id.level, id.row, id.col};
 }
 
-std::shared_ptr<Block> empty_block(const BlockId& id) {
+std::shared_ptr<Block> empty_block(const BlockId& id, const BlockExtent& extent) {
   auto block = std::make_shared<Block>();
-  block->id = id, block->extent = extent_of(id);
+  block->id = id, block->extent = extent;
   fill_trigonometry(*block);
   return block;
+}
+
+// A block's posts and those beside them that normals and bends are made of.
+BlockExtent with_halo(const BlockExtent& e) {
+  return {e.lat0 - kHalo * e.lat_step, e.lon0 - kHalo * e.lon_step, e.lat_step, e.lon_step, e.quads + 2 * kHalo};
 }
 
 // A block's places by rows and columns from its first post on: between the posts, beside them, beyond the block. Past a
@@ -284,13 +287,30 @@ std::optional<HeightRange> DetailedTerrain::heights_without_building(const Block
 }
 
 std::shared_ptr<const Block> DetailedTerrain::block(const BlockId& id, const StopToken& stop) const {
+  return known_or(id, stop, [&] { return kept(Kind::made, id, stop, [&] { return made(id, stop); }); });
+}
+
+std::shared_ptr<const Block> DetailedTerrain::block_or_quad(const BlockId& id, std::int32_t lat, std::int32_t lon,
+                                                            const StopToken& stop) const {
+  const BlockExtent e = extent_of(id);
+  return known_or(id, stop, [&] {
+    const auto first = [](std::int32_t place, std::int32_t from, std::int32_t step) {
+      return from + (place - from) / step * step;
+    };
+    return quad(id, {first(lat, e.lat0, e.lat_step), first(lon, e.lon0, e.lon_step), e.lat_step, e.lon_step, 1}, stop);
+  });
+}
+
+template <typename Make>
+std::shared_ptr<const Block> DetailedTerrain::known_or(const BlockId& id, const StopToken& stop,
+                                                       const Make& make) const {
   if (!has_detail(id)) return plain_->block(id, stop);
   if (const auto here = plain_->blocks().find(key_of(number_, static_cast<int>(Kind::made), id))) return *here;
   // As of the plain terrain's blocks: a pyramid is waited for out here, and who begins to make a block has his place in
   // the arena, which those who wait for the block may have taken all the others of.
   if (!of_coarse_posts_alone(id)) plain_->node(ancestor_of(id, std::min(id.level, plain_->posts_level(id))), stop);
   std::shared_ptr<const Block> block;
-  where_loops_run([&] { block = kept(Kind::made, id, stop, [&] { return made(id, stop); }); });
+  where_loops_run([&] { block = make(); });
   return block;
 }
 
@@ -319,7 +339,7 @@ std::shared_ptr<const Block> DetailedTerrain::corrected(const BlockId& id, const
 std::shared_ptr<Block> DetailedTerrain::posts_beneath(const BlockId& id, const StopToken& stop) const {
   const BlockId root = id.level <= kRootLevel ? id : ancestor_of(id, kRootLevel);
   PostsOfBlock posts = compose_block(root, id, plain_->post_source(), layers_.files_up_to(id.level), stop);
-  auto block = empty_block(id);
+  auto block = empty_block(id, extent_of(id));
   const int side = block->side(), wide = side + 2 * kHalo;
   bool any = false;
   for (int r = 0; r < side; ++r)
@@ -381,7 +401,7 @@ std::vector<double> DetailedTerrain::cell_means(const BlockId& id, int around, c
   return means;
 }
 
-// Of a block and of kHalo posts around it, row by row.
+// At posts of an extent, row by row.
 struct DetailedTerrain::Surface {
   std::vector<double> posts_m, heights_m;  // without detail, with it
   std::vector<float> in_crater;
@@ -390,9 +410,9 @@ struct DetailedTerrain::Surface {
   double left_out_m;
 };
 
-DetailedTerrain::Surface DetailedTerrain::surface_of(const BlockId& id, int posts_level, const StopToken& stop) const {
-  const BlockExtent e = extent_of(id);
-  const int side = e.quads + 1 + 2 * kHalo;
+DetailedTerrain::Surface DetailedTerrain::surface_of(const BlockId& id, const BlockExtent& e, int posts_level,
+                                                     const StopToken& stop) const {
+  const int side = e.quads + 1;
   const auto n = static_cast<std::size_t>(side);
   const bool finer = id.level > posts_level;
   PostsAround posts(*this, finer ? posts_level : id.level,
@@ -401,10 +421,10 @@ DetailedTerrain::Surface DetailedTerrain::surface_of(const BlockId& id, int post
   out.sources.reserve(n * n);
   std::vector<std::int64_t> lons;
   lons.reserve(n);
-  for (int i = 0; i < side; ++i) lons.push_back(e.lon0 + std::int64_t{i - kHalo} * e.lon_step);
+  for (int i = 0; i < side; ++i) lons.push_back(e.lon0 + std::int64_t{i} * e.lon_step);
   for (int r = 0; r < side; ++r) {
     stop.check();
-    const std::int64_t lat = e.lat0 + std::int64_t{r - kHalo} * e.lat_step;
+    const std::int64_t lat = e.lat0 + std::int64_t{r} * e.lat_step;
     posts.row(lat, lons, out.heights_m.data() + static_cast<std::size_t>(r) * n);
     for (const std::int64_t lon : lons) out.sources.push_back(posts.source(lat, lon));
   }
@@ -414,17 +434,16 @@ DetailedTerrain::Surface DetailedTerrain::surface_of(const BlockId& id, int post
     out.ground.assign(n * n, Ground::dem);
     return out;
   }
-  detail_->add(Places(e, -kHalo, 1, side).grid(), id.level, posts_level, out.heights_m, out.in_crater, stop);
+  detail_->add(Places(e, 0, 1, side).grid(), id.level, posts_level, out.heights_m, out.in_crater, stop);
   out.left_out_m = detail_->left_out_m(id.level, posts_level);
   out.ground.assign(n * n, detail_->has_relief(id.level, posts_level) ? Ground::relief : Ground::dem);
   return out;
 }
 
 // Where a layer begins to count, its own ground over that of those beneath.
-void DetailedTerrain::blend(Surface& below, const Surface& above, const BlockId& id,
+void DetailedTerrain::blend(Surface& below, const Surface& above, const BlockId& id, const BlockExtent& e,
                             const LayeredPosts::Layer& layer) const {
-  const BlockExtent e = extent_of(id);
-  const int side = e.quads + 1 + 2 * kHalo;
+  const int side = e.quads + 1;
   const LayeredPosts::Shares shares = layers_.shares(layer, id);
   // To the bit one or the other beyond the band: blocks there don't look at both.
   const auto mixed = [](double share, double a, double b) {
@@ -433,8 +452,7 @@ void DetailedTerrain::blend(Surface& below, const Surface& above, const BlockId&
   std::size_t at = 0;
   for (int r = 0; r < side; ++r)
     for (int c = 0; c < side; ++c, ++at) {
-      double lat_deg = -90 + (e.lat0 + static_cast<double>(r - kHalo) * e.lat_step) / kTicksPerDegree,
-             lon_deg = -180 + (e.lon0 + static_cast<double>(c - kHalo) * e.lon_step) / kTicksPerDegree;
+      double lat_deg = lat_deg_of(e.lat0 + r * e.lat_step), lon_deg = lon_deg_of(e.lon0 + c * e.lon_step);
       if (std::abs(lat_deg) > 90) lat_deg = std::copysign(180, lat_deg) - lat_deg, lon_deg += 180;
       const auto [of_posts, of_detail] = shares.at(lat_deg, lon_deg);
       if (of_posts == 0 && of_detail == 0) continue;
@@ -449,14 +467,28 @@ void DetailedTerrain::blend(Surface& below, const Surface& above, const BlockId&
   below.left_out_m = std::max(below.left_out_m, above.left_out_m);
 }
 
+DetailedTerrain::Surface DetailedTerrain::composed(const BlockId& id, const BlockExtent& e,
+                                                   const StopToken& stop) const {
+  const LayeredPosts::Layers layers = layers_.of(id);
+  Surface surface = surface_of(id, e, layers->front().level, stop);
+  for (auto layer = layers->begin() + 1; layer != layers->end(); ++layer)
+    blend(surface, surface_of(id, e, layer->level, stop), id, e, *layer);
+  return surface;
+}
+
+std::shared_ptr<const Block> DetailedTerrain::quad(const BlockId& id, const BlockExtent& e,
+                                                   const StopToken& stop) const {
+  auto block = empty_block(id, e);
+  for (const double height_m : composed(id, e, stop).heights_m)
+    block->vertices.push_back({static_cast<float>(height_m), Eigen::Vector3f::Zero()});
+  return block;
+}
+
 std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, const StopToken& stop) const {
-  auto block = empty_block(id);
+  auto block = empty_block(id, extent_of(id));
   const BlockExtent& e = block->extent;
   const auto n = static_cast<std::size_t>(e.quads + 1 + 2 * kHalo);
-  const LayeredPosts::Layers layers = layers_.of(id);
-  Surface surface = surface_of(id, layers->front().level, stop);
-  for (auto layer = layers->begin() + 1; layer != layers->end(); ++layer)
-    blend(surface, surface_of(id, layer->level, stop), id, *layer);
+  const Surface surface = composed(id, with_halo(e), stop);
   const bool everywhere = detail_->preset().region.everywhere();
 
   std::vector<float> rounded(surface.heights_m.begin(), surface.heights_m.end());

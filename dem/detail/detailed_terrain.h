@@ -40,6 +40,8 @@ class DetailedTerrain final : public Terrain {
   std::optional<HeightRange> heights_without_building(const BlockId& id, const StopToken& stop = {}) const override;
   bool waits_for_network(const BlockId& id) const override { return plain_->waits_for_network(id); }
   std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const override;
+  std::shared_ptr<const Block> block_or_quad(const BlockId& id, std::int32_t lat, std::int32_t lon,
+                                             const StopToken& stop = {}) const override;
   bool has_replacements() const override { return plain_->has_replacements(); }
 
  private:
@@ -55,9 +57,18 @@ class DetailedTerrain final : public Terrain {
   // none.
   std::shared_ptr<Block> posts_beneath(const BlockId& id, const StopToken& stop) const;
   struct Surface;
-  Surface surface_of(const BlockId& id, int posts_level, const StopToken& stop) const;
-  void blend(Surface& below, const Surface& above, const BlockId& id, const LayeredPosts::Layer& layer) const;
+  // At an extent's posts, which are some of a block or lie around it: of one layer; one over those beneath; of all.
+  // What is at a post does not depend on the extent.
+  Surface surface_of(const BlockId& id, const BlockExtent& e, int posts_level, const StopToken& stop) const;
+  void blend(Surface& below, const Surface& above, const BlockId& id, const BlockExtent& e,
+             const LayeredPosts::Layer& layer) const;
+  Surface composed(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
   std::shared_ptr<const Block> made(const BlockId& id, const StopToken& stop) const;
+  // Heights alone, of a part of a block.
+  std::shared_ptr<const Block> quad(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
+  // The block, if it is in memory, or what is made.
+  template <typename Make>
+  std::shared_ptr<const Block> known_or(const BlockId& id, const StopToken& stop, const Make& make) const;
   // Posts with the detail's means subtracted; null if there are none.
   std::shared_ptr<const Block> corrected(const BlockId& id, const StopToken& stop) const;
   // Means of the detail over the cells of a block's posts and of so many around it, row by row.

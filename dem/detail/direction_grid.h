@@ -1,8 +1,10 @@
 // Grid of places on the sphere at which detail is evaluated.
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <span>
+#include <vector>
 
 namespace selenograph::dem {
 
@@ -13,6 +15,24 @@ struct DirectionGrid {
   double west, lon_step;  // radians: the first column, and between columns
   std::size_t rows() const { return sin_lat.size(); }
   std::size_t columns() const { return sin_lon.size(); }
+};
+
+// Such a grid of as many rows as columns, from its south-western place and its steps, radians; owns the tables.
+class SquareGrid {
+ public:
+  SquareGrid(double south, double lat_step, double west, double lon_step, std::size_t side)
+      : west_(west), lon_step_(lon_step) {
+    for (std::size_t i = 0; i < side; ++i) {
+      const double lat = south + static_cast<double>(i) * lat_step, lon = west + static_cast<double>(i) * lon_step;
+      sin_lat_.push_back(std::sin(lat)), cos_lat_.push_back(std::cos(lat));
+      sin_lon_.push_back(std::sin(lon)), cos_lon_.push_back(std::cos(lon));
+    }
+  }
+  DirectionGrid grid() const { return {sin_lat_, cos_lat_, sin_lon_, cos_lon_, west_, lon_step_}; }
+
+ private:
+  std::vector<double> sin_lat_, cos_lat_, sin_lon_, cos_lon_;
+  double west_, lon_step_;
 };
 
 }  // namespace selenograph::dem

@@ -125,7 +125,11 @@ void RockSurvey::add(int octave, const Footprint& box, double smallest_m, std::v
     if (rock.diameter_m < smallest_m) continue;
     stop.check();
     Geographic place = to_geographic(rock.centre * kMoonRadius_m);
-    const auto ground = surface_at(terrain_, place.lat_deg, place.lon_deg, level_under(octave), stop);
+    // Few lie in a block.
+    const int level = std::min(level_under(octave), finest_level_at(terrain_, place.lat_deg, place.lon_deg));
+    const Ticks at = ticks_of(place.lat_deg, place.lon_deg);
+    const auto block = terrain_.block_or_quad(at.block(level), at.whole_lat, at.whole_lon, stop);
+    const auto ground = block ? surface_on(*block, place.lat_deg, place.lon_deg) : std::nullopt;
     if (!ground) continue;
     place.height_m = ground->height_m;
     out.push_back({rock, place, rock.centre * (kMoonRadius_m + ground->height_m), ground->up});

@@ -50,6 +50,8 @@ class Draws {
  public:
   Draws(std::uint64_t seed, int octave, int row, int column) : key_{seed, octave, row, column, 0} {}
   std::uint64_t bits();
+  // As if so many had been drawn.
+  void skip(std::uint32_t numbers) { key_.index += numbers; }
   // Uniform in (0, 1).
   double uniform() { return (static_cast<double>(bits() >> 11) + 0.5) * 0x1p-53; }
   // Standard normal deviate (Box & Muller 1958).

@@ -70,7 +70,7 @@ void PostSource::for_strips(const PostWindow& window, const StopToken& stop, Use
 namespace {
 
 // A pole that no file holds (tiles of one product end a post before the south pole) is one point all the same: the mean
-// of 16 posts around it, the same whatever window asks. Returns what was replaced there.
+// of the valid ones of 16 posts around it, the same whatever window asks. Returns what was replaced there.
 std::vector<SourceIndex> fill_pole(const PostSource& source, const PostWindow& pole, float* heights,
                                    SourceMark* sources) {
   PostWindow ring = pole;
@@ -78,10 +78,16 @@ std::vector<SourceIndex> fill_pole(const PostSource& source, const PostWindow& p
   ring.lon0 = 0, ring.cols = 16, ring.rows = 1, ring.lon_step = kLonTicks / ring.cols;
   const Posts around = source.compose(ring);
   double sum = 0;
-  for (const float h : around.heights) sum += static_cast<double>(h);
-  if (std::isnan(sum)) return around.replaced;
-  std::fill_n(heights, pole.cols, static_cast<float>(sum / ring.cols));
-  std::fill_n(sources, pole.cols, around.sources[0] | kFilledBit);
+  int valid = 0;
+  SourceMark mark = kNoSource;
+  for (std::size_t i = 0; i < around.heights.size(); ++i) {
+    if (std::isnan(around.heights[i])) continue;
+    if (valid++ == 0) mark = around.sources[i];
+    sum += static_cast<double>(around.heights[i]);
+  }
+  if (valid == 0) return around.replaced;
+  std::fill_n(heights, pole.cols, static_cast<float>(sum / valid));
+  std::fill_n(sources, pole.cols, mark | kFilledBit);
   return around.replaced;
 }
 

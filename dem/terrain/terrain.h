@@ -105,6 +105,12 @@ class Terrain {
   virtual bool waits_for_network(const BlockId& id) const = 0;
   // Null when the block has no valid post.
   virtual std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const = 0;
+  // The block, or of one that would have to be made the quad at a place (ticks) in it: the same heights to the bit, no
+  // normals, sources or bounds. For callers who need few places of a block.
+  virtual std::shared_ptr<const Block> block_or_quad(const BlockId& id, std::int32_t, std::int32_t,
+                                                     const StopToken& stop = {}) const {
+    return block(id, stop);
+  }
 
   // Height on the finest surface, by the triangles of which frames are made.
   HeightAnswer height(double lat_deg, double lon_deg, const StopToken& stop = {}) const;

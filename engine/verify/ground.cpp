@@ -1,7 +1,6 @@
 #include "engine/verify/ground.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -33,15 +32,10 @@ int level_showing(int octave) {
 std::vector<double> square(const dem::Detail& detail, int number, double apart_m, const StopToken& stop) {
   const auto [lat, lon] = place_rad(number);
   const double lat_step = apart_m / kMoonRadius_m, lon_step = lat_step / std::cos(lat);
-  std::array<std::vector<double>, 4> t;
-  for (int i = 0; i < kPostsOfSquare; ++i) {
-    t[0].push_back(std::sin(lat + i * lat_step)), t[1].push_back(std::cos(lat + i * lat_step));
-    t[2].push_back(std::sin(lon + i * lon_step)), t[3].push_back(std::cos(lon + i * lon_step));
-  }
   constexpr double kPerBaseline = 8;
   const int level = level_showing(static_cast<int>(std::floor(std::log2(apart_m / kPerBaseline))));
   std::vector<double> heights(static_cast<std::size_t>(kPostsOfSquare * kPostsOfSquare));
-  detail.add({t[0], t[1], t[2], t[3], lon, lon_step}, level, 0, heights, {}, stop);
+  detail.add(dem::SquareGrid(lat, lat_step, lon, lon_step, kPostsOfSquare).grid(), level, 0, heights, {}, stop);
   return heights;
 }
 

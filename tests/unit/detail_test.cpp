@@ -384,6 +384,44 @@ TEST(DetailedTerrain, BlocksOfLayersAgreeOnTheirBorders) {
       expect_borders_agree(here.both(), again.both(), block_over(level, lat, lon));
 }
 
+// To the bit, whether the block is in memory or not.
+void expect_quads_of_the_block(const Terrain& terrain, const Terrain& again, const BlockId& id) {
+  const auto block = again.block(id);
+  ASSERT_TRUE(block) << to_string(id);
+  const BlockExtent& e = block->extent;
+  for (int i = 0; i < e.quads; i += 9)
+    for (const auto& [r, c] : {std::pair{i, 0}, {0, i}, {i, e.quads - 1}, {e.quads - 1, i}, {i, (7 * i) % e.quads}}) {
+      const std::int32_t lat = e.lat0 + r * e.lat_step + e.lat_step / 2, lon = e.lon0 + c * e.lon_step + e.lon_step - 1;
+      const auto quad = terrain.block_or_quad(id, lat, lon);
+      ASSERT_TRUE(quad);
+      ASSERT_EQ(quad->extent.quads, 1);
+      for (const int dr : {0, 1})
+        for (const int dc : {0, 1}) {
+          const float there = quad->vertices[quad->index(dr, dc)].height_m,
+                      here = block->vertices[block->index(r + dr, c + dc)].height_m;
+          ASSERT_TRUE(there == here || (std::isnan(there) && std::isnan(here)))
+              << to_string(id) << ' ' << r << ' ' << c << ' ' << there << ' ' << here;
+          ASSERT_EQ(quad->position(dr, dc, 0), block->position(r + dr, c + dc, 0));
+        }
+      ASSERT_EQ(again.block_or_quad(id, lat, lon), block);
+    }
+}
+
+TEST(DetailedTerrain, QuadsAreThoseOfTheirBlock) {
+  const Layered here, again;
+  for (const auto& [lat, lon] : {std::pair{25.5, 4.0001}, {25.999, 4.001}, {26.001, 3.999}, {25.5, 3.7}, {25.5, 4.5}})
+    for (const int level : {11, 13}) expect_quads_of_the_block(here.both(), again.both(), block_over(level, lat, lon));
+  // The date line from both sides, the south pole, and where the posts' longitude step doubles.
+  for (const auto& [top, west, lat, lon] : {std::array{-60.0, -180.0, -61.0, -179.9999},
+                                            {-60, 178, -61, 179.9999},
+                                            {-88, 20, -90, 20.5},
+                                            {76, 20, 75.5, 21}}) {
+    const Ground ground(top, west), made(top, west);
+    for (const int level : {10, 12, 13})
+      expect_quads_of_the_block(*ground.detailed, *made.detailed, block_over(level, lat, lon));
+  }
+}
+
 // Tiles of one layer that touch are one: nothing of the layer beneath shows between them.
 TEST(DetailedTerrain, TilesOfALayerHaveNoBorderBetweenThem) {
   const TemporaryFolder fine, both;

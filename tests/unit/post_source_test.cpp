@@ -215,6 +215,25 @@ TEST(PostSource, APoleBetweenPostsIsOnePointToo) {
   }
 }
 
+// Tiles of one product end a post before the south pole; voids beside it make it no less of a point.
+TEST(PostSource, APoleThatNoFileHoldsIsOnePointBesideVoidsToo) {
+  TemporaryFolder folder;
+  for (int west = 0; west < 360; west += 90)
+    test::write_kaguya_tile(
+        folder.path(), -89, west, 1, 16, [](double, double lon) { return std::abs(lon) < 100 ? 10 : 30; },
+        [](double, double lon) { return lon == 22.5 || lon == -180; });
+  LayerFiles layers(folder.path());
+  for (const double west : {-180.0, 20.0}) {
+    const Posts posts = layers.source.compose(posts_window(4, -90, west, 1, 64));
+    for (std::size_t c = 0; c < 64; ++c) {
+      ASSERT_EQ(posts.heights[c], posts.heights[0]);
+      ASSERT_TRUE(is_filled(posts.sources[c]));
+    }
+    EXPECT_GT(posts.heights[0], 10);
+    EXPECT_LT(posts.heights[0], 30);
+  }
+}
+
 TEST(PostSource, ImpossibleHeightsAreVoidsWithAWarning) {
   TemporaryFolder folder;
   write_float_tile(folder.path(), "t", {12, 20, 16, 17, 17},

@@ -84,16 +84,11 @@ TEST(VectorWidths, DetailIsTheSame) {
   preset.relief.shortest_m = 2, preset.relief.longest_m = 500, preset.relief.deviation_m = 0.6;
   const dem::Detail detail(preset);
   constexpr std::size_t kSide = 61;  // not whole vectors
-  std::vector<double> sin_lat, cos_lat, sin_lon, cos_lon;
-  for (std::size_t i = 0; i < kSide; ++i) {
-    const double lat = -0.7 + 1e-6 * static_cast<double>(i), lon = 2 + 1e-6 * static_cast<double>(i);
-    sin_lat.push_back(std::sin(lat)), cos_lat.push_back(std::cos(lat));
-    sin_lon.push_back(std::sin(lon)), cos_lon.push_back(std::cos(lon));
-  }
+  const dem::SquareGrid grid(-0.7, 1e-6, 2, 1e-6, kSide);
   expect_same_at_every_width<double>([&] {
     std::vector<double> heights(kSide * kSide);
     std::vector<float> in_crater(kSide * kSide);
-    detail.add({sin_lat, cos_lat, sin_lon, cos_lon, 2, 1e-6}, dem::kMaxLevel, 8, heights, in_crater);
+    detail.add(grid.grid(), dem::kMaxLevel, 8, heights, in_crater);
     heights.insert(heights.end(), in_crater.begin(), in_crater.end());
     return heights;
   });

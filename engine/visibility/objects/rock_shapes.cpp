@@ -204,11 +204,11 @@ std::vector<std::shared_ptr<const ObjectMesh>> meshes(std::size_t count, const M
 using Places = Eigen::Matrix3Xd;
 
 Eigen::Affine3d lying(const Places& shape, const Eigen::Matrix3d& turned) {
-  const Places places = turned * shape;
+  const Eigen::MatrixX3d places = (turned * shape).transpose();  // so that products are vector loops
   const auto farthest = [&](const Vec3& along) -> Vec3 {
     Eigen::Index i = 0;
-    (along.transpose() * places).maxCoeff(&i);
-    return places.col(i);
+    (places * along).maxCoeff(&i);
+    return places.row(i);
   };
   // The largest of the extents in some directions, and of those along the lines between the corners that these found.
   constexpr int kDirections = 30;
