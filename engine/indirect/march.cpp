@@ -210,16 +210,16 @@ void Go(std::span<const GridView> grids, const MarchSphere& sphere, const MarchL
   for (Steps steps(grids, sphere); steps.next();) {
     const std::size_t grid = steps.grid();
     Tangents(grids, grid, sphere, lanes, stride, per_m, steps.at_m(), here);
-    float share = 0;
-    if (Refines(found, here)) {
-      constexpr float kPart = 0.25F;
-      for (; share < 1 - kPart; share += kPart) {
-        Tangents(grids, grid, sphere, lanes, stride, per_m, steps.at(share + kPart), between);
-        see(grid, steps.at(share + kPart / 2), between);
-        Rise(between, found);
-      }
+    constexpr float kPart = 0.25F;
+    const bool refines = Refines(found, here);
+    // The crest may lie before the last step's end.
+    for (float share = -1 + kPart; refines && share < 1; share += kPart) {
+      if (share == 0) continue;
+      Tangents(grids, grid, sphere, lanes, stride, per_m, steps.at(share), between);
+      see(grid, steps.at(share - kPart / 2), between);
+      Rise(between, found);
     }
-    see(grid, steps.at((share + 1) / 2), here);
+    see(grid, steps.at(refines ? 1 - kPart / 2 : 0.5F), here);
     Rise(here, found);
     if (steps.looks_ahead() && enough(grids[grid], steps.at_m())) break;
   }
