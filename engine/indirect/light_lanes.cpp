@@ -14,20 +14,20 @@ namespace selenograph::engine::HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-void Between(const LightPlace* places, LightPost* out) {
+void Between(std::span<const LightPlace> places, LightPost* out) {
   constexpr int kValues = 8;
   static_assert(sizeof(LightPost) == kValues * sizeof(float));
   const hn::CappedTag<float, kValues> d;
-  for (int i = 0; i < kPacket; ++i) {
-    const LightPlace& place = places[i];
+  for (const LightPlace& place : places) {
     const float *south = &place.post->x, *north = &place.post[place.row].x;
     const auto a = hn::Set(d, place.east), b = hn::Set(d, place.north);
     for (int k = 0; k < kValues; k += static_cast<int>(hn::Lanes(d))) {
       const auto sw = hn::LoadU(d, south + k), se = hn::LoadU(d, south + kValues + k);
       const auto nw = hn::LoadU(d, north + k), ne = hn::LoadU(d, north + kValues + k);
       const auto s = hn::Add(sw, hn::Mul(a, hn::Sub(se, sw))), n = hn::Add(nw, hn::Mul(a, hn::Sub(ne, nw)));
-      hn::StoreU(hn::Add(s, hn::Mul(b, hn::Sub(n, s))), d, &out[i].x + k);
+      hn::StoreU(hn::Add(s, hn::Mul(b, hn::Sub(n, s))), d, &out->x + k);
     }
+    ++out;
   }
 }
 
@@ -81,9 +81,7 @@ HWY_EXPORT(FromTerrain);
 HWY_EXPORT(FromEarth);
 HWY_EXPORT(AddReflected);
 
-void posts_between(const LightPlace (&places)[kPacket], LightPost (&out)[kPacket]) {
-  HWY_DYNAMIC_DISPATCH(Between)(places, out);
-}
+void posts_between(std::span<const LightPlace> places, LightPost* out) { HWY_DYNAMIC_DISPATCH(Between)(places, out); }
 
 void light_from_terrain(const LightPost (&posts)[kPacket], const SurfacePoints& points, const Shading& shading,
                         const Rays& rays, DiffuseLanes& out) {

@@ -1,6 +1,8 @@
 // Indirect light at sixteen pixels, between posts.
 #pragma once
 
+#include <span>
+
 #include "engine/support/packet.h"
 
 namespace selenograph::engine {
@@ -23,7 +25,7 @@ struct LightPlace {
   int row;
 };
 
-void posts_between(const LightPlace (&places)[kPacket], LightPost (&out)[kPacket]);
+void posts_between(std::span<const LightPlace> places, LightPost* out);
 
 // What reflects towards the camera: light of a terrain's or the Earth's as of one direction.
 struct alignas(64) DiffuseLanes {

@@ -11,6 +11,7 @@
 #include "dem/terrain/terrain.h"
 #include "engine/frame/request.h"
 #include "engine/indirect/light_field.h"
+#include "engine/indirect/light_lanes.h"
 #include "engine/indirect/slope_light.h"
 #include "engine/support/content_key.h"
 
@@ -51,7 +52,7 @@ class LightTiles {
   std::size_t capacity() const { return tiles_.capacity(); }  // for tiles
   // Of a tile with what a frame makes of it.
   static constexpr std::size_t kBytesOfTile =
-      std::size_t{FieldPlane::kTileSide} * FieldPlane::kTileSide * (sizeof(TilePost) + 32);
+      std::size_t{FieldPlane::kTileSide} * FieldPlane::kTileSide * (sizeof(TilePost) + sizeof(LightPost));
 
  private:
   struct Patch;

@@ -50,7 +50,7 @@ class Steps {
 // Sine of the angle at the Moon's centre per metre of the plane, next to the datum's point, for the middle lane.
 float TurnPerMetre(const MarchSphere& sphere, const MarchLanes& lanes) {
   constexpr int kMiddle = kPacket / 2;
-  const float inverse = 1 / sphere.datum_radius_m, x = lanes.x[kMiddle] * inverse, y = lanes.y[kMiddle] * inverse,
+  const float inverse = 1 / sphere.datum_radius_m, x = lanes.x[kMiddle] * inverse, y = lanes.y * inverse,
               beside = x * lanes.uy - y * lanes.ux;
   return inverse * std::sqrt((1 + beside * beside) / (1 + x * x + y * y));
 }
@@ -89,7 +89,7 @@ HWY_INLINE Columns<D> ColumnsOf(D d, const float* row, const RowOfCells& cells, 
 }
 
 RowOfCells CellsAt(const GridView& grid, const MarchLanes& lanes, int stride, float at_m) {
-  const float posts = grid.posts_per_m, row = (lanes.y[0] + at_m * lanes.uy - grid.first_m) * posts;
+  const float posts = grid.posts_per_m, row = (lanes.y + at_m * lanes.uy - grid.first_m) * posts;
   const int whole = static_cast<int>(row);
   return {whole, (lanes.x[0] + at_m * lanes.ux - grid.first_m) * posts, static_cast<float>(stride) / grid.coarser,
           row - static_cast<float>(whole)};
@@ -122,7 +122,7 @@ void Tangents(std::span<const GridView> grids, std::size_t first, const MarchSph
   const GridView& grid = grids[covering];
   constexpr int kMiddle = kPacket / 2;
   const float inverse = 1 / sphere.datum_radius_m, tx = (lanes.x[kMiddle] + at_m * lanes.ux) * inverse,
-              ty = (lanes.y[0] + at_m * lanes.uy) * inverse, level = tx * tx + ty * ty,
+              ty = (lanes.y + at_m * lanes.uy) * inverse, level = tx * tx + ty * ty,
               // 1 / sqrt(1 + level), up to 1e-6.
       sine = at_m * per_m * (1 - level * (0.5F - 0.375F * level)), square = sine * sine,
               half = sine * (0.5F + square * (0.125F + square * 0.0625F)),

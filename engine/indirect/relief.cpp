@@ -90,9 +90,10 @@ Relief::Cell Relief::cell(std::size_t grid, std::size_t post) const {
 MarchLanes Relief::places(int row, int column, int stride) const {
   const Grid& g = grids_.front();
   MarchLanes lanes;
+  lanes.y = static_cast<float>(g.place(row));
   for (int i = 0; i < kPacket; ++i) {
     const int at = column + i * stride;
-    lanes.x[i] = static_cast<float>(g.place(at)), lanes.y[i] = static_cast<float>(g.place(row));
+    lanes.x[i] = static_cast<float>(g.place(at));
     lanes.height[i] =
         g.heights[static_cast<std::size_t>(row) * static_cast<std::size_t>(g.side) + static_cast<std::size_t>(at)];
   }

@@ -40,19 +40,19 @@ void SkyDisc::shares(std::span<const GridView> grids, int stride, MarchLanes& la
   alignas(64) float enough[kPacket], horizon[kPacket];
   double tangent[kPacket], cosine[kPacket];
   for (int i = 0; i < kPacket; ++i) {
-    const Vec3 plane(static_cast<double>(lanes.x[i]), static_cast<double>(lanes.y[i]), kMoonRadius_m);
+    const Vec3 plane(static_cast<double>(lanes.x[i]), static_cast<double>(lanes.y), kMoonRadius_m);
     const double sine = plane.normalized().dot(direction_);
     cosine[i] = std::sqrt(std::max(1 - sine * sine, 1e-12)), tangent[i] = sine / cosine[i];
     // What hides all of it. Of a lane without a height, nothing need be known.
     enough[i] = static_cast<float>(std::tan(std::min(std::asin(std::clamp(sine, -1.0, 1.0)) + radius_, 1.57)));
     if (std::isnan(lanes.height[i])) enough[i] = -std::numeric_limits<float>::infinity();
-    // Where the great circle to the source goes; for all places, from the middle one.
-    const double ux = direction_.x() - plane.x() * direction_.z() / kMoonRadius_m,
-                 uy = direction_.y() - plane.y() * direction_.z() / kMoonRadius_m;
-    if (const double length = std::hypot(ux, uy); i == kPacket / 2)
-      lanes.ux = length > 1e-12 ? static_cast<float>(ux / length) : 1,
-      lanes.uy = length > 1e-12 ? static_cast<float>(uy / length) : 0;
   }
+  // Where the great circle to the source goes; for all places, from the middle one.
+  const double ux = direction_.x() - static_cast<double>(lanes.x[kPacket / 2]) * direction_.z() / kMoonRadius_m,
+               uy = direction_.y() - static_cast<double>(lanes.y) * direction_.z() / kMoonRadius_m;
+  const double length = std::hypot(ux, uy);
+  lanes.ux = length > 1e-12 ? static_cast<float>(ux / length) : 1;
+  lanes.uy = length > 1e-12 ? static_cast<float>(uy / length) : 0;
   find_horizons(grids, sphere_, lanes, stride, enough, horizon);
   for (int i = 0; i < kPacket; ++i) {
     const double above = static_cast<double>(horizon[i]) - tangent[i];
@@ -123,13 +123,13 @@ void SlopeLight::light_square(std::size_t grid, int row, int column, const StopT
   static_assert(kSquare == kPacket);
   for (int r = 0; r < rows; ++r) {
     MarchLanes lanes;
+    lanes.y = view.first_m + (static_cast<float>(row + r) + 0.5F) * view.spacing_m;
     Relief::Cell cells[kPacket];
     alignas(64) float share[kPacket];
     for (int i = 0; i < kPacket; ++i) {
       const int c = std::min(i, columns - 1);
       cells[i] = relief_.cell(grid, post(r, c));
       lanes.x[i] = view.first_m + (static_cast<float>(column + c) + 0.5F) * view.spacing_m;
-      lanes.y[i] = view.first_m + (static_cast<float>(row + r) + 0.5F) * view.spacing_m;
       // What is turned away needs no march.
       const bool faces = cells[i].normal.cast<double>().dot(disc_.direction()) > lowest;
       lanes.height[i] = faces ? cells[i].height : std::nanf("");
@@ -163,7 +163,7 @@ void SlopeLight::gather(int row, int column, int stride, std::span<SectorLight, 
   AzimuthLanes azimuths;
   for (int k = 0; k < 3; ++k) azimuths.sun[k] = static_cast<float>(disc_.direction()[k]);
   for (int i = 0; i < kPacket; ++i) {
-    const Vec3 d = Vec3(static_cast<double>(lanes.x[i]), static_cast<double>(lanes.y[i]), kMoonRadius_m).normalized();
+    const Vec3 d = Vec3(static_cast<double>(lanes.x[i]), static_cast<double>(lanes.y), kMoonRadius_m).normalized();
     for (int k = 0; k < 3; ++k) azimuths.up[k][i] = static_cast<float>(d[k]);
   }
   std::vector<SeenPiece> pieces;

@@ -109,11 +109,10 @@ LightPlace TerrainLight::place_of(std::uint32_t block, const Vec3& place_m) cons
 }
 
 LightPost TerrainLight::at(std::uint32_t block, const Vec3& place_m) const {
-  LightPlace places[kPacket];
-  std::fill_n(places, kPacket, place_of(block, place_m));
-  LightPost posts[kPacket];
-  posts_between(places, posts);
-  return posts[0];
+  const LightPlace place = place_of(block, place_m);
+  LightPost post;
+  posts_between({&place, 1}, &post);
+  return post;
 }
 
 void TerrainLight::add(const SurfacePoints& points, const Shading& shading, const Rays& rays, const Brdf& brdf,
