@@ -40,6 +40,7 @@ struct Drawn {
   double pixels = 0;  // number of counted pixels
   std::array<std::optional<ViewMarks::Met>, ViewMarks::kCount> met;
   std::size_t triangles = 0, scene_bytes = 0;
+  double ground_view = 0;
 };
 
 // The stages are called in this order, each once.

@@ -16,7 +16,7 @@ void report_scene(const FrameMoment& moment, const Drawn& drawn, FrameReport& ou
   out.shadow_limits_px.insert(out.shadow_limits_px.begin(), selection.shadow_limit_px);
   out.min_post_spacing_m = selection.min_spacing_m, out.max_post_spacing_m = selection.max_spacing_m;
   out.rocks = moment.rocks().rocks.size(), out.least_rock_px = moment.rocks().least_px;
-  out.triangles = drawn.triangles, out.scene_bytes = drawn.scene_bytes;
+  out.triangles = drawn.triangles, out.scene_bytes = drawn.scene_bytes, out.ground_view = drawn.ground_view;
   out.visibility = moment.visibility();
 }
 

@@ -10,6 +10,7 @@
 #include "api/requests/parts/detail_json.h"
 #include "dem/gdal/geotiff_writer.h"
 #include "engine/frame/needs.h"
+#include "engine/radiometry/brdf.h"
 #include "engine/radiometry/photometry.h"
 
 namespace selenograph::api {
@@ -103,6 +104,26 @@ void add_radiometry(Answer<MetadataSource>& a) {
         return names;
       },
       with_light);
+}
+
+void add_further_bounces(Answer<MetadataSource>& a) {
+  a.add(
+      "indirect",
+      schema::free_object(
+          "of light from terrain, which is reflected once: ground_view, the largest share of its hemisphere that a "
+          "place in view sees as ground; albedo, that of the model for diffuse light, without maps; "
+          "further_bounces_at_most, what the two say of light that is reflected more often, a V / (1 - a V) of the "
+          "largest irradiance from terrain"),
+      [](const MetadataSource& s) {
+        const double albedo = engine::diffuse_albedo(engine::Brdf(s.request.reflectance, engine::band_of(s.request))),
+                     reflected = std::min(albedo * s.report.ground_view, 0.99);
+        return OrderedJson{{"ground_view", s.report.ground_view},
+                           {"albedo", albedo},
+                           {"further_bounces_at_most", reflected / (1 - reflected)}};
+      },
+      [](const MetadataSource& s) {
+        return with_light(s) && engine::wants_indirect(s.request) && s.request.indirect.terrain;
+      });
 }
 
 void add_exposure(Answer<MetadataSource>& a) {
@@ -245,6 +266,7 @@ const Answer<MetadataSource>& metadata_answer() {
       [](Answer<MetadataSource>& a) {
         add_request(a);
         add_radiometry(a);
+        add_further_bounces(a);
         add_exposure(a);
         add_geometry(a);
         add_content(a);

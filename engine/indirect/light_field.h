@@ -39,13 +39,16 @@ class FieldPlane {
     const Vec3 d = posts_ * position_m;
     return {d.x() / d.z() + middle(), d.y() / d.z() + middle()};
   }
+  // The same for many places: rows of a matrix by which a place's third component divides the others, and what is
+  // added to both.
+  const double* posts() const { return posts_.data(); }
+  double middle() const { return tiles_ / 2 * kTileQuads; }
   Vec3 direction(int column, int row) const;  // unit, MOON_ME
 
  private:
-  double middle() const { return tiles_ / 2 * kTileQuads; }
-
   Vec3 centre_;
-  Eigen::Matrix3d axes_, posts_;  // the plane's axes; scaled so that quotients are posts
+  Eigen::Matrix3d axes_;                                // the plane's
+  Eigen::Matrix<double, 3, 3, Eigen::RowMajor> posts_;  // the same, scaled so that quotients are posts
   double spacing_m_;
   int tiles_;
 };

@@ -1,19 +1,20 @@
 // Indirect light at sixteen pixels, between posts.
 #pragma once
 
-#include <span>
-
+#include "engine/indirect/light_field.h"
+#include "engine/indirect/slope_light.h"
 #include "engine/support/packet.h"
 
 namespace selenograph::engine {
 
-// A post as pixels read it: 32 bytes.
-struct alignas(32) LightPost {
-  float x = 0, y = 0, z = 0;  // vector of the light from terrain, W m-2
-  float fluence = 0;          // sum of the sectors' lengths
-  float factor = 1;           // of the radiance, see terrain_light.h
-  float earth = 0;            // W m-2 at normal incidence
-  float ground = 0;           // radiosity of the ground, W m-2
+// A post as pixels read it: 128 bytes.
+struct alignas(64) LightPost {
+  float from[3][kSectors] = {};  // vectors of the light from terrain, by sectors of azimuth, W m-2
+  float x = 0, y = 0, z = 0;     // their sum
+  float fluence = 0;             // sum of their lengths
+  float factor = 1;              // of the radiance, see terrain_light.h
+  float earth = 0;               // W m-2 at normal incidence
+  float ground = 0;              // radiosity of the ground, W m-2
   float unused = 0;
 };
 
@@ -25,7 +26,15 @@ struct LightPlace {
   int row;
 };
 
-void posts_between(std::span<const LightPlace> places, LightPost* out);
+LightPost post_between(const LightPlace& place);
+
+// Where sixteen points are in a field: the tile, the post of it south-west of the point, and how far beyond that post.
+// Points beside the field are at its border.
+struct alignas(64) FieldLanes {
+  int tile[kPacket], post[kPacket];
+  float east[kPacket], north[kPacket];
+};
+void places_in_field(const FieldPlane& plane, const SurfacePoints& points, FieldLanes& out);
 
 // What reflects towards the camera: light of a terrain's or the Earth's as of one direction.
 struct alignas(64) DiffuseLanes {
@@ -33,14 +42,15 @@ struct alignas(64) DiffuseLanes {
   double light[kPacket];  // W m-2 at normal incidence; 0: none
 };
 
-// From terrain. Lanes without light have a mu0 of 1e-9.
-void light_from_terrain(const LightPost (&posts)[kPacket], const SurfacePoints& points, const Shading& shading,
-                        const Rays& rays, DiffuseLanes& out);
-// From one direction, unit, that each lane gets `light` of.
-void light_from_earth(const LightPost (&posts)[kPacket], const SurfacePoints& points, const Shading& shading,
+// From terrain; each sector's light counts where the normal faces it. Lanes without light have a mu0 of 1e-9. `earth`:
+// that of the post.
+void light_from_terrain(const LightPlace (&places)[kPacket], const SurfacePoints& points, const Shading& shading,
+                        const Rays& rays, DiffuseLanes& out, float (&earth)[kPacket]);
+// From one direction, unit, that each lane gets `earth` of.
+void light_from_earth(const float (&earth)[kPacket], const SurfacePoints& points, const Shading& shading,
                       const Rays& rays, const Vec3& direction, DiffuseLanes& out);
 
-// Adds light times reflected, of mu0 f_r, times the albedo if there is one.
+// Adds to the radiance what the light's lanes reflect of `reflected`, mu0 f_r; `albedo`: null, or a factor per lane.
 void add_reflected(const DiffuseLanes& lanes, const double* reflected, const double* albedo, float* radiance);
 
 }  // namespace selenograph::engine

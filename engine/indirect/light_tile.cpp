@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 #include <optional>
 
 #include "dem/grid/lattice.h"
@@ -82,7 +83,7 @@ struct LightTiles::Patch {
   void fill_row(int row, int column, int stride, std::span<TilePost> out, const StopToken& stop) const {
     const Eigen::Matrix3f back = relief.axes().transpose().cast<float>();
     std::array<SectorLight, kPacket> light;
-    for (SectorLight& of_post : light) of_post.from.fill(Eigen::Vector3f::Zero());
+    for (SectorLight& of_post : light) of_post.from.fill(Eigen::Vector3f::Zero()), of_post.sky.setZero();
     if (slopes) slopes->gather(row, column, stride, light, stop);
     MarchLanes lanes = relief.places(row, column, stride);
     alignas(64) float share[kPacket] = {};
@@ -91,10 +92,15 @@ struct LightTiles::Patch {
       const int at = column + i * stride;
       const std::size_t post =
           static_cast<std::size_t>(row) * static_cast<std::size_t>(relief.side(0)) + static_cast<std::size_t>(at);
+      const SectorLight& arrives = light[static_cast<std::size_t>(i)];
+      const Eigen::Vector3f normal = back * relief.cell(0, post).normal;
       out[static_cast<std::size_t>(i)] = {
-          light[static_cast<std::size_t>(i)], back * relief.cell(0, post).normal,
+          arrives,
+          normal,
           static_cast<float>(static_cast<double>(lanes.height[i]) + relief.reference_m()),
-          slopes ? slopes->radiosity(row, at, stop) : 0, share[i]};
+          slopes ? slopes->radiosity(row, at, stop) : 0,
+          share[i],
+          slopes ? std::clamp(1 - normal.dot(arrives.sky) / std::numbers::pi_v<float>, 0.F, 1.F) : 0};
     }
   }
 

@@ -24,6 +24,7 @@ struct TilePost {
   float height_m;          // NaN: no data
   float radiosity;         // of the ground itself, in sunlight
   float earth;             // share of the Earth's disc that is seen
+  float ground_view;       // share of the ground's hemisphere that is other ground; 0 without light from terrain
 };
 
 // FieldPlane::kTileSide squared posts, row-major from the south-west.

@@ -257,7 +257,7 @@ void Integrals(const float* from, const float* to, SeenPiece& piece) {
 }
 
 void Pieces(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
-            std::vector<SeenPiece>& pieces) {
+            std::vector<SeenPiece>& pieces, float* horizon) {
   Found found;
   const auto see = [&](std::size_t grid, float middle_m, const float* here) {
     if (!Sees(found, here)) return;
@@ -270,6 +270,19 @@ void Pieces(std::span<const GridView> grids, const MarchSphere& sphere, const Ma
   };
   Go(grids, sphere, lanes, stride, found, see,
      [&](const GridView& grid, float at_m) { return Over(grid, sphere, lanes, at_m, found.tangent); });
+  for (int i = 0; i < kPacket; ++i) horizon[i] = found.tangent[i];
+}
+
+// Over the elevation from atan t to pi / 2: integrals of cos^2, (pi / 2 - atan t - t / (1 + t^2)) / 2, and of sin cos.
+void Sky(const AzimuthLanes& lanes, const float* horizon, float (*sum)[kPacket]) {
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const float h = horizon[i], t = h > -2 ? h : (h > kNothing ? -2.F : 0.F), size = t < 0 ? -t : t;
+    const float near = size < 1 ? size : 1 / size, part = near / (1 + 0.28F * near * near);
+    const float angle = size < 1 ? part : 1.5707963F - part, square = 1 / (1 + t * t);
+    const float along = 0.5F * (1.5707963F - (t < 0 ? -angle : angle) - t * square), up = 0.5F * square;
+    for (int k = 0; k < 3; ++k) sum[k][i] += along * lanes.along[k][i] + up * lanes.up[k][i];
+  }
 }
 
 struct alignas(64) SeenGround {
@@ -337,6 +350,7 @@ HWY_EXPORT(Horizons);
 HWY_EXPORT(Pieces);
 HWY_EXPORT(LightPiece);
 HWY_EXPORT(SumPiece);
+HWY_EXPORT(Sky);
 
 void find_horizons(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
                    const float* enough, float* tangent) {
@@ -344,8 +358,8 @@ void find_horizons(std::span<const GridView> grids, const MarchSphere& sphere, c
 }
 
 void find_pieces(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
-                 std::vector<SeenPiece>& pieces) {
-  HWY_DYNAMIC_DISPATCH(Pieces)(grids, sphere, lanes, stride, pieces);
+                 std::vector<SeenPiece>& pieces, float* horizon) {
+  HWY_DYNAMIC_DISPATCH(Pieces)(grids, sphere, lanes, stride, pieces, horizon);
 }
 
 bool light_piece(const SeenPiece& piece, const GridView& grid, const AzimuthLanes& lanes, PieceLight& out) {
@@ -355,6 +369,10 @@ bool light_piece(const SeenPiece& piece, const GridView& grid, const AzimuthLane
 void add_piece(const SeenPiece& piece, const AzimuthLanes& lanes, const PieceLight& light, const double* reflected,
                bool times_albedo, float (*sum)[kPacket]) {
   HWY_DYNAMIC_DISPATCH(SumPiece)(piece, lanes, light, reflected, times_albedo, sum);
+}
+
+void add_sky(const AzimuthLanes& lanes, const float* horizon, float (*sum)[kPacket]) {
+  HWY_DYNAMIC_DISPATCH(Sky)(lanes, horizon, sum);
 }
 
 }  // namespace selenograph::engine

@@ -69,9 +69,9 @@ struct SeenPiece {
   RowOfCells cells;  // beneath its middle
 };
 
-// Appends what is seen, nearest first, to `pieces`.
+// Appends what is seen, nearest first, to `pieces`; horizon[i]: as of find_horizons().
 void find_pieces(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
-                 std::vector<SeenPiece>& pieces);
+                 std::vector<SeenPiece>& pieces, float* horizon);
 
 // Light that reaches sixteen places along one azimuth.
 struct alignas(64) AzimuthLanes {
@@ -90,5 +90,8 @@ bool light_piece(const SeenPiece& piece, const GridView& grid, const AzimuthLane
 // Adds what the ground of a piece sends, of mu0 f_r per unit of light: integrals of radiance times the direction.
 void add_piece(const SeenPiece& piece, const AzimuthLanes& lanes, const PieceLight& light, const double* reflected,
                bool times_albedo, float (*sum)[kPacket]);
+
+// Adds the integral of the direction over the sky above a horizon, to 1 % of it.
+void add_sky(const AzimuthLanes& lanes, const float* horizon, float (*sum)[kPacket]);
 
 }  // namespace selenograph::engine

@@ -159,7 +159,7 @@ float SlopeLight::radiosity(int row, int column, const StopToken& stop) const {
 void SlopeLight::gather(int row, int column, int stride, std::span<SectorLight, kPacket> out,
                         const StopToken& stop) const {
   MarchLanes lanes = relief_.places(row, column, stride);
-  alignas(64) float sums[kSectors][3][kPacket] = {};
+  alignas(64) float sums[kSectors][3][kPacket] = {}, sky[3][kPacket] = {}, horizon[kPacket];
   AzimuthLanes azimuths;
   for (int k = 0; k < 3; ++k) azimuths.sun[k] = static_cast<float>(disc_.direction()[k]);
   for (int i = 0; i < kPacket; ++i) {
@@ -173,7 +173,8 @@ void SlopeLight::gather(int row, int column, int stride, std::span<SectorLight, 
     const double phi = (azimuth + 0.5) * 2 * kPi / azimuths_;
     aim(static_cast<float>(std::cos(phi)), static_cast<float>(std::sin(phi)), lanes, azimuths);
     pieces.clear();
-    find_pieces(grids_, relief_.sphere(), lanes, stride, pieces);
+    find_pieces(grids_, relief_.sphere(), lanes, stride, pieces, horizon);
+    add_sky(azimuths, horizon, sky);
     auto& sum = sums[azimuth / (azimuths_ / kSectors)];
     for (const SeenPiece& piece : pieces) {
       const RowOfCells& cells = piece.cells;
@@ -185,14 +186,17 @@ void SlopeLight::gather(int row, int column, int stride, std::span<SectorLight, 
       add_piece(piece, azimuths, light, reflected, !source_.albedo_is_w, sum);
     }
   }
-  const auto scale = static_cast<float>(source_.irradiance_w_m2 * 2 * kPi / azimuths_);
+  const auto turn = static_cast<float>(2 * kPi / azimuths_);
   const Eigen::Matrix3f back = relief_.axes().transpose().cast<float>();
   for (int i = 0; i < kPacket; ++i) {
-    const bool here = !std::isnan(lanes.height[i]);
-    for (int k = 0; k < kSectors; ++k)
-      out[static_cast<std::size_t>(i)].from[static_cast<std::size_t>(k)] =
-          here ? Eigen::Vector3f(back * Eigen::Vector3f(sums[k][0][i], sums[k][1][i], sums[k][2][i]) * scale)
-               : Eigen::Vector3f::Zero();
+    const float scale = std::isnan(lanes.height[i]) ? 0 : turn;
+    const auto vector = [&](const float(&sum)[3][kPacket], double times) -> Eigen::Vector3f {
+      if (scale == 0) return Eigen::Vector3f::Zero();
+      return back * Eigen::Vector3f(sum[0][i], sum[1][i], sum[2][i]) * (scale * static_cast<float>(times));
+    };
+    SectorLight& of = out[static_cast<std::size_t>(i)];
+    for (std::size_t k = 0; k < kSectors; ++k) of.from[k] = vector(sums[k], source_.irradiance_w_m2);
+    of.sky = vector(sky, 1);
   }
 }
 

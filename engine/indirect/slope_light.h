@@ -28,6 +28,8 @@ inline constexpr double kLowSun_deg = 10;
 // vector to where it comes from, W m-2, MOON_ME. Its dot product with a normal is the irradiance.
 struct SectorLight {
   std::array<Eigen::Vector3f, kSectors> from;
+  // Integral of the unit vector over the sky: a plane with normal n sees n . sky / pi of its hemisphere as sky.
+  Eigen::Vector3f sky;
 };
 
 // The ground's albedo at unit directions, averaged over that many metres: factors of what the Brdf reflects or, for

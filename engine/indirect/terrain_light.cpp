@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "dem/support/error.h"
@@ -14,8 +15,32 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr LightPost kNoLight[2]{};
+constexpr LightPost kNoLight[2];
 constexpr LightPlace kNowhere{kNoLight, 0, 0, 0};
+
+// Light from terrain is gathered for a Sun that is at most 0.0142 degrees off, so that frames of a loop, whose Suns
+// differ by less, find it again: at the Sun's elevation h it changes by 0.014 / h.
+constexpr double kStep_deg = 0.02, kRadiusStep_deg = 1e-3, kDistanceStep_m = 1e6;
+
+Vec3 on_lattice(const Vec3& direction) {
+  const auto rounded = [](double angle) {
+    constexpr double kStep = kStep_deg * kRadiansPerDegree;
+    return std::round(angle / kStep) * kStep;
+  };
+  const double lat = rounded(std::atan2(direction.z(), std::hypot(direction.x(), direction.y()))),
+               lon = rounded(std::atan2(direction.y(), direction.x()));
+  return {std::cos(lat) * std::cos(lon), std::cos(lat) * std::sin(lon), std::sin(lat)};
+}
+
+// The request that tiles are gathered for.
+FrameRequest on_lattice(FrameRequest request) {
+  Sun& sun = request.sun;
+  sun.direction = on_lattice(sun.direction);
+  sun.angular_radius_deg = std::round(sun.angular_radius_deg / kRadiusStep_deg) * kRadiusStep_deg;
+  if (auto& earth = request.indirect.earth)
+    *earth = {on_lattice(earth->direction), std::round(earth->distance_m / kDistanceStep_m) * kDistanceStep_m};
+  return request;
+}
 
 }  // namespace
 
@@ -36,10 +61,14 @@ TerrainLight::TerrainLight(const FrameRequest& request, const RowViews& views, c
         "indirect");
   tiles_.resize(seen.tiles());
   const Brdf brdf(request.reflectance, band_of(request));
+  const FrameRequest gathered = on_lattice(request);
   std::size_t next = 0;
   for (const FieldsInView::Field& field : seen.fields) {
     stop.check();
-    const auto kept = tiles.get(field.id, field.plane, field.tiles, {terrain, request}, stop);
+    const auto kept = tiles.get(field.id, field.plane, field.tiles, {terrain, gathered}, stop);
+    for (const auto& tile : kept)
+      for (const TilePost& post : tile->posts)
+        most_ground_view_ = std::max(most_ground_view_, static_cast<double>(post.ground_view));
     const auto side = static_cast<std::size_t>(field.plane.tiles());
     Field& own = fields_.emplace_back(Field{field.plane, std::vector<const Tile*>(side * side)});
     in_parallel(kept.size(),
@@ -51,96 +80,122 @@ TerrainLight::TerrainLight(const FrameRequest& request, const RowViews& views, c
 void TerrainLight::fill(const LightTile& from, const FieldPlane& plane, int tile, const Vec3& eye_m, const Brdf& brdf,
                         Tile& out) const {
   constexpr int kSide = FieldPlane::kTileSide;
+  static_assert(kSide == kPacket);
   const int row = tile / plane.tiles() * FieldPlane::kTileQuads, column = tile % plane.tiles() * FieldPlane::kTileQuads;
-  for (int i = 0; i < kSide * kSide; ++i) {
-    const TilePost& post = from.posts[static_cast<std::size_t>(i)];
-    const Vec3 place =
-        plane.direction(column + i % kSide, row + i / kSide) * (kMoonRadius_m + static_cast<double>(post.height_m));
-    out[static_cast<std::size_t>(i)] = fill(post, (eye_m - place).normalized(), brdf);
+  for (int r = 0; r < kSide; ++r) {
+    const auto first = static_cast<std::size_t>(r * kSide);
+    const auto posts = std::span(from.posts).subspan(first).first<kPacket>();
+    Vec3 toward[kPacket];
+    for (int i = 0; i < kSide; ++i) {
+      const double radius = kMoonRadius_m + static_cast<double>(posts[static_cast<std::size_t>(i)].height_m);
+      toward[i] = (eye_m - plane.direction(column + i, row + r) * radius).normalized();
+    }
+    set_factors(posts, toward, brdf, std::span(out).subspan(first).first<kPacket>());
   }
 }
 
-LightPost TerrainLight::fill(const TilePost& post, const Vec3& toward, const Brdf& brdf) const {
-  LightPost out{.earth = static_cast<float>(earth_w_m2_) * post.earth,
-                .ground = static_cast<float>(direct_w_m2_) * post.radiosity};
-  Vec3 sum = Vec3::Zero();
-  double lengths[kSectors], fluence = 0;
-  for (std::size_t k = 0; k < kSectors; ++k) {
-    sum += post.light.from[k].cast<double>();
-    fluence += lengths[k] = static_cast<double>(post.light.from[k].norm());
+// Sixteen posts. The factor is the mean reflectance of the light that arrives, over that of light from one direction.
+void TerrainLight::set_factors(std::span<const TilePost, kPacket> from, const Vec3 (&toward)[kPacket], const Brdf& brdf,
+                               std::span<LightPost, kPacket> out) const {
+  alignas(64) double mu[kPacket], mu0[kPacket], cos_phase[kPacket], reflected[kPacket];
+  double exact[kPacket] = {}, arrives[kPacket] = {};
+  for (int i = 0; i < kPacket; ++i) {
+    const TilePost& post = from[static_cast<std::size_t>(i)];
+    out[static_cast<std::size_t>(i)] = {.earth = static_cast<float>(earth_w_m2_) * post.earth,
+                                        .ground = static_cast<float>(direct_w_m2_) * post.radiosity};
+    mu[i] = std::max(post.normal.cast<double>().dot(toward[i]), 0.05);
   }
-  if (!(fluence > 0)) return out;
-  const Vec3 normal = post.normal.cast<double>();
-  // A lane per sector, and one for all of them.
-  double mu0[kPacket], mu[kPacket], cos_phase[kPacket], reflected[kPacket];
-  std::fill_n(mu0, kPacket, 1e-9), std::fill_n(mu, kPacket, std::max(normal.dot(toward), 0.05)),
-      std::fill_n(cos_phase, kPacket, 0.0);
-  for (int k = 0; k <= kSectors; ++k) {
-    const Vec3 from = k < kSectors ? post.light.from[static_cast<std::size_t>(k)].cast<double>() : sum;
-    const double length = k < kSectors ? lengths[k] : fluence;
-    if (!(length > 0)) continue;
-    mu0[k] = std::max(normal.dot(from) / length, 1e-9), cos_phase[k] = toward.dot(from) / length;
+  for (std::size_t k = 0; k < kSectors; ++k) {
+    float lengths[kPacket];
+    for (int i = 0; i < kPacket; ++i) {
+      const TilePost& post = from[static_cast<std::size_t>(i)];
+      LightPost& to = out[static_cast<std::size_t>(i)];
+      const Eigen::Vector3f light = post.light.from[k] * static_cast<float>(direct_w_m2_);
+      to.from[0][k] = light.x(), to.from[1][k] = light.y(), to.from[2][k] = light.z();
+      to.x += light.x(), to.y += light.y(), to.z += light.z();
+      to.fluence += lengths[i] = light.norm();
+      const bool faces = lengths[i] > 0 && post.normal.dot(light) > 1e-9F * lengths[i];
+      mu0[i] = faces ? static_cast<double>(post.normal.dot(light) / lengths[i]) : 1e-9;
+      cos_phase[i] = faces ? toward[i].dot(light.cast<double>()) / static_cast<double>(lengths[i]) : 0;
+      if (!faces) lengths[i] = 0;
+    }
+    brdf.times_mu0(mu0, mu, cos_phase, nullptr, reflected);
+    for (int i = 0; i < kPacket; ++i) {
+      exact[i] += static_cast<double>(lengths[i]) * reflected[i];
+      arrives[i] += static_cast<double>(lengths[i]) * mu0[i];
+    }
+  }
+  for (int i = 0; i < kPacket; ++i) {
+    const LightPost& post = out[static_cast<std::size_t>(i)];
+    const auto fluence = static_cast<double>(post.fluence);
+    mu0[i] = arrives[i] > 0 ? arrives[i] / fluence : 1e-9;
+    const Vec3 sum(static_cast<double>(post.x), static_cast<double>(post.y), static_cast<double>(post.z));
+    cos_phase[i] = fluence > 0 ? toward[i].dot(sum) / fluence : 0;
   }
   brdf.times_mu0(mu0, mu, cos_phase, nullptr, reflected);
-  // The mean reflectance of the light that arrives, over that of light from one direction.
-  double exact = 0, arrives = 0;
-  for (int k = 0; k < kSectors; ++k)
-    if (mu0[k] > 1e-9) exact += lengths[k] * reflected[k], arrives += lengths[k] * mu0[k];
-  const double simple = arrives * reflected[kSectors] / mu0[kSectors];
-  const auto scaled = [&](double value) { return static_cast<float>(value * direct_w_m2_); };
-  out.x = scaled(sum.x()), out.y = scaled(sum.y()), out.z = scaled(sum.z()), out.fluence = scaled(fluence);
-  out.factor = simple > 0 && exact > 0 ? static_cast<float>(std::clamp(exact / simple, 0.25, 4.0)) : 1;
-  return out;
+  for (int i = 0; i < kPacket; ++i) {
+    LightPost& post = out[static_cast<std::size_t>(i)];
+    const double simple = static_cast<double>(post.fluence) * reflected[i];
+    if (simple > 0 && exact[i] > 0) post.factor = static_cast<float>(std::clamp(exact[i] / simple, 0.25, 4.0));
+  }
 }
 
-LightPlace TerrainLight::place_of(std::uint32_t block, const Vec3& place_m) const {
-  if (of_block_[block] < 0) return kNowhere;
-  const Field& field = fields_[static_cast<std::size_t>(of_block_[block])];
-  constexpr int kQuads = FieldPlane::kTileQuads;
-  const int tiles = field.plane.tiles();
-  const Eigen::Vector2d place = field.plane.place(place_m);
-  const double last = tiles * kQuads, x = std::clamp(place.x(), 0.0, last), y = std::clamp(place.y(), 0.0, last);
-  const int column = std::min(static_cast<int>(x), tiles * kQuads - 1),
-            row = std::min(static_cast<int>(y), tiles * kQuads - 1);
-  const Tile* tile = field.tiles[static_cast<std::size_t>(row / kQuads * tiles + column / kQuads)];
-  if (!tile) return kNowhere;
-  const int post = row % kQuads * FieldPlane::kTileSide + column % kQuads;
-  return {tile->data() + post, static_cast<float>(x - column), static_cast<float>(y - row), FieldPlane::kTileSide};
+void TerrainLight::places_of(const SurfacePoints& points, LightPlace (&places)[kPacket]) const {
+  std::fill_n(places, kPacket, kNowhere);
+  FieldLanes at;
+  // All are mostly in one field.
+  for (std::uint32_t left = hit_bits(points); left;) {
+    const int of = of_block_[points.triangle[std::countr_zero(left)].block()];
+    std::uint32_t here = 0;
+    for (std::uint32_t i = 0; i < kPacket; ++i)
+      here |= static_cast<std::uint32_t>(of_block_[points.triangle[i].block()] == of) << i;
+    here &= left, left &= ~here;
+    if (of < 0) continue;
+    const Field& field = fields_[static_cast<std::size_t>(of)];
+    places_in_field(field.plane, points, at);
+    for (std::uint32_t i = 0; i < kPacket; ++i)
+      if (const Tile* tile = here >> i & 1 ? field.tiles[static_cast<std::size_t>(at.tile[i])] : nullptr)
+        places[i] = {tile->data() + at.post[i], at.east[i], at.north[i], FieldPlane::kTileSide};
+  }
 }
 
 LightPost TerrainLight::at(std::uint32_t block, const Vec3& place_m) const {
-  const LightPlace place = place_of(block, place_m);
-  LightPost post;
-  posts_between({&place, 1}, &post);
-  return post;
+  SurfacePoints points{};
+  points.x[0] = place_m.x(), points.y[0] = place_m.y(), points.z[0] = place_m.z(), points.hit[0] = true;
+  points.triangle[0] = TriangleId(block, 0, 0, false);
+  LightPlace places[kPacket];
+  places_of(points, places);
+  return post_between(places[0]);
 }
 
 void TerrainLight::add(const SurfacePoints& points, const Shading& shading, const Rays& rays, const Brdf& brdf,
                        const double* albedo, float* radiance) const {
   const bool hapke = request_.reflectance.model == ReflectanceModel::hapke;
   const double *w = hapke ? albedo : nullptr, *factor = hapke ? nullptr : albedo;
-  LightPlace places[kPacket];
-  LightPost posts[kPacket];
   alignas(64) double mu[kPacket], reflected[kPacket];
-  for (int i = 0; i < kPacket; ++i) {
-    mu[i] = shading.mu[i] > 0 ? shading.mu[i] : 0;
-    places[i] = points.hit[i] ? place_of(points.triangle[i].block(), points.position(i)) : kNowhere;
-  }
-  posts_between(places, posts);
+  for (int i = 0; i < kPacket; ++i) mu[i] = shading.mu[i] > 0 ? shading.mu[i] : 0;
+  LightPlace places[kPacket];
+  places_of(points, places);
   DiffuseLanes light;
-  light_from_terrain(posts, points, shading, rays, light);
+  float earth[kPacket];
+  light_from_terrain(places, points, shading, rays, light, earth);
   brdf.times_mu0(light.mu0, mu, light.cos_phase, w, reflected);
   add_reflected(light, reflected, factor, radiance);
   if (!(earth_w_m2_ > 0)) return;
-  light_from_earth(posts, points, shading, rays, earth_, light);
+  light_from_earth(earth, points, shading, rays, earth_, light);
   brdf.times_mu0(light.mu0, mu, light.cos_phase, w, reflected);
   add_reflected(light, reflected, factor, radiance);
 }
 
 IndirectIrradiance TerrainLight::irradiance(const SurfacePoints& points, int lane, const Vec3& normal) const {
   const LightPost post = at(points.triangle[lane].block(), points.position(lane));
-  const Vec3 from(static_cast<double>(post.x), static_cast<double>(post.y), static_cast<double>(post.z));
-  return {std::max(normal.dot(from), 0.0), static_cast<double>(post.earth) * std::max(normal.dot(earth_), 0.0)};
+  double terrain = 0;
+  for (std::size_t k = 0; k < kSectors; ++k)
+    terrain +=
+        std::max(normal.x() * static_cast<double>(post.from[0][k]) + normal.y() * static_cast<double>(post.from[1][k]) +
+                     normal.z() * static_cast<double>(post.from[2][k]),
+                 0.0);
+  return {terrain, static_cast<double>(post.earth) * std::max(normal.dot(earth_), 0.0)};
 }
 
 IndirectIrradiance TerrainLight::Place::on(const Vec3& normal) const {

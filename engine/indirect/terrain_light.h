@@ -1,11 +1,13 @@
 // Indirect light over a frame's mesh: from the terrain around, and from the Earth.
 //
-// Gathered at posts (light_tile.h) and interpolated between them. At a point with normal n the irradiance is the dot
-// product of n with the light's vector; the radiance is that of light from one direction with the same irradiance and
-// mean cosine of incidence, times a factor that makes it exact at the posts.
+// Gathered at posts (light_tile.h) in sectors of azimuth, which are interpolated between them. At a point with normal n
+// the irradiance is the sum over sectors of the dot product of n with the sector's vector, where that is positive; the
+// radiance is that of light from one direction with the same irradiance and mean cosine of incidence, times a factor
+// that makes it exact at the posts.
 #pragma once
 
 #include <array>
+#include <span>
 #include <vector>
 
 #include "engine/camera/row_views.h"
@@ -38,6 +40,10 @@ class TerrainLight {
   // At a lane, for its normal.
   IndirectIrradiance irradiance(const SurfacePoints& points, int lane, const Vec3& normal) const;
 
+  // The largest share of its hemisphere that a post in view sees as ground. Light that is reflected more often than
+  // once is at most a V / (1 - a V) of the largest irradiance from terrain, V being that share and a the albedo.
+  double most_ground_view() const { return most_ground_view_; }
+
   // At any place near the mesh, as on an object: above the ground, whose light comes from below.
   struct Place {
     Vec3 terrain = Vec3::Zero(), earth = Vec3::Zero();  // vectors of the light, W m-2
@@ -55,13 +61,14 @@ class TerrainLight {
   };
   void fill(const LightTile& from, const FieldPlane& plane, int tile, const Vec3& eye_m, const Brdf& brdf,
             Tile& out) const;
-  LightPost fill(const TilePost& post, const Vec3& toward, const Brdf& brdf) const;
-  LightPlace place_of(std::uint32_t block, const Vec3& place_m) const;
+  void set_factors(std::span<const TilePost, kPacket> from, const Vec3 (&toward)[kPacket], const Brdf& brdf,
+                   std::span<LightPost, kPacket> out) const;
+  void places_of(const SurfacePoints& points, LightPlace (&places)[kPacket]) const;
   LightPost at(std::uint32_t block, const Vec3& place_m) const;
 
   const FrameRequest& request_;
   const Mesh& mesh_;
-  double direct_w_m2_, earth_w_m2_ = 0;
+  double direct_w_m2_, earth_w_m2_ = 0, most_ground_view_ = 0;
   Vec3 earth_ = Vec3::Zero();
   std::vector<Tile> tiles_;
   std::vector<Field> fields_;

@@ -128,6 +128,20 @@ void Brdf::times_mu0(const double* mu0, const double* mu, const double* cos_phas
   for (int i = 0; i < kPacket; ++i) out[i] = mu0[i] > 0 ? times_mu0(mu0[i], mu[i], cos_phase[i]) : 0;
 }
 
+double diffuse_albedo(const Brdf& brdf) {
+  constexpr int kSteps = 16;
+  const auto middle = [](int step) { return (step + 0.5) / kSteps; };
+  double sum = 0;
+  for (int i = 0; i < kSteps; ++i)
+    for (int o = 0; o < kSteps; ++o)
+      for (int a = 0; a < kSteps; ++a) {
+        const double mu0 = middle(i), mu = middle(o);
+        const double across = std::sqrt((1 - mu0 * mu0) * (1 - mu * mu)) * std::cos(kPi * middle(a));
+        sum += mu * brdf.times_mu0(mu0, mu, mu0 * mu + across);
+      }
+  return 4 * kPi * sum / (kSteps * kSteps * kSteps);
+}
+
 double direct_radiance(const Brdf& brdf, double irradiance_w_m2, double mu0, double mu, double cos_phase,
                        double lit_fraction) {
   // A smoothed normal can lean a little away from a camera that sees the facet: grazing emission then.

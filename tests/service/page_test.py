@@ -159,11 +159,11 @@ class InABrowser(unittest.TestCase):
         boxes, sliders, high = self.browser.execute_script("""
             const box = e => { const b = e.getBoundingClientRect(); return [b.width * b.height, b.top, b.bottom, b.right]; };
             return [Object.fromEntries([...document.querySelectorAll('canvas, fieldset')].map(e => [e.id, box(e)])),
-                    [...document.querySelectorAll('input[type=range], #detail, #reflectance, #sensor, #disc, #product')].map(box), innerHeight]""")
+                    [...document.querySelectorAll('input[type=range], #detail, #reflectance, #indirect, #sensor, #disc, #product')].map(box), innerHeight]""")
         area, top, bottom, _ = boxes.pop("frame")
         self.assertTrue(0 <= top and bottom <= high, boxes)
         self.assertGreater(area, 1.5 * max(other[0] for other in boxes.values()))
-        self.assertEqual(len(sliders), 15)
+        self.assertEqual(len(sliders), 16)
         for _, top, bottom, right in sliders:
             self.assertTrue(0 < top < bottom <= high and right <= LAPTOP[0], (top, bottom, high))
         self.screenshot("page-laptop")
@@ -208,6 +208,7 @@ class InABrowser(unittest.TestCase):
                 (lambda: self.set("reflectance", "hapke"), "surface", {"reflectance": {"model": "hapke"}}),
                 (check("disc"), "sun", {"angular_radius_deg": "sun"}),
                 (lambda: self.set("detail", "highlands"), "detail", "highlands"),
+                (check("indirect"), "indirect", {"terrain": True, "earth": False}),
                 (check("sensor"), "sensor", {"exposure": {"target_fill": 0.8}})):
             self.assertTrue(self.changes(act), member)
             asked = self.browser.execute_script("return asked")[member]

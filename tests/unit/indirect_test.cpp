@@ -46,7 +46,8 @@ SlopeLightSource lambert_in(const Sun& sun) {
   return {sun, kFlux_w_m2, Brdf(lambert), false, {}};
 }
 
-// check(east and north of the relief's centre in metres, light) for its posts in steps of `stride`.
+// check(east and north of the relief's centre in metres, light, integral over the sky) for its posts in steps of
+// `stride`.
 template <typename Check>
 void for_posts(const Relief& relief, const SlopeLight& light, int stride, double within_m, const Check& check) {
   const double spacing_m = relief.shape().spacing_m;
@@ -58,7 +59,8 @@ void for_posts(const Relief& relief, const SlopeLight& light, int stride, double
       for (int i = 0; i < kPacket; ++i) {
         Vec3 all = Vec3::Zero();
         for (const Eigen::Vector3f& from : found[static_cast<std::size_t>(i)].from) all += from.cast<double>();
-        check((column + i * stride) * spacing_m, row * spacing_m, all);
+        check((column + i * stride) * spacing_m, row * spacing_m, all,
+              Vec3(found[static_cast<std::size_t>(i)].sky.cast<double>()));
       }
     }
 }
@@ -79,11 +81,14 @@ TEST(IndirectLight, TheFirstBounceInABowlIsTheSameEverywhere) {
       double sum = 0;
       int count = 0;
       for (const int stride : {2, 4})
-        for_posts(relief, light, stride, 950, [&](double east_m, double north_m, const Vec3& arrives) {
+        for_posts(relief, light, stride, 950, [&](double east_m, double north_m, const Vec3& arrives, const Vec3& sky) {
           if (std::hypot(east_m, north_m) > 950) return;
           const Vec3 place =
               (bowl.centre * kMoonRadius_m + east_m * bowl.axes.east + north_m * bowl.axes.north).normalized();
-          const double irradiance = arrives.dot(bowl.normal(place));
+          const Vec3 normal = bowl.normal(place);
+          const double irradiance = arrives.dot(normal);
+          // All places of a sphere see the same share of it.
+          EXPECT_NEAR(1 - normal.dot(sky) / std::numbers::pi, 1 / (1 + ratio * ratio / 4), 0.01) << ratio;
           EXPECT_NEAR(irradiance, truth, (elevation_deg > 15 ? 0.03 : 0.05) * truth) << ratio << " " << elevation_deg;
           sum += irradiance, ++count;
         });
@@ -111,7 +116,7 @@ TEST(IndirectLight, WallsOfATrenchLightEachOther) {
   const SlopeLight light(relief, lambert_in(sun));
   const auto normal_at = [&](double east) { return (-std::copysign(slope, east) * axes.east + axes.up).normalized(); };
   int count = 0;
-  for_posts(relief, light, 4, 400, [&](double east, double, const Vec3& arrives) {
+  for_posts(relief, light, 4, 400, [&](double east, double, const Vec3& arrives, const Vec3&) {
     if (std::abs(east) < 40 || std::abs(east) > 400) return;
     const Vec3 normal = normal_at(east), other = normal_at(-east);
     // From the bottom, where the other wall begins, to its upper edge.
@@ -123,6 +128,15 @@ TEST(IndirectLight, WallsOfATrenchLightEachOther) {
     ++count;
   });
   EXPECT_GT(count, 500);
+}
+
+TEST(IndirectLight, DiffuseAlbedo) {
+  Reflectance reflectance{.model = ReflectanceModel::lambert, .rho = 0.12};
+  EXPECT_NEAR(diffuse_albedo(Brdf(reflectance)), 0.12, 1e-6);
+  // mu0 f_r = rho / pi mu0 / (mu0 + mu): 4 rho times the integral of mu0 mu / (mu0 + mu), (2 - 2 ln 2) / 3.
+  reflectance = {.model = ReflectanceModel::lommel_seeliger, .rho = 0.12, .phase = PhaseLaw::none};
+  const double found = diffuse_albedo(Brdf(reflectance)), one = Brdf(reflectance).times_mu0(1, 1, 1) * 2;
+  EXPECT_NEAR(found, one * 4 * std::numbers::pi * (2 - 2 * std::numbers::ln2) / 3, 2e-3 * found);
 }
 
 // 0.084 W m-2 at full Earth over all wavelengths; at quarter Earth by the phase law 10^(-0.4 * 1.568).
@@ -174,6 +188,35 @@ TEST(IndirectLight, WhatAFrameGainsIsItsIrradiance) {
     most = std::max(most, arrives);
   }
   EXPECT_GT(most, 5);
+}
+
+// The Sun moves by 1.4e-5 degrees between frames of a loop at 10 Hz: the light is gathered once for many of them.
+// Within half a step of 0.02 degrees it is the same; a step later it has changed, by little.
+TEST(IndirectLight, ASunThatMovesALittleFindsTheSameLight) {
+  const test::TemporaryFolder folder;
+  test::write_float_tile(folder / "dem", "wall", {2, 10, 64, 129, 129},
+                         [](double, double lon) { return 4000 * std::exp(-std::pow((lon - 11) / 0.1, 2)); });
+  const Renderer renderer(test::open_terrain(folder / "dem"), RendererOptions{2, std::size_t{256} << 20});
+  FrameRequest request;
+  request.camera = test::square_camera(64, 50);
+  const Vec3 eye = to_cartesian({1, 10.85, 20000});
+  request.pose = test::looking(eye, -eye, Vec3::UnitZ());
+  request.products = kIrradiance, request.indirect.terrain = true;
+  const auto from_terrain = [&](double sun_lon_deg) {
+    request.sun.direction = to_cartesian({0, sun_lon_deg, 0}).normalized();
+    const Frame frame = renderer.render(request);
+    double sum = 0;
+    for (std::size_t i = 1; i < frame.products.irradiance.size(); i += 3)
+      if (!std::isnan(frame.products.irradiance[i])) sum += static_cast<double>(frame.products.irradiance[i]);
+    return sum;
+  };
+  const double light = from_terrain(-60);
+  EXPECT_GT(light, 0);
+  EXPECT_EQ(from_terrain(-60.009), light);
+  EXPECT_EQ(from_terrain(-59.991), light);
+  const double next = from_terrain(-59.989);
+  EXPECT_NE(next, light);
+  EXPECT_NEAR(next, light, 0.005 * light);
 }
 
 }  // namespace
