@@ -182,8 +182,11 @@ class RayCaster {
         const std::uint32_t dark = blocked(asking, sun.direction);
         for (int i = 0; i < kPacket; ++i) lit[i] = asking & ~dark & 1U << i ? 1.F : 0.F;
       }
-      for (int i = 0; i < count; ++i)
-        hits[asked[batch[first + static_cast<std::size_t>(i)]]].lit = static_cast<double>(lit[i]);
+      for (int i = 0; i < count; ++i) {
+        RayHit& hit = hits[asked[batch[first + static_cast<std::size_t>(i)]]];
+        const double cosine = disc ? shading.incident[i] : hit.normal.dot(sun.direction);
+        hit.lit = static_cast<double>(lit[i]), hit.incident = hit.lit > 0 ? hit.lit * std::max(cosine, 0.0) : 0;
+      }
     };
     in_batches(to_sun, work, toward);
   }
@@ -346,7 +349,11 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
     // An object that stands there doesn't hide the ground from its own light.
     const std::vector<RayHit> grounds = caster.cast(downs, sun, RayCaster::Meeting::terrain_alone),
                               over = caster.light_at(places, *sun);
-    for (std::size_t k = 0; k < grounds.size(); ++k) answers[on_ground[k]].lit = grounds[k].lit;
+    for (std::size_t k = 0; k < grounds.size(); ++k) {
+      Landmark& a = answers[on_ground[k]];
+      a.lit = grounds[k].lit;
+      if (grounds[k].hit) a.place = {grounds[k].position_m, grounds[k].normal, grounds[k].incident};
+    }
     for (std::size_t k = 0; k < over.size(); ++k) answers[over_ground[k]].lit = over[k].lit;
   }
   return answers;

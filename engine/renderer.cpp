@@ -13,6 +13,7 @@
 #include "dem/detail/features.h"
 #include "dem/support/parallel.h"
 #include "engine/choose_accuracy.h"
+#include "engine/indirect/light_at_places.h"
 #include "engine/preparation.h"
 #include "engine/ray_queries.h"
 #include "engine/render_cache.h"
@@ -115,6 +116,13 @@ std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optiona
                                    const std::shared_ptr<const dem::Detail>& detail) const {
   return impl_->query(
       detail, [&](const dem::Terrain& terrain) { return cast_rays(rays, objects, sun, terrain, impl_->kept, stop); });
+}
+
+std::vector<Irradiance> Renderer::light_at(std::span<const LitPlace> places, const FrameRequest& request,
+                                           const StopToken& stop) const {
+  return impl_->query(request.detail, [&](const dem::Terrain& terrain) {
+    return light_at_places(places, request, terrain, impl_->kept.light_tiles(), stop);
+  });
 }
 
 std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,

@@ -65,6 +65,11 @@ class Renderer {
                            const std::vector<SceneObject>& objects = {},
                            const std::shared_ptr<const dem::Detail>& detail = {}) const;
 
+  // The light at places, as in a frame of that request (engine/indirect/light_at_places.h): its Sun, ground, band,
+  // detail and indirect light.
+  std::vector<Irradiance> light_at(std::span<const LitPlace> places, const FrameRequest& request,
+                                   const StopToken& stop = {}) const;
+
   // Projects landmarks. in_frame: the pixel coordinates are within [-0.5, width-0.5) x [-0.5, height-0.5) and the point
   // is in front of the camera; visible: in_frame and nothing stands between. With a shutter a landmark appears in the
   // row that sees it, in the pose of that row's time (interpolated between rows: y_px is not rounded). If several rows

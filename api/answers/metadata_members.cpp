@@ -121,9 +121,7 @@ void add_further_bounces(Answer<MetadataSource>& a) {
                            {"albedo", albedo},
                            {"further_bounces_at_most", reflected / (1 - reflected)}};
       },
-      [](const MetadataSource& s) {
-        return with_light(s) && engine::wants_indirect(s.request) && s.request.indirect.terrain;
-      });
+      [](const MetadataSource& s) { return engine::wants_indirect(s.request) && s.request.indirect.terrain; });
 }
 
 void add_exposure(Answer<MetadataSource>& a) {

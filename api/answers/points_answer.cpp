@@ -28,6 +28,16 @@ void add_lit(auto& a, auto lit, auto sun_given) {
   a.add("lit", schema::number_or_null("lit fraction, when a Sun was given"), lit, sun_given);
 }
 
+template <typename Source>
+void add_irradiance(Answer<Source>& a) {
+  a.add(
+      "irradiance",
+      schema::vector("W m-2, with `indirect`, on terrain, on its own slope: from the Sun directly, from terrain, from "
+                     "the Earth"),
+      [](const Source& s) { return Vec3(s.light->direct_w_m2, s.light->terrain_w_m2, s.light->earth_w_m2); },
+      [](const Source& s) { return s.light.has_value(); });
+}
+
 }  // namespace
 
 const Answer<HitSource>& hit_answer() {
@@ -49,14 +59,16 @@ const Answer<HitSource>& hit_answer() {
         "rock", text("its id in POST /v1/features, if it is one of the detail's rocks"),
         [](const S& s) { return id_text(*s.hit.rock); }, [](const S& s) { return s.hit.hit && s.hit.rock; });
     add_lit(
-        a, [](const S& s) { return s.hit.lit; }, [](const S& s) { return s.hit.hit && s.query.sun; });
+        a, [](const S& s) { return s.hit.lit; }, [](const S& s) { return s.hit.hit && s.query.sun_given; });
+    add_irradiance(a);
   });
   return answer;
 }
 
-OrderedJson rays_json(std::span<const engine::RayHit> hits, const RaysQuery& query) {
+OrderedJson rays_json(std::span<const engine::RayHit> hits, std::span<const LightOfPoint> light,
+                      const RaysQuery& query) {
   OrderedJson list = OrderedJson::array();
-  for (const engine::RayHit& hit : hits) list.push_back(hit_answer().write({hit, query}));
+  for (std::size_t i = 0; i < hits.size(); ++i) list.push_back(hit_answer().write({hits[i], light[i], query}));
   return {{"rays", std::move(list)}};
 }
 
@@ -79,7 +91,8 @@ const Answer<LandmarkSource>& landmark_answer() {
           number_or_null("with a shutter: when the row that sees it is exposed, line_time_s * y_px; null where none "
                          "does"),
           landmark(&Landmark::time_s), [](const S& s) { return s.query.shutter.has_value(); });
-    add_lit(a, landmark(&Landmark::lit), [](const S& s) { return s.query.sun.has_value(); });
+    add_lit(a, landmark(&Landmark::lit), [](const S& s) { return s.query.sun_given; });
+    add_irradiance(a);
     a.add(
         "reason",
         text("why a value is null: no data there; behind the camera; beyond the lens's field of view, where its "
@@ -93,11 +106,11 @@ const Answer<LandmarkSource>& landmark_answer() {
   return answer;
 }
 
-OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, const ProjectQuery& query,
-                           const dem::Catalogue& catalogue) {
+OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, std::span<const LightOfPoint> light,
+                           const ProjectQuery& query, const dem::Catalogue& catalogue) {
   OrderedJson list = OrderedJson::array();
   for (std::size_t i = 0; i < landmarks.size(); ++i)
-    list.push_back(landmark_answer().write({landmarks[i], query.points[i], query, catalogue}));
+    list.push_back(landmark_answer().write({landmarks[i], light[i], query.points[i], query, catalogue}));
   return {{"points", std::move(list)}};
 }
 

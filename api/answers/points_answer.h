@@ -9,22 +9,27 @@
 
 namespace selenograph::api {
 
+using LightOfPoint = std::optional<engine::Irradiance>;
+
 struct HitSource {
   const engine::RayHit& hit;
+  const LightOfPoint& light;
   const RaysQuery& query;
 };
 const Answer<HitSource>& hit_answer();
-OrderedJson rays_json(std::span<const engine::RayHit> hits, const RaysQuery& query);
+OrderedJson rays_json(std::span<const engine::RayHit> hits, std::span<const LightOfPoint> light,
+                      const RaysQuery& query);
 
 struct LandmarkSource {
   const engine::Landmark& landmark;
+  const LightOfPoint& light;
   const engine::LandmarkQuery& point;
   const ProjectQuery& query;
   const dem::Catalogue& catalogue;
 };
 const Answer<LandmarkSource>& landmark_answer();
-OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, const ProjectQuery& query,
-                           const dem::Catalogue& catalogue);
+OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, std::span<const LightOfPoint> light,
+                           const ProjectQuery& query, const dem::Catalogue& catalogue);
 
 struct HeightSource {
   const dem::HeightAnswer& height;

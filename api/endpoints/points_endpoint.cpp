@@ -15,8 +15,23 @@ void need_memory(const EndpointContext& context, std::size_t points, std::string
   context.memory.need(kBytesPerPoint * points + more, pointer, context.stop);
 }
 
-std::size_t bytes_of_rocks(const Named<dem::Detail>& detail) {
-  return engine::bytes_of_rocks(detail.content.get(), engine::kMostRememberedRocks);
+std::size_t bytes_of_rocks(const PointScenery& scenery) {
+  return engine::bytes_of_rocks(scenery.request.detail.get(), engine::kMostRememberedRocks);
+}
+
+// An irradiance for each place; empty where there is none, and without indirect light.
+std::vector<std::optional<engine::Irradiance>> light_of(const EndpointContext& context, const PointScenery& scenery,
+                                                        std::span<const std::optional<engine::LitPlace>> places) {
+  std::vector<std::optional<engine::Irradiance>> out(places.size());
+  if (!scenery.request.indirect.any()) return out;
+  std::vector<engine::LitPlace> asked;
+  for (const auto& place : places)
+    if (place) asked.push_back(*place);
+  const auto light = context.renderer.light_at(asked, scenery.request, context.stop);
+  auto next = light.begin();
+  for (std::size_t i = 0; i < places.size(); ++i)
+    if (places[i]) out[i] = *next++;
+  return out;
 }
 
 std::vector<engine::SceneObject> scene_objects(const std::vector<PlacedObject>& placed) {
@@ -33,26 +48,35 @@ void throw_if_stopped(const EndpointContext& context) { context.stop.check(); }
 
 Response answer_rays(const EndpointContext& context) {
   const RaysQuery query = read_rays(json_body(context), context.limits, context.assets, context.stop);
-  need_memory(context, query.rays.size(), "/rays", bytes_of_rocks(query.detail));
+  need_memory(context, query.rays.size(), "/rays", bytes_of_rocks(query));
   const auto hits = with_refusals_at({}, "/rays", [&] {
-    return context.renderer.cast(query.rays, query.sun, context.stop, scene_objects(query.objects),
-                                 query.detail.content);
+    return context.renderer.cast(query.rays, query.sun(), context.stop, scene_objects(query.objects),
+                                 query.request.detail);
   });
+  std::vector<std::optional<engine::LitPlace>> places;
+  for (const engine::RayHit& hit : hits)
+    places.push_back(hit.hit && !hit.object && !hit.rock
+                         ? std::optional(engine::LitPlace{hit.position_m, hit.normal, hit.incident})
+                         : std::nullopt);
+  const auto light = light_of(context, query, places);
   throw_if_stopped(context);
-  return json_response(rays_json(hits, query));
+  return json_response(rays_json(hits, light, query));
 }
 
 Response answer_project(const EndpointContext& context) {
   const ProjectQuery query = read_project(json_body(context), context.limits, context.assets, context.stop);
   need_memory(context, query.points.size(), "/points",
-              engine::bytes_of_rows(query.camera, query.shutter) + bytes_of_rocks(query.detail));
+              engine::bytes_of_rows(query.camera, query.shutter) + bytes_of_rocks(query));
   constexpr MemberPointer kRefusable[] = {{"shutter", "/shutter"}, {"rays", "/points"}};
   const auto landmarks = with_refusals_at(kRefusable, "/pose", [&] {
-    return context.renderer.project(query.camera, query.pose, query.shutter, query.points, query.sun, context.stop,
-                                    scene_objects(query.objects), query.detail.content);
+    return context.renderer.project(query.camera, query.pose, query.shutter, query.points, query.sun(), context.stop,
+                                    scene_objects(query.objects), query.request.detail);
   });
+  std::vector<std::optional<engine::LitPlace>> places;
+  for (const engine::Landmark& landmark : landmarks) places.push_back(landmark.place);
+  const auto light = light_of(context, query, places);
   throw_if_stopped(context);
-  return json_response(landmarks_json(landmarks, query, context.renderer.terrain().catalogue()));
+  return json_response(landmarks_json(landmarks, light, query, context.renderer.terrain().catalogue()));
 }
 
 Response answer_heights(const EndpointContext& context) {

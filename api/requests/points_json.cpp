@@ -5,6 +5,7 @@
 
 #include "api/json/ranges.h"
 #include "api/requests/features_json.h"
+#include "api/requests/parts/band_json.h"
 #include "api/requests/parts/pose_json.h"
 #include "api/requests/parts/shutter_json.h"
 #include "api/schema/member_kinds.h"
@@ -40,6 +41,17 @@ const Members<engine::LandmarkQuery>& landmark_members() {
   return *table;
 }
 
+// Without a Sun answers have no `lit`; without `indirect`, whose light the ground and the band make, no `irradiance`.
+template <typename Query>
+void add_point_scenery(Members<Query>& m, const char* of_objects) {
+  add_scenery(m);
+  m.add(
+      "band", [](auto& q) -> auto& { return q.request.band; }, Object{band_members()},
+      "spectral channel of the irradiance; left out: all wavelengths");
+  m.add("objects", &Query::objects, List{Object{object_members()}, 1, kMaxObjects}, of_objects);
+  m.needs("indirect", {"sun"}, "whose light it is");
+}
+
 template <typename M>
 auto checked(const M& members, const Json& body, const Limits& limits, const Assets& assets = Assets(),
              const StopToken& stop = {}) {
@@ -62,10 +74,10 @@ const Members<RaysQuery>& rays_members() {
   static const auto table =
       made<Members<RaysQuery>>("RaysRequest", "Rays against the finest terrain and objects.", [](auto& m) {
         m.add("rays", &RaysQuery::rays, List{Object{ray_members()}, 1, most}, "the rays").required();
-        m.add("sun", &RaysQuery::sun, Object{sun_members()}, "left out: no `lit` in the answer");
-        m.add("detail", &RaysQuery::detail, DetailName{}, kOfDetail);
-        m.add("objects", &RaysQuery::objects, List{Object{object_members()}, 1, kMaxObjects},
-              "as in a frame: rays hit them, and they cast shadows");
+        add_point_scenery(m, "as in a frame: rays hit them, and they cast shadows");
+        m.check([](const JsonReader&, RaysQuery& query, const ReadContext&) {
+          resolve_preset(query.request, query.surface);
+        });
       });
   return *table;
 }
@@ -78,13 +90,11 @@ const Members<ProjectQuery>& project_members() {
               "position and attitude of the camera; required unless `shutter.poses` is given");
         m.add("shutter", &ProjectQuery::shutter, Object{shutter_members()},
               "times of the rows: the answer has a `time_s`; left out: all rows are exposed at once");
-        m.add("sun", &ProjectQuery::sun, Object{sun_members()}, "left out: no `lit` in the answer");
-        m.add("detail", &ProjectQuery::detail, DetailName{}, kOfDetail);
-        m.add("objects", &ProjectQuery::objects, List{Object{object_members()}, 1, kMaxObjects},
-              "as in a frame: they hide landmarks, and they cast shadows");
+        add_point_scenery(m, "as in a frame: they hide landmarks, and they cast shadows");
         m.add("points", &ProjectQuery::points, List{Object{landmark_members()}, 1, most}, "the landmarks").required();
         m.check([](const JsonReader& in, ProjectQuery& query, const ReadContext&) {
           check_pose(in, query.camera, query.shutter, query.pose);
+          resolve_preset(query.request, query.surface);
         });
         m.also(pose_condition);
       });

@@ -9,6 +9,7 @@
 #include "api/requests/parts/detail_json.h"
 #include "api/requests/parts/objects_json.h"
 #include "api/requests/parts/pose_json.h"
+#include "api/requests/parts/scenery_json.h"
 #include "api/requests/parts/sun_json.h"
 #include "dem/terrain/terrain.h"
 #include "engine/frame/camera.h"
@@ -19,20 +20,22 @@
 
 namespace selenograph::api {
 
-struct RaysQuery {
-  std::vector<engine::Ray> rays;
-  std::optional<engine::Sun> sun;
+// What lights and hides the points.
+struct PointScenery : SceneryQuery {
+  engine::FrameRequest request;  // its Sun, ground, band, detail and indirect light
   std::vector<PlacedObject> objects;
-  Named<dem::Detail> detail{};  // null: none
+  engine::FrameRequest& look() { return request; }
+  const engine::FrameRequest& look() const { return request; }
+  std::optional<engine::Sun> sun() const { return sun_given ? std::optional(request.sun) : std::nullopt; }
 };
-struct ProjectQuery {
+struct RaysQuery : PointScenery {
+  std::vector<engine::Ray> rays;
+};
+struct ProjectQuery : PointScenery {
   engine::Camera camera;
   engine::Pose pose;
   std::optional<engine::Shutter> shutter;
-  std::optional<engine::Sun> sun;
   std::vector<engine::LandmarkQuery> points;
-  std::vector<PlacedObject> objects;
-  Named<dem::Detail> detail{};  // null: none
 };
 struct HeightsQuery {
   std::vector<Geographic> points;

@@ -15,6 +15,17 @@ struct Ray {
   Vec3 direction;  // unit
 };
 
+// W m-2, on a surface: from the Sun directly, reflected by terrain, from the Earth.
+struct Irradiance {
+  double direct_w_m2 = 0, terrain_w_m2 = 0, earth_w_m2 = 0;
+};
+
+// A place on a surface whose light is asked for.
+struct LitPlace {
+  Vec3 position_m, normal;
+  double incident;  // of the Sun: the seen share of its disc times its mean cosine of incidence
+};
+
 struct RayHit {
   bool hit = false;
   std::optional<std::uint16_t> object{};  // index into the query's objects; empty: terrain or a rock
@@ -23,6 +34,7 @@ struct RayHit {
   Vec3 normal = Vec3::Zero();
   double lit = 0;                       // valid when a Sun was given
   std::optional<std::uint64_t> rock{};  // dem::Rock::id
+  double incident = 0;                  // lit times the light's mean cosine of incidence
 };
 
 // A point of POST /v1/project.
@@ -40,7 +52,8 @@ struct Landmark {
   // For rows exposed one after the other: time of the row in which the point appears, from the exposure of row 0. NaN,
   // like x_px, y_px and range_m, when no row sees it.
   double time_s = std::numeric_limits<double>::quiet_NaN();
-  bool behind_camera = false;  // for a pinhole whose rows are exposed at once
+  bool behind_camera = false;       // for a pinhole whose rows are exposed at once
+  std::optional<LitPlace> place{};  // on terrain, when a Sun was given
 };
 
 }  // namespace selenograph::engine

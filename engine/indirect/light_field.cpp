@@ -59,6 +59,17 @@ FieldPlane::FieldPlane(const LightField& field) : spacing_m_(dem::post_spacing_m
   posts_.topRows<2>() *= kMoonRadius_m / spacing_m_;
 }
 
+FieldPost FieldPlane::post_at(const Vec3& position_m) const {
+  const Eigen::Vector2d at = place(position_m);
+  const int last = tiles_ * kTileQuads;
+  const auto split = [&](double posts) {
+    return std::min(static_cast<int>(std::clamp(posts, 0.0, double(last))), last - 1);
+  };
+  const int column = split(at.x()), row = split(at.y());
+  return {row / kTileQuads * tiles_ + column / kTileQuads, row % kTileQuads, column % kTileQuads,
+          std::clamp(at.x() - column, 0.0, 1.0), std::clamp(at.y() - row, 0.0, 1.0)};
+}
+
 Vec3 FieldPlane::direction(int column, int row) const {
   const Vec3 plane((column - middle()) * spacing_m_, (row - middle()) * spacing_m_, kMoonRadius_m);
   return axes_.transpose() * plane.normalized();

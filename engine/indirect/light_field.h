@@ -24,6 +24,12 @@ struct LightField {
 
 LightField light_field_at(int level, int finest, double lat_deg, double lon_deg);
 
+// A place in a field: its tile, the post of that south-west of it, and how far beyond the post.
+struct FieldPost {
+  int tile, row, column;
+  double east, north;
+};
+
 // A field's posts, in tiles of 16 x 16: adjacent tiles share a row or a column.
 class FieldPlane {
  public:
@@ -39,7 +45,9 @@ class FieldPlane {
     const Vec3 d = posts_ * position_m;
     return {d.x() / d.z() + middle(), d.y() / d.z() + middle()};
   }
-  // The same for many places: rows of a matrix by which a place's third component divides the others, and what is
+  // A place beside the field is at its border.
+  FieldPost post_at(const Vec3& position_m) const;
+  // place() for many places: rows of a matrix by which a place's third component divides the others, and what is
   // added to both.
   const double* posts() const { return posts_.data(); }
   double middle() const { return tiles_ / 2 * kTileQuads; }

@@ -65,7 +65,28 @@ ContentKey key_of(const ContentKey& light, const LightField& field, int tile) {
   return hash.key();
 }
 
+constexpr double kStep_deg = 0.02, kRadiusStep_deg = 1e-3, kDistanceStep_m = 1e6;
+
+Vec3 on_lattice(const Vec3& direction) {
+  const auto rounded = [](double angle) {
+    constexpr double kStep = kStep_deg * kRadiansPerDegree;
+    return std::round(angle / kStep) * kStep;
+  };
+  const double lat = rounded(std::atan2(direction.z(), std::hypot(direction.x(), direction.y()))),
+               lon = rounded(std::atan2(direction.y(), direction.x()));
+  return {std::cos(lat) * std::cos(lon), std::cos(lat) * std::sin(lon), std::sin(lat)};
+}
+
 }  // namespace
+
+FrameRequest on_lattice(FrameRequest request) {
+  Sun& sun = request.sun;
+  sun.direction = on_lattice(sun.direction);
+  sun.angular_radius_deg = std::round(sun.angular_radius_deg / kRadiusStep_deg) * kRadiusStep_deg;
+  if (auto& earth = request.indirect.earth)
+    *earth = {on_lattice(earth->direction), std::round(earth->distance_m / kDistanceStep_m) * kDistanceStep_m};
+  return request;
+}
 
 struct LightTiles::Patch {
   Patch(const LightField& field, const FieldPlane& plane, const TileLight& of, const StopToken& stop)

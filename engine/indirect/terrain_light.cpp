@@ -18,30 +18,6 @@ namespace {
 constexpr LightPost kNoLight[2];
 constexpr LightPlace kNowhere{kNoLight, 0, 0, 0};
 
-// Light from terrain is gathered for a Sun that is at most 0.0142 degrees off, so that frames of a loop, whose Suns
-// differ by less, find it again: at the Sun's elevation h it changes by 0.014 / h.
-constexpr double kStep_deg = 0.02, kRadiusStep_deg = 1e-3, kDistanceStep_m = 1e6;
-
-Vec3 on_lattice(const Vec3& direction) {
-  const auto rounded = [](double angle) {
-    constexpr double kStep = kStep_deg * kRadiansPerDegree;
-    return std::round(angle / kStep) * kStep;
-  };
-  const double lat = rounded(std::atan2(direction.z(), std::hypot(direction.x(), direction.y()))),
-               lon = rounded(std::atan2(direction.y(), direction.x()));
-  return {std::cos(lat) * std::cos(lon), std::cos(lat) * std::sin(lon), std::sin(lat)};
-}
-
-// The request that tiles are gathered for.
-FrameRequest on_lattice(FrameRequest request) {
-  Sun& sun = request.sun;
-  sun.direction = on_lattice(sun.direction);
-  sun.angular_radius_deg = std::round(sun.angular_radius_deg / kRadiusStep_deg) * kRadiusStep_deg;
-  if (auto& earth = request.indirect.earth)
-    *earth = {on_lattice(earth->direction), std::round(earth->distance_m / kDistanceStep_m) * kDistanceStep_m};
-  return request;
-}
-
 }  // namespace
 
 TerrainLight::TerrainLight(const FrameRequest& request, const RowViews& views, const Vec3& eye_m, const Mesh& mesh,

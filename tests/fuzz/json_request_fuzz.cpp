@@ -176,7 +176,7 @@ void check_rays(const Json& document) {
           "some rays, not too many");
   for (const engine::Ray& ray : query.rays)
     require(is_coordinate(ray.origin_m) && is_unit(ray.direction), "a ray is one");
-  if (query.sun) check_sun(*query.sun);
+  if (query.sun_given) check_sun(query.request.sun);
 }
 
 void check_project(const Json& document) {
@@ -184,7 +184,7 @@ void check_project(const Json& document) {
   check_camera(query.camera);
   check_pose(query.pose);
   if (query.shutter) check_shutter(query.camera, query.pose, *query.shutter);
-  if (query.sun) check_sun(*query.sun);
+  if (query.sun_given) check_sun(query.request.sun);
   for (const engine::LandmarkQuery& point : query.points) {
     require(is_place(point.lat_deg, point.lon_deg), "a landmark is a place");
     require(!point.height_m || api::kHeight_m.contains(*point.height_m), "its height is in range");

@@ -65,6 +65,40 @@ class RadiometryTest(unittest.TestCase):
         self.assertGreater(same.mean(), 0.999)
         self.assertLess(np.abs(both[0]["radiance"] - both[1]["radiance"])[same].max(), 1e-5)
 
+    def test_rays_and_landmarks_have_the_irradiance_of_frames(self):
+        light = {"sun": frame_request()["sun"], "surface": {"preset": "moon-mare"},
+                 "band": {"center_um": 0.65, "width_um": 0.1},
+                 "indirect": {"terrain": True, "earth": {"sub_earth": {"lat_deg": 5, "lon_deg": 0}}, "spacing_px": 0.5}}
+        f = self.frame(products=["radiance", "position", "geodetic", "irradiance"], **light)
+        rows, columns = (g.ravel() for g in np.mgrid[8:f["position"].shape[0]:16, 8:f["position"].shape[1]:16])
+        places = f["position"][rows, columns].astype(float)
+        up = places / np.linalg.norm(places, axis=1, keepdims=True)
+        rays = [{"origin_m": o, "direction": d} for o, d in zip((places + 100 * up).tolist(), (-up).tolist())]
+        status, _, body = self.service.post("/v1/rays", {"rays": rays, **light})
+        self.assertEqual(status, 200, body[:300])
+        met = np.array([r["irradiance"] for r in json.loads(body)["rays"]])
+        seen = f["irradiance"][rows, columns].astype(float)
+        sunlight = f["meta"]["solar_irradiance"]["value_w_m2"]
+        bounds = f["meta"]["indirect"]
+        self.assertTrue(0 < bounds["ground_view"] < 1 and 0.02 < bounds["albedo"] < 0.2, bounds)
+        self.assertAlmostEqual(bounds["further_bounces_at_most"] * (1 - bounds["albedo"] * bounds["ground_view"]),
+                               bounds["albedo"] * bounds["ground_view"])
+        self.assertLess(np.median(np.abs(met - seen)[:, 0]), 2e-3 * sunlight)
+        for k, name in ((1, "terrain"), (2, "Earth")):
+            self.assertGreater(seen[:, k].mean(), 0, name)
+            self.assertLess(np.abs(met[:, k] - seen[:, k]).mean(), 0.03 * seen[:, k].mean(), name)
+        points = [{"lat_deg": g[0], "lon_deg": g[1]} for g in f["geodetic"][rows, columns].astype(float).tolist()]
+        request = frame_request()
+        status, _, body = self.service.post(
+            "/v1/project", {"camera": request["camera"], "pose": request["pose"], "points": points, **light})
+        self.assertEqual(status, 200, body[:300])
+        landmarks = np.array([p["irradiance"] for p in json.loads(body)["points"]])
+        self.assertLess(np.abs(landmarks - met)[:, 1].mean(), 0.01 * met[:, 1].mean())
+        status, _, body = self.service.post("/v1/rays", {"rays": rays[:1], "indirect": {"terrain": True}})
+        self.assertEqual((status, [e["pointer"] for e in json.loads(body)["errors"]]), (422, ["/sun"]))
+        _, _, body = self.service.post("/v1/rays", {"rays": rays[:1], "sun": light["sun"]})
+        self.assertNotIn("irradiance", json.loads(body)["rays"][0])
+
     # Eq. (3): everything warm emits, in the Sun or not; with sub-pixel samples and the Sun's disc, too.
     def test_a_warm_surface_emits_in_the_shadow_as_well(self):
         emitted = 0.88 * 5.670374419e-8 * 310 ** 4 / np.pi

@@ -784,7 +784,7 @@ TEST(PointsJson, RaysAndPlaces) {
       read_rays(Json::parse(R"({"rays": [{"origin_m": [1, 2, 3], "direction": [0, 0, -1e300]}]})"), Limits{});
   ASSERT_EQ(rays.rays.size(), 1u);
   EXPECT_EQ(rays.rays[0].direction, -Vec3::UnitZ());
-  EXPECT_FALSE(rays.sun);
+  EXPECT_FALSE(rays.sun_given);
   Limits small;
   small.max_rays = 1;
   EXPECT_THROW(
@@ -802,15 +802,16 @@ TEST(PointsJson, RaysAndPlaces) {
 TEST(PointsJson, NonFiniteNumbersAreNull) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const std::vector<engine::RayHit> hits{{}, {true, std::nullopt, 5, Vec3(1, 2, 3), Vec3::UnitX(), 0.5}};
+  const std::vector<LightOfPoint> unlit(2);
   RaysQuery rays;
-  rays.sun.emplace();
+  rays.sun_given = true;
   EXPECT_EQ(
-      rays_json(hits, rays).dump(),
+      rays_json(hits, unlit, rays).dump(),
       R"({"rays":[{"hit":false},{"hit":true,"range_m":5.0,"position_m":[1.0,2.0,3.0],"normal":[1.0,0.0,0.0],"lit":0.5}]})");
-  rays.sun.reset(), rays.objects.resize(1);
+  rays.sun_given = false, rays.objects.resize(1);
   const std::vector<engine::RayHit> on_object{{true, 3, 5, Vec3(1, 2, 3), Vec3::UnitX(), 0}, hits[1]};
-  EXPECT_EQ(rays_json(on_object, rays)["rays"][0]["object"], 3);
-  EXPECT_TRUE(rays_json(on_object, rays)["rays"][1]["object"].is_null());
+  EXPECT_EQ(rays_json(on_object, unlit, rays)["rays"][0]["object"], 3);
+  EXPECT_TRUE(rays_json(on_object, unlit, rays)["rays"][1]["object"].is_null());
   const dem::Catalogue nothing{std::vector<dem::RasterInfo>{}};
   EXPECT_EQ(height_answer().write({{10, 190, nan, 0, -1, false}, nothing}).dump(),
             R"({"lat_deg":10.0,"lon_deg":-170.0,"height_m":null,"reason":"no dataset covers this place"})");
@@ -819,12 +820,12 @@ TEST(PointsJson, NonFiniteNumbersAreNull) {
   ProjectQuery query;
   query.points = {{10, 20, 5.0}};
   EXPECT_EQ(
-      landmarks_json(landmarks, query, nothing).dump(),
+      landmarks_json(landmarks, unlit, query, nothing).dump(),
       R"({"points":[{"x_px":null,"y_px":null,"range_m":100.0,"height_m":5.0,"in_frame":false,"visible":false,"reason":"behind the camera"}]})");
   landmarks[0].behind_camera = false;
-  EXPECT_EQ(landmarks_json(landmarks, query, nothing)["points"][0]["reason"], "beyond the lens's field of view");
+  EXPECT_EQ(landmarks_json(landmarks, unlit, query, nothing)["points"][0]["reason"], "beyond the lens's field of view");
   query.shutter.emplace();
-  EXPECT_EQ(landmarks_json(landmarks, query, nothing)["points"][0]["reason"], "seen by no row");
+  EXPECT_EQ(landmarks_json(landmarks, unlit, query, nothing)["points"][0]["reason"], "seen by no row");
 }
 
 // --- row times
@@ -937,9 +938,10 @@ TEST(ShutterJson, LandmarksAcceptAShutter) {
   const std::vector<engine::Landmark> landmarks{{3, 4, 100, 5, true, true, 0, 0.04},
                                                 {nan, nan, nan, 5, false, false, 0, nan}};
   query.points = {{10, 20, 5.0}, {10, 20, 5.0}};
+  const std::vector<LightOfPoint> unlit(2);
   const dem::Catalogue nothing{std::vector<dem::RasterInfo>{}};
   EXPECT_EQ(
-      landmarks_json(landmarks, query, nothing).dump(),
+      landmarks_json(landmarks, unlit, query, nothing).dump(),
       R"({"points":[{"x_px":3.0,"y_px":4.0,"range_m":100.0,"height_m":5.0,"in_frame":true,"visible":true,"time_s":0.04},)"
       R"({"x_px":null,"y_px":null,"range_m":null,"height_m":5.0,"in_frame":false,"visible":false,"time_s":null,"reason":"seen by no row"}]})");
 }

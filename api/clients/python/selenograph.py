@@ -354,34 +354,38 @@ class Client:
     # Points
 
     def rays(self, origins_m: Any, directions: Any, sun: Optional[Request] = None,
-             objects: Optional[Sequence[Request]] = None, detail: Optional[str] = None) -> np.recarray:
+             objects: Optional[Sequence[Request]] = None, detail: Optional[str] = None,
+             light: Optional[Request] = None) -> np.recarray:
         """Casts rays: POST /v1/rays, an altimeter or lidar.
 
         origins_m and directions are arrays of (..., 3), MOON_ME; one origin serves many directions and the other way
         round. Gives a record array of their shape without the 3: hit, range_m, position_m (x, y, z), normal (x, y, z),
         lit (NaN without `sun`). Where nothing is hit, hit is False and the rest is NaN. `rays.range_m` is an array of
-        all ranges.
+        all ranges. light: `indirect` of a frame, and `surface` and `band` if you like; it adds irradiance (direct, from
+        terrain, from the Earth; W m-2; NaN on objects and rocks).
         """
         origins, towards = np.broadcast_arrays(np.asarray(origins_m, float), np.asarray(directions, float))
         if origins.ndim < 1 or origins.shape[-1] != 3:
             raise ValueError(f"origins_m and directions are arrays of (..., 3); together they are {origins.shape}")
         rays = [{"origin_m": o, "direction": d}
                 for o, d in zip(origins.reshape(-1, 3).tolist(), towards.reshape(-1, 3).tolist())]
-        answers = self._in_pieces("/v1/rays", "rays", rays, _given(sun=sun, objects=objects, detail=detail))
+        answers = self._in_pieces("/v1/rays", "rays", rays, _given(sun=sun, objects=objects, detail=detail) | (light or {}))
         fields = [("hit", bool), ("range_m", float), ("position_m", float, 3), ("normal", float, 3), ("lit", float)]
+        if light:
+            fields.append(("irradiance", float, 3))
         if objects:
             fields.append(("object", object))  # index into objects; None: terrain
         return _records(answers, fields, origins.shape[:-1])
 
     def project(self, camera: Request, pose: Optional[Request], points: Any, sun: Optional[Request] = None,
                 objects: Optional[Sequence[Request]] = None, shutter: Optional[Request] = None,
-                detail: Optional[str] = None) -> np.recarray:
+                detail: Optional[str] = None, light: Optional[Request] = None) -> np.recarray:
         """Where landmarks appear: POST /v1/project.
 
         points is an array of (..., 3): lat_deg, lon_deg, height_m; or of (..., 2), or with NaN heights: on the terrain;
         or a list of dicts as in the service's JSON. Gives a record array: x_px, y_px, range_m, height_m, in_frame,
         visible, lit (NaN without `sun`), reason (None, or a text that says why there is no pixel), and with a shutter
-        time_s.
+        time_s. light: see rays(); irradiance is that of the ground.
         """
         if isinstance(points, collections.abc.Sequence) and any(isinstance(p, collections.abc.Mapping) for p in points):
             points = [[p["lat_deg"], p["lon_deg"], p.get("height_m", math.nan)] for p in points]
@@ -396,11 +400,13 @@ class Client:
                      for row in rows.tolist()]
         answers = self._in_pieces("/v1/project", "points", landmarks,
                                   _given(camera=camera, pose=pose, sun=sun, objects=objects, shutter=shutter,
-                                         detail=detail))
+                                         detail=detail) | (light or {}))
         fields = [("x_px", float), ("y_px", float), ("range_m", float), ("height_m", float), ("in_frame", bool),
                   ("visible", bool), ("lit", float), ("reason", object)]
         if shutter:
             fields.append(("time_s", float))
+        if light:
+            fields.append(("irradiance", float, 3))
         return _records(answers, fields, places.shape[:-1])
 
     def heights(self, lat_deg: Any, lon_deg: Any, detail: Optional[str] = None) -> np.recarray:
@@ -795,13 +801,14 @@ class AsyncClient:
         return await self._run(self._client.map, request)
 
     async def rays(self, origins_m: Any, directions: Any, sun: Optional[Request] = None,
-                   objects: Optional[Sequence[Request]] = None, detail: Optional[str] = None) -> np.recarray:
-        return await self._run(self._client.rays, origins_m, directions, sun, objects, detail)
+                   objects: Optional[Sequence[Request]] = None, detail: Optional[str] = None,
+                   light: Optional[Request] = None) -> np.recarray:
+        return await self._run(self._client.rays, origins_m, directions, sun, objects, detail, light)
 
     async def project(self, camera: Request, pose: Optional[Request], points: Any, sun: Optional[Request] = None,
                       objects: Optional[Sequence[Request]] = None, shutter: Optional[Request] = None,
-                      detail: Optional[str] = None) -> np.recarray:
-        return await self._run(self._client.project, camera, pose, points, sun, objects, shutter, detail)
+                      detail: Optional[str] = None, light: Optional[Request] = None) -> np.recarray:
+        return await self._run(self._client.project, camera, pose, points, sun, objects, shutter, detail, light)
 
     async def heights(self, lat_deg: Any, lon_deg: Any, detail: Optional[str] = None) -> np.recarray:
         return await self._run(self._client.heights, lat_deg, lon_deg, detail)

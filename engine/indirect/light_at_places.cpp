@@ -1,0 +1,76 @@
+#include "engine/indirect/light_at_places.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "dem/grid/lattice.h"
+#include "dem/terrain/surface_place.h"
+#include "engine/radiometry/earth.h"
+#include "engine/radiometry/radiometry.h"
+
+namespace selenograph::engine {
+namespace {
+
+LightField field_at(const Vec3& position_m, const dem::Terrain& terrain) {
+  const Geographic g = to_geographic(position_m);
+  const int level = terrain.posts_level(dem::block_at_place(dem::kMaxLevel, g.lat_deg, g.lon_deg));
+  return light_field_at(level, level, g.lat_deg, g.lon_deg);
+}
+
+struct PlaceInField {
+  std::size_t place;
+  FieldPost post;
+};
+
+// Of a Sun of 1 W m-2; earth: share of its disc.
+Irradiance between(const LightTile& tile, const FieldPost& at, const Vec3& normal) {
+  Vec3 from[kSectors];
+  std::fill_n(from, kSectors, Vec3::Zero());
+  Irradiance out{};
+  for (int north = 0; north < 2; ++north)
+    for (int east = 0; east < 2; ++east) {
+      const double share = (north ? at.north : 1 - at.north) * (east ? at.east : 1 - at.east);
+      const TilePost& post =
+          tile.posts[static_cast<std::size_t>((at.row + north) * FieldPlane::kTileSide + at.column + east)];
+      for (std::size_t k = 0; k < kSectors; ++k) from[k] += share * post.light.from[k].cast<double>();
+      out.earth_w_m2 += share * static_cast<double>(post.earth);
+    }
+  for (const Vec3& light : from) out.terrain_w_m2 += std::max(normal.dot(light), 0.0);
+  return out;
+}
+
+}  // namespace
+
+std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const FrameRequest& request,
+                                        const dem::Terrain& terrain, LightTiles& tiles, const StopToken& stop) {
+  const double direct_w_m2 = radiance_terms(request).direct_w_m2;
+  const auto& earth = request.indirect.earth;
+  const double earth_w_m2 = earth ? direct_w_m2 * earth_over_sun(*earth, request.sun, band_of(request)) : 0;
+  std::vector<Irradiance> out(places.size());
+  std::map<LightField, std::vector<PlaceInField>> fields;
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    out[i].direct_w_m2 = direct_w_m2 * places[i].incident;
+    fields[field_at(places[i].position_m, terrain)].push_back({i, {}});
+  }
+  const FrameRequest gathered = on_lattice(request);
+  for (auto& [field, in_it] : fields) {
+    stop.check();
+    const FieldPlane plane(field);
+    std::vector<int> wanted;
+    for (PlaceInField& p : in_it) p.post = plane.post_at(places[p.place].position_m), wanted.push_back(p.post.tile);
+    std::sort(wanted.begin(), wanted.end());
+    wanted.erase(std::unique(wanted.begin(), wanted.end()), wanted.end());
+    const auto made = tiles.get(field, plane, wanted, {terrain, gathered}, stop);
+    for (const PlaceInField& p : in_it) {
+      const auto tile = std::lower_bound(wanted.begin(), wanted.end(), p.post.tile) - wanted.begin();
+      const Vec3& normal = places[p.place].normal;
+      const Irradiance found = between(*made[static_cast<std::size_t>(tile)], p.post, normal);
+      out[p.place].terrain_w_m2 = direct_w_m2 * found.terrain_w_m2;
+      if (earth) out[p.place].earth_w_m2 = earth_w_m2 * found.earth_w_m2 * std::max(normal.dot(earth->direction), 0.0);
+    }
+  }
+  return out;
+}
+
+}  // namespace selenograph::engine
