@@ -1,39 +1,62 @@
 #include "engine/frame_exposure.h"
 
 #include <algorithm>
+#include <functional>
 #include <utility>
 
+#include "engine/frame/needs.h"
 #include "engine/motion_blur.h"
+#include "engine/sky_discs.h"
 #include "engine/support/stopwatch.h"
 
 namespace selenograph::engine {
 
 // For the samples of a moment that is such a share of the exposure.
 EachSample FrameExposure::each(float share) const {
-  if (!plan_.sensor || !plan_.sensor->wants_samples()) return {};
+  if (share == 0 || !plan_.sensor || !plan_.sensor->wants_samples()) return {};
   return [this, share](const SubpixelSample& sample, const std::vector<float>& radiance) {
     plan_.sensor->add_sample(middle_.views().camera(), middle_.lens(), sample, share, radiance, stop_);
   };
 }
 
-EachSample FrameExposure::each_of_middle() const { return plan_.moving() || plan_.counted ? EachSample() : each(1); }
+EachSample FrameExposure::each_of_middle() const { return each(share_of_middle()); }
 
-std::vector<float> FrameExposure::draw(const FrameRequest& request, const EachSample& each, Frame& frame,
-                                       bool other_moment) {
+void FrameExposure::show_discs(const FrameRequest& request, const std::vector<double>& range_m, float share,
+                               std::vector<float>& radiance) {
+  if (!wants_discs(request)) return;
+  std::vector<float> discs(radiance.size(), 0.F);
+  add_discs(request, range_m, terrain_, kept_, stop_, discs);
+  std::transform(discs.begin(), discs.end(), radiance.begin(), radiance.begin(), std::plus<>());
+  // Their pixels are means already: to the sensor they are one sample at the pixels' centres.
+  if (share > 0 && plan_.sensor && plan_.sensor->wants_samples())
+    plan_.sensor->add_sample(middle_.views().camera(), middle_.lens(),
+                             {.dx = 0, .dy = 0, .store = false, .weight = 1, .light = true, .count = false}, share,
+                             std::move(discs), stop_);
+}
+
+std::vector<float> FrameExposure::draw(const FrameRequest& request, float share, Frame& frame, bool other_moment) {
   FrameMoment moment(request, terrain_, kept_, stop_);
   moment.make_scene(1);
   FrameProducts products;
-  moment.draw(0, each, products);
+  moment.draw(0, each(share), products);
+  show_discs(request, products.range, share, products.radiance);
   frame.times += moment.times();
   if (other_moment) frame.report.shadow_limits_px.push_back(moment.selection().shadow_limit_px);
   return std::move(products.radiance);
 }
 
+SkyImage FrameExposure::sky_of(const FrameRequest& request) const { return {request, terrain_, kept_, stop_}; }
+
+void FrameExposure::add_points(const SkyImage& sky, double share) {
+  plan_.sensor->add_points(sky.points(plan_.margin_px()), share, stop_);
+}
+
 // Radiance as a mean over the exposure, whose middle is drawn already.
 std::vector<float> FrameExposure::mean_of_moments(int moments, const std::vector<float>& in_the_middle, Frame& frame) {
   FrameRequest request = plan_.counted ? *plan_.counted : plan_.request;
+  FrameRequest of_points = plan_.request;  // in the band from which the sensor derives its own
   const Pose middle = request.pose;
-  request.products = kRadiance;
+  request.products = for_radiance(request);
   std::vector<float> mean(in_the_middle.size(), 0.F);
   const float share = 1.F / static_cast<float>(moments);
   const auto add = [&](const std::vector<float>& radiance) {
@@ -41,26 +64,32 @@ std::vector<float> FrameExposure::mean_of_moments(int moments, const std::vector
   };
   for (const double moment : moments_of(moments, plan_.sensor->integration_time_s())) {
     stop_.check();
+    of_points.pose = request.pose = moved(middle, request.sensor->motion, moment);
+    add_points(sky_of(of_points), static_cast<double>(share));
     if (moment == 0 && !plan_.sensor->wants_samples()) {
       add(in_the_middle);
       continue;
     }
-    request.pose = moved(middle, request.sensor->motion, moment);
-    add(draw(request, each(share), frame, true));
+    add(draw(request, share, frame, true));
   }
   return mean;
 }
 
 void FrameExposure::draw_moments(Frame& frame) {
   std::vector<float>& radiance = frame.products.radiance;
-  if (!radiance.empty())
-    frame.report.brightest_w_m2_sr = static_cast<double>(*std::max_element(radiance.begin(), radiance.end()));
-  if (!plan_.sensor) return;
+  if (radiance.empty()) return;
+  frame.report.brightest_w_m2_sr = static_cast<double>(*std::max_element(radiance.begin(), radiance.end()));
+  show_discs(plan_.request, frame.products.range, share_of_middle(), radiance);
+  const SkyImage sky = sky_of(plan_.request);
+  if (!plan_.sensor) return sky.add_to(radiance);
   captured_ = plan_.request.products & kRadiance ? radiance : std::exchange(radiance, {});
-  if (plan_.counted) captured_ = draw(*plan_.counted, plan_.moving() ? EachSample() : each(1), frame, false);
+  if (plan_.counted) captured_ = draw(*plan_.counted, plan_.moving() ? 0.F : 1.F, frame, false);
+  if (!radiance.empty()) sky.add_to(radiance);
   Sensor& sensor = *plan_.sensor;
+  add_points(sky, 1);
   sensor.choose_integration_time(middle_.views().camera(), middle_.lens(), captured_, stop_);
   if (!plan_.moving()) return;
+  sensor.forget_points();
   const double exposure_s = sensor.integration_time_s();
   frame.report.longest_streak_px = plan_.streak_px(exposure_s, middle_.selection(), terrain_, stop_);
   frame.report.motion_samples = motion_samples(plan_.request.sensor->motion, frame.report.longest_streak_px);

@@ -27,9 +27,10 @@ FrameRequest with_margin_of(const std::optional<Sensor>& sensor, FrameRequest re
   return request;
 }
 
-// Craters are looked for in what each pixel sees: all are drawn, and what was not asked for is removed (thin).
+// Craters and discs are looked for in what each pixel sees: all are drawn, and what was not asked for is removed
+// (thin).
 FrameRequest with_ranges(FrameRequest request) {
-  if (wants_craters(request)) request.products |= kRange, request.truth.reset();
+  if (wants_ranges(request)) request.products |= kRange, request.truth.reset();
   return request;
 }
 
@@ -74,7 +75,7 @@ FramePlan::FramePlan(const FrameRequest& asked, const StopToken& stop)
   const auto photons = sensor->photon_band(!request.atmosphere && !radiance.emitted && !emits_elsewhere);
   if (!photons) return;
   counted = request;
-  counted->band = photons, counted->products = kRadiance;
+  counted->band = photons, counted->products = for_radiance(request);
 }
 
 double FramePlan::streak_px(double exposure_s, const Selection& selection, const dem::Terrain& terrain,

@@ -39,7 +39,7 @@ struct FramePlan {
   std::optional<FrameRequest> counted;
 };
 
-// Removes what was drawn for the craters alone.
+// Removes what was drawn for craters and discs alone.
 void thin(FrameProducts& products, const FrameRequest& asked);
 
 }  // namespace selenograph::engine

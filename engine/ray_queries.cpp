@@ -88,6 +88,27 @@ class RayCaster {
     return hits;
   }
 
+  // The index of the object that each ray meets nearer than a range; kNoObject: none.
+  std::vector<std::uint16_t> nearest_objects(std::span<const Ray> rays, const std::vector<double>& range_m) const {
+    std::vector<std::uint16_t> met(rays.size(), kNoObject);
+    if (objects_.empty()) return met;
+    for_packets(rays.size(), stop_, [&](std::size_t first, int count) {
+      Rays packet;
+      SurfacePoints behind{};
+      for (int i = 0; i < kPacket; ++i) {
+        const std::size_t at = first + static_cast<std::size_t>(std::min(i, count - 1));
+        packet.set(i, rays[at].origin_m, rays[at].direction.normalized());
+        packet.valid[i] = i < count;
+        behind.hit[i] = std::isfinite(range_m[at]), behind.distance[i] = range_m[at];
+      }
+      ObjectLanes lanes;
+      const std::uint32_t hit = objects_.meet(packet, behind, lanes);
+      for (int i = 0; i < count; ++i)
+        if (hit >> i & 1) met[first + static_cast<std::size_t>(i)] = lanes.object[i];
+    });
+    return met;
+  }
+
   // How much of the Sun there is at places above the ground.
   std::vector<RayHit> light_at(const std::vector<Vec3>& places, const Sun& sun) {
     std::vector<RayHit> all;
@@ -278,6 +299,20 @@ class RayCaster {
   const StopToken& stop_;
 };
 
+// Where the ray meets the sphere below all terrain; infinite: nowhere.
+double range_to_deep_m(const Ray& ray) {
+  constexpr double kDeep_m = kMoonRadius_m + double{dem::kLowestRelief_m};
+  const double closest = -ray.origin_m.dot(ray.direction),
+               inside = kDeep_m * kDeep_m - (ray.origin_m + closest * ray.direction).squaredNorm();
+  return inside > 0 && closest > 0 ? closest - std::sqrt(inside) : std::numeric_limits<double>::infinity();
+}
+
+bool may_meet_relief(const Ray& ray) {
+  constexpr double kHighest_m = kMoonRadius_m + double{dem::kHighestRelief_m};
+  const double closest = std::max(0.0, -ray.origin_m.dot(ray.direction));
+  return (ray.origin_m + closest * ray.direction).norm() < kHighest_m;
+}
+
 // A landmark at the terrain's height lies on the mesh to within rounding and the chords' sag (2 mm).
 constexpr double kOnGround_m = 0.01;
 double slack_m(double range_m) { return std::max(0.05, 1e-7 * range_m); }
@@ -306,6 +341,29 @@ std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<Scene
                               const StopToken& stop) {
   return RayCaster("a ray, or its way to the Sun,", objects, terrain, kept, stop)
       .cast(rays, sun, RayCaster::Meeting::everything);
+}
+
+std::vector<HiddenBy> what_hides(std::span<const Ray> rays, const std::vector<SceneObject>& objects, bool moon,
+                                 const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
+  RayCaster caster("the line of sight to something in the sky", objects, terrain, kept, stop);
+  std::vector<HiddenBy> hidden(rays.size(), HiddenBy::none);
+  std::vector<double> range_m(rays.size(), std::numeric_limits<double>::infinity());
+  std::vector<Ray> near_limb;
+  std::vector<std::size_t> asked;
+  for (std::size_t i = 0; moon && i < rays.size(); ++i) {
+    const double range = range_to_deep_m(rays[i]);
+    if (std::isfinite(range))
+      hidden[i] = HiddenBy::moon, range_m[i] = range;
+    else if (may_meet_relief(rays[i]))
+      near_limb.push_back(rays[i]), asked.push_back(i);
+  }
+  const std::vector<RayHit> hits = caster.cast(near_limb, std::nullopt, RayCaster::Meeting::everything);
+  for (std::size_t k = 0; k < hits.size(); ++k)
+    if (hits[k].hit) hidden[asked[k]] = HiddenBy::moon, range_m[asked[k]] = hits[k].range_m;
+  const std::vector<std::uint16_t> met = caster.nearest_objects(rays, range_m);
+  for (std::size_t i = 0; i < rays.size(); ++i)
+    if (met[i] != kNoObject) hidden[i] = HiddenBy::object;
+  return hidden;
 }
 
 std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,

@@ -13,6 +13,7 @@
 #include "engine/frame/pose.h"
 #include "engine/frame/queries.h"
 #include "engine/frame/shutter.h"
+#include "engine/frame/sky.h"
 #include "engine/frame/sun.h"
 #include "engine/render_cache.h"
 
@@ -26,5 +27,11 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
                                         std::span<const LandmarkQuery> points, const std::vector<SceneObject>& objects,
                                         const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& kept,
                                         const StopToken& stop);
+
+// What each ray toward something far away meets first: the Moon with its rocks (unless there is no `moon`), an object,
+// or nothing. Rays that pass 13 km above the datum or 12 km below it, beyond all terrain, cost next to nothing: below
+// it the Moon hides what is behind it even where there is no data.
+std::vector<HiddenBy> what_hides(std::span<const Ray> rays, const std::vector<SceneObject>& objects, bool moon,
+                                 const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop);
 
 }  // namespace selenograph::engine

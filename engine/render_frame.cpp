@@ -21,7 +21,6 @@ void list_craters(const FrameRequest& asked, const Selection& selection, const d
   Stopwatch watch;
   frame.report.craters =
       crater_rims(asked, selection, frame.products.range, terrain, kept.roughness(terrain, stop), stop);
-  thin(frame.products, asked);
   frame.times.craters_ms = watch.lap_ms();
 }
 
@@ -49,6 +48,7 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   exposure.make_image(frame);
   // Craters: where those of the detail are in the image.
   if (wants_craters(asked)) list_craters(asked, middle.selection(), terrain, kept, stop, frame);
+  if (wants_ranges(asked)) thin(frame.products, asked);
   // Report: what is known of the frame besides its pixels.
   report_frame(plan, middle, drawn, terrain, frame);
   return frame;

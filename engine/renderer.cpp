@@ -19,6 +19,7 @@
 #include "engine/render_cache.h"
 #include "engine/render_frame.h"
 #include "engine/render_map.h"
+#include "engine/sky_in_view.h"
 
 namespace selenograph::engine {
 
@@ -132,6 +133,11 @@ std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, 
   return impl_->query(detail, [&](const dem::Terrain& terrain) {
     return project_landmarks(camera, pose, shutter, points, objects, sun, terrain, impl_->kept, stop);
   });
+}
+
+std::vector<SkyObject> Renderer::sky(const FrameRequest& request, const StopToken& stop) const {
+  return impl_->query(request.detail,
+                      [&](const dem::Terrain& terrain) { return query_sky(request, terrain, impl_->kept, stop); });
 }
 
 std::vector<dem::CraterFeature> Renderer::craters(const std::shared_ptr<const dem::Detail>& detail,

@@ -79,6 +79,11 @@ class Renderer {
                                 const StopToken& stop = {}, const std::vector<SceneObject>& objects = {},
                                 const std::shared_ptr<const dem::Detail>& detail = {}) const;
 
+  // Stars, the Sun, the Earth and planets of request.sky in the image of its camera, and what hides them
+  // (engine/sky_in_view.h). Of the request: camera, pose, shutter, band, objects, detail, terrain, sensor, sky. Throws
+  // ImpossibleRequest for too many stars, and as render does.
+  std::vector<SkyObject> sky(const FrameRequest& request, const StopToken& stop = {}) const;
+
   // Craters of a detail that the terrain shows in a region, as deep as `least_depth` of their diameter
   // (dem/detail/features.h). Those in a frame: FrameRequest::craters.
   std::vector<dem::CraterFeature> craters(const std::shared_ptr<const dem::Detail>& detail,

@@ -9,6 +9,7 @@
 
 #include "api/answers/view_json.h"
 #include "api/requests/parts/detail_json.h"
+#include "engine/sky/star_catalogue.h"
 
 namespace selenograph::api {
 namespace {
@@ -98,6 +99,7 @@ std::string content_hash(const FrameQuery& query, const std::vector<double>& sha
                    {"atmosphere", hex(Assets::fingerprint(query.request.atmosphere.get()))},
                    {"version", software_version()},
                    {"representation", representation.media_type}};
+  if (query.request.sky && query.request.sky->stars) what["stars"] = hex(query.request.sky->stars->fingerprint());
   if (query.request.detail) what["detail"] = detail_metadata(query.detail, *query.request.detail);
   if (gave_way(query.request.accuracy, shadow_limits_px)) what["shadow_limits_px"] = shadow_limits_px;
   return content_hash(what.dump());

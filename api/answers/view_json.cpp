@@ -193,9 +193,10 @@ const Answer<ViewSource>& view_answer() {
 void add_view_warnings(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
                        OrderedJson& warnings) {
   const engine::FrameRequest& request = query.request;
-  if (!(report.hit_fraction > 0) && !(report.missing_fraction > 0))
+  const bool of_sky = request.sky && request.sky->any();  // a view beside the Moon may be meant
+  if (!of_sky && !(report.hit_fraction > 0) && !(report.missing_fraction > 0))
     warnings.push_back(why_nothing(request));
-  else if (!report.view.boresight && inverse_sees_more(request))
+  else if (!of_sky && !report.view.boresight && inverse_sees_more(request))
     warnings.push_back(
         fmt::format("the boresight is in the sky, but the inverse attitude would see the ground: {}", kInverse));
   if (report.missing_fraction > kMuchMissing)

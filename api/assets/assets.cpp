@@ -127,6 +127,10 @@ std::shared_ptr<const std::vector<std::vector<double>>> Assets::kernel(std::stri
   });
 }
 
+std::shared_ptr<const engine::StarCatalogue> Assets::stars(std::string_view name, const StopToken&) const {
+  return find(stars_, "stars", ".csv", name, engine::StarCatalogue::read);
+}
+
 std::shared_ptr<const dem::ValueMap> Assets::map(std::string_view name, const StopToken&) const {
   return find(maps_, "maps", ".json", name,
               [&](const std::string& path) { return dem::ValueMap(read_map_file(path), map_tiles_); });

@@ -16,6 +16,7 @@
 #include "dem/support/stop_token.h"
 #include "dem/value_maps/value_map.h"
 #include "engine/radiometry/atmosphere.h"
+#include "engine/sky/star_catalogue.h"
 #include "engine/visibility/meshes/mesh_reader.h"
 #include "engine/visibility/objects/object_mesh.h"
 
@@ -54,8 +55,11 @@ class Assets {
   std::shared_ptr<const std::vector<std::vector<double>>> kernel(std::string_view name,
                                                                  const StopToken& stop = {}) const;
 
+  // stars/NAME.csv; format: engine::StarCatalogue::read.
+  std::shared_ptr<const engine::StarCatalogue> stars(std::string_view name, const StopToken& stop = {}) const;
+
   // Sorted names, without extension, of a kind's files ("atmospheres", "cameras", "details", "kernels", "maps",
-  // "objects").
+  // "objects", "stars").
   std::vector<std::string> names(std::string_view kind) const;
 
   // Hash of an atmosphere's rows, so that a frame's ETag changes with them; 0 for null.
@@ -103,6 +107,7 @@ class Assets {
   mutable Files<dem::Detail> details_;
   mutable Files<dem::ValueMap> maps_;
   mutable Files<std::vector<std::vector<double>>> kernels_;
+  mutable Files<engine::StarCatalogue> stars_;
   // Tiles of all maps.
   std::shared_ptr<dem::ValueMapTiles> map_tiles_ = dem::make_value_map_tiles(kMapTilesBytes);
   mutable Meshes meshes_;

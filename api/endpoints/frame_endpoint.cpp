@@ -17,6 +17,8 @@
 #include "dem/support/error.h"
 #include "engine/budget.h"
 #include "engine/frame/needs.h"
+#include "engine/sky/star_catalogue.h"
+#include "engine/sky_in_view.h"
 
 namespace selenograph::api {
 namespace {
@@ -94,19 +96,27 @@ void remember(const std::string& hash, std::string metadata, LongMetadata& long_
   });
 }
 
+// Points and discs, each an image, and stars with their rays.
+std::size_t bytes_of_sky(const engine::FrameRequest& request) {
+  constexpr std::size_t kBytesOfStar = 600;
+  if (!request.sky || !request.sky->any()) return 0;
+  const std::size_t stars = request.sky->stars ? std::min(request.sky->stars->size(), engine::kMostStars) : 0;
+  return 2 * sizeof(float) * engine::rendered_pixels(request) + kBytesOfStar * stars;
+}
+
 // A frame while it is in work, besides what is kept between frames, and its answer.
 std::size_t bytes_of(const engine::FrameRequest& request) {
   engine::ProductSet arrays = request.products;
   if (arrays & engine::kImage) arrays |= engine::kRadiance;
-  const bool craters = engine::wants_craters(request);
-  if (craters) arrays |= engine::kRange;
-  const engine::ProductSet whole = request.truth && !craters ? arrays & ~engine::kTruth : arrays;
+  const bool ranges = engine::wants_ranges(request);
+  if (ranges) arrays |= engine::kRange;
+  const engine::ProductSet whole = request.truth && !ranges ? arrays & ~engine::kTruth : arrays;
   const std::size_t answer = bytes_per_pixel(request.products & whole),
                     working = engine::working_bytes_per_pixel(request);
   const std::size_t truth = request.truth ? request.truth->size() * 2 * bytes_per_pixel(arrays & engine::kTruth) : 0;
   return truth + engine::rendered_pixels(request) * (bytes_per_pixel(whole) + std::max(working, answer)) +
          engine::bytes_of_rows(request.camera, request.shutter) + engine::bytes_of_rocks(request.detail.get()) +
-         engine::bytes_of_craters(request);
+         engine::bytes_of_craters(request) + bytes_of_sky(request);
 }
 
 // The engine's refusals are of where the camera is, but for those that name a member.
@@ -115,7 +125,8 @@ constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px
                                         {"visibility", "/visibility"},
                                         {"shutter", "/shutter"},
                                         {"albedo_maps", "/surface/albedo_maps"},
-                                        {"craters", "/craters"}};
+                                        {"craters", "/craters"},
+                                        {"magnitude_limit", "/sky/magnitude_limit"}};
 
 // OpenEXR's channels have one size.
 void refuse_sizes(const engine::FrameRequest& request, const Representation& representation) {

@@ -13,10 +13,9 @@
 #include "api/requests/parts/products_json.h"
 #include "api/requests/parts/sensor_json.h"
 #include "api/requests/parts/shutter_json.h"
+#include "api/requests/parts/sky_options_json.h"
 #include "api/requests/parts/truth_json.h"
 #include "dem/support/error.h"
-#include "engine/radiometry/spectrum.h"
-#include "engine/sensor/optics.h"
 
 namespace selenograph::api {
 namespace {
@@ -183,28 +182,6 @@ struct Echo {
   OrderedJson fallback() const { return {}; }
 };
 
-void check_efficiency(const JsonReader& in, const engine::SensorModel& sensor, const engine::Band& band) {
-  if (sensor.detector.efficiency.empty()) return;
-  try {
-    engine::in_photons(band, sensor.detector.efficiency);
-  } catch (const ImpossibleRequest&) {
-    const JsonReader model = in.at("sensor");
-    model.at("detector").fail("quantum_efficiency", "is 0 all over the band");
-  }
-}
-
-// An Airy disc that its kernel holds. Where it is too wide, any of three members may be the one that is wrong.
-void check_airy(const JsonReader& in, const engine::SensorModel& sensor, const engine::Band& band) {
-  if (sensor.optics.point_spread.model != engine::PointSpread::Model::airy) return;
-  constexpr double kMost = engine::SpreadKernel::kMaxAiry_px;
-  const double wide_px = band.center_um() * sensor.optics.f_number / sensor.detector.pixel_pitch_um;
-  if (wide_px <= kMost) return;
-  const std::string why = fmt::format(
-      "with \"airy\", wavelength * f_number / pixel_pitch_um must be at most {:g} pixels; it is {:g}", kMost, wide_px);
-  const JsonReader model = in.at("sensor");
-  model.at("optics").fail("f_number", why), model.at("detector").fail("pixel_pitch_um", why), in.fail("band", why);
-}
-
 // A focal length in millimetres has its pixels from the camera's pitch, the detector its area from the sensor's.
 void check_pitch(const JsonReader& in, const engine::SensorModel& sensor) {
   if (!in.has("camera")) return;
@@ -248,10 +225,7 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
   resolve_preset(query.request, query.surface);
   if (query.request.truth) resolve_truth(in, request.camera, *query.request.truth);
   if (request.sensor) check_pitch(in, *request.sensor);
-  if (request.sensor && request.band) {
-    check_airy(in, *request.sensor, *request.band);
-    check_efficiency(in, *request.sensor, *request.band);
-  }
+  if (request.sensor && request.band) check_band_of_sensor(in, *request.sensor, *request.band);
   if (request.atmosphere && request.band) {
     try {
       request.atmosphere->over(*request.band, 0);
@@ -349,6 +323,9 @@ void add_scene(Members<FrameQuery>& m) {
   m.add(
       "band", [](auto& q) -> auto& { return q.request.band; }, Object{band_members()},
       "spectral channel; left out: all wavelengths");
+  m.add(
+      "sky", [](auto& q) -> auto& { return q.request.sky; }, Object{sky_members()},
+      "stars, Sun, Earth and planets in view; left out: a black sky");
   m.add("atmosphere", atmosphere_field, Object{atmosphere_members()}, "left out: none");
   m.add("objects", objects_field, List{Object{object_members()}, 1, kMaxObjects},
         "triangle meshes besides the terrain; `object_id` holds indices into this list");
@@ -414,6 +391,7 @@ const Members<FrameQuery>& frame_members() {
         m.excludes("sensor", {"image"}, "that is exposure without a sensor");
         m.needs("sensor", {"band", "camera_preset"}, "which photons it counts");
         m.needs("atmosphere", {"band", "camera_preset"});
+        m.excludes("sky", {"atmosphere"}, "whose table says nothing of light from beyond");
         m.check(check_frame);
         m.also(of_one_camera(pose_condition));
         m.also(of_one_camera(craters_condition));

@@ -80,6 +80,17 @@ inline std::size_t bytes_of_rocks(const dem::Detail* detail, std::size_t remembe
 // Craters are the detail's, and the terrain's.
 inline bool wants_craters(const FrameRequest& request) { return request.craters && request.detail && request.terrain; }
 
+// The Sun's or the Earth's disc is shown.
+inline bool wants_discs(const FrameRequest& request) {
+  return request.sky && (request.sky->sun || request.sky->earth) && wants_radiance(request);
+}
+// Each pixel's range is drawn, for craters or for what hides a disc, whatever products the request asks for.
+inline bool wants_ranges(const FrameRequest& request) { return wants_craters(request) || wants_discs(request); }
+// The products of a frame that is drawn for its radiance.
+inline ProductSet for_radiance(const FrameRequest& request) {
+  return wants_discs(request) ? ProductSet{kRadiance | kRange} : ProductSet{kRadiance};
+}
+
 // Limit on craters that a frame lists, and memory for that list with its text.
 inline constexpr std::size_t kMostCraters = 100000;
 inline std::size_t bytes_of_craters(const FrameRequest& request) {

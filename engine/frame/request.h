@@ -16,6 +16,7 @@
 #include "engine/frame/rims.h"
 #include "engine/frame/sensor_model.h"
 #include "engine/frame/shutter.h"
+#include "engine/frame/sky.h"
 #include "engine/frame/sun.h"
 #include "engine/frame/surface.h"
 #include "engine/frame/truth.h"
@@ -65,6 +66,7 @@ struct FrameRequest {
   Visibility visibility = Visibility::automatic;
   ProductSet products = kRadiance;
   std::optional<RimOptions> craters;  // lists craters of the detail in view; empty: no
+  std::optional<SkyOptions> sky;      // what is shown beside the Moon; empty: nothing
   std::optional<TruthGrid> truth;     // subset of pixels for ground-truth products; empty: all
 };
 

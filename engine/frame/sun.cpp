@@ -6,8 +6,8 @@
 namespace selenograph::engine {
 
 double sun_radius_deg(double distance_au) {
-  constexpr double kRadius_km = 695700, kAu_km = 149597870.7;
-  return std::asin(std::min(1.0, kRadius_km / (distance_au * kAu_km))) * kDegreesPerRadian;
+  constexpr double kRadius_m = 695700e3;
+  return std::asin(std::min(1.0, kRadius_m / (distance_au * kAstronomicalUnit_m))) * kDegreesPerRadian;
 }
 
 Vec3 sun_direction(const EastNorthUp& local, double azimuth_deg, double elevation_deg) {

@@ -5,6 +5,8 @@
 
 namespace selenograph::engine {
 
+inline constexpr double kAstronomicalUnit_m = 149597870700;
+
 struct Sun {
   Vec3 direction = Vec3::UnitX();  // unit, from the Moon toward the Sun
   double distance_au = 1.0;

@@ -6,7 +6,7 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kEarthRadius_m = 6378136.6, kAu_m = 149597870700;
+constexpr double kEarthRadius_m = 6378136.6;
 constexpr double kSun_mag = -26.75, kFullEarth_mag = -3.99, kBondAlbedo = 0.294;
 
 // Relative to phase 0; beyond the fit's last angle, that one's.
@@ -41,9 +41,13 @@ double earth_phase_deg(const Earth& earth, const Sun& sun) {
 }
 
 double earth_over_sun(const Earth& earth, const Sun& sun, const Band* band) {
-  const double law = magnitude_law(earth_phase_deg(earth, sun)), radius = kEarthRadius_m / earth.distance_m;
+  return earth_over_sun(earth.distance_m, earth_phase_deg(earth, sun), band);
+}
+
+double earth_over_sun(double distance_m, double phase_deg, const Band* band) {
+  const double law = magnitude_law(phase_deg), radius = kEarthRadius_m / distance_m;
   if (!band) return kBondAlbedo / phase_integral() * radius * radius * law;
-  const double au = kAu_m / earth.distance_m;
+  const double au = kAstronomicalUnit_m / distance_m;
   return std::pow(10, -0.4 * (kFullEarth_mag - kSun_mag)) * au * au * law;
 }
 

@@ -23,5 +23,6 @@ double earth_phase_deg(const Earth& earth, const Sun& sun);
 // 53, 141, 2015): 0.09 W m-2 at full Earth. Clouds change it by 30 % from day to day, and the infrared that the Earth
 // emits, as much again at the Moon, is not in it (Glenar et al., Icarus 321, 841, 2019).
 double earth_over_sun(const Earth& earth, const Sun& sun, const Band* band);
+double earth_over_sun(double distance_m, double phase_deg, const Band* band);
 
 }  // namespace selenograph::engine

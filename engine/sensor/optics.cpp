@@ -257,6 +257,22 @@ void SpreadKernel::apply(const std::vector<float>& in, int width, int height, st
   });
 }
 
+double transmission(const Vignetting& vignetting, const Vec3& in_camera) {
+  switch (vignetting.model) {
+    case Vignetting::Model::none:
+      break;
+    case Vignetting::Model::cos4: {
+      const double cosine = std::max(in_camera.z(), 0.0);
+      return cosine * cosine * cosine * cosine;
+    }
+    case Vignetting::Model::table: {
+      const double angle_deg = std::atan2(std::hypot(in_camera.x(), in_camera.y()), in_camera.z()) * kDegreesPerRadian;
+      return interpolated(vignetting.table, angle_deg, &Vignetting::Point::angle_deg, &Vignetting::Point::transmission);
+    }
+  }
+  return 1;
+}
+
 void vignette(const Vignetting& vignetting, const Camera& c, const PixelRays& rays, std::vector<float>& radiance,
               const StopToken& stop) {
   if (vignetting.model == Vignetting::Model::none) return;
@@ -271,11 +287,6 @@ void vignette(const Vignetting& vignetting, const Camera& c, const PixelRays& ra
   const auto of_tangent2 = [&](double tan2) {
     return cos4 ? 1 / ((1 + tan2) * (1 + tan2)) : of_angle(std::atan(std::sqrt(tan2)));
   };
-  // Of unit directions. From behind the aperture's plane cos^4 leaves nothing.
-  const auto of_direction = [&](double x, double y, double z) {
-    const double cosine = std::max(z, 0.0);
-    return cos4 ? cosine * cosine * cosine * cosine : of_angle(std::atan2(std::hypot(x, y), z));
-  };
   in_parallel_pieces(radiance.size() / width, kRows, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t y = first; y < past_last; ++y) {
       stop.check();
@@ -285,8 +296,8 @@ void vignette(const Vignetting& vignetting, const Camera& c, const PixelRays& ra
         const double px = bends ? rays.x[at] : (static_cast<double>(x) - c.cx) / c.fx,
                      py = bends ? rays.y[at] : (static_cast<double>(line) - c.cy) / c.fy;
         if (std::isnan(px)) continue;
-        radiance[y * width + x] *=
-            static_cast<float>(rays.z.empty() ? of_tangent2(px * px + py * py) : of_direction(px, py, rays.z[at]));
+        radiance[y * width + x] *= static_cast<float>(rays.z.empty() ? of_tangent2(px * px + py * py)
+                                                                     : transmission(vignetting, {px, py, rays.z[at]}));
       }
     }
   });

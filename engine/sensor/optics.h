@@ -56,6 +56,9 @@ class SpreadKernel {
   std::vector<float> kernel_;        // otherwise
 };
 
+// Of the direction of a place (camera axes, unit length). From behind the aperture's plane cos^4 leaves nothing.
+double transmission(const Vignetting& vignetting, const Vec3& in_camera);
+
 // Multiplies by the transmission at each pixel's angle from the boresight. `rays`: of the pixel centres, for a camera
 // with distortion. For a line camera, its one row applies to each row of the radiance.
 void vignette(const Vignetting& vignetting, const Camera& camera, const PixelRays& rays, std::vector<float>& radiance,

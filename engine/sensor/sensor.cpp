@@ -28,7 +28,22 @@ double share_above(const std::vector<float>& radiance, double limit) {
   return radiance.empty() ? 0 : static_cast<double>(above) / static_cast<double>(radiance.size());
 }
 
+void add_square(std::vector<float>& image, int width, int height, double x_px, double y_px, double value) {
+  const double left = std::floor(x_px), top = std::floor(y_px), right = x_px - left, below = y_px - top;
+  for (const int down : {0, 1})
+    for (const int across : {0, 1}) {
+      const double x = left + across, y = top + down;
+      if (!(x >= 0 && y >= 0 && x < width && y < height)) continue;
+      const auto at = static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
+      image[at] += static_cast<float>(value * (across ? right : 1 - right) * (down ? below : 1 - below));
+    }
+}
+
 namespace {
+
+void add_all(const std::vector<float>& some, std::vector<float>& sum) {
+  for (std::size_t i = 0; i < some.size(); ++i) sum[i] += some[i];
+}
 
 // The spectrum that is counted: the Sun's, or the Moon's where the ground has it.
 double light_w_m2(const FrameRequest& request, const Band& band) {
@@ -76,17 +91,18 @@ bool Sensor::wants_samples() const {
   return request_.accuracy.samples_per_pixel > 1 && model_.optics.point_spread.model != PointSpread::Model::none;
 }
 
+const SpreadKernel& Sensor::shifted(double dx, double dy, const StopToken& stop) {
+  const auto known = shifted_.find({dx, dy});
+  if (known != shifted_.end()) return known->second;
+  return shifted_.emplace(std::pair(dx, dy), kernel_.shifted(model_.optics.point_spread, dx, dy, stop)).first->second;
+}
+
 void Sensor::add_sample(const Camera& camera, const PixelRays& rays, const SubpixelSample& sample, float share,
                         std::vector<float> radiance, const StopToken& stop) {
-  auto kernel = shifted_.find({sample.dx, sample.dy});
-  if (kernel == shifted_.end())
-    kernel = shifted_
-                 .emplace(std::pair(sample.dx, sample.dy),
-                          kernel_.shifted(model_.optics.point_spread, sample.dx, sample.dy, stop))
-                 .first;
+  const SpreadKernel& kernel = shifted(sample.dx, sample.dy, stop);
   vignette(model_.optics.vignetting, camera, rays, radiance, stop);
   std::vector<float> spread;
-  kernel->second.apply(radiance, request_.camera.width, request_.camera.height, spread, stop);
+  kernel.apply(radiance, request_.camera.width, request_.camera.height, spread, stop);
   samples_.resize(spread.size(), 0.F);
   const float weight = share * sample.weight;
   for (std::size_t i = 0; i < spread.size(); ++i) samples_[i] += weight * spread[i];
@@ -97,6 +113,7 @@ void Sensor::choose_integration_time(const Camera& camera, const PixelRays& rays
   const Exposure& exposure = model_.exposure;
   if (!(exposure.target_fill > 0) || radiance.empty()) return;
   pass_optics(camera, rays, radiance, stop);
+  add_all(points_, radiance);
   Detector& d = model_.detector;
   const double wanted_s = time_to_fill_s(model_, wavelength_um_, exposure.target_fill * saturation_e(d),
                                          std::move(radiance), request_.camera.width, request_.camera.height);
@@ -109,8 +126,49 @@ void Sensor::image(const Camera& camera, const PixelRays& rays, std::vector<floa
     pass_optics(camera, rays, radiance, stop);
   else
     radiance = std::move(samples_), samples_.clear();
+  add_all(points_, radiance);
   read_out_ = detect(model_, wavelength_um_, radiance, request_.camera.width, request_.camera.height, image, stop,
                      request_.shutter && request_.shutter->pushbroom);
+}
+
+double Sensor::point_e(const LightPoint& point) const {
+  return point.counted_w_m2_sr * transmission(model_.optics.vignetting, point.in_camera) *
+         electrons_per_radiance(model_.optics, model_.detector, request_.band->center_um());
+}
+
+void Sensor::add_kernel(const SpreadKernel& kernel, int column, int row, double value) {
+  const int r = kernel.radius(), width = request_.camera.width, height = request_.camera.height;
+  for (int y = std::max(0, row - r); y <= std::min(height - 1, row + r); ++y)
+    for (int x = std::max(0, column - r); x <= std::min(width - 1, column + r); ++x)
+      points_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x)] +=
+          static_cast<float>(value * kernel.weight(x - column, y - row));
+}
+
+void Sensor::add_points(std::span<const LightPoint> points, double share, const StopToken& stop) {
+  if (points.empty()) return;
+  const int width = request_.camera.width, height = request_.camera.height;
+  points_.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), 0.F);
+  // In units of the radiance that the image's light is counted by.
+  const double unit = share * request_.band->center_um() / wavelength_um_;
+  for (const LightPoint& point : points) {
+    const double value = unit * transmission(model_.optics.vignetting, point.in_camera) * point.counted_w_m2_sr;
+    if (model_.optics.point_spread.model == PointSpread::Model::none) {
+      add_square(points_, width, height, point.x_px, point.y_px, value);
+      continue;
+    }
+    constexpr int kSteps = 8;
+    const int column = static_cast<int>(std::lround(point.x_px)), row = static_cast<int>(std::lround(point.y_px));
+    const double across = (point.x_px - column + 0.5) * kSteps, down = (point.y_px - row + 0.5) * kSteps;
+    const int i = std::clamp(static_cast<int>(across), 0, kSteps - 1),
+              j = std::clamp(static_cast<int>(down), 0, kSteps - 1);
+    for (const int dj : {0, 1})
+      for (const int di : {0, 1}) {
+        const double weight = (di ? across - i : i + 1 - across) * (dj ? down - j : j + 1 - down);
+        if (weight > 0)
+          add_kernel(shifted((i + di) / double{kSteps} - 0.5, (j + dj) / double{kSteps} - 0.5, stop), column, row,
+                     weight * value);
+      }
+  }
 }
 
 Camera with_margin(Camera camera, int margin_px) {

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -20,6 +21,19 @@ double expose(const ImageSettings& settings, const std::vector<float>& radiance,
 
 // Share of pixels whose radiance exceeds `limit`.
 double share_above(const std::vector<float>& radiance, double limit);
+
+// A point of light in an image without margin: its irradiance over the solid angle of a pixel, in the band in which the
+// detector counts photons (in_photons).
+struct LightPoint {
+  double x_px, y_px;
+  Vec3 in_camera;  // unit
+  double counted_w_m2_sr;
+};
+
+// Adds `value` to an image, spread over a square of one pixel around a place: each of the four pixels that it covers
+// gets its share. The centroid is the place, the variance t (1 - t) square pixels along each axis, where t is the
+// distance to a pixel's centre.
+void add_square(std::vector<float>& image, int width, int height, double x_px, double y_px, double value);
 
 // The sensor model of a frame. Light spreads into the image from around it, so the frame is rendered with a margin: the
 // border is as exact as the middle.
@@ -56,11 +70,21 @@ class Sensor {
   void add_sample(const Camera& camera, const PixelRays& rays, const SubpixelSample& sample, float share,
                   std::vector<float> radiance, const StopToken& stop);
 
+  // Adds points of light to the image: each leaves the point spread of its own place. Between eighths of a pixel that
+  // is interpolated linearly, which preserves its centroid. Without a point spread the light is that of a pixel-sized
+  // square (add_square). `share`: of the exposure.
+  void add_points(std::span<const LightPoint> points, double share, const StopToken& stop);
+  void forget_points() { points_.clear(); }
+  // Electrons that a point frees in all pixels, without noise.
+  double point_e(const LightPoint& point) const;
+
   // `radiance`, `camera` and `rays` include the margin.
   void image(const Camera& camera, const PixelRays& rays, std::vector<float> radiance,
              std::vector<std::uint16_t>& image, const StopToken& stop = {});
 
  private:
+  const SpreadKernel& shifted(double dx, double dy, const StopToken& stop);
+  void add_kernel(const SpreadKernel& kernel, int column, int row, double value);
   void pass_optics(const Camera& camera, const PixelRays& rays, std::vector<float>& radiance,
                    const StopToken& stop) const;
 
@@ -70,6 +94,7 @@ class Sensor {
   SpreadKernel kernel_;
   std::map<std::pair<double, double>, SpreadKernel> shifted_;  // by sample offset
   std::vector<float> samples_;                                 // sum of the spread samples; empty: none was added
+  std::vector<float> points_;                                  // light of the points; empty: none was added
   ReadOut read_out_;
 };
 

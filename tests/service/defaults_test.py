@@ -35,6 +35,7 @@ BODIES = {
         dict(FRAME, accuracy={"budget_ms": 50}),
         dict(FRAME, detail="highlands", craters={}),
         dict(FRAME, indirect={}),
+        dict(FRAME, sky={"utc": "2026-11-20T00:00:00Z"}),
         dict(FRAME, indirect={"terrain": True, "earth": {"sub_earth": {"lat_deg": 0.0, "lon_deg": 0.0}}}),
         *(dict(FRAME, surface={"reflectance": {"model": model}}) for model in (
             "lambert", "lommel_seeliger", "blinn_phong", "lunar_lambert", "hapke")),

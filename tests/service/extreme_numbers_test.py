@@ -67,6 +67,8 @@ def frames():
     yield small(("radiance", "position"), truth={"region": {"x": 2, "y": 1, "width": 6, "height": 5}, "every_px": 2})
     yield small(("radiance", "detail"), detail="landing", accuracy={"max_detail_error_px": 8.0},
                 pose={"geodetic": {**PLACE, "height_m": 9000.0}, "nadir": {"up_azimuth_deg": 0.0}})
+    yield small(sky={"utc": "2026-11-20T00:00:00Z", "stars": "bright", "magnitude_limit": 3.0, "sun": True, "earth": True,
+                     "planets": True, "velocity_m_s": [0.0, 100.0, 0.0]})
     thing = {"mesh": "satellite", "scale": 2.0, "material": {"temperature_k": 200.0},
              "pose": {"geodetic": {**PLACE, "height_m": 19900.0}, "upright": {"azimuth_deg": 30.0}}}
     yield small(objects=[thing])
@@ -86,6 +88,7 @@ OTHERS = [
                   "products": ["radiance"]}),
     ("/v1/rays", {"rays": [{"origin_m": [1.6e6, 9e5, 3e3], "direction": [-1.0, -0.5, 0.0]}], "sun": {"direction": [1.0, 0.0, 0.0]}}),
     ("/v1/project", {"camera": small()["camera"], "pose": NADIR, "points": [{**PLACE, "height_m": 100.0}]}),
+    ("/v1/sky", {"camera": small()["camera"], "pose": NADIR, "et_s": 8e8, "sky": {"stars": True, "sun": True, "earth": True}}),
     ("/v1/heights", {"points": [PLACE]}),
     ("/v1/verify/mertis", {"first_um": 7.0, "last_um": 14.0, "channels": 20, "pixel_pitch_um": 35.0, "f_number": 2.0,
                            "efficiency": [[7.0, 0.3], [14.0, 0.4]], "noise_equivalent_power_w": 1e-12, "temperatures_k": [350.0]}),

@@ -191,9 +191,10 @@ class EveryAnswer(Documented):
         maps = next(o for o in self.operations if o.path == "/v1/maps")
         for media_type in maps.responses["200"]["content"]:
             self.check(maps, maps.ask(service, dict(maps.examples["slopes"], products=["slope"]), Accept=media_type), 200)
-        features = next(o for o in self.operations if o.path == "/v1/features")
-        for media_type in features.responses["200"]["content"]:
-            self.check(features, features.ask(service, Accept=media_type), 200)
+        for path in ("/v1/features", "/v1/sky"):
+            operation = next(o for o in self.operations if o.path == path)
+            for media_type in operation.responses["200"]["content"]:
+                self.check(operation, operation.ask(service, Accept=media_type), 200)
         frames = next(o for o in self.operations if o.path == "/v1/frames")
         for media_type in frames.responses["200"]["content"]:
             body = dict(frames.small(), products=["image" if media_type == "image/png" else "range"])
@@ -333,6 +334,8 @@ class EveryAnswer(Documented):
         service = Service("--assets-dir", ASSETS, cache="cache-damaged", dem="damaged")
         os.truncate(harness.path("damaged", DAMAGED + ".img"), 1000)
         bodies = {"/v1/rays": {"rays": [{"origin_m": [1570000.0, 99700.0, 773000.0], "direction": [-0.9, -0.0569, -0.44]}]},
+                  "/v1/sky": {"camera": frame_request()["camera"], "utc": "2026-11-25T00:00:00Z", "sky": {"stars": True},
+                              "pose": {"geodetic": {"lat_deg": 26.1322, "lon_deg": 3.6339, "height_m": 3000.0}, "nadir": {}}},
                   "/v1/features": {"detail": "highlands", "smallest_m": 20,
                                    "region": {"south_deg": 26.1, "north_deg": 26.11, "west_deg": 3.62, "east_deg": 3.63}}}
         for operation in self.each(500):

@@ -1,4 +1,4 @@
-#include "engine/radiometry/ephemeris.h"
+#include "engine/sky/ephemeris.h"
 
 #include <gtest/gtest.h>
 

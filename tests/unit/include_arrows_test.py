@@ -17,7 +17,7 @@ FLOORS = [
     "api/schema", "api/assets", "api/json", "api/message",
     "engine/verify", "engine", "engine/sensor", "engine/visibility/zbuffer", "engine/visibility/raytrace",
     "engine/visibility/image", "engine/visibility/meshes", "engine/visibility/objects", "engine/visibility/points",
-    "engine/visibility/embree", "engine/indirect", "engine/scene", "engine/radiometry", "engine/camera", "engine/frame", "engine/support",
+    "engine/visibility/embree", "engine/indirect", "engine/scene", "engine/sky", "engine/radiometry", "engine/camera", "engine/frame", "engine/support",
     "dem/detail", "dem/terrain", "dem/pyramid", "dem/posts", "dem/catalogue", "dem/value_maps", "dem/sample", "dem/gdal",
     "dem/files", "dem/grid", "dem/support",
 ]
@@ -35,7 +35,7 @@ LIBRARIES = [
     (r"hwy/", ["engine/", "dem/posts/post_kernels", "dem/grid/normal_kernels", "dem/value_maps/value_map_kernels",
                "dem/detail/detail_kernels"]),
     (r"assimp/", ["engine/visibility/meshes/mesh_file"]),
-    (r"erfa", ["engine/radiometry/ephemeris"]),
+    (r"erfa", ["engine/sky/"]),
     (r"GeographicLib/", ["dem/"]),
     (r"(OpenImageIO/|zip\.h)", ["api/"]),
     (r"nlohmann/", ["api/", "server/"]),

@@ -8,8 +8,8 @@
 
 #include "engine/indirect/slope_light.h"
 #include "engine/radiometry/earth.h"
-#include "engine/radiometry/ephemeris.h"
 #include "engine/renderer.h"
+#include "engine/sky/ephemeris.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/views.h"

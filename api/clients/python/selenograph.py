@@ -441,6 +441,21 @@ class Client:
         found = json.loads(content)[kind]
         return _records(found, fields, (len(found),))
 
+    def sky(self, request: Request) -> np.recarray:
+        """Stars, Sun, Earth and planets as a camera sees them: POST /v1/sky.
+
+        request has camera, pose, utc or et_s, and sky; band and sensor for electrons. Gives a record array, stars first,
+        the brightest of them first: kind, id, x_px, y_px, in_frame, visible, hidden_by, direction_icrf, direction
+        (MOON_ME), direction_camera, magnitude, irradiance_w_m2, electrons, distance_m, phase_deg, angular_radius_deg. What
+        does not exist is NaN.
+        """
+        found = json.loads(self._ask("POST", "/v1/sky", _body(request), "application/json", None)[2])["objects"]
+        fields = [("kind", object), ("id", object), ("x_px", float), ("y_px", float), ("in_frame", bool),
+                  ("visible", bool), ("hidden_by", object), ("direction_icrf", float, 3), ("direction", float, 3),
+                  ("direction_camera", float, 3), ("magnitude", float), ("irradiance_w_m2", float),
+                  ("electrons", float), ("distance_m", float), ("phase_deg", float), ("angular_radius_deg", float)]
+        return _records(found, fields, (len(found),))
+
     def datasets(self) -> Dict[str, Any]:
         """The catalogue: GET /v1/datasets. "datasets" is a list of tiles (name, footprint, post_spacing_m, ...),
         "problems" a list of files that could not be used."""
@@ -816,6 +831,9 @@ class AsyncClient:
     async def features(self, detail: str, region: Request, kind: str = "craters", smallest_m: Optional[float] = None,
                        min_depth_over_diameter: Optional[float] = None) -> np.recarray:
         return await self._run(self._client.features, detail, region, kind, smallest_m, min_depth_over_diameter)
+
+    async def sky(self, request: Request) -> np.recarray:
+        return await self._run(self._client.sky, request)
 
     async def datasets(self) -> Dict[str, Any]:
         return await self._run(self._client.datasets)

@@ -4,7 +4,7 @@
 #include "api/requests/parts/pose_json.h"
 #include "api/schema/member_kinds.h"
 #include "dem/support/error.h"
-#include "engine/radiometry/ephemeris.h"
+#include "engine/sky/ephemeris.h"
 
 namespace selenograph::api {
 namespace {

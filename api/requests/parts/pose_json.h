@@ -11,7 +11,7 @@
 #include "api/json/ranges.h"
 #include "api/schema/member_kinds.h"
 #include "engine/frame/pose.h"
-#include "engine/radiometry/ephemeris.h"
+#include "engine/sky/ephemeris.h"
 
 namespace selenograph::api {
 

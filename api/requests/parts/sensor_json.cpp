@@ -7,6 +7,9 @@
 #include "api/json/ranges.h"
 #include "api/requests/parts/pose_json.h"
 #include "api/schema/member_kinds.h"
+#include "dem/support/error.h"
+#include "engine/radiometry/spectrum.h"
+#include "engine/sensor/optics.h"
 
 namespace selenograph::api {
 namespace {
@@ -285,6 +288,37 @@ const Members<SensorModel>& sensor_members() {
         });
       });
   return *table;
+}
+
+namespace {
+
+void check_efficiency(const JsonReader& in, const engine::SensorModel& sensor, const engine::Band& band) {
+  if (sensor.detector.efficiency.empty()) return;
+  try {
+    engine::in_photons(band, sensor.detector.efficiency);
+  } catch (const ImpossibleRequest&) {
+    const JsonReader model = in.at("sensor");
+    model.at("detector").fail("quantum_efficiency", "is 0 all over the band");
+  }
+}
+
+// An Airy disc that its kernel holds. Where it is too wide, any of three members may be the one that is wrong.
+void check_airy(const JsonReader& in, const engine::SensorModel& sensor, const engine::Band& band) {
+  if (sensor.optics.point_spread.model != engine::PointSpread::Model::airy) return;
+  constexpr double kMost = engine::SpreadKernel::kMaxAiry_px;
+  const double wide_px = band.center_um() * sensor.optics.f_number / sensor.detector.pixel_pitch_um;
+  if (wide_px <= kMost) return;
+  const std::string why = fmt::format(
+      "with \"airy\", wavelength * f_number / pixel_pitch_um must be at most {:g} pixels; it is {:g}", kMost, wide_px);
+  const JsonReader model = in.at("sensor");
+  model.at("optics").fail("f_number", why), model.at("detector").fail("pixel_pitch_um", why), in.fail("band", why);
+}
+
+}  // namespace
+
+void check_band_of_sensor(const JsonReader& in, const engine::SensorModel& sensor, const engine::Band& band) {
+  check_airy(in, sensor, band);
+  check_efficiency(in, sensor, band);
 }
 
 }  // namespace selenograph::api

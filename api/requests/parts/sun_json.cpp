@@ -5,7 +5,7 @@
 #include "api/json/ranges.h"
 #include "api/schema/member_kinds.h"
 #include "dem/support/error.h"
-#include "engine/radiometry/ephemeris.h"
+#include "engine/sky/ephemeris.h"
 
 namespace selenograph::api {
 namespace {
@@ -71,16 +71,19 @@ SunForm form_of(const Sun& sun) {
 
 }  // namespace
 
-std::string utc_of_sun(const Json& body) {
-  if (!body.is_object() || !body.contains("sun") || !body["sun"].is_object()) return {};
-  const Json& sun = body["sun"];
-  if (sun.contains("utc") && sun["utc"].is_string()) return sun["utc"].get<std::string>();
-  if (!sun.contains("et_s") || !sun["et_s"].is_number()) return {};
+std::string utc_of(const Json& object) {
+  if (!object.is_object()) return {};
+  if (object.contains("utc") && object["utc"].is_string()) return object["utc"].get<std::string>();
+  if (!object.contains("et_s") || !object["et_s"].is_number()) return {};
   try {
-    return engine::utc_of_et(sun["et_s"].get<double>());
+    return engine::utc_of_et(object["et_s"].get<double>());
   } catch (const ImpossibleRequest&) {
-    return {};  // refused where the Sun is read
+    return {};  // refused where it is read
   }
+}
+
+std::string utc_of_sun(const Json& body) {
+  return body.is_object() && body.contains("sun") ? utc_of(body["sun"]) : std::string();
 }
 
 const Members<SunForm, Sun>& sun_members() {

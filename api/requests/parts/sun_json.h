@@ -23,7 +23,9 @@ struct SunForm : EpochForm {
 };
 const Members<SunForm, engine::Sun>& sun_members();
 
-// The epoch of a request's "sun" for ReadContext, as UTC; empty if there is none.
+// The epoch that an object gives as "utc" or "et_s", as UTC; empty: it gives none that can be read.
+std::string utc_of(const Json& object);
+// The epoch of a request's "sun", for ReadContext.
 std::string utc_of_sun(const Json& body);
 
 }  // namespace selenograph::api

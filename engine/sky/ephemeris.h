@@ -31,6 +31,14 @@ Earth earth_at(const std::string& utc);
 // to 0.01 degrees of rotation.
 Eigen::Matrix3d moon_me_from_icrf(const std::string& utc);
 
+// A Julian date in two parts, so that no microseconds are lost.
+struct JulianDate {
+  double day = 0, fraction = 0;
+};
+
+// The epoch in TT, which is TDB to 2 ms. Throws as sun_at.
+JulianDate tt_at(const std::string& utc);
+
 // The UTC epoch, to a microsecond, of Ephemeris Time as SPICE counts it: seconds of TDB since J2000.0. 1960 to 2099;
 // throws ImpossibleRequest outside.
 std::string utc_of_et(double et_s);

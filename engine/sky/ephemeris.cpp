@@ -8,7 +8,7 @@
 //   leap seconds      0.00014 deg for each one that is announced after ERFA's table was made
 // In all 0.01 deg; 0.002 deg in the three epochs of DE421 that the tests know. Both ERFA theories answer in ICRS axes
 // (BCRS and GCRS), to which the WGCCRE pole refers too.
-#include "engine/radiometry/ephemeris.h"
+#include "engine/sky/ephemeris.h"
 
 #include <erfa.h>
 #include <erfam.h>
@@ -25,11 +25,6 @@ namespace selenograph::engine {
 namespace {
 
 constexpr double kRadPerDeg = ERFA_DD2R;
-
-// A Julian date in two parts, so that no microseconds are lost.
-struct JulianDate {
-  double day = 0, fraction = 0;
-};
 
 // --- UTC -> TT
 
@@ -155,17 +150,6 @@ JulianDate utc_from(const std::string& utc, const DateTime& t) {
   }
 }
 
-JulianDate tt_from(const std::string& utc) {
-  load_leap_seconds();
-  const JulianDate date = utc_from(utc, parse(utc));
-  JulianDate tai, tt;
-  if (eraUtctai(date.day, date.fraction, &tai.day, &tai.fraction) < 0 ||
-      eraTaitt(tai.day, tai.fraction, &tt.day, &tt.fraction) != 0) {
-    reject(utc, "outside the range of the time scales");
-  }
-  return tt;
-}
-
 JulianDate utc_from_tdb(const JulianDate& tdb) {
   // At the Earth's centre: on its surface the difference is 2 microseconds at most.
   const double tdb_minus_tt_s = eraDtdb(tdb.day, tdb.fraction, 0, 0, 0, 0);
@@ -248,14 +232,25 @@ Eigen::Matrix3d moon_me_from_pa(double x_arcsec, double y_arcsec, double z_arcse
 
 }  // namespace
 
+JulianDate tt_at(const std::string& utc) {
+  load_leap_seconds();
+  const JulianDate date = utc_from(utc, parse(utc));
+  JulianDate tai, tt;
+  if (eraUtctai(date.day, date.fraction, &tai.day, &tai.fraction) < 0 ||
+      eraTaitt(tai.day, tai.fraction, &tt.day, &tt.fraction) != 0) {
+    reject(utc, "outside the range of the time scales");
+  }
+  return tt;
+}
+
 SunPosition sun_at(const std::string& utc) {
-  const JulianDate tdb = tt_from(utc);  // TDB - TT is a periodic 2 ms at most: neglected
+  const JulianDate tdb = tt_at(utc);  // TDB - TT is a periodic 2 ms at most: neglected
   const Vec3 sun_au = apparent_sun_icrs_au(tdb);
   return {(moon_me_from_icrs(tdb) * sun_au).normalized(), sun_au.norm()};
 }
 
 Earth earth_at(const std::string& utc) {
-  const JulianDate tdb = tt_from(utc);
+  const JulianDate tdb = tt_at(utc);
   using Motion = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;  // as in apparent_sun_icrs_au
   Motion earth_to_moon;
   eraMoon98(tdb.day, tdb.fraction, reinterpret_cast<double(*)[3]>(earth_to_moon.data()));
@@ -266,7 +261,7 @@ Earth earth_at(const std::string& utc) {
   return {(moon_me_from_icrs(tdb) * apparent).normalized(), toward.norm() * ERFA_DAU};
 }
 
-Eigen::Matrix3d moon_me_from_icrf(const std::string& utc) { return moon_me_from_icrs(tt_from(utc)); }
+Eigen::Matrix3d moon_me_from_icrf(const std::string& utc) { return moon_me_from_icrs(tt_at(utc)); }
 
 std::string utc_of_et(double et_s) {
   load_leap_seconds();

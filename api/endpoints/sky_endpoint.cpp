@@ -1,0 +1,48 @@
+// POST /v1/sky.
+#include <algorithm>
+
+#include "api/encode/negotiate.h"
+#include "api/endpoints/endpoint.h"
+#include "api/endpoints/operation.h"
+#include "api/requests/sky_json.h"
+#include "engine/frame/needs.h"
+#include "engine/sky/star_catalogue.h"
+#include "engine/sky_in_view.h"
+
+namespace selenograph::api {
+
+Response answer_sky(const EndpointContext& context) {
+  const std::string_view media_type =
+      choose(header(context.request, "accept"), std::span<const Alternative>(kSkyAnswers));
+  const SkyQuery query = read_sky(json_body(context), context.limits, context.assets, context.stop);
+  // A star while it is in work: the engine's, its ray and its text.
+  constexpr std::size_t kBytesPerStar = 2000;
+  const std::size_t stars =
+      query.request.sky->stars ? std::min(query.request.sky->stars->size(), engine::kMostStars) : 0;
+  context.memory.need(kBytesPerStar * (stars + 100) + engine::bytes_of_rocks(query.detail.content.get()), "/sky",
+                      context.stop);
+  constexpr MemberPointer kRefusable[] = {{"magnitude_limit", "/sky/magnitude_limit"}};
+  const auto sky =
+      with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.sky(query.request, context.stop); });
+  Response response;
+  response.content_type = media_type;
+  response.body =
+      media_type == kSkyAnswers[1].media_type ? sky_npz(sky, query, context.stop) : sky_json(sky, query).dump();
+  response.headers.emplace_back("Vary", "Accept");
+  context.stop.check();
+  return response;
+}
+
+void describe_sky(Operation& o) {
+  o.describe(
+      "Truth for star trackers and optical navigation: stars in the image, the brightest first, then the Sun, the "
+      "Earth "
+      "and the planets, wherever they are. What a frame with the same `sky` shows is at these places.");
+  o.body("/v1/sky", sky_request_members());
+  o.answer_as_accepted(kSkyAnswers, "SkyAnswer", {"Vary"});
+  o.schema("SkyAnswer",
+           schema::object("What is in the sky.",
+                          {{"objects", schema::array(sky_answer().schema(), "stars, then bodies")}}, {"objects"}));
+}
+
+}  // namespace selenograph::api

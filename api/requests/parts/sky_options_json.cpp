@@ -1,0 +1,100 @@
+#include "api/requests/parts/sky_options_json.h"
+
+#include <fmt/format.h>
+
+#include "api/json/ranges.h"
+#include "api/schema/member_kinds.h"
+#include "dem/support/error.h"
+#include "engine/sky/star_catalogue.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::SkyOptions;
+using engine::StarCatalogue;
+
+constexpr Range kMagnitude{-2, 30};
+
+// A catalogue's name; true: kBrightStars, false: none.
+struct Stars {
+  using Value = std::shared_ptr<const StarCatalogue>;
+  std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
+    if (!in.value().is_boolean()) {
+      const auto named = Asset{&Assets::stars, "star catalogue", "stars"}.read(in, context);
+      return named ? std::optional<Value>(named->content) : std::nullopt;
+    }
+    if (!in.value().get<bool>()) return Value();
+    if (Value bright = context.assets.stars(kBrightStars, context.stop)) return bright;
+    in.fail(fmt::format("stands for the star catalogue \"{}\", which the service does not have; it has {}",
+                        kBrightStars, listed(context.assets.names("stars"))));
+    return std::nullopt;
+  }
+  OrderedJson write(const Value& stars) const { return stars ? OrderedJson(stars->name()) : OrderedJson(false); }
+  OrderedJson schema(const Limits&) const {
+    return {{"anyOf", OrderedJson::array({{{"type", "boolean"}}, {{"type", "string"}}})}};
+  }
+};
+
+std::optional<SkyOptions> resolve_sky(const JsonReader& in, const SkyForm& form, const ReadContext& context) {
+  SkyOptions options = form.options;
+  try {
+    options.utc = form.utc || form.et_s ? form.as_utc() : context.sun_utc;
+    if (options.utc.empty()) {
+      in.fail("needs an epoch: \"utc\" or \"et_s\" here, or of the Sun");
+      return std::nullopt;
+    }
+    const Eigen::Matrix3d moon_me_from_icrf = engine::moon_me_from_icrf(options.utc);
+    if (form.velocity_m_s)
+      options.velocity_m_s =
+          (form.velocity_frame ? engine::moon_me_from(*form.velocity_frame) : moon_me_from_icrf) * *form.velocity_m_s;
+  } catch (const ImpossibleRequest& e) {
+    if (form.utc || form.et_s) in.fail(form.member(), e.what());  // another's is refused where it is read
+    return std::nullopt;
+  }
+  return options;
+}
+
+SkyForm form_of(const SkyOptions& options) {
+  SkyForm form;
+  form.utc = options.utc;
+  form.options = options;
+  if (!options.velocity_m_s.isZero(0)) form.velocity_m_s = options.velocity_m_s;
+  return form;
+}
+
+template <typename Field>
+auto option(Field field) {
+  return [field](auto& form) -> auto& { return form.options.*field; };
+}
+
+}  // namespace
+
+const Members<SkyForm, SkyOptions>& sky_members() {
+  static const auto table = made<Members<SkyForm, SkyOptions>>(
+      "Sky",
+      "What is in view beside the Moon, at its apparent place at an epoch. A pose in the Moon's frames places it to "
+      "the "
+      "0.01 degrees of the model of the Moon's rotation, one in ICRF exactly.",
+      [](auto& m) {
+        m.add("utc", &SkyForm::utc, Text{}, "epoch, ISO 8601; left out: the Sun's, or that of POST /v1/sky");
+        m.add("et_s", &SkyForm::et_s, Number{kAnyNumber, "s"}, std::string(kEtMeaning));
+        m.add("stars", option(&SkyOptions::stars), Stars{},
+              "name of stars/NAME.csv in the operator's assets folder; true: the catalogue `bright`");
+        m.add("magnitude_limit", option(&SkyOptions::magnitude_limit), Number{kMagnitude},
+              "V magnitude of the faintest stars; at most 100 000 stars may be in view");
+        m.add("sun", option(&SkyOptions::sun), Flag{}, "the Sun");
+        m.add("earth", option(&SkyOptions::earth), Flag{}, "the Earth");
+        m.add("planets", option(&SkyOptions::planets), Flag{}, "the seven other planets, as points");
+        m.add("velocity_m_s", &SkyForm::velocity_m_s, kVelocity_m_s,
+              "velocity of the camera relative to the Moon's centre, in inertial space, without the Moon's rotation: "
+              "1.5 km/s move the stars by 1 arcsec. Left out: that of the Moon");
+        m.add("velocity_frame", &SkyForm::velocity_frame, Word<PoseFrame>{kPoseFrames, kOtherFrames},
+              "whose axes velocity_m_s has");
+        m.excludes("utc", {"et_s"});
+        m.resolve(resolve_sky);
+        m.unresolve([](const SkyOptions& options) { return form_of(options); });
+      });
+  return *table;
+}
+
+}  // namespace selenograph::api

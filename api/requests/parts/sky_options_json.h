@@ -1,0 +1,20 @@
+// "sky": what is in view beside the Moon.
+#pragma once
+
+#include "api/requests/parts/pose_json.h"
+#include "api/schema/members.h"
+#include "engine/frame/sky.h"
+
+namespace selenograph::api {
+
+// The catalogue that "stars": true stands for.
+inline constexpr const char* kBrightStars = "bright";
+
+struct SkyForm : EpochForm {
+  engine::SkyOptions options;
+  PoseFrame velocity_frame = engine::BodyFrame::moon_me;
+  std::optional<Vec3> velocity_m_s;
+};
+const Members<SkyForm, engine::SkyOptions>& sky_members();
+
+}  // namespace selenograph::api

@@ -1,0 +1,197 @@
+#include "api/requests/sky_json.h"
+
+#include <cmath>
+#include <limits>
+
+#include "api/encode/encode.h"
+#include "api/requests/parts/band_json.h"
+#include "api/requests/parts/camera_json.h"
+#include "api/requests/parts/sensor_json.h"
+#include "api/requests/parts/shutter_json.h"
+#include "api/requests/parts/sky_options_json.h"
+#include "api/requests/parts/sun_json.h"
+#include "api/schema/member_kinds.h"
+#include "dem/support/error.h"
+#include "engine/frame/sun.h"
+#include "engine/radiometry/earth.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::HiddenBy;
+using engine::SkyKind;
+using engine::SkyObject;
+
+constexpr std::pair<std::string_view, SkyKind> kSkyKinds[] = {
+    {"star", SkyKind::star}, {"sun", SkyKind::sun}, {"earth", SkyKind::earth}, {"planet", SkyKind::planet}};
+constexpr std::pair<std::string_view, HiddenBy> kHiddenBy[] = {
+    {"none", HiddenBy::none}, {"moon", HiddenBy::moon}, {"object", HiddenBy::object}};
+
+constexpr double kNotANumber = std::numeric_limits<double>::quiet_NaN();
+
+// A catalogue's float, with the digits that it came with.
+double magnitude_of(const SkyObject& object) { return std::round(object.v_mag * 1e4) / 1e4; }
+
+bool visible(const SkyObject& object) { return object.in_frame && object.hidden_by == HiddenBy::none; }
+
+// Of the Sun and the Earth.
+std::optional<double> angular_radius_deg(const SkyObject& object) {
+  if (object.kind == SkyKind::sun) return engine::sun_radius_deg(*object.distance_m / engine::kAstronomicalUnit_m);
+  return object.kind == SkyKind::earth ? std::optional(engine::earth_radius_deg(*object.distance_m)) : std::nullopt;
+}
+
+Vec3 in_camera(const SkySource& s) { return s.query.request.pose.camera_from_moon * s.object.direction; }
+
+const auto objects_of_sky = Property{[](const SkyQuery&) { return std::optional<std::vector<PlacedObject>>(); },
+                                     [](SkyQuery& q, const std::vector<PlacedObject>& list) {
+                                       for (const PlacedObject& placed : list)
+                                         q.request.objects.push_back(placed.object);
+                                     }};
+
+void check_sky(const JsonReader& in, SkyQuery& query, const ReadContext&) {
+  engine::FrameRequest& request = query.request;
+  request.detail = query.detail.content;
+  try {
+    if (query.utc || query.et_s) engine::tt_at(query.as_utc());
+  } catch (const ImpossibleRequest& e) {
+    in.fail(query.member(), e.what());
+  }
+  if (!request.sensor) return;
+  if (request.band) check_band_of_sensor(in, *request.sensor, *request.band);
+  if (request.sensor->exposure.target_fill > 0)
+    in.at("sensor").fail("exposure", "chooses a time from the whole image: give \"detector.integration_time_s\" here");
+}
+
+}  // namespace
+
+const Members<SkyQuery>& sky_request_members() {
+  static const auto table = made<Members<SkyQuery>>(
+      "SkyRequest", "A camera, its pose and an epoch: what it would see of the sky.", [](auto& m) {
+        m.add(
+             "camera", [](auto& q) -> auto& { return q.request.camera; }, Object{camera_members()},
+             "projection and image size")
+            .required();
+        m.add(
+             "pose", [](auto& q) -> auto& { return q.request.pose; }, Object{pose_members()},
+             "position and attitude of the camera")
+            .required();
+        m.add("utc", &SkyQuery::utc, Text{}, "epoch, ISO 8601");
+        m.add("et_s", &SkyQuery::et_s, Number{kAnyNumber, "s"}, std::string(kEtMeaning));
+        m.add(
+             "sky", [](auto& q) -> auto& { return q.request.sky; }, Object{sky_members()},
+             "what is listed, as in a frame")
+            .required();
+        m.add(
+            "band", [](auto& q) -> auto& { return q.request.band; }, Object{band_members()},
+            "of irradiance_w_m2; left out: all wavelengths");
+        m.add(
+            "sensor", [](auto& q) -> auto& { return q.request.sensor; }, Object{sensor_members()},
+            "for `electrons`; left out: none in the answer");
+        m.add("detail", &SkyQuery::detail, DetailName{}, kOfDetail);
+        m.add("objects", objects_of_sky, List{Object{object_members()}, 1, kMaxObjects},
+              "as in a frame: they hide what is behind them");
+        m.exactly_one({"utc", "et_s"});
+        m.needs("sensor", {"band"}, "which photons it counts");
+        m.check(check_sky);
+      });
+  return *table;
+}
+
+SkyQuery read_sky(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
+  Findings findings;
+  auto query = sky_request_members().read(JsonReader(body, findings), {limits, assets, stop, utc_of(body)});
+  findings.throw_if_any();
+  return std::move(*query);
+}
+
+const Answer<SkySource>& sky_answer() {
+  using S = SkySource;
+  using namespace schema;
+  static const auto answer = answer_of<S>("Something in the sky.", [](auto& a) {
+    a.add("kind", words(kSkyKinds, "what it is"), [](const S& s) { return word_of(kSkyKinds, s.object.kind); });
+    a.add("id", text("of a star in its catalogue; else the name, like jupiter"),
+          [](const S& s) { return s.object.id; });
+    a.add("x_px", number_or_null("column; null behind the camera and beyond the lens's field of view"),
+          [](const S& s) { return s.object.x_px; });
+    a.add("y_px", number_or_null("row; null as x_px is"), [](const S& s) { return s.object.y_px; });
+    a.add("in_frame", boolean("within the image"), [](const S& s) { return s.object.in_frame; });
+    a.add("visible", boolean("in_frame and nothing hides it"), [](const S& s) { return visible(s.object); });
+    a.add("hidden_by", words(kHiddenBy, "what one ray to its centre meets, if it has a place in the image plane"),
+          [](const S& s) { return word_of(kHiddenBy, s.object.hidden_by); });
+    a.add("direction_icrf", schema::vector("unit, apparent, ICRF axes"),
+          [](const S& s) { return s.object.direction_icrf; });
+    a.add("direction", schema::vector("the same along axes of MOON_ME"), [](const S& s) { return s.object.direction; });
+    a.add("direction_camera", schema::vector("the same in camera axes: +x right, +y down, +z boresight"), in_camera);
+    a.add("magnitude", number(kAnyNumber, "V"), [](const S& s) { return magnitude_of(s.object); });
+    a.add("irradiance_w_m2", number(kAnyNumber, "at normal incidence, in the request's band, W m-2"),
+          [](const S& s) { return s.object.irradiance_w_m2; });
+    a.add(
+        "electrons",
+        number_or_null("expected of its whole image, unhidden and without noise, when a sensor was given; null outside "
+                       "of the frame"),
+        [](const S& s) { return s.object.electrons; }, [](const S& s) { return s.query.request.sensor.has_value(); });
+    const auto near = [](const S& s) { return s.object.distance_m.has_value(); };
+    a.add(
+        "distance_m", number(kAnyNumber, "of the Sun, the Earth and planets: from the camera, when the light left, m"),
+        [](const S& s) { return s.object.distance_m; }, near);
+    a.add(
+        "phase_deg", number({0, 180, false, false}, "of the Earth and planets: there, between Sun and camera"),
+        [](const S& s) { return s.object.phase_deg; }, [](const S& s) { return s.object.phase_deg.has_value(); });
+    a.add(
+        "angular_radius_deg", number({0, 90, false, false}, "of the Sun and the Earth (its equator)"),
+        [](const S& s) { return angular_radius_deg(s.object); },
+        [](const S& s) { return angular_radius_deg(s.object).has_value(); });
+  });
+  return answer;
+}
+
+OrderedJson sky_json(const std::vector<SkyObject>& sky, const SkyQuery& query) {
+  OrderedJson list = OrderedJson::array();
+  for (const SkyObject& object : sky) list.push_back(sky_answer().write({object, query}));
+  return {{"objects", std::move(list)}};
+}
+
+std::string sky_npz(const std::vector<SkyObject>& sky, const SkyQuery& query, const StopToken& stop) {
+  struct Column {
+    const char* name;
+    int width;
+    std::vector<double> values{};
+  };
+  std::vector<Column> columns{{"x_px", 1},
+                              {"y_px", 1},
+                              {"direction_icrf", 3},
+                              {"direction", 3},
+                              {"direction_camera", 3},
+                              {"magnitude", 1},
+                              {"irradiance_w_m2", 1},
+                              {"electrons", 1}};
+  std::vector<std::uint8_t> in_frame, seen, hidden_by;
+  OrderedJson meta{{"kind", OrderedJson::array()}, {"id", OrderedJson::array()}};
+  for (const SkyObject& o : sky) {
+    stop.check();
+    const Vec3 camera = in_camera({o, query});
+    const std::vector<double> rows[] = {{o.x_px},
+                                        {o.y_px},
+                                        {o.direction_icrf.begin(), o.direction_icrf.end()},
+                                        {o.direction.begin(), o.direction.end()},
+                                        {camera.begin(), camera.end()},
+                                        {magnitude_of(o)},
+                                        {o.irradiance_w_m2},
+                                        {o.electrons.value_or(kNotANumber)}};
+    for (std::size_t i = 0; i < columns.size(); ++i)
+      columns[i].values.insert(columns[i].values.end(), rows[i].begin(), rows[i].end());
+    in_frame.push_back(o.in_frame), seen.push_back(visible(o)),
+        hidden_by.push_back(static_cast<std::uint8_t>(o.hidden_by));
+    meta["kind"].push_back(word_of(kSkyKinds, o.kind)), meta["id"].push_back(o.id);
+  }
+  const int size = static_cast<int>(sky.size());
+  std::vector<ArrayView> arrays;
+  for (const Column& c : columns)
+    arrays.push_back({c.name, ElementType::float64, size, c.width, 1, c.values.data(), {}});
+  arrays.push_back({"in_frame", ElementType::uint8, size, 1, 1, in_frame.data(), {}});
+  arrays.push_back({"visible", ElementType::uint8, size, 1, 1, seen.data(), {}});
+  arrays.push_back({"hidden_by", ElementType::uint8, size, 1, 1, hidden_by.data(), {}});
+  return encode_npz(arrays, meta.dump(), stop);
+}
+
+}  // namespace selenograph::api

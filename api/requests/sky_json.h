@@ -1,0 +1,40 @@
+// Requests for what a camera would see of the sky, and their answers as JSON and NPZ.
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "api/encode/negotiate.h"
+#include "api/requests/parts/detail_json.h"
+#include "api/requests/parts/objects_json.h"
+#include "api/requests/parts/pose_json.h"
+#include "api/schema/answers.h"
+#include "engine/frame/request.h"
+
+namespace selenograph::api {
+
+struct SkyQuery : EpochForm {
+  engine::FrameRequest request;  // its camera, pose, band, sensor, sky and objects
+  Named<dem::Detail> detail{};   // null: none
+};
+
+const Members<SkyQuery>& sky_request_members();
+// Throws RequestError("invalid_request") with the faults found.
+SkyQuery read_sky(const Json& body, const Limits& limits, const Assets& assets = Assets(), const StopToken& stop = {});
+
+// In the order of the server's preference.
+inline constexpr Alternative kSkyAnswers[] = {
+    {"application/json", "the objects, each with its members"},
+    {"application/x-npz", "the same as arrays; identifiers and kinds in meta.json"},
+};
+
+struct SkySource {
+  const engine::SkyObject& object;
+  const SkyQuery& query;
+};
+const Answer<SkySource>& sky_answer();
+OrderedJson sky_json(const std::vector<engine::SkyObject>& sky, const SkyQuery& query);
+std::string sky_npz(const std::vector<engine::SkyObject>& sky, const SkyQuery& query, const StopToken& stop);
+
+}  // namespace selenograph::api

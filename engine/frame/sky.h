@@ -1,0 +1,47 @@
+// What is in the sky beside the Moon: stars, the Sun, the Earth, planets.
+#pragma once
+
+#include <limits>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "dem/grid/geodesy.h"
+
+namespace selenograph::engine {
+
+class StarCatalogue;
+
+struct SkyOptions {
+  std::string utc;                             // epoch
+  std::shared_ptr<const StarCatalogue> stars;  // null: none
+  double magnitude_limit = 6.5;                // V, of stars
+  bool sun = false, earth = false, planets = false;
+  // Of the camera relative to the Moon's centre, in inertial space (without the Moon's rotation), along axes of
+  // MOON_ME: for aberration.
+  Vec3 velocity_m_s = Vec3::Zero();
+  bool any() const { return stars || sun || earth || planets; }
+};
+
+enum class SkyKind { star, sun, earth, planet };
+
+// What the line of sight to something far away meets first.
+enum class HiddenBy { none, moon, object };
+
+struct SkyObject {
+  SkyKind kind = SkyKind::star;
+  std::string id;                                                // of a star in its catalogue; a planet's name
+  Vec3 direction_icrf = Vec3::Zero(), direction = Vec3::Zero();  // unit, apparent; the second along axes of MOON_ME
+  double v_mag = 0;
+  double irradiance_w_m2 = 0;  // at normal incidence, in the request's band
+  // The same weighted as the detector counts photons (in_photons); 0 without a sensor.
+  double counted_w_m2 = 0;
+  // Of the Sun, the Earth and planets: between their centres and the camera, and the phase angle.
+  std::optional<double> distance_m{}, phase_deg{};
+  double x_px = std::numeric_limits<double>::quiet_NaN(), y_px = x_px;  // NaN: not imaged
+  bool in_frame = false;
+  HiddenBy hidden_by = HiddenBy::none;  // as one ray to the centre meets it
+  std::optional<double> electrons{};    // expected, of the whole image of the object; empty: no sensor, or not imaged
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,138 @@
+#include "engine/sky/magnitudes.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "engine/frame/sun.h"
+#include "engine/radiometry/photometry.h"
+#include "engine/radiometry/solar_spectrum.h"
+#include "engine/radiometry/spectrum.h"
+
+namespace selenograph::engine {
+namespace {
+
+constexpr double kZeroPoint_w_m2_um = 3.63e-8, kVisual_um = 0.55;
+
+template <std::size_t N>
+double polynomial(const double (&coefficients)[N], double x) {
+  double sum = 0;
+  for (std::size_t i = N; i-- > 0;) sum = sum * x + coefficients[i];
+  return sum;
+}
+
+double mercury(double a) {
+  return polynomial({-0.613, 6.3280e-2, -1.6336e-3, 3.3644e-5, -3.4265e-7, 1.6893e-9, -3.0334e-12}, std::min(a, 170.0));
+}
+
+double venus(double a) {
+  return a <= 163.7 ? polynomial({-4.384, -1.044e-3, 3.687e-4, -2.814e-6, 8.938e-9}, a)
+                    : polynomial({236.05828, -2.81914, 8.39034e-3}, std::min(a, 179.0));
+}
+
+double mars(double a) {
+  return a <= 50 ? polynomial({-1.601, 0.02267, -0.0001302}, a)
+                 : polynomial({-0.367, -0.02573, 0.0003445}, std::min(a, 120.0));
+}
+
+double jupiter(double a) {
+  if (a <= 12) return polynomial({-9.395, -3.7e-4, 6.16e-4}, a);
+  return -9.428 - 2.5 * std::log10(polynomial({1.0, -1.507, -0.363, -0.062, 2.809, -1.876}, std::min(a, 130.0) / 180));
+}
+
+// The pole of a planet: WGCCRE 2015, its motion left out.
+Vec3 pole(double ra_deg, double dec_deg) {
+  const double ra = ra_deg * kRadiansPerDegree, dec = dec_deg * kRadiansPerDegree;
+  return {std::cos(dec) * std::cos(ra), std::cos(dec) * std::sin(ra), std::sin(dec)};
+}
+
+// Sines of the latitudes under the Sun and the observer.
+struct Under {
+  double sun, observer;
+  Under(const Vec3& north, const ApparentBody& body)
+      : sun(-north.dot(body.from_sun)), observer(-north.dot(body.from_observer)) {}
+};
+
+// The rings are seen and lit from the same side, or they are dark.
+double saturn(double a, const ApparentBody& body) {
+  if (a > 6.5) return polynomial({-8.94, 2.446e-4, 2.672e-4, -1.505e-6, 4.767e-9}, std::min(a, 150.0));
+  static const Vec3 kNorth = pole(40.589, 83.537);
+  const Under under(kNorth, body);
+  const double open = under.sun * under.observer > 0 ? std::sqrt(std::asin(under.sun) * std::asin(under.observer)) : 0;
+  return -8.914 - 1.825 * std::sin(open) + 0.026 * a - 0.378 * std::sin(open) * std::exp(-2.25 * a);
+}
+
+double uranus(double a, const ApparentBody& body) {
+  static const Vec3 kNorth = pole(257.311, -15.175);
+  const Under under(kNorth, body);
+  // Planetographic latitudes: the flattening is 0.0229.
+  const auto latitude_deg = [](double sine) {
+    const double centric = std::asin(std::clamp(sine, -1.0, 1.0));
+    return std::abs(std::atan(std::tan(centric) / ((1 - 0.0229) * (1 - 0.0229)))) * kDegreesPerRadian;
+  };
+  const double mean_deg = (latitude_deg(under.sun) + latitude_deg(under.observer)) / 2;
+  return -7.110 - 8.4e-4 * mean_deg + (a > 3.1 ? polynomial({0, 6.587e-3, 1.045e-4}, std::min(a, 154.0)) : 0);
+}
+
+double at_one_au(Planet planet, const ApparentBody& body) {
+  const double a = body.phase_deg;
+  switch (planet) {
+    case Planet::mercury:
+      return mercury(a);
+    case Planet::venus:
+      return venus(a);
+    case Planet::earth:
+      return polynomial({-3.99, -1.060e-3, 2.054e-4}, std::min(a, 170.0));
+    case Planet::mars:
+      return mars(a);
+    case Planet::jupiter:
+      return jupiter(a);
+    case Planet::saturn:
+      return saturn(a, body);
+    case Planet::uranus:
+      return uranus(a, body);
+    case Planet::neptune:
+      return -7.00 + (a > 1.9 ? polynomial({0, 7.944e-3, 9.617e-5}, std::min(a, 133.0)) : 0);
+  }
+  return 0;
+}
+
+// Spectral irradiance at 0.55 um of V = 0, over what the spectrum itself has there, times its integral over the band.
+double star_of_v0(double temperature_k, const Band* band) {
+  // Stefan and Boltzmann's law over pi.
+  constexpr double kAll_w_m2_sr_k4 = 5.670374419e-8 / std::numbers::pi;
+  const double integral = band ? planck_w_m2_sr(*band, temperature_k) : kAll_w_m2_sr_k4 * std::pow(temperature_k, 4);
+  return kZeroPoint_w_m2_um / planck_w_m2_sr_um(kVisual_um, temperature_k) * integral;
+}
+
+}  // namespace
+
+double planet_magnitude(Planet planet, const ApparentBody& body) {
+  return 5 * std::log10(body.distance_m / kAstronomicalUnit_m * (body.sun_distance_m / kAstronomicalUnit_m)) +
+         at_one_au(planet, body);
+}
+
+double sun_magnitude(double distance_m) { return -26.76 + 5 * std::log10(distance_m / kAstronomicalUnit_m); }
+
+double star_temperature_k(double b_v) {
+  const double x = 0.92 * std::clamp(b_v, -0.4, 2.5);
+  return 4600 * (1 / (x + 1.7) + 1 / (x + 0.62));
+}
+
+Starlight::Starlight(const Band* band) {
+  for (std::size_t i = 0; i < star_.size(); ++i)
+    star_[i] = star_of_v0(star_temperature_k(kBluest + kStep * static_cast<double>(i)), band);
+  planet_ = kZeroPoint_w_m2_um / solar_irradiance_w_m2_um(kVisual_um) *
+            (band ? solar_irradiance_w_m2(*band) : kSolarConstant_w_m2);
+}
+
+double Starlight::of_star(double v_mag, double b_v) const {
+  const double at = (std::clamp(b_v, kBluest, kReddest) - kBluest) / kStep;
+  const auto i = std::min(static_cast<std::size_t>(at), star_.size() - 2);
+  const double share = at - static_cast<double>(i);
+  return std::pow(10, -0.4 * v_mag) * ((1 - share) * star_[i] + share * star_[i + 1]);
+}
+
+double Starlight::of_planet(double v_mag) const { return std::pow(10, -0.4 * v_mag) * planet_; }
+
+}  // namespace selenograph::engine

@@ -1,0 +1,133 @@
+#include "engine/sky/sky_observer.h"
+
+#include <erfa.h>
+#include <erfam.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <utility>
+
+namespace selenograph::engine {
+namespace {
+
+constexpr double kLightDaysPerAu = ERFA_AULT / ERFA_DAYSEC;
+
+// Position and velocity: au and au per day, or m and m/s. ERFA's double[2][3].
+using PlaceAndMotion = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;
+double (*erfa_rows(PlaceAndMotion& m))[3] { return reinterpret_cast<double(*)[3]>(m.data()); }
+
+struct EarthMotion {
+  PlaceAndMotion from_sun, from_barycentre;
+  Vec3 sun_from_barycentre() const { return (from_barycentre - from_sun).row(0).transpose(); }
+};
+
+EarthMotion earth_motion(const JulianDate& date, double days_before = 0) {
+  EarthMotion earth;
+  eraEpv00(date.day, date.fraction - days_before, erfa_rows(earth.from_sun), erfa_rows(earth.from_barycentre));
+  return earth;
+}
+
+// From the Sun's centre, au. eraPlan94 numbers the planets from Mercury = 1; its third is the Earth with the Moon.
+Vec3 planet_from_sun(Planet planet, const JulianDate& date, double days_before) {
+  if (planet == Planet::earth) return earth_motion(date, days_before).from_sun.row(0).transpose();
+  PlaceAndMotion motion;
+  eraPlan94(date.day, date.fraction - days_before, static_cast<int>(planet) + 1, erfa_rows(motion));
+  return motion.row(0).transpose();
+}
+
+// The place of a body, from the barycentre, when the light left it that arrives now; au. `place(days before)`.
+template <typename Place>
+Vec3 at_departure(const Vec3& observer, const Place& place) {
+  double days = 0;
+  for (int i = 0; i < 4; ++i) days = (place(days) - observer).norm() * kLightDaysPerAu;
+  return place(days);
+}
+
+}  // namespace
+
+std::string_view planet_name(Planet planet) {
+  constexpr std::string_view kNames[] = {"mercury", "venus", "earth", "mars", "jupiter", "saturn", "uranus", "neptune"};
+  return kNames[static_cast<std::size_t>(planet)];
+}
+
+std::span<const Planet> other_planets() {
+  static constexpr Planet kPlanets[] = {Planet::mercury, Planet::venus,  Planet::mars,   Planet::jupiter,
+                                        Planet::saturn,  Planet::uranus, Planet::neptune};
+  return kPlanets;
+}
+
+struct SkyObserver::Astrometry {
+  eraASTROM of{};
+  Vec3 place() const { return Vec3(of.eb); }  // from the barycentre, au
+  // Aberration; the Sun's potential at the observer is in it.
+  Vec3 aberrated(const Vec3& natural) const {
+    Vec3 proper;
+    Vec3 in = natural;
+    eraAb(in.data(), const_cast<double*>(of.v), of.em, of.bm1, proper.data());
+    return proper;
+  }
+};
+
+SkyObserver::SkyObserver(const std::string& utc, const Vec3& position_m, const Vec3& velocity_m_s)
+    : date_(tt_at(utc)),
+      moon_me_from_icrf_(engine::moon_me_from_icrf(utc)),
+      years_(((date_.day - ERFA_DJ00) + date_.fraction) / ERFA_DJY),
+      astrometry_(std::make_unique<Astrometry>()) {
+  EarthMotion earth = earth_motion(date_);
+  PlaceAndMotion moon, observer;
+  eraMoon98(date_.day, date_.fraction, erfa_rows(moon));
+  observer.row(0) = ERFA_DAU * moon.row(0) + (moon_me_from_icrf_.transpose() * position_m).transpose();
+  observer.row(1) = ERFA_DAU / ERFA_DAYSEC * moon.row(1) + (moon_me_from_icrf_.transpose() * velocity_m_s).transpose();
+  Vec3 from_sun = earth.from_sun.row(0).transpose();
+  eraApcs(date_.day, date_.fraction, erfa_rows(observer), erfa_rows(earth.from_barycentre), from_sun.data(),
+          &astrometry_->of);
+}
+
+SkyObserver::~SkyObserver() = default;
+
+// What eraAtciqz and eraPmpx do, without angles.
+Vec3 SkyObserver::apparent(const Star& star) const {
+  const Vec3 place = astrometry_->place();
+  // Roemer's effect: the light arrives earlier or later than at the barycentre.
+  const double years = years_ + star.place.dot(place) * ERFA_AULT / ERFA_DAYSEC / ERFA_DJY;
+  Vec3 natural =
+      (star.place + years * star.motion_rad_yr.cast<double>() - static_cast<double>(star.parallax_rad) * place)
+          .normalized();
+  eraLdsun(natural.data(), astrometry_->of.eh, astrometry_->of.em, natural.data());
+  return astrometry_->aberrated(natural);
+}
+
+// The aberration of the way back is the same but for its sign, and for v^2/c^2: 1e-8.
+Vec3 SkyObserver::undo_aberration(const Vec3& apparent) const {
+  return (apparent - Vec3(astrometry_->of.v)).normalized();
+}
+
+ApparentBody SkyObserver::body_at(const Vec3& from_observer_au, const Vec3& from_sun_au) const {
+  ApparentBody body;
+  body.from_observer = from_observer_au.normalized();
+  body.direction = astrometry_->aberrated(body.from_observer);
+  body.distance_m = from_observer_au.norm() * ERFA_DAU;
+  body.sun_distance_m = from_sun_au.norm() * ERFA_DAU;
+  if (body.sun_distance_m == 0) return body;
+  body.from_sun = from_sun_au.normalized();
+  body.phase_deg = std::atan2(body.from_sun.cross(body.from_observer).norm(), body.from_sun.dot(body.from_observer)) *
+                   kDegreesPerRadian;
+  return body;
+}
+
+ApparentBody SkyObserver::sun() const {
+  const Vec3 place =
+      at_departure(astrometry_->place(), [&](double days) { return earth_motion(date_, days).sun_from_barycentre(); });
+  return body_at(place - astrometry_->place(), Vec3::Zero());
+}
+
+ApparentBody SkyObserver::planet(Planet planet) const {
+  Vec3 from_sun;
+  const Vec3 place = at_departure(astrometry_->place(), [&](double days) -> Vec3 {
+    from_sun = planet_from_sun(planet, date_, days);
+    return earth_motion(date_, days).sun_from_barycentre() + from_sun;
+  });
+  return body_at(place - astrometry_->place(), from_sun);
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,66 @@
+// Where stars, the Sun, the Earth and planets appear from a place near the Moon.
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "engine/sky/ephemeris.h"
+#include "engine/sky/star_catalogue.h"
+
+namespace selenograph::engine {
+
+enum class Planet { mercury, venus, earth, mars, jupiter, saturn, uranus, neptune };
+// In lower case, as requests and answers have it.
+std::string_view planet_name(Planet planet);
+// All but the Earth.
+std::span<const Planet> other_planets();
+
+// A body of the Solar System as it was when the light left it that arrives at the epoch.
+struct ApparentBody {
+  Vec3 direction;             // unit, ICRF axes, with light time and aberration
+  double distance_m = 0;      // from the observer, along the light's way
+  double sun_distance_m = 0;  // of the body
+  double phase_deg = 0;       // at the body, between the Sun and the observer; 0 for the Sun
+  Vec3 from_sun = Vec3::Zero(), from_observer = Vec3::Zero();  // unit, ICRF axes, without aberration: toward the body
+};
+
+// Places are those of ERFA: of the Moon and the Earth by eraMoon98 (31.7 km) and eraEpv00 (11.2 km; ephemeris.cpp has
+// the budget), of planets by eraPlan94, whose errors over 1800 to 2050 are at most 1 arcsec for Mercury, 5 for Venus,
+// 7 for Mars, 71 for Jupiter, 81 for Saturn, 86 for Uranus and 11 for Neptune. Those of stars agree with astropy to
+// 0.001 arcsec. Directions in ICRF axes know nothing of the Moon's rotation; in MOON_ME they have its 0.01 degrees.
+class SkyObserver {
+ public:
+  // `position_m`, `velocity_m_s`: relative to the Moon's centre along axes of MOON_ME; the velocity is that in inertial
+  // space, without the Moon's rotation. Throws ImpossibleRequest for a bad epoch.
+  SkyObserver(const std::string& utc, const Vec3& position_m, const Vec3& velocity_m_s);
+  ~SkyObserver();
+  SkyObserver(const SkyObserver&) = delete;
+  SkyObserver& operator=(const SkyObserver&) = delete;
+
+  const Eigen::Matrix3d& moon_me_from_icrf() const { return moon_me_from_icrf_; }
+  double years_since_j2000() const { return years_; }
+
+  // Unit, ICRF axes: proper motion, parallax, deflection of light by the Sun, and aberration.
+  Vec3 apparent(const Star& star) const;
+  // Where a star that appears in this direction is but for its parallax and the deflection of its light.
+  Vec3 undo_aberration(const Vec3& apparent) const;
+  // Upper bound on these two.
+  static constexpr double kLeftOut_rad = 1.5e-5;
+
+  ApparentBody sun() const;
+  ApparentBody planet(Planet planet) const;
+
+ private:
+  struct Astrometry;  // ERFA's
+  ApparentBody body_at(const Vec3& from_observer_au, const Vec3& from_sun_au) const;
+
+  JulianDate date_;
+  Eigen::Matrix3d moon_me_from_icrf_;
+  double years_;
+  std::unique_ptr<Astrometry> astrometry_;
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,163 @@
+#include "engine/sky/star_catalogue.h"
+
+#include <fmt/format.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <limits>
+#include <numbers>
+#include <numeric>
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include "dem/support/error.h"
+#include "engine/support/csv.h"
+
+namespace selenograph::engine {
+namespace {
+
+constexpr std::string_view kStarColumns =
+    "id,ra_deg,dec_deg,epoch_yr,pm_ra_mas_yr,pm_dec_mas_yr,parallax_mas,v_mag,b_v";
+constexpr double kRadiansPerMas = kRadiansPerDegree / 3.6e6, kJ2000_yr = 2000;
+
+struct StarColumn {
+  const char* name;
+  double low, high;
+};
+constexpr StarColumn kStarRanges[] = {
+    {"ra_deg", 0, 360},           {"dec_deg", -90, 90},      {"epoch_yr", 1850, 2150}, {"pm_ra_mas_yr", -2e4, 2e4},
+    {"pm_dec_mas_yr", -2e4, 2e4}, {"parallax_mas", 0, 1000}, {"v_mag", -5, 30},        {"b_v", -1, 10}};
+
+StarRow star_row(std::string_view line) {
+  const std::size_t comma = line.find(',');
+  if (comma == 0 || comma == std::string_view::npos) throw BadLine("an identifier is expected, then numbers");
+  const std::vector<double> v = csv_numbers(line.substr(comma + 1));
+  if (v.size() != std::size(kStarRanges))
+    throw BadLine(
+        fmt::format("has {} numbers behind the identifier; {} are expected", v.size(), std::size(kStarRanges)));
+  for (std::size_t i = 0; i < v.size(); ++i)
+    if (!(v[i] >= kStarRanges[i].low && v[i] <= kStarRanges[i].high))
+      throw BadLine(
+          fmt::format("{} must be {:g} to {:g}", kStarRanges[i].name, kStarRanges[i].low, kStarRanges[i].high));
+  return {std::string(line.substr(0, comma)), v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7]};
+}
+
+// The line of Star::place. Its motion is along the sphere's tangent; radial velocities are not in the catalogue.
+Star star_of(const StarRow& row) {
+  const double ra = row.ra_deg * kRadiansPerDegree, dec = row.dec_deg * kRadiansPerDegree;
+  const Vec3 place(std::cos(dec) * std::cos(ra), std::cos(dec) * std::sin(ra), std::sin(dec)),
+      east(-std::sin(ra), std::cos(ra), 0),
+      north(-std::sin(dec) * std::cos(ra), -std::sin(dec) * std::sin(ra), std::cos(dec));
+  const Vec3 motion = kRadiansPerMas * (row.pm_ra_mas_yr * east + row.pm_dec_mas_yr * north);
+  return {place + (kJ2000_yr - row.epoch_yr) * motion, motion.cast<float>(),
+          static_cast<float>(row.parallax_mas * kRadiansPerMas), static_cast<float>(row.v_mag),
+          static_cast<float>(row.b_v)};
+}
+
+// Bands of declination, and in each as many cells as make them about square.
+class CellGrid {
+ public:
+  static constexpr int kBands = 90;
+  CellGrid() {
+    first_.push_back(0);
+    for (int band = 0; band < kBands; ++band) {
+      const double middle = (band + 0.5) * std::numbers::pi / kBands - std::numbers::pi / 2;
+      first_.push_back(first_.back() + std::max(1, static_cast<int>(std::lround(2 * kBands * std::cos(middle)))));
+    }
+  }
+  std::size_t size() const { return static_cast<std::size_t>(first_.back()); }
+  std::size_t cell(const Vec3& place) const {
+    const double dec = std::atan2(place.z(), std::hypot(place.x(), place.y())), ra = std::atan2(place.y(), place.x());
+    const int band = std::clamp(static_cast<int>((dec / std::numbers::pi + 0.5) * kBands), 0, kBands - 1);
+    const int first = first_[static_cast<std::size_t>(band)],
+              count = first_[static_cast<std::size_t>(band) + 1] - first;
+    return static_cast<std::size_t>(
+        first + std::clamp(static_cast<int>((ra / (2 * std::numbers::pi) + 0.5) * count), 0, count - 1));
+  }
+
+ private:
+  std::vector<int> first_;
+};
+
+double angle_between(const Vec3& a, const Vec3& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
+
+}  // namespace
+
+StarCatalogue StarCatalogue::read(const std::string& path) {
+  std::vector<StarRow> rows;
+  bool headed = false;
+  each_csv_line(path, [&](std::string_view line) {
+    if (headed)
+      rows.push_back(star_row(line));
+    else if (line != kStarColumns)
+      throw BadLine(fmt::format("the columns must be {}", kStarColumns));
+    headed = true;
+  });
+  if (rows.empty()) throw DataError(path, "has no stars");
+  return StarCatalogue(std::filesystem::path(path).stem().string(), rows);
+}
+
+StarCatalogue::StarCatalogue(std::string name, const std::vector<StarRow>& rows) : name_(std::move(name)) {
+  const CellGrid grid;
+  std::vector<Star> stars;
+  std::vector<std::size_t> cell;
+  for (const StarRow& row : rows) {
+    stars.push_back(star_of(row)), cell.push_back(grid.cell(stars.back().place));
+    fastest_rad_yr_ = std::max(fastest_rad_yr_, static_cast<double>(stars.back().motion_rad_yr.norm()));
+  }
+  std::vector<std::size_t> order(rows.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+    return cell[a] != cell[b] ? cell[a] < cell[b] : stars[a].v_mag < stars[b].v_mag;
+  });
+  XXH64_hash_t hash = 0;
+  stars_.reserve(rows.size()), id_ends_.reserve(rows.size());
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    if (i == 0 || cell[order[i]] != cell[order[i - 1]])
+      cells_.push_back({Vec3::Zero(), 0, static_cast<std::uint32_t>(i), 0});
+    const Star& star = stars[order[i]];
+    stars_.push_back(star), ids_ += rows[order[i]].id, id_ends_.push_back(static_cast<std::uint32_t>(ids_.size()));
+    cells_.back().past_last = static_cast<std::uint32_t>(i + 1), cells_.back().centre += star.place;
+    const double numbers[] = {star.place.x(),
+                              star.place.y(),
+                              star.place.z(),
+                              rows[order[i]].pm_ra_mas_yr,
+                              rows[order[i]].pm_dec_mas_yr,
+                              rows[order[i]].parallax_mas,
+                              rows[order[i]].v_mag,
+                              rows[order[i]].b_v};
+    hash = XXH3_64bits_withSeed(numbers, sizeof numbers, hash);
+  }
+  fingerprint_ = XXH3_64bits_withSeed(ids_.data(), ids_.size(), hash);
+  for (Cell& c : cells_) {
+    c.centre.normalize();
+    for (std::uint32_t i = c.first; i < c.past_last; ++i)
+      c.radius_rad = std::max(c.radius_rad, angle_between(c.centre, stars_[i].place));
+  }
+}
+
+std::string_view StarCatalogue::id(std::uint32_t index) const {
+  const std::uint32_t first = index == 0 ? 0 : id_ends_[index - 1];
+  return std::string_view(ids_).substr(first, id_ends_[index] - first);
+}
+
+double StarCatalogue::largest_motion_rad(double years) const { return fastest_rad_yr_ * std::abs(years); }
+
+std::vector<std::uint32_t> StarCatalogue::within(const Vec3& direction, double radius_rad,
+                                                 double magnitude_limit) const {
+  std::vector<std::uint32_t> found;
+  const double least_cosine = radius_rad < std::numbers::pi ? std::cos(radius_rad) : -2;
+  for (const Cell& cell : cells_) {
+    const double apart_rad = angle_between(cell.centre, direction);
+    if (apart_rad > radius_rad + cell.radius_rad) continue;
+    const bool whole = apart_rad + cell.radius_rad <= radius_rad;
+    for (std::uint32_t i = cell.first; i < cell.past_last && static_cast<double>(stars_[i].v_mag) <= magnitude_limit;
+         ++i)
+      if (whole || stars_[i].place.dot(direction) >= least_cosine) found.push_back(i);
+  }
+  return found;
+}
+
+}  // namespace selenograph::engine

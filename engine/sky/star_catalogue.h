@@ -1,0 +1,74 @@
+// A catalogue of stars, searched by field.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "dem/grid/geodesy.h"
+
+namespace selenograph::engine {
+
+// A row of a catalogue as it is published.
+struct StarRow {
+  std::string id;                      // "HR 1713"
+  double ra_deg, dec_deg;              // ICRS, at epoch_yr
+  double epoch_yr;                     // Julian year
+  double pm_ra_mas_yr, pm_dec_mas_yr;  // proper motion; in right ascension with the factor cos(dec)
+  double parallax_mas;
+  double v_mag, b_v;  // Johnson V and B - V
+};
+
+struct Star {
+  // ICRS as seen from the Solar System's barycentre at J2000.0: a unit vector at the catalogue's epoch, moved along the
+  // straight line of the proper motion since.
+  Vec3 place;
+  Eigen::Vector3f motion_rad_yr;
+  float parallax_rad, v_mag, b_v;
+};
+
+// Cells of 2 degrees whose stars are sorted by magnitude: a search looks at those of the field alone, and there at the
+// bright ones.
+class StarCatalogue {
+ public:
+  // Reads a CSV file whose first line that is not a comment (#) is
+  //   id,ra_deg,dec_deg,epoch_yr,pm_ra_mas_yr,pm_dec_mas_yr,parallax_mas,v_mag,b_v
+  // followed by a row a star. Its name is the file's, without folder and extension. Throws DataError naming file and
+  // line.
+  static StarCatalogue read(const std::string& path);
+
+  StarCatalogue(std::string name, const std::vector<StarRow>& rows);
+
+  const std::string& name() const { return name_; }
+  std::size_t size() const { return stars_.size(); }
+  const Star& star(std::uint32_t index) const { return stars_[index]; }
+  std::string_view id(std::uint32_t index) const;
+  // Changes with any row.
+  std::uint64_t fingerprint() const { return fingerprint_; }
+
+  // Indices of the stars of at most this V magnitude whose place at J2000.0 is within a radius of a direction (unit,
+  // ICRS), in an order that depends on the catalogue alone.
+  std::vector<std::uint32_t> within(const Vec3& direction, double radius_rad, double magnitude_limit) const;
+  // Upper bound on how far a star has moved since J2000.0.
+  double largest_motion_rad(double years) const;
+
+ private:
+  struct Cell {
+    Vec3 centre;  // unit
+    double radius_rad;
+    std::uint32_t first, past_last;
+  };
+
+  std::string name_;
+  std::vector<Star> stars_;  // by cell, in it by magnitude
+  std::string ids_;          // one after the other
+  std::vector<std::uint32_t> id_ends_;
+  std::vector<Cell> cells_;
+  double fastest_rad_yr_ = 0;
+  std::uint64_t fingerprint_ = 0;
+};
+
+}  // namespace selenograph::engine

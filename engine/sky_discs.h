@@ -1,0 +1,23 @@
+// The discs of the Sun and the Earth in a frame.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "engine/sky_in_view.h"
+
+namespace selenograph::engine {
+
+// Adds the discs that the request asks for to a frame's radiance, W m-2 sr-1, each pixel as the mean over its area.
+// `range_m`: of every pixel, NaN for the sky. Where a pixel or one beside it sees the Moon or an object and another one
+// the sky, rays in double against the finest terrain decide, 64 a pixel and more; elsewhere the pixels themselves.
+//
+// Sun: its irradiance over its disc, with limb darkening 1 - u (1 - mu): the request's u, or 0.6.
+// Earth: an ellipsoid (WGS 84) whose axis is that of ICRF (0.15 degrees in our century), lit by Lambert's law and
+// scaled to the irradiance of the whole (earth_over_sun).
+//
+// Throws as find_hidden does.
+void add_discs(const FrameRequest& request, std::span<const double> range_m, const dem::Terrain& terrain,
+               RenderCache& kept, const StopToken& stop, std::vector<float>& radiance);
+
+}  // namespace selenograph::engine

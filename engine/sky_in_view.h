@@ -1,0 +1,35 @@
+// Stars, the Sun, the Earth and planets in a camera's image: POST /v1/sky, and what a frame shows of them.
+#pragma once
+
+#include <vector>
+
+#include "dem/support/stop_token.h"
+#include "dem/terrain/terrain.h"
+#include "engine/camera/row_views.h"
+#include "engine/frame/request.h"
+#include "engine/render_cache.h"
+
+namespace selenograph::engine {
+
+// Limit on stars of one image.
+inline constexpr std::size_t kMostStars = 100000;
+
+// Of the request's sky, stars within `margin_px` of the image, brightest first, and then the Sun, the Earth and the
+// planets wherever they are. Without `hidden_by` and `electrons`. `views`: of the request's camera. Throws
+// ImpossibleRequest for too many stars.
+std::vector<SkyObject> sky_around(const FrameRequest& request, const RowViews& views, double margin_px,
+                                  const StopToken& stop);
+
+// Sets `hidden_by`, by one ray each against the finest terrain, rocks and objects, of those that are imaged. Runs in
+// the caller's task arena. Throws as cast_rays does.
+void find_hidden(const FrameRequest& request, const RowViews& views, const dem::Terrain& terrain, RenderCache& kept,
+                 const StopToken& stop, std::vector<SkyObject>& sky);
+
+// Solid angle of a pixel's width and height around an image place, sr; empty where the lens images nothing.
+std::optional<double> pixel_sr(const RowViews& views, double x_px, double y_px);
+
+// Results and exceptions are those of Renderer::sky.
+std::vector<SkyObject> query_sky(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& kept,
+                                 const StopToken& stop);
+
+}  // namespace selenograph::engine

@@ -1,0 +1,247 @@
+// Stars and discs in frames: places, light, what hides them.
+#include <cmath>
+#include <numbers>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "engine/camera/view.h"
+#include "engine/radiometry/solar_spectrum.h"
+#include "engine/radiometry/spectrum.h"
+#include "engine/sky/ephemeris.h"
+#include "engine/sky/star_catalogue.h"
+#include "tests/support/moon_without_relief.h"
+#include "tests/support/views.h"
+
+namespace selenograph::engine {
+namespace {
+
+constexpr const char* kUtc = "2026-11-25T00:00:00Z";
+
+class SkyOfAMoonWithoutRelief : public test::MoonWithoutRelief {
+ protected:
+  // Stars of V = 2 in a grid around a direction (MOON_ME), degrees apart.
+  static std::shared_ptr<const StarCatalogue> grid_of_stars(const Vec3& middle, double apart_deg, int half) {
+    const Vec3 d = moon_me_from_icrf(kUtc).transpose() * middle;
+    const double ra = std::atan2(d.y(), d.x()) * kDegreesPerRadian, dec = std::asin(d.z()) * kDegreesPerRadian;
+    std::vector<StarRow> rows;
+    for (int j = -half; j <= half; ++j)
+      for (int i = -half; i <= half; ++i) {
+        const double at_dec = dec + j * apart_deg, at_ra = ra + i * apart_deg / std::cos(at_dec * kRadiansPerDegree);
+        rows.push_back(
+            {std::to_string(j) + "/" + std::to_string(i), std::fmod(at_ra + 360, 360), at_dec, 2000, 0, 0, 0, 2, 0.65});
+      }
+    return std::make_shared<const StarCatalogue>("grid", rows);
+  }
+
+  // From 2000 km above the Moon, away from it.
+  static FrameRequest looking_up() {
+    FrameRequest request = test::blank_request();
+    request.visibility = Visibility::automatic;
+    request.camera = test::square_camera(128, 20);
+    const Vec3 place = to_cartesian({20, 30, 2e6});
+    request.pose = test::looking(place, place + Vec3(2e5, 1e5, -3e5), Vec3::UnitZ());
+    request.sun.direction = Vec3::UnitX();
+    request.band = Band(0.6, 0.1);
+    request.sky.emplace();
+    request.sky->utc = kUtc;
+    request.sky->stars = grid_of_stars(View(request.camera, request.pose).middle(), 3, 2);
+    return request;
+  }
+
+  static SensorModel noiseless() {
+    SensorModel sensor;
+    sensor.optics.f_number = 2;
+    sensor.detector.pixel_pitch_um = 10, sensor.detector.quantum_efficiency = 0.5,
+    sensor.detector.integration_time_s = 20;
+    sensor.detector.photon_noise = false, sensor.detector.bit_depth = 16, sensor.detector.gain_e_dn = 0.5;
+    return sensor;
+  }
+
+  struct Blob {
+    double x_px, y_px, sum;
+  };
+  // Centroid and sum around a place.
+  template <typename T>
+  static Blob blob(const std::vector<T>& image, int width, double x_px, double y_px, int half) {
+    Blob b{0, 0, 0};
+    const int column = static_cast<int>(std::lround(x_px)), row = static_cast<int>(std::lround(y_px));
+    for (int y = row - half; y <= row + half; ++y)
+      for (int x = column - half; x <= column + half; ++x) {
+        const auto value = static_cast<double>(image[static_cast<std::size_t>(y * width + x)]);
+        b.x_px += value * x, b.y_px += value * y, b.sum += value;
+      }
+    b.x_px /= b.sum, b.y_px /= b.sum;
+    return b;
+  }
+  static bool well_inside(const SkyObject& o, const Camera& c, double margin) {
+    return o.x_px > margin && o.y_px > margin && o.x_px < c.width - 1 - margin && o.y_px < c.height - 1 - margin;
+  }
+};
+
+TEST_F(SkyOfAMoonWithoutRelief, StarsAreWhereTheListSaysThroughALens) {
+  FrameRequest request = looking_up();
+  request.camera.distortion = {-0.1, 0.02, 0, 0.001, -0.002};
+  const View view(request.camera, request.pose);
+  int compared = 0;
+  const std::vector<float> radiance = renderer().render(request).products.radiance;
+  for (const SkyObject& o : renderer().sky(request)) {
+    if (!well_inside(o, request.camera, 5)) continue;
+    ++compared;
+    const Blob b = blob(radiance, request.camera.width, o.x_px, o.y_px, 3);
+    EXPECT_NEAR(b.x_px, o.x_px, 1e-4);
+    EXPECT_NEAR(b.y_px, o.y_px, 1e-4);
+    // The pixel's solid angle, from its corners.
+    const auto corner = [&](double dx, double dy) { return view.ray(o.x_px + dx, o.y_px + dy)->normalized(); };
+    const double sr = (corner(0.5, 0.5) - corner(-0.5, -0.5)).cross(corner(-0.5, 0.5) - corner(0.5, -0.5)).norm() / 2;
+    EXPECT_NEAR(b.sum * sr / o.irradiance_w_m2, 1, 1e-3);
+    EXPECT_LT((view.ray(o.x_px, o.y_px)->normalized() - o.direction).norm(), 1e-9);
+  }
+  EXPECT_GE(compared, 20);
+}
+
+// Electrons by hand: zero point, aperture, energy of a photon.
+TEST_F(SkyOfAMoonWithoutRelief, SensorsCountStarsAtTheirPlaces) {
+  for (const PointSpread::Model model :
+       {PointSpread::Model::none, PointSpread::Model::gaussian, PointSpread::Model::airy}) {
+    FrameRequest request = looking_up();
+    request.band = Band(0.55, 0.01);
+    request.sensor = noiseless();
+    request.sensor->optics.point_spread.model = model, request.sensor->optics.point_spread.sigma_px = 0.8;
+    // Wide enough for its pixels to sample it: of a narrower one the pixels' own centroid deviates, as in a camera.
+    const bool airy = model == PointSpread::Model::airy;
+    if (airy)
+      request.sensor->optics.f_number = 32, request.sensor->detector.gain_e_dn = 0.01,
+      request.sensor->detector.integration_time_s = 2000,
+      request.sky->stars = grid_of_stars(View(request.camera, request.pose).middle(), 3, 0);
+    request.products = kImage;
+    const auto image = renderer().render(request).products.image;
+    const Detector& d = request.sensor->detector;
+    const double focal_m = request.camera.fx * d.pixel_pitch_um * 1e-6,
+                 aperture_m = focal_m / request.sensor->optics.f_number;
+    int compared = 0;
+    for (const SkyObject& o : renderer().sky(request)) {
+      if (!well_inside(o, request.camera, 24)) continue;
+      ++compared;
+      const Blob b = blob(image, request.camera.width, o.x_px, o.y_px, airy ? 23 : 12);
+      // An Airy disc's kernel is cut off around the pixel, not around the place, and has the rest spread over it.
+      const double tolerance_px = airy ? 0.013 : 0.01;
+      EXPECT_NEAR(b.x_px, o.x_px, tolerance_px) << static_cast<int>(model);
+      EXPECT_NEAR(b.y_px, o.y_px, tolerance_px) << static_cast<int>(model);
+      // Off the axis a detector of eqs. (8) and (9) has the aperture that gives a level field its level image.
+      const double cosine = o.direction.dot(View(request.camera, request.pose).moon_from_camera().col(2));
+      const double by_hand = 3.63e-8 * 0.01 * std::pow(10, -0.4 * 2) * std::numbers::pi / 4 * aperture_m * aperture_m /
+                             std::pow(cosine, 3) * d.integration_time_s * d.quantum_efficiency * 0.55e-6 /
+                             (kPlanck_j_s * kSpeedOfLight_m_s);
+      ASSERT_TRUE(o.electrons);
+      EXPECT_NEAR(*o.electrons / by_hand, 1, 0.005);
+      EXPECT_NEAR(b.sum * d.gain_e_dn / by_hand, 1, 0.01) << static_cast<int>(model);
+    }
+    EXPECT_GE(compared, airy ? 1 : 9);
+  }
+}
+
+TEST_F(SkyOfAMoonWithoutRelief, MotionSmearsStarsAndKeepsTheirLight) {
+  FrameRequest request = looking_up();
+  request.sensor = noiseless();
+  request.sensor->optics.point_spread.model = PointSpread::Model::gaussian,
+  request.sensor->optics.point_spread.sigma_px = 0.8;
+  request.sensor->detector.gain_e_dn = 2;
+  request.products = kImage;
+  request.sky->stars = grid_of_stars(View(request.camera, request.pose).middle(), 3, 0);
+  const auto still = renderer().render(request).products.image;
+  request.sensor->motion.angular_rate_deg_s = {0, 0.05, 0};  // a degree: 6.3 pixels
+  const Frame moving = renderer().render(request);
+  const SkyObject star = renderer().sky(request).at(0);
+  const Blob before = blob(still, 128, star.x_px, star.y_px, 12),
+             after = blob(moving.products.image, 128, star.x_px, star.y_px, 12);
+  EXPECT_GT(moving.report.motion_samples, 5);
+  EXPECT_NEAR(after.sum / before.sum, 1, 0.01);
+  EXPECT_NEAR(after.x_px, star.x_px, 0.02);
+  EXPECT_LT(*std::max_element(moving.products.image.begin(), moving.products.image.end()),
+            *std::max_element(still.begin(), still.end()) / 2);
+}
+
+// A row of stars across the limb: the sphere's tangent decides.
+TEST_F(SkyOfAMoonWithoutRelief, TheMoonHidesWhatIsBehindItsLimb) {
+  FrameRequest request = looking_up();
+  const Vec3 place = request.pose.position_m, down = -place.normalized(),
+             across = down.cross(Vec3::UnitZ()).normalized();
+  const double limb = std::asin(kMoonRadius_m / place.norm());
+  request.pose = test::looking(place, std::cos(limb) * down + std::sin(limb) * across, Vec3::UnitZ());
+  request.camera = test::square_camera(256, 1);
+  request.sky->stars = grid_of_stars(View(request.camera, request.pose).middle(), 0.02, 20);
+  const auto sky = renderer().sky(request);
+  const std::vector<float> radiance = renderer().render(request).products.radiance;
+  int hidden = 0, seen = 0;
+  for (const SkyObject& o : sky) {
+    const double from_limb_m = std::sin(std::acos(o.direction.dot(down))) * place.norm() - kMoonRadius_m;
+    if (std::abs(from_limb_m) < 1) continue;  // chords of the mesh
+    EXPECT_EQ(o.hidden_by, from_limb_m < 0 ? HiddenBy::moon : HiddenBy::none) << from_limb_m;
+    (from_limb_m < 0 ? hidden : seen)++;
+  }
+  EXPECT_GT(hidden, 100);
+  EXPECT_GT(seen, 100);
+}
+
+TEST_F(SkyOfAMoonWithoutRelief, TooManyStarsAreRefused) {
+  FrameRequest request = looking_up();
+  request.sky->magnitude_limit = 1.9;
+  EXPECT_TRUE(renderer().sky(request).empty());
+  request.sky->magnitude_limit = 2;
+  EXPECT_EQ(renderer().sky(request).size(), 25u);
+}
+
+// The Sun beside the Moon: irradiance and centroid; half behind the limb: half of the light.
+TEST_F(SkyOfAMoonWithoutRelief, TheSunIsItsDisc) {
+  FrameRequest request = looking_up();
+  request.sky->stars.reset(), request.sky->sun = true;
+  const SunPosition sun = sun_at(kUtc);
+  request.sun.direction = sun.direction, request.sun.distance_au = sun.distance_au;
+  request.camera = test::square_camera(128, 2);
+  const Vec3 place = 1e7 * sun.direction.cross(Vec3::UnitZ()).normalized();
+  request.pose = test::looking(place, sun.direction, Vec3::UnitZ());
+  const double flux = solar_irradiance_w_m2(*request.band) / (sun.distance_au * sun.distance_au);
+  const double f = request.camera.fx, pixel_sr = 1 / (f * f);
+  const SkyObject listed = renderer().sky(request).at(0);
+  const Blob b = blob(renderer().render(request).products.radiance, 128, listed.x_px, listed.y_px, 30);
+  EXPECT_NEAR(b.sum * pixel_sr / flux, 1, 2e-3);
+  EXPECT_NEAR(b.x_px, listed.x_px, 0.01);
+  EXPECT_NEAR(b.y_px, listed.y_px, 0.01);
+  // The limb goes through the Sun's centre.
+  const Vec3 aside = sun.direction.cross(Vec3::UnitZ()).normalized();
+  request.pose = test::looking(kMoonRadius_m * aside - 8e6 * sun.direction, sun.direction, Vec3::UnitZ());
+  const std::vector<float> half = renderer().render(request).products.radiance;
+  double sum = 0;
+  for (const float value : half) sum += value > 1e4F ? static_cast<double>(value) : 0;
+  EXPECT_NEAR(sum * pixel_sr / flux, 0.5, 0.02);  // the limb is curved: a sagitta of 1 % of the disc
+}
+
+TEST_F(SkyOfAMoonWithoutRelief, TheEarthHasItsPhaseAndIrradiance) {
+  // At the quarter, and a crescent thinner than a pixel.
+  for (const auto& [utc, tolerance] : {std::pair{"2026-11-17T12:00:00Z", 0.01}, {kUtc, 0.05}}) {
+    FrameRequest request = looking_up();
+    request.sky->stars.reset(), request.sky->earth = true, request.sky->utc = utc;
+    request.camera = test::square_camera(256, 3);
+    const Earth earth = earth_at(utc);
+    const Vec3 place = 5e6 * earth.direction, sun = sun_at(utc).direction;
+    request.pose = test::looking(place, earth.direction, Vec3::UnitZ());
+    const SkyObject listed = renderer().sky(request).at(0);
+    const Blob b = blob(renderer().render(request).products.radiance, 256, listed.x_px, listed.y_px, 100);
+    const double f = request.camera.fx;
+    EXPECT_NEAR(b.sum / (f * f) / listed.irradiance_w_m2, 1, tolerance) << utc;
+    EXPECT_NEAR(*listed.phase_deg, std::acos(std::clamp(-earth.direction.dot(sun), -1.0, 1.0)) * kDegreesPerRadian,
+                0.3);
+    // The light is on the Sun's side of the centre, along the way to the Sun.
+    const View view(request.camera, request.pose);
+    const Vec3 across = (sun - sun.dot(listed.direction) * listed.direction).normalized();
+    const auto toward = view.project(place + 1e9 * (listed.direction + 0.005 * across));
+    ASSERT_TRUE(toward);
+    const Eigen::Vector2d light(b.x_px - listed.x_px, b.y_px - listed.y_px),
+        side(toward->x - listed.x_px, toward->y - listed.y_px);
+    EXPECT_GT(light.normalized().dot(side.normalized()), 0.999) << utc;
+  }
+}
+
+}  // namespace
+}  // namespace selenograph::engine
