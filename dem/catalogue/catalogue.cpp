@@ -137,13 +137,15 @@ void Catalogue::join_layers(LayerJoins joins) {
   joins_ = std::move(joins);
   if (std::all_of(joins_.offsets_m.begin(), joins_.offsets_m.end(), [](double m) { return m == 0; }))
     joins_.offsets_m.clear();
+  if (std::all_of(joins_.resolved_posts.begin(), joins_.resolved_posts.end(), [](double n) { return n == 1; }))
+    joins_.resolved_posts.clear();
   find_fingerprint();
 }
 
 void Catalogue::find_fingerprint() {
   fingerprint_ = fingerprint_of(rasters_);
-  const std::vector<double>& offsets = joins_.offsets_m;
-  if (!offsets.empty()) fingerprint_ = XXH64(offsets.data(), offsets.size() * sizeof(double), fingerprint_);
+  for (const std::vector<double>* numbers : {&joins_.offsets_m, &joins_.resolved_posts})
+    if (!numbers->empty()) fingerprint_ = XXH64(numbers->data(), numbers->size() * sizeof(double), fingerprint_);
   if (!one_layer()) fingerprint_ = XXH64(&joins_.blend_posts, sizeof joins_.blend_posts, fingerprint_);
 }
 

@@ -17,6 +17,8 @@ namespace selenograph::dem {
 struct LayerJoins {
   double blend_posts = 16;          // width of the band, in posts of the coarser layer; 0: layers end as they are
   std::vector<double> offsets_m{};  // added to the heights of each raster, by index; empty: none
+  // Spacing of the heights that each raster resolves, in its posts (resolved_posts.h); empty: 1.
+  std::vector<double> resolved_posts{};
 };
 
 class Catalogue {
@@ -43,6 +45,9 @@ class Catalogue {
   const LayerJoins& joins() const { return joins_; }
   double offset_m(int raster) const {
     return joins_.offsets_m.empty() ? 0 : joins_.offsets_m[static_cast<std::size_t>(raster)];
+  }
+  double resolved_posts(int raster) const {
+    return joins_.resolved_posts.empty() ? 1 : joins_.resolved_posts[static_cast<std::size_t>(raster)];
   }
 
   // Number of files that had to be read; the others were taken from the saved catalogue.

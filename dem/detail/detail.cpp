@@ -68,7 +68,7 @@ Detail::Detail(const DetailPreset& preset)
 }
 
 int Detail::places_in_cell(int octave, int posts_level) {
-  constexpr int kFewest = 3;
+  constexpr int kFewest = 8;
   constexpr double kApart = 0.6;
   return std::max(kFewest, static_cast<int>(std::ceil(post_spacing_m(posts_level) / std::ldexp(kApart, octave))));
 }
@@ -106,7 +106,7 @@ double Detail::left_out_size_m(int octave) const {
 }
 
 double Detail::beyond_posts_m(int posts_level) const {
-  // Detail lies within a range; so do its means over cells. Sharpened (DetailedTerrain::make_corrected) these leave the
+  // Detail lies within a range; so do its means over cells. Sharpened (DetailedTerrain::make_taken) these leave the
   // middle of the range by 2.557 times as much at most: that is what the weights' absolute values add up to. Between
   // posts it may be 1.5625 times as much, which are Catmull-Rom's.
   constexpr double kFarthest = (1 + 1.5625 * 2.557) / 2;  // of the range, with the detail itself

@@ -72,7 +72,7 @@ class Detail {
   double left_out_size_m(int octave) const;
   // Means over a post's cell have the octaves that are shown so many levels below the posts (unit.detail measures
   // what is left).
-  static constexpr int kCellLevels = 4;
+  static constexpr int kCellLevels = 5;
   // Places along a cell's side that stand for an octave: 0.6 of its smallest diameter apart or less.
   static int places_in_cell(int octave, int posts_level);
   // Octaves of diameters and of wavelengths, [2^k, 2^(k+1)) m, added to posts are below this one.

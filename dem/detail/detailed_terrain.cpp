@@ -31,7 +31,14 @@ double weighted(double weight, double value) { return weight == 0 ? 0 : weight *
 BlockId key_of(int number, int kind, const BlockId& id) {
   constexpr int kManyLevels = 32;
   static_assert(kMaxLevel < kManyLevels);
-  return {kManyLevels * (2 * number + kind) + id.level, id.row, id.col};
+  constexpr int kKinds = 3;
+  return {kManyLevels * (kKinds * number + kind) + id.level, id.row, id.col};
+}
+
+// Cells beside a pole are slivers, whose means would be rays that meet in it: the posts there keep their heights.
+double share_of_means(std::int32_t lat, std::int32_t lat_step) {
+  const double posts_from_pole = static_cast<double>(std::min(lat, kLatTicks - lat)) / lat_step;
+  return std::clamp((posts_from_pole - 2) / 6, 0.0, 1.0);
 }
 
 std::shared_ptr<Block> empty_block(const BlockId& id, const BlockExtent& extent) {
@@ -76,7 +83,8 @@ class Places {
 // Posts of one level, by their ticks, wherever they are: over the poles and around the globe.
 class DetailedTerrain::PostsAround {
  public:
-  enum class Posts { as_they_are, corrected };
+  // A layer's own; those of a pyramid's blocks; what is taken from posts for detail.
+  enum class Posts { of_layer, filtered, taken };
   PostsAround(const DetailedTerrain& ground, int level, Posts posts, const StopToken& stop)
       : ground_(ground), level_(level), posts_(posts), stop_(stop) {}
 
@@ -182,13 +190,21 @@ class DetailedTerrain::PostsAround {
   const Block* find(const BlockId& id) {
     if (latest_ && latest_id_ == id) return latest_;
     auto found = blocks_.find(id);
-    if (found == blocks_.end())
-      found =
-          blocks_
-              .emplace(id, posts_ == Posts::corrected ? ground_.corrected(id, stop_) : ground_.plain_->block(id, stop_))
-              .first;
+    if (found == blocks_.end()) found = blocks_.emplace(id, made(id)).first;
     latest_id_ = id, latest_ = found->second.get();
     return latest_;
+  }
+
+  std::shared_ptr<const Block> made(const BlockId& id) const {
+    switch (posts_) {
+      case Posts::of_layer:
+        return ground_.posts_of_layer(id, stop_);
+      case Posts::filtered:
+        return ground_.plain_->block(id, stop_);
+      case Posts::taken:
+        return ground_.taken(id, stop_);
+    }
+    return nullptr;
   }
 
   const DetailedTerrain& ground_;
@@ -223,7 +239,8 @@ bool DetailedTerrain::reached(const BlockId& id) const {
   const Circle all = circle_around(footprint_of(of_posts));
   // A child's ball may stick out of its parent's. What detail takes from posts reaches some posts beyond it.
   constexpr double kSure = 1.01, kPosts = 4;
-  return detail_->reaches(all.middle, kSure * all.radius_m + kPosts * post_spacing_m(of_posts.level));
+  const int level = std::min(of_posts.level, layers_.coarsest_detail(id));
+  return detail_->reaches(all.middle, kSure * all.radius_m + kPosts * post_spacing_m(level));
 }
 
 int DetailedTerrain::posts_level(const BlockId& id) const {
@@ -232,7 +249,7 @@ int DetailedTerrain::posts_level(const BlockId& id) const {
 }
 
 bool DetailedTerrain::has_detail(const BlockId& id) const {
-  return id.level > layers_.coarsest(id) && (reached(id) || id.level > plain_->posts_level(id));
+  return id.level > layers_.coarsest_detail(id) && (reached(id) || id.level > plain_->posts_level(id));
 }
 
 bool DetailedTerrain::of_coarse_posts_alone(const BlockId& id) const {
@@ -241,9 +258,9 @@ bool DetailedTerrain::of_coarse_posts_alone(const BlockId& id) const {
 }
 
 double DetailedTerrain::left_out_size_m(const BlockId& id) const {
-  const int shown =
-      id.level > layers_.coarsest(id) ? Detail::smallest_octave(id.level) : std::numeric_limits<int>::max();
-  return detail_->left_out_size_m(std::min(shown, Detail::past_largest_octave(layers_.coarsest(id))));
+  const int coarsest = layers_.coarsest_detail(id);
+  const int shown = id.level > coarsest ? Detail::smallest_octave(id.level) : std::numeric_limits<int>::max();
+  return detail_->left_out_size_m(std::min(shown, Detail::past_largest_octave(coarsest)));
 }
 
 NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
@@ -270,7 +287,7 @@ NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
     bend = info.error_m / 2;
   else if (posts > 0)
     bend = id.level < posts ? info.error_m : plain_->node(ancestor_of(id, posts - 1), stop).error_m;
-  const double beyond = bend + detail_->beyond_posts_m(posts);
+  const double beyond = bend + detail_->beyond_posts_m(layers_.coarsest_detail(id));
   info.error_m += beyond, info.detail_error_m = beyond, info.left_out_size_m = left_out_size_m(id);
   info.min_m -= static_cast<float>(beyond), info.max_m += static_cast<float>(beyond);
   return info;
@@ -279,9 +296,9 @@ NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
 std::optional<HeightRange> DetailedTerrain::heights_without_building(const BlockId& id, const StopToken& stop) const {
   std::optional<HeightRange> range = plain_->heights_without_building(id, stop);
   if (!range || !reached(id)) return range;
-  const int posts = layers_.coarsest(id);
   // Catmull-Rom's overshoot: an eighth of the range on either side of each axis, at most.
-  const float beyond = static_cast<float>(detail_->beyond_posts_m(posts)) + 0.3F * (range->high - range->low);
+  const float beyond =
+      static_cast<float>(detail_->beyond_posts_m(layers_.coarsest_detail(id))) + 0.3F * (range->high - range->low);
   range->low -= beyond, range->high += beyond;
   return range;
 }
@@ -327,13 +344,14 @@ std::shared_ptr<const Block> DetailedTerrain::kept(Kind kind, const BlockId& id,
       stop);
 }
 
-std::shared_ptr<const Block> DetailedTerrain::corrected(const BlockId& id, const StopToken& stop) const {
-  return kept(Kind::corrected, id, stop, [&]() -> std::shared_ptr<const Block> {
-    // Coarser blocks of a pyramid are means of finer posts.
-    const auto posts = id.level == plain_->posts_level(id) ? plain_->block(id, stop) : posts_beneath(id, stop);
-    if (!posts) return nullptr;
-    return make_corrected(*posts, stop);
-  });
+std::shared_ptr<const Block> DetailedTerrain::posts_of_layer(const BlockId& id, const StopToken& stop) const {
+  // Coarser blocks of a pyramid are means of finer posts.
+  if (id.level == plain_->posts_level(id)) return plain_->block(id, stop);
+  return kept(Kind::beneath, id, stop, [&] { return posts_beneath(id, stop); });
+}
+
+std::shared_ptr<const Block> DetailedTerrain::taken(const BlockId& id, const StopToken& stop) const {
+  return kept(Kind::taken, id, stop, [&] { return make_taken(id, stop); });
 }
 
 std::shared_ptr<Block> DetailedTerrain::posts_beneath(const BlockId& id, const StopToken& stop) const {
@@ -354,14 +372,14 @@ std::shared_ptr<Block> DetailedTerrain::posts_beneath(const BlockId& id, const S
   return block;
 }
 
-std::shared_ptr<Block> DetailedTerrain::make_corrected(const Block& posts, const StopToken& stop) const {
+std::shared_ptr<Block> DetailedTerrain::make_taken(const BlockId& id, const StopToken& stop) const {
   // Interpolated, means over cells would not have themselves as their means over cells but what Catmull-Rom's weights
   // integrate to, (-2.5, 18, 161, 18, -2.5) / 192 along each axis: this is the inverse of that, to 1e-3.
   constexpr std::array kSharpened{1.225297469, -0.143363406, 0.035794135, -0.006376901, 0.001297438};
   constexpr int kAround = static_cast<int>(kSharpened.size()) - 1;
-  const BlockExtent& e = posts.extent;
+  const BlockExtent e = extent_of(id);
   const auto side = static_cast<std::size_t>(e.quads + 1 + 2 * kAround);
-  const std::vector<double> means = cell_means(posts.id, kAround, stop);
+  const std::vector<double> means = cell_means(id, kAround, stop);
   // Along rows first, then along columns.
   std::vector<double> sharp(means), out(means);
   const auto sharpen = [&](const std::vector<double>& from, std::vector<double>& to, std::size_t step) {
@@ -372,14 +390,15 @@ std::shared_ptr<Block> DetailedTerrain::make_corrected(const Block& posts, const
     }
   };
   sharpen(means, sharp, 1), sharpen(sharp, out, side);
-  auto block = std::make_shared<Block>(posts);
-  for (int r = 0; r <= e.quads; ++r)
+  auto block = empty_block(id, e);
+  block->vertices.reserve(block->index(e.quads, e.quads) + 1);
+  for (int r = 0; r <= e.quads; ++r) {
+    const double share = share_of_means(e.lat0 + r * e.lat_step, e.lat_step);
     for (int c = 0; c <= e.quads; ++c) {
-      float& height_m = block->vertices[block->index(r, c)].height_m;
-      height_m =
-          static_cast<float>(static_cast<double>(height_m) -
-                             out[static_cast<std::size_t>(r + kAround) * side + static_cast<std::size_t>(c + kAround)]);
+      const std::size_t at = static_cast<std::size_t>(r + kAround) * side + static_cast<std::size_t>(c + kAround);
+      block->vertices.push_back({static_cast<float>(share * out[at]), Eigen::Vector3f::Zero()});
     }
+  }
   return block;
 }
 
@@ -410,33 +429,37 @@ struct DetailedTerrain::Surface {
   double left_out_m;
 };
 
-DetailedTerrain::Surface DetailedTerrain::surface_of(const BlockId& id, const BlockExtent& e, int posts_level,
-                                                     const StopToken& stop) const {
+DetailedTerrain::Surface DetailedTerrain::surface_of(const BlockId& id, const BlockExtent& e,
+                                                     const LayeredPosts::Layer& layer, const StopToken& stop) const {
   const int side = e.quads + 1;
   const auto n = static_cast<std::size_t>(side);
-  const bool finer = id.level > posts_level;
-  PostsAround posts(*this, finer ? posts_level : id.level,
-                    finer ? PostsAround::Posts::corrected : PostsAround::Posts::as_they_are, stop);
+  const bool finer = id.level > layer.level, shown = id.level > layer.detail_level;
+  PostsAround posts(*this, finer ? layer.level : id.level,
+                    finer ? PostsAround::Posts::of_layer : PostsAround::Posts::filtered, stop);
+  PostsAround taken(*this, layer.detail_level, PostsAround::Posts::taken, stop);
   Surface out{{}, std::vector<double>(n * n), std::vector<float>(n * n), {}, {}, 0};
   out.sources.reserve(n * n);
   std::vector<std::int64_t> lons;
   lons.reserve(n);
   for (int i = 0; i < side; ++i) lons.push_back(e.lon0 + std::int64_t{i} * e.lon_step);
+  std::vector<double> taken_m(n);
   for (int r = 0; r < side; ++r) {
     stop.check();
     const std::int64_t lat = e.lat0 + std::int64_t{r} * e.lat_step;
-    posts.row(lat, lons, out.heights_m.data() + static_cast<std::size_t>(r) * n);
+    double* const row_m = out.heights_m.data() + static_cast<std::size_t>(r) * n;
+    posts.row(lat, lons, row_m);
     for (const std::int64_t lon : lons) out.sources.push_back(posts.source(lat, lon));
+    if (!shown) continue;
+    taken.row(lat, lons, taken_m.data());
+    for (std::size_t c = 0; c < n; ++c) row_m[c] -= taken_m[c];
   }
   out.posts_m = out.heights_m;
-  if (!finer) {
-    out.left_out_m = plain_->node(id, stop).error_m;
-    out.ground.assign(n * n, Ground::dem);
-    return out;
-  }
-  detail_->add(Places(e, 0, 1, side).grid(), id.level, posts_level, out.heights_m, out.in_crater, stop);
-  out.left_out_m = detail_->left_out_m(id.level, posts_level);
-  out.ground.assign(n * n, detail_->has_relief(id.level, posts_level) ? Ground::relief : Ground::dem);
+  if (!finer) out.left_out_m = plain_->node(id, stop).error_m;
+  out.ground.assign(n * n, shown && detail_->has_relief(id.level, layer.detail_level) ? Ground::relief : Ground::dem);
+  if (!shown) return out;
+  detail_->add(Places(e, 0, 1, side).grid(), id.level, layer.detail_level, out.heights_m, out.in_crater, stop);
+  // Where the posts are not there yet, the curve between them is not, either.
+  out.left_out_m = 2 * out.left_out_m + detail_->left_out_m(id.level, layer.detail_level);
   return out;
 }
 
@@ -470,9 +493,9 @@ void DetailedTerrain::blend(Surface& below, const Surface& above, const BlockId&
 DetailedTerrain::Surface DetailedTerrain::composed(const BlockId& id, const BlockExtent& e,
                                                    const StopToken& stop) const {
   const LayeredPosts::Layers layers = layers_.of(id);
-  Surface surface = surface_of(id, e, layers->front().level, stop);
+  Surface surface = surface_of(id, e, layers->front(), stop);
   for (auto layer = layers->begin() + 1; layer != layers->end(); ++layer)
-    blend(surface, surface_of(id, e, layer->level, stop), id, e, *layer);
+    blend(surface, surface_of(id, e, *layer, stop), id, e, *layer);
   return surface;
 }
 

@@ -2,10 +2,11 @@
 //
 // Between posts the surface is bicubic (Catmull-Rom; linear along the triangles next to no-data), so that it has no
 // facets. It is a function of place and level only: blocks agree on their borders to the bit. Only detail below the
-// resolution of the posts is added (detail.h), and the posts' information is preserved: before interpolation, the
-// detail's mean over each post's cell is subtracted from the post, so that means over cells are the same with and
-// without detail (unit.detail has the accuracy). Where a finer layer overlaps a coarser one, each place has the ground
-// of its own layer's posts (layered_posts.h).
+// resolution of the posts is added (detail.h), and the posts' information is preserved: the detail's mean over each
+// post's cell, interpolated as the posts are, is subtracted, so that means over cells are the same with and without
+// detail (unit.detail has the accuracy). Posts may be closer than what they resolve (resolved_posts.h): then cells are
+// as wide as that, and blocks of the posts' own level and coarser ones have detail, too. Where a finer layer overlaps a
+// coarser one, each place has the ground of its own layer's posts (layered_posts.h).
 #pragma once
 
 #include <memory>
@@ -59,7 +60,8 @@ class DetailedTerrain final : public Terrain {
   struct Surface;
   // At an extent's posts, which are some of a block or lie around it: of one layer; one over those beneath; of all.
   // What is at a post does not depend on the extent.
-  Surface surface_of(const BlockId& id, const BlockExtent& e, int posts_level, const StopToken& stop) const;
+  Surface surface_of(const BlockId& id, const BlockExtent& e, const LayeredPosts::Layer& layer,
+                     const StopToken& stop) const;
   void blend(Surface& below, const Surface& above, const BlockId& id, const BlockExtent& e,
              const LayeredPosts::Layer& layer) const;
   Surface composed(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
@@ -69,12 +71,14 @@ class DetailedTerrain final : public Terrain {
   // The block, if it is in memory, or what is made.
   template <typename Make>
   std::shared_ptr<const Block> known_or(const BlockId& id, const StopToken& stop, const Make& make) const;
-  // Posts with the detail's means subtracted; null if there are none.
-  std::shared_ptr<const Block> corrected(const BlockId& id, const StopToken& stop) const;
-  // Means of the detail over the cells of a block's posts and of so many around it, row by row.
+  // Posts of a layer's level; null if there are none.
+  std::shared_ptr<const Block> posts_of_layer(const BlockId& id, const StopToken& stop) const;
+  // What is taken from the posts for detail that they don't resolve, at places as far apart as heights that they do.
+  std::shared_ptr<const Block> taken(const BlockId& id, const StopToken& stop) const;
+  // Means of the detail over the cells of such places in a block and of so many around it, row by row.
   std::vector<double> cell_means(const BlockId& id, int around, const StopToken& stop) const;
-  std::shared_ptr<Block> make_corrected(const Block& posts, const StopToken& stop) const;
-  enum class Kind { made, corrected };
+  std::shared_ptr<Block> make_taken(const BlockId& id, const StopToken& stop) const;
+  enum class Kind { made, taken, beneath };
   template <typename Make>
   std::shared_ptr<const Block> kept(Kind kind, const BlockId& id, const StopToken& stop, const Make& make) const;
 

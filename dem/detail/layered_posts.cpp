@@ -70,11 +70,19 @@ std::optional<PostBox> posts_around(const RasterInfo& info, const Footprint& reg
 
 }  // namespace
 
-LayeredPosts::LayeredPosts(const PyramidTerrain& plain, double widest_m) : plain_(plain), widest_m_(widest_m) {}
+LayeredPosts::LayeredPosts(const PyramidTerrain& plain, double widest_m) : plain_(plain), widest_m_(widest_m) {
+  const Catalogue& catalogue = plain.catalogue();
+  for (std::size_t i = 0; i < catalogue.rasters().size(); ++i) {
+    const int level = level_needed(catalogue.rasters()[i]);
+    const auto octaves = static_cast<int>(std::lround(std::log2(catalogue.resolved_posts(static_cast<int>(i)))));
+    int& coarser = coarser_by_[static_cast<std::size_t>(level)];
+    coarser = std::clamp(octaves, coarser, std::max(coarser, level - kRootLevel));
+  }
+}
 
 LayeredPosts::Layers LayeredPosts::of(const BlockId& id) const {
   if (plain_.catalogue().one_layer())
-    return std::make_shared<const std::vector<Layer>>(1, Layer{plain_.posts_level(id)});
+    return std::make_shared<const std::vector<Layer>>(1, layer_of(plain_.posts_level(id)));
   constexpr std::size_t kMostKnown = 20000;  // some 5 MB
   {
     const std::lock_guard lock(mutex_);
@@ -90,6 +98,14 @@ int LayeredPosts::coarsest(const BlockId& id) const {
   return plain_.catalogue().one_layer() ? plain_.posts_level(id) : of(id)->front().level;
 }
 
+int LayeredPosts::coarsest_detail(const BlockId& id) const {
+  if (plain_.catalogue().one_layer()) return layer_of(plain_.posts_level(id)).detail_level;
+  const Layers layers = of(id);
+  return std::min_element(layers->begin(), layers->end(),
+                          [](const Layer& a, const Layer& b) { return a.detail_level < b.detail_level; })
+      ->detail_level;
+}
+
 std::vector<LayeredPosts::Layer> LayeredPosts::found(const BlockId& id) const {
   const Catalogue& catalogue = plain_.catalogue();
   // What lies beside the block is asked for, too: a bicubic surface and normals.
@@ -97,7 +113,7 @@ std::vector<LayeredPosts::Layer> LayeredPosts::found(const BlockId& id) const {
   const Footprint asked = around(footprint_of(id), widest_m_ + kPostsBeside * post_spacing_m(id.level));
   const auto level_of = [&](int file) { return level_needed(catalogue.rasters()[static_cast<std::size_t>(file)]); };
   const std::vector<int> near = catalogue.touching(asked.south_deg, asked.north_deg, asked.west_deg, asked.east_deg);
-  if (near.empty()) return {{plain_.posts_level(id)}};
+  if (near.empty()) return {layer_of(plain_.posts_level(id))};
   std::vector<int> levels;
   levels.reserve(near.size());
   for (const int file : near) levels.push_back(level_of(file));
@@ -105,9 +121,10 @@ std::vector<LayeredPosts::Layer> LayeredPosts::found(const BlockId& id) const {
   levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
 
   const Footprint wide = with_posts_beside(id);
-  std::vector<Layer> layers{{levels.front()}};
+  std::vector<Layer> layers{layer_of(levels.front())};
   for (std::size_t k = 1; k < levels.size(); ++k) {
-    Layer layer{levels[k], std::min(widest_m_, 2 * post_spacing_m(levels[k - 1]))};
+    Layer layer = layer_of(levels[k]);
+    layer.band_m = std::min(widest_m_, 2 * post_spacing_m(layer_of(levels[k - 1]).detail_level));
     for (const int file : near)
       if (level_of(file) >= levels[k]) layer.files.push_back(file);
     // At places of the block, borders included, and beside them.
@@ -178,7 +195,7 @@ std::vector<DetailOfPosts> LayeredPosts::at(double lat_deg, double lon_deg) cons
     const double share =
         found.empty() ? 1 : shares(layer, Footprint{lat_deg, lat_deg, lon_deg, lon_deg}).at(lat_deg, lon_deg).detail;
     for (DetailOfPosts& below : found) below.share *= 1 - share;
-    found.push_back({layer.level, share});
+    found.push_back({layer.detail_level, share});
   }
   return found;
 }

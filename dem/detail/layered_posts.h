@@ -7,6 +7,7 @@
 // the outer band if there is none.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -29,6 +30,7 @@ class LayeredPosts {
 
   struct Layer {
     int level;          // level of its posts
+    int detail_level;   // of posts as far apart as what it resolves: detail is what they are too far apart for
     double band_m = 0;  // beyond its outlines
     // Files of this layer and of all finer ones; empty for the coarsest layer of a block.
     std::vector<int> files{};
@@ -38,6 +40,8 @@ class LayeredPosts {
   Layers of(const BlockId& id) const;
   // Level of the coarsest of them.
   int coarsest(const BlockId& id) const;
+  // The coarsest level of their detail.
+  int coarsest_detail(const BlockId& id) const;
   // Weight of a layer and the finer ones against the coarser ones: of their posts, and of their detail.
   struct Share {
     double posts, detail;  // 0 to 1
@@ -67,9 +71,11 @@ class LayeredPosts {
  private:
   std::vector<Layer> found(const BlockId& id) const;
   Shares shares(const Layer& layer, const Footprint& box) const;
+  Layer layer_of(int level) const { return {level, level - coarser_by_[static_cast<std::size_t>(level)]}; }
 
   const PyramidTerrain& plain_;
   double widest_m_;
+  std::array<int, kMaxLevel + 1> coarser_by_{};  // by the posts' level
   mutable std::mutex mutex_;
   mutable std::unordered_map<BlockId, Layers, BlockIdHash> known_;
 };

@@ -55,11 +55,6 @@ std::vector<Compared> compare(const Catalogue& catalogue, const PostSource& sour
   return all;
 }
 
-bool matches(const RasterInfo& info, const std::string& pattern) {
-  const std::string file = std::filesystem::path(info.path).filename().string();
-  return ::fnmatch(pattern.c_str(), info.name.c_str(), 0) == 0 || ::fnmatch(pattern.c_str(), file.c_str(), 0) == 0;
-}
-
 double median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
@@ -84,36 +79,46 @@ void ignore(const std::string&, const std::string&) {}
 
 }  // namespace
 
-LayerOffset parse_layer_offset(const std::string& text) {
+NamedNumber parse_named_number(const std::string& text, const NumberRange& range) {
   const std::size_t equals = text.rfind('=');
-  if (equals == std::string::npos || equals == 0) throw std::invalid_argument("'" + text + "' is not PATTERN=METRES");
+  if (equals == std::string::npos || equals == 0)
+    throw std::invalid_argument(fmt::format("'{}' is not PATTERN={}", text, range.name));
   const std::string value = text.substr(equals + 1);
   if (value == "fit") return {text.substr(0, equals), std::nullopt};
   std::size_t used = 0;
-  double metres = 0;
+  double number = 0;
   try {
-    metres = std::stod(value, &used);
+    number = std::stod(value, &used);
   } catch (const std::logic_error&) {
     used = std::string::npos;
   }
-  if (value.empty() || used != value.size() || !(std::abs(metres) <= kMostOffset_m))
+  if (value.empty() || used != value.size() || !(number >= range.low && number <= range.high))
     throw std::invalid_argument(
-        fmt::format("'{}': the offset must be fit, or a number of metres of at most {}", text, kMostOffset_m));
-  return {text.substr(0, equals), metres};
+        fmt::format("'{}': {} must be fit, or a number from {} to {}", text, range.name, range.low, range.high));
+  return {text.substr(0, equals), number};
+}
+
+bool matches(const RasterInfo& info, const std::string& pattern) {
+  const std::string file = std::filesystem::path(info.path).filename().string();
+  return ::fnmatch(pattern.c_str(), info.name.c_str(), 0) == 0 || ::fnmatch(pattern.c_str(), file.c_str(), 0) == 0;
+}
+
+NamedNumber parse_layer_offset(const std::string& text) {
+  return parse_named_number(text, {"METRES", -kMostOffset_m, kMostOffset_m});
 }
 
 std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
-                                      const std::vector<LayerOffset>& offsets) {
+                                      const std::vector<NamedNumber>& offsets) {
   const std::vector<RasterInfo>& rasters = catalogue.rasters();
   LayerJoins joins{blend_posts, {}};
   std::vector<char> fitted(rasters.size());
   if (!offsets.empty()) joins.offsets_m.resize(rasters.size());
-  for (const LayerOffset& offset : offsets) {
+  for (const NamedNumber& offset : offsets) {
     bool any = false;
     for (std::size_t i = 0; i < rasters.size(); ++i) {
       if (!matches(rasters[i], offset.pattern)) continue;
-      any = true, fitted[i] = !offset.metres;
-      joins.offsets_m[i] = offset.metres.value_or(0);
+      any = true, fitted[i] = !offset.value;
+      joins.offsets_m[i] = offset.value.value_or(0);
     }
     if (!any) throw DataError(offset.pattern, "no DEM file has such a name (--layer-offset)");
   }

@@ -10,13 +10,20 @@
 
 namespace selenograph::dem {
 
-// Offset added to the heights of files whose name matches the pattern (as in a shell, with or without extension).
-struct LayerOffset {
+// A number that is said of the files whose name matches the pattern (as in a shell, with or without extension).
+struct NamedNumber {
   std::string pattern;
-  std::optional<double> metres;  // empty: fitted
+  std::optional<double> value;  // empty: found from the files
 };
-// Parses "PATTERN=METRES" or "PATTERN=fit". Throws std::invalid_argument that says what is wrong.
-LayerOffset parse_layer_offset(const std::string& text);
+struct NumberRange {
+  const char* name;
+  double low, high;
+};
+// Parses "PATTERN=NUMBER" or "PATTERN=fit". Throws std::invalid_argument that says what is wrong.
+NamedNumber parse_named_number(const std::string& text, const NumberRange& range);
+bool matches(const RasterInfo& info, const std::string& pattern);
+// The same of offsets added to heights, m.
+NamedNumber parse_layer_offset(const std::string& text);
 
 struct FittedOffset {
   int source;  // first file of a group, which has one offset
@@ -28,7 +35,7 @@ struct FittedOffset {
 // differences between the coarser layer and the file's posts along their border, layer by layer from the coarsest on.
 // Throws DataError naming a pattern that matches no file, or an unreadable file.
 std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
-                                      const std::vector<LayerOffset>& offsets);
+                                      const std::vector<NamedNumber>& offsets);
 
 // Heights on the finer side of a border minus those of the coarser layer, m.
 struct Steps {

@@ -45,7 +45,7 @@ struct NodeInfo {
 
 // Share of a layer's detail at a place: at layer borders, several layers contribute.
 struct DetailOfPosts {
-  int level;  // level of the posts
+  int level;  // level of posts as far apart as what it resolves
   double share;
 };
 
@@ -77,7 +77,7 @@ class Terrain {
   // The same terrain without detail.
   virtual const Terrain& plain() const = 0;
   virtual const Detail* detail() const { return nullptr; }
-  // Whether a block has detail: it is finer than the posts of its ground.
+  // Whether a block has detail: it is finer than what the posts of its ground resolve.
   virtual bool has_detail(const BlockId&) const { return false; }
   // With detail: the layers whose detail is shown at a place, from coarse to fine.
   virtual std::vector<DetailOfPosts> detail_at(double, double) const { return {}; }  // lat_deg, lon_deg

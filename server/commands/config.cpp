@@ -12,6 +12,7 @@
 #include <stdexcept>
 
 #include "dem/posts/layer_joins.h"
+#include "dem/posts/resolved_posts.h"
 #include "server/http/allowed_hosts.h"
 
 namespace selenograph::server {
@@ -144,9 +145,10 @@ void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
       ->check(CLI::Range(16, 1 << 24));
 }
 
-std::string refusal_of_layer_offset(const std::string& text) {
+// Empty: it can be parsed.
+std::string refusal_of(const std::string& text, dem::NamedNumber (*parse)(const std::string&)) {
   try {
-    dem::parse_layer_offset(text);
+    parse(text);
   } catch (const std::invalid_argument& error) {
     return error.what();
   }
@@ -217,7 +219,14 @@ void add_options(CLI::App& command, TerrainSettings& s) {
                   "coarser layer along the border")
       ->type_name("PATTERN=METRES|fit")
       ->expected(1, 1 << 20)
-      ->check(refusal_of_layer_offset);
+      ->check([](const std::string& text) { return refusal_of(text, dem::parse_layer_offset); });
+  command
+      .add_option("--resolved-posts", s.resolved_posts,
+                  "Spacing of the heights that files with that name resolve, in posts: detail begins there; fit: "
+                  "measured from the heights")
+      ->type_name("PATTERN=POSTS|fit")
+      ->expected(1, 1 << 20)
+      ->check([](const std::string& text) { return refusal_of(text, dem::parse_resolved_posts); });
   command.add_flag("--strict", s.strict,
                    "A file in a DEM folder that is not a DEM, such as an orthoimage, is an error instead of a warning");
   command.add_option("--log-level", s.log_level)

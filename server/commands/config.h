@@ -34,6 +34,7 @@ struct TerrainSettings {
   std::string on_data_error = "fail";                  // or "fall-through"
   double blend_posts = dem::LayerJoins{}.blend_posts;  // see LayerJoins
   std::vector<std::string> layer_offset;               // "PATTERN=METRES" or "PATTERN=fit"
+  std::vector<std::string> resolved_posts;             // "PATTERN=POSTS" or "PATTERN=fit"
   bool strict = false;                                 // a file in a DEM folder that is not a DEM is an error
   std::string log_level = "info";                      // debug, info, warning, error
 };

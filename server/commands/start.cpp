@@ -11,6 +11,7 @@
 #include "api/assets/assets.h"
 #include "dem/gdal/remote_names.h"
 #include "dem/posts/layer_joins.h"
+#include "dem/posts/resolved_posts.h"
 #include "dem/sample/sample_terrain.h"
 #include "dem/support/error.h"
 
@@ -61,7 +62,7 @@ dem::Catalogue open_catalogue(const TerrainSettings& settings) {
   if (settings.strict)
     for (const dem::CatalogueProblem& problem : catalogue.problems())
       if (problem.unrelated) throw DataError(problem.path, problem.what + " (--strict)");
-  std::vector<dem::LayerOffset> offsets;
+  std::vector<dem::NamedNumber> offsets, resolved;
   for (const std::string& text : settings.layer_offset) offsets.push_back(dem::parse_layer_offset(text));
   for (const dem::FittedOffset& fit : dem::join_layers(catalogue, settings.blend_posts, offsets)) {
     const std::string& name = catalogue.rasters()[static_cast<std::size_t>(fit.source)].name;
@@ -70,6 +71,10 @@ dem::Catalogue open_catalogue(const TerrainSettings& settings) {
     else
       spdlog::info("{}: offset {:+.3f} m, the median of {} posts along its border", name, fit.offset_m, fit.posts);
   }
+  for (const std::string& text : settings.resolved_posts) resolved.push_back(dem::parse_resolved_posts(text));
+  for (const dem::ResolvedLayer& layer : dem::resolve_posts(catalogue, resolved))
+    spdlog::info("{}: resolves {} of its posts", catalogue.rasters()[static_cast<std::size_t>(layer.source)].name,
+                 layer.posts);
   return catalogue;
 }
 

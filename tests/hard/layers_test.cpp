@@ -40,7 +40,7 @@ struct Site {
           return lat + 0.3 * (lon - kMiddleLon) > kMiddleLat + 0.45;
         });  // a slanted end in the north
     dem::Catalogue catalogue(std::vector<std::string>{folder.path()});
-    std::vector<dem::LayerOffset> offsets;
+    std::vector<dem::NamedNumber> offsets;
     if (fit || offset_m) offsets.push_back({"site", offset_m});
     dem::join_layers(catalogue, blend_posts, offsets);
     terrain = std::make_shared<dem::PyramidTerrain>(std::move(catalogue), dem::TerrainOptions{});

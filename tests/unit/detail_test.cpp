@@ -15,6 +15,7 @@
 #include "dem/detail/detailed_terrain.h"
 #include "dem/detail/features.h"
 #include "dem/detail/region.h"
+#include "dem/posts/resolved_posts.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 
@@ -422,6 +423,27 @@ TEST(DetailedTerrain, QuadsAreThoseOfTheirBlock) {
   }
 }
 
+// At a pole cells of posts are slivers: means taken over them, and from the posts, were rays that meet there.
+TEST(DetailedTerrain, ThereAreNoRaysAtAPole) {
+  TemporaryFolder folder;
+  test::write_global_tile(folder.path(), 4, [](double, double) { return 0.0; });
+  DetailPreset p = preset();
+  p.relief.longest_m = 8192, p.relief.shortest_m = 512;
+  p.craters.largest_m = 1000, p.craters.smallest_m = 256;
+  const DetailedTerrain terrain(open_terrain(folder.path()), std::make_shared<Detail>(p));
+  for (const double south : {-89.99, -89.999}) {
+    double before_m = terrain.height(south, 359).height_m, steepest = 0;
+    const double apart_m = kMetresPerDegree * (90 + south) * kRadiansPerDegree;
+    for (int lon = 0; lon < 360; ++lon) {
+      const double here_m = terrain.height(south, lon).height_m;
+      steepest = std::max(steepest, std::abs(here_m - before_m) / apart_m);
+      before_m = here_m;
+    }
+    EXPECT_LT(std::atan(steepest) * kDegreesPerRadian, 12) << south;
+    EXPECT_GT(steepest, 0);
+  }
+}
+
 // Tiles of one layer that touch are one: nothing of the layer beneath shows between them.
 TEST(DetailedTerrain, TilesOfALayerHaveNoBorderBetweenThem) {
   const TemporaryFolder fine, both;
@@ -674,10 +696,94 @@ CellMeans means_over_cells(const std::string& name) {
 // dem/detail/laws.md says so. Whole metres are off by 0.29 m (RMS) and 0.5 m.
 TEST(DetailedTerrain, MeansOverThePostsCellsAreTheDems) {
   const CellMeans mare = means_over_cells("mare"), highlands = means_over_cells("highlands");
-  EXPECT_LT(mare.rms_m, 0.06);
-  EXPECT_LT(mare.worst_m, 0.75);
-  EXPECT_LT(highlands.rms_m, 0.12);
-  EXPECT_LT(highlands.worst_m, 0.7);
+  EXPECT_LT(mare.rms_m, 0.02);
+  EXPECT_LT(mare.worst_m, 0.15);
+  EXPECT_LT(highlands.rms_m, 0.04);
+  EXPECT_LT(highlands.worst_m, 0.15);
+}
+
+// How second differences of heights grow from a quarter of a post to 8 posts: the power from each distance to the next
+// double one. At 300 places along meridians.
+std::vector<double> growth(const Terrain& terrain, const Geographic& middle, double wide_deg, double post_m) {
+  std::vector<double> powers;
+  double before = 0;
+  for (const double posts : {0.25, 0.5, 1.0, 2.0, 4.0, 8.0}) {
+    const double apart_deg = posts * post_m / kMetresPerDegree;
+    double sum = 0;
+    for (int i = 0; i < 300; ++i) {
+      const double lat = middle.lat_deg + wide_deg * (std::fmod(0.5 + i * 0.7548776662466927, 1.0) - 0.5),
+                   lon = middle.lon_deg + wide_deg / std::cos(lat * kRadiansPerDegree) *
+                                              (std::fmod(0.5 + i * 0.5698402909980532, 1.0) - 0.5);
+      const auto height_m = [&](double at) { return terrain.height(at, lon).height_m; };
+      const double second = height_m(lat - apart_deg) - 2 * height_m(lat) + height_m(lat + apart_deg);
+      sum += second * second;
+    }
+    if (before > 0) powers.push_back(std::log2(sum / before) / 2);
+    before = sum;
+  }
+  return powers;
+}
+
+// The spectra of a DEM and its detail join: no dip where the DEM has too little (its surface is smooth: the power 2
+// above, and next to none below), no bump.
+TEST(DetailedTerrain, JoinsTheSpectrumOfItsDem) {
+  struct Site {
+    const char *dem, *preset;
+    Geographic middle;
+    double wide_deg, post_m, smallest_m;
+    int resolved;
+  };
+  for (const Site& site :
+       {Site{"hadley", "highlands", {25.6, 3, 0}, 0.8, 118.45, 16, 8},
+        Site{"real/NPC_final_adj_5mpp_surf_piece_2km_2_1.tif", "mare", {-84.809, 125.96, 0}, 0.04, 5, 1, 1}}) {
+    const std::string files = test::shared_data(site.dem);
+    SELENOGRAPH_SKIP_WITHOUT(files);
+    DetailPreset preset = shipped(site.preset);
+    preset.craters.smallest_m = preset.relief.shortest_m = site.smallest_m;
+    const auto detail = std::make_shared<const Detail>(preset);
+    for (const bool told : {true, false}) {
+      Catalogue catalogue(std::vector<std::string>{files});
+      if (told) {
+        ASSERT_EQ(resolve_posts(catalogue, {{"*", std::nullopt}}).front().posts, site.resolved) << site.dem;
+      }
+      const auto plain = std::make_shared<PyramidTerrain>(std::move(catalogue), TerrainOptions{{}, 512UL << 20, false});
+      const std::vector<double> powers =
+          growth(DetailedTerrain(plain, detail), site.middle, site.wide_deg, site.post_m);
+      const auto [least, most] = std::minmax_element(powers.begin(), powers.end());
+      if (told || site.resolved == 1) {
+        EXPECT_GT(*least, 0.6) << site.dem;
+        EXPECT_LT(*most, site.resolved == 1 ? 1.7 : 1.4) << site.dem;  // the piece itself has 1.6 over 4 posts
+      } else {
+        EXPECT_LT(*least, 0.5) << site.dem;
+        EXPECT_GT(*most, 1.5) << site.dem;
+      }
+    }
+  }
+}
+
+// Blocks of the posts' own level and coarser ones have detail, too, where the posts resolve less.
+TEST(DetailedTerrain, BoundsAndBordersHoldBelowThePostsLevel) {
+  TemporaryFolder folder;
+  write_kaguya_tile(folder.path(), 27, 3, 2, 256, hills);
+  const auto made = [&] {
+    Catalogue catalogue(std::vector<std::string>{folder.path()});
+    resolve_posts(catalogue, {{"*", 4}});
+    return std::make_shared<DetailedTerrain>(
+        std::make_shared<PyramidTerrain>(std::move(catalogue), TerrainOptions{{}, 512UL << 20, false}),
+        std::make_shared<Detail>(preset()));
+  };
+  const auto terrain = made(), again = made();
+  EXPECT_FALSE(terrain->has_detail(block_over(6, 26, 4)));
+  EXPECT_EQ(terrain->detail_at(26, 4).front().level, 6);
+  for (const int level : {7, 8, 9, 11}) {
+    EXPECT_TRUE(terrain->has_detail(block_over(level, 26, 4)));
+    expect_borders_agree(*terrain, *again, block_over(level, 25.98, 4.01));
+  }
+  std::mt19937 random(4);
+  std::uniform_real_distribution<double> any(0.3, 1.7);
+  expect_bounds_hold(*terrain, terrain->finest_level(block_over(8, 26, 4)), [&] {
+    return std::pair{25 + any(random), 3 + any(random)};
+  });
 }
 
 // Level ground without relief: what stands there is the craters' doing, and each is where the field says.

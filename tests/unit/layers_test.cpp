@@ -7,6 +7,7 @@
 
 #include "dem/posts/layer_joins.h"
 #include "dem/posts/post_source.h"
+#include "dem/posts/resolved_posts.h"
 #include "dem/support/error.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
@@ -29,7 +30,7 @@ PostWindow window(int level, double south, double west, int rows, int cols) {
 }
 
 struct Layers {
-  explicit Layers(const std::string& folder, double blend_posts = 16, const std::vector<LayerOffset>& offsets = {})
+  explicit Layers(const std::string& folder, double blend_posts = 16, const std::vector<NamedNumber>& offsets = {})
       : catalogue(std::vector<std::string>{folder}),
         fits(join_layers(catalogue, blend_posts, offsets)),
         source(catalogue, false, [](const std::string&, const std::string&) {}) {}
@@ -360,11 +361,50 @@ TEST(Layers, TilesOfOneLayerAreFittedAsOne) {
 }
 
 TEST(Layers, OffsetsAreReadFromText) {
-  EXPECT_EQ(parse_layer_offset("NAC_*=-12.5").metres, -12.5);
+  EXPECT_EQ(parse_layer_offset("NAC_*=-12.5").value, -12.5);
   EXPECT_EQ(parse_layer_offset("a=b=fit").pattern, "a=b");
-  EXPECT_FALSE(parse_layer_offset("x=fit").metres);
+  EXPECT_FALSE(parse_layer_offset("x=fit").value);
   for (const char* wrong : {"", "x", "=3", "x=", "x=3m", "x=nan", "x=inf", "x=1e9"})
     EXPECT_THROW(parse_layer_offset(wrong), std::invalid_argument) << wrong;
+}
+
+TEST(ResolvedPosts, AreSaidOrMeasured) {
+  EXPECT_EQ(parse_resolved_posts("a=8").value, 8);
+  for (const char* wrong : {"a=0.5", "a=64", "a", "a=x"})
+    EXPECT_THROW(parse_resolved_posts(wrong), std::invalid_argument);
+  // Whole metres of noise are resolved; the same through every fourth post is not.
+  TemporaryFolder folder;
+  std::mt19937 random(7);
+  std::normal_distribution<double> noise(0, 30);
+  std::vector<double> coarse(100 * 100);
+  for (double& h : coarse) h = noise(random);
+  const auto smooth = [&](double lat, double lon) {
+    const double x = (lon - 18) * 16, y = (16 - lat) * 16;
+    const auto at = [&](int r, int c) { return coarse[static_cast<std::size_t>((r + 2) * 100 + c + 2)]; };
+    double sum = 0;
+    for (int r = -1; r < 3; ++r)
+      for (int c = -1; c < 3; ++c) {
+        const auto weight = [](double away) {  // of a cubic B-spline
+          const double t = std::abs(away);
+          return t < 1 ? (4 - 6 * t * t + 3 * t * t * t) / 6 : t < 2 ? std::pow(2 - t, 3) / 6 : 0;
+        };
+        const int row = static_cast<int>(std::floor(y)) + r, column = static_cast<int>(std::floor(x)) + c;
+        sum += weight(y - row) * weight(x - column) * at(row, column);
+      }
+    return std::round(sum);
+  };
+  write_float_tile(folder.path(), "rough", {20, 10, 32, 161, 161}, [&](double, double) { return noise(random); });
+  write_float_tile(folder.path(), "smooth", {16, 18, 64, 4 * 64 + 1, 4 * 64 + 1}, smooth);
+  Catalogue catalogue(std::vector<std::string>{folder.path()});
+  const std::uint64_t before = catalogue.fingerprint();
+  const std::vector<ResolvedLayer> found = resolve_posts(catalogue, {{"*", std::nullopt}});
+  ASSERT_EQ(found.size(), 2U);
+  EXPECT_EQ(found[0].posts, 1);
+  EXPECT_EQ(catalogue.resolved_posts(1), found[1].posts);
+  EXPECT_GE(found[1].posts, 2);
+  EXPECT_LE(found[1].posts, 4);
+  EXPECT_NE(catalogue.fingerprint(), before);
+  EXPECT_THROW(resolve_posts(catalogue, {{"other", 2}}), DataError);
 }
 
 TEST(SideLayers, AreKnownByTheirNames) {

@@ -225,9 +225,10 @@ std::uint32_t ObjectsInFrame::meet(Rays& rays, SurfacePoints& terrain, ObjectLan
     nearest[i] = terrain.hit[i] ? terrain.distance[i] : std::numeric_limits<double>::infinity();
     out.object[i] = kNoObject;
   }
+  const std::size_t others = std::min(placed_.size(), first_rock_);
   std::optional<Cone> cone;
-  if (from_one_place_) cone.emplace(rays);
-  for (std::size_t k = 0; k < std::min(placed_.size(), first_rock_); ++k)
+  if (from_one_place_ && others > 0) cone.emplace(rays);
+  for (std::size_t k = 0; k < others; ++k)
     if (placed_[k].in_view && (!cone || cone->may_meet(placed_[k].ball))) look(placed_[k], rays, nearest, out);
   if (rocks_) look_at_rocks(rays, nearest, out);
   std::uint32_t lanes = 0;
@@ -314,8 +315,9 @@ std::uint32_t ObjectsInFrame::blocked(const SurfacePoints& points, const std::ui
                                       const Vec3& sun) const {
   std::uint32_t blocked = 0;
   if (asking == 0) return 0;
-  const Ball from = ball_around(points, asking);
-  for (std::size_t k = 0; k < std::min(placed_.size(), first_rock_) && asking != 0; ++k) {
+  const std::size_t others = std::min(placed_.size(), first_rock_);
+  const Ball from = others > 0 ? ball_around(points, asking) : Ball{};
+  for (std::size_t k = 0; k < others && asking != 0; ++k) {
     const Placed& object = placed_[k];
     if (!may_block(from, sun, object.ball)) continue;
     RayPacket packet;
