@@ -159,11 +159,11 @@ class InABrowser(unittest.TestCase):
         boxes, sliders, high = self.browser.execute_script("""
             const box = e => { const b = e.getBoundingClientRect(); return [b.width * b.height, b.top, b.bottom, b.right]; };
             return [Object.fromEntries([...document.querySelectorAll('canvas, fieldset')].map(e => [e.id, box(e)])),
-                    [...document.querySelectorAll('input[type=range], #detail, #reflectance, #indirect, #sensor, #disc, #product')].map(box), innerHeight]""")
+                    [...document.querySelectorAll('input[type=range], #detail, #reflectance, #indirect, #sky, #sensor, #disc, #product')].map(box), innerHeight]""")
         area, top, bottom, _ = boxes.pop("frame")
         self.assertTrue(0 <= top and bottom <= high, boxes)
         self.assertGreater(area, 1.5 * max(other[0] for other in boxes.values()))
-        self.assertEqual(len(sliders), 16)
+        self.assertEqual(len(sliders), 17)
         for _, top, bottom, right in sliders:
             self.assertTrue(0 < top < bottom <= high and right <= LAPTOP[0], (top, bottom, high))
         self.screenshot("page-laptop")
@@ -237,6 +237,13 @@ class InABrowser(unittest.TestCase):
         self.assertLess(night, -60)
         self.set("utc", "2027-01-01T00:00:00Z")
         self.wait(lambda: self.browser.execute_script("return asked.sun.utc") == "2027-01-01T00:00:00Z")
+        # With a time the sky and the Earth's light have an epoch.
+        for switch in ("sky", "indirect"):
+            self.assertTrue(self.changes(lambda: self.browser.find_element(By.ID, switch).click()), switch)
+        asked = self.browser.execute_script("return asked")
+        self.assertEqual(asked["sky"], {"stars": True, "earth": True, "sun": True, "planets": True})
+        self.assertEqual(asked["indirect"], {"terrain": True, "earth": True})
+        self.changes(lambda: self.browser.find_element(By.ID, "indirect").click())
         frames = int(self.data("frames"))
         play = self.browser.find_element(By.ID, "play")
         play.click()
