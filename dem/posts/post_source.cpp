@@ -29,24 +29,13 @@ PostSource::PostSource(const Catalogue& catalogue, bool fall_through, Warn warn)
           catalogue, [this](int source, int x0, int y0, int w, int h, float* m) { read(source, x0, y0, w, h, m); },
           fall_through),
       borders_(catalogue) {
-  for (int source = 0; source < files(); ++source) {
-    const RasterInfo& info = catalogue.rasters()[static_cast<std::size_t>(source)];
-    post_deg_ = std::max(post_deg_, widest_post_deg(info));
-    if (PolarRows::any(info)) polar_.try_emplace(source, info);
-  }
+  for (const RasterInfo& info : catalogue.rasters()) post_deg_ = std::max(post_deg_, widest_post_deg(info));
 }
 
 PostSource::~PostSource() = default;
 
 void PostSource::read(int source, int x0, int y0, int w, int h, float* heights_m) const {
-  const auto read_posts = [&](int x, int y, int columns, int rows, float* to_m) {
-    pool_->with(source, [&](Raster& raster) { raster.read(x, y, columns, rows, to_m); });
-  };
-  read_posts(x0, y0, w, h, heights_m);
-  if (const auto found = polar_.find(source); found != polar_.end()) {
-    const int width = catalogue_.rasters()[static_cast<std::size_t>(source)].width;
-    found->second.smooth(x0, y0, w, h, heights_m, [&](int y, float* row_m) { read_posts(0, y, width, 1, row_m); });
-  }
+  pool_->with(source, [&](Raster& raster) { raster.read(x0, y0, w, h, heights_m); });
   if (const double offset_m = catalogue_.offset_m(source); offset_m != 0) {
     const std::size_t count = static_cast<std::size_t>(w) * static_cast<std::size_t>(h);
     for (std::size_t i = 0; i < count; ++i)

@@ -8,7 +8,6 @@
 
 #include <cstdint>
 #include <functional>
-#include <map>
 #include <memory>
 #include <mutex>
 #include <span>
@@ -19,7 +18,6 @@
 #include "dem/grid/block.h"
 #include "dem/posts/layer_edges.h"
 #include "dem/posts/level_borders.h"
-#include "dem/posts/polar_rows.h"
 #include "dem/posts/post_window.h"
 #include "dem/support/stop_token.h"
 
@@ -37,7 +35,7 @@ class PostSource {
   PostSource(const Catalogue& catalogue, bool fall_through, Warn warn);
   ~PostSource();
 
-  // Reads posts of one file as Raster::read() does, with its layer's offset, and smooth around a pole.
+  // Reads posts of one file as Raster::read() does, with its layer's offset.
   void read(int source, int x0, int y0, int w, int h, float* heights_m) const;
 
   // Number of files in the catalogue.
@@ -75,7 +73,6 @@ class PostSource {
   std::unique_ptr<RasterPool> pool_;
   mutable std::mutex replaced_mutex_;  // for Posts::replaced, which strips share
   double post_deg_ = 0;                // of the coarsest file
-  std::map<int, PolarRows> polar_;     // by file
   LayerEdges edges_;
   LevelBorders borders_;
 };

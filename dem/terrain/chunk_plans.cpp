@@ -95,10 +95,9 @@ std::uint64_t ChunkPlans::fingerprint_of(const ChunkPlan& plan) const {
   };
   if (std::count_if(layers.begin(), layers.end(), is_coarser) > 1) f.add(kGapsClosed);
   if (source_.borders().any()) add_borders(plan, f);
-  // Near a pole: earlier versions left one that no file holds to the filling of voids, then rows around it as they are.
-  constexpr std::uint64_t kPolesSmooth = 2;
-  const auto margin = static_cast<std::int64_t>(margin_deg(plan) * kTicksPerDegree);
-  if (const BlockExtent e = extent_of(plan.node); e.lat0 < margin || e.lat1() > kLatTicks - margin) f.add(kPolesSmooth);
+  // At a pole that no file holds: earlier versions left it to the filling of voids where one was beside it.
+  constexpr std::uint64_t kPolesFilled = 1;
+  if (const BlockExtent e = extent_of(plan.node); e.lat0 == 0 || e.lat1() == kLatTicks) f.add(kPolesFilled);
   return f.digest();
 }
 

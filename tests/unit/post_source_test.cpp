@@ -190,8 +190,7 @@ TEST(PostSource, PolesAreOnePointAndRowsGoOnBeyond) {
       for (int c = 0; c < 40; ++c) {
         double lat = pole - 1 + r / 4.0, lon = 30 + c / 4.0;
         if (std::abs(lat) > 90) lat = (pole > 0 ? 180 : -180) - lat, lon += 180;
-        // Whole metres, which are noise so near to a pole.
-        ASSERT_NEAR(posts.heights[static_cast<std::size_t>(r * 40 + c)], height(lat, lon), 0.6) << lat << ' ' << lon;
+        ASSERT_NEAR(posts.heights[static_cast<std::size_t>(r * 40 + c)], height(lat, lon), 1e-4) << lat << ' ' << lon;
       }
   }
 }
@@ -213,39 +212,6 @@ TEST(PostSource, APoleBetweenPostsIsOnePointToo) {
           << c;
     }
     EXPECT_NEAR(posts.heights[static_cast<std::size_t>(4 * w.cols)], 3, 0.1);
-  }
-}
-
-// Posts of a row around a pole are metres apart where rows are kilometres apart: what one has that the next ones don't
-// were rays that meet in the pole.
-TEST(PostSource, RowsAroundAPoleAreSmoothAcrossIt) {
-  TemporaryFolder folder;
-  std::mt19937 random(5);
-  std::uniform_real_distribution<double> noise(-200, 200);
-  const auto plane = [](double lat, double lon, double& x, double& y) {
-    const double posts = 4 * (90 - std::abs(lat));
-    x = posts * std::cos(lon * M_PI / 180), y = posts * std::sin(lon * M_PI / 180);
-  };
-  const auto surface = [&](double lat, double lon) {
-    double x = 0, y = 0;
-    plane(lat, lon, x, y);
-    return 500 * std::sin(0.5 * x) + 300 * std::cos(0.4 * y) + 20 * x * y;
-  };
-  const auto height = [&](double lat, double lon) {
-    return surface(lat, lon) + (std::abs(lat) > 87 ? noise(random) : 0);
-  };
-  write_float_tile(folder.path(), "area", {90 - 0.125, 0.125, 4, 720, 1440}, height);
-  LayerFiles layers(folder.path());
-  for (const double lat : {-89.75, -88.5, 89.75, 88.5}) {
-    const Posts posts = layers.source.compose(posts_window(2, lat, -180, 1, 1441));
-    double worst = 0, steepest = 0;
-    for (std::size_t c = 0; c < 1440; ++c) {
-      const double apart = 4 * (90 - std::abs(lat)) * M_PI / 720;
-      worst = std::max(worst, std::abs(static_cast<double>(posts.heights[c]) - surface(lat, -180 + c / 4.0)));
-      steepest = std::max(steepest, std::abs(static_cast<double>(posts.heights[c + 1] - posts.heights[c])) / apart);
-    }
-    EXPECT_LT(worst, 60) << lat;
-    EXPECT_LT(steepest, 400) << lat;  // metres a post: 200 of noise are thousands
   }
 }
 
