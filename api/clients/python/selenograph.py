@@ -369,7 +369,8 @@ class Client:
             raise ValueError(f"origins_m and directions are arrays of (..., 3); together they are {origins.shape}")
         rays = [{"origin_m": o, "direction": d}
                 for o, d in zip(origins.reshape(-1, 3).tolist(), towards.reshape(-1, 3).tolist())]
-        answers = self._in_pieces("/v1/rays", "rays", rays, _given(sun=sun, objects=objects, detail=detail) | (light or {}))
+        answers = self._in_pieces("/v1/rays", "rays", rays,
+                                  _given(sun=sun, objects=objects, detail=detail) | (light or {}))
         fields = [("hit", bool), ("range_m", float), ("position_m", float, 3), ("normal", float, 3), ("lit", float)]
         if light:
             fields.append(("irradiance", float, 3))
@@ -444,10 +445,10 @@ class Client:
     def sky(self, request: Request) -> np.recarray:
         """Stars, Sun, Earth and planets as a camera sees them: POST /v1/sky.
 
-        request has camera, pose, utc or et_s, and sky; band and sensor for electrons. Gives a record array, stars first,
-        the brightest of them first: kind, id, x_px, y_px, in_frame, visible, hidden_by, direction_icrf, direction
-        (MOON_ME), direction_camera, magnitude, irradiance_w_m2, electrons, distance_m, phase_deg, angular_radius_deg. What
-        does not exist is NaN.
+        request has camera, pose, utc or et_s, and sky; band and sensor for electrons. Gives a record array, stars
+        first, the brightest of them first: kind, id, x_px, y_px, in_frame, visible, hidden_by, direction_icrf,
+        direction (MOON_ME), direction_camera, magnitude, irradiance_w_m2, electrons, distance_m, phase_deg,
+        angular_radius_deg. What does not exist is NaN.
         """
         found = json.loads(self._ask("POST", "/v1/sky", _body(request), "application/json", None)[2])["objects"]
         fields = [("kind", object), ("id", object), ("x_px", float), ("y_px", float), ("in_frame", bool),
