@@ -136,12 +136,14 @@ void TerrainLight::places_of(const SurfacePoints& points, LightPlace (&places)[k
 }
 
 LightPost TerrainLight::at(std::uint32_t block, const Vec3& place_m) const {
-  SurfacePoints points{};
-  points.x[0] = place_m.x(), points.y[0] = place_m.y(), points.z[0] = place_m.z(), points.hit[0] = true;
-  points.triangle[0] = TriangleId(block, 0, 0, false);
-  LightPlace places[kPacket];
-  places_of(points, places);
-  return post_between(places[0]);
+  if (of_block_[block] < 0) return {};
+  const Field& field = fields_[static_cast<std::size_t>(of_block_[block])];
+  const FieldPost at = field.plane.post_at(place_m);
+  const Tile* tile = field.tiles[static_cast<std::size_t>(at.tile)];
+  if (!tile) return {};
+  constexpr int kSide = FieldPlane::kTileSide;
+  return post_between(
+      {tile->data() + at.row * kSide + at.column, static_cast<float>(at.east), static_cast<float>(at.north), kSide});
 }
 
 void TerrainLight::add(const SurfacePoints& points, const Shading& shading, const Rays& rays, const Brdf& brdf,
