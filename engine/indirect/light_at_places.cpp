@@ -33,7 +33,7 @@ Irradiance between(const LightTile& tile, const FieldPost& at, const Vec3& norma
       const double share = (north ? at.north : 1 - at.north) * (east ? at.east : 1 - at.east);
       const TilePost& post =
           tile.posts[static_cast<std::size_t>((at.row + north) * FieldPlane::kTileSide + at.column + east)];
-      for (std::size_t k = 0; k < kSectors; ++k) from[k] += share * post.light.from[k].cast<double>();
+      for (std::size_t k = 0; k < kSectors; ++k) from[k] += share * post.from[k].cast<double>();
       out.earth_w_m2 += share * static_cast<double>(post.earth);
     }
   for (const Vec3& light : from) out.terrain_w_m2 += std::max(normal.dot(light), 0.0);

@@ -100,8 +100,9 @@ struct LightTiles::Patch {
   Patch& operator=(const Patch&) = delete;
   std::size_t bytes() const { return sizeof *this + relief.bytes() + (slopes ? slopes->bytes() : 0); }
 
-  // Sixteen posts of a tile, from the relief's post at `row` and `column` on.
-  void fill_row(int row, int column, int stride, std::span<TilePost> out, const StopToken& stop) const {
+  // Sixteen posts of a tile, from the relief's post at `row` and `column` on. Returns their
+  // LightTile::most_ground_view.
+  float fill_row(int row, int column, int stride, std::span<TilePost> out, const StopToken& stop) const {
     const Eigen::Matrix3f back = relief.axes().transpose().cast<float>();
     std::array<SectorLight, kPacket> light;
     for (SectorLight& of_post : light) of_post.from.fill(Eigen::Vector3f::Zero()), of_post.sky.setZero();
@@ -109,6 +110,7 @@ struct LightTiles::Patch {
     MarchLanes lanes = relief.places(row, column, stride);
     alignas(64) float share[kPacket] = {};
     if (disc) disc->shares(views, stride, lanes, share);
+    float most_ground_view = 0;
     for (int i = 0; i < kPacket; ++i) {
       const int at = column + i * stride;
       const std::size_t post =
@@ -116,13 +118,12 @@ struct LightTiles::Patch {
       const SectorLight& arrives = light[static_cast<std::size_t>(i)];
       const Eigen::Vector3f normal = back * relief.cell(0, post).normal;
       out[static_cast<std::size_t>(i)] = {
-          arrives,
-          normal,
-          static_cast<float>(static_cast<double>(lanes.height[i]) + relief.reference_m()),
-          slopes ? slopes->radiosity(row, at, stop) : 0,
-          share[i],
-          slopes ? std::clamp(1 - normal.dot(arrives.sky) / std::numbers::pi_v<float>, 0.F, 1.F) : 0};
+          arrives.from, normal, static_cast<float>(static_cast<double>(lanes.height[i]) + relief.reference_m()),
+          slopes ? slopes->radiosity(row, at, stop) : 0, share[i]};
+      if (slopes && !normal.isZero(0))  // next to no data there is none
+        most_ground_view = std::max(most_ground_view, 1 - normal.dot(arrives.sky) / std::numbers::pi_v<float>);
     }
+    return std::min(most_ground_view, 1.F);
   }
 
   Relief relief;
@@ -168,8 +169,10 @@ std::vector<std::shared_ptr<const LightTile>> LightTiles::get(const LightField& 
           auto made = std::make_shared<LightTile>();
           made->posts.resize(kSide * kSide);
           for (std::size_t r = 0; r < kSide; ++r)
-            from->fill_row(first(tile / plane.tiles()) + static_cast<int>(r) * stride, first(tile % plane.tiles()),
-                           stride, std::span(made->posts).subspan(r * kSide, kSide), stop);
+            made->most_ground_view = std::max(
+                made->most_ground_view,
+                from->fill_row(first(tile / plane.tiles()) + static_cast<int>(r) * stride, first(tile % plane.tiles()),
+                               stride, std::span(made->posts).subspan(r * kSide, kSide), stop));
           return {std::move(made), sizeof(LightTile) + kSide * kSide * sizeof(TilePost)};
         },
         stop);

@@ -1,6 +1,7 @@
 // Indirect light at the posts of a field (light_field.h), tile by tile.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -19,17 +20,17 @@ namespace selenograph::engine {
 
 // Light at a post. What comes from terrain is for a Sun of 1 W m-2 at normal incidence.
 struct TilePost {
-  SectorLight light;
-  Eigen::Vector3f normal;  // of the ground, unit, MOON_ME
-  float height_m;          // NaN: no data
-  float radiosity;         // of the ground itself, in sunlight
-  float earth;             // share of the Earth's disc that is seen
-  float ground_view;       // share of the ground's hemisphere that is other ground; 0 without light from terrain
+  std::array<Eigen::Vector3f, kSectors> from;  // see SectorLight
+  Eigen::Vector3f normal;                      // of the ground, unit, MOON_ME
+  float height_m;                              // NaN: no data
+  float radiosity;                             // of the ground itself, in sunlight
+  float earth;                                 // share of the Earth's disc that is seen
 };
 
 // FieldPlane::kTileSide squared posts, row-major from the south-west.
 struct LightTile {
   std::vector<TilePost> posts;
+  float most_ground_view = 0;  // the largest share of a post's hemisphere that is ground; 0 without light from terrain
 };
 
 // The request that tiles are gathered for: with Sun and Earth on a lattice of 0.02 degrees, at most 0.0142 degrees off,

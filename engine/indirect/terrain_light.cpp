@@ -43,8 +43,7 @@ TerrainLight::TerrainLight(const FrameRequest& request, const RowViews& views, c
     stop.check();
     const auto kept = tiles.get(field.id, field.plane, field.tiles, {terrain, gathered}, stop);
     for (const auto& tile : kept)
-      for (const TilePost& post : tile->posts)
-        most_ground_view_ = std::max(most_ground_view_, static_cast<double>(post.ground_view));
+      most_ground_view_ = std::max(most_ground_view_, static_cast<double>(tile->most_ground_view));
     const auto side = static_cast<std::size_t>(field.plane.tiles());
     Field& own = fields_.emplace_back(Field{field.plane, std::vector<const Tile*>(side * side)});
     in_parallel(kept.size(),
@@ -86,7 +85,7 @@ void TerrainLight::set_factors(std::span<const TilePost, kPacket> from, const Ve
     for (int i = 0; i < kPacket; ++i) {
       const TilePost& post = from[static_cast<std::size_t>(i)];
       LightPost& to = out[static_cast<std::size_t>(i)];
-      const Eigen::Vector3f light = post.light.from[k] * static_cast<float>(direct_w_m2_);
+      const Eigen::Vector3f light = post.from[k] * static_cast<float>(direct_w_m2_);
       to.from[0][k] = light.x(), to.from[1][k] = light.y(), to.from[2][k] = light.z();
       to.x += light.x(), to.y += light.y(), to.z += light.z();
       to.fluence += lengths[i] = light.norm();
