@@ -264,16 +264,19 @@ double DetailedTerrain::left_out_size_m(const BlockId& id) const {
 }
 
 NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
+  const auto of_made = [](const Block& made) {
+    return NodeInfo{made.error_m, made.min_m, made.max_m, false, {}, made.detail_error_m, made.left_out_size_m};
+  };
+  // Files that can't be used are the exception: then the plain terrain is asked. A frame asks for thousands of blocks.
+  const bool all_used = !plain_->has_replacements();
+  if (all_used)
+    if (const auto here = plain_->blocks().find(key_of(number_, static_cast<int>(Kind::made), id)); here && *here)
+      return of_made(**here);
   if (has_detail(id)) {
     const auto made = block(id, stop);
     if (!made) return {};
-    NodeInfo info{made->error_m, made->min_m, made->max_m, false, {}, made->error_m, left_out_size_m(id)};
-    // Files that can't be used are the exception: then the plain terrain is asked.
-    if (of_coarse_posts_alone(id) && !plain_->has_replacements()) return info;
-    NodeInfo plain = plain_->node(id, stop);
-    info.replaced = std::move(plain.replaced);
-    // Layers of finer posts than the block has: what it leaves out of them is no detail.
-    if (layers_.of(id)->back().level > id.level) info.detail_error_m = std::max(0.0, made->error_m - plain.error_m);
+    NodeInfo info = of_made(*made);
+    if (!all_used || !of_coarse_posts_alone(id)) info.replaced = plain_->node(id, stop).replaced;
     return info;
   }
   NodeInfo info = plain_->node(id, stop);
@@ -539,6 +542,10 @@ std::shared_ptr<const Block> DetailedTerrain::made(const BlockId& id, const Stop
   // A kink between two posts lies off the line between them by up to half of what the nearer post's second difference
   // says; along two axes, three quarters are more than was ever seen (unit.detail).
   block->error_m = id.level >= finest_level(id) ? 0 : 0.75 * bend + surface.left_out_m;
+  block->detail_error_m = block->error_m, block->left_out_size_m = left_out_size_m(id);
+  // Layers of finer posts than the block has: what it leaves out of them is no detail.
+  if (!of_coarse_posts_alone(id) && layers_.of(id)->back().level > id.level)
+    block->detail_error_m = std::max(0.0, block->error_m - plain_->node(id, stop).error_m);
   block->min_m = low - static_cast<float>(block->error_m), block->max_m = high + static_cast<float>(block->error_m);
   fill_shading_normals(*block, rounded, {});
   return block;

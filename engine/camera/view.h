@@ -34,6 +34,8 @@ class View {
   }
 
   const Projection& projection() const { return projection_; }
+  // Upper bound on sqrt(x^2 + y^2) / z of a pinhole's rays.
+  double widest_slope() const { return widest_; }
 
   // Image place of a point; empty when it is behind a pinhole or the lens does not image it.
   std::optional<PixelXY> project(const Vec3& point_m) const;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "dem/support/error.h"
@@ -44,24 +45,33 @@ Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBund
                            const std::vector<Ball>& receivers) {
   Accuracy asked = accuracy;
   asked.max_detail_error_px = asked.detail_aim_px();
-  const auto relax_shadows = [&] { asked.max_shadow_error_px = std::max(2 * asked.max_shadow_error_px, 1.0 / 16); };
+  const auto relaxed = [](double target_px, double by) { return std::max(by * target_px, 1.0 / 16); };
+  // Shadows give way first, as far as they must: their bound is that of the deepest crater, while coarser ground is
+  // seen at once. Where no shadow target is loose enough, which is tried before others are, detail gives way.
+  enum class Shadows { as_asked, tried_without, relaxed } shadows = Shadows::as_asked;
   for (;;) {
     ViewSelector selector(terrain, views, asked, room, stop, receivers);
     try {
       Selection selection = selector.select(sun);
+      if (shadows == Shadows::tried_without) {
+        shadows = Shadows::relaxed, asked.max_shadow_error_px = relaxed(accuracy.max_shadow_error_px, 2);
+        continue;
+      }
       selection.shadow_limit_px = asked.max_shadow_error_px;
       if (terrain.detail()) selection.detail_limit_px = asked.max_detail_error_px;
       return selection;
     } catch (const TooMuchDetail&) {
-      // Shadows give way first, as far as they must: their bound is that of the deepest crater, while coarser ground is
-      // seen at once.
-      if (selector.refined_for_shadows())
-        relax_shadows();
-      else
-        asked.max_detail_error_px = std::max(std::numbers::sqrt2 * asked.max_detail_error_px, 1.0 / 16);
+      if (!selector.refined_for_shadows()) {
+        shadows = Shadows::as_asked, asked.max_shadow_error_px = accuracy.max_shadow_error_px;
+        asked.max_detail_error_px = relaxed(asked.max_detail_error_px, std::numbers::sqrt2);
+      } else if (shadows == Shadows::as_asked) {
+        shadows = Shadows::tried_without, asked.max_shadow_error_px = std::numeric_limits<double>::infinity();
+      } else {
+        asked.max_shadow_error_px = relaxed(asked.max_shadow_error_px, 2);
+      }
     } catch (const TooMuchTerrain&) {
       if (!selector.refined_for_shadows()) throw;
-      relax_shadows();
+      shadows = Shadows::relaxed, asked.max_shadow_error_px = relaxed(asked.max_shadow_error_px, 2);
     }
   }
 }

@@ -251,8 +251,8 @@ SunPosition sun_at(const std::string& utc) {
 
 Earth earth_at(const std::string& utc) {
   const JulianDate tdb = tt_at(utc);
-  using Motion = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;  // as in apparent_sun_icrs_au
-  Motion earth_to_moon;
+  using PlaceAndVelocity = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;  // as in apparent_sun_icrs_au
+  PlaceAndVelocity earth_to_moon;
   eraMoon98(tdb.day, tdb.fraction, reinterpret_cast<double(*)[3]>(earth_to_moon.data()));
   // Both move together: what is left of aberration is that of the Moon about the Earth, 3.4e-6.
   const double light_speed_au_per_day = ERFA_DAYSEC / ERFA_AULT;

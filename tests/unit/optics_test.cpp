@@ -131,11 +131,11 @@ TEST(PointSpread, AiryKernelsAreMadeQuickly) {
 }
 
 TEST(PointSpread, StopsAtTheDeadline) {
-  using Clock = std::chrono::steady_clock;
+  using SteadyClock = std::chrono::steady_clock;
   const auto stops = [](const auto& work) {
-    const auto due = Clock::now() + std::chrono::milliseconds(50);
+    const auto due = SteadyClock::now() + std::chrono::milliseconds(50);
     EXPECT_THROW(work(StopToken(due)), Cancelled);
-    EXPECT_LT(Clock::now() - due, std::chrono::milliseconds(450));
+    EXPECT_LT(SteadyClock::now() - due, std::chrono::milliseconds(450));
   };
   stops([](const StopToken& stop) {
     for (;;) SpreadKernel(airy(), 1, 1, 0.00501 * std::numbers::pi, stop);

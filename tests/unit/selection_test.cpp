@@ -256,6 +256,24 @@ TEST_F(SelectionTest, DetailIsSelectedTheSameByAnyThreads) {
     }
 }
 
+// Once shadows' target was let go for good before detail gave way: edges could be off by tens of thousands of pixels.
+TEST_F(SelectionTest, WhereDetailGivesWayShadowsKeepTheirTarget) {
+  dem::DetailPreset preset;
+  preset.craters.smallest_m = 0.25;
+  const dem::DetailedTerrain terrain(open(), std::make_shared<const dem::Detail>(preset));
+  const Sun sun{sun_direction(local_axes(10, 26), 90, 20)};
+  const double ground_m = terrain.height(10, 26, {}).height_m;
+  int gave_way = 0;
+  for (const double height_m : {110, 90, 75, 62}) {
+    const View view = view_from(to_cartesian({10, 26, ground_m + height_m}), to_cartesian({10, 26, 0}), 400);
+    const Selection s = select_for_view(terrain, view, &sun, {}, {});
+    gave_way += s.detail_limit_px > Accuracy{}.detail_aim_px();
+    EXPECT_LE(s.shadow_limit_px, 512) << height_m;
+    EXPECT_LE(s.shadow_error_px, s.shadow_limit_px) << height_m;
+  }
+  EXPECT_GT(gave_way, 0);
+}
+
 TEST_F(SelectionTest, StopsWhenTold) {
   EXPECT_THROW(select_for_view(*terrain_, views()[0], nullptr, {.max_error_px = 0}, StopToken(StopToken::Clock::now())),
                Cancelled);

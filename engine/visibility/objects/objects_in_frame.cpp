@@ -158,6 +158,13 @@ void ObjectsInFrame::place(std::span<const dem::RockFeature> rocks, const Vec3& 
       if (const auto soil = placed_fillet(rocks[i].rock, rocks[i].up)) add(*soil, i, true);
   any_in_view_ = true;
   group(anchor_m, stop);
+  std::vector<Ball> balls;
+  for (std::size_t i = first_rock_; i < placed_.size(); ++i) balls.push_back(placed_[i].ball);
+  if (from_one_place_ && !views->camera().beyond_plane()) {
+    const View& view = views->reference();
+    in_image_ = BallImages::from(view.position(), view.moon_from_camera(), view.widest_slope(), balls);
+  }
+  if (wants_light(request_)) toward_sun_ = BallImages::along(request_.sun.direction, anchor_m_, balls);
 }
 
 ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews* views)
@@ -345,10 +352,12 @@ std::uint32_t ObjectsInFrame::blocked(const SurfacePoints& points, const std::ui
 }
 
 void ObjectsInFrame::look_at_rocks(const Rays& rays, double* nearest, ObjectLanes& out) const {
+  const std::uint32_t near = in_image_ ? in_image_->may_meet(rays.dx, rays.dy, rays.dz, kAllLanes) : kAllLanes;
+  if (near == 0) return;
   RayPacket packet;
   std::uint32_t active = 0;
   for (int i = 0; i < kPacket; ++i) {
-    if (!rays.valid[i]) continue;
+    if (!rays.valid[i] || !(near >> i & 1)) continue;
     Vec3 origin = rays.origin(i) - anchor_m_;
     // Those from afar begin where the rocks do: float would not resolve them from there.
     if (!from_one_place_) {
@@ -369,6 +378,9 @@ void ObjectsInFrame::look_at_rocks(const Rays& rays, double* nearest, ObjectLane
 
 std::uint32_t ObjectsInFrame::blocked_by_rocks(const SurfacePoints& points, const std::uint16_t* own,
                                                std::uint32_t asking, const Vec3& sun) const {
+  if (toward_sun_ && sun == request_.sun.direction)
+    asking = toward_sun_->may_meet(points.x, points.y, points.z, asking);
+  if (asking == 0) return 0;
   constexpr double kFloat = 0x1p-22;  // of a coordinate relative to the anchor, and some more
   RayPacket packet;
   for (int i = 0; i < kPacket; ++i) {

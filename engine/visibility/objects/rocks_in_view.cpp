@@ -4,11 +4,14 @@
 #include <cmath>
 #include <optional>
 #include <span>
+#include <tuple>
+#include <unordered_set>
 #include <utility>
 
 #include "dem/detail/detail.h"
 #include "dem/detail/footprints.h"
 #include "dem/support/parallel.h"
+#include "dem/terrain/surface_place.h"
 #include "engine/frame/needs.h"
 #include "engine/scene/node_bounds.h"
 
@@ -36,12 +39,18 @@ class Finder {
   // Where they may be that are at least so large; answers about how many there are.
   double look_for(const std::vector<dem::BlockId>& blocks, double least_px) {
     least_px_ = least_px;
-    pieces_.clear();
-    for (const dem::BlockId& id : blocks) {
+    chosen_ = {blocks.begin(), blocks.end()};
+    auto pieces = gathered_in_parallel<Piece>(blocks.size(), 64, [&](std::size_t i, std::vector<Piece>& some) {
       stop_.check();
-      const dem::NodeInfo info = terrain_.node(id, stop_);
-      if (!info.empty) look_into(id, id.level, info);
-    }
+      const dem::NodeInfo info = terrain_.node(blocks[i], stop_);
+      if (!info.empty) look_into(blocks[i], blocks[i].level, info, some);
+    });
+    std::sort(pieces.begin(), pieces.end(), [](const Piece& a, const Piece& b) {
+      return std::tie(a.octave, a.block, a.smallest_m) < std::tie(b.octave, b.block, b.smallest_m);
+    });
+    pieces.erase(std::unique(pieces.begin(), pieces.end(), [](const Piece& a, const Piece& b) { return same(a, b); }),
+                 pieces.end());
+    pieces_ = std::move(pieces);
     const dem::RockField& field = survey_.field();
     double expected = 0;
     for (const Piece& piece : pieces_)
@@ -63,11 +72,13 @@ class Finder {
   }
 
  private:
+  // May be wider than the blocks in view: rocks are few, and of them those in such blocks are taken.
   struct Piece {
     int octave;
     dem::BlockId block;
     double smallest_m;
   };
+  static bool same(const Piece& a, const Piece& b) { return a.octave == b.octave && a.block == b.block; }
 
   // Of a part of a block: its terrain is a column, which may be much higher than wide.
   double pixels_per_metre(const NodeBounds& bounds) const {
@@ -106,34 +117,46 @@ class Finder {
   }
 
   // A part of a chosen block, or all of it: its terrain lies between the block's heights.
-  void look_into(const dem::BlockId& id, int chosen_level, const dem::NodeInfo& info) {
+  void look_into(const dem::BlockId& id, int chosen_level, const dem::NodeInfo& info, std::vector<Piece>& pieces) {
     stop_.check();
     const dem::RockField& field = survey_.field();
     const NodeBounds bounds = bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m));
     const double sharpest = pixels_per_metre(bounds), smallest_m = least_px_ / sharpest;
     if (!(field.law().largest_m >= smallest_m)) return;
-    if (!may_see(bounds.points,
-                 bounds.bulge_m + 2 * field.law().largest_m + shadow_m(bounds.centre, field.law().largest_m)))
-      return;
+    const auto near_view = [&](double largest_m) {
+      return may_see(bounds.points, bounds.bulge_m + 2 * largest_m + shadow_m(bounds.centre, largest_m));
+    };
+    if (!near_view(field.law().largest_m)) return;
     bool finer = false;
     for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k) {
       if (field.largest_m(k) < smallest_m) continue;
       const int level = level_of_rocks(k);
       if (level == id.level || (level < id.level && id.level == chosen_level)) {
-        if (may_see(bounds.points,
-                    bounds.bulge_m + 2 * field.largest_m(k) + shadow_m(bounds.centre, field.largest_m(k))))
-          pieces_.push_back({k, id, smallest_m});
+        const Piece piece{k, dem::ancestor_of(id, level), smallest_m};
+        // Blocks beside each other mostly have the same ones.
+        const auto last = std::find_if(pieces.rbegin(), pieces.rend(), [&](const Piece& p) { return p.octave == k; });
+        if (last != pieces.rend() && same(*last, piece))
+          last->smallest_m = std::min(last->smallest_m, smallest_m);
+        else if (near_view(field.largest_m(k)))
+          pieces.push_back(piece);
       }
       finer |= level > id.level;
     }
     if (!finer) return;
-    for (const dem::BlockId& child : dem::children_of(id)) look_into(child, chosen_level, info);
+    for (const dem::BlockId& child : dem::children_of(id)) look_into(child, chosen_level, info, pieces);
   }
 
   bool shown(const dem::RockFeature& rock) const {
     const double diameter_m = rock.rock.diameter_m;
     return diameter_m * pixels_per_metre(rock.position_m) >= least_px_ &&
-           may_see({&rock.position_m, 1}, diameter_m + shadow_m(rock.position_m, diameter_m));
+           may_see({&rock.position_m, 1}, diameter_m + shadow_m(rock.position_m, diameter_m)) && on_chosen(rock);
+  }
+
+  bool on_chosen(const dem::RockFeature& rock) const {
+    const dem::Ticks at = dem::ticks_of(rock.place.lat_deg, rock.place.lon_deg);
+    for (int level = dem::kMaxLevel; level >= 0; --level)
+      if (chosen_.contains(at.block(level))) return true;
+    return false;
   }
 
   const dem::Terrain& terrain_;
@@ -143,6 +166,7 @@ class Finder {
   Vec3 toward_sun_ = Vec3::Zero();
   double flattest_ = 0;  // 0: no shadows
   double least_px_ = 0;
+  std::unordered_set<dem::BlockId, dem::BlockIdHash> chosen_;
   std::vector<Piece> pieces_;
 };
 
