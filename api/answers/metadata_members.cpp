@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "api/answers/crater_answer.h"
 #include "api/answers/view_json.h"
@@ -110,16 +111,17 @@ void add_further_bounces(Answer<MetadataSource>& a) {
   a.add(
       "indirect",
       schema::free_object(
-          "of light from terrain, which is reflected once: ground_view, the largest share of its hemisphere that a "
-          "place in view sees as ground; albedo, that of the model for diffuse light, without maps; "
-          "further_bounces_at_most, what the two say of light that is reflected more often, a V / (1 - a V) of the "
+          "of light from terrain: ground_view, the largest share of its hemisphere that a place in view sees as "
+          "ground; albedo, that of the model for diffuse light, without maps; further_bounces_at_most, what the two "
+          "say of light that is reflected more often than the request's `bounces` n, (a V)^n / (1 - a V) of the "
           "largest irradiance from terrain"),
       [](const MetadataSource& s) {
         const double albedo = engine::diffuse_albedo(engine::Brdf(s.request.reflectance, engine::band_of(s.request))),
                      reflected = std::min(albedo * s.report.ground_view, 0.99);
-        return OrderedJson{{"ground_view", s.report.ground_view},
-                           {"albedo", albedo},
-                           {"further_bounces_at_most", reflected / (1 - reflected)}};
+        return OrderedJson{
+            {"ground_view", s.report.ground_view},
+            {"albedo", albedo},
+            {"further_bounces_at_most", std::pow(reflected, s.request.indirect.bounces) / (1 - reflected)}};
       },
       [](const MetadataSource& s) { return engine::wants_indirect(s.request) && s.request.indirect.terrain; });
 }

@@ -14,7 +14,8 @@ struct Earth {
 };
 
 struct IndirectLight {
-  bool terrain = false;  // sunlight that terrain reflects once
+  bool terrain = false;  // sunlight that terrain reflects
+  int bounces = 1;       // how often; 1 or 2
   // Distance in the image of the posts at which the light is gathered, but not below that of the terrain's posts.
   double spacing_px = kDefaultSpacing_px;
   static constexpr double kDefaultSpacing_px = 4;

@@ -23,23 +23,6 @@ struct PlaceInField {
   FieldPost post;
 };
 
-// Of a Sun of 1 W m-2; earth: share of its disc.
-Irradiance between(const LightTile& tile, const FieldPost& at, const Vec3& normal) {
-  Vec3 from[kSectors];
-  std::fill_n(from, kSectors, Vec3::Zero());
-  Irradiance out{};
-  for (int north = 0; north < 2; ++north)
-    for (int east = 0; east < 2; ++east) {
-      const double share = (north ? at.north : 1 - at.north) * (east ? at.east : 1 - at.east);
-      const TilePost& post =
-          tile.posts[static_cast<std::size_t>((at.row + north) * FieldPlane::kTileSide + at.column + east)];
-      for (std::size_t k = 0; k < kSectors; ++k) from[k] += share * post.from[k].cast<double>();
-      out.earth_w_m2 += share * static_cast<double>(post.earth);
-    }
-  for (const Vec3& light : from) out.terrain_w_m2 += std::max(normal.dot(light), 0.0);
-  return out;
-}
-
 }  // namespace
 
 std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const FrameRequest& request,
@@ -64,10 +47,15 @@ std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const 
     const auto made = tiles.get(field, plane, wanted, {terrain, gathered}, stop);
     for (const PlaceInField& p : in_it) {
       const auto tile = std::lower_bound(wanted.begin(), wanted.end(), p.post.tile) - wanted.begin();
-      const Vec3& normal = places[p.place].normal;
-      const Irradiance found = between(*made[static_cast<std::size_t>(tile)], p.post, normal);
-      out[p.place].terrain_w_m2 = direct_w_m2 * found.terrain_w_m2;
-      if (earth) out[p.place].earth_w_m2 = earth_w_m2 * found.earth_w_m2 * std::max(normal.dot(earth->direction), 0.0);
+      const auto post = [&](int row, int column) {
+        const auto at = static_cast<std::size_t>((p.post.row + row) * FieldPlane::kTileSide + p.post.column + column);
+        return light_post(made[static_cast<std::size_t>(tile)]->posts[at], direct_w_m2, earth_w_m2);
+      };
+      const LightPost around[] = {post(0, 0), post(0, 1), post(1, 0), post(1, 1)};
+      const Irradiance indirect =
+          irradiance_at({around, static_cast<float>(p.post.east), static_cast<float>(p.post.north), 2},
+                        places[p.place].normal, earth ? earth->direction : Vec3::Zero());
+      out[p.place].terrain_w_m2 = indirect.terrain_w_m2, out[p.place].earth_w_m2 = indirect.earth_w_m2;
     }
   }
   return out;

@@ -1,5 +1,6 @@
 #include "engine/indirect/light_lanes.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "dem/support/vector_targets.h"
@@ -157,6 +158,17 @@ LightPost post_between(const LightPlace& place) {
   LightPost out;
   HWY_DYNAMIC_DISPATCH(Between)(place, out.from[0]);
   return out;
+}
+
+Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const Vec3& earth) {
+  const LightPost post = post_between(place);
+  double terrain = 0;
+  for (std::size_t k = 0; k < kSectors; ++k)
+    terrain +=
+        std::max(normal.x() * static_cast<double>(post.from[0][k]) + normal.y() * static_cast<double>(post.from[1][k]) +
+                     normal.z() * static_cast<double>(post.from[2][k]),
+                 0.0);
+  return {0, terrain, static_cast<double>(post.earth) * std::max(normal.dot(earth), 0.0)};
 }
 
 void places_in_field(const FieldPlane& plane, const SurfacePoints& points, FieldLanes& out) {

@@ -1,6 +1,7 @@
 // Indirect light at sixteen pixels, between posts.
 #pragma once
 
+#include "engine/frame/queries.h"
 #include "engine/indirect/light_field.h"
 #include "engine/indirect/slope_light.h"
 #include "engine/support/packet.h"
@@ -27,6 +28,8 @@ struct LightPlace {
 };
 
 LightPost post_between(const LightPlace& place);
+// From terrain, and from the Earth in that direction, on a surface there.
+Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const Vec3& earth);
 
 // Where sixteen points are in a field: the tile, the post of it south-west of the point, and how far beyond that post.
 // Points beside the field are at its border.

@@ -33,8 +33,12 @@ GroundAlbedo albedo_of(const FrameRequest& request) {
 SlopeLightSource source_of(const FrameRequest& request) {
   Reflectance reflectance = request.reflectance;
   if (!request.albedo_maps.empty()) reflectance.rho = 1;
-  return {request.sun, 1, Brdf(reflectance, band_of(request)), reflectance.model == ReflectanceModel::hapke,
-          albedo_of(request)};
+  return {request.sun,
+          1,
+          Brdf(reflectance, band_of(request)),
+          reflectance.model == ReflectanceModel::hapke,
+          albedo_of(request),
+          request.indirect.bounces};
 }
 
 // Of all that light depends on but the place.
@@ -45,7 +49,7 @@ ContentKey key_of(const TileLight& of) {
   if (q.indirect.terrain) {
     const Reflectance& r = q.reflectance;
     const HapkeParameters& h = r.hapke;
-    hash.add(q.sun.direction);
+    hash.add(q.sun.direction), hash.add(q.indirect.bounces);
     for (const double value : {q.sun.angular_radius_deg, r.lommel_seeliger_weight, r.rho, r.shininess,
                                r.limb_darkening.value_or(-1), h.w, h.b0, h.h, h.b, h.c, h.theta_bar_deg, h.bc0, h.hc})
       hash.add(value);
@@ -86,6 +90,18 @@ FrameRequest on_lattice(FrameRequest request) {
   if (auto& earth = request.indirect.earth)
     *earth = {on_lattice(earth->direction), std::round(earth->distance_m / kDistanceStep_m) * kDistanceStep_m};
   return request;
+}
+
+LightPost light_post(const TilePost& post, double direct_w_m2, double earth_w_m2) {
+  LightPost out{.earth = static_cast<float>(earth_w_m2) * post.earth,
+                .ground = static_cast<float>(direct_w_m2) * post.radiosity};
+  for (std::size_t k = 0; k < kSectors; ++k) {
+    const Eigen::Vector3f light = post.from[k] * static_cast<float>(direct_w_m2);
+    out.from[0][k] = light.x(), out.from[1][k] = light.y(), out.from[2][k] = light.z();
+    out.x += light.x(), out.y += light.y(), out.z += light.z();
+    out.fluence += light.norm();
+  }
+  return out;
 }
 
 struct LightTiles::Patch {

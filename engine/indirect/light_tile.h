@@ -27,6 +27,9 @@ struct TilePost {
   float earth;                                 // share of the Earth's disc that is seen
 };
 
+// As pixels read it: without the factor, which depends on who looks. W m-2 at normal incidence.
+LightPost light_post(const TilePost& post, double direct_w_m2, double earth_w_m2);
+
 // FieldPlane::kTileSide squared posts, row-major from the south-west.
 struct LightTile {
   std::vector<TilePost> posts;

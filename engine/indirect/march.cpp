@@ -295,17 +295,22 @@ void Read(const GroundLight::Values& values, const GridView& grid, const RowOfCe
   for (int i = 0; i < kPacket; i += kLanes) hn::Store(ColumnsOf(d, row, cells, i).west, d, out + i);
 }
 
-bool LightPiece(const SeenPiece& piece, const GridView& grid, const AzimuthLanes& lanes, PieceLight& out) {
+bool LightPiece(const SeenPiece& piece, const GridView& grid, const AzimuthLanes& lanes, bool glows, PieceLight& out) {
   const GroundLight& light = *grid.light;
   SeenGround ground;
   Read(light.lit, grid, piece.cells, ground.lit);
+  if (glows)
+    Read(light.glow, grid, piece.cells, out.glow);
+  else
+    std::fill_n(out.glow, kPacket, 0.F);
   const Sixteen d;
   auto most = hn::Zero(d);
   for (int i = 0; i < kPacket; i += kLanes) {
     const auto seen = hn::Gt(hn::Load(d, piece.along + i), hn::Zero(d));
     const auto lit = hn::IfThenElseZero(seen, hn::Load(d, ground.lit + i));
-    hn::Store(lit, d, out.lit + i);
-    most = hn::Max(most, lit);
+    const auto glow = hn::IfThenElseZero(seen, hn::Load(d, out.glow + i));
+    hn::Store(lit, d, out.lit + i), hn::Store(glow, d, out.glow + i);
+    most = hn::Max(most, hn::Max(lit, glow));
   }
   if (hn::AllFalse(d, hn::Gt(most, hn::Zero(d)))) return false;
   Read(light.nx, grid, piece.cells, ground.nx), Read(light.ny, grid, piece.cells, ground.ny);
@@ -332,7 +337,8 @@ void SumPiece(const SeenPiece& piece, const AzimuthLanes& lanes, const PieceLigh
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double factor = times_albedo ? light.albedo[i] : 1;
-    const float radiance = light.lit[i] > 0 ? light.lit[i] * static_cast<float>(reflected[i] * factor) : 0;
+    const float direct = light.lit[i] > 0 ? light.lit[i] * static_cast<float>(reflected[i] * factor) : 0,
+                radiance = direct + light.glow[i];
     const float along = radiance * piece.along[i], up = radiance * piece.up[i];
     sum[0][i] += along * lanes.along[0][i] + up * lanes.up[0][i];
     sum[1][i] += along * lanes.along[1][i] + up * lanes.up[1][i];
@@ -362,8 +368,8 @@ void find_pieces(std::span<const GridView> grids, const MarchSphere& sphere, con
   HWY_DYNAMIC_DISPATCH(Pieces)(grids, sphere, lanes, stride, pieces, horizon);
 }
 
-bool light_piece(const SeenPiece& piece, const GridView& grid, const AzimuthLanes& lanes, PieceLight& out) {
-  return HWY_DYNAMIC_DISPATCH(LightPiece)(piece, grid, lanes, out);
+bool light_piece(const SeenPiece& piece, const GridView& grid, const AzimuthLanes& lanes, bool glows, PieceLight& out) {
+  return HWY_DYNAMIC_DISPATCH(LightPiece)(piece, grid, lanes, glows, out);
 }
 
 void add_piece(const SeenPiece& piece, const AzimuthLanes& lanes, const PieceLight& light, const double* reflected,

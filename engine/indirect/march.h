@@ -19,6 +19,7 @@ struct GroundLight {
   Values nx, ny;  // of the unit normal, in the grids' axes; its z is positive
   Values lit;     // share of the Sun that is seen; 0 where there is no data
   Values albedo;  // of the ground, where a map says it; else 1
+  Values glow;    // radiance in the light from other ground, the Sun's being 1 W m-2; empty: not asked for
 };
 
 // Rows are read in whole vectors: arrays end with so many elements that no place needs.
@@ -79,13 +80,13 @@ struct alignas(64) AzimuthLanes {
   float sun[3];                             // unit, the same axes
 };
 
-// Where the ground of a piece is lit: its light (share of the Sun times albedo) and the cosines of incidence, emission
-// and phase toward the places. False: nothing is lit.
+// The ground of a piece: its light and the cosines of incidence, emission and phase toward the places. False: nothing
+// is lit. Without `glows`, in the Sun only.
 struct alignas(64) PieceLight {
   double mu0[kPacket], mu[kPacket], cos_phase[kPacket], albedo[kPacket];
-  float lit[kPacket];
+  float lit[kPacket], glow[kPacket];
 };
-bool light_piece(const SeenPiece& piece, const GridView& grid, const AzimuthLanes& lanes, PieceLight& out);
+bool light_piece(const SeenPiece& piece, const GridView& grid, const AzimuthLanes& lanes, bool glows, PieceLight& out);
 
 // Adds what the ground of a piece sends, of mu0 f_r per unit of light: integrals of radiance times the direction.
 void add_piece(const SeenPiece& piece, const AzimuthLanes& lanes, const PieceLight& light, const double* reflected,

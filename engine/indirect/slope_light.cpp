@@ -1,6 +1,7 @@
 #include "engine/indirect/slope_light.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -62,141 +63,219 @@ void SkyDisc::shares(std::span<const GridView> grids, int stride, MarchLanes& la
   }
 }
 
+// Cells that are lit together, fewer at a grid's end.
+class SlopeLight::Square {
+ public:
+  Square(const Relief& relief, const GridView& view, std::size_t of_grid, int row, int column)
+      : grid(of_grid),
+        rows(std::min(kSquare, view.side - row)),
+        columns(std::min(kSquare, view.side - column)),
+        relief_(relief),
+        view_(view),
+        row_(row),
+        column_(column) {}
+  std::size_t post(int r, int c) const {
+    return static_cast<std::size_t>(row_ + r) * static_cast<std::size_t>(view_.side) +
+           static_cast<std::size_t>(column_ + c);
+  }
+  // The middles of a row of cells. What is beyond the grid's end is as the last one, but in a place of its own.
+  using Cells = std::array<Relief::Cell, kPacket>;
+  MarchLanes places(int r, Cells& cells) const {
+    static_assert(kSquare == kPacket);
+    MarchLanes lanes;
+    lanes.y = view_.first_m + (static_cast<float>(row_ + r) + 0.5F) * view_.spacing_m;
+    for (int i = 0; i < kPacket; ++i) {
+      cells[static_cast<std::size_t>(i)] = relief_.cell(grid, post(r, std::min(i, columns - 1)));
+      lanes.x[i] = view_.first_m + (static_cast<float>(column_ + i) + 0.5F) * view_.spacing_m;
+      lanes.height[i] = cells[static_cast<std::size_t>(i)].height;
+    }
+    return lanes;
+  }
+
+  const std::size_t grid;
+  const int rows, columns;
+
+ private:
+  const Relief& relief_;
+  const GridView& view_;
+  int row_, column_;
+};
+
 SlopeLight::SlopeLight(const Relief& relief, SlopeLightSource source)
     : relief_(relief),
       source_(std::move(source)),
       disc_(relief, source_.sun.direction, source_.sun.angular_radius_deg),
       azimuths_(disc_.direction().z() < std::sin(kLowSun_deg * kRadiansPerDegree) ? kAzimuthsAtLowSun : kAzimuths),
+      glow_(source_.bounces > 1 ? diffuse_albedo(source_.brdf) / kPi : 0),
       ground_(relief.grids()),
       grids_(relief.views()) {
   for (std::size_t g = 0; g < relief.grids(); ++g) {
     Ground& ground = ground_[g];
+    GroundLight& light = ground.light;
     const auto side = static_cast<std::size_t>(relief.side(g));
-    for (GroundLight::Values* values : {&ground.light.nx, &ground.light.ny, &ground.light.lit, &ground.light.albedo})
-      values->resize(side * side + kPadding);
     ground.squares = (relief.side(g) + kSquare - 1) / kSquare;
-    ground.lit = std::make_unique<dem::Once[]>(static_cast<std::size_t>(ground.squares) *
-                                               static_cast<std::size_t>(ground.squares));
-    grids_[g].light = &ground.light;
+    const std::size_t squares = static_cast<std::size_t>(ground.squares) * static_cast<std::size_t>(ground.squares);
+    for (GroundLight::Values* values : {&light.nx, &light.ny, &light.lit, &light.albedo})
+      values->resize(side * side + kPadding);
+    ground.lit = std::make_unique<dem::Once[]>(squares);
+    if (source_.bounces > 1) {
+      light.glow.resize(side * side + kPadding);
+      ground.glows = std::make_unique<dem::Once[]>(squares);
+    }
+    grids_[g].light = &light;
   }
 }
 
 std::size_t SlopeLight::bytes() const {
   std::size_t sum = 0;
   for (const Ground& ground : ground_)
-    sum += 4 * ground.light.lit.capacity() * sizeof(float) +
-           static_cast<std::size_t>(ground.squares) * static_cast<std::size_t>(ground.squares) * sizeof(dem::Once);
+    sum += (4 * ground.light.lit.capacity() + ground.light.glow.capacity()) * sizeof(float) +
+           static_cast<std::size_t>(ground.squares) * static_cast<std::size_t>(ground.squares) * sizeof(dem::Once) *
+               (ground.glows ? 2 : 1);
   return sum;
 }
 
-void SlopeLight::light_cells(std::size_t grid, int row, int first_column, int last_column,
+void SlopeLight::light_cells(std::size_t grid, int row, int first_column, int last_column, int bounces,
                              const StopToken& stop) const {
   const Ground& ground = ground_[grid];
   const int side = grids_[grid].side;
   const auto square = [&](int at) { return std::clamp(at, 0, side - 1) / kSquare; };
   for (int c = square(first_column); c <= square(last_column); ++c) {
     const int r = square(row);
-    ground.lit[static_cast<std::size_t>(r) * static_cast<std::size_t>(ground.squares) + static_cast<std::size_t>(c)]
-        .run([&] { light_square(grid, r * kSquare, c * kSquare, stop); });
+    const std::size_t at =
+        static_cast<std::size_t>(r) * static_cast<std::size_t>(ground.squares) + static_cast<std::size_t>(c);
+    const auto here = [&] { return Square(relief_, grids_[grid], grid, r * kSquare, c * kSquare); };
+    ground.lit[at].run([&] { light_square(here(), stop); });
+    if (bounces > 1) ground.glows[at].run([&] { let_glow(here(), stop); });
   }
 }
 
 // The grid's own heights and those of the coarser ones shade it.
-void SlopeLight::light_square(std::size_t grid, int row, int column, const StopToken& stop) const {
+void SlopeLight::light_square(const Square& square, const StopToken& stop) const {
   stop.check();
-  const GridView& view = grids_[grid];
-  GroundLight& light = ground_[grid].light;
-  const std::span<const GridView> around = std::span(grids_).subspan(grid);
+  const GridView& view = grids_[square.grid];
+  GroundLight& light = ground_[square.grid].light;
+  const std::span<const GridView> around = std::span(grids_).subspan(square.grid);
   const double lowest = -std::sin(source_.sun.angular_radius_deg * kRadiansPerDegree);
-  const int rows = std::min(kSquare, view.side - row), columns = std::min(kSquare, view.side - column);
-  const auto post = [&](int r, int c) {
-    return static_cast<std::size_t>(row + r) * static_cast<std::size_t>(view.side) +
-           static_cast<std::size_t>(column + c);
-  };
-  std::vector<float> albedo(static_cast<std::size_t>(rows * columns), 1.F);
+  std::vector<float> albedo(static_cast<std::size_t>(square.rows * square.columns), 1.F);
   if (source_.albedo) {
     std::vector<Vec3> directions;
-    for (int r = 0; r < rows; ++r)
-      for (int c = 0; c < columns; ++c) directions.push_back(relief_.direction(grid, post(r, c), true));
+    for (int r = 0; r < square.rows; ++r)
+      for (int c = 0; c < square.columns; ++c)
+        directions.push_back(relief_.direction(square.grid, square.post(r, c), true));
     source_.albedo(static_cast<double>(view.spacing_m), directions, albedo, stop);
   }
-  static_assert(kSquare == kPacket);
-  for (int r = 0; r < rows; ++r) {
-    MarchLanes lanes;
-    lanes.y = view.first_m + (static_cast<float>(row + r) + 0.5F) * view.spacing_m;
-    Relief::Cell cells[kPacket];
+  for (int r = 0; r < square.rows; ++r) {
+    Square::Cells cells;
+    MarchLanes lanes = square.places(r, cells);
     alignas(64) float share[kPacket];
-    for (int i = 0; i < kPacket; ++i) {
-      const int c = std::min(i, columns - 1);
-      cells[i] = relief_.cell(grid, post(r, c));
-      lanes.x[i] = view.first_m + (static_cast<float>(column + c) + 0.5F) * view.spacing_m;
-      // What is turned away needs no march.
-      const bool faces = cells[i].normal.cast<double>().dot(disc_.direction()) > lowest;
-      lanes.height[i] = faces ? cells[i].height : std::nanf("");
-    }
+    // What is turned away needs no march.
+    for (std::size_t i = 0; i < kPacket; ++i)
+      if (!(cells[i].normal.cast<double>().dot(disc_.direction()) > lowest)) lanes.height[i] = std::nanf("");
     disc_.shares(around, static_cast<int>(view.coarser), lanes, share);
-    for (int c = 0; c < columns; ++c) {
-      const std::size_t at = post(r, c);
-      light.nx[at] = cells[c].normal.x(), light.ny[at] = cells[c].normal.y(), light.lit[at] = share[c];
-      light.albedo[at] = albedo[static_cast<std::size_t>(r * columns + c)];
+    for (int c = 0; c < square.columns; ++c) {
+      const std::size_t at = square.post(r, c);
+      const Eigen::Vector3f& normal = cells[static_cast<std::size_t>(c)].normal;
+      light.nx[at] = normal.x(), light.ny[at] = normal.y(), light.lit[at] = share[c];
+      light.albedo[at] = albedo[static_cast<std::size_t>(r * square.columns + c)];
+    }
+  }
+}
+
+// What arrives is that of the cells in the middle row: a square is a third of the distance from which it is seen, or
+// less. Ground reflects it as diffuse light. A map's w counts by what it changes from halfway up.
+void SlopeLight::let_glow(const Square& square, const StopToken& stop) const {
+  GroundLight& light = ground_[square.grid].light;
+  Square::Cells cells;
+  MarchLanes lanes = square.places(square.rows / 2, cells);
+  Arriving arriving;
+  gather(square.grid, lanes, static_cast<int>(grids_[square.grid].coarser), kAzimuthsOfGround, 1, arriving, stop);
+  alignas(64) double half[kPacket], phase[kPacket] = {}, w[kPacket], reflected[kPacket];
+  std::fill_n(half, kPacket, 0.5);
+  const double by_model = std::max(source_.brdf.times_mu0(0.5, 0.5, 0), 1e-12);
+  for (int r = 0; r < square.rows; ++r) {
+    const std::size_t first = square.post(r, 0);
+    for (int c = 0; c < kPacket; ++c)
+      w[c] = static_cast<double>(light.albedo[first + static_cast<std::size_t>(std::min(c, square.columns - 1))]);
+    if (source_.albedo_is_w) source_.brdf.times_mu0(half, half, phase, w, reflected);
+    for (int c = 0; c < square.columns; ++c) {
+      const std::size_t at = first + static_cast<std::size_t>(c);
+      const float nx = light.nx[at], ny = light.ny[at], nz = std::sqrt(std::max(1 - nx * nx - ny * ny, 0.F));
+      float arrives = 0;
+      for (const auto& from : arriving.from)
+        arrives += std::max(nx * from[0][c] + ny * from[1][c] + nz * from[2][c], 0.F);
+      light.glow[at] = arrives * static_cast<float>(glow_ * (source_.albedo_is_w ? reflected[c] / by_model : w[c]));
     }
   }
 }
 
 float SlopeLight::radiosity(int row, int column, const StopToken& stop) const {
-  light_cells(0, row, column, column, stop);
+  light_cells(0, row, column, column, source_.bounces, stop);
   const GroundLight& light = ground_.front().light;
   const std::size_t post =
       static_cast<std::size_t>(row) * static_cast<std::size_t>(grids_.front().side) + static_cast<std::size_t>(column);
   const Eigen::Vector3d normal = relief_.cell(0, post).normal.cast<double>();
   const double mu0 = normal.dot(disc_.direction());
   const auto factor = static_cast<double>(light.lit[post] * (source_.albedo_is_w ? 1 : light.albedo[post]));
-  return mu0 > 0 && factor > 0 ? static_cast<float>(kPi * factor * source_.irradiance_w_m2 *
-                                                    source_.brdf.times_mu0(mu0, normal.z(), disc_.direction().z()))
-                               : 0;
+  const double direct =
+                   mu0 > 0 && factor > 0 ? factor * source_.brdf.times_mu0(mu0, normal.z(), disc_.direction().z()) : 0,
+               glow = light.glow.empty() ? 0 : static_cast<double>(light.glow[post]);
+  return static_cast<float>(kPi * source_.irradiance_w_m2 * (direct + glow));
+}
+
+void SlopeLight::gather(std::size_t grid, MarchLanes& lanes, int stride, int azimuths, int bounces, Arriving& out,
+                        const StopToken& stop) const {
+  const std::span<const GridView> around = std::span(grids_).subspan(grid);
+  alignas(64) float horizon[kPacket];
+  AzimuthLanes directions;
+  for (int k = 0; k < 3; ++k) directions.sun[k] = static_cast<float>(disc_.direction()[k]);
+  for (int i = 0; i < kPacket; ++i) {
+    const Vec3 d = Vec3(static_cast<double>(lanes.x[i]), static_cast<double>(lanes.y), kMoonRadius_m).normalized();
+    for (int k = 0; k < 3; ++k) directions.up[k][i] = static_cast<float>(d[k]);
+  }
+  std::vector<SeenPiece> pieces;
+  PieceLight light;
+  alignas(64) double reflected[kPacket];
+  for (int azimuth = 0; azimuth < azimuths; ++azimuth) {
+    const double phi = (azimuth + 0.5) * 2 * kPi / azimuths;
+    aim(static_cast<float>(std::cos(phi)), static_cast<float>(std::sin(phi)), lanes, directions);
+    pieces.clear();
+    find_pieces(around, relief_.sphere(), lanes, stride, pieces, horizon);
+    add_sky(directions, horizon, out.sky);
+    auto& sum = out.from[azimuth / (azimuths / kSectors)];
+    for (const SeenPiece& piece : pieces) {
+      const RowOfCells& cells = piece.cells;
+      light_cells(grid + piece.grid, cells.row, static_cast<int>(cells.column),
+                  static_cast<int>(cells.column + static_cast<float>(kPacket - 1) * cells.pitch), bounces, stop);
+      if (!light_piece(piece, around[piece.grid], directions, bounces > 1, light)) continue;
+      source_.brdf.times_mu0(light.mu0, light.mu, light.cos_phase, source_.albedo_is_w ? light.albedo : nullptr,
+                             reflected);
+      add_piece(piece, directions, light, reflected, !source_.albedo_is_w, sum);
+    }
+  }
+  const auto turn = static_cast<float>(2 * kPi / azimuths);
+  const auto finish = [&](float(&sum)[3][kPacket]) {
+    for (auto& component : sum)
+      for (int i = 0; i < kPacket; ++i) component[i] = std::isnan(lanes.height[i]) ? 0 : turn * component[i];
+  };
+  for (auto& sum : out.from) finish(sum);
+  finish(out.sky);
 }
 
 void SlopeLight::gather(int row, int column, int stride, std::span<SectorLight, kPacket> out,
                         const StopToken& stop) const {
   MarchLanes lanes = relief_.places(row, column, stride);
-  alignas(64) float sums[kSectors][3][kPacket] = {}, sky[3][kPacket] = {}, horizon[kPacket];
-  AzimuthLanes azimuths;
-  for (int k = 0; k < 3; ++k) azimuths.sun[k] = static_cast<float>(disc_.direction()[k]);
-  for (int i = 0; i < kPacket; ++i) {
-    const Vec3 d = Vec3(static_cast<double>(lanes.x[i]), static_cast<double>(lanes.y), kMoonRadius_m).normalized();
-    for (int k = 0; k < 3; ++k) azimuths.up[k][i] = static_cast<float>(d[k]);
-  }
-  std::vector<SeenPiece> pieces;
-  PieceLight light;
-  alignas(64) double reflected[kPacket];
-  for (int azimuth = 0; azimuth < azimuths_; ++azimuth) {
-    const double phi = (azimuth + 0.5) * 2 * kPi / azimuths_;
-    aim(static_cast<float>(std::cos(phi)), static_cast<float>(std::sin(phi)), lanes, azimuths);
-    pieces.clear();
-    find_pieces(grids_, relief_.sphere(), lanes, stride, pieces, horizon);
-    add_sky(azimuths, horizon, sky);
-    auto& sum = sums[azimuth / (azimuths_ / kSectors)];
-    for (const SeenPiece& piece : pieces) {
-      const RowOfCells& cells = piece.cells;
-      light_cells(piece.grid, cells.row, static_cast<int>(cells.column),
-                  static_cast<int>(cells.column + static_cast<float>(kPacket - 1) * cells.pitch), stop);
-      if (!light_piece(piece, grids_[piece.grid], azimuths, light)) continue;
-      source_.brdf.times_mu0(light.mu0, light.mu, light.cos_phase, source_.albedo_is_w ? light.albedo : nullptr,
-                             reflected);
-      add_piece(piece, azimuths, light, reflected, !source_.albedo_is_w, sum);
-    }
-  }
-  const auto turn = static_cast<float>(2 * kPi / azimuths_);
+  Arriving arriving;
+  gather(0, lanes, stride, azimuths_, source_.bounces, arriving, stop);
   const Eigen::Matrix3f back = relief_.axes().transpose().cast<float>();
   for (int i = 0; i < kPacket; ++i) {
-    const float scale = std::isnan(lanes.height[i]) ? 0 : turn;
-    const auto vector = [&](const float(&sum)[3][kPacket], double times) -> Eigen::Vector3f {
-      if (scale == 0) return Eigen::Vector3f::Zero();
-      return back * Eigen::Vector3f(sum[0][i], sum[1][i], sum[2][i]) * (scale * static_cast<float>(times));
+    const auto vector = [&](const float(&sum)[3][kPacket]) -> Eigen::Vector3f {
+      return back * Eigen::Vector3f(sum[0][i], sum[1][i], sum[2][i]);
     };
     SectorLight& of = out[static_cast<std::size_t>(i)];
-    for (std::size_t k = 0; k < kSectors; ++k) of.from[k] = vector(sums[k], source_.irradiance_w_m2);
-    of.sky = vector(sky, 1);
+    for (std::size_t k = 0; k < kSectors; ++k)
+      of.from[k] = vector(arriving.from[k]) * static_cast<float>(source_.irradiance_w_m2);
+    of.sky = vector(arriving.sky);
   }
 }
 

@@ -1,4 +1,5 @@
-// Sunlight that terrain reflects onto terrain, once: what arrives at a place from all ground that it sees.
+// Sunlight that terrain reflects onto terrain: what arrives at a place from all ground that it sees. With two bounces
+// that ground shines by what arrives there by the first, too.
 //
 // From each place, marches along azimuths (march.h) find the ground that is seen and its elevation. The
 // integrals over elevation are exact for ground of one radiance per step; azimuths are sampled. No random numbers, no
@@ -23,6 +24,8 @@ inline constexpr int kSectors = 8;
 // At a low Sun, what is lit is thin strips, which more azimuths are needed to meet.
 inline constexpr int kAzimuths = 64, kAzimuthsAtLowSun = 128;
 inline constexpr double kLowSun_deg = 10;
+// For the light of ground that is seen: far more places of it are averaged.
+inline constexpr int kAzimuthsOfGround = 32;
 
 // What arrives at a place from the ground in each of eight sectors of azimuth: the integral of radiance times the unit
 // vector to where it comes from, W m-2, MOON_ME. Its dot product with a normal is the irradiance.
@@ -43,6 +46,7 @@ struct SlopeLightSource {
   Brdf brdf;
   bool albedo_is_w = false;  // of Hapke's model
   GroundAlbedo albedo;       // empty: the Brdf's own
+  int bounces = 1;           // or 2
 };
 
 // A source in the sky of a relief: a uniform disc, or a point.
@@ -82,15 +86,26 @@ class SlopeLight {
   struct Ground {
     GroundLight light;
     int squares;  // per side
-    std::unique_ptr<dem::Once[]> lit;
+    std::unique_ptr<dem::Once[]> lit, glows;
   };
-  void light_cells(std::size_t grid, int row, int first_column, int last_column, const StopToken& stop) const;
-  void light_square(std::size_t grid, int row, int column, const StopToken& stop) const;
+  class Square;
+  // What sixteen places receive by sector, for a Sun of 1 W m-2, and see of the sky; the grids' axes.
+  struct alignas(64) Arriving {
+    float from[kSectors][3][kPacket] = {}, sky[3][kPacket] = {};
+  };
+  // Over the grids from `grid` on.
+  void gather(std::size_t grid, MarchLanes& lanes, int stride, int azimuths, int bounces, Arriving& out,
+              const StopToken& stop) const;
+  void light_cells(std::size_t grid, int row, int first_column, int last_column, int bounces,
+                   const StopToken& stop) const;
+  void light_square(const Square& square, const StopToken& stop) const;
+  void let_glow(const Square& square, const StopToken& stop) const;
 
   const Relief& relief_;
   SlopeLightSource source_;
   SkyDisc disc_;
   int azimuths_;
+  double glow_;  // radiance in diffuse light of 1 W m-2
   mutable std::vector<Ground> ground_;
   std::vector<GridView> grids_;
 };

@@ -76,19 +76,15 @@ void TerrainLight::set_factors(std::span<const TilePost, kPacket> from, const Ve
   double exact[kPacket] = {}, arrives[kPacket] = {};
   for (int i = 0; i < kPacket; ++i) {
     const TilePost& post = from[static_cast<std::size_t>(i)];
-    out[static_cast<std::size_t>(i)] = {.earth = static_cast<float>(earth_w_m2_) * post.earth,
-                                        .ground = static_cast<float>(direct_w_m2_) * post.radiosity};
+    out[static_cast<std::size_t>(i)] = light_post(post, direct_w_m2_, earth_w_m2_);
     mu[i] = std::max(post.normal.cast<double>().dot(toward[i]), 0.05);
   }
   for (std::size_t k = 0; k < kSectors; ++k) {
     float lengths[kPacket];
     for (int i = 0; i < kPacket; ++i) {
       const TilePost& post = from[static_cast<std::size_t>(i)];
-      LightPost& to = out[static_cast<std::size_t>(i)];
       const Eigen::Vector3f light = post.from[k] * static_cast<float>(direct_w_m2_);
-      to.from[0][k] = light.x(), to.from[1][k] = light.y(), to.from[2][k] = light.z();
-      to.x += light.x(), to.y += light.y(), to.z += light.z();
-      to.fluence += lengths[i] = light.norm();
+      lengths[i] = light.norm();
       const bool faces = lengths[i] > 0 && post.normal.dot(light) > 1e-9F * lengths[i];
       mu0[i] = faces ? static_cast<double>(post.normal.dot(light) / lengths[i]) : 1e-9;
       cos_phase[i] = faces ? toward[i].dot(light.cast<double>()) / static_cast<double>(lengths[i]) : 0;
@@ -134,15 +130,14 @@ void TerrainLight::places_of(const SurfacePoints& points, LightPlace (&places)[k
   }
 }
 
-LightPost TerrainLight::at(std::uint32_t block, const Vec3& place_m) const {
-  if (of_block_[block] < 0) return {};
+LightPlace TerrainLight::at(std::uint32_t block, const Vec3& place_m) const {
+  if (of_block_[block] < 0) return kNowhere;
   const Field& field = fields_[static_cast<std::size_t>(of_block_[block])];
   const FieldPost at = field.plane.post_at(place_m);
   const Tile* tile = field.tiles[static_cast<std::size_t>(at.tile)];
-  if (!tile) return {};
+  if (!tile) return kNowhere;
   constexpr int kSide = FieldPlane::kTileSide;
-  return post_between(
-      {tile->data() + at.row * kSide + at.column, static_cast<float>(at.east), static_cast<float>(at.north), kSide});
+  return {tile->data() + at.row * kSide + at.column, static_cast<float>(at.east), static_cast<float>(at.north), kSide};
 }
 
 void TerrainLight::add(const SurfacePoints& points, const Shading& shading, const Rays& rays, const Brdf& brdf,
@@ -164,20 +159,13 @@ void TerrainLight::add(const SurfacePoints& points, const Shading& shading, cons
   add_reflected(light, reflected, factor, radiance);
 }
 
-IndirectIrradiance TerrainLight::irradiance(const SurfacePoints& points, int lane, const Vec3& normal) const {
-  const LightPost post = at(points.triangle[lane].block(), points.position(lane));
-  double terrain = 0;
-  for (std::size_t k = 0; k < kSectors; ++k)
-    terrain +=
-        std::max(normal.x() * static_cast<double>(post.from[0][k]) + normal.y() * static_cast<double>(post.from[1][k]) +
-                     normal.z() * static_cast<double>(post.from[2][k]),
-                 0.0);
-  return {terrain, static_cast<double>(post.earth) * std::max(normal.dot(earth_), 0.0)};
+Irradiance TerrainLight::irradiance(const SurfacePoints& points, int lane, const Vec3& normal) const {
+  return irradiance_at(at(points.triangle[lane].block(), points.position(lane)), normal, earth_);
 }
 
-IndirectIrradiance TerrainLight::Place::on(const Vec3& normal) const {
+Irradiance TerrainLight::Place::on(const Vec3& normal) const {
   // Of level ground, a plane with that normal sees (1 - cos) / 2 of its hemisphere.
-  return {std::max(normal.dot(terrain), 0.0) + ground * (1 - normal.dot(up)) / 2, std::max(normal.dot(earth), 0.0)};
+  return {0, std::max(normal.dot(terrain), 0.0) + ground * (1 - normal.dot(up)) / 2, std::max(normal.dot(earth), 0.0)};
 }
 
 TerrainLight::Place TerrainLight::on_objects(const Vec3& place_m) const {
@@ -187,7 +175,7 @@ TerrainLight::Place TerrainLight::on_objects(const Vec3& place_m) const {
   out.up = place_m.normalized();
   const auto block = mesh_.block_at(ticks.whole_lat, ticks.whole_lon);
   if (!block) return out;
-  const LightPost post = at(*block, place_m);
+  const LightPost post = post_between(at(*block, place_m));
   out.terrain = {static_cast<double>(post.x), static_cast<double>(post.y), static_cast<double>(post.z)};
   out.earth = static_cast<double>(post.earth) * earth_;
   out.ground = static_cast<double>(post.ground);

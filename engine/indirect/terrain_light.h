@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "engine/camera/row_views.h"
+#include "engine/frame/queries.h"
 #include "engine/frame/request.h"
 #include "engine/indirect/light_field.h"
 #include "engine/indirect/light_lanes.h"
@@ -20,11 +21,6 @@
 #include "engine/support/packet.h"
 
 namespace selenograph::engine {
-
-// W m-2.
-struct IndirectIrradiance {
-  double terrain = 0, earth = 0;
-};
 
 class TerrainLight {
  public:
@@ -37,11 +33,11 @@ class TerrainLight {
   // Hapke's model, otherwise a factor of what the Brdf reflects.
   void add(const SurfacePoints& points, const Shading& shading, const Rays& rays, const Brdf& brdf,
            const double* albedo, float* radiance) const;
-  // At a lane, for its normal.
-  IndirectIrradiance irradiance(const SurfacePoints& points, int lane, const Vec3& normal) const;
+  // At a lane, for its normal; without direct sunlight, like those below.
+  Irradiance irradiance(const SurfacePoints& points, int lane, const Vec3& normal) const;
 
-  // The largest share of its hemisphere that a post in view sees as ground. Light that is reflected more often than
-  // once is at most a V / (1 - a V) of the largest irradiance from terrain, V being that share and a the albedo.
+  // The largest share V of its hemisphere that a post in view sees as ground. Light that is reflected more often than n
+  // times is at most (a V)^n / (1 - a V) of the largest irradiance from terrain, a being the albedo.
   double most_ground_view() const { return most_ground_view_; }
 
   // At any place near the mesh, as on an object: above the ground, whose light comes from below.
@@ -49,7 +45,7 @@ class TerrainLight {
     Vec3 terrain = Vec3::Zero(), earth = Vec3::Zero();  // vectors of the light, W m-2
     double ground = 0;                                  // radiosity of the ground below, W m-2
     Vec3 up = Vec3::UnitZ();
-    IndirectIrradiance on(const Vec3& normal) const;
+    Irradiance on(const Vec3& normal) const;
   };
   Place on_objects(const Vec3& place_m) const;
 
@@ -64,7 +60,7 @@ class TerrainLight {
   void set_factors(std::span<const TilePost, kPacket> from, const Vec3 (&toward)[kPacket], const Brdf& brdf,
                    std::span<LightPost, kPacket> out) const;
   void places_of(const SurfacePoints& points, LightPlace (&places)[kPacket]) const;
-  LightPost at(std::uint32_t block, const Vec3& place_m) const;
+  LightPlace at(std::uint32_t block, const Vec3& place_m) const;
 
   const FrameRequest& request_;
   const Mesh& mesh_;

@@ -84,7 +84,8 @@ struct VerifyAccuracySettings {
   int size_px = 256;
   int repetitions = 5;
   int reference_samples = 256;
-  std::string output;  // folder
+  bool indirect = false;  // light from terrain instead
+  std::string output;     // folder
 };
 
 struct VerifyMoonSettings {

@@ -9,6 +9,7 @@
 #include "api/answers/accuracy_report.h"
 #include "api/requests/frame_json.h"
 #include "engine/verify/accuracy_sweep.h"
+#include "engine/verify/indirect_error.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
 #include "server/commands/place.h"
@@ -79,6 +80,30 @@ void print_summary(const std::vector<engine::SweepRow>& rows) {
                r.errors.geometric_px.p999, r.errors.shadow_edge_mean_px, 100 * r.errors.radiance_rms);
 }
 
+// Light from terrain: its error against time. A renderer for each row, that has kept no light.
+int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terrain, const engine::Renderer& renderer,
+                    const std::vector<engine::AccuracyScene>& scenes) {
+  constexpr int kStrata = 512;
+  std::string table =
+      "| scene | spacing_px | ratio | median % | RMS % | worst % | without ms | first ms | kept ms |\n"
+      "|---|---|---|---|---|---|---|---|---|\n";
+  for (const engine::AccuracyScene& scene : scenes) {
+    if (scene.name != "nadir" && scene.name != "polar") continue;
+    const engine::IndirectTruth truth(renderer, scene.frames.front(), kStrata);
+    for (const double spacing_px : {0.5, 1.0, 2.0, 4.0, 8.0}) {
+      const auto row = engine::measure_indirect(*make_renderer(terrain), truth, spacing_px, s.repetitions);
+      const auto& error = row.error;
+      table += fmt::format("| {} | {:g} | {:.3f} | {:.2f} | {:.2f} | {:.2f} | {:.1f} | {:.1f} | {:.1f} |\n", scene.name,
+                           spacing_px, error.ratio, 100 * error.median, 100 * error.rms, 100 * error.worst,
+                           row.without_ms, row.first_ms, row.kept_ms);
+    }
+  }
+  fs::create_directories(s.output);
+  write_whole((fs::path(s.output) / "indirect.md").string(), table);
+  fmt::print("{}{}\n", table, machine());
+  return 0;
+}
+
 }  // namespace
 
 int verify_accuracy(const VerifyAccuracySettings& settings) {
@@ -95,6 +120,7 @@ int verify_accuracy(const VerifyAccuracySettings& settings) {
     std::erase_if(scenes, [&](const auto& scene) {
       return std::find(settings.scenes.begin(), settings.scenes.end(), scene.name) == settings.scenes.end();
     });
+  if (settings.indirect) return verify_indirect(settings, terrain, *renderer, scenes);
   engine::SweepOptions options;
   options.repetitions = settings.repetitions, options.reference_samples = settings.reference_samples;
   ProgressBar bar;

@@ -200,6 +200,8 @@ void add_options(CLI::App& command, VerifyAccuracySettings& s) {
   command.add_option("--reference-samples", s.reference_samples, "Per pixel of the reference; a square number")
       ->check(CLI::IsMember({1, 4, 16, 64, 256, 1024}))
       ->capture_default_str();
+  command.add_flag("--indirect", s.indirect,
+                   "Light from terrain by the distance of its posts, in scenes nadir and polar, instead of settings");
   command.add_option("-o,--output", s.output, "Folder; made if missing")->required()->type_name("DIR");
   add_options(command, s.terrain);
 }

@@ -115,6 +115,22 @@ class VerifyAccuracy(unittest.TestCase):
         self.assertEqual(done.returncode, 1)
         self.assertIn("details/nothing.json", done.stderr)
 
+    def test_light_from_terrain(self):
+        done = run("verify", "accuracy", "--indirect", "--dem", harness.path("dem"), "--center", "0.1,30.1", "--size-px", "64",
+                   "--height-m", "10000", "--repetitions", "1", "--cache-dir", harness.path("cache"), "--log-level", "error", "-o",
+                   harness.path("indirect"))
+        self.assertEqual(done.returncode, 0, done.stderr)
+        with open(harness.path("indirect", "indirect.md")) as file:
+            table = file.read()
+        self.assertIn(table, done.stdout)
+        rows = [[cell.strip() for cell in line.strip("|\n").split("|")] for line in table.splitlines()]
+        rows = [dict(zip(rows[0], row)) for row in rows[2:]]
+        self.assertEqual([(row["scene"], row["spacing_px"]) for row in rows],
+                         [("nadir", spacing) for spacing in ("0.5", "1", "2", "4", "8")])
+        self.assertLess(abs(float(rows[0]["ratio"]) - 1), 0.04)  # crests of a post
+        self.assertLess(float(rows[0]["RMS %"]), float(rows[-1]["RMS %"]))
+        self.assertTrue(all(float(row["first ms"]) > 0 for row in rows), rows)
+
     def test_every_scene_is_measured(self):
         output, rows = self.measured("accuracy", 64)
         self.assertEqual({row["scene"] for row in rows}, {"nadir", "oblique", "limb", "descent"})  # no place for the polar one

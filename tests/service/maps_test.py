@@ -420,6 +420,21 @@ class CommandLine(unittest.TestCase):
         self.assertGreater(np.std(lit), 0)
         self.assertEqual(json.loads(tiff.file.GetMetadataItem("SELENOGRAPH"))["epochs"], 3)
 
+    def test_the_light_of_a_place_over_a_lunar_day(self):
+        indirect = {"terrain": True, "bounces": 2, "earth": True}
+        done = self.command(map_request(PLACES["orthographic"], "irradiance", indirect=indirect), "-o",
+                            harness.path("light.npz"), "--utc", "2026-11-01T00:00:00Z", "2026-11-29T00:00:00Z", "14d")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        lights = []
+        for day in ("01", "15", "29"):
+            with open(harness.path(f"light-202611{day}T000000Z.npz"), "rb") as f:
+                lights.append(npz(f.read())[0]["irradiance"].reshape(-1, 3).mean(axis=0))
+        day, night = max(lights, key=lambda light: light[0]), min(lights, key=lambda light: light[0])
+        self.assertGreater(day[0], 100)
+        self.assertGreater(day[1], 0)
+        self.assertEqual(list(night[:2]), [0, 0])
+        self.assertTrue(0.001 < night[2] < 0.1, night)  # the Earth, that does not set over the near side
+
     def test_refusals(self):
         request = map_request(PLACES["orthographic"], "height")
         series = ("--utc", "2026-11-20T00:00:00Z", "2026-11-30T00:00:00Z")

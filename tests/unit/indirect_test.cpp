@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <utility>
 #include <vector>
 
 #include "engine/indirect/slope_light.h"
@@ -32,18 +33,24 @@ struct Bowl {
     const Vec3 at = level(d);
     return (-at.x() * axes.east - at.y() * axes.north + (radius_m() - depth_m - height(d)) * axes.up).normalized();
   }
-  double first_bounce(double flux_w_m2, double elevation_deg, double albedo) const {
-    const double ratio = diameter_m / depth_m, f = 1 / (1 + ratio * ratio / 4);
-    return flux_w_m2 * std::sin(elevation_deg * kRadiansPerDegree) * albedo * f * (1 - f);
+  // The share of the whole sphere that the bowl is: what each place sees of it.
+  double share() const { return 1 / (1 + std::pow(diameter_m / depth_m, 2) / 4); }
+  double aperture_m2() const { return std::numbers::pi * diameter_m * diameter_m / 4; }
+  Relief relief(double farthest_m) const {
+    return Relief({centre, 1.25 * diameter_m, diameter_m / 256, farthest_m},
+                  [&](double, std::span<const Vec3> directions, std::span<float> heights) {
+                    for (std::size_t i = 0; i < heights.size(); ++i)
+                      heights[i] = static_cast<float>(height(directions[i]));
+                  });
   }
 };
 
 constexpr double kFlux_w_m2 = 1000, kAlbedo = 0.12;
 
-SlopeLightSource lambert_in(const Sun& sun) {
+SlopeLightSource lambert_in(const Sun& sun, double albedo = kAlbedo, int bounces = 1) {
   Reflectance lambert;
-  lambert.model = ReflectanceModel::lambert, lambert.rho = kAlbedo;
-  return {sun, kFlux_w_m2, Brdf(lambert), false, {}};
+  lambert.model = ReflectanceModel::lambert, lambert.rho = albedo;
+  return {sun, kFlux_w_m2, Brdf(lambert), false, {}, bounces};
 }
 
 // check(east and north of the relief's centre in metres, light, integral over the sky) for its posts in steps of
@@ -65,69 +72,113 @@ void for_posts(const Relief& relief, const SlopeLight& light, int stride, double
     }
 }
 
-TEST(IndirectLight, TheFirstBounceInABowlIsTheSameEverywhere) {
+// check(irradiance, share of the hemisphere that is ground, area) for places in a bowl.
+template <typename Check>
+void for_places(const Bowl& bowl, const Relief& relief, const SlopeLight& light, int stride, double within_m,
+                const Check& check) {
+  const double side_m = stride * relief.shape().spacing_m;
+  for_posts(relief, light, stride, within_m, [&](double east_m, double north_m, const Vec3& arrives, const Vec3& sky) {
+    if (std::hypot(east_m, north_m) > within_m) return;
+    const Vec3 place = bowl.centre * kMoonRadius_m + east_m * bowl.axes.east + north_m * bowl.axes.north;
+    const Vec3 normal = bowl.normal(place.normalized());
+    check(arrives.dot(normal), 1 - normal.dot(sky) / std::numbers::pi, side_m * side_m / normal.dot(bowl.axes.up));
+  });
+}
+
+// F0 sin e0 A f (1 - f) by one bounce, by two 1 + A f times that. A bowl of 200 m: the Moon is flat there. Its rim is
+// sharp; cells of 1/96 to 1/48 of the distance cut it.
+void expect_the_same_everywhere(const Bowl& bowl, const Relief& relief, double elevation_deg, int bounces) {
+  // With more light, to see the second bounce.
+  const double albedo = bounces == 1 ? kAlbedo : 0.8, f = bowl.share();
+  Sun sun;
+  sun.direction = sun_direction(bowl.axes, 70, elevation_deg);
+  const SlopeLight light(relief, lambert_in(sun, albedo, bounces));
+  const double truth = kFlux_w_m2 * std::sin(elevation_deg * kRadiansPerDegree) * albedo * f * (1 - f) *
+                       (bounces == 1 ? 1 : 1 + albedo * f);
+  const bool low = elevation_deg < 15;
+  double sum = 0;
+  int count = 0;
+  for (const int stride : {2, 4})
+    for_places(bowl, relief, light, stride, 95, [&](double irradiance, double ground, double) {
+      EXPECT_NEAR(ground, f, 0.01);
+      EXPECT_NEAR(irradiance, truth, (low ? 0.05 : 0.03) * truth);
+      sum += irradiance, ++count;
+    });
+  EXPECT_GT(count, 5000);
+  EXPECT_NEAR(sum / count, truth, (low || bounces > 1 ? 0.0125 : 0.01) * truth);
+}
+
+TEST(IndirectLight, ABounceInABowlIsTheSameEverywhere) {
   for (const double ratio : {5.0, 8.0, 14.0}) {
-    const Bowl bowl{2000, 2000 / ratio};
-    const Relief relief({bowl.centre, 2500, 2000.0 / 256, 20000},
-                        [&](double, std::span<const Vec3> directions, std::span<float> heights) {
-                          for (std::size_t i = 0; i < heights.size(); ++i)
-                            heights[i] = static_cast<float>(bowl.height(directions[i]));
-                        });
-    for (const double elevation_deg : {10.0, 20.0, 40.0}) {
-      Sun sun;
-      sun.direction = sun_direction(bowl.axes, 70, elevation_deg);
-      const SlopeLight light(relief, lambert_in(sun));
-      const double truth = bowl.first_bounce(kFlux_w_m2, elevation_deg, kAlbedo);
-      double sum = 0;
-      int count = 0;
-      for (const int stride : {2, 4})
-        for_posts(relief, light, stride, 950, [&](double east_m, double north_m, const Vec3& arrives, const Vec3& sky) {
-          if (std::hypot(east_m, north_m) > 950) return;
-          const Vec3 place =
-              (bowl.centre * kMoonRadius_m + east_m * bowl.axes.east + north_m * bowl.axes.north).normalized();
-          const Vec3 normal = bowl.normal(place);
-          const double irradiance = arrives.dot(normal);
-          // All places of a sphere see the same share of it.
-          EXPECT_NEAR(1 - normal.dot(sky) / std::numbers::pi, 1 / (1 + ratio * ratio / 4), 0.01) << ratio;
-          EXPECT_NEAR(irradiance, truth, (elevation_deg > 15 ? 0.03 : 0.05) * truth) << ratio << " " << elevation_deg;
-          sum += irradiance, ++count;
-        });
-      EXPECT_GT(count, 5000);
-      EXPECT_NEAR(sum / count, truth, (elevation_deg > 15 ? 0.01 : 0.0125) * truth) << ratio << " " << elevation_deg;
+    const Bowl bowl{200, 200 / ratio};
+    const Relief relief = bowl.relief(2000);
+    for (const auto& [elevation_deg, bounces] : {std::pair(10.0, 1), {20.0, 1}, {40.0, 1}, {30.0, 2}}) {
+      SCOPED_TRACE(::testing::Message() << ratio << " " << elevation_deg << " " << bounces);
+      expect_the_same_everywhere(bowl, relief, elevation_deg, bounces);
     }
   }
 }
 
-// A long trench with plane walls: a strip that a place sees under angles a to b from its normal, across the strip,
-// sends (sin b - sin a) / 2 of what its ground gives back.
+// What enters by the aperture leaves the ground A times, of which the ground receives the share f.
+TEST(IndirectLight, ABowlReceivesTheEnergyThatItReflects) {
+  for (const double ratio : {5.0, 8.0}) {
+    const Bowl bowl{200, 200 / ratio};
+    const Relief relief = bowl.relief(2000);
+    Sun sun;
+    sun.direction = sun_direction(bowl.axes, 30, 40);
+    const SlopeLight light(relief, lambert_in(sun, 1));
+    double sum = 0, area = 0;
+    for_places(bowl, relief, light, 4, bowl.diameter_m / 2,
+               [&](double irradiance, double, double m2) { sum += irradiance * m2, area += m2; });
+    // The lattice's share of the bowl, whose border it follows in squares.
+    const double lattice = area * (1 - bowl.share()) / bowl.aperture_m2();
+    EXPECT_NEAR(lattice, 1, 0.01);
+    const double enters = kFlux_w_m2 * std::sin(40 * kRadiansPerDegree) * bowl.aperture_m2();
+    EXPECT_NEAR(sum / lattice, enters * bowl.share(), 0.0075 * enters * bowl.share()) << ratio;
+  }
+}
+
+// Two long plane walls that meet at the bottom of a trench; of 45 degrees, they are perpendicular. A place x metres
+// from the edge sees the other wall, L wide, as the strip from its own wall's line to the direction of the upper edge:
+// the view factor is (1 + (L cos a - x) / sqrt(x^2 + L^2 - 2 x L cos a)) / 2, a being the angle between the walls. Its
+// mean over a wall is Hottel's 1 - sin(a / 2). Closed forms for discs are of discs that face each other: no heights.
 TEST(IndirectLight, WallsOfATrenchLightEachOther) {
-  constexpr double kHalfWidth_m = 500, kSlope_deg = 25;
-  const double slope = std::tan(kSlope_deg * kRadiansPerDegree);
-  const Vec3 centre = to_cartesian({-30, 100, 0}).normalized();
-  const EastNorthUp axes = local_axes(centre);
-  const auto east_m = [&](const Vec3& d) { return d.dot(axes.east) / d.dot(axes.up) * kMoonRadius_m; };
-  const Relief relief(
-      {centre, 1500, 4, 60000}, [&](double, std::span<const Vec3> directions, std::span<float> heights) {
-        for (std::size_t i = 0; i < heights.size(); ++i)
-          heights[i] = static_cast<float>(-slope * std::max(kHalfWidth_m - std::abs(east_m(directions[i])), 0.0));
-      });
-  Sun sun;
-  sun.direction = sun_direction(axes, 90, 40);
-  const SlopeLight light(relief, lambert_in(sun));
-  const auto normal_at = [&](double east) { return (-std::copysign(slope, east) * axes.east + axes.up).normalized(); };
-  int count = 0;
-  for_posts(relief, light, 4, 400, [&](double east, double, const Vec3& arrives, const Vec3&) {
-    if (std::abs(east) < 40 || std::abs(east) > 400) return;
-    const Vec3 normal = normal_at(east), other = normal_at(-east);
-    // From the bottom, where the other wall begins, to its upper edge.
-    const Vec3 edge =
-        (-std::copysign(kHalfWidth_m, east) - east) * axes.east + slope * (kHalfWidth_m - std::abs(east)) * axes.up;
-    const Vec3 upward = (std::copysign(1.0, east) * axes.east + slope * axes.up).normalized();
-    const double truth = kFlux_w_m2 * other.dot(sun.direction) * kAlbedo * (edge.normalized().dot(upward) + 1) / 2;
-    EXPECT_NEAR(arrives.dot(normal), truth, 0.02 * truth) << east;
-    ++count;
-  });
-  EXPECT_GT(count, 500);
+  struct Case {
+    double slope_deg, sun_deg;
+  };
+  for (const Case& c : {Case{15, 40}, {25, 40}, {45, 60}}) {
+    constexpr double kHalfWidth_m = 500;
+    const double slope = std::tan(c.slope_deg * kRadiansPerDegree), stretch = std::hypot(1, slope);
+    const Vec3 centre = to_cartesian({-30, 100, 0}).normalized();
+    const EastNorthUp axes = local_axes(centre);
+    const auto east_m = [&](const Vec3& d) { return d.dot(axes.east) / d.dot(axes.up) * kMoonRadius_m; };
+    const Relief relief(
+        {centre, 1500, 4, 60000}, [&](double, std::span<const Vec3> directions, std::span<float> heights) {
+          for (std::size_t i = 0; i < heights.size(); ++i)
+            heights[i] = static_cast<float>(-slope * std::max(kHalfWidth_m - std::abs(east_m(directions[i])), 0.0));
+        });
+    Sun sun;
+    sun.direction = sun_direction(axes, 90, c.sun_deg);
+    const SlopeLight light(relief, lambert_in(sun));
+    const auto normal_at = [&](double east) {
+      return (-std::copysign(slope, east) * axes.east + axes.up).normalized();
+    };
+    const double cosine = std::cos((180 - 2 * c.slope_deg) * kRadiansPerDegree), wide = kHalfWidth_m * stretch;
+    int count = 0;
+    double ours = 0, truths = 0;
+    for_posts(relief, light, 4, 480, [&](double east, double, const Vec3& arrives, const Vec3&) {
+      if (std::abs(east) < 40 || std::abs(east) > 480) return;
+      const double x = std::abs(east) * stretch,
+                   sees = (1 + (wide * cosine - x) / std::sqrt(x * x + wide * wide - 2 * x * wide * cosine)) / 2;
+      const double truth = kFlux_w_m2 * normal_at(-east).dot(sun.direction) * kAlbedo * sees;
+      const double found = arrives.dot(normal_at(east));
+      // From near an edge, cells of the other one mix wall and plateau.
+      EXPECT_NEAR(found, truth, (std::abs(east) > 400 ? 0.035 : 0.011) * truth) << c.slope_deg << " " << east;
+      ours += found, truths += truth, ++count;
+    });
+    EXPECT_NEAR(ours / truths, 1, 0.0075);
+    EXPECT_GT(count, 500);
+  }
 }
 
 TEST(IndirectLight, DiffuseAlbedo) {

@@ -73,9 +73,10 @@ const Members<IndirectLight>& indirect_members() {
       "IndirectLight",
       "Light that does not come from the Sun directly. Adds to the radiance of lit and shadowed ground.", [](auto& m) {
         m.add("terrain", &IndirectLight::terrain, Flag{},
-              "sunlight that the terrain in sight of a point reflects onto it, once, with the frame's reflectance, "
-              "albedo "
+              "sunlight that the terrain in sight of a point reflects onto it, with the frame's reflectance, albedo "
               "maps and shadows");
+        m.add("bounces", &IndirectLight::bounces, Integer{1, 2},
+              "how often terrain has reflected it; 2 adds what ground that other ground lights reflects");
         m.add("spacing_px", &IndirectLight::spacing_px, Number{kSpacing_px, "px"},
               "distance in the image of the posts at which the light is gathered, from which it is interpolated; never "
               "below that of the terrain's posts");

@@ -133,7 +133,7 @@ void FrameWriter::store_geometry(const SurfacePoints& p, int i, const Vec3& dire
   if (!out_.detail.empty()) out_.detail[*to] = static_cast<std::uint16_t>(ground_at(mesh_, p, i));
   store_point(p, i, direction, shading, lit, spacing_m, at, *to);
   if (!out_.irradiance.empty())
-    store_irradiance(light_.indirect ? light_.indirect->irradiance(p, i, shading.normal(i)) : IndirectIrradiance(),
+    store_irradiance(light_.indirect ? light_.indirect->irradiance(p, i, shading.normal(i)) : Irradiance(),
                      shading.incident[i], lit, *to);
 }
 
@@ -151,7 +151,7 @@ void FrameWriter::store_object(const ObjectLanes& lanes, int i, const Vec3& dire
   store_point(lanes.points, i, direction, lanes.shading, lit, kNaN32, at, *to);
   if (!out_.irradiance.empty())
     store_irradiance(light_.indirect ? light_.indirect->on_objects(lanes.points.position(i)).on(lanes.shading.normal(i))
-                                     : IndirectIrradiance(),
+                                     : Irradiance(),
                      lanes.shading.incident[i], lit, *to);
 }
 
@@ -178,11 +178,10 @@ void FrameWriter::store_point(const SurfacePoints& p, int i, const Vec3& directi
   if (!out_.gsd.empty()) out_.gsd[at] = spacing_m;
 }
 
-void FrameWriter::store_irradiance(const IndirectIrradiance& indirect, double incident, float lit,
-                                   std::size_t at) const {
+void FrameWriter::store_irradiance(const Irradiance& indirect, double incident, float lit, std::size_t at) const {
   float* of_pixel = &out_.irradiance[3 * at];
   of_pixel[0] = static_cast<float>(light_.direct_w_m2 * std::max(incident, 0.0)) * lit;
-  of_pixel[1] = static_cast<float>(indirect.terrain), of_pixel[2] = static_cast<float>(indirect.earth);
+  of_pixel[1] = static_cast<float>(indirect.terrain_w_m2), of_pixel[2] = static_cast<float>(indirect.earth_w_m2);
 }
 
 void FrameWriter::mark(int x, int y, const SurfacePoints& points, int lane) {

@@ -85,7 +85,7 @@ class FrameWriter {
   void store_point(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,
                    float spacing_m, std::size_t pixel, std::size_t slot) const;
 
-  void store_irradiance(const IndirectIrradiance& indirect, double incident, float lit, std::size_t at) const;
+  void store_irradiance(const Irradiance& indirect, double incident, float lit, std::size_t at) const;
 
   const FrameRequest& request_;
   const RowViews& views_;

@@ -1,0 +1,121 @@
+#include "engine/verify/indirect_error.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <numbers>
+
+#include "engine/radiometry/brdf.h"
+#include "engine/radiometry/photometry.h"
+
+namespace selenograph::engine {
+namespace {
+
+double light_by_rays(const Renderer& renderer, const Vec3& position_m, const Vec3& normal, const FrameRequest& request,
+                     int strata, const StopToken& stop) {
+  constexpr int kDirections = 128, kHigh = 8;
+  constexpr double kBorder = 0.4, kPi = std::numbers::pi;
+  // Denser towards the horizon.
+  const auto low = [&](double row) {
+    const double u = 2 * row / strata - 1;
+    return kBorder * u * (0.15 + 0.85 * u * u);
+  };
+  const EastNorthUp axes = local_axes(position_m.normalized());
+  std::vector<Ray> rays;
+  std::vector<double> weights;
+  for (int row = 0; row < strata + kHigh; ++row) {
+    const bool is_low = row < strata;
+    const double height = is_low ? low(row + 1) - low(row) : (kPi / 2 - kBorder) / kHigh,
+                 elevation = is_low ? low(row + 0.5) : kBorder + (row - strata + 0.5) * height;
+    for (int k = 0; k < kDirections; ++k) {
+      const double phi = 2 * kPi * (k + 0.25 + 0.5 * (row % 2)) / kDirections;
+      const Vec3 direction = std::cos(elevation) * (std::cos(phi) * axes.east + std::sin(phi) * axes.north) +
+                             std::sin(elevation) * axes.up;
+      const double cosine = direction.dot(normal);
+      if (cosine <= 0) continue;
+      rays.push_back({position_m + 1e-3 * axes.up, direction});
+      weights.push_back(cosine * std::cos(elevation) * height * 2 * kPi / kDirections);
+    }
+  }
+  const std::vector<RayHit> hits = renderer.cast(rays, request.sun, stop);
+  const Brdf brdf(request.reflectance, band_of(request));
+  double sum = 0;
+  for (std::size_t i = 0; i < rays.size(); ++i) {
+    // Its own facet, which the interpolated normal differs from, is not in sight.
+    if (!hits[i].hit || hits[i].range_m < 2) continue;
+    const double mu0 = hits[i].normal.dot(request.sun.direction);
+    if (!(mu0 > 0 && hits[i].lit > 0)) continue;
+    const Vec3 back = -rays[i].direction;
+    sum += weights[i] * hits[i].lit *
+           brdf.times_mu0(mu0, std::max(hits[i].normal.dot(back), 0.0), back.dot(request.sun.direction));
+  }
+  return kSolarConstant_w_m2 * sum;
+}
+
+double ms_of(const Renderer& renderer, const FrameRequest& request, const StopToken& stop) {
+  const auto start = std::chrono::steady_clock::now();
+  renderer.render(request, stop);
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+}  // namespace
+
+IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata, const StopToken& stop)
+    : request_(request) {
+  request_.products = kPosition | kNormal;
+  const FrameProducts seen = renderer.render(request_, stop).products;
+  const auto at = [](const auto& values, std::size_t i) {
+    return Vec3(double(values[3 * i]), double(values[3 * i + 1]), double(values[3 * i + 2]));
+  };
+  const int side = request.camera.width, step = side / 6;
+  for (int row = step / 3; row < side; row += step)
+    for (int column = step / 3; column < side; column += step) {
+      const auto pixel = static_cast<std::size_t>(row * side + column);
+      const Vec3 position_m = at(seen.position, pixel);
+      if (std::isnan(position_m.x())) continue;
+      pixels_.push_back(pixel);
+      light_w_m2_.push_back(light_by_rays(renderer, position_m, at(seen.normal, pixel), request, strata, stop));
+    }
+  request_.products = kIrradiance, request_.indirect.terrain = true;
+}
+
+IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) const {
+  Error out;
+  double ours = 0, truths = 0, squares = 0;
+  std::vector<double> differences;
+  for (std::size_t i = 0; i < pixels_.size(); ++i) {
+    const double light = static_cast<double>(irradiance[3 * pixels_[i] + 1]), truth = light_w_m2_[i];
+    if (std::isnan(light)) continue;
+    ours += light, truths += truth, squares += std::pow(light - truth, 2);
+    differences.push_back(truth > 0 ? std::abs(light / truth - 1) : 0);
+    if (truth > 1e-4 * kSolarConstant_w_m2) out.worst = std::max(out.worst, differences.back());
+    ++out.places;
+  }
+  if (out.places == 0 || !(truths > 0)) return out;
+  const auto middle = differences.begin() + out.places / 2;
+  std::nth_element(differences.begin(), middle, differences.end());
+  out.median = *middle, out.ratio = ours / truths;
+  out.rms = std::sqrt(squares / out.places) / (truths / out.places);
+  return out;
+}
+
+IndirectRow measure_indirect(const Renderer& renderer, const IndirectTruth& truth, double spacing_px, int repetitions,
+                             const StopToken& stop) {
+  FrameRequest with = truth.request();
+  with.indirect.spacing_px = spacing_px;
+  FrameRequest without = with;
+  without.indirect.terrain = false;
+  IndirectRow row;
+  row.spacing_px = spacing_px;
+  renderer.render(without, stop);
+  row.first_ms = ms_of(renderer, with, stop);
+  row.error = truth.of(renderer.render(with, stop).products.irradiance);
+  std::vector<double> kept, plain;
+  for (int i = 0; i < repetitions; ++i)
+    plain.push_back(ms_of(renderer, without, stop)), kept.push_back(ms_of(renderer, with, stop));
+  row.without_ms = *std::min_element(plain.begin(), plain.end());
+  row.kept_ms = *std::min_element(kept.begin(), kept.end());
+  return row;
+}
+
+}  // namespace selenograph::engine
