@@ -77,3 +77,7 @@ def coarser(scenario, times):
     posts_per_degree = int(options[options.index("--ppd") + 1])
     options[options.index("--ppd") + 1] = str(posts_per_degree // times)
     return dataclasses.replace(scenario, name=f"{scenario.name}-{times}", sample=tuple(options))
+
+
+# Terrain alone: what `run approach` flies to. Of the shared data, the DEM of the whole Moon.
+APPROACH = Scenario("approach", None, None, {}, {}, site="global")
