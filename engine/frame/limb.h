@@ -1,0 +1,35 @@
+// The Moon's limb in an image: POST /v1/limb.
+#pragma once
+
+#include <limits>
+
+#include "engine/frame/camera.h"
+#include "engine/frame/pose.h"
+
+namespace selenograph::engine {
+
+// `points` azimuths, from 0 in equal steps.
+struct LimbRequest {
+  Camera camera;
+  Pose pose;
+  int points = 360;
+};
+
+// Numbers are NaN where there are none. An azimuth is an angle around the direction to the Moon's centre, from +x
+// toward +y of the camera's axes turned by the shortest way so that +z points at the centre.
+struct LimbPoint {
+  static constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+
+  double azimuth_deg = 0;
+  // Of the terrain, unless there is no data: the largest angle from the Moon's centre at which a ray meets it, and what
+  // that ray meets.
+  double angle_deg = kNone, range_m = kNone;
+  Vec3 position_m = Vec3::Constant(kNone);
+  double x_px = kNone, y_px = kNone;
+  bool in_frame = false;
+  // Of the sphere of 1 737 400 m.
+  double sphere_angle_deg = kNone, sphere_x_px = kNone, sphere_y_px = kNone;
+  bool known() const { return angle_deg == angle_deg; }
+};
+
+}  // namespace selenograph::engine
