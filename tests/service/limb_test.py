@@ -35,6 +35,7 @@ DUMMY = -99999
 END_OBJECT = IMAGE
 END
 """
+HALF = math.sqrt(0.5)
 ATTITUDE = {"position_m": [RANGE_M, 0.0, 0.0], "look_at": {"lat_deg": 0.0, "lon_deg": 0.0}}
 APPROACH = {"camera": {"width": 1024, "height": 1024, "fov_deg": 30.0}, "pose": ATTITUDE, "points": 24}
 service = None
@@ -87,7 +88,7 @@ class Answer(unittest.TestCase):
             self.assertEqual(arrays[name][:, 0].tolist(), [p[name] for p in points], name)
 
     def test_what_the_camera_does_not_see(self):
-        away = {"position_m": [RANGE_M, 0.0, 0.0], "camera_from_moon": {"w": 1, "x": 0, "y": -1, "z": 0}}
+        away = {"position_m": [RANGE_M, 0.0, 0.0], "camera_from_moon": {"w": HALF, "x": 0, "y": -HALF, "z": 0}}
         for point in limb(pose=away)[1]["points"]:
             self.assertEqual((point["x_px"], point["difference_px"], point["in_frame"]), (None, None, False))
             self.assertIn("behind the camera", point["reason"])
