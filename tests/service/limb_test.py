@@ -95,7 +95,8 @@ class Answer(unittest.TestCase):
             self.assertAlmostEqual(point["height_m"], HEIGHT_M, delta=0.1)
 
     def test_an_epoch_for_icrf(self):
-        pose = {"frame": "ICRF", "position_m": [RANGE_M, 0.0, 0.0], "camera_from_moon": {"w": 1, "x": 0, "y": 0, "z": 0}}
+        pose = {"frame": "ICRF", "position_m": [RANGE_M, 0.0, 0.0],
+                "camera_from_moon": {"w": 1, "x": 0, "y": 0, "z": 0}}
         status, answer = limb(pose=pose)
         self.assertEqual(status, 422, answer)
         self.assertTrue(answer["errors"][0]["pointer"].startswith("/pose"), answer)
@@ -103,8 +104,8 @@ class Answer(unittest.TestCase):
 
     def test_what_is_wrong_is_said(self):
         below = {"geodetic": {"lat_deg": 0.0, "lon_deg": 0.0, "height_m": HEIGHT_M - 10}, "nadir": {}}
-        for changes, pointer in (({"points": 2}, "/points"), ({"points": 10001}, "/points"), ({"camera": None}, "/camera"),
-                                 ({"pose": None}, "/pose"), ({"azimuths": 3}, "/azimuths"),
+        for changes, pointer in (({"points": 2}, "/points"), ({"points": 10001}, "/points"),
+                                 ({"camera": None}, "/camera"), ({"pose": None}, "/pose"), ({"azimuths": 3}, "/azimuths"),
                                  ({"detail": "nowhere"}, "/detail"), ({"pose": below}, "/pose")):
             status, answer = limb(**changes)
             self.assertEqual(status, 422, answer)
