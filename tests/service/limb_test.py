@@ -105,8 +105,9 @@ class Answer(unittest.TestCase):
     def test_what_is_wrong_is_said(self):
         below = {"geodetic": {"lat_deg": 0.0, "lon_deg": 0.0, "height_m": HEIGHT_M - 10}, "nadir": {}}
         for changes, pointer in (({"points": 2}, "/points"), ({"points": 10001}, "/points"),
-                                 ({"camera": None}, "/camera"), ({"pose": None}, "/pose"), ({"azimuths": 3}, "/azimuths"),
-                                 ({"detail": "nowhere"}, "/detail"), ({"pose": below}, "/pose")):
+                                 ({"camera": None}, "/camera"), ({"pose": None}, "/pose"),
+                                 ({"azimuths": 3}, "/azimuths"), ({"detail": "nowhere"}, "/detail"),
+                                 ({"pose": below}, "/pose")):
             status, answer = limb(**changes)
             self.assertEqual(status, 422, answer)
             self.assertIn(answer["errors"][0]["pointer"], (pointer, ""), answer)
