@@ -1,4 +1,4 @@
-// The terrain-true limb of the Moon in a camera's image: POST /v1/limb.
+// The terrain-true limb and terminator of the Moon in a camera's image: POST /v1/limb.
 #pragma once
 
 #include <vector>
@@ -10,8 +10,9 @@
 
 namespace selenograph::engine {
 
-// Runs in the caller's task arena; results and exceptions are those of Renderer::limb.
-std::vector<LimbPoint> find_limb(const LimbRequest& request, const dem::Terrain& terrain, RenderCache& kept,
-                                 const StopToken& stop);
+// Run in the caller's task arena; results and exceptions are those of Renderer::limb and terminator.
+std::vector<LimbPoint> find_limb(const LimbRequest& request, const dem::Terrain& terrain, const StopToken& stop);
+std::vector<TerminatorPoint> find_terminator(const LimbRequest& request, const dem::Terrain& terrain, RenderCache& kept,
+                                             const StopToken& stop);
 
 }  // namespace selenograph::engine

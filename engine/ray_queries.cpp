@@ -88,48 +88,6 @@ class RayCaster {
     return hits;
   }
 
-  // As find_borders. One scene serves all rays of a fan.
-  std::vector<std::optional<FanBorder>> borders(std::span<const RayFan> fans, double tolerance_rad) {
-    rocks_.reset();
-    std::vector<std::optional<FanBorder>> found(fans.size());
-    std::vector<Ray> inner;
-    std::vector<double> beside_m;
-    for (const RayFan& fan : fans)
-      inner.push_back({fan.origin_m, fan.inner}), beside_m.push_back(fan.width_rad * fan.reach_m);
-    const auto work = [&](const Scene& scene, const Scenery&, const Batch& batch, std::size_t first, int count) {
-      double low[kPacket] = {}, high[kPacket], angle[kPacket] = {};
-      const auto fan = [&](int i) -> const RayFan& {
-        return fans[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]];
-      };
-      for (int i = 0; i < kPacket; ++i) high[i] = fan(i).width_rad;
-      Rays packet;
-      for (bool left = true, begun = false; left; begun = true) {
-        left = false;
-        for (int i = 0; i < kPacket; ++i) {
-          if (begun) angle[i] = (low[i] + high[i]) / 2;
-          packet.set(i, fan(i).origin_m, std::cos(angle[i]) * fan(i).inner + std::sin(angle[i]) * fan(i).across);
-          packet.valid[i] = i < count && (!begun || high[i] - low[i] > tolerance_rad);
-        }
-        SurfacePoints points;
-        trace(scene, packet, points);
-        for (int i = 0; i < count; ++i) {
-          if (!packet.valid[i]) continue;
-          auto& border = found[batch[first + static_cast<std::size_t>(i)]];
-          if (points.hit[i])
-            border = {angle[i], points.position(i)}, low[i] = angle[i];
-          else
-            high[i] = begun ? angle[i] : 0;
-          left |= high[i] - low[i] > tolerance_rad;
-        }
-      }
-      for (int i = 0; i < count; ++i)
-        if (auto& border = found[batch[first + static_cast<std::size_t>(i)]])
-          border->angle_rad = (low[i] + high[i]) / 2;
-    };
-    in_batches(inner, work, {}, beside_m);
-    return found;
-  }
-
   // The index of the object that each ray meets nearer than a range; kNoObject: none.
   std::vector<std::uint16_t> nearest_objects(std::span<const Ray> rays, const std::vector<double>& range_m) const {
     std::vector<std::uint16_t> met(rays.size(), kNoObject);
@@ -261,11 +219,9 @@ class RayCaster {
 
   // work(scene, scenery, batch, first, count) on packets of rays, as many batches of them as the terrain along them
   // makes scenes of bearable size. Rays that enter the terrain near each other go together. `toward`: not only along
-  // its own direction each ray is followed, but along all of these. `beside_m`: how far from each ray terrain is
-  // wanted, too; empty: nowhere.
+  // its own direction each ray is followed, but along all of these.
   template <typename Work>
-  void in_batches(const std::vector<Ray>& rays, Work&& work, const std::vector<Vec3>& toward = {},
-                  const std::vector<double>& beside_m = {}) {
+  void in_batches(const std::vector<Ray>& rays, Work&& work, const std::vector<Vec3>& toward = {}) {
     std::vector<std::pair<dem::BlockId, std::size_t>> places;
     for (std::size_t i = 0; i < rays.size(); ++i) {
       const Geographic g = to_geographic(anchor_for(rays[i].origin_m, rays[i].direction));
@@ -275,12 +231,11 @@ class RayCaster {
     Batch order;
     order.reserve(places.size());
     for (const auto& place : places) order.push_back(place.second);
-    split(rays, std::move(order), work, toward, beside_m);
+    split(rays, std::move(order), work, toward);
   }
 
   template <typename Work>
-  void split(const std::vector<Ray>& rays, Batch batch, Work& work, const std::vector<Vec3>& toward,
-             const std::vector<double>& beside_m) {
+  void split(const std::vector<Ray>& rays, Batch batch, Work& work, const std::vector<Vec3>& toward) {
     if (batch.empty()) return;
     std::vector<Ray> some;
     some.reserve(batch.size() * std::max<std::size_t>(1, toward.size()));
@@ -291,8 +246,7 @@ class RayCaster {
     // A scene in use can't be evicted: one that alone is over the budget is refused before it is built.
     const std::size_t of_block = scene_bytes_of({.level = dem::kMaxLevel}, Visibility::raytrace);
     const std::size_t most = std::min(kMaxBlocks, kept_.capacity() / of_block);
-    double above_m = rocks_ ? rocks_->largest_m() : 0;
-    for (const std::size_t i : batch) above_m = std::max(above_m, beside_m.empty() ? 0 : beside_m[i]);
+    const double above_m = rocks_ ? rocks_->largest_m() : 0;
     const auto met = select_for_rays(terrain_, some, batch.size() == 1 ? most : most / 4, stop_, above_m);
     auto rocks = met ? rocks_along(some, *met) : std::nullopt;
     if (!rocks && batch.size() == 1)
@@ -301,8 +255,8 @@ class RayCaster {
           "rays");
     if (!rocks || (batch.size() > 1 && far_apart(*rocks))) {
       const auto middle = batch.begin() + static_cast<std::ptrdiff_t>(batch.size() / 2);
-      split(rays, {batch.begin(), middle}, work, toward, beside_m);
-      split(rays, {middle, batch.end()}, work, toward, beside_m);
+      split(rays, {batch.begin(), middle}, work, toward);
+      split(rays, {middle, batch.end()}, work, toward);
       return;
     }
     std::vector<dem::BlockId> blocks;
@@ -387,12 +341,6 @@ std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<Scene
                               const StopToken& stop) {
   return RayCaster("a ray, or its way to the Sun,", objects, terrain, kept, stop)
       .cast(rays, sun, RayCaster::Meeting::everything);
-}
-
-std::vector<std::optional<FanBorder>> find_borders(std::span<const RayFan> fans, double tolerance_rad,
-                                                   const dem::Terrain& terrain, RenderCache& kept,
-                                                   const StopToken& stop) {
-  return RayCaster("a line of sight to the limb", {}, terrain, kept, stop).borders(fans, tolerance_rad);
 }
 
 std::vector<HiddenBy> what_hides(std::span<const Ray> rays, const std::vector<SceneObject>& objects, bool moon,

@@ -28,23 +28,6 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
                                         const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& kept,
                                         const StopToken& stop);
 
-// Rays from a point that fan out in a plane: at an angle of 0 to `width_rad` from `inner` toward `across`, both unit
-// and normal to each other. Beyond `reach_m` they are above all terrain.
-struct RayFan {
-  Vec3 origin_m, inner, across;
-  double width_rad, reach_m;
-};
-// Between the rays that meet the ground and those that do not.
-struct FanBorder {
-  double angle_rad;  // from `inner`
-  Vec3 position_m;   // what the last ray meets
-};
-// The border in each fan whose outermost ray meets nothing, to within a tolerance; empty: its innermost ray meets
-// nothing, either. Of the finest terrain, without rocks. Runs and throws as cast_rays does.
-std::vector<std::optional<FanBorder>> find_borders(std::span<const RayFan> fans, double tolerance_rad,
-                                                   const dem::Terrain& terrain, RenderCache& kept,
-                                                   const StopToken& stop);
-
 // What each ray toward something far away meets first: the Moon with its rocks (unless there is no `moon`), an object,
 // or nothing. Rays that pass 13 km above the datum or 12 km below it, beyond all terrain, cost next to nothing: below
 // it the Moon hides what is behind it even where there is no data.

@@ -143,8 +143,13 @@ std::vector<SkyObject> Renderer::sky(const FrameRequest& request, const StopToke
 
 std::vector<LimbPoint> Renderer::limb(const LimbRequest& request, const StopToken& stop,
                                       const std::shared_ptr<const dem::Detail>& detail) const {
-  return impl_->query(detail,
-                      [&](const dem::Terrain& terrain) { return find_limb(request, terrain, impl_->kept, stop); });
+  return impl_->query(detail, [&](const dem::Terrain& terrain) { return find_limb(request, terrain, stop); });
+}
+
+std::vector<TerminatorPoint> Renderer::terminator(const LimbRequest& request, const StopToken& stop,
+                                                  const std::shared_ptr<const dem::Detail>& detail) const {
+  return impl_->query(
+      detail, [&](const dem::Terrain& terrain) { return find_terminator(request, terrain, impl_->kept, stop); });
 }
 
 std::vector<dem::CraterFeature> Renderer::craters(const std::shared_ptr<const dem::Detail>& detail,

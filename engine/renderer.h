@@ -89,6 +89,9 @@ class Renderer {
   // terrain where the line of sight passes places without data lower than the highest terrain. Throws as render does.
   std::vector<LimbPoint> limb(const LimbRequest& request, const StopToken& stop = {},
                               const std::shared_ptr<const dem::Detail>& detail = {}) const;
+  // The terminator of the request's Sun, in order of azimuth; nothing without one. As limb().
+  std::vector<TerminatorPoint> terminator(const LimbRequest& request, const StopToken& stop = {},
+                                          const std::shared_ptr<const dem::Detail>& detail = {}) const;
 
   // Craters of a detail that the terrain shows in a region, as deep as `least_depth` of their diameter
   // (dem/detail/features.h). Those in a frame: FrameRequest::craters.

@@ -13,11 +13,13 @@ Response answer_limb(const EndpointContext& context) {
   // A point while it is in work: the engine's, its rays and its text.
   constexpr std::size_t kBytesPerLimbPoint = 3000;
   context.memory.need(kBytesPerLimbPoint * static_cast<std::size_t>(query.request.points), "/points", context.stop);
-  const auto points = with_refusals_at(
-      {}, "/pose", [&] { return context.renderer.limb(query.request, context.stop, query.detail.content); });
+  const auto limb = with_refusals_at({}, "/pose", [&] {
+    return LimbPoints{context.renderer.limb(query.request, context.stop, query.detail.content),
+                      context.renderer.terminator(query.request, context.stop, query.detail.content)};
+  });
   Response response;
   response.content_type = media_type;
-  response.body = media_type == kLimbAnswers[1].media_type ? limb_npz(points, context.stop) : limb_json(points).dump();
+  response.body = media_type == kLimbAnswers[1].media_type ? limb_npz(limb, context.stop) : limb_json(limb).dump();
   response.headers.emplace_back("Vary", "Accept");
   context.stop.check();
   return response;
@@ -29,12 +31,15 @@ void describe_limb(Operation& o) {
       "the "
       "direction to its centre, and where that of a sphere would be. In the half plane of an azimuth the limb is the "
       "largest angle from the centre at which a ray still meets the finest terrain. Objects and rocks have no part in "
-      "it.");
+      "it. With `sun` the terminator, too: the limb as the Sun's centre sees it, which is, in a half plane that begins "
+      "at the line to the Sun, the last lit ground toward the night.");
   o.body("/v1/limb", limb_request_members());
   o.answer_as_accepted(kLimbAnswers, "LimbAnswer", {"Vary"});
-  o.schema("LimbAnswer",
-           schema::object("The limb.", {{"points", schema::array(limb_answer().schema(), "in order of azimuth")}},
-                          {"points"}));
+  o.schema("LimbAnswer", schema::object("The limb.",
+                                        {{"points", schema::array(limb_answer().schema(), "in order of azimuth")},
+                                         {"terminator", schema::array(terminator_answer().schema(),
+                                                                      "in order of azimuth; left out without `sun`")}},
+                                        {"points"}));
 }
 
 }  // namespace selenograph::api

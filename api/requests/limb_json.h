@@ -1,4 +1,4 @@
-// Requests for the Moon's limb in an image, and their answers as JSON and NPZ.
+// Requests for the Moon's limb and terminator in an image, and their answers as JSON and NPZ.
 #pragma once
 
 #include <string>
@@ -27,8 +27,13 @@ inline constexpr Alternative kLimbAnswers[] = {
     {"application/x-npz", "the same as arrays, NaN for null"},
 };
 
+struct LimbPoints {
+  std::vector<engine::LimbPoint> points;
+  std::vector<engine::TerminatorPoint> terminator;  // empty without a Sun
+};
 const Answer<engine::LimbPoint>& limb_answer();
-OrderedJson limb_json(const std::vector<engine::LimbPoint>& points);
-std::string limb_npz(const std::vector<engine::LimbPoint>& points, const StopToken& stop);
+const Answer<engine::TerminatorPoint>& terminator_answer();
+OrderedJson limb_json(const LimbPoints& limb);
+std::string limb_npz(const LimbPoints& limb, const StopToken& stop);
 
 }  // namespace selenograph::api

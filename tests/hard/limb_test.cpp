@@ -1,16 +1,20 @@
 // The limb in the image: in closed form for a Moon without relief, between rays that hit and rays that miss for a rough
-// one. Rays go through places of the image, on a line across the limb.
+// one. Rays go through places of the image, on a line across the limb. The terminator and a star's occultation
+// likewise.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "engine/camera/view.h"
-#include "engine/limb_in_view.h"
+#include "engine/sky/ephemeris.h"
+#include "engine/sky/star_catalogue.h"
 #include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/moon_without_relief.h"
@@ -91,32 +95,159 @@ class RoughLimb : public ::testing::Test {
   static inline engine::Renderer* renderer_ = nullptr;
 };
 
+// Whether a ray through the image meets the ground, at places across the limb, close to it and far.
+struct AcrossTheLimb {
+  std::size_t points = 0, wrong = 0;
+  double relief_px = 0;
+};
+AcrossTheLimb look_across(const engine::Renderer& renderer, const engine::LimbRequest& request) {
+  const engine::View view(request.camera, request.pose);
+  const std::vector<double> offsets_px{-30, -0.3, -0.01, 0.01, 0.3, 30};
+  AcrossTheLimb seen;
+  std::vector<engine::Ray> rays;
+  const engine::PixelXY centre = *view.project(Vec3::Zero());  // it may be far beside the image
+  for (const engine::LimbPoint& p : renderer.limb(request)) {
+    if (!p.known() || !p.in_frame) continue;
+    // In the half plane of its azimuth, whose image is a line through that of the centre.
+    const Vec3 out = Vec3(p.x_px - centre.x, p.y_px - centre.y, 0).normalized();
+    for (const double offset : offsets_px)
+      rays.push_back({view.position(), view.ray(p.x_px + offset * out.x(), p.y_px + offset * out.y())->normalized()});
+    seen.relief_px = std::max(seen.relief_px, std::hypot(p.x_px - p.sphere_x_px, p.y_px - p.sphere_y_px));
+    ++seen.points;
+  }
+  const std::vector<engine::RayHit> hits = renderer.cast(rays, std::nullopt);
+  for (std::size_t i = 0; i < hits.size(); ++i) seen.wrong += hits[i].hit != (offsets_px[i % offsets_px.size()] < 0);
+  fmt::print("{} of {} rays on the wrong side; up to {:.3f} px from the sphere\n", seen.wrong, hits.size(),
+             seen.relief_px);
+  return seen;
+}
+
 TEST_F(RoughLimb, IsBetweenRaysThatHitAndRaysThatMiss) {
   for (const double height_m : kHeights_m) {
-    const engine::LimbRequest request = of_whole_disc(12, 200, height_m, 1000);
-    const engine::View view(request.camera, request.pose);
-    const engine::PixelXY centre = *view.project(Vec3::Zero());
-    // Across the limb, close to it and far: nothing stands beyond it, nothing is open within it.
-    const std::vector<double> offsets_px{-30, -3, -0.3, -0.03, -0.011, 0.011, 0.03, 0.3, 3, 30};
-    std::vector<engine::Ray> rays;
-    const std::vector<engine::LimbPoint> points = renderer_->limb(request);
-    double relief_px = 0;
-    for (const engine::LimbPoint& p : points) {
-      ASSERT_TRUE(p.known());
-      const Vec3 out = Vec3(p.x_px - centre.x, p.y_px - centre.y, 0).normalized();
-      for (const double offset : offsets_px)
-        rays.push_back({view.position(), view.ray(p.x_px + offset * out.x(), p.y_px + offset * out.y())->normalized()});
-      relief_px = std::max(relief_px, std::hypot(p.x_px - p.sphere_x_px, p.y_px - p.sphere_y_px));
-    }
-    const std::vector<engine::RayHit> hits = renderer_->cast(rays, std::nullopt);
-    std::size_t wrong = 0;
-    for (std::size_t i = 0; i < hits.size(); ++i) wrong += hits[i].hit != (offsets_px[i % offsets_px.size()] < 0);
-    fmt::print("{:9.0f} km: {} of {} rays on the wrong side; up to {:.3f} px from the sphere\n", height_m / 1000, wrong,
-               hits.size(), relief_px);
-    EXPECT_EQ(points.size(), 1000U);
-    EXPECT_GT(relief_px, 0.5);
-    EXPECT_EQ(wrong, 0U);
+    const AcrossTheLimb seen = look_across(*renderer_, of_whole_disc(12, 200, height_m, cases(1000)));
+    EXPECT_GT(seen.points, 0.9 * cases(1000));  // not all are in the image
+    EXPECT_GT(seen.relief_px, 0.5);
+    EXPECT_EQ(seen.wrong, 0U);
   }
+}
+
+// In a half plane that begins at the line to the Sun, rays from the Sun: the terminator is between those that meet the
+// ground and those that do not.
+TEST_F(RoughLimb, TheTerminatorIsTheLastLitGround) {
+  engine::LimbRequest request = of_whole_disc(12, 200, 2e7, 100);
+  request.sun.emplace();
+  request.sun->direction = to_cartesian({-20, 110, 0}).normalized();
+  const Vec3 sun = request.sun->distance_au * engine::kAstronomicalUnit_m * request.sun->direction;
+  std::vector<engine::Ray> rays;
+  int visible = 0;
+  for (const engine::TerminatorPoint& p : renderer_->terminator(request)) {
+    ASSERT_TRUE(p.known());
+    const Vec3 outward = (p.position_m - p.position_m.dot(sun) / sun.squaredNorm() * sun).normalized();
+    // From above all terrain: a direction in double is known to 0.03 mm over the way from the Sun.
+    const Vec3 along = (p.position_m - sun).normalized(), from = p.position_m - 3e6 * along;
+    for (const double offset_m : {-1.0, -0.05, 0.05, 1.0}) rays.push_back({from + offset_m * outward, along});
+    if (p.visible) ++visible;
+    EXPECT_NEAR(p.position_m.norm(), kMoonRadius_m, 6e3);
+  }
+  const std::vector<engine::RayHit> hits = renderer_->cast(rays, std::nullopt);
+  for (std::size_t i = 0; i < hits.size(); ++i) EXPECT_EQ(hits[i].hit, i % 4 < 2) << i;
+  EXPECT_GT(visible, 30);
+  EXPECT_LT(visible, 70);
+}
+
+// Real terrain: the whole Moon, and finer posts of a piece of it at the limb, in large pixels and in small ones.
+class RealLimb : public ::testing::Test {
+ protected:
+  static std::string global() { return shared_data("global"); }
+  static std::shared_ptr<dem::PyramidTerrain> terrain(const std::vector<std::string>& folders) {
+    return std::make_shared<dem::PyramidTerrain>(dem::Catalogue(folders),
+                                                 dem::TerrainOptions{{}, std::size_t{512} << 20});
+  }
+};
+
+TEST_F(RealLimb, OfTheWholeMoonIsBetweenRays) {
+  SELENOGRAPH_SKIP_WITHOUT(global());
+  const engine::Renderer renderer(terrain({global()}), {0, std::size_t{1} << 30});
+  const engine::LimbRequest request = of_whole_disc(-5, 20, 2e6, 1000);
+  double seconds[2];
+  for (double& s : seconds) {
+    const auto start = std::chrono::steady_clock::now();
+    renderer.limb(request);
+    s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  }
+  fmt::print("1000 azimuths: {:.2f} s, again {:.2f} s\n", seconds[0], seconds[1]);
+  for (const double height_m : kHeights_m) {
+    const AcrossTheLimb seen = look_across(renderer, of_whole_disc(-5, 20, height_m, cases(1000)));
+    EXPECT_GT(seen.points, 0.9 * cases(1000));  // not all are in the image
+    EXPECT_EQ(seen.wrong, 0U);
+  }
+}
+
+TEST_F(RealLimb, OfFinePostsAmongCoarseOnesIsBetweenRays) {
+  SELENOGRAPH_SKIP_WITHOUT(shared_data("hadley"));
+  SELENOGRAPH_SKIP_WITHOUT(global());
+  const engine::Renderer renderer(terrain({global(), shared_data("hadley")}), {0, std::size_t{1} << 30});
+  const Vec3 from = to_cartesian({24, 75, 2e6}), there = to_cartesian({24, 6, 0});
+  engine::LimbRequest request;
+  request.camera = square_camera(1024, 5);  // 290 m per pixel
+  request.pose = looking(from, there - from, Vec3::UnitZ());
+  request.points = 10000;
+  const AcrossTheLimb seen = look_across(renderer, request);
+  EXPECT_GT(seen.points, 200U);
+  EXPECT_EQ(seen.wrong, 0U);
+}
+
+// The camera moves until a star rises from behind a mountain, as POST /v1/sky has it.
+TEST_F(RealLimb, AStarGoesBehindAMountain) {
+  SELENOGRAPH_SKIP_WITHOUT(global());
+  const engine::Renderer renderer(terrain({global()}), {0, std::size_t{1} << 30});
+  const std::string utc = "2026-11-25T00:00:00Z";
+  const engine::LimbRequest disc = of_whole_disc(-5, 20, 2e6, 360);
+  const std::vector<engine::LimbPoint> points = renderer.limb(disc);
+  const engine::LimbPoint& mountain = *std::max_element(
+      points.begin(), points.end(), [](const auto& a, const auto& b) { return a.angle_deg < b.angle_deg; });
+  EXPECT_GT(mountain.position_m.norm(), kMoonRadius_m + 3000);
+  const Vec3 from = disc.pose.position_m, toward = (mountain.position_m - from).normalized();
+  const Vec3 d = engine::moon_me_from_icrf(utc).transpose() * toward;
+  const double ra_deg = std::atan2(d.y(), d.x()) / kDegree;
+  engine::FrameRequest frame = blank_request();
+  frame.camera = square_camera(256, 1);
+  frame.sky.emplace();
+  frame.sky->utc = utc;
+  frame.sky->stars = std::make_shared<const engine::StarCatalogue>(
+      "one", std::vector<engine::StarRow>{
+                 {"A", ra_deg < 0 ? ra_deg + 360 : ra_deg, std::asin(d.z()) / kDegree, 2000, 0, 0, 0, 2, 0.65}});
+  Vec3 star = toward;  // with aberration, 20 arcsec
+  const auto sees = [&](const Vec3& place) {
+    frame.pose = looking(place, toward, from);
+    const auto sky = renderer.sky(frame);
+    EXPECT_EQ(sky.size(), 1U);
+    star = sky.at(0).direction;
+    return sky.at(0).hidden_by == engine::HiddenBy::none;
+  };
+  const Vec3 aside = (toward - toward.dot(from) / from.squaredNorm() * from).normalized();
+  double hidden_m = -3000, seen_m = 3000;
+  ASSERT_FALSE(sees(from + hidden_m * aside));
+  ASSERT_TRUE(sees(from + seen_m * aside));
+  while (seen_m - hidden_m > 1e-3) {
+    const double middle_m = (hidden_m + seen_m) / 2;
+    (sees(from + middle_m * aside) ? seen_m : hidden_m) = middle_m;
+  }
+  const auto hit = [&](double at_m) {
+    return renderer.cast(std::vector<engine::Ray>{{from + at_m * aside, star}}, std::nullopt).at(0).hit;
+  };
+  EXPECT_TRUE(hit(hidden_m - 0.002));
+  EXPECT_FALSE(hit(seen_m + 0.002));
+  // The limb at the star's azimuth, which is 0 here.
+  engine::LimbRequest limb;
+  const Vec3 place = from + seen_m * aside, down = -place.normalized();
+  const Vec3 right = (star - star.dot(down) * down).normalized();
+  limb.camera = square_camera(256, 60), limb.pose = looking(place, down, right.cross(down)), limb.points = 3;
+  const engine::LimbPoint at_star = renderer.limb(limb).at(0);
+  const double off_rad = std::atan2(star.cross(down).norm(), star.dot(down)) - at_star.angle_deg * kDegree;
+  fmt::print("the star is {:.4f} m above the limb, which is {:.0f} m high\n", off_rad * at_star.range_m,
+             at_star.position_m.norm() - kMoonRadius_m);
+  EXPECT_LT(std::abs(off_rad) * at_star.range_m, 0.01);
 }
 
 // Voids: half of the Moon. Beyond them nobody knows.

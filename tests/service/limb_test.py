@@ -87,6 +87,28 @@ class Answer(unittest.TestCase):
         for name in set(points[0]) - {"position_m", "in_frame"}:
             self.assertEqual(arrays[name][:, 0].tolist(), [p[name] for p in points], name)
 
+    def test_the_terminator_is_the_limb_from_the_sun(self):
+        sun = {"direction": [0.0, 1.0, 0.0]}
+        answer = limb(sun=sun)[1]
+        self.assertEqual(len(answer["points"]), 24)
+        for i, point in enumerate(answer["terminator"]):
+            angle = math.radians(15 * i)  # from north to east as the Sun sees it, which is toward -x
+            place = (RADIUS_M + HEIGHT_M) * np.array([-math.sin(angle), 0, math.cos(angle)])
+            # Between flat triangles the limb is where an edge is.
+            self.assertLess(np.linalg.norm(np.array(point["position_m"]) - place), 400)
+            self.assertAlmostEqual(np.linalg.norm(point["position_m"]), RADIUS_M + HEIGHT_M, delta=0.1)
+            depth = RANGE_M - place[0]
+            focal_px = 512 / math.tan(math.radians(15))
+            self.assertAlmostEqual(point["y_px"], 511.5 - focal_px * place[2] / depth, delta=0.1)
+            self.assertAlmostEqual(point["x_px"], 511.5, delta=0.1)
+            self.assertTrue(point["in_frame"])
+            near = -math.sin(angle) > RADIUS_M / RANGE_M
+            self.assertEqual((point["visible"], point["sphere_visible"]), (near, near), i)
+        arrays = service.arrays({**APPROACH, "sun": sun}, "/v1/limb")
+        self.assertEqual(arrays["terminator_position_m"].tolist(), [p["position_m"] for p in answer["terminator"]])
+        self.assertEqual(arrays["terminator_visible"][:, 0].tolist(), [p["visible"] for p in answer["terminator"]])
+        self.assertNotIn("terminator", limb()[1])
+
     def test_what_the_camera_does_not_see(self):
         away = {"position_m": [RANGE_M, 0.0, 0.0], "camera_from_moon": {"w": HALF, "x": 0, "y": -HALF, "z": 0}}
         for point in limb(pose=away)[1]["points"]:
