@@ -42,8 +42,7 @@ struct Column {
 constexpr Column<LimbPoint> kLimbColumns[] = {
     {"azimuth_deg",
      "around the direction to the Moon's centre, from +x toward +y of camera axes that are turned by the shortest way "
-     "so "
-     "that +z points at the centre: in an image with the centre in its middle, from right to down",
+     "so that +z points at the centre: in an image with the centre in its middle, from right to down",
      [](const LimbPoint& p) { return p.azimuth_deg; }},
     {"angle_deg", "from the Moon's centre to the terrain's limb, at the camera",
      [](const LimbPoint& p) { return p.angle_deg; }},
@@ -84,8 +83,8 @@ const char* why_no_point(const LimbPoint& p) {
 }  // namespace
 
 const Members<LimbQuery>& limb_request_members() {
-  static const auto table =
-      made<Members<LimbQuery>>("LimbRequest", "A camera and its pose: where it sees the Moon's limb.", [](auto& m) {
+  static const auto table = made<Members<LimbQuery>>(
+      "LimbRequest", "A camera and its pose: where it sees the Moon's limb, and its terminator.", [](auto& m) {
         m.add(
              "camera", [](auto& q) -> auto& { return q.request.camera; }, Object{camera_members()},
              "projection and image size")
