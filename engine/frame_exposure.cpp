@@ -1,11 +1,14 @@
 #include "engine/frame_exposure.h"
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <utility>
 
 #include "engine/frame/needs.h"
 #include "engine/motion_blur.h"
+#include "engine/radiometry/spectrum.h"
+#include "engine/ray_queries.h"
 #include "engine/sky_discs.h"
 #include "engine/support/stopwatch.h"
 
@@ -51,6 +54,37 @@ void FrameExposure::add_points(const SkyImage& sky, double share) {
   plan_.sensor->add_points(sky.points(plan_.margin_px()), share, stop_);
 }
 
+// Of the part of the Sun's disc that is beside the frame and that nothing hides, in the middle of the exposure.
+void FrameExposure::add_glare() {
+  const FrameRequest& request = plan_.request;
+  const View& view = middle_.views().reference();
+  const Vec3 toward_sun = view.moon_from_camera().transpose() * request.sun.direction;
+  const double within_deg = request.sensor->optics.stray_light.sun_within_deg;
+  if (!(toward_sun.z() > std::cos(within_deg * kRadiansPerDegree))) return;
+  const EastNorthUp across = local_axes(request.sun.direction);
+  const double radius = std::sin(sun_radius_deg(request.sun.distance_au) * kRadiansPerDegree);
+  std::vector<Ray> rays;
+  constexpr int kAlong = 9;
+  int all = 0;
+  for (int j = 0; j < kAlong; ++j)
+    for (int i = 0; i < kAlong; ++i) {
+      const double x = (2 * i + 1.0) / kAlong - 1, y = (2 * j + 1.0) / kAlong - 1;
+      if (x * x + y * y > 1) continue;
+      ++all;
+      const Vec3 direction = (request.sun.direction + radius * (x * across.east + y * across.north)).normalized();
+      const auto pixel = view.projection().image(view.moon_from_camera().transpose() * direction);
+      const bool drawn = pixel && pixel->x >= -0.5 && pixel->y >= -0.5 && pixel->x < request.camera.width - 0.5 &&
+                         pixel->y < request.camera.height - 0.5;
+      if (!drawn) rays.push_back({view.position(), direction});
+    }
+  const std::vector<HiddenBy> hidden = what_hides(rays, request.objects, request.terrain, terrain_, kept_, stop_);
+  const auto free = std::count(hidden.begin(), hidden.end(), HiddenBy::none);
+  if (free == 0) return;
+  const Band counted = in_photons(*request.band, request.sensor->detector.efficiency);
+  const double irradiance_w_m2 = solar_irradiance_w_m2(counted) / (request.sun.distance_au * request.sun.distance_au);
+  plan_.sensor->add_glare(toward_sun, irradiance_w_m2 * static_cast<double>(free) / all, stop_);
+}
+
 // Radiance as a mean over the exposure, whose middle is drawn already.
 std::vector<float> FrameExposure::mean_of_moments(int moments, const std::vector<float>& in_the_middle, Frame& frame) {
   FrameRequest request = plan_.counted ? *plan_.counted : plan_.request;
@@ -87,6 +121,7 @@ void FrameExposure::draw_moments(Frame& frame) {
   if (!radiance.empty()) sky.add_to(radiance);
   Sensor& sensor = *plan_.sensor;
   add_points(sky, 1);
+  add_glare();
   sensor.choose_integration_time(middle_.views().camera(), middle_.lens(), captured_, stop_);
   if (!plan_.moving()) return;
   sensor.forget_points();
@@ -123,6 +158,8 @@ void FrameExposure::capture(Frame& frame) {
   report.brightest_signal_e = sensor.signal_e(report.brightest_w_m2_sr);
   report.full_scale_radiance_w_m2_sr = sensor.full_scale_radiance_w_m2_sr();
   report.margin_px = sensor.margin_px(), report.captured_fraction = sensor.captured();
+  if (const StrayLight& law = plan_.request.sensor->optics.stray_light; law.any())
+    report.scattered_fraction = ScatteredLight::share(law), report.glare_w_m2_sr = sensor.glare_w_m2_sr();
 }
 
 }  // namespace selenograph::engine

@@ -36,6 +36,7 @@ class FrameExposure {
   float share_of_middle() const { return plan_.moving() || plan_.counted ? 0.F : 1.F; }
   SkyImage sky_of(const FrameRequest& request) const;
   void add_points(const SkyImage& sky, double share);
+  void add_glare();
   std::vector<float> mean_of_moments(int moments, const std::vector<float>& in_the_middle, Frame& frame);
   void capture(Frame& frame);
 

@@ -14,6 +14,7 @@
 #include "dem/support/parallel.h"
 #include "engine/choose_accuracy.h"
 #include "engine/indirect/light_at_places.h"
+#include "engine/limb_in_view.h"
 #include "engine/preparation.h"
 #include "engine/ray_queries.h"
 #include "engine/render_cache.h"
@@ -138,6 +139,17 @@ std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, 
 std::vector<SkyObject> Renderer::sky(const FrameRequest& request, const StopToken& stop) const {
   return impl_->query(request.detail,
                       [&](const dem::Terrain& terrain) { return query_sky(request, terrain, impl_->kept, stop); });
+}
+
+std::vector<LimbPoint> Renderer::limb(const LimbRequest& request, const StopToken& stop,
+                                      const std::shared_ptr<const dem::Detail>& detail) const {
+  return impl_->query(detail, [&](const dem::Terrain& terrain) { return find_limb(request, terrain, stop); });
+}
+
+std::vector<TerminatorPoint> Renderer::terminator(const LimbRequest& request, const StopToken& stop,
+                                                  const std::shared_ptr<const dem::Detail>& detail) const {
+  return impl_->query(
+      detail, [&](const dem::Terrain& terrain) { return find_terminator(request, terrain, impl_->kept, stop); });
 }
 
 std::vector<dem::CraterFeature> Renderer::craters(const std::shared_ptr<const dem::Detail>& detail,

@@ -13,6 +13,7 @@
 #include "dem/terrain/pyramid_terrain.h"
 #include "engine/budget.h"
 #include "engine/frame/frame.h"
+#include "engine/frame/limb.h"
 #include "engine/frame/map.h"
 #include "engine/frame/queries.h"
 #include "engine/frame/request.h"
@@ -83,6 +84,14 @@ class Renderer {
   // (engine/sky_in_view.h). Of the request: camera, pose, shutter, band, objects, detail, terrain, sensor, sky. Throws
   // ImpossibleRequest for too many stars, and as render does.
   std::vector<SkyObject> sky(const FrameRequest& request, const StopToken& stop = {}) const;
+
+  // The limb of the finest terrain, and of the sphere beside it, in order of azimuth; without rocks. A point has no
+  // terrain where the line of sight passes places without data lower than the highest terrain. Throws as render does.
+  std::vector<LimbPoint> limb(const LimbRequest& request, const StopToken& stop = {},
+                              const std::shared_ptr<const dem::Detail>& detail = {}) const;
+  // The terminator of the request's Sun, in order of azimuth; nothing without one. As limb().
+  std::vector<TerminatorPoint> terminator(const LimbRequest& request, const StopToken& stop = {},
+                                          const std::shared_ptr<const dem::Detail>& detail = {}) const;
 
   // Craters of a detail that the terrain shows in a region, as deep as `least_depth` of their diameter
   // (dem/detail/features.h). Those in a frame: FrameRequest::craters.

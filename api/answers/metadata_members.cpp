@@ -156,11 +156,21 @@ void add_exposure(Answer<MetadataSource>& a) {
       "point_spread",
       free_object("of an image by a sensor: margin_px that was rendered around it (the shares of pixels below count "
                   "it), captured_fraction of a point's light within the kernel (\"airy\": 12 rings, 32 pixels at "
-                  "most; the rest is spread evenly over the kernel)"),
+                  "most; the rest is spread over the kernel)"),
       [](const MetadataSource& s) {
         return OrderedJson{{"margin_px", s.report.margin_px}, {"captured_fraction", s.report.captured_fraction}};
       },
       by_sensor);
+  a.add(
+      "stray_light",
+      free_object(
+          "of an image by a sensor with stray light: scattered_fraction of all light; glare_w_m2_sr, the largest "
+          "that a Sun outside of the image adds"),
+      [](const MetadataSource& s) {
+        return OrderedJson{{"scattered_fraction", s.report.scattered_fraction},
+                           {"glare_w_m2_sr", s.report.glare_w_m2_sr}};
+      },
+      [](const MetadataSource& s) { return by_sensor(s) && s.report.scattered_fraction > 0; });
 }
 
 void add_geometry(Answer<MetadataSource>& a) {

@@ -67,6 +67,8 @@ Response answer_project(const EndpointContext& context);
 void describe_project(Operation& operation);
 Response answer_sky(const EndpointContext& context);
 void describe_sky(Operation& operation);
+Response answer_limb(const EndpointContext& context);
+void describe_limb(Operation& operation);
 Response answer_heights(const EndpointContext& context);
 void describe_heights(Operation& operation);
 Response answer_height(const EndpointContext& context);

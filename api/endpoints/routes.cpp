@@ -17,6 +17,8 @@ constexpr Route kRoutes[] = {
      answer_project, describe_project},
     {"POST", "/v1/sky", "listSky", "geometry", "Lists stars, Sun, Earth and planets as a camera would see them", true,
      true, true, answer_sky, describe_sky},
+    {"POST", "/v1/limb", "findLimb", "geometry", "Finds the Moon's limb in a camera's image", true, true, true,
+     answer_limb, describe_limb},
     {"POST", "/v1/heights", "getHeights", "terrain", "Terrain heights at places", true, false, true, answer_heights,
      describe_heights},
     {"GET", "/v1/height", "getHeight", "terrain", "Terrain height at one place", true, false, true, answer_height,

@@ -192,6 +192,13 @@ void check_pitch(const JsonReader& in, const engine::SensorModel& sensor) {
                 fmt::format("must be that of the sensor: \"sensor.detector.pixel_pitch_um\" is {:g}", detectors_um));
 }
 
+// Its kernel is that of an image on a plane.
+void check_stray_light(const JsonReader& in, const engine::FrameRequest& request) {
+  if (!request.sensor->optics.stray_light.any() || !request.camera.beyond_plane()) return;
+  const JsonReader model = in.at("sensor");
+  model.at("optics").fail("stray_light", "is not modelled for a fisheye's image");
+}
+
 // What is made of an image after it was rendered as if all rows were of one time.
 void check_sensor_of_rows(const JsonReader& in, const engine::SensorModel& sensor, const engine::Shutter& shutter) {
   const JsonReader model = in.at("sensor");
@@ -203,6 +210,7 @@ void check_sensor_of_rows(const JsonReader& in, const engine::SensorModel& senso
   const std::string line = "with a pushbroom: neighbouring rows of its image are not neighbours on the detector";
   if (sensor.optics.point_spread.model != engine::PointSpread::Model::none)
     model.at("optics").fail("point_spread", "must be left out " + line);
+  if (sensor.optics.stray_light.any()) model.at("optics").fail("stray_light", "must be left out " + line);
 }
 
 void check_shutter(const JsonReader& in, FrameQuery& query) {
@@ -224,7 +232,7 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
   check_shutter(in, query);
   resolve_preset(query.request, query.surface);
   if (query.request.truth) resolve_truth(in, request.camera, *query.request.truth);
-  if (request.sensor) check_pitch(in, *request.sensor);
+  if (request.sensor) check_pitch(in, *request.sensor), check_stray_light(in, request);
   if (request.sensor && request.band) check_band_of_sensor(in, *request.sensor, *request.band);
   if (request.atmosphere && request.band) {
     try {

@@ -8,6 +8,7 @@
 #include "dem/grid/geodesy.h"
 #include "dem/grid/surface.h"
 #include "dem/posts/level_borders.h"
+#include "dem/terrain/finest_edges.h"
 
 namespace selenograph::dem {
 namespace {
@@ -15,68 +16,6 @@ namespace {
 // Chords of this level stay within 2 mm of the sphere: coarser layers are subdivided to it where finest posts are asked
 // for.
 constexpr int kSmoothLevel = 8;
-
-// A block at its finest beside others at theirs, as a mesh joins them (engine/scene/mesh.h): of the vertices on an edge
-// with a coarser one those are left which that one has, too, the others give way to the ones before them; and their
-// heights are those of the neighbour, where its posts are coarser.
-struct FinestEdges {
-  struct Edge {
-    int stride = 1;
-    std::shared_ptr<const Block> coarser;  // null: own heights
-  };
-  const Block& block;
-  Edge south{}, north{}, west{}, east{};
-
-  Vec3 vertex(int r, int c) const {
-    const int quads = block.extent.quads;
-    const Edge none;
-    const Edge& across = r == 0 ? south : r == quads ? north : none;
-    const Edge& beside = c == 0 ? west : c == quads ? east : none;
-    const int at_r = r - r % beside.stride, at_c = c - c % across.stride;
-    float height_m = block.vertices[block.index(at_r, at_c)].height_m;
-    for (const Edge* edge : {&across, &beside})
-      if (edge->coarser) {
-        const std::int64_t lat = block.extent.lat0 + std::int64_t{at_r} * block.extent.lat_step,
-                           lon = block.extent.lon0 + std::int64_t{at_c} * block.extent.lon_step;
-        height_m = post_at(*edge->coarser, lat, lon).value_or(height_m);
-      }
-    return block.position(at_r, at_c, static_cast<double>(height_m));
-  }
-
-  // Of the quads whose triangles may have a place in one of them: those that share what is left of an edge.
-  std::pair<int, int> rows(int r, int c) const {
-    return group(r, c == 0 ? west.stride : c == block.extent.quads - 1 ? east.stride : 1);
-  }
-  std::pair<int, int> columns(int r, int c) const {
-    return group(c, r == 0 ? south.stride : r == block.extent.quads - 1 ? north.stride : 1);
-  }
-
- private:
-  static std::pair<int, int> group(int i, int stride) { return {i - i % stride, i - i % stride + stride}; }
-};
-
-// Of the edges that a quad is at.
-FinestEdges edges_beside(const Terrain& terrain, const Block& block, int r, int c, const StopToken& stop) {
-  const BlockExtent& e = block.extent;
-  FinestEdges edges{block};
-  if (r > 0 && r < e.quads - 1 && c > 0 && c < e.quads - 1) return edges;
-  const int posts = terrain.plain().posts_level(block.id);
-  const auto edge = [&](std::int64_t lat, std::int64_t lon, bool along_lon) -> FinestEdges::Edge {
-    if (lat < 0 || lat >= kLatTicks) return {};
-    const auto at = [&](int level) { return block_at(level, static_cast<std::int32_t>(lat), wrap_lon(lon)); };
-    const BlockId probe = at(kMaxLevel);
-    if (terrain.plain().posts_level(probe) >= posts) return {};
-    std::shared_ptr<const Block> other = terrain.block(at(std::min(terrain.finest_level(probe), block.id.level)), stop);
-    if (!other) return {};
-    const int stride = along_lon ? other->extent.lon_step / e.lon_step : other->extent.lat_step / e.lat_step;
-    return {std::clamp(stride, 1, e.quads), std::move(other)};
-  };
-  if (r == 0) edges.south = edge(std::int64_t{e.lat0} - 1, e.lon0, true);
-  if (r == e.quads - 1) edges.north = edge(e.lat1(), e.lon0, true);
-  if (c == 0) edges.west = edge(e.lat0, std::int64_t{e.lon0} - 1, false);
-  if (c == e.quads - 1) edges.east = edge(e.lat0, e.lon1(), false);
-  return edges;
-}
 
 // A direction from the Moon's centre that is looked along.
 struct Look {
@@ -87,8 +26,7 @@ struct Look {
 };
 
 // Whether the direction meets a quad of the finest surface; then the answer has its height and sources.
-bool meets_quad(const Look& look, const FinestEdges& edges, int r, int c, HeightAnswer& answer) {
-  const Block& block = edges.block;
+bool meets_quad(const Look& look, const Block& block, const FinestEdges& edges, int r, int c, HeightAnswer& answer) {
   for (const bool upper : {false, true}) {
     const QuadVertices q = vertices_of(r, c, upper);
     const auto vertex = [&](int i) { return edges.vertex(q.r[i], q.c[i]); };
@@ -115,12 +53,12 @@ bool meets_quad_at(const Look& look, int level, std::int32_t lat, std::int32_t l
   if (!block) return false;
   const BlockExtent& e = block->extent;
   const int r = (lat - e.lat0) / e.lat_step, c = (lon - e.lon0) / e.lon_step;
-  const FinestEdges edges = edges_beside(look.terrain, *block, r, c, look.stop);
+  const FinestEdges edges(look.terrain, *block, {r, r, c, c}, look.stop);
   const auto [first_r, past_r] = edges.rows(r, c);
   const auto [first_c, past_c] = edges.columns(r, c);
   for (int at_r = first_r; at_r < past_r; ++at_r)
     for (int at_c = first_c; at_c < past_c; ++at_c)
-      if (meets_quad(look, edges, at_r, at_c, answer)) return true;
+      if (meets_quad(look, *block, edges, at_r, at_c, answer)) return true;
   return false;
 }
 

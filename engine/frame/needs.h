@@ -47,7 +47,10 @@ inline std::size_t working_bytes_per_pixel(const FrameRequest& request) {
   // Edges: where they are, and samples under the Sun once more, of half the pixels at a time.
   if (wants_radiance(request) && request.accuracy.edge_samples > 1)
     bytes += (4 + (request.sun.angular_radius_deg > 0 ? 52 : 28) + (request.camera.rectilinear() ? 0 : 96)) * at_once;
-  if (request.sensor && request.products & kImage) bytes += request.accuracy.samples_per_pixel > 1 ? 40 : 24;
+  if (request.sensor && request.products & kImage) {
+    bytes += request.accuracy.samples_per_pixel > 1 ? 40 : 24;
+    if (request.sensor->optics.stray_light.any()) bytes += 80;  // frequencies of four times the pixels
+  }
   return bytes;
 }
 

@@ -98,8 +98,10 @@ struct FrameReport {
   double smear_fill = 0;                         // share of a pixel's capacity that is filled by smear alone
   double brightest_w_m2_sr = 0;                  // in frames with radiance or image
   double brightest_signal_e = 0;                 // electrons of that light in a pixel; 0 without a sensor
-  int margin_px = 0;             // rendered around the image for the point spread; included in shares of pixels
-  double captured_fraction = 1;  // share of a point's light within the point-spread kernel
+  int margin_px = 0;              // rendered around the image for the point spread; included in shares of pixels
+  double captured_fraction = 1;   // share of a point's light within the point-spread kernel
+  double scattered_fraction = 0;  // share of all light that the optics scatter
+  double glare_w_m2_sr = 0;       // maximum that the Sun scatters into the image from outside
   ViewReport view;
   CraterRims craters;  // if requested
   std::vector<SourceTile> sources;

@@ -37,10 +37,22 @@ struct Vignetting {
   std::vector<Point> table;  // angles increase from 0; linear in between, constant beyond the last
 };
 
+// Light that the surfaces of the optics scatter, by the law of Harvey & Shack (J. E. Harvey, PhD thesis, University of
+// Arizona, 1976): BSDF = b0 (1 + (d / l)^2)^(s / 2), d being the difference of the direction cosines.
+struct StrayLight {
+  double b0_sr = 0;     // sr^-1; 0: no light is scattered
+  double shoulder = 0;  // l
+  double slope = 0;     // s, negative
+  // Up to this angle from the boresight the Sun scatters into the image from outside of it.
+  double sun_within_deg = 0;
+  bool any() const { return b0_sr > 0; }
+};
+
 struct Optics {
   double f_number = 0;  // f_# of eqs. (8) and (9)
   PointSpread point_spread;
   Vignetting vignetting;
+  StrayLight stray_light;
 };
 
 // A quantum detector, eq. (8), with its electronics. Electrons are e.

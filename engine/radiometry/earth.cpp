@@ -7,12 +7,11 @@ namespace selenograph::engine {
 namespace {
 
 constexpr double kEarthRadius_m = 6378136.6;
-constexpr double kSun_mag = -26.75, kFullEarth_mag = -3.99, kBondAlbedo = 0.294;
+constexpr double kSun_mag = -26.75, kBondAlbedo = 0.294;
 
-// Relative to phase 0; beyond the fit's last angle, that one's.
+// Brightness relative to phase 0.
 double magnitude_law(double phase_deg) {
-  const double a = std::min(phase_deg, 170.0);
-  return std::pow(10, -0.4 * (-1.060e-3 * a + 2.054e-4 * a * a));
+  return std::pow(10, -0.4 * (earth_magnitude(phase_deg) - earth_magnitude(0)));
 }
 
 // q = 2 integral of f(a) sin a: Bond albedo over geometric albedo.
@@ -31,6 +30,11 @@ double phase_integral() {
 
 }  // namespace
 
+double earth_magnitude(double phase_deg) {
+  const double a = std::min(phase_deg, 170.0);
+  return -3.99 - 1.060e-3 * a + 2.054e-4 * a * a;
+}
+
 double earth_radius_deg(double distance_m) {
   return std::asin(std::min(kEarthRadius_m / distance_m, 1.0)) * kDegreesPerRadian;
 }
@@ -45,10 +49,10 @@ double earth_over_sun(const Earth& earth, const Sun& sun, const Band* band) {
 }
 
 double earth_over_sun(double distance_m, double phase_deg, const Band* band) {
-  const double law = magnitude_law(phase_deg), radius = kEarthRadius_m / distance_m;
-  if (!band) return kBondAlbedo / phase_integral() * radius * radius * law;
+  const double radius = kEarthRadius_m / distance_m;
+  if (!band) return kBondAlbedo / phase_integral() * radius * radius * magnitude_law(phase_deg);
   const double au = kAstronomicalUnit_m / distance_m;
-  return std::pow(10, -0.4 * (kFullEarth_mag - kSun_mag)) * au * au * law;
+  return std::pow(10, -0.4 * (earth_magnitude(phase_deg) - kSun_mag)) * au * au;
 }
 
 }  // namespace selenograph::engine

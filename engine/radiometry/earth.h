@@ -13,12 +13,14 @@ double earth_radius_deg(double distance_m);
 // Phase angle at the Earth, between Sun and Moon, degrees: 0 at full Earth.
 double earth_phase_deg(const Earth& earth, const Sun& sun);
 
+// V magnitude at 1 au from Sun and observer: Mallama & Hilton, Astronomy and Computing 25, 10 (2018), equation 5, to
+// 170 degrees; beyond, that of 170.
+double earth_magnitude(double phase_deg);
+
 // The Earth's irradiance at the Moon at normal incidence over the Sun's there, in a band or over all wavelengths
 // (null).
 //
-// Phase law and brightness in the visible: Mallama & Hilton (Astronomy and Computing 25, 10, 2018), V = -3.99
-// - 1.060e-3 a
-// + 2.054e-4 a^2 at 1 au from Sun and observer, a in degrees, 0 to 170; the Sun is V = -26.75. Bands have the visible's
+// Phase law and brightness in the visible are those of earth_magnitude; the Sun is V = -26.75. Bands have the visible's
 // albedo. Over all wavelengths the same phase law is scaled to a Bond albedo of 0.294 (Stephens et al., Rev. Geophys.
 // 53, 141, 2015): 0.09 W m-2 at full Earth. Clouds change it by 30 % from day to day, and the infrared that the Earth
 // emits, as much again at the Moon, is not in it (Glenar et al., Icarus 321, 841, 2019).

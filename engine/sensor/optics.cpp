@@ -63,6 +63,20 @@ double airy(double v) {
   return bessel * bessel / (4 * std::numbers::pi);
 }
 
+// Mean place of an Airy disc's light in pixels, each taken at its center: of all of it, for a point at an offset. An
+// ideal aperture's transfer function, up to its cut-off at p / (lambda N), times what sampling folds back at k cycles
+// per pixel.
+double airy_mean_px(double offset_px, double unit_px) {
+  double mean = offset_px;
+  for (int k = 1; k * std::numbers::pi * unit_px < 1; ++k) {
+    const double of_cut_off = k * std::numbers::pi * unit_px;
+    const double transfer =
+        (std::acos(of_cut_off) - of_cut_off * std::sqrt(1 - of_cut_off * of_cut_off)) * 2 / std::numbers::pi;
+    mean += (k % 2 ? -1 : 1) * transfer * std::sin(2 * std::numbers::pi * k * offset_px) / (std::numbers::pi * k);
+  }
+  return mean;
+}
+
 // Gauss-Legendre quadrature over a pixel, from -1/2 to 1/2: Newton's iteration from Tricomi's estimate of the roots.
 struct PixelQuadrature {
   std::vector<double> places, weights;
@@ -144,6 +158,7 @@ void SpreadKernel::spread_airy(double dx, double dy, const StopToken& stop) {
   const std::size_t points = over.places.size();
   const int side = 2 * radius_ + 1;
   std::vector<double> shares;
+  double mean_x = 0, mean_y = 0, square = 0;
   for (int y = -radius_; y <= radius_; ++y) {
     stop.check();
     for (int x = -radius_; x <= radius_; ++x) {
@@ -158,12 +173,17 @@ void SpreadKernel::spread_airy(double dx, double dy, const StopToken& stop) {
         share += over.weights[j] * row;
       }
       shares.push_back(share / (unit_px_ * unit_px_));
+      mean_x += x * shares.back(), mean_y += y * shares.back(), square += x * x;
     }
   }
   captured_ = std::accumulate(shares.begin(), shares.end(), 0.0);
-  const double left = (1 - captured_) / (side * side);
+  // What is cut off is more on one side: the slope of what is left keeps the light's mean place.
+  const double left = (1 - captured_) / (side * side), slope_x = (airy_mean_px(dx, unit_px_) - mean_x) / square,
+               slope_y = (airy_mean_px(dy, unit_px_) - mean_y) / square;
   kernel_.clear();
-  for (const double share : shares) kernel_.push_back(static_cast<float>(share + left));
+  for (int y = -radius_, i = 0; y <= radius_; ++y)
+    for (int x = -radius_; x <= radius_; ++x, ++i)
+      kernel_.push_back(static_cast<float>(shares[static_cast<std::size_t>(i)] + left + slope_x * x + slope_y * y));
 }
 
 SpreadKernel SpreadKernel::shifted(const PointSpread& spread, double dx, double dy, const StopToken& stop) const {

@@ -87,6 +87,22 @@ void Sensor::pass_optics(const Camera& camera, const PixelRays& rays, std::vecto
   radiance.swap(spread);
 }
 
+void Sensor::complete(std::vector<float>& radiance, const StopToken& stop) {
+  add_all(points_, radiance);
+  const StrayLight& law = model_.optics.stray_light;
+  if (!law.any()) return;
+  if (!scattered_) scattered_.emplace(law, request_.camera, stop);
+  scattered_->apply(radiance, stop);
+  add_all(glare_, radiance);
+}
+
+void Sensor::add_glare(const Vec3& toward_sun, double counted_w_m2, const StopToken& stop) {
+  glare_.assign(static_cast<std::size_t>(request_.camera.width) * static_cast<std::size_t>(request_.camera.height),
+                0.F);
+  largest_glare_w_m2_sr_ = engine::add_glare(model_.optics.stray_light, request_.camera, toward_sun,
+                                             counted_w_m2 * request_.band->center_um() / wavelength_um_, glare_, stop);
+}
+
 bool Sensor::wants_samples() const {
   return request_.accuracy.samples_per_pixel > 1 && model_.optics.point_spread.model != PointSpread::Model::none;
 }
@@ -113,7 +129,7 @@ void Sensor::choose_integration_time(const Camera& camera, const PixelRays& rays
   const Exposure& exposure = model_.exposure;
   if (!(exposure.target_fill > 0) || radiance.empty()) return;
   pass_optics(camera, rays, radiance, stop);
-  add_all(points_, radiance);
+  complete(radiance, stop);
   Detector& d = model_.detector;
   const double wanted_s = time_to_fill_s(model_, wavelength_um_, exposure.target_fill * saturation_e(d),
                                          std::move(radiance), request_.camera.width, request_.camera.height);
@@ -126,7 +142,7 @@ void Sensor::image(const Camera& camera, const PixelRays& rays, std::vector<floa
     pass_optics(camera, rays, radiance, stop);
   else
     radiance = std::move(samples_), samples_.clear();
-  add_all(points_, radiance);
+  complete(radiance, stop);
   read_out_ = detect(model_, wavelength_um_, radiance, request_.camera.width, request_.camera.height, image, stop,
                      request_.shutter && request_.shutter->pushbroom);
 }

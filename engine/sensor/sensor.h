@@ -11,6 +11,7 @@
 #include "engine/frame/request.h"
 #include "engine/sensor/detector.h"
 #include "engine/sensor/optics.h"
+#include "engine/sensor/stray_light.h"
 #include "engine/visibility/image/frame_job.h"
 
 namespace selenograph::engine {
@@ -75,6 +76,10 @@ class Sensor {
   // square (add_square). `share`: of the exposure.
   void add_points(std::span<const LightPoint> points, double share, const StopToken& stop);
   void forget_points() { points_.clear(); }
+  // Adds what a Sun beside the field scatters into the image (add_glare). `counted_w_m2`: its irradiance as the
+  // detector counts photons (in_photons).
+  void add_glare(const Vec3& toward_sun, double counted_w_m2, const StopToken& stop);
+  double glare_w_m2_sr() const { return largest_glare_w_m2_sr_; }
   // Electrons that a point frees in all pixels, without noise.
   double point_e(const LightPoint& point) const;
 
@@ -87,6 +92,8 @@ class Sensor {
   void add_kernel(const SpreadKernel& kernel, int column, int row, double value);
   void pass_optics(const Camera& camera, const PixelRays& rays, std::vector<float>& radiance,
                    const StopToken& stop) const;
+  // Adds the points, scatters all of it and adds the glare.
+  void complete(std::vector<float>& radiance, const StopToken& stop);
 
   const FrameRequest& request_;
   SensorModel model_;  // with its integration time
@@ -95,6 +102,9 @@ class Sensor {
   std::map<std::pair<double, double>, SpreadKernel> shifted_;  // by sample offset
   std::vector<float> samples_;                                 // sum of the spread samples; empty: none was added
   std::vector<float> points_;                                  // light of the points; empty: none was added
+  std::optional<ScatteredLight> scattered_;                    // made when first needed
+  std::vector<float> glare_;                                   // empty: none
+  double largest_glare_w_m2_sr_ = 0;
   ReadOut read_out_;
 };
 

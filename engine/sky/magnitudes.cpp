@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "engine/frame/sun.h"
+#include "engine/radiometry/earth.h"
 #include "engine/radiometry/photometry.h"
 #include "engine/radiometry/solar_spectrum.h"
 #include "engine/radiometry/spectrum.h"
@@ -82,7 +83,7 @@ double at_one_au(Planet planet, const ApparentBody& body) {
     case Planet::venus:
       return venus(a);
     case Planet::earth:
-      return polynomial({-3.99, -1.060e-3, 2.054e-4}, std::min(a, 170.0));
+      return earth_magnitude(a);
     case Planet::mars:
       return mars(a);
     case Planet::jupiter:

@@ -89,6 +89,7 @@ OTHERS = [
     ("/v1/rays", {"rays": [{"origin_m": [1.6e6, 9e5, 3e3], "direction": [-1.0, -0.5, 0.0]}], "sun": {"direction": [1.0, 0.0, 0.0]}}),
     ("/v1/project", {"camera": small()["camera"], "pose": NADIR, "points": [{**PLACE, "height_m": 100.0}]}),
     ("/v1/sky", {"camera": small()["camera"], "pose": NADIR, "et_s": 8e8, "sky": {"stars": True, "sun": True, "earth": True}}),
+    ("/v1/limb", {"camera": small()["camera"], "pose": NADIR, "points": 5}),
     ("/v1/heights", {"points": [PLACE]}),
     ("/v1/verify/mertis", {"first_um": 7.0, "last_um": 14.0, "channels": 20, "pixel_pitch_um": 35.0, "f_number": 2.0,
                            "efficiency": [[7.0, 0.3], [14.0, 0.4]], "noise_equivalent_power_w": 1e-12, "temperatures_k": [350.0]}),

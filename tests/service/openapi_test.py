@@ -191,7 +191,7 @@ class EveryAnswer(Documented):
         maps = next(o for o in self.operations if o.path == "/v1/maps")
         for media_type in maps.responses["200"]["content"]:
             self.check(maps, maps.ask(service, dict(maps.examples["slopes"], products=["slope"]), Accept=media_type), 200)
-        for path in ("/v1/features", "/v1/sky"):
+        for path in ("/v1/features", "/v1/sky", "/v1/limb"):
             operation = next(o for o in self.operations if o.path == path)
             for media_type in operation.responses["200"]["content"]:
                 self.check(operation, operation.ask(service, Accept=media_type), 200)
@@ -336,6 +336,8 @@ class EveryAnswer(Documented):
         bodies = {"/v1/rays": {"rays": [{"origin_m": [1570000.0, 99700.0, 773000.0], "direction": [-0.9, -0.0569, -0.44]}]},
                   "/v1/sky": {"camera": frame_request()["camera"], "utc": "2026-11-25T00:00:00Z", "sky": {"stars": True},
                               "pose": {"geodetic": {"lat_deg": 26.1322, "lon_deg": 3.6339, "height_m": 3000.0}, "nadir": {}}},
+                  "/v1/limb": {"camera": frame_request()["camera"],
+                               "pose": {"geodetic": {"lat_deg": 26.1322, "lon_deg": 3.6339, "height_m": 3000.0}, "nadir": {}}},
                   "/v1/features": {"detail": "highlands", "smallest_m": 20,
                                    "region": {"south_deg": 26.1, "north_deg": 26.11, "west_deg": 3.62, "east_deg": 3.63}}}
         for operation in self.each(500):

@@ -155,6 +155,26 @@ class SensorTest(unittest.TestCase):
     NOISY = {"photon_noise": True, "read_noise_e": 12.0, "prnu": 0.01, "dsnu_e": 4.0, "dark_current_e_s": 500.0,
              "full_well_e": 100000.0, "hot_fraction": 0.001, "hot_current_e_s": 1e6, "dead_fraction": 0.001}
 
+    def test_stray_light_is_scattered_and_described(self):
+        law = {"b0_sr": 2.0, "shoulder": 0.01, "slope": -1.8, "sun_within_deg": 80}
+        sharp, scattered = self.frame(), self.frame(optics={"stray_light": law})
+        share = scattered["meta"]["stray_light"]["scattered_fraction"]
+        by_hand = np.pi * 2.0 * 0.01 ** 2 / 0.1 * ((1 + 1e4) ** 0.1 - 1)
+        self.assertAlmostEqual(share, by_hand, delta=1e-9)
+        light = [f["image"].astype(float) - 60 for f in (sharp, scattered)]
+        self.assertTrue(np.all(light[1] >= np.floor((1 - share) * light[0]) - 1))
+        self.assertGreater(light[1].sum(), (1 - share) * light[0].sum())
+        self.assertEqual(scattered["meta"]["request"]["sensor"]["optics"]["stray_light"], law)
+        self.assertNotIn("stray_light", sharp["meta"])
+        fisheye = {"model": "fisheye", "width": 64, "height": 64, "fov_deg": 180}
+        for changes, optics, pointer in (({}, {**law, "b0_sr": 9e5}, "/sensor/optics/stray_light/b0_sr"),
+                                         ({}, {**law, "slope": 1}, "/sensor/optics/stray_light/slope"),
+                                         ({"camera": fisheye}, law, "/sensor/optics/stray_light")):
+            sensor = copy.deepcopy(SENSOR)
+            sensor["optics"]["stray_light"] = optics
+            status, _, body = self.service.frame(frame_request(("image",), band=BAND, sensor=sensor, **changes))
+            self.assertEqual((status, json.loads(body)["errors"][0]["pointer"]), (422, pointer), body)
+
     def test_the_same_request_has_the_same_bytes(self):
         one = self.frame(detector=self.NOISY, seed=5, frame=8)
         self.assertEqual(one["body"], self.frame(detector=self.NOISY, seed=5, frame=8)["body"])

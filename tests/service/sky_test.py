@@ -15,7 +15,8 @@ from harness import Service, assets, path, sample
 try:
     import astropy.units as u
     import erfa
-    from astropy.coordinates import GCRS, ICRS, CartesianRepresentation, SkyCoord
+    from astropy.coordinates import (GCRS, ICRS, CartesianRepresentation, SkyCoord, get_body_barycentric,
+                                     solar_system_ephemeris)
     from astropy.time import Time
     from astropy.utils import iers
     iers.conf.auto_download = False
@@ -126,15 +127,18 @@ class AgainstAstropy(unittest.TestCase):
         return {o["id"]: o for o in
                 sky(utc=epoch + "Z", sky={"velocity_m_s": VELOCITY_M_S, "velocity_frame": "ICRF", **what})}
 
+    def frame(self, epoch):
+        time, place, motion = self.observer(epoch)
+        return GCRS(obstime=time, obsgeoloc=CartesianRepresentation(place * u.m),
+                    obsgeovel=CartesianRepresentation(motion * u.m / u.s))
+
     def test_a_thousand_stars_at_three_epochs(self):
         with open(path("assets", "stars", "thousand.csv"), encoding="ascii") as file:
             lines = [line.split(",") for line in file if line.startswith("T")]
         rows = {name: [float(x) for x in numbers] for name, *numbers in lines}
         worst = 0
         for epoch in EPOCHS:
-            time, place, motion = self.observer(epoch)
-            frame = GCRS(obstime=time, obsgeoloc=CartesianRepresentation(place * u.m),
-                         obsgeovel=CartesianRepresentation(motion * u.m / u.s))
+            frame = self.frame(epoch)
             answers = self.asked(epoch, stars="thousand")
             self.assertGreater(len(answers), 990)
             for of_epoch in (1991.25, 2000.0, 2016.0):
@@ -144,11 +148,34 @@ class AgainstAstropy(unittest.TestCase):
                                  pm_ra_cosdec=table[:, 3] * u.mas / u.yr,
                                  pm_dec=table[:, 4] * u.mas / u.yr, distance=(1000 / table[:, 5]) * u.pc,
                                  obstime=Time(of_epoch, format="jyear", scale="tdb"), frame=ICRS)
-                seen = stars.apply_space_motion(new_obstime=time).transform_to(frame)
+                seen = stars.apply_space_motion(new_obstime=frame.obstime).transform_to(frame)
                 for name, direction in zip(names, seen.cartesian.xyz.value.T):
                     worst = max(worst, arcsec(unit(direction), answers[name]["direction_icrf"]))
         print(f"stars: {worst:.6f} arcsec at most")
         self.assertLess(worst, 0.01)
+
+    def test_sun_and_earth_are_where_astropy_has_them(self):
+        """Its built-in ephemeris and its aberration; phases from its places. It bends the Earth's light as a star's."""
+        worst, worst_deg = 0, 0
+        for epoch in EPOCHS:
+            frame = self.frame(epoch)
+            answers = self.asked(epoch, sun=True, earth=True)
+            with solar_system_ephemeris.set("builtin"):
+                def at(body, seconds):
+                    return get_body_barycentric(body, frame.obstime - seconds * u.s).xyz.to_value(u.m)
+                here, ways = at("earth", 0) + frame.obsgeoloc.xyz.to_value(u.m), {}
+                for name in ("sun", "earth"):
+                    seconds = 0
+                    for _ in range(4):
+                        ways[name] = at(name, seconds) - here
+                        seconds = np.linalg.norm(ways[name]) / 299792458.0
+                    seen = ICRS(CartesianRepresentation((ways[name] + here) * u.m)).transform_to(frame)
+                    worst = max(worst, arcsec(unit(seen.cartesian.xyz.value), answers[name]["direction_icrf"]))
+            phase = math.degrees(math.acos(unit(ways["sun"] - ways["earth"]) @ unit(-ways["earth"])))
+            worst_deg = max(worst_deg, abs(phase - answers["earth"]["phase_deg"]))
+        print(f"Sun and Earth: {worst:.4f} arcsec, {worst_deg:.5f} degrees of phase at most")
+        self.assertLess(worst, 0.1)
+        self.assertLess(worst_deg, 0.1)
 
     def test_sun_earth_and_planets(self):
         """The same theories, with light time and aberration worked out here."""

@@ -457,6 +457,20 @@ class Client:
                   ("electrons", float), ("distance_m", float), ("phase_deg", float), ("angular_radius_deg", float)]
         return _records(found, fields, (len(found),))
 
+    def limb(self, camera: Request, pose: Request, points: int = 360, detail: Optional[str] = None) -> np.recarray:
+        """The Moon's limb in an image, of its terrain and of a sphere: POST /v1/limb.
+
+        Gives a record array of as many azimuths: azimuth_deg, angle_deg, x_px, y_px, in_frame, position_m, lat_deg,
+        lon_deg, height_m, range_m, sphere_angle_deg, sphere_x_px, sphere_y_px, difference_px. What does not exist is NaN.
+        """
+        document = _given(camera=camera, pose=pose, points=points, detail=detail)
+        found = json.loads(self._ask("POST", "/v1/limb", _body(document), "application/json", None)[2])["points"]
+        fields = [("azimuth_deg", float), ("angle_deg", float), ("x_px", float), ("y_px", float), ("in_frame", bool),
+                  ("position_m", float, 3), ("lat_deg", float), ("lon_deg", float), ("height_m", float),
+                  ("range_m", float), ("sphere_angle_deg", float), ("sphere_x_px", float), ("sphere_y_px", float),
+                  ("difference_px", float)]
+        return _records(found, fields, (len(found),))
+
     def datasets(self) -> Dict[str, Any]:
         """The catalogue: GET /v1/datasets. "datasets" is a list of tiles (name, footprint, post_spacing_m, ...),
         "problems" a list of files that could not be used."""
@@ -835,6 +849,10 @@ class AsyncClient:
 
     async def sky(self, request: Request) -> np.recarray:
         return await self._run(self._client.sky, request)
+
+    async def limb(self, camera: Request, pose: Request, points: int = 360,
+                   detail: Optional[str] = None) -> np.recarray:
+        return await self._run(self._client.limb, camera, pose, points, detail)
 
     async def datasets(self) -> Dict[str, Any]:
         return await self._run(self._client.datasets)

@@ -10,6 +10,7 @@
 #include "dem/support/error.h"
 #include "engine/radiometry/spectrum.h"
 #include "engine/sensor/optics.h"
+#include "engine/sensor/stray_light.h"
 
 namespace selenograph::api {
 namespace {
@@ -19,6 +20,7 @@ using engine::Motion;
 using engine::Optics;
 using engine::PointSpread;
 using engine::SensorModel;
+using engine::StrayLight;
 using engine::Vignetting;
 
 constexpr Range kAboveZero{0, 1e9, true, false};
@@ -144,7 +146,7 @@ const Members<PointSpread>& point_spread_members() {
       [](auto& m) {
         m.add("model", &PointSpread::model, Word{kPointSpreads},
               "airy: ideal aperture of f_number at the band's center wavelength; wavelength times f_number is at most "
-              "26 pixels; light beyond 12 rings or 32 pixels is spread evenly within (captured_fraction)")
+              "26 pixels; light beyond 12 rings or 32 pixels is spread within (captured_fraction)")
             .required();
         m.set_model("model");
         // The kernel of the largest reaches 4.5 times as far.
@@ -178,11 +180,35 @@ const Members<Vignetting>& vignetting_members() {
   return *table;
 }
 
+const Members<StrayLight>& stray_light_members() {
+  static const auto table = made<Members<StrayLight>>(
+      "StrayLight",
+      "Light that the surfaces of the optics scatter over the whole image: Harvey and Shack's law, b0 (1 + (d / "
+      "shoulder)^2)^(slope / 2), d being the difference of the direction cosines. Light that leaves the image is lost; "
+      "none comes from beyond it but the Sun's.",
+      [](auto& m) {
+        m.add("b0_sr", &StrayLight::b0_sr, Number{kAboveZero, "sr-1"}, "b0 of the law").required();
+        m.add("shoulder", &StrayLight::shoulder, Number{{1e-6, 1}}, "difference of direction cosines").required();
+        m.add("slope", &StrayLight::slope, Number{{-4, -0.1}}, "of the wings, in powers of that difference").required();
+        m.add("sun_within_deg", &StrayLight::sun_within_deg, Number{{0, 89}, "deg"},
+              "up to this angle from the boresight a Sun outside of the image adds its glare, but for what of its disc "
+              "is hidden; 0: never");
+        m.check([](const JsonReader& in, StrayLight& law, const ReadContext&) {
+          if (in.faults() > 0) return;
+          if (const double share = engine::ScatteredLight::share(law); share > 0.5)
+            in.fail("b0_sr", fmt::format("scatters {:.3g} of the light: at most a half is possible", share));
+        });
+      });
+  return *table;
+}
+
 const Members<Optics>& optics_members() {
   static const auto table = made<Members<Optics>>("Optics", "Optics: f-number, point spread, vignetting.", [](auto& m) {
     m.add("f_number", &Optics::f_number, Number{kFNumber}, "focal length over aperture").required();
     m.add("point_spread", &Optics::point_spread, Object{point_spread_members()}, "left out: none");
     m.add("vignetting", &Optics::vignetting, Object{vignetting_members()}, "left out: none");
+    m.add("stray_light", &Optics::stray_light, Object{stray_light_members()}, "left out: none")
+        .written_if([](const Optics& optics) { return optics.stray_light.any(); });
   });
   return *table;
 }
@@ -265,9 +291,10 @@ const Members<Motion>& motion_members() {
 const Members<SensorModel>& sensor_members() {
   static const auto table = made<Members<SensorModel>>(
       "Sensor",
-      "Makes `image` from radiance: vignetting, point spread, electrons (SENSOR++ eq. 8), smear, PRNU, dark current, "
-      "photon noise, full well, DSNU, read noise, gain, offset, digital numbers. Needs a `band`; excludes `image`. "
-      "Noise is a function of seed, frame, pixel and source: the same request gives the same bytes.",
+      "Makes `image` from radiance: vignetting, point spread, stray light, electrons (SENSOR++ eq. 8), smear, PRNU, "
+      "dark current, photon noise, full well, DSNU, read noise, gain, offset, digital numbers. Needs a `band`; "
+      "excludes "
+      "`image`. Noise is a function of seed, frame, pixel and source: the same request gives the same bytes.",
       [](auto& m) {
         m.add("optics", &SensorModel::optics, Object{optics_members()}, "from radiance to irradiance").required();
         m.add("detector", &SensorModel::detector, Object{detector_members()}, "from irradiance to digital numbers")

@@ -1,0 +1,45 @@
+// POST /v1/limb.
+#include "api/encode/negotiate.h"
+#include "api/endpoints/endpoint.h"
+#include "api/endpoints/operation.h"
+#include "api/requests/limb_json.h"
+
+namespace selenograph::api {
+
+Response answer_limb(const EndpointContext& context) {
+  const std::string_view media_type =
+      choose(header(context.request, "accept"), std::span<const Alternative>(kLimbAnswers));
+  const LimbQuery query = read_limb(json_body(context), context.limits, context.assets, context.stop);
+  // A point while it is in work: the engine's, its rays and its text.
+  constexpr std::size_t kBytesPerLimbPoint = 3000;
+  context.memory.need(kBytesPerLimbPoint * static_cast<std::size_t>(query.request.points), "/points", context.stop);
+  const auto limb = with_refusals_at({}, "/pose", [&] {
+    return LimbPoints{context.renderer.limb(query.request, context.stop, query.detail.content),
+                      context.renderer.terminator(query.request, context.stop, query.detail.content)};
+  });
+  Response response;
+  response.content_type = media_type;
+  response.body = media_type == kLimbAnswers[1].media_type ? limb_npz(limb, context.stop) : limb_json(limb).dump();
+  response.headers.emplace_back("Vary", "Accept");
+  context.stop.check();
+  return response;
+}
+
+void describe_limb(Operation& o) {
+  o.describe(
+      "Truth for horizon-based navigation: where the Moon's limb is in the image, to 0.01 pixel, at azimuths around "
+      "the "
+      "direction to its centre, and where that of a sphere would be. In the half plane of an azimuth the limb is the "
+      "largest angle from the centre at which a ray still meets the finest terrain. Objects and rocks have no part in "
+      "it. With `sun` the terminator, too: the limb as the Sun's centre sees it, which is, in a half plane that begins "
+      "at the line to the Sun, the last lit ground toward the night.");
+  o.body("/v1/limb", limb_request_members());
+  o.answer_as_accepted(kLimbAnswers, "LimbAnswer", {"Vary"});
+  o.schema("LimbAnswer", schema::object("The limb.",
+                                        {{"points", schema::array(limb_answer().schema(), "in order of azimuth")},
+                                         {"terminator", schema::array(terminator_answer().schema(),
+                                                                      "in order of azimuth; left out without `sun`")}},
+                                        {"points"}));
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,212 @@
+#include "api/requests/limb_json.h"
+
+#include <cmath>
+#include <deque>
+#include <utility>
+
+#include "api/encode/encode.h"
+#include "api/requests/parts/camera_json.h"
+#include "api/requests/parts/pose_json.h"
+#include "api/requests/parts/sun_json.h"
+#include "api/schema/member_kinds.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::LimbPoint;
+using engine::TerminatorPoint;
+
+constexpr int kFewestPoints = 3, kMostPoints = 10000;
+
+// In the image, outward from the sphere's limb.
+double difference_px(const LimbPoint& p) {
+  return std::copysign(std::hypot(p.x_px - p.sphere_x_px, p.y_px - p.sphere_y_px), p.angle_deg - p.sphere_angle_deg);
+}
+
+template <typename Point>
+Geographic place_of(const Point& p) {
+  return p.known() ? to_geographic(p.position_m) : Geographic{LimbPoint::kNone, LimbPoint::kNone, LimbPoint::kNone};
+}
+template <typename Point>
+double longitude_deg(const Point& p) {
+  return p.known() ? wrap_lon_deg(place_of(p).lon_deg) : LimbPoint::kNone;
+}
+
+// An answer's numbers, by name: the columns of both its forms.
+template <typename Point>
+struct Column {
+  const char* name;
+  const char* meaning;
+  double (*value)(const Point&);
+};
+constexpr Column<LimbPoint> kLimbColumns[] = {
+    {"azimuth_deg",
+     "around the direction to the Moon's centre, from +x toward +y of camera axes that are turned by the shortest way "
+     "so that +z points at the centre: in an image with the centre in its middle, from right to down",
+     [](const LimbPoint& p) { return p.azimuth_deg; }},
+    {"angle_deg", "from the Moon's centre to the terrain's limb, at the camera",
+     [](const LimbPoint& p) { return p.angle_deg; }},
+    {"x_px", "column of the terrain's limb; null where it is not imaged", [](const LimbPoint& p) { return p.x_px; }},
+    {"y_px", "row; null as x_px is", [](const LimbPoint& p) { return p.y_px; }},
+    {"range_m", "from the camera to the surface point, m", [](const LimbPoint& p) { return p.range_m; }},
+    {"lat_deg", "planetocentric latitude of the surface point", [](const LimbPoint& p) { return place_of(p).lat_deg; }},
+    {"lon_deg", "its longitude, in [-180, 180)", longitude_deg<LimbPoint>},
+    {"height_m", "its height above the sphere of 1 737 400 m",
+     [](const LimbPoint& p) { return p.position_m.norm() - kMoonRadius_m; }},
+    {"sphere_angle_deg", "as angle_deg, of the sphere of 1 737 400 m; null for a camera below it",
+     [](const LimbPoint& p) { return p.sphere_angle_deg; }},
+    {"sphere_x_px", "column of the sphere's limb", [](const LimbPoint& p) { return p.sphere_x_px; }},
+    {"sphere_y_px", "row of the sphere's limb", [](const LimbPoint& p) { return p.sphere_y_px; }},
+    {"difference_px", "distance in the image from the sphere's limb to the terrain's, positive outward", difference_px},
+};
+
+constexpr Column<TerminatorPoint> kTerminatorColumns[] = {
+    {"azimuth_deg", "around the direction to the Sun, from the Moon's north pole through the east of what the Sun sees",
+     [](const TerminatorPoint& p) { return p.azimuth_deg; }},
+    {"x_px", "column of the terrain's terminator; null where there is no data or it is not imaged",
+     [](const TerminatorPoint& p) { return p.x_px; }},
+    {"y_px", "row; null as x_px is", [](const TerminatorPoint& p) { return p.y_px; }},
+    {"lat_deg", "planetocentric latitude of the surface point",
+     [](const TerminatorPoint& p) { return place_of(p).lat_deg; }},
+    {"lon_deg", "its longitude, in [-180, 180)", longitude_deg<TerminatorPoint>},
+    {"height_m", "its height above the sphere of 1 737 400 m",
+     [](const TerminatorPoint& p) { return p.position_m.norm() - kMoonRadius_m; }},
+    {"sphere_x_px", "column of the terminator of that sphere", [](const TerminatorPoint& p) { return p.sphere_x_px; }},
+    {"sphere_y_px", "its row", [](const TerminatorPoint& p) { return p.sphere_y_px; }},
+};
+
+const char* why_no_point(const LimbPoint& p) {
+  if (!p.known()) return "no data where the line of sight passes lower than the highest terrain";
+  return "behind the camera or beyond the lens's field of view";
+}
+
+}  // namespace
+
+const Members<LimbQuery>& limb_request_members() {
+  static const auto table = made<Members<LimbQuery>>(
+      "LimbRequest", "A camera and its pose: where it sees the Moon's limb, and its terminator.", [](auto& m) {
+        m.add(
+             "camera", [](auto& q) -> auto& { return q.request.camera; }, Object{camera_members()},
+             "projection and image size")
+            .required();
+        m.add(
+             "pose", [](auto& q) -> auto& { return q.request.pose; }, Object{pose_members()},
+             "position and attitude of the camera")
+            .required();
+        m.add(
+            "points", [](auto& q) -> auto& { return q.request.points; }, Integer{kFewestPoints, kMostPoints},
+            "number of azimuths, from 0 in equal steps, of the limb and of the terminator");
+        m.add("sun",
+              Property{[](const LimbQuery& q) { return q.request.sun; },
+                       [](LimbQuery& q, const engine::Sun& sun) { q.request.sun = sun; }},
+              Object{sun_members()}, "whose terminator is asked for, as of a point; left out: none");
+        m.add("detail", &LimbQuery::detail, DetailName{}, kOfDetail);
+      });
+  return *table;
+}
+
+LimbQuery read_limb(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
+  Findings findings;
+  auto query = limb_request_members().read(JsonReader(body, findings), {limits, assets, stop, utc_of_sun(body)});
+  findings.throw_if_any();
+  return std::move(*query);
+}
+
+const Answer<LimbPoint>& limb_answer() {
+  using namespace schema;
+  static const auto answer = answer_of<LimbPoint>("The limb at an azimuth.", [](auto& a) {
+    for (const auto& column : kLimbColumns) a.add(column.name, number_or_null(column.meaning), column.value);
+    a.add(
+        "position_m", vector("surface point of the terrain's limb, MOON_ME, m; left out without data"),
+        [](const LimbPoint& p) { return p.position_m; }, [](const LimbPoint& p) { return p.known(); });
+    a.add("in_frame", boolean("the terrain's limb is within the image"), [](const LimbPoint& p) { return p.in_frame; });
+    a.add("reason", text("why x_px is null: no data; behind the camera or beyond the lens's field of view"),
+          why_no_point, [](const LimbPoint& p) { return std::isnan(p.x_px); });
+  });
+  return answer;
+}
+
+const Answer<TerminatorPoint>& terminator_answer() {
+  using namespace schema;
+  static const auto answer = answer_of<TerminatorPoint>("The terminator at an azimuth.", [](auto& a) {
+    for (const auto& column : kTerminatorColumns) a.add(column.name, number_or_null(column.meaning), column.value);
+    a.add(
+        "position_m", vector("surface point of the terrain's terminator, MOON_ME, m; left out without data"),
+        [](const TerminatorPoint& p) { return p.position_m; }, [](const TerminatorPoint& p) { return p.known(); });
+    a.add("in_frame", boolean("the terrain's terminator is within the image"),
+          [](const TerminatorPoint& p) { return p.in_frame; });
+    a.add("visible", boolean("and no terrain hides it"), [](const TerminatorPoint& p) { return p.visible; });
+    a.add("sphere_visible", boolean("the sphere's terminator is within the image and on the camera's side"),
+          [](const TerminatorPoint& p) { return p.sphere_visible; });
+  });
+  return answer;
+}
+
+OrderedJson limb_json(const LimbPoints& limb) {
+  OrderedJson json{{"points", limb_answer().write_all(limb.points)}};
+  if (!limb.terminator.empty()) json["terminator"] = terminator_answer().write_all(limb.terminator);
+  return json;
+}
+
+namespace {
+
+// Columns of points as arrays that are named after them.
+class ColumnArrays {
+ public:
+  explicit ColumnArrays(const StopToken& stop) : stop_(stop) {}
+  template <typename Point, std::size_t N>
+  void add(const std::string& prefix, const std::vector<Point>& points, const Column<Point> (&columns)[N]) {
+    for (const Column<Point>& column : columns) {
+      stop_.check();
+      std::vector<double> values;
+      for (const Point& p : points) values.push_back(column.value(p));
+      add(prefix + column.name, std::move(values), 1);
+    }
+    std::vector<double> positions;
+    for (const Point& p : points) positions.insert(positions.end(), p.position_m.begin(), p.position_m.end());
+    add(prefix + "position_m", std::move(positions), 3);
+  }
+  template <typename Point>
+  void add_flag(const std::string& name, const std::vector<Point>& points, bool Point::*flag) {
+    std::vector<std::uint8_t>& values = flags_.emplace_back();
+    for (const Point& p : points) values.push_back(p.*flag);
+    arrays_.push_back(
+        {names_.emplace_back(name), ElementType::uint8, static_cast<int>(values.size()), 1, 1, values.data(), {}});
+  }
+  std::string npz() const { return encode_npz(arrays_, "{}", stop_); }
+
+ private:
+  void add(const std::string& name, std::vector<double> values, int channels) {
+    const std::vector<double>& kept = values_.emplace_back(std::move(values));
+    arrays_.push_back({names_.emplace_back(name),
+                       ElementType::float64,
+                       static_cast<int>(kept.size()) / channels,
+                       channels,
+                       1,
+                       kept.data(),
+                       {}});
+  }
+  const StopToken& stop_;
+  // Their elements stay where they are.
+  std::deque<std::string> names_;
+  std::deque<std::vector<double>> values_;
+  std::deque<std::vector<std::uint8_t>> flags_;
+  std::vector<ArrayView> arrays_;
+};
+
+}  // namespace
+
+std::string limb_npz(const LimbPoints& limb, const StopToken& stop) {
+  ColumnArrays arrays(stop);
+  arrays.add("", limb.points, kLimbColumns);
+  arrays.add_flag("in_frame", limb.points, &LimbPoint::in_frame);
+  if (!limb.terminator.empty()) {
+    arrays.add("terminator_", limb.terminator, kTerminatorColumns);
+    arrays.add_flag("terminator_in_frame", limb.terminator, &TerminatorPoint::in_frame);
+    arrays.add_flag("terminator_visible", limb.terminator, &TerminatorPoint::visible);
+    arrays.add_flag("terminator_sphere_visible", limb.terminator, &TerminatorPoint::sphere_visible);
+  }
+  return arrays.npz();
+}
+
+}  // namespace selenograph::api
