@@ -23,11 +23,12 @@ double light_by_rays(const Renderer& renderer, const Vec3& position_m, const Vec
   const EastNorthUp axes = local_axes(position_m.normalized());
   std::vector<Ray> rays;
   std::vector<double> weights;
-  for (int row = 0; row < strata + kHigh; ++row) {
-    const bool is_low = row < strata;
-    const double height = is_low ? low(row + 1) - low(row) : (kPi / 2 - kBorder) / kHigh,
-                 elevation = is_low ? low(row + 0.5) : kBorder + (row - strata + 0.5) * height;
-    for (int k = 0; k < kDirections; ++k) {
+  // By azimuth: neighbours meet the same terrain.
+  for (int k = 0; k < kDirections; ++k)
+    for (int row = 0; row < strata + kHigh; ++row) {
+      const bool is_low = row < strata;
+      const double height = is_low ? low(row + 1) - low(row) : (kPi / 2 - kBorder) / kHigh,
+                   elevation = is_low ? low(row + 0.5) : kBorder + (row - strata + 0.5) * height;
       const double phi = 2 * kPi * (k + 0.25 + 0.5 * (row % 2)) / kDirections;
       const Vec3 direction = std::cos(elevation) * (std::cos(phi) * axes.east + std::sin(phi) * axes.north) +
                              std::sin(elevation) * axes.up;
@@ -36,7 +37,6 @@ double light_by_rays(const Renderer& renderer, const Vec3& position_m, const Vec
       rays.push_back({position_m + 1e-3 * axes.up, direction});
       weights.push_back(cosine * std::cos(elevation) * height * 2 * kPi / kDirections);
     }
-  }
   const std::vector<RayHit> hits = renderer.cast(rays, request.sun, stop);
   const Brdf brdf(request.reflectance, band_of(request));
   double sum = 0;

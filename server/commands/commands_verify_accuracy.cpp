@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <thread>
@@ -84,23 +85,28 @@ void print_summary(const std::vector<engine::SweepRow>& rows) {
 int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terrain, const engine::Renderer& renderer,
                     const std::vector<engine::AccuracyScene>& scenes) {
   constexpr int kStrata = 512;
-  std::string table =
-      "| scene | spacing_px | ratio | median % | RMS % | worst % | without ms | first ms | kept ms |\n"
-      "|---|---|---|---|---|---|---|---|---|\n";
+  std::string table;
+  const auto add = [&](const std::string& line) {
+    table += line;
+    fmt::print("{}", line);
+    std::fflush(stdout);
+  };
+  add("| scene | spacing_px | ratio | median % | RMS % | worst % | without ms | first ms | kept ms |\n"
+      "|---|---|---|---|---|---|---|---|---|\n");
   for (const engine::AccuracyScene& scene : scenes) {
     if (scene.name != "nadir" && scene.name != "polar") continue;
     const engine::IndirectTruth truth(renderer, scene.frames.front(), kStrata);
     for (const double spacing_px : {0.5, 1.0, 2.0, 4.0, 8.0}) {
       const auto row = engine::measure_indirect(*make_renderer(terrain), truth, spacing_px, s.repetitions);
       const auto& error = row.error;
-      table += fmt::format("| {} | {:g} | {:.3f} | {:.2f} | {:.2f} | {:.2f} | {:.1f} | {:.1f} | {:.1f} |\n", scene.name,
-                           spacing_px, error.ratio, 100 * error.median, 100 * error.rms, 100 * error.worst,
-                           row.without_ms, row.first_ms, row.kept_ms);
+      add(fmt::format("| {} | {:g} | {:.3f} | {:.2f} | {:.2f} | {:.2f} | {:.1f} | {:.1f} | {:.1f} |\n", scene.name,
+                      spacing_px, error.ratio, 100 * error.median, 100 * error.rms, 100 * error.worst, row.without_ms,
+                      row.first_ms, row.kept_ms));
     }
   }
   fs::create_directories(s.output);
   write_whole((fs::path(s.output) / "indirect.md").string(), table);
-  fmt::print("{}{}\n", table, machine());
+  fmt::print("{}\n", machine());
   return 0;
 }
 
