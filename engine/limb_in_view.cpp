@@ -12,7 +12,7 @@
 #include "dem/grid/surface.h"
 #include "dem/support/parallel.h"
 #include "dem/terrain/build_queue.h"
-#include "dem/terrain/finest_edges.h"
+#include "dem/terrain/finest_surface.h"
 #include "dem/terrain/surface_place.h"
 #include "engine/camera/row_views.h"
 #include "engine/ray_queries.h"

@@ -45,7 +45,7 @@ Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBund
                            const std::vector<Ball>& receivers) {
   Accuracy asked = accuracy;
   asked.max_detail_error_px = asked.detail_aim_px();
-  const auto relaxed = [](double target_px, double by) { return std::max(by * target_px, 1.0 / 16); };
+  const auto looser = [](double target_px, double by) { return std::max(by * target_px, 1.0 / 16); };
   // Shadows give way first, as far as they must: their bound is that of the deepest crater, while coarser ground is
   // seen at once. Where no shadow target is loose enough, which is tried before others are, detail gives way.
   enum class Shadows { as_asked, tried_without, relaxed } shadows = Shadows::as_asked;
@@ -54,7 +54,7 @@ Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBund
     try {
       Selection selection = selector.select(sun);
       if (shadows == Shadows::tried_without) {
-        shadows = Shadows::relaxed, asked.max_shadow_error_px = relaxed(accuracy.max_shadow_error_px, 2);
+        shadows = Shadows::relaxed, asked.max_shadow_error_px = looser(accuracy.max_shadow_error_px, 2);
         continue;
       }
       selection.shadow_limit_px = asked.max_shadow_error_px;
@@ -63,15 +63,15 @@ Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBund
     } catch (const TooMuchDetail&) {
       if (!selector.refined_for_shadows()) {
         shadows = Shadows::as_asked, asked.max_shadow_error_px = accuracy.max_shadow_error_px;
-        asked.max_detail_error_px = relaxed(asked.max_detail_error_px, std::numbers::sqrt2);
+        asked.max_detail_error_px = looser(asked.max_detail_error_px, std::numbers::sqrt2);
       } else if (shadows == Shadows::as_asked) {
         shadows = Shadows::tried_without, asked.max_shadow_error_px = std::numeric_limits<double>::infinity();
       } else {
-        asked.max_shadow_error_px = relaxed(asked.max_shadow_error_px, 2);
+        asked.max_shadow_error_px = looser(asked.max_shadow_error_px, 2);
       }
     } catch (const TooMuchTerrain&) {
       if (!selector.refined_for_shadows()) throw;
-      shadows = Shadows::relaxed, asked.max_shadow_error_px = relaxed(asked.max_shadow_error_px, 2);
+      shadows = Shadows::relaxed, asked.max_shadow_error_px = looser(asked.max_shadow_error_px, 2);
     }
   }
 }

@@ -41,11 +41,11 @@ int fast_size(int least) {
 
 // Half of the frequencies of a real image, column by column.
 struct Frequencies {
-  Frequencies(int columns, int rows)
-      : columns(static_cast<std::size_t>(columns)),
-        rows(static_cast<std::size_t>(rows)),
-        half(this->columns / 2 + 1),
-        values(half * this->rows) {}
+  Frequencies(int wide, int high)
+      : columns(static_cast<std::size_t>(wide)),
+        rows(static_cast<std::size_t>(high)),
+        half(columns / 2 + 1),
+        values(half * rows) {}
 
   // row(y, out): fills a row of the image, for the first `given` rows; the others are 0.
   template <typename Row>

@@ -1,4 +1,5 @@
-// A block at its finest beside others at theirs, as a mesh joins them (engine/scene/mesh.h).
+// The finest surface: a block at its finest beside others at theirs, as a mesh joins them (engine/scene/mesh.h); and
+// its height at a place (Terrain::height).
 #pragma once
 
 #include <memory>

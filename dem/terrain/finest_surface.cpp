@@ -1,0 +1,139 @@
+#include "dem/terrain/finest_surface.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "dem/grid/surface.h"
+#include "dem/terrain/terrain.h"
+
+namespace selenograph::dem {
+namespace {
+
+std::pair<int, int> group(int i, int stride) { return {i - i % stride, i - i % stride + stride}; }
+
+// A direction from the Moon's centre that is looked along.
+struct Look {
+  const Terrain& terrain;
+  Vec3 direction;
+  const StopToken& stop;
+  double slack;  // how far beside a triangle, as a share of it
+};
+
+// Whether the direction meets a quad of the finest surface; then the answer has its height and sources.
+bool meets_quad(const Look& look, const Block& block, const FinestEdges& edges, int r, int c, HeightAnswer& answer) {
+  for (const bool upper : {false, true}) {
+    const QuadVertices q = vertices_of(r, c, upper);
+    const auto vertex = [&](int i) { return edges.vertex(q.r[i], q.c[i]); };
+    const auto distance = radial_distance({vertex(0), vertex(1), vertex(2)}, look.direction, look.slack);
+    if (!distance) continue;
+    answer.height_m = *distance - kMoonRadius_m;
+    const SourceIndex from = source_of(block.source(q.r[0], q.c[0]));
+    for (int i = 0; i < 3; ++i) {
+      answer.filled |= is_filled(block.source(q.r[i], q.c[i]));
+      answer.blended |= is_blended(block.source(q.r[i], q.c[i]));
+    }
+    answer.source = from == kNoSource ? -1 : static_cast<int>(from);
+    if (answer.source >= 0)
+      answer.post_spacing_m =
+          look.terrain.catalogue().rasters()[static_cast<std::size_t>(answer.source)].post_spacing_m;
+    return true;
+  }
+  return false;
+}
+
+// The same of the quad with a south-west corner at some ticks, or of those that share what is left of an edge with it.
+bool meets_quad_at(const Look& look, int level, std::int32_t lat, std::int32_t lon, HeightAnswer& answer) {
+  const auto block = look.terrain.block(block_at(level, lat, lon), look.stop);
+  if (!block) return false;
+  const BlockExtent& e = block->extent;
+  const int r = (lat - e.lat0) / e.lat_step, c = (lon - e.lon0) / e.lon_step;
+  const FinestEdges edges(look.terrain, *block, {r, r, c, c}, look.stop);
+  const auto [first_r, past_r] = edges.rows(r, c);
+  const auto [first_c, past_c] = edges.columns(r, c);
+  for (int at_r = first_r; at_r < past_r; ++at_r)
+    for (int at_c = first_c; at_c < past_c; ++at_c)
+      if (meets_quad(look, *block, edges, at_r, at_c, answer)) return true;
+  return false;
+}
+
+}  // namespace
+
+FinestEdges::FinestEdges(const Terrain& terrain, const Block& block, const Quads& quads, const StopToken& stop)
+    : block_(block) {
+  const BlockExtent& e = block.extent;
+  std::optional<int> posts;
+  const auto edge = [&](std::int64_t lat, std::int64_t lon, bool along_lon) -> Edge {
+    if (lat < 0 || lat >= kLatTicks) return {};
+    if (!posts) posts = terrain.plain().posts_level(block.id);
+    const auto at = [&](int level) { return block_at(level, static_cast<std::int32_t>(lat), wrap_lon(lon)); };
+    const BlockId probe = at(kMaxLevel), across = at(std::min(terrain.finest_level(probe), block.id.level));
+    const bool coarser_posts = terrain.plain().posts_level(probe) < *posts;
+    const BlockExtent other = extent_of(across);
+    const int stride = along_lon ? other.lon_step / e.lon_step : other.lat_step / e.lat_step;
+    if (!coarser_posts && stride <= 1) return {};
+    std::shared_ptr<const Block> neighbour = terrain.block(across, stop);
+    if (!neighbour) return {};
+    return {std::clamp(stride, 1, e.quads), coarser_posts ? std::move(neighbour) : nullptr};
+  };
+  if (quads.first_row == 0) south_ = edge(std::int64_t{e.lat0} - 1, e.lon0, true);
+  if (quads.last_row == e.quads - 1) north_ = edge(e.lat1(), e.lon0, true);
+  if (quads.first_column == 0) west_ = edge(e.lat0, std::int64_t{e.lon0} - 1, false);
+  if (quads.last_column == e.quads - 1) east_ = edge(e.lat0, e.lon1(), false);
+}
+
+Vec3 FinestEdges::vertex(int r, int c) const {
+  const int quads = block_.extent.quads;
+  const Edge none;
+  const Edge& across = r == 0 ? south_ : r == quads ? north_ : none;
+  const Edge& beside = c == 0 ? west_ : c == quads ? east_ : none;
+  const int at_r = r - r % beside.stride, at_c = c - c % across.stride;
+  float height_m = block_.vertices[block_.index(at_r, at_c)].height_m;
+  for (const Edge* edge : {&across, &beside})
+    if (edge->coarser) {
+      const std::int64_t lat = block_.extent.lat0 + std::int64_t{at_r} * block_.extent.lat_step,
+                         lon = block_.extent.lon0 + std::int64_t{at_c} * block_.extent.lon_step;
+      height_m = post_at(*edge->coarser, lat, lon).value_or(height_m);
+    }
+  return block_.position(at_r, at_c, static_cast<double>(height_m));
+}
+
+std::pair<int, int> FinestEdges::rows(int r, int c) const {
+  return group(r, c == 0 ? west_.stride : c == block_.extent.quads - 1 ? east_.stride : 1);
+}
+std::pair<int, int> FinestEdges::columns(int r, int c) const {
+  return group(c, r == 0 ? south_.stride : r == block_.extent.quads - 1 ? north_.stride : 1);
+}
+
+HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& stop) const {
+  stop.check();
+  HeightAnswer answer{lat_deg, wrap_lon_deg(lon_deg), std::nan(""), 0, -1, false};
+  const double lat = (lat_deg + 90) * kTicksPerDegree, lon = (answer.lon_deg + 180) * kTicksPerDegree;
+  const BlockId probe = block_at(kMaxLevel, static_cast<std::int32_t>(std::clamp(lat, 0.0, kLatTicks - 1.0)),
+                                 wrap_lon(static_cast<std::int64_t>(lon)));
+  // More than a block of kSmoothLevel (0.25 degrees), the largest that is looked into below.
+  constexpr double kFarFromAnyFile_deg = 0.3;
+  if (!has_data(probe) && files_touching(catalogue(), probe, kFarFromAnyFile_deg).empty()) return answer;
+  const int level = finest_level(probe);
+  const double step = std::ldexp(1.0, kTickLevel - level);
+  const double y = lat / step, x = lon / step;
+  // The quad that the place is in; beside an edge the neighbours too, because the mesh's edges are great circles, not
+  // parallels.
+  const auto meets = [&](double slack) {
+    const Look look{*this, to_cartesian({lat_deg, lon_deg, 0}).normalized(), stop, slack};
+    for (const int dy : {0, -1, 1})
+      for (const int dx : {0, -1, 1}) {
+        const double row = std::floor(y) + dy, col = std::floor(x) + dx;
+        if (row < 0 || row * step >= kLatTicks) continue;
+        if (meets_quad_at(look, level, static_cast<std::int32_t>(row * step),
+                          wrap_lon(static_cast<std::int64_t>(col * step)), answer))
+          return true;
+      }
+    return false;
+  };
+  // The triangles at a pole are slivers a tenth of a millimetre wide, which rounding misses.
+  if (!meets(1e-9)) meets(1e-3);
+  return answer;
+}
+
+}  // namespace selenograph::dem
