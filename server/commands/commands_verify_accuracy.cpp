@@ -84,7 +84,6 @@ void print_summary(const std::vector<engine::SweepRow>& rows) {
 // Light from terrain: its error against time. A renderer for each row, that has kept no light.
 int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terrain, const engine::Renderer& renderer,
                     const std::vector<engine::AccuracyScene>& scenes) {
-  constexpr int kStrata = 512;
   std::string table;
   const auto add = [&](const std::string& line) {
     table += line;
@@ -95,7 +94,7 @@ int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terr
       "|---|---|---|---|---|---|---|---|---|\n");
   for (const engine::AccuracyScene& scene : scenes) {
     if (scene.name != "nadir" && scene.name != "polar") continue;
-    const engine::IndirectTruth truth(renderer, scene.frames.front(), kStrata);
+    const engine::IndirectTruth truth(renderer, scene.frames.front(), scene.name == "polar" ? 768 : 256);
     for (const double spacing_px : {0.5, 1.0, 2.0, 4.0, 8.0}) {
       const auto row = engine::measure_indirect(*make_renderer(terrain), truth, spacing_px, s.repetitions);
       const auto& error = row.error;

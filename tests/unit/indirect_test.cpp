@@ -1,6 +1,7 @@
 // Light from terrain and from the Earth, against closed forms.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
@@ -116,6 +117,33 @@ TEST(IndirectLight, ABounceInABowlIsTheSameEverywhere) {
       SCOPED_TRACE(::testing::Message() << ratio << " " << elevation_deg << " " << bounces);
       expect_the_same_everywhere(bowl, relief, elevation_deg, bounces);
     }
+  }
+}
+
+// A map of one value is as the model with that value, by two bounces, too.
+TEST(IndirectLight, AMapOfOneAlbedoIsAsTheModels) {
+  const Bowl bowl{200, 40};
+  const Relief relief = bowl.relief(2000);
+  Sun sun;
+  sun.direction = sun_direction(bowl.axes, 70, 30);
+  Reflectance hapke{.model = ReflectanceModel::hapke};
+  hapke.hapke.w = 0.6;
+  for (const bool is_w : {true, false}) {
+    const double albedo = is_w ? hapke.hapke.w : 0.8;
+    SlopeLightSource plain = is_w ? SlopeLightSource{sun, kFlux_w_m2, Brdf(hapke), false, {}, 2}
+                                  : lambert_in(sun, albedo, 2),
+                     mapped = is_w ? plain : lambert_in(sun, 1, 2);
+    mapped.albedo_is_w = is_w;
+    mapped.albedo = [&](double, std::span<const Vec3>, std::span<float> out, const StopToken&) {
+      std::fill(out.begin(), out.end(), static_cast<float>(albedo));
+    };
+    const SlopeLight by_model(relief, plain), by_map(relief, mapped);
+    std::array<SectorLight, kPacket> found, expected;
+    by_model.gather(relief.middle() + 20, relief.middle() - 40, 4, expected, {});
+    by_map.gather(relief.middle() + 20, relief.middle() - 40, 4, found, {});
+    for (std::size_t i = 0; i < kPacket; ++i)
+      for (std::size_t k = 0; k < kSectors; ++k)
+        EXPECT_LT((found[i].from[k] - expected[i].from[k]).norm(), 1e-5F * expected[i].from[k].norm()) << is_w;
   }
 }
 
