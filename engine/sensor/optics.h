@@ -24,8 +24,8 @@ class SpreadKernel {
   // Makes a kernel for a wavelength and a pixel pitch, integrated over pixels to within 1e-5 of the light. It is cut
   // off where the rest is below 1e-5 (Gaussian, renormalised), or after 12 rings or at kMaxRadius (Airy, whose wings
   // decrease slowly): `captured` is the share of the light within. The rest of an Airy disc, about 1.6 %, is spread
-  // over the kernel, evenly but for a slope that keeps the light's mean place: uniform light keeps its level. Takes milliseconds. Throws Cancelled when `stop`
-  // says so, as the functions below do.
+  // over the kernel, evenly but for a slope that keeps the light's mean place: uniform light keeps its level. Takes
+  // milliseconds. Throws Cancelled when `stop` says so, as the functions below do.
   SpreadKernel(const PointSpread& spread, double f_number, double pixel_pitch_um, double wavelength_um,
                const StopToken& stop = {});
   // The kernel for points at an offset (dx, dy), at most half a pixel, from their pixel's center: those of a sub-pixel

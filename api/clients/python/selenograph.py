@@ -461,7 +461,8 @@ class Client:
         """The Moon's limb in an image, of its terrain and of a sphere: POST /v1/limb.
 
         Gives a record array of as many azimuths: azimuth_deg, angle_deg, x_px, y_px, in_frame, position_m, lat_deg,
-        lon_deg, height_m, range_m, sphere_angle_deg, sphere_x_px, sphere_y_px, difference_px. What does not exist is NaN.
+        lon_deg, height_m, range_m, sphere_angle_deg, sphere_x_px, sphere_y_px, difference_px. What
+        does not exist is NaN.
         """
         document = _given(camera=camera, pose=pose, points=points, detail=detail)
         found = json.loads(self._ask("POST", "/v1/limb", _body(document), "application/json", None)[2])["points"]
