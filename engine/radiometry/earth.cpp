@@ -7,7 +7,7 @@ namespace selenograph::engine {
 namespace {
 
 constexpr double kEarthRadius_m = 6378136.6;
-constexpr double kSun_mag = -26.75, kBondAlbedo = 0.294;
+constexpr double kBondAlbedo = 0.294;
 
 // Brightness relative to phase 0.
 double magnitude_law(double phase_deg) {

@@ -17,13 +17,16 @@ double earth_phase_deg(const Earth& earth, const Sun& sun);
 // 170 degrees; beyond, that of 170.
 double earth_magnitude(double phase_deg);
 
+// V of the Sun at 1 au: Willmer, ApJS 236, 47 (2018).
+inline constexpr double kSun_mag = -26.76;
+
 // The Earth's irradiance at the Moon at normal incidence over the Sun's there, in a band or over all wavelengths
 // (null).
 //
-// Phase law and brightness in the visible are those of earth_magnitude; the Sun is V = -26.75. Bands have the visible's
-// albedo. Over all wavelengths the same phase law is scaled to a Bond albedo of 0.294 (Stephens et al., Rev. Geophys.
-// 53, 141, 2015): 0.09 W m-2 at full Earth. Clouds change it by 30 % from day to day, and the infrared that the Earth
-// emits, as much again at the Moon, is not in it (Glenar et al., Icarus 321, 841, 2019).
+// Phase law and brightness in the visible are those of earth_magnitude and kSun_mag. Bands have the visible's
+// albedo. Over all wavelengths the same phase law is scaled to a Bond albedo of 0.294 (Stephens et al., Rev.
+// Geophys. 53, 141, 2015): 0.09 W m-2 at full Earth. Clouds change it by 30 % from day to day, and the infrared that
+// the Earth emits, as much again at the Moon, is not in it (Glenar et al., Icarus 321, 841, 2019).
 double earth_over_sun(const Earth& earth, const Sun& sun, const Band* band);
 double earth_over_sun(double distance_m, double phase_deg, const Band* band);
 

@@ -113,7 +113,7 @@ double planet_magnitude(Planet planet, const ApparentBody& body) {
          at_one_au(planet, body);
 }
 
-double sun_magnitude(double distance_m) { return -26.76 + 5 * std::log10(distance_m / kAstronomicalUnit_m); }
+double sun_magnitude(double distance_m) { return kSun_mag + 5 * std::log10(distance_m / kAstronomicalUnit_m); }
 
 double star_temperature_k(double b_v) {
   const double x = 0.92 * std::clamp(b_v, -0.4, 2.5);

@@ -12,7 +12,7 @@ namespace selenograph::engine {
 // 17. Saturn with its rings. Left out are what depends on rotation and season of Mars (0.1 mag); Neptune is that of
 // 2000 and later. Beyond the phase angles of the fits: that of the nearest one.
 double planet_magnitude(Planet planet, const ApparentBody& body);
-// V of the Sun at a distance: -26.76 at 1 au (Willmer, ApJS 236, 47, 2018).
+// V of the Sun at a distance.
 double sun_magnitude(double distance_m);
 
 // Effective temperature of a star by its B - V: Ballesteros, EPL 97, 34008 (2012); -0.4 to 2.5, beyond the nearest.

@@ -5,12 +5,16 @@ import json
 import math
 import os
 import struct
+import sys
 import unittest
 
 import numpy as np
 
 import harness
 from harness import Service, path
+
+sys.path.insert(0, os.path.join(harness.REPOSITORY, "api", "clients", "python"))
+from selenograph import Client  # noqa: E402
 
 RADIUS_M, HEIGHT_M, RANGE_M = 1737400.0, 1500.0, 8.0e6
 LABEL = """PDS_VERSION_ID = "PDS3"
@@ -108,6 +112,17 @@ class Answer(unittest.TestCase):
         self.assertEqual(arrays["terminator_position_m"].tolist(), [p["position_m"] for p in answer["terminator"]])
         self.assertEqual(arrays["terminator_visible"][:, 0].tolist(), [p["visible"] for p in answer["terminator"]])
         self.assertNotIn("terminator", limb()[1])
+
+    def test_the_python_client(self):
+        sun = {"direction": [0.0, 1.0, 0.0]}
+        answer = limb(sun=sun)[1]
+        with Client(f"http://{service.host}:{service.port}") as client:
+            what = {"camera": APPROACH["camera"], "pose": APPROACH["pose"], "points": 24}
+            for found, points in ((client.limb(**what), answer["points"]),
+                                  (client.terminator(**what, sun=sun), answer["terminator"])):
+                self.assertEqual(set(found.dtype.names), set(points[0]) - {"reason"})
+                for name in found.dtype.names:
+                    np.testing.assert_array_equal(found[name], [p[name] for p in points], name)
 
     def test_what_the_camera_does_not_see(self):
         away = {"position_m": [RANGE_M, 0.0, 0.0], "camera_from_moon": {"w": HALF, "x": 0, "y": -HALF, "z": 0}}

@@ -461,16 +461,21 @@ class Client:
         """The Moon's limb in an image, of its terrain and of a sphere: POST /v1/limb.
 
         Gives a record array of as many azimuths: azimuth_deg, angle_deg, x_px, y_px, in_frame, position_m, lat_deg,
-        lon_deg, height_m, range_m, sphere_angle_deg, sphere_x_px, sphere_y_px, difference_px. What
-        does not exist is NaN.
+        lon_deg, height_m, range_m, sphere_angle_deg, sphere_x_px, sphere_y_px, difference_px. What does not exist is
+        NaN.
         """
-        document = _given(camera=camera, pose=pose, points=points, detail=detail)
-        found = json.loads(self._ask("POST", "/v1/limb", _body(document), "application/json", None)[2])["points"]
-        fields = [("azimuth_deg", float), ("angle_deg", float), ("x_px", float), ("y_px", float), ("in_frame", bool),
-                  ("position_m", float, 3), ("lat_deg", float), ("lon_deg", float), ("height_m", float),
-                  ("range_m", float), ("sphere_angle_deg", float), ("sphere_x_px", float), ("sphere_y_px", float),
-                  ("difference_px", float)]
-        return _records(found, fields, (len(found),))
+        fields = [("angle_deg", float), ("sphere_angle_deg", float), ("difference_px", float)]
+        return self._outline("points", fields, camera=camera, pose=pose, points=points, detail=detail)
+
+    def terminator(self, camera: Request, pose: Request, sun: Request, points: int = 360,
+                   detail: Optional[str] = None) -> np.recarray:
+        """The Moon's terminator in an image, of its terrain and of a sphere: POST /v1/limb with a Sun.
+
+        Gives a record array of as many azimuths around the direction to the Sun: azimuth_deg, x_px, y_px, in_frame,
+        visible, position_m, lat_deg, lon_deg, height_m, range_m, sphere_x_px, sphere_y_px, sphere_visible.
+        """
+        fields = [("visible", bool), ("sphere_visible", bool)]
+        return self._outline("terminator", fields, camera=camera, pose=pose, sun=sun, points=points, detail=detail)
 
     def datasets(self) -> Dict[str, Any]:
         """The catalogue: GET /v1/datasets. "datasets" is a list of tiles (name, footprint, post_spacing_m, ...),
@@ -478,6 +483,13 @@ class Client:
         return json.loads(self._ask("GET", "/v1/datasets", None, "application/json")[2])
 
     # Underneath
+
+    def _outline(self, which: str, more: Any, **request: Any) -> np.recarray:
+        found = json.loads(self._ask("POST", "/v1/limb", _body(_given(**request)), "application/json", None)[2])[which]
+        fields = [("azimuth_deg", float), ("x_px", float), ("y_px", float), ("in_frame", bool),
+                  ("position_m", float, 3), ("lat_deg", float), ("lon_deg", float), ("height_m", float),
+                  ("range_m", float), ("sphere_x_px", float), ("sphere_y_px", float)]
+        return _records(found, fields + more, (len(found),))
 
     def _post(self, path: str, document: Any, accept: str) -> Answer:
         _, headers, content = self._ask("POST", path, _body(document), accept, _region(document))
@@ -854,6 +866,10 @@ class AsyncClient:
     async def limb(self, camera: Request, pose: Request, points: int = 360,
                    detail: Optional[str] = None) -> np.recarray:
         return await self._run(self._client.limb, camera, pose, points, detail)
+
+    async def terminator(self, camera: Request, pose: Request, sun: Request, points: int = 360,
+                         detail: Optional[str] = None) -> np.recarray:
+        return await self._run(self._client.terminator, camera, pose, sun, points, detail)
 
     async def datasets(self) -> Dict[str, Any]:
         return await self._run(self._client.datasets)
