@@ -464,7 +464,7 @@ class Client:
         lon_deg, height_m, range_m, sphere_angle_deg, sphere_x_px, sphere_y_px, difference_px. What does not exist is
         NaN.
         """
-        fields = [("angle_deg", float), ("sphere_angle_deg", float), ("difference_px", float)]
+        fields = [("angle_deg", float), ("range_m", float), ("sphere_angle_deg", float), ("difference_px", float)]
         return self._outline("points", fields, camera=camera, pose=pose, points=points, detail=detail)
 
     def terminator(self, camera: Request, pose: Request, sun: Request, points: int = 360,
@@ -472,7 +472,7 @@ class Client:
         """The Moon's terminator in an image, of its terrain and of a sphere: POST /v1/limb with a Sun.
 
         Gives a record array of as many azimuths around the direction to the Sun: azimuth_deg, x_px, y_px, in_frame,
-        visible, position_m, lat_deg, lon_deg, height_m, range_m, sphere_x_px, sphere_y_px, sphere_visible.
+        visible, position_m, lat_deg, lon_deg, height_m, sphere_x_px, sphere_y_px, sphere_visible.
         """
         fields = [("visible", bool), ("sphere_visible", bool)]
         return self._outline("terminator", fields, camera=camera, pose=pose, sun=sun, points=points, detail=detail)
@@ -488,7 +488,7 @@ class Client:
         found = json.loads(self._ask("POST", "/v1/limb", _body(_given(**request)), "application/json", None)[2])[which]
         fields = [("azimuth_deg", float), ("x_px", float), ("y_px", float), ("in_frame", bool),
                   ("position_m", float, 3), ("lat_deg", float), ("lon_deg", float), ("height_m", float),
-                  ("range_m", float), ("sphere_x_px", float), ("sphere_y_px", float)]
+                  ("sphere_x_px", float), ("sphere_y_px", float)]
         return _records(found, fields + more, (len(found),))
 
     def _post(self, path: str, document: Any, accept: str) -> Answer:
