@@ -43,10 +43,13 @@ BODIES = {
         dict(FRAME, products=["image"], image={}),
         dict(FRAME, products=["image"], band={"center_um": 0.65, "width_um": 0.2}, sensor=SENSOR),
         dict(FRAME, products=["image"], band={"center_um": 0.65, "width_um": 0.2}, sensor=dict(
+            SENSOR, optics={"f_number": 4.0, "stray_light": {"b0_sr": 1.0, "shoulder": 0.01, "slope": -1.5}})),
+        dict(FRAME, products=["image"], band={"center_um": 0.65, "width_um": 0.2}, sensor=dict(
             SENSOR, exposure={"target_fill": 0.5}, detector={**SENSOR["detector"], "full_well_e": 1e4, "integration_time_s": None})),
     ),
     "/v1/maps": ({"map": {"projection": "equirectangular", "center": {"lat_deg": 26.1, "lon_deg": 3.6}, "width_m": 2000, "height_m": 2000,
                           "gsd_m": 200}, "sun": FRAME["sun"], "accuracy": {}},),
+    "/v1/limb": ({"camera": FRAME["camera"], "pose": POSE},),
     "/v1/features": ({"detail": "highlands", "smallest_m": 200, "region": {
         "south_deg": 26.1, "north_deg": 26.11, "west_deg": 3.62, "east_deg": 3.63}},),
     "/v1/verify/roundtrip": ({"center": {"lat_deg": 26.1, "lon_deg": 3.6}, "mode": "camera", "posts": 8},),
