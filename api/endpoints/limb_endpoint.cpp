@@ -28,8 +28,8 @@ Response answer_limb(const EndpointContext& context) {
 void describe_limb(Operation& o) {
   o.describe(
       "Truth for horizon-based navigation: where the Moon's limb is in the image, to 0.01 pixel, at azimuths around "
+      "the direction to its centre, and where that of a sphere would be. In the half plane of an azimuth the limb is "
       "the "
-      "direction to its centre, and where that of a sphere would be. In the half plane of an azimuth the limb is the "
       "largest angle from the centre at which a ray still meets the finest terrain. Objects and rocks have no part in "
       "it. With `sun` the terminator, too: the limb as the Sun's centre sees it, which is, in a half plane that begins "
       "at the line to the Sun, the last lit ground toward the night.");

@@ -16,17 +16,21 @@ def sides(toward):
     return turn[:, 0], turn[:, 1]
 
 
+def across(moon_m, azimuths):
+    """The direction to the Moon's centre and, for each azimuth around it, the one across; unit, camera axes."""
+    toward = moon_m / np.linalg.norm(moon_m)
+    right, down = sides(toward)
+    return toward, np.cos(azimuths)[:, None] * right + np.sin(azimuths)[:, None] * down
+
+
 def edges(image, camera, moon_m, sun, azimuths, reach_px=12.0):
     """Angles from the direction to the Moon's centre, as it is believed to be (camera axes), to the edge that the image
     shows at each azimuth; NaN where none is lit, in the image and clear. radians
 
     Along each radius the edge is where the image crosses half of what it is just inside. A point spread that is
     symmetric moves it by little, since the limb's brightness is nearly constant over a few pixels."""
-    distance = np.linalg.norm(moon_m)
-    toward = moon_m / distance
-    right, down = sides(toward)
-    aside = np.cos(azimuths)[:, None] * right + np.sin(azimuths)[:, None] * down
-    sphere = np.arcsin(RADIUS_M / distance)
+    toward, aside = across(moon_m, azimuths)
+    sphere = np.arcsin(RADIUS_M / np.linalg.norm(moon_m))
     along_px = np.arange(-reach_px, reach_px + 0.125, 0.25)
     angles = sphere + along_px / camera.focal * np.cos(sphere) ** 2
     rays = np.cos(angles)[None, :, None] * toward + np.sin(angles)[None, :, None] * aside[:, None, :]
@@ -61,9 +65,7 @@ def fit(moon_m, azimuths, angles, sigma_rad):
     """The Moon's centre in camera axes, m, from angles of its limb around a direction that need not be exact; and the
     covariance of errors of sigma_rad in each angle. Horizon points of a sphere lie in a plane: unit vectors s with
     n . s = 1 (Christian & Robinson 2016, Noniterative Horizon-Based Optical Navigation by Cholesky Factorization)."""
-    toward = moon_m / np.linalg.norm(moon_m)
-    right, down = sides(toward)
-    aside = np.cos(azimuths)[:, None] * right + np.sin(azimuths)[:, None] * down
+    toward, aside = across(moon_m, azimuths)
     points = np.cos(angles)[:, None] * toward + np.sin(angles)[:, None] * aside
     outward = np.cos(angles)[:, None] * aside - np.sin(angles)[:, None] * toward
     normal, *_ = np.linalg.lstsq(points, np.ones(len(points)), rcond=None)
@@ -75,9 +77,7 @@ def fit(moon_m, azimuths, angles, sigma_rad):
 
 def angles_of(moon_m, around_m, azimuths):
     """Of a sphere's limb around a direction that isn't its centre's: where each radius meets it. radians"""
-    toward = around_m / np.linalg.norm(around_m)
-    right, down = sides(toward)
-    aside = np.cos(azimuths)[:, None] * right + np.sin(azimuths)[:, None] * down
+    toward, aside = across(around_m, azimuths)
     # cos(t) a + sin(t) b = c
     a, b = moon_m @ toward, aside @ moon_m
     c = np.sqrt(moon_m @ moon_m - RADIUS_M**2)

@@ -1,4 +1,4 @@
-"""100 flights: error against distance, beside the law of the fit's covariance."""
+"""Many flights: error against distance, beside the law of the fit's covariance."""
 
 import concurrent.futures
 import csv

@@ -132,13 +132,7 @@ class Finder {
       if (field.largest_m(k) < smallest_m) continue;
       const int level = level_of_rocks(k);
       if (level == id.level || (level < id.level && id.level == chosen_level)) {
-        const Piece piece{k, dem::ancestor_of(id, level), smallest_m};
-        // Blocks beside each other mostly have the same ones.
-        const auto last = std::find_if(pieces.rbegin(), pieces.rend(), [&](const Piece& p) { return p.octave == k; });
-        if (last != pieces.rend() && same(*last, piece))
-          last->smallest_m = std::min(last->smallest_m, smallest_m);
-        else if (near_view(field.largest_m(k)))
-          pieces.push_back(piece);
+        if (near_view(field.largest_m(k))) pieces.push_back({k, dem::ancestor_of(id, level), smallest_m});
       }
       finer |= level > id.level;
     }
