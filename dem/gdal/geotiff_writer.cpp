@@ -74,6 +74,8 @@ void create(const std::string& path, const GeotiffGrid& g, std::span<const float
 // --- maps
 
 constexpr int kTile = 256;
+// Tiles are no higher than a low map; their sides are multiples of 16.
+int tile_height(const MapGrid& grid) { return std::min(kTile, (grid.height + 15) / 16 * 16); }
 
 // Names as in the IAU's own definitions (IAU_2015:30110 to 30135), which differ in parameters alone.
 OGRSpatialReference moon(const MapPlane& plane) {
@@ -135,13 +137,22 @@ void describe(GDALDataset& dataset, const MapGrid& grid, std::span<const MapBand
   if (!done) throw DataError(path, complaint());
 }
 
-// Elements of a band as double, `count` of them from the pixel `first` on.
-void widen(const MapBand& band, std::size_t first, std::size_t count, bool among_floats, std::vector<double>& out) {
-  out.resize(count);
-  const auto step = static_cast<std::size_t>(band.step);
+// Pixels of a map.
+struct Window {
+  int column, row, columns, rows;
+};
+
+// A band's elements in a window, as double.
+void widen(const MapBand& band, const MapGrid& grid, const Window& window, bool among_floats,
+           std::vector<double>& out) {
+  out.clear();
+  const auto step = static_cast<std::ptrdiff_t>(band.step);
   std::visit(
       [&](const auto* values) {
-        for (std::size_t i = 0; i < count; ++i) out[i] = static_cast<double>(values[(first + i) * step]);
+        for (int r = 0; r < window.rows; ++r) {
+          const auto* from = values + (std::ptrdiff_t{window.row + r} * grid.width + window.column) * step;
+          for (int c = 0; c < window.columns; ++c, from += step) out.push_back(static_cast<double>(*from));
+        }
       },
       band.values);
   if (!among_floats || !std::holds_alternative<const std::uint16_t*>(band.values)) return;
@@ -149,12 +160,23 @@ void widen(const MapBand& band, std::size_t first, std::size_t count, bool among
     if (value == kNoMapNumber) value = std::numeric_limits<double>::quiet_NaN();
 }
 
+// Of whole tiles, some megabytes.
+template <typename Visit>
+void for_each_window(const MapGrid& grid, const Visit& visit) {
+  constexpr int kColumns = 8 * kTile;
+  for (int row = 0; row < grid.height; row += kTile)
+    for (int column = 0; column < grid.width; column += kColumns)
+      visit(Window{column, row, std::min(kColumns, grid.width - column), std::min(kTile, grid.height - row)});
+}
+
 void create(const std::string& path, const MapGrid& grid, std::span<const MapBand> bands, const std::string& metadata,
             const StopToken& stop) {
   register_gdal();
   const QuietGdal quiet;
   const GDALDataType type = type_of(bands);
+  const std::string height = fmt::format("BLOCKYSIZE={}", tile_height(grid));
   const char* const options[] = {"TILED=YES",
+                                 height.c_str(),
                                  "COMPRESS=DEFLATE",
                                  "ZLEVEL=1",
                                  "INTERLEAVE=BAND",
@@ -166,19 +188,19 @@ void create(const std::string& path, const MapGrid& grid, std::span<const MapBan
                                           const_cast<char**>(options)));
   if (!dataset) throw DataError(path, complaint());
   describe(*dataset, grid, bands, metadata, path);
-  std::vector<double> strip;
+  std::vector<double> values;
   CPLErr written = CE_None;
-  for (std::size_t i = 0; i < bands.size(); ++i)
-    for (int row = 0; row < grid.height && written == CE_None; row += kTile) {
+  for (std::size_t i = 0; i < bands.size(); ++i) {
+    GDALRasterBand* band = dataset->GetRasterBand(static_cast<int>(i) + 1);
+    for_each_window(grid, [&](const Window& w) {
+      if (written != CE_None) return;
       stop.check();
-      const int rows = std::min(kTile, grid.height - row);
-      const auto width = static_cast<std::size_t>(grid.width);
-      widen(bands[i], static_cast<std::size_t>(row) * width, static_cast<std::size_t>(rows) * width, type != GDT_UInt16,
-            strip);
-      written = dataset->GetRasterBand(static_cast<int>(i) + 1)
-                    ->RasterIO(GF_Write, 0, row, grid.width, rows, strip.data(), grid.width, rows, GDT_Float64, 0, 0,
-                               nullptr);
-    }
+      widen(bands[i], grid, w, type != GDT_UInt16, values);
+      written = band->RasterIO(GF_Write, w.column, w.row, w.columns, w.rows, values.data(), w.columns, w.rows,
+                               GDT_Float64, 0, 0, nullptr);
+      band->FlushCache(false);  // compressed here, where `stop` is heard
+    });
+  }
   dataset->FlushCache(true);
   if (written != CE_None || CPLGetLastErrorType() >= CE_Failure) throw DataError(path, complaint());
 }
@@ -243,10 +265,10 @@ std::string geotiff_bytes(const MapGrid& grid, std::span<const MapBand> bands, c
 
 std::size_t geotiff_bytes_at_most(const MapGrid& grid, std::span<const MapBand> bands) {
   const std::size_t element = type_of(bands) == GDT_Float64 ? 8 : type_of(bands) == GDT_Float32 ? 4 : 2;
-  const auto tiles = [](int pixels) { return static_cast<std::size_t>((pixels + kTile - 1) / kTile) * kTile; };
-  // What doesn't compress grows by less than a thousandth; a strip in double, and metadata.
-  return bands.size() * element * tiles(grid.width) * tiles(grid.height) * 101 / 100 +
-         tiles(grid.width) * kTile * sizeof(double) + (std::size_t{1} << 20);
+  const auto tiles = [](int pixels, int side) { return static_cast<std::size_t>((pixels + side - 1) / side * side); };
+  // What doesn't compress grows by less than a thousandth; a window in double, and metadata.
+  return bands.size() * element * tiles(grid.width, kTile) * tiles(grid.height, tile_height(grid)) * 101 / 100 +
+         (std::size_t{8} << 20);
 }
 
 }  // namespace selenograph::dem
