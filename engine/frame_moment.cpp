@@ -4,6 +4,7 @@
 #include <limits>
 #include <utility>
 
+#include "dem/support/error.h"
 #include "engine/frame/needs.h"
 #include "engine/radiometry/radiometry.h"
 #include "engine/scene/anchor.h"
@@ -27,11 +28,31 @@ RowViews views_above_ground(const FrameRequest& request, const dem::Terrain& ter
   return views;
 }
 
-RocksInView select_rocks(const FrameRequest& request, const RowViews& views, const Selection& selection,
-                         const dem::Terrain& terrain, const RenderCache& kept, const StopToken& stop) {
+// Of the other image of a flow.
+std::optional<RowViews> views_of_flow(const FrameRequest& request, const dem::Terrain& terrain, const StopToken& stop) {
+  std::optional<RowViews> views;
+  if (!wants_flow(request)) return views;
+  views.emplace(request.camera, *request.flow_to, request.shutter, stop);
+  try {
+    if (request.terrain) refuse_underground(terrain, *views, stop);
+  } catch (const ImpossibleRequest& e) {
+    throw ImpossibleRequest(e.what(), "flow_to");
+  }
+  return views;
+}
+
+RocksInView select_rocks(const FrameRequest& request, const RowViews& views, const RowViews* flow_to,
+                         const Selection& selection, const dem::Terrain& terrain, const RenderCache& kept,
+                         const StopToken& stop) {
   if (!request.terrain) return {};
-  return rocks_in_view(terrain, kept.rocks(), views, wants_light(request) ? &request.sun : nullptr, selection.blocks,
-                       request.accuracy.max_error_px, stop);
+  const Sun* sun = wants_light(request) ? &request.sun : nullptr;
+  RocksInView seen =
+      rocks_in_view(terrain, kept.rocks(), views, sun, selection.blocks, request.accuracy.max_error_px, stop);
+  if (!flow_to) return seen;
+  RocksInView next =
+      rocks_in_view(terrain, kept.rocks(), *flow_to, nullptr, selection.blocks, request.accuracy.max_error_px, stop);
+  add_rocks(std::move(next), seen);
+  return seen;
 }
 
 // `job` is what the writer's pixels were drawn from.
@@ -51,7 +72,10 @@ Selection select_blocks(const FrameRequest& request, const RowViews& views, cons
                         const dem::Terrain& terrain, const RenderCache& kept, const StopToken& stop) {
   if (!request.terrain) return {.blocks = {}, .shadow_limit_px = accuracy.max_shadow_error_px};
   const Visibility visibility = request.shutter ? Visibility::raytrace : request.visibility;
-  return select_for_views(terrain, views.bundles(), wants_light(request) ? &request.sun : nullptr, accuracy, stop,
+  std::vector<ViewBundle> bundles(views.bundles().begin(), views.bundles().end());
+  if (const auto flow_to = views_of_flow(request, terrain, stop))
+    bundles.insert(bundles.end(), flow_to->bundles().begin(), flow_to->bundles().end());
+  return select_for_views(terrain, bundles, wants_light(request) ? &request.sun : nullptr, accuracy, stop,
                           {kept.capacity(), visibility}, balls_around(request.objects));
 }
 
@@ -73,8 +97,9 @@ FrameMoment::FrameMoment(const FrameRequest& request, const dem::Terrain& terrai
       kept_(kept),
       stop_(stop.counting(waits_)),
       views_(views_above_ground(request, terrain, stop_)),
+      flow_to_(views_of_flow(request, terrain, stop_)),
       selection_(select_blocks(request, views_, request.accuracy, terrain, kept, stop_)),
-      rocks_(select_rocks(request, views_, selection_, terrain, kept, stop_)),
+      rocks_(select_rocks(request, views_, flow_to(), selection_, terrain, kept, stop_)),
       objects_(request, views_, rocks_.rocks, stop_),
       radiance_(radiance_terms(request)),
       content_(content_of(request, views_, selection_, terrain)) {
@@ -97,7 +122,8 @@ void FrameMoment::make_scene(std::size_t draws) {
 
 Drawn FrameMoment::draw(int margin_px, const EachSample& each, FrameProducts& out) {
   const FrameJob job{
-      request_, views_, *scene_, objects_, radiance_, *lens_, stop_, each, indirect_ ? &*indirect_ : nullptr};
+      request_, views_, *scene_, objects_, radiance_, *lens_, stop_, each, indirect_ ? &*indirect_ : nullptr,
+      flow_to()};
   const ViewMarks marks(views_, margin_px);
   const bool dense = drawn_at_once(request_, request_.accuracy, content_.visibility) > 1;
   Drawn drawn = dense ? draw_dense(job, marks, out) : draw_centres(job, marks, out);
@@ -126,7 +152,8 @@ Drawn FrameMoment::draw_dense(const FrameJob& job, const ViewMarks& marks, Frame
   std::optional<Drawn> drawn;
   if (at_centres.products)
     drawn = draw_centres(
-        {at_centres, views_, job.scene, objects_, radiance_, job.centres, stop_, job.each, job.indirect}, marks, out);
+        {at_centres, views_, job.scene, objects_, radiance_, job.centres, stop_, job.each, job.indirect, job.flow_to},
+        marks, out);
   const std::shared_ptr<const PixelRays> lens = kept_.lens(dense_camera(job.request.camera), stop_);
   DenseSamples samples(job, *lens, catalogue_size());
   samples.writer().look_at(marks.dense());

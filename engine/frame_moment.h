@@ -25,7 +25,7 @@
 
 namespace selenograph::engine {
 
-// Selects the terrain blocks and their levels. None when the request has no terrain.
+// Selects the terrain blocks and their levels, for both images of a flow. None when the request has no terrain.
 Selection select_blocks(const FrameRequest& request, const RowViews& views, const Accuracy& accuracy,
                         const dem::Terrain& terrain, const RenderCache& kept, const StopToken& stop);
 
@@ -69,6 +69,7 @@ class FrameMoment {
   Drawn draw_centres(const FrameJob& job, const ViewMarks& marks, FrameProducts& out);
   Drawn draw_dense(const FrameJob& job, const ViewMarks& marks, FrameProducts& out);
   void draw_pixels(const FrameJob& job, FrameWriter& writer);
+  const RowViews* flow_to() const { return flow_to_ ? &*flow_to_ : nullptr; }
   std::size_t catalogue_size() const { return terrain_.catalogue().rasters().size(); }
 
   const FrameRequest& request_;
@@ -79,6 +80,7 @@ class FrameMoment {
   Stopwatch watch_;
   StageTimes times_;
   RowViews views_;
+  std::optional<RowViews> flow_to_;
   Selection selection_;
   RocksInView rocks_;
   ObjectsInFrame objects_;

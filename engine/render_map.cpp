@@ -14,6 +14,7 @@
 #include "dem/support/parallel.h"
 #include "engine/budget.h"
 #include "engine/frame/needs.h"
+#include "engine/hazard/hazard_map.h"
 #include "engine/radiometry/radiometry.h"
 #include "engine/scene/anchor.h"
 #include "engine/scene/selection.h"
@@ -21,6 +22,7 @@
 #include "engine/support/stopwatch.h"
 #include "engine/visibility/image/frame_writer.h"
 #include "engine/visibility/objects/objects_in_frame.h"
+#include "engine/visibility/objects/rocks_in_view.h"
 #include "engine/visibility/points/trace.h"
 #include "engine/visibility/raytrace/ray_pass.h"
 
@@ -107,7 +109,7 @@ RowViews view_from(const Vec3& toward, const PatchDirections& patch, double gsd_
 
 // What a patch is drawn with: positions say where there is data, normals how steep it is.
 ProductSet products_of_patch(ProductSet wanted) {
-  return (wanted & ~(kHeight | kSlope)) | kPosition | (wanted & kSlope ? ProductSet{kNormal} : 0);
+  return (wanted & ~(kHeight | kSlope | kRockHeight)) | kPosition | (wanted & kSlope ? ProductSet{kNormal} : 0);
 }
 
 class MapDrawing {
@@ -212,7 +214,7 @@ class MapDrawing {
     {
       const std::shared_ptr<const Scene> scene = kept_.scene(content, stop_);
       spent.build_ms = watch.lap_ms();
-      trace(patch, directions, above, *scene);
+      trace(patch, directions, above, selection, *scene);
       report(selection, *scene);
     }
     spent.visibility_ms = watch.lap_ms();
@@ -222,8 +224,12 @@ class MapDrawing {
     if (several_) kept_.forget(content);
   }
 
-  void trace(const Patch& patch, const PatchDirections& directions, const RowViews& above, const Scene& scene) {
-    const ObjectsInFrame objects(frame_, above);
+  void trace(const Patch& patch, const PatchDirections& directions, const RowViews& above, const Selection& selection,
+             const Scene& scene) {
+    const RocksInView rocks = rocks_on(above, selection);
+    const ObjectsInFrame objects(frame_, rocks.rocks, stop_);
+    std::vector<float> rock_height;
+    if (request_.products & kRockHeight) rock_height.assign(patch.pixels(), 0);
     const PixelRays lens;
     const EachSample each;
     std::optional<TerrainLight> indirect;
@@ -241,6 +247,7 @@ class MapDrawing {
     RayPass(job, writer).for_pixels([&](RayPass& pass, RayPass::Packet& packet) {
       aim(patch, directions, packet);
       pass.meet(packet);
+      if (packet.on_object && !rock_height.empty()) note_rocks(patch, packet, rock_height);
       pass.find_light(packet);
       const std::uint32_t hidden = turn_to_viewer(scene, packet);
       pass.find_radiance(packet);
@@ -251,7 +258,27 @@ class MapDrawing {
     hit_ += writer.counts().hit, missing_ += writer.counts().missing, filled_ += writer.counts().filled;
     blended_ += writer.counts().blended;
     const std::vector<dem::SourceIndex> sources = writer.sources().settle(drawn.source);
+    drawn.rock_height = std::move(rock_height);
     copy(patch, directions, drawn, numbers_of(sources));
+  }
+
+  RocksInView rocks_on(const RowViews& above, const Selection& selection) {
+    if (!request_.rocks) return {};
+    RocksInView rocks = rocks_in_view(terrain_, kept_.rocks(), above, wants_light(frame_) ? &frame_.sun : nullptr,
+                                      selection.blocks, frame_.accuracy.max_error_px, stop_);
+    out_.report.rocks += rocks.rocks.size();
+    out_.report.least_rock_px = std::max(out_.report.least_rock_px, rocks.least_px);
+    return rocks;
+  }
+
+  // How far rocks are above the terrain below them, whose points the packet still has.
+  static void note_rocks(const Patch& patch, const RayPass::Packet& p, std::vector<float>& rock_height) {
+    for (int i = 0; i < kPacket; ++i) {
+      const int x = p.x + i % kPacketSide, y = p.y + i / kPacketSide;
+      if (!(p.on_object >> i & 1) || p.objects.on_soil[i] || x >= patch.width || y >= patch.height) continue;
+      rock_height[static_cast<std::size_t>(y) * static_cast<std::size_t>(patch.width) + static_cast<std::size_t>(x)] =
+          static_cast<float>(p.points.distance[i] - p.objects.points.distance[i]);
+    }
   }
 
   static void aim(const Patch& patch, const PatchDirections& directions, RayPass::Packet& p) {
@@ -390,7 +417,11 @@ class MapDrawing {
 
 Map render_map(const MapRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop,
                const MapProgress& progress) {
-  return MapDrawing(request, terrain, kept, stop, progress).draw();
+  if (!wants_footprint(request)) return MapDrawing(request, terrain, kept, stop, progress).draw();
+  const MapRequest drawn = drawn_for(request);
+  Map map = MapDrawing(drawn, terrain, kept, stop, progress).draw();
+  find_hazards(request, drawn, map.products, stop);
+  return map;
 }
 
 }  // namespace selenograph::engine

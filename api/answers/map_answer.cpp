@@ -12,6 +12,7 @@
 #include "api/encode/arrays.h"
 #include "api/requests/parts/detail_json.h"
 #include "dem/gdal/geotiff_writer.h"
+#include "engine/hazard/hazard_map.h"
 
 namespace selenograph::api {
 namespace {
@@ -84,12 +85,13 @@ std::string encode_map_png(const MapQuery& query, const engine::FrameProducts& p
 }  // namespace
 
 std::size_t bytes_of(const engine::MapRequest& request) {
-  const std::size_t pixels =
-      static_cast<std::size_t>(request.grid.width) * static_cast<std::size_t>(request.grid.height);
+  const bool wider = engine::wants_footprint(request);
+  const engine::MapRequest drawn = wider ? engine::drawn_for(request) : request;
+  const std::size_t pixels = static_cast<std::size_t>(drawn.grid.width) * static_cast<std::size_t>(drawn.grid.height);
   std::size_t arrays = 0;
   std::vector<dem::MapBand> bands;
   for (const ProductRow& row : map_products()) {
-    if (!(request.products & row.product)) continue;
+    if (!((request.products | drawn.products) & row.product)) continue;
     std::visit(
         [&](const auto elements) {
           using Elements = std::remove_cvref_t<decltype(engine::FrameProducts().*elements)>;
@@ -103,7 +105,8 @@ std::size_t bytes_of(const engine::MapRequest& request) {
   // A patch of 512 x 512 pixels: directions and a frame's arrays. An answer is made beside the arrays, and a GeoTIFF's
   // bytes are copied once.
   constexpr std::size_t kPatch = std::size_t{512} * 512 * 96;
-  return arrays + 2 * std::max(arrays, dem::geotiff_bytes_at_most(request.grid, bands)) + kPatch;
+  return arrays + (wider ? engine::bytes_of_footprints(request) : 0) +
+         2 * std::max(arrays, dem::geotiff_bytes_at_most(request.grid, bands)) + kPatch;
 }
 
 std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::uint64_t terrain_fingerprint,

@@ -11,7 +11,7 @@ using engine::FrameProducts;
 
 constexpr std::string_view kAxes[] = {"x", "y", "z"}, kPlace[] = {"lat_deg", "lon_deg", "height_m"},
                            kAngles[] = {"incidence_deg", "emission_deg", "phase_deg"},
-                           kLightSources[] = {"direct", "terrain", "earth"};
+                           kLightSources[] = {"direct", "terrain", "earth"}, kImageAxes[] = {"x", "y"};
 
 constexpr ProductRow kTable[] = {
     {engine::kImage,
@@ -88,6 +88,9 @@ constexpr ProductRow kTable[] = {
      true,
      "light that arrives, W m-2: from the Sun directly, from terrain, from the Earth; NaN where nothing is hit",
      {7, "W m-2", "light that arrives: from the Sun directly, from terrain, from the Earth"}},
+    {engine::kFlow, "flow", &FrameProducts::flow, kImageAxes, false,
+     "optical flow, px to the right and down: from the pixel to where its point is in the image at `flow_to`, also "
+     "beside that image; NaN where nothing is hit, and where the point is hidden there or behind the camera"},
     {engine::kHeight, "height", &FrameProducts::height, {}, false, "", {3, "m", "above the sphere of 1 737 400 m"}},
     {engine::kSlope,
      "slope",
@@ -95,10 +98,42 @@ constexpr ProductRow kTable[] = {
      {},
      false,
      "",
-     {4, "degree", "angle between the normal used for shading and the sphere's vertical"}},
+     {4, "degree",
+      "angle to the sphere's vertical: of the normal used for shading or, with `footprint`, of the plane fitted to the "
+      "ground in it"}},
+    {engine::kRockHeight,
+     "rock_height",
+     &FrameProducts::rock_height,
+     {},
+     false,
+     "",
+     {8, "m", "of a rock's surface above the ground below it; 0 without a rock. Requires `rocks`"}},
+    {engine::kRockCover,
+     "rock_cover",
+     &FrameProducts::rock_cover,
+     {},
+     false,
+     "",
+     {9, "", "share of the footprint's pixels that show rocks. Requires `rocks` and `footprint`"}},
+    {engine::kRoughness,
+     "roughness",
+     &FrameProducts::roughness,
+     {},
+     false,
+     "",
+     {10, "m", "largest distance of ground in the footprint from the plane of `slope`. Requires `footprint`"}},
+    {engine::kHazard,
+     "hazard",
+     &FrameProducts::hazard,
+     {},
+     false,
+     "",
+     {11, "",
+      "sum of the limits of `hazard` that are exceeded: 1 slope, 2 roughness, 4 rock height, 8 rock cover; 0: "
+      "none; 65535 for no data"}},
 };
 
-constexpr std::size_t kOfFrames = std::size(kTable) - 2;  // the last are maps' own
+constexpr std::size_t kOfFrames = std::size(kTable) - 6;  // the last are maps' own
 
 std::vector<ProductRow> rows_of_maps() {
   std::vector<ProductRow> rows;

@@ -126,6 +126,7 @@ constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px
                                         {"shutter", "/shutter"},
                                         {"albedo_maps", "/surface/albedo_maps"},
                                         {"craters", "/craters"},
+                                        {"flow_to", "/flow_to"},
                                         {"magnitude_limit", "/sky/magnitude_limit"}};
 
 // OpenEXR's channels have one size.

@@ -16,6 +16,7 @@
 #include "api/requests/parts/sky_options_json.h"
 #include "api/requests/parts/truth_json.h"
 #include "dem/support/error.h"
+#include "engine/frame/needs.h"
 
 namespace selenograph::api {
 namespace {
@@ -227,6 +228,13 @@ void check_shutter(const JsonReader& in, FrameQuery& query) {
   if (request.sensor) check_sensor_of_rows(in, *request.sensor, *request.shutter);
 }
 
+void check_flow(const JsonReader& in, const engine::FrameRequest& request) {
+  if (request.shutter && !request.shutter->poses.empty())
+    in.fail("flow_to", "replaces a \"pose\", which a shutter with poses has not");
+  if (request.visibility == engine::Visibility::zbuffer)
+    in.fail("visibility", "flow is rendered by \"raytrace\": \"zbuffer\" sees from one place");
+}
+
 void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
   const engine::FrameRequest& request = query.request;
   check_shutter(in, query);
@@ -247,6 +255,9 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
     in.fail("visibility", "\"zbuffer\" draws terrain, and there is none");
   if (request.camera.beyond_plane() && request.visibility == engine::Visibility::zbuffer)
     in.fail("visibility", "a fisheye is rendered by \"raytrace\": \"zbuffer\" draws onto a plane");
+  if (request.products & engine::kFlow && !in.has("flow_to"))
+    in.fail("flow_to", "is required for the product \"flow\"");
+  if (engine::wants_flow(request)) check_flow(in, request);
   if (request.craters && in.has("craters")) {
     if (!in.has("detail")) in.fail("craters", "requires \"detail\": the craters are its");
     if (!request.terrain) in.fail("craters", "are terrain's, and \"terrain\" is false");
@@ -258,6 +269,11 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
 OrderedJson craters_condition(const Limits&) {
   const OrderedJson none{{"properties", {{"craters", {{"const", false}}}}}};
   return {{"anyOf", OrderedJson::array({none, {{"required", {"detail"}}}})}};
+}
+
+OrderedJson flow_condition(const Limits&) {
+  const OrderedJson none{{"properties", {{"products", {{"not", {{"contains", {{"const", "flow"}}}}}}}}}};
+  return {{"anyOf", OrderedJson::array({none, {{"required", {"flow_to"}}}})}};
 }
 
 bool has_image_by_sensor(const FrameQuery& q) { return q.request.products & engine::kImage && q.request.sensor; }
@@ -364,6 +380,11 @@ void add_rendering(Members<FrameQuery>& m) {
       "products", [](auto& q) -> auto& { return q.request.products; }, Products{products()},
       "what to render: arrays of height x width, row 0 on top");
   m.add(
+       "flow_to", [](auto& q) -> auto& { return q.request.flow_to; }, Object{pose_members()},
+       "pose of the camera in the other image of the product `flow`, as of the next frame; the scene stands still. "
+       "Frames with it are ray traced")
+      .written_if([](const FrameQuery& q) { return engine::wants_flow(q.request); });
+  m.add(
       "craters", [](auto& q) -> auto& { return q.request.craters; }, FlagOrObject{craters_members()},
       "lists the craters of `detail` that the frame shows, with their rims in the image, as `craters` of the metadata; "
       "changes no pixel. true: with all defaults; left out or false: no list");
@@ -403,6 +424,7 @@ const Members<FrameQuery>& frame_members() {
         m.check(check_frame);
         m.also(of_one_camera(pose_condition));
         m.also(of_one_camera(craters_condition));
+        m.also(of_one_camera(flow_condition));
         m.also(of_one_camera([](const Limits&) { return sun_where_needed(products()); }));
       });
   return *table;

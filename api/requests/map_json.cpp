@@ -10,6 +10,7 @@
 #include "api/requests/parts/detail_json.h"
 #include "api/requests/parts/products_json.h"
 #include "dem/support/error.h"
+#include "engine/hazard/hazard_map.h"
 
 namespace selenograph::api {
 namespace {
@@ -209,6 +210,46 @@ const Members<engine::Accuracy>& map_accuracy_members() {
   return *members;
 }
 
+constexpr std::pair<std::string_view, engine::LanderFootprint::Shape> kShapes[] = {
+    {"disc", engine::LanderFootprint::Shape::disc},
+    {"square", engine::LanderFootprint::Shape::square},
+    {"legs", engine::LanderFootprint::Shape::legs}};
+
+const Members<engine::LanderFootprint>& footprint_members() {
+  using engine::LanderFootprint;
+  static const auto members = made<Members<LanderFootprint>>(
+      "LanderFootprint", "The ground that a lander covers, about each pixel: the pixels whose centres are in it.",
+      [](auto& m) {
+        m.add("shape", &LanderFootprint::shape, Word{kShapes},
+              "disc; square, along the meridian; legs: the disc, but the plane of `slope` is fitted to the ground at "
+              "the legs' ends alone, each the nearest pixel");
+        m.set_model("shape");
+        m.add("diameter_m", &LanderFootprint::diameter_m, Number{{0, 1e6, true, false}, "m"},
+              "of the disc, of the circle through the legs' ends; side of the square. 3 to 256 pixels")
+            .required();
+        m.add("legs", &LanderFootprint::legs, Integer{3, 12}, "number of legs, at equal angles").of({"legs"});
+        m.add("azimuth_deg", &LanderFootprint::azimuth_deg, Number{{-360, 360}, "deg"},
+              "of the first leg, clockwise from north")
+            .of({"legs"});
+      });
+  return *members;
+}
+
+const Members<engine::HazardLimits>& hazard_members() {
+  using engine::HazardLimits;
+  static const auto members = made<Members<HazardLimits>>(
+      "HazardLimits", "Ground whose footprint exceeds one of these is a hazard; what is left out is not looked at.",
+      [](auto& m) {
+        m.add("max_slope_deg", &HazardLimits::slope_deg, Number{{0, 90}, "deg"}, "of `slope`");
+        m.add("max_roughness_m", &HazardLimits::roughness_m, Number{{0, 1e4}, "m"}, "of `roughness`");
+        m.add("max_rock_height_m", &HazardLimits::rock_height_m, Number{{0, 1e4}, "m"},
+              "of `rock_height` at any pixel in the footprint. Requires `rocks`");
+        m.add("max_rock_cover", &HazardLimits::rock_cover, Number{kUnitInterval}, "of `rock_cover`. Requires `rocks`");
+        m.any_of({"max_slope_deg", "max_roughness_m", "max_rock_height_m", "max_rock_cover"});
+      });
+  return *members;
+}
+
 const auto view_field =
     Property{[](const MapQuery& q) {
                const auto& toward = q.request.toward_viewer;
@@ -218,11 +259,47 @@ const auto view_field =
                if (view) q.request.toward_viewer = view->direction;
              }};
 
+// What is asked for of a lander's footprint has one, and so many pixels that a plane can be fitted.
+void check_footprint(const JsonReader& in, const MapQuery& query) {
+  const engine::MapRequest& request = query.request;
+  const auto requires_member = [&](engine::ProductSet products, const char* member, const char* names) {
+    if (request.products & products && !in.has(member)) in.fail(member, fmt::format("is required for {}", names));
+  };
+  requires_member(engine::kRoughness | engine::kRockCover | engine::kHazard, "footprint",
+                  "the products \"roughness\", \"rock_cover\" and \"hazard\"");
+  requires_member(engine::kHazard, "hazard", "the product \"hazard\"");
+  if (request.products & (engine::kRockHeight | engine::kRockCover) && !request.rocks)
+    in.fail("rocks", "must be true for the products \"rock_height\" and \"rock_cover\"");
+  if (request.rocks && !in.has("detail")) in.fail("rocks", "requires \"detail\": the rocks are its");
+  if (request.rocks && request.toward_viewer)
+    in.fail("view", "cannot be combined with \"rocks\", which are seen from straight above");
+  if (in.has("hazard") && (request.hazard.rock_height_m || request.hazard.rock_cover) && !request.rocks)
+    in.fail("rocks", "must be true for limits on rocks");
+  if (!request.footprint) return;
+  const double across_px = request.footprint->diameter_m / query.area.gsd_m;
+  if (across_px < 3 || across_px > 256)
+    in.at("footprint").fail("diameter_m", fmt::format("is {:g} pixels of gsd_m: must be 3 to 256", across_px));
+}
+
+const auto hazard_field =
+    Property{[](const MapQuery& q) {
+               return q.request.products & engine::kHazard ? std::optional(q.request.hazard) : std::nullopt;
+             },
+             [](MapQuery& q, const engine::HazardLimits& limits) { q.request.hazard = limits; }};
+
 void check_map(const JsonReader& in, MapQuery& query, const ReadContext& context) {
   require_sun(in, map_products(), query.request.products);
   resolve_preset(query.look(), query.surface);
   if (!in.good()) return;  // what isn't read has no place
-  if (const auto grid = grid_of(in.at("map"), query.area, context.limits)) query.request.grid = *grid;
+  check_footprint(in, query);
+  const auto grid = grid_of(in.at("map"), query.area, context.limits);
+  if (!grid) return;
+  query.request.grid = *grid;
+  try {
+    if (engine::wants_footprint(query.request)) engine::drawn_for(query.request);
+  } catch (const ImpossibleRequest& e) {
+    in.fail("footprint", e.what());
+  }
 }
 
 }  // namespace
@@ -245,6 +322,15 @@ const Members<MapQuery>& map_members() {
         m.add(
             "accuracy", [](auto& q) -> auto& { return q.request.look.accuracy; }, Object{map_accuracy_members()},
             "level of detail");
+        m.add(
+             "rocks", [](auto& q) -> auto& { return q.request.rocks; }, Flag{},
+             "whether the rocks of `detail` stand on the ground, as in frames; seen from straight above")
+            .written_if([](const MapQuery& q) { return q.request.rocks; });
+        m.add(
+             "footprint", [](auto& q) -> auto& { return q.request.footprint; }, Object{footprint_members()},
+             "of `slope`, `roughness`, `rock_cover` and `hazard`")
+            .written_if([](const MapQuery& q) { return q.request.footprint.has_value(); });
+        m.add("hazard", hazard_field, Object{hazard_members()}, "limits of the product `hazard`");
         m.add(
             "products", [](auto& q) -> auto& { return q.request.products; }, Products{map_products()},
             "arrays of height x width, row 0 in the north; NaN where there is no data or no Moon");

@@ -1,6 +1,7 @@
 // A map-projected product: request and result.
 #pragma once
 
+#include <cstdint>
 #include <optional>
 
 #include "dem/grid/map_grid.h"
@@ -9,6 +10,24 @@
 
 namespace selenograph::engine {
 
+// The ground that a lander covers, about each pixel.
+struct LanderFootprint {
+  enum class Shape { disc, square, legs };
+  Shape shape = Shape::disc;
+  double diameter_m = 10;  // of the disc, of the circle through the legs' ends; the square's side, along the meridian
+  int legs = 4;            // at equal angles; with legs the plane of the slope stands on their ends
+  double azimuth_deg = 0;  // of the first leg, clockwise from north
+};
+
+// Ground is a hazard where it exceeds one of these in the footprint; empty: not looked at.
+struct HazardLimits {
+  std::optional<double> slope_deg, roughness_m, rock_height_m, rock_cover;
+};
+
+// Bits of the product `hazard`: which limits are exceeded.
+enum Hazard : std::uint16_t { kTooSteep = 1, kTooRough = 2, kRockTooHigh = 4, kTooManyRocks = 8 };
+inline constexpr std::uint16_t kNoHazardNumber = 65535;  // where there is no data
+
 struct MapRequest {
   dem::MapGrid grid;
   // Sun, surface, band and accuracy. Its camera, products and objects are ignored; one pixel of `accuracy` is
@@ -16,6 +35,9 @@ struct MapRequest {
   FrameRequest look;
   // Unit vector toward the viewer of the radiance; empty: straight above each pixel.
   std::optional<Vec3> toward_viewer;
+  bool rocks = false;                        // those of the detail stand on the map's ground
+  std::optional<LanderFootprint> footprint;  // of slope, too, if there is one
+  HazardLimits hazard;
   ProductSet products = kRadiance;
 };
 

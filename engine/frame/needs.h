@@ -21,6 +21,9 @@ inline bool wants_indirect(const FrameRequest& request) {
 }
 inline bool wants_geometry(const FrameRequest& request) { return request.products & kTruth; }
 
+// Points are looked for in a second image.
+inline bool wants_flow(const FrameRequest& request) { return request.flow_to && (request.products & kFlow); }
+
 // Number of samples of a pixel that are drawn at once (visibility/image/dense_samples.h): 4 by the z-buffer when the
 // number of samples along a pixel's side is even. Four samples take four times the memory, so this is limited to the
 // largest image that is served by default (16 million pixels); larger images are drawn one sample at a time. Edges are

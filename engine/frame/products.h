@@ -8,7 +8,7 @@
 namespace selenograph::engine {
 
 // Products, in the order of the API's table; values are bits of a set. Maps have some of them, and
-// two of their own.
+// some of their own.
 enum Product : std::uint32_t {
   kImage = 1u << 0,
   kRadiance = 1u << 1,
@@ -24,11 +24,16 @@ enum Product : std::uint32_t {
   kObjectId = 1u << 11,
   kDetail = 1u << 12,
   kIrradiance = 1u << 16,
+  kFlow = 1u << 17,
   // Internal: used to list the rocks of a frame.
   kRock = 1u << 13,
   // Maps only.
   kHeight = 1u << 14,
   kSlope = 1u << 15,
+  kRockHeight = 1u << 18,
+  kRockCover = 1u << 19,
+  kRoughness = 1u << 20,
+  kHazard = 1u << 21,
 };
 
 using ProductSet = std::uint32_t;
@@ -44,6 +49,7 @@ struct FrameProducts {
   std::vector<float> angles;         // 3 per pixel: incidence, emission, phase, degrees
   std::vector<float> lit;
   std::vector<float> irradiance;  // 3 per pixel, W m-2: direct, from terrain, from the Earth
+  std::vector<double> flow;       // 2 per pixel, px: from the pixel to its point in the image at FrameRequest::flow_to
   std::vector<float> gsd;         // m
   std::vector<std::uint16_t> source;
   std::vector<std::uint16_t> object_id;  // index into FrameRequest::objects; 65535: terrain, or nothing
@@ -51,15 +57,19 @@ struct FrameProducts {
   std::vector<std::uint16_t> rock;       // index into Frame::rocks; 65535: none
   std::vector<double> height;            // maps: m above the datum
   std::vector<float> slope;              // maps: degrees between the normal and the datum's vertical
+  std::vector<float> rock_height;        // maps: of a rock's surface above the ground below it, m; 0: no rock
+  std::vector<float> rock_cover;         // maps: share of the footprint that rocks cover
+  std::vector<float> roughness;          // maps: largest distance of ground in the footprint from its plane, m
+  std::vector<std::uint16_t> hazard;     // maps: see Hazard in map.h
 };
 
 // References to all arrays of the products, const or not. A new array that is not listed here does not compile.
 template <typename Products>
 auto all_arrays(Products& products) {
-  auto& [image, radiance, depth, range, position, geodetic, normal, angles, lit, irradiance, gsd, source, object_id,
-         detail, rock, height, slope] = products;
-  return std::tie(image, radiance, depth, range, position, geodetic, normal, angles, lit, irradiance, gsd, source,
-                  object_id, detail, rock, height, slope);
+  auto& [image, radiance, depth, range, position, geodetic, normal, angles, lit, irradiance, flow, gsd, source,
+         object_id, detail, rock, height, slope, rock_height, rock_cover, roughness, hazard] = products;
+  return std::tie(image, radiance, depth, range, position, geodetic, normal, angles, lit, irradiance, flow, gsd, source,
+                  object_id, detail, rock, height, slope, rock_height, rock_cover, roughness, hazard);
 }
 
 }  // namespace selenograph::engine

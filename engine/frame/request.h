@@ -67,6 +67,7 @@ struct FrameRequest {
   ProductSet products = kRadiance;
   std::optional<RimOptions> craters;  // lists craters of the detail in view; empty: no
   std::optional<SkyOptions> sky;      // what is shown beside the Moon; empty: nothing
+  std::optional<Pose> flow_to;        // where the camera looks from next: the other image of the product `flow`
   std::optional<TruthGrid> truth;     // subset of pixels for ground-truth products; empty: all
 };
 

@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "dem/support/error.h"
+#include "engine/frame/needs.h"
 #include "engine/scene/anchor.h"
 #include "engine/scene/view_selector.h"
 
@@ -93,6 +94,11 @@ Visibility visibility_for(const FrameRequest& request, const RowViews& views, co
   if (request.camera.beyond_plane()) {
     if (request.visibility == Visibility::zbuffer)
       throw ImpossibleRequest("a fisheye is rendered by ray tracing: the z-buffer draws onto a plane", "visibility");
+    return Visibility::raytrace;
+  }
+  if (wants_flow(request)) {
+    if (request.visibility == Visibility::zbuffer)
+      throw ImpossibleRequest("flow needs ray tracing: the z-buffer sees from one place", "visibility");
     return Visibility::raytrace;
   }
   if (request.visibility != Visibility::automatic) return request.visibility;

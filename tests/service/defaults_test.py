@@ -23,6 +23,7 @@ OBJECT = {"mesh": "satellite", "pose": {"geodetic": {"lat_deg": 26.1, "lon_deg":
 SENSOR = {"optics": {"f_number": 4.0}, "motion": {},
           "detector": {"pixel_pitch_um": 5.5, "quantum_efficiency": 0.4, "integration_time_s": 0.001, "gain_e_dn": 50.0}}
 AT_TIMES = [{"time_s": t, "pose": POSE} for t in (0.0, 1.0)]
+MAP = {"projection": "equirectangular", "center": {"lat_deg": 26.1, "lon_deg": 3.6}, "width_m": 2000, "height_m": 2000, "gsd_m": 200}
 # Beside the document's examples: what else may be left out.
 BODIES = {
     "/v1/frames": (
@@ -47,8 +48,11 @@ BODIES = {
         dict(FRAME, products=["image"], band={"center_um": 0.65, "width_um": 0.2}, sensor=dict(
             SENSOR, exposure={"target_fill": 0.5}, detector={**SENSOR["detector"], "full_well_e": 1e4, "integration_time_s": None})),
     ),
-    "/v1/maps": ({"map": {"projection": "equirectangular", "center": {"lat_deg": 26.1, "lon_deg": 3.6}, "width_m": 2000, "height_m": 2000,
-                          "gsd_m": 200}, "sun": FRAME["sun"], "accuracy": {}},),
+    "/v1/maps": (
+        {"map": MAP, "sun": FRAME["sun"], "accuracy": {}},
+        *({"map": MAP, "footprint": {"diameter_m": 8000, **shape}, "hazard": {"max_slope_deg": 5}, "products": ["hazard"]}
+          for shape in ({}, {"shape": "legs"})),
+    ),
     "/v1/limb": ({"camera": FRAME["camera"], "pose": POSE},),
     "/v1/features": ({"detail": "highlands", "smallest_m": 200, "region": {
         "south_deg": 26.1, "north_deg": 26.11, "west_deg": 3.62, "east_deg": 3.63}},),

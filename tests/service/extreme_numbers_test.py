@@ -68,6 +68,7 @@ def frames():
     yield small(("radiance", "position"), truth={"region": {"x": 2, "y": 1, "width": 6, "height": 5}, "every_px": 2})
     yield small(("radiance", "detail"), detail="landing", accuracy={"max_detail_error_px": 8.0},
                 pose={"geodetic": {**PLACE, "height_m": 9000.0}, "nadir": {"up_azimuth_deg": 0.0}})
+    yield small(("radiance", "flow"), flow_to={**NADIR, "geodetic": {**HIGH, "lat_deg": 0.2}})
     yield small(sky={"utc": "2026-11-20T00:00:00Z", "stars": "bright", "magnitude_limit": 3.0, "sun": True, "earth": True,
                      "planets": True, "velocity_m_s": [0.0, 100.0, 0.0]})
     thing = {"mesh": "satellite", "scale": 2.0, "material": {"temperature_k": 200.0},
@@ -87,6 +88,9 @@ OTHERS = [
     ("/v1/maps", {"map": {"projection": "orthographic", **CENTER}, **LIT}),
     ("/v1/maps", {"map": {"projection": "polar_stereographic", **CENTER}, "view": {"direction": [1.0, 0.5, 0.0]}, **LIT,
                   "products": ["radiance"]}),
+    ("/v1/maps", {"map": {"projection": "orthographic", **CENTER}, "detail": "landing", "rocks": True, "products": ["hazard", "slope"],
+                  "footprint": {"shape": "legs", "diameter_m": 500.0, "legs": 3, "azimuth_deg": 10.0},
+                  "hazard": {"max_slope_deg": 5.0, "max_roughness_m": 20.0, "max_rock_height_m": 1.0, "max_rock_cover": 0.1}}),
     ("/v1/rays", {"rays": [{"origin_m": [1.6e6, 9e5, 3e3], "direction": [-1.0, -0.5, 0.0]}], "sun": {"direction": [1.0, 0.0, 0.0]}}),
     ("/v1/project", {"camera": small()["camera"], "pose": NADIR, "points": [{**PLACE, "height_m": 100.0}]}),
     ("/v1/sky", {"camera": small()["camera"], "pose": NADIR, "et_s": 8e8, "sky": {"stars": True, "sun": True, "earth": True}}),

@@ -53,7 +53,8 @@ from typing import (Any, AsyncIterable, AsyncIterator, Callable, Dict, Iterable,
 import numpy as np
 
 __version__ = "0.1.0"
-__all__ = ["Answer", "AsyncClient", "Camera", "Client", "Frame", "FrameWarning", "Pose", "Refused", "Sun", "Trajectory"]
+__all__ = ["Answer", "AsyncClient", "Camera", "Client", "Frame", "FrameWarning", "Pose", "Refused", "Sun", "Trajectory",
+           "random_views"]
 
 Request = Mapping[str, Any]
 Vector = Union[Sequence[float], np.ndarray]
@@ -1224,6 +1225,85 @@ def _utc_text(when: datetime.datetime) -> str:
     if when.tzinfo is None:
         raise ValueError(f"{when!r} has no time zone; write datetime(..., tzinfo=timezone.utc)")
     return when.astimezone(datetime.timezone.utc).replace(tzinfo=None).isoformat() + "Z"
+
+
+# --- Random views
+
+def random_views(client: Client, request: Request, count: int, *, region: Mapping[str, float],
+                 altitude_m: Tuple[float, float], off_nadir_deg: Tuple[float, float] = (0, 0),
+                 sun_elevation_deg: Tuple[float, float] = (5, 60), seed: int = 0) -> Iterator[Dict[str, Any]]:
+    """The request with `count` random poses and Suns, as for a training set; each has a "name" for a manifest.
+
+    region              south_deg, north_deg, west_deg, east_deg of the places that the camera looks at, the image's
+                        middle; uniform by area
+    altitude_m          (least, most) of the camera above that place's ground; uniform by its logarithm
+    off_nadir_deg       (least, most) between the line of sight and the place's vertical, below 85; from any side
+    sun_elevation_deg   (least, most) there; from any azimuth
+
+    Angles are uniform; the image is turned at random, too. Views that see ground without data, by a small frame of the
+    service's, are drawn again: ValueError when they are nineteen of twenty. The same seed gives the same views.
+    """
+    for name, (least, most), low, high in (("altitude_m", altitude_m, 1e-3, math.inf),
+                                           ("off_nadir_deg", off_nadir_deg, 0, 85),
+                                           ("sun_elevation_deg", sun_elevation_deg, -90, 90)):
+        if not low <= least <= most <= high:
+            raise ValueError(f"{name}=({least}, {most}) must be (least, most) within {low:g} and {high:g}")
+    draw = np.random.default_rng(seed)
+    refused = 0
+    for number in range(count):
+        while True:
+            view = _random_view(client, draw, region, altitude_m, off_nadir_deg, sun_elevation_deg,
+                                request.get("detail"))
+            if view is not None and _has_data(client, request, view):
+                break
+            refused += 1
+            if refused > 20 + 19 * (number + 1):
+                raise ValueError(f"of {refused + number} views drawn {refused} see ground without data, or none: is "
+                                 "the region within the service's tiles?")
+        yield {**request, **view, "name": f"{number:06d}"}
+
+
+def _random_view(client: Client, draw: np.random.Generator, region: Mapping[str, float],
+                 altitude_m: Tuple[float, float], off_nadir_deg: Tuple[float, float],
+                 sun_elevation_deg: Tuple[float, float], detail: Optional[str]) -> Optional[Dict[str, Any]]:
+    """Pose and Sun; None where there is no ground to look at. As many numbers are drawn in any case."""
+    sines = np.sin(np.radians([region["south_deg"], region["north_deg"]]))
+    lat = math.asin(draw.uniform(*sines))
+    west, east = region["west_deg"], region["east_deg"]
+    lon = math.radians(draw.uniform(west, east if east > west else east + 360))
+    altitude = math.exp(draw.uniform(*np.log(altitude_m)))
+    tilt, side, turn = np.radians([draw.uniform(*off_nadir_deg), draw.uniform(0, 360), draw.uniform(0, 360)])
+    azimuth_deg, elevation_deg = draw.uniform(0, 360), draw.uniform(*sun_elevation_deg)
+    lat_deg, lon_deg = math.degrees(lat), (math.degrees(lon) + 180) % 360 - 180
+    ground_m = float(client.heights(lat_deg, lon_deg, detail=detail).height_m)
+    if math.isnan(ground_m):
+        return None
+    up = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
+    east_axis, north = np.array([-math.sin(lon), math.cos(lon), 0]), np.cross(up, [-math.sin(lon), math.cos(lon), 0])
+    aside = math.sin(side) * east_axis + math.cos(side) * north
+    camera = (MOON_RADIUS_M + ground_m) * up + altitude * (up + math.tan(tilt) * aside)
+    pose = Pose.look_at(target_lat_deg=lat_deg, target_lon_deg=lon_deg, target_height_m=ground_m,
+                        up=math.sin(turn) * east_axis + math.cos(turn) * north, position_m=camera)
+    return {"pose": pose, "sun": Sun.local(lat_deg=lat_deg, lon_deg=lon_deg, azimuth_deg=azimuth_deg,
+                                           elevation_deg=elevation_deg)}
+
+
+def _has_data(client: Client, request: Request, view: Mapping[str, Any]) -> bool:
+    """Whether each place of a frame, seen in 32 pixels along its longer side, has ground with data, or sky."""
+    camera = dict(request["camera"])
+    small = 32 / max(camera["width"], camera["height"])
+    size = {name: max(1, round(small * camera[name])) for name in ("width", "height")}
+    for name, across in (("fx", "width"), ("cx", "width"), ("fy", "height"), ("cy", "height")):
+        if name in camera:
+            share = size[across] / camera[across]
+            camera[name] = camera[name] * share if name[0] == "f" else (camera[name] + 0.5) * share - 0.5
+    try:
+        frame = client.frame({"camera": {**camera, **size}, "pose": view["pose"], "products": ["depth"]})
+    except Refused as refused:
+        if refused.status != 422:
+            raise
+        return False  # below the ground
+    return frame.meta["missing_fraction"] == 0 and frame.meta["hit_fraction"] > 0
 
 
 # --- Trajectories

@@ -355,6 +355,40 @@ class Points(WithClient):
         self.assertEqual(self.client.heights([], []).shape, (0,))
 
 
+class RandomViews(WithClient):
+    def test_poses_suns_and_data(self):
+        request = {**frame_request(width=40, height=30), "detail": None}
+        request = {name: value for name, value in request.items() if name not in ("pose", "sun", "detail")}
+        region = {"south_deg": -6.9, "north_deg": -6.1, "west_deg": 39.6, "east_deg": 40.4}
+        asked = dict(region=region, altitude_m=(3000, 20000), off_nadir_deg=(10, 50), sun_elevation_deg=(8, 40), seed=5)
+        views = list(selenograph.random_views(self.client, request, 12, **asked))
+        again = list(selenograph.random_views(self.client, request, 12, **asked))
+        self.assertEqual(json.dumps(views), json.dumps(again))
+        self.assertEqual([view["name"] for view in views], [f"{i:06d}" for i in range(12)])
+        for view in views:
+            frame = self.client.frame({**{k: v for k, v in view.items() if k != "name"},
+                                       "products": ["geodetic", "angles", "range"]})
+            lat_deg, lon_deg, height_m = frame["geodetic"][15, 20]
+            self.assertTrue(region["south_deg"] - 0.1 < lat_deg < region["north_deg"] + 0.1, lat_deg)
+            self.assertTrue(region["west_deg"] - 0.1 < lon_deg < region["east_deg"] + 0.1, lon_deg)
+            target = view["pose"]["look_at"]
+            camera = np.array(view["pose"]["position_m"])
+            up = selenograph._from_centre({"geodetic": {"lat_deg": target["lat_deg"], "lon_deg": target["lon_deg"],
+                                                        "height_m": target["height_m"]}})
+            way = camera - up
+            up = up / np.linalg.norm(up)
+            self.assertTrue(3000 <= way @ up <= 20000.001)
+            off_nadir_deg = math.degrees(math.acos(way @ up / np.linalg.norm(way)))
+            self.assertTrue(9.99 <= off_nadir_deg <= 50.01, off_nadir_deg)
+            self.assertTrue(8 <= view["sun"]["local"]["elevation_deg"] <= 40)
+            self.assertEqual(frame.meta["missing_fraction"], 0)
+        with self.assertRaisesRegex(ValueError, "without data"):
+            nowhere = {"south_deg": 50, "north_deg": 51, "west_deg": 100, "east_deg": 101}
+            list(selenograph.random_views(self.client, request, 2, **{**asked, "region": nowhere}))
+        with self.assertRaisesRegex(ValueError, "off_nadir_deg"):
+            list(selenograph.random_views(self.client, request, 1, **{**asked, "off_nadir_deg": (0, 90)}))
+
+
 class Maps(WithClient):
     def test_a_map(self):
         bounds = {"south_deg": -6.6, "north_deg": -6.4, "west_deg": 40.0, "east_deg": 40.3}

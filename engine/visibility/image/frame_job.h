@@ -36,6 +36,7 @@ struct FrameJob {
   const StopToken& stop;
   const EachSample& each;                  // may be empty
   const TerrainLight* indirect = nullptr;  // null: none
+  const RowViews* flow_to = nullptr;       // the other image of the product `flow`
 };
 
 std::vector<SubpixelSample> samples_of(const FrameRequest& request);

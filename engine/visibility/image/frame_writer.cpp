@@ -64,6 +64,7 @@ void allocate_products(FrameProducts& out, ProductSet want, std::size_t pixels, 
   allocate(out.angles, want & kAngles, 3 * n, kNaN32);
   allocate(out.lit, want & kLit, n, kNaN32);
   allocate(out.irradiance, want & kIrradiance, 3 * n, kNaN32);
+  allocate(out.flow, want & kFlow, 2 * n, kNaN64);
   allocate(out.gsd, want & kGsd, n, kNaN32);
   allocate(out.source, want & kSource, n, FrameSources::kNone);
   allocate(out.object_id, want & kObjectId, n, kNoObject);
@@ -71,6 +72,7 @@ void allocate_products(FrameProducts& out, ProductSet want, std::size_t pixels, 
   allocate(out.rock, want & kRock, n, kNoObject);
   allocate(out.height, want & kHeight, n, kNaN64);
   allocate(out.slope, want & kSlope, n, kNaN32);
+  allocate(out.rock_height, want & kRockHeight, n, kNaN32);
 }
 
 FrameWriter::FrameWriter(const FrameRequest& request, const RowViews& views, const Mesh& mesh,
@@ -176,6 +178,10 @@ void FrameWriter::store_point(const SurfacePoints& p, int i, const Vec3& directi
   }
   if (!out_.lit.empty()) out_.lit[at] = lit;
   if (!out_.gsd.empty()) out_.gsd[at] = spacing_m;
+}
+
+void FrameWriter::store_flow(double right_px, double down_px, std::size_t pixel) const {
+  if (const auto to = slot(pixel)) out_.flow[2 * *to] = right_px, out_.flow[2 * *to + 1] = down_px;
 }
 
 void FrameWriter::store_irradiance(const Irradiance& indirect, double incident, float lit, std::size_t at) const {

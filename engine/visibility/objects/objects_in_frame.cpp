@@ -225,8 +225,8 @@ void ObjectsInFrame::group(const Vec3& anchor_m, const StopToken& stop) {
       stop);
 }
 
-std::uint32_t ObjectsInFrame::meet(Rays& rays, SurfacePoints& terrain, ObjectLanes& out) const {
-  if (!any_in_view_) return 0;
+std::uint32_t ObjectsInFrame::meet(Rays& rays, SurfacePoints& terrain, ObjectLanes& out, bool from_camera) const {
+  if (from_camera ? !any_in_view_ : placed_.empty()) return 0;
   double nearest[kPacket];
   for (int i = 0; i < kPacket; ++i) {
     nearest[i] = terrain.hit[i] ? terrain.distance[i] : std::numeric_limits<double>::infinity();
@@ -234,10 +234,11 @@ std::uint32_t ObjectsInFrame::meet(Rays& rays, SurfacePoints& terrain, ObjectLan
   }
   const std::size_t others = std::min(placed_.size(), first_rock_);
   std::optional<Cone> cone;
-  if (from_one_place_ && others > 0) cone.emplace(rays);
+  if (from_camera && from_one_place_ && others > 0) cone.emplace(rays);
   for (std::size_t k = 0; k < others; ++k)
-    if (placed_[k].in_view && (!cone || cone->may_meet(placed_[k].ball))) look(placed_[k], rays, nearest, out);
-  if (rocks_) look_at_rocks(rays, nearest, out);
+    if ((placed_[k].in_view || !from_camera) && (!cone || cone->may_meet(placed_[k].ball)))
+      look(placed_[k], rays, nearest, out);
+  if (rocks_) look_at_rocks(rays, from_camera, nearest, out);
   std::uint32_t lanes = 0;
   for (int i = 0; i < kPacket; ++i) {
     out.points.hit[i] = out.object[i] != kNoObject;
@@ -351,8 +352,9 @@ std::uint32_t ObjectsInFrame::blocked(const SurfacePoints& points, const std::ui
   return blocked;
 }
 
-void ObjectsInFrame::look_at_rocks(const Rays& rays, double* nearest, ObjectLanes& out) const {
-  const std::uint32_t near = in_image_ ? in_image_->may_meet(rays.dx, rays.dy, rays.dz, kAllLanes) : kAllLanes;
+void ObjectsInFrame::look_at_rocks(const Rays& rays, bool from_camera, double* nearest, ObjectLanes& out) const {
+  const std::uint32_t near =
+      in_image_ && from_camera ? in_image_->may_meet(rays.dx, rays.dy, rays.dz, kAllLanes) : kAllLanes;
   if (near == 0) return;
   RayPacket packet;
   std::uint32_t active = 0;
@@ -360,7 +362,7 @@ void ObjectsInFrame::look_at_rocks(const Rays& rays, double* nearest, ObjectLane
     if (!rays.valid[i] || !(near >> i & 1)) continue;
     Vec3 origin = rays.origin(i) - anchor_m_;
     // Those from afar begin where the rocks do: float would not resolve them from there.
-    if (!from_one_place_) {
+    if (!from_one_place_ || !from_camera) {
       const Entry entry = enter_ball(origin, rays.direction(i), rocks_radius_m_);
       if (!entry.meets) continue;
       origin += entry.distance * rays.direction(i);

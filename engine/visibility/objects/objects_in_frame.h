@@ -60,8 +60,8 @@ class ObjectsInFrame {
   std::uint16_t index_of_rock(std::size_t rock) const { return static_cast<std::uint16_t>(first_rock_ + rock); }
 
   // Finds lanes where an object is nearer than the terrain, one bit each, and removes them from the terrain's points
-  // and rays.
-  std::uint32_t meet(Rays& rays, SurfacePoints& terrain, ObjectLanes& out) const;
+  // and rays: no longer hit or valid, but the numbers stay. `from_camera`: whether the rays are the camera's; others may meet objects that it doesn't see.
+  std::uint32_t meet(Rays& rays, SurfacePoints& terrain, ObjectLanes& out, bool from_camera = true) const;
 
   // Lanes, of those asking, from whose points an object blocks the direction toward the Sun, one bit each. `own`: the
   // objects that the points are on; null: on terrain.
@@ -103,7 +103,7 @@ class ObjectsInFrame {
   void place(std::span<const dem::RockFeature> rocks, const Vec3& anchor_m, const RowViews* views,
              const StopToken& stop);
   void group(const Vec3& anchor_m, const StopToken& stop);
-  void look_at_rocks(const Rays& rays, double* nearest, ObjectLanes& out) const;
+  void look_at_rocks(const Rays& rays, bool from_camera, double* nearest, ObjectLanes& out) const;
   std::uint32_t blocked_by_rocks(const SurfacePoints& points, const std::uint16_t* own, std::uint32_t asking,
                                  const Vec3& sun) const;
   bool is_rock(std::uint16_t object) const { return object != kNoObject && object >= first_rock_; }

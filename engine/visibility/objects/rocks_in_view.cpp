@@ -183,4 +183,11 @@ RocksInView rocks_in_view(const dem::Terrain& terrain, std::shared_ptr<dem::Rock
   }
 }
 
+void add_rocks(RocksInView from, RocksInView& to) {
+  to.rocks.insert(to.rocks.end(), from.rocks.begin(), from.rocks.end());
+  to.rocks = dem::largest_first(std::move(to.rocks));
+  if (to.rocks.size() > kMostRocks) to.rocks.resize(kMostRocks);
+  to.least_px = std::max(to.least_px, from.least_px);
+}
+
 }  // namespace selenograph::engine

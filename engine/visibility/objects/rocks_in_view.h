@@ -25,6 +25,9 @@ RocksInView rocks_in_view(const dem::Terrain& terrain, std::shared_ptr<dem::Rock
                           const Sun* sun, const std::vector<dem::BlockId>& blocks, double max_error_px,
                           const StopToken& stop);
 
+// Adds those that are not there yet; the largest stay first. At most kMostRocks are kept, the largest.
+void add_rocks(RocksInView from, RocksInView& to);
+
 // Level of the blocks in which an octave's rocks are searched: about 60 of its smallest diameters wide, or the finest
 // level.
 int level_of_rocks(int octave);

@@ -9,6 +9,7 @@ RayPass::RayPass(const FrameJob& job, FrameWriter& writer)
       rays_(job.views.reference()),
       shader_(job.request, job.views, job.radiance, job.indirect) {
   if (request_.sun.angular_radius_deg > 0) disc_.emplace(request_.sun, job.scene.anchor);
+  if (job.flow_to && wants_flow(request_)) flow_.emplace(*job.flow_to, job);
 }
 
 std::size_t RayPass::pixel_of(const Packet& p, int i) const {
@@ -114,6 +115,7 @@ void RayPass::refine_edges(std::vector<float>& radiance) const {
 }
 
 void RayPass::write_products(Packet& p) const {
+  if (flow_ && p.sample.store) write_flow(p);
   if (p.on_object) write_objects(p);
   if (!p.on_terrain) return;
   const bool marked = p.sample.count && writer_.marked(p.y, kPacketSide);
@@ -126,6 +128,19 @@ void RayPass::write_products(Packet& p) const {
     if (p.sample.store && writer_.wants_geometry())
       writer_.store_geometry(p.points, i, p.rays.direction(i), p.shading, p.lit[i], at);
   }
+}
+
+[[gnu::noinline]] void RayPass::write_flow(const Packet& p) const {
+  Flow::Places places;
+  const auto write = [&](const SurfacePoints& points, std::uint32_t lanes) {
+    flow_->find(points, lanes, places);
+    for (int i = 0; i < kPacket; ++i)
+      if (lanes >> i & 1)
+        writer_.store_flow(places.x[i] - (p.x + i % kPacketSide), places.y[i] - (p.y + i / kPacketSide),
+                           pixel_of(p, i));
+  };
+  if (p.on_terrain) write(p.points, p.on_terrain);
+  if (p.on_object) write(p.objects.points, p.on_object);
 }
 
 [[gnu::noinline]] void RayPass::write_objects(Packet& p) const {

@@ -8,6 +8,7 @@
 #include "dem/support/parallel.h"
 #include "engine/camera/packet_rays.h"
 #include "engine/visibility/image/edge_samples.h"
+#include "engine/visibility/image/flow.h"
 #include "engine/visibility/image/frame_job.h"
 #include "engine/visibility/image/frame_writer.h"
 #include "engine/visibility/points/disc_light.h"
@@ -102,6 +103,7 @@ class RayPass {
   void refine_edges(std::vector<float>& radiance) const;
   void find_objects(Packet& packet) const;
   void write_objects(Packet& packet) const;
+  void write_flow(const Packet& packet) const;
   void light(const SurfacePoints& points, const std::uint16_t* own, Shading& shading, float* lit) const;
   std::size_t pixel_of(const Packet& packet, int lane) const;
   void add_radiance(std::size_t at, float weight, float radiance) const {
@@ -117,6 +119,7 @@ class RayPass {
   PacketRays rays_;
   PacketShader shader_;
   std::optional<DiscLight> disc_;
+  std::optional<Flow> flow_;
   mutable std::vector<float> sample_radiance_;  // of one sample, if `each` needs it; otherwise empty
 };
 

@@ -1,0 +1,66 @@
+#include "engine/hazard/footprint.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace selenograph::engine {
+namespace {
+
+// East and north, m, of steps of a pixel on the datum.
+std::optional<Eigen::Matrix2d> metres_per_px(const dem::MapGrid& grid, int column, int row) {
+  const dem::MapTransform map(grid.plane);
+  const auto middle = map.direction(grid.point(column, row));
+  const auto left = map.direction(grid.point(column - 1, row)), right = map.direction(grid.point(column + 1, row)),
+             above = map.direction(grid.point(column, row - 1)), below = map.direction(grid.point(column, row + 1));
+  if (!middle || !left || !right || !above || !below) return std::nullopt;
+  const EastNorthUp axes = local_axes(*middle);
+  const Vec3 across = (*right - *left) * (kMoonRadius_m / 2), down = (*below - *above) * (kMoonRadius_m / 2);
+  Eigen::Matrix2d out;
+  out << across.dot(axes.east), down.dot(axes.east), across.dot(axes.north), down.dot(axes.north);
+  return out;
+}
+
+bool covers(const LanderFootprint& footprint, const Eigen::Vector2d& place_m) {
+  const double half_m = footprint.diameter_m / 2 * (1 + 1e-9);
+  return footprint.shape == LanderFootprint::Shape::square ? place_m.cwiseAbs().maxCoeff() <= half_m
+                                                           : place_m.norm() <= half_m;
+}
+
+}  // namespace
+
+int FootprintOnMap::reach_px() const {
+  int reach = 0;
+  for (const FootprintRow& r : rows) reach = std::max({reach, std::abs(r.row), -r.first, r.past_last - 1});
+  for (const Eigen::Vector2i& pad : pads) reach = std::max({reach, std::abs(pad.x()), std::abs(pad.y())});
+  return reach;
+}
+
+std::optional<FootprintOnMap> footprint_on_map(const LanderFootprint& footprint, const dem::MapGrid& grid, int column,
+                                               int row, double height_m) {
+  const auto on_datum = metres_per_px(grid, column, row);
+  if (!on_datum) return std::nullopt;
+  FootprintOnMap out{*on_datum * ((kMoonRadius_m + height_m) / kMoonRadius_m), {}, {}};
+  const Eigen::Matrix2d px_per_metre = out.metres_per_px.inverse();
+  // A corner of the square is sqrt(2) half sides away.
+  const double reach_m = footprint.diameter_m * std::numbers::sqrt2 / 2;
+  const int across = static_cast<int>(std::ceil(px_per_metre.row(0).norm() * reach_m)),
+            along = static_cast<int>(std::ceil(px_per_metre.row(1).norm() * reach_m));
+  for (int y = -along; y <= along; ++y) {
+    FootprintRow covered{y, across + 1, -across};
+    for (int x = -across; x <= across; ++x)
+      if (covers(footprint, out.metres_per_px * Eigen::Vector2d(x, y)))
+        covered.first = std::min(covered.first, x), covered.past_last = x + 1;
+    if (covered.first < covered.past_last) out.rows.push_back(covered);
+  }
+  if (footprint.shape != LanderFootprint::Shape::legs) return out;
+  for (int leg = 0; leg < footprint.legs; ++leg) {
+    const double azimuth = footprint.azimuth_deg * kRadiansPerDegree + 2 * std::numbers::pi * leg / footprint.legs;
+    const Eigen::Vector2d place_m = footprint.diameter_m / 2 * Eigen::Vector2d(std::sin(azimuth), std::cos(azimuth));
+    out.pads.push_back((px_per_metre * place_m).array().round().matrix().cast<int>());
+  }
+  return out;
+}
+
+}  // namespace selenograph::engine
