@@ -151,6 +151,7 @@ const ProductRow& row_of(engine::Product product) {
 
 ElementType type_of(const std::vector<std::uint8_t>&) { return ElementType::uint8; }
 ElementType type_of(const std::vector<std::uint16_t>&) { return ElementType::uint16; }
+ElementType type_of(const std::vector<Eigen::half>&) { return ElementType::float16; }
 ElementType type_of(const std::vector<float>&) { return ElementType::float32; }
 ElementType type_of(const std::vector<double>&) { return ElementType::float64; }
 
@@ -189,6 +190,18 @@ ArrayView view_of(const ProductRow& row, const engine::Frame& frame, const engin
     for (std::size_t i = 0; i < position.size(); ++i)
       narrowed.position[i] = static_cast<float>(position[i] - origin_m[static_cast<Eigen::Index>(i % 3)]);
     return view(row, narrowed.position, request);
+  }
+  using Floats = engine::TruthGrid::Floats;
+  const bool depth = row.product == engine::kDepth;
+  if ((depth || row.product == engine::kRange) && request.truth && request.truth->distances != Floats::float64) {
+    const std::vector<double>& given = depth ? frame.products.depth : frame.products.range;
+    const auto narrow = [&]<typename Float>(std::vector<Float>& out) {
+      out.resize(given.size());
+      std::transform(given.begin(), given.end(), out.begin(), [](double m) { return Float(static_cast<float>(m)); });
+      return view(row, out, request);
+    };
+    if (request.truth->distances == Floats::float32) return narrow(depth ? narrowed.depth : narrowed.range);
+    return narrow(depth ? narrowed.half_depth : narrowed.half_range);
   }
   return std::visit([&](const auto elements) { return view(row, frame.products.*elements, request); }, row.elements);
 }

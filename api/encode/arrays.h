@@ -1,6 +1,7 @@
 // Products as named arrays: the single table of the products of frames and maps, and the views that the encoders take.
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -51,10 +52,11 @@ std::vector<std::string> channel_names(const ProductRow& row);
 std::size_t bytes_per_pixel(engine::ProductSet products);
 
 // Storage for elements whose type in the answer differs from the engine's: 8-bit images, positions relative to an
-// origin.
+// origin, distances as the truth grid says.
 struct Narrowed {
   std::vector<std::uint8_t> image;
-  std::vector<float> position;
+  std::vector<float> position, depth, range;
+  std::vector<Eigen::half> half_depth, half_range;
 };
 
 std::string_view name_of(engine::Product product);

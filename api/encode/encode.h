@@ -11,7 +11,7 @@
 
 namespace selenograph::api {
 
-enum class ElementType { uint8, uint16, float32, float64 };
+enum class ElementType { uint8, uint16, float16, float32, float64 };
 
 // One product as an array: height x width (x channels when channels > 1), C order. Non-owning: `data` points into a
 // Frame, `name` to static text.

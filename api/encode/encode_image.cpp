@@ -2,6 +2,7 @@
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -20,6 +21,8 @@ OIIO::TypeDesc oiio_type(ElementType type) {
       return OIIO::TypeDesc::UINT8;
     case ElementType::uint16:
       return OIIO::TypeDesc::UINT16;
+    case ElementType::float16:
+      return OIIO::TypeDesc::HALF;
     case ElementType::float32:
       return OIIO::TypeDesc::FLOAT;
     case ElementType::float64:
@@ -30,9 +33,9 @@ OIIO::TypeDesc oiio_type(ElementType type) {
 
 void check_shape(const ArrayView& array, const char* format) {
   if (array.height <= 0 || array.width <= 0) throw std::invalid_argument(std::string(format) + ": the array is empty");
-  if (array.channels != 1 && array.channels != 3) {
+  if (array.channels < 1 || array.channels > 3) {
     throw std::invalid_argument(std::string(format) + ": " + std::string(array.name) + " has " +
-                                std::to_string(array.channels) + " channels, not 1 or 3");
+                                std::to_string(array.channels) + " channels, not 1 to 3");
   }
 }
 
@@ -109,7 +112,7 @@ class Writer {
 
 // One channel of the file: what to take from which array, and how.
 struct ExrChannel {
-  enum class Part { integer, single, rounded, residual };
+  enum class Part { integer, half, single, rounded, residual };
   std::string name;
   const ArrayView* array;
   int component;
@@ -129,7 +132,10 @@ std::vector<ExrChannel> exr_channels(const std::vector<ArrayView>& arrays) {
         channels.push_back({name, &array, c, Part::rounded});
         channels.push_back({name + ".residual", &array, c, Part::residual});
       } else {
-        channels.push_back({name, &array, c, array.type == ElementType::float32 ? Part::single : Part::integer});
+        channels.push_back({name, &array, c,
+                            array.type == ElementType::float32   ? Part::single
+                            : array.type == ElementType::float16 ? Part::half
+                                                                 : Part::integer});
       }
     }
   }
@@ -159,6 +165,8 @@ void spread_row(const ExrChannel& channel, int y, std::uint32_t* to, std::size_t
     spread(data + first, a.channels, to, stride, a.width, convert);
   };
   switch (channel.part) {
+    case ExrChannel::Part::half:
+      return run(static_cast<const Eigen::half*>(a.data), [](Eigen::half v) { return static_cast<float>(v); });
     case ExrChannel::Part::single:
       return run(static_cast<const float*>(a.data), [](float v) { return v; });
     case ExrChannel::Part::rounded:

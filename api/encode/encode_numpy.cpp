@@ -162,6 +162,8 @@ std::size_t element_size(ElementType type) {
       return 1;
     case ElementType::uint16:
       return 2;
+    case ElementType::float16:
+      return 2;
     case ElementType::float32:
       return 4;
     case ElementType::float64:
@@ -176,6 +178,8 @@ std::string numpy_descr(ElementType type) {
       return "|u1";
     case ElementType::uint16:
       return "<u2";
+    case ElementType::float16:
+      return "<f2";
     case ElementType::float32:
       return "<f4";
     case ElementType::float64:

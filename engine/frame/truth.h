@@ -10,10 +10,13 @@ namespace selenograph::engine {
 // Every n-th pixel of a region, from its first. The arrays have rows() x columns() elements; element (r, c) belongs to
 // the image's pixel in row y + r * every_px and column x + c * every_px.
 struct TruthGrid {
+  enum class Floats { float64, float32, float16 };
+
   int x = 0, y = 0, width = 0, height = 0;  // the region, px
   int every_px = 1;
   // MOON_ME, m: positions are stored relative to it, as float. Empty: absolute, as double.
   std::optional<Eigen::Vector3d> position_origin_m{};
+  Floats distances = Floats::float64;  // in which depth and range are answered
 
   int columns() const { return (width + every_px - 1) / every_px; }
   int rows() const { return (height + every_px - 1) / every_px; }

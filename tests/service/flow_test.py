@@ -130,6 +130,10 @@ class Flow(harness.unittest.TestCase):
         self.assertTrue(seen[on_rock].any())
         self.assertFalse(seen[on_rock].all())  # sides that look away
 
+    def test_files(self):
+        for accept in ("application/x-npy", "image/x-exr", "image/tiff", "application/octet-stream"):
+            self.assertEqual(self.service.post("/v1/frames", frame_request(("flow",), flow_to=OTHER), accept)[0], 200, accept)
+
     def test_refused(self):
         def member(**changes):
             status, _, body = self.service.post("/v1/frames", frame_request(("flow",), **changes), "application/x-npz")

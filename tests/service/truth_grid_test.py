@@ -56,6 +56,20 @@ class TruthGrid(harness.WithService):
         self.compare({"region": {"x": 69, "y": 44, "width": 1, "height": 1}, "every_px": 9}, slice(44, 45),
                      slice(69, 70))
 
+    def test_distances_of_fewer_bits(self):
+        whole, _ = self.arrays()
+        for kind, dtype in (("float32", np.float32), ("float16", np.float16)):
+            some, _ = self.arrays(truth={"distance_type": kind, "every_px": 3})
+            for product in ("depth", "range"):
+                self.assertEqual(some[product].dtype, dtype)
+                with np.errstate(over="ignore"):
+                    np.testing.assert_array_equal(some[product], whole[product][::3, ::3].astype(np.float32).astype(dtype))
+            self.assertEqual(some["position"].dtype, np.float64)
+        self.assertNotEqual(some["meta"]["content_hash"], whole["meta"]["content_hash"])
+        request = frame_request(("depth",), truth={"distance_type": "float16"})
+        for accept in ("application/x-npy", "image/x-exr", "image/tiff", "application/octet-stream"):
+            self.assertEqual(self.service.frame(request, accept)[0], 200, accept)
+
     def test_a_sensor_renders_a_margin_that_the_arrays_know_nothing_of(self):
         sensor = {"band": {"center_um": 0.55, "width_um": 0.1}, "sensor": {
             "optics": {"f_number": 4.0, "point_spread": {"model": "gaussian", "sigma_px": 1.5},

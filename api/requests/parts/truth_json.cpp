@@ -24,6 +24,11 @@ const Members<Region>& region_members() {
   return *table;
 }
 
+constexpr std::pair<std::string_view, engine::TruthGrid::Floats> kFloats[] = {
+    {"float64", engine::TruthGrid::Floats::float64},
+    {"float32", engine::TruthGrid::Floats::float32},
+    {"float16", engine::TruthGrid::Floats::float16}};
+
 const auto region_field = Property{
     [](const engine::TruthGrid& t) {
       return std::optional(Region{t.x, t.y, t.width, t.height});
@@ -45,6 +50,9 @@ const Members<engine::TruthGrid>& truth_members() {
         m.add("position_origin_m", &TruthGrid::position_origin_m, Vector{kCoordinate_m, "m"},
               "MOON_ME, whatever the pose's frame: `position` is relative to it, as float32 (accurate to 6e-8 of the "
               "distance: 1 mm at 17 km); left out: absolute, as float64");
+        m.add("distance_type", &TruthGrid::distances, Word{kFloats},
+              "type of `depth` and `range`: float32 is accurate to 6e-8 of the distance, float16 to 5e-4, and infinite "
+              "from 65 520 m on");
       });
   return *table;
 }
