@@ -82,22 +82,49 @@ class HorizonTest(unittest.TestCase):
 
 
 class StarsTest(unittest.TestCase):
-    def test_centroids_and_the_rotation_they_say(self):
-        camera, random = Camera.of(512, 20.0), np.random.default_rng(5)
-        places = random.uniform(30, 480, (12, 2))
+    TURN_DEG = (0.004, -0.003, 0.01)  # within a pixel or two
+
+    def star_field(self, count, seed=5):
+        """An image by a camera that is turned from where it is believed to be, the camera, what /v1/sky lists, and the
+        turn."""
+        camera, random = Camera.of(512, 20.0), np.random.default_rng(seed)
+        places = random.uniform(30, 480, (count, 2))
         directions = camera.rays(*places.T)
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        turn = flight.rotation(np.radians([0.004, -0.003, 0.01]))  # within a pixel or two
+        turn = flight.rotation(np.radians(self.TURN_DEG))
         seen = directions @ turn.T
         x, y = np.meshgrid(np.arange(512.0), np.arange(512.0))
         image = random.normal(100, 2, (512, 512))
         for px, py in camera.pixels(seen):
             image += 3000 * np.exp(-((x - px) ** 2 + (y - py) ** 2) / (2 * 0.8**2))
         listed = [{"x_px": px, "y_px": py, "direction_icrf": d} for (px, py), d in zip(places, directions)]
+        return image, camera, listed, turn
+
+    def test_centroids_and_the_rotation_they_say(self):
+        image, camera, listed, turn = self.star_field(12)
         found, used = stars.solved(image, camera, listed, np.eye(3))
         self.assertEqual(used, 12)
         self.assertLess(np.degrees(np.linalg.norm(found - turn)) * 3600, 15)  # a twentieth of a pixel is 7
         self.assertGreater(np.degrees(np.linalg.norm(np.eye(3) - turn)) * 3600, 40)
+
+    def test_what_is_no_star_is_left_out(self):
+        """Bright pixels beside some of the stars, brighter than these: each would be taken for its star."""
+        for count, false in ((4, 1), (8, 3), (20, 9)):
+            image, camera, listed, turn = self.star_field(count, seed=count)
+            for star, (dx, dy) in zip(listed[:false], ((3, 2), (-3, 1), (2, -3)) * 3):
+                image[round(star["y_px"]) + dy, round(star["x_px"]) + dx] = 20000
+            found, used = stars.solved(image, camera, listed, np.eye(3))
+            self.assertGreaterEqual(used, count - false - 1)
+            self.assertLessEqual(used, count - false)
+            self.assertLess(np.degrees(np.linalg.norm(found - turn)) * 3600, 30)
+
+    def test_of_three_stars_that_disagree_none_is_believed(self):
+        image, camera, listed, _ = self.star_field(3)
+        image[round(listed[0]["y_px"]) - 2, round(listed[0]["x_px"]) + 3] = 20000
+        believed = flight.rotation(np.radians(self.TURN_DEG))
+        found, used = stars.solved(image, camera, listed, believed)
+        np.testing.assert_array_equal(found, believed)
+        self.assertLess(used, 3)
 
     def test_without_stars_the_attitude_stays(self):
         believed = flight.rotation(np.array([0.1, 0.2, 0.3]))
