@@ -16,6 +16,7 @@ NAVIGATION = os.path.join(harness.REPOSITORY, "deploy", "navigation")
 sys.path[:0] = [NAVIGATION, os.path.join(harness.REPOSITORY, "api", "clients", "python")]
 
 try:
+    import cv2
     import numpy as np
     from approach import cruise, flight, horizon, stars
     from lander.camera import Camera
@@ -59,8 +60,9 @@ class HorizonTest(unittest.TestCase):
         _, covariance = horizon.fit(MOON, AZIMUTHS[part], angles, sigma)
         np.testing.assert_allclose(np.cov(fits.T), covariance, rtol=0.15, atol=0.05 * np.max(np.abs(covariance)))
 
-    def test_edges_of_a_disc_half_lit(self):
-        """A sphere's image by Lambert's law, in pixels that are means over 5 x 5 samples."""
+    def off_px(self, law, blur_px):
+        """How far edges are found outside of a half-lit disc's limb, in an image whose pixels are means over 5 x 5
+        samples of a sphere by a law of mu0 and mu."""
         camera, samples = Camera.of(512, 16.0), 5
         moon, sun = np.array([1e5, 5e4, 2e7]), np.array([0.8, 0.3, -0.52])
         sun = sun / np.linalg.norm(sun)
@@ -71,14 +73,29 @@ class HorizonTest(unittest.TestCase):
         along = rays @ moon
         beneath = along**2 - moon @ moon + horizon.RADIUS_M**2
         normal = (rays * (along - np.sqrt(np.maximum(beneath, 0)))[..., None] - moon) / horizon.RADIUS_M
-        light = np.where(beneath > 0, np.maximum(normal @ sun, 0), 0)
+        light = np.where(beneath > 0, law(np.maximum(normal @ sun, 0), -np.sum(normal * rays, -1)), 0)
+        if blur_px > 0:
+            light = cv2.GaussianBlur(light, (0, 0), blur_px * samples)
         image = light.reshape(camera.side, samples, camera.side, samples).mean((1, 3)).astype(np.float32)
-        edges = horizon.edges(image, camera, moon + [2e4, -1e4, 0], sun, AZIMUTHS)
+        around = moon + [2e4, -1e4, 0]
+        edges = horizon.edges(image, camera, around, sun, AZIMUTHS)
         use = np.isfinite(edges)
         self.assertGreater(use.sum(), 60)
-        off_px = camera.focal * (edges - horizon.angles_of(moon, moon + [2e4, -1e4, 0], AZIMUTHS))[use]
-        self.assertLess(np.sqrt(np.mean(off_px**2)), 0.1)
-        self.assertLess(abs(np.mean(off_px)), 0.05)
+        return camera.focal * (edges - horizon.angles_of(moon, around, AZIMUTHS))[use]
+
+    def test_edges_of_a_disc_half_lit(self):
+        def lambert(mu0, _):
+            return mu0
+
+        def lommel_seeliger(mu0, mu):
+            return mu0 / np.maximum(mu0 + mu, 1e-9)
+
+        for law, blur_px, most in ((lambert, 0, 0.02), (lambert, 1.0, 0.02), (lommel_seeliger, 0.6, 0.045),
+                                   (lommel_seeliger, 1.0, 0.045)):
+            off_px = self.off_px(law, blur_px)
+            print(f"{law.__name__}, blurred by {blur_px} px: {np.mean(off_px):.4f} px, RMS {np.std(off_px):.3f}")
+            self.assertLess(np.sqrt(np.mean(off_px**2)), 0.1)
+            self.assertLess(abs(np.mean(off_px)), most)
 
 
 class StarsTest(unittest.TestCase):
