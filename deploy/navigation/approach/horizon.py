@@ -44,11 +44,12 @@ def edges(image, camera, moon_m, sun, azimuths, reach_px=12.0):
     places = np.full(len(azimuths), np.nan)
     # How far the image is blurred is what the steepness of its edges says.
     for _ in range(2):
-        looks = np.array([_crossing(along_px, values[i], image.max(), camera.focal * np.tan(sphere), blur_px)
-                          for i in lit]).reshape(-1, 2)
-        if np.isfinite(looks).all(1).sum() < 5:
-            return places
-        places[lit], steepness = looks.T
+        if len(lit) == 0:
+            break
+        places[lit], steepness = _crossings(along_px, values[lit].astype(float), image.max(),
+                                            camera.focal * np.tan(sphere), blur_px)
+        if np.isfinite(steepness).sum() < 5:
+            break
         blur_px = 1 / (np.sqrt(2 * np.pi) * np.nanmedian(steepness))
     return np.interp(places, along_px, angles)
 
@@ -58,32 +59,45 @@ _DEPTHS = (np.arange(40) + 0.5) / 10
 _SHARES = np.exp(-0.5 * _DEPTHS**2) / np.exp(-0.5 * _DEPTHS**2).sum()
 
 
-def _crossing(along_px, profile, brightest, radius_px, blur_px):
-    """Where a profile crosses the edge's brightness, and how steeply, as a share of what is inside, per pixel."""
+def _last(flags):
+    """Of each row the index of its last true flag; of none the last index of all."""
+    return flags.shape[1] - 1 - np.argmax(flags[:, ::-1], axis=1)
+
+
+def _crossings(along_px, profiles, brightest, radius_px, blur_px):
+    """Where profiles, one a row, cross the edge's brightness, and how steeply, as a share of what is inside, per pixel;
+    NaN where none is clear."""
     def mu(depth_px):
         return np.sqrt(np.clip(1 - (1 - depth_px / radius_px) ** 2, 0, 1))
 
-    sky = np.median(profile[-8:])
-    bright = np.flatnonzero(profile > sky + 0.3 * (profile.max() - sky))
-    if len(bright) == 0 or profile.max() - sky < 0.05 * brightest:
-        return np.nan, np.nan
-    edge = along_px[bright[-1]]
+    rows, step, past = np.arange(len(profiles)), along_px[1] - along_px[0], len(along_px) - 1
+    light = profiles - np.median(profiles[:, -8:], axis=1)[:, None]
+    top = light.max(1)
+    edge = along_px[_last(light > 0.3 * top[:, None])]
+    clear = top >= 0.05 * brightest
     for _ in range(2):
-        clear = edge - 2.5 * blur_px
-        within = (along_px < clear) & (along_px > clear - 5)
-        if within.sum() < 8 or edge > along_px[-9]:
-            return np.nan, np.nan
-        inside, at = profile[within] - sky, mu(edge - along_px[within])
-        slope = np.cov(at, inside)[0, 1] / np.var(at, ddof=1)
-        level = inside.mean() + slope * (_SHARES @ mu(_DEPTHS * blur_px) - at.mean())
-        above = np.flatnonzero(profile > sky + 0.5 * level)
-        if len(above) == 0 or above[-1] + 1 >= len(profile):
-            return np.nan, np.nan
-        last = above[-1]
-        share = (profile[last] - sky - 0.5 * level) / (profile[last] - profile[last + 1])
-        edge = along_px[last] + share * (along_px[last + 1] - along_px[last])
-    outside, within = np.interp([edge + 0.5, edge - 0.5], along_px, profile)
-    return edge, (within - outside) / level
+        depth = edge[:, None] - along_px
+        within = (depth > 2.5 * blur_px) & (depth < 2.5 * blur_px + 5)
+        count = within.sum(1)
+        clear &= (count >= 8) & (edge <= along_px[-9])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at, inside = np.where(within, mu(depth), 0), np.where(within, light, 0)
+            mean_at, mean_inside = at.sum(1) / count, inside.sum(1) / count
+            slope = ((at * inside).sum(1) - count * mean_at * mean_inside) / ((at**2).sum(1) - count * mean_at**2)
+            level = mean_inside + slope * (_SHARES @ mu(_DEPTHS * blur_px) - mean_at)
+            last = _last(light > 0.5 * level[:, None])
+            clear &= last < past
+            last = np.minimum(last, past - 1)
+            share = (light[rows, last] - 0.5 * level) / (light[rows, last] - light[rows, last + 1])
+            edge = np.where(clear, along_px[last] + share * step, along_px[0])
+
+    def seen(x_px):
+        cell = np.clip((x_px - along_px[0]) / step, 0, past - 1e-9)
+        low = cell.astype(int)
+        return light[rows, low] + (cell - low) * (light[rows, low + 1] - light[rows, low])
+
+    steepness = (seen(edge - 0.5) - seen(edge + 0.5)) / level
+    return np.where(clear, edge, np.nan), np.where(clear, steepness, np.nan)
 
 
 def fit(moon_m, azimuths, angles, sigma_rad):
