@@ -178,7 +178,7 @@ class LikeFrames(unittest.TestCase):
             "detector": {"pixel_pitch_um": 5, "quantum_efficiency": 0.5, "integration_time_s": 1, "full_well_e": 1e4,
                          "gain_e_dn": 3, "bit_depth": 12}}}
         for changes, pointer in (({"camera_preset": "nowhere"}, "/camera_preset"), ({"shutter": poses}, "/pose"),
-                                 ({"camera": None}, ""), ({"pose": None}, "/pose"), (sensor, "/sensor/motion")):
+                                 ({"camera": None}, "/camera"), ({"pose": None}, "/pose"), (sensor, "/sensor/motion")):
             document = {k: v for k, v in {**EVERYTHING, **changes}.items() if v is not None}
             status, _, body = service.post("/v1/sky", document)
             self.assertEqual(status, 422, body)
@@ -201,7 +201,7 @@ class MapOfTheEarth(unittest.TestCase):
             return np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]] if axis == 3 else [[1, 0, 0], [0, c, s], [0, -s, c]])
         return turned(3, w) @ turned(1, math.pi / 2 - dec) @ turned(3, math.pi / 2 + ra)
 
-    def request(self, **what):
+    def request(self):
         """A camera between the Moon and the Earth that looks at the Earth, and /v1/sky's Earth and Sun for it."""
         request = {"camera": {"model": "pinhole", "width": self.SIDE, "height": self.SIDE, "fov_deg": self.FOV_DEG},
                    "pose": {"frame": "ICRF", "position_m": POSITION_M,
@@ -248,10 +248,10 @@ class MapOfTheEarth(unittest.TestCase):
 
     def test_a_bright_cell_is_where_the_earths_rotation_has_it(self):
         request, bodies, axes = self.request()
-        rotations = {"Archinal et al.": (self.earth_from_icrf(self.UTC), 0.3)}
+        rotations = {"Archinal et al.": (self.earth_from_icrf(self.UTC), 0.4)}
         if erfa:
             time = Time(self.UTC, scale="utc") - bodies["earth"]["distance_m"] / 299792458.0 * u.s
-            rotations["ERFA"] = (erfa.c2t06a(time.tt.jd1, time.tt.jd2, time.utc.jd1, time.utc.jd2, 0, 0), 0.02)
+            rotations["ERFA"] = (erfa.c2t06a(time.tt.jd1, time.tt.jd2, time.utc.jd1, time.utc.jd2, 0, 0), 0.01)
         below = self.earth_from_icrf(self.UTC) @ -np.array(bodies["earth"]["direction_icrf"])
         lat0, lon0 = (round(math.degrees(a)) for a in (math.asin(below[2]), math.atan2(below[1], below[0])))
         for case, (lat, lon) in enumerate(((lat0 + 40, lon0 - 20), (lat0 - 50, lon0 + 25), (lat0 + 3, lon0 + 40))):
