@@ -10,6 +10,7 @@
 #include "engine/camera/view.h"
 #include "engine/radiometry/solar_spectrum.h"
 #include "engine/radiometry/spectrum.h"
+#include "engine/render_cache.h"
 #include "tests/support/moon_without_relief.h"
 #include "tests/support/views.h"
 
