@@ -29,8 +29,8 @@ def edges(image, camera, moon_m, sun, azimuths, reach_px=12.0):
 
     Along each radius the edge is where the image crosses the brightness that a step there would have after the image's
     blur, which is about half of what is just inside. Toward the limb that rises with falling mu, the cosine of the
-    emission angle: mu0 / (mu0 + mu) by Lommel and Seeliger, which is steepest at the limb itself, since mu grows with the
-    root of the depth. It is taken as linear in mu. (Linear in the depth, half of it finds edges 0.03 pixels too far
+    emission angle: mu0 / (mu0 + mu) by Lommel and Seeliger, which is steepest at the limb itself, since mu grows with
+    the root of the depth. It is taken as linear in mu. (Linear in the depth, half of it finds edges 0.03 pixels too far
     out.)"""
     toward, aside = across(moon_m, azimuths)
     sphere = np.arcsin(RADIUS_M / np.linalg.norm(moon_m))

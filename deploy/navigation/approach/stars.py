@@ -32,8 +32,8 @@ def attitude(seen, directions):
 
 
 def agreeing(seen, directions, bound):
-    """Which of the stars one rotation fits to `bound` radians, as many as can be: of the rotations that each pair of them
-    says, the one that most others agree with (Fischler & Bolles 1981, of all pairs, so that nothing is by chance)."""
+    """Which of the stars one rotation fits to `bound` radians, as many as can be: of the rotations that each pair says,
+    the one that most others agree with (Fischler & Bolles 1981, of all pairs, so that nothing is by chance)."""
     best = np.zeros(len(seen), dtype=bool)
     among_seen, among_known = (np.arccos(np.clip(u @ u.T, -1, 1)) for u in (seen, directions))
     # What isn't a star is at the wrong angle from the stars, however the camera is turned.
