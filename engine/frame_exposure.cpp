@@ -120,6 +120,8 @@ void FrameExposure::draw_moments(Frame& frame) {
   if (plan_.counted) captured_ = draw(*plan_.counted, plan_.moving() ? 0.F : 1.F, frame, false);
   if (!radiance.empty()) sky.add_to(radiance);
   Sensor& sensor = *plan_.sensor;
+  if (const StrayLight& law = plan_.request.sensor->optics.stray_light; law.any())
+    sensor.scatter_by(kept_.scattered(law, sensor.camera(), stop_));
   add_points(sky, 1);
   add_glare();
   sensor.choose_integration_time(middle_.views().camera(), middle_.lens(), captured_, stop_);

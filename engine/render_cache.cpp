@@ -82,6 +82,7 @@ RenderCache::RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_
       threads_(threads),
       scenes_(bytes, std::make_unique<PartsOnce>()),
       lenses_(bytes / 8),
+      scattered_(bytes / 8),
       rocks_(std::make_shared<dem::RockMemory>(std::min(bytes / 8, kMostOfRocks))),
       light_tiles_(bytes / 4),
       speed_of_rays_(threads),
@@ -209,6 +210,20 @@ std::shared_ptr<const PixelRays> RenderCache::lens(const Camera& camera, const S
       stop);
 }
 
+std::shared_ptr<const ScatteredLight> RenderCache::scattered(const StrayLight& law, const Camera& camera,
+                                                             const StopToken& stop) {
+  ContentHash hash;
+  hash.add(law.b0_sr), hash.add(law.shoulder), hash.add(law.slope);
+  hash.add(camera.width), hash.add(camera.height), hash.add(camera.fx), hash.add(camera.fy);
+  return scattered_.get(
+      hash.key(),
+      [&] {
+        auto made = std::make_shared<const ScatteredLight>(law, camera, stop);
+        return dem::Cache<ContentKey, ScatteredLight, ContentKeyHash>::Loaded{made, made->bytes()};
+      },
+      stop);
+}
+
 void RenderCache::settle() {
   if (scratch_.bytes() > scenes_.capacity() / 4) scratch_.clear();
   reserve();
@@ -221,8 +236,7 @@ void RenderCache::reserve() {
     const std::lock_guard lock(room_mutex_);
     being_made = being_made_bytes_;
   }
-  const std::size_t others = scratch_.bytes() + lenses_.bytes() + rocks_->bytes() + light_tiles_.bytes() + being_made,
-                    needed = others + latest_scene_bytes(),
+  const std::size_t others = not_scenes_bytes() + being_made, needed = others + latest_scene_bytes(),
                     spare = scenes_.capacity() - std::min(scenes_.capacity(), needed);
   scenes_.reserve(others + std::min(less_.load(), spare));
 }

@@ -1,5 +1,5 @@
-// Data kept from frame to frame, on one memory budget: scenes, lenses, rocks, scratch memory; and the measured speed of
-// frames.
+// Data kept from frame to frame, on one memory budget: scenes, lenses, stray light, rocks, scratch memory; and the
+// measured speed of frames.
 #pragma once
 
 #include <array>
@@ -21,6 +21,7 @@
 #include "engine/camera/pixel_rays.h"
 #include "engine/indirect/light_tile.h"
 #include "engine/preparation.h"
+#include "engine/sensor/stray_light.h"
 #include "engine/support/content_key.h"
 #include "engine/support/pool.h"
 #include "engine/visibility/points/scene.h"
@@ -52,6 +53,9 @@ class RenderCache {
   // Directions of the camera's pixels; empty without distortion. Throws Cancelled when `stop` says so.
   std::shared_ptr<const PixelRays> lens(const Camera& camera, const StopToken& stop);
 
+  // What optics scatter over the camera's image. Throws Cancelled when `stop` says so.
+  std::shared_ptr<const ScatteredLight> scattered(const StrayLight& law, const Camera& camera, const StopToken& stop);
+
   // Roughness of a terrain's detail, which it must have; measured once.
   std::shared_ptr<const dem::CraterRoughness> roughness(const dem::Terrain& terrain, const StopToken& stop);
   // Rocks of details, and what surrounds them: on the budget, at most an eighth of it.
@@ -62,8 +66,8 @@ class RenderCache {
 
   // Keep leases short: memory that is lent is not on the budget.
   Pool<FrameScratch>& scratch() { return scratch_; }
-  // Call after a lease has ended. Scratch memory, lenses and rocks count towards the scenes' budget. A frame much
-  // larger than the others leaves its scratch memory behind only if that is a small part of the budget.
+  // Call after a lease has ended. Scratch memory, lenses, stray light and rocks count towards the scenes' budget. A
+  // frame much larger than the others leaves its scratch memory behind only if that is a small part of the budget.
   void settle();
 
   // Reduces the budget by memory that is needed elsewhere: less is kept, except for the latest scene. What one frame
@@ -75,9 +79,7 @@ class RenderCache {
   }
 
   std::size_t capacity() const { return scenes_.capacity(); }
-  std::size_t bytes() const {
-    return scenes_.bytes() + lenses_.bytes() + rocks_->bytes() + light_tiles_.bytes() + scratch_.bytes();
-  }
+  std::size_t bytes() const { return scenes_.bytes() + not_scenes_bytes(); }
 
  private:
   // Hashes the members in which most cameras differ; equality compares all members.
@@ -87,6 +89,9 @@ class RenderCache {
   static ContentKey key_of(const SceneContent& content);
   class Room;
   void reserve();
+  std::size_t not_scenes_bytes() const {
+    return lenses_.bytes() + scattered_.bytes() + rocks_->bytes() + light_tiles_.bytes() + scratch_.bytes();
+  }
   std::size_t latest_scene_bytes();
   class PartsOnce;
   std::shared_ptr<const Scene> most_in_common(const SceneContent& content);
@@ -95,6 +100,7 @@ class RenderCache {
   int threads_;
   dem::Cache<ContentKey, Scene, ContentKeyHash> scenes_;
   dem::Cache<Camera, PixelRays, CameraHash> lenses_;  // pixel directions do not depend on the pose
+  dem::Cache<ContentKey, ScatteredLight, ContentKeyHash> scattered_;
   static constexpr std::size_t kMostRoughnesses = 16;
   dem::Cache<int, dem::CraterRoughness> roughnesses_{kMostRoughnesses};  // by the detail's number
   std::shared_ptr<dem::RockMemory> rocks_;

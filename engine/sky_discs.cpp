@@ -2,10 +2,14 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <optional>
 
+#include "dem/support/error.h"
+#include "dem/value_maps/value_map.h"
 #include "engine/frame/needs.h"
 #include "engine/ray_queries.h"
 #include "engine/sky/sky_observer.h"
@@ -15,29 +19,32 @@ namespace {
 
 using std::numbers::pi;
 
-// Radiance along a unit direction from the camera, MOON_ME; 0 beside the disc.
 class Disc {
  public:
   virtual ~Disc() = default;
-  virtual double radiance(const Vec3& direction) const = 0;
+  // Radiance along a unit direction from the camera, MOON_ME, as a sample's mean over an angle of step_rad; 0 beside
+  // the disc. For one thread.
+  virtual double radiance(const Vec3& direction, double step_rad) = 0;
   virtual double radius_rad() const = 0;
 };
 
-// The integral of mu0 over the solid angle of a sphere of radius 1 that is seen from nearby: of a thin crescent, whose
-// brightest part is at the limb, the horizon cuts off much. Longitudes from below the observer, away from the Sun.
-double lit_sphere_sr(double phase_rad, double distance) {
+// Visits the lit part of a sphere of radius 1 that is seen from nearby, as visit(mu0 times solid angle, place): of a
+// thin crescent, whose brightest part is at the limb, the horizon cuts off much. Places along axes: toward the
+// observer, and the second in the plane of the Sun.
+template <typename Visit>
+void over_lit_sphere(double phase_rad, double distance, const Visit& visit) {
   constexpr int kLatitudes = 128, kLongitudes = 256;
   const double first = phase_rad - pi / 2, step = (pi - phase_rad) / kLongitudes;
-  double sum = 0;
   for (int j = 0; j < kLatitudes; ++j)
     for (int i = 0; i < kLongitudes; ++i) {
       const double lat = (j + 0.5) * pi / kLatitudes - pi / 2, lon = first + (i + 0.5) * step;
       const double up = std::cos(lat) * std::cos(lon) * distance - 1;  // over the horizon
       if (up <= 0) continue;
       const double way2 = distance * distance - 1 - 2 * up;
-      sum += std::cos(lat) * std::cos(lat) * std::cos(lon - phase_rad) * up / (way2 * std::sqrt(way2));
+      visit(std::cos(lat) * std::cos(lat) * std::cos(lon - phase_rad) * up / (way2 * std::sqrt(way2)) * step * pi /
+                kLatitudes,
+            Vec3(std::cos(lat) * std::cos(lon), std::cos(lat) * std::sin(lon), std::sin(lat)));
     }
-  return sum * step * pi / kLatitudes;
 }
 
 class SunDisc : public Disc {
@@ -47,7 +54,7 @@ class SunDisc : public Disc {
     sine_ = std::sin(sun_radius_deg(*sun.distance_m / kAstronomicalUnit_m) * kRadiansPerDegree);
     middle_ = sun.irradiance_w_m2 / (pi * sine_ * sine_ * (1 - darkening_ / 3));
   }
-  double radiance(const Vec3& direction) const override {
+  double radiance(const Vec3& direction, double) override {
     const double sine = direction.cross(centre_).norm() / sine_;
     if (sine >= 1 || direction.dot(centre_) < 0) return 0;
     return middle_ * (1 - darkening_ * (1 - std::sqrt(1 - sine * sine)));
@@ -59,24 +66,83 @@ class SunDisc : public Disc {
   double darkening_, sine_, middle_;
 };
 
-// In coordinates whose z axis is the Earth's, stretched along it so that the ellipsoid is a sphere of radius 1.
+// How bright places on the Earth are relative to the mean of all that is lit and seen, each by its light.
+class EarthPattern {
+ public:
+  EarthPattern(const EarthMap& map, const StopToken& stop) {
+    if (map.content) map_.emplace(*map.content, stop);
+  }
+  // `observer`, `sun`: unit, in the Earth's axes; `distance`: in its radii.
+  void set_mean(const Vec3& observer, const Vec3& sun, double phase_rad, double distance) {
+    if (!map_) return;
+    Eigen::Matrix3d axes;
+    axes.col(0) = observer;
+    axes.col(1) = (sun - sun.dot(observer) * observer).normalized();
+    axes.col(2) = axes.col(0).cross(axes.col(1));
+    constexpr double kApart_rad = pi / 128;
+    double all = 0, sum = 0;
+    over_lit_sphere(phase_rad, distance, [&](double light, const Vec3& place) {
+      const Vec3 normal = axes * place;
+      const EastNorthUp local = local_axes(normal);
+      const double value = at(normal, kApart_rad * local.east, kApart_rad * local.north);
+      if (!std::isnan(value)) all += light, sum += light * value;
+    });
+    if (all > 0 && !(sum > 0)) throw ImpossibleRequest("the map is 0 wherever the Earth is lit and seen", "earth_map");
+    if (all > 0) mean_ = sum / all;
+  }
+  // At a geodetic normal, over a parallelogram with these sides in radii; 1 where the map has no value.
+  double relative(const Vec3& normal, const Vec3& a, const Vec3& b) {
+    if (!map_ || std::isnan(mean_)) return 1;
+    const double value = at(normal, a, b);
+    return std::isnan(value) ? 1 : value / mean_;
+  }
+
+ private:
+  double at(const Vec3& normal, const Vec3& a, const Vec3& b) {
+    const EastNorthUp local = local_axes(normal);
+    // Maps measure on the Moon's sphere.
+    const auto side = [&](const Vec3& v) {
+      return std::array{kMoonRadius_m * local.east.dot(v), kMoonRadius_m * local.north.dot(v)};
+    };
+    const double lat_deg = std::asin(std::clamp(normal.z(), -1.0, 1.0)) * kDegreesPerRadian,
+                 lon_deg = std::atan2(normal.y(), normal.x()) * kDegreesPerRadian;
+    return std::max(map_->mean({lat_deg, lon_deg, side(a), side(b)}).value, 0.0);
+  }
+  std::optional<dem::ValueMap::Sampler> map_;
+  double mean_ = std::numeric_limits<double>::quiet_NaN();
+};
+
+// In the Earth's axes, stretched along the z axis so that the ellipsoid is a sphere of radius 1.
 class EarthDisc : public Disc {
  public:
-  EarthDisc(const SkyObject& earth, const ApparentBody& body, const Eigen::Matrix3d& moon_me_from_icrf)
-      : icrf_from_moon_me_(moon_me_from_icrf.transpose()),
-        toward_sun_(-body.from_sun),
-        from_centre_(-body.distance_m / kEquator_m * stretched(icrf_from_moon_me_ * earth.direction)),
-        radius_rad_(std::asin(kEquator_m / body.distance_m)) {
-    const double lit_sr = lit_sphere_sr(body.phase_deg * kRadiansPerDegree, body.distance_m / kEquator_m) / kStretch;
+  EarthDisc(const SkyObject& earth, const ApparentBody& body, const SkyObserver& observer, const EarthMap& map,
+            const StopToken& stop)
+      : earth_from_moon_me_(observer.earth_from_icrf(body.distance_m) * observer.moon_me_from_icrf().transpose()),
+        toward_sun_(observer.earth_from_icrf(body.distance_m) * -body.from_sun),
+        from_centre_(-body.distance_m / kEquator_m * stretched(earth_from_moon_me_ * earth.direction)),
+        radius_rad_(std::asin(kEquator_m / body.distance_m)),
+        pattern_(map, stop) {
+    const double phase_rad = body.phase_deg * kRadiansPerDegree, distance = body.distance_m / kEquator_m;
+    double lit_sr = 0;
+    over_lit_sphere(phase_rad, distance, [&](double light, const Vec3&) { lit_sr += light / kStretch; });
     full_ = lit_sr > 0 ? earth.irradiance_w_m2 / lit_sr : 0;
+    pattern_.set_mean(-(earth_from_moon_me_ * earth.direction), toward_sun_, phase_rad, distance);
   }
-  double radiance(const Vec3& direction) const override {
-    const Vec3 way = stretched(icrf_from_moon_me_ * direction);
+  double radiance(const Vec3& direction, double step_rad) override {
+    const Vec3 seen = earth_from_moon_me_ * direction, way = stretched(seen);
     const double a = way.squaredNorm(), b = way.dot(from_centre_),
                  inside = b * b - a * (from_centre_.squaredNorm() - 1);
     if (inside <= 0 || b > 0) return 0;
-    const Vec3 normal = stretched(from_centre_ + (-b - std::sqrt(inside)) / a * way).normalized();
-    return full_ * std::max(0.0, normal.dot(toward_sun_));
+    const double range = (-b - std::sqrt(inside)) / a;
+    const Vec3 normal = stretched(from_centre_ + range * way).normalized();
+    const double mu0 = normal.dot(toward_sun_);
+    if (mu0 <= 0) return 0;
+    // What a step across the line of sight is on the ground: longer by 1 / mu along the way.
+    const double mu = std::max(-normal.dot(seen), 0.05);
+    const Vec3 across =
+        normal.cross(seen).norm() > 1e-9 ? Vec3(normal.cross(seen).normalized()) : normal.unitOrthogonal();
+    const Vec3 along = normal.cross(across);
+    return full_ * mu0 * pattern_.relative(normal, step_rad * range * across, step_rad * range / mu * along);
   }
   double radius_rad() const override { return radius_rad_; }
 
@@ -84,9 +150,10 @@ class EarthDisc : public Disc {
   static constexpr double kEquator_m = 6378137, kStretch = 1 / (1 - 1 / 298.257223563);
   static Vec3 stretched(const Vec3& v) { return {v.x(), v.y(), v.z() * kStretch}; }
 
-  Eigen::Matrix3d icrf_from_moon_me_;
+  Eigen::Matrix3d earth_from_moon_me_;
   Vec3 toward_sun_, from_centre_;
   double radius_rad_, full_;
+  EarthPattern pattern_;
 };
 
 class DiscPainter {
@@ -95,12 +162,13 @@ class DiscPainter {
               const StopToken& stop)
       : views_(views), range_m_(range_m), stop_(stop), width_(request.camera.width), height_(request.camera.height) {}
 
-  void paint(const SkyObject& object, const Disc& disc, std::vector<float>& radiance) {
+  void paint(const SkyObject& object, Disc&& disc, std::vector<float>& radiance) {
     const auto sr = pixel_sr(views_, object.x_px, object.y_px);
     if (!sr) return;
     // A lens may stretch it beside its centre.
     const double reach_px = 3 + 1.5 * disc.radius_rad() / std::sqrt(*sr);
     samples_ = reach_px < 9 ? 32 : 8;
+    step_rad_ = std::sqrt(*sr) / samples_;
     const auto clipped = [](double at, int size) { return static_cast<int>(std::clamp(at, 0.0, size - 1.0)); };
     for (int y = clipped(object.y_px - reach_px, height_); y <= clipped(object.y_px + reach_px, height_); ++y) {
       stop_.check();
@@ -126,7 +194,7 @@ class DiscPainter {
     return !surface ? Sight::free : sky ? Sight::border : Sight::hidden;
   }
 
-  void paint_pixel(int x, int y, const Disc& disc, std::vector<float>& radiance) {
+  void paint_pixel(int x, int y, Disc& disc, std::vector<float>& radiance) {
     const Sight sight_here = sight(x, y);
     if (sight_here == Sight::hidden) return;
     const View& view = views_.of(y);
@@ -137,7 +205,7 @@ class DiscPainter {
         const auto ray = view.ray(x + across, views_.line(y) + down);
         if (!ray) continue;
         const Vec3 direction = ray->normalized();
-        const float value = share * static_cast<float>(disc.radiance(direction));
+        const float value = share * static_cast<float>(disc.radiance(direction, step_rad_));
         if (value == 0) continue;
         if (sight_here == Sight::free)
           radiance[at(x, y)] += value;
@@ -154,6 +222,7 @@ class DiscPainter {
   std::span<const double> range_m_;
   const StopToken& stop_;
   int width_, height_, samples_ = 8;
+  double step_rad_ = 0;    // from sample to sample
   std::vector<Ray> rays_;  // of samples whose pixels are at a border
   std::vector<std::size_t> pixel_;
   std::vector<float> value_;
@@ -173,7 +242,8 @@ void add_discs(const FrameRequest& request, std::span<const double> range_m, con
     if (object.kind == SkyKind::sun) painter.paint(object, SunDisc(object, request.sun.limb_darkening), radiance);
     if (object.kind != SkyKind::earth) continue;
     const SkyObserver observer(request.sky->utc, views.reference().position(), request.sky->velocity_m_s);
-    painter.paint(object, EarthDisc(object, observer.planet(Planet::earth), observer.moon_me_from_icrf()), radiance);
+    painter.paint(object, EarthDisc(object, observer.planet(Planet::earth), observer, request.sky->earth_map, stop),
+                  radiance);
   }
   painter.settle(what_hides(painter.rays(), request.objects, request.terrain, terrain, kept, stop), radiance);
 }

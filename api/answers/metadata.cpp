@@ -100,6 +100,8 @@ std::string content_hash(const FrameQuery& query, const std::vector<double>& sha
                    {"version", software_version()},
                    {"representation", representation.media_type}};
   if (query.request.sky && query.request.sky->stars) what["stars"] = hex(query.request.sky->stars->fingerprint());
+  if (query.request.sky && query.request.sky->earth_map.content)
+    what["earth_map"] = hex(query.request.sky->earth_map.content->fingerprint());
   if (query.request.detail) what["detail"] = detail_metadata(query.detail, *query.request.detail);
   if (gave_way(query.request.accuracy, shadow_limits_px)) what["shadow_limits_px"] = shadow_limits_px;
   return content_hash(what.dump());

@@ -127,7 +127,8 @@ constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px
                                         {"albedo_maps", "/surface/albedo_maps"},
                                         {"craters", "/craters"},
                                         {"flow_to", "/flow_to"},
-                                        {"magnitude_limit", "/sky/magnitude_limit"}};
+                                        {"magnitude_limit", "/sky/magnitude_limit"},
+                                        {"earth_map", "/sky/earth_map"}};
 
 // OpenEXR's channels have one size.
 void refuse_sizes(const engine::FrameRequest& request, const Representation& representation) {

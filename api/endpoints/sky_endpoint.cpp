@@ -19,9 +19,10 @@ Response answer_sky(const EndpointContext& context) {
   constexpr std::size_t kBytesPerStar = 2000;
   const std::size_t stars =
       query.request.sky->stars ? std::min(query.request.sky->stars->size(), engine::kMostStars) : 0;
-  context.memory.need(kBytesPerStar * (stars + 100) + engine::bytes_of_rocks(query.detail.content.get()), "/sky",
-                      context.stop);
-  constexpr MemberPointer kRefusable[] = {{"magnitude_limit", "/sky/magnitude_limit"}};
+  context.memory.need(kBytesPerStar * (stars + 100) + engine::bytes_of_rocks(query.detail.content.get()) +
+                          engine::bytes_of_rows(query.request.camera, query.request.shutter),
+                      "/sky", context.stop);
+  constexpr MemberPointer kRefusable[] = {{"magnitude_limit", "/sky/magnitude_limit"}, {"shutter", "/shutter"}};
   const auto sky =
       with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.sky(query.request, context.stop); });
   Response response;

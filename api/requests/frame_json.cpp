@@ -9,6 +9,7 @@
 #include "api/json/ranges.h"
 #include "api/requests/cameras.h"
 #include "api/requests/parts/band_json.h"
+#include "api/requests/parts/camera_preset.h"
 #include "api/requests/parts/detail_json.h"
 #include "api/requests/parts/products_json.h"
 #include "api/requests/parts/sensor_json.h"
@@ -129,10 +130,6 @@ const auto accuracy_field =
                return std::optional(AccuracyForm{q.request.accuracy, std::nullopt});
              },
              [](FrameQuery& q, const AccuracyForm& form) { q.request.accuracy = form, q.budget_ms = form.budget_ms; }};
-// A request has none by the time that it is read: it was replaced by what it stands for.
-const auto preset_field =
-    Property{[](const FrameQuery&) { return std::optional<std::string>(); }, [](FrameQuery&, const std::string&) {}};
-
 // No part of what the frame is: left out of the resolved request, and so of the ETag.
 constexpr std::size_t kMostAhead = 64;
 const auto ahead_field = Property{[](const FrameQuery&) { return std::optional<std::vector<engine::Pose>>(); },
@@ -183,37 +180,6 @@ struct Echo {
   OrderedJson fallback() const { return {}; }
 };
 
-// A focal length in millimetres has its pixels from the camera's pitch, the detector its area from the sensor's.
-void check_pitch(const JsonReader& in, const engine::SensorModel& sensor) {
-  if (!in.has("camera")) return;
-  const JsonReader camera = in.at("camera");
-  const double detectors_um = sensor.detector.pixel_pitch_um;
-  if (camera.has("pixel_pitch_um") && camera.at("pixel_pitch_um").value() != detectors_um)
-    camera.fail("pixel_pitch_um",
-                fmt::format("must be that of the sensor: \"sensor.detector.pixel_pitch_um\" is {:g}", detectors_um));
-}
-
-// Its kernel is that of an image on a plane.
-void check_stray_light(const JsonReader& in, const engine::FrameRequest& request) {
-  if (!request.sensor->optics.stray_light.any() || !request.camera.beyond_plane()) return;
-  const JsonReader model = in.at("sensor");
-  model.at("optics").fail("stray_light", "is not modelled for a fisheye's image");
-}
-
-// What is made of an image after it was rendered as if all rows were of one time.
-void check_sensor_of_rows(const JsonReader& in, const engine::SensorModel& sensor, const engine::Shutter& shutter) {
-  const JsonReader model = in.at("sensor");
-  if (!sensor.motion.none())
-    model.fail("motion", "cannot be combined with \"shutter\": motion blur is not modelled for rows with times");
-  if (sensor.detector.smear_time_s > 0)
-    model.at("detector").fail("smear_time_s", "is of frame transfer: a \"shutter\" reads row by row");
-  if (!shutter.pushbroom) return;
-  const std::string line = "with a pushbroom: neighbouring rows of its image are not neighbours on the detector";
-  if (sensor.optics.point_spread.model != engine::PointSpread::Model::none)
-    model.at("optics").fail("point_spread", "must be left out " + line);
-  if (sensor.optics.stray_light.any()) model.at("optics").fail("stray_light", "must be left out " + line);
-}
-
 void check_shutter(const JsonReader& in, FrameQuery& query) {
   engine::FrameRequest& request = query.request;
   check_pose(in, request.camera, request.shutter, request.pose);
@@ -225,7 +191,6 @@ void check_shutter(const JsonReader& in, FrameQuery& query) {
     in.fail("visibility", "rows with times are rendered by \"raytrace\": \"zbuffer\" draws all from one place");
   if (!request.shutter->poses.empty() && in.has("ahead"))
     in.fail("ahead", "would replace a \"pose\", which a shutter with poses has not");
-  if (request.sensor) check_sensor_of_rows(in, *request.sensor, *request.shutter);
 }
 
 void check_flow(const JsonReader& in, const engine::FrameRequest& request) {
@@ -240,8 +205,7 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
   check_shutter(in, query);
   resolve_preset(query.request, query.surface);
   if (query.request.truth) resolve_truth(in, request.camera, *query.request.truth);
-  if (request.sensor) check_pitch(in, *request.sensor), check_stray_light(in, request);
-  if (request.sensor && request.band) check_band_of_sensor(in, *request.sensor, *request.band);
+  if (request.sensor) check_sensor(in, request);
   if (request.atmosphere && request.band) {
     try {
       request.atmosphere->over(*request.band, 0);
@@ -278,58 +242,6 @@ OrderedJson flow_condition(const Limits&) {
 
 bool has_image_by_sensor(const FrameQuery& q) { return q.request.products & engine::kImage && q.request.sensor; }
 bool has_image_without_sensor(const FrameQuery& q) { return q.request.products & engine::kImage && !q.request.sensor; }
-
-// --- presets
-
-struct Preset {
-  std::optional<std::string> description;
-  std::optional<engine::Camera> camera;
-  std::optional<engine::Band> band;
-  std::optional<engine::SensorModel> sensor;
-};
-
-const Members<Preset>& preset_members() {
-  static const auto table =
-      made<Members<Preset>>("CameraPreset", "cameras/NAME.json of the assets folder.", [](auto& m) {
-        m.add("description", &Preset::description, Text{}, "of the camera; ignored");
-        m.add("camera", &Preset::camera, Object{camera_members()}, "where the request has none");
-        m.add("band", &Preset::band, Object{band_members()}, "where the request has none");
-        m.add("sensor", &Preset::sensor, Object{sensor_members()}, "whose members the request's own replace");
-      });
-  return *table;
-}
-
-// A preset's faults are the operator's: they are told with the file's name.
-void check_preset(const Json& preset, const std::string& name, const ReadContext& context) {
-  Findings findings;
-  preset_members().read(JsonReader(preset, findings), context);
-  if (findings.empty()) return;
-  const Finding& first = findings.kept().front();
-  throw RequestError("asset_error", fmt::format("cameras/{}.json: {}: {}", name, first.pointer, first.detail));
-}
-
-// The request with the preset's members where it has none of its own; of the sensor, member by member.
-Json with_preset(const Json& body, const ReadContext& context) {
-  Findings findings;
-  const JsonReader in(body, findings);
-  const JsonReader named = in.at("camera_preset");
-  const std::string name = named.text().value_or("");
-  const std::shared_ptr<const Json> preset = context.assets.camera(name);
-  if (!preset && findings.empty())
-    named.fail("no such preset; the service has " + listed(context.assets.names("cameras")));
-  findings.throw_if_any();
-  check_preset(*preset, name, context);
-  Json merged = body;
-  merged.erase("camera_preset");
-  for (const char* member : {"camera", "band"})
-    if (preset->contains(member) && !merged.contains(member)) merged[member] = preset->at(member);
-  if (preset->contains("sensor")) {
-    Json sensor = preset->at("sensor");
-    if (merged.contains("sensor")) sensor.merge_patch(merged["sensor"]);
-    merged["sensor"] = sensor;
-  }
-  return merged;
-}
 
 // The rows of a frame's request; their order is that of the resolved request, whose text the ETag is made from.
 void add_scene(Members<FrameQuery>& m) {
@@ -373,9 +285,8 @@ void add_rendering(Members<FrameQuery>& m) {
        "image", [](auto& q) -> auto& { return q.request.image; }, Object{image_members()},
        "makes `image` without a sensor model")
       .written_if(has_image_without_sensor);
-  m.add("camera_preset", preset_field, Text{},
-        "name of cameras/NAME.json in the operator's assets folder: its camera and band if the request has none, and "
-        "its sensor, whose members the request's own replace. The request in the metadata shows the result");
+  m.add("camera_preset", camera_preset_field<FrameQuery>(), Text{},
+        std::string(kOfCameraPreset) + ". The request in the metadata shows the result");
   m.add(
       "products", [](auto& q) -> auto& { return q.request.products; }, Products{products()},
       "what to render: arrays of height x width, row 0 on top");
@@ -432,8 +343,7 @@ const Members<FrameQuery>& frame_members() {
 
 FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
   const ReadContext context{limits, assets, stop, utc_of_sun(body)};
-  if (body.is_object() && body.contains("camera_preset") && body.at("camera_preset").is_string())
-    return read_frame(with_preset(body, context), limits, assets, stop);
+  if (const auto merged = with_camera_preset(body, context)) return read_frame(*merged, limits, assets, stop);
   Findings findings;
   std::optional<FrameQuery> query = frame_members().read(JsonReader(body, findings), context);
   findings.throw_if_any();

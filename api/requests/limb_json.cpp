@@ -1,10 +1,9 @@
 #include "api/requests/limb_json.h"
 
 #include <cmath>
-#include <deque>
 #include <utility>
 
-#include "api/encode/encode.h"
+#include "api/encode/columns.h"
 #include "api/requests/parts/camera_json.h"
 #include "api/requests/parts/pose_json.h"
 #include "api/requests/parts/sun_json.h"
@@ -150,63 +149,26 @@ OrderedJson limb_json(const LimbPoints& limb) {
 
 namespace {
 
-// Columns of points as arrays that are named after them.
-class ColumnArrays {
- public:
-  explicit ColumnArrays(const StopToken& stop) : stop_(stop) {}
-  template <typename Point, std::size_t N>
-  void add(const std::string& prefix, const std::vector<Point>& points, const Column<Point> (&columns)[N]) {
-    for (const Column<Point>& column : columns) {
-      stop_.check();
-      std::vector<double> values;
-      for (const Point& p : points) values.push_back(column.value(p));
-      add(prefix + column.name, std::move(values), 1);
-    }
-    std::vector<double> positions;
-    for (const Point& p : points) positions.insert(positions.end(), p.position_m.begin(), p.position_m.end());
-    add(prefix + "position_m", std::move(positions), 3);
-  }
-  template <typename Point>
-  void add_flag(const std::string& name, const std::vector<Point>& points, bool Point::*flag) {
-    std::vector<std::uint8_t>& values = flags_.emplace_back();
-    for (const Point& p : points) values.push_back(p.*flag);
-    arrays_.push_back(
-        {names_.emplace_back(name), ElementType::uint8, static_cast<int>(values.size()), 1, 1, values.data(), {}});
-  }
-  std::string npz() const { return encode_npz(arrays_, "{}", stop_); }
-
- private:
-  void add(const std::string& name, std::vector<double> values, int channels) {
-    const std::vector<double>& kept = values_.emplace_back(std::move(values));
-    arrays_.push_back({names_.emplace_back(name),
-                       ElementType::float64,
-                       static_cast<int>(kept.size()) / channels,
-                       channels,
-                       1,
-                       kept.data(),
-                       {}});
-  }
-  const StopToken& stop_;
-  // Their elements stay where they are.
-  std::deque<std::string> names_;
-  std::deque<std::vector<double>> values_;
-  std::deque<std::vector<std::uint8_t>> flags_;
-  std::vector<ArrayView> arrays_;
-};
+template <typename Point, std::size_t N>
+void add_columns(ColumnArrays& arrays, const std::string& prefix, const std::vector<Point>& points,
+                 const Column<Point> (&columns)[N]) {
+  for (const Column<Point>& column : columns) arrays.add(prefix + column.name, points, column.value);
+  arrays.add(prefix + "position_m", points, &Point::position_m);
+}
 
 }  // namespace
 
 std::string limb_npz(const LimbPoints& limb, const StopToken& stop) {
   ColumnArrays arrays(stop);
-  arrays.add("", limb.points, kLimbColumns);
-  arrays.add_flag("in_frame", limb.points, &LimbPoint::in_frame);
+  add_columns(arrays, "", limb.points, kLimbColumns);
+  arrays.add("in_frame", limb.points, &LimbPoint::in_frame);
   if (!limb.terminator.empty()) {
-    arrays.add("terminator_", limb.terminator, kTerminatorColumns);
-    arrays.add_flag("terminator_in_frame", limb.terminator, &TerminatorPoint::in_frame);
-    arrays.add_flag("terminator_visible", limb.terminator, &TerminatorPoint::visible);
-    arrays.add_flag("terminator_sphere_visible", limb.terminator, &TerminatorPoint::sphere_visible);
+    add_columns(arrays, "terminator_", limb.terminator, kTerminatorColumns);
+    arrays.add("terminator_in_frame", limb.terminator, &TerminatorPoint::in_frame);
+    arrays.add("terminator_visible", limb.terminator, &TerminatorPoint::visible);
+    arrays.add("terminator_sphere_visible", limb.terminator, &TerminatorPoint::sphere_visible);
   }
-  return arrays.npz();
+  return arrays.npz("{}");
 }
 
 }  // namespace selenograph::api

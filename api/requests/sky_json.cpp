@@ -3,9 +3,10 @@
 #include <cmath>
 #include <limits>
 
-#include "api/encode/encode.h"
+#include "api/encode/columns.h"
 #include "api/requests/parts/band_json.h"
 #include "api/requests/parts/camera_json.h"
+#include "api/requests/parts/camera_preset.h"
 #include "api/requests/parts/sensor_json.h"
 #include "api/requests/parts/shutter_json.h"
 #include "api/requests/parts/sky_options_json.h"
@@ -51,13 +52,14 @@ const auto objects_of_sky = Property{[](const SkyQuery&) { return std::optional<
 void check_sky(const JsonReader& in, SkyQuery& query, const ReadContext&) {
   engine::FrameRequest& request = query.request;
   request.detail = query.detail.content;
+  check_pose(in, request.camera, request.shutter, request.pose);
   try {
     if (query.utc || query.et_s) engine::tt_at(query.as_utc());
   } catch (const ImpossibleRequest& e) {
     in.fail(query.member(), e.what());
   }
   if (!request.sensor) return;
-  if (request.band) check_band_of_sensor(in, *request.sensor, *request.band);
+  check_sensor(in, request);
   if (request.sensor->exposure.target_fill > 0)
     in.at("sensor").fail("exposure", "chooses a time from the whole image: give \"detector.integration_time_s\" here");
 }
@@ -68,13 +70,15 @@ const Members<SkyQuery>& sky_request_members() {
   static const auto table = made<Members<SkyQuery>>(
       "SkyRequest", "A camera, its pose and an epoch: what it would see of the sky.", [](auto& m) {
         m.add(
-             "camera", [](auto& q) -> auto& { return q.request.camera; }, Object{camera_members()},
-             "projection and image size")
-            .required();
+            "camera", [](auto& q) -> auto& { return q.request.camera; }, Object{camera_members()},
+            "projection and image size; required unless `camera_preset` has one");
         m.add(
-             "pose", [](auto& q) -> auto& { return q.request.pose; }, Object{pose_members()},
-             "position and attitude of the camera")
-            .required();
+            "pose", [](auto& q) -> auto& { return q.request.pose; }, Object{pose_members()},
+            "position and attitude of the camera; required unless `shutter.poses` is given");
+        m.add(
+            "shutter", [](auto& q) -> auto& { return q.request.shutter; }, Object{shutter_members()},
+            "times of the rows: each object is where the row that sees it has it. The sky is that of the epoch for all "
+            "rows; left out: all rows are exposed at once");
         m.add("utc", &SkyQuery::utc, Text{}, "epoch, ISO 8601");
         m.add("et_s", &SkyQuery::et_s, Number{kAnyNumber, "s"}, std::string(kEtMeaning));
         m.add(
@@ -87,19 +91,24 @@ const Members<SkyQuery>& sky_request_members() {
         m.add(
             "sensor", [](auto& q) -> auto& { return q.request.sensor; }, Object{sensor_members()},
             "for `electrons`; left out: none in the answer");
+        m.add("camera_preset", camera_preset_field<SkyQuery>(), Text{}, kOfCameraPreset);
         m.add("detail", &SkyQuery::detail, DetailName{}, kOfDetail);
         m.add("objects", objects_of_sky, List{Object{object_members()}, 1, kMaxObjects},
               "as in a frame: they hide what is behind them");
         m.exactly_one({"utc", "et_s"});
-        m.needs("sensor", {"band"}, "which photons it counts");
+        m.any_of({"camera", "camera_preset"});
+        m.needs("sensor", {"band", "camera_preset"}, "which photons it counts");
         m.check(check_sky);
+        m.also(pose_condition);
       });
   return *table;
 }
 
 SkyQuery read_sky(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
+  const ReadContext context{limits, assets, stop, utc_of(body)};
+  if (const auto merged = with_camera_preset(body, context)) return read_sky(*merged, limits, assets, stop);
   Findings findings;
-  auto query = sky_request_members().read(JsonReader(body, findings), {limits, assets, stop, utc_of(body)});
+  auto query = sky_request_members().read(JsonReader(body, findings), context);
   findings.throw_if_any();
   return std::move(*query);
 }
@@ -111,7 +120,10 @@ const Answer<SkySource>& sky_answer() {
     a.add("kind", words(kSkyKinds, "what it is"), [](const S& s) { return word_of(kSkyKinds, s.object.kind); });
     a.add("id", text("of a star in its catalogue; else the name, like jupiter"),
           [](const S& s) { return s.object.id; });
-    a.add("x_px", number_or_null("column; null behind the camera and beyond the lens's field of view"),
+    a.add("x_px",
+          number_or_null(
+              "column; null behind the camera, beyond the lens's field of view and, with a shutter, where no row "
+              "sees it"),
           [](const S& s) { return s.object.x_px; });
     a.add("y_px", number_or_null("row; null as x_px is"), [](const S& s) { return s.object.y_px; });
     a.add("in_frame", boolean("within the image"), [](const S& s) { return s.object.in_frame; });
@@ -152,46 +164,21 @@ OrderedJson sky_json(const std::vector<SkyObject>& sky, const SkyQuery& query) {
 }
 
 std::string sky_npz(const std::vector<SkyObject>& sky, const SkyQuery& query, const StopToken& stop) {
-  struct Column {
-    const char* name;
-    int width;
-    std::vector<double> values{};
-  };
-  std::vector<Column> columns{{"x_px", 1},
-                              {"y_px", 1},
-                              {"direction_icrf", 3},
-                              {"direction", 3},
-                              {"direction_camera", 3},
-                              {"magnitude", 1},
-                              {"irradiance_w_m2", 1},
-                              {"electrons", 1}};
-  std::vector<std::uint8_t> in_frame, seen, hidden_by;
+  ColumnArrays arrays(stop);
+  arrays.add("x_px", sky, &SkyObject::x_px);
+  arrays.add("y_px", sky, &SkyObject::y_px);
+  arrays.add("direction_icrf", sky, &SkyObject::direction_icrf);
+  arrays.add("direction", sky, &SkyObject::direction);
+  arrays.add("direction_camera", sky, [&](const SkyObject& o) { return in_camera({o, query}); });
+  arrays.add("magnitude", sky, magnitude_of);
+  arrays.add("irradiance_w_m2", sky, &SkyObject::irradiance_w_m2);
+  arrays.add("electrons", sky, [](const SkyObject& o) { return o.electrons.value_or(kNotANumber); });
+  arrays.add("in_frame", sky, &SkyObject::in_frame);
+  arrays.add("visible", sky, visible);
+  arrays.add("hidden_by", sky, [](const SkyObject& o) { return static_cast<std::uint8_t>(o.hidden_by); });
   OrderedJson meta{{"kind", OrderedJson::array()}, {"id", OrderedJson::array()}};
-  for (const SkyObject& o : sky) {
-    stop.check();
-    const Vec3 camera = in_camera({o, query});
-    const std::vector<double> rows[] = {{o.x_px},
-                                        {o.y_px},
-                                        {o.direction_icrf.begin(), o.direction_icrf.end()},
-                                        {o.direction.begin(), o.direction.end()},
-                                        {camera.begin(), camera.end()},
-                                        {magnitude_of(o)},
-                                        {o.irradiance_w_m2},
-                                        {o.electrons.value_or(kNotANumber)}};
-    for (std::size_t i = 0; i < columns.size(); ++i)
-      columns[i].values.insert(columns[i].values.end(), rows[i].begin(), rows[i].end());
-    in_frame.push_back(o.in_frame), seen.push_back(visible(o)),
-        hidden_by.push_back(static_cast<std::uint8_t>(o.hidden_by));
-    meta["kind"].push_back(word_of(kSkyKinds, o.kind)), meta["id"].push_back(o.id);
-  }
-  const int size = static_cast<int>(sky.size());
-  std::vector<ArrayView> arrays;
-  for (const Column& c : columns)
-    arrays.push_back({c.name, ElementType::float64, size, c.width, 1, c.values.data(), {}});
-  arrays.push_back({"in_frame", ElementType::uint8, size, 1, 1, in_frame.data(), {}});
-  arrays.push_back({"visible", ElementType::uint8, size, 1, 1, seen.data(), {}});
-  arrays.push_back({"hidden_by", ElementType::uint8, size, 1, 1, hidden_by.data(), {}});
-  return encode_npz(arrays, meta.dump(), stop);
+  for (const SkyObject& o : sky) meta["kind"].push_back(word_of(kSkyKinds, o.kind)), meta["id"].push_back(o.id);
+  return arrays.npz(meta.dump());
 }
 
 }  // namespace selenograph::api

@@ -15,7 +15,7 @@
 namespace selenograph::api {
 
 struct SkyQuery : EpochForm {
-  engine::FrameRequest request;  // its camera, pose, band, sensor, sky and objects
+  engine::FrameRequest request;  // its camera, pose, shutter, band, sensor, sky and objects
   Named<dem::Detail> detail{};   // null: none
 };
 

@@ -16,6 +16,7 @@ NAVIGATION = os.path.join(harness.REPOSITORY, "deploy", "navigation")
 sys.path[:0] = [NAVIGATION, os.path.join(harness.REPOSITORY, "api", "clients", "python")]
 
 try:
+    import cv2
     import numpy as np
     from approach import cruise, flight, horizon, stars
     from lander.camera import Camera
@@ -59,8 +60,9 @@ class HorizonTest(unittest.TestCase):
         _, covariance = horizon.fit(MOON, AZIMUTHS[part], angles, sigma)
         np.testing.assert_allclose(np.cov(fits.T), covariance, rtol=0.15, atol=0.05 * np.max(np.abs(covariance)))
 
-    def test_edges_of_a_disc_half_lit(self):
-        """A sphere's image by Lambert's law, in pixels that are means over 5 x 5 samples."""
+    def off_px(self, law, blur_px):
+        """How far edges are found outside of a half-lit disc's limb, in an image whose pixels are means over 5 x 5
+        samples of a sphere by a law of mu0 and mu."""
         camera, samples = Camera.of(512, 16.0), 5
         moon, sun = np.array([1e5, 5e4, 2e7]), np.array([0.8, 0.3, -0.52])
         sun = sun / np.linalg.norm(sun)
@@ -71,33 +73,75 @@ class HorizonTest(unittest.TestCase):
         along = rays @ moon
         beneath = along**2 - moon @ moon + horizon.RADIUS_M**2
         normal = (rays * (along - np.sqrt(np.maximum(beneath, 0)))[..., None] - moon) / horizon.RADIUS_M
-        light = np.where(beneath > 0, np.maximum(normal @ sun, 0), 0)
+        light = np.where(beneath > 0, law(np.maximum(normal @ sun, 0), -np.sum(normal * rays, -1)), 0)
+        if blur_px > 0:
+            light = cv2.GaussianBlur(light, (0, 0), blur_px * samples)
         image = light.reshape(camera.side, samples, camera.side, samples).mean((1, 3)).astype(np.float32)
-        edges = horizon.edges(image, camera, moon + [2e4, -1e4, 0], sun, AZIMUTHS)
+        around = moon + [2e4, -1e4, 0]
+        edges = horizon.edges(image, camera, around, sun, AZIMUTHS)
         use = np.isfinite(edges)
         self.assertGreater(use.sum(), 60)
-        off_px = camera.focal * (edges - horizon.angles_of(moon, moon + [2e4, -1e4, 0], AZIMUTHS))[use]
-        self.assertLess(np.sqrt(np.mean(off_px**2)), 0.1)
-        self.assertLess(abs(np.mean(off_px)), 0.05)
+        return camera.focal * (edges - horizon.angles_of(moon, around, AZIMUTHS))[use]
+
+    def test_edges_of_a_disc_half_lit(self):
+        def lambert(mu0, _):
+            return mu0
+
+        def lommel_seeliger(mu0, mu):
+            return mu0 / np.maximum(mu0 + mu, 1e-9)
+
+        for law, blur_px, most in ((lambert, 0, 0.02), (lambert, 1.0, 0.02), (lommel_seeliger, 0.6, 0.045),
+                                   (lommel_seeliger, 1.0, 0.045)):
+            off_px = self.off_px(law, blur_px)
+            print(f"{law.__name__}, blurred by {blur_px} px: {np.mean(off_px):.4f} px, RMS {np.std(off_px):.3f}")
+            self.assertLess(np.sqrt(np.mean(off_px**2)), 0.1)
+            self.assertLess(abs(np.mean(off_px)), most)
 
 
 class StarsTest(unittest.TestCase):
-    def test_centroids_and_the_rotation_they_say(self):
-        camera, random = Camera.of(512, 20.0), np.random.default_rng(5)
-        places = random.uniform(30, 480, (12, 2))
+    TURN_DEG = (0.004, -0.003, 0.01)  # within a pixel or two
+
+    def star_field(self, count, seed=5):
+        """An image by a camera that is turned from where it is believed to be, the camera, what /v1/sky lists, and the
+        turn."""
+        camera, random = Camera.of(512, 20.0), np.random.default_rng(seed)
+        places = random.uniform(30, 480, (count, 2))
         directions = camera.rays(*places.T)
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        turn = flight.rotation(np.radians([0.004, -0.003, 0.01]))  # within a pixel or two
+        turn = flight.rotation(np.radians(self.TURN_DEG))
         seen = directions @ turn.T
         x, y = np.meshgrid(np.arange(512.0), np.arange(512.0))
         image = random.normal(100, 2, (512, 512))
         for px, py in camera.pixels(seen):
             image += 3000 * np.exp(-((x - px) ** 2 + (y - py) ** 2) / (2 * 0.8**2))
         listed = [{"x_px": px, "y_px": py, "direction_icrf": d} for (px, py), d in zip(places, directions)]
+        return image, camera, listed, turn
+
+    def test_centroids_and_the_rotation_they_say(self):
+        image, camera, listed, turn = self.star_field(12)
         found, used = stars.solved(image, camera, listed, np.eye(3))
         self.assertEqual(used, 12)
         self.assertLess(np.degrees(np.linalg.norm(found - turn)) * 3600, 15)  # a twentieth of a pixel is 7
         self.assertGreater(np.degrees(np.linalg.norm(np.eye(3) - turn)) * 3600, 40)
+
+    def test_what_is_no_star_is_left_out(self):
+        """Bright pixels beside some of the stars, brighter than these: each would be taken for its star."""
+        for count, false in ((4, 1), (8, 3), (20, 9)):
+            image, camera, listed, turn = self.star_field(count, seed=count)
+            for star, (dx, dy) in zip(listed[:false], ((3, 2), (-3, 1), (2, -3)) * 3):
+                image[round(star["y_px"]) + dy, round(star["x_px"]) + dx] = 20000
+            found, used = stars.solved(image, camera, listed, np.eye(3))
+            self.assertGreaterEqual(used, count - false - 1)
+            self.assertLessEqual(used, count - false)
+            self.assertLess(np.degrees(np.linalg.norm(found - turn)) * 3600, 30)
+
+    def test_of_three_stars_that_disagree_none_is_believed(self):
+        image, camera, listed, _ = self.star_field(3)
+        image[round(listed[0]["y_px"]) - 2, round(listed[0]["x_px"]) + 3] = 20000
+        believed = flight.rotation(np.radians(self.TURN_DEG))
+        found, used = stars.solved(image, camera, listed, believed)
+        np.testing.assert_array_equal(found, believed)
+        self.assertLess(used, 3)
 
     def test_without_stars_the_attitude_stays(self):
         believed = flight.rotation(np.array([0.1, 0.2, 0.3]))

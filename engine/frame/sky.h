@@ -8,15 +8,26 @@
 
 #include "dem/grid/geodesy.h"
 
+namespace selenograph::dem {
+class ValueMap;
+}
+
 namespace selenograph::engine {
 
 class StarCatalogue;
+
+// Reflectance over the Earth by geodetic latitude and longitude: how bright a place is relative to the others.
+struct EarthMap {
+  std::string name;
+  std::shared_ptr<const dem::ValueMap> content;  // null: none
+};
 
 struct SkyOptions {
   std::string utc;                             // epoch
   std::shared_ptr<const StarCatalogue> stars;  // null: none
   double magnitude_limit = 6.5;                // V, of stars
   bool sun = false, earth = false, planets = false;
+  EarthMap earth_map;
   // Of the camera relative to the Moon's centre, in inertial space (without the Moon's rotation), along axes of
   // MOON_ME: for aberration.
   Vec3 velocity_m_s = Vec3::Zero();

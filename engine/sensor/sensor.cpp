@@ -89,9 +89,7 @@ void Sensor::pass_optics(const Camera& camera, const PixelRays& rays, std::vecto
 
 void Sensor::complete(std::vector<float>& radiance, const StopToken& stop) {
   add_all(points_, radiance);
-  const StrayLight& law = model_.optics.stray_light;
-  if (!law.any()) return;
-  if (!scattered_) scattered_.emplace(law, request_.camera, stop);
+  if (!scattered_) return;
   scattered_->apply(radiance, stop);
   add_all(glare_, radiance);
 }

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <map>
+#include <memory>
 #include <optional>
 #include <span>
 #include <utility>
@@ -60,6 +61,7 @@ class Sensor {
   // Smear alone as a share of a pixel's capacity: maximum over all but the brightest thousandth of the columns.
   double smear_fill() const { return read_out_.smear_e / saturation_e(model_.detector); }
 
+  const Camera& camera() const { return request_.camera; }  // of the image: without margin
   int margin_px() const { return kernel_.radius(); }
   double captured() const { return kernel_.captured(); }
   // Radiance of the largest digital number, W m-2 sr-1.
@@ -76,6 +78,8 @@ class Sensor {
   // square (add_square). `share`: of the exposure.
   void add_points(std::span<const LightPoint> points, double share, const StopToken& stop);
   void forget_points() { points_.clear(); }
+  // Required before choose_integration_time() and image() of a model with stray light: its, for camera().
+  void scatter_by(std::shared_ptr<const ScatteredLight> scattered) { scattered_ = std::move(scattered); }
   // Adds what a Sun beside the field scatters into the image (add_glare). `counted_w_m2`: its irradiance as the
   // detector counts photons (in_photons).
   void add_glare(const Vec3& toward_sun, double counted_w_m2, const StopToken& stop);
@@ -102,7 +106,7 @@ class Sensor {
   std::map<std::pair<double, double>, SpreadKernel> shifted_;  // by sample offset
   std::vector<float> samples_;                                 // sum of the spread samples; empty: none was added
   std::vector<float> points_;                                  // light of the points; empty: none was added
-  std::optional<ScatteredLight> scattered_;                    // made when first needed
+  std::shared_ptr<const ScatteredLight> scattered_;            // null: none
   std::vector<float> glare_;                                   // empty: none
   double largest_glare_w_m2_sr_ = 0;
   ReadOut read_out_;

@@ -1,6 +1,7 @@
 // Light that the optics scatter: wide wings of the point spread, over the whole frame, and glare of a Sun beside it.
 #pragma once
 
+#include <cstddef>
 #include <vector>
 
 #include "dem/grid/geodesy.h"
@@ -17,7 +18,8 @@ class ScatteredLight {
   // Share of the light that is scattered: the law's integral over the hemisphere (total integrated scatter).
   static double share(const StrayLight& law);
 
-  // Frames of the camera's size. Takes as long as apply().
+  // Frames of the camera's size. Takes as long as apply(); depends on nothing but the law, but for sun_within_deg, and
+  // the camera's size and focal lengths.
   ScatteredLight(const StrayLight& law, const Camera& camera, const StopToken& stop = {});
 
   // Scatters light from pixel to pixel, by Fourier transforms in double: exact to rounding. What leaves the image is
@@ -25,6 +27,7 @@ class ScatteredLight {
   void apply(std::vector<float>& image, const StopToken& stop = {}) const;
   // Share of a pixel's light that arrives in the pixel at (dx, dy) from it.
   double weight(int dx, int dy) const;
+  std::size_t bytes() const { return sizeof(*this) + transfer_.capacity() * sizeof(double); }
 
  private:
   double weight_of_middle() const;

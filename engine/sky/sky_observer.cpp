@@ -115,6 +115,16 @@ ApparentBody SkyObserver::body_at(const Vec3& from_observer_au, const Vec3& from
   return body;
 }
 
+Eigen::Matrix3d SkyObserver::earth_from_icrf(double distance_m) const {
+  const JulianDate tt{date_.day, date_.fraction - distance_m / ERFA_CMPS / ERFA_DAYSEC};
+  JulianDate tai, utc;
+  eraTttai(tt.day, tt.fraction, &tai.day, &tai.fraction);
+  eraTaiutc(tai.day, tai.fraction, &utc.day, &utc.fraction);
+  Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rotation;
+  eraC2t00b(tt.day, tt.fraction, utc.day, utc.fraction, 0, 0, reinterpret_cast<double(*)[3]>(rotation.data()));
+  return rotation;
+}
+
 ApparentBody SkyObserver::sun() const {
   const Vec3 place =
       at_departure(astrometry_->place(), [&](double days) { return earth_motion(date_, days).sun_from_barycentre(); });

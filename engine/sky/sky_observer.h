@@ -50,6 +50,10 @@ class SkyObserver {
   // Upper bound on these two.
   static constexpr double kLeftOut_rad = 1.5e-5;
 
+  // Rotates vectors of ICRF axes into the Earth's (ITRF: +z the pole, +x Greenwich), as it was when the light left it
+  // that arrives from that distance. IAU 2000B; UT1 is taken as UTC, which is right to 0.9 s or 0.004 degrees.
+  Eigen::Matrix3d earth_from_icrf(double distance_m) const;
+
   ApparentBody sun() const;
   ApparentBody planet(Planet planet) const;
 

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """POST /v1/sky over HTTP, and its places against astropy and ERFA in Python (skipped without python3-astropy)."""
 
+import datetime
 import json
 import math
 import os
@@ -111,6 +112,184 @@ class Answer(unittest.TestCase):
         status, _, body = service.post("/v1/sky", {**EVERYTHING, "sky": {"stars": "broken"}})
         self.assertEqual(status, 500)
         self.assertIn(b"broken.csv: line 2", body)
+
+
+class LikeFrames(unittest.TestCase):
+    """What frames take, /v1/sky takes."""
+
+    def test_a_rolling_shutter_sees_each_star_in_its_row(self):
+        """A camera that turns about its y axis: a star is where the row's attitude has it, at the row's time."""
+        camera, rate_deg_s, line_time_s = {"model": "pinhole", "width": 512, "height": 512, "fov_deg": 40.0}, 2.0, 1e-3
+        still = {"camera": camera, "sky": {"stars": "thousand"}}
+        focal, middle = 256 / math.tan(math.radians(20)), 255.5
+        moving = sky(**still, shutter={"line_time_s": line_time_s, "angular_rate_deg_s": [0, rate_deg_s, 0]})
+        before = {o["id"]: o for o in sky(**still)}
+        compared = 0
+        for o in moving:
+            if not o["in_frame"]:
+                continue
+            compared += 1
+            turned = math.radians(rate_deg_s * line_time_s * o["y_px"])
+            x, y, z = o["direction_camera"] if o["id"] not in before else before[o["id"]]["direction_camera"]
+            # In axes that have turned by an angle about y, what stays turns back.
+            x, z = x * math.cos(turned) - z * math.sin(turned), x * math.sin(turned) + z * math.cos(turned)
+            self.assertAlmostEqual(o["x_px"], middle + focal * x / z, delta=1e-5)
+            self.assertAlmostEqual(o["y_px"], middle + focal * y / z, delta=1e-5)
+        self.assertGreater(compared, 15)
+        moved = [abs(o["x_px"] - before[o["id"]]["x_px"]) for o in moving if o["id"] in before and o["in_frame"]]
+        self.assertGreater(max(moved), 10)
+
+    def test_a_frame_by_rows_shows_stars_where_the_list_has_them(self):
+        camera = {"model": "pinhole", "width": 256, "height": 256, "fov_deg": 40.0}
+        both = {"camera": camera, "pose": EVERYTHING["pose"], "sky": {"stars": "thousand"},
+                "shutter": {"line_time_s": 1e-3, "angular_rate_deg_s": [0.5, 2.0, 0]}}
+        radiance = service.arrays({**both, "sun": {"utc": EVERYTHING["utc"]}, "products": ["radiance"]})["radiance"]
+        compared = 0
+        for o in sky(**both):
+            if not o["visible"] or not (8 < o["x_px"] < 247 and 8 < o["y_px"] < 247):
+                continue
+            x, y = round(o["x_px"]), round(o["y_px"])
+            around = radiance[y - 4:y + 5, x - 4:x + 5].astype(float)
+            window = radiance[y - 2:y + 3, x - 2:x + 3].astype(float)
+            if around.sum() > window.sum() or window.max() == 0:
+                continue  # another star beside it
+            compared += 1
+            at = np.arange(-2, 3)
+            self.assertAlmostEqual(x + window.sum(0) @ at / window.sum(), o["x_px"], delta=1e-3)
+            self.assertAlmostEqual(y + window.sum(1) @ at / window.sum(), o["y_px"], delta=1e-3)
+        self.assertGreater(compared, 10)
+
+    def test_a_preset_is_what_it_stands_for(self):
+        with open(os.path.join(harness.REPOSITORY, "deploy", "assets", "cameras", "navigation-camera.json"),
+                  encoding="utf-8") as file:
+            preset = json.load(file)
+        named = {k: v for k, v in EVERYTHING.items() if k != "camera"} | {"camera_preset": "navigation-camera"}
+        spelt = {**EVERYTHING, **{k: preset[k] for k in ("camera", "band", "sensor")}}
+        answers = [service.post("/v1/sky", request) for request in (named, spelt)]
+        self.assertEqual([status for status, _, _ in answers], [200, 200], answers[0][2][:300])
+        self.assertEqual(answers[0][2], answers[1][2])
+        self.assertTrue(any(o["electrons"] for o in json.loads(answers[0][2])["objects"]))
+
+    def test_what_goes_with_neither_is_refused(self):
+        shutter = {"line_time_s": 1e-3, "angular_rate_deg_s": [0, 1, 0]}
+        poses = {"line_time_s": 1e-3, "poses": [{"time_s": 0, "pose": EVERYTHING["pose"]}]}
+        sensor = {"band": {"center_um": 0.6, "width_um": 0.1}, "shutter": shutter, "sensor": {
+            "optics": {"f_number": 2.0}, "motion": {"angular_rate_deg_s": [0, 1, 0]},
+            "detector": {"pixel_pitch_um": 5, "quantum_efficiency": 0.5, "integration_time_s": 1, "full_well_e": 1e4,
+                         "gain_e_dn": 3, "bit_depth": 12}}}
+        for changes, pointer in (({"camera_preset": "nowhere"}, "/camera_preset"), ({"shutter": poses}, "/pose"),
+                                 ({"camera": None}, "/camera"), ({"pose": None}, "/pose"), (sensor, "/sensor/motion")):
+            document = {k: v for k, v in {**EVERYTHING, **changes}.items() if v is not None}
+            status, _, body = service.post("/v1/sky", document)
+            self.assertEqual(status, 422, body)
+            self.assertIn(pointer, [error["pointer"] for error in json.loads(body)["errors"]], body)
+
+
+class MapOfTheEarth(unittest.TestCase):
+    UTC, SIDE, FOV_DEG = "2026-11-12T06:00:00", 512, 2.2  # three days after new moon: the Earth is nearly full
+
+    @staticmethod
+    def earth_from_icrf(utc):
+        """Archinal et al. (2018), table 1: the Earth's pole and prime meridian."""
+        tt = (datetime.datetime.fromisoformat(utc) - datetime.datetime(2000, 1, 1, 12)).total_seconds() + 37 + 32.184
+        days = tt / 86400
+        ra, dec, w = (math.radians(a) for a in (-0.641 * days / 36525, 90 - 0.557 * days / 36525,
+                                                190.147 + 360.9856235 * days))
+
+        def turned(axis, angle):
+            c, s = math.cos(angle), math.sin(angle)
+            return np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]] if axis == 3 else [[1, 0, 0], [0, c, s], [0, -s, c]])
+        return turned(3, w) @ turned(1, math.pi / 2 - dec) @ turned(3, math.pi / 2 + ra)
+
+    def request(self):
+        """A camera between the Moon and the Earth that looks at the Earth, and /v1/sky's Earth and Sun for it."""
+        request = {"camera": {"model": "pinhole", "width": self.SIDE, "height": self.SIDE, "fov_deg": self.FOV_DEG},
+                   "pose": {"frame": "ICRF", "position_m": POSITION_M,
+                            "camera_from_moon_matrix": np.eye(3).tolist()}, "utc": self.UTC + "Z"}
+        status, _, body = service.post("/v1/sky", {**request, "sky": {"earth": True, "sun": True}})
+        assert status == 200, body
+        bodies = {o["kind"]: o for o in json.loads(body)["objects"]}
+        forward = np.array(bodies["earth"]["direction_icrf"])
+        right = unit(np.cross([0, 0, -1.0], forward))
+        axes = np.array([right, np.cross(forward, right), forward])
+        request["pose"]["camera_from_moon_matrix"] = axes.tolist()
+        return request, bodies, axes
+
+    def seen(self, rotation, lat_deg, lon_deg, bodies, axes):
+        """Pixels of places on the ellipsoid, and their share of the light."""
+        lat, lon = np.radians(lat_deg), np.radians(lon_deg)
+        normal = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], -1)
+        e2 = 1 - (1 - 1 / 298.257223563) ** 2
+        place = 6378137 / np.sqrt(1 - e2 * np.sin(lat) ** 2)[..., None] * normal * [1, 1, 1 - e2]
+        way = np.array(bodies["earth"]["direction_icrf"]) * bodies["earth"]["distance_m"] + place @ rotation
+        x, y, z = np.moveaxis(way @ axes.T, -1, 0)
+        focal, middle = 0.5 * self.SIDE / math.tan(math.radians(self.FOV_DEG / 2)), (self.SIDE - 1) / 2
+        toward_camera = -way / np.linalg.norm(way, axis=-1, keepdims=True)
+        mu, mu0 = ((normal @ rotation) * v for v in (toward_camera, np.array(bodies["sun"]["direction_icrf"])))
+        light = np.maximum(mu.sum(-1), 0) * np.maximum(mu0.sum(-1), 0) * np.cos(lat)
+        return middle + focal * x / z, middle + focal * y / z, light
+
+    def put_map(self, name, values):
+        """A grid of latitudes from north to south."""
+        rows, columns = values.shape
+        with open(path("assets", "maps", name + ".asc"), "w", encoding="ascii") as file:
+            print(f"ncols {columns}\nnrows {rows}\nxllcorner -180\nyllcorner -90\ncellsize {180 / rows}", file=file)
+            for row in values:
+                print(" ".join(f"{v:g}" for v in row), file=file)
+        with open(path("assets", "maps", name + ".json"), "w", encoding="ascii") as file:
+            json.dump({"file": name + ".asc", "extent": {"south_deg": -90, "north_deg": 90, "west_deg": -180,
+                                                         "east_deg": 180}}, file)
+
+    def disc(self, request, **what):
+        answer = {k: v for k, v in request.items() if k != "utc"}
+        return service.arrays({**answer, "sun": {"utc": self.UTC + "Z"}, "products": ["radiance"],
+                               "band": {"center_um": 0.55, "width_um": 0.1},
+                               "sky": {"earth": True, **what}})["radiance"].astype(float)
+
+    def test_a_bright_cell_is_where_the_earths_rotation_has_it(self):
+        request, bodies, axes = self.request()
+        rotations = {"Archinal et al.": (self.earth_from_icrf(self.UTC), 0.4)}
+        if erfa:
+            time = Time(self.UTC, scale="utc") - bodies["earth"]["distance_m"] / 299792458.0 * u.s
+            rotations["ERFA"] = (erfa.c2t06a(time.tt.jd1, time.tt.jd2, time.utc.jd1, time.utc.jd2, 0, 0), 0.01)
+        below = self.earth_from_icrf(self.UTC) @ -np.array(bodies["earth"]["direction_icrf"])
+        lat0, lon0 = (round(math.degrees(a)) for a in (math.asin(below[2]), math.atan2(below[1], below[0])))
+        for case, (lat, lon) in enumerate(((lat0 + 40, lon0 - 20), (lat0 - 50, lon0 + 25), (lat0 + 3, lon0 + 40))):
+            values = np.zeros((180, 360))
+            values[89 - lat, (lon + 180) % 360] = 1  # from lat to lat + 1
+            self.put_map(f"cell{case}", values)
+            radiance = self.disc(request, earth_map=f"cell{case}")
+            down, right = np.indices(radiance.shape)
+            found = np.array([(radiance * right).sum(), (radiance * down).sum()]) / radiance.sum()
+            # The map is linear between the centres of its texels: a tent around the cell's.
+            at = np.linspace(-1, 1, 41)
+            dlat, dlon = np.meshgrid(at, at, indexing="ij")
+            for name, (rotation, most) in rotations.items():
+                x, y, light = self.seen(rotation, lat + 0.5 + dlat, lon + 0.5 + dlon, bodies, axes)
+                light = light * (1 - np.abs(dlat)) * (1 - np.abs(dlon))
+                off = np.hypot(*(found - np.array([(light * x).sum(), (light * y).sum()]) / light.sum()))
+                print(f"cell at {lat} N {lon % 360} E: {off:.4f} px from where {name} has it")
+                self.assertLess(off, most)
+
+    def test_the_whole_keeps_its_light(self):
+        request, bodies, _ = self.request()
+        lat, lon = np.meshgrid(np.linspace(89, -89, 90), np.linspace(-179, 179, 180), indexing="ij")
+        self.put_map("stripes", 0.3 + 0.25 * np.sin(np.radians(3 * lon)) * np.cos(np.radians(2 * lat)))
+        self.put_map("level", np.full((90, 180), 0.31))
+        plain, level, stripes = (self.disc(request, **what) for what in
+                                 ({}, {"earth_map": "level"}, {"earth_map": "stripes"}))
+        np.testing.assert_allclose(level, plain, rtol=1e-5)
+        self.assertAlmostEqual(stripes.sum() / plain.sum(), 1, delta=2e-3)
+        bright = plain > 0.3 * plain.max()
+        self.assertGreater((stripes[bright] / plain[bright]).max(), 1.5)
+        self.assertLess((stripes[bright] / plain[bright]).min(), 0.5)
+        self.put_map("black", np.zeros((90, 180)))
+        for what, pointer in (({"earth_map": "black"}, "/sky/earth_map"), ({"earth_map": "none"}, "/sky/earth_map"),
+                              ({"earth": False, "earth_map": "level"}, "/sky/earth_map")):
+            answer = {k: v for k, v in request.items() if k != "utc"}
+            status, _, body = service.frame({**answer, "sun": {"utc": self.UTC + "Z"}, "products": ["radiance"],
+                                             "sky": {"earth": True, **what}})
+            self.assertEqual((status, json.loads(body)["errors"][0]["pointer"]), (422, pointer), body)
 
 
 @unittest.skipUnless(erfa, "needs python3-astropy")

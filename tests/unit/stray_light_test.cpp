@@ -10,6 +10,7 @@
 #include "engine/camera/view.h"
 #include "engine/radiometry/solar_spectrum.h"
 #include "engine/radiometry/spectrum.h"
+#include "engine/render_cache.h"
 #include "tests/support/moon_without_relief.h"
 #include "tests/support/views.h"
 
@@ -103,6 +104,27 @@ TEST(StrayLight, IsTheSumOverAllPixels) {
     sum += (1 - ScatteredLight::share(s)) * static_cast<double>(image[at]);
     EXPECT_NEAR(static_cast<double>(out[at]) / sum, 1, 1e-6);
   }
+}
+
+TEST(StrayLight, IsKeptFromFrameToFrame) {
+  RenderCache kept(nullptr, std::size_t{64} << 20, 1);
+  Camera camera = test::square_camera(64, 20);
+  StrayLight s = kLaws[0];
+  const auto first = kept.scattered(s, camera, {});
+  EXPECT_GE(first->bytes(), 64 * 128 * sizeof(double));
+  EXPECT_EQ(kept.bytes(), first->bytes());
+  s.sun_within_deg = 30, camera.cx += 5;  // of no influence
+  EXPECT_EQ(kept.scattered(s, camera, {}), first);
+  camera.fy *= 1.01;
+  EXPECT_NE(kept.scattered(s, camera, {}), first);
+  EXPECT_NE(kept.scattered(kLaws[1], test::square_camera(64, 20), {}), first);
+  EXPECT_EQ(kept.bytes(), 3 * first->bytes());
+  // What does not fit is made each time, and not kept.
+  RenderCache little(nullptr, 8 * first->bytes() - 8, 1);
+  little.scattered(s, camera, {});
+  little.settle();
+  little.scattered(kLaws[1], camera, {});
+  EXPECT_LE(little.bytes(), first->bytes());
 }
 
 class GlareOfTheSun : public test::MoonWithoutRelief {

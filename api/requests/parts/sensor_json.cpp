@@ -341,11 +341,47 @@ void check_airy(const JsonReader& in, const engine::SensorModel& sensor, const e
   model.at("optics").fail("f_number", why), model.at("detector").fail("pixel_pitch_um", why), in.fail("band", why);
 }
 
+// A focal length in millimetres has its pixels from the camera's pitch, the detector its area from the sensor's.
+void check_pitch(const JsonReader& in, const engine::SensorModel& sensor) {
+  if (!in.has("camera")) return;
+  const JsonReader camera = in.at("camera");
+  const double detectors_um = sensor.detector.pixel_pitch_um;
+  if (camera.has("pixel_pitch_um") && camera.at("pixel_pitch_um").value() != detectors_um)
+    camera.fail("pixel_pitch_um",
+                fmt::format("must be that of the sensor: \"sensor.detector.pixel_pitch_um\" is {:g}", detectors_um));
+}
+
+// Its kernel is that of an image on a plane.
+void check_stray_light(const JsonReader& in, const engine::FrameRequest& request) {
+  if (!request.sensor->optics.stray_light.any() || !request.camera.beyond_plane()) return;
+  const JsonReader model = in.at("sensor");
+  model.at("optics").fail("stray_light", "is not modelled for a fisheye's image");
+}
+
+// What is made of an image after it was rendered as if all rows were of one time.
+void check_sensor_of_rows(const JsonReader& in, const engine::SensorModel& sensor, const engine::Shutter& shutter) {
+  const JsonReader model = in.at("sensor");
+  if (!sensor.motion.none())
+    model.fail("motion", "cannot be combined with \"shutter\": motion blur is not modelled for rows with times");
+  if (sensor.detector.smear_time_s > 0)
+    model.at("detector").fail("smear_time_s", "is of frame transfer: a \"shutter\" reads row by row");
+  if (!shutter.pushbroom) return;
+  const std::string line = "with a pushbroom: neighbouring rows of its image are not neighbours on the detector";
+  if (sensor.optics.point_spread.model != engine::PointSpread::Model::none)
+    model.at("optics").fail("point_spread", "must be left out " + line);
+  if (sensor.optics.stray_light.any()) model.at("optics").fail("stray_light", "must be left out " + line);
+}
+
 }  // namespace
 
-void check_band_of_sensor(const JsonReader& in, const engine::SensorModel& sensor, const engine::Band& band) {
-  check_airy(in, sensor, band);
-  check_efficiency(in, sensor, band);
+void check_sensor(const JsonReader& in, const engine::FrameRequest& request) {
+  const engine::SensorModel& sensor = *request.sensor;
+  if (request.shutter) check_sensor_of_rows(in, sensor, *request.shutter);
+  check_pitch(in, sensor);
+  check_stray_light(in, request);
+  if (!request.band) return;
+  check_airy(in, sensor, *request.band);
+  check_efficiency(in, sensor, *request.band);
 }
 
 }  // namespace selenograph::api

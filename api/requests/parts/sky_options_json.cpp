@@ -37,6 +37,10 @@ struct Stars {
 
 std::optional<SkyOptions> resolve_sky(const JsonReader& in, const SkyForm& form, const ReadContext& context) {
   SkyOptions options = form.options;
+  if (form.earth_map) {
+    options.earth_map = {form.earth_map->name, form.earth_map->content};
+    if (!options.earth) in.fail("earth_map", "requires \"earth\": true");
+  }
   try {
     options.utc = form.utc || form.et_s ? form.as_utc() : context.sun_utc;
     if (options.utc.empty()) {
@@ -59,6 +63,7 @@ SkyForm form_of(const SkyOptions& options) {
   form.utc = options.utc;
   form.options = options;
   if (!options.velocity_m_s.isZero(0)) form.velocity_m_s = options.velocity_m_s;
+  if (options.earth_map.content) form.earth_map.emplace(options.earth_map.name, options.earth_map.content);
   return form;
 }
 
@@ -84,6 +89,10 @@ const Members<SkyForm, SkyOptions>& sky_members() {
               "V magnitude of the faintest stars; at most 100 000 stars may be in view");
         m.add("sun", option(&SkyOptions::sun), Flag{}, "the Sun");
         m.add("earth", option(&SkyOptions::earth), Flag{}, "the Earth");
+        m.add("earth_map", &SkyForm::earth_map, Asset{&Assets::map, "map", "maps"},
+              "name of maps/NAME.json in the operator's assets folder, a map of the Earth's reflectance without "
+              "georeferencing, by geodetic latitude: places on its disc in frames are brighter or darker than their "
+              "mean, and the whole keeps its magnitude; left out: the Earth is the same everywhere");
         m.add("planets", option(&SkyOptions::planets), Flag{}, "the seven other planets, as points");
         m.add("velocity_m_s", &SkyForm::velocity_m_s, kVelocity_m_s,
               "velocity of the camera relative to the Moon's centre, in inertial space, without the Moon's rotation: "

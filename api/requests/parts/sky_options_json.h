@@ -2,6 +2,7 @@
 #pragma once
 
 #include "api/requests/parts/pose_json.h"
+#include "api/schema/member_kinds.h"
 #include "api/schema/members.h"
 #include "engine/frame/sky.h"
 
@@ -14,6 +15,7 @@ struct SkyForm : EpochForm {
   engine::SkyOptions options;
   PoseFrame velocity_frame = engine::BodyFrame::moon_me;
   std::optional<Vec3> velocity_m_s;
+  std::optional<Named<dem::ValueMap>> earth_map;
 };
 const Members<SkyForm, engine::SkyOptions>& sky_members();
 

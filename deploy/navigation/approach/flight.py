@@ -82,30 +82,31 @@ class Flight:
         row = [distance, used, 0, np.degrees(np.linalg.norm([off[1, 2], off[2, 0], off[0, 1]])) * 3600]
         image = self._image(camera, pose(state[:3], true), utc, sensor=sensor(self.seed, step, 5.6, 1e-3))
         for how, one in self.filters.items():
-            row += self._navigate(how, one, state, camera, image, attitude, sun, utc, row)
+            row[2], figures = self._navigate(how, one, state, camera, image, attitude, sun, utc)
+            row += figures
         return row
 
-    def _navigate(self, how, one, state, camera, image, attitude, sun, utc, row):
+    def _navigate(self, how, one, state, camera, image, attitude, sun, utc):
+        """How many edges were used, and the figures of COLUMNS for `how`."""
         azimuths = 2 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
         moon = attitude @ -one.state[:3]
         # The first look is around where the filter has it, the second around where the image has it.
         for reach_px in (40.0, 8.0):
             edges = horizon.edges(image, camera, moon, attitude @ sun, azimuths, reach_px)
             if np.isfinite(edges).sum() < 10:
-                return [np.nan] * 6
+                return 0, [np.nan] * 6
             around = moon
             moon, covariance, used = self._fitted(around, azimuths, edges, camera)
         if how == "terrain":
             edges = edges - self._relief(camera, moon, attitude, utc)
             moon, covariance, used = self._fitted(around, azimuths, edges, camera)
-        row[2] = used
         line, truth = -state[:3] / np.linalg.norm(state[:3]), -state[:3]
         error = attitude.T @ moon - truth
         spread = attitude.T @ covariance @ attitude
         one.update(-(attitude.T @ moon), spread)
         left = one.state - state
-        return [error @ line, np.linalg.norm(error - error @ line * line), np.sqrt(line @ spread @ line),
-                np.linalg.norm(left[:3]), np.linalg.norm(left[3:]), np.sqrt(np.trace(one.covariance[:3, :3]))]
+        return used, [error @ line, np.linalg.norm(error - error @ line * line), np.sqrt(line @ spread @ line),
+                      np.linalg.norm(left[:3]), np.linalg.norm(left[3:]), np.sqrt(np.trace(one.covariance[:3, :3]))]
 
     @staticmethod
     def _fitted(around, azimuths, edges, camera):

@@ -27,8 +27,11 @@ def edges(image, camera, moon_m, sun, azimuths, reach_px=12.0):
     """Angles from the direction to the Moon's centre, as it is believed to be (camera axes), to the edge that the image
     shows at each azimuth; NaN where none is lit, in the image and clear. radians
 
-    Along each radius the edge is where the image crosses half of what it is just inside. A point spread that is
-    symmetric moves it by little, since the limb's brightness is nearly constant over a few pixels."""
+    Along each radius the edge is where the image crosses the brightness that a step there would have after the image's
+    blur, which is about half of what is just inside. Toward the limb that rises with falling mu, the cosine of the
+    emission angle: mu0 / (mu0 + mu) by Lommel and Seeliger, which is steepest at the limb itself, since mu grows with
+    the root of the depth. It is taken as linear in mu. (Linear in the depth, half of it finds edges 0.03 pixels too far
+    out.)"""
     toward, aside = across(moon_m, azimuths)
     sphere = np.arcsin(RADIUS_M / np.linalg.norm(moon_m))
     along_px = np.arange(-reach_px, reach_px + 0.125, 0.25)
@@ -37,28 +40,64 @@ def edges(image, camera, moon_m, sun, azimuths, reach_px=12.0):
     seen = camera.pixels(rays.reshape(-1, 3)).astype(np.float32).reshape(len(azimuths), len(angles), 2)
     inside = ((seen >= 2) & (seen <= camera.side - 3)).all(axis=(1, 2))
     values = cv2.remap(image, seen[..., 0], seen[..., 1], cv2.INTER_LINEAR)
-    found = np.full(len(azimuths), np.nan)
-    for i in np.flatnonzero(inside & (aside @ sun > 0.15)):
-        found[i] = _crossing(along_px, angles, values[i], image.max())
-    return found
+    lit, blur_px = np.flatnonzero(inside & (aside @ sun > 0.15)), 0.75
+    places = np.full(len(azimuths), np.nan)
+    # How far the image is blurred is what the steepness of its edges says.
+    for _ in range(2):
+        if len(lit) == 0:
+            break
+        places[lit], steepness = _crossings(along_px, values[lit].astype(float), image.max(),
+                                            camera.focal * np.tan(sphere), blur_px)
+        if np.isfinite(steepness).sum() < 5:
+            break
+        blur_px = 1 / (np.sqrt(2 * np.pi) * np.nanmedian(steepness))
+    return np.interp(places, along_px, angles)
 
 
-def _crossing(along_px, angles, profile, brightest):
-    sky = np.median(profile[-8:])
-    rise = np.flatnonzero(profile > sky + 0.2 * (np.max(profile) - sky))
-    if len(rise) == 0 or profile.max() - sky < 0.05 * brightest:
-        return np.nan
-    rough = along_px[rise[-1]]
-    within = (along_px < rough - 1.5) & (along_px > rough - 5.5)
-    if within.sum() < 8 or rough > along_px[-9]:
-        return np.nan
-    slope, level = np.polyfit(along_px[within] - rough, profile[within], 1)
-    half = sky + 0.5 * (level - 0.5 * slope - sky)
-    above = np.flatnonzero(profile > half)[-1]
-    if above + 1 >= len(profile):
-        return np.nan
-    share = (profile[above] - half) / (profile[above] - profile[above + 1])
-    return angles[above] + share * (angles[above + 1] - angles[above])
+# Depths within a blurred edge, in its standard deviations, and their share of what the edge's place itself gets.
+_DEPTHS = (np.arange(40) + 0.5) / 10
+_SHARES = np.exp(-0.5 * _DEPTHS**2) / np.exp(-0.5 * _DEPTHS**2).sum()
+
+
+def _last(flags):
+    """Of each row the index of its last true flag; of none the last index of all."""
+    return flags.shape[1] - 1 - np.argmax(flags[:, ::-1], axis=1)
+
+
+def _crossings(along_px, profiles, brightest, radius_px, blur_px):
+    """Where profiles, one a row, cross the edge's brightness, and how steeply, as a share of what is inside, per pixel;
+    NaN where none is clear."""
+    def mu(depth_px):
+        return np.sqrt(np.clip(1 - (1 - depth_px / radius_px) ** 2, 0, 1))
+
+    rows, step, past = np.arange(len(profiles)), along_px[1] - along_px[0], len(along_px) - 1
+    light = profiles - np.median(profiles[:, -8:], axis=1)[:, None]
+    top = light.max(1)
+    edge = along_px[_last(light > 0.3 * top[:, None])]
+    clear = top >= 0.05 * brightest
+    for _ in range(2):
+        depth = edge[:, None] - along_px
+        within = (depth > 2.5 * blur_px) & (depth < 2.5 * blur_px + 5)
+        count = within.sum(1)
+        clear &= (count >= 8) & (edge <= along_px[-9])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at, inside = np.where(within, mu(depth), 0), np.where(within, light, 0)
+            mean_at, mean_inside = at.sum(1) / count, inside.sum(1) / count
+            slope = ((at * inside).sum(1) - count * mean_at * mean_inside) / ((at**2).sum(1) - count * mean_at**2)
+            level = mean_inside + slope * (_SHARES @ mu(_DEPTHS * blur_px) - mean_at)
+            last = _last(light > 0.5 * level[:, None])
+            clear &= last < past
+            last = np.minimum(last, past - 1)
+            share = (light[rows, last] - 0.5 * level) / (light[rows, last] - light[rows, last + 1])
+            edge = np.where(clear, along_px[last] + share * step, along_px[0])
+
+    def seen(x_px):
+        cell = np.clip((x_px - along_px[0]) / step, 0, past - 1e-9)
+        low = cell.astype(int)
+        return light[rows, low] + (cell - low) * (light[rows, low + 1] - light[rows, low])
+
+    steepness = (seen(edge - 0.5) - seen(edge + 0.5)) / level
+    return np.where(clear, edge, np.nan), np.where(clear, steepness, np.nan)
 
 
 def fit(moon_m, azimuths, angles, sigma_rad):

@@ -31,14 +31,38 @@ def attitude(seen, directions):
     return u @ np.diag([1, 1, np.linalg.det(u) * np.linalg.det(vt)]) @ vt
 
 
-def solved(image, camera, objects, camera_from_axes):
-    """camera_from_axes, corrected by the stars that /v1/sky lists for it; and how many were used."""
+def agreeing(seen, directions, bound):
+    """Which of the stars one rotation fits to `bound` radians, as many as can be: of the rotations that each pair says,
+    the one that most others agree with (Fischler & Bolles 1981, of all pairs, so that nothing is by chance)."""
+    best = np.zeros(len(seen), dtype=bool)
+    among_seen, among_known = (np.arccos(np.clip(u @ u.T, -1, 1)) for u in (seen, directions))
+    # What isn't a star is at the wrong angle from the stars, however the camera is turned.
+    for i, j in np.argwhere(np.triu(np.abs(among_seen - among_known) < 2 * bound, 1)):
+        turn = attitude(seen[[i, j]], directions[[i, j]])
+        fits = np.linalg.norm(seen - directions @ turn.T, axis=1) < bound
+        if fits.sum() > best.sum():
+            best = fits
+    return best
+
+
+def solved(image, camera, objects, camera_from_axes, within_px=0.7, least_sigma_px=0.03):
+    """camera_from_axes, corrected by the stars that /v1/sky lists for it; and how many were used. A bright pixel, or a
+    star that the list lacks, may lie near where one is expected: only stars that agree within `within_px` are used, and
+    of those the ones within 3 sigma of the fit. With fewer than 3 camera_from_axes stays."""
     places = np.array([[o["x_px"], o["y_px"]] for o in objects], dtype=float).reshape(-1, 2)
     directions = np.array([o["direction_icrf"] for o in objects], dtype=float).reshape(-1, 3)
     found = centroids(image, places)
-    use = np.isfinite(found).all(1)
-    if use.sum() < 3:
-        return camera_from_axes, int(use.sum())
-    rays = camera.rays(found[use, 0], found[use, 1])
+    seen = np.isfinite(found).all(1)
+    rays, directions = camera.rays(found[seen, 0], found[seen, 1]), directions[seen]
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    return attitude(rays, directions[use]), int(use.sum())
+    use = agreeing(rays, directions, within_px / camera.focal)
+    turn = camera_from_axes
+    for _ in range(3):
+        if use.sum() < 3:
+            return camera_from_axes, int(use.sum())
+        turn = attitude(rays[use], directions[use])
+        off = np.linalg.norm(rays - directions @ turn.T, axis=1)
+        # Of two errors, to the right and down: the median of their length is 1.18 sigma.
+        sigma = max(np.median(off[use]) / 1.18, least_sigma_px / camera.focal)
+        use = off < min(3 * sigma, within_px / camera.focal)
+    return turn, int(use.sum())

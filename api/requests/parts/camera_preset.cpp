@@ -1,0 +1,67 @@
+#include "api/requests/parts/camera_preset.h"
+
+#include <fmt/format.h>
+
+#include "api/message/problem.h"
+#include "api/requests/parts/band_json.h"
+#include "api/requests/parts/camera_json.h"
+#include "api/requests/parts/sensor_json.h"
+#include "api/schema/member_kinds.h"
+
+namespace selenograph::api {
+namespace {
+
+struct Preset {
+  std::optional<std::string> description;
+  std::optional<engine::Camera> camera;
+  std::optional<engine::Band> band;
+  std::optional<engine::SensorModel> sensor;
+};
+
+const Members<Preset>& preset_members() {
+  static const auto table =
+      made<Members<Preset>>("CameraPreset", "cameras/NAME.json of the assets folder.", [](auto& m) {
+        m.add("description", &Preset::description, Text{}, "of the camera; ignored");
+        m.add("camera", &Preset::camera, Object{camera_members()}, "where the request has none");
+        m.add("band", &Preset::band, Object{band_members()}, "where the request has none");
+        m.add("sensor", &Preset::sensor, Object{sensor_members()}, "whose members the request's own replace");
+      });
+  return *table;
+}
+
+// A preset's faults are the operator's: they are told with the file's name.
+void check_preset(const Json& preset, const std::string& name, const ReadContext& context) {
+  Findings findings;
+  preset_members().read(JsonReader(preset, findings), context);
+  if (findings.empty()) return;
+  const Finding& first = findings.kept().front();
+  throw RequestError("asset_error", fmt::format("cameras/{}.json: {}: {}", name, first.pointer, first.detail));
+}
+
+}  // namespace
+
+std::optional<Json> with_camera_preset(const Json& body, const ReadContext& context) {
+  if (!body.is_object() || !body.contains("camera_preset") || !body.at("camera_preset").is_string())
+    return std::nullopt;
+  Findings findings;
+  const JsonReader in(body, findings);
+  const JsonReader named = in.at("camera_preset");
+  const std::string name = named.text().value_or("");
+  const std::shared_ptr<const Json> preset = context.assets.camera(name);
+  if (!preset && findings.empty())
+    named.fail("no such preset; the service has " + listed(context.assets.names("cameras")));
+  findings.throw_if_any();
+  check_preset(*preset, name, context);
+  Json merged = body;
+  merged.erase("camera_preset");
+  for (const char* member : {"camera", "band"})
+    if (preset->contains(member) && !merged.contains(member)) merged[member] = preset->at(member);
+  if (preset->contains("sensor")) {
+    Json sensor = preset->at("sensor");
+    if (merged.contains("sensor")) sensor.merge_patch(merged["sensor"]);
+    merged["sensor"] = sensor;
+  }
+  return merged;
+}
+
+}  // namespace selenograph::api
