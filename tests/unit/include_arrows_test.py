@@ -15,7 +15,7 @@ FLOORS = [
     "server", "server/commands", "server/campaign", "server/service", "server/http",
     "api", "api/document", "api/endpoints", "api/answers", "api/requests", "api/requests/parts", "api/encode",
     "api/schema", "api/assets", "api/json", "api/message",
-    "engine/verify", "engine", "engine/sensor", "engine/visibility/zbuffer", "engine/visibility/raytrace",
+    "engine/verify", "engine", "engine/lidar", "engine/sensor", "engine/visibility/zbuffer", "engine/visibility/raytrace",
     "engine/visibility/image", "engine/visibility/meshes", "engine/visibility/objects", "engine/visibility/points",
     "engine/visibility/embree", "engine/indirect", "engine/scene", "engine/sky", "engine/radiometry", "engine/camera", "engine/frame", "engine/support",
     "dem/detail", "dem/terrain", "dem/pyramid", "dem/posts", "dem/catalogue", "dem/value_maps", "dem/sample", "dem/gdal",
