@@ -21,8 +21,8 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr std::size_t kGroup = kPacket;     // beams that are cast together: a packet holds one sub-ray of each
-constexpr std::size_t kBundle = 16;         // groups that terrain is looked for together
+constexpr std::size_t kGroup = kPacket;  // beams that are cast together: a packet holds one sub-ray of each
+constexpr std::size_t kBundle = 16;      // groups that terrain is looked for together
 constexpr std::size_t kMostSubRays = 61;
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
@@ -142,8 +142,8 @@ class LidarScanner {
     in_parallel_pieces(beams.size(), 4096, [&](std::size_t first, std::size_t past_last) {
       stop_.check();
       double time_s = kNaN;
-      Eigen::Matrix3d moon_from_camera;
-      Vec3 from, velocity;
+      Eigen::Matrix3d moon_from_camera = Eigen::Matrix3d::Identity();
+      Vec3 from = Vec3::Zero(), velocity = Vec3::Zero();
       for (std::size_t i = first; i < past_last; ++i) {
         const LidarPulse pulse = beams.at(i);
         if (pulse.time_s != time_s) {
@@ -153,8 +153,8 @@ class LidarScanner {
           const Vec3& offset = request_.instrument.offset_m;
           moon_from_camera = pose.camera_from_moon.conjugate().toRotationMatrix();
           from = pose.position_m + moon_from_camera * offset;
-          velocity = rates.velocity_m_s +
-                     moon_from_camera * (kRadiansPerDegree * rates.angular_rate_deg_s).cross(offset);
+          velocity =
+              rates.velocity_m_s + moon_from_camera * (kRadiansPerDegree * rates.angular_rate_deg_s).cross(offset);
         }
         const Vec3 direction = (moon_from_camera * pulse.direction).normalized();
         out_.time_s[i] = time_s;
@@ -187,8 +187,8 @@ class LidarScanner {
         const Vec3 from = at3(out_.origin_m, i), direction = at3(out_.direction, i);
         const double closest = -from.dot(direction), outside = from.squaredNorm() - radius * radius,
                      root2 = closest * closest - outside;
-        const double along = closest > 0 && root2 > 0 ? std::max(0.0, outside / (closest + std::sqrt(root2)))
-                                                      : std::max(0.0, closest);
+        const double along =
+            closest > 0 && root2 > 0 ? std::max(0.0, outside / (closest + std::sqrt(root2))) : std::max(0.0, closest);
         const Vec3 at = from + along * direction - middle;
         east[i] = static_cast<float>(at.dot(local.east)), north[i] = static_cast<float>(at.dot(local.north));
       }
@@ -217,8 +217,8 @@ class LidarScanner {
       least_cosine = std::min(least_cosine, at3(out_.direction, order_[k]).dot(cone.direction));
     }
     constexpr double kRounding_rad = 1e-7;
-    const double angle = std::acos(std::clamp(least_cosine, -1.0, 1.0)) +
-                         std::atan(theta_ * sub_rays_.farthest) + kRounding_rad;
+    const double angle =
+        std::acos(std::clamp(least_cosine, -1.0, 1.0)) + std::atan(theta_ * sub_rays_.farthest) + kRounding_rad;
     constexpr double kWidest_rad = 0.5;
     cone.slope = angle < kWidest_rad ? std::tan(angle) : std::numeric_limits<double>::infinity();
     cone.radius_m += 1e-6;
@@ -240,7 +240,8 @@ class LidarScanner {
       add_cones(k, std::min(past_last, k + kBundle * kGroup), cones);
     const auto part = ground_.along(cones, past_last - first == 1);
     if (!part) {
-      const std::size_t half = (past_last - first) / 2, middle = first + (half > kGroup ? half / kGroup * kGroup : half);
+      const std::size_t half = (past_last - first) / 2,
+                        middle = first + (half > kGroup ? half / kGroup * kGroup : half);
       cast(first, middle), cast(middle, past_last);
       return;
     }
@@ -329,15 +330,15 @@ class LidarScanner {
 
   void add(Work& work, int beam, double range_m, double cos_incidence, double weighted_back, std::uint32_t of) const {
     const auto i = static_cast<std::size_t>(beam);
-    work.parts[i][work.met[i]++] = {range_m, part_deviation_m(pulse_m_, range_m, theta_ * sub_rays_.part, cos_incidence),
+    work.parts[i][work.met[i]++] = {range_m,
+                                    part_deviation_m(pulse_m_, range_m, theta_ * sub_rays_.part, cos_incidence),
                                     receiver_.gain() * weighted_back / (range_m * range_m), of};
   }
 
   void report(const GroundAlongRays::Part& part, std::size_t beam, std::span<const EchoReturn> returns) {
     LidarReturns& r = out_;
-    const auto strongest = std::max_element(returns.begin(), returns.end(), [](const EchoReturn& a, const EchoReturn& b) {
-      return a.signal < b.signal;
-    });
+    const auto strongest = std::max_element(
+        returns.begin(), returns.end(), [](const EchoReturn& a, const EchoReturn& b) { return a.signal < b.signal; });
     const bool any = strongest != returns.end();
     r.true_count[beam] = static_cast<std::uint8_t>(returns.size());
     r.true_range_m[beam] = any ? strongest->range_m : kNaN;
@@ -351,9 +352,8 @@ class LidarScanner {
     r.range_m[beam] = found.strongest_m, r.first_m[beam] = found.first_m, r.last_m[beam] = found.last_m;
     r.intensity[beam] = found.strongest, r.first_intensity[beam] = found.first, r.last_intensity[beam] = found.last;
     r.count[beam] = found.count, r.false_alarm[beam] = found.false_alarm;
-    r.velocity_m_s[beam] = found.count > 0 && !found.false_alarm
-                               ? r.true_velocity_m_s[beam] + found.velocity_noise_m_s
-                               : std::numeric_limits<float>::quiet_NaN();
+    r.velocity_m_s[beam] = found.count > 0 && !found.false_alarm ? r.true_velocity_m_s[beam] + found.velocity_noise_m_s
+                                                                 : std::numeric_limits<float>::quiet_NaN();
   }
 
   const LidarRequest& request_;

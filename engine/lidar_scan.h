@@ -9,8 +9,8 @@
 namespace selenograph::engine {
 
 // Run in the caller's task arena. The same request on the same terrain gives the same numbers. Throws
-// ImpossibleRequest where the instrument is below the terrain at its first or last pulse (member "pose"), TooMuchTerrain
-// where a single beam runs along more terrain than memory holds, Cancelled when `stop` says so.
+// ImpossibleRequest where the instrument is below the terrain at its first or last pulse (member "pose"),
+// TooMuchTerrain where a single beam runs along more terrain than memory holds, Cancelled when `stop` says so.
 LidarReturns scan_lidar(const LidarRequest& request, const dem::Terrain& terrain, RenderCache& kept,
                         const StopToken& stop);
 

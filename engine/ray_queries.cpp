@@ -37,7 +37,8 @@ class RayCaster {
   std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, Meeting meeting) {
     std::vector<RayHit> hits(rays.size());
     std::vector<Facet> facets(rays.size());
-    const auto meet = [&](const Scene& scene, const SceneryOnGround& on_it, const Batch& batch, std::size_t first, int count) {
+    const auto meet = [&](const Scene& scene, const SceneryOnGround& on_it, const Batch& batch, std::size_t first,
+                          int count) {
       Rays packet;
       for (int i = 0; i < kPacket; ++i) {
         const Ray& ray = rays[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]];
@@ -129,7 +130,8 @@ class RayCaster {
       if (hits[i].hit && std::any_of(toward.begin(), toward.end(), faces))
         to_sun.push_back({hits[i].position_m, sun.direction}), asked.push_back(i);
     }
-    const auto work = [&](const Scene& scene, const SceneryOnGround& on_it, const Batch& batch, std::size_t first, int count) {
+    const auto work = [&](const Scene& scene, const SceneryOnGround& on_it, const Batch& batch, std::size_t first,
+                          int count) {
       SurfacePoints points{};
       Shading shading{};
       std::uint32_t asking = 0;
@@ -206,9 +208,8 @@ class RayCaster {
       return;
     }
     if (!toward.empty()) here->scenery.number_rocks();  // rays of light begin on what was hit
-    for_packets(batch.size(), stop_, [&](std::size_t first, int count) {
-      work(*here->scene, here->scenery, batch, first, count);
-    });
+    for_packets(batch.size(), stop_,
+                [&](std::size_t first, int count) { work(*here->scene, here->scenery, batch, first, count); });
   }
 
   // What of a frame's request the objects are asked with; the Sun of each question is its own.

@@ -122,9 +122,8 @@ std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optiona
 }
 
 LidarReturns Renderer::lidar(const LidarRequest& request, const StopToken& stop) const {
-  return impl_->query(request.scenery.detail, [&](const dem::Terrain& terrain) {
-    return scan_lidar(request, terrain, impl_->kept, stop);
-  });
+  return impl_->query(request.scenery.detail,
+                      [&](const dem::Terrain& terrain) { return scan_lidar(request, terrain, impl_->kept, stop); });
 }
 
 std::vector<Irradiance> Renderer::light_at(std::span<const LitPlace> places, const FrameRequest& request,

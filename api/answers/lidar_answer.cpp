@@ -15,10 +15,10 @@ namespace {
 
 using engine::LidarReturns;
 
-using LidarElements = std::variant<std::vector<double> LidarReturns::*, std::vector<float> LidarReturns::*,
-                                   std::vector<std::uint8_t> LidarReturns::*,
-                                   std::vector<std::uint16_t> LidarReturns::*,
-                                   std::vector<std::uint64_t> LidarReturns::*>;
+using LidarElements =
+    std::variant<std::vector<double> LidarReturns::*, std::vector<float> LidarReturns::*,
+                 std::vector<std::uint8_t> LidarReturns::*, std::vector<std::uint16_t> LidarReturns::*,
+                 std::vector<std::uint64_t> LidarReturns::*>;
 
 enum class Meaning { number, flag, object, rock };
 struct LidarColumn {
@@ -50,8 +50,7 @@ constexpr LidarColumn kLidarColumns[] = {
     {"true_intensity", &LidarReturns::true_intensity, 1, Meaning::number, "its mean signal"},
     {"true_count", &LidarReturns::true_count, 1, Meaning::number, "number of returns that can be told apart"},
     {"true_velocity_m_s", &LidarReturns::true_velocity_m_s, 1, Meaning::number, "of the aperture along the beam"},
-    {"axis_range_m", &LidarReturns::axis_range_m, 1, Meaning::number,
-     "truth: where the beam's axis meets the surface"},
+    {"axis_range_m", &LidarReturns::axis_range_m, 1, Meaning::number, "truth: where the beam's axis meets the surface"},
     {"object", &LidarReturns::object, 1, Meaning::object,
      "truth: index into `objects` of what most of the strongest return is from; 65535: ground, a rock, nothing"},
     {"rock", &LidarReturns::rock, 1, Meaning::rock,
@@ -94,10 +93,10 @@ OrderedJson meta_of(const LidarQuery& query) {
 OrderedJson lidar_return_schema() {
   OrderedJson members = OrderedJson::object();
   for (const LidarColumn& c : kLidarColumns)
-    members[c.name] = c.components == 3            ? schema::vector(c.meaning)
-                      : c.kind == Meaning::flag    ? schema::boolean(c.meaning)
-                      : c.kind == Meaning::rock    ? OrderedJson{{"type", {"string", "null"}}, {"description", c.meaning}}
-                                                   : schema::number_or_null(c.meaning);
+    members[c.name] = c.components == 3         ? schema::vector(c.meaning)
+                      : c.kind == Meaning::flag ? schema::boolean(c.meaning)
+                      : c.kind == Meaning::rock ? OrderedJson{{"type", {"string", "null"}}, {"description", c.meaning}}
+                                                : schema::number_or_null(c.meaning);
   return schema::object("A beam, and what came back.", members, {});
 }
 
@@ -139,8 +138,14 @@ std::string lidar_npz(const LidarReturns& returns, const LidarQuery& query, cons
           const auto type = c.kind == Meaning::flag ? ElementType::boolean : element_type(values);
           std::vector<std::size_t> shape{returns.size()};
           if (c.components > 1) shape.push_back(c.components);
-          arrays.push_back({c.name, type, static_cast<int>(returns.size()), static_cast<int>(c.components), 1,
-                            values.data(), {}, std::move(shape)});
+          arrays.push_back({c.name,
+                            type,
+                            static_cast<int>(returns.size()),
+                            static_cast<int>(c.components),
+                            1,
+                            values.data(),
+                            {},
+                            std::move(shape)});
         },
         c.elements);
   return encode_npz(arrays, meta_of(query).dump(), stop);

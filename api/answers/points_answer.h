@@ -30,7 +30,8 @@ std::string rays_npz(std::span<const engine::RayHit> hits, std::span<const Light
 inline constexpr Alternative kRaysAnswers[] = {
     {"application/json", "a list of hits, each with its members"},
     {"application/x-npz",
-     "the same as arrays of the rays' shape, NaN where nothing is hit: `hit`, `range_m`, `position_m`, `normal`, `rock` "
+     "the same as arrays of the rays' shape, NaN where nothing is hit: `hit`, `range_m`, `position_m`, `normal`, "
+     "`rock` "
      "(its id as a whole number, in hexadecimal that of POST /v1/features; 0: none), `object` (65535: none), `lit`, "
      "`irradiance`"},
 };
@@ -38,7 +39,8 @@ inline constexpr Alternative kLandmarkAnswers[] = {
     {"application/json", "a list of landmarks, each with its members"},
     {"application/x-npz",
      "the same as arrays of the points' shape, NaN for null: `x_px`, `y_px`, `range_m`, `height_m`, `in_frame`, "
-     "`visible`, `time_s`, `lit`, `irradiance`, `reason` (0: none, 1: no dataset covers the place, 2: the datasets have "
+     "`visible`, `time_s`, `lit`, `irradiance`, `reason` (0: none, 1: no dataset covers the place, 2: the datasets "
+     "have "
      "no valid post, 3: behind the camera, 4: beyond the lens's field of view, 5: seen by no row)"},
 };
 

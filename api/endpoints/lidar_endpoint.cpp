@@ -29,10 +29,9 @@ Response answer_lidar(const EndpointContext& context) {
   const bool json = media_type == "application/json";
   if (json) refuse_long_json(query, context.limits);
   constexpr std::size_t kBytesOfJson = 8000;  // of a beam, as values and as text
-  context.memory.need(
-      (engine::kBytesOfBeam + (json ? kBytesOfJson : engine::kBytesOfBeam)) * query.beams +
-          engine::bytes_of_rocks(query.request.scenery.detail.get(), engine::kMostRememberedRocks),
-      query.request.pulses.empty() ? "/pattern" : "/pulses", context.stop);
+  context.memory.need((engine::kBytesOfBeam + (json ? kBytesOfJson : engine::kBytesOfBeam)) * query.beams +
+                          engine::bytes_of_rocks(query.request.scenery.detail.get(), engine::kMostRememberedRocks),
+                      query.request.pulses.empty() ? "/pattern" : "/pulses", context.stop);
   constexpr MemberPointer kRefusable[] = {{"pose", "/pose"}};
   const engine::LidarReturns returns =
       with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.lidar(query.request, context.stop); });

@@ -73,9 +73,8 @@ Response answer_rays(const EndpointContext& context) {
                          : std::nullopt);
   const auto light = light_of(context, query, places);
   throw_if_stopped(context);
-  return negotiated(media_type, media_type == kRaysAnswers[1].media_type
-                                    ? rays_npz(hits, light, query, context.stop)
-                                    : text_of(rays_json(hits, light, query)));
+  return negotiated(media_type, media_type == kRaysAnswers[1].media_type ? rays_npz(hits, light, query, context.stop)
+                                                                         : text_of(rays_json(hits, light, query)));
 }
 
 Response answer_project(const EndpointContext& context) {
@@ -134,7 +133,8 @@ OrderedJson list_of(const char* name, const OrderedJson& item, std::size_t most,
 void describe_rays(Operation& o) {
   o.body("/v1/rays", rays_members());
   o.takes_arrays(
-      "The request's JSON as the text `request`, and `origin_m` and `direction` (..., 3) in the place of `rays`; one row "
+      "The request's JSON as the text `request`, and `origin_m` and `direction` (..., 3) in the place of `rays`; one "
+      "row "
       "of either may stand for many of the other: numpy.savez(file, origin_m=..., direction=..., request=json)");
   o.answer_as_accepted(kRaysAnswers, "RaysAnswer", {"Vary"});
   o.schema("RaysAnswer", list_of("rays", hit_answer().schema(), o.most_points(), "hits"));

@@ -33,7 +33,8 @@ constexpr std::array<ErrorRow, 24> kTable{{
     {"request_timeout", 408, "Request too slow", "The request did not arrive in time."},
     {"too_large", 413, "Body too large", "The body is larger than the service accepts."},
     {"uri_too_long", 414, "URI too long", "The request target is longer than the service accepts."},
-    {"unsupported_media_type", 415, "Unsupported media type", "The body must be `application/json`, or, where the call takes arrays, `application/x-npz`."},
+    {"unsupported_media_type", 415, "Unsupported media type",
+     "The body must be `application/json`, or, where the call takes arrays, `application/x-npz`."},
     {"misdirected_request", 421, "Unknown host",
      "The request is addressed to a name that the service does not have. Its operator can add one with "
      "`--allowed-host`; an address of the machine, or localhost there, needs none."},

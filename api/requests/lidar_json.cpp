@@ -17,6 +17,8 @@ using engine::LidarRequest;
 
 constexpr std::int64_t kMostSeed = std::int64_t{1} << 53;  // what JSON's numbers hold exactly everywhere
 
+std::int64_t most_pulses(const Limits& limits) { return limits.max_rays; }
+
 struct LidarMotion {
   engine::Rates rates;
   std::vector<engine::PoseAtTime> poses;
@@ -35,8 +37,7 @@ const Members<LidarMotion>& lidar_motion_members() {
              "angular rate about the camera's own axes (opencv)")
             .written_if(at_rates);
         m.add(
-             "velocity_m_s", [](auto& s) -> auto& { return s.rates.velocity_m_s; }, kVelocity_m_s,
-             "velocity, MOON_ME")
+             "velocity_m_s", [](auto& s) -> auto& { return s.rates.velocity_m_s; }, kVelocity_m_s, "velocity, MOON_ME")
             .written_if(at_rates);
         m.add("poses", &LidarMotion::poses, List{Object{pose_at_time_members()}, 2, kMostPoses},
               "at increasing times, the first not after the first pulse, the last not before the last pulse")
@@ -79,7 +80,8 @@ void check_beams(const JsonReader& in, LidarQuery& query, const Limits& limits) 
 void check_pose_of_lidar(const JsonReader& in, LidarQuery& query) {
   const LidarRequest& request = query.request;
   const bool poses = !request.poses.empty();
-  if (poses && in.has("pose")) in.fail("pose", "\"pose\" cannot be combined with \"motion.poses\", which take its place");
+  if (poses && in.has("pose"))
+    in.fail("pose", "\"pose\" cannot be combined with \"motion.poses\", which take its place");
   if (!poses && !in.has("pose")) in.fail("pose", "is required");
   if (!poses || in.faults() > 0) return;
   double first_s = 0, last_s = engine::last_time_s(request.pattern);
@@ -89,7 +91,8 @@ void check_pose_of_lidar(const JsonReader& in, LidarQuery& query) {
     first_s = first->time_s, last_s = last->time_s;
   }
   if (request.poses.front().time_s > first_s)
-    in.at("motion").fail("poses", fmt::format("the first is later than the first pulse, whose time is {:g} s", first_s));
+    in.at("motion").fail("poses",
+                         fmt::format("the first is later than the first pulse, whose time is {:g} s", first_s));
   if (request.poses.back().time_s < last_s)
     in.at("motion").fail("poses", fmt::format("the last is earlier than the last pulse, whose time is {:g} s", last_s));
 }
@@ -142,7 +145,7 @@ void add_lidar_members(Members<LidarQuery>& m) {
   m.any_of({"instrument", "instrument_preset"});
   m.add(
        "pulses", [](auto& q) -> auto& { return q.request.pulses; },
-       List{Object{lidar_pulse_members()}, 1, [](const Limits& limits) { return std::int64_t{limits.max_rays}; }},
+       List{Object{lidar_pulse_members()}, 1, most_pulses},
        "single pulses in any order; as arrays, see the call, there may be more of them")
       .written_if([](const LidarQuery&) { return false; });
   m.add("pattern",
@@ -165,7 +168,8 @@ void add_lidar_members(Members<LidarQuery>& m) {
                  }},
         Object{lidar_motion_members()}, "during the scan; left out: none");
   m.add(
-      "seed", [](auto& q) -> auto& { return q.request.seed; }, Integer{0, kMostSeed}, "identifies the instrument's noise");
+      "seed", [](auto& q) -> auto& { return q.request.seed; }, Integer{0, kMostSeed},
+      "identifies the instrument's noise");
   m.add(
       "scan", [](auto& q) -> auto& { return q.request.scan; }, Integer{0, kMostSeed},
       "number of the scan: each has noise of its own");
@@ -195,8 +199,8 @@ std::vector<engine::LidarPulse> pulses_of(const NpzArrays& arrays, Findings& fin
 }  // namespace
 
 const Members<LidarQuery>& lidar_members() {
-  static const auto table = made<Members<LidarQuery>>(
-      "LidarRequest", "A lidar, where it is, and the beams of a scan.", [](auto& m) { add_lidar_members(m); });
+  static const auto table = made<Members<LidarQuery>>("LidarRequest", "A lidar, where it is, and the beams of a scan.",
+                                                      [](auto& m) { add_lidar_members(m); });
   return *table;
 }
 

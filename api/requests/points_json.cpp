@@ -141,7 +141,8 @@ bool few_enough(std::size_t number, const Limits& limits, const char* array, Fin
 std::vector<std::size_t> shape_of_rows(const NpzArray& array) { return {array.shape.begin(), array.shape.end() - 1}; }
 
 void take_rays(const NpzArrays& arrays, const Limits& limits, RaysQuery& query, Findings& findings) {
-  const auto origins = rows_of(arrays, "origin_m", {3}, findings), directions = rows_of(arrays, "direction", {3}, findings);
+  const auto origins = rows_of(arrays, "origin_m", {3}, findings),
+             directions = rows_of(arrays, "direction", {3}, findings);
   if (!origins || !directions) return;
   const std::size_t number = std::max(origins->size(), directions->size());
   if (std::min(origins->size(), directions->size()) != 1 && origins->size() != directions->size())
@@ -169,8 +170,8 @@ void take_points(const NpzArrays& arrays, const Limits& limits, ProjectQuery& qu
     const double* p = points->row(i);
     const auto check = [&](double value, const Range& range, const char* what) {
       if (!range.contains(value))
-        findings.add(fmt::format("/points/{}", i), fmt::format("has the {} {}; {:g} to {:g} is needed", what, value,
-                                                               range.min, range.max));
+        findings.add(fmt::format("/points/{}", i),
+                     fmt::format("has the {} {}; {:g} to {:g} is needed", what, value, range.min, range.max));
     };
     check(p[0], kLatitude_deg, "latitude"), check(p[1], kLongitude_deg, "longitude");
     engine::LandmarkQuery landmark{p[0], p[1], {}};

@@ -51,10 +51,10 @@ const Members<ProjectQuery>& project_members();
 const MemberTable& heights_members();
 
 // Throw RequestError("invalid_request") with the faults found. Arrays, if there are any, are in the place of lists:
-// `origin_m` and `direction` (..., 3), one row of either for many of the other, of `rays`; `points` (..., 2) or (..., 3):
-// lat_deg, lon_deg and height_m, NaN: on the terrain.
-RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets = Assets(),
-                    const StopToken& stop = {}, const NpzArrays& arrays = {});
+// `origin_m` and `direction` (..., 3), one row of either for many of the other, of `rays`; `points` (..., 2) or (...,
+// 3): lat_deg, lon_deg and height_m, NaN: on the terrain.
+RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets = Assets(), const StopToken& stop = {},
+                    const NpzArrays& arrays = {});
 ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& assets = Assets(),
                           const StopToken& stop = {}, const NpzArrays& arrays = {});
 HeightsQuery read_heights(const Json& body, const Limits& limits, const Assets& assets = Assets(),

@@ -13,8 +13,8 @@
 namespace selenograph::engine {
 
 struct LidarPulse {
-  double time_s = 0;                  // from the request's pose
-  Vec3 direction = Vec3::UnitZ();     // unit, camera axes
+  double time_s = 0;               // from the request's pose
+  Vec3 direction = Vec3::UnitZ();  // unit, camera axes
 };
 
 // When each beam is fired, and where to.
@@ -26,13 +26,13 @@ enum class LidarScan {
 };
 struct LidarPattern {
   LidarScan scan = LidarScan::flash;
-  int columns = 0, rows = 0;             // flash, raster
-  double fov_x_deg = 0, fov_y_deg = 0;   // full angles between the outer borders of cells; flash: square cells
-  bool serpentine = false;               // raster
-  int beams = 0;                         // cone: pulses per turn
-  double half_angle_deg = 0;             // cone
-  std::vector<Vec3> directions;          // beams: unit
-  double rate_hz = 0;                    // of pulses, or of the shots of `flash` and `beams`; 0: all at the time 0
+  int columns = 0, rows = 0;            // flash, raster
+  double fov_x_deg = 0, fov_y_deg = 0;  // full angles between the outer borders of cells; flash: square cells
+  bool serpentine = false;              // raster
+  int beams = 0;                        // cone: pulses per turn
+  double half_angle_deg = 0;            // cone
+  std::vector<Vec3> directions;         // beams: unit
+  double rate_hz = 0;                   // of pulses, or of the shots of `flash` and `beams`; 0: all at the time 0
   int repeats = 1;
 };
 
@@ -55,13 +55,13 @@ struct LidarGate {
 };
 
 struct LidarInstrument {
-  double divergence_mrad = 1;   // full angle at 1/e^2 of the intensity in the middle
-  int sub_rays = 7;             // of a beam: 1, 7, 19, 37, 61
-  double pulse_length_ns = 2;   // full width at half maximum
+  double divergence_mrad = 1;  // full angle at 1/e^2 of the intensity in the middle
+  int sub_rays = 7;            // of a beam: 1, 7, 19, 37, 61
+  double pulse_length_ns = 2;  // full width at half maximum
   double wavelength_um = 1.064;
   LidarReceiver receiver;
-  double threshold = 3;         // photoelectrons of a return, or its signal over the noise
-  double dark_count_hz = 0;     // photon_counting: dark counts and stray light
+  double threshold = 3;      // photoelectrons of a return, or its signal over the noise
+  double dark_count_hz = 0;  // photon_counting: dark counts and stray light
   LidarGate gate;
   double timing_noise_ns = 0, velocity_noise_m_s = 0;  // standard deviations
   Vec3 offset_m = Vec3::Zero();                        // of the aperture from the pose's position, camera axes
@@ -74,10 +74,10 @@ struct LidarRequest {
   std::vector<LidarPulse> pulses;
   LidarPattern pattern;
   Pose pose;
-  Rates rates;                    // motion from the pose
-  std::vector<PoseAtTime> poses;  // at least two, which replace pose and rates; empty: none
+  Rates rates;                       // motion from the pose
+  std::vector<PoseAtTime> poses;     // at least two, which replace pose and rates; empty: none
   std::uint64_t seed = 0, scan = 0;  // identify the instrument's noise, and the scan's
-  FrameRequest scenery;           // its ground, objects and detail
+  FrameRequest scenery;              // its ground, objects and detail
 };
 
 // A column for each member, a row for each beam in the order of the request; three numbers for a vector. What is
@@ -95,8 +95,8 @@ struct LidarReturns {
   std::vector<float> true_width_m, true_intensity, true_velocity_m_s;
   std::vector<std::uint8_t> true_count;
   std::vector<std::uint8_t> false_alarm;  // 1: range_m is one
-  std::vector<std::uint16_t> object;      // index of what most of the strongest return is from; 65535: ground, rock, none
-  std::vector<std::uint64_t> rock;        // its dem::Rock::id; 0: none
+  std::vector<std::uint16_t> object;  // index of what most of the strongest return is from; 65535: ground, rock, none
+  std::vector<std::uint64_t> rock;    // its dem::Rock::id; 0: none
   std::size_t size() const { return time_s.size(); }
 };
 

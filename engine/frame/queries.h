@@ -15,12 +15,13 @@ struct Ray {
   Vec3 direction;  // unit
 };
 
-// Rays that begin within `radius_m` of a place and lie within an angle of a direction: a ray alone, or a bundle of them.
+// Rays that begin within `radius_m` of a place and lie within an angle of a direction: a ray alone, or a bundle of
+// them.
 struct RayCone {
   Vec3 origin_m;
-  Vec3 direction;              // unit
+  Vec3 direction;  // unit
   double radius_m = 0;
-  double slope = 0;            // tangent of that angle
+  double slope = 0;  // tangent of that angle
   bool one() const { return radius_m == 0 && slope == 0; }
 };
 

@@ -20,8 +20,8 @@ struct SubRay {
 struct SubRays {
   explicit SubRays(int number);  // 1, 7, 19, 37 or 61; anything else throws std::invalid_argument
   std::vector<SubRay> rays;
-  double part;        // of each sub-ray, 0 to 1
-  double farthest;    // from the axis, with three deviations of its part
+  double part;      // of each sub-ray, 0 to 1
+  double farthest;  // from the axis, with three deviations of its part
 };
 
 // Two unit vectors across a unit direction; the same for all beams of a like direction.

@@ -55,9 +55,7 @@ double poisson_reaches(double mean, double threshold) {
 double normal_exceeds(double x) { return std::erfc(x / std::numbers::sqrt2) / 2; }
 
 LidarReceiverModel::LidarReceiverModel(const LidarInstrument& instrument)
-    : instrument_(instrument),
-      gain_(gain_of(instrument)),
-      cell_m_(kHalfLight_m_ns * instrument.pulse_length_ns) {
+    : instrument_(instrument), gain_(gain_of(instrument)), cell_m_(kHalfLight_m_ns * instrument.pulse_length_ns) {
   const double cells = (instrument.gate.far_m - instrument.gate.near_m) / cell_m_;
   const double chance = instrument.receiver.signal == LidarSignal::snr
                             ? normal_exceeds(instrument.threshold)
@@ -121,9 +119,8 @@ LidarDetection LidarReceiverModel::detect(std::span<const EchoReturn> returns, s
   }
   out.count = static_cast<std::uint8_t>(std::min<std::size_t>(count, 255));
   if (instrument_.velocity_noise_m_s > 0 && out.count > 0)
-    out.velocity_noise_m_s =
-        static_cast<float>(instrument_.velocity_noise_m_s) *
-        normal_one(bits_of(seed, scan, static_cast<std::uint64_t>(Purpose::velocity), beam)[0]);
+    out.velocity_noise_m_s = static_cast<float>(instrument_.velocity_noise_m_s) *
+                             normal_one(bits_of(seed, scan, static_cast<std::uint64_t>(Purpose::velocity), beam)[0]);
   return out;
 }
 

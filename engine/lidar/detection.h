@@ -14,7 +14,7 @@ struct LidarDetection {
   double strongest_m, first_m, last_m;
   float strongest, first, last;  // measured signals
   std::uint8_t count = 0;
-  bool false_alarm = false;      // the strongest
+  bool false_alarm = false;  // the strongest
   float velocity_noise_m_s = 0;
 };
 
@@ -30,8 +30,9 @@ class LidarReceiverModel {
 
   // Whether a return is detected is a function of seed, scan, beam and the return's number; so is its noise.
   //   photon_counting: a count of Poisson statistics, whose mean is the signal and the dark counts within the return's
-  //   full width at half maximum, must reach the threshold. Its range is off by a normal deviate of width / sqrt(count).
-  //   snr: the signal and a normal deviate of 1 must reach the threshold. The range is off by width / signal.
+  //   full width at half maximum, must reach the threshold. Its range is off by a normal deviate of width /
+  //   sqrt(count). snr: the signal and a normal deviate of 1 must reach the threshold. The range is off by width /
+  //   signal.
   // Both: and by half of the way of light in the timing noise. False alarms: over the gate there are as many resolution
   // cells of one pulse length as fit; each exceeds the threshold without light by its chance, so that their number has
   // Poisson statistics, and their ranges are uniform. Beyond kMostFalse only the nearest and farthest are told apart.
@@ -41,9 +42,7 @@ class LidarReceiverModel {
   double expected_false_alarms() const { return false_alarms_; }
   // The chance that a return of a mean signal is detected, if it is no wider than the pulse.
   double detection_chance(double signal) const;
-  bool in_gate(double range_m) const {
-    return range_m >= instrument_.gate.near_m && range_m <= instrument_.gate.far_m;
-  }
+  bool in_gate(double range_m) const { return range_m >= instrument_.gate.near_m && range_m <= instrument_.gate.far_m; }
 
  private:
   double dark_counts(double width_m) const;

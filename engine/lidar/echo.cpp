@@ -20,7 +20,8 @@ double pulse_deviation_m(double pulse_length_ns) {
 
 double part_deviation_m(double pulse_m, double range_m, double theta_rad, double cos_incidence) {
   constexpr double kGrazing = 0.02;  // flatter than that the ground is not a plane over a beam
-  const double c = std::clamp(cos_incidence, kGrazing, 1.0), tan2 = (1 - c * c) / (c * c), theta2 = theta_rad * theta_rad;
+  const double c = std::clamp(cos_incidence, kGrazing, 1.0), tan2 = (1 - c * c) / (c * c),
+               theta2 = theta_rad * theta_rad;
   return std::sqrt(pulse_m * pulse_m + range_m * range_m * theta2 * (theta2 + tan2));
 }
 

@@ -10,7 +10,7 @@ namespace selenograph::engine {
 
 // What one sub-ray contributes: a Gaussian in range.
 struct EchoPart {
-  double range_m;   // of its middle
+  double range_m;  // of its middle
   double deviation_m;
   double signal;
   std::uint32_t of = 0;  // what it comes from; for the caller

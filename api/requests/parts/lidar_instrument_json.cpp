@@ -44,7 +44,9 @@ const Members<LidarReceiver>& receiver_members() {
               "of a Lambertian surface that fills the beam, seen vertically from `range_m`")
             .required()
             .of({"snr"});
-        m.add("range_m", &LidarReceiver::range_m, Number{kPositive, "m"}, "at which it is `snr`").required().of({"snr"});
+        m.add("range_m", &LidarReceiver::range_m, Number{kPositive, "m"}, "at which it is `snr`")
+            .required()
+            .of({"snr"});
         m.add("reflectance", &LidarReceiver::reflectance, Number{{0, 1, true, false}}, "of that surface").of({"snr"});
       });
   return *table;

@@ -96,7 +96,8 @@ std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const
       found.pieces.emplace_back(octave, ancestor_of(block.id, std::min(block.id.level, level_of_rocks(octave))));
     };
     const NodeBounds bounds = bounds_of(block.id, block.low_m, block.high_m);
-    const bool bundles = !std::all_of(block.rays.begin(), block.rays.end(), [&](std::size_t i) { return rays[i].one(); });
+    const bool bundles =
+        !std::all_of(block.rays.begin(), block.rays.end(), [&](std::size_t i) { return rays[i].one(); });
     const dem::Footprint footprint = dem::footprint_of(block.id);
     for (int k = field.smallest_octave(); k <= field.largest_octave() && expected <= kMostRocksOfRays; ++k) {
       if (bundles || block.rays.size() > kFewRays || found.strips.size() > kMostStrips) {
