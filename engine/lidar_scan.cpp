@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "dem/detail/detail.h"
+#include "dem/detail/features.h"
 #include "dem/support/error.h"
 #include "dem/support/parallel.h"
 #include "engine/camera/pose_track.h"
@@ -14,6 +15,7 @@
 #include "engine/lidar/detection.h"
 #include "engine/lidar/echo.h"
 #include "engine/lidar/pattern.h"
+#include "engine/lidar_craters.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/mapped_surface.h"
 #include "engine/visibility/points/trace.h"
@@ -112,6 +114,7 @@ class LidarScanner {
   LidarScanner(const LidarRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop)
       : request_(request),
         terrain_(terrain),
+        kept_(kept),
         stop_(stop),
         ground_("a beam", scenery_of(request), terrain, kept, stop),
         reflectance_(request.scenery),
@@ -124,6 +127,7 @@ class LidarScanner {
     aim();
     sort();
     cast(0, order_.size());
+    if (request_.craters) find_craters();
     return std::move(out_);
   }
 
@@ -256,6 +260,19 @@ class LidarScanner {
     });
   }
 
+  // Those that the strongest returns are from.
+  void find_craters() {
+    if (!terrain_.detail()) {
+      out_.crater.assign(out_.size(), 0);
+      return;
+    }
+    std::vector<Vec3> places(out_.size());
+    for (std::size_t i = 0; i < places.size(); ++i)
+      places[i] = at3(out_.origin_m, i) + out_.true_range_m[i] * at3(out_.direction, i);
+    const dem::CraterSurvey survey(terrain_, kept_.roughness(terrain_, stop_));
+    out_.crater = craters_of(places, *request_.craters, survey, stop_);
+  }
+
   struct Work {
     std::vector<ScaledMap> maps;
     std::array<std::array<EchoPart, kMostSubRays>, kGroup> parts;
@@ -358,6 +375,7 @@ class LidarScanner {
 
   const LidarRequest& request_;
   const dem::Terrain& terrain_;
+  RenderCache& kept_;
   const StopToken& stop_;
   GroundAlongRays ground_;
   const GroundReflectance reflectance_;

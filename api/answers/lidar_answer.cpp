@@ -55,6 +55,8 @@ constexpr LidarColumn kLidarColumns[] = {
      "truth: index into `objects` of what most of the strongest return is from; 65535: ground, a rock, nothing"},
     {"rock", &LidarReturns::rock, 1, Meaning::rock,
      "truth: its id, if it is a rock: in hexadecimal that of POST /v1/features; 0: none"},
+    {"crater", &LidarReturns::crater, 1, Meaning::rock,
+     "truth, with `craters`: likewise of the smallest crater in whose rim the strongest return lies"},
 };
 
 ElementType element_type(const std::vector<double>&) { return ElementType::float64; }
@@ -69,7 +71,7 @@ OrderedJson element_json(const LidarColumn& column, T value) {
     case Meaning::flag:
       return value != 0;
     case Meaning::object:
-      return value == T{65535} ? OrderedJson() : OrderedJson(value);
+      return static_cast<double>(value) == 65535 ? OrderedJson() : OrderedJson(value);
     case Meaning::rock:
       return value == 0 ? OrderedJson() : OrderedJson(id_text(static_cast<std::uint64_t>(value)));
     case Meaning::number:
@@ -115,6 +117,7 @@ OrderedJson lidar_json(const LidarReturns& returns, const LidarQuery& query, con
       std::visit(
           [&](auto elements) {
             const auto& values = returns.*elements;
+            if (values.empty()) return;
             if (c.components == 1) {
               one[c.name] = element_json(c, values[i]);
               return;
@@ -135,6 +138,7 @@ std::string lidar_npz(const LidarReturns& returns, const LidarQuery& query, cons
     std::visit(
         [&](auto elements) {
           const auto& values = returns.*elements;
+          if (values.empty()) return;
           const auto type = c.kind == Meaning::flag ? ElementType::boolean : element_type(values);
           std::vector<std::size_t> shape{returns.size()};
           if (c.components > 1) shape.push_back(c.components);

@@ -48,6 +48,17 @@ const Members<LidarMotion>& lidar_motion_members() {
   return *table;
 }
 
+const Members<engine::LidarCraters>& lidar_craters_members() {
+  using engine::LidarCraters;
+  static const auto table =
+      made<Members<LidarCraters>>("LidarCraters", "Which craters beams are told to be in.", [](auto& m) {
+        m.add("smallest_m", &LidarCraters::smallest_m, Number{{0.25, 1e6}, "m"}, "least diameter");
+        m.add("min_depth_over_diameter", &LidarCraters::least_depth, Number{kUnitInterval},
+              "least depth today, over the diameter");
+      });
+  return *table;
+}
+
 // The instrument's own pattern where the request has no beams.
 const engine::LidarPattern* pattern_of(const JsonReader& in, const LidarRequest& request) {
   if (!request.pulses.empty()) return nullptr;
@@ -144,8 +155,7 @@ void add_lidar_members(Members<LidarQuery>& m) {
         "lidars/NAME.json of the assets folder: an instrument, whose members those of `instrument` replace");
   m.any_of({"instrument", "instrument_preset"});
   m.add(
-       "pulses", [](auto& q) -> auto& { return q.request.pulses; },
-       List{Object{lidar_pulse_members()}, 1, most_pulses},
+       "pulses", [](auto& q) -> auto& { return q.request.pulses; }, List{Object{lidar_pulse_members()}, 1, most_pulses},
        "single pulses in any order; as arrays, see the call, there may be more of them")
       .written_if([](const LidarQuery&) { return false; });
   m.add("pattern",
@@ -173,6 +183,10 @@ void add_lidar_members(Members<LidarQuery>& m) {
   m.add(
       "scan", [](auto& q) -> auto& { return q.request.scan; }, Integer{0, kMostSeed},
       "number of the scan: each has noise of its own");
+  m.add(
+       "craters", [](auto& q) -> auto& { return q.request.craters; }, FlagOrObject{lidar_craters_members()},
+       "truth of craters of the detail: `crater` in the answer; true: with the defaults; left out: none")
+      .written_if([](const LidarQuery& q) { return q.request.craters.has_value(); });
   add_ground(m);
   m.add("objects", &LidarQuery::objects, List{Object{object_members()}, 1, kMaxObjects}, "as in a frame");
   m.check(check_lidar);

@@ -68,6 +68,12 @@ struct LidarInstrument {
   std::optional<LidarPattern> pattern;
 };
 
+// Which craters of the detail beams are told to be in.
+struct LidarCraters {
+  double smallest_m = 1;
+  double least_depth = dem::Detail::kWorn;  // of their diameter
+};
+
 struct LidarRequest {
   LidarInstrument instrument;
   // The beams: single pulses, or a pattern.
@@ -77,6 +83,7 @@ struct LidarRequest {
   Rates rates;                       // motion from the pose
   std::vector<PoseAtTime> poses;     // at least two, which replace pose and rates; empty: none
   std::uint64_t seed = 0, scan = 0;  // identify the instrument's noise, and the scan's
+  std::optional<LidarCraters> craters;  // empty: none
   FrameRequest scenery;              // its ground, objects and detail
 };
 
@@ -97,6 +104,7 @@ struct LidarReturns {
   std::vector<std::uint8_t> false_alarm;  // 1: range_m is one
   std::vector<std::uint16_t> object;  // index of what most of the strongest return is from; 65535: ground, rock, none
   std::vector<std::uint64_t> rock;    // its dem::Rock::id; 0: none
+  std::vector<std::uint64_t> crater;      // smallest crater in whose rim it lies, by dem::Crater::id; 0: none; empty: not asked
   std::size_t size() const { return time_s.size(); }
 };
 

@@ -56,7 +56,7 @@ BODIES = {
             ({"signal": "photon_counting", "energy_j": 1e-3, "aperture_m": 0.1}, {"scan": "raster", "columns": 2, "rows": 2, "fov_x_deg": 1, "fov_y_deg": 1}, {"motion": {"velocity_m_s": [0, 0, 1]}}),
             ({"signal": "snr", "snr": 10, "range_m": 1000}, {"scan": "cone", "beams": 3, "half_angle_deg": 20}, {"motion": {"angular_rate_deg_s": [0, 0, 1]}}),
             ({"signal": "snr", "snr": 10, "range_m": 1000}, {"scan": "beams", "directions": [[0, 0, 1]]}, {"pulses": [{"direction": [0, 0, 1]}], "objects": [OBJECT]}),
-            ({"signal": "snr", "snr": 10, "range_m": 1000}, {"scan": "flash", "columns": 2, "rows": 1, "fov_x_deg": 1}, {"surface": {"reflectance": {}}}),
+            ({"signal": "snr", "snr": 10, "range_m": 1000}, {"scan": "flash", "columns": 2, "rows": 1, "fov_x_deg": 1}, {"surface": {"reflectance": {}}, "detail": "highlands", "craters": {}}),
         )),
     "/v1/limb": ({"camera": FRAME["camera"], "pose": POSE},),
     "/v1/features": ({"detail": "highlands", "smallest_m": 200, "region": {

@@ -77,6 +77,26 @@ class Lidar(WithService):
         ranges = [ray["range_m"] for ray in json.loads(rays[2])["rays"]]
         np.testing.assert_allclose(answer["axis_range_m"][::50], ranges, rtol=0, atol=1e-9)
 
+    def test_craters_are_those_of_features(self):
+        scan = self.service.arrays(request(craters={"smallest_m": 2}), "/v1/lidar")
+        self.assertNotIn("crater", self.service.arrays(request(), "/v1/lidar"))
+        region = {"south_deg": 0.096, "north_deg": 0.104, "west_deg": 30.096, "east_deg": 30.104}
+        listed = self.ok_json(self.service.post("/v1/features", {"detail": "landing", "region": region, "smallest_m": 2},
+                                                "application/json"))["craters"]
+        self.assertGreater(np.count_nonzero(scan["crater"]), 20)
+        ups = np.array([[np.cos(np.radians(c["lat_deg"])) * np.cos(np.radians(c["lon_deg"])),
+                         np.cos(np.radians(c["lat_deg"])) * np.sin(np.radians(c["lon_deg"])),
+                         np.sin(np.radians(c["lat_deg"]))] for c in listed])
+        radii = np.array([c["diameter_m"] / 2 for c in listed])
+        places = scan["origin_m"] + scan["true_range_m"][:, None] * scan["direction"]
+        for place, crater in zip(places, scan["crater"]):
+            away = np.linalg.norm(place / np.linalg.norm(place) - ups, axis=1) * 1737400 - radii
+            if np.abs(away).min() < 1e-3:
+                continue  # on a rim, within the digits of degrees
+            inside = np.flatnonzero(away < 0)
+            smallest = listed[inside[radii[inside].argmin()]]["id"] if len(inside) else None
+            self.assertEqual(f"{crater:016x}" if crater else None, smallest)
+
     def test_the_same_request_has_the_same_bytes_and_another_seed_others(self):
         first, second, other = (self.service.arrays(request(seed=seed), "/v1/lidar") for seed in (3, 3, 4))
         self.assertEqual(first["body"], second["body"])

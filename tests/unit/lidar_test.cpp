@@ -118,9 +118,12 @@ TEST(LidarDetection, RatesAreThoseOfPoissonStatistics) {
     double sum = 0, square = 0;
     for (std::uint32_t beam = 0; beam < kBeams; ++beam) {
       const LidarDetection found = receiver.detect(returns, 11, 3, beam);
-      // False alarms are where nothing is, but for a few.
-      if (!(std::abs(found.strongest_m - 1000) < 5)) continue;
-      ++detected, sum += found.strongest_m - 1000, square += (found.strongest_m - 1000) * (found.strongest_m - 1000);
+      // A false alarm may be the stronger one: it is somewhere else, but for a few.
+      for (const double range_m : {found.strongest_m, found.first_m, found.last_m}) {
+        if (!(std::abs(range_m - 1000) < 5)) continue;
+        ++detected, sum += range_m - 1000, square += (range_m - 1000) * (range_m - 1000);
+        break;
+      }
     }
     const double chance = receiver.detection_chance(signal), deviation = std::sqrt(chance * (1 - chance) / kBeams);
     EXPECT_NEAR(static_cast<double>(detected) / kBeams, chance, 4.5 * deviation + 2e-4) << signal;
@@ -133,7 +136,7 @@ TEST(LidarDetection, RatesAreThoseOfPoissonStatistics) {
 TEST(LidarDetection, FalseAlarmsHaveTheirClosedForm) {
   LidarInstrument lidar = counting();
   const LidarReceiverModel receiver(lidar);
-  // 4950 m are 8256 cells of 0.6 m, each with a mean of 0.12: P(4 or more) = 7.9e-6 x ...
+  // 4950 m are 8256 cells of 0.6 m, each with a mean of 0.12.
   const double mean = 3e7 * 4e-9, p = 1 - std::exp(-mean) * (1 + mean + mean * mean / 2 + mean * mean * mean / 6);
   EXPECT_NEAR(receiver.expected_false_alarms(), p * 4950 / (0.299792458 / 2 * 4), 1e-6);
   constexpr int kBeams = 100000;
