@@ -1,8 +1,10 @@
 // What rays may meet: the finest terrain along them as a scene, and the objects and rocks on it.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <unordered_map>
 #include <utility>
 #include <vector>
@@ -18,6 +20,26 @@
 
 namespace selenograph::engine {
 
+// Where rocks are, from above: a packet of rays that passes none of them on its way to the terrain need not be traced
+// against them, which takes as long as the terrain does.
+class RockCells {
+ public:
+  explicit RockCells(std::span<const dem::RockFeature> rocks);
+  // Whether a valid ray may meet one before what it meets of the terrain, if anything.
+  bool may_meet(const Rays& rays, const SurfacePoints& terrain) const;
+
+ private:
+  std::uint32_t number_in(int x0, int y0, int x1, int y1) const;  // of cells with rocks
+  int cell(double m) const;
+
+  Vec3 middle_ = Vec3::Zero();
+  EastNorthUp axes_{};
+  double shell_m_ = 0;               // radius around the Moon's centre that holds all of them
+  double half_m_ = 0;                // of the square that does
+  int side_ = 0;                     // in cells
+  std::vector<std::uint32_t> sums_;  // of all cells to the south-west, (side_ + 1)^2
+};
+
 // What stands on the terrain of a scene: the query's objects, and rocks.
 class SceneryOnGround {
  public:
@@ -26,6 +48,12 @@ class SceneryOnGround {
       : without_(without), rocks_(std::move(rocks)) {
     if (rocks_.empty()) return;
     with_.emplace(request, rocks_, stop);
+    cells_.emplace(rocks_);
+  }
+  // As ObjectsInFrame::meet; `out` is written where a lane meets something.
+  std::uint32_t meet(Rays& rays, SurfacePoints& terrain, ObjectLanes& out) const {
+    const bool rocks_alone = without_.empty() && cells_;
+    return rocks_alone && !cells_->may_meet(rays, terrain) ? 0 : objects().meet(rays, terrain, out);
   }
   const ObjectsInFrame& objects() const { return with_ ? *with_ : without_; }
   std::optional<std::uint16_t> object(std::uint16_t index) const {
@@ -49,6 +77,7 @@ class SceneryOnGround {
   const ObjectsInFrame& without_;
   std::vector<dem::RockFeature> rocks_;
   std::optional<ObjectsInFrame> with_;
+  std::optional<RockCells> cells_;
   std::unordered_map<std::uint64_t, std::uint16_t> numbers_;
 };
 

@@ -311,7 +311,7 @@ class LidarScanner {
     const Rays all = rays;
     ObjectLanes on_objects;
     const ObjectsInFrame& objects = part.scenery.objects();
-    const std::uint32_t lanes = objects.empty() ? 0 : objects.meet(rays, points, on_objects);
+    const std::uint32_t lanes = objects.empty() ? 0 : part.scenery.meet(rays, points, on_objects);
     alignas(64) double mu[kPacket], steepness[kPacket], side_m[kPacket], back[kPacket];
     if (const std::uint32_t ground = hit_bits(points); ground != 0) {
       cosines(points, facets, all, mu, steepness);

@@ -17,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::string media_type_for(const std::string& output) {
+std::string media_type_of_frame(const std::string& output) {
   std::string extension = fs::path(output).extension().string();
   if (!extension.empty()) extension.erase(0, 1);
   if (extension == "tif") extension = "tiff";
@@ -34,7 +34,7 @@ std::string media_type_for(const std::string& output) {
 int render(const RenderSettings& settings) {
   set_up_log(settings.terrain.log_level);
   const api::Response answer = ask_once(settings.terrain, settings.limits, "/v1/frames",
-                                        media_type_for(settings.output), read_request(settings.request));
+                                        media_type_of_frame(settings.output), read_request(settings.request));
   if (answer.status != 200) {
     print_problem(answer);
     return 1;
