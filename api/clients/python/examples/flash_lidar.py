@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A flash lidar over ground with detail, as a picture: python3 flash_lidar.py [URL [OUT.png]]
+"""A flash lidar over ground with detail, as a picture: python3 flash_lidar.py [URL [OUT.png [LAT LON]]]
 
 Left the measured heights of the ground, middle the intensities, right what is false: white for misses, red for false
 alarms, blue for beams on rocks.
@@ -15,7 +15,8 @@ import numpy as np
 sys.path.insert(1, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))  # selenograph.py, if not installed
 from selenograph import MOON_RADIUS_M, Client
 
-LAT_DEG, LON_DEG, ABOVE_M = -6.5, 40.0, 100
+ABOVE_M = 100
+LAT_DEG, LON_DEG = (float(sys.argv[3]), float(sys.argv[4])) if len(sys.argv) > 4 else (-6.5, 40.0)
 
 
 def png(pixels):
