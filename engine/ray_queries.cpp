@@ -1,23 +1,14 @@
 #include "engine/ray_queries.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cmath>
-#include <unordered_map>
 #include <utility>
 
-#include "dem/detail/detail.h"
-#include "dem/detail/rocks_on_ground.h"
-#include "dem/support/error.h"
 #include "dem/support/parallel.h"
 #include "dem/terrain/surface_place.h"
 #include "engine/camera/row_views.h"
+#include "engine/ground_along_rays.h"
 #include "engine/scene/anchor.h"
-#include "engine/scene/ray_selection.h"
-#include "engine/scene/selection.h"
-#include "engine/visibility/objects/objects_in_frame.h"
-#include "engine/visibility/objects/rocks_near_rays.h"
 #include "engine/visibility/points/disc_light.h"
 #include "engine/visibility/points/refine.h"
 #include "engine/visibility/points/trace.h"
@@ -40,15 +31,14 @@ class RayCaster {
   // `a_ray`: what a ray is in the words of the request.
   RayCaster(const char* a_ray, const std::vector<SceneObject>& objects, const dem::Terrain& terrain, RenderCache& kept,
             const StopToken& stop)
-      : a_ray_(a_ray), scenery_(scenery_of(objects)), objects_(scenery_), terrain_(terrain), kept_(kept), stop_(stop) {
-    if (terrain.detail() && !terrain.detail()->rocks().empty()) rocks_.emplace(terrain);
-  }
+      : ground_(a_ray, scenery_of(objects), terrain, kept, stop), stop_(stop) {}
 
   enum class Meeting { terrain_alone, everything };
   std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, Meeting meeting) {
     std::vector<RayHit> hits(rays.size());
     std::vector<Facet> facets(rays.size());
-    const auto meet = [&](const Scene& scene, const Scenery& on_it, const Batch& batch, std::size_t first, int count) {
+    const auto meet = [&](const Scene& scene, const SceneryOnGround& on_it, const Batch& batch, std::size_t first,
+                          int count) {
       Rays packet;
       for (int i = 0; i < kPacket; ++i) {
         const Ray& ray = rays[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]];
@@ -59,7 +49,7 @@ class RayCaster {
       trace(scene, packet, points);
       ObjectLanes on_objects;
       const std::uint32_t lanes = meeting == Meeting::everything && !on_it.objects().empty()
-                                      ? on_it.objects().meet(packet, points, on_objects)
+                                      ? on_it.meet(packet, points, on_objects)
                                       : 0;
       for (int i = 0; i < count; ++i) {
         const std::size_t at = batch[first + static_cast<std::size_t>(i)];
@@ -91,7 +81,7 @@ class RayCaster {
   // The index of the object that each ray meets nearer than a range; kNoObject: none.
   std::vector<std::uint16_t> nearest_objects(std::span<const Ray> rays, const std::vector<double>& range_m) const {
     std::vector<std::uint16_t> met(rays.size(), kNoObject);
-    if (objects_.empty()) return met;
+    if (ground_.objects().empty()) return met;
     for_packets(rays.size(), stop_, [&](std::size_t first, int count) {
       Rays packet;
       SurfacePoints behind{};
@@ -102,7 +92,7 @@ class RayCaster {
         behind.hit[i] = std::isfinite(range_m[at]), behind.distance[i] = range_m[at];
       }
       ObjectLanes lanes;
-      const std::uint32_t hit = objects_.meet(packet, behind, lanes);
+      const std::uint32_t hit = ground_.objects().meet(packet, behind, lanes);
       for (int i = 0; i < count; ++i)
         if (hit >> i & 1) met[first + static_cast<std::size_t>(i)] = lanes.object[i];
     });
@@ -125,40 +115,6 @@ class RayCaster {
     std::optional<std::uint64_t> rock;  // whose it is, or of the soil against it
   };
 
-  // What stands on the terrain of a batch: the query's objects, and rocks.
-  class Scenery {
-   public:
-    Scenery(const ObjectsInFrame& without, const FrameRequest& request, std::vector<dem::RockFeature> rocks,
-            const StopToken& stop)
-        : without_(without), rocks_(std::move(rocks)) {
-      if (rocks_.empty()) return;
-      with_.emplace(request, rocks_, stop);
-    }
-    const ObjectsInFrame& objects() const { return with_ ? *with_ : without_; }
-    std::optional<std::uint16_t> object(std::uint16_t index) const {
-      return objects().rock(index) ? std::nullopt : std::optional(index);
-    }
-    std::optional<std::uint64_t> rock(std::uint16_t index) const {
-      const auto number = objects().rock(index);
-      return number ? std::optional(rocks_[*number].rock.id) : std::nullopt;
-    }
-    // So that index_of() knows them.
-    void number_rocks() {
-      for (std::size_t i = 0; i < rocks_.size(); ++i) numbers_.emplace(rocks_[i].rock.id, with_->index_of_rock(i));
-    }
-    std::uint16_t index_of(const RayHit& hit, const Facet& facet) const {
-      if (!facet.rock) return hit.object.value_or(kNoObject);
-      const auto found = numbers_.find(*facet.rock);
-      return found == numbers_.end() ? kNoObject : found->second;
-    }
-
-   private:
-    const ObjectsInFrame& without_;
-    std::vector<dem::RockFeature> rocks_;
-    std::optional<ObjectsInFrame> with_;
-    std::unordered_map<std::uint64_t, std::uint16_t> numbers_;
-  };
-
   // As in frames: by the facet and by the normal that it is shaded by.
   void light(std::vector<RayHit>& hits, const std::vector<Facet>& facets, const Sun& sun) {
     std::vector<Ray> to_sun;
@@ -174,7 +130,8 @@ class RayCaster {
       if (hits[i].hit && std::any_of(toward.begin(), toward.end(), faces))
         to_sun.push_back({hits[i].position_m, sun.direction}), asked.push_back(i);
     }
-    const auto work = [&](const Scene& scene, const Scenery& on_it, const Batch& batch, std::size_t first, int count) {
+    const auto work = [&](const Scene& scene, const SceneryOnGround& on_it, const Batch& batch, std::size_t first,
+                          int count) {
       SurfacePoints points{};
       Shading shading{};
       std::uint32_t asking = 0;
@@ -183,7 +140,7 @@ class RayCaster {
         const std::size_t at = asked[batch[first + static_cast<std::size_t>(std::min(i, count - 1))]];
         const RayHit& hit = hits[at];
         const Vec3& facet = facets[at].normal;
-        own[i] = on_it.index_of(hit, facets[at]);
+        own[i] = facets[at].rock ? on_it.index_of_rock(*facets[at].rock) : hit.object.value_or(kNoObject);
         points.hit[i] = i < count;
         if (points.hit[i] && (disc || facet.dot(sun.direction) > 0)) asking |= 1U << i;
         points.x[i] = hit.position_m.x(), points.y[i] = hit.position_m.y(), points.z[i] = hit.position_m.z();
@@ -237,50 +194,22 @@ class RayCaster {
   template <typename Work>
   void split(const std::vector<Ray>& rays, Batch batch, Work& work, const std::vector<Vec3>& toward) {
     if (batch.empty()) return;
-    std::vector<Ray> some;
+    std::vector<RayCone> some;
     some.reserve(batch.size() * std::max<std::size_t>(1, toward.size()));
     for (const std::size_t i : batch) {
-      if (toward.empty()) some.push_back(rays[i]);
+      if (toward.empty()) some.push_back({rays[i].origin_m, rays[i].direction});
       for (const Vec3& direction : toward) some.push_back({rays[i].origin_m, direction});
     }
-    // A scene in use can't be evicted: one that alone is over the budget is refused before it is built.
-    const std::size_t of_block = scene_bytes_of({.level = dem::kMaxLevel}, Visibility::raytrace);
-    const std::size_t most = std::min(kMaxBlocks, kept_.capacity() / of_block);
-    const double above_m = rocks_ ? rocks_->largest_m() : 0;
-    const auto met = select_for_rays(terrain_, some, batch.size() == 1 ? most : most / 4, stop_, above_m);
-    auto rocks = met ? rocks_along(some, *met) : std::nullopt;
-    if (!rocks && batch.size() == 1)
-      throw TooMuchTerrain(
-          fmt::format("{} runs along more terrain than the {} MB for scenes hold", a_ray_, kept_.capacity() >> 20),
-          "rays");
-    if (!rocks || (batch.size() > 1 && far_apart(*rocks))) {
+    const auto here = ground_.along(some, batch.size() == 1);
+    if (!here) {
       const auto middle = batch.begin() + static_cast<std::ptrdiff_t>(batch.size() / 2);
       split(rays, {batch.begin(), middle}, work, toward);
       split(rays, {middle, batch.end()}, work, toward);
       return;
     }
-    std::vector<dem::BlockId> blocks;
-    for (const BlockOnRays& block : *met) blocks.push_back(block.id);
-    const SceneContent content{blocks, anchor_for(some[0].origin_m, some[0].direction), Visibility::raytrace,
-                               &terrain_};
-    const auto scene = kept_.scene(content, stop_);
-    Scenery scenery(objects_, scenery_, std::move(*rocks), stop_);
-    if (!toward.empty()) scenery.number_rocks();  // rays of light begin on what was hit
-    for_packets(batch.size(), stop_, [&](std::size_t first, int count) { work(*scene, scenery, batch, first, count); });
-  }
-
-  std::optional<std::vector<dem::RockFeature>> rocks_along(const std::vector<Ray>& rays,
-                                                           const std::vector<BlockOnRays>& blocks) {
-    if (!rocks_) return std::vector<dem::RockFeature>();
-    return rocks_->along(rays, blocks, stop_);
-  }
-
-  // Float is relative to their middle.
-  static bool far_apart(const std::vector<dem::RockFeature>& rocks) {
-    constexpr double kFar_m = 20e3;
-    return std::any_of(rocks.begin(), rocks.end(), [&](const dem::RockFeature& rock) {
-      return (rock.position_m - rocks.front().position_m).norm() > kFar_m;
-    });
+    if (!toward.empty()) here->scenery.number_rocks();  // rays of light begin on what was hit
+    for_packets(batch.size(), stop_,
+                [&](std::size_t first, int count) { work(*here->scene, here->scenery, batch, first, count); });
   }
 
   // What of a frame's request the objects are asked with; the Sun of each question is its own.
@@ -290,12 +219,7 @@ class RayCaster {
     return request;
   }
 
-  const char* const a_ray_;
-  const FrameRequest scenery_;
-  const ObjectsInFrame objects_;
-  std::optional<RocksNearRays> rocks_;  // of terrain that has some
-  const dem::Terrain& terrain_;
-  RenderCache& kept_;
+  GroundAlongRays ground_;
   const StopToken& stop_;
 };
 

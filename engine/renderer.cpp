@@ -14,6 +14,7 @@
 #include "dem/support/parallel.h"
 #include "engine/choose_accuracy.h"
 #include "engine/indirect/light_at_places.h"
+#include "engine/lidar_scan.h"
 #include "engine/limb_in_view.h"
 #include "engine/preparation.h"
 #include "engine/ray_queries.h"
@@ -118,6 +119,11 @@ std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optiona
                                    const std::shared_ptr<const dem::Detail>& detail) const {
   return impl_->query(
       detail, [&](const dem::Terrain& terrain) { return cast_rays(rays, objects, sun, terrain, impl_->kept, stop); });
+}
+
+LidarReturns Renderer::lidar(const LidarRequest& request, const StopToken& stop) const {
+  return impl_->query(request.scenery.detail,
+                      [&](const dem::Terrain& terrain) { return scan_lidar(request, terrain, impl_->kept, stop); });
 }
 
 std::vector<Irradiance> Renderer::light_at(std::span<const LitPlace> places, const FrameRequest& request,

@@ -13,6 +13,7 @@
 #include "dem/terrain/pyramid_terrain.h"
 #include "engine/budget.h"
 #include "engine/frame/frame.h"
+#include "engine/frame/lidar.h"
 #include "engine/frame/limb.h"
 #include "engine/frame/map.h"
 #include "engine/frame/queries.h"
@@ -65,6 +66,9 @@ class Renderer {
   std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop = {},
                            const std::vector<SceneObject>& objects = {},
                            const std::shared_ptr<const dem::Detail>& detail = {}) const;
+
+  // A lidar's scan (engine/lidar_scan.h).
+  LidarReturns lidar(const LidarRequest& request, const StopToken& stop = {}) const;
 
   // The light at places, as in a frame of that request (engine/indirect/light_at_places.h): its Sun, ground, band,
   // detail and indirect light.

@@ -1,4 +1,4 @@
-// The executable: `selenograph serve | render | map | features | batch | ingest | sample | info |
+// The executable: `selenograph serve | render | lidar | map | features | batch | ingest | sample | info |
 // verify`.
 #include <fmt/format.h>
 
@@ -27,6 +27,7 @@ namespace api = selenograph::api;
 struct Settings {
   ServeSettings serve;
   RenderSettings render;
+  LidarSettings lidar;
   MapSettings map;
   FeaturesSettings features;
   BatchSettings batch;
@@ -57,6 +58,7 @@ Work add_commands(CLI::App& app, Settings& s) {
   Work work;
   add(app, work, "serve", "Answers requests over HTTP", s.serve, serve);
   add(app, work, "render", "Renders one request to a file", s.render, render);
+  add(app, work, "lidar", "Scans the terrain with a lidar", s.lidar, lidar);
   add(app, work, "map", "Renders a map, or a series of them, to files", s.map, map);
   add(app, work, "features", "Lists a detail's craters, of a region or in a frame", s.features, features);
   CLI::App& campaign = add(app, work, "batch", "Renders a manifest's frames to a folder", s.batch, batch);

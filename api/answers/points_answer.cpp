@@ -1,22 +1,38 @@
 #include "api/answers/points_answer.h"
 
 #include <cmath>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <type_traits>
+#include <utility>
 
+#include "api/encode/encode.h"
 #include "api/json/ranges.h"
 #include "api/requests/features_json.h"
 
 namespace selenograph::api {
 namespace {
 
-// Of a landmark without a place in the image.
-const char* why_not_imaged(const engine::Landmark& landmark, const ProjectQuery& query) {
-  if (query.shutter) return "seen by no row";
-  return landmark.behind_camera ? "behind the camera" : "beyond the lens's field of view";
+// Why a landmark has no value, in the words of the answer and by their number in arrays.
+enum class Reason : std::uint8_t { none, no_dataset, no_post, behind_camera, beyond_lens, no_row };
+constexpr const char* kReasons[] = {"",
+                                    "no dataset covers this place",
+                                    "the datasets here have no valid post",
+                                    "behind the camera",
+                                    "beyond the lens's field of view",
+                                    "seen by no row"};
+const char* text_of(Reason reason) { return kReasons[static_cast<std::size_t>(reason)]; }
+
+Reason why_no_height(double lat_deg, double lon_deg, const dem::Catalogue& catalogue) {
+  return catalogue.touching(lat_deg, lat_deg, lon_deg, lon_deg).empty() ? Reason::no_dataset : Reason::no_post;
 }
 
-const char* why_no_height(double lat_deg, double lon_deg, const dem::Catalogue& catalogue) {
-  return catalogue.touching(lat_deg, lat_deg, lon_deg, lon_deg).empty() ? "no dataset covers this place"
-                                                                        : "the datasets here have no valid post";
+Reason reason_of(const LandmarkSource& s) {
+  if (!std::isfinite(s.landmark.height_m)) return why_no_height(s.point.lat_deg, s.point.lon_deg, s.catalogue);
+  if (std::isfinite(s.landmark.x_px)) return Reason::none;
+  if (s.query.shutter) return Reason::no_row;
+  return s.landmark.behind_camera ? Reason::behind_camera : Reason::beyond_lens;
 }
 
 template <typename Field>
@@ -72,6 +88,75 @@ OrderedJson rays_json(std::span<const engine::RayHit> hits, std::span<const Ligh
   return {{"rays", std::move(list)}};
 }
 
+namespace {
+
+// Columns of an answer's arrays, of a shape.
+class PointArrays {
+ public:
+  PointArrays(const std::vector<std::size_t>& shape, std::size_t count)
+      : shape_(shape.empty() ? std::vector<std::size_t>{count} : shape), count_(count) {}
+
+  // value(i): a number, or a vector.
+  template <typename T, typename Value>
+  void add(const char* name, ElementType type, Value value) {
+    auto values = std::make_shared<std::vector<T>>();
+    std::vector<std::size_t> shape = shape_;
+    constexpr bool kVector = std::is_same_v<std::invoke_result_t<Value, std::size_t>, Vec3>;
+    if constexpr (kVector) shape.push_back(3);
+    values->reserve(count_ * (kVector ? 3 : 1));
+    for (std::size_t i = 0; i < count_; ++i) {
+      const auto one = value(i);
+      if constexpr (kVector)
+        values->insert(values->end(), one.begin(), one.end());
+      else
+        values->push_back(static_cast<T>(one));
+    }
+    // The shape may be () for one point alone.
+    arrays_.push_back({name, type, static_cast<int>(values->size()), 1, 1, values->data(), {}, std::move(shape)});
+    kept_.push_back(std::move(values));
+  }
+  std::string npz(const StopToken& stop) const { return encode_npz(arrays_, "{}", stop); }
+
+ private:
+  const std::vector<std::size_t> shape_;
+  const std::size_t count_;
+  std::vector<ArrayView> arrays_;
+  std::vector<std::shared_ptr<const void>> kept_;
+};
+
+constexpr double kNotThere = std::numeric_limits<double>::quiet_NaN();
+
+void add_irradiances(PointArrays& arrays, std::span<const LightOfPoint> light) {
+  arrays.add<double>("irradiance", ElementType::float64, [&](std::size_t i) -> Vec3 {
+    if (!light[i]) return Vec3::Constant(kNotThere);
+    return {light[i]->direct_w_m2, light[i]->terrain_w_m2, light[i]->earth_w_m2};
+  });
+}
+
+}  // namespace
+
+std::string rays_npz(std::span<const engine::RayHit> hits, std::span<const LightOfPoint> light, const RaysQuery& query,
+                     const StopToken& stop) {
+  PointArrays arrays(query.shape, hits.size());
+  const auto vector = [&](Vec3 engine::RayHit::*member) {
+    return [&hits, member](std::size_t i) -> Vec3 { return hits[i].hit ? hits[i].*member : Vec3::Constant(kNotThere); };
+  };
+  arrays.add<std::uint8_t>("hit", ElementType::boolean, [&](std::size_t i) { return hits[i].hit; });
+  arrays.add<double>("range_m", ElementType::float64,
+                     [&](std::size_t i) { return hits[i].hit ? hits[i].range_m : kNotThere; });
+  arrays.add<double>("position_m", ElementType::float64, vector(&engine::RayHit::position_m));
+  arrays.add<double>("normal", ElementType::float64, vector(&engine::RayHit::normal));
+  arrays.add<std::uint64_t>("rock", ElementType::uint64, [&](std::size_t i) { return hits[i].rock.value_or(0); });
+  if (!query.objects.empty())
+    arrays.add<std::uint16_t>("object", ElementType::uint16,
+                              [&](std::size_t i) { return hits[i].object.value_or(std::uint16_t{65535}); });
+  if (query.sun_given)
+    arrays.add<double>("lit", ElementType::float64,
+                       [&](std::size_t i) { return hits[i].hit ? hits[i].lit : kNotThere; });
+  if (query.request.indirect.any()) add_irradiances(arrays, light);
+  return arrays.npz(stop);
+}
+
 const Answer<LandmarkSource>& landmark_answer() {
   using S = LandmarkSource;
   using engine::Landmark;
@@ -97,11 +182,7 @@ const Answer<LandmarkSource>& landmark_answer() {
         "reason",
         text("why a value is null: no data there; behind the camera; beyond the lens's field of view, where its "
              "distortion folds and at 179 degrees from a fisheye's boresight; seen by no row"),
-        [](const S& s) {
-          return std::isfinite(s.landmark.height_m) ? why_not_imaged(s.landmark, s.query)
-                                                    : why_no_height(s.point.lat_deg, s.point.lon_deg, s.catalogue);
-        },
-        [](const S& s) { return !std::isfinite(s.landmark.height_m) || !std::isfinite(s.landmark.x_px); });
+        [](const S& s) { return text_of(reason_of(s)); }, [](const S& s) { return reason_of(s) != Reason::none; });
   });
   return answer;
 }
@@ -112,6 +193,28 @@ OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, std::spa
   for (std::size_t i = 0; i < landmarks.size(); ++i)
     list.push_back(landmark_answer().write({landmarks[i], light[i], query.points[i], query, catalogue}));
   return {{"points", std::move(list)}};
+}
+
+std::string landmarks_npz(std::span<const engine::Landmark> landmarks, std::span<const LightOfPoint> light,
+                          const ProjectQuery& query, const dem::Catalogue& catalogue, const StopToken& stop) {
+  using engine::Landmark;
+  PointArrays arrays(query.shape, landmarks.size());
+  const auto number = [&](const char* name, double Landmark::*member) {
+    arrays.add<double>(name, ElementType::float64, [&](std::size_t i) { return landmarks[i].*member; });
+  };
+  const auto flag = [&](const char* name, bool Landmark::*member) {
+    arrays.add<std::uint8_t>(name, ElementType::boolean, [&](std::size_t i) { return landmarks[i].*member; });
+  };
+  number("x_px", &Landmark::x_px), number("y_px", &Landmark::y_px), number("range_m", &Landmark::range_m);
+  number("height_m", &Landmark::height_m);
+  flag("in_frame", &Landmark::in_frame), flag("visible", &Landmark::visible);
+  if (query.shutter) number("time_s", &Landmark::time_s);
+  if (query.sun_given) number("lit", &Landmark::lit);
+  if (query.request.indirect.any()) add_irradiances(arrays, light);
+  arrays.add<std::uint8_t>("reason", ElementType::uint8, [&](std::size_t i) {
+    return static_cast<std::uint8_t>(reason_of({landmarks[i], light[i], query.points[i], query, catalogue}));
+  });
+  return arrays.npz(stop);
 }
 
 bool HeightSource::known() const { return std::isfinite(height.height_m) && height.source >= 0; }
@@ -138,7 +241,7 @@ const Answer<HeightSource>& height_answer() {
         [](const S& s) { return s.height.blended; }, known);
     a.add(
         "reason", text("why height_m is null"),
-        [](const S& s) { return why_no_height(s.height.lat_deg, s.height.lon_deg, s.catalogue); },
+        [](const S& s) { return text_of(why_no_height(s.height.lat_deg, s.height.lon_deg, s.catalogue)); },
         [](const S& s) { return !s.known(); });
   });
   return answer;

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <span>
+#include <string>
 
+#include "api/encode/negotiate.h"
 #include "api/requests/points_json.h"
 #include "api/schema/answers.h"
 #include "dem/catalogue/catalogue.h"
@@ -20,6 +22,28 @@ const Answer<HitSource>& hit_answer();
 OrderedJson rays_json(std::span<const engine::RayHit> hits, std::span<const LightOfPoint> light,
                       const RaysQuery& query);
 
+// As arrays of the query's shape, NaN for what is not there; object: 65535 for terrain and rocks, rock: 0 for none.
+std::string rays_npz(std::span<const engine::RayHit> hits, std::span<const LightOfPoint> light, const RaysQuery& query,
+                     const StopToken& stop);
+
+// In the order of the server's preference.
+inline constexpr Alternative kRaysAnswers[] = {
+    {"application/json", "a list of hits, each with its members"},
+    {"application/x-npz",
+     "the same as arrays of the rays' shape, NaN where nothing is hit: `hit`, `range_m`, `position_m`, `normal`, "
+     "`rock` "
+     "(its id as a whole number, in hexadecimal that of POST /v1/features; 0: none), `object` (65535: none), `lit`, "
+     "`irradiance`"},
+};
+inline constexpr Alternative kLandmarkAnswers[] = {
+    {"application/json", "a list of landmarks, each with its members"},
+    {"application/x-npz",
+     "the same as arrays of the points' shape, NaN for null: `x_px`, `y_px`, `range_m`, `height_m`, `in_frame`, "
+     "`visible`, `time_s`, `lit`, `irradiance`, `reason` (0: none, 1: no dataset covers the place, 2: the datasets "
+     "have "
+     "no valid post, 3: behind the camera, 4: beyond the lens's field of view, 5: seen by no row)"},
+};
+
 struct LandmarkSource {
   const engine::Landmark& landmark;
   const LightOfPoint& light;
@@ -30,6 +54,8 @@ struct LandmarkSource {
 const Answer<LandmarkSource>& landmark_answer();
 OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, std::span<const LightOfPoint> light,
                            const ProjectQuery& query, const dem::Catalogue& catalogue);
+std::string landmarks_npz(std::span<const engine::Landmark> landmarks, std::span<const LightOfPoint> light,
+                          const ProjectQuery& query, const dem::Catalogue& catalogue, const StopToken& stop);
 
 struct HeightSource {
   const dem::HeightAnswer& height;

@@ -119,6 +119,10 @@ std::shared_ptr<const Json> Assets::camera(std::string_view name) const {
   return find(cameras_, "cameras", ".json", name, read_object_file);
 }
 
+std::shared_ptr<const Json> Assets::lidar(std::string_view name) const {
+  return find(lidars_, "lidars", ".json", name, read_object_file);
+}
+
 std::shared_ptr<const std::vector<std::vector<double>>> Assets::kernel(std::string_view name, const StopToken&) const {
   return find(kernels_, "kernels", ".csv", name, [](const std::string& path) {
     std::vector<std::vector<double>> rows;

@@ -37,6 +37,8 @@ class Assets {
   std::shared_ptr<const engine::Atmosphere> atmosphere(std::string_view name, const StopToken& stop = {}) const;
   // cameras/NAME.json: an object, whose members the request's reader checks.
   std::shared_ptr<const Json> camera(std::string_view name) const;
+  // lidars/NAME.json: likewise.
+  std::shared_ptr<const Json> lidar(std::string_view name) const;
 
   // objects/NAME.obj, .ply, .gltf or .glb, the first of these that exists, read by engine::MeshReader. Unused meshes
   // are kept while all fit into the reader's max_bytes. A file that could not be read is not tried again for a minute
@@ -58,8 +60,8 @@ class Assets {
   // stars/NAME.csv; format: engine::StarCatalogue::read.
   std::shared_ptr<const engine::StarCatalogue> stars(std::string_view name, const StopToken& stop = {}) const;
 
-  // Sorted names, without extension, of a kind's files ("atmospheres", "cameras", "details", "kernels", "maps",
-  // "objects", "stars").
+  // Sorted names, without extension, of a kind's files ("atmospheres", "cameras", "details", "kernels", "lidars",
+  // "maps", "objects", "stars").
   std::vector<std::string> names(std::string_view kind) const;
 
   // Hash of an atmosphere's rows, so that a frame's ETag changes with them; 0 for null.
@@ -103,7 +105,7 @@ class Assets {
   std::string folder_;
   mutable std::mutex mutex_;
   mutable Files<engine::Atmosphere> atmospheres_;
-  mutable Files<Json> cameras_;
+  mutable Files<Json> cameras_, lidars_;
   mutable Files<dem::Detail> details_;
   mutable Files<dem::ValueMap> maps_;
   mutable Files<std::vector<std::vector<double>>> kernels_;

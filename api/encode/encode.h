@@ -11,7 +11,7 @@
 
 namespace selenograph::api {
 
-enum class ElementType { uint8, uint16, float16, float32, float64 };
+enum class ElementType { boolean, uint8, uint16, uint64, float16, float32, float64 };
 
 // One product as an array: height x width (x channels when channels > 1), C order. Non-owning: `data` points into a
 // Frame, `name` to static text.
@@ -22,6 +22,8 @@ struct ArrayView {
   const void* data;             // native (little-endian) elements
   // Channel names in OpenEXR: {"radiance"}, or {"position.x", "position.y", "position.z"}.
   std::vector<std::string> channel_names;
+  // For .npy and .npz alone: another shape of as many elements, of any rank; empty: as above.
+  std::vector<std::size_t> shape{};
 };
 
 std::size_t element_size(ElementType type);
@@ -33,7 +35,7 @@ std::string numpy_descr(ElementType type);  // "<f4", "|u1", ...
 // Native elements, which are little-endian on all supported platforms.
 std::string encode_raw(const ArrayView& array);
 
-// NPY 1.0: shape (height, width) or (height, width, channels); the data are aligned to 64 bytes.
+// NPY 1.0: shape (height, width) or (height, width, channels), or the array's own; the data are aligned to 64 bytes.
 std::string encode_npy(const ArrayView& array);
 
 // One .npy per array plus meta.json, in an uncompressed zip archive. Names must differ.

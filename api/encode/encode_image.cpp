@@ -17,12 +17,15 @@ namespace {
 
 OIIO::TypeDesc oiio_type(ElementType type) {
   switch (type) {
+    case ElementType::boolean:
     case ElementType::uint8:
       return OIIO::TypeDesc::UINT8;
     case ElementType::uint16:
       return OIIO::TypeDesc::UINT16;
     case ElementType::float16:
       return OIIO::TypeDesc::HALF;
+    case ElementType::uint64:
+      return OIIO::TypeDesc::UINT64;
     case ElementType::float32:
       return OIIO::TypeDesc::FLOAT;
     case ElementType::float64:
@@ -126,6 +129,8 @@ std::vector<ExrChannel> exr_channels(const std::vector<ArrayView>& arrays) {
     if (array.channel_names.size() != std::size_t(array.channels)) {
       throw std::invalid_argument("exr: " + std::string(array.name) + " has no name for each of its channels");
     }
+    if (array.type == ElementType::uint64 || array.type == ElementType::boolean)
+      throw std::invalid_argument("exr: " + std::string(array.name) + " is of a type that it does not have");
     for (int c = 0; c < array.channels; ++c) {
       const std::string& name = array.channel_names[std::size_t(c)];
       if (array.type == ElementType::float64) {

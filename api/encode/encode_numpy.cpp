@@ -25,6 +25,11 @@ const char* bytes(const ArrayView& array) { return static_cast<const char*>(arra
 std::string npy_header(const ArrayView& array) {
   std::string shape = std::to_string(array.height) + ", " + std::to_string(array.width);
   if (array.channels > 1) shape += ", " + std::to_string(array.channels);
+  if (!array.shape.empty()) {
+    shape.clear();
+    for (const std::size_t n : array.shape) shape += std::to_string(n) + ", ";
+    if (array.shape.size() > 1) shape.resize(shape.size() - 2);  // (n, ) is one of one dimension
+  }
   std::string dictionary =
       "{'descr': '" + numpy_descr(array.type) + "', 'fortran_order': False, 'shape': (" + shape + "), }";
   constexpr std::size_t kPreamble = 10, kAlignment = 64;  // magic, version, length; where the data may be mapped
@@ -158,6 +163,7 @@ constexpr std::size_t kMemberBytes = 512;
 
 std::size_t element_size(ElementType type) {
   switch (type) {
+    case ElementType::boolean:
     case ElementType::uint8:
       return 1;
     case ElementType::uint16:
@@ -166,6 +172,7 @@ std::size_t element_size(ElementType type) {
       return 2;
     case ElementType::float32:
       return 4;
+    case ElementType::uint64:
     case ElementType::float64:
       return 8;
   }
@@ -174,12 +181,16 @@ std::size_t element_size(ElementType type) {
 
 std::string numpy_descr(ElementType type) {
   switch (type) {
+    case ElementType::boolean:
+      return "|b1";
     case ElementType::uint8:
       return "|u1";
     case ElementType::uint16:
       return "<u2";
     case ElementType::float16:
       return "<f2";
+    case ElementType::uint64:
+      return "<u8";
     case ElementType::float32:
       return "<f4";
     case ElementType::float64:

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <chrono>
 
 #include "engine/budget.h"
@@ -15,12 +16,13 @@ constexpr auto kPatience = std::chrono::seconds(2);
 // A document takes up to so many times its text: numbers of one digit are 16 bytes of a value, names 32 and a node.
 constexpr std::size_t kDocumentBytesPerByte = 24;
 
-// "application/json", in any case, whatever parameters follow: JSON is UTF-8 by definition (RFC 8259, 8.1).
-bool says_json(std::string content_type) {
+// "application/json" or another type, in any case, whatever parameters follow: JSON is UTF-8 by definition (RFC 8259,
+// 8.1).
+bool says(std::string_view media_type, std::string content_type) {
   content_type = content_type.substr(0, content_type.find(';'));
   content_type.erase(content_type.find_last_not_of(" \t") + 1);
   for (char& c : content_type) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-  return content_type == "application/json";
+  return content_type == media_type;
 }
 
 }  // namespace
@@ -34,7 +36,7 @@ void refuse_work(const TooMuchWork& e, const std::string& pointer, const Limits&
 
 Json json_body(const EndpointContext& context) {
   const Request& request = context.request;
-  if (!says_json(header(request, "content-type"))) {
+  if (!says("application/json", header(request, "content-type"))) {
     throw RequestError("unsupported_media_type", "the body must be application/json");
   }
   if (request.body.size() > context.limits.max_body_bytes) {
@@ -43,6 +45,27 @@ Json json_body(const EndpointContext& context) {
   }
   context.memory.need(kDocumentBytesPerByte * request.body.size(), "", context.stop);
   return parse_json(request.body, context.limits.max_json_depth);
+}
+
+Body body_of(const EndpointContext& context) {
+  const Request& request = context.request;
+  if (!says("application/x-npz", header(request, "content-type"))) {
+    if (!says("application/json", header(request, "content-type")))
+      throw RequestError("unsupported_media_type", "the body must be application/json or application/x-npz");
+    return {json_body(context), {}};
+  }
+  // Packed, they may be larger than the body; of small numbers eight times as large once more.
+  const std::size_t most = 4 * context.limits.max_body_bytes;
+  context.memory.need(request.body.size() + 9 * std::min(most, std::max(request.body.size(), most / 4)), "",
+                      context.stop);
+  Body body{Json::object(), read_npz(request.body, most, context.stop)};
+  if (const auto text = body.arrays.find("request"); text != body.arrays.end()) {
+    if (!text->second.text)
+      throw RequestError("malformed_npz", "array \"request\" is not a text", {{"/request", "must be a JSON text"}});
+    body.json = parse_json(*text->second.text, context.limits.max_json_depth);
+    body.arrays.erase(text);
+  }
+  return body;
 }
 
 void RequestMemory::need(std::size_t bytes, std::string_view pointer, const StopToken& stop) {

@@ -8,6 +8,7 @@
 #include <string_view>
 
 #include "api/assets/assets.h"
+#include "api/encode/read_npz.h"
 #include "api/json/json_reader.h"
 #include "api/message/memory_budget.h"
 #include "api/message/message.h"
@@ -67,6 +68,8 @@ Response answer_project(const EndpointContext& context);
 void describe_project(Operation& operation);
 Response answer_sky(const EndpointContext& context);
 void describe_sky(Operation& operation);
+Response answer_lidar(const EndpointContext& context);
+void describe_lidar(Operation& operation);
 Response answer_limb(const EndpointContext& context);
 void describe_limb(Operation& operation);
 Response answer_heights(const EndpointContext& context);
@@ -86,6 +89,14 @@ void describe_openapi(Operation& operation);
 
 // Parses the body, which must be JSON within the limits. Throws RequestError.
 Json json_body(const EndpointContext& context);
+
+// A body of JSON, or an .npz of arrays beside it: the JSON is the text "request" in there (without it an empty object).
+struct Body {
+  Json json;
+  NpzArrays arrays;  // without "request"
+};
+// Throws RequestError.
+Body body_of(const EndpointContext& context);
 
 // JSON Pointer of a request member that the engine may reject (ImpossibleRequest::member).
 struct MemberPointer {

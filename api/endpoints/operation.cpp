@@ -42,6 +42,11 @@ void Operation::body(std::string_view path, const MemberTable& members) {
   json["requestBody"] = {{"required", true}, {"content", std::move(content)}};
 }
 
+void Operation::takes_arrays(const char* description) {
+  json["requestBody"]["content"]["application/x-npz"]["schema"] = {
+      {"type", "string"}, {"contentMediaType", "application/x-npz"}, {"description", description}};
+}
+
 void Operation::answer(const char* description, const char* name, OrderedJson schema) {
   schemas[name] = std::move(schema);
   json["responses"]["200"] = {{"description", description}, {"content", json_content(name)}};

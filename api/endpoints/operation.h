@@ -22,6 +22,8 @@ class Operation {
   void may_be_known(const char* known);
   // Adds the body of a POST, with the examples in examples.json for this path.
   void body(std::string_view path, const MemberTable& request);
+  // The body may also be an .npz of arrays.
+  void takes_arrays(const char* description);
 
   // Answer 200: JSON, as a component with this name.
   void answer(const char* description, const char* name, OrderedJson schema);

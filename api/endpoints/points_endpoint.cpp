@@ -41,13 +41,26 @@ std::vector<engine::SceneObject> scene_objects(const std::vector<PlacedObject>& 
   return objects;
 }
 
+Response negotiated(std::string_view media_type, std::string body) {
+  Response response;
+  response.content_type = media_type;
+  response.body = std::move(body);
+  response.headers.emplace_back("Vary", "Accept");
+  return response;
+}
+
+std::string text_of(const OrderedJson& json) { return std::move(json_response(json).body); }
+
 // An answer that is ready too late is none: 504, as if the work had been stopped.
 void throw_if_stopped(const EndpointContext& context) { context.stop.check(); }
 
 }  // namespace
 
 Response answer_rays(const EndpointContext& context) {
-  const RaysQuery query = read_rays(json_body(context), context.limits, context.assets, context.stop);
+  const std::string_view media_type =
+      choose(header(context.request, "accept"), std::span<const Alternative>(kRaysAnswers));
+  const Body body = body_of(context);
+  const RaysQuery query = read_rays(body.json, context.limits, context.assets, context.stop, body.arrays);
   need_memory(context, query.rays.size(), "/rays", bytes_of_rocks(query));
   const auto hits = with_refusals_at({}, "/rays", [&] {
     return context.renderer.cast(query.rays, query.sun(), context.stop, scene_objects(query.objects),
@@ -60,11 +73,15 @@ Response answer_rays(const EndpointContext& context) {
                          : std::nullopt);
   const auto light = light_of(context, query, places);
   throw_if_stopped(context);
-  return json_response(rays_json(hits, light, query));
+  return negotiated(media_type, media_type == kRaysAnswers[1].media_type ? rays_npz(hits, light, query, context.stop)
+                                                                         : text_of(rays_json(hits, light, query)));
 }
 
 Response answer_project(const EndpointContext& context) {
-  const ProjectQuery query = read_project(json_body(context), context.limits, context.assets, context.stop);
+  const std::string_view media_type =
+      choose(header(context.request, "accept"), std::span<const Alternative>(kLandmarkAnswers));
+  const Body body = body_of(context);
+  const ProjectQuery query = read_project(body.json, context.limits, context.assets, context.stop, body.arrays);
   need_memory(context, query.points.size(), "/points",
               engine::bytes_of_rows(query.camera, query.shutter) + bytes_of_rocks(query));
   constexpr MemberPointer kRefusable[] = {{"shutter", "/shutter"}, {"rays", "/points"}};
@@ -76,7 +93,10 @@ Response answer_project(const EndpointContext& context) {
   for (const engine::Landmark& landmark : landmarks) places.push_back(landmark.place);
   const auto light = light_of(context, query, places);
   throw_if_stopped(context);
-  return json_response(landmarks_json(landmarks, light, query, context.renderer.terrain().catalogue()));
+  const dem::Catalogue& catalogue = context.renderer.terrain().catalogue();
+  return negotiated(media_type, media_type == kLandmarkAnswers[1].media_type
+                                    ? landmarks_npz(landmarks, light, query, catalogue, context.stop)
+                                    : text_of(landmarks_json(landmarks, light, query, catalogue)));
 }
 
 Response answer_heights(const EndpointContext& context) {
@@ -112,12 +132,21 @@ OrderedJson list_of(const char* name, const OrderedJson& item, std::size_t most,
 
 void describe_rays(Operation& o) {
   o.body("/v1/rays", rays_members());
-  o.answer(kInOrder, "RaysAnswer", list_of("rays", hit_answer().schema(), o.most_points(), "hits"));
+  o.takes_arrays(
+      "The request's JSON as the text `request`, and `origin_m` and `direction` (..., 3) in the place of `rays`; one "
+      "row "
+      "of either may stand for many of the other: numpy.savez(file, origin_m=..., direction=..., request=json)");
+  o.answer_as_accepted(kRaysAnswers, "RaysAnswer", {"Vary"});
+  o.schema("RaysAnswer", list_of("rays", hit_answer().schema(), o.most_points(), "hits"));
 }
 
 void describe_project(Operation& o) {
   o.body("/v1/project", project_members());
-  o.answer(kInOrder, "ProjectAnswer", list_of("points", landmark_answer().schema(), o.most_points(), "landmarks"));
+  o.takes_arrays(
+      "The request's JSON as the text `request`, and `points` (..., 2) or (..., 3) in the place of its list: lat_deg, "
+      "lon_deg and height_m, NaN: on the terrain");
+  o.answer_as_accepted(kLandmarkAnswers, "ProjectAnswer", {"Vary"});
+  o.schema("ProjectAnswer", list_of("points", landmark_answer().schema(), o.most_points(), "landmarks"));
 }
 
 void describe_heights(Operation& o) {

@@ -15,11 +15,13 @@
 namespace selenograph::api {
 namespace {
 
-constexpr std::array<ErrorRow, 23> kTable{{
+constexpr std::array<ErrorRow, 24> kTable{{
     {"malformed_request", 400, "Malformed request",
      "The request line, a header or a query parameter can't be understood."},
     {"malformed_json", 400, "Malformed JSON",
      "The body is not JSON text (RFC 8259), or is nested deeper than the service accepts."},
+    {"malformed_npz", 400, "Malformed NPZ",
+     "The body is not an archive as `numpy.savez` writes it, of numbers and texts; `errors` names the array."},
     {"foreign_origin", 403, "Foreign origin",
      "A page of another site asks: its `Origin` is neither the request's own host and port nor allowed by "
      "the service's operator (`--allowed-host`)."},
@@ -31,7 +33,8 @@ constexpr std::array<ErrorRow, 23> kTable{{
     {"request_timeout", 408, "Request too slow", "The request did not arrive in time."},
     {"too_large", 413, "Body too large", "The body is larger than the service accepts."},
     {"uri_too_long", 414, "URI too long", "The request target is longer than the service accepts."},
-    {"unsupported_media_type", 415, "Unsupported media type", "The body must be `application/json`."},
+    {"unsupported_media_type", 415, "Unsupported media type",
+     "The body must be `application/json`, or, where the call takes arrays, `application/x-npz`."},
     {"misdirected_request", 421, "Unknown host",
      "The request is addressed to a name that the service does not have. Its operator can add one with "
      "`--allowed-host`; an address of the machine, or localhost there, needs none."},

@@ -1,10 +1,15 @@
 #include "api/requests/points_json.h"
 
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <utility>
 
 #include "api/json/ranges.h"
 #include "api/requests/features_json.h"
+#include "api/requests/parts/array_rows.h"
 #include "api/requests/parts/band_json.h"
 #include "api/requests/parts/pose_json.h"
 #include "api/requests/parts/shutter_json.h"
@@ -115,12 +120,93 @@ const Members<HeightsQuery>& heights_form() {
 
 const MemberTable& heights_members() { return heights_form(); }
 
-RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
-  return checked(rays_members(), body, limits, assets, stop);
+namespace {
+
+// The list's place is taken by arrays: what the rest of the request says is checked with one element for all.
+Json with_stand_in(const Json& body, const char* list, const char* array, Json element, Findings& findings) {
+  Json request = body;
+  if (!request.is_object()) return request;
+  if (request.contains(list)) findings.add(std::string("/") + list, std::string("cannot be combined with ") + array);
+  request[list] = Json::array({std::move(element)});
+  return request;
 }
 
-ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
-  return checked(project_members(), body, limits, assets, stop);
+bool few_enough(std::size_t number, const Limits& limits, const char* array, Findings& findings) {
+  if (number <= static_cast<std::size_t>(limits.max_rays)) return true;
+  findings.add(array, fmt::format("has {} rows; up to {} are taken (--max-rays)", number, limits.max_rays));
+  return false;
+}
+
+// All dimensions but the last one.
+std::vector<std::size_t> shape_of_rows(const NpzArray& array) { return {array.shape.begin(), array.shape.end() - 1}; }
+
+void take_rays(const NpzArrays& arrays, const Limits& limits, RaysQuery& query, Findings& findings) {
+  const auto origins = rows_of(arrays, "origin_m", {3}, findings),
+             directions = rows_of(arrays, "direction", {3}, findings);
+  if (!origins || !directions) return;
+  const std::size_t number = std::max(origins->size(), directions->size());
+  if (std::min(origins->size(), directions->size()) != 1 && origins->size() != directions->size())
+    return findings.add("/direction", fmt::format("has {} rows and origin_m {}: as many, or one, are needed",
+                                                  directions->size(), origins->size()));
+  if (!few_enough(number, limits, "/direction", findings)) return;
+  query.shape = shape_of_rows(arrays.at(directions->size() == number ? "direction" : "origin_m"));
+  query.rays.clear();
+  for (std::size_t i = 0; i < number && !findings.full(); ++i) {
+    const Vec3 origin = origins->vector(i);
+    const auto direction = direction_of(directions->vector(i));
+    if (!(origin.cwiseAbs().maxCoeff() <= kCoordinate_m.max))
+      findings.add(fmt::format("/origin_m/{}", i), fmt::format("is not within {:g} m", kCoordinate_m.max));
+    if (!direction) findings.add(fmt::format("/direction/{}", i), "is not a direction: finite numbers, not all zero");
+    query.rays.push_back({origin, direction.value_or(Vec3::UnitX())});
+  }
+}
+
+void take_points(const NpzArrays& arrays, const Limits& limits, ProjectQuery& query, Findings& findings) {
+  const auto points = rows_of(arrays, "points", {2, 3}, findings);
+  if (!points || !few_enough(points->size(), limits, "/points", findings)) return;
+  query.shape = shape_of_rows(arrays.at("points"));
+  query.points.clear();
+  for (std::size_t i = 0; i < points->size() && !findings.full(); ++i) {
+    const double* p = points->row(i);
+    const auto check = [&](double value, const Range& range, const char* what) {
+      if (!range.contains(value))
+        findings.add(fmt::format("/points/{}", i),
+                     fmt::format("has the {} {}; {:g} to {:g} is needed", what, value, range.min, range.max));
+    };
+    check(p[0], kLatitude_deg, "latitude"), check(p[1], kLongitude_deg, "longitude");
+    engine::LandmarkQuery landmark{p[0], p[1], {}};
+    if (points->columns() == 3 && !std::isnan(p[2])) check(p[2], kHeight_m, "height"), landmark.height_m = p[2];
+    query.points.push_back(landmark);
+  }
+}
+
+}  // namespace
+
+RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop,
+                    const NpzArrays& arrays) {
+  if (arrays.empty()) return checked(rays_members(), body, limits, assets, stop);
+  Findings findings;
+  refuse_other_arrays(arrays, {"origin_m", "direction"}, findings);
+  const Json request = with_stand_in(body, "rays", "the array direction",
+                                     {{"origin_m", {2e6, 0, 0}}, {"direction", {-1, 0, 0}}}, findings);
+  findings.throw_if_any();
+  RaysQuery query = checked(rays_members(), request, limits, assets, stop);
+  take_rays(arrays, limits, query, findings);
+  findings.throw_if_any();
+  return query;
+}
+
+ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop,
+                          const NpzArrays& arrays) {
+  if (arrays.empty()) return checked(project_members(), body, limits, assets, stop);
+  Findings findings;
+  refuse_other_arrays(arrays, {"points"}, findings);
+  const Json request = with_stand_in(body, "points", "the array points", {{"lat_deg", 0}, {"lon_deg", 0}}, findings);
+  findings.throw_if_any();
+  ProjectQuery query = checked(project_members(), request, limits, assets, stop);
+  take_points(arrays, limits, query, findings);
+  findings.throw_if_any();
+  return query;
 }
 
 HeightsQuery read_heights(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "api/encode/read_npz.h"
 #include "api/requests/parts/camera_json.h"
 #include "api/requests/parts/detail_json.h"
 #include "api/requests/parts/objects_json.h"
@@ -28,14 +29,17 @@ struct PointScenery : SceneryQuery {
   const engine::FrameRequest& look() const { return request; }
   std::optional<engine::Sun> sun() const { return sun_given ? std::optional(request.sun) : std::nullopt; }
 };
+// `shape`: of the arrays that the rays or points came as, without their last dimension.
 struct RaysQuery : PointScenery {
   std::vector<engine::Ray> rays;
+  std::vector<std::size_t> shape{};
 };
 struct ProjectQuery : PointScenery {
   engine::Camera camera;
   engine::Pose pose;
   std::optional<engine::Shutter> shutter;
   std::vector<engine::LandmarkQuery> points;
+  std::vector<std::size_t> shape{};
 };
 struct HeightsQuery {
   std::vector<Geographic> points;
@@ -46,11 +50,13 @@ const Members<RaysQuery>& rays_members();
 const Members<ProjectQuery>& project_members();
 const MemberTable& heights_members();
 
-// Throw RequestError("invalid_request") with the faults found.
-RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets = Assets(),
-                    const StopToken& stop = {});
+// Throw RequestError("invalid_request") with the faults found. Arrays, if there are any, are in the place of lists:
+// `origin_m` and `direction` (..., 3), one row of either for many of the other, of `rays`; `points` (..., 2) or (...,
+// 3): lat_deg, lon_deg and height_m, NaN: on the terrain.
+RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets = Assets(), const StopToken& stop = {},
+                    const NpzArrays& arrays = {});
 ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& assets = Assets(),
-                          const StopToken& stop = {});
+                          const StopToken& stop = {}, const NpzArrays& arrays = {});
 HeightsQuery read_heights(const Json& body, const Limits& limits, const Assets& assets = Assets(),
                           const StopToken& stop = {});
 // From a query string; its names are the pointers: "/lat_deg".

@@ -1,6 +1,7 @@
 #include "engine/camera/pose_track.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace selenograph::engine {
 namespace {
@@ -28,20 +29,33 @@ std::vector<Vec3> velocities(const std::vector<PoseAtTime>& poses) {
 
 }  // namespace
 
-PoseTrack::PoseTrack(const Pose& start, const Shutter& shutter)
-    : start_(start), rates_(shutter.rates), poses_(shutter.poses) {
+PoseTrack::PoseTrack(const Pose& start, const Rates& rates, std::vector<PoseAtTime> poses)
+    : start_(start), rates_(rates), poses_(std::move(poses)) {
   if (poses_.empty()) return;
   velocities_ = velocities(poses_);
   for (std::size_t i = 0; i + 1 < poses_.size(); ++i)
     turns_.emplace_back(poses_[i + 1].pose.camera_from_moon * poses_[i].pose.camera_from_moon.conjugate());
 }
 
-Pose PoseTrack::at(double seconds) const {
-  if (poses_.empty()) return moved(start_, rates_, seconds);
+std::size_t PoseTrack::segment_of(double seconds) const {
   const auto later = std::upper_bound(poses_.begin(), poses_.end(), seconds,
                                       [](double t, const PoseAtTime& p) { return t < p.time_s; });
   const auto past = static_cast<std::size_t>(later - poses_.begin());
-  const std::size_t segment = std::clamp<std::size_t>(past, 1, poses_.size() - 1) - 1;
+  return std::clamp<std::size_t>(past, 1, poses_.size() - 1) - 1;
+}
+
+Rates PoseTrack::rates_at(double seconds) const {
+  if (poses_.empty()) return rates_;
+  const std::size_t segment = segment_of(seconds);
+  const double length_s = poses_[segment + 1].time_s - poses_[segment].time_s;
+  // A turn takes camera axes to later ones; seen from the camera the Moon turns the other way (moved()).
+  const Eigen::AngleAxisd& turn = turns_[segment];
+  return {-turn.angle() / kRadiansPerDegree / length_s * turn.axis(), velocity_at(segment, seconds)};
+}
+
+Pose PoseTrack::at(double seconds) const {
+  if (poses_.empty()) return moved(start_, rates_, seconds);
+  const std::size_t segment = segment_of(seconds);
   const PoseAtTime& from = poses_[segment];
   const double share = (seconds - from.time_s) / (poses_[segment + 1].time_s - from.time_s);
   const Eigen::AngleAxisd& turn = turns_[segment];
@@ -60,6 +74,17 @@ Vec3 PoseTrack::position_at(std::size_t segment, double seconds) const {
   const Vec3 way = b.pose.position_m - a.pose.position_m;
   return a.pose.position_m + s * s * (3 - 2 * s) * way +
          length * s * (1 - s) * ((1 - s) * velocities_[segment] - s * velocities_[segment + 1]);
+}
+
+// The derivative of position_at.
+Vec3 PoseTrack::velocity_at(std::size_t segment, double seconds) const {
+  const PoseAtTime &a = poses_[segment], &b = poses_[segment + 1];
+  if (seconds < a.time_s) return velocities_[segment];
+  if (seconds > b.time_s) return velocities_[segment + 1];
+  const double length = b.time_s - a.time_s, s = (seconds - a.time_s) / length;
+  const Vec3 way = b.pose.position_m - a.pose.position_m;
+  return 6 * s * (1 - s) / length * way + (1 - s) * (1 - 3 * s) * velocities_[segment] +
+         s * (3 * s - 2) * velocities_[segment + 1];
 }
 
 }  // namespace selenograph::engine

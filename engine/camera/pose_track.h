@@ -15,13 +15,18 @@ namespace selenograph::engine {
 class PoseTrack {
  public:
   // `start`: the pose of row 0; unused when the shutter has poses.
-  PoseTrack(const Pose& start, const Shutter& shutter);
+  PoseTrack(const Pose& start, const Shutter& shutter) : PoseTrack(start, shutter.rates, shutter.poses) {}
+  PoseTrack(const Pose& start, const Rates& rates, std::vector<PoseAtTime> poses);
 
   // Seconds from the exposure of row 0.
   Pose at(double seconds) const;
+  // Velocity and angular rate then, as a camera's constant ones are given.
+  Rates rates_at(double seconds) const;
 
  private:
+  std::size_t segment_of(double seconds) const;
   Vec3 position_at(std::size_t segment, double seconds) const;
+  Vec3 velocity_at(std::size_t segment, double seconds) const;
 
   Pose start_;
   Rates rates_;

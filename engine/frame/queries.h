@@ -15,6 +15,16 @@ struct Ray {
   Vec3 direction;  // unit
 };
 
+// Rays that begin within `radius_m` of a place and lie within an angle of a direction: a ray alone, or a bundle of
+// them.
+struct RayCone {
+  Vec3 origin_m;
+  Vec3 direction;  // unit
+  double radius_m = 0;
+  double slope = 0;  // tangent of that angle
+  bool one() const { return radius_m == 0 && slope == 0; }
+};
+
 // W m-2, on a surface: from the Sun directly, reflected by terrain, from the Earth.
 struct Irradiance {
   double direct_w_m2 = 0, terrain_w_m2 = 0, earth_w_m2 = 0;

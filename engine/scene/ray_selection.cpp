@@ -12,20 +12,25 @@ namespace {
 
 using dem::BlockId;
 
-// Whether a ray passes through a node: within its ball it must come below the highest height.
-bool may_meet(const Ray& ray, const NodeBounds& b, double above_m) {
+// Whether a ray passes through a node: within its ball it must come below the highest height. A cone's rays pass within
+// its width of its axis, which is that at the ball's far side: as far from the axis they may meet the ball, and as much
+// lower they may come.
+bool may_meet(const RayCone& ray, const NodeBounds& b, double above_m) {
   const Vec3 to = b.centre - ray.origin_m;
-  const double along = to.dot(ray.direction), off2 = to.squaredNorm() - along * along, reach = b.radius_m + above_m,
+  const double ball_m = b.radius_m + above_m, along = to.dot(ray.direction), off2 = to.squaredNorm() - along * along,
+               far_m = std::max(0.0, along + ball_m + ray.radius_m),
+               width_m = ray.one() ? 0 : ray.radius_m + far_m * ray.slope, reach = ball_m + width_m,
                reach2 = reach * reach;
   if (off2 > reach2) return false;
   const double half = std::sqrt(reach2 - off2), t0 = std::max(0.0, along - half), t1 = along + half;
   if (t1 < 0) return false;
   const double closest = std::clamp(-ray.origin_m.dot(ray.direction), t0, t1);
-  return (ray.origin_m + closest * ray.direction).norm() <= kMoonRadius_m + b.high_m + b.bulge_m + 1 + above_m;
+  return (ray.origin_m + closest * ray.direction).norm() - width_m <=
+         kMoonRadius_m + b.high_m + b.bulge_m + 1 + above_m;
 }
 
 // False once there are too many.
-bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std::vector<std::size_t>& some,
+bool follow(const dem::Terrain& terrain, const std::vector<RayCone>& rays, const std::vector<std::size_t>& some,
             const BlockId& id, std::size_t max_blocks, double above_m, std::vector<BlockOnRays>& out,
             const StopToken& stop) {
   stop.check();
@@ -51,14 +56,14 @@ bool follow(const dem::Terrain& terrain, const std::vector<Ray>& rays, const std
 
 }  // namespace
 
-std::optional<std::vector<BlockOnRays>> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays,
+std::optional<std::vector<BlockOnRays>> select_for_rays(const dem::Terrain& terrain, const std::vector<RayCone>& rays,
                                                         std::size_t max_blocks, const StopToken& stop, double above_m) {
   std::vector<BlockOnRays> blocks;
   std::vector<std::size_t> all(rays.size());
   for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
   std::vector<BlockId> near;
   for (const RootGroup& group : root_groups())
-    if (std::any_of(rays.begin(), rays.end(), [&](const Ray& ray) { return may_meet(ray, group.bounds, above_m); }))
+    if (std::any_of(rays.begin(), rays.end(), [&](const RayCone& ray) { return may_meet(ray, group.bounds, above_m); }))
       for_each_root(terrain, group, [&](const BlockId& id) { near.push_back(id); });
   std::sort(near.begin(), near.end());
   for (const BlockId& id : near)

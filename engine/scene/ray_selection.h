@@ -1,4 +1,4 @@
-// Selects the blocks that rays need.
+// Selects the blocks that rays, or bundles of them, need.
 #pragma once
 
 #include <optional>
@@ -18,7 +18,7 @@ struct BlockOnRays {
   double low_m, high_m;           // height bounds of its terrain
   std::vector<std::size_t> rays;  // ascending
 };
-std::optional<std::vector<BlockOnRays>> select_for_rays(const dem::Terrain& terrain, const std::vector<Ray>& rays,
+std::optional<std::vector<BlockOnRays>> select_for_rays(const dem::Terrain& terrain, const std::vector<RayCone>& rays,
                                                         std::size_t max_blocks, const StopToken& stop,
                                                         double above_m = 0);
 

@@ -44,16 +44,18 @@ inline float normal_of(std::uint32_t bits) {
   return high ? x : -x;
 }
 
+// Of a mean of kExactPoisson and more.
+inline float many(std::uint32_t bits, float m) {
+  const float w = normal_of(bits), w2 = w * w, root = std::sqrt(m);
+  const float x = m + root * w + (1.F / 3 + w2 / 6) - w * (1.F / 36 + w2 / 72) / root +
+                  (-8.F / 405 + w2 * (7.F / 810 + w2 / 270)) / m;
+  const float whole = std::floor(x);
+  return whole > 0 ? whole : 0;
+}
+
 int PoissonOfLargeMeans(const std::uint32_t* bits, const float* mean, float* out) {
   SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kDraw; ++i) {
-    const float m = mean[i] > kExactPoisson ? mean[i] : kExactPoisson;
-    const float w = normal_of(bits[i]), w2 = w * w, root = std::sqrt(m);
-    const float x = m + root * w + (1.F / 3 + w2 / 6) - w * (1.F / 36 + w2 / 72) / root +
-                    (-8.F / 405 + w2 * (7.F / 810 + w2 / 270)) / m;
-    const float whole = std::floor(x);
-    out[i] = whole > 0 ? whole : 0;
-  }
+  for (int i = 0; i < kDraw; ++i) out[i] = many(bits[i], mean[i] > kExactPoisson ? mean[i] : kExactPoisson);
   int left = 0;
   for (int i = 0; i < kDraw; ++i) left |= mean[i] < kExactPoisson ? 1 : 0;
   return left;
@@ -108,6 +110,21 @@ void poisson(const std::uint32_t bits[kDraw], const float mean[kDraw], float out
   if (!HWY_DYNAMIC_DISPATCH(PoissonOfLargeMeans)(bits, mean, out)) return;
   for (int i = 0; i < kDraw; ++i)
     if (mean[i] < kExactPoisson) out[i] = mean[i] > 0 ? few(bits[i], mean[i]) : 0;
+}
+
+RandomBits draw_one(std::uint64_t seed, std::uint64_t frame, RandomSource source, std::uint32_t pixel) {
+  const philox4x32_ctr_t counter{{pixel, static_cast<std::uint32_t>(frame), static_cast<std::uint32_t>(frame >> 32),
+                                  static_cast<std::uint32_t>(source)}};
+  const philox4x32_key_t key{{static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32)}};
+  const philox4x32_ctr_t words = philox4x32(counter, key);
+  return {words.v[0], words.v[1], words.v[2], words.v[3]};
+}
+
+float normal_one(std::uint32_t bits) { return HWY_NAMESPACE::normal_of(bits); }
+
+float poisson_one(std::uint32_t bits, float mean) {
+  if (!(mean > 0)) return 0;
+  return mean < kExactPoisson ? few(bits, mean) : HWY_NAMESPACE::many(bits, mean);
 }
 
 }  // namespace selenograph::engine

@@ -3,13 +3,15 @@
 // exact or IEEE-rounded, so the bytes are the same on every machine.
 #pragma once
 
+#include <array>
 #include <cstdint>
 
 namespace selenograph::engine {
 
 enum class RandomSource : std::uint32_t {
-  exposure = 0,      // different in every frame: photon and read noise
-  fixed_pattern = 1  // the same in every frame
+  exposure = 0,       // different in every frame: photon and read noise
+  fixed_pattern = 1,  // the same in every frame
+  lidar = 2           // of a lidar's beams: a frame is a scan and a purpose, a pixel a beam
 };
 
 inline constexpr int kDraw = 64;  // pixels at a time
@@ -29,5 +31,11 @@ void normals(const std::uint32_t bits[kDraw], float out[kDraw]);
 // and less.
 inline constexpr float kExactPoisson = 10;
 void poisson(const std::uint32_t bits[kDraw], const float mean[kDraw], float out[kDraw]);
+
+// The same numbers one at a time, where a draw for the next pixels would be for nothing.
+using RandomBits = std::array<std::uint32_t, 4>;
+RandomBits draw_one(std::uint64_t seed, std::uint64_t frame, RandomSource source, std::uint32_t pixel);
+float normal_one(std::uint32_t bits);
+float poisson_one(std::uint32_t bits, float mean);
 
 }  // namespace selenograph::engine

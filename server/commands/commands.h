@@ -19,6 +19,13 @@ struct RenderSettings {
   std::string output;   // its extension is the format
 };
 
+struct LidarSettings {
+  TerrainSettings terrain;
+  api::Limits limits;
+  std::string request;  // path, "-": stdin
+  std::string output;   // .npz or .json
+};
+
 struct MapSettings {
   TerrainSettings terrain;
   std::string request;           // path, "-": stdin
@@ -113,6 +120,7 @@ struct VerifyMertisSettings {
 };
 
 void add_options(CLI::App& command, RenderSettings& settings);
+void add_options(CLI::App& command, LidarSettings& settings);
 void add_options(CLI::App& command, MapSettings& settings);
 void add_options(CLI::App& command, FeaturesSettings& settings);
 void add_options(CLI::App& command, BatchSettings& settings);
@@ -127,6 +135,7 @@ void add_options(CLI::App& command, VerifyMertisSettings& settings);
 
 int serve(const ServeSettings& settings);
 int render(const RenderSettings& settings);
+int lidar(const LidarSettings& settings);
 int map(const MapSettings& settings);
 int features(const FeaturesSettings& settings);
 int batch(const BatchSettings& settings);

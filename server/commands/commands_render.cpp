@@ -6,7 +6,7 @@
 
 #include "api/encode/negotiate.h"
 #include "api/json/json_reader.h"
-#include "api/service.h"
+#include "server/commands/ask.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
 #include "server/commands/request_file.h"
@@ -17,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::string media_type_for(const std::string& output) {
+std::string media_type_of_frame(const std::string& output) {
   std::string extension = fs::path(output).extension().string();
   if (!extension.empty()) extension.erase(0, 1);
   if (extension == "tif") extension = "tiff";
@@ -33,15 +33,8 @@ std::string media_type_for(const std::string& output) {
 
 int render(const RenderSettings& settings) {
   set_up_log(settings.terrain.log_level);
-  api::Request request;
-  request.method = "POST";
-  request.path = "/v1/frames";
-  request.headers = {{"accept", media_type_for(settings.output)}, {"content-type", "application/json"}};
-  request.body = read_request(settings.request);
-  const api::Service service(make_renderer(settings.terrain), settings.limits, settings.terrain.assets_dir,
-                             mesh_options(settings.terrain));
-  request.received = std::chrono::steady_clock::now();
-  const api::Response answer = service.handle(request);
+  const api::Response answer = ask_once(settings.terrain, settings.limits, "/v1/frames",
+                                        media_type_of_frame(settings.output), read_request(settings.request));
   if (answer.status != 200) {
     print_problem(answer);
     return 1;

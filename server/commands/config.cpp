@@ -263,6 +263,9 @@ void add_options(CLI::App& command, api::Limits& s) {
   command.add_option("--max-rays", s.max_rays, "Maximum rays or points of a request, and craters of an answer")
       ->check(CLI::Range(1, 1 << 24))
       ->capture_default_str();
+  command.add_option("--max-lidar-rays", s.max_lidar_rays, "Maximum sub-rays of a lidar's scan: beams times sub_rays")
+      ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 32))
+      ->capture_default_str();
   command.add_option("--max-json-depth", s.max_json_depth, "Maximum nesting depth of a request")
       ->check(CLI::Range(4, 256))
       ->capture_default_str();

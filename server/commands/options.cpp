@@ -30,6 +30,15 @@ void add_options(CLI::App& command, RenderSettings& s) {
   add_options(command, s.limits);
 }
 
+void add_options(CLI::App& command, LidarSettings& s) {
+  command.add_option("request", s.request, "JSON file as for POST /v1/lidar; -: standard input")
+      ->required()
+      ->type_name("REQUEST.json");
+  command.add_option("-o,--output", s.output, "Returns to write: .npz .json")->required()->type_name("OUT");
+  add_options(command, s.terrain);
+  add_options(command, s.limits);
+}
+
 void add_options(CLI::App& command, MapSettings& s) {
   command.add_option("request", s.request, "JSON file as for POST /v1/maps; -: standard input")
       ->required()

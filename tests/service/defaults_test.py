@@ -22,6 +22,7 @@ OBJECT = {"mesh": "satellite", "pose": {"geodetic": {"lat_deg": 26.1, "lon_deg":
           "material": {"reflectance": {}}}
 SENSOR = {"optics": {"f_number": 4.0}, "motion": {},
           "detector": {"pixel_pitch_um": 5.5, "quantum_efficiency": 0.4, "integration_time_s": 0.001, "gain_e_dn": 50.0}}
+LIDAR = {"divergence_mrad": 1, "pulse_length_ns": 4, "wavelength_um": 1.064, "threshold": 5, "range_gate_m": [10, 40000]}
 AT_TIMES = [{"time_s": t, "pose": POSE} for t in (0.0, 1.0)]
 MAP = {"projection": "equirectangular", "center": {"lat_deg": 26.1, "lon_deg": 3.6}, "width_m": 2000, "height_m": 2000, "gsd_m": 200}
 # Beside the document's examples: what else may be left out.
@@ -53,6 +54,14 @@ BODIES = {
         *({"map": MAP, "footprint": {"diameter_m": 8000, **shape}, "hazard": {"max_slope_deg": 5}, "products": ["hazard"]}
           for shape in ({}, {"shape": "legs"})),
     ),
+    "/v1/lidar": tuple(
+        dict({"instrument": dict(LIDAR, receiver=receiver, pattern=pattern), "pose": POSE}, **more)
+        for receiver, pattern, more in (
+            ({"signal": "photon_counting", "energy_j": 1e-3, "aperture_m": 0.1}, {"scan": "raster", "columns": 2, "rows": 2, "fov_x_deg": 1, "fov_y_deg": 1}, {"motion": {"velocity_m_s": [0, 0, 1]}}),
+            ({"signal": "snr", "snr": 10, "range_m": 1000}, {"scan": "cone", "beams": 3, "half_angle_deg": 20}, {"motion": {"angular_rate_deg_s": [0, 0, 1]}}),
+            ({"signal": "snr", "snr": 10, "range_m": 1000}, {"scan": "beams", "directions": [[0, 0, 1]]}, {"pulses": [{"direction": [0, 0, 1]}], "objects": [OBJECT]}),
+            ({"signal": "snr", "snr": 10, "range_m": 1000}, {"scan": "flash", "columns": 2, "rows": 1, "fov_x_deg": 1}, {"surface": {"reflectance": {}}, "detail": "highlands", "craters": {}}),
+        )),
     "/v1/limb": ({"camera": FRAME["camera"], "pose": POSE},),
     "/v1/features": ({"detail": "highlands", "smallest_m": 200, "region": {
         "south_deg": 26.1, "north_deg": 26.11, "west_deg": 3.62, "east_deg": 3.63}},),

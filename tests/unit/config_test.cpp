@@ -228,6 +228,7 @@ TEST(ConfigLimits, DefaultsAreTheServices) {
         {"--max-image-side", untouched.max_image_side},
         {"--max-samples-per-pixel", untouched.max_samples_per_pixel},
         {"--max-rays", untouched.max_rays},
+        {"--max-lidar-rays", static_cast<double>(untouched.max_lidar_rays)},
         {"--max-json-depth", untouched.max_json_depth}})
     EXPECT_EQ(std::stod(command.get_option(option)->get_default_str()), value) << option;
 }

@@ -206,7 +206,7 @@ TEST_F(SelectionTest, ShadowErrorIsRelaxedUntilTheSceneFits) {
 
 TEST_F(SelectionTest, RaysFindTheFinestBlocksTheyMeet) {
   const Vec3 from = to_cartesian({10, 26, 50000});
-  std::vector<Ray> rays{
+  std::vector<RayCone> rays{
       {from, -from.normalized()}, {from, (to_cartesian({11, 27, 0}) - from).normalized()}, {from, from.normalized()}};
   const auto met = *select_for_rays(*terrain_, rays, 1000, {});
   std::vector<BlockId> blocks;

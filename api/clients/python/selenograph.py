@@ -53,8 +53,8 @@ from typing import (Any, AsyncIterable, AsyncIterator, Callable, Dict, Iterable,
 import numpy as np
 
 __version__ = "0.1.0"
-__all__ = ["Answer", "AsyncClient", "Camera", "Client", "Frame", "FrameWarning", "Pose", "Refused", "Sun", "Trajectory",
-           "random_views"]
+__all__ = ["Answer", "AsyncClient", "Camera", "Client", "Frame", "FrameWarning", "Pose", "Refused", "Scan", "Sun",
+           "Trajectory", "random_views"]
 
 Request = Mapping[str, Any]
 Vector = Union[Sequence[float], np.ndarray]
@@ -64,6 +64,10 @@ MOST_AHEAD = 64  # of a request's "ahead"
 # Rays or points of one request. Each answer depends on its own ray alone, so that long lists may be sent in pieces: the
 # service's default limits are 100 000 rays, and 4 MiB of text, which is less.
 POINTS_AT_ONCE = 10000
+ROWS_AT_ONCE = 65536  # the same of arrays
+# Of landmarks, by their number in arrays.
+REASONS = (None, "no dataset covers this place", "the datasets here have no valid post", "behind the camera",
+           "beyond the lens's field of view", "seen by no row")
 
 
 # --- What comes back
@@ -182,6 +186,31 @@ def _read_npy(member: memoryview) -> np.ndarray:
     return values.reshape(shape, order="F" if fortran else "C").copy()
 
 
+class Scan(Mapping[str, np.ndarray]):
+    """A lidar's scan: `scan["range_m"]` is a NumPy array. Its metadata is `meta`."""
+
+    def __init__(self, content: bytes, shape: Optional[Tuple[int, ...]] = None) -> None:
+        arrays, self.meta = _read_npz(content)
+        self.shape = tuple(self.meta["shape"]) if shape is None else shape
+        self._arrays = {name: a.reshape(self.shape + a.shape[1:]) for name, a in arrays.items()}
+
+    def points_m(self, ranges: str = "range_m") -> np.ndarray:
+        """Where the beams' axes are at these ranges, MOON_ME: measured (range_m, first_m, last_m) or true."""
+        return self["origin_m"] + self[ranges][..., None] * self["direction"]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self._arrays[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._arrays)
+
+    def __len__(self) -> int:
+        return len(self._arrays)
+
+    def __repr__(self) -> str:
+        return f"<selenograph.Scan {'x'.join(map(str, self.shape))}: {', '.join(self._arrays)}>"
+
+
 # --- What is sent
 
 
@@ -217,6 +246,13 @@ def _body(document: Any) -> bytes:
         return json.dumps(document, default=_plain, allow_nan=False, separators=(",", ":")).encode()
     except ValueError:
         raise ValueError(f"a request holds finite numbers only: {_not_finite(document)}") from None
+
+
+def _npz_body(document: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
+    """A request with arrays in the place of lists."""
+    file = io.BytesIO()
+    np.savez(file, request=_body(document).decode(), **arrays)
+    return file.getvalue()
 
 
 REGION_DEG = 4.0  # height of the cells of _region()
@@ -361,23 +397,24 @@ class Client:
 
         origins_m and directions are arrays of (..., 3), MOON_ME; one origin serves many directions and the other way
         round. Gives a record array of their shape without the 3: hit, range_m, position_m (x, y, z), normal (x, y, z),
-        lit (NaN without `sun`). Where nothing is hit, hit is False and the rest is NaN. `rays.range_m` is an array of
-        all ranges. light: `indirect` of a frame, and `surface` and `band` if you like; it adds irradiance (direct, from
+        lit (NaN without `sun`), rock (the number that is its id in features(), there as f"{rock:016x}"; 0: none). Where
+        nothing is hit, hit is False and the rest is NaN. `rays.range_m` is an array of all ranges. light: `indirect` of a frame, and `surface` and `band` if you like; it adds irradiance (direct, from
         terrain, from the Earth; W m-2; NaN on objects and rocks).
         """
         origins, towards = np.broadcast_arrays(np.asarray(origins_m, float), np.asarray(directions, float))
         if origins.ndim < 1 or origins.shape[-1] != 3:
             raise ValueError(f"origins_m and directions are arrays of (..., 3); together they are {origins.shape}")
-        rays = [{"origin_m": o, "direction": d}
-                for o, d in zip(origins.reshape(-1, 3).tolist(), towards.reshape(-1, 3).tolist())]
-        answers = self._in_pieces("/v1/rays", "rays", rays,
-                                  _given(sun=sun, objects=objects, detail=detail) | (light or {}))
-        fields = [("hit", bool), ("range_m", float), ("position_m", float, 3), ("normal", float, 3), ("lit", float)]
+        answers = self._arrays_in_pieces(
+            "/v1/rays", {"origin_m": origins.reshape(-1, 3), "direction": towards.reshape(-1, 3)},
+            _given(sun=sun, objects=objects, detail=detail) | (light or {}))
+        fields = [("hit", bool), ("range_m", float), ("position_m", float, 3), ("normal", float, 3), ("lit", float),
+                  ("rock", np.uint64)]
         if light:
             fields.append(("irradiance", float, 3))
         if objects:
             fields.append(("object", object))  # index into objects; None: terrain
-        return _records(answers, fields, origins.shape[:-1])
+            answers["object"] = [None if i == 65535 else int(i) for i in answers.get("object", ())]
+        return _recarray(answers, fields, origins.shape[:-1])
 
     def project(self, camera: Request, pose: Optional[Request], points: Any, sun: Optional[Request] = None,
                 objects: Optional[Sequence[Request]] = None, shutter: Optional[Request] = None,
@@ -398,18 +435,43 @@ class Client:
         rows = places.reshape(-1, places.shape[-1])
         if np.isnan(rows[:, :2]).any():
             raise ValueError("points have NaN in lat_deg or lon_deg; only height_m may be left open so")
-        landmarks = [dict(zip(("lat_deg", "lon_deg", "height_m"), row if not math.isnan(row[-1]) else row[:2]))
-                     for row in rows.tolist()]
-        answers = self._in_pieces("/v1/project", "points", landmarks,
-                                  _given(camera=camera, pose=pose, sun=sun, objects=objects, shutter=shutter,
-                                         detail=detail) | (light or {}))
+        answers = self._arrays_in_pieces("/v1/project", {"points": rows},
+                                         _given(camera=camera, pose=pose, sun=sun, objects=objects, shutter=shutter,
+                                                detail=detail) | (light or {}))
+        answers["reason"] = [REASONS[i] for i in answers.get("reason", ())]
         fields = [("x_px", float), ("y_px", float), ("range_m", float), ("height_m", float), ("in_frame", bool),
                   ("visible", bool), ("lit", float), ("reason", object)]
         if shutter:
             fields.append(("time_s", float))
         if light:
             fields.append(("irradiance", float, 3))
-        return _records(answers, fields, places.shape[:-1])
+        return _recarray(answers, fields, places.shape[:-1])
+
+    def lidar(self, request: Request, directions: Any = None, times_s: Any = None) -> Scan:
+        """A lidar's scan: POST /v1/lidar.
+
+        request     its JSON: "instrument" or "instrument_preset", "pose", "motion", "pattern", "seed", ...
+        directions  (..., 3), camera axes: pulses in the place of "pattern"; with times_s: one for each, or one for all
+
+        Gives a mapping of arrays: range_m (of the strongest detection; NaN: none), first_m, last_m, intensity, count,
+        velocity_m_s, and beside them what is true: true_range_m, true_width_m, true_intensity, axis_range_m,
+        false_alarm, rock, object; direction, origin_m, time_s. They have the shape of `directions`, or the rows and
+        columns of a pattern that is an image. `scan.meta` has the request as it was understood.
+        """
+        shape = None
+        if directions is None:
+            body = _body(request)
+        else:
+            rows = np.asarray(directions, float)
+            if rows.ndim < 1 or rows.shape[-1] != 3:
+                raise ValueError(f"directions is an array of (..., 3); it is {rows.shape}")
+            shape = rows.shape[:-1]
+            arrays = {"direction": rows.reshape(-1, 3)}
+            if times_s is not None:
+                arrays["time_s"] = np.broadcast_to(np.asarray(times_s, float), shape).reshape(-1)
+            body = _npz_body(request, arrays)
+        content = self._ask("POST", "/v1/lidar", body, "application/x-npz", _region(request))[2]
+        return Scan(content, shape)
 
     def heights(self, lat_deg: Any, lon_deg: Any, detail: Optional[str] = None) -> np.recarray:
         """Heights of the terrain: POST /v1/heights, of numbers or arrays.
@@ -510,6 +572,24 @@ class Client:
                 raise Refused(refused.status, _pointers_shifted(refused.problem, f"/{name}/", start)) from None
         return answers
 
+    def _arrays_in_pieces(self, path: str, arrays: Dict[str, np.ndarray], rest: Dict[str, Any]) -> Dict[str, Any]:
+        """The answer's arrays; those of the request have as many rows."""
+        pieces = []
+        for start in range(0, len(next(iter(arrays.values()))), ROWS_AT_ONCE):
+            some = {name: rows[start:start + ROWS_AT_ONCE] for name, rows in arrays.items()}
+            about = _region({"rays": [{"origin_m": some["origin_m"][0]}]} if "origin_m" in some else rest)
+            try:
+                body = _npz_body(rest, some)
+                pieces.append(_read_npz(self._ask("POST", path, body, "application/x-npz", about)[2])[0])
+            except Refused as refused:
+                if not start:
+                    raise
+                problem = refused.problem
+                for name in arrays:
+                    problem = _pointers_shifted(problem, f"/{name}/", start)
+                raise Refused(refused.status, problem) from None
+        return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]} if pieces else {}
+
     def _in_order(self, requests: Iterable[Request], in_flight: int, ahead: int,
                   ask: Callable[[Request], Any]) -> _InOrder:
         if in_flight < 1 or int(in_flight) != in_flight:
@@ -563,7 +643,8 @@ class Client:
         if region is not None:
             headers["Selenograph-Region"] = region
         if body is not None:
-            headers["Content-Type"] = "application/json"
+            # A zip archive begins so, and no JSON does.
+            headers["Content-Type"] = "application/x-npz" if body[:2] == b"PK" else "application/json"
             # A little less, so that its answer (504) is here before the client turns away.
             headers["Request-Timeout-Ms"] = str(max(1, int(950 * remaining_s)))
         connection.request(method, self._prefix + path, body, headers)
@@ -676,6 +757,14 @@ def _records(answers: List[Dict[str, Any]], fields: Sequence[Tuple[Any, ...]], s
         for i, value in enumerate(values):
             records[name][i] = missing if value is None else value
     return records.reshape(shape).view(np.recarray)[() if not shape else ...]  # of a single one its record
+
+
+def _recarray(answers: Mapping[str, Any], fields: Sequence[Tuple[Any, ...]], shape: Tuple[int, ...]) -> np.recarray:
+    """The same of arrays; numbers that the answer has not are NaN."""
+    records = np.zeros(math.prod(shape), dtype=list(fields))
+    for name, *_ in fields:
+        records[name] = answers.get(name, math.nan)
+    return records.reshape(shape).view(np.recarray)[() if not shape else ...]
 
 
 def _warned(frame: Frame) -> Frame:
@@ -853,6 +942,9 @@ class AsyncClient:
                       objects: Optional[Sequence[Request]] = None, shutter: Optional[Request] = None,
                       detail: Optional[str] = None, light: Optional[Request] = None) -> np.recarray:
         return await self._run(self._client.project, camera, pose, points, sun, objects, shutter, detail, light)
+
+    async def lidar(self, request: Request, directions: Any = None, times_s: Any = None) -> Scan:
+        return await self._run(self._client.lidar, request, directions, times_s)
 
     async def heights(self, lat_deg: Any, lon_deg: Any, detail: Optional[str] = None) -> np.recarray:
         return await self._run(self._client.heights, lat_deg, lon_deg, detail)

@@ -18,17 +18,9 @@ struct SceneryQuery {
   bool sun_given = false;  // false: no product needs one; the engine's Sun is unused
 };
 
-// Rows "sun", "indirect", "detail" and "surface", in this order. Query: a SceneryQuery with look().
+// Rows "detail" and "surface": the ground. Query: a SceneryQuery with look().
 template <typename Query>
-void add_scenery(Members<Query>& m) {
-  m.add("sun",
-        Property{[](const Query& q) { return q.sun_given ? std::optional(q.look().sun) : std::nullopt; },
-                 [](Query& q, const engine::Sun& sun) { q.look().sun = sun, q.sun_given = true; }},
-        Object{sun_members()}, "direction, distance and size of the Sun");
-  m.add(
-       "indirect", [](auto& q) -> auto& { return q.look().indirect; }, Object{indirect_members()},
-       "light from the terrain around and from the Earth; left out: none")
-      .written_if([](const Query& q) { return q.look().indirect.any(); });
+void add_ground(Members<Query>& m) {
   m.add("detail",
         Property{[](const Query& q) {
                    return q.look().detail ? std::optional(DetailName::Value{q.detail, q.look().detail}) : std::nullopt;
@@ -42,6 +34,20 @@ void add_scenery(Members<Query>& m) {
         Property{[](const Query& q) { return std::optional(ground_of(q.look(), q.surface)); },
                  [](Query& q, const Ground& ground) { set_ground(q.look(), q.surface, ground); }},
         Object{ground_members()}, "reflectance and temperature of the ground");
+}
+
+// Rows "sun", "indirect", "detail" and "surface", in this order. Query: as above.
+template <typename Query>
+void add_scenery(Members<Query>& m) {
+  m.add("sun",
+        Property{[](const Query& q) { return q.sun_given ? std::optional(q.look().sun) : std::nullopt; },
+                 [](Query& q, const engine::Sun& sun) { q.look().sun = sun, q.sun_given = true; }},
+        Object{sun_members()}, "direction, distance and size of the Sun");
+  m.add(
+       "indirect", [](auto& q) -> auto& { return q.look().indirect; }, Object{indirect_members()},
+       "light from the terrain around and from the Earth; left out: none")
+      .written_if([](const Query& q) { return q.look().indirect.any(); });
+  add_ground(m);
 }
 
 }  // namespace selenograph::api

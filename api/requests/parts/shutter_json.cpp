@@ -10,7 +10,10 @@ namespace {
 using engine::PoseAtTime;
 using engine::Shutter;
 
-constexpr std::size_t kMostPoses = 1000;
+bool through_poses(const Shutter& shutter) { return !shutter.poses.empty(); }
+bool at_rates(const Shutter& shutter) { return shutter.poses.empty(); }
+
+}  // namespace
 
 const Members<PoseAtTime>& pose_at_time_members() {
   static const auto table = made<Members<PoseAtTime>>("PoseAtTime", "A pose of the camera at a time.", [](auto& m) {
@@ -21,15 +24,10 @@ const Members<PoseAtTime>& pose_at_time_members() {
   return *table;
 }
 
-bool through_poses(const Shutter& shutter) { return !shutter.poses.empty(); }
-bool at_rates(const Shutter& shutter) { return shutter.poses.empty(); }
-
-void check_times(const JsonReader& in, Shutter& shutter, const ReadContext&) {
-  for (std::size_t i = 1; i < shutter.poses.size(); ++i)
-    if (!(shutter.poses[i].time_s > shutter.poses[i - 1].time_s)) return in.fail("poses", "their times must rise");
+void check_times(const JsonReader& in, const std::vector<PoseAtTime>& poses) {
+  for (std::size_t i = 1; i < poses.size(); ++i)
+    if (!(poses[i].time_s > poses[i - 1].time_s)) return in.fail("poses", "their times must rise");
 }
-
-}  // namespace
 
 const Members<Shutter>& shutter_members() {
   static const auto table = made<Members<Shutter>>(
@@ -60,7 +58,7 @@ const Members<Shutter>& shutter_members() {
               "rolling shutter; each row looks along its own");
         m.any_of({"velocity_m_s", "angular_rate_deg_s", "poses"});
         m.excludes("poses", {"velocity_m_s", "angular_rate_deg_s"}, "the poses say how the camera moves");
-        m.check(check_times);
+        m.check([](const JsonReader& in, Shutter& shutter, const ReadContext&) { check_times(in, shutter.poses); });
       });
   return *table;
 }

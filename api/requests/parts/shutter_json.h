@@ -2,6 +2,7 @@
 #pragma once
 
 #include <optional>
+#include <vector>
 
 #include "api/requests/parts/pose_json.h"
 #include "engine/frame/camera.h"
@@ -10,6 +11,11 @@
 namespace selenograph::api {
 
 const Members<engine::Shutter>& shutter_members();
+
+// A pose at a time, of which at least two give a motion; their times must rise, which check_times() reports at "poses".
+inline constexpr std::size_t kMostPoses = 1000;
+const Members<engine::PoseAtTime>& pose_at_time_members();
+void check_times(const JsonReader& in, const std::vector<engine::PoseAtTime>& poses);
 
 // Requires a pose, or a shutter with poses: then the pose is the one that they give for row 0.
 void check_pose(const JsonReader& in, const engine::Camera& camera, const std::optional<engine::Shutter>& shutter,

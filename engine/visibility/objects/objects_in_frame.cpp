@@ -425,4 +425,13 @@ void ObjectsInFrame::radiances(const ObjectLanes& lanes, const Rays& rays, const
   }
 }
 
+void ObjectsInFrame::reflected_back(const ObjectLanes& lanes, double* out) const {
+  for (int i = 0; i < kPacket; ++i) {
+    if (!lanes.points.hit[i]) continue;
+    const Finish& finish = (*placed_[lanes.object[i]].finishes)[lanes.part[i]];
+    const double mu = lanes.shading.mu[i];
+    out[i] = mu > 0 ? finish.brdf.times_mu0(mu, mu, 1) : 0;
+  }
+}
+
 }  // namespace selenograph::engine

@@ -71,6 +71,8 @@ class ObjectsInFrame {
   // Radiance per lane, W m-2 sr-1: with the Sun, and without it. `indirect`: may be null.
   void radiances(const ObjectLanes& lanes, const Rays& rays, const float* lit, const TerrainLight* indirect, float* out,
                  float* base) const;
+  // Per lane, sr-1: mu0 f_r for light that comes from where the ray does.
+  void reflected_back(const ObjectLanes& lanes, double* out) const;
 
  private:
   // `views` null: all objects may be seen, by rays without a common origin.

@@ -25,16 +25,16 @@ struct Stretch {
 };
 
 // Where the straight line of a ray is nearest to the Moon's middle.
-double lowest_at(const Ray& ray) { return -ray.origin_m.dot(ray.direction); }
+double lowest_at(const RayCone& ray) { return -ray.origin_m.dot(ray.direction); }
 
 // Squared; from there to where it is at a height. Negative: it never is.
-double half_chord2(const Ray& ray, double height_m) {
+double half_chord2(const RayCone& ray, double height_m) {
   const double radius = kMoonRadius_m + height_m, along = lowest_at(ray);
   return radius * radius - (ray.origin_m.squaredNorm() - along * along);
 }
 
 // Within the ball around a block, where the ray is no higher than its terrain, or so far above that.
-std::optional<Stretch> stretch_over(const Ray& ray, const NodeBounds& b, double above_m) {
+std::optional<Stretch> stretch_over(const RayCone& ray, const NodeBounds& b, double above_m) {
   const Vec3 to = b.centre - ray.origin_m;
   const double along = to.dot(ray.direction), reach = b.radius_m + above_m,
                ball = reach * reach - (to.squaredNorm() - along * along),
@@ -46,7 +46,7 @@ std::optional<Stretch> stretch_over(const Ray& ray, const NodeBounds& b, double 
 }
 
 // What is left of it where the ray doesn't come back from below a height.
-Stretch until_below(const Ray& ray, Stretch stretch, double height_m) {
+Stretch until_below(const RayCone& ray, Stretch stretch, double height_m) {
   if (const double below = half_chord2(ray, height_m); below > 0)
     if (const double enters = lowest_at(ray) - std::sqrt(below); enters >= stretch.from_m)
       stretch.to_m = std::min(stretch.to_m, enters);
@@ -65,7 +65,7 @@ std::vector<Stretch> parts_of(const Stretch& stretch, double longest_m) {
 
 // What lies below a stretch, or so near to it; nothing where meridians are too close to each other for a box of degrees
 // to be a small one.
-std::optional<dem::Footprint> beneath(const Ray& ray, const Stretch& stretch, double margin_m) {
+std::optional<dem::Footprint> beneath(const RayCone& ray, const Stretch& stretch, double margin_m) {
   const Vec3 from = ray.origin_m + stretch.from_m * ray.direction, to = ray.origin_m + stretch.to_m * ray.direction;
   const Geographic a = to_geographic(from), b = to_geographic(to);
   const double length_m = stretch.to_m - stretch.from_m, to_axis_m = std::hypot(from.x(), from.y());
@@ -84,7 +84,7 @@ std::optional<dem::Footprint> beneath(const Ray& ray, const Stretch& stretch, do
 }  // namespace
 
 // Where rocks are looked for: their expected number is no more than kMostRocksOfRays, or there is nothing.
-std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const Ray> rays,
+std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const RayCone> rays,
                                                                  std::span<const BlockOnRays> blocks,
                                                                  const StopToken& stop) const {
   constexpr std::size_t kMostStrips = std::size_t{1} << 19;  // 20 MB; where they were more, whole blocks are searched
@@ -96,9 +96,11 @@ std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const
       found.pieces.emplace_back(octave, ancestor_of(block.id, std::min(block.id.level, level_of_rocks(octave))));
     };
     const NodeBounds bounds = bounds_of(block.id, block.low_m, block.high_m);
+    const bool bundles =
+        !std::all_of(block.rays.begin(), block.rays.end(), [&](std::size_t i) { return rays[i].one(); });
     const dem::Footprint footprint = dem::footprint_of(block.id);
     for (int k = field.smallest_octave(); k <= field.largest_octave() && expected <= kMostRocksOfRays; ++k) {
-      if (block.rays.size() > kFewRays || found.strips.size() > kMostStrips) {
+      if (bundles || block.rays.size() > kFewRays || found.strips.size() > kMostStrips) {
         all_of(k);
         continue;
       }
@@ -127,7 +129,7 @@ std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const
   return found;
 }
 
-std::optional<std::vector<dem::RockFeature>> RocksNearRays::along(std::span<const Ray> rays,
+std::optional<std::vector<dem::RockFeature>> RocksNearRays::along(std::span<const RayCone> rays,
                                                                   std::span<const BlockOnRays> blocks,
                                                                   const StopToken& stop) {
   const auto places = places_along(rays, blocks, stop);

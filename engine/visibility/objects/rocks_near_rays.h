@@ -16,8 +16,8 @@
 
 namespace selenograph::engine {
 
-// For terrain with rocks. If few rays pass a block, it finds the rocks along each of them; otherwise all rocks in the
-// block or reaching into it, which it remembers.
+// For terrain with rocks. If few rays pass a block, it finds the rocks along each of them; otherwise, and where bundles
+// of rays pass, all rocks in the block or reaching into it, which it remembers.
 class RocksNearRays {
  public:
   explicit RocksNearRays(const dem::Terrain& terrain) : survey_(terrain) {}
@@ -25,7 +25,7 @@ class RocksNearRays {
   double largest_m() const { return survey_.field().law().largest_m; }
   // Returns the rocks, the largest first; empty when there are more than kMostRocksOfRays. `blocks`: the blocks that
   // the rays may hit (select_for_rays).
-  std::optional<std::vector<dem::RockFeature>> along(std::span<const Ray> rays, std::span<const BlockOnRays> blocks,
+  std::optional<std::vector<dem::RockFeature>> along(std::span<const RayCone> rays, std::span<const BlockOnRays> blocks,
                                                      const StopToken& stop);
 
  private:
@@ -38,7 +38,7 @@ class RocksNearRays {
     std::vector<Piece> pieces;
     std::vector<Strip> strips;
   };
-  std::optional<Places> places_along(std::span<const Ray> rays, std::span<const BlockOnRays> blocks,
+  std::optional<Places> places_along(std::span<const RayCone> rays, std::span<const BlockOnRays> blocks,
                                      const StopToken& stop) const;
   // Finds the rocks of pieces and remembers them; false: more than kMostNewRocks.
   bool find(const std::vector<Piece>& pieces, const StopToken& stop);

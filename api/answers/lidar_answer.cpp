@@ -1,0 +1,158 @@
+#include "api/answers/lidar_answer.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <variant>
+
+#include "api/answers/metadata_members.h"
+#include "api/encode/encode.h"
+#include "api/requests/features_json.h"
+#include "engine/lidar/detection.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::LidarReturns;
+
+using LidarElements =
+    std::variant<std::vector<double> LidarReturns::*, std::vector<float> LidarReturns::*,
+                 std::vector<std::uint8_t> LidarReturns::*, std::vector<std::uint16_t> LidarReturns::*,
+                 std::vector<std::uint64_t> LidarReturns::*>;
+
+enum class Meaning { number, flag, object, rock };
+struct LidarColumn {
+  const char* name;
+  LidarElements elements;
+  std::size_t components;
+  Meaning kind;
+  const char* meaning;
+};
+
+constexpr LidarColumn kLidarColumns[] = {
+    {"time_s", &LidarReturns::time_s, 1, Meaning::number, "of the pulse, from the time of the pose"},
+    {"origin_m", &LidarReturns::origin_m, 3, Meaning::number, "of the aperture, MOON_ME"},
+    {"direction", &LidarReturns::direction, 3, Meaning::number, "of the beam's axis, unit, MOON_ME"},
+    {"range_m", &LidarReturns::range_m, 1, Meaning::number, "measured: of the strongest detection; NaN: none"},
+    {"intensity", &LidarReturns::intensity, 1, Meaning::number,
+     "its signal: photoelectrons without the mean dark counts, or times the noise"},
+    {"first_m", &LidarReturns::first_m, 1, Meaning::number, "range of the nearest detection"},
+    {"first_intensity", &LidarReturns::first_intensity, 1, Meaning::number, "its signal"},
+    {"last_m", &LidarReturns::last_m, 1, Meaning::number, "range of the farthest detection"},
+    {"last_intensity", &LidarReturns::last_intensity, 1, Meaning::number, "its signal"},
+    {"count", &LidarReturns::count, 1, Meaning::number, "of detections, false alarms included, at most 255"},
+    {"velocity_m_s", &LidarReturns::velocity_m_s, 1, Meaning::number,
+     "measured velocity along the beam, positive toward the surface; NaN without a detection, and of a false alarm"},
+    {"false_alarm", &LidarReturns::false_alarm, 1, Meaning::flag, "truth: `range_m` is nothing's"},
+    {"true_range_m", &LidarReturns::true_range_m, 1, Meaning::number,
+     "truth: centroid of the strongest return, whether it was detected or not; NaN: the beam meets nothing"},
+    {"true_width_m", &LidarReturns::true_width_m, 1, Meaning::number, "standard deviation of that return, as a range"},
+    {"true_intensity", &LidarReturns::true_intensity, 1, Meaning::number, "its mean signal"},
+    {"true_count", &LidarReturns::true_count, 1, Meaning::number, "number of returns that can be told apart"},
+    {"true_velocity_m_s", &LidarReturns::true_velocity_m_s, 1, Meaning::number, "of the aperture along the beam"},
+    {"axis_range_m", &LidarReturns::axis_range_m, 1, Meaning::number, "truth: where the beam's axis meets the surface"},
+    {"object", &LidarReturns::object, 1, Meaning::object,
+     "truth: index into `objects` of what most of the strongest return is from; 65535: ground, a rock, nothing"},
+    {"rock", &LidarReturns::rock, 1, Meaning::rock,
+     "truth: its id, if it is a rock: in hexadecimal that of POST /v1/features; 0: none"},
+    {"crater", &LidarReturns::crater, 1, Meaning::rock,
+     "truth, with `craters`: likewise of the smallest crater in whose rim the strongest return lies"},
+};
+
+ElementType element_type(const std::vector<double>&) { return ElementType::float64; }
+ElementType element_type(const std::vector<float>&) { return ElementType::float32; }
+ElementType element_type(const std::vector<std::uint8_t>&) { return ElementType::uint8; }
+ElementType element_type(const std::vector<std::uint16_t>&) { return ElementType::uint16; }
+ElementType element_type(const std::vector<std::uint64_t>&) { return ElementType::uint64; }
+
+template <typename T>
+OrderedJson element_json(const LidarColumn& column, T value) {
+  switch (column.kind) {
+    case Meaning::flag:
+      return value != 0;
+    case Meaning::object:
+      return static_cast<double>(value) == 65535 ? OrderedJson() : OrderedJson(value);
+    case Meaning::rock:
+      return value == 0 ? OrderedJson() : OrderedJson(id_text(static_cast<std::uint64_t>(value)));
+    case Meaning::number:
+      break;
+  }
+  if constexpr (std::is_floating_point_v<T>)
+    if (!std::isfinite(value)) return {};
+  return value;
+}
+
+OrderedJson meta_of(const LidarQuery& query) {
+  return {{"software", {{"name", "selenograph"}, {"version", software_version()}}},
+          {"request", lidar_members().write(query)},
+          {"beams", query.beams},
+          {"shape", shape_of(query)},
+          {"expected_false_alarms", engine::LidarReceiverModel(query.request.instrument).expected_false_alarms()}};
+}
+
+}  // namespace
+
+OrderedJson lidar_return_schema() {
+  OrderedJson members = OrderedJson::object();
+  for (const LidarColumn& c : kLidarColumns)
+    members[c.name] = c.components == 3         ? schema::vector(c.meaning)
+                      : c.kind == Meaning::flag ? schema::boolean(c.meaning)
+                      : c.kind == Meaning::rock ? OrderedJson{{"type", {"string", "null"}}, {"description", c.meaning}}
+                                                : schema::number_or_null(c.meaning);
+  return schema::object("A beam, and what came back.", members, {});
+}
+
+std::string lidar_columns_text() {
+  std::string out;
+  for (const LidarColumn& c : kLidarColumns) out += fmt::format("\n- `{}`: {}", c.name, c.meaning);
+  return out;
+}
+
+OrderedJson lidar_json(const LidarReturns& returns, const LidarQuery& query, const StopToken& stop) {
+  OrderedJson list = OrderedJson::array();
+  for (std::size_t i = 0; i < returns.size(); ++i) {
+    if (i % 256 == 0) stop.check();
+    OrderedJson one = OrderedJson::object();
+    for (const LidarColumn& c : kLidarColumns)
+      std::visit(
+          [&](auto elements) {
+            const auto& values = returns.*elements;
+            if (values.empty()) return;
+            if (c.components == 1) {
+              one[c.name] = element_json(c, values[i]);
+              return;
+            }
+            OrderedJson vector = OrderedJson::array();
+            for (std::size_t k = 0; k < c.components; ++k) vector.push_back(values[c.components * i + k]);
+            one[c.name] = std::move(vector);
+          },
+          c.elements);
+    list.push_back(std::move(one));
+  }
+  return {{"returns", std::move(list)}, {"meta", meta_of(query)}};
+}
+
+std::string lidar_npz(const LidarReturns& returns, const LidarQuery& query, const StopToken& stop) {
+  std::vector<ArrayView> arrays;
+  for (const LidarColumn& c : kLidarColumns)
+    std::visit(
+        [&](auto elements) {
+          const auto& values = returns.*elements;
+          if (values.empty()) return;
+          const auto type = c.kind == Meaning::flag ? ElementType::boolean : element_type(values);
+          std::vector<std::size_t> shape{returns.size()};
+          if (c.components > 1) shape.push_back(c.components);
+          arrays.push_back({c.name,
+                            type,
+                            static_cast<int>(returns.size()),
+                            static_cast<int>(c.components),
+                            1,
+                            values.data(),
+                            {},
+                            std::move(shape)});
+        },
+        c.elements);
+  return encode_npz(arrays, meta_of(query).dump(), stop);
+}
+
+}  // namespace selenograph::api

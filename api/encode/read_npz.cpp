@@ -1,0 +1,248 @@
+// The NPY layout is NumPy Enhancement Proposal 1 (Robert Kern, 2007). The archive is libzip's.
+#include "api/encode/read_npz.h"
+
+#include <fmt/format.h>
+#include <zip.h>
+
+#include <bit>
+#include <charconv>
+#include <cstdint>
+#include <cstring>
+#include <memory>
+
+#include "api/message/problem.h"
+
+namespace selenograph::api {
+namespace {
+
+constexpr std::size_t kMostArrays = 32, kMostDimensions = 8, kLongestHeader = 4096;
+
+[[noreturn]] void refuse_npz(const std::string& name, const std::string& why) {
+  const std::string what = name.empty() ? "the archive" : "array \"" + name + "\"";
+  throw RequestError("malformed_npz", what + " " + why, {{name.empty() ? "" : "/" + name, why}});
+}
+
+// The header's Python dictionary, of which NumPy writes three entries in a fixed form.
+class NpyHeader {
+ public:
+  NpyHeader(std::string_view text, const std::string& name) : text_(text), name_(name) {
+    descr_ = quoted(after("'descr':"));
+    const std::string_view order = after("'fortran_order':");
+    fortran_ = order.starts_with("True");
+    if (!fortran_ && !order.starts_with("False")) bad();
+    read_shape(after("'shape':"));
+  }
+  const std::string& descr() const { return descr_; }
+  bool fortran() const { return fortran_; }
+  const std::vector<std::size_t>& shape() const { return shape_; }
+
+ private:
+  [[noreturn]] void bad() const { refuse_npz(name_, "has no header that numpy.save would write"); }
+  std::string_view after(std::string_view key) const {
+    const std::size_t at = text_.find(key);
+    if (at == std::string_view::npos || text_.find(key, at + 1) != std::string_view::npos) bad();
+    std::string_view rest = text_.substr(at + key.size());
+    rest.remove_prefix(std::min(rest.find_first_not_of(' '), rest.size()));
+    return rest;
+  }
+  std::string quoted(std::string_view rest) const {
+    if (rest.starts_with("[")) refuse_npz(name_, "has fields; plain numbers are needed");
+    const std::size_t end = rest.starts_with("'") ? rest.find('\'', 1) : std::string_view::npos;
+    if (end == std::string_view::npos) bad();
+    return std::string(rest.substr(1, end - 1));
+  }
+  void read_shape(std::string_view rest) {
+    if (!rest.starts_with("(")) bad();
+    const std::size_t end = rest.find(')');
+    if (end == std::string_view::npos) bad();
+    std::string_view list = rest.substr(1, end - 1);
+    while (true) {
+      list.remove_prefix(std::min(list.find_first_not_of(' '), list.size()));
+      if (list.empty()) return;
+      std::size_t number = 0;
+      const auto [past, error] = std::from_chars(list.data(), list.data() + list.size(), number);
+      if (error != std::errc() || shape_.size() == kMostDimensions) bad();
+      shape_.push_back(number);
+      list.remove_prefix(static_cast<std::size_t>(past - list.data()));
+      if (list.starts_with("L")) list.remove_prefix(1);  // Python 2's
+      if (list.empty()) return;
+      if (!list.starts_with(",")) bad();
+      list.remove_prefix(1);
+    }
+  }
+
+  std::string_view text_;
+  const std::string& name_;
+  std::string descr_;
+  bool fortran_ = false;
+  std::vector<std::size_t> shape_;
+};
+
+template <typename T>
+std::vector<double> converted(std::string_view bytes, std::size_t count) {
+  std::vector<double> out(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    T value;
+    std::memcpy(&value, bytes.data() + i * sizeof(T), sizeof(T));
+    out[i] = static_cast<double>(value);
+  }
+  return out;
+}
+
+struct NumberType {
+  std::string_view descr;
+  std::size_t bytes;
+  std::vector<double> (*convert)(std::string_view bytes, std::size_t count);
+};
+constexpr NumberType kNumberTypes[] = {
+    {"<f8", 8, converted<double>},        {"<f4", 4, converted<float>},         {"<i8", 8, converted<std::int64_t>},
+    {"<i4", 4, converted<std::int32_t>},  {"<i2", 2, converted<std::int16_t>},  {"|i1", 1, converted<std::int8_t>},
+    {"<u8", 8, converted<std::uint64_t>}, {"<u4", 4, converted<std::uint32_t>}, {"<u2", 2, converted<std::uint16_t>},
+    {"|u1", 1, converted<std::uint8_t>},  {"|b1", 1, converted<std::uint8_t>},
+};
+
+// UTF-8 of code points of four bytes; zeros pad it.
+std::string text_of_utf32(std::string_view bytes, const std::string& name) {
+  std::string out;
+  for (std::size_t i = 0; i + 4 <= bytes.size(); i += 4) {
+    std::uint32_t c;
+    std::memcpy(&c, bytes.data() + i, 4);
+    if (c == 0) break;
+    if (c > 0x10ffff) refuse_npz(name, "has a text with a character that does not exist");
+    const auto put = [&](std::uint32_t byte) { out += static_cast<char>(byte); };
+    if (c < 0x80) {
+      put(c);
+    } else if (c < 0x800) {
+      put(0xc0 | c >> 6), put(0x80 | (c & 0x3f));
+    } else if (c < 0x10000) {
+      put(0xe0 | c >> 12), put(0x80 | (c >> 6 & 0x3f)), put(0x80 | (c & 0x3f));
+    } else {
+      put(0xf0 | c >> 18), put(0x80 | (c >> 12 & 0x3f)), put(0x80 | (c >> 6 & 0x3f)), put(0x80 | (c & 0x3f));
+    }
+  }
+  return out;
+}
+
+// From columns first to rows first.
+std::vector<double> transposed(const std::vector<double>& columns_first, const std::vector<std::size_t>& shape) {
+  std::vector<double> out(columns_first.size());
+  std::vector<std::size_t> at(shape.size(), 0);
+  for (double& value : out) {
+    std::size_t from = 0;
+    for (std::size_t k = shape.size(); k-- > 0;) from = from * shape[k] + at[k];
+    value = columns_first[from];
+    for (std::size_t k = shape.size(); k-- > 0 && ++at[k] == shape[k];) at[k] = 0;
+  }
+  return out;
+}
+
+struct CloseArchive {
+  void operator()(zip_t* archive) const { zip_discard(archive); }
+};
+struct CloseMember {
+  void operator()(zip_file_t* file) const { zip_fclose(file); }
+};
+using OpenArchive = std::unique_ptr<zip_t, CloseArchive>;
+
+OpenArchive open_archive(std::string_view bytes) {
+  zip_error_t error;
+  zip_error_init(&error);
+  zip_source_t* source = zip_source_buffer_create(bytes.data(), bytes.size(), 0, &error);
+  OpenArchive archive(source ? zip_open_from_source(source, ZIP_RDONLY | ZIP_CHECKCONS, &error) : nullptr);
+  if (!archive) {
+    if (source) zip_source_free(source);
+    const std::string why = std::string("can't be read: ") + zip_error_strerror(&error);
+    zip_error_fini(&error);
+    refuse_npz("", why + "; numpy.savez makes one");
+  }
+  zip_error_fini(&error);
+  return archive;
+}
+
+std::string unpacked(zip_t* archive, zip_uint64_t index, std::size_t size, const std::string& name,
+                     const StopToken& stop) {
+  const std::unique_ptr<zip_file_t, CloseMember> file(zip_fopen_index(archive, index, 0));
+  if (!file) refuse_npz(name, std::string("can't be opened: ") + zip_strerror(archive));
+  std::string content(size, '\0');
+  std::size_t have = 0;
+  while (true) {
+    stop.check();
+    // One more byte than there should be: then its checksum is compared, too.
+    char more;
+    const bool full = have == size;
+    const std::size_t piece = std::min<std::size_t>(size - have, std::size_t{1} << 20);
+    const zip_int64_t got = zip_fread(file.get(), full ? &more : content.data() + have, full ? 1 : piece);
+    if (got < 0) refuse_npz(name, std::string("is damaged: ") + zip_file_strerror(file.get()));
+    if (got == 0) break;
+    if (full) refuse_npz(name, "is longer than the archive says");
+    have += static_cast<std::size_t>(got);
+  }
+  if (have != size) refuse_npz(name, "is shorter than the archive says");
+  return content;
+}
+
+}  // namespace
+
+NpzArray read_npy(std::string_view bytes, const std::string& name) {
+  static_assert(std::endian::native == std::endian::little);
+  if (!bytes.starts_with("\x93NUMPY") || bytes.size() < 12) refuse_npz(name, "is not an .npy file");
+  const auto at = [&](std::size_t i) { return static_cast<std::size_t>(static_cast<unsigned char>(bytes[i])); };
+  const std::size_t version = at(6);
+  if (version < 1 || version > 3) refuse_npz(name, "has an unknown version of the format");
+  const std::size_t begins = version == 1 ? 10 : 12,
+                    length = at(8) | at(9) << 8 | (version == 1 ? 0 : at(10) << 16 | at(11) << 24);
+  if (length > kLongestHeader || begins + length > bytes.size()) refuse_npz(name, "ends within its header");
+  const NpyHeader header(bytes.substr(begins, length), name);
+  const std::string_view data = bytes.substr(begins + length);
+
+  NpzArray out{header.shape(), {}, {}};
+  std::size_t count = 1;
+  for (const std::size_t n : out.shape) {
+    if (n > data.size() || (n > 0 && count > data.size() / n)) refuse_npz(name, "is shorter than its shape");
+    count *= n;
+  }
+  if (header.descr().size() > 2 && (header.descr()[1] == 'U' || header.descr()[1] == 'S') && header.descr()[0] != '>') {
+    if (count != 1) refuse_npz(name, "has several texts; one is needed");
+    out.text = header.descr()[1] == 'U' ? text_of_utf32(data, name) : std::string(data.substr(0, data.find('\0')));
+    return out;
+  }
+  for (const NumberType& type : kNumberTypes) {
+    if (type.descr != header.descr()) continue;
+    if (data.size() != count * type.bytes)
+      refuse_npz(name, fmt::format("has {} bytes of numbers; its shape needs {}", data.size(), count * type.bytes));
+    out.numbers = type.convert(data, count);
+    if (header.fortran() && out.shape.size() > 1) out.numbers = transposed(out.numbers, out.shape);
+    return out;
+  }
+  refuse_npz(name, "has elements of type " + header.descr() + "; little-endian numbers of up to 8 bytes are needed");
+}
+
+NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes, const StopToken& stop) {
+  const OpenArchive archive = open_archive(bytes);
+  const zip_int64_t entries = zip_get_num_entries(archive.get(), 0);
+  if (entries < 1 || static_cast<std::size_t>(entries) > kMostArrays)
+    refuse_npz("", fmt::format("has {} members; 1 to {} arrays are needed", entries, kMostArrays));
+  NpzArrays arrays;
+  std::size_t total = 0;
+  for (zip_uint64_t i = 0; i < static_cast<zip_uint64_t>(entries); ++i) {
+    zip_stat_t stat;
+    constexpr zip_uint64_t kNeeded = ZIP_STAT_NAME | ZIP_STAT_SIZE | ZIP_STAT_COMP_METHOD;
+    if (zip_stat_index(archive.get(), i, 0, &stat) != 0 || (stat.valid & kNeeded) != kNeeded)
+      refuse_npz("", "has a member without name or size");
+    const std::string_view file = stat.name;
+    const bool npy = file.ends_with(".npy"), json = file.ends_with(".json");
+    if (!npy && !json) refuse_npz("", fmt::format("has a member \"{}\"; all are called NAME.npy", file));
+    const std::string name(file.substr(0, file.rfind('.')));
+    if (stat.comp_method != ZIP_CM_STORE && stat.comp_method != ZIP_CM_DEFLATE)
+      refuse_npz(name, "is packed in a way that numpy.savez_compressed does not use");
+    if (stat.size > max_bytes || total + stat.size > max_bytes)
+      throw RequestError("too_large", fmt::format("the arrays are larger than {} bytes", max_bytes));
+    total += stat.size;
+    std::string content = unpacked(archive.get(), i, stat.size, name, stop);
+    NpzArray array = npy ? read_npy(content, name) : NpzArray{{}, {}, std::move(content)};
+    if (!arrays.emplace(name, std::move(array)).second) refuse_npz(name, "is there twice");
+  }
+  return arrays;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,31 @@
+// Reads the arrays of a request: an .npz archive as numpy.savez and numpy.savez_compressed write it.
+#pragma once
+
+#include <cstddef>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "dem/support/stop_token.h"
+
+namespace selenograph::api {
+
+// Numbers of any type, as double; or a text (of a 0-dimensional array of one). C order.
+struct NpzArray {
+  std::vector<std::size_t> shape;
+  std::vector<double> numbers;
+  std::optional<std::string> text;  // UTF-8
+};
+using NpzArrays = std::map<std::string, NpzArray>;
+
+// Arrays by name, without ".npy"; of a member "NAME.json" its text as "NAME". Strict: NPY 1.0 to 3.0, little-endian
+// numbers of up to 8 bytes or booleans, C order or Fortran's, stored or deflated, each name once, nothing else.
+// `max_bytes`: of all arrays unpacked. Throws RequestError "malformed_npz" that names the array, or "too_large".
+NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes, const StopToken& stop = {});
+
+// One array's file: the content of an .npy; `name` for errors.
+NpzArray read_npy(std::string_view bytes, const std::string& name);
+
+}  // namespace selenograph::api

@@ -1,0 +1,72 @@
+// POST /v1/lidar.
+#include <fmt/format.h>
+
+#include "api/answers/lidar_answer.h"
+#include "api/encode/negotiate.h"
+#include "api/endpoints/endpoint.h"
+#include "api/endpoints/operation.h"
+#include "engine/frame/needs.h"
+#include "engine/lidar_scan.h"
+
+namespace selenograph::api {
+namespace {
+
+// Whoever asks for JSON has them as text.
+void refuse_long_json(const LidarQuery& query, const Limits& limits) {
+  if (query.beams <= static_cast<std::size_t>(limits.max_rays)) return;
+  const std::string why = fmt::format("{} beams are too many for JSON, which has up to {}: accept application/x-npz",
+                                      query.beams, limits.max_rays);
+  throw RequestError("not_acceptable", why);
+}
+
+}  // namespace
+
+Response answer_lidar(const EndpointContext& context) {
+  const std::string_view media_type =
+      choose(header(context.request, "accept"), std::span<const Alternative>(kLidarAnswers));
+  const Body body = body_of(context);
+  const LidarQuery query = read_lidar(body.json, body.arrays, context.limits, context.assets, context.stop);
+  const bool json = media_type == "application/json";
+  if (json) refuse_long_json(query, context.limits);
+  constexpr std::size_t kBytesOfJson = 8000;  // of a beam, as values and as text
+  context.memory.need((engine::kBytesOfBeam + (json ? kBytesOfJson : engine::kBytesOfBeam)) * query.beams +
+                          engine::bytes_of_rocks(query.request.scenery.detail.get(), engine::kMostRememberedRocks),
+                      query.request.pulses.empty() ? "/pattern" : "/pulses", context.stop);
+  constexpr MemberPointer kRefusable[] = {{"pose", "/pose"}, {"craters", "/craters"}};
+  const engine::LidarReturns returns =
+      with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.lidar(query.request, context.stop); });
+  Response response;
+  response.content_type = media_type;
+  if (json)
+    response.body = lidar_json(returns, query, context.stop).dump() + "\n";
+  else
+    response.body = lidar_npz(returns, query, context.stop);
+  response.headers.emplace_back("Vary", "Accept");
+  context.stop.check();
+  return response;
+}
+
+void describe_lidar(Operation& o) {
+  static const std::string text =
+      "A lidar's scan of the finest terrain with detail, rocks and objects. A beam is a Gaussian of sub-rays; its echo "
+      "is what they return (the surface's reflectance at zero phase over range^2), spread over the pulse and over the "
+      "slope that each part of the beam lights up. Returns that can be told apart are detected by chance, which is a "
+      "function of seed, scan and beam; beside what is measured stands what is true. Columns:\n" +
+      lidar_columns_text();
+  o.describe(text.c_str());
+  o.body("/v1/lidar", lidar_members());
+  o.takes_arrays(
+      "The request's JSON as the text `request`, and `direction` (n, 3; camera axes) with `time_s` (n, or one number; "
+      "0 without) in the place of `pulses`");
+  o.answer_as_accepted(kLidarAnswers, "LidarAnswer", {"Vary"});
+  o.schema("LidarAnswer",
+           schema::object("The beams.",
+                          {{"returns", schema::array(lidar_return_schema(), "in the order in which they are fired")},
+                           {"meta", OrderedJson{{"type", "object"},
+                                                {"description",
+                                                 "the resolved request; `shape`: rows and columns of a pattern that is "
+                                                 "an image; `expected_false_alarms` of a pulse"}}}},
+                          {"returns", "meta"}));
+}
+
+}  // namespace selenograph::api

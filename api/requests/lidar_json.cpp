@@ -1,0 +1,261 @@
+#include "api/requests/lidar_json.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "api/json/ranges.h"
+#include "api/requests/parts/array_rows.h"
+#include "api/requests/parts/lidar_instrument_json.h"
+#include "engine/lidar/pattern.h"
+
+namespace selenograph::api {
+namespace {
+
+using engine::LidarRequest;
+
+constexpr std::int64_t kMostSeed = std::int64_t{1} << 53;  // what JSON's numbers hold exactly everywhere
+
+std::int64_t most_pulses(const Limits& limits) { return limits.max_rays; }
+
+struct LidarMotion {
+  engine::Rates rates;
+  std::vector<engine::PoseAtTime> poses;
+  bool any() const { return !rates.none() || !poses.empty(); }
+};
+
+const Members<LidarMotion>& lidar_motion_members() {
+  static const auto table = made<Members<LidarMotion>>(
+      "LidarMotion",
+      "How the instrument moves during the scan: from `pose`, which is that of the time 0, at constant rates, or "
+      "through poses, which replace `pose` and are interpolated as those of a shutter.",
+      [](auto& m) {
+        const auto at_rates = [](const LidarMotion& motion) { return motion.poses.empty(); };
+        m.add(
+             "angular_rate_deg_s", [](auto& s) -> auto& { return s.rates.angular_rate_deg_s; }, kAngularRate_deg_s,
+             "angular rate about the camera's own axes (opencv)")
+            .written_if(at_rates);
+        m.add(
+             "velocity_m_s", [](auto& s) -> auto& { return s.rates.velocity_m_s; }, kVelocity_m_s, "velocity, MOON_ME")
+            .written_if(at_rates);
+        m.add("poses", &LidarMotion::poses, List{Object{pose_at_time_members()}, 2, kMostPoses},
+              "at increasing times, the first not after the first pulse, the last not before the last pulse")
+            .written_if([](const LidarMotion& motion) { return !motion.poses.empty(); });
+        m.excludes("poses", {"velocity_m_s", "angular_rate_deg_s"}, "the poses say how the camera moves");
+        m.check([](const JsonReader& in, LidarMotion& motion, const ReadContext&) { check_times(in, motion.poses); });
+      });
+  return *table;
+}
+
+const Members<engine::LidarCraters>& lidar_craters_members() {
+  using engine::LidarCraters;
+  static const auto table =
+      made<Members<LidarCraters>>("LidarCraters", "Which craters beams are told to be in.", [](auto& m) {
+        m.add("smallest_m", &LidarCraters::smallest_m, Number{{0.25, 1e6}, "m"}, "least diameter");
+        m.add("min_depth_over_diameter", &LidarCraters::least_depth, Number{kUnitInterval},
+              "least depth today, over the diameter");
+      });
+  return *table;
+}
+
+// The instrument's own pattern where the request has no beams.
+const engine::LidarPattern* pattern_of(const JsonReader& in, const LidarRequest& request) {
+  if (!request.pulses.empty()) return nullptr;
+  if (in.has("pattern")) return &request.pattern;
+  return request.instrument.pattern ? &*request.instrument.pattern : nullptr;
+}
+
+void check_beams(const JsonReader& in, LidarQuery& query, const Limits& limits) {
+  LidarRequest& request = query.request;
+  const engine::LidarPattern* pattern = pattern_of(in, request);
+  if (request.pulses.empty() && !pattern)
+    return in.fail("pattern", "or \"pulses\" is required: the instrument has no pattern of its own");
+  query.beams = pattern ? engine::LidarBeams::beams_of(*pattern) : request.pulses.size();
+  const auto most = static_cast<std::size_t>(limits.max_lidar_rays / request.instrument.sub_rays);
+  if (query.beams > most) {
+    const std::string why =
+        fmt::format("has {} beams of {} sub-rays; this service takes up to {} of them (--max-lidar-rays)", query.beams,
+                    request.instrument.sub_rays, most);
+    if (!pattern)
+      in.fail("pulses", why);
+    else if (in.has("pattern") || !in.has("instrument"))
+      in.fail("pattern", why);
+    else
+      in.at("instrument").fail("pattern", why);
+    return;
+  }
+  if (pattern && pattern != &request.pattern) request.pattern = *pattern;
+}
+
+void check_pose_of_lidar(const JsonReader& in, LidarQuery& query) {
+  const LidarRequest& request = query.request;
+  const bool poses = !request.poses.empty();
+  if (poses && in.has("pose"))
+    in.fail("pose", "\"pose\" cannot be combined with \"motion.poses\", which take its place");
+  if (!poses && !in.has("pose")) in.fail("pose", "is required");
+  if (!poses || in.faults() > 0) return;
+  double first_s = 0, last_s = engine::last_time_s(request.pattern);
+  if (!request.pulses.empty()) {
+    const auto [first, last] = std::minmax_element(request.pulses.begin(), request.pulses.end(),
+                                                   [](const auto& a, const auto& b) { return a.time_s < b.time_s; });
+    first_s = first->time_s, last_s = last->time_s;
+  }
+  if (request.poses.front().time_s > first_s)
+    in.at("motion").fail("poses",
+                         fmt::format("the first is later than the first pulse, whose time is {:g} s", first_s));
+  if (request.poses.back().time_s < last_s)
+    in.at("motion").fail("poses", fmt::format("the last is earlier than the last pulse, whose time is {:g} s", last_s));
+}
+
+void check_lidar(const JsonReader& in, LidarQuery& query, const ReadContext& context) {
+  if (in.faults() > 0) return;
+  check_beams(in, query, context.limits);
+  check_pose_of_lidar(in, query);
+  if (in.faults() > 0) return;
+  const double center_um = query.request.instrument.wavelength_um;
+  query.request.scenery.band = engine::Band(center_um, center_um / 1000);
+  resolve_preset(query.request.scenery, query.surface);
+  for (const PlacedObject& placed : query.objects) query.request.scenery.objects.push_back(placed.object);
+}
+
+// The request with the preset's instrument, whose members its own replace.
+Json with_lidar_preset(const Json& body, const ReadContext& context) {
+  Findings findings;
+  const JsonReader in(body, findings);
+  const JsonReader named = in.at("instrument_preset");
+  const std::string name = named.text().value_or("");
+  const std::shared_ptr<const Json> preset = context.assets.lidar(name);
+  if (!preset && findings.empty())
+    named.fail("no such preset; the service has " + listed(context.assets.names("lidars")));
+  findings.throw_if_any();
+  Json instrument = *preset;
+  instrument.erase("description");
+  Findings faults;
+  lidar_instrument_members().read(JsonReader(instrument, faults), context);
+  if (!faults.empty()) {
+    const Finding& first = faults.kept().front();
+    throw RequestError("asset_error", fmt::format("lidars/{}.json: {}: {}", name, first.pointer, first.detail));
+  }
+  Json merged = body;
+  merged.erase("instrument_preset");
+  if (merged.contains("instrument")) instrument.merge_patch(merged["instrument"]);
+  merged["instrument"] = instrument;
+  return merged;
+}
+
+const auto no_preset = Property{[](const LidarQuery&) -> std::optional<std::string> { return std::nullopt; },
+                                [](LidarQuery&, const std::string&) {}};
+
+void add_lidar_members(Members<LidarQuery>& m) {
+  m.add(
+      "instrument", [](auto& q) -> auto& { return q.request.instrument; }, Object{lidar_instrument_members()},
+      "the lidar; required unless `instrument_preset` has it all");
+  m.add("instrument_preset", no_preset, Text{},
+        "lidars/NAME.json of the assets folder: an instrument, whose members those of `instrument` replace");
+  m.any_of({"instrument", "instrument_preset"});
+  m.add(
+       "pulses", [](auto& q) -> auto& { return q.request.pulses; }, List{Object{lidar_pulse_members()}, 1, most_pulses},
+       "single pulses in any order; as arrays, see the call, there may be more of them")
+      .written_if([](const LidarQuery&) { return false; });
+  m.add("pattern",
+        Property{[](const LidarQuery& q) {
+                   return q.request.pulses.empty() ? std::optional(q.request.pattern) : std::nullopt;
+                 },
+                 [](LidarQuery& q, const engine::LidarPattern& pattern) { q.request.pattern = pattern; }},
+        Object{lidar_pattern_members()}, "a pattern of beams; left out: the instrument's own");
+  m.excludes("pulses", {"pattern"}, "each says where the beams go");
+  m.add(
+      "pose", [](auto& q) -> auto& { return q.request.pose; }, Object{pose_members()},
+      "position and attitude at the time 0; required unless `motion.poses` is given");
+  m.add("motion",
+        Property{[](const LidarQuery& q) {
+                   const LidarMotion motion{q.request.rates, q.request.poses};
+                   return motion.any() ? std::optional(motion) : std::nullopt;
+                 },
+                 [](LidarQuery& q, const LidarMotion& motion) {
+                   q.request.rates = motion.rates, q.request.poses = motion.poses;
+                 }},
+        Object{lidar_motion_members()}, "during the scan; left out: none");
+  m.add(
+      "seed", [](auto& q) -> auto& { return q.request.seed; }, Integer{0, kMostSeed},
+      "identifies the instrument's noise");
+  m.add(
+      "scan", [](auto& q) -> auto& { return q.request.scan; }, Integer{0, kMostSeed},
+      "number of the scan: each has noise of its own");
+  m.add(
+       "craters", [](auto& q) -> auto& { return q.request.craters; }, FlagOrObject{lidar_craters_members()},
+       "truth of craters of the detail: `crater` in the answer; true: with the defaults; left out: none")
+      .written_if([](const LidarQuery& q) { return q.request.craters.has_value(); });
+  add_ground(m);
+  m.add("objects", &LidarQuery::objects, List{Object{object_members()}, 1, kMaxObjects}, "as in a frame");
+  m.check(check_lidar);
+}
+
+std::vector<engine::LidarPulse> pulses_of(const NpzArrays& arrays, Findings& findings) {
+  const auto directions = rows_of(arrays, "direction", {3}, findings);
+  if (!directions) return {};
+  std::vector<engine::LidarPulse> pulses(directions->size());
+  const auto times = arrays.find("time_s");
+  const std::size_t given = times == arrays.end() ? 0 : times->second.numbers.size();
+  if (times != arrays.end() && given != 1 && given != pulses.size())
+    findings.add("/time_s", fmt::format("must be one number, or one for each of the {} directions", pulses.size()));
+  for (std::size_t i = 0; i < pulses.size() && findings.empty(); ++i) {
+    const auto unit = direction_of(directions->vector(i));
+    if (!unit) findings.add(fmt::format("/direction/{}", i), "is not a direction: finite numbers, not all zero");
+    const double time_s = given == 0 ? 0 : times->second.numbers[given == 1 ? 0 : i];
+    if (!(std::abs(time_s) <= 1e6)) findings.add(fmt::format("/time_s/{}", i), "is not within 1e6 s");
+    if (unit) pulses[i] = {time_s, *unit};
+  }
+  return pulses;
+}
+
+}  // namespace
+
+const Members<LidarQuery>& lidar_members() {
+  static const auto table = made<Members<LidarQuery>>("LidarRequest", "A lidar, where it is, and the beams of a scan.",
+                                                      [](auto& m) { add_lidar_members(m); });
+  return *table;
+}
+
+LidarQuery read_lidar(const Json& body, const NpzArrays& arrays, const Limits& limits, const Assets& assets,
+                      const StopToken& stop) {
+  const ReadContext context{limits, assets, stop, {}};
+  const bool preset = body.is_object() && body.contains("instrument_preset");
+  Json merged = preset ? with_lidar_preset(body, context) : body;
+  Findings findings;
+  std::vector<engine::LidarPulse> pulses;
+  refuse_other_arrays(arrays, {"direction", "time_s"}, findings);
+  if (arrays.contains("direction")) {
+    if (merged.is_object() && (merged.contains("pulses") || merged.contains("pattern")))
+      findings.add("/direction", "cannot be combined with \"pulses\" or \"pattern\"");
+    pulses = pulses_of(arrays, findings);
+    findings.throw_if_any();
+    // The first stands for all where the request is checked as a whole.
+    if (merged.is_object()) merged["pulses"] = {{{"direction", {0, 0, 1}}}};
+  } else if (arrays.contains("time_s")) {
+    findings.add("/time_s", "needs direction");
+  }
+  findings.throw_if_any();
+  auto query = lidar_members().read(JsonReader(merged, findings), context);
+  findings.throw_if_any();
+  if (!pulses.empty()) {
+    query->request.pulses = std::move(pulses);
+    const JsonReader in(merged, findings);
+    check_beams(in, *query, limits), check_pose_of_lidar(in, *query);
+    findings.throw_if_any();
+  }
+  return std::move(*query);
+}
+
+std::vector<std::size_t> shape_of(const LidarQuery& query) {
+  const engine::LidarPattern& p = query.request.pattern;
+  const bool image = query.request.pulses.empty() && !p.serpentine &&
+                     (p.scan == engine::LidarScan::flash || p.scan == engine::LidarScan::raster);
+  if (!image) return {query.beams};
+  std::vector<std::size_t> shape{static_cast<std::size_t>(p.rows), static_cast<std::size_t>(p.columns)};
+  if (p.repeats > 1) shape.insert(shape.begin(), static_cast<std::size_t>(p.repeats));
+  return shape;
+}
+
+}  // namespace selenograph::api

@@ -1,0 +1,111 @@
+// Lidars: POST /v1/lidar. Directions of beams are in the camera axes of the pose (OpenCV: +z is the boresight).
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "engine/frame/pose.h"
+#include "engine/frame/request.h"
+#include "engine/frame/shutter.h"
+
+namespace selenograph::engine {
+
+struct LidarPulse {
+  double time_s = 0;               // from the request's pose
+  Vec3 direction = Vec3::UnitZ();  // unit, camera axes
+};
+
+// When each beam is fired, and where to.
+enum class LidarScan {
+  flash,   // columns x rows beams at once, on a plane like a camera's pixels
+  raster,  // columns x rows pulses one after the other, equal angles apart; every second row backwards if `serpentine`
+  cone,    // `beams` pulses one after the other, around the boresight
+  beams    // several beams at once in given directions
+};
+struct LidarPattern {
+  LidarScan scan = LidarScan::flash;
+  int columns = 0, rows = 0;            // flash, raster
+  double fov_x_deg = 0, fov_y_deg = 0;  // full angles between the outer borders of cells; flash: square cells
+  bool serpentine = false;              // raster
+  int beams = 0;                        // cone: pulses per turn
+  double half_angle_deg = 0;            // cone
+  std::vector<Vec3> directions;         // beams: unit
+  double rate_hz = 0;                   // of pulses, or of the shots of `flash` and `beams`; 0: all at the time 0
+  int repeats = 1;
+};
+
+// What arrives, and what noise it has.
+enum class LidarSignal {
+  photon_counting,  // photoelectrons by the lidar equation; counts have Poisson statistics
+  snr               // amplitude over the standard deviation of the noise, by its value for a reference target
+};
+struct LidarReceiver {
+  LidarSignal signal = LidarSignal::photon_counting;
+  // photon_counting: energy of a pulse, diameter of the aperture, photoelectrons per photon that arrives there.
+  double energy_j = 0, aperture_m = 0, efficiency = 1;
+  // snr: that of a Lambertian surface of this reflectance, seen vertically from that range.
+  double snr = 0, range_m = 0, reflectance = 0.12;
+};
+
+// Ranges at which a return is taken for one.
+struct LidarGate {
+  double near_m = 0, far_m = 0;
+};
+
+struct LidarInstrument {
+  double divergence_mrad = 1;  // full angle at 1/e^2 of the intensity in the middle
+  int sub_rays = 7;            // of a beam: 1, 7, 19, 37, 61
+  double pulse_length_ns = 2;  // full width at half maximum
+  double wavelength_um = 1.064;
+  LidarReceiver receiver;
+  double threshold = 3;      // photoelectrons of a return, or its signal over the noise
+  double dark_count_hz = 0;  // photon_counting: dark counts and stray light
+  LidarGate gate;
+  double timing_noise_ns = 0, velocity_noise_m_s = 0;  // standard deviations
+  Vec3 offset_m = Vec3::Zero();                        // of the aperture from the pose's position, camera axes
+  std::optional<LidarPattern> pattern;
+};
+
+// Which craters of the detail beams are told to be in.
+struct LidarCraters {
+  double smallest_m = 1;
+  double least_depth = dem::Detail::kWorn;  // of their diameter
+};
+
+struct LidarRequest {
+  LidarInstrument instrument;
+  // The beams: single pulses, or a pattern.
+  std::vector<LidarPulse> pulses;
+  LidarPattern pattern;
+  Pose pose;
+  Rates rates;                       // motion from the pose
+  std::vector<PoseAtTime> poses;     // at least two, which replace pose and rates; empty: none
+  std::uint64_t seed = 0, scan = 0;  // identify the instrument's noise, and the scan's
+  std::optional<LidarCraters> craters;  // empty: none
+  FrameRequest scenery;              // its ground, objects and detail
+};
+
+// A column for each member, a row for each beam in the order of the request; three numbers for a vector. What is
+// measured is NaN where nothing was detected, what is true where the beam meets nothing.
+struct LidarReturns {
+  std::vector<double> time_s, origin_m, direction;  // origin, unit direction: MOON_ME
+  // Measured: of the strongest, first and last detection.
+  std::vector<double> range_m, first_m, last_m;
+  std::vector<float> intensity, first_intensity, last_intensity;  // photoelectrons, or signal over noise
+  std::vector<std::uint8_t> count;                                // of detections, at most 255
+  std::vector<float> velocity_m_s;  // of the aperture along the beam, positive toward the surface
+  // True: centroid, standard deviation (of the echo, as a range) and mean signal of the strongest return; the number of
+  // returns; the range at which the beam's axis meets the surface.
+  std::vector<double> true_range_m, axis_range_m;
+  std::vector<float> true_width_m, true_intensity, true_velocity_m_s;
+  std::vector<std::uint8_t> true_count;
+  std::vector<std::uint8_t> false_alarm;  // 1: range_m is one
+  std::vector<std::uint16_t> object;  // index of what most of the strongest return is from; 65535: ground, rock, none
+  std::vector<std::uint64_t> rock;    // its dem::Rock::id; 0: none
+  std::vector<std::uint64_t> crater;      // smallest crater in whose rim it lies, by dem::Crater::id; 0: none; empty: not asked
+  std::size_t size() const { return time_s.size(); }
+};
+
+}  // namespace selenograph::engine

@@ -1,0 +1,59 @@
+// From the returns of an echo to what a lidar reports: the lidar equation, detection, noise, false alarms.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "engine/frame/lidar.h"
+#include "engine/lidar/echo.h"
+
+namespace selenograph::engine {
+
+// What one beam reports. Ranges are NaN without a detection.
+struct LidarDetection {
+  double strongest_m, first_m, last_m;
+  float strongest, first, last;  // measured signals
+  std::uint8_t count = 0;
+  bool false_alarm = false;  // the strongest
+  float velocity_noise_m_s = 0;
+};
+
+class LidarReceiverModel {
+ public:
+  explicit LidarReceiverModel(const LidarInstrument& instrument);
+
+  // Signal of a surface that fills the beam, over mu0 f_r / R^2 (sr-1 m-2). photon_counting: photoelectrons by the
+  // lidar equation for extended targets, E_r = E_t mu0 f_r A / R^2 times the efficiency (Bufton, Proc. IEEE 77, 463,
+  // 1989, eq. 1, where a Lambertian surface has f_r = rho / pi), each of h c / wavelength. snr: that of the reference
+  // target times its R^2 over its mu0 f_r.
+  double gain() const { return gain_; }
+
+  // Whether a return is detected is a function of seed, scan, beam and the return's number; so is its noise.
+  //   photon_counting: a count of Poisson statistics, whose mean is the signal and the dark counts within the return's
+  //   full width at half maximum, must reach the threshold. Its range is off by a normal deviate of width /
+  //   sqrt(count). snr: the signal and a normal deviate of 1 must reach the threshold. The range is off by width /
+  //   signal.
+  // Both: and by half of the way of light in the timing noise. False alarms: over the gate there are as many resolution
+  // cells of one pulse length as fit; each exceeds the threshold without light by its chance, so that their number has
+  // Poisson statistics, and their ranges are uniform. Beyond kMostFalse only the nearest and farthest are told apart.
+  LidarDetection detect(std::span<const EchoReturn> returns, std::uint64_t seed, std::uint64_t scan,
+                        std::uint32_t beam) const;
+
+  double expected_false_alarms() const { return false_alarms_; }
+  // The chance that a return of a mean signal is detected, if it is no wider than the pulse.
+  double detection_chance(double signal) const;
+  bool in_gate(double range_m) const { return range_m >= instrument_.gate.near_m && range_m <= instrument_.gate.far_m; }
+
+ private:
+  double dark_counts(double width_m) const;
+
+  const LidarInstrument instrument_;
+  double gain_, cell_m_, false_alarms_;
+};
+
+// The chance that a count of Poisson statistics reaches a threshold.
+double poisson_reaches(double mean, double threshold);
+// The chance that a normal deviate exceeds a number.
+double normal_exceeds(double x);
+
+}  // namespace selenograph::engine

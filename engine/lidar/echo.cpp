@@ -1,0 +1,112 @@
+#include "engine/lidar/echo.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace selenograph::engine {
+namespace {
+
+constexpr double kLight_m_ns = 0.299792458;
+constexpr double kReach = 4;  // deviations beyond which a part is not sampled: 3e-4 of its peak
+constexpr std::size_t kMostSamples = 4096;
+
+}  // namespace
+
+double pulse_deviation_m(double pulse_length_ns) {
+  const double deviations_of_width = 2 * std::sqrt(2 * std::numbers::ln2);
+  return kLight_m_ns / 2 * pulse_length_ns / deviations_of_width;
+}
+
+double part_deviation_m(double pulse_m, double range_m, double theta_rad, double cos_incidence) {
+  constexpr double kGrazing = 0.02;  // flatter than that the ground is not a plane over a beam
+  const double c = std::clamp(cos_incidence, kGrazing, 1.0), tan2 = (1 - c * c) / (c * c),
+               theta2 = theta_rad * theta_rad;
+  return std::sqrt(pulse_m * pulse_m + range_m * range_m * theta2 * (theta2 + tan2));
+}
+
+void Echo::add(std::span<const EchoPart> parts) {
+  double sum = 0, mean = 0, square = 0;
+  const EchoPart* largest = &parts.front();
+  const double near_m = parts.front().range_m;  // sums are relative to it
+  for (const EchoPart& p : parts) {
+    const double r = p.range_m - near_m;
+    sum += p.signal, mean += p.signal * r, square += p.signal * (r * r + p.deviation_m * p.deviation_m);
+    if (p.signal > largest->signal) largest = &p;
+  }
+  if (!(sum > 0)) return;
+  mean /= sum;
+  returns_.push_back({near_m + mean, std::sqrt(std::max(0.0, square / sum - mean * mean)), sum, largest->of});
+}
+
+std::span<const EchoReturn> Echo::returns_of(std::span<EchoPart> parts) {
+  returns_.clear();
+  if (parts.empty()) return {};
+  const auto [nearest, farthest] = std::minmax_element(
+      parts.begin(), parts.end(), [](const EchoPart& a, const EchoPart& b) { return a.range_m < b.range_m; });
+  double narrowest_m = std::numeric_limits<double>::infinity();
+  for (const EchoPart& p : parts) narrowest_m = std::min(narrowest_m, p.deviation_m);
+  // Within one deviation of each other every Gaussian is concave between their middles: there is one maximum.
+  if (farthest->range_m - nearest->range_m <= narrowest_m) {
+    add(parts);
+    return returns_;
+  }
+  std::sort(parts.begin(), parts.end(), [](const EchoPart& a, const EchoPart& b) { return a.range_m < b.range_m; });
+  // Where nothing of any part reaches, there are two echoes.
+  std::size_t first = 0;
+  double reach_m = parts[0].range_m + kReach * parts[0].deviation_m;
+  for (std::size_t i = 1; i <= parts.size(); ++i) {
+    if (i == parts.size() || parts[i].range_m - kReach * parts[i].deviation_m > reach_m) {
+      add_cluster(parts.subspan(first, i - first), narrowest_m);
+      first = i;
+    }
+    if (i < parts.size()) reach_m = std::max(reach_m, parts[i].range_m + kReach * parts[i].deviation_m);
+  }
+  if (returns_.size() > kMost) {
+    std::nth_element(returns_.begin(), returns_.begin() + kMost, returns_.end(),
+                     [](const EchoReturn& a, const EchoReturn& b) { return a.signal > b.signal; });
+    returns_.resize(kMost);
+    std::sort(returns_.begin(), returns_.end(),
+              [](const EchoReturn& a, const EchoReturn& b) { return a.range_m < b.range_m; });
+  }
+  return returns_;
+}
+
+// Parts that overlap: sampled, and cut at the dips.
+void Echo::add_cluster(std::span<const EchoPart> parts, double narrowest_m) {
+  const double from_m = parts.front().range_m, length_m = parts.back().range_m - from_m;
+  if (length_m <= narrowest_m) return add(parts);
+  // Maxima lie between the middles of the first and the last part.
+  const std::size_t count = std::min(kMostSamples, static_cast<std::size_t>(std::ceil(2 * length_m / narrowest_m)) + 1);
+  const double step_m = length_m / static_cast<double>(count - 1);
+  samples_.assign(count, 0);
+  for (const EchoPart& p : parts) {
+    const double reach = kReach * p.deviation_m, middle = p.range_m - from_m, peak = p.signal / p.deviation_m;
+    const auto low = static_cast<std::size_t>(std::max(0.0, std::ceil((middle - reach) / step_m)));
+    // A Gaussian at equal steps: the ratio of neighbours changes by a constant factor.
+    const double s = step_m / p.deviation_m, z = (static_cast<double>(low) * step_m - middle) / p.deviation_m;
+    double value = peak * std::exp(-z * z / 2), ratio = std::exp(-s * (z + s / 2));
+    const double change = std::exp(-s * s);
+    for (std::size_t k = low; k < count && static_cast<double>(k) * step_m <= middle + reach; ++k)
+      samples_[k] += value, value *= ratio, ratio *= change;
+  }
+  // From maximum to maximum: a new return begins at the lowest place of a dip that is deep enough.
+  std::size_t first = 0, lowest = 0;
+  double peak = samples_[0], low = samples_[0];
+  for (std::size_t k = 1; k < count; ++k) {
+    if (samples_[k] < low) low = samples_[k], lowest = k;
+    // After the dip the echo has risen again, and it was higher before.
+    if (low < kDip * peak && low < kDip * samples_[k]) {
+      const double cut_m = from_m + static_cast<double>(lowest) * step_m;
+      std::size_t past = first;
+      while (past < parts.size() && parts[past].range_m <= cut_m) ++past;
+      if (past > first) add(parts.subspan(first, past - first));
+      first = past, peak = low = samples_[k], lowest = k;
+    } else if (samples_[k] > peak) {
+      peak = low = samples_[k], lowest = k;
+    }
+  }
+  if (first < parts.size()) add(parts.subspan(first));
+}
+
+}  // namespace selenograph::engine

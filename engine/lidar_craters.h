@@ -1,0 +1,18 @@
+// Which of a detail's craters the places are in that a lidar's beams met.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "dem/detail/features.h"
+#include "dem/support/stop_token.h"
+#include "engine/frame/lidar.h"
+
+namespace selenograph::engine {
+
+// For each place (MOON_ME, m; NaN: none) the id of the smallest crater in whose rim it lies, 0: none. Throws
+// ImpossibleRequest (member "craters") where the law has too many craters around the places, Cancelled.
+std::vector<std::uint64_t> craters_of(const std::vector<Vec3>& places, const LidarCraters& options,
+                                      const dem::CraterSurvey& survey, const StopToken& stop);
+
+}  // namespace selenograph::engine

@@ -1,0 +1,23 @@
+#include "server/commands/ask.h"
+
+#include <chrono>
+#include <utility>
+
+#include "api/service.h"
+#include "server/commands/start.h"
+
+namespace selenograph::server {
+
+api::Response ask_once(const TerrainSettings& terrain, const api::Limits& limits, const std::string& path,
+                       const std::string& accept, std::string body) {
+  api::Request request;
+  request.method = "POST";
+  request.path = path;
+  request.headers = {{"accept", accept}, {"content-type", "application/json"}};
+  request.body = std::move(body);
+  const api::Service service(make_renderer(terrain), limits, terrain.assets_dir, mesh_options(terrain));
+  request.received = std::chrono::steady_clock::now();
+  return service.handle(request);
+}
+
+}  // namespace selenograph::server
