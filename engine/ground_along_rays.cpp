@@ -22,6 +22,34 @@ bool far_apart(const std::vector<dem::RockFeature>& rocks) {
   });
 }
 
+// Many rays next to each other look for terrain together: runs of them as cones, where those are narrow.
+std::vector<RayCone> bundled(const std::vector<RayCone>& rays) {
+  constexpr std::size_t kRun = 64, kMany = 1024;
+  constexpr double kNarrow = 0.02, kNear_m = 10;
+  if (rays.size() < kMany || !std::all_of(rays.begin(), rays.end(), [](const RayCone& ray) { return ray.one(); }))
+    return rays;
+  std::vector<RayCone> out;
+  for (std::size_t first = 0; first < rays.size(); first += kRun) {
+    const std::span<const RayCone> run(&rays[first], std::min(kRun, rays.size() - first));
+    RayCone cone{Vec3::Zero(), Vec3::Zero()};
+    for (const RayCone& ray : run)
+      cone.origin_m += ray.origin_m / static_cast<double>(run.size()), cone.direction += ray.direction;
+    cone.direction.normalize();
+    double sine = 0;
+    for (const RayCone& ray : run) {
+      cone.radius_m = std::max(cone.radius_m, (ray.origin_m - cone.origin_m).norm());
+      sine = std::max(sine, ray.direction.cross(cone.direction).norm() + (ray.direction.dot(cone.direction) < 0));
+    }
+    // Some more than rounding.
+    cone.radius_m += 1e-6, cone.slope = 1.01 * sine + 1e-7;
+    if (cone.slope < kNarrow && cone.radius_m < kNear_m)
+      out.push_back(cone);
+    else
+      out.insert(out.end(), run.begin(), run.end());
+  }
+  return out;
+}
+
 }  // namespace
 
 // All of a rock and of the soil against it is within a diameter of its position (visibility/objects/rock_shapes.h).
@@ -93,7 +121,8 @@ GroundAlongRays::GroundAlongRays(const char* a_ray, FrameRequest scenery, const 
   if (terrain.detail() && !terrain.detail()->rocks().empty()) rocks_.emplace(terrain);
 }
 
-std::unique_ptr<GroundAlongRays::Part> GroundAlongRays::along(const std::vector<RayCone>& rays, bool last) {
+std::unique_ptr<GroundAlongRays::Part> GroundAlongRays::along(const std::vector<RayCone>& each, bool last) {
+  const std::vector<RayCone> rays = bundled(each);
   // A scene in use can't be evicted: one that alone is over the budget is refused before it is built.
   const std::size_t of_block = scene_bytes_of({.level = dem::kMaxLevel}, Visibility::raytrace);
   const std::size_t most = std::min(kMaxBlocks, kept_.capacity() / of_block);
