@@ -128,8 +128,9 @@ TEST(Arrays, NamesAreThoseOfTheContractInItsOrder) {
     names.emplace_back(entry.name);
     EXPECT_EQ(name_of(entry.product), entry.name);
   }
-  EXPECT_EQ(names, (std::vector<std::string>{"image", "radiance", "depth", "range", "position", "geodetic", "normal",
-                                             "angles", "lit", "gsd", "source", "object_id", "detail", "irradiance"}));
+  EXPECT_EQ(names,
+            (std::vector<std::string>{"image", "radiance", "depth", "range", "position", "geodetic", "normal", "angles",
+                                      "lit", "gsd", "source", "object_id", "detail", "irradiance", "flow"}));
 }
 
 TEST(Arrays, TypesAndShapesAreThoseOfTheContract) {

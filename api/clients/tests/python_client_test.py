@@ -960,7 +960,7 @@ class Package(unittest.TestCase):
         sources = [os.path.join(FOLDER, "selenograph.py")]
         examples = os.path.join(FOLDER, "examples")
         sources += [os.path.join(examples, name) for name in os.listdir(examples) if name.endswith(".py")]
-        self.assertEqual(len(sources), 5)
+        self.assertEqual(len(sources), 6)
         for source in sources:
             with open(source, encoding="utf-8") as file:
                 tree = ast.parse(file.read(), feature_version=(3, 9))
