@@ -48,9 +48,8 @@ class RayCaster {
       SurfacePoints points;
       trace(scene, packet, points);
       ObjectLanes on_objects;
-      const std::uint32_t lanes = meeting == Meeting::everything && !on_it.objects().empty()
-                                      ? on_it.meet(packet, points, on_objects)
-                                      : 0;
+      const std::uint32_t lanes =
+          meeting == Meeting::everything && !on_it.objects().empty() ? on_it.meet(packet, points, on_objects) : 0;
       for (int i = 0; i < count; ++i) {
         const std::size_t at = batch[first + static_cast<std::size_t>(i)];
         if (lanes >> i & 1) {

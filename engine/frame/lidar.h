@@ -80,11 +80,11 @@ struct LidarRequest {
   std::vector<LidarPulse> pulses;
   LidarPattern pattern;
   Pose pose;
-  Rates rates;                       // motion from the pose
-  std::vector<PoseAtTime> poses;     // at least two, which replace pose and rates; empty: none
-  std::uint64_t seed = 0, scan = 0;  // identify the instrument's noise, and the scan's
+  Rates rates;                          // motion from the pose
+  std::vector<PoseAtTime> poses;        // at least two, which replace pose and rates; empty: none
+  std::uint64_t seed = 0, scan = 0;     // identify the instrument's noise, and the scan's
   std::optional<LidarCraters> craters;  // empty: none
-  FrameRequest scenery;              // its ground, objects and detail
+  FrameRequest scenery;                 // its ground, objects and detail
 };
 
 // A column for each member, a row for each beam in the order of the request; three numbers for a vector. What is
@@ -104,7 +104,7 @@ struct LidarReturns {
   std::vector<std::uint8_t> false_alarm;  // 1: range_m is one
   std::vector<std::uint16_t> object;  // index of what most of the strongest return is from; 65535: ground, rock, none
   std::vector<std::uint64_t> rock;    // its dem::Rock::id; 0: none
-  std::vector<std::uint64_t> crater;      // smallest crater in whose rim it lies, by dem::Crater::id; 0: none; empty: not asked
+  std::vector<std::uint64_t> crater;  // smallest whose rim it is in, by dem::Crater::id; 0: none; empty: not asked
   std::size_t size() const { return time_s.size(); }
 };
 

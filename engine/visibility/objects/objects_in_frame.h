@@ -60,7 +60,8 @@ class ObjectsInFrame {
   std::uint16_t index_of_rock(std::size_t rock) const { return static_cast<std::uint16_t>(first_rock_ + rock); }
 
   // Finds lanes where an object is nearer than the terrain, one bit each, and removes them from the terrain's points
-  // and rays: no longer hit or valid, but the numbers stay. `from_camera`: whether the rays are the camera's; others may meet objects that it doesn't see.
+  // and rays: no longer hit or valid, but the numbers stay. `from_camera`: whether the rays are the camera's; others
+  // may meet objects that it doesn't see.
   std::uint32_t meet(Rays& rays, SurfacePoints& terrain, ObjectLanes& out, bool from_camera = true) const;
 
   // Lanes, of those asking, from whose points an object blocks the direction toward the Sun, one bit each. `own`: the
