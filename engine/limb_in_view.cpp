@@ -319,8 +319,8 @@ std::vector<TerminatorPoint> find_terminator(const LimbRequest& request, const d
     const Geographic g = to_geographic(point.position_m);
     places.push_back({g.lat_deg, g.lon_deg, g.height_m}), of_places.push_back(&point);
   }
-  const std::vector<Landmark> seen = project_landmarks(request.camera, request.pose, std::nullopt, places, {},
-                                                       std::nullopt, terrain, kept, stop);
+  const std::vector<Landmark> seen =
+      project_landmarks(request.camera, request.pose, std::nullopt, places, {}, std::nullopt, terrain, kept, stop);
   for (std::size_t k = 0; k < seen.size(); ++k) {
     TerminatorPoint& point = *of_places[k];
     point.x_px = seen[k].x_px, point.y_px = seen[k].y_px;

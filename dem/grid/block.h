@@ -55,7 +55,7 @@ struct Block {
   std::vector<Ground> ground;       // empty: DEM only; otherwise as `sources`
   double error_m = 0;               // as in NodeInfo, as are the next two
   double detail_error_m = 0, left_out_size_m = 0;
-  float min_m = 0, max_m = 0;       // range of these heights and of the finest surface
+  float min_m = 0, max_m = 0;  // range of these heights and of the finest surface
   // Separable sines and cosines of rows and columns, for fast conversion to Cartesian coordinates.
   std::vector<double> sin_lat, cos_lat, sin_lon, cos_lon;
 
