@@ -191,7 +191,7 @@ class EveryAnswer(Documented):
         maps = next(o for o in self.operations if o.path == "/v1/maps")
         for media_type in maps.responses["200"]["content"]:
             self.check(maps, maps.ask(service, dict(maps.examples["slopes"], products=["slope"]), Accept=media_type), 200)
-        for path in ("/v1/features", "/v1/sky", "/v1/limb"):
+        for path in ("/v1/features", "/v1/sky", "/v1/limb", "/v1/rays", "/v1/project", "/v1/lidar"):
             operation = next(o for o in self.operations if o.path == path)
             for media_type in operation.responses["200"]["content"]:
                 self.check(operation, operation.ask(service, Accept=media_type), 200)
