@@ -38,6 +38,7 @@ GroundWindow::GroundWindow(const FrameProducts& products, int width, int height,
   width_ = square.width + left + right, height_ = square.height + up + down;
   if (left_ < 0 || top_ < 0 || left_ + width_ > width || top_ + height_ > height)
     throw std::logic_error("a footprint reaches beyond what was drawn");
+  find_trend(products, static_cast<std::size_t>(width));
   sum_rows(products, static_cast<std::size_t>(width), limits);
   if (roughness_) bound_cells();
   inverse_ = inverse_of_normal_equations([&](const auto& add) {
@@ -47,6 +48,19 @@ GroundWindow::GroundWindow(const FrameProducts& products, int width, int height,
     }
     for (const Eigen::Vector2i& pad : footprint.pads) add(pad.x(), pad.y());
   });
+}
+
+// From the corners of the square, if they have data.
+void GroundWindow::find_trend(const FrameProducts& products, std::size_t map_width) {
+  const auto at = [&](int x, int y) {
+    return products.height[static_cast<std::size_t>(y) * map_width + static_cast<std::size_t>(x)];
+  };
+  const int right = square_.x + square_.width - 1, bottom = square_.y + square_.height - 1;
+  const double a = at(square_.x, square_.y), b = at(right, square_.y), c = at(square_.x, bottom), d = at(right, bottom);
+  if (!std::isfinite(a + b + c + d)) return;
+  trend_.right = (b - a + d - c) / (2.0 * std::max(1, square_.width - 1));
+  trend_.down = (c - a + d - b) / (2.0 * std::max(1, square_.height - 1));
+  trend_.height_m = a - trend_.right * (square_.x - left_) - trend_.down * (square_.y - top_);
 }
 
 void GroundWindow::sum_rows(const FrameProducts& products, std::size_t map_width, const Limits& limits) {
@@ -59,14 +73,12 @@ void GroundWindow::sum_rows(const FrameProducts& products, std::size_t map_width
   make(sum_), make(moment_), make(missing_);
   const bool rocks = !products.rock_height.empty();
   if (rocks) make(rocks_), make(high_);
-  for (int y = 0; y < height_ && reference_m_ == 0; ++y)
-    if (const double height_m = products.height[at(width_ / 2, y)]; !std::isnan(height_m)) reference_m_ = height_m;
   for (int y = 0; y < height_; ++y) {
     const std::size_t row = static_cast<std::size_t>(y) * stride;
     for (int x = 0; x < width_; ++x) {
       const double given_m = products.height[at(x, y)];
       const bool none = std::isnan(given_m);
-      const double height_m = none ? 0 : given_m - reference_m_;
+      const double height_m = none ? 0 : given_m - trend_.height_m - trend_.right * x - trend_.down * y;
       heights_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) + static_cast<std::size_t>(x)] = height_m;
       const std::size_t next = row + static_cast<std::size_t>(x) + 1;
       sum_.all[next] = sum_.all[next - 1] + height_m;
@@ -189,7 +201,8 @@ void GroundWindow::measure(int row, std::span<FootprintMeasures> out) const {
   for (std::size_t i = 0; i < out.size(); ++i) {
     out[i] = {};
     if (missing[i] > 0) continue;
-    const double gradient = (to_gradient * Eigen::Vector2d(planes[i].right, planes[i].down)).norm();
+    const double gradient =
+        (to_gradient * Eigen::Vector2d(planes[i].right + trend_.right, planes[i].down + trend_.down)).norm();
     out[i].slope_deg = std::atan(gradient) * kDegreesPerRadian;
     if (roughness_)
       out[i].roughness_m = farthest(planes[i], square_.x - left_ + static_cast<int>(i), square_.y - top_ + row, where) /

@@ -48,6 +48,7 @@ class GroundWindow {
   };
   static constexpr int kCell = 8;
 
+  void find_trend(const FrameProducts& products, std::size_t map_width);
   void sum_rows(const FrameProducts& products, std::size_t map_width, const Limits& limits);
   void bound_cells();
   void fit_all(int row, std::span<Plane> planes) const;
@@ -66,8 +67,9 @@ class GroundWindow {
   Square square_;
   bool roughness_;
   int left_ = 0, top_ = 0, width_ = 0, height_ = 0;  // of the window in the map
-  double reference_m_ = 0;
-  std::vector<double> heights_;  // above the reference; 0: no data
+  // A plane that the window is on the whole: cells' bounds are the closer, the less steep heights are above it.
+  Plane trend_{0, 0, 0};
+  std::vector<double> heights_;  // above that plane; 0: no data
   Sums<double> sum_, moment_;    // of heights, and of column times height
   Sums<int> missing_, rocks_, high_;
   Eigen::Matrix3d inverse_;  // of the normal equations, over all of the footprint
