@@ -36,7 +36,7 @@ def best(ask, times=5):
 def main():
     harness.set_up()
     harness.sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "1024")
-    service = Service("--assets-dir", ASSETS)
+    service = Service("--assets-dir", ASSETS, "--max-body-kb", "16384")
     ground_m = json.loads(service.ask("GET", "/v1/height?lat_deg=0.1&lon_deg=30.1")[2])["height_m"]
     pose = {"geodetic": {**PLACE, "height_m": ground_m + 100}, "nadir": {}}
     for fov_deg in (10, 20, 40):

@@ -377,9 +377,9 @@ TEST(Images, RejectUnsupportedArrays) {
   ArrayView empty = sample["lit"];
   empty.height = 0;
   EXPECT_THROW(encode_tiff(empty, {}), std::invalid_argument);
-  ArrayView pair = sample["normal"];
-  pair.channels = 2;
-  EXPECT_THROW(encode_tiff(pair, {}), std::invalid_argument);
+  ArrayView four = sample["normal"];
+  four.channels = 4;
+  EXPECT_THROW(encode_tiff(four, {}), std::invalid_argument);
   ArrayView narrower = sample["lit"];
   narrower.width -= 1;
   EXPECT_THROW(encode_exr({sample["gsd"], narrower}, {}), std::invalid_argument);
