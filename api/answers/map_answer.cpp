@@ -105,7 +105,7 @@ std::size_t bytes_of(const engine::MapRequest& request) {
   // A patch of 512 x 512 pixels: directions and a frame's arrays. An answer is made beside the arrays, and a GeoTIFF's
   // bytes are copied once.
   constexpr std::size_t kPatch = std::size_t{512} * 512 * 96;
-  return arrays + (wider ? engine::bytes_of_footprints(request) : 0) +
+  return arrays + (wider ? engine::bytes_of_footprints(request, drawn) : 0) +
          2 * std::max(arrays, dem::geotiff_bytes_at_most(request.grid, bands)) + kPatch;
 }
 

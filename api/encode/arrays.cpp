@@ -133,7 +133,9 @@ constexpr ProductRow kTable[] = {
       "none; 65535 for no data"}},
 };
 
-constexpr std::size_t kOfFrames = std::size(kTable) - 6;  // the last are maps' own
+// The last are maps' own.
+constexpr std::size_t kOfFrames =
+    std::ranges::count_if(kTable, [](const ProductRow& row) { return !row.meaning.empty(); });
 
 std::vector<ProductRow> rows_of_maps() {
   std::vector<ProductRow> rows;

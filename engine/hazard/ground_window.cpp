@@ -1,6 +1,5 @@
 #include "engine/hazard/ground_window.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>

@@ -5,13 +5,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <span>
 #include <vector>
 
 #include "dem/grid/block.h"
 #include "dem/support/error.h"
 #include "dem/support/parallel.h"
-#include "engine/frame/needs.h"
 #include "engine/hazard/footprint.h"
 #include "engine/hazard/ground_window.h"
 #include "engine/support/assign.h"
@@ -22,7 +20,8 @@ namespace {
 constexpr ProductSet kOfFootprint = kRockCover | kRoughness | kHazard;
 constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
 
-// Pixels beyond the map's border that footprints cover, by the map's scale at nine of its places.
+// Pixels beyond the map's border that footprints cover, by the map's scale at nine of its places. Throws
+// ImpossibleRequest. It takes a while: who knows what was drawn has it from there.
 int margin_px(const MapRequest& request) {
   constexpr int kMost_px = 200;
   const dem::MapGrid& grid = request.grid;
@@ -41,13 +40,17 @@ int margin_px(const MapRequest& request) {
   return margin;
 }
 
+int margin_px(const MapRequest& request, const MapRequest& drawn) {
+  return (drawn.grid.width - request.grid.width) / 2;
+}
+
 // In work: squares of pixels that share one footprint, so small that the map's scale is the same all over them.
 constexpr int kSquare_px = 128;
 
 class HazardMap {
  public:
   HazardMap(const MapRequest& request, const MapRequest& drawn, FrameProducts& products, const StopToken& stop)
-      : request_(request), drawn_(drawn), products_(products), stop_(stop), margin_(margin_px(request)) {
+      : request_(request), drawn_(drawn), products_(products), stop_(stop), margin_(margin_px(request, drawn)) {
     const std::size_t n = static_cast<std::size_t>(drawn.grid.width) * static_cast<std::size_t>(drawn.grid.height);
     const auto allocate = [&](auto& array, ProductSet product, auto none) {
       if (request.products & product) assign(array, n, none, stop);
@@ -148,9 +151,9 @@ MapRequest drawn_for(const MapRequest& request) {
   return drawn;
 }
 
-std::size_t bytes_of_footprints(const MapRequest& request) {
+std::size_t bytes_of_footprints(const MapRequest& request, const MapRequest& drawn) {
   constexpr std::size_t kBytesOfPixel = 40, kThreads = 16;
-  const auto side = static_cast<std::size_t>(kSquare_px + 2 * margin_px(request));
+  const auto side = static_cast<std::size_t>(kSquare_px + 2 * margin_px(request, drawn));
   return kThreads * kBytesOfPixel * side * side;
 }
 
@@ -158,7 +161,7 @@ void find_hazards(const MapRequest& request, const MapRequest& drawn, FrameProdu
   HazardMap(request, drawn, products, stop).find();
   if (!(request.products & kHeight)) products.height = {};
   if (!(request.products & kRockHeight)) products.rock_height = {};
-  const int margin = margin_px(request);
+  const int margin = margin_px(request, drawn);
   std::apply([&](auto&... array) { (cut(array, drawn.grid, request.grid, margin), ...); }, all_arrays(products));
 }
 

@@ -17,11 +17,11 @@ namespace selenograph::engine {
 bool wants_footprint(const MapRequest& request);
 
 // What has to be drawn for a map with these products: the map, wider by what footprints at its border cover, with
-// heights.
+// heights. Throws ImpossibleRequest (member "footprint") where footprints reach too many pixels.
 MapRequest drawn_for(const MapRequest& request);
 
-// Memory that find_hazards() takes beside the products, at most.
-std::size_t bytes_of_footprints(const MapRequest& request);
+// Memory that find_hazards() takes beside the products, at most. `drawn`: drawn_for() that request, as below.
+std::size_t bytes_of_footprints(const MapRequest& request, const MapRequest& drawn);
 
 // From what was drawn to what is asked for: adds the products of the footprint, cuts the border off. NaN and
 // kNoHazardNumber where ground in the footprint has no data. Parallel.
