@@ -8,23 +8,13 @@
 #include "dem/sample/sample_terrain.h"
 #include "engine/frame/rims.h"
 #include "engine/verify/round_trip.h"
+#include "server/commands/ask.h"
 #include "server/commands/config.h"
 
 namespace selenograph::server {
 
-struct RenderSettings {
-  TerrainSettings terrain;
-  api::Limits limits;
-  std::string request;  // path, "-": stdin
-  std::string output;   // its extension is the format
-};
-
-struct LidarSettings {
-  TerrainSettings terrain;
-  api::Limits limits;
-  std::string request;  // path, "-": stdin
-  std::string output;   // .npz or .json
-};
+struct RenderSettings : RequestSettings {};
+struct LidarSettings : RequestSettings {};  // .npz or .json
 
 struct MapSettings {
   TerrainSettings terrain;

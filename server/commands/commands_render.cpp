@@ -8,8 +8,6 @@
 #include "api/json/json_reader.h"
 #include "server/commands/ask.h"
 #include "server/commands/commands.h"
-#include "server/commands/output.h"
-#include "server/commands/request_file.h"
 #include "server/commands/start.h"
 
 namespace selenograph::server {
@@ -33,15 +31,9 @@ std::string media_type_of_frame(const std::string& output) {
 
 int render(const RenderSettings& settings) {
   set_up_log(settings.terrain.log_level);
-  const api::Response answer = ask_once(settings.terrain, settings.limits, "/v1/frames",
-                                        media_type_of_frame(settings.output), read_request(settings.request));
-  if (answer.status != 200) {
-    print_problem(answer);
-    return 1;
-  }
-  write_whole(settings.output, answer.body);
-  fmt::print("{}: {} bytes\n", settings.output, answer.body.size());
-  for (const auto& [name, value] : answer.headers) {
+  const auto answer = answer_file(settings, "/v1/frames", media_type_of_frame(settings.output));
+  if (!answer) return 1;
+  for (const auto& [name, value] : answer->headers) {
     if (name == "Selenograph-Warnings")
       for (const api::Json& text : api::Json::parse(value))
         fmt::print("{}: warning: {}\n", settings.output, text.get<std::string>());
