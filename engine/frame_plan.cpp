@@ -58,11 +58,10 @@ void thin_array(std::vector<T>& array, const FrameRequest& asked) {
 void thin(FrameProducts& products, const FrameRequest& asked) {
   if (!(asked.products & kRange)) products.range = {};
   if (!asked.truth) return;
-  std::vector<std::uint16_t> image = std::move(products.image);
-  std::vector<float> radiance = std::move(products.radiance);
-  products.image.clear(), products.radiance.clear();
+  FrameProducts whole;
+  whole.image.swap(products.image), whole.radiance.swap(products.radiance), whole.rock.swap(products.rock);
   std::apply([&](auto&... array) { (thin_array(array, asked), ...); }, all_arrays(products));
-  products.image = std::move(image), products.radiance = std::move(radiance);
+  whole.image.swap(products.image), whole.radiance.swap(products.radiance), whole.rock.swap(products.rock);
 }
 
 FramePlan::FramePlan(const FrameRequest& asked, const StopToken& stop)

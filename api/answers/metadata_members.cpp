@@ -220,9 +220,14 @@ void add_content(Answer<MetadataSource>& a) {
         return OrderedJson{{"number", r.rocks}, {"least_px", r.least_rock_px}, {"fraction", r.rock_fraction}};
       },
       [](const MetadataSource& s) { return s.frame && s.report.least_rock_px > 0; });
-  const auto with_craters = [](const MetadataSource& s) { return s.frame && s.request.craters; };
+  // With kRock they are among the labels.
+  const auto with_craters = [](const MetadataSource& s) {
+    return s.frame && s.request.craters && !(s.request.products & engine::kRock);
+  };
   a.add(
-      "craters", array(crater_answer().schema(), "that the frame shows, the largest first, if the request asks"),
+      "craters",
+      array(crater_answer().schema(),
+            "that the frame shows, the largest first, if the request asks and has no `labels`"),
       [](const MetadataSource& s) { return crater_answer().write_all(s.report.craters.rims); }, with_craters);
   a.add(
       "craters_cut_off",

@@ -38,8 +38,16 @@ std::string encode_raw(const ArrayView& array);
 // NPY 1.0: shape (height, width) or (height, width, channels), or the array's own; the data are aligned to 64 bytes.
 std::string encode_npy(const ArrayView& array);
 
-// One .npy per array plus meta.json, in an uncompressed zip archive. Names must differ.
-std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& meta_json, const StopToken& stop = {});
+// Members of an .npz beside its arrays and meta.json, by their whole names; and whether all members are deflated: as
+// numpy.savez_compressed does, at zlib's fastest level.
+struct NpzExtras {
+  std::vector<std::pair<std::string, std::string>> texts{};
+  bool deflated = false;
+};
+
+// One .npy per array plus meta.json, in a zip archive. Names must differ. Deflated bytes depend on zlib's version.
+std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& meta_json, const StopToken& stop = {},
+                       const NpzExtras& extras = {});
 
 // (name, value) text metadata, e.g. {"selenograph", meta_json}.
 using Attributes = std::vector<std::pair<std::string, std::string>>;

@@ -56,7 +56,7 @@ using Source = std::unique_ptr<zip_source_t, Free>;
 [[noreturn]] void fail(const std::string& what) { throw std::runtime_error("npz: " + what); }
 
 // A member made of pieces that outlive the archive; nothing is copied until the archive is written.
-void add_member(zip_t* archive, const std::string& name, std::vector<zip_buffer_fragment_t> pieces) {
+void add_member(zip_t* archive, const std::string& name, std::vector<zip_buffer_fragment_t> pieces, bool deflated) {
   Source source(zip_source_buffer_fragment_create(pieces.data(), pieces.size(), 0, nullptr));
   if (!source) fail("no memory for " + name);
   const zip_int64_t index = zip_file_add(archive, name.c_str(), source.get(), ZIP_FL_ENC_UTF_8);
@@ -67,11 +67,12 @@ void add_member(zip_t* archive, const std::string& name, std::vector<zip_buffer_
     fail(name + ": " + zip_strerror(archive));
   }
   source.release();  // NOLINT(bugprone-unused-return-value): the archive owns it now
-  // Stored: on one core deflate at its fastest needs 16-21 ms per MB, half a second for a megapixel of positions, of
-  // which it saves a sixth (of radiance a third). The date is zip's zero, 1980-01-01, so that equal frames are equal
-  // bytes.
+  // Stored unless asked: on one core deflate at its fastest needs 16-21 ms per MB, half a second for a megapixel of
+  // positions, of which it saves a sixth (of radiance a third). The date is zip's zero, 1980-01-01, so that equal
+  // frames are equal bytes.
   constexpr zip_uint16_t kFirstDosDate = (1 << 5) | 1;
-  if (zip_set_file_compression(archive, zip_uint64_t(index), ZIP_CM_STORE, 0) != 0 ||
+  constexpr zip_uint32_t kFastest = 1;
+  if (zip_set_file_compression(archive, zip_uint64_t(index), deflated ? ZIP_CM_DEFLATE : ZIP_CM_STORE, kFastest) != 0 ||
       zip_file_set_dostime(archive, zip_uint64_t(index), 0, kFirstDosDate, 0) != 0) {
     fail(name + ": " + zip_strerror(archive));
   }
@@ -210,12 +211,15 @@ std::string encode_npy(const ArrayView& array) {
   return result;
 }
 
-std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& meta_json, const StopToken& stop) {
+std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& meta_json, const StopToken& stop,
+                       const NpzExtras& extras) {
   std::vector<std::string> headers;  // all made before the first is pointed to
   headers.reserve(arrays.size());
   for (const ArrayView& array : arrays) headers.push_back(npy_header(array));
   std::size_t expected = meta_json.size() + kMemberBytes;
   for (const ArrayView& array : arrays) expected += size_bytes(array) + kMemberBytes;
+  for (const auto& [name, text] : extras.texts) expected += text.size() + kMemberBytes;
+  if (extras.deflated) expected /= 2;
   ZipDestination destination(expected, stop);
   Source source(zip_source_function_create(ZipDestination::call, &destination, nullptr));
   if (!source) fail("no memory");
@@ -224,9 +228,14 @@ std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& 
   source.release();  // NOLINT(bugprone-unused-return-value): the archive owns it now
   for (std::size_t i = 0; i < arrays.size(); ++i) {
     add_member(archive.get(), std::string(arrays[i].name) + ".npy",
-               {piece(headers[i].data(), headers[i].size()), piece(bytes(arrays[i]), size_bytes(arrays[i]))});
+               {piece(headers[i].data(), headers[i].size()), piece(bytes(arrays[i]), size_bytes(arrays[i]))},
+               extras.deflated);
   }
-  add_member(archive.get(), "meta.json", {piece(meta_json.data(), meta_json.size())});
+  const auto add_text = [&](const std::string& name, const std::string& text) {
+    add_member(archive.get(), name, {piece(text.data(), text.size())}, extras.deflated);
+  };
+  add_text("meta.json", meta_json);
+  for (const auto& [name, text] : extras.texts) add_text(name, text);
   if (zip_close(archive.get()) != 0) {
     stop.check();
     fail(zip_strerror(archive.get()));

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <cstring>
 #include <memory>
+#include <stdexcept>
 
 #include "api/message/problem.h"
 
@@ -144,16 +145,18 @@ struct CloseMember {
 };
 using OpenArchive = std::unique_ptr<zip_t, CloseArchive>;
 
-OpenArchive open_archive(std::string_view bytes) {
+// Opens what make(error) is the source of; refuse(why) throws.
+template <typename Make, typename Refuse>
+OpenArchive open_archive(const Make& make, int flags, const Refuse& refuse) {
   zip_error_t error;
   zip_error_init(&error);
-  zip_source_t* source = zip_source_buffer_create(bytes.data(), bytes.size(), 0, &error);
-  OpenArchive archive(source ? zip_open_from_source(source, ZIP_RDONLY | ZIP_CHECKCONS, &error) : nullptr);
+  zip_source_t* source = make(&error);
+  OpenArchive archive(source ? zip_open_from_source(source, ZIP_RDONLY | flags, &error) : nullptr);
   if (!archive) {
     if (source) zip_source_free(source);
     const std::string why = std::string("can't be read: ") + zip_error_strerror(&error);
     zip_error_fini(&error);
-    refuse_npz("", why + "; numpy.savez makes one");
+    refuse(why);
   }
   zip_error_fini(&error);
   return archive;
@@ -218,7 +221,9 @@ NpzArray read_npy(std::string_view bytes, const std::string& name) {
 }
 
 NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes, const StopToken& stop) {
-  const OpenArchive archive = open_archive(bytes);
+  const OpenArchive archive =
+      open_archive([&](zip_error_t* error) { return zip_source_buffer_create(bytes.data(), bytes.size(), 0, error); },
+                   ZIP_CHECKCONS, [](const std::string& why) { refuse_npz("", why + "; numpy.savez makes one"); });
   const zip_int64_t entries = zip_get_num_entries(archive.get(), 0);
   if (entries < 1 || static_cast<std::size_t>(entries) > kMostArrays)
     refuse_npz("", fmt::format("has {} members; 1 to {} arrays are needed", entries, kMostArrays));
@@ -243,6 +248,26 @@ NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes, const StopToke
     if (!arrays.emplace(name, std::move(array)).second) refuse_npz(name, "is there twice");
   }
   return arrays;
+}
+
+std::optional<std::string> text_in_npz(const std::string& path, std::uint64_t offset, std::uint64_t bytes,
+                                       const std::string& name) {
+  const auto refuse = [&](const std::string& why) { throw std::runtime_error(path + ": " + why); };
+  const OpenArchive archive = open_archive(
+      [&](zip_error_t* error) {
+        return zip_source_file_create(path.c_str(), offset, static_cast<zip_int64_t>(bytes), error);
+      },
+      0, refuse);
+  const zip_int64_t index = zip_name_locate(archive.get(), name.c_str(), 0);
+  if (index < 0) return std::nullopt;
+  zip_stat_t stat;
+  if (zip_stat_index(archive.get(), static_cast<zip_uint64_t>(index), 0, &stat) != 0 || !(stat.valid & ZIP_STAT_SIZE))
+    refuse("has a member " + name + " without size");
+  try {
+    return unpacked(archive.get(), static_cast<zip_uint64_t>(index), stat.size, name, {});
+  } catch (const RequestError& e) {
+    throw std::runtime_error(path + ": " + e.what());
+  }
 }
 
 }  // namespace selenograph::api

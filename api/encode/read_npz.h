@@ -1,7 +1,8 @@
-// Reads the arrays of a request: an .npz archive as numpy.savez and numpy.savez_compressed write it.
+// Reads .npz archives: the arrays of a request, as numpy.savez and numpy.savez_compressed write them, and a text.
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <map>
 #include <optional>
 #include <string>
@@ -24,6 +25,11 @@ using NpzArrays = std::map<std::string, NpzArray>;
 // numbers of up to 8 bytes or booleans, C order or Fortran's, stored or deflated, each name once, nothing else.
 // `max_bytes`: of all arrays unpacked. Throws RequestError "malformed_npz" that names the array, or "too_large".
 NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes, const StopToken& stop = {});
+
+// The text member `name` (its whole name) of the archive in `bytes` of a file from `offset` on, without reading the
+// rest; empty if there is none. Throws std::runtime_error naming the file.
+std::optional<std::string> text_in_npz(const std::string& path, std::uint64_t offset, std::uint64_t bytes,
+                                       const std::string& name);
 
 // One array's file: the content of an .npy; `name` for errors.
 NpzArray read_npy(std::string_view bytes, const std::string& name);

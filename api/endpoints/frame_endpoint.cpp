@@ -6,6 +6,7 @@
 #include <chrono>
 #include <list>
 
+#include "api/answers/coco.h"
 #include "api/answers/metadata.h"
 #include "api/encode/arrays.h"
 #include "api/encode/encode.h"
@@ -50,14 +51,46 @@ std::string server_timing(double parse_ms, const engine::StageTimes& times, doub
       kernel_ms);
 }
 
+// Labels of a frame as members of an .npz.
+class LabelMembers {
+ public:
+  // `prefix` for the names.
+  void add(const FrameQuery& query, const engine::Frame& frame, const std::string& prefix, const StopToken& stop,
+           std::vector<ArrayView>& arrays, NpzExtras& extras) {
+    if (!query.labels) return;
+    const engine::Camera& camera = query.request.camera;
+    const FrameLabels labels(frame, camera, query.request.craters->least_px);
+    const auto keep = [&](const char* name, std::vector<std::uint16_t> mask) {
+      arrays.push_back({names_.emplace_back(prefix + name),
+                        ElementType::uint16,
+                        camera.height,
+                        camera.width,
+                        1,
+                        masks_.emplace_back(std::move(mask)).data(),
+                        {}});
+    };
+    keep("crater_mask", labels.crater_mask());
+    keep("rock_mask", labels.rock_mask());
+    stop.check();
+    extras.texts.emplace_back(
+        prefix + kCocoMember,
+        labels.coco(query, "frame.npz").dump(-1, ' ', false, OrderedJson::error_handler_t::replace));
+  }
+
+ private:
+  // Their elements stay where they are.
+  std::list<std::string> names_;
+  std::list<std::vector<std::uint16_t>> masks_;
+};
+
 std::string encode(const std::vector<ArrayView>& arrays, Format format, const std::string& meta,
-                   const StopToken& stop) {
+                   const NpzExtras& extras, const StopToken& stop) {
   const Attributes attributes{{"selenograph", meta}};
   switch (format) {
     case Format::npy:
       return encode_npy(arrays.front());
     case Format::npz:
-      return encode_npz(arrays, meta, stop);
+      return encode_npz(arrays, meta, stop, extras);
     case Format::png:
       return encode_png(arrays.front(), attributes, stop);
     case Format::tiff:
@@ -113,10 +146,12 @@ std::size_t bytes_of(const engine::FrameRequest& request) {
   const engine::ProductSet whole = request.truth && !ranges ? arrays & ~engine::kTruth : arrays;
   const std::size_t answer = bytes_per_pixel(request.products & whole),
                     working = engine::working_bytes_per_pixel(request);
+  const std::size_t bytes_of_masks =
+      request.products & engine::kRock ? 3 * sizeof(std::uint16_t) * engine::rendered_pixels(request) : 0;
   const std::size_t truth = request.truth ? request.truth->size() * 2 * bytes_per_pixel(arrays & engine::kTruth) : 0;
   return truth + engine::rendered_pixels(request) * (bytes_per_pixel(whole) + std::max(working, answer)) +
          engine::bytes_of_rows(request.camera, request.shutter) + engine::bytes_of_rocks(request.detail.get()) +
-         engine::bytes_of_craters(request) + bytes_of_sky(request);
+         engine::bytes_of_craters(request) + bytes_of_sky(request) + bytes_of_masks;
 }
 
 // The engine's refusals are of where the camera is, but for those that name a member.
@@ -129,6 +164,15 @@ constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px
                                         {"flow_to", "/flow_to"},
                                         {"magnitude_limit", "/sky/magnitude_limit"},
                                         {"earth_map", "/sky/earth_map"}};
+
+// What only an .npz has room for.
+void refuse_members(const FrameQuery& query, const Representation& representation) {
+  if (representation.format == Format::npz) return;
+  const std::string what = fmt::format("is of {} alone", api::representation(Format::npz).media_type);
+  if (query.labels) throw RequestError("invalid_request", "labels are in an .npz", {{"/labels", what}});
+  if (query.compression != Compression::none)
+    throw RequestError("invalid_request", "compression is an .npz's", {{"/compression", what}});
+}
 
 // OpenEXR's channels have one size.
 void refuse_sizes(const engine::FrameRequest& request, const Representation& representation) {
@@ -171,9 +215,12 @@ Response answer(const FrameQuery& query, const engine::Frame& frame, const Repre
   if (frame.report.warnings.empty()) response.headers.emplace_back("ETag", "\"" + hash + "\"");
   const nlohmann::ordered_json meta = metadata(query, frame.report, catalogue, hash);
   Narrowed narrowed;
-  const std::vector<ArrayView> arrays = arrays_of(frame, query.request, query.request.products, narrowed);
+  std::vector<ArrayView> arrays = arrays_of(frame, query.request, query.request.products, narrowed);
+  NpzExtras extras{.deflated = query.compression == Compression::deflate};
+  LabelMembers labels;
+  labels.add(query, frame, "", stop, arrays, extras);
   std::string text = metadata_text(meta, query.request.craters.has_value());
-  response.body = encode(arrays, representation.format, text, stop);
+  response.body = encode(arrays, representation.format, text, extras, stop);
   if (representation.format == Format::npy || representation.format == Format::raw) {
     MetadataHeader header = metadata_header(meta);
     if (!header.whole) remember(hash, std::move(text), long_metadata);
@@ -234,6 +281,8 @@ std::string encode(std::vector<CameraFrame>& cameras, const std::string& hash, c
   OrderedJson meta{{"content_hash", hash}, {"cameras", OrderedJson::object()}};
   std::vector<ArrayView> arrays;
   std::list<std::string> names;
+  NpzExtras extras;
+  LabelMembers labels;
   for (CameraFrame& camera : cameras) {
     meta["cameras"][camera.name] =
         metadata(camera.query, camera.frame.report, context.renderer.terrain().catalogue(), camera.hash);
@@ -244,10 +293,12 @@ std::string encode(std::vector<CameraFrame>& cameras, const std::string& hash, c
       array.name = names.emplace_back(camera.name + "/" + std::string(array.name));
       arrays.push_back(std::move(array));
     }
+    labels.add(camera.query, camera.frame, camera.name + "/", context.stop, arrays, extras);
+    extras.deflated |= camera.query.compression == Compression::deflate;
   }
   const bool craters =
       std::ranges::any_of(cameras, [](const CameraFrame& c) { return c.query.request.craters.has_value(); });
-  return encode_npz(arrays, metadata_text(meta, craters), context.stop);
+  return encode_npz(arrays, metadata_text(meta, craters), context.stop, extras);
 }
 
 Response answer_cameras(const EndpointContext& context, const Json& body) {
@@ -310,6 +361,7 @@ Response answer_frame(const EndpointContext& context, const Json& body) {
   const std::string accept = header(context.request, "accept");
   const Representation& representation = negotiate(accept, query.request.products);
   refuse_sizes(query.request, representation);
+  refuse_members(query, representation);
   const std::string budget = choose_within_budget(query, context);
   if (const std::string known = header(context.request, "if-none-match"); !known.empty()) {
     const std::string hash = hash_beforehand(query, "/pose", representation, context);

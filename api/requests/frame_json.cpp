@@ -222,16 +222,21 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
   if (request.products & engine::kFlow && !in.has("flow_to"))
     in.fail("flow_to", "is required for the product \"flow\"");
   if (engine::wants_flow(request)) check_flow(in, request);
-  if (request.craters && in.has("craters")) {
-    if (!in.has("detail")) in.fail("craters", "requires \"detail\": the craters are its");
-    if (!request.terrain) in.fail("craters", "are terrain's, and \"terrain\" is false");
+  for (const auto& [name, wanted] : {std::pair("craters", request.craters.has_value()), {"labels", query.labels}}) {
+    if (!wanted || !in.has(name)) continue;
+    if (!in.has("detail")) in.fail(name, "requires \"detail\": the craters are its");
+    if (!request.terrain) in.fail(name, "craters are terrain's, and \"terrain\" is false");
+  }
+  if (query.labels) {
+    query.request.products |= engine::kRock;
+    if (!request.craters) query.request.craters.emplace();
   }
   require_sun(in, products(), request.products);
 }
 
 // Those of a detail.
 OrderedJson craters_condition(const Limits&) {
-  const OrderedJson none{{"properties", {{"craters", {{"const", false}}}}}};
+  const OrderedJson none{{"properties", {{"craters", {{"const", false}}}, {"labels", {{"const", false}}}}}};
   return {{"anyOf", OrderedJson::array({none, {{"required", {"detail"}}}})}};
 }
 
@@ -299,6 +304,12 @@ void add_rendering(Members<FrameQuery>& m) {
       "craters", [](auto& q) -> auto& { return q.request.craters; }, FlagOrObject{craters_members()},
       "lists the craters of `detail` that the frame shows, with their rims in the image, as `craters` of the metadata; "
       "changes no pixel. true: with all defaults; left out or false: no list");
+  m.add("labels", &FrameQuery::labels, Flag{},
+        "labels for training, of the whole image: arrays `crater_mask` and `rock_mask` (uint16: the `id` of an "
+        "annotation, 0 without one; of several craters the smallest) and `coco.json` with the annotations, of an .npz. "
+        "Of craters as `craters` says; rocks are listed if they cover as many pixels as a circle of `smallest_px`. "
+        "The craters are not in the metadata then")
+      .written_if([](const FrameQuery& q) { return q.labels; });
   m.add(
        "truth", [](auto& q) -> auto& { return q.request.truth; }, Object{truth_members()},
        "subset of pixels for ground truth; left out: every pixel of every product, positions as float64")
@@ -310,6 +321,9 @@ void add_rendering(Members<FrameQuery>& m) {
         "any object of at most 1024 bytes (a time tag, the frame's number, the camera's name): returned unchanged in "
         "the header Selenograph-Echo. Changes no byte of any answer")
       .written_if([](const FrameQuery&) { return false; });
+  m.add("compression", &FrameQuery::compression, Word{kCompressions},
+        "of an .npz: deflate makes it smaller and takes longer; PNG, TIFF and OpenEXR are always compressed")
+      .written_if([](const FrameQuery& q) { return q.compression != Compression::none; });
   m.add("cameras", no_field<FrameQuery>(), CamerasByName{},
         "several cameras at one instant, by name: each is an object of members of this table, which replace the "
         "request's own. The answer is one .npz with arrays NAME/PRODUCT, and its meta.json has the metadata of each "

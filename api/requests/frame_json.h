@@ -22,6 +22,11 @@ inline constexpr std::pair<std::string_view, engine::Visibility> kVisibilities[]
     {"raytrace", engine::Visibility::raytrace}};
 std::string_view visibility_name(engine::Visibility visibility);
 
+// Of an .npz.
+enum class Compression { none, deflate };
+inline constexpr std::pair<std::string_view, Compression> kCompressions[] = {{"none", Compression::none},
+                                                                             {"deflate", Compression::deflate}};
+
 struct FrameQuery : SceneryQuery {
   engine::FrameRequest request;
   // Time budget for choosing the accuracy; empty: `request.accuracy` was given or is the default.
@@ -30,6 +35,8 @@ struct FrameQuery : SceneryQuery {
   std::vector<ObjectQuery> objects;
   std::vector<engine::Pose> ahead;  // expected next poses; they do not change this frame
   std::string echo;                 // returned in a header: compact ASCII JSON; empty: none
+  bool labels = false;              // masks and annotations of craters and rocks; then `request` lists both
+  Compression compression = Compression::none;
 
   engine::FrameRequest& look() { return request; }
   const engine::FrameRequest& look() const { return request; }

@@ -74,7 +74,7 @@ struct FrameRequest {
 // The band of radiance; null: all wavelengths.
 inline const Band* band_of(const FrameRequest& request) { return request.band ? &*request.band : nullptr; }
 
-// Ground-truth products, to which TruthGrid applies.
+// Ground-truth products, to which TruthGrid applies; with `craters` kRock is an exception, as labels of the image are.
 inline constexpr ProductSet kTruth = ~static_cast<ProductSet>(kImage | kRadiance);
 
 // Stored bits of a digital number: 8 or 16.

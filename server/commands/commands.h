@@ -42,7 +42,7 @@ struct BatchSettings {
   std::string shard = "0/1";     // I/N, I from 0
   std::string format = "npz";
   std::size_t frames_per_tar = 256;
-  bool resume = false;
+  bool resume = false, coco = false;
   int in_work = 0;  // 0: two, or one on a single core
 };
 

@@ -14,6 +14,7 @@
 #include "api/answers/metadata.h"
 #include "server/campaign/campaign.h"
 #include "server/campaign/check.h"
+#include "server/campaign/coco_file.h"
 #include "server/campaign/durable_files.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
@@ -85,6 +86,21 @@ void print_tally(const CampaignTally& tally, const std::string& folder) {
   if (tally.interrupted) fmt::print("interrupted: run the same command to go on\n");
 }
 
+// Labels of the frames that are there, by an earlier run as well.
+void write_labels(const Manifest& manifest, const CampaignOptions& options, const Run& run) {
+  std::vector<const ManifestLine*> lines;
+  if (options.format == kWebDataset) {
+    for (const TarPlan& tar : tars_of(manifest, options.shard, options.frames_per_tar))
+      lines.insert(lines.end(), tar.lines.begin(), tar.lines.end());
+  } else {
+    lines = lines_of(manifest, options.shard);
+  }
+  const CocoTally tally = write_coco(lines, Record(options.folder, &run), options.shard, options.folder, stop);
+  fmt::print("{}: {} annotations of {} frames\n", tally.path, tally.annotations, tally.images);
+  if (tally.without > 0)
+    fmt::print("{} frames have no labels: their requests have no \"labels\": true\n", tally.without);
+}
+
 // A line with its name, wherever it stands in another manifest.
 std::string named(const Manifest& manifest, const ManifestLine& line) {
   api::Json request = manifest.request(line);
@@ -111,6 +127,8 @@ std::string lines_to_rerun(const Manifest& manifest, const CheckResult& result) 
 int batch(const BatchSettings& settings) {
   need(settings.manifest, "MANIFEST.jsonl");
   need(settings.output, "--output DIR");
+  if (settings.coco && settings.format != "npz" && settings.format != kWebDataset)
+    throw std::runtime_error("--coco: labels are in .npz files: --format npz or webdataset");
   set_up_log(settings.terrain.log_level);
   CampaignOptions options{.folder = settings.output,
                           .format = settings.format,
@@ -127,6 +145,7 @@ int batch(const BatchSettings& settings) {
   const CampaignTally tally = run_campaign(manifest, service, run, options, stop);
   print_tally(tally, settings.output);
   if (tally.interrupted || tally.failed > 0) return kRunAgain;
+  if (settings.coco) write_labels(manifest, options, run);
   return tally.bad > 0 ? kBadLines : kAllDone;
 }
 

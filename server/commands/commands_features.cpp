@@ -1,7 +1,6 @@
 // `selenograph features`: a detail's craters or rocks in a region, as POST /v1/features answers them, and in a frame.
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <filesystem>
 #include <stdexcept>
 
@@ -77,15 +76,13 @@ Written of_frame(const Json& request, const FeaturesSettings& s, const engine::R
   listing.products = engine::kRock, listing.truth.reset();
   listing.craters = s.rims;
   const engine::Frame frame = renderer.render(listing);
-  const api::OrderedJson coco = api::coco_json(query, frame, s.rims.least_px, image);
-  const auto& listed = coco["annotations"];
-  const auto on_rocks =
-      std::count_if(listed.begin(), listed.end(), [](const auto& a) { return a["category_id"] == 2; });
-  std::string said = fmt::format("{}: {} craters and {} rocks in {}\n", s.coco,
-                                 listed.size() - static_cast<std::size_t>(on_rocks), on_rocks, image);
+  const api::FrameLabels labels(frame, query.request.camera, s.rims.least_px);
+  std::string said =
+      fmt::format("{}: {} craters and {} rocks in {}\n", s.coco, labels.craters(), labels.rocks(), image);
   if (const std::size_t cut_off = frame.report.craters.cut_off; cut_off > 0)
     said += fmt::format("{}: {} more are left out: the camera can't image all of their rim\n", s.coco, cut_off);
-  return {s.coco, coco.dump(-1, ' ', false, api::OrderedJson::error_handler_t::replace) + "\n", said};
+  return {s.coco, labels.coco(query, image).dump(-1, ' ', false, api::OrderedJson::error_handler_t::replace) + "\n",
+          said};
 }
 
 }  // namespace

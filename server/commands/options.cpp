@@ -104,6 +104,10 @@ void add_options(CLI::App& command, BatchSettings& s) {
   command.add_flag("--resume", s.resume,
                    "DIR may hold frames of other requests, software or terrain under the manifest's names: they are "
                    "replaced. Without, they are refused. What is finished of this manifest is never rendered again");
+  command.add_flag(
+      "--coco", s.coco,
+      "The craters and rocks of all frames whose requests have \"labels\", when the part is done, as COCO in "
+      "DIR/coco-00000-of-00001.json. Of --format npz and webdataset");
   command.add_option("--in-work", s.in_work, "Frames rendered at once; 0: two, or one on a single core")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();

@@ -36,6 +36,7 @@ BODIES = {
         dict(FRAME, accuracy={}, truth={}, surface={"reflectance": {}}, objects=[OBJECT], products=["lit", "radiance"]),
         dict(FRAME, accuracy={"budget_ms": 50}),
         dict(FRAME, detail="highlands", craters={}),
+        dict(FRAME, detail="highlands", labels=True, products=["radiance"]),
         dict(FRAME, indirect={}),
         dict(FRAME, sky={"utc": "2026-11-20T00:00:00Z"}),
         dict(FRAME, indirect={"terrain": True, "earth": {"sub_earth": {"lat_deg": 0.0, "lon_deg": 0.0}}}),

@@ -1,0 +1,106 @@
+#include "server/campaign/coco_file.h"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <optional>
+#include <stdexcept>
+
+#include "api/answers/coco.h"
+#include "api/answers/metadata.h"
+#include "api/encode/read_npz.h"
+#include "server/campaign/durable_files.h"
+
+namespace selenograph::server {
+namespace {
+
+namespace fs = std::filesystem;
+using OrderedJson = nlohmann::ordered_json;
+
+std::string text_of(const OrderedJson& json) {
+  return json.dump(-1, ' ', false, OrderedJson::error_handler_t::replace);
+}
+
+// Where a frame's .npz is.
+struct Place {
+  std::string file;  // of the folder
+  std::uint64_t offset;
+};
+
+Place place_of(const DoneFrame& frame) {
+  constexpr std::uint64_t kTarHeader = 512;
+  if (frame.tar.empty()) return {frame.name + ".npz", 0};
+  return {frame.tar, frame.offset + kTarHeader};
+}
+
+class CocoWriter {
+ public:
+  explicit CocoWriter(const std::string& path) : file_(path + ".part") {
+    file_.cut(0);
+    text_ = fmt::format(
+        R"({{"info":{},"licenses":[],"categories":{},"annotations":[)",
+        text_of({{"description", "Craters and rocks of selenograph frames"}, {"version", api::software_version()}}),
+        text_of(api::coco_categories()));
+  }
+
+  // `labels`: a frame's own document.
+  void add(const ManifestLine& line, const Place& place, bool in_tar, OrderedJson labels, CocoTally& tally) {
+    OrderedJson image = std::move(labels.at("images").at(0));
+    image["id"] = line.number;
+    image["file_name"] = line.name + ".npz";
+    if (in_tar) image["tar"] = place.file;
+    images_.push_back(std::move(image));
+    for (OrderedJson& annotation : labels.at("annotations")) {
+      annotation["id"] = ++tally.annotations;
+      annotation["image_id"] = line.number;
+      text_ += (tally.annotations > 1 ? ",\n" : "\n") + text_of(annotation);
+    }
+    ++tally.images;
+    constexpr std::size_t kPiece = std::size_t{4} << 20;
+    if (text_.size() > kPiece) flush();
+  }
+
+  void finish(const std::string& path) {
+    text_ += "],\n\"images\":" + text_of(images_) + "}\n";
+    flush();
+    rename_on_disk(file_.path(), path);
+  }
+
+ private:
+  void flush() {
+    file_.append(text_);
+    text_.clear();
+  }
+
+  GrowingFile file_;
+  std::string text_;  // not yet written
+  OrderedJson images_ = OrderedJson::array();
+};
+
+}  // namespace
+
+CocoTally write_coco(const std::vector<const ManifestLine*>& lines, const Record& record, const Shard& shard,
+                     const std::string& folder, const std::atomic<bool>& stop) {
+  CocoTally tally;
+  tally.path = (fs::path(folder) / fmt::format("coco-{:05}-of-{:05}.json", shard.index, shard.of)).string();
+  CocoWriter writer(tally.path);
+  for (const ManifestLine* line : lines) {
+    if (stop) throw std::runtime_error(tally.path + ": interrupted");
+    const DoneFrame* done = line->problem ? nullptr : record.frame(line->name);
+    if (!done || done->request_sha256 != line->request_sha256) continue;
+    const Place place = place_of(*done);
+    const std::string path = (fs::path(folder) / place.file).string();
+    const auto text = api::text_in_npz(path, place.offset, done->bytes, api::kCocoMember);
+    if (!text) {
+      ++tally.without;
+      continue;
+    }
+    OrderedJson labels = OrderedJson::parse(*text, nullptr, false);
+    if (labels.is_discarded()) throw std::runtime_error(path + ": the labels of " + line->name + " are damaged");
+    writer.add(*line, place, !done->tar.empty(), std::move(labels), tally);
+  }
+  writer.finish(tally.path);
+  return tally;
+}
+
+}  // namespace selenograph::server
