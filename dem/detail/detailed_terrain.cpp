@@ -417,8 +417,10 @@ std::vector<double> DetailedTerrain::cell_means(const BlockId& id, int around, c
     heights.assign(wide * wide, 0);
     detail_->add_octave(Places(e, 0.5 / places - 0.5 - around, 1.0 / places, side * places).grid(), octave, heights,
                         stop);
+    const double* height_m = heights.data();
     for (std::size_t r = 0; r < wide; ++r)
-      for (std::size_t c = 0; c < wide; ++c) means[r / n * cells + c / n] += heights[r * wide + c] / (places * places);
+      for (std::size_t c = 0; c < cells; ++c)
+        for (std::size_t i = 0; i < n; ++i) means[r / n * cells + c] += *height_m++ / (places * places);
   }
   return means;
 }

@@ -41,9 +41,11 @@ class Cache {
     virtual std::size_t remove(const Value& value) = 0;
   };
 
-  // Without a `count`, a value takes the bytes that its load returns.
-  explicit Cache(std::size_t capacity_bytes, std::unique_ptr<Count> count = nullptr)
-      : capacity_(capacity_bytes), count_(std::move(count)) {}
+  // Without a `count`, a value takes the bytes that its load returns. `recent_bytes`: so much of what was used last
+  // stays even where values in use take all of the budget: else what a task needs again and again would be loaded each
+  // time.
+  explicit Cache(std::size_t capacity_bytes, std::unique_ptr<Count> count = nullptr, std::size_t recent_bytes = 0)
+      : capacity_(capacity_bytes), most_recent_bytes_(recent_bytes), count_(std::move(count)) {}
 
   // Returns the value for `key`, loading it by `load() -> Loaded` if needed. Of concurrent callers, one loads and the
   // others wait, each until its own `stop`: then Cancelled. If the load throws Cancelled, one of the waiting callers
@@ -119,6 +121,7 @@ class Cache {
     const auto found = entries_.find(key);
     if (found == entries_.end() || found->second.value != before) return;
     bytes_ += bytes - found->second.bytes;
+    if (found->second.recent) recent_bytes_ += bytes - found->second.bytes;
     found->second.value = std::move(value), found->second.bytes = bytes;
   }
 
@@ -131,7 +134,7 @@ class Cache {
   void reserve(std::size_t bytes) {
     std::lock_guard lock(mutex_);
     reserved_ = bytes;
-    evict();
+    evict(entries_.size());
   }
 
   std::size_t bytes() const { return locked(bytes_); }
@@ -141,10 +144,14 @@ class Cache {
   std::uint64_t evictions() const { return locked(evictions_); }
 
  private:
+  struct Entry;
+  // A map's elements stay where they are.
+  using Places = std::list<std::pair<const Key, Entry>*>;
   struct Entry {
     Pointer value;
-    std::size_t bytes;
-    typename std::list<Key>::iterator place;
+    std::size_t bytes = 0;
+    bool recent = true;
+    typename Places::iterator place{};
   };
   struct Flight {
     bool done = false, given_up = false;
@@ -159,10 +166,24 @@ class Cache {
     return value;
   }
 
-  Pointer used(typename Entries::iterator entry) {
+  Pointer used(typename Entries::iterator found) {
     ++hits_;
-    order_.splice(order_.begin(), order_, entry->second.place);
-    return entry->second.value;
+    Entry& entry = found->second;
+    recent_.splice(recent_.begin(), entry.recent ? recent_ : older_, entry.place);
+    if (!entry.recent) recent_bytes_ += entry.bytes;
+    entry.recent = true;
+    spill();
+    return entry.value;
+  }
+
+  // From the recent ones to the older ones.
+  void spill() {
+    while (recent_bytes_ > most_recent_bytes_) {
+      Entry& last = recent_.back()->second;
+      older_.splice(older_.begin(), recent_, last.place);
+      last.recent = false;
+      recent_bytes_ -= last.bytes;
+    }
   }
 
   void land(const Key& key, Flight& flight, Loaded loaded) {
@@ -171,10 +192,13 @@ class Cache {
     flight.value = loaded.value;
     flight.done = true;
     flights_.erase(key);
-    order_.push_front(key);
-    entries_[key] = {std::move(loaded.value), loaded.bytes, order_.begin()};
+    const auto entry = entries_.insert_or_assign(key, Entry{std::move(loaded.value), loaded.bytes}).first;
+    recent_.push_front(&*entry);
+    entry->second.place = recent_.begin();
+    recent_bytes_ += loaded.bytes;
+    spill();
     bytes_ += bytes;
-    evict();
+    evict(kLooks);
     landed_.notify_all();
   }
 
@@ -187,31 +211,36 @@ class Cache {
   }
 
   // Entries in use are skipped: they stay in memory anyway, and dropping them would only hide them from the budget.
-  void evict() {
-    auto place = order_.end();
-    while (bytes_ + reserved_ > capacity_ && place != order_.begin()) {
-      --place;
-      const auto found = entries_.find(*place);
-      if (found->second.value.use_count() > 1) continue;
-      ++place;
-      drop(found);
-      ++evictions_;
+  // They count as used now, so that the next eviction finds others; after so many of them it is left to that.
+  void evict(std::size_t looks) {
+    while (bytes_ + reserved_ > capacity_ && !older_.empty()) {
+      auto& [key, entry] = *older_.back();
+      if (entry.value.use_count() <= 1) {
+        drop(entries_.find(key));
+        ++evictions_;
+      } else if (looks-- > 0) {
+        older_.splice(older_.begin(), older_, entry.place);
+      } else {
+        return;
+      }
     }
   }
 
-  void drop(typename Entries::iterator entry) {
-    const Pointer& value = entry->second.value;
-    bytes_ -= count_ && value ? count_->remove(*value) : entry->second.bytes;
-    order_.erase(entry->second.place);
-    entries_.erase(entry);
+  void drop(typename Entries::iterator found) {
+    const Entry& entry = found->second;
+    bytes_ -= count_ && entry.value ? count_->remove(*entry.value) : entry.bytes;
+    if (entry.recent) recent_bytes_ -= entry.bytes;
+    (entry.recent ? recent_ : older_).erase(entry.place);
+    entries_.erase(found);
   }
 
   mutable std::mutex mutex_;
   std::condition_variable landed_;
   Entries entries_;
-  std::list<Key> order_;  // most recently used first
+  Places recent_, older_;  // most recently used first
   std::unordered_map<Key, std::shared_ptr<Flight>, Hash> flights_;
-  std::size_t capacity_, bytes_ = 0, reserved_ = 0;
+  static constexpr std::size_t kLooks = 256;
+  std::size_t capacity_, most_recent_bytes_, bytes_ = 0, recent_bytes_ = 0, reserved_ = 0;
   std::unique_ptr<Count> count_;
   std::uint64_t hits_ = 0, misses_ = 0, evictions_ = 0;
 };

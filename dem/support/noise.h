@@ -42,18 +42,23 @@ SELENOGRAPH_INTO_LANES inline Real blend(Real a, Real b, Real t) {
   return a + t * (b - a);
 }
 
+// std::floor handles cases that do not occur here, at several times the cost.
+SELENOGRAPH_INTO_LANES inline std::int32_t lattice_floor(double v) {
+  const auto whole = static_cast<std::int32_t>(v);
+  return whole - (v < whole ? 1 : 0);
+}
+
+template <typename Real>
+SELENOGRAPH_INTO_LANES inline Real noise_fade(Real t) {
+  return t * t * t * (t * (t * 6 - 15) + 10);
+}
+
 // Gradient noise in three dimensions (Perlin 2002), of unit wavelength, within +-1.0364.
 template <typename Real>
 SELENOGRAPH_INTO_LANES inline Real perlin_noise(double x, double y, double z, std::uint32_t seed) {
-  // std::floor handles cases that do not occur here, at several times the cost.
-  const auto floor_of = [](double v) SELENOGRAPH_INTO_LANES {
-    const auto whole = static_cast<std::int32_t>(v);
-    return whole - (v < whole ? 1 : 0);
-  };
-  const auto fade = [](Real t) SELENOGRAPH_INTO_LANES { return t * t * t * (t * (t * 6 - 15) + 10); };
-  const std::int32_t i = floor_of(x), j = floor_of(y), k = floor_of(z);
+  const std::int32_t i = lattice_floor(x), j = lattice_floor(y), k = lattice_floor(z);
   const Real fx = static_cast<Real>(x - i), fy = static_cast<Real>(y - j), fz = static_cast<Real>(z - k);
-  const Real u = fade(fx), v = fade(fy), w = fade(fz);
+  const Real u = noise_fade(fx), v = noise_fade(fy), w = noise_fade(fz);
   const auto corner = [&](int di, int dj, int dk) SELENOGRAPH_INTO_LANES {
     return along_gradient<Real>(lattice_hash(i + di, j + dj, k + dk, seed) >> 28, fx - static_cast<Real>(di),
                                 fy - static_cast<Real>(dj), fz - static_cast<Real>(dk));
@@ -62,5 +67,19 @@ SELENOGRAPH_INTO_LANES inline Real perlin_noise(double x, double y, double z, st
                            SELENOGRAPH_INTO_LANES { return blend(corner(0, dj, dk), corner(1, dj, dk), u); };
   return blend(blend(along_x(0, 0), along_x(1, 0), v), blend(along_x(0, 1), along_x(1, 1), v), w);
 }
+
+// The gradients at the corners of a cell of that noise: corner di + 2 dj + 4 dk has components x, y, z of 0 or +-1.
+struct NoiseCell {
+  NoiseCell(std::int32_t i_, std::int32_t j_, std::int32_t k_, std::uint32_t seed) : i(i_), j(j_), k(k_) {
+    for (int c = 0; c < 8; ++c) {
+      const std::uint32_t number = lattice_hash(i + (c & 1), j + (c >> 1 & 1), k + (c >> 2), seed) >> 28;
+      x[c] = along_gradient<float>(number, 1, 0, 0);
+      y[c] = along_gradient<float>(number, 0, 1, 0);
+      z[c] = along_gradient<float>(number, 0, 0, 1);
+    }
+  }
+  std::int32_t i, j, k;
+  float x[8], y[8], z[8];
+};
 
 }  // namespace selenograph::dem

@@ -185,6 +185,59 @@ class LikeFrames(unittest.TestCase):
             self.assertIn(pointer, [error["pointer"] for error in json.loads(body)["errors"]], body)
 
 
+class BehindMountains(unittest.TestCase):
+    """Stars above a rugged horizon: a frame shows those that no ray to them hits the ground, and /v1/sky says so."""
+
+    LAT, LON, SIDE, FOV_DEG = 0.4, 30.5, 640, 50.0
+
+    def test_frames_show_stars_where_rays_are_free(self):
+        some = {o["id"]: o for o in sky()}.values()
+        icrf_from_moon = self.rotation([o["direction"] for o in some], [o["direction_icrf"] for o in some])
+        status, _, body = service.post("/v1/heights", {"points": [{"lat_deg": self.LAT, "lon_deg": self.LON}]})
+        ground_m = json.loads(body)["points"][0]["height_m"]
+        lat, lon = math.radians(self.LAT), math.radians(self.LON)
+        up = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
+        east = np.array([-math.sin(lon), math.cos(lon), 0])
+        eye = (1737400 + ground_m + 3) * up
+        ahead = {"lat_deg": self.LAT, "lon_deg": self.LON + 0.1, "height_m": ground_m + 0.1 * 30323 * math.tan(math.radians(16))}
+        # Closer to each other up and down than a pixel's neighbours, farther apart sideways.
+        azimuths, elevations = np.radians(np.arange(-20, 20.1, 0.8)), np.radians(np.linspace(-4, 36, 61))
+        north = np.cross(up, east)
+        directions = np.array([math.cos(e) * (math.cos(a) * east + math.sin(a) * north) + math.sin(e) * up
+                               for a in azimuths for e in elevations + 0.02 * a])
+        with open(path("assets", "stars", "grid.csv"), "w", encoding="ascii") as file:
+            print(HEAD, file=file)
+            for i, (x, y, z) in enumerate(directions @ icrf_from_moon.T):
+                ra, dec = math.degrees(math.atan2(y, x)) % 360, math.degrees(math.asin(z))
+                print(f"G{i},{ra:.9f},{dec:.9f},2026.9,0,0,0,3,0.6", file=file)
+        request = {"camera": {"width": self.SIDE, "height": self.SIDE, "fov_deg": self.FOV_DEG}, "utc": EPOCHS[1] + "Z",
+                   "pose": {"position_m": eye.tolist(), "look_at": {**ahead, "up": "zenith"}}, "sky": {"stars": "grid"}}
+        listed = {o["id"]: o for o in json.loads(service.post("/v1/sky", request)[2])["objects"]}
+        # Night: what is not black is a star.
+        night = {"local": {"lat_deg": self.LAT, "lon_deg": self.LON, "azimuth_deg": 0, "elevation_deg": -30}}
+        frame = dict(request, sun=night, products=["radiance"], sky=dict(request["sky"], utc=request.pop("utc")),
+                     accuracy={"max_error_px": 0})
+        radiance = service.arrays(frame)["radiance"]
+        chosen = [o for o in listed.values() if all(3 < o[k] < self.SIDE - 4 for k in ("x_px", "y_px"))]
+        rays = [{"origin_m": eye.tolist(), "direction": o["direction"]} for o in chosen]
+        status, _, body = service.post("/v1/rays", {"rays": rays})
+        free = np.array([not ray["hit"] for ray in json.loads(body)["rays"]])
+        self.assertGreater(min(free.sum(), (~free).sum()), 300)
+        shown = []
+        for o in chosen:
+            x, y = round(o["x_px"]), round(o["y_px"])
+            shown.append(radiance[y - 1:y + 2, x - 1:x + 2].max() > 0)
+        self.assertEqual([o["id"] for o, a, b in zip(chosen, shown, free) if a != b], [])
+        self.assertEqual([o["visible"] for o in chosen], free.tolist())
+        self.assertTrue(all(o.get("hidden_by") == "moon" for o, f in zip(chosen, free) if not f))
+
+    @staticmethod
+    def rotation(a, b):
+        """The rotation that takes the directions a to b."""
+        u_, _, v = np.linalg.svd(np.asarray(b).T @ np.asarray(a))
+        return u_ @ np.diag([1, 1, np.linalg.det(u_ @ v)]) @ v
+
+
 class MapOfTheEarth(unittest.TestCase):
     UTC, SIDE, FOV_DEG = "2026-11-12T06:00:00", 512, 2.2  # three days after new moon: the Earth is nearly full
 

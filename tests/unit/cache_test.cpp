@@ -108,6 +108,32 @@ TEST(Cache, EntriesBeyondTheBudgetAreDroppedOnRelease) {
   EXPECT_EQ(depot.bytes(), 10U);
 }
 
+TEST(Cache, WhatIsInUseLeavesRoomForWhatIsNeededNext) {
+  Depot depot(100, nullptr, 30);
+  std::vector<Depot::Pointer> held;
+  for (int key = 100; key < 120; ++key) held.push_back(depot.get(key, [&] { return made(key, 10); }));
+  for (const int key : {1, 2, 3}) EXPECT_TRUE(touch(depot, key, 10));
+  for (int again = 0; again < 5; ++again)
+    for (const int key : {1, 2, 3}) EXPECT_FALSE(touch(depot, key, 10));
+  EXPECT_LE(depot.bytes(), 200U + 30);
+  EXPECT_TRUE(touch(depot, 4, 10));
+  touch(depot, 5, 10);
+  EXPECT_TRUE(touch(depot, 1, 10));
+  held.clear();
+  for (const int key : {6, 7}) touch(depot, key, 10);
+  EXPECT_LE(depot.bytes(), 100U);
+}
+
+TEST(Cache, EvictionIsNotStoppedByManyInUse) {
+  Depot depot(1000);
+  touch(depot, 0, 500);
+  std::vector<Depot::Pointer> held;
+  for (int key = 1; key <= 2000; ++key) held.push_back(depot.get(key, [&] { return made(key, 1); }));
+  EXPECT_FALSE(depot.holds(0));
+  for (int key = 3000; key < 3100; ++key) touch(depot, key, 10);
+  EXPECT_LE(depot.bytes(), 2000U + 10);
+}
+
 TEST(Cache, FailuresAreRetried) {
   Depot depot(30);
   int attempts = 0;

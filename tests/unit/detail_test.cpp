@@ -12,10 +12,12 @@
 #include <stdexcept>
 
 #include "api/assets/assets.h"
+#include "dem/detail/detail_kernels.h"
 #include "dem/detail/detailed_terrain.h"
 #include "dem/detail/features.h"
 #include "dem/detail/region.h"
 #include "dem/posts/resolved_posts.h"
+#include "dem/support/noise.h"
 #include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
@@ -27,6 +29,30 @@ using std::numbers::pi;
 using test::open_terrain;
 using test::TemporaryFolder;
 using test::write_kaguya_tile;
+
+// --- noise
+
+TEST(Noise, OfOneCellIsTheSameToTheBit) {
+  std::mt19937 random(20261126);
+  std::uniform_real_distribution<double> place(-7e6, 7e6), angle(0, 2 * pi);
+  for (const double step : {1e-4, 0.003, 0.02, 0.05, 0.08, 0.2}) {
+    for (int row = 0; row < 200; ++row) {
+      constexpr std::size_t kPlaces = 128;
+      std::array<double, kPlaces> x, y, expected, heights;
+      // Some rows begin at a cell's corner, where a place is of the cell above.
+      const double x0 = row % 3 == 0 ? std::round(place(random)) : place(random), y0 = place(random), z = place(random),
+                   a = angle(random);
+      for (std::size_t i = 0; i < kPlaces; ++i) {
+        x[i] = x0 + step * std::cos(a) * static_cast<double>(i),
+        y[i] = y0 + step * std::sin(a) * static_cast<double>(i);
+        heights[i] = 1e-3 * static_cast<double>(i);
+        expected[i] = heights[i] + 0.7 * static_cast<double>(perlin_noise<float>(x[i], y[i], z, 11));
+      }
+      add_noise({x.data(), y.data(), z, kPlaces}, 11, 0.7, heights.data());
+      ASSERT_EQ(heights, expected) << step;
+    }
+  }
+}
 
 // --- one crater
 
