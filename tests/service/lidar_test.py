@@ -187,6 +187,55 @@ class Lidar(WithService):
             self.assertEqual(caught.exception.pointers, ["/direction/0"])
 
 
+class Steps(WithService):
+    """A box of 3 m on the ground, seen from above: beams that meet its edge have two returns."""
+
+    HIGH_M, HALF_M, ABOVE_M = 3.0, 2.0, 100.0
+
+    @classmethod
+    def setUpClass(cls):
+        os.makedirs(path("boxes", "objects"))
+        corners = [(x, y, z) for z in (-3, cls.HIGH_M) for y in (-cls.HALF_M, cls.HALF_M) for x in (-cls.HALF_M, cls.HALF_M)]
+        faces = ((5, 6, 8, 7), (1, 3, 4, 2), (1, 2, 6, 5), (3, 7, 8, 4), (1, 5, 7, 3), (2, 4, 8, 6))
+        harness.write(os.path.join("boxes", "objects", "box.obj"),
+                      "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "".join(f"f {a} {b} {c} {d}\n" for a, b, c, d in faces))
+        cls.options = ("--assets-dir", path("boxes"))
+        super().setUpClass()
+
+    def scan(self, pulse_length_ns):
+        instrument = {"divergence_mrad": 10, "pulse_length_ns": pulse_length_ns, "wavelength_um": 1.064, "threshold": 8,
+                      "range_gate_m": [10, 5000], "sub_rays": 61, "receiver": {"signal": "snr", "snr": 1000, "range_m": 100}}
+        box = {"mesh": "box", "material": {"reflectance": {"model": "lambert", "rho": 0.2}},
+               "pose": {"geodetic": {**PLACE, "height_m": ground_m}, "upright": {"azimuth_deg": 0}}}
+        pose = {"geodetic": {**PLACE, "height_m": ground_m + self.ABOVE_M}, "nadir": {"up_azimuth_deg": 0}}
+        answer = self.service.arrays(request(instrument=instrument, detail=None, objects=[box], pose=pose, seed=3, pattern={
+            "scan": "flash", "columns": 101, "rows": 1, "fov_x_deg": 5}), "/v1/lidar")
+        east_m = self.ABOVE_M * np.tan(np.radians((np.arange(101) - 50) * 5 / 101))
+        return answer, np.abs(east_m)
+
+    def test_two_returns_at_the_edge_and_one_beside_it(self):
+        answer, away_m = self.scan(4)
+        top, ground, edge = away_m < 1, away_m > 3.2, np.abs(away_m - self.HALF_M * 1.03) < 0.2
+        self.assertTrue((answer["true_count"][edge] == 2).all() and (answer["count"][edge] == 2).all())
+        self.assertTrue((answer["count"][top | ground] == 1).all(), answer["count"])
+        # Along the same beam the ground is higher or lower by its slope alone: the scan is 9 m wide.
+        ground_range = np.interp(np.arange(101), np.flatnonzero(ground), answer["true_range_m"][ground])
+        self.assertLess(np.abs(answer["first_m"][edge] - (self.ABOVE_M - self.HIGH_M)).max(), 0.15)
+        self.assertLess(np.abs(answer["last_m"][edge] - ground_range[edge]).max(), 0.15)
+        self.assertLess(np.abs(answer["true_range_m"][top] - (self.ABOVE_M - self.HIGH_M)).max(), 0.1)
+        self.assertTrue((answer["object"][top] == 0).all() and (answer["object"][ground] != 0).all())
+        # What of the beam is not in one return is in the other.
+        whole = [np.median(answer["first_intensity"][where]) for where in (top, ground)]
+        shares = answer["first_intensity"][edge] / whole[0] + answer["last_intensity"][edge] / whole[1]
+        self.assertLess(np.abs(shares - 1).max(), 0.06)
+
+    def test_a_pulse_longer_than_the_step_has_one(self):
+        answer, away_m = self.scan(60)  # 9 m
+        edge = np.abs(away_m - self.HALF_M * 1.03) < 0.2
+        self.assertTrue((answer["true_count"] == 1).all() and (answer["count"] == 1).all())
+        self.assertTrue(((answer["true_range_m"][edge] > 97.1) & (answer["true_range_m"][edge] < 99.9)).all())
+
+
 class Arrays(WithService):
     options = Lidar.options
     ask_npz = Lidar.ask_npz
