@@ -438,7 +438,9 @@ void expect_quads_of_the_block(const Terrain& terrain, const Terrain& again, con
 TEST(DetailedTerrain, QuadsAreThoseOfTheirBlock) {
   const Layered here, again;
   for (const auto& [lat, lon] : {std::pair{25.5, 4.0001}, {25.999, 4.001}, {26.001, 3.999}, {25.5, 3.7}, {25.5, 4.5}})
-    for (const int level : {11, 13}) expect_quads_of_the_block(here.both(), again.both(), block_over(level, lat, lon));
+    for (const int level : {11, 13})
+      if (level == 13 || test::full_effort())
+        expect_quads_of_the_block(here.both(), again.both(), block_over(level, lat, lon));
   // The date line from both sides, the south pole, and where the posts' longitude step doubles.
   for (const auto& [top, west, lat, lon] : {std::array{-60.0, -180.0, -61.0, -179.9999},
                                             {-60, 178, -61, 179.9999},
@@ -446,7 +448,8 @@ TEST(DetailedTerrain, QuadsAreThoseOfTheirBlock) {
                                             {76, 20, 75.5, 21}}) {
     const Ground ground(top, west), made(top, west);
     for (const int level : {12, 13})
-      expect_quads_of_the_block(*ground.detailed, *made.detailed, block_over(level, lat, lon));
+      if (level == 13 || test::full_effort())
+        expect_quads_of_the_block(*ground.detailed, *made.detailed, block_over(level, lat, lon));
   }
 }
 
@@ -532,7 +535,7 @@ TEST(DetailedTerrain, DetailIsInItsRegion) {
   std::mt19937 random(8);
   std::uniform_real_distribution<double> any(0.2, 1.8);
   int inside = 0, outside = 0, between = 0;
-  for (int i = 0; i < test::cases(6000); ++i) {
+  for (int i = 0; i < test::cases(3200); ++i) {
     const double lat = 25 + any(random), lon = 3 + any(random);
     const double inside_m = region.inside_m(to_cartesian({lat, lon, 0}).normalized());
     const HeightAnswer with = within.detailed->height(lat, lon), plain = within.plain->height(lat, lon);
@@ -549,9 +552,9 @@ TEST(DetailedTerrain, DetailIsInItsRegion) {
       ++between;
     }
   }
-  EXPECT_GT(inside, 50);
-  EXPECT_GT(outside, 100);
-  EXPECT_GT(between, 100);
+  EXPECT_GT(inside, 25);
+  EXPECT_GT(outside, 50);
+  EXPECT_GT(between, 50);
   const CraterSurvey all = survey_of(*everywhere.detailed), some = survey_of(*within.detailed);
   const Footprint box{25.7, 25.9, 3.7, 3.9};
   const auto listed = all.within(box, 20, 0, {}), listed_here = some.within(box, 20, 0, {});
@@ -769,6 +772,7 @@ TEST(DetailedTerrain, JoinsTheSpectrumOfItsDem) {
     preset.craters.smallest_m = preset.relief.shortest_m = site.smallest_m;
     const auto detail = std::make_shared<const Detail>(preset);
     for (const bool told : {true, false}) {
+      if (!told && site.resolved == 1) continue;  // there is nothing to tell
       Catalogue catalogue(std::vector<std::string>{files});
       if (told) {
         ASSERT_EQ(resolve_posts(catalogue, {{"*", std::nullopt}}).front().posts, site.resolved) << site.dem;

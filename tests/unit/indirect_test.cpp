@@ -111,6 +111,7 @@ void expect_the_same_everywhere(const Bowl& bowl, const Relief& relief, double e
 
 TEST(IndirectLight, ABounceInABowlIsTheSameEverywhere) {
   for (const double ratio : {5.0, 8.0, 14.0}) {
+    if (ratio == 8 && !test::full_effort()) continue;
     const Bowl bowl{200, 200 / ratio};
     const Relief relief = bowl.relief(2000);
     for (const auto& [elevation_deg, bounces] : {std::pair(10.0, 1), {20.0, 1}, {40.0, 1}, {30.0, 2}}) {

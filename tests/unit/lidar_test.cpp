@@ -294,7 +294,7 @@ TEST_F(SmoothMoonLidar, DopplerOfVelocityAndRotation) {
 }
 
 TEST_F(SmoothMoonLidar, BeamsDontDependOnEachOther) {
-  LidarRequest request = looking_down(1500, 0);
+  LidarRequest request = looking_down(150, 0);
   request.instrument.sub_rays = 7;
   request.pulses.clear();
   request.pattern = {.scan = LidarScan::flash, .columns = 40, .rows = 30, .fov_x_deg = 30};
