@@ -1,5 +1,7 @@
 #include "dem/detail/detailed_terrain.h"
 
+#include <xxhash.h>
+
 #include <GeographicLib/Math.hpp>
 #include <algorithm>
 #include <array>
@@ -15,6 +17,7 @@
 #include "dem/posts/post_source.h"
 #include "dem/pyramid/block_posts.h"
 #include "dem/support/parallel.h"
+#include "dem/terrain/block_store.h"
 
 namespace selenograph::dem {
 namespace {
@@ -39,6 +42,15 @@ BlockId key_of(int number, int kind, const BlockId& id) {
 double share_of_means(std::int32_t lat, std::int32_t lat_step) {
   const double posts_from_pole = static_cast<double>(std::min(lat, kLatTicks - lat)) / lat_step;
   return std::clamp((posts_from_pole - 2) / 6, 0.0, 1.0);
+}
+
+// Blocks are kept in the cache folder from one version of the software to the next: whatever changes a digit of them
+// counts one up here (GroundOnDisk.IsOfThisVersion in unit.block_store).
+constexpr std::uint64_t kGroundVersion = 1;
+
+std::uint64_t key_of_ground(const Catalogue& catalogue, const DetailPreset& preset) {
+  const std::uint64_t parts[] = {kGroundVersion, catalogue.fingerprint(), preset.fingerprint};
+  return XXH3_64bits(parts, sizeof parts);
 }
 
 std::shared_ptr<Block> empty_block(const BlockId& id, const BlockExtent& extent) {
@@ -225,6 +237,7 @@ DetailedTerrain::DetailedTerrain(std::shared_ptr<const PyramidTerrain> plain, st
     : plain_(std::move(plain)),
       detail_(std::move(detail)),
       number_(plain_->new_detail_number()),
+      key_(key_of_ground(plain_->catalogue(), detail_->preset())),
       layers_(*plain_, detail_->widest_m()) {}
 
 // Blocks may be smaller than the gap between the last posts of a tile and the first of the next, where there is a
@@ -307,7 +320,7 @@ std::optional<HeightRange> DetailedTerrain::heights_without_building(const Block
 }
 
 std::shared_ptr<const Block> DetailedTerrain::block(const BlockId& id, const StopToken& stop) const {
-  return known_or(id, stop, [&] { return kept(Kind::made, id, stop, [&] { return made(id, stop); }); });
+  return known_or(id, stop, [&] { return kept(Kind::made, id, stop, [&] { return read_or_made(id, stop); }); });
 }
 
 std::shared_ptr<const Block> DetailedTerrain::block_or_quad(const BlockId& id, std::int32_t lat, std::int32_t lon,
@@ -509,6 +522,16 @@ std::shared_ptr<const Block> DetailedTerrain::quad(const BlockId& id, const Bloc
   auto block = empty_block(id, e);
   for (const double height_m : composed(id, e, stop).heights_m)
     block->vertices.push_back({static_cast<float>(height_m), Eigen::Vector3f::Zero()});
+  return block;
+}
+
+std::shared_ptr<const Block> DetailedTerrain::read_or_made(const BlockId& id, const StopToken& stop) const {
+  BlockStore* const store = plain_->block_store();
+  // Where a file was replaced by a coarser layer, ground is another until it is mended.
+  if (!store || detail_->preset().fingerprint == 0 || plain_->has_replacements()) return made(id, stop);
+  if (auto block = store->read(key_, id)) return block;
+  auto block = made(id, stop);
+  if (block && !plain_->has_replacements()) store->write(key_, *block);
   return block;
 }
 

@@ -66,6 +66,8 @@ class DetailedTerrain final : public Terrain {
              const LayeredPosts::Layer& layer) const;
   Surface composed(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
   std::shared_ptr<const Block> made(const BlockId& id, const StopToken& stop) const;
+  // From the cache folder, or made and put there.
+  std::shared_ptr<const Block> read_or_made(const BlockId& id, const StopToken& stop) const;
   // Heights alone, of a part of a block.
   std::shared_ptr<const Block> quad(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
   // The block, if it is in memory, or what is made.
@@ -84,7 +86,8 @@ class DetailedTerrain final : public Terrain {
 
   std::shared_ptr<const PyramidTerrain> plain_;
   std::shared_ptr<const Detail> detail_;
-  int number_;  // distinguishes its blocks in the cache
+  int number_;         // distinguishes its blocks in the cache
+  std::uint64_t key_;  // and in the cache folder: of terrain, detail and the way in which ground is made
   LayeredPosts layers_;
 };
 

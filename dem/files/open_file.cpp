@@ -29,14 +29,14 @@ bool OpenFile::read(std::uint64_t offset, std::size_t bytes, void* out) const {
   return true;
 }
 
-void OpenFile::write(std::string_view bytes) const {
+void OpenFile::write(std::string_view bytes, bool flush) const {
   for (std::size_t done = 0; done < bytes.size();) {
     const ssize_t n = ::write(fd_, bytes.data() + done, bytes.size() - done);
     if (n < 0 && errno == EINTR) continue;
     if (n < 0) throw SystemFault(path_, errno);
     done += static_cast<std::size_t>(n);
   }
-  if (::fsync(fd_) != 0) throw SystemFault(path_, errno);
+  if (flush && ::fsync(fd_) != 0) throw SystemFault(path_, errno);
 }
 
 FileState OpenFile::state() const {

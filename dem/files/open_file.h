@@ -21,8 +21,8 @@ class OpenFile {
 
   // False when the file is too short. Throws SystemFault.
   bool read(std::uint64_t offset, std::size_t bytes, void* out) const;
-  // Writes everything and flushes it to the disk. Throws SystemFault.
-  void write(std::string_view bytes) const;
+  // Writes everything and, unless told otherwise, flushes it to the disk. Throws SystemFault.
+  void write(std::string_view bytes, bool flush = true) const;
   FileState state() const;
   const std::string& path() const { return path_; }
 

@@ -27,11 +27,11 @@ std::string temporary_name(const std::string& path) {
 // A temporary file that is gone when this is, unless it was renamed.
 class Temporary {
  public:
-  Temporary(const std::string& path, std::string_view bytes) : name_(temporary_name(path)) {
+  Temporary(const std::string& path, std::string_view bytes, bool flush = true) : name_(temporary_name(path)) {
     std::error_code ignored;
     fs::create_directories(fs::path(path).parent_path(), ignored);
     try {
-      OpenFile(name_, O_WRONLY | O_CREAT | O_TRUNC).write(bytes);
+      OpenFile(name_, O_WRONLY | O_CREAT | O_TRUNC).write(bytes, flush);
     } catch (...) {
       ::unlink(name_.c_str());
       throw;
@@ -54,9 +54,9 @@ class Temporary {
 
 }  // namespace
 
-void write_whole_file(const std::string& path, std::string_view bytes) {
+void write_whole_file(const std::string& path, std::string_view bytes, bool flush) {
   try {
-    Temporary(path, bytes).rename(path);
+    Temporary(path, bytes, flush).rename(path);
   } catch (const SystemFault& fault) {
     throw SystemFault(path, fault.code());  // not by its temporary name
   }

@@ -6,9 +6,9 @@
 
 namespace selenograph::dem {
 
-// Writes `bytes` under a temporary name, flushes and renames; on failure the temporary file is removed. Throws
-// SystemFault naming the path.
-void write_whole_file(const std::string& path, std::string_view bytes);
+// Writes `bytes` under a temporary name, flushes and renames; on failure the temporary file is removed. Without `flush`
+// the file may have any content after a power failure: its reader must notice. Throws SystemFault naming the path.
+void write_whole_file(const std::string& path, std::string_view bytes, bool flush = true);
 
 // Throws SystemFault if write_whole_file() to this folder would: creates the folder if missing, and writes a byte.
 void probe_folder(const std::string& folder);

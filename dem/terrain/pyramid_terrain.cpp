@@ -9,6 +9,7 @@
 #include "dem/support/error.h"
 #include "dem/support/parallel.h"
 #include "dem/support/wait_clock.h"
+#include "dem/terrain/block_store.h"
 #include "dem/terrain/chunk_plans.h"
 #include "dem/terrain/chunk_store.h"
 #include "dem/terrain/height_survey.h"
@@ -34,6 +35,8 @@ struct PyramidTerrain::Impl {
       trouble.warn(problem.path, problem.path + ": " + problem.what);
     }
     store.open_folder();
+    if (options.ground_disk_bytes > 0 && !options.cache_dir.empty())
+      ground = std::make_unique<BlockStore>(options.cache_dir + "/ground", options.ground_disk_bytes, trouble);
   }
 
   std::shared_ptr<const Block> load_once(const PyramidTerrain& terrain, const BlockId& id, const ChunkPlan& plan,
@@ -73,6 +76,7 @@ struct PyramidTerrain::Impl {
   PostSource source;
   ChunkPlans plans;
   BlockCache blocks;
+  std::unique_ptr<BlockStore> ground;
   std::atomic<int> details{0};  // terrains with detail that there were
   std::mutex mutex;
   static constexpr std::size_t kMostSurveys = 4096;
@@ -132,6 +136,7 @@ std::shared_ptr<const Block> PyramidTerrain::block(const BlockId& id, const Stop
 bool PyramidTerrain::has_replacements() const { return impl_->store.has_replacements(); }
 
 BlockCache& PyramidTerrain::blocks() const { return impl_->blocks; }
+BlockStore* PyramidTerrain::block_store() const { return impl_->ground.get(); }
 int PyramidTerrain::new_detail_number() const { return ++impl_->details; }
 
 void PyramidTerrain::keep_less(std::size_t bytes) const { impl_->blocks.reserve(bytes); }

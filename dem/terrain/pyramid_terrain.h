@@ -16,6 +16,8 @@ namespace selenograph::dem {
 
 using BlockCache = Cache<BlockId, Block, BlockIdHash>;
 
+class BlockStore;
+
 class PyramidTerrain final : public Terrain {
  public:
   PyramidTerrain(Catalogue catalogue, const TerrainOptions& options);
@@ -37,6 +39,8 @@ class PyramidTerrain final : public Terrain {
   // The cache of blocks. Terrains with detail over this one share it; their blocks have a number of their own.
   BlockCache& blocks() const;
   int new_detail_number() const;
+  // Where blocks with detail are kept between processes; null: nowhere.
+  BlockStore* block_store() const;
 
   // Reduces its budget by memory that is needed elsewhere.
   void keep_less(std::size_t bytes) const;

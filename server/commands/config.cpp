@@ -137,6 +137,12 @@ void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
       ->check(CLI::Range(0.1, 86400.0))
       ->capture_default_str();
   command.add_option("--cache-dir", s.cache_dir, "Folder for pyramids")->type_name("DIR")->capture_default_str();
+  command
+      .add_option("--ground-disk-mb", s.ground_disk_mb,
+                  "Disk for ground with detail in the cache folder, MiB: what was made once is read again, by other "
+                  "processes, too. 0: none")
+      ->check(CLI::Range(0, 1 << 24))
+      ->capture_default_str();
   command.add_option("--cache-mb", s.memory.cache_mb, "Memory for terrain, MiB" + by_default)
       ->check(CLI::Range(16, 1 << 24));
   command

@@ -87,6 +87,7 @@ std::shared_ptr<dem::PyramidTerrain> open_terrain(const TerrainSettings& setting
     if (!raster.doubt.empty()) spdlog::warn("{}: {}", raster.path, raster.doubt);
   dem::TerrainOptions options;
   options.cache_dir = settings.cache_dir;
+  options.ground_disk_bytes = settings.ground_disk_mb << 20;
   options.cache_bytes = memory_parts(settings.memory).cache_mb << 20;
   options.fall_through = settings.on_data_error == "fall-through";
   options.log = [](const std::string& text) { spdlog::warn("{}", text); };

@@ -12,6 +12,7 @@
 #include "engine/radiometry/earth.h"
 #include "engine/renderer.h"
 #include "engine/sky/ephemeris.h"
+#include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/views.h"

@@ -205,10 +205,12 @@ using Places = Eigen::Matrix3Xd;
 
 Eigen::Affine3d lying(const Places& shape, const Eigen::Matrix3d& turned) {
   const Eigen::MatrixX3d places = (turned * shape).transpose();  // so that products are vector loops
-  const auto farthest = [&](const Vec3& along) -> Vec3 {
-    Eigen::Index i = 0;
-    (places * along).maxCoeff(&i);
-    return places.row(i);
+  // Forward and back.
+  const auto farthest = [&](const Vec3& along) -> std::pair<Vec3, Vec3> {
+    const Eigen::VectorXd reach = places * along;
+    Eigen::Index ahead = 0, behind = 0;
+    reach.maxCoeff(&ahead), reach.minCoeff(&behind);
+    return {places.row(ahead), places.row(behind)};
   };
   // The largest of the extents in some directions, and of those along the lines between the corners that these found.
   constexpr int kDirections = 30;
@@ -216,13 +218,15 @@ Eigen::Affine3d lying(const Places& shape, const Eigen::Matrix3d& turned) {
   for (int i = 0; i < kDirections; ++i) {
     Vec3 along(std::cos(pi * i / kDirections), std::sin(pi * i / kDirections), 0);
     for (double before = 0;;) {
-      const Vec3 a = farthest(along), b = farthest(-along), chord(a.x() - b.x(), a.y() - b.y(), 0);
+      const auto [a, b] = farthest(along);
+      const Vec3 chord(a.x() - b.x(), a.y() - b.y(), 0);
       if (chord.norm() > across.norm()) across = chord, middle = (a + b) / 2;
       if (chord.norm() <= before) break;
       before = chord.norm(), along = chord / before;
     }
   }
-  const double low = farthest(-Vec3::UnitZ()).z(), high = farthest(Vec3::UnitZ()).z(), wide = across.norm();
+  const auto [top, bottom] = farthest(Vec3::UnitZ());
+  const double low = bottom.z(), high = top.z(), wide = across.norm();
   Eigen::Affine3d out = Eigen::Affine3d::Identity();
   out.linear() = Vec3(1 / wide, 1 / wide, 1 / (high - low)).asDiagonal() *
                  Eigen::AngleAxisd(-std::atan2(across.y(), across.x()), Vec3::UnitZ()).toRotationMatrix() * turned;

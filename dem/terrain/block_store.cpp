@@ -1,0 +1,171 @@
+#include "dem/terrain/block_store.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+#include <xxhash.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <tuple>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "dem/files/open_file.h"
+#include "dem/files/whole_file.h"
+#include "dem/support/error.h"
+
+namespace selenograph::dem {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::string_view kSuffix = ".sgb";
+
+// Everything is little-endian; vertices, sources and ground follow.
+struct Header {
+  char magic[8] = {'S', 'G', 'B', 'L', 'O', 'C', 'K', '1'};
+  std::uint64_t checksum = 0;  // XXH3 of the file with 0 in this place
+  std::uint64_t key = 0;
+  std::int32_t level = 0, row = 0, col = 0;
+  std::uint32_t vertices = 0, sources = 0, ground = 0;
+  double error_m = 0, detail_error_m = 0, left_out_size_m = 0;
+  float min_m = 0, max_m = 0;
+  std::size_t bytes() const {
+    return sizeof(Header) + vertices * sizeof(Vertex) + sources * sizeof(SourceMark) + ground * sizeof(Ground);
+  }
+};
+static_assert(std::is_trivially_copyable_v<Header> && sizeof(Vertex) == 4 * sizeof(float));
+constexpr std::size_t kMostBytes = std::size_t{16} << 20;
+
+std::uint64_t checksum_of(std::string& file) {
+  std::memset(file.data() + offsetof(Header, checksum), 0, sizeof(Header::checksum));
+  return XXH3_64bits(file.data(), file.size());
+}
+
+template <typename T>
+void append(std::string& file, const std::vector<T>& values) {
+  file.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
+}
+
+template <typename T>
+const char* take(const char* from, std::size_t count, std::vector<T>& values) {
+  values.resize(count);
+  std::memcpy(static_cast<void*>(values.data()), from, count * sizeof(T));
+  return from + count * sizeof(T);
+}
+
+std::string bytes_of(std::uint64_t key, const Block& block) {
+  Header head;
+  head.key = key;
+  std::tie(head.level, head.row, head.col) = std::tie(block.id.level, block.id.row, block.id.col);
+  head.vertices = static_cast<std::uint32_t>(block.vertices.size());
+  head.sources = static_cast<std::uint32_t>(block.sources.size());
+  head.ground = static_cast<std::uint32_t>(block.ground.size());
+  head.error_m = block.error_m, head.detail_error_m = block.detail_error_m;
+  head.left_out_size_m = block.left_out_size_m;
+  head.min_m = block.min_m, head.max_m = block.max_m;
+  std::string file(reinterpret_cast<const char*>(&head), sizeof head);
+  file.reserve(head.bytes());
+  append(file, block.vertices), append(file, block.sources), append(file, block.ground);
+  head.checksum = checksum_of(file);
+  std::memcpy(file.data(), &head, sizeof head);
+  return file;
+}
+
+// Null: it is not a whole block of that key and place.
+std::shared_ptr<Block> block_of(std::string file, std::uint64_t key, const BlockId& id) {
+  Header head;
+  if (file.size() < sizeof head) return nullptr;
+  std::memcpy(&head, file.data(), sizeof head);
+  auto block = std::make_shared<Block>();
+  block->id = id, block->extent = extent_of(id);
+  const auto side = static_cast<std::size_t>(block->side());
+  const bool of_vertices = head.vertices == side * side && (head.sources == 1 || head.sources == head.vertices) &&
+                           (head.ground <= 1 || head.ground == head.vertices);
+  if (std::memcmp(head.magic, Header().magic, sizeof head.magic) != 0 || head.key != key || head.level != id.level ||
+      head.row != id.row || head.col != id.col || !of_vertices || file.size() != head.bytes() ||
+      checksum_of(file) != head.checksum)
+    return nullptr;
+  const char* from = file.data() + sizeof head;
+  from = take(from, head.vertices, block->vertices);
+  from = take(from, head.sources, block->sources);
+  take(from, head.ground, block->ground);
+  block->error_m = head.error_m, block->detail_error_m = head.detail_error_m;
+  block->left_out_size_m = head.left_out_size_m;
+  block->min_m = head.min_m, block->max_m = head.max_m;
+  fill_trigonometry(*block);
+  return block;
+}
+
+}  // namespace
+
+BlockStore::BlockStore(std::string folder, std::size_t bytes, const TroubleLog& trouble)
+    : folder_(std::move(folder)), most_bytes_(bytes), trouble_(trouble) {
+  remove_stale_temporaries(folder_, std::string(kSuffix) + ".tmp-");
+  std::vector<std::pair<fs::file_time_type, File>> found;
+  std::error_code error;
+  for (fs::recursive_directory_iterator it(folder_, error), end; !error && it != end; it.increment(error)) {
+    std::error_code gone;
+    const auto size = it->file_size(gone);
+    const auto written = it->last_write_time(gone);
+    if (!gone && it->path().extension() == kSuffix) found.push_back({written, {it->path().string(), size}});
+  }
+  std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  for (auto& [written, file] : found) count(std::move(file.path), file.bytes);
+}
+
+std::string BlockStore::path_of(std::uint64_t key, const BlockId& id) const {
+  // Some hundred files a folder.
+  constexpr int kTogether = 4;
+  return fmt::format("{}/{:016x}/L{:02}/r{}c{}/r{}c{}{}", folder_, key, id.level, id.row >> kTogether,
+                     id.col >> kTogether, id.row, id.col, kSuffix);
+}
+
+std::shared_ptr<const Block> BlockStore::read(std::uint64_t key, const BlockId& id) {
+  const std::string path = path_of(key, id);
+  if (::access(path.c_str(), R_OK) != 0) return nullptr;
+  try {
+    const OpenFile file(path, O_RDONLY);
+    std::string bytes(std::min<std::uint64_t>(file.state().bytes, kMostBytes), '\0');
+    if (!file.read(0, bytes.size(), bytes.data())) return nullptr;
+    if (auto block = block_of(std::move(bytes), key, id)) {
+      ++read_;
+      return block;
+    }
+  } catch (const SystemFault&) {
+    return nullptr;  // another process may have removed it
+  }
+  ::unlink(path.c_str());
+  return nullptr;
+}
+
+void BlockStore::write(std::uint64_t key, const Block& block) {
+  if (broken_) return;
+  const std::string path = path_of(key, block.id), bytes = bytes_of(key, block);
+  if (bytes.size() > most_bytes_) return;
+  try {
+    write_whole_file(path, bytes, false);
+  } catch (const SystemFault& fault) {
+    if (!broken_.exchange(true))
+      trouble_.log(
+          fmt::format("ground is no longer kept in {}: {}", folder_, std::generic_category().message(fault.code())));
+    return;
+  }
+  count(path, bytes.size());
+}
+
+void BlockStore::count(std::string path, std::size_t bytes) {
+  const std::lock_guard lock(mutex_);
+  files_.push_back({std::move(path), bytes});
+  bytes_ += bytes;
+  for (; bytes_ > most_bytes_; files_.pop_front()) {
+    ::unlink(files_.front().path.c_str());
+    bytes_ -= files_.front().bytes;
+  }
+}
+
+}  // namespace selenograph::dem
