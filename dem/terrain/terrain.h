@@ -21,7 +21,7 @@ class Detail;
 struct TerrainOptions {
   std::string cache_dir;                           // empty: nothing is written, pyramids are rebuilt when needed
   std::size_t cache_bytes = std::size_t{1} << 30;  // memory for blocks and pyramids
-  std::size_t ground_disk_bytes = 0;  // of ground with detail in the cache folder; 0: none is kept there
+  std::size_t ground_disk_bytes = 0;               // of ground with detail in the cache folder; 0: none is kept there
   // Treatment of a corrupt, truncated or missing file: an error that names it (false), or the next coarser layer and a
   // warning (true).
   bool fall_through = false;

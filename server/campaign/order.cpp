@@ -105,8 +105,8 @@ std::uint64_t hilbert_index(const Vec3& point, int bits) {
 std::uint64_t terrain_key(const Json& request) {
   const auto pose = pose_of(request);
   if (!pose) return kNoPlace;
-  // 120 m between cells: frames that are closer to each other than that see the same blocks. No round number is a border
-  // of anything: the last bit of a cosine, which machines don't agree on, must decide nothing.
+  // 120 m between cells: frames that are closer to each other than that see the same blocks. No round number is a
+  // border of anything: the last bit of a cosine, which machines don't agree on, must decide nothing.
   constexpr int kBits = 15;
   const Vec3 cube = place_seen(*pose) / (1.1037 * kMoonRadius_m) + Vec3(1.234e-4, 2.345e-4, 3.456e-4);
   return hilbert_index(cube, kBits);
