@@ -165,13 +165,14 @@ constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px
                                         {"magnitude_limit", "/sky/magnitude_limit"},
                                         {"earth_map", "/sky/earth_map"}};
 
-// What only an .npz has room for.
-void refuse_members(const FrameQuery& query, const Representation& representation) {
-  if (representation.format == Format::npz) return;
-  const std::string what = fmt::format("is of {} alone", api::representation(Format::npz).media_type);
-  if (query.labels) throw RequestError("invalid_request", "labels are in an .npz", {{"/labels", what}});
-  if (query.compression != Compression::none)
-    throw RequestError("invalid_request", "compression is an .npz's", {{"/compression", what}});
+// Labels and compression are an .npz's: that is what they ask for.
+const Representation& representation_for(const FrameQuery& query, const std::string& accept) {
+  if (!query.labels && query.compression == Compression::none) return negotiate(accept, query.request.products);
+  const Representation& npz = representation(Format::npz);
+  if (!accepts(accept, npz.media_type))
+    throw RequestError("invalid_request", fmt::format("Accept does not allow {}", npz.media_type),
+                       {{query.labels ? "/labels" : "/compression", fmt::format("is of {} alone", npz.media_type)}});
+  return npz;
 }
 
 // OpenEXR's channels have one size.
@@ -359,9 +360,8 @@ Response answer_frame(const EndpointContext& context, const Json& body) {
   const double kernel_before_ms = kernel_ms();
   FrameQuery query = read_frame(body, context.limits, context.assets, context.stop);
   const std::string accept = header(context.request, "accept");
-  const Representation& representation = negotiate(accept, query.request.products);
+  const Representation& representation = representation_for(query, accept);
   refuse_sizes(query.request, representation);
-  refuse_members(query, representation);
   const std::string budget = choose_within_budget(query, context);
   if (const std::string known = header(context.request, "if-none-match"); !known.empty()) {
     const std::string hash = hash_beforehand(query, "/pose", representation, context);

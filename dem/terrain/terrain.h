@@ -21,7 +21,6 @@ class Detail;
 struct TerrainOptions {
   std::string cache_dir;                           // empty: nothing is written, pyramids are rebuilt when needed
   std::size_t cache_bytes = std::size_t{1} << 30;  // memory for blocks and pyramids
-  std::size_t ground_disk_bytes = 0;               // of ground with detail in the cache folder; 0: none is kept there
   // Treatment of a corrupt, truncated or missing file: an error that names it (false), or the next coarser layer and a
   // warning (true).
   bool fall_through = false;
@@ -29,7 +28,8 @@ struct TerrainOptions {
   // why, a cache folder that cannot be written, an unusable file that a coarser layer replaced. Called from any thread;
   // may be empty.
   std::function<void(const std::string&)> log{};
-  int threads = 0;  // threads that build pyramids; 0: all cores
+  int threads = 0;                    // threads that build pyramids; 0: all cores
+  std::size_t ground_disk_bytes = 0;  // of ground with detail in the cache folder; 0: none is kept there
 };
 
 // Properties of a block that selection needs before its posts are loaded.

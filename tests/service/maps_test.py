@@ -309,6 +309,8 @@ class OfRelief(harness.WithService):
     def test_a_map_of_heights_is_a_dem(self):
         """Read back, it has the heights that it was made of, to what `info --resampling` says."""
         for name, area in PLACES.items():
+            if not harness.full_effort() and name not in ("equirectangular", "south pole"):
+                continue
             with self.subTest(name):
                 folder = harness.path("read back", name)
                 os.makedirs(folder)

@@ -552,7 +552,7 @@ TEST(DetailedTerrain, DetailIsInItsRegion) {
       ++between;
     }
   }
-  EXPECT_GT(inside, 25);
+  EXPECT_GT(inside, 15);
   EXPECT_GT(outside, 50);
   EXPECT_GT(between, 50);
   const CraterSurvey all = survey_of(*everywhere.detailed), some = survey_of(*within.detailed);
