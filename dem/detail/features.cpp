@@ -59,16 +59,17 @@ CraterSurvey::CraterSurvey(const Terrain& terrain, std::shared_ptr<const CraterR
       field_(terrain.detail()->craters()),
       roughness_(std::move(roughness)) {}
 
-std::vector<CraterSurvey::Piece> CraterSurvey::pieces(const Footprint& region, double smallest_m) const {
+std::vector<CraterSurvey::Piece> CraterSurvey::pieces(const Footprint& region, double smallest_m,
+                                                      const StopToken& stop) const {
   std::vector<Piece> pieces;
   for (int k = std::max(field_.smallest_octave(), octave_of(smallest_m)); k <= field_.largest_octave(); ++k)
-    for (const Footprint& box : cut(region, std::ldexp(kBoxDiameters, k))) pieces.push_back({k, box});
+    for (const Footprint& box : cut(region, std::ldexp(kBoxDiameters, k), stop)) pieces.push_back({k, box});
   return pieces;
 }
 
 std::vector<CraterFeature> CraterSurvey::within(const Footprint& region, double smallest_m, double least_depth,
                                                 const StopToken& stop) const {
-  const std::vector<Piece> all = pieces(region, smallest_m);
+  const std::vector<Piece> all = pieces(region, smallest_m, stop);
   const auto wanted = [&](const Crater& crater) { return crater.diameter_m >= smallest_m; };
   return largest_first(gathered_in_parallel<CraterFeature>(all.size(), 4, [&](std::size_t i, auto& some) {
     stop.check();

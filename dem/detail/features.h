@@ -76,7 +76,7 @@ class CraterSurvey {
     int octave;
     Footprint box;
   };
-  std::vector<Piece> pieces(const Footprint& region, double smallest_m) const;
+  std::vector<Piece> pieces(const Footprint& region, double smallest_m, const StopToken& stop) const;
   void add_if_shown(const Crater& crater, int octave, double least_depth, std::span<const Crater> candidates,
                     std::vector<CraterFeature>& out, const StopToken& stop) const;
   // Layers whose detail is shown at a place.

@@ -41,7 +41,8 @@ Circle circle_around(const Footprint& f) {
                                            (place(f.north_deg, f.west_deg) - middle).norm())};
 }
 
-std::vector<Footprint> cut(const Footprint& region, double side_m) {
+std::vector<Footprint> cut(const Footprint& region, double side_m, const StopToken& stop) {
+  constexpr std::size_t kLook = 4096;
   std::vector<Footprint> pieces;
   const double side_deg = side_m / kMetresPerDegree;
   const auto steps = [&](double length_deg) { return std::max(1, static_cast<int>(std::ceil(length_deg / side_deg))); };
@@ -54,6 +55,7 @@ std::vector<Footprint> cut(const Footprint& region, double side_m) {
     const double nearest_deg = box.south_deg > 0 ? box.south_deg : std::max(0.0, -box.north_deg);
     const int columns = steps((region.east_deg - region.west_deg) * std::cos(nearest_deg * kRadiansPerDegree));
     for (int c = 0; c < columns; ++c) {
+      if (pieces.size() % kLook == 0) stop.check();
       box.west_deg = at(region.west_deg, region.east_deg, c, columns);
       box.east_deg = at(region.west_deg, region.east_deg, c + 1, columns);
       pieces.push_back(box);

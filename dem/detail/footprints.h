@@ -7,6 +7,7 @@
 #include "dem/files/raster_info.h"
 #include "dem/grid/geodesy.h"
 #include "dem/grid/lattice.h"
+#include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
 
@@ -27,8 +28,8 @@ struct Circle {
 };
 Circle circle_around(const Footprint& region);
 
-// Pieces of a region whose sides are at most this long on the sphere.
-std::vector<Footprint> cut(const Footprint& region, double side_m);
+// Pieces of a region whose sides are at most this long on the sphere. Throws Cancelled when `stop` says so.
+std::vector<Footprint> cut(const Footprint& region, double side_m, const StopToken& stop = {});
 
 // A region that contains everything within a margin, and slightly more.
 Footprint around(const Footprint& region, double margin_m);

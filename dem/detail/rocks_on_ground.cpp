@@ -147,7 +147,7 @@ std::vector<RockFeature> RockSurvey::within(const Footprint& region, double smal
   if (field_.empty()) return {};
   for (int k = std::max(field_.smallest_octave(), octave_of(smallest_m)); k <= field_.largest_octave(); ++k) {
     stop.check();
-    for (const Footprint& box : cut(region, std::ldexp(kPieceDiameters, k))) pieces.push_back({k, box});
+    for (const Footprint& box : cut(region, std::ldexp(kPieceDiameters, k), stop)) pieces.push_back({k, box});
   }
   return largest_first(gathered_in_parallel<RockFeature>(pieces.size(), 4, [&](std::size_t i, auto& some) {
     stop.check();

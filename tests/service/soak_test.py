@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""SOAK_REQUESTS mixed requests (500 unless the environment says otherwise) for frames of up to SOAK_PIXELS (64) a side,
+"""SOAK_REQUESTS mixed requests (300 unless the environment says otherwise) for frames of up to SOAK_PIXELS (64) a side,
 a quarter of them hostile.
 
 Each well-formed request gets exactly one complete answer, the same every time; each hostile one is refused with the status of
@@ -26,7 +26,7 @@ import harness
 from harness import Service, frame_request
 from mixture import PLACE, Mixture
 
-REQUESTS = int(os.environ.get("SOAK_REQUESTS", "500"))
+REQUESTS = int(os.environ.get("SOAK_REQUESTS", "300"))
 PIXELS = int(os.environ.get("SOAK_PIXELS", "64"))  # a side of a frame, at most
 CLIENTS = 4
 DIFFERENT = 150  # well-formed requests, sent again and again
