@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <utility>
 
@@ -20,11 +19,11 @@ namespace {
 constexpr int kCraterCategory = 1, kRockCategory = 2;
 
 // What of a polygon is where `inside` isn't negative (Sutherland & Hodgman 1974).
-template <typename Polygon, typename Inside>
-Polygon clipped(const Polygon& polygon, const Inside& inside) {
-  Polygon out;
+template <typename Inside>
+ImagePolygon clipped(const ImagePolygon& polygon, const Inside& inside) {
+  ImagePolygon out;
   for (std::size_t i = 0; i < polygon.size(); ++i) {
-    const auto &a = polygon[i], &b = polygon[(i + 1) % polygon.size()];
+    const ImageCorner &a = polygon[i], &b = polygon[(i + 1) % polygon.size()];
     const double of_a = inside(a), of_b = inside(b);
     if (of_a >= 0) out.push_back(a);
     if ((of_a >= 0) == (of_b >= 0)) continue;
@@ -34,10 +33,30 @@ Polygon clipped(const Polygon& polygon, const Inside& inside) {
   return out;
 }
 
-template <typename Polygon>
-OrderedJson box_of(const Polygon& polygon) {
-  auto least = polygon[0], most = polygon[0];
-  for (const auto& c : polygon) {
+ImagePolygon in_image(const std::vector<engine::RimPoint>& outline, double width, double height) {
+  ImagePolygon polygon;
+  for (const engine::RimPoint& p : outline) polygon.push_back({p.x_px + 0.5, p.y_px + 0.5});
+  polygon = clipped(polygon, [](const ImageCorner& c) { return c.x; });
+  polygon = clipped(polygon, [](const ImageCorner& c) { return c.y; });
+  polygon = clipped(polygon, [&](const ImageCorner& c) { return width - c.x; });
+  polygon = clipped(polygon, [&](const ImageCorner& c) { return height - c.y; });
+  for (ImageCorner& c : polygon)
+    c = {std::clamp(thousandths(c.x), 0.0, width), std::clamp(thousandths(c.y), 0.0, height)};
+  return polygon;
+}
+
+double area_of(const ImagePolygon& polygon) {
+  double twice = 0;
+  for (std::size_t i = 0; i < polygon.size(); ++i) {
+    const ImageCorner &a = polygon[i], &b = polygon[(i + 1) % polygon.size()];
+    twice += a.x * b.y - b.x * a.y;
+  }
+  return std::abs(twice) / 2;
+}
+
+OrderedJson box_of(const ImagePolygon& polygon) {
+  ImageCorner least = polygon[0], most = polygon[0];
+  for (const ImageCorner& c : polygon) {
     least = {std::min(least.x, c.x), std::min(least.y, c.y)};
     most = {std::max(most.x, c.x), std::max(most.y, c.y)};
   }
@@ -45,19 +64,18 @@ OrderedJson box_of(const Polygon& polygon) {
 }
 
 // Where a polygon's border crosses the row's line of pixel centres, from the left; reused from row to row.
-template <typename Polygon>
-void crossings(const Polygon& polygon, double y, std::vector<double>& at) {
+void crossings(const ImagePolygon& polygon, double y, std::vector<double>& at) {
   at.clear();
   for (std::size_t i = 0; i < polygon.size(); ++i) {
-    const auto &a = polygon[i], &b = polygon[(i + 1) % polygon.size()];
+    const ImageCorner &a = polygon[i], &b = polygon[(i + 1) % polygon.size()];
     if ((a.y > y) != (b.y > y)) at.push_back(a.x + (y - a.y) / (b.y - a.y) * (b.x - a.x));
   }
   std::sort(at.begin(), at.end());
 }
 
 // Gives the pixels whose centres are in a polygon a value.
-template <typename Polygon>
-void fill(const Polygon& polygon, const engine::Camera& camera, std::uint16_t value, std::vector<std::uint16_t>& mask) {
+void fill(const ImagePolygon& polygon, const engine::Camera& camera, std::uint16_t value,
+          std::vector<std::uint16_t>& mask) {
   const auto [top, bottom] =
       std::minmax_element(polygon.begin(), polygon.end(), [](const auto& a, const auto& b) { return a.y < b.y; });
   // The first pixel whose centre is at x or right of it.
@@ -90,26 +108,6 @@ void FrameLabels::Mask::add(int x, int y, std::size_t at) {
   left = std::min(left, x), right = std::max(right, x), top = std::min(top, y), bottom = std::max(bottom, y);
 }
 
-FrameLabels::Polygon FrameLabels::in_image(const std::vector<engine::RimPoint>& outline, double width, double height) {
-  Polygon polygon;
-  for (const engine::RimPoint& p : outline) polygon.push_back({p.x_px + 0.5, p.y_px + 0.5});
-  polygon = clipped(polygon, [](const Corner& c) { return c.x; });
-  polygon = clipped(polygon, [](const Corner& c) { return c.y; });
-  polygon = clipped(polygon, [&](const Corner& c) { return width - c.x; });
-  polygon = clipped(polygon, [&](const Corner& c) { return height - c.y; });
-  for (Corner& c : polygon) c = {std::clamp(thousandths(c.x), 0.0, width), std::clamp(thousandths(c.y), 0.0, height)};
-  return polygon;
-}
-
-double FrameLabels::area_of(const Polygon& polygon) {
-  double twice = 0;
-  for (std::size_t i = 0; i < polygon.size(); ++i) {
-    const Corner &a = polygon[i], &b = polygon[(i + 1) % polygon.size()];
-    twice += a.x * b.y - b.x * a.y;
-  }
-  return std::abs(twice) / 2;
-}
-
 std::size_t FrameLabels::pixels() const {
   return static_cast<std::size_t>(camera_.width) * static_cast<std::size_t>(camera_.height);
 }
@@ -130,7 +128,7 @@ FrameLabels::FrameLabels(const engine::Frame& frame, const engine::Camera& camer
     : frame_(frame), camera_(camera) {
   constexpr double kLeastArea_px = 1e-3;
   for (const engine::CraterRim& rim : frame.report.craters.rims) {
-    Polygon polygon = in_image(rim.outline, camera.width, camera.height);
+    ImagePolygon polygon = in_image(rim.outline, camera.width, camera.height);
     if (const double area = area_of(polygon); polygon.size() >= 3 && area > kLeastArea_px)
       craters_.push_back({rim, std::move(polygon), area});
   }
@@ -143,7 +141,7 @@ FrameLabels::FrameLabels(const engine::Frame& frame, const engine::Camera& camer
 OrderedJson FrameLabels::annotation(const Crater& crater) {
   const engine::CraterRim& rim = crater.rim;
   OrderedJson flat = OrderedJson::array();
-  for (const Corner& c : crater.polygon) flat.push_back(c.x), flat.push_back(c.y);
+  for (const ImageCorner& c : crater.polygon) flat.push_back(c.x), flat.push_back(c.y);
   OrderedJson json{{"category_id", kCraterCategory},
                    {"bbox", box_of(crater.polygon)},
                    {"segmentation", OrderedJson::array({std::move(flat)})},

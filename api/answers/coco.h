@@ -16,6 +16,12 @@ OrderedJson coco_categories();
 // The member of an .npz that holds a frame's annotations.
 inline constexpr const char* kCocoMember = "coco.json";
 
+// A place in COCO's coordinates, and an outline.
+struct ImageCorner {
+  double x, y;
+};
+using ImagePolygon = std::vector<ImageCorner>;
+
 // Labels of a frame of one camera. COCO's coordinates: the top-left corner of the top-left pixel is (0, 0), its centre
 // (0.5, 0.5). Craters have outlines, clipped at the image's border; rocks have the pixels that see them.
 class FrameLabels {
@@ -37,13 +43,9 @@ class FrameLabels {
   std::vector<std::uint16_t> rock_mask() const;
 
  private:
-  struct Corner {
-    double x, y;
-  };
-  using Polygon = std::vector<Corner>;
   struct Crater {
     const engine::CraterRim& rim;
-    Polygon polygon;
+    ImagePolygon polygon;
     double area;
   };
   // The pixels that see a rock, down one column of the image after the other: COCO's order.
@@ -58,8 +60,6 @@ class FrameLabels {
     Mask mask;
   };
 
-  static Polygon in_image(const std::vector<engine::RimPoint>& outline, double width, double height);
-  static double area_of(const Polygon& polygon);
   static OrderedJson annotation(const Crater& crater);
   OrderedJson annotation(const Rock& rock) const;
   std::vector<Mask> masks_of_rocks() const;

@@ -10,6 +10,7 @@
 #include "api/answers/metadata.h"
 #include "api/encode/read_npz.h"
 #include "server/campaign/durable_files.h"
+#include "server/campaign/tar.h"
 
 namespace selenograph::server {
 namespace {
@@ -28,9 +29,8 @@ struct Place {
 };
 
 Place place_of(const DoneFrame& frame) {
-  constexpr std::uint64_t kTarHeader = 512;
   if (frame.tar.empty()) return {frame.name + ".npz", 0};
-  return {frame.tar, frame.offset + kTarHeader};
+  return {frame.tar, frame.offset + kTarHeaderBytes};
 }
 
 class CocoWriter {

@@ -10,6 +10,7 @@
 namespace selenograph::server {
 
 // A member: header, content, padding. A tar is a sequence of members, followed by tar_end().
+inline constexpr std::uint64_t kTarHeaderBytes = 512;
 std::string tar_member(const std::string& name, std::string_view content);
 std::string tar_end();
 
