@@ -35,6 +35,8 @@ constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
 // Patches: of so many pixels along a side, while their terrain fits and keeps the aim for shadows; else by halves, the
 // aim giving way only in small ones. Never wider than this much of the Moon, which a camera sees at once.
 constexpr int kLargestPatch_px = 512, kSmallPatch_px = 64;
+// Scenes of a map of more patches are not kept: they are not to take the place of what moving cameras see.
+constexpr int kMostKeptPatches = 16;
 const double kWidestPatchCosine = std::cos(30 * kRadiansPerDegree);
 
 struct Patch {
@@ -132,7 +134,7 @@ class MapDrawing {
   Map draw() {
     const int across = (request_.grid.width + kLargestPatch_px - 1) / kLargestPatch_px,
               along = (request_.grid.height + kLargestPatch_px - 1) / kLargestPatch_px;
-    several_ = across > 1 || along > 1;
+    forgets_ = across * along > kMostKeptPatches;
     for (int j = 0; j < along; ++j)
       for (int i = 0; i < across; ++i) {
         const int x = i * kLargestPatch_px, y = j * kLargestPatch_px;
@@ -171,7 +173,7 @@ class MapDrawing {
 
   void draw_halves(const Patch& patch) {
     const auto [a, b] = patch.halves();
-    several_ = true;
+    forgets_ = true;
     draw(a), draw(b);
   }
 
@@ -220,8 +222,7 @@ class MapDrawing {
     spent.visibility_ms = watch.lap_ms();
     kept_.speed(Visibility::raytrace).learn(work, spent);
     out_.times.build_ms += spent.build_ms, out_.times.visibility_ms += spent.visibility_ms;
-    // Of many patches none is looked at twice: they are not to take the place of what moving cameras see.
-    if (several_) kept_.forget(content);
+    if (forgets_) kept_.forget(content);
   }
 
   void trace(const Patch& patch, const PatchDirections& directions, const RowViews& above, const Selection& selection,
@@ -406,7 +407,7 @@ class MapDrawing {
   const MapProgress& progress_;
   FrameRequest frame_;  // of a patch
   RadianceTerms radiance_;
-  bool several_ = false;
+  bool forgets_ = false;
   std::size_t drawn_ = 0;
   std::uint64_t hit_ = 0, missing_ = 0, filled_ = 0, blended_ = 0;
   std::vector<dem::SourceIndex> sources_, replaced_;

@@ -23,7 +23,7 @@ Eigen::Matrix3d inverse_of_normal_equations(const Offsets& offsets) {
 
 GroundWindow::GroundWindow(const FrameProducts& products, int width, int height, const Square& square,
                            const FootprintOnMap& footprint, const Limits& limits)
-    : footprint_(footprint), square_(square), roughness_(limits.roughness) {
+    : footprint_(footprint), square_(square), roughness_above_m_(limits.roughness_above_m) {
   int left = 0, right = 0;
   for (const FootprintRow& r : footprint.rows) {
     left = std::max(left, -r.first), right = std::max(right, r.past_last - 1), covered_ += r.past_last - r.first;
@@ -39,7 +39,7 @@ GroundWindow::GroundWindow(const FrameProducts& products, int width, int height,
     throw std::logic_error("a footprint reaches beyond what was drawn");
   find_trend(products, static_cast<std::size_t>(width));
   sum_rows(products, static_cast<std::size_t>(width), limits);
-  if (roughness_) bound_cells();
+  if (roughness_above_m_) bound_cells();
   inverse_ = inverse_of_normal_equations([&](const auto& add) {
     if (footprint.pads.empty()) {
       for (const FootprintRow& r : footprint.rows)
@@ -67,7 +67,7 @@ void GroundWindow::sum_rows(const FrameProducts& products, std::size_t map_width
   const auto at = [&](int x, int y) {
     return static_cast<std::size_t>(top_ + y) * map_width + static_cast<std::size_t>(left_ + x);
   };
-  heights_.resize(rows * static_cast<std::size_t>(width_));
+  heights_.resize(rows * static_cast<std::size_t>(width_) + kLanes);  // some are looked at beyond the last row
   const auto make = [&](auto& sums) { sums.all.resize(rows * stride), sums.stride = stride; };
   make(sum_), make(moment_), make(missing_);
   const bool rocks = !products.rock_height.empty();
@@ -90,17 +90,29 @@ void GroundWindow::sum_rows(const FrameProducts& products, std::size_t map_width
           high_.all[next - 1] + (limits.rock_height_m && static_cast<double>(rock_m) > *limits.rock_height_m);
     }
   }
+  missing_.forget_zeros(), rocks_.forget_zeros(), high_.forget_zeros();
 }
 
 void GroundWindow::bound_cells() {
   cells_across_ = (width_ + kCell - 1) / kCell;
-  cells_.assign(static_cast<std::size_t>(cells_across_ * ((height_ + kCell - 1) / kCell)),
-                {std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()});
-  for (int y = 0; y < height_; ++y)
-    for (int x = 0; x < width_; ++x) {
-      Cell& cell = cells_[static_cast<std::size_t>(y / kCell * cells_across_ + x / kCell)];
-      cell.least = std::min(cell.least, height(x, y)), cell.most = std::max(cell.most, height(x, y));
+  for (int y = 0; y < height_; y += kCell)
+    for (int x = 0; x < width_; x += kCell) cells_.push_back(bound_cell(x, y));
+}
+
+// Its plane goes by the means of its sides: any would do, this is close.
+GroundWindow::Cell GroundWindow::bound_cell(int x0, int y0) const {
+  const int right = std::min(x0 + kCell, width_) - 1, bottom = std::min(y0 + kCell, height_) - 1;
+  const int columns = right - x0 + 1, rows = bottom - y0 + 1;
+  Cell cell{{0, 0, 0}, std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()};
+  for (int y = y0; y <= bottom; ++y) cell.plane.right += height(right, y) - height(x0, y);
+  for (int x = x0; x <= right; ++x) cell.plane.down += height(x, bottom) - height(x, y0);
+  cell.plane.right /= rows * std::max(1, columns - 1), cell.plane.down /= columns * std::max(1, rows - 1);
+  for (int y = y0; y <= bottom; ++y)
+    for (int x = x0; x <= right; ++x) {
+      const double left_m = height(x, y) - cell.plane.right * (x - x0 - kMiddle) - cell.plane.down * (y - y0 - kMiddle);
+      cell.least = std::min(cell.least, left_m), cell.most = std::max(cell.most, left_m);
     }
+  return cell;
 }
 
 // By least squares, from the sums over the footprint's rows.
@@ -134,6 +146,7 @@ void GroundWindow::fit_pads(int row, std::span<Plane> planes) const {
     for (const Eigen::Vector2i& pad : footprint_.pads)
       sum += height(x + pad.x(), y + pad.y()) * Eigen::Vector3d(1, pad.x(), pad.y());
     for (const Eigen::Vector2i& pad : footprint_.pads) {
+      if (missing_.all.empty()) break;
       const int* missing = missing_.row(y + pad.y()) + x + pad.x();
       if (missing[1] > missing[0]) sum.setConstant(std::numeric_limits<double>::quiet_NaN());
     }
@@ -153,37 +166,92 @@ void GroundWindow::count(const Sums<T>& sums, int row, std::span<int> out) const
   }
 }
 
-// The largest distance from the plane, vertically. Cells whose bounds say that they hold nothing farther are not looked
-// into. `where`: an offset that is looked at first, and where it was found.
-double GroundWindow::farthest(const Plane& plane, int x, int y, Eigen::Vector2i& where) const {
-  double most = std::abs(off(plane, x, y, where.x(), where.y()));
-  const double slack = (std::abs(plane.right) + std::abs(plane.down)) * (kCell - 1) / 2;
-  constexpr double kMiddle = (kCell - 1) / 2.0;
-  const std::vector<FootprintRow>& rows = footprint_.rows;
+// The largest distances from planes, vertically, for pixels that are side by side.
+struct GroundWindow::Farthest {
+  int x, y;  // of the first, in the window
+  Lanes middle_m, right, down;
+  Lanes most_m;           // infinite: not asked for
+  Eigen::Vector2i where;  // in the window: the latest that was found
+};
+
+// Cells whose bounds say that they hold nothing farther are not looked into.
+void GroundWindow::find_farthest(Farthest& lanes) const {
+  constexpr double kRounding_m = 1e-9;
+  const Lanes at_left = lanes.middle_m - lanes.right * (lanes.x + Lanes::LinSpaced(0, kLanes - 1));
+  const std::span<const FootprintRow> rows(footprint_.rows);
   for (std::size_t first = 0; first < rows.size();) {
     // The rows that are in one row of cells.
-    const int cell_row = (y + rows[first].row) / kCell;
+    const int cell_row = (lanes.y + rows[first].row) / kCell;
     std::size_t past_last = first;
-    int left = rows[first].first, right = rows[first].past_last;
-    for (; past_last < rows.size() && (y + rows[past_last].row) / kCell == cell_row; ++past_last)
-      left = std::min(left, rows[past_last].first), right = std::max(right, rows[past_last].past_last);
-    for (int column = (x + left) / kCell; column <= (x + right - 1) / kCell; ++column) {
+    int from = rows[first].first, to = rows[first].past_last;
+    for (; past_last < rows.size() && (lanes.y + rows[past_last].row) / kCell == cell_row; ++past_last)
+      from = std::min(from, rows[past_last].first), to = std::max(to, rows[past_last].past_last);
+    const Lanes of_row = at_left + lanes.down * (cell_row * kCell + kMiddle - lanes.y);
+    const int last = std::min((lanes.x + kLanes - 1 + to - 1) / kCell, cells_across_ - 1);
+    for (int column = (lanes.x + from) / kCell; column <= last; ++column) {
       const Cell& cell = cells_[static_cast<std::size_t>(cell_row * cells_across_ + column)];
-      const double there =
-          plane.height_m + plane.right * (column * kCell + kMiddle - x) + plane.down * (cell_row * kCell + kMiddle - y);
-      if (std::max(cell.most - there, there - cell.least) + slack <= most) continue;
-      for (std::size_t r = first; r < past_last; ++r) {
-        const int from = std::max(rows[r].first, column * kCell - x),
-                  to = std::min(rows[r].past_last, (column + 1) * kCell - x);
-        for (int dx = from; dx < to; ++dx) {
-          const double distance = std::abs(off(plane, x, y, dx, rows[r].row));
-          if (distance > most) most = distance, where = {dx, rows[r].row};
-        }
-      }
+      const Lanes there = of_row + lanes.right * (column * kCell + kMiddle);
+      const Lanes within =
+          ((cell.plane.right - lanes.right).abs() + (cell.plane.down - lanes.down).abs()) * kMiddle + kRounding_m;
+      const Lanes at_most_m = (cell.most - there).max(there - cell.least) + within;
+      if (!((at_most_m - lanes.most_m).maxCoeff() > 0)) continue;
+      for (int i = 0; i < kLanes; ++i)
+        if (at_most_m[i] > lanes.most_m[i]) look_into(column, rows.subspan(first, past_last - first), i, lanes);
     }
     first = past_last;
   }
-  return most;
+}
+
+// At as many pixels of each row at once as a cell has: at others that are covered where some of the cell's are not.
+void GroundWindow::look_into(int column, std::span<const FootprintRow> rows, int lane, Farthest& lanes) const {
+  const int x = lanes.x + lane, left = column * kCell - x;
+  const Lanes steps = lanes.right[lane] * Lanes::LinSpaced(0, kLanes - 1);
+  double most_m = lanes.most_m[lane];
+  for (const FootprintRow& r : rows) {
+    if (r.past_last <= left || r.first >= left + kCell) continue;
+    const int first = std::max(r.first, std::min(left, r.past_last - kLanes)), n = r.past_last - first;
+    const double there = lanes.middle_m[lane] + lanes.down[lane] * r.row + lanes.right[lane] * first;
+    Lanes off_m = (Eigen::Map<const Lanes>(&heights_[index(x + first, lanes.y + r.row)]) - there - steps).abs();
+    if (n < kLanes) off_m = (Lanes::LinSpaced(0, kLanes - 1) < n).select(off_m, 0);
+    if (!(off_m.maxCoeff() > most_m)) continue;
+    int where = 0;
+    most_m = off_m.maxCoeff(&where);
+    lanes.where = {x + first + where, lanes.y + r.row};
+  }
+  if (most_m > lanes.most_m[lane]) look_at(lanes.where, lanes);
+}
+
+// What is far from one plane is far from its neighbours.
+void GroundWindow::look_at(const Eigen::Vector2i& where, Farthest& lanes) const {
+  const int row = where.y() - lanes.y - footprint_.rows.front().row;
+  if (row < 0 || row >= static_cast<int>(footprint_.rows.size())) return;
+  const FootprintRow& r = footprint_.rows[static_cast<std::size_t>(row)];
+  const double height_m = height(where.x(), where.y());
+  for (int i = 0; i < kLanes; ++i) {
+    const int dx = where.x() - lanes.x - i;
+    if (dx < r.first || dx >= r.past_last) continue;
+    const double there = lanes.middle_m[i] + lanes.down[i] * r.row + lanes.right[i] * dx;
+    lanes.most_m[i] = std::max(lanes.most_m[i], std::abs(height_m - there));
+  }
+}
+
+// Distances from the planes; those that are not farther than what `farthest_m` has stay. Nothing of NaN planes.
+void GroundWindow::find_roughness(int row, std::span<const Plane> planes, std::span<double> farthest_m) const {
+  const int n = static_cast<int>(farthest_m.size());
+  Farthest lanes{square_.x - left_, square_.y - top_ + row, {}, {}, {}, {}, {0, 0}};
+  for (int first = 0; first < n; first += kLanes, lanes.x += kLanes) {
+    lanes.middle_m = lanes.right = lanes.down = 0, lanes.most_m = std::numeric_limits<double>::infinity();
+    for (int i = 0; i < std::min(kLanes, n - first); ++i) {
+      const Plane& plane = planes[static_cast<std::size_t>(first + i)];
+      if (std::isnan(plane.height_m)) continue;
+      lanes.middle_m[i] = plane.height_m, lanes.right[i] = plane.right, lanes.down[i] = plane.down;
+      lanes.most_m[i] = farthest_m[static_cast<std::size_t>(first + i)];
+    }
+    look_at(lanes.where, lanes);
+    find_farthest(lanes);
+    for (int i = 0; i < std::min(kLanes, n - first); ++i)
+      if (!std::isinf(lanes.most_m[i])) farthest_m[static_cast<std::size_t>(first + i)] = lanes.most_m[i];
+  }
 }
 
 void GroundWindow::measure(int row, std::span<FootprintMeasures> out) const {
@@ -195,17 +263,18 @@ void GroundWindow::measure(int row, std::span<FootprintMeasures> out) const {
     fit_pads(row, planes);
   count(missing_, row, missing), count(rocks_, row, rocks), count(high_, row, high);
   const Eigen::Matrix2d to_gradient = footprint_.metres_per_px.transpose().inverse();
-  Eigen::Vector2i where(0, footprint_.rows[footprint_.rows.size() / 2].row);
-  where.x() = footprint_.rows[footprint_.rows.size() / 2].first;
+  std::vector<double> gradient(out.size()), farthest_m(out.size());
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    gradient[i] = (to_gradient * Eigen::Vector2d(planes[i].right + trend_.right, planes[i].down + trend_.down)).norm();
+    // A little nearer: what isn't farther must not come out as more than the limit by rounding.
+    farthest_m[i] = roughness_above_m_.value_or(0) * (1 - 1e-12) * std::sqrt(1 + gradient[i] * gradient[i]);
+  }
+  if (roughness_above_m_) find_roughness(row, planes, farthest_m);
   for (std::size_t i = 0; i < out.size(); ++i) {
     out[i] = {};
     if (missing[i] > 0) continue;
-    const double gradient =
-        (to_gradient * Eigen::Vector2d(planes[i].right + trend_.right, planes[i].down + trend_.down)).norm();
-    out[i].slope_deg = std::atan(gradient) * kDegreesPerRadian;
-    if (roughness_)
-      out[i].roughness_m = farthest(planes[i], square_.x - left_ + static_cast<int>(i), square_.y - top_ + row, where) /
-                           std::hypot(1.0, gradient);
+    out[i].slope_deg = std::atan(gradient[i]) * kDegreesPerRadian;
+    out[i].roughness_m = farthest_m[i] / std::sqrt(1 + gradient[i] * gradient[i]);
     out[i].rock_cover = static_cast<double>(rocks[i]) / covered_;
     out[i].high_rocks = high[i];
   }

@@ -82,7 +82,7 @@ class HazardMap {
                                             std::isnan(middle_m) ? 0 : middle_m);
     // Where the map is distorted far more than at its border and middle there is no answer.
     if (!footprint || footprint->rows.empty() || footprint->reach_px() > margin_) return;
-    const GroundWindow::Limits limits{request_.hazard.rock_height_m, needs_roughness()};
+    const GroundWindow::Limits limits{request_.hazard.rock_height_m, roughness_above_m()};
     const GroundWindow ground(products_, drawn_.grid.width, drawn_.grid.height, {x0, y0, width, height}, *footprint,
                               limits);
     std::vector<FootprintMeasures> row(static_cast<std::size_t>(width));
@@ -93,8 +93,10 @@ class HazardMap {
     }
   }
 
-  bool needs_roughness() const {
-    return request_.products & kRoughness || (request_.products & kHazard && request_.hazard.roughness_m);
+  // The mask alone asks for what is beyond its limit.
+  std::optional<double> roughness_above_m() const {
+    if (request_.products & kRoughness) return 0;
+    return request_.products & kHazard ? request_.hazard.roughness_m : std::nullopt;
   }
 
   void store(const FootprintMeasures& of, std::size_t at) {

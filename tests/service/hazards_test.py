@@ -84,6 +84,8 @@ class Hazards(harness.unittest.TestCase):
         self.assertLess(worst[1], 1e-4)
         self.assertLess(worst[2], 1e-6)
         self.assertGreater(len(np.unique(f["hazard"])), 2)
+        # The mask alone needs no more of the roughness than what exceeds its limit.
+        np.testing.assert_array_equal(f["hazard"], self.map(request(footprint, ["hazard"]))["hazard"])
 
     def test_a_disc(self):
         self.compare({"diameter_m": 3.0})

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""What a lidar's scan costs, and rays as JSON and as arrays: a million beams of seven sub-rays 100 m over ground with detail
-and rocks, as one request and its answer. Times are the best of five, of the client: with everything.
+"""What a lander's measurements cost, each as one request and its answer: a lidar's million beams of seven sub-rays 100 m over
+ground with detail and rocks, rays as JSON and as arrays, hazard maps. Times are the best of five, of the client: with everything.
 
-    SELENOGRAPH_BINARY=build/selenograph PYTHONPATH=tests/service python3 tests/benchmark/lidar_benchmark.py
+    SELENOGRAPH_BINARY=build/selenograph PYTHONPATH=tests/service python3 tests/benchmark/lander_benchmark.py
 """
 
 import io
@@ -61,6 +61,13 @@ def main():
         np.savez(body, origin_m=np.broadcast_to(origin_m, directions.shape), direction=directions, request=json.dumps(detail))
         print(f"256 x 256 rays as arrays, {name}:", best(lambda: service.ask(
             "POST", "/v1/rays", body.getvalue(), {"Content-Type": NPZ, "Accept": NPZ})), flush=True)
+    every = ["height", "slope", "roughness", "rock_height", "rock_cover", "hazard"]
+    for name, products in (("hazard", ["hazard"]), ("six products", every)):
+        asked = {"map": {"projection": "orthographic", "center": PLACE, "gsd_m": 0.1, "width_m": 100, "height_m": 100},
+                 "detail": "landing", "rocks": True, "footprint": {"diameter_m": 8.0}, "products": products,
+                 "hazard": {"max_slope_deg": 10, "max_roughness_m": 0.3, "max_rock_height_m": 0.3}}
+        print(f"hazard map of 1000 x 1000 at 0.1 m, {name}:",
+              best(lambda: service.post("/v1/maps", asked, "image/tiff")), flush=True)
     service.stop()
     harness.tear_down()
 
