@@ -53,8 +53,10 @@ MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block, BlockBorder joined
     : posts(std::move(block)),
       border(std::move(joined)),
       side(posts->side()),
+      axis(0),
       collapses(border.stride != std::array{1, 1, 1, 1}) {
   const int quads = posts->extent.quads;
+  posts->position(quads / 2, quads / 2, 0).cwiseAbs().maxCoeff(&axis);
   vertices = posts->vertices;
   if (!joined_as_it_was()) {
     own_ = posts->vertices;

@@ -42,6 +42,7 @@ struct MeshBlock {
   std::shared_ptr<const dem::Block> posts;
   BlockBorder border;
   int side;  // quads + 1
+  int axis;  // of MOON_ME: the one nearest to the vertical of the block's middle
   // (quads + 1)^2 joined vertices, row-major from the south-west. A collapsed vertex holds height and normal of the one
   // that it has collapsed onto. If the border is as in the posts, these are the posts' own vertices.
   std::span<const dem::Vertex> vertices;

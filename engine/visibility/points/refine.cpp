@@ -20,40 +20,63 @@ namespace selenograph::engine {
 // Fraction of a triangle by which a point may lie outside of it and still be taken as on it: micrometres.
 constexpr double kOnEdge = 1e-9;
 
+// Of a lane: its point is on its triangle; not; its weights are not known.
+enum LaneState : std::int64_t { kOn = 0, kOff = 1, kSteep = 2 };
+
 }  // namespace selenograph::engine
 #endif
 
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// Plane and ray, per lane: P = o + t d, weights v and w of b and c. A ray from below gets a distance of -1. off: 1
-// where that isn't on the triangle though the lane has one, else 0. Returns whether any is.
-bool MeetPlanes(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
+// Plane and ray, per lane: P = o + t d, weights v and w of b and c. A ray from below gets a distance of -1. off: kOff
+// where that isn't on the triangle though the lane has one, kSteep where the weights are not known. Returns the sum of
+// what lanes that hit say. Weights are those of the triangle as seen along an axis: half of the arithmetic that they
+// take in the plane itself, and as good to 1e-14 unless the axis is within a degree of that plane.
+template <int axis>
+std::int64_t MeetPlanes(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
+  constexpr int i0 = (axis + 1) % 3, i1 = (axis + 2) % 3;
+  constexpr double kSteepest = 2500;  // squares of tangents
+  const double* origin[3] = {rays.ox, rays.oy, rays.oz};
+  const double* direction[3] = {rays.dx, rays.dy, rays.dz};
+  double* position[3] = {p.x, p.y, p.z};
+  double* normal[3] = {p.nx, p.ny, p.nz};
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double bx = t.b[0][i] - t.a[0][i], by = t.b[1][i] - t.a[1][i], bz = t.b[2][i] - t.a[2][i];
     const double cx = t.c[0][i] - t.a[0][i], cy = t.c[1][i] - t.a[1][i], cz = t.c[2][i] - t.a[2][i];
-    const double nx = by * cz - bz * cy, ny = bz * cx - bx * cz, nz = bx * cy - by * cx;
-    const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
-    const double toward = nx * dx + ny * dy + nz * dz;
-    const double gap = nx * (t.a[0][i] - rays.ox[i]) + ny * (t.a[1][i] - rays.oy[i]) + nz * (t.a[2][i] - rays.oz[i]);
+    const double b[3] = {bx, by, bz}, c[3] = {cx, cy, cz};
+    const double n[3] = {by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx};
+    const double d[3] = {direction[0][i], direction[1][i], direction[2][i]};
+    const double toward = n[0] * d[0] + n[1] * d[1] + n[2] * d[2];
+    const double gap =
+        n[0] * (t.a[0][i] - origin[0][i]) + n[1] * (t.a[1][i] - origin[1][i]) + n[2] * (t.a[2][i] - origin[2][i]);
     const double distance = gap / toward;
-    const double px = rays.ox[i] + distance * dx, py = rays.oy[i] + distance * dy, pz = rays.oz[i] + distance * dz;
-    const double ax = px - t.a[0][i], ay = py - t.a[1][i], az = pz - t.a[2][i];
-    const double scale = 1 / (nx * nx + ny * ny + nz * nz);
-    const double v = (nx * (ay * cz - az * cy) + ny * (az * cx - ax * cz) + nz * (ax * cy - ay * cx)) * scale;
-    const double w = (nx * (by * az - bz * ay) + ny * (bz * ax - bx * az) + nz * (bx * ay - by * ax)) * scale;
-    p.x[i] = px, p.y[i] = py, p.z[i] = pz;
-    p.nx[i] = nx, p.ny[i] = ny, p.nz[i] = nz;
+    const double at[3] = {origin[0][i] + distance * d[0], origin[1][i] + distance * d[1],
+                          origin[2][i] + distance * d[2]};
+    const double from_a0 = at[i0] - t.a[i0][i], from_a1 = at[i1] - t.a[i1][i], scale = 1 / n[axis];
+    const double v = (from_a0 * c[i1] - from_a1 * c[i0]) * scale, w = (b[i0] * from_a1 - b[i1] * from_a0) * scale;
+    for (int k = 0; k < 3; ++k) position[k][i] = at[k], normal[k][i] = n[k];
     p.v[i] = v, p.w[i] = w;
     const double seen = toward < 0 ? distance : -1;
     p.distance[i] = seen;
     const bool on = seen > 0 && v >= -kOnEdge && w >= -kOnEdge && v + w <= 1 + kOnEdge;
-    off[i] = on ? 0 : 1;
+    const bool steep = !(n[i0] * n[i0] + n[i1] * n[i1] <= kSteepest * (n[axis] * n[axis]));
+    off[i] = (on ? kOn : kOff) | (steep ? kSteep : kOn);
   }
   std::int64_t any = 0;
-  for (int i = 0; i < kPacket; ++i) any |= off[i] &= static_cast<std::int64_t>(p.hit[i]);
-  return any != 0;
+  for (int i = 0; i < kPacket; ++i) any |= off[i] &= -static_cast<std::int64_t>(p.hit[i]);
+  return any;
+}
+
+std::int64_t MeetAlongX(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
+  return MeetPlanes<0>(t, rays, p, off);
+}
+std::int64_t MeetAlongY(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
+  return MeetPlanes<1>(t, rays, p, off);
+}
+std::int64_t MeetAlongZ(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
+  return MeetPlanes<2>(t, rays, p, off);
 }
 
 }  // namespace selenograph::engine::HWY_NAMESPACE
@@ -62,7 +85,9 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace selenograph::engine {
 
-HWY_EXPORT(MeetPlanes);
+HWY_EXPORT(MeetAlongX);
+HWY_EXPORT(MeetAlongY);
+HWY_EXPORT(MeetAlongZ);
 
 namespace {
 
@@ -199,12 +224,62 @@ void correct(const Mesh& mesh, const Rays& rays, int i, SurfacePoints& points) {
 
 }  // namespace
 
+namespace {
+
+std::int64_t meet_along(int axis, const Facets& facets, const Rays& rays, SurfacePoints& points, std::int64_t* off) {
+  if (axis == 0) return HWY_DYNAMIC_DISPATCH(MeetAlongX)(facets, rays, points, off);
+  if (axis == 1) return HWY_DYNAMIC_DISPATCH(MeetAlongY)(facets, rays, points, off);
+  return HWY_DYNAMIC_DISPATCH(MeetAlongZ)(facets, rays, points, off);
+}
+
+// Each lane along its block's axis, so that a triangle's weights never depend on the packet.
+std::int64_t meet_along_own(const Mesh& mesh, const Facets& facets, const Rays& rays, SurfacePoints& points,
+                            std::int64_t* off) {
+  int axes[kPacket];
+  for (int i = 0; i < kPacket; ++i) axes[i] = mesh.blocks()[points.triangle[i].block()].axis;
+  std::int64_t any = meet_along(axes[0], facets, rays, points, off);
+  if (std::all_of(axes, axes + kPacket, [&](int axis) { return axis == axes[0]; })) return any;
+  any = 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    SurfacePoints along = points;
+    alignas(64) std::int64_t off_along[kPacket];
+    if (axis != axes[0]) meet_along(axis, facets, rays, along, off_along);
+    for (int i = 0; i < kPacket; ++i) {
+      if (axes[i] != axis) continue;
+      if (axis != axes[0]) points.v[i] = along.v[i], points.w[i] = along.w[i], off[i] = off_along[i];
+      any |= off[i];
+    }
+  }
+  return any;
+}
+
+// Weights in the triangle's own plane.
+void weigh(const Facets& t, SurfacePoints& p, int i, std::int64_t& off) {
+  const Vec3 a(t.a[0][i], t.a[1][i], t.a[2][i]), b(t.b[0][i], t.b[1][i], t.b[2][i]), c(t.c[0][i], t.c[1][i], t.c[2][i]);
+  const Vec3 n = p.facet_normal(i), from_a = p.position(i) - a;
+  p.v[i] = n.dot(from_a.cross(c - a)) / n.squaredNorm(), p.w[i] = n.dot((b - a).cross(from_a)) / n.squaredNorm();
+  const bool on = p.distance[i] > 0 && p.v[i] >= -kOnEdge && p.w[i] >= -kOnEdge && p.v[i] + p.w[i] <= 1 + kOnEdge;
+  off = on ? kOn : kOff;
+}
+
+}  // namespace
+
 void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& facets) {
   // An empty mesh has not even a triangle for the lanes without a hit.
   if (hit_bits(points) == 0) return;
   gather(mesh, points.triangle, facets);
   alignas(64) std::int64_t off[kPacket];
-  if (!HWY_DYNAMIC_DISPATCH(MeetPlanes)(facets, rays, points, off)) return;
+  std::int64_t any = in_one_block(points.triangle)
+                         ? meet_along(mesh.blocks()[points.triangle[0].block()].axis, facets, rays, points, off)
+                         : meet_along_own(mesh, facets, rays, points, off);
+  if (any & kSteep) {
+    any = kOn;
+    for (int i = 0; i < kPacket; ++i) {
+      if (off[i] & kSteep) weigh(facets, points, i, off[i]);
+      any |= off[i];
+    }
+  }
+  if (any == kOn) return;
   for (int i = 0; i < kPacket; ++i)
     if (off[i]) correct(mesh, rays, i, points);
   gather(mesh, points.triangle, facets);

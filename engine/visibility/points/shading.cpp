@@ -1,6 +1,7 @@
 #include "engine/visibility/points/shading.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "dem/support/vector_targets.h"
@@ -14,28 +15,32 @@
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-void ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, const Vec3& sun, Shading& out) {
+// Returns, a bit each, the lanes whose normal faces away from the camera.
+unsigned ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, const Vec3& sun, Shading& out) {
   const double sx = sun.x(), sy = sun.y(), sz = sun.z();
+  alignas(64) std::int64_t away[kPacket];
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double v = p.v[i], w = p.w[i], u = 1 - v - w;
-    const double smooth_x = u * static_cast<double>(n.normal_a[0][i]) + v * static_cast<double>(n.normal_b[0][i]) +
-                            w * static_cast<double>(n.normal_c[0][i]);
-    const double smooth_y = u * static_cast<double>(n.normal_a[1][i]) + v * static_cast<double>(n.normal_b[1][i]) +
-                            w * static_cast<double>(n.normal_c[1][i]);
-    const double smooth_z = u * static_cast<double>(n.normal_a[2][i]) + v * static_cast<double>(n.normal_b[2][i]) +
-                            w * static_cast<double>(n.normal_c[2][i]);
-    // What is seen faces the camera. Where the smooth normal doesn't, the facet's own does: otherwise slopes seen at
-    // grazing angles had black specks at opposition.
-    const bool away = smooth_x * rays.dx[i] + smooth_y * rays.dy[i] + smooth_z * rays.dz[i] >= 0;
-    const double x = away ? p.nx[i] : smooth_x, y = away ? p.ny[i] : smooth_y, z = away ? p.nz[i] : smooth_z;
-    const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
+    const double x = u * static_cast<double>(n.normal_a[0][i]) + v * static_cast<double>(n.normal_b[0][i]) +
+                     w * static_cast<double>(n.normal_c[0][i]);
+    const double y = u * static_cast<double>(n.normal_a[1][i]) + v * static_cast<double>(n.normal_b[1][i]) +
+                     w * static_cast<double>(n.normal_c[1][i]);
+    const double z = u * static_cast<double>(n.normal_a[2][i]) + v * static_cast<double>(n.normal_b[2][i]) +
+                     w * static_cast<double>(n.normal_c[2][i]);
+    const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i], along = x * dx + y * dy + z * dz;
+    away[i] = along >= 0 ? 1 : 0;
     const double unit = 1 / std::sqrt(x * x + y * y + z * z), back = -1 / std::sqrt(dx * dx + dy * dy + dz * dz);
     out.nx[i] = x * unit, out.ny[i] = y * unit, out.nz[i] = z * unit;
     const double mu0 = (x * sx + y * sy + z * sz) * unit;
     out.mu0[i] = mu0, out.incident[i] = mu0;
-    out.mu[i] = (x * dx + y * dy + z * dz) * unit * back;
+    out.mu[i] = along * unit * back;
   }
+  unsigned some = 0;
+  std::int64_t any = 0;
+  for (int i = 0; i < kPacket; ++i) any |= away[i] & static_cast<std::int64_t>(p.hit[i]);
+  for (unsigned i = 0; any != 0 && i < kPacket; ++i) some |= away[i] && p.hit[i] ? 1U << i : 0U;
+  return some;
 }
 
 // `albedo`: none, or what to multiply by.
@@ -108,8 +113,17 @@ PacketShader::PacketShader(const FrameRequest& request, const RowViews& views, c
   if (engine::mapped(request)) mapped_.emplace(request, views);
 }
 
+// What is seen faces the camera. Where the smooth normal doesn't, the facet's own does: otherwise slopes seen at
+// grazing angles had black specks at opposition.
 void PacketShader::shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const {
-  HWY_DYNAMIC_DISPATCH(ShadeLanes)(facets, points, rays, request_.sun.direction, out);
+  const Vec3& sun = request_.sun.direction;
+  for (unsigned away = HWY_DYNAMIC_DISPATCH(ShadeLanes)(facets, points, rays, sun, out); away; away &= away - 1) {
+    const int i = std::countr_zero(away);
+    const Vec3 normal = points.facet_normal(i).normalized();
+    out.nx[i] = normal.x(), out.ny[i] = normal.y(), out.nz[i] = normal.z();
+    out.mu0[i] = out.incident[i] = normal.dot(sun);
+    out.mu[i] = -normal.dot(rays.direction(i)) / rays.direction(i).norm();
+  }
 }
 
 void PacketShader::radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,

@@ -14,6 +14,8 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include "engine/visibility/zbuffer/to_front.h"
+
 #ifndef SELENOGRAPH_ENGINE_HORIZONS_SHARED
 #define SELENOGRAPH_ENGINE_HORIZONS_SHARED
 namespace selenograph::engine {
@@ -109,8 +111,8 @@ std::size_t FindEdges(const HorizonRow& south, const HorizonRow& here, const Hor
       alignas(64) float ends[6][16] = {};
       const VF from[6] = {p.u, p.v, p.d, q.u, q.v, q.d};
       const std::size_t found = hn::CountTrue(f, which);
-      // In registers: compressing into memory takes Zen 4 a hundred times as long.
-      for (int k = 0; k < 6; ++k) hn::Store(hn::Compress(from[k], which), f, ends[k]);
+      const ToFront to_front(which);
+      for (int k = 0; k < 6; ++k) hn::Store(to_front(from[k]), f, ends[k]);
       for (std::size_t i = 0; i < found; ++i, ++n)
         for (int k = 0; k < 3; ++k) out[n].from[k] = ends[k][i], out[n].to[k] = ends[3 + k][i];
     };

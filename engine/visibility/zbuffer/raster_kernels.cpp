@@ -11,6 +11,8 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include "engine/visibility/zbuffer/to_front.h"
+
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
@@ -25,12 +27,6 @@ using MF = hn::Mask<F>;
 constexpr F f;
 constexpr I i32;
 constexpr int kMostColumns = 96;  // of a row of vertices, padding included
-// Quads of a row are drawn in groups of the widest vectors' lanes, all lower triangles before all upper ones, so that
-// what is equally near is met in the same order at every width.
-constexpr int kGroup = 16;
-constexpr int kVectors = kGroup / static_cast<int>(hn::MaxLanes(f));  // of a group
-// Where a triangle's place in its group stands in TriangleId::packed().
-constexpr std::uint32_t kPlaceInGroup = (kGroup - 1) << 1;
 
 HWY_INLINE VF all(float x) { return hn::Set(f, x); }
 
@@ -45,6 +41,13 @@ struct Triangles {
 
 // Corners a, b, c of the quad's lower half (south-west, south-east, north-west) or, for the upper half, north-east d in
 // place of a: edges run eastward, northward and along the diagonal from b to c, in either.
+// Twice a triangle's area, positive if its corners (the upper half's d, c, b) are counter-clockwise.
+HWY_INLINE VF area_of(bool upper, VF ax, VF ay, VF bx, VF by, VF cx, VF cy) {
+  const VF x0 = upper ? hn::Sub(ax, cx) : hn::Sub(bx, ax), y0 = upper ? hn::Sub(ay, cy) : hn::Sub(by, ay);
+  const VF x1 = upper ? hn::Sub(ax, bx) : hn::Sub(cx, ax), y1 = upper ? hn::Sub(ay, by) : hn::Sub(cy, ay);
+  return hn::Sub(hn::Mul(x0, y1), hn::Mul(y0, x1));
+}
+
 HWY_INLINE Triangles set_up(bool upper, VF ax, VF ay, VF a, VF bx, VF by, VF b, VF cx, VF cy, VF c, VF& area) {
   Triangles t;
   // lower: a -> b, a -> c, b -> c; upper: c -> a, b -> a, b -> c.
@@ -56,7 +59,7 @@ HWY_INLINE Triangles set_up(bool upper, VF ax, VF ay, VF a, VF bx, VF by, VF b, 
     t.ox[1] = bx, t.oy[1] = by, t.ex[1] = hn::Sub(ax, bx), t.ey[1] = hn::Sub(ay, by);
   }
   t.ox[2] = bx, t.oy[2] = by, t.ex[2] = hn::Sub(cx, bx), t.ey[2] = hn::Sub(cy, by);
-  area = hn::Sub(hn::Mul(t.ex[0], t.ey[1]), hn::Mul(t.ey[0], t.ex[1]));
+  area = area_of(upper, ax, ay, bx, by, cx, cy);
   // Differences from the corner where the first two edges meet.
   const VF d1 = upper ? hn::Sub(c, a) : hn::Sub(b, a), d2 = upper ? hn::Sub(b, a) : hn::Sub(c, a);
   const VF x1 = upper ? hn::Neg(t.ex[0]) : t.ex[0], y1 = upper ? hn::Neg(t.ey[0]) : t.ey[0];
@@ -135,10 +138,22 @@ HWY_INLINE void project_row(const RasterBlock& b, int row, const TileView& view,
   }
 }
 
-// Of equally near triangles the one of an earlier group wins, which is drawn already; of the same group and half the
-// first, whichever of them is drawn first.
+// Of equally near triangles the first wins, whichever is drawn first, so that it is the same at every width: by block,
+// row, group of sixteen quads, half, and place in the group. Of TriangleId::packed(), that is to turn the last five
+// bits by one.
 HWY_INLINE bool precedes(std::uint32_t id, std::uint32_t drawn) {
-  return ((id ^ drawn) & ~kPlaceInGroup) == 0 && id < drawn;
+  const auto key = [](std::uint32_t of) { return (of & ~31U) | (of & 1) << 4 | (of >> 1 & 15); };
+  return key(id) < key(drawn);
+}
+HWY_INLINE MF precede(VI id, VI drawn) {
+  // Unsigned, by signed comparison.
+  const auto key = [](VI of) {
+    const VI place = hn::And(hn::ShiftRight<1>(of), hn::Set(i32, 15)),
+             half = hn::ShiftLeft<4>(hn::And(of, hn::Set(i32, 1)));
+    const VI rest = hn::AndNot(hn::Set(i32, 31), of);
+    return hn::Xor(hn::Or(rest, hn::Or(half, place)), hn::Set(i32, std::numeric_limits<std::int32_t>::min()));
+  };
+  return hn::RebindMask(f, hn::Lt(key(id), key(drawn)));
 }
 
 // A large triangle: its box row by row.
@@ -163,11 +178,7 @@ HWY_NOINLINE void fill(const Triangles& t, int x0, int x1, int y0, int y1, std::
       const VF w = value(t, vx, vy), old = hn::LoadU(f, depth);
       const MF equal = hn::And(m, hn::Eq(w, old));
       m = hn::And(m, hn::Gt(w, old));
-      if (HWY_UNLIKELY(!hn::AllFalse(f, equal))) {
-        const VI drawn = hn::LoadU(i32, ids);
-        const auto same_group = hn::Eq(hn::AndNot(hn::Set(i32, kPlaceInGroup), hn::Xor(name, drawn)), hn::Zero(i32));
-        m = hn::Or(m, hn::And(equal, hn::RebindMask(f, hn::And(same_group, hn::Lt(name, drawn)))));
-      }
+      if (HWY_UNLIKELY(!hn::AllFalse(f, equal))) m = hn::Or(m, hn::And(equal, precede(name, hn::LoadU(i32, ids))));
       hn::BlendedStore(w, m, f, depth);
       hn::BlendedStore(name, hn::RebindMask(i32, m), i32, ids);
     }
@@ -191,11 +202,9 @@ HWY_INLINE void walk(const Triangles& t, MF active, VF x0, VF x1, VF y0, VF y1, 
     }
     const MF hit = hn::And(active, inside(t, sx, sy));
     if (!hn::AllFalse(f, hit)) {
-      const auto hit_i = hn::RebindMask(i32, hit);
-      // In registers: compressing into memory takes Zen 4 a hundred times as long.
-      hn::Store(hn::Compress(place(), hit_i), i32, at);
-      hn::Store(hn::Compress(ids, hit_i), i32, id);
-      hn::Store(hn::Compress(value(t, sx, sy), hit), f, w);
+      const ToFront to_front(hit);
+      hn::Store(to_front(place()), i32, at), hn::Store(to_front(ids), i32, id);
+      hn::Store(to_front(value(t, sx, sy)), f, w);
       const std::size_t n = hn::CountTrue(f, hit);
       for (std::size_t k = 0; k < n; ++k) {
         const auto p = static_cast<std::size_t>(at[k]);
@@ -216,8 +225,8 @@ HWY_INLINE void walk(const Triangles& t, MF active, VF x0, VF x1, VF y0, VF y1, 
 
 constexpr float kSmall = 24;  // pixels of a box that is walked through
 
-HWY_INLINE void draw(const VF* x, const VF* y, const VF* w, bool upper, VI ids, MF valid, const TileView& view,
-                     TileBuffer& out) {
+template <bool upper>
+HWY_NOINLINE void draw(const VF* x, const VF* y, const VF* w, VI ids, MF valid, const TileView& view, TileBuffer& out) {
   // x[0]: a or d; 1: b; 2: c
   const VF right = all(static_cast<float>(view.width - 1)), bottom = all(static_cast<float>(view.height - 1));
   const VF aside = all(view.slack[0]), above = all(view.slack[1]);
@@ -256,67 +265,115 @@ HWY_INLINE void draw(const VF* x, const VF* y, const VF* w, bool upper, VI ids, 
 
 HWY_INLINE MF number(VF x) { return hn::Eq(x, x); }
 
+// Triangles that wait until there is a vector of them: of most vectors few lanes have anything to draw or to cast.
+class Waiting {
+ public:
+  // Three corners, three values of each.
+  struct Corners {
+    HWY_INLINE Corners() {}  // NOLINT(modernize-use-equals-default): as Triangles'
+    VF x[3], y[3], w[3];
+    VI name;
+  };
+
+  // For each vector that is full: work(corners, mask of all lanes).
+  template <typename Work>
+  HWY_INLINE void add(const Corners& more, MF mask, const Work& work) {
+    const std::size_t lanes = hn::Lanes(f);
+    if (hn::AllTrue(f, mask)) return work(more, mask);
+    const ToFront to_front(mask);
+    const auto append = [&](int k, VF values) { hn::StoreU(to_front(values), f, values_[k] + count_); };
+    for (int k = 0; k < 3; ++k) append(k, more.x[k]), append(3 + k, more.y[k]), append(6 + k, more.w[k]);
+    hn::StoreU(to_front(more.name), i32, names_ + count_);
+    count_ += hn::CountTrue(f, mask);
+    if (count_ < lanes) return;
+    work(corners(), hn::Eq(hn::Zero(f), hn::Zero(f)));
+    count_ -= lanes;
+    for (float* values : values_) hn::Store(hn::Load(f, values + lanes), f, values);
+    hn::Store(hn::Load(i32, names_ + lanes), i32, names_);
+  }
+  // For those that are left.
+  template <typename Work>
+  HWY_INLINE void finish(const Work& work) {
+    if (count_ > 0) work(corners(), hn::FirstN(f, count_));
+    count_ = 0;
+  }
+
+ private:
+  HWY_INLINE Corners corners() const {
+    Corners out;
+    for (int k = 0; k < 3; ++k)
+      out.x[k] = hn::Load(f, values_[k]), out.y[k] = hn::Load(f, values_[3 + k]),
+      out.w[k] = hn::Load(f, values_[6 + k]);
+    out.name = hn::Load(i32, names_);
+    return out;
+  }
+
+  alignas(64) float values_[9][32] = {};
+  alignas(64) std::int32_t names_[32] = {};
+  std::size_t count_ = 0;
+};
+
 // A vector of quads: corners a (south-west), b (south-east), c (north-west), d (north-east).
 struct Quads {
   HWY_INLINE Quads() {}  // NOLINT(modernize-use-equals-default): as Triangles'
   VF x[4], y[4], w[4];   // pixels, pixels, nearness
-  MF lower, upper;       // whether their triangles have all vertices
-  VI name;               // of the lower triangles
-  bool seen;
+  MF lower, upper;       // whether their triangles have all vertices, and some pixel may be on them
 };
 
-// From column c on. Whether any of them may be in the tile.
-HWY_INLINE bool load(const Projected& south, const Projected& north, int c, VF left, VF right, VF top, VF bottom,
-                     Quads& q) {
+// From column c on. Whether any of them may have a pixel of the tile.
+HWY_INLINE bool load(const Projected& south, const Projected& north, int c, const TileView& view, Quads& q) {
   const auto corners = [&](const float* a, const float* b, VF* out) {
     out[0] = hn::Load(f, a + c), out[1] = hn::LoadU(f, a + c + 1);
     out[2] = hn::Load(f, b + c), out[3] = hn::LoadU(f, b + c + 1);
   };
   corners(south.x, north.x, q.x), corners(south.y, north.y, q.y);
-  const auto reaches = [](const VF* v, VF low, VF high) {
-    return hn::And(hn::Ge(hn::Max(hn::Max(v[0], v[1]), hn::Max(v[2], v[3])), low),
-                   hn::Le(hn::Min(hn::Min(v[0], v[1]), hn::Min(v[2], v[3])), high));
-  };
   const MF diagonal = hn::And(number(q.x[1]), number(q.x[2]));
   q.lower = hn::And(diagonal, number(q.x[0])), q.upper = hn::And(diagonal, number(q.x[3]));
-  const MF seen = hn::And(reaches(q.x, left, right), reaches(q.y, top, bottom));
-  const MF any_void = hn::Not(hn::And(q.lower, q.upper));
-  if (hn::AllFalse(f, hn::Or(seen, any_void))) return false;
+  // As `draw` has the boxes.
+  const auto some = [&](const VF* v, float slack, int last, MF& lower, MF& upper) {
+    const VF aside = all(slack), end = all(static_cast<float>(last)), least = hn::Min(v[1], v[2]),
+             most = hn::Max(v[1], v[2]);
+    const auto within = [&](VF corner) {
+      const VF low = hn::Max(hn::Ceil(hn::Sub(hn::Min(corner, least), aside)), hn::Zero(f)),
+               high = hn::Min(hn::Floor(hn::Add(hn::Max(corner, most), aside)), end);
+      return hn::Le(low, high);
+    };
+    lower = hn::And(lower, within(v[0])), upper = hn::And(upper, within(v[3]));
+  };
+  some(q.x, view.slack[0], view.width - 1, q.lower, q.upper);
+  some(q.y, view.slack[1], view.height - 1, q.lower, q.upper);
+  if (hn::AllFalse(f, hn::Or(q.lower, q.upper))) return false;
   corners(south.w, north.w, q.w);
   return true;
 }
 
 void DrawStrip(const RasterBlock& b, const Strip& strip, const TileView& view, TileBuffer& out) {
   Projected rows[2];
+  Waiting lower, upper;
   const int lanes = static_cast<int>(hn::Lanes(f));
+  const auto draw_lower = [&](const Waiting::Corners& t, MF valid)
+                              HWY_ATTR { draw<false>(t.x, t.y, t.w, t.name, valid, view, out); };
+  const auto draw_upper = [&](const Waiting::Corners& t, MF valid)
+                              HWY_ATTR { draw<true>(t.x, t.y, t.w, t.name, valid, view, out); };
   project_row(b, strip.first_row, view, rows[0]);
-  const VF left = all(-view.slack[0]), right = all(static_cast<float>(view.width - 1) + view.slack[0]),
-           top = all(-view.slack[1]), bottom = all(static_cast<float>(view.height - 1) + view.slack[1]);
   for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r) {
     const Projected &south = rows[(r - strip.first_row) & 1], &north = rows[(r + 1 - strip.first_row) & 1];
     project_row(b, r + 1, view, rows[(r + 1 - strip.first_row) & 1]);
-    for (int first = 0; first < b.quads; first += kGroup) {
-      Quads group[kVectors];
-      // Not unrolled: `draw` is long, and inlined for the sake of the widest vectors, of which there is one in a group.
-#pragma GCC unroll 1
-      for (int k = 0; k < kVectors; ++k) {
-        const int c = first + k * lanes;
-        Quads& q = group[k];
-        q.seen = c < b.quads && load(south, north, c, left, right, top, bottom, q);
-        if (!q.seen) continue;
-        for (int i = 0; i < lanes; i += 4) __builtin_prefetch(b.vertices + (r + 1) * (b.quads + 1) + c + i, 0, 3);
-        q.name = hn::Add(hn::Set(i32, static_cast<std::int32_t>(TriangleId(strip.block, r, c, false).packed())),
-                         hn::ShiftLeft<1>(hn::Iota(i32, 0)));
-        draw(q.x, q.y, q.w, false, q.name, q.lower, view, out);
-      }
-#pragma GCC unroll 1
-      for (Quads& q : group) {
-        if (!q.seen) continue;
-        q.x[0] = q.x[3], q.y[0] = q.y[3], q.w[0] = q.w[3];
-        draw(q.x, q.y, q.w, true, hn::Add(q.name, hn::Set(i32, 1)), q.upper, view, out);
-      }
+    for (int c = 0; c < b.quads; c += lanes) {
+      Quads q;
+      if (!load(south, north, c, view, q)) continue;
+      for (int i = 0; i < lanes; i += 4) __builtin_prefetch(b.vertices + (r + 1) * (b.quads + 1) + c + i, 0, 3);
+      Waiting::Corners t;
+      t.name = hn::Add(hn::Set(i32, static_cast<std::int32_t>(TriangleId(strip.block, r, c, false).packed())),
+                       hn::ShiftLeft<1>(hn::Iota(i32, 0)));
+      for (int k = 0; k < 3; ++k) t.x[k] = q.x[k], t.y[k] = q.y[k], t.w[k] = q.w[k];
+      if (!hn::AllFalse(f, q.lower)) lower.add(t, q.lower, draw_lower);
+      if (hn::AllFalse(f, q.upper)) continue;
+      t.x[0] = q.x[3], t.y[0] = q.y[3], t.w[0] = q.w[3], t.name = hn::Add(t.name, hn::Set(i32, 1));
+      upper.add(t, q.upper, draw_upper);
     }
   }
+  lower.finish(draw_lower), upper.finish(draw_upper);
 }
 
 // ---- the Sun -------------------------------------------------------------------------------------------------------
@@ -360,19 +417,25 @@ HWY_INLINE void shade(const Triangles& t, int c0, int c1, int r0, int r1, LightB
   }
 }
 
-// Casts those triangles of a vector that face away from the Sun: whose area is negative.
-HWY_INLINE void cast(const VF* u, const VF* v, const VF* d, bool upper, MF valid, LightBand& band) {
+// Which triangles face away from the Sun, their area being negative, and may have samples of the band below them.
+HWY_INLINE MF casting(const VF* u, const VF* v, bool upper, MF valid, const LightBand& band) {
+  const auto within = [](const VF* at, float first, float last) {
+    return hn::And(hn::Ge(hn::Max(at[0], hn::Max(at[1], at[2])), all(first)),
+                   hn::Le(hn::Min(at[0], hn::Min(at[1], at[2])), all(last)));
+  };
+  const VF area = area_of(upper, u[0], v[0], u[1], v[1], u[2], v[2]);
+  return hn::And(hn::And(valid, hn::Lt(area, hn::Zero(f))),
+                 hn::And(within(v, band.v0 - band.margin_m, band.v_end() + band.margin_m),
+                         within(u, band.u0 - band.margin_m, band.u_end() + band.margin_m)));
+}
+
+// Casts a vector of those.
+template <bool upper>
+HWY_NOINLINE void cast(const VF* u, const VF* v, const VF* d, MF active, LightBand& band) {
   const VF u_low = hn::Min(u[0], hn::Min(u[1], u[2])), u_high = hn::Max(u[0], hn::Max(u[1], u[2])),
            v_low = hn::Min(v[0], hn::Min(v[1], v[2])), v_high = hn::Max(v[0], hn::Max(v[1], v[2]));
-  MF active = hn::And(
-      valid, hn::And(hn::Ge(v_high, all(band.v0 - band.margin_m)), hn::Le(v_low, all(band.v_end() + band.margin_m))));
-  active = hn::And(
-      active, hn::And(hn::Ge(u_high, all(band.u0 - band.margin_m)), hn::Le(u_low, all(band.u_end() + band.margin_m))));
-  if (hn::AllFalse(f, active)) return;
   VF area;
   Triangles t = set_up(upper, u[0], v[0], d[0], u[1], v[1], d[1], u[2], v[2], d[2], area);
-  active = hn::And(active, hn::Lt(area, hn::Zero(f)));
-  if (hn::AllFalse(f, active)) return;
   turn(t, upper, hn::Gt(area, hn::Zero(f)));
   const std::size_t lanes = hn::Lanes(f);
   alignas(64) std::int32_t c0[16], c1[16], r0[16], r1[16], mask[16];
@@ -393,25 +456,39 @@ HWY_INLINE void cast(const VF* u, const VF* v, const VF* d, bool upper, MF valid
 
 void CastStrip(const RasterBlock& b, const Strip& strip, const LightAxes& axes, LightBand& band) {
   Lighted rows[2];
+  Waiting lower, upper;
   const int lanes = static_cast<int>(hn::Lanes(f));
+  const auto cast_lower = [&](const Waiting::Corners& t, MF active)
+                              HWY_ATTR { cast<false>(t.x, t.y, t.w, active, band); };
+  const auto cast_upper = [&](const Waiting::Corners& t, MF active)
+                              HWY_ATTR { cast<true>(t.x, t.y, t.w, active, band); };
   light_row(b, strip.first_row, axes, rows[0]);
   for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r) {
     const Lighted &south = rows[(r - strip.first_row) & 1], &north = rows[(r + 1 - strip.first_row) & 1];
     light_row(b, r + 1, axes, rows[(r + 1 - strip.first_row) & 1]);
     for (int c = 0; c < b.quads; c += lanes) {
-      const VF au = hn::Load(f, south.u + c), bu = hn::LoadU(f, south.u + c + 1), cu = hn::Load(f, north.u + c),
-               du = hn::LoadU(f, north.u + c + 1);
-      const VF av = hn::Load(f, south.v + c), bv = hn::LoadU(f, south.v + c + 1), cv = hn::Load(f, north.v + c),
-               dv = hn::LoadU(f, north.v + c + 1);
-      const MF diagonal = hn::And(number(bu), number(cu));
-      const VF ad = hn::Load(f, south.d + c), bd = hn::LoadU(f, south.d + c + 1), cd = hn::Load(f, north.d + c),
-               dd = hn::LoadU(f, north.d + c + 1);
-      const VF lu[3] = {au, bu, cu}, lv[3] = {av, bv, cv}, ld[3] = {ad, bd, cd};
-      cast(lu, lv, ld, false, hn::And(diagonal, number(au)), band);
-      const VF uu[3] = {du, bu, cu}, uv[3] = {dv, bv, cv}, ud[3] = {dd, bd, cd};
-      cast(uu, uv, ud, true, hn::And(diagonal, number(du)), band);
+      Waiting::Corners t;
+      t.name = hn::Zero(i32);
+      const auto corners = [&](const float* s, const float* n, VF* at) HWY_ATTR {
+        at[0] = hn::Load(f, s + c), at[1] = hn::LoadU(f, s + c + 1), at[2] = hn::Load(f, n + c);
+      };
+      corners(south.u, north.u, t.x), corners(south.v, north.v, t.y);
+      const MF diagonal = hn::And(number(t.x[1]), number(t.x[2]));
+      const MF low = casting(t.x, t.y, false, hn::And(diagonal, number(t.x[0])), band);
+      const VF south_west_u = t.x[0], south_west_v = t.y[0];
+      t.x[0] = hn::LoadU(f, north.u + c + 1), t.y[0] = hn::LoadU(f, north.v + c + 1);
+      const MF up = casting(t.x, t.y, true, hn::And(diagonal, number(t.x[0])), band);
+      if (hn::AllFalse(f, hn::Or(low, up))) continue;
+      corners(south.d, north.d, t.w);
+      const VF south_west_d = t.w[0];
+      t.w[0] = hn::LoadU(f, north.d + c + 1);
+      if (!hn::AllFalse(f, up)) upper.add(t, up, cast_upper);
+      if (hn::AllFalse(f, low)) continue;
+      t.x[0] = south_west_u, t.y[0] = south_west_v, t.w[0] = south_west_d;
+      lower.add(t, low, cast_lower);
     }
   }
+  lower.finish(cast_lower), upper.finish(cast_upper);
 }
 
 void CastSkirt(const Skirt& skirt, const LightAxes& axes, LightBand& band) {
@@ -419,7 +496,8 @@ void CastSkirt(const Skirt& skirt, const LightAxes& axes, LightBand& band) {
   const VF u[3] = {dot(axes.u, skirt.a), dot(axes.u, skirt.b), dot(axes.u, skirt.c)},
            v[3] = {dot(axes.v, skirt.a), dot(axes.v, skirt.b), dot(axes.v, skirt.c)},
            d[3] = {dot(axes.d, skirt.a), dot(axes.d, skirt.b), dot(axes.d, skirt.c)};
-  cast(u, v, d, false, hn::FirstN(f, 1), band);
+  const MF active = casting(u, v, false, hn::FirstN(f, 1), band);
+  if (!hn::AllFalse(f, active)) cast<false>(u, v, d, active, band);
 }
 
 void RangeOf(const float* x, std::size_t n, float& low, float& high) {

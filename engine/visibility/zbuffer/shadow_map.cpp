@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <optional>
 
 #include "dem/support/error.h"
 #include "dem/support/parallel.h"
@@ -194,9 +195,12 @@ ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& aim, const DiscLight* d
   in_parallel(casters_.size(), [&](std::size_t i) { casters_[i] = caster_of(mesh.strips()[i]); });
   order_casters();
   for (const Skirt& skirt : mesh.skirts()) {
-    const auto v = [&](const float* p) { return axes_.v[0] * p[0] + axes_.v[1] * p[1] + axes_.v[2] * p[2]; };
-    const float a = v(skirt.a), b = v(skirt.b), c = v(skirt.c);
-    skirts_.push_back({std::min({a, b, c}), std::max({a, b, c})});
+    const auto along = [&](const float* axis) {
+      const auto at = [&](const float* p) { return axis[0] * p[0] + axis[1] * p[1] + axis[2] * p[2]; };
+      return std::minmax({at(skirt.a), at(skirt.b), at(skirt.c)});
+    };
+    const auto u = along(axes_.u), v = along(axes_.v), d = along(axes_.d);
+    skirts_.push_back({u.first, u.second, v.first, v.second, d.second + 1e-6F * std::abs(d.second)});
   }
 }
 
@@ -208,7 +212,7 @@ ShadowMap::Caster ShadowMap::caster_of(const Strip& s) const {
     reach += 1e-6F * std::abs(middle);  // several times what float rounds off
     low = middle - reach, high = middle + reach;
   };
-  Caster c;
+  Caster c{};
   float unused;
   range(axes_.u, c.u_low, c.u_high), range(axes_.v, c.v_low, c.v_high), range(axes_.d, unused, c.d_high);
   c.casts = may_face_away(s, d_, 0);
@@ -318,7 +322,8 @@ std::size_t BandScratch::bytes() const {
 
 std::size_t LightScratch::bytes() const {
   std::size_t sum = bands.bytes();
-  for (const BandGroups& g : groups) sum += bytes_of(g.group) + bytes_of(g.first) + bytes_of(g.bands);
+  for (const BandGroups& g : groups)
+    sum += bytes_of(g.group) + bytes_of(g.first) + bytes_of(g.bands) + bytes_of(g.reached);
   for (const auto& list : shadowed) sum += bytes_of(list);
   for (const auto& list : partly) sum += bytes_of(list);
   return sum;
@@ -336,14 +341,26 @@ void ShadowMap::place(const SurfacePoints& points, LightLanes& lanes) const {
   into_light(points, mesh_.anchor().data(), u_.data(), v_.data(), d_.data(), lanes);
 }
 
-void ShadowMap::find_bands(const Grid& grid, const LightSamples& tile, BandGroups& out) {
+ShadowReach ShadowMap::reach_over(const Grid& grid) const {
+  constexpr int kCells = 16;  // of the grid's
+  ShadowReach reach(grid.u0, grid.v0, grid.per_u / kCells, grid.per_v / kCells, grid.columns / kCells + 1,
+                    grid.bands * kBandRows / kCells);
+  for (const std::uint32_t caster : order_) reach.add(casters_[caster]);
+  for (const LightBox& skirt : skirts_) reach.add(skirt);
+  return reach;
+}
+
+void ShadowMap::find_bands(const Grid& grid, const LightSamples& tile, const ShadowReach* reach, BandGroups& out) {
   const auto bands = static_cast<std::size_t>(grid.bands);
   const std::size_t whole = tile.count / kPacket, groups = (tile.count + kPacket - 1) / kPacket;
   out.bands.resize(groups);
   HWY_DYNAMIC_DISPATCH(BandsOf)(tile.v.data(), whole, grid.v0, grid.bands_per_v(), grid.bands, out.bands.data());
   if (groups > whole) out.bands[whole] = static_cast<std::uint32_t>(bands - 1) << 16;  // any: its samples are looked at
+  out.reached.assign(groups, 1);
+  if (reach) reach->find_reached(tile.u.data(), tile.v.data(), tile.d.data(), whole, out.reached.data());
   out.first.assign(bands + 1, 0);
   const auto for_bands = [&](std::size_t g, const auto& work) {
+    if (!out.reached[g]) return;
     const std::uint32_t low = out.bands[g] & 0xffff, more = out.bands[g] >> 16;
     for (std::uint32_t b = low; b <= low + more; ++b) work(b);
   };
@@ -369,6 +386,7 @@ std::size_t ShadowMap::sort_by_cell(const Grid& grid, std::size_t band_index, co
 
   std::size_t lanes = 0;
   for (const BandGroups& g : groups) lanes += kPacket * (g.first[band_index + 1] - g.first[band_index]);
+  if (lanes == 0) return 0;
   own.cell.resize(lanes);
   const BandOf where{static_cast<std::uint32_t>(band_index), grid.v0, grid.bands_per_v(),
                      static_cast<float>(grid.bands - 1)};
@@ -433,9 +451,13 @@ void ShadowMap::cast_strips(const Grid& grid, int band_index, LightBand& band) c
 }
 
 void ShadowMap::cast_skirts(LightBand& band) const {
+  const float u_first = band.u0 - band.margin_m, u_last = band.u_end() + band.margin_m;
   const float v_first = band.v0 - band.margin_m, v_last = band.v_end() + band.margin_m;
-  for (std::size_t k = 0; k < skirts_.size(); ++k)
-    if (skirts_[k].high >= v_first && skirts_[k].low <= v_last) cast_skirt(mesh_.skirts()[k], axes_, band);
+  for (std::size_t k = 0; k < skirts_.size(); ++k) {
+    const LightBox& s = skirts_[k];
+    if (s.v_high < v_first || s.v_low > v_last || s.u_high < u_first || s.u_low > u_last) continue;
+    cast_skirt(mesh_.skirts()[k], axes_, band);
+  }
 }
 
 // Of the band's samples that are not dark.
@@ -493,7 +515,11 @@ void ShadowMap::cast(const std::vector<LightSamples>& samples, LightScratch& scr
   for (auto& list : scratch.partly) list.clear();
   if (bands == 0) return;
   scratch.groups.resize(samples.size());
-  in_parallel(samples.size(), [&](std::size_t i) { find_bands(grid, samples[i], scratch.groups[i]); });
+  // The horizons of a disc reach farther than what hides all of it.
+  std::optional<ShadowReach> reach;
+  if (!disc_) reach = reach_over(grid);
+  in_parallel(samples.size(),
+              [&](std::size_t i) { find_bands(grid, samples[i], reach ? &*reach : nullptr, scratch.groups[i]); });
   in_parallel(bands, [&](std::size_t b) {
     stop.check();
     const Pool<BandScratch>::Lease own(scratch.bands);

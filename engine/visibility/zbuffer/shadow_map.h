@@ -18,6 +18,7 @@
 #include "engine/visibility/points/disc_light.h"
 #include "engine/visibility/zbuffer/horizons.h"
 #include "engine/visibility/zbuffer/raster_kernels.h"
+#include "engine/visibility/zbuffer/shadow_reach.h"
 
 namespace selenograph::engine {
 
@@ -96,7 +97,9 @@ struct BandScratch {
 struct BandGroups {
   std::vector<std::uint32_t> group;  // samples from 16 * group on
   std::vector<std::uint32_t> first;  // start of each band in `group`, plus the end
-  std::vector<std::uint32_t> bands;  // temporary: first band and number of further bands per group
+  // Temporary, per group: the first band and the number of further ones; whether a sample may be in shadow.
+  std::vector<std::uint32_t> bands;
+  std::vector<std::uint8_t> reached;
 };
 
 // Scratch memory of a shadow map, reused from frame to frame.
@@ -126,8 +129,7 @@ class ShadowMap {
 
  private:
   // A strip in light space.
-  struct Caster {
-    float v_low, v_high, u_low, u_high, d_high;
+  struct Caster : LightBox {
     bool casts;    // some triangle may face away from the Sun and so cast
     bool horizon;  // some triangle may be turned away from some of the disc
   };
@@ -137,7 +139,9 @@ class ShadowMap {
   ShadowMap(const RasterMesh& mesh, const DiscLight& disc, double aim_radii);
 
   static Grid grid_over(const std::vector<LightSamples>& tiles);
-  static void find_bands(const Grid& grid, const LightSamples& tile, BandGroups& out);
+  ShadowReach reach_over(const Grid& grid) const;
+  // Of the groups that may be in shadow; `reach`: null, all may be.
+  static void find_bands(const Grid& grid, const LightSamples& tile, const ShadowReach* reach, BandGroups& out);
   std::size_t sort_by_cell(const Grid& grid, std::size_t band, const std::vector<LightSamples>& tiles,
                            const std::vector<BandGroups>& groups, BandScratch& own) const;
   Caster caster_of(const Strip& strip) const;
@@ -156,10 +160,7 @@ class ShadowMap {
   std::vector<Caster> casters_;       // per strip
   std::vector<std::uint32_t> order_;  // casting strips, in casting order
   bool descending_ = false;           // in descending height toward the Sun
-  struct Range {
-    float low, high;
-  };
-  std::vector<Range> skirts_;  // in v
+  std::vector<LightBox> skirts_;
 };
 
 }  // namespace selenograph::engine
