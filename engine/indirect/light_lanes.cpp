@@ -11,6 +11,20 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#ifndef SELENOGRAPH_ENGINE_NEAR_PLACE
+#define SELENOGRAPH_ENGINE_NEAR_PLACE
+namespace selenograph::engine {
+
+// Points near one whose place in its tile is known (column, row), as float relative to it. `along`: per metre, how many
+// posts a place moves east and north times its height `up` above the plane's origin, and that height.
+struct NearPlace {
+  double x, y, z;
+  float along[3][3], up, column, row;
+};
+
+}  // namespace selenograph::engine
+#endif
+
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
@@ -20,32 +34,39 @@ static_assert(sizeof(LightPost) == 4 * kSectors * sizeof(float));
 using OfPost = hn::CappedTag<float, kSectors>;
 inline constexpr int kStep = static_cast<int>(HWY_MIN(HWY_LANES(float), kSectors));
 
-// Reads the values of posts between the four around a place.
-class Reader {
+// The values between four posts: southwest + east a + north b + east north c.
+class Quad {
  public:
-  explicit Reader(const LightPlace& place)
-      : south_(place.post->from[0]),
-        north_(place.post[place.row].from[0]),
-        east_(place.east),
-        north_share_(place.north) {}
-  HWY_INLINE hn::Vec<OfPost> at(int value) const {
+  HWY_INLINE Quad() {}  // NOLINT(modernize-use-equals-default): compiled for the target
+  HWY_INLINE void set(const LightPost* post, int row) {
+    const float *south = post->from[0], *north = post[row].from[0];
     constexpr int kNext = 4 * kSectors;
     const OfPost d;
-    const auto a = hn::Set(d, east_), b = hn::Set(d, north_share_);
-    const auto sw = hn::LoadU(d, south_ + value), se = hn::LoadU(d, south_ + kNext + value);
-    const auto nw = hn::LoadU(d, north_ + value), ne = hn::LoadU(d, north_ + kNext + value);
-    const auto s = hn::Add(sw, hn::Mul(a, hn::Sub(se, sw))), n = hn::Add(nw, hn::Mul(a, hn::Sub(ne, nw)));
-    return hn::Add(s, hn::Mul(b, hn::Sub(n, s)));
+    for (int k = 0; k < kNext; k += kStep) {
+      const auto sw = hn::LoadU(d, south + k), se = hn::LoadU(d, south + kNext + k);
+      const auto nw = hn::LoadU(d, north + k), ne = hn::LoadU(d, north + kNext + k);
+      const auto along = hn::Sub(se, sw);
+      hn::Store(sw, d, at_ + k), hn::Store(along, d, east_ + k), hn::Store(hn::Sub(nw, sw), d, north_ + k);
+      hn::Store(hn::Sub(hn::Sub(ne, nw), along), d, both_ + k);
+    }
+  }
+  HWY_INLINE hn::Vec<OfPost> at(int value, hn::Vec<OfPost> east, hn::Vec<OfPost> north) const {
+    const OfPost d;
+    const auto a = hn::Load(d, at_ + value), b = hn::Load(d, east_ + value), c = hn::Load(d, north_ + value);
+    const auto south = hn::Add(a, hn::Mul(east, b)), slope = hn::Add(c, hn::Mul(east, hn::Load(d, both_ + value)));
+    return hn::Add(south, hn::Mul(north, slope));
   }
 
  private:
-  const float *south_, *north_;
-  float east_, north_share_;
+  alignas(64) float at_[4 * kSectors], east_[4 * kSectors], north_[4 * kSectors], both_[4 * kSectors];
 };
 
 void Between(const LightPlace& place, float* out) {
-  const Reader reader(place);
-  for (int k = 0; k < 4 * kSectors; k += kStep) hn::StoreU(reader.at(k), OfPost(), out + k);
+  const OfPost d;
+  Quad quad;
+  quad.set(place.post, place.row);
+  for (int k = 0; k < 4 * kSectors; k += kStep)
+    hn::StoreU(quad.at(k, hn::Set(d, place.east), hn::Set(d, place.north)), d, out + k);
 }
 
 // A coordinate in posts as the tile, the post in it, and the way beyond.
@@ -75,6 +96,26 @@ void InField(const double* posts, double middle, int tiles, const SurfacePoints&
   }
 }
 
+// Returns whether all points are in the tile.
+bool InTile(const NearPlace& at, const SurfacePoints& points, FieldLanes& out) {
+  constexpr float kQuads = FieldPlane::kTileQuads;
+  std::int32_t beside = 0;
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const auto x = static_cast<float>(points.x[i] - at.x), y = static_cast<float>(points.y[i] - at.y),
+               z = static_cast<float>(points.z[i] - at.z);
+    const float up = 1 / (at.up + (at.along[2][0] * x + at.along[2][1] * y + at.along[2][2] * z));
+    const float column = at.column + (at.along[0][0] * x + at.along[0][1] * y + at.along[0][2] * z) * up;
+    const float row = at.row + (at.along[1][0] * x + at.along[1][1] * y + at.along[1][2] * z) * up;
+    const bool inside = (column >= 0) & (row >= 0) & (column < kQuads) & (row < kQuads);
+    const auto c = static_cast<std::int32_t>(inside ? column : 0), r = static_cast<std::int32_t>(inside ? row : 0);
+    out.post[i] = r * FieldPlane::kTileSide + c;
+    out.east[i] = column - static_cast<float>(c), out.north[i] = row - static_cast<float>(r);
+    beside |= inside ? 0 : 1;
+  }
+  return beside == 0;
+}
+
 // Of each lane, from its posts: the irradiance, and what is the same for all normals.
 struct alignas(64) TerrainLanes {
   float arrives[kPacket], x[kPacket], y[kPacket], z[kPacket], fluence[kPacket], factor[kPacket], earth[kPacket];
@@ -82,17 +123,22 @@ struct alignas(64) TerrainLanes {
 
 void ReadPosts(const LightPlace* places, const SurfacePoints& points, const Shading& shading, TerrainLanes& out) {
   const OfPost d;
+  Quad quad;
+  const LightPost* of = nullptr;
   for (int i = 0; i < kPacket; ++i) {
-    const Reader reader(places[i]);
+    // Neighbours are mostly between the same four.
+    if (places[i].post != of) quad.set(of = places[i].post, places[i].row);
+    const auto east = hn::Set(d, places[i].east), north = hn::Set(d, places[i].north);
     const auto nx = hn::Set(d, static_cast<float>(shading.nx[i])), ny = hn::Set(d, static_cast<float>(shading.ny[i])),
                nz = hn::Set(d, static_cast<float>(shading.nz[i]));
     auto sum = hn::Zero(d);
     alignas(32) float rest[kSectors];
     for (int k = 0; k < kSectors; k += kStep) {
-      const auto x = reader.at(k), y = reader.at(kSectors + k), z = reader.at(2 * kSectors + k);
+      const auto x = quad.at(k, east, north), y = quad.at(kSectors + k, east, north),
+                 z = quad.at(2 * kSectors + k, east, north);
       const auto faces = hn::Add(hn::Add(hn::Mul(nx, x), hn::Mul(ny, y)), hn::Mul(nz, z));
       sum = hn::Add(sum, hn::Max(faces, hn::Zero(d)));
-      hn::Store(reader.at(3 * kSectors + k), d, rest + k);
+      hn::Store(quad.at(3 * kSectors + k, east, north), d, rest + k);
     }
     out.arrives[i] = points.hit[i] ? hn::GetLane(hn::SumOfLanes(d, sum)) : 0;
     out.x[i] = rest[0], out.y[i] = rest[1], out.z[i] = rest[2], out.fluence[i] = rest[3], out.factor[i] = rest[4];
@@ -150,6 +196,7 @@ namespace selenograph::engine {
 
 HWY_EXPORT(Between);
 HWY_EXPORT(InField);
+HWY_EXPORT(InTile);
 HWY_EXPORT(FromTerrain);
 HWY_EXPORT(FromEarth);
 HWY_EXPORT(AddReflected);
@@ -171,7 +218,26 @@ Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const Vec3
   return {0, terrain, static_cast<double>(post.earth) * std::max(normal.dot(earth), 0.0)};
 }
 
-void places_in_field(const FieldPlane& plane, const SurfacePoints& points, FieldLanes& out) {
+void places_in_field(const FieldPlane& plane, const SurfacePoints& points, bool all, FieldLanes& out) {
+  const Vec3 first = points.position(0);
+  const FieldPost at = plane.post_at(first);
+  // Beside the field the first point is not where its post says.
+  if (all && at.east > 0 && at.north > 0) {
+    const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> posts(plane.posts());
+    const Vec3 d = posts * first;
+    NearPlace near{first.x(), first.y(), first.z(), {}, static_cast<float>(d.z()), 0, 0};
+    // What the first two say at `first` is divided by the third there: only the difference from it is left.
+    for (int k = 0; k < 3; ++k) {
+      const Vec3 along = k < 2 ? Vec3(posts.row(k).transpose() - d[k] / d.z() * posts.row(2).transpose())
+                               : Vec3(posts.row(2).transpose());
+      for (int j = 0; j < 3; ++j) near.along[k][j] = static_cast<float>(along[j]);
+    }
+    near.column = static_cast<float>(at.column + at.east), near.row = static_cast<float>(at.row + at.north);
+    if (HWY_DYNAMIC_DISPATCH(InTile)(near, points, out)) {
+      std::fill_n(out.tile, kPacket, at.tile);
+      return;
+    }
+  }
   HWY_DYNAMIC_DISPATCH(InField)(plane.posts(), plane.middle(), plane.tiles(), points, out);
 }
 

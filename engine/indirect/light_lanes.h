@@ -32,12 +32,12 @@ LightPost post_between(const LightPlace& place);
 Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const Vec3& earth);
 
 // Where sixteen points are in a field: the tile, the post of it south-west of the point, and how far beyond that post.
-// Points beside the field are at its border.
+// Points beside the field are at its border. `all`: all lanes have points.
 struct alignas(64) FieldLanes {
   int tile[kPacket], post[kPacket];
   float east[kPacket], north[kPacket];
 };
-void places_in_field(const FieldPlane& plane, const SurfacePoints& points, FieldLanes& out);
+void places_in_field(const FieldPlane& plane, const SurfacePoints& points, bool all, FieldLanes& out);
 
 // What reflects towards the camera: light of a terrain's or the Earth's as of one direction.
 struct alignas(64) DiffuseLanes {

@@ -114,16 +114,18 @@ void TerrainLight::set_factors(std::span<const TilePost, kPacket> from, const Ve
 void TerrainLight::places_of(const SurfacePoints& points, LightPlace (&places)[kPacket]) const {
   std::fill_n(places, kPacket, kNowhere);
   FieldLanes at;
+  const std::uint32_t hits = hit_bits(points);
+  const bool one_block = in_one_block(points.triangle);
   // All are mostly in one field.
-  for (std::uint32_t left = hit_bits(points); left;) {
+  for (std::uint32_t left = hits; left;) {
     const int of = of_block_[points.triangle[std::countr_zero(left)].block()];
-    std::uint32_t here = 0;
-    for (std::uint32_t i = 0; i < kPacket; ++i)
-      here |= static_cast<std::uint32_t>(of_block_[points.triangle[i].block()] == of) << i;
-    here &= left, left &= ~here;
+    std::uint32_t here = left;
+    for (std::uint32_t i = 0; i < kPacket && !one_block; ++i)
+      if (of_block_[points.triangle[i].block()] != of) here &= ~(1U << i);
+    left &= ~here;
     if (of < 0) continue;
     const Field& field = fields_[static_cast<std::size_t>(of)];
-    places_in_field(field.plane, points, at);
+    places_in_field(field.plane, points, hits == kAllLanes, at);
     for (std::uint32_t i = 0; i < kPacket; ++i)
       if (const Tile* tile = here >> i & 1 ? field.tiles[static_cast<std::size_t>(at.tile[i])] : nullptr)
         places[i] = {tile->data() + at.post[i], at.east[i], at.north[i], FieldPlane::kTileSide};

@@ -56,4 +56,11 @@ inline std::uint32_t hit_bits(const SurfacePoints& points) {
   return eight(points.hit) | eight(points.hit + 8) << 8;
 }
 
+// Whether sixteen triangles are of one block.
+inline bool in_one_block(const TriangleId ids[kPacket]) {
+  std::uint32_t other = 0;
+  for (int i = 0; i < kPacket; ++i) other |= ids[i].packed() ^ ids[0].packed();
+  return TriangleId(other).block() == 0;
+}
+
 }  // namespace selenograph::engine

@@ -4,7 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <random>
+#include <utility>
 
+#include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
 #include "tests/support/sphere_mesh.h"
 
 namespace selenograph::engine {
@@ -105,6 +109,47 @@ TEST_F(Refine, FacetsAreTheMeshsTriangles) {
         EXPECT_EQ(facets.c[k][i], t.c[k]);
       }
     }
+  }
+}
+
+// Walls of up to 88 degrees in all directions: some triangles contain the axis that weights are measured along.
+TEST(RefineWalls, WeightsAreThoseOfThePlaceWhereverItIsAndHoweverSteep) {
+  for (const auto& [north_deg, west_deg] : {std::pair{0.5, -0.5}, {45.5, 44.5}, {-60.0, 134.0}, {20.0, -100.0}}) {
+    const test::TemporaryFolder folder;
+    std::mt19937 random(7);
+    std::uniform_real_distribution<double> share(0, 1);
+    test::write_float_tile(folder.path(), "walls", {north_deg, west_deg, 256, 257, 257},
+                           [&](double, double) { return 3000 * share(random); });
+    const auto terrain = test::open_terrain(folder.path());
+    const auto tick = [](double from_deg, double deg) {
+      return static_cast<std::int32_t>((deg + from_deg) * dem::kTicksPerDegree);
+    };
+    const Mesh mesh(*terrain, {dem::block_at(8, tick(90, north_deg - 0.5), tick(180, west_deg + 0.5))});
+    ASSERT_FALSE(mesh.blocks().empty());
+    int steep = 0;
+    for (int trial = 0; trial < 20000; ++trial) {
+      const int quads = mesh.blocks()[0].posts->extent.quads;
+      const auto any = [&] { return static_cast<int>(share(random) * quads); };
+      const TriangleId id(0, any(), any(), share(random) < 0.5);
+      const dem::Triangle t = mesh.triangle(id);
+      const double v = 0.01 + 0.9 * share(random), w = (0.98 - v) * share(random) + 0.01;
+      const Vec3 place = (1 - v - w) * t.a + v * t.b + w * t.c, normal = (t.b - t.a).cross(t.c - t.a).normalized();
+      if (normal.hasNaN()) continue;
+      steep += std::abs(normal[mesh.blocks()[0].axis]) < 0.02;
+      const Vec3 direction = -normal + 0.3 * Vec3(share(random), share(random), share(random));
+      Rays rays{};
+      SurfacePoints points{};
+      Facets facets;
+      for (int i = 0; i < kPacket; ++i)
+        rays.set(i, place - 500 * direction, direction), points.triangle[i] = id, points.hit[i] = true;
+      refine(mesh, rays, points, facets);
+      ASSERT_TRUE(points.hit[kLane]);
+      ASSERT_EQ(points.triangle[kLane].packed(), id.packed());
+      ASSERT_NEAR(points.v[kLane], v, 1e-8);
+      ASSERT_NEAR(points.w[kLane], w, 1e-8);
+      ASSERT_LT((points.position(kLane) - place).norm(), 1e-7);
+    }
+    EXPECT_GT(steep, 20) << "at " << north_deg << ", " << west_deg;
   }
 }
 
