@@ -112,14 +112,14 @@ TEST_F(Refine, FacetsAreTheMeshsTriangles) {
   }
 }
 
-// Walls of up to 88 degrees in all directions: some triangles contain the axis that weights are measured along.
+// Walls of up to 89 degrees in all directions: some triangles contain the axis that weights are measured along.
 TEST(RefineWalls, WeightsAreThoseOfThePlaceWhereverItIsAndHoweverSteep) {
   for (const auto& [north_deg, west_deg] : {std::pair{0.5, -0.5}, {45.5, 44.5}, {-60.0, 134.0}, {20.0, -100.0}}) {
     const test::TemporaryFolder folder;
     std::mt19937 random(7);
     std::uniform_real_distribution<double> share(0, 1);
     test::write_float_tile(folder.path(), "walls", {north_deg, west_deg, 256, 257, 257},
-                           [&](double, double) { return 3000 * share(random); });
+                           [&](double, double) { return 9000 * share(random); });
     const auto terrain = test::open_terrain(folder.path());
     const auto tick = [](double from_deg, double deg) {
       return static_cast<std::int32_t>((deg + from_deg) * dem::kTicksPerDegree);

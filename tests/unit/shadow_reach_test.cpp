@@ -39,12 +39,14 @@ TEST(ShadowReach, SamplesBelowACasterAreReachedAndThoseAboveOrFarFromItAreNot) {
     for (int k = 0; k < 50; ++k) {
       const float su = u(random), sv = v(random), sd = d(random);
       const bool over = su >= caster.u_low && su <= caster.u_high && sv >= caster.v_low && sv <= caster.v_high;
-      if (sd > caster.d_high) EXPECT_FALSE(reached(reach, su, sv, sd));
-      if (over && sd <= caster.d_high) EXPECT_TRUE(reached(reach, su, sv, sd));
+      const bool found = reached(reach, su, sv, sd);
+      EXPECT_FALSE(sd > caster.d_high && found);
+      EXPECT_FALSE(over && sd <= caster.d_high && !found);
       // Two cells away, and neither beside the cells.
-      const bool inside = su > kU0 && su < kU0 + kColumns / kPer_u && caster.u_low > kU0;
-      if (inside && (su < caster.u_low - 2 / kPer_u - 1 || su > caster.u_high + 2 / kPer_u + 1))
-        EXPECT_FALSE(reached(reach, su, sv, sd));
+      const float end = kU0 + kColumns / kPer_u;
+      const bool inside = su > kU0 && su < end && caster.u_low > kU0 && caster.u_high < end;
+      const bool far = su < caster.u_low - 2 / kPer_u - 1 || su > caster.u_high + 2 / kPer_u + 1;
+      EXPECT_FALSE(inside && far && found);
     }
   }
 }
