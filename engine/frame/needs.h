@@ -105,8 +105,10 @@ inline std::size_t bytes_of_craters(const FrameRequest& request) {
   // Larger than D, per square of side D: in an image those of at least least_px, and as many again at a slant.
   const dem::CraterLaw& law = request.detail->craters().law();
   double densest = 0;
-  for (double d_m = law.smallest_m; d_m < law.largest_m; d_m *= 2)
+  for (int octave = 0; std::ldexp(law.smallest_m, octave) < law.largest_m; ++octave) {
+    const double d_m = std::ldexp(law.smallest_m, octave);
     densest = std::max(densest, law.frequency.above(d_m) * d_m * d_m);
+  }
   const double pixels = static_cast<double>(request.camera.width) * request.camera.height,
                number = 2 * densest * pixels / (request.craters->least_px * request.craters->least_px);
   return static_cast<std::size_t>(kBytesOfCrater * std::min(number, static_cast<double>(kMostCraters)));

@@ -39,7 +39,8 @@ class FieldPlane {
   const Vec3& centre() const { return centre_; }  // unit
   int tiles() const { return tiles_; }            // per side; even
   double spacing_m() const { return spacing_m_; }
-  double half_m() const { return tiles_ / 2 * kTileQuads * spacing_m_; }
+  int half_posts() const { return tiles_ / 2 * kTileQuads; }  // from the middle to a side
+  double half_m() const { return half_posts() * spacing_m_; }
   // Column and row of any place on or near the ground, from the south-west post.
   Eigen::Vector2d place(const Vec3& position_m) const {
     const Vec3 d = posts_ * position_m;
@@ -50,7 +51,7 @@ class FieldPlane {
   // place() for many places: rows of a matrix by which a place's third component divides the others, and what is
   // added to both.
   const double* posts() const { return posts_.data(); }
-  double middle() const { return tiles_ / 2 * kTileQuads; }
+  double middle() const { return half_posts(); }
   Vec3 direction(int column, int row) const;  // unit, MOON_ME
 
  private:
