@@ -78,7 +78,7 @@ void GroundWindow::sum_rows(const FrameProducts& products, std::size_t map_width
       const double given_m = products.height[at(x, y)];
       const bool none = std::isnan(given_m);
       const double height_m = none ? 0 : given_m - trend_.height_m - trend_.right * x - trend_.down * y;
-      heights_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) + static_cast<std::size_t>(x)] = height_m;
+      heights_[index(x, y)] = height_m;
       const std::size_t next = row + static_cast<std::size_t>(x) + 1;
       sum_.all[next] = sum_.all[next - 1] + height_m;
       moment_.all[next] = moment_.all[next - 1] + x * height_m;

@@ -201,6 +201,31 @@ HWY_EXPORT(FromTerrain);
 HWY_EXPORT(FromEarth);
 HWY_EXPORT(AddReflected);
 
+namespace {
+
+// Whether all points are in the tile of the first; if so, where.
+bool in_one_tile(const FieldPlane& plane, const SurfacePoints& points, FieldLanes& out) {
+  const Vec3 first = points.position(0);
+  const FieldPost at = plane.post_at(first);
+  // Beside the field the first point is not where its post says.
+  if (!(at.east > 0 && at.north > 0)) return false;
+  const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> posts(plane.posts());
+  const Vec3 d = posts * first;
+  NearPlace near{first.x(), first.y(), first.z(), {}, static_cast<float>(d.z()), 0, 0};
+  // What the first two say at `first` is divided by the third there: only the difference from it is left.
+  for (int k = 0; k < 3; ++k) {
+    const Vec3 along = k < 2 ? Vec3(posts.row(k).transpose() - d[k] / d.z() * posts.row(2).transpose())
+                             : Vec3(posts.row(2).transpose());
+    for (int j = 0; j < 3; ++j) near.along[k][j] = static_cast<float>(along[j]);
+  }
+  near.column = static_cast<float>(at.column + at.east), near.row = static_cast<float>(at.row + at.north);
+  if (!HWY_DYNAMIC_DISPATCH(InTile)(near, points, out)) return false;
+  std::fill_n(out.tile, kPacket, at.tile);
+  return true;
+}
+
+}  // namespace
+
 LightPost post_between(const LightPlace& place) {
   LightPost out;
   HWY_DYNAMIC_DISPATCH(Between)(place, out.from[0]);
@@ -219,25 +244,7 @@ Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const Vec3
 }
 
 void places_in_field(const FieldPlane& plane, const SurfacePoints& points, bool all, FieldLanes& out) {
-  const Vec3 first = points.position(0);
-  const FieldPost at = plane.post_at(first);
-  // Beside the field the first point is not where its post says.
-  if (all && at.east > 0 && at.north > 0) {
-    const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> posts(plane.posts());
-    const Vec3 d = posts * first;
-    NearPlace near{first.x(), first.y(), first.z(), {}, static_cast<float>(d.z()), 0, 0};
-    // What the first two say at `first` is divided by the third there: only the difference from it is left.
-    for (int k = 0; k < 3; ++k) {
-      const Vec3 along = k < 2 ? Vec3(posts.row(k).transpose() - d[k] / d.z() * posts.row(2).transpose())
-                               : Vec3(posts.row(2).transpose());
-      for (int j = 0; j < 3; ++j) near.along[k][j] = static_cast<float>(along[j]);
-    }
-    near.column = static_cast<float>(at.column + at.east), near.row = static_cast<float>(at.row + at.north);
-    if (HWY_DYNAMIC_DISPATCH(InTile)(near, points, out)) {
-      std::fill_n(out.tile, kPacket, at.tile);
-      return;
-    }
-  }
+  if (all && in_one_tile(plane, points, out)) return;
   HWY_DYNAMIC_DISPATCH(InField)(plane.posts(), plane.middle(), plane.tiles(), points, out);
 }
 

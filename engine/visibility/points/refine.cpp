@@ -222,10 +222,6 @@ void correct(const Mesh& mesh, const Rays& rays, int i, SurfacePoints& points) {
   if (found) store(*found, i, points);
 }
 
-}  // namespace
-
-namespace {
-
 std::int64_t meet_along(int axis, const Facets& facets, const Rays& rays, SurfacePoints& points, std::int64_t* off) {
   if (axis == 0) return HWY_DYNAMIC_DISPATCH(MeetAlongX)(facets, rays, points, off);
   if (axis == 1) return HWY_DYNAMIC_DISPATCH(MeetAlongY)(facets, rays, points, off);
@@ -235,21 +231,18 @@ std::int64_t meet_along(int axis, const Facets& facets, const Rays& rays, Surfac
 // Each lane along its block's axis, so that a triangle's weights never depend on the packet.
 std::int64_t meet_along_own(const Mesh& mesh, const Facets& facets, const Rays& rays, SurfacePoints& points,
                             std::int64_t* off) {
-  int axes[kPacket];
-  for (int i = 0; i < kPacket; ++i) axes[i] = mesh.blocks()[points.triangle[i].block()].axis;
-  std::int64_t any = meet_along(axes[0], facets, rays, points, off);
-  if (std::all_of(axes, axes + kPacket, [&](int axis) { return axis == axes[0]; })) return any;
-  any = 0;
+  std::uint32_t lanes[3] = {};  // by axis, a bit each
+  for (std::uint32_t i = 0; i < kPacket; ++i) lanes[mesh.blocks()[points.triangle[i].block()].axis] |= 1U << i;
+  std::int64_t any = kOn;
+  double v[kPacket], w[kPacket];  // nothing else depends on the axis
   for (int axis = 0; axis < 3; ++axis) {
-    SurfacePoints along = points;
+    if (lanes[axis] == 0) continue;
     alignas(64) std::int64_t off_along[kPacket];
-    if (axis != axes[0]) meet_along(axis, facets, rays, along, off_along);
-    for (int i = 0; i < kPacket; ++i) {
-      if (axes[i] != axis) continue;
-      if (axis != axes[0]) points.v[i] = along.v[i], points.w[i] = along.w[i], off[i] = off_along[i];
-      any |= off[i];
-    }
+    meet_along(axis, facets, rays, points, off_along);
+    for (int i = 0; i < kPacket; ++i)
+      if (lanes[axis] >> i & 1) v[i] = points.v[i], w[i] = points.w[i], any |= off[i] = off_along[i];
   }
+  std::copy_n(v, kPacket, points.v), std::copy_n(w, kPacket, points.w);
   return any;
 }
 

@@ -225,7 +225,7 @@ void Horizons::begin(const DiscLight& disc, double aim, const Axes& axes, const 
 }
 
 // The lowest sample around decides how far to look; what is looked at then, again.
-bool Horizons::look_below(const Bounds& b, float lowest, Window& out) const {
+bool Horizons::look_below(const LightBox& b, float lowest, Window& out) const {
   const LightBand& band = *band_;
   const auto column = [&](float u) {
     return static_cast<int>(
@@ -299,7 +299,7 @@ void Horizons::test(const Edge& edge, const double* origin, float lowest) {
   HWY_DYNAMIC_DISPATCH(RaiseAll)(edge, origin, reach_, some_.data(), some_.size(), groups_.data());
 }
 
-void Horizons::add(const RasterMesh& mesh, const Strip& strip, const Bounds& bounds) {
+void Horizons::add(const RasterMesh& mesh, const Strip& strip, const LightBox& bounds) {
   Window window;
   if (!look_below(bounds, lowest_, window)) return;
   const MeshBlock& block = *mesh.pieces()[strip.block]->shape->of;

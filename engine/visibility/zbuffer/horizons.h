@@ -19,6 +19,7 @@
 #include "engine/scene/raster_mesh.h"
 #include "engine/visibility/points/disc_light.h"
 #include "engine/visibility/zbuffer/raster_kernels.h"
+#include "engine/visibility/zbuffer/shadow_reach.h"
 
 namespace selenograph::engine {
 
@@ -69,11 +70,8 @@ class Horizons {
   // Begins a pass for the `count` samples of a band. `band` and `rest` must outlive the pass. `aim`: in disc radii.
   void begin(const DiscLight& disc, double aim, const Axes& axes, const LightBand& band, std::size_t count, Rest rest);
 
-  // Bounds of a strip in light space.
-  struct Bounds {
-    float u_low, u_high, v_low, v_high, d_high;
-  };
-  void add(const RasterMesh& mesh, const Strip& strip, const Bounds& bounds);
+  // `bounds`: the strip's.
+  void add(const RasterMesh& mesh, const Strip& strip, const LightBox& bounds);
 
   // Horizons of a group of samples, upward from the disc's middle in its radii. False: nothing is in front of the disc.
   // A horizon is continuous: one that leaves the examined range at the top stays above the disc until it is back.
@@ -87,7 +85,7 @@ class Horizons {
     int c0, c1, r0, r1;
     float lowest;
   };
-  bool look_below(const Bounds& bounds, float lowest, Window& out) const;
+  bool look_below(const LightBox& bounds, float lowest, Window& out) const;
   std::int32_t slot_of(std::size_t group);
   void test(const Edge& edge, const double* origin, float lowest);
 

@@ -479,7 +479,7 @@ void ShadowMap::find_horizons(const std::vector<LightSamples>& tiles, BandScratc
   });
   for (std::size_t s = 0; s < casters_.size(); ++s) {
     const Caster& c = casters_[s];
-    if (c.horizon) own.horizons.add(mesh_, mesh_.strips()[s], {c.u_low, c.u_high, c.v_low, c.v_high, c.d_high});
+    if (c.horizon) own.horizons.add(mesh_, mesh_.strips()[s], c);
   }
   constexpr std::size_t kGroup = HorizonGroup::kSize;
   static_assert(kGroup == kPacket);
