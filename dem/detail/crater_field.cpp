@@ -46,8 +46,8 @@ std::optional<Crater> CraterField::made(Draws& draws, const Vec3& centre, double
   Crater crater{centre, diameter_m, 0, 0, 0, diameter_m * ratio / CraterShape::kFreshDepth, id};
   const double formed_since = when * life.oldest;
   crater.age_Ma = age_Ma_of(formed_since);
-  crater.age = formed_since / life.worn_out * shape_.age_of(kVisible / ratio);
-  crater.depth_m = diameter_m * ratio * shape_.depth_left(crater.age);
+  crater.age = formed_since / life.worn_out * shape().age_of(kVisible / ratio);
+  crater.depth_m = diameter_m * ratio * shape().depth_left(crater.age);
   return crater;
 }
 
@@ -75,13 +75,13 @@ std::vector<Crater> CraterField::within(int octave, const Footprint& box, const 
 
 double CraterField::deepest_m(int octave) const {
   const double diameter_m = cells_.largest_m(octave);
-  return diameter_m * (fresh_depth_over_diameter(diameter_m) + 3 * kDepthScatter) * shape_.deepest() /
+  return diameter_m * (fresh_depth_over_diameter(diameter_m) + 3 * kDepthScatter) * shape().deepest() /
          CraterShape::kFreshDepth;
 }
 
 double CraterField::highest_m(int octave) const {
   const double diameter_m = cells_.largest_m(octave);
-  return diameter_m * (fresh_depth_over_diameter(diameter_m) + 3 * kDepthScatter) * shape_.highest() /
+  return diameter_m * (fresh_depth_over_diameter(diameter_m) + 3 * kDepthScatter) * shape().highest() /
          CraterShape::kFreshDepth;
 }
 

@@ -71,7 +71,7 @@ class CraterField {
   double highest_m(int octave) const;
 
   const CraterLaw& law() const { return law_; }
-  const CraterShape& shape() const { return shape_; }
+  const CraterShape& shape() const { return CraterShape::of_all(); }
 
  private:
   // Empty: it has not formed yet.
@@ -80,7 +80,6 @@ class CraterField {
   CraterLaw law_;
   CraterAges ages_;
   Region region_;
-  CraterShape shape_;
   SizeCells cells_;
 };
 

@@ -90,6 +90,11 @@ CraterShape::CraterShape() {
     }
 }
 
+const CraterShape& CraterShape::of_all() {
+  static const CraterShape shape;
+  return shape;
+}
+
 CraterShape::Between CraterShape::rows_at(double age) const {
   const double root = std::sqrt(std::clamp(age / kOldest, 0.0, 1.0)) * (kAges - 1);
   const int row = std::min(static_cast<int>(root), kAges - 2);

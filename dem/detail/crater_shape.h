@@ -14,8 +14,10 @@ namespace selenograph::dem {
 
 class CraterShape {
  public:
-  // Solves the equation; takes some milliseconds.
+  // Solves the equation; takes tens of milliseconds.
   CraterShape();
+  // The one of all craters, made when it is first asked for.
+  static const CraterShape& of_all();
 
   // Height above the pre-impact ground, in diameters, of a crater whose fresh depth from rim to floor is kFreshDepth.
   // `r`: distance from the centre in crater radii; `age`: kappa t / R^2. 0 beyond reach(age).

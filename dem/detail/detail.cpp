@@ -7,6 +7,7 @@
 
 #include "dem/detail/detail_kernels.h"
 #include "dem/grid/lattice.h"
+#include "dem/support/parallel.h"
 
 namespace selenograph::dem {
 namespace {
@@ -54,17 +55,19 @@ Detail::Detail(const DetailPreset& preset)
   // The mean over many places, whatever the region, of the octave alone. Places by an additive recurrence: the same on
   // every machine.
   constexpr int kSide = 192;
-  for (int octave = craters_.smallest_octave(); octave <= craters_.largest_octave(); ++octave) {
+  means_m_.assign(static_cast<std::size_t>(std::max(0, craters_.largest_octave() - craters_.smallest_octave() + 1)), 0);
+  in_parallel(means_m_.size(), [&](std::size_t i) {
+    const int octave = craters_.smallest_octave() + static_cast<int>(i);
     // A square of 64 diameters at the equator, where a grid is square.
     const double step = std::ldexp(64.0, octave) / kSide / kMoonRadius_m;
     std::vector<double> heights(kSide * kSide);
-    means_m_.push_back(0);
     add_craters(SquareGrid(0, step, 1, step, kSide).grid(), octave, {}, heights, {}, {});
     double sum = 0;
     for (const double h : heights) sum += h;
-    means_m_.back() = sum / (kSide * kSide);
-  }
+    means_m_[i] = sum / (kSide * kSide);
+  });
   craters_ = CraterField(preset.craters, preset.region);
+  finest_level_ = find_finest_level();
 }
 
 int Detail::places_in_cell(int octave, int posts_level) {
@@ -73,7 +76,8 @@ int Detail::places_in_cell(int octave, int posts_level) {
   return std::max(kFewest, static_cast<int>(std::ceil(post_spacing_m(posts_level) / std::ldexp(kApart, octave))));
 }
 
-int Detail::finest_level() const {
+// Asked for by each block of each frame.
+int Detail::find_finest_level() const {
   int level = 0;
   const auto shows = [&](int smallest, int largest) {
     return smallest > largest || smallest_octave(level) <= smallest;

@@ -47,7 +47,7 @@ class Detail {
 
   const DetailPreset& preset() const { return preset_; }
   // The first level that shows everything.
-  int finest_level() const;
+  int finest_level() const { return finest_level_; }
   // Smallest octave of craters, and of relief, that a level shows.
   static int smallest_octave(int level);
 
@@ -95,6 +95,7 @@ class Detail {
   const RockField& rocks() const { return rocks_; }
 
  private:
+  int find_finest_level() const;
   std::vector<double> shares_of(const DirectionGrid& grid) const;  // empty: 1 everywhere
   void add_relief(const DirectionGrid& grid, int octave, std::span<const double> shares, std::span<double> heights_m,
                   const StopToken& stop) const;
@@ -107,6 +108,7 @@ class Detail {
   RockField rocks_;
   std::vector<double> means_m_;  // by octave, from the smallest
   double fade_m_;
+  int finest_level_ = 0;
 };
 
 }  // namespace selenograph::dem

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <set>
 #include <span>
 #include <unordered_map>
 #include <vector>
@@ -319,6 +320,24 @@ std::optional<HeightRange> DetailedTerrain::heights_without_building(const Block
   return range;
 }
 
+void DetailedTerrain::prepare(std::span<const BlockId> ids, const StopToken& stop) const {
+  if (plain_->block_store()) return;  // which may have them all
+  std::set<BlockId> needed;
+  for (const BlockId& id : ids) {
+    if (!has_detail(id) || plain_->blocks().holds(key_of(number_, static_cast<int>(Kind::made), id))) continue;
+    const BlockExtent e = extent_of(id);
+    const LayeredPosts::Layers layers = layers_.of(id);
+    for (const LayeredPosts::Layer& layer : *layers) {
+      if (id.level <= layer.detail_level) continue;
+      const std::int32_t step = 1 << (kTickLevel - layer.detail_level);  // interpolated among the next ones
+      for (const std::int32_t lat : {e.lat0 - step, e.lat1() + step})
+        for (const std::int64_t lon : {std::int64_t{e.lon0} - step, std::int64_t{e.lon1()} + step})
+          needed.insert(block_at(layer.detail_level, std::clamp(lat, 0, kLatTicks - 1), wrap_lon(lon)));
+    }
+  }
+  for (const BlockId& id : needed) taken(id, stop);
+}
+
 std::shared_ptr<const Block> DetailedTerrain::block(const BlockId& id, const StopToken& stop) const {
   return known_or(id, stop, [&] { return kept(Kind::made, id, stop, [&] { return read_or_made(id, stop); }); });
 }
@@ -418,22 +437,28 @@ std::shared_ptr<Block> DetailedTerrain::make_taken(const BlockId& id, const Stop
   return block;
 }
 
+// Squares of cells, whose places are found in caches, by all threads: many wait for this.
 std::vector<double> DetailedTerrain::cell_means(const BlockId& id, int around, const StopToken& stop) const {
+  constexpr std::size_t kSquare = 12;
   const BlockExtent e = extent_of(id);
   const int side = e.quads + 1 + 2 * around;
-  const auto cells = static_cast<std::size_t>(side);
-  std::vector<double> means(cells * cells), heights;
+  const auto cells = static_cast<std::size_t>(side), squares = (cells + kSquare - 1) / kSquare;
+  std::vector<double> means(cells * cells);
   for (int octave = Detail::smallest_octave(id.level + Detail::kCellLevels);
        octave < Detail::past_largest_octave(id.level); ++octave) {
     const int places = Detail::places_in_cell(octave, id.level);
-    const auto n = static_cast<std::size_t>(places), wide = cells * n;
-    heights.assign(wide * wide, 0);
-    detail_->add_octave(Places(e, 0.5 / places - 0.5 - around, 1.0 / places, side * places).grid(), octave, heights,
-                        stop);
-    const double* height_m = heights.data();
-    for (std::size_t r = 0; r < wide; ++r)
-      for (std::size_t c = 0; c < cells; ++c)
-        for (std::size_t i = 0; i < n; ++i) means[r / n * cells + c] += *height_m++ / (places * places);
+    const auto n = static_cast<std::size_t>(places);
+    const Places all(e, 0.5 / places - 0.5 - around, 1.0 / places, side * places);
+    in_parallel(squares * squares, [&](std::size_t square) {
+      const std::size_t r0 = square / squares * kSquare, c0 = square % squares * kSquare,
+                        rows = std::min(kSquare, cells - r0), columns = std::min(kSquare, cells - c0);
+      std::vector<double> heights(rows * n * columns * n);
+      detail_->add_octave(part_of(all.grid(), r0 * n, rows * n, c0 * n, columns * n), octave, heights, stop);
+      const double* height_m = heights.data();
+      for (std::size_t r = r0 * n; r < (r0 + rows) * n; ++r)
+        for (std::size_t c = c0; c < c0 + columns; ++c)
+          for (std::size_t i = 0; i < n; ++i) means[r / n * cells + c] += *height_m++ / (places * places);
+    });
   }
   return means;
 }

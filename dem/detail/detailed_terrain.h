@@ -40,6 +40,7 @@ class DetailedTerrain final : public Terrain {
   NodeInfo node(const BlockId& id, const StopToken& stop = {}) const override;
   std::optional<HeightRange> heights_without_building(const BlockId& id, const StopToken& stop = {}) const override;
   bool waits_for_network(const BlockId& id) const override { return plain_->waits_for_network(id); }
+  void prepare(std::span<const BlockId> ids, const StopToken& stop) const override;
   std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const override;
   std::shared_ptr<const Block> block_or_quad(const BlockId& id, std::int32_t lat, std::int32_t lon,
                                              const StopToken& stop = {}) const override;

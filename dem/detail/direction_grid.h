@@ -17,6 +17,16 @@ struct DirectionGrid {
   std::size_t columns() const { return sin_lon.size(); }
 };
 
+inline DirectionGrid part_of(const DirectionGrid& grid, std::size_t first_row, std::size_t rows,
+                             std::size_t first_column, std::size_t columns) {
+  return {grid.sin_lat.subspan(first_row, rows),
+          grid.cos_lat.subspan(first_row, rows),
+          grid.sin_lon.subspan(first_column, columns),
+          grid.cos_lon.subspan(first_column, columns),
+          grid.west + static_cast<double>(first_column) * grid.lon_step,
+          grid.lon_step};
+}
+
 // Such a grid of as many rows as columns, from its south-western place and its steps, radians; owns the tables.
 class SquareGrid {
  public:

@@ -6,6 +6,7 @@
 
 #include "dem/detail/detail_kernels.h"
 #include "dem/support/noise.h"
+#include "dem/support/parallel.h"
 
 namespace selenograph::dem {
 namespace {
@@ -39,11 +40,16 @@ Relief::Relief(const ReliefLaw& law)
       shortest_(static_cast<int>(std::ceil(std::log2(law.shortest_m)))),
       longest_(static_cast<int>(std::floor(std::log2(law.longest_m)))) {
   // An octave of 2^k m has the amplitude unit * 2^(k H).
-  double sum = 0;
   // Those shorter and longer than the law's, too: it says what all of the relief does, not what part of it is made.
+  constexpr int kAround = 8;
   const int at_baseline = static_cast<int>(std::lround(std::log2(law.baseline_m)));
-  for (int k = at_baseline - 8; k <= at_baseline + 8; ++k)
-    sum += std::pow(4, k * law.hurst) * structure(law.baseline_m / std::ldexp(1.0, k));
+  std::array<double, 2 * kAround + 1> squares{};
+  in_parallel(squares.size(), [&](std::size_t i) {
+    const int k = at_baseline - kAround + static_cast<int>(i);
+    squares[i] = std::pow(4, k * law.hurst) * structure(law.baseline_m / std::ldexp(1.0, k));
+  });
+  double sum = 0;
+  for (const double square : squares) sum += square;
   const double unit_m = sum > 0 ? law.deviation_m / std::sqrt(sum) : 0;
   for (int k = shortest_; k <= longest_; ++k) amplitudes_m_.push_back(unit_m * std::pow(2, k * law.hurst));
 }

@@ -76,7 +76,7 @@ std::int32_t wrap_lon(std::int64_t lon_tick) {
   return static_cast<std::int32_t>(wrapped < 0 ? wrapped + kLonTicks : wrapped);
 }
 
-double post_spacing_m(int level) { return kMetresPerDegree / std::ldexp(1.0, level); }
+double post_spacing_m(int level) { return kMetresPerDegree / static_cast<double>(std::int64_t{1} << level); }
 
 double chord_sag_m(int level) {
   const double half_diagonal = post_spacing_m(level) / std::numbers::sqrt2;

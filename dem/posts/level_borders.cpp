@@ -39,13 +39,8 @@ LevelBorders::LevelBorders(const Catalogue& catalogue) : catalogue_(catalogue) {
 }
 
 ChunkLevels LevelBorders::levels_of(const BlockId& node) const {
-  {
-    const std::lock_guard lock(mutex_);
-    if (const auto found = known_.find(node); found != known_.end()) return found->second;
-  }
-  const ChunkLevels made = found_levels(node);
-  const std::lock_guard lock(mutex_);
-  return known_.emplace(node, made).first->second;
+  if (const auto found = known_.find(node); found != known_.end()) return found->second;
+  return known_.emplace(node, found_levels(node)).first->second;
 }
 
 ChunkLevels LevelBorders::found_levels(const BlockId& node) const {

@@ -6,12 +6,12 @@
 // coarse layer's heights therefore change from one to the other within a quad of the coarser side.
 #pragma once
 
+#include <tbb/concurrent_unordered_map.h>
+
 #include <array>
 #include <cstdint>
 #include <functional>
-#include <mutex>
 #include <span>
-#include <unordered_map>
 #include <vector>
 
 #include "dem/catalogue/catalogue.h"
@@ -81,8 +81,8 @@ class LevelBorders {
   std::vector<int> levels_;  // per file
   bool any_ = false;
   std::span<const int> strata_ = kStrata;
-  mutable std::mutex mutex_;
-  mutable std::unordered_map<BlockId, ChunkLevels, BlockIdHash> known_;
+  // Every block of every frame is looked up, by all threads at once: without a lock.
+  mutable tbb::concurrent_unordered_map<BlockId, ChunkLevels, BlockIdHash> known_;
 };
 
 // Composes the heights of a row or a column of posts, without joining levels.

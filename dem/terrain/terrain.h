@@ -104,6 +104,9 @@ class Terrain {
   // Whether block() reads posts from a network: then do not call it within a loop, whose threads, and all others of
   // their arena, would wait for the network (on_own_threads).
   virtual bool waits_for_network(const BlockId& id) const = 0;
+  // Makes what many of these blocks are made of, by all threads. Within a loop over them one thread would make it while
+  // the others waited; they need not be prepared.
+  virtual void prepare(std::span<const BlockId>, const StopToken&) const {}
   // Null when the block has no valid post.
   virtual std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const = 0;
   // The block, or of one that would have to be made the quad at a place (ticks) in it: the same heights to the bit, no

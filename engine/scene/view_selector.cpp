@@ -163,12 +163,11 @@ void ViewSelector::count_detail(const BlockId& id, std::ptrdiff_t change) {
   if (of_detail_ > most_of_detail_) throw TooMuchDetail();
 }
 
-double ViewSelector::error_m(const BlockId& id) const {
-  return finest(id) ? 0 : terrain_.node(id, stop_).error_m + dem::chord_sag_m(id.level);
-}
-
-double ViewSelector::detail_error_m(const BlockId& id) const {
-  return finest(id) ? 0 : terrain_.node(id, stop_).detail_error_m;
+ViewSelector::Errors ViewSelector::errors_of(const BlockId& id) const {
+  if (finest(id)) return {};
+  const dem::NodeInfo info = terrain_.node(id, stop_);
+  return {info.error_m + dem::chord_sag_m(id.level), info.detail_error_m, info.left_out_size_m,
+          static_cast<double>(info.max_m)};
 }
 
 bool ViewSelector::refine(const BlockId& id, double pixels_per_metre) const {
@@ -183,23 +182,23 @@ bool ViewSelector::refine(const BlockId& id, double pixels_per_metre) const {
 }
 
 bool ViewSelector::errs(const BlockId& id, double pixels_per_metre) const {
-  const double error = error_m(id) * pixels_per_metre, allowed = accuracy_.max_error_px;
+  const Errors errors = errors_of(id);
+  const double error = errors.all_m * pixels_per_metre, allowed = accuracy_.max_error_px;
   if (error <= allowed || !terrain_.detail()) return error > allowed;
-  const double of_detail = detail_error_m(id) * pixels_per_metre;
-  return error - of_detail > allowed || shades_otherwise(id, pixels_per_metre);
+  const double of_detail = errors.of_detail_m * pixels_per_metre;
+  return error - of_detail > allowed || shades_otherwise(id, errors, pixels_per_metre);
 }
 
-bool ViewSelector::shades_otherwise(const BlockId& id, double pixels_per_metre) const {
-  const double size_px = terrain_.node(id, stop_).left_out_size_m * pixels_per_metre,
+bool ViewSelector::shades_otherwise(const BlockId& id, const Errors& errors, double pixels_per_metre) const {
+  const double size_px = errors.left_out_size_m * pixels_per_metre,
                shown_px = Accuracy::kSmallestShown * accuracy_.max_detail_error_px;
-  return size_px > shown_px && size_px * foreshortening(id) > shown_px;
+  return size_px > shown_px && size_px * foreshortening(id, errors.highest_m) > shown_px;
 }
 
-double ViewSelector::foreshortening(const BlockId& id) const {
+double ViewSelector::foreshortening(const BlockId& id, double highest_m) const {
   const dem::BlockExtent e = dem::extent_of(id);
   const Geographic middle{dem::lat_deg_of(e.lat0 + (e.lat1() - e.lat0) / 2),
-                          dem::lon_deg_of(e.lon0 + (e.lon1() - e.lon0) / 2),
-                          static_cast<double>(terrain_.node(id, stop_).max_m)};
+                          dem::lon_deg_of(e.lon0 + (e.lon1() - e.lon0) / 2), highest_m};
   const Vec3 place = to_cartesian(middle), up = place.normalized();
   // Beyond some 87 degrees slopes face the camera.
   constexpr double kGrazing = 0.05;
@@ -216,13 +215,14 @@ void ViewSelector::choose(const BlockId& id, const dem::NodeInfo& info) {
 void ViewSelector::report() {
   if (!seen_.empty()) result_.min_spacing_m = std::numeric_limits<double>::infinity();
   for (const Seen& s : seen_) {
-    const bool split = finest(s.id) && !chosen_.contains(s.id);
-    const double error = split ? subdivision_error_m(s.id.level) : error_m(s.id),
+    const bool split = !chosen_.contains(s.id) && finest(s.id);
+    const Errors errors = errors_of(s.id);
+    const double error = split ? subdivision_error_m(s.id.level) : errors.all_m,
                  spacing = dem::post_spacing_m(s.id.level);
     result_.error_m = std::max(result_.error_m, error);
     result_.error_px = std::max(result_.error_px, error * s.pixels_per_metre);
     if (terrain_.detail())
-      result_.detail_error_px = std::max(result_.detail_error_px, detail_error_m(s.id) * s.pixels_per_metre);
+      result_.detail_error_px = std::max(result_.detail_error_px, errors.of_detail_m * s.pixels_per_metre);
     result_.min_spacing_m = std::min(result_.min_spacing_m, spacing);
     result_.max_spacing_m = std::max(result_.max_spacing_m, spacing);
   }
@@ -230,7 +230,7 @@ void ViewSelector::report() {
     if (const auto seen = in_view_.find(id); seen != in_view_.end())
       around(id, [&](std::int32_t lat, std::int32_t lon) {
         const BlockId* neighbour = covering(lat, lon, id.level);
-        const double error = neighbour && follows(id, *neighbour) ? error_m(*neighbour) : 0;
+        const double error = neighbour && follows(id, *neighbour) ? errors_of(*neighbour).all_m : 0;
         result_.error_m = std::max(result_.error_m, error);
         result_.error_px = std::max(result_.error_px, error * seen->second);
       });

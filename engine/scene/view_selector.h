@@ -95,6 +95,7 @@ class ViewSelector {
         check(chosen_.size() + seen_.size() + wanted, stop_);
         if (most_of_detail_ != kAny && of_detail_ + wanted > most_of_detail_) throw TooMuchDetail();
         std::vector<std::invoke_result_t<Judge, const BlockId&>> judged(std::min(kPiece, wave.size() - first));
+        terrain_.prepare(std::span(wave).subspan(first, judged.size()), stop_);
         in_parallel(judged.size(), [&](std::size_t i) {
           stop_.check();
           judged[i] = judge(wave[first + i]);
@@ -115,17 +116,19 @@ class ViewSelector {
 
   bool finest(const BlockId& id) const { return id.level >= terrain_.finest_level(id); }
 
-  // Vertical error of a block; 0 for the finest surface, to which errors are measured.
-  double error_m(const BlockId& id) const;
-
-  double detail_error_m(const BlockId& id) const;
+  // Vertical error of a block, and of its detail; 0 for the finest surface, to which errors are measured. The largest
+  // detail that it leaves out; its greatest height.
+  struct Errors {
+    double all_m = 0, of_detail_m = 0, left_out_size_m = 0, highest_m = 0;
+  };
+  Errors errors_of(const BlockId& id) const;
 
   // Whether detail that a block leaves out would be seen by its shading (Accuracy::kSmallestShown).
-  bool shades_otherwise(const BlockId& id, double pixels_per_metre) const;
+  bool shades_otherwise(const BlockId& id, const Errors& errors, double pixels_per_metre) const;
 
   // How much a size on the ground is foreshortened, as the mean over all directions on it: the root of the cosine of
   // the emission angle, of the view that sees the block most from above.
-  double foreshortening(const BlockId& id) const;
+  double foreshortening(const BlockId& id, double highest_m) const;
   bool refine(const BlockId& id, double pixels_per_metre) const;
 
   // Whether the block's error exceeds the limit.
@@ -224,6 +227,7 @@ class ViewSelector {
   static constexpr std::size_t kAny = std::numeric_limits<std::size_t>::max();
   std::size_t most_of_detail_ = kAny, of_detail_ = 0;  // blocks finer than the posts
   Chosen chosen_;
+  int coarsest_ = 0;  // level of those chosen, before any is split
   std::vector<Seen> seen_;
 
   std::unordered_map<BlockId, double, dem::BlockIdHash> in_view_;  // pixels per metre; includes parts of split blocks

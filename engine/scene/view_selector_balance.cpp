@@ -9,7 +9,7 @@ using dem::BlockId;
 }  // namespace
 
 const BlockId* ViewSelector::covering(std::int32_t lat, std::int32_t lon, int level) const {
-  for (int n = level; n >= 0; --n)
+  for (int n = level; n >= coarsest_; --n)
     if (const auto found = chosen_.find(dem::block_at(n, lat, lon)); found != chosen_.end()) return &*found;
   return nullptr;
 }
@@ -32,6 +32,8 @@ bool ViewSelector::must_split(const BlockId& neighbour, const BlockId& id) const
 
 void ViewSelector::balance() {
   for (const Seen& s : seen_) in_view_[s.id] = s.pixels_per_metre;
+  coarsest_ = dem::kMaxLevel;
+  for (const BlockId& id : chosen_) coarsest_ = std::min(coarsest_, id.level);
   std::vector<BlockId> todo(chosen_.begin(), chosen_.end());
   std::sort(todo.begin(), todo.end());
   while (!todo.empty()) {

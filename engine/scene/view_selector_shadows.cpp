@@ -59,7 +59,7 @@ ViewSelector::Blur ViewSelector::blur(const BlockId& id, double displaced_pixels
   if (!terrain_.node_is_cheap(id) &&
       dem::post_spacing_m(id.level) * displaced_pixels_per_metre > kWorthAsking * accuracy_.max_shadow_error_px)
     return {true};
-  const double displaced_px = error_m(id) * displaced_pixels_per_metre;
+  const double displaced_px = errors_of(id).all_m * displaced_pixels_per_metre;
   return {displaced_px > accuracy_.max_shadow_error_px, displaced_px};
 }
 

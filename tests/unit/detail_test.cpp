@@ -435,6 +435,27 @@ void expect_quads_of_the_block(const Terrain& terrain, const Terrain& again, con
     }
 }
 
+// What blocks are made of can be made before them: the same blocks, and no more than they need.
+TEST(DetailedTerrain, WhatIsPreparedIsWhatIsNeeded) {
+  const Ground prepared(27, 3), other(27, 3);
+  const BlockId first = block_over(14, 26, 4);
+  std::vector<BlockId> ids;
+  for (const int row : {0, 1, 2})
+    for (const int col : {0, 1, 2}) ids.push_back({first.level, first.row + row, first.col + col});
+  const auto made = [](const Ground& ground) { return ground.plain->statistics().misses; };
+  prepared.detailed->prepare(ids, {});
+  const auto before = made(prepared);
+  EXPECT_GT(before, 0U);
+  for (const BlockId& id : ids) {
+    const auto a = prepared.detailed->block(id), b = other.detailed->block(id);
+    ASSERT_TRUE(a && b);
+    for (std::size_t i = 0; i < a->vertices.size(); ++i) ASSERT_EQ(a->vertices[i].height_m, b->vertices[i].height_m);
+  }
+  EXPECT_EQ(made(prepared), made(other));
+  prepared.detailed->prepare(ids, {});
+  EXPECT_EQ(made(prepared), made(other));
+}
+
 TEST(DetailedTerrain, QuadsAreThoseOfTheirBlock) {
   const Layered here, again;
   for (const auto& [lat, lon] : {std::pair{25.5, 4.0001}, {25.999, 4.001}, {26.001, 3.999}, {25.5, 3.7}, {25.5, 4.5}})

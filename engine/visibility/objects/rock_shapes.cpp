@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "dem/detail/size_cells.h"
+#include "dem/support/parallel.h"
 #include "engine/visibility/objects/object_mesh.h"
 
 namespace selenograph::engine {
@@ -194,8 +195,8 @@ ObjectShape fillet(int number) {
 
 template <typename Make>
 std::vector<std::shared_ptr<const ObjectMesh>> meshes(std::size_t count, const Make& make) {
-  std::vector<std::shared_ptr<const ObjectMesh>> all;
-  for (std::size_t i = 0; i < count; ++i) all.push_back(std::make_shared<const ObjectMesh>(make(i)));
+  std::vector<std::shared_ptr<const ObjectMesh>> all(count);
+  in_parallel(count, [&](std::size_t i) { all[i] = std::make_shared<const ObjectMesh>(make(i)); });
   return all;
 }
 
@@ -252,14 +253,15 @@ Places places_of(const ObjectShape& shape) {
 const std::vector<Eigen::Affine3d>& attitudes() {
   static const auto all = [] {
     constexpr std::uint64_t kSeed = 0x7475726e;
-    std::vector<Eigen::Affine3d> some;
-    Places places;
-    for (std::size_t i = 0; i < rock_shapes().size() * kAttitudes; ++i) {
-      if (i % kAttitudes == 0) places = places_of(rock_shapes()[i / kAttitudes]->shape());
-      dem::Draws draws(kSeed, 0, static_cast<int>(i), 0);
-      const Vec3 up = any_direction(draws);
-      some.push_back(lying(places, Eigen::Quaterniond::FromTwoVectors(up, Vec3::UnitZ()).toRotationMatrix()));
-    }
+    std::vector<Eigen::Affine3d> some(rock_shapes().size() * kAttitudes);
+    in_parallel(rock_shapes().size(), [&](std::size_t shape) {
+      const Places places = places_of(rock_shapes()[shape]->shape());
+      for (std::size_t i = shape * kAttitudes; i < (shape + 1) * kAttitudes; ++i) {
+        dem::Draws draws(kSeed, 0, static_cast<int>(i), 0);
+        const Vec3 up = any_direction(draws);
+        some[i] = lying(places, Eigen::Quaterniond::FromTwoVectors(up, Vec3::UnitZ()).toRotationMatrix());
+      }
+    });
     return some;
   }();
   return all;
