@@ -11,6 +11,7 @@
 
 #include "engine/verify/accuracy_scenes.h"
 #include "engine/visibility/image/dense_samples.h"
+#include "tests/support/effort.h"
 #include "tests/support/hard_views.h"
 #include "tests/support/same_bytes.h"
 #include "tests/support/sample_scenery.h"
@@ -102,7 +103,7 @@ TEST_F(EdgeSamplesTest, HalveTheErrorAtEdges) {
     for (const double tilt_deg : {0.0, 60.0, 75.0}) {
       engine::FrameRequest asked = request(tilt_deg, 0, {});
       asked.accuracy.max_error_px = 0.125;
-      const std::vector<float> truth = radiance(asked, by, 256);
+      const std::vector<float> truth = radiance(asked, by, full_effort() ? 256 : 100);
       const auto error = [&](const std::vector<float>& radiance) {
         double sum = 0, squares = 0;
         for (std::size_t i = 0; i < truth.size(); ++i)

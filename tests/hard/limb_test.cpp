@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <memory>
 #include <optional>
@@ -38,7 +37,7 @@ engine::LimbRequest of_whole_disc(double lat_deg, double lon_deg, double height_
   return request;
 }
 
-const int kAzimuths = full_effort() ? 1000 : 100;
+const int kAzimuths = full_effort() ? 1000 : 40;
 constexpr double kHeights_m[] = {1e5, 2e6, 2e7, 4e8};
 
 using LimbOfASphere = MoonWithoutRelief;
@@ -169,14 +168,6 @@ class RealLimb : public ::testing::Test {
 TEST_F(RealLimb, OfTheWholeMoonIsBetweenRays) {
   SELENOGRAPH_SKIP_WITHOUT(global());
   const engine::Renderer renderer(terrain({global()}), {0, std::size_t{1} << 30});
-  const engine::LimbRequest request = of_whole_disc(-5, 20, 2e6, 1000);
-  double seconds[2];
-  for (double& s : seconds) {
-    const auto start = std::chrono::steady_clock::now();
-    renderer.limb(request);
-    s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  }
-  fmt::print("1000 azimuths: {:.2f} s, again {:.2f} s\n", seconds[0], seconds[1]);
   for (const double height_m : kHeights_m) {
     const AcrossTheLimb seen = look_across(renderer, of_whole_disc(-5, 20, height_m, kAzimuths));
     EXPECT_GT(seen.points, 0.9 * kAzimuths);  // not all are in the image

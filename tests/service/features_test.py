@@ -336,6 +336,8 @@ class AtThePoles(WithFeatures):
             # The law's: without ejecta; with more rocks around fresh craters; without craters that others cover.
             for detail, kind, expected, most in (("stones", "rocks", area * 0.0003, 1.15), ("landing", "rocks", area * 0.0003, 25),
                                                  ("landing", "craters", area * 10 ** -1.1 / 100, 1.6)):
+                if south < 0 and (detail, kind) == ("landing", "rocks") and not harness.full_effort():
+                    continue  # it takes longest: at one of the poles
                 found = []
                 smallest = 1 if kind == "rocks" else 10
                 depth = {"min_depth_over_diameter": 0} if kind == "craters" else {}
@@ -403,13 +405,14 @@ class InFrames(WithFeatures):
 
     def test_they_are_those_of_the_region_projected(self):
         """To 0.01 px, all of them and no other: with the finest mesh, whose heights POST /v1/heights has."""
-        meta = self.meta(self.frame(accuracy={"max_error_px": 0}, craters={"smallest_px": 5}))
+        # From low above the ground, so that the finest mesh is small.
+        meta = self.meta(self.frame(2000.0, accuracy={"max_error_px": 0}, craters={"smallest_px": 5}))
         found = {c["id"]: c for c in meta["craters"]}
         self.assertGreater(len(found), 20)
         self.assertEqual(meta["craters_cut_off"], 0)
         sizes = [c["diameter_m"] for c in meta["craters"]]
         self.assertEqual(sizes, sorted(sizes, reverse=True))
-        listed = self.craters("large", square(LAT, LON, 6000))
+        listed = self.craters("large", square(LAT, LON, 3000))
         checked = 0
         for crater in listed:
             mine = found.pop(crater["id"], None)

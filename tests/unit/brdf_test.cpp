@@ -80,7 +80,8 @@ Geometry degrees(double incidence, double emission, double phase) {
 Geometry azimuth(double mu0, double mu, double cos_azimuth) {
   return {mu0, mu, mu0 * mu + std::sqrt((1 - mu0 * mu0) * (1 - mu * mu)) * cos_azimuth};
 }
-double f_r(const Reflectance& r, const Geometry& g) { return Brdf(r)(g.mu0, g.mu, g.cos_phase); }
+double f_r(const Brdf& brdf, const Geometry& g) { return brdf(g.mu0, g.mu, g.cos_phase); }
+double f_r(const Reflectance& r, const Geometry& g) { return f_r(Brdf(r), g); }
 double radiance_factor(const Reflectance& r, const Geometry& g) {
   return std::numbers::pi * Brdf(r).times_mu0(g.mu0, g.mu, g.cos_phase);
 }
@@ -324,51 +325,54 @@ TEST(Brdf, APacketIsItsLanes) {
 }
 
 TEST(Brdf, PositiveEquation5) {
-  for (const auto& [name, r, most] : cases())
+  for (const auto& [name, r, most] : cases()) {
+    const Brdf brdf(r);
     for (double mu0 = 1e-6; mu0 <= 1; mu0 *= 3)
       for (double mu = 0; mu <= 1; mu += 0.05)
         for (const double cos_azimuth : {-1.0, -0.3, 0.0, 0.8, 1.0}) {
-          const double f = f_r(r, azimuth(mu0, mu, cos_azimuth));
+          const double f = f_r(brdf, azimuth(mu0, mu, cos_azimuth));
           EXPECT_TRUE(f >= 0 && std::isfinite(f)) << name << ' ' << mu0 << ' ' << mu << ' ' << cos_azimuth << ' ' << f;
         }
+  }
 }
 
 TEST(Brdf, ReciprocalEquation6) {
   std::mt19937 random(3);
   std::uniform_real_distribution<double> cosine(1e-6, 1), around(-1, 1);
-  for (const auto& [name, r, most] : cases())
+  for (const auto& [name, r, most] : cases()) {
+    const Brdf brdf(r);
     for (int i = 0; i < 2000; ++i) {
       const double a = cosine(random), b = cosine(random), turn = around(random);
-      const double there = f_r(r, azimuth(a, b, turn)), back = f_r(r, azimuth(b, a, turn));
+      const double there = f_r(brdf, azimuth(a, b, turn)), back = f_r(brdf, azimuth(b, a, turn));
       EXPECT_NEAR(there, back, 1e-9 * there + 1e-300) << name << ' ' << a << ' ' << b << ' ' << turn;
     }
+  }
 }
 
 // The integral of f_r mu over the hemisphere; midpoints in mu^2 / 2 and azimuth.
-double directional_hemispherical(const Reflectance& reflectance, double mu0) {
-  constexpr int kSteps = 1000, kTurns = 400;
+double directional_hemispherical(const Reflectance& reflectance, double mu0, int steps, int turns) {
   const Brdf brdf(reflectance);
   double sum = 0;
-  for (int i = 0; i < kSteps; ++i) {
-    const double mu = std::sqrt((i + 0.5) / kSteps);
-    for (int k = 0; k < kTurns; ++k) {
-      const Geometry g = azimuth(mu0, mu, std::cos(std::numbers::pi * (k + 0.5) / kTurns));
+  for (int i = 0; i < steps; ++i) {
+    const double mu = std::sqrt((i + 0.5) / steps);
+    for (int k = 0; k < turns; ++k) {
+      const Geometry g = azimuth(mu0, mu, std::cos(std::numbers::pi * (k + 0.5) / turns));
       sum += brdf(g.mu0, g.mu, g.cos_phase);
     }
   }
-  return std::numbers::pi * sum / kSteps / kTurns;
+  return std::numbers::pi * sum / steps / turns;
 }
 
 TEST(Brdf, EnergyEquation7) {
   for (const auto& [name, r, most] : cases())
     for (const double mu0 : {1e-3, 0.1, 0.4, 0.8, 1.0})
-      EXPECT_LE(directional_hemispherical(r, mu0), most * (1 + 1e-3)) << name << ' ' << mu0;
+      EXPECT_LE(directional_hemispherical(r, mu0, 500, 200), most * (1 + 1e-3)) << name << ' ' << mu0;
 }
 
 // Eq. (11)'s factor is what makes it rho for a Sun in the zenith.
 TEST(Brdf, BlinnPhongReflectsRhoFromTheZenith) {
   for (const double p : {0.0, 1.0, 10.0, 100.0})
-    EXPECT_NEAR(directional_hemispherical(blinn_phong(p), 1), 0.3, 1e-4) << p;
+    EXPECT_NEAR(directional_hemispherical(blinn_phong(p), 1, 1000, 400), 0.3, 1e-4) << p;
 }
 
 TEST(Brdf, DarkWithoutSun) {

@@ -116,6 +116,10 @@ TEST(IndirectLight, ABounceInABowlIsTheSameEverywhere) {
     const Bowl bowl{200, 200 / ratio};
     const Relief relief = bowl.relief(2000);
     for (const auto& [elevation_deg, bounces] : {std::pair(10.0, 1), {20.0, 1}, {40.0, 1}, {30.0, 2}}) {
+      // Low and high Suns for the shallow one, where they graze; the rest for the deep one, which has more light to
+      // pass on.
+      const bool of_shallow = elevation_deg == 10 || elevation_deg == 40;
+      if (of_shallow != (ratio == 14) && !test::full_effort()) continue;
       SCOPED_TRACE(::testing::Message() << ratio << " " << elevation_deg << " " << bounces);
       expect_the_same_everywhere(bowl, relief, elevation_deg, bounces);
     }
