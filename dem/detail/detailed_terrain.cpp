@@ -335,6 +335,9 @@ void DetailedTerrain::prepare(std::span<const BlockId> ids, const StopToken& sto
           needed.insert(block_at(layer.detail_level, std::clamp(lat, 0, kLatTicks - 1), wrap_lon(lon)));
     }
   }
+  // Of many, each thread has its own to make, and a small cache has no room for all.
+  constexpr std::size_t kFew = 12;
+  if (needed.size() > kFew) return;
   for (const BlockId& id : needed) taken(id, stop);
 }
 
