@@ -105,7 +105,7 @@ class Terrain {
   // their arena, would wait for the network (on_own_threads).
   virtual bool waits_for_network(const BlockId& id) const = 0;
   // Makes what many of these blocks are made of, by all threads. Within a loop over them one thread would make it while
-  // the others waited; they need not be prepared.
+  // the others waited. What was not prepared is made by block().
   virtual void prepare(std::span<const BlockId>, const StopToken&) const {}
   // Null when the block has no valid post.
   virtual std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const = 0;
