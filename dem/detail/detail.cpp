@@ -76,7 +76,7 @@ int Detail::places_in_cell(int octave, int posts_level) {
   return std::max(kFewest, static_cast<int>(std::ceil(post_spacing_m(posts_level) / std::ldexp(kApart, octave))));
 }
 
-// Asked for by each block of each frame.
+// Found once: each block of each frame asks for it.
 int Detail::find_finest_level() const {
   int level = 0;
   const auto shows = [&](int smallest, int largest) {

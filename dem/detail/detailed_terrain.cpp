@@ -324,7 +324,8 @@ void DetailedTerrain::prepare(std::span<const BlockId> ids, const StopToken& sto
   if (plain_->block_store()) return;  // which may have them all
   std::set<BlockId> needed;
   for (const BlockId& id : ids) {
-    if (!has_detail(id) || plain_->blocks().holds(key_of(number_, static_cast<int>(Kind::made), id))) continue;
+    // Of a hovering camera all are there: nothing else is asked.
+    if (plain_->blocks().holds(key_of(number_, static_cast<int>(Kind::made), id)) || !has_detail(id)) continue;
     const BlockExtent e = extent_of(id);
     const LayeredPosts::Layers layers = layers_.of(id);
     for (const LayeredPosts::Layer& layer : *layers) {
