@@ -7,7 +7,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <set>
 #include <span>
 #include <unordered_map>
 #include <vector>
@@ -92,6 +91,24 @@ class Places {
 };
 
 }  // namespace
+
+struct DetailedTerrain::Quarter {
+  BlockId block;
+  int north = 0, east = 0;  // 0 or 1
+
+  // Of the post in this row and column of the block.
+  static Quarter of(const BlockId& block, int r, int c) {
+    const int half = quads_per_side(block.level) / 2;
+    return {block, std::min(r / half, 1), std::min(c / half, 1)};
+  }
+  int quads() const { return quads_per_side(block.level) / 2; }
+  BlockExtent extent() const {
+    const BlockExtent e = extent_of(block);
+    return {e.lat0 + north * quads() * e.lat_step, e.lon0 + east * quads() * e.lon_step, e.lat_step, e.lon_step,
+            quads()};
+  }
+  BlockId key() const { return {block.level, 2 * block.row + north, 2 * block.col + east}; }
+};
 
 // Posts of one level, by their ticks, wherever they are: over the poles and around the globe.
 class DetailedTerrain::PostsAround {
@@ -189,7 +206,7 @@ class DetailedTerrain::PostsAround {
   }
 
   Place in_block(const BlockId& id, std::int32_t lat, std::int32_t lon) {
-    const Block* block = find(id);
+    const Block* block = posts_ == Posts::taken ? quarter(id, lat, lon) : find(id, [&] { return made(id); });
     if (!block) return {};
     const BlockExtent& e = block->extent;
     return {block, (lat - e.lat0) / e.lat_step, (lon - e.lon0) / e.lon_step};
@@ -200,24 +217,23 @@ class DetailedTerrain::PostsAround {
     return p.block ? static_cast<double>(p.block->vertices[p.block->index(p.r, p.c)].height_m) : kNaN;
   }
 
-  const Block* find(const BlockId& id) {
-    if (latest_ && latest_id_ == id) return latest_;
-    auto found = blocks_.find(id);
-    if (found == blocks_.end()) found = blocks_.emplace(id, made(id)).first;
-    latest_id_ = id, latest_ = found->second.get();
+  const Block* quarter(const BlockId& id, std::int32_t lat, std::int32_t lon) {
+    const BlockExtent e = extent_of(id);
+    const Quarter quarter = Quarter::of(id, (lat - e.lat0) / e.lat_step, (lon - e.lon0) / e.lon_step);
+    return find(quarter.key(), [&] { return ground_.taken(quarter, stop_); });
+  }
+
+  template <typename Make>
+  const Block* find(const BlockId& key, const Make& make) {
+    if (latest_ && latest_id_ == key) return latest_;
+    auto found = blocks_.find(key);
+    if (found == blocks_.end()) found = blocks_.emplace(key, make()).first;
+    latest_id_ = key, latest_ = found->second.get();
     return latest_;
   }
 
   std::shared_ptr<const Block> made(const BlockId& id) const {
-    switch (posts_) {
-      case Posts::of_layer:
-        return ground_.posts_of_layer(id, stop_);
-      case Posts::filtered:
-        return ground_.plain_->block(id, stop_);
-      case Posts::taken:
-        return ground_.taken(id, stop_);
-    }
-    return nullptr;
+    return posts_ == Posts::of_layer ? ground_.posts_of_layer(id, stop_) : ground_.plain_->block(id, stop_);
   }
 
   const DetailedTerrain& ground_;
@@ -320,26 +336,67 @@ std::optional<HeightRange> DetailedTerrain::heights_without_building(const Block
   return range;
 }
 
-void DetailedTerrain::prepare(std::span<const BlockId> ids, const StopToken& stop) const {
-  if (plain_->block_store()) return;  // which may have them all
-  std::set<BlockId> needed;
-  for (const BlockId& id : ids) {
-    // Of a hovering camera all are there: nothing else is asked.
-    if (plain_->blocks().holds(key_of(number_, static_cast<int>(Kind::made), id)) || !has_detail(id)) continue;
-    const BlockExtent e = extent_of(id);
-    const LayeredPosts::Layers layers = layers_.of(id);
-    for (const LayeredPosts::Layer& layer : *layers) {
-      if (id.level <= layer.detail_level) continue;
-      const std::int32_t step = 1 << (kTickLevel - layer.detail_level);  // interpolated among the next ones
-      for (const std::int32_t lat : {e.lat0 - step, e.lat1() + step})
-        for (const std::int64_t lon : {std::int64_t{e.lon0} - step, std::int64_t{e.lon1()} + step})
-          needed.insert(block_at(layer.detail_level, std::clamp(lat, 0, kLatTicks - 1), wrap_lon(lon)));
+struct DetailedTerrain::Beneath {
+  HeightRange heights;
+  double beyond_m;
+};
+
+// Every third level of detail is made: of those in between the heights follow from a coarser level's, of the first ones
+// from the posts.
+std::optional<NodeInfo> DetailedTerrain::outline(const BlockId& id, const StopToken& stop) const {
+  constexpr int kOfPosts = 5, kApart = 3;
+  if (!has_detail(id) || plain_->has_replacements() || id.level >= finest_level(id)) return std::nullopt;
+  const LayeredPosts::Layers layers = layers_.of(id);
+  const LayeredPosts::Layer& layer = layers->front();
+  const int finer = id.level - layer.level;
+  if (layers->size() > 1 || finer <= 0) return std::nullopt;
+  const int past = finer - kOfPosts - 1;  // the first level that is made, and those after it
+  if (past >= 0 && past % kApart == 0) return std::nullopt;
+  const auto beneath = past < 0 ? posts_under(id, layer, stop) : block_under(id, id.level - past % kApart, stop);
+  if (!beneath) return std::nullopt;
+  const auto beyond = static_cast<float>(beneath->beyond_m);
+  NodeInfo info{detail_->left_out_m(id.level, layer.detail_level), beneath->heights.low - beyond,
+                beneath->heights.high + beyond, false};
+  info.detail_error_m = info.error_m, info.left_out_size_m = left_out_size_m(id);
+  return info;
+}
+
+std::optional<DetailedTerrain::Beneath> DetailedTerrain::posts_under(const BlockId& id,
+                                                                     const LayeredPosts::Layer& layer,
+                                                                     const StopToken& stop) const {
+  const BlockExtent e = extent_of(id), of_posts = extent_of(ancestor_of(id, layer.level));
+  PostsAround posts(*this, layer.level, PostsAround::Posts::of_layer, stop);
+  HeightRange range{kHighestRelief_m, kLowestRelief_m};
+  // Those that a place is interpolated from.
+  const auto first = [](std::int64_t place, std::int64_t step) { return floor_to(place, step) - step; };
+  for (std::int64_t lat = first(e.lat0, of_posts.lat_step); lat <= e.lat1() + 2 * of_posts.lat_step;
+       lat += of_posts.lat_step)
+    for (std::int64_t lon = first(e.lon0, of_posts.lon_step); lon <= e.lon1() + 2 * of_posts.lon_step;
+         lon += of_posts.lon_step) {
+      const auto height_m = static_cast<float>(posts.along_row(lat, lon));
+      if (std::isnan(height_m)) return std::nullopt;
+      range.low = std::min(range.low, height_m), range.high = std::max(range.high, height_m);
     }
-  }
-  // Of many, each thread has its own to make, and a small cache has no room for all.
-  constexpr std::size_t kFew = 12;
-  if (needed.size() > kFew) return;
-  for (const BlockId& id : needed) taken(id, stop);
+  // Catmull-Rom's overshoot is 0.28 of the range; beside posts twice as far apart there is some along the row, too.
+  constexpr double kOvershoot = 0.6;
+  return Beneath{
+      range, kOvershoot * static_cast<double>(range.high - range.low) + detail_->beyond_posts_m(layer.detail_level)};
+}
+
+std::optional<DetailedTerrain::Beneath> DetailedTerrain::block_under(const BlockId& id, int level,
+                                                                     const StopToken& stop) const {
+  const auto under = block(ancestor_of(id, level), stop);
+  if (!under) return std::nullopt;
+  const BlockExtent e = extent_of(id), &of = under->extent;
+  HeightRange range{kHighestRelief_m, kLowestRelief_m};
+  const auto whole = [](std::int32_t length, std::int32_t step) { return (length + step - 1) / step; };
+  for (int r = (e.lat0 - of.lat0) / of.lat_step; r <= whole(e.lat1() - of.lat0, of.lat_step); ++r)
+    for (int c = (e.lon0 - of.lon0) / of.lon_step; c <= whole(e.lon1() - of.lon0, of.lon_step); ++c) {
+      const float height_m = under->vertices[under->index(r, c)].height_m;
+      if (std::isnan(height_m)) return std::nullopt;
+      range.low = std::min(range.low, height_m), range.high = std::max(range.high, height_m);
+    }
+  return Beneath{range, under->error_m};
 }
 
 std::shared_ptr<const Block> DetailedTerrain::block(const BlockId& id, const StopToken& stop) const {
@@ -389,8 +446,8 @@ std::shared_ptr<const Block> DetailedTerrain::posts_of_layer(const BlockId& id, 
   return kept(Kind::beneath, id, stop, [&] { return posts_beneath(id, stop); });
 }
 
-std::shared_ptr<const Block> DetailedTerrain::taken(const BlockId& id, const StopToken& stop) const {
-  return kept(Kind::taken, id, stop, [&] { return make_taken(id, stop); });
+std::shared_ptr<const Block> DetailedTerrain::taken(const Quarter& quarter, const StopToken& stop) const {
+  return kept(Kind::taken, quarter.key(), stop, [&] { return make_taken(quarter, stop); });
 }
 
 std::shared_ptr<Block> DetailedTerrain::posts_beneath(const BlockId& id, const StopToken& stop) const {
@@ -411,14 +468,14 @@ std::shared_ptr<Block> DetailedTerrain::posts_beneath(const BlockId& id, const S
   return block;
 }
 
-std::shared_ptr<Block> DetailedTerrain::make_taken(const BlockId& id, const StopToken& stop) const {
+std::shared_ptr<Block> DetailedTerrain::make_taken(const Quarter& quarter, const StopToken& stop) const {
   // Interpolated, means over cells would not have themselves as their means over cells but what Catmull-Rom's weights
   // integrate to, (-2.5, 18, 161, 18, -2.5) / 192 along each axis: this is the inverse of that, to 1e-3.
   constexpr std::array kSharpened{1.225297469, -0.143363406, 0.035794135, -0.006376901, 0.001297438};
   constexpr int kAround = static_cast<int>(kSharpened.size()) - 1;
-  const BlockExtent e = extent_of(id);
+  const BlockExtent e = quarter.extent();
   const auto side = static_cast<std::size_t>(e.quads + 1 + 2 * kAround);
-  const std::vector<double> means = cell_means(id, kAround, stop);
+  const std::vector<double> means = cell_means(quarter, kAround, stop);
   // Along rows first, then along columns.
   std::vector<double> sharp(means), out(means);
   const auto sharpen = [&](const std::vector<double>& from, std::vector<double>& to, std::size_t step) {
@@ -429,7 +486,7 @@ std::shared_ptr<Block> DetailedTerrain::make_taken(const BlockId& id, const Stop
     }
   };
   sharpen(means, sharp, 1), sharpen(sharp, out, side);
-  auto block = empty_block(id, e);
+  auto block = empty_block(quarter.block, e);
   block->vertices.reserve(block->index(e.quads, e.quads) + 1);
   for (int r = 0; r <= e.quads; ++r) {
     const double share = share_of_means(e.lat0 + r * e.lat_step, e.lat_step);
@@ -441,28 +498,31 @@ std::shared_ptr<Block> DetailedTerrain::make_taken(const BlockId& id, const Stop
   return block;
 }
 
-// Squares of cells, whose places are found in caches, by all threads: many wait for this.
-std::vector<double> DetailedTerrain::cell_means(const BlockId& id, int around, const StopToken& stop) const {
-  constexpr std::size_t kSquare = 12;
-  const BlockExtent e = extent_of(id);
-  const int side = e.quads + 1 + 2 * around;
-  const auto cells = static_cast<std::size_t>(side), squares = (cells + kSquare - 1) / kSquare;
+// Places are the block's, so that a cell's mean does not depend on the quarter to the bit.
+std::vector<double> DetailedTerrain::cell_means(const Quarter& quarter, int around, const StopToken& stop) const {
+  const BlockExtent e = extent_of(quarter.block);
+  const auto cells = static_cast<std::size_t>(quarter.quads() + 1 + 2 * around);
   std::vector<double> means(cells * cells);
-  for (int octave = Detail::smallest_octave(id.level + Detail::kCellLevels);
-       octave < Detail::past_largest_octave(id.level); ++octave) {
-    const int places = Detail::places_in_cell(octave, id.level);
+  for (int octave = Detail::smallest_octave(quarter.block.level + Detail::kCellLevels);
+       octave < Detail::past_largest_octave(quarter.block.level); ++octave) {
+    const int places = Detail::places_in_cell(octave, quarter.block.level);
     const auto n = static_cast<std::size_t>(places);
-    const Places all(e, 0.5 / places - 0.5 - around, 1.0 / places, side * places);
-    in_parallel(squares * squares, [&](std::size_t square) {
-      const std::size_t r0 = square / squares * kSquare, c0 = square % squares * kSquare,
-                        rows = std::min(kSquare, cells - r0), columns = std::min(kSquare, cells - c0);
-      std::vector<double> heights(rows * n * columns * n);
-      detail_->add_octave(part_of(all.grid(), r0 * n, rows * n, c0 * n, columns * n), octave, heights, stop);
-      const double* height_m = heights.data();
-      for (std::size_t r = r0 * n; r < (r0 + rows) * n; ++r)
-        for (std::size_t c = c0; c < c0 + columns; ++c)
-          for (std::size_t i = 0; i < n; ++i) means[r / n * cells + c] += *height_m++ / (places * places);
-    });
+    const Places all(e, 0.5 / places - 0.5 - around, 1.0 / places, (e.quads + 1 + 2 * around) * places);
+    const auto first = [&](int half) { return static_cast<std::size_t>(half * quarter.quads()) * n; };
+    // Squares, whose places are found in caches.
+    constexpr std::size_t kSquare = 12;
+    for (std::size_t r0 = 0; r0 < cells; r0 += kSquare)
+      for (std::size_t c0 = 0; c0 < cells; c0 += kSquare) {
+        const std::size_t rows = std::min(kSquare, cells - r0), columns = std::min(kSquare, cells - c0);
+        std::vector<double> heights(rows * n * columns * n);
+        detail_->add_octave(
+            part_of(all.grid(), first(quarter.north) + r0 * n, rows * n, first(quarter.east) + c0 * n, columns * n),
+            octave, heights, stop);
+        const double* height_m = heights.data();
+        for (std::size_t r = r0 * n; r < (r0 + rows) * n; ++r)
+          for (std::size_t c = c0; c < c0 + columns; ++c)
+            for (std::size_t i = 0; i < n; ++i) means[r / n * cells + c] += *height_m++ / (places * places);
+      }
   }
   return means;
 }

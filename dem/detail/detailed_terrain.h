@@ -38,9 +38,9 @@ class DetailedTerrain final : public Terrain {
   int posts_level(const BlockId& id) const override;
   bool node_is_cheap(const BlockId& id) const override { return plain_->node_is_cheap(id) || has_detail(id); }
   NodeInfo node(const BlockId& id, const StopToken& stop = {}) const override;
+  std::optional<NodeInfo> outline(const BlockId& id, const StopToken& stop) const override;
   std::optional<HeightRange> heights_without_building(const BlockId& id, const StopToken& stop = {}) const override;
   bool waits_for_network(const BlockId& id) const override { return plain_->waits_for_network(id); }
-  void prepare(std::span<const BlockId> ids, const StopToken& stop) const override;
   std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const override;
   std::shared_ptr<const Block> block_or_quad(const BlockId& id, std::int32_t lat, std::int32_t lon,
                                              const StopToken& stop = {}) const override;
@@ -76,11 +76,18 @@ class DetailedTerrain final : public Terrain {
   std::shared_ptr<const Block> known_or(const BlockId& id, const StopToken& stop, const Make& make) const;
   // Posts of a layer's level; null if there are none.
   std::shared_ptr<const Block> posts_of_layer(const BlockId& id, const StopToken& stop) const;
+  // A quarter of a block's posts, with those that it shares: what is taken from posts is made by quarters, since a
+  // lander sees few posts.
+  struct Quarter;
   // What is taken from the posts for detail that they don't resolve, at places as far apart as heights that they do.
-  std::shared_ptr<const Block> taken(const BlockId& id, const StopToken& stop) const;
-  // Means of the detail over the cells of such places in a block and of so many around it, row by row.
-  std::vector<double> cell_means(const BlockId& id, int around, const StopToken& stop) const;
-  std::shared_ptr<Block> make_taken(const BlockId& id, const StopToken& stop) const;
+  std::shared_ptr<const Block> taken(const Quarter& quarter, const StopToken& stop) const;
+  // Means of the detail over the cells of such places in a quarter and of so many around it, row by row.
+  std::vector<double> cell_means(const Quarter& quarter, int around, const StopToken& stop) const;
+  std::shared_ptr<Block> make_taken(const Quarter& quarter, const StopToken& stop) const;
+  // Range of heights that a block of detail is made from, and by how much what is finer goes beyond it. Empty at voids.
+  struct Beneath;
+  std::optional<Beneath> posts_under(const BlockId& id, const LayeredPosts::Layer& layer, const StopToken& stop) const;
+  std::optional<Beneath> block_under(const BlockId& id, int level, const StopToken& stop) const;
   enum class Kind { made, taken, beneath };
   template <typename Make>
   std::shared_ptr<const Block> kept(Kind kind, const BlockId& id, const StopToken& stop, const Make& make) const;

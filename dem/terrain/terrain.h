@@ -98,15 +98,16 @@ class Terrain {
   // first builds everything below: call it only if the block is really needed.
   virtual bool node_is_cheap(const BlockId& id) const = 0;
   virtual NodeInfo node(const BlockId& id, const StopToken& stop = {}) const = 0;
+  // Of a block with detail that need not be made for it: wider bounds on its heights, and a lower bound on its error.
+  // Empty if node() makes no block either, and where nothing is known. Which blocks have one depends on the terrain
+  // only, not on what is in memory.
+  virtual std::optional<NodeInfo> outline(const BlockId&, const StopToken&) const { return std::nullopt; }
   // If node() would have to build first: wider bounds on the heights of the block and everything below, from a scan of
   // the files. Empty if node() need not build, or if a scan gives no bounds.
   virtual std::optional<HeightRange> heights_without_building(const BlockId& id, const StopToken& stop = {}) const = 0;
   // Whether block() reads posts from a network: then do not call it within a loop, whose threads, and all others of
   // their arena, would wait for the network (on_own_threads).
   virtual bool waits_for_network(const BlockId& id) const = 0;
-  // Makes what many of these blocks are made of, by all threads. Within a loop over them one thread would make it while
-  // the others waited. What was not prepared is made by block().
-  virtual void prepare(std::span<const BlockId>, const StopToken&) const {}
   // Null when the block has no valid post.
   virtual std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const = 0;
   // The block, or of one that would have to be made the quad at a place (ticks) in it: the same heights to the bit, no

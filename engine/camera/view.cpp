@@ -167,4 +167,9 @@ double View::pixels_per_metre(const Vec3& centre_m, double radius_m, double high
   return std::min(by_angle, stretched_focal_ * std::sqrt(1 + r * r) / depth);
 }
 
+double View::least_pixels_per_metre(const Vec3& centre_m, double radius_m) const {
+  if (projection_.fisheye()) return 0;
+  return std::min(pixels_per_radian_, stretched_focal_) / std::max((centre_m - position_).norm() + radius_m, 1e-3);
+}
+
 }  // namespace selenograph::engine

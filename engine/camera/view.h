@@ -49,6 +49,8 @@ class View {
   // datum than highest_m.
   double pixels_per_metre(const Vec3& centre_m, double radius_m,
                           double highest_m = std::numeric_limits<double>::infinity()) const;
+  // Lower bound on that upper bound, whatever smaller sphere within this one it is asked for; 0: none is known.
+  double least_pixels_per_metre(const Vec3& centre_m, double radius_m) const;
   // The same for anything at least this far away, in any direction.
   double pixels_per_metre_from(double nearest_m) const;
 

@@ -56,6 +56,11 @@ Selection ViewSelector::select(const Sun* sun) {
 
 ViewSelector::Looked ViewSelector::looked_at(const BlockId& id) const {
   if (!may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return may_see(b); })) return {Look::out_of_view};
+  if (const auto outline = terrain_.outline(id, stop_)) {
+    const NodeBounds b = bounds_of_all(id, static_cast<double>(outline->min_m), static_cast<double>(outline->max_m));
+    if (!may_see(b)) return {Look::out_of_view};
+    if (surely_refined(id, *outline, b)) return {Look::in_view, Seen{id, *outline, b, pixels_per_metre(b)}, true};
+  }
   const auto node = known(terrain_, id, stop_);
   if (!node) return {Look::nothing};
   const NodeBounds& b = node->bounds;
@@ -135,7 +140,8 @@ void ViewSelector::see_detail() {
       std::exchange(of_detail_in_view_, {}),
       [&](const BlockId& id) {
         Judged judged{looked_at(id)};
-        judged.refine = judged.looked.seen && refine(id, judged.looked.seen->pixels_per_metre);
+        judged.refine =
+            judged.looked.too_coarse || (judged.looked.seen && refine(id, judged.looked.seen->pixels_per_metre));
         return judged;
       },
       [&](const BlockId& id, const Judged& judged, std::vector<BlockId>& next) {
@@ -187,6 +193,16 @@ bool ViewSelector::errs(const BlockId& id, double pixels_per_metre) const {
   if (error <= allowed || !terrain_.detail()) return error > allowed;
   const double of_detail = errors.of_detail_m * pixels_per_metre;
   return error - of_detail > allowed || shades_otherwise(id, errors, pixels_per_metre);
+}
+
+bool ViewSelector::surely_refined(const BlockId& id, const dem::NodeInfo& outline, const NodeBounds& bounds) const {
+  if (accuracy_.max_error_px == 0) return true;
+  double least = 0;
+  for (const ViewBundle& view : views_)
+    least = std::max(least, view.view.least_pixels_per_metre(bounds.centre, bounds.radius_m));
+  // The higher it is, the more obliquely it is seen.
+  const Errors errors{outline.error_m, outline.detail_error_m, outline.left_out_size_m, bounds.high_m};
+  return errors.all_m * least > accuracy_.max_error_px && shades_otherwise(id, errors, least);
 }
 
 bool ViewSelector::shades_otherwise(const BlockId& id, const Errors& errors, double pixels_per_metre) const {

@@ -65,9 +65,12 @@ class ViewSelector {
   struct Looked {
     Look look = Look::nothing;
     std::optional<Seen> seen{};
+    bool too_coarse = false;  // by its outline: it was not made
   };
 
   Looked looked_at(const BlockId& id) const;
+  // Whether refine() is true of any block within such an outline.
+  bool surely_refined(const BlockId& id, const dem::NodeInfo& outline, const NodeBounds& bounds) const;
   std::optional<Seen> look_at(const BlockId& id);
   void note(const BlockId& id, Look look);
   static bool may_see(const ViewBundle& view, const NodeBounds& b);
@@ -95,7 +98,6 @@ class ViewSelector {
         check(chosen_.size() + seen_.size() + wanted, stop_);
         if (most_of_detail_ != kAny && of_detail_ + wanted > most_of_detail_) throw TooMuchDetail();
         std::vector<std::invoke_result_t<Judge, const BlockId&>> judged(std::min(kPiece, wave.size() - first));
-        terrain_.prepare(std::span(wave).subspan(first, judged.size()), stop_);
         in_parallel(judged.size(), [&](std::size_t i) {
           stop_.check();
           judged[i] = judge(wave[first + i]);

@@ -40,9 +40,11 @@ void ViewSelector::sharpen_shadows(const Sun& sun) {
   sharpen_detail(receivers);
   std::vector<BlockId> of_detail;
   for (const BlockId& id : std::exchange(out_of_view_, {}))
-    if (terrain_.has_detail(id))
-      want_caster(id, terrain_.node(dem::ancestor_of(id, id.level - 1), stop_), receivers, of_detail);
-    else
+    if (terrain_.has_detail(id)) {
+      const BlockId parent = dem::ancestor_of(id, id.level - 1);
+      const auto outline = terrain_.outline(parent, stop_);
+      want_caster(id, outline ? *outline : terrain_.node(parent, stop_), receivers, of_detail);
+    } else
       cast(id, receivers, of_detail);
   for (const RootGroup* group : groups_out_of_view_)
     if (receivers.shaded_pixels_per_metre(group->bounds) > 0)
@@ -91,18 +93,27 @@ void ViewSelector::sharpen_detail(const LightTree& receivers) {
       std::exchange(of_detail_in_view_, {}),
       [&](const BlockId& id) {
         Judged judged{looked_at(id)};
-        if (const auto& seen = judged.looked.seen)
+        if (const auto& seen = judged.looked.seen; seen && !judged.looked.too_coarse)
           judged.blur = blur(id, receivers.shaded_pixels_per_metre(seen->bounds));
         return judged;
       },
       [&](const BlockId& id, const Judged& judged, std::vector<BlockId>& next) {
-        take_detail(id, judged.looked, judged.looked.seen && too_much(judged.blur), next);
+        take_detail(id, judged.looked, judged.looked.too_coarse || (judged.looked.seen && too_much(judged.blur)), next);
       });
 }
 
 ViewSelector::Caster ViewSelector::caster(const BlockId& id, const LightTree& receivers) const {
   if (!may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return receivers.shaded_pixels_per_metre(b) > 0; }))
     return {};
+  if (const auto outline = terrain_.outline(id, stop_)) {
+    const double displaced = receivers.shaded_pixels_per_metre(
+        bounds_of_all(id, static_cast<double>(outline->min_m), static_cast<double>(outline->max_m)));
+    if (displaced == 0) return {};
+    // Wider bounds shade more than the block does.
+    constexpr double kSurely = 4;
+    if (accuracy_.max_error_px == 0 || outline->error_m * displaced > kSurely * accuracy_.max_shadow_error_px)
+      return {true, false, *outline, Blur{true}};
+  }
   const auto node = known(terrain_, id, stop_);
   if (!node) return {};
   const double displaced = receivers.shaded_pixels_per_metre(node->bounds);

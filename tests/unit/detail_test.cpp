@@ -447,25 +447,24 @@ void expect_quads_of_the_block(const Terrain& terrain, const Terrain& again, con
     }
 }
 
-// What blocks are made of can be made before them: the same blocks, and no more than they need.
-TEST(DetailedTerrain, WhatIsPreparedIsWhatIsNeeded) {
-  const Ground prepared(27, 3), other(27, 3);
-  const BlockId first = block_over(14, 26, 4);
-  std::vector<BlockId> ids;
-  for (const int row : {0, 1, 2})
-    for (const int col : {0, 1, 2}) ids.push_back({first.level, first.row + row, first.col + col});
-  const auto made = [](const Ground& ground) { return ground.plain->statistics().misses; };
-  prepared.detailed->prepare(ids, {});
-  const auto before = made(prepared);
-  EXPECT_GT(before, 0U);
-  for (const BlockId& id : ids) {
-    const auto a = prepared.detailed->block(id), b = other.detailed->block(id);
-    ASSERT_TRUE(a && b);
-    for (std::size_t i = 0; i < a->vertices.size(); ++i) ASSERT_EQ(a->vertices[i].height_m, b->vertices[i].height_m);
-  }
-  EXPECT_EQ(made(prepared), made(other));
-  prepared.detailed->prepare(ids, {});
-  EXPECT_EQ(made(prepared), made(other));
+// Whoever has the outline of a block needs not make it: heights are within, the error is no smaller.
+TEST(DetailedTerrain, OutlinesAreBounds) {
+  const Ground ground(27, 3);
+  int outlines = 0;
+  for (int level = 9; level <= 17; ++level)
+    for (const auto& [lat, lon] : {std::pair{26.03, 4.02}, {26.4, 4.7}, {25.2, 3.4}}) {
+      const BlockId id = block_over(level, lat, lon);
+      const auto outline = ground.detailed->outline(id, {});
+      if (!outline) continue;
+      ++outlines;
+      EXPECT_FALSE(ground.plain->blocks().holds(id));
+      const NodeInfo made = ground.detailed->node(id);
+      EXPECT_LE(outline->min_m, made.min_m) << to_string(id);
+      EXPECT_GE(outline->max_m, made.max_m) << to_string(id);
+      EXPECT_LE(outline->error_m, made.error_m) << to_string(id);
+      EXPECT_EQ(outline->left_out_size_m, made.left_out_size_m) << to_string(id);
+    }
+  EXPECT_GT(outlines, 12);
 }
 
 TEST(DetailedTerrain, QuadsAreThoseOfTheirBlock) {
