@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 
 #include "dem/detail/footprints.h"
@@ -25,14 +26,21 @@ double fresh_depth_over_diameter(double diameter_m) {
   return std::max(0.08, low.ratio + share * (high.ratio - low.ratio));
 }
 
+namespace {
+
+std::uint64_t next_number() {
+  static std::atomic<std::uint64_t> next{1};
+  return next++;
+}
+
+}  // namespace
+
 CraterField::CraterField(const CraterLaw& law, const Region& of_centres)
-    : law_(law),
+    : number_(next_number()),
+      law_(law),
       ages_(law.frequency, law.smallest_m, law.largest_m, law.oldest_Ma),
       region_(of_centres),
       cells_(law.seed, law.frequency, law.smallest_m, law.largest_m) {}
-
-// Numbers that it draws.
-constexpr std::uint32_t kDrawsOfCrater = 5;
 
 std::optional<Crater> CraterField::made(Draws& draws, const Vec3& centre, double diameter_m) const {
   const CraterAges::Life life = ages_.life(diameter_m);
@@ -51,17 +59,34 @@ std::optional<Crater> CraterField::made(Draws& draws, const Vec3& centre, double
   return crater;
 }
 
+const std::vector<Crater>& CraterField::in_cell(const SizeCells::Cell& cell) const {
+  struct Kept {
+    std::uint64_t number = 0;
+    SizeCells::Cell cell{};
+    std::vector<Crater> craters;
+  };
+  constexpr std::size_t kSide = 16;  // cells around a place have places of their own
+  static thread_local std::array<Kept, kSide * kSide> all;
+  const auto [octave, row, column] = cell;
+  const auto place = [](int index) { return static_cast<std::size_t>(index) % kSide; };
+  Kept& kept = all[place(row + 5 * octave) * kSide + place(column + 7 * octave)];
+  if (kept.number == number_ && kept.cell == cell) return kept.craters;
+  kept.number = 0, kept.craters.clear();
+  cells_.within(cell, [&](Draws& draws, const Vec3& centre, double diameter_m) {
+    if (const auto crater = made(draws, centre, diameter_m); crater && region_.holds(centre))
+      kept.craters.push_back(*crater);
+  });
+  kept.number = number_, kept.cell = cell;
+  return kept.craters;
+}
+
 void CraterField::near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out,
                        const StopToken& stop) const {
   const double reach_m = CraterShape::reach(CraterShape::kOldest) * cells_.largest_m(octave) / 2;
-  cells_.near(octave, direction, (radius_m + reach_m) / kMoonRadius_m, stop,
-              [&](Draws& draws, const Vec3& centre, double diameter_m) {
-                const double away_m = (centre - direction).norm() * kMoonRadius_m - radius_m;
-                if (away_m > CraterShape::reach(CraterShape::kOldest) * diameter_m / 2)
-                  return draws.skip(kDrawsOfCrater);
-                const auto crater = made(draws, centre, diameter_m);
-                if (crater && away_m <= crater->reach_m() && region_.holds(centre)) out.push_back(*crater);
-              });
+  cells_.cells_near(octave, direction, (radius_m + reach_m) / kMoonRadius_m, stop, [&](const SizeCells::Cell& cell) {
+    for (const Crater& crater : in_cell(cell))
+      if ((crater.centre - direction).norm() * kMoonRadius_m - radius_m <= crater.reach_m()) out.push_back(crater);
+  });
 }
 
 std::vector<Crater> CraterField::within(int octave, const Footprint& box, const StopToken& stop) const {

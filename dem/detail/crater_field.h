@@ -74,9 +74,13 @@ class CraterField {
   const CraterShape& shape() const { return CraterShape::of_all(); }
 
  private:
+  // All craters of a cell, by their centres: blocks that adjoin have the same large ones. Each thread keeps those that
+  // it was asked for last.
+  const std::vector<Crater>& in_cell(const SizeCells::Cell& cell) const;
   // Empty: it has not formed yet.
   std::optional<Crater> made(Draws& draws, const Vec3& centre, double diameter_m) const;
 
+  std::uint64_t number_;  // of this population in this process
   CraterLaw law_;
   CraterAges ages_;
   Region region_;

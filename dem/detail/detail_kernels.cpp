@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "dem/detail/crater_shape.h"
 #include "dem/support/noise.h"
@@ -17,47 +18,154 @@ namespace selenograph::dem::HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-// Places of one cell of the noise's lattice: its gradients are found once. Adds to the bit what perlin_noise gives.
-void AddNoiseInCell(const NoisePlaces& places, std::uint32_t seed, double amplitude, double* HWY_RESTRICT heights) {
-  const double *HWY_RESTRICT x = places.x, *HWY_RESTRICT y = places.y;
-  const NoiseCell cell(lattice_floor(x[0]), lattice_floor(y[0]), lattice_floor(places.z), seed);
-  const double i = cell.i, j = cell.j;
-  const auto fz = static_cast<float>(places.z - cell.k), w = noise_fade(fz);
-  float along_z[8];
-  for (int c = 0; c < 8; ++c) along_z[c] = cell.z[c] * (fz - static_cast<float>(c >> 2));
-  const std::size_t n = places.n;
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (std::size_t c = 0; c < n; ++c) {
-    const auto fx = static_cast<float>(x[c] - i), fy = static_cast<float>(y[c] - j);
-    const float u = noise_fade(fx), v = noise_fade(fy);
-    const auto corner = [&](int at, float dx, float dy)
-                            SELENOGRAPH_INTO_LANES { return cell.x[at] * dx + cell.y[at] * dy + along_z[at]; };
-    const auto along_x = [&](int at, float dy) SELENOGRAPH_INTO_LANES {
-      return blend(corner(at, fx, dy), corner(at + 1, fx - 1, dy), u);
-    };
-    const float noise =
-        blend(blend(along_x(0, fy), along_x(2, fy - 1), v), blend(along_x(4, fy), along_x(6, fy - 1), v), w);
-    heights[c] += amplitude * static_cast<double>(noise);
-  }
-}
+#if HWY_TARGET == HWY_SCALAR
 
 void AddNoise(const NoisePlaces& places, std::uint32_t seed, double amplitude, double* HWY_RESTRICT heights) {
-  const double *HWY_RESTRICT x = places.x, *HWY_RESTRICT y = places.y;
-  const double z = places.z;
-  const std::size_t n = places.n;
-  constexpr double kManyInCell = 1.0 / 12;  // steps from which on gradients cost less than finding who shares them
-  if (n > 1 && std::abs(x[1] - x[0]) + std::abs(y[1] - y[0]) < kManyInCell) {
-    for (std::size_t c = 0, past = 0; c < n; c = past) {
-      const double i = lattice_floor(x[c]), j = lattice_floor(y[c]);
-      for (past = c + 1; past < n && x[past] >= i && x[past] < i + 1 && y[past] >= j && y[past] < j + 1;) ++past;
-      AddNoiseInCell({x + c, y + c, z, past - c}, seed, amplitude, heights + c);
-    }
-    return;
-  }
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (std::size_t c = 0; c < n; ++c)
-    heights[c] += amplitude * static_cast<double>(perlin_noise<float>(x[c], y[c], z, seed));
+  for (std::size_t c = 0; c < places.n; ++c)
+    heights[c] += amplitude * static_cast<double>(perlin_noise<float>(places.x[c], places.y[c], places.z, seed));
 }
+
+#else
+
+// perlin_noise<float> of as many places as a vector of floats has, to the bit. By hand: compilers take twice the time.
+class Noise {
+  using F32 = hn::ScalableTag<float>;
+  using F64 = hn::RepartitionToWide<F32>;
+  using I32 = hn::RebindToSigned<F32>;
+  using U32 = hn::RebindToUnsigned<F32>;
+  using Floats = hn::Vec<F32>;
+  using Bits = hn::Vec<U32>;
+
+ public:
+  // `close`: most vectors have all their places in one cell of the noise's lattice, whose gradients are then found
+  // once.
+  Noise(double z, std::uint32_t seed, bool close)
+      : k_(lattice_floor(z)), seed_(seed), close_(close), fz_(static_cast<float>(z - k_)), w_(noise_fade(fz_)) {
+    for (int d = 0; d < 2; ++d) along_z_[d] = seed ^ (static_cast<std::uint32_t>(k_ + d) * kLatticeZ);
+  }
+
+  HWY_INLINE Floats at(const double* HWY_RESTRICT x, const double* HWY_RESTRICT y) {
+    const Axis u(x, kLatticeX), v(y, kLatticeY);
+    if (close_) {
+      const I32 i32;
+      const std::int32_t i = hn::GetLane(u.cell), j = hn::GetLane(v.cell);
+      if (hn::AllTrue(i32, hn::And(hn::Eq(u.cell, hn::Set(i32, i)), hn::Eq(v.cell, hn::Set(i32, j))))) {
+        if (!cell_ || i != cell_->i || j != cell_->j) cell_.emplace(i, j, k_, seed_);
+        return blend(in_cell(u, v, 0), in_cell(u, v, 1), hn::Set(F32(), w_));
+      }
+    }
+    return blend(in_plane(u, v, 0), in_plane(u, v, 1), hn::Set(F32(), w_));
+  }
+
+ private:
+  static HWY_INLINE Floats blend(Floats a, Floats b, Floats t) { return hn::Add(a, hn::Mul(t, hn::Sub(b, a))); }
+
+  // Along an axis: how far into their cells places are, and the two cells' parts of the hash.
+  struct Axis {
+    HWY_INLINE Axis(const double* HWY_RESTRICT places, std::uint32_t factor) {
+      const F32 f32;
+      const F64 f64;
+      const hn::Half<F32> half;
+      const hn::RebindToSigned<hn::Half<F32> > half_i32;
+      const auto low = hn::LoadU(f64, places), high = hn::LoadU(f64, places + hn::Lanes(f64));
+      const auto low_cell = hn::Floor(low), high_cell = hn::Floor(high);
+      into[0] =
+          hn::Combine(f32, hn::DemoteTo(half, hn::Sub(high, high_cell)), hn::DemoteTo(half, hn::Sub(low, low_cell)));
+      into[1] = hn::Sub(into[0], hn::Set(f32, 1));
+      cell =
+          hn::Combine(hn::RebindToSigned<F32>(), hn::DemoteTo(half_i32, high_cell), hn::DemoteTo(half_i32, low_cell));
+      hash[0] = hn::Mul(hn::BitCast(U32(), cell), hn::Set(U32(), factor));
+      hash[1] = hn::Add(hash[0], hn::Set(U32(), factor));
+      const Floats t = into[0], inner = hn::Add(hn::Mul(t, hn::Sub(hn::Mul(t, hn::Set(f32, 6)), hn::Set(f32, 15))),
+                                                hn::Set(f32, 10));
+      fade = hn::Mul(hn::Mul(hn::Mul(t, t), t), inner);
+    }
+    Floats into[2], fade;
+    hn::Vec<I32> cell;
+    Bits hash[2];
+  };
+
+  HWY_INLINE Floats in_plane(const Axis& x, const Axis& y, int dz) const {
+    const Floats z = hn::Set(F32(), fz_ - static_cast<float>(dz));
+    const Bits along_z = hn::Set(U32(), along_z_[dz]);
+    const auto along_x = [&](int dy) HWY_ATTR {
+      const Bits rest = hn::Xor(y.hash[dy], along_z);
+      return blend(along_gradient(hash(hn::Xor(x.hash[0], rest)), x.into[0], y.into[dy], z),
+                   along_gradient(hash(hn::Xor(x.hash[1], rest)), x.into[1], y.into[dy], z), x.fade);
+    };
+    return blend(along_x(0), along_x(1), y.fade);
+  }
+
+  HWY_INLINE Floats in_cell(const Axis& x, const Axis& y, int dz) const {
+    const F32 f32;
+    const auto corner = [&](int dx, int dy) HWY_ATTR {
+      const int c = dx + 2 * dy + 4 * dz;
+      const float along_z = cell_->z[c] * (fz_ - static_cast<float>(dz));
+      return hn::Add(
+          hn::Add(hn::Mul(hn::Set(f32, cell_->x[c]), x.into[dx]), hn::Mul(hn::Set(f32, cell_->y[c]), y.into[dy])),
+          hn::Set(f32, along_z));
+    };
+    return blend(blend(corner(0, 0), corner(1, 0), x.fade), blend(corner(0, 1), corner(1, 1), x.fade), y.fade);
+  }
+
+  // lattice_hash, of which only the four highest bits are used.
+  static HWY_INLINE Bits hash(Bits h) {
+    h = hn::Mul(hn::Xor(h, hn::ShiftRight<15>(h)), hn::Set(U32(), kLatticeFirst));
+    return hn::Mul(hn::Xor(h, hn::ShiftRight<12>(h)), hn::Set(U32(), kLatticeThen));
+  }
+
+  // The function of that name in noise.h, by tables: the highest four bits of the hash are looked up in the highest
+  // byte, 0 in the others. Sign bits choose: x or y, y or z; a minus or none.
+  static HWY_INLINE Floats along_gradient(Bits h, Floats x, Floats y, Floats z) {
+    const F32 f32;
+    alignas(16) static constexpr std::uint8_t kFirst[16]{0, 0, 0, 0, 0, 0, 0, 0, M, M, M, M, 0, 0, M, M},
+        kSecond[16]{0, 0, 0, 0, M, M, M, M, M, M, M, M, 0, 0, M, M},
+        kFirstMinus[16]{0, M, 0, M, 0, M, 0, M, 0, M, 0, M, 0, M, M, M},
+        kSecondMinus[16]{0, 0, M, M, 0, 0, M, M, 0, 0, M, M, 0, 0, 0, M};
+    const Bits number = hn::And(hn::ShiftRight<4>(h), hn::Set(U32(), 0x0F000000U));
+    const auto bits = [&](const std::uint8_t* table) HWY_ATTR {
+      const hn::Repartition<std::uint8_t, F32> bytes;
+      return hn::BitCast(f32, hn::TableLookupBytes(hn::LoadDup128(bytes, table), hn::BitCast(bytes, number)));
+    };
+    return hn::Add(hn::Xor(hn::IfNegativeThenElse(bits(kFirst), y, x), bits(kFirstMinus)),
+                   hn::Xor(hn::IfNegativeThenElse(bits(kSecond), z, y), bits(kSecondMinus)));
+  }
+  static constexpr std::uint8_t M = 0x80;
+
+  std::int32_t k_;
+  std::uint32_t seed_, along_z_[2];
+  bool close_;
+  float fz_, w_;
+  std::optional<NoiseCell> cell_;
+};
+
+void AddNoise(const NoisePlaces& places, std::uint32_t seed, double amplitude, double* HWY_RESTRICT heights) {
+  const hn::ScalableTag<float> f32;
+  const hn::RepartitionToWide<decltype(f32)> f64;
+  const std::size_t lanes = hn::Lanes(f32), half = hn::Lanes(f64);
+  constexpr double kClose = 1.0 / 24;
+  const double *x0 = places.x, *y0 = places.y;
+  Noise noise(places.z, seed, places.n > 1 && std::abs(x0[1] - x0[0]) + std::abs(y0[1] - y0[0]) < kClose);
+  const auto add = [&](const double* x, const double* y, double* to) HWY_ATTR {
+    const auto here = noise.at(x, y);
+    const auto scaled = [&](auto floats)
+                            HWY_ATTR { return hn::Mul(hn::Set(f64, amplitude), hn::PromoteTo(f64, floats)); };
+    hn::StoreU(hn::Add(hn::LoadU(f64, to), scaled(hn::LowerHalf(here))), f64, to);
+    hn::StoreU(hn::Add(hn::LoadU(f64, to + half), scaled(hn::UpperHalf(hn::Half<decltype(f32)>(), here))), f64,
+               to + half);
+  };
+  std::size_t c = 0;
+  for (; c + lanes <= places.n; c += lanes) add(places.x + c, places.y + c, heights + c);
+  if (c == places.n) return;
+  constexpr std::size_t kMost = HWY_MAX_BYTES / sizeof(float);
+  double x[kMost] = {}, y[kMost] = {}, last[kMost] = {};
+  const std::size_t left = places.n - c;
+  std::copy_n(places.x + c, left, x), std::copy_n(places.y + c, left, y), std::copy_n(heights + c, left, last);
+  add(x, y, last);
+  std::copy_n(last, left, heights + c);
+}
+
+#endif
 
 HWY_INLINE double distance2(const CraterOverRow& crater, double x, double y) {
   const double dx = x - crater.x, dy = y - crater.y;

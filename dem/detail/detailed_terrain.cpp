@@ -130,11 +130,15 @@ class DetailedTerrain::PostsAround {
     if (first == place) return post(row_lat, place);
     const double t = static_cast<double>(place - first) / step;
     const std::array<double, 4> w = cubic_weights(t);
+    if (row_lat != between_lat_ || first != between_lon_) {
+      for (int i = 0; i < 4; ++i)
+        between_[static_cast<std::size_t>(i)] = post(row_lat, first + (i - 1) * std::int64_t{step});
+      between_lat_ = row_lat, between_lon_ = first;
+    }
     double sum = 0;
-    for (int i = 0; i < 4; ++i)
-      sum += w[static_cast<std::size_t>(i)] * post(row_lat, first + (i - 1) * std::int64_t{step});
+    for (std::size_t i = 0; i < 4; ++i) sum += w[i] * between_[i];
     if (!std::isnan(sum)) return sum;
-    return (1 - t) * post(row_lat, first) + t * post(row_lat, first + step);
+    return (1 - t) * between_[1] + t * between_[2];
   }
 
   // Along a circle of latitude.
@@ -157,10 +161,18 @@ class DetailedTerrain::PostsAround {
     }
   }
 
-  // Of the nearest post.
-  SourceMark source(std::int64_t lat, std::int64_t lon) {
+  // Of the nearest posts, along a circle of latitude: many rows have the same.
+  void append_sources(std::int64_t lat, std::span<const std::int64_t> lons, std::vector<SourceMark>& out) {
     const std::int64_t nearest = std::clamp<std::int64_t>(floor_to(lat + lat_step() / 2, lat_step()), 0, kLatTicks);
-    const auto row_lat = static_cast<std::int32_t>(nearest);
+    const std::size_t n = lons.size(), before = out.size();
+    for (std::size_t c = 0; c < n; ++c)
+      out.push_back(nearest == sourced_lat_ ? out[before - n + c]
+                                            : source(static_cast<std::int32_t>(nearest), lons[c]));
+    sourced_lat_ = nearest;
+  }
+
+ private:
+  SourceMark source(std::int32_t row_lat, std::int64_t lon) {
     const std::int32_t step = lon_step(row_lat);
     const std::int64_t nearest_lon = floor_to(std::int64_t{wrap_lon(lon)} + step / 2, step);
     if (row_lat == marked_lat_ && nearest_lon == marked_lon_) return mark_;
@@ -169,7 +181,6 @@ class DetailedTerrain::PostsAround {
     return mark_ = p.block ? p.block->source(p.r, p.c) : kNoSource;
   }
 
- private:
   struct Place {
     const Block* block = nullptr;
     int r = 0, c = 0;
@@ -245,6 +256,10 @@ class DetailedTerrain::PostsAround {
   const Block* latest_ = nullptr;
   std::unordered_map<std::int64_t, std::vector<double>> rows_;
   std::int32_t stepped_lat_ = -1, lon_step_ = 0;
+  std::int32_t between_lat_ = -1;
+  std::int64_t between_lon_ = -1;
+  std::array<double, 4> between_{};
+  std::int64_t sourced_lat_ = -1;
   std::int32_t marked_lat_ = -1;
   std::int64_t marked_lon_ = -1;
   SourceMark mark_ = kNoSource;
@@ -355,8 +370,11 @@ std::optional<NodeInfo> DetailedTerrain::outline(const BlockId& id, const StopTo
   const auto beneath = past < 0 ? posts_under(id, layer, stop) : block_under(id, id.level - past % kApart, stop);
   if (!beneath) return std::nullopt;
   const auto beyond = static_cast<float>(beneath->beyond_m);
-  NodeInfo info{detail_->left_out_m(id.level, layer.detail_level), beneath->heights.low - beyond,
-                beneath->heights.high + beyond, false};
+  NodeInfo info{detail_->left_out_m(id.level, layer.detail_level),
+                beneath->heights.low - beyond,
+                beneath->heights.high + beyond,
+                false,
+                {}};
   info.detail_error_m = info.error_m, info.left_out_size_m = left_out_size_m(id);
   return info;
 }
@@ -555,7 +573,7 @@ DetailedTerrain::Surface DetailedTerrain::surface_of(const BlockId& id, const Bl
     const std::int64_t lat = e.lat0 + std::int64_t{r} * e.lat_step;
     double* const row_m = out.heights_m.data() + static_cast<std::size_t>(r) * n;
     posts.row(lat, lons, row_m);
-    for (const std::int64_t lon : lons) out.sources.push_back(posts.source(lat, lon));
+    posts.append_sources(lat, lons, out.sources);
     if (!shown) continue;
     taken.row(lat, lons, taken_m.data());
     for (std::size_t c = 0; c < n; ++c) row_m[c] -= taken_m[c];

@@ -60,7 +60,7 @@ double Relief::most_m(int octave) const { return kMostNoise * amplitude_m(octave
 
 void Relief::add_row(int octave, const DirectionGrid& grid, std::size_t row, std::span<double> heights_m) const {
   constexpr std::size_t kPiece = 128;
-  std::array<double, kPiece> x{}, y{};
+  std::array<double, kPiece> x, y;
   const double per_wavelength = kMoonRadius_m * std::ldexp(1.0, -octave), around = grid.cos_lat[row] * per_wavelength;
   // Octaves of one seed would have the same gradients around the Moon's centre alone, but neighbours' lattices
   // coincide.

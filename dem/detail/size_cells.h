@@ -50,8 +50,6 @@ class Draws {
  public:
   Draws(std::uint64_t seed, int octave, int row, int column) : key_{seed, octave, row, column, 0} {}
   std::uint64_t bits();
-  // As if so many had been drawn.
-  void skip(std::uint32_t numbers) { key_.index += numbers; }
   // Uniform in (0, 1).
   double uniform() { return (static_cast<double>(bits() >> 11) + 0.5) * 0x1p-53; }
   // Standard normal deviate (Box & Muller 1958).
@@ -85,9 +83,23 @@ class SizeCells {
   // Calls make(draws, centre, diameter_m) for each member of an octave in the cells that touch a cap around a
   // direction, or a box; includes members slightly outside. The centre is a unit vector. `east_deg` may exceed 180.
   template <typename Make>
-  void near(int octave, const Vec3& direction, double angle_rad, const StopToken& stop, const Make& make) const;
+  void near(int octave, const Vec3& direction, double angle_rad, const StopToken& stop, const Make& make) const {
+    cells_near(octave, direction, angle_rad, stop, [&](const Cell& cell) { within(cell, make); });
+  }
   template <typename Make>
   void in_box(int octave, const Footprint& box, const StopToken& stop, const Make& make) const;
+
+  struct Cell {
+    int octave, row, column;
+    friend bool operator==(const Cell&, const Cell&) = default;
+  };
+  // Calls visit(cell) for the cells that touch a cap; make(draws, centre, diameter_m) for each member of a cell.
+  template <typename Visit>
+  void cells_near(int octave, const Vec3& direction, double angle_rad, const StopToken& stop, const Visit& visit) const;
+  template <typename Make>
+  void within(const Cell& cell, const Make& make) const {
+    draw(cells_of(cell.octave), cell.row, cell.column, make);
+  }
 
  private:
   struct Cells {
@@ -105,9 +117,9 @@ class SizeCells {
   Cells cells_of(int octave) const;
   template <typename Make>
   void draw(const Cells& cells, int row, int column, const Make& make) const;
-  // Columns count on around the Moon; each cell is drawn once.
-  template <typename Make>
-  void draw_row(const Cells& cells, int row, int first, int last, const StopToken& stop, const Make& make) const;
+  // Columns count on around the Moon; each cell is visited once.
+  template <typename Visit>
+  static void visit_row(const Cells& cells, int row, int first, int last, const StopToken& stop, const Visit& visit);
 
   std::uint64_t seed_;
   SizeFrequency frequency_;
@@ -130,19 +142,19 @@ void SizeCells::draw(const Cells& cells, int row, int column, const Make& make) 
   }
 }
 
-template <typename Make>
-void SizeCells::draw_row(const Cells& cells, int row, int first, int last, const StopToken& stop,
-                         const Make& make) const {
+template <typename Visit>
+void SizeCells::visit_row(const Cells& cells, int row, int first, int last, const StopToken& stop, const Visit& visit) {
   constexpr int kCellsPerLook = 64;  // cells per check of the clock, which takes a tenth of a cell's time
   const int columns = cells.columns(row), most = std::min(last - first + 1, columns);
   for (int i = 0; i < most; ++i) {
     if (i % kCellsPerLook == 0) stop.check();
-    draw(cells, row, ((first + i) % columns + columns) % columns, make);
+    visit(((first + i) % columns + columns) % columns);
   }
 }
 
-template <typename Make>
-void SizeCells::near(int octave, const Vec3& direction, double angle, const StopToken& stop, const Make& make) const {
+template <typename Visit>
+void SizeCells::cells_near(int octave, const Vec3& direction, double angle, const StopToken& stop,
+                           const Visit& visit) const {
   using std::numbers::pi;
   const Cells cells = cells_of(octave);
   if (!(cells.per_m2 > 0)) return;
@@ -155,7 +167,7 @@ void SizeCells::near(int octave, const Vec3& direction, double angle, const Stop
     const double half = away >= pi / 2 ? pi : std::asin(std::min(1.0, std::sin(angle) / std::cos(latitude)));
     const double place = (longitude + pi) / (2 * pi) * columns, reach = half / (2 * pi) * columns;
     const auto first = static_cast<int>(std::floor(place - reach)), last = static_cast<int>(std::floor(place + reach));
-    draw_row(cells, row, first, last, stop, make);
+    visit_row(cells, row, first, last, stop, [&](int column) { visit(Cell{octave, row, column}); });
   }
 }
 
@@ -169,7 +181,8 @@ void SizeCells::in_box(int octave, const Footprint& box, const StopToken& stop, 
     const auto column_at = [&](double lon_deg) {
       return static_cast<int>(std::floor((lon_deg + 180) / 360 * columns));
     };
-    draw_row(cells, row, column_at(box.west_deg), column_at(box.east_deg), stop, make);
+    visit_row(cells, row, column_at(box.west_deg), column_at(box.east_deg), stop,
+              [&](int column) { draw(cells, row, column, make); });
   }
 }
 

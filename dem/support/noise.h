@@ -17,12 +17,14 @@ inline constexpr std::uint64_t split_mix(std::uint64_t state) {
 }
 
 // Hash of a lattice point; cheap, since only the top bits are used.
+inline constexpr std::uint32_t kLatticeX = 0x8DA6B343u, kLatticeY = 0xD8163841u, kLatticeZ = 0xCB1AB31Fu,
+                               kLatticeFirst = 0x2C1B3C6Du, kLatticeThen = 0x297A2D39u;
 SELENOGRAPH_INTO_LANES inline std::uint32_t lattice_hash(std::int32_t x, std::int32_t y, std::int32_t z,
                                                          std::uint32_t seed) {
-  std::uint32_t h = seed ^ (static_cast<std::uint32_t>(x) * 0x8DA6B343u) ^
-                    (static_cast<std::uint32_t>(y) * 0xD8163841u) ^ (static_cast<std::uint32_t>(z) * 0xCB1AB31Fu);
-  h = (h ^ (h >> 15)) * 0x2C1B3C6Du;
-  h = (h ^ (h >> 12)) * 0x297A2D39u;
+  std::uint32_t h = seed ^ (static_cast<std::uint32_t>(x) * kLatticeX) ^ (static_cast<std::uint32_t>(y) * kLatticeY) ^
+                    (static_cast<std::uint32_t>(z) * kLatticeZ);
+  h = (h ^ (h >> 15)) * kLatticeFirst;
+  h = (h ^ (h >> 12)) * kLatticeThen;
   return h ^ (h >> 15);
 }
 

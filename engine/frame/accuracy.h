@@ -18,8 +18,8 @@ struct Accuracy {
   // Target for what is left out of terrain with detail, or max_error_px if that is larger: diameters and wavelengths
   // from kSmallestShown times as many pixels on are shown, foreshortened as the mean over all directions. What is
   // smaller moves few points by so many pixels and changes the contrast little. Where a frame would have more than
-  // kDetailTrianglesPerPixel triangles of detail per pixel, the shadow target is relaxed; where that can't do, this one
-  // is.
+  // kDetailTrianglesPerPixel triangles of detail per pixel, the shadow target is relaxed; where that can't do, or the
+  // view alone has four fifths as many, this one is.
   double max_detail_error_px = kDefaultDetailError_px;
   static constexpr double kDefaultDetailError_px = 4;
   static constexpr double kSmallestShown = 1.25;

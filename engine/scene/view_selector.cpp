@@ -38,6 +38,7 @@ ViewSelector::ViewSelector(const dem::Terrain& terrain, std::span<const ViewBund
   most_of_detail_ = static_cast<std::size_t>(std::clamp(
       pixels * Accuracy::kDetailTrianglesPerPixel / static_cast<double>(dem::triangles_of_block(dem::kMaxLevel)),
       kFewest, kMost));
+  most_in_view_ = most_of_detail_ / 5 * 4;
 }
 
 Selection ViewSelector::select(const Sun* sun) {
@@ -137,7 +138,7 @@ void ViewSelector::see_detail() {
     bool refine = false;
   };
   in_waves(
-      std::exchange(of_detail_in_view_, {}),
+      std::exchange(of_detail_in_view_, {}), most_in_view_,
       [&](const BlockId& id) {
         Judged judged{looked_at(id)};
         judged.refine =

@@ -86,17 +86,18 @@ class ViewSelector {
   void want_detail(const BlockId& child, const dem::NodeInfo& parent, std::vector<BlockId>& wanted);
 
   // Processes blocks with detail, which are made on first access, a millisecond each, by all threads. The work is done
-  // in waves of pieces, so that too much detail is noticed before it is made; the result depends on the blocks only,
-  // not on the threads. judge(id) is called by any thread; take(id, judged, next wave) by one at a time.
+  // in waves of pieces, so that too much detail (more blocks than `most`) is noticed before it is made; the result
+  // depends on the blocks only, not on the threads. judge(id) is called by any thread; take(id, judged, next wave) by
+  // one at a time.
   template <typename Judge, typename Take>
-  void in_waves(std::vector<BlockId> wave, const Judge& judge, const Take& take) {
+  void in_waves(std::vector<BlockId> wave, std::size_t most, const Judge& judge, const Take& take) {
     constexpr std::size_t kPiece = 256;
     while (!wave.empty()) {
       std::vector<BlockId> next;
       for (std::size_t first = 0; first < wave.size(); first += kPiece) {
         const std::size_t wanted = wave.size() - first + next.size();
         check(chosen_.size() + seen_.size() + wanted, stop_);
-        if (most_of_detail_ != kAny && of_detail_ + wanted > most_of_detail_) throw TooMuchDetail();
+        if (most != kAny && of_detail_ + wanted > most) throw TooMuchDetail();
         std::vector<std::invoke_result_t<Judge, const BlockId&>> judged(std::min(kPiece, wave.size() - first));
         in_parallel(judged.size(), [&](std::size_t i) {
           stop_.check();
@@ -227,7 +228,8 @@ class ViewSelector {
   const StopToken& stop_;
   const std::vector<Ball>& receivers_;
   static constexpr std::size_t kAny = std::numeric_limits<std::size_t>::max();
-  std::size_t most_of_detail_ = kAny, of_detail_ = 0;  // blocks finer than the posts
+  // Blocks finer than the posts; those in view leave some for casters.
+  std::size_t most_of_detail_ = kAny, most_in_view_ = kAny, of_detail_ = 0;
   Chosen chosen_;
   int coarsest_ = 0;  // level of those chosen, before any is split
   std::vector<Seen> seen_;

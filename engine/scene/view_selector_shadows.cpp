@@ -90,7 +90,7 @@ void ViewSelector::sharpen_detail(const LightTree& receivers) {
     Blur blur{};
   };
   in_waves(
-      std::exchange(of_detail_in_view_, {}),
+      std::exchange(of_detail_in_view_, {}), most_of_detail_,
       [&](const BlockId& id) {
         Judged judged{looked_at(id)};
         if (const auto& seen = judged.looked.seen; seen && !judged.looked.too_coarse)
@@ -141,7 +141,7 @@ void ViewSelector::want_caster(const BlockId& child, const dem::NodeInfo& parent
 
 void ViewSelector::cast_detail(std::vector<BlockId> wave, const LightTree& receivers) {
   in_waves(
-      std::move(wave), [&](const BlockId& id) { return caster(id, receivers); },
+      std::move(wave), most_of_detail_, [&](const BlockId& id) { return caster(id, receivers); },
       [&](const BlockId& id, const Caster& judged, std::vector<BlockId>& next) {
         if (!take_caster(id, judged)) return;
         for (const BlockId& child : dem::children_of(id)) want_caster(child, judged.info, receivers, next);
