@@ -34,7 +34,7 @@ double weighted(double weight, double value) { return weight == 0 ? 0 : weight *
 BlockId key_of(int number, int kind, const BlockId& id) {
   constexpr int kManyLevels = 32;
   static_assert(kMaxLevel < kManyLevels);
-  constexpr int kKinds = 3;
+  constexpr int kKinds = 4;
   return {kManyLevels * (kKinds * number + kind) + id.level, id.row, id.col};
 }
 
@@ -351,11 +351,6 @@ std::optional<HeightRange> DetailedTerrain::heights_without_building(const Block
   return range;
 }
 
-struct DetailedTerrain::Beneath {
-  HeightRange heights;
-  double beyond_m;
-};
-
 // Every third level of detail is made: of those in between the heights follow from a coarser level's, of the first ones
 // from the posts.
 std::optional<NodeInfo> DetailedTerrain::outline(const BlockId& id, const StopToken& stop) const {
@@ -367,21 +362,19 @@ std::optional<NodeInfo> DetailedTerrain::outline(const BlockId& id, const StopTo
   if (layers->size() > 1 || finer <= 0) return std::nullopt;
   const int past = finer - kOfPosts - 1;  // the first level that is made, and those after it
   if (past >= 0 && past % kApart == 0) return std::nullopt;
-  const auto beneath = past < 0 ? posts_under(id, layer, stop) : block_under(id, id.level - past % kApart, stop);
-  if (!beneath) return std::nullopt;
-  const auto beyond = static_cast<float>(beneath->beyond_m);
-  NodeInfo info{detail_->left_out_m(id.level, layer.detail_level),
-                beneath->heights.low - beyond,
-                beneath->heights.high + beyond,
-                false,
-                {}};
+  std::optional<HeightRange> heights;
+  if (past >= 0)
+    heights = heights_within(id, id.level - past % kApart, stop);
+  else if (const auto known = kept(Kind::outline, id, stop, [&] { return outline_of_posts(id, layer, stop); }))
+    heights = {known->min_m, known->max_m};
+  if (!heights) return std::nullopt;
+  NodeInfo info{detail_->left_out_m(id.level, layer.detail_level), heights->low, heights->high, false, {}};
   info.detail_error_m = info.error_m, info.left_out_size_m = left_out_size_m(id);
   return info;
 }
 
-std::optional<DetailedTerrain::Beneath> DetailedTerrain::posts_under(const BlockId& id,
-                                                                     const LayeredPosts::Layer& layer,
-                                                                     const StopToken& stop) const {
+std::shared_ptr<const Block> DetailedTerrain::outline_of_posts(const BlockId& id, const LayeredPosts::Layer& layer,
+                                                               const StopToken& stop) const {
   const BlockExtent e = extent_of(id), of_posts = extent_of(ancestor_of(id, layer.level));
   PostsAround posts(*this, layer.level, PostsAround::Posts::of_layer, stop);
   HeightRange range{kHighestRelief_m, kLowestRelief_m};
@@ -392,29 +385,32 @@ std::optional<DetailedTerrain::Beneath> DetailedTerrain::posts_under(const Block
     for (std::int64_t lon = first(e.lon0, of_posts.lon_step); lon <= e.lon1() + 2 * of_posts.lon_step;
          lon += of_posts.lon_step) {
       const auto height_m = static_cast<float>(posts.along_row(lat, lon));
-      if (std::isnan(height_m)) return std::nullopt;
+      if (std::isnan(height_m)) return nullptr;
       range.low = std::min(range.low, height_m), range.high = std::max(range.high, height_m);
     }
   // Catmull-Rom's overshoot is 0.28 of the range; beside posts twice as far apart there is some along the row, too.
-  constexpr double kOvershoot = 0.6;
-  return Beneath{
-      range, kOvershoot * static_cast<double>(range.high - range.low) + detail_->beyond_posts_m(layer.detail_level)};
+  constexpr float kOvershoot = 0.6F;
+  const float beyond =
+      kOvershoot * (range.high - range.low) + static_cast<float>(detail_->beyond_posts_m(layer.detail_level));
+  auto outline = std::make_shared<Block>();
+  outline->id = id, outline->min_m = range.low - beyond, outline->max_m = range.high + beyond;
+  return outline;
 }
 
-std::optional<DetailedTerrain::Beneath> DetailedTerrain::block_under(const BlockId& id, int level,
-                                                                     const StopToken& stop) const {
-  const auto under = block(ancestor_of(id, level), stop);
-  if (!under) return std::nullopt;
-  const BlockExtent e = extent_of(id), &of = under->extent;
+std::optional<HeightRange> DetailedTerrain::heights_within(const BlockId& id, int level, const StopToken& stop) const {
+  const auto coarser = block(ancestor_of(id, level), stop);
+  if (!coarser) return std::nullopt;
+  const BlockExtent e = extent_of(id), &of = coarser->extent;
   HeightRange range{kHighestRelief_m, kLowestRelief_m};
-  const auto whole = [](std::int32_t length, std::int32_t step) { return (length + step - 1) / step; };
-  for (int r = (e.lat0 - of.lat0) / of.lat_step; r <= whole(e.lat1() - of.lat0, of.lat_step); ++r)
-    for (int c = (e.lon0 - of.lon0) / of.lon_step; c <= whole(e.lon1() - of.lon0, of.lon_step); ++c) {
-      const float height_m = under->vertices[under->index(r, c)].height_m;
+  const auto past = [](std::int32_t length, std::int32_t step) { return (length + step - 1) / step; };
+  for (int r = (e.lat0 - of.lat0) / of.lat_step; r <= past(e.lat1() - of.lat0, of.lat_step); ++r)
+    for (int c = (e.lon0 - of.lon0) / of.lon_step; c <= past(e.lon1() - of.lon0, of.lon_step); ++c) {
+      const float height_m = coarser->vertices[coarser->index(r, c)].height_m;
       if (std::isnan(height_m)) return std::nullopt;
       range.low = std::min(range.low, height_m), range.high = std::max(range.high, height_m);
     }
-  return Beneath{range, under->error_m};
+  const auto beyond = static_cast<float>(coarser->error_m);
+  return HeightRange{range.low - beyond, range.high + beyond};
 }
 
 std::shared_ptr<const Block> DetailedTerrain::block(const BlockId& id, const StopToken& stop) const {

@@ -84,11 +84,12 @@ class DetailedTerrain final : public Terrain {
   // Means of the detail over the cells of such places in a quarter and of so many around it, row by row.
   std::vector<double> cell_means(const Quarter& quarter, int around, const StopToken& stop) const;
   std::shared_ptr<Block> make_taken(const Quarter& quarter, const StopToken& stop) const;
-  // Range of heights that a block of detail is made from, and by how much what is finer goes beyond it. Empty at voids.
-  struct Beneath;
-  std::optional<Beneath> posts_under(const BlockId& id, const LayeredPosts::Layer& layer, const StopToken& stop) const;
-  std::optional<Beneath> block_under(const BlockId& id, int level, const StopToken& stop) const;
-  enum class Kind { made, taken, beneath };
+  // Heights are bounds alone; null where there are voids.
+  std::shared_ptr<const Block> outline_of_posts(const BlockId& id, const LayeredPosts::Layer& layer,
+                                                const StopToken& stop) const;
+  // From a block of a coarser level.
+  std::optional<HeightRange> heights_within(const BlockId& id, int level, const StopToken& stop) const;
+  enum class Kind { made, taken, beneath, outline };
   template <typename Make>
   std::shared_ptr<const Block> kept(Kind kind, const BlockId& id, const StopToken& stop, const Make& make) const;
 
