@@ -295,6 +295,7 @@ void check_map(const JsonReader& in, MapQuery& query, const ReadContext& context
   const auto grid = grid_of(in.at("map"), query.area, context.limits);
   if (!grid) return;
   query.request.grid = *grid;
+  if (!in.good()) return;  // of a footprint that is refused, what it needs around the map may be the Moon
   try {
     if (engine::wants_footprint(query.request)) engine::drawn_for(query.request);
   } catch (const ImpossibleRequest& e) {

@@ -123,12 +123,18 @@ class Noise {
         kFirstMinus[16]{0, M, 0, M, 0, M, 0, M, 0, M, 0, M, 0, M, M, M},
         kSecondMinus[16]{0, 0, M, M, 0, 0, M, M, 0, 0, M, M, 0, 0, 0, M};
     const Bits number = hn::And(hn::ShiftRight<4>(h), hn::Set(U32(), 0x0F000000U));
-    const auto bits = [&](const std::uint8_t* table) HWY_ATTR {
+    const auto looked_up = [&](const std::uint8_t* table) HWY_ATTR {
       const hn::Repartition<std::uint8_t, F32> bytes;
-      return hn::BitCast(f32, hn::TableLookupBytes(hn::LoadDup128(bytes, table), hn::BitCast(bytes, number)));
+      return hn::TableLookupBytes(hn::LoadDup128(bytes, table), hn::BitCast(bytes, number));
     };
-    return hn::Add(hn::Xor(hn::IfNegativeThenElse(bits(kFirst), y, x), bits(kFirstMinus)),
-                   hn::Xor(hn::IfNegativeThenElse(bits(kSecond), z, y), bits(kSecondMinus)));
+    // IfNegativeThenElse takes more than the sign with SSSE3 (Highway 1.0.3).
+    const auto chosen = [&](const std::uint8_t* table, Floats yes, Floats no) HWY_ATTR {
+      const auto negative = hn::Lt(hn::BitCast(I32(), looked_up(table)), hn::Zero(I32()));
+      return hn::IfThenElse(hn::RebindMask(f32, negative), yes, no);
+    };
+    const auto minus = [&](const std::uint8_t* table) HWY_ATTR { return hn::BitCast(f32, looked_up(table)); };
+    return hn::Add(hn::Xor(chosen(kFirst, y, x), minus(kFirstMinus)),
+                   hn::Xor(chosen(kSecond, z, y), minus(kSecondMinus)));
   }
   static constexpr std::uint8_t M = 0x80;
 

@@ -6,6 +6,7 @@
 #include <limits>
 #include <map>
 #include <numbers>
+#include <numeric>
 #include <set>
 #include <utility>
 
@@ -204,10 +205,35 @@ std::vector<std::shared_ptr<const ObjectMesh>> meshes(std::size_t count, const M
 // Whatever it is narrowed by along y, and stretched along z, its largest horizontal extent stays that one.
 using Places = Eigen::Matrix3Xd;
 
+// The corners of the convex hull as seen from above, and those on its sides: the farthest in any horizontal direction
+// is one of them.
+Eigen::MatrixX3d seen_around(const Eigen::MatrixX3d& places) {
+  std::vector<Eigen::Index> by_x(static_cast<std::size_t>(places.rows())), kept;
+  std::iota(by_x.begin(), by_x.end(), Eigen::Index{0});
+  std::sort(by_x.begin(), by_x.end(), [&](Eigen::Index a, Eigen::Index b) {
+    return std::pair(places(a, 0), places(a, 1)) < std::pair(places(b, 0), places(b, 1));
+  });
+  // Andrew's monotone chain, there and back.
+  for (int side = 0; side < 2; ++side, std::reverse(by_x.begin(), by_x.end())) {
+    const std::size_t first = kept.size();
+    for (const Eigen::Index next : by_x) {
+      const auto turns_in = [&] {
+        const Eigen::RowVector3d from = places.row(kept[kept.size() - 2]), a = places.row(kept.back()) - from,
+                                 b = places.row(next) - from;
+        return a.x() * b.y() - a.y() * b.x() < 0;
+      };
+      while (kept.size() >= first + 2 && turns_in()) kept.pop_back();
+      kept.push_back(next);
+    }
+  }
+  std::sort(kept.begin(), kept.end());
+  return places(kept, Eigen::all);
+}
+
 Eigen::Affine3d lying(const Places& shape, const Eigen::Matrix3d& turned) {
-  const Eigen::MatrixX3d places = (turned * shape).transpose();  // so that products are vector loops
+  const Eigen::MatrixX3d all = (turned * shape).transpose(), around = seen_around(all);
   // Forward and back.
-  const auto farthest = [&](const Vec3& along) -> std::pair<Vec3, Vec3> {
+  const auto farthest = [](const Eigen::MatrixX3d& places, const Vec3& along) -> std::pair<Vec3, Vec3> {
     const Eigen::VectorXd reach = places * along;
     Eigen::Index ahead = 0, behind = 0;
     reach.maxCoeff(&ahead), reach.minCoeff(&behind);
@@ -219,14 +245,14 @@ Eigen::Affine3d lying(const Places& shape, const Eigen::Matrix3d& turned) {
   for (int i = 0; i < kDirections; ++i) {
     Vec3 along(std::cos(pi * i / kDirections), std::sin(pi * i / kDirections), 0);
     for (double before = 0;;) {
-      const auto [a, b] = farthest(along);
+      const auto [a, b] = farthest(around, along);
       const Vec3 chord(a.x() - b.x(), a.y() - b.y(), 0);
       if (chord.norm() > across.norm()) across = chord, middle = (a + b) / 2;
       if (chord.norm() <= before) break;
       before = chord.norm(), along = chord / before;
     }
   }
-  const auto [top, bottom] = farthest(Vec3::UnitZ());
+  const auto [top, bottom] = farthest(all, Vec3::UnitZ());
   const double low = bottom.z(), high = top.z(), wide = across.norm();
   Eigen::Affine3d out = Eigen::Affine3d::Identity();
   out.linear() = Vec3(1 / wide, 1 / wide, 1 / (high - low)).asDiagonal() *
