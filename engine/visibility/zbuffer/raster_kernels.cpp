@@ -1,8 +1,10 @@
 #include "engine/visibility/zbuffer/raster_kernels.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "dem/support/vector_targets.h"
 
@@ -12,6 +14,32 @@
 #include <hwy/highway.h>
 
 #include "engine/visibility/zbuffer/to_front.h"
+
+#ifndef SELENOGRAPH_HOMOGENEOUS_TRIANGLE
+#define SELENOGRAPH_HOMOGENEOUS_TRIANGLE
+namespace selenograph::engine {
+// Triangles too large, too near or partly behind the eye for pixels in float: homogeneous edges in double (Olano and
+// Greer, Triangle scan conversion using 2D homogeneous coordinates, 1997), without any clipping. An edge between two
+// vertices inside the guard band is tested in float as whole strips test it, so that both meet bit for bit.
+struct HomogeneousTriangle {
+  // e(x, y) = x . x + y . y + one
+  struct Plane {
+    double x, y, one;
+  };
+  struct Edge {
+    bool in_guard_band;  // both ends
+    bool flip;           // inside is where it is negative
+    float ox, oy, ex, ey;
+    Plane plane;
+  };
+  static constexpr int kMostPixels = 128;
+  Edge edges[3];
+  Plane inverse;                // 1 / depth
+  double near0, near1, offset;  // nearness from it
+  std::uint32_t name;
+};
+}  // namespace selenograph::engine
+#endif
 
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
@@ -529,6 +557,38 @@ void FindLeast(LightBand& band, int c0, int c1, int r0, int r1) {
   }
 }
 
+// ---- triangles with homogeneous edges -----------------------------------------------------------------------------
+
+// Pixels first_x and on of a row, n of them; sx, sy: the samples.
+void DrawHomogeneous(const HomogeneousTriangle& t, const float* HWY_RESTRICT sx, const float* HWY_RESTRICT sy,
+                     std::size_t n, float* HWY_RESTRICT nearness, std::uint32_t* HWY_RESTRICT triangle) {
+  std::int32_t in[HomogeneousTriangle::kMostPixels];
+  std::fill_n(in, n, 1);
+  for (const HomogeneousTriangle::Edge& edge : t.edges) {
+    if (edge.in_guard_band) {
+      const float ox = edge.ox, oy = edge.oy, ex = edge.ex, ey = edge.ey, turn = edge.flip ? -1 : 1;
+      SELENOGRAPH_INDEPENDENT_LANES
+      for (std::size_t i = 0; i < n; ++i) in[i] = turn * (ex * (sy[i] - oy) - ey * (sx[i] - ox)) >= 0 ? in[i] : 0;
+    } else {
+      const double x = edge.plane.x, y = edge.plane.y, one = edge.plane.one, turn = edge.flip ? -1 : 1;
+      SELENOGRAPH_INDEPENDENT_LANES
+      for (std::size_t i = 0; i < n; ++i)
+        in[i] = turn * (x * static_cast<double>(sx[i]) + y * static_cast<double>(sy[i]) + one) >= 0 ? in[i] : 0;
+    }
+  }
+  const double ix = t.inverse.x, iy = t.inverse.y, i1 = t.inverse.one, near0 = t.near0, near1 = t.near1,
+               offset = t.offset;
+  const std::uint32_t name = t.name;
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (std::size_t i = 0; i < n; ++i) {
+    const double inverse = ix * static_cast<double>(sx[i]) + iy * static_cast<double>(sy[i]) + i1;
+    const auto here = static_cast<float>(near0 * inverse - near1 * (1 - offset * inverse));
+    const bool nearer = in[i] != 0 && inverse > 0 && here > nearness[i];
+    nearness[i] = nearer ? here : nearness[i];
+    triangle[i] = nearer ? name : triangle[i];
+  }
+}
+
 }  // namespace selenograph::engine::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
@@ -536,6 +596,7 @@ HWY_AFTER_NAMESPACE();
 namespace selenograph::engine {
 
 HWY_EXPORT(DrawStrip);
+HWY_EXPORT(DrawHomogeneous);
 HWY_EXPORT(CastStrip);
 HWY_EXPORT(CastSkirt);
 HWY_EXPORT(FindLeast);
@@ -549,32 +610,63 @@ void TileBuffer::clear(int width, int height) {
 
 namespace {
 
-// Triangles too large, too near or partly behind the eye for pixels in float: homogeneous edges in double (Olano and
-// Greer, Triangle scan conversion using 2D homogeneous coordinates, 1997), without any clipping. An edge between two
-// vertices inside the guard band is tested in float as whole strips test it, so that both meet bit for bit.
 class HomogeneousDrawer {
+  using Plane = HomogeneousTriangle::Plane;
+  using Edge = HomogeneousTriangle::Edge;
+
  public:
   HomogeneousDrawer(const RasterBlock& block, const TileView& view, TileBuffer& out)
       : block_(block), view_(view), out_(out) {}
 
+  // Two rows of corners at a time: of most rows and triangles no more is looked at than on which sides of the tile they
+  // are.
+  void draw_all(const Strip& strip) {
+    unsigned south_beyond = 0, north_beyond = 0;
+    for (int r = strip.first_row; r <= strip.first_row + strip.rows; ++r) {
+      std::swap(south_, north_);
+      south_beyond = std::exchange(north_beyond, ~0U);
+      for (int c = 0; c <= block_.quads; ++c) {
+        const Corner& here = north_[static_cast<std::size_t>(c)] = corner(r, c);
+        if (!std::isnan(here.z)) north_beyond &= here.beyond;
+      }
+      if (r == strip.first_row || (south_beyond & north_beyond) != 0) continue;
+      for (int c = 0; c < block_.quads; ++c)
+        for (const bool upper : {false, true}) draw({strip.block, r - 1, c, upper});
+    }
+  }
+
+ private:
+  struct Corner {
+    double x, y, z;  // x / z and y / z are pixels
+    float px, py;
+    bool in_guard_band;  // only then px and py are of use
+    unsigned beyond;     // behind the eye, left, right, above, below of the tile: a bit each
+  };
+
   void draw(const TriangleId& id) {
     const dem::QuadVertices q = id.vertices();
+    const auto at = [&](int k) -> const Corner& {
+      return (q.r[k] == id.r() ? south_ : north_)[static_cast<std::size_t>(q.c[k])];
+    };
     // Corners a (or d), b, c as in whole strips.
-    const Corner a = corner(q.r[0], q.c[0]), b = corner(q.r[id.upper() ? 2 : 1], q.c[id.upper() ? 2 : 1]),
-                 c = corner(q.r[id.upper() ? 1 : 2], q.c[id.upper() ? 1 : 2]);
-    if (std::isnan(a.z) || std::isnan(b.z) || std::isnan(c.z)) return;
-    if (outside(a, b, c)) return;
-    const Edge edges[3] = {id.upper() ? edge(c, a) : edge(a, b), id.upper() ? edge(b, a) : edge(a, c), edge(b, c)};
+    const Corner &a = at(0), &b = at(id.upper() ? 2 : 1), &c = at(id.upper() ? 1 : 2);
+    if (a.beyond & b.beyond & c.beyond || std::isnan(a.z) || std::isnan(b.z) || std::isnan(c.z)) return;
     // Twice the volume over the triangle, and the edges' signs inside: as `turn` has them.
     const double volume = a.x * (b.y * c.z - b.z * c.y) - a.y * (b.x * c.z - b.z * c.x) + a.z * (b.x * c.y - b.y * c.x);
     if (volume == 0) return;
     const bool positive = (volume > 0) != id.upper();  // of a, b, c; of d, c, b
-    const bool flip[3] = {id.upper() ? positive : !positive, id.upper() ? !positive : positive,
-                          id.upper() ? positive : !positive};
+    const bool flip = id.upper() == positive;
     // 1 / depth at a pixel: the sum of the three weights.
     const Plane n[3] = {plane(b, c), plane(c, a), plane(a, b)};
-    const double ix = (n[0].x + n[1].x + n[2].x) / volume, iy = (n[0].y + n[1].y + n[2].y) / volume,
-                 i1 = (n[0].one + n[1].one + n[2].one) / volume;
+    const Plane inverse{(n[0].x + n[1].x + n[2].x) / volume, (n[0].y + n[1].y + n[2].y) / volume,
+                        (n[0].one + n[1].one + n[2].one) / volume};
+    const HomogeneousTriangle triangle{{id.upper() ? edge(c, a, flip) : edge(a, b, flip),
+                                        id.upper() ? edge(b, a, !flip) : edge(a, c, !flip), edge(b, c, flip)},
+                                       inverse,
+                                       static_cast<double>(view_.near0),
+                                       static_cast<double>(view_.near1),
+                                       static_cast<double>(view_.offset[2]),
+                                       id.packed()};
     int x0 = 0, x1 = view_.width - 1, y0 = 0, y1 = view_.height - 1;
     if (a.in_guard_band && b.in_guard_band && c.in_guard_band) {
       const auto [aside, above] = view_.slack;
@@ -583,48 +675,24 @@ class HomogeneousDrawer {
       y0 = std::max(y0, static_cast<int>(std::ceil(std::min({a.py, b.py, c.py}) - above)));
       y1 = std::min(y1, static_cast<int>(std::floor(std::max({a.py, b.py, c.py}) + above)));
     }
-    const std::uint32_t name = id.packed();
-    for (int y = y0; y <= y1; ++y)
-      for (int x = x0; x <= x1; ++x) {
-        const std::size_t at =
-            static_cast<std::size_t>(y) * static_cast<std::size_t>(view_.width) + static_cast<std::size_t>(x);
-        const float sx = view_.sample_x ? view_.sample_x[at] : static_cast<float>(x),
-                    sy = view_.sample_y ? view_.sample_y[at] : static_cast<float>(y);
-        bool in = true;
-        for (int k = 0; k < 3 && in; ++k) in = edges[k].positive_or_zero(sx, sy, flip[k]);
-        if (!in) continue;
-        const double inverse = ix * static_cast<double>(sx) + iy * static_cast<double>(sy) + i1;
-        if (!(inverse > 0)) continue;
-        const auto nearness =
-            static_cast<float>(static_cast<double>(view_.near0) * inverse -
-                               static_cast<double>(view_.near1) * (1 - static_cast<double>(view_.offset[2]) * inverse));
-        if (nearness > out_.nearness[at]) out_.nearness[at] = nearness, out_.triangle[at] = name;
-      }
+    for (int y = y0; y <= y1; ++y) draw_row(triangle, x0, x1, y);
   }
 
- private:
-  struct Corner {
-    double x, y, z;  // x / z and y / z are pixels
-    float px, py;
-    bool in_guard_band;  // only then px and py are of use
-  };
-  // e(x, y) = x . x + y . y + one
-  struct Plane {
-    double x, y, one;
-  };
-  struct Edge {
-    bool in_guard_band;  // both ends
-    float ox, oy, ex, ey;
-    Plane plane;
-    bool positive_or_zero(float x, float y, bool flip) const {
-      if (in_guard_band) {
-        const float e = ex * (y - oy) - ey * (x - ox);
-        return flip ? e <= 0 : e >= 0;
-      }
-      const double e = plane.x * static_cast<double>(x) + plane.y * static_cast<double>(y) + plane.one;
-      return flip ? e <= 0 : e >= 0;
+  void draw_row(const HomogeneousTriangle& triangle, int x0, int x1, int y) {
+    constexpr int kMost = HomogeneousTriangle::kMostPixels;
+    for (int x = x0; x <= x1; x += kMost) {
+      const auto n = static_cast<std::size_t>(std::min(kMost, x1 + 1 - x));
+      const std::size_t at =
+          static_cast<std::size_t>(y) * static_cast<std::size_t>(view_.width) + static_cast<std::size_t>(x);
+      float sx[kMost], sy[kMost];
+      if (!view_.sample_x)
+        for (std::size_t i = 0; i < n; ++i)
+          sx[i] = static_cast<float>(x + static_cast<int>(i)), sy[i] = static_cast<float>(y);
+      HWY_DYNAMIC_DISPATCH(DrawHomogeneous)
+      (triangle, view_.sample_x ? view_.sample_x + at : sx, view_.sample_y ? view_.sample_y + at : sy, n,
+       out_.nearness.data() + at, out_.triangle.data() + at);
     }
-  };
+  }
 
   Corner corner(int r, int c) const {
     const std::size_t at =
@@ -638,6 +706,10 @@ class HomogeneousDrawer {
     out.x = static_cast<double>(h[0]), out.y = static_cast<double>(h[1]), out.z = static_cast<double>(h[2]);
     out.px = h[0] * inverse, out.py = h[1] * inverse;
     out.in_guard_band = engine::in_guard_band(h[2], out.px, out.py, view_.least_depth);
+    const double aside = static_cast<double>(view_.slack[0]), above = static_cast<double>(view_.slack[1]);
+    const bool beyond[]{out.z <= 0, out.x<-(1 + aside) * out.z, out.x>(view_.width + aside) * out.z,
+                        out.y<-(1 + above) * out.z, out.y>(view_.height + above) * out.z};
+    for (unsigned k = 0; k < std::size(beyond); ++k) out.beyond |= unsigned{beyond[k]} << k;
     return out;
   }
 
@@ -645,29 +717,18 @@ class HomogeneousDrawer {
     return {p.y * q.z - p.z * q.y, p.z * q.x - p.x * q.z, p.x * q.y - p.y * q.x};
   }
 
-  static Edge edge(const Corner& p, const Corner& q) {
+  static Edge edge(const Corner& p, const Corner& q, bool flip) {
     Edge e{};
-    e.in_guard_band = p.in_guard_band && q.in_guard_band;
+    e.in_guard_band = p.in_guard_band && q.in_guard_band, e.flip = flip;
     e.ox = p.px, e.oy = p.py, e.ex = q.px - p.px, e.ey = q.py - p.py;
     e.plane = plane(p, q);
     return e;
   }
 
-  // Beyond one side of the tile with all corners?
-  bool outside(const Corner& a, const Corner& b, const Corner& c) const {
-    const auto all_of = [&](auto&& beyond) { return beyond(a) && beyond(b) && beyond(c); };
-    const double aside = static_cast<double>(view_.slack[0]), above = static_cast<double>(view_.slack[1]);
-    const double w = view_.width + aside, h = view_.height + above;
-    return all_of([](const Corner& p) { return p.z <= 0; }) ||
-           all_of([&](const Corner& p) { return p.x < -(1 + aside) * p.z; }) ||
-           all_of([&](const Corner& p) { return p.x > w * p.z; }) ||
-           all_of([&](const Corner& p) { return p.y < -(1 + above) * p.z; }) ||
-           all_of([&](const Corner& p) { return p.y > h * p.z; });
-  }
-
   const RasterBlock& block_;
   const TileView& view_;
   TileBuffer& out_;
+  std::array<Corner, 65> south_, north_;  // as many quads as TriangleId tells apart
 };
 
 }  // namespace
@@ -678,10 +739,7 @@ void draw_strip(const RasterBlock& block, const Strip& strip, const TileView& vi
     HWY_DYNAMIC_DISPATCH(DrawStrip)(block, strip, view, out);
     return;
   }
-  HomogeneousDrawer drawer(block, view, out);
-  for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r)
-    for (int c = 0; c < block.quads; ++c)
-      for (const bool upper : {false, true}) drawer.draw({strip.block, r, c, upper});
+  HomogeneousDrawer(block, view, out).draw_all(strip);
 }
 
 void cast_strip(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBand& band) {
