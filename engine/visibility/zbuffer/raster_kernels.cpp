@@ -132,14 +132,18 @@ HWY_INLINE void store(const Triangles& t, float* out, std::size_t lanes) {
   hn::StoreU(t.px, f, out + 12 * lanes), hn::StoreU(t.py, f, out + 13 * lanes), hn::StoreU(t.p, f, out + 14 * lanes);
   hn::StoreU(t.gx, f, out + 15 * lanes), hn::StoreU(t.gy, f, out + 16 * lanes);
 }
-HWY_INLINE Triangles broadcast(const float* in, std::size_t lanes, std::size_t lane) {
-  Triangles t;
-  const auto at = [&](int k) { return all(in[static_cast<std::size_t>(k) * lanes + lane]); };
-  for (int k = 0; k < 3; ++k)
-    t.ox[k] = at(4 * k), t.oy[k] = at(4 * k + 1), t.ex[k] = at(4 * k + 2), t.ey[k] = at(4 * k + 3);
-  t.px = at(12), t.py = at(13), t.p = at(14), t.gx = at(15), t.gy = at(16);
-  return t;
-}
+struct Stored {
+  const float* in;
+  std::size_t lanes, lane;
+  HWY_INLINE VF at(int k) const { return all(in[static_cast<std::size_t>(k) * lanes + lane]); }
+  HWY_INLINE void edges(Triangles& t) const {
+    for (int k = 0; k < 3; ++k)
+      t.ox[k] = at(4 * k), t.oy[k] = at(4 * k + 1), t.ex[k] = at(4 * k + 2), t.ey[k] = at(4 * k + 3);
+  }
+  HWY_INLINE void plane(Triangles& t) const {
+    t.px = at(12), t.py = at(13), t.p = at(14), t.gx = at(15), t.gy = at(16);
+  }
+};
 
 // ---- the view ------------------------------------------------------------------------------------------------------
 
@@ -185,8 +189,10 @@ HWY_INLINE MF precede(VI id, VI drawn) {
 }
 
 // A large triangle: its box row by row.
-HWY_NOINLINE void fill(const Triangles& t, int x0, int x1, int y0, int y1, std::uint32_t id, const TileView& view,
+HWY_NOINLINE void fill(const Stored& one, int x0, int x1, int y0, int y1, std::uint32_t id, const TileView& view,
                        TileBuffer& out) {
+  Triangles t;
+  one.edges(t), one.plane(t);
   const int width = view.width;
   const int lanes = static_cast<int>(hn::Lanes(f));
   const VF ramp = hn::Iota(f, 0.F);
@@ -281,8 +287,8 @@ HWY_NOINLINE void draw(const VF* x, const VF* y, const VF* w, VI ids, MF valid, 
     hn::Store(hn::IfThenElse(hn::RebindMask(i32, large), hn::Set(i32, 1), hn::Zero(i32)), i32, mask);
     for (std::size_t k = 0; k < lanes; ++k)
       if (mask[k])
-        fill(broadcast(stored, lanes, k), static_cast<int>(box[0][k]), static_cast<int>(box[1][k]),
-             static_cast<int>(box[2][k]), static_cast<int>(box[3][k]), static_cast<std::uint32_t>(id[k]), view, out);
+        fill({stored, lanes, k}, static_cast<int>(box[0][k]), static_cast<int>(box[1][k]), static_cast<int>(box[2][k]),
+             static_cast<int>(box[3][k]), static_cast<std::uint32_t>(id[k]), view, out);
     active = hn::AndNot(large, active);
   }
   if (view.sample_x)
@@ -428,7 +434,9 @@ HWY_INLINE VI cells(VF x, float first, float per_metre, int last) {
 }
 
 // The samples under one triangle.
-HWY_INLINE void shade(const Triangles& t, int c0, int c1, int r0, int r1, LightBand& band) {
+HWY_INLINE void shade(const Stored& one, int c0, int c1, int r0, int r1, LightBand& band) {
+  Triangles t;
+  one.edges(t);
   const std::size_t lanes = hn::Lanes(f);
   const VF dark = all(std::numeric_limits<float>::infinity());
   for (int r = r0; r <= r1; ++r) {
@@ -436,10 +444,11 @@ HWY_INLINE void shade(const Triangles& t, int c0, int c1, int r0, int r1, LightB
     const std::size_t first = band.start[row + static_cast<std::size_t>(c0)],
                       past_last = band.start[row + static_cast<std::size_t>(c1) + 1];
     for (std::size_t k = first; k < past_last; k += lanes) {
-      const VF u = hn::LoadU(f, band.u.data() + k), v = hn::LoadU(f, band.v.data() + k),
-               d = hn::LoadU(f, band.d.data() + k);
-      const MF m = hn::And(inside(t, u, v), hn::Gt(value(t, u, v), d));
-      if (hn::AllFalse(f, m)) continue;
+      const VF u = hn::LoadU(f, band.u.data() + k), v = hn::LoadU(f, band.v.data() + k);
+      MF m = inside(t, u, v);
+      if (hn::AllFalse(f, m)) continue;  // nine of ten, where triangles are smaller than pixels
+      one.plane(t);
+      m = hn::And(m, hn::Gt(value(t, u, v), hn::LoadU(f, band.d.data() + k)));
       hn::BlendedStore(dark, m, f, band.d.data() + k);
     }
   }
@@ -478,7 +487,7 @@ HWY_NOINLINE void cast(const VF* u, const VF* v, const VF* d, MF active, LightBa
   for (std::size_t k = 0; k < lanes; ++k) {
     if (!mask[k]) continue;
     if (band.any_below(c0[k], c1[k], r0[k], r1[k], highest[k]))
-      shade(broadcast(stored, lanes, k), c0[k], c1[k], r0[k], r1[k], band);
+      shade({stored, lanes, k}, c0[k], c1[k], r0[k], r1[k], band);
   }
 }
 
