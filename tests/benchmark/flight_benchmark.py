@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The flight table: what a camera in flight waits for on tiles of real size, against one that hovers.
 
-    SELENOGRAPH_BINARY=build/selenograph tests/benchmark/flight_benchmark.py TILES [--rows ROW,ROW...] [--frames N] [--detail NAME]
+    SELENOGRAPH_BINARY=build/selenograph tests/benchmark/flight_benchmark.py TILES [--rows ROW,ROW...] [--frames N] [--detail NAME] [--rate HZ]
 
 TILES is what `build/selenograph_real_size_tiles COARSE_FOLDER TILES` makes. Each frame is 1024 x 1024 pixels of
 `radiance` as octet-stream over one kept connection, Sun at 15 degrees; times are the client's, from the request to the
@@ -12,13 +12,14 @@ last byte.
              aren't on the lattice are interpolated to more posts
     disk     bytes of the cache folder after ingest, over those of the .img files
     hover    one pose again and again, turned by 0.001 degrees a frame; restart: first frames of new services, warm disk
-    orbit    15 km high, 160 m a frame at 10 Hz, over its hovering
-    descent  from 100 km to 100 m above the ground at 10 Hz, over 5 repetitions of each pose
+    orbit    15 km high, 160 m a frame at HZ, over its hovering
+    descent  from 100 km to 100 m above the ground at HZ, over 5 repetitions of each pose
     memory   resident memory while frames at full speed cross all tiles, --cache-mb 256 --scene-mb 256
 
-A restart and a flight begin with the tiles and the cache folder read once, hovering at its first pose; nothing else is in the service's memory, which `--pretouch`
-has had from the system. N replaces the 300 frames of a flight, the 3000 of `memory` and, where it is less, the 60 of
-hovering: it is a trial then. NAME is a detail of deploy/assets, for all frames.
+A restart and a flight begin with the tiles and the cache folder read once, hovering at its first pose; nothing else is
+in the service's memory, which `--pretouch` has had from the system. N replaces the 300 frames of a flight, the 3000 of
+`memory` and, where it is less, the 60 of hovering: it is a trial then. NAME is a detail of deploy/assets, for all
+frames. HZ is 10; a machine on which a frame takes longer has time between frames at a lower rate.
 """
 
 import argparse
@@ -48,7 +49,7 @@ LOW_M, HIGH_M, LANDED_M = 15000.0, 100000.0, 100.0
 STEP_M, MEMORY_STEP_M = 160.0, 640.0
 TRACK_AZIMUTH_DEG = 30.0
 BORDER_DEG = 0.45  # half a diagonal of the view from LOW_M: the track keeps away so far from the border
-PERIOD_S = 0.1
+RATE_HZ = 10.0
 FLIGHT_FRAMES, HOVER_FRAMES, MEMORY_FRAMES = 300, 60, 3000
 AHEAD = 16
 BUDGET_MB = 256
@@ -181,12 +182,12 @@ class Client:
     def median(self, bodies):
         return statistics.median(self.frame(body)[0] for body in bodies)
 
-    def at_10_hz(self, bodies):
+    def paced(self, bodies, rate_hz):
         """Times, those of the stages by name, and how many started late: at once, where their tick had passed."""
         times, stages, late = [], {}, 0
         start = time.perf_counter()
         for i, body in enumerate(bodies):
-            wait_s = start + i * PERIOD_S - time.perf_counter()
+            wait_s = start + i / rate_hz - time.perf_counter()
             if wait_s > 0:
                 time.sleep(wait_s)
             elif i > 0:
@@ -214,8 +215,9 @@ class Client:
 class Table:
     """The rows of one set of tiles."""
 
-    def __init__(self, name, tiles, frames, detail=None):
+    def __init__(self, name, tiles, frames, detail=None, rate_hz=RATE_HZ):
         self.name, self.tiles, self.area = name, tiles, Area(tiles, detail)
+        self.rate_hz = rate_hz
         self.flight_frames = frames or FLIGHT_FRAMES
         self.memory_frames = frames or MEMORY_FRAMES
         self.hover_frames = min(frames or HOVER_FRAMES, HOVER_FRAMES)
@@ -324,7 +326,7 @@ class Table:
         with Client(self.tiles, self.ingest()) as client:
             client.median(self.area.hovering(at, 5))
             hovering = client.median(self.area.hovering(at, self.hover_frames))
-            paced = statistics.median(client.at_10_hz(self.area.hovering(at, self.hover_frames))[0])
+            paced = statistics.median(client.paced(self.area.hovering(at, self.hover_frames), self.rate_hz)[0])
         for what, options in (("first frame", ()), ("with --pretouch", ("--pretouch",))):
             firsts, starts = [], []
             for _ in range(3):
@@ -334,7 +336,7 @@ class Table:
             row("restart", f"{what}, worst of 3; / hovering", ms(max(firsts)), max(firsts) / hovering, 6)
             row("", "start until the service listens", f"{max(starts):.2f} s")
         row("hover", f"15 km, median of {self.hover_frames} at full speed", ms(hovering))
-        row("", "at 10 Hz; / at full speed", ms(paced), paced / hovering)
+        row("", f"at {self.rate_hz:g} Hz; / at full speed", ms(paced), paced / hovering)
 
     def orbit(self):
         self.with_and_without_ahead("orbit", self.orbit_once)
@@ -343,7 +345,7 @@ class Table:
         poses = self.area.orbit(self.flight_frames)
         with Client(self.tiles, self.warm_disk(), "--pretouch") as client:
             client.median(self.area.hovering(poses[0], 5))
-            flown = client.at_10_hz(self.area.bodies(poses, ahead))
+            flown = client.paced(self.area.bodies(poses, ahead), self.rate_hz)
             counters = client.metrics()
             there = []
             for at in (poses[0], poses[len(poses) // 2], poses[-1]):
@@ -365,7 +367,7 @@ class Table:
             ground = json.loads(client.service.ask("GET", f"/v1/height?lat_deg={lat}&lon_deg={lon}")[2])
             poses = self.area.descent(self.flight_frames, ground["height_m"])
             client.median(self.area.hovering(poses[0], 5))
-            flown = client.at_10_hz(self.area.bodies(poses, ahead))
+            flown = client.paced(self.area.bodies(poses, ahead), self.rate_hz)
             counters = client.metrics()
             hovering = [client.median(self.area.hovering(at, 5)) for at in poses]
         ratios = [took / still for took, still in zip(flown[0], hovering)]
@@ -470,7 +472,10 @@ def main():
     parser.add_argument("--rows", type=rows_of, default=ROWS)
     parser.add_argument("--frames", type=positive)
     parser.add_argument("--detail", metavar="NAME")
+    parser.add_argument("--rate", metavar="HZ", type=float, default=RATE_HZ)
     asked = parser.parse_args()
+    if not asked.rate > 0:
+        parser.error("--rate must be above 0")
     if not os.access(harness.BINARY, os.X_OK):
         sys.exit("set SELENOGRAPH_BINARY to the executable")
     version = subprocess.run([harness.BINARY, "--version"], stdout=subprocess.PIPE, text=True, check=True).stdout
@@ -485,7 +490,7 @@ def main():
             if not glob.glob(os.path.join(folder, "*.lbl")):
                 print(f"{name}: no tiles in {folder}")
                 continue
-            table = Table(name, folder, asked.frames, asked.detail)
+            table = Table(name, folder, asked.frames, asked.detail, asked.rate)
             print(f"\n{f'{name}, tiles: {len(table.images)}':<57} {'figure':>14} {'ratio':>8} {'target':>8}")
             for wanted in asked.rows:
                 try:
