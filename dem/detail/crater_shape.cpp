@@ -25,18 +25,22 @@ class Diffusion {
     for (std::size_t i = 0; i < heights.size(); ++i) heights[i] = fresh((static_cast<double>(i) + 0.5) * kAnnulus);
   }
 
-  void go_on(double age) {
+  // In so many equal steps, of which the matrix is the same.
+  void go_on(double age, int steps) {
     const std::size_t n = heights.size();
-    std::vector<double> upper(n), right(n);
+    std::vector<double> upper(n), inward(n), diagonal(n), right(n);
     for (std::size_t i = 0; i < n; ++i) {
-      const double middle = static_cast<double>(i) + 0.5, scale = age / (kAnnulus * kAnnulus * middle);
-      const double inward = i == 0 ? 0 : scale * static_cast<double>(i),
-                   outward = i + 1 == n ? 0 : scale * static_cast<double>(i + 1);
-      const double diagonal = 1 + inward + outward + (i == 0 ? 0 : inward * upper[i - 1]);
-      upper[i] = -outward / diagonal;
-      right[i] = (heights[i] + (i == 0 ? 0 : inward * right[i - 1])) / diagonal;
+      const double middle = static_cast<double>(i) + 0.5, scale = age / steps / (kAnnulus * kAnnulus * middle);
+      inward[i] = i == 0 ? 0 : scale * static_cast<double>(i);
+      const double outward = i + 1 == n ? 0 : scale * static_cast<double>(i + 1);
+      diagonal[i] = 1 + inward[i] + outward + (i == 0 ? 0 : inward[i] * upper[i - 1]);
+      upper[i] = -outward / diagonal[i];
     }
-    for (std::size_t i = n; i-- > 0;) heights[i] = right[i] - (i + 1 == n ? 0 : upper[i] * heights[i + 1]);
+    for (int step = 0; step < steps; ++step) {
+      for (std::size_t i = 0; i < n; ++i)
+        right[i] = (heights[i] + (i == 0 ? 0 : inward[i] * right[i - 1])) / diagonal[i];
+      for (std::size_t i = n; i-- > 0;) heights[i] = right[i] - (i + 1 == n ? 0 : upper[i] * heights[i + 1]);
+    }
   }
 
   std::vector<double> heights;
@@ -74,13 +78,10 @@ CraterShape::Row CraterShape::row_of(const std::vector<double>& annuli, double a
 CraterShape::CraterShape() {
   Diffusion ageing;
   constexpr int kSteps = 24;  // from row to row
-  const auto go_on = [&](double age) {
-    for (int k = 0; k < kSteps; ++k) ageing.go_on(age / kSteps);
-  };
-  go_on(kRounding);
+  ageing.go_on(kRounding, kSteps);
   const double scale = kFreshDepth / row_of(ageing.heights, 0, 1).depth;
   for (int i = 0; i < kAges; ++i) {
-    if (i > 0) go_on(age_of_row(i) - age_of_row(i - 1));
+    if (i > 0) ageing.go_on(age_of_row(i) - age_of_row(i - 1), kSteps);
     rows_.push_back(row_of(ageing.heights, age_of_row(i), scale));
   }
   for (int i = 0; i < kAges; ++i)

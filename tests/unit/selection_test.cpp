@@ -10,6 +10,7 @@
 #include <memory>
 #include <optional>
 #include <random>
+#include <set>
 #include <unordered_set>
 
 #include "dem/detail/detail.h"
@@ -272,6 +273,30 @@ TEST_F(SelectionTest, WhereDetailGivesWayShadowsKeepTheirTarget) {
     EXPECT_LE(s.shadow_error_px, s.shadow_limit_px) << height_m;
   }
   EXPECT_GT(gave_way, 0);
+}
+
+// Of the levels above the one that is shown most blocks are known to be too coarse without being made.
+TEST_F(SelectionTest, BlocksThatAreSurelyTooCoarseAreNotMade) {
+  dem::DetailPreset preset;
+  preset.craters.smallest_m = 0.25;
+  const auto plain = open();
+  const dem::DetailedTerrain terrain(plain, std::make_shared<const dem::Detail>(preset));
+  const double ground_m = terrain.height(10, 26, {}).height_m;
+  int outlined = 0, made = 0;
+  for (const double height_m : {600, 300, 62}) {
+    const View view = view_from(to_cartesian({10, 26, ground_m + height_m}), to_cartesian({10, 26, 0}), 800);
+    std::set<BlockId> parents;
+    for (const BlockId& id : select_for_view(terrain, view, nullptr, {}, {}).blocks)
+      if (terrain.has_detail(id)) parents.insert(dem::ancestor_of(id, id.level - 1));
+    for (const BlockId& parent : parents) {
+      if (!terrain.outline(parent, {})) continue;
+      const std::uint64_t before = plain->statistics().misses;
+      ASSERT_TRUE(terrain.block(parent));
+      ++outlined, made += plain->statistics().misses == before;
+    }
+  }
+  EXPECT_GT(outlined, 50);
+  EXPECT_LT(made, outlined / 2) << outlined;
 }
 
 TEST_F(SelectionTest, StopsWhenTold) {
