@@ -362,15 +362,22 @@ std::optional<NodeInfo> DetailedTerrain::outline(const BlockId& id, const StopTo
   if (layers->size() > 1 || finer <= 0) return std::nullopt;
   const int past = finer - kOfPosts - 1;  // the first level that is made, and those after it
   if (past >= 0 && past % kApart == 0) return std::nullopt;
-  std::optional<HeightRange> heights;
-  if (past >= 0)
-    heights = heights_within(id, id.level - past % kApart, stop);
-  else if (const auto known = kept(Kind::outline, id, stop, [&] { return outline_of_posts(id, layer, stop); }))
-    heights = {known->min_m, known->max_m};
+  const auto heights =
+      past < 0 ? heights_of_posts(id, layer, stop) : heights_within(id, id.level - past % kApart, stop);
   if (!heights) return std::nullopt;
   NodeInfo info{detail_->left_out_m(id.level, layer.detail_level), heights->low, heights->high, false, {}};
   info.detail_error_m = info.error_m, info.left_out_size_m = left_out_size_m(id);
   return info;
+}
+
+std::optional<HeightRange> DetailedTerrain::heights_of_posts(const BlockId& id, const LayeredPosts::Layer& layer,
+                                                             const StopToken& stop) const {
+  auto outline = plain_->blocks().find(key_of(number_, static_cast<int>(Kind::outline), id));
+  if (!outline)
+    outline = once_posts_are_there(
+        id, stop, [&] { return kept(Kind::outline, id, stop, [&] { return outline_of_posts(id, layer, stop); }); });
+  if (!*outline) return std::nullopt;
+  return HeightRange{(*outline)->min_m, (*outline)->max_m};
 }
 
 std::shared_ptr<const Block> DetailedTerrain::outline_of_posts(const BlockId& id, const LayeredPosts::Layer& layer,
@@ -433,6 +440,12 @@ std::shared_ptr<const Block> DetailedTerrain::known_or(const BlockId& id, const 
                                                        const Make& make) const {
   if (!has_detail(id)) return plain_->block(id, stop);
   if (const auto here = plain_->blocks().find(key_of(number_, static_cast<int>(Kind::made), id))) return *here;
+  return once_posts_are_there(id, stop, make);
+}
+
+template <typename Make>
+std::shared_ptr<const Block> DetailedTerrain::once_posts_are_there(const BlockId& id, const StopToken& stop,
+                                                                   const Make& make) const {
   // As of the plain terrain's blocks: a pyramid is waited for out here, and who begins to make a block has his place in
   // the arena, which those who wait for the block may have taken all the others of.
   if (!of_coarse_posts_alone(id)) plain_->node(ancestor_of(id, std::min(id.level, plain_->posts_level(id))), stop);

@@ -74,6 +74,9 @@ class DetailedTerrain final : public Terrain {
   // The block, if it is in memory, or what is made.
   template <typename Make>
   std::shared_ptr<const Block> known_or(const BlockId& id, const StopToken& stop, const Make& make) const;
+  // What is made of a block's posts: waits for them first.
+  template <typename Make>
+  std::shared_ptr<const Block> once_posts_are_there(const BlockId& id, const StopToken& stop, const Make& make) const;
   // Posts of a layer's level; null if there are none.
   std::shared_ptr<const Block> posts_of_layer(const BlockId& id, const StopToken& stop) const;
   // A quarter of a block's posts, with those that it shares: what is taken from posts is made by quarters, since a
@@ -84,7 +87,10 @@ class DetailedTerrain final : public Terrain {
   // Means of the detail over the cells of such places in a quarter and of so many around it, row by row.
   std::vector<double> cell_means(const Quarter& quarter, int around, const StopToken& stop) const;
   std::shared_ptr<Block> make_taken(const Quarter& quarter, const StopToken& stop) const;
-  // Heights are bounds alone; null where there are voids.
+  // Bounds on a block's heights, from the posts; none where there are voids.
+  std::optional<HeightRange> heights_of_posts(const BlockId& id, const LayeredPosts::Layer& layer,
+                                              const StopToken& stop) const;
+  // Heights are those bounds alone; null where there are voids.
   std::shared_ptr<const Block> outline_of_posts(const BlockId& id, const LayeredPosts::Layer& layer,
                                                 const StopToken& stop) const;
   // From a block of a coarser level.
