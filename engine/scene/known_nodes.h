@@ -12,6 +12,7 @@ namespace selenograph::engine {
 struct Known {
   dem::NodeInfo info;
   NodeBounds bounds;
+  bool loose = false;  // bounds of all lunar relief, no error
 };
 
 // Nodes of these levels are first judged with the bounds of all lunar relief: if they cannot matter even then, no
@@ -45,9 +46,10 @@ bool may_matter(const dem::Terrain& terrain, const dem::BlockId& id, const StopT
 inline std::optional<Known> known(const dem::Terrain& terrain, const dem::BlockId& id, const StopToken& stop) {
   if (!terrain.has_data(id)) return std::nullopt;
   dem::NodeInfo info{0, dem::kLowestRelief_m, dem::kHighestRelief_m, false, {}};
-  if (terrain.node_is_cheap(id)) info = terrain.node(id, stop);
+  const bool cheap = terrain.node_is_cheap(id);
+  if (cheap) info = terrain.node(id, stop);
   if (info.empty) return std::nullopt;
-  return Known{info, bounds_within(id, info)};
+  return Known{info, bounds_within(id, info), !cheap};
 }
 
 }  // namespace selenograph::engine

@@ -64,9 +64,19 @@ ViewSelector::Looked ViewSelector::looked_at(const BlockId& id) const {
   }
   const auto node = known(terrain_, id, stop_);
   if (!node) return {Look::nothing};
-  const NodeBounds& b = node->bounds;
-  if (!may_see(b)) return {Look::out_of_view};
-  return {Look::in_view, Seen{id, node->info, b, pixels_per_metre(b)}};
+  if (!may_see(node->bounds)) return {Look::out_of_view};
+  Looked looked{Look::in_view, seen_of(id, *node)};
+  looked.seen->pixels_per_metre = pixels_per_metre(node->bounds);
+  return looked;
+}
+
+ViewSelector::Seen ViewSelector::seen_of(const BlockId& id, const Known& node) const {
+  Seen seen{id, node.info, node.bounds, 0, finest(id)};
+  if (seen.finest)
+    seen.errors = Errors{};
+  else if (!node.loose)
+    seen.errors = errors_of(id.level, node.info);
+  return seen;
 }
 
 std::optional<ViewSelector::Seen> ViewSelector::look_at(const BlockId& id) {
@@ -114,7 +124,7 @@ void ViewSelector::see_roots() {
 void ViewSelector::see(const BlockId& id) {
   const auto node = look_at(id);
   if (!node) return;
-  if (!refine(id, node->pixels_per_metre)) {
+  if (!refine(*node)) {
     add_seen(*node);
     return;
   }
@@ -141,8 +151,7 @@ void ViewSelector::see_detail() {
       std::exchange(of_detail_in_view_, {}), most_in_view_,
       [&](const BlockId& id) {
         Judged judged{looked_at(id)};
-        judged.refine =
-            judged.looked.too_coarse || (judged.looked.seen && refine(id, judged.looked.seen->pixels_per_metre));
+        judged.refine = judged.looked.too_coarse || (judged.looked.seen && refine(*judged.looked.seen));
         return judged;
       },
       [&](const BlockId& id, const Judged& judged, std::vector<BlockId>& next) {
@@ -170,26 +179,29 @@ void ViewSelector::count_detail(const BlockId& id, std::ptrdiff_t change) {
   if (of_detail_ > most_of_detail_) throw TooMuchDetail();
 }
 
-ViewSelector::Errors ViewSelector::errors_of(const BlockId& id) const {
-  if (finest(id)) return {};
-  const dem::NodeInfo info = terrain_.node(id, stop_);
-  return {info.error_m + dem::chord_sag_m(id.level), info.detail_error_m, info.left_out_size_m,
+ViewSelector::Errors ViewSelector::errors_of(int level, const dem::NodeInfo& info) {
+  return {info.error_m + dem::chord_sag_m(level), info.detail_error_m, info.left_out_size_m,
           static_cast<double>(info.max_m)};
 }
 
-bool ViewSelector::refine(const BlockId& id, double pixels_per_metre) const {
-  if (finest(id)) return false;
+ViewSelector::Errors ViewSelector::errors_of(const BlockId& id) const {
+  return finest(id) ? Errors{} : errors_of(id.level, terrain_.node(id, stop_));
+}
+
+bool ViewSelector::refine(const Seen& seen) const {
+  if (seen.finest) return false;
+  const BlockId& id = seen.id;
+  const double pixels_per_metre = seen.pixels_per_metre;
   const double allowed = accuracy_.max_error_px;
   if (allowed == 0) return true;
   const bool coarser_than_posts = !terrain_.has_detail(id) && id.level < terrain_.plain().posts_level(id);
   if (coarser_than_posts && dem::post_spacing_m(id.level) * pixels_per_metre > 2 * allowed) return true;
   // Where the sag alone is too much, the posts' own error, which may have to be computed, is not needed.
   if (dem::chord_sag_m(id.level) * pixels_per_metre > allowed) return true;
-  return errs(id, pixels_per_metre);
+  return errs(id, errors_of(seen), pixels_per_metre);
 }
 
-bool ViewSelector::errs(const BlockId& id, double pixels_per_metre) const {
-  const Errors errors = errors_of(id);
+bool ViewSelector::errs(const BlockId& id, const Errors& errors, double pixels_per_metre) const {
   const double error = errors.all_m * pixels_per_metre, allowed = accuracy_.max_error_px;
   if (error <= allowed || !terrain_.detail()) return error > allowed;
   const double of_detail = errors.of_detail_m * pixels_per_metre;
@@ -232,8 +244,8 @@ void ViewSelector::choose(const BlockId& id, const dem::NodeInfo& info) {
 void ViewSelector::report() {
   if (!seen_.empty()) result_.min_spacing_m = std::numeric_limits<double>::infinity();
   for (const Seen& s : seen_) {
-    const bool split = !chosen_.contains(s.id) && finest(s.id);
-    const Errors errors = errors_of(s.id);
+    const bool split = s.finest && !chosen_.contains(s.id);
+    const Errors errors = errors_of(s);
     const double error = split ? subdivision_error_m(s.id.level) : errors.all_m,
                  spacing = dem::post_spacing_m(s.id.level);
     result_.error_m = std::max(result_.error_m, error);

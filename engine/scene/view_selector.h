@@ -50,12 +50,21 @@ class ViewSelector {
   bool refined_for_shadows() const { return refined_for_shadows_; }
 
  private:
+  // Vertical error of a block, and of its detail; 0 for the finest surface, to which errors are measured. The largest
+  // detail that it leaves out; its greatest height.
+  struct Errors {
+    double all_m = 0, of_detail_m = 0, left_out_size_m = 0, highest_m = 0;
+  };
+
   struct Seen {
     BlockId id;
     dem::NodeInfo info;
     NodeBounds bounds;
     double pixels_per_metre;
+    bool finest = false;
+    std::optional<Errors> errors{};  // unless they would have to be built
   };
+  Seen seen_of(const BlockId& id, const Known& node) const;
 
   // Throws TooMuchTerrain for more blocks than kMaxBlocks, Cancelled when it is stopped.
   static void check(std::size_t blocks, const StopToken& stop);
@@ -119,12 +128,9 @@ class ViewSelector {
 
   bool finest(const BlockId& id) const { return id.level >= terrain_.finest_level(id); }
 
-  // Vertical error of a block, and of its detail; 0 for the finest surface, to which errors are measured. The largest
-  // detail that it leaves out; its greatest height.
-  struct Errors {
-    double all_m = 0, of_detail_m = 0, left_out_size_m = 0, highest_m = 0;
-  };
+  static Errors errors_of(int level, const dem::NodeInfo& info);
   Errors errors_of(const BlockId& id) const;
+  Errors errors_of(const Seen& seen) const { return seen.errors ? *seen.errors : errors_of(seen.id); }
 
   // Whether detail that a block leaves out would be seen by its shading (Accuracy::kSmallestShown).
   bool shades_otherwise(const BlockId& id, const Errors& errors, double pixels_per_metre) const;
@@ -132,10 +138,10 @@ class ViewSelector {
   // How much a size on the ground is foreshortened, as the mean over all directions on it: the root of the cosine of
   // the emission angle, of the view that sees the block most from above.
   double foreshortening(const BlockId& id, double highest_m) const;
-  bool refine(const BlockId& id, double pixels_per_metre) const;
+  bool refine(const Seen& seen) const;
 
   // Whether the block's error exceeds the limit.
-  bool errs(const BlockId& id, double pixels_per_metre) const;
+  bool errs(const BlockId& id, const Errors& errors, double pixels_per_metre) const;
 
   void choose(const BlockId& id, const dem::NodeInfo& info);
 
@@ -151,7 +157,7 @@ class ViewSelector {
     double displaced_px = 0;
   };
 
-  Blur blur(const BlockId& id, double displaced_pixels_per_metre) const;
+  Blur blur(const Seen& seen, double displaced_pixels_per_metre) const;
   bool too_much(const Blur& blur);
   void sharpen(const Seen& seen, const LightTree& receivers);
   void sharpen_detail(const LightTree& receivers);

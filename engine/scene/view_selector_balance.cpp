@@ -27,7 +27,7 @@ bool ViewSelector::of_coarser_layer(const BlockId& neighbour, const BlockId& id)
 bool ViewSelector::must_split(const BlockId& neighbour, const BlockId& id) const {
   const int apart = id.level - neighbour.level;
   if (apart > 1 && (apart > dem::kMostLevelsApart || !of_coarser_layer(neighbour, id))) return true;
-  return follows(id, neighbour) && errs(neighbour, in_view_.at(id));
+  return follows(id, neighbour) && errs(neighbour, errors_of(neighbour), in_view_.at(id));
 }
 
 void ViewSelector::balance() {

@@ -52,16 +52,16 @@ void ViewSelector::sharpen_shadows(const Sun& sun) {
   cast_detail(std::move(of_detail), receivers);
 }
 
-ViewSelector::Blur ViewSelector::blur(const BlockId& id, double displaced_pixels_per_metre) const {
-  if (displaced_pixels_per_metre == 0 || finest(id)) return {};
+ViewSelector::Blur ViewSelector::blur(const Seen& seen, double displaced_pixels_per_metre) const {
+  if (displaced_pixels_per_metre == 0 || seen.finest) return {};
   if (accuracy_.max_error_px == 0) return {true};
   // The error of a block far coarser than its posts has to be built first, with all that is beneath. Where it would
   // have to be less than a 16th of the spacing, finer blocks are taken without asking: they do as well.
   constexpr double kWorthAsking = 16;
-  if (!terrain_.node_is_cheap(id) &&
-      dem::post_spacing_m(id.level) * displaced_pixels_per_metre > kWorthAsking * accuracy_.max_shadow_error_px)
+  if (!seen.errors &&
+      dem::post_spacing_m(seen.id.level) * displaced_pixels_per_metre > kWorthAsking * accuracy_.max_shadow_error_px)
     return {true};
-  const double displaced_px = errors_of(id).all_m * displaced_pixels_per_metre;
+  const double displaced_px = errors_of(seen).all_m * displaced_pixels_per_metre;
   return {displaced_px > accuracy_.max_shadow_error_px, displaced_px};
 }
 
@@ -72,7 +72,7 @@ bool ViewSelector::too_much(const Blur& blur) {
 }
 
 void ViewSelector::sharpen(const Seen& seen, const LightTree& receivers) {
-  if (!too_much(blur(seen.id, receivers.shaded_pixels_per_metre(seen.bounds)))) {
+  if (!too_much(blur(seen, receivers.shaded_pixels_per_metre(seen.bounds)))) {
     add_seen(seen);
     return;
   }
@@ -94,7 +94,7 @@ void ViewSelector::sharpen_detail(const LightTree& receivers) {
       [&](const BlockId& id) {
         Judged judged{looked_at(id)};
         if (const auto& seen = judged.looked.seen; seen && !judged.looked.too_coarse)
-          judged.blur = blur(id, receivers.shaded_pixels_per_metre(seen->bounds));
+          judged.blur = blur(*seen, receivers.shaded_pixels_per_metre(seen->bounds));
         return judged;
       },
       [&](const BlockId& id, const Judged& judged, std::vector<BlockId>& next) {
@@ -119,8 +119,9 @@ ViewSelector::Caster ViewSelector::caster(const BlockId& id, const LightTree& re
   const double displaced = receivers.shaded_pixels_per_metre(node->bounds);
   if (displaced == 0) return {};
   // Large blocks overlap much that they don't shade: they are split until their bounds mean something.
-  if (id.level < dem::kRootLevel + 1 && !finest(id)) return {true, true, node->info};
-  return {true, false, node->info, blur(id, displaced)};
+  const Seen seen = seen_of(id, *node);
+  if (id.level < dem::kRootLevel + 1 && !seen.finest) return {true, true, node->info};
+  return {true, false, node->info, blur(seen, displaced)};
 }
 
 void ViewSelector::cast(const BlockId& id, const LightTree& receivers, std::vector<BlockId>& of_detail) {
