@@ -80,12 +80,8 @@ class SizeCells {
   int largest_octave() const { return largest_octave_; }
   double largest_m(int octave) const { return std::min(largest_m_, std::ldexp(2.0, octave)); }
 
-  // Calls make(draws, centre, diameter_m) for each member of an octave in the cells that touch a cap around a
-  // direction, or a box; includes members slightly outside. The centre is a unit vector. `east_deg` may exceed 180.
-  template <typename Make>
-  void near(int octave, const Vec3& direction, double angle_rad, const StopToken& stop, const Make& make) const {
-    cells_near(octave, direction, angle_rad, stop, [&](const Cell& cell) { within(cell, make); });
-  }
+  // Calls make(draws, centre, diameter_m) for each member of an octave in the cells that touch a box; includes members
+  // slightly outside. The centre is a unit vector. `east_deg` may exceed 180.
   template <typename Make>
   void in_box(int octave, const Footprint& box, const StopToken& stop, const Make& make) const;
 
@@ -93,7 +89,8 @@ class SizeCells {
     int octave, row, column;
     friend bool operator==(const Cell&, const Cell&) = default;
   };
-  // Calls visit(cell) for the cells that touch a cap; make(draws, centre, diameter_m) for each member of a cell.
+  // Calls visit(cell) for the cells that touch a cap around a direction; make(draws, centre, diameter_m) for each
+  // member of a cell.
   template <typename Visit>
   void cells_near(int octave, const Vec3& direction, double angle_rad, const StopToken& stop, const Visit& visit) const;
   template <typename Make>

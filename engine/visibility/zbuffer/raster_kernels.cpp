@@ -123,7 +123,7 @@ HWY_INLINE VF value(const Triangles& t, VF x, VF y) {
   return hn::Add(t.p, hn::Add(hn::Mul(t.gx, hn::Sub(x, t.px)), hn::Mul(t.gy, hn::Sub(y, t.py))));
 }
 
-// One triangle of many, broadcast.
+// A vector of triangles, and one of them, broadcast: its plane is fetched where it is needed.
 HWY_INLINE void store(const Triangles& t, float* out, std::size_t lanes) {
   for (int k = 0; k < 3; ++k) {
     hn::StoreU(t.ox[k], f, out + (4 * k + 0) * lanes), hn::StoreU(t.oy[k], f, out + (4 * k + 1) * lanes);
@@ -568,7 +568,7 @@ void FindLeast(LightBand& band, int c0, int c1, int r0, int r1) {
 
 // ---- triangles with homogeneous edges -----------------------------------------------------------------------------
 
-// Pixels first_x and on of a row, n of them; sx, sy: the samples.
+// n pixels of a row; sx, sy: their samples.
 void DrawHomogeneous(const HomogeneousTriangle& t, const float* HWY_RESTRICT sx, const float* HWY_RESTRICT sy,
                      std::size_t n, float* HWY_RESTRICT nearness, std::uint32_t* HWY_RESTRICT triangle) {
   std::int32_t in[HomogeneousTriangle::kMostPixels];
