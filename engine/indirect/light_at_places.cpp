@@ -29,7 +29,11 @@ std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const 
                                         const dem::Terrain& terrain, LightTiles& tiles, const StopToken& stop) {
   const double direct_w_m2 = radiance_terms(request).direct_w_m2;
   const auto& earth = request.indirect.earth;
-  const double earth_w_m2 = earth ? direct_w_m2 * earth_over_sun(*earth, request.sun, band_of(request)) : 0;
+  LightSources sources{.sun_w_m2 = direct_w_m2};
+  if (earth) {
+    sources.earth_w_m2 = direct_w_m2 * earth_over_sun(*earth, request.sun, band_of(request));
+    sources.earth = earth->direction;
+  }
   std::vector<Irradiance> out(places.size());
   std::map<LightField, std::vector<PlaceInField>> fields;
   for (std::size_t i = 0; i < places.size(); ++i) {
@@ -47,14 +51,11 @@ std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const 
     const auto made = tiles.get(field, plane, wanted, {terrain, gathered}, stop);
     for (const PlaceInField& p : in_it) {
       const auto tile = std::lower_bound(wanted.begin(), wanted.end(), p.post.tile) - wanted.begin();
-      const auto post = [&](int row, int column) {
-        const auto at = static_cast<std::size_t>((p.post.row + row) * FieldPlane::kTileSide + p.post.column + column);
-        return light_post(made[static_cast<std::size_t>(tile)]->posts[at], direct_w_m2, earth_w_m2);
-      };
-      const LightPost around[] = {post(0, 0), post(0, 1), post(1, 0), post(1, 1)};
-      const Irradiance indirect =
-          irradiance_at({around, static_cast<float>(p.post.east), static_cast<float>(p.post.north), 2},
-                        places[p.place].normal, earth ? earth->direction : Vec3::Zero());
+      const auto at = static_cast<std::size_t>(p.post.row * FieldPlane::kTileSide + p.post.column);
+      const LightTile& light = *made[static_cast<std::size_t>(tile)];
+      const Irradiance indirect = irradiance_at(
+          {&light.sectors[at], &light.sums[at], static_cast<float>(p.post.east), static_cast<float>(p.post.north)},
+          places[p.place].normal, sources);
       out[p.place].terrain_w_m2 = indirect.terrain_w_m2, out[p.place].earth_w_m2 = indirect.earth_w_m2;
     }
   }

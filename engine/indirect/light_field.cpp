@@ -70,9 +70,8 @@ FieldPost FieldPlane::post_at(const Vec3& position_m) const {
           std::clamp(at.x() - column, 0.0, 1.0), std::clamp(at.y() - row, 0.0, 1.0)};
 }
 
-Vec3 FieldPlane::direction(int column, int row) const {
-  const Vec3 plane((column - middle()) * spacing_m_, (row - middle()) * spacing_m_, kMoonRadius_m);
-  return axes_.transpose() * plane.normalized();
+Vec3 FieldPlane::at(int column, int row) const {
+  return axes_.transpose() * Vec3((column - middle()) * spacing_m_, (row - middle()) * spacing_m_, kMoonRadius_m);
 }
 
 }  // namespace selenograph::engine

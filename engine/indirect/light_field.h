@@ -52,7 +52,8 @@ class FieldPlane {
   // added to both.
   const double* posts() const { return posts_.data(); }
   double middle() const { return half_posts(); }
-  Vec3 direction(int column, int row) const;  // unit, MOON_ME
+  // On the plane, at the datum's radius over its middle; MOON_ME.
+  Vec3 at(int column, int row) const;
 
  private:
   Vec3 centre_;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "dem/support/vector_targets.h"
 #include "engine/support/lane_math.h"
@@ -30,21 +31,20 @@ namespace selenograph::engine::HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-static_assert(sizeof(LightPost) == 4 * kSectors * sizeof(float));
 using OfPost = hn::CappedTag<float, kSectors>;
 inline constexpr int kStep = static_cast<int>(HWY_MIN(HWY_LANES(float), kSectors));
 
-// The values between four posts: southwest + east a + north b + east north c.
+// Values between four posts, each of `kValues`: southwest + east a + north b + east north c.
+template <int kValues>
 class Quad {
  public:
   HWY_INLINE Quad() {}  // NOLINT(modernize-use-equals-default): compiled for the target
-  HWY_INLINE void set(const LightPost* post, int row) {
-    const float *south = post->from[0], *north = post[row].from[0];
-    constexpr int kNext = 4 * kSectors;
+  HWY_INLINE void set(const float* south) {
+    const float* north = south + FieldPlane::kTileSide * kValues;
     const OfPost d;
-    for (int k = 0; k < kNext; k += kStep) {
-      const auto sw = hn::LoadU(d, south + k), se = hn::LoadU(d, south + kNext + k);
-      const auto nw = hn::LoadU(d, north + k), ne = hn::LoadU(d, north + kNext + k);
+    for (int k = 0; k < kValues; k += kStep) {
+      const auto sw = hn::Load(d, south + k), se = hn::Load(d, south + kValues + k);
+      const auto nw = hn::Load(d, north + k), ne = hn::Load(d, north + kValues + k);
       const auto along = hn::Sub(se, sw);
       hn::Store(sw, d, at_ + k), hn::Store(along, d, east_ + k), hn::Store(hn::Sub(nw, sw), d, north_ + k);
       hn::Store(hn::Sub(hn::Sub(ne, nw), along), d, both_ + k);
@@ -58,15 +58,38 @@ class Quad {
   }
 
  private:
-  alignas(64) float at_[4 * kSectors], east_[4 * kSectors], north_[4 * kSectors], both_[4 * kSectors];
+  alignas(64) float at_[kValues], east_[kValues], north_[kValues], both_[kValues];
 };
+using SectorQuad = Quad<3 * kSectors>;
+using SumQuad = Quad<kSectors>;
 
-void Between(const LightPlace& place, float* out) {
+// What each sector sends to a surface.
+HWY_INLINE void Arriving(const SectorQuad& quad, float east, float north, float nx, float ny, float nz, float* out) {
   const OfPost d;
-  Quad quad;
-  quad.set(place.post, place.row);
-  for (int k = 0; k < 4 * kSectors; k += kStep)
-    hn::StoreU(quad.at(k, hn::Set(d, place.east), hn::Set(d, place.north)), d, out + k);
+  const auto e = hn::Set(d, east), n = hn::Set(d, north);
+  for (int k = 0; k < kSectors; k += kStep) {
+    const auto x = quad.at(k, e, n), y = quad.at(kSectors + k, e, n), z = quad.at(2 * kSectors + k, e, n);
+    const auto faces =
+        hn::Add(hn::Add(hn::Mul(hn::Set(d, nx), x), hn::Mul(hn::Set(d, ny), y)), hn::Mul(hn::Set(d, nz), z));
+    hn::Store(hn::Max(faces, hn::Zero(d)), d, out + k);
+  }
+}
+
+HWY_INLINE void SumBetween(const SumQuad& quad, float east, float north, float* out) {
+  const OfPost d;
+  for (int k = 0; k < kSectors; k += kStep) hn::Store(quad.at(k, hn::Set(d, east), hn::Set(d, north)), d, out + k);
+}
+
+void SumOf(const LightPlace& place, float* out) {
+  SumQuad quad;
+  quad.set(&place.sum->x);
+  SumBetween(quad, place.east, place.north, out);
+}
+
+void ArrivesAt(const LightPlace& place, float nx, float ny, float nz, float* out) {
+  SectorQuad quad;
+  quad.set(place.sectors->x);
+  Arriving(quad, place.east, place.north, nx, ny, nz, out);
 }
 
 // A coordinate in posts as the tile, the post in it, and the way beyond.
@@ -121,35 +144,33 @@ struct alignas(64) TerrainLanes {
   float arrives[kPacket], x[kPacket], y[kPacket], z[kPacket], fluence[kPacket], factor[kPacket], earth[kPacket];
 };
 
-void ReadPosts(const LightPlace* places, const SurfacePoints& points, const Shading& shading, TerrainLanes& out) {
-  const OfPost d;
-  Quad quad;
-  const LightPost* of = nullptr;
+void ReadPosts(const LightPlaces& places, const Shading& shading, TerrainLanes& out) {
+  // Four at a time: halves of wider vectors are far apart.
+  const hn::CappedTag<float, 4> four;
+  constexpr int kFour = static_cast<int>(HWY_MIN(HWY_LANES(float), 4));
+  SectorQuad sectors;
+  SumQuad sums;
+  sectors.set(places.sectors[0]->x), sums.set(&places.sum[0]->x);
   for (int i = 0; i < kPacket; ++i) {
     // Neighbours are mostly between the same four.
-    if (places[i].post != of) quad.set(of = places[i].post, places[i].row);
-    const auto east = hn::Set(d, places[i].east), north = hn::Set(d, places[i].north);
-    const auto nx = hn::Set(d, static_cast<float>(shading.nx[i])), ny = hn::Set(d, static_cast<float>(shading.ny[i])),
-               nz = hn::Set(d, static_cast<float>(shading.nz[i]));
-    auto sum = hn::Zero(d);
-    alignas(32) float rest[kSectors];
-    for (int k = 0; k < kSectors; k += kStep) {
-      const auto x = quad.at(k, east, north), y = quad.at(kSectors + k, east, north),
-                 z = quad.at(2 * kSectors + k, east, north);
-      const auto faces = hn::Add(hn::Add(hn::Mul(nx, x), hn::Mul(ny, y)), hn::Mul(nz, z));
-      sum = hn::Add(sum, hn::Max(faces, hn::Zero(d)));
-      hn::Store(quad.at(3 * kSectors + k, east, north), d, rest + k);
-    }
-    out.arrives[i] = points.hit[i] ? hn::GetLane(hn::SumOfLanes(d, sum)) : 0;
-    out.x[i] = rest[0], out.y[i] = rest[1], out.z[i] = rest[2], out.fluence[i] = rest[3], out.factor[i] = rest[4];
-    out.earth[i] = rest[5];
+    if (i > 0 && places.sectors[i] != places.sectors[i - 1])
+      sectors.set(places.sectors[i]->x), sums.set(&places.sum[i]->x);
+    alignas(32) float arrives[kSectors], sum[kSectors];
+    Arriving(sectors, places.east[i], places.north[i], static_cast<float>(shading.nx[i]),
+             static_cast<float>(shading.ny[i]), static_cast<float>(shading.nz[i]), arrives);
+    SumBetween(sums, places.east[i], places.north[i], sum);
+    auto all = hn::Load(four, arrives);
+    for (int k = kFour; k < kSectors; k += kFour) all = hn::Add(all, hn::Load(four, arrives + k));
+    out.arrives[i] = hn::GetLane(hn::SumOfLanes(four, all));
+    out.x[i] = sum[0], out.y[i] = sum[1], out.z[i] = sum[2], out.fluence[i] = sum[3], out.factor[i] = sum[4];
+    out.earth[i] = sum[5];
   }
 }
 
-void FromTerrain(const LightPlace* places, const SurfacePoints& points, const Shading& shading, const Rays& rays,
+void FromTerrain(const LightPlaces& places, const Shading& shading, const Rays& rays, double sun_w_m2,
                  DiffuseLanes& out, float* earth) {
   TerrainLanes lanes;
-  ReadPosts(places, points, shading, lanes);
+  ReadPosts(places, shading, lanes);
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const float fluence = lanes.fluence[i], arrives = lanes.arrives[i];
@@ -161,14 +182,14 @@ void FromTerrain(const LightPlace* places, const SurfacePoints& points, const Sh
     const float mu0 = lit ? (share < 1 ? share : 1) : 1e-9F, cos_phase = lit ? cosine : 0,
                 light = lit ? fluence * lanes.factor[i] : 0;
     out.mu0[i] = static_cast<double>(mu0), out.cos_phase[i] = static_cast<double>(cos_phase);
-    out.light[i] = static_cast<double>(light);
+    out.light[i] = sun_w_m2 * static_cast<double>(light);
     earth[i] = lanes.earth[i];
   }
 }
 
 void FromEarth(const float* earth, const SurfacePoints& points, const Shading& shading, const Rays& rays,
-               const Vec3& direction, DiffuseLanes& out) {
-  const double x = direction.x(), y = direction.y(), z = direction.z();
+               const LightSources& sources, DiffuseLanes& out) {
+  const double x = sources.earth.x(), y = sources.earth.y(), z = sources.earth.z(), shines = sources.earth_w_m2;
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double along = shading.nx[i] * x + shading.ny[i] * y + shading.nz[i] * z;
@@ -176,7 +197,7 @@ void FromEarth(const float* earth, const SurfacePoints& points, const Shading& s
     const double length = std::sqrt(rays.dx[i] * rays.dx[i] + rays.dy[i] * rays.dy[i] + rays.dz[i] * rays.dz[i]);
     const bool lit = points.hit[i] & (earth[i] > 0) & (along > 0);
     out.mu0[i] = lit ? along : 1e-9, out.cos_phase[i] = lit ? back / length : 0;
-    out.light[i] = lit ? static_cast<double>(earth[i]) : 0;
+    out.light[i] = lit ? shines * static_cast<double>(earth[i]) : 0;
   }
 }
 
@@ -194,7 +215,8 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace selenograph::engine {
 
-HWY_EXPORT(Between);
+HWY_EXPORT(SumOf);
+HWY_EXPORT(ArrivesAt);
 HWY_EXPORT(InField);
 HWY_EXPORT(InTile);
 HWY_EXPORT(FromTerrain);
@@ -226,21 +248,20 @@ bool in_one_tile(const FieldPlane& plane, const SurfacePoints& points, FieldLane
 
 }  // namespace
 
-LightPost post_between(const LightPlace& place) {
-  LightPost out;
-  HWY_DYNAMIC_DISPATCH(Between)(place, out.from[0]);
+SumPost sum_between(const LightPlace& place) {
+  SumPost out;
+  HWY_DYNAMIC_DISPATCH(SumOf)(place, &out.x);
   return out;
 }
 
-Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const Vec3& earth) {
-  const LightPost post = post_between(place);
-  double terrain = 0;
-  for (std::size_t k = 0; k < kSectors; ++k)
-    terrain +=
-        std::max(normal.x() * static_cast<double>(post.from[0][k]) + normal.y() * static_cast<double>(post.from[1][k]) +
-                     normal.z() * static_cast<double>(post.from[2][k]),
-                 0.0);
-  return {0, terrain, static_cast<double>(post.earth) * std::max(normal.dot(earth), 0.0)};
+Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const LightSources& sources) {
+  alignas(32) float arrives[kSectors];
+  HWY_DYNAMIC_DISPATCH(ArrivesAt)
+  (place, static_cast<float>(normal.x()), static_cast<float>(normal.y()), static_cast<float>(normal.z()), arrives);
+  const float terrain = std::accumulate(std::begin(arrives), std::end(arrives), 0.F);
+  return {
+      0, sources.sun_w_m2 * static_cast<double>(terrain),
+      sources.earth_w_m2 * static_cast<double>(sum_between(place).earth) * std::max(normal.dot(sources.earth), 0.0)};
 }
 
 void places_in_field(const FieldPlane& plane, const SurfacePoints& points, bool all, FieldLanes& out) {
@@ -248,14 +269,14 @@ void places_in_field(const FieldPlane& plane, const SurfacePoints& points, bool 
   HWY_DYNAMIC_DISPATCH(InField)(plane.posts(), plane.middle(), plane.tiles(), points, out);
 }
 
-void light_from_terrain(const LightPlace (&places)[kPacket], const SurfacePoints& points, const Shading& shading,
-                        const Rays& rays, DiffuseLanes& out, float (&earth)[kPacket]) {
-  HWY_DYNAMIC_DISPATCH(FromTerrain)(places, points, shading, rays, out, earth);
+void light_from_terrain(const LightPlaces& places, const Shading& shading, const Rays& rays, double sun_w_m2,
+                        DiffuseLanes& out, float (&earth)[kPacket]) {
+  HWY_DYNAMIC_DISPATCH(FromTerrain)(places, shading, rays, sun_w_m2, out, earth);
 }
 
 void light_from_earth(const float (&earth)[kPacket], const SurfacePoints& points, const Shading& shading,
-                      const Rays& rays, const Vec3& direction, DiffuseLanes& out) {
-  HWY_DYNAMIC_DISPATCH(FromEarth)(earth, points, shading, rays, direction, out);
+                      const Rays& rays, const LightSources& sources, DiffuseLanes& out) {
+  HWY_DYNAMIC_DISPATCH(FromEarth)(earth, points, shading, rays, sources, out);
 }
 
 void add_reflected(const DiffuseLanes& lanes, const double* reflected, const double* albedo, float* radiance) {

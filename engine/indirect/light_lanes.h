@@ -8,28 +8,42 @@
 
 namespace selenograph::engine {
 
-// A post as pixels read it: 128 bytes.
-struct alignas(64) LightPost {
-  float from[3][kSectors] = {};  // vectors of the light from terrain, by sectors of azimuth, W m-2
-  float x = 0, y = 0, z = 0;     // their sum
-  float fluence = 0;             // sum of their lengths
-  float factor = 1;              // of the radiance, see terrain_light.h
-  float earth = 0;               // W m-2 at normal incidence
-  float ground = 0;              // radiosity of the ground, W m-2
+// Light at a post, for a Sun of 1 W m-2 at normal incidence: from terrain, by sectors of azimuth, see SectorLight.
+struct alignas(32) SectorPost {
+  float x[kSectors] = {}, y[kSectors] = {}, z[kSectors] = {};
+};
+struct alignas(32) SumPost {
+  float x = 0, y = 0, z = 0;  // sum of the sectors' vectors
+  float fluence = 0;          // sum of their lengths
+  float factor = 1;           // of the radiance, for who looks: see light_factors.h
+  float earth = 0;            // share of the Earth's disc that is seen
+  float ground = 0;           // radiosity of the ground itself
   float unused = 0;
 };
+static_assert(sizeof(SumPost) == kSectors * sizeof(float));
 
-// The post south-west of a pixel's place, and how far the place is towards the next ones, 0 to 1. The post east of it
-// follows it; the one north of it comes after `row` posts.
-struct LightPlace {
-  const LightPost* post;
-  float east, north;
-  int row;
+// What shines: W m-2 at normal incidence, and where the Earth is (unit, MOON_ME).
+struct LightSources {
+  double sun_w_m2 = 0, earth_w_m2 = 0;
+  Vec3 earth = Vec3::Zero();
 };
 
-LightPost post_between(const LightPlace& place);
-// From terrain, and from the Earth in that direction, on a surface there.
-Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const Vec3& earth);
+// The post south-west of a place, of a tile of FieldPlane::kTileSide posts a row, and how far the place is towards the
+// next ones, 0 to 1.
+struct LightPlace {
+  const SectorPost* sectors;
+  const SumPost* sum;
+  float east, north;
+};
+struct alignas(64) LightPlaces {
+  const SectorPost* sectors[kPacket];
+  const SumPost* sum[kPacket];
+  float east[kPacket], north[kPacket];
+};
+
+SumPost sum_between(const LightPlace& place);
+// From terrain, and from the Earth, on a surface there.
+Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const LightSources& sources);
 
 // Where sixteen points are in a field: the tile, the post of it south-west of the point, and how far beyond that post.
 // Points beside the field are at its border. `all`: all lanes have points.
@@ -46,12 +60,11 @@ struct alignas(64) DiffuseLanes {
 };
 
 // From terrain; each sector's light counts where the normal faces it. Lanes without light have a mu0 of 1e-9. `earth`:
-// that of the post.
-void light_from_terrain(const LightPlace (&places)[kPacket], const SurfacePoints& points, const Shading& shading,
-                        const Rays& rays, DiffuseLanes& out, float (&earth)[kPacket]);
-// From one direction, unit, that each lane gets `earth` of.
+// the share of its disc that each lane sees.
+void light_from_terrain(const LightPlaces& places, const Shading& shading, const Rays& rays, double sun_w_m2,
+                        DiffuseLanes& out, float (&earth)[kPacket]);
 void light_from_earth(const float (&earth)[kPacket], const SurfacePoints& points, const Shading& shading,
-                      const Rays& rays, const Vec3& direction, DiffuseLanes& out);
+                      const Rays& rays, const LightSources& sources, DiffuseLanes& out);
 
 // Adds to the radiance what the light's lanes reflect of `reflected`, mu0 f_r; `albedo`: null, or a factor per lane.
 void add_reflected(const DiffuseLanes& lanes, const double* reflected, const double* albedo, float* radiance);

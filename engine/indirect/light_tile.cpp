@@ -69,6 +69,15 @@ ContentKey key_of(const ContentKey& light, const LightField& field, int tile) {
   return hash.key();
 }
 
+void set_light(const SectorLight& arrives, SectorPost& sectors, SumPost& sum) {
+  for (std::size_t k = 0; k < kSectors; ++k) {
+    const Eigen::Vector3f& light = arrives.from[k];
+    sectors.x[k] = light.x(), sectors.y[k] = light.y(), sectors.z[k] = light.z();
+    sum.x += light.x(), sum.y += light.y(), sum.z += light.z();
+    sum.fluence += light.norm();
+  }
+}
+
 constexpr double kStep_deg = 0.02, kRadiusStep_deg = 1e-3, kDistanceStep_m = 1e6;
 
 Vec3 on_lattice(const Vec3& direction) {
@@ -92,18 +101,6 @@ FrameRequest on_lattice(FrameRequest request) {
   return request;
 }
 
-LightPost light_post(const TilePost& post, double direct_w_m2, double earth_w_m2) {
-  LightPost out{.earth = static_cast<float>(earth_w_m2) * post.earth,
-                .ground = static_cast<float>(direct_w_m2) * post.radiosity};
-  for (std::size_t k = 0; k < kSectors; ++k) {
-    const Eigen::Vector3f light = post.from[k] * static_cast<float>(direct_w_m2);
-    out.from[0][k] = light.x(), out.from[1][k] = light.y(), out.from[2][k] = light.z();
-    out.x += light.x(), out.y += light.y(), out.z += light.z();
-    out.fluence += light.norm();
-  }
-  return out;
-}
-
 struct LightTiles::Patch {
   Patch(const LightField& field, const FieldPlane& plane, const TileLight& of, const StopToken& stop)
       : relief({plane.centre(), plane.half_m(), dem::post_spacing_m(field.finest)}, heights_of(of.terrain, stop), stop),
@@ -116,9 +113,8 @@ struct LightTiles::Patch {
   Patch& operator=(const Patch&) = delete;
   std::size_t bytes() const { return sizeof *this + relief.bytes() + (slopes ? slopes->bytes() : 0); }
 
-  // Sixteen posts of a tile, from the relief's post at `row` and `column` on. Returns their
-  // LightTile::most_ground_view.
-  float fill_row(int row, int column, int stride, std::span<TilePost> out, const StopToken& stop) const {
+  // Sixteen posts of a tile from that one on: the relief's post at `row` and `column`.
+  void fill_row(int row, int column, int stride, std::size_t first, LightTile& out, const StopToken& stop) const {
     const Eigen::Matrix3f back = relief.axes().transpose().cast<float>();
     std::array<SectorLight, kPacket> light;
     for (SectorLight& of_post : light) of_post.from.fill(Eigen::Vector3f::Zero()), of_post.sky.setZero();
@@ -126,20 +122,20 @@ struct LightTiles::Patch {
     MarchLanes lanes = relief.places(row, column, stride);
     alignas(64) float share[kPacket] = {};
     if (disc) disc->shares(views, stride, lanes, share);
-    float most_ground_view = 0;
     for (int i = 0; i < kPacket; ++i) {
       const int at = column + i * stride;
       const std::size_t post =
           static_cast<std::size_t>(row) * static_cast<std::size_t>(relief.side(0)) + static_cast<std::size_t>(at);
       const SectorLight& arrives = light[static_cast<std::size_t>(i)];
       const Eigen::Vector3f normal = back * relief.cell(0, post).normal;
-      out[static_cast<std::size_t>(i)] = {
-          arrives.from, normal, static_cast<float>(static_cast<double>(lanes.height[i]) + relief.reference_m()),
-          slopes ? slopes->radiosity(row, at, stop) : 0, share[i]};
+      const std::size_t here = first + static_cast<std::size_t>(i);
+      set_light(arrives, out.sectors[here], out.sums[here]);
+      out.sums[here].ground = slopes ? slopes->radiosity(row, at, stop) : 0, out.sums[here].earth = share[i];
+      out.ground[here] = {normal, static_cast<float>(static_cast<double>(lanes.height[i]) + relief.reference_m())};
       if (slopes && !normal.isZero(0))  // next to no data there is none
-        most_ground_view = std::max(most_ground_view, 1 - normal.dot(arrives.sky) / std::numbers::pi_v<float>);
+        out.most_ground_view =
+            std::clamp(1 - normal.dot(arrives.sky) / std::numbers::pi_v<float>, out.most_ground_view, 1.F);
     }
-    return std::min(most_ground_view, 1.F);
   }
 
   Relief relief;
@@ -183,13 +179,10 @@ std::vector<std::shared_ptr<const LightTile>> LightTiles::get(const LightField& 
           constexpr std::size_t kSide = FieldPlane::kTileSide;
           static_assert(kSide == kPacket);
           auto made = std::make_shared<LightTile>();
-          made->posts.resize(kSide * kSide);
           for (std::size_t r = 0; r < kSide; ++r)
-            made->most_ground_view = std::max(
-                made->most_ground_view,
-                from->fill_row(first(tile / plane.tiles()) + static_cast<int>(r) * stride, first(tile % plane.tiles()),
-                               stride, std::span(made->posts).subspan(r * kSide, kSide), stop));
-          return {std::move(made), sizeof(LightTile) + kSide * kSide * sizeof(TilePost)};
+            from->fill_row(first(tile / plane.tiles()) + static_cast<int>(r) * stride, first(tile % plane.tiles()),
+                           stride, r * kSide, *made, stop);
+          return {std::move(made), sizeof(LightTile)};
         },
         stop);
   });

@@ -11,6 +11,7 @@
 #include "dem/support/cache.h"
 #include "dem/terrain/terrain.h"
 #include "engine/frame/request.h"
+#include "engine/indirect/light_factors.h"
 #include "engine/indirect/light_field.h"
 #include "engine/indirect/light_lanes.h"
 #include "engine/indirect/slope_light.h"
@@ -18,21 +19,12 @@
 
 namespace selenograph::engine {
 
-// Light at a post. What comes from terrain is for a Sun of 1 W m-2 at normal incidence.
-struct TilePost {
-  std::array<Eigen::Vector3f, kSectors> from;  // see SectorLight
-  Eigen::Vector3f normal;                      // of the ground, unit, MOON_ME
-  float height_m;                              // NaN: no data
-  float radiosity;                             // of the ground itself, in sunlight
-  float earth;                                 // share of the Earth's disc that is seen
-};
-
-// As pixels read it: without the factor, which depends on who looks. W m-2 at normal incidence.
-LightPost light_post(const TilePost& post, double direct_w_m2, double earth_w_m2);
-
 // FieldPlane::kTileSide squared posts, row-major from the south-west.
 struct LightTile {
-  std::vector<TilePost> posts;
+  static constexpr std::size_t kPosts = std::size_t{FieldPlane::kTileSide} * FieldPlane::kTileSide;
+  std::array<SectorPost, kPosts> sectors;
+  std::array<SumPost, kPosts> sums;  // their factors are 1
+  std::array<PostGround, kPosts> ground;
   float most_ground_view = 0;  // the largest share of a post's hemisphere that is ground; 0 without light from terrain
 };
 
@@ -60,9 +52,6 @@ class LightTiles {
                                                     const StopToken& stop);
   std::size_t bytes() const { return tiles_.bytes() + patches_.bytes(); }
   std::size_t capacity() const { return tiles_.capacity(); }  // for tiles
-  // Of a tile with what a frame makes of it.
-  static constexpr std::size_t kBytesOfTile =
-      std::size_t{FieldPlane::kTileSide} * FieldPlane::kTileSide * (sizeof(TilePost) + sizeof(LightPost));
 
  private:
   struct Patch;

@@ -3,11 +3,11 @@
 // Gathered at posts (light_tile.h) in sectors of azimuth, which are interpolated between them. At a point with normal n
 // the irradiance is the sum over sectors of the dot product of n with the sector's vector, where that is positive; the
 // radiance is that of light from one direction with the same irradiance and mean cosine of incidence, times a factor
-// that makes it exact at the posts.
+// that makes it exact at the posts (light_factors.h).
 #pragma once
 
 #include <array>
-#include <span>
+#include <memory>
 #include <vector>
 
 #include "engine/camera/row_views.h"
@@ -50,22 +50,21 @@ class TerrainLight {
   Place on_objects(const Vec3& place_m) const;
 
  private:
-  using Tile = std::array<LightPost, FieldPlane::kTileSide * FieldPlane::kTileSide>;
+  struct Tile {
+    std::shared_ptr<const LightTile> light;  // null: not in view
+    std::array<SumPost, LightTile::kPosts> sums;
+  };
   struct Field {
     FieldPlane plane;
     std::vector<const Tile*> tiles;  // row by row; null: not in view
   };
-  void fill(const LightTile& from, const FieldPlane& plane, int tile, const Vec3& eye_m, const Brdf& brdf,
-            Tile& out) const;
-  void set_factors(std::span<const TilePost, kPacket> from, const Vec3 (&toward)[kPacket], const Brdf& brdf,
-                   std::span<LightPost, kPacket> out) const;
-  void places_of(const SurfacePoints& points, LightPlace (&places)[kPacket]) const;
+  void places_of(const SurfacePoints& points, LightPlaces& places) const;
   LightPlace at(std::uint32_t block, const Vec3& place_m) const;
 
   const FrameRequest& request_;
   const Mesh& mesh_;
-  double direct_w_m2_, earth_w_m2_ = 0, most_ground_view_ = 0;
-  Vec3 earth_ = Vec3::Zero();
+  LightSources sources_;
+  double most_ground_view_ = 0;
   std::vector<Tile> tiles_;
   std::vector<Field> fields_;
   std::vector<int> of_block_;  // field of each block of the mesh; -1: none
