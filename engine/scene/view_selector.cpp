@@ -45,7 +45,7 @@ Selection ViewSelector::select(const Sun* sun) {
   see_roots();
   see_detail();
   if (sun) sharpen_shadows(*sun);
-  for (const Seen& s : seen_) count_detail(s.id, -1), choose(s.id, s.info);
+  for (const Seen& s : seen_) count_detail(s.id, -1), choose(s.id, s.info.max_m);
   balance();
   report();
   result_.blocks.assign(chosen_.begin(), chosen_.end());
@@ -79,16 +79,27 @@ ViewSelector::Seen ViewSelector::seen_of(const BlockId& id, const Known& node) c
   return seen;
 }
 
-std::optional<ViewSelector::Seen> ViewSelector::look_at(const BlockId& id) {
-  check(chosen_.size() + seen_.size(), stop_);
-  Looked looked = looked_at(id);
-  note(id, looked.look);
-  return std::move(looked.seen);
+void ViewSelector::Part::note(const BlockId& id, Look look) {
+  if (look == Look::out_of_view) out_of_view.push_back(id);
+  if (look == Look::nothing) nothing.push_back(id);
 }
 
-void ViewSelector::note(const BlockId& id, Look look) {
-  if (look == Look::out_of_view) out_of_view_.push_back(id);
-  if (look == Look::nothing) note_void(id);
+void ViewSelector::Part::append(Part&& next) {
+  const auto join = [](auto& to, auto& from) {
+    to.insert(to.end(), std::make_move_iterator(from.begin()), std::make_move_iterator(from.end()));
+  };
+  join(seen, next.seen), join(out_of_view, next.out_of_view), join(nothing, next.nothing);
+  join(of_detail, next.of_detail), join(casters, next.casters);
+  shadow_error_px = std::max(shadow_error_px, next.shadow_error_px);
+}
+
+void ViewSelector::take(Part&& part) {
+  for (Seen& seen : part.seen) add_seen(std::move(seen));
+  out_of_view_.insert(out_of_view_.end(), part.out_of_view.begin(), part.out_of_view.end());
+  for (const BlockId& id : part.nothing) note_void(id);
+  of_detail_in_view_.insert(of_detail_in_view_.end(), part.of_detail.begin(), part.of_detail.end());
+  for (const auto& [id, highest_m] : part.casters) choose(id, highest_m);
+  result_.shadow_error_px = std::max(result_.shadow_error_px, part.shadow_error_px);
 }
 
 bool ViewSelector::may_see(const ViewBundle& view, const NodeBounds& b) {
@@ -118,28 +129,39 @@ void ViewSelector::see_roots() {
       for_each_root(terrain_, group, [&](const BlockId& id) { near.push_back(id); });
   }
   std::sort(near.begin(), near.end());
-  for (const BlockId& id : near) see(id);
+  take_all(near.size(), 1, [&](std::size_t i, Part& part) { see(near[i], part); });
 }
 
-void ViewSelector::see(const BlockId& id) {
-  const auto node = look_at(id);
-  if (!node) return;
-  if (!refine(*node)) {
-    add_seen(*node);
+void ViewSelector::see(const BlockId& id, Part& part) const {
+  stop_.check();
+  Looked looked = looked_at(id);
+  part.note(id, looked.look);
+  if (!looked.seen) return;
+  if (!refine(*looked.seen)) {
+    count_block();
+    part.seen.push_back(std::move(*looked.seen));
     return;
   }
-  for (const BlockId& child : dem::children_of(id))
+  const std::vector<BlockId> children = dem::children_of(id);
+  const auto see_child = [&](const BlockId& child, Part& of_child) {
     if (terrain_.has_detail(child))
-      want_detail(child, node->info, of_detail_in_view_);
+      want_detail(child, looked.seen->info, of_child);
     else
-      see(child);
+      see(child, of_child);
+  };
+  // Of the few roots in view, these levels have enough nodes for all threads.
+  constexpr int kDivided = 3;
+  if (id.level >= dem::kRootLevel + kDivided || children.size() == 1) {
+    for (const BlockId& child : children) see_child(child, part);
+    return;
+  }
+  std::vector<Part> parts(children.size());
+  in_parallel(children.size(), [&](std::size_t i) { see_child(children[i], parts[i]); });
+  for (Part& of_child : parts) part.append(std::move(of_child));
 }
 
-void ViewSelector::want_detail(const BlockId& child, const dem::NodeInfo& parent, std::vector<BlockId>& wanted) {
-  if (may_see(bounds_within(child, parent)))
-    wanted.push_back(child);
-  else
-    out_of_view_.push_back(child);
+void ViewSelector::want_detail(const BlockId& child, const dem::NodeInfo& parent, Part& part) const {
+  (may_see(bounds_within(child, parent)) ? part.of_detail : part.out_of_view).push_back(child);
 }
 
 void ViewSelector::see_detail() {
@@ -160,12 +182,15 @@ void ViewSelector::see_detail() {
 }
 
 void ViewSelector::take_detail(const BlockId& id, const Looked& looked, bool finer, std::vector<BlockId>& next) {
-  note(id, looked.look);
-  if (!looked.seen) return;
-  if (finer)
-    for (const BlockId& child : dem::children_of(id)) want_detail(child, looked.seen->info, next);
-  else
-    add_seen(*looked.seen);
+  Part part;
+  part.note(id, looked.look);
+  if (looked.seen && finer)
+    for (const BlockId& child : dem::children_of(id)) want_detail(child, looked.seen->info, part);
+  else if (looked.seen)
+    part.seen.push_back(*looked.seen);
+  next.insert(next.end(), part.of_detail.begin(), part.of_detail.end());
+  part.of_detail.clear();
+  take(std::move(part));
 }
 
 void ViewSelector::add_seen(const Seen& seen) {
@@ -236,9 +261,9 @@ double ViewSelector::foreshortening(const BlockId& id, double highest_m) const {
   return std::sqrt(most);
 }
 
-void ViewSelector::choose(const BlockId& id, const dem::NodeInfo& info) {
+void ViewSelector::choose(const BlockId& id, float highest_m) {
   if (chosen_.insert(id).second) count_detail(id, 1);
-  result_.highest_m = std::max(result_.highest_m, static_cast<double>(info.max_m));
+  result_.highest_m = std::max(result_.highest_m, static_cast<double>(highest_m));
 }
 
 void ViewSelector::report() {
@@ -255,14 +280,26 @@ void ViewSelector::report() {
     result_.min_spacing_m = std::min(result_.min_spacing_m, spacing);
     result_.max_spacing_m = std::max(result_.max_spacing_m, spacing);
   }
-  for (const BlockId& id : chosen_)
-    if (const auto seen = in_view_.find(id); seen != in_view_.end())
-      around(id, [&](std::int32_t lat, std::int32_t lon) {
-        const BlockId* neighbour = covering(lat, lon, id.level);
-        const double error = neighbour && follows(id, *neighbour) ? errors_of(*neighbour).all_m : 0;
-        result_.error_m = std::max(result_.error_m, error);
-        result_.error_px = std::max(result_.error_px, error * seen->second);
-      });
+  const std::vector<BlockId> ids(chosen_.begin(), chosen_.end());
+  struct Worst {
+    double error_m = 0, error_px = 0;
+  };
+  constexpr std::size_t kPiece = 64;
+  std::vector<Worst> worst((ids.size() + kPiece - 1) / kPiece);
+  in_parallel(worst.size(), [&](std::size_t p) {
+    for (std::size_t i = p * kPiece; i < std::min((p + 1) * kPiece, ids.size()); ++i)
+      if (const auto seen = in_view_.find(ids[i]); seen != in_view_.end())
+        around(ids[i], [&](std::int32_t lat, std::int32_t lon) {
+          const BlockId* neighbour = covering(lat, lon, ids[i].level);
+          const double error = neighbour && follows(ids[i], *neighbour) ? errors_of(*neighbour).all_m : 0;
+          worst[p].error_m = std::max(worst[p].error_m, error);
+          worst[p].error_px = std::max(worst[p].error_px, error * seen->second);
+        });
+  });
+  for (const Worst& w : worst) {
+    result_.error_m = std::max(result_.error_m, w.error_m);
+    result_.error_px = std::max(result_.error_px, w.error_px);
+  }
 }
 
 void ViewSelector::note_void(const BlockId& id) {

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <cstddef>
 #include <limits>
 #include <optional>
@@ -77,11 +78,34 @@ class ViewSelector {
     bool too_coarse = false;  // by its outline: it was not made
   };
 
+  // What a part of the terrain adds to the selection. Parts are found by all threads and joined in their order: the
+  // selection does not depend on the threads.
+  struct Part {
+    std::vector<Seen> seen;
+    std::vector<BlockId> out_of_view, nothing, of_detail;  // the last are yet to be processed
+    std::vector<std::pair<BlockId, float>> casters;        // with their greatest height
+    double shadow_error_px = 0;
+    void note(const BlockId& id, Look look);
+    void append(Part&& next);
+  };
+  void take(Part&& part);
+  // Takes what make(i, part) adds for every i below count. Throws as check() does, when all is known.
+  template <typename Make>
+  void take_all(std::size_t count, std::size_t grain, const Make& make) {
+    std::vector<Part> parts((count + grain - 1) / grain);
+    blocks_ = 0;
+    in_parallel(parts.size(), [&](std::size_t p) {
+      for (std::size_t i = p * grain; i < std::min((p + 1) * grain, count); ++i) make(i, parts[p]);
+    });
+    for (Part& part : parts) take(std::move(part));
+    check(chosen_.size() + seen_.size(), stop_);
+  }
+  // Of a part: far too many are not waited for.
+  void count_block() const { check(++blocks_ / 8, stop_); }
+
   Looked looked_at(const BlockId& id) const;
   // Whether refine() is true of any block within such an outline.
   bool surely_refined(const BlockId& id, const dem::NodeInfo& outline, const NodeBounds& bounds) const;
-  std::optional<Seen> look_at(const BlockId& id);
-  void note(const BlockId& id, Look look);
   static bool may_see(const ViewBundle& view, const NodeBounds& b);
   bool may_see(const NodeBounds& b) const;
 
@@ -89,10 +113,10 @@ class ViewSelector {
   double pixels_per_metre(const NodeBounds& b) const;
 
   void see_roots();
-  void see(const BlockId& id);
+  void see(const BlockId& id, Part& part) const;
 
   // Adds a block of detail unless it is out of view by its parent's height bounds: then it need not be made.
-  void want_detail(const BlockId& child, const dem::NodeInfo& parent, std::vector<BlockId>& wanted);
+  void want_detail(const BlockId& child, const dem::NodeInfo& parent, Part& part) const;
 
   // Processes blocks with detail, which are made on first access, a millisecond each, by all threads. The work is done
   // in waves of pieces, so that too much detail (more blocks than `most`) is noticed before it is made; the result
@@ -143,7 +167,7 @@ class ViewSelector {
   // Whether the block's error exceeds the limit.
   bool errs(const BlockId& id, const Errors& errors, double pixels_per_metre) const;
 
-  void choose(const BlockId& id, const dem::NodeInfo& info);
+  void choose(const BlockId& id, float highest_m);
 
   // Upper limit on pixels per metre: an object next to the camera does not require arbitrarily fine terrain.
   static constexpr double kSharpest = 1;
@@ -158,8 +182,8 @@ class ViewSelector {
   };
 
   Blur blur(const Seen& seen, double displaced_pixels_per_metre) const;
-  bool too_much(const Blur& blur);
-  void sharpen(const Seen& seen, const LightTree& receivers);
+  bool too_much(const Blur& blur, Part& part) const;
+  void sharpen(const Seen& seen, const LightTree& receivers, Part& part) const;
   void sharpen_detail(const LightTree& receivers);
 
   // A caster outside the view.
@@ -172,14 +196,14 @@ class ViewSelector {
   Caster caster(const BlockId& id, const LightTree& receivers) const;
 
   // Adds a caster, or its children if it is too coarse; those with detail are deferred.
-  void cast(const BlockId& id, const LightTree& receivers, std::vector<BlockId>& of_detail);
+  void cast(const BlockId& id, const LightTree& receivers, Part& part) const;
 
   static void want_caster(const BlockId& child, const dem::NodeInfo& parent, const LightTree& receivers,
                           std::vector<BlockId>& wanted);
   void cast_detail(std::vector<BlockId> wave, const LightTree& receivers);
 
   // Returns whether it must be refined.
-  bool take_caster(const BlockId& id, const Caster& caster);
+  bool take_caster(const BlockId& id, const Caster& caster, Part& part) const;
 
   // Computes the reported bounds over the blocks in view.
   void report();
@@ -219,6 +243,7 @@ class ViewSelector {
   bool of_coarser_layer(const BlockId& neighbour, const BlockId& id) const;
 
   bool must_split(const BlockId& neighbour, const BlockId& id) const;
+  bool must_split_any(const BlockId& id) const;
 
   // Splits blocks until levels of neighbours differ by at most one, beside a coarser layer's posts by at most five, so
   // that edges join vertex by vertex, and until no edge in view exceeds the promised error.
@@ -237,14 +262,15 @@ class ViewSelector {
   // Blocks finer than the posts; those in view leave some for casters.
   std::size_t most_of_detail_ = kAny, most_in_view_ = kAny, of_detail_ = 0;
   Chosen chosen_;
-  int coarsest_ = 0;  // level of those chosen, before any is split
+  mutable std::atomic<std::size_t> blocks_ = 0;  // in parts
+  int coarsest_ = 0;                             // level of those chosen, before any is split
   std::vector<Seen> seen_;
 
   std::unordered_map<BlockId, double, dem::BlockIdHash> in_view_;  // pixels per metre; includes parts of split blocks
   std::vector<BlockId> out_of_view_, of_detail_in_view_;           // the latter are yet to be processed
   std::vector<const RootGroup*> groups_out_of_view_;
 
-  bool refined_for_shadows_ = false;
+  mutable std::atomic<bool> refined_for_shadows_ = false;
   Selection result_;
 };
 

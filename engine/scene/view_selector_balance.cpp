@@ -30,12 +30,27 @@ bool ViewSelector::must_split(const BlockId& neighbour, const BlockId& id) const
   return follows(id, neighbour) && errs(neighbour, errors_of(neighbour), in_view_.at(id));
 }
 
+bool ViewSelector::must_split_any(const BlockId& id) const {
+  bool any = false;
+  around(id, [&](std::int32_t lat, std::int32_t lon) {
+    if (any) return;
+    const BlockId* coarser = covering(lat, lon, id.level);
+    any = coarser && must_split(*coarser, id);
+  });
+  return any;
+}
+
 void ViewSelector::balance() {
   for (const Seen& s : seen_) in_view_[s.id] = s.pixels_per_metre;
   coarsest_ = dem::kMaxLevel;
   for (const BlockId& id : chosen_) coarsest_ = std::min(coarsest_, id.level);
-  std::vector<BlockId> todo(chosen_.begin(), chosen_.end());
+  // Most blocks are in balance, and stay so: neighbours only become finer.
+  const std::vector<BlockId> all(chosen_.begin(), chosen_.end());
+  std::vector<BlockId> todo = gathered_in_parallel<BlockId>(all.size(), 64, [&](std::size_t i, auto& some) {
+    if (must_split_any(all[i])) some.push_back(all[i]);
+  });
   std::sort(todo.begin(), todo.end());
+  check(chosen_.size(), stop_);
   while (!todo.empty()) {
     const BlockId id = todo.back();
     todo.pop_back();
@@ -64,7 +79,7 @@ void ViewSelector::split(const BlockId id, std::vector<BlockId>& todo) {
     const BlockId& child = children[i];
     const std::optional<Known>& node = nodes[i];
     if (!node) continue;
-    choose(child, node->info);
+    choose(child, node->info.max_m);
     todo.push_back(child);
     if (sharpness > 0) in_view_[child] = sharpness;
   }

@@ -36,20 +36,22 @@ void ViewSelector::sharpen_shadows(const Sun& sun) {
   }
   receivers.finish();
   of_detail_ = 0;
-  for (const Seen& s : std::exchange(seen_, {})) sharpen(s, receivers);
+  constexpr std::size_t kPiece = 32;
+  const std::vector<Seen> seen = std::exchange(seen_, {});
+  take_all(seen.size(), kPiece, [&](std::size_t i, Part& part) { sharpen(seen[i], receivers, part); });
   sharpen_detail(receivers);
-  std::vector<BlockId> of_detail;
-  for (const BlockId& id : std::exchange(out_of_view_, {}))
-    if (terrain_.has_detail(id)) {
-      const BlockId parent = dem::ancestor_of(id, id.level - 1);
-      const auto outline = terrain_.outline(parent, stop_);
-      want_caster(id, outline ? *outline : terrain_.node(parent, stop_), receivers, of_detail);
-    } else
-      cast(id, receivers, of_detail);
+  std::vector<BlockId> beside = std::exchange(out_of_view_, {});
   for (const RootGroup* group : groups_out_of_view_)
     if (receivers.shaded_pixels_per_metre(group->bounds) > 0)
-      for_each_root(terrain_, *group, [&](const BlockId& id) { cast(id, receivers, of_detail); });
-  cast_detail(std::move(of_detail), receivers);
+      for_each_root(terrain_, *group, [&](const BlockId& id) { beside.push_back(id); });
+  take_all(beside.size(), kPiece, [&](std::size_t i, Part& part) {
+    const BlockId& id = beside[i];
+    if (!terrain_.has_detail(id)) return cast(id, receivers, part);
+    const BlockId parent = dem::ancestor_of(id, id.level - 1);
+    const auto outline = terrain_.outline(parent, stop_);
+    want_caster(id, outline ? *outline : terrain_.node(parent, stop_), receivers, part.of_detail);
+  });
+  cast_detail(std::exchange(of_detail_in_view_, {}), receivers);
 }
 
 ViewSelector::Blur ViewSelector::blur(const Seen& seen, double displaced_pixels_per_metre) const {
@@ -65,22 +67,27 @@ ViewSelector::Blur ViewSelector::blur(const Seen& seen, double displaced_pixels_
   return {displaced_px > accuracy_.max_shadow_error_px, displaced_px};
 }
 
-bool ViewSelector::too_much(const Blur& blur) {
-  refined_for_shadows_ |= blur.too_much && accuracy_.max_error_px > 0;
-  if (!blur.too_much) result_.shadow_error_px = std::max(result_.shadow_error_px, blur.displaced_px);
+bool ViewSelector::too_much(const Blur& blur, Part& part) const {
+  if (blur.too_much && accuracy_.max_error_px > 0) refined_for_shadows_ = true;
+  if (!blur.too_much) part.shadow_error_px = std::max(part.shadow_error_px, blur.displaced_px);
   return blur.too_much;
 }
 
-void ViewSelector::sharpen(const Seen& seen, const LightTree& receivers) {
-  if (!too_much(blur(seen, receivers.shaded_pixels_per_metre(seen.bounds)))) {
-    add_seen(seen);
+void ViewSelector::sharpen(const Seen& seen, const LightTree& receivers, Part& part) const {
+  if (!too_much(blur(seen, receivers.shaded_pixels_per_metre(seen.bounds)), part)) {
+    count_block();
+    part.seen.push_back(seen);
     return;
   }
   for (const BlockId& child : dem::children_of(seen.id)) {
-    if (terrain_.has_detail(child))
-      want_detail(child, seen.info, of_detail_in_view_);
-    else if (const auto node = look_at(child))
-      sharpen(*node, receivers);
+    if (terrain_.has_detail(child)) {
+      want_detail(child, seen.info, part);
+      continue;
+    }
+    stop_.check();
+    const Looked looked = looked_at(child);
+    part.note(child, looked.look);
+    if (looked.seen) sharpen(*looked.seen, receivers, part);
   }
 }
 
@@ -98,7 +105,10 @@ void ViewSelector::sharpen_detail(const LightTree& receivers) {
         return judged;
       },
       [&](const BlockId& id, const Judged& judged, std::vector<BlockId>& next) {
-        take_detail(id, judged.looked, judged.looked.too_coarse || (judged.looked.seen && too_much(judged.blur)), next);
+        Part part;
+        const bool finer = judged.looked.too_coarse || (judged.looked.seen && too_much(judged.blur, part));
+        take(std::move(part));
+        take_detail(id, judged.looked, finer, next);
       });
 }
 
@@ -124,15 +134,15 @@ ViewSelector::Caster ViewSelector::caster(const BlockId& id, const LightTree& re
   return {true, false, node->info, blur(seen, displaced)};
 }
 
-void ViewSelector::cast(const BlockId& id, const LightTree& receivers, std::vector<BlockId>& of_detail) {
-  check(chosen_.size() + seen_.size(), stop_);
+void ViewSelector::cast(const BlockId& id, const LightTree& receivers, Part& part) const {
+  stop_.check();
   const Caster judged = caster(id, receivers);
-  if (!take_caster(id, judged)) return;
+  if (!take_caster(id, judged, part)) return;
   for (const BlockId& child : dem::children_of(id))
     if (terrain_.has_detail(child))
-      want_caster(child, judged.info, receivers, of_detail);
+      want_caster(child, judged.info, receivers, part.of_detail);
     else
-      cast(child, receivers, of_detail);
+      cast(child, receivers, part);
 }
 
 void ViewSelector::want_caster(const BlockId& child, const dem::NodeInfo& parent, const LightTree& receivers,
@@ -144,15 +154,18 @@ void ViewSelector::cast_detail(std::vector<BlockId> wave, const LightTree& recei
   in_waves(
       std::move(wave), most_of_detail_, [&](const BlockId& id) { return caster(id, receivers); },
       [&](const BlockId& id, const Caster& judged, std::vector<BlockId>& next) {
-        if (!take_caster(id, judged)) return;
-        for (const BlockId& child : dem::children_of(id)) want_caster(child, judged.info, receivers, next);
+        Part part;
+        if (take_caster(id, judged, part))
+          for (const BlockId& child : dem::children_of(id)) want_caster(child, judged.info, receivers, next);
+        take(std::move(part));
       });
 }
 
-bool ViewSelector::take_caster(const BlockId& id, const Caster& caster) {
+bool ViewSelector::take_caster(const BlockId& id, const Caster& caster, Part& part) const {
   if (!caster.matters) return false;
-  if (caster.too_coarse || too_much(caster.blur)) return true;
-  choose(id, caster.info);
+  if (caster.too_coarse || too_much(caster.blur, part)) return true;
+  count_block();
+  part.casters.emplace_back(id, caster.info.max_m);
   return false;
 }
 
