@@ -1,6 +1,7 @@
 #include "engine/indirect/light_lanes.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numeric>
 
@@ -139,26 +140,23 @@ bool InTile(const NearPlace& at, const SurfacePoints& points, FieldLanes& out) {
   return beside == 0;
 }
 
-// Of each lane, from its posts: the irradiance, and what is the same for all normals.
-struct alignas(64) TerrainLanes {
-  float arrives[kPacket], x[kPacket], y[kPacket], z[kPacket], fluence[kPacket], factor[kPacket], earth[kPacket];
-};
-
-void ReadPosts(const LightPlaces& places, const Shading& shading, TerrainLanes& out) {
-  // Four at a time: halves of wider vectors are far apart.
+void ReadPosts(const SectorPost* sectors, const SumPost* sums, const FieldLanes& at, std::uint32_t lanes,
+               const Shading& shading, TerrainLanes& out) {
+  // Sums are of four at a time: halves of wider vectors are far apart.
   const hn::CappedTag<float, 4> four;
   constexpr int kFour = static_cast<int>(HWY_MIN(HWY_LANES(float), 4));
-  SectorQuad sectors;
-  SumQuad sums;
-  sectors.set(places.sectors[0]->x), sums.set(&places.sum[0]->x);
-  for (int i = 0; i < kPacket; ++i) {
+  SectorQuad sector_quad;
+  SumQuad sum_quad;
+  int of = at.post[std::countr_zero(lanes)];
+  sector_quad.set(sectors[of].x), sum_quad.set(&sums[of].x);
+  for (; lanes; lanes &= lanes - 1) {
+    const int i = std::countr_zero(lanes);
     // Neighbours are mostly between the same four.
-    if (i > 0 && places.sectors[i] != places.sectors[i - 1])
-      sectors.set(places.sectors[i]->x), sums.set(&places.sum[i]->x);
+    if (at.post[i] != of) of = at.post[i], sector_quad.set(sectors[of].x), sum_quad.set(&sums[of].x);
     alignas(32) float arrives[kSectors], sum[kSectors];
-    Arriving(sectors, places.east[i], places.north[i], static_cast<float>(shading.nx[i]),
-             static_cast<float>(shading.ny[i]), static_cast<float>(shading.nz[i]), arrives);
-    SumBetween(sums, places.east[i], places.north[i], sum);
+    Arriving(sector_quad, at.east[i], at.north[i], static_cast<float>(shading.nx[i]), static_cast<float>(shading.ny[i]),
+             static_cast<float>(shading.nz[i]), arrives);
+    SumBetween(sum_quad, at.east[i], at.north[i], sum);
     auto all = hn::Load(four, arrives);
     for (int k = kFour; k < kSectors; k += kFour) all = hn::Add(all, hn::Load(four, arrives + k));
     out.arrives[i] = hn::GetLane(hn::SumOfLanes(four, all));
@@ -167,10 +165,7 @@ void ReadPosts(const LightPlaces& places, const Shading& shading, TerrainLanes& 
   }
 }
 
-void FromTerrain(const LightPlaces& places, const Shading& shading, const Rays& rays, double sun_w_m2,
-                 DiffuseLanes& out, float* earth) {
-  TerrainLanes lanes;
-  ReadPosts(places, shading, lanes);
+void FromTerrain(const TerrainLanes& lanes, const Rays& rays, double sun_w_m2, DiffuseLanes& out) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const float fluence = lanes.fluence[i], arrives = lanes.arrives[i];
@@ -183,11 +178,10 @@ void FromTerrain(const LightPlaces& places, const Shading& shading, const Rays& 
                 light = lit ? fluence * lanes.factor[i] : 0;
     out.mu0[i] = static_cast<double>(mu0), out.cos_phase[i] = static_cast<double>(cos_phase);
     out.light[i] = sun_w_m2 * static_cast<double>(light);
-    earth[i] = lanes.earth[i];
   }
 }
 
-void FromEarth(const float* earth, const SurfacePoints& points, const Shading& shading, const Rays& rays,
+void FromEarth(const TerrainLanes& lanes, const SurfacePoints& points, const Shading& shading, const Rays& rays,
                const LightSources& sources, DiffuseLanes& out) {
   const double x = sources.earth.x(), y = sources.earth.y(), z = sources.earth.z(), shines = sources.earth_w_m2;
   SELENOGRAPH_INDEPENDENT_LANES
@@ -195,9 +189,9 @@ void FromEarth(const float* earth, const SurfacePoints& points, const Shading& s
     const double along = shading.nx[i] * x + shading.ny[i] * y + shading.nz[i] * z;
     const double back = -(rays.dx[i] * x + rays.dy[i] * y + rays.dz[i] * z);
     const double length = std::sqrt(rays.dx[i] * rays.dx[i] + rays.dy[i] * rays.dy[i] + rays.dz[i] * rays.dz[i]);
-    const bool lit = points.hit[i] & (earth[i] > 0) & (along > 0);
+    const bool lit = points.hit[i] & (lanes.earth[i] > 0) & (along > 0);
     out.mu0[i] = lit ? along : 1e-9, out.cos_phase[i] = lit ? back / length : 0;
-    out.light[i] = lit ? shines * static_cast<double>(earth[i]) : 0;
+    out.light[i] = lit ? shines * static_cast<double>(lanes.earth[i]) : 0;
   }
 }
 
@@ -219,6 +213,7 @@ HWY_EXPORT(SumOf);
 HWY_EXPORT(ArrivesAt);
 HWY_EXPORT(InField);
 HWY_EXPORT(InTile);
+HWY_EXPORT(ReadPosts);
 HWY_EXPORT(FromTerrain);
 HWY_EXPORT(FromEarth);
 HWY_EXPORT(AddReflected);
@@ -269,14 +264,18 @@ void places_in_field(const FieldPlane& plane, const SurfacePoints& points, bool 
   HWY_DYNAMIC_DISPATCH(InField)(plane.posts(), plane.middle(), plane.tiles(), points, out);
 }
 
-void light_from_terrain(const LightPlaces& places, const Shading& shading, const Rays& rays, double sun_w_m2,
-                        DiffuseLanes& out, float (&earth)[kPacket]) {
-  HWY_DYNAMIC_DISPATCH(FromTerrain)(places, shading, rays, sun_w_m2, out, earth);
+void read_posts(const SectorPost* sectors, const SumPost* sums, const FieldLanes& at, std::uint32_t lanes,
+                const Shading& shading, TerrainLanes& out) {
+  HWY_DYNAMIC_DISPATCH(ReadPosts)(sectors, sums, at, lanes, shading, out);
 }
 
-void light_from_earth(const float (&earth)[kPacket], const SurfacePoints& points, const Shading& shading,
-                      const Rays& rays, const LightSources& sources, DiffuseLanes& out) {
-  HWY_DYNAMIC_DISPATCH(FromEarth)(earth, points, shading, rays, sources, out);
+void light_from_terrain(const TerrainLanes& lanes, const Rays& rays, double sun_w_m2, DiffuseLanes& out) {
+  HWY_DYNAMIC_DISPATCH(FromTerrain)(lanes, rays, sun_w_m2, out);
+}
+
+void light_from_earth(const TerrainLanes& lanes, const SurfacePoints& points, const Shading& shading, const Rays& rays,
+                      const LightSources& sources, DiffuseLanes& out) {
+  HWY_DYNAMIC_DISPATCH(FromEarth)(lanes, points, shading, rays, sources, out);
 }
 
 void add_reflected(const DiffuseLanes& lanes, const double* reflected, const double* albedo, float* radiance) {

@@ -35,11 +35,6 @@ struct LightPlace {
   const SumPost* sum;
   float east, north;
 };
-struct alignas(64) LightPlaces {
-  const SectorPost* sectors[kPacket];
-  const SumPost* sum[kPacket];
-  float east[kPacket], north[kPacket];
-};
 
 SumPost sum_between(const LightPlace& place);
 // From terrain, and from the Earth, on a surface there.
@@ -53,18 +48,26 @@ struct alignas(64) FieldLanes {
 };
 void places_in_field(const FieldPlane& plane, const SurfacePoints& points, bool all, FieldLanes& out);
 
+// Between the posts of each lane: the irradiance, and what is the same for all normals. Lanes without light are zero.
+struct alignas(64) TerrainLanes {
+  float arrives[kPacket] = {}, x[kPacket] = {}, y[kPacket] = {}, z[kPacket] = {}, fluence[kPacket] = {},
+        factor[kPacket] = {}, earth[kPacket] = {};
+};
+// Those of some lanes, a bit each, that are in a tile of these posts; each sector's light counts where the normal faces
+// it.
+void read_posts(const SectorPost* sectors, const SumPost* sums, const FieldLanes& at, std::uint32_t lanes,
+                const Shading& shading, TerrainLanes& out);
+
 // What reflects towards the camera: light of a terrain's or the Earth's as of one direction.
 struct alignas(64) DiffuseLanes {
   double mu0[kPacket], cos_phase[kPacket];
   double light[kPacket];  // W m-2 at normal incidence; 0: none
 };
 
-// From terrain; each sector's light counts where the normal faces it. Lanes without light have a mu0 of 1e-9. `earth`:
-// the share of its disc that each lane sees.
-void light_from_terrain(const LightPlaces& places, const Shading& shading, const Rays& rays, double sun_w_m2,
-                        DiffuseLanes& out, float (&earth)[kPacket]);
-void light_from_earth(const float (&earth)[kPacket], const SurfacePoints& points, const Shading& shading,
-                      const Rays& rays, const LightSources& sources, DiffuseLanes& out);
+// Lanes without light have a mu0 of 1e-9.
+void light_from_terrain(const TerrainLanes& lanes, const Rays& rays, double sun_w_m2, DiffuseLanes& out);
+void light_from_earth(const TerrainLanes& lanes, const SurfacePoints& points, const Shading& shading, const Rays& rays,
+                      const LightSources& sources, DiffuseLanes& out);
 
 // Adds to the radiance what the light's lanes reflect of `reflected`, mu0 f_r; `albedo`: null, or a factor per lane.
 void add_reflected(const DiffuseLanes& lanes, const double* reflected, const double* albedo, float* radiance);

@@ -59,13 +59,11 @@ TerrainLight::TerrainLight(const FrameRequest& request, const RowViews& views, c
   }
 }
 
-void TerrainLight::places_of(const SurfacePoints& points, LightPlaces& places) const {
-  std::fill_n(places.sectors, kPacket, kNoSectors), std::fill_n(places.sum, kPacket, kNoSums);
-  std::fill_n(places.east, kPacket, 0.F), std::fill_n(places.north, kPacket, 0.F);
+void TerrainLight::read(const SurfacePoints& points, const Shading& shading, TerrainLanes& out) const {
   FieldLanes at;
   const std::uint32_t hits = hit_bits(points);
   const bool one_block = in_one_block(points.triangle);
-  // All are mostly in one field.
+  // All are mostly in one field, and in one tile of it.
   for (std::uint32_t left = hits; left;) {
     const int of = of_block_[points.triangle[std::countr_zero(left)].block()];
     std::uint32_t here = left;
@@ -75,12 +73,14 @@ void TerrainLight::places_of(const SurfacePoints& points, LightPlaces& places) c
     if (of < 0) continue;
     const Field& field = fields_[static_cast<std::size_t>(of)];
     places_in_field(field.plane, points, hits == kAllLanes, at);
-    for (std::uint32_t i = 0; i < kPacket; ++i)
-      if (const Tile* tile = here >> i & 1 ? field.tiles[static_cast<std::size_t>(at.tile[i])] : nullptr) {
-        const auto post = static_cast<std::size_t>(at.post[i]);
-        places.sectors[i] = &tile->light->sectors[post], places.sum[i] = &tile->sums[post];
-        places.east[i] = at.east[i], places.north[i] = at.north[i];
-      }
+    while (here) {
+      const int tile = at.tile[std::countr_zero(here)];
+      std::uint32_t in_tile = 0;
+      for (std::uint32_t i = 0; i < kPacket; ++i) in_tile |= (at.tile[i] == tile ? 1U : 0U) << i;
+      if (const Tile* posts = field.tiles[static_cast<std::size_t>(tile)])
+        read_posts(posts->light->sectors.data(), posts->sums.data(), at, here & in_tile, shading, out);
+      here &= ~in_tile;
+    }
   }
 }
 
@@ -100,15 +100,14 @@ void TerrainLight::add(const SurfacePoints& points, const Shading& shading, cons
   const double *w = hapke ? albedo : nullptr, *factor = hapke ? nullptr : albedo;
   alignas(64) double mu[kPacket], reflected[kPacket];
   for (int i = 0; i < kPacket; ++i) mu[i] = shading.mu[i] > 0 ? shading.mu[i] : 0;
-  LightPlaces places;
-  places_of(points, places);
+  TerrainLanes lanes;
+  read(points, shading, lanes);
   DiffuseLanes light;
-  float earth[kPacket];
-  light_from_terrain(places, shading, rays, sources_.sun_w_m2, light, earth);
+  light_from_terrain(lanes, rays, sources_.sun_w_m2, light);
   brdf.times_mu0(light.mu0, mu, light.cos_phase, w, reflected);
   add_reflected(light, reflected, factor, radiance);
   if (!(sources_.earth_w_m2 > 0)) return;
-  light_from_earth(earth, points, shading, rays, sources_, light);
+  light_from_earth(lanes, points, shading, rays, sources_, light);
   brdf.times_mu0(light.mu0, mu, light.cos_phase, w, reflected);
   add_reflected(light, reflected, factor, radiance);
 }

@@ -58,7 +58,7 @@ class TerrainLight {
     FieldPlane plane;
     std::vector<const Tile*> tiles;  // row by row; null: not in view
   };
-  void places_of(const SurfacePoints& points, LightPlaces& places) const;
+  void read(const SurfacePoints& points, const Shading& shading, TerrainLanes& out) const;
   LightPlace at(std::uint32_t block, const Vec3& place_m) const;
 
   const FrameRequest& request_;

@@ -496,10 +496,11 @@ TEST(DetailedTerrain, ThereAreNoRaysAtAPole) {
   p.relief.longest_m = 8192, p.relief.shortest_m = 512;
   p.craters.largest_m = 1000, p.craters.smallest_m = 256;
   const DetailedTerrain terrain(open_terrain(folder.path()), std::make_shared<Detail>(p));
+  const int step_deg = test::full_effort() ? 1 : 9;
   for (const double south : {-89.99, -89.999}) {
-    double before_m = terrain.height(south, 359).height_m, steepest = 0;
-    const double apart_m = kMetresPerDegree * (90 + south) * kRadiansPerDegree;
-    for (int lon = 0; lon < (test::full_effort() ? 360 : 120); lon += test::full_effort() ? 1 : 3) {
+    double before_m = terrain.height(south, -step_deg).height_m, steepest = 0;
+    const double apart_m = kMetresPerDegree * (90 + south) * kRadiansPerDegree * step_deg;
+    for (int lon = 0; lon < 360; lon += step_deg) {
       const double here_m = terrain.height(south, lon).height_m;
       steepest = std::max(steepest, std::abs(here_m - before_m) / apart_m);
       before_m = here_m;
