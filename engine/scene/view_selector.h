@@ -100,8 +100,10 @@ class ViewSelector {
     for (Part& part : parts) take(std::move(part));
     check(chosen_.size() + seen_.size(), stop_);
   }
-  // Of a part: far too many are not waited for.
-  void count_block() const { check(++blocks_ / 8, stop_); }
+  // Of a part: too many in view are not waited for. Of casters only far too many: whether some were refined, which
+  // decides what happens then, must not depend on which came first.
+  void count_block() const { check(++blocks_, stop_); }
+  void count_caster() const { check(++blocks_ / 8, stop_); }
 
   Looked looked_at(const BlockId& id) const;
   // Whether refine() is true of any block within such an outline.

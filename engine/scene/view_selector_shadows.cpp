@@ -164,7 +164,7 @@ void ViewSelector::cast_detail(std::vector<BlockId> wave, const LightTree& recei
 bool ViewSelector::take_caster(const BlockId& id, const Caster& caster, Part& part) const {
   if (!caster.matters) return false;
   if (caster.too_coarse || too_much(caster.blur, part)) return true;
-  count_block();
+  count_caster();
   part.casters.emplace_back(id, caster.info.max_m);
   return false;
 }
