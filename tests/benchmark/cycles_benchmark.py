@@ -3,9 +3,9 @@
 
     SELENOGRAPH_BINARY=build/selenograph blender -b --python tests/benchmark/cycles_benchmark.py [-- FRAMES]
 
-1024 x 1024 pixels, nadir from 30 km over sample terrain, all posts in view as one mesh, a Sun that is a point 15 degrees
-high, two threads. Cycles: one sample a pixel, direct light alone, the mesh and its BVH kept from frame to frame. Prints
-medians, and how well both images agree.
+1024 x 1024 pixels, nadir from 30 km over sample terrain, all posts in view as one mesh, a Sun that is a point 15
+degrees high, two threads. Cycles: one sample a pixel, direct light alone, the mesh and its BVH kept from frame to
+frame. Prints medians, and how well both images agree.
 """
 
 import math
@@ -71,7 +71,8 @@ def scene_of(mesh):
     sun.energy, sun.angle = 3.0, 0.0
     camera = bpy.data.cameras.new("camera")
     camera.angle, camera.clip_end = math.radians(FOV_DEG), 1e6
-    things = {name: bpy.data.objects.new(name, data) for name, data in (("ground", mesh), ("sun", sun), ("camera", camera))}
+    parts = {"ground": mesh, "sun": sun, "camera": camera}
+    things = {name: bpy.data.objects.new(name, data) for name, data in parts.items()}
     for thing in things.values():
         scene.collection.objects.link(thing)
     things["sun"].rotation_euler = (0, math.radians(90 - SUN_DEG), 0)  # shines along -z; in the east
@@ -129,13 +130,14 @@ def main():
         cycles, ours = (1000 * statistics.median(times[3:]) for times in (rendered, drawn))
         camera.location[1] = 0
         by_cycles = image_by_cycles(scene)
-        ours_image = numpy.frombuffer(service.post("/v1/frames", request(), "application/octet-stream")[2], "<f4")
-        shadow = [image.ravel() <= 0 for image in (by_cycles, ours_image.reshape(SIDE, SIDE))]
+        by_us = numpy.frombuffer(service.post("/v1/frames", request(), "application/octet-stream")[2], "<f4")
+        shadow = [image.ravel() <= 0 for image in (by_cycles, by_us)]
         service.stop()
     finally:
         harness.tear_down()
-    print(f"{2 * (corners.shape[0] - 1) * (across - 1) / 1e6:.1f} million triangles; Cycles {cycles:.0f} ms, ours {ours:.1f} ms, "
-          f"ratio {cycles / ours:.1f}; in shadow {100 * shadow[0].mean():.2f} and {100 * shadow[1].mean():.2f} %, "
+    million = 2 * (corners.shape[0] - 1) * (across - 1) / 1e6
+    print(f"{million:.1f} million triangles; Cycles {cycles:.0f} ms, ours {ours:.1f} ms, ratio {cycles / ours:.1f}; "
+          f"in shadow {100 * shadow[0].mean():.2f} and {100 * shadow[1].mean():.2f} %, "
           f"differently {100 * (shadow[0] != shadow[1]).mean():.2f} %")
 
 
