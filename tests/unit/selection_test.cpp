@@ -228,6 +228,22 @@ TEST_F(SelectionTest, RaysFindTheFinestBlocksTheyMeet) {
   EXPECT_LT(blocks.size(), 20U);
 }
 
+TEST_F(SelectionTest, GroundIsSelectedTheSameByAnyThreads) {
+  const Sun sun{to_cartesian({9, 95, 0}).normalized()};
+  for (const View& view : views()) {
+    tbb::task_arena one(1), two(2);
+    const auto select = [&] {
+      return select_for_view(*terrain_, view, &sun, {.max_error_px = 0.25, .max_shadow_error_px = 4}, {});
+    };
+    const Selection a = in_arena(one, select), b = in_arena(two, select);
+    EXPECT_GT(a.blocks.size(), 10U);
+    EXPECT_EQ(a.blocks, b.blocks);
+    for (double Selection::*bound : {&Selection::error_px, &Selection::error_m, &Selection::shadow_error_px,
+                                     &Selection::min_spacing_m, &Selection::max_spacing_m, &Selection::highest_m})
+      EXPECT_EQ(a.*bound, b.*bound);
+  }
+}
+
 // Blocks with detail are made while they are selected, by all threads.
 TEST_F(SelectionTest, DetailIsSelectedTheSameByAnyThreads) {
   dem::DetailPreset preset;
