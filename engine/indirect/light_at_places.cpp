@@ -6,7 +6,6 @@
 
 #include "dem/grid/lattice.h"
 #include "dem/terrain/surface_place.h"
-#include "engine/radiometry/earth.h"
 #include "engine/radiometry/radiometry.h"
 
 namespace selenograph::engine {
@@ -28,12 +27,7 @@ struct PlaceInField {
 std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const FrameRequest& request,
                                         const dem::Terrain& terrain, LightTiles& tiles, const StopToken& stop) {
   const double direct_w_m2 = radiance_terms(request).direct_w_m2;
-  const auto& earth = request.indirect.earth;
-  LightSources sources{.sun_w_m2 = direct_w_m2};
-  if (earth) {
-    sources.earth_w_m2 = direct_w_m2 * earth_over_sun(*earth, request.sun, band_of(request));
-    sources.earth = earth->direction;
-  }
+  const LightSources sources = light_sources(request, direct_w_m2);
   std::vector<Irradiance> out(places.size());
   std::map<LightField, std::vector<PlaceInField>> fields;
   for (std::size_t i = 0; i < places.size(); ++i) {

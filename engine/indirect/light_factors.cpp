@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "dem/support/vector_targets.h"
-#include "engine/support/lane_math.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/indirect/light_factors.cpp"
@@ -108,8 +107,8 @@ HWY_EXPORT(Look);
 HWY_EXPORT(Sectors);
 HWY_EXPORT(SumSectors);
 
-void set_factors(std::span<const SectorPost> sectors, std::span<const PostGround> ground, const FieldPlane& plane,
-                 int tile, const Vec3& eye_m, const Brdf& brdf, std::span<SumPost> sums) {
+void set_factors(const LightTile& light, const FieldPlane& plane, int tile, const Vec3& eye_m, const Brdf& brdf,
+                 std::span<SumPost> sums) {
   const int south = tile / plane.tiles() * FieldPlane::kTileQuads, west = tile % plane.tiles() * FieldPlane::kTileQuads;
   LookLanes look;
   SectorLanes pair;
@@ -117,11 +116,12 @@ void set_factors(std::span<const SectorPost> sectors, std::span<const PostGround
   for (int r = 0; r < kPacket; ++r) {
     const auto first = static_cast<std::size_t>(r * kPacket);
     const Vec3 place = plane.at(west, south + r);
-    HWY_DYNAMIC_DISPATCH(Look)(place, plane.at(west + 1, south + r) - place, eye_m, &ground[first], look);
+    HWY_DYNAMIC_DISPATCH(Look)(place, plane.at(west + 1, south + r) - place, eye_m, &light.ground[first], look);
     for (int i = 0; i < kPacket; i += 2) {
       const std::size_t post = first + static_cast<std::size_t>(i);
-      HWY_DYNAMIC_DISPATCH(Sectors)(sectors[post], ground[post].normal, look, i, 0, pair);
-      HWY_DYNAMIC_DISPATCH(Sectors)(sectors[post + 1], ground[post + 1].normal, look, i + 1, kSectors, pair);
+      HWY_DYNAMIC_DISPATCH(Sectors)(light.sectors[post], light.ground[post].normal, look, i, 0, pair);
+      HWY_DYNAMIC_DISPATCH(Sectors)
+      (light.sectors[post + 1], light.ground[post + 1].normal, look, i + 1, kSectors, pair);
       brdf.times_mu0(pair.mu0, pair.mu, pair.cos_phase, nullptr, pair.reflected);
       HWY_DYNAMIC_DISPATCH(SumSectors)(pair, 0, sums[post], look, i, row);
       HWY_DYNAMIC_DISPATCH(SumSectors)(pair, kSectors, sums[post + 1], look, i + 1, row);

@@ -101,6 +101,15 @@ FrameRequest on_lattice(FrameRequest request) {
   return request;
 }
 
+LightSources light_sources(const FrameRequest& request, double direct_w_m2) {
+  LightSources sources{.sun_w_m2 = direct_w_m2};
+  if (const auto& earth = request.indirect.earth) {
+    sources.earth_w_m2 = direct_w_m2 * earth_over_sun(*earth, request.sun, band_of(request));
+    sources.earth = earth->direction;
+  }
+  return sources;
+}
+
 struct LightTiles::Patch {
   Patch(const LightField& field, const FieldPlane& plane, const TileLight& of, const StopToken& stop)
       : relief({plane.centre(), plane.half_m(), dem::post_spacing_m(field.finest)}, heights_of(of.terrain, stop), stop),

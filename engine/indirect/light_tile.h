@@ -11,13 +11,17 @@
 #include "dem/support/cache.h"
 #include "dem/terrain/terrain.h"
 #include "engine/frame/request.h"
-#include "engine/indirect/light_factors.h"
 #include "engine/indirect/light_field.h"
 #include "engine/indirect/light_lanes.h"
 #include "engine/indirect/slope_light.h"
 #include "engine/support/content_key.h"
 
 namespace selenograph::engine {
+
+struct PostGround {
+  Eigen::Vector3f normal;  // unit, MOON_ME; zero: no data
+  float height_m;          // NaN: no data
+};
 
 // FieldPlane::kTileSide squared posts, row-major from the south-west.
 struct LightTile {
@@ -32,6 +36,9 @@ struct LightTile {
 // so that frames of a loop, whose Suns differ by less, find the light again. At the Sun's elevation of h degrees it
 // changes by 1.4 % / h.
 FrameRequest on_lattice(FrameRequest request);
+
+// `direct_w_m2`: the Sun's, at normal incidence.
+LightSources light_sources(const FrameRequest& request, double direct_w_m2);
 
 // What the light of a frame's tiles depends on besides the place.
 struct TileLight {

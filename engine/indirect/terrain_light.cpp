@@ -10,24 +10,13 @@
 #include "dem/support/parallel.h"
 #include "dem/terrain/surface_place.h"
 #include "engine/indirect/fields_in_view.h"
-#include "engine/radiometry/earth.h"
+#include "engine/indirect/light_factors.h"
 
 namespace selenograph::engine {
-namespace {
-
-constexpr SectorPost kNoSectors[FieldPlane::kTileSide + 2];
-constexpr SumPost kNoSums[FieldPlane::kTileSide + 2];
-constexpr LightPlace kNowhere{kNoSectors, kNoSums, 0, 0};
-
-}  // namespace
 
 TerrainLight::TerrainLight(const FrameRequest& request, const RowViews& views, const Vec3& eye_m, const Mesh& mesh,
                            const dem::Terrain& terrain, double direct_w_m2, LightTiles& tiles, const StopToken& stop)
-    : request_(request), mesh_(mesh), sources_{.sun_w_m2 = direct_w_m2} {
-  if (request.indirect.earth) {
-    sources_.earth = request.indirect.earth->direction;
-    sources_.earth_w_m2 = direct_w_m2 * earth_over_sun(*request.indirect.earth, request.sun, band_of(request));
-  }
+    : request_(request), mesh_(mesh), sources_(light_sources(request, direct_w_m2)) {
   FieldsInView seen = fields_in_view(mesh, views, terrain, request.indirect.spacing_px);
   of_block_ = std::move(seen.of_block);
   if (seen.tiles() * (sizeof(LightTile) + sizeof(Tile)) > tiles.capacity())
@@ -49,7 +38,7 @@ TerrainLight::TerrainLight(const FrameRequest& request, const RowViews& views, c
       Tile& tile = tiles_[next + i];
       tile.light = std::move(kept[i]);
       tile.sums = tile.light->sums;
-      set_factors(tile.light->sectors, tile.light->ground, field.plane, field.tiles[i], eye_m, brdf, tile.sums);
+      set_factors(*tile.light, field.plane, field.tiles[i], eye_m, brdf, tile.sums);
     });
     for (const int at : field.tiles) {
       const Tile& tile = tiles_[next++];
@@ -84,14 +73,15 @@ void TerrainLight::read(const SurfacePoints& points, const Shading& shading, Ter
   }
 }
 
-LightPlace TerrainLight::at(std::uint32_t block, const Vec3& place_m) const {
-  if (of_block_[block] < 0) return kNowhere;
+std::optional<LightPlace> TerrainLight::at(std::uint32_t block, const Vec3& place_m) const {
+  if (of_block_[block] < 0) return std::nullopt;
   const Field& field = fields_[static_cast<std::size_t>(of_block_[block])];
   const FieldPost at = field.plane.post_at(place_m);
   const Tile* tile = field.tiles[static_cast<std::size_t>(at.tile)];
-  if (!tile) return kNowhere;
+  if (!tile) return std::nullopt;
   const auto post = static_cast<std::size_t>(at.row * FieldPlane::kTileSide + at.column);
-  return {&tile->light->sectors[post], &tile->sums[post], static_cast<float>(at.east), static_cast<float>(at.north)};
+  return LightPlace{&tile->light->sectors[post], &tile->sums[post], static_cast<float>(at.east),
+                    static_cast<float>(at.north)};
 }
 
 void TerrainLight::add(const SurfacePoints& points, const Shading& shading, const Rays& rays, const Brdf& brdf,
@@ -113,7 +103,8 @@ void TerrainLight::add(const SurfacePoints& points, const Shading& shading, cons
 }
 
 Irradiance TerrainLight::irradiance(const SurfacePoints& points, int lane, const Vec3& normal) const {
-  return irradiance_at(at(points.triangle[lane].block(), points.position(lane)), normal, sources_);
+  const auto place = at(points.triangle[lane].block(), points.position(lane));
+  return place ? irradiance_at(*place, normal, sources_) : Irradiance{};
 }
 
 Irradiance TerrainLight::Place::on(const Vec3& normal) const {
@@ -127,8 +118,9 @@ TerrainLight::Place TerrainLight::on_objects(const Vec3& place_m) const {
   const dem::Ticks ticks = dem::ticks_of(g.lat_deg, g.lon_deg);
   out.up = place_m.normalized();
   const auto block = mesh_.block_at(ticks.whole_lat, ticks.whole_lon);
-  if (!block) return out;
-  const SumPost post = sum_between(at(*block, place_m));
+  const auto place = block ? at(*block, place_m) : std::nullopt;
+  if (!place) return out;
+  const SumPost post = sum_between(*place);
   out.terrain =
       sources_.sun_w_m2 * Vec3(static_cast<double>(post.x), static_cast<double>(post.y), static_cast<double>(post.z));
   out.earth = sources_.earth_w_m2 * static_cast<double>(post.earth) * sources_.earth;

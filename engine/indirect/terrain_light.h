@@ -8,6 +8,7 @@
 
 #include <array>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "engine/camera/row_views.h"
@@ -59,7 +60,7 @@ class TerrainLight {
     std::vector<const Tile*> tiles;  // row by row; null: not in view
   };
   void read(const SurfacePoints& points, const Shading& shading, TerrainLanes& out) const;
-  LightPlace at(std::uint32_t block, const Vec3& place_m) const;
+  std::optional<LightPlace> at(std::uint32_t block, const Vec3& place_m) const;
 
   const FrameRequest& request_;
   const Mesh& mesh_;

@@ -177,12 +177,12 @@ void ViewSelector::see_detail() {
         return judged;
       },
       [&](const BlockId& id, const Judged& judged, std::vector<BlockId>& next) {
-        take_detail(id, judged.looked, judged.refine, next);
+        take_detail(id, judged.looked, judged.refine, {}, next);
       });
 }
 
-void ViewSelector::take_detail(const BlockId& id, const Looked& looked, bool finer, std::vector<BlockId>& next) {
-  Part part;
+void ViewSelector::take_detail(const BlockId& id, const Looked& looked, bool finer, Part part,
+                               std::vector<BlockId>& next) {
   part.note(id, looked.look);
   if (looked.seen && finer)
     for (const BlockId& child : dem::children_of(id)) want_detail(child, looked.seen->info, part);

@@ -147,7 +147,7 @@ class ViewSelector {
   void see_detail();
 
   // Takes a block in view; its children follow if it must be refined.
-  void take_detail(const BlockId& id, const Looked& looked, bool finer, std::vector<BlockId>& next);
+  void take_detail(const BlockId& id, const Looked& looked, bool finer, Part part, std::vector<BlockId>& next);
 
   void add_seen(const Seen& seen);
   void count_detail(const BlockId& id, std::ptrdiff_t change);

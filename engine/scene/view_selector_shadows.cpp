@@ -107,8 +107,7 @@ void ViewSelector::sharpen_detail(const LightTree& receivers) {
       [&](const BlockId& id, const Judged& judged, std::vector<BlockId>& next) {
         Part part;
         const bool finer = judged.looked.too_coarse || (judged.looked.seen && too_much(judged.blur, part));
-        take(std::move(part));
-        take_detail(id, judged.looked, finer, next);
+        take_detail(id, judged.looked, finer, std::move(part), next);
       });
 }
 
