@@ -238,7 +238,8 @@ class MapDrawing {
       const Vec3 eye = request_.toward_viewer
                            ? Vec3(directions.middle * kMoonRadius_m + *request_.toward_viewer * kFarAway_m)
                            : above.reference().position();
-      indirect.emplace(frame_, above, eye, scene.mesh, terrain_, radiance_.direct_w_m2, kept_.light_tiles(), stop_);
+      indirect.emplace(frame_, ViewOfGround{above, scene.mesh, balls_around(frame_.objects)}, eye, terrain_,
+                       radiance_.direct_w_m2, kept_.light_tiles(), stop_);
       out_.report.ground_view = std::max(out_.report.ground_view, indirect->most_ground_view());
     }
     const FrameJob job{frame_, above, scene, objects, radiance_, lens, stop_, each, indirect ? &*indirect : nullptr};

@@ -10,9 +10,10 @@ namespace selenograph::dem {
 // caller would wait forever where pthread_once does not let exceptions through: GCC's bug 66146, ThreadSanitizer.)
 class Once {
  public:
+  bool done() const { return done_.load(std::memory_order_acquire); }
   template <typename Work>
   void run(Work&& work) {
-    if (done_.load(std::memory_order_acquire)) return;
+    if (done()) return;
     const std::lock_guard lock(mutex_);
     if (done_.load(std::memory_order_relaxed)) return;
     work();

@@ -1,6 +1,7 @@
 #include "engine/indirect/fields_in_view.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "dem/grid/lattice.h"
@@ -36,36 +37,123 @@ int level_for(const MeshBlock& block, const RowViews& views, double spacing_px) 
   return std::max(dem::kRootLevel, static_cast<int>(std::clamp<double>(level, id.level - kFiner, id.level)));
 }
 
-// Marks the tiles of which a block's parts in view may be.
-void mark(const MeshBlock& block, const RowViews& views, const LightField& field, const FieldPlane& plane,
-          std::vector<char>& marks) {
-  const dem::Block& posts = *block.posts;
-  const int quads = posts.extent.quads;
-  const int part = std::min(quads, 8 << (posts.id.level - field.level));  // eight posts of light
-  const double low = static_cast<double>(posts.min_m), high = static_cast<double>(posts.max_m);
-  for (int r = 0; r < quads; r += part)
-    for (int c = 0; c < quads; c += part) {
-      const int north = std::min(r + part, quads), east = std::min(c + part, quads);
-      const Vec3 centre = posts.position((r + north) / 2, (c + east) / 2, (low + high) / 2);
-      double radius = 0;
-      Eigen::Vector2d least(1e9, 1e9), largest(-1e9, -1e9);
-      for (const int row : {r, north})
-        for (const int column : {c, east})
-          for (const double height : {low, high}) {
-            const Vec3 corner = posts.position(row, column, height);
-            radius = std::max(radius, (corner - centre).norm());
-            const Eigen::Vector2d at = plane.place(corner);
-            least = least.cwiseMin(at), largest = largest.cwiseMax(at);
-          }
-      if (!may_see(views, bounds_around(centre, radius))) continue;
-      const auto tile = [&](double at) {
-        return std::clamp(static_cast<int>(std::floor(at / FieldPlane::kTileQuads)), 0, plane.tiles() - 1);
-      };
-      // Parallels are bent by less than a post.
-      for (int y = tile(least.y() - 1); y <= tile(largest.y() + 1); ++y)
-        for (int x = tile(least.x() - 1); x <= tile(largest.x() + 1); ++x)
-          marks[static_cast<std::size_t>(y * plane.tiles() + x)] = 1;
+// Rows of a field's tiles.
+class Marks {
+ public:
+  explicit Marks(const FieldPlane& plane)
+      : side_(plane.tiles()), rows_(static_cast<std::size_t>(side_) * static_cast<std::size_t>(side_)) {}
+
+  // What places in a rectangle of the plane are between; those beside the field are at its border.
+  void add(const Eigen::Vector2d& least, const Eigen::Vector2d& largest) {
+    constexpr int kQuads = FieldPlane::kTileQuads;
+    const auto post = [&](double at) { return static_cast<int>(std::clamp<double>(at, 0, side_ * kQuads - 1)); };
+    for (int row = post(least.y()); row <= post(largest.y()); ++row)
+      for (int x = post(least.x()) / kQuads; x <= post(largest.x()) / kQuads; ++x)
+        rows_[static_cast<std::size_t>(row / kQuads * side_ + x)] |= static_cast<std::uint16_t>(3U << row % kQuads);
+  }
+  std::vector<TileRows> tiles() const {
+    std::vector<TileRows> out;
+    for (std::size_t t = 0; t < rows_.size(); ++t)
+      if (rows_[t]) out.push_back({static_cast<int>(t), rows_[t]});
+    return out;
+  }
+
+ private:
+  int side_;
+  std::vector<std::uint16_t> rows_;
+};
+
+// Quads of a block that are looked at together.
+struct Part {
+  int south, west, north, east;
+};
+
+// With the vertices onto which those of the block's border have collapsed.
+Part joined(Part part, const MeshBlock& block) {
+  const int quads = block.side - 1;
+  const auto widen = [](int& first, int& last, int stride) {
+    first -= first % stride, last = (last + stride - 1) / stride * stride;
+  };
+  const std::array<int, 4>& stride = block.border.stride;
+  if (part.south == 0) widen(part.west, part.east, stride[0]);
+  if (part.north == quads) widen(part.west, part.east, stride[1]);
+  if (part.west == 0) widen(part.south, part.north, stride[2]);
+  if (part.east == quads) widen(part.south, part.north, stride[3]);
+  return part;
+}
+
+// Rocks may be in view while the ground below them, which lights them, is beside it.
+constexpr double kTallestRock_m = 10;
+
+// low > high: none of it has data.
+dem::HeightRange heights_of(const MeshBlock& block, const Part& part) {
+  dem::HeightRange range{dem::kHighestRelief_m, dem::kLowestRelief_m};
+  for (int r = part.south; r <= part.north; ++r)
+    for (const dem::Vertex& v : block.vertices.subspan(block.posts->index(r, part.west),
+                                                       static_cast<std::size_t>(part.east - part.west + 1))) {
+      range.low = v.height_m < range.low ? v.height_m : range.low;
+      range.high = v.height_m > range.high ? v.height_m : range.high;
     }
+  return range;
+}
+
+// Whether anybody may see a part of a block, or a place at most `beside_m` from it.
+bool may_see(const RowViews& views, const MeshBlock& block, const Part& part, const dem::HeightRange& heights,
+             double beside_m) {
+  const dem::Block& posts = *block.posts;
+  std::array<Vec3, 8> corners;
+  std::size_t next = 0;
+  for (const int row : {part.south, part.north})
+    for (const int column : {part.west, part.east})
+      for (const float height : {heights.low, heights.high})
+        corners[next++] = posts.position(row, column, static_cast<double>(height));
+  const Vec3 centre = posts.position((part.south + part.north) / 2, (part.west + part.east) / 2,
+                                     static_cast<double>((heights.low + heights.high) / 2));
+  double radius = 0;
+  for (const Vec3& corner : corners) radius = std::max(radius, (corner - centre).norm());
+  const NodeBounds bounds = bounds_around(centre, radius + beside_m);
+  return std::any_of(views.bundles().begin(), views.bundles().end(), [&](const ViewBundle& view) {
+    return view.may_see(centre, bounds.radius_m) && view.may_see(corners, beside_m) &&
+           !below_horizon(view.view.position(), bounds, view.shift_m);
+  });
+}
+
+// Marks what a block's parts in view may be between: four posts of light each.
+void mark(const MeshBlock& block, const RowViews& views, const LightField& field, const FieldPlane& plane,
+          Marks& marks) {
+  const dem::Block& posts = *block.posts;
+  const int quads = posts.extent.quads, size = std::min(quads, 4 << (posts.id.level - field.level));
+  const dem::HeightRange all{posts.min_m, posts.max_m};
+  const double beside_m = std::max(plane.spacing_m(), kTallestRock_m);
+  for (int r = 0; r < quads; r += size)
+    for (int c = 0; c < quads; c += size) {
+      const Part part = joined({r, c, std::min(r + size, quads), std::min(c + size, quads)}, block);
+      if (!may_see(views, block, part, all, beside_m)) continue;
+      const dem::HeightRange own = heights_of(block, part);
+      if (own.low > own.high || !may_see(views, block, part, own, beside_m)) continue;
+      Eigen::Vector2d least(1e9, 1e9), largest(-1e9, -1e9);
+      for (const int row : {part.south, part.north})
+        for (const int column : {part.west, (part.west + part.east) / 2, part.east}) {
+          const Eigen::Vector2d at = plane.place(posts.position(row, column, 0));
+          least = least.cwiseMin(at), largest = largest.cwiseMax(at);
+        }
+      // Between these, parallels are bent by less than half a post.
+      marks.add(least.array() - 0.5, largest.array() + 0.5);
+    }
+}
+
+// The posts below objects in view.
+void mark(std::span<const Ball> objects, const RowViews& views, const FieldPlane& plane, Marks& marks) {
+  for (const Ball& ball : objects) {
+    const bool seen = std::any_of(views.bundles().begin(), views.bundles().end(),
+                                  [&](const ViewBundle& view) { return view.may_see(ball.centre_m, ball.radius_m); });
+    const double reach = ball.radius_m / plane.spacing_m() + 1;
+    const Eigen::Vector2d at = plane.place(ball.centre_m), from_middle = at.array() - plane.middle();
+    // Else it is on the Moon's other side, or in other fields alone.
+    const bool in_field =
+        ball.centre_m.dot(plane.centre()) > 0 && from_middle.cwiseAbs().maxCoeff() - reach < plane.middle();
+    if (seen && in_field) marks.add(at.array() - reach, at.array() + reach);
+  }
 }
 
 }  // namespace
@@ -76,7 +164,8 @@ std::size_t FieldsInView::tiles() const {
   return sum;
 }
 
-FieldsInView fields_in_view(const Mesh& mesh, const RowViews& views, const dem::Terrain& terrain, double spacing_px) {
+FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrain, double spacing_px) {
+  const auto& [views, mesh, objects] = view;
   constexpr LightField kNone{-1, 0, 0, 0};
   std::vector<LightField> of_blocks(mesh.blocks().size(), kNone);
   in_parallel_pieces(of_blocks.size(), 64, [&](std::size_t first, std::size_t past_last) {
@@ -105,11 +194,10 @@ FieldsInView fields_in_view(const Mesh& mesh, const RowViews& views, const dem::
   for (const LightField& id : ids) out.fields.push_back({id, FieldPlane(id), {}});
   in_parallel(ids.size(), [&](std::size_t f) {
     FieldsInView::Field& field = out.fields[f];
-    std::vector<char> marks(static_cast<std::size_t>(field.plane.tiles()) *
-                            static_cast<std::size_t>(field.plane.tiles()));
+    Marks marks(field.plane);
     for (const std::size_t i : blocks[f]) mark(mesh.blocks()[i], views, field.id, field.plane, marks);
-    for (std::size_t t = 0; t < marks.size(); ++t)
-      if (marks[t]) field.tiles.push_back(static_cast<int>(t));
+    mark(objects, views, field.plane, marks);
+    field.tiles = marks.tiles();
   });
   return out;
 }

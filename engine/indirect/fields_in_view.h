@@ -1,23 +1,31 @@
 // Which posts of indirect light a frame sees.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "dem/terrain/terrain.h"
 #include "engine/camera/row_views.h"
 #include "engine/indirect/light_field.h"
 #include "engine/scene/mesh.h"
+#include "engine/scene/selected_blocks.h"
 
 namespace selenograph::engine {
 
 // Ground of pixels larger than this gets no indirect light: at that scale slopes see little of each other.
 inline constexpr double kLargestLitPixel_m = 240;
 
+struct ViewOfGround {
+  const RowViews& views;
+  const Mesh& mesh;
+  std::span<const Ball> objects;  // which the ground below them lights
+};
+
 struct FieldsInView {
   struct Field {
     LightField id;
     FieldPlane plane;
-    std::vector<int> tiles;  // row * plane.tiles() + column, ascending: those that may be seen
+    std::vector<TileRows> tiles;  // ascending: what may be seen, and what is below objects that may
   };
   std::vector<Field> fields;
   std::vector<int> of_block;  // per block of the mesh; -1: none
@@ -25,6 +33,6 @@ struct FieldsInView {
 };
 
 // `spacing_px`: distance of posts in the image, but at least that of the terrain's. Parallel.
-FieldsInView fields_in_view(const Mesh& mesh, const RowViews& views, const dem::Terrain& terrain, double spacing_px);
+FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrain, double spacing_px);
 
 }  // namespace selenograph::engine

@@ -1,7 +1,7 @@
 #include "engine/indirect/light_at_places.h"
 
-#include <algorithm>
-#include <cmath>
+#include <cstdint>
+#include <iterator>
 #include <map>
 
 #include "dem/grid/lattice.h"
@@ -38,14 +38,17 @@ std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const 
   for (auto& [field, in_it] : fields) {
     stop.check();
     const FieldPlane plane(field);
-    std::vector<int> wanted;
-    for (PlaceInField& p : in_it) p.post = plane.post_at(places[p.place].position_m), wanted.push_back(p.post.tile);
-    std::sort(wanted.begin(), wanted.end());
-    wanted.erase(std::unique(wanted.begin(), wanted.end()), wanted.end());
+    std::map<int, std::uint16_t> rows;  // of tiles
+    for (PlaceInField& p : in_it) {
+      p.post = plane.post_at(places[p.place].position_m);
+      rows[p.post.tile] |= static_cast<std::uint16_t>(3U << p.post.row);
+    }
+    std::vector<TileRows> wanted;
+    for (const auto& [tile, of_tile] : rows) wanted.push_back({tile, of_tile});
     const auto made = tiles.get(field, plane, wanted, {terrain, gathered}, stop);
     for (const PlaceInField& p : in_it) {
-      const auto tile = std::lower_bound(wanted.begin(), wanted.end(), p.post.tile) - wanted.begin();
-      const auto at = static_cast<std::size_t>(p.post.row * FieldPlane::kTileSide + p.post.column);
+      const auto tile = std::distance(rows.begin(), rows.find(p.post.tile));
+      const std::size_t at = LightTile::first_of(p.post.row) + static_cast<std::size_t>(p.post.column);
       const LightTile& light = *made[static_cast<std::size_t>(tile)];
       const Irradiance indirect = irradiance_at(
           {&light.sectors[at], &light.sums[at], static_cast<float>(p.post.east), static_cast<float>(p.post.north)},

@@ -107,13 +107,15 @@ HWY_EXPORT(Look);
 HWY_EXPORT(Sectors);
 HWY_EXPORT(SumSectors);
 
-void set_factors(const LightTile& light, const FieldPlane& plane, int tile, const Vec3& eye_m, const Brdf& brdf,
-                 std::span<SumPost> sums) {
-  const int south = tile / plane.tiles() * FieldPlane::kTileQuads, west = tile % plane.tiles() * FieldPlane::kTileQuads;
+void set_factors(const LightTile& light, const FieldPlane& plane, const TileRows& rows, const Vec3& eye_m,
+                 const Brdf& brdf, std::span<SumPost> sums) {
+  const int south = rows.tile / plane.tiles() * FieldPlane::kTileQuads,
+            west = rows.tile % plane.tiles() * FieldPlane::kTileQuads;
   LookLanes look;
   SectorLanes pair;
   OneDirection row;
   for (int r = 0; r < kPacket; ++r) {
+    if (!rows.has(r)) continue;
     const auto first = static_cast<std::size_t>(r * kPacket);
     const Vec3 place = plane.at(west, south + r);
     HWY_DYNAMIC_DISPATCH(Look)(place, plane.at(west + 1, south + r) - place, eye_m, &light.ground[first], look);

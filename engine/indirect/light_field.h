@@ -30,6 +30,13 @@ struct FieldPost {
   double east, north;
 };
 
+// Rows of a tile, a bit each, from the south.
+struct TileRows {
+  int tile;
+  std::uint16_t rows;
+  bool has(int row) const { return rows >> row & 1; }
+};
+
 // A field's posts, in tiles of 16 x 16: adjacent tiles share a row or a column.
 class FieldPlane {
  public:

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "dem/grid/lattice.h"
+#include "dem/support/once.h"
 #include "dem/support/parallel.h"
 #include "engine/indirect/terrain_heights.h"
 #include "engine/radiometry/earth.h"
@@ -110,6 +111,26 @@ LightSources light_sources(const FrameRequest& request, double direct_w_m2) {
   return sources;
 }
 
+// A tile whose rows are made one by one.
+class LightTiles::KeptTile {
+ public:
+  const LightTile& light() const { return light_; }
+  bool has(int row) const { return made_[static_cast<std::size_t>(row)].done(); }
+  // make(tile), unless the row is there.
+  template <typename Make>
+  void let_have(int row, const Make& make) const {
+    made_[static_cast<std::size_t>(row)].run([&] { make(light_); });
+  }
+
+ private:
+  mutable LightTile light_;
+  mutable std::array<dem::Once, FieldPlane::kTileSide> made_;
+};
+
+LightTiles::LightTiles(std::size_t bytes) : tiles_(bytes / 2), patches_(bytes - bytes / 2) {}
+LightTiles::~LightTiles() = default;
+std::size_t LightTiles::bytes_of_tile() { return sizeof(KeptTile); }
+
 struct LightTiles::Patch {
   Patch(const LightField& field, const FieldPlane& plane, const TileLight& of, const StopToken& stop)
       : relief({plane.centre(), plane.half_m(), dem::post_spacing_m(field.finest)}, heights_of(of.terrain, stop), stop),
@@ -122,8 +143,9 @@ struct LightTiles::Patch {
   Patch& operator=(const Patch&) = delete;
   std::size_t bytes() const { return sizeof *this + relief.bytes() + (slopes ? slopes->bytes() : 0); }
 
-  // Sixteen posts of a tile from that one on: the relief's post at `row` and `column`.
-  void fill_row(int row, int column, int stride, std::size_t first, LightTile& out, const StopToken& stop) const {
+  // A row of a tile, whose first post is the relief's at `row` and `column`.
+  void fill_row(int row, int column, int stride, std::size_t of_tile, LightTile& out, const StopToken& stop) const {
+    static_assert(FieldPlane::kTileSide == kPacket);
     const Eigen::Matrix3f back = relief.axes().transpose().cast<float>();
     std::array<SectorLight, kPacket> light;
     for (SectorLight& of_post : light) of_post.from.fill(Eigen::Vector3f::Zero()), of_post.sky.setZero();
@@ -131,19 +153,19 @@ struct LightTiles::Patch {
     MarchLanes lanes = relief.places(row, column, stride);
     alignas(64) float share[kPacket] = {};
     if (disc) disc->shares(views, stride, lanes, share);
+    float& most_ground_view = out.most_ground_view[of_tile];
     for (int i = 0; i < kPacket; ++i) {
       const int at = column + i * stride;
       const std::size_t post =
           static_cast<std::size_t>(row) * static_cast<std::size_t>(relief.side(0)) + static_cast<std::size_t>(at);
       const SectorLight& arrives = light[static_cast<std::size_t>(i)];
       const Eigen::Vector3f normal = back * relief.cell(0, post).normal;
-      const std::size_t here = first + static_cast<std::size_t>(i);
+      const std::size_t here = of_tile * kPacket + static_cast<std::size_t>(i);
       set_light(arrives, out.sectors[here], out.sums[here]);
       out.sums[here].ground = slopes ? slopes->radiosity(row, at, stop) : 0, out.sums[here].earth = share[i];
       out.ground[here] = {normal, static_cast<float>(static_cast<double>(lanes.height[i]) + relief.reference_m())};
       if (slopes && !normal.isZero(0))  // next to no data there is none
-        out.most_ground_view =
-            std::clamp(1 - normal.dot(arrives.sky) / std::numbers::pi_v<float>, out.most_ground_view, 1.F);
+        most_ground_view = std::clamp(1 - normal.dot(arrives.sky) / std::numbers::pi_v<float>, most_ground_view, 1.F);
     }
   }
 
@@ -166,34 +188,38 @@ std::shared_ptr<const LightTiles::Patch> LightTiles::patch(const LightField& fie
 }
 
 std::vector<std::shared_ptr<const LightTile>> LightTiles::get(const LightField& field, const FieldPlane& plane,
-                                                              std::span<const int> tiles, const TileLight& of,
+                                                              std::span<const TileRows> tiles, const TileLight& of,
                                                               const StopToken& stop) {
   const ContentKey light = key_of(of);
+  struct Missing {
+    const KeptTile* of;
+    int tile, row;
+  };
   std::vector<std::shared_ptr<const LightTile>> out;
-  std::vector<std::size_t> missing;
-  for (const int tile : tiles) {
-    out.push_back(tiles_.find(key_of(light, field, tile)).value_or(nullptr));
-    if (!out.back()) missing.push_back(out.size() - 1);
+  std::vector<Missing> missing;
+  for (const TileRows& tile : tiles) {
+    const std::shared_ptr<const KeptTile> kept = tiles_.get(
+        key_of(light, field, tile.tile),
+        []() -> decltype(tiles_)::Loaded {
+          return {std::make_shared<const KeptTile>(), sizeof(KeptTile)};
+        },
+        stop);
+    for (int row = 0; row < FieldPlane::kTileSide; ++row)
+      if (tile.has(row) && !kept->has(row)) missing.push_back({kept.get(), tile.tile, row});
+    out.emplace_back(kept, &kept->light());
   }
   if (missing.empty()) return out;
   const std::shared_ptr<const Patch> from = patch(field, plane, light, of, stop);
+  const int stride = field.stride(), half = plane.tiles() / 2;
   in_parallel(missing.size(), [&](std::size_t i) {
-    const int tile = tiles[missing[i]], stride = field.stride(), half = plane.tiles() / 2;
+    const Missing& at = missing[i];
     const auto first = [&](int of_side) {
       return from->relief.middle() + (of_side - half) * FieldPlane::kTileQuads * stride;
     };
-    out[missing[i]] = tiles_.get(
-        key_of(light, field, tile),
-        [&]() -> decltype(tiles_)::Loaded {
-          constexpr std::size_t kSide = FieldPlane::kTileSide;
-          static_assert(kSide == kPacket);
-          auto made = std::make_shared<LightTile>();
-          for (std::size_t r = 0; r < kSide; ++r)
-            from->fill_row(first(tile / plane.tiles()) + static_cast<int>(r) * stride, first(tile % plane.tiles()),
-                           stride, r * kSide, *made, stop);
-          return {std::move(made), sizeof(LightTile)};
-        },
-        stop);
+    at.of->let_have(at.row, [&](LightTile& tile) {
+      from->fill_row(first(at.tile / plane.tiles()) + at.row * stride, first(at.tile % plane.tiles()), stride,
+                     static_cast<std::size_t>(at.row), tile, stop);
+    });
   });
   return out;
 }

@@ -26,10 +26,12 @@ struct PostGround {
 // FieldPlane::kTileSide squared posts, row-major from the south-west.
 struct LightTile {
   static constexpr std::size_t kPosts = std::size_t{FieldPlane::kTileSide} * FieldPlane::kTileSide;
+  static constexpr std::size_t first_of(int row) { return static_cast<std::size_t>(row) * FieldPlane::kTileSide; }
   std::array<SectorPost, kPosts> sectors;
   std::array<SumPost, kPosts> sums;  // their factors are 1
   std::array<PostGround, kPosts> ground;
-  float most_ground_view = 0;  // the largest share of a post's hemisphere that is ground; 0 without light from terrain
+  // Per row, the largest share of a post's hemisphere that is ground; 0 without light from terrain.
+  std::array<float, FieldPlane::kTileSide> most_ground_view{};
 };
 
 // The request that tiles are gathered for: with Sun and Earth on a lattice of 0.02 degrees, at most 0.0142 degrees off,
@@ -46,26 +48,31 @@ struct TileLight {
   const FrameRequest& request;
 };
 
-// Tiles that were made, on a budget: a hovering camera finds them again. So are the reliefs that they were gathered
-// from, with the Sun on them. Thread-safe.
+// Tiles on a budget, whose rows are made when they are first asked for: a hovering camera finds them again. So are the
+// reliefs that they were gathered from, with the Sun on them. Thread-safe.
 class LightTiles {
  public:
-  explicit LightTiles(std::size_t bytes) : tiles_(bytes / 2), patches_(bytes - bytes / 2) {}
+  explicit LightTiles(std::size_t bytes);
+  ~LightTiles();
 
-  // The same for the same arguments, whatever is kept. Parallel; throws as Terrain::block does. The tiles are numbered
-  // row by row; `plane` is the field's.
+  // For each of the tiles, one with those rows; they are the same for the same arguments, whatever is kept. Other rows
+  // may change meanwhile. Parallel; throws as Terrain::block does. `plane` is the field's.
   std::vector<std::shared_ptr<const LightTile>> get(const LightField& field, const FieldPlane& plane,
-                                                    std::span<const int> tiles, const TileLight& of,
+                                                    std::span<const TileRows> tiles, const TileLight& of,
                                                     const StopToken& stop);
   std::size_t bytes() const { return tiles_.bytes() + patches_.bytes(); }
   std::size_t capacity() const { return tiles_.capacity(); }  // for tiles
 
+  // The memory of a tile.
+  static std::size_t bytes_of_tile();
+
  private:
   struct Patch;
+  class KeptTile;
   std::shared_ptr<const Patch> patch(const LightField& field, const FieldPlane& plane, const ContentKey& light,
                                      const TileLight& of, const StopToken& stop);
 
-  dem::Cache<ContentKey, LightTile, ContentKeyHash> tiles_;
+  dem::Cache<ContentKey, KeptTile, ContentKeyHash> tiles_;
   dem::Cache<ContentKey, Patch, ContentKeyHash> patches_;
 };
 

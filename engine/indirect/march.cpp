@@ -25,7 +25,7 @@ inline constexpr float kNothing = -std::numeric_limits<float>::infinity();
 // The steps of a march: how far, and over which grid.
 class Steps {
  public:
-  Steps(std::span<const GridView> grids, const MarchSphere& sphere) : grids_(grids), farthest_m_(sphere.farthest_m) {}
+  Steps(std::span<const GridView> grids, float farthest_m) : grids_(grids), farthest_m_(farthest_m) {}
   bool next() {
     before_m_ = at_m_;
     const float step = std::max(grids_.front().spacing_m, at_m_ * (1 / kStepsPerDistance));
@@ -47,51 +47,100 @@ class Steps {
   unsigned number_ = 0;
 };
 
-// Sine of the angle at the Moon's centre per metre of the plane, next to the datum's point, for the middle lane.
-float TurnPerMetre(const MarchSphere& sphere, const MarchLanes& lanes) {
+// What a march's steps have in common.
+struct Way {
+  std::span<const GridView> grids;
+  const MarchLanes& lanes;
+  int stride;
+  float x, y;                        // of the middle lane, in radii of the plane
+  float ux, uy;                      // its direction, radii of the plane per metre
+  float turn_per_m;                  // sine of the angle at the Moon's centre, next to the datum's point
+  float datum_radius_m, per_radius;  // per_radius: of height 0
+};
+
+Way WayOf(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride) {
   constexpr int kMiddle = kPacket / 2;
   const float inverse = 1 / sphere.datum_radius_m, x = lanes.x[kMiddle] * inverse, y = lanes.y * inverse,
               beside = x * lanes.uy - y * lanes.ux;
-  return inverse * std::sqrt((1 + beside * beside) / (1 + x * x + y * y));
+  return {grids,
+          lanes,
+          stride,
+          x,
+          y,
+          lanes.ux * inverse,
+          lanes.uy * inverse,
+          inverse * std::sqrt((1 + beside * beside) / (1 + x * x + y * y)),
+          sphere.datum_radius_m,
+          1 / sphere.reference_radius_m};
 }
 
-// Columns of sixteen cells of a row, as vectors: the posts west and east of each place, and how far it is between them.
-// `first` is the lane that the vectors begin with.
+// Columns of sixteen cells of a row, as vectors of which the first lane is `first`: where the posts west and east of
+// each place are among what is loaded of a row, and how far it is from the one to the other.
 template <class D>
-struct Columns {
-  hn::Vec<D> west, east, share;
+class Columns {
+ public:
+  using V = hn::Vec<D>;
+  HWY_INLINE Columns(D d, const RowOfCells& cells, int first) : pitch_(cells.pitch) {
+    const float at = cells.column + static_cast<float>(first) * cells.pitch;
+    base_ = static_cast<int>(at);
+    if (pitch_ >= 1) {
+      share_ = hn::Set(d, at - static_cast<float>(base_));
+      local_ = hn::Zero(di_);
+      return;
+    }
+    const auto place = hn::Add(hn::Set(d, at), hn::Mul(hn::Iota(d, 0.F), hn::Set(d, pitch_)));
+    const auto whole = hn::ConvertTo(di_, place);
+    local_ = hn::Sub(whole, hn::Set(di_, base_)), share_ = hn::Sub(place, hn::ConvertTo(d, whole));
+  }
+  HWY_INLINE V west(D d, const float* row) const {
+    if (pitch_ < 1) return hn::TableLookupLanes(hn::LoadU(d, row + base_), hn::IndicesFromVec(d, local_));
+    return apart(d, row).west;
+  }
+  // Between four posts: `north` of the way from one row to the next.
+  HWY_INLINE V between(D d, const float* south_row, const float* north_row, V north) const {
+    const auto along = [&](V south, V to) { return hn::Add(south, hn::Mul(north, hn::Sub(to, south))); };
+    if (pitch_ < 1) {
+      // The posts of a column first: there are fewer of them than places.
+      const V posts = along(hn::LoadU(d, south_row + base_), hn::LoadU(d, north_row + base_));
+      const V west = hn::TableLookupLanes(posts, hn::IndicesFromVec(d, local_)),
+              east = hn::TableLookupLanes(posts, hn::IndicesFromVec(d, hn::Add(local_, hn::Set(di_, 1))));
+      return hn::Add(west, hn::Mul(share_, hn::Sub(east, west)));
+    }
+    const Pair s = apart(d, south_row), n = apart(d, north_row);
+    const V west = along(s.west, n.west), east = along(s.east, n.east);
+    return hn::Add(west, hn::Mul(share_, hn::Sub(east, west)));
+  }
+
+ private:
+  struct Pair {
+    V west, east;
+  };
+  // Places at least a post apart.
+  HWY_INLINE Pair apart(D d, const float* row) const {
+    Pair out{hn::Zero(d), hn::Zero(d)};
+    if (pitch_ == 1) {
+      out.west = hn::LoadU(d, row + base_), out.east = hn::LoadU(d, row + base_ + 1);
+    } else if (pitch_ == 2) {
+      hn::LoadInterleaved2(d, row + base_, out.west, out.east);
+    } else {
+      V third, fourth;
+      hn::LoadInterleaved4(d, row + base_, out.west, out.east, third, fourth);
+    }
+    return out;
+  }
+
+  const hn::Rebind<std::int32_t, D> di_{};
+  float pitch_;
+  int base_;
+  hn::Vec<hn::Rebind<std::int32_t, D>> local_;
+  V share_;
 };
 
-template <class D>
-HWY_INLINE Columns<D> ColumnsOf(D d, const float* row, const RowOfCells& cells, int first) {
-  const float at = cells.column + static_cast<float>(first) * cells.pitch;
-  const int base = static_cast<int>(at);
-  if (cells.pitch < 1) {
-    const hn::Rebind<std::int32_t, D> di;
-    const auto place = hn::Add(hn::Set(d, at), hn::Mul(hn::Iota(d, 0.F), hn::Set(d, cells.pitch)));
-    const auto whole = hn::ConvertTo(di, place);
-    const auto local = hn::Sub(whole, hn::Set(di, base));
-    const auto values = hn::LoadU(d, row + base);
-    return {hn::TableLookupLanes(values, hn::IndicesFromVec(d, local)),
-            hn::TableLookupLanes(values, hn::IndicesFromVec(d, hn::Add(local, hn::Set(di, 1)))),
-            hn::Sub(place, hn::ConvertTo(d, whole))};
-  }
-  Columns<D> out{hn::Zero(d), hn::Zero(d), hn::Set(d, at - static_cast<float>(base))};
-  if (cells.pitch == 1) {
-    out.west = hn::LoadU(d, row + base), out.east = hn::LoadU(d, row + base + 1);
-  } else if (cells.pitch == 2) {
-    hn::LoadInterleaved2(d, row + base, out.west, out.east);
-  } else {
-    hn::Vec<D> third, fourth;
-    hn::LoadInterleaved4(d, row + base, out.west, out.east, third, fourth);
-  }
-  return out;
-}
-
-RowOfCells CellsAt(const GridView& grid, const MarchLanes& lanes, int stride, float at_m) {
+RowOfCells CellsAt(const Way& way, const GridView& grid, float at_m) {
+  const MarchLanes& lanes = way.lanes;
   const float posts = grid.posts_per_m, row = (lanes.y + at_m * lanes.uy - grid.first_m) * posts;
   const int whole = static_cast<int>(row);
-  return {whole, (lanes.x[0] + at_m * lanes.ux - grid.first_m) * posts, static_cast<float>(stride) / grid.coarser,
+  return {whole, (lanes.x[0] + at_m * lanes.ux - grid.first_m) * posts, static_cast<float>(way.stride) / grid.coarser,
           row - static_cast<float>(whole)};
 }
 
@@ -102,59 +151,51 @@ bool Inside(const GridView& grid, const RowOfCells& cells) {
 }
 
 // Of the grids from `grid` on the first that all places meet after that way; past the last: none.
-std::size_t Covering(std::span<const GridView> grids, std::size_t grid, const MarchLanes& lanes, int stride, float at_m,
-                     RowOfCells& cells) {
-  for (; grid < grids.size(); ++grid)
-    if (cells = CellsAt(grids[grid], lanes, stride, at_m); Inside(grids[grid], cells)) break;
+std::size_t Covering(const Way& way, std::size_t grid, float at_m, RowOfCells& cells) {
+  for (; grid < way.grids.size(); ++grid)
+    if (cells = CellsAt(way, way.grids[grid], at_m); Inside(way.grids[grid], cells)) break;
   return grid;
 }
 
 // The tangent of the elevation at which each lane sees the ground at a distance; NaN where there is no data. The angle
 // at the Moon's centre is that of the middle lane.
-void Tangents(std::span<const GridView> grids, std::size_t first, const MarchSphere& sphere, const MarchLanes& lanes,
-              int stride, float per_m, float at_m, float* tangent) {
+void Tangents(const Way& way, std::size_t first, float at_m, float* tangent) {
   RowOfCells cells;
-  const std::size_t covering = Covering(grids, first, lanes, stride, at_m, cells);
-  if (covering == grids.size()) {
+  const std::size_t covering = Covering(way, first, at_m, cells);
+  if (covering == way.grids.size()) {
     for (int i = 0; i < kPacket; ++i) tangent[i] = std::numeric_limits<float>::quiet_NaN();
     return;
   }
-  const GridView& grid = grids[covering];
-  constexpr int kMiddle = kPacket / 2;
-  const float inverse = 1 / sphere.datum_radius_m, tx = (lanes.x[kMiddle] + at_m * lanes.ux) * inverse,
-              ty = (lanes.y + at_m * lanes.uy) * inverse, level = tx * tx + ty * ty,
+  const GridView& grid = way.grids[covering];
+  const float tx = way.x + at_m * way.ux, ty = way.y + at_m * way.uy, level = tx * tx + ty * ty,
               // 1 / sqrt(1 + level), up to 1e-6.
-      sine = at_m * per_m * (1 - level * (0.5F - 0.375F * level)), square = sine * sine,
-              half = sine * (0.5F + square * (0.125F + square * 0.0625F)),
-              inverse_radius = 1 / sphere.reference_radius_m, scale = inverse_radius / sine;
+      sine = at_m * way.turn_per_m * (1 - level * (0.5F - 0.375F * level)), square = sine * sine,
+              half = sine * (0.5F + square * (0.125F + square * 0.0625F)), scale = way.per_radius / sine;
   const float* south_row = grid.heights + static_cast<std::ptrdiff_t>(cells.row) * grid.side;
   const Sixteen d;
-  const auto one = hn::Set(d, 1.F), north_share = hn::Set(d, cells.north);
+  const auto one = hn::Set(d, 1.F), north = hn::Set(d, cells.north);
   for (int i = 0; i < kPacket; i += kLanes) {
-    const Columns<Sixteen> s = ColumnsOf(d, south_row, cells, i), n = ColumnsOf(d, south_row + grid.side, cells, i);
-    const auto south = hn::Add(s.west, hn::Mul(s.share, hn::Sub(s.east, s.west)));
-    const auto north = hn::Add(n.west, hn::Mul(n.share, hn::Sub(n.east, n.west)));
-    const auto height = hn::Add(south, hn::Mul(north_share, hn::Sub(north, south)));
+    const auto height = Columns<Sixteen>(d, cells, i).between(d, south_row, south_row + grid.side, north);
     // 1 / (1 + h / R) to (h / R)^3.
-    const auto part = hn::Mul(height, hn::Set(d, inverse_radius));
+    const auto part = hn::Mul(height, hn::Set(d, way.per_radius));
     const auto nearer = hn::Sub(one, hn::Mul(part, hn::Sub(one, part)));
-    const auto rise = hn::Mul(hn::Sub(height, hn::Load(d, lanes.height + i)), hn::Set(d, scale));
+    const auto rise = hn::Mul(hn::Sub(height, hn::Load(d, way.lanes.height + i)), hn::Set(d, scale));
     hn::Store(hn::Sub(hn::Mul(rise, nearer), hn::Set(d, half)), d, tangent + i);
   }
 }
 
 // Whether no ground from here on rises above what any lane has, by more than a strip that sends next to nothing.
-bool Over(const GridView& grid, const MarchSphere& sphere, const MarchLanes& lanes, float at_m, const float* has) {
+bool Over(const Way& way, const GridView& grid, float at_m, const float* has) {
   constexpr float kStrip = 1.F / 1024;
   const Sixteen d;
-  const auto zero = hn::Zero(d), distance = hn::Set(d, at_m), radius = hn::Set(d, sphere.datum_radius_m);
+  const auto zero = hn::Zero(d), distance = hn::Set(d, at_m), radius = hn::Set(d, way.datum_radius_m);
   for (int i = 0; i < kPacket; i += kLanes) {
-    const auto above = hn::Sub(hn::Set(d, grid.highest_m), hn::Load(d, lanes.height + i));
+    const auto above = hn::Sub(hn::Set(d, grid.highest_m), hn::Load(d, way.lanes.height + i));
     // -|a| / t - t / 2R is largest at t = sqrt(2 R |a|).
     const auto turn = hn::Sqrt(hn::Mul(hn::Add(radius, radius), hn::Max(hn::Neg(above), zero)));
     const auto t = hn::Max(turn, distance);
     const auto part = hn::IfThenElse(hn::Lt(above, zero), hn::Set(d, 1.02F), hn::Set(d, 0.98F));
-    const auto bound = hn::Sub(hn::Div(above, hn::Mul(part, t)), hn::Div(t, hn::Set(d, 2.1F * sphere.datum_radius_m)));
+    const auto bound = hn::Sub(hn::Div(above, hn::Mul(part, t)), hn::Div(t, hn::Set(d, 2.1F * way.datum_radius_m)));
     if (!hn::AllFalse(d, hn::Gt(bound, hn::Add(hn::Load(d, has + i), hn::Set(d, kStrip))))) return false;
   }
   return true;
@@ -202,41 +243,40 @@ void Rise(const float* here, Found& found) {
 // see(grid's index, middle of the step, tangents at its end) for each step, before `found` takes them; enough(grid,
 // distance) ends it.
 template <typename See, typename Enough>
-void Go(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride, Found& found,
-        const See& see, const Enough& enough) {
-  const float per_m = TurnPerMetre(sphere, lanes);
+void Go(const Way& way, float farthest_m, Found& found, const See& see, const Enough& enough) {
   alignas(64) float here[kPacket], between[kPacket];
   for (int i = 0; i < kPacket; ++i) found.tangent[i] = kNothing, found.rise[i] = 0;
-  for (Steps steps(grids, sphere); steps.next();) {
+  for (Steps steps(way.grids, farthest_m); steps.next();) {
     const std::size_t grid = steps.grid();
-    Tangents(grids, grid, sphere, lanes, stride, per_m, steps.at_m(), here);
+    Tangents(way, grid, steps.at_m(), here);
     constexpr float kPart = 0.25F;
     const bool refines = Refines(found, here);
     // The crest may lie before the last step's end.
     for (float share = -1 + kPart; refines && share < 1; share += kPart) {
       if (share == 0) continue;
-      Tangents(grids, grid, sphere, lanes, stride, per_m, steps.at(share), between);
+      Tangents(way, grid, steps.at(share), between);
       see(grid, steps.at(share - kPart / 2), between);
       Rise(between, found);
     }
     see(grid, steps.at(refines ? 1 - kPart / 2 : 0.5F), here);
     Rise(here, found);
-    if (steps.looks_ahead() && enough(grids[grid], steps.at_m())) break;
+    if (steps.looks_ahead() && enough(way.grids[grid], steps.at_m())) break;
   }
 }
 
 void Horizons(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
               const float* enough, float* tangent) {
+  const Way way = WayOf(grids, sphere, lanes, stride);
   Found found;
   Go(
-      grids, sphere, lanes, stride, found, [](std::size_t, float, const float*) {},
+      way, sphere.farthest_m, found, [](std::size_t, float, const float*) {},
       [&](const GridView& grid, float at_m) {
         alignas(64) float goal[kPacket];
         for (int i = 0; i < kPacket; ++i) {
           const float has = found.tangent[i];
           goal[i] = has > enough[i] ? std::numeric_limits<float>::infinity() : has;
         }
-        return Over(grid, sphere, lanes, at_m, goal);
+        return Over(way, grid, at_m, goal);
       });
   for (int i = 0; i < kPacket; ++i) tangent[i] = found.tangent[i];
 }
@@ -247,9 +287,10 @@ void Integrals(const float* from, const float* to, SeenPiece& piece) {
   for (int i = 0; i < kPacket; ++i) {
     const bool sees = (to[i] > from[i]) & (from[i] > kNothing);
     const float a = sees ? from[i] : 0, b = sees ? to[i] : 0;
-    const float da = 1 / (1 + a * a), db = 1 / (1 + b * b);
-    // Between the two, b - a and atan of it differ by 5e-3 at most, where a cliff fills the view.
-    const float cross = (b - a) / (1 + a * b), angle = cross / (1 + 0.28F * cross * cross);
+    const float square_a = 1 + a * a, square_b = 1 + b * b, both = 1 / (square_a * square_b);
+    const float da = both * square_b, db = both * square_a;
+    // Of cross / turn as x / (1 + 0.28 x^2): it is at most 5e-3 off, where a cliff fills the view.
+    const float cross = b - a, turn = 1 + a * b, angle = cross * turn / (turn * turn + 0.28F * cross * cross);
     const float along = 0.5F * (angle + b * db - a * da), up = 0.5F * (b * b * db - a * a * da);
     piece.along[i] = sees ? along : 0, piece.up[i] = sees ? up : 0;
     piece.tangent[i] = 0.5F * (a + b);
@@ -258,18 +299,19 @@ void Integrals(const float* from, const float* to, SeenPiece& piece) {
 
 void Pieces(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
             std::vector<SeenPiece>& pieces, float* horizon) {
+  const Way way = WayOf(grids, sphere, lanes, stride);
   Found found;
   const auto see = [&](std::size_t grid, float middle_m, const float* here) {
     if (!Sees(found, here)) return;
     RowOfCells cells;
-    const std::size_t covering = Covering(grids, grid, lanes, stride, middle_m, cells);
+    const std::size_t covering = Covering(way, grid, middle_m, cells);
     if (covering == grids.size()) return;
     SeenPiece& piece = pieces.emplace_back();
     piece.grid = covering, piece.cells = cells;
     Integrals(found.tangent, here, piece);
   };
-  Go(grids, sphere, lanes, stride, found, see,
-     [&](const GridView& grid, float at_m) { return Over(grid, sphere, lanes, at_m, found.tangent); });
+  Go(way, sphere.farthest_m, found, see,
+     [&](const GridView& grid, float at_m) { return Over(way, grid, at_m, found.tangent); });
   for (int i = 0; i < kPacket; ++i) horizon[i] = found.tangent[i];
 }
 
@@ -286,35 +328,31 @@ void Sky(const AzimuthLanes& lanes, const float* horizon, float (*sum)[kPacket])
 }
 
 struct alignas(64) SeenGround {
-  float nx[kPacket], ny[kPacket], lit[kPacket], albedo[kPacket];
+  float nx[kPacket], ny[kPacket], albedo[kPacket];
 };
-
-void Read(const GroundLight::Values& values, const GridView& grid, const RowOfCells& cells, float* out) {
-  const Sixteen d;
-  const float* row = values.data() + static_cast<std::ptrdiff_t>(cells.row) * grid.side;
-  for (int i = 0; i < kPacket; i += kLanes) hn::Store(ColumnsOf(d, row, cells, i).west, d, out + i);
-}
 
 bool LightPiece(const SeenPiece& piece, const GridView& grid, const AzimuthLanes& lanes, bool glows, PieceLight& out) {
   const GroundLight& light = *grid.light;
+  const std::ptrdiff_t row = static_cast<std::ptrdiff_t>(piece.cells.row) * grid.side;
   SeenGround ground;
-  Read(light.lit, grid, piece.cells, ground.lit);
-  if (glows)
-    Read(light.glow, grid, piece.cells, out.glow);
-  else
-    std::fill_n(out.glow, kPacket, 0.F);
   const Sixteen d;
   auto most = hn::Zero(d);
   for (int i = 0; i < kPacket; i += kLanes) {
+    const Columns<Sixteen> columns(d, piece.cells, i);
     const auto seen = hn::Gt(hn::Load(d, piece.along + i), hn::Zero(d));
-    const auto lit = hn::IfThenElseZero(seen, hn::Load(d, ground.lit + i));
-    const auto glow = hn::IfThenElseZero(seen, hn::Load(d, out.glow + i));
+    const auto lit = hn::IfThenElseZero(seen, columns.west(d, light.lit.data() + row));
+    const auto glow = glows ? hn::IfThenElseZero(seen, columns.west(d, light.glow.data() + row)) : hn::Zero(d);
     hn::Store(lit, d, out.lit + i), hn::Store(glow, d, out.glow + i);
     most = hn::Max(most, hn::Max(lit, glow));
   }
   if (hn::AllFalse(d, hn::Gt(most, hn::Zero(d)))) return false;
-  Read(light.nx, grid, piece.cells, ground.nx), Read(light.ny, grid, piece.cells, ground.ny);
-  Read(light.albedo, grid, piece.cells, ground.albedo);
+  for (int i = 0; i < kPacket; i += kLanes) {
+    const Columns<Sixteen> columns(d, piece.cells, i);
+    hn::Store(columns.west(d, light.nx.data() + row), d, ground.nx + i);
+    hn::Store(columns.west(d, light.ny.data() + row), d, ground.ny + i);
+    const auto albedo = light.albedo.empty() ? hn::Set(d, 1.F) : columns.west(d, light.albedo.data() + row);
+    hn::Store(albedo, d, ground.albedo + i);
+  }
   const float sx = lanes.sun[0], sy = lanes.sun[1], sz = lanes.sun[2];
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {

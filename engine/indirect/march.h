@@ -18,7 +18,7 @@ struct GroundLight {
   using Values = dem::UninitialisedVector<float>;
   Values nx, ny;  // of the unit normal, in the grids' axes; its z is positive
   Values lit;     // share of the Sun that is seen; 0 where there is no data
-  Values albedo;  // of the ground, where a map says it; else 1
+  Values albedo;  // of the ground; empty: no map says it, and it is 1
   Values glow;    // radiance in the light from other ground, the Sun's being 1 W m-2; empty: not asked for
 };
 
@@ -63,6 +63,7 @@ struct RowOfCells {
 
 // What sixteen places see along their direction, from the ground up to the horizon.
 struct SeenPiece {
+  SeenPiece() {}  // NOLINT(modernize-use-equals-default): nothing is set to zero that is written next
   // Over the piece: integrals over the elevation e of cos^2 e and of sin e cos e; 0 for lanes that see nothing of it.
   alignas(64) float along[kPacket], up[kPacket];
   alignas(64) float tangent[kPacket];  // of the elevation of its middle

@@ -19,6 +19,10 @@ double share_above(double x) {
   return 0.5 - (std::asin(x) + x * std::sqrt(1 - x * x)) / kPi;
 }
 
+double albedo_at(const GroundLight& light, std::size_t cell) {
+  return light.albedo.empty() ? 1 : static_cast<double>(light.albedo[cell]);
+}
+
 // Turns the lanes to an azimuth of the grids.
 void aim(float ux, float uy, MarchLanes& lanes, AzimuthLanes& out) {
   lanes.ux = ux, lanes.uy = uy;
@@ -115,8 +119,8 @@ SlopeLight::SlopeLight(const Relief& relief, SlopeLightSource source)
     const auto side = static_cast<std::size_t>(relief.side(g));
     ground.squares = (relief.side(g) + kSquare - 1) / kSquare;
     const std::size_t squares = static_cast<std::size_t>(ground.squares) * static_cast<std::size_t>(ground.squares);
-    for (GroundLight::Values* values : {&light.nx, &light.ny, &light.lit, &light.albedo})
-      values->resize(side * side + kPadding);
+    for (GroundLight::Values* values : {&light.nx, &light.ny, &light.lit}) values->resize(side * side + kPadding);
+    if (source_.albedo) light.albedo.resize(side * side + kPadding);
     ground.lit = std::make_unique<dem::Once[]>(squares);
     if (source_.bounces > 1) {
       light.glow.resize(side * side + kPadding);
@@ -129,7 +133,8 @@ SlopeLight::SlopeLight(const Relief& relief, SlopeLightSource source)
 std::size_t SlopeLight::bytes() const {
   std::size_t sum = 0;
   for (const Ground& ground : ground_)
-    sum += (4 * ground.light.lit.capacity() + ground.light.glow.capacity()) * sizeof(float) +
+    sum += (3 * ground.light.lit.capacity() + ground.light.albedo.capacity() + ground.light.glow.capacity()) *
+               sizeof(float) +
            static_cast<std::size_t>(ground.squares) * static_cast<std::size_t>(ground.squares) * sizeof(dem::Once) *
                (ground.glows ? 2 : 1);
   return sum;
@@ -157,8 +162,9 @@ void SlopeLight::light_square(const Square& square, const StopToken& stop) const
   GroundLight& light = ground_[square.grid].light;
   const std::span<const GridView> around = std::span(grids_).subspan(square.grid);
   const double lowest = -std::sin(source_.sun.angular_radius_deg * kRadiansPerDegree);
-  std::vector<float> albedo(static_cast<std::size_t>(square.rows * square.columns), 1.F);
+  std::vector<float> albedo;
   if (source_.albedo) {
+    albedo.resize(static_cast<std::size_t>(square.rows * square.columns));
     std::vector<Vec3> directions;
     for (int r = 0; r < square.rows; ++r)
       for (int c = 0; c < square.columns; ++c)
@@ -177,7 +183,7 @@ void SlopeLight::light_square(const Square& square, const StopToken& stop) const
       const std::size_t at = square.post(r, c);
       const Eigen::Vector3f& normal = cells[static_cast<std::size_t>(c)].normal;
       light.nx[at] = normal.x(), light.ny[at] = normal.y(), light.lit[at] = share[c];
-      light.albedo[at] = albedo[static_cast<std::size_t>(r * square.columns + c)];
+      if (source_.albedo) light.albedo[at] = albedo[static_cast<std::size_t>(r * square.columns + c)];
     }
   }
 }
@@ -189,14 +195,15 @@ void SlopeLight::let_glow(const Square& square, const StopToken& stop) const {
   Square::Cells cells;
   MarchLanes lanes = square.places(square.rows / 2, cells);
   Arriving arriving;
-  gather(square.grid, lanes, static_cast<int>(grids_[square.grid].coarser), kAzimuthsOfGround, 1, arriving, stop);
+  gather(square.grid, lanes, static_cast<int>(grids_[square.grid].coarser), {kAzimuthsOfGround, 0.5}, 1, arriving,
+         stop);
   alignas(64) double half[kPacket], phase[kPacket] = {}, w[kPacket], reflected[kPacket];
   std::fill_n(half, kPacket, 0.5);
   const double by_model = std::max(source_.brdf.times_mu0(0.5, 0.5, 0), 1e-12);
   for (int r = 0; r < square.rows; ++r) {
     const std::size_t first = square.post(r, 0);
     for (int c = 0; c < kPacket; ++c)
-      w[c] = static_cast<double>(light.albedo[first + static_cast<std::size_t>(std::min(c, square.columns - 1))]);
+      w[c] = albedo_at(light, first + static_cast<std::size_t>(std::min(c, square.columns - 1)));
     if (source_.albedo_is_w) source_.brdf.times_mu0(half, half, phase, w, reflected);
     for (int c = 0; c < square.columns; ++c) {
       const std::size_t at = first + static_cast<std::size_t>(c);
@@ -216,15 +223,15 @@ float SlopeLight::radiosity(int row, int column, const StopToken& stop) const {
       static_cast<std::size_t>(row) * static_cast<std::size_t>(grids_.front().side) + static_cast<std::size_t>(column);
   const Eigen::Vector3d normal = relief_.cell(0, post).normal.cast<double>();
   const double mu0 = normal.dot(disc_.direction());
-  const auto factor = static_cast<double>(light.lit[post] * (source_.albedo_is_w ? 1 : light.albedo[post]));
+  const double factor = static_cast<double>(light.lit[post]) * (source_.albedo_is_w ? 1 : albedo_at(light, post));
   const double direct =
                    mu0 > 0 && factor > 0 ? factor * source_.brdf.times_mu0(mu0, normal.z(), disc_.direction().z()) : 0,
                glow = light.glow.empty() ? 0 : static_cast<double>(light.glow[post]);
   return static_cast<float>(kPi * source_.irradiance_w_m2 * (direct + glow));
 }
 
-void SlopeLight::gather(std::size_t grid, MarchLanes& lanes, int stride, int azimuths, int bounces, Arriving& out,
-                        const StopToken& stop) const {
+void SlopeLight::gather(std::size_t grid, MarchLanes& lanes, int stride, const Azimuths& azimuths, int bounces,
+                        Arriving& out, const StopToken& stop) const {
   const std::span<const GridView> around = std::span(grids_).subspan(grid);
   alignas(64) float horizon[kPacket];
   AzimuthLanes directions;
@@ -236,13 +243,13 @@ void SlopeLight::gather(std::size_t grid, MarchLanes& lanes, int stride, int azi
   std::vector<SeenPiece> pieces;
   PieceLight light;
   alignas(64) double reflected[kPacket];
-  for (int azimuth = 0; azimuth < azimuths; ++azimuth) {
-    const double phi = (azimuth + 0.5) * 2 * kPi / azimuths;
+  for (int azimuth = 0; azimuth < azimuths.count; ++azimuth) {
+    const double phi = (azimuth + azimuths.first) * 2 * kPi / azimuths.count;
     aim(static_cast<float>(std::cos(phi)), static_cast<float>(std::sin(phi)), lanes, directions);
     pieces.clear();
     find_pieces(around, relief_.sphere(), lanes, stride, pieces, horizon);
     add_sky(directions, horizon, out.sky);
-    auto& sum = out.from[azimuth / (azimuths / kSectors)];
+    auto& sum = out.from[azimuth / (azimuths.count / kSectors)];
     for (const SeenPiece& piece : pieces) {
       const RowOfCells& cells = piece.cells;
       light_cells(grid + piece.grid, cells.row, static_cast<int>(cells.column),
@@ -253,7 +260,7 @@ void SlopeLight::gather(std::size_t grid, MarchLanes& lanes, int stride, int azi
       add_piece(piece, directions, light, reflected, !source_.albedo_is_w, sum);
     }
   }
-  const auto turn = static_cast<float>(2 * kPi / azimuths);
+  const auto turn = static_cast<float>(2 * kPi / azimuths.count);
   const auto finish = [&](float(&sum)[3][kPacket]) {
     for (auto& component : sum)
       for (int i = 0; i < kPacket; ++i) component[i] = std::isnan(lanes.height[i]) ? 0 : turn * component[i];
@@ -266,7 +273,7 @@ void SlopeLight::gather(int row, int column, int stride, std::span<SectorLight, 
                         const StopToken& stop) const {
   MarchLanes lanes = relief_.places(row, column, stride);
   Arriving arriving;
-  gather(0, lanes, stride, azimuths_, source_.bounces, arriving, stop);
+  gather(0, lanes, stride, {azimuths_, row / stride % 2 ? 0.75 : 0.25}, source_.bounces, arriving, stop);
   const Eigen::Matrix3f back = relief_.axes().transpose().cast<float>();
   for (int i = 0; i < kPacket; ++i) {
     const auto vector = [&](const float(&sum)[3][kPacket]) -> Eigen::Vector3f {

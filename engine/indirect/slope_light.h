@@ -21,8 +21,9 @@
 namespace selenograph::engine {
 
 inline constexpr int kSectors = 8;
-// At a low Sun, what is lit is thin strips, which more azimuths are needed to meet.
-inline constexpr int kAzimuths = 64, kAzimuthsAtLowSun = 128;
+// Of a post. Those of the next row are halfway between them: what is interpolated has met twice as many. At a low Sun,
+// what is lit is thin strips, which more azimuths are needed to meet.
+inline constexpr int kAzimuths = 32, kAzimuthsAtLowSun = 64;
 inline constexpr double kLowSun_deg = 10;
 // For the light of ground that is seen: far more places of it are averaged.
 inline constexpr int kAzimuthsOfGround = 32;
@@ -93,8 +94,12 @@ class SlopeLight {
   struct alignas(64) Arriving {
     float from[kSectors][3][kPacket] = {}, sky[3][kPacket] = {};
   };
+  struct Azimuths {
+    int count;
+    double first;  // share of the way to the second one
+  };
   // Over the grids from `grid` on.
-  void gather(std::size_t grid, MarchLanes& lanes, int stride, int azimuths, int bounces, Arriving& out,
+  void gather(std::size_t grid, MarchLanes& lanes, int stride, const Azimuths& azimuths, int bounces, Arriving& out,
               const StopToken& stop) const;
   void light_cells(std::size_t grid, int row, int first_column, int last_column, int bounces,
                    const StopToken& stop) const;

@@ -9,17 +9,16 @@
 #include "dem/support/error.h"
 #include "dem/support/parallel.h"
 #include "dem/terrain/surface_place.h"
-#include "engine/indirect/fields_in_view.h"
 #include "engine/indirect/light_factors.h"
 
 namespace selenograph::engine {
 
-TerrainLight::TerrainLight(const FrameRequest& request, const RowViews& views, const Vec3& eye_m, const Mesh& mesh,
+TerrainLight::TerrainLight(const FrameRequest& request, const ViewOfGround& view, const Vec3& eye_m,
                            const dem::Terrain& terrain, double direct_w_m2, LightTiles& tiles, const StopToken& stop)
-    : request_(request), mesh_(mesh), sources_(light_sources(request, direct_w_m2)) {
-  FieldsInView seen = fields_in_view(mesh, views, terrain, request.indirect.spacing_px);
+    : request_(request), mesh_(view.mesh), sources_(light_sources(request, direct_w_m2)) {
+  FieldsInView seen = fields_in_view(view, terrain, request.indirect.spacing_px);
   of_block_ = std::move(seen.of_block);
-  if (seen.tiles() * (sizeof(LightTile) + sizeof(Tile)) > tiles.capacity())
+  if (seen.tiles() * (LightTiles::bytes_of_tile() + sizeof(Tile)) > tiles.capacity())
     throw TooMuchTerrain(
         fmt::format("the frame's indirect light is gathered in {} tiles, more than the {} MB for them hold: "
                     "a larger \"spacing_px\" takes fewer",
@@ -36,14 +35,20 @@ TerrainLight::TerrainLight(const FrameRequest& request, const RowViews& views, c
     Field& own = fields_.emplace_back(Field{field.plane, std::vector<const Tile*>(side * side)});
     in_parallel(kept.size(), [&](std::size_t i) {
       Tile& tile = tiles_[next + i];
-      tile.light = std::move(kept[i]);
-      tile.sums = tile.light->sums;
-      set_factors(*tile.light, field.plane, field.tiles[i], eye_m, brdf, tile.sums);
+      tile.light = std::move(kept[i]), tile.rows = field.tiles[i];
+      for (int row = 0; row < FieldPlane::kTileSide; ++row)
+        if (tile.rows.has(row))
+          std::copy_n(&tile.light->sums[LightTile::first_of(row)], FieldPlane::kTileSide,
+                      &tile.sums[LightTile::first_of(row)]);
+      set_factors(*tile.light, field.plane, tile.rows, eye_m, brdf, tile.sums);
     });
-    for (const int at : field.tiles) {
+    for (const TileRows& at : field.tiles) {
       const Tile& tile = tiles_[next++];
-      own.tiles[static_cast<std::size_t>(at)] = &tile;
-      most_ground_view_ = std::max(most_ground_view_, static_cast<double>(tile.light->most_ground_view));
+      own.tiles[static_cast<std::size_t>(at.tile)] = &tile;
+      for (int row = 0; row < FieldPlane::kTileSide; ++row)
+        if (at.has(row))
+          most_ground_view_ = std::max(
+              most_ground_view_, static_cast<double>(tile.light->most_ground_view[static_cast<std::size_t>(row)]));
     }
   }
 }
@@ -78,7 +83,7 @@ std::optional<LightPlace> TerrainLight::at(std::uint32_t block, const Vec3& plac
   const Field& field = fields_[static_cast<std::size_t>(of_block_[block])];
   const FieldPost at = field.plane.post_at(place_m);
   const Tile* tile = field.tiles[static_cast<std::size_t>(at.tile)];
-  if (!tile) return std::nullopt;
+  if (!tile || !tile->rows.has(at.row) || !tile->rows.has(at.row + 1)) return std::nullopt;
   const auto post = static_cast<std::size_t>(at.row * FieldPlane::kTileSide + at.column);
   return LightPlace{&tile->light->sectors[post], &tile->sums[post], static_cast<float>(at.east),
                     static_cast<float>(at.north)};

@@ -11,9 +11,9 @@
 #include <optional>
 #include <vector>
 
-#include "engine/camera/row_views.h"
 #include "engine/frame/queries.h"
 #include "engine/frame/request.h"
+#include "engine/indirect/fields_in_view.h"
 #include "engine/indirect/light_field.h"
 #include "engine/indirect/light_lanes.h"
 #include "engine/indirect/light_tile.h"
@@ -26,9 +26,9 @@ namespace selenograph::engine {
 class TerrainLight {
  public:
   // Throws TooMuchTerrain where the posts do not fit into the memory for them. `eye_m`: who looks. `direct_w_m2`: the
-  // Sun's, at normal incidence. The other arguments must outlive this object.
-  TerrainLight(const FrameRequest& request, const RowViews& views, const Vec3& eye_m, const Mesh& mesh,
-               const dem::Terrain& terrain, double direct_w_m2, LightTiles& tiles, const StopToken& stop);
+  // Sun's, at normal incidence. The request and the view's mesh must outlive this object.
+  TerrainLight(const FrameRequest& request, const ViewOfGround& view, const Vec3& eye_m, const dem::Terrain& terrain,
+               double direct_w_m2, LightTiles& tiles, const StopToken& stop);
 
   // Adds the radiance of the indirect light, W m-2 sr-1, for lanes that hit. `albedo`: null, or what the map says: w of
   // Hapke's model, otherwise a factor of what the Brdf reflects.
@@ -52,7 +52,8 @@ class TerrainLight {
 
  private:
   struct Tile {
-    std::shared_ptr<const LightTile> light;  // null: not in view
+    std::shared_ptr<const LightTile> light;
+    TileRows rows;  // in view
     std::array<SumPost, LightTile::kPosts> sums;
   };
   struct Field {

@@ -12,6 +12,7 @@
 #include "engine/radiometry/earth.h"
 #include "engine/renderer.h"
 #include "engine/sky/ephemeris.h"
+#include "engine/visibility/objects/object_mesh.h"
 #include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
@@ -273,6 +274,68 @@ TEST(IndirectLight, WhatAFrameGainsIsItsIrradiance) {
     most = std::max(most, arrives);
   }
   EXPECT_GT(most, 5);
+}
+
+// Posts are gathered where a frame needs them: what a narrow view shows is as the middle of a wide one. Mountains rise
+// into the view; the ground below an object is beside it.
+TEST(IndirectLight, ANarrowViewHasAllPostsThatItNeeds) {
+  const test::TemporaryFolder folder;
+  const auto rough = [](double lat, double lon) {
+    return 900 * std::sin(9 * lat) * std::cos(70 * lon) + 700 * std::sin(120 * lat) * std::sin(40 * lon + lat);
+  };
+  test::write_float_tile(folder / "dem", "middle", {2, 10, 64, 129, 129}, rough);
+  test::write_float_tile(folder / "dem", "around", {6, 6, 16, 129, 129}, rough);
+  test::write_float_tile(folder / "dem", "pole", {90, -180, 16, 65, 5761}, [](double lat, double lon) {
+    return 500 * std::sin(150 * lat) * std::cos(4 * lon * test::kDegree) * std::min(1.0, 90 - lat);
+  });
+  const Renderer renderer(test::open_terrain(folder / "dem"), RendererOptions{2, std::size_t{512} << 20});
+  ObjectShape shape;
+  for (const Vec3& place : {Vec3(0, 0, -1), Vec3(1, 1, 1), Vec3(-1, 1, 1), Vec3(0, -1, 1)})
+    shape.corners.push_back({place.cast<float>(), Eigen::Vector3f::Zero()});
+  shape.triangles = {{{0, 1, 2}, 0}, {{0, 2, 3}, 0}, {{0, 3, 1}, 0}, {{1, 3, 2}, 0}}, shape.parts = {"all"};
+  const auto tetrahedron = std::make_shared<const ObjectMesh>(shape);
+  struct Look {
+    double lat_deg, lon_deg, height_m, off_nadir_deg;
+  };
+  constexpr int kNarrow = 48, kWide = 3 * kNarrow;
+  for (const Look& look : {Look{1, 11, 20000, 0},
+                           {1.02, 10.97, 2500, 0},
+                           {1.5, 10.4, 6000, 70},
+                           {2.0, 11.4, 12000, 55},
+                           {89.9, 30, 15000, 0},
+                           {90, 0, 30000, 50}}) {
+    SCOPED_TRACE(::testing::Message() << look.lat_deg << " " << look.height_m << " " << look.off_nadir_deg);
+    FrameRequest request;
+    const Vec3 eye = to_cartesian({look.lat_deg, look.lon_deg, look.height_m});
+    const EastNorthUp axes = local_axes(eye.normalized());
+    const double tilt = look.off_nadir_deg * test::kDegree;
+    const Vec3 boresight = std::sin(tilt) * axes.north - std::cos(tilt) * axes.up;
+    request.pose = test::looking(eye, boresight, axes.north + axes.up);
+    request.sun.direction = sun_direction(axes, 250, 20);
+    request.products = kIrradiance | kObjectId;
+    request.indirect.terrain = true;
+    const double half = std::tan(8 * test::kDegree);
+    const Eigen::Quaterniond moon_from_camera = request.pose.camera_from_moon.conjugate();
+    const Vec3 corner = moon_from_camera * Vec3(0.8 * half, 0.8 * half, 1);
+    SceneObject object{tetrahedron, eye + 0.4 * look.height_m * corner, moon_from_camera, 0.02 * look.height_m, {{}}};
+    request.objects = {object};
+    request.camera = test::square_camera(kNarrow, 16);
+    const Frame narrow = renderer.render(request);
+    request.camera = test::square_camera(kWide, 2 * std::atan(3 * half) / test::kDegree);
+    const Frame wide = renderer.render(request);
+    int lit = 0, on_object = 0;
+    for (int y = 0; y < kNarrow; ++y)
+      for (int x = 0; x < kNarrow; ++x) {
+        const auto here = static_cast<std::size_t>(y * kNarrow + x),
+                   there = static_cast<std::size_t>((y + kNarrow) * kWide + x + kNarrow);
+        const float found = narrow.products.irradiance[3 * here + 1], truth = wide.products.irradiance[3 * there + 1];
+        if (std::isnan(found) || std::isnan(truth)) continue;
+        EXPECT_NEAR(found, truth, 1e-3F * truth + 1e-4F) << x << " " << y;
+        lit += truth > 1e-3F, on_object += narrow.products.object_id[here] == 0;
+      }
+    EXPECT_GT(lit, kNarrow * kNarrow / 8);
+    EXPECT_GT(on_object, 0);
+  }
 }
 
 // The Sun moves by 1.4e-5 degrees between frames of a loop at 10 Hz: the light is gathered once for many of them.
