@@ -20,8 +20,10 @@ struct AccuracyScene {
 // the ground at the place. The polar scene needs a place where the Sun is always low; without one there is no such
 // scene.
 std::vector<AccuracyScene> accuracy_scenes(const dem::Terrain& terrain, const Geographic& place,
-                                           const std::optional<Geographic>& polar_place, int side_px,
-                                           double height_m = 20e3);
+                                           const std::optional<Geographic>& polar_place, int side_px, double height_m);
+
+// From where a pixel of those frames, seen straight down, is as large as the terrain's posts at a place.
+double height_over_posts_m(const dem::Terrain& terrain, const Geographic& place, int side_px);
 
 // The end of the descent, on terrain with detail. `detailed`: Renderer::terrain_with(detail).
 AccuracyScene touchdown_scene(const dem::Terrain& detailed, const std::shared_ptr<const dem::Detail>& detail,

@@ -11,6 +11,15 @@
 namespace selenograph::engine {
 namespace {
 
+// The ground at a place as rays meet it, which may be finer than a frame's, and so above the frame's.
+Vec3 on_ground(const Renderer& renderer, const Vec3& position_m, const FrameRequest& request, const StopToken& stop) {
+  constexpr double kAbove_m = 1000;
+  const Vec3 up = position_m.normalized();
+  const Ray down{position_m + kAbove_m * up, -up};
+  const RayHit hit = renderer.cast({&down, 1}, request.sun, stop).front();
+  return hit.hit ? hit.position_m : position_m;
+}
+
 double light_by_rays(const Renderer& renderer, const Vec3& position_m, const Vec3& normal, const FrameRequest& request,
                      int strata, const StopToken& stop) {
   constexpr int kDirections = 128, kHigh = 8;
@@ -74,7 +83,8 @@ IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& reque
       const Vec3 position_m = at(seen.position, pixel);
       if (std::isnan(position_m.x())) continue;
       pixels_.push_back(pixel);
-      light_w_m2_.push_back(light_by_rays(renderer, position_m, at(seen.normal, pixel), request, strata, stop));
+      light_w_m2_.push_back(light_by_rays(renderer, on_ground(renderer, position_m, request, stop),
+                                          at(seen.normal, pixel), request, strata, stop));
     }
   request_.products = kIrradiance, request_.indirect.terrain = true;
 }

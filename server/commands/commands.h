@@ -77,7 +77,7 @@ struct VerifyAccuracySettings {
   std::string center, polar_center;  // "LAT,LON", degrees; empty: see the options
   std::string detail;                // name in the assets folder; empty: no scene with detail
   std::vector<std::string> scenes;   // names of the scenes to measure; empty: all
-  double height_m = 20e3;            // for all scenes but the descents
+  std::optional<double> height_m;    // for all scenes but the descents; empty: see the option
   int size_px = 256;
   int repetitions = 5;
   int reference_samples = 256;

@@ -117,8 +117,9 @@ int verify_accuracy(const VerifyAccuracySettings& settings) {
   if (terrain.dem.empty()) terrain.dem = sample_folders(terrain.cache_dir);
   const auto renderer = make_renderer(terrain);
   const Places places = places_of(settings, renderer->terrain());
-  auto scenes =
-      engine::accuracy_scenes(renderer->terrain(), places.center, places.polar, settings.size_px, settings.height_m);
+  const double height_m = settings.height_m.value_or(
+      settings.indirect ? engine::height_over_posts_m(renderer->terrain(), places.center, settings.size_px) : 20e3);
+  auto scenes = engine::accuracy_scenes(renderer->terrain(), places.center, places.polar, settings.size_px, height_m);
   if (const auto detail = detail_of(settings))
     scenes.push_back(engine::touchdown_scene(*renderer->terrain_with(detail), detail, places.center, settings.size_px));
   if (!settings.scenes.empty())

@@ -203,9 +203,11 @@ void add_options(CLI::App& command, VerifyAccuracySettings& s) {
   command.add_option("--scenes", s.scenes, "Only these")
       ->delimiter(',')
       ->check(CLI::IsMember({"nadir", "oblique", "limb", "polar", "descent", "touchdown"}));
-  command.add_option("--height-m", s.height_m, "Of the camera above the ground, but for the descents")
-      ->check(CLI::Range(1.0, 1e9))
-      ->capture_default_str();
+  command
+      .add_option("--height-m", s.height_m,
+                  "Of the camera above the ground, but for the descents; default: 20000, and with --indirect, whose "
+                  "rays meet the finest terrain, from where a pixel is as large as a post")
+      ->check(CLI::Range(1.0, 1e9));
   command.add_option("--size-px", s.size_px, "Side of the frames")->check(CLI::Range(32, 4096))->capture_default_str();
   command.add_option("--repetitions", s.repetitions, "Of each time measurement; the median counts")
       ->check(CLI::Range(1, 1000))
