@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The flight table: what a camera in flight waits for on tiles of real size, against one that hovers.
 
-    SELENOGRAPH_BINARY=build/selenograph tests/benchmark/flight_benchmark.py TILES [--rows ROW,ROW...] [--frames N] [--detail NAME] [--rate HZ]
+    SELENOGRAPH_BINARY=build/selenograph tests/benchmark/flight_benchmark.py TILES [--rows ROW,ROW...] [--frames N] [--detail NAME] [--indirect] [--rate HZ]
 
 TILES is what `build/selenograph_real_size_tiles COARSE_FOLDER TILES` makes. Each frame is 1024 x 1024 pixels of
 `radiance` as octet-stream over one kept connection, Sun at 15 degrees; times are the client's, from the request to the
@@ -19,7 +19,8 @@ last byte.
 A restart and a flight begin with the tiles and the cache folder read once, hovering at its first pose; nothing else is
 in the service's memory, which `--pretouch` has had from the system. N replaces the 300 frames of a flight, the 3000 of
 `memory` and, where it is less, the 60 of hovering: it is a trial then. NAME is a detail of deploy/assets, for all
-frames. HZ is 10; a machine on which a frame takes longer has time between frames at a lower rate.
+frames, which --indirect gives light from terrain. HZ is 10; a machine on which a frame takes longer has time between
+frames at a lower rate.
 """
 
 import argparse
@@ -80,8 +81,8 @@ def ms(value):
 class Area:
     """Where the tiles of a folder lie, and the places and requests of the flights over them."""
 
-    def __init__(self, folder, detail=None):
-        self.detail = detail
+    def __init__(self, folder, members):
+        self.members = members
         text = ""
         for name in glob.glob(os.path.join(folder, "*.lbl")):
             with open(name) as label:
@@ -119,7 +120,7 @@ class Area:
         request = harness.frame_request(["radiance"], side_px, side_px, pose=of_pose, sun={
             "local": {"lat_deg": lat, "lon_deg": lon, "azimuth_deg": 90.0, "elevation_deg": 15.0}})
         request["camera"]["fov_deg"] = fov_deg
-        request["detail"] = self.detail
+        request.update(self.members)
         if ahead:
             request["ahead"] = list(ahead)
         return json.dumps(request).encode()
@@ -215,8 +216,8 @@ class Client:
 class Table:
     """The rows of one set of tiles."""
 
-    def __init__(self, name, tiles, frames, detail=None, rate_hz=RATE_HZ):
-        self.name, self.tiles, self.area = name, tiles, Area(tiles, detail)
+    def __init__(self, name, tiles, frames, members, rate_hz=RATE_HZ):
+        self.name, self.tiles, self.area = name, tiles, Area(tiles, members)
         self.rate_hz = rate_hz
         self.flight_frames = frames or FLIGHT_FRAMES
         self.memory_frames = frames or MEMORY_FRAMES
@@ -472,16 +473,20 @@ def main():
     parser.add_argument("--rows", type=rows_of, default=ROWS)
     parser.add_argument("--frames", type=positive)
     parser.add_argument("--detail", metavar="NAME")
+    parser.add_argument("--indirect", action="store_true")
     parser.add_argument("--rate", metavar="HZ", type=float, default=RATE_HZ)
     asked = parser.parse_args()
     if not asked.rate > 0:
         parser.error("--rate must be above 0")
     if not os.access(harness.BINARY, os.X_OK):
         sys.exit("set SELENOGRAPH_BINARY to the executable")
+    members = {"detail": asked.detail} if asked.detail else {}
+    if asked.indirect:
+        members["indirect"] = {"terrain": True}
     version = subprocess.run([harness.BINARY, "--version"], stdout=subprocess.PIPE, text=True, check=True).stdout
     print(f"selenograph {version.strip()}; {machine()}")
     print(f"{SIDE_PX} x {SIDE_PX} radiance, octet-stream, one client{'; a trial' if asked.frames else ''}"
-          f"{f'; detail {asked.detail}' if asked.detail else ''}")
+          f"{f'; {members}' if members else ''}")
     unfinished = 0
     harness.set_up()
     try:
@@ -490,7 +495,7 @@ def main():
             if not glob.glob(os.path.join(folder, "*.lbl")):
                 print(f"{name}: no tiles in {folder}")
                 continue
-            table = Table(name, folder, asked.frames, asked.detail, asked.rate)
+            table = Table(name, folder, asked.frames, members, asked.rate)
             print(f"\n{f'{name}, tiles: {len(table.images)}':<57} {'figure':>14} {'ratio':>8} {'target':>8}")
             for wanted in asked.rows:
                 try:
