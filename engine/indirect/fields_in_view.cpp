@@ -142,12 +142,13 @@ void mark(const MeshBlock& block, const RowViews& views, const LightField& field
     }
 }
 
-// The posts below objects in view.
+// The posts below objects in view; of one that is larger than many posts, below its middle.
 void mark(std::span<const Ball> objects, const RowViews& views, const FieldPlane& plane, Marks& marks) {
   for (const Ball& ball : objects) {
     const bool seen = std::any_of(views.bundles().begin(), views.bundles().end(),
                                   [&](const ViewBundle& view) { return view.may_see(ball.centre_m, ball.radius_m); });
-    const double reach = ball.radius_m / plane.spacing_m() + 1;
+    constexpr double kFarthest = 32;
+    const double reach = std::min(ball.radius_m / plane.spacing_m() + 1, kFarthest);
     const Eigen::Vector2d at = plane.place(ball.centre_m), from_middle = at.array() - plane.middle();
     // Else it is on the Moon's other side, or in other fields alone.
     const bool in_field =
