@@ -1,7 +1,7 @@
 #include "engine/indirect/light_at_places.h"
 
+#include <algorithm>
 #include <cstdint>
-#include <iterator>
 #include <map>
 
 #include "dem/grid/lattice.h"
@@ -47,7 +47,9 @@ std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const 
     for (const auto& [tile, of_tile] : rows) wanted.push_back({tile, of_tile});
     const auto made = tiles.get(field, plane, wanted, {terrain, gathered}, stop);
     for (const PlaceInField& p : in_it) {
-      const auto tile = std::distance(rows.begin(), rows.find(p.post.tile));
+      const auto tile = std::lower_bound(wanted.begin(), wanted.end(), p.post.tile,
+                                         [](const TileRows& of, int number) { return of.tile < number; }) -
+                        wanted.begin();
       const std::size_t at = LightTile::first_of(p.post.row) + static_cast<std::size_t>(p.post.column);
       const LightTile& light = *made[static_cast<std::size_t>(tile)];
       const Irradiance indirect = irradiance_at(

@@ -34,19 +34,15 @@ Relief::Relief(const ReliefShape& shape, const ReliefHeights& heights, const Sto
     grid.heights.resize(grid.posts() + kPadding);
     if (serves >= shape.farthest_m) break;
   }
-  // So many posts at once that what they take lasts in the processor's caches.
-  constexpr std::size_t kAtOnce = 32768, kPiece = 2048;
-  std::vector<Vec3> directions;
+  constexpr std::size_t kPiece = 4096;
   for (std::size_t g = 0; g < grids_.size(); ++g) {
     Grid& grid = grids_[g];
-    for (std::size_t first = 0; first < grid.posts(); first += kAtOnce) {
-      directions.resize(std::min(kAtOnce, grid.posts() - first));
-      in_parallel_pieces(directions.size(), kPiece, [&](std::size_t from, std::size_t to) {
-        stop.check();
-        for (std::size_t i = from; i < to; ++i) directions[i] = direction(g, first + i);
-      });
-      heights(grid.spacing_m, directions, std::span(grid.heights).subspan(first, directions.size()));
-    }
+    std::vector<Vec3> directions(grid.posts());
+    in_parallel_pieces(directions.size(), kPiece, [&](std::size_t first, std::size_t past_last) {
+      stop.check();
+      for (std::size_t i = first; i < past_last; ++i) directions[i] = direction(g, i);
+    });
+    heights(grid.spacing_m, directions, std::span(grid.heights).first(grid.posts()));
   }
   const Grid& finest = grids_.front();
   const float middle = finest.heights[finest.posts() / 2];

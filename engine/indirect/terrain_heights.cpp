@@ -55,7 +55,7 @@ class BlocksAround {
   BlocksAround(const dem::Terrain& terrain, int level, std::span<const Vec3> directions, const StopToken& stop)
       : ticks_(directions.size()), slots_(directions.size()) {
     std::vector<BlockId> ids(directions.size());
-    in_parallel_pieces(ids.size(), 2048, [&](std::size_t first, std::size_t past_last) {
+    in_parallel_pieces(ids.size(), 4096, [&](std::size_t first, std::size_t past_last) {
       stop.check();
       for (std::size_t i = first; i < past_last; ++i) {
         ticks_[i] = ticks_at(directions[i]);
@@ -107,7 +107,7 @@ class BlocksAround {
 ReliefHeights heights_of(const dem::Terrain& terrain, const StopToken& stop) {
   return [&terrain, &stop](double spacing_m, std::span<const Vec3> directions, std::span<float> heights) {
     const BlocksAround blocks(terrain, level_of(spacing_m), directions, stop);
-    in_parallel_pieces(heights.size(), 2048, [&](std::size_t first, std::size_t past_last) {
+    in_parallel_pieces(heights.size(), 4096, [&](std::size_t first, std::size_t past_last) {
       for (std::size_t i = first; i < past_last; ++i) heights[i] = blocks.height(i);
     });
   };
