@@ -10,22 +10,9 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/indirect/light_lanes.cpp"
+#include <hwy/cache_control.h>
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
-
-#ifndef SELENOGRAPH_ENGINE_NEAR_PLACE
-#define SELENOGRAPH_ENGINE_NEAR_PLACE
-namespace selenograph::engine {
-
-// Points near one whose place in its tile is known (column, row), as float relative to it. `along`: per metre, how many
-// posts a place moves east and north times its height `up` above the plane's origin, and that height.
-struct NearPlace {
-  double x, y, z;
-  float along[3][3], up, column, row;
-};
-
-}  // namespace selenograph::engine
-#endif
 
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
@@ -120,24 +107,17 @@ void InField(const double* posts, double middle, int tiles, const SurfacePoints&
   }
 }
 
-// Returns whether all points are in the tile.
-bool InTile(const NearPlace& at, const SurfacePoints& points, FieldLanes& out) {
-  constexpr float kQuads = FieldPlane::kTileQuads;
-  std::int32_t beside = 0;
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) {
-    const auto x = static_cast<float>(points.x[i] - at.x), y = static_cast<float>(points.y[i] - at.y),
-               z = static_cast<float>(points.z[i] - at.z);
-    const float up = 1 / (at.up + (at.along[2][0] * x + at.along[2][1] * y + at.along[2][2] * z));
-    const float column = at.column + (at.along[0][0] * x + at.along[0][1] * y + at.along[0][2] * z) * up;
-    const float row = at.row + (at.along[1][0] * x + at.along[1][1] * y + at.along[1][2] * z) * up;
-    const bool inside = (column >= 0) & (row >= 0) & (column < kQuads) & (row < kQuads);
-    const auto c = static_cast<std::int32_t>(inside ? column : 0), r = static_cast<std::int32_t>(inside ? row : 0);
-    out.post[i] = r * FieldPlane::kTileSide + c;
-    out.east[i] = column - static_cast<float>(c), out.north[i] = row - static_cast<float>(r);
-    beside |= inside ? 0 : 1;
+// Asks for the posts of all lanes before the first of them is waited for.
+HWY_INLINE void Fetch(const SectorPost* sectors, const SumPost* sums, const FieldLanes& at, std::uint32_t lanes) {
+  for (int of = -1; lanes; lanes &= lanes - 1) {
+    const int post = at.post[std::countr_zero(lanes)];
+    if (post == of) continue;
+    of = post;
+    for (const int row : {0, FieldPlane::kTileSide}) {
+      const SectorPost* west = sectors + post + row;
+      hwy::Prefetch(west), hwy::Prefetch(west->z), hwy::Prefetch(west[1].y), hwy::Prefetch(sums + post + row);
+    }
   }
-  return beside == 0;
 }
 
 void ReadPosts(const SectorPost* sectors, const SumPost* sums, const FieldLanes& at, std::uint32_t lanes,
@@ -145,6 +125,7 @@ void ReadPosts(const SectorPost* sectors, const SumPost* sums, const FieldLanes&
   // Sums are of four at a time: halves of wider vectors are far apart.
   const hn::CappedTag<float, 4> four;
   constexpr int kFour = static_cast<int>(HWY_MIN(HWY_LANES(float), 4));
+  Fetch(sectors, sums, at, lanes);
   SectorQuad sector_quad;
   SumQuad sum_quad;
   int of = at.post[std::countr_zero(lanes)];
@@ -212,36 +193,10 @@ namespace selenograph::engine {
 HWY_EXPORT(SumOf);
 HWY_EXPORT(ArrivesAt);
 HWY_EXPORT(InField);
-HWY_EXPORT(InTile);
 HWY_EXPORT(ReadPosts);
 HWY_EXPORT(FromTerrain);
 HWY_EXPORT(FromEarth);
 HWY_EXPORT(AddReflected);
-
-namespace {
-
-// Whether all points are in the tile of the first; if so, where.
-bool in_one_tile(const FieldPlane& plane, const SurfacePoints& points, FieldLanes& out) {
-  const Vec3 first = points.position(0);
-  const FieldPost at = plane.post_at(first);
-  // Beside the field the first point is not where its post says.
-  if (!(at.east > 0 && at.north > 0)) return false;
-  const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> posts(plane.posts());
-  const Vec3 d = posts * first;
-  NearPlace near{first.x(), first.y(), first.z(), {}, static_cast<float>(d.z()), 0, 0};
-  // What the first two say at `first` is divided by the third there: only the difference from it is left.
-  for (int k = 0; k < 3; ++k) {
-    const Vec3 along = k < 2 ? Vec3(posts.row(k).transpose() - d[k] / d.z() * posts.row(2).transpose())
-                             : Vec3(posts.row(2).transpose());
-    for (int j = 0; j < 3; ++j) near.along[k][j] = static_cast<float>(along[j]);
-  }
-  near.column = static_cast<float>(at.column + at.east), near.row = static_cast<float>(at.row + at.north);
-  if (!HWY_DYNAMIC_DISPATCH(InTile)(near, points, out)) return false;
-  std::fill_n(out.tile, kPacket, at.tile);
-  return true;
-}
-
-}  // namespace
 
 SumPost sum_between(const LightPlace& place) {
   SumPost out;
@@ -259,8 +214,7 @@ Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const Ligh
       sources.earth_w_m2 * static_cast<double>(sum_between(place).earth) * std::max(normal.dot(sources.earth), 0.0)};
 }
 
-void places_in_field(const FieldPlane& plane, const SurfacePoints& points, bool all, FieldLanes& out) {
-  if (all && in_one_tile(plane, points, out)) return;
+void places_in_field(const FieldPlane& plane, const SurfacePoints& points, FieldLanes& out) {
   HWY_DYNAMIC_DISPATCH(InField)(plane.posts(), plane.middle(), plane.tiles(), points, out);
 }
 

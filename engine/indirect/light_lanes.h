@@ -41,12 +41,12 @@ SumPost sum_between(const LightPlace& place);
 Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const LightSources& sources);
 
 // Where sixteen points are in a field: the tile, the post of it south-west of the point, and how far beyond that post.
-// Points beside the field are at its border. `all`: all lanes have points.
+// Points beside the field are at its border.
 struct alignas(64) FieldLanes {
   int tile[kPacket], post[kPacket];
   float east[kPacket], north[kPacket];
 };
-void places_in_field(const FieldPlane& plane, const SurfacePoints& points, bool all, FieldLanes& out);
+void places_in_field(const FieldPlane& plane, const SurfacePoints& points, FieldLanes& out);
 
 // Between the posts of each lane: the irradiance, and what is the same for all normals. Lanes without light are zero.
 struct alignas(64) TerrainLanes {

@@ -66,7 +66,7 @@ void TerrainLight::read(const SurfacePoints& points, const Shading& shading, Ter
     left &= ~here;
     if (of < 0) continue;
     const Field& field = fields_[static_cast<std::size_t>(of)];
-    places_in_field(field.plane, points, hits == kAllLanes, at);
+    places_in_field(field.plane, points, at);
     while (here) {
       const int tile = at.tile[std::countr_zero(here)];
       std::uint32_t in_tile = 0;
