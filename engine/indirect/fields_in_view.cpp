@@ -6,6 +6,7 @@
 
 #include "dem/grid/lattice.h"
 #include "dem/support/parallel.h"
+#include "dem/terrain/surface_place.h"
 #include "engine/scene/node_bounds.h"
 
 namespace selenograph::engine {
@@ -17,24 +18,46 @@ bool may_see(const RowViews& views, const NodeBounds& bounds) {
   });
 }
 
-// The level of the posts for a block in view; -1 where its pixels are too large, or nobody sees it.
-int level_for(const MeshBlock& block, const RowViews& views, double spacing_px) {
-  const dem::BlockId& id = block.posts->id;
-  const NodeBounds bounds =
-      bounds_of(id, static_cast<double>(block.posts->min_m), static_cast<double>(block.posts->max_m));
-  if (!may_see(views, bounds)) return -1;
-  double pixels_per_m = 0, posts_per_m = 0;
+// Below each view's camera.
+std::vector<dem::Ticks> places_below(const RowViews& views) {
+  std::vector<dem::Ticks> out;
   for (const ViewBundle& view : views.bundles()) {
-    const double here = view.pixels_per_metre(bounds.centre, bounds.radius_m);
+    const Geographic g = to_geographic(view.view.position());
+    out.push_back(dem::ticks_of(g.lat_deg, g.lon_deg));
+  }
+  return out;
+}
+
+// The post of a block that is nearest to a place, at the height of the highest.
+Vec3 nearest_post(const dem::Block& posts, const dem::Ticks& to) {
+  const dem::BlockExtent& e = posts.extent;
+  const double half = e.quads / 2.0, quads = e.quads;
+  const double east = std::remainder(to.lon - (e.lon0 + half * e.lon_step), static_cast<double>(dem::kLonTicks));
+  const bool over_pole = std::abs(east) > dem::kLonTicks / 4.0;
+  const double row = !over_pole ? (to.lat - e.lat0) / e.lat_step : e.lat0 < dem::kLatTicks / 2 ? 0 : quads;
+  const auto post = [&](double at) { return static_cast<int>(std::lround(std::clamp(at, 0.0, quads))); };
+  return posts.position(post(row), post(half + east / e.lon_step), static_cast<double>(posts.max_m));
+}
+
+// The level of the posts for a block in view; -1 where its pixels are too large, or nobody sees it.
+int level_for(const MeshBlock& block, const RowViews& views, std::span<const dem::Ticks> below, double spacing_px) {
+  const dem::Block& posts = *block.posts;
+  if (!may_see(views, bounds_of(posts.id, static_cast<double>(posts.min_m), static_cast<double>(posts.max_m))))
+    return -1;
+  double pixels_per_m = 0, posts_per_m = 0;
+  for (std::size_t i = 0; i < below.size(); ++i) {
+    const ViewBundle& view = views.bundles()[i];
+    const Vec3 place = nearest_post(posts, below[i]);
+    const double here = view.pixels_per_metre(place, 0);
     pixels_per_m = std::max(pixels_per_m, here);
     // Foreshortened ground shows as many posts per area of the image as other ground.
-    const Vec3 toward = view.view.position() - bounds.centre;
-    const double emission = toward.normalized().dot(bounds.centre.normalized()) + bounds.radius_m / toward.norm();
+    const double emission = (view.view.position() - place).normalized().dot(place.normalized());
     posts_per_m = std::max(posts_per_m, here / spacing_px * std::sqrt(std::clamp(emission, 1.0 / 16, 1.0)));
   }
   if (!(pixels_per_m * kLargestLitPixel_m >= 1)) return -1;
   const double level = std::floor(std::log2(dem::post_spacing_m(0) * posts_per_m));
-  return std::max(dem::kRootLevel, static_cast<int>(std::clamp<double>(level, id.level - kFiner, id.level)));
+  return std::max(dem::kRootLevel,
+                  static_cast<int>(std::clamp<double>(level, posts.id.level - kFiner, posts.id.level)));
 }
 
 // Rows of a field's tiles.
@@ -169,10 +192,11 @@ FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrai
   const auto& [views, mesh, objects] = view;
   constexpr LightField kNone{-1, 0, 0, 0};
   std::vector<LightField> of_blocks(mesh.blocks().size(), kNone);
+  const std::vector<dem::Ticks> below = places_below(views);
   in_parallel_pieces(of_blocks.size(), 64, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t i = first; i < past_last; ++i) {
       const dem::Block& posts = *mesh.blocks()[i].posts;
-      const int level = level_for(mesh.blocks()[i], views, spacing_px);
+      const int level = level_for(mesh.blocks()[i], views, below, spacing_px);
       if (level < 0) continue;
       const dem::BlockExtent& e = posts.extent;
       of_blocks[i] = light_field_at(level, std::clamp(terrain.posts_level(posts.id), level, level + kFiner),

@@ -30,25 +30,34 @@ Relief::Relief(const ReliefShape& shape, const ReliefHeights& heights, const Sto
   for (double spacing = shape.spacing_m;; spacing *= 2) {
     const double serves = std::min(2.0 * kPostsPerStep * kStepsPerDistance * spacing, shape.farthest_m);
     const int half = static_cast<int>(std::ceil((shape.half_m + serves) / spacing)) + 2;
-    Grid& grid = grids_.emplace_back(Grid{2 * half + 1, spacing, {}});
+    Grid& grid = grids_.emplace_back(Grid{.side = 2 * half + 1, .spacing_m = spacing, .heights = {}});
     grid.heights.resize(grid.posts() + kPadding);
     if (serves >= shape.farthest_m) break;
   }
-  constexpr std::size_t kPiece = 4096;
+  // A part at a time: directions take six times the memory of heights.
+  constexpr std::size_t kPart = 1 << 16, kPiece = 4096;
+  std::vector<Vec3> directions;
   for (std::size_t g = 0; g < grids_.size(); ++g) {
     Grid& grid = grids_[g];
-    std::vector<Vec3> directions(grid.posts());
-    in_parallel_pieces(directions.size(), kPiece, [&](std::size_t first, std::size_t past_last) {
-      stop.check();
-      for (std::size_t i = first; i < past_last; ++i) directions[i] = direction(g, i);
-    });
-    heights(grid.spacing_m, directions, std::span(grid.heights).first(grid.posts()));
+    for (std::size_t begin = 0; begin < grid.posts(); begin += kPart) {
+      directions.resize(std::min(kPart, grid.posts() - begin));
+      in_parallel_pieces(directions.size(), kPiece, [&](std::size_t first, std::size_t past_last) {
+        stop.check();
+        for (std::size_t i = first; i < past_last; ++i) directions[i] = direction(g, begin + i);
+      });
+      heights(grid.spacing_m, directions, std::span(grid.heights).subspan(begin, directions.size()));
+    }
   }
   const Grid& finest = grids_.front();
   const float middle = finest.heights[finest.posts() / 2];
   reference_m_ = std::isnan(middle) ? 0 : static_cast<double>(middle);
-  for (Grid& grid : grids_)
-    for (float& h : grid.heights) h -= static_cast<float>(reference_m_);
+  in_parallel(grids_.size(), [&](std::size_t g) {
+    Grid& grid = grids_[g];
+    for (float& h : std::span(grid.heights).first(grid.posts())) {
+      h -= static_cast<float>(reference_m_);
+      grid.highest_m = h > grid.highest_m ? h : grid.highest_m;
+    }
+  });
 }
 
 std::vector<GridView> Relief::views() const {
@@ -59,7 +68,7 @@ std::vector<GridView> Relief::views() const {
                    -std::numeric_limits<float>::infinity()});
   float highest = -std::numeric_limits<float>::infinity();
   for (std::size_t g = grids_.size(); g-- > 0;) {
-    for (const float h : std::span(grids_[g].heights).first(grids_[g].posts())) highest = h > highest ? h : highest;
+    highest = std::max(highest, grids_[g].highest_m);
     out[g].highest_m = highest;
   }
   return out;

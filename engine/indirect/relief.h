@@ -8,6 +8,7 @@
 
 #include <Eigen/Core>
 #include <functional>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -69,6 +70,7 @@ class Relief {
     int side;
     double spacing_m;
     std::vector<float> heights;  // and kPadding more
+    float highest_m = -std::numeric_limits<float>::infinity();
     std::size_t posts() const { return static_cast<std::size_t>(side) * static_cast<std::size_t>(side); }
     double place(double i) const { return (i - (side - 1) / 2.0) * spacing_m; }
   };

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "dem/support/parallel.h"
+#include "dem/support/vector_targets.h"
 #include "dem/terrain/surface_place.h"
 #include "engine/scene/mesh.h"
 
@@ -18,12 +19,40 @@ using dem::BlockId;
 
 using dem::Ticks;
 
-// Of a unit direction: to_geographic(), which finds heights, too, would double the time of a relief.
-Ticks ticks_at(const Vec3& direction) {
-  const double lat =
-                   std::atan2(direction.z(), std::sqrt(direction.x() * direction.x() + direction.y() * direction.y())),
-               lon = std::atan2(direction.y(), direction.x());
-  return dem::ticks_of(lat / kRadiansPerDegree, lon / kRadiansPerDegree);
+// Latitude and longitude, radians: to_geographic() finds heights, too.
+struct Angles {
+  double lat, lon;
+};
+Angles angles_of(const Vec3& d) {
+  return {std::atan2(d.z(), std::sqrt(d.x() * d.x() + d.y() * d.y())), std::atan2(d.y(), d.x())};
+}
+
+// Of many directions that are mostly next to each other: angles from the first to the others by their tangents.
+constexpr std::size_t kGroup = 16;
+void angles_of(std::span<const Vec3> directions, Angles* out) {
+  const Vec3 first = directions.front();
+  const Angles from = angles_of(first);
+  const double fx = first.x(), fy = first.y(), fz = first.z(), fr = std::sqrt(fx * fx + fy * fy);
+  double x[kGroup] = {}, y[kGroup] = {}, z[kGroup] = {}, lat[kGroup], lon[kGroup], tangent[kGroup];
+  for (std::size_t i = 0; i < directions.size(); ++i)
+    x[i] = directions[i].x(), y[i] = directions[i].y(), z[i] = directions[i].z();
+  // Up to 1e-16 for the tangents that are taken.
+  constexpr double kLargest = 0.03;
+  const auto angle = [](double t) {
+    const double square = t * t;
+    return t - t * square * (1.0 / 3 - square * (1.0 / 5 - square * (1.0 / 7 - square / 9)));
+  };
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (std::size_t i = 0; i < kGroup; ++i) {
+    const double r = std::sqrt(x[i] * x[i] + y[i] * y[i]);
+    const double around = fx * x[i] + fy * y[i], up = fr * r + fz * z[i];
+    const double t = (fx * y[i] - fy * x[i]) / around, u = (fr * z[i] - fz * r) / up;
+    const double across = t < 0 ? -t : t, along = u < 0 ? -u : u, larger = across > along ? across : along;
+    lon[i] = from.lon + angle(t), lat[i] = from.lat + angle(u);
+    tangent[i] = (around > 0) & (up > 0) ? larger : 1;
+  }
+  for (std::size_t i = 0; i < directions.size(); ++i)
+    out[i] = tangent[i] < kLargest ? Angles{lat[i], lon[i]} : angles_of(directions[i]);
 }
 
 float height_at(const dem::Block& block, const Ticks& at) {
@@ -57,10 +86,13 @@ class BlocksAround {
     std::vector<BlockId> ids(directions.size());
     in_parallel_pieces(ids.size(), 4096, [&](std::size_t first, std::size_t past_last) {
       stop.check();
+      Angles angles[kGroup];
       for (std::size_t i = first; i < past_last; ++i) {
-        ticks_[i] = ticks_at(directions[i]);
-        ids[i] =
-            dem::block_at(level, static_cast<std::int32_t>(ticks_[i].lat), static_cast<std::int32_t>(ticks_[i].lon));
+        const std::size_t of_group = (i - first) % kGroup;
+        if (of_group == 0) angles_of(directions.subspan(i, std::min(kGroup, past_last - i)), angles);
+        const auto& [lat, lon] = angles[of_group];
+        ticks_[i] = dem::ticks_of(lat / kRadiansPerDegree, lon / kRadiansPerDegree);
+        ids[i] = dem::block_at(level, ticks_[i].whole_lat, ticks_[i].whole_lon);
       }
     });
     // Neighbours are mostly in one block.
