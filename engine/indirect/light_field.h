@@ -13,7 +13,7 @@
 namespace selenograph::engine {
 
 // Light is gathered at posts of a level, from terrain of up to kFiner levels more.
-inline constexpr int kFiner = 2;
+inline constexpr int kFiner = 1;
 
 struct LightField {
   std::int32_t level, finest;  // of the posts, and of the terrain
