@@ -55,8 +55,8 @@ int level_for(const MeshBlock& block, const RowViews& views, std::span<const dem
     posts_per_m = std::max(posts_per_m, here / spacing_px * std::sqrt(std::clamp(emission, 1.0 / 16, 1.0)));
   }
   if (!(pixels_per_m * kLargestLitPixel_m >= 1)) return -1;
-  // Levels differ by a factor of two: from 0.84 to 1.68 times what is asked for.
-  const double level = std::floor(std::log2(dem::post_spacing_m(0) * posts_per_m) + 0.25);
+  // Levels differ by a factor of two: posts are 0.92 to 1.83 times as far apart as was asked for.
+  const double level = std::floor(std::log2(dem::post_spacing_m(0) * posts_per_m) + 0.125);
   return static_cast<int>(std::clamp<double>(level, dem::kRootLevel, std::max(dem::kRootLevel, posts.id.level)));
 }
 
