@@ -8,9 +8,11 @@
 #include <utility>
 #include <vector>
 
+#include "engine/indirect/fields_in_view.h"
 #include "engine/indirect/slope_light.h"
 #include "engine/radiometry/earth.h"
 #include "engine/renderer.h"
+#include "engine/scene/selection.h"
 #include "engine/sky/ephemeris.h"
 #include "engine/visibility/objects/object_mesh.h"
 #include "tests/support/effort.h"
@@ -342,6 +344,35 @@ TEST(IndirectLight, ANarrowViewHasAllPostsThatItNeeds) {
     EXPECT_GT(lit, kNarrow * kNarrow / 8);
     EXPECT_GT(on_object, 0);
   }
+}
+
+// However fine the mesh is, in the middle of an image and in its corners, where ground is seen obliquely and from
+// farther away: level ground that is seen from above has pixels of one size.
+TEST(IndirectLight, PostsAreAsFarApartAsAskedFor) {
+  const test::TemporaryFolder folder;
+  test::write_float_tile(folder / "dem", "level", {2, 10, 512, 1025, 1025}, [](double, double) { return 0.0; });
+  const auto terrain = test::open_terrain(folder / "dem");
+  constexpr double kHeight_m = 20000;
+  constexpr int kSide = 512;
+  const Vec3 eye = to_cartesian({1, 11, kHeight_m});
+  for (const double fov_deg : {10.0, 70.0})
+    for (const double max_error_px : {0.0, 4.0}) {
+      const double pixel_m = 2 * kHeight_m * std::tan(fov_deg / 2 * test::kDegree) / kSide;
+      const RowViews views(test::square_camera(kSide, fov_deg), test::looking(eye, -eye, Vec3::UnitZ()), std::nullopt);
+      const Selection selection =
+          select_for_view(*terrain, views.reference(), nullptr, {.max_error_px = max_error_px}, {});
+      const Mesh mesh(*terrain, selection.blocks);
+      for (const double posts_m : {200.0, 400.0, 700.0, 1500.0}) {
+        SCOPED_TRACE(::testing::Message() << fov_deg << " " << max_error_px << " " << posts_m);
+        const FieldsInView seen = fields_in_view({views, mesh, {}}, *terrain, posts_m / pixel_m);
+        ASSERT_GT(seen.tiles(), 0U);
+        for (const FieldsInView::Field& field : seen.fields) {
+          if (field.tiles.empty()) continue;
+          EXPECT_GT(field.plane.spacing_m(), 0.75 * posts_m);
+          EXPECT_LT(field.plane.spacing_m(), 1.9 * posts_m);
+        }
+      }
+    }
 }
 
 // The Sun moves by 1.4e-5 degrees between frames of a loop at 10 Hz: the light is gathered once for many of them.
