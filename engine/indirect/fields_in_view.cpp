@@ -42,22 +42,23 @@ Vec3 nearest_post(const dem::Block& posts, const dem::Ticks& to) {
 // The level of the posts for a block in view; -1 where its pixels are too large, or nobody sees it.
 int level_for(const MeshBlock& block, const RowViews& views, std::span<const dem::Ticks> below, double spacing_px) {
   const dem::Block& posts = *block.posts;
-  if (!may_see(views, bounds_of(posts.id, static_cast<double>(posts.min_m), static_cast<double>(posts.max_m))))
-    return -1;
+  const NodeBounds bounds = bounds_of(posts.id, static_cast<double>(posts.min_m), static_cast<double>(posts.max_m));
+  if (!may_see(views, bounds)) return -1;
   double pixels_per_m = 0, posts_per_m = 0;
   for (std::size_t i = 0; i < below.size(); ++i) {
     const ViewBundle& view = views.bundles()[i];
     const Vec3 place = nearest_post(posts, below[i]);
     const double here = view.pixels_per_metre(place, 0);
-    pixels_per_m = std::max(pixels_per_m, here);
+    pixels_per_m = std::max(pixels_per_m, view.pixels_per_metre(bounds.centre, bounds.radius_m));
     // Foreshortened ground shows as many posts per area of the image as other ground.
     const double emission = (view.view.position() - place).normalized().dot(place.normalized());
     posts_per_m = std::max(posts_per_m, here / spacing_px * std::sqrt(std::clamp(emission, 1.0 / 16, 1.0)));
   }
   if (!(pixels_per_m * kLargestLitPixel_m >= 1)) return -1;
-  // Levels differ by a factor of two: posts are 0.92 to 1.83 times as far apart as was asked for.
-  const double level = std::floor(std::log2(dem::post_spacing_m(0) * posts_per_m) + 0.125);
-  return static_cast<int>(std::clamp<double>(level, dem::kRootLevel, std::max(dem::kRootLevel, posts.id.level)));
+  // Levels differ by a factor of two: posts are 0.57 to 1.15 times as far apart as was asked for.
+  const double level = std::floor(std::log2(dem::post_spacing_m(0) * posts_per_m) + 0.8);
+  return std::max(dem::kRootLevel,
+                  static_cast<int>(std::clamp<double>(level, posts.id.level - kCoarser, posts.id.level)));
 }
 
 // Rows of a field's tiles.

@@ -12,8 +12,9 @@
 
 namespace selenograph::engine {
 
-// Light is gathered at posts of a level, from terrain of up to kFiner levels more.
-inline constexpr int kFiner = 1;
+// Light is gathered at posts at most kCoarser levels coarser than the ground in view, from terrain of up to kFiner
+// levels more than theirs.
+inline constexpr int kCoarser = 3, kFiner = 1;
 
 struct LightField {
   std::int32_t level, finest;  // of the posts, and of the terrain
