@@ -363,7 +363,7 @@ TEST(IndirectLight, PostsAreAsFarApartAsAskedFor) {
       const Selection selection =
           select_for_view(*terrain, views.reference(), nullptr, {.max_error_px = max_error_px}, {});
       const Mesh mesh(*terrain, selection.blocks);
-      for (const double posts_m : {100.0, 200.0, 300.0, 450.0}) {
+      for (const double posts_m : {100.0, 200.0, 300.0, 540.0}) {
         SCOPED_TRACE(::testing::Message() << fov_deg << " " << max_error_px << " " << posts_m);
         const FieldsInView seen = fields_in_view({views, mesh, {}}, *terrain, posts_m / pixel_m);
         ASSERT_GT(seen.tiles(), 0U);
