@@ -49,6 +49,7 @@ int level_for(const MeshBlock& block, const RowViews& views, std::span<const dem
     const ViewBundle& view = views.bundles()[i];
     const Vec3 place = nearest_post(posts, below[i]);
     const double here = view.pixels_per_metre(place, 0);
+    // A bound: in doubt ground is lit.
     pixels_per_m = std::max(pixels_per_m, view.pixels_per_metre(bounds.centre, bounds.radius_m));
     // Foreshortened ground shows as many posts per area of the image as other ground.
     const double emission = (view.view.position() - place).normalized().dot(place.normalized());

@@ -27,7 +27,7 @@ Angles angles_of(const Vec3& d) {
   return {std::atan2(d.z(), std::sqrt(d.x() * d.x() + d.y() * d.y())), std::atan2(d.y(), d.x())};
 }
 
-// Of many directions that are mostly next to each other: angles from the first to the others by their tangents.
+// Of up to kGroup directions, mostly next to each other: angles from the first to the others by their tangents.
 constexpr std::size_t kGroup = 16;
 void angles_of(std::span<const Vec3> directions, Angles* out) {
   const Vec3 first = directions.front();
@@ -86,13 +86,15 @@ class BlocksAround {
     std::vector<BlockId> ids(directions.size());
     in_parallel_pieces(ids.size(), 4096, [&](std::size_t first, std::size_t past_last) {
       stop.check();
-      Angles angles[kGroup];
-      for (std::size_t i = first; i < past_last; ++i) {
-        const std::size_t of_group = (i - first) % kGroup;
-        if (of_group == 0) angles_of(directions.subspan(i, std::min(kGroup, past_last - i)), angles);
-        const auto& [lat, lon] = angles[of_group];
-        ticks_[i] = dem::ticks_of(lat / kRadiansPerDegree, lon / kRadiansPerDegree);
-        ids[i] = dem::block_at(level, ticks_[i].whole_lat, ticks_[i].whole_lon);
+      for (std::size_t group = first; group < past_last; group += kGroup) {
+        const std::size_t end = std::min(group + kGroup, past_last);
+        Angles angles[kGroup];
+        angles_of(directions.subspan(group, end - group), angles);
+        for (std::size_t i = group; i < end; ++i) {
+          const auto& [lat, lon] = angles[i - group];
+          ticks_[i] = dem::ticks_of(lat / kRadiansPerDegree, lon / kRadiansPerDegree);
+          ids[i] = dem::block_at(level, ticks_[i].whole_lat, ticks_[i].whole_lon);
+        }
       }
     });
     // Neighbours are mostly in one block.
