@@ -65,7 +65,7 @@ const std::vector<Crater>& CraterField::in_cell(const SizeCells::Cell& cell) con
     SizeCells::Cell cell{};
     std::vector<Crater> craters;
   };
-  constexpr std::size_t kSide = 16;  // cells around a place have places of their own
+  constexpr std::size_t kSide = 48;  // cells around a place have places of their own
   static thread_local std::array<Kept, kSide * kSide> all;
   const auto [octave, row, column] = cell;
   const auto place = [](int index) { return static_cast<std::size_t>(index) % kSide; };

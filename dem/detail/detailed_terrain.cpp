@@ -538,18 +538,19 @@ std::vector<double> DetailedTerrain::cell_means(const Quarter& quarter, int arou
     const auto first = [&](int half) { return static_cast<std::size_t>(half * quarter.quads()) * n; };
     // Squares, whose places are found in caches.
     constexpr std::size_t kSquare = 12;
-    for (std::size_t r0 = 0; r0 < cells; r0 += kSquare)
-      for (std::size_t c0 = 0; c0 < cells; c0 += kSquare) {
-        const std::size_t rows = std::min(kSquare, cells - r0), columns = std::min(kSquare, cells - c0);
-        std::vector<double> heights(rows * n * columns * n);
-        detail_->add_octave(
-            part_of(all.grid(), first(quarter.north) + r0 * n, rows * n, first(quarter.east) + c0 * n, columns * n),
-            octave, heights, stop);
-        const double* height_m = heights.data();
-        for (std::size_t r = r0 * n; r < (r0 + rows) * n; ++r)
-          for (std::size_t c = c0; c < c0 + columns; ++c)
-            for (std::size_t i = 0; i < n; ++i) means[r / n * cells + c] += *height_m++ / (places * places);
-      }
+    const std::size_t squares = (cells + kSquare - 1) / kSquare;
+    in_parallel(squares * squares, [&](std::size_t i) {
+      const std::size_t r0 = i / squares * kSquare, c0 = i % squares * kSquare;
+      const std::size_t rows = std::min(kSquare, cells - r0), columns = std::min(kSquare, cells - c0);
+      std::vector<double> heights(rows * n * columns * n);
+      detail_->add_octave(
+          part_of(all.grid(), first(quarter.north) + r0 * n, rows * n, first(quarter.east) + c0 * n, columns * n),
+          octave, heights, stop);
+      const double* height_m = heights.data();
+      for (std::size_t r = r0 * n; r < (r0 + rows) * n; ++r)
+        for (std::size_t c = c0; c < c0 + columns; ++c)
+          for (std::size_t k = 0; k < n; ++k) means[r / n * cells + c] += *height_m++ / (places * places);
+    });
   }
   return means;
 }

@@ -14,23 +14,36 @@ namespace {
 // Gradient noise of the twelve directions to a cube's edges is within this (its proven bound), but for rounding.
 constexpr double kMostNoise = 1.0363538112118025 + 1e-5;
 
-// Mean squared difference of the noise between places `distance` cells apart.
-double structure(double distance) {
-  if (distance == 0) return 0;
-  constexpr int kPairs = 4096;
-  double sum = 0;
-  for (int i = 0; i < kPairs; ++i) {
-    // Places and directions by an additive recurrence: even, and the same on every machine.
-    const auto part = [&](double step) { return std::fmod(0.5 + i * step, 1.0); };
-    const double x = 64 * part(0.8191725133961645), y = 64 * part(0.6710436067037893),
-                 z = 64 * part(0.5497004779019703);
+// Mean squared differences of the noise between places some distances apart, in cells. Places and directions by an
+// additive recurrence: even, and the same on every machine.
+std::vector<double> structure(const std::vector<double>& distances) {
+  constexpr std::size_t kPairs = 4096;
+  struct Pair {
+    Vec3 here, away;
+    double noise;
+  };
+  const auto noise = [](const Vec3& p) { return perlin_noise<double>(p.x(), p.y(), p.z(), 1); };
+  std::vector<Pair> pairs;
+  pairs.reserve(kPairs);
+  for (std::size_t i = 0; i < kPairs; ++i) {
+    const auto part = [&](double step) {
+      const double place = 0.5 + static_cast<double>(i) * step;
+      return place - std::floor(place);
+    };
+    const Vec3 here(64 * part(0.8191725133961645), 64 * part(0.6710436067037893), 64 * part(0.5497004779019703));
     const double up = 2 * part(0.4503) - 1, turn = 2 * M_PI * part(0.36889), flat = std::sqrt(1 - up * up);
-    const auto noise = [](const Vec3& p) { return perlin_noise<double>(p.x(), p.y(), p.z(), 1); };
-    const Vec3 here(x, y, z), away(flat * std::cos(turn), flat * std::sin(turn), up);
-    const double d = noise(here + distance * away) - noise(here);
-    sum += d * d;
+    pairs.push_back({here, {flat * std::cos(turn), flat * std::sin(turn), up}, noise(here)});
   }
-  return sum / kPairs;
+  std::vector<double> squares(distances.size());
+  in_parallel(distances.size(), [&](std::size_t k) {
+    double sum = 0;
+    for (const Pair& pair : pairs) {
+      const double d = noise(pair.here + distances[k] * pair.away) - pair.noise;
+      sum += d * d;
+    }
+    squares[k] = sum / kPairs;
+  });
+  return squares;
 }
 
 }  // namespace
@@ -43,13 +56,13 @@ Relief::Relief(const ReliefLaw& law)
   // Those shorter and longer than the law's, too: it says what all of the relief does, not what part of it is made.
   constexpr int kAround = 8;
   const int at_baseline = static_cast<int>(std::lround(std::log2(law.baseline_m)));
-  std::array<double, 2 * kAround + 1> squares{};
-  in_parallel(squares.size(), [&](std::size_t i) {
-    const int k = at_baseline - kAround + static_cast<int>(i);
-    squares[i] = std::pow(4, k * law.hurst) * structure(law.baseline_m / std::ldexp(1.0, k));
-  });
+  std::vector<double> distances;
+  for (int k = at_baseline - kAround; k <= at_baseline + kAround; ++k)
+    distances.push_back(law.baseline_m / std::ldexp(1.0, k));
+  const std::vector<double> squares = structure(distances);
   double sum = 0;
-  for (const double square : squares) sum += square;
+  for (std::size_t i = 0; i < squares.size(); ++i)
+    sum += std::pow(4, (at_baseline - kAround + static_cast<int>(i)) * law.hurst) * squares[i];
   const double unit_m = sum > 0 ? law.deviation_m / std::sqrt(sum) : 0;
   for (int k = shortest_; k <= longest_; ++k) amplitudes_m_.push_back(unit_m * std::pow(2, k * law.hurst));
 }

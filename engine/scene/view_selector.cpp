@@ -289,9 +289,9 @@ void ViewSelector::report() {
   in_parallel(worst.size(), [&](std::size_t p) {
     for (std::size_t i = p * kPiece; i < std::min((p + 1) * kPiece, ids.size()); ++i)
       if (const auto seen = in_view_.find(ids[i]); seen != in_view_.end())
-        around(ids[i], [&](std::int32_t lat, std::int32_t lon) {
-          const BlockId* neighbour = covering(lat, lon, ids[i].level);
-          const double error = neighbour && follows(ids[i], *neighbour) ? errors_of(*neighbour).all_m : 0;
+        around(ids[i], [&](const Beside& at) {
+          const BlockId* neighbour = covering(at.lat, at.lon, ids[i].level);
+          const double error = neighbour && follows(ids[i], *neighbour, at) ? errors_of(*neighbour).all_m : 0;
           worst[p].error_m = std::max(worst[p].error_m, error);
           worst[p].error_px = std::max(worst[p].error_px, error * seen->second);
         });

@@ -224,27 +224,33 @@ class ViewSelector {
   // The chosen block that contains a place, at `level` or coarser.
   const BlockId* covering(std::int32_t lat, std::int32_t lon, int level) const;
 
-  // Calls visit(latitude, longitude) just outside the middle of each side and each corner.
+  // Just outside the middle of a block's side, or a corner: -1, 0 or 1 to the north and to the east.
+  struct Beside {
+    std::int32_t lat, lon;
+    int north, east;
+  };
   template <typename Visit>
   static void around(const BlockId& id, const Visit& visit) {
     const dem::BlockExtent e = dem::extent_of(id);
-    const std::int64_t south = e.lat0 - 1, north = e.lat1(), west = std::int64_t{e.lon0} - 1, east = e.lon1();
-    const std::int64_t mid_lat = (e.lat0 + e.lat1()) / 2, mid_lon = (std::int64_t{e.lon0} + e.lon1()) / 2;
-    for (const std::int64_t lat : {south, mid_lat, north}) {
+    const std::int32_t lats[]{e.lat0 - 1, (e.lat0 + e.lat1()) / 2, e.lat1()};
+    const std::int64_t lons[]{std::int64_t{e.lon0} - 1, (std::int64_t{e.lon0} + e.lon1()) / 2, e.lon1()};
+    for (int north = -1; north <= 1; ++north) {
+      const std::int32_t lat = lats[north + 1];
       if (lat < 0 || lat >= dem::kLatTicks) continue;
-      for (const std::int64_t lon : {west, mid_lon, east})
-        if (lat != mid_lat || lon != mid_lon) visit(static_cast<std::int32_t>(lat), dem::wrap_lon(lon));
+      for (int east = -1; east <= 1; ++east)
+        if (north != 0 || east != 0) visit(Beside{lat, dem::wrap_lon(lons[east + 1]), north, east});
     }
   }
 
-  // Whether a joined edge follows a coarser neighbour that is out of view. (A neighbour in view has its own bounds.)
-  bool follows(const BlockId& id, const BlockId& neighbour) const;
+  // Whether a joined edge follows a coarser neighbour that is out of view, where the quads along it may be seen. (A
+  // neighbour in view has its own bounds.)
+  bool follows(const BlockId& id, const BlockId& neighbour, const Beside& at) const;
 
   // Whether a block shows a coarser layer's posts as they are, beside those of a finer layer: split it would be the
   // same surface, in more triangles.
   bool of_coarser_layer(const BlockId& neighbour, const BlockId& id) const;
 
-  bool must_split(const BlockId& neighbour, const BlockId& id) const;
+  bool must_split(const BlockId& neighbour, const BlockId& id, const Beside& at) const;
   bool must_split_any(const BlockId& id) const;
 
   // Splits blocks until levels of neighbours differ by at most one, beside a coarser layer's posts by at most five, so

@@ -14,8 +14,16 @@ const BlockId* ViewSelector::covering(std::int32_t lat, std::int32_t lon, int le
   return nullptr;
 }
 
-bool ViewSelector::follows(const BlockId& id, const BlockId& neighbour) const {
-  return neighbour.level < id.level && in_view_.contains(id) && !in_view_.contains(neighbour);
+bool ViewSelector::follows(const BlockId& id, const BlockId& neighbour, const Beside& at) const {
+  if (neighbour.level >= id.level || !in_view_.contains(id) || in_view_.contains(neighbour)) return false;
+  dem::BlockExtent edge = dem::extent_of(id);
+  const std::int32_t quads = std::exchange(edge.quads, 1);
+  if (at.north > 0) edge.lat0 += (quads - 1) * edge.lat_step;
+  if (at.east > 0) edge.lon0 += (quads - 1) * edge.lon_step;
+  if (at.north == 0) edge.lat_step *= quads;
+  if (at.east == 0) edge.lon_step *= quads;
+  const dem::NodeInfo info = terrain_.node(id, stop_);
+  return may_see(bounds_of(edge, static_cast<double>(info.min_m), static_cast<double>(info.max_m)));
 }
 
 bool ViewSelector::of_coarser_layer(const BlockId& neighbour, const BlockId& id) const {
@@ -24,18 +32,18 @@ bool ViewSelector::of_coarser_layer(const BlockId& neighbour, const BlockId& id)
   return neighbour.level >= posts && posts < terrain_.posts_level(id);
 }
 
-bool ViewSelector::must_split(const BlockId& neighbour, const BlockId& id) const {
+bool ViewSelector::must_split(const BlockId& neighbour, const BlockId& id, const Beside& at) const {
   const int apart = id.level - neighbour.level;
   if (apart > 1 && (apart > dem::kMostLevelsApart || !of_coarser_layer(neighbour, id))) return true;
-  return follows(id, neighbour) && errs(neighbour, errors_of(neighbour), in_view_.at(id));
+  return follows(id, neighbour, at) && errs(neighbour, errors_of(neighbour), in_view_.at(id));
 }
 
 bool ViewSelector::must_split_any(const BlockId& id) const {
   bool any = false;
-  around(id, [&](std::int32_t lat, std::int32_t lon) {
+  around(id, [&](const Beside& at) {
     if (any) return;
-    const BlockId* coarser = covering(lat, lon, id.level);
-    any = coarser && must_split(*coarser, id);
+    const BlockId* coarser = covering(at.lat, at.lon, id.level);
+    any = coarser && must_split(*coarser, id, at);
   });
   return any;
 }
@@ -55,9 +63,9 @@ void ViewSelector::balance() {
     const BlockId id = todo.back();
     todo.pop_back();
     if (!chosen_.contains(id)) continue;
-    around(id, [&](std::int32_t lat, std::int32_t lon) {
-      for (const BlockId* coarser = covering(lat, lon, id.level); coarser && must_split(*coarser, id);
-           coarser = covering(lat, lon, id.level))
+    around(id, [&](const Beside& at) {
+      for (const BlockId* coarser = covering(at.lat, at.lon, id.level); coarser && must_split(*coarser, id, at);
+           coarser = covering(at.lat, at.lon, id.level))
         split(*coarser, todo);
     });
     check(chosen_.size(), stop_);

@@ -158,13 +158,16 @@ void ObjectsInFrame::place(std::span<const dem::RockFeature> rocks, const Vec3& 
       if (const auto soil = placed_fillet(rocks[i].rock, rocks[i].up)) add(*soil, i, true);
   any_in_view_ = true;
   group(anchor_m, stop);
-  std::vector<Ball> balls;
-  for (std::size_t i = first_rock_; i < placed_.size(); ++i) balls.push_back(placed_[i].ball);
+  std::vector<Ellipsoid> around;
+  around.reserve(placed_.size() - first_rock_);
+  for (std::size_t i = first_rock_; i < placed_.size(); ++i)
+    around.push_back({placed_[i].ball.centre_m,
+                      placed_[i].mesh->radius() * (1 + kMargin) * placed_[i].object_from_moon.inverse()});
   if (from_one_place_ && !views->camera().beyond_plane()) {
     const View& view = views->reference();
-    in_image_ = BallImages::from(view.position(), view.moon_from_camera(), view.widest_slope(), balls);
+    in_image_ = EllipsoidImages::from(view.position(), view.moon_from_camera(), view.widest_slope(), around);
   }
-  if (wants_light(request_)) toward_sun_ = BallImages::along(request_.sun.direction, anchor_m_, balls);
+  if (wants_light(request_)) toward_sun_ = EllipsoidImages::along(request_.sun.direction, anchor_m_, around);
 }
 
 ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews* views)

@@ -18,7 +18,7 @@
 #include "engine/scene/selection.h"
 #include "engine/support/packet.h"
 #include "engine/visibility/embree/object_group.h"
-#include "engine/visibility/objects/ball_images.h"
+#include "engine/visibility/objects/ellipsoid_images.h"
 
 namespace selenograph::engine {
 
@@ -119,7 +119,7 @@ class ObjectsInFrame {
   std::vector<Placed> placed_;                 // the request's objects, rocks, soil against rocks
   std::size_t first_rock_ = kNoObject;         // rocks and what follows are traced as one group, relative to the anchor
   std::optional<ObjectGroup> rocks_;
-  std::optional<BallImages> in_image_, toward_sun_;  // of rocks: for rays from the only camera, and toward the Sun
+  std::optional<EllipsoidImages> in_image_, toward_sun_;  // of rocks: for rays from the only camera, and toward the Sun
   Vec3 anchor_m_ = Vec3::Zero();
   double rocks_radius_m_ = 0;  // radius of their bounding sphere around the anchor
   bool any_in_view_ = false, from_one_place_;
