@@ -90,6 +90,8 @@ void View::bound_image() {
   }
   const double mx = kBoundMargin * (right_ - left_) + kLeastMargin, my = kBoundMargin * (bottom_ - top_) + kLeastMargin;
   left_ -= mx, right_ += mx, top_ -= my, bottom_ += my;
+  const auto per_length = [](double slope) { return 1 / std::sqrt(1 + slope * slope); };
+  per_length_ = {per_length(left_), per_length(right_), per_length(top_), per_length(bottom_)};
 }
 
 void View::bound_fisheye_image() {
@@ -107,19 +109,11 @@ bool View::fisheye_may_see(const Vec3& in_camera_m, double radius_m) const {
   return theta - std::asin(radius_m / distance) <= widest_theta_ + kRounding;
 }
 
-namespace {
-
-// How far outside of the plane through the camera whose slope is `slope`.
-double outside(double across, double depth, double slope, double sign) {
-  return sign * (across - slope * depth) / std::sqrt(1 + slope * slope);
-}
-
-}  // namespace
-
-// How far outside of each of the planes around the image, and behind the camera.
+// How far outside of each of the planes through the camera around the image, and behind the camera.
 std::array<double, 5> View::outside_image(const Vec3& in_camera_m) const {
   const double x = in_camera_m.x(), y = in_camera_m.y(), z = in_camera_m.z();
-  return {-z, outside(x, z, left_, -1), outside(x, z, right_, 1), outside(y, z, top_, -1), outside(y, z, bottom_, 1)};
+  return {-z, (left_ * z - x) * per_length_[0], (x - right_ * z) * per_length_[1], (top_ * z - y) * per_length_[2],
+          (y - bottom_ * z) * per_length_[3]};
 }
 
 bool View::may_see(const Vec3& centre_m, double radius_m) const {

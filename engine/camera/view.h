@@ -67,6 +67,7 @@ class View {
   Eigen::Matrix3d camera_from_moon_, moon_from_camera_;
   // Slopes x/z and y/z of the image border, enlarged by a small margin.
   double left_ = 0, right_ = 0, top_ = 0, bottom_ = 0;
+  std::array<double, 4> per_length_{};  // of the vectors (1, slope), in that order
   double pixels_per_radian_ = 0, stretched_focal_ = 0;
   double widest_ = 0;        // largest slope sqrt(x^2 + y^2) / z in the image
   double widest_theta_ = 0;  // fisheye: largest angle from the boresight in the image
