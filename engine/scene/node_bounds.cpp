@@ -9,10 +9,10 @@
 namespace selenograph::engine {
 
 NodeBounds bounds_of(const dem::BlockId& id, double low_m, double high_m) {
-  return bounds_of(dem::extent_of(id), low_m, high_m);
+  return bounds_over(dem::extent_of(id), low_m, high_m);
 }
 
-NodeBounds bounds_of(const dem::BlockExtent& e, double low_m, double high_m) {
+NodeBounds bounds_over(const dem::BlockExtent& e, double low_m, double high_m) {
   const double south = dem::lat_deg_of(e.lat0) * kRadiansPerDegree,
                north = dem::lat_deg_of(e.lat1()) * kRadiansPerDegree;
   const double west = dem::lon_deg_of(e.lon0) * kRadiansPerDegree, east = dem::lon_deg_of(e.lon1()) * kRadiansPerDegree;

@@ -19,7 +19,7 @@ struct NodeBounds {
 };
 
 NodeBounds bounds_of(const dem::BlockId& id, double low_m, double high_m);
-NodeBounds bounds_of(const dem::BlockExtent& extent, double low_m, double high_m);
+NodeBounds bounds_over(const dem::BlockExtent& extent, double low_m, double high_m);
 
 // The same with a sphere that contains the spheres of all height ranges within this one: what cannot matter within
 // these bounds cannot matter within any of those.

@@ -15,7 +15,7 @@ void enclose(RootGroup& group) {
   for (int row = group.first_row; row < group.past_last_row; ++row) {
     const auto i = static_cast<std::size_t>(row - group.first_row);
     for (int col = group.first_column[i]; col < group.past_last_column[i]; ++col) {
-      all.push_back(bounds_of(dem::BlockId{0, row, col}, static_cast<double>(dem::kLowestRelief_m),
+      all.push_back(bounds_of({0, row, col}, static_cast<double>(dem::kLowestRelief_m),
                               static_cast<double>(dem::kHighestRelief_m)));
       centre += all.back().centre;
     }

@@ -23,7 +23,7 @@ bool ViewSelector::follows(const BlockId& id, const BlockId& neighbour, const Be
   if (at.north == 0) edge.lat_step *= quads;
   if (at.east == 0) edge.lon_step *= quads;
   const dem::NodeInfo info = terrain_.node(id, stop_);
-  return may_see(bounds_of(edge, static_cast<double>(info.min_m), static_cast<double>(info.max_m)));
+  return may_see(bounds_over(edge, static_cast<double>(info.min_m), static_cast<double>(info.max_m)));
 }
 
 bool ViewSelector::of_coarser_layer(const BlockId& neighbour, const BlockId& id) const {

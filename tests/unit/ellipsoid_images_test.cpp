@@ -1,5 +1,5 @@
-// Which balls a ray may meet: conservative against brute force, and not useless.
-#include "engine/visibility/objects/ball_images.h"
+// Which ellipsoids a ray may meet: conservative against brute force, and not useless.
+#include "engine/visibility/objects/ellipsoid_images.h"
 
 #include <gtest/gtest.h>
 
@@ -11,7 +11,7 @@
 namespace selenograph::engine {
 namespace {
 
-class BallImagesTest : public ::testing::Test {
+class EllipsoidImagesTest : public ::testing::Test {
  protected:
   double any(double low, double high) { return std::uniform_real_distribution<double>(low, high)(random_); }
   Vec3 any_direction() {
@@ -20,19 +20,27 @@ class BallImagesTest : public ::testing::Test {
     while (v.norm() > 1 || v.norm() < 0.1);
     return v.normalized();
   }
-  // Within so many metres of kPlace.
-  std::vector<Ball> balls(int count, double wide_m, double largest_m) {
-    std::vector<Ball> all;
-    for (int i = 0; i < count; ++i)
-      all.push_back(
-          {kPlace + Vec3(any(-wide_m, wide_m), any(-wide_m, wide_m), any(-wide_m, wide_m)), largest_m * any(0.05, 1)});
+  static Ellipsoid ball(const Vec3& centre_m, double radius_m) {
+    return {centre_m, radius_m * Eigen::Matrix3d::Identity()};
+  }
+  // Within so many metres of kPlace; up to five times as long as they are wide.
+  std::vector<Ellipsoid> ellipsoids(int count, double wide_m, double largest_m) {
+    std::vector<Ellipsoid> all;
+    for (int i = 0; i < count; ++i) {
+      const Eigen::Matrix3d turned = Eigen::Quaterniond::FromTwoVectors(any_direction(), any_direction()).matrix();
+      const Vec3 lengths(any(0.2, 1), any(0.2, 1), any(0.2, 1));
+      all.push_back({kPlace + Vec3(any(-wide_m, wide_m), any(-wide_m, wide_m), any(-wide_m, wide_m)),
+                     largest_m * any(0.05, 1) * turned * lengths.asDiagonal()});
+    }
     return all;
   }
-  Vec3 near(const Ball& ball) { return ball.centre_m + 1.5 * ball.radius_m * Vec3(any(-1, 1), any(-1, 1), any(-1, 1)); }
-  static bool meets(const Vec3& origin, const Vec3& direction, const Ball& ball) {
-    const Vec3 to = ball.centre_m - origin;
-    const double along = to.dot(direction.normalized());
-    return along > 0 && (to - along * direction.normalized()).norm() < ball.radius_m;
+  Vec3 near(const Ellipsoid& e) { return e.centre_m + 1.5 * (e.axes_m * Vec3(any(-1, 1), any(-1, 1), any(-1, 1))); }
+  // In coordinates in which it is the unit ball.
+  static bool meets(const Vec3& origin, const Vec3& direction, const Ellipsoid& e) {
+    const Eigen::Matrix3d to_ball = e.axes_m.inverse();
+    const Vec3 from = to_ball * (origin - e.centre_m), along = to_ball * direction;
+    const double a = along.squaredNorm(), b = from.dot(along), root2 = b * b - a * (from.squaredNorm() - 1);
+    return root2 > 0 && -b + std::sqrt(root2) > 0;
   }
 
   const Vec3 kPlace{1.1e6, -0.9e6, 0.95e6};
@@ -52,11 +60,11 @@ struct Seen {
   }
 };
 
-TEST_F(BallImagesTest, ParallelRays) {
+TEST_F(EllipsoidImagesTest, ParallelRays) {
   for (const int count : {1, 30, 2000}) {
     const Vec3 toward = any_direction();
-    const std::vector<Ball> all = balls(count, 150, 10 / std::sqrt(count));
-    const BallImages images = BallImages::along(toward, kPlace, all);
+    const std::vector<Ellipsoid> all = ellipsoids(count, 150, 10 / std::sqrt(count));
+    const EllipsoidImages images = EllipsoidImages::along(toward, kPlace, all);
     Seen seen;
     for (int packet = 0; packet < 300; ++packet) {
       Lanes lanes;
@@ -64,28 +72,47 @@ TEST_F(BallImagesTest, ParallelRays) {
       for (int i = 0; i < kPacket; ++i) {
         const Vec3 beside(any(-200, 200), any(-200, 200), any(-200, 200));
         from[i] = kPlace + beside - 1000 * toward;
-        if (i % 2) from[i] = near(all[static_cast<std::size_t>(packet * kPacket + i) % all.size()]) - 500 * toward;
+        if (i % 2)
+          from[i] = near(all[static_cast<std::size_t>(packet * kPacket + i) % all.size()]) - any(-1, 5) * toward;
         lanes.set(i, from[i]);
       }
       const std::uint32_t told = images.may_meet(lanes.x, lanes.y, lanes.z, kAllLanes);
       for (int i = 0; i < kPacket; ++i) {
         bool any_met = false;
-        for (const Ball& ball : all) any_met |= meets(from[i], toward, ball);
+        for (const Ellipsoid& e : all) any_met |= meets(from[i], toward, e);
         seen.look(any_met, told >> i & 1);
       }
     }
     EXPECT_GT(seen.meeting, 100);
-    EXPECT_LT(seen.missing_but_told, 0.45 * seen.missing) << count;  // half of the rays are next to a ball
+    EXPECT_LT(seen.missing_but_told, 0.45 * seen.missing) << count;  // half of the rays are next to one
   }
 }
 
-TEST_F(BallImagesTest, RaysFromOnePlace) {
+// As on ground that the Sun shines on: most of it is beyond the rock in its cell, seen against the Sun.
+TEST_F(EllipsoidImagesTest, RaysFromBeyondMeetNothing) {
+  const Vec3 toward = any_direction();
+  const std::vector<Ellipsoid> all = ellipsoids(200, 150, 1);
+  const EllipsoidImages images = EllipsoidImages::along(toward, kPlace, all);
+  int before = 0, beyond = 0;
+  for (const Ellipsoid& e : all) {
+    Lanes lanes;
+    const double reach_m = (e.axes_m.transpose() * toward).norm();
+    for (int i = 0; i < kPacket; ++i) lanes.set(i, e.centre_m + (i % 2 ? 1.1 : -1.1) * reach_m * toward);
+    const std::uint32_t told = images.may_meet(lanes.x, lanes.y, lanes.z, kAllLanes);
+    before += (told & 1) != 0, beyond += (told & 2) != 0;
+  }
+  EXPECT_EQ(before, 200);
+  EXPECT_LT(beyond, 30);  // others of the same cells
+}
+
+TEST_F(EllipsoidImagesTest, RaysFromOnePlace) {
   for (const int count : {1, 30, 2000}) {
-    // Balls are around the camera, beside it and behind it, too.
+    // They are around the camera, beside it and behind it, too; every second one, or the only one, is in front.
     const Eigen::Matrix3d axes = Eigen::Quaterniond::FromTwoVectors(Vec3::UnitZ(), any_direction()).toRotationMatrix();
-    std::vector<Ball> all = balls(count, 150, 10 / std::sqrt(count));
-    if (count == 1) all[0].centre_m = kPlace + axes * Vec3(5, 3, 60);
-    const BallImages images = BallImages::from(kPlace, axes, 0.7, all);
+    std::vector<Ellipsoid> all = ellipsoids(count, 150, 10 / std::sqrt(count));
+    for (std::size_t i = count == 1 ? 0 : 1; i < all.size(); i += 2)
+      all[i].centre_m = kPlace + axes * (any(20, 150) * Vec3(any(-0.3, 0.3), any(-0.3, 0.3), 1));
+    const EllipsoidImages images = EllipsoidImages::from(kPlace, axes, 0.7, all);
     Seen seen;
     for (int packet = 0; packet < 600; ++packet) {
       Lanes lanes;
@@ -100,36 +127,36 @@ TEST_F(BallImagesTest, RaysFromOnePlace) {
       const std::uint32_t told = images.may_meet(lanes.x, lanes.y, lanes.z, kAllLanes);
       for (int i = 0; i < kPacket; ++i) {
         bool any_met = false;
-        for (const Ball& ball : all) any_met |= meets(kPlace, rays[i], ball);
+        for (const Ellipsoid& e : all) any_met |= meets(kPlace, rays[i], e);
         if (i == 6 && !any_met) continue;
         seen.look(any_met, told >> i & 1);
       }
     }
     EXPECT_GT(seen.meeting, 100);
-    EXPECT_LT(seen.missing_but_told, 0.45 * seen.missing) << count;  // half of the rays are next to a ball
+    EXPECT_LT(seen.missing_but_told, 0.45 * seen.missing) << count;  // half of the rays are next to one
   }
 }
 
-TEST_F(BallImagesTest, APlaceWithinABallMeetsItAlways) {
+TEST_F(EllipsoidImagesTest, APlaceWithinAnEllipsoidMeetsItAlways) {
   const Eigen::Matrix3d axes = Eigen::Matrix3d::Identity();
-  const std::vector<Ball> all{{kPlace, 1}, {kPlace + Vec3(0, 0, 100), 0.1}};
-  const BallImages images = BallImages::from(kPlace, axes, 0.7, all);
+  const std::vector<Ellipsoid> all{ball(kPlace, 1), ball(kPlace + Vec3(0, 0, 100), 0.1)};
+  const EllipsoidImages images = EllipsoidImages::from(kPlace, axes, 0.7, all);
   Lanes lanes;
   for (int i = 0; i < kPacket; ++i) lanes.set(i, Vec3(any(-0.7, 0.7), any(-0.7, 0.7), 1));
   EXPECT_EQ(images.may_meet(lanes.x, lanes.y, lanes.z, kAllLanes), kAllLanes);
 }
 
-TEST_F(BallImagesTest, LanesThatDontAskAndThoseWithoutNumbers) {
-  const std::vector<Ball> all{{kPlace + Vec3(0, 0, 100), 1}};
-  const BallImages images = BallImages::from(kPlace, Eigen::Matrix3d::Identity(), 0.7, all);
+TEST_F(EllipsoidImagesTest, LanesThatDontAskAndThoseWithoutNumbers) {
+  const std::vector<Ellipsoid> all{ball(kPlace + Vec3(0, 0, 100), 1)};
+  const EllipsoidImages images = EllipsoidImages::from(kPlace, Eigen::Matrix3d::Identity(), 0.7, all);
   Lanes lanes;
   for (int i = 0; i < kPacket; ++i) lanes.set(i, Vec3(0, 0, 1));
   const double nan = std::numeric_limits<double>::quiet_NaN();
   lanes.set(3, Vec3(nan, nan, nan));
   EXPECT_EQ(images.may_meet(lanes.x, lanes.y, lanes.z, 0x00f0U), 0x00f0U);
   EXPECT_EQ(images.may_meet(lanes.x, lanes.y, lanes.z, 0x0008U), 0U);
-  const std::vector<Ball> behind{{kPlace - Vec3(0, 0, 100), 1}};
-  const BallImages none = BallImages::from(kPlace, Eigen::Matrix3d::Identity(), 0.7, behind);
+  const std::vector<Ellipsoid> behind{ball(kPlace - Vec3(0, 0, 100), 1)};
+  const EllipsoidImages none = EllipsoidImages::from(kPlace, Eigen::Matrix3d::Identity(), 0.7, behind);
   EXPECT_EQ(none.may_meet(lanes.x, lanes.y, lanes.z, kAllLanes), 0U);
 }
 

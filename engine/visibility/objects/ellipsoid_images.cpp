@@ -53,7 +53,9 @@ Eigen::Matrix3d squares_of(const Ellipsoid& e, const Vec3& anchor_m) {
          (1 + 1 / kLarger) * off * off * Eigen::Matrix3d::Identity();
 }
 
-float rounded_up(double value) { return std::nextafter(static_cast<float>(value), std::numeric_limits<float>::infinity()); }
+float rounded_up(double value) {
+  return std::nextafter(static_cast<float>(value), std::numeric_limits<float>::infinity());
+}
 
 double reach_along(const Vec3& n, const Eigen::Matrix3d& squares) { return std::sqrt(n.dot(squares * n)); }
 

@@ -27,8 +27,8 @@ class EllipsoidImages {
   static EllipsoidImages from(const Vec3& place_m, const Eigen::Matrix3d& axes, double widest_slope,
                               std::span<const Ellipsoid> ellipsoids);
 
-  // Lanes, of those asking, whose rays may meet an ellipsoid, one bit each. Parallel rays: by their origins, MOON_ME, m.
-  // Rays from one place: by their directions, which have a component forward.
+  // Lanes, of those asking, whose rays may meet an ellipsoid, one bit each. Parallel rays: by their origins, MOON_ME,
+  // m. Rays from one place: by their directions, which have a component forward.
   std::uint32_t may_meet(const double x[kPacket], const double y[kPacket], const double z[kPacket],
                          std::uint32_t asking) const;
 
