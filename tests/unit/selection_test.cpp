@@ -117,6 +117,64 @@ TEST_F(SelectionTest, TheReportedErrorHolds) {
     }
 }
 
+// A block in view whose edge joins that of a coarser block beside the image: where the edge's quads are seen, the
+// coarser block's error holds, too; elsewhere it may be as coarse as its shadow allows.
+TEST_F(SelectionTest, EdgesBesideTheImageAreAsFineAsTheyAreSeen) {
+  // Nearly level, with quads of some 40 pixels: they reach farther into the image than blocks' bounds beyond it.
+  const TemporaryFolder folder;
+  test::write_float_tile(folder.path(), "t", {14, 22, 128, 8 * 128 + 1, 8 * 128 + 1},
+                         [](double lat, double lon) { return 0.02 * rough_ground(lat, lon); });
+  const auto terrain = test::open_terrain(folder.path());
+  std::mt19937 random(11);
+  std::uniform_real_distribution<double> any(-1, 1);
+  constexpr double kAllowed_px = 0.02;
+  int coarse = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const double lat = 10 + 2 * any(random), lon = 26 + 2 * any(random);
+    const View view = view_from(to_cartesian({lat, lon, 6000 + 4000 * any(random)}), to_cartesian({lat, lon, 0}), 900);
+    const EastNorthUp axes = local_axes(to_cartesian({lat, lon, 0}));
+    const Sun sun{(axes.up * 0.2 + axes.east).normalized()};
+    const Selection s =
+        select_for_view(*terrain, view, &sun, {.max_error_px = kAllowed_px, .max_shadow_error_px = 40}, {});
+    const std::set<BlockId> chosen(s.blocks.begin(), s.blocks.end());
+    const auto bounds = [&](const BlockId& id) {
+      const dem::NodeInfo info = terrain->node(id);
+      return bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m));
+    };
+    const auto in_view = [&](const BlockId& id) {
+      const NodeBounds b = bounds(id);
+      return view.may_see(b.centre, b.radius_m) && view.may_see(b.points, b.bulge_m);
+    };
+    for (const BlockId& id : s.blocks) {
+      if (!in_view(id)) continue;
+      const dem::BlockExtent e = dem::extent_of(id);
+      const auto block = terrain->block(id);
+      for (int side = 0; side < 4; ++side) {
+        const bool along_row = side < 2;
+        const std::int32_t across[] = {-1, (along_row ? e.lat1() - e.lat0 : e.lon1() - e.lon0)};
+        const std::int32_t lat_beside = along_row ? e.lat0 + across[side % 2] : (e.lat0 + e.lat1()) / 2,
+                           lon_beside = along_row ? (e.lon0 + e.lon1()) / 2 : e.lon0 + across[side % 2];
+        const BlockId beside = dem::block_at(id.level - 1, lat_beside, dem::wrap_lon(lon_beside));
+        if (!chosen.contains(beside) || in_view(beside)) continue;
+        const NodeBounds b = bounds(id);
+        const double error_px = (terrain->node(beside).error_m + dem::chord_sag_m(beside.level)) *
+                                view.pixels_per_metre(b.centre, b.radius_m, b.high_m + b.bulge_m);
+        std::vector<Vec3> quads;  // their corners
+        for (int k = 0; k <= e.quads; ++k)
+          for (int deep = 0; deep < 2; ++deep) {
+            const int line = side % 2 ? e.quads - deep : deep, r = along_row ? line : k, c = along_row ? k : line;
+            quads.push_back(block->position(r, c, static_cast<double>(block->vertices[block->index(r, c)].height_m)));
+          }
+        coarse += error_px > kAllowed_px;
+        if (view.may_see(quads, 0)) {
+          EXPECT_LE(error_px, kAllowed_px) << i;
+        }
+      }
+    }
+  }
+  EXPECT_GT(coarse, 1000);
+}
+
 TEST_F(SelectionTest, ErrorsStayWithinWhatIsAllowedWherePostsPermit) {
   for (const View& view : views())
     for (const double allowed : {0.5, 1.0, 4.0}) {
