@@ -28,18 +28,20 @@ class Diffusion {
   // In so many equal steps, of which the matrix is the same.
   void go_on(double age, int steps) {
     const std::size_t n = heights.size();
-    std::vector<double> upper(n), inward(n), diagonal(n), right(n);
+    // Of the matrix without its diagonal: what is taken from the neighbours, and by what the right side is multiplied.
+    std::vector<double> outward(n), inward(n), own(n), right(n);
     for (std::size_t i = 0; i < n; ++i) {
       const double middle = static_cast<double>(i) + 0.5, scale = age / steps / (kAnnulus * kAnnulus * middle);
-      inward[i] = i == 0 ? 0 : scale * static_cast<double>(i);
-      const double outward = i + 1 == n ? 0 : scale * static_cast<double>(i + 1);
-      diagonal[i] = 1 + inward[i] + outward + (i == 0 ? 0 : inward[i] * upper[i - 1]);
-      upper[i] = -outward / diagonal[i];
+      const double in = i == 0 ? 0 : scale * static_cast<double>(i),
+                   out = i + 1 == n ? 0 : scale * static_cast<double>(i + 1);
+      own[i] = 1 / (1 + in + out - (i == 0 ? 0 : in * outward[i - 1]));
+      inward[i] = own[i] * in, outward[i] = own[i] * out;
     }
     for (int step = 0; step < steps; ++step) {
-      for (std::size_t i = 0; i < n; ++i)
-        right[i] = (heights[i] + (i == 0 ? 0 : inward[i] * right[i - 1])) / diagonal[i];
-      for (std::size_t i = n; i-- > 0;) heights[i] = right[i] - (i + 1 == n ? 0 : upper[i] * heights[i + 1]);
+      double before = 0;
+      for (std::size_t i = 0; i < n; ++i) right[i] = before = own[i] * heights[i] + inward[i] * before;
+      double after = 0;
+      for (std::size_t i = n; i-- > 0;) heights[i] = after = right[i] + outward[i] * after;
     }
   }
 
