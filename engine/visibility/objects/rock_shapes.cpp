@@ -6,7 +6,6 @@
 #include <limits>
 #include <map>
 #include <numbers>
-#include <numeric>
 #include <set>
 #include <utility>
 
@@ -205,11 +204,27 @@ std::vector<std::shared_ptr<const ObjectMesh>> meshes(std::size_t count, const M
 // Whatever it is narrowed by along y, and stretched along z, its largest horizontal extent stays that one.
 using Places = Eigen::Matrix3Xd;
 
+// Those that are not within the octagon of the farthest in eight directions, as seen from above (Akl & Toussaint 1978).
+std::vector<Eigen::Index> outside_octagon(const Eigen::MatrixX3d& places) {
+  const auto x = places.col(0).array(), y = places.col(1).array();
+  Eigen::Index corner[8];
+  x.maxCoeff(&corner[0]), (x + y).maxCoeff(&corner[1]), y.maxCoeff(&corner[2]), (y - x).maxCoeff(&corner[3]);
+  x.minCoeff(&corner[4]), (x + y).minCoeff(&corner[5]), y.minCoeff(&corner[6]), (y - x).minCoeff(&corner[7]);
+  Eigen::Array<bool, Eigen::Dynamic, 1> within = Eigen::Array<bool, Eigen::Dynamic, 1>::Constant(places.rows(), true);
+  for (int k = 0; k < 8; ++k) {
+    const Eigen::Index a = corner[k], b = corner[(k + 1) % 8];
+    if (a != b) within = within && (x[b] - x[a]) * (y - y[a]) - (y[b] - y[a]) * (x - x[a]) > 0;
+  }
+  std::vector<Eigen::Index> outside;
+  for (Eigen::Index i = 0; i < places.rows(); ++i)
+    if (!within[i]) outside.push_back(i);
+  return outside;
+}
+
 // The corners of the convex hull as seen from above, and those on its sides: the farthest in any horizontal direction
 // is one of them.
 Eigen::MatrixX3d seen_around(const Eigen::MatrixX3d& places) {
-  std::vector<Eigen::Index> by_x(static_cast<std::size_t>(places.rows())), kept;
-  std::iota(by_x.begin(), by_x.end(), Eigen::Index{0});
+  std::vector<Eigen::Index> by_x = outside_octagon(places), kept;
   std::sort(by_x.begin(), by_x.end(), [&](Eigen::Index a, Eigen::Index b) {
     return std::pair(places(a, 0), places(a, 1)) < std::pair(places(b, 0), places(b, 1));
   });
