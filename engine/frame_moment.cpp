@@ -87,7 +87,7 @@ SceneContent content_of(const FrameRequest& request, const RowViews& views, cons
     clearance_m =
         std::min(clearance_m, some.view.position().norm() - some.shift_m - kMoonRadius_m - selection.highest_m);
   return {selection.blocks, anchor_for(view.position(), view.middle(), clearance_m),
-          visibility_for(request, views, selection), &terrain};
+          visibility_for(request, views, selection), &terrain, selection.beside_coarser};
 }
 
 FrameMoment::FrameMoment(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& kept,

@@ -27,10 +27,11 @@ int detail_of(const SceneContent& content) { return content.terrain ? content.te
 }  // namespace
 
 ContentKey RenderCache::key_of(const SceneContent& content) {
-  const auto& [blocks, anchor_m, visibility, terrain] = content;
+  const auto& [blocks, anchor_m, visibility, terrain, beside_coarser] = content;
   const int detail = detail_of(content);
   ContentHash hash;
-  hash.add(blocks.data(), blocks.size()), hash.add(anchor_m), hash.add(visibility), hash.add(detail);
+  hash.add(blocks.data(), blocks.size()), hash.add(beside_coarser.data(), beside_coarser.size()), hash.add(anchor_m),
+      hash.add(visibility), hash.add(detail);
   return hash.key();
 }
 

@@ -41,7 +41,7 @@ bool meets_any(const BlockExtent& block, const std::vector<BlockExtent>& others)
 }  // namespace
 
 bool BlockBorder::operator==(const BlockBorder& other) const {
-  if (stride != other.stride) return false;
+  if (stride != other.stride || soft != other.soft) return false;
   for (std::size_t edge = 0; edge < 4; ++edge)
     if (height[edge].size() != other.height[edge].size() ||
         std::memcmp(height[edge].data(), other.height[edge].data(), height[edge].size() * sizeof(float)) != 0)
@@ -60,11 +60,12 @@ MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block, BlockBorder joined
   vertices = posts->vertices;
   if (!joined_as_it_was()) {
     own_ = posts->vertices;
+    if (border.soft != 0) soften_normals(own_, side, border.soft);
     for (int edge = 0; edge < 4; ++edge)
       for (int i = 0; i <= quads; ++i) {
         const auto e = static_cast<std::size_t>(edge);
         own_[place_on(*posts, edge, i)] = {border.height[e][static_cast<std::size_t>(i)],
-                                           posts->vertices[place_on(*posts, edge, i - i % border.stride[e])].normal};
+                                           own_[place_on(*posts, edge, i - i % border.stride[e])].normal};
       }
     vertices = own_;
   }
@@ -80,7 +81,7 @@ MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block, BlockBorder joined
 }
 
 bool MeshBlock::joined_as_it_was() const {
-  if (collapses) return false;
+  if (collapses || border.soft != 0) return false;
   for (int edge = 0; edge < 4; ++edge)
     for (int i = 0; i <= posts->extent.quads; ++i)
       if (std::bit_cast<std::uint32_t>(border.height[static_cast<std::size_t>(edge)][static_cast<std::size_t>(i)]) !=
@@ -115,7 +116,8 @@ std::vector<std::shared_ptr<const dem::Block>> load_blocks(const dem::Terrain& t
   return loaded;
 }
 
-Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const Mesh* before, const StopToken& stop) {
+Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const Mesh* before, const StopToken& stop,
+           const std::vector<Corners>& soft) {
   std::vector<std::shared_ptr<const dem::Block>> loaded;
   {
     const Waiting loading(stop.waits(), &Waits::load);
@@ -125,8 +127,11 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const M
     throw std::length_error(fmt::format("mesh: {} blocks are more than {}", ids.size(), TriangleId::kMostBlocks));
   coarsest_ = dem::kMaxLevel;
   index_.reserve(ids.size());
-  for (auto& posts : loaded) {
+  std::vector<Corners> soft_here;
+  for (std::size_t i = 0; i < loaded.size(); ++i) {
+    auto& posts = loaded[i];
     if (!posts) continue;
+    soft_here.push_back(soft.empty() ? Corners{0} : soft[i]);
     coarsest_ = std::min(coarsest_, posts->id.level), finest_ = std::max(finest_, posts->id.level);
     index_[posts->id] = static_cast<std::uint32_t>(posts_.size());
     posts_.push_back(std::move(posts));
@@ -140,11 +145,12 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const M
   in_parallel(blocks_.size(), [&](std::size_t i) {
     stop.check();
     const auto known = before ? before->share(posts_[i]->id) : nullptr;
-    if (known && !meets_any(posts_[i]->extent, changed)) {
+    if (known && known->border.soft == soft_here[i] && !meets_any(posts_[i]->extent, changed)) {
       blocks_[i] = known;
       return;
     }
     BlockBorder border = border_of(*posts_[i]);
+    border.soft = soft_here[i];
     blocks_[i] =
         known && known->border == border ? known : std::make_shared<const MeshBlock>(posts_[i], std::move(border));
   });

@@ -17,6 +17,7 @@
 #include "dem/grid/block.h"
 #include "dem/grid/surface.h"
 #include "dem/terrain/terrain.h"
+#include "engine/scene/soft_normals.h"
 #include "engine/support/triangle_id.h"
 
 namespace selenograph::engine {
@@ -25,6 +26,7 @@ namespace selenograph::engine {
 struct BlockBorder {
   std::array<int, 4> stride{1, 1, 1, 1};            // every stride-th vertex of the edge remains
   std::array<std::vector<float>, 4> height;         // of the remaining vertices; between them, the last one's
+  Corners soft = 0;                                 // at which normals are smoothed
   bool operator==(const BlockBorder& other) const;  // bit for bit
 };
 
@@ -44,7 +46,7 @@ struct MeshBlock {
   int side;  // quads + 1
   int axis;  // of MOON_ME: the one nearest to the vertical of the block's middle
   // (quads + 1)^2 joined vertices, row-major from the south-west. A collapsed vertex holds height and normal of the one
-  // that it has collapsed onto. If the border is as in the posts, these are the posts' own vertices.
+  // that it has collapsed onto. If the border is as in the posts and no corner soft, these are the posts' own vertices.
   std::span<const dem::Vertex> vertices;
   std::vector<Turn> rows, columns;
   bool collapses;  // some vertices of the border have collapsed
@@ -126,9 +128,10 @@ std::vector<std::shared_ptr<const dem::Block>> load_blocks(const dem::Terrain& t
 class Mesh {
  public:
   // `blocks`: sorted, at most TriangleId::kMostBlocks; those without a valid post are left out. Loads in parallel;
-  // throws what the terrain throws. `before`: a mesh whose unchanged blocks are reused; may be null.
+  // throws what the terrain throws. `before`: a mesh whose unchanged blocks are reused; may be null. `soft`: of each
+  // block, the corners at which its normals are smoothed; empty: nowhere.
   Mesh(const dem::Terrain& terrain, const std::vector<dem::BlockId>& blocks, const Mesh* before = nullptr,
-       const StopToken& stop = {});
+       const StopToken& stop = {}, const std::vector<Corners>& soft = {});
 
   MeshBlocks blocks() const { return MeshBlocks(blocks_); }
   std::shared_ptr<const MeshBlock> share(std::size_t block) const { return blocks_[block]; }

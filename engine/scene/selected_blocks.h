@@ -7,6 +7,7 @@
 
 #include "dem/terrain/terrain.h"
 #include "engine/frame/request.h"
+#include "engine/scene/soft_normals.h"
 
 namespace selenograph::engine {
 
@@ -21,6 +22,8 @@ struct Selection {
   double min_spacing_m = 0, max_spacing_m = 0;
   double highest_m = 0;                      // upper bound on the height of all blocks
   std::vector<dem::SourceIndex> replaced{};  // unusable files replaced by coarser data; ascending
+  // Of each block, the corners at which a coarser level is in view beside it; empty: nowhere. Of detail alone.
+  std::vector<Corners> beside_coarser{};
 };
 
 // Approximate memory of a block in a scene: its vertices as float for the z-buffer, plus those of the mesh if its

@@ -50,6 +50,7 @@ Selection ViewSelector::select(const Sun* sun) {
   report();
   result_.blocks.assign(chosen_.begin(), chosen_.end());
   std::sort(result_.blocks.begin(), result_.blocks.end());
+  find_coarser_beside();
   check_size();
   note_replacements();
   return std::move(result_);

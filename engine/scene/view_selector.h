@@ -253,6 +253,10 @@ class ViewSelector {
   bool must_split(const BlockId& neighbour, const BlockId& id, const Beside& at) const;
   bool must_split_any(const BlockId& id) const;
 
+  void find_coarser_beside();
+  // Corners of a block with detail at which a coarser block is in view.
+  Corners coarser_beside(const BlockId& id) const;
+
   // Splits blocks until levels of neighbours differ by at most one, beside a coarser layer's posts by at most five, so
   // that edges join vertex by vertex, and until no edge in view exceeds the promised error.
   void balance();

@@ -48,6 +48,31 @@ bool ViewSelector::must_split_any(const BlockId& id) const {
   return any;
 }
 
+Corners ViewSelector::coarser_beside(const BlockId& id) const {
+  int corners = 0;
+  if (!terrain_.has_detail(id) || !in_view_.contains(id)) return 0;
+  around(id, [&](const Beside& at) {
+    const BlockId* other = covering(at.lat, at.lon, id.level);
+    if (!other || other->level == id.level || !in_view_.contains(*other)) return;
+    for (int corner = 0; corner < kCorners; ++corner) {
+      const int north = corner / 2 == 0 ? -1 : 1, east = corner % 2 == 0 ? -1 : 1;
+      if (at.north != -north && at.east != -east) corners |= 1 << corner;
+    }
+  });
+  return static_cast<Corners>(corners);
+}
+
+void ViewSelector::find_coarser_beside() {
+  if (!terrain_.detail()) return;
+  const std::vector<BlockId>& blocks = result_.blocks;
+  std::vector<Corners> corners(blocks.size());
+  in_parallel_pieces(blocks.size(), 64, [&](std::size_t first, std::size_t past_last) {
+    for (std::size_t i = first; i < past_last; ++i) corners[i] = coarser_beside(blocks[i]);
+  });
+  if (std::any_of(corners.begin(), corners.end(), [](Corners c) { return c != 0; }))
+    result_.beside_coarser = std::move(corners);
+}
+
 void ViewSelector::balance() {
   for (const Seen& s : seen_) in_view_[s.id] = s.pixels_per_metre;
   coarsest_ = dem::kMaxLevel;

@@ -128,6 +128,20 @@ class DetailBorders : public testing::Test {
     return sides;
   }
 
+  // Windows on both sides of a border, one above the other in the image: the farther one over the nearer one.
+  Sides across_in(const FrameRequest& asked) const {
+    const Frame frame = renderer_->render(asked);
+    const std::vector<int> levels = levels_of(asked, frame);
+    Sides across;
+    for (int r = 0; r + 2 * kWindow <= kSide; r += kApart)
+      for (int c = 0; c + kWindow <= kSide; c += kWindow) {
+        const auto far = level_in(levels, r, c), near = level_in(levels, r + kWindow, c);
+        if (far && near && *far == *near - 1)
+          across.add({std::log(contrast(frame, r, c) / contrast(frame, r + kWindow, c)), 1});
+      }
+    return across;
+  }
+
   test::TemporaryFolder folder_;
   std::unique_ptr<Renderer> renderer_;
   std::shared_ptr<const dem::Detail> detail_;
@@ -150,6 +164,19 @@ TEST_F(DetailBorders, ChangeTheContrastByOneOctave) {
     EXPECT_GT(all.windows, 50);
     EXPECT_GT(all.ratio(), 0.87) << sun_deg;
     EXPECT_LT(all.ratio(), 1) << sun_deg;  // it does add something
+  }
+}
+
+// The finer level goes over into the coarser one. (Level ground that shows three octaves of sizes, as from 3 km, loses
+// a third of them at a border.)
+TEST_F(DetailBorders, ContrastIsTheSameOnBothSides) {
+  for (const double sun_deg : {5.0, 17.0, 40.0}) {
+    if (sun_deg == 17 && !test::full_effort()) continue;
+    for (const auto& [height_m, tilt_deg] : {std::pair{300.0, 55.0}, {100.0, 70.0}, {30.0, 70.0}}) {
+      const Sides across = across_in(request(kLat, height_m, tilt_deg, sun_deg));
+      EXPECT_GT(across.windows, 20) << height_m;
+      EXPECT_NEAR(across.ratio(), 1, 0.1) << sun_deg << ' ' << height_m;
+    }
   }
 }
 

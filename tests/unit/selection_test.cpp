@@ -7,6 +7,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <memory>
 #include <optional>
 #include <random>
@@ -58,6 +59,11 @@ class SelectionTest : public ::testing::Test {
             view_from(to_cartesian({9, 25, 20000}), to_cartesian({11, 27, 0}), 800),        // oblique
             view_from(to_cartesian({10, 26, 5000}), to_cartesian({10.5, 27.5, 500}), 600),  // towards the horizon
             view_from(to_cartesian({10, 26, 3e6}), to_cartesian({10, 26, 0}), 9000)};
+  }
+  static std::shared_ptr<dem::PyramidTerrain> nearly_level(const TemporaryFolder& folder) {
+    test::write_float_tile(folder.path(), "t", {14, 22, 128, 8 * 128 + 1, 8 * 128 + 1},
+                           [](double lat, double lon) { return 0.02 * rough_ground(lat, lon); });
+    return test::open_terrain(folder.path());
   }
   static TemporaryFolder* folder_;
   static std::shared_ptr<dem::PyramidTerrain> terrain_;
@@ -122,9 +128,7 @@ TEST_F(SelectionTest, TheReportedErrorHolds) {
 TEST_F(SelectionTest, EdgesBesideTheImageAreAsFineAsTheyAreSeen) {
   // Nearly level, with quads of some 40 pixels: they reach farther into the image than blocks' bounds beyond it.
   const TemporaryFolder folder;
-  test::write_float_tile(folder.path(), "t", {14, 22, 128, 8 * 128 + 1, 8 * 128 + 1},
-                         [](double lat, double lon) { return 0.02 * rough_ground(lat, lon); });
-  const auto terrain = test::open_terrain(folder.path());
+  const auto terrain = nearly_level(folder);
   std::mt19937 random(11);
   std::uniform_real_distribution<double> any(-1, 1);
   constexpr double kAllowed_px = 0.02;
@@ -329,6 +333,47 @@ TEST_F(SelectionTest, DetailIsSelectedTheSameByAnyThreads) {
         EXPECT_EQ(s.shadow_error_px, by_one->shadow_error_px) << threads;
       }
     }
+}
+
+// Where a coarser level of detail is in view beside a block, and nowhere else: not beside what only casts shadows.
+TEST_F(SelectionTest, CornersBesideACoarserLevelInView) {
+  dem::DetailPreset preset;
+  preset.craters.smallest_m = 2, preset.craters.largest_m = 200;
+  const TemporaryFolder folder;
+  const dem::DetailedTerrain terrain(nearly_level(folder), std::make_shared<const dem::Detail>(preset));
+  const Vec3 target = to_cartesian({10, 26, terrain.height(10, 26).height_m});
+  for (const bool oblique : {false, true}) {
+    const View view =
+        view_from(to_cartesian({oblique ? 9.97 : 10, 26, target.norm() - kMoonRadius_m + 600}), target, 600);
+    const EastNorthUp axes = local_axes(target);
+    const Sun sun{(axes.up * 0.2 + axes.east).normalized()};
+    const Selection s = select_for_view(terrain, view, &sun, {}, {});
+    std::map<BlockId, bool> seen;
+    for (const BlockId& id : s.blocks) {
+      const dem::NodeInfo info = terrain.node(id);
+      const NodeBounds b = bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m));
+      seen[id] = view.may_see(b.centre, b.radius_m) && view.may_see(b.points, b.bulge_m);
+    }
+    int corners = 0;
+    for (std::size_t i = 0; i < s.blocks.size(); ++i) {
+      const BlockId& id = s.blocks[i];
+      const dem::BlockExtent e = dem::extent_of(id);
+      for (int corner = 0; corner < kCorners; ++corner) {
+        const std::int32_t lat = corner / 2 ? e.lat1() : e.lat0, lon = corner % 2 ? e.lon1() : e.lon0;
+        bool coarser = false;
+        for (const int north : {-1, 0})
+          for (const int east : {-1, 0})
+            for (int level = id.level - 1; level > id.level - 3; --level) {
+              const auto other = seen.find(dem::block_at(level, lat + north, dem::wrap_lon(lon + east)));
+              coarser |= other != seen.end() && other->second;
+            }
+        const bool told = !s.beside_coarser.empty() && (s.beside_coarser[i] >> corner & 1) != 0;
+        EXPECT_EQ(told, seen[id] && terrain.has_detail(id) && coarser) << i << ' ' << corner;
+        corners += told;
+      }
+    }
+    EXPECT_EQ(corners > 10, oblique) << corners;
+  }
 }
 
 // Once shadows' target was let go for good before detail gave way: edges could be off by tens of thousands of pixels.

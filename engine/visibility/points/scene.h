@@ -18,6 +18,7 @@ struct SceneContent {
   Vec3 anchor_m = Vec3::Zero();      // origin of its float coordinates
   Visibility visibility = Visibility::raytrace;
   const dem::Terrain* terrain = nullptr;  // the terrain with its detail; null: without detail
+  std::vector<Corners> beside_coarser{};  // as selected
 };
 
 // Parts of a scene that another one may reuse.
@@ -31,7 +32,7 @@ struct Scene {
   // with the same anchor. Throws Cancelled when stopped.
   Scene(const dem::Terrain& terrain, const SceneContent& content, int threads, const SceneParts& before = {},
         const StopToken& stop = {})
-      : shared_mesh(std::make_shared<Mesh>(terrain, content.blocks, before.mesh.get(), stop)),
+      : shared_mesh(std::make_shared<Mesh>(terrain, content.blocks, before.mesh.get(), stop, content.beside_coarser)),
         shell_m(kMoonRadius_m + highest_m(mesh) + 1),
         anchor(content.anchor_m),
         detail(terrain.detail_number()) {
