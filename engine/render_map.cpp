@@ -205,7 +205,7 @@ class MapDrawing {
     frame_.camera.width = patch.width, frame_.camera.height = patch.height;
     const View& view = above.reference();
     const SceneContent content{selection.blocks, anchor_for(view.position(), view.middle(), kFarAway_m),
-                               Visibility::raytrace, &terrain_, selection.beside_coarser};
+                               Visibility::raytrace, &terrain_};
     const FrameWork work = work_of(frame_, frame_.accuracy, Visibility::raytrace, triangles_of(selection),
                                    /*build=*/!kept_.holds(content));
     const std::size_t times = (pixels_in_all() - drawn_) / patch.pixels();

@@ -18,7 +18,7 @@ struct SceneContent {
   Vec3 anchor_m = Vec3::Zero();      // origin of its float coordinates
   Visibility visibility = Visibility::raytrace;
   const dem::Terrain* terrain = nullptr;  // the terrain with its detail; null: without detail
-  std::vector<Corners> beside_coarser{};  // as selected
+  std::vector<Corners> beside_coarser{};  // as selected; empty: normals stay as they are
 };
 
 // Parts of a scene that another one may reuse.
