@@ -191,7 +191,8 @@ int LayeredPosts::files_up_to(int level) const {
 std::vector<DetailOfPosts> LayeredPosts::at(double lat_deg, double lon_deg) const {
   const BlockId id = block_at_place(plain_.posts_level(block_at_place(kMaxLevel, lat_deg, lon_deg)), lat_deg, lon_deg);
   std::vector<DetailOfPosts> found;
-  for (const Layer& layer : *of(id)) {
+  const Layers layers = of(id);  // which others may meanwhile forget
+  for (const Layer& layer : *layers) {
     const double share =
         found.empty() ? 1 : shares(layer, Footprint{lat_deg, lat_deg, lon_deg, lon_deg}).at(lat_deg, lon_deg).detail;
     for (DetailOfPosts& below : found) below.share *= 1 - share;

@@ -38,9 +38,9 @@ struct GridView {
 
 // Sixteen places in a row, equally far apart in x, and the one direction in which they look; the grids' coordinates.
 struct alignas(64) MarchLanes {
-  float x[kPacket], y;    // m
-  float height[kPacket];  // m above the reference
-  float ux, uy;           // unit
+  float x[kPacket], y;                // m
+  alignas(64) float height[kPacket];  // m above the reference
+  float ux, uy;                       // unit
 };
 
 struct MarchSphere {
