@@ -52,8 +52,8 @@ class EllipsoidImages {
   double maps_[3][4] = {};
   int side_ = 0, words_ = 0;         // cells along each axis, with a border of one cell; words of a row
   std::vector<std::uint32_t> bits_;  // by rows
-  // Parallel rays: how far the last ellipsoid of kSquare x kSquare cells reaches. Level ground has a side of each rock
-  // that the light comes from, and where it can't be shaded by it.
+  // Parallel rays: how far along them the ellipsoids of kSquare x kSquare cells reach. Ground on the sunward side of a
+  // rock begins beyond it.
   static constexpr int kSquare = 4;
   bool parallel_ = false;
   int squares_ = 0;  // along each axis
