@@ -66,11 +66,11 @@ CraterShape::Row CraterShape::row_of(const std::vector<double>& annuli, double a
   Row row;
   const double end = reach(age), from = std::max(1.5, end * 2 / 3);
   double highest = 0, r = 0;
-  for (; r < end; r += kStep) {
+  while (r < end) {
     // What is beyond the reach is taken off smoothly.
     const double h = scale * at(annuli, r) * replaced((end - r) / (end - from));
     row.heights.push_back(static_cast<float>(h));
-    highest = std::max(highest, h);
+    highest = std::max(highest, h), r += kStep;
   }
   row.heights.resize(static_cast<std::size_t>(reach(kOldest) / kStep) + 3);
   row.depth = highest - static_cast<double>(row.heights[0]);
