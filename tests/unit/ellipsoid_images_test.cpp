@@ -88,7 +88,7 @@ TEST_F(EllipsoidImagesTest, ParallelRays) {
   }
 }
 
-// As on ground that the Sun shines on: most of it is beyond the rock in its cell, seen against the Sun.
+// As of ground on the sunward side of a rock.
 TEST_F(EllipsoidImagesTest, RaysFromBeyondMeetNothing) {
   const Vec3 toward = any_direction();
   const std::vector<Ellipsoid> all = ellipsoids(200, 150, 1);

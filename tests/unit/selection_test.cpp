@@ -42,6 +42,15 @@ View view_from(const Vec3& from, const Vec3& target, double focal_px) {
   return View({512, 512, focal_px, focal_px, 255.5, 255.5, {}}, {from, Eigen::Quaterniond(m).normalized()});
 }
 
+NodeBounds bounds_in(const dem::Terrain& terrain, const BlockId& id) {
+  const dem::NodeInfo info = terrain.node(id);
+  return bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m));
+}
+bool in_view(const dem::Terrain& terrain, const View& view, const BlockId& id) {
+  const NodeBounds b = bounds_in(terrain, id);
+  return view.may_see(b.centre, b.radius_m) && view.may_see(b.points, b.bulge_m);
+}
+
 class SelectionTest : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
@@ -141,16 +150,8 @@ TEST_F(SelectionTest, EdgesBesideTheImageAreAsFineAsTheyAreSeen) {
     const Selection s =
         select_for_view(*terrain, view, &sun, {.max_error_px = kAllowed_px, .max_shadow_error_px = 40}, {});
     const std::set<BlockId> chosen(s.blocks.begin(), s.blocks.end());
-    const auto bounds = [&](const BlockId& id) {
-      const dem::NodeInfo info = terrain->node(id);
-      return bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m));
-    };
-    const auto in_view = [&](const BlockId& id) {
-      const NodeBounds b = bounds(id);
-      return view.may_see(b.centre, b.radius_m) && view.may_see(b.points, b.bulge_m);
-    };
     for (const BlockId& id : s.blocks) {
-      if (!in_view(id)) continue;
+      if (!in_view(*terrain, view, id)) continue;
       const dem::BlockExtent e = dem::extent_of(id);
       const auto block = terrain->block(id);
       for (int side = 0; side < 4; ++side) {
@@ -159,8 +160,8 @@ TEST_F(SelectionTest, EdgesBesideTheImageAreAsFineAsTheyAreSeen) {
         const std::int32_t lat_beside = along_row ? e.lat0 + across[side % 2] : (e.lat0 + e.lat1()) / 2,
                            lon_beside = along_row ? (e.lon0 + e.lon1()) / 2 : e.lon0 + across[side % 2];
         const BlockId beside = dem::block_at(id.level - 1, lat_beside, dem::wrap_lon(lon_beside));
-        if (!chosen.contains(beside) || in_view(beside)) continue;
-        const NodeBounds b = bounds(id);
+        if (!chosen.contains(beside) || in_view(*terrain, view, beside)) continue;
+        const NodeBounds b = bounds_in(*terrain, id);
         const double error_px = (terrain->node(beside).error_m + dem::chord_sag_m(beside.level)) *
                                 view.pixels_per_metre(b.centre, b.radius_m, b.high_m + b.bulge_m);
         std::vector<Vec3> quads;  // their corners
@@ -349,11 +350,7 @@ TEST_F(SelectionTest, CornersBesideACoarserLevelInView) {
     const Sun sun{(axes.up * 0.2 + axes.east).normalized()};
     const Selection s = select_for_view(terrain, view, &sun, {}, {});
     std::map<BlockId, bool> seen;
-    for (const BlockId& id : s.blocks) {
-      const dem::NodeInfo info = terrain.node(id);
-      const NodeBounds b = bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m));
-      seen[id] = view.may_see(b.centre, b.radius_m) && view.may_see(b.points, b.bulge_m);
-    }
+    for (const BlockId& id : s.blocks) seen[id] = in_view(terrain, view, id);
     int corners = 0;
     for (std::size_t i = 0; i < s.blocks.size(); ++i) {
       const BlockId& id = s.blocks[i];

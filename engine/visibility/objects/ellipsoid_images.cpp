@@ -131,8 +131,9 @@ void EllipsoidImages::mark(std::span<const Box> boxes, const Box& room) {
   words_ = (side_ + 31) / 32;
   bits_.assign(static_cast<std::size_t>(side_) * static_cast<std::size_t>(words_), 0);
   squares_ = (side_ + kSquare - 1) / kSquare;
-  tops_.assign(static_cast<std::size_t>(squares_) * static_cast<std::size_t>(squares_),
-               -std::numeric_limits<float>::infinity());
+  if (parallel_)
+    tops_.assign(static_cast<std::size_t>(squares_) * static_cast<std::size_t>(squares_),
+                 -std::numeric_limits<float>::infinity());
   // Cells of the border are touched by what is beyond the room alone.
   constexpr double kSure = 1e-3, kFirst = 1 + 2 * kSure;  // cells
   double per_unit[2];
@@ -164,6 +165,7 @@ void EllipsoidImages::set(const Range& cells, float top) {
   for (int y = cells.first[1]; y <= cells.last[1]; ++y)
     for (int x = cells.first[0]; x <= cells.last[0]; ++x)
       bits_[static_cast<std::size_t>(y * words_ + x / 32)] |= 1U << (x % 32);
+  if (!parallel_) return;
   for (int y = cells.first[1] / kSquare; y <= cells.last[1] / kSquare; ++y)
     for (int x = cells.first[0] / kSquare; x <= cells.last[0] / kSquare; ++x) {
       float& highest = tops_[static_cast<std::size_t>(y * squares_ + x)];

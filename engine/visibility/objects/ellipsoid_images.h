@@ -56,9 +56,9 @@ class EllipsoidImages {
   // rock begins beyond it.
   static constexpr int kSquare = 4;
   bool parallel_ = false;
-  int squares_ = 0;  // along each axis
-  std::vector<float> tops_;
-  double height_[4] = {};  // of a place to how far along the rays it lies, from the anchor
+  int squares_ = 0;          // along each axis
+  std::vector<float> tops_;  // of squares, by rows
+  double height_[4] = {};    // of a place to how far along the rays it lies, from the anchor
 };
 
 }  // namespace selenograph::engine
