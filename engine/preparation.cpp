@@ -12,14 +12,17 @@ namespace {
 
 // A camera that was farther away a frame ago, or looked elsewhere, is another one, or was moved by hand.
 constexpr double kFarthestStep_m = 20000, kWidestTurn_rad = 0.4;
-// Frames that are expected of a camera whose client says nothing: the next ones, and with detail, whose blocks take
-// longest to make, some that are far ahead.
+// Frames that are expected of a camera whose client says nothing: the next ones, and some that are far ahead where they
+// take long to prepare, with detail or light from terrain.
 constexpr std::array kExtrapolated{1, 2};
-constexpr std::array kExtrapolatedWithDetail{1, 2, 6, 14};
+constexpr std::array kExtrapolatedFarther{1, 2, 6, 14};
 
 bool same(const Pose& a, const Pose& b) {
   return a.position_m == b.position_m && a.camera_from_moon.coeffs() == b.camera_from_moon.coeffs();
 }
+
+// A Sun that moved farther in a frame was set by hand. One that moved less stands still: the real one takes a second.
+constexpr double kFarthestSun_rad = 0.01, kNearestSun_rad = 3e-6;
 
 // Moved on and turned on as from `before` to `now`, `steps` times.
 Pose extrapolated(const Pose& before, const Pose& now, int steps) {
@@ -30,6 +33,14 @@ Pose extrapolated(const Pose& before, const Pose& now, int steps) {
     pose.camera_from_moon = (turn * pose.camera_from_moon).normalized();
   }
   return pose;
+}
+
+// As turned from `before` to `now`, `steps` times.
+Vec3 extrapolated(const Vec3& before, const Vec3& now, int steps) {
+  const double angle = (now - before).norm();
+  if (angle <= kNearestSun_rad || angle > kFarthestSun_rad) return now;
+  const Vec3 axis = before.cross(now).normalized();
+  return Eigen::AngleAxisd(steps * angle, axis) * now;
 }
 
 }  // namespace
@@ -45,10 +56,14 @@ Preparation::~Preparation() {
   if (thread_.joinable()) thread_.join();
 }
 
-Preparation::Work::Work(Preparation& preparation, const Pose* pose) : preparation_(preparation) {
+bool Preparation::Moment::operator==(const Moment& other) const {
+  return same(pose, other.pose) && (sun - other.sun).norm() <= kNearestSun_rad;
+}
+
+Preparation::Work::Work(Preparation& preparation, const FrameRequest* frame) : preparation_(preparation) {
   const std::lock_guard lock(preparation_.mutex_);
   ++preparation_.in_work_;
-  if (preparation_.current_ && !(pose && same(*preparation_.current_, *pose))) preparation_.give_up_ = true;
+  if (preparation_.current_ && !(frame && *preparation_.current_ == moment_of(*frame))) preparation_.give_up_ = true;
 }
 
 Preparation::Work::~Work() {
@@ -76,17 +91,17 @@ Preparation::Track& Preparation::track_of(const FrameRequest& frame, std::string
   return tracks_.front();
 }
 
-const Preparation::Ready* Preparation::Track::ready_for(const Pose& pose) const {
-  const auto found = std::find_if(ready.begin(), ready.end(), [&](const Ready& r) { return same(r.pose, pose); });
+const Preparation::Ready* Preparation::Track::ready_for(const Moment& moment) const {
+  const auto found = std::find_if(ready.begin(), ready.end(), [&](const Ready& r) { return r.moment == moment; });
   return found == ready.end() ? nullptr : &*found;
 }
 
-// Of what is ready that which is for these poses and still there. The soonest is asked for last: of what is kept on a
+// Of what is ready that which is for these moments and still there. The soonest is asked for last: of what is kept on a
 // budget, that which was used longest ago goes first.
-void Preparation::keep_ready(Track& track, std::span<const Pose> poses) {
+void Preparation::keep_ready(Track& track, std::span<const Moment> moments) {
   std::vector<Ready> kept;
-  for (auto pose = poses.rbegin(); pose != poses.rend(); ++pose)
-    if (const Ready* ready = track.ready_for(*pose); ready && ready->still_there()) kept.push_back(*ready);
+  for (auto moment = moments.rbegin(); moment != moments.rend(); ++moment)
+    if (const Ready* ready = track.ready_for(*moment); ready && ready->still_there()) kept.push_back(*ready);
   track.ready = std::move(kept);
 }
 
@@ -96,25 +111,33 @@ void Preparation::expect_at(Expected next) {
   expected_.insert(later, std::move(next));
 }
 
+std::vector<Preparation::Moment> Preparation::moments_ahead(const FrameRequest& before, const FrameRequest& now,
+                                                            std::span<const Pose> ahead) {
+  const auto sun = [&](int steps) { return extrapolated(before.sun.direction, now.sun.direction, steps); };
+  std::vector<Moment> moments;
+  for (const Pose& pose : ahead) moments.push_back({pose, sun(static_cast<int>(moments.size()) + 1)});
+  const bool hovers = same(before.pose, now.pose) && sun(1) == now.sun.direction;
+  if (!ahead.empty() || hovers) return moments;
+  const std::span<const int> steps = now.detail || now.indirect.terrain ? std::span<const int>(kExtrapolatedFarther)
+                                                                        : std::span<const int>(kExtrapolated);
+  for (const int step : steps) moments.push_back({extrapolated(before.pose, now.pose, step), sun(step)});
+  return moments;
+}
+
 void Preparation::expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name) {
   // Without memory or threads for it nothing is prepared; the frame has its answer all the same.
   try {
     const std::lock_guard lock(mutex_);
     if (stopping_) return;
     Track& track = track_of(frame, name);
-    const Pose before = std::exchange(track.last, frame).pose;
+    const FrameRequest before = std::exchange(track.last, frame);
     std::erase_if(expected_, [&](const Expected& e) { return e.track == track.number; });
-    std::vector<Pose> poses(ahead.begin(), ahead.end());
-    if (poses.empty() && !same(before, frame.pose)) {
-      const std::span<const int> steps =
-          frame.detail ? std::span<const int>(kExtrapolatedWithDetail) : std::span<const int>(kExtrapolated);
-      for (const int step : steps) poses.push_back(extrapolated(before, frame.pose, step));
-    }
-    keep_ready(track, poses);
-    for (std::size_t step = 0; step < poses.size(); ++step) {
-      if (track.ready_for(poses[step])) continue;
+    const std::vector<Moment> moments = moments_ahead(before, frame, ahead);
+    keep_ready(track, moments);
+    for (std::size_t step = 0; step < moments.size(); ++step) {
+      if (track.ready_for(moments[step])) continue;
       Expected next{track.number, step, frame};
-      next.request.pose = poses[step];
+      next.request.pose = moments[step].pose, next.request.sun.direction = moments[step].sun;
       expect_at(std::move(next));
     }
     if (!thread_.joinable() && !expected_.empty()) thread_ = std::thread([this] { run(); });
@@ -135,7 +158,7 @@ void Preparation::run() {
     if (stopping_) return;
     const Expected next = std::move(expected_.front());
     expected_.pop_front();
-    current_ = next.request.pose;
+    current_ = moment_of(next.request);
     give_up_ = false;
     lock.unlock();
     const bool given_up = !prepared(next);
@@ -164,7 +187,7 @@ bool Preparation::prepared(const Expected& next) {
 void Preparation::remember(const Expected& next, const StillThere& still_there) {
   const std::lock_guard lock(mutex_);
   for (Track& track : tracks_)
-    if (track.number == next.track) track.ready.push_back({next.request.pose, still_there});
+    if (track.number == next.track) track.ready.push_back({moment_of(next.request), still_there});
 }
 
 void Preparation::try_again(const Expected& next) {

@@ -39,10 +39,10 @@ class Preparation {
   Preparation& operator=(const Preparation&) = delete;
 
   // Marks active work. While any exists nothing is prepared, and a preparation in progress is cancelled unless it is
-  // for this very pose. `pose`: that of a frame; null for other work.
+  // for this very frame: its pose and Sun. `frame`: null for other work.
   class Work {
    public:
-    Work(Preparation& preparation, const Pose* pose);
+    Work(Preparation& preparation, const FrameRequest* frame);
     ~Work();
     Work(const Work&) = delete;
     Work& operator=(const Work&) = delete;
@@ -52,17 +52,26 @@ class Preparation {
   };
 
   // Called after a frame: the poses at which its camera is expected next, soonest first. If empty, the camera's motion
-  // since the previous frame is extrapolated. Replaces earlier expectations for this camera. `name` distinguishes
-  // identical cameras.
+  // since the previous frame is extrapolated; the Sun's always is. Replaces earlier expectations for this camera.
+  // `name` distinguishes identical cameras.
   void expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name = {});
 
   // Returns when nothing is left to prepare. For tests: it never returns while frames are active.
   void wait_until_done();
 
  private:
-  // A prepared scene and the pose it is expected for.
-  struct Ready {
+  // What the frames of a camera differ in.
+  struct Moment {
     Pose pose;
+    Vec3 sun;  // as Sun::direction
+    bool operator==(const Moment& other) const;
+  };
+  static Moment moment_of(const FrameRequest& frame) { return {frame.pose, frame.sun.direction}; }
+  static std::vector<Moment> moments_ahead(const FrameRequest& before, const FrameRequest& now,
+                                           std::span<const Pose> ahead);
+  // A prepared scene and the moment it is expected at.
+  struct Ready {
+    Moment moment;
     StillThere still_there;
   };
   // A camera and its expected course.
@@ -71,7 +80,7 @@ class Preparation {
     std::string name;
     FrameRequest last;
     std::vector<Ready> ready{};
-    const Ready* ready_for(const Pose& pose) const;  // null: none
+    const Ready* ready_for(const Moment& moment) const;  // null: none
   };
   struct Expected {
     std::uint64_t track = 0;
@@ -79,7 +88,7 @@ class Preparation {
     FrameRequest request;
   };
   Track& track_of(const FrameRequest& frame, std::string_view name);
-  static void keep_ready(Track& track, std::span<const Pose> poses);
+  static void keep_ready(Track& track, std::span<const Moment> moments);
   void expect_at(Expected next);
   void run();
   bool prepared(const Expected& next);
@@ -93,7 +102,7 @@ class Preparation {
   std::condition_variable changed_;
   std::deque<Track> tracks_;       // most recent first
   std::deque<Expected> expected_;  // ordered by step
-  std::optional<Pose> current_;    // being prepared
+  std::optional<Moment> current_;  // being prepared
   int in_work_ = 0;
   std::uint64_t next_track_ = 0;
   bool stopping_ = false;

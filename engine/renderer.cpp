@@ -90,7 +90,7 @@ Renderer::Renderer(std::shared_ptr<dem::PyramidTerrain> terrain, const RendererO
 Renderer::~Renderer() = default;
 
 Frame Renderer::render(const FrameRequest& request, const StopToken& stop) const {
-  const Preparation::Work work(impl_->preparation, &request.pose);
+  const Preparation::Work work(impl_->preparation, &request);
   const auto terrain = impl_->terrain_with(request.detail);
   return in_arena(impl_->arena, [&] { return render_frame(request, *terrain, impl_->kept, stop); });
 }

@@ -92,22 +92,24 @@ class Places {
 
 }  // namespace
 
-struct DetailedTerrain::Quarter {
+struct DetailedTerrain::Part {
   BlockId block;
-  int north = 0, east = 0;  // 0 or 1
+  int north = 0, east = 0;  // parts south and west of it
 
+  static constexpr int kAlong = 4;
   // Of the post in this row and column of the block.
-  static Quarter of(const BlockId& block, int r, int c) {
-    const int half = quads_per_side(block.level) / 2;
-    return {block, std::min(r / half, 1), std::min(c / half, 1)};
+  static Part of(const BlockId& block, int r, int c) {
+    const Part first{block};
+    return {block, std::min(r / first.quads(), first.along() - 1), std::min(c / first.quads(), first.along() - 1)};
   }
-  int quads() const { return quads_per_side(block.level) / 2; }
+  int along() const { return std::min(kAlong, quads_per_side(block.level)); }
+  int quads() const { return quads_per_side(block.level) / along(); }
   BlockExtent extent() const {
     const BlockExtent e = extent_of(block);
     return {e.lat0 + north * quads() * e.lat_step, e.lon0 + east * quads() * e.lon_step, e.lat_step, e.lon_step,
             quads()};
   }
-  BlockId key() const { return {block.level, 2 * block.row + north, 2 * block.col + east}; }
+  BlockId key() const { return {block.level, kAlong * block.row + north, kAlong * block.col + east}; }
 };
 
 // Posts of one level, by their ticks, wherever they are: over the poles and around the globe.
@@ -217,7 +219,7 @@ class DetailedTerrain::PostsAround {
   }
 
   Place in_block(const BlockId& id, std::int32_t lat, std::int32_t lon) {
-    const Block* block = posts_ == Posts::taken ? quarter(id, lat, lon) : find(id, [&] { return made(id); });
+    const Block* block = posts_ == Posts::taken ? part(id, lat, lon) : find(id, [&] { return made(id); });
     if (!block) return {};
     const BlockExtent& e = block->extent;
     return {block, (lat - e.lat0) / e.lat_step, (lon - e.lon0) / e.lon_step};
@@ -228,10 +230,10 @@ class DetailedTerrain::PostsAround {
     return p.block ? static_cast<double>(p.block->vertices[p.block->index(p.r, p.c)].height_m) : kNaN;
   }
 
-  const Block* quarter(const BlockId& id, std::int32_t lat, std::int32_t lon) {
+  const Block* part(const BlockId& id, std::int32_t lat, std::int32_t lon) {
     const BlockExtent e = extent_of(id);
-    const Quarter quarter = Quarter::of(id, (lat - e.lat0) / e.lat_step, (lon - e.lon0) / e.lon_step);
-    return find(quarter.key(), [&] { return ground_.taken(quarter, stop_); });
+    const Part part = Part::of(id, (lat - e.lat0) / e.lat_step, (lon - e.lon0) / e.lon_step);
+    return find(part.key(), [&] { return ground_.taken(part, stop_); });
   }
 
   template <typename Make>
@@ -473,8 +475,8 @@ std::shared_ptr<const Block> DetailedTerrain::posts_of_layer(const BlockId& id, 
   return kept(Kind::beneath, id, stop, [&] { return posts_beneath(id, stop); });
 }
 
-std::shared_ptr<const Block> DetailedTerrain::taken(const Quarter& quarter, const StopToken& stop) const {
-  return kept(Kind::taken, quarter.key(), stop, [&] { return make_taken(quarter, stop); });
+std::shared_ptr<const Block> DetailedTerrain::taken(const Part& part, const StopToken& stop) const {
+  return kept(Kind::taken, part.key(), stop, [&] { return make_taken(part, stop); });
 }
 
 std::shared_ptr<Block> DetailedTerrain::posts_beneath(const BlockId& id, const StopToken& stop) const {
@@ -495,14 +497,14 @@ std::shared_ptr<Block> DetailedTerrain::posts_beneath(const BlockId& id, const S
   return block;
 }
 
-std::shared_ptr<Block> DetailedTerrain::make_taken(const Quarter& quarter, const StopToken& stop) const {
+std::shared_ptr<Block> DetailedTerrain::make_taken(const Part& part, const StopToken& stop) const {
   // Interpolated, means over cells would not have themselves as their means over cells but what Catmull-Rom's weights
   // integrate to, (-2.5, 18, 161, 18, -2.5) / 192 along each axis: this is the inverse of that, to 1e-3.
   constexpr std::array kSharpened{1.225297469, -0.143363406, 0.035794135, -0.006376901, 0.001297438};
   constexpr int kAround = static_cast<int>(kSharpened.size()) - 1;
-  const BlockExtent e = quarter.extent();
+  const BlockExtent e = part.extent();
   const auto side = static_cast<std::size_t>(e.quads + 1 + 2 * kAround);
-  const std::vector<double> means = cell_means(quarter, kAround, stop);
+  const std::vector<double> means = cell_means(part, kAround, stop);
   // Along rows first, then along columns.
   std::vector<double> sharp(means), out(means);
   const auto sharpen = [&](const std::vector<double>& from, std::vector<double>& to, std::size_t step) {
@@ -513,7 +515,7 @@ std::shared_ptr<Block> DetailedTerrain::make_taken(const Quarter& quarter, const
     }
   };
   sharpen(means, sharp, 1), sharpen(sharp, out, side);
-  auto block = empty_block(quarter.block, e);
+  auto block = empty_block(part.block, e);
   block->vertices.reserve(block->index(e.quads, e.quads) + 1);
   for (int r = 0; r <= e.quads; ++r) {
     const double share = share_of_means(e.lat0 + r * e.lat_step, e.lat_step);
@@ -525,26 +527,26 @@ std::shared_ptr<Block> DetailedTerrain::make_taken(const Quarter& quarter, const
   return block;
 }
 
-// Places are the block's, so that a cell's mean does not depend on the quarter to the bit.
-std::vector<double> DetailedTerrain::cell_means(const Quarter& quarter, int around, const StopToken& stop) const {
-  const BlockExtent e = extent_of(quarter.block);
-  const auto cells = static_cast<std::size_t>(quarter.quads() + 1 + 2 * around);
+// Places are the block's, so that a cell's mean does not depend on the part to the bit.
+std::vector<double> DetailedTerrain::cell_means(const Part& part, int around, const StopToken& stop) const {
+  const BlockExtent e = extent_of(part.block);
+  const auto cells = static_cast<std::size_t>(part.quads() + 1 + 2 * around);
   std::vector<double> means(cells * cells);
-  for (int octave = Detail::smallest_octave(quarter.block.level + Detail::kCellLevels);
-       octave < Detail::past_largest_octave(quarter.block.level); ++octave) {
-    const int places = Detail::places_in_cell(octave, quarter.block.level);
+  for (int octave = Detail::smallest_octave(part.block.level + Detail::kCellLevels);
+       octave < Detail::past_largest_octave(part.block.level); ++octave) {
+    const int places = Detail::places_in_cell(octave, part.block.level);
     const auto n = static_cast<std::size_t>(places);
     const Places all(e, 0.5 / places - 0.5 - around, 1.0 / places, (e.quads + 1 + 2 * around) * places);
-    const auto first = [&](int half) { return static_cast<std::size_t>(half * quarter.quads()) * n; };
+    const auto first = [&](int parts) { return static_cast<std::size_t>(parts * part.quads()) * n; };
     // Squares, whose places are found in caches.
-    constexpr std::size_t kSquare = 12;
+    constexpr std::size_t kSquare = 9;
     const std::size_t squares = (cells + kSquare - 1) / kSquare;
     in_parallel(squares * squares, [&](std::size_t i) {
       const std::size_t r0 = i / squares * kSquare, c0 = i % squares * kSquare;
       const std::size_t rows = std::min(kSquare, cells - r0), columns = std::min(kSquare, cells - c0);
       std::vector<double> heights(rows * n * columns * n);
       detail_->add_octave(
-          part_of(all.grid(), first(quarter.north) + r0 * n, rows * n, first(quarter.east) + c0 * n, columns * n),
+          part_of(all.grid(), first(part.north) + r0 * n, rows * n, first(part.east) + c0 * n, columns * n),
           octave, heights, stop);
       const double* height_m = heights.data();
       for (std::size_t r = r0 * n; r < (r0 + rows) * n; ++r)

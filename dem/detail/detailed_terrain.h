@@ -79,14 +79,13 @@ class DetailedTerrain final : public Terrain {
   std::shared_ptr<const Block> once_posts_are_there(const BlockId& id, const StopToken& stop, const Make& make) const;
   // Posts of a layer's level; null if there are none.
   std::shared_ptr<const Block> posts_of_layer(const BlockId& id, const StopToken& stop) const;
-  // A quarter of a block's posts, with those that it shares: what is taken from posts is made by quarters, since a
-  // lander sees few posts.
-  struct Quarter;
+  // 16 x 16 quads of a block's posts: what is taken from posts is made by parts, since a lander sees few posts.
+  struct Part;
   // What is taken from the posts for detail that they don't resolve, at places as far apart as heights that they do.
-  std::shared_ptr<const Block> taken(const Quarter& quarter, const StopToken& stop) const;
-  // Means of the detail over the cells of such places in a quarter and of so many around it, row by row.
-  std::vector<double> cell_means(const Quarter& quarter, int around, const StopToken& stop) const;
-  std::shared_ptr<Block> make_taken(const Quarter& quarter, const StopToken& stop) const;
+  std::shared_ptr<const Block> taken(const Part& part, const StopToken& stop) const;
+  // Means of the detail over the cells of such places in a part and of so many around it, row by row.
+  std::vector<double> cell_means(const Part& part, int around, const StopToken& stop) const;
+  std::shared_ptr<Block> make_taken(const Part& part, const StopToken& stop) const;
   // Bounds on a block's heights, from the posts; none where there are voids.
   std::optional<HeightRange> heights_of_posts(const BlockId& id, const LayeredPosts::Layer& layer,
                                               const StopToken& stop) const;

@@ -34,7 +34,6 @@ std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const 
     out[i].direct_w_m2 = direct_w_m2 * places[i].incident;
     fields[field_at(places[i].position_m, terrain)].push_back({i, {}});
   }
-  const FrameRequest gathered = on_lattice(request);
   for (auto& [field, in_it] : fields) {
     stop.check();
     const FieldPlane plane(field);
@@ -45,7 +44,7 @@ std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const 
     }
     std::vector<TileRows> wanted;
     for (const auto& [tile, of_tile] : rows) wanted.push_back({tile, of_tile});
-    const auto made = tiles.get(field, plane, wanted, {terrain, gathered}, stop);
+    const auto made = tiles.get(field, plane, wanted, {terrain, request}, stop);
     for (const PlaceInField& p : in_it) {
       const auto tile = std::lower_bound(wanted.begin(), wanted.end(), p.post.tile,
                                          [](const TileRows& of, int number) { return of.tile < number; }) -

@@ -9,10 +9,10 @@
 namespace selenograph::engine {
 namespace {
 
-// A band's height in posts: with few posts among many of the terrain, the relief's size counts.
-int height_in_posts(const LightField& field) { return std::max(256 / field.stride(), 128); }
-
-double height_deg(const LightField& field) { return height_in_posts(field) / std::exp2(field.level); }
+double height_deg(const LightField& field) {
+  constexpr int kPosts = 256;
+  return kPosts / std::exp2(field.level);
+}
 
 struct CellBounds {
   double south_deg, north_deg, west_deg, width_deg;

@@ -63,10 +63,19 @@ ContentKey key_of(const TileLight& of) {
   return hash.key();
 }
 
+void add(const LightField& field, ContentHash& hash) {
+  hash.add(field.level), hash.add(field.finest), hash.add(field.band), hash.add(field.cell);
+}
+
 ContentKey key_of(const ContentKey& light, const LightField& field, int tile) {
   ContentHash hash;
-  hash.add(light.low), hash.add(light.high), hash.add(field.level), hash.add(field.finest), hash.add(field.band);
-  hash.add(field.cell), hash.add(tile);
+  hash.add(light.low), hash.add(light.high), add(field, hash), hash.add(tile);
+  return hash.key();
+}
+
+ContentKey key_of(const dem::Terrain& terrain, const LightField& field) {
+  ContentHash hash;
+  hash.add(terrain.detail_number()), add(field, hash);
   return hash.key();
 }
 
@@ -79,28 +88,35 @@ void set_light(const SectorLight& arrives, SectorPost& sectors, SumPost& sum) {
   }
 }
 
-constexpr double kStep_deg = 0.02, kRadiusStep_deg = 1e-3, kDistanceStep_m = 1e6;
+// From one direction of the lattice to the next, for a source over a place whose vertical is `up`.
+double lattice_step_deg(const Vec3& direction, const Vec3& up) {
+  constexpr double kFinest_deg = 0.02, kShareOfElevation = 1.0 / 150;
+  constexpr int kMostDoubled = 4;
+  const double elevation_deg = std::asin(std::clamp(direction.dot(up), -1.0, 1.0)) * kDegreesPerRadian;
+  double step_deg = kFinest_deg;
+  for (int k = 0; k < kMostDoubled && 2 * step_deg <= kShareOfElevation * elevation_deg; ++k) step_deg *= 2;
+  return step_deg;
+}
 
-Vec3 on_lattice(const Vec3& direction) {
-  const auto rounded = [](double angle) {
-    constexpr double kStep = kStep_deg * kRadiansPerDegree;
-    return std::round(angle / kStep) * kStep;
-  };
+Vec3 on_lattice(const Vec3& direction, const Vec3& up) {
+  const double step = lattice_step_deg(direction, up) * kRadiansPerDegree;
+  const auto rounded = [&](double angle) { return std::round(angle / step) * step; };
   const double lat = rounded(std::atan2(direction.z(), std::hypot(direction.x(), direction.y()))),
                lon = rounded(std::atan2(direction.y(), direction.x()));
   return {std::cos(lat) * std::cos(lon), std::cos(lat) * std::sin(lon), std::sin(lat)};
 }
 
-}  // namespace
-
-FrameRequest on_lattice(FrameRequest request) {
+FrameRequest on_lattice(FrameRequest request, const Vec3& up) {
+  constexpr double kRadiusStep_deg = 1e-3, kDistanceStep_m = 1e6;
   Sun& sun = request.sun;
-  sun.direction = on_lattice(sun.direction);
+  sun.direction = on_lattice(sun.direction, up);
   sun.angular_radius_deg = std::round(sun.angular_radius_deg / kRadiusStep_deg) * kRadiusStep_deg;
   if (auto& earth = request.indirect.earth)
-    *earth = {on_lattice(earth->direction), std::round(earth->distance_m / kDistanceStep_m) * kDistanceStep_m};
+    *earth = {on_lattice(earth->direction, up), std::round(earth->distance_m / kDistanceStep_m) * kDistanceStep_m};
   return request;
 }
+
+}  // namespace
 
 LightSources light_sources(const FrameRequest& request, double direct_w_m2) {
   LightSources sources{.sun_w_m2 = direct_w_m2};
@@ -127,20 +143,21 @@ class LightTiles::KeptTile {
   mutable std::array<dem::Once, FieldPlane::kTileSide> made_;
 };
 
-LightTiles::LightTiles(std::size_t bytes) : tiles_(bytes / 2), patches_(bytes - bytes / 2) {}
+LightTiles::LightTiles(std::size_t bytes)
+    : tiles_(bytes / 2), reliefs_(bytes / 6), patches_(bytes / 3) {}
 LightTiles::~LightTiles() = default;
 std::size_t LightTiles::bytes_of_tile() { return sizeof(KeptTile); }
 
 struct LightTiles::Patch {
-  Patch(const LightField& field, const FieldPlane& plane, const TileLight& of, const StopToken& stop)
-      : relief({plane.centre(), plane.half_m(), dem::post_spacing_m(field.finest)}, heights_of(of.terrain, stop), stop),
-        views(relief.views()) {
-    if (of.request.indirect.terrain) slopes.emplace(relief, source_of(of.request));
-    if (const auto& earth = of.request.indirect.earth)
+  Patch(std::shared_ptr<const Relief> of_field, const FrameRequest& request)
+      : relief_kept(std::move(of_field)), relief(*relief_kept), views(relief.views()) {
+    if (request.indirect.terrain) slopes.emplace(relief, source_of(request));
+    if (const auto& earth = request.indirect.earth)
       disc.emplace(relief, earth->direction, earth_radius_deg(earth->distance_m));
   }
   Patch(const Patch&) = delete;
   Patch& operator=(const Patch&) = delete;
+  // With the relief: the cache of those may have forgotten it.
   std::size_t bytes() const { return sizeof *this + relief.bytes() + (slopes ? slopes->bytes() : 0); }
 
   // A row of a tile, whose first post is the relief's at `row` and `column`.
@@ -169,11 +186,24 @@ struct LightTiles::Patch {
     }
   }
 
-  Relief relief;
+  std::shared_ptr<const Relief> relief_kept;
+  const Relief& relief;
   std::vector<GridView> views;
   std::optional<SlopeLight> slopes;
   std::optional<SkyDisc> disc;  // the Earth
 };
+
+std::shared_ptr<const Relief> LightTiles::relief(const LightField& field, const FieldPlane& plane,
+                                                 const dem::Terrain& terrain, const StopToken& stop) {
+  return reliefs_.get(
+      key_of(terrain, field),
+      [&]() -> decltype(reliefs_)::Loaded {
+        const ReliefShape shape{plane.centre(), plane.half_m(), dem::post_spacing_m(field.finest)};
+        const auto made = std::make_shared<const Relief>(shape, heights_of(terrain, stop), stop);
+        return {made, made->bytes()};
+      },
+      stop);
+}
 
 std::shared_ptr<const LightTiles::Patch> LightTiles::patch(const LightField& field, const FieldPlane& plane,
                                                            const ContentKey& light, const TileLight& of,
@@ -181,7 +211,7 @@ std::shared_ptr<const LightTiles::Patch> LightTiles::patch(const LightField& fie
   return patches_.get(
       key_of(light, field, -1),
       [&]() -> decltype(patches_)::Loaded {
-        const auto made = std::make_shared<const Patch>(field, plane, of, stop);
+        const auto made = std::make_shared<const Patch>(relief(field, plane, of.terrain, stop), of.request);
         return {made, made->bytes()};
       },
       stop);
@@ -190,7 +220,9 @@ std::shared_ptr<const LightTiles::Patch> LightTiles::patch(const LightField& fie
 std::vector<std::shared_ptr<const LightTile>> LightTiles::get(const LightField& field, const FieldPlane& plane,
                                                               std::span<const TileRows> tiles, const TileLight& of,
                                                               const StopToken& stop) {
-  const ContentKey light = key_of(of);
+  const FrameRequest gathered = on_lattice(of.request, plane.centre());
+  const TileLight lit{of.terrain, gathered};
+  const ContentKey light = key_of(lit);
   struct Missing {
     const KeptTile* of;
     int tile, row;
@@ -209,7 +241,7 @@ std::vector<std::shared_ptr<const LightTile>> LightTiles::get(const LightField& 
     out.emplace_back(kept, &kept->light());
   }
   if (missing.empty()) return out;
-  const std::shared_ptr<const Patch> from = patch(field, plane, light, of, stop);
+  const std::shared_ptr<const Patch> from = patch(field, plane, light, lit, stop);
   const int stride = field.stride(), half = plane.tiles() / 2;
   in_parallel(missing.size(), [&](std::size_t i) {
     const Missing& at = missing[i];

@@ -26,11 +26,10 @@ TerrainLight::TerrainLight(const FrameRequest& request, const ViewOfGround& view
         "indirect");
   tiles_.resize(seen.tiles());
   const Brdf brdf(request.reflectance, band_of(request));
-  const FrameRequest gathered = on_lattice(request);
   std::size_t next = 0;
   for (const FieldsInView::Field& field : seen.fields) {
     stop.check();
-    auto kept = tiles.get(field.id, field.plane, field.tiles, {terrain, gathered}, stop);
+    auto kept = tiles.get(field.id, field.plane, field.tiles, {terrain, request}, stop);
     const auto side = static_cast<std::size_t>(field.plane.tiles());
     Field& own = fields_.emplace_back(Field{field.plane, std::vector<const Tile*>(side * side)});
     in_parallel(kept.size(), [&](std::size_t i) {

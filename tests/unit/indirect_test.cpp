@@ -377,7 +377,7 @@ TEST(IndirectLight, PostsAreAsFarApartAsAskedFor) {
 }
 
 // The Sun moves by 1.4e-5 degrees between frames of a loop at 10 Hz: the light is gathered once for many of them.
-// Within half a step of 0.02 degrees it is the same; a step later it has changed, by little.
+// Within half a step of the lattice, 0.02 degrees at a low Sun, it is the same; a step later it has changed, by little.
 TEST(IndirectLight, ASunThatMovesALittleFindsTheSameLight) {
   const test::TemporaryFolder folder;
   test::write_float_tile(folder / "dem", "wall", {2, 10, 64, 129, 129},
@@ -396,13 +396,18 @@ TEST(IndirectLight, ASunThatMovesALittleFindsTheSameLight) {
       if (!std::isnan(frame.products.irradiance[i])) sum += static_cast<double>(frame.products.irradiance[i]);
     return sum;
   };
-  const double light = from_terrain(-60);
-  EXPECT_GT(light, 0);
-  EXPECT_EQ(from_terrain(-60.009), light);
-  EXPECT_EQ(from_terrain(-59.991), light);
-  const double next = from_terrain(-59.989);
-  EXPECT_NE(next, light);
-  EXPECT_NEAR(next, light, 0.005 * light);
+  struct Case {
+    double lon_deg, step_deg;
+  };
+  for (const Case& c : {Case{-77, 0.02}, {-60, 0.08}}) {  // 2 and 19 degrees high
+    const double light = from_terrain(c.lon_deg);
+    EXPECT_GT(light, 0);
+    EXPECT_EQ(from_terrain(c.lon_deg - 0.48 * c.step_deg), light);
+    EXPECT_EQ(from_terrain(c.lon_deg + 0.48 * c.step_deg), light);
+    const double next = from_terrain(c.lon_deg + 0.52 * c.step_deg);
+    EXPECT_NE(next, light);
+    EXPECT_NEAR(next, light, 0.015 * light);
+  }
 }
 
 }  // namespace

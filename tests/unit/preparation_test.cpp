@@ -107,11 +107,38 @@ TEST(Preparation, ExtrapolatesTurns) {
   EXPECT_LT(last.camera_from_moon.angularDistance(turned(19).pose.camera_from_moon), 1e-9);
 }
 
+TEST(Preparation, ExtrapolatesTheSun) {
+  std::vector<Vec3> suns;
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) {
+    suns.push_back(request.sun.direction);
+    return kStillThere;
+  });
+  const auto lit = [](double degrees) {
+    FrameRequest request = frame_at(0);
+    request.sun.direction = Eigen::AngleAxisd(degrees * kRadiansPerDegree, Vec3(1, 1, 1).normalized()) * Vec3::UnitX();
+    return request;
+  };
+  preparation.expect(lit(1), {});
+  preparation.expect(lit(1.01), {});
+  preparation.wait_until_done();
+  ASSERT_EQ(suns.size(), 2U) << "the camera hovers, the Sun moves";
+  EXPECT_LT((suns[0] - lit(1.02).sun.direction).norm(), 1e-7);
+  EXPECT_LT((suns[1] - lit(1.03).sun.direction).norm(), 1e-7);
+  preparation.expect(lit(1.02), poses({10, 20}));
+  preparation.wait_until_done();
+  ASSERT_EQ(suns.size(), 4U);
+  EXPECT_LT((suns[3] - lit(1.04).sun.direction).norm(), 1e-7) << "with poses that are given, too";
+  preparation.expect(lit(30), {});
+  preparation.expect(lit(30 + 1e-5), {});
+  preparation.wait_until_done();
+  EXPECT_EQ(suns.size(), 4U) << "it was set, and then stands still";
+}
+
 TEST(Preparation, PausesWhileAFrameIsActive) {
   Prepared prepared;
   Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
   {
-    const Pose frame = frame_at(0).pose;
+    const FrameRequest frame = frame_at(0);
     const Preparation::Work work(preparation, &frame);
     preparation.expect(frame_at(0), poses({10}));
     std::this_thread::sleep_for(20ms);
@@ -135,7 +162,7 @@ TEST(Preparation, YieldsToAFrameAndResumes) {
   preparation.expect(frame_at(0), poses({10}));
   while (begun == 0) std::this_thread::sleep_for(1ms);
   {
-    const Pose frame = frame_at(5).pose;
+    const FrameRequest frame = frame_at(5);
     const Preparation::Work work(preparation, &frame);
   }
   preparation.wait_until_done();
@@ -154,7 +181,7 @@ TEST(Preparation, ContinuesForTheFrameItPrepares) {
   preparation.expect(frame_at(0), poses({10}));
   while (!begun) std::this_thread::sleep_for(1ms);
   {
-    const Pose frame = frame_at(10).pose;
+    const FrameRequest frame = frame_at(10);
     const Preparation::Work work(preparation, &frame);
     asked = true;
   }
@@ -168,7 +195,7 @@ TEST(Preparation, NewPosesReplaceExpectedOnes) {
   FrameRequest other = frame_at(0);
   other.camera.width = 32;
   {
-    const Pose frame = frame_at(0).pose;
+    const FrameRequest frame = frame_at(0);
     const Preparation::Work work(preparation, &frame);
     preparation.expect(frame_at(0), poses({10, 20}));
     preparation.expect(other, poses({77}));
@@ -185,7 +212,7 @@ TEST(Preparation, SimilarCamerasAreIndependent) {
   FrameRequest aside = frame_at(0);
   aside.pose.camera_from_moon = Eigen::AngleAxisd(0.8, Vec3::UnitY());
   for (const double x : {0.0, 100.0}) {
-    const Pose frame = frame_at(x).pose;
+    const FrameRequest frame = frame_at(x);
     const Preparation::Work work(preparation, &frame);
     preparation.expect(frame_at(x), {}, "left");
     preparation.expect(frame_at(x + 1), {}, "right");
