@@ -21,7 +21,9 @@ void keep_drivers() {
   for (int i = all.GetDriverCount() - 1; i >= 0; --i) {
     GDALDriver* driver = all.GetDriver(i);
     const auto is_this = [&](const char* name) { return name && EQUAL(name, driver->GetDescription()); };
-    if (std::none_of(std::begin(kMapDrivers), std::end(kMapDrivers), is_this)) all.DeregisterDriver(driver);
+    if (std::any_of(std::begin(kMapDrivers), std::end(kMapDrivers), is_this)) continue;
+    all.DeregisterDriver(driver);
+    GDALDestroyDriver(driver);
   }
 }
 
