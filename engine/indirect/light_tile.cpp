@@ -143,66 +143,68 @@ class LightTiles::KeptTile {
   mutable std::array<dem::Once, FieldPlane::kTileSide> made_;
 };
 
-LightTiles::LightTiles(std::size_t bytes)
-    : tiles_(bytes / 2), reliefs_(bytes / 6), patches_(bytes / 3) {}
+LightTiles::LightTiles(std::size_t bytes) : tiles_(bytes / 3), patches_(bytes - bytes / 3) {}
 LightTiles::~LightTiles() = default;
 std::size_t LightTiles::bytes_of_tile() { return sizeof(KeptTile); }
 
 struct LightTiles::Patch {
   Patch(std::shared_ptr<const Relief> of_field, const FrameRequest& request)
-      : relief_kept(std::move(of_field)), relief(*relief_kept), views(relief.views()) {
-    if (request.indirect.terrain) slopes.emplace(relief, source_of(request));
+      : relief(std::move(of_field)), views(relief->views()) {
+    if (request.indirect.terrain) slopes.emplace(*relief, source_of(request));
     if (const auto& earth = request.indirect.earth)
-      disc.emplace(relief, earth->direction, earth_radius_deg(earth->distance_m));
+      disc.emplace(*relief, earth->direction, earth_radius_deg(earth->distance_m));
   }
   Patch(const Patch&) = delete;
   Patch& operator=(const Patch&) = delete;
-  // With the relief: the cache of those may have forgotten it.
-  std::size_t bytes() const { return sizeof *this + relief.bytes() + (slopes ? slopes->bytes() : 0); }
+  std::size_t bytes() const { return sizeof *this + relief->bytes() + (slopes ? slopes->bytes() : 0); }
 
   // A row of a tile, whose first post is the relief's at `row` and `column`.
   void fill_row(int row, int column, int stride, std::size_t of_tile, LightTile& out, const StopToken& stop) const {
     static_assert(FieldPlane::kTileSide == kPacket);
-    const Eigen::Matrix3f back = relief.axes().transpose().cast<float>();
+    const Eigen::Matrix3f back = relief->axes().transpose().cast<float>();
     std::array<SectorLight, kPacket> light;
     for (SectorLight& of_post : light) of_post.from.fill(Eigen::Vector3f::Zero()), of_post.sky.setZero();
     if (slopes) slopes->gather(row, column, stride, light, stop);
-    MarchLanes lanes = relief.places(row, column, stride);
+    MarchLanes lanes = relief->places(row, column, stride);
     alignas(64) float share[kPacket] = {};
     if (disc) disc->shares(views, stride, lanes, share);
     float& most_ground_view = out.most_ground_view[of_tile];
     for (int i = 0; i < kPacket; ++i) {
       const int at = column + i * stride;
       const std::size_t post =
-          static_cast<std::size_t>(row) * static_cast<std::size_t>(relief.side(0)) + static_cast<std::size_t>(at);
+          static_cast<std::size_t>(row) * static_cast<std::size_t>(relief->side(0)) + static_cast<std::size_t>(at);
       const SectorLight& arrives = light[static_cast<std::size_t>(i)];
-      const Eigen::Vector3f normal = back * relief.cell(0, post).normal;
+      const Eigen::Vector3f normal = back * relief->cell(0, post).normal;
       const std::size_t here = of_tile * kPacket + static_cast<std::size_t>(i);
       set_light(arrives, out.sectors[here], out.sums[here]);
       out.sums[here].ground = slopes ? slopes->radiosity(row, at, stop) : 0, out.sums[here].earth = share[i];
-      out.ground[here] = {normal, static_cast<float>(static_cast<double>(lanes.height[i]) + relief.reference_m())};
+      out.ground[here] = {normal, static_cast<float>(static_cast<double>(lanes.height[i]) + relief->reference_m())};
       if (slopes && !normal.isZero(0))  // next to no data there is none
         most_ground_view = std::clamp(1 - normal.dot(arrives.sky) / std::numbers::pi_v<float>, most_ground_view, 1.F);
     }
   }
 
-  std::shared_ptr<const Relief> relief_kept;
-  const Relief& relief;
+  const std::shared_ptr<const Relief> relief;
   std::vector<GridView> views;
   std::optional<SlopeLight> slopes;
   std::optional<SkyDisc> disc;  // the Earth
 };
 
+// Once for all Suns.
 std::shared_ptr<const Relief> LightTiles::relief(const LightField& field, const FieldPlane& plane,
                                                  const dem::Terrain& terrain, const StopToken& stop) {
-  return reliefs_.get(
-      key_of(terrain, field),
-      [&]() -> decltype(reliefs_)::Loaded {
-        const ReliefShape shape{plane.centre(), plane.half_m(), dem::post_spacing_m(field.finest)};
-        const auto made = std::make_shared<const Relief>(shape, heights_of(terrain, stop), stop);
-        return {made, made->bytes()};
-      },
-      stop);
+  const ContentKey key = key_of(terrain, field);
+  {
+    const std::lock_guard lock(mutex_);
+    std::erase_if(reliefs_, [](const auto& known) { return known.second.expired(); });
+    if (const auto known = reliefs_.find(key); known != reliefs_.end())
+      if (auto relief = known->second.lock()) return relief;
+  }
+  const ReliefShape shape{plane.centre(), plane.half_m(), dem::post_spacing_m(field.finest)};
+  auto made = std::make_shared<const Relief>(shape, heights_of(terrain, stop), stop);
+  const std::lock_guard lock(mutex_);
+  reliefs_[key] = made;
+  return made;
 }
 
 std::shared_ptr<const LightTiles::Patch> LightTiles::patch(const LightField& field, const FieldPlane& plane,
@@ -246,7 +248,7 @@ std::vector<std::shared_ptr<const LightTile>> LightTiles::get(const LightField& 
   in_parallel(missing.size(), [&](std::size_t i) {
     const Missing& at = missing[i];
     const auto first = [&](int of_side) {
-      return from->relief.middle() + (of_side - half) * FieldPlane::kTileQuads * stride;
+      return from->relief->middle() + (of_side - half) * FieldPlane::kTileQuads * stride;
     };
     at.of->let_have(at.row, [&](LightTile& tile) {
       from->fill_row(first(at.tile / plane.tiles()) + at.row * stride, first(at.tile % plane.tiles()), stride,

@@ -5,7 +5,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <mutex>
 #include <span>
+#include <unordered_map>
 #include <vector>
 
 #include "dem/support/cache.h"
@@ -58,7 +60,7 @@ class LightTiles {
   std::vector<std::shared_ptr<const LightTile>> get(const LightField& field, const FieldPlane& plane,
                                                     std::span<const TileRows> tiles, const TileLight& of,
                                                     const StopToken& stop);
-  std::size_t bytes() const { return tiles_.bytes() + reliefs_.bytes() + patches_.bytes(); }
+  std::size_t bytes() const { return tiles_.bytes() + patches_.bytes(); }
   std::size_t capacity() const { return tiles_.capacity(); }  // for tiles
 
   // The memory of a tile.
@@ -73,8 +75,9 @@ class LightTiles {
                                      const TileLight& of, const StopToken& stop);
 
   dem::Cache<ContentKey, KeptTile, ContentKeyHash> tiles_;
-  dem::Cache<ContentKey, Relief, ContentKeyHash> reliefs_;
   dem::Cache<ContentKey, Patch, ContentKeyHash> patches_;
+  std::mutex mutex_;
+  std::unordered_map<ContentKey, std::weak_ptr<const Relief>, ContentKeyHash> reliefs_;  // of patches that are kept
 };
 
 }  // namespace selenograph::engine

@@ -11,6 +11,8 @@
 namespace selenograph::engine {
 namespace {
 
+constexpr int kPlacesAlong = 12;
+
 // The ground at a place as rays meet it, which may be finer than a frame's, and so above the frame's.
 Vec3 on_ground(const Renderer& renderer, const Vec3& position_m, const FrameRequest& request, const StopToken& stop) {
   constexpr double kAbove_m = 1000;
@@ -76,7 +78,7 @@ IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& reque
   const auto at = [](const auto& values, std::size_t i) {
     return Vec3(double(values[3 * i]), double(values[3 * i + 1]), double(values[3 * i + 2]));
   };
-  const int side = request.camera.width, step = side / 6;
+  const int side = request.camera.width, step = side / kPlacesAlong;
   for (int row = step / 3; row < side; row += step)
     for (int column = step / 3; column < side; column += step) {
       const auto pixel = static_cast<std::size_t>(row * side + column);

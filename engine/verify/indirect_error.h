@@ -11,7 +11,7 @@ namespace selenograph::engine {
 // What the places of a frame receive from the ground around, by rays. Reflectance is the request's, without maps.
 class IndirectTruth {
  public:
-  // 36 places of a square frame. From each, 128 azimuths times `strata` and eight more elevations: what a low Sun
+  // 144 places of a square frame. From each, 128 azimuths times `strata` and eight more elevations: what a low Sun
   // lights is thin strips. With 80 the answer is off by a tenth there.
   IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata, const StopToken& stop = {});
 

@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 """The flight table: what a camera in flight waits for on tiles of real size, against one that hovers.
 
-    SELENOGRAPH_BINARY=build/selenograph tests/benchmark/flight_benchmark.py TILES [--rows ROW,ROW...] [--frames N] [--detail NAME] [--indirect] [--rate HZ]
+    SELENOGRAPH_BINARY=build/selenograph tests/benchmark/flight_benchmark.py TILES [--rows ROW,ROW...] [--frames N]
+        [--detail NAME] [--indirect] [--sun-step DEG] [--rate HZ]
 
-TILES is what `build/selenograph_real_size_tiles COARSE_FOLDER TILES` makes. Each frame is 1024 x 1024 pixels of
-`radiance` as octet-stream over one kept connection, Sun at 15 degrees; times are the client's, from the request to the
-last byte.
+TILES is what `build/selenograph_real_size_tiles COARSE_FOLDER TILES` makes, or a folder of tiles. Each frame is
+1024 x 1024 pixels of `radiance` as octet-stream over one kept connection, Sun at 15 degrees; times are the client's,
+from the request to the last byte.
 
     cold     empty cache folder, tiles in the page cache: the first frame (touched: with --pretouch), ingest, and gdaladdo
              -r average on copies of the tiles, one after the other; medians of three. Ratios are per post: tiles that
@@ -19,8 +20,8 @@ last byte.
 A restart and a flight begin with the tiles and the cache folder read once, hovering at its first pose; nothing else is
 in the service's memory, which `--pretouch` has had from the system. N replaces the 300 frames of a flight, the 3000 of
 `memory` and, where it is less, the 60 of hovering: it is a trial then. NAME is a detail of deploy/assets, for all
-frames, which --indirect gives light from terrain. HZ is 10; a machine on which a frame takes longer has time between
-frames at a lower rate.
+frames, which --indirect gives light from terrain. In flights the Sun rises by DEG a frame; left out: it stands. HZ is
+10; a machine on which a frame takes longer has time between frames at a lower rate.
 """
 
 import argparse
@@ -46,6 +47,7 @@ SIDE_PX = 1024
 SMALLER_PX = (768, 512)  # where --scene-mb of the row `memory` refuses SIDE_PX
 COLD_STARTS = 3
 FOV_DEG, HIGH_FOV_DEG = 50.0, 60.0
+ELEVATION_DEG = 15.0
 LOW_M, HIGH_M, LANDED_M = 15000.0, 100000.0, 100.0
 STEP_M, MEMORY_STEP_M = 160.0, 640.0
 TRACK_AZIMUTH_DEG = 30.0
@@ -81,8 +83,8 @@ def ms(value):
 class Area:
     """Where the tiles of a folder lie, and the places and requests of the flights over them."""
 
-    def __init__(self, folder, members):
-        self.members = members
+    def __init__(self, folder, members, sun_step_deg=0.0):
+        self.members, self.sun_step_deg = members, sun_step_deg
         text = ""
         for name in glob.glob(os.path.join(folder, "*.lbl")):
             with open(name) as label:
@@ -115,10 +117,10 @@ class Area:
         fall = (LANDED_M / HIGH_M) ** (1 / max(1, frames - 1))
         return [pose(self.middle, ground_m + HIGH_M * fall ** i) for i in range(frames)]
 
-    def body(self, of_pose, fov_deg=FOV_DEG, ahead=(), side_px=SIDE_PX):
+    def body(self, of_pose, fov_deg=FOV_DEG, ahead=(), side_px=SIDE_PX, elevation_deg=ELEVATION_DEG):
         lat, lon = self.middle
         request = harness.frame_request(["radiance"], side_px, side_px, pose=of_pose, sun={
-            "local": {"lat_deg": lat, "lon_deg": lon, "azimuth_deg": 90.0, "elevation_deg": 15.0}})
+            "local": {"lat_deg": lat, "lon_deg": lon, "azimuth_deg": 90.0, "elevation_deg": elevation_deg}})
         request["camera"]["fov_deg"] = fov_deg
         request.update(self.members)
         if ahead:
@@ -126,7 +128,8 @@ class Area:
         return json.dumps(request).encode()
 
     def bodies(self, poses, ahead):
-        return [self.body(p, ahead=poses[i + 1:i + 1 + AHEAD] if ahead else ()) for i, p in enumerate(poses)]
+        return [self.body(p, ahead=poses[i + 1:i + 1 + AHEAD] if ahead else (),
+                          elevation_deg=ELEVATION_DEG + i * self.sun_step_deg) for i, p in enumerate(poses)]
 
     def hovering(self, at, frames):
         """Each a little turned, so that no answer is one that was given before."""
@@ -216,8 +219,8 @@ class Client:
 class Table:
     """The rows of one set of tiles."""
 
-    def __init__(self, name, tiles, frames, members, rate_hz=RATE_HZ):
-        self.name, self.tiles, self.area = name, tiles, Area(tiles, members)
+    def __init__(self, name, tiles, frames, area, rate_hz=RATE_HZ):
+        self.name, self.tiles, self.area = name, tiles, area
         self.rate_hz = rate_hz
         self.flight_frames = frames or FLIGHT_FRAMES
         self.memory_frames = frames or MEMORY_FRAMES
@@ -474,6 +477,7 @@ def main():
     parser.add_argument("--frames", type=positive)
     parser.add_argument("--detail", metavar="NAME")
     parser.add_argument("--indirect", action="store_true")
+    parser.add_argument("--sun-step", metavar="DEG", type=float, default=0.0)
     parser.add_argument("--rate", metavar="HZ", type=float, default=RATE_HZ)
     asked = parser.parse_args()
     if not asked.rate > 0:
@@ -486,16 +490,17 @@ def main():
     version = subprocess.run([harness.BINARY, "--version"], stdout=subprocess.PIPE, text=True, check=True).stdout
     print(f"selenograph {version.strip()}; {machine()}")
     print(f"{SIDE_PX} x {SIDE_PX} radiance, octet-stream, one client{'; a trial' if asked.frames else ''}"
-          f"{f'; {members}' if members else ''}")
+          f"{f'; {members}' if members else ''}{f'; Sun {asked.sun_step:g} degrees a frame' if asked.sun_step else ''}")
     unfinished = 0
     harness.set_up()
     try:
-        for name in SETS:
-            folder = os.path.abspath(os.path.join(asked.tiles, name))
+        own = glob.glob(os.path.join(asked.tiles, "*.lbl"))
+        for name in (os.path.basename(os.path.abspath(asked.tiles)),) if own else SETS:
+            folder = os.path.abspath(asked.tiles if own else os.path.join(asked.tiles, name))
             if not glob.glob(os.path.join(folder, "*.lbl")):
                 print(f"{name}: no tiles in {folder}")
                 continue
-            table = Table(name, folder, asked.frames, members, asked.rate)
+            table = Table(name, folder, asked.frames, Area(folder, members, asked.sun_step), asked.rate)
             print(f"\n{f'{name}, tiles: {len(table.images)}':<57} {'figure':>14} {'ratio':>8} {'target':>8}")
             for wanted in asked.rows:
                 try:
