@@ -546,8 +546,8 @@ std::vector<double> DetailedTerrain::cell_means(const Part& part, int around, co
       const std::size_t rows = std::min(kSquare, cells - r0), columns = std::min(kSquare, cells - c0);
       std::vector<double> heights(rows * n * columns * n);
       detail_->add_octave(
-          part_of(all.grid(), first(part.north) + r0 * n, rows * n, first(part.east) + c0 * n, columns * n),
-          octave, heights, stop);
+          part_of(all.grid(), first(part.north) + r0 * n, rows * n, first(part.east) + c0 * n, columns * n), octave,
+          heights, stop);
       const double* height_m = heights.data();
       for (std::size_t r = r0 * n; r < (r0 + rows) * n; ++r)
         for (std::size_t c = c0; c < c0 + columns; ++c)
