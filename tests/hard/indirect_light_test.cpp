@@ -51,7 +51,7 @@ TEST(IndirectLight, AgreesWithRaysAtHadley) {
     EXPECT_EQ(found.places, 144);
     EXPECT_NEAR(found.ratio, 1, 0.02) << elevation_deg;
     EXPECT_LT(found.rms, low ? 0.06 : 0.03) << elevation_deg;
-    EXPECT_LT(found.worst, 0.1) << elevation_deg;
+    EXPECT_LT(found.worst, test::full_effort() ? 0.1 : 0.12) << elevation_deg;  // fewer rays are less sure
   }
 }
 
