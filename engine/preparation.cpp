@@ -21,8 +21,8 @@ bool same(const Pose& a, const Pose& b) {
   return a.position_m == b.position_m && a.camera_from_moon.coeffs() == b.camera_from_moon.coeffs();
 }
 
-// A Sun that moved farther in a frame was set by hand. One that moved less stands still: the real one takes a second.
-constexpr double kFarthestSun_rad = 0.01, kNearestSun_rad = 3e-6;
+// A Sun that moved farther in a frame was set by hand. What moves less is rounding: the real one takes 0.4 ms.
+constexpr double kFarthestSun_rad = 0.01, kNearestSun_rad = 1e-9;
 
 // Moved on and turned on as from `before` to `now`, `steps` times.
 Pose extrapolated(const Pose& before, const Pose& now, int steps) {

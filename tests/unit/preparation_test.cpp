@@ -129,9 +129,12 @@ TEST(Preparation, ExtrapolatesTheSun) {
   ASSERT_EQ(suns.size(), 4U);
   EXPECT_LT((suns[3] - lit(1.04).sun.direction).norm(), 1e-7) << "with poses that are given, too";
   preparation.expect(lit(30), {});
-  preparation.expect(lit(30 + 1e-5), {});
+  preparation.expect(lit(30 + 1e-9), {});
   preparation.wait_until_done();
   EXPECT_EQ(suns.size(), 4U) << "it was set, and then stands still";
+  preparation.expect(lit(30 + 1e-5), {});
+  preparation.wait_until_done();
+  EXPECT_EQ(suns.size(), 6U) << "as slow as the real Sun at 15 Hz";
 }
 
 TEST(Preparation, PausesWhileAFrameIsActive) {
