@@ -51,7 +51,13 @@ struct Service::Impl {
   Response answer(const Request& request) const {
     RequestMemory taken(*memory);
     Response response = dispatch(request, taken);
-    response.memory = std::make_shared<const MemoryBudget::Claim>(taken.give_for(response.body.capacity()));
+    // The answer may outlive the service, and the claim must not outlive its budget.
+    struct Held {
+      std::shared_ptr<MemoryBudget> budget;
+      MemoryBudget::Claim claim;
+    };
+    const auto held = std::make_shared<const Held>(Held{memory, taken.give_for(response.body.capacity())});
+    response.memory = {held, &held->claim};
     return response;
   }
 

@@ -67,7 +67,7 @@ la_ssize_t read_hashed(::archive* archive, void* file, const void** bytes) {
 
 std::string tar_member(const std::string& name, std::string_view content) {
   std::string out;
-  out.reserve(content.size() + 2 * kTarBlockBytes);
+  out.reserve(content.size() + 4 * kTarBlockBytes);
   const Archive archive(::archive_write_new());
   const auto good = [&](int result) { need(result, archive.get(), name); };
   good(::archive_write_set_format_ustar(archive.get()));
@@ -85,8 +85,10 @@ std::string tar_member(const std::string& name, std::string_view content) {
   if (::archive_write_data(archive.get(), content.data(), content.size()) != static_cast<la_ssize_t>(content.size()))
     need(ARCHIVE_FATAL, archive.get(), name);
   good(::archive_write_finish_entry(archive.get()));
-  // Freed without the end that closing would write: it comes once, behind the last member.
-  ::archive_write_fail(archive.get());
+  // Without the end that closing writes: it comes once, behind the last member.
+  const std::size_t bytes = out.size();
+  good(::archive_write_close(archive.get()));
+  out.resize(bytes);
   return out;
 }
 

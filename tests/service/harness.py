@@ -63,6 +63,14 @@ def full_effort():
     return os.environ.get("SELENOGRAPH_TEST_EFFORT") == "full"
 
 
+def sanitized():
+    """Whether the binary is a sanitizer's, whose heap is another and larger one: its presets say options for it."""
+    return any(name.endswith("SAN_OPTIONS") for name in os.environ)
+
+
+SANITIZED = "a sanitizer's heap"
+
+
 def write(name, content):
     """A file of text, bytes or, of all else, JSON; returns its path."""
     if not isinstance(content, (str, bytes, bytearray)):

@@ -22,6 +22,7 @@ def tearDownModule():
     harness.tear_down()
 
 
+@unittest.skipIf(harness.sanitized(), "a sanitizer takes terabytes of addresses")
 class OutOfMemory(unittest.TestCase):
     def start(self, gibibytes, *options):
         limit = int(gibibytes * GIBI)

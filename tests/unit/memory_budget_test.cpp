@@ -4,10 +4,16 @@
 
 #include <atomic>
 #include <chrono>
+#include <memory>
 #include <thread>
+#include <utility>
 #include <vector>
 
+#include "api/service.h"
 #include "dem/support/error.h"
+#include "engine/renderer.h"
+#include "tests/support/float_tiles.h"
+#include "tests/support/shared_data.h"
 
 namespace selenograph::api {
 namespace {
@@ -116,6 +122,26 @@ TEST(MemoryBudget, UnboundedTakesEverything) {
   const auto all = budget.try_claim(MemoryBudget::kUnbounded / 2);
   EXPECT_TRUE(all);
   EXPECT_TRUE(budget.try_claim(1));
+}
+
+TEST(MemoryBudget, AnAnswerKeepsIt) {
+  const test::TemporaryFolder folder;
+  test::write_global_tile(folder / "dem", 1, [](double, double) { return 0.0; });
+  auto memory = std::make_shared<MemoryBudget>(std::size_t{1} << 30);
+  const std::weak_ptr<MemoryBudget> known = memory;
+  Response answer;
+  {
+    const auto renderer = std::make_shared<engine::Renderer>(test::open_terrain(folder / "dem"),
+                                                             engine::RendererOptions{1, std::size_t{256} << 20});
+    Request request;
+    request.method = "GET", request.path = "/v1/datasets";
+    answer = Service(renderer, {}, {}, {}, std::move(memory)).handle(request);
+  }
+  EXPECT_EQ(answer.status, 200) << answer.body;
+  ASSERT_FALSE(known.expired()) << "the service's end";
+  EXPECT_GT(known.lock()->in_use(), 0U);
+  answer = {};
+  EXPECT_TRUE(known.expired());
 }
 
 }  // namespace
