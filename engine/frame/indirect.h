@@ -16,7 +16,8 @@ struct Earth {
 struct IndirectLight {
   bool terrain = false;  // sunlight that terrain reflects
   int bounces = 1;       // how often; 1 or 2
-  // Distance in the image of the posts at which the light is gathered, but not below that of the terrain's posts.
+  // Distance in the image of the posts at which the light is gathered, but not below that of the terrain's posts; where
+  // less than 1 is asked for, half of it.
   double spacing_px = kDefaultSpacing_px;
   static constexpr double kDefaultSpacing_px = 4;
   std::optional<Earth> earth;  // empty: none

@@ -58,8 +58,8 @@ int level_for(const MeshBlock& block, const RowViews& views, std::span<const dem
   if (!(pixels_per_m * kLargestLitPixel_m >= 1)) return -1;
   // Levels differ by a factor of two: posts are 0.57 to 1.15 times as far apart as was asked for.
   const double level = std::floor(std::log2(dem::post_spacing_m(0) * posts_per_m) + 0.8);
-  return std::max(dem::kRootLevel,
-                  static_cast<int>(std::clamp<double>(level, posts.id.level - kCoarser, posts.id.level)));
+  const int finest = posts.id.level + (spacing_px < 1 ? kCloser : 0);
+  return std::max(dem::kRootLevel, static_cast<int>(std::clamp<double>(level, posts.id.level - kCoarser, finest)));
 }
 
 // Rows of a field's tiles.
@@ -147,7 +147,7 @@ bool may_see(const RowViews& views, const MeshBlock& block, const Part& part, co
 void mark(const MeshBlock& block, const RowViews& views, const LightField& field, const FieldPlane& plane,
           Marks& marks) {
   const dem::Block& posts = *block.posts;
-  const int quads = posts.extent.quads, size = std::min(quads, 4 << (posts.id.level - field.level));
+  const int quads = posts.extent.quads, size = std::min(quads, 4 << std::max(posts.id.level - field.level, 0));
   const dem::HeightRange all{posts.min_m, posts.max_m};
   const double beside_m = std::max(plane.spacing_m(), kTallestRock_m);
   for (int r = 0; r < quads; r += size)
@@ -192,7 +192,7 @@ std::size_t FieldsInView::tiles() const {
 
 FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrain, double spacing_px) {
   const auto& [views, mesh, objects] = view;
-  constexpr LightField kNone{-1, 0, 0, 0};
+  constexpr LightField kNone{-1, 0, false, 0, 0};
   std::vector<LightField> of_blocks(mesh.blocks().size(), kNone);
   const std::vector<dem::Ticks> below = places_below(views);
   in_parallel_pieces(of_blocks.size(), 64, [&](std::size_t first, std::size_t past_last) {
@@ -200,9 +200,10 @@ FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrai
       const dem::Block& posts = *mesh.blocks()[i].posts;
       const int level = level_for(mesh.blocks()[i], views, below, spacing_px);
       if (level < 0) continue;
+      const bool closer = level > posts.id.level;
+      const int finest = closer ? level + kFiner : std::clamp(terrain.posts_level(posts.id), level, level + kFiner);
       const dem::BlockExtent& e = posts.extent;
-      of_blocks[i] = light_field_at(level, std::clamp(terrain.posts_level(posts.id), level, level + kFiner),
-                                    dem::lat_deg_of(e.lat0 + e.quads / 2 * e.lat_step),
+      of_blocks[i] = light_field_at(level, finest, closer, dem::lat_deg_of(e.lat0 + e.quads / 2 * e.lat_step),
                                     dem::lon_deg_of(e.lon0 + e.quads / 2 * e.lon_step));
     }
   });

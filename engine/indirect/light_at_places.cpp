@@ -14,7 +14,7 @@ namespace {
 LightField field_at(const Vec3& position_m, const dem::Terrain& terrain) {
   const Geographic g = to_geographic(position_m);
   const int level = terrain.posts_level(dem::block_at_place(dem::kMaxLevel, g.lat_deg, g.lon_deg));
-  return light_field_at(level, level, g.lat_deg, g.lon_deg);
+  return light_field_at(level, level, false, g.lat_deg, g.lon_deg);
 }
 
 struct PlaceInField {

@@ -31,8 +31,8 @@ CellBounds bounds_of(const LightField& field) {
 
 }  // namespace
 
-LightField light_field_at(int level, int finest, double lat_deg, double lon_deg) {
-  LightField field{level, finest, 0, 0};
+LightField light_field_at(int level, int finest, bool closer, double lat_deg, double lon_deg) {
+  LightField field{level, finest, closer, 0, 0};
   const double height = height_deg(field);
   const int bands = static_cast<int>(std::ceil(180 / height));
   field.band = std::clamp(static_cast<int>((lat_deg + 90) / height), 0, bands - 1);
@@ -54,7 +54,8 @@ FieldPlane::FieldPlane(const LightField& field) : spacing_m_(dem::post_spacing_m
     }
   // Half the diagonal of a block, and what meridians and parallels are bent by.
   constexpr double kReach = 48, kBend = 1.02;
-  tiles_ = 2 * static_cast<int>(std::ceil((kBend * half_m / spacing_m_ + kReach) / kTileQuads));
+  const double reach = field.closer ? kReach * (1 << kCloser) : kReach;
+  tiles_ = 2 * static_cast<int>(std::ceil((kBend * half_m / spacing_m_ + reach) / kTileQuads));
   posts_ = axes_;
   posts_.topRows<2>() *= kMoonRadius_m / spacing_m_;
 }

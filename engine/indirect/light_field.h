@@ -12,18 +12,19 @@
 
 namespace selenograph::engine {
 
-// Light is gathered at posts at most kCoarser levels coarser than the ground in view, from terrain of up to kFiner
-// levels more than theirs.
-inline constexpr int kCoarser = 3, kFiner = 1;
+// Light is gathered at posts at most kCoarser levels coarser than the ground in view, at most kCloser finer where less
+// than a pixel is asked for, from terrain of up to kFiner levels more than theirs.
+inline constexpr int kCoarser = 3, kCloser = 1, kFiner = 1;
 
 struct LightField {
   std::int32_t level, finest;  // of the posts, and of the terrain
+  bool closer;                 // its posts may be kCloser levels finer than the ground in view
   std::int32_t band, cell;
   int stride() const { return 1 << (finest - level); }  // of the relief's posts from one post to the next
   auto operator<=>(const LightField&) const = default;
 };
 
-LightField light_field_at(int level, int finest, double lat_deg, double lon_deg);
+LightField light_field_at(int level, int finest, bool closer, double lat_deg, double lon_deg);
 
 // A place in a field: its tile, the post of that south-west of it, and how far beyond the post.
 struct FieldPost {

@@ -64,7 +64,7 @@ ContentKey key_of(const TileLight& of) {
 }
 
 void add(const LightField& field, ContentHash& hash) {
-  hash.add(field.level), hash.add(field.finest), hash.add(field.band), hash.add(field.cell);
+  hash.add(field.level), hash.add(field.finest), hash.add(field.closer), hash.add(field.band), hash.add(field.cell);
 }
 
 ContentKey key_of(const ContentKey& light, const LightField& field, int tile) {

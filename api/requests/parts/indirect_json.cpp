@@ -79,7 +79,7 @@ const Members<IndirectLight>& indirect_members() {
               "how often terrain has reflected it; 2 adds what ground that other ground lights reflects");
         m.add("spacing_px", &IndirectLight::spacing_px, Number{kSpacing_px, "px"},
               "distance in the image of the posts at which the light is gathered, from which it is interpolated; never "
-              "below that of the terrain's posts");
+              "below that of the terrain's posts or, where less than 1 is asked for, half of it");
         m.add("earth", &IndirectLight::earth, FlagOrEarth{},
               "light of the Earth, with shadows; true: the Earth at the epoch of `sun`");
       });
