@@ -191,7 +191,8 @@ std::size_t FieldsInView::tiles() const {
 }
 
 FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrain, double spacing_px) {
-  const auto& [views, mesh, objects] = view;
+  const RowViews& views = view.views;
+  const Mesh& mesh = view.mesh;
   constexpr LightField kNone{-1, 0, false, 0, 0};
   std::vector<LightField> of_blocks(mesh.blocks().size(), kNone);
   const std::vector<dem::Ticks> below = places_below(views);
@@ -224,7 +225,7 @@ FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrai
     FieldsInView::Field& field = out.fields[f];
     Marks marks(field.plane);
     for (const std::size_t i : blocks[f]) mark(mesh.blocks()[i], views, field.id, field.plane, marks);
-    mark(objects, views, field.plane, marks);
+    mark(view.objects, views, field.plane, marks);
     field.tiles = marks.tiles();
   });
   return out;

@@ -32,7 +32,7 @@ struct FieldsInView {
   std::size_t tiles() const;
 };
 
-// `spacing_px`: distance of posts in the image, but at least that of the terrain's. Parallel.
+// `spacing_px`: IndirectLight's. Parallel.
 FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrain, double spacing_px);
 
 }  // namespace selenograph::engine
