@@ -157,7 +157,8 @@ class RimFinder {
     const std::map<Piece, Heights> map = pieces();
     const std::vector<std::pair<Piece, Heights>> all(map.begin(), map.end());
     auto found = gathered_in_parallel<dem::CraterFeature>(all.size(), 1, kMostCraters, [&](std::size_t i, auto& some) {
-      const auto& [piece, heights] = all[i];
+      const Piece& piece = all[i].first;
+      const Heights& heights = all[i].second;
       // With those beside it that reach into it.
       const dem::Footprint box = dem::around(dem::footprint_of(piece.id), std::ldexp(1.0, piece.octave));
       survey_.within(

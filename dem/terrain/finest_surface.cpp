@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "dem/grid/surface.h"
+#include "dem/posts/level_borders.h"
 #include "dem/terrain/terrain.h"
 
 namespace selenograph::dem {

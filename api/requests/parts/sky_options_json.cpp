@@ -63,7 +63,7 @@ SkyForm form_of(const SkyOptions& options) {
   form.utc = options.utc;
   form.options = options;
   if (!options.velocity_m_s.isZero(0)) form.velocity_m_s = options.velocity_m_s;
-  if (options.earth_map.content) form.earth_map.emplace(options.earth_map.name, options.earth_map.content);
+  if (options.earth_map.content) form.earth_map = {options.earth_map.name, options.earth_map.content};
   return form;
 }
 

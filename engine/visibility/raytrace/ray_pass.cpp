@@ -1,5 +1,7 @@
 #include "engine/visibility/raytrace/ray_pass.h"
 
+#include "engine/frame/needs.h"
+
 namespace selenograph::engine {
 
 RayPass::RayPass(const FrameJob& job, FrameWriter& writer)
