@@ -8,7 +8,6 @@ import math
 import os
 import shutil
 import time
-import unittest
 
 import numpy as np
 
@@ -304,7 +303,7 @@ class Features(WithFeatures):
 class AtThePoles(WithFeatures):
     """A block of longitudes is narrow there: what is around it is little ground."""
 
-    MOST_MB = 250
+    MOST_MB = math.inf if harness.sanitized() else 250
 
     @classmethod
     def setUpClass(cls):
@@ -320,7 +319,6 @@ class AtThePoles(WithFeatures):
         ask()
         return self.service.resident_mb("VmHWM") - before
 
-    @unittest.skipIf(harness.sanitized(), harness.SANITIZED)
     def test_a_lander_takes_no_more_memory_than_elsewhere(self):
         for lat in (90.0, -89.9) if harness.full_effort() else (90.0,):
             ground = self.heights([(lat, 20.0)], "landing")[0]
