@@ -23,6 +23,9 @@ bool same(const Pose& a, const Pose& b) {
 
 // A Sun that moved farther in a frame was set by hand. What moves less is rounding: the real one takes 0.4 ms.
 constexpr double kFarthestSun_rad = 0.01, kNearestSun_rad = 1e-9;
+// While it moves less in a frame, a camera that hovers needs no other scene. Its light from terrain is another one from
+// one moment to the next, though (light_tile.h). The real Sun takes a second.
+constexpr double kSlowSun_rad = 3e-6;
 
 // Moved on and turned on as from `before` to `now`, `steps` times.
 Pose extrapolated(const Pose& before, const Pose& now, int steps) {
@@ -116,8 +119,9 @@ std::vector<Preparation::Moment> Preparation::moments_ahead(const FrameRequest& 
   const auto sun = [&](int steps) { return extrapolated(before.sun.direction, now.sun.direction, steps); };
   std::vector<Moment> moments;
   for (const Pose& pose : ahead) moments.push_back({pose, sun(static_cast<int>(moments.size()) + 1)});
-  const bool hovers = same(before.pose, now.pose) && sun(1) == now.sun.direction;
-  if (!ahead.empty() || hovers) return moments;
+  if (!ahead.empty()) return moments;
+  const bool alike = (before.sun.direction - now.sun.direction).norm() <= kSlowSun_rad && !now.indirect.terrain;
+  if (same(before.pose, now.pose) && (alike || sun(1) == now.sun.direction)) return moments;
   const std::span<const int> steps = now.detail || now.indirect.terrain ? std::span<const int>(kExtrapolatedFarther)
                                                                         : std::span<const int>(kExtrapolated);
   for (const int step : steps) moments.push_back({extrapolated(before.pose, now.pose, step), sun(step)});

@@ -134,7 +134,12 @@ TEST(Preparation, ExtrapolatesTheSun) {
   EXPECT_EQ(suns.size(), 4U) << "it was set, and then stands still";
   preparation.expect(lit(30 + 1e-5), {});
   preparation.wait_until_done();
-  EXPECT_EQ(suns.size(), 6U) << "as slow as the real Sun at 15 Hz";
+  EXPECT_EQ(suns.size(), 4U) << "it is as slow as the real Sun at 15 Hz";
+  FrameRequest next = lit(30 + 2e-5);
+  next.indirect.terrain = true;
+  preparation.expect(next, {});
+  preparation.wait_until_done();
+  EXPECT_EQ(suns.size(), 8U) << "but its light from terrain changes at once";
 }
 
 TEST(Preparation, PausesWhileAFrameIsActive) {
