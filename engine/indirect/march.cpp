@@ -91,9 +91,13 @@ class Columns {
     const auto place = hn::Add(hn::Set(d, at), hn::Mul(hn::Iota(d, 0.F), hn::Set(d, pitch_)));
     const auto whole = hn::ConvertTo(di_, place);
     local_ = hn::Sub(whole, hn::Set(di_, base_)), share_ = hn::Sub(place, hn::ConvertTo(d, whole));
+    count_ = static_cast<int>(at + static_cast<float>(kLanes - 1) * pitch_) - base_ + 1;
   }
+  // Reads no cell that no place is in: it may not be lit yet.
   HWY_INLINE V west(D d, const float* row) const {
-    if (pitch_ < 1) return hn::TableLookupLanes(hn::LoadU(d, row + base_), hn::IndicesFromVec(d, local_));
+    if (pitch_ < 1)
+      return hn::TableLookupLanes(hn::MaskedLoad(hn::FirstN(d, static_cast<std::size_t>(count_)), d, row + base_),
+                                  hn::IndicesFromVec(d, local_));
     return apart(d, row).west;
   }
   // Between four posts: `north` of the way from one row to the next.
@@ -131,7 +135,7 @@ class Columns {
 
   const hn::Rebind<std::int32_t, D> di_{};
   float pitch_;
-  int base_;
+  int base_, count_ = kLanes;
   hn::Vec<hn::Rebind<std::int32_t, D>> local_;
   V share_;
 };

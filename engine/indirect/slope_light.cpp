@@ -252,8 +252,11 @@ void SlopeLight::gather(std::size_t grid, MarchLanes& lanes, int stride, const A
     auto& sum = out.from[azimuth / (azimuths.count / kSectors)];
     for (const SeenPiece& piece : pieces) {
       const RowOfCells& cells = piece.cells;
-      light_cells(grid + piece.grid, cells.row, static_cast<int>(cells.column),
-                  static_cast<int>(cells.column + static_cast<float>(kPacket - 1) * cells.pitch), bounces, stop);
+      // What is read up to the last place: of cells farther apart those between, too.
+      const float past = cells.pitch > 1 ? static_cast<float>(kPacket) * cells.pitch - 1
+                                         : static_cast<float>(kPacket - 1) * cells.pitch;
+      light_cells(grid + piece.grid, cells.row, static_cast<int>(cells.column), static_cast<int>(cells.column + past),
+                  bounces, stop);
       if (!light_piece(piece, around[piece.grid], directions, bounces > 1, light)) continue;
       source_.brdf.times_mu0(light.mu0, light.mu, light.cos_phase, source_.albedo_is_w ? light.albedo : nullptr,
                              reflected);
