@@ -68,7 +68,8 @@ def sanitized():
     return any(name.endswith("SAN_OPTIONS") for name in os.environ)
 
 
-SANITIZED = "a sanitizer's heap"
+# For tests that measure memory or bound addresses.
+of_memory = unittest.skipIf(sanitized(), "a sanitizer's heap")
 
 
 def write(name, content):

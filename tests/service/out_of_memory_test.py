@@ -22,7 +22,7 @@ def tearDownModule():
     harness.tear_down()
 
 
-@unittest.skipIf(harness.sanitized(), "a sanitizer takes terabytes of addresses")
+@harness.of_memory
 class OutOfMemory(unittest.TestCase):
     def start(self, gibibytes, *options):
         limit = int(gibibytes * GIBI)

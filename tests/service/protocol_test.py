@@ -190,7 +190,7 @@ class HalfClose(WithTheService):
 
 
 class Pipelining(WithTheService):
-    @unittest.skipIf(harness.sanitized(), harness.SANITIZED)
+    @harness.of_memory
     def test_a_client_that_never_pauses_is_not_kept_in_memory(self):
         batch = b"GET /health/live HTTP/1.1\r\nHost: localhost\r\nX: " + b"a" * 7900 + b"\r\n\r\n"
         before = self.service.resident_mb()
