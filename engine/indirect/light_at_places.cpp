@@ -51,9 +51,9 @@ std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const 
                         wanted.begin();
       const std::size_t at = LightTile::first_of(p.post.row) + static_cast<std::size_t>(p.post.column);
       const LightTile& light = *made[static_cast<std::size_t>(tile)];
-      const Irradiance indirect = irradiance_at(
-          {&light.sectors[at], &light.sums[at], static_cast<float>(p.post.east), static_cast<float>(p.post.north)},
-          places[p.place].normal, sources);
+      const Irradiance indirect =
+          irradiance_at({&light.posts[at], static_cast<float>(p.post.east), static_cast<float>(p.post.north)},
+                        places[p.place].normal, sources);
       out[p.place].terrain_w_m2 = indirect.terrain_w_m2, out[p.place].earth_w_m2 = indirect.earth_w_m2;
     }
   }

@@ -59,7 +59,7 @@ void Look(const Vec3& first, const Vec3& next, const Vec3& eye_m, const PostGrou
 }
 
 // Of the post `i` of a row into eight lanes from `at` on.
-void Sectors(const SectorPost& post, const Eigen::Vector3f& normal, const LookLanes& look, int i, int at,
+void Sectors(const LightPost& post, const Eigen::Vector3f& normal, const LookLanes& look, int i, int at,
              SectorLanes& out) {
   const float *x = post.x, *y = post.y, *z = post.z;
   const float nx = normal.x(), ny = normal.y(), nz = normal.z(), lx = look.x[i], ly = look.y[i], lz = look.z[i];
@@ -77,7 +77,7 @@ void Sectors(const SectorPost& post, const Eigen::Vector3f& normal, const LookLa
   }
 }
 
-void SumSectors(const SectorLanes& lanes, int at, const SumPost& post, const LookLanes& look, int i,
+void SumSectors(const SectorLanes& lanes, int at, const LightSum& post, const LookLanes& look, int i,
                 OneDirection& out) {
   alignas(32) float exact[kSectors], arrives[kSectors];
   SELENOGRAPH_INDEPENDENT_LANES
@@ -108,7 +108,7 @@ HWY_EXPORT(Sectors);
 HWY_EXPORT(SumSectors);
 
 void set_factors(const LightTile& light, const FieldPlane& plane, const TileRows& rows, const Vec3& eye_m,
-                 const Brdf& brdf, std::span<SumPost> sums) {
+                 const Brdf& brdf, std::span<float> factors) {
   const int south = rows.tile / plane.tiles() * FieldPlane::kTileQuads,
             west = rows.tile % plane.tiles() * FieldPlane::kTileQuads;
   LookLanes look;
@@ -121,19 +121,19 @@ void set_factors(const LightTile& light, const FieldPlane& plane, const TileRows
     HWY_DYNAMIC_DISPATCH(Look)(place, plane.at(west + 1, south + r) - place, eye_m, &light.ground[first], look);
     for (int i = 0; i < kPacket; i += 2) {
       const std::size_t post = first + static_cast<std::size_t>(i);
-      HWY_DYNAMIC_DISPATCH(Sectors)(light.sectors[post], light.ground[post].normal, look, i, 0, pair);
+      HWY_DYNAMIC_DISPATCH(Sectors)(light.posts[post], light.ground[post].normal, look, i, 0, pair);
       HWY_DYNAMIC_DISPATCH(Sectors)
-      (light.sectors[post + 1], light.ground[post + 1].normal, look, i + 1, kSectors, pair);
+      (light.posts[post + 1], light.ground[post + 1].normal, look, i + 1, kSectors, pair);
       brdf.times_mu0(pair.mu0, pair.mu, pair.cos_phase, nullptr, pair.reflected);
-      HWY_DYNAMIC_DISPATCH(SumSectors)(pair, 0, sums[post], look, i, row);
-      HWY_DYNAMIC_DISPATCH(SumSectors)(pair, kSectors, sums[post + 1], look, i + 1, row);
+      HWY_DYNAMIC_DISPATCH(SumSectors)(pair, 0, light.posts[post].sum, look, i, row);
+      HWY_DYNAMIC_DISPATCH(SumSectors)(pair, kSectors, light.posts[post + 1].sum, look, i + 1, row);
     }
     brdf.times_mu0(row.mu0, row.mu, row.cos_phase, nullptr, row.reflected);
     for (int i = 0; i < kPacket; ++i) {
-      SumPost& sum = sums[first + static_cast<std::size_t>(i)];
-      const float simple = sum.fluence * static_cast<float>(row.reflected[i]);
+      const std::size_t post = first + static_cast<std::size_t>(i);
+      const float simple = light.posts[post].sum.fluence * static_cast<float>(row.reflected[i]);
       const bool lit = simple > 0 && row.exact[i] > 0;
-      sum.factor = lit ? std::clamp(row.exact[i] / simple, 0.25F, 4.F) : 1;
+      factors[post] = lit ? std::clamp(row.exact[i] / simple, 0.25F, 4.F) : 1;
     }
   }
 }

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <numeric>
 
 #include "dem/support/vector_targets.h"
 #include "engine/support/lane_math.h"
@@ -19,65 +18,55 @@ namespace selenograph::engine::HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-using OfPost = hn::CappedTag<float, kSectors>;
-inline constexpr int kStep = static_cast<int>(HWY_MIN(HWY_LANES(float), kSectors));
+using Wide = hn::CappedTag<float, kPacket>;
+using OfSectors = hn::CappedTag<float, kSectors>;
 
-// Values between four posts, each of `kValues`: southwest + east a + north b + east north c.
-template <int kValues>
-class Quad {
- public:
-  HWY_INLINE Quad() {}  // NOLINT(modernize-use-equals-default): compiled for the target
-  HWY_INLINE void set(const float* south) {
-    const float* north = south + FieldPlane::kTileSide * kValues;
-    const OfPost d;
-    for (int k = 0; k < kValues; k += kStep) {
-      const auto sw = hn::Load(d, south + k), se = hn::Load(d, south + kValues + k);
-      const auto nw = hn::Load(d, north + k), ne = hn::Load(d, north + kValues + k);
-      const auto along = hn::Sub(se, sw);
-      hn::Store(sw, d, at_ + k), hn::Store(along, d, east_ + k), hn::Store(hn::Sub(nw, sw), d, north_ + k);
-      hn::Store(hn::Sub(hn::Sub(ne, nw), along), d, both_ + k);
-    }
-  }
-  HWY_INLINE hn::Vec<OfPost> at(int value, hn::Vec<OfPost> east, hn::Vec<OfPost> north) const {
-    const OfPost d;
-    const auto a = hn::Load(d, at_ + value), b = hn::Load(d, east_ + value), c = hn::Load(d, north_ + value);
-    const auto south = hn::Add(a, hn::Mul(east, b)), slope = hn::Add(c, hn::Mul(east, hn::Load(d, both_ + value)));
-    return hn::Add(south, hn::Mul(north, slope));
-  }
-
- private:
-  alignas(64) float at_[kValues], east_[kValues], north_[kValues], both_[kValues];
+// The four posts around a place, and the share that each has in it.
+struct Around {
+  const LightPost *south, *north;  // the western ones: the eastern ones follow
+  float south_west, south_east, north_west, north_east;
 };
-using SectorQuad = Quad<3 * kSectors>;
-using SumQuad = Quad<kSectors>;
 
-// What each sector sends to a surface.
-HWY_INLINE void Arriving(const SectorQuad& quad, float east, float north, float nx, float ny, float nz, float* out) {
-  const OfPost d;
-  const auto e = hn::Set(d, east), n = hn::Set(d, north);
-  for (int k = 0; k < kSectors; k += kStep) {
-    const auto x = quad.at(k, e, n), y = quad.at(kSectors + k, e, n), z = quad.at(2 * kSectors + k, e, n);
-    const auto faces =
-        hn::Add(hn::Add(hn::Mul(hn::Set(d, nx), x), hn::Mul(hn::Set(d, ny), y)), hn::Mul(hn::Set(d, nz), z));
-    hn::Store(hn::Max(faces, hn::Zero(d)), d, out + k);
+HWY_INLINE Around AroundPlace(const LightPost* post, float east, float north) {
+  const float both = east * north;
+  return {post, post + FieldPlane::kTileSide, 1 - east - north + both, east - both, north - both, both};
+}
+
+HWY_INLINE void Between(const Around& at, LightPost& out) {
+  const Wide d;
+  const float *south = at.south->x, *north = at.north->x;
+  constexpr std::size_t kValues = sizeof(LightPost) / sizeof(float);
+  const auto part = [&](float share, const float* values) { return hn::Mul(hn::Set(d, share), hn::Load(d, values)); };
+  for (std::size_t k = 0; k < kValues; k += hn::Lanes(d)) {
+    const auto in_south = hn::Add(part(at.south_west, south + k), part(at.south_east, south + kValues + k)),
+               in_north = hn::Add(part(at.north_west, north + k), part(at.north_east, north + kValues + k));
+    hn::Store(hn::Add(in_south, in_north), d, out.x + k);
   }
 }
 
-HWY_INLINE void SumBetween(const SumQuad& quad, float east, float north, float* out) {
-  const OfPost d;
-  for (int k = 0; k < kSectors; k += kStep) hn::Store(quad.at(k, hn::Set(d, east), hn::Set(d, north)), d, out + k);
+// The light of all sectors that a surface faces.
+HWY_INLINE float Arriving(const LightPost& light, float nx, float ny, float nz) {
+  const OfSectors d;
+  // Four at a time: halves of wider vectors are far apart.
+  const hn::CappedTag<float, 4> four;
+  alignas(32) float arrives[kSectors];
+  for (std::size_t k = 0; k < kSectors; k += hn::Lanes(d)) {
+    const auto part = [&](float n, const float* values) { return hn::Mul(hn::Set(d, n), hn::Load(d, values + k)); };
+    const auto faces = hn::Add(hn::Add(part(nx, light.x), part(ny, light.y)), part(nz, light.z));
+    hn::Store(hn::Max(faces, hn::Zero(d)), d, arrives + k);
+  }
+  auto all = hn::Load(four, arrives);
+  for (std::size_t k = hn::Lanes(four); k < kSectors; k += hn::Lanes(four))
+    all = hn::Add(all, hn::Load(four, arrives + k));
+  return hn::GetLane(hn::SumOfLanes(four, all));
 }
 
-void SumOf(const LightPlace& place, float* out) {
-  SumQuad quad;
-  quad.set(&place.sum->x);
-  SumBetween(quad, place.east, place.north, out);
+void AtPlace(const LightPlace& place, LightPost& out) {
+  Between(AroundPlace(place.post, place.east, place.north), out);
 }
 
-void ArrivesAt(const LightPlace& place, float nx, float ny, float nz, float* out) {
-  SectorQuad quad;
-  quad.set(place.sectors->x);
-  Arriving(quad, place.east, place.north, nx, ny, nz, out);
+void ArrivesAt(const LightPost& light, const Vec3& normal, float& out) {
+  out = Arriving(light, static_cast<float>(normal.x()), static_cast<float>(normal.y()), static_cast<float>(normal.z()));
 }
 
 // A coordinate in posts as the tile, the post in it, and the way beyond.
@@ -108,41 +97,31 @@ void InField(const double* posts, double middle, int tiles, const SurfacePoints&
 }
 
 // Asks for the posts of all lanes before the first of them is waited for.
-HWY_INLINE void Fetch(const SectorPost* sectors, const SumPost* sums, const FieldLanes& at, std::uint32_t lanes) {
+HWY_INLINE void Fetch(const LightPost* posts, const FieldLanes& at, std::uint32_t lanes) {
   for (int of = -1; lanes; lanes &= lanes - 1) {
     const int post = at.post[std::countr_zero(lanes)];
     if (post == of) continue;
     of = post;
-    for (const int row : {0, FieldPlane::kTileSide}) {
-      const SectorPost* west = sectors + post + row;
-      hwy::Prefetch(west), hwy::Prefetch(west->z), hwy::Prefetch(west[1].y), hwy::Prefetch(sums + post + row);
-    }
+    for (const LightPost* west : {posts + post, posts + post + FieldPlane::kTileSide})
+      for (const LightPost* to : {west, west + 1}) hwy::Prefetch(to->x), hwy::Prefetch(to->z);
   }
 }
 
-void ReadPosts(const SectorPost* sectors, const SumPost* sums, const FieldLanes& at, std::uint32_t lanes,
+void ReadPosts(const LightPost* posts, const float* factors, const FieldLanes& at, std::uint32_t lanes,
                const Shading& shading, TerrainLanes& out) {
-  // Sums are of four at a time: halves of wider vectors are far apart.
-  const hn::CappedTag<float, 4> four;
-  constexpr int kFour = static_cast<int>(HWY_MIN(HWY_LANES(float), 4));
-  Fetch(sectors, sums, at, lanes);
-  SectorQuad sector_quad;
-  SumQuad sum_quad;
-  int of = at.post[std::countr_zero(lanes)];
-  sector_quad.set(sectors[of].x), sum_quad.set(&sums[of].x);
+  Fetch(posts, at, lanes);
+  LightPost light;
   for (; lanes; lanes &= lanes - 1) {
-    const int i = std::countr_zero(lanes);
-    // Neighbours are mostly between the same four.
-    if (at.post[i] != of) of = at.post[i], sector_quad.set(sectors[of].x), sum_quad.set(&sums[of].x);
-    alignas(32) float arrives[kSectors], sum[kSectors];
-    Arriving(sector_quad, at.east[i], at.north[i], static_cast<float>(shading.nx[i]), static_cast<float>(shading.ny[i]),
-             static_cast<float>(shading.nz[i]), arrives);
-    SumBetween(sum_quad, at.east[i], at.north[i], sum);
-    auto all = hn::Load(four, arrives);
-    for (int k = kFour; k < kSectors; k += kFour) all = hn::Add(all, hn::Load(four, arrives + k));
-    out.arrives[i] = hn::GetLane(hn::SumOfLanes(four, all));
-    out.x[i] = sum[0], out.y[i] = sum[1], out.z[i] = sum[2], out.fluence[i] = sum[3], out.factor[i] = sum[4];
-    out.earth[i] = sum[5];
+    const int i = std::countr_zero(lanes), post = at.post[i];
+    const Around around = AroundPlace(posts + post, at.east[i], at.north[i]);
+    Between(around, light);
+    out.arrives[i] = Arriving(light, static_cast<float>(shading.nx[i]), static_cast<float>(shading.ny[i]),
+                              static_cast<float>(shading.nz[i]));
+    out.x[i] = light.sum.x, out.y[i] = light.sum.y, out.z[i] = light.sum.z, out.fluence[i] = light.sum.fluence;
+    out.earth[i] = light.sum.earth;
+    const float *south = factors + post, *north = south + FieldPlane::kTileSide;
+    out.factor[i] = around.south_west * south[0] + around.south_east * south[1] + around.north_west * north[0] +
+                    around.north_east * north[1];
   }
 }
 
@@ -190,7 +169,7 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace selenograph::engine {
 
-HWY_EXPORT(SumOf);
+HWY_EXPORT(AtPlace);
 HWY_EXPORT(ArrivesAt);
 HWY_EXPORT(InField);
 HWY_EXPORT(ReadPosts);
@@ -198,29 +177,28 @@ HWY_EXPORT(FromTerrain);
 HWY_EXPORT(FromEarth);
 HWY_EXPORT(AddReflected);
 
-SumPost sum_between(const LightPlace& place) {
-  SumPost out;
-  HWY_DYNAMIC_DISPATCH(SumOf)(place, &out.x);
-  return out;
+LightSum sum_between(const LightPlace& place) {
+  LightPost light;
+  HWY_DYNAMIC_DISPATCH(AtPlace)(place, light);
+  return light.sum;
 }
 
 Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const LightSources& sources) {
-  alignas(32) float arrives[kSectors];
-  HWY_DYNAMIC_DISPATCH(ArrivesAt)
-  (place, static_cast<float>(normal.x()), static_cast<float>(normal.y()), static_cast<float>(normal.z()), arrives);
-  const float terrain = std::accumulate(std::begin(arrives), std::end(arrives), 0.F);
-  return {
-      0, sources.sun_w_m2 * static_cast<double>(terrain),
-      sources.earth_w_m2 * static_cast<double>(sum_between(place).earth) * std::max(normal.dot(sources.earth), 0.0)};
+  LightPost light;
+  float terrain;
+  HWY_DYNAMIC_DISPATCH(AtPlace)(place, light);
+  HWY_DYNAMIC_DISPATCH(ArrivesAt)(light, normal, terrain);
+  return {0, sources.sun_w_m2 * static_cast<double>(terrain),
+          sources.earth_w_m2 * static_cast<double>(light.sum.earth) * std::max(normal.dot(sources.earth), 0.0)};
 }
 
 void places_in_field(const FieldPlane& plane, const SurfacePoints& points, FieldLanes& out) {
   HWY_DYNAMIC_DISPATCH(InField)(plane.posts(), plane.middle(), plane.tiles(), points, out);
 }
 
-void read_posts(const SectorPost* sectors, const SumPost* sums, const FieldLanes& at, std::uint32_t lanes,
+void read_posts(const LightPost* posts, const float* factors, const FieldLanes& at, std::uint32_t lanes,
                 const Shading& shading, TerrainLanes& out) {
-  HWY_DYNAMIC_DISPATCH(ReadPosts)(sectors, sums, at, lanes, shading, out);
+  HWY_DYNAMIC_DISPATCH(ReadPosts)(posts, factors, at, lanes, shading, out);
 }
 
 void light_from_terrain(const TerrainLanes& lanes, const Rays& rays, double sun_w_m2, DiffuseLanes& out) {

@@ -8,19 +8,19 @@
 
 namespace selenograph::engine {
 
-// Light at a post, for a Sun of 1 W m-2 at normal incidence: from terrain, by sectors of azimuth, see SectorLight.
-struct alignas(32) SectorPost {
-  float x[kSectors] = {}, y[kSectors] = {}, z[kSectors] = {};
-};
-struct alignas(32) SumPost {
+struct LightSum {
   float x = 0, y = 0, z = 0;  // sum of the sectors' vectors
   float fluence = 0;          // sum of their lengths
-  float factor = 1;           // of the radiance, for who looks: see light_factors.h
   float earth = 0;            // share of the Earth's disc that is seen
   float ground = 0;           // radiosity of the ground itself
-  float unused = 0;
+  float unused[2] = {};
 };
-static_assert(sizeof(SumPost) == kSectors * sizeof(float));
+// Light at a post, for a Sun of 1 W m-2 at normal incidence: from terrain, by sectors of azimuth, see SectorLight.
+struct alignas(64) LightPost {
+  float x[kSectors] = {}, y[kSectors] = {}, z[kSectors] = {};
+  LightSum sum;
+};
+static_assert(sizeof(LightPost) == 4 * kSectors * sizeof(float));
 
 // What shines: W m-2 at normal incidence, and where the Earth is (unit, MOON_ME).
 struct LightSources {
@@ -31,12 +31,11 @@ struct LightSources {
 // The post south-west of a place, of a tile of FieldPlane::kTileSide posts a row, and how far the place is towards the
 // next ones, 0 to 1.
 struct LightPlace {
-  const SectorPost* sectors;
-  const SumPost* sum;
+  const LightPost* post;
   float east, north;
 };
 
-SumPost sum_between(const LightPlace& place);
+LightSum sum_between(const LightPlace& place);
 // From terrain, and from the Earth, on a surface there.
 Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const LightSources& sources);
 
@@ -54,8 +53,8 @@ struct alignas(64) TerrainLanes {
         factor[kPacket] = {}, earth[kPacket] = {};
 };
 // Those of some lanes, a bit each, that are in a tile of these posts; each sector's light counts where the normal faces
-// it.
-void read_posts(const SectorPost* sectors, const SumPost* sums, const FieldLanes& at, std::uint32_t lanes,
+// it. `factors`: of the posts, see light_factors.h.
+void read_posts(const LightPost* posts, const float* factors, const FieldLanes& at, std::uint32_t lanes,
                 const Shading& shading, TerrainLanes& out);
 
 // What reflects towards the camera: light of a terrain's or the Earth's as of one direction.

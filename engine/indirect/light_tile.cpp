@@ -79,12 +79,12 @@ ContentKey key_of(const dem::Terrain& terrain, const LightField& field) {
   return hash.key();
 }
 
-void set_light(const SectorLight& arrives, SectorPost& sectors, SumPost& sum) {
+void set_light(const SectorLight& arrives, LightPost& out) {
   for (std::size_t k = 0; k < kSectors; ++k) {
     const Eigen::Vector3f& light = arrives.from[k];
-    sectors.x[k] = light.x(), sectors.y[k] = light.y(), sectors.z[k] = light.z();
-    sum.x += light.x(), sum.y += light.y(), sum.z += light.z();
-    sum.fluence += light.norm();
+    out.x[k] = light.x(), out.y[k] = light.y(), out.z[k] = light.z();
+    out.sum.x += light.x(), out.sum.y += light.y(), out.sum.z += light.z();
+    out.sum.fluence += light.norm();
   }
 }
 
@@ -176,8 +176,9 @@ struct LightTiles::Patch {
       const SectorLight& arrives = light[static_cast<std::size_t>(i)];
       const Eigen::Vector3f normal = back * relief->cell(0, post).normal;
       const std::size_t here = of_tile * kPacket + static_cast<std::size_t>(i);
-      set_light(arrives, out.sectors[here], out.sums[here]);
-      out.sums[here].ground = slopes ? slopes->radiosity(row, at, stop) : 0, out.sums[here].earth = share[i];
+      set_light(arrives, out.posts[here]);
+      LightSum& sum = out.posts[here].sum;
+      sum.ground = slopes ? slopes->radiosity(row, at, stop) : 0, sum.earth = share[i];
       out.ground[here] = {normal, static_cast<float>(static_cast<double>(lanes.height[i]) + relief->reference_m())};
       if (slopes && !normal.isZero(0))  // next to no data there is none
         most_ground_view = std::clamp(1 - normal.dot(arrives.sky) / std::numbers::pi_v<float>, most_ground_view, 1.F);

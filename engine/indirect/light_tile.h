@@ -29,8 +29,7 @@ struct PostGround {
 struct LightTile {
   static constexpr std::size_t kPosts = std::size_t{FieldPlane::kTileSide} * FieldPlane::kTileSide;
   static constexpr std::size_t first_of(int row) { return static_cast<std::size_t>(row) * FieldPlane::kTileSide; }
-  std::array<SectorPost, kPosts> sectors;
-  std::array<SumPost, kPosts> sums;  // their factors are 1
+  std::array<LightPost, kPosts> posts;
   std::array<PostGround, kPosts> ground;
   // Per row, the largest share of a post's hemisphere that is ground; 0 without light from terrain.
   std::array<float, FieldPlane::kTileSide> most_ground_view{};

@@ -35,11 +35,7 @@ TerrainLight::TerrainLight(const FrameRequest& request, const ViewOfGround& view
     in_parallel(kept.size(), [&](std::size_t i) {
       Tile& tile = tiles_[next + i];
       tile.light = std::move(kept[i]), tile.rows = field.tiles[i];
-      for (int row = 0; row < FieldPlane::kTileSide; ++row)
-        if (tile.rows.has(row))
-          std::copy_n(&tile.light->sums[LightTile::first_of(row)], FieldPlane::kTileSide,
-                      &tile.sums[LightTile::first_of(row)]);
-      set_factors(*tile.light, field.plane, tile.rows, eye_m, brdf, tile.sums);
+      set_factors(*tile.light, field.plane, tile.rows, eye_m, brdf, tile.factors);
     });
     for (const TileRows& at : field.tiles) {
       const Tile& tile = tiles_[next++];
@@ -71,7 +67,7 @@ void TerrainLight::read(const SurfacePoints& points, const Shading& shading, Ter
       std::uint32_t in_tile = 0;
       for (std::uint32_t i = 0; i < kPacket; ++i) in_tile |= (at.tile[i] == tile ? 1U : 0U) << i;
       if (const Tile* posts = field.tiles[static_cast<std::size_t>(tile)])
-        read_posts(posts->light->sectors.data(), posts->sums.data(), at, here & in_tile, shading, out);
+        read_posts(posts->light->posts.data(), posts->factors.data(), at, here & in_tile, shading, out);
       here &= ~in_tile;
     }
   }
@@ -84,8 +80,7 @@ std::optional<LightPlace> TerrainLight::at(std::uint32_t block, const Vec3& plac
   const Tile* tile = field.tiles[static_cast<std::size_t>(at.tile)];
   if (!tile || !tile->rows.has(at.row) || !tile->rows.has(at.row + 1)) return std::nullopt;
   const auto post = static_cast<std::size_t>(at.row * FieldPlane::kTileSide + at.column);
-  return LightPlace{&tile->light->sectors[post], &tile->sums[post], static_cast<float>(at.east),
-                    static_cast<float>(at.north)};
+  return LightPlace{&tile->light->posts[post], static_cast<float>(at.east), static_cast<float>(at.north)};
 }
 
 void TerrainLight::add(const SurfacePoints& points, const Shading& shading, const Rays& rays, const Brdf& brdf,
@@ -124,7 +119,7 @@ TerrainLight::Place TerrainLight::on_objects(const Vec3& place_m) const {
   const auto block = mesh_.block_at(ticks.whole_lat, ticks.whole_lon);
   const auto place = block ? at(*block, place_m) : std::nullopt;
   if (!place) return out;
-  const SumPost post = sum_between(*place);
+  const LightSum post = sum_between(*place);
   out.terrain =
       sources_.sun_w_m2 * Vec3(static_cast<double>(post.x), static_cast<double>(post.y), static_cast<double>(post.z));
   out.earth = sources_.earth_w_m2 * static_cast<double>(post.earth) * sources_.earth;

@@ -54,7 +54,7 @@ class TerrainLight {
   struct Tile {
     std::shared_ptr<const LightTile> light;
     TileRows rows;  // in view
-    std::array<SumPost, LightTile::kPosts> sums;
+    std::array<float, LightTile::kPosts> factors;
   };
   struct Field {
     FieldPlane plane;
