@@ -137,8 +137,7 @@ dem::ValueMapOptions read_map_file(const std::string& path);
 //                                                    and rocks; left out: everywhere (dem::Region)
 //    "craters": {"smallest_m", "largest_m",          diameters; the smallest at least 0.25
 //                "frequency": [{"per_m2", "exponent"}, ...],   the minimum of these power laws (cumulative), of the
-//                craters
-//                                                    that are visible; left out: equilibrium (Trask 1966)
+//                                                    craters that are visible; left out: equilibrium (Trask 1966)
 //                "oldest_Ma": 3500},             of the surface
 //    "relief": {"hurst": 0.9, "deviation_m", "baseline_m", "shortest_m", "longest_m"},   RMS height difference over
 //                                                    a baseline; wavelengths

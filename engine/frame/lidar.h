@@ -49,7 +49,7 @@ struct LidarReceiver {
   double snr = 0, range_m = 0, reflectance = 0.12;
 };
 
-// Ranges at which a return is taken for one.
+// Ranges at which a return is accepted.
 struct LidarGate {
   double near_m = 0, far_m = 0;
 };

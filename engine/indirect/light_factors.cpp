@@ -16,7 +16,7 @@ namespace selenograph::engine {
 
 static_assert(FieldPlane::kTileSide == kPacket && 2 * kSectors == kPacket);
 
-// From a row of posts to who looks: unit.
+// From a row of posts to the viewer: unit.
 struct alignas(64) LookLanes {
   float x[kPacket], y[kPacket], z[kPacket];
 };

@@ -1,4 +1,4 @@
-// What a tile's light reflects towards who looks, at its posts.
+// What a tile's light reflects to the viewer, at its posts.
 #pragma once
 
 #include <span>

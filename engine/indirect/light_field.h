@@ -1,6 +1,6 @@
 // Where indirect light is gathered: square fields of posts, each in the gnomonic plane of one relief (relief.h).
 //
-// The Moon is divided into bands of latitude, and these into cells about as wide as high, so that a pole is no case. A
+// The Moon is divided into bands of latitude, and these into cells about as wide as high, so that poles need no case. A
 // field reaches beyond its cell, by as much as a block of the lattice whose middle is in the cell does.
 #pragma once
 

@@ -54,7 +54,7 @@ struct MarchSphere {
 void find_horizons(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
                    const float* enough, float* tangent);
 
-// What places in a row see of a grid after the same way: one row of its cells, at columns `column + i * pitch`.
+// What places in a row see of a grid at equal distance: one row of its cells, at columns `column + i * pitch`.
 struct RowOfCells {
   int row;
   float column, pitch;  // pitch: 4, 2, 1, 1/2, ...

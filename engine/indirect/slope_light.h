@@ -1,5 +1,5 @@
 // Sunlight that terrain reflects onto terrain: what arrives at a place from all ground that it sees. With two bounces
-// that ground shines by what arrives there by the first, too.
+// that ground also reflects the light of the first.
 //
 // From each place, marches along azimuths (march.h) find the ground that is seen and its elevation. The
 // integrals over elevation are exact for ground of one radiance per step; azimuths are sampled. No random numbers, no

@@ -25,7 +25,7 @@ namespace selenograph::engine {
 
 class TerrainLight {
  public:
-  // Throws TooMuchTerrain where the posts do not fit into the memory for them. `eye_m`: who looks. `direct_w_m2`: the
+  // Throws TooMuchTerrain where the posts do not fit into the memory for them. `eye_m`: the viewer. `direct_w_m2`: the
   // Sun's, at normal incidence. The request and the view's mesh must outlive this object.
   TerrainLight(const FrameRequest& request, const ViewOfGround& view, const Vec3& eye_m, const dem::Terrain& terrain,
                double direct_w_m2, LightTiles& tiles, const StopToken& stop);
