@@ -145,6 +145,7 @@ class RayCaster {
         points.x[i] = hit.position_m.x(), points.y[i] = hit.position_m.y(), points.z[i] = hit.position_m.z();
         points.nx[i] = facet.x(), points.ny[i] = facet.y(), points.nz[i] = facet.z();
         shading.nx[i] = hit.normal.x(), shading.ny[i] = hit.normal.y(), shading.nz[i] = hit.normal.z();
+        shading.incident[i] = hit.normal.dot(sun.direction);
       }
       float lit[kPacket];
       const auto blocked = [&](std::uint32_t of, const Vec3& d) {
@@ -161,8 +162,8 @@ class RayCaster {
       }
       for (int i = 0; i < count; ++i) {
         RayHit& hit = hits[asked[batch[first + static_cast<std::size_t>(i)]]];
-        const double cosine = disc ? shading.incident[i] : hit.normal.dot(sun.direction);
-        hit.lit = static_cast<double>(lit[i]), hit.incident = hit.lit > 0 ? hit.lit * std::max(cosine, 0.0) : 0;
+        hit.lit = static_cast<double>(lit[i]);
+        hit.incident = hit.lit > 0 ? hit.lit * std::max(shading.incident[i], 0.0) : 0;
       }
     };
     in_batches(to_sun, work, toward);

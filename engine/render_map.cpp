@@ -235,10 +235,9 @@ class MapDrawing {
     const EachSample each;
     std::optional<TerrainLight> indirect;
     if (wants_indirect(frame_)) {
-      const Vec3 eye = request_.toward_viewer
-                           ? Vec3(directions.middle * kMoonRadius_m + *request_.toward_viewer * kFarAway_m)
-                           : above.reference().position();
-      indirect.emplace(frame_, ViewOfGround{above, scene.mesh, balls_around(frame_.objects)}, eye, terrain_,
+      std::optional<Vec3> viewer_m;
+      if (request_.toward_viewer) viewer_m = directions.middle * kMoonRadius_m + *request_.toward_viewer * kFarAway_m;
+      indirect.emplace(frame_, ViewOfGround{above, scene.mesh, balls_around(frame_.objects)}, viewer_m, terrain_,
                        radiance_.direct_w_m2, kept_.light_tiles(), stop_);
       out_.report.ground_view = std::max(out_.report.ground_view, indirect->most_ground_view());
     }

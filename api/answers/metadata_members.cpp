@@ -114,7 +114,7 @@ void add_further_bounces(Answer<MetadataSource>& a) {
           "of light from terrain: ground_view, the largest share of its hemisphere that a place in view sees as "
           "ground; albedo, that of the model for diffuse light, without maps; further_bounces_at_most, what the two "
           "say of light that is reflected more often than the request's `bounces` n, (a V)^n / (1 - a V) of the "
-          "largest irradiance from terrain"),
+          "largest irradiance from terrain that any ground has, in view or not"),
       [](const MetadataSource& s) {
         const double albedo = engine::diffuse_albedo(engine::Brdf(s.request.reflectance, engine::band_of(s.request))),
                      reflected = std::min(albedo * s.report.ground_view, 0.99);

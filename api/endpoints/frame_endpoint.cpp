@@ -160,6 +160,7 @@ constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px
                                         {"visibility", "/visibility"},
                                         {"shutter", "/shutter"},
                                         {"albedo_maps", "/surface/albedo_maps"},
+                                        {"indirect", "/indirect/spacing_px"},
                                         {"craters", "/craters"},
                                         {"flow_to", "/flow_to"},
                                         {"magnitude_limit", "/sky/magnitude_limit"},

@@ -13,7 +13,8 @@
 namespace selenograph::api {
 namespace {
 
-constexpr MemberPointer kRefusableOfMap[] = {{"gsd_m", "/map/gsd_m"}, {"albedo_maps", "/surface/albedo_maps"}};
+constexpr MemberPointer kRefusableOfMap[] = {
+    {"gsd_m", "/map/gsd_m"}, {"albedo_maps", "/surface/albedo_maps"}, {"indirect", "/indirect/spacing_px"}};
 
 engine::Map draw(const MapQuery& query, const EndpointContext& context) {
   try {

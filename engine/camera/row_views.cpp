@@ -187,6 +187,15 @@ class RowViews::Search {
   std::optional<double> off_above_;
 };
 
+Vec3 RowViews::camera_seeing(const Vec3& point_m) const {
+  if (!vary()) return reference_.position();
+  if (const auto seen = find(point_m)) return seen->camera_m;
+  const auto far_m = [&](const ViewBundle& some) { return (some.view.position() - point_m).squaredNorm(); };
+  return std::min_element(bundles_.begin(), bundles_.end(),
+                          [&](const ViewBundle& a, const ViewBundle& b) { return far_m(a) < far_m(b); })
+      ->view.position();
+}
+
 // By secants from the middle, which is all that a slow camera needs. What that doesn't find in the image is looked for
 // row by row where the point may be in the image, and in steps of bundles elsewhere.
 std::optional<Sighting> RowViews::find(const Vec3& point_m) const {

@@ -54,6 +54,9 @@ class RowViews {
   // The only view, or that of the middle row.
   const View& reference() const { return reference_; }
 
+  // Where the camera is when it sees a point; of a point that no row sees, where it is nearest to it.
+  Vec3 camera_seeing(const Vec3& point_m) const;
+
   int height() const { return height_; }  // of the frame
   // Camera of all views: the frame's camera or, for a line camera, a single-line image on the row of the principal
   // point.

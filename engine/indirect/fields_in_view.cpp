@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
+#include <limits>
 
 #include "dem/grid/lattice.h"
 #include "dem/support/parallel.h"
@@ -39,27 +41,39 @@ Vec3 nearest_post(const dem::Block& posts, const dem::Ticks& to) {
   return posts.position(post(row), post(half + east / e.lon_step), static_cast<double>(posts.max_m));
 }
 
-// The level of the posts for a block in view; -1 where its pixels are too large, or nobody sees it.
-int level_for(const MeshBlock& block, const RowViews& views, std::span<const dem::Ticks> below, double spacing_px) {
+Fade fade_of(const RowViews& views) {
+  const double ends_m = kLargestLitPixel_m * views.reference().pixels_per_metre_from(1);
+  return {views.reference().position(), ends_m / 2, ends_m};
+}
+
+struct BlockLevel {
+  int level = -1;      // of the posts of light; -1: its pixels are too large, or nobody sees it
+  bool fades = false;  // some of it
+};
+
+BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<const dem::Ticks> below,
+                     double spacing_px) {
   const dem::Block& posts = *block.posts;
   const NodeBounds bounds = bounds_of(posts.id, static_cast<double>(posts.min_m), static_cast<double>(posts.max_m));
-  if (!may_see(views, bounds)) return -1;
-  double pixels_per_m = 0, posts_per_m = 0;
+  if (!may_see(views, bounds)) return {};
+  double posts_per_m = 0, nearest_m = std::numeric_limits<double>::infinity(), farthest_m = 0;
   for (std::size_t i = 0; i < below.size(); ++i) {
     const ViewBundle& view = views.bundles()[i];
     const Vec3 place = nearest_post(posts, below[i]);
     const double here = view.pixels_per_metre(place, 0);
-    // A bound: in doubt ground is lit.
-    pixels_per_m = std::max(pixels_per_m, view.pixels_per_metre(bounds.centre, bounds.radius_m));
+    const double away_m = (bounds.centre - view.view.position()).norm(), reach_m = bounds.radius_m + view.shift_m;
+    nearest_m = std::min(nearest_m, away_m - reach_m), farthest_m = std::max(farthest_m, away_m + reach_m);
     // Foreshortened ground shows as many posts per area of the image as other ground.
     const double emission = (view.view.position() - place).normalized().dot(place.normalized());
     posts_per_m = std::max(posts_per_m, here / spacing_px * std::sqrt(std::clamp(emission, 1.0 / 16, 1.0)));
   }
-  if (!(pixels_per_m * kLargestLitPixel_m >= 1)) return -1;
+  const Fade fade = fade_of(views);
+  if (nearest_m > fade.ends_m) return {};
   // Levels differ by a factor of two: posts are 0.57 to 1.15 times as far apart as was asked for.
   const double level = std::floor(std::log2(dem::post_spacing_m(0) * posts_per_m) + 0.8);
   const int finest = posts.id.level + (spacing_px < 1 ? kCloser : 0);
-  return std::max(dem::kRootLevel, static_cast<int>(std::clamp<double>(level, posts.id.level - kCoarser, finest)));
+  return {std::max(kCoarsest, static_cast<int>(std::clamp<double>(level, posts.id.level - kCoarser, finest))),
+          farthest_m > fade.begins_m};
 }
 
 // Rows of a field's tiles.
@@ -196,11 +210,13 @@ FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrai
   constexpr LightField kNone{-1, 0, false, 0, 0};
   std::vector<LightField> of_blocks(mesh.blocks().size(), kNone);
   const std::vector<dem::Ticks> below = places_below(views);
+  std::atomic<bool> fades = false;
   in_parallel_pieces(of_blocks.size(), 64, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t i = first; i < past_last; ++i) {
       const dem::Block& posts = *mesh.blocks()[i].posts;
-      const int level = level_for(mesh.blocks()[i], views, below, spacing_px);
+      const auto [level, block_fades] = level_for(mesh.blocks()[i], views, below, spacing_px);
       if (level < 0) continue;
+      if (block_fades) fades = true;
       const bool closer = level > posts.id.level;
       const int finest = closer ? level + kFiner : std::clamp(terrain.posts_level(posts.id), level, level + kFiner);
       const dem::BlockExtent& e = posts.extent;
@@ -213,6 +229,7 @@ FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrai
   ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
   if (!ids.empty() && ids.front() == kNone) ids.erase(ids.begin());
   FieldsInView out;
+  if (fades) out.fade = fade_of(views);
   std::vector<std::vector<std::size_t>> blocks(ids.size());
   for (std::size_t i = 0; i < of_blocks.size(); ++i) {
     const auto found = std::lower_bound(ids.begin(), ids.end(), of_blocks[i]);

@@ -1,9 +1,12 @@
 // Which posts of indirect light a frame sees.
 #pragma once
 
+#include <algorithm>
+#include <optional>
 #include <span>
 #include <vector>
 
+#include "dem/grid/geodesy.h"
 #include "dem/terrain/terrain.h"
 #include "engine/camera/row_views.h"
 #include "engine/indirect/light_field.h"
@@ -12,8 +15,18 @@
 
 namespace selenograph::engine {
 
-// Ground of pixels larger than this gets no indirect light: at that scale slopes see little of each other.
-inline constexpr double kLargestLitPixel_m = 240;
+// Ground in pixels larger than this gets no light from terrain: the posts of it would be as wide as craters. Up to half
+// as large it gets all, between less and less.
+inline constexpr double kLargestLitPixel_m = 1000;
+
+// By the distance from the camera.
+struct Fade {
+  Vec3 camera_m;
+  double begins_m, ends_m;
+  double share(const Vec3& place_m) const {
+    return std::clamp((ends_m - (place_m - camera_m).norm()) / (ends_m - begins_m), 0.0, 1.0);
+  }
+};
 
 struct ViewOfGround {
   const RowViews& views;
@@ -29,6 +42,7 @@ struct FieldsInView {
   };
   std::vector<Field> fields;
   std::vector<int> of_block;  // per block of the mesh; -1: none
+  std::optional<Fade> fade;   // empty: nothing in view is so far away
   std::size_t tiles() const;
 };
 

@@ -21,6 +21,11 @@ struct alignas(64) LookLanes {
   float x[kPacket], y[kPacket], z[kPacket];
 };
 
+// Where the viewer is when he looks at each post of a row; MOON_ME, m.
+struct alignas(64) EyeLanes {
+  double x[kPacket], y[kPacket], z[kPacket];
+};
+
 // Light of two posts, by sectors. Where light doesn't reach the ground its fluence is 0.
 struct alignas(64) SectorLanes {
   double mu0[kPacket], mu[kPacket], cos_phase[kPacket], reflected[kPacket];
@@ -42,16 +47,15 @@ namespace selenograph::engine::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 // `first`: of the plane, where the first post is; `next`: how far it is to the next.
-void Look(const Vec3& first, const Vec3& next, const Vec3& eye_m, const PostGround* ground, LookLanes& out) {
-  const double x = first.x(), y = first.y(), z = first.z(), nx = next.x(), ny = next.y(), nz = next.z(), ex = eye_m.x(),
-               ey = eye_m.y(), ez = eye_m.z();
+void Look(const Vec3& first, const Vec3& next, const EyeLanes& eye, const PostGround* ground, LookLanes& out) {
+  const double x = first.x(), y = first.y(), z = first.z(), nx = next.x(), ny = next.y(), nz = next.z();
   double radius[kPacket];
   for (int i = 0; i < kPacket; ++i) radius[i] = kMoonRadius_m + static_cast<double>(ground[i].height_m);
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double px = x + i * nx, py = y + i * ny, pz = z + i * nz;
     const double scale = radius[i] / std::sqrt(px * px + py * py + pz * pz);
-    const double dx = ex - px * scale, dy = ey - py * scale, dz = ez - pz * scale,
+    const double dx = eye.x[i] - px * scale, dy = eye.y[i] - py * scale, dz = eye.z[i] - pz * scale,
                  inverse = 1 / std::sqrt(dx * dx + dy * dy + dz * dz);
     out.x[i] = static_cast<float>(dx * inverse), out.y[i] = static_cast<float>(dy * inverse);
     out.z[i] = static_cast<float>(dz * inverse);
@@ -107,18 +111,37 @@ HWY_EXPORT(Look);
 HWY_EXPORT(Sectors);
 HWY_EXPORT(SumSectors);
 
-void set_factors(const LightTile& light, const FieldPlane& plane, const TileRows& rows, const Vec3& eye_m,
+namespace {
+
+// `place(i)`: of a post.
+template <typename Place>
+void set_eyes(const Viewer& viewer, const PostGround* ground, const Place& place, EyeLanes& out) {
+  Vec3 eye = viewer.varies() ? Vec3::Zero() : viewer.looking_at(Vec3::Zero());
+  for (int i = 0; i < kPacket; ++i) {
+    // Nobody looks at a post without data.
+    if (viewer.varies() && !std::isnan(ground[i].height_m))
+      eye = viewer.looking_at(place(i).normalized() * (kMoonRadius_m + static_cast<double>(ground[i].height_m)));
+    out.x[i] = eye.x(), out.y[i] = eye.y(), out.z[i] = eye.z();
+  }
+}
+
+}  // namespace
+
+void set_factors(const LightTile& light, const FieldPlane& plane, const TileRows& rows, const Viewer& viewer,
                  const Brdf& brdf, std::span<float> factors) {
   const int south = rows.tile / plane.tiles() * FieldPlane::kTileQuads,
             west = rows.tile % plane.tiles() * FieldPlane::kTileQuads;
+  EyeLanes eyes;
   LookLanes look;
   SectorLanes pair;
   OneDirection row;
   for (int r = 0; r < kPacket; ++r) {
     if (!rows.has(r)) continue;
     const auto first = static_cast<std::size_t>(r * kPacket);
-    const Vec3 place = plane.at(west, south + r);
-    HWY_DYNAMIC_DISPATCH(Look)(place, plane.at(west + 1, south + r) - place, eye_m, &light.ground[first], look);
+    const Vec3 place = plane.at(west, south + r), next = plane.at(west + 1, south + r) - place;
+    set_eyes(
+        viewer, &light.ground[first], [&](int i) -> Vec3 { return place + i * next; }, eyes);
+    HWY_DYNAMIC_DISPATCH(Look)(place, next, eyes, &light.ground[first], look);
     for (int i = 0; i < kPacket; i += 2) {
       const std::size_t post = first + static_cast<std::size_t>(i);
       HWY_DYNAMIC_DISPATCH(Sectors)(light.posts[post], light.ground[post].normal, look, i, 0, pair);

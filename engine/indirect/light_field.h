@@ -14,7 +14,8 @@ namespace selenograph::engine {
 
 // Light is gathered at posts at most kCoarser levels coarser than the ground in view, at most kCloser finer where less
 // than a pixel is asked for, from terrain of up to kFiner levels more than theirs.
-inline constexpr int kCoarser = 3, kCloser = 1, kFiner = 1;
+// The largest fields are 32 degrees wide.
+inline constexpr int kCoarser = 3, kCloser = 1, kFiner = 1, kCoarsest = 3;
 
 struct LightField {
   std::int32_t level, finest;  // of the posts, and of the terrain

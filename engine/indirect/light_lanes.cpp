@@ -192,6 +192,10 @@ Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const Ligh
           sources.earth_w_m2 * static_cast<double>(light.sum.earth) * std::max(normal.dot(sources.earth), 0.0)};
 }
 
+Irradiance irradiance_on_level(const Vec3& place_m, const Vec3& normal, const LightSources& sources) {
+  return {0, 0, sources.earth_w_m2 * sources.earth_above_level(place_m) * std::max(normal.dot(sources.earth), 0.0)};
+}
+
 void places_in_field(const FieldPlane& plane, const SurfacePoints& points, FieldLanes& out) {
   HWY_DYNAMIC_DISPATCH(InField)(plane.posts(), plane.middle(), plane.tiles(), points, out);
 }

@@ -26,6 +26,11 @@ static_assert(sizeof(LightPost) == 4 * kSectors * sizeof(float));
 struct LightSources {
   double sun_w_m2 = 0, earth_w_m2 = 0;
   Vec3 earth = Vec3::Zero();
+  double earth_radius = 0;  // of its disc, rad
+  // The share of the Earth's disc above the horizon of level ground.
+  double earth_above_level(const Vec3& place_m) const {
+    return earth_w_m2 > 0 ? share_of_disc_above(-place_m.normalized().dot(earth) / earth_radius) : 0;
+  }
 };
 
 // The post south-west of a place, of a tile of FieldPlane::kTileSide posts a row, and how far the place is towards the
@@ -38,6 +43,8 @@ struct LightPlace {
 LightSum sum_between(const LightPlace& place);
 // From terrain, and from the Earth, on a surface there.
 Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const LightSources& sources);
+// Where there are no posts.
+Irradiance irradiance_on_level(const Vec3& place_m, const Vec3& normal, const LightSources& sources);
 
 // Where sixteen points are in a field: the tile, the post of it south-west of the point, and how far beyond that post.
 // Points beside the field are at its border.

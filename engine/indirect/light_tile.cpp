@@ -32,12 +32,14 @@ GroundAlbedo albedo_of(const FrameRequest& request) {
 }
 
 SlopeLightSource source_of(const FrameRequest& request) {
+  // A map says all of the albedo: what the model has of its own must not matter.
   Reflectance reflectance = request.reflectance;
-  if (!request.albedo_maps.empty()) reflectance.rho = 1;
+  const bool mapped = !request.albedo_maps.empty();
+  if (mapped) reflectance.rho = 1, reflectance.hapke.w = HapkeParameters().w;
   return {request.sun,
           1,
           Brdf(reflectance, band_of(request)),
-          reflectance.model == ReflectanceModel::hapke,
+          mapped && reflectance.model == ReflectanceModel::hapke,
           albedo_of(request),
           request.indirect.bounces};
 }
@@ -123,6 +125,7 @@ LightSources light_sources(const FrameRequest& request, double direct_w_m2) {
   if (const auto& earth = request.indirect.earth) {
     sources.earth_w_m2 = direct_w_m2 * earth_over_sun(*earth, request.sun, band_of(request));
     sources.earth = earth->direction;
+    sources.earth_radius = earth_radius_deg(earth->distance_m) * kRadiansPerDegree;
   }
   return sources;
 }

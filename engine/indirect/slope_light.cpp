@@ -12,13 +12,6 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
-// The share of a disc above a chord, at `x` radii above its middle.
-double share_above(double x) {
-  if (x >= 1) return 0;
-  if (x <= -1) return 1;
-  return 0.5 - (std::asin(x) + x * std::sqrt(1 - x * x)) / kPi;
-}
-
 double albedo_at(const GroundLight& light, std::size_t cell) {
   return light.albedo.empty() ? 1 : static_cast<double>(light.albedo[cell]);
 }
@@ -36,6 +29,12 @@ void aim(float ux, float uy, MarchLanes& lanes, AzimuthLanes& out) {
 
 }  // namespace
 
+double share_of_disc_above(double x) {
+  if (x >= 1) return 0;
+  if (x <= -1) return 1;
+  return 0.5 - (std::asin(x) + x * std::sqrt(1 - x * x)) / kPi;
+}
+
 SkyDisc::SkyDisc(const Relief& relief, const Vec3& direction, double angular_radius_deg)
     : direction_(relief.axes() * direction),
       radius_(angular_radius_deg * kRadiansPerDegree),
@@ -43,13 +42,12 @@ SkyDisc::SkyDisc(const Relief& relief, const Vec3& direction, double angular_rad
 
 void SkyDisc::shares(std::span<const GridView> grids, int stride, MarchLanes& lanes, float* share) const {
   alignas(64) float enough[kPacket], horizon[kPacket];
-  double tangent[kPacket], cosine[kPacket];
+  double elevation[kPacket];
   for (int i = 0; i < kPacket; ++i) {
     const Vec3 plane(static_cast<double>(lanes.x[i]), static_cast<double>(lanes.y), kMoonRadius_m);
-    const double sine = plane.normalized().dot(direction_);
-    cosine[i] = std::sqrt(std::max(1 - sine * sine, 1e-12)), tangent[i] = sine / cosine[i];
+    elevation[i] = std::asin(std::clamp(plane.normalized().dot(direction_), -1.0, 1.0));
     // What hides all of it. Of a lane without a height, nothing need be known.
-    enough[i] = static_cast<float>(std::tan(std::min(std::asin(std::clamp(sine, -1.0, 1.0)) + radius_, 1.57)));
+    enough[i] = static_cast<float>(std::tan(std::min(elevation[i] + radius_, 1.57)));
     if (std::isnan(lanes.height[i])) enough[i] = -std::numeric_limits<float>::infinity();
   }
   // Where the great circle to the source goes; for all places, from the middle one.
@@ -60,9 +58,9 @@ void SkyDisc::shares(std::span<const GridView> grids, int stride, MarchLanes& la
   lanes.uy = length > 1e-12 ? static_cast<float>(uy / length) : 0;
   find_horizons(grids, sphere_, lanes, stride, enough, horizon);
   for (int i = 0; i < kPacket; ++i) {
-    const double above = static_cast<double>(horizon[i]) - tangent[i];
+    const double above = std::atan(static_cast<double>(horizon[i])) - elevation[i];
     share[i] = std::isnan(lanes.height[i]) ? 0
-               : radius_ > 0               ? static_cast<float>(share_above(above * cosine[i] * cosine[i] / radius_))
+               : radius_ > 0               ? static_cast<float>(share_of_disc_above(above / radius_))
                                            : (above > 0 ? 0.F : 1.F);
   }
 }

@@ -50,6 +50,9 @@ struct SlopeLightSource {
   int bounces = 1;           // or 2
 };
 
+// The share of a uniform disc above a chord at `x` radii above its middle.
+double share_of_disc_above(double x);
+
 // A source in the sky of a relief: a uniform disc, or a point.
 class SkyDisc {
  public:

@@ -13,11 +13,11 @@
 
 namespace selenograph::engine {
 
-TerrainLight::TerrainLight(const FrameRequest& request, const ViewOfGround& view, const Vec3& eye_m,
+TerrainLight::TerrainLight(const FrameRequest& request, const ViewOfGround& view, const std::optional<Vec3>& viewer_m,
                            const dem::Terrain& terrain, double direct_w_m2, LightTiles& tiles, const StopToken& stop)
     : request_(request), mesh_(view.mesh), sources_(light_sources(request, direct_w_m2)) {
   FieldsInView seen = fields_in_view(view, terrain, request.indirect.spacing_px);
-  of_block_ = std::move(seen.of_block);
+  of_block_ = std::move(seen.of_block), fade_ = seen.fade;
   if (seen.tiles() * (LightTiles::bytes_of_tile() + sizeof(Tile)) > tiles.capacity())
     throw TooMuchTerrain(
         fmt::format("the frame's indirect light is gathered in {} tiles, more than the {} MB for them hold: "
@@ -26,6 +26,7 @@ TerrainLight::TerrainLight(const FrameRequest& request, const ViewOfGround& view
         "indirect");
   tiles_.resize(seen.tiles());
   const Brdf brdf(request.reflectance, band_of(request));
+  const Viewer viewer{view.views, viewer_m};
   std::size_t next = 0;
   for (const FieldsInView::Field& field : seen.fields) {
     stop.check();
@@ -35,7 +36,7 @@ TerrainLight::TerrainLight(const FrameRequest& request, const ViewOfGround& view
     in_parallel(kept.size(), [&](std::size_t i) {
       Tile& tile = tiles_[next + i];
       tile.light = std::move(kept[i]), tile.rows = field.tiles[i];
-      set_factors(*tile.light, field.plane, tile.rows, eye_m, brdf, tile.factors);
+      set_factors(*tile.light, field.plane, tile.rows, viewer, brdf, tile.factors);
     });
     for (const TileRows& at : field.tiles) {
       const Tile& tile = tiles_[next++];
@@ -59,7 +60,13 @@ void TerrainLight::read(const SurfacePoints& points, const Shading& shading, Ter
     for (std::uint32_t i = 0; i < kPacket && !one_block; ++i)
       if (of_block_[points.triangle[i].block()] != of) here &= ~(1U << i);
     left &= ~here;
-    if (of < 0) continue;
+    if (of < 0) {
+      for (std::uint32_t lanes = sources_.earth_w_m2 > 0 ? here : 0; lanes; lanes &= lanes - 1) {
+        const int i = std::countr_zero(lanes);
+        out.earth[i] = static_cast<float>(sources_.earth_above_level(points.position(i)));
+      }
+      continue;
+    }
     const Field& field = fields_[static_cast<std::size_t>(of)];
     places_in_field(field.plane, points, at);
     while (here) {
@@ -70,6 +77,11 @@ void TerrainLight::read(const SurfacePoints& points, const Shading& shading, Ter
         read_posts(posts->light->posts.data(), posts->factors.data(), at, here & in_tile, shading, out);
       here &= ~in_tile;
     }
+  }
+  for (std::uint32_t lanes = fade_ ? hits : 0; lanes; lanes &= lanes - 1) {
+    const int i = std::countr_zero(lanes);
+    const auto share = static_cast<float>(fade_->share(points.position(i)));
+    for (float* of : {out.arrives, out.x, out.y, out.z, out.fluence}) of[i] *= share;
   }
 }
 
@@ -102,13 +114,18 @@ void TerrainLight::add(const SurfacePoints& points, const Shading& shading, cons
 }
 
 Irradiance TerrainLight::irradiance(const SurfacePoints& points, int lane, const Vec3& normal) const {
-  const auto place = at(points.triangle[lane].block(), points.position(lane));
-  return place ? irradiance_at(*place, normal, sources_) : Irradiance{};
+  const Vec3 position_m = points.position(lane);
+  const auto place = at(points.triangle[lane].block(), position_m);
+  if (!place) return irradiance_on_level(position_m, normal, sources_);
+  Irradiance out = irradiance_at(*place, normal, sources_);
+  if (fade_) out.terrain_w_m2 *= fade_->share(position_m);
+  return out;
 }
 
 Irradiance TerrainLight::Place::on(const Vec3& normal) const {
   // Of level ground, a plane with that normal sees (1 - cos) / 2 of its hemisphere.
-  return {0, std::max(normal.dot(terrain), 0.0) + ground * (1 - normal.dot(up)) / 2, std::max(normal.dot(earth), 0.0)};
+  return {0, std::max(normal.dot(terrain), 0.0) + ground * std::max(1 - normal.dot(up), 0.0) / 2,
+          std::max(normal.dot(earth), 0.0)};
 }
 
 TerrainLight::Place TerrainLight::on_objects(const Vec3& place_m) const {
@@ -118,12 +135,16 @@ TerrainLight::Place TerrainLight::on_objects(const Vec3& place_m) const {
   out.up = place_m.normalized();
   const auto block = mesh_.block_at(ticks.whole_lat, ticks.whole_lon);
   const auto place = block ? at(*block, place_m) : std::nullopt;
-  if (!place) return out;
+  if (!place) {
+    out.earth = sources_.earth_w_m2 * sources_.earth_above_level(place_m) * sources_.earth;
+    return out;
+  }
   const LightSum post = sum_between(*place);
   out.terrain =
       sources_.sun_w_m2 * Vec3(static_cast<double>(post.x), static_cast<double>(post.y), static_cast<double>(post.z));
   out.earth = sources_.earth_w_m2 * static_cast<double>(post.earth) * sources_.earth;
   out.ground = sources_.sun_w_m2 * static_cast<double>(post.ground);
+  if (fade_) out.terrain *= fade_->share(place_m), out.ground *= fade_->share(place_m);
   return out;
 }
 

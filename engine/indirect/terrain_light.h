@@ -1,5 +1,7 @@
 // Indirect light over a frame's mesh: from the terrain around, and from the Earth.
 //
+// Where posts would be too far apart (kLargestLitPixel_m), there is the Earth's alone, as over level ground.
+//
 // Gathered at posts (light_tile.h) in sectors of azimuth, which are interpolated between them. At a point with normal n
 // the irradiance is the sum over sectors of the dot product of n with the sector's vector, where that is positive; the
 // radiance is that of light from one direction with the same irradiance and mean cosine of incidence, times a factor
@@ -25,10 +27,10 @@ namespace selenograph::engine {
 
 class TerrainLight {
  public:
-  // Throws TooMuchTerrain where the posts do not fit into the memory for them. `eye_m`: the viewer. `direct_w_m2`: the
-  // Sun's, at normal incidence. The request and the view's mesh must outlive this object.
-  TerrainLight(const FrameRequest& request, const ViewOfGround& view, const Vec3& eye_m, const dem::Terrain& terrain,
-               double direct_w_m2, LightTiles& tiles, const StopToken& stop);
+  // Throws TooMuchTerrain where the posts do not fit into the memory for them. `viewer_m`: left out, the view's
+  // cameras. `direct_w_m2`: the Sun's, at normal incidence. The request and the view's mesh must outlive this object.
+  TerrainLight(const FrameRequest& request, const ViewOfGround& view, const std::optional<Vec3>& viewer_m,
+               const dem::Terrain& terrain, double direct_w_m2, LightTiles& tiles, const StopToken& stop);
 
   // Adds the radiance of the indirect light, W m-2 sr-1, for lanes that hit. `albedo`: null, or what the map says: w of
   // Hapke's model, otherwise a factor of what the Brdf reflects.
@@ -70,6 +72,7 @@ class TerrainLight {
   std::vector<Tile> tiles_;
   std::vector<Field> fields_;
   std::vector<int> of_block_;  // field of each block of the mesh; -1: none
+  std::optional<Fade> fade_;
 };
 
 }  // namespace selenograph::engine

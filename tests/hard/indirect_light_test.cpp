@@ -42,11 +42,16 @@ TEST(IndirectLight, AgreesWithRaysAtHadley) {
   const std::string folder = test::shared_data("hadley");
   SELENOGRAPH_SKIP_WITHOUT(folder);
   const Renderer renderer(test::open_terrain(folder), RendererOptions{2, std::size_t{512} << 20});
-  for (const double elevation_deg : {15.0, 3.0, 40.0}) {
-    if (elevation_deg != 15 && !test::full_effort()) continue;
+  for (const auto& [elevation_deg, model] : {std::pair(15.0, ReflectanceModel::hapke),
+                                             {15.0, ReflectanceModel::lommel_seeliger},
+                                             {3.0, ReflectanceModel::lommel_seeliger},
+                                             {40.0, ReflectanceModel::lommel_seeliger}}) {
+    if (model != ReflectanceModel::hapke && !test::full_effort()) continue;
     const bool low = elevation_deg < 5;
-    const IndirectTruth::Error found = compare(renderer, above(26.0, 3.8, 15000, elevation_deg),
-                                               IndirectLight::kDefaultSpacing_px, low ? 768 : strata());
+    FrameRequest request = above(26.0, 3.8, 15000, elevation_deg);
+    request.reflectance.model = model;
+    const IndirectTruth::Error found =
+        compare(renderer, request, IndirectLight::kDefaultSpacing_px, low ? 768 : strata());
     say(found, elevation_deg);
     EXPECT_EQ(found.places, 144);
     EXPECT_NEAR(found.ratio, 1, 0.02) << elevation_deg;

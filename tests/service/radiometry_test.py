@@ -66,8 +66,12 @@ class RadiometryTest(unittest.TestCase):
         self.assertLess(np.abs(both[0]["radiance"] - both[1]["radiance"])[same].max(), 1e-5)
 
     def test_rays_and_landmarks_have_the_irradiance_of_frames(self):
-        light = {"sun": frame_request()["sun"], "surface": {"preset": "moon-mare"},
-                 "band": {"center_um": 0.65, "width_um": 0.1},
+        for radius_deg in (0.0, 0.27):
+            with self.subTest(radius_deg=radius_deg):
+                self.check_rays_and_landmarks(frame_request()["sun"] | {"angular_radius_deg": radius_deg})
+
+    def check_rays_and_landmarks(self, sun):
+        light = {"sun": sun, "surface": {"preset": "moon-mare"}, "band": {"center_um": 0.65, "width_um": 0.1},
                  "indirect": {"terrain": True, "earth": {"sub_earth": {"lat_deg": 5, "lon_deg": 0}}, "spacing_px": 0.5}}
         f = self.frame(products=["radiance", "position", "geodetic", "irradiance"], **light)
         rows, columns = (g.ravel() for g in np.mgrid[8:f["position"].shape[0]:16, 8:f["position"].shape[1]:16])
@@ -98,6 +102,58 @@ class RadiometryTest(unittest.TestCase):
         self.assertEqual((status, [e["pointer"] for e in json.loads(body)["errors"]]), (422, ["/sun"]))
         _, _, body = self.service.post("/v1/rays", {"rays": rays[:1], "sun": light["sun"]})
         self.assertNotIn("irradiance", json.loads(body)["rays"][0])
+
+    def test_light_from_terrain_knows_the_albedo_of_hapkes_model(self):
+        def received(bounces=1, **surface):
+            return self.frame(products=["irradiance"], surface=surface,
+                              indirect={"terrain": True, "bounces": bounces})["irradiance"][..., 1].astype(float)
+
+        by_model = {w: received(reflectance={"model": "hapke", "w": w}) for w in (0.0, 0.05, 0.1)}
+        self.assertEqual(by_model[0.0].max(), 0)
+        # Nearly proportional: next to nothing is scattered twice.
+        self.assertGreater(by_model[0.1].mean(), 2 * by_model[0.05].mean())
+        self.assertLess(by_model[0.1].mean(), 2.2 * by_model[0.05].mean())
+        # Of a map that says all of it, the model's own doesn't matter.
+        for bounces in (1, 2):
+            mapped = [received(bounces, reflectance={"model": "hapke", "w": w}, albedo_maps=["everywhere"])
+                      for w in (0.1, 0.6)]
+            np.testing.assert_array_equal(*mapped)
+
+    def test_the_earth_shines_from_any_height(self):
+        dark = {"local": {"lat_deg": 0.1, "lon_deg": 30.1, "azimuth_deg": 90.0, "elevation_deg": -60.0}}
+        overhead = {"earth": {"sub_earth": {"lat_deg": 0.1, "lon_deg": 30.1}}}
+        found = []
+        for height_m in (20e3, 200e3, 2000e3):
+            pose = {"geodetic": {"lat_deg": 0.1, "lon_deg": 30.1, "height_m": height_m}, "nadir": {}}
+            camera = {"width": 64, "height": 64, "fov_deg": 10}
+            f = self.frame(products=["irradiance", "depth"], sun=dark, indirect=overhead, pose=pose, camera=camera)
+            seen = np.isfinite(f["depth"])
+            self.assertGreater(f["irradiance"][seen][:, 2].min(), 0)
+            found.append(f["irradiance"][seen][:, 2].mean())
+        for value in found[1:]:
+            self.assertLess(abs(value / found[0] - 1), 0.03, found)
+
+    def test_rows_of_a_strip_have_the_radiance_that_each_sees(self):
+        request = frame_request(width=32, height=128, surface={"preset": "moon"},
+                                band={"center_um": 0.65, "width_um": 0.1},
+                                pose={"geodetic": {"lat_deg": 0.1, "lon_deg": 30.1, "height_m": 5000},
+                                      "nadir": {"up_azimuth_deg": 180}})
+        request["camera"]["fov_deg"] = 5
+        line_s, velocity = 0.05, np.array([0.0, 0.0, 1600.0])
+        shutter = {"line_time_s": line_s, "velocity_m_s": velocity.tolist(), "pushbroom": True}
+
+        def from_terrain(**changes):
+            plain = self.service.arrays(request | changes)
+            lit = self.service.arrays(request | changes | {"indirect": {"terrain": True}})
+            return lit["radiance"].astype(float) - plain["radiance"], plain["meta"]["request"]["pose"]
+
+        strip, pose = from_terrain(shutter=shutter)
+        for row in (0, 40, 90, 127):
+            place = (np.array(pose["position_m"]) + row * line_s * velocity).tolist()
+            still, _ = from_terrain(camera=request["camera"] | {"height": 1}, visibility="raytrace",
+                                    pose=pose | {"position_m": place})
+            self.assertGreater(still.mean(), 1e-4)
+            np.testing.assert_allclose(strip[row], still[0], rtol=0.03, atol=5e-6)
 
     def test_two_bounces_are_more_than_one_within_the_bound(self):
         low = {"local": {"lat_deg": 0.1, "lon_deg": 30.1, "azimuth_deg": 90.0, "elevation_deg": 8.0}}

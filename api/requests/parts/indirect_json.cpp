@@ -74,7 +74,7 @@ const Members<IndirectLight>& indirect_members() {
       "Light that does not come from the Sun directly. Adds to the radiance of lit and shadowed ground.", [](auto& m) {
         m.add("terrain", &IndirectLight::terrain, Flag{},
               "sunlight that the terrain in sight of a point reflects onto it, with the frame's reflectance, albedo "
-              "maps and shadows");
+              "maps and shadows; fades out in pixels of 0.5 to 1 km");
         m.add("bounces", &IndirectLight::bounces, Integer{1, 2},
               "how often terrain has reflected it; 2 adds what ground that other ground lights reflects");
         m.add("spacing_px", &IndirectLight::spacing_px, Number{kSpacing_px, "px"},
