@@ -56,7 +56,9 @@ TEST(IndirectLight, AgreesWithRaysAtHadley) {
     EXPECT_EQ(found.places, 144);
     EXPECT_NEAR(found.ratio, 1, 0.02) << elevation_deg;
     EXPECT_LT(found.rms, low ? 0.06 : 0.03) << elevation_deg;
-    EXPECT_LT(found.worst, test::full_effort() ? 0.1 : 0.12) << elevation_deg;  // fewer rays are less sure
+    // Fewer rays are less sure. Hapke's opposition peak is narrower than azimuths are apart.
+    const double worst = model == ReflectanceModel::hapke ? 0.2 : test::full_effort() ? 0.1 : 0.12;
+    EXPECT_LT(found.worst, worst) << elevation_deg;
   }
 }
 
