@@ -32,10 +32,9 @@ GroundAlbedo albedo_of(const FrameRequest& request) {
 }
 
 SlopeLightSource source_of(const FrameRequest& request) {
-  // A map says all of the albedo: what the model has of its own must not matter.
   Reflectance reflectance = request.reflectance;
   const bool mapped = !request.albedo_maps.empty();
-  if (mapped) reflectance.rho = 1, reflectance.hapke.w = HapkeParameters().w;
+  if (mapped) reflectance.rho = 1;
   return {request.sun,
           1,
           Brdf(reflectance, band_of(request)),

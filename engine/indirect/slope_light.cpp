@@ -108,9 +108,13 @@ SlopeLight::SlopeLight(const Relief& relief, SlopeLightSource source)
       source_(std::move(source)),
       disc_(relief, source_.sun.direction, source_.sun.angular_radius_deg),
       azimuths_(disc_.direction().z() < std::sin(kLowSun_deg * kRadiansPerDegree) ? kAzimuthsAtLowSun : kAzimuths),
-      glow_(source_.bounces > 1 ? diffuse_albedo(source_.brdf) / kPi : 0),
       ground_(relief.grids()),
       grids_(relief.views()) {
+  constexpr int kGlows = 16;
+  if (source_.bounces > 1 && !source_.albedo_is_w) glows_ = {diffuse_albedo(source_.brdf) / kPi};
+  if (source_.bounces > 1 && source_.albedo_is_w)
+    for (int k = 0; k <= kGlows; ++k)
+      glows_.push_back(diffuse_albedo(source_.brdf, 1 - std::pow(k / double(kGlows), 2)) / kPi);
   for (std::size_t g = 0; g < relief.grids(); ++g) {
     Ground& ground = ground_[g];
     GroundLight& light = ground.light;
@@ -187,7 +191,7 @@ void SlopeLight::light_square(const Square& square, const StopToken& stop) const
 }
 
 // What arrives is that of the cells in the middle row: a square is a third of the distance from which it is seen, or
-// less. Ground reflects it as diffuse light. A map's w counts by what it changes from halfway up.
+// less. Ground reflects it as diffuse light.
 void SlopeLight::let_glow(const Square& square, const StopToken& stop) const {
   GroundLight& light = ground_[square.grid].light;
   Square::Cells cells;
@@ -195,23 +199,36 @@ void SlopeLight::let_glow(const Square& square, const StopToken& stop) const {
   Arriving arriving;
   gather(square.grid, lanes, static_cast<int>(grids_[square.grid].coarser), {kAzimuthsOfGround, 0.5}, 1, arriving,
          stop);
-  alignas(64) double half[kPacket], phase[kPacket] = {}, w[kPacket], reflected[kPacket];
-  std::fill_n(half, kPacket, 0.5);
-  const double by_model = std::max(source_.brdf.times_mu0(0.5, 0.5, 0), 1e-12);
   for (int r = 0; r < square.rows; ++r) {
     const std::size_t first = square.post(r, 0);
-    for (int c = 0; c < kPacket; ++c)
-      w[c] = albedo_at(light, first + static_cast<std::size_t>(std::min(c, square.columns - 1)));
-    if (source_.albedo_is_w) source_.brdf.times_mu0(half, half, phase, w, reflected);
     for (int c = 0; c < square.columns; ++c) {
       const std::size_t at = first + static_cast<std::size_t>(c);
       const float nx = light.nx[at], ny = light.ny[at], nz = std::sqrt(std::max(1 - nx * nx - ny * ny, 0.F));
       float arrives = 0;
       for (const auto& from : arriving.from)
         arrives += std::max(nx * from[0][c] + ny * from[1][c] + nz * from[2][c], 0.F);
-      light.glow[at] = arrives * static_cast<float>(glow_ * (source_.albedo_is_w ? reflected[c] / by_model : w[c]));
+      light.glow[at] = arrives * static_cast<float>(glow_of(albedo_at(light, at)));
     }
   }
+}
+
+double SlopeLight::glow_of(double albedo) const {
+  if (!source_.albedo_is_w) return glows_.front() * albedo;
+  const auto last = static_cast<double>(glows_.size() - 1), at = last * std::sqrt(std::clamp(1 - albedo, 0.0, 1.0));
+  const auto step = static_cast<std::size_t>(std::min(at, last - 1));
+  return std::lerp(glows_[step], glows_[step + 1], at - static_cast<double>(step));
+}
+
+double SlopeLight::reflected(double mu0, double mu, double cos_phase, double albedo) const {
+  if (!source_.albedo_is_w) return albedo * source_.brdf.times_mu0(mu0, mu, cos_phase);
+  struct alignas(64) Lanes {
+    double of[kPacket];
+    explicit Lanes(double value) { std::fill_n(of, kPacket, value); }
+  };
+  const Lanes lanes[] = {Lanes(mu0), Lanes(mu), Lanes(cos_phase), Lanes(albedo)};
+  Lanes out(0);
+  source_.brdf.times_mu0(lanes[0].of, lanes[1].of, lanes[2].of, lanes[3].of, out.of);
+  return out.of[0];
 }
 
 float SlopeLight::radiosity(int row, int column, const StopToken& stop) const {
@@ -221,9 +238,8 @@ float SlopeLight::radiosity(int row, int column, const StopToken& stop) const {
       static_cast<std::size_t>(row) * static_cast<std::size_t>(grids_.front().side) + static_cast<std::size_t>(column);
   const Eigen::Vector3d normal = relief_.cell(0, post).normal.cast<double>();
   const double mu0 = normal.dot(disc_.direction());
-  const double factor = static_cast<double>(light.lit[post]) * (source_.albedo_is_w ? 1 : albedo_at(light, post));
-  const double direct =
-                   mu0 > 0 && factor > 0 ? factor * source_.brdf.times_mu0(mu0, normal.z(), disc_.direction().z()) : 0,
+  const double albedo = albedo_at(light, post), lit = static_cast<double>(light.lit[post]);
+  const double direct = mu0 > 0 && lit > 0 ? lit * reflected(mu0, normal.z(), disc_.direction().z(), albedo) : 0,
                glow = light.glow.empty() ? 0 : static_cast<double>(light.glow[post]);
   return static_cast<float>(kPi * source_.irradiance_w_m2 * (direct + glow));
 }

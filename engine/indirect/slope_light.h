@@ -104,6 +104,8 @@ class SlopeLight {
   // Over the grids from `grid` on.
   void gather(std::size_t grid, MarchLanes& lanes, int stride, const Azimuths& azimuths, int bounces, Arriving& out,
               const StopToken& stop) const;
+  // mu0 f_r of ground with an albedo, which is the map's factor or w; without a map 1.
+  double reflected(double mu0, double mu, double cos_phase, double albedo) const;
   void light_cells(std::size_t grid, int row, int first_column, int last_column, int bounces,
                    const StopToken& stop) const;
   void light_square(const Square& square, const StopToken& stop) const;
@@ -113,7 +115,9 @@ class SlopeLight {
   SlopeLightSource source_;
   SkyDisc disc_;
   int azimuths_;
-  double glow_;  // radiance in diffuse light of 1 W m-2
+  // Radiance in diffuse light of 1 W m-2; of an albedo that is w, for steps of sqrt(1 - w).
+  double glow_of(double albedo) const;
+  std::vector<double> glows_;
   mutable std::vector<Ground> ground_;
   std::vector<GridView> grids_;
 };

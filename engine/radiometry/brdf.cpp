@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 #include <numbers>
+#include <numeric>
 #include <utility>
 #include <variant>
 
@@ -128,17 +129,22 @@ void Brdf::times_mu0(const double* mu0, const double* mu, const double* cos_phas
   for (int i = 0; i < kPacket; ++i) out[i] = mu0[i] > 0 ? times_mu0(mu0[i], mu[i], cos_phase[i]) : 0;
 }
 
-double diffuse_albedo(const Brdf& brdf) {
-  constexpr int kSteps = 16;
+double diffuse_albedo(const Brdf& brdf, std::optional<double> w) {
+  // An azimuth a lane.
+  constexpr int kSteps = kPacket;
   const auto middle = [](int step) { return (step + 0.5) / kSteps; };
+  alignas(64) double incident[kPacket], emitted[kPacket], cos_phase[kPacket], albedo[kPacket], reflected[kPacket];
+  std::fill_n(albedo, kPacket, w.value_or(0));
   double sum = 0;
   for (int i = 0; i < kSteps; ++i)
-    for (int o = 0; o < kSteps; ++o)
-      for (int a = 0; a < kSteps; ++a) {
-        const double mu0 = middle(i), mu = middle(o);
-        const double across = std::sqrt((1 - mu0 * mu0) * (1 - mu * mu)) * std::cos(kPi * middle(a));
-        sum += mu * brdf.times_mu0(mu0, mu, mu0 * mu + across);
-      }
+    for (int o = 0; o < kSteps; ++o) {
+      const double mu0 = middle(i), mu = middle(o), across = std::sqrt((1 - mu0 * mu0) * (1 - mu * mu));
+      std::fill_n(incident, kPacket, mu0), std::fill_n(emitted, kPacket, mu);
+      for (int a = 0; a < kSteps; ++a) cos_phase[a] = mu0 * mu + across * std::cos(kPi * middle(a));
+      brdf.times_mu0(incident, emitted, cos_phase, w ? albedo : nullptr, reflected);
+      sum =
+          std::accumulate(reflected, reflected + kPacket, sum, [&](double all, double one) { return all + mu * one; });
+    }
   return 4 * kPi * sum / (kSteps * kSteps * kSteps);
 }
 

@@ -42,8 +42,9 @@ class Brdf {
   std::shared_ptr<const Model> model_;
 };
 
-// The share of diffuse light that is reflected: albedo of a place that light reaches from all of its hemisphere.
-double diffuse_albedo(const Brdf& brdf);
+// The share of diffuse light that is reflected: albedo of a place that light reaches from all of its hemisphere. `w`:
+// replaces Hapke's.
+double diffuse_albedo(const Brdf& brdf, std::optional<double> w = std::nullopt);
 
 // Paper eq. (2) with tau = 1 and rho / pi replaced by f_r: L = E_sun mu0 f_r s, W m-2 sr-1; 0 where mu0 <= 0.
 double direct_radiance(const Brdf& brdf, double irradiance_w_m2, double mu0, double mu, double cos_phase,

@@ -129,19 +129,28 @@ TEST(IndirectLight, ABounceInABowlIsTheSameEverywhere) {
   }
 }
 
-// A map of one value is as the model with that value, by two bounces, too.
+// A map of one value is as the model with that value, by two bounces, too, whatever the map's model has of its own.
 TEST(IndirectLight, AMapOfOneAlbedoIsAsTheModels) {
   const Bowl bowl{200, 40};
   const Relief relief = bowl.relief(2000);
   Sun sun;
   sun.direction = sun_direction(bowl.axes, 70, 30);
-  Reflectance hapke{.model = ReflectanceModel::hapke};
-  hapke.hapke.w = 0.6;
-  for (const bool is_w : {true, false}) {
-    const double albedo = is_w ? hapke.hapke.w : 0.8;
-    SlopeLightSource plain = is_w ? SlopeLightSource{sun, kFlux_w_m2, Brdf(hapke), false, {}, 2}
-                                  : lambert_in(sun, albedo, 2),
-                     mapped = is_w ? plain : lambert_in(sun, 1, 2);
+  const auto hapke = [](double w) {
+    Reflectance of{.model = ReflectanceModel::hapke};
+    of.hapke.w = w;
+    return Brdf(of);
+  };
+  struct Case {
+    bool is_w;
+    int bounces;
+    float within;
+  };
+  // Diffuse light of a w is interpolated.
+  for (const auto& [is_w, bounces, within] : {Case{true, 1, 1e-5F}, {true, 2, 1e-3F}, {false, 2, 1e-5F}}) {
+    SCOPED_TRACE(::testing::Message() << is_w << " " << bounces);
+    const double albedo = is_w ? 0.6 : 0.8;
+    SlopeLightSource plain = lambert_in(sun, albedo, bounces), mapped = lambert_in(sun, 1, bounces);
+    if (is_w) plain.brdf = hapke(albedo), mapped.brdf = hapke(0.3);
     mapped.albedo_is_w = is_w;
     mapped.albedo = [&](double, std::span<const Vec3>, std::span<float> out, const StopToken&) {
       std::fill(out.begin(), out.end(), static_cast<float>(albedo));
@@ -152,7 +161,10 @@ TEST(IndirectLight, AMapOfOneAlbedoIsAsTheModels) {
     by_map.gather(relief.middle() + 20, relief.middle() - 40, 4, found, {});
     for (std::size_t i = 0; i < kPacket; ++i)
       for (std::size_t k = 0; k < kSectors; ++k)
-        EXPECT_LT((found[i].from[k] - expected[i].from[k]).norm(), 1e-5F * expected[i].from[k].norm()) << is_w;
+        EXPECT_LT((found[i].from[k] - expected[i].from[k]).norm(), within * expected[i].from[k].norm());
+    const float given_back = by_model.radiosity(relief.middle(), relief.middle(), {});
+    EXPECT_GT(given_back, 0);
+    EXPECT_NEAR(by_map.radiosity(relief.middle(), relief.middle(), {}), given_back, within * given_back);
   }
 }
 
