@@ -201,6 +201,24 @@ void add_geometry(Answer<MetadataSource>& a) {
         reported(&FrameReport::hit_fraction));
 }
 
+void add_craters(Answer<MetadataSource>& a) {
+  using namespace schema;
+  // With kRock they are among the labels.
+  const auto with_craters = [](const MetadataSource& s) {
+    return s.frame && s.request.craters && !(s.request.products & engine::kRock);
+  };
+  a.add(
+      "craters",
+      array(crater_answer().schema(),
+            "that the frame shows, the largest first, if the request asks and has no `labels`"),
+      [](const MetadataSource& s) { return crater_answer().write_all(s.report.craters.rims); }, with_craters);
+  a.add(
+      "craters_cut_off",
+      integer(0, 1'000'000'000, "more in view that are left out: the camera cannot image all of their rim"),
+      [](const MetadataSource& s) { return s.report.craters.cut_off; }, with_craters);
+  a.describe("craters_omitted", {{"type", "integer"}, {"description", "in the header only: so many did not fit"}});
+}
+
 void add_content(Answer<MetadataSource>& a) {
   using namespace schema;
   a.add(
@@ -220,20 +238,7 @@ void add_content(Answer<MetadataSource>& a) {
         return OrderedJson{{"number", r.rocks}, {"least_px", r.least_rock_px}, {"fraction", r.rock_fraction}};
       },
       [](const MetadataSource& s) { return s.frame && s.report.least_rock_px > 0; });
-  // With kRock they are among the labels.
-  const auto with_craters = [](const MetadataSource& s) {
-    return s.frame && s.request.craters && !(s.request.products & engine::kRock);
-  };
-  a.add(
-      "craters",
-      array(crater_answer().schema(),
-            "that the frame shows, the largest first, if the request asks and has no `labels`"),
-      [](const MetadataSource& s) { return crater_answer().write_all(s.report.craters.rims); }, with_craters);
-  a.add(
-      "craters_cut_off",
-      integer(0, 1'000'000'000, "more in view that are left out: the camera cannot image all of their rim"),
-      [](const MetadataSource& s) { return s.report.craters.cut_off; }, with_craters);
-  a.describe("craters_omitted", {{"type", "integer"}, {"description", "in the header only: so many did not fit"}});
+  add_craters(a);
   a.add(
       "maps", {{"type", "array"}, {"description", "of each map of the ground: name and version"}},
       [](const MetadataSource& s) { return maps_metadata(s.request, s.scenery.surface); },

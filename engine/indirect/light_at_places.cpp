@@ -43,6 +43,7 @@ std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const 
       rows[p.post.tile] |= static_cast<std::uint16_t>(3U << p.post.row);
     }
     std::vector<TileRows> wanted;
+    wanted.reserve(rows.size());
     for (const auto& [tile, of_tile] : rows) wanted.push_back({tile, of_tile});
     const auto made = tiles.get(field, plane, wanted, {terrain, request}, stop);
     for (const PlaceInField& p : in_it) {
