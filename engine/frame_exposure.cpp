@@ -112,12 +112,20 @@ std::vector<float> FrameExposure::mean_of_moments(int moments, const std::vector
 void FrameExposure::draw_moments(Frame& frame) {
   std::vector<float>& radiance = frame.products.radiance;
   if (radiance.empty()) return;
-  frame.report.brightest_w_m2_sr = static_cast<double>(*std::max_element(radiance.begin(), radiance.end()));
+  const auto brightest =
+      static_cast<std::size_t>(std::max_element(radiance.begin(), radiance.end()) - radiance.begin());
+  const auto brightest_w_m2_sr = static_cast<double>(radiance[brightest]);
+  frame.report.brightest_w_m2_sr = brightest_w_m2_sr;
   show_discs(plan_.request, frame.products.range, share_of_middle(), radiance);
   const SkyImage sky = sky_of(plan_.request);
   if (!plan_.sensor) return sky.add_to(radiance);
   captured_ = plan_.request.products & kRadiance ? radiance : std::exchange(radiance, {});
-  if (plan_.counted) captured_ = draw(*plan_.counted, plan_.moving() ? 0.F : 1.F, frame, false);
+  if (plan_.counted) {
+    captured_ = draw(*plan_.counted, plan_.moving() ? 0.F : 1.F, frame, false);
+    const auto counted_w_m2_sr = static_cast<double>(captured_[brightest]);
+    const bool lit = brightest_w_m2_sr > 0 && counted_w_m2_sr > 0;
+    counted_over_radiance_ = lit ? counted_w_m2_sr / brightest_w_m2_sr : plan_.sensor->counted_of_sunlight();
+  }
   if (!radiance.empty()) sky.add_to(radiance);
   Sensor& sensor = *plan_.sensor;
   if (const StrayLight& law = plan_.request.sensor->optics.stray_light; law.any())
@@ -157,8 +165,8 @@ void FrameExposure::capture(Frame& frame) {
   report.integration_time_s = sensor.integration_time_s();
   report.saturated_fraction = sensor.saturated_fraction();
   report.smear_fill = sensor.smear_fill();
-  report.brightest_signal_e = sensor.signal_e(report.brightest_w_m2_sr);
-  report.full_scale_radiance_w_m2_sr = sensor.full_scale_radiance_w_m2_sr();
+  report.brightest_signal_e = sensor.signal_e(report.brightest_w_m2_sr * counted_over_radiance_);
+  report.full_scale_radiance_w_m2_sr = sensor.full_scale_counted_w_m2_sr() / counted_over_radiance_;
   report.margin_px = sensor.margin_px(), report.captured_fraction = sensor.captured();
   if (const StrayLight& law = plan_.request.sensor->optics.stray_light; law.any())
     report.scattered_fraction = ScatteredLight::share(law), report.glare_w_m2_sr = sensor.glare_w_m2_sr();

@@ -46,6 +46,8 @@ class FrameExposure {
   RenderCache& kept_;
   const StopToken& stop_;
   std::vector<float> captured_;  // radiance in the sensor's band
+  // Of the brightest pixel, whose spectrum stands for all: what is counted over the radiance in the request's band.
+  double counted_over_radiance_ = 1;
 };
 
 }  // namespace selenograph::engine

@@ -49,8 +49,8 @@ void over_lit_sphere(double phase_rad, double distance, const Visit& visit) {
 
 class SunDisc : public Disc {
  public:
-  SunDisc(const SkyObject& sun, double limb_darkening)
-      : centre_(sun.direction), darkening_(limb_darkening > 0 ? limb_darkening : 0.6) {
+  SunDisc(const SkyObject& sun, std::optional<double> limb_darkening)
+      : centre_(sun.direction), darkening_(limb_darkening.value_or(0.6)) {
     sine_ = std::sin(sun_radius_deg(*sun.distance_m / kAstronomicalUnit_m) * kRadiansPerDegree);
     middle_ = sun.irradiance_w_m2 / (pi * sine_ * sine_ * (1 - darkening_ / 3));
   }

@@ -90,7 +90,8 @@ constexpr ProductRow kTable[] = {
      {7, "W m-2", "light that arrives: from the Sun directly, from terrain, from the Earth"}},
     {engine::kFlow, "flow", &FrameProducts::flow, kImageAxes, false,
      "optical flow, px to the right and down: from the pixel to where its point is in the image at `flow_to`, also "
-     "beside that image; NaN where nothing is hit, and where the point is hidden there or behind the camera"},
+     "beside that image; NaN where nothing is hit, and where the point is hidden there, behind the camera or, "
+     "with a shutter, seen by no row"},
     {engine::kHeight, "height", &FrameProducts::height, {}, false, "", {3, "m", "above the sphere of 1 737 400 m"}},
     {engine::kSlope,
      "slope",
@@ -107,7 +108,7 @@ constexpr ProductRow kTable[] = {
      {},
      false,
      "",
-     {8, "m", "of a rock's surface above the ground below it; 0 without a rock. Requires `rocks`"}},
+     {8, "m", "of a rock's surface above the ground without the soil against it; 0 without a rock. Requires `rocks`"}},
     {engine::kRockCover,
      "rock_cover",
      &FrameProducts::rock_cover,

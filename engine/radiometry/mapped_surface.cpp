@@ -134,11 +134,15 @@ double albedo_scale(const dem::ValueMap& map, const Reflectance& reflectance, co
     if (!(off < nearest)) continue;
     nearest = off, sample = mean, name = std::filesystem::path(request.albedo_maps[i]->path()).filename().string();
   }
+  const std::string place = fmt::format("{:.4f} N, {:.4f} E", at.lat_deg, at.lon_deg);
   throw ImpossibleRequest(
-      fmt::format(
-          "the map {} has a reflectance of {:.4g} at {:.4f} N, {:.4f} E, more than all light: give it a \"scale\" "
-          "(eight bits: 1/255), or \"high\": 1 to cut off",
-          name, sample, at.lat_deg, at.lon_deg),
+      sample > 1
+          ? fmt::format("the map {} has a reflectance of {:.4g} at {}, more than all light: give it a \"scale\" "
+                        "(eight bits: 1/255), or \"high\": 1 to cut off",
+                        name, sample, place)
+          : fmt::format("the map {} has {:.4g} at {}, which the request's reflectance makes a parameter of {:.4g}: "
+                        "more than all light",
+                        name, sample, place, value),
       "albedo_maps");
 }
 

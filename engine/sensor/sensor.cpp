@@ -57,8 +57,9 @@ double light_w_m2(const FrameRequest& request, const Band& band) {
 Sensor::Sensor(const FrameRequest& request, const StopToken& stop)
     : request_(request),
       model_(*request.sensor),
-      wavelength_um_(photon_wavelength_um(*request.band, model_.detector.efficiency,
-                                          [&](const Band& band) { return light_w_m2(request, band); })),
+      sunlight_um_(photon_wavelength_um(*request.band, model_.detector.efficiency,
+                                        [&](const Band& band) { return light_w_m2(request, band); })),
+      wavelength_um_(sunlight_um_),
       kernel_(model_.optics.point_spread, model_.optics.f_number, model_.detector.pixel_pitch_um,
               request.band->center_um(), stop) {}
 
@@ -68,14 +69,14 @@ std::optional<Band> Sensor::photon_band(bool sunlight_alone) {
   return in_photons(*request_.band, model_.detector.efficiency);
 }
 
-double Sensor::full_scale_radiance_w_m2_sr() const {
+double Sensor::full_scale_counted_w_m2_sr() const {
   const Detector& d = model_.detector;
   return ((1 << d.bit_depth) - 1 - d.offset_dn) * d.gain_e_dn /
          electrons_per_radiance(model_.optics, d, wavelength_um_);
 }
 
-double Sensor::signal_e(double radiance_w_m2_sr) const {
-  return radiance_w_m2_sr * electrons_per_radiance(model_.optics, model_.detector, wavelength_um_);
+double Sensor::signal_e(double counted_w_m2_sr) const {
+  return counted_w_m2_sr * electrons_per_radiance(model_.optics, model_.detector, wavelength_um_);
 }
 
 void Sensor::pass_optics(const Camera& camera, const PixelRays& rays, std::vector<float>& radiance,
@@ -98,7 +99,8 @@ void Sensor::add_glare(const Vec3& toward_sun, double counted_w_m2, const StopTo
   glare_.assign(static_cast<std::size_t>(request_.camera.width) * static_cast<std::size_t>(request_.camera.height),
                 0.F);
   largest_glare_w_m2_sr_ = engine::add_glare(model_.optics.stray_light, request_.camera, toward_sun,
-                                             counted_w_m2 * request_.band->center_um() / wavelength_um_, glare_, stop);
+                                             counted_w_m2 * request_.band->center_um() / wavelength_um_, glare_, stop) /
+                           counted_of_sunlight();
 }
 
 bool Sensor::wants_samples() const {

@@ -54,8 +54,10 @@ class Sensor {
   void choose_integration_time(const Camera& camera, const PixelRays& rays, std::vector<float> radiance,
                                const StopToken& stop = {});
   double integration_time_s() const { return model_.detector.integration_time_s; }
-  // Electrons that light of a radiance frees in the middle of the field, without noise.
-  double signal_e(double radiance_w_m2_sr) const;
+  // Electrons that light of a radiance, as it is counted, frees in the middle of the field, without noise.
+  double signal_e(double counted_w_m2_sr) const;
+  // Of sunlight, the radiance as it is counted over that in the request's band: 1 without a photon_band().
+  double counted_of_sunlight() const { return sunlight_um_ / wavelength_um_; }
   // Share of saturated pixels of the last image.
   double saturated_fraction() const { return read_out_.saturated_fraction; }
   // Smear alone as a share of a pixel's capacity: maximum over all but the brightest thousandth of the columns.
@@ -64,8 +66,8 @@ class Sensor {
   const Camera& camera() const { return request_.camera; }  // of the image: without margin
   int margin_px() const { return kernel_.radius(); }
   double captured() const { return kernel_.captured(); }
-  // Radiance of the largest digital number, W m-2 sr-1.
-  double full_scale_radiance_w_m2_sr() const;
+  // Radiance of the largest digital number, as it is counted, W m-2 sr-1.
+  double full_scale_counted_w_m2_sr() const;
 
   // A point spread applies to points: when pixels are means over samples, each sample is spread by itself, and the sum
   // of the added samples becomes the image, whatever radiance image() is given. `share`: of the exposure.
@@ -100,8 +102,8 @@ class Sensor {
   void complete(std::vector<float>& radiance, const StopToken& stop);
 
   const FrameRequest& request_;
-  SensorModel model_;  // with its integration time
-  double wavelength_um_;
+  SensorModel model_;                   // with its integration time
+  double sunlight_um_, wavelength_um_;  // at which eq. (8) counts sunlight, and what is drawn
   SpreadKernel kernel_;
   std::map<std::pair<double, double>, SpreadKernel> shifted_;  // by sample offset
   std::vector<float> samples_;                                 // sum of the spread samples; empty: none was added

@@ -46,6 +46,19 @@ class SensorTest(unittest.TestCase):
         self.assertAlmostEqual(f["meta"]["full_scale_radiance_w_m2_sr"] * electrons / 2 + 60, 65535, delta=1)
         self.assertGreater(f["image"].max(), 1000)
 
+    def test_metadata_are_of_the_bands_radiance_however_light_is_counted(self):
+        """What glows is drawn again in photons. At 300 K nothing does that this band sees."""
+        efficiency = [[0.5, 0.0], [0.65, 0.0], [0.7, 0.9], [0.8, 0.9]]
+        surface = {"reflectance": {"model": "lambert", "rho": 0.1}}
+        cold, warm = (self.frame(detector={"quantum_efficiency": efficiency}, surface=surface | {"temperature_k": t})
+                      for t in (0.0, 300.0))
+        self.assertLessEqual(np.abs(warm["image"].astype(int) - cold["image"]).max(), 1)
+        for f in (cold, warm):
+            brightest_e = 2 * (f["image"].max() - 60.0)
+            self.assertAlmostEqual(f["meta"]["exposure"]["brightest_signal_e"] / brightest_e, 1, 3)
+            full_scale = (65535 - 60) * f["radiance"].max() / (f["image"].max() - 60.0)
+            self.assertAlmostEqual(f["meta"]["full_scale_radiance_w_m2_sr"] / full_scale, 1, 3)
+
     def test_an_efficiency_beside_the_band_is_refused(self):
         sensor = copy.deepcopy(SENSOR)
         sensor["detector"]["quantum_efficiency"] = [[2.0, 0.4], [3.0, 0.4]]

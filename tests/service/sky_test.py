@@ -170,6 +170,25 @@ class LikeFrames(unittest.TestCase):
         self.assertEqual(answers[0][2], answers[1][2])
         self.assertTrue(any(o["electrons"] for o in json.loads(answers[0][2])["objects"]))
 
+    def test_the_suns_limb_is_as_dark_as_asked_for(self):
+        epoch = EVERYTHING["utc"]
+        sun = sky(sky={"sun": True})[0]
+        ahead = np.array(sun["direction_icrf"])
+        right = unit(np.cross(ahead, [0, 0, 1]))
+        pose = {"frame": "ICRF", "position_m": POSITION_M,
+                "camera_from_moon_matrix": [right.tolist(), np.cross(ahead, right).tolist(), ahead.tolist()]}
+        focal = 128 / math.tan(math.radians(0.5))
+        radius_px = focal * math.tan(math.radians(sun["angular_radius_deg"]))
+        away = np.hypot(*(np.mgrid[:256, :256] - 127.5)) / radius_px
+        for asked, law in ((None, 0.6), (0, 0), (0.3, 0.3)):
+            light = {"utc": epoch} if asked is None else {"utc": epoch, "limb_darkening": asked}
+            frame = service.arrays({"camera": {"width": 256, "height": 256, "fov_deg": 1.0}, "pose": pose, "sun": light,
+                                    "sky": {"sun": True}, "products": ["radiance"]})
+            radiance = frame["radiance"].astype(float)
+            edge = radiance[(away > 0.84) & (away < 0.86)].mean() / radiance[away < 0.05].mean()
+            self.assertAlmostEqual(edge, 1 - law * (1 - math.sqrt(1 - 0.85**2)), delta=0.005)
+            self.assertEqual(frame["meta"]["request"]["sun"].get("limb_darkening"), asked)
+
     def test_what_goes_with_neither_is_refused(self):
         shutter = {"line_time_s": 1e-3, "angular_rate_deg_s": [0, 1, 0]}
         poses = {"line_time_s": 1e-3, "poses": [{"time_s": 0, "pose": EVERYTHING["pose"]}]}

@@ -102,8 +102,7 @@ const Members<SunForm, Sun>& sun_members() {
               "distance_au; default: 0, with an epoch \"sun\"");
         m.add("limb_darkening", &SunForm::limb_darkening, Number{kUnitInterval},
               "coefficient u of limb darkening, 1 - u (1 - cos), cos: of the angle from the Sun's own vertical; about "
-              "0.6 in the visible")
-            .written_if([](const SunForm& form) { return form.limb_darkening > 0; });
+              "0.6 in the visible; default: 0 for the light of the ground, 0.6 where `sky` shows the Sun");
         m.exactly_one({"direction", "subsolar", "local", "utc", "et_s"});
         m.resolve(resolve_sun);
         m.unresolve([](const Sun& sun) { return form_of(sun); });

@@ -19,7 +19,7 @@ struct SunForm : EpochForm {
   std::optional<SunLocal> local;
   std::optional<double> distance_au;
   std::optional<std::optional<double>> angular_radius_deg;  // the inner one is empty for "sun"
-  double limb_darkening = 0;
+  std::optional<double> limb_darkening;
 };
 const Members<SunForm, engine::Sun>& sun_members();
 

@@ -198,7 +198,7 @@ Segment above_in_column(double y, double c, double u) {
 DiscLight::DiscLight(const Sun& sun, const Vec3& up)
     : toward_(sun.direction),
       radius_(std::tan(sun.angular_radius_deg * kRadiansPerDegree)),
-      darkening_(sun.limb_darkening),
+      darkening_(sun.limb_darkening.value_or(0)),
       columns_(),
       table_(),
       fine_(),
