@@ -168,7 +168,6 @@ std::size_t element_size(ElementType type) {
     case ElementType::uint8:
       return 1;
     case ElementType::uint16:
-      return 2;
     case ElementType::float16:
       return 2;
     case ElementType::float32:

@@ -67,6 +67,7 @@ Response answer_rays(const EndpointContext& context) {
                                  query.request.detail);
   });
   std::vector<std::optional<engine::LitPlace>> places;
+  places.reserve(hits.size());
   for (const engine::RayHit& hit : hits)
     places.push_back(hit.hit && !hit.object && !hit.rock
                          ? std::optional(engine::LitPlace{hit.position_m, hit.normal, hit.incident})
@@ -90,6 +91,7 @@ Response answer_project(const EndpointContext& context) {
                                     scene_objects(query.objects), query.request.detail);
   });
   std::vector<std::optional<engine::LitPlace>> places;
+  places.reserve(landmarks.size());
   for (const engine::Landmark& landmark : landmarks) places.push_back(landmark.place);
   const auto light = light_of(context, query, places);
   throw_if_stopped(context);

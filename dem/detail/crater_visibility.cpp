@@ -22,14 +22,14 @@ struct Middle {
   double lat_deg, lon_deg;
 };
 constexpr std::array<Middle, 4> kMiddles{{{-41.3, -117.7}, {-13.9, 31.1}, {17.3, 101.9}, {37.1, -51.7}}};
-constexpr int kOnCircle = 16;
+constexpr int kOnCircle = 16, kMiddlePost = kSquarePosts / 2;
 
 // Heights of an octave alone on a square, row by row, its sides in steps.
 std::vector<double> heights_of(const Detail& detail, int octave, const Middle& middle, const StopToken& stop) {
   const double step = std::ldexp(1.0, octave) / kStepsPerDiameter / kMoonRadius_m,
-               south = middle.lat_deg * kRadiansPerDegree - step * (kSquarePosts / 2),
+               south = middle.lat_deg * kRadiansPerDegree - step * kMiddlePost,
                lon_step = step / std::cos(middle.lat_deg * kRadiansPerDegree),
-               west = middle.lon_deg * kRadiansPerDegree - lon_step * (kSquarePosts / 2);
+               west = middle.lon_deg * kRadiansPerDegree - lon_step * kMiddlePost;
   std::vector<double> heights(static_cast<std::size_t>(kSquarePosts) * kSquarePosts);
   detail.add_octave(SquareGrid(south, step, west, lon_step, kSquarePosts).grid(), octave, heights, stop);
   return heights;

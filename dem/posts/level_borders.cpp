@@ -142,6 +142,7 @@ std::vector<BlockId> near_window(const PostWindow& w, const std::vector<BlockId>
     if (const auto from = eastward(w, node)) found.emplace_back(node.row, *from, node);
   std::sort(found.begin(), found.end());
   std::vector<BlockId> sorted;
+  sorted.reserve(found.size());
   for (const auto& [row, from, node] : found) sorted.push_back(node);
   return sorted;
 }
