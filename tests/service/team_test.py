@@ -404,7 +404,7 @@ class Limits(unittest.TestCase):
     def test_a_full_queue_is_503(self):
         """Two nodes of one place and twelve waiting; four tokens ask for more."""
         tokens = [team.new_token(f"one-of-{i}") for i in range(4)]
-        request = view(0.1, width=512, samples=4)
+        request = view(0.1, width=1024, samples=4)  # takes longer than all of them to ask
         with concurrent.futures.ThreadPoolExecutor(4 * AT_ONCE) as pool:
             answers = list(pool.map(lambda i: team.frame(request, tokens[i % 4]), range(4 * AT_ONCE)))
         statuses = collections.Counter(status for status, _, _ in answers)
@@ -416,23 +416,27 @@ class Limits(unittest.TestCase):
 
 
 class Nodes(unittest.TestCase):
-    def nodes_of(self, token):
-        """Which node answered, by request id."""
-        return {line["request_id"]: line["node"] for line in team.lines("haproxy.log") if line["token"] == token}
+    def nodes_of(self, token, answers):
+        """Which node answered, by request id, once so many answers are in the log, which is written after them."""
+        def nodes():
+            return {line["request_id"]: line["node"] for line in team.lines("haproxy.log") if line["token"] == token}
+
+        team.wait_until(lambda: len(nodes()) >= answers, f"{answers} answers of {token} in the log")
+        return nodes()
 
     def test_a_region_has_a_node(self):
         with team.client(team.new_token("flying")) as client:
             for i in range(12):  # one cell
                 client.frame(view(0.05 * i))
             client.project(view()["camera"], view()["pose"], [(0, 30)])
-        one_cell = list(self.nodes_of("flying").values())
+        one_cell = list(self.nodes_of("flying", 13).values())
         self.assertEqual(len(one_cell), 13)
         self.assertEqual(len(set(one_cell)), 1, one_cell)
         regions = team.new_token("everywhere")
         for _ in range(2):
             for i in range(12):
                 team.frame(view(), regions, Selenograph_Region=f"{i}-7", X_Request_Id=f"r{i}-{_}")
-        nodes = self.nodes_of("everywhere")
+        nodes = self.nodes_of("everywhere", 24)
         self.assertEqual([nodes[f"r{i}-0"] for i in range(12)], [nodes[f"r{i}-1"] for i in range(12)])
         self.assertEqual(set(nodes.values()), {"node1", "node2"})
 
