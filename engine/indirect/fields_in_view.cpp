@@ -51,7 +51,7 @@ struct BlockLevel {
   bool fades = false;  // some of it
 };
 
-BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<const dem::Ticks> below,
+BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<const dem::Ticks> below, const Fade& fade,
                      double spacing_px) {
   const dem::Block& posts = *block.posts;
   const NodeBounds bounds = bounds_of(posts.id, static_cast<double>(posts.min_m), static_cast<double>(posts.max_m));
@@ -67,7 +67,6 @@ BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<co
     const double emission = (view.view.position() - place).normalized().dot(place.normalized());
     posts_per_m = std::max(posts_per_m, here / spacing_px * std::sqrt(std::clamp(emission, 1.0 / 16, 1.0)));
   }
-  const Fade fade = fade_of(views);
   if (nearest_m > fade.ends_m) return {};
   // Levels differ by a factor of two: posts are 0.57 to 1.15 times as far apart as was asked for.
   const double level = std::floor(std::log2(dem::post_spacing_m(0) * posts_per_m) + 0.8);
@@ -210,11 +209,12 @@ FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrai
   constexpr LightField kNone{-1, 0, false, 0, 0};
   std::vector<LightField> of_blocks(mesh.blocks().size(), kNone);
   const std::vector<dem::Ticks> below = places_below(views);
+  const Fade fade = fade_of(views);
   std::atomic<bool> fades = false;
   in_parallel_pieces(of_blocks.size(), 64, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t i = first; i < past_last; ++i) {
       const dem::Block& posts = *mesh.blocks()[i].posts;
-      const auto [level, block_fades] = level_for(mesh.blocks()[i], views, below, spacing_px);
+      const auto [level, block_fades] = level_for(mesh.blocks()[i], views, below, fade, spacing_px);
       if (level < 0) continue;
       if (block_fades) fades = true;
       const bool closer = level > posts.id.level;
@@ -229,7 +229,7 @@ FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrai
   ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
   if (!ids.empty() && ids.front() == kNone) ids.erase(ids.begin());
   FieldsInView out;
-  if (fades) out.fade = fade_of(views);
+  if (fades) out.fade = fade;
   std::vector<std::vector<std::size_t>> blocks(ids.size());
   for (std::size_t i = 0; i < of_blocks.size(); ++i) {
     const auto found = std::lower_bound(ids.begin(), ids.end(), of_blocks[i]);

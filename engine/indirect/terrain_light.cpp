@@ -144,7 +144,8 @@ TerrainLight::Place TerrainLight::on_objects(const Vec3& place_m) const {
       sources_.sun_w_m2 * Vec3(static_cast<double>(post.x), static_cast<double>(post.y), static_cast<double>(post.z));
   out.earth = sources_.earth_w_m2 * static_cast<double>(post.earth) * sources_.earth;
   out.ground = sources_.sun_w_m2 * static_cast<double>(post.ground);
-  if (fade_) out.terrain *= fade_->share(place_m), out.ground *= fade_->share(place_m);
+  const double share = fade_ ? fade_->share(place_m) : 1;
+  out.terrain *= share, out.ground *= share;
   return out;
 }
 
