@@ -115,8 +115,9 @@ void FrameMoment::make_scene(std::size_t draws) {
   times_.pyramid_ms = waits_.pyramid.ms(), times_.load_ms = waits_.load.ms();
   lens_ = kept_.lens(views_.camera(), stop_);
   if (!wants_indirect(request_)) return;
-  indirect_.emplace(request_, ViewOfGround{views_, scene_->mesh, balls_around(request_.objects)}, std::nullopt,
-                    terrain_, radiance_.direct_w_m2, kept_.light_tiles(), stop_);
+  indirect_.emplace(request_,
+                    ViewOfGround{views_, scene_->mesh, balls_around(request_.objects), objects_.balls_around_rocks()},
+                    std::nullopt, terrain_, radiance_.direct_w_m2, kept_.light_tiles(), stop_);
   times_.indirect_ms = watch_.lap_ms();
 }
 

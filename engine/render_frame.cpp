@@ -79,7 +79,7 @@ std::function<bool()> prepare_frame(const FrameRequest& asked, const dem::Terrai
   const SceneContent content = content_of(plan.request, views, selection, terrain);
   const auto scene = kept.scene(content, stop, RenderCache::Purpose::preparation);
   if (wants_indirect(plan.request))
-    TerrainLight(plan.request, {views, scene->mesh, balls_around(plan.request.objects)}, std::nullopt, terrain,
+    TerrainLight(plan.request, {views, scene->mesh, balls_around(plan.request.objects), {}}, std::nullopt, terrain,
                  plan.radiance.direct_w_m2, kept.light_tiles(), stop);
   return kept.use_of(content);
 }

@@ -237,8 +237,9 @@ class MapDrawing {
     if (wants_indirect(frame_)) {
       std::optional<Vec3> viewer_m;
       if (request_.toward_viewer) viewer_m = directions.middle * kMoonRadius_m + *request_.toward_viewer * kFarAway_m;
-      indirect.emplace(frame_, ViewOfGround{above, scene.mesh, balls_around(frame_.objects)}, viewer_m, terrain_,
-                       radiance_.direct_w_m2, kept_.light_tiles(), stop_);
+      indirect.emplace(frame_,
+                       ViewOfGround{above, scene.mesh, balls_around(frame_.objects), objects.balls_around_rocks()},
+                       viewer_m, terrain_, radiance_.direct_w_m2, kept_.light_tiles(), stop_);
       out_.report.ground_view = std::max(out_.report.ground_view, indirect->most_ground_view());
     }
     const FrameJob job{frame_, above, scene, objects, radiance_, lens, stop_, each, indirect ? &*indirect : nullptr};

@@ -79,15 +79,25 @@ BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<co
 class Marks {
  public:
   explicit Marks(const FieldPlane& plane)
-      : side_(plane.tiles()), rows_(static_cast<std::size_t>(side_) * static_cast<std::size_t>(side_)) {}
+      : side_(plane.tiles()),
+        rows_(static_cast<std::size_t>(side_) * static_cast<std::size_t>(side_)),
+        covered_(rows_.size()) {}
 
-  // What places in a rectangle of the plane are between; those beside the field are at its border.
-  void add(const Eigen::Vector2d& least, const Eigen::Vector2d& largest) {
-    constexpr int kQuads = FieldPlane::kTileQuads;
-    const auto post = [&](double at) { return static_cast<int>(std::clamp<double>(at, 0, side_ * kQuads - 1)); };
-    for (int row = post(least.y()); row <= post(largest.y()); ++row)
-      for (int x = post(least.x()) / kQuads; x <= post(largest.x()) / kQuads; ++x)
-        rows_[static_cast<std::size_t>(row / kQuads * side_ + x)] |= static_cast<std::uint16_t>(3U << row % kQuads);
+  // Rectangles of the plane; what is beside the field is at its border.
+  using Corner = Eigen::Vector2d;
+  // There are blocks of the field here.
+  void cover(const Corner& least, const Corner& largest) {
+    each_row(least, largest, [&](std::size_t tile, int) { covered_[tile] = true; });
+  }
+  // What places are between.
+  void add(const Corner& least, const Corner& largest) {
+    each_row(least, largest, [&](std::size_t tile, int row) { mark(tile, row); });
+  }
+  // The same, where there are blocks of the field: other fields light the rest.
+  void add_covered(const Corner& least, const Corner& largest) {
+    each_row(least, largest, [&](std::size_t tile, int row) {
+      if (covered_[tile]) mark(tile, row);
+    });
   }
   std::vector<TileRows> tiles() const {
     std::vector<TileRows> out;
@@ -97,8 +107,19 @@ class Marks {
   }
 
  private:
+  template <typename Each>
+  void each_row(const Corner& least, const Corner& largest, const Each& each) const {
+    constexpr int kQuads = FieldPlane::kTileQuads;
+    const auto post = [&](double at) { return static_cast<int>(std::clamp<double>(at, 0, side_ * kQuads - 1)); };
+    for (int row = post(least.y()); row <= post(largest.y()); ++row)
+      for (int x = post(least.x()) / kQuads; x <= post(largest.x()) / kQuads; ++x)
+        each(static_cast<std::size_t>(row / kQuads * side_ + x), row % kQuads);
+  }
+  void mark(std::size_t tile, int row) { rows_[tile] |= static_cast<std::uint16_t>(3U << row); }
+
   int side_;
   std::vector<std::uint16_t> rows_;
+  std::vector<bool> covered_;
 };
 
 // Quads of a block that are looked at together.
@@ -120,7 +141,7 @@ Part joined(Part part, const MeshBlock& block) {
   return part;
 }
 
-// Rocks may be in view while the ground below them, which lights them, is beside it.
+// Rocks may be in view while the ground below them is beside it.
 constexpr double kTallestRock_m = 10;
 
 // low > high: none of it has data.
@@ -162,13 +183,11 @@ void mark(const MeshBlock& block, const RowViews& views, const LightField& field
   const dem::Block& posts = *block.posts;
   const int quads = posts.extent.quads, size = std::min(quads, 4 << std::max(posts.id.level - field.level, 0));
   const dem::HeightRange all{posts.min_m, posts.max_m};
-  const double beside_m = std::max(plane.spacing_m(), kTallestRock_m);
+  const double beside_m = plane.spacing_m();
   for (int r = 0; r < quads; r += size)
     for (int c = 0; c < quads; c += size) {
       const Part part = joined({r, c, std::min(r + size, quads), std::min(c + size, quads)}, block);
-      if (!may_see(views, block, part, all, beside_m)) continue;
-      const dem::HeightRange own = heights_of(block, part);
-      if (own.low > own.high || !may_see(views, block, part, own, beside_m)) continue;
+      if (!may_see(views, block, part, all, std::max(beside_m, kTallestRock_m))) continue;
       Eigen::Vector2d least(1e9, 1e9), largest(-1e9, -1e9);
       for (const int row : {part.south, part.north})
         for (const int column : {part.west, (part.west + part.east) / 2, part.east}) {
@@ -176,23 +195,33 @@ void mark(const MeshBlock& block, const RowViews& views, const LightField& field
           least = least.cwiseMin(at), largest = largest.cwiseMax(at);
         }
       // Between these, parallels are bent by less than half a post.
-      marks.add(least.array() - 0.5, largest.array() + 0.5);
+      least.array() -= 0.5, largest.array() += 0.5;
+      marks.cover(least, largest);
+      const dem::HeightRange own = heights_of(block, part);
+      if (own.low > own.high || !may_see(views, block, part, own, beside_m)) continue;
+      marks.add(least, largest);
     }
 }
 
-// The posts below objects in view; of one that is larger than many posts, below its middle.
-void mark(std::span<const Ball> objects, const RowViews& views, const FieldPlane& plane, Marks& marks) {
-  for (const Ball& ball : objects) {
-    const bool seen = std::any_of(views.bundles().begin(), views.bundles().end(),
-                                  [&](const ViewBundle& view) { return view.may_see(ball.centre_m, ball.radius_m); });
-    constexpr double kFarthest = 32;
-    const double reach = std::min(ball.radius_m / plane.spacing_m() + 1, kFarthest);
-    const Eigen::Vector2d at = plane.place(ball.centre_m), from_middle = at.array() - plane.middle();
-    // Else it is on the Moon's other side, or in other fields alone.
-    const bool in_field =
-        ball.centre_m.dot(plane.centre()) > 0 && from_middle.cwiseAbs().maxCoeff() - reach < plane.middle();
-    if (seen && in_field) marks.add(at.array() - reach, at.array() + reach);
-  }
+// What is below objects and rocks; of an object that is larger than many posts, below its middle.
+void mark_below(const ViewOfGround& view, const FieldPlane& plane, Marks& marks) {
+  const auto each = [&](std::span<const Ball> balls, double farthest, const auto& mark) {
+    for (const Ball& ball : balls) {
+      const double reach = std::min(ball.radius_m / plane.spacing_m() + 1, farthest);
+      const Eigen::Vector2d at = plane.place(ball.centre_m), from_middle = at.array() - plane.middle();
+      // Else it is on the Moon's other side, or in other fields alone.
+      const bool in_field =
+          ball.centre_m.dot(plane.centre()) > 0 && from_middle.cwiseAbs().maxCoeff() - reach < plane.middle();
+      const auto& bundles = view.views.bundles();
+      if (in_field && std::any_of(bundles.begin(), bundles.end(),
+                                  [&](const ViewBundle& from) { return from.may_see(ball.centre_m, ball.radius_m); }))
+        mark(at.array() - reach, at.array() + reach);
+    }
+  };
+  constexpr double kFarthest = 32;
+  each(view.objects, kFarthest, [&](const auto& least, const auto& largest) { marks.add(least, largest); });
+  each(view.rocks, std::numeric_limits<double>::infinity(),
+       [&](const auto& least, const auto& largest) { marks.add_covered(least, largest); });
 }
 
 }  // namespace
@@ -242,7 +271,7 @@ FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrai
     FieldsInView::Field& field = out.fields[f];
     Marks marks(field.plane);
     for (const std::size_t i : blocks[f]) mark(mesh.blocks()[i], views, field.id, field.plane, marks);
-    mark(view.objects, views, field.plane, marks);
+    mark_below(view, field.plane, marks);
     field.tiles = marks.tiles();
   });
   return out;

@@ -31,7 +31,7 @@ struct Fade {
 struct ViewOfGround {
   const RowViews& views;
   const Mesh& mesh;
-  std::span<const Ball> objects;  // which the ground below them lights
+  std::span<const Ball> objects, rocks;  // which the ground below them lights
 };
 
 struct FieldsInView {

@@ -378,7 +378,7 @@ TEST(IndirectLight, PostsAreAsFarApartAsAskedFor) {
       for (const double posts_m : {30.0, 100.0, 200.0, 300.0, 540.0}) {
         if (posts_m < 59 && (max_error_px > 0 || posts_m > pixel_m)) continue;
         SCOPED_TRACE(::testing::Message() << fov_deg << " " << max_error_px << " " << posts_m);
-        const FieldsInView seen = fields_in_view({views, mesh, {}}, *terrain, posts_m / pixel_m);
+        const FieldsInView seen = fields_in_view({views, mesh, {}, {}}, *terrain, posts_m / pixel_m);
         ASSERT_GT(seen.tiles(), 0U);
         for (const FieldsInView::Field& field : seen.fields) {
           if (field.tiles.empty()) continue;

@@ -210,6 +210,12 @@ std::vector<ObjectsInFrame::Finish> ObjectsInFrame::finishes_of(const std::vecto
   return finishes;
 }
 
+std::vector<Ball> ObjectsInFrame::balls_around_rocks() const {
+  std::vector<Ball> out;
+  for (std::size_t i = first_rock_; i < placed_.size(); ++i) out.push_back(placed_[i].ball);
+  return out;
+}
+
 // Relative to the camera float is as fine as a small part of a pixel.
 void ObjectsInFrame::group(const Vec3& anchor_m, const StopToken& stop) {
   anchor_m_ = anchor_m;

@@ -53,6 +53,7 @@ class ObjectsInFrame {
   ObjectsInFrame& operator=(const ObjectsInFrame&) = delete;
 
   bool empty() const { return placed_.empty(); }
+  std::vector<Ball> balls_around_rocks() const;  // in view or not
   // Index of a rock from an index in ObjectLanes, if it is a rock; and the other way round.
   std::optional<std::size_t> rock(std::uint16_t object) const {
     return is_rock(object) ? std::optional<std::size_t>(object - first_rock_) : std::nullopt;
