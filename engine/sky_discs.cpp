@@ -7,6 +7,7 @@
 #include <limits>
 #include <numbers>
 #include <optional>
+#include <utility>
 
 #include "dem/support/error.h"
 #include "dem/value_maps/value_map.h"
@@ -19,32 +20,33 @@ namespace {
 
 using std::numbers::pi;
 
+double angle_between(const Vec3& a, const Vec3& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
+
 class Disc {
  public:
   virtual ~Disc() = default;
-  // Radiance along a unit direction from the camera, MOON_ME, as a sample's mean over an angle of step_rad; 0 beside
-  // the disc. For one thread.
+  // Adds the places t in (0, 1) at which lines of sight from + t step (MOON_ME, of any length) may enter or leave what
+  // shines.
+  virtual void add_edges(const Vec3& from, const Vec3& step, std::vector<double>& t) const = 0;
+  // Whether a unit direction from the camera, MOON_ME, meets what shines.
+  virtual bool shines(const Vec3& direction) const = 0;
+  // Radiance along such a direction, as a sample's mean over an angle of step_rad; 0 where nothing shines. For one
+  // thread.
   virtual double radiance(const Vec3& direction, double step_rad) = 0;
+  virtual const Vec3& centre() const = 0;  // unit, MOON_ME
   virtual double radius_rad() const = 0;
+  virtual double narrowest_rad() const = 0;  // across what shines
 };
 
-// Visits the lit part of a sphere of radius 1 that is seen from nearby, as visit(mu0 times solid angle, place): of a
-// thin crescent, whose brightest part is at the limb, the horizon cuts off much. Places along axes: toward the
-// observer, and the second in the plane of the Sun.
-template <typename Visit>
-void over_lit_sphere(double phase_rad, double distance, const Visit& visit) {
-  constexpr int kLatitudes = 128, kLongitudes = 256;
-  const double first = phase_rad - pi / 2, step = (pi - phase_rad) / kLongitudes;
-  for (int j = 0; j < kLatitudes; ++j)
-    for (int i = 0; i < kLongitudes; ++i) {
-      const double lat = (j + 0.5) * pi / kLatitudes - pi / 2, lon = first + (i + 0.5) * step;
-      const double up = std::cos(lat) * std::cos(lon) * distance - 1;  // over the horizon
-      if (up <= 0) continue;
-      const double way2 = distance * distance - 1 - 2 * up;
-      visit(std::cos(lat) * std::cos(lat) * std::cos(lon - phase_rad) * up / (way2 * std::sqrt(way2)) * step * pi /
-                kLatitudes,
-            Vec3(std::cos(lat) * std::cos(lon), std::cos(lat) * std::sin(lon), std::sin(lat)));
-    }
+// Those of form(ray, ray) along from + t step, the form being bilinear and symmetric.
+template <typename Form>
+void add_roots(const Form& form, const Vec3& from, const Vec3& step, std::vector<double>& t) {
+  const double constant = form(from, from), half_linear = form(from, step), square = form(step, step);
+  const double inside = half_linear * half_linear - constant * square;
+  if (!(inside > 0)) return;
+  const double q = -(half_linear + std::copysign(std::sqrt(inside), half_linear));
+  for (const double root : {q / square, constant / q})
+    if (root > 0 && root < 1) t.push_back(root);
 }
 
 class SunDisc : public Disc {
@@ -54,14 +56,25 @@ class SunDisc : public Disc {
     sine_ = std::sin(sun_radius_deg(*sun.distance_m / kAstronomicalUnit_m) * kRadiansPerDegree);
     middle_ = sun.irradiance_w_m2 / (pi * sine_ * sine_ * (1 - darkening_ / 3));
   }
+  void add_edges(const Vec3& from, const Vec3& step, std::vector<double>& t) const override {
+    const auto off_limb = [this](const Vec3& a, const Vec3& b) {
+      return a.dot(centre_) * b.dot(centre_) - (1 - sine_ * sine_) * a.dot(b);
+    };
+    add_roots(off_limb, from, step, t);
+  }
+  bool shines(const Vec3& direction) const override { return off_centre(direction) < 1 && direction.dot(centre_) > 0; }
   double radiance(const Vec3& direction, double) override {
-    const double sine = direction.cross(centre_).norm() / sine_;
-    if (sine >= 1 || direction.dot(centre_) < 0) return 0;
+    if (!shines(direction)) return 0;
+    const double sine = off_centre(direction);
     return middle_ * (1 - darkening_ * (1 - std::sqrt(1 - sine * sine)));
   }
+  const Vec3& centre() const override { return centre_; }
   double radius_rad() const override { return std::asin(sine_); }
+  double narrowest_rad() const override { return 2 * radius_rad(); }
 
  private:
+  double off_centre(const Vec3& direction) const { return direction.cross(centre_).norm() / sine_; }
+
   Vec3 centre_;
   double darkening_, sine_, middle_;
 };
@@ -72,23 +85,19 @@ class EarthPattern {
   EarthPattern(const EarthMap& map, const StopToken& stop) {
     if (map.content) map_.emplace(*map.content, stop);
   }
-  // `observer`, `sun`: unit, in the Earth's axes; `distance`: in its radii.
-  void set_mean(const Vec3& observer, const Vec3& sun, double phase_rad, double distance) {
+  // Takes a place, by its geodetic normal, into the mean.
+  void take_in(double light, const Vec3& normal) {
     if (!map_) return;
-    Eigen::Matrix3d axes;
-    axes.col(0) = observer;
-    axes.col(1) = (sun - sun.dot(observer) * observer).normalized();
-    axes.col(2) = axes.col(0).cross(axes.col(1));
     constexpr double kApart_rad = pi / 128;
-    double all = 0, sum = 0;
-    over_lit_sphere(phase_rad, distance, [&](double light, const Vec3& place) {
-      const Vec3 normal = axes * place;
-      const EastNorthUp local = local_axes(normal);
-      const double value = at(normal, kApart_rad * local.east, kApart_rad * local.north);
-      if (!std::isnan(value)) all += light, sum += light * value;
-    });
-    if (all > 0 && !(sum > 0)) throw ImpossibleRequest("the map is 0 wherever the Earth is lit and seen", "earth_map");
-    if (all > 0) mean_ = sum / all;
+    const EastNorthUp local = local_axes(normal);
+    const double value = at(normal, kApart_rad * local.east, kApart_rad * local.north);
+    if (!std::isnan(value)) all_ += light, sum_ += light * value;
+  }
+  // After all places.
+  void settle_mean() {
+    if (all_ > 0 && !(sum_ > 0))
+      throw ImpossibleRequest("the map is 0 wherever the Earth is lit and seen", "earth_map");
+    if (all_ > 0) mean_ = sum_ / all_;
   }
   // At a geodetic normal, over a parallelogram with these sides in radii; 1 where the map has no value.
   double relative(const Vec3& normal, const Vec3& a, const Vec3& b) {
@@ -109,7 +118,7 @@ class EarthPattern {
     return std::max(map_->mean({lat_deg, lon_deg, side(a), side(b)}).value, 0.0);
   }
   std::optional<dem::ValueMap::Sampler> map_;
-  double mean_ = std::numeric_limits<double>::quiet_NaN();
+  double all_ = 0, sum_ = 0, mean_ = std::numeric_limits<double>::quiet_NaN();
 };
 
 // In the Earth's axes, stretched along the z axis so that the ellipsoid is a sphere of radius 1.
@@ -118,42 +127,109 @@ class EarthDisc : public Disc {
   EarthDisc(const SkyObject& earth, const ApparentBody& body, const SkyObserver& observer, const EarthMap& map,
             const StopToken& stop)
       : earth_from_moon_me_(observer.earth_from_icrf(body.distance_m) * observer.moon_me_from_icrf().transpose()),
+        centre_(earth.direction),
         toward_sun_(observer.earth_from_icrf(body.distance_m) * -body.from_sun),
+        over_terminator_(stretched(toward_sun_)),
         from_centre_(-body.distance_m / kEquator_m * stretched(earth_from_moon_me_ * earth.direction)),
         radius_rad_(std::asin(kEquator_m / body.distance_m)),
+        narrowest_rad_(radius_rad_ * (1 + std::cos(body.phase_deg * kRadiansPerDegree))),
         pattern_(map, stop) {
-    const double phase_rad = body.phase_deg * kRadiansPerDegree, distance = body.distance_m / kEquator_m;
     double lit_sr = 0;
-    over_lit_sphere(phase_rad, distance, [&](double light, const Vec3&) { lit_sr += light / kStretch; });
+    over_lit([&](double light, const Vec3& normal) { lit_sr += light, pattern_.take_in(light, normal); });
     full_ = lit_sr > 0 ? earth.irradiance_w_m2 / lit_sr : 0;
-    pattern_.set_mean(-(earth_from_moon_me_ * earth.direction), toward_sun_, phase_rad, distance);
+    pattern_.settle_mean();
   }
+  // At the limb a ray touches the sphere. At the terminator, whose plane goes through the centre, it meets that plane
+  // on the sphere.
+  void add_edges(const Vec3& from, const Vec3& step, std::vector<double>& t) const override {
+    const Vec3 &f = from_centre_, &s = over_terminator_;
+    const double f2 = f.squaredNorm(), above = f.dot(s);
+    const auto off_limb = [&](const Vec3& a, const Vec3& b) { return a.dot(f) * b.dot(f) - (f2 - 1) * a.dot(b); };
+    const auto off_terminator = [&](const Vec3& a, const Vec3& b) {
+      return (f2 - 1) * a.dot(s) * b.dot(s) - above * (a.dot(s) * b.dot(f) + b.dot(s) * a.dot(f)) +
+             above * above * a.dot(b);
+    };
+    const Vec3 first = stretched(earth_from_moon_me_ * from), along = stretched(earth_from_moon_me_ * step);
+    add_roots(off_limb, first, along, t), add_roots(off_terminator, first, along, t);
+  }
+  bool shines(const Vec3& direction) const override { return met(earth_from_moon_me_ * direction).mu0 > 0; }
   double radiance(const Vec3& direction, double step_rad) override {
-    const Vec3 seen = earth_from_moon_me_ * direction, way = stretched(seen);
-    const double a = way.squaredNorm(), b = way.dot(from_centre_),
-                 inside = b * b - a * (from_centre_.squaredNorm() - 1);
-    if (inside <= 0 || b > 0) return 0;
-    const double range = (-b - std::sqrt(inside)) / a;
-    const Vec3 normal = stretched(from_centre_ + range * way).normalized();
-    const double mu0 = normal.dot(toward_sun_);
-    if (mu0 <= 0) return 0;
+    const Vec3 seen = earth_from_moon_me_ * direction;
+    const Place place = met(seen);
+    if (place.mu0 <= 0) return 0;
     // What a step across the line of sight is on the ground: longer by 1 / mu along the way.
+    const Vec3& normal = place.normal;
     const double mu = std::max(-normal.dot(seen), 0.05);
     const Vec3 across =
         normal.cross(seen).norm() > 1e-9 ? Vec3(normal.cross(seen).normalized()) : normal.unitOrthogonal();
     const Vec3 along = normal.cross(across);
-    return full_ * mu0 * pattern_.relative(normal, step_rad * range * across, step_rad * range / mu * along);
+    const double side = step_rad * place.range;
+    return full_ * place.mu0 * pattern_.relative(normal, side * across, side / mu * along);
   }
+  const Vec3& centre() const override { return centre_; }
   double radius_rad() const override { return radius_rad_; }
+  double narrowest_rad() const override { return narrowest_rad_; }
 
  private:
   static constexpr double kEquator_m = 6378137, kStretch = 1 / (1 - 1 / 298.257223563);
   static Vec3 stretched(const Vec3& v) { return {v.x(), v.y(), v.z() * kStretch}; }
 
+  // Geodetic normal, range in radii, cosine of incidence.
+  struct Place {
+    Vec3 normal = Vec3::Zero();
+    double range = 0, mu0 = 0;
+  };
+  // Along a unit direction in the Earth's axes; mu0 is 0 beside the disc.
+  Place met(const Vec3& seen) const {
+    const Vec3 way = stretched(seen);
+    const double a = way.squaredNorm(), b = way.dot(from_centre_),
+                 inside = b * b - a * (from_centre_.squaredNorm() - 1);
+    if (inside <= 0 || b > 0) return {};
+    const double range = (-b - std::sqrt(inside)) / a;
+    const Vec3 normal = stretched(from_centre_ + range * way).normalized();
+    return {normal, range, normal.dot(toward_sun_)};
+  }
+
+  // Visits all that is lit and seen, as visit(cosine of incidence times solid angle, geodetic normal): of a thin
+  // crescent, whose brightest part is at the limb, the horizon cuts off much. By longitudes on the sphere from the
+  // terminator to the horizon, on axes toward the observer and, the second, in the plane of the Sun.
+  template <typename Visit>
+  void over_lit(const Visit& visit) const {
+    constexpr int kLatitudes = 128, kLongitudes = 256;
+    const double distance = from_centre_.norm();
+    const Vec3 pole = from_centre_.cross(over_terminator_);
+    Eigen::Matrix3d axes;
+    axes.col(0) = from_centre_ / distance;
+    axes.col(2) = pole.norm() > 1e-9 * distance ? Vec3(pole.normalized()) : Vec3(axes.col(0).unitOrthogonal());
+    axes.col(1) = axes.col(2).cross(axes.col(0));
+    const double terminator = std::atan2(pole.norm(), from_centre_.dot(over_terminator_)) - pi / 2,
+                 step = (std::acos(1 / distance) - terminator) / kLongitudes;
+    if (step <= 0) return;
+    for (int j = 0; j < kLatitudes; ++j)
+      for (int i = 0; i < kLongitudes; ++i) {
+        const double lat = (j + 0.5) * pi / kLatitudes - pi / 2, lon = terminator + (i + 0.5) * step;
+        const Vec3 place = axes * Vec3(std::cos(lat) * std::cos(lon), std::cos(lat) * std::sin(lon), std::sin(lat));
+        const double up = place.dot(from_centre_) - 1;  // over the horizon
+        if (up <= 0) continue;
+        // The solid angle of the sphere's part is area * up / way^3. Without the stretch a cone has less volume.
+        const Vec3 way = place - from_centre_, normal = stretched(place).normalized();
+        const double range = Vec3(way.x(), way.y(), way.z() / kStretch).norm(),
+                     sr = std::cos(lat) * step * pi / kLatitudes * up / (range * range * range * kStretch);
+        visit(normal.dot(toward_sun_) * sr, normal);
+      }
+  }
+
   Eigen::Matrix3d earth_from_moon_me_;
-  Vec3 toward_sun_, from_centre_;
-  double radius_rad_, full_;
+  Vec3 centre_, toward_sun_;
+  // Of the sphere: normal to the plane of the terminator, on its lit side; to the observer, in radii.
+  Vec3 over_terminator_, from_centre_;
+  double radius_rad_, narrowest_rad_, full_;
   EarthPattern pattern_;
+};
+
+// A part of an image, in pixels.
+struct PixelBox {
+  double left = -std::numeric_limits<double>::infinity(), right = -left, top = left, bottom = right;
 };
 
 class DiscPainter {
@@ -162,18 +238,16 @@ class DiscPainter {
               const StopToken& stop)
       : views_(views), range_m_(range_m), stop_(stop), width_(request.camera.width), height_(request.camera.height) {}
 
-  void paint(const SkyObject& object, Disc&& disc, std::vector<float>& radiance) {
-    const auto sr = pixel_sr(views_, object.x_px, object.y_px);
-    if (!sr) return;
-    // A lens may stretch it beside its centre.
-    const double reach_px = 3 + 1.5 * disc.radius_rad() / std::sqrt(*sr);
-    samples_ = reach_px < 9 ? 32 : 8;
-    step_rad_ = std::sqrt(*sr) / samples_;
-    const auto clipped = [](double at, int size) { return static_cast<int>(std::clamp(at, 0.0, size - 1.0)); };
-    for (int y = clipped(object.y_px - reach_px, height_); y <= clipped(object.y_px + reach_px, height_); ++y) {
+  void paint(Disc&& disc, std::vector<float>& radiance) {
+    std::optional<PixelBox> box;
+    for (int y = 0; y < height_; ++y) {
       stop_.check();
-      for (int x = clipped(object.x_px - reach_px, width_); x <= clipped(object.x_px + reach_px, width_); ++x)
-        paint_pixel(x, y, disc, radiance);
+      if (y == 0 || views_.vary()) box = box_around(disc, views_.of(y));
+      const int line = views_.line(y);
+      if (!box || box->bottom < line - 0.5 || box->top > line + 0.5) continue;
+      const int first = static_cast<int>(std::clamp(std::floor(box->left + 0.5), 0.0, width_ - 0.0)),
+                last = static_cast<int>(std::clamp(std::floor(box->right + 0.5), -1.0, width_ - 1.0));
+      for (int x = first; x <= last; ++x) paint_pixel(x, y, *box, disc, radiance);
     }
   }
 
@@ -185,6 +259,33 @@ class DiscPainter {
   }
 
  private:
+  // Of its rim, with a margin for what is between the rim's places; everything where the lens images a part of it only.
+  // Empty where the view doesn't see the disc.
+  static std::optional<PixelBox> box_around(const Disc& disc, const View& view) {
+    constexpr double kFar_m = 1e15, kMargin = 0.05;
+    constexpr int kPlacesOfRim = 64;
+    const Vec3 &centre = disc.centre(), ahead = view.moon_from_camera().col(2);
+    const double radius = disc.radius_rad();
+    if (!view.may_see(view.position() + kFar_m * centre, kFar_m * std::sin(radius))) return std::nullopt;
+    const PixelBox all;
+    // Around the place behind it a fisheye's image of the rim encloses all but the disc.
+    if (ahead.dot(centre) < -std::cos(2 * radius)) return all;
+    // The first place is the farthest from the boresight, where lenses stretch most.
+    const Vec3 aside = ahead.cross(centre), y = aside.norm() > 1e-9 ? aside.normalized() : centre.unitOrthogonal(),
+               x = y.cross(centre);
+    PixelBox box{all.right, all.left, all.bottom, all.top};
+    for (int i = 0; i < kPlacesOfRim; ++i) {
+      const double turn = 2 * pi * i / kPlacesOfRim;
+      const Vec3 rim = std::cos(radius) * centre + std::sin(radius) * (std::cos(turn) * x + std::sin(turn) * y);
+      const auto pixel = view.projection().image(view.moon_from_camera().transpose() * rim);
+      if (!pixel) return all;
+      box.left = std::min(box.left, pixel->x), box.right = std::max(box.right, pixel->x);
+      box.top = std::min(box.top, pixel->y), box.bottom = std::max(box.bottom, pixel->y);
+    }
+    const double wider = kMargin * (box.right - box.left), higher = kMargin * (box.bottom - box.top);
+    return PixelBox{box.left - wider, box.right + wider, box.top - higher, box.bottom + higher};
+  }
+
   enum class Sight { free, hidden, border };
   Sight sight(int x, int y) const {
     bool sky = false, surface = false;
@@ -194,36 +295,116 @@ class DiscPainter {
     return !surface ? Sight::free : sky ? Sight::border : Sight::hidden;
   }
 
-  void paint_pixel(int x, int y, Disc& disc, std::vector<float>& radiance) {
+  struct Pixel {
+    const View& view;
+    std::size_t index;
+    bool at_border;
+    double step_rad = 0;  // about from sample to sample
+    double radiance = 0;
+  };
+
+  // The part of a pixel that is in the disc's box, by cells that are small beside the disc.
+  void paint_pixel(int x, int y, const PixelBox& box, Disc& disc, std::vector<float>& radiance) {
     const Sight sight_here = sight(x, y);
     if (sight_here == Sight::hidden) return;
-    const View& view = views_.of(y);
-    const float share = 1.F / static_cast<float>(samples_ * samples_);
-    for (int j = 0; j < samples_; ++j)
-      for (int i = 0; i < samples_; ++i) {
-        const double across = (i + 0.5) / samples_ - 0.5, down = (j + 0.5) / samples_ - 0.5;
-        const auto ray = view.ray(x + across, views_.line(y) + down);
-        if (!ray) continue;
-        const Vec3 direction = ray->normalized();
-        const float value = share * static_cast<float>(disc.radiance(direction, step_rad_));
-        if (value == 0) continue;
-        if (sight_here == Sight::free)
-          radiance[at(x, y)] += value;
-        else
-          rays_.push_back({view.position(), direction}), pixel_.push_back(at(x, y)), value_.push_back(value);
+    const double line = views_.line(y), left = std::max(x - 0.5, box.left), right = std::min(x + 0.5, box.right),
+                 top = std::max(line - 0.5, box.top), bottom = std::min(line + 0.5, box.bottom);
+    if (left >= right || top >= bottom) return;
+    constexpr double kCells = 8;  // along all of the disc
+    const double columns = std::max(1.0, std::ceil(kCells * (right - left) / (box.right - box.left))),
+                 rows = std::max(1.0, std::ceil(kCells * (bottom - top) / (box.bottom - box.top)));
+    Pixel pixel{views_.of(y), at(x, y), sight_here == Sight::border};
+    for (double j = 0; j < rows; ++j)
+      for (double i = 0; i < columns; ++i)
+        paint_cell({std::lerp(left, right, i / columns), std::lerp(left, right, (i + 1) / columns),
+                    std::lerp(top, bottom, j / rows), std::lerp(top, bottom, (j + 1) / rows)},
+                   disc, pixel);
+    radiance[pixel.index] += static_cast<float>(pixel.radiance);
+  }
+
+  // By lines across the rim, as crescents are thin that way; by more of them where the crescent is thinner than a cell.
+  void paint_cell(const PixelBox& cell, Disc& disc, Pixel& pixel) {
+    constexpr double kStep_px = 0.01;
+    const double x = (cell.left + cell.right) / 2, y = (cell.top + cell.bottom) / 2, width = cell.right - cell.left,
+                 height = cell.bottom - cell.top;
+    const auto here = pixel.view.ray(x, y), right = pixel.view.ray(x + kStep_px, y),
+               below = pixel.view.ray(x, y + kStep_px);
+    if (!here || !right || !below) return;
+    const double length = here->norm();
+    const Vec3 ray = *here / length, across = width / (kStep_px * length) * (*right - *here),
+               down = height / (kStep_px * length) * (*below - *here);
+    if (angle_between(ray, disc.centre()) > disc.radius_rad() + across.norm() + down.norm()) return;
+    const double side_rad = std::sqrt(std::abs(across.cross(down).dot(ray)));
+    const int lines = disc.narrowest_rad() < side_rad ? 32 : 8;
+    pixel.step_rad = side_rad / static_cast<double>(kQuadrature.size());
+    const Vec3 outward = ray.dot(disc.centre()) * ray - disc.centre();
+    const bool level = std::abs(outward.dot(across)) / width >= std::abs(outward.dot(down)) / height;
+    for (int i = 0; i < lines; ++i) {
+      const double at = (i + 0.5) / lines, at_x = std::lerp(cell.left, cell.right, at),
+                   at_y = std::lerp(cell.top, cell.bottom, at), share = width * height / lines;
+      if (level)
+        paint_line({cell.left, at_y}, {cell.right, at_y}, share, disc, pixel);
+      else
+        paint_line({at_x, cell.top}, {at_x, cell.bottom}, share, disc, pixel);
+    }
+  }
+
+  // Along a line that stands for a share of the pixel: between the edges of what shines, by Gauss and Legendre's
+  // places. It is halved where rays don't go evenly from end to end, and where the lens leaves an end unimaged.
+  void paint_line(const PixelXY& a, const PixelXY& b, double share, Disc& disc, Pixel& pixel) {
+    constexpr double kEven_rad = 0.01, kShortest_px = 0.01;
+    const auto first = pixel.view.ray(a.x, a.y), last = pixel.view.ray(b.x, b.y);
+    const bool even = first && last && angle_between(*first, *last) < kEven_rad;
+    if (!even && std::abs(b.x - a.x) + std::abs(b.y - a.y) > kShortest_px) {
+      const PixelXY middle{(a.x + b.x) / 2, (a.y + b.y) / 2};
+      paint_line(a, middle, share / 2, disc, pixel), paint_line(middle, b, share / 2, disc, pixel);
+      return;
+    }
+    if (!first || !last) return;
+    const Vec3 step = *last - *first;
+    edges_.assign({0, 1});
+    disc.add_edges(*first, step, edges_);
+    std::sort(edges_.begin(), edges_.end());
+    for (std::size_t i = 1; i < edges_.size(); ++i) {
+      const double from = edges_[i - 1], to = edges_[i];
+      if (!disc.shines((*first + (from + to) / 2 * step).normalized())) continue;
+      for (const auto& [place, weight] : kQuadrature) {
+        const Vec3 direction = (*first + std::lerp(from, to, place) * step).normalized();
+        add(direction, share * (to - from) * weight * disc.radiance(direction, pixel.step_rad), pixel);
       }
+    }
+  }
+
+  void add(const Vec3& direction, double value, Pixel& pixel) {
+    if (!pixel.at_border) {
+      pixel.radiance += value;
+    } else if (value > 0) {
+      rays_.push_back({pixel.view.position(), direction}), pixel_.push_back(pixel.index);
+      value_.push_back(static_cast<float>(value));
+    }
   }
 
   std::size_t at(int x, int y) const {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) + static_cast<std::size_t>(x);
   }
 
+  // Gauss and Legendre's, of an interval from 0 to 1, with their weights: right to 0.1 % where light begins with a root
+  // at both ends.
+  static constexpr std::array<std::pair<double, double>, 8> kQuadrature{{{0.0198550717512319, 0.0506142681451881},
+                                                                         {0.1016667612931866, 0.1111905172266872},
+                                                                         {0.2372337950418355, 0.1568533229389436},
+                                                                         {0.4082826787521751, 0.1813418916891810},
+                                                                         {0.5917173212478249, 0.1813418916891810},
+                                                                         {0.7627662049581645, 0.1568533229389436},
+                                                                         {0.8983332387068134, 0.1111905172266872},
+                                                                         {0.9801449282487681, 0.0506142681451881}}};
+
   const RowViews& views_;
   std::span<const double> range_m_;
   const StopToken& stop_;
-  int width_, height_, samples_ = 8;
-  double step_rad_ = 0;    // from sample to sample
-  std::vector<Ray> rays_;  // of samples whose pixels are at a border
+  int width_, height_;
+  std::vector<double> edges_;  // along a line
+  std::vector<Ray> rays_;      // of samples whose pixels are at a border
   std::vector<std::size_t> pixel_;
   std::vector<float> value_;
 };
@@ -238,12 +419,10 @@ void add_discs(const FrameRequest& request, std::span<const double> range_m, con
   FrameRequest discs_alone = request;
   discs_alone.sky->stars.reset(), discs_alone.sky->planets = false;
   for (const SkyObject& object : sky_around(discs_alone, views, 0, stop)) {
-    if (std::isnan(object.x_px)) continue;
-    if (object.kind == SkyKind::sun) painter.paint(object, SunDisc(object, request.sun.limb_darkening), radiance);
+    if (object.kind == SkyKind::sun) painter.paint(SunDisc(object, request.sun.limb_darkening), radiance);
     if (object.kind != SkyKind::earth) continue;
     const SkyObserver observer(request.sky->utc, views.reference().position(), request.sky->velocity_m_s);
-    painter.paint(object, EarthDisc(object, observer.planet(Planet::earth), observer, request.sky->earth_map, stop),
-                  radiance);
+    painter.paint(EarthDisc(object, observer.planet(Planet::earth), observer, request.sky->earth_map, stop), radiance);
   }
   painter.settle(what_hides(painter.rays(), request.objects, request.terrain, terrain, kept, stop), radiance);
 }

@@ -8,7 +8,8 @@
 
 namespace selenograph::engine {
 
-// Adds the discs that the request asks for to a frame's radiance, W m-2 sr-1, each pixel as the mean over its area.
+// Adds the discs that the request asks for to a frame's radiance, W m-2 sr-1, each pixel as the mean over its area: all
+// of a disc has its irradiance to 0.2 %, a crescent of a twentieth of a pixel, too.
 // `range_m`: of every pixel, NaN for the sky. Where a pixel or one beside it sees the Moon or an object and another one
 // the sky, rays in double against the finest terrain decide, 64 a pixel and more; elsewhere the pixels themselves.
 //

@@ -1,4 +1,5 @@
 // Stars and discs in frames: places, light, what hides them.
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <optional>
@@ -73,6 +74,35 @@ class SkyOfAMoonWithoutRelief : public test::MoonWithoutRelief {
       }
     b.x_px /= b.sum, b.y_px /= b.sum;
     return b;
+  }
+  // Irradiance of all of an image, each pixel by its solid angle.
+  double irradiance(const FrameRequest& request) {
+    const View view(request.camera, request.pose);
+    const std::vector<float> radiance = renderer().render(request).products.radiance;
+    double sum = 0;
+    for (std::size_t i = 0; i < radiance.size(); ++i) {
+      const auto x = static_cast<double>(i % static_cast<std::size_t>(request.camera.width)),
+                 y = static_cast<double>(i / static_cast<std::size_t>(request.camera.width));
+      if (!(radiance[i] > 0)) continue;
+      const auto corner = [&](double dx, double dy) { return view.ray(x + dx, y + dy)->normalized(); };
+      sum += static_cast<double>(radiance[i]) *
+             (corner(0.5, 0.5) - corner(-0.5, -0.5)).cross(corner(-0.5, 0.5) - corner(0.5, -0.5)).norm() / 2;
+    }
+    return sum;
+  }
+  // The Earth or the Sun alone, from 5000 km toward it, so that it is right of and below the boresight by these angles.
+  static FrameRequest looking_beside(SkyKind kind, const char* utc, const Camera& camera, double right_deg,
+                                     double below_deg = 0) {
+    FrameRequest request = looking_up();
+    request.camera = camera;
+    request.sky->stars.reset(), request.sky->utc = utc;
+    (kind == SkyKind::sun ? request.sky->sun : request.sky->earth) = true;
+    const Vec3 toward = kind == SkyKind::sun ? sun_at(utc).direction : earth_at(utc).direction;
+    request.pose = test::looking(5e6 * toward, toward, Vec3::UnitZ());
+    const Eigen::Quaterniond beside(Eigen::AngleAxisd(right_deg * kRadiansPerDegree, Vec3::UnitY()) *
+                                    Eigen::AngleAxisd(-below_deg * kRadiansPerDegree, Vec3::UnitX()));
+    request.pose.camera_from_moon = beside * request.pose.camera_from_moon;
+    return request;
   }
   static bool well_inside(const SkyObject& o, const Camera& c, double margin) {
     return o.x_px > margin && o.y_px > margin && o.x_px < c.width - 1 - margin && o.y_px < c.height - 1 - margin;
@@ -217,7 +247,7 @@ TEST_F(SkyOfAMoonWithoutRelief, TheSunIsItsDisc) {
 
 TEST_F(SkyOfAMoonWithoutRelief, TheEarthHasItsPhaseAndIrradiance) {
   // At the quarter, and a crescent thinner than a pixel.
-  for (const auto& [utc, tolerance] : {std::pair{"2026-11-17T12:00:00Z", 0.01}, {kUtc, 0.05}}) {
+  for (const auto& [utc, tolerance] : {std::pair{"2026-11-17T12:00:00Z", 0.005}, {kUtc, 0.01}}) {
     FrameRequest request = looking_up();
     request.sky->stars.reset(), request.sky->earth = true, request.sky->utc = utc;
     request.camera = test::square_camera(256, 3);
@@ -238,6 +268,64 @@ TEST_F(SkyOfAMoonWithoutRelief, TheEarthHasItsPhaseAndIrradiance) {
     const Eigen::Vector2d light(b.x_px - listed.x_px, b.y_px - listed.y_px),
         side(toward->x - listed.x_px, toward->y - listed.y_px);
     EXPECT_GT(light.normalized().dot(side.normalized()), 0.999) << utc;
+  }
+}
+
+// In pixels of 0.16 and of 1.6 degrees, the Earth's radius being one: wherever it is.
+TEST_F(SkyOfAMoonWithoutRelief, AThinCrescentKeepsItsLight) {
+  for (const char* utc : {kUtc, "2026-11-24T12:00:00Z"})  // phases of 172.7 and 174.6 degrees
+    for (const auto& [fov_deg, tolerance] : {std::pair{20.0, 0.002}, {120.0, 0.006}})  // large pixels aren't flat
+      for (int i = 0; i < 6; ++i) {
+        const FrameRequest request =
+            looking_beside(SkyKind::earth, utc, test::square_camera(128, fov_deg), 0.011 * i * fov_deg, 0.004 * i);
+        EXPECT_NEAR(irradiance(request) / renderer().sky(request).at(0).irradiance_w_m2, 1, tolerance)
+            << utc << ", " << fov_deg << " degrees, pointing " << i;
+      }
+}
+
+TEST_F(SkyOfAMoonWithoutRelief, WideLensesImageWholeDiscs) {
+  Camera pinhole = test::square_camera(4096, 150), fisheye = test::square_camera(2048, 90);
+  pinhole.height = 200, pinhole.cy = 99.5;
+  fisheye.model = CameraModel::fisheye, fisheye.fx = fisheye.fy = 1024 / (170 * kRadiansPerDegree);
+  fisheye.height = 400, fisheye.cy = 199.5;
+  for (const SkyKind kind : {SkyKind::earth, SkyKind::sun})
+    for (const auto& [camera, off_deg] :
+         {std::pair{pinhole, 0.0}, {pinhole, 73.0}, {fisheye, 90.0}, {fisheye, 160.0}}) {
+      FrameRequest request = looking_beside(kind, "2026-11-10T00:00:00Z", camera, off_deg);
+      request.terrain = false;  // the fisheye would see the Moon, too
+      EXPECT_NEAR(irradiance(request) / renderer().sky(request).at(0).irradiance_w_m2, 1, 0.002)
+          << static_cast<int>(kind) << ", " << off_deg << " degrees off";
+    }
+}
+
+// A camera that doesn't move, whose rows have their own views all the same.
+TEST_F(SkyOfAMoonWithoutRelief, RowsSeeTheEdgeOfADiscBesideThem) {
+  for (const SkyKind kind : {SkyKind::earth, SkyKind::sun})
+    for (const double below_deg : {-2.2, -1.5, 0.0, 1.5, 2.2}) {
+      FrameRequest request = looking_beside(kind, "2026-11-10T00:00:00Z", test::square_camera(128, 4), 0.1, below_deg);
+      const std::vector<float> still = renderer().render(request).products.radiance;
+      request.shutter.emplace().line_time_s = 1e-6;
+      EXPECT_GT(*std::max_element(still.begin(), still.end()), 0);
+      EXPECT_EQ(renderer().render(request).products.radiance, still) << static_cast<int>(kind) << ", " << below_deg;
+    }
+}
+
+// Lines that are taken more often than a pixel goes by show the disc as often, and all of it.
+TEST_F(SkyOfAMoonWithoutRelief, ASlowScanShowsTheWholeDisc) {
+  constexpr double kPixel_deg = 1 / 32.0;
+  for (const double step_px : {1.0, 0.5, 0.25, -0.25}) {
+    Camera camera = test::square_camera(128, 4);
+    camera.fx = camera.fy = 1 / (kPixel_deg * kRadiansPerDegree), camera.height = 400, camera.cy = 199.5;
+    FrameRequest request =
+        looking_beside(SkyKind::earth, "2026-11-10T00:00:00Z", camera, 0.1, 200 * step_px * kPixel_deg);
+    request.shutter.emplace();
+    request.shutter->pushbroom = true, request.shutter->line_time_s = 1e-3;
+    request.shutter->rates.angular_rate_deg_s.x() = -step_px * kPixel_deg / 1e-3;
+    const std::vector<float> radiance = renderer().render(request).products.radiance;
+    double sum = 0;
+    for (const float value : radiance) sum += static_cast<double>(value);
+    const double pixel_sr = std::pow(kPixel_deg * kRadiansPerDegree, 2) * std::abs(step_px);
+    EXPECT_NEAR(sum * pixel_sr / renderer().sky(request).at(0).irradiance_w_m2, 1, 0.005) << step_px;
   }
 }
 
