@@ -102,7 +102,9 @@ Band in_photons(const Band& band, const std::vector<ResponsePoint>& efficiency) 
       const double share = static_cast<double>(k) / static_cast<double>(pieces);
       double at = from + share * (to - from);
       if (k == 0 && i > 0) at = std::min(from * (1 + kStep), middle);
-      response.push_back({at, counted(std::clamp(at, from, to), middle)});
+      at = std::clamp(at, from, to);
+      // Ends of the band and of the efficiency that rounding tells apart leave no room for a step.
+      if (response.empty() || at > response.back().wavelength_um) response.push_back({at, counted(at, middle)});
     }
   }
   return Band(std::move(response));

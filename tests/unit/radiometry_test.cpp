@@ -87,6 +87,14 @@ TEST(Atmosphere, ProductsAreIntegratedExactly) {
   EXPECT_NEAR(sums.emitted_w_m2_sr, emitted, 1e-8 * emitted);
 }
 
+// Of a band's center and width rounding makes an end beyond that of the table.
+TEST(Atmosphere, HoldsABandThatEndsWhereItDoes) {
+  const Atmosphere atmosphere({{0.35, 0.2, 1700, 1, 2, 0}, {1.03, 0.5, 900, 0.5, 0.1, 2}});
+  EXPECT_NEAR(atmosphere.over(Band(0.69, 0.68), 0).direct_w_m2,
+              atmosphere.over(Band({{0.35, 1}, {1.03, 1}}), 0).direct_w_m2, 1e-9);
+  EXPECT_THROW(atmosphere.over(Band(0.69, 0.6801), 0), ImpossibleRequest);
+}
+
 std::string refusal_of(const std::string& text) {
   TemporaryFolder folder;
   const std::string path = folder.path() + "/table.csv";

@@ -212,5 +212,19 @@ TEST(Photons, EfficiencyIsNothingOutsideOfItsCurve) {
   EXPECT_THROW(in_photons(band, {{2, 1}, {3, 1}}), ImpossibleRequest);
 }
 
+// A curve may end where the band does, of which rounding makes two places.
+TEST(Photons, AnEfficiencyMayEndWhereTheBandEnds) {
+  for (const double center_um : {0.45, 0.55, 0.6, 0.7, 0.85, 0.95})
+    for (const double width_um : {0.02, 0.1, 0.2, 0.3, 0.4}) {
+      const auto ends = [](double um) { return std::round(um * 1e4) / 1e4; };
+      const double first = ends(center_um - width_um / 2), last = ends(center_um + width_um / 2);
+      const Band band(center_um, width_um);
+      const std::vector<ResponsePoint> whole{{first, 0.3}, {last, 0.5}};
+      const double share = 0.2 / (last - first) * 1e-3;
+      const std::vector<ResponsePoint> wider{{first - 1e-3, 0.3 - share}, {last + 1e-3, 0.5 + share}};
+      EXPECT_NEAR(in_photons(band, whole).width_um() / in_photons(band, wider).width_um(), 1, 1e-6) << center_um;
+    }
+}
+
 }  // namespace
 }  // namespace selenograph::engine
