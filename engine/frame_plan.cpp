@@ -53,6 +53,13 @@ void thin_array(std::vector<T>& array, const FrameRequest& asked) {
   array = std::move(thinned);
 }
 
+// Whether all that shines does so in the spectrum that the sensor counts by a factor: sunlight, or the Moon's.
+bool in_one_spectrum(const FrameRequest& request, const RadianceTerms& terms, bool emits_elsewhere) {
+  const bool moonlight = request.terrain && request.reflectance.model == ReflectanceModel::moon;
+  const bool sunlight_beside = !request.objects.empty() || (request.sky && (request.sky->sun || request.sky->earth));
+  return !request.atmosphere && !terms.emitted && !emits_elsewhere && !(moonlight && sunlight_beside);
+}
+
 }  // namespace
 
 void thin(FrameProducts& products, const FrameRequest& asked) {
@@ -71,7 +78,7 @@ FramePlan::FramePlan(const FrameRequest& asked, const StopToken& stop)
       emits_elsewhere(objects_emit(request.objects) || !request.temperature_maps.empty()) {
   if (!sensor) return;
   // Light of a spectrum of its own is counted in photons by a frame of its own.
-  const auto photons = sensor->photon_band(!request.atmosphere && !radiance.emitted && !emits_elsewhere);
+  const auto photons = sensor->photon_band(in_one_spectrum(request, radiance, emits_elsewhere));
   if (!photons) return;
   counted = request;
   counted->band = photons, counted->products = for_radiance(request);

@@ -63,8 +63,8 @@ Sensor::Sensor(const FrameRequest& request, const StopToken& stop)
       kernel_(model_.optics.point_spread, model_.optics.f_number, model_.detector.pixel_pitch_um,
               request.band->center_um(), stop) {}
 
-std::optional<Band> Sensor::photon_band(bool sunlight_alone) {
-  if (sunlight_alone) return std::nullopt;
+std::optional<Band> Sensor::photon_band(bool one_spectrum) {
+  if (one_spectrum) return std::nullopt;
   wavelength_um_ = request_.band->center_um();
   return in_photons(*request_.band, model_.detector.efficiency);
 }

@@ -44,10 +44,10 @@ class Sensor {
   // `request` must have a sensor and a band. Throws Cancelled when `stop` says so, as image() does.
   explicit Sensor(const FrameRequest& request, const StopToken& stop = {});
 
-  // Eq. (8) for a wide band: photons are counted over the band. For sunlight alone this is a constant factor. When
-  // other light has its own spectrum, radiance must be rendered in the returned band, in which the detector counts
-  // photons.
-  std::optional<Band> photon_band(bool sunlight_alone);
+  // Eq. (8) for a wide band: photons are counted over the band. For sunlight alone, or the Moon's light alone, this is
+  // a constant factor. When other light has its own spectrum, radiance must be rendered in the returned band, in which
+  // the detector counts photons.
+  std::optional<Band> photon_band(bool one_spectrum);
 
   // Chooses the integration time, if the request leaves it to the frame, from the radiance at the middle of the
   // exposure, as image() takes it. `camera`: RowViews::camera().

@@ -59,6 +59,27 @@ class SensorTest(unittest.TestCase):
             full_scale = (65535 - 60) * f["radiance"].max() / (f["image"].max() - 60.0)
             self.assertAlmostEqual(f["meta"]["full_scale_radiance_w_m2_sr"] / full_scale, 1, 3)
 
+    def test_sunlight_beside_moonlight_is_counted_in_its_own_spectrum(self):
+        """The Moon is redder than the Sun: an object is as bright over any ground."""
+        wide = {"center_um": 1.2, "width_um": 1.6}
+        detector = {"quantum_efficiency": [[0.35, 0.9], [0.6, 0.6], [1.0, 0.2], [2.1, 0.05]], "gain_e_dn": 2.0,
+                    "offset_dn": 0.0}
+        place = {"geodetic": {"lat_deg": 0.1, "lon_deg": 30.1, "height_m": 5000}}
+        object = {"mesh": "satellite", "scale": 5.0, "pose": place | {"upright": {}},
+                 "material": {"reflectance": {"model": "lambert", "rho": 0.1}}}
+        above = {"geodetic": place["geodetic"] | {"height_m": 5100}, "nadir": {"up_azimuth_deg": 0.0}}
+        camera = {"model": "pinhole", "width": 32, "height": 32, "fov_deg": 10.0}
+        products = ["image", "radiance", "object_id"]
+        lambert, moon = (self.frame(detector=detector, products=products, band=wide, surface=surface, objects=[object],
+                                    pose=above, camera=camera)
+                         for surface in ({"reflectance": {"model": "lambert", "rho": 0.12}}, {"preset": "moon"}))
+        on = (lambert["object_id"] != 65535) & (lambert["radiance"] > 0)
+        self.assertGreater(on.sum(), 50)
+        np.testing.assert_array_equal(lambert["radiance"][on], moon["radiance"][on])
+        self.assertGreater(lambert["image"][on].max(), 5000)
+        self.assertLess(lambert["image"][on].max(), 65535)
+        self.assertLessEqual(abs(lambert["image"][on] - moon["image"][on].astype(float)).max(), 5)
+
     def test_an_efficiency_beside_the_band_is_refused(self):
         sensor = copy.deepcopy(SENSOR)
         sensor["detector"]["quantum_efficiency"] = [[2.0, 0.4], [3.0, 0.4]]
