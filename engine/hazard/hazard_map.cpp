@@ -2,9 +2,12 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
+#include <utility>
 #include <vector>
 
 #include "dem/grid/block.h"
@@ -44,7 +47,8 @@ int margin_px(const MapRequest& request, const MapRequest& drawn) {
   return (drawn.grid.width - request.grid.width) / 2;
 }
 
-// In work: squares of pixels that share one footprint, so small that the map's scale is the same all over them.
+// In work: squares of pixels that share one footprint, so small that the map's scale is the same all over them. Where
+// north turns, next to a pole, they are smaller.
 constexpr int kSquare_px = 128;
 
 class HazardMap {
@@ -75,13 +79,33 @@ class HazardMap {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(drawn_.grid.width) + static_cast<std::size_t>(x);
   }
 
+  std::optional<FootprintOnMap> footprint_at(int x, int y) const {
+    const double height_m = products_.height[index(x, y)];
+    return footprint_on_map(*request_.footprint, drawn_.grid, x, y, std::isnan(height_m) ? 0 : height_m);
+  }
+
+  // Whether no part of the footprint is another pixel elsewhere because it is turned. A disc may turn.
+  bool same_at(int x, int y, const FootprintOnMap& middle) const {
+    const auto here = footprint_at(x, y);
+    if (!here || request_.footprint->shape == LanderFootprint::Shape::disc) return true;
+    const Eigen::Matrix2d moved = here->metres_per_px.inverse() * middle.metres_per_px - Eigen::Matrix2d::Identity();
+    return moved.norm() / std::numbers::sqrt2 * middle.reach_px() < 0.5;
+  }
+
   // A square of the drawn map.
   void find(int x0, int y0, int width, int height) {
-    const double middle_m = products_.height[index(x0 + width / 2, y0 + height / 2)];
-    const auto footprint = footprint_on_map(*request_.footprint, drawn_.grid, x0 + width / 2, y0 + height / 2,
-                                            std::isnan(middle_m) ? 0 : middle_m);
+    const auto footprint = footprint_at(x0 + width / 2, y0 + height / 2);
     // Where the map is distorted far more than at its border and middle there is no answer.
     if (!footprint || footprint->rows.empty() || footprint->reach_px() > margin_) return;
+    const int x1 = x0 + width - 1, y1 = y0 + height - 1;
+    if ((x1 > x0 || y1 > y0) && !(same_at(x0, y0, *footprint) && same_at(x1, y0, *footprint) &&
+                                  same_at(x0, y1, *footprint) && same_at(x1, y1, *footprint))) {
+      const int left = (width + 1) / 2, upper = (height + 1) / 2;
+      for (const auto& [y, rows] : {std::pair{y0, upper}, {y0 + upper, height - upper}})
+        for (const auto& [x, columns] : {std::pair{x0, left}, {x0 + left, width - left}})
+          if (rows > 0 && columns > 0) find(x, y, columns, rows);
+      return;
+    }
     const GroundWindow::Limits limits{request_.hazard.rock_height_m, roughness_above_m()};
     const GroundWindow ground(products_, drawn_.grid.width, drawn_.grid.height, {x0, y0, width, height}, *footprint,
                               limits);

@@ -96,6 +96,32 @@ class Hazards(harness.unittest.TestCase):
     def test_legs(self):
         self.compare({"shape": "legs", "diameter_m": 4.0, "legs": 3, "azimuth_deg": 20.0})
 
+    def test_beside_a_pole_north_turns_from_pixel_to_pixel(self):
+        """A footprint is turned by the meridian of its own middle, not by that of a square of pixels."""
+        gsd_m, sixth = 100.0, 7
+        sample("polar", "--south-deg", "-90", "--west-deg", "-10", "--rows", "1", "--columns", "100", "--ppd", "32")
+        service = harness.Service(cache=harness.path("polar_cache"), dem=harness.path("polar"))
+        self.addCleanup(service.stop)
+        footprint = {"shape": "legs", "diameter_m": 11 * gsd_m, "legs": 4, "azimuth_deg": 0.0}
+
+        def around(lat_deg, lon_deg, pixels):
+            side_m = pixels * gsd_m
+            return service.arrays({"products": ["slope", "height"], "footprint": footprint, "map": {
+                "projection": "polar_stereographic", "center": {"lat_deg": lat_deg, "lon_deg": lon_deg}, "width_m": side_m,
+                "height_m": side_m, "gsd_m": gsd_m}}, "/v1/maps")
+
+        whole = around(-89.5, 40.0, 127)
+        left, across, _, top, _, down = whole["meta"]["grid"]["geotransform"]
+        x_m, y_m = left + across * (sixth + 1.5), top + down * (sixth + 1.5)
+        away_deg = 2 * math.degrees(math.atan(math.hypot(x_m, y_m) / (2 * RADIUS_M)))
+        piece = around(away_deg - 90, math.degrees(math.atan2(x_m, y_m)), 15)
+        other_left, _, _, other_top, _, _ = piece["meta"]["grid"]["geotransform"]
+        row, column = round((other_top - top) / down), round((other_left - left) / across)
+        self.assertGreaterEqual(min(row, column), 0)
+        same = whole["height"][row:row + 15, column:column + 15]
+        self.assertLess(abs(same - piece["height"]).max(), 1e-3)
+        self.assertLess(abs(whole["slope"][row:row + 15, column:column + 15] - piece["slope"]).max(), 0.02)
+
     def test_a_map_ends_nowhere(self):
         """At its border it has what a wider map has there."""
         footprint = {"diameter_m": 3.0}
