@@ -323,7 +323,7 @@ void add_rendering(Members<FrameQuery>& m) {
         "the header Selenograph-Echo. Changes no byte of any answer")
       .written_if([](const FrameQuery&) { return false; });
   m.add("compression", &FrameQuery::compression, Word{kCompressions},
-        "of an .npz: deflate makes it smaller and takes longer; PNG, TIFF and OpenEXR are always compressed")
+        "of an .npz: deflate makes it smaller and takes longer; a PNG always is compressed, TIFF and OpenEXR never")
       .written_if([](const FrameQuery& q) { return q.compression != Compression::none; });
   m.add("cameras", no_field<FrameQuery>(), CamerasByName{},
         "several cameras at one instant, by name: each is an object of members of this table, which replace the "

@@ -245,6 +245,9 @@ const Members<Detector>& detector_members() {
     m.check([](const JsonReader& in, Detector& detector, const ReadContext&) {
       if (detector.dead_fraction + detector.hot_fraction > 1)
         in.fail("hot_fraction", "exceeds the share of pixels that are not dead");
+      if (const int most = (1 << detector.bit_depth) - 1; !(detector.offset_dn < most))
+        in.fail("offset_dn",
+                fmt::format("must be below {}, the largest digital number of {} bits", most, detector.bit_depth));
     });
   });
   return *table;

@@ -120,7 +120,8 @@ const Members<Reflectance>& reflectance_members() {
   static const auto table = made<Members<Reflectance>>("Reflectance", reflectance_description(), [](auto& m) {
     m.add("model", &Reflectance::model, Word<ReflectanceModel>{model_words()}, "which BRDF");
     m.set_model("model");
-    m.add("rho", &Reflectance::rho, Number{kUnitInterval}, "rho of the equations")
+    m.add("rho", &Reflectance::rho, Number{kUnitInterval},
+          fmt::format("rho of the equations; at most {} of \"lunar_lambert\"", engine::kLunarLambertMaxRho))
         .of({"lambert", "lommel_seeliger", "lunar", "blinn_phong", "lunar_lambert"});
     m.add("lommel_seeliger_weight", &Reflectance::lommel_seeliger_weight, Number{kUnitInterval},
           "w of the weighted average")
