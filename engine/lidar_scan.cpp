@@ -1,5 +1,7 @@
 #include "engine/lidar_scan.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -166,16 +168,35 @@ class LidarScanner {
         out_.true_velocity_m_s[i] = static_cast<float>(velocity.dot(direction));
       }
     });
-    for (const std::size_t i : {std::size_t{0}, out_.size() - 1}) refuse_underground(at3(out_.origin_m, i));
+    if (request_.scenery.terrain) refuse_underground();
   }
 
-  void refuse_underground(const Vec3& place) const {
-    if (!request_.scenery.terrain) return;
+  // By the lowest beam of each of many stretches of the scan, as many as a tall frame has rows.
+  void refuse_underground() const {
+    constexpr std::size_t kMostStretches = 4096;
+    const std::size_t length = (out_.size() + kMostStretches - 1) / kMostStretches;
+    Vec3 asked = Vec3::Zero();
+    for (std::size_t first = 0; first < out_.size(); first += length) {
+      stop_.check();
+      std::size_t lowest = first;
+      for (std::size_t i = first + 1; i < std::min(first + length, out_.size()); ++i)
+        if (at3(out_.origin_m, i).squaredNorm() < at3(out_.origin_m, lowest).squaredNorm()) lowest = i;
+      if (at3(out_.origin_m, lowest) == asked) continue;  // a flash is from one place
+      asked = at3(out_.origin_m, lowest);
+      refuse_buried(asked, out_.time_s[lowest]);
+    }
+  }
+
+  void refuse_buried(const Vec3& place, double time_s) const {
     const Geographic g = to_geographic(place);
-    const double ground_m = terrain_.height(g.lat_deg, g.lon_deg, stop_).height_m;
-    if (g.height_m < ground_m)
-      throw ImpossibleRequest("the instrument is " + std::to_string(ground_m - g.height_m) + " m below the terrain",
-                              "pose");
+    if (g.height_m > double{dem::kHighestRelief_m}) return;
+    const double ground_m = terrain_.height(g.lat_deg, g.lon_deg, stop_).height_m,
+                 least_m = std::isnan(ground_m) ? double{dem::kLowestRelief_m} : ground_m;
+    if (g.height_m >= least_m) return;
+    const bool by_poses = !request_.poses.empty(), moving = by_poses || !request_.rates.none();
+    throw ImpossibleRequest(fmt::format("{}the instrument is {:.3f} m below the terrain",
+                                        moving ? fmt::format("after {:.6g} s ", time_s) : "", least_m - g.height_m),
+                            by_poses ? "poses" : "pose");
   }
 
   // Beams that meet the ground near each other are cast together: along a curve that fills the ground (Morton 1966).

@@ -32,7 +32,7 @@ Response answer_lidar(const EndpointContext& context) {
   context.memory.need((engine::kBytesOfBeam + (json ? kBytesOfJson : engine::kBytesOfBeam)) * query.beams +
                           engine::bytes_of_rocks(query.request.scenery.detail.get(), engine::kMostRememberedRocks),
                       query.request.pulses.empty() ? "/pattern" : "/pulses", context.stop);
-  constexpr MemberPointer kRefusable[] = {{"pose", "/pose"}, {"craters", "/craters"}};
+  constexpr MemberPointer kRefusable[] = {{"pose", "/pose"}, {"poses", "/motion/poses"}, {"craters", "/craters"}};
   const engine::LidarReturns returns =
       with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.lidar(query.request, context.stop); });
   Response response;

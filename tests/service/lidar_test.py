@@ -153,6 +153,11 @@ class Lidar(WithService):
         self.problem(self.service.post("/v1/lidar", request(instrument_preset="none")), 422, "/instrument_preset")
         below = {"geodetic": {**PLACE, "height_m": ground_m - 50}, "nadir": {}}
         self.problem(self.service.post("/v1/lidar", request(pose=below)), 422, "/pose")
+        dip = [(0, 100), (1, -50), (2, 100)]
+        motion = {"poses": [{"time_s": t, "pose": {"geodetic": {**PLACE, "height_m": ground_m + above_m}, "nadir": {}}}
+                            for t, above_m in dip]}
+        buried = request(pose=None, motion=motion, pattern={"scan": "cone", "beams": 9, "half_angle_deg": 2, "rate_hz": 4})
+        self.assertIn("after 0.5 s", self.problem(self.service.post("/v1/lidar", buried), 422, "/motion/poses")["detail"])
         short = request(pose=None, motion={"poses": [{"time_s": t, "pose": request()["pose"]} for t in (0, 0.5)]},
                         pattern={"scan": "cone", "beams": 3, "half_angle_deg": 5, "rate_hz": 1})
         self.problem(self.service.post("/v1/lidar", short), 422, "/motion/poses")

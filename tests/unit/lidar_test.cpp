@@ -5,8 +5,10 @@
 
 #include <cmath>
 #include <numbers>
+#include <string>
 #include <vector>
 
+#include "dem/support/error.h"
 #include "engine/camera/pose_track.h"
 #include "engine/lidar/beam.h"
 #include "engine/lidar/detection.h"
@@ -308,6 +310,30 @@ TEST_F(SmoothMoonLidar, BeamsDontDependOnEachOther) {
     EXPECT_EQ(alone.true_range_m[0], all.true_range_m[i]) << i;
     EXPECT_EQ(alone.true_intensity[0], all.true_intensity[i]);
     EXPECT_EQ(alone.true_width_m[0], all.true_width_m[i]);
+  }
+}
+
+TEST_F(SmoothMoonLidar, ATrackThatDipsBelowTheTerrainIsRefused) {
+  LidarRequest request = looking_down(1500, 0);
+  const auto at = [&](double time_s, double height_m) {
+    return PoseAtTime{time_s, {to_cartesian({20, 30, height_m}), request.pose.camera_from_moon}};
+  };
+  request.pulses.clear();
+  for (const int beams : {9, 20000}) {
+    request.pattern = {.scan = LidarScan::cone, .beams = beams, .half_angle_deg = 2, .rate_hz = (beams - 1) / 2.0};
+    for (const double lowest_m : {-5000.0, -2.0, 2.0}) {
+      request.poses = {at(0, 1500), at(1, lowest_m), at(2, 1500)};
+      if (lowest_m > 0) {
+        EXPECT_NO_THROW(renderer().lidar(request)) << beams;
+        continue;
+      }
+      try {
+        renderer().lidar(request);
+        FAIL() << beams << " beams, down to " << lowest_m << " m";
+      } catch (const ImpossibleRequest& e) {
+        EXPECT_NE(std::string(e.what()).find("below the terrain"), std::string::npos) << e.what();
+      }
+    }
   }
 }
 
