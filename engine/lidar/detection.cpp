@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "engine/sensor/random.h"
@@ -16,7 +17,7 @@ constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 constexpr float kNoSignal = std::numeric_limits<float>::quiet_NaN();
 
 // What the words of a beam are for.
-enum class Purpose : std::uint64_t { false_alarms = 0, velocity = 1, first_return = 16 };
+enum class Purpose : std::uint64_t { false_alarms = 0, velocity = 1, strongest_alarm = 2, first_return = 16 };
 
 // (scan, purpose) is the frame of the numbers: scans are below 2^53.
 RandomBits bits_of(std::uint64_t seed, std::uint64_t scan, std::uint64_t purpose, std::uint32_t beam) {
@@ -24,6 +25,34 @@ RandomBits bits_of(std::uint64_t seed, std::uint64_t scan, std::uint64_t purpose
 }
 
 double unit(std::uint32_t bits) { return (static_cast<double>(bits) + 0.5) * 0x1p-32; }
+
+// What a beam has detected so far.
+struct Detected {
+  LidarDetection out{kNone, kNone, kNone, kNoSignal, kNoSignal, kNoSignal};
+  std::size_t count = 0;
+
+  void add(double range_m, double signal) {
+    const auto s = static_cast<float>(signal);
+    ++count;
+    if (!(range_m >= out.first_m)) out.first_m = range_m, out.first = s;
+    if (!(range_m <= out.last_m)) out.last_m = range_m, out.last = s;
+  }
+  // Detections as strong as each other, one of which has this range. All of the strongest have the same chance.
+  struct Alike {
+    double strength, number;
+    bool false_alarms;
+  };
+  void take_strongest(double range_m, double signal, const Alike& alike, std::uint32_t bits) {
+    if (alike.strength < most_) return;
+    number_of_most_ = alike.strength > most_ ? alike.number : number_of_most_ + alike.number;
+    most_ = alike.strength;
+    if (unit(bits) * number_of_most_ >= alike.number) return;
+    out.strongest_m = range_m, out.strongest = static_cast<float>(signal), out.false_alarm = alike.false_alarms;
+  }
+
+ private:
+  double most_ = -std::numeric_limits<double>::infinity(), number_of_most_ = 0;
+};
 
 double gain_of(const LidarInstrument& instrument) {
   const LidarReceiver& r = instrument.receiver;
@@ -76,15 +105,7 @@ double LidarReceiverModel::detection_chance(double signal) const {
 
 LidarDetection LidarReceiverModel::detect(std::span<const EchoReturn> returns, std::uint64_t seed, std::uint64_t scan,
                                           std::uint32_t beam) const {
-  LidarDetection out{kNone, kNone, kNone, kNoSignal, kNoSignal, kNoSignal};
-  std::size_t count = 0;
-  const auto add = [&](double range_m, double signal, bool false_alarm) {
-    const auto s = static_cast<float>(signal);
-    ++count;
-    if (!(range_m >= out.first_m)) out.first_m = range_m, out.first = s;
-    if (!(range_m <= out.last_m)) out.last_m = range_m, out.last = s;
-    if (!(s <= out.strongest)) out.strongest_m = range_m, out.strongest = s, out.false_alarm = false_alarm;
-  };
+  Detected all;
   const bool counting = instrument_.receiver.signal == LidarSignal::photon_counting;
   const double timing_m = kHalfLight_m_ns * instrument_.timing_noise_ns;
   for (std::size_t k = 0; k < returns.size(); ++k) {
@@ -98,26 +119,38 @@ LidarDetection LidarReceiverModel::detect(std::span<const EchoReturn> returns, s
                                   : one.signal + static_cast<double>(normal_one(bits[0]));
     if (!(found >= instrument_.threshold)) continue;
     const double deviation_m = counting ? one.width_m / std::sqrt(found) : one.width_m / std::max(1.0, one.signal);
-    add(one.range_m + deviation_m * static_cast<double>(normal_one(bits[1])) +
-            timing_m * static_cast<double>(normal_one(bits[2])),
-        counting ? std::max(0.0, found - dark) : found, false);
+    const double range_m = one.range_m + deviation_m * static_cast<double>(normal_one(bits[1])) +
+                           timing_m * static_cast<double>(normal_one(bits[2])),
+                 signal = counting ? std::max(0.0, found - dark) : found;
+    all.add(range_m, signal);
+    all.take_strongest(range_m, signal, {.strength = found, .number = 1, .false_alarms = false}, bits[3]);
   }
   if (false_alarms_ > 1e-12) {
     const RandomBits bits = bits_of(seed, scan, static_cast<std::uint64_t>(Purpose::false_alarms), beam);
     const auto alarms = static_cast<double>(poisson_one(bits[0], static_cast<float>(false_alarms_)));
     const double near_m = instrument_.gate.near_m, length_m = instrument_.gate.far_m - near_m;
+    // Hardly any has more than it takes.
+    const double strength = counting ? std::ceil(instrument_.threshold) : instrument_.threshold,
+                 signal = counting ? std::max(0.0, strength - dark_counts(cell_m_)) : strength;
     if (alarms > 0) {
-      // Of n uniform ranges the nearest, and of those beyond it the farthest.
+      // Of n uniform ranges the nearest, of those beyond it the farthest, and of all any one.
       const double nearest = 1 - std::pow(unit(bits[1]), 1 / alarms);
-      add(near_m + length_m * nearest, instrument_.threshold, true);
+      double any = nearest;
+      all.add(near_m + length_m * nearest, signal);
       if (alarms > 1) {
         const double farthest = nearest + (1 - nearest) * std::pow(unit(bits[2]), 1 / (alarms - 1));
-        add(near_m + length_m * farthest, instrument_.threshold, true);
-        count += static_cast<std::size_t>(std::min(alarms - 2, 255.0));
+        all.add(near_m + length_m * farthest, signal);
+        all.count += static_cast<std::size_t>(std::min(alarms - 2, 255.0));
+        const RandomBits of_any = bits_of(seed, scan, static_cast<std::uint64_t>(Purpose::strongest_alarm), beam);
+        const double which = std::floor(unit(of_any[0]) * alarms);
+        any = which == 0 ? nearest : which == 1 ? farthest : std::lerp(nearest, farthest, unit(of_any[1]));
       }
+      all.take_strongest(near_m + length_m * any, signal,
+                         {.strength = strength, .number = alarms, .false_alarms = true}, bits[3]);
     }
   }
-  out.count = static_cast<std::uint8_t>(std::min<std::size_t>(count, 255));
+  LidarDetection& out = all.out;
+  out.count = static_cast<std::uint8_t>(std::min<std::size_t>(all.count, 255));
   if (instrument_.velocity_noise_m_s > 0 && out.count > 0)
     out.velocity_noise_m_s = static_cast<float>(instrument_.velocity_noise_m_s) *
                              normal_one(bits_of(seed, scan, static_cast<std::uint64_t>(Purpose::velocity), beam)[0]);

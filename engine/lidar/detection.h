@@ -32,10 +32,12 @@ class LidarReceiverModel {
   //   photon_counting: a count of Poisson statistics, whose mean is the signal and the dark counts within the return's
   //   full width at half maximum, must reach the threshold. Its range is off by a normal deviate of width /
   //   sqrt(count). snr: the signal and a normal deviate of 1 must reach the threshold. The range is off by width /
-  //   signal.
+  //   max(1, signal).
   // Both: and by half of the way of light in the timing noise. False alarms: over the gate there are as many resolution
   // cells of one pulse length as fit; each exceeds the threshold without light by its chance, so that their number has
-  // Poisson statistics, and their ranges are uniform. Beyond kMostFalse only the nearest and farthest are told apart.
+  // Poisson statistics, and their ranges are uniform. Each has what the threshold asks for, and only the nearest and
+  // the farthest are told apart. Of detections with the highest count (dark counts included) or signal, false alarms
+  // among them, each is as likely the strongest.
   LidarDetection detect(std::span<const EchoReturn> returns, std::uint64_t seed, std::uint64_t scan,
                         std::uint32_t beam) const;
 

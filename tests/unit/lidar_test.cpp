@@ -163,6 +163,34 @@ TEST(LidarDetection, FalseAlarmsHaveTheirClosedForm) {
   EXPECT_NEAR(poisson_reaches(1e-3, 3), 1.6654e-10, 1e-13);
 }
 
+// One photon is all that the threshold asks for: a return of one and each of some five alarms are equally strong.
+TEST(LidarDetection, EquallyStrongDetectionsAreEquallyLikelyTheStrongest) {
+  LidarInstrument lidar = counting();
+  lidar.threshold = 1, lidar.dark_count_hz = 1e5, lidar.gate = {1000, 9000};
+  const LidarReceiverModel receiver(lidar);
+  const std::vector<EchoReturn> returns{{4000, pulse_deviation_m(4), 0.2, 0}};
+  constexpr int kBeams = 40000;
+  int real = 0, alarms = 0;
+  double sum = 0, square = 0;
+  for (std::uint32_t beam = 0; beam < kBeams; ++beam) {
+    const LidarDetection found = receiver.detect(returns, 3, 0, beam);
+    if (found.count > 0 && !found.false_alarm) ++real;
+    if (!found.false_alarm) continue;
+    ++alarms, sum += found.strongest_m, square += found.strongest_m * found.strongest_m;
+    EXPECT_TRUE(found.first_m <= found.strongest_m && found.strongest_m <= found.last_m);
+    EXPECT_EQ(found.strongest, found.first) << "alarms are alike";
+  }
+  const double mean = 0.2 + 1e5 * 4e-9, one = mean * std::exp(-mean), more = 1 - std::exp(-mean) - one,
+               false_alarms = receiver.expected_false_alarms();
+  ASSERT_GT(false_alarms, 5);
+  // The mean of 1 / (1 + n) over n of Poisson statistics.
+  const double chance = more + one * (1 - std::exp(-false_alarms)) / false_alarms;
+  EXPECT_NEAR(static_cast<double>(real) / kBeams, chance, 4.5 * std::sqrt(chance / kBeams));
+  const double at = sum / alarms, deviation = std::sqrt(square / alarms - at * at);
+  EXPECT_NEAR(at, 5000, 4.5 * 8000 / std::sqrt(12.0 * alarms)) << "uniform over the gate";
+  EXPECT_NEAR(deviation, 8000 / std::sqrt(12.0), 40);
+}
+
 TEST(LidarDetection, SameSeedSameNumbersAnotherSeedOthers) {
   const LidarReceiverModel receiver(counting());
   const std::vector<EchoReturn> returns{{1000, 0.3, 50, 0}};
