@@ -50,9 +50,9 @@ void check_still_there(const RasterFile& s) {
     throw DataError(s.info.path, "its data file " + s.pds->data_path + (state ? " was truncated" : " vanished"));
 }
 
-bool is_possible(double height_m) {
-  return std::abs(height_m) <= kFarthestHeight_m || std::abs(height_m - kMoonRadius_m) <= kFarthestHeight_m;
-}
+bool may_be_height(double value_m) { return std::abs(value_m) <= kFarthestHeight_m; }
+bool may_be_radius(double value_m) { return std::abs(value_m - kMoonRadius_m) <= kFarthestHeight_m; }
+bool is_possible(double value_m) { return may_be_height(value_m) || may_be_radius(value_m); }
 
 // Heights of a few posts, evenly spread; without no-data.
 constexpr int kAcross = 6, kSamples = kAcross * kAcross;
@@ -68,7 +68,8 @@ std::vector<double> some_heights(RasterFile& s) {
   return heights;
 }
 
-// Whether the samples are radii: by the offset, else (where the type can hold a radius at all) by the median of a few.
+// Whether the samples are radii: by the offset, else (where the type can hold a radius at all) by what most of a few
+// can be. Each number counts once: a void that nobody declared, such as 0 or 1750000, is the same number everywhere.
 bool holds_radii(RasterFile& s) {
   if (s.offset_m > kNoRadiusBelow_m) return true;
   const bool narrow = is_integer(s.type) && GDALGetDataTypeSizeBytes(s.type) <= 2;
@@ -80,9 +81,10 @@ bool holds_radii(RasterFile& s) {
   };
   if (std::count_if(heights.begin(), heights.end(), impossible) == kSamples)
     throw DataError(s.info.path, "its samples can't be heights: " + std::to_string(heights.front()) + " m is one");
-  const auto middle = heights.begin() + static_cast<std::ptrdiff_t>(heights.size() / 2);
-  std::nth_element(heights.begin(), middle, heights.end());
-  return *middle > kNoRadiusBelow_m;
+  std::sort(heights.begin(), heights.end());
+  heights.erase(std::unique(heights.begin(), heights.end()), heights.end());
+  return std::count_if(heights.begin(), heights.end(), may_be_radius) >
+         std::count_if(heights.begin(), heights.end(), may_be_height);
 }
 
 // Of a file that declares no unit: nowhere is the Moon so level over so far, and nothing is 1.7 km above the datum and

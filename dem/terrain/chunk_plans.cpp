@@ -79,11 +79,14 @@ std::uint64_t ChunkPlans::fingerprint_of(const ChunkPlan& plan) const {
   f.add(plan.node);
   f.add(plan.base_level);
   f.add(fall_through_);
+  // Of reals without a declared void: earlier versions took heights for radii where most posts were void.
+  constexpr std::uint64_t kDatumOfValidPosts = 1;
   // Context beyond the border (filter and void filling) comes from the neighbours.
   for (const int i : around(plan, margin_deg(plan))) {
     const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(i)];
     f.add_text(info.path);
     f.add(info.stamp);
+    if (info.quantisation_m == 0 && !info.void_value) f.add(kDatumOfValidPosts);
   }
   if (!catalogue_.joins().offsets_m.empty() || !catalogue_.one_layer()) add_joins(plan, f);
   const std::vector<int> layers = files_touching(catalogue_, plan.node, 0);

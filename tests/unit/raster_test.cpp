@@ -13,6 +13,7 @@
 #include <limits>
 #include <thread>
 
+#include "dem/grid/block.h"
 #include "dem/grid/geodesy.h"
 #include "dem/posts/layer_joins.h"
 #include "dem/posts/post_source.h"
@@ -473,6 +474,24 @@ TEST_F(RasterTest, ImpossibleHeightsAreVoid) {
   EXPECT_TRUE(std::isnan(post(raster, 1, 0)));
   EXPECT_TRUE(std::isnan(post(raster, 2, 0)));
   EXPECT_EQ(post(raster, 3, 0), -kFarthestHeight_m);
+}
+
+// Of most posts: they don't decide whether the others are heights or radii.
+TEST_F(RasterTest, UndeclaredVoidsDoNotDecideTheDatum) {
+  const double inf = std::numeric_limits<double>::infinity(), largest = std::numeric_limits<float>::max();
+  for (const double datum_m : {0.0, kMoonRadius_m})
+    for (const double none :
+         {inf, -inf, largest, -largest, 1e30, -32768.0, 99999999.0, datum_m == 0 ? 1750000.0 : 0.0}) {
+      Tif t;
+      t.type = GDT_Float32;
+      t.width = t.height = 12, t.dx = 0.25, t.dy = -0.25;
+      t.values.assign(144, none);
+      for (std::size_t i = 0; i < 48; ++i) t.values[i] = datum_m + 10.0 * static_cast<double>(i);
+      write(file("t.tif"), t);
+      Raster raster(inspect_raster(file("t.tif")));
+      EXPECT_EQ(post(raster, 5, 0), 50) << none << " beside " << datum_m;
+      EXPECT_FALSE(post(raster, 5, 11) >= kLowestRelief_m) << none << " beside " << datum_m;  // void now or later
+    }
 }
 
 TEST_F(RasterTest, AreaOrPoint) {
