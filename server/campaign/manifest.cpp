@@ -41,9 +41,9 @@ std::string own_name(const Json& given) {
 
 std::string read_whole(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
-  std::string text{std::istreambuf_iterator<char>(file), {}};
-  if (!file) throw std::runtime_error(path + ": can't be read");
-  return text;
+  file.peek();  // a folder can be opened
+  if (!file.is_open() || file.bad()) throw std::runtime_error(path + ": can't be read");
+  return {std::istreambuf_iterator<char>(file), {}};
 }
 
 std::vector<ManifestLine> split(std::string_view text) {

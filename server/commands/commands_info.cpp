@@ -39,7 +39,12 @@ std::string heights_text(const dem::Catalogue& catalogue, const dem::RasterInfo&
   constexpr std::size_t kMostFiles = 4096;
   if (posts == 0 || catalogue.rasters().size() > kMostFiles || !info.damage.empty()) return {};
   const dem::HeightRange range = dem::sampled_heights(info, posts);
-  return range.low > range.high ? ", no valid posts" : fmt::format(", {:.1f} to {:.1f} m", range.low, range.high);
+  if (range.low > range.high) return ", no valid posts";
+  const bool beyond = range.low < dem::kLowestRelief_m || range.high > dem::kHighestRelief_m;
+  return fmt::format(", {:.1f} to {:.1f} m", range.low, range.high) +
+         (beyond ? fmt::format("; posts outside of {} .. {} m are taken as voids", dem::kLowestRelief_m,
+                               dem::kHighestRelief_m)
+                 : "");
 }
 
 void print_table(const dem::Catalogue& catalogue, std::size_t posts) {

@@ -14,7 +14,8 @@ namespace selenograph::server {
 std::string read_request(const std::string& path) {
   if (path == "-") return {std::istreambuf_iterator<char>(std::cin), {}};
   std::ifstream file(path, std::ios::binary);
-  if (!file) throw std::runtime_error(path + ": can't be read");
+  file.peek();  // a folder can be opened
+  if (!file.is_open() || file.bad()) throw std::runtime_error(path + ": can't be read");
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
