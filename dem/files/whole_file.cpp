@@ -28,12 +28,13 @@ std::string temporary_name(const std::string& path) {
 class Temporary {
  public:
   Temporary(const std::string& path, std::string_view bytes, bool flush = true) : name_(temporary_name(path)) {
-    std::error_code ignored;
-    fs::create_directories(fs::path(path).parent_path(), ignored);
+    std::error_code no_folder;
+    fs::create_directories(fs::path(path).parent_path(), no_folder);
     try {
       OpenFile(name_, O_WRONLY | O_CREAT | O_TRUNC).write(bytes, flush);
     } catch (...) {
       ::unlink(name_.c_str());
+      if (no_folder) throw SystemFault(path, no_folder.value());  // not that it isn't there, but why
       throw;
     }
   }

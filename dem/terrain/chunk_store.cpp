@@ -151,13 +151,15 @@ std::shared_ptr<const Chunk> ChunkStore::build(const ChunkPlan& plan, const Chun
   ++chunks_built_;
   if (!built.replaced.empty()) replacements_ = true;
   // A replacement for an unusable file isn't kept: the next start finds the file back, or warns again.
-  const bool keep = !cache_dir_.empty() && built.replaced.empty() && !is_distrusted(plan.node);
+  const bool whole = !cache_dir_.empty() && built.replaced.empty(), keep = whole && !is_distrusted(plan.node);
+  if (whole && !keep) note_unwritten(path_of(plan) + ": can be neither used nor replaced");
   const auto chunk = Chunk::from_bytes(std::move(built.bytes), plan, catalogue_, std::move(built.replaced));
   if (keep) {
     try {
       writer_.add({plan, chunk});
     } catch (const std::exception& error) {
       trouble_.log(fmt::format("{} is kept in memory only: {}", chunk->name(), error.what()));
+      note_unwritten(path_of(plan) + ": " + error.what());
     }
   }
   return chunk;
@@ -174,11 +176,24 @@ void ChunkStore::write(const ChunkWriter::Job& job) {
     }
   } catch (const SystemFault& fault) {
     trouble_.cache_failed("written", fault);  // costs time, not answers
+    note_unwritten(fault.what());
   } catch (const DataError& error) {
     trouble_.log(fmt::format("{}, just written; it is kept in memory only", error.what()));
+    note_unwritten(error.what());
   } catch (const std::exception& error) {
     trouble_.log(fmt::format("{} is kept in memory only: {}", job.chunk->name(), error.what()));
+    note_unwritten(path_of(job.plan) + ": " + error.what());
   }
+}
+
+void ChunkStore::note_unwritten(const std::string& why) {
+  std::lock_guard lock(mutex_);
+  if (unwritten_.empty()) unwritten_ = why;
+}
+
+std::string ChunkStore::unwritten() const {
+  std::lock_guard lock(mutex_);
+  return unwritten_;
 }
 
 std::shared_ptr<const Block> ChunkStore::load(const BlockId& id, const ChunkPlan& plan, const StopToken& stop) {

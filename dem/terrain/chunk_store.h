@@ -41,6 +41,10 @@ class ChunkStore {
   void stop_building() { builds_.stop(); }
   void wait_until_written() { writer_.wait_until_done(); }
 
+  // Why the first of the built chunks that are not in the cache folder isn't, with its file's name; empty: all are, but
+  // for those with replacements.
+  std::string unwritten() const;
+
   // Whether any chunk lacks an unusable file.
   bool has_replacements() const { return replacements_; }
   // Statistics of chunks only, without hits and misses.
@@ -54,6 +58,7 @@ class ChunkStore {
   bool take_finer(BuildQueue::Work& work, const ChunkPlan& from, const BlockId& id, const StopToken& stop);
   std::shared_ptr<const Chunk> build(const ChunkPlan& plan, const Chunk::Finer& finer, const StopToken& stop);
   void write(const ChunkWriter::Job& job);
+  void note_unwritten(const std::string& why);
   void reject(const ChunkPlan& plan, const Chunk& opened, const DataError& why);
   void distrust(const BlockId& node);
   bool is_distrusted(const BlockId& node) const;
@@ -69,6 +74,7 @@ class ChunkStore {
   mutable std::mutex mutex_;
   // Nodes whose file is damaged and cannot be removed, or may not be read.
   std::unordered_set<BlockId, BlockIdHash> distrusted_;
+  std::string unwritten_;
   Chunk::Scratch scratch_;  // of the thread that builds from local files
   ChunkWriter writer_;
   BuildQueue builds_;  // declared last: its thread uses all of the above

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <mutex>
+#include <stdexcept>
 #include <unordered_map>
 #include <utility>
 
@@ -154,11 +155,12 @@ CacheStatistics PyramidTerrain::statistics() const {
 
 void PyramidTerrain::ingest(const Progress& progress) const {
   const std::vector<ChunkPlan> chunks = impl_->plans.all();
-  for (std::size_t i = 0; i < chunks.size(); ++i) {
+  for (std::size_t i = 0; i < chunks.size() && impl_->store.unwritten().empty(); ++i) {
     impl_->store.get(chunks[i], {});
     if (!progress(i + 1, chunks.size(), to_string(chunks[i].node))) break;
   }
   wait_until_written();
+  if (const std::string why = impl_->store.unwritten(); !why.empty()) throw std::runtime_error(why);
 }
 
 void PyramidTerrain::wait_until_written() const { impl_->store.wait_until_written(); }

@@ -53,7 +53,8 @@ class PyramidTerrain final : public Terrain {
   CacheStatistics statistics() const;
 
   // Builds the pyramid of everything in the catalogue that is not yet on disk. Calls progress(done, total, name) after
-  // each chunk; stops when it returns false. Finished chunks are kept.
+  // each chunk; stops when it returns false. Finished chunks are kept. Throws std::runtime_error naming the file and
+  // why once one can't be written: the rest would be built for nothing.
   using Progress = std::function<bool(std::size_t done, std::size_t total, const std::string& name)>;
   void ingest(const Progress& progress) const;
   // Waits until all built chunks have been written to the cache folder, or have failed.

@@ -3,6 +3,7 @@
 
 #include <csignal>
 #include <cstdio>
+#include <stdexcept>
 
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
@@ -26,6 +27,7 @@ void finish_chunk_on_signal() {
 
 int ingest(const TerrainSettings& settings) {
   set_up_log(settings.log_level);
+  if (settings.cache_dir.empty()) throw std::runtime_error("--cache-dir DIR is needed: the pyramid is kept there");
   const auto terrain = open_terrain(settings);
   finish_chunk_on_signal();
   ProgressBar bar;

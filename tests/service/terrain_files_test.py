@@ -59,6 +59,21 @@ class CommandLine(unittest.TestCase):
             self.assertTrue(found, line)
             self.assertLess(float(found[1]), float(found[2]))
 
+    def test_info_says_which_heights_are_taken_for_voids(self):
+        shutil.copytree(harness.path("dem"), harness.path("dem-high"))
+        with open(harness.path("dem-high", HIT + ".img"), "r+b") as file:
+            file.write((20000).to_bytes(2, "big") * 256)
+        high, *others = sorted(self.run_it("info", "--dem", harness.path("dem-high")).stdout.splitlines()[1:5],
+                               key=lambda line: HIT not in line)
+        self.assertRegex(high, r" to 20000\.0 m; posts outside of -12000 \.\. 13000 m are taken as voids$")
+        self.assertNotIn("voids", "".join(others))
+
+    def test_a_request_that_is_a_folder_is_named(self):
+        for command, output in (("render", "x.png"), ("map", "x.tif"), ("batch", "x")):
+            done = self.run_it(command, harness.path("dem"), "-o", harness.path(output), "--dem", harness.path("dem"))
+            self.assertEqual(done.returncode, 1)
+            self.assertIn(f"error: {harness.path('dem')}: can't be read\n", done.stderr)
+
     def test_misspelt_commands_and_options(self):
         for arguments, meant in ((("rendr", "x"), "rendr: did you mean render?"), (("info", "--dme", "x"), "--dme: did you mean --dem?"),
                                  (("verify", "accurcy"), "accurcy: did you mean accuracy?"), (("serve", "--prot=1"), "--port?")):
@@ -109,6 +124,25 @@ class CacheFolder(unittest.TestCase):
         self.assertEqual(pyramid("cache-full"), {})
         resource.prlimit(pid, resource.RLIMIT_FSIZE, before)
         self.assertEqual(service.stop(), 0)
+
+    def test_ingest_is_not_complete(self):
+        """What can't be written is an error with the file and the system's reason, though frames would be answered."""
+        def ingest(cache, **options):
+            done = harness.run("ingest", "--dem", harness.path("dem"), "--cache-dir", cache, **options)
+            return done.returncode, done.stdout, done.stderr
+        no_folder = os.path.join(harness.write("no-folder", ""), "cache")
+        small = harness.path("cache-small")
+        limits = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))  # noqa: E731
+        for cache, reason, options in ((no_folder, "Not a directory", {}), (small, "File too large", {"preexec_fn": limits})):
+            status, said, wrong = ingest(cache, **options)
+            self.assertEqual(status, 1, said + wrong)
+            self.assertRegex(wrong, f"(?m)^error: {re.escape(cache)}/pyramid/.*: {reason}$")
+            self.assertNotIn("complete", said)
+        self.assertEqual(ingest("")[0], 1)
+        for words in ("the pyramid in", "nothing to do"):
+            status, said, wrong = ingest(small)
+            self.assertEqual(status, 0, wrong)
+            self.assertIn(words, said)
 
     def test_frames_say_nothing_of_this_machine(self):
         for folder in ("cache-full", "cache-sound"):
