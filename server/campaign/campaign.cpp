@@ -203,8 +203,8 @@ class Campaign {
       }
       if (!line->problem && !options_.replace && folder.is_taken(*line))
         throw std::runtime_error(
-            fmt::format("{}: exists, but line {} of {} makes another frame with this software and this terrain; "
-                        "--resume replaces such frames",
+            fmt::format("{}: exists, but no journal says that it is the frame of line {} of {} with this software and "
+                        "this terrain; --resume replaces such frames",
                         folder.path_of(*line), line->number, manifest_.path()));
       missing.push_back(line);
     }

@@ -1,4 +1,4 @@
-// Checks that a folder holds exactly the frames of a manifest: every frame once and intact, and nothing else.
+// Checks that a folder holds the frames of a manifest: every frame once and intact. Names frames that no line asks for.
 #pragma once
 
 #include <cstddef>
@@ -15,7 +15,7 @@ enum class Fault {
   damaged,  // in no journal, with other bytes than in the journal, or of another request
   doubled,  // in more than one place
   bad,      // a line that can never become a frame
-  extra,    // not requested by any line
+  extra,    // not requested by any line, or left unfinished by a process that was killed: no frame of the manifest
 };
 std::string_view fault_name(Fault fault);
 
