@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <limits>
+#include <map>
 #include <optional>
 #include <stdexcept>
 #include <vector>
@@ -47,15 +48,15 @@ Epoch epoch_of(const std::string& text) {
   const std::chrono::year_month_day date{std::chrono::year(year), std::chrono::month(static_cast<unsigned>(month)),
                                          std::chrono::day(static_cast<unsigned>(day))};
   const bool in_range = hour >= 0 && hour < 24 && minute >= 0 && minute < 60 && second >= 0 && second < 60;
-  if ((rest != "" && rest != "Z") || !date.ok() || !in_range)
+  if ((!rest.empty() && rest != "Z") || !date.ok() || !in_range)
     throw std::runtime_error("--utc: \"" + text + "\" is not an epoch like 2026-11-20T00:00:00Z, in whole seconds");
   return std::chrono::sys_days(date) + std::chrono::hours(hour) + std::chrono::minutes(minute) +
          std::chrono::seconds(second);
 }
 
 std::chrono::seconds step_of(const std::string& text) {
-  constexpr std::pair<std::string_view, std::int64_t> kUnits[] = {{"", 1},     {"s", 1},    {"m", 60},
-                                                                  {"min", 60}, {"h", 3600}, {"d", 86400}};
+  constexpr std::pair<std::string_view, std::int64_t> kUnits[] = {
+      {"s", 1}, {"m", 60}, {"min", 60}, {"h", 3600}, {"d", 86400}};
   std::int64_t number = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
   const std::string_view unit(end, static_cast<std::size_t>(text.data() + text.size() - end));
@@ -102,29 +103,6 @@ std::string with_name(const std::string& output, const std::string& name, const 
 
 // --- maps
 
-struct Atlas {
-  const MapSettings& settings;
-  const engine::Renderer& renderer;
-  const api::Assets& assets;
-  const api::Limits& limits;
-  std::string_view media_type;
-  ProgressBar& bar;
-
-  // Writes one map, the number-th of `count`. `more`: products besides those that the file is to have.
-  engine::Map write(const api::MapQuery& query, const std::string& path, engine::ProductSet more, std::size_t number,
-                    std::size_t count) const {
-    engine::MapRequest request = query.request;
-    request.products |= more;
-    engine::Map map = renderer.map(request, {}, [&](double share) {
-      bar.show((static_cast<double>(number) + share) / static_cast<double>(count), path);
-    });
-    const std::string hash =
-        api::content_hash(query, renderer.scene_bytes(), renderer.terrain().catalogue().fingerprint(), media_type);
-    write_whole(path, api::encode_map(query, map, hash, media_type));
-    return map;
-  }
-};
-
 api::Json at_epoch(api::Json body, Epoch epoch) {
   if (!body.is_object()) return body;  // refused where it is read
   api::Json& sun = body["sun"];
@@ -138,6 +116,51 @@ api::Json at_epoch(api::Json body, Epoch epoch) {
   sun["utc"] = utc_of(epoch);
   return body;
 }
+
+struct Drawn {
+  api::MapQuery query;
+  engine::Map map;
+};
+
+struct Atlas {
+  const MapSettings& settings;
+  const std::string& request;  // as JSON
+  const engine::Renderer& renderer;
+  const api::Assets& assets;
+  const api::Limits& limits;
+  std::string_view media_type;
+  ProgressBar& bar;
+
+  // Writes one map, the number-th of `count`, at an epoch or, if null, at the request's own. `more`: products besides
+  // those that the file is to have. Nothing: the request can't be answered, and its problem is printed.
+  std::optional<Drawn> write(const std::string& path, const Epoch* epoch, engine::ProductSet more, std::size_t number,
+                             std::size_t count) const {
+    std::optional<Drawn> drawn;
+    const api::Response answer = api::answer_or_problem({}, [&] {
+      api::Json body = api::parse_json(request, limits.max_json_depth);
+      if (epoch) body = at_epoch(std::move(body), *epoch);
+      api::MapQuery query = api::read_map(body, limits, assets);
+      api::check_map_answer(query, media_type);
+      engine::MapRequest wanted = query.request;
+      wanted.products |= more;
+      engine::Map map = renderer.map(wanted, {}, [&](double share) {
+        bar.show((static_cast<double>(number) + share) / static_cast<double>(count), path);
+      });
+      const std::string hash =
+          api::content_hash(query, renderer.scene_bytes(), renderer.terrain().catalogue().fingerprint(), media_type);
+      api::Response encoded;
+      encoded.body = api::encode_map(query, map, hash, media_type);
+      drawn.emplace(Drawn{std::move(query), std::move(map)});
+      return encoded;
+    });
+    if (answer.status != 200) {
+      print_problem(answer);
+      return std::nullopt;
+    }
+    write_whole(path, answer.body);
+    return drawn;
+  }
+};
 
 void add_lit(const std::vector<float>& lit, std::vector<double>& sum) {
   sum.resize(lit.size());
@@ -159,33 +182,46 @@ void write_illumination(const api::MapQuery& query, const std::vector<double>& s
   write_whole(path, api::encode_illumination(query, fraction, meta));
 }
 
-std::string draw_series(const Atlas& atlas, const api::Json& body, const std::vector<Epoch>& epochs) {
+constexpr const char* kNoData = "of the pixels has no data: NaN, 65535 in source, 0 in a PNG";
+
+// Both draw functions return whether all is drawn.
+bool draw_series(const Atlas& atlas, const std::vector<Epoch>& epochs) {
   std::vector<double> sum;
   std::optional<api::MapQuery> last;
+  std::map<std::string, std::size_t> warnings;  // and how many maps have them
+  std::size_t incomplete = 0;
+  double missing_fraction = 0;
   const std::string extension = fs::path(atlas.settings.output).extension().string();
   for (std::size_t i = 0; i < epochs.size(); ++i) {
-    last = api::read_map(at_epoch(body, epochs[i]), atlas.limits, atlas.assets);
-    api::check_map_answer(*last, atlas.media_type);
     const std::string name = text_of(epochs[i], "{:04}{:02}{:02}T{:02}{:02}{:02}Z");
     const std::string path = with_name(atlas.settings.output, name, extension);
-    add_lit(atlas.write(*last, path, engine::kLit, i, epochs.size()).products.lit, sum);
+    std::optional<Drawn> drawn = atlas.write(path, &epochs[i], engine::kLit, i, epochs.size());
+    if (!drawn) return false;
+    add_lit(drawn->map.products.lit, sum);
+    const engine::FrameReport& report = drawn->map.report;
+    incomplete += report.missing_fraction > 0;
+    missing_fraction = std::max(missing_fraction, report.missing_fraction);
+    for (const std::string& warning : report.warnings) ++warnings[warning];
+    last = std::move(drawn->query);
   }
   const std::string path = with_name(atlas.settings.output, "illumination", ".tif");
   write_illumination(*last, sum, epochs, atlas.settings, path);
-  return fmt::format("{} maps, and {}: the mean of lit over them\n", epochs.size(), path);
+  fmt::print("{} maps, and {}: the mean of lit over them\n", epochs.size(), path);
+  if (incomplete > 0) fmt::print("of {} maps a share of up to {:.6g} {}\n", incomplete, missing_fraction, kNoData);
+  for (const auto& [text, maps] : warnings) fmt::print("warning, of {} maps: {}\n", maps, text);
+  return true;
 }
 
-std::string draw_one(const Atlas& atlas, const api::Json& body) {
-  const api::MapQuery query = api::read_map(body, atlas.limits, atlas.assets);
-  api::check_map_answer(query, atlas.media_type);
-  const engine::FrameReport report = atlas.write(query, atlas.settings.output, 0, 0, 1).report;
-  std::string said = fmt::format("{}: {} x {} pixels of {:g} m\n", atlas.settings.output, query.request.grid.width,
-                                 query.request.grid.height, query.request.grid.gsd_m);
+bool draw_one(const Atlas& atlas) {
+  const std::optional<Drawn> drawn = atlas.write(atlas.settings.output, nullptr, 0, 0, 1);
+  if (!drawn) return false;
+  const dem::MapGrid& grid = drawn->query.request.grid;
+  const engine::FrameReport& report = drawn->map.report;
+  fmt::print("{}: {} x {} pixels of {:g} m\n", atlas.settings.output, grid.width, grid.height, grid.gsd_m);
   if (report.missing_fraction > 0)
-    said += fmt::format("{}: a share of {:.6g} of the pixels has no data: NaN, 65535 in source, 0 in a PNG\n",
-                        atlas.settings.output, report.missing_fraction);
-  for (const std::string& warning : report.warnings) said += fmt::format("warning: {}\n", warning);
-  return said;
+    fmt::print("{}: a share of {:.6g} {}\n", atlas.settings.output, report.missing_fraction, kNoData);
+  for (const std::string& warning : report.warnings) fmt::print("warning: {}\n", warning);
+  return true;
 }
 
 }  // namespace
@@ -201,19 +237,8 @@ int map(const MapSettings& settings) {
   const api::Assets assets(settings.terrain.assets_dir, mesh_options(settings.terrain));
   const auto renderer = make_renderer(settings.terrain);
   ProgressBar bar;
-  const api::Response answer = api::answer_or_problem({}, [&] {
-    const Atlas atlas{settings, *renderer, assets, limits, media_type, bar};
-    const api::Json body = api::parse_json(text, limits.max_json_depth);
-    api::Response said;
-    said.body = epochs.empty() ? draw_one(atlas, body) : draw_series(atlas, body, epochs);
-    return said;
-  });
-  if (answer.status != 200) {
-    print_problem(answer);
-    return 1;
-  }
-  fmt::print("{}", answer.body);
-  return 0;
+  const Atlas atlas{settings, text, *renderer, assets, limits, media_type, bar};
+  return (epochs.empty() ? draw_one(atlas) : draw_series(atlas, epochs)) ? 0 : 1;
 }
 
 }  // namespace selenograph::server

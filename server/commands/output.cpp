@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -16,15 +17,16 @@ namespace fs = std::filesystem;
 
 void write_whole(const std::string& path, const std::string& bytes) {
   const std::string temporary = path + ".part-" + std::to_string(::getpid());
+  errno = 0;
   std::ofstream file(temporary, std::ios::binary);
   file.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
   file.close();
-  std::error_code error;
-  if (file) fs::rename(temporary, path, error);
-  if (file && !error) return;
-  const std::string why = error ? error.message() : "can't be written";
-  fs::remove(temporary, error);
-  throw std::runtime_error(path + ": " + why);
+  std::error_code error, ignored;
+  if (!file) error.assign(errno != 0 ? errno : EIO, std::generic_category());
+  if (!error) fs::rename(temporary, path, error);
+  if (!error) return;
+  fs::remove(temporary, ignored);
+  throw std::runtime_error(path + ": can't be written: " + error.message());
 }
 
 void write_json(const std::string& path, const nlohmann::ordered_json& json) {

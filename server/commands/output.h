@@ -7,7 +7,7 @@
 
 namespace selenograph::server {
 
-// Writes a file atomically. Throws std::runtime_error naming the file.
+// Writes a file atomically. Throws std::runtime_error naming the file and the system's reason.
 void write_whole(const std::string& path, const std::string& bytes);
 // Writes indented JSON with a final newline, atomically. Invalid UTF-8 is replaced.
 void write_json(const std::string& path, const nlohmann::ordered_json& json);

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import re
+import resource
 import unittest
 
 import numpy as np
@@ -381,12 +382,12 @@ class OfRelief(harness.WithService):
 
 
 class CommandLine(unittest.TestCase):
-    def command(self, request, *options):
+    def command(self, request, *options, dem="relief", **more):
         path = harness.path("request.json")
         with open(path, "w") as f:
             json.dump(request, f)
-        return harness.run("map", path, "--dem", harness.path("relief"), "--cache-dir", harness.path("cache-relief"),
-                           "--log-level", "warning", *options)
+        return harness.run("map", path, "--dem", harness.path(dem), "--cache-dir", harness.path("cache-" + dem),
+                           "--log-level", "warning", *options, **more)
 
     def test_the_services_bytes(self):
         request = map_request(PLACES["orthographic"], "height", "source")
@@ -422,6 +423,37 @@ class CommandLine(unittest.TestCase):
         self.assertGreater(np.std(lit), 0)
         self.assertEqual(json.loads(tiff.file.GetMetadataItem("SELENOGRAPH"))["epochs"], 3)
 
+    def test_a_series_says_what_one_map_does(self):
+        border = {"projection": "orthographic", "gsd_m": 1000.0, "center": {"lat_deg": 15.0, "lon_deg": 100.0},
+                  "width_m": 60000.0, "height_m": 50000.0}
+        night = {"utc": "2026-11-20T00:00:00Z"}
+        one = self.command(map_request(border, "lit", "radiance", sun=night), "-o", harness.path("one.tif"), dem="region")
+        self.assertEqual(one.returncode, 0, one.stderr)
+        series = self.command(map_request(border, "lit", "radiance"), "-o", harness.path("several.tif"), "--utc",
+                              "2026-11-20T00:00:00Z", "2026-11-20T02:00:00Z", "1h", dem="region")
+        self.assertEqual(series.returncode, 0, series.stderr)
+        said = one.stdout.splitlines()[1:]
+        self.assertTrue(said)
+        self.assertEqual(len(series.stdout.splitlines()), 1 + len(said), series.stdout)
+        for line in said:
+            if line.startswith("warning: "):
+                self.assertIn("warning, of 3 maps: " + line.removeprefix("warning: "), series.stdout)
+            else:
+                self.assertIn("of 3 maps a share of up to " + line.partition("a share of ")[2], series.stdout)
+
+    def test_what_cannot_be_written(self):
+        request = map_request(PLACES["orthographic"], "height")
+        os.makedirs(harness.path("folder.tif"))
+        limits = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (1024, 1024))  # noqa: E731
+        for output, reason, options in ((harness.path("nowhere", "x.tif"), "No such file or directory", {}),
+                                        (harness.path("folder.tif"), "Is a directory", {}),
+                                        (harness.path("small.tif"), "File too large", {"preexec_fn": limits})):
+            done = self.command(request, "-o", output, **options)
+            self.assertEqual(done.returncode, 1)
+            self.assertIn(f"error: {output}: can't be written: {reason}\n", done.stderr)
+            self.assertNotIn("Internal", done.stderr)
+            self.assertFalse([name for name in os.listdir(harness.path()) if ".part-" in name])
+
     def test_the_light_of_a_place_over_a_lunar_day(self):
         indirect = {"terrain": True, "bounces": 2, "earth": True}
         done = self.command(map_request(PLACES["orthographic"], "irradiance", indirect=indirect), "-o",
@@ -443,6 +475,7 @@ class CommandLine(unittest.TestCase):
         for options, sun, why in ((("-o", harness.path("a.jpg")), None, "must end in one of .tif, .npz, .png"),
                                   (("-o", harness.path("a.tif"), *series, "0h"), None, "is not a step"),
                                   (("-o", harness.path("a.tif"), *series, "1 day"), None, "is not a step"),
+                                  (("-o", harness.path("a.tif"), *series, "86400"), None, "is not a step"),
                                   (("-o", harness.path("a.tif"), "--utc", "2026-11-31T00:00:00Z", "2026-12-30T00:00:00Z", "1d"), None,
                                    "is not an epoch"),
                                   (("-o", harness.path("a.tif"), "--utc", *series[2:0:-1], "1d"), None, "is before"),
