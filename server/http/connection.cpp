@@ -69,7 +69,7 @@ bool Connection::write(std::string_view bytes) {
 bool Connection::flush() {
   const bool sent = output_.empty() || send_all(output_, {});
   output_.clear();
-  sent_bytes_ = 0;
+  if (sent) sent_bytes_ = 0;
   return sent;
 }
 

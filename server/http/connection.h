@@ -51,6 +51,8 @@ class Connection {
   // connection was cut.
   bool write(std::string_view bytes);
   bool flush();
+  // Bytes of a response handed to the system so far; 0 once flush() has ended it.
+  std::size_t sent_bytes() const { return sent_bytes_; }
   // Whether a part of a response has been sent that flush() has not ended.
   bool answer_begun() const { return sent_bytes_ > 0; }
   // Sends a whole answer without allocating; gathered bytes are dropped.

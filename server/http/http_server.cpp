@@ -224,12 +224,14 @@ class ConnectionExchange : private Exchange {
   api::Response work();
   ssize_t read(char* to, std::size_t size) override { return in_.read(to, size); }
   ssize_t write(const char* bytes, std::size_t size) override {
+    written_bytes_ += size;
     return connection_.write({bytes, size}) ? static_cast<ssize_t>(size) : -1;
   }
 
   HttpServer::Impl& server_;
   Connection& connection_;
   RequestStream in_;
+  std::size_t written_bytes_ = 0;             // head and body, sent or not
   Clock::time_point started_ = Clock::now();  // when the request was complete
   api::Request request_;
   api::MemoryBudget::Claim body_memory_;  // of the request's body
@@ -240,6 +242,8 @@ bool ConnectionExchange::serve() {
   if (!in_.open()) return false;
   begin();
   const bool delivered = process() && connection_.flush();
+  if (!delivered)  // the body's end is what was not sent
+    record_.bytes -= std::min(record_.bytes, written_bytes_ - std::min(written_bytes_, connection_.sent_bytes()));
   record_.seconds = seconds(Clock::now() - started_);
   server_.observe(record_);
   if (delivered && !close_) return true;

@@ -32,7 +32,7 @@ struct AccessRecord {
   std::string method, path;
   std::string target;  // as sent, free of control characters
   int status = 0;
-  std::size_t bytes = 0;  // of the body
+  std::size_t bytes = 0;  // of the body, handed to the system: fewer than it has where the client left before its end
   double seconds = 0;     // from the complete request to the last byte handed to the system
   std::string error_code;
   std::string request_id;           // also in the response: X-Request-Id

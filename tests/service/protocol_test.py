@@ -189,6 +189,27 @@ class HalfClose(WithTheService):
         self.assertLess(self.leaves(half_then_all), 10)
 
 
+class CutAnswers(WithTheService):
+    def test_the_bytes_of_an_answer_are_those_that_were_sent(self):
+        counted = 'selenograph_http_response_bytes_total{route="/v1/frames"}'
+        before = self.service.metric(counted) or 0
+        body = json.dumps(frame_request(width=2000, height=2000)).encode()
+        with socket.socket() as s:
+            s.settimeout(PATIENCE_S)
+            s.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            s.connect((self.service.host, self.service.port))
+            s.sendall(b"POST /v1/frames HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+                      b"Accept: application/octet-stream\r\nContent-Length: %d\r\n\r\n" % len(body) + body)
+            received = 0
+            while received < 100000:
+                received += len(s.recv(65536))
+            s.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        harness.wait_until(lambda: (self.service.metric(counted) or 0) != before, "the answer is counted")
+        sent = self.service.metric(counted) - before
+        self.assertGreater(sent, received - 2000)  # its head is none of them
+        self.assertLess(sent, 2000 * 2000 * 4 * 0.9)
+
+
 class Pipelining(WithTheService):
     @harness.of_memory
     def test_a_client_that_never_pauses_is_not_kept_in_memory(self):
