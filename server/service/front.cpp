@@ -28,6 +28,12 @@ api::Response refused(const std::string& code, const std::string& detail, int re
   return answer;
 }
 
+api::Response get_only() {
+  api::Response answer = api::problem("method_not_allowed", "this path has GET only");
+  answer.headers.emplace_back("Allow", "GET, HEAD");
+  return answer;
+}
+
 // The time in the queue is a stage like the service's own.
 void add_queue_time(api::Response& answer, Clock::duration waited) {
   const std::string stage = fmt::format("queue;dur={:.3f}", std::chrono::duration<double, std::milli>(waited).count());
@@ -71,16 +77,12 @@ api::Response Front::for_others(const api::Request& request, const Peer& peer, C
     get.method = "GET";
     return for_others(get, peer, queued);
   }
-  if (auto page = page_for(request, peer, pages_)) return std::move(*page);
+  if (auto page = page_for(request, peer, pages_)) return request.method == "GET" ? std::move(*page) : get_only();
   return api::Service::needs_admission(request) ? admitted(request, peer, queued) : service_.handle(request);
 }
 
 api::Response Front::own(const api::Request& request) const {
-  if (request.method != "GET" && request.method != "HEAD") {
-    api::Response answer = api::problem("method_not_allowed", "this path has GET only");
-    answer.headers.emplace_back("Allow", "GET, HEAD");
-    return answer;
-  }
+  if (request.method != "GET" && request.method != "HEAD") return get_only();
   if (request.path == "/metrics") return metrics_answer();
   if (request.path == "/health/live") return text_answer(200, "ok\n");
   if (!ready_) return text_answer(503, "shutting down\n");

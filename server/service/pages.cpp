@@ -25,7 +25,7 @@ std::optional<api::Response> page_for(const api::Request& request, const Peer& p
       {"/marked.js", {"text/javascript; charset=utf-8", marked_js()}},
   };
   const auto page = kPages.find(request.path);
-  if (request.method != "GET" || page == kPages.end()) return std::nullopt;
+  if (page == kPages.end()) return std::nullopt;
   // A proxy on this machine is local, too: with one in front, --page off.
   if (access == PageAccess::off || (access == PageAccess::local && !is_loopback(peer.host))) return std::nullopt;
   api::Response answer;

@@ -19,7 +19,8 @@ std::string_view page_html();
 std::string_view docs_html();
 std::string_view marked_js();
 
-// Empty if the request is not for a page, or the peer may not open it: it is then answered like any other path.
+// Empty if the request's path, whatever its method, is no page, or the peer may not open it: it is then answered like
+// any other path.
 std::optional<api::Response> page_for(const api::Request& request, const Peer& peer, PageAccess access);
 
 }  // namespace selenograph::server

@@ -69,7 +69,9 @@ class WhoGetsThem(unittest.TestCase):
             self.assertEqual(json.loads(body)["status"], 404)
 
     def test_only_get(self):
-        self.assertEqual(self.get("/", method="POST")[0], 404)
+        for method in ("POST", "OPTIONS"):
+            status, headers, _ = self.get("/", method=method)
+            self.assertEqual((status, headers["Allow"]), (405, "GET, HEAD"))
         status, _, body = self.get("/", method="HEAD")
         self.assertEqual((status, body), (200, b""))
 
