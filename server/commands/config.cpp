@@ -7,6 +7,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <cstdlib>
 #include <map>
 #include <stdexcept>
@@ -88,6 +89,16 @@ std::vector<std::string> split_list(const std::string& text) {
   return parts;
 }
 
+// CLI11 says "not in range" of what is no number, too.
+std::string complaint(const CLI::Option& option, const std::string& value, const CLI::ParseError& error) {
+  const std::string type = option.get_type_name();
+  const bool whole = type.find("INT") != std::string::npos;
+  if (!whole && type.find("FLOAT") == std::string::npos) return error.what();
+  double number = 0;
+  if (!CLI::detail::lexical_cast(value, number)) return value + " is no number";
+  return whole && number != std::floor(number) ? value + " is no whole number" : error.what();
+}
+
 void set_option(CLI::Option& option, const std::vector<std::string>& values, const std::string& origin) {
   if (values.size() != 1 && !is_list(option)) throw CLI::ValidationError(origin, "takes one value");
   if (values.empty()) return;
@@ -95,7 +106,7 @@ void set_option(CLI::Option& option, const std::vector<std::string>& values, con
     option.add_result(values);
     option.run_callback();
   } catch (const CLI::ParseError& e) {
-    throw CLI::ValidationError(origin, e.what());
+    throw CLI::ValidationError(origin, complaint(option, values.front(), e));
   }
 }
 

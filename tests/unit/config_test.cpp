@@ -161,6 +161,16 @@ TEST_F(Config, RejectsValuesThatAreNotNumbers) {
   EXPECT_NE(failure({}).find("SELENOGRAPH_THREADS"), std::string::npos);
 }
 
+TEST_F(Config, SaysWhatIsNoWholeNumber) {
+  environment_["SELENOGRAPH_CACHE_MB"] = "x";
+  EXPECT_NE(failure({}).find("x is no number"), std::string::npos) << failure({});
+  environment_["SELENOGRAPH_CACHE_MB"] = "8";
+  EXPECT_NE(failure({}).find("8 not in range"), std::string::npos) << failure({});
+  environment_.clear();
+  file("cache-mb = 64.5\n");
+  EXPECT_NE(failure({}).find("64.5 is no whole number"), std::string::npos) << failure({});
+}
+
 TEST_F(Config, RejectsTables) {
   file("[port]\nx = 1\n");
   EXPECT_NE(failure({}).find("port"), std::string::npos);
