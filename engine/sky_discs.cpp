@@ -310,15 +310,14 @@ class DiscPainter {
     const double line = views_.line(y), left = std::max(x - 0.5, box.left), right = std::min(x + 0.5, box.right),
                  top = std::max(line - 0.5, box.top), bottom = std::min(line + 0.5, box.bottom);
     if (left >= right || top >= bottom) return;
-    constexpr double kCells = 8;  // along all of the disc
-    const double columns = std::max(1.0, std::ceil(kCells * (right - left) / (box.right - box.left))),
-                 rows = std::max(1.0, std::ceil(kCells * (bottom - top) / (box.bottom - box.top)));
+    // Of which there are eight along all of the disc.
+    const auto cells = [](double part, double all) { return std::max(1, static_cast<int>(std::ceil(8 * part / all))); };
+    const int columns = cells(right - left, box.right - box.left), rows = cells(bottom - top, box.bottom - box.top);
+    const auto at_x = [&](double column) { return std::lerp(left, right, column / columns); };
+    const auto at_y = [&](double row) { return std::lerp(top, bottom, row / rows); };
     Pixel pixel{views_.of(y), at(x, y), sight_here == Sight::border};
-    for (double j = 0; j < rows; ++j)
-      for (double i = 0; i < columns; ++i)
-        paint_cell({std::lerp(left, right, i / columns), std::lerp(left, right, (i + 1) / columns),
-                    std::lerp(top, bottom, j / rows), std::lerp(top, bottom, (j + 1) / rows)},
-                   disc, pixel);
+    for (int j = 0; j < rows; ++j)
+      for (int i = 0; i < columns; ++i) paint_cell({at_x(i), at_x(i + 1), at_y(j), at_y(j + 1)}, disc, pixel);
     radiance[pixel.index] += static_cast<float>(pixel.radiance);
   }
 
