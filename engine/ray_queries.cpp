@@ -310,8 +310,9 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
     a.x_px = a.y_px = a.range_m = std::nan("");
     if (std::isnan(a.height_m)) continue;
     const Vec3 place = to_cartesian({q.lat_deg, q.lon_deg, a.height_m});
-    // On the ground it is lit as the ground is; what is buried isn't.
-    if (sun && a.height_m > ground + kOnGround_m) {
+    // On the ground it is lit as the ground is; what is buried isn't, which nothing is where there are no data.
+    if (sun) a.lit = 0;
+    if (sun && !(a.height_m <= ground + kOnGround_m)) {
       places.push_back(place), over_ground.push_back(i);
     } else if (sun && a.height_m >= ground - kOnGround_m) {
       const Vec3 up = place.normalized();

@@ -58,7 +58,7 @@ struct Landmark {
   double range_m = 0;
   double height_m = 0;  // NaN: no data
   bool in_frame = false, visible = false;
-  double lit = 0;
+  double lit = std::numeric_limits<double>::quiet_NaN();  // NaN without height or Sun
   // For rows exposed one after the other: time of the row in which the point appears, from the exposure of row 0. NaN,
   // like x_px, y_px and range_m, when no row sees it.
   double time_s = std::numeric_limits<double>::quiet_NaN();
