@@ -253,7 +253,10 @@ void add_content(Answer<MetadataSource>& a) {
         reported(&FrameReport::filled_fraction));
   a.add("blended_fraction", number(kUnitInterval, "share of pixels on posts that are a mean of two layers"),
         reported(&FrameReport::blended_fraction));
-  a.add("missing_fraction", number(kUnitInterval, "share of pixels that look at the Moon where there is no data"),
+  a.add("missing_fraction",
+        number(kUnitInterval,
+               "share of pixels that look at the Moon where there is no data; where there is no file the "
+               "ground counts as at height 0"),
         reported(&FrameReport::missing_fraction));
   a.add(
       "view", view_answer().schema(),

@@ -79,10 +79,12 @@ struct FrameReport {
   std::vector<double> shadow_limits_px;
   double min_post_spacing_m = 0, max_post_spacing_m = 0;
   std::size_t triangles = 0;
-  std::size_t scene_bytes = 0;                   // mesh and acceleration structure
-  double filled_fraction = 0;                    // share of all pixels on posts filled by interpolation
-  double blended_fraction = 0;                   // share of all pixels on posts blended from two layers
-  double missing_fraction = 0;                   // share of all pixels whose ray meets the datum without data
+  std::size_t scene_bytes = 0;  // mesh and acceleration structure
+  double filled_fraction = 0;   // share of all pixels on posts filled by interpolation
+  double blended_fraction = 0;  // share of all pixels on posts blended from two layers
+  // Share of all pixels whose ray meets nothing for want of data: it enters the sphere below all relief, or passes
+  // below the datum where there is no file. The sky over low ground is not missing.
+  double missing_fraction = 0;
   double hit_fraction = 0, object_fraction = 0;  // shares of all pixels: surface of any kind; objects
   double rock_fraction = 0;                      // share of all pixels on rocks
   std::size_t rocks = 0;                         // in view, or whose shadow may be in view

@@ -320,6 +320,67 @@ TEST_F(Mountain, TheSameBytesWithOneThreadAndWithTwo) {
   EXPECT_TRUE(same_bytes(a.products, three.render(request).products));
 }
 
+// 20 m above a plain or high above it, looking a little up or at the horizon.
+FrameRequest outlook(const Vec3& from, double azimuth_deg, double elevation_deg, Visibility visibility) {
+  FrameRequest request;
+  request.camera = test::square_camera(96, 60);
+  request.visibility = visibility;
+  request.pose = looking(from, sun_direction(local_axes(from), azimuth_deg, elevation_deg), from);
+  request.sun.direction = from.normalized();
+  request.products = kRange;
+  return request;
+}
+
+TEST(LowGround, ItsSkyIsNotMissing) {
+  TemporaryFolder folder, east;
+  const auto low = [](double, double) { return -2000.0; };
+  test::write_global_tile(folder.path(), 1, low);
+  test::write_float_tile(east.path(), "east", {12, 21.75, 16, 4 * 16 + 1, 16 * 16 + 1}, low);
+  const Renderer whole(test::open_terrain(folder.path()), {2, std::size_t{512} << 20}),
+      part(test::open_terrain(east.path()), {2, std::size_t{512} << 20});
+  for (const Visibility visibility : {Visibility::zbuffer, Visibility::raytrace}) {
+    for (const auto& [height_m, elevation_deg] : {std::pair{-1980.0, 25.0}, {-1980.0, 80.0}, {3000.0, -3.0}}) {
+      const FrameRequest request = outlook(to_cartesian({10, 30, height_m}), 60, elevation_deg, visibility);
+      const FrameReport seen = whole.render(request).report;
+      EXPECT_EQ(seen.missing_fraction, 0) << height_m;
+      EXPECT_EQ(seen.hit_fraction > 0, elevation_deg < 50);
+      EXPECT_LT(seen.hit_fraction, 0.6);
+      // Data end 60 km away, behind which the lowest rays pass below the datum.
+      if (height_m < 0) {
+        EXPECT_LT(part.render(request).report.missing_fraction, 0.04) << elevation_deg;
+      }
+    }
+    // From beside the data every ray that meets the datum is missing, unless it meets them.
+    const Vec3 beside = to_cartesian({10, 18, 3000});
+    for (const double azimuth_deg : {90.0, 200.0}) {
+      const FrameRequest request = outlook(beside, azimuth_deg, -3, visibility);
+      const View view(request.camera, request.pose);
+      double meeting = 0;
+      for (int i = 0; i < 96 * 96; ++i)
+        meeting += test::meet_sphere(beside, view.ray(i % 96, i / 96)->normalized(), 0) ? 1 : 0;
+      const FrameReport seen = part.render(request).report;
+      EXPECT_NEAR(seen.hit_fraction + seen.missing_fraction, meeting / (96 * 96), 2e-3);
+      EXPECT_GT(seen.missing_fraction, 0.4);
+    }
+  }
+}
+
+TEST_F(Mountain, ALandmarkWithoutDataBelow) {
+  TemporaryFolder folder;
+  const Renderer renderer(open(folder, 3000), {2, std::size_t{512} << 20});
+  const FrameRequest r = nadir(12, 30, 200000, 200, 60);
+  const std::vector<LandmarkQuery> queries{{12.5, 30, 50000.0}, {11.5, 30, 50000.0}, {12.5, 30, {}}, {11.5, 30, -50.0}};
+  for (const double angular_radius_deg : {0.0, 0.25}) {
+    const auto marks =
+        renderer.project(r.camera, r.pose, {}, queries, Sun{local_sun(12, 30, 0, 80), 1, angular_radius_deg});
+    EXPECT_TRUE(marks[0].visible && marks[1].visible);
+    EXPECT_EQ(marks[0].lit, 1) << "no data below it";
+    EXPECT_EQ(marks[1].lit, 1);
+    EXPECT_TRUE(std::isnan(marks[2].height_m) && std::isnan(marks[2].lit));
+    EXPECT_EQ(marks[3].lit, 0) << "buried";
+  }
+}
+
 TEST_F(Mountain, OutsideTheDataIsMissing) {
   TemporaryFolder folder;
   const Renderer renderer(open(folder, 3000), {2, std::size_t{512} << 20});

@@ -35,6 +35,7 @@ struct Scene {
       : shared_mesh(std::make_shared<Mesh>(terrain, content.blocks, before.mesh.get(), stop, content.beside_coarser)),
         shell_m(kMoonRadius_m + highest_m(mesh) + 1),
         anchor(content.anchor_m),
+        catalogue(terrain.catalogue()),
         detail(terrain.detail_number()) {
     stop.check();
     if (content.visibility == Visibility::zbuffer)
@@ -77,9 +78,10 @@ struct Scene {
   const Mesh& mesh = *shared_mesh;
   std::unique_ptr<RayTracer> tracer;
   std::unique_ptr<RasterMesh> raster;
-  double shell_m;  // radius of a sphere around the scene
-  Vec3 anchor;     // origin of both structures' float coordinates
-  int detail;      // dem::Terrain::detail_number()
+  double shell_m;                   // radius of a sphere around the scene
+  Vec3 anchor;                      // origin of both structures' float coordinates
+  const dem::Catalogue& catalogue;  // of the terrain
+  int detail;                       // dem::Terrain::detail_number()
   // Bytes of all parts, counted once: visiting every block takes milliseconds.
   std::size_t bytes = 0, triangles = 0;
 };

@@ -31,7 +31,8 @@ RasterPass::RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& s
       times_(times),
       tiling_(mesh_, job.views.reference()),
       rays_(job.views.reference()),
-      shader_(job.request, job.views, job.radiance, job.indirect) {
+      shader_(job.request, job.views, job.radiance, job.indirect),
+      missing_(job.scene.catalogue, job.views.reference().position()) {
   if (!wants_light(request_)) return;
   if (request_.sun.angular_radius_deg > 0) {
     disc_.emplace(request_.sun, mesh_.anchor());
@@ -124,7 +125,7 @@ void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& point
   const bool all = hits == kAllLanes;
   if (sample.count && !all) {
     find_missing(rays, points);
-    counts.missing += static_cast<std::uint64_t>(std::count(points.toward_moon, points.toward_moon + kPacket, true));
+    counts.missing += missing_.count(rays, points);
   }
   if (!hits) return;
   if (sample.count && writer_.marked(row.y, 1)) mark(row, points);
