@@ -156,21 +156,31 @@ class LimbSearch {
     return bounds_of(id, static_cast<double>(low), static_cast<double>(high));
   }
 
+  // On which sides of the plane a vertex counts: on both where rounding decides, as with posts of a meridian that lies
+  // in the plane. Else two neighbours could each leave its edge to the other.
+  static constexpr double kOnPlane_m = 1e-6;
+  static constexpr unsigned kBothSides = 3;
+  static unsigned sides_of(double across_m, double tolerance_m) {
+    return (across_m >= -tolerance_m ? 1U : 0U) | (across_m <= tolerance_m ? 2U : 0U);
+  }
+
   void cut(const BlockId& id) {
     const auto block = terrain_.block(id, stop_);
     if (!block) return;
     const int quads = block->extent.quads, last = quads - 1;
     const dem::FinestEdges edges(terrain_, *block, {0, last, 0, last}, stop_);
-    // The plane goes through the Moon's centre: on which side of it a vertex is does not depend on its height.
-    std::vector<char> beyond(block->vertices.size());
+    // The plane goes through the Moon's centre: on which side of it a vertex is does not depend on its height but for
+    // rounding, twice as much of which is allowed for.
+    std::vector<unsigned> sides(block->vertices.size());
     for (int r = 0; r <= quads; ++r)
-      for (int c = 0; c <= quads; ++c) beyond[block->index(r, c)] = normal_.dot(block->position(r, c, 0)) >= 0;
+      for (int c = 0; c <= quads; ++c)
+        sides[block->index(r, c)] = sides_of(normal_.dot(block->position(r, c, 0)), 2 * kOnPlane_m);
     for (int r = 0; r < quads; ++r)
       for (int c = 0; c < quads; ++c) {
-        const int sum = beyond[block->index(r, c)] + beyond[block->index(r, c + 1)] + beyond[block->index(r + 1, c)] +
-                        beyond[block->index(r + 1, c + 1)];
+        const unsigned of_quad = sides[block->index(r, c)] | sides[block->index(r, c + 1)] |
+                                 sides[block->index(r + 1, c)] | sides[block->index(r + 1, c + 1)];
         const bool on_edge = r == 0 || c == 0 || r == last || c == last;
-        if (sum % 4 == 0 && !(on_edge && edges.differ())) continue;
+        if (of_quad != kBothSides && !(on_edge && edges.differ())) continue;
         for (const bool upper : {false, true}) cut(edges, dem::vertices_of(r, c, upper));
       }
   }
@@ -185,8 +195,10 @@ class LimbSearch {
     }
     for (int i = 0; i < 3; ++i) {
       const int j = (i + 1) % 3;
-      if ((across_m[i] >= 0) == (across_m[j] >= 0)) continue;
-      const Vec3 place = v[i] + across_m[i] / (across_m[i] - across_m[j]) * (v[j] - v[i]);
+      if ((sides_of(across_m[i], kOnPlane_m) | sides_of(across_m[j], kOnPlane_m)) != kBothSides) continue;
+      const bool begins_there = std::abs(across_m[i]) <= kOnPlane_m;
+      const double t = begins_there ? 0 : std::clamp(across_m[i] / (across_m[i] - across_m[j]), 0.0, 1.0);
+      const Vec3 place = v[i] + t * (v[j] - v[i]);
       if (aside_.dot(place) < 0) continue;
       const double angle = outlook_.angle_rad(outlook_.center.dot(place), aside_.dot(place));
       if (angle > best_rad_) best_rad_ = angle, position_m_ = place;

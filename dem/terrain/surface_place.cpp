@@ -9,8 +9,9 @@ namespace selenograph::dem {
 
 Ticks ticks_of(double lat_deg, double lon_deg) {
   const double lat = std::clamp((lat_deg + 90) * kTicksPerDegree, 0.0, kLatTicks - 1.0),
-               lon = (wrap_lon_deg(lon_deg) + 180) * kTicksPerDegree;
-  return {lat, lon, static_cast<std::int32_t>(lat), wrap_lon(static_cast<std::int64_t>(lon))};
+               turned = (wrap_lon_deg(lon_deg) + 180) * kTicksPerDegree,
+               lon = turned < kLonTicks ? turned : 0;  // 180 degrees less a rounding
+  return {lat, lon, static_cast<std::int32_t>(lat), static_cast<std::int32_t>(lon)};
 }
 
 BlockId block_at_place(int level, double lat_deg, double lon_deg) { return ticks_of(lat_deg, lon_deg).block(level); }

@@ -131,6 +131,26 @@ TEST_F(RoughLimb, IsBetweenRaysThatHitAndRaysThatMiss) {
   }
 }
 
+// Half planes in which a meridian of posts lies: rounding alone says on which side of them a post is.
+TEST_F(RoughLimb, InAMeridianOfPostsIsThatBesideIt) {
+  for (const auto& [lat_deg, lon_deg] :
+       {std::pair{0.0, 0.0}, {0.0, 180.0}, {-45.0, 180.0}, {-90.0, 0.0}, {-90.0, 90.0}, {90.0, 0.0}})
+    for (const double height_m : {1e5, 2e6, 4e8}) {
+      SCOPED_TRACE(fmt::format("{} {}, {} m", lat_deg, lon_deg, height_m));
+      engine::LimbRequest request = of_whole_disc(lat_deg, lon_deg, height_m, 36);
+      const Vec3 from = request.pose.position_m;
+      const EastNorthUp axes = local_axes(lat_deg, lon_deg);
+      request.pose = looking(from, -from, axes.north);
+      const std::vector<engine::LimbPoint> at = renderer_->limb(request);
+      request.pose = looking(from, -from, axes.north + 1e-7 * kDegree * axes.east);  // 3 mm on the ground
+      const std::vector<engine::LimbPoint> beside = renderer_->limb(request);
+      for (std::size_t i = 0; i < at.size(); ++i) {
+        ASSERT_TRUE(at[i].known() && beside[i].known()) << at[i].azimuth_deg;
+        EXPECT_LT(std::abs(at[i].angle_deg - beside[i].angle_deg) * kDegree * at[i].range_m, 0.01) << at[i].azimuth_deg;
+      }
+    }
+}
+
 // In a half plane that begins at the line to the Sun, rays from the Sun: the terminator is between those that meet the
 // ground and those that do not.
 TEST_F(RoughLimb, TheTerminatorIsTheLastLitGround) {

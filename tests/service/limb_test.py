@@ -83,6 +83,12 @@ class Answer(unittest.TestCase):
             self.assertTrue(point["in_frame"])
             self.assertNotIn("reason", point)
 
+    def test_from_where_meridians_of_posts_lie_in_the_half_planes(self):
+        for place in ({"lat_deg": -90.0, "lon_deg": 0.0}, {"lat_deg": 0.0, "lon_deg": 180.0}, {"lat_deg": -45.0, "lon_deg": 180.0}):
+            for point in limb(pose={"geodetic": {**place, "height_m": RANGE_M}, "nadir": {}}, points=4)[1]["points"]:
+                self.assertIsNotNone(point["position_m"], (place, point))
+                self.assertAlmostEqual(point["height_m"], HEIGHT_M, delta=0.1)
+
     def test_npz_has_what_json_has(self):
         points = limb()[1]["points"]
         arrays = service.arrays(APPROACH, "/v1/limb")
