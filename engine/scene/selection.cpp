@@ -22,14 +22,15 @@ void refuse_buried(const dem::Terrain& terrain, const Vec3& position_m, const st
   if (height > static_cast<double>(dem::kHighestRelief_m)) return;
   const Geographic g = to_geographic(position_m);
   const dem::HeightAnswer ground = terrain.height(g.lat_deg, g.lon_deg, stop);
-  const double lowest = std::isnan(ground.height_m) ? static_cast<double>(dem::kLowestRelief_m) : ground.height_m;
+  const bool known = !std::isnan(ground.height_m);
+  const double lowest = known ? ground.height_m : static_cast<double>(dem::kLowestRelief_m);
   // No camera is within a hundredth of the Moon's radius of its centre, but positions in kilometres are.
   const char* const hint =
       position_m.norm() < kMoonRadius_m / 100 ? "; are lengths in kilometres? They are metres" : "";
   if (height <= lowest)
     throw ImpossibleRequest(
-        fmt::format("{}the camera is below the terrain: {:.3f} m above the sphere, ground at {:.3f} m{}", when, height,
-                    lowest, hint),
+        fmt::format("{}the camera is below the terrain: {:.3f} m above the sphere{} {:.3f} m{}", when, height,
+                    known ? ", ground at" : "; there are no data, but no ground of the Moon is below", lowest, hint),
         when.empty() ? "" : "shutter");
 }
 
