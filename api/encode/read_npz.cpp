@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <zip.h>
 
+#include <algorithm>
 #include <bit>
 #include <charconv>
 #include <cstdint>
@@ -199,9 +200,10 @@ NpzArray read_npy(std::string_view bytes, const std::string& name) {
   const std::string_view data = bytes.substr(begins + length);
 
   NpzArray out{header.shape(), {}, {}};
-  std::size_t count = 1;
+  const bool empty = std::find(out.shape.begin(), out.shape.end(), 0U) != out.shape.end();
+  std::size_t count = empty ? 0 : 1;
   for (const std::size_t n : out.shape) {
-    if (n > data.size() || (n > 0 && count > data.size() / n)) refuse_npz(name, "is shorter than its shape");
+    if (!empty && count > data.size() / n) refuse_npz(name, "is shorter than its shape");
     count *= n;
   }
   if (header.descr().size() > 2 && (header.descr()[1] == 'U' || header.descr()[1] == 'S') && header.descr()[0] != '>') {

@@ -285,6 +285,7 @@ class Arrays(WithService):
         for body, status, pointer in (
                 (b"nonsense", 400, ""), (good[:-40], 400, ""), (good.replace(b"NUMPY", b"NUMPX", 1), 400, None),
                 (npz(origin_m=origin), 422, "/direction"), (npz(origin_m=origin, direction=directions[..., :2]), 422, "/direction"),
+                (npz(origin_m=origin, direction=np.zeros((0, 3))), 422, "/direction"),
                 (npz(origin_m=origin, direction=directions.astype("c16")), 400, "/direction"),
                 (npz(origin_m=np.full(3, np.nan), direction=directions), 422, "/origin_m/0"),
                 (npz(origin_m=origin, direction=np.zeros((2, 3))), 422, "/direction/0"),

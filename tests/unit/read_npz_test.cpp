@@ -87,6 +87,9 @@ TEST(ReadNpz, RefusalsNameTheArrayAndSayWhy) {
   EXPECT_NE(refusal(npy_of(header("'<f8'", "(2, 2)"), six)).find("its shape needs 32"), std::string::npos);
   EXPECT_NE(refusal(npy_of(header("'<f8'", "(18446744073709551615, 3)"), six)).find("shorter"), std::string::npos);
   EXPECT_NE(refusal(npy_of(header("'<f8'", "(4294967296, 4294967296)"), six)).find("shorter"), std::string::npos);
+  EXPECT_EQ(refusal(npy_of(header("'<f8'", "(0, 3)"), "")), "") << "it is as long as its shape";
+  EXPECT_EQ(refusal(npy_of(header("'<f8'", "(3, 0)"), "")), "");
+  EXPECT_NE(refusal(npy_of(header("'<f8'", "(0, 3)"), six)).find("its shape needs 0"), std::string::npos);
   EXPECT_NE(refusal(npy_of(header("'>f8'", "(2, 3)"), six)).find("type >f8"), std::string::npos);
   EXPECT_NE(refusal(npy_of(header("'|O'", "(2, 3)"), six)).find("type |O"), std::string::npos);
   EXPECT_NE(refusal(npy_of(header("[('x', '<f8')]", "(6,)"), six)).find("fields"), std::string::npos);

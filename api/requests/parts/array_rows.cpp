@@ -14,9 +14,13 @@ std::optional<ArrayRows> rows_of(const NpzArrays& arrays, const std::string& nam
     return std::nullopt;
   }
   const NpzArray& array = found->second;
-  const bool fits = !array.text && !array.numbers.empty() && !array.shape.empty() &&
+  const bool fits = !array.text && !array.shape.empty() &&
                     std::find(columns.begin(), columns.end(), array.shape.back()) != columns.end();
-  if (fits) return ArrayRows(array);
+  if (fits && !array.numbers.empty()) return ArrayRows(array);
+  if (fits) {
+    findings.add("/" + name, "must have at least 1 row");
+    return std::nullopt;
+  }
   std::string shapes;
   for (const std::size_t n : columns) shapes += fmt::format("{}(n, {})", shapes.empty() ? "" : " or ", n);
   findings.add("/" + name, "must be numbers of shape " + shapes);
