@@ -216,7 +216,8 @@ HeightsQuery read_heights(const Json& body, const Limits& limits, const Assets& 
 Geographic read_height_query(const std::multimap<std::string, std::string>& query) {
   Json object = Json::object();
   for (const auto& [name, text] : query) {
-    if (query.count(name) > 1) throw RequestError("invalid_request", "a query parameter is given twice");
+    if (query.count(name) > 1)
+      throw RequestError("invalid_request", "a query parameter is given twice", {{"/" + name, "given twice"}});
     object[name] = number_or_text(text);
   }
   return checked(place_members(), object, Limits{});

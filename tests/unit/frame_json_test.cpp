@@ -728,6 +728,7 @@ TEST(FrameJson, RefusesSensors) {
   EXPECT_EQ(changed(R"({"sensor": {"detector": {"quantum_efficiency": 0}}})"), "/sensor/detector/quantum_efficiency");
   EXPECT_EQ(changed(R"({"sensor": {"detector": {"dead_fraction": 0.9, "hot_fraction": 0.2}}})"),
             "/sensor/detector/hot_fraction");
+  EXPECT_EQ(changed(R"({"sensor": {"detector": {"offset_dn": 4095}}})"), "/sensor/detector/offset_dn");
   EXPECT_EQ(changed(R"({"sensor": {"optics": {"point_spread": {"sigma_px": null}}}})"),
             "/sensor/optics/point_spread/sigma_px");
   EXPECT_EQ(changed(R"({"sensor": {"optics": {"point_spread": {"model": "airy"}}}})"),
@@ -797,6 +798,13 @@ TEST(PointsJson, RaysAndPlaces) {
     EXPECT_THROW(read_height_query({{"lat_deg", text}, {"lon_deg", "0"}}), RequestError) << text;
   }
   EXPECT_THROW(read_height_query({{"lat_deg", "1"}, {"lon_deg", "0"}, {"height", "0"}}), RequestError);
+  try {
+    read_height_query({{"lat_deg", "1"}, {"lat_deg", "2"}, {"lon_deg", "0"}});
+    ADD_FAILURE() << "a parameter is given twice";
+  } catch (const RequestError& e) {
+    ASSERT_EQ(e.findings().size(), 1u);
+    EXPECT_EQ(e.findings()[0].pointer, "/lat_deg");
+  }
 }
 
 TEST(PointsJson, NonFiniteNumbersAreNull) {
