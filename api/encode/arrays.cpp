@@ -1,6 +1,8 @@
 #include "api/encode/arrays.h"
 
 #include <algorithm>
+#include <bit>
+#include <cmath>
 #include <stdexcept>
 #include <string>
 
@@ -86,7 +88,8 @@ constexpr ProductRow kTable[] = {
      &FrameProducts::irradiance,
      kLightSources,
      true,
-     "light that arrives, W m-2: from the Sun directly, from terrain, from the Earth; NaN where nothing is hit",
+     "light that arrives, W m-2: from the Sun directly, from terrain, from the Earth; with an atmosphere times its "
+     "transmittance to the sensor; NaN where nothing is hit",
      {7, "W m-2", "light that arrives: from the Sun directly, from terrain, from the Earth"}},
     {engine::kFlow, "flow", &FrameProducts::flow, kImageAxes, false,
      "optical flow, px to the right and down: from the pixel to where its point is in the image at `flow_to`, also "
@@ -158,6 +161,18 @@ ElementType type_of(const std::vector<Eigen::half>&) { return ElementType::float
 ElementType type_of(const std::vector<float>&) { return ElementType::float32; }
 ElementType type_of(const std::vector<double>&) { return ElementType::float64; }
 
+void narrow(double m, float& out) { out = static_cast<float>(m); }
+// Eigen rounds a float to half. The last bit of this float says on which side of the middle of two halves the number
+// was: so it is rounded once.
+void narrow(double m, Eigen::half& out) {
+  float part = static_cast<float>(m);
+  if (std::isfinite(part) && static_cast<double>(part) != m) {
+    if (std::abs(static_cast<double>(part)) > std::abs(m)) part = std::nextafter(part, 0.F);
+    part = std::bit_cast<float>(std::bit_cast<std::uint32_t>(part) | 1U);
+  }
+  out = Eigen::half(part);
+}
+
 template <typename Element>
 ArrayView view(const ProductRow& row, const std::vector<Element>& data, int height, int width) {
   std::vector<std::string> channels = channel_names(row);
@@ -198,13 +213,13 @@ ArrayView view_of(const ProductRow& row, const engine::Frame& frame, const engin
   const bool depth = row.product == engine::kDepth;
   if ((depth || row.product == engine::kRange) && request.truth && request.truth->distances != Floats::float64) {
     const std::vector<double>& given = depth ? frame.products.depth : frame.products.range;
-    const auto narrow = [&]<typename Float>(std::vector<Float>& out) {
+    const auto narrow_all = [&](auto& out) {
       out.resize(given.size());
-      std::transform(given.begin(), given.end(), out.begin(), [](double m) { return Float(static_cast<float>(m)); });
+      for (std::size_t i = 0; i < given.size(); ++i) narrow(given[i], out[i]);
       return view(row, out, request);
     };
-    if (request.truth->distances == Floats::float32) return narrow(depth ? narrowed.depth : narrowed.range);
-    return narrow(depth ? narrowed.half_depth : narrowed.half_range);
+    if (request.truth->distances == Floats::float32) return narrow_all(depth ? narrowed.depth : narrowed.range);
+    return narrow_all(depth ? narrowed.half_depth : narrowed.half_range);
   }
   return std::visit([&](const auto elements) { return view(row, frame.products.*elements, request); }, row.elements);
 }

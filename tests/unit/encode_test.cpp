@@ -163,6 +163,20 @@ TEST(Arrays, AnEightBitImageIsNarrowed) {
   for (int i = 0; i < kPixels; ++i) EXPECT_EQ(narrowed[i], sample.frame.products.image[std::size_t(i)]);
 }
 
+// Halves around 2049 are 2048 and 2050, and floats 0.0002 apart.
+TEST(Arrays, AHalfIsRoundedOnce) {
+  engine::FrameRequest request;
+  request.camera.width = 6, request.camera.height = 1;
+  request.truth = engine::TruthGrid{.width = 6, .height = 1, .distances = engine::TruthGrid::Floats::float16};
+  engine::Frame frame;
+  frame.products.depth = {2049 - 1e-6, 2049, 2049 + 1e-6, 2051 - 1e-6, 2051, kNan};
+  Narrowed narrowed;
+  ASSERT_EQ(arrays_of(frame, request, engine::kDepth, narrowed).size(), 1u);
+  const double rounded[] = {2048, 2048, 2050, 2050, 2052};
+  for (std::size_t i = 0; i < 5; ++i) EXPECT_EQ(static_cast<double>(narrowed.half_depth[i]), rounded[i]) << i;
+  EXPECT_TRUE(std::isnan(static_cast<double>(narrowed.half_depth[5])));
+}
+
 TEST(Arrays, MissingProductThrows) {
   engine::Frame frame = sample_frame();
   frame.products.lit.clear();
