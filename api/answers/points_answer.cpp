@@ -171,7 +171,12 @@ const Answer<LandmarkSource>& landmark_answer() {
     a.add("range_m", number_or_null("from the camera, m"), landmark(&Landmark::range_m));
     a.add("height_m", number_or_null("that was used; null without data"), landmark(&Landmark::height_m));
     a.add("in_frame", boolean("in front of the camera and within the image"), landmark(&Landmark::in_frame));
-    a.add("visible", boolean("in_frame and nothing stands between"), landmark(&Landmark::visible));
+    a.add(
+        "visible",
+        boolean("in_frame and nothing of the finest terrain stands between. Places of a frame's `geodetic` lie on its "
+                "coarser surface, which may be below: leave out their height_m, or ask for the frame with a smaller "
+                "accuracy.max_error_px"),
+        landmark(&Landmark::visible));
     a.add("time_s",
           number_or_null("with a shutter: when the row that sees it is exposed, line_time_s * y_px; null where none "
                          "does"),
