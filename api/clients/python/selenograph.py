@@ -762,7 +762,7 @@ def _records(answers: List[Dict[str, Any]], fields: Sequence[Tuple[Any, ...]], s
 def _recarray(answers: Mapping[str, Any], fields: Sequence[Tuple[Any, ...]], shape: Tuple[int, ...]) -> np.recarray:
     """The same of arrays; numbers that the answer has not are NaN."""
     records = np.zeros(math.prod(shape), dtype=list(fields))
-    for name, *_ in fields:
+    for name, *_ in fields if len(records) else ():  # of no rows nothing was asked
         records[name] = answers.get(name, math.nan)
     return records.reshape(shape).view(np.recarray)[() if not shape else ...]
 

@@ -286,6 +286,14 @@ class Points(WithClient):
         self.assertEqual(float(one.range_m), away.range_m[1])
         self.assertRaisesRegex(ValueError, r"arrays of \(..., 3\)", self.client.rays, [1, 2], [3, 4])
 
+    def test_no_points_give_empty_arrays(self):
+        request, none = request_at(0), np.zeros((0, 3))
+        rays = self.client.rays(none, none, sun=request["sun"])
+        self.assertEqual((rays.shape, rays.position_m.shape, rays.rock.dtype), ((0,), (0, 3), np.uint64))
+        self.assertEqual(self.client.rays(np.zeros(3), np.zeros((4, 0, 3))).shape, (4, 0))
+        self.assertEqual(self.client.project(request["camera"], request["pose"], none).in_frame.shape, (0,))
+        self.assertEqual(self.client.heights([], []).height_m.shape, (0,))
+
     def test_projected_points_are_where_the_frame_has_them(self):
         request = request_at(0, ["geodetic"], accuracy={"max_error_px": 0})
         frame = self.client.frame(request)
