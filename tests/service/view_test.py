@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """What frames say about their view: its place in words of the ground, what is probably wrong with it, and the echo."""
 
+import json
 import math
 import unittest
 
@@ -156,6 +157,21 @@ class View(unittest.TestCase):
         first, *others = said.split(" Or: ")
         self.assertIn("OpenGL", first)
         self.assertTrue(others, said)
+
+    def test_what_is_known_where_there_is_no_data(self):
+        away = nadir(LAT + 20, LON, -20000.0)
+        status, _, body = self.service.post("/v1/frames", frame_request(("radiance",), pose=away))
+        self.assertEqual(status, 422, body)
+        self.assertIn("-20000.000 m above the sphere; there are no data, but no ground of the Moon is below -12000.000 m",
+                      json.loads(body)["detail"])
+        camera = {"width": 64, "height": 64, "fov_deg": 30.0}
+        sun = {"local": {"lat_deg": LAT, "lon_deg": LON + 5, "azimuth_deg": 0.0, "elevation_deg": 60.0}}
+        points = [{"lat_deg": LAT, "lon_deg": LON + 5, "height_m": 9000.0}, {"lat_deg": LAT, "lon_deg": LON + 5}]
+        status, _, body = self.service.post("/v1/project", {"camera": camera, "pose": nadir(LAT, LON + 5), "sun": sun, "points": points})
+        self.assertEqual(status, 200, body)
+        high, unknown = json.loads(body)["points"]
+        self.assertEqual((high["visible"], high["lit"]), (True, 1.0))
+        self.assertEqual((unknown["height_m"], unknown["lit"]), (None, None))
 
     def test_nothing_lit_says_where_the_sun_stands(self):
         sun = {"local": {"lat_deg": LAT, "lon_deg": LON, "azimuth_deg": 80.0, "elevation_deg": -12.0}}
