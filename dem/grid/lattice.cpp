@@ -83,4 +83,14 @@ double chord_sag_m(int level) {
   return half_diagonal * half_diagonal / (2 * kMoonRadius_m);
 }
 
+double parallel_shift_m(const BlockId& id) {
+  const BlockExtent e = extent_of(id);
+  const double south = std::abs(lat_deg_of(e.lat0)), north = std::abs(lat_deg_of(e.lat1()));
+  const double equatorward = std::min(south, north) * kRadiansPerDegree,
+               poleward = std::max(south, north) * kRadiansPerDegree,
+               half_step = static_cast<double>(e.lon_step) / kTicksPerDegree / 2 * kRadiansPerDegree;
+  // A chord is nearer to the axis than its parallel: some of it downward, the sag, some toward the pole.
+  return kMoonRadius_m * std::cos(equatorward) * (1 - std::cos(half_step)) * std::sin(poleward);
+}
+
 }  // namespace selenograph::dem

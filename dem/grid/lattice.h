@@ -69,6 +69,14 @@ double post_spacing_m(int level);
 // Largest distance between a level's chords and the sphere below them, m: half a quad's diagonal, squared, over 2 R.
 double chord_sag_m(int level);
 
+// Chords of this level stay within 2 mm of the sphere: coarser layers are subdivided to it where finest posts are asked
+// for.
+inline constexpr int kSmoothLevel = 8;
+
+// Largest distance, along the meridian, between parallels through a block and the chords of its quads, m: heights along
+// a chord are those of its parallel. 0 at the equator, large beside a pole.
+double parallel_shift_m(const BlockId& id);
+
 struct BlockIdHash {
   std::size_t operator()(const BlockId& id) const {
     return std::hash<std::uint64_t>()((static_cast<std::uint64_t>(id.level) << 58) ^

@@ -200,8 +200,10 @@ class TileMeasurement {
 
 }  // namespace
 
-Measured measure(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels,
-                 const StopToken& stop) {
+namespace {
+
+Measured measured_at_posts(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels,
+                           const StopToken& stop) {
   if (TileMeasurement::possible(plan, base, levels)) return TileMeasurement(plan, base, levels).measured(stop);
   Measured found;
   const auto add_level = [&](const OctaveGrid& grid) {
@@ -215,6 +217,43 @@ Measured measure(const ChunkPlan& plan, const OctaveGrid& base, const std::vecto
   };
   add_level(base);
   for (const OctaveGrid& grid : levels) add_level(grid);
+  return found;
+}
+
+// Where finer levels divide quads from south to north alone, they come to a ruled surface: in the middle of a quad's
+// diagonal it is a quarter of the quad's twist off.
+float twist_of(const OctaveGrid& base, const BlockCut& cut) {
+  const BlockExtent e = extent_of(cut.id);
+  const auto lon_step_at = [&](std::int32_t lat) { return extent_of(block_at(kSmoothLevel, lat, e.lon0)).lon_step; };
+  const int divided = e.lon_step >> (kSmoothLevel - cut.id.level);
+  if (std::max(lon_step_at(e.lat0), lon_step_at(e.lat1() - 1)) == divided) return 0;
+  float most = 0;
+  for (int r = cut.r0; r < cut.r0 + e.quads; ++r)
+    for (int c = cut.c0; c < cut.c0 + e.quads * cut.stride_c; c += cut.stride_c) {
+      const float twist =
+          base.at(r, c) + base.at(r + 1, c + cut.stride_c) - base.at(r, c + cut.stride_c) - base.at(r + 1, c);
+      if (std::abs(twist) > most) most = std::abs(twist);
+    }
+  return most / 4;
+}
+
+}  // namespace
+
+Measured measure(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels,
+                 const StopToken& stop) {
+  Measured found = measured_at_posts(plan, base, levels, stop);
+  if (!plan.direct || base.level >= kSmoothLevel) return found;
+  std::unordered_map<BlockId, float, BlockIdHash> more;
+  for (const BlockId& id : blocks_of(plan.node, base.level)) {
+    float& own = found.at(id).error_m;
+    const float twist = twist_of(base, cut_of(base, id)), all = own + twist;
+    own = twist;
+    for (const OctaveGrid& grid : levels) {
+      float& most = more[ancestor_of(id, grid.level)];
+      most = std::max(most, all);
+    }
+  }
+  for (const auto& [id, error_m] : more) found.at(id).error_m += error_m;
   return found;
 }
 

@@ -98,6 +98,9 @@ std::uint64_t ChunkPlans::fingerprint_of(const ChunkPlan& plan) const {
   };
   if (std::count_if(layers.begin(), layers.end(), is_coarser) > 1) f.add(kGapsClosed);
   if (source_.borders().any()) add_borders(plan, f);
+  // Beside poles: earlier versions took what is finer than such posts for the same surface.
+  constexpr std::uint64_t kTwistCounted = 1;
+  if (plan.base_level < kSmoothLevel) f.add(kTwistCounted);
   // At a pole that no file holds: earlier versions left it to the filling of voids where one was beside it.
   constexpr std::uint64_t kPolesFilled = 1;
   if (const BlockExtent e = extent_of(plan.node); e.lat0 == 0 || e.lat1() == kLatTicks) f.add(kPolesFilled);

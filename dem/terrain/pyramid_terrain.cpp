@@ -103,8 +103,10 @@ NodeInfo PyramidTerrain::node(const BlockId& id, const StopToken& stop) const {
   const auto chunk = impl_->store.get(plan, stop);
   const Chunk::Record* record = chunk->find(beyond ? ancestor_of(id, plan.finest_level()) : id);
   if (!record) throw DataError("pyramid " + to_string(plan.node), "block " + to_string(id) + " is missing");
-  return {beyond ? 0.0 : record->error_m, record->min_m, record->max_m, (record->flags & Chunk::Record::kEmpty) != 0,
-          chunk->replaced()};
+  // What the finest surface has of a quad's twist halves with each level (block_error.h).
+  const double error_m =
+      id.level >= kSmoothLevel && beyond ? 0 : std::ldexp(record->error_m, std::min(plan.finest_level() - id.level, 0));
+  return {error_m, record->min_m, record->max_m, (record->flags & Chunk::Record::kEmpty) != 0, chunk->replaced()};
 }
 
 std::optional<HeightRange> PyramidTerrain::heights_without_building(const BlockId& id, const StopToken& stop) const {

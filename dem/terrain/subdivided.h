@@ -8,7 +8,8 @@
 namespace selenograph::dem {
 
 // A block of a finer level, subdivided along the same triangles in latitude, longitude and height: the surface stays
-// the same but follows the sphere. Null if it has no valid post.
+// the same but follows the sphere. Beside a pole, where steps of longitude do not halve, quads become ruled surfaces.
+// Null if it has no valid post.
 std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id);
 
 }  // namespace selenograph::dem

@@ -4,13 +4,6 @@
 #include <filesystem>
 
 namespace selenograph::dem {
-namespace {
-
-// Chords of this level stay within 2 mm of the sphere: coarser layers are subdivided to it where finest posts are asked
-// for.
-constexpr int kSmoothLevel = 8;
-
-}  // namespace
 
 int Terrain::finest_level(const BlockId& id) const { return std::max(kSmoothLevel, posts_level(id)); }
 

@@ -76,7 +76,7 @@ ViewSelector::Seen ViewSelector::seen_of(const BlockId& id, const Known& node) c
   if (seen.finest)
     seen.errors = Errors{};
   else if (!node.loose)
-    seen.errors = errors_of(id.level, node.info);
+    seen.errors = errors_of(id, node.info);
   return seen;
 }
 
@@ -205,13 +205,14 @@ void ViewSelector::count_detail(const BlockId& id, std::ptrdiff_t change) {
   if (of_detail_ > most_of_detail_) throw TooMuchDetail();
 }
 
-ViewSelector::Errors ViewSelector::errors_of(int level, const dem::NodeInfo& info) {
-  return {info.error_m + dem::chord_sag_m(level), info.detail_error_m, info.left_out_size_m,
-          static_cast<double>(info.max_m)};
+ViewSelector::Errors ViewSelector::errors_of(const BlockId& id, const dem::NodeInfo& info) {
+  const double steepest = std::max(static_cast<double>(info.max_m - info.min_m) / dem::post_spacing_m(id.level), 0.0);
+  return {info.error_m + dem::chord_sag_m(id.level) + dem::parallel_shift_m(id) * steepest, info.detail_error_m,
+          info.left_out_size_m, static_cast<double>(info.max_m)};
 }
 
 ViewSelector::Errors ViewSelector::errors_of(const BlockId& id) const {
-  return finest(id) ? Errors{} : errors_of(id.level, terrain_.node(id, stop_));
+  return finest(id) ? Errors{} : errors_of(id, terrain_.node(id, stop_));
 }
 
 bool ViewSelector::refine(const Seen& seen) const {

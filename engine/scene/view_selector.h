@@ -154,7 +154,7 @@ class ViewSelector {
 
   bool finest(const BlockId& id) const { return id.level >= terrain_.finest_level(id); }
 
-  static Errors errors_of(int level, const dem::NodeInfo& info);
+  static Errors errors_of(const BlockId& id, const dem::NodeInfo& info);
   Errors errors_of(const BlockId& id) const;
   Errors errors_of(const Seen& seen) const { return seen.errors ? *seen.errors : errors_of(seen.id); }
 

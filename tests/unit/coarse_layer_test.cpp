@@ -1,6 +1,8 @@
-// A coarse layer beneath a small area of fine posts: what it casts onto them takes that layer's own triangles.
+// Coarse layers: beneath a small area of fine posts what they cast onto these takes their own triangles; beside a pole
+// their errors are bounded.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <random>
@@ -9,6 +11,7 @@
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
+#include "tests/support/views.h"
 
 namespace selenograph::engine {
 namespace {
@@ -118,6 +121,39 @@ TEST(CoarseLayer, CastsAFarMountainsShadowOntoFinePosts) {
     EXPECT_LT(dark, 80 * 50);
     EXPECT_LE(wrong, 80 * map.report.shadow_error_px + 80) << map.report.shadow_error_px;
   }
+}
+
+// Beside a pole chords leave their parallels by metres, and what is finer than posts is no longer the same triangles.
+TEST(CoarseLayer, ErrorsBesideAPoleAreWithinTheirBounds) {
+  const test::TemporaryFolder folder;
+  test::write_float_tile(folder.path(), "pole", {90, -180, 16, 65, 5761}, [](double lat, double lon) {
+    const double x = (90 - lat) * std::cos(lon * test::kDegree), y = (90 - lat) * std::sin(lon * test::kDegree);
+    return 900 * std::sin(7 * x) * std::sin(9 * y) + 400 * std::sin(23 * x + 11 * y);
+  });
+  const auto terrain = test::open_terrain(folder.path());
+  const Renderer renderer(terrain, RendererOptions{2, std::size_t{1} << 30});
+  double worst_share = 0;
+  for (const Geographic& eye :
+       {Geographic{89.5, 166, 3000}, {89.3, 20, 5000}, {89.75, 100, 12000}, {88.6, -30, 3000}}) {
+    FrameRequest request;
+    request.camera = test::square_camera(48, 50);
+    const Vec3 place = to_cartesian(eye);
+    request.pose = test::looking(place, -place, local_axes(place.normalized()).north);
+    request.sun.direction = place.normalized();
+    request.products = kGeodetic;
+    for (const double max_error_px : {0.1, 0.5, 2.0}) {
+      request.accuracy.max_error_px = max_error_px;
+      const Frame frame = renderer.render(request);
+      const std::vector<double>& found = frame.products.geodetic;
+      double worst_m = 0;
+      for (std::size_t i = 0; i + 2 < found.size(); i += 3)
+        worst_m = std::max(worst_m, std::abs(found[i + 2] - terrain->height(found[i], found[i + 1]).height_m));
+      EXPECT_LT(worst_m, frame.report.lod_error_m + 1e-4) << eye.lat_deg << " " << max_error_px;
+      EXPECT_LE(frame.report.lod_error_px, max_error_px);
+      worst_share = std::max(worst_share, worst_m / frame.report.lod_error_m);
+    }
+  }
+  EXPECT_GT(worst_share, 0.1);  // bounds are of use
 }
 
 }  // namespace
