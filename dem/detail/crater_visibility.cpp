@@ -82,7 +82,8 @@ CraterRoughness::Squares CraterRoughness::measured(const Detail& detail, int oct
 }
 
 CraterRoughness::CraterRoughness(const Detail& detail, const StopToken& stop) {
-  const std::unique_ptr<const Detail> copy = detail.preset().region.everywhere() ? nullptr : everywhere(detail);
+  std::unique_ptr<const Detail> copy;
+  if (!detail.preset().region.everywhere()) copy = everywhere(detail);
   const Detail& measure = copy ? *copy : detail;
   const CraterField& craters = measure.craters();
   const Relief& relief = measure.relief();

@@ -57,7 +57,9 @@ class LocalFiles final : public VSIFilesystemHandler {
 }  // namespace
 
 void guard_local_files() {
-  VSIFileManager::InstallHandler("", new LocalFiles(VSIFileManager::GetHandler("")));  // NOLINT: GDAL keeps it
+  // NOLINTBEGIN: GDAL keeps it
+  VSIFileManager::InstallHandler("", new LocalFiles(VSIFileManager::GetHandler("")));
 }
+// NOLINTEND
 
 }  // namespace selenograph::dem

@@ -68,6 +68,7 @@ WindowMapping::WindowMapping(const RasterInfo& info, int source, const PostWindo
     return Vec3(to_cartesian({lat_deg, lon_deg, 0}) / kMoonRadius_m);
   };
   std::vector<Vec3> meridians;
+  meridians.reserve(static_cast<std::size_t>(cols()));
   for (int c = 0; c < cols(); ++c) meridians.push_back(unit(0, lon_deg_at(info, window, c, pole_)));
   const PlanePosts posts(std::get<PlaneGrid>(info.grid), info.width, info.height);
   places_.reserve(static_cast<std::size_t>(window_.rows) * static_cast<std::size_t>(cols()));

@@ -1,6 +1,8 @@
 // The Sun: direction, distance, and angular radius.
 #pragma once
 
+#include <optional>
+
 #include "dem/grid/geodesy.h"
 
 namespace selenograph::engine {

@@ -19,9 +19,10 @@ Eigen::Matrix3d relief_axes(const Vec3& centre) {
 Vec3 Relief::direction(std::size_t grid, std::size_t post, bool middle) const {
   const Grid& g = grids_[grid];
   const auto side = static_cast<std::size_t>(g.side);
-  const double add = middle ? 0.5 : 0, column = static_cast<double>(post % side) + add,
-               row = static_cast<double>(post / side) + add;
-  return axes_.transpose() * Vec3(g.place(column), g.place(row), kMoonRadius_m).normalized();
+  const std::size_t row = post / side, column = post % side;
+  const double add = middle ? 0.5 : 0, x = g.place(static_cast<double>(column) + add),
+               y = g.place(static_cast<double>(row) + add);
+  return axes_.transpose() * Vec3(x, y, kMoonRadius_m).normalized();
 }
 
 Relief::Relief(const ReliefShape& shape, const ReliefHeights& heights, const StopToken& stop)

@@ -30,7 +30,7 @@ Angles angles_of(const Vec3& d) {
 // Of up to kGroup directions, mostly next to each other: angles from the first to the others by their tangents.
 constexpr std::size_t kGroup = 16;
 void angles_of(std::span<const Vec3> directions, Angles* out) {
-  const Vec3 first = directions.front();
+  const Vec3& first = directions.front();
   const Angles from = angles_of(first);
   const double fx = first.x(), fy = first.y(), fz = first.z(), fr = std::sqrt(fx * fx + fy * fy);
   double x[kGroup] = {}, y[kGroup] = {}, z[kGroup] = {}, lat[kGroup], lon[kGroup], tangent[kGroup];

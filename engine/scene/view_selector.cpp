@@ -95,7 +95,7 @@ void ViewSelector::Part::append(Part&& next) {
 }
 
 void ViewSelector::take(Part&& part) {
-  for (Seen& seen : part.seen) add_seen(std::move(seen));
+  for (const Seen& seen : part.seen) add_seen(seen);
   out_of_view_.insert(out_of_view_.end(), part.out_of_view.begin(), part.out_of_view.end());
   for (const BlockId& id : part.nothing) note_void(id);
   of_detail_in_view_.insert(of_detail_in_view_.end(), part.of_detail.begin(), part.of_detail.end());

@@ -17,7 +17,8 @@ namespace {
 std::optional<Vec3> on_sphere(const View& view, double x_px, double y_px) {
   const auto ray = view.ray(x_px, y_px);
   if (!ray) return std::nullopt;
-  const Vec3 direction = ray->normalized(), from = view.position();
+  const Vec3 direction = ray->normalized();
+  const Vec3& from = view.position();
   const double along = -from.dot(direction), off2 = from.squaredNorm() - along * along;
   const double half2 = kMoonRadius_m * kMoonRadius_m - off2;
   if (!(half2 > 0 && along > 0)) return std::nullopt;
@@ -58,10 +59,11 @@ std::optional<double> edge_px(const DiscImage& image, const Eigen::Vector2d& cen
     return sample(image, place.x(), place.y());
   };
   double inside = 0;
-  for (double r = 0.9 * radius_px; r < kInside * radius_px; r += kStep_px) inside = std::max(inside, light(r));
+  const auto steps = [&](double radii) { return static_cast<int>(std::ceil(radii * radius_px / kStep_px)); };
+  for (int i = 0; i < steps(kInside - 0.9); ++i) inside = std::max(inside, light(0.9 * radius_px + i * kStep_px));
   if (!(inside > 0)) return std::nullopt;
-  for (double r = kOutside * radius_px; r > kInside * radius_px; r -= kStep_px)
-    if (light(r) > inside / 2) return r;
+  for (int i = 0; i < steps(kOutside - kInside); ++i)
+    if (const double r = kOutside * radius_px - i * kStep_px; light(r) > inside / 2) return r;
   return std::nullopt;
 }
 
@@ -197,7 +199,7 @@ double disc_correlation(const DiscImage& observed, const DiscImage& frame, const
 Placement registered(const DiscImage& observed, const DiscImage& frame, const View& view, Placement by) {
   constexpr double kMost_px = 0.5;
   double best = disc_correlation(observed, spread(frame, by), view);
-  for (double step_px = 0.2; step_px > 0.04; step_px /= 2)
+  for (const double step_px : {0.2, 0.1, 0.05})
     for (bool moved = true; moved;) {
       moved = false;
       for (const auto& [dx, dy] :

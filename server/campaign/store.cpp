@@ -36,7 +36,7 @@ DoneFrame done_frame(const ManifestLine& line, const RenderedFrame& frame) {
           .offset = 0};
 }
 
-FrameFolder::FrameFolder(std::string folder, std::string suffix, const Shard& shard, const Record& record,
+FrameFolder::FrameFolder(std::string folder, const std::string& suffix, const Shard& shard, const Record& record,
                          Journal& journal)
     : folder_(std::move(folder)),
       suffix_("." + suffix),

@@ -29,7 +29,8 @@ DoneFrame done_frame(const ManifestLine& line, const RenderedFrame& frame);
 class FrameFolder {
  public:
   // Removes unfinished files of an earlier process of this shard.
-  FrameFolder(std::string folder, std::string suffix, const Shard& shard, const Record& record, Journal& journal);
+  FrameFolder(std::string folder, const std::string& suffix, const Shard& shard, const Record& record,
+              Journal& journal);
 
   bool has(const ManifestLine& line) const;
   // Whether another file has the line's name.

@@ -135,7 +135,8 @@ std::vector<Pair> image_pairs(const VerifyMoonSettings& settings, const engine::
 // One point spread for all images: the standard deviation with the best mean correlation, before any is moved.
 double fitted_spread_px(const std::vector<Pair>& pairs) {
   double best_px = 0, best = -1;
-  for (double sigma_px = 0.3; sigma_px < 1.25; sigma_px += 0.05) {
+  for (int k = 6; k < 25; ++k) {
+    const double sigma_px = 0.05 * k;
     double sum = 0;
     for (const Pair& pair : pairs)
       sum += engine::disc_correlation(pair.observed, engine::spread(pair.frame, {sigma_px, 0, 0, pair.scan}),

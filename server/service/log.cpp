@@ -108,7 +108,8 @@ AsyncLog::AsyncLog(const std::string& level, int fd, LogFormat format)
 // spdlog's thread writes all that waits before it ends, and whoever ends it waits for that: for ever, where nobody
 // reads.
 AsyncLog::~AsyncLog() {
-  const auto kept = new auto(std::move(thread_));  // for ever, where its last user never ends
+  // For ever, where its last user never ends.
+  const auto kept = new auto(std::move(thread_));  // NOLINT(bugprone-unhandled-exception-at-new)
   try {
     std::promise<void> ended;
     const std::future<void> all_written = ended.get_future();

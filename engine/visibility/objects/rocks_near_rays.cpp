@@ -59,6 +59,7 @@ std::vector<Stretch> parts_of(const Stretch& stretch, double longest_m) {
   const double length_m = stretch.to_m - stretch.from_m;
   const int count = static_cast<int>(std::max(1.0, std::ceil(length_m / longest_m)));
   const auto at = [&](int i) { return stretch.from_m + static_cast<double>(i) / count * length_m; };
+  parts.reserve(static_cast<std::size_t>(count));
   for (int i = 0; i < count; ++i) parts.push_back({at(i), at(i + 1)});
   return parts;
 }

@@ -135,10 +135,10 @@ void RayPass::write_products(Packet& p) const {
   Flow::Places places;
   const auto write = [&](const SurfacePoints& points, std::uint32_t lanes) {
     flow_->find(points, lanes, places);
-    for (int i = 0; i < kPacket; ++i)
-      if (lanes >> i & 1)
-        writer_.store_flow(places.x[i] - (p.x + i % kPacketSide), places.y[i] - (p.y + i / kPacketSide),
-                           pixel_of(p, i));
+    for (int i = 0; i < kPacket; ++i) {
+      const int x = p.x + i % kPacketSide, y = p.y + i / kPacketSide;
+      if (lanes >> i & 1) writer_.store_flow(places.x[i] - x, places.y[i] - y, pixel_of(p, i));
+    }
   };
   if (p.on_terrain) write(p.points, p.on_terrain);
   if (p.on_object) write(p.objects.points, p.on_object);
