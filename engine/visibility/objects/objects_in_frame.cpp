@@ -163,7 +163,7 @@ void ObjectsInFrame::place(std::span<const dem::RockFeature> rocks, const Vec3& 
   for (std::size_t i = first_rock_; i < placed_.size(); ++i)
     around.push_back(
         {placed_[i].ball.centre_m, placed_[i].mesh->radius() * (1 + kMargin) * placed_[i].object_from_moon.inverse()});
-  if (from_one_place_ && !views->camera().beyond_plane()) {
+  if (views && from_one_place_ && !views->camera().beyond_plane()) {
     const View& view = views->reference();
     in_image_ = EllipsoidImages::from(view.position(), view.moon_from_camera(), view.widest_slope(), around);
   }
