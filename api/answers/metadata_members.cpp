@@ -255,8 +255,8 @@ void add_content(Answer<MetadataSource>& a) {
         reported(&FrameReport::blended_fraction));
   a.add("missing_fraction",
         number(kUnitInterval,
-               "share of pixels that look at the Moon where there is no data; where there is no file the "
-               "ground counts as at height 0"),
+               "share of pixels that look at the Moon where there is no data; there the ground counts as at height 0, "
+               "or as the lowest in view if that is lower"),
         reported(&FrameReport::missing_fraction));
   a.add(
       "view", view_answer().schema(),

@@ -82,8 +82,8 @@ struct FrameReport {
   std::size_t scene_bytes = 0;  // mesh and acceleration structure
   double filled_fraction = 0;   // share of all pixels on posts filled by interpolation
   double blended_fraction = 0;  // share of all pixels on posts blended from two layers
-  // Share of all pixels whose ray meets nothing for want of data: it enters the sphere below all relief, or passes
-  // below the datum where there is no file. The sky over low ground is not missing.
+  // Share of all pixels whose ray meets nothing but the datum or, where the scene has ground below it, the sphere
+  // through the lowest.
   double missing_fraction = 0;
   double hit_fraction = 0, object_fraction = 0;  // shares of all pixels: surface of any kind; objects
   double rock_fraction = 0;                      // share of all pixels on rocks

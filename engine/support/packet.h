@@ -30,7 +30,7 @@ struct alignas(64) SurfacePoints {
   double nx[kPacket], ny[kPacket], nz[kPacket];  // the facet's outward normal, not normalised
   TriangleId triangle[kPacket];                  // a valid triangle even without a hit
   bool hit[kPacket];
-  bool toward_moon[kPacket];  // no hit, but the ray is below the datum somewhere
+  bool toward_moon[kPacket];  // no hit, but the ray meets a sphere below the scene (Scene::core_m): no data
   Vec3 position(int i) const { return {x[i], y[i], z[i]}; }
   Vec3 facet_normal(int i) const { return {nx[i], ny[i], nz[i]}; }  // its length is twice the facet's area
 };

@@ -34,8 +34,8 @@ struct Scene {
         const StopToken& stop = {})
       : shared_mesh(std::make_shared<Mesh>(terrain, content.blocks, before.mesh.get(), stop, content.beside_coarser)),
         shell_m(kMoonRadius_m + highest_m(mesh) + 1),
+        core_m(core_of(mesh)),
         anchor(content.anchor_m),
-        catalogue(terrain.catalogue()),
         detail(terrain.detail_number()) {
     stop.check();
     if (content.visibility == Visibility::zbuffer)
@@ -59,6 +59,16 @@ struct Scene {
     return static_cast<double>(highest);
   }
 
+  // Where there are no data the ground counts as at height 0, or as the lowest of the mesh: whoever looks past that at
+  // lower ground sees the sky.
+  static double core_of(const Mesh& mesh) {
+    float lowest = 0;
+    int coarsest = dem::kMaxLevel;
+    for (const MeshBlock& b : mesh.blocks())
+      lowest = std::min(lowest, b.posts->min_m), coarsest = std::min(coarsest, b.posts->id.level);
+    return kMoonRadius_m + static_cast<double>(lowest) - dem::chord_sag_m(coarsest);
+  }
+
   // Visits the parts that may be shared with other scenes as part(address, bytes); and the bytes of the rest.
   template <typename Part>
   void for_each_part(const Part& part) const {
@@ -78,10 +88,10 @@ struct Scene {
   const Mesh& mesh = *shared_mesh;
   std::unique_ptr<RayTracer> tracer;
   std::unique_ptr<RasterMesh> raster;
-  double shell_m;                   // radius of a sphere around the scene
-  Vec3 anchor;                      // origin of both structures' float coordinates
-  const dem::Catalogue& catalogue;  // of the terrain
-  int detail;                       // dem::Terrain::detail_number()
+  double shell_m;  // radius of a sphere around the scene
+  double core_m;   // of one below the scene and the datum
+  Vec3 anchor;     // origin of both structures' float coordinates
+  int detail;      // dem::Terrain::detail_number()
   // Bytes of all parts, counted once: visiting every block takes milliseconds.
   std::size_t bytes = 0, triangles = 0;
 };

@@ -17,10 +17,10 @@
 #define SELENOGRAPH_ENGINE_TRACE_SHARED
 namespace selenograph::engine {
 
-// Whether a ray from `outside` (squared distance from the centre less the datum's radius squared) meets the datum; a:
-// its direction squared, b: origin . direction.
-inline bool meets_datum(double outside, double a, double b) {
-  return outside <= 0 || (b < 0 && b * b - a * outside >= 0);
+// Whether a ray from `outside` a sphere (squared distance from the centre less the radius squared) meets it, or looks
+// down within it; a: its direction squared, b: origin . direction.
+inline bool meets_sphere(double outside, double a, double b) {
+  return b < 0 && (outside <= 0 || b * b - a * outside >= 0);
 }
 
 }  // namespace selenograph::engine
@@ -44,8 +44,9 @@ inline double toward_sun(const SurfacePoints& p, int i, double sx, double sy, do
 
 // Per lane: entry into the sphere (or the start, inside of it), relative to the anchor, in float. `active` where there
 // is one.
-void StartRays(const Rays& rays, double radius, const Vec3& anchor, RayPacket& packet, std::int32_t* toward_moon) {
-  const double radius2 = radius * radius, ax = anchor.x(), ay = anchor.y(), az = anchor.z();
+void StartRays(const Rays& rays, double radius, double lowest, const Vec3& anchor, RayPacket& packet,
+               std::int32_t* toward_moon) {
+  const double radius2 = radius * radius, lowest2 = lowest * lowest, ax = anchor.x(), ay = anchor.y(), az = anchor.z();
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double ox = rays.ox[i], oy = rays.oy[i], oz = rays.oz[i], dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
@@ -58,8 +59,7 @@ void StartRays(const Rays& rays, double radius, const Vec3& anchor, RayPacket& p
     packet.oz[i] = static_cast<float>(oz + t * dz - az);
     packet.dx[i] = static_cast<float>(dx), packet.dy[i] = static_cast<float>(dy), packet.dz[i] = static_cast<float>(dz);
     packet.active[i] = meets ? -1 : 0;
-    const double above = ox * ox + oy * oy + oz * oz - kMoonRadius_m * kMoonRadius_m;
-    toward_moon[i] = meets_datum(above, a, b) ? 1 : 0;
+    toward_moon[i] = meets_sphere(ox * ox + oy * oy + oz * oz - lowest2, a, b) ? 1 : 0;
   }
 }
 
@@ -147,7 +147,7 @@ void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, S
 void trace(const Scene& scene, const Rays& rays, SurfacePoints& points, Facets& facets) {
   RayPacket packet;
   alignas(64) std::int32_t toward_moon[kPacket];
-  HWY_DYNAMIC_DISPATCH(StartRays)(rays, scene.shell_m, scene.anchor, packet, toward_moon);
+  HWY_DYNAMIC_DISPATCH(StartRays)(rays, scene.shell_m, scene.core_m, scene.anchor, packet, toward_moon);
   bool any = false;
   for (int i = 0; i < kPacket; ++i) {
     if (!rays.valid[i]) packet.active[i] = 0;
@@ -170,13 +170,12 @@ void trace(const Scene& scene, const Rays& rays, SurfacePoints& points, Facets& 
   if (misses > 0 && active > 0 && (hits > 0 || active < kPacket)) look_again(scene, rays, packet, points, facets);
 }
 
-void find_missing(const Rays& rays, SurfacePoints& points) {
+void find_missing(const Scene& scene, const Rays& rays, SurfacePoints& points) {
   for (int i = 0; i < kPacket; ++i) {
     points.toward_moon[i] = false;
     if (!rays.valid[i] || points.hit[i]) continue;
     const Vec3 o = rays.origin(i), d = rays.direction(i);
-    const double above = o.squaredNorm() - kMoonRadius_m * kMoonRadius_m, a = d.squaredNorm(), b = o.dot(d);
-    points.toward_moon[i] = meets_datum(above, a, b);
+    points.toward_moon[i] = meets_sphere(o.squaredNorm() - scene.core_m * scene.core_m, d.squaredNorm(), o.dot(d));
   }
 }
 

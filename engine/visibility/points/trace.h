@@ -21,8 +21,8 @@ inline void trace(const Scene& scene, const Rays& rays, SurfacePoints& points) {
   trace(scene, rays, points, facets);
 }
 
-// Sets `toward_moon` of the valid rays without a hit; missing.h says which of them lack data.
-void find_missing(const Rays& rays, SurfacePoints& points);
+// Sets `toward_moon` of the valid rays without a hit.
+void find_missing(const Scene& scene, const Rays& rays, SurfacePoints& points);
 
 // facing[i]: 1 if the point's triangle faces the Sun and the Moon's interior (below all relief) does not hide it, else
 // 0.

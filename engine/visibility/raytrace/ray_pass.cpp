@@ -9,8 +9,7 @@ RayPass::RayPass(const FrameJob& job, FrameWriter& writer)
       request_(job.request),
       writer_(writer),
       rays_(job.views.reference()),
-      shader_(job.request, job.views, job.radiance, job.indirect),
-      missing_(job.scene.catalogue, job.views.reference().position()) {
+      shader_(job.request, job.views, job.radiance, job.indirect) {
   if (request_.sun.angular_radius_deg > 0) disc_.emplace(request_.sun, job.scene.anchor);
   if (job.flow_to && wants_flow(request_)) flow_.emplace(*job.flow_to, job);
 }
@@ -41,7 +40,9 @@ void RayPass::meet(Packet& p, const PacketShader& shader) const {
   p.on_object = 0;
   if (!job_.objects.empty()) find_objects(p);
   p.on_terrain = hit_bits(p.points);
-  if (p.sample.count && request_.terrain) p.task.counts.missing += missing_.count(p.rays, p.points);
+  if (p.sample.count && request_.terrain)
+    p.task.counts.missing +=
+        static_cast<std::uint64_t>(std::count(p.points.toward_moon, p.points.toward_moon + kPacket, true));
   if (p.on_terrain) shader.shade(facets, p.points, p.rays, p.shading);
 }
 

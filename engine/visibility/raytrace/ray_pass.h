@@ -12,7 +12,6 @@
 #include "engine/visibility/image/frame_job.h"
 #include "engine/visibility/image/frame_writer.h"
 #include "engine/visibility/points/disc_light.h"
-#include "engine/visibility/points/missing.h"
 #include "engine/visibility/points/shading.h"
 #include "engine/visibility/points/trace.h"
 
@@ -119,7 +118,6 @@ class RayPass {
   FrameWriter& writer_;
   PacketRays rays_;
   PacketShader shader_;
-  MissingData missing_;
   std::optional<DiscLight> disc_;
   std::optional<Flow> flow_;
   mutable std::vector<float> sample_radiance_;  // of one sample, if `each` needs it; otherwise empty

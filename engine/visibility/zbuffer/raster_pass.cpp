@@ -31,8 +31,7 @@ RasterPass::RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& s
       times_(times),
       tiling_(mesh_, job.views.reference()),
       rays_(job.views.reference()),
-      shader_(job.request, job.views, job.radiance, job.indirect),
-      missing_(job.scene.catalogue, job.views.reference().position()) {
+      shader_(job.request, job.views, job.radiance, job.indirect) {
   if (!wants_light(request_)) return;
   if (request_.sun.angular_radius_deg > 0) {
     disc_.emplace(request_.sun, mesh_.anchor());
@@ -124,8 +123,8 @@ void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& point
   const std::uint32_t hits = hit_bits(points);
   const bool all = hits == kAllLanes;
   if (sample.count && !all) {
-    find_missing(rays, points);
-    counts.missing += missing_.count(rays, points);
+    find_missing(job_.scene, rays, points);
+    counts.missing += static_cast<std::uint64_t>(std::count(points.toward_moon, points.toward_moon + kPacket, true));
   }
   if (!hits) return;
   if (sample.count && writer_.marked(row.y, 1)) mark(row, points);

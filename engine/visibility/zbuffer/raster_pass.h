@@ -13,7 +13,6 @@
 #include "engine/visibility/image/edge_samples.h"
 #include "engine/visibility/image/frame_job.h"
 #include "engine/visibility/image/frame_writer.h"
-#include "engine/visibility/points/missing.h"
 #include "engine/visibility/points/shading.h"
 #include "engine/visibility/zbuffer/image_tiles.h"
 #include "engine/visibility/zbuffer/raster_kernels.h"
@@ -120,7 +119,6 @@ class RasterPass {
   ImageTiling tiling_;
   PacketRays rays_;
   PacketShader shader_;
-  MissingData missing_;
   std::optional<DiscLight> disc_;
   std::optional<ShadowMap> shadows_;
 };
