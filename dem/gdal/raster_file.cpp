@@ -69,7 +69,8 @@ std::vector<double> some_heights(RasterFile& s) {
 }
 
 // Whether the samples are radii: by the offset, else (where the type can hold a radius at all) by what most of a few
-// can be. Each number counts once: a void that nobody declared, such as 0 or 1750000, is the same number everywhere.
+// can be. Each number counts once: a void that nobody declared, such as 0 or 1750000, is the same number everywhere. So
+// is a level file's only height or radius: then it is by how many there are of each.
 bool holds_radii(RasterFile& s) {
   if (s.offset_m > kNoRadiusBelow_m) return true;
   const bool narrow = is_integer(s.type) && GDALGetDataTypeSizeBytes(s.type) <= 2;
@@ -81,10 +82,15 @@ bool holds_radii(RasterFile& s) {
   };
   if (std::count_if(heights.begin(), heights.end(), impossible) == kSamples)
     throw DataError(s.info.path, "its samples can't be heights: " + std::to_string(heights.front()) + " m is one");
+  const auto more_radii = [&] {
+    return std::count_if(heights.begin(), heights.end(), may_be_radius) -
+           std::count_if(heights.begin(), heights.end(), may_be_height);
+  };
+  const auto of_all = more_radii();
   std::sort(heights.begin(), heights.end());
   heights.erase(std::unique(heights.begin(), heights.end()), heights.end());
-  return std::count_if(heights.begin(), heights.end(), may_be_radius) >
-         std::count_if(heights.begin(), heights.end(), may_be_height);
+  const auto of_different = more_radii();
+  return of_different != 0 ? of_different > 0 : of_all > 0;
 }
 
 // Of a file that declares no unit: nowhere is the Moon so level over so far, and nothing is 1.7 km above the datum and

@@ -492,6 +492,14 @@ TEST_F(RasterTest, UndeclaredVoidsDoNotDecideTheDatum) {
       EXPECT_EQ(post(raster, 5, 0), 50) << none << " beside " << datum_m;
       EXPECT_FALSE(post(raster, 5, 11) >= kLowestRelief_m) << none << " beside " << datum_m;  // void now or later
     }
+  Tif level;
+  level.type = GDT_Float32;
+  level.width = level.height = 12, level.dx = 0.25, level.dy = -0.25;
+  level.values.assign(144, kMoonRadius_m);
+  for (std::size_t i = 0; i < 48; ++i) level.values[i] = 0;
+  write(file("level.tif"), level);
+  Raster raster(inspect_raster(file("level.tif")));
+  EXPECT_EQ(post(raster, 5, 11), 0);
 }
 
 TEST_F(RasterTest, AreaOrPoint) {
