@@ -11,8 +11,8 @@
 namespace selenograph::dem {
 
 // For a block: largest vertical distance between its triangles and the finest surface; lowest and highest height of
-// both. None: low > high. The finest surface has the base posts; of a base coarser than kSmoothLevel it has the posts of
-// the base's blocks, which are farther apart beside a pole.
+// both. None: low > high. The finest surface has the base posts; of a base coarser than kSmoothLevel it has the posts
+// of the base's blocks, which are farther apart beside a pole.
 struct Extremes {
   float error_m = 0, low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
   void add(const Extremes& other) {
