@@ -259,11 +259,10 @@ class DiscPainter {
   }
 
  private:
-  // Of its rim, with a margin for what is between the rim's places; everything where the lens images a part of it only.
-  // Empty where the view doesn't see the disc.
+  // Of its rim, with a margin for what is between the rim's places: a wider one where the lens images a part of it
+  // only, everything where it images none. Empty where the view doesn't see the disc.
   static std::optional<PixelBox> box_around(const Disc& disc, const View& view) {
-    constexpr double kFar_m = 1e15, kMargin = 0.05;
-    constexpr int kPlacesOfRim = 64;
+    constexpr double kFar_m = 1e15;
     const Vec3 &centre = disc.centre(), ahead = view.moon_from_camera().col(2);
     const double radius = disc.radius_rad();
     if (!view.may_see(view.position() + kFar_m * centre, kFar_m * std::sin(radius))) return std::nullopt;
@@ -274,15 +273,23 @@ class DiscPainter {
     const Vec3 aside = ahead.cross(centre), y = aside.norm() > 1e-9 ? aside.normalized() : centre.unitOrthogonal(),
                x = y.cross(centre);
     PixelBox box{all.right, all.left, all.bottom, all.top};
-    for (int i = 0; i < kPlacesOfRim; ++i) {
-      const double turn = 2 * pi * i / kPlacesOfRim;
-      const Vec3 rim = std::cos(radius) * centre + std::sin(radius) * (std::cos(turn) * x + std::sin(turn) * y);
-      const auto pixel = view.projection().image(view.moon_from_camera().transpose() * rim);
-      if (!pixel) return all;
-      box.left = std::min(box.left, pixel->x), box.right = std::max(box.right, pixel->x);
-      box.top = std::min(box.top, pixel->y), box.bottom = std::max(box.bottom, pixel->y);
-    }
-    const double wider = kMargin * (box.right - box.left), higher = kMargin * (box.bottom - box.top);
+    const auto all_imaged = [&](int places) {
+      int imaged = 0;
+      for (int i = 0; i < places; ++i) {
+        const double turn = 2 * pi * i / places;
+        const Vec3 rim = std::cos(radius) * centre + std::sin(radius) * (std::cos(turn) * x + std::sin(turn) * y);
+        const auto pixel = view.projection().image(view.moon_from_camera().transpose() * rim);
+        if (!pixel) continue;
+        ++imaged;
+        box.left = std::min(box.left, pixel->x), box.right = std::max(box.right, pixel->x);
+        box.top = std::min(box.top, pixel->y), box.bottom = std::max(box.bottom, pixel->y);
+      }
+      return imaged == places;
+    };
+    const bool whole = all_imaged(64) || all_imaged(1024);
+    if (box.left > box.right) return all;
+    const double share = whole ? 0.05 : 0.5, least_px = whole ? 0 : 2,
+                 wider = share * (box.right - box.left) + least_px, higher = share * (box.bottom - box.top) + least_px;
     return PixelBox{box.left - wider, box.right + wider, box.top - higher, box.bottom + higher};
   }
 
