@@ -55,9 +55,8 @@ void thin_array(std::vector<T>& array, const FrameRequest& asked) {
 
 // Whether all that shines does so in the spectrum that the sensor counts by a factor: sunlight, or the Moon's.
 bool in_one_spectrum(const FrameRequest& request, const RadianceTerms& terms, bool emits_elsewhere) {
-  const bool moonlight = request.terrain && request.reflectance.model == ReflectanceModel::moon;
   const bool sunlight_beside = !request.objects.empty() || (request.sky && (request.sky->sun || request.sky->earth));
-  return !request.atmosphere && !terms.emitted && !emits_elsewhere && !(moonlight && sunlight_beside);
+  return !request.atmosphere && !terms.emitted && !emits_elsewhere && !(counts_moonlight(request) && sunlight_beside);
 }
 
 }  // namespace

@@ -198,10 +198,6 @@ class TileMeasurement {
   std::vector<Start> starts_;
 };
 
-}  // namespace
-
-namespace {
-
 Measured measured_at_posts(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels,
                            const StopToken& stop) {
   if (TileMeasurement::possible(plan, base, levels)) return TileMeasurement(plan, base, levels).measured(stop);

@@ -86,8 +86,9 @@ class HazardMap {
 
   // Whether no part of the footprint is another pixel elsewhere because it is turned. A disc may turn.
   bool same_at(int x, int y, const FootprintOnMap& middle) const {
+    if (request_.footprint->shape == LanderFootprint::Shape::disc) return true;
     const auto here = footprint_at(x, y);
-    if (!here || request_.footprint->shape == LanderFootprint::Shape::disc) return true;
+    if (!here) return true;
     const Eigen::Matrix2d moved = here->metres_per_px.inverse() * middle.metres_per_px - Eigen::Matrix2d::Identity();
     return moved.norm() / std::numbers::sqrt2 * middle.reach_px() < 0.5;
   }

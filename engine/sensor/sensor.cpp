@@ -45,14 +45,15 @@ void add_all(const std::vector<float>& some, std::vector<float>& sum) {
   for (std::size_t i = 0; i < some.size(); ++i) sum[i] += some[i];
 }
 
-// The spectrum that is counted: the Sun's, or the Moon's where the ground has it.
 double light_w_m2(const FrameRequest& request, const Band& band) {
-  const Reflectance& ground = request.reflectance;
-  return request.terrain && ground.model == ReflectanceModel::moon ? moonlight_w_m2(ground.ground, band)
-                                                                   : solar_irradiance_w_m2(band);
+  return counts_moonlight(request) ? moonlight_w_m2(request.reflectance.ground, band) : solar_irradiance_w_m2(band);
 }
 
 }  // namespace
+
+bool counts_moonlight(const FrameRequest& request) {
+  return request.terrain && request.reflectance.model == ReflectanceModel::moon;
+}
 
 Sensor::Sensor(const FrameRequest& request, const StopToken& stop)
     : request_(request),

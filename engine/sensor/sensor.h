@@ -21,6 +21,9 @@ namespace selenograph::engine {
 // largest radiance in the frame (0 when everything is dark).
 double expose(const ImageSettings& settings, const std::vector<float>& radiance, std::vector<std::uint16_t>& image);
 
+// Whether the spectrum that a sensor counts by a factor is the Moon's, which the ground has, and not the Sun's.
+bool counts_moonlight(const FrameRequest& request);
+
 // Share of pixels whose radiance exceeds `limit`.
 double share_above(const std::vector<float>& radiance, double limit);
 
