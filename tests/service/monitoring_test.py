@@ -17,6 +17,36 @@ DASHBOARD = os.path.join(OPERATION, "grafana", "selenograph.json")
 ALERTS = os.path.join(OPERATION, "prometheus", "alerts.yml")
 FUNCTIONS = {"rate", "sum", "by", "increase", "changes", "histogram_quantile", "label_values", "and", "or"}
 OF_PROMETHEUS = {"up", "instance", "job"}
+# What the alerts read, as promtool writes values: where all is bad, and where all is well.
+NODE, PROXY = 'instance="a",job="selenograph"', 'instance="p",job="selenograph-proxy"'
+RISES, STAYS = "0+6000x180", "7x180"
+SERIES = {
+    f"up{{{NODE}}}": ("0x180", "1x180"),
+    f"up{{{PROXY}}}": ("0x180", "1x180"),
+    f"selenograph_ready{{{NODE}}}": ("0x180", "1x180"),
+    f"process_start_time_seconds{{{NODE}}}": (RISES, STAYS),
+    f'selenograph_http_requests_total{{{NODE},route="/v1/frames",method="POST",status="200"}}': (RISES, RISES),
+    **{f'selenograph_errors_total{{{NODE},code="{code}"}}': (RISES, STAYS)
+       for code in ("busy", "deadline_exceeded", "internal", "terrain_data_error", "asset_error", "storage_unavailable")},
+    f"selenograph_frames_waiting{{{NODE}}}": ("250x180", "10x180"),
+    f"selenograph_frames_waiting_limit{{{NODE}}}": ("256x180", "256x180"),
+    f"selenograph_terrain_warnings{{{NODE}}}": ("1x180", "0x180"),
+    f"selenograph_cache_trouble{{{NODE}}}": ("1x180", "0x180"),
+    f"selenograph_terrain_chunks_rejected_total{{{NODE}}}": (RISES, STAYS),
+    f"selenograph_terrain_chunks_built_total{{{NODE}}}": (RISES, STAYS),
+    f"selenograph_terrain_cache_evictions_total{{{NODE}}}": (RISES, STAYS),
+    f"selenograph_terrain_cache_misses_total{{{NODE}}}": (RISES, STAYS),
+    f"selenograph_terrain_cache_hits_total{{{NODE}}}": (RISES, RISES),
+    f"selenograph_request_memory_bytes{{{NODE}}}": ("95x180", "10x180"),
+    f"selenograph_request_memory_capacity_bytes{{{NODE}}}": ("100x180", "100x180"),
+    f"selenograph_log_dropped_total{{{NODE}}}": (RISES, STAYS),
+    f'haproxy_backend_active_servers{{{PROXY},proxy="nodes"}}': ("0x180", "2x180"),
+    f'haproxy_server_status{{{PROXY},proxy="nodes",server="node1",state="UP"}}': ("0x180", "1x180"),
+    f'haproxy_backend_retry_warnings_total{{{PROXY},proxy="nodes"}}': (RISES, STAYS),
+    f'haproxy_backend_http_requests_total{{{PROXY},proxy="nodes"}}': (RISES, RISES),
+    f'haproxy_frontend_http_responses_total{{{PROXY},proxy="outside",code="5xx"}}': (RISES, STAYS),
+    f'haproxy_frontend_http_responses_total{{{PROXY},proxy="outside",code="2xx"}}': (RISES, RISES),
+}
 
 
 def dashboard_expressions():
@@ -29,6 +59,19 @@ def dashboard_expressions():
 def alert_expressions():
     with open(ALERTS) as file:
         return re.findall(r"^\s+expr: (.+)$", file.read(), re.M)
+
+
+def alert_names():
+    with open(ALERTS) as file:
+        return re.findall(r"^\s+- alert: (\w+)$", file.read(), re.M)
+
+
+def promtool(*arguments):
+    done = subprocess.run(["promtool", *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    return done.returncode, done.stdout
+
+
+of_promtool = unittest.skipUnless(shutil.which("promtool"), "promtool is not installed: apt-get install prometheus")
 
 
 def selectors(expression):
@@ -124,13 +167,32 @@ class Monitoring(unittest.TestCase):
             self.assertFalse(cells & taken, panel["title"])
             taken |= cells
 
-    @unittest.skipUnless(shutil.which("promtool"), "promtool is not installed: apt-get install prometheus")
+    def test_both_sides_of_a_comparison_have_the_same_labels(self):
+        """Else it is of nothing, and never true."""
+        for expression in alert_expressions():
+            for comparison in re.split(" and | or ", expression):
+                sides = [selectors(side) for side in re.split(" (?:[<>]=?|==) ", comparison)]
+                labels = [[labels for name, labels in side if name is None] or [labels for _, labels in side] for side in sides if side]
+                self.assertTrue(all(one == labels[0] for one in labels), comparison)
+
+    @of_promtool
     def test_promtool_takes_the_alerts(self):
-        done = subprocess.run(["promtool", "check", "rules", ALERTS], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        self.assertEqual(done.returncode, 0, done.stdout)
-        done = subprocess.run(["promtool", "check", "config", os.path.join(OPERATION, "prometheus", "prometheus.yml")],
-                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        self.assertEqual(done.returncode, 0, done.stdout)
+        for arguments in (("rules", ALERTS), ("config", os.path.join(OPERATION, "prometheus", "prometheus.yml"))):
+            status, said = promtool("check", *arguments)
+            self.assertEqual(status, 0, said)
+
+    @of_promtool
+    def test_each_alert_fires_and_none_where_all_is_well(self):
+        firing = [{"labels": f'{{alertname="{name}"}}', "value": 1} for name in alert_names()]
+        self.assertGreater(len(firing), 15)
+        tests = [{"interval": "1m",
+                  "input_series": [{"series": series, "values": values[i]} for series, values in SERIES.items()],
+                  "promql_expr_test": [{"expr": 'group by (alertname) (ALERTS{alertstate="firing"})', "eval_time": "150m",
+                                        "exp_samples": expected}]}
+                 for i, expected in enumerate((firing, []))]
+        status, said = promtool("test", "rules", harness.write("alerts.json", {
+            "rule_files": [os.path.abspath(ALERTS)], "evaluation_interval": "1m", "tests": tests}))
+        self.assertEqual(status, 0, said)
 
 
 if __name__ == "__main__":
