@@ -101,8 +101,8 @@ class Team:
         with open(os.path.join(self.folder, name + ".pid")) as file:
             return int(file.read())
 
-    def token(self, *arguments):
-        return subprocess.run([sys.executable, TOKEN, *arguments, "--dir", self.folder, "--socket",
+    def token(self, *arguments, folder=None):
+        return subprocess.run([sys.executable, TOKEN, *arguments, "--dir", folder or self.folder, "--socket",
                                os.path.join(self.folder, "haproxy.sock")], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                               text=True, timeout=PATIENCE_S)
 
@@ -235,6 +235,12 @@ class Tokens(unittest.TestCase):
         self.assertIn("there is no token leaving", team.token("revoke", "leaving").stderr)
         self.assertNotIn("leaving", team.token("list").stdout)
         self.assertIn("a name has up to 64", team.token("add", "two words").stderr)
+
+    def test_what_adds_none_makes_no_folder(self):
+        nowhere = harness.path("nowhere")
+        self.assertEqual(team.token("list", folder=nowhere).returncode, 0)
+        self.assertIn("there is no token nobody", team.token("revoke", "nobody", folder=nowhere).stderr)
+        self.assertFalse(os.path.exists(nowhere))
 
     def test_edited_by_hand_and_reloaded_while_others_go_on(self):
         token, busy = team.new_token("by-hand"), team.new_token("busy")
