@@ -60,6 +60,7 @@ Request = Mapping[str, Any]
 Vector = Union[Sequence[float], np.ndarray]
 
 MOON_RADIUS_M = 1737400.0  # heights are above this sphere
+INERTIAL = ("ICRF", "J2000")  # frames whose poses need an epoch
 MOST_AHEAD = 64  # of a request's "ahead"
 # Rays or points of one request. Each answer depends on its own ray alone, so that long lists may be sent in pieces: the
 # service's default limits are 100 000 rays, and 4 MiB of text, which is less.
@@ -280,7 +281,7 @@ def _about(document: Any) -> Tuple[float, float]:
     if pose is not None:
         if "geodetic" in pose:
             return _degrees(pose["geodetic"])
-        if "position_m" in pose and pose.get("frame") != "ICRF":  # which turns with the Moon
+        if "position_m" in pose and pose.get("frame") not in INERTIAL:  # in which the Moon turns
             return _below(pose["position_m"])
         return _degrees(pose["look_at"])
     if "map" in document:
@@ -1506,7 +1507,8 @@ class Trajectory:
         down, +z boresight); left out, body and camera are the same. Without an AEM the camera looks at nadir, with
         up_azimuth_deg.
 
-        frame: what the files' REF_FRAME is called here, where it isn't MOON_ME, MOON_PA_DE421, MOON_PA_DE440 or ICRF.
+        frame: what the files' REF_FRAME is called here, where it isn't MOON_ME, MOON_PA_DE421, MOON_PA_DE440 or ICRF;
+        "J2000", of EME2000 say.
         """
         if (aem is None) == (up_azimuth_deg is None):
             raise ValueError("write either aem= (attitudes) or up_azimuth_deg= (the camera looks at nadir)")
@@ -1532,7 +1534,7 @@ class Trajectory:
         trajectory = cls.__new__(cls)
         azimuths = None if aem is not None else (np.zeros(1), np.array([float(up_azimuth_deg or 0)]))
         trajectory._set(tracks, turns, azimuths, _datetime(epoch) if system.upper() == "UTC" else None, frame)
-        if frame == "ICRF" and trajectory.start is None:
+        if frame in INERTIAL and trajectory.start is None:
             raise ValueError(f"{oem}: TIME_SYSTEM is {system}; with REF_FRAME {named} UTC is needed, since the Moon's "
                              "rotation depends on it")
         return trajectory
@@ -1565,7 +1567,7 @@ class Trajectory:
                 raise ValueError(f"no attitude at {time_s:g} s; there are attitudes from {spans} s")
             pose = Pose.from_quaternion(turns.at(float(time_s)), order="wxyz", direction=turns.direction,
                                         position_m=position, frame=self.frame)
-        if self.frame == "ICRF":
+        if self.frame in INERTIAL:
             pose["utc"] = self.utc(time_s)
         return pose
 
@@ -1593,7 +1595,7 @@ class Trajectory:
 FRAMES = {"MOON_ME": "MOON_ME", "MOON_ME_DE421": "MOON_ME", "MOON_ME_DE440_ME421": "MOON_ME",
           "MOON_PA_DE421": "MOON_PA_DE421", "MOON_PA421": "MOON_PA_DE421", "MOON_PA_DE440": "MOON_PA_DE440",
           "MOON_PA440": "MOON_PA_DE440", "ICRF": "ICRF"}
-NEED_SUN = {"image", "radiance", "angles", "lit"}
+NEED_SUN = {"image", "radiance", "angles", "lit", "irradiance"}
 
 
 class _Track:

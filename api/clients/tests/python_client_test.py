@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The Python client (api/clients/python): each method against the real binary, HTTP's mishaps against a made-up server.
+"""The Python client (api/clients/python): each method against the real binary. python_http_test.py: HTTP's mishaps.
 
 Needs NumPy.
 """
@@ -16,7 +16,6 @@ import multiprocessing
 import os
 import shutil
 import socket
-import ssl
 import subprocess
 import sys
 import threading
@@ -32,7 +31,6 @@ except ImportError:
     cv2 = None
 
 import harness
-from fake_service import FakeService
 from harness import BINARY, PATIENCE_S, REPOSITORY, Service, frame_request
 
 FOLDER = os.path.join(REPOSITORY, "api", "clients", "python")
@@ -476,197 +474,6 @@ class Async(unittest.TestCase):
                 break
             await frames.aclose()
         self.run_with_client(work)
-
-
-def npz(**arrays):
-    file = io.BytesIO()
-    np.savez(file, **arrays)
-    return file.getvalue()
-
-
-FINE = (200, {"Content-Type": "application/json"}, b'{"points": [{"height_m": 1.5}]}')
-BUSY = (503, {"Content-Type": "application/problem+json", "Retry-After": "3"},
-        b'{"title": "Busy", "status": 503, "detail": "come back"}')
-
-
-class Mishaps(unittest.TestCase):
-    @contextlib.contextmanager
-    def asking(self, *script, slept=(), **options):
-        with FakeService(*script) as server, mock.patch.object(selenograph.time, "sleep") as sleep:
-            with Client(server.url, **options) as client:
-                yield client, server
-            self.assertEqual([call.args[0] for call in sleep.call_args_list], list(slept))
-            self.assertEqual(server.answers, [], "not all of the script was asked for")
-
-    def test_retry_after_is_obeyed(self):
-        unavailable = (429, {"Retry-After": "0"}, b"")
-        with self.asking(BUSY, unavailable, FINE, slept=(3, 0.05)) as (client, server):
-            self.assertEqual(client.heights(0, 0).height_m, 1.5)
-            self.assertEqual(len(server.requests), 3)
-            self.assertEqual(len({connection for connection, *_ in server.requests}), 1, "the connection is kept")
-
-    def test_retry_after_beyond_the_time_allowed_is_a_refusal(self):
-        with self.asking(BUSY, timeout_s=2) as (client, _):
-            with self.assertRaisesRegex(Refused, "503 Busy: come back") as caught:
-                client.heights(0, 0)
-            self.assertEqual(caught.exception.status, 503)
-
-    def test_a_date_in_retry_after(self):
-        past = (503, {"Retry-After": "Fri, 31 Dec 1999 23:59:59 GMT"}, b"")
-        with self.asking(past, FINE, slept=(0.05,)) as (client, _):
-            self.assertEqual(client.heights(0, 0).height_m, 1.5)
-
-    def test_503_without_retry_after_is_an_error(self):
-        stopping = (503, {}, b"shutting down\n")
-        with self.asking(stopping) as (client, _):
-            with self.assertRaisesRegex(Refused, "503 Service Unavailable: shutting down") as caught:
-                client.heights(0, 0)
-            self.assertEqual(caught.exception.problem, {})
-
-    def test_a_connection_closed_between_calls(self):
-        with self.asking(FINE, None, FINE, FINE) as (client, server):
-            self.assertEqual(client.heights(0, 0).height_m, 1.5)
-            self.assertEqual(client.heights(0, 0).height_m, 1.5)  # lost, and asked again
-            self.assertEqual(client.heights(0, 0).height_m, 1.5)
-            connections = [connection for connection, *_ in server.requests]
-            self.assertEqual(connections[0], connections[1])
-            self.assertEqual(connections[2], connections[3])
-            self.assertNotEqual(connections[1], connections[2])
-
-    def test_all_kept_connections_are_given_up_together(self):
-        with self.asking(None, FINE) as (client, _):
-            client._idle = [client._connection(selenograph.time.monotonic() + 60) for _ in range(2)]
-            client._idle[0].sock.shutdown(socket.SHUT_RDWR)  # as after a restart of the service
-            self.assertEqual(client.heights(0, 0).height_m, 1.5)
-
-    def test_an_answer_cut_short(self):
-        cut = (200, {"Content-Type": "application/json", "Content-Length": "1000", "Connection": "close after"}, b"{")
-        with self.asking(cut, FINE) as (client, _):
-            self.assertEqual(client.heights(0, 0).height_m, 1.5)
-
-    def test_two_losses_are_an_error(self):
-        with self.asking(None, None) as (client, _):
-            with self.assertRaisesRegex(ConnectionError, "closed two connections"):
-                client.heights(0, 0)
-
-    def test_nothing_answers(self):
-        with self.assertRaisesRegex(ConnectionError, "nothing answers at .*`selenograph serve`"):
-            Client(f"http://127.0.0.1:{harness.free_port()}").datasets()
-
-    def test_silence_is_a_timeout(self):
-        with socket.create_server(("127.0.0.1", 0)) as silent:
-            with self.assertRaisesRegex(TimeoutError, "timeout_s = 0.2 s"):
-                Client(f"http://127.0.0.1:{silent.getsockname()[1]}", timeout_s=0.2).datasets()
-
-    def test_server_that_does_not_speak_http(self):
-        with socket.create_server(("127.0.0.1", 0)) as other:
-            def answer():
-                connection, _ = other.accept()
-                connection.sendall(b"220 mail.example ESMTP\r\n")
-                connection.close()
-            thread = threading.Thread(target=answer)
-            thread.start()
-            with self.assertRaisesRegex(ConnectionError, "doesn't answer as HTTP does"):
-                Client(f"http://127.0.0.1:{other.getsockname()[1]}").datasets()
-            thread.join()
-
-    @unittest.skipUnless(shutil.which("openssl"), "openssl is not installed")
-    def test_tls(self):
-        key, certificate = harness.path("key.pem"), harness.path("certificate.pem")
-        subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-keyout", key, "-out", certificate,
-                        "-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1"], check=True,
-                       stderr=subprocess.DEVNULL)
-        with FakeService(FINE, None, FINE) as server:
-            context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-            context.load_cert_chain(certificate, key)
-            server.server.socket = context.wrap_socket(server.server.socket, server_side=True)
-            address = server.url.replace("http", "https")
-            with mock.patch.dict(os.environ, {"SSL_CERT_FILE": certificate}), Client(address) as client:
-                self.assertEqual(client.heights(0, 0).height_m, 1.5)
-                self.assertEqual(client.heights(0, 0).height_m, 1.5)  # after a loss
-            with mock.patch.object(sys, "stderr", io.StringIO()):  # where the server complains
-                with self.assertRaisesRegex(ConnectionError, "no TLS connection: .*certificate verify failed"):
-                    Client(address).datasets()
-
-    def test_region_of_a_request(self):
-        for text, region in (  # client_test.cpp has the same
-                ('{"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1,"height_m":20000}}}', '22-7'),
-                ('{"pose":{"position_m":[1757400,0,0]}}', '22-0'),
-                ('{"pose":{"position_m":[1757400,-0.1,-0.1]}}', '22-89'),
-                ('{"pose":{"position_m":[0,0,1800000],"frame":"MOON_PA_DE440"}}', '44-0'),
-                ('{"pose":{"geodetic":{"lat_deg":-90,"lon_deg":-180,"height_m":0}}}', '0-1'),
-                ('{"pose":{"geodetic":{"lat_deg":90,"lon_deg":360,"height_m":0}}}', '44-0'),
-                ('{"pose":{"geodetic":{"lat_deg":-60.5,"lon_deg":-1,"height_m":0}}}', '7-44'),
-                ('{"pose":{"position_m":[1757400,0,0],"frame":"ICRF","look_at":{"lat_deg":0,"lon_deg":8.1}}}', '22-2'),
-                ('{"cameras":{"a":{"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1}}},"b":{}}}', '22-7'),
-                ('{"map":{"center":{"lat_deg":0.1,"lon_deg":30.1}}}', '22-7'),
-                ('{"rays":[{"origin_m":[1757400,0,0]}]}', '22-0'),
-                ('{"points":[{"lat_deg":0.1,"lon_deg":30.1}]}', '22-7'),
-                ('{"camera":{},"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1}},"points":[{"lat_deg":80,"lon_deg":0}]}', '22-7'),
-                ('{"pose":{"position_m":[1757400,0,0],"frame":"ICRF"}}', ''),
-                ('{"pose":{"geodetic":{"lat_deg":-91,"lon_deg":0}}}', ''),
-                ('{"pose":{"geodetic":"here"}}', ''),
-                ('{"pose":{"position_m":[1,2]}}', ''),
-                ('{"pose":7}', ''),
-                ('{"points":[]}', ''),
-                ('{}', '')):
-            with self.subTest(text):
-                self.assertEqual(selenograph._region(json.loads(text)) or "", region)
-
-    def test_headers_and_body_of_requests(self):
-        with self.asking(FINE, FINE, token="s3cret", timeout_s=20) as (client, server):
-            client.url, client._prefix = client.url + "/moon", "/moon"  # as behind a proxy
-            client.heights(1, 2)
-            client.datasets()
-        (_, path, headers, body), (_, catalogue, _, nothing) = server.requests
-        self.assertEqual((path, catalogue), ("/moon/v1/heights", "/moon/v1/datasets"))
-        self.assertEqual(headers["Authorization"], "Bearer s3cret")
-        self.assertEqual(headers["Selenograph-Region"], "22-0")
-        self.assertEqual(headers["Content-Type"], "application/json")
-        self.assertEqual(json.loads(body), {"points": [{"lat_deg": 1.0, "lon_deg": 2.0}]})
-        self.assertTrue(10000 < int(headers["Request-Timeout-Ms"]) < 20000, headers)
-        self.assertEqual(nothing, b"")
-        self.assertEqual(Client("https://example.org:444/moon/")._prefix, "/moon")
-        self.assertRaisesRegex(ValueError, "write for example http://", Client, "127.0.0.1:8080")
-        self.assertRaisesRegex(ValueError, "timeout_s is 0", Client, "http://127.0.0.1", None, 0)
-
-    def test_ahead_echo_and_the_rest_of_the_headers(self):
-        frame = (200, {"Content-Type": "application/x-npz", "ETag": '"abc"', "Selenograph-Echo": '{"tag":7}',
-                       "Server-Timing": "parse;dur=0.25, cache;desc=\"x\", draw;desc=y;dur=2e1"},
-                 npz(radiance=np.arange(6.0).reshape(2, 3)))
-        own = {**request_at(3), "ahead": [pose_at(9)]}
-        shutter = {name: value for name, value in request_at(4).items() if name != "pose"}
-        requests = [request_at(0), request_at(1), request_at(2), own, shutter, request_at(5)]
-        for in_flight in (1, 2):
-            with self.asking(*[frame] * 6) as (client, server):
-                got = list(client.frames(requests, in_flight=in_flight, ahead=2))
-            self.assertLessEqual(len({connection for connection, *_ in server.requests}), in_flight)
-            bodies = [json.loads(body) for *_, body in server.requests]
-            bodies.sort(key=lambda body: json.dumps(body.get("pose", ""), default=str))
-            ahead = {json.dumps(body.get("pose")): body.get("ahead") for body in bodies}
-            self.assertEqual(ahead[json.dumps(pose_at(0))], [pose_at(1), pose_at(2)])
-            self.assertEqual(ahead[json.dumps(pose_at(1))], [pose_at(2), pose_at(3)])
-            self.assertEqual(ahead[json.dumps(pose_at(2))], [pose_at(3)])
-            self.assertEqual(ahead[json.dumps(pose_at(3))], [pose_at(9)], "the request's own")
-            self.assertEqual(ahead[json.dumps(None)], [pose_at(5)])
-            self.assertIsNone(ahead[json.dumps(pose_at(5))])
-            self.assertNotIn("ahead", requests[0], "requests are not changed")
-            self.assertEqual((got[0].etag, got[0].echo), ('"abc"', {"tag": 7}))
-            self.assertEqual(got[0].timing, {"parse": 0.25, "draw": 20.0})
-
-    def test_nothing_is_taken_to_fill_ahead(self):
-        frame = (200, {"Content-Type": "application/x-npz"}, npz(a=np.zeros(3)))
-        for in_flight in (1, 2):
-            with self.asking(*[frame] * 8) as (client, server):
-                self.assertEqual(len(list(client.frames((request_at(step) for step in range(8)), in_flight, 3))), 8)
-            self.assertEqual([json.loads(body).get("ahead") for *_, body in server.requests], [None] * 8)
-
-    def test_deflated_and_column_major_members_are_read(self):
-        file = io.BytesIO()
-        np.savez_compressed(file, a=np.asfortranarray(np.arange(6).reshape(2, 3)), b=np.float32(4))
-        arrays, meta = selenograph._read_npz(file.getvalue())
-        np.testing.assert_array_equal(arrays["a"], [[0, 1, 2], [3, 4, 5]])
-        self.assertEqual((arrays["b"], meta), (4, {}))
 
 
 class TheService(WithClient):

@@ -399,6 +399,7 @@ class Trajectories(unittest.TestCase):
                 ("method is 'spline'", fine.replace("COMMENT", "COMMENT"), "spline"),
                 ("times must rise", Orbit.oem([0, 10, 10]), None),
                 ("with REF_FRAME ICRF UTC is needed", Orbit.oem([0, 10], frame="ICRF", system="TDB"), None),
+                ("with REF_FRAME EME2000 UTC is needed", Orbit.oem([0, 10], frame="EME2000", system="TDB"), "J2000"),
                 ("ATTITUDE_TYPE is EULER_ANGLE; QUATERNION", fine,
                  attitude.replace("= QUATERNION\n", "= EULER_ANGLE\n")),
                 ("one of them must be the OEM's REF_FRAME", fine, attitude.replace("MOON_ME", "MOON_PA_DE421")),
@@ -409,6 +410,8 @@ class Trajectories(unittest.TestCase):
                 oem, aem = oem.replace("META_STOP", "INTERPOLATION = SPLINE\nMETA_STOP"), None
             oem = harness.write("bad.oem", oem)
             how = {"up_azimuth_deg": 0} if aem is None else {"aem": harness.write("bad.aem", aem)}
+            if aem == "J2000":
+                how = {"up_azimuth_deg": 0, "frame": aem}
             with self.subTest(words), self.assertRaisesRegex(ValueError, "(?s)" + words):
                 Trajectory.from_ccsds(oem, **how)
         self.assertRaisesRegex(ValueError, "either aem= .* or up_azimuth_deg=", Trajectory.from_ccsds, oem)
@@ -423,10 +426,15 @@ class Trajectories(unittest.TestCase):
         self.assertEqual(kept["sun"], {"direction": [1, 0, 0]})
         other = Trajectory.from_ccsds(harness.write("tdb.oem", Orbit.oem([0, 10], system="TDB")), up_azimuth_deg=0)
         self.assertRaisesRegex(ValueError, 'no "sun"', other.requests, {})
+        self.assertRaisesRegex(ValueError, 'no "sun"', other.requests, {"products": ["irradiance"]})
         self.assertNotIn("sun", other.requests({"products": ["range"]})[0])
         inertial = Trajectory.from_ccsds(harness.write("icrf.oem", Orbit.oem([0, 10], frame="ICRF")), up_azimuth_deg=0)
         pose = inertial.at(5)
         self.assertEqual((pose["frame"], pose["utc"]), ("ICRF", "2026-11-20T12:00:05Z"))
+        inertial = Trajectory.from_ccsds(harness.write("eme2000.oem", Orbit.oem([0, 10], frame="EME2000")),
+                                         up_azimuth_deg=0, frame="J2000")
+        pose = inertial.at(5)
+        self.assertEqual((pose["frame"], pose["utc"]), ("J2000", "2026-11-20T12:00:05Z"))
 
     def test_service_rotates_inertial_orbits(self):
         with Client(f"http://{SERVICE.host}:{SERVICE.port}") as client:
@@ -439,6 +447,20 @@ class Trajectories(unittest.TestCase):
         right = camera_from_moon(request["pose"]) @ request["pose"]["position_m"]
         np.testing.assert_allclose(camera_from_moon(pose) @ pose["position_m"], right, atol=1e-6)
         self.assertGreater(np.linalg.norm(np.subtract(pose["position_m"], request["pose"]["position_m"])), 1e5)
+
+    def test_inertial_poses_have_epochs_of_their_own(self):
+        """Not that of a Sun which stands still: the Moon would have turned by another angle."""
+        start = datetime(2026, 11, 20, tzinfo=timezone.utc)
+        common = {"camera": Camera.pinhole(width=8, height=8, fov_deg=9), "products": ["range"],
+                  "sun": Sun.utc("2026-11-25T00:00:00Z")}
+        with Client(f"http://{SERVICE.host}:{SERVICE.port}") as client:
+            places = []
+            for frame in ("ICRF", "J2000"):
+                trajectory = Trajectory([0, 7200], [[1.9e6, 0, 0], [1.9e6, 4e5, 0]], up_azimuth_deg=0, start=start,
+                                        frame=frame)
+                request, = trajectory.requests(common, [3600])
+                places.append(client.frame(request).meta["request"]["pose"]["position_m"])
+        np.testing.assert_array_equal(*places)
 
     def csv(self, *lines):
         return harness.write("trajectory.csv", "\n".join(lines) + "\n")
