@@ -1918,15 +1918,23 @@ def _watched_request(options: argparse.Namespace, trajectory: Trajectory) -> Dic
     return request
 
 
+def _steps(times_s: np.ndarray, step_s: float) -> np.ndarray:
+    """From the first time to the last."""
+    if not 0 < step_s < math.inf:
+        raise ValueError(f"--step-s is {step_s:g}; seconds above 0 are needed")
+    first, last = float(times_s[0]), float(times_s[-1])
+    # 0.3 / 0.1 is an ulp below 3, and 3 * 0.1 an ulp above 0.3; seconds since an epoch have fewer digits yet.
+    count = math.floor((last - first) / step_s + 1e-4) + 1
+    return np.minimum(first + step_s * np.arange(count), last)
+
+
 def _watch(options: argparse.Namespace) -> None:
     if options.trajectory.lower().endswith(".csv"):
         trajectory = Trajectory.from_csv(options.trajectory)
     else:
         azimuth = None if options.aem else options.up_azimuth_deg
         trajectory = Trajectory.from_ccsds(options.trajectory, options.aem, up_azimuth_deg=azimuth)
-    times = trajectory.times_s
-    if options.step_s:
-        times = np.arange(times[0], times[-1] + 1e-9 * options.step_s, options.step_s)
+    times = trajectory.times_s if options.step_s is None else _steps(trajectory.times_s, options.step_s)
     requests = trajectory.requests(_watched_request(options, trajectory), times)
     os.makedirs(options.out, exist_ok=True)
     media_type = MEDIA_TYPES["." + options.format]

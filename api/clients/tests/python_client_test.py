@@ -595,6 +595,21 @@ class CommandLine(unittest.TestCase):
         with open("pictures/00000.png", "rb") as file:
             self.assertEqual(file.read(), SERVICE.frame({**common, "pose": pose}, "image/png")[2])
 
+    def test_steps_end_with_the_trajectory(self):
+        """Where the quotient or the product of floating-point numbers lies an ulp beside a whole number of steps."""
+        harness.write("small.json", request_at(0, ["range"]))
+        for end_s, step_s, count in ((0.3, "0.1", 4), (0.7, "0.1", 8), (0.25, "0.1", 3), (0.2, "1", 1)):
+            harness.write("steps.csv", "time_s,lat_deg,lon_deg,height_m,up_azimuth_deg\n"
+                          f"0,-6.5,40,20000,0\n{end_s},-6.48,40,20000,0\n")
+            code, said, errors = self.command("watch", "steps.csv", "--out", "steps", "--request", "small.json",
+                                              "--step-s", step_s)
+            self.assertEqual((code, errors), (0, ""))
+            self.assertEqual(len(said.splitlines()), count)
+        for step_s in ("-1", "0", "nan", "inf"):
+            code, said, errors = self.command("watch", "steps.csv", "--out", "steps", "--step-s", step_s)
+            self.assertEqual((code, said), (1, ""))
+            self.assertRegex(errors, f"--step-s is {step_s}; seconds above 0 are needed")
+
     def test_watch_an_oem(self):
         lines = [f"2026-11-20T12:00:{t:02d} 1336 1121 {-199 + 0.16 * t} 0 0 0.16" for t in (0, 10, 20, 30)]
         harness.write("track.oem", "CCSDS_OEM_VERS = 2.0\nMETA_START\nCENTER_NAME = MOON\nREF_FRAME = MOON_ME\n"
