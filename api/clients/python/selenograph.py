@@ -1334,8 +1334,11 @@ def random_views(client: Client, request: Request, count: int, *, region: Mappin
     sun_elevation_deg   (least, most) there; from any azimuth
 
     Angles are uniform; the image is turned at random, too. Views that see ground without data, by a small frame of the
-    service's, are drawn again: ValueError when they are nineteen of twenty. The same seed gives the same views.
+    service's (of a "camera_preset" a whole one), are drawn again: ValueError when they are nineteen of twenty. The same
+    seed gives the same views.
     """
+    if "camera" not in request and "camera_preset" not in request:
+        raise ValueError('the request has neither "camera" nor "camera_preset"; one is needed')
     for name, (least, most), low, high in (("altitude_m", altitude_m, 1e-3, math.inf),
                                            ("off_nadir_deg", off_nadir_deg, 0, 85),
                                            ("sun_elevation_deg", sun_elevation_deg, -90, 90)):
@@ -1383,21 +1386,30 @@ def _random_view(client: Client, draw: np.random.Generator, region: Mapping[str,
 
 def _has_data(client: Client, request: Request, view: Mapping[str, Any]) -> bool:
     """Whether each place of a frame, seen in 32 pixels along its longer side, has ground with data, or sky."""
-    camera = dict(request["camera"])
-    small = 32 / max(camera["width"], camera["height"])
-    size = {name: max(1, round(small * camera[name])) for name in ("width", "height")}
-    for name, across in (("fx", "width"), ("cx", "width"), ("fy", "height"), ("cy", "height")):
-        if name in camera:
-            share = size[across] / camera[across]
-            camera[name] = camera[name] * share if name[0] == "f" else (camera[name] + 0.5) * share - 0.5
+    lens = {"camera": _small(request["camera"])} if "camera" in request else {"camera_preset": request["camera_preset"]}
     try:
-        request = {"camera": {**camera, **size}, "pose": view["pose"], "products": ["depth"]}
+        request = {**lens, "pose": view["pose"], "products": ["depth"]}
         frame = Frame(client.encoded(request, "application/x-npz"))  # whose warnings are of so small a frame
     except Refused as refused:
         if refused.status != 422:
             raise
         return False  # below the ground
     return frame.meta["missing_fraction"] == 0 and frame.meta["hit_fraction"] > 0
+
+
+def _small(camera: Mapping[str, Any]) -> Dict[str, Any]:
+    """The same lens with 32 pixels along the image's longer side."""
+    small = 32 / max(camera["width"], camera["height"])
+    size = {name: max(1, round(small * camera[name])) for name in ("width", "height")}
+    shares = {name: size[name] / camera[name] for name in size}
+    made = {**camera, **size}
+    for name, across in (("fx", "width"), ("cx", "width"), ("fy", "height"), ("cy", "height")):
+        if name in camera:
+            share = shares[across]
+            made[name] = camera[name] * share if name[0] == "f" else (camera[name] + 0.5) * share - 0.5
+    if "pixel_pitch_um" in camera:
+        made["pixel_pitch_um"] = camera["pixel_pitch_um"] / shares["width"]
+    return made
 
 
 # --- Trajectories

@@ -394,6 +394,29 @@ class RandomViews(WithClient):
         with self.assertRaisesRegex(ValueError, "off_nadir_deg"):
             list(selenograph.random_views(self.client, request, 1, **{**asked, "off_nadir_deg": (0, 90)}))
 
+    def test_a_lens_sees_the_same_in_any_words(self):
+        """At the border of the terrain, where the middle of an image has data and its rim has not."""
+        asked = dict(region={"south_deg": -5.3, "north_deg": -5.1, "west_deg": 39.8, "east_deg": 40.2},
+                     altitude_m=(8000, 12000), seed=2)
+        lenses = ({"fov_deg": 2 * math.degrees(math.atan(0.5))}, {"fx": 256}, {"fx": 256, "fy": 256, "cx": 127.5},
+                  {"focal_length_mm": 10, "pixel_pitch_um": 10000 / 256})
+        views = [list(selenograph.random_views(self.client, {"camera": {"width": 256, "height": 256, **lens}}, 4, **asked))
+                 for lens in lenses]
+        for lens, some in zip(lenses, views):
+            self.assertEqual([view["pose"] for view in some], [view["pose"] for view in views[0]], lens)
+            for view in some:
+                frame = self.client.frame({"camera": view["camera"], "pose": view["pose"], "products": ["depth"]})
+                self.assertEqual(frame.meta["missing_fraction"], 0)
+
+    def test_a_camera_preset(self):
+        asked = dict(region={"south_deg": -6.9, "north_deg": -6.1, "west_deg": 39.6, "east_deg": 40.4},
+                     altitude_m=(3000, 20000))
+        view, = selenograph.random_views(self.client, {"camera_preset": "navigation-camera"}, 1, **asked)
+        frame = self.client.frame({"camera_preset": "navigation-camera", "pose": view["pose"], "products": ["depth"]})
+        self.assertEqual(frame.meta["missing_fraction"], 0)
+        with self.assertRaisesRegex(ValueError, 'neither "camera" nor "camera_preset"'):
+            next(selenograph.random_views(self.client, {"cameras": {"left": {}}}, 1, **asked))
+
 
 class Maps(WithClient):
     def test_a_map(self):
