@@ -397,6 +397,51 @@ TEST(Client, FramesComeInOrderWithPosesAhead) {
   EXPECT_TRUE(aheads.at(5).is_null());
 }
 
+// Answers with the step as ETag; refuses what `fault_of` names a member of.
+httplib::Server::Handler refuses(const std::function<std::string(const Json&)>& fault_of) {
+  return [=](const httplib::Request& request, httplib::Response& response) {
+    const Json asked = Json::parse(request.body);
+    if (const std::string pointer = fault_of(asked); !pointer.empty()) {
+      response.status = 422;
+      response.set_content(Json{{"errors", {{{"pointer", pointer}}}}}.dump(), "application/problem+json");
+      return;
+    }
+    response.set_header("ETag", asked["pose"]["step"].dump());
+    response.set_content(zip({{"meta.json", "{}"}}), "application/x-npz");
+  };
+}
+
+TEST(Client, FaultsOfPosesAheadAreThoseOfLaterRequests) {
+  Fake fake(refuses([](const Json& asked) -> std::string {
+    if (asked["pose"]["step"] == 3) return "/pose/step";
+    for (std::size_t i = 0; i < asked.value("ahead", Json::array()).size(); ++i) {
+      if (asked["ahead"][i]["step"] == 3) return "/ahead/" + std::to_string(i) + "/step";
+    }
+    return "";
+  }));
+  std::vector<Json> requests;
+  for (int i = 0; i < 6; ++i) requests.push_back({{"pose", {{"step", i}}}});
+  std::string taken;
+  try {
+    Client(fake.url()).frames(requests, [&](std::size_t, const Frame& frame) { taken += frame.etag; });
+    FAIL();
+  } catch (const Refused& refused) {
+    EXPECT_EQ(refused.pointers, (std::vector<std::string>{"/pose/step"}));
+  }
+  EXPECT_EQ(taken, "012");
+}
+
+TEST(Client, FaultsOfARequestsOwnAheadAreItsOwn) {
+  std::atomic<int> asked_count = 0;
+  Fake fake(refuses([&](const Json& asked) -> std::string {
+    ++asked_count;
+    return asked.contains("ahead") ? "/ahead/0" : "";
+  }));
+  const Json request{{"pose", {{"step", 0}}}, {"ahead", {1}}};
+  EXPECT_THROW(Client(fake.url()).frames({request}, [](std::size_t, const Frame&) {}), Refused);
+  EXPECT_EQ(asked_count, 1);
+}
+
 TEST(Client, FailureEndsTheSequence) {
   Fake fake([](const httplib::Request& request, httplib::Response& response) {
     if (Json::parse(request.body)["n"] == 2) response.status = 400;

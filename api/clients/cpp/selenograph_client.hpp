@@ -423,9 +423,10 @@ class Client {
 
   // Renders a sequence of frames: calls `take(index, frame)` for each, in order, in the calling thread, while up to
   // `in_flight` others are in flight. Each request carries the poses of the `ahead` that follow it, so that the service
-  // loads terrain in idle time; a request with its own "ahead" keeps that. `next` returns the requests one by one, and
-  // nullopt at the end; it is called for `ahead` more than are in flight. The first failure ends the sequence. If a
-  // pose depends on the frame before it, call frame() instead.
+  // loads terrain in idle time; one with its own "ahead" keeps that, and one is sent again without these poses where
+  // the service refuses only them. `next` returns the requests one by one, and nullopt at the end; it is called for
+  // `ahead` more than are in flight. The first failure ends the sequence. If a pose depends on the frame before it,
+  // call frame() instead.
   void frames(const std::function<std::optional<Json>()>& next, const std::function<void(std::size_t, Frame)>& take,
               std::size_t in_flight = 2, std::size_t ahead = 4) {
     if (in_flight == 0 || ahead > kMostAhead) throw Error("in_flight must be at least 1, ahead at most 64");
@@ -441,8 +442,10 @@ class Client {
         if (coming.empty()) return;
         Json request = std::move(coming.front());
         coming.pop_front();
-        add_ahead(request, coming);
-        flying.push_back(std::async(std::launch::async, [this, sent = std::move(request)] { return frame(sent); }));
+        Json poses = poses_ahead(request, coming);
+        flying.push_back(std::async(std::launch::async, [this, sent = std::move(request), poses = std::move(poses)] {
+          return frame_with_ahead(sent, poses);
+        }));
       }
     };
     refill();
@@ -644,13 +647,28 @@ class Client {
     return frame;
   }
 
-  static void add_ahead(Json& request, const std::deque<Json>& coming) {
-    if (!request.is_object() || request.contains("ahead") || !request.contains("pose")) return;
+  // Empty where the request has its own "ahead" or no pose.
+  static Json poses_ahead(const Json& request, const std::deque<Json>& coming) {
     Json poses = Json::array();
+    if (!request.is_object() || request.contains("ahead") || !request.contains("pose")) return poses;
     for (const Json& r : coming) {
       if (r.is_object() && r.contains("pose")) poses.push_back(r["pose"]);
     }
-    if (!poses.empty()) request["ahead"] = std::move(poses);
+    return poses;
+  }
+
+  // A fault of the poses ahead is that of the requests they come from, not of this one: without them it is asked again.
+  Frame frame_with_ahead(Json request, const Json& poses) {
+    if (poses.empty()) return frame(request);
+    request["ahead"] = poses;
+    try {
+      return frame(request);
+    } catch (const Refused& refused) {
+      const auto of_ahead = [](const std::string& p) { return p == "/ahead" || p.compare(0, 7, "/ahead/") == 0; };
+      if (refused.pointers.empty() || !std::all_of(refused.pointers.begin(), refused.pointers.end(), of_ahead)) throw;
+    }
+    request.erase("ahead");
+    return frame(request);
   }
 
   static Json with_sun(Json request, const Json& sun) {
