@@ -85,6 +85,17 @@ TEST(Npz, ArraysKeepTheirTypeAndShape) {
   EXPECT_EQ(normal.at(0, 0, 2), 1);
 }
 
+TEST(Npz, ReadsHalvesAsFloats) {
+  const Array range = detail::read_npy(
+      npy("<f2", "2, 4", raw<std::uint16_t>({0x3c00, 0xc000, 0x7bff, 0x0400, 0x0001, 0x8000, 0xfc00, 0x7e00})));
+  EXPECT_STREQ(range.type(), "float32");
+  const std::vector<float>& values = range.as<float>();
+  EXPECT_EQ(std::vector<float>(values.begin(), values.end() - 1),
+            (std::vector<float>{1, -2, 65504, 0x1p-14F, 0x1p-24F, 0, -std::numeric_limits<float>::infinity()}));
+  EXPECT_TRUE(std::signbit(values[5]));
+  EXPECT_TRUE(std::isnan(values[7]));
+}
+
 TEST(Npz, RejectsTruncatedArchives) {
   const std::string whole = zip({{"a.npy", npy("<f8", "1, 2", raw<double>({1, 2}))}});
   for (std::size_t size = 0; size < whole.size(); ++size) {
@@ -440,6 +451,21 @@ TEST(Client, FaultsOfARequestsOwnAheadAreItsOwn) {
   const Json request{{"pose", {{"step", 0}}}, {"ahead", {1}}};
   EXPECT_THROW(Client(fake.url()).frames({request}, [](std::size_t, const Frame&) {}), Refused);
   EXPECT_EQ(asked_count, 1);
+}
+
+TEST(Client, DeflateIsRefusedBeforeItIsAsked) {
+  std::atomic<int> asked = 0;
+  Fake fake([&](const httplib::Request&, httplib::Response&) { ++asked; });
+  Client client(fake.url());
+  for (const char* request : {R"({"compression": "deflate"})", R"({"cameras": {"a": {"compression": "deflate"}}})"}) {
+    try {
+      client.frame(Json::parse(request));
+      FAIL();
+    } catch (const Error& error) {
+      EXPECT_NE(std::string(error.what()).find("compression"), std::string::npos) << error.what();
+    }
+  }
+  EXPECT_EQ(asked, 0);
 }
 
 TEST(Client, FailureEndsTheSequence) {

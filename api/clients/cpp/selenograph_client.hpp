@@ -106,7 +106,8 @@ class Refused : public Error {
 
 // --- arrays
 
-// A product: height x width, or height x width x channels; row 0 on top, the last index varies fastest.
+// A product: height x width, or height x width x channels; row 0 on top, the last index varies fastest. float16 is
+// read as float32.
 class Array {
  public:
   using Data = std::variant<std::vector<std::uint8_t>, std::vector<std::uint16_t>, std::vector<std::uint32_t>,
@@ -184,11 +185,26 @@ std::vector<T> elements(std::string_view bytes, std::size_t count) {
   return values;
 }
 
+// IEEE 754's binary16 as float, which holds all its values.
+inline std::vector<float> halves(const std::vector<std::uint16_t>& bits) {
+  std::vector<float> values(bits.size());
+  for (std::size_t i = 0; i < bits.size(); ++i) {
+    const int exponent = bits[i] >> 10 & 31, fraction = bits[i] & 1023;
+    const float size = exponent < 31
+                           ? std::ldexp(float(exponent > 0 ? 1024 + fraction : fraction), std::max(exponent, 1) - 25)
+                       : fraction == 0 ? std::numeric_limits<float>::infinity()
+                                       : std::numeric_limits<float>::quiet_NaN();
+    values[i] = bits[i] >> 15 ? -size : size;
+  }
+  return values;
+}
+
 inline Array::Data typed(const std::string& descr, std::string_view bytes, std::size_t count) {
   if (descr == "|u1") return elements<std::uint8_t>(bytes, count);
   if (descr == "<u2") return elements<std::uint16_t>(bytes, count);
   if (descr == "<u4") return elements<std::uint32_t>(bytes, count);
   if (descr == "<i4") return elements<std::int32_t>(bytes, count);
+  if (descr == "<f2") return halves(elements<std::uint16_t>(bytes, count));
   if (descr == "<f4") return elements<float>(bytes, count);
   if (descr == "<f8") return elements<double>(bytes, count);
   bad("elements of the type " + descr);
@@ -630,7 +646,15 @@ class Client {
     return json;
   }
 
+  static bool deflated(const Json& request) {
+    if (!request.is_object()) return false;
+    if (request.value("compression", Json()) == "deflate") return true;
+    const Json cameras = request.value("cameras", Json());
+    return std::any_of(cameras.begin(), cameras.end(), deflated);
+  }
+
   Frame arrays(const std::string& path, const Json& request) {
+    if (deflated(request)) throw Error("\"compression\": \"deflate\" can't be read: leave it out");
     const Answer answer = ask("POST", path, text_of(request), "application/x-npz", detail::region(request));
     Frame frame;
     for (const auto& [name, bytes] : detail::read_zip(answer.body)) {

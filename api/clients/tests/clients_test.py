@@ -230,6 +230,17 @@ class Octave(Examples, OneService):
         self.assertEqual(fake.requests[0][1], "/v1/maps")
         self.assertEqual(json.loads(fake.requests[0][3]), {"map": {"gsd_m": 40}})
 
+    def test_deflate_is_refused_before_it_is_asked(self):
+        with FakeService() as fake:
+            status, out, err = self.run_octave(
+                "for cameras = {struct(), struct('left', struct('compression', 'deflate'))}, "
+                "request = struct('cameras', cameras{1}); "
+                "if isempty(fieldnames(cameras{1})), request = struct('compression', 'deflate'); end; "
+                f"try, selenograph_frame('{fake.url}', request); catch e, disp([e.identifier ' ' e.message]); end; end")
+        self.assertEqual(status, 0, err)
+        self.assertEqual(out.splitlines(), ['selenograph:argument "compression": "deflate" can\'t be read: leave it out'] * 2)
+        self.assertEqual(fake.requests, [])
+
     def test_faults_of_poses_ahead_are_those_of_later_requests(self):
         def refusal(*pointers):
             return 422, {"Content-Type": "application/problem+json"}, json.dumps({

@@ -34,14 +34,26 @@ function array = read_npy(bytes)
   form = '''descr'': ''(..\d+)'', ''fortran_order'': False, ''shape'': \(([\d, ]*)\)';
   found = regexp(header, form, 'tokens', 'once');
   if isempty(found), bad('an npy header of another form'), end
-  names = struct('u1', 'uint8', 'u2', 'uint16', 'u4', 'uint32', 'i4', 'int32', 'f4', 'single', 'f8', 'double');
+  names = struct('u1', 'uint8', 'u2', 'uint16', 'u4', 'uint32', 'i4', 'int32', 'f2', 'uint16', 'f4', 'single', ...
+                 'f8', 'double');
   descr = found{1};
   if ~isfield(names, descr(2:end)) || descr(1) == '>', bad(['elements of the type ' descr]), end
   shape = sscanf(strrep(found{2}, ',', ' '), '%d')';
   data = bytes(9 + length_size + header_size:end);
   if numel(data) ~= prod(shape) * str2double(descr(3:end)), bad('an array''s size isn''t that of its shape'), end
   array = typecast(data, names.(descr(2:end)));
+  if strcmp(descr, '<f2'), array = halves(array); end
   array = permute(reshape(array, [fliplr(shape) 1]), numel(shape):-1:1);
+end
+
+% IEEE 754's binary16 as single, which holds all its values.
+function values = halves(bits)
+  exponent = single(bitand(bitshift(bits, -10), 31));
+  fraction = single(bitand(bits, 1023));
+  values = (fraction + 1024 * (exponent > 0)) .* 2 .^ (max(exponent, 1) - 25);
+  values(exponent == 31 & fraction == 0) = Inf;
+  values(exponent == 31 & fraction > 0) = NaN;
+  values(bits > 32767) = -values(bits > 32767);
 end
 
 function value = number(bytes, at, size)
