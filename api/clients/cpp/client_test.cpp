@@ -308,6 +308,7 @@ TEST(Client, RegionHeader) {
            {R"({"pose":{"geodetic":{"lat_deg":90,"lon_deg":360,"height_m":0}}})", "44-0"},
            {R"({"pose":{"geodetic":{"lat_deg":-60.5,"lon_deg":-1,"height_m":0}}})", "7-44"},
            {R"({"pose":{"position_m":[1757400,0,0],"frame":"ICRF","look_at":{"lat_deg":0,"lon_deg":8.1}}})", "22-2"},
+           {R"({"pose":{"position_m":[1757400,0,0],"frame":"J2000","look_at":{"lat_deg":0,"lon_deg":8.1}}})", "22-2"},
            {R"({"cameras":{"a":{"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1}}},"b":{}}})", "22-7"},
            {R"({"map":{"center":{"lat_deg":0.1,"lon_deg":30.1}}})", "22-7"},
            {R"({"rays":[{"origin_m":[1757400,0,0]}]})", "22-0"},

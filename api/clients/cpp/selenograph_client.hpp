@@ -316,8 +316,9 @@ inline std::pair<double, double> place_of(const Json& request) {
   if (one || (request.contains("cameras") && !request["cameras"].empty())) {
     const Json& pose = one ? request["pose"] : request["cameras"].begin()->at("pose");
     if (pose.contains("geodetic")) return degrees(pose["geodetic"]);
-    // ICRF does not rotate with the Moon: a position in it names no place.
-    if (pose.contains("position_m") && pose.value("frame", "") != "ICRF") return below(pose["position_m"]);
+    // ICRF, or J2000, does not rotate with the Moon: a position in it names no place.
+    const std::string frame = pose.value("frame", "");
+    if (pose.contains("position_m") && frame != "ICRF" && frame != "J2000") return below(pose["position_m"]);
     return degrees(pose.at("look_at"));
   }
   if (request.contains("map")) return degrees(request["map"].at("center"));
