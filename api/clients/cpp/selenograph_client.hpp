@@ -352,6 +352,7 @@ inline std::string region(const Json& request) {
 class Frame {
  public:
   std::map<std::string, Array> products;
+  std::map<std::string, Json> labels;       // annotations of a request with labels: "coco"; with cameras "NAME/coco"
   Json meta;                                // the resolved request, DEM tiles, error bounds, ... (meta.json)
   std::map<std::string, double> timing_ms;  // stages of the service's work, from Server-Timing
   std::string etag;                         // the header ETag, with its quotes; empty where there was none
@@ -659,11 +660,14 @@ class Client {
     const Answer answer = ask("POST", path, text_of(request), "application/x-npz", detail::region(request));
     Frame frame;
     for (const auto& [name, bytes] : detail::read_zip(answer.body)) {
-      if (name == "meta.json") {
-        frame.meta = Json::parse(bytes, nullptr, false);
-        if (frame.meta.is_discarded()) detail::bad("meta.json is no JSON");
-      } else if (name.size() > 4 && name.compare(name.size() - 4, 4, ".npy") == 0) {
-        frame.products[name.substr(0, name.size() - 4)] = detail::read_npy(bytes);
+      const std::size_t dot = std::min(name.rfind('.'), name.size());
+      const std::string stem = name.substr(0, dot), ending = name.substr(dot);
+      if (ending == ".json") {
+        Json& document = name == "meta.json" ? frame.meta : frame.labels[stem];
+        document = Json::parse(bytes, nullptr, false);
+        if (document.is_discarded()) detail::bad(name + " is no JSON");
+      } else if (ending == ".npy") {
+        frame.products[stem] = detail::read_npy(bytes);
       }
     }
     frame.timing_ms = detail::read_timing(answer.header("Server-Timing"));

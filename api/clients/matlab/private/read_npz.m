@@ -1,5 +1,5 @@
 function members = read_npz(bytes)
-% The arrays and the metadata of an npz as the service sends it: a zip (PKWARE's APPNOTE, 4.3) of members that are
+% The arrays and the JSON documents of an npz as the service sends it: a zip (PKWARE's APPNOTE, 4.3) of members that are
 % stored as they are. A struct; '/' in a name becomes '_'.
   bytes = bytes(:)';
   last = strfind(char(bytes), ['PK' char([5 6])]);
@@ -16,10 +16,14 @@ function members = read_npz(bytes)
     if stored == 2^32 - 1, bad([name ' is larger than 4 GiB']), end
     local = number(bytes, at + 42, 4) + 1;
     data = slice(bytes, local + 30 + number(bytes, local + 26, 2) + number(bytes, local + 28, 2), stored);
-    if strcmp(name, 'meta.json')
-      members.meta = read_json(struct('body', data));
-    elseif numel(name) > 4 && strcmp(name(end - 3:end), '.npy')
-      members.(strrep(name(1:end - 4), '/', '_')) = read_npy(data);
+    parts = regexp(name, '^(.+)\.(npy|json)$', 'tokens', 'once');
+    if ~isempty(parts)
+      field = strrep(parts{1}, '/', '_');
+      if strcmp(parts{2}, 'npy')
+        members.(field) = read_npy(data);
+      else
+        members.(field) = read_json(struct('body', data));
+      end
     end
     at = at + 46 + name_size + number(bytes, at + 30, 2) + number(bytes, at + 32, 2);
   end
