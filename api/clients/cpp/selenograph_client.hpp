@@ -421,7 +421,8 @@ class Client {
   using Clock = std::chrono::steady_clock;
 
   // url: scheme, host, port and, behind a proxy, the path before /v1. token: sent as a bearer token; empty: none.
-  // timeout: for one call with all its retries. https needs a build with CPPHTTPLIB_OPENSSL_SUPPORT.
+  // timeout: for one call with all its retries; of a response's header, whose lines cpp-httplib reads by itself, it is
+  // the longest wait for more bytes. https needs a build with CPPHTTPLIB_OPENSSL_SUPPORT.
   explicit Client(const std::string& url, std::string token = "",
                   std::chrono::milliseconds timeout = std::chrono::seconds(60))
       : token_(std::move(token)), timeout_(timeout) {
