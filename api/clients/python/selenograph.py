@@ -32,6 +32,7 @@ import csv
 import dataclasses
 import datetime
 import email.utils
+import functools
 import http.client
 import io
 import json
@@ -639,7 +640,8 @@ class Client:
 
     def _exchange(self, connection: http.client.HTTPConnection, method: str, path: str, body: Optional[bytes],
                   accept: str, region: Optional[str], give_up: float) -> _Whole:
-        remaining_s = self._remaining_s(connection, give_up)
+        remaining_s = _remaining_s(give_up)
+        connection.sock.settimeout(remaining_s)
         headers = {**self._headers, "Accept": accept}
         if region is not None:
             headers["Selenograph-Region"] = region
@@ -648,11 +650,11 @@ class Client:
             headers["Content-Type"] = "application/x-npz" if body[:2] == b"PK" else "application/json"
             # A little less, so that its answer (504) is here before the client turns away.
             headers["Request-Timeout-Ms"] = str(max(1, int(950 * remaining_s)))
+        connection.response_class = functools.partial(_Response, give_up)
         connection.request(method, self._prefix + path, body, headers)
         response = connection.getresponse()
         pieces = []
         while True:
-            self._remaining_s(connection, give_up)
             piece = response.read(1 << 20)
             if not piece:
                 break
@@ -690,14 +692,6 @@ class Client:
                                   "`selenograph serve`, which prints its address") from error
         return connection
 
-    def _remaining_s(self, connection: http.client.HTTPConnection, give_up: float) -> float:
-        remaining_s = give_up - time.monotonic()
-        if remaining_s <= 0:
-            raise socket.timeout()
-        if connection.sock is not None:  # None: the answer's last bytes are read, and the server has closed
-            connection.sock.settimeout(remaining_s)
-        return remaining_s
-
     def _timed_out(self) -> TimeoutError:
         return TimeoutError(f"no answer from {self.url} within timeout_s = {self.timeout_s:g} s")
 
@@ -709,6 +703,39 @@ class Client:
 
 
 _Whole = Tuple[int, http.client.HTTPMessage, bytes]
+
+
+def _remaining_s(give_up: float) -> float:
+    remaining_s = give_up - time.monotonic()
+    if remaining_s <= 0:
+        raise socket.timeout()
+    return remaining_s
+
+
+class _Response(http.client.HTTPResponse):
+    """An answer, head and body, that is here by a time. A socket's own timeout is for one piece of it, however small."""
+
+    def __init__(self, give_up: float, sock: socket.socket, *arguments: Any, **options: Any) -> None:
+        super().__init__(sock, *arguments, **options)
+        self.fp = io.BufferedReader(_Until(give_up, sock, self.fp.detach()))
+
+
+class _Until(io.RawIOBase):
+    """What a socket receives, up to a time."""
+
+    def __init__(self, give_up: float, sock: socket.socket, received: io.RawIOBase) -> None:
+        self._give_up, self._sock, self._received = give_up, sock, received
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> Optional[int]:
+        self._sock.settimeout(_remaining_s(self._give_up))
+        return self._received.readinto(buffer)
+
+    def close(self) -> None:
+        self._received.close()
+        super().close()
 
 
 def _retry_after_s(headers: http.client.HTTPMessage) -> Optional[float]:

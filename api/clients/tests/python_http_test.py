@@ -14,6 +14,7 @@ import ssl
 import subprocess
 import sys
 import threading
+import time
 import unittest
 from unittest import mock
 
@@ -123,6 +124,32 @@ class Mishaps(unittest.TestCase):
         with socket.create_server(("127.0.0.1", 0)) as silent:
             with self.assertRaisesRegex(TimeoutError, "timeout_s = 0.2 s"):
                 Client(f"http://127.0.0.1:{silent.getsockname()[1]}", timeout_s=0.2).datasets()
+
+    def test_an_answer_in_drops_is_a_timeout(self):
+        """A client whose time is for each drop waits for all of them."""
+        head = b"HTTP/1.1 200 OK\r\nContent-Type: application/json\r\n"
+        drops = 1000
+        for name, start, drop in (("body", head + b"Content-Length: 1000\r\n\r\n", b" "),
+                                  ("head", head + b"X-Long: ", b"x"),
+                                  ("chunks", head + b"Transfer-Encoding: chunked\r\n\r\n", b"1\r\n \r\n")):
+            with self.subTest(name), socket.create_server(("127.0.0.1", 0)) as slow:
+                fallen = []
+
+                def answer():
+                    connection, _ = slow.accept()
+                    with connection, contextlib.suppress(ConnectionError):
+                        connection.recv(65536)
+                        connection.sendall(start)
+                        while len(fallen) < drops:
+                            connection.sendall(drop)
+                            fallen.append(drop)
+                            time.sleep(0.01)
+                thread = threading.Thread(target=answer)
+                thread.start()
+                with self.assertRaisesRegex(TimeoutError, "timeout_s = 0.2 s"):
+                    Client(f"http://127.0.0.1:{slow.getsockname()[1]}", timeout_s=0.2).datasets()
+                thread.join()
+                self.assertLess(len(fallen), drops)
 
     def test_server_that_does_not_speak_http(self):
         with socket.create_server(("127.0.0.1", 0)) as other:
