@@ -128,15 +128,22 @@ class Frame(Mapping[str, np.ndarray]):
     timing    stage -> milliseconds, from the header Server-Timing
     etag      the header ETag, with its quotes; None for a frame whose bytes must not be kept
     echo      the request's "echo", from the header Selenograph-Echo; None without
-    warnings  those of the metadata: texts, empty for a frame that is in order
+    warnings  those of the metadata: texts, empty for a frame that is in order; with several cameras each begins with
+              its camera's name
+    labels    annotations of a request with "labels": "coco", the document that the numbers in crater_mask and rock_mask
+              are of; with several cameras NAME/coco
     """
 
     def __init__(self, answer: Answer) -> None:
-        self._arrays, self.meta = _read_npz(answer.content)
+        self._arrays, texts = _read_npz(answer.content)
+        self.meta: Dict[str, Any] = texts.pop("meta", {})
+        self.labels: Dict[str, Any] = texts
         self.timing = answer.timing
         self.etag = answer.etag
         self.echo = answer.echo
         self.warnings: List[str] = list(self.meta.get("warnings") or [])
+        for name, camera in self.meta.get("cameras", {}).items():
+            self.warnings += [f"{name}: {text}" for text in camera.get("warnings") or []]
 
     def __getitem__(self, product: str) -> np.ndarray:
         try:
@@ -160,9 +167,10 @@ class Frame(Mapping[str, np.ndarray]):
 
 
 def _read_npz(content: bytes) -> Tuple[Dict[str, np.ndarray], Dict[str, Any]]:
+    """Arrays and JSON texts by their names in the archive: "range", "meta"."""
     # Members are stored, not deflated. numpy.load would check their sums, which takes as long as a frame does.
     arrays: Dict[str, np.ndarray] = {}
-    meta: Dict[str, Any] = {}
+    texts: Dict[str, Any] = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         for info in archive.infolist():
             if info.compress_type == zipfile.ZIP_STORED:
@@ -171,11 +179,12 @@ def _read_npz(content: bytes) -> Tuple[Dict[str, np.ndarray], Dict[str, Any]]:
                 member = memoryview(content)[start:start + info.file_size]
             else:
                 member = memoryview(archive.read(info))
-            if info.filename == "meta.json":
-                meta = json.loads(bytes(member))
-            elif info.filename.endswith(".npy"):
-                arrays[info.filename[:-4]] = _read_npy(member)
-    return arrays, meta
+            name, suffix = os.path.splitext(info.filename)
+            if suffix == ".json":
+                texts[name] = json.loads(bytes(member))
+            elif suffix == ".npy":
+                arrays[name] = _read_npy(member)
+    return arrays, texts
 
 
 def _read_npy(member: memoryview) -> np.ndarray:
@@ -192,7 +201,8 @@ class Scan(Mapping[str, np.ndarray]):
     """A lidar's scan: `scan["range_m"]` is a NumPy array. Its metadata is `meta`."""
 
     def __init__(self, content: bytes, shape: Optional[Tuple[int, ...]] = None) -> None:
-        arrays, self.meta = _read_npz(content)
+        arrays, texts = _read_npz(content)
+        self.meta: Dict[str, Any] = texts.get("meta", {})
         self.shape = tuple(self.meta["shape"]) if shape is None else shape
         self._arrays = {name: a.reshape(self.shape + a.shape[1:]) for name, a in arrays.items()}
 
@@ -247,7 +257,10 @@ def _body(document: Any) -> bytes:
     try:
         return json.dumps(document, default=_plain, allow_nan=False, separators=(",", ":")).encode()
     except ValueError:
-        raise ValueError(f"a request holds finite numbers only: {_not_finite(document)}") from None
+        where = _not_finite(document)
+        if where is None:
+            raise
+        raise ValueError(f"a request holds finite numbers only: {where}") from None
 
 
 def _npz_body(document: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:

@@ -8,6 +8,7 @@ import ast
 import asyncio
 import collections
 import contextlib
+import datetime
 import importlib.util
 import io
 import json
@@ -21,6 +22,7 @@ import sys
 import threading
 import unittest
 import warnings
+import zipfile
 from unittest import mock
 
 import numpy as np
@@ -123,6 +125,8 @@ class Frames(WithClient):
         self.same(self.client.frame(request), plain)
         with self.assertRaisesRegex(ValueError, "/pose/position_m/1 is nan"):
             self.client.frame(request_at(0, pose={"position_m": np.array([2e6, math.nan, 0]), "nadir": {}}))
+        with self.assertRaisesRegex(ValueError, r"datetime\(2026, 11, 20.* has no time zone"):
+            self.client.frame(request_at(0, sun={"utc": datetime.datetime(2026, 11, 20)}))
         with self.assertRaisesRegex(TypeError, "a request is a dict, not str; json.loads"):
             self.client.frame(json.dumps(request_at(0)))
         with self.assertRaisesRegex(TypeError, "set can't be part of a request"):
@@ -166,6 +170,28 @@ class Frames(WithClient):
         with self.assertWarns(selenograph.FrameWarning) as caught:
             list(self.client.frames([dark]))
         self.assertEqual(caught.filename, __file__)
+
+    def test_warnings_of_several_cameras(self):
+        nowhere = {"pose": Pose.nadir(lat_deg=50, lon_deg=100, height_m=20000)}
+        with self.assertWarnsRegex(selenograph.FrameWarning, "^back: .* without data"):
+            frame = self.client.frame(request_at(0, cameras={"front": {}, "back": nowhere}))
+        self.assertEqual(set(frame), {"front/radiance", "front/range", "back/radiance", "back/range"})
+        self.assertEqual(frame.warnings, [f"back: {text}" for text in frame.meta["cameras"]["back"]["warnings"]])
+
+    def test_labels(self):
+        ground_m = float(self.client.heights(-6.5, 40, detail="landing").height_m)
+        low = request_at(0, ["image"], detail="landing", labels=True,
+                         pose=Pose.nadir(lat_deg=-6.5, lon_deg=40, height_m=ground_m + 200))
+        frame = self.client.frame(low)
+        with zipfile.ZipFile(io.BytesIO(self.client.encoded(low, "application/x-npz").content)) as archive:
+            self.assertEqual(frame.labels, {"coco": json.loads(archive.read("coco.json"))})
+        numbers = {annotation["id"] for annotation in frame.labels["coco"]["annotations"]}
+        seen = set(np.union1d(frame["crater_mask"], frame["rock_mask"]).tolist()) - {0}
+        self.assertTrue(seen and seen <= numbers, seen - numbers)
+        both = self.client.frame({**low, "cameras": {"left": {}, "plain": {"labels": False}}})
+        self.assertEqual(list(both.labels), ["left/coco"])
+        self.assertEqual(both.labels["left/coco"]["annotations"], frame.labels["coco"]["annotations"])
+        self.assertEqual(self.client.frame(request_at(0)).labels, {})
 
     def test_a_loop_is_warned_once(self):
         """Texts are constant: Python's own filter shows the same trouble of many frames once."""
