@@ -512,12 +512,11 @@ class Client:
         """
         document = _given(detail=detail, region=region, kind=kind, smallest_m=smallest_m,
                           min_depth_over_diameter=min_depth_over_diameter)
-        content = self._ask("POST", "/v1/features", _body(document), "application/json", None)[2]
+        found = self._objects("/v1/features", document, kind)
         fields = [("id", object), ("lat_deg", float), ("lon_deg", float), ("height_m", float), ("diameter_m", float),
                   ("age_Ma", float)]
         if kind == "craters":
             fields += [("depth_m", float), ("depth_over_diameter", float), ("visibility", float), ("rim_share", float)]
-        found = json.loads(content)[kind]
         return _records(found, fields, (len(found),))
 
     def sky(self, request: Request) -> np.recarray:
@@ -528,7 +527,7 @@ class Client:
         direction (MOON_ME), direction_camera, magnitude, irradiance_w_m2, electrons, distance_m, phase_deg,
         angular_radius_deg. What does not exist is NaN.
         """
-        found = json.loads(self._ask("POST", "/v1/sky", _body(request), "application/json", None)[2])["objects"]
+        found = self._objects("/v1/sky", request, "objects")
         fields = [("kind", object), ("id", object), ("x_px", float), ("y_px", float), ("in_frame", bool),
                   ("visible", bool), ("hidden_by", object), ("direction_icrf", float, 3), ("direction", float, 3),
                   ("direction_camera", float, 3), ("magnitude", float), ("irradiance_w_m2", float),
@@ -558,12 +557,12 @@ class Client:
     def datasets(self) -> Dict[str, Any]:
         """The catalogue: GET /v1/datasets. "datasets" is a list of tiles (name, footprint, post_spacing_m, ...),
         "problems" a list of files that could not be used."""
-        return json.loads(self._ask("GET", "/v1/datasets", None, "application/json")[2])
+        return self._document(self._ask("GET", "/v1/datasets", None, "application/json")[2])
 
     # Underneath
 
     def _outline(self, which: str, more: Any, **request: Any) -> np.recarray:
-        found = json.loads(self._ask("POST", "/v1/limb", _body(_given(**request)), "application/json", None)[2])[which]
+        found = self._objects("/v1/limb", _given(**request), which)
         fields = [("azimuth_deg", float), ("x_px", float), ("y_px", float), ("in_frame", bool),
                   ("position_m", float, 3), ("lat_deg", float), ("lon_deg", float), ("height_m", float),
                   ("sphere_x_px", float), ("sphere_y_px", float)]
@@ -580,12 +579,34 @@ class Client:
         for start in range(0, len(items), POINTS_AT_ONCE):
             document = {**rest, name: items[start:start + POINTS_AT_ONCE]}
             try:
-                answers += json.loads(self._post(path, document, "application/json").content)[name]
+                found = self._objects(path, document, name, _region(document))
             except Refused as refused:
                 if not start:
                     raise
                 raise Refused(refused.status, _pointers_shifted(refused.problem, f"/{name}/", start)) from None
+            if len(found) != len(document[name]):
+                raise self._strange(f"{len(found)} {name} of {len(document[name])}")
+            answers += found
         return answers
+
+    def _objects(self, path: str, document: Any, name: str, region: Optional[str] = None) -> List[Dict[str, Any]]:
+        """The list `name` of an answer in JSON."""
+        found = self._document(self._ask("POST", path, _body(document), "application/json", region)[2]).get(name)
+        if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
+            raise self._strange(f"its {name!r} is no list of objects")
+        return found
+
+    def _document(self, content: bytes) -> Dict[str, Any]:
+        try:
+            document = json.loads(content)
+        except ValueError:
+            document = None
+        if not isinstance(document, dict):
+            raise self._strange(f"{content[:60]!r} is no JSON object")
+        return document
+
+    def _strange(self, what: str) -> ConnectionError:
+        return ConnectionError(f"{self.url} doesn't answer as selenograph does: {what}")
 
     def _arrays_in_pieces(self, path: str, arrays: Dict[str, np.ndarray], rest: Dict[str, Any]) -> Dict[str, Any]:
         """The answer's arrays; those of the request have as many rows."""
@@ -645,6 +666,9 @@ class Client:
                 connection.close()
                 raise
             if 200 <= status < 300:
+                # A proxy's page to log in, say. One who asks for any of several types sees which it is.
+                if headers.get_content_type() != accept.lower() and not set("*,;") & set(accept):
+                    raise self._strange(f"with {headers.get_content_type()} where {accept} was asked for")
                 return status, headers, content
             wait_s = _retry_after_s(headers) if status in (429, 503) else None
             if wait_s is None or time.monotonic() + wait_s > give_up:
@@ -769,7 +793,9 @@ def _refusal(status: int, headers: http.client.HTTPMessage, content: bytes) -> R
     if headers.get_content_type() == "application/problem+json":
         try:
             problem = json.loads(content)
-            if isinstance(problem, dict):
+            errors = problem.get("errors") or [] if isinstance(problem, dict) else None
+            if isinstance(errors, list) and all(isinstance(error, dict) and isinstance(error.get("pointer", ""), str)
+                                                for error in errors):
                 return Refused(status, problem)
         except ValueError:
             pass

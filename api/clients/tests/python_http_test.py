@@ -111,6 +111,37 @@ class Mishaps(unittest.TestCase):
         with self.asking(cut, FINE) as (client, _):
             self.assertEqual(client.heights(0, 0).height_m, 1.5)
 
+    def test_answers_that_are_not_the_services(self):
+        """Of the proxy in front of it, or of another program."""
+        json_type, page = {"Content-Type": "application/json"}, {"Content-Type": "text/html"}
+        for words, headers, body in (("text/html where application/json", page, b"<html>Log in</html>"),
+                                     ("text/plain where application/json", {}, b""),
+                                     ("'null' is no JSON object", json_type, b"null"),
+                                     (r"'\[\]' is no JSON object", json_type, b"[]"),
+                                     ("'<html>' is no JSON object", json_type, b"<html>"),
+                                     ("its 'points' is no list of objects", json_type, b"{}"),
+                                     ("its 'points' is no list of objects", json_type, b'{"points": [null]}'),
+                                     ("0 points of 1", json_type, b'{"points": []}')):
+            with self.subTest(words), self.asking((200, headers, body)) as (client, server):
+                with self.assertRaisesRegex(ConnectionError, f"{server.url} doesn't answer as selenograph does: .*{words}"):
+                    client.heights(0, 0)
+        for ask in (lambda client: client.frame(request_at(0)), lambda client: client.encoded(request_at(0)),
+                    lambda client: client.datasets(), lambda client: client.sky({})):
+            with self.asking((200, page, b"<html>Log in</html>")) as (client, _):
+                self.assertRaisesRegex(ConnectionError, "with text/html where .* was asked for", ask, client)
+        with self.asking((200, {"Content-Type": "image/png"}, b"png")) as (client, _):
+            self.assertEqual(client.encoded(request_at(0), "image/*").media_type, "image/png")
+
+    def test_problems_that_are_not_the_services(self):
+        for errors in ('"abc"', "7", "[null]", '[{"pointer": 3}]'):
+            with self.subTest(errors):
+                body = f'{{"title": "No", "errors": {errors}}}'
+                answer = (422, {"Content-Type": "application/problem+json"}, body.encode())
+                with self.asking(answer) as (client, _), self.assertRaises(Refused) as caught:
+                    client.heights(0, 0)
+                self.assertEqual((caught.exception.pointers, caught.exception.problem), ([], {}))
+                self.assertIn(body, str(caught.exception))
+
     def test_two_losses_are_an_error(self):
         with self.asking(None, None) as (client, _):
             with self.assertRaisesRegex(ConnectionError, "closed two connections"):
