@@ -86,12 +86,15 @@ class ImageMsg:
 
 
 class SelenographCamera(sysModel.SysModel):
-    """client: a selenograph.Client. request: a frame's request without "pose" and "sun", with the product "image"."""
+    """client: a selenograph.Client. request: a frame's request without "pose", "sun" and "cameras", with the product
+    "image"."""
 
     def __init__(self, client, request):
         super().__init__()
         if "image" not in request.get("products", []):
             raise ValueError('the request\'s "products" must have "image"')
+        if "cameras" in request:
+            raise ValueError('a request with "cameras" is of several; each is a SelenographCamera of its own')
         self.client, self.request = client, dict(request)
         self.sigma_CB = [0.0, 0.0, 0.0]  # attitude of the camera on the body
         self.r_CB_B = [0.0, 0.0, 0.0]  # m, place of the camera on the body

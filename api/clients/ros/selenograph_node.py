@@ -10,7 +10,8 @@ and the frame ~camera_frame. A pose that the service refuses is logged as an err
 no image.
 
 Parameters: ~url; ~token (""); ~timeout_s (10); ~request, a file with a frame's request as JSON, of which the pose is
-left out (a Sun must be there, or the time stamps must be UTC: without "sun" it stands where it does at the stamp);
+left out (a Sun must be there, or the time stamps must be UTC: without "sun" it stands where it does at the stamp), and
+which has no "cameras", and in "truth" no region, every_px or float16;
 ~product ("image": mono8 or mono16; or any other, e.g. "radiance" and "range": 32FC1, 64FC1); ~moon_frame ("moon_me");
 ~camera_frame ("camera_optical"); ~queue_size (10): poses that wait while a frame is rendered, then the oldest is lost.
 

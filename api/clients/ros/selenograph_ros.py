@@ -53,14 +53,27 @@ def camera_info_members(camera):
             "p": [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]}
 
 
+def unfit_member(request):
+    """What makes arrays that Image doesn't have, or that CameraInfo isn't of; None without."""
+    truth = request.get("truth") or {}
+    wrong = {"cameras": "cameras" in request, "truth.region": "region" in truth,
+             "truth.every_px": truth.get("every_px", 1) != 1,
+             "truth.distance_type": truth.get("distance_type") == "float16"}
+    return next((name for name, is_wrong in wrong.items() if is_wrong), None)
+
+
 class Renderer:
     """Frames for a node. parameter(name, default) gives a parameter of it; one without a default has to be set.
     error(text) logs."""
 
     def __init__(self, parameter, error):
         self.error = error
-        with open(parameter("request"), encoding="utf-8") as file:
+        path = parameter("request")
+        with open(path, encoding="utf-8") as file:
             self.request = json.load(file)
+        unfit = unfit_member(self.request)
+        if unfit:
+            raise ValueError(f"{path}: an Image and its CameraInfo are the whole view of one camera; leave out {unfit}")
         self.request.pop("pose", None)
         self.product = parameter("product", "image")
         self.request["products"] = [self.product]

@@ -225,6 +225,8 @@ class Basilisk(Adapter):
         self.assertEqual(len(model.errors), 3)
         with self.assertRaises(ValueError):
             self.module.SelenographCamera(self.client, {"products": ["range"]})
+        with self.assertRaisesRegex(ValueError, "cameras"):
+            self.module.SelenographCamera(self.client, {**self.request, "cameras": {"left": {}}})
 
     def test_the_published_image(self):
         """The members of CameraImageMsgPayload, of their types, with the array in place of the pointer."""
@@ -273,6 +275,22 @@ class RosConversions(Adapter):
             read = numpy.frombuffer(image["data"], values.dtype.newbyteorder("<")).reshape(shape)
             self.assertEqual(read.tolist(), values.tolist())
             self.assertEqual(image["step"] * image["height"], len(image["data"]))
+
+    def test_requests_whose_arrays_are_no_image_of_a_camera(self):
+        """Of fewer pixels than CameraInfo has, of a type that Image has not, or by the names of several cameras."""
+        parameters = {"url": self.url(), "request": harness.path("ros-unfit.json")}
+
+        def renderer(**more):
+            harness.write("ros-unfit.json", dict(self.request, **more))
+            return selenograph_ros.Renderer(lambda name, *default: parameters.get(name, *default), self.fail)
+
+        region = {"x": 8, "y": 8, "width": 16, "height": 12}
+        for name, more in (("cameras", {"cameras": {"left": {}}}), ("truth.region", {"truth": {"region": region}}),
+                           ("truth.every_px", {"truth": {"every_px": 4}}),
+                           ("truth.distance_type", {"truth": {"distance_type": "float16"}})):
+            with self.assertRaisesRegex(ValueError, f"ros-unfit.json: .* leave out {name}$"):
+                renderer(**more)
+        renderer(truth={"every_px": 1, "distance_type": "float32"}).client.close()
 
 
 @unittest.skipUnless(ROSMASTER, "ROS 1 isn't installed: deploy/install-packages clients")
