@@ -20,6 +20,11 @@ bool may_see(const RowViews& views, const NodeBounds& bounds) {
   });
 }
 
+bool may_see(const RowViews& views, const Ball& ball) {
+  return std::any_of(views.bundles().begin(), views.bundles().end(),
+                     [&](const ViewBundle& from) { return from.may_see(ball.centre_m, ball.radius_m); });
+}
+
 // Below each view's camera.
 std::vector<dem::Ticks> places_below(const RowViews& views) {
   std::vector<dem::Ticks> out;
@@ -51,6 +56,9 @@ struct BlockLevel {
   bool fades = false;  // some of it
 };
 
+// Levels differ by a factor of two: posts are 0.57 to 1.15 times as far apart as was asked for.
+double level_of(double posts_per_m) { return std::floor(std::log2(dem::post_spacing_m(0) * posts_per_m) + 0.8); }
+
 BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<const dem::Ticks> below, const Fade& fade,
                      double spacing_px) {
   const dem::Block& posts = *block.posts;
@@ -68,11 +76,26 @@ BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<co
     posts_per_m = std::max(posts_per_m, here / spacing_px * std::sqrt(std::clamp(emission, 1.0 / 16, 1.0)));
   }
   if (nearest_m > fade.ends_m) return {};
-  // Levels differ by a factor of two: posts are 0.57 to 1.15 times as far apart as was asked for.
-  const double level = std::floor(std::log2(dem::post_spacing_m(0) * posts_per_m) + 0.8);
   const int finest = posts.id.level + (spacing_px < 1 ? kCloser : 0);
-  return {std::max(kCoarsest, static_cast<int>(std::clamp<double>(level, posts.id.level - kCoarser, finest))),
+  return {std::max(kCoarsest,
+                   static_cast<int>(std::clamp<double>(level_of(posts_per_m), posts.id.level - kCoarser, finest))),
           farthest_m > fade.begins_m};
+}
+
+// What lights an object over ground that nobody sees: posts as far apart as in view where it is, but no closer than a
+// part of it.
+std::optional<LightField> field_below(const Ball& object, const RowViews& views, const dem::Terrain& terrain,
+                                      const Fade& fade, double spacing_px) {
+  constexpr double kParts = 16;
+  if (!may_see(views, object) || fade.share(object.centre_m) == 0) return std::nullopt;
+  double posts_per_m = 0;
+  for (const ViewBundle& view : views.bundles())
+    posts_per_m = std::max(posts_per_m, view.pixels_per_metre(object.centre_m, 0) / spacing_px);
+  const Geographic g = to_geographic(object.centre_m);
+  const int finest = terrain.posts_level(dem::block_at_place(dem::kMaxLevel, g.lat_deg, g.lon_deg));
+  const double level = level_of(std::min(posts_per_m, kParts / object.radius_m));
+  const int own = std::max(kCoarsest, static_cast<int>(std::clamp<double>(level, 0, finest)));
+  return light_field_at(own, std::clamp(finest, own, own + kFiner), false, g.lat_deg, g.lon_deg);
 }
 
 // Rows of a field's tiles.
@@ -212,10 +235,7 @@ void mark_below(const ViewOfGround& view, const FieldPlane& plane, Marks& marks)
       // Else it is on the Moon's other side, or in other fields alone.
       const bool in_field =
           ball.centre_m.dot(plane.centre()) > 0 && from_middle.cwiseAbs().maxCoeff() - reach < plane.middle();
-      const auto& bundles = view.views.bundles();
-      if (in_field && std::any_of(bundles.begin(), bundles.end(),
-                                  [&](const ViewBundle& from) { return from.may_see(ball.centre_m, ball.radius_m); }))
-        mark(at.array() - reach, at.array() + reach);
+      if (in_field && may_see(view.views, ball)) mark(at.array() - reach, at.array() + reach);
     }
   };
   constexpr double kFarthest = 32;
@@ -253,19 +273,30 @@ FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrai
                                     dem::lon_deg_of(e.lon0 + e.quads / 2 * e.lon_step));
     }
   });
+  std::vector<LightField> of_objects;
+  of_objects.reserve(view.objects.size());
+  for (const Ball& object : view.objects) {
+    const auto below_it = mesh.block_at(object.centre_m);
+    of_objects.push_back(below_it && of_blocks[*below_it] != kNone
+                             ? of_blocks[*below_it]
+                             : field_below(object, views, terrain, fade, spacing_px).value_or(kNone));
+  }
   std::vector<LightField> ids(of_blocks);
+  ids.insert(ids.end(), of_objects.begin(), of_objects.end());
   std::sort(ids.begin(), ids.end());
   ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
   if (!ids.empty() && ids.front() == kNone) ids.erase(ids.begin());
   FieldsInView out;
   if (fades) out.fade = fade;
   std::vector<std::vector<std::size_t>> blocks(ids.size());
+  const auto number = [&](const LightField& field) {
+    return field == kNone ? -1 : static_cast<int>(std::lower_bound(ids.begin(), ids.end(), field) - ids.begin());
+  };
   for (std::size_t i = 0; i < of_blocks.size(); ++i) {
-    const auto found = std::lower_bound(ids.begin(), ids.end(), of_blocks[i]);
-    const bool none = of_blocks[i] == kNone;
-    out.of_block.push_back(none ? -1 : static_cast<int>(found - ids.begin()));
-    if (!none) blocks[static_cast<std::size_t>(found - ids.begin())].push_back(i);
+    const int of = out.of_block.emplace_back(number(of_blocks[i]));
+    if (of >= 0) blocks[static_cast<std::size_t>(of)].push_back(i);
   }
+  for (const LightField& field : of_objects) out.of_object.push_back(number(field));
   for (const LightField& id : ids) out.fields.push_back({id, FieldPlane(id), {}});
   in_parallel(ids.size(), [&](std::size_t f) {
     FieldsInView::Field& field = out.fields[f];

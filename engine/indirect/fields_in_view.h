@@ -41,8 +41,9 @@ struct FieldsInView {
     std::vector<TileRows> tiles;  // ascending: what may be seen, and what is below objects that may
   };
   std::vector<Field> fields;
-  std::vector<int> of_block;  // per block of the mesh; -1: none
-  std::optional<Fade> fade;   // empty: nothing in view is so far away
+  std::vector<int> of_block;   // per block of the mesh; -1: none
+  std::vector<int> of_object;  // what is below each object's middle; -1: nobody sees the object, or it fades out
+  std::optional<Fade> fade;    // empty: nothing in view is so far away
   std::size_t tiles() const;
 };
 

@@ -8,7 +8,6 @@
 
 #include "dem/support/error.h"
 #include "dem/support/parallel.h"
-#include "dem/terrain/surface_place.h"
 #include "engine/indirect/light_factors.h"
 
 namespace selenograph::engine {
@@ -17,7 +16,8 @@ TerrainLight::TerrainLight(const FrameRequest& request, const ViewOfGround& view
                            const dem::Terrain& terrain, double direct_w_m2, LightTiles& tiles, const StopToken& stop)
     : request_(request), mesh_(view.mesh), sources_(light_sources(request, direct_w_m2)) {
   FieldsInView seen = fields_in_view(view, terrain, request.indirect.spacing_px);
-  of_block_ = std::move(seen.of_block), fade_ = seen.fade;
+  of_block_ = std::move(seen.of_block), of_object_ = std::move(seen.of_object), fade_ = seen.fade;
+  for (const Ball& object : view.objects) objects_m_.push_back(object.centre_m);
   if (seen.tiles() * (LightTiles::bytes_of_tile() + sizeof(Tile)) > tiles.capacity())
     throw TooMuchTerrain(
         fmt::format("the frame's indirect light is gathered in {} tiles, more than the {} MB for them hold: "
@@ -85,9 +85,9 @@ void TerrainLight::read(const SurfacePoints& points, const Shading& shading, Ter
   }
 }
 
-std::optional<LightPlace> TerrainLight::at(std::uint32_t block, const Vec3& place_m) const {
-  if (of_block_[block] < 0) return std::nullopt;
-  const Field& field = fields_[static_cast<std::size_t>(of_block_[block])];
+std::optional<LightPlace> TerrainLight::at(int of, const Vec3& place_m) const {
+  if (of < 0) return std::nullopt;
+  const Field& field = fields_[static_cast<std::size_t>(of)];
   const FieldPost at = field.plane.post_at(place_m);
   const Tile* tile = field.tiles[static_cast<std::size_t>(at.tile)];
   if (!tile || !tile->rows.has(at.row) || !tile->rows.has(at.row + 1)) return std::nullopt;
@@ -115,7 +115,7 @@ void TerrainLight::add(const SurfacePoints& points, const Shading& shading, cons
 
 Irradiance TerrainLight::irradiance(const SurfacePoints& points, int lane, const Vec3& normal) const {
   const Vec3 position_m = points.position(lane);
-  const auto place = at(points.triangle[lane].block(), position_m);
+  const auto place = at(of_block_[points.triangle[lane].block()], position_m);
   if (!place) return irradiance_on_level(position_m, normal, sources_);
   Irradiance out = irradiance_at(*place, normal, sources_);
   if (fade_) out.terrain_w_m2 *= fade_->share(position_m);
@@ -128,13 +128,19 @@ Irradiance TerrainLight::Place::on(const Vec3& normal) const {
           std::max(normal.dot(earth), 0.0)};
 }
 
-TerrainLight::Place TerrainLight::on_objects(const Vec3& place_m) const {
+// The posts that the ground there has in view; else those of the object, as far as they reach, or below its middle.
+std::optional<LightPlace> TerrainLight::below(const Vec3& place_m, std::size_t object) const {
+  const auto block = mesh_.block_at(place_m);
+  if (const auto place = at(block ? of_block_[*block] : -1, place_m); place || object >= of_object_.size())
+    return place;
+  const auto place = at(of_object_[object], place_m);
+  return place ? place : at(of_object_[object], objects_m_[object]);
+}
+
+TerrainLight::Place TerrainLight::on_objects(const Vec3& place_m, std::size_t object) const {
   Place out;
-  const Geographic g = to_geographic(place_m);
-  const dem::Ticks ticks = dem::ticks_of(g.lat_deg, g.lon_deg);
   out.up = place_m.normalized();
-  const auto block = mesh_.block_at(ticks.whole_lat, ticks.whole_lon);
-  const auto place = block ? at(*block, place_m) : std::nullopt;
+  const auto place = below(place_m, object);
   if (!place) {
     out.earth = sources_.earth_w_m2 * sources_.earth_above_level(place_m) * sources_.earth;
     return out;

@@ -50,7 +50,8 @@ class TerrainLight {
     Vec3 up = Vec3::UnitZ();
     Irradiance on(const Vec3& normal) const;
   };
-  Place on_objects(const Vec3& place_m) const;
+  // `object`: its number, or a larger one of a rock.
+  Place on_objects(const Vec3& place_m, std::size_t object) const;
 
  private:
   struct Tile {
@@ -63,7 +64,8 @@ class TerrainLight {
     std::vector<const Tile*> tiles;  // row by row; null: not in view
   };
   void read(const SurfacePoints& points, const Shading& shading, TerrainLanes& out) const;
-  std::optional<LightPlace> at(std::uint32_t block, const Vec3& place_m) const;
+  std::optional<LightPlace> at(int field, const Vec3& place_m) const;
+  std::optional<LightPlace> below(const Vec3& place_m, std::size_t object) const;
 
   const FrameRequest& request_;
   const Mesh& mesh_;
@@ -71,7 +73,8 @@ class TerrainLight {
   double most_ground_view_ = 0;
   std::vector<Tile> tiles_;
   std::vector<Field> fields_;
-  std::vector<int> of_block_;  // field of each block of the mesh; -1: none
+  std::vector<int> of_block_, of_object_;  // field of each block of the mesh, and below objects; -1: none
+  std::vector<Vec3> objects_m_;            // their middles
   std::optional<Fade> fade_;
 };
 

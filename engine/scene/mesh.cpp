@@ -13,6 +13,7 @@
 
 #include "dem/support/parallel.h"
 #include "dem/terrain/build_queue.h"
+#include "dem/terrain/surface_place.h"
 
 namespace selenograph::engine {
 namespace {
@@ -178,6 +179,12 @@ std::optional<std::uint32_t> Mesh::block_at(std::int64_t lat_tick, std::int64_t 
   for (int level = std::min(finest_, finest_level); level >= coarsest_; --level)
     if (const auto found = index_.find(dem::block_at(level, lat, lon)); found != index_.end()) return found->second;
   return std::nullopt;
+}
+
+std::optional<std::uint32_t> Mesh::block_at(const Vec3& position_m) const {
+  const Geographic g = to_geographic(position_m);
+  const dem::Ticks ticks = dem::ticks_of(g.lat_deg, g.lon_deg);
+  return block_at(ticks.whole_lat, ticks.whole_lon);
 }
 
 // Whose heights a common edge has: the coarser block's, of two of one level those of the coarser posts. A finer post

@@ -146,6 +146,8 @@ class Mesh {
   // Index of the block that contains a place (in lattice ticks).
   std::optional<std::uint32_t> block_at(std::int64_t lat_tick, std::int64_t lon_tick,
                                         int finest_level = dem::kMaxLevel) const;
+  // Of the block above or below a place.
+  std::optional<std::uint32_t> block_at(const Vec3& position_m) const;
 
   bool holds(const dem::BlockId& id) const { return index_.count(id) > 0; }
 

@@ -296,6 +296,43 @@ TEST(IndirectLight, WhatAFrameGainsIsItsIrradiance) {
   EXPECT_GT(most, 5);
 }
 
+std::shared_ptr<const ObjectMesh> tetrahedron() {
+  ObjectShape shape;
+  for (const Vec3& place : {Vec3(0, 0, -1), Vec3(1, 1, 1), Vec3(-1, 1, 1), Vec3(0, -1, 1)})
+    shape.corners.push_back({place.cast<float>(), Eigen::Vector3f::Zero()});
+  shape.triangles = {{{0, 1, 2}, 0}, {{0, 2, 3}, 0}, {{0, 3, 1}, 0}, {{1, 3, 2}, 0}}, shape.parts = {"all"};
+  return std::make_shared<const ObjectMesh>(shape);
+}
+
+// Before the sky, in views that see the ground below it or not.
+TEST(IndirectLight, GroundOutOfViewLightsAnObject) {
+  const test::TemporaryFolder folder;
+  test::write_float_tile(folder / "dem", "rough", {2, 10, 64, 129, 129},
+                         [](double lat, double lon) { return 300 * std::sin(120 * lat) * std::sin(40 * lon + lat); });
+  const Renderer renderer(test::open_terrain(folder / "dem"), RendererOptions{2, std::size_t{512} << 20});
+  for (const double size_m : {10.0, 200.0}) {
+    const Vec3 middle = to_cartesian({1, 11, 2000}), eye = to_cartesian({0.9, 11, 1500});
+    FrameRequest request;
+    request.pose = test::looking(eye, middle - eye, middle);
+    request.sun.direction = sun_direction(local_axes(1, 11), 250, 30);
+    request.products = kIrradiance | kObjectId;
+    request.indirect.terrain = true;
+    request.objects = {{tetrahedron(), middle, request.pose.camera_from_moon.conjugate(), size_m, {{}}}};
+    std::vector<double> lights;
+    for (const int times : {1, 9}) {
+      const double half = times * std::tan(3 * test::kDegree);
+      request.camera = test::square_camera(64 * times, 2 * std::atan(half) / test::kDegree);
+      const FrameProducts found = renderer.render(request).products;
+      double sum = 0, pixels = 0;
+      for (std::size_t i = 0; i < found.object_id.size(); ++i)
+        if (found.object_id[i] == 0) sum += static_cast<double>(found.irradiance[3 * i + 1]), ++pixels;
+      lights.push_back(sum / pixels);
+    }
+    EXPECT_GT(lights.back(), 5);
+    EXPECT_NEAR(lights.front(), lights.back(), 0.06 * lights.back()) << size_m;
+  }
+}
+
 // Posts are gathered where a frame needs them: what a narrow view shows is as the middle of a wide one. Mountains rise
 // into the view; the ground below an object is beside it.
 TEST(IndirectLight, ANarrowViewHasAllPostsThatItNeeds) {
@@ -309,11 +346,7 @@ TEST(IndirectLight, ANarrowViewHasAllPostsThatItNeeds) {
     return 500 * std::sin(150 * lat) * std::cos(4 * lon * test::kDegree) * std::min(1.0, 90 - lat);
   });
   const Renderer renderer(test::open_terrain(folder / "dem"), RendererOptions{2, std::size_t{512} << 20});
-  ObjectShape shape;
-  for (const Vec3& place : {Vec3(0, 0, -1), Vec3(1, 1, 1), Vec3(-1, 1, 1), Vec3(0, -1, 1)})
-    shape.corners.push_back({place.cast<float>(), Eigen::Vector3f::Zero()});
-  shape.triangles = {{{0, 1, 2}, 0}, {{0, 2, 3}, 0}, {{0, 3, 1}, 0}, {{1, 3, 2}, 0}}, shape.parts = {"all"};
-  const auto tetrahedron = std::make_shared<const ObjectMesh>(shape);
+  const auto mesh = tetrahedron();
   struct Look {
     double lat_deg, lon_deg, height_m, off_nadir_deg;
   };
@@ -337,7 +370,7 @@ TEST(IndirectLight, ANarrowViewHasAllPostsThatItNeeds) {
     const double half = std::tan(8 * test::kDegree);
     const Eigen::Quaterniond moon_from_camera = request.pose.camera_from_moon.conjugate();
     const Vec3 corner = moon_from_camera * Vec3(0.8 * half, 0.8 * half, 1);
-    SceneObject object{tetrahedron, eye + 0.4 * look.height_m * corner, moon_from_camera, 0.02 * look.height_m, {{}}};
+    SceneObject object{mesh, eye + 0.4 * look.height_m * corner, moon_from_camera, 0.02 * look.height_m, {{}}};
     request.objects = {object};
     request.camera = test::square_camera(kNarrow, 16);
     const Frame narrow = renderer.render(request);
