@@ -152,9 +152,11 @@ void FrameWriter::store_object(const ObjectLanes& lanes, int i, const Vec3& dire
     out_.detail[*to] = static_cast<std::uint16_t>(rock ? dem::Ground::rock : dem::Ground::relief);
   store_point(lanes.points, i, direction, lanes.shading, lit, kNaN32, at, *to);
   if (!out_.irradiance.empty())
-    store_irradiance(light_.indirect ? light_.indirect->on_objects(lanes.points.position(i), lanes.object[i]).on(lanes.shading.normal(i))
-                                     : Irradiance(),
-                     lanes.shading.incident[i], lit, *to);
+    store_irradiance(
+        light_.indirect
+            ? light_.indirect->on_objects(lanes.points.position(i), lanes.object[i]).on(lanes.shading.normal(i))
+            : Irradiance(),
+        lanes.shading.incident[i], lit, *to);
 }
 
 void FrameWriter::store_point(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading, float lit,

@@ -425,7 +425,8 @@ void ObjectsInFrame::radiances(const ObjectLanes& lanes, const Rays& rays, const
     if (indirect) {
       // It comes from many sides: as from halfway up.
       constexpr double kHalfway = 0.5;
-      const Irradiance light = indirect->on_objects(lanes.points.position(i), lanes.object[i]).on(lanes.shading.normal(i));
+      const Irradiance light =
+          indirect->on_objects(lanes.points.position(i), lanes.object[i]).on(lanes.shading.normal(i));
       base[i] += static_cast<float>((light.terrain_w_m2 + light.earth_w_m2) *
                                     finish.brdf(kHalfway, std::max(lanes.shading.mu[i], 0.0), 0));
     }
