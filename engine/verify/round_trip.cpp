@@ -129,7 +129,10 @@ class Comparison {
                               "height_m");
     const Geographic middle = w.place(w.height / 2, w.width / 2);
     const double narrower = std::max(0.05, std::cos(middle.lat_deg * kRadiansPerDegree));
-    const int high = static_cast<int>(rows), wide = std::max(high, static_cast<int>(rows / narrower));
+    const int high = static_cast<int>(rows);
+    int wide = std::max(high, static_cast<int>(rows / narrower));
+    // The meridian opposite to a patch, where its x jumps, is not its own.
+    if (w.tile.wraps_longitude) wide = std::min(wide, w.tile.width / 2);
     std::vector<Patch> all;
     for (int r = 0; r < w.height; r += high)
       for (int c = 0; c < w.width; c += wide)
@@ -228,7 +231,7 @@ class Comparison {
         any = true;
       }
     if (any)
-      compare(p, seen_by(frame_request(pose, slopes)));
+      compare(p, seen_by(frame_request(pose, slopes), out_.window.x0 + 0.5 * (p.c0 + p.c1 - 1)));
     else
       for (int r = p.r0; r < p.r1; ++r)
         for (int c = p.c0; c < p.c1; ++c)
@@ -263,15 +266,18 @@ class Comparison {
     std::vector<SeenPoint> points;
   };
 
-  SeenImage seen_by(const FrameRequest& request) const {
+  // Where x is periodic it is what lies nearest to `middle_x`.
+  SeenImage seen_by(const FrameRequest& request, double middle_x) const {
+    const dem::RasterInfo& tile = out_.window.tile;
     const Frame frame = renderer_.render(request, stop_);
     const std::vector<double>& geodetic = frame.products.geodetic;
     SeenImage image{request.camera.width, request.camera.height, {}};
     image.points.reserve(geodetic.size() / 3);
     for (std::size_t i = 0; i + 2 < geodetic.size(); i += 3) {
       if (i % 3072 == 0) stop_.check();
-      const auto at = dem::locate(out_.window.tile, geodetic[i], geodetic[i + 1]);
-      image.points.push_back({at.x, at.y, geodetic[i + 2]});
+      const auto at = dem::locate(tile, geodetic[i], geodetic[i + 1]);
+      const double x = tile.wraps_longitude ? middle_x + std::remainder(at.x - middle_x, tile.width) : at.x;
+      image.points.push_back({x, at.y, geodetic[i + 2]});
     }
     return image;
   }

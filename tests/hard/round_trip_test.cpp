@@ -233,6 +233,44 @@ TEST(RoundTrip, AcrossTheDateLineAndFarNorth) {
   EXPECT_EQ(trip.compared, trip.window.size());
 }
 
+// A tile from 70 to 50 north without a border in the east or west; its first post is at longitude 0.
+class RoundTripAroundTheMoon : public ::testing::Test {
+ protected:
+  RoundTripAroundTheMoon() {
+    test::write_float_tile(folder_.path(), "around", {70, 0, 4, 81, 1440}, [](double lat_deg, double lon_deg) {
+      return 800 * std::sin(3 * lat_deg) * std::cos(90 * lon_deg * kRadiansPerDegree);
+    });
+    renderer_ = renderer_over(folder_.path());
+  }
+  test::TemporaryFolder folder_;
+  std::unique_ptr<Renderer> renderer_;
+};
+
+TEST_F(RoundTripAroundTheMoon, CamerasMissNothingBesideTheFirstColumn) {
+  for (const double lon_deg : {0.0, 3.0, -3.0, 180.0}) {
+    RoundTripRequest request = around(60, lon_deg, 24, RoundTripMode::camera);
+    request.height_m = 3e5;
+    EXPECT_EQ(round_trip(*renderer_, request).compared, 24u * 24u) << lon_deg;
+  }
+}
+
+// From so high that a camera could see all longitudes. Around the pole and at the border of the tile posts lack pixels
+// on one side.
+TEST(RoundTrip, CamerasAboveAPoleMissNoMeridian) {
+  const test::TemporaryFolder folder;
+  test::write_float_tile(folder.path(), "pole", {89.75, 0, 4, 41, 1440}, [](double, double) { return 0; });
+  const auto renderer = renderer_over(folder.path());
+  RoundTripRequest request = around(85, 0, 0, RoundTripMode::camera);
+  request.height_m = 2e6;
+  request.max_error_px = 1;
+  const RoundTrip trip = round_trip(*renderer, request);
+  ASSERT_EQ(trip.window.size(), 41u * 1440u);
+  std::size_t missed = 0;
+  for (int r = 1; r < 39; ++r)
+    for (int c = 0; c < 1440; ++c) missed += std::isnan(trip.difference_m[trip.window.index(r, c)]);
+  EXPECT_EQ(missed, 0u);
+}
+
 TEST(RoundTrip, RejectsImpossibleRequests) {
   const test::TemporaryFolder folder;
   test::write_kaguya_tile(folder.path(), 2, 10, 2, 64, [](double, double) { return 0; });
