@@ -42,7 +42,8 @@ const Members<engine::RoundTripRequest>& round_trip_members() {
         m.add("height_m", &Trip::height_m, Number{kStationHeight_m, "m"}, "height of the cameras above the ground");
         m.add("mode", &Trip::mode, Word{kRoundTripModes}, "exact: rays through the posts; camera: frames");
         m.add("posts", &Trip::posts, Integer{1, posts_allowed},
-              "posts along each side of the window; fewer at the tile's border");
+              "posts along each side of the window, which is moved inwards at the tile's border; fewer where the tile "
+              "is smaller");
         m.add("footprint_ratio", &Trip::footprint_ratio, Number{kFootprintRatio},
               "pixel footprint over post spacing, mode camera");
         m.add("max_error_px", &Trip::max_error_px, Number{kMaxError_px, "px"},

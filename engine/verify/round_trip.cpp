@@ -38,14 +38,16 @@ const dem::RasterInfo& finest_tile(const dem::Catalogue& catalogue, const RoundT
 
 PostWindow window_around(const dem::RasterInfo& tile, const RoundTripRequest& request) {
   const auto centre = dem::locate(tile, request.lat_deg, request.lon_deg);
-  const auto first = [&](double at, int size, int wanted) {
-    return std::clamp(static_cast<int>(std::lround(at)) - wanted / 2, 0, size - wanted);
+  // Where x is periodic a window goes on at the tile's other end; a window of all columns begins with the first.
+  const auto first = [](double at, int size, int wanted, bool periodic) {
+    const int centred = static_cast<int>(std::lround(at)) - wanted / 2;
+    return periodic && wanted < size ? centred : std::clamp(centred, 0, size - wanted);
   };
   PostWindow w{tile};
   w.width = request.posts > 0 ? std::min(request.posts, tile.width) : tile.width;
   w.height = request.posts > 0 ? std::min(request.posts, tile.height) : tile.height;
-  w.x0 = first(centre.x, tile.width, w.width);
-  w.y0 = first(centre.y, tile.height, w.height);
+  w.x0 = first(centre.x, tile.width, w.width, tile.wraps_longitude);
+  w.y0 = first(centre.y, tile.height, w.height, false);
   return w;
 }
 

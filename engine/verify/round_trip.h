@@ -21,18 +21,20 @@ namespace selenograph::engine {
 enum class RoundTripMode { exact, camera };
 
 struct RoundTripRequest {
-  // The finest tile that contains this place is used; the window is centred on it.
+  // The finest tile that contains this place is used; the window is centred on it, but moved inwards at the tile's
+  // border.
   double lat_deg = 0, lon_deg = 0;
   double height_m = 20000;  // of the cameras above the ground below them
   RoundTripMode mode = RoundTripMode::exact;
-  // Posts along each side of the window, fewer at the tile's border; 0: the whole tile.
+  // Posts along each side of the window, fewer where the tile is smaller; 0: the whole tile.
   int posts = 1024;
   // Pixel footprint below the camera as a multiple of the post spacing. Mode camera only, like the next.
   double footprint_ratio = 1;
   double max_error_px = 0;  // of the frames; 0: the finest posts
 };
 
-// Part of a tile. Row 0 is the northernmost.
+// Part of a tile. Row 0 is the northernmost. Columns of a tile that goes around the Moon may lie before its first or
+// behind its last.
 struct PostWindow {
   dem::RasterInfo tile;
   int x0 = 0, y0 = 0, width = 0, height = 0;

@@ -246,6 +246,17 @@ class RoundTripAroundTheMoon : public ::testing::Test {
   std::unique_ptr<Renderer> renderer_;
 };
 
+TEST_F(RoundTripAroundTheMoon, WindowsGoOnAtTheOtherEnd) {
+  for (const double lon_deg : {0.0, 3.0, -3.0, 180.0}) {
+    SCOPED_TRACE(lon_deg);
+    const RoundTrip trip = round_trip(*renderer_, around(60, lon_deg, 24));
+    EXPECT_EQ(trip.window.place(12, 12).lat_deg, 60);
+    EXPECT_EQ(std::remainder(trip.window.place(12, 12).lon_deg - lon_deg, 360), 0);
+    EXPECT_EQ(trip.compared, trip.window.size());
+    EXPECT_LT(std::abs(statistics_of(trip).worst_m), kExactWorst_m);
+  }
+}
+
 TEST_F(RoundTripAroundTheMoon, CamerasMissNothingBesideTheFirstColumn) {
   for (const double lon_deg : {0.0, 3.0, -3.0, 180.0}) {
     RoundTripRequest request = around(60, lon_deg, 24, RoundTripMode::camera);
