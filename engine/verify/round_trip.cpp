@@ -124,15 +124,15 @@ class Comparison {
   std::vector<Patch> patches() const {
     const PostWindow& w = out_.window;
     const double side_m = 2 * std::tan(kHalfAngle_deg * kRadiansPerDegree) * request_.height_m;
-    const double rows = std::clamp(side_m / spacing_m(), 1.0, static_cast<double>(kMostPostsPerFrame));
+    const double rows = std::min(side_m / spacing_m(), static_cast<double>(kMostPostsPerFrame));
     if (request_.mode == RoundTripMode::camera && side_m < 8 * out_.pixel_footprint_m)
       throw ImpossibleRequest(fmt::format("cameras at {} m see less than 8 pixels of {:.3g} m: give a larger height",
                                           request_.height_m, out_.pixel_footprint_m),
                               "height_m");
     const Geographic middle = w.place(w.height / 2, w.width / 2);
     const double narrower = std::max(0.05, std::cos(middle.lat_deg * kRadiansPerDegree));
-    const int high = static_cast<int>(rows);
-    int wide = std::max(high, static_cast<int>(rows / narrower));
+    const int high = std::max(1, static_cast<int>(rows));
+    int wide = std::max(1, static_cast<int>(rows / narrower));
     // The meridian opposite to a patch, where its x jumps, is not its own.
     if (w.tile.wraps_longitude) wide = std::min(wide, w.tile.width / 2);
     std::vector<Patch> all;

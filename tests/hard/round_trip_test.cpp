@@ -282,6 +282,20 @@ TEST(RoundTrip, CamerasAboveAPoleMissNoMeridian) {
   EXPECT_EQ(missed, 0u);
 }
 
+// Posts 2 km apart in the east and 8 km in the north, seen from 100 m above the ground: only straight down.
+TEST(RoundTrip, LowCamerasFarNorthLookDown) {
+  const test::TemporaryFolder folder;
+  test::write_float_tile(folder.path(), "north", {75, 10, 4, 41, 81}, [](double lat_deg, double lon_deg) {
+    return 500 * std::sin(40 * lat_deg) * std::cos(70 * lon_deg);
+  });
+  const auto renderer = renderer_over(folder.path());
+  RoundTripRequest request = around(74, 15, 8);
+  request.height_m = 100;
+  const RoundTrip trip = round_trip(*renderer, request);
+  EXPECT_EQ(trip.compared, trip.window.size());
+  EXPECT_LT(std::abs(statistics_of(trip).worst_m), kExactWorst_m);
+}
+
 TEST(RoundTrip, RejectsImpossibleRequests) {
   const test::TemporaryFolder folder;
   test::write_kaguya_tile(folder.path(), 2, 10, 2, 64, [](double, double) { return 0; });
