@@ -1,34 +1,68 @@
 #include "server/service/shutdown_signals.h"
 
+#include <fcntl.h>
 #include <poll.h>
 #include <pthread.h>
-#include <sys/eventfd.h>
-#include <sys/signalfd.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
+#include <cerrno>
 #include <csignal>
-#include <cstdint>
+#include <system_error>
 
 namespace selenograph::server {
+namespace {
 
-ShutdownSignals::ShutdownSignals() : wake_(::eventfd(0, EFD_CLOEXEC)) {
+constexpr char kNoSignal = 0;
+
+std::atomic<int> pipe_of_handler{-1};
+static_assert(std::atomic<int>::is_always_lock_free);  // it is read by a signal's handler
+
+void pass_on(int signal) {
+  const int error = errno;
+  const char byte = static_cast<char>(signal);
+  [[maybe_unused]] const ssize_t written = ::write(pipe_of_handler, &byte, 1);
+  errno = error;
+}
+
+void set_handler(void (*handler)(int)) {
+  struct sigaction action {};
+  action.sa_handler = handler;
+  action.sa_flags = SA_RESTART;
+  ::sigaction(SIGTERM, &action, nullptr);
+  ::sigaction(SIGINT, &action, nullptr);
+}
+
+void mask(int how) {
   sigset_t set;
   sigemptyset(&set);
   sigaddset(&set, SIGTERM);
   sigaddset(&set, SIGINT);
-  ::pthread_sigmask(SIG_BLOCK, &set, nullptr);
-  signals_ = ::signalfd(-1, &set, SFD_CLOEXEC);
-  thread_ = std::thread([this] { run(); });
+  ::pthread_sigmask(how, &set, nullptr);
 }
 
+}  // namespace
+
+// A handler beside the mask: a library's thread from before main() (OpenBLAS has some) doesn't block the signals.
+ShutdownSignals::ShutdownSignals() {
+  if (::pipe2(pipe_.data(), O_CLOEXEC | O_NONBLOCK) != 0)
+    throw std::system_error(errno, std::generic_category(), "a pipe for signals");
+  pipe_of_handler = pipe_[1];
+  set_handler(pass_on);
+  mask(SIG_BLOCK);
+  thread_ = std::thread([this] {
+    mask(SIG_UNBLOCK);
+    run();
+  });
+}
+
+// All is done: from here on a signal changes nothing.
 ShutdownSignals::~ShutdownSignals() {
-  const std::uint64_t one = 1;
-  [[maybe_unused]] const ssize_t written = ::write(wake_, &one, sizeof(one));
+  set_handler(SIG_IGN);
+  [[maybe_unused]] const ssize_t written = ::write(pipe_[1], &kNoSignal, 1);
   thread_.join();
-  ::close(signals_);
-  ::close(wake_);
+  ::close(pipe_[0]);
+  ::close(pipe_[1]);
 }
 
 void ShutdownSignals::run() {
@@ -40,15 +74,14 @@ void ShutdownSignals::run() {
                     static_cast<int>(std::chrono::ceil<std::chrono::milliseconds>(last_moment - Clock::now()).count()));
   };
   for (;;) {
-    std::array<pollfd, 2> waiting{pollfd{signals_, POLLIN, 0}, pollfd{wake_, POLLIN, 0}};
-    const int ready = ::poll(waiting.data(), waiting.size(), left_ms());
+    pollfd waiting{pipe_[0], POLLIN, 0};
+    const int ready = ::poll(&waiting, 1, left_ms());
     if (ready == 0) ::_exit(1);
-    if (ready < 0) continue;
-    if (waiting[1].revents) return;
-    signalfd_siginfo info{};
-    if (::read(signals_, &info, sizeof(info)) != sizeof(info)) continue;
+    char signal = kNoSignal;
+    if (ready < 0 || ::read(pipe_[0], &signal, 1) != 1) continue;
+    if (signal == kNoSignal) return;
     const bool first = last_moment == Clock::time_point::max();
-    if (!armed_ || !first) ::_exit(128 + static_cast<int>(info.ssi_signo));
+    if (!armed_ || !first) ::_exit(128 + signal);
     last_moment = Clock::now() + at_most_.load();
     first_.set_value();
   }

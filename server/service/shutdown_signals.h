@@ -1,6 +1,7 @@
 // SIGTERM and SIGINT as an event to wait for.
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <future>
@@ -8,9 +9,10 @@
 
 namespace selenograph::server {
 
-// Create it before any other thread: threads inherit the blocked signals. A second signal ends the process at once; so
-// does the first before arm(), while there is nothing to finish. The process ends with status 1 `at_most` after the
-// first signal, unless this object has been destroyed by then.
+// One at a time. Create it before any other thread of this program: threads inherit the blocked signals, and no call of
+// theirs is interrupted. A second signal ends the process at once; so does the first before arm(), while there is
+// nothing to finish. The process ends with status 1 `at_most` after the first signal, unless this object has been
+// destroyed by then: after that signals are ignored.
 class ShutdownSignals {
  public:
   ShutdownSignals();
@@ -24,7 +26,7 @@ class ShutdownSignals {
 
  private:
   void run();
-  int signals_ = -1, wake_ = -1;
+  std::array<int, 2> pipe_{-1, -1};
   std::atomic<bool> armed_{false};
   std::atomic<std::chrono::milliseconds> at_most_{};
   std::promise<void> first_;
