@@ -131,16 +131,32 @@ struct Atlas {
   std::string_view media_type;
   ProgressBar& bar;
 
+  // The request, at an epoch or, if null, at its own.
+  api::MapQuery query(const Epoch* epoch) const {
+    api::Json body = api::parse_json(request, limits.max_json_depth);
+    if (epoch) body = at_epoch(std::move(body), *epoch);
+    api::MapQuery query = api::read_map(body, limits, assets);
+    api::check_map_answer(query, media_type);
+    return query;
+  }
+
+  // Whether it can be answered at an epoch, as far as reading it says; else its problem is printed.
+  bool possible(const Epoch& epoch) const {
+    const api::Response answer = api::answer_or_problem({}, [&] {
+      query(&epoch);
+      return api::Response{};
+    });
+    if (answer.status != 200) print_problem(answer);
+    return answer.status == 200;
+  }
+
   // Writes one map, the number-th of `count`, at an epoch or, if null, at the request's own. `more`: products besides
   // those that the file is to have. Nothing: the request can't be answered, and its problem is printed.
   std::optional<Drawn> write(const std::string& path, const Epoch* epoch, engine::ProductSet more, std::size_t number,
                              std::size_t count) const {
     std::optional<Drawn> drawn;
     const api::Response answer = api::answer_or_problem({}, [&] {
-      api::Json body = api::parse_json(request, limits.max_json_depth);
-      if (epoch) body = at_epoch(std::move(body), *epoch);
-      api::MapQuery query = api::read_map(body, limits, assets);
-      api::check_map_answer(query, media_type);
+      api::MapQuery query = this->query(epoch);
       engine::MapRequest wanted = query.request;
       wanted.products |= more;
       engine::Map map = renderer.map(wanted, {}, [&](double share) {
@@ -186,6 +202,8 @@ constexpr const char* kNoData = "of the pixels has no data: NaN, 65535 in source
 
 // Both draw functions return whether all is drawn.
 bool draw_series(const Atlas& atlas, const std::vector<Epoch>& epochs) {
+  // Impossible epochs are before or after all possible ones. A series that can't be finished is not begun.
+  if (!atlas.possible(epochs.front()) || !atlas.possible(epochs.back())) return false;
   std::vector<double> sum;
   std::optional<api::MapQuery> last;
   std::map<std::string, std::size_t> warnings;  // and how many maps have them

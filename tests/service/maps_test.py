@@ -325,6 +325,11 @@ class OfRelief(harness.WithService):
                 self.assertTrue(found, told.stdout)
                 self.assertGreater(int(found[1]), 1900)
                 self.assertLess(float(found[3]), 0.3)  # of slopes up to 20 m from post to post
+                as_json = harness.run("info", "--json", "--dem", folder, "--cache-dir", folder + " cache", "--resampling", "2000")
+                (resampled,) = json.loads(as_json.stdout)["resampling"]
+                self.assertEqual((resampled["name"], resampled["posts"]), ("map", int(found[1])))
+                self.assertAlmostEqual(resampled["rms_m"], float(found[2]), delta=6e-4)
+                self.assertAlmostEqual(resampled["worst_m"], float(found[3]), delta=6e-4)
                 lat, lon, map_ = self.sampled(area, "height")
                 service = Service(dem=folder, cache="cache " + name)
                 places = [{"lat_deg": a, "lon_deg": b} for a, b in zip(lat, lon)]
@@ -468,6 +473,14 @@ class CommandLine(unittest.TestCase):
         self.assertGreater(day[1], 0)
         self.assertEqual(list(night[:2]), [0, 0])
         self.assertTrue(0.001 < night[2] < 0.1, night)  # the Earth, that does not set over the near side
+
+    def test_a_series_that_cannot_be_finished_is_not_begun(self):
+        """Epochs are from 1960 to 2099."""
+        for utc in (("2099-12-31T00:00:00Z", "2100-01-01T00:00:00Z"), ("1959-12-31T00:00:00Z", "1960-01-01T00:00:00Z")):
+            done = self.command(map_request(PLACES["orthographic"], "lit"), "-o", harness.path("end.tif"), "--utc", *utc, "12h")
+            self.assertEqual(done.returncode, 1)
+            self.assertIn("/sun/utc: ", done.stderr)
+            self.assertFalse([name for name in os.listdir(harness.path()) if name.startswith("end")])
 
     def test_refusals(self):
         request = map_request(PLACES["orthographic"], "height")
