@@ -86,6 +86,14 @@ Written of_frame(const Json& request, const FeaturesSettings& s, const engine::R
 }
 
 }  // namespace
+// Neither of two files is written if the other can't be.
+void check_outputs(const FeaturesSettings& s, bool of_region, bool of_frame) {
+  if (of_region && of_frame && is_same_file(s.output, s.coco))
+    throw std::runtime_error("-o and --coco: " + s.coco + " can't be both");
+  if (of_region && s.output != "-") check_can_be_written(s.output);
+  if (of_frame && s.coco != "-") check_can_be_written(s.coco);
+}
+
 
 int features(const FeaturesSettings& settings) {
   set_up_log(settings.terrain.log_level);
@@ -93,6 +101,7 @@ int features(const FeaturesSettings& settings) {
                     frame = settings.frame.empty() ? "" : read_request(settings.frame);
   if (region.empty() && frame.empty()) throw std::runtime_error("a REQUEST.json, --region or --coco is needed");
   const api::Assets assets(settings.terrain.assets_dir, mesh_options(settings.terrain));
+  check_outputs(settings, !region.empty(), !frame.empty());
   const api::Limits limits = limits_of_patience();
   const auto renderer = make_renderer(settings.terrain);
   std::vector<Written> all;

@@ -15,18 +15,62 @@ namespace selenograph::server {
 
 namespace fs = std::filesystem;
 
-void write_whole(const std::string& path, const std::string& bytes) {
-  const std::string temporary = path + ".part-" + std::to_string(::getpid());
+namespace {
+
+std::error_code error_of(int number) { return {number != 0 ? number : EIO, std::generic_category()}; }
+
+void refuse(const std::string& path, const std::error_code& error) {
+  throw std::runtime_error(path + ": can't be written: " + error.message());
+}
+
+std::error_code write_into(const std::string& path, const std::string& bytes) {
   errno = 0;
-  std::ofstream file(temporary, std::ios::binary);
+  std::ofstream file(path, std::ios::binary);
   file.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
   file.close();
-  std::error_code error, ignored;
-  if (!file) error.assign(errno != 0 ? errno : EIO, std::generic_category());
-  if (!error) fs::rename(temporary, path, error);
+  return file ? std::error_code() : error_of(errno);
+}
+
+// Whether a new file takes the path's place. A device or a pipe is written into: with a file in its place it were gone.
+bool is_replaced(const std::string& path) {
+  std::error_code ignored;
+  const fs::file_type type = fs::status(path, ignored).type();
+  return type == fs::file_type::regular || type == fs::file_type::not_found;
+}
+
+// What symbolic links name, whether or not there is something yet.
+fs::path target_of(fs::path path) {
+  constexpr int kMostLinks = 40;  // as Linux
+  std::error_code ignored;
+  for (int i = 0; i < kMostLinks && fs::is_symlink(fs::symlink_status(path, ignored)); ++i)
+    path = path.parent_path() / fs::read_symlink(path, ignored);
+  return path;
+}
+
+}  // namespace
+
+void write_whole(const std::string& path, const std::string& bytes) {
+  if (!is_replaced(path)) {
+    if (const std::error_code error = write_into(path, bytes)) refuse(path, error);
+    return;
+  }
+  const std::string target = target_of(path).string(), temporary = target + ".part-" + std::to_string(::getpid());
+  std::error_code error = write_into(temporary, bytes), ignored;
+  if (!error) fs::rename(temporary, target, error);
   if (!error) return;
   fs::remove(temporary, ignored);
-  throw std::runtime_error(path + ": can't be written: " + error.message());
+  refuse(path, error);
+}
+
+void check_can_be_written(const std::string& path) {
+  const fs::path place = is_replaced(path) ? target_of(path).parent_path() / "." : fs::path(path);
+  if (std::error_code ignored; fs::is_directory(path, ignored)) refuse(path, error_of(EISDIR));
+  if (::access(place.c_str(), W_OK) != 0) refuse(path, error_of(errno));
+}
+
+bool is_same_file(const std::string& a, const std::string& b) {
+  const auto of = [](const std::string& path) { return fs::weakly_canonical(fs::absolute(target_of(path))); };
+  return is_replaced(a) && of(a) == of(b);
 }
 
 void write_json(const std::string& path, const nlohmann::ordered_json& json) {

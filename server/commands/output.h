@@ -7,10 +7,16 @@
 
 namespace selenograph::server {
 
-// Writes a file atomically. Throws std::runtime_error naming the file and the system's reason.
+// Writes a file atomically: of a symbolic link what it names. A device or a pipe is written into. Throws
+// std::runtime_error naming the file and the system's reason.
 void write_whole(const std::string& path, const std::string& bytes);
 // Writes indented JSON with a final newline, atomically. Invalid UTF-8 is replaced.
 void write_json(const std::string& path, const nlohmann::ordered_json& json);
+
+// Throws as write_whole() if it could not begin: before work that would be lost.
+void check_can_be_written(const std::string& path);
+// Whether both paths are of one file, which need not be there; a device or a pipe is none.
+bool is_same_file(const std::string& a, const std::string& b);
 
 // Progress on stderr: one line that is rewritten on a terminal, otherwise a line every five percent.
 class ProgressBar {

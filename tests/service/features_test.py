@@ -7,6 +7,7 @@ import json
 import math
 import os
 import shutil
+import stat
 import time
 
 import numpy as np
@@ -130,7 +131,7 @@ class Rocks(WithFeatures):
         self.assertGreater(len(places), 100)
         self.assertTrue((archive["object_id"] == 65535).all())
         away = np.linalg.norm(places[:, None] - centres[None], axis=2) / diameters[None]
-        self.assertLess(away.min(axis=1).max(), 0.95)  # half as wide as the diameter, and up to 0.7 high
+        self.assertLess(away.min(axis=1).max(), 0.95)  # half as wide as the diameter, and up to 0.9 high
         middle = np.abs(np.array([(r["lat_deg"] - LAT, r["lon_deg"] - LON) for r in rocks])).max(axis=1) * METRES_PER_DEGREE
         large = (diameters > 4 * 2 * height * math.tan(math.radians(25)) / 256) & (middle < 20)
         self.assertGreater(large.sum(), 5)
@@ -581,6 +582,47 @@ class CommandLine(WithFeatures):
         self.assertFalse(os.path.exists(harness.path("x.json")))
 
     def coco(self, request, *options):
+    def test_two_files_or_none(self):
+        region = harness.write("small.json", {"detail": "large", "region": square(LAT, LON, 1000)})
+        frame = harness.write("small-frame.json", self.frame())
+        for csv_name, coco_name, words in (("same.x", "same.x", "both"), ("same.x", os.path.join("..", "both", "same.x"), "both"),
+                                           ("a.csv", os.path.join("nowhere", "x.json"), "nowhere/x.json: can't be written")):
+            folder = harness.path("both")
+            os.makedirs(folder, exist_ok=True)
+            done = self.features(region, "-o", os.path.join(folder, csv_name), "--frame", frame, "--coco",
+                                 os.path.join(folder, coco_name))
+            self.assertEqual(done.returncode, 1, done.stdout)
+            self.assertIn(words, done.stderr)
+            self.assertEqual(os.listdir(folder), [])
+
+    def test_what_is_written_through(self):
+        """A pipe stays one, and a link stays what it is: there or not, its file is written."""
+        request = harness.write("through.json", {"detail": "large", "region": square(LAT, LON, 1000)})
+        expected = self.features(request).stdout
+        pipe, link, target = (harness.path(name) for name in ("pipe.csv", "link.csv", "target.csv"))
+        os.mkfifo(pipe)
+        reading = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+        self.assertEqual(self.features(request, "-o", pipe).returncode, 0)
+        with open(reading) as file:
+            self.assertEqual(file.read(), expected)
+        self.assertTrue(stat.S_ISFIFO(os.stat(pipe).st_mode))
+        os.symlink("second.csv", harness.path("first.csv"))
+        for name, written in (("target.csv", target), ("first.csv", harness.path("second.csv"))):
+            os.symlink(name, link)
+            if name == "target.csv":
+                harness.write(name, "old")
+            self.assertEqual(self.features(request, "-o", link).returncode, 0)
+            self.assertEqual(os.readlink(link), name)
+            self.assertFalse(os.path.islink(written))
+            with open(written) as file:
+                self.assertEqual(file.read(), expected)
+            os.remove(link)
+        os.symlink("round.csv", harness.path("round.csv"))
+        done = self.features(request, "-o", harness.path("round.csv"))
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("round.csv: can't be written: ", done.stderr)
+        self.assertTrue(os.path.islink(harness.path("round.csv")))
+
         done = self.features("--frame", harness.write("frame.json", request), "--coco", harness.path("coco.json"), *options)
         self.assertEqual(done.returncode, 0, done.stderr)
         with open(harness.path("coco.json")) as file:
