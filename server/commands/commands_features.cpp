@@ -69,14 +69,15 @@ void refuse_without_features(const api::FrameQuery& query) {
 
 Written of_frame(const Json& request, const FeaturesSettings& s, const engine::Renderer& renderer,
                  const api::Assets& assets, const api::Limits& limits) {
-  const api::FrameQuery query = api::read_frame(request, limits, assets);
+  api::FrameQuery query = api::read_frame(request, limits, assets);
   refuse_without_features(query);
+  // What counts is what the document says of its request.
+  if (!query.request.craters) query.request.craters = s.rims;
   const std::string image = !s.image.empty() ? s.image : fs::path(s.frame).stem().string() + ".png";
   engine::FrameRequest listing = query.request;
   listing.products = engine::kRock, listing.truth.reset();
-  listing.craters = s.rims;
   const engine::Frame frame = renderer.render(listing);
-  const api::FrameLabels labels(frame, query.request.camera, s.rims.least_px);
+  const api::FrameLabels labels(frame, query.request.camera, query.request.craters->least_px);
   std::string said =
       fmt::format("{}: {} craters and {} rocks in {}\n", s.coco, labels.craters(), labels.rocks(), image);
   if (const std::size_t cut_off = frame.report.craters.cut_off; cut_off > 0)
@@ -100,8 +101,8 @@ int features(const FeaturesSettings& settings) {
   const std::string region = region_request(settings),
                     frame = settings.frame.empty() ? "" : read_request(settings.frame);
   if (region.empty() && frame.empty()) throw std::runtime_error("a REQUEST.json, --region or --coco is needed");
-  const api::Assets assets(settings.terrain.assets_dir, mesh_options(settings.terrain));
   check_outputs(settings, !region.empty(), !frame.empty());
+  const api::Assets assets(settings.terrain.assets_dir, mesh_options(settings.terrain));
   const api::Limits limits = limits_of_patience();
   const auto renderer = make_renderer(settings.terrain);
   std::vector<Written> all;

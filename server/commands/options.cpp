@@ -73,13 +73,16 @@ void add_options(CLI::App& command, FeaturesSettings& s) {
   command.add_option("--image", s.image, "The COCO file's name for the frame; left out: that of --frame with .png")
       ->type_name("NAME");
   command
-      .add_option("--least-px", s.rims.least_px,
-                  "In a frame: diameter of a circle that is as large as a crater's rim, or as what is seen of a rock")
+      .add_option(
+          "--least-px", s.rims.least_px,
+          "In a frame whose request has no \"craters\" and no \"labels\": diameter of a circle that is as large as "
+          "a crater's rim, or as what is seen of a rock")
       ->check(CLI::Range(1.0, 1e4))
       ->capture_default_str();
   command
       .add_option("--least-depth", s.rims.least_depth,
-                  "Of craters, but for a REQUEST.json, which has a member for it: depth over diameter, today; 0: all")
+                  "Of craters, but for a REQUEST.json, which has a member for it, and a frame whose request has "
+                  "\"craters\" or \"labels\": depth over diameter, today; 0: all")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
   add_options(command, s.terrain);

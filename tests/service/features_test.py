@@ -733,6 +733,22 @@ class CommandLine(WithFeatures):
                 self.assertIn(crater["id"], ids)
 
     def test_boxes_at_a_slant(self):
+    def test_a_frame_that_says_which_counts(self):
+        """As in its own labels; the options are for one that says nothing. The document names what was used."""
+        request = {**self.frame(), "products": ["detail"]}
+        asked = {"smallest_px": 20, "min_depth_over_diameter": 0.04}
+        labelled = {**request, "craters": asked, "labels": True}
+        document = self.coco(labelled)
+        self.assertEqual(document["info"]["request"]["craters"], asked)
+        body = self.ok(self.service.frame(labelled, "application/x-npz"), "application/x-npz")
+        with zipfile.ZipFile(io.BytesIO(body)) as archive:
+            own = json.loads(archive.read("coco.json"))
+        self.assertGreater(len(own["annotations"]), 3)
+        self.assertEqual(document["annotations"], own["annotations"])
+        document = self.coco(request, "--least-px", "20", "--least-depth", "0.04")
+        self.assertEqual(document["info"]["request"]["craters"], asked)
+        self.assertEqual(document["annotations"], own["annotations"])
+
         pose = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": self.heights([(LAT, LON)], None)[0] + 1500},
                 "look_at": {"lat_deg": LAT + 0.08, "lon_deg": LON + 0.03, "up": "zenith"}}
         request = self.frame(pose=pose)
