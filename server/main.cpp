@@ -52,6 +52,8 @@ CLI::App& add(CLI::App& parent, Work& work, const char* name, const char* purpos
   add_options(*added, settings);
   work[added] = [&settings, command] { return command(settings); };
   return *added;
+  if (added->get_option_no_throw("--config") == nullptr)
+    added->footer("Every option is also SELENOGRAPH_<OPTION> in the environment, over which the command line wins.");
 }
 
 Work add_commands(CLI::App& app, Settings& s) {

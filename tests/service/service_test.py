@@ -330,6 +330,10 @@ class Commands(unittest.TestCase):
             self.assertIn(option, run("serve", "--help").stdout)
         self.assertNotEqual(run("serve", "--no-such-option").returncode, 0)
         self.assertNotEqual(run().returncode, 0)
+        for command in (("info",), ("sample",), ("verify", "mertis"), ("batch", "verify")):
+            text = run(*command, "--help").stdout
+            self.assertEqual("TOML file given by --config" in text, "--config FILE" in text, command)
+            self.assertIn("SELENOGRAPH_<OPTION>", text)
 
     def test_trial(self):
         done = run("serve", "--trial", "--port", "0", "--cache-dir", self.cache, "--dem", DEM)
