@@ -9,8 +9,10 @@
 #include <exception>
 #include <functional>
 #include <map>
+#include <memory>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "api/answers/metadata.h"
@@ -55,6 +57,18 @@ CLI::App& add(CLI::App& parent, Work& work, const char* name, const char* purpos
   if (added->get_option_no_throw("--config") == nullptr)
     added->footer("Every option is also SELENOGRAPH_<OPTION> in the environment, over which the command line wins.");
 }
+
+// An option with several values takes what follows it, the request too: so that comes first.
+struct RequestFirst : CLI::Formatter {
+  std::string make_usage(const CLI::App* command, std::string name) const override {
+    std::string usage = CLI::Formatter::make_usage(command, std::move(name)), files;
+    for (const CLI::Option* file : command->get_options([](const CLI::Option* o) { return o->get_positional(); }))
+      files += " " + make_option_usage(file);
+    const std::string options = " [" + get_label("OPTIONS") + "]";
+    const std::size_t at = usage.find(options + files);
+    return at == std::string::npos ? usage : usage.replace(at, options.size() + files.size(), files + options);
+  }
+};
 
 Work add_commands(CLI::App& app, Settings& s) {
   Work work;
@@ -116,6 +130,23 @@ void suggest(const CLI::App& app, int argc, char** argv) {
   }
 }
 
+void print_usage(const CLI::App& app) {
+  const CLI::App* command = &app;
+  std::string name = app.get_name();
+  while (!command->get_subcommands().empty()) {
+    command = command->get_subcommands().front();
+    name += " " + command->get_name();
+  }
+  fmt::print(stderr, "{}", RequestFirst().make_usage(command, name));
+}
+
+int run(CLI::App& app, const Work& work) {
+  CLI::App* command = &app;
+  while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
+  complete_from_environment_and_file(*command, options_of_all(work), environment_variable);
+  return work.at(command)();
+}
+
 int run(CLI::App& app, const Work& work) {
   CLI::App* command = &app;
   while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
@@ -132,6 +163,7 @@ int main(int argc, char** argv) {
   std::signal(SIGXFSZ, SIG_IGN);  // a file over its limit is an error of writing, as a full disk is
   CLI::App app("Images of the Moon for navigation: frames with exact shadows, and ground truth for every pixel.",
                "selenograph");
+  app.formatter(std::make_shared<RequestFirst>());
   app.set_version_flag("--version", std::string(selenograph::api::software_version()));
   app.require_subcommand(1);
   app.footer(
@@ -145,6 +177,7 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& e) {
     const int status = app.exit(e);
     if (status != 0) suggest(app, argc, argv);
+    if (status == static_cast<int>(CLI::ExitCodes::RequiredError)) print_usage(app);
     return status;
   } catch (const std::exception& e) {
     fmt::print(stderr, "error: {}\n", e.what());

@@ -126,7 +126,7 @@ void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
   s.cache_dir = default_cache_dir();
   command.add_option("--config", "TOML file whose members are these options, e.g. cache-mb = 2048")->type_name("FILE");
   command.add_option("--dem", s.dem, "DEM files and folders; default: sample terrain")
-      ->type_name("PATH")
+      ->type_name("PATH ...")
       ->expected(1, 1 << 20);
   command
       .add_option("--assets-dir", s.assets_dir,
@@ -138,7 +138,7 @@ void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
                   "Remote DEMs: names with this prefix may be read, e.g. /vsicurl/https://example.org/dem/; default: "
                   "local files only")
       ->each([&s](const std::string&) { s.memory.remote_tiles = true; })
-      ->type_name("PREFIX")
+      ->type_name("PREFIX ...")
       ->expected(1, 1 << 20);
   command
       .add_option("--mesh-mb", s.memory.mesh_mb,
@@ -200,14 +200,14 @@ void add_access(CLI::App& command, ServeSettings& s) {
   command
       .add_option("--trusted-proxy", s.trusted_proxy,
                   "Address of a proxy that sets or removes the header Selenograph-Token, beside loopback")
-      ->type_name("ADDRESS")
+      ->type_name("ADDRESS ...")
       ->check(refusal_of_address)
       ->expected(1, 1 << 20);
   command
       .add_option("--allowed-host", s.allowed_host,
                   "Name or address that clients may use for the service, and whose pages may ask it, beside --host, "
                   "localhost, 127.0.0.1, [::1] and the address that a connection comes to")
-      ->type_name("NAME")
+      ->type_name("NAME ...")
       ->check(refusal_of_host)
       ->expected(1, 1 << 20);
 }
@@ -234,14 +234,14 @@ void add_options(CLI::App& command, TerrainSettings& s) {
       .add_option("--layer-offset", s.layer_offset,
                   "Offset added to the heights of files with that name (* and ? as in a shell), m; fit: fitted to the "
                   "coarser layer along the border")
-      ->type_name("PATTERN=METRES|fit")
+      ->type_name("PATTERN=METRES|fit ...")
       ->expected(1, 1 << 20)
       ->check([](const std::string& text) { return refusal_of(text, dem::parse_layer_offset); });
   command
       .add_option("--resolved-posts", s.resolved_posts,
                   "Spacing of the heights that files with that name resolve, in posts: detail begins there; fit: "
                   "measured from the heights")
-      ->type_name("PATTERN=POSTS|fit")
+      ->type_name("PATTERN=POSTS|fit ...")
       ->expected(1, 1 << 20)
       ->check([](const std::string& text) { return refusal_of(text, dem::parse_resolved_posts); });
   command.add_flag("--strict", s.strict,

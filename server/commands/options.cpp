@@ -49,7 +49,8 @@ void add_options(CLI::App& command, MapSettings& s) {
                   "A series: a map for each epoch from FROM to TO, OUT's name with its time, and the mean of lit over "
                   "all of them, OUT-illumination.tif. Epochs like 2026-11-20T00:00:00Z, a step like 600s, 30m, 6h, 1d")
       ->type_name("FROM TO STEP")
-      ->expected(3);
+      ->expected(3)
+      ->allow_extra_args(false);
   add_options(command, s.terrain);
 }
 
@@ -60,7 +61,8 @@ void add_options(CLI::App& command, FeaturesSettings& s) {
       ->type_name("NAME");
   command.add_option("--region", s.region, "Instead of a file: degrees; EAST may be beyond 180")
       ->type_name("SOUTH NORTH WEST EAST")
-      ->expected(4);
+      ->expected(4)
+      ->allow_extra_args(false);
   command.add_option("--smallest-m", s.smallest_m, "Instead of a file: least diameter; left out: the preset's");
   command.add_option("-o,--output", s.output, "CSV to write; -: standard output")
       ->type_name("OUT.csv")

@@ -482,6 +482,13 @@ class CommandLine(unittest.TestCase):
             self.assertIn("/sun/utc: ", done.stderr)
             self.assertFalse([name for name in os.listdir(harness.path()) if name.startswith("end")])
 
+    def test_a_series_takes_three_values(self):
+        """And not the request that follows them."""
+        done = harness.run("map", "--log-level", "warning", "--cache-dir", harness.path("cache-relief"), "--dem",
+                           harness.path("relief"), "--utc", "2026-11-20T00:00:00Z", "2026-11-20T00:00:00Z", "1d",
+                           harness.write("last.json", map_request(PLACES["orthographic"], "lit")), "-o", harness.path("last.tif"))
+        self.assertEqual(done.returncode, 0, done.stderr)
+
     def test_refusals(self):
         request = map_request(PLACES["orthographic"], "height")
         series = ("--utc", "2026-11-20T00:00:00Z", "2026-11-30T00:00:00Z")

@@ -81,6 +81,17 @@ class CommandLine(unittest.TestCase):
             self.assertNotEqual(done.returncode, 0)
             self.assertIn(meant, done.stderr)
 
+    def test_a_request_stands_before_the_options(self):
+        for command, usage in ((("render",), "render request [OPTIONS]"), (("map",), "map request [OPTIONS]"),
+                               (("batch",), "batch [manifest] [OPTIONS] [SUBCOMMAND]"),
+                               (("batch", "verify"), "batch verify manifest [OPTIONS]"), (("serve",), "serve [OPTIONS]")):
+            self.assertIn(f"Usage: selenograph {usage}\n", self.run_it(*command, "--help").stdout)
+        # --dem takes what follows it.
+        done = self.run_it("map", "--dem", harness.path("dem"), "site.json", "-o", harness.path("x.tif"))
+        self.assertNotEqual(done.returncode, 0)
+        self.assertIn("request is required\n", done.stderr)
+        self.assertIn("Usage: selenograph map request [OPTIONS]\n", done.stderr)
+
 
 class CacheFolder(unittest.TestCase):
     def frame_twice(self, service):
