@@ -145,7 +145,7 @@ void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
                   "Memory for reading one object mesh, and for cached meshes, MiB" + by_default)
       ->check(CLI::Range(16, 1 << 24));
   command.add_option("--mesh-s", s.mesh_s, "Time limit for reading one mesh")
-      ->check(CLI::Range(0.1, 86400.0))
+      ->check(number_in(0.1, 86400.0))
       ->capture_default_str();
   command.add_option("--cache-dir", s.cache_dir, "Folder for pyramids")->type_name("DIR")->capture_default_str();
   command
@@ -228,7 +228,7 @@ void add_options(CLI::App& command, TerrainSettings& s) {
       .add_option("--blend-posts", s.blend_posts,
                   "Width of the band in which a layer is blended into the next coarser one, in posts of the coarser "
                   "one; 0: none")
-      ->check(CLI::Range(0.0, 1000.0))
+      ->check(number_in(0.0, 1000.0))
       ->capture_default_str();
   command
       .add_option("--layer-offset", s.layer_offset,
@@ -257,7 +257,7 @@ void add_options(CLI::App& command, api::Limits& s) {
       .add_option_function<double>(
           "--deadline-s", [&s](double seconds) { s.default_deadline = milliseconds(seconds); },
           "Time limit of one request; clients can ask for less")
-      ->check(CLI::Range(0.001, 86400.0))
+      ->check(number_in(0.001, 86400.0))
       ->default_str(fmt::format("{:g}", deadline.count()));
   command
       .add_option_function<std::size_t>(
@@ -314,30 +314,40 @@ void add_options(CLI::App& command, ServeSettings& s) {
       ->check(CLI::Range(4, 65536))
       ->capture_default_str();
   command.add_option("--idle-timeout-s", s.idle_timeout_s, "Time limit of an idle connection")
-      ->check(CLI::Range(0.1, 86400.0))
+      ->check(number_in(0.1, 86400.0))
       ->capture_default_str();
   command.add_option("--receive-timeout-s", s.receive_timeout_s, "Time limit for receiving a whole request")
-      ->check(CLI::Range(0.1, 86400.0))
+      ->check(number_in(0.1, 86400.0))
       ->capture_default_str();
   command
       .add_option("--send-kb-per-s", s.send_kb_per_s,
                   "Minimum rate at which a client must read an answer, KiB/s, after ten seconds")
-      ->check(CLI::Range(1.0, 1e6))
+      ->check(number_in(1.0, 1e6))
       ->capture_default_str();
   command.add_option("--shutdown-s", s.shutdown_s, "Time limit from SIGTERM to the end of the process")
-      ->check(CLI::Range(0.1, 86400.0))
+      ->check(number_in(0.1, 86400.0))
       ->capture_default_str();
   command
       .add_option("--drain-s", s.drain_s,
                   "Part of --shutdown-s in which requests are still accepted while /health/ready tells a proxy to send "
                   "them elsewhere")
-      ->check(CLI::Range(0.0, 86400.0))
+      ->check(number_in(0.0, 86400.0))
       ->capture_default_str();
   add_access(command, s);
   command.add_flag("--pretouch", s.pretouch,
                    "Take the memory of --cache-mb and --scene-mb from the system at the start, so that no frame waits "
                    "for it");
   command.add_flag("--trial", s.trial, "Start, check, quit");
+}
+
+CLI::Validator number_in(double low, double high) {
+  const CLI::Range range(low, high);
+  const auto refusal = [range](std::string& text) {
+    double number = 0;
+    if (CLI::detail::lexical_cast(text, number) && std::isnan(number)) return text + " is no number";
+    return range(text);
+  };
+  return {refusal, range.get_description()};
 }
 
 std::chrono::milliseconds milliseconds(double seconds) {

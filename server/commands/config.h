@@ -18,6 +18,7 @@
 
 namespace CLI {
 class App;
+class Validator;
 }  // namespace CLI
 
 namespace selenograph::server {
@@ -63,6 +64,9 @@ struct ServeSettings {
 void add_options(CLI::App& command, TerrainSettings& settings);
 void add_options(CLI::App& command, api::Limits& limits);
 void add_options(CLI::App& command, ServeSettings& settings);
+
+// Refuses what is no number from `low` to `high`, NaN too: CLI::Range lets that through.
+CLI::Validator number_in(double low, double high);
 
 // Converts a setting in seconds.
 std::chrono::milliseconds milliseconds(double seconds);

@@ -79,13 +79,13 @@ void add_options(CLI::App& command, FeaturesSettings& s) {
           "--least-px", s.rims.least_px,
           "In a frame whose request has no \"craters\" and no \"labels\": diameter of a circle that is as large as "
           "a crater's rim, or as what is seen of a rock")
-      ->check(CLI::Range(1.0, 1e4))
+      ->check(number_in(1.0, 1e4))
       ->capture_default_str();
   command
       .add_option("--least-depth", s.rims.least_depth,
                   "Of craters, but for a REQUEST.json, which has a member for it, and a frame whose request has "
                   "\"craters\" or \"labels\": depth over diameter, today; 0: all")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(number_in(0.0, 1.0))
       ->capture_default_str();
   add_options(command, s.terrain);
 }
@@ -179,7 +179,7 @@ void add_options(CLI::App& command, SampleSettings& s) {
 void add_options(CLI::App& command, VerifyRoundTripSettings& s) {
   add_place(command, "--center", s.center, "Place on the tile: the finest one there is compared")->required();
   command.add_option("--height-m", s.request.height_m, "Cameras above the ground")
-      ->check(CLI::Range(1.0, 1e9))
+      ->check(number_in(1.0, 1e9))
       ->capture_default_str();
   command.add_option("--mode", s.mode, "Rays through the posts, ordinary frames resampled to them, or both")
       ->check(CLI::IsMember({"exact", "camera", "both"}))
@@ -188,10 +188,10 @@ void add_options(CLI::App& command, VerifyRoundTripSettings& s) {
       ->check(CLI::Range(0, 1 << 20))
       ->capture_default_str();
   command.add_option("--footprint", s.request.footprint_ratio, "Pixel footprint over post spacing, mode camera")
-      ->check(CLI::Range(0.01, 100.0))
+      ->check(number_in(0.01, 100.0))
       ->capture_default_str();
   command.add_option("--max-error-px", s.request.max_error_px, "Level of detail of the frames; 0: the finest posts")
-      ->check(CLI::Range(0.0, 100.0))
+      ->check(number_in(0.0, 100.0))
       ->capture_default_str();
   command.add_option("-o,--output", s.output, "Folder for a folder of each mode; made if missing")
       ->required()
@@ -212,7 +212,7 @@ void add_options(CLI::App& command, VerifyAccuracySettings& s) {
       .add_option("--height-m", s.height_m,
                   "Of the camera above the ground, but for the descents; default: 20000, and with --indirect, whose "
                   "rays meet the finest terrain, from where a pixel is as large as a post")
-      ->check(CLI::Range(1.0, 1e9));
+      ->check(number_in(1.0, 1e9));
   command.add_option("--size-px", s.size_px, "Side of the frames")->check(CLI::Range(32, 4096))->capture_default_str();
   command.add_option("--repetitions", s.repetitions, "Of each time measurement; the median counts")
       ->check(CLI::Range(1, 1000))
@@ -237,7 +237,7 @@ void add_options(CLI::App& command, VerifyMoonSettings& s) {
   add_place(command, "--center", s.center,
             "Compare terrain there with smooth ground, by incidence, in the place of the whole disc; needs --dem");
   command.add_option("--width-m", s.width_m, "Of the ground at --center")
-      ->check(CLI::Range(1.0, 1e6))
+      ->check(number_in(1.0, 1e6))
       ->capture_default_str();
   command.add_option("--detail", s.detail, "Detail of the assets folder at --center; without: none")->type_name("NAME");
   command.add_option("--size-px", s.size_px, "Side of the frames")->check(CLI::Range(32, 4096))->capture_default_str();

@@ -10,6 +10,8 @@
 #include <fstream>
 #include <map>
 
+#include "server/commands/commands.h"
+
 namespace selenograph::server {
 namespace {
 
@@ -241,6 +243,51 @@ TEST(ConfigLimits, DefaultsAreTheServices) {
         {"--max-lidar-rays", static_cast<double>(untouched.max_lidar_rays)},
         {"--max-json-depth", untouched.max_json_depth}})
     EXPECT_EQ(std::stod(command.get_option(option)->get_default_str()), value) << option;
+}
+
+// NaN is neither below nor above a border. The number of options with borders.
+template <typename Settings>
+int refuse_nan() {
+  Settings settings;
+  CLI::App command;
+  add_options(command, settings);
+  int options = 0;
+  for (CLI::Option* option : command.get_options()) {
+    if (option->get_type_name().find("FLOAT in [") == std::string::npos) continue;
+    ++options;
+    for (const char* text : {"nan", "-NaN", "inf", "x"}) {
+      option->clear();
+      option->add_result(text);
+      EXPECT_THROW(option->run_callback(), CLI::ValidationError) << option->get_name() << ' ' << text;
+    }
+  }
+  return options;
+}
+
+TEST(ConfigLimits, NoOptionTakesNan) {
+  EXPECT_GT(refuse_nan<ServeSettings>(), 6);
+  EXPECT_GT(refuse_nan<BatchSettings>(), 2);
+  EXPECT_GT(refuse_nan<FeaturesSettings>(), 3);
+  EXPECT_GT(refuse_nan<VerifyRoundTripSettings>(), 4);
+  EXPECT_GT(refuse_nan<VerifyAccuracySettings>(), 2);
+  EXPECT_GT(refuse_nan<VerifyMoonSettings>(), 2);
+}
+
+TEST_F(Config, NanIsNoNumberWhereverItComesFrom) {
+  const auto expect_refused = [this](const std::vector<std::string>& arguments, const std::string& origin) {
+    const std::string said = failure(arguments);
+    EXPECT_TRUE(said.starts_with(origin)) << said;
+    EXPECT_NE(said.find("nan is no number"), std::string::npos) << said;
+  };
+  expect_refused({"--shutdown-s", "nan"}, "--shutdown-s: ");
+  environment_["SELENOGRAPH_SHUTDOWN_S"] = "nan";
+  expect_refused({}, "SELENOGRAPH_SHUTDOWN_S: ");
+  environment_.clear();
+  file("shutdown-s = nan\n");
+  expect_refused({}, path_ + ": shutdown-s: ");
+  file("shutdown-s = 2.5\n");
+  EXPECT_EQ(failure({}), "");
+  EXPECT_EQ(settings_.shutdown_s, 2.5);
 }
 
 }  // namespace
