@@ -147,13 +147,6 @@ int run(CLI::App& app, const Work& work) {
   return work.at(command)();
 }
 
-int run(CLI::App& app, const Work& work) {
-  CLI::App* command = &app;
-  while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
-  complete_from_environment_and_file(*command, options_of_all(work), environment_variable);
-  return work.at(command)();
-}
-
 }  // namespace
 
 int main(int argc, char** argv) {
