@@ -86,7 +86,6 @@ Written of_frame(const Json& request, const FeaturesSettings& s, const engine::R
           said};
 }
 
-}  // namespace
 // Neither of two files is written if the other can't be.
 void check_outputs(const FeaturesSettings& s, bool of_region, bool of_frame) {
   if (of_region && of_frame && is_same_file(s.output, s.coco))
@@ -95,6 +94,7 @@ void check_outputs(const FeaturesSettings& s, bool of_region, bool of_frame) {
   if (of_frame && s.coco != "-") check_can_be_written(s.coco);
 }
 
+}  // namespace
 
 int features(const FeaturesSettings& settings) {
   set_up_log(settings.terrain.log_level);

@@ -9,6 +9,7 @@ import os
 import shutil
 import stat
 import time
+import zipfile
 
 import numpy as np
 
@@ -581,7 +582,6 @@ class CommandLine(WithFeatures):
             self.assertIn(words, done.stderr, options)
         self.assertFalse(os.path.exists(harness.path("x.json")))
 
-    def coco(self, request, *options):
     def test_two_files_or_none(self):
         region = harness.write("small.json", {"detail": "large", "region": square(LAT, LON, 1000)})
         frame = harness.write("small-frame.json", self.frame())
@@ -623,6 +623,7 @@ class CommandLine(WithFeatures):
         self.assertIn("round.csv: can't be written: ", done.stderr)
         self.assertTrue(os.path.islink(harness.path("round.csv")))
 
+    def coco(self, request, *options):
         done = self.features("--frame", harness.write("frame.json", request), "--coco", harness.path("coco.json"), *options)
         self.assertEqual(done.returncode, 0, done.stderr)
         with open(harness.path("coco.json")) as file:
@@ -732,7 +733,6 @@ class CommandLine(WithFeatures):
             if crater["diameter_m"] > 8 * pixel_m and crater["depth_m"] > 0.02 * crater["diameter_m"] and away < 80 * pixel_m:
                 self.assertIn(crater["id"], ids)
 
-    def test_boxes_at_a_slant(self):
     def test_a_frame_that_says_which_counts(self):
         """As in its own labels; the options are for one that says nothing. The document names what was used."""
         request = {**self.frame(), "products": ["detail"]}
@@ -749,6 +749,7 @@ class CommandLine(WithFeatures):
         self.assertEqual(document["info"]["request"]["craters"], asked)
         self.assertEqual(document["annotations"], own["annotations"])
 
+    def test_boxes_at_a_slant(self):
         pose = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": self.heights([(LAT, LON)], None)[0] + 1500},
                 "look_at": {"lat_deg": LAT + 0.08, "lon_deg": LON + 0.03, "up": "zenith"}}
         request = self.frame(pose=pose)
