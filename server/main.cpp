@@ -52,10 +52,10 @@ CLI::App& add(CLI::App& parent, Work& work, const char* name, const char* purpos
               int (*command)(const SettingsOfCommand&)) {
   CLI::App* added = parent.add_subcommand(name, purpose);
   add_options(*added, settings);
-  work[added] = [&settings, command] { return command(settings); };
-  return *added;
   if (added->get_option_no_throw("--config") == nullptr)
     added->footer("Every option is also SELENOGRAPH_<OPTION> in the environment, over which the command line wins.");
+  work[added] = [&settings, command] { return command(settings); };
+  return *added;
 }
 
 // An option with several values takes what follows it, the request too: so that comes first.
