@@ -147,6 +147,13 @@ int run(CLI::App& app, const Work& work) {
   return work.at(command)();
 }
 
+// A command's status, if all that it has printed can be written: what is short waits in a buffer until here.
+int with_output_written(int status) {
+  if (std::fflush(stdout) == 0 && std::ferror(stdout) == 0) return status;
+  fmt::print(stderr, "error: standard output can't be written\n");
+  return status != 0 ? status : 1;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -166,12 +173,12 @@ int main(int argc, char** argv) {
   const Work work = add_commands(app, settings);
   try {
     app.parse(argc, argv);
-    return run(app, work);
+    return with_output_written(run(app, work));
   } catch (const CLI::ParseError& e) {
     const int status = app.exit(e);
     if (status != 0) suggest(app, argc, argv);
     if (status == static_cast<int>(CLI::ExitCodes::RequiredError)) print_usage(app);
-    return status;
+    return with_output_written(status);
   } catch (const std::exception& e) {
     fmt::print(stderr, "error: {}\n", e.what());
     return 1;

@@ -335,6 +335,13 @@ class Commands(unittest.TestCase):
             self.assertEqual("TOML file given by --config" in text, "--config FILE" in text, command)
             self.assertIn("SELENOGRAPH_<OPTION>", text)
 
+    def test_a_full_disk_behind_standard_output(self):
+        for command in (("info", "--dem", DEM), ("sample", self.path("sample"), "--rows", "1", "--columns", "1", "--ppd", "16"),
+                        ("verify", "mertis", "-o", self.path("mertis")), ("--version",)):
+            with open("/dev/full", "w") as full:
+                done = subprocess.run([harness.BINARY, *command], stdout=full, stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S)
+            self.assertEqual(done.returncode, 1, command)
+            self.assertEqual(done.stderr, "error: standard output can't be written\n")
     def test_trial(self):
         done = run("serve", "--trial", "--port", "0", "--cache-dir", self.cache, "--dem", DEM)
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
