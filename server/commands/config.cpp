@@ -9,6 +9,7 @@
 #include <cctype>
 #include <cmath>
 #include <cstdlib>
+#include <filesystem>
 #include <map>
 #include <stdexcept>
 
@@ -37,6 +38,8 @@ std::string scalar_text(const toml::node& node, const std::string& where) {
 }
 
 Values read_file(const std::string& path, const std::set<std::string>& known) {
+  if (std::error_code ignored; std::filesystem::is_directory(path, ignored))
+    throw CLI::ValidationError(path, "is a folder");
   const toml::parse_result parsed = [&] {
     try {
       return toml::parse_file(path);

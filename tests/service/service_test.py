@@ -342,6 +342,11 @@ class Commands(unittest.TestCase):
                 done = subprocess.run([harness.BINARY, *command], stdout=full, stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S)
             self.assertEqual(done.returncode, 1, command)
             self.assertEqual(done.stderr, "error: standard output can't be written\n")
+
+    def test_a_file_of_settings_that_is_a_folder(self):
+        done = run("info", "--dem", DEM, "--config", self.folder)
+        self.assertNotEqual(done.returncode, 0)
+        self.assertIn(f"{self.folder}: is a folder", done.stderr)
     def test_trial(self):
         done = run("serve", "--trial", "--port", "0", "--cache-dir", self.cache, "--dem", DEM)
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
