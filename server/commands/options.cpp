@@ -1,6 +1,8 @@
 // The options of the commands. (CLI11 takes seconds to compile: the commands themselves do without.)
 #include <CLI/CLI.hpp>
+#include <cerrno>
 #include <chrono>
+#include <cstdlib>
 #include <string>
 
 #include "server/campaign/campaign.h"
@@ -15,6 +17,14 @@ CLI::Option* add_place(CLI::App& command, const std::string& name, std::string& 
   return command.add_option(name, text, what)->type_name("LAT,LON")->check([](const std::string& given) {
     return place_of(given) ? std::string() : std::string("must be latitude and longitude in degrees: 26.1,3.6");
   });
+}
+
+// CLI11 takes another number for one that 64 bits don't hold.
+std::string refusal_of_seed(const std::string& text) {
+  errno = 0;
+  std::strtoull(text.c_str(), nullptr, 0);
+  return errno == ERANGE || text.find('-') != std::string::npos ? text + " is not from 0 to 18446744073709551615"
+                                                                : std::string();
 }
 
 }  // namespace
@@ -153,7 +163,9 @@ void add_options(CLI::App& command, InfoSettings& s) {
 
 void add_options(CLI::App& command, SampleSettings& s) {
   command.add_option("folder", s.folder, "Where to write; made if missing")->required()->type_name("DIR");
-  command.add_option("--seed", s.options.seed, "Another seed, another landscape")->capture_default_str();
+  command.add_option("--seed", s.options.seed, "Another seed, another landscape")
+      ->check(refusal_of_seed)
+      ->capture_default_str();
   command.add_option("--south-deg", s.options.south_deg, "Southern border")
       ->check(CLI::Range(-90, 89))
       ->capture_default_str();

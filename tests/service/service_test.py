@@ -347,6 +347,16 @@ class Commands(unittest.TestCase):
         done = run("info", "--dem", DEM, "--config", self.folder)
         self.assertNotEqual(done.returncode, 0)
         self.assertIn(f"{self.folder}: is a folder", done.stderr)
+
+    def test_seeds_of_64_bits(self):
+        small = ("--rows", "1", "--columns", "1", "--ppd", "16", "--seed")
+        self.assertEqual(run("sample", self.path("largest"), *small, "18446744073709551615").returncode, 0)
+        for seed in ("-1", "18446744073709551616"):
+            done = run("sample", self.path("none"), *small, seed)
+            self.assertNotEqual(done.returncode, 0)
+            self.assertIn("--seed", done.stderr)
+            self.assertFalse(os.path.exists(self.path("none")))
+
     def test_trial(self):
         done = run("serve", "--trial", "--port", "0", "--cache-dir", self.cache, "--dem", DEM)
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
