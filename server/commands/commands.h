@@ -54,9 +54,9 @@ struct BatchVerifySettings {
 struct InfoSettings {
   TerrainSettings terrain;
   bool json = false;
-  int resampling = 0;                          // posts of each resampled file to compare with the mesh
-  int borders = 64;                            // layers whose borders are measured
-  std::size_t heights = std::size_t{1} << 20;  // posts of each file, for its lowest and highest height
+  int resampling = 0;                  // posts of each resampled file to compare with the mesh
+  int borders = 64;                    // layers whose borders are measured
+  std::optional<std::size_t> heights;  // posts of each file, for its lowest and highest height; empty: see the option
 };
 
 struct SampleSettings {

@@ -16,6 +16,9 @@
 namespace selenograph::server {
 namespace {
 
+// Of each file in the table, unless --heights says another number.
+constexpr std::size_t kHeightPosts = std::size_t{1} << 20;
+
 std::string box(const dem::Footprint& f) {
   return fmt::format("{:8.3f}..{:8.3f} N {:9.3f}..{:9.3f} E", f.south_deg, f.north_deg, f.west_deg, f.east_deg);
 }
@@ -35,13 +38,18 @@ void print_borders(const dem::Catalogue& catalogue, const std::vector<dem::Layer
 }
 
 // Of files that can be read, and of not so many that this would take minutes.
-std::string heights_text(const dem::Catalogue& catalogue, const dem::RasterInfo& info, std::size_t posts) {
+std::optional<dem::HeightRange> heights_of(const dem::Catalogue& catalogue, const dem::RasterInfo& info,
+                                           std::size_t posts) {
   constexpr std::size_t kMostFiles = 4096;
   if (posts == 0 || catalogue.rasters().size() > kMostFiles || !info.damage.empty()) return {};
-  const dem::HeightRange range = dem::sampled_heights(info, posts);
-  if (range.low > range.high) return ", no valid posts";
-  const bool beyond = range.low < dem::kLowestRelief_m || range.high > dem::kHighestRelief_m;
-  return fmt::format(", {:.1f} to {:.1f} m", range.low, range.high) +
+  return dem::sampled_heights(info, posts);
+}
+
+std::string heights_text(const std::optional<dem::HeightRange>& range) {
+  if (!range) return {};
+  if (range->low > range->high) return ", no valid posts";
+  const bool beyond = range->low < dem::kLowestRelief_m || range->high > dem::kHighestRelief_m;
+  return fmt::format(", {:.1f} to {:.1f} m", range->low, range->high) +
          (beyond ? fmt::format("; posts outside of {} .. {} m are taken as voids", dem::kLowestRelief_m,
                                dem::kHighestRelief_m)
                  : "");
@@ -53,7 +61,7 @@ void print_table(const dem::Catalogue& catalogue, std::size_t posts) {
     const bool projected = r.projection() != dem::Projection::geographic;
     fmt::print("  {:<32} {}  {:8.2f} m/post  {:>6} x {:<6} {}, {}{}{}{}\n", r.name, box(r.footprint), r.post_spacing_m,
                r.width, r.height, r.format, projected ? dem::name_of(r.projection()) + std::string(", ") : "", r.datum,
-               r.lattice_level ? "" : ", resampled", heights_text(catalogue, r, posts));
+               r.lattice_level ? "" : ", resampled", heights_text(heights_of(catalogue, r, posts)));
     if (!r.doubt.empty()) fmt::print("    {}\n", r.doubt);
   }
   const auto gaps = uncovered(catalogue);
@@ -87,9 +95,50 @@ nlohmann::ordered_json borders_json(const dem::Catalogue& catalogue, const std::
   return list;
 }
 
-// What /v1/datasets answers, the gaps and the borders.
-void print_json(const dem::Catalogue& catalogue, const std::vector<dem::LayerBorder>& borders) {
+// The mesh against the posts of a file that is resampled.
+struct Resampled {
+  std::string name;
+  dem::ResamplingError error;
+};
+
+std::vector<Resampled> measure_resampling(const InfoSettings& settings) {
+  if (settings.resampling == 0) return {};
+  const auto terrain = open_terrain(settings.terrain);
+  const auto& rasters = terrain->catalogue().rasters();
+  std::vector<Resampled> all;
+  for (std::size_t i = 0; i < rasters.size(); ++i)
+    if (!rasters[i].lattice_level)
+      all.push_back({rasters[i].name, dem::resampling_error(*terrain, static_cast<int>(i), settings.resampling)});
+  return all;
+}
+
+void print_resampling(const std::vector<Resampled>& all) {
+  for (const auto& [name, e] : all)
+    fmt::print("  {:<32} mesh against {} of its posts: rms {:.3f} m, worst {:.3f} m\n", name, e.posts, e.rms_m,
+               e.worst_m);
+}
+
+nlohmann::ordered_json resampling_json(const std::vector<Resampled>& all) {
+  auto list = nlohmann::ordered_json::array();
+  for (const auto& [name, e] : all)
+    list.push_back({{"name", name}, {"posts", e.posts}, {"rms_m", e.rms_m}, {"worst_m", e.worst_m}});
+  return list;
+}
+
+// Null: no post is valid. What is not read has neither member.
+void add_heights(nlohmann::ordered_json& dataset, const std::optional<dem::HeightRange>& range) {
+  if (!range) return;
+  const bool valid = range->low <= range->high;
+  dataset["lowest_m"] = valid ? nlohmann::ordered_json(range->low) : nullptr;
+  dataset["highest_m"] = valid ? nlohmann::ordered_json(range->high) : nullptr;
+}
+
+// What /v1/datasets answers, the gaps and the borders, and what else is asked for.
+void print_json(const dem::Catalogue& catalogue, const std::vector<dem::LayerBorder>& borders,
+                const InfoSettings& settings) {
   auto json = nlohmann::ordered_json::parse(api::datasets_text(catalogue));
+  for (std::size_t i = 0; i < catalogue.rasters().size(); ++i)
+    add_heights(json["datasets"][i], heights_of(catalogue, catalogue.rasters()[i], settings.heights.value_or(0)));
   auto gaps = nlohmann::ordered_json::array();
   for (const dem::Footprint& f : uncovered(catalogue)) {
     gaps.push_back(
@@ -97,17 +146,8 @@ void print_json(const dem::Catalogue& catalogue, const std::vector<dem::LayerBor
   }
   json["uncovered"] = std::move(gaps);
   json["borders"] = borders_json(catalogue, borders);
+  if (settings.resampling > 0) json["resampling"] = resampling_json(measure_resampling(settings));
   fmt::print("{}\n", json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
-}
-
-void print_resampling(const dem::Terrain& terrain, int posts) {
-  const auto& rasters = terrain.catalogue().rasters();
-  for (std::size_t i = 0; i < rasters.size(); ++i) {
-    if (rasters[i].lattice_level) continue;
-    const dem::ResamplingError e = dem::resampling_error(terrain, static_cast<int>(i), posts);
-    fmt::print("  {:<32} mesh against {} of its posts: rms {:.3f} m, worst {:.3f} m\n", rasters[i].name, e.posts,
-               e.rms_m, e.worst_m);
-  }
 }
 
 }  // namespace
@@ -117,12 +157,12 @@ int info(const InfoSettings& settings) {
   const dem::Catalogue catalogue = open_catalogue(settings.terrain);
   const auto borders = dem::measure_borders(catalogue, static_cast<std::size_t>(settings.borders));
   if (settings.json) {
-    print_json(catalogue, borders);
+    print_json(catalogue, borders, settings);
   } else {
-    print_table(catalogue, settings.heights);
+    print_table(catalogue, settings.heights.value_or(kHeightPosts));
     print_borders(catalogue, borders);
+    print_resampling(measure_resampling(settings));
   }
-  if (settings.resampling > 0) print_resampling(*open_terrain(settings.terrain), settings.resampling);
   return 0;
 }
 

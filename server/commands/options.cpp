@@ -151,7 +151,9 @@ void add_options(CLI::App& command, InfoSettings& s) {
       ->check(CLI::Range(0, 1000000))
       ->capture_default_str();
   command
-      .add_option("--heights", s.heights, "Read about this many posts of each file for its lowest and highest height")
+      .add_option("--heights", s.heights,
+                  "Read about this many posts of each file for its lowest and highest height; default: 1048576, with "
+                  "--json none")
       ->check(CLI::Range(0, 1 << 30));
   command
       .add_option("--borders", s.borders,

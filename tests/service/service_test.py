@@ -427,6 +427,10 @@ class Commands(unittest.TestCase):
         self.assertIn("4 DEM files", done.stdout)
         document = json.loads(run("info", "--json", "--dem", DEM).stdout)
         self.assertEqual(len(document["datasets"]), 4)
+        self.assertNotIn("lowest_m", document["datasets"][0])
+        found = json.loads(run("info", "--json", "--heights", str(1 << 20), "--dem", DEM).stdout)["datasets"]
+        for dataset, line in zip(found, done.stdout.splitlines()[1:5], strict=True):
+            self.assertTrue(line.endswith(f", {dataset['lowest_m']:.1f} to {dataset['highest_m']:.1f} m"), line)
         self.assertEqual(document["uncovered"], [])
 
     def test_info_shows_gaps(self):
