@@ -91,7 +91,7 @@ struct VerifyMoonSettings {
   std::vector<std::string> albedo_maps;  // names in the assets folder
   std::string images;                    // folder with views.json and NAME.npy; empty: none
   std::string center;                    // "LAT,LON": relief there in the place of the whole disc; empty: the disc
-  double width_m = 20e3;                 // of the ground at `center`
+  std::optional<double> width_m;         // of the ground at `center`; empty: 20 km
   std::string detail;                    // name in the assets folder; empty: none
   int size_px = 256;
   std::string output;  // folder

@@ -81,6 +81,27 @@ void print_summary(const std::vector<engine::SweepRow>& rows) {
                r.errors.geometric_px.p999, r.errors.shadow_edge_mean_px, 100 * r.errors.radiance_rms);
 }
 
+// Those that are measured, and no fewer than asked for.
+std::vector<engine::AccuracyScene> scenes_of(const VerifyAccuracySettings& s, const engine::Renderer& renderer) {
+  const Places places = places_of(s, renderer.terrain());
+  const double height_m = s.height_m.value_or(
+      s.indirect ? engine::height_over_posts_m(renderer.terrain(), places.center, s.size_px) : 20e3);
+  auto scenes = engine::accuracy_scenes(renderer.terrain(), places.center, places.polar, s.size_px, height_m);
+  if (const auto detail = detail_of(s))
+    scenes.push_back(engine::touchdown_scene(*renderer.terrain_with(detail), detail, places.center, s.size_px));
+  if (s.indirect)
+    std::erase_if(scenes, [](const auto& scene) { return scene.name != "nadir" && scene.name != "polar"; });
+  for (const std::string& name : s.scenes)
+    if (std::ranges::find(scenes, name, &engine::AccuracyScene::name) == scenes.end())
+      throw std::runtime_error("--scenes " + name +
+                               (name == "polar" ? " needs --polar-center"
+                                : s.indirect    ? ": --indirect measures nadir and polar"
+                                                : " needs --detail"));
+  if (!s.scenes.empty())
+    std::erase_if(scenes, [&](const auto& scene) { return std::ranges::find(s.scenes, scene.name) == s.scenes.end(); });
+  return scenes;
+}
+
 // Light from terrain: its error against time. A renderer for each row, that has kept no light.
 int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terrain, const engine::Renderer& renderer,
                     const std::vector<engine::AccuracyScene>& scenes) {
@@ -93,7 +114,6 @@ int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terr
   add("| scene | spacing_px | ratio | median % | RMS % | worst % | without ms | first ms | kept ms |\n"
       "|---|---|---|---|---|---|---|---|---|\n");
   for (const engine::AccuracyScene& scene : scenes) {
-    if (scene.name != "nadir" && scene.name != "polar") continue;
     const engine::IndirectTruth truth(renderer, scene.frames.front(), scene.name == "polar" ? 768 : 256);
     for (const double spacing_px : {0.5, 1.0, 2.0, 4.0, 8.0}) {
       const auto row = engine::measure_indirect(*make_renderer(terrain), truth, spacing_px, s.repetitions);
@@ -103,7 +123,6 @@ int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terr
                       row.first_ms, row.kept_ms));
     }
   }
-  fs::create_directories(s.output);
   write_whole((fs::path(s.output) / "indirect.md").string(), table);
   fmt::print("{}\n", machine());
   return 0;
@@ -116,16 +135,8 @@ int verify_accuracy(const VerifyAccuracySettings& settings) {
   TerrainSettings terrain = settings.terrain;
   if (terrain.dem.empty()) terrain.dem = sample_folders(terrain.cache_dir);
   const auto renderer = make_renderer(terrain);
-  const Places places = places_of(settings, renderer->terrain());
-  const double height_m = settings.height_m.value_or(
-      settings.indirect ? engine::height_over_posts_m(renderer->terrain(), places.center, settings.size_px) : 20e3);
-  auto scenes = engine::accuracy_scenes(renderer->terrain(), places.center, places.polar, settings.size_px, height_m);
-  if (const auto detail = detail_of(settings))
-    scenes.push_back(engine::touchdown_scene(*renderer->terrain_with(detail), detail, places.center, settings.size_px));
-  if (!settings.scenes.empty())
-    std::erase_if(scenes, [&](const auto& scene) {
-      return std::find(settings.scenes.begin(), settings.scenes.end(), scene.name) == settings.scenes.end();
-    });
+  const auto scenes = scenes_of(settings, *renderer);
+  fs::create_directories(settings.output);
   if (settings.indirect) return verify_indirect(settings, terrain, *renderer, scenes);
   engine::SweepOptions options;
   options.repetitions = settings.repetitions, options.reference_samples = settings.reference_samples;
@@ -135,7 +146,6 @@ int verify_accuracy(const VerifyAccuracySettings& settings) {
         bar.show(static_cast<double>(done) / static_cast<double>(total), next);
       });
   const fs::path folder = settings.output;
-  fs::create_directories(folder);
   write_whole((folder / "accuracy.csv").string(), api::accuracy_csv(rows));
   write_whole((folder / "accuracy.md").string(), api::accuracy_markdown(rows, scenes, machine()));
   write_json((folder / "accuracy.json").string(), api::accuracy_json(scenes, machine()));

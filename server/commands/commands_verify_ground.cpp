@@ -15,13 +15,13 @@ namespace fs = std::filesystem;
 
 int verify_ground(const VerifyGroundSettings& settings) {
   const auto detail = detail_of(settings.detail, settings.terrain);
+  const fs::path folder = settings.output;
+  fs::create_directories(folder);
   api::GroundReport report{settings.detail, {}, {}};
   where_loops_run([&] {
     report.slopes = engine::ground_slopes(detail->preset(), settings.places);
     report.craters = engine::ground_craters(detail->preset());
   });
-  const fs::path folder = settings.output;
-  fs::create_directories(folder);
   write_whole((folder / "slopes.csv").string(), api::slopes_csv(report));
   write_whole((folder / "craters.csv").string(), api::craters_csv(report));
   fmt::print("{}", api::ground_markdown(report));

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -113,6 +114,7 @@ std::vector<Pair> image_pairs(const VerifyMoonSettings& settings, const engine::
   const fs::path folder = settings.images;
   const json views = json::parse(whole_file(folder / "views.json"), nullptr, false);
   if (!views.is_object()) throw std::runtime_error((folder / "views.json").string() + ": is not a JSON object");
+  if (views.empty()) throw std::runtime_error((folder / "views.json").string() + ": names no image");
   std::vector<Pair> pairs;
   for (const auto& [name, view] : views.items()) {
     const auto images = read_npy(folder / (name + ".npy"));
@@ -169,12 +171,27 @@ void compare_images(const VerifyMoonSettings& settings, const engine::Renderer& 
   }
 }
 
+void check_needs(const VerifyMoonSettings& s) {
+  if (s.terrain.dem.empty() && !(s.images.empty() && s.center.empty() && s.albedo_maps.empty()))
+    throw std::runtime_error("--images, --center and --albedo-maps need --dem: a DEM of the whole Moon");
+  if (s.center.empty() && (!s.detail.empty() || s.width_m))
+    throw std::runtime_error("--detail and --width-m need --center");
+}
+
+// Terrain at a place beside smooth ground.
+std::vector<engine::ReliefRow> relief_of(const VerifyMoonSettings& s, const engine::Renderer& renderer,
+                                         const engine::FrameRequest& surface) {
+  const Geographic center = place_of(s.center).value();
+  if (!std::isfinite(renderer.terrain().height(center.lat_deg, center.lon_deg, {}).height_m))
+    throw std::runtime_error("--center " + s.center + ": there is no terrain");
+  return engine::relief_at(renderer, surface, center, s.width_m.value_or(20e3), s.size_px);
+}
+
 }  // namespace
 
 int verify_moon(const VerifyMoonSettings& settings) {
   set_up_log(settings.terrain.log_level);
-  if (settings.terrain.dem.empty() && !(settings.images.empty() && settings.center.empty()))
-    throw std::runtime_error("--images and --center need --dem: a DEM of the whole Moon");
+  check_needs(settings);
   fs::create_directories(settings.output);
   api::MoonReport report;
   report.discs = engine::discs_on_sphere();
@@ -190,8 +207,7 @@ int verify_moon(const VerifyMoonSettings& settings) {
       const auto rows = engine::discs_on_terrain(*renderer, surface, settings.size_px);
       report.discs.insert(report.discs.end(), rows.begin(), rows.end());
     } else {
-      report.relief =
-          engine::relief_at(*renderer, surface, place_of(settings.center).value(), settings.width_m, settings.size_px);
+      report.relief = relief_of(settings, *renderer, surface);
     }
     if (!settings.images.empty()) compare_images(settings, *renderer, assets, report);
   }

@@ -94,6 +94,7 @@ int verify_round_trip(const VerifyRoundTripSettings& settings) {
   const Geographic center = place_of(settings.center).value();
   request.lat_deg = center.lat_deg, request.lon_deg = center.lon_deg;
   const auto renderer = make_renderer(settings.terrain);
+  fs::create_directories(settings.output);
   std::vector<Verified> all;
   for (const auto& [name, mode] : api::kRoundTripModes) {
     if (settings.mode != "both" && settings.mode != name) continue;

@@ -243,7 +243,7 @@ void add_options(CLI::App& command, VerifyAccuracySettings& s) {
 void add_options(CLI::App& command, VerifyMoonSettings& s) {
   command
       .add_option("--albedo-maps", s.albedo_maps,
-                  "Maps of radiance factors in the assets folder, the first that covers")
+                  "Maps of radiance factors in the assets folder, the first that covers; needs --dem")
       ->delimiter(',')
       ->type_name("NAME");
   command.add_option("--images", s.images, "Folder with views.json and images: each beside its frame; needs --dem")
@@ -252,7 +252,7 @@ void add_options(CLI::App& command, VerifyMoonSettings& s) {
             "Compare terrain there with smooth ground, by incidence, in the place of the whole disc; needs --dem");
   command.add_option("--width-m", s.width_m, "Of the ground at --center")
       ->check(number_in(1.0, 1e6))
-      ->capture_default_str();
+      ->default_str("20000");
   command.add_option("--detail", s.detail, "Detail of the assets folder at --center; without: none")->type_name("NAME");
   command.add_option("--size-px", s.size_px, "Side of the frames")->check(CLI::Range(32, 4096))->capture_default_str();
   command.add_option("-o,--output", s.output, "Folder; made if missing")->required()->type_name("DIR");

@@ -131,6 +131,17 @@ class VerifyAccuracy(unittest.TestCase):
         self.assertLess(float(rows[0]["RMS %"]), float(rows[-1]["RMS %"]))
         self.assertTrue(all(float(row["first ms"]) > 0 for row in rows), rows)
 
+    def test_a_scene_that_is_not_there_is_refused(self):
+        for options, words in ((("--scenes", "polar"), "--polar-center"), (("--scenes", "nadir,touchdown"), "--detail"),
+                               (("--indirect", "--scenes", "limb"), "nadir and polar"),
+                               (("--indirect", "--scenes", "polar"), "--polar-center")):
+            done = run("verify", "accuracy", "--dem", harness.path("dem"), "--center", "0.1,30.1", "--size-px", "32",
+                       "--cache-dir", harness.path("cache"), "--log-level", "error", "-o", harness.path("refused"), *options)
+            self.assertEqual(done.returncode, 1, done.stdout)
+            self.assertIn(words, done.stderr)
+            self.assertNotIn("%", done.stderr)
+            self.assertFalse(os.path.exists(harness.path("refused")))
+
     def test_every_scene_is_measured(self):
         output, rows = self.measured("accuracy", 64)
         self.assertEqual({row["scene"] for row in rows}, {"nadir", "oblique", "limb", "descent"})  # no place for the polar one

@@ -122,6 +122,16 @@ class MoonTest(unittest.TestCase):
         done = harness.run("verify", "moon", "-o", harness.path("none"), "--images", harness.path("nowhere"))
         self.assertNotEqual(done.returncode, 0)
         self.assertIn("--dem", done.stderr)
+        dem = ("--dem", harness.path("dem"), "--cache-dir", harness.path("cache"), "--size-px", "32", "--log-level", "error")
+        os.makedirs(harness.path("no-views"))
+        harness.write("no-views/views.json", {})
+        for options, words in ((("--albedo-maps", "kit"), "need --dem"), (("--detail", "mare"), "need --center"),
+                               (("--width-m", "5"), "need --center"), ((*dem, "--width-m", "5"), "need --center"),
+                               ((*dem, "--center", "60,-100"), "--center 60,-100: there is no terrain"),
+                               ((*dem, "--center", "0.1,30.1", "--images", harness.path("no-views")), "names no image")):
+            done = harness.run("verify", "moon", "-o", harness.path("none"), *options)
+            self.assertEqual(done.returncode, 1, (options, done.stdout[-500:]))
+            self.assertIn(words, done.stderr, options)
 
     def test_real_images(self):
         if not all(map(harness.shared_data, ("images", "albedo", "global"))):

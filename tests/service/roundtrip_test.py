@@ -32,9 +32,9 @@ def ask(service, body, accept="application/json"):
 
 
 class OnTheCommandLine(unittest.TestCase):
-    def verify(self, *options, center="26.1322,3.6339"):
+    def verify(self, *options, center="26.1322,3.6339", output="out"):
         return harness.run("verify", "roundtrip", "--dem", harness.path("dem"), "--cache-dir", harness.path("cache"),
-                           "--center", center, "--posts", "100", "-o", harness.path("out"), *options)
+                           "--center", center, "--posts", "100", "-o", harness.path(output), *options)
 
     def test_both_modes_are_written_and_are_the_services(self):
         done = self.verify()
@@ -58,6 +58,10 @@ class OnTheCommandLine(unittest.TestCase):
             self.assertEqual(done.returncode, status or done.returncode)
             self.assertNotEqual(done.returncode, 0)
             self.assertIn(words, done.stderr + done.stdout)
+        done = self.verify(output=harness.write("file", ""))
+        self.assertEqual(done.returncode, 1)
+        self.assertIn(harness.path("file"), done.stderr)
+        self.assertNotIn("mode exact", done.stderr)  # refused before it is measured
 
 
 if __name__ == "__main__":
