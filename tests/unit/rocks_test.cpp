@@ -10,6 +10,7 @@
 #include <set>
 #include <tuple>
 
+#include "api/requests/features_json.h"
 #include "dem/detail/detail.h"
 #include "dem/detail/detailed_terrain.h"
 #include "dem/detail/footprints.h"
@@ -271,6 +272,31 @@ TEST(RockField, OldRocksAreBuriedDeeperAndHaveHigherFillets) {
   // Each rock by itself.
   EXPECT_LT(old.least, 0.2);
   EXPECT_GT(old.most, 0.65);
+}
+
+// How high they are said to be is how high they are, of rocks of all ages that there are in the landing's law.
+TEST(RockField, WhatIsSaidOfTheirHeights) {
+  const auto columns = api::rock_columns();
+  const auto diameter =
+      std::ranges::find(columns, std::string_view("diameter_m"), &api::FeatureColumn<dem::RockFeature>::name);
+  ASSERT_NE(diameter, columns.end());
+  const std::string said(diameter->meaning);
+  double least = 0, most = 0, mean = 0;
+  ASSERT_EQ(std::sscanf(said.substr(said.find("which it is")).c_str(), "which it is %lf to %lf high, %lf on average",
+                        &least, &most, &mean),
+            3)
+      << said;
+  const dem::RockField field(law_of(1, 5));
+  double sum = 0;
+  int count = 0, within = 0;
+  for (const double age_Ma : {0.0, 20.0, 60.0, 120.0, 300.0, 600.0})
+    for (std::uint64_t i = 0; i < 400; ++i, ++count) {
+      const dem::Rock rock = rock_of(field, age_Ma, i);
+      const double high = rock.height_m / rock.diameter_m;
+      sum += high, within += high > least && high < most;
+    }
+  EXPECT_GT(within, 0.98 * count);
+  EXPECT_NEAR(sum / count, mean, 0.03);
 }
 
 // Of a block, kept, as of a box, and as without anything kept; nothing is looked for twice.
