@@ -25,7 +25,7 @@ inline constexpr double kSun_mag = -26.76;
 //
 // Phase law and brightness in the visible are those of earth_magnitude and kSun_mag. Bands have the visible's
 // albedo. Over all wavelengths the same phase law is scaled to a Bond albedo of 0.294 (Stephens et al., Rev.
-// Geophys. 53, 141, 2015): 0.09 W m-2 at full Earth. Clouds change it by 30 % from day to day, and the infrared that
+// Geophys. 53, 141, 2015): 0.084 W m-2 at full Earth. Clouds change it by 30 % from day to day, and the infrared that
 // the Earth emits, as much again at the Moon, is not in it (Glenar et al., Icarus 321, 841, 2019).
 double earth_over_sun(const Earth& earth, const Sun& sun, const Band* band);
 double earth_over_sun(double distance_m, double phase_deg, const Band* band);
