@@ -3,12 +3,14 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <optional>
 #include <utility>
 
 #include "engine/frame/needs.h"
 #include "engine/motion_blur.h"
 #include "engine/radiometry/spectrum.h"
 #include "engine/ray_queries.h"
+#include "engine/sky/earth_figure.h"
 #include "engine/sky_discs.h"
 #include "engine/support/stopwatch.h"
 
@@ -66,6 +68,8 @@ void FrameExposure::add_glare() {
   std::vector<Ray> rays;
   constexpr int kAlong = 9;
   int all = 0;
+  const std::optional<EarthFigure> earth =
+      request.sky ? std::optional(earth_of(request, middle_.views())) : std::nullopt;
   for (int j = 0; j < kAlong; ++j)
     for (int i = 0; i < kAlong; ++i) {
       const double x = (2 * i + 1.0) / kAlong - 1, y = (2 * j + 1.0) / kAlong - 1;
@@ -75,7 +79,8 @@ void FrameExposure::add_glare() {
       const auto pixel = view.projection().image(view.moon_from_camera().transpose() * direction);
       const bool drawn = pixel && pixel->x >= -0.5 && pixel->y >= -0.5 && pixel->x < request.camera.width - 0.5 &&
                          pixel->y < request.camera.height - 0.5;
-      if (!drawn) rays.push_back({view.position(), direction});
+      const bool covered = earth && earth->hides(direction, request.sun.distance_au * kAstronomicalUnit_m);
+      if (!drawn && !covered) rays.push_back({view.position(), direction});
     }
   const std::vector<HiddenBy> hidden = what_hides(rays, request.objects, request.terrain, terrain_, kept_, stop_);
   const auto free = std::count(hidden.begin(), hidden.end(), HiddenBy::none);

@@ -13,14 +13,14 @@
 #include "dem/value_maps/value_map.h"
 #include "engine/frame/needs.h"
 #include "engine/ray_queries.h"
-#include "engine/sky/sky_observer.h"
+#include "engine/sky/earth_figure.h"
 
 namespace selenograph::engine {
 namespace {
 
 using std::numbers::pi;
 
-double angle_between(const Vec3& a, const Vec3& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
+double angle_apart(const Vec3& a, const Vec3& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
 
 class Disc {
  public:
@@ -49,20 +49,31 @@ void add_roots(const Form& form, const Vec3& from, const Vec3& step, std::vector
     if (root > 0 && root < 1) t.push_back(root);
 }
 
+void add_limb_edges(const EarthFigure& earth, const Vec3& from, const Vec3& step, std::vector<double>& t) {
+  const auto stretched = [&](const Vec3& v) { return EarthFigure::stretched(earth.earth_from_moon_me() * v); };
+  add_roots([&](const Vec3& a, const Vec3& b) { return earth.off_limb(a, b); }, stretched(from), stretched(step), t);
+}
+
+// Without what the Earth covers of it.
 class SunDisc : public Disc {
  public:
-  SunDisc(const SkyObject& sun, std::optional<double> limb_darkening)
-      : centre_(sun.direction), darkening_(limb_darkening.value_or(0.6)) {
-    sine_ = std::sin(sun_radius_deg(*sun.distance_m / kAstronomicalUnit_m) * kRadiansPerDegree);
-    middle_ = sun.irradiance_w_m2 / (pi * sine_ * sine_ * (1 - darkening_ / 3));
-  }
+  SunDisc(const SkyObject& sun, std::optional<double> limb_darkening, const EarthFigure& earth)
+      : earth_(earth),
+        centre_(sun.direction),
+        distance_m_(*sun.distance_m),
+        darkening_(limb_darkening.value_or(0.6)),
+        sine_(std::sin(sun_radius_deg(distance_m_ / kAstronomicalUnit_m) * kRadiansPerDegree)),
+        middle_(sun.irradiance_w_m2 / (pi * sine_ * sine_ * (1 - darkening_ / 3))) {}
   void add_edges(const Vec3& from, const Vec3& step, std::vector<double>& t) const override {
     const auto off_limb = [this](const Vec3& a, const Vec3& b) {
       return a.dot(centre_) * b.dot(centre_) - (1 - sine_ * sine_) * a.dot(b);
     };
     add_roots(off_limb, from, step, t);
+    add_limb_edges(earth_, from, step, t);
   }
-  bool shines(const Vec3& direction) const override { return off_centre(direction) < 1 && direction.dot(centre_) > 0; }
+  bool shines(const Vec3& direction) const override {
+    return off_centre(direction) < 1 && direction.dot(centre_) > 0 && !earth_.hides(direction, distance_m_);
+  }
   double radiance(const Vec3& direction, double) override {
     if (!shines(direction)) return 0;
     const double sine = off_centre(direction);
@@ -70,13 +81,17 @@ class SunDisc : public Disc {
   }
   const Vec3& centre() const override { return centre_; }
   double radius_rad() const override { return std::asin(sine_); }
-  double narrowest_rad() const override { return 2 * radius_rad(); }
+  double narrowest_rad() const override {
+    const double beside_rad = angle_apart(centre_, earth_.direction()) + radius_rad() - earth_.radius_rad();
+    return std::clamp(beside_rad, 0.0, 2 * radius_rad());
+  }
 
  private:
   double off_centre(const Vec3& direction) const { return direction.cross(centre_).norm() / sine_; }
 
+  const EarthFigure& earth_;
   Vec3 centre_;
-  double darkening_, sine_, middle_;
+  double distance_m_, darkening_, sine_, middle_;
 };
 
 // How bright places on the Earth are relative to the mean of all that is lit and seen, each by its light.
@@ -121,18 +136,15 @@ class EarthPattern {
   double all_ = 0, sum_ = 0, mean_ = std::numeric_limits<double>::quiet_NaN();
 };
 
-// In the Earth's axes, stretched along the z axis so that the ellipsoid is a sphere of radius 1.
+// In the axes of EarthFigure.
 class EarthDisc : public Disc {
  public:
-  EarthDisc(const SkyObject& earth, const ApparentBody& body, const SkyObserver& observer, const EarthMap& map,
+  EarthDisc(const SkyObject& earth, const EarthFigure& figure, const SkyObserver& observer, const EarthMap& map,
             const StopToken& stop)
-      : earth_from_moon_me_(observer.earth_from_icrf(body.distance_m) * observer.moon_me_from_icrf().transpose()),
-        centre_(earth.direction),
-        toward_sun_(observer.earth_from_icrf(body.distance_m) * -body.from_sun),
-        over_terminator_(stretched(toward_sun_)),
-        from_centre_(-body.distance_m / kEquator_m * stretched(earth_from_moon_me_ * earth.direction)),
-        radius_rad_(std::asin(kEquator_m / body.distance_m)),
-        narrowest_rad_(radius_rad_ * (1 + std::cos(body.phase_deg * kRadiansPerDegree))),
+      : figure_(figure),
+        toward_sun_(observer.earth_from_icrf(figure.body().distance_m) * -figure.body().from_sun),
+        over_terminator_(EarthFigure::stretched(toward_sun_)),
+        narrowest_rad_(figure.radius_rad() * (1 + std::cos(figure.body().phase_deg * kRadiansPerDegree))),
         pattern_(map, stop) {
     double lit_sr = 0;
     over_lit([&](double light, const Vec3& normal) { lit_sr += light, pattern_.take_in(light, normal); });
@@ -142,19 +154,18 @@ class EarthDisc : public Disc {
   // At the limb a ray touches the sphere. At the terminator, whose plane goes through the centre, it meets that plane
   // on the sphere.
   void add_edges(const Vec3& from, const Vec3& step, std::vector<double>& t) const override {
-    const Vec3 &f = from_centre_, &s = over_terminator_;
+    const Vec3 &f = figure_.from_centre(), &s = over_terminator_;
     const double f2 = f.squaredNorm(), above = f.dot(s);
-    const auto off_limb = [&](const Vec3& a, const Vec3& b) { return a.dot(f) * b.dot(f) - (f2 - 1) * a.dot(b); };
     const auto off_terminator = [&](const Vec3& a, const Vec3& b) {
       return (f2 - 1) * a.dot(s) * b.dot(s) - above * (a.dot(s) * b.dot(f) + b.dot(s) * a.dot(f)) +
              above * above * a.dot(b);
     };
-    const Vec3 first = stretched(earth_from_moon_me_ * from), along = stretched(earth_from_moon_me_ * step);
-    add_roots(off_limb, first, along, t), add_roots(off_terminator, first, along, t);
+    add_limb_edges(figure_, from, step, t);
+    add_roots(off_terminator, stretched(from), stretched(step), t);
   }
-  bool shines(const Vec3& direction) const override { return met(earth_from_moon_me_ * direction).mu0 > 0; }
+  bool shines(const Vec3& direction) const override { return met(in_earth_axes(direction)).mu0 > 0; }
   double radiance(const Vec3& direction, double step_rad) override {
-    const Vec3 seen = earth_from_moon_me_ * direction;
+    const Vec3 seen = in_earth_axes(direction);
     const Place place = met(seen);
     if (place.mu0 <= 0) return 0;
     // What a step across the line of sight is on the ground: longer by 1 / mu along the way.
@@ -166,13 +177,13 @@ class EarthDisc : public Disc {
     const double side = step_rad * place.range;
     return full_ * place.mu0 * pattern_.relative(normal, side * across, side / mu * along);
   }
-  const Vec3& centre() const override { return centre_; }
-  double radius_rad() const override { return radius_rad_; }
+  const Vec3& centre() const override { return figure_.direction(); }
+  double radius_rad() const override { return figure_.radius_rad(); }
   double narrowest_rad() const override { return narrowest_rad_; }
 
  private:
-  static constexpr double kEquator_m = 6378137, kStretch = 1 / (1 - 1 / 298.257223563);
-  static Vec3 stretched(const Vec3& v) { return {v.x(), v.y(), v.z() * kStretch}; }
+  Vec3 in_earth_axes(const Vec3& direction) const { return figure_.earth_from_moon_me() * direction; }
+  Vec3 stretched(const Vec3& direction) const { return EarthFigure::stretched(in_earth_axes(direction)); }
 
   // Geodetic normal, range in radii, cosine of incidence.
   struct Place {
@@ -181,13 +192,11 @@ class EarthDisc : public Disc {
   };
   // Along a unit direction in the Earth's axes; mu0 is 0 beside the disc.
   Place met(const Vec3& seen) const {
-    const Vec3 way = stretched(seen);
-    const double a = way.squaredNorm(), b = way.dot(from_centre_),
-                 inside = b * b - a * (from_centre_.squaredNorm() - 1);
-    if (inside <= 0 || b > 0) return {};
-    const double range = (-b - std::sqrt(inside)) / a;
-    const Vec3 normal = stretched(from_centre_ + range * way).normalized();
-    return {normal, range, normal.dot(toward_sun_)};
+    const Vec3 way = EarthFigure::stretched(seen);
+    const std::optional<double> range = figure_.range(way);
+    if (!range) return {};
+    const Vec3 normal = EarthFigure::stretched(figure_.from_centre() + *range * way).normalized();
+    return {normal, *range, normal.dot(toward_sun_)};
   }
 
   // Visits all that is lit and seen, as visit(cosine of incidence times solid angle, geodetic normal): of a thin
@@ -196,34 +205,35 @@ class EarthDisc : public Disc {
   template <typename Visit>
   void over_lit(const Visit& visit) const {
     constexpr int kLatitudes = 128, kLongitudes = 256;
-    const double distance = from_centre_.norm();
-    const Vec3 pole = from_centre_.cross(over_terminator_);
+    constexpr double kStretch = EarthFigure::kStretch;
+    const Vec3& from_centre = figure_.from_centre();
+    const double distance = from_centre.norm();
+    const Vec3 pole = from_centre.cross(over_terminator_);
     Eigen::Matrix3d axes;
-    axes.col(0) = from_centre_ / distance;
+    axes.col(0) = from_centre / distance;
     axes.col(2) = pole.norm() > 1e-9 * distance ? Vec3(pole.normalized()) : Vec3(axes.col(0).unitOrthogonal());
     axes.col(1) = axes.col(2).cross(axes.col(0));
-    const double terminator = std::atan2(pole.norm(), from_centre_.dot(over_terminator_)) - pi / 2,
+    const double terminator = std::atan2(pole.norm(), from_centre.dot(over_terminator_)) - pi / 2,
                  step = (std::acos(1 / distance) - terminator) / kLongitudes;
     if (step <= 0) return;
     for (int j = 0; j < kLatitudes; ++j)
       for (int i = 0; i < kLongitudes; ++i) {
         const double lat = (j + 0.5) * pi / kLatitudes - pi / 2, lon = terminator + (i + 0.5) * step;
         const Vec3 place = axes * Vec3(std::cos(lat) * std::cos(lon), std::cos(lat) * std::sin(lon), std::sin(lat));
-        const double up = place.dot(from_centre_) - 1;  // over the horizon
+        const double up = place.dot(from_centre) - 1;  // over the horizon
         if (up <= 0) continue;
         // The solid angle of the sphere's part is area * up / way^3. Without the stretch a cone has less volume.
-        const Vec3 way = place - from_centre_, normal = stretched(place).normalized();
+        const Vec3 way = place - from_centre, normal = EarthFigure::stretched(place).normalized();
         const double range = Vec3(way.x(), way.y(), way.z() / kStretch).norm(),
                      sr = std::cos(lat) * step * pi / kLatitudes * up / (range * range * range * kStretch);
         visit(normal.dot(toward_sun_) * sr, normal);
       }
   }
 
-  Eigen::Matrix3d earth_from_moon_me_;
-  Vec3 centre_, toward_sun_;
-  // Of the sphere: normal to the plane of the terminator, on its lit side; to the observer, in radii.
-  Vec3 over_terminator_, from_centre_;
-  double radius_rad_, narrowest_rad_, full_;
+  const EarthFigure& figure_;
+  Vec3 toward_sun_;
+  Vec3 over_terminator_;  // normal to the plane of the sphere's terminator, on its lit side
+  double narrowest_rad_, full_;
   EarthPattern pattern_;
 };
 
@@ -339,7 +349,7 @@ class DiscPainter {
     const double length = here->norm();
     const Vec3 ray = *here / length, across = width / (kStep_px * length) * (*right - *here),
                down = height / (kStep_px * length) * (*below - *here);
-    if (angle_between(ray, disc.centre()) > disc.radius_rad() + across.norm() + down.norm()) return;
+    if (angle_apart(ray, disc.centre()) > disc.radius_rad() + across.norm() + down.norm()) return;
     const double side_rad = std::sqrt(std::abs(across.cross(down).dot(ray)));
     const int lines = disc.narrowest_rad() < side_rad ? 32 : 8;
     pixel.step_rad = side_rad / static_cast<double>(kQuadrature.size());
@@ -360,7 +370,7 @@ class DiscPainter {
   void paint_line(const PixelXY& a, const PixelXY& b, double share, Disc& disc, Pixel& pixel) {
     constexpr double kEven_rad = 0.01, kShortest_px = 0.01;
     const auto first = pixel.view.ray(a.x, a.y), last = pixel.view.ray(b.x, b.y);
-    const bool even = first && last && angle_between(*first, *last) < kEven_rad;
+    const bool even = first && last && angle_apart(*first, *last) < kEven_rad;
     if (!even && std::abs(b.x - a.x) + std::abs(b.y - a.y) > kShortest_px) {
       const PixelXY middle{(a.x + b.x) / 2, (a.y + b.y) / 2};
       paint_line(a, middle, share / 2, disc, pixel), paint_line(middle, b, share / 2, disc, pixel);
@@ -424,11 +434,12 @@ void add_discs(const FrameRequest& request, std::span<const double> range_m, con
   DiscPainter painter(request, views, range_m, stop);
   FrameRequest discs_alone = request;
   discs_alone.sky->stars.reset(), discs_alone.sky->planets = false;
+  const SkyObserver observer(request.sky->utc, views.reference().position(), request.sky->velocity_m_s);
+  const EarthFigure earth(observer);
   for (const SkyObject& object : sky_around(discs_alone, views, 0, stop)) {
-    if (object.kind == SkyKind::sun) painter.paint(SunDisc(object, request.sun.limb_darkening), radiance);
-    if (object.kind != SkyKind::earth) continue;
-    const SkyObserver observer(request.sky->utc, views.reference().position(), request.sky->velocity_m_s);
-    painter.paint(EarthDisc(object, observer.planet(Planet::earth), observer, request.sky->earth_map, stop), radiance);
+    if (object.kind == SkyKind::sun) painter.paint(SunDisc(object, request.sun.limb_darkening, earth), radiance);
+    if (object.kind == SkyKind::earth)
+      painter.paint(EarthDisc(object, earth, observer, request.sky->earth_map, stop), radiance);
   }
   painter.settle(what_hides(painter.rays(), request.objects, request.terrain, terrain, kept, stop), radiance);
 }

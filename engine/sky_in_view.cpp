@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <utility>
 
@@ -186,6 +187,10 @@ std::vector<SkyObject> sky_around(const FrameRequest& request, const RowViews& v
   return sky;
 }
 
+EarthFigure earth_of(const FrameRequest& request, const RowViews& views) {
+  return EarthFigure(SkyObserver(request.sky->utc, views.reference().position(), request.sky->velocity_m_s));
+}
+
 void find_hidden(const FrameRequest& request, const RowViews& views, const dem::Terrain& terrain, RenderCache& kept,
                  const StopToken& stop, std::vector<SkyObject>& sky) {
   std::vector<Ray> rays;
@@ -196,7 +201,18 @@ void find_hidden(const FrameRequest& request, const RowViews& views, const dem::
     rays.push_back({views.of(row).position(), sky[i].direction}), asked.push_back(i);
   }
   const std::vector<HiddenBy> hidden = what_hides(rays, request.objects, request.terrain, terrain, kept, stop);
-  for (std::size_t k = 0; k < asked.size(); ++k) sky[asked[k]].hidden_by = hidden[k];
+  // The Earth is farther than the Moon, unless the camera is beyond the Earth or close to it; objects are the camera's
+  // neighbours.
+  const EarthFigure earth = earth_of(request, views);
+  const bool before_moon = earth.body().distance_m < views.reference().position().norm();
+  constexpr double kFar_m = std::numeric_limits<double>::infinity();
+  for (std::size_t k = 0; k < asked.size(); ++k) {
+    SkyObject& object = sky[asked[k]];
+    object.hidden_by = hidden[k];
+    const bool free = hidden[k] == HiddenBy::none || (hidden[k] == HiddenBy::moon && before_moon);
+    if (free && object.kind != SkyKind::earth && earth.hides(object.direction, object.distance_m.value_or(kFar_m)))
+      object.hidden_by = HiddenBy::earth;
+  }
 }
 
 std::optional<double> pixel_sr(const RowViews& views, double x_px, double y_px) {

@@ -8,6 +8,7 @@
 #include "engine/camera/row_views.h"
 #include "engine/frame/request.h"
 #include "engine/render_cache.h"
+#include "engine/sky/earth_figure.h"
 
 namespace selenograph::engine {
 
@@ -20,8 +21,11 @@ inline constexpr std::size_t kMostStars = 100000;
 std::vector<SkyObject> sky_around(const FrameRequest& request, const RowViews& views, double margin_px,
                                   const StopToken& stop);
 
-// Sets `hidden_by`, by one ray each against the finest terrain, rocks and objects, of those that are imaged. Runs in
-// the caller's task arena. Throws as cast_rays does.
+// The Earth where the request's sky, which it must have, puts it for the camera.
+EarthFigure earth_of(const FrameRequest& request, const RowViews& views);
+
+// Sets `hidden_by`, by one ray each against the finest terrain, rocks, objects and the Earth, of those that are imaged.
+// Runs in the caller's task arena. Throws as cast_rays does.
 void find_hidden(const FrameRequest& request, const RowViews& views, const dem::Terrain& terrain, RenderCache& kept,
                  const StopToken& stop, std::vector<SkyObject>& sky);
 

@@ -26,7 +26,7 @@ using engine::SkyObject;
 constexpr std::pair<std::string_view, SkyKind> kSkyKinds[] = {
     {"star", SkyKind::star}, {"sun", SkyKind::sun}, {"earth", SkyKind::earth}, {"planet", SkyKind::planet}};
 constexpr std::pair<std::string_view, HiddenBy> kHiddenBy[] = {
-    {"none", HiddenBy::none}, {"moon", HiddenBy::moon}, {"object", HiddenBy::object}};
+    {"none", HiddenBy::none}, {"moon", HiddenBy::moon}, {"object", HiddenBy::object}, {"earth", HiddenBy::earth}};
 
 constexpr double kNotANumber = std::numeric_limits<double>::quiet_NaN();
 

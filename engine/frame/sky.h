@@ -36,8 +36,8 @@ struct SkyOptions {
 
 enum class SkyKind { star, sun, earth, planet };
 
-// What the line of sight to something far away meets first.
-enum class HiddenBy { none, moon, object };
+// What the line of sight to something far away meets first. The numbers are those of arrays.
+enum class HiddenBy { none, moon, object, earth };
 
 struct SkyObject {
   SkyKind kind = SkyKind::star;

@@ -9,6 +9,7 @@
 #include "engine/camera/view.h"
 #include "engine/radiometry/solar_spectrum.h"
 #include "engine/radiometry/spectrum.h"
+#include "engine/sky/earth_figure.h"
 #include "engine/sky/ephemeris.h"
 #include "engine/sky/star_catalogue.h"
 #include "tests/support/moon_without_relief.h"
@@ -210,6 +211,78 @@ TEST_F(SkyOfAMoonWithoutRelief, TheMoonHidesWhatIsBehindItsLimb) {
   }
   EXPECT_GT(hidden, 100);
   EXPECT_GT(seen, 100);
+}
+
+// Its radius along a line of sight is between the polar and the equatorial one. Seen or not, it hides.
+TEST_F(SkyOfAMoonWithoutRelief, TheEarthHidesWhatIsBehindIt) {
+  FrameRequest request = looking_beside(SkyKind::earth, kUtc, test::square_camera(256, 3), 0.1);
+  const SkyObject earth = renderer().sky(request).at(0);
+  EXPECT_EQ(earth.hidden_by, HiddenBy::none);
+  request.sky->stars = grid_of_stars(earth.direction, 0.1, 12), request.sky->earth = false;
+  const std::vector<float> radiance = renderer().render(request).products.radiance;
+  int hidden = 0, seen = 0;
+  for (const SkyObject& o : renderer().sky(request)) {
+    if (!well_inside(o, request.camera, 2)) continue;
+    const double beside_m = std::sin(std::acos(o.direction.dot(earth.direction))) * *earth.distance_m;
+    if (beside_m > 6.355e6 && beside_m < 6.38e6) continue;
+    const bool covered = beside_m < 6.37e6;
+    EXPECT_EQ(o.hidden_by, covered ? HiddenBy::earth : HiddenBy::none) << beside_m;
+    EXPECT_EQ(blob(radiance, 256, o.x_px, o.y_px, 1).sum > 0, !covered) << beside_m;
+    (covered ? hidden : seen)++;
+  }
+  EXPECT_GT(hidden, 150);
+  EXPECT_GT(seen, 150);
+}
+
+// From behind the one and from behind the other, where both are before a star.
+TEST_F(SkyOfAMoonWithoutRelief, TheNearerOfMoonAndEarthHides) {
+  const Earth earth = earth_at(kUtc);
+  for (const double toward_earth_m : {-5e6, earth.distance_m + 1e8}) {
+    FrameRequest request = looking_beside(SkyKind::earth, kUtc, test::square_camera(128, 10), 0);
+    const Vec3 ahead = toward_earth_m < 0 ? earth.direction : Vec3(-earth.direction);
+    request.pose = test::looking(toward_earth_m * earth.direction, ahead, Vec3::UnitZ());
+    request.sky->stars = grid_of_stars(ahead, 1, 0);
+    EXPECT_EQ(renderer().sky(request).at(0).hidden_by, toward_earth_m < 0 ? HiddenBy::moon : HiddenBy::earth);
+  }
+}
+
+// A uniform Sun behind a disc, by the area that two circles have in common; in pixels smaller and larger than the Sun.
+TEST_F(SkyOfAMoonWithoutRelief, TheEarthCoversItsPartOfTheSun) {
+  int partial = 0;
+  for (const char* utc : {"2025-03-14T04:40:00Z", "2025-03-14T05:05:00Z", "2025-03-14T05:25:00Z",
+                          "2025-03-14T05:45:00Z", "2025-03-14T06:59:00Z"})
+    for (const double fov_deg : {2.0, 20.0, 120.0}) {
+      FrameRequest request = looking_beside(SkyKind::sun, utc, test::square_camera(128, fov_deg), 0.003 * fov_deg);
+      request.sun.limb_darkening = 0;
+      const double seen = irradiance(request);
+      request.sky->earth = true;
+      const auto sky = renderer().sky(request);
+      const double sun = sun_radius_deg(*sky.at(0).distance_m / kAstronomicalUnit_m) * kRadiansPerDegree,
+                   earth = std::asin(6.372e6 / *sky.at(1).distance_m),
+                   apart = std::acos(sky.at(0).direction.dot(sky.at(1).direction));
+      const auto segment = [&](double r, double other) {  // of a circle, behind the common chord
+        const double to_chord = (apart * apart + r * r - other * other) / (2 * apart);
+        const double half = std::acos(std::clamp(to_chord / r, -1.0, 1.0));
+        return r * r * (half - std::sin(half) * std::cos(half));
+      };
+      const double covered = (segment(sun, earth) + segment(earth, sun)) / (std::numbers::pi * sun * sun);
+      EXPECT_NEAR(seen / sky.at(0).irradiance_w_m2, 1 - covered, 0.01) << utc << ", " << fov_deg << " degrees";
+      EXPECT_NEAR(share_of_sun_covered(utc, request.pose.position_m), covered, 0.01) << utc;
+      EXPECT_EQ(sky.at(0).hidden_by, apart < earth ? HiddenBy::earth : HiddenBy::none) << utc;
+      partial += covered > 0.05 && covered < 0.95;
+    }
+  EXPECT_GE(partial, 6);
+}
+
+TEST_F(SkyOfAMoonWithoutRelief, ACoveredSunScattersNothingIntoTheImage) {
+  for (const auto& [utc, free] : {std::pair{"2025-03-14T06:59:00Z", false}, {kUtc, true}}) {
+    FrameRequest request = looking_beside(SkyKind::sun, utc, test::square_camera(64, 10), 30);
+    request.sun.direction = sun_at(utc).direction;
+    request.sensor = noiseless();
+    request.sensor->optics.stray_light = {1, 0.01, -1.5, 40};
+    request.products = kImage;
+    EXPECT_EQ(renderer().render(request).report.glare_w_m2_sr > 0, free) << utc;
+  }
 }
 
 TEST_F(SkyOfAMoonWithoutRelief, TooManyStarsAreRefused) {

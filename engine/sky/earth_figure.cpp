@@ -1,0 +1,61 @@
+#include "engine/sky/earth_figure.h"
+
+#include <erfa.h>
+#include <erfam.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <numbers>
+
+#include "engine/frame/sun.h"
+
+namespace selenograph::engine {
+namespace {
+
+// By the mean elongation of the Moon from the Sun, from which the true one is up to 10 degrees away; an eclipse is
+// within 3 degrees of full Moon. Costs a hundredth of the places of both.
+bool about_full_moon(const std::string& utc) {
+  const JulianDate tt = tt_at(utc);
+  const double elongation = eraFad03(((tt.day - ERFA_DJ00) + tt.fraction) / ERFA_DJC);
+  return std::abs(std::remainder(elongation - std::numbers::pi, 2 * std::numbers::pi)) < 15 * kRadiansPerDegree;
+}
+
+}  // namespace
+
+EarthFigure::EarthFigure(const SkyObserver& observer)
+    : body_(observer.planet(Planet::earth)),
+      direction_(observer.moon_me_from_icrf() * body_.direction),
+      earth_from_moon_me_(observer.earth_from_icrf(body_.distance_m) * observer.moon_me_from_icrf().transpose()),
+      from_centre_(-body_.distance_m / kEquator_m * stretched(earth_from_moon_me_ * direction_)) {}
+
+double EarthFigure::radius_rad() const { return std::asin(kEquator_m / body_.distance_m); }
+
+std::optional<double> EarthFigure::range(const Vec3& direction) const {
+  const double a = direction.squaredNorm(), b = direction.dot(from_centre_), outside = from_centre_.squaredNorm() - 1,
+               inside = b * b - a * outside;
+  if (inside <= 0 || b > 0 || outside <= 0) return std::nullopt;
+  return (-b - std::sqrt(inside)) / a;
+}
+
+double share_of_sun_covered(const std::string& utc, const Vec3& position_m) {
+  if (!about_full_moon(utc)) return 0;
+  const SkyObserver observer(utc, position_m, Vec3::Zero());
+  const EarthFigure earth(observer);
+  const ApparentBody sun = observer.sun();
+  const Vec3 centre = observer.moon_me_from_icrf() * sun.direction;
+  const double radius = sun_radius_deg(sun.distance_m / kAstronomicalUnit_m) * kRadiansPerDegree;
+  if (centre.dot(earth.direction()) < std::cos(radius + earth.radius_rad())) return 0;
+  const EastNorthUp across = local_axes(centre);
+  constexpr int kAlong = 100;
+  int all = 0, covered = 0;
+  for (int j = 0; j < kAlong; ++j)
+    for (int i = 0; i < kAlong; ++i) {
+      const double x = (2 * i + 1.0) / kAlong - 1, y = (2 * j + 1.0) / kAlong - 1;
+      if (x * x + y * y > 1) continue;
+      const Vec3 place = centre + std::sin(radius) * (x * across.east + y * across.north);
+      ++all, covered += earth.hides(place.normalized(), sun.distance_m);
+    }
+  return static_cast<double>(covered) / all;
+}
+
+}  // namespace selenograph::engine
