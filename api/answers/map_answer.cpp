@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 
+#include "api/answers/eclipse.h"
 #include "api/answers/metadata.h"
 #include "api/answers/metadata_members.h"
 #include "api/encode/arrays.h"
@@ -118,6 +119,7 @@ std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::ui
                    {"version", software_version()},
                    {"representation", media_type}};
   if (const auto& detail = query.request.look.detail) what["detail"] = detail_metadata(query.detail, *detail);
+  if (const double share = sun_covered(query); share > 0) what[kSunCovered] = share;
   return content_hash(what.dump());
 }
 
@@ -127,9 +129,11 @@ OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, c
   if (query.request.products & engine::kRadiance)
     add_reflectance_warnings(query.look(), query.surface, report, warnings);
   warn_of_band(query.look(), warnings);
+  const double covered = sun_covered(query);
+  warn_of_eclipse(covered, kSunCovered, warnings);
   if (report.hit_fraction == 0) warnings.push_back("there is no data anywhere in the map");
   return metadata_answer().write({query.look(), query.request.products, query, report, hash, resolved_json(query),
-                                  std::move(warnings), nullptr, &query});
+                                  std::move(warnings), covered, nullptr, &query});
 }
 
 void check_map_answer(const MapQuery& query, std::string_view media_type) {

@@ -7,6 +7,7 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
+#include "api/answers/eclipse.h"
 #include "api/answers/view_json.h"
 #include "api/requests/parts/detail_json.h"
 #include "engine/sky/star_catalogue.h"
@@ -56,10 +57,12 @@ void add_sensor_warnings(const engine::SensorModel& sensor, const engine::FrameR
         "time (s)");
 }
 
-OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue) {
+OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
+                          double covered) {
   OrderedJson warnings = report.warnings;
   warn_of_aims(query.request.accuracy, report, warnings);
   warn_of_band(query.request, warnings);
+  warn_of_eclipse(covered, kSunCovered, warnings);
   constexpr double kMuch = 0.01;
   const engine::ProductSet products = query.request.products;
   const auto& sensor = query.request.sensor;
@@ -104,6 +107,7 @@ std::string content_hash(const FrameQuery& query, const std::vector<double>& sha
     what["earth_map"] = hex(query.request.sky->earth_map.content->fingerprint());
   if (query.request.detail) what["detail"] = detail_metadata(query.detail, *query.request.detail);
   if (gave_way(query.request.accuracy, shadow_limits_px)) what["shadow_limits_px"] = shadow_limits_px;
+  if (const double share = sun_covered(query); share > 0) what[kSunCovered] = share;
   return content_hash(what.dump());
 }
 
@@ -143,8 +147,9 @@ void warn_of_band(const engine::FrameRequest& request, OrderedJson& warnings) {
 
 OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
                      const std::string& hash) {
+  const double covered = sun_covered(query);
   return metadata_answer().write({query.request, query.request.products, query, report, hash, resolved_json(query),
-                                  warnings_json(query, report, catalogue), &query, nullptr});
+                                  warnings_json(query, report, catalogue, covered), covered, &query, nullptr});
 }
 
 std::string metadata_text(const OrderedJson& metadata, bool with_craters) {

@@ -91,6 +91,13 @@ void add_radiometry(Answer<MetadataSource>& a) {
                   "um) and, of a frame, phase_deg (smallest and largest over the image)"),
       [](const MetadataSource& s) { return reflectance_metadata(s.request, s.report); },
       [](const MetadataSource& s) { return s.frame ? s.scenery.sun_given : with_light(s); });
+  a.add(
+      kSunCovered,
+      number(
+          kUnitInterval,
+          "share of the Sun's disc that the Earth covers at the epoch that gives the Sun, seen from the ground below "
+          "the camera or in the map's middle, where it isn't 0: no light is taken off for it"),
+      [](const MetadataSource& s) { return s.sun_covered; }, [](const MetadataSource& s) { return s.sun_covered > 0; });
   a.add("solar_irradiance", free_object("value_w_m2 at the Moon after 1/r^2, its band and source"), irradiance_json,
         with_light);
   a.add(

@@ -11,6 +11,9 @@ namespace selenograph::api {
 
 std::string_view software_version();
 
+// The member that says what an eclipse covers.
+inline constexpr const char* kSunCovered = "sun_covered_fraction";
+
 struct MetadataSource {
   const engine::FrameRequest& request;  // for a map: its look
   engine::ProductSet products;
@@ -18,6 +21,7 @@ struct MetadataSource {
   const engine::FrameReport& report;
   const std::string& hash;
   OrderedJson resolved, warnings;
+  double sun_covered;
   // One of these is set.
   const FrameQuery* frame = nullptr;
   const MapQuery* map = nullptr;

@@ -80,7 +80,7 @@ OrderedJson headers() {
                                               "number")},
       {"Selenograph-Warnings",
        header("The metadata's warnings, those of several cameras with their names, as compact ASCII "
-              "JSON; absent when there are none")},
+              "JSON; of rays and points those of an eclipse; absent when there are none")},
       {"Selenograph-Echo", header("The request's `echo`, as compact ASCII JSON; absent when it has none")},
       {"Retry-After", header("Seconds", "integer")},
       {"Allow", header("The methods that the path has")}};

@@ -1,4 +1,6 @@
 // POST /v1/rays, /v1/project, /v1/heights and GET /v1/height.
+#include "api/answers/eclipse.h"
+#include "api/answers/metadata.h"
 #include "api/answers/points_answer.h"
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
@@ -41,11 +43,15 @@ std::vector<engine::SceneObject> scene_objects(const std::vector<PlacedObject>& 
   return objects;
 }
 
-Response negotiated(std::string_view media_type, std::string body) {
+// With a warning of an eclipse.
+Response negotiated(std::string_view media_type, std::string body, double sun_covered) {
   Response response;
   response.content_type = media_type;
   response.body = std::move(body);
   response.headers.emplace_back("Vary", "Accept");
+  OrderedJson warnings = OrderedJson::array();
+  warn_of_eclipse(sun_covered, "", warnings);
+  if (!warnings.empty()) response.headers.emplace_back("Selenograph-Warnings", warnings_header(warnings));
   return response;
 }
 
@@ -74,8 +80,10 @@ Response answer_rays(const EndpointContext& context) {
                          : std::nullopt);
   const auto light = light_of(context, query, places);
   throw_if_stopped(context);
-  return negotiated(media_type, media_type == kRaysAnswers[1].media_type ? rays_npz(hits, light, query, context.stop)
-                                                                         : text_of(rays_json(hits, light, query)));
+  return negotiated(media_type,
+                    media_type == kRaysAnswers[1].media_type ? rays_npz(hits, light, query, context.stop)
+                                                             : text_of(rays_json(hits, light, query)),
+                    sun_covered(query));
 }
 
 Response answer_project(const EndpointContext& context) {
@@ -96,9 +104,11 @@ Response answer_project(const EndpointContext& context) {
   const auto light = light_of(context, query, places);
   throw_if_stopped(context);
   const dem::Catalogue& catalogue = context.renderer.terrain().catalogue();
-  return negotiated(media_type, media_type == kLandmarkAnswers[1].media_type
-                                    ? landmarks_npz(landmarks, light, query, catalogue, context.stop)
-                                    : text_of(landmarks_json(landmarks, light, query, catalogue)));
+  return negotiated(media_type,
+                    media_type == kLandmarkAnswers[1].media_type
+                        ? landmarks_npz(landmarks, light, query, catalogue, context.stop)
+                        : text_of(landmarks_json(landmarks, light, query, catalogue)),
+                    sun_covered(query));
 }
 
 Response answer_heights(const EndpointContext& context) {
@@ -138,7 +148,7 @@ void describe_rays(Operation& o) {
       "The request's JSON as the text `request`, and `origin_m` and `direction` (..., 3) in the place of `rays`; one "
       "row "
       "of either may stand for many of the other: numpy.savez(file, origin_m=..., direction=..., request=json)");
-  o.answer_as_accepted(kRaysAnswers, "RaysAnswer", {"Vary"});
+  o.answer_as_accepted(kRaysAnswers, "RaysAnswer", {"Vary", "Selenograph-Warnings"});
   o.schema("RaysAnswer", list_of("rays", hit_answer().schema(), o.most_points(), "hits"));
 }
 
@@ -147,7 +157,7 @@ void describe_project(Operation& o) {
   o.takes_arrays(
       "The request's JSON as the text `request`, and `points` (..., 2) or (..., 3) in the place of its list: lat_deg, "
       "lon_deg and height_m, NaN: on the terrain");
-  o.answer_as_accepted(kLandmarkAnswers, "ProjectAnswer", {"Vary"});
+  o.answer_as_accepted(kLandmarkAnswers, "ProjectAnswer", {"Vary", "Selenograph-Warnings"});
   o.schema("ProjectAnswer", list_of("points", landmark_answer().schema(), o.most_points(), "landmarks"));
 }
 

@@ -200,8 +200,9 @@ void check_flow(const JsonReader& in, const engine::FrameRequest& request) {
     in.fail("visibility", "flow is rendered by \"raytrace\": \"zbuffer\" sees from one place");
 }
 
-void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext&) {
+void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext& context) {
   const engine::FrameRequest& request = query.request;
+  query.sun_utc = context.sun_utc;
   check_shutter(in, query);
   resolve_preset(query.request, query.surface);
   if (query.request.truth) resolve_truth(in, request.camera, *query.request.truth);

@@ -288,6 +288,7 @@ const auto hazard_field =
              [](MapQuery& q, const engine::HazardLimits& limits) { q.request.hazard = limits; }};
 
 void check_map(const JsonReader& in, MapQuery& query, const ReadContext& context) {
+  query.sun_utc = context.sun_utc;
   require_sun(in, map_products(), query.request.products);
   resolve_preset(query.look(), query.surface);
   if (!in.good()) return;  // what isn't read has no place

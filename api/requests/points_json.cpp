@@ -80,7 +80,8 @@ const Members<RaysQuery>& rays_members() {
       made<Members<RaysQuery>>("RaysRequest", "Rays against the finest terrain and objects.", [](auto& m) {
         m.add("rays", &RaysQuery::rays, List{Object{ray_members()}, 1, most}, "the rays").required();
         add_point_scenery(m, "as in a frame: rays hit them, and they cast shadows");
-        m.check([](const JsonReader&, RaysQuery& query, const ReadContext&) {
+        m.check([](const JsonReader&, RaysQuery& query, const ReadContext& context) {
+          query.sun_utc = context.sun_utc;
           resolve_preset(query.request, query.surface);
         });
       });
@@ -97,7 +98,8 @@ const Members<ProjectQuery>& project_members() {
               "times of the rows: the answer has a `time_s`; left out: all rows are exposed at once");
         add_point_scenery(m, "as in a frame: they hide landmarks, and they cast shadows");
         m.add("points", &ProjectQuery::points, List{Object{landmark_members()}, 1, most}, "the landmarks").required();
-        m.check([](const JsonReader& in, ProjectQuery& query, const ReadContext&) {
+        m.check([](const JsonReader& in, ProjectQuery& query, const ReadContext& context) {
+          query.sun_utc = context.sun_utc;
           check_pose(in, query.camera, query.shutter, query.pose);
           resolve_preset(query.request, query.surface);
         });

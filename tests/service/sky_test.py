@@ -257,6 +257,61 @@ class BehindMountains(unittest.TestCase):
         return u_ @ np.diag([1, 1, np.linalg.det(u_ @ v)]) @ v
 
 
+class Eclipse(unittest.TestCase):
+    """Total on 2025 March 14, 06:26 to 07:31; the penumbra has left the Moon at 10:00."""
+
+    TOTAL, OVER = "2025-03-14T06:59:00Z", "2025-03-14T10:05:00Z"
+
+    def test_the_earth_hides_the_sun(self):
+        zenith = {"geodetic": {"lat_deg": 0, "lon_deg": 0, "height_m": 1e6},
+                  "look_at": {"lat_deg": 0, "lon_deg": 0, "height_m": 1e8}}
+        request = {**EVERYTHING, "pose": zenith, "utc": self.TOTAL, "sky": {"sun": True, "earth": True}}
+        sun = sky(**request)[0]
+        self.assertEqual((sun["hidden_by"], sun["in_frame"], sun["visible"]), ("earth", True, False))
+        self.assertEqual(sky(**{**request, "utc": self.OVER})[0]["hidden_by"], "none")
+        arrays = service.arrays(request, "/v1/sky")
+        self.assertEqual(arrays["hidden_by"].ravel().tolist(), [3, 0])
+
+    def warnings(self, meta):
+        return [text for text in meta["warnings"] if "the Earth covers the Sun" in text]
+
+    def test_frames_warn_and_their_share_is_said(self):
+        tags = set()
+        for sun, share in ({"utc": self.TOTAL}, 1), ({"utc": self.OVER}, None), (None, None):
+            if sun is None:  # the Sun of the first, by its direction: the same light, and no epoch to warn of
+                sun = first["request"]["sun"]
+            arrays = service.arrays(harness.frame_request(sun=sun))
+            first = arrays["meta"] if share else first
+            self.assertEqual(arrays["meta"].get("sun_covered_fraction"), share)
+            self.assertEqual(len(self.warnings(arrays["meta"])), share or 0)
+            self.assertEqual("the Earth covers" in arrays["headers"].get("Selenograph-Warnings", ""), bool(share))
+            tags.add(arrays["headers"]["ETag"])
+        self.assertEqual(len(tags), 3)
+        depth = service.arrays(harness.frame_request(("depth",), sun={"utc": self.TOTAL}))["meta"]
+        self.assertEqual(self.warnings(depth), [])
+
+    def test_a_partial_eclipse_has_its_share(self):
+        meta = service.arrays(harness.frame_request(sun={"utc": "2025-03-14T05:20:00Z"}))["meta"]
+        self.assertTrue(0.05 < meta["sun_covered_fraction"] < 1, meta["sun_covered_fraction"])
+
+    def test_maps_rays_and_landmarks_warn(self):
+        for utc, warned in (self.TOTAL, 1), (self.OVER, 0):
+            sun = {"utc": utc}
+            area = {"projection": "orthographic", "gsd_m": 100.0, "center": {"lat_deg": 0.4, "lon_deg": 30.5},
+                    "width_m": 800.0, "height_m": 800.0}
+            meta = service.arrays({"map": area, "sun": sun, "products": ["lit"]}, "/v1/maps")["meta"]
+            self.assertEqual((len(self.warnings(meta)), meta.get("sun_covered_fraction", 0)), (warned, warned))
+            ray = {"origin_m": [2e6, 0, 0], "direction": [-1, 0, 0]}
+            frame = harness.frame_request()
+            for where, request in (("/v1/rays", {"rays": [ray]}),
+                                   ("/v1/project", {"camera": frame["camera"], "pose": frame["pose"],
+                                                    "points": [{"lat_deg": 0.4, "lon_deg": 30.5}]})):
+                status, headers, body = service.post(where, {**request, "sun": sun})
+                self.assertEqual(status, 200, body)
+                said = json.loads(headers.get("Selenograph-Warnings", "[]"))
+                self.assertEqual(len(self.warnings({"warnings": said})), warned, (where, utc))
+
+
 class MapOfTheEarth(unittest.TestCase):
     UTC, SIDE, FOV_DEG = "2026-11-12T06:00:00", 512, 2.2  # three days after new moon: the Earth is nearly full
 

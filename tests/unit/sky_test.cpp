@@ -12,6 +12,7 @@
 
 #include "dem/support/error.h"
 #include "engine/frame/sun.h"
+#include "engine/sky/earth_figure.h"
 #include "engine/sky/ephemeris.h"
 #include "engine/sky/magnitudes.h"
 #include "engine/sky/sky_observer.h"
@@ -173,6 +174,34 @@ TEST(Magnitudes, OfPlanetsAreThoseOfTheAlmanac) {
   EXPECT_NEAR(planet_magnitude(Planet::saturn, june.planet(Planet::saturn)), 0.0, 0.1);
   const Vec3 venus = march.planet(Planet::venus).direction, jupiter = march.planet(Planet::jupiter).direction;
   EXPECT_LT(std::atan2(venus.cross(jupiter).norm(), venus.dot(jupiter)) * kDegreesPerRadian, 1.6);
+}
+
+// Espenak & Meeus, Five Millennium Catalog of Lunar Eclipses, 2025 March 14: the penumbra from 03:57 to 10:00, the
+// umbra from 05:10 to 08:48, all of the Moon in it from 06:26 to 07:31. Their shadow is larger than that of a solid
+// Earth by 1 to 2 percent: less than three minutes at these times.
+TEST(Eclipse, IsThatOfTheCatalogue) {
+  const auto shares = [](const char* time) {
+    const std::string utc = "2025-03-14T" + std::string(time) + "Z";
+    const Vec3 toward_earth = earth_at(utc).direction, across = toward_earth.unitOrthogonal();
+    double least = 1, most = 0;
+    for (int i = 0; i < 72; ++i) {  // around the limb, as the Earth sees it
+      const double turn = 2 * std::numbers::pi * i / 72;
+      const Vec3 limb = std::cos(turn) * across + std::sin(turn) * toward_earth.cross(across);
+      const double share = share_of_sun_covered(utc, kMoonRadius_m * limb);
+      least = std::min(least, share), most = std::max(most, share);
+    }
+    return std::pair(least, most);
+  };
+  const std::pair none(0.0, 0.0), all(1.0, 1.0);
+  EXPECT_EQ(shares("03:56:00"), none);
+  EXPECT_GT(shares("04:04:00").second, 0);
+  EXPECT_LT(shares("05:08:00").second, 1);
+  EXPECT_EQ(shares("05:16:00").second, 1);
+  EXPECT_LT(shares("06:24:00").first, 1);
+  EXPECT_EQ(shares("06:32:00"), all);
+  EXPECT_EQ(shares("07:25:00"), all);
+  EXPECT_LT(shares("07:34:00").first, 1);
+  EXPECT_EQ(shares("10:02:00"), none);
 }
 
 TEST(Starlight, HasTheZeroPointAtItsWavelengthForAnyColour) {

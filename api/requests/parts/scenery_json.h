@@ -16,6 +16,7 @@ struct SceneryQuery {
   std::string detail;  // name of the request's detail
   SurfaceQuery surface;
   bool sun_given = false;  // false: no product needs one; the engine's Sun is unused
+  std::string sun_utc{};   // the epoch that the Sun was given by; empty: it was given otherwise
 };
 
 // Rows "detail" and "surface": the ground. Query: a SceneryQuery with look().
