@@ -36,12 +36,15 @@ std::vector<RayCone> bundled(const std::vector<RayCone>& rays) {
       cone.origin_m += ray.origin_m / static_cast<double>(run.size()), cone.direction += ray.direction;
     cone.direction.normalize();
     double sine = 0;
+    bool ends = true;
     for (const RayCone& ray : run) {
+      ends &= std::isfinite(ray.to_m);
       cone.radius_m = std::max(cone.radius_m, (ray.origin_m - cone.origin_m).norm());
       sine = std::max(sine, ray.direction.cross(cone.direction).norm() + (ray.direction.dot(cone.direction) < 0));
     }
     // Some more than rounding.
     cone.radius_m += 1e-6, cone.slope = 1.01 * sine + 1e-7;
+    if (ends) cone.to_m = range_below_terrain_m(cone);
     if (cone.slope < kNarrow && cone.radius_m < kNear_m)
       out.push_back(cone);
     else

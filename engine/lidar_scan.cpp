@@ -20,6 +20,7 @@
 #include "engine/lidar_craters.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/mapped_surface.h"
+#include "engine/scene/ray_selection.h"
 #include "engine/visibility/points/trace.h"
 
 namespace selenograph::engine {
@@ -247,6 +248,7 @@ class LidarScanner {
     constexpr double kWidest_rad = 0.5;
     cone.slope = angle < kWidest_rad ? std::tan(angle) : std::numeric_limits<double>::infinity();
     cone.radius_m += 1e-6;
+    cone.to_m = range_below_terrain_m(cone);
     return cone;
   }
 

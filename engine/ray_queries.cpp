@@ -9,6 +9,7 @@
 #include "engine/camera/row_views.h"
 #include "engine/ground_along_rays.h"
 #include "engine/scene/anchor.h"
+#include "engine/scene/ray_selection.h"
 #include "engine/visibility/points/disc_light.h"
 #include "engine/visibility/points/refine.h"
 #include "engine/visibility/points/trace.h"
@@ -176,7 +177,7 @@ class RayCaster {
 
   // work(scene, scenery, batch, first, count) on packets of rays, as many batches of them as the terrain along them
   // makes scenes of bearable size. Rays that enter the terrain near each other go together. `toward`: not only along
-  // its own direction each ray is followed, but along all of these.
+  // its own direction each ray is followed, but along all of these, also from below the ground.
   template <typename Work>
   void in_batches(const std::vector<Ray>& rays, Work&& work, const std::vector<Vec3>& toward = {}) {
     std::vector<std::pair<dem::BlockId, std::size_t>> places;
@@ -197,7 +198,10 @@ class RayCaster {
     std::vector<RayCone> some;
     some.reserve(batch.size() * std::max<std::size_t>(1, toward.size()));
     for (const std::size_t i : batch) {
-      if (toward.empty()) some.push_back({rays[i].origin_m, rays[i].direction});
+      if (toward.empty()) {
+        some.push_back({.origin_m = rays[i].origin_m, .direction = rays[i].direction});
+        some.back().to_m = range_below_terrain_m(some.back());
+      }
       for (const Vec3& direction : toward) some.push_back({rays[i].origin_m, direction});
     }
     const auto here = ground_.along(some, batch.size() == 1);
@@ -222,14 +226,6 @@ class RayCaster {
   GroundAlongRays ground_;
   const StopToken& stop_;
 };
-
-// Where the ray meets the sphere below all terrain; infinite: nowhere.
-double range_to_deep_m(const Ray& ray) {
-  constexpr double kDeep_m = kMoonRadius_m + double{dem::kLowestRelief_m};
-  const double closest = -ray.origin_m.dot(ray.direction),
-               inside = kDeep_m * kDeep_m - (ray.origin_m + closest * ray.direction).squaredNorm();
-  return inside > 0 && closest > 0 ? closest - std::sqrt(inside) : std::numeric_limits<double>::infinity();
-}
 
 bool may_meet_relief(const Ray& ray) {
   constexpr double kHighest_m = kMoonRadius_m + double{dem::kHighestRelief_m};
@@ -275,7 +271,7 @@ std::vector<HiddenBy> what_hides(std::span<const Ray> rays, const std::vector<Sc
   std::vector<Ray> near_limb;
   std::vector<std::size_t> asked;
   for (std::size_t i = 0; moon && i < rays.size(); ++i) {
-    const double range = range_to_deep_m(rays[i]);
+    const double range = range_below_terrain_m({rays[i].origin_m, rays[i].direction});
     if (std::isfinite(range))
       hidden[i] = HiddenBy::moon, range_m[i] = range;
     else if (may_meet_relief(rays[i]))

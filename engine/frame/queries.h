@@ -21,7 +21,8 @@ struct RayCone {
   Vec3 origin_m;
   Vec3 direction;  // unit
   double radius_m = 0;
-  double slope = 0;  // tangent of that angle
+  double slope = 0;                                       // tangent of that angle
+  double to_m = std::numeric_limits<double>::infinity();  // along its axis: what is farther away doesn't matter
   bool one() const { return radius_m == 0 && slope == 0; }
 };
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "engine/scene/known_nodes.h"
@@ -22,8 +23,8 @@ bool may_meet(const RayCone& ray, const NodeBounds& b, double above_m) {
                width_m = ray.one() ? 0 : ray.radius_m + far_m * ray.slope, reach = ball_m + width_m,
                reach2 = reach * reach;
   if (off2 > reach2) return false;
-  const double half = std::sqrt(reach2 - off2), t0 = std::max(0.0, along - half), t1 = along + half;
-  if (t1 < 0) return false;
+  const double half = std::sqrt(reach2 - off2), t0 = std::max(0.0, along - half), t1 = std::min(along + half, ray.to_m);
+  if (t1 < t0) return false;
   const double closest = std::clamp(-ray.origin_m.dot(ray.direction), t0, t1);
   return (ray.origin_m + closest * ray.direction).norm() - width_m <=
          kMoonRadius_m + b.high_m + b.bulge_m + 1 + above_m;
@@ -55,6 +56,14 @@ bool follow(const dem::Terrain& terrain, const std::vector<RayCone>& rays, const
 }
 
 }  // namespace
+
+double range_below_terrain_m(const RayCone& ray) {
+  const double closest = -ray.origin_m.dot(ray.direction), width_m = ray.one() ? 0 : ray.radius_m + closest * ray.slope,
+               deep_m = kMoonRadius_m + double{dem::kLowestRelief_m} - width_m,
+               inside = deep_m * std::abs(deep_m) - (ray.origin_m + closest * ray.direction).squaredNorm();
+  const double range_m = inside > 0 && closest > 0 ? closest - std::sqrt(inside) : -1;
+  return range_m > 0 ? range_m : std::numeric_limits<double>::infinity();
+}
 
 std::optional<std::vector<BlockOnRays>> select_for_rays(const dem::Terrain& terrain, const std::vector<RayCone>& rays,
                                                         std::size_t max_blocks, const StopToken& stop, double above_m) {

@@ -10,6 +10,10 @@
 
 namespace selenograph::engine {
 
+// Along the axis, to where all of a cone is below any terrain: what it meets, it meets before. Infinite: nowhere, or it
+// begins there. Else a ray into the ground would be followed to where it leaves the Moon again.
+double range_below_terrain_m(const RayCone& ray);
+
 // The finest blocks that rays may hit, or pass within a height above, sorted, each with its rays; empty when there are
 // more than max_blocks. Neighbours may differ by more than one level where sources differ: the mesh joins them all the
 // same.

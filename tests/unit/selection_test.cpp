@@ -291,6 +291,30 @@ TEST_F(SelectionTest, RaysFindTheFinestBlocksTheyMeet) {
   EXPECT_LT(blocks.size(), 20U);
 }
 
+// What is met is met from above: where a ray leaves the Moon again doesn't matter.
+TEST(RaySelection, EndsBelowAllTerrain) {
+  const test::TemporaryFolder folder;
+  for (const auto& [name, west_deg] : {std::pair("near", 2.0), {"far", 182.0}})
+    test::write_float_tile(folder / "dem", name, {3, west_deg, 16, 97, 97}, [](double, double) { return 0.0; });
+  const auto terrain = test::open_terrain(folder / "dem");
+  const Vec3 from = to_cartesian({0, 5, 50000});
+  for (const double slope : {0.0, 0.01}) {
+    RayCone ray{from, -from.normalized(), 100 * slope, slope};
+    const auto through = *select_for_rays(*terrain, {ray}, 1000, {});
+    ray.to_m = range_below_terrain_m(ray);
+    const auto met = *select_for_rays(*terrain, {ray}, 1000, {});
+    const auto of_near_side = [](const BlockOnRays& block) {
+      return bounds_of(block.id, block.low_m, block.high_m).centre.x() > 0;
+    };
+    EXPECT_FALSE(std::all_of(through.begin(), through.end(), of_near_side));
+    EXPECT_TRUE(std::all_of(met.begin(), met.end(), of_near_side));
+    EXPECT_EQ(met.size(), std::count_if(through.begin(), through.end(), of_near_side));
+    EXPECT_NEAR(ray.to_m, 50000 - dem::kLowestRelief_m, slope == 0 ? 1e-6 : 0.02 * kMoonRadius_m);
+  }
+  for (const Vec3& direction : {from.normalized(), local_axes(from).east})
+    EXPECT_FALSE(std::isfinite(range_below_terrain_m({from, direction})));
+}
+
 TEST_F(SelectionTest, GroundIsSelectedTheSameByAnyThreads) {
   const Sun sun{to_cartesian({9, 95, 0}).normalized()};
   for (const View& view : views()) {
