@@ -50,7 +50,9 @@ std::vector<float> FrameExposure::draw(const FrameRequest& request, float share,
   return std::move(products.radiance);
 }
 
-SkyImage FrameExposure::sky_of(const FrameRequest& request) const { return {request, terrain_, kept_, stop_}; }
+SkyImage FrameExposure::sky_of(const FrameRequest& request) const {
+  return {request, plan_.margin_px(), terrain_, kept_, stop_};
+}
 
 void FrameExposure::add_points(const SkyImage& sky, double share) {
   plan_.sensor->add_points(sky.points(plan_.margin_px()), share, stop_);

@@ -20,9 +20,6 @@
 namespace selenograph::engine {
 namespace {
 
-// Far enough for each row of a moving camera to see it in the same direction; a double holds its direction.
-constexpr double kStarDistance_m = 1e15;
-
 double angle_of(const Vec3& a, const Vec3& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
 
 // A circle around the image of all rows, with a margin. A lens that leaves part of the border unimaged may see

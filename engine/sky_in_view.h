@@ -14,6 +14,8 @@ namespace selenograph::engine {
 
 // Limit on stars of one image.
 inline constexpr std::size_t kMostStars = 100000;
+// Far enough for each row of a moving camera to see it in the same direction; a double holds its direction.
+inline constexpr double kStarDistance_m = 1e15;
 
 // Of the request's sky, stars within `margin_px` of the image, brightest first, and then the Sun, the Earth and the
 // planets wherever they are. Without `hidden_by` and `electrons`. `views`: of the request's camera. Throws

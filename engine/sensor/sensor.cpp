@@ -28,12 +28,13 @@ double share_above(const std::vector<float>& radiance, double limit) {
   return radiance.empty() ? 0 : static_cast<double>(above) / static_cast<double>(radiance.size());
 }
 
-void add_square(std::vector<float>& image, int width, int height, double x_px, double y_px, double value) {
+void add_square(std::vector<float>& image, int width, int height, double x_px, double y_px, double value,
+                std::optional<int> only_row) {
   const double left = std::floor(x_px), top = std::floor(y_px), right = x_px - left, below = y_px - top;
   for (const int down : {0, 1})
     for (const int across : {0, 1}) {
       const double x = left + across, y = top + down;
-      if (!(x >= 0 && y >= 0 && x < width && y < height)) continue;
+      if (!(x >= 0 && y >= 0 && x < width && y < height) || (only_row && y != *only_row)) continue;
       const auto at = static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
       image[at] += static_cast<float>(value * (across ? right : 1 - right) * (down ? below : 1 - below));
     }
@@ -153,12 +154,14 @@ double Sensor::point_e(const LightPoint& point) const {
          electrons_per_radiance(model_.optics, model_.detector, request_.band->center_um());
 }
 
-void Sensor::add_kernel(const SpreadKernel& kernel, int column, int row, double value) {
+void Sensor::add_kernel(const SpreadKernel& kernel, int column, int row, double value, std::optional<int> only_row) {
   const int r = kernel.radius(), width = request_.camera.width, height = request_.camera.height;
-  for (int y = std::max(0, row - r); y <= std::min(height - 1, row + r); ++y)
+  for (int y = std::max(0, row - r); y <= std::min(height - 1, row + r); ++y) {
+    if (only_row && y != *only_row) continue;
     for (int x = std::max(0, column - r); x <= std::min(width - 1, column + r); ++x)
       points_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x)] +=
           static_cast<float>(value * kernel.weight(x - column, y - row));
+  }
 }
 
 void Sensor::add_points(std::span<const LightPoint> points, double share, const StopToken& stop) {
@@ -170,7 +173,7 @@ void Sensor::add_points(std::span<const LightPoint> points, double share, const 
   for (const LightPoint& point : points) {
     const double value = unit * transmission(model_.optics.vignetting, point.in_camera) * point.counted_w_m2_sr;
     if (model_.optics.point_spread.model == PointSpread::Model::none) {
-      add_square(points_, width, height, point.x_px, point.y_px, value);
+      add_square(points_, width, height, point.x_px, point.y_px, value, point.row);
       continue;
     }
     constexpr int kSteps = 8;
@@ -183,7 +186,7 @@ void Sensor::add_points(std::span<const LightPoint> points, double share, const 
         const double weight = (di ? across - i : i + 1 - across) * (dj ? down - j : j + 1 - down);
         if (weight > 0)
           add_kernel(shifted((i + di) / double{kSteps} - 0.5, (j + dj) / double{kSteps} - 0.5, stop), column, row,
-                     weight * value);
+                     weight * value, point.row);
       }
   }
 }

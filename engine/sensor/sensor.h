@@ -33,12 +33,14 @@ struct LightPoint {
   double x_px, y_px;
   Vec3 in_camera;  // unit
   double counted_w_m2_sr;
+  std::optional<int> row = {};  // that it is in view of, alone; empty: of all
 };
 
 // Adds `value` to an image, spread over a square of one pixel around a place: each of the four pixels that it covers
 // gets its share. The centroid is the place, the variance t (1 - t) square pixels along each axis, where t is the
-// distance to a pixel's centre.
-void add_square(std::vector<float>& image, int width, int height, double x_px, double y_px, double value);
+// distance to a pixel's centre. `only_row`: in that row alone.
+void add_square(std::vector<float>& image, int width, int height, double x_px, double y_px, double value,
+                std::optional<int> only_row = {});
 
 // The sensor model of a frame. Light spreads into the image from around it, so the frame is rendered with a margin: the
 // border is as exact as the middle.
@@ -98,7 +100,7 @@ class Sensor {
 
  private:
   const SpreadKernel& shifted(double dx, double dy, const StopToken& stop);
-  void add_kernel(const SpreadKernel& kernel, int column, int row, double value);
+  void add_kernel(const SpreadKernel& kernel, int column, int row, double value, std::optional<int> only_row);
   void pass_optics(const Camera& camera, const PixelRays& rays, std::vector<float>& radiance,
                    const StopToken& stop) const;
   // Adds the points, scatters all of it and adds the glare.

@@ -156,7 +156,8 @@ class LikeFrames(unittest.TestCase):
             compared += 1
             at = np.arange(-2, 3)
             self.assertAlmostEqual(x + window.sum(0) @ at / window.sum(), o["x_px"], delta=1e-3)
-            self.assertAlmostEqual(y + window.sum(1) @ at / window.sum(), o["y_px"], delta=1e-3)
+            # From row to row it moves by 0.003 pixels, and each row has the part of it that it sees.
+            self.assertAlmostEqual(y + window.sum(1) @ at / window.sum(), o["y_px"], delta=5e-3)
         self.assertGreater(compared, 10)
 
     def test_a_preset_is_what_it_stands_for(self):

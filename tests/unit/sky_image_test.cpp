@@ -402,5 +402,44 @@ TEST_F(SkyOfAMoonWithoutRelief, ASlowScanShowsTheWholeDisc) {
   }
 }
 
+TEST_F(SkyOfAMoonWithoutRelief, ASlowScanShowsAStarAsOften) {
+  constexpr double kPixel_deg = 1 / 32.0;
+  FrameRequest request = looking_up();
+  request.camera.fx = request.camera.fy = 1 / (kPixel_deg * kRadiansPerDegree);
+  request.sky->stars = grid_of_stars(View(request.camera, request.pose).middle(), 3, 0);
+  const Eigen::Quaterniond middle = request.pose.camera_from_moon;
+  request.shutter.emplace();
+  request.shutter->pushbroom = true, request.shutter->line_time_s = 1e-3;
+  for (const double step_px : {1.0, 0.5, 0.25, -0.25, 0.0}) {
+    const double turn = step_px * kPixel_deg, start_deg = 64.3 * turn;
+    request.shutter->rates.angular_rate_deg_s.x() = -turn / 1e-3;
+    request.pose.camera_from_moon =
+        Eigen::Quaterniond(Eigen::AngleAxisd(-start_deg * kRadiansPerDegree, Vec3::UnitX())) * middle;
+    const std::vector<float> radiance = renderer().render(request).products.radiance;
+    double sum = 0;
+    for (const float value : radiance) sum += static_cast<double>(value);
+    const double times = step_px == 0 ? 128 : 1 / std::abs(step_px),
+                 pixel_sr = std::pow(kPixel_deg * kRadiansPerDegree, 2);
+    EXPECT_NEAR(sum * pixel_sr / renderer().sky(request).at(0).irradiance_w_m2, times,
+                (step_px == 0 ? 0.05 : 0.005) * times)
+        << step_px;
+  }
+}
+
+// A camera that doesn't move, whose rows have their own views all the same.
+TEST_F(SkyOfAMoonWithoutRelief, RowsSeeStarsBesideThem) {
+  FrameRequest request = looking_up();
+  request.sensor = noiseless();
+  request.sensor->optics.point_spread.model = PointSpread::Model::gaussian,
+  request.sensor->optics.point_spread.sigma_px = 0.8;
+  request.products = kImage | kRadiance;
+  const FrameProducts still = renderer().render(request).products;
+  EXPECT_GT(*std::max_element(still.image.begin(), still.image.end()), 100);
+  request.shutter.emplace().line_time_s = 1e-6;
+  const FrameProducts rows = renderer().render(request).products;
+  EXPECT_EQ(rows.radiance, still.radiance);
+  for (std::size_t i = 0; i < rows.image.size(); ++i) EXPECT_NEAR(rows.image[i], still.image[i], 1) << i;
+}
+
 }  // namespace
 }  // namespace selenograph::engine
