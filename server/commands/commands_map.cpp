@@ -11,8 +11,10 @@
 #include <map>
 #include <optional>
 #include <stdexcept>
+#include <string>
 #include <vector>
 
+#include "api/answers/eclipse.h"
 #include "api/answers/map_answer.h"
 #include "api/answers/metadata.h"
 #include "api/message/problem.h"
@@ -200,6 +202,14 @@ void write_illumination(const api::MapQuery& query, const std::vector<double>& s
 
 constexpr const char* kNoData = "of the pixels has no data: NaN, 65535 in source, 0 in a PNG";
 
+std::vector<std::string> warnings_of(const Drawn& drawn) {
+  nlohmann::ordered_json of_eclipse = nlohmann::ordered_json::array();
+  api::warn_of_eclipse(api::sun_covered(drawn.query), "sun_covered_fraction", of_eclipse);
+  std::vector<std::string> out = drawn.map.report.warnings;
+  out.insert(out.end(), of_eclipse.begin(), of_eclipse.end());
+  return out;
+}
+
 // Both draw functions return whether all is drawn.
 bool draw_series(const Atlas& atlas, const std::vector<Epoch>& epochs) {
   // Impossible epochs are before or after all possible ones. A series that can't be finished is not begun.
@@ -219,7 +229,7 @@ bool draw_series(const Atlas& atlas, const std::vector<Epoch>& epochs) {
     const engine::FrameReport& report = drawn->map.report;
     incomplete += report.missing_fraction > 0;
     missing_fraction = std::max(missing_fraction, report.missing_fraction);
-    for (const std::string& warning : report.warnings) ++warnings[warning];
+    for (const std::string& warning : warnings_of(*drawn)) ++warnings[warning];
     last = std::move(drawn->query);
   }
   const std::string path = with_name(atlas.settings.output, "illumination", ".tif");
@@ -238,7 +248,7 @@ bool draw_one(const Atlas& atlas) {
   fmt::print("{}: {} x {} pixels of {:g} m\n", atlas.settings.output, grid.width, grid.height, grid.gsd_m);
   if (report.missing_fraction > 0)
     fmt::print("{}: a share of {:.6g} {}\n", atlas.settings.output, report.missing_fraction, kNoData);
-  for (const std::string& warning : report.warnings) fmt::print("warning: {}\n", warning);
+  for (const std::string& warning : warnings_of(*drawn)) fmt::print("warning: {}\n", warning);
   return true;
 }
 

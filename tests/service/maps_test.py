@@ -431,12 +431,13 @@ class CommandLine(unittest.TestCase):
     def test_a_series_says_what_one_map_does(self):
         border = {"projection": "orthographic", "gsd_m": 1000.0, "center": {"lat_deg": 15.0, "lon_deg": 100.0},
                   "width_m": 60000.0, "height_m": 50000.0}
-        night = {"utc": "2026-11-20T00:00:00Z"}
-        one = self.command(map_request(border, "lit", "radiance", sun=night), "-o", harness.path("one.tif"), dem="region")
+        eclipse = {"utc": "2025-03-14T06:50:00Z"}
+        one = self.command(map_request(border, "lit", "radiance", sun=eclipse), "-o", harness.path("one.tif"), dem="region")
         self.assertEqual(one.returncode, 0, one.stderr)
         series = self.command(map_request(border, "lit", "radiance"), "-o", harness.path("several.tif"), "--utc",
-                              "2026-11-20T00:00:00Z", "2026-11-20T02:00:00Z", "1h", dem="region")
+                              "2025-03-14T06:50:00Z", "2025-03-14T07:10:00Z", "10min", dem="region")
         self.assertEqual(series.returncode, 0, series.stderr)
+        self.assertIn("the Earth covers the Sun", one.stdout)
         said = one.stdout.splitlines()[1:]
         self.assertTrue(said)
         self.assertEqual(len(series.stdout.splitlines()), 1 + len(said), series.stdout)
