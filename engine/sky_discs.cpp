@@ -20,8 +20,6 @@ namespace {
 
 using std::numbers::pi;
 
-double angle_apart(const Vec3& a, const Vec3& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
-
 class Disc {
  public:
   virtual ~Disc() = default;
@@ -82,7 +80,7 @@ class SunDisc : public Disc {
   const Vec3& centre() const override { return centre_; }
   double radius_rad() const override { return std::asin(sine_); }
   double narrowest_rad() const override {
-    const double beside_rad = angle_apart(centre_, earth_.direction()) + radius_rad() - earth_.radius_rad();
+    const double beside_rad = angle_between(centre_, earth_.direction()) + radius_rad() - earth_.radius_rad();
     return std::clamp(beside_rad, 0.0, 2 * radius_rad());
   }
 
@@ -349,7 +347,7 @@ class DiscPainter {
     const double length = here->norm();
     const Vec3 ray = *here / length, across = width / (kStep_px * length) * (*right - *here),
                down = height / (kStep_px * length) * (*below - *here);
-    if (angle_apart(ray, disc.centre()) > disc.radius_rad() + across.norm() + down.norm()) return;
+    if (angle_between(ray, disc.centre()) > disc.radius_rad() + across.norm() + down.norm()) return;
     const double side_rad = std::sqrt(std::abs(across.cross(down).dot(ray)));
     const int lines = disc.narrowest_rad() < side_rad ? 32 : 8;
     pixel.step_rad = side_rad / static_cast<double>(kQuadrature.size());
@@ -370,7 +368,7 @@ class DiscPainter {
   void paint_line(const PixelXY& a, const PixelXY& b, double share, Disc& disc, Pixel& pixel) {
     constexpr double kEven_rad = 0.01, kShortest_px = 0.01;
     const auto first = pixel.view.ray(a.x, a.y), last = pixel.view.ray(b.x, b.y);
-    const bool even = first && last && angle_apart(*first, *last) < kEven_rad;
+    const bool even = first && last && angle_between(*first, *last) < kEven_rad;
     if (!even && std::abs(b.x - a.x) + std::abs(b.y - a.y) > kShortest_px) {
       const PixelXY middle{(a.x + b.x) / 2, (a.y + b.y) / 2};
       paint_line(a, middle, share / 2, disc, pixel), paint_line(middle, b, share / 2, disc, pixel);

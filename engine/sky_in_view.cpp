@@ -20,8 +20,6 @@
 namespace selenograph::engine {
 namespace {
 
-double angle_of(const Vec3& a, const Vec3& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
-
 // A circle around the image of all rows, with a margin. A lens that leaves part of the border unimaged may see
 // anything.
 double field_radius_rad(const RowViews& views, double margin_px) {
@@ -39,7 +37,7 @@ double field_radius_rad(const RowViews& views, double margin_px) {
                                    {camera.width - 0.5 + margin_px, y}}) {
         const auto ray = bundle.view.ray(px, py);
         if (!ray) return std::numbers::pi;
-        radius = std::max(radius, angle_of(*ray, middle) + bundle.turn_rad);
+        radius = std::max(radius, angle_between(*ray, middle) + bundle.turn_rad);
       }
     }
   }

@@ -81,8 +81,6 @@ class CellGrid {
   std::vector<int> first_;
 };
 
-double angle_between(const Vec3& a, const Vec3& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
-
 }  // namespace
 
 StarCatalogue StarCatalogue::read(const std::string& path) {
