@@ -106,7 +106,7 @@ class Refused(Exception):
 
 
 class FrameWarning(UserWarning):
-    """What the service says in a frame's "warnings": the frame is probably not what was meant."""
+    """What the service warns of with a frame, a map, rays or landmarks: it is probably not what was meant."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -413,8 +413,9 @@ class Client:
         origins_m and directions are arrays of (..., 3), MOON_ME; one origin serves many directions and the other way
         round. Gives a record array of their shape without the 3: hit, range_m, position_m (x, y, z), normal (x, y, z),
         lit (NaN without `sun`), rock (the number that is its id in features(), there as f"{rock:016x}"; 0: none). Where
-        nothing is hit, hit is False and the rest is NaN. `rays.range_m` is an array of all ranges. light: `indirect` of a frame, and `surface` and `band` if you like; it adds irradiance (direct, from
-        terrain, from the Earth; W m-2; NaN on objects and rocks).
+        nothing is hit, hit is False and the rest is NaN. `rays.range_m` is an array of all ranges. light: `indirect` of a
+        frame, and `surface` and `band` if you like; it adds irradiance (direct, from terrain, from the Earth; W m-2;
+        NaN on objects and rocks). Warns as frame() does.
         """
         origins, towards = np.broadcast_arrays(np.asarray(origins_m, float), np.asarray(directions, float))
         if origins.ndim < 1 or origins.shape[-1] != 3:
@@ -439,7 +440,7 @@ class Client:
         points is an array of (..., 3): lat_deg, lon_deg, height_m; or of (..., 2), or with NaN heights: on the terrain;
         or a list of dicts as in the service's JSON. Gives a record array: x_px, y_px, range_m, height_m, in_frame,
         visible, lit (NaN without `sun`), reason (None, or a text that says why there is no pixel), and with a shutter
-        time_s. light: see rays(); irradiance is that of the ground.
+        time_s. light: see rays(); irradiance is that of the ground. Warns as frame() does.
         """
         if isinstance(points, collections.abc.Sequence) and any(isinstance(p, collections.abc.Mapping) for p in points):
             points = [[p["lat_deg"], p["lon_deg"], p.get("height_m", math.nan)] for p in points]
@@ -609,14 +610,17 @@ class Client:
         return ConnectionError(f"{self.url} doesn't answer as selenograph does: {what}")
 
     def _arrays_in_pieces(self, path: str, arrays: Dict[str, np.ndarray], rest: Dict[str, Any]) -> Dict[str, Any]:
-        """The answer's arrays; those of the request have as many rows."""
-        pieces = []
+        """The answer's arrays; those of the request have as many rows. Warns in the name of its caller's caller."""
+        pieces: List[Dict[str, np.ndarray]] = []
+        texts: Dict[str, None] = {}  # most pieces say the same
         for start in range(0, len(next(iter(arrays.values()))), ROWS_AT_ONCE):
             some = {name: rows[start:start + ROWS_AT_ONCE] for name, rows in arrays.items()}
             about = _region({"rays": [{"origin_m": some["origin_m"][0]}]} if "origin_m" in some else rest)
             try:
                 body = _npz_body(rest, some)
-                pieces.append(_read_npz(self._ask("POST", path, body, "application/x-npz", about)[2])[0])
+                _, headers, content = self._ask("POST", path, body, "application/x-npz", about)
+                pieces.append(_read_npz(content)[0])
+                texts.update(dict.fromkeys(_warnings_of(headers)))
             except Refused as refused:
                 if not start:
                     raise
@@ -624,6 +628,8 @@ class Client:
                 for name in arrays:
                     problem = _pointers_shifted(problem, f"/{name}/", start)
                 raise Refused(refused.status, problem) from None
+        for text in texts:
+            warnings.warn(text, FrameWarning, stacklevel=3)
         return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]} if pieces else {}
 
     def _in_order(self, requests: Iterable[Request], in_flight: int, ahead: int,
@@ -832,6 +838,10 @@ def _recarray(answers: Mapping[str, Any], fields: Sequence[Tuple[Any, ...]], sha
     for name, *_ in fields if len(records) else ():  # of no rows nothing was asked
         records[name] = answers.get(name, math.nan)
     return records.reshape(shape).view(np.recarray)[() if not shape else ...]
+
+
+def _warnings_of(headers: http.client.HTTPMessage) -> List[str]:
+    return json.loads(headers.get("Selenograph-Warnings", "[]"))
 
 
 def _warned(frame: Frame) -> Frame:
@@ -1963,7 +1973,7 @@ def _stages(timing: Mapping[str, float]) -> str:
 
 def _warn_of(path: str, answer: Answer) -> None:
     """What the service says against a frame."""
-    texts = json.loads(answer.headers.get("Selenograph-Warnings", "[]"))
+    texts = _warnings_of(answer.headers)
     missing = answer.headers.get("Selenograph-Missing-Fraction")
     if missing:
         texts.append(f"{100 * float(missing):.3g} % of the pixels look at the Moon where there is no data")

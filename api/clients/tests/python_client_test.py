@@ -171,6 +171,17 @@ class Frames(WithClient):
             list(self.client.frames([dark]))
         self.assertEqual(caught.filename, __file__)
 
+    def test_rays_and_landmarks_warn(self):
+        request, here = request_at(0), [[-6.5, 40]]
+        for utc, warned in ("2025-03-14T06:59:00Z", 1), ("2025-03-14T10:05:00Z", 0):  # a total eclipse, and after it
+            for ask in (lambda: self.client.rays([3e6, 0, 0], [-1, 0, 0], sun={"utc": utc}),
+                        lambda: self.client.project(request["camera"], request["pose"], here, sun={"utc": utc})):
+                with warnings.catch_warnings(record=True) as caught:
+                    warnings.simplefilter("always", selenograph.FrameWarning)
+                    ask()
+                self.assertEqual([w.filename for w in caught], [__file__] * warned)
+                self.assertTrue(all("the Earth covers the Sun" in str(w.message) for w in caught))
+
     def test_warnings_of_several_cameras(self):
         nowhere = {"pose": Pose.nadir(lat_deg=50, lon_deg=100, height_m=20000)}
         with self.assertWarnsRegex(selenograph.FrameWarning, "^back: .* without data"):

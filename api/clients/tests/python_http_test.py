@@ -16,6 +16,7 @@ import sys
 import threading
 import time
 import unittest
+import warnings
 from unittest import mock
 
 import numpy as np
@@ -110,6 +111,17 @@ class Mishaps(unittest.TestCase):
         cut = (200, {"Content-Type": "application/json", "Content-Length": "1000", "Connection": "close after"}, b"{")
         with self.asking(cut, FINE) as (client, _):
             self.assertEqual(client.heights(0, 0).height_m, 1.5)
+
+    def test_pieces_that_say_the_same_warn_once(self):
+        def piece(*texts):
+            headers = {"Content-Type": "application/x-npz", "Selenograph-Warnings": json.dumps(texts)}
+            return 200, headers, npz(hit=np.ones(2, bool), rock=np.zeros(2, np.uint64))
+        with self.asking(piece("dark"), piece("dark", "red"), piece()) as (client, _):
+            with mock.patch.object(selenograph, "ROWS_AT_ONCE", 2), warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                self.assertTrue(client.rays(np.zeros(3), np.ones((6, 3))).hit.all())
+        self.assertEqual([(w.category, str(w.message)) for w in caught],
+                         [(selenograph.FrameWarning, text) for text in ("dark", "red")])
 
     def test_answers_that_are_not_the_services(self):
         """Of the proxy in front of it, or of another program."""
