@@ -55,7 +55,8 @@ SkyImage FrameExposure::sky_of(const FrameRequest& request) const {
 }
 
 void FrameExposure::add_points(const SkyImage& sky, double share) {
-  plan_.sensor->add_points(sky.points(plan_.margin_px()), share, stop_);
+  sky.for_points(plan_.margin_px(),
+                 [&](std::span<const LightPoint> some) { plan_.sensor->add_points(some, share, stop_); });
 }
 
 // Of the part of the Sun's disc that is beside the frame and that nothing hides, in the middle of the exposure.

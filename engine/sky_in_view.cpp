@@ -72,14 +72,22 @@ double sunlight_w_m2(const Band* band) { return band ? solar_irradiance_w_m2(*ba
 
 class SkyFinder {
  public:
-  SkyFinder(const FrameRequest& request, const RowViews& views, double margin_px)
+  SkyFinder(const FrameRequest& request, const RowViews& views, double margin_px, bool places)
       : request_(request),
         options_(*request.sky),
         views_(views),
         margin_px_(margin_px),
+        places_(places),
         observer_(options_.utc, views.reference().position(), options_.velocity_m_s),
         light_(request) {}
 
+  std::vector<SkyObject> all(const StopToken& stop) const {
+    std::vector<SkyObject> sky = stars(stop);
+    add_bodies(sky);
+    return sky;
+  }
+
+ private:
   std::vector<SkyObject> stars(const StopToken& stop) const {
     std::vector<SkyObject> found;
     if (!options_.stars) return found;
@@ -93,13 +101,13 @@ class SkyFinder {
       const Star& star = catalogue.star(index);
       SkyObject object;
       place(object, observer_.apparent(star));
-      if (!near_image(object)) continue;
+      if (places_ && !near_image(object)) continue;
       object.id = catalogue.id(index), object.v_mag = static_cast<double>(star.v_mag);
       light_.set(object, [&](const Starlight& light, const Band*) {
         return light.of_star(object.v_mag, static_cast<double>(star.b_v));
       });
       found.push_back(std::move(object));
-      if (found.size() > kMostStars)
+      if (places_ && found.size() > kMostStars)
         throw ImpossibleRequest(
             fmt::format("more than {} stars of {} are in view up to magnitude {:g}: lower the limit", kMostStars,
                         catalogue.name(), options_.magnitude_limit),
@@ -137,7 +145,6 @@ class SkyFinder {
     }
   }
 
- private:
   SkyObject object_of(SkyKind kind, std::string_view id, const ApparentBody& body) const {
     SkyObject object;
     object.kind = kind, object.id = id, object.distance_m = body.distance_m, object.phase_deg = body.phase_deg;
@@ -147,6 +154,7 @@ class SkyFinder {
 
   void place(SkyObject& object, const Vec3& icrf) const {
     object.direction_icrf = icrf, object.direction = observer_.moon_me_from_icrf() * icrf;
+    if (!places_) return;
     const View& view = views_.reference();
     const Vec3 far_m = view.position() + kStarDistance_m * object.direction;
     if (views_.vary()) {
@@ -168,6 +176,7 @@ class SkyFinder {
   const SkyOptions& options_;
   const RowViews& views_;
   double margin_px_;
+  bool places_;  // are looked for
   SkyObserver observer_;
   SkyLight light_;
 };
@@ -176,10 +185,12 @@ class SkyFinder {
 
 std::vector<SkyObject> sky_around(const FrameRequest& request, const RowViews& views, double margin_px,
                                   const StopToken& stop) {
-  const SkyFinder finder(request, views, margin_px);
-  std::vector<SkyObject> sky = finder.stars(stop);
-  finder.add_bodies(sky);
-  return sky;
+  return SkyFinder(request, views, margin_px, true).all(stop);
+}
+
+std::vector<SkyObject> sky_around_rows(const FrameRequest& request, const RowViews& views, double margin_px,
+                                       const StopToken& stop) {
+  return SkyFinder(request, views, margin_px, false).all(stop);
 }
 
 EarthFigure earth_of(const FrameRequest& request, const RowViews& views) {

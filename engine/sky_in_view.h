@@ -23,6 +23,10 @@ inline constexpr double kStarDistance_m = 1e15;
 std::vector<SkyObject> sky_around(const FrameRequest& request, const RowViews& views, double margin_px,
                                   const StopToken& stop);
 
+// The same where rows have views of their own: all that may be within `margin_px` of any of them, without places.
+std::vector<SkyObject> sky_around_rows(const FrameRequest& request, const RowViews& views, double margin_px,
+                                       const StopToken& stop);
+
 // The Earth where the request's sky, which it must have, puts it for the camera.
 EarthFigure earth_of(const FrameRequest& request, const RowViews& views);
 

@@ -156,12 +156,12 @@ double Sensor::point_e(const LightPoint& point) const {
 
 void Sensor::add_kernel(const SpreadKernel& kernel, int column, int row, double value, std::optional<int> only_row) {
   const int r = kernel.radius(), width = request_.camera.width, height = request_.camera.height;
-  for (int y = std::max(0, row - r); y <= std::min(height - 1, row + r); ++y) {
-    if (only_row && y != *only_row) continue;
+  const int first = std::max({0, row - r, only_row.value_or(0)}),
+            last = std::min({height - 1, row + r, only_row.value_or(height)});
+  for (int y = first; y <= last; ++y)
     for (int x = std::max(0, column - r); x <= std::min(width - 1, column + r); ++x)
       points_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x)] +=
           static_cast<float>(value * kernel.weight(x - column, y - row));
-  }
 }
 
 void Sensor::add_points(std::span<const LightPoint> points, double share, const StopToken& stop) {

@@ -408,37 +408,51 @@ TEST_F(SkyOfAMoonWithoutRelief, ASlowScanShowsAStarAsOften) {
   request.camera.fx = request.camera.fy = 1 / (kPixel_deg * kRadiansPerDegree);
   request.sky->stars = grid_of_stars(View(request.camera, request.pose).middle(), 3, 0);
   const Eigen::Quaterniond middle = request.pose.camera_from_moon;
-  request.shutter.emplace();
-  request.shutter->pushbroom = true, request.shutter->line_time_s = 1e-3;
-  for (const double step_px : {1.0, 0.5, 0.25, -0.25, 0.0}) {
-    const double turn = step_px * kPixel_deg, start_deg = 64.3 * turn;
-    request.shutter->rates.angular_rate_deg_s.x() = -turn / 1e-3;
-    request.pose.camera_from_moon =
-        Eigen::Quaterniond(Eigen::AngleAxisd(-start_deg * kRadiansPerDegree, Vec3::UnitX())) * middle;
+  const auto turned = [&](double px) {
+    const Eigen::AngleAxisd turn(-px * kPixel_deg * kRadiansPerDegree, Vec3::UnitX());
+    return Eigen::Quaterniond(turn) * middle;
+  };
+  const double off_px = renderer().sky(request).at(0).y_px - request.camera.cy;  // by aberration
+  const auto times_shown = [&] {
     const std::vector<float> radiance = renderer().render(request).products.radiance;
     double sum = 0;
     for (const float value : radiance) sum += static_cast<double>(value);
-    const double times = step_px == 0 ? 128 : 1 / std::abs(step_px),
-                 pixel_sr = std::pow(kPixel_deg * kRadiansPerDegree, 2);
-    EXPECT_NEAR(sum * pixel_sr / renderer().sky(request).at(0).irradiance_w_m2, times,
-                (step_px == 0 ? 0.05 : 0.005) * times)
-        << step_px;
+    return sum * std::pow(kPixel_deg * kRadiansPerDegree, 2);
+  };
+  const double once = times_shown();
+  EXPECT_GT(once, 0);
+  request.shutter.emplace();
+  request.shutter->pushbroom = true, request.shutter->line_time_s = 1e-3;
+  for (const double step_px : {1.0, 0.5, 0.25, -0.25}) {
+    request.shutter->rates.angular_rate_deg_s.x() = -step_px * kPixel_deg / 1e-3;
+    request.pose.camera_from_moon = turned(64.3 * step_px);
+    EXPECT_NEAR(times_shown() / once, 1 / std::abs(step_px), 0.005 / std::abs(step_px)) << step_px;
+  }
+  // At rest: beside the line that all rows have, by up to a pixel.
+  request.shutter->rates.angular_rate_deg_s.setZero();
+  for (const double beside_px : {0.0, 0.4, 0.6, -0.9, 1.2}) {
+    request.pose.camera_from_moon = turned(-off_px + beside_px);
+    EXPECT_NEAR(times_shown() / once, 128 * std::max(1 - std::abs(beside_px), 0.0), 0.1) << beside_px;
   }
 }
 
-// A camera that doesn't move, whose rows have their own views all the same.
+// A camera that doesn't move, whose rows have their own views all the same. By its principal point, a star is in the
+// middle or on either side of the image's border.
 TEST_F(SkyOfAMoonWithoutRelief, RowsSeeStarsBesideThem) {
-  FrameRequest request = looking_up();
-  request.sensor = noiseless();
-  request.sensor->optics.point_spread.model = PointSpread::Model::gaussian,
-  request.sensor->optics.point_spread.sigma_px = 0.8;
-  request.products = kImage | kRadiance;
-  const FrameProducts still = renderer().render(request).products;
-  EXPECT_GT(*std::max_element(still.image.begin(), still.image.end()), 100);
-  request.shutter.emplace().line_time_s = 1e-6;
-  const FrameProducts rows = renderer().render(request).products;
-  EXPECT_EQ(rows.radiance, still.radiance);
-  for (std::size_t i = 0; i < rows.image.size(); ++i) EXPECT_NEAR(rows.image[i], still.image[i], 1) << i;
+  for (const double cy : {63.5, -0.3, -0.6, 127.8, 128.2}) {
+    FrameRequest request = looking_up();
+    request.camera.cy = cy;
+    request.sensor = noiseless();
+    request.sensor->optics.point_spread.model = PointSpread::Model::gaussian,
+    request.sensor->optics.point_spread.sigma_px = 0.8;
+    request.products = kImage | kRadiance;
+    const FrameProducts still = renderer().render(request).products;
+    EXPECT_GT(*std::max_element(still.image.begin(), still.image.end()), 100);
+    request.shutter.emplace().line_time_s = 1e-6;
+    const FrameProducts rows = renderer().render(request).products;
+    EXPECT_EQ(rows.radiance, still.radiance) << cy;
+    EXPECT_EQ(rows.image, still.image) << cy;
+  }
 }
 
 }  // namespace
