@@ -276,6 +276,7 @@ FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrai
   std::vector<LightField> of_objects;
   of_objects.reserve(view.objects.size());
   for (const Ball& object : view.objects) {
+    if (fade.share(object.centre_m) < 1) fades = true;
     const auto below_it = mesh.block_at(object.centre_m);
     of_objects.push_back(below_it && of_blocks[*below_it] != kNone
                              ? of_blocks[*below_it]
