@@ -21,7 +21,7 @@ struct RequestSettings {
   std::string output;   // path; its extension is the format
 };
 
-// Writes the answer, and says so on stdout. Empty: a refusal, which is printed.
+// Writes the answer, and says so beside it. Empty: a refusal, which is printed.
 std::optional<api::Response> answer_file(const RequestSettings& settings, const std::string& path,
                                          const std::string& accept);
 

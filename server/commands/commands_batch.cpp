@@ -164,7 +164,8 @@ int batch_verify(const BatchVerifySettings& settings) {
       if (fault.fault == Fault::damaged || fault.fault == Fault::doubled) put_aside(settings.output, fault.file);
   }
   const std::size_t bad = result.count(Fault::bad), extra = result.count(Fault::extra);
-  fmt::print("{}: {} frames are there once and whole; {} missing, {} damaged, {} doubled, {} bad, {} extra\n",
+  fmt::print(said_beside(settings.rerun),
+             "{}: {} frames are there once and whole; {} missing, {} damaged, {} doubled, {} bad, {} extra\n",
              settings.output, result.good, result.count(Fault::missing), result.count(Fault::damaged),
              result.count(Fault::doubled), bad, extra);
   if (result.faults.size() > bad + extra) return kRunAgain;  // no run would remove what is extra

@@ -121,7 +121,7 @@ int features(const FeaturesSettings& settings) {
       fmt::print("{}", written.text);
     } else {
       write_whole(written.path, written.text);
-      fmt::print("{}", written.said);
+      fmt::print(said_beside(written.path), "{}", written.said);
     }
   }
   return 0;

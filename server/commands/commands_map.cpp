@@ -245,10 +245,11 @@ bool draw_one(const Atlas& atlas) {
   if (!drawn) return false;
   const dem::MapGrid& grid = drawn->query.request.grid;
   const engine::FrameReport& report = drawn->map.report;
-  fmt::print("{}: {} x {} pixels of {:g} m\n", atlas.settings.output, grid.width, grid.height, grid.gsd_m);
+  std::FILE* said = said_beside(atlas.settings.output);
+  fmt::print(said, "{}: {} x {} pixels of {:g} m\n", atlas.settings.output, grid.width, grid.height, grid.gsd_m);
   if (report.missing_fraction > 0)
-    fmt::print("{}: a share of {:.6g} {}\n", atlas.settings.output, report.missing_fraction, kNoData);
-  for (const std::string& warning : warnings_of(*drawn)) fmt::print("warning: {}\n", warning);
+    fmt::print(said, "{}: a share of {:.6g} {}\n", atlas.settings.output, report.missing_fraction, kNoData);
+  for (const std::string& warning : warnings_of(*drawn)) fmt::print(said, "warning: {}\n", warning);
   return true;
 }
 

@@ -1,6 +1,7 @@
 // `selenograph render`: the very bytes that the service would answer, without a socket.
 #include <fmt/format.h>
 
+#include <cstdio>
 #include <filesystem>
 #include <stdexcept>
 
@@ -8,6 +9,7 @@
 #include "api/json/json_reader.h"
 #include "server/commands/ask.h"
 #include "server/commands/commands.h"
+#include "server/commands/output.h"
 #include "server/commands/start.h"
 
 namespace selenograph::server {
@@ -33,12 +35,14 @@ int render(const RenderSettings& settings) {
   set_up_log(settings.terrain.log_level);
   const auto answer = answer_file(settings, "/v1/frames", media_type_of_frame(settings.output));
   if (!answer) return 1;
+  std::FILE* said = said_beside(settings.output);
   for (const auto& [name, value] : answer->headers) {
     if (name == "Selenograph-Warnings")
       for (const api::Json& text : api::Json::parse(value))
-        fmt::print("{}: warning: {}\n", settings.output, text.get<std::string>());
+        fmt::print(said, "{}: warning: {}\n", settings.output, text.get<std::string>());
     if (name == "Selenograph-Missing-Fraction")
-      fmt::print("{}: a share of {} of the pixels looks at the Moon outside the data: black, NaN or 65535 there\n",
+      fmt::print(said,
+                 "{}: a share of {} of the pixels looks at the Moon outside the data: black, NaN or 65535 there\n",
                  settings.output, value);
   }
   return 0;

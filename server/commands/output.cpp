@@ -1,6 +1,7 @@
 #include "server/commands/output.h"
 
 #include <fmt/format.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -23,20 +24,35 @@ void refuse(const std::string& path, const std::error_code& error) {
   throw std::runtime_error(path + ": can't be written: " + error.message());
 }
 
+bool is_standard_output(const std::string& path) {
+  struct stat named {};
+  struct stat standard {};
+  return ::stat(path.c_str(), &named) == 0 && ::fstat(STDOUT_FILENO, &standard) == 0 &&
+         named.st_dev == standard.st_dev && named.st_ino == standard.st_ino;
+}
+
 std::error_code write_into(const std::string& path, const std::string& bytes) {
   errno = 0;
+  if (is_standard_output(path)) {  // opened by its name, it would begin anew
+    const bool written = std::fwrite(bytes.data(), 1, bytes.size(), stdout) == bytes.size();
+    return written && std::fflush(stdout) == 0 ? std::error_code() : error_of(errno);
+  }
   std::ofstream file(path, std::ios::binary);
   file.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
   file.close();
   return file ? std::error_code() : error_of(errno);
 }
 
-// Whether a new file takes the path's place. A device or a pipe is written into: with a file in its place it were gone.
-bool is_replaced(const std::string& path) {
+// Or nothing yet.
+bool is_file(const std::string& path) {
   std::error_code ignored;
   const fs::file_type type = fs::status(path, ignored).type();
   return type == fs::file_type::regular || type == fs::file_type::not_found;
 }
+
+// Whether a new file takes the path's place. A device or a pipe is written into: a file in its place would remove it.
+// In the place of standard output it would remove what else is written there.
+bool is_replaced(const std::string& path) { return is_file(path) && !is_standard_output(path); }
 
 // What symbolic links name, whether or not there is something yet.
 fs::path target_of(fs::path path) {
@@ -62,7 +78,10 @@ void write_whole(const std::string& path, const std::string& bytes) {
   refuse(path, error);
 }
 
+std::FILE* said_beside(const std::string& path) { return is_standard_output(path) ? stderr : stdout; }
+
 void check_can_be_written(const std::string& path) {
+  if (is_standard_output(path)) return;  // is open, whatever its name allows
   const fs::path place = is_replaced(path) ? target_of(path).parent_path() / "." : fs::path(path);
   if (std::error_code ignored; fs::is_directory(path, ignored)) refuse(path, error_of(EISDIR));
   if (::access(place.c_str(), W_OK) != 0) refuse(path, error_of(errno));
@@ -70,7 +89,7 @@ void check_can_be_written(const std::string& path) {
 
 bool is_same_file(const std::string& a, const std::string& b) {
   const auto of = [](const std::string& path) { return fs::weakly_canonical(fs::absolute(target_of(path))); };
-  return is_replaced(a) && of(a) == of(b);
+  return is_file(a) && of(a) == of(b);
 }
 
 void write_json(const std::string& path, const nlohmann::ordered_json& json) {

@@ -2,17 +2,21 @@
 #pragma once
 
 #include <chrono>
+#include <cstdio>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 
 namespace selenograph::server {
 
-// Writes a file atomically: of a symbolic link what it names. A device or a pipe is written into. Throws
-// std::runtime_error naming the file and the system's reason.
+// Writes a file atomically: of a symbolic link what it names. A device or a pipe is written into, and standard output
+// by whatever name, /dev/stdout say, after what it has. Throws std::runtime_error naming the file and the system's
+// reason.
 void write_whole(const std::string& path, const std::string& bytes);
 // Writes indented JSON with a final newline, atomically. Invalid UTF-8 is replaced.
 void write_json(const std::string& path, const nlohmann::ordered_json& json);
 
+// Where to say what write_whole() wrote: stdout, or stderr where the file is standard output itself.
+std::FILE* said_beside(const std::string& path);
 // Throws as write_whole() if it could not begin: before work that would be lost.
 void check_can_be_written(const std::string& path);
 // Whether both paths are of one file, which need not be there; a device or a pipe is none.

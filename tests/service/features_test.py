@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Craters as truth: POST /v1/features and `selenograph features` against the terrain, and against what frames see."""
 
+import contextlib
 import csv
 import io
 import json
@@ -8,6 +9,7 @@ import math
 import os
 import shutil
 import stat
+import subprocess
 import time
 import zipfile
 
@@ -555,9 +557,9 @@ class InFrames(WithFeatures):
 
 
 class CommandLine(WithFeatures):
-    def features(self, *options):
+    def features(self, *options, **others):
         return run("features", "--dem", harness.path("dem"), "--cache-dir", harness.path("cache"), "--assets-dir",
-                   harness.path("assets"), *options)
+                   harness.path("assets"), *options, **others)
 
     def test_csv(self):
         box = square(LAT, LON, 3000)
@@ -622,6 +624,29 @@ class CommandLine(WithFeatures):
         self.assertEqual(done.returncode, 1)
         self.assertIn("round.csv: can't be written: ", done.stderr)
         self.assertTrue(os.path.islink(harness.path("round.csv")))
+
+    def test_standard_output_by_its_name(self):
+        """What else is written there stays, and what the command says goes elsewhere."""
+        request = harness.write("by-name.json", {"detail": "large", "region": square(LAT, LON, 1000)})
+        expected, path = self.features(request).stdout, harness.path("by-name.csv")
+        said = f": {len(expected.splitlines()) - 1} craters\n"
+        for mode, name, before in (("a", "/dev/stdout", "head\n"), ("w", "/dev/stdout", ""), ("a", path, "head\n"),
+                                   (None, "/dev/stdout", "")):
+            harness.write("by-name.csv", "head\n")
+            with open(path, mode) if mode else contextlib.nullcontext(subprocess.PIPE) as file:
+                done = self.features(request, "-o", name, stdout=file)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertTrue(done.stderr.endswith("\n" + name + said), done.stderr)
+            if mode:
+                with open(path) as file:
+                    self.assertEqual(file.read(), before + expected)
+            else:
+                self.assertEqual(done.stdout, expected)
+        frame = harness.write("by-name-frame.json", self.frame())
+        with open(path, "w") as file:
+            done = self.features(request, "--frame", frame, "-o", path, "--coco", "/dev/stdout", stdout=file)
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("can't be both", done.stderr)
 
     def coco(self, request, *options):
         done = self.features("--frame", harness.write("frame.json", request), "--coco", harness.path("coco.json"), *options)

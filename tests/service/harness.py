@@ -95,9 +95,9 @@ def wait_until(condition, what, patience_s=PATIENCE_S):
         time.sleep(0.01)
 
 
-def run(*arguments, **options):
+def run(*arguments, stdout=subprocess.PIPE, **options):
     """A command of the binary, to its end."""
-    return subprocess.run([BINARY, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S * 5,
+    return subprocess.run([BINARY, *arguments], stdout=stdout, stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S * 5,
                           **options)
 
 

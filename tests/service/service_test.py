@@ -387,6 +387,12 @@ class Commands(unittest.TestCase):
                 with open(output, "rb") as file:
                     self.assertEqual(file.read(), body)
         self.assertEqual([name for name in os.listdir(self.folder) if "part" in name], [])
+        with open(output, "wb") as file:  # standard output by another name: what is said goes elsewhere
+            done = run("render", self.path("request.json"), "-o", output, "--cache-dir", self.cache, "--dem", DEM, stdout=file)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertTrue(done.stderr.endswith(f"\n{output}: {len(body)} bytes\n"), done.stderr)
+        with open(output, "rb") as file:
+            self.assertEqual(file.read(), body)
         self.assertEqual(service.stop(), 0)
 
     def test_render_reports_what_is_wrong(self):
