@@ -19,12 +19,14 @@ CLI::Option* add_place(CLI::App& command, const std::string& name, std::string& 
   });
 }
 
-// CLI11 takes another number for one that 64 bits don't hold.
+// CLI11 takes another number for one that 64 bits don't hold, and 0 for nothing.
 std::string refusal_of_seed(const std::string& text) {
   errno = 0;
   std::strtoull(text.c_str(), nullptr, 0);
-  return errno == ERANGE || text.find('-') != std::string::npos ? text + " is not from 0 to 18446744073709551615"
-                                                                : std::string();
+  const bool is_number = text.find_first_of("0123456789") != std::string::npos;
+  return errno == ERANGE || !is_number || text.find('-') != std::string::npos
+             ? "'" + text + "' is not from 0 to 18446744073709551615"
+             : std::string();
 }
 
 }  // namespace

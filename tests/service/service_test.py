@@ -351,7 +351,7 @@ class Commands(unittest.TestCase):
     def test_seeds_of_64_bits(self):
         small = ("--rows", "1", "--columns", "1", "--ppd", "16", "--seed")
         self.assertEqual(run("sample", self.path("largest"), *small, "18446744073709551615").returncode, 0)
-        for seed in ("-1", "18446744073709551616"):
+        for seed in ("-1", "18446744073709551616", "", " ", "{}"):
             done = run("sample", self.path("none"), *small, seed)
             self.assertNotEqual(done.returncode, 0)
             self.assertIn("--seed", done.stderr)
