@@ -17,6 +17,7 @@
 #include "api/answers/eclipse.h"
 #include "api/answers/map_answer.h"
 #include "api/answers/metadata.h"
+#include "api/answers/metadata_members.h"
 #include "api/message/problem.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
@@ -204,7 +205,7 @@ constexpr const char* kNoData = "of the pixels has no data: NaN, 65535 in source
 
 std::vector<std::string> warnings_of(const Drawn& drawn) {
   nlohmann::ordered_json of_eclipse = nlohmann::ordered_json::array();
-  api::warn_of_eclipse(api::sun_covered(drawn.query), "sun_covered_fraction", of_eclipse);
+  api::warn_of_eclipse(api::sun_covered(drawn.query), api::kSunCovered, of_eclipse);
   std::vector<std::string> out = drawn.map.report.warnings;
   out.insert(out.end(), of_eclipse.begin(), of_eclipse.end());
   return out;

@@ -413,8 +413,8 @@ class Client:
         origins_m and directions are arrays of (..., 3), MOON_ME; one origin serves many directions and the other way
         round. Gives a record array of their shape without the 3: hit, range_m, position_m (x, y, z), normal (x, y, z),
         lit (NaN without `sun`), rock (the number that is its id in features(), there as f"{rock:016x}"; 0: none). Where
-        nothing is hit, hit is False and the rest is NaN. `rays.range_m` is an array of all ranges. light: `indirect` of a
-        frame, and `surface` and `band` if you like; it adds irradiance (direct, from terrain, from the Earth; W m-2;
+        nothing is hit, hit is False and the rest is NaN. `rays.range_m` is an array of all ranges. light: `indirect` of
+        a frame, and `surface` and `band` if you like; it adds irradiance (direct, from terrain, from the Earth; W m-2;
         NaN on objects and rocks). Warns as frame() does.
         """
         origins, towards = np.broadcast_arrays(np.asarray(origins_m, float), np.asarray(directions, float))
@@ -756,7 +756,7 @@ def _remaining_s(give_up: float) -> float:
 
 
 class _Response(http.client.HTTPResponse):
-    """An answer, head and body, that is here by a time. A socket's own timeout is for one piece of it, however small."""
+    """An answer, head and body, that is here by a time. A socket's own timeout is for one piece, however small."""
 
     def __init__(self, give_up: float, sock: socket.socket, *arguments: Any, **options: Any) -> None:
         super().__init__(sock, *arguments, **options)
@@ -1311,7 +1311,8 @@ class Camera(dict):
                 focal_length_mm: Optional[float] = None, pixel_pitch_um: Optional[float] = None,
                 distortion: Optional[Mapping[str, Any]] = None) -> Camera:
         """fov_deg: horizontal, full angle (not vertical, not half). Or fx in pixels; fy, cx, cy are optional then:
-        fx, (width - 1) / 2, (height - 1) / 2. Or focal_length_mm with pixel_pitch_um. distortion: {"k1": .., "k2": .., "k3": .., "p1": .., "p2": ..}."""
+        fx, (width - 1) / 2, (height - 1) / 2. Or focal_length_mm with pixel_pitch_um. distortion: {"k1": .., "k2": ..,
+        "k3": .., "p1": .., "p2": ..}."""
         lens = None if distortion is None else {"model": "brown_conrady", **distortion}
         return cls._made("pinhole", width, height, lens, fov_deg, _given(fx=fx, fy=fy, cx=cx, cy=cy),
                          _given(focal_length_mm=focal_length_mm, pixel_pitch_um=pixel_pitch_um))

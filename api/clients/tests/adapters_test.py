@@ -315,13 +315,16 @@ class Ros(Adapter):
         with socket.socket() as s:
             return s.connect_ex(("127.0.0.1", port)) == 0
 
-    def test_images_of_poses(self):
+    def start_master(self):
         port = harness.free_port()
         os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{port}", ROS_IP="127.0.0.1", ROS_HOME=harness.path("ros"),
                           ROS_LOG_DIR=harness.path("ros", "log"),
                           PYTHONPATH=os.pathsep.join([os.path.join(CLIENTS, "python"), os.environ.get("PYTHONPATH", "")]))
         master = self.start(ROSMASTER, "--core", "-p", str(port))
         harness.wait_until(lambda: self.serves(master, port), lambda: self.said(master))
+
+    def test_images_of_poses(self):
+        self.start_master()
         harness.write("ros-request.json", dict(self.request, sun=SUN))
         node = self.start(sys.executable, os.path.join(CLIENTS, "ros", "selenograph_node.py"), f"_url:={self.url()}",
                           "_request:=" + harness.path("ros-request.json"), "pose:=truth")

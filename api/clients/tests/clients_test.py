@@ -257,22 +257,27 @@ class Octave(Examples, OneService):
                 "if isempty(fieldnames(cameras{1})), request = struct('compression', 'deflate'); end; "
                 f"try, selenograph_frame('{fake.url}', request); catch e, disp([e.identifier ' ' e.message]); end; end")
         self.assertEqual(status, 0, err)
-        self.assertEqual(out.splitlines(), ['selenograph:argument "compression": "deflate" can\'t be read: leave it out'] * 2)
+        self.assertEqual(out.splitlines(),
+                         ['selenograph:argument "compression": "deflate" can\'t be read: leave it out'] * 2)
         self.assertEqual(fake.requests, [])
 
     def test_faults_of_poses_ahead_are_those_of_later_requests(self):
         def refusal(*pointers):
+            errors = [{"pointer": p, "detail": "is wrong"} for p in pointers]
             return 422, {"Content-Type": "application/problem+json"}, json.dumps({
-                "title": "t", "status": 422, "detail": "d", "errors": [{"pointer": p, "detail": "is wrong"} for p in pointers]}).encode()
+                "title": "t", "status": 422, "detail": "d", "errors": errors}).encode()
 
-        frames = "selenograph_frames('%s', {struct('pose', 0), struct('pose', 1), struct('pose', 2)}, @(i, frame) disp(i))"
+        frames = ("selenograph_frames('%s', {struct('pose', 0), struct('pose', 1), struct('pose', 2)}, "
+                  "@(i, frame) disp(i))")
         frame = self.real_answer()
-        with FakeService(refusal("/ahead/0", "/ahead/1/lat_deg"), frame, refusal("/ahead/0"), frame, refusal("/pose")) as fake:
+        with FakeService(refusal("/ahead/0", "/ahead/1/lat_deg"), frame, refusal("/ahead/0"), frame,
+                         refusal("/pose")) as fake:
             status, out, err = self.run_octave(frames % fake.url)
         self.assertEqual((status, out.split()), (2, ["1", "2"]), err)
         self.assertIn("/pose: is wrong", err)
         self.assertEqual([json.loads(body) for *_, body in fake.requests],
-                         [{"pose": 0, "ahead": [1, 2]}, {"pose": 0}, {"pose": 1, "ahead": [2]}, {"pose": 1}, {"pose": 2}])
+                         [{"pose": 0, "ahead": [1, 2]}, {"pose": 0}, {"pose": 1, "ahead": [2]}, {"pose": 1},
+                          {"pose": 2}])
         with FakeService(refusal("/ahead/0", "/pose")) as fake:
             status, out, err = self.run_octave(frames % fake.url)
         self.assertEqual((status, out, len(fake.requests)), (2, "", 1), err)

@@ -437,7 +437,8 @@ class RandomViews(WithClient):
                      altitude_m=(8000, 12000), seed=2)
         lenses = ({"fov_deg": 2 * math.degrees(math.atan(0.5))}, {"fx": 256}, {"fx": 256, "fy": 256, "cx": 127.5},
                   {"focal_length_mm": 10, "pixel_pitch_um": 10000 / 256})
-        views = [list(selenograph.random_views(self.client, {"camera": {"width": 256, "height": 256, **lens}}, 4, **asked))
+        size = {"width": 256, "height": 256}
+        views = [list(selenograph.random_views(self.client, {"camera": {**size, **lens}}, 4, **asked))
                  for lens in lenses]
         for lens, some in zip(lenses, views):
             self.assertEqual([view["pose"] for view in some], [view["pose"] for view in views[0]], lens)

@@ -135,7 +135,8 @@ class Mishaps(unittest.TestCase):
                                      ("its 'points' is no list of objects", json_type, b'{"points": [null]}'),
                                      ("0 points of 1", json_type, b'{"points": []}')):
             with self.subTest(words), self.asking((200, headers, body)) as (client, server):
-                with self.assertRaisesRegex(ConnectionError, f"{server.url} doesn't answer as selenograph does: .*{words}"):
+                with self.assertRaisesRegex(ConnectionError,
+                                            f"{server.url} doesn't answer as selenograph does: .*{words}"):
                     client.heights(0, 0)
         for ask in (lambda client: client.frame(request_at(0)), lambda client: client.encoded(request_at(0)),
                     lambda client: client.datasets(), lambda client: client.sky({})):
@@ -238,7 +239,8 @@ class Mishaps(unittest.TestCase):
                 ('{"map":{"center":{"lat_deg":0.1,"lon_deg":30.1}}}', '22-7'),
                 ('{"rays":[{"origin_m":[1757400,0,0]}]}', '22-0'),
                 ('{"points":[{"lat_deg":0.1,"lon_deg":30.1}]}', '22-7'),
-                ('{"camera":{},"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1}},"points":[{"lat_deg":80,"lon_deg":0}]}', '22-7'),
+                ('{"camera":{},"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1}},'
+                 '"points":[{"lat_deg":80,"lon_deg":0}]}', '22-7'),
                 ('{"pose":{"position_m":[1757400,0,0],"frame":"ICRF"}}', ''),
                 ('{"pose":{"position_m":[1757400,0,0],"frame":"J2000"}}', ''),
                 ('{"pose":{"geodetic":{"lat_deg":-91,"lon_deg":0}}}', ''),
