@@ -26,6 +26,7 @@ struct ReadContext {
   const Assets& assets;
   StopToken stop{};       // files may take long to read
   std::string sun_utc{};  // epoch of the request's Sun; empty: not given by an epoch
+  double later_s = 0;     // time of the pose that is read, from that epoch
 };
 
 class MemberTable;

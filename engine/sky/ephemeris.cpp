@@ -261,7 +261,10 @@ Earth earth_at(const std::string& utc) {
   return {(moon_me_from_icrs(tdb) * apparent).normalized(), toward.norm() * ERFA_DAU};
 }
 
-Eigen::Matrix3d moon_me_from_icrf(const std::string& utc) { return moon_me_from_icrs(tt_at(utc)); }
+Eigen::Matrix3d moon_me_from_icrf(const std::string& utc, double later_s) {
+  const JulianDate tdb = tt_at(utc);
+  return moon_me_from_icrs({tdb.day, tdb.fraction + later_s / ERFA_DAYSEC});
+}
 
 std::string utc_of_et(double et_s) {
   load_leap_seconds();

@@ -27,9 +27,9 @@ SunPosition sun_at(const std::string& utc);
 // km in distance. Throws as sun_at.
 Earth earth_at(const std::string& utc);
 
-// Rotates vectors of ICRF axes into MOON_ME at a UTC epoch, by the rotation that sun_at uses; errors likewise, and up
-// to 0.01 degrees of rotation.
-Eigen::Matrix3d moon_me_from_icrf(const std::string& utc);
+// Rotates vectors of ICRF axes into MOON_ME at a UTC epoch, or later than that by some seconds, by the rotation that
+// sun_at uses; errors likewise, and up to 0.01 degrees of rotation.
+Eigen::Matrix3d moon_me_from_icrf(const std::string& utc, double later_s = 0);
 
 // A Julian date in two parts, so that no microseconds are lost.
 struct JulianDate {

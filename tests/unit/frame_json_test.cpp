@@ -862,6 +862,32 @@ TEST(ShutterJson, PosesTakeThePlaceOfThePose) {
   EXPECT_LT(std::abs(request.pose.position_m.y()), 100) << "row 0's is between the first two";
 }
 
+// In ICRF, of rows of a camera that stands still there: with epochs of their own, or of the Sun's and their times.
+Json inertial_rows(bool own_epochs) {
+  Json body = patched(R"({"pose": null, "sun": {"direction": null, "utc": "2026-11-20T06:30:00Z"},
+                          "shutter": {"line_time_s": 1}})");
+  for (const auto& [time_s, utc] : {std::pair(-60.0, "2026-11-20T06:29:00Z"), {600.0, "2026-11-20T06:40:00Z"}}) {
+    Json pose{{"frame", "ICRF"},
+              {"position_m", {1.5e6, -1e6, 0}},
+              {"camera_from_moon", {{"w", 1}, {"x", 0}, {"y", 0}, {"z", 0}}}};
+    if (own_epochs) pose["utc"] = utc;
+    body["shutter"]["poses"].push_back({{"time_s", time_s}, {"pose", pose}});
+  }
+  return body;
+}
+
+TEST(ShutterJson, TheMoonTurnsBelowInertialPosesWithoutEpochs) {
+  const auto poses = [](bool own_epochs) {
+    return read_frame(inertial_rows(own_epochs), Limits{}).request.shutter->poses;
+  };
+  const auto own = poses(true), left_out = poses(false);
+  EXPECT_GT((own[0].pose.position_m - own[1].pose.position_m).norm(), 2600) << "4 m/s at this distance";
+  for (std::size_t i = 0; i < own.size(); ++i) {
+    EXPECT_LT((own[i].pose.position_m - left_out[i].pose.position_m).norm(), 1e-4);
+    expect_same_attitude(own[i].pose.camera_from_moon, left_out[i].pose.camera_from_moon);
+  }
+}
+
 TEST(ShutterJson, ResolvedRequestIsAccepted) {
   EXPECT_FALSE(resolved_json(read_frame(minimal(), Limits())).contains("shutter"));
   for (const std::string patch :

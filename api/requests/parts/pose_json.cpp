@@ -148,7 +148,8 @@ std::optional<Eigen::Matrix3d> resolve_frame(const JsonReader& in, const Positio
     in.fail("frame", "ICRF needs an epoch: \"utc\" or \"et_s\" here, or of the Sun");
   } else {
     try {
-      return engine::moon_me_from_icrf(given ? form.as_utc() : context.sun_utc);
+      return given ? engine::moon_me_from_icrf(form.as_utc())
+                   : engine::moon_me_from_icrf(context.sun_utc, context.later_s);
     } catch (const ImpossibleRequest& e) {
       in.fail(form.member(), e.what());
     }

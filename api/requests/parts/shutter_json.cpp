@@ -10,15 +10,28 @@ namespace {
 using engine::PoseAtTime;
 using engine::Shutter;
 
+constexpr Range kPoseTime_s{-1e6, 1e6};
+
 bool through_poses(const Shutter& shutter) { return !shutter.poses.empty(); }
 bool at_rates(const Shutter& shutter) { return shutter.poses.empty(); }
+
+// A pose at a time, at which the Moon has turned on since the Sun's epoch.
+struct TimedPose : Object<Members<PoseAtTime>> {
+  std::optional<PoseAtTime> read(const JsonReader& in, const ReadContext& context) const {
+    ReadContext then = context;
+    const Json time = in.has("time_s") ? in.at("time_s").value() : Json();
+    if (time.is_number() && kPoseTime_s.contains(time.get<double>())) then.later_s = time.get<double>();
+    return Object::read(in, then);
+  }
+};
 
 }  // namespace
 
 const Members<PoseAtTime>& pose_at_time_members() {
   static const auto table = made<Members<PoseAtTime>>("PoseAtTime", "A pose of the camera at a time.", [](auto& m) {
-    m.add("time_s", &PoseAtTime::time_s, Number{{-1e6, 1e6}, "s"}, "time from the exposure of row 0").required();
-    m.add("pose", &PoseAtTime::pose, Object{pose_members()}, "position and attitude of the camera at that time")
+    m.add("time_s", &PoseAtTime::time_s, Number{kPoseTime_s, "s"}, "time from the exposure of row 0").required();
+    m.add("pose", &PoseAtTime::pose, Object{pose_members()},
+          "position and attitude of the camera at that time; in ICRF without an epoch: that of the Sun plus time_s")
         .required();
   });
   return *table;
@@ -48,7 +61,7 @@ const Members<Shutter>& shutter_members() {
              "velocity_m_s", [](auto& s) -> auto& { return s.rates.velocity_m_s; }, kVelocity_m_s,
              "velocity of the camera, MOON_ME")
             .written_if(at_rates);
-        m.add("poses", &Shutter::poses, List{Object{pose_at_time_members()}, 2, kMostPoses},
+        m.add("poses", &Shutter::poses, List{TimedPose{{pose_at_time_members()}}, 2, kMostPoses},
               "at increasing times, the first not after row 0, the last not before the last row. Positions are "
               "interpolated by cubic Hermite polynomials (each pose's velocity is that of the parabola through it and "
               "its neighbours), attitudes by slerp, the shorter way")
