@@ -8,6 +8,7 @@
 #include <xxhash.h>
 
 #include "api/answers/eclipse.h"
+#include "api/answers/turned_sky.h"
 #include "api/answers/view_json.h"
 #include "api/requests/parts/detail_json.h"
 #include "engine/sky/star_catalogue.h"
@@ -63,6 +64,7 @@ OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& re
   warn_of_aims(query.request.accuracy, report, warnings);
   warn_of_band(query.request, warnings);
   warn_of_eclipse(covered, kSunCovered, warnings);
+  warn_of_turned_sky(query.request, query.icrf_lag_s, warnings);
   constexpr double kMuch = 0.01;
   const engine::ProductSet products = query.request.products;
   const auto& sensor = query.request.sensor;
@@ -108,6 +110,7 @@ std::string content_hash(const FrameQuery& query, const std::vector<double>& sha
   if (query.request.detail) what["detail"] = detail_metadata(query.detail, *query.request.detail);
   if (gave_way(query.request.accuracy, shadow_limits_px)) what["shadow_limits_px"] = shadow_limits_px;
   if (const double share = sun_covered(query); share > 0) what[kSunCovered] = share;
+  if (sky_turned_deg(query.request, query.icrf_lag_s) > 0) what["icrf_lag_s"] = query.icrf_lag_s;
   return content_hash(what.dump());
 }
 

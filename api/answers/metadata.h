@@ -17,8 +17,8 @@ namespace selenograph::api {
 
 // 32 hexadecimal digits that identify a response's bytes. Input: the resolved request, the terrain
 // (Catalogue::fingerprint), the versions of the assets it uses, the software version, the representation, and
-// FrameReport::shadow_limits_px if they were relaxed, and what an eclipse covers (sun_covered). All of it is known
-// before rendering, so If-None-Match costs no frame.
+// FrameReport::shadow_limits_px if they were relaxed, what an eclipse covers (sun_covered), and how far the sky is of
+// another epoch than poses (sky_turned_deg). All of it is known before rendering, so If-None-Match costs no frame.
 std::string content_hash(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
                          std::uint64_t terrain_fingerprint, const Representation& representation);
 

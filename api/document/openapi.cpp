@@ -79,8 +79,10 @@ OrderedJson headers() {
                                               "when there are none",
                                               "number")},
       {"Selenograph-Warnings",
-       header("The metadata's warnings, those of several cameras with their names, as compact ASCII "
-              "JSON; of rays and points those of an eclipse; absent when there are none")},
+       header(
+           "The metadata's warnings, those of several cameras with their names, as compact ASCII "
+           "JSON; of rays and points those of an eclipse, of what is in the sky those of its epoch; absent when there "
+           "are none")},
       {"Selenograph-Echo", header("The request's `echo`, as compact ASCII JSON; absent when it has none")},
       {"Retry-After", header("Seconds", "integer")},
       {"Allow", header("The methods that the path has")}};

@@ -1,6 +1,8 @@
 // POST /v1/sky.
 #include <algorithm>
 
+#include "api/answers/metadata.h"
+#include "api/answers/turned_sky.h"
 #include "api/encode/negotiate.h"
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
@@ -30,6 +32,9 @@ Response answer_sky(const EndpointContext& context) {
   response.body =
       media_type == kSkyAnswers[1].media_type ? sky_npz(sky, query, context.stop) : sky_json(sky, query).dump();
   response.headers.emplace_back("Vary", "Accept");
+  OrderedJson warnings = OrderedJson::array();
+  warn_of_turned_sky(query.request, query.icrf_lag_s, warnings);
+  if (!warnings.empty()) response.headers.emplace_back("Selenograph-Warnings", warnings_header(warnings));
   context.stop.check();
   return response;
 }
@@ -39,7 +44,7 @@ void describe_sky(Operation& o) {
       "Truth for star trackers and optical navigation: stars in the image, the brightest first, then the Sun, the "
       "Earth and the planets, wherever they are. What a frame with the same `sky` shows is at these places.");
   o.body("/v1/sky", sky_request_members());
-  o.answer_as_accepted(kSkyAnswers, "SkyAnswer", {"Vary"});
+  o.answer_as_accepted(kSkyAnswers, "SkyAnswer", {"Vary", "Selenograph-Warnings"});
   o.schema("SkyAnswer",
            schema::object("What is in the sky.",
                           {{"objects", schema::array(sky_answer().schema(), "stars, then bodies")}}, {"objects"}));

@@ -233,6 +233,8 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext& con
     if (!request.craters) query.request.craters.emplace();
   }
   require_sun(in, products(), request.products);
+  if (request.sky && in.faults() == 0)
+    query.icrf_lag_s = icrf_lag_s(in, request.camera, request.shutter, context.sun_utc, request.sky->utc);
 }
 
 // Those of a detail.

@@ -35,6 +35,7 @@ struct FrameQuery : SceneryQuery {
   std::vector<ObjectQuery> objects;
   std::vector<engine::Pose> ahead;  // expected next poses; they do not change this frame
   std::string echo;                 // returned in a header: compact ASCII JSON; empty: none
+  double icrf_lag_s = 0;            // from the epoch of its sky to that of its poses in ICRF (icrf_lag_s())
   bool labels = false;              // masks and annotations of craters and rocks; then `request` lists both
   Compression compression = Compression::none;
 

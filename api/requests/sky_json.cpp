@@ -49,7 +49,7 @@ const auto objects_of_sky = Property{[](const SkyQuery&) { return std::optional<
                                          q.request.objects.push_back(placed.object);
                                      }};
 
-void check_sky(const JsonReader& in, SkyQuery& query, const ReadContext&) {
+void check_sky(const JsonReader& in, SkyQuery& query, const ReadContext& context) {
   engine::FrameRequest& request = query.request;
   request.detail = query.detail.content;
   check_pose(in, request.camera, request.shutter, request.pose);
@@ -58,6 +58,8 @@ void check_sky(const JsonReader& in, SkyQuery& query, const ReadContext&) {
   } catch (const ImpossibleRequest& e) {
     in.fail(query.member(), e.what());
   }
+  if (in.faults() == 0)
+    query.icrf_lag_s = icrf_lag_s(in, request.camera, request.shutter, context.sun_utc, request.sky->utc);
   if (!request.sensor) return;
   check_sensor(in, request);
   if (request.sensor->exposure.target_fill > 0)

@@ -17,6 +17,7 @@ namespace selenograph::api {
 struct SkyQuery : EpochForm {
   engine::FrameRequest request;  // its camera, pose, shutter, band, sensor, sky and objects
   Named<dem::Detail> detail{};   // null: none
+  double icrf_lag_s = 0;         // as FrameQuery's
 };
 
 const Members<SkyQuery>& sky_request_members();

@@ -205,6 +205,55 @@ class LikeFrames(unittest.TestCase):
             self.assertIn(pointer, [error["pointer"] for error in json.loads(body)["errors"]], body)
 
 
+class OfAnotherEpoch(unittest.TestCase):
+    """A pose in ICRF an hour after its sky: the Moon has turned by half a degree, and an inertial camera with it."""
+
+    CAMERA, LATER = {"width": 64, "height": 64, "fov_deg": 10.0}, {"utc": "2026-11-25T01:00:00Z"}
+    POSE = EVERYTHING["pose"]
+    WORDS = "the epoch of a pose in ICRF"
+
+    def warnings(self, headers):
+        return [text for text in json.loads(headers.get("Selenograph-Warnings", "[]")) if self.WORDS in text]
+
+    def test_the_list_warns(self):
+        def warned(**changes):
+            request = {**EVERYTHING, "camera": self.CAMERA, **changes}
+            status, headers, body = service.post("/v1/sky", {k: v for k, v in request.items() if v is not None})
+            self.assertEqual(status, 200, body)
+            return self.warnings(headers)
+
+        def rows(line_time_s, **epoch):
+            poses = [{"time_s": t, "pose": {**self.POSE, **epoch}} for t in (0, 100)]
+            return {"pose": None, "shutter": {"line_time_s": line_time_s, "poses": poses}}
+        (said,) = warned(pose={**self.POSE, **self.LATER})
+        self.assertIn("3600 s", said)
+        self.assertIn("0.55 degrees", said)
+        self.assertEqual(warned(pose={**self.POSE, "utc": EVERYTHING["utc"]}), [])
+        self.assertEqual(warned(), [])
+        self.assertEqual(len(warned(**rows(1.0))), 1)
+        self.assertEqual(warned(**rows(1e-3)), [])  # 0.06 s: less than is seen
+
+    def test_frames_warn_and_have_another_tag(self):
+        moons = {"position_m": POSITION_M, "look_at": {"lat_deg": 0, "lon_deg": 0}}
+        request = {"camera": self.CAMERA, "sun": {"utc": EVERYTHING["utc"]}, "sky": {"stars": "thousand"}}
+
+        def asked(pose, **changes):
+            arrays = service.arrays({**request, "products": ["radiance"], "pose": pose, **changes})
+            self.assertEqual([text for text in arrays["meta"]["warnings"] if self.WORDS in text],
+                             self.warnings(arrays["headers"]))
+            return len(self.warnings(arrays["headers"])), arrays
+        count, later = asked({**self.POSE, **self.LATER})
+        self.assertEqual(count, 1)
+        # The same frame by its resolved pose, which is the Moon's.
+        count, resolved = asked(later["meta"]["request"]["pose"])
+        self.assertEqual(count, 0)
+        self.assertTrue(np.array_equal(later["radiance"], resolved["radiance"]))
+        self.assertNotEqual(later["headers"]["ETag"], resolved["headers"]["ETag"])
+        for pose, changes in ((self.POSE, {}), (moons, {}), ({**self.POSE, **self.LATER}, {"products": ["depth"]}),
+                              ({**self.POSE, **self.LATER}, {"sky": {**request["sky"], **self.LATER}})):
+            self.assertEqual(asked(pose, **changes)[0], 0, (pose, changes))
+
+
 class BehindMountains(unittest.TestCase):
     """Stars above a rugged horizon: a frame shows those that no ray to them hits the ground, and /v1/sky says so."""
 

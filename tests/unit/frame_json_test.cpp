@@ -888,6 +888,26 @@ TEST(ShutterJson, TheMoonTurnsBelowInertialPosesWithoutEpochs) {
   }
 }
 
+// Between -60 and 600 s rows are exposed from 0 to 511 s.
+TEST(ShutterJson, InertialPosesAreLaterThanTheirSky) {
+  const auto lag_s = [](Json body, const char* sky) {
+    body["sky"] = {{"sun", true}};
+    if (sky) body["sky"]["utc"] = sky;
+    return read_frame(body, Limits{}).icrf_lag_s;
+  };
+  for (const bool own : {true, false}) {
+    EXPECT_NEAR(lag_s(inertial_rows(own), nullptr), 511, 1e-4);
+    EXPECT_NEAR(lag_s(inertial_rows(own), "2026-11-20T06:45:00Z"), -900, 1e-4);
+  }
+  Json still = inertial_rows(true), moons = patched(R"({"sun": {"direction": null, "utc": "2026-11-20T06:30:00Z"}})");
+  still["pose"] = still["shutter"]["poses"][1]["pose"];
+  still.erase("shutter");
+  EXPECT_NEAR(lag_s(still, nullptr), 600, 1e-4);
+  still["pose"].erase("utc");
+  EXPECT_EQ(lag_s(still, nullptr), 0);
+  EXPECT_EQ(lag_s(moons, "2026-11-20T06:45:00Z"), 0) << "the Moon's frames turn with it";
+}
+
 TEST(ShutterJson, ResolvedRequestIsAccepted) {
   EXPECT_FALSE(resolved_json(read_frame(minimal(), Limits())).contains("shutter"));
   for (const std::string patch :

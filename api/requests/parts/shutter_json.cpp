@@ -2,6 +2,10 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cmath>
+
+#include "api/requests/parts/sun_json.h"
 #include "engine/camera/pose_track.h"
 
 namespace selenograph::api {
@@ -24,6 +28,12 @@ struct TimedPose : Object<Members<PoseAtTime>> {
     return Object::read(in, then);
   }
 };
+
+bool in_icrf(const Json& pose) {
+  const std::string word = pose.value("frame", std::string());
+  return std::any_of(std::begin(kPoseFrames), std::end(kPoseFrames),
+                     [&](const auto& frame) { return !frame.second && frame.first == word; });
+}
 
 }  // namespace
 
@@ -94,6 +104,31 @@ void check_pose(const JsonReader& in, const engine::Camera& camera, const std::o
   // Where times are far more uneven than places, the polynomials swing out.
   if (!(pose.position_m.cwiseAbs().maxCoeff() <= kCoordinate_m.max))
     in.at("shutter").fail("poses", fmt::format("take row 0 more than {} m from the Moon's centre", kCoordinate_m.max));
+}
+
+double icrf_lag_s(const JsonReader& in, const engine::Camera& camera, const std::optional<Shutter>& shutter,
+                  const std::string& utc, const std::string& sky_utc) {
+  constexpr double kSecondsPerDay = 86400;
+  const engine::JulianDate sky = engine::tt_at(sky_utc);
+  double farthest_s = 0;
+  // `time_s`: of the pose; `seen_s`: of the row that is nearest to it.
+  const auto add = [&](const Json& pose, double time_s, double seen_s) {
+    if (!in_icrf(pose)) return;
+    const std::string own = utc_of(pose);
+    const engine::JulianDate at = engine::tt_at(own.empty() ? utc : own);
+    const double lag_s =
+        ((at.day - sky.day) + (at.fraction - sky.fraction)) * kSecondsPerDay + (own.empty() ? seen_s : seen_s - time_s);
+    if (std::abs(lag_s) > std::abs(farthest_s)) farthest_s = lag_s;
+  };
+  if (in.has("pose")) add(in.at("pose").value(), 0, 0);
+  if (!shutter || shutter->poses.empty()) return farthest_s;
+  const Json& poses = in.at("shutter").at("poses").value();
+  const double last_s = shutter->time_s(camera.height - 1);
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const double time_s = shutter->poses[i].time_s;
+    add(poses[i]["pose"], time_s, std::clamp(time_s, 0.0, last_s));
+  }
+  return farthest_s;
 }
 
 OrderedJson pose_condition(const Limits&) {

@@ -20,6 +20,10 @@ void check_times(const JsonReader& in, const std::vector<engine::PoseAtTime>& po
 // Requires a pose, or a shutter with poses: then the pose is the one that they give for row 0.
 void check_pose(const JsonReader& in, const engine::Camera& camera, const std::optional<engine::Shutter>& shutter,
                 engine::Pose& pose);
+// Seconds from the sky's epoch to that of the pose in ICRF which is farthest from it, of poses at times while rows are
+// exposed; 0: none is in ICRF. `utc`: the epoch of poses that have none. Of a request without faults.
+double icrf_lag_s(const JsonReader& in, const engine::Camera& camera, const std::optional<engine::Shutter>& shutter,
+                  const std::string& utc, const std::string& sky_utc);
 // That requirement as a schema condition.
 OrderedJson pose_condition(const Limits& limits);
 

@@ -79,7 +79,8 @@ const Members<SkyForm, SkyOptions>& sky_members() {
       "Sky",
       "What is in view beside the Moon, at its apparent place at an epoch. The Earth hides what is behind it, whether "
       "it is shown or not. A pose in the Moon's frames places it to the 0.01 degrees of the model of the Moon's "
-      "rotation, one in ICRF exactly.",
+      "rotation, one in ICRF of the same epoch exactly; of another epoch, the sky is turned as the Moon is meanwhile, "
+      "and where that shows the answer warns of it.",
       [](auto& m) {
         m.add("utc", &SkyForm::utc, Text{}, "epoch, ISO 8601; left out: the Sun's, or that of POST /v1/sky");
         m.add("et_s", &SkyForm::et_s, Number{kAnyNumber, "s"}, std::string(kEtMeaning));
