@@ -85,9 +85,8 @@ const Answer<engine::SlopeClass>& slope_answer() {
 
 OrderedJson window_json(const engine::PostWindow& w) {
   const Geographic first = w.place(0, 0), last = w.place(w.height - 1, w.width - 1);
-  return {{"rows", w.height},          {"columns", w.width},
-          {"south_deg", last.lat_deg}, {"north_deg", first.lat_deg},
-          {"west_deg", first.lon_deg}, {"east_deg", last.lon_deg < first.lon_deg ? last.lon_deg + 360 : last.lon_deg}};
+  return {{"rows", w.height},           {"columns", w.width},        {"south_deg", last.lat_deg},
+          {"north_deg", first.lat_deg}, {"west_deg", first.lon_deg}, {"east_deg", last.lon_deg}};
 }
 
 void add_request(Answer<RoundTripSource>& a) {
@@ -119,7 +118,8 @@ void add_request(Answer<RoundTripSource>& a) {
 
 void add_counts(Answer<RoundTripSource>& a) {
   using namespace schema;
-  a.add("window", free_object("rows, columns, and the bounds of the posts"),
+  a.add("window",
+        free_object("rows, columns, and the bounds of the posts; west_deg above east_deg: across 180 degrees"),
         [](const RoundTripSource& s) { return window_json(s.trip.window); });
   a.add("stations", integer(0, 1LL << 62, "camera positions"),
         [](const RoundTripSource& s) { return s.trip.stations; });

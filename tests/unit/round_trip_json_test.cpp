@@ -80,5 +80,17 @@ TEST(RoundTripJson, HoldsWhatAPictureNeeds) {
   EXPECT_EQ(histogram["counts"].get<std::vector<int>>()[45], 1198);
 }
 
+TEST(RoundTripJson, LongitudesOfAWindowAreThoseOfOutput) {
+  engine::RoundTrip trip;
+  engine::PostWindow& w = trip.window;
+  w.width = w.tile.width = 40, w.height = w.tile.height = 30;
+  dem::set_grid(w.tile, dem::GeographicGrid{1, 179, 16, 16});
+  trip.original_m.assign(w.size(), 5.F);
+  trip.difference_m.assign(w.size(), 0.F);
+  const Json json = round_trip_answer().write({{}, trip, engine::statistics_of(trip)});
+  EXPECT_EQ(json["window"]["west_deg"], 179);
+  EXPECT_EQ(json["window"]["east_deg"], 179 + 39 / 16.0 - 360);
+}
+
 }  // namespace
 }  // namespace selenograph::api
