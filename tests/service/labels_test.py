@@ -2,10 +2,14 @@
 """Labels of frames: masks and COCO annotations in an .npz, and a shard's as one document by `selenograph batch --coco`."""
 
 import glob
+import importlib.util
 import io
 import json
 import os
+import sys
 import tarfile
+import types
+import unittest.mock
 import zipfile
 
 import numpy as np
@@ -13,6 +17,7 @@ import numpy as np
 import harness
 from harness import frame_request, run, sample
 
+TRAINING = os.path.join(harness.REPOSITORY, "api", "clients", "python", "training", "frames.py")
 LAT, LON = 0.1, 30.1
 ROCKY = {"seed": 9, "craters": {"smallest_m": 1, "largest_m": 100}, "rocks": {
     "smallest_m": 0.25, "largest_m": 6, "frequency": [{"per_m2": 0.004, "exponent": 2.6607}]}}
@@ -129,6 +134,25 @@ class Labels(harness.WithService):
         coco, masks = self.check(self.frame(self.request(detail="bare")))
         self.assertEqual(masks["rock_mask"].max(), 0)
         self.assertGreater(len(coco["annotations"]), 10)
+
+    def test_training_has_images_of_their_own_bit_depth(self):
+        spec = importlib.util.spec_from_file_location("frames", TRAINING)
+        torch, frames = types.ModuleType("torch"), importlib.util.module_from_spec(spec)
+        # What is used of it, so that PyTorch needn't be here.
+        torch.from_numpy, torch.utils = np.asarray, types.SimpleNamespace(data=types.SimpleNamespace(Dataset=object))
+        with unittest.mock.patch.dict(sys.modules, torch=torch):
+            spec.loader.exec_module(frames)
+        detector = {"pixel_pitch_um": 5.5, "integration_time_s": 10, "quantum_efficiency": 0.4, "gain_e_dn": 3.4}
+        light = {"sensor": {"optics": {"f_number": 5.6}, "detector": detector}, "band": {"center_um": 0.6, "width_um": 0.1}}
+        for name, changes in (("image8", {}), ("image16", {"image": {"bit_depth": 16}}),
+                              *((f"sensor{bits}", {**light, "sensor": {**light["sensor"], "detector": {
+                                  **detector, "bit_depth": bits}}}) for bits in (8, 10, 12, 16))):
+            os.makedirs(harness.path(name))
+            found = self.ok(self.service.frame(self.request(**changes), "application/x-npz"), "application/x-npz")
+            with open(harness.path(name, "a.npz"), "wb") as file:
+                file.write(found)
+            (item,) = frames.LabelledFrames(harness.path(name))
+            self.assertEqual((item["image"].shape, item["image"].dtype, item["image"].max()), ((1, 120, 160), np.float32, 1))
 
     def test_other_cameras(self):
         self.check(self.frame(self.request(camera={"model": "fisheye", "width": 96, "height": 96, "fov_deg": 120.0})))

@@ -2,6 +2,7 @@
 
 import glob
 import io
+import json
 import os
 import tarfile
 from typing import Any, Dict, List, Tuple
@@ -10,12 +11,18 @@ import numpy as np
 import torch
 
 
+def largest_number(meta: Dict[str, Any]) -> int:
+    """The largest digital number of a frame's image, of its metadata: 12 bits are stored in 16."""
+    request = meta["request"]
+    return 2 ** (request["sensor"]["detector"] if "sensor" in request else request["image"])["bit_depth"] - 1
+
+
 class LabelledFrames(torch.utils.data.Dataset):
     """The frames of a folder: NAME.npz, or in tars (--format webdataset). Sorted by name; safe in worker processes.
 
     An item is a dict of
       name     of the frame
-      image    float32, 1 x height x width, of its largest digital number
+      image    float32, 1 x height x width, of the largest digital number of its bit depth
       masks    float32, 2 x height x width: 1 in a crater, on a rock
       depth_m  float32, 1 x height x width, with product "depth"; NaN where nothing is hit
     """
@@ -42,9 +49,9 @@ class LabelledFrames(torch.utils.data.Dataset):
             archive = np.load(io.BytesIO(file.read(size)))
         if "crater_mask" not in archive:
             raise ValueError(f"{path}: {name} has no labels: \"labels\": true in its request makes them")
-        image = archive["image"]
+        image, largest = archive["image"], largest_number(json.loads(archive["meta.json"]))
         item = {"name": name,
-                "image": torch.from_numpy(image[None] / np.float32(np.iinfo(image.dtype).max)),
+                "image": torch.from_numpy(image[None] / np.float32(largest)),
                 "masks": torch.from_numpy(np.stack([archive["crater_mask"] > 0, archive["rock_mask"] > 0])
                                           .astype(np.float32))}
         if "depth" in archive:
