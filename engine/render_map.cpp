@@ -422,7 +422,8 @@ Map render_map(const MapRequest& request, const dem::Terrain& terrain, RenderCac
   if (!wants_footprint(request)) return MapDrawing(request, terrain, kept, stop, progress).draw();
   const MapRequest drawn = drawn_for(request);
   Map map = MapDrawing(drawn, terrain, kept, stop, progress).draw();
-  find_hazards(request, drawn, map.products, stop);
+  for (std::string& warning : find_hazards(request, drawn, map.products, stop))
+    map.report.warnings.push_back(std::move(warning));
   return map;
 }
 

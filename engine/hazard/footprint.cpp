@@ -3,29 +3,25 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 namespace selenograph::engine {
 namespace {
 
-// East and north, m, of steps of a pixel on the datum.
-std::optional<Eigen::Matrix2d> metres_per_px(const dem::MapGrid& grid, int column, int row) {
-  const dem::MapTransform map(grid.plane);
-  const auto middle = map.direction(grid.point(column, row));
-  const auto left = map.direction(grid.point(column - 1, row)), right = map.direction(grid.point(column + 1, row)),
-             above = map.direction(grid.point(column, row - 1)), below = map.direction(grid.point(column, row + 1));
-  if (!middle || !left || !right || !above || !below) return std::nullopt;
-  const EastNorthUp axes = local_axes(*middle);
-  const Vec3 across = (*right - *left) * (kMoonRadius_m / 2), down = (*below - *above) * (kMoonRadius_m / 2);
-  Eigen::Matrix2d out;
-  out << across.dot(axes.east), down.dot(axes.east), across.dot(axes.north), down.dot(axes.north);
-  return out;
-}
+double half_m(const LanderFootprint& footprint) { return footprint.diameter_m / 2 * (1 + 1e-9); }
 
 bool covers(const LanderFootprint& footprint, const Eigen::Vector2d& place_m) {
-  const double half_m = footprint.diameter_m / 2 * (1 + 1e-9);
-  return footprint.shape == LanderFootprint::Shape::square ? place_m.cwiseAbs().maxCoeff() <= half_m
-                                                           : place_m.norm() <= half_m;
+  return (footprint.shape == LanderFootprint::Shape::square ? place_m.cwiseAbs().maxCoeff() : place_m.norm()) <=
+         half_m(footprint);
+}
+
+// Along rows and columns.
+Eigen::Vector2d reach_each_way_px(const LanderFootprint& footprint, const Eigen::Matrix2d& px_per_metre) {
+  const Eigen::Vector2d of_one_metre = footprint.shape == LanderFootprint::Shape::square
+                                           ? Eigen::Vector2d(px_per_metre.cwiseAbs().rowwise().sum())
+                                           : Eigen::Vector2d(px_per_metre.rowwise().norm());
+  return (of_one_metre * half_m(footprint)).array().ceil();
 }
 
 }  // namespace
@@ -37,16 +33,29 @@ int FootprintOnMap::reach_px() const {
   return reach;
 }
 
-std::optional<FootprintOnMap> footprint_on_map(const LanderFootprint& footprint, const dem::MapGrid& grid, int column,
-                                               int row, double height_m) {
-  const auto on_datum = metres_per_px(grid, column, row);
-  if (!on_datum) return std::nullopt;
-  FootprintOnMap out{*on_datum * ((kMoonRadius_m + height_m) / kMoonRadius_m), {}, {}};
-  const Eigen::Matrix2d px_per_metre = out.metres_per_px.inverse();
-  // A corner of the square is sqrt(2) half sides away.
-  const double reach_m = footprint.diameter_m * std::numbers::sqrt2 / 2;
-  const int across = static_cast<int>(std::ceil(px_per_metre.row(0).norm() * reach_m)),
-            along = static_cast<int>(std::ceil(px_per_metre.row(1).norm() * reach_m));
+std::optional<Eigen::Matrix2d> metres_per_px(const dem::MapGrid& grid, int column, int row, double height_m) {
+  const dem::MapTransform map(grid.plane);
+  const auto middle = map.direction(grid.point(column, row));
+  const auto left = map.direction(grid.point(column - 1, row)), right = map.direction(grid.point(column + 1, row)),
+             above = map.direction(grid.point(column, row - 1)), below = map.direction(grid.point(column, row + 1));
+  if (!middle || !left || !right || !above || !below) return std::nullopt;
+  const EastNorthUp axes = local_axes(*middle);
+  const Vec3 across = (*right - *left) * (kMoonRadius_m / 2), down = (*below - *above) * (kMoonRadius_m / 2);
+  Eigen::Matrix2d out;
+  out << across.dot(axes.east), down.dot(axes.east), across.dot(axes.north), down.dot(axes.north);
+  return out * ((kMoonRadius_m + height_m) / kMoonRadius_m);
+}
+
+double reach_at_most_px(const LanderFootprint& footprint, const Eigen::Matrix2d& metres_per_px) {
+  const Eigen::Vector2d reach_px = reach_each_way_px(footprint, metres_per_px.inverse());
+  return reach_px.allFinite() ? reach_px.maxCoeff() : std::numeric_limits<double>::infinity();
+}
+
+FootprintOnMap footprint_on_map(const LanderFootprint& footprint, const Eigen::Matrix2d& metres_per_px) {
+  FootprintOnMap out{metres_per_px, {}, {}};
+  const Eigen::Matrix2d px_per_metre = metres_per_px.inverse();
+  const Eigen::Vector2i reach_px = reach_each_way_px(footprint, px_per_metre).cast<int>();
+  const int across = reach_px.x(), along = reach_px.y();
   for (int y = -along; y <= along; ++y) {
     FootprintRow covered{y, across + 1, -across};
     for (int x = -across; x <= across; ++x)

@@ -34,6 +34,9 @@ class GroundWindow {
   GroundWindow(const FrameProducts& products, int width, int height, const Square& square,
                const FootprintOnMap& footprint, const Limits& limits);
 
+  // Not where the pixels that the lander stands on are in line.
+  bool has_planes() const { return inverse_.allFinite(); }
+
   // About the pixels of a row of the square.
   void measure(int row, std::span<FootprintMeasures> out) const;
 

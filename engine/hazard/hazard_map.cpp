@@ -4,6 +4,7 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -23,24 +24,51 @@ namespace {
 constexpr ProductSet kOfFootprint = kRockCover | kRoughness | kHazard;
 constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
 
-// Pixels beyond the map's border that footprints cover, by the map's scale at nine of its places. Throws
-// ImpossibleRequest. It takes a while: who knows what was drawn has it from there.
+// Of a footprint at a pixel, over the lowest ground; none where the map has no Moon.
+std::optional<Eigen::Matrix2d> lowest_scale(const MapRequest& request, int column, int row) {
+  return metres_per_px(request.grid, column, row, static_cast<double>(dem::kLowestRelief_m));
+}
+
+// The most that footprints reach on a map that goes beyond a pole or the limb: there it is stretched without bounds, or
+// they are turned elsewhere than at its corners.
+double reach_beside_the_end_px(const MapRequest& request, double at_most_px) {
+  constexpr int kSteps = 64;
+  double most_px = 0;
+  for (int y = 0; y < kSteps; ++y)
+    for (int x = 0; x < kSteps; ++x) {
+      const auto scale = lowest_scale(request, x * request.grid.width / kSteps, y * request.grid.height / kSteps);
+      const double reach_px = scale ? reach_at_most_px(*request.footprint, *scale) : 0;
+      if (reach_px <= at_most_px) most_px = std::max(most_px, reach_px);
+    }
+  return most_px;
+}
+
+// Pixels beyond the map's border that footprints cover, by the map's scale at nine of its places and, where it has no
+// Moon at one of these, at more. Throws ImpossibleRequest. It takes a while: who knows what was drawn has it from
+// there.
 int margin_px(const MapRequest& request) {
-  constexpr int kMost_px = 200;
+  constexpr double kMost_px = 200, kMostBesideEnd_px = 50;
   const dem::MapGrid& grid = request.grid;
-  int margin = 1;
+  double margin = 1;
+  bool ends = false;
   for (const int y : {0, grid.height / 2, grid.height - 1})
     for (const int x : {0, grid.width / 2, grid.width - 1}) {
-      const auto footprint =
-          footprint_on_map(*request.footprint, grid, x, y, static_cast<double>(dem::kLowestRelief_m));
-      if (footprint) margin = std::max(margin, footprint->reach_px() + 1);
+      const auto scale = lowest_scale(request, x, y);
+      ends = ends || !scale;
+      if (!scale) continue;
+      const double reach_px = reach_at_most_px(*request.footprint, *scale);
+      margin = std::max(
+          margin, reach_px > 2 * kMost_px ? reach_px : footprint_on_map(*request.footprint, *scale).reach_px() + 1);
     }
   if (margin > kMost_px)
     throw ImpossibleRequest(
-        fmt::format("the footprint reaches {} pixels from its middle, at most {}: ask for a larger gsd_m", margin,
-                    kMost_px),
+        fmt::format("the footprint reaches {:.0f} pixels from its middle, at most {:.0f}: ask for a larger gsd_m",
+                    margin, kMost_px),
         "footprint");
-  return margin;
+  if (ends)
+    margin =
+        std::max(margin, reach_beside_the_end_px(request, std::min(kMost_px, std::max(kMostBesideEnd_px, 2 * margin))));
+  return static_cast<int>(margin);
 }
 
 int margin_px(const MapRequest& request, const MapRequest& drawn) {
@@ -48,8 +76,10 @@ int margin_px(const MapRequest& request, const MapRequest& drawn) {
 }
 
 // In work: squares of pixels that share one footprint, so small that the map's scale is the same all over them. Where
-// north turns, next to a pole, they are smaller.
+// north turns or the map is stretched, next to a pole or the limb, they are smaller.
 constexpr int kSquare_px = 128;
+// Of lengths in a square, as a share of them: slopes are wrong by no more.
+constexpr double kSameScale = 0.02;
 
 class HazardMap {
  public:
@@ -63,7 +93,8 @@ class HazardMap {
     allocate(products.rock_cover, kRockCover, kNaN32), allocate(products.hazard, kHazard, kNoHazardNumber);
   }
 
-  void find() {
+  // Returns how many pixels with ground have no plane because of the map's scale.
+  std::size_t find() {
     const int across = (request_.grid.width + kSquare_px - 1) / kSquare_px,
               along = (request_.grid.height + kSquare_px - 1) / kSquare_px;
     in_parallel(static_cast<std::size_t>(across * along), [&](std::size_t i) {
@@ -72,6 +103,7 @@ class HazardMap {
       find(x + margin_, y + margin_, std::min(kSquare_px, request_.grid.width - x),
            std::min(kSquare_px, request_.grid.height - y));
     });
+    return without_plane_;
   }
 
  private:
@@ -79,37 +111,65 @@ class HazardMap {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(drawn_.grid.width) + static_cast<std::size_t>(x);
   }
 
-  std::optional<FootprintOnMap> footprint_at(int x, int y) const {
+  std::optional<Eigen::Matrix2d> scale_at(int x, int y) const {
     const double height_m = products_.height[index(x, y)];
-    return footprint_on_map(*request_.footprint, drawn_.grid, x, y, std::isnan(height_m) ? 0 : height_m);
+    return metres_per_px(drawn_.grid, x, y, std::isnan(height_m) ? 0 : height_m);
   }
 
-  // Whether no part of the footprint is another pixel elsewhere because it is turned. A disc may turn.
+  // Empty, too, where the map is stretched far more than at its border and middle: not enough of it was drawn.
+  std::optional<FootprintOnMap> footprint_at(int x, int y) const {
+    const auto scale = scale_at(x, y);
+    if (!scale || reach_at_most_px(*request_.footprint, *scale) > 2.0 * (margin_ + 1)) return std::nullopt;
+    auto footprint = footprint_on_map(*request_.footprint, *scale);
+    return footprint.reach_px() > margin_ ? std::nullopt : std::optional(std::move(footprint));
+  }
+
+  // Whether the map's scale is the same and no part of the footprint is another pixel elsewhere. A disc may turn.
   bool same_at(int x, int y, const FootprintOnMap& middle) const {
-    if (request_.footprint->shape == LanderFootprint::Shape::disc) return true;
-    const auto here = footprint_at(x, y);
-    if (!here) return true;
-    const Eigen::Matrix2d moved = here->metres_per_px.inverse() * middle.metres_per_px - Eigen::Matrix2d::Identity();
-    return moved.norm() / std::numbers::sqrt2 * middle.reach_px() < 0.5;
+    const auto here = scale_at(x, y);
+    if (!here) return false;
+    const Eigen::Matrix2d one = Eigen::Matrix2d::Identity(), moved = *here * middle.metres_per_px.inverse(),
+                          stretched = (moved.transpose() * moved - one) / 2;
+    if (!(stretched.norm() < kSameScale)) return false;
+    const double turned = (here->inverse() * middle.metres_per_px - one).norm();
+    const bool disc = request_.footprint->shape == LanderFootprint::Shape::disc;
+    return (disc ? stretched.norm() : turned) / std::numbers::sqrt2 * middle.reach_px() < 0.5;
+  }
+
+  std::size_t pixels_with_ground(int x0, int y0, int width, int height) const {
+    std::size_t n = 0;
+    for (int y = y0; y < y0 + height; ++y)
+      for (int x = x0; x < x0 + width; ++x) n += !std::isnan(products_.height[index(x, y)]);
+    return n;
   }
 
   // A square of the drawn map.
   void find(int x0, int y0, int width, int height) {
     const auto footprint = footprint_at(x0 + width / 2, y0 + height / 2);
-    // Where the map is distorted far more than at its border and middle there is no answer.
-    if (!footprint || footprint->rows.empty() || footprint->reach_px() > margin_) return;
     const int x1 = x0 + width - 1, y1 = y0 + height - 1;
-    if ((x1 > x0 || y1 > y0) && !(same_at(x0, y0, *footprint) && same_at(x1, y0, *footprint) &&
-                                  same_at(x0, y1, *footprint) && same_at(x1, y1, *footprint))) {
-      const int left = (width + 1) / 2, upper = (height + 1) / 2;
-      for (const auto& [y, rows] : {std::pair{y0, upper}, {y0 + upper, height - upper}})
-        for (const auto& [x, columns] : {std::pair{x0, left}, {x0 + left, width - left}})
-          if (rows > 0 && columns > 0) find(x, y, columns, rows);
+    if (footprint && ((x1 == x0 && y1 == y0) || (same_at(x0, y0, *footprint) && same_at(x1, y0, *footprint) &&
+                                                 same_at(x0, y1, *footprint) && same_at(x1, y1, *footprint))))
+      return measure(x0, y0, width, height, *footprint);
+    const std::size_t ground = pixels_with_ground(x0, y0, width, height);
+    if (ground == 0) return;
+    if (x1 == x0 && y1 == y0) {
+      without_plane_ += ground;
       return;
     }
+    const int left = (width + 1) / 2, upper = (height + 1) / 2;
+    for (const auto& [y, rows] : {std::pair{y0, upper}, {y0 + upper, height - upper}})
+      for (const auto& [x, columns] : {std::pair{x0, left}, {x0 + left, width - left}})
+        if (rows > 0 && columns > 0) find(x, y, columns, rows);
+  }
+
+  void measure(int x0, int y0, int width, int height, const FootprintOnMap& footprint) {
     const GroundWindow::Limits limits{request_.hazard.rock_height_m, roughness_above_m()};
-    const GroundWindow ground(products_, drawn_.grid.width, drawn_.grid.height, {x0, y0, width, height}, *footprint,
+    const GroundWindow ground(products_, drawn_.grid.width, drawn_.grid.height, {x0, y0, width, height}, footprint,
                               limits);
+    if (!ground.has_planes()) {
+      without_plane_ += pixels_with_ground(x0, y0, width, height);
+      return;
+    }
     std::vector<FootprintMeasures> row(static_cast<std::size_t>(width));
     for (int y = 0; y < height; ++y) {
       if (y % 8 == 0) stop_.check();
@@ -144,6 +204,7 @@ class HazardMap {
   FrameProducts& products_;
   const StopToken& stop_;
   int margin_;
+  std::atomic<std::size_t> without_plane_ = 0;
 };
 
 // Without the border.
@@ -184,12 +245,18 @@ std::size_t bytes_of_footprints(const MapRequest& request, const MapRequest& dra
   return kThreads * kBytesOfPixel * side * side;
 }
 
-void find_hazards(const MapRequest& request, const MapRequest& drawn, FrameProducts& products, const StopToken& stop) {
-  HazardMap(request, drawn, products, stop).find();
+std::vector<std::string> find_hazards(const MapRequest& request, const MapRequest& drawn, FrameProducts& products,
+                                      const StopToken& stop) {
+  const std::size_t without_plane = HazardMap(request, drawn, products, stop).find();
   if (!(request.products & kHeight)) products.height = {};
   if (!(request.products & kRockHeight)) products.rock_height = {};
   const int margin = margin_px(request, drawn);
   std::apply([&](auto&... array) { (cut(array, drawn.grid, request.grid, margin), ...); }, all_arrays(products));
+  if (without_plane == 0) return {};
+  return {fmt::format(
+      "{} pixels with ground have no plane of the footprint: there the map is stretched so that it covers less than "
+      "three pixels that are not in line, or more than {} pixels from its middle, or it ends beside them",
+      without_plane, margin)};
 }
 
 }  // namespace selenograph::engine

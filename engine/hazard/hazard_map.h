@@ -7,6 +7,8 @@
 #pragma once
 
 #include <cstddef>
+#include <string>
+#include <vector>
 
 #include "dem/support/stop_token.h"
 #include "engine/frame/map.h"
@@ -24,7 +26,9 @@ MapRequest drawn_for(const MapRequest& request);
 std::size_t bytes_of_footprints(const MapRequest& request, const MapRequest& drawn);
 
 // From what was drawn to what is asked for: adds the products of the footprint, cuts the border off. NaN and
-// kNoHazardNumber where ground in the footprint has no data. Parallel.
-void find_hazards(const MapRequest& request, const MapRequest& drawn, FrameProducts& products, const StopToken& stop);
+// kNoHazardNumber where ground in the footprint has no data, or where the map's scale leaves no footprint that a plane
+// can be fitted in: of those pixels a warning is returned. Parallel.
+std::vector<std::string> find_hazards(const MapRequest& request, const MapRequest& drawn, FrameProducts& products,
+                                      const StopToken& stop);
 
 }  // namespace selenograph::engine
