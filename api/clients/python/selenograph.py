@@ -591,10 +591,13 @@ class Client:
         return answers
 
     def _objects(self, path: str, document: Any, name: str, region: Optional[str] = None) -> List[Dict[str, Any]]:
-        """The list `name` of an answer in JSON."""
-        found = self._document(self._ask("POST", path, _body(document), "application/json", region)[2]).get(name)
+        """The list `name` of an answer in JSON. Warns in the name of its caller's caller."""
+        _, headers, content = self._ask("POST", path, _body(document), "application/json", region)
+        found = self._document(content).get(name)
         if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
             raise self._strange(f"its {name!r} is no list of objects")
+        for text in _warnings_of(headers):
+            warnings.warn(text, FrameWarning, stacklevel=3)
         return found
 
     def _document(self, content: bytes) -> Dict[str, Any]:

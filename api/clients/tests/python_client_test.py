@@ -182,6 +182,15 @@ class Frames(WithClient):
                 self.assertEqual([w.filename for w in caught], [__file__] * warned)
                 self.assertTrue(all("the Earth covers the Sun" in str(w.message) for w in caught))
 
+    def test_the_sky_warns(self):
+        inertial = {"frame": "ICRF", "utc": "2026-11-25T01:00:00Z", "position_m": [2e6, 9e6, 5e5],
+                    "camera_from_moon": {"w": 1, "x": 0, "y": 0, "z": 0}}
+        request = {"camera": {"width": 64, "height": 64, "fov_deg": 10}, "pose": inertial,
+                   "utc": "2026-11-25T00:00:00Z", "sky": {"earth": True}}
+        with self.assertWarnsRegex(selenograph.FrameWarning, "the epoch of a pose in ICRF") as caught:
+            self.client.sky(request)
+        self.assertEqual(caught.filename, __file__)
+
     def test_warnings_of_several_cameras(self):
         nowhere = {"pose": Pose.nadir(lat_deg=50, lon_deg=100, height_m=20000)}
         with self.assertWarnsRegex(selenograph.FrameWarning, "^back: .* without data"):
