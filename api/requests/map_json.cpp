@@ -225,7 +225,8 @@ const Members<engine::LanderFootprint>& footprint_members() {
               "the legs' ends alone, each the nearest pixel");
         m.set_model("shape");
         m.add("diameter_m", &LanderFootprint::diameter_m, Number{{0, 1e6, true, false}, "m"},
-              "of the disc, of the circle through the legs' ends; side of the square. 3 to 256 pixels")
+              "of the disc, of the circle through the legs' ends; side of the square. 3 to 256 pixels of `gsd_m`; a "
+              "warning counts the ground where a stretched map leaves no plane of it")
             .required();
         m.add("legs", &LanderFootprint::legs, Integer{3, 12}, "number of legs, at equal angles").of({"legs"});
         m.add("azimuth_deg", &LanderFootprint::azimuth_deg, Number{{-360, 360}, "deg"},
