@@ -125,7 +125,7 @@ void add_counts(Answer<RoundTripSource>& a) {
         [](const RoundTripSource& s) { return s.trip.stations; });
   a.add("counts",
         free_object("posts = compared + hidden (nearer terrain before them) + missed (nothing met: beside voids, "
-                    "beyond the last tile) + elsewhere (under a finer tile) + voids"),
+                    "beyond the last tile; by frames, next to a pole) + elsewhere (under a finer tile) + voids"),
         [](const RoundTripSource& s) {
           const engine::RoundTrip& trip = s.trip;
           return OrderedJson{{"posts", trip.window.size()}, {"compared", trip.compared},   {"hidden", trip.hidden},

@@ -55,7 +55,7 @@ struct RoundTrip {
   // posts = compared + hidden + missed + voids + elsewhere.
   std::size_t compared = 0;
   std::size_t hidden = 0;        // nearer terrain hides the post
-  std::size_t missed = 0;        // no hit: next to no-data or beyond the last tile
+  std::size_t missed = 0;        // no hit: next to no-data, beyond the last tile; in mode camera next to a pole
   std::size_t voids = 0;         // no-data in the tile
   std::size_t elsewhere = 0;     // a finer tile covers this one and is seen instead
   std::size_t stations = 0;      // camera positions
