@@ -431,8 +431,8 @@ TEST(Client, FaultsOfPosesAheadAreThoseOfLaterRequests) {
     }
     return "";
   }));
-  std::vector<Json> requests;
-  for (int i = 0; i < 6; ++i) requests.push_back({{"pose", {{"step", i}}}});
+  std::vector<Json> requests(6);
+  for (int i = 0; i < 6; ++i) requests[static_cast<std::size_t>(i)] = {{"pose", {{"step", i}}}};
   std::string taken;
   try {
     Client(fake.url()).frames(requests, [&](std::size_t, const Frame& frame) { taken += frame.etag; });
