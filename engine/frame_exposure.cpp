@@ -66,30 +66,24 @@ void FrameExposure::add_glare() {
   const Vec3 toward_sun = view.moon_from_camera().transpose() * request.sun.direction;
   const double within_deg = request.sensor->optics.stray_light.sun_within_deg;
   if (!(toward_sun.z() > std::cos(within_deg * kRadiansPerDegree))) return;
-  const EastNorthUp across = local_axes(request.sun.direction);
-  const double radius = std::sin(sun_radius_deg(request.sun.distance_au) * kRadiansPerDegree);
+  constexpr int kAcross = 9;
+  const auto places = places_on_sun(request.sun.direction, sun_radius_deg(request.sun.distance_au), kAcross);
   std::vector<Ray> rays;
-  constexpr int kAlong = 9;
-  int all = 0;
   const std::optional<EarthFigure> earth =
       request.sky ? std::optional(earth_of(request, middle_.views())) : std::nullopt;
-  for (int j = 0; j < kAlong; ++j)
-    for (int i = 0; i < kAlong; ++i) {
-      const double x = (2 * i + 1.0) / kAlong - 1, y = (2 * j + 1.0) / kAlong - 1;
-      if (x * x + y * y > 1) continue;
-      ++all;
-      const Vec3 direction = (request.sun.direction + radius * (x * across.east + y * across.north)).normalized();
-      const auto pixel = view.projection().image(view.moon_from_camera().transpose() * direction);
-      const bool drawn = pixel && pixel->x >= -0.5 && pixel->y >= -0.5 && pixel->x < request.camera.width - 0.5 &&
-                         pixel->y < request.camera.height - 0.5;
-      const bool covered = earth && earth->hides(direction, request.sun.distance_au * kAstronomicalUnit_m);
-      if (!drawn && !covered) rays.push_back({view.position(), direction});
-    }
+  for (const Vec3& direction : places) {
+    const auto pixel = view.projection().image(view.moon_from_camera().transpose() * direction);
+    const bool drawn = pixel && pixel->x >= -0.5 && pixel->y >= -0.5 && pixel->x < request.camera.width - 0.5 &&
+                       pixel->y < request.camera.height - 0.5;
+    const bool covered = earth && earth->hides(direction, request.sun.distance_au * kAstronomicalUnit_m);
+    if (!drawn && !covered) rays.push_back({view.position(), direction});
+  }
   const std::vector<HiddenBy> hidden = what_hides(rays, request.objects, request.terrain, terrain_, kept_, stop_);
   const auto free = std::count(hidden.begin(), hidden.end(), HiddenBy::none);
   if (free == 0) return;
   const Band counted = in_photons(*request.band, request.sensor->detector.efficiency);
   const double irradiance_w_m2 = solar_irradiance_w_m2(counted) / (request.sun.distance_au * request.sun.distance_au);
+  const auto all = static_cast<double>(places.size());
   plan_.sensor->add_glare(toward_sun, irradiance_w_m2 * static_cast<double>(free) / all, stop_);
 }
 

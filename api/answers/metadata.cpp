@@ -159,7 +159,8 @@ std::string metadata_text(const OrderedJson& metadata, bool with_craters) {
   return metadata.dump(with_craters ? -1 : 2, ' ', false, OrderedJson::error_handler_t::replace);
 }
 
-std::string warnings_header(const OrderedJson& warnings) {
+void add_warnings(Response& response, const OrderedJson& warnings) {
+  if (warnings.empty()) return;
   OrderedJson list = OrderedJson::array();
   for (const OrderedJson& text : warnings) {
     list.push_back(text);
@@ -167,7 +168,7 @@ std::string warnings_header(const OrderedJson& warnings) {
     list.erase(list.size() - 1);
     break;
   }
-  return compact(list);
+  response.headers.emplace_back("Selenograph-Warnings", compact(list));
 }
 
 MetadataHeader metadata_header(OrderedJson metadata) {

@@ -8,6 +8,7 @@
 
 #include "api/answers/metadata_members.h"
 #include "api/encode/negotiate.h"
+#include "api/message/message.h"
 #include "api/requests/frame_json.h"
 #include "dem/catalogue/catalogue.h"
 #include "engine/frame/report.h"
@@ -39,8 +40,9 @@ nlohmann::ordered_json metadata(const FrameQuery& query, const engine::FrameRepo
 // As text: indented or, with a list of craters, which is long, on one line.
 std::string metadata_text(const nlohmann::ordered_json& metadata, bool with_craters);
 
-// Warnings for the header `Selenograph-Warnings`: a list as compact ASCII JSON, as many as fit into kMetaHeaderBytes.
-std::string warnings_header(const nlohmann::ordered_json& warnings);
+// Adds the header `Selenograph-Warnings`, if there are any: a list as compact ASCII JSON, as many as fit into
+// kMetaHeaderBytes.
+void add_warnings(Response& response, const nlohmann::ordered_json& warnings);
 
 // The metadata for the header `Selenograph-Meta`: compact, ASCII only, at most kMetaHeaderBytes. If it is longer, the
 // lists of craters, sources and then warnings are replaced by their lengths ("sources_omitted"), and if that is not

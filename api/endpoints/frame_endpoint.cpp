@@ -116,11 +116,6 @@ void add_array_headers(Response& response, const ArrayView& array, MetadataHeade
   response.headers.emplace_back("Selenograph-Meta", std::move(meta.text));
 }
 
-// For whoever sees only the image.
-void add_warnings(Response& response, const OrderedJson& warnings) {
-  if (!warnings.empty()) response.headers.emplace_back("Selenograph-Warnings", warnings_header(warnings));
-}
-
 void remember(const std::string& hash, std::string metadata, LongMetadata& long_metadata) {
   long_metadata.erase(hash);  // of a frame without a file that was replaced, say
   const std::size_t bytes = metadata.size();

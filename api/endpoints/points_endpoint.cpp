@@ -51,7 +51,7 @@ Response negotiated(std::string_view media_type, std::string body, double sun_co
   response.headers.emplace_back("Vary", "Accept");
   OrderedJson warnings = OrderedJson::array();
   warn_of_eclipse(sun_covered, "", warnings);
-  if (!warnings.empty()) response.headers.emplace_back("Selenograph-Warnings", warnings_header(warnings));
+  add_warnings(response, warnings);
   return response;
 }
 

@@ -34,7 +34,7 @@ Response answer_sky(const EndpointContext& context) {
   response.headers.emplace_back("Vary", "Accept");
   OrderedJson warnings = OrderedJson::array();
   warn_of_turned_sky(query.request, query.icrf_lag_s, warnings);
-  if (!warnings.empty()) response.headers.emplace_back("Selenograph-Warnings", warnings_header(warnings));
+  add_warnings(response, warnings);
   context.stop.check();
   return response;
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <optional>
+#include <vector>
 
 #include "dem/grid/geodesy.h"
 
@@ -20,6 +21,9 @@ struct Sun {
 
 // Angular radius of the Sun at a distance. Solar radius 695 700 km: IAU 2015 resolution B3.
 double sun_radius_deg(double distance_au);
+
+// Unit vectors evenly over the disc of a Sun in a direction, so many across it.
+std::vector<Vec3> places_on_sun(const Vec3& direction, double radius_deg, int across);
 
 // Unit vector toward a Sun at a compass azimuth (clockwise from north) and an elevation over the horizontal plane of
 // local axes.

@@ -4,6 +4,7 @@
 #include <erfam.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -43,19 +44,13 @@ double share_of_sun_covered(const std::string& utc, const Vec3& position_m) {
   const EarthFigure earth(observer);
   const ApparentBody sun = observer.sun();
   const Vec3 centre = observer.moon_me_from_icrf() * sun.direction;
-  const double radius = sun_radius_deg(sun.distance_m / kAstronomicalUnit_m) * kRadiansPerDegree;
-  if (centre.dot(earth.direction()) < std::cos(radius + earth.radius_rad())) return 0;
-  const EastNorthUp across = local_axes(centre);
-  constexpr int kAlong = 100;
-  int all = 0, covered = 0;
-  for (int j = 0; j < kAlong; ++j)
-    for (int i = 0; i < kAlong; ++i) {
-      const double x = (2 * i + 1.0) / kAlong - 1, y = (2 * j + 1.0) / kAlong - 1;
-      if (x * x + y * y > 1) continue;
-      const Vec3 place = centre + std::sin(radius) * (x * across.east + y * across.north);
-      ++all, covered += earth.hides(place.normalized(), sun.distance_m);
-    }
-  return static_cast<double>(covered) / all;
+  const double radius_deg = sun_radius_deg(sun.distance_m / kAstronomicalUnit_m);
+  if (centre.dot(earth.direction()) < std::cos(radius_deg * kRadiansPerDegree + earth.radius_rad())) return 0;
+  constexpr int kAcross = 100;
+  const std::vector<Vec3> places = places_on_sun(centre, radius_deg, kAcross);
+  const auto covered = std::count_if(places.begin(), places.end(),
+                                     [&](const Vec3& place) { return earth.hides(place, sun.distance_m); });
+  return static_cast<double>(covered) / static_cast<double>(places.size());
 }
 
 }  // namespace selenograph::engine

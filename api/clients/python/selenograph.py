@@ -596,8 +596,7 @@ class Client:
         found = self._document(content).get(name)
         if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
             raise self._strange(f"its {name!r} is no list of objects")
-        for text in _warnings_of(headers):
-            warnings.warn(text, FrameWarning, stacklevel=3)
+        _warn(_warnings_of(headers))
         return found
 
     def _document(self, content: bytes) -> Dict[str, Any]:
@@ -631,8 +630,7 @@ class Client:
                 for name in arrays:
                     problem = _pointers_shifted(problem, f"/{name}/", start)
                 raise Refused(refused.status, problem) from None
-        for text in texts:
-            warnings.warn(text, FrameWarning, stacklevel=3)
+        _warn(texts)
         return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]} if pieces else {}
 
     def _in_order(self, requests: Iterable[Request], in_flight: int, ahead: int,
@@ -847,9 +845,14 @@ def _warnings_of(headers: http.client.HTTPMessage) -> List[str]:
     return json.loads(headers.get("Selenograph-Warnings", "[]"))
 
 
+def _warn(texts: Iterable[str]) -> None:
+    """In the name of its caller's caller's caller."""
+    for text in texts:
+        warnings.warn(text, FrameWarning, stacklevel=4)
+
+
 def _warned(frame: Frame) -> Frame:
-    for text in frame.warnings:
-        warnings.warn(text, FrameWarning, stacklevel=3)
+    _warn(frame.warnings)
     return frame
 
 
