@@ -182,6 +182,29 @@ class Downloads(unittest.TestCase):
         self.assertEqual(self.fetched(self.image), self.archive.files[self.image])
         self.assertTrue(any(asked and not asked.startswith("bytes=0-") for _, _, asked in self.archive.asked), "not resumed")
 
+    def get_onto_a_disk(self, free, status):
+        """As where so many bytes are free."""
+        program = (f"import collections, runpy, shutil, sys; sys.argv = sys.argv[1:]; "
+                   f"shutil.disk_usage = lambda _: collections.namedtuple('Usage', 'free')({free}); "
+                   "runpy.run_path(sys.argv[0], run_name='__main__')")
+        done = subprocess.run([sys.executable, "-c", program, *self.command()[1:]], capture_output=True, text=True, timeout=120)
+        self.assertEqual(done.returncode, status, done.stdout + done.stderr)
+        return done.stderr
+
+    def test_it_resumes_where_the_disk_holds_what_is_missing(self):
+        self.killed(signal.SIGKILL)
+        whole, image = len(self.archive.files[self.image]), os.path.join(self.folder, NAME + ".img")
+        missing = whole - os.path.getsize(image + ".part")
+        self.assertLess(missing, whole - 10_000_000)
+        self.assertIn("are needed", self.get_onto_a_disk(missing - 1, status=1))
+        self.get_onto_a_disk(missing, status=0)
+        self.assertEqual(self.fetched(self.image), self.archive.files[self.image])
+        # One that is too long stays until there is another: it makes no room.
+        with open(image, "ab") as file:
+            file.write(b"more")
+        self.assertIn("are needed", self.get_onto_a_disk(whole - 1, status=1))
+        self.get_onto_a_disk(whole, status=0)
+
     def test_interrupted_it_ends(self):
         seconds, said = self.killed(signal.SIGINT)
         self.assertLess(seconds, 10)
@@ -299,6 +322,7 @@ class Names(unittest.TestCase):
         for arguments, said in ((("sldem2013", "--site", "A"), "has tiles: give --bounds"),
                                 (("nac-dtm", "--bounds", "0", "1", "0", "1"), "has named files: give --site"),
                                 (("lola", "--site", "LDEM_3"), "unknown; known are LDEM_4"),
+                                (("nac-dtm", "--site", "APOLL\u00d611"), "names have letters, digits and _"),
                                 (("sldem2013", "--bounds", "1", "0", "0", "1"), "south below north"),
                                 (("sldem2013", "--bounds", "0", "1", "4", "3"), "4 is east of 3. Are they in each other's place?"),
                                 (("sldem2013", "--bounds", "0", "1", "5", "5"), "west below east"),
@@ -309,7 +333,8 @@ class Names(unittest.TestCase):
                                   check=False)
             self.assertEqual(done.returncode, 1, arguments)
             self.assertIn(said, done.stderr)
-        for option, value, said in (("--jobs", "0", "0 is not above 0"), ("--base-url", "file:///srv", "does not begin with http")):
+        for option, value, said in (("--jobs", "0", "0 is not above 0"), ("--base-url", "file:///srv", "does not begin with http"),
+                                     ("--base-url", "http://[::1", "http://[::1 is no address"), ("--base-url", "http://m\u00f6nd/", "is no address")):
             done = subprocess.run([sys.executable, TOOL, "get", "lola", "--site", "LDEM_4", "-o", "unused", option, value],
                                   capture_output=True, text=True, check=False)
             self.assertEqual(done.returncode, 2, option)
