@@ -8,6 +8,7 @@ import json
 import os
 import re
 import subprocess
+import tempfile
 import unittest
 
 import harness
@@ -112,6 +113,24 @@ class IndexedJob(unittest.TestCase):
         self.assertNotEqual(user, "0")
         self.assertEqual(self.pod["securityContext"]["fsGroup"], int(group))
         self.assertEqual(self.container["image"].rpartition(":")[2], run("--version").stdout.split()[-1])
+
+    def test_the_check_runs_however_the_job_ends(self):
+        """The commands of the file's head, with stand-ins for the cluster: a job with a failed index is never Complete."""
+        with open(MANIFEST) as file:
+            commands = "".join(re.findall(r"^#   (.*\n)", file.read(), re.M))
+        for end in ("Complete", "Failed"):
+            with tempfile.TemporaryDirectory() as folder:
+                for name, what in (("kubectl", f"""[ "$1" = get ] || exit 0
+                                                echo asked >> log; [ $(wc -l < log) -lt 3 ] || echo '{end}'"""),
+                                   ("sleep", "[ $(wc -l < log) -lt 9 ] || kill $PPID"),
+                                   ("selenograph", 'echo "$1 $2" >> log')):
+                    with open(os.path.join(folder, name), "w") as file:
+                        file.write("#!/bin/sh\n" + what + "\n")
+                    os.chmod(file.name, 0o755)
+                subprocess.run(["bash", "-c", commands], cwd=folder, env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"},
+                               timeout=harness.PATIENCE_S, check=False)
+                with open(os.path.join(folder, "log")) as file:
+                    self.assertEqual(file.read().split("\n"), ["asked"] * 3 + ["batch verify", ""], end)
 
     def test_its_command_renders_its_shard(self):
         harness.set_up()
