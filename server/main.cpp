@@ -1,6 +1,8 @@
 // The executable: `selenograph serve | render | lidar | map | features | batch | ingest | sample | info |
 // verify`.
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -103,9 +105,12 @@ std::set<std::string> options_of_all(const Work& work) {
   return names;
 }
 
+// As std::fputs and not as fmt::print, which throws where standard error can't be written.
+void say(const std::string& text) { std::fputs(text.c_str(), stderr); }
+
 void print_nearest(const std::string& given, const std::vector<std::string>& known) {
   const std::vector<std::string_view> names(known.begin(), known.end());
-  if (const auto meant = api::did_you_mean(given, names)) fmt::print(stderr, "{}: did you mean {}?\n", given, *meant);
+  if (const auto meant = api::did_you_mean(given, names)) say(fmt::format("{}: did you mean {}?\n", given, *meant));
 }
 
 // After an error of parsing: the command or option that is nearest to the first one that does not exist.
@@ -137,7 +142,7 @@ void print_usage(const CLI::App& app) {
     command = command->get_subcommands().front();
     name += " " + command->get_name();
   }
-  fmt::print(stderr, "{}", RequestFirst().make_usage(command, name));
+  say(RequestFirst().make_usage(command, name));
 }
 
 int run(CLI::App& app, const Work& work) {
@@ -150,13 +155,21 @@ int run(CLI::App& app, const Work& work) {
 // A command's status, if all that it has printed can be written: what is short waits in a buffer until here.
 int with_output_written(int status) {
   if (std::fflush(stdout) == 0 && std::ferror(stdout) == 0) return status;
-  fmt::print(stderr, "error: standard output can't be written\n");
+  say("error: standard output can't be written\n");
   return status != 0 ? status : 1;
+}
+
+// Standard streams that whoever started this has closed: another file under their number would get what is said. What
+// is lost of standard output stays an error.
+void open_standard_streams() {
+  for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
+    if (::fcntl(stream, F_GETFD) == -1) ::open("/dev/null", stream == STDOUT_FILENO ? O_RDONLY : O_RDWR);
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
+  open_standard_streams();
   // No command for people: this executable's own child.
   if (argc > 1 && std::string_view(argv[1]) == selenograph::engine::kReadMeshCommand)
     return selenograph::engine::read_mesh_as_child(argc, argv);
@@ -180,7 +193,7 @@ int main(int argc, char** argv) {
     if (status == static_cast<int>(CLI::ExitCodes::RequiredError)) print_usage(app);
     return with_output_written(status);
   } catch (const std::exception& e) {
-    fmt::print(stderr, "error: {}\n", e.what());
+    say(fmt::format("error: {}\n", e.what()));
     return 1;
   }
 }

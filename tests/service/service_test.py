@@ -5,6 +5,7 @@ Tests wait for states (metrics, completion), never for wall time, so that a busy
 """
 
 import concurrent.futures
+import contextlib
 import io
 import json
 import os
@@ -342,6 +343,41 @@ class Commands(unittest.TestCase):
                 done = subprocess.run([harness.BINARY, *command], stdout=full, stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S)
             self.assertEqual(done.returncode, 1, command)
             self.assertEqual(done.stderr, "error: standard output can't be written\n")
+
+    def test_standard_streams_that_are_closed(self):
+        """What is said goes nowhere, into no other file of the process, and ends nothing."""
+        def without(*streams):
+            return lambda: [os.close(stream) for stream in streams]
+
+        def status(command, closed, **options):
+            return subprocess.run(command, preexec_fn=without(*closed), timeout=PATIENCE_S, **options).returncode
+
+        port = harness.free_port()
+        service = subprocess.Popen([harness.BINARY, "serve", "--port", str(port), "--dem", DEM, "--cache-dir", self.cache],
+                                   preexec_fn=without(0, 1, 2))
+
+        def answers():
+            self.assertIsNone(service.poll(), "it has ended")
+            with contextlib.suppress(ConnectionError), socket.create_connection(("127.0.0.1", port)) as s:
+                s.sendall(b"GET /health/live HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+                return s.makefile("rb").read().startswith(b"HTTP/1.1 200 ")
+            return False
+
+        try:
+            harness.wait_until(answers, "an answer")
+        finally:
+            service.terminate()
+        self.assertEqual(service.wait(PATIENCE_S), 1)  # its address could not be printed
+
+        request = self.path("request.json", json.dumps(frame_request()))
+        render = [harness.BINARY, "render", request, "-o", self.path("frame.npz"), "--dem", DEM, "--cache-dir", self.cache]
+        self.assertEqual(status(render, (1, 2)), 1)
+        self.assertTrue(zipfile.is_zipfile(self.path("frame.npz")))
+        self.assertEqual(status(render, (2,), stdout=subprocess.DEVNULL), 0)
+        wrong = [harness.BINARY, "info", "--dem", self.path("nowhere")]
+        self.assertEqual(status(wrong, (2,)), 1)
+        with open("/dev/full", "w") as full:
+            self.assertEqual(status(wrong, (), stderr=full), 1)
 
     def test_a_file_of_settings_that_is_a_folder(self):
         done = run("info", "--dem", DEM, "--config", self.folder)
