@@ -101,7 +101,7 @@ OrderedJson text_answer(const char* description, const char* media_type) {
 
 // Any path can answer so: the request never gets as far as a call, or there are too many connections.
 void add_http_problems(OrderedJson& responses) {
-  for (const int status : {400, 405, 408, 414, 431, 503}) {
+  for (const int status : {400, 403, 405, 408, 414, 421, 431, 503}) {
     responses[std::to_string(status)] = {{"$ref", "#/components/responses/" + response_name(status)}};
   }
 }
