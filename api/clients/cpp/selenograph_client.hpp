@@ -420,7 +420,8 @@ class Client {
  public:
   using Clock = std::chrono::steady_clock;
 
-  // url: scheme, host, port and, behind a proxy, the path before /v1. token: sent as a bearer token; empty: none.
+  // url: scheme, host, port and, behind a proxy, the path before /v1. token: sent as a bearer token, printable ASCII
+  // without blanks; empty: none.
   // timeout: for one call with all its retries; of a response's header, whose lines cpp-httplib reads by itself, it is
   // the longest wait for more bytes. https needs a build with CPPHTTPLIB_OPENSSL_SUPPORT.
   explicit Client(const std::string& url, std::string token = "",
@@ -432,6 +433,9 @@ class Client {
     origin_ = url.substr(0, path);
     prefix_ = url.substr(path);
     while (!prefix_.empty() && prefix_.back() == '/') prefix_.pop_back();
+    // cpp-httplib would leave out the header that has one.
+    if (std::any_of(token_.begin(), token_.end(), [](char c) { return c <= ' ' || c > '~'; }))
+      throw Error("the token has a character that no token has");
   }
 
   // POST /v1/frames: all products that the request names, and metadata.
