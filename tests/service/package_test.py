@@ -16,7 +16,6 @@ import harness
 from harness import BINARY, PATIENCE_S, REPOSITORY
 
 BUILD = os.environ.get("SELENOGRAPH_BUILD", "")
-PACKAGE = os.path.join(REPOSITORY, "deploy", "operation", "package")
 
 
 def setUpModule():
@@ -51,8 +50,20 @@ def options_of(*command):
 class Works:
     """What is below self.root, and etc and usr as the package or the installation has them."""
 
-    def check_service(self, etc, usr):
-        """The unit's command line, with this machine's paths and DEM, starts and answers."""
+    def unit_command(self, usr):
+        with open(os.path.join(usr, "lib", "systemd", "system", "selenograph.service")) as file:
+            [command] = re.findall(r"^ExecStart=(.*)$", file.read(), re.M)
+        return command.split()
+
+    def check_trial(self, *command):
+        """It starts over this machine's DEM and answers."""
+        done = run(*command, "--trial", "--port", "0", "--cache-dir", harness.path("cache"), "--dem", harness.path("dem"))
+        self.assertEqual(done.returncode, 0, done.stdout)
+        self.assertIn("listening on http://127.0.0.1:", done.stdout)
+        self.assertIn('{"time":"', done.stdout)  # log-format = "json"
+
+    def check_service(self, etc, usr, said_etc, said_usr):
+        """The unit's command line, with all members of the configuration and the paths that are said in their place."""
         with open(os.path.join(etc, "selenograph", "selenograph.toml")) as file:
             example = file.read()
         # What stands there as a default, too.
@@ -61,16 +72,10 @@ class Works:
         config = harness.path("all.toml")
         with open(config, "w") as file:
             file.write(example)
-        with open(os.path.join(usr, "lib", "systemd", "system", "selenograph.service")) as file:
-            [command] = re.findall(r"^ExecStart=(.*)$", file.read(), re.M)
-        words = [config if word == "/etc/selenograph/selenograph.toml" else word for word in command.split()]
-        self.assertEqual(words[0], "selenograph")
-        done = run(os.path.join(usr, "bin", "selenograph"), *words[1:], "--trial", "--port", "0", "--cache-dir",
-                   harness.path("cache"), "--dem", harness.path("dem"), "--assets-dir",
-                   os.path.join(usr, "share", "selenograph", "assets"))
-        self.assertEqual(done.returncode, 0, done.stdout)
-        self.assertIn("listening on http://127.0.0.1:", done.stdout)
-        self.assertIn('{"time":"', done.stdout)  # log-format = "json"
+        self.assertEqual(self.unit_command(usr), [f"{said_usr}/bin/selenograph", "serve", "--config",
+                                                  f"{said_etc}/selenograph/selenograph.toml"])
+        self.check_trial(os.path.join(usr, "bin", "selenograph"), "serve", "--config", config, "--assets-dir",
+                         os.path.join(usr, "share", "selenograph", "assets"))
 
     def check_files(self, usr):
         for name in ("bin/selenograph", "include/selenograph_client.hpp", "lib/python3/dist-packages/selenograph.py",
@@ -95,9 +100,21 @@ class Installed(Works, unittest.TestCase):
 
     def test_files_and_service(self):
         self.check_files(self.prefix)
-        self.check_service(os.path.join(self.prefix, "etc"), self.prefix)
+        etc = os.path.join(self.prefix, "etc")
+        self.check_service(etc, self.prefix, etc, self.prefix)
+        self.check_trial(*self.unit_command(self.prefix))  # as it was installed
         version = run(os.path.join(self.prefix, "bin", "selenograph"), "--version")
         self.assertEqual(version.stdout, run(BINARY, "--version").stdout)
+
+    def test_what_names_a_path_names_the_prefix(self):
+        for name in ("etc/selenograph/selenograph.toml", "share/man/man1/selenograph.1", "lib/systemd/system/selenograph.service"):
+            with open(os.path.join(self.prefix, name)) as file:
+                text = file.read()
+            self.assertNotIn("/usr/", text, name)
+            named = re.findall(re.escape(self.prefix) + r"/[\w./-]*\w", text)
+            self.assertTrue(named, name)
+            for path in named:
+                self.assertTrue(os.path.exists(path), f"{name}: {path}")
 
     def test_an_edited_configuration_stays(self):
         path = os.path.join(self.prefix, "etc", "selenograph", "selenograph.toml")
@@ -164,7 +181,7 @@ class Installed(Works, unittest.TestCase):
                 self.assertRegex(listed, rf"(?m)^\.BR? {below}\b", f"selenograph.1 does not have {command} {below}")
         if shutil.which("man"):
             done = run("man", "-l", "--warnings", os.path.join(self.prefix, "share/man/man1/selenograph.1"),
-                       env={**os.environ, "MANPAGER": "cat", "MAN_KEEP_FORMATTING": "0"})
+                       env={**os.environ, "MANPAGER": "cat", "MAN_KEEP_FORMATTING": "0", "MANWIDTH": "160"})  # of long paths
             self.assertEqual(done.returncode, 0, done.stdout)
             self.assertNotIn("warning", done.stdout)
 
@@ -192,12 +209,11 @@ class Installed(Works, unittest.TestCase):
 
     @unittest.skipUnless(shutil.which("systemd-analyze"), "systemd-analyze is not installed: apt-get install systemd")
     def test_systemd_takes_the_unit(self):
-        with open(os.path.join(PACKAGE, "selenograph.service")) as file:
+        with open(os.path.join(self.prefix, "lib", "systemd", "system", "selenograph.service")) as file:
             unit = file.read()
         copy = harness.path("selenograph.service")
         with open(copy, "w") as file:  # the manual page isn't installed in this system, either
-            file.write(unit.replace("ExecStart=selenograph", f"ExecStart={self.prefix}/bin/selenograph")
-                       .replace("Documentation=man:selenograph(1)\n", ""))
+            file.write(unit.replace("Documentation=man:selenograph(1)\n", ""))
         done = run("systemd-analyze", "verify", copy)
         self.assertEqual((done.returncode, done.stdout), (0, ""))
         done = run("systemd-analyze", "security", "--offline=true", "--no-pager", copy)
@@ -220,7 +236,7 @@ class DebianPackage(Works, unittest.TestCase):
 
     def test_files_and_service(self):
         self.check_files(os.path.join(self.root, "usr"))
-        self.check_service(os.path.join(self.root, "etc"), os.path.join(self.root, "usr"))
+        self.check_service(os.path.join(self.root, "etc"), os.path.join(self.root, "usr"), "/etc", "/usr")
         self.assertEqual(sorted(os.listdir(self.root)), ["etc", "usr"])
 
     def test_what_dpkg_is_told(self):
