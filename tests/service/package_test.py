@@ -206,6 +206,15 @@ class Installed(Works, unittest.TestCase):
         self.assertEqual(self.completions("serve", "--log-format", "j"), {"json"})
         self.assertEqual(self.completions("serve", "--on-data-error", ""), {"fail", "fall-through"})
         self.assertEqual(self.completions("serve", "--dem", "de"), {"dem"})
+        # batch takes a manifest, and has a command.
+        harness.write("campaign.jsonl", "")
+        self.assertLessEqual({"verify", "campaign.jsonl"}, self.completions("batch", ""))
+        self.assertEqual(self.completions("batch", "cam"), {"campaign.jsonl"})
+        self.assertEqual(self.completions("batch", "veri"), {"verify"})
+        self.assertEqual(self.completions("batch", "campaign.jsonl", "-o", "de"), {"dem"})
+        self.assertEqual(self.completions("batch", "campaign.jsonl", "veri"), set())
+        self.assertEqual(self.completions("batch", "verify", "cam"), {"campaign.jsonl"})
+        self.assertEqual(self.completions("verify", "cam"), set())
 
     @unittest.skipUnless(shutil.which("systemd-analyze"), "systemd-analyze is not installed: apt-get install systemd")
     def test_systemd_takes_the_unit(self):

@@ -11,14 +11,14 @@ _selenograph() {
     commands+=("${COMP_WORDS[i]}")
   done
   help=$(selenograph "${commands[@]}" --help 2>/dev/null)
-  if [[ $before == --* ]]; then
-    # "  --page ENUM:{off,local,on}=local": one of these. Another value: a file.
+  if [[ $before == -* ]]; then
+    # "  -o,--output DIR", "  --page ENUM:{off,local,on}=local": one of these. Another value: a file.
     choices=$(sed -n "s/^ *\(-[a-zA-Z],\)\?$before [^{]*{\([^}]*\)}.*/\2/p" <<<"$help")
     if [[ $choices ]]; then
       mapfile -t COMPREPLY < <(compgen -W "${choices//,/ }" -- "$word")
       return
     fi
-    if [[ $word != -* ]] && grep -qE "^ *(-[a-zA-Z],)?$before [A-Z]" <<<"$help"; then
+    if [[ $word != -* ]] && grep -qE "^ *(-[a-zA-Z],)?$before(,--[a-z0-9-]+)? [A-Z]" <<<"$help"; then
       mapfile -t COMPREPLY < <(compgen -f -- "$word")
       compopt -o filenames 2>/dev/null
       return
@@ -30,10 +30,12 @@ _selenograph() {
     return
   fi
   choices=$(sed -n '/^Subcommands:/,$s/^  \([a-z][a-z-]*\) .*/\1/p' <<<"$help")
-  if [[ $choices ]]; then
+  # Before the first option a command's own commands, as "batch verify"; and the files that it takes.
+  if ((${#commands[@]} + 1 == COMP_CWORD)); then
     mapfile -t COMPREPLY < <(compgen -W "$choices" -- "$word")
-  else
-    mapfile -t COMPREPLY < <(compgen -f -- "$word")
+  fi
+  if [[ ! $choices ]] || grep -q '^Positionals:' <<<"$help"; then
+    mapfile -t -O "${#COMPREPLY[@]}" COMPREPLY < <(compgen -f -- "$word")
     compopt -o filenames 2>/dev/null
   fi
 }
