@@ -236,6 +236,52 @@ class Tokens(unittest.TestCase):
         self.assertNotIn("leaving", team.token("list").stdout)
         self.assertIn("a name has up to 64", team.token("add", "two words").stderr)
 
+    def test_other_lines_of_the_file_stay(self):
+        folder = harness.path("tokens by hand")
+        self.assertIn("reload it if it runs", self.alone("add", "one", folder)[1])
+        path = os.path.join(folder, "tokens")
+        with open(path) as file:
+            one = file.read()
+        by_hand = f"# flight team\n\n{one}# others"  # without a line's end
+        with open(path, "w") as file:
+            file.write(by_hand)
+        self.alone("add", "two", folder)
+        self.assertEqual(self.alone("list", None, folder)[0].split()[::2], ["one", "two"])
+        self.alone("revoke", "two", folder)
+        with open(path) as file:
+            self.assertEqual(file.read(), by_hand + "\n")
+
+    def test_a_folder_with_a_blank_and_a_refusal(self):
+        """What HAProxy is told names the file as it was told of it; where it knows none of that name nothing has changed for it."""
+        folder, path = harness.path("te am"), harness.path("a.sock")
+        with socket.socket(socket.AF_UNIX) as haproxy:
+            haproxy.bind(path)
+            haproxy.listen()
+            said = []
+
+            def answer(text):
+                connection, _ = haproxy.accept()
+                with connection:
+                    said.append(connection.recv(4096).decode())
+                    connection.sendall(text)
+
+            for command, text, status in (("add", b"\n", 0), ("revoke", b"Unknown map identifier.\n", 1), ("add", b"no\n", 1)):
+                thread = threading.Thread(target=answer, args=(text,))
+                thread.start()
+                out, error = self.alone(command, "one", folder, path, status)
+                thread.join()
+                self.assertEqual(bool(out), command == "add")
+                self.assertEqual("reload it" in error, status == 1)
+        escaped = os.path.join(folder, "tokens").replace(" ", "\\ ")
+        for words in said:
+            self.assertRegex(words, r"^(add|del) map " + re.escape(escaped) + r" [0-9a-f]{64}( one)?\n$")
+
+    def alone(self, command, name, folder, path="none.sock", status=0):
+        done = subprocess.run([sys.executable, TOKEN, command, *([name] if name else []), "--dir", folder, "--socket", path],
+                              stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S)
+        self.assertEqual(done.returncode, status, done.stderr)
+        return done.stdout, done.stderr
+
     def test_what_adds_none_makes_no_folder(self):
         nowhere = harness.path("nowhere")
         self.assertEqual(team.token("list", folder=nowhere).returncode, 0)
@@ -274,6 +320,33 @@ class Tokens(unittest.TestCase):
                 self.assertEqual(got, status)
                 self.assertEqual(headers["X-Request-Id"] == given, same, given)
                 self.assertTrue(headers["X-Request-Id"])
+
+
+class Failures(unittest.TestCase):
+    """Of deploy/operation/team itself, in a temporary folder of its own."""
+
+    def run_team(self, *options):
+        os.makedirs(harness.path("temporary"), exist_ok=True)
+        done = subprocess.run([os.path.join(REPOSITORY, "deploy", "operation", "team"), "--binary", BINARY, "--inside-port", "0",
+                               *options], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=PATIENCE_S,
+                              env={**os.environ, "TMPDIR": harness.path("temporary")})
+        self.assertNotEqual(done.returncode, 0, done.stdout)
+        self.assertNotIn("Traceback", done.stdout)
+        return done.stdout
+
+    def test_the_log_that_it_names_is_there(self):
+        said = self.run_team("--port", "0", "--dem", harness.path("dem"), "--", "--nonsense")
+        with open(re.search(r"node1 did not start: see (\S+)", said)[1]) as file:
+            self.assertIn("--nonsense", file.read())
+        with socket.create_server(("127.0.0.1", 0)) as other:
+            said = self.run_team("--port", str(other.getsockname()[1]), "--dem", harness.path("dem"))
+        folder = re.search(r"node1 is not up for HAProxy: see (\S+)/[*][.]log", said)[1]
+        with open(os.path.join(folder, "haproxy.log")) as file:
+            self.assertIn("cannot bind", file.read())
+
+    def test_wrong_options(self):
+        self.assertIn("70000 is not from 0 to 65535", self.run_team("--port", "70000"))
+        self.assertIn("no terrain: see above", self.run_team("--port", "0", "--dem", harness.path("nowhere")))
 
 
 class Names(unittest.TestCase):
