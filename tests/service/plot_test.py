@@ -120,6 +120,9 @@ class PlotTest(unittest.TestCase):
         with open(os.path.join(broken, "difference.tif"), "wb") as file:
             file.write(b"no TIFF")
         self.refused(broken, "cannot identify image file")
+        os.mkdir(harness.path("list"))
+        harness.write("list/mertis.json", [])
+        self.refused(harness.path("list"), "not of the form that `selenograph verify` writes")
 
 
 if __name__ == "__main__":

@@ -6,6 +6,8 @@ import json
 import math
 import os
 import random
+import subprocess
+import sys
 import unittest
 
 import numpy as np
@@ -53,6 +55,23 @@ def tearDownModule():
     harness.tear_down()
 
 
+class Catalogues(unittest.TestCase):
+    """deploy/stars, before it downloads anything."""
+
+    def refused(self, *options, **environment):
+        done = subprocess.run([os.path.join(harness.REPOSITORY, "deploy", "stars"), "bright", *options], capture_output=True,
+                              text=True, timeout=harness.PATIENCE_S, env={**os.environ, **environment})
+        self.assertNotEqual(done.returncode, 0)
+        self.assertNotIn("Traceback", done.stderr)
+        return done.stderr
+
+    def test_what_it_refuses(self):
+        self.assertIn("nothing can be written there", self.refused("-o", path("nowhere", "bright.csv")))
+        self.assertIn("nan is no number", self.refused("--magnitude-limit", "nan"))
+        os.symlink(sys.executable, path("python3"))
+        self.assertIn("there is no apt-get", self.refused("-o", path("bright.csv"), PATH=path()))
+
+
 def sky(**changes):
     status, _, body = service.post("/v1/sky", {**EVERYTHING, **changes})
     assert status == 200, body[:500]
@@ -65,6 +84,20 @@ def unit(v):
 
 def arcsec(a, b):
     return math.degrees(math.asin(min(1, np.linalg.norm(np.cross(a, b))))) * 3600
+
+
+def grid_of_stars(name, up, east, azimuths, elevations):
+    """A catalogue of stars of EPOCHS[1] in places of a sky, MOON_ME and radians, azimuths from the east."""
+    some = {o["id"]: o for o in sky()}.values()
+    u_, _, v = np.linalg.svd(np.array([o["direction_icrf"] for o in some]).T @ np.array([o["direction"] for o in some]))
+    icrf_from_moon, north = u_ @ np.diag([1, 1, np.linalg.det(u_ @ v)]) @ v, np.cross(up, east)
+    directions = np.array([math.cos(e) * (math.cos(a) * east + math.sin(a) * north) + math.sin(e) * up
+                           for a in azimuths for e in elevations + 0.02 * a])
+    with open(path("assets", "stars", name + ".csv"), "w", encoding="ascii") as file:
+        print(HEAD, file=file)
+        for i, (x, y, z) in enumerate(directions @ icrf_from_moon.T):
+            ra, dec = math.degrees(math.atan2(y, x)) % 360, math.degrees(math.asin(z))
+            print(f"G{i},{ra:.9f},{dec:.9f},2026.9,0,0,0,3,0.6", file=file)
 
 
 class Answer(unittest.TestCase):
@@ -260,8 +293,6 @@ class BehindMountains(unittest.TestCase):
     LAT, LON, SIDE, FOV_DEG = 0.4, 30.5, 640, 50.0
 
     def test_frames_show_stars_where_rays_are_free(self):
-        some = {o["id"]: o for o in sky()}.values()
-        icrf_from_moon = self.rotation([o["direction"] for o in some], [o["direction_icrf"] for o in some])
         status, _, body = service.post("/v1/heights", {"points": [{"lat_deg": self.LAT, "lon_deg": self.LON}]})
         ground_m = json.loads(body)["points"][0]["height_m"]
         lat, lon = math.radians(self.LAT), math.radians(self.LON)
@@ -270,15 +301,7 @@ class BehindMountains(unittest.TestCase):
         eye = (1737400 + ground_m + 3) * up
         ahead = {"lat_deg": self.LAT, "lon_deg": self.LON + 0.1, "height_m": ground_m + 0.1 * 30323 * math.tan(math.radians(16))}
         # Closer to each other up and down than a pixel's neighbours, farther apart sideways.
-        azimuths, elevations = np.radians(np.arange(-20, 20.1, 0.8)), np.radians(np.linspace(-4, 36, 61))
-        north = np.cross(up, east)
-        directions = np.array([math.cos(e) * (math.cos(a) * east + math.sin(a) * north) + math.sin(e) * up
-                               for a in azimuths for e in elevations + 0.02 * a])
-        with open(path("assets", "stars", "grid.csv"), "w", encoding="ascii") as file:
-            print(HEAD, file=file)
-            for i, (x, y, z) in enumerate(directions @ icrf_from_moon.T):
-                ra, dec = math.degrees(math.atan2(y, x)) % 360, math.degrees(math.asin(z))
-                print(f"G{i},{ra:.9f},{dec:.9f},2026.9,0,0,0,3,0.6", file=file)
+        grid_of_stars("grid", up, east, np.radians(np.arange(-20, 20.1, 0.8)), np.radians(np.linspace(-4, 36, 61)))
         request = {"camera": {"width": self.SIDE, "height": self.SIDE, "fov_deg": self.FOV_DEG}, "utc": EPOCHS[1] + "Z",
                    "pose": {"position_m": eye.tolist(), "look_at": {**ahead, "up": "zenith"}}, "sky": {"stars": "grid"}}
         listed = {o["id"]: o for o in json.loads(service.post("/v1/sky", request)[2])["objects"]}
@@ -300,11 +323,76 @@ class BehindMountains(unittest.TestCase):
         self.assertEqual([o["visible"] for o in chosen], free.tolist())
         self.assertTrue(all(o.get("hidden_by") == "moon" for o, f in zip(chosen, free) if not f))
 
-    @staticmethod
-    def rotation(a, b):
-        """The rotation that takes the directions a to b."""
-        u_, _, v = np.linalg.svd(np.asarray(b).T @ np.asarray(a))
-        return u_ @ np.diag([1, 1, np.linalg.det(u_ @ v)]) @ v
+
+class OverGroundWithDetail(unittest.TestCase):
+    """A lander's sky over a horizon of fine ground: what hides it the frame knows, and needs no more ground for it."""
+
+    LAT, LON, HEIGHT_M, SIDE = 0.4, 30.5, 300, 256
+    SUN_ON_HORIZON = "2026-12-15T11:00:00Z"
+    MISSES = "selenograph_terrain_cache_misses_total"
+
+    @classmethod
+    def setUpClass(cls):
+        status, _, body = service.post("/v1/heights", {"points": [{"lat_deg": cls.LAT, "lon_deg": cls.LON}]})
+        lat, lon = math.radians(cls.LAT), math.radians(cls.LON)
+        cls.up = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
+        cls.eye = (1737400 + json.loads(body)["points"][0]["height_m"] + cls.HEIGHT_M) * cls.up
+
+    def toward(self, direction):
+        place = self.eye + 20e3 * np.asarray(direction)
+        lat, lon = math.degrees(math.asin(place[2] / np.linalg.norm(place))), math.degrees(math.atan2(*place[1::-1]))
+        return {"position_m": self.eye.tolist(),
+                "look_at": {"lat_deg": lat, "lon_deg": lon, "height_m": np.linalg.norm(place) - 1737400, "up": "zenith"}}
+
+    def with_sky(self, frame, options):
+        """The frame with and without a sky: it takes no block of terrain that it doesn't take without."""
+        without = service.arrays(frame)
+        before = service.metric(self.MISSES)
+        shown = service.arrays({**frame, "sky": options})
+        self.assertEqual(service.metric(self.MISSES), before)
+        return shown, without
+
+    def test_stars_are_hidden_where_their_pixel_sees_ground(self):
+        lat, lon = math.radians(self.LAT), math.radians(self.LON)
+        east = np.array([-math.sin(lon), math.cos(lon), 0])
+        grid_of_stars("horizon", self.up, east, np.radians(np.arange(-20, 20.1, 1.3)), np.radians(np.linspace(4, 28, 25)))
+        camera = {"width": self.SIDE, "height": self.SIDE, "fov_deg": 50.0}
+        frame = {"camera": camera, "pose": self.toward(math.cos(0.28) * east + math.sin(0.28) * self.up),
+                 "detail": "landing", "products": ["radiance", "range"], "accuracy": {"max_error_px": 2},
+                 "sun": {"local": {"lat_deg": self.LAT, "lon_deg": self.LON, "azimuth_deg": 0, "elevation_deg": -30}}}
+        options = {"stars": "horizon", "utc": EPOCHS[1] + "Z"}
+        rows = {"shutter": {"line_time_s": 1e-3, "angular_rate_deg_s": [0.5, 2.0, 0]}}
+        for more in {}, rows, {"accuracy": {"max_error_px": 2, "samples_per_pixel": 4}}:
+            asked = {**frame, **more}
+            shown, without = self.with_sky(asked, options)
+            sees_sky, radiance = np.isnan(without["range"]), shown["radiance"]
+            self.assertTrue(np.array_equal(shown["range"], without["range"], equal_nan=True))
+            seen, hidden = 0, 0
+            listed = sky(camera=camera, pose=frame["pose"], sky={"stars": "horizon"},
+                         **{k: v for k, v in more.items() if k == "shutter"})
+            for o in listed:
+                if not all(2 < o[k] < self.SIDE - 3 for k in ("x_px", "y_px")):
+                    continue
+                x, y, expected = math.floor(o["x_px"]), math.floor(o["y_px"]), sees_sky[round(o["y_px"]), round(o["x_px"])]
+                self.assertEqual(radiance[y:y + 2, x:x + 2].max() > 0, expected, (more, o["id"], o["x_px"], o["y_px"]))
+                seen, hidden = seen + expected, hidden + (not expected)
+            self.assertGreater(min(seen, hidden), 150, more)
+            # Nobody asks for ranges, which are the same image's, and not in the answer.
+            alone = service.arrays({**asked, "sky": options, "products": ["radiance"]})
+            self.assertEqual(set(alone), {"radiance", "meta", "headers", "body"})
+            self.assertTrue(np.array_equal(alone["radiance"], radiance))
+
+    def test_the_sun_is_hidden_where_pixels_see_ground(self):
+        sun = sky(utc=self.SUN_ON_HORIZON, sky={"sun": True})[0]["direction"]
+        frame = {"camera": {"width": 64, "height": 64, "fov_deg": 8.0}, "pose": self.toward(sun), "detail": "landing",
+                 "sun": {"utc": self.SUN_ON_HORIZON}, "products": ["radiance", "range"], "accuracy": {"max_error_px": 2}}
+        shown, without = self.with_sky(frame, {"sun": True})
+        light, free = shown["radiance"] - without["radiance"], np.isnan(without["range"])
+        y, x = np.mgrid[:64, :64]
+        disc = np.hypot(x - 31.5, y - 31.5) < 1.4
+        self.assertGreater(min((disc & free).sum(), (disc & ~free).sum()), 1)
+        self.assertGreater(light[disc & free].min(), 1e5)
+        self.assertEqual(np.abs(light[~free]).max(), 0)
 
 
 class Eclipse(unittest.TestCase):
