@@ -39,7 +39,7 @@ void FrameExposure::show_discs(const FrameRequest& request, const std::vector<do
                              std::move(discs), stop_);
 }
 
-std::vector<float> FrameExposure::draw(const FrameRequest& request, float share, Frame& frame, bool other_moment) {
+FrameProducts FrameExposure::draw(const FrameRequest& request, float share, Frame& frame, bool other_moment) {
   FrameMoment moment(request, terrain_, kept_, stop_);
   moment.make_scene(1);
   FrameProducts products;
@@ -47,11 +47,11 @@ std::vector<float> FrameExposure::draw(const FrameRequest& request, float share,
   show_discs(request, products.range, share, products.radiance);
   frame.times += moment.times();
   if (other_moment) frame.report.shadow_limits_px.push_back(moment.selection().shadow_limit_px);
-  return std::move(products.radiance);
+  return products;
 }
 
-SkyImage FrameExposure::sky_of(const FrameRequest& request) const {
-  return {request, plan_.margin_px(), terrain_, kept_, stop_};
+SkyImage FrameExposure::sky_of(const FrameRequest& request, const std::vector<double>& range_m) const {
+  return {request, plan_.margin_px(), range_m, terrain_, kept_, stop_};
 }
 
 void FrameExposure::add_points(const SkyImage& sky, double share) {
@@ -78,7 +78,9 @@ void FrameExposure::add_glare() {
     const bool covered = earth && earth->hides(direction, request.sun.distance_au * kAstronomicalUnit_m);
     if (!drawn && !covered) rays.push_back({view.position(), direction});
   }
-  const std::vector<HiddenBy> hidden = what_hides(rays, request.objects, request.terrain, terrain_, kept_, stop_);
+  constexpr double kDetailWithin_m = 300;  // as wide as the Sun is 3 m there
+  const std::vector<HiddenBy> hidden =
+      what_hides(rays, request.objects, request.terrain, terrain_, kept_, stop_, kDetailWithin_m);
   const auto free = std::count(hidden.begin(), hidden.end(), HiddenBy::none);
   if (free == 0) return;
   const Band counted = in_photons(*request.band, request.sensor->detector.efficiency);
@@ -101,12 +103,10 @@ std::vector<float> FrameExposure::mean_of_moments(int moments, const std::vector
   for (const double moment : moments_of(moments, plan_.sensor->integration_time_s())) {
     stop_.check();
     of_points.pose = request.pose = moved(middle, request.sensor->motion, moment);
-    add_points(sky_of(of_points), static_cast<double>(share));
-    if (moment == 0 && !plan_.sensor->wants_samples()) {
-      add(in_the_middle);
-      continue;
-    }
-    add(draw(request, share, frame, true));
+    const bool drawn = moment == 0 && !plan_.sensor->wants_samples();
+    const FrameProducts products = drawn ? FrameProducts() : draw(request, share, frame, true);
+    add_points(sky_of(of_points, drawn ? frame.products.range : products.range), static_cast<double>(share));
+    add(drawn ? in_the_middle : products.radiance);
   }
   return mean;
 }
@@ -119,11 +119,11 @@ void FrameExposure::draw_moments(Frame& frame) {
   const auto brightest_w_m2_sr = static_cast<double>(radiance[brightest]);
   frame.report.brightest_w_m2_sr = brightest_w_m2_sr;
   show_discs(plan_.request, frame.products.range, share_of_middle(), radiance);
-  const SkyImage sky = sky_of(plan_.request);
+  const SkyImage sky = sky_of(plan_.request, frame.products.range);
   if (!plan_.sensor) return sky.add_to(radiance);
   captured_ = plan_.request.products & kRadiance ? radiance : std::exchange(radiance, {});
   if (plan_.counted) {
-    captured_ = draw(*plan_.counted, plan_.moving() ? 0.F : 1.F, frame, false);
+    captured_ = draw(*plan_.counted, plan_.moving() ? 0.F : 1.F, frame, false).radiance;
     const auto counted_w_m2_sr = static_cast<double>(captured_[brightest]);
     const bool lit = brightest_w_m2_sr > 0 && counted_w_m2_sr > 0;
     counted_over_radiance_ = lit ? counted_w_m2_sr / brightest_w_m2_sr : plan_.sensor->counted_of_sunlight();

@@ -30,11 +30,11 @@ class FrameExposure {
  private:
   EachSample each(float share) const;
   // `share`: of the exposure, for samples that the sensor takes one by one; 0: it takes none of them.
-  std::vector<float> draw(const FrameRequest& request, float share, Frame& frame, bool other_moment);
+  FrameProducts draw(const FrameRequest& request, float share, Frame& frame, bool other_moment);
   void show_discs(const FrameRequest& request, const std::vector<double>& range_m, float share,
                   std::vector<float>& radiance);
   float share_of_middle() const { return plan_.moving() || plan_.counted ? 0.F : 1.F; }
-  SkyImage sky_of(const FrameRequest& request) const;
+  SkyImage sky_of(const FrameRequest& request, const std::vector<double>& range_m) const;
   void add_points(const SkyImage& sky, double share);
   void add_glare();
   std::vector<float> mean_of_moments(int moments, const std::vector<float>& in_the_middle, Frame& frame);

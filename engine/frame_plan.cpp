@@ -27,7 +27,7 @@ FrameRequest with_margin_of(const std::optional<Sensor>& sensor, FrameRequest re
   return request;
 }
 
-// Craters and discs are looked for in what each pixel sees: all are drawn, and what was not asked for is removed
+// Craters and the sky are looked for in what each pixel sees: all are drawn, and what was not asked for is removed
 // (thin).
 FrameRequest with_ranges(FrameRequest request) {
   if (wants_ranges(request)) request.products |= kRange, request.truth.reset();

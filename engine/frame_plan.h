@@ -31,7 +31,7 @@ struct FramePlan {
   bool moving() const { return sensor && !request.sensor->motion.none(); }
 
   std::optional<Sensor> sensor;  // if it makes an image
-  // The request to draw: as asked, with the sensor's margin and, for craters, the range of every pixel.
+  // The request to draw: as asked, with the sensor's margin and, for craters and the sky, the range of every pixel.
   FrameRequest request;
   RadianceTerms radiance;
   bool emits_elsewhere;  // an object emits, or the ground by a temperature map
@@ -39,7 +39,7 @@ struct FramePlan {
   std::optional<FrameRequest> counted;
 };
 
-// Removes what was drawn for craters and discs alone.
+// Removes what was drawn for craters and the sky alone.
 void thin(FrameProducts& products, const FrameRequest& asked);
 
 }  // namespace selenograph::engine

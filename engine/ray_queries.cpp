@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "dem/support/parallel.h"
@@ -29,10 +30,10 @@ void for_packets(std::size_t size, const StopToken& stop, Work&& work) {
 
 class RayCaster {
  public:
-  // `a_ray`: what a ray is in the words of the request.
+  // `a_ray`: what a ray is in the words of the request. `within_m`: how far rays are cast.
   RayCaster(const char* a_ray, const std::vector<SceneObject>& objects, const dem::Terrain& terrain, RenderCache& kept,
-            const StopToken& stop)
-      : ground_(a_ray, scenery_of(objects), terrain, kept, stop), stop_(stop) {}
+            const StopToken& stop, double within_m = std::numeric_limits<double>::infinity())
+      : ground_(a_ray, scenery_of(objects), terrain, kept, stop), stop_(stop), within_m_(within_m) {}
 
   enum class Meeting { terrain_alone, everything };
   std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, Meeting meeting) {
@@ -200,7 +201,7 @@ class RayCaster {
     for (const std::size_t i : batch) {
       if (toward.empty()) {
         some.push_back({.origin_m = rays[i].origin_m, .direction = rays[i].direction});
-        some.back().to_m = range_below_terrain_m(some.back());
+        some.back().to_m = std::min(within_m_, range_below_terrain_m(some.back()));
       }
       for (const Vec3& direction : toward) some.push_back({rays[i].origin_m, direction});
     }
@@ -225,6 +226,7 @@ class RayCaster {
 
   GroundAlongRays ground_;
   const StopToken& stop_;
+  const double within_m_;
 };
 
 bool may_meet_relief(const Ray& ray) {
@@ -264,8 +266,10 @@ std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<Scene
 }
 
 std::vector<HiddenBy> what_hides(std::span<const Ray> rays, const std::vector<SceneObject>& objects, bool moon,
-                                 const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
-  RayCaster caster("the line of sight to something in the sky", objects, terrain, kept, stop);
+                                 const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop,
+                                 double detail_within_m) {
+  RayCaster caster("the line of sight to something in the sky", objects, terrain, kept, stop,
+                   terrain.detail() ? detail_within_m : std::numeric_limits<double>::infinity());
   std::vector<HiddenBy> hidden(rays.size(), HiddenBy::none);
   std::vector<double> range_m(rays.size(), std::numeric_limits<double>::infinity());
   std::vector<Ray> near_limb;
@@ -280,6 +284,11 @@ std::vector<HiddenBy> what_hides(std::span<const Ray> rays, const std::vector<Sc
   const std::vector<RayHit> hits = caster.cast(near_limb, std::nullopt, RayCaster::Meeting::everything);
   for (std::size_t k = 0; k < hits.size(); ++k)
     if (hits[k].hit) hidden[asked[k]] = HiddenBy::moon, range_m[asked[k]] = hits[k].range_m;
+  if (terrain.detail() && std::isfinite(detail_within_m)) {
+    const std::vector<HiddenBy> beyond = what_hides(near_limb, {}, true, terrain.plain(), kept, stop);
+    for (std::size_t k = 0; k < beyond.size(); ++k)
+      if (beyond[k] == HiddenBy::moon) hidden[asked[k]] = HiddenBy::moon;
+  }
   const std::vector<std::uint16_t> met = caster.nearest_objects(rays, range_m);
   for (std::size_t i = 0; i < rays.size(); ++i)
     if (met[i] != kNoObject) hidden[i] = HiddenBy::object;

@@ -13,6 +13,7 @@
 #include "dem/value_maps/value_map.h"
 #include "engine/frame/needs.h"
 #include "engine/ray_queries.h"
+#include "engine/scene/ray_selection.h"
 #include "engine/sky/earth_figure.h"
 
 namespace selenograph::engine {
@@ -244,7 +245,13 @@ class DiscPainter {
  public:
   DiscPainter(const FrameRequest& request, const RowViews& views, std::span<const double> range_m,
               const StopToken& stop)
-      : views_(views), range_m_(range_m), stop_(stop), width_(request.camera.width), height_(request.camera.height) {}
+      : views_(views),
+        range_m_(range_m),
+        stop_(stop),
+        width_(request.camera.width),
+        height_(request.camera.height),
+        neighbours_(hides_by_pixels(request) ? 0 : 1),
+        moon_(request.terrain) {}
 
   void paint(Disc&& disc, std::vector<float>& radiance) {
     std::optional<PixelBox> box;
@@ -304,8 +311,8 @@ class DiscPainter {
   enum class Sight { free, hidden, border };
   Sight sight(int x, int y) const {
     bool sky = false, surface = false;
-    for (int j = std::max(0, y - 1); j <= std::min(height_ - 1, y + 1); ++j)
-      for (int i = std::max(0, x - 1); i <= std::min(width_ - 1, x + 1); ++i)
+    for (int j = std::max(0, y - neighbours_); j <= std::min(height_ - 1, y + neighbours_); ++j)
+      for (int i = std::max(0, x - neighbours_); i <= std::min(width_ - 1, x + neighbours_); ++i)
         (std::isnan(range_m_[at(i, j)]) ? sky : surface) = true;
     return !surface ? Sight::free : sky ? Sight::border : Sight::hidden;
   }
@@ -391,7 +398,9 @@ class DiscPainter {
 
   void add(const Vec3& direction, double value, Pixel& pixel) {
     if (!pixel.at_border) {
-      pixel.radiance += value;
+      // Where there is no data pixels see the sky, and the Moon hides what is far below its limb as it does for rays.
+      const bool free = !moon_ || std::isinf(range_below_terrain_m({pixel.view.position(), direction}));
+      if (free) pixel.radiance += value;
     } else if (value > 0) {
       rays_.push_back({pixel.view.position(), direction}), pixel_.push_back(pixel.index);
       value_.push_back(static_cast<float>(value));
@@ -417,6 +426,8 @@ class DiscPainter {
   std::span<const double> range_m_;
   const StopToken& stop_;
   int width_, height_;
+  int neighbours_;             // to each side, that may make a pixel one at a border
+  bool moon_;                  // is there
   std::vector<double> edges_;  // along a line
   std::vector<Ray> rays_;      // of samples whose pixels are at a border
   std::vector<std::size_t> pixel_;

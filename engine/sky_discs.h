@@ -11,7 +11,8 @@ namespace selenograph::engine {
 // Adds the discs that the request asks for to a frame's radiance, W m-2 sr-1, each pixel as the mean over its area: all
 // of a disc has its irradiance to 0.2 %, a crescent of a twentieth of a pixel, too, and one within a pixel to 0.5 %.
 // `range_m`: of every pixel, NaN for the sky. Where a pixel or one beside it sees the Moon or an object and another one
-// the sky, rays in double against the finest terrain decide, 64 a pixel and more; elsewhere the pixels themselves.
+// the sky, rays in double against the finest terrain decide, 64 a pixel and more; elsewhere the pixels themselves, and
+// on ground with detail everywhere (hides_by_pixels).
 //
 // Sun: its irradiance over its disc, with limb darkening 1 - u (1 - mu): the request's u, or 0.6.
 // What the Earth covers of it is left out, whether the Earth is asked for or not.

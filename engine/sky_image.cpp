@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "dem/support/error.h"
+#include "engine/frame/needs.h"
 
 namespace selenograph::engine {
 
@@ -63,8 +64,8 @@ void SkyImage::find(const FrameRequest& request, double reach_px, std::vector<Sk
   sky = std::move(seen);
 }
 
-SkyImage::SkyImage(const FrameRequest& request, int spread_px, const dem::Terrain& terrain, RenderCache& kept,
-                   const StopToken& stop)
+SkyImage::SkyImage(const FrameRequest& request, int spread_px, std::span<const double> range_m,
+                   const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop)
     : camera_(request.camera) {
   if (!request.sky || !request.sky->any()) return;
   views_.emplace(request.camera, request.pose, request.shutter, stop);
@@ -74,7 +75,8 @@ SkyImage::SkyImage(const FrameRequest& request, int spread_px, const dem::Terrai
                                               : sky_around(request, *views_, kSquare_px, stop);
   std::erase_if(sky, [](const SkyObject& o) { return o.kind == SkyKind::sun || o.kind == SkyKind::earth; });
   find(request, reach_px, sky, stop);
-  find_hidden(request, *views_, terrain, kept, stop, sky);
+  find_hidden(request, *views_, hides_by_pixels(request) ? range_m : std::span<const double>(), terrain, kept, stop,
+              sky);
   for (const SkyObject& object : sky) {
     const auto sr = object.hidden_by == HiddenBy::none ? pixel_sr(*views_, object.x_px, object.y_px) : std::nullopt;
     sources_.push_back({object.direction, sr ? object.irradiance_w_m2 / *sr : 0, sr ? object.counted_w_m2 / *sr : 0});

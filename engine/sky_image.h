@@ -19,9 +19,10 @@ namespace selenograph::engine {
 class SkyImage {
  public:
   // `request`: its camera has the margin, and its pose is that of the moment. Empty unless it asks for a sky.
-  // `spread_px`: how far a sensor spreads a point. Throws as sky_around and find_hidden do.
-  SkyImage(const FrameRequest& request, int spread_px, const dem::Terrain& terrain, RenderCache& kept,
-           const StopToken& stop);
+  // `spread_px`: how far a sensor spreads a point. `range_m`: of every pixel, if wants_ranges_for_sky. Throws as
+  // sky_around and find_hidden do.
+  SkyImage(const FrameRequest& request, int spread_px, std::span<const double> range_m, const dem::Terrain& terrain,
+           RenderCache& kept, const StopToken& stop);
 
   // Adds each point's irradiance over the solid angle of a pixel to the frame's radiance, W m-2 sr-1, as the square of
   // a pixel (add_square).

@@ -14,6 +14,7 @@
 #include "engine/radiometry/photometry.h"
 #include "engine/radiometry/spectrum.h"
 #include "engine/ray_queries.h"
+#include "engine/scene/ray_selection.h"
 #include "engine/sensor/sensor.h"
 #include "engine/sky/magnitudes.h"
 
@@ -181,6 +182,12 @@ class SkyFinder {
   SkyLight light_;
 };
 
+// Index of the pixel of a row that a place is in, or is next to.
+std::size_t pixel_of(const Camera& camera, int row, double x_px) {
+  const int column = std::clamp(static_cast<int>(std::lround(x_px)), 0, camera.width - 1);
+  return static_cast<std::size_t>(row) * static_cast<std::size_t>(camera.width) + static_cast<std::size_t>(column);
+}
+
 }  // namespace
 
 std::vector<SkyObject> sky_around(const FrameRequest& request, const RowViews& views, double margin_px,
@@ -197,16 +204,24 @@ EarthFigure earth_of(const FrameRequest& request, const RowViews& views) {
   return EarthFigure(SkyObserver(request.sky->utc, views.reference().position(), request.sky->velocity_m_s));
 }
 
-void find_hidden(const FrameRequest& request, const RowViews& views, const dem::Terrain& terrain, RenderCache& kept,
-                 const StopToken& stop, std::vector<SkyObject>& sky) {
+void find_hidden(const FrameRequest& request, const RowViews& views, std::span<const double> range_m,
+                 const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop, std::vector<SkyObject>& sky) {
   std::vector<Ray> rays;
   std::vector<std::size_t> asked;
+  std::vector<bool> behind_pixel;
   for (std::size_t i = 0; i < sky.size(); ++i) {
     if (std::isnan(sky[i].x_px)) continue;
     const int row = std::clamp(static_cast<int>(std::lround(sky[i].y_px)), 0, views.height() - 1);
     rays.push_back({views.of(row).position(), sky[i].direction}), asked.push_back(i);
+    if (!range_m.empty()) behind_pixel.push_back(!std::isnan(range_m[pixel_of(request.camera, row, sky[i].x_px)]));
   }
-  const std::vector<HiddenBy> hidden = what_hides(rays, request.objects, request.terrain, terrain, kept, stop);
+  const bool by_rays = request.terrain && range_m.empty();
+  std::vector<HiddenBy> hidden = what_hides(rays, request.objects, by_rays, terrain, kept, stop);
+  // Where there is no data the Moon hides as for rays.
+  for (std::size_t k = 0; k < behind_pixel.size(); ++k)
+    if (hidden[k] == HiddenBy::none &&
+        (behind_pixel[k] || std::isfinite(range_below_terrain_m({rays[k].origin_m, rays[k].direction}))))
+      hidden[k] = HiddenBy::moon;
   // The Earth is farther than the Moon, unless the camera is beyond the Earth or close to it; objects are the camera's
   // neighbours.
   const EarthFigure earth = earth_of(request, views);
@@ -239,7 +254,7 @@ std::vector<SkyObject> query_sky(const FrameRequest& request, const dem::Terrain
   const RowViews views(request.camera, request.pose, request.shutter, stop);
   if (request.terrain) refuse_underground(terrain, views, stop);
   std::vector<SkyObject> sky = sky_around(request, views, 0, stop);
-  find_hidden(request, views, terrain, kept, stop, sky);
+  find_hidden(request, views, {}, terrain, kept, stop, sky);
   if (!request.sensor) return sky;
   const Sensor sensor(request, stop);
   for (SkyObject& object : sky) {

@@ -1,6 +1,7 @@
 // Stars, the Sun, the Earth and planets in a camera's image: POST /v1/sky, and what a frame shows of them.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "dem/support/stop_token.h"
@@ -31,9 +32,11 @@ std::vector<SkyObject> sky_around_rows(const FrameRequest& request, const RowVie
 EarthFigure earth_of(const FrameRequest& request, const RowViews& views);
 
 // Sets `hidden_by`, by one ray each against the finest terrain, rocks, objects and the Earth, of those that are imaged.
-// Runs in the caller's task arena. Throws as cast_rays does.
-void find_hidden(const FrameRequest& request, const RowViews& views, const dem::Terrain& terrain, RenderCache& kept,
-                 const StopToken& stop, std::vector<SkyObject>& sky);
+// `range_m`: of every pixel, NaN for the sky, where the pixel that a place is in decides instead of terrain and rocks
+// (hides_by_pixels), the nearest one for a place beside the image; else empty. Runs in the caller's task arena. Throws
+// as cast_rays does.
+void find_hidden(const FrameRequest& request, const RowViews& views, std::span<const double> range_m,
+                 const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop, std::vector<SkyObject>& sky);
 
 // Solid angle of a pixel's width and height around an image place, sr; empty where the lens images nothing.
 std::optional<double> pixel_sr(const RowViews& views, double x_px, double y_px);

@@ -90,11 +90,22 @@ inline bool wants_craters(const FrameRequest& request) { return request.craters 
 inline bool wants_discs(const FrameRequest& request) {
   return request.sky && (request.sky->sun || request.sky->earth) && wants_radiance(request);
 }
-// Each pixel's range is drawn, for craters or for what hides a disc, whatever products the request asks for.
-inline bool wants_ranges(const FrameRequest& request) { return wants_craters(request) || wants_discs(request); }
+// Whether pixels alone say what the ground hides of the sky: a ray along the horizon of ground with detail meets so
+// much of the finest that it takes seconds.
+inline bool hides_by_pixels(const FrameRequest& request) { return request.detail && request.terrain; }
+inline bool wants_points(const FrameRequest& request) {
+  return request.sky && (request.sky->stars || request.sky->planets) && wants_radiance(request);
+}
+inline bool wants_ranges_for_sky(const FrameRequest& request) {
+  return wants_discs(request) || (wants_points(request) && hides_by_pixels(request));
+}
+// Each pixel's range is drawn, for craters or for what hides the sky, whatever products the request asks for.
+inline bool wants_ranges(const FrameRequest& request) {
+  return wants_craters(request) || wants_ranges_for_sky(request);
+}
 // The products of a frame that is drawn for its radiance.
 inline ProductSet for_radiance(const FrameRequest& request) {
-  return wants_discs(request) ? ProductSet{kRadiance | kRange} : ProductSet{kRadiance};
+  return wants_ranges_for_sky(request) ? ProductSet{kRadiance | kRange} : ProductSet{kRadiance};
 }
 
 // Limit on craters that a frame lists, and memory for that list with its text.

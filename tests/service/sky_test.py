@@ -86,6 +86,15 @@ def arcsec(a, b):
     return math.degrees(math.asin(min(1, np.linalg.norm(np.cross(a, b))))) * 3600
 
 
+def toward(eye, direction):
+    """The pose there that looks along a direction, MOON_ME."""
+    place = eye + 20e3 * np.asarray(direction)
+    radius = np.linalg.norm(place)
+    return {"position_m": eye.tolist(),
+            "look_at": {"lat_deg": math.degrees(math.asin(place[2] / radius)), "up": "zenith",
+                        "lon_deg": math.degrees(math.atan2(place[1], place[0])), "height_m": radius - 1737400}}
+
+
 def grid_of_stars(name, up, east, azimuths, elevations):
     """A catalogue of stars of EPOCHS[1] in places of a sky, MOON_ME and radians, azimuths from the east."""
     some = {o["id"]: o for o in sky()}.values()
@@ -323,9 +332,23 @@ class BehindMountains(unittest.TestCase):
         self.assertEqual([o["visible"] for o in chosen], free.tolist())
         self.assertTrue(all(o.get("hidden_by") == "moon" for o, f in zip(chosen, free) if not f))
 
+    def test_a_moon_without_data_hides_the_sun(self):
+        """From 100 km, 50 degrees below the horizon: nobody knows the ground there."""
+        lat, lon, utc = math.radians(self.LAT), math.radians(self.LON), "2026-12-10T00:00:00Z"
+        eye = (1737400 + 1e5) * np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
+        still = {"position_m": eye.tolist(), "camera_from_moon": {"w": 1, "x": 0, "y": 0, "z": 0}}
+        sun = sky(pose=still, utc=utc, sky={"sun": True})[0]
+        self.assertEqual(sun["hidden_by"], "moon")
+        request = {"camera": {"width": 64, "height": 64, "fov_deg": 8.0}, "pose": toward(eye, sun["direction"]),
+                   "sun": {"utc": utc}, "sky": {"sun": True}}
+        self.assertEqual(service.arrays({**request, "products": ["radiance"]})["radiance"].max(), 0)
+
 
 class OverGroundWithDetail(unittest.TestCase):
-    """A lander's sky over a horizon of fine ground: what hides it the frame knows, and needs no more ground for it."""
+    """A lander's sky over a horizon of fine ground: what hides it the frame knows, and needs no more ground for it.
+
+    Each test has a camera of its own: the service prepares no ground for where it might move next.
+    """
 
     LAT, LON, HEIGHT_M, SIDE = 0.4, 30.5, 300, 256
     SUN_ON_HORIZON = "2026-12-15T11:00:00Z"
@@ -337,12 +360,6 @@ class OverGroundWithDetail(unittest.TestCase):
         lat, lon = math.radians(cls.LAT), math.radians(cls.LON)
         cls.up = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
         cls.eye = (1737400 + json.loads(body)["points"][0]["height_m"] + cls.HEIGHT_M) * cls.up
-
-    def toward(self, direction):
-        place = self.eye + 20e3 * np.asarray(direction)
-        lat, lon = math.degrees(math.asin(place[2] / np.linalg.norm(place))), math.degrees(math.atan2(*place[1::-1]))
-        return {"position_m": self.eye.tolist(),
-                "look_at": {"lat_deg": lat, "lon_deg": lon, "height_m": np.linalg.norm(place) - 1737400, "up": "zenith"}}
 
     def with_sky(self, frame, options):
         """The frame with and without a sky: it takes no block of terrain that it doesn't take without."""
@@ -357,7 +374,7 @@ class OverGroundWithDetail(unittest.TestCase):
         east = np.array([-math.sin(lon), math.cos(lon), 0])
         grid_of_stars("horizon", self.up, east, np.radians(np.arange(-20, 20.1, 1.3)), np.radians(np.linspace(4, 28, 25)))
         camera = {"width": self.SIDE, "height": self.SIDE, "fov_deg": 50.0}
-        frame = {"camera": camera, "pose": self.toward(math.cos(0.28) * east + math.sin(0.28) * self.up),
+        frame = {"camera": camera, "pose": toward(self.eye, math.cos(0.28) * east + math.sin(0.28) * self.up),
                  "detail": "landing", "products": ["radiance", "range"], "accuracy": {"max_error_px": 2},
                  "sun": {"local": {"lat_deg": self.LAT, "lon_deg": self.LON, "azimuth_deg": 0, "elevation_deg": -30}}}
         options = {"stars": "horizon", "utc": EPOCHS[1] + "Z"}
@@ -384,15 +401,31 @@ class OverGroundWithDetail(unittest.TestCase):
 
     def test_the_sun_is_hidden_where_pixels_see_ground(self):
         sun = sky(utc=self.SUN_ON_HORIZON, sky={"sun": True})[0]["direction"]
-        frame = {"camera": {"width": 64, "height": 64, "fov_deg": 8.0}, "pose": self.toward(sun), "detail": "landing",
+        frame = {"camera": {"width": 64, "height": 64, "fov_deg": 8.0}, "pose": toward(self.eye, sun), "detail": "landing",
                  "sun": {"utc": self.SUN_ON_HORIZON}, "products": ["radiance", "range"], "accuracy": {"max_error_px": 2}}
         shown, without = self.with_sky(frame, {"sun": True})
         light, free = shown["radiance"] - without["radiance"], np.isnan(without["range"])
         y, x = np.mgrid[:64, :64]
-        disc = np.hypot(x - 31.5, y - 31.5) < 1.4
+        disc = np.hypot(x - 31.5, y - 31.5) < 1.6
         self.assertGreater(min((disc & free).sum(), (disc & ~free).sum()), 1)
         self.assertGreater(light[disc & free].min(), 1e5)
         self.assertEqual(np.abs(light[~free]).max(), 0)
+
+    def test_the_glare_of_a_sun_on_the_horizon_takes_little_ground(self):
+        sun = np.array(sky(utc=self.SUN_ON_HORIZON, sky={"sun": True})[0]["direction"])
+        beside = math.cos(0.15) * sun + math.sin(0.15) * unit(np.cross(sun, self.up))
+        law = {"b0_sr": 1.0, "shoulder": 0.01, "slope": -1.5}
+        detector = {"pixel_pitch_um": 10.0, "quantum_efficiency": 0.5, "integration_time_s": 1e-3, "gain_e_dn": 1.0}
+        frame = {"camera": {"width": 64, "height": 64, "fov_deg": 9.0}, "pose": toward(self.eye, beside), "detail": "landing",
+                 "sun": {"utc": self.SUN_ON_HORIZON}, "products": ["image"], "accuracy": {"max_error_px": 2},
+                 "band": {"center_um": 0.6, "width_um": 0.1}}
+        misses, glare = [], []
+        for within_deg in 0, 30:
+            optics = {"f_number": 4.0, "stray_light": {**law, "sun_within_deg": within_deg}}
+            meta = service.arrays({**frame, "sensor": {"optics": optics, "detector": detector}})["meta"]
+            misses.append(service.metric(self.MISSES)), glare.append(meta["stray_light"]["glare_w_m2_sr"])
+        self.assertLess(misses[1] - misses[0], 500)  # of the posts; thousands along the horizon of the detail
+        self.assertTrue(glare[1] > glare[0] == 0, glare)
 
 
 class Eclipse(unittest.TestCase):
