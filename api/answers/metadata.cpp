@@ -11,6 +11,7 @@
 #include "api/answers/turned_sky.h"
 #include "api/answers/view_json.h"
 #include "api/requests/parts/detail_json.h"
+#include "engine/sensor/detector.h"
 #include "engine/sky/star_catalogue.h"
 
 namespace selenograph::api {
@@ -41,7 +42,8 @@ void add_object_warnings(const FrameQuery& query, OrderedJson& warnings) {
 
 // What the sensor makes of a lit scene: too much of it, or nothing.
 void add_sensor_warnings(const engine::SensorModel& sensor, const engine::FrameReport& report, OrderedJson& warnings) {
-  if (sensor.exposure.target_fill > 0 && report.smear_fill >= sensor.exposure.target_fill)
+  const double target = sensor.exposure.target_fill, full_e = engine::saturation_e(sensor.detector);
+  if (target > 0 && report.smear_fill * full_e >= engine::filled_e(sensor.detector, target))
     warnings.push_back(
         "exposure.target_fill is out of reach: smear alone fills more of a pixel (exposure.smear_fill); shorten "
         "detector.smear_time_s");

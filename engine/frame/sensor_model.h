@@ -78,8 +78,8 @@ struct Detector {
 };
 
 // Automatic exposure. The integration time is chosen so that all but the brightest thousandth of the pixels stay within
-// a share of the full well, or of the largest digital number, including smear and dark current, without noise and fixed
-// pattern.
+// a share of the full well, or of the largest digital number, including smear, dark current and the offset, without
+// noise and fixed pattern.
 struct Exposure {
   double target_fill = 0;  // 0: the integration time is given
   double shortest_s = 1e-6, longest_s = 10;

@@ -187,9 +187,9 @@ double electrons_per_radiance(const Optics& optics, const Detector& d, double wa
          d.quantum_efficiency * lambda / (kPlanck_j_s * kSpeedOfLight_m_s);  // eq. (8)
 }
 
-double saturation_e(const Detector& d) {
-  const double top_e = ((1 << d.bit_depth) - 1 - d.offset_dn) * d.gain_e_dn;
-  return d.full_well_e > 0 ? std::min(d.full_well_e, top_e) : top_e;
+double filled_e(const Detector& d, double share) {
+  const double counted_e = (share * ((1 << d.bit_depth) - 1) - d.offset_dn) * d.gain_e_dn;
+  return d.full_well_e > 0 ? std::min(share * d.full_well_e, counted_e) : counted_e;
 }
 
 double radiant_flux_w(double pixel_pitch_um, double f_number, double efficiency, double radiance_w_m2_sr) {

@@ -24,8 +24,11 @@ inline double signal_to_noise(double flux_w, double noise_equivalent_power_w) {
   return flux_w / noise_equivalent_power_w;
 }
 
+// Electrons at which a pixel holds a share of its full well or its digital number, offset included, is that share of
+// the largest. 0 or less where the offset is as much.
+double filled_e(const Detector& detector, double share);
 // Electrons at which a pixel is full or its digital number is the largest.
-double saturation_e(const Detector& detector);
+inline double saturation_e(const Detector& detector) { return filled_e(detector, 1); }
 
 // Electrons that frame-transfer smear adds to each pixel of a column, equal for all rows. They do not depend on the
 // integration time that `per_radiance` (electrons_per_radiance) is for. Empty without smear. `radiance`: after the
@@ -46,7 +49,8 @@ struct ReadOut {
 
 // Digital numbers of a frame of width x height; `radiance`: after the optics. Parallel; the same numbers give the same
 // image however many threads there are. Throws Cancelled when `stop` says so.
-//   electrons = min(full well, Poisson(signal (1 + PRNU) + smear + dark)) + DSNU + read noise
+//   electrons = min(full well, Poisson((signal + smear) (1 + PRNU) + dark)) + DSNU + read noise
+// Dead pixels have neither signal nor smear.
 //   DN = clamp(round(electrons / gain + offset))
 // `line`: all rows are the same line of pixels at different times and share one row's fixed pattern.
 ReadOut detect(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width,

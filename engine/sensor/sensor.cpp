@@ -133,8 +133,8 @@ void Sensor::choose_integration_time(const Camera& camera, const PixelRays& rays
   pass_optics(camera, rays, radiance, stop);
   complete(radiance, stop);
   Detector& d = model_.detector;
-  const double wanted_s = time_to_fill_s(model_, wavelength_um_, exposure.target_fill * saturation_e(d),
-                                         std::move(radiance), request_.camera.width, request_.camera.height);
+  const double wanted_s = time_to_fill_s(model_, wavelength_um_, filled_e(d, exposure.target_fill), std::move(radiance),
+                                         request_.camera.width, request_.camera.height);
   d.integration_time_s = std::clamp(wanted_s, exposure.shortest_s, exposure.longest_s);
 }
 

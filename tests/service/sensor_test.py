@@ -109,6 +109,17 @@ class SensorTest(unittest.TestCase):
             self.assertEqual(meta["warnings"], [])
         self.assertEqual(meta["request"]["sensor"]["exposure"]["target_fill"], 0.6)
 
+    def test_the_exposure_counts_the_offset(self):
+        detector = {"offset_dn": 1000.0, "bit_depth": 12, "gain_e_dn": 10.0}
+        for fill in (0.25, 0.5, 1.0):
+            image, _ = self.auto_exposed(fill, **detector)
+            self.assertAlmostEqual(np.sort(image, axis=None)[-1 - image.size // 1000] / 4095, fill, delta=0.0003)
+        # Full at 9000 electrons, which is less: 900 DN above the offset.
+        image, _ = self.auto_exposed(0.5, full_well_e=9000.0, **detector)
+        self.assertAlmostEqual(np.sort(image, axis=None)[-1 - image.size // 1000], 1450, delta=1)
+        with self.assertRaisesRegex(AssertionError, "/sensor/exposure/target_fill.*no light is left"):
+            self.auto_exposed(0.24, **detector)
+
     def test_the_exposure_aims_at_what_is_read_out(self):
         """Smear adds the same to each exposure, however short; where it alone is too much, a warning says so."""
         reached = 0

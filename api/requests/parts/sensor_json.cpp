@@ -258,8 +258,8 @@ const Members<engine::Exposure>& exposure_members() {
       "Exposure",
       "Automatic exposure: the integration time is chosen from the frame at the middle of the exposure, so that all "
       "but the brightest thousandth of the pixels stay within a share of the full well or of the largest digital "
-      "number, including smear and dark current, without noise and fixed pattern. The metadata has the time; there is "
-      "a warning if smear alone exceeds the share.",
+      "number, including smear, dark current and the offset, without noise and fixed pattern. The metadata has the "
+      "time; there is a warning if smear alone exceeds the share.",
       [](auto& m) {
         m.add("target_fill", &engine::Exposure::target_fill, Number{{0, 1, true, false}},
               "share of the full well, or of the largest digital number")
@@ -315,6 +315,13 @@ const Members<SensorModel>& sensor_members() {
           if (given && chosen)
             in.fail("exposure", "chooses the integration time, and so does detector.integration_time_s");
           if (!given && !chosen) in.at("detector").fail("integration_time_s", "is required, or the sensor's exposure");
+          const engine::Detector& d = sensor.detector;
+          if (const int most = (1 << d.bit_depth) - 1; chosen && !(sensor.exposure.target_fill * most > d.offset_dn))
+            in.at("exposure")
+                .fail("target_fill",
+                      fmt::format("must be more than the detector's offset_dn over {}, the largest digital "
+                                  "number: no light is left",
+                                  most));
         });
       });
   return *table;
