@@ -73,10 +73,15 @@ std::optional<PostBox> posts_around(const RasterInfo& info, const Footprint& reg
 LayeredPosts::LayeredPosts(const PyramidTerrain& plain, double widest_m) : plain_(plain), widest_m_(widest_m) {
   const Catalogue& catalogue = plain.catalogue();
   for (std::size_t i = 0; i < catalogue.rasters().size(); ++i) {
-    const int level = level_needed(catalogue.rasters()[i]);
-    const auto octaves = static_cast<int>(std::lround(std::log2(catalogue.resolved_posts(static_cast<int>(i)))));
-    int& coarser = coarser_by_[static_cast<std::size_t>(level)];
-    coarser = std::clamp(octaves, coarser, std::max(coarser, level - kRootLevel));
+    const RasterInfo& info = catalogue.rasters()[i];
+    const int level = level_needed(info);
+    // Posts that are no vertices of their level are up to twice as far apart as those that are.
+    const double resolved_m = catalogue.resolved_posts(static_cast<int>(i)) * info.post_spacing_m;
+    const auto octaves = static_cast<int>(std::lround(std::log2(resolved_m / post_spacing_m(level))));
+    const int coarser = std::clamp(octaves, 0, std::max(0, level - kRootLevel));
+    levels_of_files_.push_back({level, level - coarser});
+    int& most = coarser_by_[static_cast<std::size_t>(level)];
+    most = std::max(most, coarser);
   }
 }
 
@@ -111,22 +116,22 @@ std::vector<LayeredPosts::Layer> LayeredPosts::found(const BlockId& id) const {
   // What lies beside the block is asked for, too: a bicubic surface and normals.
   constexpr double kPostsBeside = 4;
   const Footprint asked = around(footprint_of(id), widest_m_ + kPostsBeside * post_spacing_m(id.level));
-  const auto level_of = [&](int file) { return level_needed(catalogue.rasters()[static_cast<std::size_t>(file)]); };
+  const auto levels_of = [&](int file) { return levels_of_files_[static_cast<std::size_t>(file)]; };
   const std::vector<int> near = catalogue.touching(asked.south_deg, asked.north_deg, asked.west_deg, asked.east_deg);
   if (near.empty()) return {layer_of(plain_.posts_level(id))};
-  std::vector<int> levels;
+  std::vector<Levels> levels;
   levels.reserve(near.size());
-  for (const int file : near) levels.push_back(level_of(file));
+  for (const int file : near) levels.push_back(levels_of(file));
   std::sort(levels.begin(), levels.end());
   levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
 
   const Footprint wide = with_posts_beside(id);
-  std::vector<Layer> layers{layer_of(levels.front())};
+  std::vector<Layer> layers{{levels.front().posts, levels.front().detail}};
   for (std::size_t k = 1; k < levels.size(); ++k) {
-    Layer layer = layer_of(levels[k]);
-    layer.band_m = std::min(widest_m_, 2 * post_spacing_m(layer_of(levels[k - 1]).detail_level));
+    Layer layer{levels[k].posts, levels[k].detail};
+    layer.band_m = std::min(widest_m_, 2 * post_spacing_m(levels[k - 1].detail));
     for (const int file : near)
-      if (level_of(file) >= levels[k]) layer.files.push_back(file);
+      if (levels_of(file) >= levels[k]) layer.files.push_back(file);
     // At places of the block, borders included, and beside them.
     constexpr int kAlong = 9;
     const Shares shares = this->shares(layer, wide);

@@ -8,6 +8,7 @@
 #pragma once
 
 #include <array>
+#include <compare>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -72,10 +73,16 @@ class LayeredPosts {
   std::vector<Layer> found(const BlockId& id) const;
   Shares shares(const Layer& layer, const Footprint& box) const;
   Layer layer_of(int level) const { return {level, level - coarser_by_[static_cast<std::size_t>(level)]}; }
+  // Files whose posts are of one level may resolve different things: each such group is a layer.
+  struct Levels {
+    int posts, detail;
+    auto operator<=>(const Levels&) const = default;
+  };
 
   const PyramidTerrain& plain_;
   double widest_m_;
-  std::array<int, kMaxLevel + 1> coarser_by_{};  // by the posts' level
+  std::vector<Levels> levels_of_files_;
+  std::array<int, kMaxLevel + 1> coarser_by_{};  // by the posts' level: the most of any file
   mutable std::mutex mutex_;
   mutable std::unordered_map<BlockId, Layers, BlockIdHash> known_;
 };
