@@ -42,6 +42,11 @@ CraterField::CraterField(const CraterLaw& law, const Region& of_centres)
       region_(of_centres),
       cells_(law.seed, law.frequency, law.smallest_m, law.largest_m) {}
 
+double CraterField::number_per_m2(double smallest_m) const {
+  const double from_m = std::max(smallest_m, law_.smallest_m);
+  return from_m < law_.largest_m ? ages_.number_per_m2(from_m, law_.largest_m) : 0;
+}
+
 std::optional<Crater> CraterField::made(Draws& draws, const Vec3& centre, double diameter_m) const {
   const CraterAges::Life life = ages_.life(diameter_m);
   const double formed = draws.uniform(), when = draws.uniform();

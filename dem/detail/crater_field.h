@@ -65,6 +65,9 @@ class CraterField {
   // Craters whose centre is in a box. `east_deg` may exceed 180.
   std::vector<Crater> within(int octave, const Footprint& box, const StopToken& stop = {}) const;
 
+  // Expected number from a diameter on, of a place within the region: by the law, or as many as have formed.
+  double number_per_m2(double smallest_m) const;
+
   double largest_m(int octave) const { return cells_.largest_m(octave); }
   // Bounds on what an octave's craters add to heights.
   double deepest_m(int octave) const;

@@ -49,8 +49,7 @@ CraterRemains remains_of(const CraterField& field, const Crater& crater, std::sp
 }
 
 double expected_craters(const CraterField& field, const Footprint& region, double smallest_m) {
-  const CraterLaw& law = field.law();
-  return area_m2(region) * law.frequency.between(std::max(smallest_m, law.smallest_m), law.largest_m);
+  return area_m2(region) * field.number_per_m2(smallest_m);
 }
 
 CraterSurvey::CraterSurvey(const Terrain& terrain, std::shared_ptr<const CraterRoughness> roughness)

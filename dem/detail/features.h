@@ -45,7 +45,8 @@ struct CraterRemains {
 // `candidates`: craters of its octave, at least all that reach its rim; it may be one of them.
 CraterRemains remains_of(const CraterField& field, const Crater& crater, std::span<const Crater> candidates);
 
-// Expected number of craters in a region by the law, before the terrain is considered.
+// Expected number of craters in a region by the law, or of those that have formed if that is fewer, before the terrain
+// is considered.
 double expected_craters(const CraterField& field, const Footprint& region, double smallest_m);
 
 // Thread-safe: const functions may be called concurrently.

@@ -16,6 +16,7 @@
 #include "dem/detail/detail_kernels.h"
 #include "dem/detail/detailed_terrain.h"
 #include "dem/detail/features.h"
+#include "dem/detail/footprints.h"
 #include "dem/detail/region.h"
 #include "dem/posts/resolved_posts.h"
 #include "dem/support/noise.h"
@@ -176,6 +177,23 @@ TEST(CraterField, CountsAreThoseOfTheLaw) {
   ASSERT_GT(degrees, 60);
   // Five standard deviations of chi-square.
   EXPECT_NEAR(chi2, degrees, 5 * std::sqrt(2.0 * degrees));
+}
+
+TEST(CraterField, AsManyAreExpectedAsHaveFormed) {
+  CraterLaw law;
+  law.smallest_m = 500, law.largest_m = 1000;
+  const CraterField field(law);
+  const Footprint region{-5, 5, 20, 30};
+  for (const double smallest_m : {400.0, 700.0}) {
+    int found = 0;
+    for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k)
+      for (const Crater& crater : field.within(k, region)) found += crater.diameter_m >= smallest_m;
+    const double expected = expected_craters(field, region, smallest_m);
+    EXPECT_NEAR(expected, found, 5 * std::sqrt(expected)) << smallest_m;
+    // Most have not had the time.
+    EXPECT_LT(expected, 0.5 * area_m2(region) * law.frequency.between(std::max(500.0, smallest_m), 1000));
+  }
+  EXPECT_EQ(expected_craters(field, region, 1000), 0);
 }
 
 TEST(CraterField, DiametersAgesAndDepthsAreThoseOfTheLaw) {
@@ -409,6 +427,36 @@ TEST(DetailedTerrain, EachLayerHasTheDetailOfItsOwnPosts) {
   };
   const double across = steepest(layers.both(), 3.96, 4.01);
   EXPECT_LT(across, 1.2 * std::max(steepest(layers.coarse(), 3.96, 4.01), steepest(layers.fine(), 4.4, 4.45)));
+}
+
+// Of posts that lie half a post beside the vertices of their level (pixels are areas) as of others; beside them, posts
+// that are vertices of the same level, half as far apart.
+TEST(DetailedTerrain, BeginsAtTwoPostsOfAnyRegistration) {
+  const auto share_at = [](const Terrain& terrain, int level, double lat, double lon) {
+    double sum = 0;
+    for (const DetailOfPosts& posts : terrain.detail_at(lat, lon)) sum += posts.level == level ? posts.share : 0;
+    return sum;
+  };
+  for (const double beside : {0.0, 0.5}) {
+    SCOPED_TRACE(beside);
+    const std::array<TemporaryFolder, 3> folders;
+    std::vector<std::shared_ptr<const Terrain>> of;
+    for (std::size_t i = 0; i < folders.size(); ++i) {
+      const std::string folder = folders[i].path();
+      if (i != 1) test::write_float_tile(folder, "coarse", {28 - beside / 64, 2 + beside / 64, 64, 256, 256}, hills);
+      if (i != 0) test::write_float_tile(folder, "fine", {27, 3, 128, 257, 257}, hills);
+      of.push_back(std::make_shared<DetailedTerrain>(open_terrain(folder), std::make_shared<Detail>(preset())));
+    }
+    EXPECT_EQ(share_at(*of[0], 6, 26.01, 4.02), 1);
+    EXPECT_EQ(share_at(*of[1], 7, 26.01, 4.02), 1);
+    EXPECT_EQ(share_at(*of[2], 7, 26.01, 4.02), 1);
+    EXPECT_EQ(share_at(*of[2], 6, 27.51, 2.52), 1);
+    for (int i = 0; i < 20; ++i) {
+      const double away = 0.01 * i;
+      EXPECT_NEAR(of[2]->height(26 + away, 4).height_m, of[1]->height(26 + away, 4).height_m, 1e-3);
+      EXPECT_NEAR(of[2]->height(27.4 + away, 2.5).height_m, of[0]->height(27.4 + away, 2.5).height_m, 1e-3);
+    }
+  }
 }
 
 TEST(DetailedTerrain, BlocksOfLayersAgreeOnTheirBorders) {
