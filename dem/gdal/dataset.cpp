@@ -41,7 +41,7 @@ void check_blocks(GDALDataset& dataset, Look look, const std::string& path, cons
     check(&band, within);
     if (look == Look::again) continue;
     for (int i = 0; i < band.GetOverviewCount(); ++i) check(band.GetOverview(i), within);
-    if ((band.GetMaskFlags() & GMF_PER_DATASET) != 0) check(band.GetMaskBand(), 1);
+    check(mask_of(band), 1);
   }
 }
 
@@ -68,6 +68,10 @@ OpenDataset open_dataset(const std::string& path, const char* const* drivers, Lo
         check_blocks(*source, look, path, "the source " + file + "'s ");
   open.remote |= sources.remote;
   return open;
+}
+
+GDALRasterBand* mask_of(GDALRasterBand& band) {
+  return (band.GetMaskFlags() & GMF_PER_DATASET) != 0 ? band.GetMaskBand() : nullptr;
 }
 
 }  // namespace selenograph::dem

@@ -39,4 +39,7 @@ struct OpenDataset {
 // blocks (tiles or strips) exceeds GDAL's block cache; SystemFault as QuietGdal::fail.
 OpenDataset open_dataset(const std::string& path, const char* const* drivers, Look look);
 
+// What a dataset has beside its samples to say which of them are none: 0 there. Null: nothing but NoData, if that.
+GDALRasterBand* mask_of(GDALRasterBand& band);
+
 }  // namespace selenograph::dem

@@ -3,7 +3,7 @@
 // Pixel coordinates here are *post* coordinates: (x, y) = (0, 0) is the first post, for any registration of the product
 // (a pixel-is-area product's post lies at its pixel's centre). x grows along a row, y down the rows. Heights are metres
 // above the sphere of 1 737 400 m; products given as planetary radius are converted here; scale, offset and byte order
-// are applied; no-data (DUMMY, NoData, NaN, impossible heights) reads as NaN.
+// are applied; no-data (DUMMY, NoData, a mask, NaN, impossible heights) reads as NaN.
 #pragma once
 
 #include <memory>

@@ -228,6 +228,7 @@ void find_values(RasterFile& s, const RasterInfo* known, Damage damage) {
                      "has " + std::to_string(s.dataset->GetRasterCount()) + " bands; a height map has one");
   s.band = s.dataset->GetRasterBand(1);
   s.type = s.band->GetRasterDataType();
+  s.mask = mask_of(*s.band);
   if (s.type != GDT_Int16 && s.type != GDT_UInt16 && s.type != GDT_Int32 && s.type != GDT_UInt32 &&
       s.type != GDT_Float32 && s.type != GDT_Float64)
     throw NotHeights(s.info.path, std::string("samples of type ") + GDALGetDataTypeName(s.type) + " are not heights");
@@ -281,6 +282,9 @@ std::uint64_t stamp_of(const RasterFile& s) {
   std::vector<std::int64_t> facts{static_cast<std::int64_t>(s.info.bytes), s.info.modified_ns};
   for (const FileSeen& file : s.files)
     facts.insert(facts.end(), {static_cast<std::int64_t>(file.state.bytes), file.state.modified_ns});
+  // Earlier versions read what the mask hides: pyramids of theirs are built anew.
+  constexpr std::int64_t kMaskHeeded = 1;
+  if (s.mask) facts.push_back(kMaskHeeded);
   return XXH3_64bits(facts.data(), facts.size() * sizeof facts[0]);
 }
 
@@ -380,6 +384,12 @@ void read_samples(RasterFile& s, int x, int y, int w, int h, double* out) {
   const QuietGdal quiet;
   const CPLErr error = s.band->RasterIO(GF_Read, x, y, w, h, out, w, h, GDT_Float64, 0, 0, nullptr);
   if (error != CE_None) quiet.fail(s.info.path, "can't be read");
+  if (!s.mask) return;
+  std::vector<std::uint8_t> mask(static_cast<std::size_t>(w) * static_cast<std::size_t>(h));
+  if (s.mask->RasterIO(GF_Read, x, y, w, h, mask.data(), w, h, GDT_Byte, 0, 0, nullptr) != CE_None)
+    quiet.fail(s.info.path, "its mask can't be read");
+  for (std::size_t i = 0; i < mask.size(); ++i)
+    if (mask[i] == 0) out[i] = std::numeric_limits<double>::quiet_NaN();
 }
 
 bool is_void(const RasterFile& s, double sample) {

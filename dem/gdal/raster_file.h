@@ -41,6 +41,7 @@ struct RasterFile {
   DatasetPtr dataset;                  // for all formats but PDS3
   std::unique_ptr<RawRasterBand> raw;  // for PDS3, once open
   GDALRasterBand* band = nullptr;
+  GDALRasterBand* mask = nullptr;   // the dataset's: 0 where a sample is none; null: it has none
   std::unique_ptr<OpenFile> posts;  // for PDS3 in int16, once open: read without GDAL
 };
 
@@ -57,7 +58,7 @@ bool is_current(const RasterFile& file);
 // Opens the band of a PDS3 file that has only been described.
 void open_band(RasterFile& file);
 
-// Reads file pixels (x, y, w, h) as double, row-major.
+// Reads file pixels (x, y, w, h) as double, row-major; NaN where the dataset's mask says that there is none.
 void read_samples(RasterFile& file, int x, int y, int w, int h, double* out);
 
 // Reads heights in metres, NaN for no-data; `stride`: floats from one row of `out` to the next. Only for a file whose

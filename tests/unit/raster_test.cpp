@@ -19,6 +19,7 @@
 #include "dem/posts/post_source.h"
 #include "dem/support/error.h"
 #include "dem/terrain/height_survey.h"
+#include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::dem {
@@ -306,6 +307,45 @@ TEST_F(RasterTest, PdsSampleTypesAndByteOrders) {
     EXPECT_EQ(post(raster, 5, 17), 1705) << c.type << c.bits;
     EXPECT_EQ(raster.info().quantisation_m, std::string(c.type).find("REAL") == std::string::npos ? 1 : 0);
   }
+}
+
+// As `gdal_translate -mask` writes it: within the file, or beside it.
+TEST_F(RasterTest, WhatAMaskHidesIsNoData) {
+  for (const bool within : {true, false})
+    for (const bool south_up : {false, true}) {
+      const std::string path = file(std::string(within ? "within" : "beside") + (south_up ? "_up.tif" : ".tif"));
+      Tif t;
+      t.width = 6;
+      if (south_up) t.north = 0, t.dy = 1;
+      write(path, t);
+      CPLSetThreadLocalConfigOption("GDAL_TIFF_INTERNAL_MASK", within ? "YES" : "NO");
+      auto* d = GDALDataset::Open(path.c_str(), GDAL_OF_RASTER | GDAL_OF_UPDATE);
+      ASSERT_TRUE(d);
+      ASSERT_EQ(d->CreateMaskBand(GMF_PER_DATASET), CE_None);
+      std::vector<std::uint8_t> there(24, 255);
+      there[1 * 6 + 4] = 0;  // row 1, column 4 as stored
+      ASSERT_EQ(d->GetRasterBand(1)->GetMaskBand()->RasterIO(GF_Write, 0, 0, 6, 4, there.data(), 6, 4, GDT_Byte, 0, 0,
+                                                             nullptr),
+                CE_None);
+      GDALClose(d);
+      CPLSetThreadLocalConfigOption("GDAL_TIFF_INTERNAL_MASK", nullptr);
+      EXPECT_EQ(fs::exists(path + ".msk"), !within);
+
+      Raster raster(inspect_raster(path));
+      for (int y = 0; y < 4; ++y)
+        for (int x = 0; x < 6; ++x) {
+          const int stored = south_up ? 3 - y : y;
+          if (stored == 1 && x == 4)
+            EXPECT_TRUE(std::isnan(post(raster, x, y)));
+          else
+            EXPECT_EQ(post(raster, x, y), 100 * stored + x);
+        }
+      // Terrain interpolates across the hole, and says so.
+      const auto terrain = test::open_terrain(path);
+      const HeightAnswer hole = terrain->height(south_up ? 1.5 : 2.5, 4.5), whole = terrain->height(2.5, 1.5);
+      EXPECT_TRUE(hole.filled);
+      EXPECT_FALSE(whole.filled);
+    }
 }
 
 TEST_F(RasterTest, PdsWithoutDummyHasNoVoids) {
