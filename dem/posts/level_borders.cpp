@@ -27,9 +27,20 @@ std::vector<int> files_touching(const Catalogue& catalogue, const BlockId& id, d
   return catalogue.touching(lat_deg_of(e.lat0), lat_deg_of(e.lat1()), west, east, margin_deg);
 }
 
-std::vector<int> files_within(const Catalogue& catalogue, const BlockId& id) {
+bool any_file_within(const Catalogue& catalogue, const BlockId& id) {
   constexpr double kBorder_deg = 1e-6;  // 3 cm
-  return files_touching(catalogue, id, -kBorder_deg);
+  if (!files_touching(catalogue, id, -kBorder_deg).empty()) return true;
+  if (catalogue.rasters().empty()) return false;
+  const auto apart_deg = [&](int i) { return 1 / catalogue.rasters()[static_cast<std::size_t>(i)].posts_per_degree; };
+  const BlockExtent e = extent_of(id);
+  const double side_deg = lat_deg_of(e.lat1()) - lat_deg_of(e.lat0), widest_deg = apart_deg(0);
+  if (side_deg >= widest_deg) return false;
+  const std::vector<int> near = files_touching(catalogue, id, widest_deg);
+  return std::any_of(near.begin(), near.end(), [&](int i) {
+    if (side_deg >= apart_deg(i)) return false;
+    const std::vector<int> within = files_touching(catalogue, id, apart_deg(i));
+    return std::binary_search(within.begin(), within.end(), i);
+  });
 }
 
 LevelBorders::LevelBorders(const Catalogue& catalogue) : catalogue_(catalogue) {
@@ -51,7 +62,7 @@ ChunkLevels LevelBorders::found_levels(const BlockId& node) const {
     return finest;
   };
   ChunkLevels made;
-  made.exists = !files_within(catalogue_, node).empty();
+  made.exists = any_file_within(catalogue_, node);
   const auto next = std::upper_bound(strata_.begin(), strata_.end(), node.level);
   // None but the last goes on beyond where those start.
   const int finest = next == strata_.end() ? kMaxLevel : std::min(node.level + kChunkOctaves, strata_.back());

@@ -34,8 +34,9 @@ inline constexpr int kMostLevelsApart = 5;
 
 // Files of a catalogue within `margin_deg` of a block, also across a pole.
 std::vector<int> files_touching(const Catalogue& catalogue, const BlockId& id, double margin_deg);
-// Files that overlap a block by more than a border: a single row of posts makes no surface.
-std::vector<int> files_within(const Catalogue& catalogue, const BlockId& id);
+// Whether a file overlaps a block by more than a border (a single row of posts makes no surface), or is within one of
+// its posts of a block that is smaller: that may lie between the outermost posts and a pole, or those of the next file.
+bool any_file_within(const Catalogue& catalogue, const BlockId& id);
 
 // Levels of a node's chunk: see ChunkPlan.
 struct ChunkLevels {

@@ -50,7 +50,7 @@ ChunkPlans::ChunkPlans(const Catalogue& catalogue, const PostSource& source, boo
                                   [](const RasterInfo& info) { return info.on_network; })) {
   for (int row = 0; row < rows_of(0); ++row)
     for (int col = 0; col < columns_of(0, row); ++col)
-      if (!files_within(catalogue, {0, row, col}).empty()) roots_.push_back({0, row, col});
+      if (any_file_within(catalogue, {0, row, col})) roots_.push_back({0, row, col});
 }
 
 ChunkPlan ChunkPlans::plan(const ChunkNode& chunk) const {
@@ -178,8 +178,7 @@ ChunkPlan ChunkPlans::plan_for(const BlockId& id) const { return plan(source_.bo
 
 bool ChunkPlans::has_data(const BlockId& id) const {
   // At the root level and above it a block is its root's area.
-  return source_.borders().levels_of(root_of(id)).exists &&
-         (id.level <= kRootLevel || !files_within(catalogue_, id).empty());
+  return source_.borders().levels_of(root_of(id)).exists && (id.level <= kRootLevel || any_file_within(catalogue_, id));
 }
 
 int ChunkPlans::posts_level(const BlockId& id) const {

@@ -144,6 +144,34 @@ TEST(Terrain, NoDataOutside) {
   EXPECT_EQ(terrain->block(block_at(8, 0, 0)), nullptr);
 }
 
+// Tiles whose outermost posts lie half a post within their borders: whole blocks are between those of two tiles, and
+// beside the poles.
+TEST(Terrain, BlocksBetweenFarPostsHaveData) {
+  for (const double ppd : {1.0, 2.0})
+    for (const bool beside_fine : {false, true}) {
+      SCOPED_TRACE(ppd);
+      TemporaryFolder folder;
+      const int n = static_cast<int>(ppd);
+      const auto level = [](double, double) { return 100; };
+      for (const int west : {0, 90, 180, 270})
+        test::write_float_tile(folder.path(), "t" + std::to_string(west),
+                               {90 - 0.5 / ppd, west + 0.5 / ppd, ppd, 180 * n, 90 * n}, level);
+      if (beside_fine) test::write_float_tile(folder.path(), "fine", {10.2, 0.6, 512, 52, 52}, level);
+      const auto terrain = open_terrain(folder.path());
+      for (const auto& [lat, lon] :
+           {std::pair(89.97, 20.0), std::pair(-89.9, -130.0), std::pair(10.05, 0.03), std::pair(10.15, 0.23),
+            std::pair(10.0, 359.9), std::pair(-44.0, 90.1), std::pair(45.0, 179.8), std::pair(89.8, 270.2)}) {
+        SCOPED_TRACE(std::to_string(lat) + ' ' + std::to_string(lon));
+        EXPECT_NEAR(terrain->height(lat, lon).height_m, 100, 0.01);
+        const auto ticks = [](double deg) { return static_cast<std::int64_t>(deg * kTicksPerDegree); };
+        const auto at = [&](int l) {
+          return block_at(l, static_cast<std::int32_t>(ticks(lat + 90)), wrap_lon(ticks(lon + 180)));
+        };
+        for (int l = 0; l <= terrain->finest_level(at(kMaxLevel)); ++l) EXPECT_TRUE(terrain->has_data(at(l))) << l;
+      }
+    }
+}
+
 TEST(Terrain, LongitudesAreOneCircle) {
   TemporaryFolder folder;
   write_kaguya_tile(folder.path(), 2, 178, 2, 64, bumpy);
