@@ -86,7 +86,8 @@ SceneContent content_of(const FrameRequest& request, const RowViews& views, cons
   for (const ViewBundle& some : views.bundles())
     clearance_m =
         std::min(clearance_m, some.view.position().norm() - some.shift_m - kMoonRadius_m - selection.highest_m);
-  return {selection.blocks, anchor_for(view.position(), view.middle(), clearance_m),
+  return {selection.blocks,
+          anchor_for(view.position(), view.middle(), clearance_m, fine_ground(selection.blocks, terrain)),
           visibility_for(request, views, selection), &terrain, selection.beside_coarser};
 }
 

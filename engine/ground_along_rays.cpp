@@ -139,7 +139,8 @@ std::unique_ptr<GroundAlongRays::Part> GroundAlongRays::along(const std::vector<
   if (!rocks || (!last && far_apart(*rocks))) return nullptr;
   std::vector<dem::BlockId> blocks;
   for (const BlockOnRays& block : *met) blocks.push_back(block.id);
-  const SceneContent content{blocks, anchor_for(rays[0].origin_m, rays[0].direction), Visibility::raytrace, &terrain_};
+  const Vec3 anchor_m = anchor_for(rays[0].origin_m, rays[0].direction, 0, fine_ground(blocks, terrain_));
+  const SceneContent content{blocks, anchor_m, Visibility::raytrace, &terrain_};
   return std::unique_ptr<Part>(
       new Part{kept_.scene(content, stop_), SceneryOnGround(objects_, scenery_, std::move(*rocks), stop_)});
 }

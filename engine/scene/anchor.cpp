@@ -1,13 +1,17 @@
 #include "engine/scene/anchor.h"
 
+#include <algorithm>
 #include <cmath>
-#include <optional>
+
+#include "dem/grid/lattice.h"
 
 namespace selenograph::engine {
 namespace {
 
 // Consecutive frames share an anchor: it is snapped to a lattice.
 constexpr double kFinestAnchorLattice_m = 4096, kCoarsestAnchorLattice_m = 32768;
+// Of finer posts than a metre it is so many.
+constexpr double kPostsPerLattice = kFinestAnchorLattice_m;
 
 // Distance (in the direction's lengths) at which a ray enters the sphere; 0 from inside, empty when it misses or
 // leaves.
@@ -22,7 +26,17 @@ std::optional<double> enter_sphere(const Vec3& origin, const Vec3& direction, do
 
 }  // namespace
 
-Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle, double clearance_m) {
+std::optional<FineGround> fine_ground(std::span<const dem::BlockId> blocks, const dem::Terrain& terrain) {
+  const auto finest =
+      std::max_element(blocks.begin(), blocks.end(), [](const auto& a, const auto& b) { return a.level < b.level; });
+  if (finest == blocks.end() || dem::post_spacing_m(finest->level) >= 1) return std::nullopt;
+  const dem::NodeInfo node = terrain.node(*finest);
+  if (node.empty) return std::nullopt;
+  return FineGround{dem::post_spacing_m(finest->level),
+                    (static_cast<double>(node.min_m) + static_cast<double>(node.max_m)) / 2};
+}
+
+Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle, double clearance_m, const std::optional<FineGround>& fine) {
   const double distance = camera_m.norm();
   Vec3 near = camera_m * (kMoonRadius_m / distance);
   const double ahead = -camera_m.dot(middle);
@@ -30,6 +44,13 @@ Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle, double clearance_m) {
     // Past the limb: the surface that the middle passes closest, which is what a telescope may have in view.
     const auto t = enter_sphere(camera_m, middle, kMoonRadius_m);
     near = t ? Vec3(camera_m + *t * middle) : Vec3((camera_m + ahead * middle).normalized() * kMoonRadius_m);
+  }
+  if (fine) {
+    const double ground_m = kMoonRadius_m + fine->height_m,
+                 least_m = std::max(kPostsPerLattice * fine->finest_m, distance - ground_m),
+                 lattice_m = std::exp2(std::floor(std::log2(least_m)));
+    if (lattice_m < kFinestAnchorLattice_m)
+      return (camera_m * (ground_m / distance / lattice_m)).array().round() * lattice_m;
   }
   double lattice_m = kFinestAnchorLattice_m;
   while (lattice_m < kCoarsestAnchorLattice_m && lattice_m <= 2 * clearance_m) lattice_m *= 2;

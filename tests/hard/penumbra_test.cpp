@@ -194,7 +194,8 @@ struct Seen {
 // Each view with two of the Suns, or with the third one; each with all of them by full effort.
 enum class Suns { two, third };
 
-void judge_penumbrae(const Scenery& scenery, const std::vector<Seen>& views, Suns suns) {
+void judge_penumbrae(const Scenery& scenery, const std::vector<Seen>& views, Suns suns,
+                     const std::vector<double>& elevations = {2.0, 15.0, 45.0}) {
   constexpr int kSide = 384;
   constexpr std::size_t kRays = 1024;
   const std::size_t most_judged = full_effort() ? 1200 : suns == Suns::two ? 30 : 60;
@@ -202,7 +203,7 @@ void judge_penumbrae(const Scenery& scenery, const std::vector<Seen>& views, Sun
   Off zbuffer, rays;
   std::vector<double> errors;
   std::size_t far_off = 0, others_off = 0, others = 0, undecided = 0, pair = 0;
-  for (const double elevation : {2.0, 15.0, 45.0})
+  for (const double elevation : elevations)
     for (const Seen& seen : views) {
       const bool third = pair % 3 == pair / 3 % 3;
       ++pair;
@@ -211,7 +212,7 @@ void judge_penumbrae(const Scenery& scenery, const std::vector<Seen>& views, Sun
       engine::FrameRequest request = square_view(engine::tilted_pose(from, seen.tilt_deg), kSide, seen.fov_deg,
                                                  engine::sun_direction(local_axes(from), 115, elevation));
       request.sun.angular_radius_deg = 0.2666;
-      request.products = engine::kPosition | engine::kLit;
+      request.products = engine::kPosition | engine::kNormal | engine::kLit;
       request.visibility = engine::Visibility::zbuffer;
       const engine::FrameProducts drawn = scenery.renderer->render(request).products;
       request.visibility = engine::Visibility::raytrace;
@@ -220,6 +221,8 @@ void judge_penumbrae(const Scenery& scenery, const std::vector<Seen>& views, Sun
       std::vector<std::size_t> partly, rest;
       for (std::size_t i = 0; i < drawn.lit.size(); ++i) {
         if (std::isnan(drawn.lit[i]) || std::isnan(traced.lit[i])) continue;
+        // What of the disc the interpolated normal does not face is no light, and the judge knows nothing of it.
+        if (at3(drawn.normal, i).dot(request.sun.direction) < std::sin(0.2666 * kDegree)) continue;
         const bool some = in_part(drawn.lit[i]) || in_part(traced.lit[i]) || drawn.lit[i] != traced.lit[i];
         (some ? partly : rest).push_back(i);
       }
@@ -261,8 +264,9 @@ void judge_penumbrae(const Scenery& scenery, const std::vector<Seen>& views, Sun
               continue;
             }
             zbuffer.add(error), errors.push_back(error);
-            rays.add(std::abs(static_cast<double>(traced.lit[i]) - share));
-            if (error > 0.05)
+            const double of_rays = std::abs(static_cast<double>(traced.lit[i]) - share);
+            rays.add(of_rays);
+            if (std::max(error, of_rays) > 0.05)
               fmt::print("  Sun {}, tilt {}, pixel {}: {:.3f}, rays {:.3f}, judge {:.3f}\n", elevation, seen.tilt_deg,
                          i, drawn.lit[i], traced.lit[i], share);
             far_off += error > 0.05;
@@ -290,6 +294,7 @@ void judge_penumbrae(const Scenery& scenery, const std::vector<Seen>& views, Sun
   EXPECT_LE(others_off, others / 1000);
   EXPECT_LT(zbuffer.mean(), 0.002);
   EXPECT_LT(rays.mean(), 0.005);
+  EXPECT_LT(rays.worst, 0.06);
 }
 
 TEST_F(PenumbraOverRelief, AgainstAThousandRaysInDouble) {
@@ -303,6 +308,19 @@ TEST(PenumbraOverHadley, AgainstAThousandRaysInDouble) {
   const Scenery scenery(folder, cache.path());
   judge_penumbrae(scenery, {{26, 3.6, 20000, 0, 50}, {25.7, 3.4, 20000, 60, 25}, {25.5, 3.2, 5000, 80, 20}},
                   Suns::third);
+}
+
+// Far above the datum: many points are centimetres to metres before what shades them, and facets face a part of the
+// disc.
+TEST(PenumbraOverHighGround, AgainstAThousandRaysInDouble) {
+  const TemporaryFolder folder;
+  constexpr int kPosts = 1024;
+  write_kaguya_tile(folder / "dem", 2, 10, 1, kPosts, [](double lat, double lon) {
+    const double x = lon * kPosts, y = lat * kPosts;
+    std::mt19937 random(static_cast<unsigned>(std::lround(y) * 100003 + std::lround(x)));
+    return 6000 + 25 * std::sin(x / 12) * std::cos(y / 9) + std::uniform_real_distribution(-1.5, 1.5)(random);
+  });
+  judge_penumbrae(Scenery(folder / "dem"), {{1.5, 10.5, 9000, 0, 50}, {1.3, 10.4, 9000, 40, 40}}, Suns::two, {1, 3, 5});
 }
 
 }  // namespace

@@ -217,12 +217,29 @@ TEST(DiscLight, UnobstructedSunNeedsOnlyScoutRays) {
   float lit[kPacket];
   double incident[kPacket];
   for (int i = 0; i < kPacket; ++i) turned.facet.middle[i] = turned.shading.middle[i] = 0.5F, lit[i] = 1;
-  for (const std::uint32_t answer : {0U, 0xffffU}) {
-    int asked = 0;
-    disc.take_out([&](std::uint32_t, const Vec3&) { return ++asked, answer; }, 0xffff, turned, lit, incident);
-    EXPECT_EQ(asked, DiscLight::kScouts);
-    EXPECT_EQ(lit[0], answer ? 0 : 1);
-  }
+  // Of a facet that faces a part of the disc, a few scouts may agree by chance.
+  for (const std::uint32_t whole : {0xffffU, 0xfffeU})
+    for (const std::uint32_t answer : {0U, 0xffffU}) {
+      turned.whole = whole, lit[0] = 1;
+      int asked = 0;
+      disc.take_out([&](std::uint32_t, const Vec3&) { return ++asked, answer; }, 0xffff, turned, lit, incident);
+      EXPECT_EQ(asked, whole == 0xffff ? DiscLight::kScouts : DiscLight::kDirections);
+      EXPECT_EQ(lit[0], answer ? 0 : 1);
+    }
+}
+
+// The facet faces the disc, the interpolated normal a sliver of it between the places: half of the disc is free.
+TEST(DiscLight, OfASliverHalfIsLeft) {
+  const DiscLight disc(sun(0), Vec3::UnitZ());
+  DiscLanes turned{};
+  float lit[kPacket] = {1};
+  double incident[kPacket] = {1e-6};
+  turned.facet.middle[0] = 0.5F, turned.shading.middle[0] = -1e-3F;
+  const Vec3 middle = disc.direction(0, 0), across = disc.direction(1, 0) - middle;
+  disc.take_out([&](std::uint32_t, const Vec3& d) { return (d - middle).dot(across) > 0 ? 1U : 0U; }, 1, turned, lit,
+                incident);
+  EXPECT_NEAR(lit[0], 0.5F, 0.01F);
+  EXPECT_DOUBLE_EQ(incident[0], 1e-6);
 }
 
 }  // namespace

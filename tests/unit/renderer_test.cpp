@@ -110,6 +110,16 @@ TEST_F(SmoothMoon, ProductsDontDependOnEachOther) {
   EXPECT_EQ(renderer().render(request).products.lit, all.lit);
   request.products = kDepth | kImage;
   EXPECT_EQ(renderer().render(request).products.depth, all.depth);
+  // Nor on the samples of the radiance: the others are of a pixel's centre.
+  request.products = kLit | kIrradiance;
+  const FrameProducts light = renderer().render(request).products;
+  EXPECT_GT(light.irradiance.front(), 0);
+  request.accuracy.samples_per_pixel = 4;
+  for (const ProductSet products : {ProductSet{kIrradiance}, ProductSet{kIrradiance | kRadiance}})
+    for (const Visibility way : {Visibility::zbuffer, Visibility::raytrace}) {
+      request.products = products, request.visibility = way;
+      EXPECT_EQ(renderer().render(request).products.irradiance, light.irradiance);
+    }
 }
 
 TEST_F(SmoothMoon, SamplesPerPixelAreAMean) {

@@ -465,5 +465,17 @@ TEST(Anchor, IsNearAsMeasuredByWhatIsSeen) {
   }
 }
 
+// Over fine ground it is among the posts, at their height; seen from afar it is as over any.
+TEST(Anchor, IsAmongFinePosts) {
+  const Vec3 down = -Vec3::UnitX();
+  const FineGround fine{0.06, -1900};
+  for (int i = 0; i < 300; ++i) {
+    const Vec3 foot = to_cartesian({26 + 0.001 * i, 3.6, fine.height_m});
+    EXPECT_LE((anchor_for(foot + 8 * foot.normalized(), down, -500, fine) - foot).norm(), std::sqrt(3.0) / 2 * 128);
+    const Vec3 high = foot + 20000 * foot.normalized();
+    EXPECT_EQ(anchor_for(high, down, 9000, fine), anchor_for(high, down, 9000));
+  }
+}
+
 }  // namespace
 }  // namespace selenograph::engine

@@ -12,6 +12,7 @@
 #include <cstring>
 #include <limits>
 #include <mutex>
+#include <numeric>
 #include <stdexcept>
 #include <unordered_map>
 #include <vector>
@@ -74,8 +75,9 @@ void occluded16(const int* active, RTCScene scene, RTCIntersectContextFlags flag
 void call_filter(const RTCFilterFunctionNArguments* args) {
   const std::size_t n = args->N;
   const float* normal = &RTCHitN_Ng_x(args->hit, args->N, 0);
-  (*reinterpret_cast<const Query*>(args->context)->filter)(
-      {n, normal, normal + n, normal + 2 * n, &RTCRayN_tfar(args->ray, args->N, 0), args->valid});
+  (*reinterpret_cast<const Query*>(args->context)->filter)({n, normal, normal + n, normal + 2 * n,
+                                                            &RTCRayN_tfar(args->ray, args->N, 0),
+                                                            &RTCRayN_id(args->ray, args->N, 0), args->valid});
 }
 
 // One device per number of threads for the whole process: a device owns worker threads.
@@ -127,6 +129,7 @@ void set_rays(const RayPacket& in, RTCRay16& out) {
   std::fill_n(out.tfar, kPacket, std::numeric_limits<float>::infinity());
   copy(in.near, out.tnear), std::fill_n(out.time, kPacket, 0.F);
   std::fill_n(out.mask, kPacket, ~0U), std::fill_n(out.flags, kPacket, 0U);
+  std::iota(out.id, out.id + kPacket, 0U);
 }
 
 // By this name in tests/tsan.supp.

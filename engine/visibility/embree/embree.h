@@ -37,6 +37,7 @@ struct Occluders {
   std::size_t count;
   const float *nx, *ny, *nz;  // geometric normal, not normalised
   const float* distance;      // along the ray, in lengths of its direction
+  const std::uint32_t* ray;   // its lane of the packet; where count is kPacket, in their order
   std::int32_t* valid;        // -1: blocks the ray, 0: does not
 };
 

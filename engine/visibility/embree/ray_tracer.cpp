@@ -18,12 +18,15 @@ namespace selenograph::engine {
 struct SunContext {
   float sun[3];
   float rounding_m;
+  const float* way_m;
 };
 
-// Whether a candidate is the surface that the ray leaves: it faces the Sun, and its plane is within the rounding.
-inline bool is_left(float nx, float ny, float nz, float sx, float sy, float sz, float distance, float rounding2) {
+// Whether a candidate is the surface that the ray leaves: it faces the Sun, and its plane or its distance is within the
+// rounding.
+inline bool is_left(float nx, float ny, float nz, float sx, float sy, float sz, float distance, float rounding2,
+                    float way) {
   const float facing = nx * sx + ny * sy + nz * sz, beneath = distance * facing;
-  return (facing >= 0) & (beneath * beneath <= rounding2 * (nx * nx + ny * ny + nz * nz));
+  return (facing >= 0) & ((beneath * beneath <= rounding2 * (nx * nx + ny * ny + nz * nz)) | (distance <= way));
 }
 
 }  // namespace selenograph::engine
@@ -36,10 +39,10 @@ void IgnoreLeftSide16(const Occluders& o, const SunContext& context) {
   const float *nx = o.nx, *ny = o.ny, *nz = o.nz, *distance = o.distance;
   int* valid = o.valid;
   const float sx = context.sun[0], sy = context.sun[1], sz = context.sun[2],
-              rounding2 = context.rounding_m * context.rounding_m;
+              rounding2 = context.rounding_m * context.rounding_m, *way = context.way_m;
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i)
-    valid[i] = is_left(nx[i], ny[i], nz[i], sx, sy, sz, distance[i], rounding2) ? 0 : valid[i];
+    valid[i] = is_left(nx[i], ny[i], nz[i], sx, sy, sz, distance[i], rounding2, way[i]) ? 0 : valid[i];
 }
 
 }  // namespace selenograph::engine::HWY_NAMESPACE
@@ -56,7 +59,7 @@ void ignore_left_side(const Occluders& o, const SunContext& context) {
   if (o.count == kPacket) return HWY_DYNAMIC_DISPATCH(IgnoreLeftSide16)(o, context);
   for (std::size_t i = 0; i < o.count; ++i)
     if (o.valid[i] == -1 && is_left(o.nx[i], o.ny[i], o.nz[i], context.sun[0], context.sun[1], context.sun[2],
-                                    o.distance[i], context.rounding_m * context.rounding_m))
+                                    o.distance[i], context.rounding_m * context.rounding_m, context.way_m[o.ray[i]]))
       o.valid[i] = 0;
 }
 
@@ -160,11 +163,11 @@ void RayTracer::intersect(const RayPacket& rays, SurfacePoints& points) const {
   }
 }
 
-void RayTracer::occluded(const RayPacket& rays, const Vec3& sun_direction, float rounding_m,
+void RayTracer::occluded(const RayPacket& rays, const Vec3& sun_direction, float rounding_m, const float* way_m,
                          bool blocked[kPacket]) const {
   SunContext context;
   for (int k = 0; k < 3; ++k) context.sun[k] = static_cast<float>(sun_direction[k]);
-  context.rounding_m = rounding_m;
+  context.rounding_m = rounding_m, context.way_m = way_m;
   impl_->scene.occluded(rays, blocked, [&](const Occluders& occluders) { ignore_left_side(occluders, context); });
 }
 

@@ -31,8 +31,10 @@ class RayTracer {
   // blocked[i]: the ray along the (common, unit) direction toward the Sun is blocked. A triangle that faces the Sun is
   // ignored when the ray starts less than `rounding_m` below its plane: it is the surface that the ray leaves, so no
   // offset is needed. A ray that starts deeper below comes out of the ground, so it is blocked, even by a triangle next
-  // to its start, as in a crease.
-  void occluded(const RayPacket& rays, const Vec3& sun_direction, float rounding_m, bool blocked[kPacket]) const;
+  // to its start, as in a crease. But within way_m[i] of its start a flat ray may be in the ground by rounding alone,
+  // and come out of a triangle beside its own: that blocks nothing either.
+  void occluded(const RayPacket& rays, const Vec3& sun_direction, float rounding_m, const float* way_m,
+                bool blocked[kPacket]) const;
 
   std::size_t bytes() const { return bytes_; }
 

@@ -330,8 +330,9 @@ DiscShare DiscLight::ratio(const Free& open, const Free& faced, const DiscLanes&
     all += cosine;
     if (open[k]) left += cosine;
   }
-  if (!(all > 0)) return {};
-  return {static_cast<double>(open.count()) / static_cast<double>(faced.count()), left / all};
+  const double share = static_cast<double>(open.count()) / static_cast<double>(faced.count());
+  // Of a normal that faces less of the disc than is between places, nothing is known.
+  return {share, all > 0 ? left / all : share};
 }
 
 DiscShare DiscLight::left_of(const Free& free, const float* horizons, std::size_t stride, const DiscLanes& turned,

@@ -86,7 +86,7 @@ class DiscLight {
 
   // Reduces `lit` and incident, as set by alone(), of the `lanes` that are partly blocked. blocked(lanes, direction)
   // returns the lanes, one bit each, that are blocked in a direction. All directions are asked only if the scouts
-  // disagree about a lane. free: unblocked directions per lane; may be null. Returns the lanes that are partly blocked.
+  // disagree about a lane, or its facet faces too few of them to tell. free: unblocked directions per lane; may be null. Returns the lanes that are partly blocked.
   template <typename Blocked>
   std::uint32_t take_out(const Blocked& blocked, std::uint32_t lanes, const DiscLanes& turned, float* lit,
                          double* incident, Free* free = nullptr) const {
@@ -102,7 +102,7 @@ class DiscLight {
     for (std::size_t k = 0; k < kScouts; ++k) ask(k);
     bool doubt = false;
     for (std::uint32_t i = 0; i < kPacket; ++i)
-      if (lanes >> i & 1) doubt |= faced[i].none() || (open[i].any() && open[i] != faced[i]);
+      if (lanes >> i & 1) doubt |= !(turned.whole >> i & 1) || (open[i].any() && open[i] != faced[i]);
     if (doubt)
       for (std::size_t k = kScouts; k < kDirections; ++k) ask(k);
     std::uint32_t partly = 0;

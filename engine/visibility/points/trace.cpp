@@ -66,9 +66,10 @@ void StartRays(const Rays& rays, double radius, double lowest, const Vec3& ancho
 // Per lane: the point, toward the Sun. `active` where the facet faces the Sun and the solid inside of the Moon (below
 // all relief) doesn't stand between. Within the coordinates' own rounding lies the surface that the ray leaves; found
 // there and dropped, it would keep Embree's packets from looking at the quad's other half. The flatter the ray, the
-// longer the way (`near`). (What rises within that way is met where the ray comes out of it.)
-void StartShadowRays(const SurfacePoints& p, const Vec3& anchor, const Vec3& sun, RayPacket& packet,
-                     float* rounding_m) {
+// longer the way: `near`. (What rises within that way is met where the ray comes out of it.) way_m: until then the ray
+// may be in the ground, as its rounded start is.
+void StartShadowRays(const SurfacePoints& p, const Vec3& anchor, const Vec3& sun, RayPacket& packet, float* rounding_m,
+                     float* way_m) {
   const double ax = anchor.x(), ay = anchor.y(), az = anchor.z(), sx = sun.x(), sy = sun.y(), sz = sun.z();
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
@@ -83,6 +84,10 @@ void StartShadowRays(const SurfacePoints& p, const Vec3& anchor, const Vec3& sun
     packet.ox[i] = static_cast<float>(rx), packet.oy[i] = static_cast<float>(ry), packet.oz[i] = static_cast<float>(rz);
     packet.dx[i] = static_cast<float>(sx), packet.dy[i] = static_cast<float>(sy), packet.dz[i] = static_cast<float>(sz);
     packet.near[i] = static_cast<float>(rounding / (steepness > 1.0 / 64 ? steepness : 1.0 / 64));
+    const double ex = rx - static_cast<double>(packet.ox[i]), ey = ry - static_cast<double>(packet.oy[i]),
+                 ez = rz - static_cast<double>(packet.oz[i]), beneath = (nx * ex + ny * ey + nz * ez) / area,
+                 depth = (beneath > 0 ? beneath : 0) + rounding / 8;  // and the triangle's own rounding
+    way_m[i] = static_cast<float>(depth / (steepness > 1e-9 ? steepness : 1e-9));
     packet.active[i] = toward_sun(p, i, sx, sy, sz) > 0 ? -1 : 0;
   }
 }
@@ -185,8 +190,8 @@ void facing_sun(const SurfacePoints& points, const Vec3& sun, std::int32_t* faci
 
 void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun, float* lit) {
   RayPacket packet;
-  alignas(64) float rounding_m[kPacket];
-  HWY_DYNAMIC_DISPATCH(StartShadowRays)(points, scene.anchor, sun, packet, rounding_m);
+  alignas(64) float rounding_m[kPacket], way_m[kPacket];
+  HWY_DYNAMIC_DISPATCH(StartShadowRays)(points, scene.anchor, sun, packet, rounding_m, way_m);
   bool any = false;
   float largest_m = 0;
   for (int i = 0; i < kPacket; ++i) {
@@ -198,7 +203,7 @@ void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted,
   }
   if (!any) return;
   bool blocked[kPacket];
-  scene.tracer->occluded(packet, sun, largest_m, blocked);
+  scene.tracer->occluded(packet, sun, largest_m, way_m, blocked);
   for (int i = 0; i < kPacket; ++i) lit[i] = packet.active[i] && !blocked[i] ? 1.F : 0.F;
 }
 

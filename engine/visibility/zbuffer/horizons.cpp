@@ -305,7 +305,9 @@ void Horizons::add(const RasterMesh& mesh, const Strip& strip, const LightBox& b
   const MeshBlock& block = *mesh.pieces()[strip.block]->shape->of;
   const dem::Block& posts = *block.posts;
   const int quads = block.side - 1;
-  const Vec3 middle = posts.position(strip.first_row + strip.rows / 2, quads / 2, 0),
+  // At the height of the ground: from the datum, float would not know a horizon next to a sample.
+  const Vec3 middle = posts.position(strip.first_row + strip.rows / 2, quads / 2,
+                                     (static_cast<double>(posts.min_m) + static_cast<double>(posts.max_m)) / 2),
              from_anchor = middle - mesh.anchor();
   const double origin[3] = {axes_.u.dot(from_anchor), axes_.v.dot(from_anchor), axes_.d.dot(from_anchor)};
   const EastNorthUp axes{axes_.u, axes_.v, axes_.d};
