@@ -85,26 +85,26 @@ class DiscLight {
   using Free = std::bitset<kDirections>;  // unblocked directions
 
   // Reduces `lit` and incident, as set by alone(), of the `lanes` that are partly blocked. blocked(lanes, direction)
-  // returns the lanes, one bit each, that are blocked in a direction. All directions are asked only if the scouts
-  // disagree about a lane, or its facet faces too few of them to tell. free: unblocked directions per lane; may be null. Returns the lanes that are partly blocked.
+  // returns the lanes, one bit each, that are blocked in a direction. All directions are asked only of lanes about
+  // which the scouts disagree, or whose facet faces too few of them to tell. free: unblocked directions per lane; may
+  // be null. Returns the lanes that are partly blocked.
   template <typename Blocked>
   std::uint32_t take_out(const Blocked& blocked, std::uint32_t lanes, const DiscLanes& turned, float* lit,
                          double* incident, Free* free = nullptr) const {
     std::array<Free, kPacket> open, faced;
-    const auto ask = [&](std::size_t k) {
+    const auto ask = [&](std::size_t k, std::uint32_t of) {
       std::uint32_t asking = 0;
       for (std::uint32_t i = 0; i < kPacket; ++i)
-        if (lanes >> i & 1 && turned.facet.lane(i).at(places_[k].across, places_[k].upward) > 0) asking |= 1U << i;
+        if (of >> i & 1 && turned.facet.lane(i).at(places_[k].across, places_[k].upward) > 0) asking |= 1U << i;
       const std::uint32_t closed = asking ? blocked(asking, directions_[k]) : 0;
       for (std::uint32_t i = 0; i < kPacket; ++i)
         if (asking >> i & 1) faced[i].set(k), open[i].set(k, !(closed >> i & 1));
     };
-    for (std::size_t k = 0; k < kScouts; ++k) ask(k);
-    bool doubt = false;
+    for (std::size_t k = 0; k < kScouts; ++k) ask(k, lanes);
+    std::uint32_t doubtful = lanes & ~turned.whole;
     for (std::uint32_t i = 0; i < kPacket; ++i)
-      if (lanes >> i & 1) doubt |= !(turned.whole >> i & 1) || (open[i].any() && open[i] != faced[i]);
-    if (doubt)
-      for (std::size_t k = kScouts; k < kDirections; ++k) ask(k);
+      if (lanes >> i & 1 && open[i].any() && open[i] != faced[i]) doubtful |= 1U << i;
+    for (std::size_t k = kScouts; doubtful && k < kDirections; ++k) ask(k, doubtful);
     std::uint32_t partly = 0;
     for (std::uint32_t i = 0; i < kPacket; ++i) {
       if (!(lanes >> i & 1) || (open[i] == faced[i] && faced[i].any())) continue;
