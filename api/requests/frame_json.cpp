@@ -282,8 +282,9 @@ void add_rendering(Members<FrameQuery>& m) {
   m.add(
       "visibility", [](auto& q) -> auto& { return q.request.visibility; }, Word{kVisibilities},
       "visibility algorithm: zbuffer (z-buffer and irregular shadow map, several times as fast but for tiny images), "
-      "raytrace, or auto, the faster of the two, chosen from the request and the terrain alone. Both are exact; the "
-      "metadata names the one used");
+      "raytrace, or auto, the faster of the two, chosen from the request and the terrain alone. Both are exact for a "
+      "point Sun; of its disc they are a few hundredths off at worst (engine/verify/errors.md). The metadata names the "
+      "one used");
   m.add("accuracy", accuracy_field, Object{accuracy_members()}, "level of detail and samples");
   m.add(
        "sensor", [](auto& q) -> auto& { return q.request.sensor; }, Object{sensor_members()},
