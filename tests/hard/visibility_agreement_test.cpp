@@ -85,7 +85,7 @@ TEST_F(TwoWays, AgreeOnTheScenesOfVerifyAccuracy) {
       }
 }
 
-TEST_F(TwoWays, ReferenceConfirmsTheZBufferAtLeastAsOften) {
+TEST_F(TwoWays, ReferenceConfirmsBoth) {
   Disputes all;
   const Vec3 from = to_cartesian({-10, 44, 20000});
   for (const double elevation : {3.0, 15.0, 45.0})
@@ -94,8 +94,8 @@ TEST_F(TwoWays, ReferenceConfirmsTheZBufferAtLeastAsOften) {
                                                  engine::sun_direction(local_axes(from), 115, elevation));
       all.add(compare(fmt::format("tilt {} deg, Sun {} deg", tilt, elevation), request));
     }
-  EXPECT_LE(all.zbuffer_wrong, all.rays_wrong);
-  EXPECT_LE(all.zbuffer_wrong * 10000, all.pixels);
+  EXPECT_LE(all.zbuffer_wrong * 100000, all.pixels);
+  EXPECT_LE(all.rays_wrong * 100000, all.pixels);
 }
 
 // However many the z-buffer draws at once: of 9 one after the other, of 4 all, of 16 four; through a lens, too.
