@@ -13,8 +13,9 @@
 namespace selenograph::engine {
 
 inline bool wants_radiance(const FrameRequest& request) { return request.products & (kRadiance | kImage); }
+inline bool wants_light_at_centres(const FrameRequest& request) { return request.products & (kLit | kIrradiance); }
 inline bool wants_light(const FrameRequest& request) {
-  return wants_radiance(request) || (request.products & (kLit | kIrradiance));
+  return wants_radiance(request) || wants_light_at_centres(request);
 }
 inline bool wants_indirect(const FrameRequest& request) {
   return request.indirect.any() && request.terrain && (wants_radiance(request) || (request.products & kIrradiance));

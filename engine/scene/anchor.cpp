@@ -38,19 +38,19 @@ std::optional<FineGround> fine_ground(std::span<const dem::BlockId> blocks, cons
 
 Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle, double clearance_m, const std::optional<FineGround>& fine) {
   const double distance = camera_m.norm();
-  Vec3 near = camera_m * (kMoonRadius_m / distance);
-  const double ahead = -camera_m.dot(middle);
-  if (distance > 1.2 * kMoonRadius_m && ahead > 0) {
-    // Past the limb: the surface that the middle passes closest, which is what a telescope may have in view.
-    const auto t = enter_sphere(camera_m, middle, kMoonRadius_m);
-    near = t ? Vec3(camera_m + *t * middle) : Vec3((camera_m + ahead * middle).normalized() * kMoonRadius_m);
-  }
   if (fine) {
     const double ground_m = kMoonRadius_m + fine->height_m,
                  least_m = std::max(kPostsPerLattice * fine->finest_m, distance - ground_m),
                  lattice_m = std::exp2(std::floor(std::log2(least_m)));
     if (lattice_m < kFinestAnchorLattice_m)
       return (camera_m * (ground_m / distance / lattice_m)).array().round() * lattice_m;
+  }
+  Vec3 near = camera_m * (kMoonRadius_m / distance);
+  const double ahead = -camera_m.dot(middle);
+  if (distance > 1.2 * kMoonRadius_m && ahead > 0) {
+    // Past the limb: the surface that the middle passes closest, which is what a telescope may have in view.
+    const auto t = enter_sphere(camera_m, middle, kMoonRadius_m);
+    near = t ? Vec3(camera_m + *t * middle) : Vec3((camera_m + ahead * middle).normalized() * kMoonRadius_m);
   }
   double lattice_m = kFinestAnchorLattice_m;
   while (lattice_m < kCoarsestAnchorLattice_m && lattice_m <= 2 * clearance_m) lattice_m *= 2;

@@ -297,12 +297,12 @@ TEST(Client, SendsTokenAndPrefixAndSplitsLongLists) {
   EXPECT_TRUE(std::isnan(hits[0].lit));
 }
 
-// tests/python_client_test.py has the same.
 TEST(Client, TokensThatNoHeaderTakesAreRefused) {
   for (const char* token : {"a\nb", "a\r\nX: y", "two words", "na\u00efve"})
     EXPECT_THROW(Client("http://127.0.0.1:1", token), Error) << token;
 }
 
+// tests/python_client_test.py has the same.
 TEST(Client, RegionHeader) {
   for (const auto& [request, region] : std::vector<std::pair<const char*, const char*>>{
            {R"({"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1,"height_m":20000}}})", "22-7"},

@@ -11,7 +11,7 @@ std::vector<SubpixelSample> samples_of(const FrameRequest& request) {
   const int side = static_cast<int>(std::lround(std::sqrt(request.accuracy.samples_per_pixel)));
   if (side == 1) return {{0, 0, true, radiance ? 1.F : 0.F, wants_light(request), true}};
   std::vector<SubpixelSample> samples;
-  if (geometry) samples.push_back({0, 0, true, 0.F, (request.products & (kLit | kIrradiance)) != 0, true});
+  if (geometry) samples.push_back({0, 0, true, 0.F, wants_light_at_centres(request), true});
   if (!radiance) return samples;
   const float weight = 1.F / static_cast<float>(side * side);
   for (int j = 0; j < side; ++j)
