@@ -46,7 +46,7 @@ double share_of_means(std::int32_t lat, std::int32_t lat_step) {
 
 // Blocks are kept in the cache folder from one version of the software to the next: whatever changes a digit of them
 // counts one up here (GroundOnDisk.IsOfThisVersion in unit.block_store).
-constexpr std::uint64_t kGroundVersion = 2;
+constexpr std::uint64_t kGroundVersion = 3;
 
 std::uint64_t key_of_ground(const Catalogue& catalogue, const DetailPreset& preset) {
   const std::uint64_t parts[] = {kGroundVersion, catalogue.fingerprint(), preset.fingerprint};

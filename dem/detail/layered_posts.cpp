@@ -74,7 +74,8 @@ LayeredPosts::LayeredPosts(const PyramidTerrain& plain, double widest_m) : plain
   const Catalogue& catalogue = plain.catalogue();
   for (std::size_t i = 0; i < catalogue.rasters().size(); ++i) {
     const RasterInfo& info = catalogue.rasters()[i];
-    const int level = level_needed(info);
+    // Posts are of the roots' level at least, whatever lies over them.
+    const int level = std::max(kRootLevel, level_needed(info));
     // Posts that are no vertices of their level are up to twice as far apart as those that are.
     const double resolved_m = catalogue.resolved_posts(static_cast<int>(i)) * info.post_spacing_m;
     const auto octaves = static_cast<int>(std::lround(std::log2(resolved_m / post_spacing_m(level))));

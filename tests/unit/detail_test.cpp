@@ -459,6 +459,20 @@ TEST(DetailedTerrain, BeginsAtTwoPostsOfAnyRegistration) {
   }
 }
 
+// Posts farther apart than those of the roots' level have the same detail by themselves and beneath finer ones.
+TEST(DetailedTerrain, OfFewPostsADegreeIsTheSameBeneathOthers) {
+  const std::array<TemporaryFolder, 2> folders;
+  std::vector<std::shared_ptr<const Terrain>> of;
+  for (std::size_t i = 0; i < folders.size(); ++i) {
+    test::write_float_tile(folders[i].path(), "coarse", {28, 2, 4, 33, 33}, hills);
+    if (i == 1) test::write_float_tile(folders[i].path(), "fine", {27, 3, 128, 65, 65}, hills);
+    of.push_back(
+        std::make_shared<DetailedTerrain>(open_terrain(folders[i].path()), std::make_shared<Detail>(preset())));
+  }
+  for (int i = 0; i < 20; ++i)
+    EXPECT_NEAR(of[1]->height(22 + 0.1 * i, 7).height_m, of[0]->height(22 + 0.1 * i, 7).height_m, 1e-3);
+}
+
 TEST(DetailedTerrain, BlocksOfLayersAgreeOnTheirBorders) {
   const Layered here, again;
   int place = 0;
