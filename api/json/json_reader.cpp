@@ -324,8 +324,9 @@ int JsonReader::word_index(const std::vector<std::string_view>& names, WordHints
 
 std::optional<Vec3> direction_of(const Vec3& v) {
   if (is_unit(v)) return v;
-  const double largest = v.cwiseAbs().maxCoeff();
-  if (!(largest > 0) || !std::isfinite(largest)) return std::nullopt;
+  // maxCoeff may pass over NaN.
+  const double largest = v.allFinite() ? v.cwiseAbs().maxCoeff() : 0;
+  if (largest == 0) return std::nullopt;
   // Division first: squares of 1e300 or 1e-300 don't fit. Each component is divided on its own because the reciprocal
   // of a subnormal is infinite.
   return Vec3(v.x() / largest, v.y() / largest, v.z() / largest).normalized();

@@ -156,7 +156,7 @@ void take_rays(const NpzArrays& arrays, const Limits& limits, RaysQuery& query, 
   for (std::size_t i = 0; i < number && !findings.full(); ++i) {
     const Vec3 origin = origins->vector(i);
     const auto direction = direction_of(directions->vector(i));
-    if (!(origin.cwiseAbs().maxCoeff() <= kCoordinate_m.max))
+    if (!(origin.array().abs() <= kCoordinate_m.max).all())
       findings.add(fmt::format("/origin_m/{}", i), fmt::format("is not within {:g} m", kCoordinate_m.max));
     if (!direction) findings.add(fmt::format("/direction/{}", i), "is not a direction: finite numbers, not all zero");
     query.rays.push_back({origin, direction.value_or(Vec3::UnitX())});

@@ -61,7 +61,7 @@ RowViews::RowViews(const Camera& camera, const Pose& pose, const std::optional<S
   for (int row = 0; row < height_; ++row) {
     if (row % 64 == 0) stop.check();
     poses.push_back(track_->at(shutter->time_s(row)));
-    if (!(poses.back().position_m.cwiseAbs().maxCoeff() <= kFarthest_m))
+    if (!(poses.back().position_m.array().abs() <= kFarthest_m).all())
       throw ImpossibleRequest("the camera moves more than 2e12 m from the Moon's centre", "shutter");
     rows_.push_back(reference_.at(poses.back()));
   }

@@ -294,6 +294,14 @@ class Arrays(WithService):
                 (npz(origin_m=origin, direction=directions, request='{"sun": 1}'), 422, "/sun"),
                 (npz(origin_m=np.zeros((2, 3)) + origin, direction=directions), 422, "/direction")):
             self.problem(self.ask_npz("/v1/rays", body), status, pointer)
+        for i in range(3):  # in any place: one that is passed over reads as a ray that hits nothing
+            broken = np.ones((2, 3))
+            broken[1, i] = np.nan
+            for path, body, pointer in (
+                    ("/v1/rays", npz(origin_m=origin, direction=broken), "/direction/1"),
+                    ("/v1/rays", npz(origin_m=broken, direction=directions[0, 0]), "/origin_m/1"),
+                    ("/v1/lidar", npz(request=json.dumps(request(pattern=None)), direction=broken), "/direction/1")):
+                self.problem(self.ask_npz(path, body), 422, pointer)
         damaged = bytearray(good)
         damaged[good.index(b"\x93NUMPY") + 130] ^= 1  # a number: the archive's checksum tells
         self.problem(self.ask_npz("/v1/rays", bytes(damaged)), 400)

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
+#include <cmath>
 #include <string>
 
 namespace selenograph::api {
@@ -146,6 +147,12 @@ TEST(DirectionOf, NormalisesAnyLength) {
     EXPECT_NEAR((*direction - Vec3(0, -1, 1).normalized()).norm(), 0, 1e-15) << scale;
   }
   EXPECT_FALSE(direction_of(Vec3::Zero()));
+  for (const double bad : {std::nan(""), HUGE_VAL})
+    for (int i = 0; i < 3; ++i) {
+      Vec3 v(1, 2, 3);
+      v[i] = bad;
+      EXPECT_FALSE(direction_of(v)) << bad << " in " << i;
+    }
 }
 
 }  // namespace

@@ -166,7 +166,7 @@ std::optional<Vec3> resolve_position(const JsonReader& in, const PositionForm& f
   }
   const Vec3 position_m = form.position_m ? Vec3(moon_me_from_frame * *form.position_m) : to_cartesian(*form.geodetic);
   // Turning it or adding the Moon's radius can take it out of the range that it must be in to be a request again.
-  if (position_m.cwiseAbs().maxCoeff() <= kCoordinate_m.max) return position_m;
+  if ((position_m.array().abs() <= kCoordinate_m.max).all()) return position_m;
   in.fail(form.position_m ? "position_m" : "geodetic",
           fmt::format("lies more than {} m from the Moon's centre along an axis of MOON_ME", kCoordinate_m.max));
   return std::nullopt;

@@ -102,7 +102,7 @@ void check_pose(const JsonReader& in, const engine::Camera& camera, const std::o
   pose = engine::PoseTrack(pose, *shutter).at(0);
   pose.camera_from_moon = canonical(pose.camera_from_moon);
   // Where times are far more uneven than places, the polynomials swing out.
-  if (!(pose.position_m.cwiseAbs().maxCoeff() <= kCoordinate_m.max))
+  if (!(pose.position_m.array().abs() <= kCoordinate_m.max).all())
     in.at("shutter").fail("poses", fmt::format("take row 0 more than {} m from the Moon's centre", kCoordinate_m.max));
 }
 
