@@ -118,6 +118,7 @@ class SelenographCamera(sysModel.SysModel):
                                            "pose": pose(self.scStateInMsg(), moon, self.sigma_CB, self.r_CB_B)})
             out.image = out.frame["image"]
             out.imageBufferLength, out.valid = out.image.nbytes, 1
-        except (selenograph.Refused, OSError, ValueError) as error:  # the message says that there is no image
+        except (selenograph.Refused, OSError, ValueError, LookupError) as error:
+            # The message says that there is no image.
             self.bskLogger.bskLog(bskLogging.BSK_ERROR, f"SelenographCamera: {error}")
         self.imageOutMsg.write(out, CurrentSimNanos, self.moduleID)

@@ -12,8 +12,9 @@ no image.
 Parameters: ~url; ~token (""); ~timeout_s (10); ~request, a file with a frame's request as JSON, of which the pose is
 left out (a Sun must be there, or the time stamps must be UTC: without "sun" it stands where it does at the stamp), and
 which has no "cameras", and in "truth" no region, every_px or float16;
-~product ("image": mono8 or mono16; or any other, e.g. "radiance" and "range": 32FC1, 64FC1); ~moon_frame ("moon_me");
-~camera_frame ("camera_optical"); ~queue_size (10): poses that wait while a frame is rendered, then the oldest is lost.
+~product ("image": mono8 or mono16; "depth" or "range": 32FC1, in metres, a depth image by REP 118, or 64FC1 with the
+request's "truth": {"distance_type": "float64"}; or any other); ~moon_frame ("moon_me"); ~camera_frame
+("camera_optical"); ~queue_size (10): poses that wait while a frame is rendered, then the oldest is lost.
 
 Needs python3-rospy, python3-sensor-msgs, python3-geometry-msgs (Debian 12), selenograph_ros.py beside it and
 selenograph.py (../python) in PYTHONPATH. Run in Debian 12's ROS by ../tests/adapters_test.py; not run in ROS Noetic or with

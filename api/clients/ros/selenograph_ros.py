@@ -77,6 +77,8 @@ class Renderer:
         self.request.pop("pose", None)
         self.product = parameter("product", "image")
         self.request["products"] = [self.product]
+        if self.product in ("depth", "range"):  # depth images are 32FC1, in metres (REP 118)
+            self.request["truth"] = {"distance_type": "float32", **(self.request.get("truth") or {})}
         self.moon_frame = parameter("moon_frame", "moon_me")
         self.camera_frame = parameter("camera_frame", "camera_optical")
         self.queue_size = parameter("queue_size", 10)
@@ -90,7 +92,7 @@ class Renderer:
             return None
         try:
             frame = self.client.frame(request_of(message, seconds, nanoseconds, self.request))
-        except (selenograph.Refused, OSError, ValueError) as error:
+            return image_members(frame[self.product]), camera_info_members(frame.meta["request"]["camera"])
+        except (selenograph.Refused, OSError, ValueError, LookupError) as error:
             self.error(f"no image of the pose at {seconds}.{nanoseconds:09d}: {error}")
             return None
-        return image_members(frame[self.product]), camera_info_members(frame.meta["request"]["camera"])

@@ -6,8 +6,8 @@
 
 Topics, frames and parameters are those of selenograph_node.py, which describes them: `pose` comes in, `image_raw` and
 `camera_info` go out with its time stamp; the quality of service is reliable, with a depth of queue_size. A depth image
-is -p product:=depth, or range, of a second node (-r __node:=depth -r image_raw:=depth/image_raw). Parameters are read
-once, at the start, and keep their type: timeout_s:=20.0.
+(32FC1, REP 118) is -p product:=depth, or range, of a second node (-r __node:=depth -r image_raw:=depth/image_raw).
+Parameters are read once, at the start, and keep their type: timeout_s:=20.0.
 
 Needs rclpy, sensor_msgs and geometry_msgs of a ROS 2, selenograph_ros.py beside it and selenograph.py (../python) in
 PYTHONPATH. Debian has no ROS 2: ../tests/adapters_test.py runs this node with stand-ins for rclpy and its messages; within

@@ -9,6 +9,7 @@ import array
 import contextlib
 import dataclasses
 import importlib.util
+import io
 import os
 import queue
 import re
@@ -22,6 +23,7 @@ import unittest
 import numpy
 
 import harness
+from fake_service import FakeService
 from harness import PATIENCE_S
 from one_service import CLIENTS, SUN, OneService, setUpModule, tearDownModule  # noqa: F401
 
@@ -40,6 +42,12 @@ def loaded(*path):
     sys.modules[name] = module  # where dataclasses look
     spec.loader.exec_module(module)
     return module
+
+
+def npz(**arrays):
+    file = io.BytesIO()
+    numpy.savez(file, **arrays)
+    return file.getvalue()
 
 
 def rotation(axis, angle):
@@ -219,6 +227,15 @@ class Basilisk(Adapter):
         self.assertEqual(len(model.errors), 1)
         self.assertIn("/pose", model.errors[0])
 
+    def test_answers_that_are_no_frame_are_logged(self):
+        model = self.camera()
+        for content in (b"cut off", npz(a=numpy.zeros(1))):
+            answer = (200, {"Content-Type": "application/x-npz"}, content)
+            with FakeService(answer) as fake, selenograph.Client(fake.url) as model.client:
+                model.UpdateState(1)
+            self.assertEqual(model.imageOutMsg().valid, 0)
+        self.assertEqual(len(model.errors), 2, model.errors)
+
     def test_unlinked_messages_are_reported(self):
         model = self.module.SelenographCamera(self.client, self.request)
         model.Reset(0)
@@ -275,6 +292,14 @@ class RosConversions(Adapter):
             read = numpy.frombuffer(image["data"], values.dtype.newbyteorder("<")).reshape(shape)
             self.assertEqual(read.tolist(), values.tolist())
             self.assertEqual(image["step"] * image["height"], len(image["data"]))
+
+    def test_a_depth_image_is_float32_unless_the_request_says_otherwise(self):
+        parameters = {"url": self.url(), "request": harness.path("ros-depth.json"), "product": "depth"}
+        for truth, kind in ((None, "float32"), ({"every_px": 1}, "float32"), ({"distance_type": "float64"}, "float64")):
+            harness.write("ros-depth.json", dict(self.request, **({"truth": truth} if truth else {})))
+            renderer = selenograph_ros.Renderer(lambda name, *default: parameters.get(name, *default), self.fail)
+            renderer.client.close()
+            self.assertEqual(renderer.request["truth"], {**(truth or {}), "distance_type": kind})
 
     def test_requests_whose_arrays_are_no_image_of_a_camera(self):
         """Of fewer pixels than CameraInfo has, of a type that Image has not, or by the names of several cameras."""
@@ -536,9 +561,17 @@ class Ros2(Adapter):
         ros.run()
         self.assertEqual(ros.errors, [])
         _, image = ros.published[1]
-        self.assertEqual((image.encoding, image.step, image.header.frame_id), ("64FC1", 512, "lidar"))
-        values = numpy.frombuffer(image.data, "<f8").reshape(48, 64)
-        numpy.testing.assert_allclose(values, self.right["range"], rtol=0, atol=1e-6)
+        self.assertEqual((image.encoding, image.step, image.header.frame_id), ("32FC1", 256, "lidar"))
+        values = numpy.frombuffer(image.data, "<f4").reshape(48, 64)
+        numpy.testing.assert_allclose(values, self.right["range"], rtol=1e-7, atol=0)
+
+    def test_answers_that_are_no_frame_are_logged(self):
+        for content in (b"cut off", npz(a=numpy.zeros(1))):
+            with FakeService((200, {"Content-Type": "application/x-npz"}, content)) as fake:
+                ros = Rclpy(self.parameters(url=fake.url), [self.pose(1)])
+                ros.run()
+            self.assertEqual((len(ros.errors), ros.published), (1, []))
+            self.assertIn("no image of the pose at 1.000000005: ", ros.errors[0])
 
     def test_parameters_that_have_to_be_set(self):
         for name in ("url", "request"):
