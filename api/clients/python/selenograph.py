@@ -28,6 +28,7 @@ import argparse
 import asyncio
 import collections.abc
 import concurrent.futures
+import contextlib
 import csv
 import dataclasses
 import datetime
@@ -48,6 +49,7 @@ import time
 import urllib.parse
 import warnings
 import zipfile
+import zlib
 from typing import (Any, AsyncIterable, AsyncIterator, Callable, Dict, Iterable, Iterator, List, Mapping, Optional,
                     Sequence, Tuple, Union)
 
@@ -109,6 +111,17 @@ class FrameWarning(UserWarning):
     """What the service warns of with a frame, a map, rays or landmarks: it is probably not what was meant."""
 
 
+@contextlib.contextmanager
+def _reading() -> Iterator[None]:
+    """Around, or as a decorator of, what reads an answer: one that can't be read is of something else than selenograph,
+    or was cut off where nobody could tell."""
+    try:
+        yield
+    except (ArithmeticError, AttributeError, EOFError, LookupError, RuntimeError, TypeError, ValueError, struct.error,
+            zipfile.BadZipFile, zlib.error) as error:
+        raise ConnectionError(f"the answer can't be read as selenograph's: {error!r}") from error
+
+
 @dataclasses.dataclass(frozen=True)
 class Answer:
     """A frame or map as the service sent it, and what its headers say."""
@@ -134,6 +147,7 @@ class Frame(Mapping[str, np.ndarray]):
               are of; with several cameras NAME/coco
     """
 
+    @_reading()
     def __init__(self, answer: Answer) -> None:
         self._arrays, texts = _read_npz(answer.content)
         self.meta: Dict[str, Any] = texts.pop("meta", {})
@@ -200,6 +214,7 @@ def _read_npy(member: memoryview) -> np.ndarray:
 class Scan(Mapping[str, np.ndarray]):
     """A lidar's scan: `scan["range_m"]` is a NumPy array. Its metadata is `meta`."""
 
+    @_reading()
     def __init__(self, content: bytes, shape: Optional[Tuple[int, ...]] = None) -> None:
         arrays, texts = _read_npz(content)
         self.meta: Dict[str, Any] = texts.get("meta", {})
@@ -313,7 +328,8 @@ def _below(position_m: Any) -> Tuple[float, float]:
 
 
 def _timing(header: Optional[str]) -> Dict[str, float]:
-    found = re.findall(r"([^\s;,]+)\s*;(?:[^,]*;)?\s*dur=([0-9.eE+-]+)", header or "")
+    # A proxy may add what it likes; what is no number is left out.
+    found = re.findall(r"([^\s;,]+)\s*;(?:[^,]*;)?\s*dur=(\d+\.?\d*(?:[eE][+-]?\d+)?)(?![^\s;,])", header or "")
     return {name: float(duration) for name, duration in found}
 
 
@@ -336,8 +352,10 @@ class Client:
         parts = urllib.parse.urlsplit(url)
         if parts.scheme not in ("http", "https") or not parts.hostname:
             raise ValueError(f"{url!r} is no address; write for example http://127.0.0.1:8080")
-        if not timeout_s > 0:
-            raise ValueError(f"timeout_s is {timeout_s!r}; seconds above 0 are needed")
+        if parts.username is not None or parts.query or parts.fragment:
+            raise ValueError("an address has neither a user nor a query; a proxy that asks for one gets token=")
+        if not 0 < timeout_s <= 1e6:  # sockets know no more than 24 days
+            raise ValueError(f"timeout_s is {timeout_s!r}; seconds above 0, and up to 1e6, are needed")
         self.url = url.rstrip("/")
         self.timeout_s = float(timeout_s)
         self._host, self._port, self._prefix = parts.hostname, parts.port, parts.path.rstrip("/")
@@ -443,6 +461,9 @@ class Client:
         time_s. light: see rays(); irradiance is that of the ground. Warns as frame() does.
         """
         if isinstance(points, collections.abc.Sequence) and any(isinstance(p, collections.abc.Mapping) for p in points):
+            unknown = {repr(member) for p in points for member in p} - {"'lat_deg'", "'lon_deg'", "'height_m'"}
+            if unknown:
+                raise ValueError(f"points have lat_deg, lon_deg and height_m, not {', '.join(sorted(unknown))}")
             points = [[p["lat_deg"], p["lon_deg"], p.get("height_m", math.nan)] for p in points]
         places = np.asarray(points, float)
         if places.ndim < 1 or places.shape[-1] not in (2, 3):
@@ -454,7 +475,8 @@ class Client:
         answers = self._arrays_in_pieces("/v1/project", {"points": rows},
                                          _given(camera=camera, pose=pose, sun=sun, objects=objects, shutter=shutter,
                                                 detail=detail) | (light or {}))
-        answers["reason"] = [REASONS[i] for i in answers.get("reason", ())]
+        with _reading():
+            answers["reason"] = [REASONS[i] for i in answers.get("reason", ())]
         fields = [("x_px", float), ("y_px", float), ("range_m", float), ("height_m", float), ("in_frame", bool),
                   ("visible", bool), ("lit", float), ("reason", object)]
         if shutter:
@@ -571,9 +593,10 @@ class Client:
 
     def _post(self, path: str, document: Any, accept: str) -> Answer:
         _, headers, content = self._ask("POST", path, _body(document), accept, _region(document))
-        echo = headers.get("Selenograph-Echo")
+        with _reading():
+            echo = json.loads(headers.get("Selenograph-Echo", "null"))
         return Answer(content, headers.get_content_type(), _timing(headers.get("Server-Timing")), headers.get("ETag"),
-                      None if echo is None else json.loads(echo), headers)
+                      echo, headers)
 
     def _in_pieces(self, path: str, name: str, items: List[Any], rest: Dict[str, Any]) -> List[Dict[str, Any]]:
         answers: List[Dict[str, Any]] = []
@@ -621,7 +644,8 @@ class Client:
             try:
                 body = _npz_body(rest, some)
                 _, headers, content = self._ask("POST", path, body, "application/x-npz", about)
-                pieces.append(_read_npz(content)[0])
+                with _reading():
+                    pieces.append(_read_npz(content)[0])
                 texts.update(dict.fromkeys(_warnings_of(headers)))
             except Refused as refused:
                 if not start:
@@ -631,7 +655,8 @@ class Client:
                     problem = _pointers_shifted(problem, f"/{name}/", start)
                 raise Refused(refused.status, problem) from None
         _warn(texts)
-        return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]} if pieces else {}
+        with _reading():
+            return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]} if pieces else {}
 
     def _in_order(self, requests: Iterable[Request], in_flight: int, ahead: int,
                   ask: Callable[[Request], Any]) -> _InOrder:
@@ -823,6 +848,7 @@ def _pointers_shifted(problem: Dict[str, Any], prefix: str, by: int) -> Dict[str
     return {**problem, "errors": errors, "detail": f"of the items from {by} on: {problem.get('detail')}"}
 
 
+@_reading()
 def _records(answers: List[Dict[str, Any]], fields: Sequence[Tuple[Any, ...]], shape: Tuple[int, ...]) -> np.recarray:
     records = np.zeros(len(answers), dtype=list(fields))
     for name, kind, *_ in fields:
@@ -833,6 +859,7 @@ def _records(answers: List[Dict[str, Any]], fields: Sequence[Tuple[Any, ...]], s
     return records.reshape(shape).view(np.recarray)[() if not shape else ...]  # of a single one its record
 
 
+@_reading()
 def _recarray(answers: Mapping[str, Any], fields: Sequence[Tuple[Any, ...]], shape: Tuple[int, ...]) -> np.recarray:
     """The same of arrays; numbers that the answer has not are NaN."""
     records = np.zeros(math.prod(shape), dtype=list(fields))
@@ -841,8 +868,9 @@ def _recarray(answers: Mapping[str, Any], fields: Sequence[Tuple[Any, ...]], sha
     return records.reshape(shape).view(np.recarray)[() if not shape else ...]
 
 
+@_reading()
 def _warnings_of(headers: http.client.HTTPMessage) -> List[str]:
-    return json.loads(headers.get("Selenograph-Warnings", "[]"))
+    return [str(text) for text in json.loads(headers.get("Selenograph-Warnings", "[]"))]
 
 
 def _warn(texts: Iterable[str]) -> None:
@@ -1527,7 +1555,9 @@ class Trajectory:
             self._set([track], turns, None, start, frame)
         else:
             azimuths = np.broadcast_to(np.asarray(up_azimuth_deg, float), track.times.shape)
-            self._set([track], [], (track.times, np.unwrap(azimuths, period=360)), start, frame)
+            # The shorter way from one to the next; unwrap knows degrees from NumPy 1.21 on.
+            turns = np.cumsum(np.round(np.diff(azimuths, prepend=azimuths[:1]) / 360))
+            self._set([track], [], (track.times, azimuths - 360 * turns), start, frame)
 
     def _set(self, tracks: List[_Track], turns: List[_Turns], azimuths: Optional[Tuple[np.ndarray, np.ndarray]],
              start: Optional[datetime.datetime], frame: str) -> None:
@@ -1815,6 +1845,7 @@ def _seconds(epoch: _Epoch, since: _Epoch) -> float:
 
 _COLUMNS = ({"time_s", "utc", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", "lat_deg", "lon_deg", "height_m",
              "up_azimuth_deg"} | {f"{direction}_{c}" for direction in DIRECTIONS for c in "wxyz"})
+_WITHIN = {"lat_deg": (-90, 90), "lon_deg": (-180, 360)}  # as the service takes them
 
 
 def _read_csv(path: Union[str, os.PathLike]) -> Tuple[Dict[str, List[Any]], List[float]]:
@@ -1837,9 +1868,15 @@ def _read_csv(path: Union[str, os.PathLike]) -> Tuple[Dict[str, List[Any]], List
             raise ValueError(f"{path}, line {number}: {len(row)} values for {len(names)} columns")
         for name, text in zip(names, row):
             try:
-                columns[name].append(text if name == "utc" else float(text))
+                value = 0.0 if name == "utc" else float(text)
             except ValueError:
-                raise ValueError(f"{path}, line {number}: {name} is {text!r}, no number") from None
+                value = math.nan
+            if not math.isfinite(value):
+                raise ValueError(f"{path}, line {number}: {name} is {text!r}, no number")
+            least, most = _WITHIN.get(name, (value, value))
+            if not least <= value <= most:
+                raise ValueError(f"{path}, line {number}: {name} is {text}; {least} to {most} is needed")
+            columns[name].append(text if name == "utc" else value)
     return columns, columns.pop("time_s", [])
 
 
@@ -1949,12 +1986,14 @@ def _media_type(path: str) -> str:
     return MEDIA_TYPES[suffix]
 
 
-def _write(path: str, content: bytes) -> None:
+def _write(path: str, answer: Answer) -> None:
     """All of the file or nothing."""
+    if answer.media_type == MEDIA_TYPES[".npz"]:
+        Frame(answer)  # an answer that a proxy has cut off ends here
     part = f"{path}.{os.getpid()}.part"
     try:
         with open(part, "wb") as file:
-            file.write(content)
+            file.write(answer.content)
         os.replace(part, path)
     except BaseException:
         if os.path.exists(part):
@@ -1992,7 +2031,7 @@ def _render(options: argparse.Namespace) -> None:
     media_type = _media_type(options.output)
     with Client(options.url, options.token, options.timeout_s) as client:
         answer = client.encoded(_read_request(options.request), media_type)
-    _write(options.output, answer.content)
+    _write(options.output, answer)
     print(f"{options.output}: {len(answer.content)} bytes; ms: {_stages(answer.timing)}", flush=True)
     _warn_of(options.output, answer)
 
@@ -2038,7 +2077,7 @@ def _watch(options: argparse.Namespace) -> None:
                                    lambda request: client.encoded(request, media_type))
         for i, (time_s, answer) in enumerate(zip(times, answers)):
             path = os.path.join(options.out, f"{i:05d}.{options.format}")
-            _write(path, answer.content)
+            _write(path, answer)
             print(f"{path}  t = {time_s:.3f} s  ms: {_stages(answer.timing)}", flush=True)
             _warn_of(path, answer)
 

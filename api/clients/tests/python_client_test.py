@@ -354,6 +354,8 @@ class Points(WithClient):
         as_array = [[-6.5, 40, math.nan], [-6.5, 40, 5000]]
         np.testing.assert_array_equal(*(self.client.project(request["camera"], request["pose"], some).range_m
                                         for some in (as_json, as_array)))
+        with self.assertRaisesRegex(ValueError, "points have lat_deg, lon_deg and height_m, not 'hight_m'"):
+            self.client.project(request["camera"], request["pose"], [{**as_json[0], "hight_m": 5000}])
         mixed = self.client.project(request["camera"], request["pose"], [[-6.5, 40, math.nan], [-6.5, 40, 50000]])
         self.assertEqual(mixed.reason.tolist(), [None, "behind the camera"])
         self.assertTrue(math.isnan(mixed.x_px[1]))

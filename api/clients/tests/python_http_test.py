@@ -5,6 +5,7 @@ Needs NumPy.
 """
 
 import contextlib
+import gzip
 import io
 import json
 import os
@@ -17,6 +18,7 @@ import threading
 import time
 import unittest
 import warnings
+import zipfile
 from unittest import mock
 
 import numpy as np
@@ -145,6 +147,40 @@ class Mishaps(unittest.TestCase):
         with self.asking((200, {"Content-Type": "image/png"}, b"png")) as (client, _):
             self.assertEqual(client.encoded(request_at(0), "image/*").media_type, "image/png")
 
+    def test_answers_that_cannot_be_read(self):
+        """Of the right type, but cut off by a proxy, say."""
+        def answer(content, kind="application/x-npz", **headers):
+            headers = {name.replace("_", "-"): text for name, text in headers.items()}
+            return 200, {"Content-Type": kind, **headers}, content
+        fine = npz(radiance=np.zeros((9, 9)))
+        listed = io.BytesIO()
+        with zipfile.ZipFile(listed, "w") as archive:
+            archive.writestr("meta.json", "[1]")
+        for content in (fine[:-30], b"", gzip.compress(fine), fine.replace(b"NUMPY", b"NUMPX"), listed.getvalue(),
+                        fine.replace(b"(9, 9), ", b"(9, 99), "), fine.replace(b"'<f8'", b"'|O' ")):
+            for ask in (lambda client: client.frame(request_at(0)), lambda client: next(client.frames([request_at(0)])),
+                        lambda client: client.lidar({}), lambda client: client.rays(np.zeros(3), np.ones((2, 3)))):
+                with self.subTest(content[:40]), self.asking(answer(content)) as (client, _):
+                    self.assertRaisesRegex(ConnectionError, "can't be read", ask, client)
+        for ask, broken in (
+                (lambda client: client.frame(request_at(0)), answer(fine, Selenograph_Echo="{")),
+                (lambda client: client.heights(0, 0), (200, {**FINE[1], "Selenograph-Warnings": "x"}, FINE[2])),
+                (lambda client: client.heights(0, 0), (200, FINE[1], FINE[2].replace(b"1.5", b'"x"'))),
+                (lambda client: client.rays(np.zeros(3), np.ones((3, 3))), answer(npz(hit=np.ones(2, bool)))),
+                (lambda client: client.project({}, {}, np.zeros((1, 2))), answer(npz(reason=np.array([99]))))):
+            with self.asking(broken) as (client, _):
+                self.assertRaisesRegex(ConnectionError, "can't be read", ask, client)
+        with self.asking(answer(fine, Server_Timing="a;dur=1;desc=x, b;dur=1e, c;dur=-, d;dur=2.5e1")) as (client, _):
+            self.assertEqual(client.frame(request_at(0)).timing, {"a": 1, "d": 25})
+
+    def test_the_command_line_keeps_no_file_that_cannot_be_read(self):
+        request, out = harness.write("cut.json", request_at(0)), harness.path("cut.npz")
+        cut = (200, {"Content-Type": "application/x-npz"}, npz(radiance=np.zeros((9, 9)))[:-30])
+        with FakeService(cut) as server, contextlib.redirect_stderr(io.StringIO()) as errors:
+            self.assertEqual(selenograph.main(["render", request, out, "--url", server.url]), 1)
+        self.assertIn("can't be read", errors.getvalue())
+        self.assertFalse(os.path.exists(out))
+
     def test_problems_that_are_not_the_services(self):
         for errors in ('"abc"', "7", "[null]", '[{"pointer": 3}]'):
             with self.subTest(errors):
@@ -267,7 +303,10 @@ class Mishaps(unittest.TestCase):
         self.assertEqual(nothing, b"")
         self.assertEqual(Client("https://example.org:444/moon/")._prefix, "/moon")
         self.assertRaisesRegex(ValueError, "write for example http://", Client, "127.0.0.1:8080")
-        self.assertRaisesRegex(ValueError, "timeout_s is 0", Client, "http://127.0.0.1", None, 0)
+        for timeout_s in (0, float("inf")):
+            self.assertRaisesRegex(ValueError, f"timeout_s is {timeout_s}", Client, "http://127.0.0.1", None, timeout_s)
+        for address in ("http://user:word@127.0.0.1", "http://127.0.0.1/moon?a=b"):
+            self.assertRaisesRegex(ValueError, "neither a user nor a query", Client, address)
 
     def test_ahead_echo_and_the_rest_of_the_headers(self):
         frame = (200, {"Content-Type": "application/x-npz", "ETag": '"abc"', "Selenograph-Echo": '{"tag":7}',

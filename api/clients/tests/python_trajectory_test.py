@@ -9,6 +9,7 @@ import os
 import sys
 import unittest
 from datetime import datetime, timezone
+from unittest import mock
 
 import numpy as np
 
@@ -482,9 +483,18 @@ class Trajectories(unittest.TestCase):
         self.assertEqual(trajectory.times_s.tolist(), [0, 10.5])
         pose = trajectory.at(5.25)
         self.assertAlmostEqual(pose["nadir"]["up_azimuth_deg"], 0, 12)
+        self.assertEqual([trajectory.at(t)["nadir"]["up_azimuth_deg"] for t in (0, 10.5)], [-10, 10])
         lat = math.asin(pose["position_m"][2] / np.linalg.norm(pose["position_m"]))
         self.assertAlmostEqual(math.degrees(lat), -6.45, 6)
         self.assertEqual(trajectory.utc(10.5), "2026-11-20T00:00:10.500000Z")
+
+    def test_azimuths_go_the_shorter_way_round(self):
+        """Without np.unwrap's period, which is new in NumPy 1.21."""
+        azimuths = [10, 350, -350, 180, 0, 725]
+        with mock.patch.object(np, "unwrap", None):
+            trajectory = Trajectory(range(6), [[2e6, t, 0] for t in range(6)], up_azimuth_deg=azimuths)
+        wanted = [10, 0, -10, 0, 10, 95, 180, 90, 0, 2.5, 5]
+        self.assertEqual([trajectory.at(t / 2)["nadir"]["up_azimuth_deg"] for t in range(11)], wanted)
 
     def test_invalid_csv(self):
         place = "lat_deg,lon_deg,height_m"
@@ -492,6 +502,9 @@ class Trajectories(unittest.TestCase):
                 "semicolons": ("time_s;x_m;y_m", "1;2;3"),
                 "time_s or utc; there are t, lat_deg": (f"t,{place}", "1,2,3,4"),
                 "line 3: lon_deg is 'x', no number": (f"time_s,{place},up_azimuth_deg", "0,1,2,3,0", "1,1,x,3,0"),
+                "line 3: height_m is 'nan', no number": (f"time_s,{place},up_azimuth_deg", "0,1,2,3,0", "1,1,2,nan,0"),
+                "line 2: lat_deg is 140; -90 to 90 is needed": (f"time_s,{place},up_azimuth_deg", "0,140,0,3,0"),
+                "line 2: lon_deg is 361; -180 to 360": (f"time_s,{place},up_azimuth_deg", "0,9,361,3,0"),
                 "line 2: 2 values for 5 columns": (f"time_s,{place},up_azimuth_deg", "0,1"),
                 "there is x_m, y_m but not z_m": ("time_s,x_m,y_m", "1,2,3"),
                 "one attitude is needed: camera_from_moon_w": (f"time_s,{place}", "0,1,2,3"),
