@@ -757,7 +757,7 @@ class Client {
     }
   }
 
-  static constexpr std::uint64_t kMostReserved = std::uint64_t(1) << 32;
+  static constexpr std::uint64_t kMostReserved = std::uint64_t(1) << 26;  // a header may claim what never comes
 
   std::string origin_, prefix_, token_;
   std::chrono::milliseconds timeout_;

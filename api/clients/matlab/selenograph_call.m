@@ -5,9 +5,9 @@ function answer = selenograph_call(service, method, path, request, accept)
 %   ('application/json'). answer: status, body (uint8 row), headers (names in lower case, '-' as '_').
 %
 %   A refusal is the error selenograph:refused, whose message has status, title, detail and a line for each offending
-%   member; selenograph_problem() then returns the service's document. 429 and 503 with Retry-After are repeated after
-%   that time, a connection that breaks up to twice (no call changes anything in the service), all within the timeout.
-%   What doesn't come then is selenograph:no_answer, and what can't be read selenograph:bad_answer.
+%   member; selenograph_problem() then returns the service's document. 429 and 503 with Retry-After (in seconds) are
+%   repeated after that time, a connection that breaks up to twice (no call changes anything in the service), all
+%   within the timeout. What doesn't come then is selenograph:no_answer, and what can't be read selenograph:bad_answer.
   if nargin < 5, accept = 'application/json'; end
   service = selenograph_service(service);
   body = '';
