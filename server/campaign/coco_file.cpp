@@ -22,6 +22,9 @@ std::string text_of(const OrderedJson& json) {
   return json.dump(-1, ' ', false, OrderedJson::error_handler_t::replace);
 }
 
+// Masks are of uint16: numbers of annotations in a frame are below.
+constexpr std::size_t kNumbersPerFrame = 65536;
+
 // Where a frame's .npz is.
 struct Place {
   std::string file;  // of the folder
@@ -51,9 +54,11 @@ class CocoWriter {
     if (in_tar) image["tar"] = place.file;
     images_.push_back(std::move(image));
     for (OrderedJson& annotation : labels.at("annotations")) {
-      annotation["id"] = ++tally.annotations;
+      const auto mask_id = annotation.at("id").get<std::size_t>();
+      annotation["id"] = line.number * kNumbersPerFrame + mask_id;
       annotation["image_id"] = line.number;
-      text_ += (tally.annotations > 1 ? ",\n" : "\n") + text_of(annotation);
+      annotation["mask_id"] = mask_id;
+      text_ += (tally.annotations++ > 0 ? ",\n" : "\n") + text_of(annotation);
     }
     ++tally.images;
     constexpr std::size_t kPiece = std::size_t{4} << 20;

@@ -98,7 +98,7 @@ void write_labels(const Manifest& manifest, const CampaignOptions& options, cons
   const CocoTally tally = write_coco(lines, Record(options.folder, &run), options.shard, options.folder, stop);
   fmt::print("{}: {} annotations of {} frames\n", tally.path, tally.annotations, tally.images);
   if (tally.without > 0)
-    fmt::print("{} frames have no labels: their requests have no \"labels\": true\n", tally.without);
+    fmt::print("{} frames are left out: their requests have no \"labels\": true, or several cameras\n", tally.without);
 }
 
 // A line with its name, wherever it stands in another manifest.

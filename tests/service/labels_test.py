@@ -207,7 +207,7 @@ class Labels(harness.WithService):
         texts = {}
         for form, options in (("npz", ()), ("webdataset", ("--frames-per-tar", "3"))):
             folder = harness.path("labels-" + form)
-            listed = {}
+            listed, ids = {}, []
             for shard in ("0/2", "1/2"):
                 for again in range(2):  # a second time nothing is rendered
                     done = run("batch", manifest, "-o", folder, "--format", form, *options, "--shard", shard, "--coco", "--dem", DEM,
@@ -218,12 +218,14 @@ class Labels(harness.WithService):
                         text = file.read()
                     self.assertEqual(texts.setdefault(path, text), text)
                 document = json.loads(text)
-                ids = [a["id"] for a in document["annotations"]]
-                self.assertEqual(ids, list(range(1, len(ids) + 1)))
+                ids += [a["id"] for a in document["annotations"]]
                 for image in document["images"]:
-                    own = {"id": 0, "image_id": 0}
-                    mine = [{**a, **own} for a in document["annotations"] if a["image_id"] == image["id"]]
-                    self.assertEqual(mine, [{**a, **own} for a in expected[image["id"]]["annotations"]])
+                    mine = [a for a in document["annotations"] if a["image_id"] == image["id"]]
+                    self.assertEqual([a["id"] for a in mine], [65536 * image["id"] + a["mask_id"] for a in mine])
+                    own = [{**a, "id": a["mask_id"], "image_id": 1} for a in mine]
+                    for annotation in own:
+                        del annotation["mask_id"]
+                    self.assertEqual(own, expected[image["id"]]["annotations"])
                     self.assertEqual(image["file_name"], f"view-{image['id'] - 1}.npz")
                     listed[image["id"]] = image
                     if form == "webdataset":
@@ -231,6 +233,7 @@ class Labels(harness.WithService):
                             self.assertIn(image["file_name"], tar.getnames())
                 self.assertEqual(document["categories"], expected[1]["categories"])
             self.assertEqual(set(listed), set(expected))
+            self.assertEqual(len(ids), len(set(ids)))
             self.assertEqual(glob.glob(os.path.join(folder, "*.part")), [])
             verified = run("batch", "verify", manifest, "-o", folder)
             self.assertEqual(verified.returncode, 2, verified.stdout)  # the bad line alone
