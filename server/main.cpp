@@ -123,8 +123,10 @@ void suggest(const CLI::App& app, int argc, char** argv) {
       for (const CLI::Option* option : command->get_options())
         for (const std::string& name : option->get_lnames()) known.push_back("--" + name);
       const std::string name = word.substr(0, word.find('='));
-      if (std::ranges::find(known, name) == known.end()) return print_nearest(name, known);
-      continue;
+      if (std::ranges::find(known, name) != known.end()) continue;
+      if (const CLI::App* parent = command->get_parent(); parent && parent->get_option_no_throw(name))
+        return say(fmt::format("{}: is an option of {}, not of {}\n", name, parent->get_name(), command->get_name()));
+      return print_nearest(name, known);
     }
     const auto commands = command->get_subcommands([](const CLI::App*) { return true; });
     const auto next = std::ranges::find(commands, word, [](const CLI::App* c) { return c->get_name(); });

@@ -103,10 +103,18 @@ GrowingFile::~GrowingFile() { ::close(file_); }
 
 void GrowingFile::fail(int error) const { fail_at(path_, error); }
 
+bool GrowingFile::has_its_name() const {
+  struct stat opened {};
+  struct stat named {};
+  return ::fstat(file_, &opened) == 0 && ::stat(path_.c_str(), &named) == 0 && opened.st_dev == named.st_dev &&
+         opened.st_ino == named.st_ino;
+}
+
 void GrowingFile::append(std::string_view bytes) {
   if (::lseek(file_, static_cast<off_t>(size_), SEEK_SET) < 0) fail(errno);
   int error = write_all(file_, bytes);
   if (error == 0 && ::fdatasync(file_) != 0) error = errno;
+  if (error == 0 && !has_its_name()) throw std::runtime_error(path_ + ": was removed or replaced while it was written");
   if (error != 0) {
     [[maybe_unused]] const int cut = ::ftruncate(file_, static_cast<off_t>(size_));
     fail(error);

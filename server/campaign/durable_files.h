@@ -28,7 +28,8 @@ class GrowingFile {
 
   const std::string& path() const { return path_; }
   std::uint64_t size() const { return size_; }
-  // Appends bytes; on disk when this returns. On failure a partial append is truncated.
+  // Appends bytes; on disk when this returns. On failure a partial append is truncated. Throws, too, if the file's name
+  // is gone or another file has it: nobody would find the bytes, and the lock would keep nobody out.
   void append(std::string_view bytes);
   void cut(std::uint64_t size);
   // Up to `count` bytes from `offset`; fewer at the end.
@@ -36,6 +37,7 @@ class GrowingFile {
 
  private:
   [[noreturn]] void fail(int error) const;
+  bool has_its_name() const;
   std::string path_;
   int file_ = -1;
   std::uint64_t size_ = 0;

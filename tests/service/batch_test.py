@@ -114,13 +114,14 @@ class Batch(unittest.TestCase):
         self.assertEqual(done.returncode, status, done.stdout + done.stderr)
 
     def interrupted(self, arguments, enough, how):
-        """Starts the command, sends the signal when enough() says so; returns the exit status, and what it said."""
+        """Starts the command, sends the signal (or calls what is to be done) when enough() says so; returns the exit
+        status, and what it said."""
         with subprocess.Popen([BINARY, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
             give_up = time.monotonic() + PATIENCE_S
             while process.poll() is None and not enough() and time.monotonic() < give_up:
                 time.sleep(0.001)
             if process.poll() is None:
-                process.send_signal(how)
+                how() if callable(how) else process.send_signal(how)
             said = process.communicate(timeout=PATIENCE_S)[0]
             return process.returncode, said
 
@@ -212,6 +213,9 @@ class Frames(Batch):
                 done = batch(path, "out", *options)
                 self.assertNotEqual(done.returncode, 0)
                 self.assertIn(word, done.stderr)
+        misplaced = run("batch", "verify", path, "-o", harness.path("out"), "--format", "npz")
+        self.assertGreater(misplaced.returncode, 100)
+        self.assertIn("--format: is an option of batch, not of verify", misplaced.stderr)
         for done in (batch(harness.path("nowhere.jsonl"), "out"), batch(manifest([], "empty.jsonl"), "out"), run("batch", path)):
             self.assert_status(done, AGAIN)
             self.assertIn("error: ", done.stderr)
@@ -323,6 +327,15 @@ class Interrupted(Batch):
             self.assertIn("another process writes it", refused.stderr)
             self.assert_status(batch(self.path, "out", "--shard", "0/2"), DONE)
         self.assertEqual(len(contents("out", ".npz")), 30)
+
+    def test_a_journal_that_goes_away(self):
+        """What is done is noted nowhere then, and nobody is locked out."""
+        path = harness.path("out", "journal-00000-of-00001.jsonl")
+        for change in (lambda: os.remove(path), lambda: os.replace(shutil.copy(path, path + ".copy"), path)):
+            self.remove("out")
+            status, said = self.interrupted(command(self.path, "out"), lambda: self.entries("out") > 0, change)
+            self.assertEqual(status, AGAIN, said)
+            self.assertIn(path + ": was removed or replaced while it was written", said)
 
     def test_no_room(self):
         """A frame's file, and then the journal, over the limit for files: as a full disk."""
