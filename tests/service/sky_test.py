@@ -6,6 +6,7 @@ import json
 import math
 import os
 import random
+import resource
 import subprocess
 import sys
 import unittest
@@ -56,11 +57,11 @@ def tearDownModule():
 
 
 class Catalogues(unittest.TestCase):
-    """deploy/stars, before it downloads anything."""
+    """deploy/stars, without a download."""
 
-    def refused(self, *options, **environment):
+    def refused(self, *options, before=None, **environment):
         done = subprocess.run([os.path.join(harness.REPOSITORY, "deploy", "stars"), "bright", *options], capture_output=True,
-                              text=True, timeout=harness.PATIENCE_S, env={**os.environ, **environment})
+                              text=True, timeout=harness.PATIENCE_S, env={**os.environ, **environment}, preexec_fn=before)
         self.assertNotEqual(done.returncode, 0)
         self.assertNotIn("Traceback", done.stderr)
         return done.stderr
@@ -70,6 +71,20 @@ class Catalogues(unittest.TestCase):
         self.assertIn("nan is no number", self.refused("--magnitude-limit", "nan"))
         os.symlink(sys.executable, path("python3"))
         self.assertIn("there is no apt-get", self.refused("-o", path("bright.csv"), PATH=path()))
+
+    def test_no_room(self):
+        """The catalogue is over the limit for files: as a full disk."""
+        os.makedirs(path("tools"))
+        for tool, does in (("apt-get", ": > package.deb"), ("dpkg-deb", "seq -f '10 5 3 \"\" %g' 5000 > \"$3/BSC\"")):
+            harness.write(os.path.join("tools", tool), f"#!/bin/sh\n{does}\n")
+            os.chmod(path("tools", tool), 0o755)
+        harness.write("bright.csv", "of before")
+        said = self.refused("-o", path("bright.csv"), PATH=path("tools") + os.pathsep + os.environ["PATH"],
+                            before=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000)))
+        self.assertEqual(said, f"deploy/stars: -o {path('bright.csv')}: File too large\n")
+        self.assertFalse(os.path.exists(path("bright.csv.part")))
+        with open(path("bright.csv"), encoding="ascii") as file:
+            self.assertEqual(file.read(), "of before")
 
 
 def sky(**changes):
