@@ -62,6 +62,9 @@ class Handler(http.server.BaseHTTPRequestHandler):
             self.send_header("Location", "/moved/" + path)
             self.send_header("Content-Length", "0")
             return self.end_headers()
+        if fault == "silent":
+            self.close_connection = True
+            return None
         if fault == "busy":
             return self.answer(503, b"later")
         content, tag, start = archive.files[path], f'"{archive.version}"', 0
@@ -149,6 +152,25 @@ class Downloads(unittest.TestCase):
             self.assertEqual(status, 200, body[:300])
         finally:
             service.stop()
+
+    def test_where_no_server_answers_it_gives_up_soon(self):
+        self.archive.faults = {self.image: ["silent"] * 6, self.label: ["silent"] * 6}
+        _, said = self.get(status=1)
+        self.assertEqual(said.count("; trying again"), 1, said)
+        self.assertLessEqual(len(self.archive.asked), 2 * 3)
+        self.assertEqual(said.count("; the same command resumes"), 2, said)
+        # One that has answered may be silent for longer.
+        self.archive.faults = {self.image: ["silent"] * 5}
+        _, said = self.get("--jobs", "1")
+        self.assertEqual(said.count("; trying again"), 1, said)
+        self.archive.shutdown()
+        self.archive.server_close()
+        self.folder += "-closed"
+        self.assertIn("Connection refused; trying again", self.get(status=1)[1])
+
+    def test_a_refused_region_leaves_no_folder(self):
+        self.get(region=("--bounds", "1", "0", "0", "1"), status=1)
+        self.assertFalse(os.path.exists(self.folder))
 
     def test_missing_files_are_named_and_others_come(self):
         del self.archive.files[self.image]
