@@ -136,10 +136,13 @@ OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, c
                                   std::move(warnings), covered, nullptr, &query});
 }
 
-void check_map_answer(const MapQuery& query, std::string_view media_type) {
-  if (media_type != "image/png") return;
+bool holds_map(const MapQuery& query, std::string_view media_type) {
   const engine::ProductSet products = query.request.products;
-  if (std::has_single_bit(products) && products != engine::kNormal) return;
+  return media_type != "image/png" || (std::has_single_bit(products) && products != engine::kNormal);
+}
+
+void check_map_answer(const MapQuery& query, std::string_view media_type) {
+  if (holds_map(query, media_type)) return;
   const std::string what = "image/png holds exactly one product, and not normal";
   throw RequestError("invalid_request", what, {{"/products", what + "; image/tiff and application/x-npz hold all"}});
 }

@@ -39,6 +39,8 @@ OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, c
 std::string encode_map(const MapQuery& query, const engine::Map& map, const std::string& hash,
                        std::string_view media_type, const StopToken& stop = {});
 void check_map_answer(const MapQuery& query, std::string_view media_type);
+// Whether a media type of kMapAnswers can hold the products.
+bool holds_map(const MapQuery& query, std::string_view media_type);
 
 // Mean of `lit` over a series, as a GeoTIFF with one band `illumination_fraction`.
 std::string encode_illumination(const MapQuery& query, std::span<const float> fraction, const OrderedJson& meta);

@@ -5,6 +5,7 @@
 #include <bit>
 #include <charconv>
 #include <optional>
+#include <utility>
 
 #include "api/message/problem.h"
 
@@ -139,14 +140,17 @@ const Representation& representation(Format format) {
 
 bool accepts(const std::string& accept, std::string_view media_type) { return Accept(accept).q(media_type) > 0; }
 
-std::string_view choose(const std::string& accept, std::span<const Alternative> alternatives) {
+std::string_view choose(const std::string& accept, std::span<const Alternative> alternatives,
+                        const std::function<bool(std::string_view)>& holds) {
   const Accept allowed(accept);
   const Alternative* best = nullptr;
-  double best_q = 0;
+  std::pair best_rank{false, 0.0};
   std::string all;
   for (const Alternative& a : alternatives) {
     all += (all.empty() ? "" : ", ") + std::string(a.media_type);
-    if (const double q = allowed.q(a.media_type); q > best_q) best = &a, best_q = q;
+    const double q = allowed.q(a.media_type);
+    const std::pair rank{q > 0 && (!holds || holds(a.media_type)), q};
+    if (rank > best_rank) best = &a, best_rank = rank;
   }
   if (!best) throw RequestError("not_acceptable", "there is " + all + "; Accept allows none of them");
   return best->media_type;

@@ -1,6 +1,7 @@
 // Content negotiation: the table of representations, and the Accept header (RFC 9110, 12.5.1).
 #pragma once
 
+#include <functional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -35,8 +36,11 @@ inline constexpr Alternative kRoundTripAnswers[] = {
     {"application/json", "the statistics"},
     {"image/tiff", "the differences as GeoTIFF: float32 metres, NaN where nothing was compared"},
 };
-// The representation with the highest weight in `accept`; the first among equals. Throws RequestError "not_acceptable".
-std::string_view choose(const std::string& accept, std::span<const Alternative> alternatives);
+// The representation with the highest weight in `accept`; the first among equals. Those that don't hold the answer
+// are passed over: one is returned only where no other is accepted, for the caller to refuse. Empty `holds`: all do.
+// Throws RequestError "not_acceptable".
+std::string_view choose(const std::string& accept, std::span<const Alternative> alternatives,
+                        const std::function<bool(std::string_view)>& holds = {});
 
 // Whether `accept` allows a media type. Empty means anything.
 bool accepts(const std::string& accept, std::string_view media_type);

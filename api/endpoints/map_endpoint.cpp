@@ -27,9 +27,10 @@ engine::Map draw(const MapQuery& query, const EndpointContext& context) {
 }  // namespace
 
 Response answer_maps(const EndpointContext& context) {
-  const std::string_view media_type =
-      choose(header(context.request, "accept"), std::span<const Alternative>(kMapAnswers));
   const MapQuery query = read_map(json_body(context), context.limits, context.assets, context.stop);
+  const std::string_view media_type =
+      choose(header(context.request, "accept"), std::span<const Alternative>(kMapAnswers),
+             [&](std::string_view one) { return holds_map(query, one); });
   check_map_answer(query, media_type);
   const std::string hash = content_hash(query, context.renderer.scene_bytes(),
                                         context.renderer.terrain().catalogue().fingerprint(), media_type);
