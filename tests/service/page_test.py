@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""The pages for people: who gets them, and in a real browser that a drag changes the frame and that what is copied gives
-the same bytes. Needs chromium-driver, python3-selenium and python3-scipy for the latter. SELENOGRAPH_SCREENSHOTS names a
-folder for pictures of the pages."""
+"""The pages for people: who gets them, that the script of /docs runs and so do its examples, and in a real browser that a
+drag changes the frame and that what is copied gives the same bytes. Needs nodejs for the one, chromium-driver,
+python3-selenium and python3-scipy for the other. SELENOGRAPH_SCREENSHOTS names a folder for pictures of the pages."""
 
 import glob
 import hashlib
@@ -79,6 +79,48 @@ class WhoGetsThem(unittest.TestCase):
         for name in ("page.html", "docs.html"):
             self.assertNotIn(b"http://", source(name))
             self.assertNotIn(b"https://", source(name))
+
+
+@unittest.skipUnless(shutil.which("node"), "needs nodejs")
+class DocsWithoutABrowser(unittest.TestCase):
+    """tests/service/docs_page.js runs the page's script and presses each "send"."""
+
+    @classmethod
+    def setUpClass(cls):
+        service = harness.Service("--assets-dir", os.path.join(harness.REPOSITORY, "deploy", "assets"))
+        cls.document = json.loads(service.ask("GET", "/openapi.json")[2])
+        script = os.path.join(os.path.dirname(os.path.abspath(__file__)), "docs_page.js")
+        done = subprocess.run(["node", script, f"http://127.0.0.1:{service.port}"], stdout=subprocess.PIPE,
+                              stderr=subprocess.PIPE, text=True, timeout=harness.PATIENCE_S)
+        service.stop()
+        if done.returncode:
+            raise AssertionError(done.stderr)
+        cls.page = json.loads(done.stdout)
+
+    def test_each_call_and_object_has_a_section_and_each_link_a_target(self):
+        ids = self.page["ids"]
+        self.assertEqual(len(ids), len(set(ids)))
+        for operations in self.document["paths"].values():
+            for operation in operations.values():
+                self.assertIn(operation["operationId"], ids)
+        for name in self.document["components"]["schemas"]:
+            self.assertIn("object-" + name, ids)
+        for href in self.page["links"]:
+            self.assertTrue(href.startswith("/") or href[1:] in ids, href)
+
+    def test_each_example_runs_where_this_terrain_is(self):
+        examples = [f"example: {name}" for operations in self.document["paths"].values() for operation in operations.values()
+                    for content in operation.get("requestBody", {}).get("content", {}).values() for name in content.get("examples", ())]
+        self.assertEqual([box["name"] for box in self.page["boxes"] if box["request"]], examples)
+        for box in self.page["boxes"]:
+            with self.subTest(call=box["call"], name=box["name"]):
+                if "{hash}" in box["call"]:
+                    self.assertIn("{hash}", box["said"])
+                    continue
+                self.assertEqual(box["status"], 200, box["said"])
+                self.assertTrue(box["missing"] < 0.9 or box["name"] == "example: illumination")  # that is at the pole
+                if "/v1/rays" in box["call"]:
+                    self.assertIn('"hit": true', box["said"])
 
 
 def browser():
@@ -237,9 +279,11 @@ class InABrowser(unittest.TestCase):
         self.assertTrue(0 < sunrise < 8, sunrise)
         self.assertGreater(noon, 80)
         self.assertLess(night, -60)
-        self.set("utc", "2027-01-01T00:00:00Z")
-        self.wait(lambda: self.browser.execute_script("return asked.sun.utc") == "2027-01-01T00:00:00Z")
-        # With a time the sky and the Earth's light have an epoch.
+        self.changes(lambda: self.set("utc", "2027-01-01T00:00:00Z"))
+        self.assertEqual(self.browser.execute_script("return asked.sun.utc"), "2027-01-01T00:00:00Z")
+        # With a time the sky and the Earth's light have an epoch. Stars are above the horizon, and too faint for 8 bits.
+        self.changes(lambda: self.set("tilt_deg_number", "60"))
+        self.changes(lambda: self.set("product", "radiance"))
         for switch in ("sky", "indirect"):
             self.assertTrue(self.changes(lambda: self.browser.find_element(By.ID, switch).click()), switch)
         asked = self.browser.execute_script("return asked")
@@ -311,6 +355,58 @@ class InABrowser(unittest.TestCase):
             self.assertEqual(hashlib.sha256(f.read()).hexdigest(), self.data("frameSha256"))
         self.browser.find_element(By.CSS_SELECTOR, "[data-as=json]").click()
         json.loads(self.browser.find_element(By.ID, "copied").get_attribute("value"))
+        # A box adds true and false, which Python spells otherwise.
+        self.changes(lambda: self.browser.find_element(By.ID, "indirect").click())
+        self.browser.find_element(By.CSS_SELECTOR, "[data-as=python]").click()
+        program = self.browser.find_element(By.ID, "copied").get_attribute("value")
+        check = '\nimport hashlib\nprint(hashlib.sha256(frame["radiance"].tobytes()).hexdigest())'
+        client = os.path.join(harness.REPOSITORY, "api", "clients", "python")
+        done = subprocess.run([sys.executable, "-c", program + check], stdout=subprocess.PIPE, text=True, check=True,
+                              timeout=harness.PATIENCE_S, env=dict(os.environ, PYTHONPATH=client))
+        self.assertEqual(done.stdout.split()[-1], self.data("frameSha256"))
+
+    def test_a_map_of_what_the_sun_reaches_follows_the_sun(self):
+        self.open()
+        self.wait(lambda: self.data("maps"))
+
+        def drawn(act):
+            maps = self.data("maps")
+            act()
+            self.wait(lambda: self.data("maps") != maps)
+            return self.browser.execute_script("return document.getElementById('map').toDataURL()")
+
+        evening = drawn(lambda: self.set("map-product", "lit"))
+        self.assertNotEqual(drawn(lambda: self.set("sun_elevation_deg_number", "2")), evening)
+
+    def test_epochs_are_read_as_the_service_reads_them(self):
+        self.browser.execute_cdp_cmd("Emulation.setTimezoneOverride", {"timezoneId": "Asia/Karachi"})
+        self.addCleanup(self.browser.execute_cdp_cmd, "Emulation.setTimezoneOverride", {"timezoneId": ""})
+        self.open()
+        for epoch in ("2026-11-20T00:00:00Z", "2026-11-20T00:00:00", "2026-324T00:00:00Z"):
+            self.assertEqual(self.browser.execute_script("setTime(arguments[0]); return utcText(day_start)", epoch), "2026-11-20T00:00:00Z")
+
+    def test_what_is_no_focal_length_changes_nothing(self):
+        self.open()
+        for field in ("focal_mm", "pitch_um"):
+            for wrong in ("0", "-3", ""):
+                self.set(field, wrong)
+                self.assertEqual(self.browser.execute_script("return camera.fov_deg"), 50)
+        self.set("pitch_um", "5.5")
+        self.assertAlmostEqual(float(self.browser.find_element(By.ID, "focal_mm").get_attribute("value")), 3.01942, 4)
+
+    def test_a_map_goes_around_the_moon(self):
+        self.open()
+        self.assertEqual(self.browser.execute_script("""
+            const at = [-20, 700, 1060].map(deg => { area.lon = camera.lon_deg + deg; return x_of(camera.lon_deg).toFixed(3); });
+            return new Set(at).size"""), 1)
+
+    def test_fields_and_pictures_have_names(self):
+        self.open()
+        nodes = self.browser.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
+        roles = {"slider", "spinbutton", "textbox", "checkbox", "radio", "button", "combobox", "img", "image", "Canvas"}
+        named = [n.get("name", {}).get("value") for n in nodes if n.get("role", {}).get("value") in roles and not n["ignored"]]
+        self.assertGreater(len(named), 30)
+        self.assertEqual([name for name in named if not name], [])
 
     def test_refusals_and_warnings_are_shown(self):
         self.open()
@@ -330,6 +426,8 @@ class InABrowser(unittest.TestCase):
         self.assertEqual(self.browser.execute_script("return camera.height_m"), 15000)
         self.browser.execute_script("play(new File(['a,b\\n1,2'], 'way.csv'))")
         self.wait(lambda: "either lat_deg, lon_deg, height_m or" in self.text("problem"))
+        self.browser.execute_script("play(new File(['lat_deg,lon_deg,height_m\\n0.1,30,-9000'], 'way.csv'))")
+        self.wait(lambda: "/pose" in self.text("problem") and self.text("state") == "refused")
 
     def test_a_trajectory_has_positions_attitudes_and_times(self):
         self.open()
