@@ -22,7 +22,7 @@ std::optional<double> map_scale_m(const PdsReader& map) {
 
 // MAP_RESOLUTION first: MAP_SCALE is printed rounded. A scale alone is brought back to the whole number it came from.
 double posts_per_degree(const PdsReader& map) {
-  double ppd = map.maybe("MAP_RESOLUTION").value_or(0);
+  double ppd = map.number_or("MAP_RESOLUTION", 0);
   if (ppd <= 0) {
     const auto scale = map_scale_m(map);
     if (!scale || *scale <= 0) map.fail("MAP_RESOLUTION and MAP_SCALE are both missing");
@@ -106,8 +106,8 @@ void check_axis(const PdsReader& label, const Axis& axis, double post, double si
 
 GeographicGrid cylindrical_grid(const PdsReader& label, const PdsReader& map, int width, int height) {
   const double ppd = posts_per_degree(map);
-  const double centre_lon = map.maybe("CENTER_LONGITUDE").value_or(0);
-  if (std::abs(map.maybe("CENTER_LATITUDE").value_or(0)) > 1e-9)
+  const double centre_lon = map.number_or("CENTER_LONGITUDE", 0);
+  if (std::abs(map.number_or("CENTER_LATITUDE", 0)) > 1e-9)
     map.fail("a cylindrical map with a CENTER_LATITUDE other than 0 is not supported");
 
   Axis rows{height, map.maybe("LINE_PROJECTION_OFFSET"), {}, {}, 0};
@@ -146,7 +146,7 @@ PlaneGrid polar_grid(const PdsReader& map, int width, int height) {
   PlaneGrid g;
   const double pole = map.number("CENTER_LATITUDE");
   if (std::abs(std::abs(pole) - 90) > 1e-9) map.fail("CENTER_LATITUDE of a polar map must be 90 or -90");
-  g.plane = {MapProjection::stereographic, pole > 0 ? 90.0 : -90.0, map.maybe("CENTER_LONGITUDE").value_or(0)};
+  g.plane = {MapProjection::stereographic, pole > 0 ? 90.0 : -90.0, map.number_or("CENTER_LONGITUDE", 0)};
   const auto scale = map_scale_m(map);
   g.spacing_m = scale ? *scale : kMetresPerDegree / posts_per_degree(map);
   if (!(g.spacing_m > 1e-3 && g.spacing_m < 1e6)) map.fail("MAP_SCALE is impossible");
@@ -158,10 +158,12 @@ PlaneGrid polar_grid(const PdsReader& map, int width, int height) {
 }  // namespace
 
 PostGrid pds_grid(const PdsReader& label, const PdsReader& map, int width, int height) {
-  const double radius_km = map.maybe("A_AXIS_RADIUS").value_or(kMoonRadius_m / 1000);
+  double radius_km = map.number_or("A_AXIS_RADIUS", kMoonRadius_m / 1000);
+  if (const PdsValue* radius = map.value("A_AXIS_RADIUS"); radius && upper_case(radius->unit).starts_with("M"))
+    radius_km /= 1000;
   if (std::abs(radius_km * 1000 - kMoonRadius_m) > 0.5)
     map.fail("its sphere of " + std::to_string(radius_km) + " km is not the Moon's 1737.4 km");
-  if (map.maybe("MAP_PROJECTION_ROTATION").value_or(0) != 0) map.fail("rotated maps are not supported");
+  if (map.number_or("MAP_PROJECTION_ROTATION", 0) != 0) map.fail("rotated maps are not supported");
   if (map.word("POSITIVE_LONGITUDE_DIRECTION") == "WEST") map.fail("west-positive longitudes are not supported");
   std::string type = map.word("MAP_PROJECTION_TYPE");
   std::replace(type.begin(), type.end(), '_', ' ');

@@ -3,6 +3,8 @@
 #include <bit>
 #include <cmath>
 #include <filesystem>
+#include <optional>
+#include <string_view>
 
 #include "dem/files/pds_grid.h"
 
@@ -33,11 +35,28 @@ RawSample sample_type(const PdsReader& image) {
   return s;
 }
 
+std::optional<double> metres(std::string_view unit) {
+  if (unit == "M" || unit.starts_with("MET")) return 1;
+  if (unit == "KM" || unit.starts_with("KILOMET")) return 1000;
+  return std::nullopt;
+}
+
 double unit_in_metres(const PdsReader& image) {
   const std::string unit = image.word("UNIT");
-  if (unit.empty() || unit == "N/A" || unit == "M" || unit.starts_with("MET")) return 1;
-  if (unit == "KM" || unit.starts_with("KILOMET")) return 1000;
+  if (unit.empty() || unit == "N/A") return 1;
+  if (const auto m = metres(unit)) return *m;
   image.no_heights("is not about heights: its UNIT is '" + unit + "'");
+}
+
+// SCALING_FACTOR or OFFSET in the image's unit; it may have one of its own (km, m/DN).
+double in_unit(const PdsReader& image, const char* keyword, double otherwise, double unit_m) {
+  const double x = image.number_or(keyword, otherwise);
+  const PdsValue* value = image.value(keyword);
+  if (!value || value->unit.empty()) return x;
+  const std::string unit = upper_case(value->unit);
+  const auto own_m = metres(std::string_view(unit).substr(0, unit.find('/')));
+  if (!own_m) image.fail(std::string(keyword) + " has a unit that is no height: '" + value->unit + "'");
+  return x * (*own_m / unit_m);
 }
 
 // A bit pattern such as 16#FF7FFFFB# stands for the real number with those bits.
@@ -128,15 +147,15 @@ RawImage describe_pds_image(const PdsObject& label, const std::string& label_pat
   out.unit_m = unit_in_metres(image);
   out.width = image.count("LINE_SAMPLES");
   out.height = image.count("LINES");
-  if (image.maybe("BANDS").value_or(1) != 1) image.no_heights("has several BANDS; a height map has one");
+  if (image.number_or("BANDS", 1) != 1) image.no_heights("has several BANDS; a height map has one");
   out.sample = sample_type(image);
-  out.scale = image.maybe("SCALING_FACTOR").value_or(1);
-  out.offset = image.maybe("OFFSET").value_or(0);
+  out.scale = in_unit(image, "SCALING_FACTOR", 1, out.unit_m);
+  out.offset = in_unit(image, "OFFSET", 0, out.unit_m);
   if (out.scale == 0) image.fail("SCALING_FACTOR is zero");
   out.voids = void_values(image, out.sample);
 
-  const double prefix = image.maybe("LINE_PREFIX_BYTES").value_or(0);
-  const double suffix = image.maybe("LINE_SUFFIX_BYTES").value_or(0);
+  const double prefix = image.number_or("LINE_PREFIX_BYTES", 0);
+  const double suffix = image.number_or("LINE_SUFFIX_BYTES", 0);
   if (prefix < 0 || suffix < 0 || prefix + suffix > 1e6)
     image.fail("LINE_PREFIX_BYTES or LINE_SUFFIX_BYTES is impossible");
   out.row_bytes = static_cast<std::uint64_t>(out.width) * static_cast<std::uint64_t>(out.sample.bytes) +

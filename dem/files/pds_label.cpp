@@ -221,9 +221,12 @@ namespace {
 std::optional<double> parse_number(std::string_view s) {
   if (!s.empty() && s.front() == '+') s.remove_prefix(1);
   if (const auto bits = parse_pds_based(s)) return static_cast<double>(*bits);
+  std::string text(s);
+  std::replace_if(
+      text.begin(), text.end(), [](char c) { return c == 'D' || c == 'd'; }, 'e');  // Fortran's exponent
   double x = 0;
-  const auto [end, error] = std::from_chars(s.data(), s.data() + s.size(), x);
-  if (error != std::errc() || end != s.data() + s.size() || !std::isfinite(x)) return std::nullopt;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), x);
+  if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(x)) return std::nullopt;
   return x;
 }
 

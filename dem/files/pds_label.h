@@ -59,6 +59,13 @@ class PdsReader {
     const PdsValue* v = object_.find_deep(keyword);
     return v ? v->number() : std::nullopt;
   }
+  // Where the keyword is missing or says that it has no value.
+  double number_or(std::string_view keyword, double otherwise) const {
+    if (const auto x = maybe(keyword)) return *x;
+    const std::string text = word(keyword);
+    if (text.empty() || text == "N/A" || text == "UNK" || text == "UNKNOWN" || text == "NULL") return otherwise;
+    fail(std::string(keyword) + " is no number: '" + text + "'");
+  }
   double number(std::string_view keyword) const {
     if (const auto x = maybe(keyword)) return *x;
     throw DataError(path_, std::string(keyword) + " is missing or not a number");

@@ -246,6 +246,31 @@ TEST(PdsLabel, PointersAndFiles) {
   EXPECT_NE(product.complaint(LabelText{}, 1799).find("tile.img is truncated"), std::string::npos);
 }
 
+// What is there and can't be read is no default: heights would be wrong, and nobody would know.
+TEST(PdsLabel, ScaleOffsetAndRadiusAreReadOrRefused) {
+  Product product;
+  const auto with = [&](const std::string& line) {
+    LabelText text;
+    text.image = line;
+    return text;
+  };
+  EXPECT_EQ(product.describe(with("SCALING_FACTOR = 5.0D-01\nOFFSET = \"N/A\"\n")).scale, 0.5);
+  EXPECT_EQ(product.describe(with("SCALING_FACTOR = 0.5 <m/DN>\nUNIT = METER\n")).scale, 0.5);
+  EXPECT_EQ(product.describe(with("OFFSET = 1737.4 <km>\nUNIT = \"m\"\n")).offset, 1737400);
+  EXPECT_EQ(product.describe(with("OFFSET = 1737.4 <km>\nUNIT = KILOMETER\n")).offset, 1737.4);
+  EXPECT_EQ(product.describe(with("OFFSET = 1737400 <m>\nUNIT = \"km\"\n")).offset, 1737.4);
+  for (const char* line : {"SCALING_FACTOR = HALF", "SCALING_FACTOR = nan", "OFFSET = \"1737,4\"", "BANDS = one",
+                           "OFFSET = 1737.4 <mile>", "SCALING_FACTOR = 1 <s>"}) {
+    const std::string said = product.complaint(with(std::string(line) + "\n"));
+    EXPECT_NE(said.find(std::string(line).substr(0, std::string(line).find(' '))), std::string::npos) << said;
+  }
+  LabelText radius;
+  radius.map += "A_AXIS_RADIUS = 1737400 <m>\n";
+  EXPECT_EQ(product.complaint(radius), "no complaint");
+  radius.map += "CENTER_LONGITUDE = east\n";
+  EXPECT_NE(product.complaint(radius).find("CENTER_LONGITUDE"), std::string::npos);
+}
+
 TEST(PdsLabel, RejectsUnsupportedLabels) {
   Product product;
   const auto with_map = [&](const std::string& line) {
