@@ -4,7 +4,9 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <map>
+#include <variant>
 
 #include "dem/gdal/raster.h"
 #include "dem/support/error.h"
@@ -12,43 +14,107 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr int kMostOctaves = 5, kSide = (2 << kMostOctaves) + 1;
-constexpr double kSteepest = 1.5;  // the power of what is resolved
+constexpr int kMostOctaves = 5, kSide = (2 << kMostOctaves) + 1, kWidestApart = 1 << kMostOctaves;
 
-// Mean squares of second differences over 1, 2, 4 .. posts.
+struct Mean {
+  double sum = 0, count = 0;
+
+  void add(double x) { sum += x, count += 1; }
+  double value() const { return count > 0 ? sum / count : 0; }
+};
+
+// Second differences along meridians.
 class SecondDifferences {
  public:
-  void add(const std::vector<float>& square) {
-    for (std::size_t octave = 0; octave < squares_.size(); ++octave) {
+  // `first_row`: counted from the same place in all files of a layer.
+  void add(const std::vector<float>& square, std::int64_t first_row) {
+    for (int octave = 0; octave <= kMostOctaves; ++octave) {
       const int apart = 1 << octave;
-      for (int y = apart; y + apart < kSide; ++y)
-        for (int x = 0; x < kSide; ++x) {
-          const auto at = [&](int row) {
-            return static_cast<double>(square[static_cast<std::size_t>(row * kSide + x)]);
-          };
-          const double d = at(y - apart) - 2 * at(y) + at(y + apart);
-          if (std::isnan(d)) continue;
-          squares_[octave].sum += d * d, squares_[octave].count += 1;
-        }
+      for (int y = apart; y + apart < kSide; ++y) add_row(square, octave, y, first_row + y);
     }
   }
-  // Less what steps of heights add: a twelfth of their square for each height, by its weight's square.
-  double mean_m2(std::size_t octave, double step_m) const {
-    const Mean& m = squares_[octave];
-    return m.count < 1000 ? 0 : m.sum / m.count - 0.5 * step_m * step_m;
+
+  // The spacing of lines between which heights are interpolated linearly; 1: there are none. There second differences
+  // over one post are but steps of heights, and on the lines more. Finds whole numbers of posts.
+  int kinks(double step_m) const {
+    int found = 1;
+    for (int posts = 2; posts <= kWidestApart; ++posts)
+      if (is_spacing_of_kinks(posts, step_m)) found = posts;  // those of 8 posts look like such of 2 and 4, too
+    return found;
+  }
+
+  // From their growth: 1, 2, 4 ..; 0: can't be measured.
+  int by_growth(double step_m) const {
+    // Of resolved ground they grow by less than this power; interpolated by bicubics, with the square, by 1.5 at least.
+    constexpr double kSteepest = 1.45;
+    constexpr double kSignal = 0.25;  // steps squared: on gentle ground their errors are not independent
+    const auto mean_m2 = [&](int octave) {
+      const Mean& m = squares_[static_cast<std::size_t>(octave)];
+      // Less what steps add: a twelfth of their square for each height, by its weight's square.
+      return m.count < 1000 ? 0 : m.value() - 0.5 * step_m * step_m;
+    };
+    int first = 0;
+    while (first < kMostOctaves && !(mean_m2(first) > kSignal * step_m * step_m)) ++first;
+    int last = first;
+    while (last < kMostOctaves && std::log2(mean_m2(last + 1) / mean_m2(last)) / 2 >= kSteepest) ++last;
+    // What steps hide below the first is interpolated if the first is.
+    return last > first || first == 0 ? 1 << last : 0;
   }
 
  private:
-  struct Mean {
-    double sum = 0, count = 0;
-  };
+  void add_row(const std::vector<float>& square, int octave, int y, std::int64_t row) {
+    Mean absolute;
+    for (int x = 0; x < kSide; ++x) {
+      const auto at = [&](int r) {
+        return static_cast<double>(square[static_cast<std::size_t>((y + r * (1 << octave)) * kSide + x)]);
+      };
+      const double d = at(-1) - 2 * at(0) + at(1);
+      if (std::isnan(d)) continue;
+      squares_[static_cast<std::size_t>(octave)].add(d * d);
+      absolute.add(std::abs(d));
+    }
+    if (octave > 0) return;
+    for (int posts = 2; posts <= kWidestApart; ++posts) {
+      const std::int64_t phase = (row % posts + posts) % posts;
+      Mean& rows = rows_[static_cast<std::size_t>(posts)][static_cast<std::size_t>(phase)];
+      rows.sum += absolute.sum, rows.count += absolute.count;
+    }
+  }
+
+  bool is_spacing_of_kinks(int posts, double step_m) const {
+    std::vector<double> means;
+    for (int phase = 0; phase < posts; ++phase) {
+      const Mean& rows = rows_[static_cast<std::size_t>(posts)][static_cast<std::size_t>(phase)];
+      if (rows.count < 1000) return false;
+      means.push_back(rows.value());
+    }
+    std::sort(means.begin(), means.end());
+    const double between = means[(means.size() - 1) / 2], on_lines = means.back() - between;
+    double all = 0;
+    for (const double mean : means) all += std::max(mean - between, 0.0);
+    // Steps alone make 0.5 in the mean, less on gentle ground, where they lie in patterns.
+    const bool steps_alone = between - 0.6 * step_m < 0.25 * on_lines, gentle = between < 0.45 * step_m;
+    return steps_alone && !gentle && on_lines > 0.1 * between && on_lines > 0.6 * all;
+  }
+
   std::array<Mean, kMostOctaves + 1> squares_;
+  std::array<std::array<Mean, kWidestApart>, kWidestApart + 1>
+      rows_;  // absolute ones over one post, by row modulo posts
 };
+
+// Of its first post, in posts: the same place for all files of a layer, and of posts that are half a post beside it.
+std::int64_t first_row(const RasterInfo& info) {
+  const auto* degrees = std::get_if<GeographicGrid>(&info.grid);
+  const auto* plane = std::get_if<PlaneGrid>(&info.grid);
+  const double row =
+      degrees ? (90 - degrees->first_lat_deg) * degrees->lat_posts_per_degree : -plane->first_y_m / plane->spacing_m;
+  return static_cast<std::int64_t>(std::floor(row + 0.25));
+}
 
 }  // namespace
 
 NamedNumber parse_resolved_posts(const std::string& text) {
-  return parse_named_number(text, {"POSTS", 1, 1 << kMostOctaves});
+  return parse_named_number(text, {"POSTS", 1, kWidestApart});
 }
 
 int measured_resolved_posts(const Catalogue& catalogue, const std::vector<int>& files) {
@@ -65,18 +131,13 @@ int measured_resolved_posts(const Catalogue& catalogue, const std::vector<int>& 
     for (int k = i; k < kSquares; k += some) {
       // Places by an additive recurrence: even, and the same at every start.
       const double a = std::fmod(0.5 + k * 0.7548776662466927, 1.0), b = std::fmod(0.5 + k * 0.5698402909980532, 1.0);
-      raster.read(static_cast<int>(a * (info.width - kSide)), static_cast<int>(b * (info.height - kSide)), kSide, kSide,
-                  square.data());
-      differences.add(square);
+      const int x = static_cast<int>(a * (info.width - kSide)), y = static_cast<int>(b * (info.height - kSide));
+      raster.read(x, y, kSide, kSide, square.data());
+      differences.add(square, first_row(info) + y);
     }
   }
-  int octaves = 0;
-  for (; octaves < kMostOctaves; ++octaves) {
-    const auto k = static_cast<std::size_t>(octaves);
-    const double near_m2 = differences.mean_m2(k, step_m), far_m2 = differences.mean_m2(k + 1, step_m);
-    if (!(near_m2 > 0 && far_m2 > 0) || std::log2(far_m2 / near_m2) / 2 < kSteepest) break;
-  }
-  return 1 << octaves;
+  const int kinks = differences.kinks(step_m);
+  return kinks > 1 ? kinks : differences.by_growth(step_m);
 }
 
 std::vector<ResolvedLayer> resolve_posts(Catalogue& catalogue, const std::vector<NamedNumber>& settings) {
@@ -92,7 +153,8 @@ std::vector<ResolvedLayer> resolve_posts(Catalogue& catalogue, const std::vector
     for (const auto& [first, files] : layers) {
       if (!setting.value) measured.push_back({files.front(), measured_resolved_posts(catalogue, files)});
       for (const int file : files)
-        joins.resolved_posts[static_cast<std::size_t>(file)] = setting.value ? *setting.value : measured.back().posts;
+        joins.resolved_posts[static_cast<std::size_t>(file)] =
+            setting.value ? *setting.value : std::max(measured.back().posts, 1);
     }
   }
   catalogue.join_layers(std::move(joins));

@@ -1,6 +1,7 @@
 // Layers that meet: blended over a band, the same from any window; offsets given and fitted; steps along borders.
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <random>
 #include <stdexcept>
@@ -405,6 +406,92 @@ TEST(ResolvedPosts, AreSaidOrMeasured) {
   EXPECT_LE(found[1].posts, 4);
   EXPECT_NE(catalogue.fingerprint(), before);
   EXPECT_THROW(resolve_posts(catalogue, {{"other", 2}}), DataError);
+}
+
+// Self-affine ground of Hurst exponent 0.8, through every n-th post: linearly, or by Catmull and Rom.
+class Interpolated {
+ public:
+  Interpolated(int posts, bool linear) : posts_(posts), linear_(linear), side_(kSide / posts + 5) {
+    std::mt19937 random(3);
+    std::uniform_real_distribution<double> any(0, 360);
+    std::vector<double> known(static_cast<std::size_t>(side_ * side_));
+    for (double wave = 1.5 * posts; wave < 2 * kSide; wave *= 1.02) {
+      const double turn = any(random) * kRadiansPerDegree, phase = any(random),
+                   k = 360 * kRadiansPerDegree * posts / wave;
+      const double height = std::pow(wave, 0.8);
+      for (int y = 0; y < side_; ++y)
+        for (int x = 0; x < side_; ++x)
+          known[static_cast<std::size_t>(y * side_ + x)] +=
+              height * std::sin(k * (x * std::cos(turn) + y * std::sin(turn)) + phase);
+    }
+    for (int y = 0; y < kSide; ++y)
+      for (int x = 0; x < kSide; ++x) heights_.push_back(between(known, y, x));
+    double sum = 0;
+    for (int y = 4; y < kSide; ++y)
+      for (int x = 0; x < kSide; ++x) sum += std::pow((at(y, x) - at(y - 4, x)) / 4, 2);
+    rise_ = std::sqrt(sum / (kSide * (kSide - 4)));
+  }
+
+  static constexpr int kSide = 256;
+  // In posts of 7.4 m, of this slope over 4 of them.
+  double height_m(int y, int x, double slope_deg) const {
+    return at(y, x) / rise_ * 7.4 * std::tan(slope_deg * kRadiansPerDegree);
+  }
+
+ private:
+  double at(int y, int x) const { return heights_[static_cast<std::size_t>(y * kSide + x)]; }
+  std::array<double, 4> weights(double u) const {
+    if (linear_) return {0, 1 - u, u, 0};
+    return {u * (-0.5 + u * (1 - 0.5 * u)), 1 + u * u * (1.5 * u - 2.5), u * (0.5 + u * (2 - 1.5 * u)),
+            u * u * (0.5 * u - 0.5)};
+  }
+  double between(const std::vector<double>& known, int y, int x) const {
+    const auto rows = weights(y % posts_ / static_cast<double>(posts_)),
+               columns = weights(x % posts_ / static_cast<double>(posts_));
+    double sum = 0;
+    for (std::size_t r = 0; r < 4; ++r)
+      for (std::size_t c = 0; c < 4; ++c) {
+        const std::size_t row = static_cast<std::size_t>(y / posts_) + r,
+                          column = static_cast<std::size_t>(x / posts_) + c;
+        sum += rows[r] * columns[c] * known[row * static_cast<std::size_t>(side_) + column];
+      }
+    return sum;
+  }
+
+  int posts_;
+  bool linear_;
+  int side_;
+  std::vector<double> heights_;
+  double rise_ = 0;
+};
+
+// Whatever it was interpolated by, in whole metres, too. Where these hide it, nothing is claimed.
+TEST(ResolvedPosts, AreMeasuredInInterpolatedGround) {
+  constexpr int kPpd = Interpolated::kSide;
+  for (const int posts : {1, 2, 4, 8, 16})
+    for (const bool linear : {true, false}) {
+      if (posts == 16 && !linear) continue;  // growth wants more of them
+      const Interpolated ground(posts, linear);
+      for (const double slope_deg : {1.0, 2.0, 4.0, 8.0, 20.0}) {
+        const auto height_m = [&](double lat, double lon) {
+          return ground.height_m(static_cast<int>(std::lround((1 - lat) * kPpd)),
+                                 static_cast<int>(std::lround((lon - 3) * kPpd)), slope_deg);
+        };
+        for (const bool whole_metres : {false, true}) {
+          TemporaryFolder folder;
+          if (whole_metres)
+            test::write_kaguya_tile(folder.path(), 1, 3, 1, kPpd, height_m);
+          else
+            write_float_tile(folder.path(), "real", {1, 3, kPpd, kPpd, kPpd}, height_m);
+          const Catalogue catalogue(std::vector<std::string>{folder.path()});
+          const int found = measured_resolved_posts(catalogue, {0});
+          const std::string which = std::to_string(posts) + (linear ? " linear " : " cubic ") +
+                                    std::to_string(slope_deg) + (whole_metres ? " int16" : " float");
+          if (whole_metres && slope_deg < 4 && found == 0) continue;
+          EXPECT_EQ(found, posts) << which;
+        }
+      }
+    }
 }
 
 TEST(SideLayers, AreKnownByTheirNames) {
