@@ -86,7 +86,7 @@ const Answer<dem::Catalogue>& datasets_answer() {
     a.add(
         "problems",
         array(object("", {{"path", text("file or folder")}, {"what", text("what is wrong with it")}}, {"path", "what"}),
-              "files that can't be used"),
+              "files that can't be used, or not all of them"),
         [](const S& s) {
           OrderedJson list = OrderedJson::array();
           for (const auto& problem : s.problems()) list.push_back({{"path", problem.path}, {"what", problem.what}});

@@ -229,6 +229,7 @@ class Opening {
     bool other_product = false;
     try {
       out.raster = inspect_raster(file.path, &read);
+      if (!out.raster->gap.empty()) out.problem = {file.path, out.raster->gap, true, false};
     } catch (const NotHeights& e) {
       if (file.named) throw;
       out.problem = {file.path, e.what_is_wrong(), false, true};

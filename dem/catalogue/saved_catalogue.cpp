@@ -24,7 +24,7 @@ namespace fs = std::filesystem;
 
 constexpr char kMagic[8] = {'S', 'G', 'C', 'A', 'T', 'A', 'L', 'G'};
 // Raised when the same files give other findings, or findings other bytes.
-constexpr std::uint32_t kFormatVersion = 7;
+constexpr std::uint32_t kFormatVersion = 8;
 
 struct Header {
   char magic[8];
@@ -87,9 +87,9 @@ class Writer {
       visit(south, north, west, east);
     } else {
       auto& [path, name, format, width, height, grid, ppd, spacing, footprint, wraps, level, datum, quantisation,
-             void_value, bytes, modified, stamp, on_network, damage, synthetic, doubt] = info;
+             void_value, bytes, modified, stamp, on_network, damage, gap, synthetic, doubt] = info;
       visit(path, name, format, width, height, grid, ppd, spacing, footprint, wraps, level, datum, quantisation,
-            void_value, bytes, modified, stamp, on_network, damage, synthetic, doubt);
+            void_value, bytes, modified, stamp, on_network, damage, gap, synthetic, doubt);
     }
   }
 

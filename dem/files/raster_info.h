@@ -46,6 +46,7 @@ struct RasterInfo {
   std::uint64_t stamp = 0;           // hash of sizes and modification times of all its files
   bool on_network = false;           // it, or a source of a VRT, is remote: reads may take seconds
   std::string damage;                // why the posts of a located file cannot be read; empty: they can
+  std::string gap;                   // which of a VRT's sources are missing: posts there can't be read; empty: none
   bool synthetic = false;            // its label says that the terrain was generated: the sample terrain
   std::string doubt;                 // why its heights are probably in another unit; empty: no reason
 

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <cstdint>
+#include <utility>
 
 #include "dem/gdal/remote_names.h"
 #include "dem/gdal/vrt_sources.h"
@@ -67,6 +68,7 @@ OpenDataset open_dataset(const std::string& path, const char* const* drivers, Lo
       if (const DatasetPtr source = try_to_open(file, drivers))
         check_blocks(*source, look, path, "the source " + file + "'s ");
   open.remote |= sources.remote;
+  open.missing = std::move(sources.missing);
   return open;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <set>
 #include <string>
 
 #include "dem/gdal/library.h"
@@ -32,7 +33,8 @@ enum class Look { first, again };
 
 struct OpenDataset {
   DatasetPtr dataset;
-  bool remote = false;  // it, or a source of it, is on a network
+  bool remote = false;            // it, or a source of it, is on a network
+  std::set<std::string> missing;  // sources of a VRT that are not there
 };
 
 // Throws DataError naming `path` when it cannot be opened by one of `drivers`, vrt_sources() rejects it, or one of its

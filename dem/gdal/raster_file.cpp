@@ -249,6 +249,10 @@ RasterFile describe_gdal(const std::string& path, const RasterInfo* known, Damag
       open_dataset(path, is_remote(path) ? kRemoteDrivers : kDemDrivers, known ? Look::again : Look::first);
   s.dataset = std::move(open.dataset);
   s.info.on_network = open.remote;
+  if (const std::size_t missing = open.missing.size(); missing == 1)
+    s.info.gap = "its source " + *open.missing.begin() + " is missing";
+  else if (missing > 1)
+    s.info.gap = fmt::format("{} of its sources are missing, {} among them", missing, *open.missing.begin());
   const QuietGdal quiet;
   s.info.path = path;
   s.info.name = fs::path(path).stem().string();
@@ -383,7 +387,9 @@ void read_samples(RasterFile& s, int x, int y, int w, int h, double* out) {
   const OpenOptions options(s.info.on_network);
   const QuietGdal quiet;
   const CPLErr error = s.band->RasterIO(GF_Read, x, y, w, h, out, w, h, GDT_Float64, 0, 0, nullptr);
-  if (error != CE_None) quiet.fail(s.info.path, "can't be read");
+  // GDAL says only once why a VRT's source can't be opened.
+  if (error != CE_None)
+    quiet.fail(s.info.path, "can't be read" + (s.info.gap.empty() ? std::string() : " (" + s.info.gap + ")"));
   if (!s.mask) return;
   std::vector<std::uint8_t> mask(static_cast<std::size_t>(w) * static_cast<std::size_t>(h));
   if (s.mask->RasterIO(GF_Read, x, y, w, h, mask.data(), w, h, GDT_Byte, 0, 0, nullptr) != CE_None)

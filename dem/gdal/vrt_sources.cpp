@@ -100,7 +100,10 @@ class Walk {
     // What is none, GDAL may take for XML, or for a part of a file.
     if (is_elsewhere(name) || (!there && name.find_first_of("<:") != std::string::npos))
       refuse("its source " + name + " is not a file on this machine");
-    if (!there) return;  // a gap, which who reads there is told
+    if (!there) {
+      found_.missing.insert(file);
+      return;
+    }
     // Those of /proc have no size, and may be waited for like FIFOs.
     if (!fs::is_regular_file(status) || fs::file_size(file, error) == 0)
       refuse("its source " + name + " is not a regular file with content");

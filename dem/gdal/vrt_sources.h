@@ -7,8 +7,9 @@
 namespace selenograph::dem {
 
 struct VrtSources {
-  std::set<std::string> files;  // existing local files that are not VRTs
-  bool remote = false;          // some are remote and allowed
+  std::set<std::string> files;    // existing local files that are not VRTs
+  std::set<std::string> missing;  // local files that are not there: gaps that can't be read
+  bool remote = false;            // some are remote and allowed
 };
 
 // Empty for a file that is not a VRT. Throws DataError naming `path` when a source is neither a local file nor allowed,

@@ -1,5 +1,6 @@
 // `selenograph info` and `selenograph sample`.
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 #include <unistd.h>
 
 #include <cstdio>
@@ -42,7 +43,21 @@ std::optional<dem::HeightRange> heights_of(const dem::Catalogue& catalogue, cons
                                            std::size_t posts) {
   constexpr std::size_t kMostFiles = 4096;
   if (posts == 0 || catalogue.rasters().size() > kMostFiles || !info.damage.empty()) return {};
-  return dem::sampled_heights(info, posts);
+  try {
+    return dem::sampled_heights(info, posts);
+  } catch (const DataError& error) {
+    spdlog::warn("heights of {}", error.what());  // the rest of the list is none the worse
+    return {};
+  }
+}
+
+std::vector<dem::LayerBorder> borders_of(const dem::Catalogue& catalogue, int most) {
+  try {
+    return dem::measure_borders(catalogue, static_cast<std::size_t>(most));
+  } catch (const DataError& error) {
+    spdlog::warn("borders of layers: {}", error.what());
+    return {};
+  }
 }
 
 std::string heights_text(const std::optional<dem::HeightRange>& range) {
@@ -67,7 +82,8 @@ void print_table(const dem::Catalogue& catalogue, std::size_t posts) {
   const auto gaps = uncovered(catalogue);
   fmt::print("{} gaps within the area covered (whole degrees)\n", gaps.size());
   for (const dem::Footprint& gap : gaps) fmt::print("  {}\n", box(gap));
-  if (!catalogue.problems().empty()) fmt::print("{} files that can't be used\n", catalogue.problems().size());
+  if (!catalogue.problems().empty())
+    fmt::print("{} files that can't be used, or not all of them\n", catalogue.problems().size());
   for (const dem::CatalogueProblem& problem : catalogue.problems())
     fmt::print("  {}: {}\n", problem.path, problem.what);
   for (const dem::SideLayer& side : catalogue.side_layers())
@@ -155,7 +171,7 @@ void print_json(const dem::Catalogue& catalogue, const std::vector<dem::LayerBor
 int info(const InfoSettings& settings) {
   set_up_log(settings.terrain.log_level);
   const dem::Catalogue catalogue = open_catalogue(settings.terrain);
-  const auto borders = dem::measure_borders(catalogue, static_cast<std::size_t>(settings.borders));
+  const auto borders = borders_of(catalogue, settings.borders);
   if (settings.json) {
     print_json(catalogue, borders, settings);
   } else {

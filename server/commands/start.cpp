@@ -72,9 +72,14 @@ dem::Catalogue open_catalogue(const TerrainSettings& settings) {
       spdlog::info("{}: offset {:+.3f} m, the median of {} posts along its border", name, fit.offset_m, fit.posts);
   }
   for (const std::string& text : settings.resolved_posts) resolved.push_back(dem::parse_resolved_posts(text));
-  for (const dem::ResolvedLayer& layer : dem::resolve_posts(catalogue, resolved))
-    spdlog::info("{}: resolves {} of its posts", catalogue.rasters()[static_cast<std::size_t>(layer.source)].name,
-                 layer.posts);
+  for (const dem::ResolvedLayer& layer : dem::resolve_posts(catalogue, resolved)) {
+    const std::string& name = catalogue.rasters()[static_cast<std::size_t>(layer.source)].name;
+    if (layer.posts == 0)
+      spdlog::warn(
+          "{}: what it resolves can't be measured: it has few heights, or their steps hide it; 1 post is taken", name);
+    else
+      spdlog::info("{}: resolves {} of its posts", name, layer.posts);
+  }
   return catalogue;
 }
 
@@ -82,7 +87,7 @@ std::shared_ptr<dem::PyramidTerrain> open_terrain(const TerrainSettings& setting
   dem::Catalogue catalogue = open_catalogue(settings);
   spdlog::info("catalogue: {} DEM files, {} of them inspected", catalogue.rasters().size(), catalogue.inspected());
   for (const dem::CatalogueProblem& problem : catalogue.problems())
-    spdlog::warn("not used: {}: {}", problem.path, problem.what);
+    spdlog::warn("{}{}: {}", problem.located ? "" : "not used: ", problem.path, problem.what);
   for (const dem::RasterInfo& raster : catalogue.rasters())
     if (!raster.doubt.empty()) spdlog::warn("{}: {}", raster.path, raster.doubt);
   dem::TerrainOptions options;

@@ -68,6 +68,18 @@ class CommandLine(unittest.TestCase):
         self.assertRegex(high, r" to 20000\.0 m; posts outside of -12000 \.\. 13000 m are taken as voids$")
         self.assertNotIn("voids", "".join(others))
 
+    def test_info_lists_the_rest_beside_a_vrt_without_its_source(self):
+        shutil.copytree(harness.path("dem"), harness.path("gap"))
+        harness.write(os.path.join("gap", "v.vrt"), VRT.format(name=harness.path("gap", "gone.tif"), properties=PROPERTIES))
+        for borders in ("0", "64"):
+            done = self.run_it("info", "--dem", harness.path("gap"), "--borders", borders)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertRegex(done.stdout, rf"  {HIT} .* m\n")
+            self.assertRegex(done.stdout, r"v\.vrt: its source .*gone\.tif is missing\n")
+        done = self.run_it("info", "--dem", harness.path("gap"), "--json")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("gone.tif is missing", json.loads(done.stdout)["problems"][0]["what"])
+
     def test_a_request_that_is_a_folder_is_named(self):
         for command, output in (("render", "x.png"), ("map", "x.tif"), ("batch", "x")):
             done = self.run_it(command, harness.path("dem"), "-o", harness.path(output), "--dem", harness.path("dem"))

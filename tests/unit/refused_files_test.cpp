@@ -322,6 +322,26 @@ TEST_F(NoFiles, ReplacingInspectedFiles) {
 
 // ---- what a VRT asks for
 
+TEST_F(RefusedFiles, AMissingSourceIsNamedAtTheStartAndByEachRead) {
+  put("s.dat", tiff({}));
+  put("v.vrt", vrt({.content = source("s.dat")}));
+  EXPECT_TRUE(Catalogue(std::vector<std::string>{file("v.vrt")}).problems().empty());
+  put("v.vrt", vrt({.content = source("s.dat") + source("gone.dat")}));
+  const Catalogue catalogue(std::vector<std::string>{file("v.vrt")});
+  ASSERT_EQ(catalogue.rasters().size(), 1U);
+  ASSERT_EQ(catalogue.problems().size(), 1U);
+  EXPECT_TRUE(catalogue.problems()[0].located);
+  EXPECT_NE(catalogue.problems()[0].what.find("gone.dat is missing"), std::string::npos);
+  Raster raster(catalogue.rasters()[0]);
+  std::vector<float> heights(16 * 16);
+  for (int i = 0; i < 2; ++i) try {
+      raster.read(0, 0, 16, 16, heights.data());
+      FAIL() << "a VRT without its source gave posts";
+    } catch (const DataError& error) {
+      EXPECT_NE(std::string(error.what()).find("gone.dat"), std::string::npos) << error.what();
+    }
+}
+
 TEST_F(RefusedFiles, VrtsOfTooManySources) {
   put("s.dat", tiff({}));
   std::string many;
