@@ -36,7 +36,8 @@ constexpr FeatureColumn<CraterFeature> kCraterColumns[] = {
      "when 60 % of the depth is left, and 1.5 when a third is",
      [](const CraterFeature& f) { return f.crater.diameter_m; }},
     {"depth_m",
-     "from the highest ring to the floor, today; of the crater alone. Where layers of the DEM meet, what shows of it",
+     "from the highest ring to the floor, today; of the crater alone, less what the DEM's posts have of it: of craters "
+     "as wide as two posts most. Where layers of the DEM meet, what shows of it",
      [](const CraterFeature& f) { return f.depth_m; }},
     {"depth_over_diameter", "depth_m over diameter_m", [](const CraterFeature& f) { return f.depth_over_diameter(); }},
     {"visibility",

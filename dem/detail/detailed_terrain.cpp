@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "dem/detail/footprints.h"
+#include "dem/detail/means_taken.h"
 #include "dem/grid/shading_normals.h"
 #include "dem/posts/cubic.h"
 #include "dem/posts/post_source.h"
@@ -36,12 +37,6 @@ BlockId key_of(int number, int kind, const BlockId& id) {
   static_assert(kMaxLevel < kManyLevels);
   constexpr int kKinds = 4;
   return {kManyLevels * (kKinds * number + kind) + id.level, id.row, id.col};
-}
-
-// Cells beside a pole are slivers, whose means would be rays that meet in it: the posts there keep their heights.
-double share_of_means(std::int32_t lat, std::int32_t lat_step) {
-  const double posts_from_pole = static_cast<double>(std::min(lat, kLatTicks - lat)) / lat_step;
-  return std::clamp((posts_from_pole - 2) / 6, 0.0, 1.0);
 }
 
 // Blocks are kept in the cache folder from one version of the software to the next: whatever changes a digit of them
@@ -498,29 +493,16 @@ std::shared_ptr<Block> DetailedTerrain::posts_beneath(const BlockId& id, const S
 }
 
 std::shared_ptr<Block> DetailedTerrain::make_taken(const Part& part, const StopToken& stop) const {
-  // Interpolated, means over cells would not have themselves as their means over cells but what Catmull-Rom's weights
-  // integrate to, (-2.5, 18, 161, 18, -2.5) / 192 along each axis: this is the inverse of that, to 1e-3.
-  constexpr std::array kSharpened{1.225297469, -0.143363406, 0.035794135, -0.006376901, 0.001297438};
-  constexpr int kAround = static_cast<int>(kSharpened.size()) - 1;
   const BlockExtent e = part.extent();
-  const auto side = static_cast<std::size_t>(e.quads + 1 + 2 * kAround);
-  const std::vector<double> means = cell_means(part, kAround, stop);
-  // Along rows first, then along columns.
-  std::vector<double> sharp(means), out(means);
-  const auto sharpen = [&](const std::vector<double>& from, std::vector<double>& to, std::size_t step) {
-    for (std::size_t at = kAround * step; at + kAround * step < from.size(); ++at) {
-      to[at] = kSharpened[0] * from[at];
-      for (std::size_t k = 1; k < kSharpened.size(); ++k)
-        to[at] += kSharpened[k] * (from[at - k * step] + from[at + k * step]);
-    }
-  };
-  sharpen(means, sharp, 1), sharpen(sharp, out, side);
+  const auto side = static_cast<std::size_t>(e.quads + 1 + 2 * kCellsAround);
+  const std::vector<double> out = sharpened(cell_means(part, kCellsAround, stop), side);
   auto block = empty_block(part.block, e);
   block->vertices.reserve(block->index(e.quads, e.quads) + 1);
   for (int r = 0; r <= e.quads; ++r) {
     const double share = share_of_means(e.lat0 + r * e.lat_step, e.lat_step);
     for (int c = 0; c <= e.quads; ++c) {
-      const std::size_t at = static_cast<std::size_t>(r + kAround) * side + static_cast<std::size_t>(c + kAround);
+      const std::size_t at =
+          static_cast<std::size_t>(r + kCellsAround) * side + static_cast<std::size_t>(c + kCellsAround);
       block->vertices.push_back({static_cast<float>(share * out[at]), Eigen::Vector3f::Zero()});
     }
   }

@@ -8,6 +8,7 @@
 
 #include "dem/detail/detail.h"
 #include "dem/detail/footprints.h"
+#include "dem/detail/means_taken.h"
 #include "dem/support/parallel.h"
 #include "dem/terrain/surface_place.h"
 
@@ -21,6 +22,9 @@ double height_m(const CraterField& field, const Crater& crater, const Vec3& plac
   if (distance_m >= crater.reach_m()) return 0;
   return crater.scale * field.shape().height(distance_m / (crater.diameter_m / 2), crater.age);
 }
+
+// Whether a layer leaves an octave to the detail.
+bool has(const DetailOfPosts& layer, int octave) { return octave < Detail::past_largest_octave(layer.level); }
 
 double replaced(const Crater& crater, const Vec3& place) {
   return CraterShape::replaced_at((place - crater.centre).norm() * kMoonRadius_m / (crater.diameter_m / 2), crater.age);
@@ -99,7 +103,9 @@ void CraterSurvey::add_if_shown(const Crater& crater, int octave, double least_d
   const std::vector<DetailOfPosts> layers = layers_at(place);
   const double share = this->share(octave, layers);
   if (!(share > 0.5)) return;
-  feature.depth_m = share * crater.depth_m;
+  if (share * crater.depth_m < least_depth * crater.diameter_m) return;
+  for (const DetailOfPosts& layer : layers)
+    if (has(layer, octave)) feature.depth_m += layer.share * depth_left(crater, layer.level) * crater.depth_m;
   if (feature.depth_over_diameter() < least_depth) return;
   place.height_m = plain_.height(place.lat_deg, place.lon_deg, stop).height_m;
   if (std::isnan(place.height_m)) return;
@@ -128,7 +134,7 @@ std::vector<DetailOfPosts> CraterSurvey::layers_at(const Geographic& place) cons
 double CraterSurvey::share(int octave, std::span<const DetailOfPosts> layers) {
   double share = 0;
   for (const DetailOfPosts& layer : layers)
-    if (octave < Detail::past_largest_octave(layer.level)) share += layer.share;
+    if (has(layer, octave)) share += layer.share;
   return share;
 }
 

@@ -28,7 +28,8 @@ struct CraterFeature {
   // Share of its rim that the terrain shows: not where posts are finer or missing, nor where younger craters of its
   // octave change it by more than a quarter of its depth.
   double rim_share = 0;
-  double depth_m = 0;     // the crater's, weighted by its layer's share at its centre
+  // What the posts leave of the crater's (means_taken.h), weighted by its layer's share at its centre.
+  double depth_m = 0;
   double visibility = 0;  // that depth over the roughness of the ground that is shown there (crater_visibility.h)
   double depth_over_diameter() const { return depth_m / crater.diameter_m; }
 };

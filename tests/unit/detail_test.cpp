@@ -625,6 +625,35 @@ TEST(CraterSurvey, ListsWhatALayerIsTooCoarseFor) {
   EXPECT_LT(easternmost, 4.2);
 }
 
+// The larger a crater beside the posts' spacing, the more of it their means take; what other craters add to the heights
+// has no sign.
+TEST(CraterSurvey, DepthsAreWhatPostsLeave) {
+  const Ground ground(27, 3);
+  constexpr double kPosts_m = 118.4;
+  for (const auto& [from, to, least, most] :
+       {std::array{0.5, 0.8, 0.9, 1.0}, {0.8, 1.2, 0.8, 0.95}, {1.2, 1.6, 0.6, 0.8}, {1.6, 2.0, 0.4, 0.6}}) {
+    SCOPED_TRACE(to);
+    double stated_m = 0, measured_m = 0, law_m = 0;
+    for (const CraterFeature& f : survey_of(*ground.detailed).within({25.8, 26.2, 3.8, 4.2}, from * kPosts_m, 0, {})) {
+      if (f.crater.diameter_m >= to * kPosts_m || f.rim_share < 1) continue;
+      const auto added_m = [&](const Geographic& g) {
+        return ground.detailed->height(g.lat_deg, g.lon_deg).height_m -
+               ground.plain->height(g.lat_deg, g.lon_deg).height_m;
+      };
+      constexpr int kAround = 16;
+      double deep_m = -added_m(f.place);
+      for (int i = 0; i < kAround; ++i)
+        deep_m +=
+            added_m(to_geographic(CraterSurvey::on_rim(f.crater, 2 * pi * i / kAround) * kMoonRadius_m)) / kAround;
+      stated_m += f.depth_m, measured_m += deep_m, law_m += f.crater.depth_m;
+    }
+    ASSERT_GT(law_m, 0);
+    EXPECT_NEAR(measured_m / stated_m, 1, 0.15);
+    EXPECT_GT(stated_m / law_m, least);
+    EXPECT_LT(stated_m / law_m, most);
+  }
+}
+
 // Inside it is the ground that there is without a region, outside the DEM's; craters are those that have their middle
 // in it.
 TEST(DetailedTerrain, DetailIsInItsRegion) {
