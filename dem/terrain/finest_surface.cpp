@@ -70,12 +70,17 @@ FinestEdges::FinestEdges(const Terrain& terrain, const Block& block, const Quads
     const auto at = [&](int level) { return block_at(level, static_cast<std::int32_t>(lat), wrap_lon(lon)); };
     const BlockId probe = at(kMaxLevel), across = at(std::min(terrain.finest_level(probe), block.id.level));
     const bool coarser_posts = terrain.plain().posts_level(probe) < *posts;
+    // As in the mesh: between posts that are twice as far apart in longitude lies another curve.
+    const auto row_of_posts = [&](std::int32_t at_lat) { return block_at(*posts, at_lat, e.lon0).row; };
+    const bool other_posts = along_lon && lon_shift(*posts, row_of_posts(static_cast<std::int32_t>(lat))) !=
+                                              lon_shift(*posts, row_of_posts(e.lat0)),
+               theirs = coarser_posts || (other_posts && across < block.id);
     const BlockExtent other = extent_of(across);
     const int stride = along_lon ? other.lon_step / e.lon_step : other.lat_step / e.lat_step;
-    if (!coarser_posts && stride <= 1) return {};
+    if (!theirs && stride <= 1) return {};
     std::shared_ptr<const Block> neighbour = terrain.block(across, stop);
     if (!neighbour) return {};
-    return {std::clamp(stride, 1, e.quads), coarser_posts ? std::move(neighbour) : nullptr};
+    return {std::clamp(stride, 1, e.quads), theirs ? std::move(neighbour) : nullptr};
   };
   if (quads.first_row == 0) south_ = edge(std::int64_t{e.lat0} - 1, e.lon0, true);
   if (quads.last_row == e.quads - 1) north_ = edge(e.lat1(), e.lon0, true);
@@ -91,10 +96,10 @@ Vec3 FinestEdges::vertex(int r, int c) const {
   const int at_r = r - r % beside.stride, at_c = c - c % across.stride;
   float height_m = block_.vertices[block_.index(at_r, at_c)].height_m;
   for (const Edge* edge : {&across, &beside})
-    if (edge->coarser) {
+    if (edge->holds) {
       const std::int64_t lat = block_.extent.lat0 + std::int64_t{at_r} * block_.extent.lat_step,
                          lon = block_.extent.lon0 + std::int64_t{at_c} * block_.extent.lon_step;
-      height_m = post_at(*edge->coarser, lat, lon).value_or(height_m);
+      height_m = post_at(*edge->holds, lat, lon).value_or(height_m);
     }
   return block_.position(at_r, at_c, static_cast<double>(height_m));
 }

@@ -10,7 +10,8 @@
 namespace selenograph::dem {
 
 // Of the vertices on an edge with a coarser block those are left which that one has, too; the others collapse onto the
-// ones before them. Their heights are the neighbour's, where its posts are coarser.
+// ones before them. Their heights are the neighbour's where its posts are coarser, or are as far apart but in longitude
+// and it is the southern one.
 class FinestEdges {
  public:
   // Quads of the block whose vertices are asked for; the last ones are included.
@@ -31,8 +32,8 @@ class FinestEdges {
  private:
   struct Edge {
     int stride = 1;
-    std::shared_ptr<const Block> coarser;  // null: own heights
-    bool differs() const { return stride > 1 || coarser; }
+    std::shared_ptr<const Block> holds;  // whose heights hold; null: own
+    bool differs() const { return stride > 1 || holds; }
   };
 
   const Block& block_;

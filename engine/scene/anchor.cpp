@@ -38,14 +38,15 @@ std::optional<FineGround> fine_ground(std::span<const dem::BlockId> blocks, cons
 
 Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle, double clearance_m, const std::optional<FineGround>& fine) {
   const double distance = camera_m.norm();
+  // A ray may begin at the Moon's middle.
+  const Vec3 up = distance > 1 ? Vec3(camera_m / distance) : middle;
   if (fine) {
     const double ground_m = kMoonRadius_m + fine->height_m,
                  least_m = std::max(kPostsPerLattice * fine->finest_m, distance - ground_m),
                  lattice_m = std::exp2(std::floor(std::log2(least_m)));
-    if (lattice_m < kFinestAnchorLattice_m)
-      return (camera_m * (ground_m / distance / lattice_m)).array().round() * lattice_m;
+    if (lattice_m < kFinestAnchorLattice_m) return (up * (ground_m / lattice_m)).array().round() * lattice_m;
   }
-  Vec3 near = camera_m * (kMoonRadius_m / distance);
+  Vec3 near = up * kMoonRadius_m;
   const double ahead = -camera_m.dot(middle);
   if (distance > 1.2 * kMoonRadius_m && ahead > 0) {
     // Past the limb: the surface that the middle passes closest, which is what a telescope may have in view.

@@ -13,13 +13,18 @@ namespace {
 
 using dem::BlockId;
 
-// Whether a ray passes through a node: within its ball it must come below the highest height. A cone's rays pass within
-// its width of its axis, which is that at the ball's far side: as far from the axis they may meet the ball, and as much
-// lower they may come.
-bool may_meet(const RayCone& ray, const NodeBounds& b, double above_m) {
+// Blocks beside a ray are needed, too: the heights on a block's edge may be its neighbour's, which begins a quad from
+// the ray.
+double beside_m(int level) { return 1.5 * dem::post_spacing_m(level); }
+
+// Whether a ray passes through a node, or a quad of its level beside it: within its ball it must come below the highest
+// height. A cone's rays pass within its width of its axis, which is that at the ball's far side: as far from the axis
+// they may meet the ball, and as much lower they may come. From far away a difference of squares would be rounded to
+// more than a block.
+bool may_meet(const RayCone& ray, const NodeBounds& b, double above_m, int level) {
   const Vec3 to = b.centre - ray.origin_m;
-  const double ball_m = b.radius_m + above_m, along = to.dot(ray.direction), off2 = to.squaredNorm() - along * along,
-               far_m = std::max(0.0, along + ball_m + ray.radius_m),
+  const double ball_m = b.radius_m + above_m + beside_m(level), along = to.dot(ray.direction),
+               off2 = (to - along * ray.direction).squaredNorm(), far_m = std::max(0.0, along + ball_m + ray.radius_m),
                width_m = ray.one() ? 0 : ray.radius_m + far_m * ray.slope, reach = ball_m + width_m,
                reach2 = reach * reach;
   if (off2 > reach2) return false;
@@ -36,14 +41,15 @@ bool follow(const dem::Terrain& terrain, const std::vector<RayCone>& rays, const
             const StopToken& stop) {
   stop.check();
   const bool worth_asking = may_matter(terrain, id, stop, [&](const NodeBounds& b) {
-    return std::any_of(some.begin(), some.end(), [&](std::size_t i) { return may_meet(rays[i], b, above_m); });
+    return std::any_of(some.begin(), some.end(),
+                       [&](std::size_t i) { return may_meet(rays[i], b, above_m, id.level); });
   });
   if (!worth_asking) return true;
   const auto node = known(terrain, id, stop);
   if (!node) return true;
   std::vector<std::size_t> meeting;
   for (const std::size_t i : some)
-    if (may_meet(rays[i], node->bounds, above_m)) meeting.push_back(i);
+    if (may_meet(rays[i], node->bounds, above_m, id.level)) meeting.push_back(i);
   if (meeting.empty()) return true;
   if (id.level < terrain.finest_level(id)) {
     const std::vector<BlockId> children = dem::children_of(id);
@@ -72,7 +78,8 @@ std::optional<std::vector<BlockOnRays>> select_for_rays(const dem::Terrain& terr
   for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
   std::vector<BlockId> near;
   for (const RootGroup& group : root_groups())
-    if (std::any_of(rays.begin(), rays.end(), [&](const RayCone& ray) { return may_meet(ray, group.bounds, above_m); }))
+    if (std::any_of(rays.begin(), rays.end(),
+                    [&](const auto& ray) { return may_meet(ray, group.bounds, above_m, dem::kRootLevel); }))
       for_each_root(terrain, group, [&](const BlockId& id) { near.push_back(id); });
   std::sort(near.begin(), near.end());
   for (const BlockId& id : near)

@@ -199,6 +199,46 @@ TEST_F(SmoothMoon, RaysMeetTheSphere) {
   EXPECT_FALSE(hits.back().hit);
 }
 
+// As far away as requests may say; a ray from the Moon's middle meets no ground from above, and misleads no other.
+TEST_F(SmoothMoon, RaysFromFarAwayMeetTheSphere) {
+  const Vec3 place = to_cartesian({-12.13, 77.21, 0});
+  std::vector<Ray> rays{{Vec3::Zero(), place.normalized()}};
+  for (double from_m = 1e7; from_m <= 1e12; from_m *= 10) {
+    const Vec3 from = to_cartesian({-12, 77, from_m});
+    rays.push_back({from, (place - from).normalized()});
+  }
+  const auto hits = renderer().cast(rays, Sun{local_sun(-12, 77, 0, 30), 1, 0});
+  EXPECT_FALSE(hits[0].hit);
+  for (std::size_t i = 1; i < rays.size(); ++i) {
+    ASSERT_TRUE(hits[i].hit) << i;
+    EXPECT_LT((hits[i].position_m - place).norm(), 0.01 + 1e-15 * rays[i].origin_m.norm()) << i;
+    EXPECT_EQ(hits[i].lit, 1) << i;
+  }
+}
+
+struct Differences {
+  std::size_t places = 0;
+  double worst_m = 0;
+};
+
+// Of the terrain's heights and those at which rays meet it from above.
+Differences heights_and_rays(const Renderer& renderer, const std::vector<Geographic>& places) {
+  std::vector<Ray> rays;
+  for (const Geographic& place : places) {
+    const Vec3 from = to_cartesian({place.lat_deg, place.lon_deg, 20000});
+    rays.push_back({from, -from.normalized()});
+  }
+  const auto hits = renderer.cast(rays, std::nullopt);
+  Differences found;
+  for (std::size_t i = 0; i < rays.size(); ++i) {
+    const double height_m = renderer.terrain().height(places[i].lat_deg, places[i].lon_deg).height_m;
+    if (!hits[i].hit || std::isnan(height_m)) continue;
+    ++found.places;
+    found.worst_m = std::max(found.worst_m, std::abs(to_geographic(hits[i].position_m).height_m - height_m));
+  }
+  return found;
+}
+
 // Fine posts in a corner of coarse ones: where the finest blocks of either meet, coarser ones decide the edge's
 // heights.
 TEST(FinestSurface, HeightsAreWhatRaysMeetWherePostsOfTwoSpacingsMeet) {
@@ -210,30 +250,29 @@ TEST(FinestSurface, HeightsAreWhatRaysMeetWherePostsOfTwoSpacingsMeet) {
   dem::write_sample_terrain(folder / "fine", fine);
   const Renderer renderer(test::open_terrain(folder.path()), RendererOptions{2, std::size_t{512} << 20});
   // Across the borders of blocks of 1, 1/2 and 1/4 degree, north and east of the fine posts.
-  double worst_m = 0;
-  std::size_t beside = 0;
-  for (const double border : {-5.0, -4.75, -4.5, -4.0}) {
-    std::vector<Ray> rays;
-    std::vector<Geographic> places;
+  std::vector<Geographic> places;
+  for (const double border : {-5.0, -4.75, -4.5, -4.0})
     for (int i = -60; i < 60; ++i) {
-      const double lat = border + 5e-5 * i, lon = 39.3 + 0.0137 * (i & 15);
-      places.push_back({lat, lon, 0});
+      places.push_back({border + 5e-5 * i, 39.3 + 0.0137 * (i & 15), 0});
       places.push_back({-5.6 + 0.0137 * (i & 15), 45 + border + 5e-5 * i, 0});
     }
-    for (const Geographic& place : places) {
-      const Vec3 from = to_cartesian({place.lat_deg, place.lon_deg, 20000});
-      rays.push_back({from, -from.normalized()});
-    }
-    const auto hits = renderer.cast(rays, std::nullopt);
-    for (std::size_t i = 0; i < rays.size(); ++i) {
-      const double height_m = renderer.terrain().height(places[i].lat_deg, places[i].lon_deg).height_m;
-      if (!hits[i].hit || std::isnan(height_m)) continue;
-      ++beside;
-      worst_m = std::max(worst_m, std::abs(to_geographic(hits[i].position_m).height_m - height_m));
-    }
-  }
-  EXPECT_GT(beside, 700U);
-  EXPECT_LT(worst_m, 1e-6);
+  const Differences found = heights_and_rays(renderer, places);
+  EXPECT_GT(found.places, 700U);
+  EXPECT_LT(found.worst_m, 1e-6);
+}
+
+// From a parallel on every other post is left out in longitude: between the others lies another curve.
+TEST(FinestSurface, HeightsAreWhatRaysMeetWherePostsAreLeftOut) {
+  const TemporaryFolder folder;
+  const auto rough = [](double lat, double lon) { return std::round(900 * std::sin(lat * 7) * std::cos(lon * 5)); };
+  test::write_float_tile(folder.path(), "coarse", {84, 2, 4, 65, 49}, rough);
+  const Renderer renderer(test::open_terrain(folder.path()), RendererOptions{2, std::size_t{512} << 20});
+  std::vector<Geographic> places;
+  for (int parallel = 73; parallel < 84; ++parallel)
+    for (int i = -30; i < 30; ++i) places.push_back({parallel + 1.3e-4 * i, 8 + 0.0173 * i, 0});
+  const Differences found = heights_and_rays(renderer, places);
+  EXPECT_GT(found.places, 600U);
+  EXPECT_LT(found.worst_m, 1e-6);
 }
 
 TEST_F(SmoothMoon, LandmarksAreWhereTheyProject) {

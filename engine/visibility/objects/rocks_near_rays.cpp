@@ -30,14 +30,14 @@ double lowest_at(const RayCone& ray) { return -ray.origin_m.dot(ray.direction); 
 // Squared; from there to where it is at a height. Negative: it never is.
 double half_chord2(const RayCone& ray, double height_m) {
   const double radius = kMoonRadius_m + height_m, along = lowest_at(ray);
-  return radius * radius - (ray.origin_m.squaredNorm() - along * along);
+  return radius * radius - (ray.origin_m + along * ray.direction).squaredNorm();
 }
 
 // Within the ball around a block, where the ray is no higher than its terrain, or so far above that.
 std::optional<Stretch> stretch_over(const RayCone& ray, const NodeBounds& b, double above_m) {
   const Vec3 to = b.centre - ray.origin_m;
   const double along = to.dot(ray.direction), reach = b.radius_m + above_m,
-               ball = reach * reach - (to.squaredNorm() - along * along),
+               ball = reach * reach - (to - along * ray.direction).squaredNorm(),
                low = half_chord2(ray, b.high_m + b.bulge_m + 1 + above_m);
   if (ball < 0 || low < 0) return std::nullopt;
   const Stretch found{std::max({0.0, along - std::sqrt(ball), lowest_at(ray) - std::sqrt(low)}),

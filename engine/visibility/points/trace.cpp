@@ -17,10 +17,10 @@
 #define SELENOGRAPH_ENGINE_TRACE_SHARED
 namespace selenograph::engine {
 
-// Whether a ray from `outside` a sphere (squared distance from the centre less the radius squared) meets it, or looks
-// down within it; a: its direction squared, b: origin . direction.
-inline bool meets_sphere(double outside, double a, double b) {
-  return b < 0 && (outside <= 0 || b * b - a * outside >= 0);
+// Whether a ray meets a sphere, or looks down within it; squares of the radius and of how far from the centre the ray
+// begins and passes; ahead: it passes there after its beginning.
+inline bool meets_sphere(double radius2, double origin2, double passing2, bool ahead) {
+  return ahead && (origin2 <= radius2 || passing2 <= radius2);
 }
 
 }  // namespace selenograph::engine
@@ -50,16 +50,18 @@ void StartRays(const Rays& rays, double radius, double lowest, const Vec3& ancho
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double ox = rays.ox[i], oy = rays.oy[i], oz = rays.oz[i], dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
-    const double outside = ox * ox + oy * oy + oz * oz - radius2;
-    const double a = dx * dx + dy * dy + dz * dz, b = ox * dx + oy * dy + oz * dz, root2 = b * b - a * outside;
-    const double entry = outside / (-b + std::sqrt(root2 > 0 ? root2 : 0));  // the stable form of the nearer root
-    const bool inside = outside <= 0, meets = inside || (b < 0 && root2 >= 0);
-    const double t = inside || !meets ? 0 : entry;
+    const double origin2 = ox * ox + oy * oy + oz * oz, a = dx * dx + dy * dy + dz * dz,
+                 closest = -(ox * dx + oy * dy + oz * dz) / a;
+    // From there, not from the origin: of that the square may be too large to tell spheres apart.
+    const double x = ox + closest * dx, y = oy + closest * dy, z = oz + closest * dz, passing2 = x * x + y * y + z * z,
+                 half2 = (radius2 - passing2) / a;
+    const bool inside = origin2 <= radius2, meets = inside || (closest > 0 && half2 >= 0);
+    const double t = inside || !meets ? 0 : closest - std::sqrt(half2 > 0 ? half2 : 0);
     packet.ox[i] = static_cast<float>(ox + t * dx - ax), packet.oy[i] = static_cast<float>(oy + t * dy - ay),
     packet.oz[i] = static_cast<float>(oz + t * dz - az);
     packet.dx[i] = static_cast<float>(dx), packet.dy[i] = static_cast<float>(dy), packet.dz[i] = static_cast<float>(dz);
     packet.active[i] = meets ? -1 : 0;
-    toward_moon[i] = meets_sphere(ox * ox + oy * oy + oz * oz - lowest2, a, b) ? 1 : 0;
+    toward_moon[i] = meets_sphere(lowest2, origin2, passing2, closest > 0) ? 1 : 0;
   }
 }
 
@@ -180,7 +182,9 @@ void find_missing(const Scene& scene, const Rays& rays, SurfacePoints& points) {
     points.toward_moon[i] = false;
     if (!rays.valid[i] || points.hit[i]) continue;
     const Vec3 o = rays.origin(i), d = rays.direction(i);
-    points.toward_moon[i] = meets_sphere(o.squaredNorm() - scene.core_m * scene.core_m, d.squaredNorm(), o.dot(d));
+    const double closest = -o.dot(d) / d.squaredNorm();
+    points.toward_moon[i] =
+        meets_sphere(scene.core_m * scene.core_m, o.squaredNorm(), (o + closest * d).squaredNorm(), closest > 0);
   }
 }
 
