@@ -761,7 +761,7 @@ class CommandLine(WithFeatures):
     def test_a_frame_that_says_which_counts(self):
         """As in its own labels; the options are for one that says nothing. The document names what was used."""
         request = {**self.frame(), "products": ["detail"]}
-        asked = {"smallest_px": 20, "min_depth_over_diameter": 0.04}
+        asked = {"smallest_px": 12, "min_depth_over_diameter": 0.04}
         labelled = {**request, "craters": asked, "labels": True}
         document = self.coco(labelled)
         self.assertEqual(document["info"]["request"]["craters"], asked)
@@ -770,7 +770,7 @@ class CommandLine(WithFeatures):
             own = json.loads(archive.read("coco.json"))
         self.assertGreater(len(own["annotations"]), 3)
         self.assertEqual(document["annotations"], own["annotations"])
-        document = self.coco(request, "--least-px", "20", "--least-depth", "0.04")
+        document = self.coco(request, "--least-px", "12", "--least-depth", "0.04")
         self.assertEqual(document["info"]["request"]["craters"], asked)
         self.assertEqual(document["annotations"], own["annotations"])
 
