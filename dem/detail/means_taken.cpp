@@ -8,6 +8,7 @@
 #include "dem/detail/detail.h"
 #include "dem/grid/lattice.h"
 #include "dem/posts/cubic.h"
+#include "dem/terrain/surface_place.h"
 
 namespace selenograph::dem {
 namespace {
