@@ -12,7 +12,8 @@
 
 namespace selenograph::dem {
 
-// A file or folder that could not be used, or not all of it, and the reason. Reported by `info`, /v1/datasets and the log; never silent.
+// A file or folder that could not be used, or not all of it, and the reason. Reported by `info`, /v1/datasets and the
+// log; never silent.
 struct CatalogueProblem {
   std::string path;
   std::string what;

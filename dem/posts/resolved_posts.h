@@ -13,10 +13,10 @@ namespace selenograph::dem {
 NamedNumber parse_resolved_posts(const std::string& text);
 
 // Of files of one layer, from heights of some places along meridians. Second differences of resolved ground grow with
-// the distance as its Hurst exponent says, by less than the power 1.45; between posts that were interpolated by bicubics
-// they grow with its square, and in linear interpolation they are at every n-th post alone. Steps of whole metres are
-// taken out. 1 to 32; 0 where it can't be measured: steps hide too much, or too little is valid. Throws DataError,
-// SystemFault.
+// the distance as its Hurst exponent says, by less than the power 1.45; between posts that were interpolated by
+// bicubics they grow with its square, and in linear interpolation they are at every n-th post alone. Steps of whole
+// metres are taken out. 1 to 32; 0 where it can't be measured: steps hide too much, or too little is valid. Throws
+// DataError, SystemFault.
 int measured_resolved_posts(const Catalogue& catalogue, const std::vector<int>& files);
 
 struct ResolvedLayer {
