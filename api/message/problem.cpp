@@ -10,6 +10,7 @@
 #include <system_error>
 #include <utility>
 
+#include "api/message/json_text.h"
 #include "dem/support/error.h"
 
 namespace selenograph::api {
@@ -111,8 +112,7 @@ Response problem(const std::string& code, const std::string& detail, const std::
   Response response;
   response.status = row.status;
   response.content_type = "application/problem+json";
-  // Details may quote what the client sent; `replace` because that need not be UTF-8.
-  response.body = body.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
+  response.body = json_line(body);
   response.error_code = row.code;
   return response;
 }
@@ -129,18 +129,25 @@ Response unexpected(const Request& request, const std::exception& e) {
   return problem("internal", "an unexpected fault");
 }
 
+// The operator must mend the cause: the log names it, too.
+Response fault(const Request& request, std::string_view code, const std::exception& e) {
+  spdlog::warn("{} {}: {}", request.method, request.path, e.what());
+  return problem(std::string(code), e.what());
+}
+
 // Throws std::bad_alloc at most: there may be no memory for the problem, either.
 Response answer_or_described_problem(const Request& request, const std::function<Response()>& work) {
   try {
     return work();
   } catch (const RequestError& e) {
+    if (error_row(e.code()).status == 500) return fault(request, e.code(), e);
     return problem(e.code(), e.what(), e.findings());
   } catch (const ImpossibleRequest& e) {
     return problem("invalid_request", e.what());
   } catch (const DataError& e) {
-    return problem("terrain_data_error", e.what());
+    return fault(request, "terrain_data_error", e);
   } catch (const SystemFault& e) {
-    Response response = problem("storage_unavailable", e.what());
+    Response response = fault(request, "storage_unavailable", e);
     response.headers.emplace_back("Retry-After", "1");
     return response;
   } catch (const TooMuchWork& e) {

@@ -1,6 +1,7 @@
 #include "dem/files/open_file.h"
 
 #include <fcntl.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -43,6 +44,10 @@ FileState OpenFile::state() const {
   struct stat s {};
   if (::fstat(fd_, &s) != 0) throw SystemFault(path_, errno);
   return state_from(s);
+}
+
+void OpenFile::lock() const {
+  while (::flock(fd_, LOCK_EX) != 0 && errno == EINTR) continue;
 }
 
 }  // namespace selenograph::dem

@@ -24,6 +24,8 @@ class OpenFile {
   // Writes everything and, unless told otherwise, flushes it to the disk. Throws SystemFault.
   void write(std::string_view bytes, bool flush = true) const;
   FileState state() const;
+  // Waits until no other process holds the lock; it ends with this object. Where a file system has no locks: nothing.
+  void lock() const;
   const std::string& path() const { return path_; }
 
  private:

@@ -63,14 +63,6 @@ void write_whole_file(const std::string& path, std::string_view bytes, bool flus
   }
 }
 
-void probe_folder(const std::string& folder) {
-  try {
-    const Temporary probe(folder + "/probe.sgp", " ");
-  } catch (const SystemFault& fault) {
-    throw SystemFault(folder, fault.code());
-  }
-}
-
 void remove_stale_temporaries(const std::string& folder, std::string_view mark) {
   std::error_code error;
   for (fs::recursive_directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {

@@ -10,9 +10,6 @@ namespace selenograph::dem {
 // the file may have any content after a power failure: its reader must notice. Throws SystemFault naming the path.
 void write_whole_file(const std::string& path, std::string_view bytes, bool flush = true);
 
-// Throws SystemFault if write_whole_file() to this folder would: creates the folder if missing, and writes a byte.
-void probe_folder(const std::string& folder);
-
 // Removes temporary files left by killed processes in a folder and its subfolders: names with `mark` followed by the
 // number of a process that no longer exists.
 void remove_stale_temporaries(const std::string& folder, std::string_view mark);

@@ -38,14 +38,7 @@ ChunkStore::ChunkStore(const Catalogue& catalogue, const PostSource& source, con
           [this] { scratch_.clear(); }) {}
 
 void ChunkStore::open_folder() {
-  if (cache_dir_.empty()) return;
-  const std::string folder = cache_dir_ + "/pyramid";
-  remove_stale_temporaries(folder, ".sgp.tmp-");
-  try {
-    probe_folder(folder);
-  } catch (const SystemFault& fault) {
-    trouble_.cache_failed("written", fault);
-  }
+  if (!cache_dir_.empty()) remove_stale_temporaries(cache_dir_ + "/pyramid", ".sgp.tmp-");
 }
 
 bool ChunkStore::has(const ChunkPlan& plan) const {

@@ -1,5 +1,6 @@
 #include "server/commands/start.h"
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
@@ -9,6 +10,7 @@
 #include <stdexcept>
 
 #include "api/assets/assets.h"
+#include "dem/files/open_file.h"
 #include "dem/gdal/remote_names.h"
 #include "dem/posts/layer_joins.h"
 #include "dem/posts/resolved_posts.h"
@@ -40,6 +42,13 @@ std::string sample_folder(const std::string& cache_dir, const dem::SampleOptions
   const std::string name = fmt::format("sample-{}-{}-{}-{}x{}-{}", options.seed, options.south_deg, options.west_deg,
                                        options.rows, options.columns, options.posts_per_degree);
   const fs::path folder = fs::path(cache_dir) / name;
+  if (fs::exists(folder / kComplete)) return folder.string();
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) throw DataError(folder.string(), "cannot be created: " + error.message());
+  // Of processes that start at once one writes; the others would replace files that it has catalogued.
+  const dem::OpenFile held(folder.string(), O_RDONLY | O_DIRECTORY);
+  held.lock();
   if (fs::exists(folder / kComplete)) return folder.string();
   spdlog::info("writing sample terrain to {}", folder.string());
   dem::write_sample_terrain(folder.string(), options);

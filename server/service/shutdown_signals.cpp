@@ -25,19 +25,26 @@ void pass_on(int signal) {
   errno = error;
 }
 
+constexpr std::array kHandled{SIGTERM, SIGINT, SIGHUP};
+
+// A hangup that is ignored (nohup) stays so.
+bool is_ignored_hangup(int signal) {
+  struct sigaction now {};
+  return signal == SIGHUP && ::sigaction(signal, nullptr, &now) == 0 && now.sa_handler == SIG_IGN;
+}
+
 void set_handler(void (*handler)(int)) {
   struct sigaction action {};
   action.sa_handler = handler;
   action.sa_flags = SA_RESTART;
-  ::sigaction(SIGTERM, &action, nullptr);
-  ::sigaction(SIGINT, &action, nullptr);
+  for (const int signal : kHandled)
+    if (!is_ignored_hangup(signal)) ::sigaction(signal, &action, nullptr);
 }
 
 void mask(int how) {
   sigset_t set;
   sigemptyset(&set);
-  sigaddset(&set, SIGTERM);
-  sigaddset(&set, SIGINT);
+  for (const int signal : kHandled) sigaddset(&set, signal);
   ::pthread_sigmask(how, &set, nullptr);
 }
 
@@ -81,6 +88,7 @@ void ShutdownSignals::run() {
     if (ready < 0 || ::read(pipe_[0], &signal, 1) != 1) continue;
     if (signal == kNoSignal) return;
     const bool first = last_moment == Clock::time_point::max();
+    if (signal == SIGHUP && !first) continue;  // a terminal that closes sends several
     if (!armed_ || !first) ::_exit(128 + signal);
     last_moment = Clock::now() + at_most_.load();
     first_.set_value();

@@ -342,7 +342,7 @@ class Campaign(unittest.TestCase):
     def test_errors_are_not_tried_again(self):
         """And what a task did not do is in the manifest to run again."""
         path, folder = self.manifest("hopeless.jsonl", 4), harness.path("hopeless")
-        job, check = self.submit(path, folder, "--", "--dem", harness.path("nowhere"))
+        job, check = self.submit(path, folder, "--", "--threads", "1", "--dem", harness.path("nowhere"))
         ended = self.wait_for(check, folder, 120)
         self.assertEqual((ended["JobState"], ended["ExitCode"]), ("FAILED", "1:0"), self.log_of(folder, check))
         self.assertEqual(self.cluster.job(job + "_0").get("Restarts"), "0")

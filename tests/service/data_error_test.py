@@ -105,7 +105,7 @@ class DataErrors(unittest.TestCase):
             shutil.rmtree(harness.path("cache"), ignore_errors=True)
 
     def start(self, policy):
-        return Service("--on-data-error", policy, "--log-level", "error")
+        return Service("--on-data-error", policy, "--log-level", "warning")
 
     def calls(self, service):
         """Everything that stands on the damaged tile."""
@@ -152,6 +152,7 @@ class DataErrors(unittest.TestCase):
                 damage(folder)
                 for name, answer in self.calls(service):
                     self.assert_problem(name, answer)
+                self.assertIn(HIT, service.log_text())
                 self.assert_alive(service)
 
     def test_fail_before_the_start(self):

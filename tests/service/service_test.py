@@ -264,7 +264,7 @@ class Shutdown(unittest.TestCase):
         return frame
 
     def test_sigterm_finishes_what_runs(self):
-        for stop in (signal.SIGTERM, signal.SIGINT):
+        for stop in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             service = Service("--max-frames", "2", "--max-image-pixels", "16000000", "--shutdown-s", "120")
             frame = self.frame_under_way(service, frame_request(width=1024, height=1024, samples=16))
             service.process.send_signal(stop)
