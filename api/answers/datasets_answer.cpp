@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "api/json/ranges.h"
+#include "api/message/json_text.h"
 
 namespace selenograph::api {
 namespace {
@@ -106,9 +107,6 @@ const Answer<dem::Catalogue>& datasets_answer() {
   return answer;
 }
 
-std::string datasets_text(const dem::Catalogue& catalogue) {
-  // File names need not be UTF-8.
-  return datasets_answer().write(catalogue).dump(-1, ' ', false, OrderedJson::error_handler_t::replace) + "\n";
-}
+std::string datasets_text(const dem::Catalogue& catalogue) { return json_line(datasets_answer().write(catalogue)); }
 
 }  // namespace selenograph::api

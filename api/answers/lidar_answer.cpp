@@ -7,6 +7,7 @@
 
 #include "api/answers/metadata_members.h"
 #include "api/encode/encode.h"
+#include "api/message/json_text.h"
 #include "api/requests/features_json.h"
 #include "engine/lidar/detection.h"
 
@@ -152,7 +153,7 @@ std::string lidar_npz(const LidarReturns& returns, const LidarQuery& query, cons
                             std::move(shape)});
         },
         c.elements);
-  return encode_npz(arrays, meta_of(query).dump(), stop);
+  return encode_npz(arrays, json_text(meta_of(query)), stop);
 }
 
 }  // namespace selenograph::api

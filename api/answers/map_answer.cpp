@@ -11,6 +11,7 @@
 #include "api/answers/metadata.h"
 #include "api/answers/metadata_members.h"
 #include "api/encode/arrays.h"
+#include "api/message/json_text.h"
 #include "api/requests/parts/detail_json.h"
 #include "dem/gdal/geotiff_writer.h"
 #include "engine/hazard/hazard_map.h"
@@ -62,7 +63,7 @@ std::string encode_map_png(const MapQuery& query, const engine::FrameProducts& p
   std::string png;
   const auto encode = [&](const ProductRow& row, const std::vector<std::uint16_t>& numbers) {
     const ArrayView view{row.name, ElementType::uint16, grid.height, grid.width, 1, numbers.data(), {}};
-    png = encode_png(view, {{"selenograph", meta.dump(-1, ' ', true, Json::error_handler_t::replace)}}, stop);
+    png = encode_png(view, {{"selenograph", json_ascii(meta)}}, stop);
   };
   for_each_product(query, products, [&]<typename Element>(const ProductRow& row, const std::vector<Element>& values) {
     if constexpr (std::is_same_v<Element, std::uint16_t>) {
@@ -120,7 +121,7 @@ std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::ui
                    {"representation", media_type}};
   if (const auto& detail = query.request.look.detail) what["detail"] = detail_metadata(query.detail, *detail);
   if (const double share = sun_covered(query); share > 0) what[kSunCovered] = share;
-  return content_hash(what.dump());
+  return content_hash(json_text(what));
 }
 
 OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, const std::string& hash) {
@@ -155,15 +156,13 @@ std::string encode_map(const MapQuery& query, const engine::Map& map, const std:
   if (media_type == "application/x-npz")
     return encode_npz(
         map_arrays_of(map.products, query.request.products, query.request.grid.height, query.request.grid.width),
-        meta.dump(2, ' ', false, Json::error_handler_t::replace), stop);
-  return dem::geotiff_bytes(query.request.grid, bands_of(query, map.products),
-                            meta.dump(-1, ' ', true, Json::error_handler_t::replace), stop);
+        json_text(meta, 2), stop);
+  return dem::geotiff_bytes(query.request.grid, bands_of(query, map.products), json_ascii(meta), stop);
 }
 
 std::string encode_illumination(const MapQuery& query, std::span<const float> fraction, const OrderedJson& meta) {
   const dem::MapBand band{"illumination_fraction", "", fraction.data()};
-  return dem::geotiff_bytes(query.request.grid, {&band, 1}, meta.dump(-1, ' ', true, Json::error_handler_t::replace),
-                            {});
+  return dem::geotiff_bytes(query.request.grid, {&band, 1}, json_ascii(meta), {});
 }
 
 }  // namespace selenograph::api

@@ -10,6 +10,7 @@
 #include "api/answers/eclipse.h"
 #include "api/answers/turned_sky.h"
 #include "api/answers/view_json.h"
+#include "api/message/json_text.h"
 #include "api/requests/parts/detail_json.h"
 #include "engine/sensor/detector.h"
 #include "engine/sky/star_catalogue.h"
@@ -88,8 +89,6 @@ OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& re
   return warnings;
 }
 
-std::string compact(const OrderedJson& json) { return json.dump(-1, ' ', true, OrderedJson::error_handler_t::replace); }
-
 void omit(OrderedJson& metadata, const char* list) {
   metadata[std::string(list) + "_omitted"] = metadata.at(list).size();
   metadata[list] = OrderedJson::array();
@@ -113,7 +112,7 @@ std::string content_hash(const FrameQuery& query, const std::vector<double>& sha
   if (gave_way(query.request.accuracy, shadow_limits_px)) what["shadow_limits_px"] = shadow_limits_px;
   if (const double share = sun_covered(query); share > 0) what[kSunCovered] = share;
   if (sky_turned_deg(query.request, query.icrf_lag_s) > 0) what["icrf_lag_s"] = query.icrf_lag_s;
-  return content_hash(what.dump());
+  return content_hash(json_text(what));
 }
 
 std::string content_hash(const std::string& text) {
@@ -158,7 +157,7 @@ OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report,
 }
 
 std::string metadata_text(const OrderedJson& metadata, bool with_craters) {
-  return metadata.dump(with_craters ? -1 : 2, ' ', false, OrderedJson::error_handler_t::replace);
+  return json_text(metadata, with_craters ? -1 : 2);
 }
 
 void add_warnings(Response& response, const OrderedJson& warnings) {
@@ -166,23 +165,23 @@ void add_warnings(Response& response, const OrderedJson& warnings) {
   OrderedJson list = OrderedJson::array();
   for (const OrderedJson& text : warnings) {
     list.push_back(text);
-    if (compact(list).size() <= kMetaHeaderBytes) continue;
+    if (json_ascii(list).size() <= kMetaHeaderBytes) continue;
     list.erase(list.size() - 1);
     break;
   }
-  response.headers.emplace_back("Selenograph-Warnings", compact(list));
+  response.headers.emplace_back("Selenograph-Warnings", json_ascii(list));
 }
 
 MetadataHeader metadata_header(OrderedJson metadata) {
-  if (std::string text = compact(metadata); text.size() <= kMetaHeaderBytes) return {std::move(text), true};
+  if (std::string text = json_ascii(metadata); text.size() <= kMetaHeaderBytes) return {std::move(text), true};
   const std::string hash = metadata.at("content_hash"), place = "/v1/frames/" + hash + "/meta";
   metadata["metadata_at"] = place;
   for (const char* list : {"craters", "sources", "warnings"}) {
     if (!metadata.contains(list)) continue;
     omit(metadata, list);
-    if (std::string text = compact(metadata); text.size() <= kMetaHeaderBytes) return {std::move(text), false};
+    if (std::string text = json_ascii(metadata); text.size() <= kMetaHeaderBytes) return {std::move(text), false};
   }
-  return {compact({{"content_hash", hash}, {"metadata_at", place}}), false};
+  return {json_ascii(OrderedJson{{"content_hash", hash}, {"metadata_at", place}}), false};
 }
 
 }  // namespace selenograph::api

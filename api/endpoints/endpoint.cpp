@@ -87,6 +87,20 @@ MemoryBudget::Claim RequestMemory::give_for(std::size_t answer_bytes) {
   return std::move(claim_);
 }
 
+std::string_view accepted(const EndpointContext& context, std::span<const Alternative> alternatives,
+                          const std::function<bool(std::string_view)>& holds) {
+  return choose(header(context.request, "accept"), alternatives, holds);
+}
+
+Response negotiated(const EndpointContext& context, std::string_view media_type, std::string body) {
+  context.stop.check();
+  Response response;
+  response.content_type = media_type;
+  response.body = std::move(body);
+  response.headers.emplace_back("Vary", "Accept");
+  return response;
+}
+
 Response json_response(std::string text) {
   Response response;
   response.content_type = "application/json";
@@ -94,8 +108,6 @@ Response json_response(std::string text) {
   return response;
 }
 
-Response json_response(const nlohmann::ordered_json& json) {
-  return json_response(json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
-}
+Response json_response(const nlohmann::ordered_json& json) { return json_response(json_line(json)); }
 
 }  // namespace selenograph::api

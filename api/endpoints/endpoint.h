@@ -8,8 +8,10 @@
 #include <string_view>
 
 #include "api/assets/assets.h"
+#include "api/encode/negotiate.h"
 #include "api/encode/read_npz.h"
 #include "api/json/json_reader.h"
+#include "api/message/json_text.h"
 #include "api/message/memory_budget.h"
 #include "api/message/message.h"
 #include "api/message/problem.h"
@@ -119,6 +121,13 @@ auto with_refusals_at(std::span<const MemberPointer> members, std::string_view e
 // Call while handling `e`: rethrows it if the work only exceeds the request's deadline; throws an error of the member
 // at `pointer` if it exceeds any deadline that this service grants.
 [[noreturn]] void refuse_work(const TooMuchWork& e, const std::string& pointer, const Limits& limits);
+
+// The media type among these that the request accepts, as choose().
+std::string_view accepted(const EndpointContext& context, std::span<const Alternative> alternatives,
+                          const std::function<bool(std::string_view)>& holds = {});
+
+// Status 200 with the media type that was accepted. An answer that is ready too late is none: throws Cancelled.
+Response negotiated(const EndpointContext& context, std::string_view media_type, std::string body);
 
 // Status 200 with application/json.
 Response json_response(std::string text);

@@ -1,5 +1,4 @@
 // POST /v1/features.
-#include "api/encode/negotiate.h"
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
 #include "api/json/ranges.h"
@@ -24,17 +23,11 @@ OrderedJson listed(const char* what, std::span<const FeatureColumn<Feature>> col
 }  // namespace
 
 Response answer_features(const EndpointContext& context) {
-  const std::string_view media_type =
-      choose(header(context.request, "accept"), std::span<const Alternative>(kFeaturesAnswers));
+  const std::string_view media_type = accepted(context, kFeaturesAnswers);
   const FeaturesQuery query = read_features(json_body(context), context.limits, context.assets, context.stop);
   context.memory.need(query.bytes(), "/region", context.stop);
   const FeatureList list(query, context.renderer, context.stop);
-  Response response;
-  response.content_type = media_type;
-  response.body = media_type == "text/csv" ? list.csv() : list.json();
-  response.headers.emplace_back("Vary", "Accept");
-  context.stop.check();
-  return response;
+  return negotiated(context, media_type, media_type == "text/csv" ? list.csv() : list.json());
 }
 
 void describe_features(Operation& o) {

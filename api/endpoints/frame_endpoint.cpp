@@ -72,9 +72,7 @@ class LabelMembers {
     keep("crater_mask", labels.crater_mask());
     keep("rock_mask", labels.rock_mask());
     stop.check();
-    extras.texts.emplace_back(
-        prefix + kCocoMember,
-        labels.coco(query, "frame.npz").dump(-1, ' ', false, OrderedJson::error_handler_t::replace));
+    extras.texts.emplace_back(prefix + kCocoMember, json_text(labels.coco(query, "frame.npz")));
   }
 
  private:

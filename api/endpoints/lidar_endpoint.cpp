@@ -2,7 +2,6 @@
 #include <fmt/format.h>
 
 #include "api/answers/lidar_answer.h"
-#include "api/encode/negotiate.h"
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
 #include "engine/frame/needs.h"
@@ -22,8 +21,7 @@ void refuse_long_json(const LidarQuery& query, const Limits& limits) {
 }  // namespace
 
 Response answer_lidar(const EndpointContext& context) {
-  const std::string_view media_type =
-      choose(header(context.request, "accept"), std::span<const Alternative>(kLidarAnswers));
+  const std::string_view media_type = accepted(context, kLidarAnswers);
   const Body body = body_of(context);
   const LidarQuery query = read_lidar(body.json, body.arrays, context.limits, context.assets, context.stop);
   const bool json = media_type == "application/json";
@@ -35,15 +33,9 @@ Response answer_lidar(const EndpointContext& context) {
   constexpr MemberPointer kRefusable[] = {{"pose", "/pose"}, {"poses", "/motion/poses"}, {"craters", "/craters"}};
   const engine::LidarReturns returns =
       with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.lidar(query.request, context.stop); });
-  Response response;
-  response.content_type = media_type;
-  if (json)
-    response.body = lidar_json(returns, query, context.stop).dump() + "\n";
-  else
-    response.body = lidar_npz(returns, query, context.stop);
-  response.headers.emplace_back("Vary", "Accept");
-  context.stop.check();
-  return response;
+  return negotiated(
+      context, media_type,
+      json ? json_line(lidar_json(returns, query, context.stop)) : lidar_npz(returns, query, context.stop));
 }
 
 void describe_lidar(Operation& o) {

@@ -1,5 +1,4 @@
 // POST /v1/limb.
-#include "api/encode/negotiate.h"
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
 #include "api/requests/limb_json.h"
@@ -7,8 +6,7 @@
 namespace selenograph::api {
 
 Response answer_limb(const EndpointContext& context) {
-  const std::string_view media_type =
-      choose(header(context.request, "accept"), std::span<const Alternative>(kLimbAnswers));
+  const std::string_view media_type = accepted(context, kLimbAnswers);
   const LimbQuery query = read_limb(json_body(context), context.limits, context.assets, context.stop);
   // A point while it is in work: the engine's, its rays and its text.
   constexpr std::size_t kBytesPerLimbPoint = 3000;
@@ -17,12 +15,9 @@ Response answer_limb(const EndpointContext& context) {
     return LimbPoints{context.renderer.limb(query.request, context.stop, query.detail.content),
                       context.renderer.terminator(query.request, context.stop, query.detail.content)};
   });
-  Response response;
-  response.content_type = media_type;
-  response.body = media_type == kLimbAnswers[1].media_type ? limb_npz(limb, context.stop) : limb_json(limb).dump();
-  response.headers.emplace_back("Vary", "Accept");
-  context.stop.check();
-  return response;
+  return negotiated(
+      context, media_type,
+      media_type == kLimbAnswers[1].media_type ? limb_npz(limb, context.stop) : json_line(limb_json(limb)));
 }
 
 void describe_limb(Operation& o) {

@@ -5,7 +5,6 @@
 
 #include "api/answers/map_answer.h"
 #include "api/answers/metadata.h"
-#include "api/encode/negotiate.h"
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
 #include "dem/support/error.h"
@@ -29,8 +28,7 @@ engine::Map draw(const MapQuery& query, const EndpointContext& context) {
 Response answer_maps(const EndpointContext& context) {
   const MapQuery query = read_map(json_body(context), context.limits, context.assets, context.stop);
   const std::string_view media_type =
-      choose(header(context.request, "accept"), std::span<const Alternative>(kMapAnswers),
-             [&](std::string_view one) { return holds_map(query, one); });
+      accepted(context, kMapAnswers, [&](std::string_view one) { return holds_map(query, one); });
   check_map_answer(query, media_type);
   const std::string hash = content_hash(query, context.renderer.scene_bytes(),
                                         context.renderer.terrain().catalogue().fingerprint(), media_type);

@@ -43,28 +43,23 @@ std::vector<engine::SceneObject> scene_objects(const std::vector<PlacedObject>& 
   return objects;
 }
 
-// With a warning of an eclipse.
-Response negotiated(std::string_view media_type, std::string body, double sun_covered) {
-  Response response;
-  response.content_type = media_type;
-  response.body = std::move(body);
-  response.headers.emplace_back("Vary", "Accept");
+// What npz(light) or json(light) says of the places, with a warning of an eclipse.
+Response lit_answer(const EndpointContext& context, std::string_view media_type, const auto& query,
+                    std::span<const std::optional<engine::LitPlace>> places, const auto& npz, const auto& json) {
+  const auto light = light_of(context, query, places);
+  context.stop.check();
+  Response response =
+      negotiated(context, media_type, media_type == "application/json" ? json_line(json(light)) : npz(light));
   OrderedJson warnings = OrderedJson::array();
-  warn_of_eclipse(sun_covered, "", warnings);
+  warn_of_eclipse(sun_covered(query), "", warnings);
   add_warnings(response, warnings);
   return response;
 }
 
-std::string text_of(const OrderedJson& json) { return std::move(json_response(json).body); }
-
-// An answer that is ready too late is none: 504, as if the work had been stopped.
-void throw_if_stopped(const EndpointContext& context) { context.stop.check(); }
-
 }  // namespace
 
 Response answer_rays(const EndpointContext& context) {
-  const std::string_view media_type =
-      choose(header(context.request, "accept"), std::span<const Alternative>(kRaysAnswers));
+  const std::string_view media_type = accepted(context, kRaysAnswers);
   const Body body = body_of(context);
   const RaysQuery query = read_rays(body.json, context.limits, context.assets, context.stop, body.arrays);
   need_memory(context, query.rays.size(), "/rays", bytes_of_rocks(query));
@@ -78,17 +73,13 @@ Response answer_rays(const EndpointContext& context) {
     places.push_back(hit.hit && !hit.object && !hit.rock
                          ? std::optional(engine::LitPlace{hit.position_m, hit.normal, hit.incident})
                          : std::nullopt);
-  const auto light = light_of(context, query, places);
-  throw_if_stopped(context);
-  return negotiated(media_type,
-                    media_type == kRaysAnswers[1].media_type ? rays_npz(hits, light, query, context.stop)
-                                                             : text_of(rays_json(hits, light, query)),
-                    sun_covered(query));
+  return lit_answer(
+      context, media_type, query, places, [&](const auto& light) { return rays_npz(hits, light, query, context.stop); },
+      [&](const auto& light) { return rays_json(hits, light, query); });
 }
 
 Response answer_project(const EndpointContext& context) {
-  const std::string_view media_type =
-      choose(header(context.request, "accept"), std::span<const Alternative>(kLandmarkAnswers));
+  const std::string_view media_type = accepted(context, kLandmarkAnswers);
   const Body body = body_of(context);
   const ProjectQuery query = read_project(body.json, context.limits, context.assets, context.stop, body.arrays);
   need_memory(context, query.points.size(), "/points",
@@ -101,14 +92,11 @@ Response answer_project(const EndpointContext& context) {
   std::vector<std::optional<engine::LitPlace>> places;
   places.reserve(landmarks.size());
   for (const engine::Landmark& landmark : landmarks) places.push_back(landmark.place);
-  const auto light = light_of(context, query, places);
-  throw_if_stopped(context);
   const dem::Catalogue& catalogue = context.renderer.terrain().catalogue();
-  return negotiated(media_type,
-                    media_type == kLandmarkAnswers[1].media_type
-                        ? landmarks_npz(landmarks, light, query, catalogue, context.stop)
-                        : text_of(landmarks_json(landmarks, light, query, catalogue)),
-                    sun_covered(query));
+  return lit_answer(
+      context, media_type, query, places,
+      [&](const auto& light) { return landmarks_npz(landmarks, light, query, catalogue, context.stop); },
+      [&](const auto& light) { return landmarks_json(landmarks, light, query, catalogue); });
 }
 
 Response answer_heights(const EndpointContext& context) {
@@ -119,7 +107,7 @@ Response answer_heights(const EndpointContext& context) {
   for (const Geographic& place : query.points) {
     list.push_back(
         height_answer().write({terrain->height(place.lat_deg, place.lon_deg, context.stop), terrain->catalogue()}));
-    throw_if_stopped(context);
+    context.stop.check();
   }
   return json_response(OrderedJson{{"points", std::move(list)}});
 }
@@ -128,7 +116,7 @@ Response answer_height(const EndpointContext& context) {
   const Geographic place = read_height_query(context.request.query);
   const dem::Terrain& terrain = context.renderer.terrain();
   const dem::HeightAnswer height = terrain.height(place.lat_deg, place.lon_deg, context.stop);
-  throw_if_stopped(context);
+  context.stop.check();
   return json_response(height_answer().write({height, terrain.catalogue()}));
 }
 

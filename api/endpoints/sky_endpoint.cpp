@@ -3,7 +3,6 @@
 
 #include "api/answers/metadata.h"
 #include "api/answers/turned_sky.h"
-#include "api/encode/negotiate.h"
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
 #include "api/requests/sky_json.h"
@@ -14,8 +13,7 @@
 namespace selenograph::api {
 
 Response answer_sky(const EndpointContext& context) {
-  const std::string_view media_type =
-      choose(header(context.request, "accept"), std::span<const Alternative>(kSkyAnswers));
+  const std::string_view media_type = accepted(context, kSkyAnswers);
   const SkyQuery query = read_sky(json_body(context), context.limits, context.assets, context.stop);
   // A star while it is in work: the engine's, its ray and its text.
   constexpr std::size_t kBytesPerStar = 2000;
@@ -27,15 +25,12 @@ Response answer_sky(const EndpointContext& context) {
   constexpr MemberPointer kRefusable[] = {{"magnitude_limit", "/sky/magnitude_limit"}, {"shutter", "/shutter"}};
   const auto sky =
       with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.sky(query.request, context.stop); });
-  Response response;
-  response.content_type = media_type;
-  response.body =
-      media_type == kSkyAnswers[1].media_type ? sky_npz(sky, query, context.stop) : sky_json(sky, query).dump();
-  response.headers.emplace_back("Vary", "Accept");
+  Response response = negotiated(
+      context, media_type,
+      media_type == kSkyAnswers[1].media_type ? sky_npz(sky, query, context.stop) : json_line(sky_json(sky, query)));
   OrderedJson warnings = OrderedJson::array();
   warn_of_turned_sky(query.request, query.icrf_lag_s, warnings);
   add_warnings(response, warnings);
-  context.stop.check();
   return response;
 }
 

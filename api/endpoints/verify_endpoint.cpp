@@ -2,7 +2,6 @@
 #include <algorithm>
 
 #include "api/answers/round_trip_answer.h"
-#include "api/encode/negotiate.h"
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
 #include "api/requests/mertis_json.h"
@@ -32,21 +31,14 @@ std::size_t bytes_of(const engine::RoundTripRequest& request) {
 }  // namespace
 
 Response answer_verify_round_trip(const EndpointContext& context) {
-  const std::string_view media_type =
-      choose(header(context.request, "accept"), std::span<const Alternative>(kRoundTripAnswers));
+  const std::string_view media_type = accepted(context, kRoundTripAnswers);
   const engine::RoundTripRequest request = read_round_trip(json_body(context), context.limits);
   context.memory.need(bytes_of(request), "/posts", context.stop);
   const engine::RoundTrip trip = made_round_trip(context, request);
-  Response response;
-  response.content_type = media_type;
-  if (media_type == "image/tiff") {
-    response.body = dem::geotiff_bytes(grid_of(trip.window), trip.difference_m, "extracted - original");
-  } else {
-    response = json_response(round_trip_answer().write({request, trip, engine::statistics_of(trip)}));
-  }
-  response.headers.emplace_back("Vary", "Accept");
-  context.stop.check();
-  return response;
+  return negotiated(context, media_type,
+                    media_type == "image/tiff"
+                        ? dem::geotiff_bytes(grid_of(trip.window), trip.difference_m, "extracted - original")
+                        : json_line(round_trip_answer().write({request, trip, engine::statistics_of(trip)})));
 }
 
 Response answer_verify_mertis(const EndpointContext& context) {

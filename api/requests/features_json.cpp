@@ -8,6 +8,7 @@
 
 #include "api/assets/assets.h"
 #include "api/json/ranges.h"
+#include "api/message/json_text.h"
 #include "dem/detail/footprints.h"
 
 namespace selenograph::api {
@@ -201,7 +202,7 @@ std::string FeatureList::json() const {
   const dem::Footprint region = query_.region();
   std::string text = fmt::format(
       R"({{"detail":{},"region":{{"south_deg":{},"north_deg":{},"west_deg":{},"east_deg":{}}},"smallest_m":{},{}"{}":[)",
-      detail_metadata(query_.detail.name, *query_.detail.content).dump(), region.south_deg, region.north_deg,
+      json_text(detail_metadata(query_.detail.name, *query_.detail.content)), region.south_deg, region.north_deg,
       region.west_deg, region.east_deg, query_.least_m(),
       query_.kind == FeatureKind::craters ? fmt::format(R"("min_depth_over_diameter":{},)", query_.least_depth) : "",
       population_of(query_).name);

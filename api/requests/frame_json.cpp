@@ -7,6 +7,7 @@
 
 #include "api/encode/arrays.h"
 #include "api/json/ranges.h"
+#include "api/message/json_text.h"
 #include "api/requests/cameras.h"
 #include "api/requests/parts/band_json.h"
 #include "api/requests/parts/camera_preset.h"
@@ -170,7 +171,7 @@ struct Echo {
       in.fail("must be an object");
       return std::nullopt;
     }
-    Value text = in.value().dump(-1, ' ', true, Json::error_handler_t::replace);
+    Value text = json_ascii(in.value());
     if (text.size() <= kMostBytes) return text;
     in.fail(fmt::format("has {} bytes as compact JSON in ASCII: at most {}", text.size(), kMostBytes));
     return std::nullopt;

@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "api/encode/columns.h"
+#include "api/message/json_text.h"
 #include "api/requests/parts/band_json.h"
 #include "api/requests/parts/camera_json.h"
 #include "api/requests/parts/camera_preset.h"
@@ -180,7 +181,7 @@ std::string sky_npz(const std::vector<SkyObject>& sky, const SkyQuery& query, co
   arrays.add("hidden_by", sky, [](const SkyObject& o) { return static_cast<std::uint8_t>(o.hidden_by); });
   OrderedJson meta{{"kind", OrderedJson::array()}, {"id", OrderedJson::array()}};
   for (const SkyObject& o : sky) meta["kind"].push_back(word_of(kSkyKinds, o.kind)), meta["id"].push_back(o.id);
-  return arrays.npz(meta.dump());
+  return arrays.npz(json_text(meta));
 }
 
 }  // namespace selenograph::api

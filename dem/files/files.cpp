@@ -6,11 +6,36 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <limits>
 #include <system_error>
 
 #include "dem/support/error.h"
 
 namespace selenograph::dem {
+namespace {
+
+// To the end, or `most` bytes.
+std::string read_and_close(int fd, const std::string& path, std::size_t most) {
+  constexpr std::size_t kPiece = 1 << 16;
+  std::string bytes;
+  std::size_t done = 0;
+  int code = 0;
+  while (done < most) {
+    if (done == bytes.size()) bytes.resize(std::min(most, std::max(kPiece, 2 * done)));
+    const ssize_t n = ::read(fd, bytes.data() + done, bytes.size() - done);
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) code = errno;
+    if (n <= 0) break;
+    done += static_cast<std::size_t>(n);
+  }
+  ::close(fd);
+  if (code != 0) throw_file_error(path, code);
+  bytes.resize(done);
+  return bytes;
+}
+
+}  // namespace
+
 std::optional<FileState> file_state(const std::string& path) {
   struct stat s {};
   if (::stat(path.c_str(), &s) != 0) {
@@ -64,21 +89,13 @@ std::string read_head(const std::string& path, std::size_t most) {
     ::close(fd);
     throw DataError(path, "is not a regular file");
   }
-  most = std::min(most, static_cast<std::size_t>(s.st_size));
-  std::string bytes(most, '\0');
-  std::size_t done = 0;
-  int code = 0;
-  while (done < most) {
-    const ssize_t n = ::read(fd, bytes.data() + done, most - done);
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) code = errno;
-    if (n <= 0) break;
-    done += static_cast<std::size_t>(n);
-  }
-  ::close(fd);
-  if (code != 0) throw_file_error(path, code);
-  bytes.resize(done);
-  return bytes;
+  return read_and_close(fd, path, std::min(most, static_cast<std::size_t>(s.st_size)));
+}
+
+std::string read_whole(const std::string& path) {
+  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOCTTY);
+  if (fd < 0) throw_file_error(path, errno);
+  return read_and_close(fd, path, std::numeric_limits<std::size_t>::max());
 }
 
 }  // namespace selenograph::dem

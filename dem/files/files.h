@@ -29,5 +29,7 @@ bool is_system_fault(int code);
 
 // Reads the first `most` bytes of a regular file; other kinds are refused without blocking. Throws as throw_file_error.
 std::string read_head(const std::string& path, std::size_t most);
+// Reads a file to its end; a pipe, too, which waits for its writer. Throws as throw_file_error.
+std::string read_whole(const std::string& path);
 
 }  // namespace selenograph::dem

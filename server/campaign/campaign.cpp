@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "api/encode/negotiate.h"
+#include "api/message/json_text.h"
 #include "server/campaign/progress.h"
 #include "server/campaign/store.h"
 
@@ -58,7 +59,7 @@ class Frames {
     request.method = "POST";
     request.path = "/v1/frames";
     request.headers = {{"accept", media_type_}, {"content-type", "application/json"}};
-    request.body = manifest_.request(line).dump(-1, ' ', false, api::Json::error_handler_t::replace);
+    request.body = api::json_text(manifest_.request(line));
     request.abandoned = &stop_;
     Answer answer;
     for (int i = 0; i < kTries && !stop_; ++i) {

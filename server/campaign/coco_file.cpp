@@ -9,6 +9,7 @@
 #include "api/answers/coco.h"
 #include "api/answers/metadata.h"
 #include "api/encode/read_npz.h"
+#include "api/message/json_text.h"
 #include "server/campaign/durable_files.h"
 #include "server/campaign/tar.h"
 
@@ -17,10 +18,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using OrderedJson = nlohmann::ordered_json;
-
-std::string text_of(const OrderedJson& json) {
-  return json.dump(-1, ' ', false, OrderedJson::error_handler_t::replace);
-}
 
 // Masks are of uint16: numbers of annotations in a frame are below.
 constexpr std::size_t kNumbersPerFrame = 65536;
@@ -40,10 +37,10 @@ class CocoWriter {
  public:
   explicit CocoWriter(const std::string& path) : file_(path + ".part") {
     file_.cut(0);
-    text_ = fmt::format(
-        R"({{"info":{},"licenses":[],"categories":{},"annotations":[)",
-        text_of({{"description", "Craters and rocks of selenograph frames"}, {"version", api::software_version()}}),
-        text_of(api::coco_categories()));
+    text_ = fmt::format(R"({{"info":{},"licenses":[],"categories":{},"annotations":[)",
+                        api::json_text(OrderedJson{{"description", "Craters and rocks of selenograph frames"},
+                                                   {"version", api::software_version()}}),
+                        api::json_text(api::coco_categories()));
   }
 
   // `labels`: a frame's own document.
@@ -58,7 +55,7 @@ class CocoWriter {
       annotation["id"] = line.number * kNumbersPerFrame + mask_id;
       annotation["image_id"] = line.number;
       annotation["mask_id"] = mask_id;
-      text_ += (tally.annotations++ > 0 ? ",\n" : "\n") + text_of(annotation);
+      text_ += (tally.annotations++ > 0 ? ",\n" : "\n") + api::json_text(annotation);
     }
     ++tally.images;
     constexpr std::size_t kPiece = std::size_t{4} << 20;
@@ -66,7 +63,7 @@ class CocoWriter {
   }
 
   void finish(const std::string& path) {
-    text_ += "],\n\"images\":" + text_of(images_) + "}\n";
+    text_ += "],\n\"images\":" + api::json_text(images_) + "}\n";
     flush();
     rename_on_disk(file_.path(), path);
   }

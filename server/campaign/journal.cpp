@@ -5,10 +5,11 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <list>
 #include <stdexcept>
+
+#include "api/message/json_text.h"
+#include "dem/files/files.h"
 
 namespace selenograph::server {
 namespace {
@@ -44,13 +45,6 @@ Run run_of(const OrderedJson& run) {
 }
 
 std::string key_of(const std::string& name, const std::string& request_sha256) { return name + " " + request_sha256; }
-
-std::string text_of(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::string text{std::istreambuf_iterator<char>(file), {}};
-  if (!file) throw std::runtime_error(path + ": can't be read");
-  return text;
-}
 
 std::size_t offset_in(const std::string& text, std::string_view part) {
   return static_cast<std::size_t>(part.data() - text.data());
@@ -103,7 +97,7 @@ Record::Record(const std::string& folder, const Run* current) {
   std::vector<Lines> runs;
   for (const std::string& name : journals_) {
     const std::string path = in_folder(folder, name);
-    split_into_runs(path, texts.emplace_back(text_of(path)), runs);
+    split_into_runs(path, texts.emplace_back(dem::read_whole(path)), runs);
   }
   std::stable_sort(runs.begin(), runs.end(),
                    [](const Lines& a, const Lines& b) { return a.run.started < b.run.started; });
@@ -176,9 +170,9 @@ Journal::Journal(const std::string& folder, const Run& run)
 }
 
 void Journal::add_line(const OrderedJson& line) {
-  std::string text = line.dump(-1, ' ', false, OrderedJson::error_handler_t::replace) + "\n";
+  std::string text = api::json_line(line);
   std::lock_guard lock(mutex_);
-  if (run_) text.insert(0, json_of(*run_).dump() + "\n");
+  if (run_) text.insert(0, api::json_line(json_of(*run_)));
   file_.append(text);
   run_.reset();
 }

@@ -3,12 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <fstream>
-#include <iterator>
 #include <stdexcept>
 #include <unordered_map>
 
+#include "api/message/json_text.h"
 #include "api/message/problem.h"
+#include "dem/files/files.h"
 #include "server/campaign/sha256.h"
 
 namespace selenograph::server {
@@ -17,8 +17,6 @@ namespace {
 using api::Json;
 
 constexpr const char* kName = "name";
-
-std::string compact(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
 
 bool is_frame_name(std::string_view text) {
   const auto fits = [](char c) {
@@ -37,13 +35,6 @@ std::string own_name(const Json& given) {
   if (given.is_string() && is_frame_name(given.get_ref<const std::string&>())) return given;
   refuse_name(fmt::format("must be 1 to {} letters, digits, '.', '_' and '-', beginning with neither '.' nor '-'",
                           kLongestFrameName));
-}
-
-std::string read_whole(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  file.peek();  // a folder can be opened
-  if (!file.is_open() || file.bad()) throw std::runtime_error(path + ": can't be read");
-  return {std::istreambuf_iterator<char>(file), {}};
 }
 
 std::vector<ManifestLine> split(std::string_view text) {
@@ -69,7 +60,7 @@ Problem problem_of(const std::string& body, int status) {
 }
 
 Manifest::Manifest(const std::string& path, int max_json_depth)
-    : path_(path), text_(read_whole(path)), sha256_(server::sha256(text_)), max_json_depth_(max_json_depth) {
+    : path_(path), text_(dem::read_whole(path)), sha256_(server::sha256(text_)), max_json_depth_(max_json_depth) {
   lines_ = split(text_);
   if (lines_.empty()) throw std::runtime_error(path + ": has no line");
   const std::size_t width = std::max<std::size_t>(6, std::to_string(lines_.back().number).size());
@@ -84,7 +75,7 @@ Manifest::Manifest(const std::string& path, int max_json_depth)
         line.name = own_name(request[kName]);
         request.erase(kName);
       }
-      line.request_sha256 = server::sha256(compact(request));
+      line.request_sha256 = server::sha256(api::json_text(request));
       const auto [first, is_new] = taken.emplace(line.name, line.number);
       if (!is_new) refuse_name(fmt::format("\"{}\" is the name of line {}", line.name, first->second));
       return api::Response{};

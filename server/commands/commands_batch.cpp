@@ -12,6 +12,7 @@
 #include <thread>
 
 #include "api/answers/metadata.h"
+#include "api/message/json_text.h"
 #include "server/campaign/campaign.h"
 #include "server/campaign/check.h"
 #include "server/campaign/coco_file.h"
@@ -105,7 +106,7 @@ void write_labels(const Manifest& manifest, const CampaignOptions& options, cons
 std::string named(const Manifest& manifest, const ManifestLine& line) {
   api::Json request = manifest.request(line);
   request["name"] = line.name;
-  return request.dump(-1, ' ', false, api::Json::error_handler_t::replace) + "\n";
+  return api::json_line(request);
 }
 
 // What is no frame as it should be makes room for the one that is.

@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "api/answers/coco.h"
+#include "api/message/json_text.h"
 #include "api/message/problem.h"
 #include "api/requests/features_json.h"
 #include "api/requests/frame_json.h"
@@ -42,7 +43,7 @@ std::string region_request(const FeaturesSettings& s) {
        {{"south_deg", s.region[0]}, {"north_deg", s.region[1]}, {"west_deg", s.region[2]}, {"east_deg", s.region[3]}}}};
   if (s.smallest_m) request["smallest_m"] = *s.smallest_m;
   request["min_depth_over_diameter"] = s.rims.least_depth;
-  return request.dump();
+  return api::json_text(request);
 }
 
 // What is to be written, and said of it.
@@ -82,8 +83,7 @@ Written of_frame(const Json& request, const FeaturesSettings& s, const engine::R
       fmt::format("{}: {} craters and {} rocks in {}\n", s.coco, labels.craters(), labels.rocks(), image);
   if (const std::size_t cut_off = frame.report.craters.cut_off; cut_off > 0)
     said += fmt::format("{}: {} more are left out: the camera can't image all of their rim\n", s.coco, cut_off);
-  return {s.coco, labels.coco(query, image).dump(-1, ' ', false, api::OrderedJson::error_handler_t::replace) + "\n",
-          said};
+  return {s.coco, api::json_line(labels.coco(query, image)), said};
 }
 
 // Neither of two files is written if the other can't be.

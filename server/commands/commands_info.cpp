@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "api/answers/datasets_answer.h"
+#include "api/message/json_text.h"
 #include "dem/posts/layer_joins.h"
 #include "dem/terrain/height_survey.h"
 #include "dem/terrain/resampling.h"
@@ -163,7 +164,7 @@ void print_json(const dem::Catalogue& catalogue, const std::vector<dem::LayerBor
   json["uncovered"] = std::move(gaps);
   json["borders"] = borders_json(catalogue, borders);
   if (settings.resampling > 0) json["resampling"] = resampling_json(measure_resampling(settings));
-  fmt::print("{}\n", json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
+  fmt::print("{}\n", api::json_text(json, 2));
 }
 
 }  // namespace

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "api/answers/metadata.h"
+#include "api/message/json_text.h"
 #include "engine/support/heap.h"
 #include "server/commands/commands.h"
 #include "server/commands/start.h"
@@ -99,7 +100,7 @@ std::string members_of(const AccessRecord& e) {
                               {"work_ms", round_ms(e.work_s)},
                               {"stages_ms", nlohmann::ordered_json::object()}};
   for (const auto& [stage, ms] : e.stages_ms) line["stages_ms"][stage] = ms;
-  const std::string text = line.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+  const std::string text = api::json_text(line);
   return text.substr(1, text.size() - 2);
 }
 

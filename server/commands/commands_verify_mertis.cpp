@@ -2,11 +2,10 @@
 #include <fmt/format.h>
 
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <stdexcept>
 
 #include "api/requests/mertis_json.h"
+#include "dem/files/files.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
 
@@ -17,9 +16,7 @@ namespace fs = std::filesystem;
 
 api::MertisQuery read_instrument(const std::string& path) {
   if (path.empty()) return {};
-  std::ifstream file(path, std::ios::binary);
-  if (!file) throw std::runtime_error(path + ": can't be read");
-  const std::string text{std::istreambuf_iterator<char>(file), {}};
+  const std::string text = dem::read_whole(path);
   try {
     return api::read_mertis(api::parse_json(text, 8));
   } catch (const api::RequestError& e) {

@@ -2,20 +2,17 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
-#include <cstring>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
 #include "api/answers/moon_report.h"
 #include "api/encode/encode.h"
+#include "api/encode/read_npz.h"
 #include "api/message/problem.h"
 #include "api/requests/frame_json.h"
+#include "dem/files/files.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
 #include "server/commands/place.h"
@@ -39,35 +36,17 @@ constexpr Channel kSeviri[] = {{"VIS006", 0.635, 0.15}, {"VIS008", 0.81, 0.14}, 
 // is 83.9 urad.
 constexpr engine::SpinScan kSeviriScan{3, 0.455};
 
-std::string whole_file(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) throw std::runtime_error(path.string() + ": can't be read");
-  return {std::istreambuf_iterator<char>(file), {}};
-}
-
-// NumPy's .npy of float32 [channel, row, column] in C order, little-endian.
-std::vector<engine::DiscImage> read_npy(const fs::path& path) {
-  const std::string bytes = whole_file(path);
-  const auto refuse = [&](const char* why) { throw std::runtime_error(path.string() + ": " + why); };
-  constexpr std::size_t kHead = 10;
-  if (bytes.size() < kHead || bytes.compare(0, 6, "\x93NUMPY") != 0) refuse("is not a .npy file");
-  const std::size_t data = kHead + static_cast<unsigned char>(bytes[8]) + 256 * static_cast<unsigned char>(bytes[9]);
-  const std::string head = bytes.substr(kHead, std::min(data, bytes.size()) - kHead);
-  if (head.find("'<f4'") == std::string::npos || head.find("'fortran_order': False") == std::string::npos)
-    refuse("must hold float32, little-endian, in C order");
-  int channels = 0, height = 0, width = 0;
-  const std::size_t shape = head.find("'shape': (");
-  if (shape == std::string::npos ||
-      std::sscanf(head.c_str() + shape, "'shape': (%d, %d, %d)", &channels, &height, &width) != 3 || channels < 1 ||
-      height < 2 || width < 2 || channels > 16 || height > 8192 || width > 8192)
-    refuse("must have three dimensions: channel, row, column");
-  const auto size = static_cast<std::size_t>(height) * static_cast<std::size_t>(width);
-  if (bytes.size() != data + static_cast<std::size_t>(channels) * size * sizeof(float)) refuse("is cut off");
+// Of NumPy's .npy: [channel, row, column].
+std::vector<engine::DiscImage> read_images(const fs::path& path) {
+  const api::NpzArray array = api::read_npy(dem::read_whole(path), path.string());
+  const std::vector<std::size_t>& shape = array.shape;
+  if (shape.size() != 3 || shape[0] < 1 || shape[1] < 2 || shape[2] < 2 || shape[0] > 16 || shape[1] > 8192 ||
+      shape[2] > 8192)
+    throw std::runtime_error(path.string() + ": must have three dimensions: channel, row, column");
   std::vector<engine::DiscImage> images;
-  for (std::size_t k = 0; k < static_cast<std::size_t>(channels); ++k) {
-    images.push_back({width, height, std::vector<float>(size)});
-    std::memcpy(images.back().radiance.data(), bytes.data() + data + k * size * sizeof(float), size * sizeof(float));
-  }
+  const auto size = static_cast<std::ptrdiff_t>(shape[1] * shape[2]);
+  for (auto from = array.numbers.begin(); from != array.numbers.end(); from += size)
+    images.push_back({static_cast<int>(shape[2]), static_cast<int>(shape[1]), std::vector<float>(from, from + size)});
   return images;
 }
 
@@ -112,12 +91,12 @@ engine::DiscImage fine_frame(engine::FrameRequest request, const engine::Rendere
 std::vector<Pair> image_pairs(const VerifyMoonSettings& settings, const engine::Renderer& renderer,
                               const api::Assets& assets) {
   const fs::path folder = settings.images;
-  const json views = json::parse(whole_file(folder / "views.json"), nullptr, false);
+  const json views = json::parse(dem::read_whole(folder / "views.json"), nullptr, false);
   if (!views.is_object()) throw std::runtime_error((folder / "views.json").string() + ": is not a JSON object");
   if (views.empty()) throw std::runtime_error((folder / "views.json").string() + ": names no image");
   std::vector<Pair> pairs;
   for (const auto& [name, view] : views.items()) {
-    const auto images = read_npy(folder / (name + ".npy"));
+    const auto images = read_images(folder / (name + ".npy"));
     const engine::SpinScan scan = engine::scan_of(images, kSeviriScan);
     for (std::size_t k = 0; k < std::min(images.size(), std::size(kSeviri)); ++k) {
       json body = view;

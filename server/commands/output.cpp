@@ -12,6 +12,8 @@
 #include <stdexcept>
 #include <system_error>
 
+#include "api/message/json_text.h"
+
 namespace selenograph::server {
 
 namespace fs = std::filesystem;
@@ -93,7 +95,7 @@ bool is_same_file(const std::string& a, const std::string& b) {
 }
 
 void write_json(const std::string& path, const nlohmann::ordered_json& json) {
-  write_whole(path, json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
+  write_whole(path, api::json_text(json, 2) + "\n");
 }
 
 ProgressBar::ProgressBar() : terminal_(::isatty(STDERR_FILENO) == 1) {}

@@ -3,20 +3,17 @@
 #include <fmt/format.h>
 
 #include <cstdio>
-#include <fstream>
 #include <iostream>
 #include <iterator>
 #include <nlohmann/json.hpp>
-#include <stdexcept>
+
+#include "dem/files/files.h"
 
 namespace selenograph::server {
 
 std::string read_request(const std::string& path) {
   if (path == "-") return {std::istreambuf_iterator<char>(std::cin), {}};
-  std::ifstream file(path, std::ios::binary);
-  file.peek();  // a folder can be opened
-  if (!file.is_open() || file.bad()) throw std::runtime_error(path + ": can't be read");
-  return {std::istreambuf_iterator<char>(file), {}};
+  return dem::read_whole(path);
 }
 
 void print_problem(const api::Response& answer) {

@@ -23,16 +23,14 @@
 #include <thread>
 #include <utility>
 
+#include "api/message/json_text.h"
+
 namespace selenograph::server {
 namespace {
 
 constexpr const char* kLogName = "selenograph";
 constexpr auto kLastWait = std::chrono::milliseconds(500);
 constexpr const char* kMembers = "members";  // stands for a line's place in the source: its text is JSON
-
-std::string quoted(std::string_view text) {
-  return nlohmann::json(text).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-}
 
 class JsonLine : public spdlog::formatter {
  public:
@@ -44,7 +42,7 @@ class JsonLine : public spdlog::formatter {
                    fmt::gmtime(std::chrono::system_clock::to_time_t(message.time)), ms % 1000,
                    std::string_view(level.data(), level.size()),
                    message.source.funcname == kMembers ? "" : "\"message\":",
-                   message.source.funcname == kMembers ? std::string(text) : quoted(text));
+                   message.source.funcname == kMembers ? std::string(text) : api::json_text(nlohmann::json(text)));
   }
   std::unique_ptr<spdlog::formatter> clone() const override { return std::make_unique<JsonLine>(); }
 };

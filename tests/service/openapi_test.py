@@ -129,6 +129,7 @@ class Documented(unittest.TestCase):
             self.assertIn(media_type, content, f"{operation} {got}")
             self.assertTrue(content[media_type], f"{operation} {got}")
             if media_type.endswith("json"):
+                self.assertTrue(body.endswith(b"\n"), f"{operation} {got}")
                 document = json.loads(body)
                 validator(content[media_type]["schema"]).validate(document)
                 self.assertEqual(document.get("status", got), got)

@@ -164,11 +164,12 @@ class Answer(unittest.TestCase):
         self.assertEqual(service.frame({**request, "sky": {"stars": True, "utc": EPOCHS[0]}})[0], 200)
 
     def test_a_broken_catalogue_is_named_with_its_line(self):
-        with open(path("assets", "stars", "broken.csv"), "w", encoding="ascii") as file:
-            file.write(f"{HEAD}\nA,1,2,2000,0,0,0,4,x\n")
-        status, _, body = service.post("/v1/sky", {**EVERYTHING, "sky": {"stars": "broken"}})
-        self.assertEqual(status, 500)
-        self.assertIn(b"broken.csv: line 2", body)
+        for name, star in (("broken", "A,1,2,2000,0,0,0,4,x"), ("latin", "\xe9,1,2,2000,0,0,0,4,0.6")):
+            with open(path("assets", "stars", f"{name}.csv"), "w", encoding="latin-1") as file:
+                file.write(f"{HEAD}\n{star}\n")
+            status, _, body = service.post("/v1/sky", {**EVERYTHING, "sky": {"stars": name}})
+            self.assertEqual(status, 500)
+            self.assertIn(f"{name}.csv: line 2".encode(), body)
 
 
 class LikeFrames(unittest.TestCase):

@@ -81,10 +81,12 @@ class CommandLine(unittest.TestCase):
         self.assertIn("gone.tif is missing", json.loads(done.stdout)["problems"][0]["what"])
 
     def test_a_request_that_is_a_folder_is_named(self):
-        for command, output in (("render", "x.png"), ("map", "x.tif"), ("batch", "x")):
-            done = self.run_it(command, harness.path("dem"), "-o", harness.path(output), "--dem", harness.path("dem"))
+        folder = harness.path("dem")
+        for arguments in (("render", folder, "-o", "x.png", "--dem", folder), ("map", folder, "-o", "x.tif", "--dem", folder),
+                          ("batch", folder, "-o", "x", "--dem", folder), ("verify", "mertis", "--instrument", folder, "-o", "x")):
+            done = self.run_it(*(harness.path("x") if a.startswith("x") else a for a in arguments))
             self.assertEqual(done.returncode, 1)
-            self.assertIn(f"error: {harness.path('dem')}: can't be read\n", done.stderr)
+            self.assertIn(f"error: {folder}: can't be opened: Is a directory\n", done.stderr)
 
     def test_misspelt_commands_and_options(self):
         for arguments, meant in ((("rendr", "x"), "rendr: did you mean render?"), (("info", "--dme", "x"), "--dme: did you mean --dem?"),

@@ -49,6 +49,9 @@ TEST(StarCatalogue, SaysFileAndLine) {
   EXPECT_NE(complaint_about_stars(kHead + std::string("HR 2,10,-91,2000,0,0,0,4.5,0.6\n"))
                 .find("line 2: dec_deg must be -90 to 90"),
             std::string::npos);
+  EXPECT_NE(complaint_about_stars(kHead + std::string("H\xe9 2,10,20,2000,0,0,0,4.5,0.6\n"))
+                .find("line 2: the identifier is not UTF-8"),
+            std::string::npos);
   EXPECT_NE(complaint_about_stars(kHead).find("has no stars"), std::string::npos);
 }
 
