@@ -2,26 +2,22 @@
 
 #include <cpl_vsi.h>
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <filesystem>
 #include <limits>
 #include <memory>
 #include <stdexcept>
-#include <system_error>
 #include <vector>
 
+#include "dem/files/whole_file.h"
 #include "dem/gdal/library.h"
 #include "dem/grid/geodesy.h"
 #include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {
-
-namespace fs = std::filesystem;
 
 std::string complaint() {
   const std::string text = CPLGetLastErrorMsg();
@@ -226,19 +222,7 @@ std::string in_memory(const Write& write) {
 
 void write_geotiff(const std::string& path, const GeotiffGrid& grid, std::span<const float> values,
                    const std::string& name) {
-  const std::string temporary = fmt::format("{}.part-{}", path, ::getpid());
-  std::error_code error;
-  try {
-    create(temporary, grid, values, name);
-  } catch (...) {
-    fs::remove(temporary, error);
-    throw;
-  }
-  fs::rename(temporary, path, error);
-  if (!error) return;
-  const std::string why = error.message();
-  fs::remove(temporary, error);
-  throw DataError(path, why);
+  write_whole_file(path, geotiff_bytes(grid, values, name));
 }
 
 std::string geotiff_bytes(const GeotiffGrid& grid, std::span<const float> values, const std::string& name) {

@@ -21,7 +21,7 @@ struct GeotiffGrid {
 };
 
 // float32, row 0 in the north, a post at each pixel's centre; NaN is declared as NoData. `name` describes the band.
-// The file appears whole or not at all (temporary name, then rename). Throws DataError naming it.
+// The file appears whole or not at all. Throws DataError, or SystemFault naming it.
 void write_geotiff(const std::string& path, const GeotiffGrid& grid, std::span<const float> values,
                    const std::string& name);
 

@@ -57,9 +57,8 @@ TEST(RasterWriter, SameBytesInMemory) {
 
 TEST(RasterWriter, FailedWriteLeavesNoFile) {
   const test::TemporaryFolder folder;
-  EXPECT_THROW(write_geotiff(folder / "none/a.tif", kGrid, values(), ""), DataError);
   std::filesystem::create_directory(folder / "taken.tif");
-  EXPECT_THROW(write_geotiff(folder / "taken.tif", kGrid, values(), ""), DataError);
+  EXPECT_THROW(write_geotiff(folder / "taken.tif", kGrid, values(), ""), SystemFault);
   EXPECT_THROW(write_geotiff(folder / "b.tif", {0, 0, 1, 1, 4, 4}, values(), ""), std::invalid_argument);
   int entries = 0;
   for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(folder.path())) ++entries;
