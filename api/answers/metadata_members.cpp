@@ -119,11 +119,15 @@ void add_further_bounces(Answer<MetadataSource>& a) {
       "indirect",
       schema::free_object(
           "of light from terrain: ground_view, the largest share of its hemisphere that a place in view sees as "
-          "ground; albedo, that of the model for diffuse light, without maps; further_bounces_at_most, what the two "
+          "ground; albedo, that of the model for diffuse light, or 1 where `albedo_maps` are used; "
+          "further_bounces_at_most, what the two "
           "say of light that is reflected more often than the request's `bounces` n, (a V)^n / (1 - a V) of the "
           "largest irradiance from terrain that any ground has, in view or not"),
       [](const MetadataSource& s) {
-        const double albedo = engine::diffuse_albedo(engine::Brdf(s.request.reflectance, engine::band_of(s.request))),
+        const double albedo =
+                         s.request.albedo_maps.empty()
+                             ? engine::diffuse_albedo(engine::Brdf(s.request.reflectance, engine::band_of(s.request)))
+                             : 1,
                      reflected = std::min(albedo * s.report.ground_view, 0.99);
         return OrderedJson{
             {"ground_view", s.report.ground_view},

@@ -7,13 +7,12 @@
 #include <chrono>
 #include <filesystem>
 #include <stdexcept>
-#define XXH_INLINE_ALL
-#include <xxhash.h>
 
 #include "api/json/ranges.h"
 #include "api/message/problem.h"
 #include "dem/files/files.h"
 #include "dem/support/error.h"
+#include "dem/support/hash.h"
 #include "engine/support/csv.h"
 
 namespace selenograph::api {
@@ -138,6 +137,14 @@ std::shared_ptr<const engine::StarCatalogue> Assets::stars(std::string_view name
 std::shared_ptr<const dem::ValueMap> Assets::map(std::string_view name, const StopToken&) const {
   return find(maps_, "maps", ".json", name,
               [&](const std::string& path) { return dem::ValueMap(read_map_file(path), map_tiles_); });
+}
+
+std::shared_ptr<const dem::ValueMap> Assets::temperature_map(std::string_view name, const StopToken&) const {
+  return find(temperature_maps_, "maps", ".json", name, [&](const std::string& path) {
+    dem::ValueMapOptions options = read_map_file(path);
+    options.fourth_power = true;
+    return dem::ValueMap(options, map_tiles_);
+  });
 }
 
 namespace {
@@ -310,7 +317,7 @@ dem::DetailPreset read_detail_file(const std::string& path) {
       in.fail("has neither craters nor relief nor rocks");
   }
   const std::string text = json.dump();
-  preset.fingerprint = XXH3_64bits(text.data(), text.size());
+  preset.fingerprint = dem::hash_of(text.data(), text.size());
   refuse(path, findings);
   return preset;
 }
@@ -370,7 +377,7 @@ std::string listed(const std::vector<std::string>& names) {
 std::uint64_t Assets::fingerprint(const engine::Atmosphere* atmosphere) {
   if (!atmosphere) return 0;
   const auto& rows = atmosphere->rows();
-  return XXH3_64bits(rows.data(), rows.size() * sizeof rows[0]);
+  return dem::hash_of(rows.data(), rows.size() * sizeof rows[0]);
 }
 
 }  // namespace selenograph::api

@@ -49,6 +49,8 @@ class Assets {
 
   // maps/NAME.json; format: read_map_file. It is opened again when its raster has changed.
   std::shared_ptr<const dem::ValueMap> map(std::string_view name, const StopToken& stop = {}) const;
+  // The same file, whose means are those of T^4.
+  std::shared_ptr<const dem::ValueMap> temperature_map(std::string_view name, const StopToken& stop = {}) const;
 
   // details/NAME.json; format: read_detail_file.
   std::shared_ptr<const dem::Detail> detail(std::string_view name, const StopToken& stop = {}) const;
@@ -107,7 +109,7 @@ class Assets {
   mutable Files<engine::Atmosphere> atmospheres_;
   mutable Files<Json> cameras_, lidars_;
   mutable Files<dem::Detail> details_;
-  mutable Files<dem::ValueMap> maps_;
+  mutable Files<dem::ValueMap> maps_, temperature_maps_;
   mutable Files<std::vector<std::vector<double>>> kernels_;
   mutable Files<engine::StarCatalogue> stars_;
   // Tiles of all maps.

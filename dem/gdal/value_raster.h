@@ -27,6 +27,8 @@ struct ValueMapOptions {
   std::optional<double> no_data;                  // an additional sample value that means no-data
   std::optional<RadianceFactor> radiance_factor;  // if values are I/F; empty: rho, Hapke's w, or kelvin
   double low = std::numeric_limits<double>::lowest(), high = std::numeric_limits<double>::max();  // values are clamped
+  // Means are those of the values' fourth powers, as of the light that a temperature emits; none is below 0.
+  bool fourth_power = false;
 };
 
 // Thread-safe; reads are serialised.

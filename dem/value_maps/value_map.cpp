@@ -2,9 +2,6 @@
 
 #include <fmt/format.h>
 
-#define XXH_INLINE_ALL
-#include <xxhash.h>
-
 #include <algorithm>
 #include <atomic>
 #include <bit>
@@ -13,6 +10,7 @@
 
 #include "dem/grid/geodesy.h"
 #include "dem/support/cache.h"
+#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {
@@ -29,10 +27,12 @@ struct TileKey {
   bool operator==(const TileKey&) const = default;
 };
 struct TileKeyHash {
-  std::size_t operator()(const TileKey& key) const { return XXH3_64bits(&key, sizeof key); }
+  std::size_t operator()(const TileKey& key) const { return hash_of(&key, sizeof key); }
 };
 
 using Tile = std::shared_ptr<const std::vector<float>>;
+
+double fourth_root(double value) { return std::sqrt(std::sqrt(value)); }
 
 double length_of(const std::array<double, 2>& v) { return std::sqrt(v[0] * v[0] + v[1] * v[1]); }
 
@@ -104,8 +104,9 @@ struct ValueMap::Impl {
     wraps = std::abs(width * file.grid().dx_deg - 360) < 0.5 * file.grid().dx_deg;
     while (std::max(level_width(levels - 1), level_height(levels - 1)) > 1) ++levels;
     // An overview holds means of samples. With an exponent they are those of values to a second order: 0.6 % for 2.8
-    // and samples that vary by 5 % within a texel.
-    for (int n = 1; n < levels; ++n) overviews.push_back(file.overview_of_size(level_width(n), level_height(n)));
+    // and samples that vary by 5 % within a texel. Temperatures vary by more.
+    for (int n = 1; n < levels; ++n)
+      overviews.push_back(o.fourth_power ? -1 : file.overview_of_size(level_width(n), level_height(n)));
   }
 
   Texel texel_of(double lat_deg, double lon_deg) const {
@@ -150,7 +151,9 @@ struct ValueMap::Impl {
         const auto at = static_cast<std::size_t>(y * kTile + x);
         double value = options.scale * samples[at] + options.offset;
         if (options.exponent != 1) value = std::pow(value, options.exponent);
-        if (!std::isnan(value)) out[at] = static_cast<float>(std::clamp(value, options.low, options.high));
+        if (std::isnan(value)) continue;
+        value = std::clamp(value, options.low, options.high);
+        out[at] = static_cast<float>(options.fourth_power ? std::pow(std::max(value, 0.0), 4) : value);
       }
   }
 
@@ -223,6 +226,7 @@ std::uint64_t ValueMap::fingerprint() const {
   std::string identity =
       fmt::format("{}:{}:{}:{:a}:{:a}:{:a}:{:a}:{}", o.path, impl_->file.state().bytes, impl_->file.state().modified_ns,
                   o.scale, o.offset, o.low, o.high, fmt::join(impl_->file.bands(), ","));
+  if (o.fourth_power) identity += ":T4";
   if (o.exponent != 1) identity += fmt::format(":^{:a}", o.exponent);
   if (const auto& r = o.radiance_factor)
     identity +=
@@ -231,7 +235,7 @@ std::uint64_t ValueMap::fingerprint() const {
   if (o.extent)
     identity += fmt::format(":{:a}:{:a}:{:a}:{:a}", o.extent->west_deg, o.extent->east_deg, o.extent->south_deg,
                             o.extent->north_deg);
-  return XXH3_64bits(identity.data(), identity.size());
+  return hash_of(identity.data(), identity.size());
 }
 
 const std::vector<float>& ValueMap::Sampler::tile(int tx, int ty, int level) {
@@ -285,6 +289,15 @@ ValueMap::Sampler::Sum ValueMap::Sampler::bilinear(double x, double y, int level
 }
 
 std::uint32_t ValueMap::Sampler::means_of_small(const Footprints& footprints, std::uint32_t wanted, double* values) {
+  const std::uint32_t found = means_in_tile(footprints, wanted, values);
+  for (std::uint32_t bits = map_->impl_->options.fourth_power ? found : 0; bits != 0; bits &= bits - 1) {
+    double& value = values[std::countr_zero(bits)];
+    value = fourth_root(value);
+  }
+  return found;
+}
+
+std::uint32_t ValueMap::Sampler::means_in_tile(const Footprints& footprints, std::uint32_t wanted, double* values) {
   const Impl& map = *map_->impl_;
   const auto first = static_cast<std::size_t>(std::countr_zero(wanted));
   const Texel middle = map.texel_of(footprints.lat_deg[first], footprints.lon_deg[first]);
@@ -365,7 +378,8 @@ ValueMap::Sampler::Mean ValueMap::Sampler::mean(const Footprint2& f) {
         const Sum one = bilinear(probe.x, probe.y, of_level);
         sum.value += one.value, sum.weight += one.weight;
       }
-    return {sum.weight > 0 ? sum.value / sum.weight : std::nan(""), sum.weight / (along_a.count * along_b.count)};
+    const double mean = sum.weight > 0 ? sum.value / sum.weight : std::nan("");
+    return {map.options.fourth_power ? fourth_root(mean) : mean, sum.weight / (along_a.count * along_b.count)};
   };
   const Mean mean = from(level);
   // At the border of what has a value, few probes would weigh its parts unevenly.

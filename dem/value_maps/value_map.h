@@ -68,6 +68,7 @@ class ValueMap {
     std::uint32_t means_of_small(const Footprints& footprints, std::uint32_t wanted, double* values);
 
    private:
+    std::uint32_t means_in_tile(const Footprints& footprints, std::uint32_t wanted, double* values);
     std::uint32_t means_between_tiles(const Footprints& footprints, std::uint32_t wanted, double* values);
     struct Held {
       int level = -1, tx = 0, ty = 0;

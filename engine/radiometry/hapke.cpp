@@ -53,7 +53,7 @@ HapkeLaw::HapkeLaw(const HapkeParameters& k)
       cot_theta_(tan_theta_ > 0 ? 1 / tan_theta_ : 1e150),
       chi_(1 / std::sqrt(1 + std::numbers::pi * tan_theta_ * tan_theta_)),
       bc0_(k.bc0),
-      inverse_hc_(1 / k.hc) {
+      inverse_hc_(1 / std::max(k.hc, 1e-300)) {
   const HemisphereMeans means(k);
   mean_ = means.mean;
   // Chebyshev's series from its places, T_n as powers on the way.

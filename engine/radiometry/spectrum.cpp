@@ -28,6 +28,7 @@ double planck_w_m2_sr_um(double wavelength_um, double temperature_k) {
   if (!(temperature_k > 0)) return 0;
   const double m = wavelength_um * 1e-6;
   const double x = kPlanck_j_s * kSpeedOfLight_m_s / (m * kBoltzmann_j_k * temperature_k);
+  if (x > 700) return 0;
   // 2 h c^2 / lambda^5 / (exp(x) - 1), per metre; 1e-6 of that per micrometre
   return 1e-6 * 2 * kPlanck_j_s * kSpeedOfLight_m_s * kSpeedOfLight_m_s / (m * m * m * m * m) / std::expm1(x);
 }
@@ -58,7 +59,7 @@ double integrate_planck(const std::vector<double>& breakpoints_um, double temper
     // B changes by a moderate factor from piece to piece: half an octave of wavelength, less where exp(-x) is steep.
     const double x = kPlanck_j_s * kSpeedOfLight_m_s * 1e6 / (first * kBoltzmann_j_k * temperature_k);
     const double octaves = std::log2(last / first);
-    const int pieces = std::clamp(static_cast<int>(std::ceil(octaves * (2 + x / 4))), 1, 4096);
+    const int pieces = static_cast<int>(std::clamp(std::ceil(octaves * (2 + x / 4)), 1.0, 4096.0));
     const double ratio = std::exp2(octaves / pieces);
     double from = first;
     for (int k = 0; k < pieces; ++k) {

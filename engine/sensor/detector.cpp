@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <numeric>
 
 #include "dem/support/parallel.h"
+#include "dem/support/quantile.h"
 #include "dem/support/vector_targets.h"
 #include "engine/radiometry/spectrum.h"
 #include "engine/sensor/random.h"
@@ -90,9 +92,7 @@ std::uint32_t threshold(double fraction) {
 // Of the values that are not the brightest thousandth of them, the most.
 double most_of(std::vector<float> values) {
   if (values.empty()) return 0;
-  const auto at = values.end() - 1 - static_cast<std::ptrdiff_t>(values.size() / 1000);
-  std::nth_element(values.begin(), at, values.end());
-  return static_cast<double>(*at);
+  return static_cast<double>(ranked(values, values.size() - 1 - values.size() / 1000));
 }
 
 class Chain {
@@ -109,7 +109,7 @@ class Chain {
               static_cast<float>(d.dsnu_e),
               static_cast<float>(d.read_noise_e),
               d.full_well_e > 0 ? static_cast<float>(d.full_well_e) : 1e30F,
-              static_cast<float>(1 / d.gain_e_dn),
+              static_cast<float>(std::min(1 / d.gain_e_dn, double{std::numeric_limits<float>::max()})),
               static_cast<float>(d.offset_dn),
               static_cast<float>((1 << d.bit_depth) - 1)};
     smear_ = smear_e(d, per_radiance, radiance, width, height);
@@ -223,9 +223,7 @@ double time_to_fill_s(const SensorModel& sensor, double wavelength_um, double ta
                  rate_e_s = static_cast<double>(radiance[i]) * per_second + d.dark_current_e_s;
     times_s[i] = static_cast<float>(std::clamp(left_e / std::max(rate_e_s, kLeast_e_s), -kMost_s, kMost_s));
   }
-  const auto at = times_s.begin() + static_cast<std::ptrdiff_t>(times_s.size() / 1000);
-  std::nth_element(times_s.begin(), at, times_s.end());
-  return static_cast<double>(*at);
+  return static_cast<double>(ranked(times_s, times_s.size() / 1000));
 }
 
 ReadOut detect(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width,

@@ -57,7 +57,9 @@ std::string sample_folder(const std::string& cache_dir, const dem::SampleOptions
 }
 
 std::vector<std::string> dem_paths(const TerrainSettings& settings) {
-  return settings.dem.empty() ? std::vector{sample_folder(settings.cache_dir, {})} : settings.dem;
+  if (!settings.dem.empty()) return settings.dem;
+  spdlog::info("no --dem: sample terrain, which is made up");
+  return {sample_folder(settings.cache_dir, {})};
 }
 
 dem::Catalogue open_catalogue(const TerrainSettings& settings) {

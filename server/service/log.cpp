@@ -47,13 +47,15 @@ class JsonLine : public spdlog::formatter {
   std::unique_ptr<spdlog::formatter> clone() const override { return std::make_unique<JsonLine>(); }
 };
 
-void write_all(int fd, std::string_view text) {
+// False: the rest was not written. What stands behind stderr is full, or closed.
+bool write_all(int fd, std::string_view text) {
   while (!text.empty()) {
     const ssize_t n = ::write(fd, text.data(), text.size());
     if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) return;  // stderr is closed: there is nobody to tell
+    if (n <= 0) return false;
     text.remove_prefix(static_cast<std::size_t>(n));
   }
+  return true;
 }
 
 void use_as_log(std::shared_ptr<spdlog::logger> log, const std::string& level) {
@@ -74,15 +76,17 @@ class AsyncLog::Sink : public spdlog::sinks::base_sink<spdlog::details::null_mut
  public:
   explicit Sink(int fd) : fd_(fd) {}
 
-  std::atomic<std::uint64_t> unwritten = 0;  // for lack of memory
+  std::atomic<std::uint64_t> unwritten = 0;  // for lack of memory, or of room
 
  private:
   // Nothing may leave it: spdlog would need memory to say what.
   void sink_it_(const spdlog::details::log_msg& message) override {
     try {
       line_.clear();
+      if (torn_) line_.push_back('\n');
       base_sink::formatter_->format(message, line_);
-      write_all(fd_, {line_.data(), line_.size()});
+      torn_ = !write_all(fd_, {line_.data(), line_.size()});
+      if (torn_) ++unwritten;
     } catch (const std::bad_alloc&) {
       ++unwritten;
     }
@@ -91,6 +95,7 @@ class AsyncLog::Sink : public spdlog::sinks::base_sink<spdlog::details::null_mut
 
   const int fd_;
   spdlog::memory_buf_t line_;
+  bool torn_ = false;
 };
 
 AsyncLog::AsyncLog(const std::string& level, int fd, LogFormat format)

@@ -254,9 +254,9 @@ class SceneTest(unittest.TestCase):
                        surface={"reflectance": {"model": "lambert", "rho": 0.1}, "temperature_maps": ["warm"]})
         self.assertIn("emitted", f["meta"]["radiance_terms"])
         lon = f["geodetic"][..., 1]
-        # 10 K steps of the samples between linearly; Planck at 10 um, W m-2 sr-1 in 0.1 um.
+        # Between 10 K steps of the samples T^4 is linear; Planck at 10 um, W m-2 sr-1 in 0.1 um.
         texels = 10 * np.linspace(20, 40, 64).astype(np.uint8).astype(float)
-        kelvin = np.interp((lon - 29) / 2 * 64 - 0.5, np.arange(64), texels)
+        kelvin = np.interp((lon - 29) / 2 * 64 - 0.5, np.arange(64), texels ** 4) ** 0.25
         planck = 1.191042972e8 / 10 ** 5 / (np.exp(14387.76878 / (10 * kelvin)) - 1) * 0.1
         # Where a footprint reaches over the middle of a texel, its mean is another than the value in its middle.
         texel = (lon - 29) / 2 * 64 - 0.5

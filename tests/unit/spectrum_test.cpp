@@ -59,6 +59,10 @@ TEST(Planck, AllWavelengthsAreStefanAndBoltzmann) {
   for (const double kelvin : {100.0, 300.0, 1000.0}) {
     const double expected = kStefanBoltzmann * std::pow(kelvin, 4) / std::numbers::pi;
     EXPECT_NEAR(planck_w_m2_sr(Band(500.05 * 300 / kelvin, 999.9 * 300 / kelvin), kelvin), expected, 6e-6 * expected);
+    for (const double first_um : {1e-7, 1e-300}) {
+      const Band from_nothing(std::vector<ResponsePoint>{{first_um, 1}, {1000 * 300 / kelvin, 1}});
+      EXPECT_NEAR(planck_w_m2_sr(from_nothing, kelvin), expected, 1e-3 * expected) << first_um;
+    }
   }
 }
 

@@ -53,6 +53,24 @@ double mean(const ValueMap& map, double lat_deg, double lon_deg, double side_m =
   return square(map, lat_deg, lon_deg, side_m).value;
 }
 
+// Warm and cold stripes emit as much by their mean as one by one: sums of T^4. Neither is below 0 K.
+TEST_F(ValueMaps, TemperaturesHaveTheMeanOfTheirFourthPowers) {
+  ValueMapOptions options;
+  options.path = write("stripes.tif", {-8, 8, 0, 16}, 64, 64,
+                       [](double, double lon) { return std::fmod(lon, 0.5) < 0.25 ? 250 : -40; });
+  options.fourth_power = true;
+  const ValueMap map = opened(options);
+  EXPECT_NEAR(mean(map, 0.125, 2.125), 250, 1e-3);
+  EXPECT_NEAR(mean(map, 0.125, 2.375), 0, 1e-3);
+  EXPECT_NEAR(mean(map, 0, 8, 300000), 250 / std::pow(2, 0.25), 0.5);
+  const double lats[kFootprints] = {0.125}, lons[kFootprints] = {2.25}, cosines[kFootprints] = {1},
+               metre[kFootprints] = {1}, none[kFootprints] = {};
+  double values[kFootprints];
+  ASSERT_EQ(ValueMap::Sampler(map, kNever).means_of_small({lats, lons, cosines, metre, none, none, metre}, 1, values),
+            1u);
+  EXPECT_NEAR(values[0], 250 / std::pow(2, 0.25), 1e-3);
+}
+
 // Sixteen at once, where they are small, have the means that each has alone: over several tiles, beside voids and the
 // map's borders, and past the date line.
 TEST_F(ValueMaps, SmallFootprintsTogetherHaveTheirOwnMeans) {

@@ -251,7 +251,7 @@ void check_ground(const JsonReader& in, Ground& ground, const ReadContext&) {
   check_quantities(in, ground);
 }
 
-const Asset<dem::ValueMap> kMap{&Assets::map, "map", "maps"};
+const Asset<dem::ValueMap> kMap{&Assets::map, "map", "maps"}, kTemperatures{&Assets::temperature_map, "map", "maps"};
 
 }  // namespace
 
@@ -306,8 +306,8 @@ const Members<Ground>& ground_members() {
               "none has, the constant. At most 0.25 for `lunar_lambert`. A map of radiance factors becomes rho by the "
               "model, or with `moon` a ratio to the map's mean over the near side")
             .written_if([](const Ground& ground) { return !ground.albedo_maps.empty(); });
-        m.add("temperature_maps", &Ground::temperature_maps, List{kMap, 1, kMaxMaps, "K"},
-              "names of maps/NAME.json: used in the same way; where none has a value, temperature_k")
+        m.add("temperature_maps", &Ground::temperature_maps, List{kTemperatures, 1, kMaxMaps, "K"},
+              "names of maps/NAME.json: used in the same way, averaged as T^4; where none has a value, temperature_k")
             .written_if([](const Ground& ground) { return !ground.temperature_maps.empty(); });
         m.check(check_ground);
       });
