@@ -4,14 +4,12 @@
 
 #include <algorithm>
 
-#define XXH_INLINE_ALL
-#include <xxhash.h>
-
 #include "api/answers/eclipse.h"
 #include "api/answers/turned_sky.h"
 #include "api/answers/view_json.h"
 #include "api/message/json_text.h"
 #include "api/requests/parts/detail_json.h"
+#include "dem/support/hash.h"
 #include "engine/sensor/detector.h"
 #include "engine/sky/star_catalogue.h"
 
@@ -116,8 +114,10 @@ std::string content_hash(const FrameQuery& query, const std::vector<double>& sha
 }
 
 std::string content_hash(const std::string& text) {
-  const XXH128_hash_t hash = XXH3_128bits(text.data(), text.size());
-  return hex(hash.high64) + hex(hash.low64);
+  dem::StreamedHash hash;
+  hash.add_text(text);
+  const auto [low, high] = hash.digest_128();
+  return hex(high) + hex(low);
 }
 
 bool names_etag(const std::string& if_none_match, const std::string& hash) {

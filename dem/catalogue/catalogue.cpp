@@ -6,8 +6,7 @@
 #include <numeric>
 #include <tuple>
 
-#define XXH_INLINE_ALL
-#include <xxhash.h>
+#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {
@@ -71,9 +70,9 @@ constexpr double kSameSpacing = 1.01;  // of posts of one layer: labels round it
 
 std::uint64_t fingerprint_of(const std::vector<RasterInfo>& rasters) {
   // Names and not folders: the same tiles give the same frames wherever they are mounted.
-  std::uint64_t hash = XXH64(nullptr, 0, rasters.size());
+  std::uint64_t hash = xxh64_of(nullptr, 0, rasters.size());
   for (const RasterInfo& r : rasters) {
-    hash = XXH64(r.name.data(), r.name.size(), hash);
+    hash = xxh64_of(r.name.data(), r.name.size(), hash);
     const Footprint& f = r.footprint;
     const std::uint64_t facts[] = {r.stamp,
                                    static_cast<std::uint64_t>(r.width),
@@ -82,7 +81,7 @@ std::uint64_t fingerprint_of(const std::vector<RasterInfo>& rasters) {
                                    std::bit_cast<std::uint64_t>(f.north_deg),
                                    std::bit_cast<std::uint64_t>(f.west_deg),
                                    std::bit_cast<std::uint64_t>(f.east_deg)};
-    hash = XXH64(facts, sizeof facts, hash);
+    hash = xxh64_of(facts, sizeof facts, hash);
   }
   return hash;
 }
@@ -145,8 +144,8 @@ void Catalogue::join_layers(LayerJoins joins) {
 void Catalogue::find_fingerprint() {
   fingerprint_ = fingerprint_of(rasters_);
   for (const std::vector<double>* numbers : {&joins_.offsets_m, &joins_.resolved_posts})
-    if (!numbers->empty()) fingerprint_ = XXH64(numbers->data(), numbers->size() * sizeof(double), fingerprint_);
-  if (!one_layer()) fingerprint_ = XXH64(&joins_.blend_posts, sizeof joins_.blend_posts, fingerprint_);
+    if (!numbers->empty()) fingerprint_ = xxh64_of(numbers->data(), numbers->size() * sizeof(double), fingerprint_);
+  if (!one_layer()) fingerprint_ = xxh64_of(&joins_.blend_posts, sizeof joins_.blend_posts, fingerprint_);
 }
 
 std::optional<SourceIndex> Catalogue::find(const std::string& path) const {

@@ -1,7 +1,5 @@
 #include "dem/catalogue/catalogue_opening.h"
 
-#include <xxhash.h>
-
 #include <algorithm>
 #include <chrono>
 #include <exception>
@@ -25,6 +23,7 @@
 #include "dem/gdal/remote_files.h"
 #include "dem/gdal/remote_names.h"
 #include "dem/support/error.h"
+#include "dem/support/hash.h"
 #include "dem/support/parallel.h"
 
 namespace selenograph::dem {
@@ -272,7 +271,7 @@ class Opening {
       return out;
     }
     const std::int64_t facts[] = {static_cast<std::int64_t>(state.bytes), state.modified_ns};
-    const std::uint64_t stamp = XXH3_64bits(facts, sizeof facts);
+    const std::uint64_t stamp = hash_of(facts, sizeof facts);
     out.known = still_valid(file.path, stamp);
     if (out.known) return out;
     out.raster = inspect_raster(file.path);

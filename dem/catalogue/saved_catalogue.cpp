@@ -1,7 +1,6 @@
 #include "dem/catalogue/saved_catalogue.h"
 
 #include <fmt/format.h>
-#include <xxhash.h>
 
 #include <cstring>
 #include <filesystem>
@@ -16,6 +15,7 @@
 #include "dem/files/whole_file.h"
 #include "dem/gdal/raster.h"
 #include "dem/support/error.h"
+#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {
@@ -164,7 +164,7 @@ std::string encode(const std::string& key, const std::vector<const SavedFile*>& 
     for (const auto& [path, stamp] : file->others) out(path, stamp);
     out(file->raster);
   }
-  Header header{{}, kFormatVersion, 0, out.bytes().size(), XXH3_64bits(out.bytes().data(), out.bytes().size())};
+  Header header{{}, kFormatVersion, 0, out.bytes().size(), hash_of(out.bytes().data(), out.bytes().size())};
   std::memcpy(header.magic, kMagic, sizeof kMagic);
   return std::string(reinterpret_cast<const char*>(&header), sizeof header) + out.bytes();
 }
@@ -178,7 +178,7 @@ std::string decode(std::string_view bytes, const std::string& key, std::vector<S
   if (std::memcmp(header.magic, kMagic, sizeof kMagic) != 0) return "is damaged";
   if (header.version != kFormatVersion) return "was written by another version";
   if (header.bytes != bytes.size()) return "is truncated";
-  if (header.checksum != XXH3_64bits(bytes.data(), bytes.size())) return "is damaged: its checksum is wrong";
+  if (header.checksum != hash_of(bytes.data(), bytes.size())) return "is damaged: its checksum is wrong";
   Reader in(bytes);
   std::string its_key, its_readers;
   in(its_key, its_readers);
@@ -221,7 +221,7 @@ void SavedCatalogue::read(const std::string& cache_dir, const std::vector<std::s
   log_ = std::move(log);
   if (cache_dir.empty()) return;
   key_ = key_of(paths);
-  path_ = fmt::format("{}/catalogue/{:016x}.sgc", cache_dir, XXH3_64bits(key_.data(), key_.size()));
+  path_ = fmt::format("{}/catalogue/{:016x}.sgc", cache_dir, hash_of(key_.data(), key_.size()));
   std::string wrong;
   try {
     std::error_code error;

@@ -1,8 +1,8 @@
 #include "dem/detail/size_cells.h"
 
-#include <xxhash.h>
-
 #include <limits>
+
+#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {
@@ -22,7 +22,7 @@ double SizeFrequency::above(double diameter_m) const {
 
 std::uint64_t Draws::bits() {
   ++key_.index;
-  return XXH3_64bits(&key_, sizeof key_);
+  return hash_of(&key_, sizeof key_);
 }
 
 double Draws::normal() {

@@ -2,7 +2,6 @@
 
 #include <dirent.h>
 #include <sys/stat.h>
-#include <xxhash.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -14,6 +13,7 @@
 #include "dem/files/files.h"
 #include "dem/files/names.h"
 #include "dem/support/error.h"
+#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {
@@ -39,7 +39,7 @@ std::optional<FileStamp> stamp_of(const std::string& path) {
   // The time of change, too: a file can be given any time of modification.
   const std::int64_t changed_ns = nanoseconds(s.st_ctim);
   const std::int64_t facts[] = {s.st_size, nanoseconds(s.st_mtim), changed_ns, S_ISREG(s.st_mode)};
-  return FileStamp{XXH3_64bits(facts, sizeof facts), changed_ns};
+  return FileStamp{hash_of(facts, sizeof facts), changed_ns};
 }
 
 FolderFiles::FolderFiles(std::string folder, std::vector<std::string>* folders) : folder_(std::move(folder)) {
@@ -108,7 +108,7 @@ std::optional<FileStamp> FolderFiles::stamp(const FolderEntry& entry) const {
   for (const FolderEntry& file : group_of(entry)) {
     const auto one = stamp_of(path_of(file.name));
     if (!one) return std::nullopt;
-    all.hash = XXH3_64bits_withSeed(file.name.data(), file.name.size(), all.hash ^ one->hash);
+    all.hash = hash_of(file.name.data(), file.name.size(), all.hash ^ one->hash);
     all.changed_ns = std::max(all.changed_ns, one->changed_ns);
   }
   return all;

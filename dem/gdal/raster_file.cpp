@@ -2,7 +2,6 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <xxhash.h>
 
 #include <algorithm>
 #include <bit>
@@ -18,6 +17,7 @@
 #include "dem/gdal/remote_files.h"
 #include "dem/gdal/remote_names.h"
 #include "dem/support/error.h"
+#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {
@@ -289,7 +289,7 @@ std::uint64_t stamp_of(const RasterFile& s) {
   // Earlier versions read what the mask hides: pyramids of theirs are built anew.
   constexpr std::int64_t kMaskHeeded = 1;
   if (s.mask) facts.push_back(kMaskHeeded);
-  return XXH3_64bits(facts.data(), facts.size() * sizeof facts[0]);
+  return hash_of(facts.data(), facts.size() * sizeof facts[0]);
 }
 
 }  // namespace

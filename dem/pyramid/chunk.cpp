@@ -19,6 +19,7 @@
 #include "dem/pyramid/block_posts.h"
 #include "dem/pyramid/chunk_format.h"
 #include "dem/support/error.h"
+#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {
@@ -158,7 +159,7 @@ std::string Chunk::name() const { return path_.empty() ? "pyramid " + to_string(
 // Heights with their halo; the block's sources.
 std::vector<float> Chunk::stored(const Record& record, Block& block) const {
   const std::string bytes = read(record.offset, record.size);
-  if (XXH3_64bits(bytes.data(), bytes.size()) != record.checksum)
+  if (hash_of(bytes.data(), bytes.size()) != record.checksum)
     throw DataError(name(), "damaged pyramid file: wrong checksum of block " + to_string(block.id));
   const auto side = static_cast<std::size_t>(block.side()), wide = side + 2 * kHalo;
   const bool steps = record.flags & Record::kSteps;

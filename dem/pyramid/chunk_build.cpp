@@ -1,5 +1,4 @@
 // Builds a chunk: composes posts, filters octave by octave, measures each block's error, encodes the blocks.
-#include <xxhash.h>
 
 #include <algorithm>
 #include <array>
@@ -15,6 +14,7 @@
 #include "dem/pyramid/block_posts.h"
 #include "dem/pyramid/chunk.h"
 #include "dem/pyramid/chunk_format.h"
+#include "dem/support/hash.h"
 #include "dem/support/parallel.h"
 
 namespace selenograph::dem {
@@ -95,7 +95,7 @@ Encoded encode(const OctaveGrid& grid, const BlockCut& cut, const Extremes& extr
   }
   format::append(out.bytes, runs_of(grid, cut));
   out.record.size = out.bytes.size();
-  out.record.checksum = XXH3_64bits(out.bytes.data(), out.bytes.size());
+  out.record.checksum = hash_of(out.bytes.data(), out.bytes.size());
   return out;
 }
 

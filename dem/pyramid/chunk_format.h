@@ -2,8 +2,6 @@
 // covered by XXH3 checksums.
 #pragma once
 
-#include <xxhash.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -16,6 +14,7 @@
 #include "dem/files/raster_info.h"
 #include "dem/grid/block.h"
 #include "dem/pyramid/chunk_plan.h"
+#include "dem/support/hash.h"
 
 namespace selenograph::dem::format {
 
@@ -60,7 +59,7 @@ struct Run {
 // `head`: the file's bytes up to the first record.
 inline std::uint64_t checksum_of_head(std::string head) {
   std::memset(head.data() + offsetof(Header, head_checksum), 0, sizeof(Header::head_checksum));
-  return XXH3_64bits(head.data(), head.size());
+  return hash_of(head.data(), head.size());
 }
 
 template <typename T>

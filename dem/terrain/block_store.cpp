@@ -3,7 +3,6 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <unistd.h>
-#include <xxhash.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -17,6 +16,7 @@
 #include "dem/files/open_file.h"
 #include "dem/files/whole_file.h"
 #include "dem/support/error.h"
+#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {
@@ -43,7 +43,7 @@ constexpr std::size_t kMostBytes = std::size_t{16} << 20;
 
 std::uint64_t checksum_of(std::string& file) {
   std::memset(file.data() + offsetof(Header, checksum), 0, sizeof(Header::checksum));
-  return XXH3_64bits(file.data(), file.size());
+  return hash_of(file.data(), file.size());
 }
 
 template <typename T>

@@ -1,13 +1,12 @@
 #include "dem/terrain/chunk_plans.h"
 
-#include <xxhash.h>
-
 #include <algorithm>
 #include <cmath>
 #include <memory>
 #include <string>
 
 #include "dem/posts/level_borders.h"
+#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {
@@ -30,17 +29,6 @@ BlockId root_of(const BlockId& id) {
 }
 
 }  // namespace
-
-class ChunkPlans::Fingerprint {
- public:
-  Fingerprint() : state_(XXH3_createState(), XXH3_freeState) { XXH3_64bits_reset(state_.get()); }
-  void add(const auto& value) { XXH3_64bits_update(state_.get(), &value, sizeof value); }
-  void add_text(const std::string& text) { XXH3_64bits_update(state_.get(), text.data(), text.size()); }
-  std::uint64_t digest() const { return XXH3_64bits_digest(state_.get()); }
-
- private:
-  std::unique_ptr<XXH3_state_t, XXH_errorcode (*)(XXH3_state_t*)> state_;
-};
 
 ChunkPlans::ChunkPlans(const Catalogue& catalogue, const PostSource& source, bool fall_through)
     : catalogue_(catalogue),
@@ -74,7 +62,7 @@ ChunkPlan ChunkPlans::make_plan(const ChunkNode& chunk) const {
 }
 
 std::uint64_t ChunkPlans::fingerprint_of(const ChunkPlan& plan) const {
-  Fingerprint f;
+  StreamedHash f;
   f.add(kFormatVersion);
   f.add(plan.node);
   f.add(plan.base_level);
@@ -108,7 +96,7 @@ std::uint64_t ChunkPlans::fingerprint_of(const ChunkPlan& plan) const {
 }
 
 // The coarser posts beside a chunk, and a mark where there may be such beside the finer chunks that it is made of.
-void ChunkPlans::add_borders(const ChunkPlan& plan, Fingerprint& f) const {
+void ChunkPlans::add_borders(const ChunkPlan& plan, StreamedHash& f) const {
   // Earlier versions left a wall one post wide, then divided coarse posts as finely as fine ones.
   constexpr std::uint64_t kLevelsJoined = 3;
   if (!plan.direct) f.add(kLevelsJoined);
@@ -126,7 +114,7 @@ void ChunkPlans::add_borders(const ChunkPlan& plan, Fingerprint& f) const {
 
 // What a chunk in which layers meet, or have an offset, depends on besides: their bands, and what lies in them. A chunk
 // in which none do depends on nothing of it.
-void ChunkPlans::add_joins(const ChunkPlan& plan, Fingerprint& f) const {
+void ChunkPlans::add_joins(const ChunkPlan& plan, StreamedHash& f) const {
   const double margin = margin_deg(plan);
   double band_deg = 0;
   for (const int i : around(plan, margin)) {

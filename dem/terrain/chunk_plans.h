@@ -11,6 +11,7 @@
 #include "dem/grid/lattice.h"
 #include "dem/posts/post_source.h"
 #include "dem/pyramid/chunk_plan.h"
+#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 
@@ -44,9 +45,8 @@ class ChunkPlans {
   std::vector<int> around(const ChunkPlan& plan, double margin) const;
   void add_with_finer(const BlockId& id, std::vector<ChunkPlan>& found) const;
 
-  class Fingerprint;
-  void add_joins(const ChunkPlan& plan, Fingerprint& fingerprint) const;
-  void add_borders(const ChunkPlan& plan, Fingerprint& fingerprint) const;
+  void add_joins(const ChunkPlan& plan, StreamedHash& fingerprint) const;
+  void add_borders(const ChunkPlan& plan, StreamedHash& fingerprint) const;
 
   const Catalogue& catalogue_;
   const PostSource& source_;

@@ -1,7 +1,5 @@
 #include "engine/scene/raster_mesh.h"
 
-#include <xxhash.h>
-
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -9,6 +7,7 @@
 #include <limits>
 #include <unordered_map>
 
+#include "dem/support/hash.h"
 #include "dem/support/parallel.h"
 #include "engine/scene/vertex_rows.h"
 
@@ -87,7 +86,7 @@ Ends ends_of(const Vec3& from, const Vec3& to) {
 }
 
 struct EndsHash {
-  std::size_t operator()(const Ends& e) const { return XXH3_64bits(e.data(), sizeof e); }
+  std::size_t operator()(const Ends& e) const { return dem::hash_of(e.data(), sizeof e); }
 };
 
 // Edges along a block's sides and beside its voids, each with the triangle to its left.
@@ -148,7 +147,8 @@ class EdgeFinder {
     RasterShape::Half& half = shape_.along[side][2 * place < quads_ ? 0 : 1];
     Ends ends;
     if (add(half.edges, r0, c0, r1, c1, ends))
-      half.mark += (XXH3_64bits(&ends[0], 24) * 0x9e3779b97f4a7c15) ^ (XXH3_64bits(&ends[3], 24) * 0x9e3779b97f4a7c15);
+      half.mark +=
+          (dem::hash_of(&ends[0], 24) * 0x9e3779b97f4a7c15) ^ (dem::hash_of(&ends[3], 24) * 0x9e3779b97f4a7c15);
   }
 
   RasterShape& shape_;

@@ -1,14 +1,12 @@
 // Keys of caches whose values depend on much: a hash of 128 bits stands for it.
 #pragma once
 
-#include <xxhash.h>
-
 #include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <type_traits>
 
 #include "dem/grid/geodesy.h"
+#include "dem/support/hash.h"
 
 namespace selenograph::engine {
 
@@ -23,13 +21,11 @@ struct ContentKeyHash {
 // Hashes what is added, in this order.
 class ContentHash {
  public:
-  ContentHash() : state_(XXH3_createState(), XXH3_freeState) { XXH3_128bits_reset(state_.get()); }
-
   // Values without padding.
   template <typename T>
   void add(const T* values, std::size_t count) {
     static_assert(std::is_floating_point_v<T> || std::has_unique_object_representations_v<T>);
-    XXH3_128bits_update(state_.get(), values, count * sizeof(T));
+    hash_.add(values, count * sizeof(T));
   }
   template <typename T>
   void add(const T& value) {
@@ -38,12 +34,12 @@ class ContentHash {
   void add(const Vec3& v) { add(v.data(), 3); }
 
   ContentKey key() const {
-    const XXH128_hash_t hash = XXH3_128bits_digest(state_.get());
-    return {hash.low64, hash.high64};
+    const auto [low, high] = hash_.digest_128();
+    return {low, high};
   }
 
  private:
-  std::unique_ptr<XXH3_state_t, decltype(&XXH3_freeState)> state_;
+  dem::StreamedHash hash_;
 };
 
 }  // namespace selenograph::engine

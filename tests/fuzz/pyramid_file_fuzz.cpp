@@ -1,6 +1,5 @@
 // A pyramid file. The input is read as it is (its checksums are hardly ever right) and once more with everything made
 // right that keeps a damaged file from the parser behind: magic, sizes, plan and checksums.
-#include <xxhash.h>
 
 #include <algorithm>
 #include <cstring>
@@ -11,6 +10,7 @@
 #include "dem/pyramid/chunk.h"
 #include "dem/pyramid/chunk_format.h"
 #include "dem/support/error.h"
+#include "dem/support/hash.h"
 #include "tests/fuzz/fuzz.h"
 
 namespace selenograph::fuzz {
@@ -72,7 +72,7 @@ std::string repaired(std::string bytes, const ChunkPlan& plan) {
     Chunk::Record record;
     std::memcpy(&record, at, sizeof record);
     if (record.offset > bytes.size() || record.size > bytes.size() - record.offset) continue;
-    record.checksum = XXH3_64bits(bytes.data() + record.offset, record.size);
+    record.checksum = dem::hash_of(bytes.data() + record.offset, record.size);
     std::memcpy(at, &record, sizeof record);
   }
   header.head_checksum = format::checksum_of_head(bytes.substr(0, head));

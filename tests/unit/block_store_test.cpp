@@ -2,7 +2,6 @@
 #include "dem/terrain/block_store.h"
 
 #include <gtest/gtest.h>
-#include <xxhash.h>
 
 #include <cmath>
 #include <cstring>
@@ -18,6 +17,7 @@
 
 #include "dem/detail/detailed_terrain.h"
 #include "dem/grid/lattice.h"
+#include "dem/support/hash.h"
 #include "dem/terrain/surface_place.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
@@ -163,7 +163,7 @@ TEST_F(GroundOnDisk, IsOfThisVersion) {
   std::vector<std::int32_t> millimetres;
   for (const Vertex& v : block->vertices)
     millimetres.push_back(static_cast<std::int32_t>(std::lround(1e3 * static_cast<double>(v.height_m))));
-  EXPECT_EQ(XXH3_64bits(millimetres.data(), millimetres.size() * sizeof millimetres[0]), 16310501129308478403U);
+  EXPECT_EQ(dem::hash_of(millimetres.data(), millimetres.size() * sizeof millimetres[0]), 16310501129308478403U);
 }
 
 }  // namespace

@@ -1,18 +1,18 @@
 #include "engine/visibility/image/frame_sources.h"
 
 #include <fmt/format.h>
-#include <xxhash.h>
 
 #include <algorithm>
 #include <string>
 
 #include "dem/support/error.h"
+#include "dem/support/hash.h"
 
 namespace selenograph::engine {
 
 SourceTile source_tile(const dem::RasterInfo& info) {
   const std::string identity = fmt::format("{}:{:016x}", info.name, info.stamp);
-  return {info.name, info.path, XXH3_64bits(identity.data(), identity.size())};
+  return {info.name, info.path, dem::hash_of(identity.data(), identity.size())};
 }
 
 FrameSources::FrameSources(std::size_t catalogue_size)

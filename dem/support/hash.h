@@ -1,0 +1,46 @@
+// Hashes of bytes by xxHash (Yann Collet).
+#pragma once
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string_view>
+
+namespace selenograph::dem {
+
+// XXH3 of 64 bits.
+inline std::uint64_t hash_of(const void* bytes, std::size_t count, std::uint64_t seed = 0) {
+  return XXH3_64bits_withSeed(bytes, count, seed);
+}
+
+// XXH64, which fingerprints of catalogues began with.
+inline std::uint64_t xxh64_of(const void* bytes, std::size_t count, std::uint64_t seed) {
+  return XXH64(bytes, count, seed);
+}
+
+struct Hash128 {
+  std::uint64_t low, high;
+};
+
+// XXH3 of all that is added, in this order.
+class StreamedHash {
+ public:
+  StreamedHash() : state_(XXH3_createState(), XXH3_freeState) { XXH3_64bits_reset(state_.get()); }
+  void add(const void* bytes, std::size_t count) { XXH3_64bits_update(state_.get(), bytes, count); }
+  void add(const auto& without_padding) { add(&without_padding, sizeof without_padding); }
+  void add_text(std::string_view text) { add(text.data(), text.size()); }
+  std::uint64_t digest() const { return XXH3_64bits_digest(state_.get()); }
+  // Of the same state: updates are those of 64 bits (xxhash.h).
+  Hash128 digest_128() const {
+    const XXH128_hash_t hash = XXH3_128bits_digest(state_.get());
+    return {hash.low64, hash.high64};
+  }
+
+ private:
+  std::unique_ptr<XXH3_state_t, XXH_errorcode (*)(XXH3_state_t*)> state_;
+};
+
+}  // namespace selenograph::dem
