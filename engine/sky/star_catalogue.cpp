@@ -9,11 +9,11 @@
 #include <limits>
 #include <numbers>
 #include <numeric>
-#define XXH_INLINE_ALL
-#include <xxhash.h>
 
 #include "dem/support/error.h"
+#include "dem/support/hash.h"
 #include "engine/support/csv.h"
+#include "engine/support/utf8.h"
 
 namespace selenograph::engine {
 namespace {
@@ -33,6 +33,7 @@ constexpr StarColumn kStarRanges[] = {
 StarRow star_row(std::string_view line) {
   const std::size_t comma = line.find(',');
   if (comma == 0 || comma == std::string_view::npos) throw BadLine("an identifier is expected, then numbers");
+  if (!is_utf8(line.substr(0, comma))) throw BadLine("the identifier is not UTF-8");
   const std::vector<double> v = csv_numbers(line.substr(comma + 1));
   if (v.size() != std::size(kStarRanges))
     throw BadLine(
@@ -110,7 +111,7 @@ StarCatalogue::StarCatalogue(std::string name, const std::vector<StarRow>& rows)
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
     return cell[a] != cell[b] ? cell[a] < cell[b] : stars[a].v_mag < stars[b].v_mag;
   });
-  XXH64_hash_t hash = 0;
+  std::uint64_t hash = 0;
   stars_.reserve(rows.size()), id_ends_.reserve(rows.size());
   for (std::size_t i = 0; i < order.size(); ++i) {
     if (i == 0 || cell[order[i]] != cell[order[i - 1]])
@@ -126,9 +127,9 @@ StarCatalogue::StarCatalogue(std::string name, const std::vector<StarRow>& rows)
                               rows[order[i]].parallax_mas,
                               rows[order[i]].v_mag,
                               rows[order[i]].b_v};
-    hash = XXH3_64bits_withSeed(numbers, sizeof numbers, hash);
+    hash = dem::hash_of(numbers, sizeof numbers, hash);
   }
-  fingerprint_ = XXH3_64bits_withSeed(ids_.data(), ids_.size(), hash);
+  fingerprint_ = dem::hash_of(ids_.data(), ids_.size(), hash);
   for (Cell& c : cells_) {
     c.centre.normalize();
     for (std::uint32_t i = c.first; i < c.past_last; ++i)
