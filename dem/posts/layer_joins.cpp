@@ -12,6 +12,7 @@
 #include "dem/posts/post_source.h"
 #include "dem/support/error.h"
 #include "dem/support/parallel.h"
+#include "dem/support/quantile.h"
 
 namespace selenograph::dem {
 namespace {
@@ -53,13 +54,6 @@ std::vector<Compared> compare(const Catalogue& catalogue, const PostSource& sour
   });
   std::erase_if(all, [](const Compared& c) { return std::isnan(c.beneath_m) || std::isnan(c.own_m); });
   return all;
-}
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  if (values.size() % 2 == 1) return *middle;
-  return (*middle + *std::max_element(values.begin(), middle)) / 2;
 }
 
 template <typename Step>

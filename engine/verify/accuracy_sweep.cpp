@@ -10,6 +10,7 @@
 
 #include "dem/support/error.h"
 #include "dem/support/parallel.h"
+#include "dem/support/quantile.h"
 #include "engine/scene/anchor.h"
 #include "engine/scene/selection.h"
 #include "engine/verify/bare_kernel.h"
@@ -27,12 +28,6 @@ double milliseconds(const Work& work) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 // Where even the finest posts of all casters don't fit: much less than the edges that are measured.
 constexpr double kReferenceShadowError_px = 0.25;
 // Where detail is as fine as this, or as what fits.
@@ -46,10 +41,10 @@ struct Setting {
 // The Embree baseline of one frame, on the finest mesh.
 class EmbreeBaseline {
  public:
-  EmbreeBaseline(const Renderer& renderer, const FrameRequest& request, const Accuracy& setting, const StopToken& stop)
+  EmbreeBaseline(const Renderer& renderer, const FrameRequest& request, const Accuracy& setting)
       : arena_(renderer.threads()), view_(request.camera, request.pose), sun_(request.sun.direction) {
     const auto terrain = renderer.terrain_with(request.detail);
-    const Selection finest = select_for_view(*terrain, view_, &request.sun, setting, stop);
+    const Selection finest = select_for_view(*terrain, view_, &request.sun, setting, {});
     const Mesh mesh(*terrain, finest.blocks);
     shell_m_ = kMoonRadius_m + Scene::highest_m(mesh) + 1;
     kernel_ = std::make_unique<BareKernel>(mesh, anchor_for(view_.position(), view_.middle()), renderer.threads());
@@ -76,11 +71,10 @@ class EmbreeBaseline {
 // What one frame contributes to the row of each setting.
 class FrameSweep {
  public:
-  FrameSweep(const Renderer& renderer, const FrameRequest& request, const SweepOptions& options, const StopToken& stop)
+  FrameSweep(const Renderer& renderer, const FrameRequest& request, const SweepOptions& options)
       : renderer_(renderer),
         request_(request),
         options_(options),
-        stop_(stop),
         terrain_(renderer.terrain_with(request.detail)),
         view_(request.camera, request.pose) {}
 
@@ -92,7 +86,7 @@ class FrameSweep {
     for (;; aim = aim > 0 ? 2 * aim : 1.0 / 64) {
       try {
         reference_ = frame({setting, Visibility::raytrace}, kRadiance | kLit).products;
-        baseline_ = std::make_unique<EmbreeBaseline>(renderer_, request_, setting, stop_);
+        baseline_ = std::make_unique<EmbreeBaseline>(renderer_, request_, setting);
         reference_max_error_px_ = aim;
         return;
       } catch (const TooMuchTerrain&) {
@@ -125,7 +119,7 @@ class FrameSweep {
     FrameRequest request = request_;
     request.accuracy = setting.accuracy, request.visibility = setting.visibility;
     request.products = products;
-    return renderer_.render(request, stop_);
+    return renderer_.render(request);
   }
 
   // Alternating, so that what else the machine does falls on both.
@@ -142,7 +136,6 @@ class FrameSweep {
   const Renderer& renderer_;
   const FrameRequest& request_;
   const SweepOptions& options_;
-  const StopToken& stop_;
   std::shared_ptr<const dem::Terrain> terrain_;
   View view_;
   FrameProducts reference_;
@@ -191,7 +184,7 @@ std::size_t steps_of(const std::vector<AccuracyScene>& scenes, const SweepOption
 }  // namespace
 
 std::vector<SweepRow> sweep(const Renderer& renderer, const std::vector<AccuracyScene>& scenes,
-                            const SweepOptions& options, const SweepProgress& progress, const StopToken& stop) {
+                            const SweepOptions& options, const SweepProgress& progress) {
   const std::size_t total = steps_of(scenes, options);
   std::vector<SweepRow> rows;
   std::size_t done = 0;
@@ -206,7 +199,7 @@ std::vector<SweepRow> sweep(const Renderer& renderer, const std::vector<Accuracy
       row.with_detail = has_detail(scene);
     }
     for (const FrameRequest& request : scene.frames) {
-      FrameSweep frame(renderer, request, options, stop);
+      FrameSweep frame(renderer, request, options);
       progress(done++, total, scene.name + ": reference");
       frame.prepare();
       for (std::size_t i = 0; i < settings.size(); ++i) {

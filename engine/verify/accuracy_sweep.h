@@ -46,6 +46,6 @@ struct SweepRow {
 // Called as progress(done, total, next) from the calling thread. The sweep throws what Renderer::render throws.
 using SweepProgress = std::function<void(std::size_t done, std::size_t total, const std::string& next)>;
 std::vector<SweepRow> sweep(const Renderer& renderer, const std::vector<AccuracyScene>& scenes,
-                            const SweepOptions& options, const SweepProgress& progress, const StopToken& stop = {});
+                            const SweepOptions& options, const SweepProgress& progress);
 
 }  // namespace selenograph::engine

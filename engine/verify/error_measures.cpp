@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "dem/support/parallel.h"
+#include "dem/support/quantile.h"
 
 namespace selenograph::engine {
 namespace {
@@ -50,9 +51,7 @@ Spread spread_of(std::vector<double> values) {
   std::erase_if(values, [](double v) { return std::isnan(v); });
   if (values.empty()) return {};
   const auto quantile = [&](double q) {
-    const auto at = values.begin() + std::lround(q * static_cast<double>(values.size() - 1));
-    std::nth_element(values.begin(), at, values.end());
-    return *at;
+    return ranked(values, static_cast<std::size_t>(std::lround(q * static_cast<double>(values.size() - 1))));
   };
   return {quantile(0.5), quantile(0.999), *std::max_element(values.begin(), values.end())};
 }

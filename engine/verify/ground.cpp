@@ -9,6 +9,7 @@
 #include "dem/detail/footprints.h"
 #include "dem/grid/lattice.h"
 #include "dem/support/parallel.h"
+#include "dem/support/quantile.h"
 
 namespace selenograph::engine {
 namespace {
@@ -29,13 +30,13 @@ int level_showing(int octave) {
 }
 
 // Heights at the posts of a square, `apart_m` apart.
-std::vector<double> square(const dem::Detail& detail, int number, double apart_m, const StopToken& stop) {
+std::vector<double> square(const dem::Detail& detail, int number, double apart_m) {
   const auto [lat, lon] = place_rad(number);
   const double lat_step = apart_m / kMoonRadius_m, lon_step = lat_step / std::cos(lat);
   constexpr double kPerBaseline = 8;
   const int level = level_showing(static_cast<int>(std::floor(std::log2(apart_m / kPerBaseline))));
   std::vector<double> heights(static_cast<std::size_t>(kPostsOfSquare * kPostsOfSquare));
-  detail.add(dem::SquareGrid(lat, lat_step, lon, lon_step, kPostsOfSquare).grid(), level, 0, heights, {}, stop);
+  detail.add(dem::SquareGrid(lat, lat_step, lon, lon_step, kPostsOfSquare).grid(), level, 0, heights, {}, {});
   return heights;
 }
 
@@ -61,7 +62,7 @@ double slope_deg(double slope) { return std::atan(slope) * kDegreesPerRadian; }
 
 }  // namespace
 
-std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places, const StopToken& stop) {
+std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places) {
   dem::DetailPreset one = preset;
   one.relief = {}, one.rocks = {}, one.region = {};
   const dem::Detail craters(one);
@@ -72,24 +73,20 @@ std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places,
   for (const double baseline_m : {0.5, 1.0, 2.0, 5.0, 10.0, 17.0, 50.0, 100.0, 200.0}) {
     std::vector<Sums> squares(static_cast<std::size_t>(places));
     in_parallel(squares.size(), [&](std::size_t i) {
-      stop.check();
       const int number = static_cast<int>(i);
-      squares[i] =
-          sums_of(square(craters, number, baseline_m, stop), square(relief, number, baseline_m, stop), baseline_m);
+      squares[i] = sums_of(square(craters, number, baseline_m), square(relief, number, baseline_m), baseline_m);
     });
     Sums all;
     for (const Sums& s : squares) {
       all.craters += s.craters, all.relief += s.relief;
       all.slopes.insert(all.slopes.end(), s.slopes.begin(), s.slopes.end());
     }
-    const auto middle = all.slopes.begin() + static_cast<std::ptrdiff_t>(all.slopes.size() / 2);
-    std::nth_element(all.slopes.begin(), middle, all.slopes.end());
     const double variance = all.craters + all.relief,
                  rms_m = std::sqrt(variance / static_cast<double>(all.slopes.size()));
     const double hurst = rows.empty() ? std::numeric_limits<double>::quiet_NaN()
                                       : std::log(rms_m / rms_before) / std::log(baseline_m / rows.back().baseline_m);
     rows.push_back(
-        {baseline_m, slope_deg(rms_m / baseline_m), slope_deg(*middle), hurst,
+        {baseline_m, slope_deg(rms_m / baseline_m), slope_deg(median(all.slopes)), hurst,
          variance > 0 ? all.craters / variance : 0, variance > 0 ? all.relief / variance : 0,
          preset.published ? preset.published->at_deg(baseline_m) : std::numeric_limits<double>::quiet_NaN()});
     rms_before = rms_m;
@@ -97,7 +94,7 @@ std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places,
   return rows;
 }
 
-std::vector<CraterRow> ground_craters(const dem::DetailPreset& preset, const StopToken& stop) {
+std::vector<CraterRow> ground_craters(const dem::DetailPreset& preset) {
   const dem::CraterField field(preset.craters);
   const dem::CraterAges ages(preset.craters.frequency, preset.craters.smallest_m, preset.craters.largest_m,
                              preset.craters.oldest_Ma);
@@ -113,7 +110,7 @@ std::vector<CraterRow> ground_craters(const dem::DetailPreset& preset, const Sto
                    lon_deg = lon * kDegreesPerRadian, wide_deg = half_deg / std::cos(lat);
       const dem::Footprint box{lat_deg - half_deg, lat_deg + half_deg, lon_deg - wide_deg, lon_deg + wide_deg};
       area_km2 += dem::area_m2(box) / 1e6;
-      const std::vector<dem::Crater> all = field.within(k, dem::around(box, std::ldexp(5.0, k)), stop);
+      const std::vector<dem::Crater> all = field.within(k, dem::around(box, std::ldexp(5.0, k)), {});
       for (const dem::Crater& crater : all) {
         if (!dem::holds(box, to_geographic(crater.centre * kMoonRadius_m)) ||
             !dem::remains_of(field, crater, all).any())

@@ -4,7 +4,6 @@
 #include <vector>
 
 #include "dem/detail/detail.h"
-#include "dem/support/stop_token.h"
 
 namespace selenograph::engine {
 
@@ -26,8 +25,7 @@ struct CraterRow {
 // Of the detail alone, on a sphere, with all of its octaves: also those that posts of kRootLevel, the coarsest that
 // there are, leave to no detail (Detail::past_largest_octave; of the presets, wavelengths of 4096 m and more).
 // `places`: squares of 40 x 40 baselines for each row. Octaves of less than an eighth of a baseline are left out.
-// Throws Cancelled.
-std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places, const StopToken& stop = {});
-std::vector<CraterRow> ground_craters(const dem::DetailPreset& preset, const StopToken& stop = {});
+std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places);
+std::vector<CraterRow> ground_craters(const dem::DetailPreset& preset);
 
 }  // namespace selenograph::engine

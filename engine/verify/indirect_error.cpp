@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "dem/support/quantile.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/photometry.h"
 
@@ -14,16 +15,16 @@ namespace {
 constexpr int kPlacesAlong = 12;
 
 // The ground at a place as rays meet it, which may be finer than a frame's, and so above the frame's.
-Vec3 on_ground(const Renderer& renderer, const Vec3& position_m, const FrameRequest& request, const StopToken& stop) {
+Vec3 on_ground(const Renderer& renderer, const Vec3& position_m, const FrameRequest& request) {
   constexpr double kAbove_m = 1000;
   const Vec3 up = position_m.normalized();
   const Ray down{position_m + kAbove_m * up, -up};
-  const RayHit hit = renderer.cast({&down, 1}, request.sun, stop).front();
+  const RayHit hit = renderer.cast({&down, 1}, request.sun).front();
   return hit.hit ? hit.position_m : position_m;
 }
 
 double light_by_rays(const Renderer& renderer, const Vec3& position_m, const Vec3& normal, const FrameRequest& request,
-                     int strata, const StopToken& stop) {
+                     int strata) {
   constexpr int kDirections = 128, kHigh = 8;
   constexpr double kBorder = 0.4, kPi = std::numbers::pi;
   // Denser towards the horizon.
@@ -48,7 +49,7 @@ double light_by_rays(const Renderer& renderer, const Vec3& position_m, const Vec
       rays.push_back({position_m + 1e-3 * axes.up, direction});
       weights.push_back(cosine * std::cos(elevation) * height * 2 * kPi / kDirections);
     }
-  const std::vector<RayHit> hits = renderer.cast(rays, request.sun, stop);
+  const std::vector<RayHit> hits = renderer.cast(rays, request.sun);
   const Brdf brdf(request.reflectance, band_of(request));
   double sum = 0;
   for (std::size_t i = 0; i < rays.size(); ++i) {
@@ -63,18 +64,17 @@ double light_by_rays(const Renderer& renderer, const Vec3& position_m, const Vec
   return kSolarConstant_w_m2 * sum;
 }
 
-double ms_of(const Renderer& renderer, const FrameRequest& request, const StopToken& stop) {
+double ms_of(const Renderer& renderer, const FrameRequest& request) {
   const auto start = std::chrono::steady_clock::now();
-  renderer.render(request, stop);
+  renderer.render(request);
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
 }  // namespace
 
-IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata, const StopToken& stop)
-    : request_(request) {
+IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata) : request_(request) {
   request_.products = kPosition | kNormal;
-  const FrameProducts seen = renderer.render(request_, stop).products;
+  const FrameProducts seen = renderer.render(request_).products;
   const auto at = [](const auto& values, std::size_t i) {
     return Vec3(double(values[3 * i]), double(values[3 * i + 1]), double(values[3 * i + 2]));
   };
@@ -85,8 +85,8 @@ IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& reque
       const Vec3 position_m = at(seen.position, pixel);
       if (std::isnan(position_m.x())) continue;
       pixels_.push_back(pixel);
-      light_w_m2_.push_back(light_by_rays(renderer, on_ground(renderer, position_m, request, stop),
-                                          at(seen.normal, pixel), request, strata, stop));
+      light_w_m2_.push_back(
+          light_by_rays(renderer, on_ground(renderer, position_m, request), at(seen.normal, pixel), request, strata));
     }
   request_.products = kIrradiance, request_.indirect.terrain = true;
 }
@@ -104,27 +104,24 @@ IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) con
     ++out.places;
   }
   if (out.places == 0 || !(truths > 0)) return out;
-  const auto middle = differences.begin() + out.places / 2;
-  std::nth_element(differences.begin(), middle, differences.end());
-  out.median = *middle, out.ratio = ours / truths;
+  out.median = median(differences), out.ratio = ours / truths;
   out.rms = std::sqrt(squares / out.places) / (truths / out.places);
   return out;
 }
 
-IndirectRow measure_indirect(const Renderer& renderer, const IndirectTruth& truth, double spacing_px, int repetitions,
-                             const StopToken& stop) {
+IndirectRow measure_indirect(const Renderer& renderer, const IndirectTruth& truth, double spacing_px, int repetitions) {
   FrameRequest with = truth.request();
   with.indirect.spacing_px = spacing_px;
   FrameRequest without = with;
   without.indirect.terrain = false;
   IndirectRow row;
   row.spacing_px = spacing_px;
-  renderer.render(without, stop);
-  row.first_ms = ms_of(renderer, with, stop);
-  row.error = truth.of(renderer.render(with, stop).products.irradiance);
+  renderer.render(without);
+  row.first_ms = ms_of(renderer, with);
+  row.error = truth.of(renderer.render(with).products.irradiance);
   std::vector<double> kept, plain;
   for (int i = 0; i < repetitions; ++i)
-    plain.push_back(ms_of(renderer, without, stop)), kept.push_back(ms_of(renderer, with, stop));
+    plain.push_back(ms_of(renderer, without)), kept.push_back(ms_of(renderer, with));
   row.without_ms = *std::min_element(plain.begin(), plain.end());
   row.kept_ms = *std::min_element(kept.begin(), kept.end());
   return row;

@@ -13,7 +13,7 @@ class IndirectTruth {
  public:
   // 144 places of a square frame. From each, 128 azimuths times `strata` and eight more elevations: what a low Sun
   // lights is thin strips. With 80 the answer is off by a tenth there.
-  IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata, const StopToken& stop = {});
+  IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata);
 
   struct Error {
     int places = 0;
@@ -38,7 +38,6 @@ struct IndirectRow {
   double without_ms = 0, first_ms = 0, kept_ms = 0;
 };
 // `renderer` must not have shown such a frame before.
-IndirectRow measure_indirect(const Renderer& renderer, const IndirectTruth& truth, double spacing_px, int repetitions,
-                             const StopToken& stop = {});
+IndirectRow measure_indirect(const Renderer& renderer, const IndirectTruth& truth, double spacing_px, int repetitions);
 
 }  // namespace selenograph::engine

@@ -25,6 +25,7 @@
 
 #include "dem/gdal/geotiff_writer.h"
 #include "dem/sample/sample_terrain.h"
+#include "dem/support/quantile.h"
 #include "dem/value_maps/value_map.h"
 #include "engine/radiometry/atmosphere.h"
 #include "engine/render_frame.h"
@@ -73,11 +74,6 @@ engine::FrameRequest request(const dem::Terrain& terrain, const Place& place, co
   r.accuracy.max_error_px = setting.max_error_px;
   r.products = engine::kRadiance;
   return r;
-}
-
-double median(std::vector<double> values) {
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
-  return values[values.size() / 2];
 }
 
 template <typename Work>

@@ -1,11 +1,12 @@
 #include "engine/visibility/objects/object_mesh.h"
 
-#define XXH_INLINE_ALL
 #include <fmt/format.h>
-#include <xxhash.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
+
+#include "dem/support/hash.h"
+#include "dem/support/quantile.h"
 
 namespace selenograph::engine {
 namespace {
@@ -13,7 +14,7 @@ namespace {
 std::uint64_t fingerprint_of(const ObjectShape& shape) {
   std::uint64_t hash = 0;
   const auto add = [&](const auto& list) {
-    hash = XXH3_64bits_withSeed(list.data(), list.size() * sizeof list[0], hash ^ list.size());
+    hash = dem::hash_of(list.data(), list.size() * sizeof list[0], hash ^ list.size());
   };
   add(shape.corners), add(shape.triangles);
   for (const std::string& part : shape.parts) add(part);
@@ -37,9 +38,7 @@ ObjectMesh::Median ObjectMesh::median_of(const ObjectShape& shape) {
   const auto median = [&](auto&& value_of) {
     for (std::size_t i = 0; i < values.size(); ++i)
       values[i] = value_of(shape.place(shape.triangles[i / 3], static_cast<int>(i % 3)));
-    const auto at = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::nth_element(values.begin(), at, values.end());
-    return *at;
+    return ranked(values, values.size() / 2);
   };
   Median m{};
   for (int axis = 0; axis < 3; ++axis) m.place[axis] = median([axis](const Vec3& p) { return p[axis]; });
