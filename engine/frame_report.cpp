@@ -38,7 +38,7 @@ double azimuth_deg(const EastNorthUp& local, const Vec3& direction) {
 double pixel_rad(const View& view) {
   const Camera& camera = view.camera();
   const auto left = view.ray(camera.cx - 0.5, camera.cy), right = view.ray(camera.cx + 0.5, camera.cy);
-  return left && right ? std::atan2(left->cross(*right).norm(), left->dot(*right)) : 0;
+  return left && right ? angle_between(*left, *right) : 0;
 }
 
 // The phase angle is that between the ray's reverse and the Sun, wherever the ray ends. It is smallest towards the
@@ -51,7 +51,7 @@ std::optional<std::array<double, 2>> phases_deg(const View& view, const Vec3& su
     for (int i = 0; i <= kAlong; ++i) {
       const auto ray = view.ray(i * (camera.width - 1.0) / kAlong, j * (camera.height - 1.0) / kAlong);
       if (!ray) continue;
-      const double phase_deg = std::atan2(ray->cross(sun).norm(), -ray->dot(sun)) * kDegreesPerRadian;
+      const double phase_deg = angle_between(-*ray, sun) * kDegreesPerRadian;
       if (!range) range = {phase_deg, phase_deg};
       (*range)[0] = std::min((*range)[0], phase_deg), (*range)[1] = std::max((*range)[1], phase_deg);
     }
@@ -65,9 +65,8 @@ std::optional<std::array<double, 2>> phases_deg(const View& view, const Vec3& su
 void report_view(const Drawn& drawn, const View& view, const Vec3& sun, const dem::Catalogue& catalogue,
                  ViewReport& out) {
   const Vec3 boresight = view.moon_from_camera().col(2), up = -view.moon_from_camera().col(1);
-  const Vec3 down = -view.position();
   if (sun.norm() > 0) out.phase_deg = phases_deg(view, sun);
-  out.off_nadir_deg = std::atan2(boresight.cross(down).norm(), boresight.dot(down)) * kDegreesPerRadian;
+  out.off_nadir_deg = angle_between(boresight, -view.position()) * kDegreesPerRadian;
   for (std::size_t i = 0; i < out.corners.size(); ++i)
     if (const auto& met = drawn.met[ViewMarks::kFirstCorner + i]) out.corners[i] = to_geographic(met->position_m);
   const auto& met = drawn.met[ViewMarks::kBoresight];

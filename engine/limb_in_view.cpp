@@ -231,9 +231,8 @@ class LimbSearch {
 
 // Blocks that may be as far out as the limb of a sphere below all terrain.
 std::vector<LimbSearch::Root> roots_at_limb(const Outlook& outlook, const dem::Terrain& terrain) {
-  constexpr double kDeepest_m = kMoonRadius_m + double{dem::kLowestRelief_m};
   const double reach_rad =
-      std::acos(std::min(1.0, kDeepest_m / outlook.distance_m)) + std::acos(kDeepest_m / kHighest_m);
+      std::acos(std::min(1.0, dem::kCoreRadius_m / outlook.distance_m)) + std::acos(dem::kCoreRadius_m / kHighest_m);
   std::vector<LimbSearch::Root> roots;
   for (const BlockId& id : terrain.roots()) {
     LimbSearch::Root root{id, loose_bounds(id)};

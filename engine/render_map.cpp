@@ -352,7 +352,7 @@ class MapDrawing {
     if (!out.height.empty()) out.height[to] = Eigen::Map<const Vec3>(&drawn.position[3 * from]).norm() - kMoonRadius_m;
     if (out.slope.empty()) return;
     const Vec3 normal = Eigen::Map<const Eigen::Vector3f>(&drawn.normal[3 * from]).cast<double>();
-    out.slope[to] = static_cast<float>(std::atan2(normal.cross(up).norm(), normal.dot(up)) * kDegreesPerRadian);
+    out.slope[to] = static_cast<float>(angle_between(normal, up) * kDegreesPerRadian);
   }
 
   void report(const Selection& selection, const Scene& scene) {

@@ -18,25 +18,17 @@ namespace {
 
 constexpr double kWidePost_px = 8, kMuchMissing = 0.5;
 
-bool meets_sphere(const Vec3& position_m, const Vec3& direction) {
-  const double along = -position_m.dot(direction);
-  return along > 0 && position_m.squaredNorm() - along * along < kMoonRadius_m * kMoonRadius_m;
-}
-
 // The angle between the boresight of an attitude and the nadir, radians; empty where it misses the Moon.
 std::optional<double> off_nadir(const Vec3& position_m, const Eigen::Quaterniond& camera_from_moon) {
   const Vec3 boresight = camera_from_moon.conjugate() * Vec3::UnitZ();
-  if (!meets_sphere(position_m, boresight)) return std::nullopt;
-  return std::atan2(boresight.cross(position_m).norm(), -position_m.dot(boresight));
+  if (!on_sphere(position_m, boresight)) return std::nullopt;
+  return angle_between(boresight, -position_m);
 }
 
 // Where the boresight meets the sphere.
-std::optional<Geographic> on_sphere(const engine::Pose& pose) {
-  const Vec3 boresight = pose.camera_from_moon.conjugate() * Vec3::UnitZ();
-  const Vec3& from = pose.position_m;
-  if (!meets_sphere(from, boresight)) return std::nullopt;
-  const double along = -from.dot(boresight), below = from.squaredNorm() - along * along;
-  return to_geographic(from + (along - std::sqrt(kMoonRadius_m * kMoonRadius_m - below)) * boresight);
+std::optional<Geographic> boresight_on_sphere(const engine::Pose& pose) {
+  const auto place = on_sphere(pose.position_m, pose.camera_from_moon.conjugate() * Vec3::UnitZ());
+  return place ? std::optional(to_geographic(*place)) : std::nullopt;
 }
 
 // The share of an image that the Moon fills, counted on some lines of sight.
@@ -47,7 +39,7 @@ double share_of_moon(const engine::View& view) {
   for (int j = 0; j < kAcross; ++j)
     for (int i = 0; i < kAcross; ++i) {
       const auto ray = view.ray((i + 0.5) / kAcross * camera.width - 0.5, (j + 0.5) / kAcross * camera.height - 0.5);
-      seen += ray && meets_sphere(view.position(), ray->normalized()) ? 1 : 0;
+      seen += ray && on_sphere(view.position(), ray->normalized()) ? 1 : 0;
     }
   return static_cast<double>(seen) / (kAcross * kAcross);
 }
@@ -122,7 +114,7 @@ bool has_data(const dem::Catalogue& catalogue, double lat_deg, double lon_deg) {
 // Whether there are no data where the boresight points to, but some where latitude and longitude change places, or are
 // taken for radians.
 std::string why_missing(const engine::FrameRequest& request, const dem::Catalogue& catalogue) {
-  const std::optional<Geographic> g = on_sphere(request.pose);
+  const std::optional<Geographic> g = boresight_on_sphere(request.pose);
   if (!g || has_data(catalogue, g->lat_deg, g->lon_deg)) return {};
   std::string text = ": there are none along the boresight (view.sphere)";
   if (std::abs(g->lon_deg) <= 90 && has_data(catalogue, g->lon_deg, g->lat_deg))
@@ -159,7 +151,7 @@ const Answer<ViewSource>& view_answer() {
         a.add("sphere",
               {{"anyOf", {place_on_sphere, {{"type", "null"}}}},
                {"description", "where the boresight meets the sphere of 1 737 400 m, with data there or without"}},
-              [place_json](const S& s) { return place_json(on_sphere(s.query.request.pose)); });
+              [place_json](const S& s) { return place_json(boresight_on_sphere(s.query.request.pose)); });
         a.add("off_nadir_deg", number(kAnyNumber, "angle between the boresight and the direction of the Moon's centre"),
               [](const S& s) { return s.view.off_nadir_deg; });
         a.add("up_azimuth_deg", number_or_null("compass azimuth there of what is up in the image"),

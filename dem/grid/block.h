@@ -29,6 +29,8 @@ inline constexpr bool is_blended(SourceMark mark) { return (mark & kBlendedBit) 
 
 // Bounds of lunar heights (relief: +10 786 m to -9 120 m); a post outside counts as no-data.
 inline constexpr float kLowestRelief_m = -12000.F, kHighestRelief_m = 13000.F;
+// Within, the Moon is solid.
+inline constexpr double kCoreRadius_m = kMoonRadius_m + double{kLowestRelief_m};
 
 // Range of heights; low > high if there are none.
 struct HeightRange {

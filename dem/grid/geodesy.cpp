@@ -1,9 +1,7 @@
 #include "dem/grid/geodesy.h"
 
-#include <Eigen/Geometry>
 #include <GeographicLib/Geocentric.hpp>
 #include <GeographicLib/Math.hpp>
-#include <cmath>
 
 namespace selenograph {
 namespace {
@@ -34,6 +32,13 @@ double wrap_lon_deg(double lon_deg) {
   if (lon_deg >= -180 && lon_deg < 180) return lon_deg;  // a division less
   const double wrapped = GeographicLib::Math::AngNormalize(lon_deg);
   return wrapped >= 180.0 ? -180.0 : wrapped;
+}
+
+std::optional<Vec3> on_sphere(const Vec3& from_m, const Vec3& direction) {
+  const double along = -from_m.dot(direction), off_axis2 = from_m.squaredNorm() - along * along,
+               half2 = kMoonRadius_m * kMoonRadius_m - off_axis2;
+  if (!(half2 > 0 && along > 0)) return std::nullopt;
+  return from_m + (along - std::sqrt(half2)) * direction;
 }
 
 EastNorthUp local_axes(double lat_deg, double lon_deg) {

@@ -5,7 +5,10 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cmath>
 #include <numbers>
+#include <optional>
 
 namespace selenograph {
 
@@ -34,6 +37,12 @@ Geographic to_geographic(const Vec3& p_m);
 
 // Wraps into [-180, 180).
 double wrap_lon_deg(double lon_deg);
+
+// Of two directions of any length, rad.
+inline double angle_between(const Vec3& a, const Vec3& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
+
+// Where a ray from outside meets the sphere of height 0; `direction`: unit.
+std::optional<Vec3> on_sphere(const Vec3& from_m, const Vec3& direction);
 
 struct EastNorthUp {
   Vec3 east, north, up;

@@ -38,7 +38,7 @@ void LightTree::Extent::include(const Extent& other) {
 
 // Even the highest relief is dark once the Sun is further below the horizon than the dip from there to the solid core.
 bool LightTree::in_night(const NodeBounds& b) const {
-  const double dip = std::acos((kMoonRadius_m + dem::kLowestRelief_m) / (kMoonRadius_m + b.high_m));
+  const double dip = std::acos(dem::kCoreRadius_m / (kMoonRadius_m + b.high_m));
   const double to_sun = std::asin(std::clamp(sun_.dot(b.centre) / b.centre.norm(), -1.0, 1.0));
   return to_sun + std::asin(std::min(1.0, b.radius_m / b.centre.norm())) + std::atan(radius_) < -dip;
 }

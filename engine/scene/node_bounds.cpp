@@ -53,12 +53,13 @@ NodeBounds bounds_of_all(const dem::BlockId& id, double low_m, double high_m) {
 }
 
 bool below_horizon(const Vec3& from_m, const NodeBounds& b, double around_m) {
-  const double core = kMoonRadius_m + dem::kLowestRelief_m, distance = from_m.norm();
-  if (distance - around_m <= core) return false;
+  using dem::kCoreRadius_m;
+  const double distance = from_m.norm();
+  if (distance - around_m <= kCoreRadius_m) return false;
   // Angle at the Moon's centre from the viewer to the horizon, and from there to what just rises above it at the
   // block's height.
-  const double reach =
-      std::acos(core / (distance + around_m)) + std::acos(std::min(1.0, core / (kMoonRadius_m + b.high_m)));
+  const double reach = std::acos(kCoreRadius_m / (distance + around_m)) +
+                       std::acos(std::min(1.0, kCoreRadius_m / (kMoonRadius_m + b.high_m)));
   const double to_centre = std::acos(std::clamp(from_m.dot(b.centre) / (distance * b.centre.norm()), -1.0, 1.0));
   // Another place is seen from the Moon's centre in a direction that differs by at most this.
   const double aside = std::asin(std::min(1.0, around_m / distance));

@@ -65,7 +65,7 @@ bool follow(const dem::Terrain& terrain, const std::vector<RayCone>& rays, const
 
 double range_below_terrain_m(const RayCone& ray) {
   const double closest = -ray.origin_m.dot(ray.direction), width_m = ray.one() ? 0 : ray.radius_m + closest * ray.slope,
-               deep_m = kMoonRadius_m + double{dem::kLowestRelief_m} - width_m,
+               deep_m = dem::kCoreRadius_m - width_m,
                inside = deep_m * std::abs(deep_m) - (ray.origin_m + closest * ray.direction).squaredNorm();
   const double range_m = inside > 0 && closest > 0 ? closest - std::sqrt(inside) : -1;
   return range_m > 0 ? range_m : std::numeric_limits<double>::infinity();

@@ -97,11 +97,6 @@ Vec3 SkyObserver::apparent(const Star& star) const {
   return astrometry_->aberrated(natural);
 }
 
-// The aberration of the way back is the same but for its sign, and for v^2/c^2: 1e-8.
-Vec3 SkyObserver::undo_aberration(const Vec3& apparent) const {
-  return (apparent - Vec3(astrometry_->of.v)).normalized();
-}
-
 ApparentBody SkyObserver::body_at(const Vec3& from_observer_au, const Vec3& from_sun_au) const {
   ApparentBody body;
   body.from_observer = from_observer_au.normalized();
@@ -110,8 +105,7 @@ ApparentBody SkyObserver::body_at(const Vec3& from_observer_au, const Vec3& from
   body.sun_distance_m = from_sun_au.norm() * ERFA_DAU;
   if (body.sun_distance_m == 0) return body;
   body.from_sun = from_sun_au.normalized();
-  body.phase_deg = std::atan2(body.from_sun.cross(body.from_observer).norm(), body.from_sun.dot(body.from_observer)) *
-                   kDegreesPerRadian;
+  body.phase_deg = angle_between(body.from_sun, body.from_observer) * kDegreesPerRadian;
   return body;
 }
 

@@ -45,9 +45,7 @@ class SkyObserver {
 
   // Unit, ICRF axes: proper motion, parallax, deflection of light by the Sun, and aberration.
   Vec3 apparent(const Star& star) const;
-  // Where a star that appears in this direction is but for its parallax and the deflection of its light.
-  Vec3 undo_aberration(const Vec3& apparent) const;
-  // Upper bound on these two.
+  // Upper bound on parallax and deflection.
   static constexpr double kLeftOut_rad = 1.5e-5;
 
   // Rotates vectors of ICRF axes into the Earth's (ITRF: +z the pole, +x Greenwich), as it was when the light left it

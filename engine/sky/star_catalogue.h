@@ -1,8 +1,7 @@
 // A catalogue of stars, searched by field.
 #pragma once
 
-#include <Eigen/Geometry>
-#include <cmath>
+#include <Eigen/Core>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -12,9 +11,6 @@
 #include "dem/grid/geodesy.h"
 
 namespace selenograph::engine {
-
-// Of two directions of any length, rad.
-inline double angle_between(const Vec3& a, const Vec3& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
 
 // A row of a catalogue as it is published.
 struct StarRow {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <optional>
 
 #include "engine/radiometry/brdf.h"
@@ -14,15 +13,9 @@ namespace selenograph::engine {
 namespace {
 
 // Where a pixel's ray meets the sphere.
-std::optional<Vec3> on_sphere(const View& view, double x_px, double y_px) {
+std::optional<Vec3> place_on_sphere(const View& view, double x_px, double y_px) {
   const auto ray = view.ray(x_px, y_px);
-  if (!ray) return std::nullopt;
-  const Vec3 direction = ray->normalized();
-  const Vec3& from = view.position();
-  const double along = -from.dot(direction), off2 = from.squaredNorm() - along * along;
-  const double half2 = kMoonRadius_m * kMoonRadius_m - off2;
-  if (!(half2 > 0 && along > 0)) return std::nullopt;
-  return from + (along - std::sqrt(half2)) * direction;
+  return ray ? on_sphere(view.position(), ray->normalized()) : std::nullopt;
 }
 
 double sample(const DiscImage& image, double x, double y) {
@@ -77,7 +70,7 @@ double limb_px(const DiscImage& observed, const DiscImage& frame, const FrameReq
   double sum = 0;
   int number = 0;
   for (int degrees = -60; degrees <= 60; ++degrees) {
-    const double angle = toward + degrees * std::numbers::pi / 180;
+    const double angle = toward + degrees * kRadiansPerDegree;
     const Eigen::Vector2d outward(std::cos(angle), std::sin(angle)), at(centre->x, centre->y);
     const auto seen = edge_px(observed, at, outward, radius_px), drawn = edge_px(frame, at, outward, radius_px);
     if (seen && drawn) sum += *seen - *drawn, ++number;
@@ -99,7 +92,7 @@ std::vector<Pixel> disc_pixels(const DiscImage& frame, const FrameRequest& reque
   std::vector<Pixel> pixels;
   for (int y = 0; y < frame.height; ++y)
     for (int x = 0; x < frame.width; ++x) {
-      const auto place = on_sphere(view, x, y);
+      const auto place = place_on_sphere(view, x, y);
       if (!place) continue;
       const auto index =
           static_cast<std::size_t>(y) * static_cast<std::size_t>(frame.width) + static_cast<std::size_t>(x);
@@ -188,7 +181,7 @@ double disc_correlation(const DiscImage& observed, const DiscImage& frame, const
   double n = 0, sa = 0, sb = 0, saa = 0, sbb = 0, sab = 0;
   for (int y = 0; y < frame.height; ++y)
     for (int x = 0; x < frame.width; ++x) {
-      if (!on_sphere(view, x, y)) continue;
+      if (!place_on_sphere(view, x, y)) continue;
       const auto i = static_cast<std::size_t>(y) * static_cast<std::size_t>(frame.width) + static_cast<std::size_t>(x);
       const double a = static_cast<double>(observed.radiance[i]), b = static_cast<double>(frame.radiance[i]);
       n += 1, sa += a, sb += b, saa += a * a, sbb += b * b, sab += a * b;

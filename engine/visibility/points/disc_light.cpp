@@ -29,7 +29,7 @@ namespace selenograph::engine::HWY_NAMESPACE {
 
 // top: toward the disc's upper end. Sets how[i].
 void LookAt(const SurfacePoints& p, const double* top, DiscLanes& lanes, std::int32_t* how) {
-  constexpr double kCore2 = (kMoonRadius_m + dem::kLowestRelief_m) * (kMoonRadius_m + dem::kLowestRelief_m);
+  constexpr double kCore2 = dem::kCoreRadius_m * dem::kCoreRadius_m;
   const double sx = top[0], sy = top[1], sz = top[2];
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {

@@ -35,7 +35,7 @@ constexpr float kRounding = 0x1p-22F;
 // More than 0 where a triangle faces the Sun and the solid inside of the Moon (below all relief) isn't in between; for
 // loops over lanes: one number chosen by another becomes vectors, `and` doesn't.
 inline double toward_sun(const SurfacePoints& p, int i, double sx, double sy, double sz) {
-  constexpr double kCore2 = (kMoonRadius_m + dem::kLowestRelief_m) * (kMoonRadius_m + dem::kLowestRelief_m);
+  constexpr double kCore2 = dem::kCoreRadius_m * dem::kCoreRadius_m;
   const double x = p.x[i], y = p.y[i], z = p.z[i], along = x * sx + y * sy + z * sz;
   const double off_axis2 = x * x + y * y + z * z - along * along, behind2 = along < 0 ? off_axis2 : kCore2;
   const double toward = p.nx[i] * sx + p.ny[i] * sy + p.nz[i] * sz;
