@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <utility>
 
 #include "api/answers/crater_answer.h"
@@ -134,7 +135,7 @@ FrameLabels::FrameLabels(const engine::Frame& frame, const engine::Camera& camer
   }
   std::vector<Mask> masks = masks_of_rocks();
   for (std::size_t i = 0; i < masks.size(); ++i)
-    if (masks[i].area > 0 && 4 * static_cast<double>(masks[i].area) >= M_PI * least_px * least_px)
+    if (masks[i].area > 0 && 4 * static_cast<double>(masks[i].area) >= std::numbers::pi * least_px * least_px)
       rocks_.push_back({i, std::move(masks[i])});
 }
 

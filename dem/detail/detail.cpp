@@ -142,7 +142,8 @@ std::pair<std::size_t, std::size_t> columns_of(const DirectionGrid& grid, const 
   if (!(sine < 1)) return {0, n};
   const double half = std::asin(sine) / grid.lon_step, middle = static_cast<double>(n - 1) / 2;
   const double longitude = std::atan2(crater.centre.y(), crater.centre.x());
-  const double at = middle + std::remainder(longitude - (grid.west + middle * grid.lon_step), 2 * M_PI) / grid.lon_step;
+  const double at =
+      middle + std::remainder(longitude - (grid.west + middle * grid.lon_step), 2 * std::numbers::pi) / grid.lon_step;
   const auto whole = [&](double column) {
     return static_cast<std::size_t>(std::clamp(column, 0.0, static_cast<double>(n)));
   };

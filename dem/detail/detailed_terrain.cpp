@@ -1,12 +1,11 @@
 #include "dem/detail/detailed_terrain.h"
 
-#include <xxhash.h>
-
 #include <GeographicLib/Math.hpp>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <span>
 #include <unordered_map>
 #include <vector>
@@ -17,6 +16,7 @@
 #include "dem/posts/cubic.h"
 #include "dem/posts/post_source.h"
 #include "dem/pyramid/block_posts.h"
+#include "dem/support/hash.h"
 #include "dem/support/parallel.h"
 #include "dem/terrain/block_store.h"
 
@@ -45,7 +45,7 @@ constexpr std::uint64_t kGroundVersion = 3;
 
 std::uint64_t key_of_ground(const Catalogue& catalogue, const DetailPreset& preset) {
   const std::uint64_t parts[] = {kGroundVersion, catalogue.fingerprint(), preset.fingerprint};
-  return XXH3_64bits(parts, sizeof parts);
+  return hash_of(parts, sizeof parts);
 }
 
 std::shared_ptr<Block> empty_block(const BlockId& id, const BlockExtent& extent) {
@@ -75,7 +75,7 @@ class Places {
       Math::sincosd(-180 + (extent.lon0 + post * extent.lon_step) / kTicksPerDegree, tables_[2][i], tables_[3][i]);
     }
     constexpr double kRadiansPerTick = kRadiansPerDegree / kTicksPerDegree;
-    west_ = -M_PI + kRadiansPerTick * (extent.lon0 + first_post * extent.lon_step);
+    west_ = -std::numbers::pi + kRadiansPerTick * (extent.lon0 + first_post * extent.lon_step);
     step_ = kRadiansPerTick * posts_apart * extent.lon_step;
   }
   DirectionGrid grid() const { return {tables_[0], tables_[1], tables_[2], tables_[3], west_, step_}; }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 
 #include "dem/detail/detail_kernels.h"
 #include "dem/support/noise.h"
@@ -31,7 +32,7 @@ std::vector<double> structure(const std::vector<double>& distances) {
       return place - std::floor(place);
     };
     const Vec3 here(64 * part(0.8191725133961645), 64 * part(0.6710436067037893), 64 * part(0.5497004779019703));
-    const double up = 2 * part(0.4503) - 1, turn = 2 * M_PI * part(0.36889), flat = std::sqrt(1 - up * up);
+    const double up = 2 * part(0.4503) - 1, turn = 2 * std::numbers::pi * part(0.36889), flat = std::sqrt(1 - up * up);
     pairs.push_back({here, {flat * std::cos(turn), flat * std::sin(turn), up}, noise(here)});
   }
   std::vector<double> squares(distances.size());

@@ -7,7 +7,6 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kLight_m_ns = 0.299792458;
 constexpr double kReach = 4;  // deviations beyond which a part is not sampled: 3e-4 of its peak
 constexpr std::size_t kMostSamples = 4096;
 

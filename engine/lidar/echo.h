@@ -6,6 +6,8 @@
 #include <span>
 #include <vector>
 
+#include "engine/radiometry/spectrum.h"
+
 namespace selenograph::engine {
 
 // What one sub-ray contributes: a Gaussian in range.
@@ -21,6 +23,8 @@ struct EchoReturn {
   double range_m, width_m, signal;  // centroid, standard deviation, sum
   std::uint32_t of;                 // of its largest part
 };
+
+inline constexpr double kLight_m_ns = kSpeedOfLight_m_s / 1e9;
 
 // As ranges: half of the way light travels. The standard deviation of a Gaussian pulse of a full width at half maximum.
 double pulse_deviation_m(double pulse_length_ns);

@@ -4,14 +4,12 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <numbers>
 
+#include "dem/grid/geodesy.h"
 #include "engine/support/csv.h"
 
 namespace selenograph::engine {
 namespace {
-
-constexpr double kRadians = std::numbers::pi / 180;
 
 // The numbers of one band.
 struct Coefficients {
@@ -66,7 +64,7 @@ std::span<const double> disc_bands_um(DiscModel model) { return table_of(model).
 // Kieffer & Stone 2005, eq. (10).
 double disc_reflectance(DiscModel model, std::size_t band, const DiscGeometry& at) {
   const Coefficients& k = table_of(model).bands.at(band);
-  const double g = at.phase_deg, r = g * kRadians, sun = at.sun_lon_deg * kRadians, sun2 = sun * sun;
+  const double g = at.phase_deg, r = g * kRadiansPerDegree, sun = at.sun_lon_deg * kRadiansPerDegree, sun2 = sun * sun;
   const double lat = at.observer_lat_deg, lon = at.observer_lon_deg;
   const double phase = k.a[0] + r * (k.a[1] + r * (k.a[2] + r * k.a[3]));
   const double waxing = sun * (k.b[0] + sun2 * (k.b[1] + sun2 * k.b[2]));

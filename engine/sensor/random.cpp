@@ -61,13 +61,18 @@ int PoissonOfLargeMeans(const std::uint32_t* bits, const float* mean, float* out
   return left;
 }
 
+HWY_INLINE philox4x32_ctr_t words_of(std::uint64_t seed, std::uint64_t frame, RandomSource source,
+                                     std::uint32_t pixel) {
+  const philox4x32_ctr_t counter{{pixel, static_cast<std::uint32_t>(frame), static_cast<std::uint32_t>(frame >> 32),
+                                  static_cast<std::uint32_t>(source)}};
+  const philox4x32_key_t key{{static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32)}};
+  return philox4x32(counter, key);
+}
+
 void Draw(std::uint64_t seed, std::uint64_t frame, RandomSource source, std::uint32_t pixel, RandomWords& out) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (std::uint32_t i = 0; i < kDraw; ++i) {
-    const philox4x32_ctr_t counter{{pixel + i, static_cast<std::uint32_t>(frame),
-                                    static_cast<std::uint32_t>(frame >> 32), static_cast<std::uint32_t>(source)}};
-    const philox4x32_key_t key{{static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32)}};
-    const philox4x32_ctr_t words = philox4x32(counter, key);
+    const philox4x32_ctr_t words = words_of(seed, frame, source, pixel + i);
     for (int k = 0; k < 4; ++k) out.word[k][i] = words.v[k];
   }
 }
@@ -113,10 +118,7 @@ void poisson(const std::uint32_t bits[kDraw], const float mean[kDraw], float out
 }
 
 RandomBits draw_one(std::uint64_t seed, std::uint64_t frame, RandomSource source, std::uint32_t pixel) {
-  const philox4x32_ctr_t counter{{pixel, static_cast<std::uint32_t>(frame), static_cast<std::uint32_t>(frame >> 32),
-                                  static_cast<std::uint32_t>(source)}};
-  const philox4x32_key_t key{{static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32)}};
-  const philox4x32_ctr_t words = philox4x32(counter, key);
+  const philox4x32_ctr_t words = HWY_NAMESPACE::words_of(seed, frame, source, pixel);
   return {words.v[0], words.v[1], words.v[2], words.v[3]};
 }
 

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <optional>
 
 namespace selenograph::engine {
@@ -82,7 +81,7 @@ std::optional<double> slope_at(const RoundTrip& trip, int row, int col, double n
   const double slope = std::hypot((height(row - 1, col) - height(row + 1, col)) / (2 * north_m),
                                   (height(row, col + 1) - height(row, col - 1)) / (2 * east_m));
   if (std::isnan(slope)) return std::nullopt;
-  return std::atan(slope) * 180 / std::numbers::pi;
+  return std::atan(slope) * kDegreesPerRadian;
 }
 
 double percentile(const std::vector<float>& sorted, double percent) {
@@ -154,7 +153,7 @@ void add_slopes(const RoundTrip& trip, DifferenceStatistics& out) {
   std::vector<Group> groups(static_cast<std::size_t>(90 / kSlopeStep_deg) + 1, Group(w));
   const double north_m = kMetresPerDegree * w.lat_step_deg(), along_equator_m = kMetresPerDegree * w.lon_step_deg();
   each_difference(trip, [&](int r, int c, double d) {
-    const double east_m = along_equator_m * std::cos(w.place(r, 0).lat_deg * std::numbers::pi / 180);
+    const double east_m = along_equator_m * std::cos(w.place(r, 0).lat_deg * kRadiansPerDegree);
     if (const auto slope = slope_at(trip, r, c, north_m, east_m))
       groups[static_cast<std::size_t>(*slope / kSlopeStep_deg)].add(r, c, d);
   });

@@ -14,7 +14,7 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kPi = std::numbers::pi, kRadian = kPi / 180;
+constexpr double kPi = std::numbers::pi;
 constexpr double kDistance_m = 384.4e6;
 constexpr double kPhases_deg[] = {2, 3, 5, 7, 10, 15, 20, 30, 40, 50, 60, 70, 80, 90, 97};
 constexpr double kNarrow_um = 1e-3;
@@ -89,7 +89,7 @@ FrameRequest disc_request(const FrameRequest& surface, double wavelength_um, dou
   Eigen::Matrix3d camera_from_moon;  // rows: right (east), down (south), boresight
   camera_from_moon << 0, 1, 0, 0, 0, -1, -1, 0, 0;
   request.pose.camera_from_moon = Eigen::Quaterniond(camera_from_moon);
-  request.sun.direction = {std::cos(sun_lon_deg * kRadian), std::sin(sun_lon_deg * kRadian), 0};
+  request.sun.direction = {std::cos(sun_lon_deg * kRadiansPerDegree), std::sin(sun_lon_deg * kRadiansPerDegree), 0};
   request.band = Band(wavelength_um, kNarrow_um);
   request.products = kRadiance;
   request.accuracy.samples_per_pixel = 4;
@@ -101,7 +101,7 @@ FrameRequest disc_request(const FrameRequest& surface, double wavelength_um, dou
 double sphere_reflectance(const Brdf& brdf, double phase_deg) {
   // Photometric longitude from the terminator to the limb, and latitude; the camera at longitude 0, the Sun at g.
   constexpr int kLongitudes = 300, kLatitudes = 100;
-  const double g = phase_deg * kRadian, first = g - kPi / 2, span = kPi - g, cos_phase = std::cos(g);
+  const double g = phase_deg * kRadiansPerDegree, first = g - kPi / 2, span = kPi - g, cos_phase = std::cos(g);
   double sum = 0;
   for (int j = 0; j < kLatitudes; ++j) {
     const double latitude = (j + 0.5) / kLatitudes * kPi / 2, cosine = std::cos(latitude);
@@ -169,8 +169,8 @@ std::vector<ReliefRow> relief_at(const Renderer& renderer, const FrameRequest& s
     Eigen::Matrix3d camera_from_moon;
     camera_from_moon << local.east.transpose(), -local.north.transpose(), -local.up.transpose();
     request.pose.camera_from_moon = Eigen::Quaterniond(camera_from_moon);
-    request.sun.direction =
-        std::cos(incidence_deg * kRadian) * local.up - std::sin(incidence_deg * kRadian) * local.east;
+    request.sun.direction = std::cos(incidence_deg * kRadiansPerDegree) * local.up -
+                            std::sin(incidence_deg * kRadiansPerDegree) * local.east;
     request.products = kRadiance | kLit | kPosition;
     const Frame frame = renderer.render(request);
     double sum = 0, smooth = 0, shadowed = 0, seen = 0;
