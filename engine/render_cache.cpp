@@ -1,7 +1,5 @@
 #include "engine/render_cache.h"
 
-#include <xxhash.h>
-
 #include <algorithm>
 #include <chrono>
 #include <limits>
@@ -11,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "dem/support/hash.h"
 #include "engine/scene/selection.h"
 
 namespace selenograph::engine {
@@ -37,13 +36,15 @@ ContentKey RenderCache::key_of(const SceneContent& content) {
 
 std::size_t RenderCache::CameraHash::operator()(const Camera& c) const {
   const std::array numbers{static_cast<double>(c.width), static_cast<double>(c.height), c.fx, c.fy, c.cx, c.cy};
-  return XXH3_64bits(numbers.data(), sizeof numbers);
+  return dem::hash_of(numbers.data(), sizeof numbers);
 }
 
+namespace {
+
 // Scenes have most of their parts in common: each counts once.
-class RenderCache::PartsOnce : public dem::Cache<ContentKey, Scene, ContentKeyHash>::Count {
+class PartsOnce {
  public:
-  std::size_t add(const Scene& scene) override {
+  std::size_t add(const Scene& scene) {
     std::size_t sum = scene.own_bytes(), counted = 0;
     try {
       scene.for_each_part([&](const void* part, std::size_t bytes) {
@@ -56,7 +57,7 @@ class RenderCache::PartsOnce : public dem::Cache<ContentKey, Scene, ContentKeyHa
     }
     return sum;
   }
-  std::size_t remove(const Scene& scene) override {
+  std::size_t remove(const Scene& scene) {
     return scene.own_bytes() + remove_first(scene, std::numeric_limits<std::size_t>::max());
   }
 
@@ -78,10 +79,18 @@ class RenderCache::PartsOnce : public dem::Cache<ContentKey, Scene, ContentKeyHa
   std::unordered_map<const void*, int> users_;
 };
 
+dem::Cache<ContentKey, Scene, ContentKeyHash>::Count parts_once() {
+  const auto parts = std::make_shared<PartsOnce>();
+  return {[parts](const Scene& scene) { return parts->add(scene); },
+          [parts](const Scene& scene) { return parts->remove(scene); }};
+}
+
+}  // namespace
+
 RenderCache::RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_t bytes, int threads)
     : terrain_(std::move(terrain)),
       threads_(threads),
-      scenes_(bytes, std::make_unique<PartsOnce>()),
+      scenes_(bytes, parts_once()),
       lenses_(bytes / 8),
       scattered_(bytes / 8),
       rocks_(std::make_shared<dem::RockMemory>(std::min(bytes / 8, kMostOfRocks))),

@@ -93,7 +93,6 @@ class RenderCache {
     return lenses_.bytes() + scattered_.bytes() + rocks_->bytes() + light_tiles_.bytes() + scratch_.bytes();
   }
   std::size_t latest_scene_bytes();
-  class PartsOnce;
   std::shared_ptr<const Scene> most_in_common(const SceneContent& content);
 
   std::shared_ptr<const dem::Terrain> terrain_;

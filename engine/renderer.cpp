@@ -180,7 +180,6 @@ void Renderer::expect(const FrameRequest& frame, std::span<const Pose> ahead, st
 }
 
 PreparationStatistics Renderer::preparation_statistics() const { return impl_->kept.preparation_statistics(); }
-void Renderer::wait_until_prepared() const { impl_->preparation.wait_until_done(); }
 
 int Renderer::threads() const { return impl_->threads; }
 const dem::PyramidTerrain& Renderer::terrain() const { return *impl_->terrain; }

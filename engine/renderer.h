@@ -50,7 +50,6 @@ class Renderer {
   // extrapolated. Their scenes are prepared while no frame is being rendered (preparation.h). No byte of any frame
   // changes. `name` distinguishes identical cameras at one instant.
   void expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name = {}) const;
-  void wait_until_prepared() const;  // returns when nothing is left to prepare
   PreparationStatistics preparation_statistics() const;
 
   // Returns the most accurate setting for this request (whose own `accuracy` is ignored) that is predicted to take no

@@ -34,17 +34,14 @@ class Cache {
   };
 
   // Memory of values with shared parts: how many bytes a value adds, and how many are freed with it.
-  class Count {
-   public:
-    virtual ~Count() = default;
-    virtual std::size_t add(const Value& value) = 0;
-    virtual std::size_t remove(const Value& value) = 0;
+  struct Count {
+    std::function<std::size_t(const Value&)> add{}, remove{};
   };
 
   // Without a `count`, a value takes the bytes that its load returns. `recent_bytes`: so much of what was used last
   // stays even where values in use take all of the budget: else what a task needs again and again would be loaded each
   // time.
-  explicit Cache(std::size_t capacity_bytes, std::unique_ptr<Count> count = nullptr, std::size_t recent_bytes = 0)
+  explicit Cache(std::size_t capacity_bytes, Count count = {}, std::size_t recent_bytes = 0)
       : capacity_(capacity_bytes), most_recent_bytes_(recent_bytes), count_(std::move(count)) {}
 
   // Returns the value for `key`, loading it by `load() -> Loaded` if needed. Of concurrent callers, one loads and the
@@ -188,7 +185,7 @@ class Cache {
 
   void land(const Key& key, Flight& flight, Loaded loaded) {
     std::lock_guard lock(mutex_);
-    const std::size_t bytes = count_ && loaded.value ? count_->add(*loaded.value) : loaded.bytes;
+    const std::size_t bytes = count_.add && loaded.value ? count_.add(*loaded.value) : loaded.bytes;
     flight.value = loaded.value;
     flight.done = true;
     flights_.erase(key);
@@ -228,7 +225,7 @@ class Cache {
 
   void drop(typename Entries::iterator found) {
     const Entry& entry = found->second;
-    bytes_ -= count_ && entry.value ? count_->remove(*entry.value) : entry.bytes;
+    bytes_ -= count_.remove && entry.value ? count_.remove(*entry.value) : entry.bytes;
     if (entry.recent) recent_bytes_ -= entry.bytes;
     (entry.recent ? recent_ : older_).erase(entry.place);
     entries_.erase(found);
@@ -241,7 +238,7 @@ class Cache {
   std::unordered_map<Key, std::shared_ptr<Flight>, Hash> flights_;
   static constexpr std::size_t kLooks = 256;
   std::size_t capacity_, most_recent_bytes_, bytes_ = 0, recent_bytes_ = 0, reserved_ = 0;
-  std::unique_ptr<Count> count_;
+  Count count_;
   std::uint64_t hits_ = 0, misses_ = 0, evictions_ = 0;
 };
 

@@ -27,7 +27,7 @@ struct PyramidTerrain::Impl {
                [this](const std::string& file, const std::string& text) { trouble.warn(file, text); }),
         plans(catalogue, source, options.fall_through),
         // Scenes that are kept between frames have blocks in use: a frame's own must not make way for them.
-        blocks(options.cache_bytes / 4 * 3, nullptr, options.cache_bytes / 8),
+        blocks(options.cache_bytes / 4 * 3, {}, options.cache_bytes / 8),
         store(catalogue, source, plans, trouble, options, options.cache_bytes / 4) {
     // What a file that can't even be catalogued holds, and where, is unknown: any answer may lack it.
     for (const CatalogueProblem& problem : catalogue.problems()) {

@@ -23,9 +23,8 @@ class Fisheye {
   double radius(double theta) const;  // theta_d
   double slope(double theta) const;   // its derivative
 
-  // The largest imaged angle from the boresight, and its radius.
+  // The largest imaged angle from the boresight.
   double limit() const { return limit_; }
-  double limit_radius() const { return radius(limit_); }
 
   // Inverse of radius(); empty beyond the limit.
   std::optional<double> angle(double radius) const;

@@ -10,7 +10,7 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kHalfLight_m_ns = 0.299792458 / 2;
+constexpr double kHalfLight_m_ns = kLight_m_ns / 2;
 constexpr double kPlanckLight_j_um = 1.98644586e-19;  // h c
 constexpr double kFullWidth = 2.3548200450309493;     // of a Gaussian at half maximum, in deviations
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
@@ -95,12 +95,6 @@ LidarReceiverModel::LidarReceiverModel(const LidarInstrument& instrument)
 // Within a full width.
 double LidarReceiverModel::dark_counts(double width_m) const {
   return instrument_.dark_count_hz * 1e-9 * width_m / kHalfLight_m_ns;
-}
-
-double LidarReceiverModel::detection_chance(double signal) const {
-  return instrument_.receiver.signal == LidarSignal::snr
-             ? normal_exceeds(instrument_.threshold - signal)
-             : poisson_reaches(signal + dark_counts(cell_m_), instrument_.threshold);
 }
 
 LidarDetection LidarReceiverModel::detect(std::span<const EchoReturn> returns, std::uint64_t seed, std::uint64_t scan,

@@ -42,8 +42,6 @@ class LidarReceiverModel {
                         std::uint32_t beam) const;
 
   double expected_false_alarms() const { return false_alarms_; }
-  // The chance that a return of a mean signal is detected, if it is no wider than the pulse.
-  double detection_chance(double signal) const;
   bool in_gate(double range_m) const { return range_m >= instrument_.gate.near_m && range_m <= instrument_.gate.far_m; }
 
  private:

@@ -37,9 +37,9 @@ void refuse_buried(const dem::Terrain& terrain, const Vec3& position_m, const st
 }  // namespace
 
 Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, const Accuracy& accuracy,
-                          const StopToken& stop, const SceneRoom& room, const std::vector<Ball>& receivers) {
+                          const StopToken& stop, const SceneRoom& room) {
   const ViewBundle one{view};
-  return select_for_views(terrain, {&one, 1}, sun, accuracy, stop, room, receivers);
+  return select_for_views(terrain, {&one, 1}, sun, accuracy, stop, room);
 }
 
 Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBundle> views, const Sun* sun,

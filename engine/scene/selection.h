@@ -25,12 +25,12 @@
 
 namespace selenograph::engine {
 
-// `sun`: null if shadows are not needed. `receivers`: bounding spheres of objects in view that receive shadows. Throws
-// TooMuchTerrain when the scene does not fit even without the shadow target, which is relaxed by factors of two until
-// it fits.
+// `sun`: null if shadows are not needed. Throws TooMuchTerrain when the scene does not fit even without the shadow
+// target, which is relaxed by factors of two until it fits.
 Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, const Accuracy& accuracy,
-                          const StopToken& stop, const SceneRoom& room = {}, const std::vector<Ball>& receivers = {});
+                          const StopToken& stop, const SceneRoom& room = {});
 // The same for several views: the union of what they see, each block as fine as the most demanding view needs it.
+// `receivers`: bounding spheres of objects in view that receive shadows.
 Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBundle> views, const Sun* sun,
                            const Accuracy& accuracy, const StopToken& stop, const SceneRoom& room = {},
                            const std::vector<Ball>& receivers = {});

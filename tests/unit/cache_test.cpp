@@ -109,7 +109,7 @@ TEST(Cache, EntriesBeyondTheBudgetAreDroppedOnRelease) {
 }
 
 TEST(Cache, WhatIsInUseLeavesRoomForWhatIsNeededNext) {
-  Depot depot(100, nullptr, 30);
+  Depot depot(100, {}, 30);
   std::vector<Depot::Pointer> held;
   for (int key = 100; key < 120; ++key) held.push_back(depot.get(key, [&] { return made(key, 10); }));
   for (const int key : {1, 2, 3}) EXPECT_TRUE(touch(depot, key, 10));

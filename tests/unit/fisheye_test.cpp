@@ -62,8 +62,8 @@ TEST(Fisheye, EndsWhereThePolynomialTurns) {
   // 1 + 9 k4 theta^8 = 0.
   EXPECT_NEAR(Fisheye({0, 0, 0, -0.01}).limit(), std::pow(1 / 0.09, 1.0 / 8), 1e-12);
   const Fisheye folded({-0.2, 0, 0, 0});
-  EXPECT_TRUE(folded.angle(folded.limit_radius()));
-  EXPECT_FALSE(folded.angle(folded.limit_radius() + 1e-9));
+  EXPECT_TRUE(folded.angle(folded.radius(folded.limit())));
+  EXPECT_FALSE(folded.angle(folded.radius(folded.limit()) + 1e-9));
   EXPECT_FALSE(imaged(fisheye_camera(64, 64, 20, {-0.2, 0, 0, 0}), Vec3(std::sin(1.3), 0, std::cos(1.3))));
 }
 
@@ -82,7 +82,7 @@ TEST(Fisheye, PixelsComeBackToThemselves) {
       for (int x = 0; x < camera.width; x += 3) {
         const auto ray = view.ray(x + 0.25, y - 0.25);
         const double radius = std::hypot(x + 0.25 - camera.cx, y - 0.25 - camera.cy) / 22;
-        ASSERT_EQ(ray.has_value(), radius <= fisheye.limit_radius());
+        ASSERT_EQ(ray.has_value(), radius <= fisheye.radius(fisheye.limit()));
         const auto at = static_cast<std::size_t>(y * camera.width + x);
         ASSERT_EQ(std::isnan(rays.z[at]), !ray);
         if (!ray) {
