@@ -8,6 +8,7 @@
 #include <cmath>
 #include <mutex>
 #include <numbers>
+#include <optional>
 #include <random>
 #include <thread>
 #include <vector>
@@ -190,111 +191,140 @@ struct Seen {
   double lat_deg, lon_deg, height_m, tilt_deg, fov_deg;
 };
 
+constexpr std::size_t kRays = 1024;
+
+struct PenumbraFindings {
+  Off zbuffer, rays;
+  std::vector<double> errors;
+  std::size_t far_off = 0, others_off = 0, others = 0, undecided = 0;
+};
+
+// One view under one Sun, by both algorithms.
+class PenumbraView {
+ public:
+  PenumbraView(const Scenery& scenery, const Seen& seen, double elevation)
+      : judge_(*scenery.judge), tilt_deg_(seen.tilt_deg), elevation_(elevation) {
+    constexpr int kSide = 384;
+    const Vec3 from = to_cartesian({seen.lat_deg, seen.lon_deg, seen.height_m});
+    request_ = square_view(engine::tilted_pose(from, seen.tilt_deg), kSide, seen.fov_deg,
+                           engine::sun_direction(local_axes(from), 115, elevation));
+    request_.sun.angular_radius_deg = 0.2666;
+    request_.products = engine::kPosition | engine::kNormal | engine::kLit;
+    request_.visibility = engine::Visibility::zbuffer;
+    drawn_ = scenery.renderer->render(request_).products;
+    request_.visibility = engine::Visibility::raytrace;
+    traced_ = scenery.renderer->render(request_).products;
+  }
+
+  // At most so many pixels in the penumbra, and a quarter as many others.
+  void judge(std::size_t most, PenumbraFindings& out) const {
+    const auto in_part = [](float lit) { return lit > 0 && lit < 1; };
+    std::vector<std::size_t> partly, rest;
+    for (std::size_t i = 0; i < drawn_.lit.size(); ++i) {
+      if (std::isnan(drawn_.lit[i]) || std::isnan(traced_.lit[i])) continue;
+      // What of the disc the interpolated normal does not face is no light, and the judge knows nothing of it.
+      if (at3(drawn_.normal, i).dot(request_.sun.direction) < std::sin(0.2666 * kDegree)) continue;
+      const bool some = in_part(drawn_.lit[i]) || in_part(traced_.lit[i]) || drawn_.lit[i] != traced_.lit[i];
+      (some ? partly : rest).push_back(i);
+    }
+    fmt::print("Sun {} deg, tilt {} deg: {} pixels in part\n", elevation_, tilt_deg_, partly.size());
+    std::mt19937 random(7);
+    std::shuffle(partly.begin(), partly.end(), random), std::shuffle(rest.begin(), rest.end(), random);
+    partly.resize(std::min(partly.size(), most)), rest.resize(std::min(rest.size(), most / 4));
+    judge_all(partly, true, out), judge_all(rest, false, out);
+  }
+
+ private:
+  void judge_all(const std::vector<std::size_t>& pixels, bool in_penumbra, PenumbraFindings& out) const {
+    std::atomic<std::size_t> next{0};
+    std::mutex mutex;
+    const auto work = [&] {
+      for (std::size_t k = next++; k < pixels.size(); k = next++) {
+        const std::optional<double> share = share_of(pixels[k]);
+        const std::lock_guard lock(mutex);
+        if (share) add(pixels[k], *share, in_penumbra, out);
+      }
+    };
+    std::thread second(work);
+    work(), second.join();
+  }
+
+  // Empty where the judge isn't sure that the pixel sees the ground; NaN where it isn't sure of the share.
+  std::optional<double> share_of(std::size_t pixel) const {
+    const Vec3 eye = request_.pose.position_m, direction = (at3(drawn_.position, pixel) - eye).normalized();
+    const FirstHit truth = judge_.first_hit(eye, direction);
+    if (truth.hit != Verdict::yes) return std::nullopt;
+    const Vec3 point = eye + truth.distance_m * direction, normal = judge_.vertices(truth.face)->normal();
+    std::size_t free = 0, unsure = 0;
+    const Vec3 sun = request_.sun.direction, across = sun.unitOrthogonal(), up = sun.cross(across);
+    for (std::size_t r = 0; r < kRays; ++r) {
+      const double n = static_cast<double>(r), radius = std::tan(0.2666 * kDegree) * std::sqrt((n + 0.5) / kRays),
+                   turn = n * std::numbers::pi * (3 - std::sqrt(5.0));
+      const Vec3 toward = (sun + radius * (std::cos(turn) * across + std::sin(turn) * up)).normalized();
+      if (!(normal.dot(toward) > 0)) continue;
+      const Verdict blocked = judge_.sun_blocked(point, truth.face, toward);
+      free += blocked == Verdict::no, unsure += blocked == Verdict::unknown;
+    }
+    // Along a facet in the Sun's plane the judge can't tell either.
+    return unsure > kRays / 200 ? std::nan("") : static_cast<double>(free) / kRays;
+  }
+
+  void add(std::size_t pixel, double share, bool in_penumbra, PenumbraFindings& out) const {
+    const double error = std::abs(static_cast<double>(drawn_.lit[pixel]) - share),
+                 of_rays = std::abs(static_cast<double>(traced_.lit[pixel]) - share);
+    if (std::isnan(share)) {
+      ++out.undecided;
+    } else if (!in_penumbra) {
+      out.others_off += error > 0.01, ++out.others;
+    } else {
+      out.zbuffer.add(error), out.errors.push_back(error), out.rays.add(of_rays);
+      if (std::max(error, of_rays) > 0.05)
+        fmt::print("  Sun {}, tilt {}, pixel {}: {:.3f}, rays {:.3f}, judge {:.3f}\n", elevation_, tilt_deg_, pixel,
+                   drawn_.lit[pixel], traced_.lit[pixel], share);
+      out.far_off += error > 0.05;
+    }
+  }
+
+  const Judge& judge_;
+  double tilt_deg_, elevation_;
+  engine::FrameRequest request_;
+  engine::FrameProducts drawn_, traced_;
+};
+
 // With full effort many more pixels are judged, and so few may be off as we say.
 // Each view with two of the Suns, or with the third one; each with all of them by full effort.
 enum class Suns { two, third };
 
 void judge_penumbrae(const Scenery& scenery, const std::vector<Seen>& views, Suns suns,
                      const std::vector<double>& elevations = {2.0, 15.0, 45.0}) {
-  constexpr int kSide = 384;
-  constexpr std::size_t kRays = 1024;
   const std::size_t most_judged = full_effort() ? 1200 : suns == Suns::two ? 30 : 60;
-  const Judge& judge = *scenery.judge;
-  Off zbuffer, rays;
-  std::vector<double> errors;
-  std::size_t far_off = 0, others_off = 0, others = 0, undecided = 0, pair = 0;
+  PenumbraFindings found;
+  std::size_t pair = 0;
   for (const double elevation : elevations)
     for (const Seen& seen : views) {
       const bool third = pair % 3 == pair / 3 % 3;
       ++pair;
       if (third != (suns == Suns::third) && !full_effort()) continue;
-      const Vec3 from = to_cartesian({seen.lat_deg, seen.lon_deg, seen.height_m});
-      engine::FrameRequest request = square_view(engine::tilted_pose(from, seen.tilt_deg), kSide, seen.fov_deg,
-                                                 engine::sun_direction(local_axes(from), 115, elevation));
-      request.sun.angular_radius_deg = 0.2666;
-      request.products = engine::kPosition | engine::kNormal | engine::kLit;
-      request.visibility = engine::Visibility::zbuffer;
-      const engine::FrameProducts drawn = scenery.renderer->render(request).products;
-      request.visibility = engine::Visibility::raytrace;
-      const engine::FrameProducts traced = scenery.renderer->render(request).products;
-      const auto in_part = [](float lit) { return lit > 0 && lit < 1; };
-      std::vector<std::size_t> partly, rest;
-      for (std::size_t i = 0; i < drawn.lit.size(); ++i) {
-        if (std::isnan(drawn.lit[i]) || std::isnan(traced.lit[i])) continue;
-        // What of the disc the interpolated normal does not face is no light, and the judge knows nothing of it.
-        if (at3(drawn.normal, i).dot(request.sun.direction) < std::sin(0.2666 * kDegree)) continue;
-        const bool some = in_part(drawn.lit[i]) || in_part(traced.lit[i]) || drawn.lit[i] != traced.lit[i];
-        (some ? partly : rest).push_back(i);
-      }
-      std::mt19937 random(7);
-      std::shuffle(partly.begin(), partly.end(), random), std::shuffle(rest.begin(), rest.end(), random);
-      const auto every = [&](const std::vector<std::size_t>& pixels, bool in_penumbra) {
-        std::atomic<std::size_t> next{0};
-        std::mutex mutex;
-        const auto work = [&] {
-          for (std::size_t k = next++; k < std::min(pixels.size(), in_penumbra ? most_judged : most_judged / 4);
-               k = next++) {
-            const std::size_t i = pixels[k];
-            const Vec3 eye = request.pose.position_m, direction = (at3(drawn.position, i) - eye).normalized();
-            const FirstHit truth = judge.first_hit(eye, direction);
-            if (truth.hit != Verdict::yes) continue;
-            const Vec3 point = eye + truth.distance_m * direction, normal = judge.vertices(truth.face)->normal();
-            std::size_t free = 0, unsure = 0;
-            const Vec3 across = request.sun.direction.unitOrthogonal(), up = request.sun.direction.cross(across);
-            for (std::size_t r = 0; r < kRays; ++r) {
-              const double n = static_cast<double>(r),
-                           radius = std::tan(0.2666 * kDegree) * std::sqrt((n + 0.5) / kRays),
-                           turn = n * std::numbers::pi * (3 - std::sqrt(5.0));
-              const Vec3 toward =
-                  (request.sun.direction + radius * (std::cos(turn) * across + std::sin(turn) * up)).normalized();
-              if (!(normal.dot(toward) > 0)) continue;
-              const Verdict blocked = judge.sun_blocked(point, truth.face, toward);
-              free += blocked == Verdict::no, unsure += blocked == Verdict::unknown;
-            }
-            const double share = static_cast<double>(free) / kRays;
-            const double error = std::abs(static_cast<double>(drawn.lit[i]) - share);
-            const std::lock_guard lock(mutex);
-            // Along a facet in the Sun's plane the judge can't tell either.
-            if (unsure > kRays / 200) {
-              ++undecided;
-              continue;
-            }
-            if (!in_penumbra) {
-              others_off += error > 0.01, ++others;
-              continue;
-            }
-            zbuffer.add(error), errors.push_back(error);
-            const double of_rays = std::abs(static_cast<double>(traced.lit[i]) - share);
-            rays.add(of_rays);
-            if (std::max(error, of_rays) > 0.05)
-              fmt::print("  Sun {}, tilt {}, pixel {}: {:.3f}, rays {:.3f}, judge {:.3f}\n", elevation, seen.tilt_deg,
-                         i, drawn.lit[i], traced.lit[i], share);
-            far_off += error > 0.05;
-          }
-        };
-        std::thread second(work);
-        work(), second.join();
-      };
-      every(partly, true), every(rest, false);
-      fmt::print("Sun {} deg, tilt {} deg: {} pixels in part\n", elevation, seen.tilt_deg, partly.size());
+      PenumbraView(scenery, seen, elevation).judge(most_judged, found);
     }
+  std::vector<double>& errors = found.errors;
   std::sort(errors.begin(), errors.end());
   ASSERT_GT(errors.size(), 100U);
   const auto within = [&](std::size_t per_thousand) { return errors[(errors.size() - 1) * per_thousand / 1000]; };
   fmt::print(
       "{} pixels in the penumbra: z-buffer off by {:.4f} on average, 99 % within {:.4f}, 99.9 % within {:.4f}, {} by "
       "more than 0.05, at worst {:.3f}; rays by {:.4f}, at worst {:.3f}; of {} others {}; {} undecided\n",
-      errors.size(), zbuffer.mean(), within(990), within(999), far_off, zbuffer.worst, rays.mean(), rays.worst, others,
-      others_off, undecided);
+      errors.size(), found.zbuffer.mean(), within(990), within(999), found.far_off, found.zbuffer.worst,
+      found.rays.mean(), found.rays.worst, found.others, found.others_off, found.undecided);
   if (full_effort())
     EXPECT_LT(within(999), 0.015);
   else
     EXPECT_LT(within(990), 0.015);
-  EXPECT_LE(far_off, errors.size() / 1000);
-  EXPECT_LE(others_off, others / 1000);
-  EXPECT_LT(zbuffer.mean(), 0.002);
-  EXPECT_LT(rays.mean(), 0.005);
-  EXPECT_LT(rays.worst, 0.06);
+  EXPECT_LE(found.far_off, errors.size() / 1000);
+  EXPECT_LE(found.others_off, found.others / 1000);
+  EXPECT_LT(found.zbuffer.mean(), 0.002);
+  EXPECT_LT(found.rays.mean(), 0.005);
+  EXPECT_LT(found.rays.worst, 0.06);
 }
 
 TEST_F(PenumbraOverRelief, AgainstAThousandRaysInDouble) {

@@ -154,6 +154,49 @@ struct Seams {
 
 bool finite(const Vec3& p) { return p.allFinite(); }
 
+// Whether the four posts around a tick are there.
+bool has_posts(const MeshBlock& b, std::int64_t lat, std::int64_t lon) {
+  const BlockExtent& e = b.posts->extent;
+  const auto r = static_cast<int>(std::clamp<std::int64_t>((lat - e.lat0) / e.lat_step, 0, e.quads - 1)),
+             c = static_cast<int>(std::clamp<std::int64_t>((dem::wrap_lon(lon) - e.lon0) / e.lon_step, 0, e.quads - 1));
+  return finite(b.vertex(r, c)) && finite(b.vertex(r, c + 1)) && finite(b.vertex(r + 1, c)) &&
+         finite(b.vertex(r + 1, c + 1));
+}
+
+// Posts that end inside of a block: the mosaic's outermost rows and columns.
+void add_rim_within(const MeshBlock& b, std::vector<Vec3>& rim) {
+  const int n = b.posts->extent.quads;
+  for (int r = 0; r <= n; ++r)
+    for (int c = 0; c <= n; ++c) {
+      if (!finite(b.vertex(r, c))) continue;
+      if ((r > 0 && !finite(b.vertex(r - 1, c))) || (r < n && !finite(b.vertex(r + 1, c))) ||
+          (c > 0 && !finite(b.vertex(r, c - 1))) || (c < n && !finite(b.vertex(r, c + 1))))
+        rim.push_back(b.vertex(r, c));
+    }
+}
+
+// What is near a mesh's rim; cells of half the margin keep this from being quadratic.
+class NearRim {
+ public:
+  NearRim(const std::vector<Vec3>& rim, double margin_m) : cell_m_(margin_m / 2) {
+    for (const Vec3& p : rim) {
+      const auto c = cell(p);
+      for (long x = -2; x <= 2; ++x)
+        for (long y = -2; y <= 2; ++y)
+          for (long z = -2; z <= 2; ++z) near_.insert({c[0] + x, c[1] + y, c[2] + z});
+    }
+  }
+  bool holds(const Vec3& p) const { return near_.contains(cell(p)); }
+
+ private:
+  std::array<long, 3> cell(const Vec3& p) const {
+    return {std::lround(p.x() / cell_m_), std::lround(p.y() / cell_m_), std::lround(p.z() / cell_m_)};
+  }
+
+  double cell_m_;
+  std::set<std::array<long, 3>> near_;
+};
+
 // Of the blocks' outlines, what lies inside of the mesh (a block on either side) and at least `margin_m` from its rim.
 Seams seams_of(const Mesh& mesh, double margin_m) {
   Seams seams;
@@ -178,16 +221,7 @@ Seams seams_of(const Mesh& mesh, double margin_m) {
       const bool pole = t.lat == next.lat && (t.lat == 0 || t.lat == kLatTicks);
       const auto across = pole ? std::optional(own) : mesh.block_at(lat, lon);
       if (!finite(from) || !finite(to)) continue;
-      const auto has_post = [&](const MeshBlock& n) {
-        const BlockExtent& x = n.posts->extent;
-        const auto r = std::clamp<std::int64_t>((lat - x.lat0) / x.lat_step, 0, x.quads - 1),
-                   c = std::clamp<std::int64_t>((dem::wrap_lon(lon) - x.lon0) / x.lon_step, 0, x.quads - 1);
-        bool all = true;
-        for (const int dr : {0, 1})
-          for (const int dc : {0, 1}) all = all && finite(n.vertex(static_cast<int>(r) + dr, static_cast<int>(c) + dc));
-        return all;
-      };
-      if (!across || (!pole && !has_post(mesh.blocks()[*across]))) {
+      if (!across || (!pole && !has_posts(mesh.blocks()[*across], lat, lon))) {
         rim.push_back(from);
         continue;
       }
@@ -196,29 +230,11 @@ Seams seams_of(const Mesh& mesh, double margin_m) {
       const std::size_t side = static_cast<std::size_t>(e.quads);
       found.push_back({{from, to}, t, i % side == 0, levels});
     }
-    // Posts that end inside of a block (the mosaic's outermost rows and columns) are rim too.
-    for (int r = 0; r <= e.quads; ++r)
-      for (int c = 0; c <= e.quads; ++c) {
-        if (!finite(b.vertex(r, c))) continue;
-        if ((r > 0 && !finite(b.vertex(r - 1, c))) || (r < e.quads && !finite(b.vertex(r + 1, c))) ||
-            (c > 0 && !finite(b.vertex(r, c - 1))) || (c < e.quads && !finite(b.vertex(r, c + 1))))
-          rim.push_back(b.vertex(r, c));
-      }
+    add_rim_within(b, rim);
   }
-  // Cells of half the margin keep this from being quadratic.
-  std::set<std::array<long, 3>> near_rim;
-  const auto cell = [&](const Vec3& p) {
-    const Vec3 c = p / (margin_m / 2);
-    return std::array{std::lround(c.x()), std::lround(c.y()), std::lround(c.z())};
-  };
-  for (const Vec3& p : rim) {
-    const auto c = cell(p);
-    for (long x = -2; x <= 2; ++x)
-      for (long y = -2; y <= 2; ++y)
-        for (long z = -2; z <= 2; ++z) near_rim.insert({c[0] + x, c[1] + y, c[2] + z});
-  }
+  const NearRim near_rim(rim, margin_m);
   for (const Found& f : found) {
-    if (near_rim.contains(cell(f.seam.from))) continue;
+    if (near_rim.holds(f.seam.from)) continue;
     seams.all.push_back(f.seam);
     if (f.corner) seams.corners.push_back(f.seam);
     if (f.levels) seams.level_borders.push_back(f.seam);

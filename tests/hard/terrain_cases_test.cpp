@@ -229,24 +229,50 @@ TEST(HardTerrain, BothPolesInOneView) {
 
 // ---- levels and tiles ----------------------------------------------------------------------------------------------
 
-// Four products of 118, 59, 30 and 15 m that meet in one point, over hills that all of them resolve. The finest mesh is
-// continuous there, names each product in its quarter, and stays within what chords leave of the hills.
+// Four products of 118, 59, 30 and 15 m that meet in one point, over hills that all of them resolve.
+struct Quarter {
+  const char* name;
+  int level;
+  bool north, east;
+};
+constexpr std::array kQuarters{Quarter{"a", 8, true, false}, Quarter{"b", 9, true, true}, Quarter{"c", 10, false, true},
+                               Quarter{"d", 11, false, false}};
+constexpr double kCornerLat = 20, kCornerLon = 50;
+double resolved_hills(double lat, double lon) { return 60 * std::sin(20 * lat) * std::cos(18 * lon) + 500; }
+
+void expect_exact_posts_around_the_corner(const engine::Renderer& renderer) {
+  std::vector<engine::Ray> rays;
+  std::vector<double> heights;
+  for (const Quarter& q : kQuarters)
+    for (const int j : {0, 1, 7, 20})
+      for (const int i : {0, 1, 5, 13}) {
+        const double lat = kCornerLat + (q.north ? 1 : -1) * j / static_cast<double>(1 << q.level),
+                     lon = kCornerLon + (q.east ? 1 : -1) * i / static_cast<double>(1 << q.level);
+        const Vec3 from = to_cartesian({lat, lon, 3000});
+        rays.push_back({from, -from.normalized()}),
+            heights.push_back(static_cast<double>(static_cast<float>(resolved_hills(lat, lon))));
+      }
+  const auto hits = renderer.cast(rays, std::nullopt);
+  double worst = 0;
+  for (std::size_t i = 0; i < hits.size(); ++i) {
+    ASSERT_TRUE(hits[i].hit);
+    worst = std::max(worst, std::abs(3000 - hits[i].range_m - heights[i]));
+  }
+  fmt::print("posts around the corner of four levels: off by {:.1e} m at most\n", worst);
+  EXPECT_LT(worst, 1e-6);
+}
+
+// The finest mesh is continuous there, names each product in its quarter, and stays within what chords leave of the
+// hills; at the posts themselves nothing is left of it.
 TEST(HardTerrain, FourLevelsInOneCorner) {
-  constexpr double kLat = 20, kLon = 50, kSize = 0.25;
-  const auto waves = [](double lat, double lon) { return 60 * std::sin(20 * lat) * std::cos(18 * lon) + 500; };
+  constexpr double kLat = kCornerLat, kLon = kCornerLon, kSize = 0.25;
   TemporaryFolder folder;
-  struct Quarter {
-    const char* name;
-    int level;
-    bool north, east;
-  };
-  const std::array quarters{Quarter{"a", 8, true, false}, Quarter{"b", 9, true, true}, Quarter{"c", 10, false, true},
-                            Quarter{"d", 11, false, false}};
-  for (const Quarter& q : quarters) {
+  for (const Quarter& q : kQuarters) {
     const int n = static_cast<int>(kSize * (1 << q.level)) + 1;
     write_float_tile(
         folder.path(), q.name,
-        {kLat + (q.north ? kSize : 0), kLon - (q.east ? 0 : kSize), static_cast<double>(1 << q.level), n, n}, waves);
+        {kLat + (q.north ? kSize : 0), kLon - (q.east ? 0 : kSize), static_cast<double>(1 << q.level), n, n},
+        resolved_hills);
   }
   const engine::Renderer renderer(open_terrain(folder.path()), engine::RendererOptions{});
   // 60 (20 k)^2 + 60 (18 k)^2 with k = 180 / (pi R), over the coarsest posts; the chords' sag besides.
@@ -265,13 +291,13 @@ TEST(HardTerrain, FourLevelsInOneCorner) {
     std::array<std::size_t, 4> seen{};
     for (std::size_t i = 0; i < frame.products.lit.size(); ++i) {
       const double lat = frame.products.geodetic[3 * i], lon = frame.products.geodetic[3 * i + 1];
-      worst = std::max(worst, std::abs(frame.products.geodetic[3 * i + 2] - waves(lat, lon)));
+      worst = std::max(worst, std::abs(frame.products.geodetic[3 * i + 2] - resolved_hills(lat, lon)));
       ASSERT_EQ(frame.products.lit[i], 1.F) << "no slope of these shades another";
       // A post aside of the borders.
       if (std::min(std::abs(lat - kLat), std::abs(lon - kLon)) < 1.0 / 256) continue;
-      const auto at = std::find_if(quarters.begin(), quarters.end(),
+      const auto at = std::find_if(kQuarters.begin(), kQuarters.end(),
                                    [&](const Quarter& q) { return q.north == (lat > kLat) && q.east == (lon > kLon); });
-      ++seen[static_cast<std::size_t>(at - quarters.begin())];
+      ++seen[static_cast<std::size_t>(at - kQuarters.begin())];
       ASSERT_EQ(frame.report.sources[frame.products.source[i]].name, at->name) << lat << ' ' << lon;
       // Balanced: beside a finer neighbour a quarter may be subdivided, never coarser than its posts.
       ASSERT_LE(static_cast<double>(frame.products.gsd[i]), dem::post_spacing_m(at->level) * (1 + 1e-6));
@@ -281,26 +307,7 @@ TEST(HardTerrain, FourLevelsInOneCorner) {
     EXPECT_LT(worst, tolerance_m);
     for (const std::size_t n : seen) EXPECT_GT(n, 300u);
   }
-  // At the posts themselves nothing is left of it.
-  std::vector<engine::Ray> rays;
-  std::vector<double> heights;
-  for (const Quarter& q : quarters)
-    for (const int j : {0, 1, 7, 20})
-      for (const int i : {0, 1, 5, 13}) {
-        const double lat = kLat + (q.north ? 1 : -1) * j / static_cast<double>(1 << q.level),
-                     lon = kLon + (q.east ? 1 : -1) * i / static_cast<double>(1 << q.level);
-        const Vec3 from = to_cartesian({lat, lon, 3000});
-        rays.push_back({from, -from.normalized()}),
-            heights.push_back(static_cast<double>(static_cast<float>(waves(lat, lon))));
-      }
-  const auto hits = renderer.cast(rays, std::nullopt);
-  double worst = 0;
-  for (std::size_t i = 0; i < hits.size(); ++i) {
-    ASSERT_TRUE(hits[i].hit);
-    worst = std::max(worst, std::abs(3000 - hits[i].range_m - heights[i]));
-  }
-  fmt::print("posts around the corner of four levels: off by {:.1e} m at most\n", worst);
-  EXPECT_LT(worst, 1e-6);
+  expect_exact_posts_around_the_corner(renderer);
 }
 
 // ---- what isn't there ----------------------------------------------------------------------------------------------

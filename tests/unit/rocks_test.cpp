@@ -494,14 +494,11 @@ struct Placed {
   }
 };
 
-TEST_F(RocksInFrames, AreWhereTheListHasThem) {
-  engine::FrameRequest asked = request(40, 192);
-  asked.accuracy.max_error_px = 0.5;
-  const auto detailed = renderer_->terrain_with(detail_);
-  const dem::RockSurvey survey(*detailed);
+// Rocks that a frame shows, from a list of all that are around, and the soil against them.
+std::vector<Placed> placed_rocks(const engine::FrameRequest& asked, const std::vector<dem::RockFeature>& all) {
   const engine::View view(asked.camera, asked.pose);
   std::vector<Placed> rocks;
-  for (const dem::RockFeature& rock : survey.within(square(kLat, kLon, 260), 0.1, {})) {
+  for (const dem::RockFeature& rock : all) {
     if (rock.rock.diameter_m * view.pixels_per_metre(rock.position_m, 0) < 1) continue;
     const auto add = [&](const engine::PlacedShape& shape, bool soil) {
       rocks.push_back({rock.position_m + shape.from_mesh.translation(), shape.from_mesh.linear(), shape.mesh,
@@ -512,6 +509,15 @@ TEST_F(RocksInFrames, AreWhereTheListHasThem) {
     const auto soil = engine::placed_fillet(rock.rock, rock.up);
     if (soil && soil_px >= asked.accuracy.max_error_px / 2) add(*soil, true);
   }
+  return rocks;
+}
+
+TEST_F(RocksInFrames, AreWhereTheListHasThem) {
+  engine::FrameRequest asked = request(40, 192);
+  asked.accuracy.max_error_px = 0.5;
+  const auto detailed = renderer_->terrain_with(detail_);
+  const std::vector<Placed> rocks =
+      placed_rocks(asked, dem::RockSurvey(*detailed).within(square(kLat, kLon, 260), 0.1, {}));
   ASSERT_GT(rocks.size(), 300U);
   for (const engine::Visibility visibility : {engine::Visibility::zbuffer, engine::Visibility::raytrace}) {
     asked.visibility = visibility;
