@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "dem/detail/detail.h"
 #include "dem/support/error.h"
@@ -35,16 +36,15 @@ std::vector<RayCone> bundled(const std::vector<RayCone>& rays) {
     for (const RayCone& ray : run)
       cone.origin_m += ray.origin_m / static_cast<double>(run.size()), cone.direction += ray.direction;
     cone.direction.normalize();
-    double sine = 0;
-    bool ends = true;
+    double sine = 0, farthest_m = 0;
     for (const RayCone& ray : run) {
-      ends &= std::isfinite(ray.to_m);
+      farthest_m = std::max(farthest_m, ray.to_m);
       cone.radius_m = std::max(cone.radius_m, (ray.origin_m - cone.origin_m).norm());
       sine = std::max(sine, ray.direction.cross(cone.direction).norm() + (ray.direction.dot(cone.direction) < 0));
     }
     // Some more than rounding.
     cone.radius_m += 1e-6, cone.slope = 1.01 * sine + 1e-7;
-    if (ends) cone.to_m = range_below_terrain_m(cone);
+    cone.to_m = farthest_m + cone.radius_m;
     if (cone.slope < kNarrow && cone.radius_m < kNear_m)
       out.push_back(cone);
     else
@@ -54,6 +54,15 @@ std::vector<RayCone> bundled(const std::vector<RayCone>& rays) {
 }
 
 }  // namespace
+
+double next_reach_m(double reach_m, double posts_m) {
+  constexpr double kFirst_m = 16, kBeyond_m = 8, kStep = 4, kFar_m = 1e5;
+  constexpr double kEnd_m = std::numeric_limits<double>::infinity();
+  if (reach_m > posts_m) return reach_m - posts_m < kFar_m ? posts_m + kStep * (reach_m - posts_m) : kEnd_m;
+  const double next_m = std::max(kFirst_m, kStep * reach_m);
+  if (next_m > 0.75 * posts_m || (next_m > kFar_m && posts_m > 0)) return posts_m + kBeyond_m;
+  return next_m > kFar_m ? kEnd_m : next_m;
+}
 
 // All of a rock and of the soil against it is within a diameter of its position (visibility/objects/rock_shapes.h).
 RockCells::RockCells(std::span<const dem::RockFeature> rocks) {
@@ -141,8 +150,9 @@ std::unique_ptr<GroundAlongRays::Part> GroundAlongRays::along(const std::vector<
   for (const BlockOnRays& block : *met) blocks.push_back(block.id);
   const Vec3 anchor_m = anchor_for(rays[0].origin_m, rays[0].direction, 0, fine_ground(blocks, terrain_));
   const SceneContent content{blocks, anchor_m, Visibility::raytrace, &terrain_};
-  return std::unique_ptr<Part>(
-      new Part{kept_.scene(content, stop_), SceneryOnGround(objects_, scenery_, std::move(*rocks), stop_)});
+  return std::unique_ptr<Part>(new Part{kept_.scene(content, stop_),
+                                        SceneryOnGround(objects_, scenery_, std::move(*rocks), stop_),
+                                        blocks.empty() && objects_.empty()});
 }
 
 std::optional<std::vector<dem::RockFeature>> GroundAlongRays::rocks_along(const std::vector<RayCone>& rays,

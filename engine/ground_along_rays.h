@@ -81,6 +81,11 @@ class SceneryOnGround {
   std::unordered_map<std::uint64_t, std::uint16_t> numbers_;
 };
 
+// How far a ray is followed next over ground with detail, which takes long to make: a little more while it meets
+// nothing, to somewhat past where it meets the posts' own surface (`posts_m`; NaN: nowhere), and to its end (infinite).
+// What it meets nearer than it was followed is what it meets. `reach_m`: how far it was followed, 0 at first.
+double next_reach_m(double reach_m, double posts_m);
+
 class GroundAlongRays {
  public:
   // `a_ray`: what a ray is in the words of the request. `scenery`: whose objects and ground (for what they reflect)
@@ -93,6 +98,7 @@ class GroundAlongRays {
   struct Part {
     std::shared_ptr<const Scene> scene;
     SceneryOnGround scenery;
+    bool empty;  // no terrain, no object
   };
   // Null where there is more terrain along the rays than one scene should hold, or more rocks: ask for some of them at
   // a time. `last`: they can't be fewer, and ImpossibleRequest (TooMuchTerrain) is thrown.

@@ -20,6 +20,7 @@
 #include "engine/lidar_craters.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/mapped_surface.h"
+#include "engine/ray_queries.h"
 #include "engine/scene/ray_selection.h"
 #include "engine/visibility/points/trace.h"
 
@@ -129,7 +130,7 @@ class LidarScanner {
   LidarReturns scan() {
     aim();
     sort();
-    cast(0, order_.size());
+    follow();
     if (request_.craters) find_craters();
     return std::move(out_);
   }
@@ -249,6 +250,10 @@ class LidarScanner {
     cone.slope = angle < kWidest_rad ? std::tan(angle) : std::numeric_limits<double>::infinity();
     cone.radius_m += 1e-6;
     cone.to_m = range_below_terrain_m(cone);
+    double farthest_m = reach_m_.empty() ? cone.to_m : 0;
+    for (std::size_t k = first; k < past_last && !reach_m_.empty(); ++k)
+      farthest_m = std::max(farthest_m, reach_m_[order_[k]]);
+    cone.to_m = std::min(cone.to_m, farthest_m + cone.radius_m);
     return cone;
   }
 
@@ -259,6 +264,33 @@ class LidarScanner {
     if (past_last - first == 1 || (cone.slope <= wide && cone.radius_m < 10)) return cones.push_back(cone);
     const std::size_t middle = (first + past_last) / 2;
     add_cones(first, middle, cones), add_cones(middle, past_last, cones);
+  }
+
+  // Over ground with detail in steps of next_reach_m(): until all sub-rays of a beam meet something nearer than it was
+  // followed.
+  void follow() {
+    if (!terrain_.detail()) return cast(0, order_.size());
+    reach_m_.assign(out_.size(), 0), known_.assign(out_.size(), 0);
+    std::vector<double> posts_m(out_.size());
+    constexpr std::size_t kSome = 65536;
+    for (std::size_t first = 0; first < order_.size(); first += kSome) {
+      const std::size_t past_last = std::min(first + kSome, order_.size());
+      std::vector<Ray> axes;
+      for (std::size_t k = first; k < past_last; ++k)
+        axes.push_back({at3(out_.origin_m, order_[k]), at3(out_.direction, order_[k])});
+      const std::vector<RayHit> on_posts = cast_rays(axes, {}, std::nullopt, terrain_.plain(), kept_, stop_);
+      for (std::size_t k = first; k < past_last; ++k) posts_m[order_[k]] = on_posts[k - first].range_m;
+      for (std::size_t left = first; left < past_last;) {
+        for (std::size_t k = left; k < past_last; ++k)
+          reach_m_[order_[k]] = next_reach_m(reach_m_[order_[k]], posts_m[order_[k]]);
+        cast(left, past_last);
+        const auto at = [&](std::size_t k) { return order_.begin() + static_cast<std::ptrdiff_t>(k); };
+        const auto unknown = std::stable_partition(at(left), at(past_last), [&](std::uint32_t beam) {
+          return known_[beam] != 0 || !std::isfinite(reach_m_[beam]);
+        });
+        left = static_cast<std::size_t>(unknown - order_.begin());
+      }
+    }
   }
 
   void cast(std::size_t first, std::size_t past_last) {
@@ -272,6 +304,8 @@ class LidarScanner {
       cast(first, middle), cast(middle, past_last);
       return;
     }
+    const auto ends = [&](std::uint32_t beam) { return reach_m_.empty() || !std::isfinite(reach_m_[beam]); };
+    if (part->empty && std::none_of(&order_[first], &order_[first] + (past_last - first), ends)) return;
     const std::size_t groups = (past_last - first + kGroup - 1) / kGroup;
     in_parallel_pieces(groups, 16, [&](std::size_t g, std::size_t past_last_group) {
       stop_.check();
@@ -322,8 +356,14 @@ class LidarScanner {
       for (std::size_t i = 0; i < count; ++i)  // the axis
         out_.axis_range_m[order_[first + i]] = work.met[i] > 0 ? work.parts[i][0].range_m : kNaN;
     }
-    for (std::size_t i = 0; i < count; ++i)
-      report(part, order_[first + i], work.echo.returns_of({work.parts[i].data(), work.met[i]}));
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::uint32_t beam = order_[first + i];
+      const std::span parts(work.parts[i].data(), work.met[i]);
+      if (!reach_m_.empty())
+        known_[beam] = parts.size() == sub_rays_.rays.size() &&
+                       std::ranges::all_of(parts, [&](const EchoPart& p) { return p.range_m <= reach_m_[beam]; });
+      report(part, beam, work.echo.returns_of(parts));
+    }
   }
 
   // What a packet of sub-rays meets becomes parts of their beams' echoes.
@@ -406,6 +446,8 @@ class LidarScanner {
   const LidarReceiverModel receiver_;
   const double theta_, pulse_m_;
   std::vector<std::uint32_t> order_;
+  std::vector<double> reach_m_;      // of each beam, over ground with detail: how far it is followed
+  std::vector<std::uint8_t> known_;  // whether all that it meets is nearer
   LidarReturns out_;
 };
 

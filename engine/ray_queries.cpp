@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <utility>
 
 #include "dem/support/parallel.h"
@@ -30,13 +31,15 @@ void for_packets(std::size_t size, const StopToken& stop, Work&& work) {
 
 class RayCaster {
  public:
-  // `a_ray`: what a ray is in the words of the request. `within_m`: how far rays are cast.
+  // `a_ray`: what a ray is in the words of the request.
   RayCaster(const char* a_ray, const std::vector<SceneObject>& objects, const dem::Terrain& terrain, RenderCache& kept,
-            const StopToken& stop, double within_m = std::numeric_limits<double>::infinity())
-      : ground_(a_ray, scenery_of(objects), terrain, kept, stop), stop_(stop), within_m_(within_m) {}
+            const StopToken& stop)
+      : ground_(a_ray, scenery_of(objects), terrain, kept, stop), terrain_(terrain), kept_(kept), stop_(stop) {}
 
   enum class Meeting { terrain_alone, everything };
-  std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, Meeting meeting) {
+  // `within_m`: how far each ray is cast; empty: to its end.
+  std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, Meeting meeting,
+                           std::vector<double> within_m = {}) {
     std::vector<RayHit> hits(rays.size());
     std::vector<Facet> facets(rays.size());
     const auto meet = [&](const Scene& scene, const SceneryOnGround& on_it, const Batch& batch, std::size_t first,
@@ -74,7 +77,7 @@ class RayCaster {
         facets[at] = {points.facet_normal(i), std::nullopt};
       }
     };
-    in_batches({rays.begin(), rays.end()}, meet);
+    in_steps({rays.begin(), rays.end()}, std::move(within_m), hits, meet);
     if (sun) light(hits, facets, *sun);
     return hits;
   }
@@ -168,7 +171,36 @@ class RayCaster {
         hit.incident = hit.lit > 0 ? hit.lit * std::max(shading.incident[i], 0.0) : 0;
       }
     };
-    in_batches(to_sun, work, toward);
+    in_batches(to_sun, all_of(to_sun), {}, work, toward);
+  }
+
+  static Batch all_of(const std::vector<Ray>& rays) {
+    Batch all(rays.size());
+    std::iota(all.begin(), all.end(), std::size_t{0});
+    return all;
+  }
+
+  // Over ground with detail in steps of next_reach_m(): `meet` writes `hits`.
+  template <typename Meet>
+  void in_steps(const std::vector<Ray>& rays, std::vector<double> ends_m, std::vector<RayHit>& hits, Meet&& meet) {
+    ends_m.resize(rays.size(), std::numeric_limits<double>::infinity());
+    for (std::size_t i = 0; i < rays.size(); ++i)
+      ends_m[i] = std::min(ends_m[i], range_below_terrain_m({rays[i].origin_m, rays[i].direction}));
+    if (!terrain_.detail()) return in_batches(rays, all_of(rays), ends_m, meet);
+    const std::vector<RayHit> on_posts = cast_rays(rays, {}, std::nullopt, terrain_.plain(), kept_, stop_);
+    std::vector<double> to_m(rays.size(), 0);
+    const auto follow = [&](std::size_t i) {
+      to_m[i] = std::min(ends_m[i], next_reach_m(to_m[i], on_posts[i].range_m));
+    };
+    for (std::size_t i = 0; i < rays.size(); ++i) follow(i);
+    for (Batch left = all_of(rays); !left.empty();) {
+      in_batches(rays, left, to_m, meet);
+      std::erase_if(left, [&](std::size_t i) {
+        if (to_m[i] >= ends_m[i] || (hits[i].hit && hits[i].range_m <= to_m[i])) return true;
+        hits[i] = {}, follow(i);
+        return false;
+      });
+    }
   }
 
   static Vec3 up_of(const std::vector<RayHit>& hits) {
@@ -176,13 +208,14 @@ class RayCaster {
     return hit == hits.end() ? Vec3::UnitZ() : hit->position_m;
   }
 
-  // work(scene, scenery, batch, first, count) on packets of rays, as many batches of them as the terrain along them
-  // makes scenes of bearable size. Rays that enter the terrain near each other go together. `toward`: not only along
-  // its own direction each ray is followed, but along all of these, also from below the ground.
+  // work(scene, scenery, batch, first, count) on packets of some rays, as many batches of them as the terrain along
+  // them makes scenes of bearable size. Rays that enter the terrain near each other go together. Each is followed as
+  // far as `to_m` says; or, where it is empty, along all of `toward`, also from below the ground.
   template <typename Work>
-  void in_batches(const std::vector<Ray>& rays, Work&& work, const std::vector<Vec3>& toward = {}) {
+  void in_batches(const std::vector<Ray>& rays, const Batch& some, const std::vector<double>& to_m, Work&& work,
+                  const std::vector<Vec3>& toward = {}) {
     std::vector<std::pair<dem::BlockId, std::size_t>> places;
-    for (std::size_t i = 0; i < rays.size(); ++i) {
+    for (const std::size_t i : some) {
       const Geographic g = to_geographic(anchor_for(rays[i].origin_m, rays[i].direction));
       places.emplace_back(dem::block_at_place(6, g.lat_deg, g.lon_deg), i);
     }
@@ -190,28 +223,28 @@ class RayCaster {
     Batch order;
     order.reserve(places.size());
     for (const auto& place : places) order.push_back(place.second);
-    split(rays, std::move(order), work, toward);
+    split(rays, std::move(order), to_m, work, toward);
   }
 
   template <typename Work>
-  void split(const std::vector<Ray>& rays, Batch batch, Work& work, const std::vector<Vec3>& toward) {
+  void split(const std::vector<Ray>& rays, Batch batch, const std::vector<double>& to_m, Work& work,
+             const std::vector<Vec3>& toward) {
     if (batch.empty()) return;
     std::vector<RayCone> some;
     some.reserve(batch.size() * std::max<std::size_t>(1, toward.size()));
     for (const std::size_t i : batch) {
-      if (toward.empty()) {
-        some.push_back({.origin_m = rays[i].origin_m, .direction = rays[i].direction});
-        some.back().to_m = std::min(within_m_, range_below_terrain_m(some.back()));
-      }
+      if (toward.empty())
+        some.push_back({.origin_m = rays[i].origin_m, .direction = rays[i].direction, .to_m = to_m[i]});
       for (const Vec3& direction : toward) some.push_back({rays[i].origin_m, direction});
     }
     const auto here = ground_.along(some, batch.size() == 1);
     if (!here) {
       const auto middle = batch.begin() + static_cast<std::ptrdiff_t>(batch.size() / 2);
-      split(rays, {batch.begin(), middle}, work, toward);
-      split(rays, {middle, batch.end()}, work, toward);
+      split(rays, {batch.begin(), middle}, to_m, work, toward);
+      split(rays, {middle, batch.end()}, to_m, work, toward);
       return;
     }
+    if (here->empty && toward.empty()) return;
     if (!toward.empty()) here->scenery.number_rocks();  // rays of light begin on what was hit
     for_packets(batch.size(), stop_,
                 [&](std::size_t first, int count) { work(*here->scene, here->scenery, batch, first, count); });
@@ -225,8 +258,9 @@ class RayCaster {
   }
 
   GroundAlongRays ground_;
+  const dem::Terrain& terrain_;
+  RenderCache& kept_;
   const StopToken& stop_;
-  const double within_m_;
 };
 
 bool may_meet_relief(const Ray& ray) {
@@ -268,8 +302,8 @@ std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<Scene
 std::vector<HiddenBy> what_hides(std::span<const Ray> rays, const std::vector<SceneObject>& objects, bool moon,
                                  const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop,
                                  double detail_within_m) {
-  RayCaster caster("the line of sight to something in the sky", objects, terrain, kept, stop,
-                   terrain.detail() ? detail_within_m : std::numeric_limits<double>::infinity());
+  RayCaster caster("the line of sight to something in the sky", objects, terrain, kept, stop);
+  if (!terrain.detail()) detail_within_m = std::numeric_limits<double>::infinity();
   std::vector<HiddenBy> hidden(rays.size(), HiddenBy::none);
   std::vector<double> range_m(rays.size(), std::numeric_limits<double>::infinity());
   std::vector<Ray> near_limb;
@@ -281,10 +315,11 @@ std::vector<HiddenBy> what_hides(std::span<const Ray> rays, const std::vector<Sc
     else if (may_meet_relief(rays[i]))
       near_limb.push_back(rays[i]), asked.push_back(i);
   }
-  const std::vector<RayHit> hits = caster.cast(near_limb, std::nullopt, RayCaster::Meeting::everything);
+  const std::vector<RayHit> hits = caster.cast(near_limb, std::nullopt, RayCaster::Meeting::everything,
+                                               std::vector<double>(near_limb.size(), detail_within_m));
   for (std::size_t k = 0; k < hits.size(); ++k)
     if (hits[k].hit) hidden[asked[k]] = HiddenBy::moon, range_m[asked[k]] = hits[k].range_m;
-  if (terrain.detail() && std::isfinite(detail_within_m)) {
+  if (std::isfinite(detail_within_m)) {
     const std::vector<HiddenBy> beyond = what_hides(near_limb, {}, true, terrain.plain(), kept, stop);
     for (std::size_t k = 0; k < beyond.size(); ++k)
       if (beyond[k] == HiddenBy::moon) hidden[asked[k]] = HiddenBy::moon;
@@ -305,6 +340,7 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
   std::vector<Landmark> answers(points.size());
   std::vector<Ray> looks, downs;
   std::vector<Vec3> places;
+  std::vector<double> ranges_m;
   std::vector<std::size_t> looked, on_ground, over_ground;
   for (std::size_t i = 0; i < points.size(); ++i) {
     stop.check();
@@ -325,9 +361,11 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
     }
     const Vec3 camera_m = look(views, place, a);
     a.in_frame = a.x_px >= -0.5 && a.y_px >= -0.5 && a.x_px < camera.width - 0.5 && a.y_px < camera.height - 0.5;
-    if (a.in_frame) looks.push_back({camera_m, (place - camera_m).normalized()}), looked.push_back(i);
+    if (!a.in_frame) continue;
+    looks.push_back({camera_m, (place - camera_m).normalized()}), ranges_m.push_back(a.range_m), looked.push_back(i);
   }
-  const std::vector<RayHit> seen = caster.cast(looks, std::nullopt, RayCaster::Meeting::everything);
+  const std::vector<RayHit> seen =
+      caster.cast(looks, std::nullopt, RayCaster::Meeting::everything, std::move(ranges_m));
   for (std::size_t k = 0; k < seen.size(); ++k) {
     // Visible unless something stands clearly nearer: the landmark itself is met at its own range.
     Landmark& a = answers[looked[k]];

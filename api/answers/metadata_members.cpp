@@ -240,8 +240,8 @@ void add_content(Answer<MetadataSource>& a) {
       object("of a detail that has rocks",
              {{"number", number({0, 1e9, true, false}, "in view, or whose shadow may be")},
               {"least_px", number(kAnyNumber,
-                                  "diameter in pixels from which on they are shown: 2 max_error_px, or "
-                                  "more where they would be too many")},
+                                  "diameter in pixels from which on they are shown: 2 max_error_px, at "
+                                  "least 0.5, or more where they would be too many; not in lod_error_m")},
               {"fraction", number(kUnitInterval, "share of pixels that see one")}},
              {"number", "least_px", "fraction"}),
       [](const MetadataSource& s) {

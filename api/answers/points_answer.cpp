@@ -61,7 +61,7 @@ const Answer<HitSource>& hit_answer() {
   using namespace schema;
   static const auto answer = answer_of<S>("hit alone where nothing is hit", [](auto& a) {
     const auto hit = [](const S& s) { return s.hit.hit; };
-    a.add("hit", boolean("whether anything was hit"), hit);
+    a.add("hit", boolean("whether anything was hit; false, too, of a ray that begins below the ground"), hit);
     a.add(
         "range_m", number_or_null("from the origin, m"), [](const S& s) { return s.hit.range_m; }, hit);
     a.add(

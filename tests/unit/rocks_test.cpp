@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <random>
 #include <set>
 #include <tuple>
 
@@ -631,6 +632,35 @@ TEST_F(RocksInFrames, RaysMeetTheSameOnesAloneAndTogether) {
     EXPECT_LE(other_light, 1);
   }
   EXPECT_GT(all_on_rocks, 5);
+}
+
+// A ray is followed in steps: what it meets is the same wherever on its way the steps begin. All of the ground below
+// its whole way is more than scenes may hold here.
+TEST_F(RocksInFrames, RaysAreFollowedNoFartherThanTheyGo) {
+  const engine::Renderer small(terrain_, {1, std::size_t{48} << 20});
+  const double ground_m = small.terrain_with(detail_)->height(kLat, kLon).height_m;
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> down(-2, 70), around(0, 360), height(0.3, 400), share(0.05, 0.95);
+  int asked = 0, near = 0, far = 0, other = 0;
+  while (asked < 150) {
+    const Vec3 from = to_cartesian({kLat, kLon, ground_m + (asked % 2 ? 1 : height(random))});
+    const EastNorthUp axes = local_axes(from);
+    const double below = down(random) * kRadiansPerDegree, azimuth = around(random) * kRadiansPerDegree;
+    const Vec3 ahead = std::sin(azimuth) * axes.east + std::cos(azimuth) * axes.north;
+    const engine::Ray ray{from, (std::cos(below) * ahead - std::sin(below) * axes.up).normalized()};
+    const engine::RayHit hit = renderer_->cast({&ray, 1}, {}, {}, {}, detail_).front();
+    if (!hit.hit || hit.range_m > 1500) continue;
+    ++asked, near += hit.range_m<16, far += hit.range_m> 64;
+    for (const double part : {0.0, share(random), 0.99}) {
+      const engine::Ray later{ray.origin_m + part * hit.range_m * ray.direction, ray.direction};
+      const engine::RayHit again = small.cast({&later, 1}, {}, {}, {}, detail_).front();
+      other += !again.hit || again.rock != hit.rock || (again.position_m - hit.position_m).norm() > 1e-6;
+    }
+  }
+  fmt::print("{} rays, {} shorter than 16 m, {} longer than 64 m; otherwise: {}\n", asked, near, far, other);
+  EXPECT_GT(near, 20);
+  EXPECT_GT(far, 20);
+  EXPECT_LE(other, 2);  // float chooses the triangle, as above
 }
 
 }  // namespace
