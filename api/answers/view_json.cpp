@@ -154,7 +154,7 @@ const Answer<ViewSource>& view_answer() {
               [place_json](const S& s) { return place_json(boresight_on_sphere(s.query.request.pose)); });
         a.add("off_nadir_deg", number(kAnyNumber, "angle between the boresight and the direction of the Moon's centre"),
               [](const S& s) { return s.view.off_nadir_deg; });
-        a.add("up_azimuth_deg", number_or_null("compass azimuth there of what is up in the image"),
+        a.add("up_azimuth_deg", number_or_null("compass azimuth there of the image's up direction"),
               [](const S& s) { return s.view.up_azimuth_deg; });
         a.add("corners",
               list({{"anyOf", {place_on_sphere, {{"type", "null"}}}}}, 4,

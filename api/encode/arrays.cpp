@@ -62,13 +62,13 @@ constexpr ProductRow kTable[] = {
      &FrameProducts::gsd,
      {},
      false,
-     "post spacing of the mesh that was hit, m; NaN where nothing is hit, or an object, a rock or the soil against it"},
+     "post spacing of the mesh that was hit, m; NaN where nothing is hit, or an object, a rock or its soil bank"},
     {engine::kSource,
      "source",
      &FrameProducts::source,
      {},
      false,
-     "index into the frame's list of sources; 65535 where nothing is hit, or an object, a rock or the soil against it",
+     "index into the frame's list of sources; 65535 where nothing is hit, or an object, a rock or its soil bank",
      {6, "", "index into the map's list of sources; 65535 for no data"}},
     {engine::kObjectId,
      "object_id",
@@ -88,13 +88,13 @@ constexpr ProductRow kTable[] = {
      &FrameProducts::irradiance,
      kLightSources,
      true,
-     "light that arrives, W m-2: from the Sun directly, from terrain, from the Earth; with an atmosphere times its "
-     "transmittance to the sensor; NaN where nothing is hit",
-     {7, "W m-2", "light that arrives: from the Sun directly, from terrain, from the Earth"}},
+     "irradiance of the ground, W m-2: from the Sun directly, from terrain, from the Earth; with an atmosphere times "
+     "its transmittance to the sensor; NaN where nothing is hit",
+     {7, "W m-2", "irradiance of the ground: from the Sun directly, from terrain, from the Earth"}},
     {engine::kFlow, "flow", &FrameProducts::flow, kImageAxes, false,
-     "optical flow, px to the right and down: from the pixel to where its point is in the image at `flow_to`, also "
-     "beside that image; NaN where nothing is hit, and where the point is hidden there, behind the camera or, "
-     "with a shutter, seen by no row"},
+     "optical flow, px to the right and down: from the pixel to its point's position in the image at `flow_to`, also "
+     "outside that image; NaN where nothing is hit, and where the point is hidden there, behind the camera or, with a "
+     "shutter, seen by no row"},
     {engine::kHeight, "height", &FrameProducts::height, {}, false, "", {3, "m", "above the sphere of 1 737 400 m"}},
     {engine::kSlope,
      "slope",
@@ -103,15 +103,15 @@ constexpr ProductRow kTable[] = {
      false,
      "",
      {4, "degree",
-      "angle to the sphere's vertical: of the normal used for shading or, with `footprint`, of the plane fitted to the "
-      "ground in it"}},
+      "angle between the sphere's vertical and the normal used for shading or, with `footprint`, the normal of the "
+      "plane fitted to the ground in it"}},
     {engine::kRockHeight,
      "rock_height",
      &FrameProducts::rock_height,
      {},
      false,
      "",
-     {8, "m", "of a rock's surface above the ground without the soil against it; 0 without a rock. Requires `rocks`"}},
+     {8, "m", "height of a rock's surface above the ground without its soil bank; 0 without a rock. Requires `rocks`"}},
     {engine::kRockCover,
      "rock_cover",
      &FrameProducts::rock_cover,

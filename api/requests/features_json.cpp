@@ -168,7 +168,7 @@ const Members<FeaturesQuery>& features_members() {
         m.add("smallest_m", &FeaturesQuery::smallest_m, Number{kDiameter_m, "m"},
               "least diameter; left out: the preset's");
         m.add("min_depth_over_diameter", &FeaturesQuery::least_depth, Number{kUnitInterval},
-              "least `depth_over_diameter` of craters; 0: all, down to what is no longer recognised as a crater");
+              "minimum `depth_over_diameter` of craters; 0: all, down to those no longer recognisable as craters");
         m.check([](const JsonReader& in, FeaturesQuery& query, const ReadContext& context) {
           if (query.kind == FeatureKind::rocks && in.has("min_depth_over_diameter"))
             in.fail("min_depth_over_diameter", "is of craters: rocks have no depth");

@@ -43,13 +43,13 @@ const Members<AccuracyForm>& accuracy_members() {
           "Requires 1 or 4 `samples_per_pixel` and no `shutter`")
         .written_if([](const AccuracyForm& accuracy) { return accuracy.edge_samples > 1; });
     m.add("max_shadow_error_px", &AccuracyForm::max_shadow_error_px, Number{{0, 1e6}, "px"},
-          "limit on how far the mesh's error displaces a shadow's edge on level ground; it is relaxed when the terrain "
-          "that it needs does not fit into memory: `shadow_error_px` is the value that was reached");
+          "limit on the displacement of shadow edges on level ground by the mesh's error; it is relaxed when the "
+          "terrain it needs does not fit into memory: `shadow_error_px` is the value reached");
     m.add("max_detail_error_px", &AccuracyForm::max_detail_error_px, Number{{0, 1e6}, "px"}, detail_aim());
     m.add("budget_ms", &AccuracyForm::budget_ms, Number{{0, 3.6e6, true, false}, "ms"},
-          "replaces the other members: the most accurate setting that is predicted to take no longer, on terrain in "
-          "memory. The request in the metadata has the chosen setting, the header Selenograph-Budget the prediction; "
-          "requested by its numbers, the setting gives the same bytes");
+          "replaces the other members: the most accurate setting predicted to take no longer, with terrain in memory. "
+          "The request in the metadata has the chosen setting, the header Selenograph-Budget the prediction; an "
+          "explicit request of that setting gives the same bytes");
     for (const char* chosen :
          {"max_error_px", "samples_per_pixel", "edge_samples", "max_shadow_error_px", "max_detail_error_px"})
       m.excludes(chosen, {"budget_ms"}, "a budget chooses the accuracy");
@@ -66,8 +66,8 @@ const Members<AccuracyForm>& accuracy_members() {
 const Members<engine::ImageSettings>& image_members() {
   using engine::ImageSettings;
   static const auto table = made<Members<ImageSettings>>(
-      "ImageSettings", "Conversion of radiance to the digital numbers of the product `image`.", [](auto& m) {
-        m.add("bit_depth", &ImageSettings::bit_depth, Choice{{8, 16}}, "of the digital numbers");
+      "ImageSettings", "Conversion of radiance to digital numbers in the product `image`.", [](auto& m) {
+        m.add("bit_depth", &ImageSettings::bit_depth, Choice{{8, 16}}, "bits of the digital numbers");
         m.add("full_scale_radiance", &ImageSettings::full_scale_radiance_w_m2_sr,
               NumberOr{{0, 1e12, true, false}, "auto", "W m-2 sr-1"},
               "radiance of the largest digital number; auto: the largest radiance in the frame");
@@ -78,11 +78,12 @@ const Members<engine::ImageSettings>& image_members() {
 const Members<engine::RimOptions>& craters_members() {
   using engine::RimOptions;
   static const auto table = made<Members<RimOptions>>(
-      "CratersInFrame", "Which craters of the request's detail `craters` of the metadata lists.", [](auto& m) {
+      "CratersInFrame", "Selection of the craters of the request's detail that `craters` of the metadata lists.",
+      [](auto& m) {
         m.add("smallest_px", &RimOptions::least_px, Number{{1, 1e4}, "px"},
-              "least diameter in the image: of a circle with the area within the rim");
+              "minimum diameter in the image, of a circle with the area within the rim");
         m.add("min_depth_over_diameter", &RimOptions::least_depth, Number{kUnitInterval},
-              "least `depth_over_diameter`; 0: all, down to what is no longer recognised as a crater");
+              "minimum `depth_over_diameter`; 0: all, down to those no longer recognisable as craters");
       });
   return *table;
 }
@@ -282,18 +283,18 @@ void add_scene(Members<FrameQuery>& m) {
 void add_rendering(Members<FrameQuery>& m) {
   m.add(
       "visibility", [](auto& q) -> auto& { return q.request.visibility; }, Word{kVisibilities},
-      "visibility algorithm: zbuffer (z-buffer and irregular shadow map, several times as fast but for tiny images), "
-      "raytrace, or auto, the faster of the two, chosen from the request and the terrain alone. Both are exact for a "
-      "point Sun; of its disc they are a few hundredths off at worst (engine/verify/errors.md). The metadata names the "
-      "one used");
+      "visibility algorithm: zbuffer (z-buffer and irregular shadow map, several times as fast except for tiny "
+      "images), raytrace, or auto, the faster of the two, chosen from the request and the terrain alone. Both are "
+      "exact for a point Sun; for its disc they are a few hundredths off at worst (engine/verify/errors.md). The "
+      "metadata names the one used");
   m.add("accuracy", accuracy_field, Object{accuracy_members()}, "level of detail and samples");
   m.add(
        "sensor", [](auto& q) -> auto& { return q.request.sensor; }, Object{sensor_members()},
-       "sensor model that makes `image`")
+       "sensor model that produces `image`")
       .written_if(has_image_by_sensor);
   m.add(
        "image", [](auto& q) -> auto& { return q.request.image; }, Object{image_members()},
-       "makes `image` without a sensor model")
+       "produces `image` without a sensor model")
       .written_if(has_image_without_sensor);
   m.add("camera_preset", camera_preset_field<FrameQuery>(), Text{},
         std::string(kOfCameraPreset) + ". The request in the metadata shows the result");
@@ -302,18 +303,18 @@ void add_rendering(Members<FrameQuery>& m) {
       "what to render: arrays of height x width, row 0 on top");
   m.add(
        "flow_to", [](auto& q) -> auto& { return q.request.flow_to; }, Object{pose_members()},
-       "pose of the camera in the other image of the product `flow`, as of the next frame; the scene stands still. "
-       "Frames with it are ray traced")
+       "camera pose of the other image of the product `flow`, e.g. the next frame's; the scene is static. Frames with "
+       "it are ray traced")
       .written_if([](const FrameQuery& q) { return engine::wants_flow(q.request); });
   m.add(
       "craters", [](auto& q) -> auto& { return q.request.craters; }, FlagOrObject{craters_members()},
       "lists the craters of `detail` that the frame shows, with their rims in the image, as `craters` of the metadata; "
       "changes no pixel. true: with all defaults; left out or false: no list");
   m.add("labels", &FrameQuery::labels, Flag{},
-        "labels for training, of the whole image: arrays `crater_mask` and `rock_mask` (uint16: the `id` of an "
-        "annotation, 0 without one; of several craters the smallest) and `coco.json` with the annotations, of an .npz. "
-        "Of craters as `craters` says; rocks are listed if they cover as many pixels as a circle of `smallest_px`. "
-        "The craters are not in the metadata then")
+        "training labels for the whole image, in an .npz: arrays `crater_mask` and `rock_mask` (uint16: the `id` of an "
+        "annotation, 0 without one; where craters overlap, the smallest) and `coco.json` with the annotations. "
+        "`craters` selects the craters, which are then not in the metadata; rocks are listed if they cover as many "
+        "pixels as a circle of `smallest_px`")
       .written_if([](const FrameQuery& q) { return q.labels; });
   m.add(
        "truth", [](auto& q) -> auto& { return q.request.truth; }, Object{truth_members()},
@@ -328,7 +329,7 @@ void add_rendering(Members<FrameQuery>& m) {
         "the header Selenograph-Echo. Changes no byte of any answer")
       .written_if([](const FrameQuery&) { return false; });
   m.add("compression", &FrameQuery::compression, Word{kCompressions},
-        "of an .npz: deflate makes it smaller and takes longer; a PNG always is compressed, TIFF and OpenEXR never")
+        "compression of an .npz: deflate is smaller but slower; PNG is always compressed, TIFF and OpenEXR never")
       .written_if([](const FrameQuery& q) { return q.compression != Compression::none; });
   m.add("cameras", no_field<FrameQuery>(), CamerasByName{},
         "several cameras at one instant, by name: each is an object of members of this table, which replace the "
@@ -343,7 +344,7 @@ std::string_view visibility_name(engine::Visibility visibility) { return word_of
 const Members<FrameQuery>& frame_members() {
   static const auto table = made<Members<FrameQuery>>(
       "FrameRequest",
-      "What to render. Unknown members are errors. `sun` is required for image, radiance, angles, lit, irradiance.",
+      "A frame to render. Unknown members are errors. `sun` is required for image, radiance, angles, lit, irradiance.",
       [](auto& m) {
         add_scene(m);
         add_rendering(m);

@@ -28,8 +28,8 @@ struct LidarMotion {
 const Members<LidarMotion>& lidar_motion_members() {
   static const auto table = made<Members<LidarMotion>>(
       "LidarMotion",
-      "How the instrument moves during the scan: from `pose`, which is that of the time 0, at constant rates, or "
-      "through poses, which replace `pose` and are interpolated as those of a shutter.",
+      "Motion of the instrument during the scan: from `pose`, at time 0, at constant rates, or through poses, which "
+      "replace `pose` and are interpolated like those of a shutter.",
       [](auto& m) {
         const auto at_rates = [](const LidarMotion& motion) { return motion.poses.empty(); };
         m.add(
@@ -51,10 +51,10 @@ const Members<LidarMotion>& lidar_motion_members() {
 const Members<engine::LidarCraters>& lidar_craters_members() {
   using engine::LidarCraters;
   static const auto table =
-      made<Members<LidarCraters>>("LidarCraters", "Which craters beams are told to be in.", [](auto& m) {
+      made<Members<LidarCraters>>("LidarCraters", "Craters that are reported for beams.", [](auto& m) {
         m.add("smallest_m", &LidarCraters::smallest_m, Number{{0.25, 1e6}, "m"}, "least diameter");
         m.add("min_depth_over_diameter", &LidarCraters::least_depth, Number{kUnitInterval},
-              "least depth today, over the diameter");
+              "minimum present depth over diameter");
       });
   return *table;
 }
@@ -150,13 +150,13 @@ const auto no_preset = Property{[](const LidarQuery&) -> std::optional<std::stri
 void add_lidar_members(Members<LidarQuery>& m) {
   m.add(
       "instrument", [](auto& q) -> auto& { return q.request.instrument; }, Object{lidar_instrument_members()},
-      "the lidar; required unless `instrument_preset` has it all");
+      "the lidar; required unless `instrument_preset` is complete");
   m.add("instrument_preset", no_preset, Text{},
-        "lidars/NAME.json of the assets folder: an instrument, whose members those of `instrument` replace");
+        "lidars/NAME.json of the assets folder: an instrument; members of `instrument` override it");
   m.any_of({"instrument", "instrument_preset"});
   m.add(
        "pulses", [](auto& q) -> auto& { return q.request.pulses; }, List{Object{lidar_pulse_members()}, 1, most_pulses},
-       "single pulses in any order; as arrays, see the call, there may be more of them")
+       "single pulses in any order; as arrays (see the call) there may be more")
       .written_if([](const LidarQuery&) { return false; });
   m.add("pattern",
         Property{[](const LidarQuery& q) {
@@ -176,16 +176,16 @@ void add_lidar_members(Members<LidarQuery>& m) {
                  [](LidarQuery& q, const LidarMotion& motion) {
                    q.request.rates = motion.rates, q.request.poses = motion.poses;
                  }},
-        Object{lidar_motion_members()}, "during the scan; left out: none");
+        Object{lidar_motion_members()}, "motion during the scan; left out: none");
   m.add(
       "seed", [](auto& q) -> auto& { return q.request.seed; }, Integer{0, kMostSeed},
       "identifies the instrument's noise");
   m.add(
       "scan", [](auto& q) -> auto& { return q.request.scan; }, Integer{0, kMostSeed},
-      "number of the scan: each has noise of its own");
+      "number of the scan: each has its own noise");
   m.add(
        "craters", [](auto& q) -> auto& { return q.request.craters; }, FlagOrObject{lidar_craters_members()},
-       "truth of craters of the detail: `crater` in the answer; true: with the defaults; left out: none")
+       "ground truth of the detail's craters: `crater` in the answer; true: with the defaults; left out: none")
       .written_if([](const LidarQuery& q) { return q.request.craters.has_value(); });
   add_ground(m);
   m.add("objects", &LidarQuery::objects, List{Object{object_members()}, 1, kMaxObjects}, "as in a frame");
@@ -213,7 +213,7 @@ std::vector<engine::LidarPulse> pulses_of(const NpzArrays& arrays, Findings& fin
 }  // namespace
 
 const Members<LidarQuery>& lidar_members() {
-  static const auto table = made<Members<LidarQuery>>("LidarRequest", "A lidar, where it is, and the beams of a scan.",
+  static const auto table = made<Members<LidarQuery>>("LidarRequest", "A lidar, its pose and the beams of a scan.",
                                                       [](auto& m) { add_lidar_members(m); });
   return *table;
 }

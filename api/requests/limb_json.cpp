@@ -83,7 +83,7 @@ const char* why_no_point(const LimbPoint& p) {
 
 const Members<LimbQuery>& limb_request_members() {
   static const auto table = made<Members<LimbQuery>>(
-      "LimbRequest", "A camera and its pose: where it sees the Moon's limb, and its terminator.", [](auto& m) {
+      "LimbRequest", "The Moon's limb and terminator in a camera's image, from its pose.", [](auto& m) {
         m.add(
              "camera", [](auto& q) -> auto& { return q.request.camera; }, Object{camera_members()},
              "projection and image size")
@@ -98,7 +98,7 @@ const Members<LimbQuery>& limb_request_members() {
         m.add("sun",
               Property{[](const LimbQuery& q) { return q.request.sun; },
                        [](LimbQuery& q, const engine::Sun& sun) { q.request.sun = sun; }},
-              Object{sun_members()}, "whose terminator is asked for, as of a point; left out: none");
+              Object{sun_members()}, "Sun of the terminator, as a point; left out: none");
         m.add("detail", &LimbQuery::detail, DetailName{}, kOfDetail);
       });
   return *table;

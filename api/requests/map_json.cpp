@@ -70,8 +70,8 @@ const Members<MapArea>& area_members() {
             .required();
         m.set_model("projection");
         m.add("bounds", &MapArea::bounds, Object{bounds_members()},
-              "covered from the north-west corner; the last row and column may extend beyond. The standard parallel is "
-              "the equator, the central meridian 0, or 180 for a map that crosses it")
+              "the area, from its north-west corner; the last row and column may extend beyond it. The standard "
+              "parallel is the equator, the central meridian 0, or 180 for a map that crosses it")
             .of({"equirectangular"});
         m.add("center", &MapArea::center, Object{place_members()},
               "centre of a map of width_m x height_m; for equirectangular maps its latitude is the standard parallel");
@@ -218,19 +218,19 @@ constexpr std::pair<std::string_view, engine::LanderFootprint::Shape> kShapes[] 
 const Members<engine::LanderFootprint>& footprint_members() {
   using engine::LanderFootprint;
   static const auto members = made<Members<LanderFootprint>>(
-      "LanderFootprint", "The ground that a lander covers, about each pixel: the pixels whose centres are in it.",
+      "LanderFootprint", "The ground that a lander covers, around each pixel: the pixels whose centres are in it.",
       [](auto& m) {
         m.add("shape", &LanderFootprint::shape, Word{kShapes},
-              "disc; square, along the meridian; legs: the disc, but the plane of `slope` is fitted to the ground at "
-              "the legs' ends alone, each the nearest pixel");
+              "disc; square, along the meridian; legs: the disc, but the plane of `slope` is fitted only to the ground "
+              "at the legs' ends, each the nearest pixel");
         m.set_model("shape");
         m.add("diameter_m", &LanderFootprint::diameter_m, Number{{0, 1e6, true, false}, "m"},
-              "of the disc, of the circle through the legs' ends; side of the square. 3 to 256 pixels of `gsd_m`; a "
-              "warning counts the ground where a stretched map leaves no plane of it")
+              "diameter of the disc or of the circle through the legs' ends; side of the square. 3 to 256 pixels of "
+              "`gsd_m`; a warning counts the pixels without a plane where the map is stretched")
             .required();
         m.add("legs", &LanderFootprint::legs, Integer{3, 12}, "number of legs, at equal angles").of({"legs"});
         m.add("azimuth_deg", &LanderFootprint::azimuth_deg, Number{{-360, 360}, "deg"},
-              "of the first leg, clockwise from north")
+              "azimuth of the first leg, clockwise from north")
             .of({"legs"});
       });
   return *members;
@@ -239,7 +239,7 @@ const Members<engine::LanderFootprint>& footprint_members() {
 const Members<engine::HazardLimits>& hazard_members() {
   using engine::HazardLimits;
   static const auto members = made<Members<HazardLimits>>(
-      "HazardLimits", "Ground whose footprint exceeds one of these is a hazard; what is left out is not looked at.",
+      "HazardLimits", "Ground whose footprint exceeds one of these is a hazard; omitted limits are not checked.",
       [](auto& m) {
         m.add("max_slope_deg", &HazardLimits::slope_deg, Number{{0, 90}, "deg"}, "of `slope`");
         m.add("max_roughness_m", &HazardLimits::roughness_m, Number{{0, 1e4}, "m"}, "of `roughness`");
@@ -327,11 +327,11 @@ const Members<MapQuery>& map_members() {
             "level of detail");
         m.add(
              "rocks", [](auto& q) -> auto& { return q.request.rocks; }, Flag{},
-             "whether the rocks of `detail` stand on the ground, as in frames; seen from straight above")
+             "true: the rocks of `detail` are on the ground, as in frames; seen from straight above")
             .written_if([](const MapQuery& q) { return q.request.rocks; });
         m.add(
              "footprint", [](auto& q) -> auto& { return q.request.footprint; }, Object{footprint_members()},
-             "of `slope`, `roughness`, `rock_cover` and `hazard`")
+             "footprint of `slope`, `roughness`, `rock_cover` and `hazard`")
             .written_if([](const MapQuery& q) { return q.request.footprint.has_value(); });
         m.add("hazard", hazard_field, Object{hazard_members()}, "limits of the product `hazard`");
         m.add(

@@ -89,8 +89,8 @@ OrderedJson spectra_json(const SpectraSource& s) {
 const Members<MertisQuery>& mertis_members() {
   static const auto table = made<Members<MertisQuery>>(
       "MertisRequest",
-      "A spectrometer observing blackbodies: SENSOR++ eqs. (3), (9), (12). Defaults are those of MERTIS, or assumed: "
-      "the answer lists them.",
+      "A spectrometer observing blackbodies: SENSOR++ eqs. (3), (9), (12). Defaults are those of MERTIS, or "
+      "assumptions: the answer lists them.",
       [](auto& m) {
         using engine::Spectrometer;
         const auto of = [](auto Spectrometer::*field) {
@@ -99,7 +99,7 @@ const Members<MertisQuery>& mertis_members() {
         m.add("description",
               Property{[](const MertisQuery&) { return std::optional<std::string>(); },
                        [](MertisQuery&, const std::string&) {}},
-              Text{}, "description of a file; ignored");
+              Text{}, "description in a file; ignored");
         m.add("first_um", of(&Spectrometer::first_um), Number{kWavelength_um, "um"}, "lower end of the first channel");
         m.add("last_um", of(&Spectrometer::last_um), Number{kWavelength_um, "um"}, "upper end of the last channel");
         m.add("channels", of(&Spectrometer::channels), Integer{1, kMaxChannels}, "of equal width");
@@ -109,7 +109,8 @@ const Members<MertisQuery>& mertis_members() {
               "eta of optics and grating: a constant, or [um, eta] at increasing wavelengths");
         m.add("noise_equivalent_power_w", of(&Spectrometer::noise_equivalent_power_w), Number{{0, 1, true, false}, "W"},
               "NEP of a pixel");
-        m.add("temperatures_k", &MertisQuery::temperatures_k, List{Number{{1, 1e4}}, 1, 16, "K"}, "of the blackbodies");
+        m.add("temperatures_k", &MertisQuery::temperatures_k, List{Number{{1, 1e4}}, 1, 16, "K"},
+              "temperatures of the blackbodies");
         m.check(check_mertis);
       });
   return *table;

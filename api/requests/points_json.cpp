@@ -38,10 +38,10 @@ const Members<engine::Ray>& ray_members() {
 const Members<engine::LandmarkQuery>& landmark_members() {
   using engine::LandmarkQuery;
   static const auto table =
-      made<Members<LandmarkQuery>>("Landmark", "A place, on the terrain or at a height.", [](auto& m) {
+      made<Members<LandmarkQuery>>("Landmark", "A point, on the terrain or at a height.", [](auto& m) {
         add_latitude_and_longitude(m);
         m.add("height_m", &LandmarkQuery::height_m, Number{kHeight_m, "m"},
-              "above the sphere of 1 737 400 m; left out: on the terrain");
+              "height above the sphere of 1 737 400 m; left out: on the terrain");
       });
   return *table;
 }
@@ -111,7 +111,7 @@ const Members<ProjectQuery>& project_members() {
 namespace {
 
 const Members<HeightsQuery>& heights_form() {
-  static const auto table = made<Members<HeightsQuery>>("HeightsRequest", "Places on the terrain.", [](auto& m) {
+  static const auto table = made<Members<HeightsQuery>>("HeightsRequest", "Points on the terrain.", [](auto& m) {
     m.add("points", &HeightsQuery::points, List{Object{place_members()}, 1, most}, "the places").required();
     m.add("detail", &HeightsQuery::detail, DetailName{}, kOfDetail);
   });

@@ -25,7 +25,7 @@ int default_posts(const Limits& limits) { return std::min(256, most_posts(limits
 const Members<engine::RoundTripRequest>& round_trip_members() {
   using Trip = engine::RoundTripRequest;
   static const auto table = made<Members<Trip>>(
-      "RoundTripRequest", "DEM round trip: frames of a tile, converted back to heights and compared with the file.",
+      "RoundTripRequest", "DEM round trip: frames of a tile are converted back to heights and compared with the file.",
       [](auto& m) {
         m.start_from([](const Limits& limits) {
           Trip request;

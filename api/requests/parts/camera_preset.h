@@ -10,7 +10,7 @@ namespace selenograph::api {
 
 inline constexpr const char* kOfCameraPreset =
     "name of cameras/NAME.json in the operator's assets folder: its camera and band if the request has none, and its "
-    "sensor, whose members the request's own replace";
+    "sensor; the request's members override it";
 
 // The request with the preset's members where it has none of its own; of the sensor, member by member. Empty: it names
 // no preset. Throws RequestError: "invalid_request" for an unknown name, "asset_error" for an unusable file.

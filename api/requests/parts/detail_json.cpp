@@ -17,16 +17,15 @@ OrderedJson DetailName::write(const Value& value) const { return value.content ?
 std::string detail_aim() {
   return fmt::format(
       "limit on what is left out of terrain with detail, or max_error_px where that is larger: craters and relief of "
-      "{:g} "
-      "times as many pixels and more are shown. It is relaxed when that needs more than {:g} triangles per pixel: "
-      "`detail_limit_px` is the value that was used, `detail_error_px` bounds what it leaves of heights",
+      "{:g} times as many pixels and more are shown. It is relaxed when that needs more than {:g} triangles per pixel: "
+      "`detail_limit_px` is the value that was used, `detail_error_px` bounds the height error left",
       engine::Accuracy::kSmallestShown, engine::Accuracy::kDetailTrianglesPerPixel);
 }
 
 OrderedJson detail_metadata(const std::string& name, const dem::Detail& detail) {
   return {{"name", name},
           {"version", fmt::format("{:016x}", detail.preset().fingerprint)},
-          {"synthetic", "craters and relief below the posts: where `gsd` is finer than the source's posts"}};
+          {"synthetic", "craters and relief finer than the posts: where `gsd` is finer than the source's posts"}};
 }
 
 }  // namespace selenograph::api

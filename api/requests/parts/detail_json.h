@@ -19,8 +19,8 @@ struct DetailName {
 };
 
 inline constexpr const char* kOfDetail =
-    "craters and relief below the posts: name of details/NAME.json in the operator's assets folder; null or left out: "
-    "none";
+    "craters and relief finer than the posts: name of details/NAME.json in the operator's assets folder; null or left "
+    "out: none";
 
 // Description of Accuracy::max_detail_error_px.
 std::string detail_aim();

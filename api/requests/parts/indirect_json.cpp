@@ -38,10 +38,9 @@ std::optional<Earth> resolve_earth(const JsonReader& in, const EarthForm& form, 
 
 const Members<EarthForm, Earth>& earth_members() {
   static const auto table = made<Members<EarthForm, Earth>>(
-      "Earth", "Where the Earth is, MOON_ME. Without `direction` and `sub_earth`, it is that of the Sun's epoch.",
-      [](auto& m) {
+      "Earth", "Position of the Earth, MOON_ME. Without `direction` and `sub_earth`: at the Sun's epoch.", [](auto& m) {
         m.add("direction", &EarthForm::direction, Vector{kAnyNumber}, "toward the Earth; any length but zero");
-        m.add("sub_earth", &EarthForm::sub_earth, Object{place_members()}, "the place that has it in the zenith");
+        m.add("sub_earth", &EarthForm::sub_earth, Object{place_members()}, "the sub-Earth point");
         m.add("distance_m", &EarthForm::distance_m, Number{kEarthDistance_m, "m"},
               "between the centres; default: 384 400 km, with an epoch from the ephemeris");
         m.excludes("direction", {"sub_earth"}, "that is a direction, too");
@@ -70,18 +69,17 @@ struct FlagOrEarth {
 
 const Members<IndirectLight>& indirect_members() {
   static const auto table = made<Members<IndirectLight>>(
-      "IndirectLight",
-      "Light that does not come from the Sun directly. Adds to the radiance of lit and shadowed ground.", [](auto& m) {
+      "IndirectLight", "Indirect light: adds to the radiance of lit and shadowed ground.", [](auto& m) {
         m.add("terrain", &IndirectLight::terrain, Flag{},
-              "sunlight that the terrain in sight of a point reflects onto it, with the frame's reflectance, albedo "
+              "sunlight reflected onto a point by the terrain visible from it, with the frame's reflectance, albedo "
               "maps and shadows; fades out in pixels of 0.5 to 1 km");
         m.add("bounces", &IndirectLight::bounces, Integer{1, 2},
-              "how often terrain has reflected it; 2 adds what ground that other ground lights reflects");
+              "number of reflections by terrain; 2 adds light reflected by ground that other ground lights");
         m.add("spacing_px", &IndirectLight::spacing_px, Number{kSpacing_px, "px"},
-              "distance in the image of the posts at which the light is gathered, from which it is interpolated; never "
-              "below that of the terrain's posts or, where less than 1 is asked for, half of it");
+              "spacing in the image of the posts at which light is gathered and interpolated; at least the terrain's "
+              "post spacing or, for values below 1, half of it");
         m.add("earth", &IndirectLight::earth, FlagOrEarth{},
-              "light of the Earth, with shadows; true: the Earth at the epoch of `sun`");
+              "earthlight, with shadows; true: the Earth at the epoch of `sun`");
       });
   return *table;
 }

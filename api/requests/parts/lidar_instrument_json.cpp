@@ -25,26 +25,26 @@ constexpr Range kPositive{0, 1e9, true, false};
 const Members<LidarReceiver>& receiver_members() {
   static const auto table = made<Members<LidarReceiver>>(
       "LidarReceiver",
-      "What arrives of a pulse, and its noise. `photon_counting`: photoelectrons by the lidar equation, energy_j times "
+      "Received signal of a pulse, and noise. `photon_counting`: photoelectrons by the lidar equation, energy_j times "
       "mu0 f_r aperture / range^2 times efficiency, f_r at zero phase; counts have Poisson statistics. `snr`: a signal "
       "in units of the noise's standard deviation, proportional to mu0 f_r / range^2.",
       [](auto& m) {
         m.add("signal", &LidarReceiver::signal, Word{kSignals}, "which of them").required();
         m.set_model("signal");
-        m.add("energy_j", &LidarReceiver::energy_j, Number{{0, 1e3, true, false}, "J"}, "of a pulse's beam")
+        m.add("energy_j", &LidarReceiver::energy_j, Number{{0, 1e3, true, false}, "J"}, "energy of a pulse")
             .required()
             .of({"photon_counting"});
         m.add("aperture_m", &LidarReceiver::aperture_m, Number{{0, 100, true, false}, "m"}, "the receiver's diameter")
             .required()
             .of({"photon_counting"});
         m.add("efficiency", &LidarReceiver::efficiency, Number{{0, 1, true, false}},
-              "photoelectrons per photon that arrives: optics, filter, detector")
+              "photoelectrons per incident photon: optics, filter, detector")
             .of({"photon_counting"});
         m.add("snr", &LidarReceiver::snr, Number{kPositive},
-              "of a Lambertian surface that fills the beam, seen vertically from `range_m`")
+              "signal-to-noise ratio of a Lambertian surface that fills the beam, seen vertically from `range_m`")
             .required()
             .of({"snr"});
-        m.add("range_m", &LidarReceiver::range_m, Number{kPositive, "m"}, "at which it is `snr`")
+        m.add("range_m", &LidarReceiver::range_m, Number{kPositive, "m"}, "range of that surface")
             .required()
             .of({"snr"});
         m.add("reflectance", &LidarReceiver::reflectance, Number{{0, 1, true, false}}, "of that surface").of({"snr"});
@@ -57,7 +57,7 @@ const Members<LidarReceiver>& receiver_members() {
 const Members<LidarPulse>& lidar_pulse_members() {
   static const auto table = made<Members<LidarPulse>>("LidarPulse", "A pulse.", [](auto& m) {
     m.add("direction", &LidarPulse::direction, Vector{kAnyNumber}, "camera axes; any length but zero").required();
-    m.add("time_s", &LidarPulse::time_s, Number{{-1e6, 1e6}, "s"}, "from the time of `pose`");
+    m.add("time_s", &LidarPulse::time_s, Number{{-1e6, 1e6}, "s"}, "time relative to `pose`");
     m.resolve([](const JsonReader& in, LidarPulse& pulse, const ReadContext&) -> std::optional<LidarPulse> {
       if (const auto direction = direction_of(pulse.direction)) return LidarPulse{pulse.time_s, *direction};
       in.fail("direction", "is not a direction: three numbers are required, not all zero");
@@ -70,10 +70,10 @@ const Members<LidarPulse>& lidar_pulse_members() {
 const Members<LidarPattern>& lidar_pattern_members() {
   static const auto table = made<Members<LidarPattern>>(
       "LidarPattern",
-      "When and where to the beams leave. `flash`: all cells of a rectangle at once, equal squares on a plane as a "
-      "camera's pixels are. `raster`: cells one after the other, row by row, equal angles apart: about the camera's y "
-      "axis along a row, about x from row to row. `cone`: pulses around the boresight, beginning at +x toward +y. "
-      "`beams`: given directions, all at once.",
+      "Times and directions of the beams. `flash`: all cells of a rectangle at once, equal squares on a plane like a "
+      "camera's pixels. `raster`: cells one after the other, row by row, equal angles apart: about the camera's y axis "
+      "along a row, about x from row to row. `cone`: pulses around the boresight, beginning at +x toward +y. `beams`: "
+      "given directions, all at once.",
       [](auto& m) {
         m.add("scan", &LidarPattern::scan, Word{kScans}, "which of them").required();
         m.set_model("scan");
@@ -87,11 +87,11 @@ const Members<LidarPattern>& lidar_pattern_members() {
               "full angle of a row, from the outer border of its first cell to that of its last")
             .required()
             .of({"flash", "raster"});
-        m.add("fov_y_deg", &LidarPattern::fov_y_deg, Number{{0, 179, true, false}, "deg"}, "of all rows")
+        m.add("fov_y_deg", &LidarPattern::fov_y_deg, Number{{0, 179, true, false}, "deg"}, "full angle over all rows")
             .required()
             .of({"raster"});
-        m.add("serpentine", &LidarPattern::serpentine, Flag{}, "every second row is scanned backwards").of({"raster"});
-        m.add("beams", &LidarPattern::beams, Integer{1, std::int64_t{1} << 24}, "pulses of a turn")
+        m.add("serpentine", &LidarPattern::serpentine, Flag{}, "alternate rows are scanned backwards").of({"raster"});
+        m.add("beams", &LidarPattern::beams, Integer{1, std::int64_t{1} << 24}, "pulses per turn")
             .required()
             .of({"cone"});
         m.add("half_angle_deg", &LidarPattern::half_angle_deg, Number{{0, 90}, "deg"}, "from the boresight")
@@ -104,7 +104,7 @@ const Members<LidarPattern>& lidar_pattern_members() {
         m.add("rate_hz", &LidarPattern::rate_hz, Number{{0, 1e12}, "Hz"},
               "pulses, or shots of `flash` and `beams`, per second, the first at the time of `pose`; 0: all at that "
               "time");
-        m.add("repeats", &LidarPattern::repeats, Integer{1, kMostRepeats}, "how often the pattern is fired");
+        m.add("repeats", &LidarPattern::repeats, Integer{1, kMostRepeats}, "number of times the pattern is fired");
         m.check([](const JsonReader& in, LidarPattern& pattern, const ReadContext&) {
           for (Vec3& direction : pattern.directions) {
             const auto unit = direction_of(direction);
@@ -118,35 +118,36 @@ const Members<LidarPattern>& lidar_pattern_members() {
 
 const Members<LidarInstrument>& lidar_instrument_members() {
   static const auto table = made<Members<LidarInstrument>>(
-      "LidarInstrument",
-      "A lidar. Its beams are Gaussians, sampled by sub-rays that each stand for a part of the beam.", [](auto& m) {
+      "LidarInstrument", "A lidar with Gaussian beams, sampled by sub-rays that each represent a part of the beam.",
+      [](auto& m) {
         m.add("divergence_mrad", &LidarInstrument::divergence_mrad, Number{{0, 200}, "mrad"},
-              "of a beam: full angle at 1/e^2 of the intensity in the middle; 0: a line")
+              "full angle of a beam at 1/e^2 of the central intensity; 0: a line")
             .required();
         m.add("sub_rays", &LidarInstrument::sub_rays, Choice{{1, 7, 19, 37, 61}}, "of a beam");
         m.add("pulse_length_ns", &LidarInstrument::pulse_length_ns, Number{{0, 1e6, true, false}, "ns"},
               "full width at half maximum of a Gaussian pulse")
             .required();
         m.add("wavelength_um", &LidarInstrument::wavelength_um, Number{{0.1, 100}, "um"},
-              "at which the ground reflects, and of the photons")
+              "wavelength of the photons and of the ground's reflectance")
             .required();
-        m.add("receiver", &LidarInstrument::receiver, Object{receiver_members()}, "from ground to signal").required();
+        m.add("receiver", &LidarInstrument::receiver, Object{receiver_members()}, "from the ground to the signal")
+            .required();
         m.add("threshold", &LidarInstrument::threshold, Number{kPositive},
-              "a return is detected from this signal on: photoelectrons, or times the noise")
+              "minimum signal of a detection: photoelectrons, or multiples of the noise")
             .required();
         m.add("dark_count_hz", &LidarInstrument::dark_count_hz, Number{{0, 1e12}, "Hz"},
-              "dark counts and stray light; of `photon_counting`, as `snr` has its noise");
+              "dark counts and stray light; only of `photon_counting`, since `snr` includes the noise");
         m.add("range_gate_m", &LidarInstrument::gate, Pair<engine::LidarGate>{{0, 1e9}, {0, 1e9}},
               "[nearest, farthest] range of a detection, m")
             .required();
         m.add("timing_noise_ns", &LidarInstrument::timing_noise_ns, Number{{0, 1e6}, "ns"},
-              "standard deviation of the time that is measured, beside that of the echo");
+              "standard deviation of the measured time, added to the echo's");
         m.add("velocity_noise_m_s", &LidarInstrument::velocity_noise_m_s, Number{{0, 1e6}, "m/s"},
               "standard deviation of the velocity along a beam");
         m.add("offset_m", &LidarInstrument::offset_m, Vector{{-1e4, 1e4}, "m"},
-              "of the aperture from the pose's position, camera axes");
+              "position of the aperture relative to the pose, camera axes");
         m.add("pattern", &LidarInstrument::pattern, Object{lidar_pattern_members()},
-              "of a request that has neither `pattern` nor `pulses`");
+              "default for requests that have neither `pattern` nor `pulses`");
         m.check([](const JsonReader& in, LidarInstrument& instrument, const ReadContext&) {
           const auto [near_m, far_m] = instrument.gate;
           if (in.has("range_gate_m") && !(near_m < far_m))

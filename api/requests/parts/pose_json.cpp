@@ -176,13 +176,13 @@ std::optional<Vec3> resolve_position(const JsonReader& in, const PositionForm& f
 
 const Members<LookAt>& look_at_members() {
   static const auto table = made<Members<LookAt>>(
-      "LookAt", "Boresight through a place, which then appears at (cx, cy). Always MOON_ME, whatever `frame` is.",
+      "LookAt", "Boresight through a point, which then appears at (cx, cy). Always MOON_ME, whatever `frame` is.",
       [](auto& m) {
         add_latitude_and_longitude(m);
         m.add("height_m", &LookAt::height_m, Number{kHeight_m, "m"}, "above the sphere of 1 737 400 m");
         m.add("up", &LookAt::up, Up{},
               "up in the image: the Moon's north (local north where the boresight is vertical); the zenith, the local "
-              "vertical below the camera, so that the horizon lies level; or a MOON_ME vector");
+              "vertical at the camera, so that the horizon is level; or a MOON_ME vector");
       });
   return *table;
 }
@@ -360,7 +360,7 @@ const Members<PoseForm, engine::Pose>& pose_members() {
         m.add("camera_from_moon_matrix", &PoseForm::camera_from_moon_matrix, RotationMatrix{},
               "the same as a matrix, row by row: its rows are the camera's axes in `frame`; orthonormal within 1e-6");
         m.add("moon_from_camera_matrix", &PoseForm::moon_from_camera_matrix, RotationMatrix{}, "its transpose");
-        m.add("look_at", &PoseForm::look_at, Object{look_at_members()}, "boresight through a place");
+        m.add("look_at", &PoseForm::look_at, Object{look_at_members()}, "boresight through a point");
         m.add("nadir", &PoseForm::nadir, Object{nadir_members()}, "boresight to the Moon's centre");
         m.add("axes", &PoseForm::axes, Word{kCameraAxes},
               "camera axes of quaternions and matrices: opencv +x right, +y down, +z boresight; opengl +x right, +y "
@@ -375,8 +375,7 @@ const Members<PoseForm, engine::Pose>& pose_members() {
 
 const Members<ObjectPoseForm, ObjectPose>& object_pose_members() {
   static const auto table = made<Members<ObjectPoseForm, ObjectPose>>(
-      "ObjectPose", "Position of an object's origin and attitude of its axes, which are those of its file.",
-      [](auto& m) {
+      "ObjectPose", "Position of an object's origin and attitude of its axes, as in its file.", [](auto& m) {
         add_position(m);
         m.add("moon_from_object", &ObjectPoseForm::moon_from_object, Object{quaternion_members()},
               "rotates vectors of the object's axes into `frame`");

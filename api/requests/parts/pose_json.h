@@ -66,7 +66,7 @@ struct EpochForm {
   std::string as_utc() const;
 };
 inline constexpr std::string_view kEtMeaning =
-    "Ephemeris Time as SPICE counts it, seconds of TDB since J2000.0; in place of utc";
+    "Ephemeris Time as in SPICE, seconds of TDB since J2000.0; instead of utc";
 
 // Position, common to cameras and objects; its epoch is ICRF's.
 struct PositionForm : EpochForm {

@@ -46,7 +46,7 @@ void add_scenery(Members<Query>& m) {
         Object{sun_members()}, "direction, distance and size of the Sun");
   m.add(
        "indirect", [](auto& q) -> auto& { return q.look().indirect; }, Object{indirect_members()},
-       "light from the terrain around and from the Earth; left out: none")
+       "light from surrounding terrain and from the Earth; left out: none")
       .written_if([](const Query& q) { return q.look().indirect.any(); });
   add_ground(m);
 }

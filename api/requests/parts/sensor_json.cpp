@@ -141,8 +141,8 @@ const auto integration_time_field =
 const Members<PointSpread>& point_spread_members() {
   static const auto table = made<Members<PointSpread>>(
       "PointSpread",
-      "How light spreads over pixels, applied in radiance; the frame is rendered with a margin, so that the border is "
-      "as exact as the middle.",
+      "Point spread function, applied to radiance; the frame is rendered with a margin, so that the border is as exact "
+      "as the middle.",
       [](auto& m) {
         m.add("model", &PointSpread::model, Word{kPointSpreads},
               "airy: ideal aperture of f_number at the band's center wavelength; wavelength times f_number is at most "
@@ -163,8 +163,8 @@ const Members<PointSpread>& point_spread_members() {
 }
 
 const Members<Vignetting>& vignetting_members() {
-  static const auto table = made<Members<Vignetting>>(
-      "Vignetting", "Transmission of the optics by the angle from the boresight.", [](auto& m) {
+  static const auto table =
+      made<Members<Vignetting>>("Vignetting", "Transmission of the optics by angle from the boresight.", [](auto& m) {
         m.add("model", &Vignetting::model, Word{kVignettings}, "which function").required();
         m.set_model("model");
         m.add("table", &Vignetting::table, List{Pair<Vignetting::Point>{{0, 90}, kUnitInterval}, 1, 1000},
@@ -184,15 +184,16 @@ const Members<StrayLight>& stray_light_members() {
   static const auto table = made<Members<StrayLight>>(
       "StrayLight",
       "Light that the surfaces of the optics scatter over the whole image: Harvey and Shack's law, b0 (1 + (d / "
-      "shoulder)^2)^(slope / 2), d being the difference of the direction cosines. Light that leaves the image is lost; "
-      "none comes from beyond it but the Sun's.",
+      "shoulder)^2)^(slope / 2), d being the difference of the direction cosines. Light scattered out of the image is "
+      "lost; only the Sun contributes from outside.",
       [](auto& m) {
         m.add("b0_sr", &StrayLight::b0_sr, Number{kAboveZero, "sr-1"}, "b0 of the law").required();
         m.add("shoulder", &StrayLight::shoulder, Number{{1e-6, 1}}, "difference of direction cosines").required();
-        m.add("slope", &StrayLight::slope, Number{{-4, -0.1}}, "of the wings, in powers of that difference").required();
+        m.add("slope", &StrayLight::slope, Number{{-4, -0.1}}, "slope of the wings, as a power of that difference")
+            .required();
         m.add("sun_within_deg", &StrayLight::sun_within_deg, Number{{0, 89}, "deg"},
-              "up to this angle from the boresight a Sun outside of the image adds its glare, but for what of its disc "
-              "is hidden; 0: never");
+              "a Sun outside the image, up to this angle from the boresight, adds the glare of its visible part; 0: "
+              "never");
         m.check([](const JsonReader& in, StrayLight& law, const ReadContext&) {
           if (in.faults() > 0) return;
           if (const double share = engine::ScatteredLight::share(law); share > 0.5)
@@ -224,7 +225,7 @@ const Members<Detector>& detector_members() {
     m.add("integration_time_s", integration_time_field, Number{{0, 1e5, true, false}, "s"},
           "t of eq. (8); left out where `exposure` chooses it");
     m.add("full_well_e", &Detector::full_well_e, Number{kNotNegative, "e"}, "capacity of a pixel; 0: unlimited");
-    m.add("dark_current_e_s", &Detector::dark_current_e_s, Number{kNotNegative, "e/s"}, "of each pixel");
+    m.add("dark_current_e_s", &Detector::dark_current_e_s, Number{kNotNegative, "e/s"}, "dark current of each pixel");
     m.add("smear_time_s", &Detector::smear_time_s, Number{kNotNegative, "s"},
           "smear of frame transfer without a shutter: time per row shift");
     m.add("read_noise_e", &Detector::read_noise_e, Number{kNotNegative, "e"}, "standard deviation");
@@ -238,7 +239,7 @@ const Members<Detector>& detector_members() {
     m.add("hot_current_e_s", &Detector::hot_current_e_s, Number{kNotNegative, "e/s"},
           "additional dark current of a hot pixel");
     m.add("gain_e_dn", &Detector::gain_e_dn, Number{kAboveZero, "e/DN"}, "electrons per digital number").required();
-    m.add("offset_dn", &Detector::offset_dn, Number{{0, 65535}, "DN"}, "digital number of no electrons");
+    m.add("offset_dn", &Detector::offset_dn, Number{{0, 65535}, "DN"}, "digital number without electrons");
     m.add("bit_depth", &Detector::bit_depth, Integer{1, 16},
           "digital numbers from 0 to 2^bit_depth - 1; the image is uint8 up to 8, else uint16");
     m.add("photon_noise", &Detector::photon_noise, Flag{}, "Poisson noise of photons and dark electrons");

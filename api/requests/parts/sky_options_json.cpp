@@ -77,10 +77,10 @@ auto option(Field field) {
 const Members<SkyForm, SkyOptions>& sky_members() {
   static const auto table = made<Members<SkyForm, SkyOptions>>(
       "Sky",
-      "What is in view beside the Moon, at its apparent place at an epoch. The Earth hides what is behind it, whether "
-      "it is shown or not. A pose in the Moon's frames places it to the 0.01 degrees of the model of the Moon's "
-      "rotation, one in ICRF of the same epoch exactly; of another epoch, the sky is turned as the Moon is meanwhile, "
-      "and where that shows the answer warns of it.",
+      "Objects in view besides the Moon, at their apparent places at an epoch. The Earth hides objects behind it, "
+      "whether it is shown or not. A pose in the Moon's frames places the sky to the 0.01 degrees of the model of the "
+      "Moon's rotation, one in ICRF of the same epoch exactly; with another epoch, the sky turns with the Moon "
+      "meanwhile, and the answer warns where this is visible.",
       [](auto& m) {
         m.add("utc", &SkyForm::utc, Text{}, "epoch, ISO 8601; left out: the Sun's, or that of POST /v1/sky");
         m.add("et_s", &SkyForm::et_s, Number{kAnyNumber, "s"}, std::string(kEtMeaning));
@@ -92,14 +92,14 @@ const Members<SkyForm, SkyOptions>& sky_members() {
         m.add("earth", option(&SkyOptions::earth), Flag{}, "the Earth");
         m.add("earth_map", &SkyForm::earth_map, Asset{&Assets::map, "map", "maps"},
               "name of maps/NAME.json in the operator's assets folder, a map of the Earth's reflectance without "
-              "georeferencing, by geodetic latitude: places on its disc in frames are brighter or darker than their "
-              "mean, and the whole keeps its magnitude; left out: the Earth is the same everywhere");
+              "georeferencing, by geodetic latitude: it modulates the brightness of the disc in frames, and the whole "
+              "keeps its magnitude; left out: a uniform Earth");
         m.add("planets", option(&SkyOptions::planets), Flag{}, "the seven other planets, as points");
         m.add("velocity_m_s", &SkyForm::velocity_m_s, kVelocity_m_s,
               "velocity of the camera relative to the Moon's centre, in inertial space, without the Moon's rotation: "
               "1.5 km/s move the stars by 1 arcsec. Left out: that of the Moon");
         m.add("velocity_frame", &SkyForm::velocity_frame, Word<PoseFrame>{kPoseFrames, kOtherFrames},
-              "whose axes velocity_m_s has");
+              "frame of velocity_m_s");
         m.excludes("utc", {"et_s"});
         m.resolve(resolve_sky);
         m.unresolve([](const SkyOptions& options) { return form_of(options); });

@@ -101,8 +101,8 @@ const Members<SunForm, Sun>& sun_members() {
               "angular radius of the solar disc; 0: a point Sun with hard shadows; \"sun\": the true radius at "
               "distance_au; default: 0, with an epoch \"sun\"");
         m.add("limb_darkening", &SunForm::limb_darkening, Number{kUnitInterval},
-              "coefficient u of limb darkening, 1 - u (1 - cos), cos: of the angle from the Sun's own vertical; about "
-              "0.6 in the visible; default: 0 for the light of the ground, 0.6 where `sky` shows the Sun");
+              "limb-darkening coefficient u, 1 - u (1 - cos), cos: of the emission angle at the Sun; about 0.6 in the "
+              "visible; default: 0 for the light of the ground, 0.6 where `sky` shows the Sun");
         m.exactly_one({"direction", "subsolar", "local", "utc", "et_s"});
         m.resolve(resolve_sun);
         m.unresolve([](const Sun& sun) { return form_of(sun); });

@@ -32,10 +32,9 @@ constexpr ReflectanceRow kReflectanceModels[] = {
      "camera (SENSOR++ eq. 11), per steradian; radiance = E_sun * mu0 * f_r * lit; reflects at most rho of what "
      "arrives, exactly rho from the zenith"},
     {"lunar_lambert", ReflectanceModel::lunar_lambert,
-     "f_r = rho / pi * (2 L / (mu0 + mu) + 1 - L), L = limb_darkening, or, left out, 1 - 0.019 g + 0.242e-3 g^2 - "
-     "1.46e-6 g^3 of the phase angle g in degrees, not below 0 (McEwen 1991, 1996), per steradian; radiance = "
-     "E_sun * mu0 * f_r * lit; equal to Lambert at mu0 = mu = 1, four times lommel_seeliger for L = 1: rho is a "
-     "normal albedo"},
+     "f_r = rho / pi * (2 L / (mu0 + mu) + 1 - L), L = limb_darkening, or, if left out, 1 - 0.019 g + 0.242e-3 g^2 - "
+     "1.46e-6 g^3 of the phase angle g in degrees, not below 0 (McEwen 1991, 1996), per steradian; radiance = E_sun * "
+     "mu0 * f_r * lit; equal to Lambert at mu0 = mu = 1, four times lommel_seeliger for L = 1: rho is a normal albedo"},
     {"hapke", ReflectanceModel::hapke,
      "f_r = w / (4 pi) / (mu0' + mu') * ((1 + B(g)) p(g) + H(mu0') H(mu') - 1) * S * mu0' / mu0, H(x) = (1 + 2x) / "
      "(1 + 2x sqrt(1 - w)), B(g) = b0 / (1 + tan(g/2) / h), mu0', mu' and S of roughness theta_bar (Hapke 1981, "
@@ -118,7 +117,7 @@ OrderedJson coherent_backscatter_of_2002(const Limits&) {
 
 const Members<Reflectance>& reflectance_members() {
   static const auto table = made<Members<Reflectance>>("Reflectance", reflectance_description(), [](auto& m) {
-    m.add("model", &Reflectance::model, Word<ReflectanceModel>{model_words()}, "which BRDF");
+    m.add("model", &Reflectance::model, Word<ReflectanceModel>{model_words()}, "the BRDF");
     m.set_model("model");
     m.add("rho", &Reflectance::rho, Number{kUnitInterval},
           fmt::format("rho of the equations; at most {} of \"lunar_lambert\"", engine::kLunarLambertMaxRho))
@@ -279,7 +278,7 @@ std::string_view normalisation_elsewhere() {
 }
 
 const Members<Material>& material_members() {
-  static const auto table = made<Members<Material>>("Material", "What a surface is made of.", [](auto& m) {
+  static const auto table = made<Members<Material>>("Material", "Surface material.", [](auto& m) {
     add_material(m);
     m.check([](const JsonReader& in, Material& material, const ReadContext&) { check_material(in, material); });
   });
@@ -293,16 +292,16 @@ const Members<Ground>& ground_members() {
       "averaged over a pixel's footprint.",
       [](auto& m) {
         m.add("preset", &Ground::preset, Word{kSurfacePresets},
-              "the Moon's own reflectance, in the place of `reflectance`. `moon`, `moon-mare`, `moon-highlands`: in "
-              "absolute units, by phase and wavelength, from its irradiance as LIME and ROLO have it, with McEwen's "
-              "limb darkening; maps vary it from place to place. `sato2014`, `sato2014-mare`, `sato2014-highlands`: "
-              "Hapke's parameters from images of the LROC WAC in the band (Sato et al. 2014; 0.321 to 0.689 um), "
-              "written as `reflectance` in the resolved request")
+              "the Moon's own reflectance, instead of `reflectance`. `moon`, `moon-mare`, `moon-highlands`: in "
+              "absolute units, by phase and wavelength, from its irradiance by LIME and ROLO, with McEwen's limb "
+              "darkening; maps vary it from place to place. `sato2014`, `sato2014-mare`, `sato2014-highlands`: Hapke's "
+              "parameters from images of the LROC WAC in the band (Sato et al. 2014; 0.321 to 0.689 um), written as "
+              "`reflectance` in the resolved request")
             .written_if([](const Ground& ground) { return ground.preset.has_value(); });
         m.excludes("preset", {"reflectance"});
         add_material(m);
         m.add("albedo_maps", &Ground::albedo_maps, List{kMap, 1, kMaxMaps},
-              "names of maps/NAME.json: rho, or w of `hapke`, from the first map that has a value at a place; where "
+              "names of maps/NAME.json: rho, or w of `hapke`, from the first map that has a value at a point; where "
               "none has, the constant. At most 0.25 for `lunar_lambert`. A map of radiance factors becomes rho by the "
               "model, or with `moon` a ratio to the map's mean over the near side")
             .written_if([](const Ground& ground) { return !ground.albedo_maps.empty(); });

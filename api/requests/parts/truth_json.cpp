@@ -41,7 +41,7 @@ const Members<engine::TruthGrid>& truth_members() {
   using engine::TruthGrid;
   static const auto table = made<Members<TruthGrid>>(
       "Truth",
-      "Subset of pixels for ground-truth products: all but image and radiance, which stay whole. Element (r, c) of "
+      "Subset of pixels for ground-truth products: all except image and radiance, which stay whole. Element (r, c) of "
       "their arrays belongs to the image's pixel in row y + r * every_px and column x + c * every_px.",
       [](auto& m) {
         m.add("region", region_field, Object{region_members()}, "left out: the whole image");
