@@ -78,23 +78,23 @@ Work add_commands(CLI::App& app, Settings& s) {
   add(app, work, "render", "Renders one request to a file", s.render, render);
   add(app, work, "lidar", "Scans the terrain with a lidar", s.lidar, lidar);
   add(app, work, "map", "Renders a map, or a series of them, to files", s.map, map);
-  add(app, work, "features", "Lists a detail's craters, of a region or in a frame", s.features, features);
+  add(app, work, "features", "Lists the craters of a detail in a region or frame", s.features, features);
   CLI::App& campaign = add(app, work, "batch", "Renders a manifest's frames to a folder", s.batch, batch);
-  add(campaign, work, "verify", "Shows whether every frame of a manifest is there once and whole", s.batch_verify,
+  add(campaign, work, "verify", "Checks that every frame of a manifest exists once and undamaged", s.batch_verify,
       batch_verify);
   add(app, work, "ingest", "Builds the terrain pyramid in advance", s.ingest, ingest);
   add(app, work, "sample", "Writes sample terrain", s.sample, sample);
   add(app, work, "info", "Lists the DEM files, their footprints and gaps", s.info, info);
   CLI::App& verify = *app.add_subcommand("verify", "Measures the accuracy of the answers");
   verify.require_subcommand(1);
-  add(verify, work, "roundtrip", "Extracts a DEM from what cameras see and compares it with its original",
+  add(verify, work, "roundtrip", "Extracts a DEM from camera views and compares it with the original",
       s.verify_round_trip, verify_round_trip);
-  add(verify, work, "accuracy", "Measures speed against error, on named scenes for every setting", s.verify_accuracy,
+  add(verify, work, "accuracy", "Measures speed against error on named scenes, for every setting", s.verify_accuracy,
       verify_accuracy);
-  add(verify, work, "moon", "The Moon's brightness, and real images of it beside frames", s.verify_moon, verify_moon);
-  add(verify, work, "ground", "Slopes and craters of a detail's ground, beside the laws that it was made for",
-      s.verify_ground, verify_ground);
-  add(verify, work, "mertis", "Flux and signal-to-noise ratio of a thermal imaging spectrometer", s.verify_mertis,
+  add(verify, work, "moon", "Compares the Moon's brightness with models and images", s.verify_moon, verify_moon);
+  add(verify, work, "ground", "Compares a detail's slopes and craters with published laws", s.verify_ground,
+      verify_ground);
+  add(verify, work, "mertis", "Computes flux and SNR of a thermal imaging spectrometer", s.verify_mertis,
       verify_mertis);
   return work;
 }
@@ -125,7 +125,7 @@ void suggest(const CLI::App& app, int argc, char** argv) {
       const std::string name = word.substr(0, word.find('='));
       if (std::ranges::find(known, name) != known.end()) continue;
       if (const CLI::App* parent = command->get_parent(); parent && parent->get_option_no_throw(name))
-        return say(fmt::format("{}: is an option of {}, not of {}\n", name, parent->get_name(), command->get_name()));
+        return say(fmt::format("{} is an option of {}, not of {}\n", name, parent->get_name(), command->get_name()));
       return print_nearest(name, known);
     }
     const auto commands = command->get_subcommands([](const CLI::App*) { return true; });
@@ -157,7 +157,7 @@ int run(CLI::App& app, const Work& work) {
 // A command's status, if all that it has printed can be written: what is short waits in a buffer until here.
 int with_output_written(int status) {
   if (std::fflush(stdout) == 0 && std::ferror(stdout) == 0) return status;
-  say("error: standard output can't be written\n");
+  say("error: standard output cannot be written\n");
   return status != 0 ? status : 1;
 }
 
@@ -183,7 +183,7 @@ int main(int argc, char** argv) {
   app.require_subcommand(1);
   app.footer(
       "Every option is also a member of the TOML file given by --config, and SELENOGRAPH_<OPTION> in the environment:\n"
-      "the command line wins over the environment, that over the file, that over the default.");
+      "precedence: command line, environment, file, default.");
   Settings settings;
   const Work work = add_commands(app, settings);
   try {

@@ -87,14 +87,14 @@ const Answer<dem::Catalogue>& datasets_answer() {
     a.add(
         "problems",
         array(object("", {{"path", text("file or folder")}, {"what", text("what is wrong with it")}}, {"path", "what"}),
-              "files that can't be used, or not all of them"),
+              "files that cannot be used, or not all of them"),
         [](const S& s) {
           OrderedJson list = OrderedJson::array();
           for (const auto& problem : s.problems()) list.push_back({{"path", problem.path}, {"what", problem.what}});
           return list;
         });
     a.add("side_layers",
-          array(object("A file beside a DEM that holds no heights.",
+          array(object("A file next to a DEM, without heights.",
                        {{"path", text("file")}, {"kind", text("what it says about the heights")}}, {"path", "kind"})),
           [](const S& s) {
             OrderedJson list = OrderedJson::array();

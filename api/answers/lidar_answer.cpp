@@ -44,7 +44,7 @@ constexpr LidarColumn kLidarColumns[] = {
     {"count", &LidarReturns::count, 1, Meaning::number, "of detections, false alarms included, at most 255"},
     {"velocity_m_s", &LidarReturns::velocity_m_s, 1, Meaning::number,
      "measured velocity along the beam, positive toward the surface; NaN without a detection, and of a false alarm"},
-    {"false_alarm", &LidarReturns::false_alarm, 1, Meaning::flag, "truth: `range_m` is nothing's"},
+    {"false_alarm", &LidarReturns::false_alarm, 1, Meaning::flag, "truth: `range_m` belongs to no target"},
     {"true_range_m", &LidarReturns::true_range_m, 1, Meaning::number,
      "truth: centroid of the strongest return, whether it was detected or not; NaN: the beam meets nothing"},
     {"true_width_m", &LidarReturns::true_width_m, 1, Meaning::number, "standard deviation of that return, as a range"},

@@ -93,10 +93,9 @@ void add_radiometry(Answer<MetadataSource>& a) {
       [](const MetadataSource& s) { return s.frame ? s.scenery.sun_given : with_light(s); });
   a.add(
       kSunCovered,
-      number(
-          kUnitInterval,
-          "share of the Sun's disc that the Earth covers at the epoch that gives the Sun, seen from the ground below "
-          "the camera or in the map's middle, where it isn't 0: no light is taken off for it"),
+      number(kUnitInterval,
+             "share of the Sun's disc that the Earth covers at the epoch that gives the Sun, seen from the ground "
+             "below the camera or in the map's middle, where it is not 0: no light is taken off for it"),
       [](const MetadataSource& s) { return s.sun_covered; }, [](const MetadataSource& s) { return s.sun_covered > 0; });
   a.add("solar_irradiance", free_object("value_w_m2 at the Moon after 1/r^2, its band and source"), irradiance_json,
         with_light);
@@ -266,8 +265,8 @@ void add_content(Answer<MetadataSource>& a) {
         reported(&FrameReport::blended_fraction));
   a.add("missing_fraction",
         number(kUnitInterval,
-               "share of pixels that look at the Moon where there is no data; there the ground counts as at height 0, "
-               "or as the lowest in view if that is lower"),
+               "share of pixels that see the Moon where there is no data; the ground there is taken at height 0, or as "
+               "the lowest in view if that is lower"),
         reported(&FrameReport::missing_fraction));
   a.add(
       "view", view_answer().schema(),
@@ -294,7 +293,7 @@ std::string_view software_version() { return SELENOGRAPH_VERSION; }
 
 const Answer<MetadataSource>& metadata_answer() {
   static const auto answer = answer_of<MetadataSource>(
-      "What is said about a frame besides its pixels: meta.json in an .npz, the attribute `selenograph` of images, the "
+      "Information on a frame besides its pixels: meta.json in an .npz, the attribute `selenograph` of images, the "
       "header Selenograph-Meta elsewhere. The same request gives the same text. A map's metadata have the same "
       "members.",
       [](Answer<MetadataSource>& a) {

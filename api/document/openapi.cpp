@@ -75,9 +75,8 @@ OrderedJson headers() {
       {"Selenograph-Product", header("Of npy and raw answers: the product")},
       {"Selenograph-Shape", header("Of npy and raw answers: height,width or height,width,3")},
       {"Selenograph-Dtype", header("Of npy and raw answers: NumPy's name, e.g. <f4")},
-      {"Selenograph-Missing-Fraction", header("Share of pixels that look at the Moon where there is no data; absent "
-                                              "when there are none",
-                                              "number")},
+      {"Selenograph-Missing-Fraction",
+       header("Share of pixels that see the Moon where there is no data; absent when there are none", "number")},
       {"Selenograph-Warnings",
        header(
            "The metadata's warnings, those of several cameras with their names, as compact ASCII "

@@ -223,7 +223,7 @@ std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& 
   Source source(zip_source_function_create(ZipDestination::call, &destination, nullptr));
   if (!source) fail("no memory");
   Archive archive(zip_open_from_source(source.get(), ZIP_CREATE | ZIP_TRUNCATE, nullptr));
-  if (!archive) fail("can't start an archive");
+  if (!archive) fail("cannot start an archive");
   source.release();  // NOLINT(bugprone-unused-return-value): the archive owns it now
   for (std::size_t i = 0; i < arrays.size(); ++i) {
     add_member(archive.get(), std::string(arrays[i].name) + ".npy",

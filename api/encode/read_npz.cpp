@@ -155,7 +155,7 @@ OpenArchive open_archive(const Make& make, int flags, const Refuse& refuse) {
   OpenArchive archive(source ? zip_open_from_source(source, ZIP_RDONLY | flags, &error) : nullptr);
   if (!archive) {
     if (source) zip_source_free(source);
-    const std::string why = std::string("can't be read: ") + zip_error_strerror(&error);
+    const std::string why = std::string("cannot be read: ") + zip_error_strerror(&error);
     zip_error_fini(&error);
     refuse(why);
   }
@@ -166,7 +166,7 @@ OpenArchive open_archive(const Make& make, int flags, const Refuse& refuse) {
 std::string unpacked(zip_t* archive, zip_uint64_t index, std::size_t size, const std::string& name,
                      const StopToken& stop) {
   const std::unique_ptr<zip_file_t, CloseMember> file(zip_fopen_index(archive, index, 0));
-  if (!file) refuse_npz(name, std::string("can't be opened: ") + zip_strerror(archive));
+  if (!file) refuse_npz(name, std::string("cannot be opened: ") + zip_strerror(archive));
   std::string content(size, '\0');
   std::size_t have = 0;
   while (true) {

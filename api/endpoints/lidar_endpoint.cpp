@@ -43,13 +43,13 @@ void describe_lidar(Operation& o) {
       "A lidar's scan of the finest terrain with detail, rocks and objects. A beam is a Gaussian of sub-rays; its echo "
       "is what they return (the surface's reflectance at zero phase over range^2), spread over the pulse and over the "
       "slope that each part of the beam lights up. Returns that can be told apart are detected by chance, which is a "
-      "function of seed, scan and beam; beside what is measured stands what is true. Columns:\n" +
+      "function of seed, scan and beam; ground truth comes with the measurements. Columns:\n" +
       lidar_columns_text();
   o.describe(text.c_str());
   o.body("/v1/lidar", lidar_members());
   o.takes_arrays(
       "The request's JSON as the text `request`, and `direction` (n, 3; camera axes) with `time_s` (n, or one number; "
-      "0 without) in the place of `pulses`");
+      "0 without) instead of `pulses`");
   o.answer_as_accepted(kLidarAnswers, "LidarAnswer", {"Vary"});
   o.schema("LidarAnswer",
            schema::object("The beams.",

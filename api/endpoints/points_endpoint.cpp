@@ -133,9 +133,8 @@ OrderedJson list_of(const char* name, const OrderedJson& item, std::size_t most,
 void describe_rays(Operation& o) {
   o.body("/v1/rays", rays_members());
   o.takes_arrays(
-      "The request's JSON as the text `request`, and `origin_m` and `direction` (..., 3) in the place of `rays`; one "
-      "row "
-      "of either may stand for many of the other: numpy.savez(file, origin_m=..., direction=..., request=json)");
+      "The request's JSON as the text `request`, and `origin_m` and `direction` (..., 3) instead of `rays`; one row of "
+      "either may stand for many of the other: numpy.savez(file, origin_m=..., direction=..., request=json)");
   o.answer_as_accepted(kRaysAnswers, "RaysAnswer", {"Vary", "Selenograph-Warnings"});
   o.schema("RaysAnswer", list_of("rays", hit_answer().schema(), o.most_points(), "hits"));
 }
@@ -143,7 +142,7 @@ void describe_rays(Operation& o) {
 void describe_project(Operation& o) {
   o.body("/v1/project", project_members());
   o.takes_arrays(
-      "The request's JSON as the text `request`, and `points` (..., 2) or (..., 3) in the place of its list: lat_deg, "
+      "The request's JSON as the text `request`, and `points` (..., 2) or (..., 3) instead of its list: lat_deg, "
       "lon_deg and height_m, NaN: on the terrain");
   o.answer_as_accepted(kLandmarkAnswers, "ProjectAnswer", {"Vary", "Selenograph-Warnings"});
   o.schema("ProjectAnswer", list_of("points", landmark_answer().schema(), o.most_points(), "landmarks"));

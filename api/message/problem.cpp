@@ -18,49 +18,48 @@ namespace {
 
 constexpr std::array<ErrorRow, 24> kTable{{
     {"malformed_request", 400, "Malformed request",
-     "The request line, a header or a query parameter can't be understood."},
+     "The request line, a header or a query parameter cannot be understood."},
     {"malformed_json", 400, "Malformed JSON",
      "The body is not JSON text (RFC 8259), or is nested deeper than the service accepts."},
     {"malformed_npz", 400, "Malformed NPZ",
      "The body is not an archive as `numpy.savez` writes it, of numbers and texts; `errors` names the array."},
     {"foreign_origin", 403, "Foreign origin",
-     "A page of another site asks: its `Origin` is neither the request's own host and port nor allowed by "
-     "the service's operator (`--allowed-host`)."},
+     "The request comes from another site: its `Origin` is neither the request's own host and port nor allowed by the "
+     "service's operator (`--allowed-host`)."},
     {"not_found", 404, "Not found", "There is nothing at this path."},
     {"method_not_allowed", 405, "Method not allowed",
-     "The path exists but not with this method; `Allow` lists those that it has."},
+     "The path does not support this method; `Allow` lists those it does."},
     {"not_acceptable", 406, "No such representation",
-     "Nothing in `Accept` is a representation that this call has; `detail` lists those that there are."},
+     "This call has no representation that `Accept` allows; `detail` lists those it has."},
     {"request_timeout", 408, "Request too slow", "The request did not arrive in time."},
     {"too_large", 413, "Body too large", "The body is larger than the service accepts."},
     {"uri_too_long", 414, "URI too long", "The request target is longer than the service accepts."},
     {"unsupported_media_type", 415, "Unsupported media type",
      "The body must be `application/json`, or, where the call takes arrays, `application/x-npz`."},
     {"misdirected_request", 421, "Unknown host",
-     "The request is addressed to a name that the service does not have. Its operator can add one with "
-     "`--allowed-host`; an address of the machine, or localhost there, needs none."},
+     "The service is not known by the name in `Host`. Its operator can add it with `--allowed-host`; an address of the "
+     "machine, and localhost there, need none."},
     {"invalid_request", 422, "Invalid request",
      "Well-formed JSON that asks for something impossible; `errors` points at each offending member."},
     {"headers_too_large", 431, "Headers too large", "The request's headers are larger than the service accepts."},
     {"client_gone", 499, "Client closed the connection",
      "The client left before its answer was ready. Seen in metrics only."},
-    {"internal", 500, "Internal error", "A fault of the service itself."},
+    {"internal", 500, "Internal error", "A bug of the service itself."},
     {"terrain_data_error", 500, "Terrain data unusable",
-     "A DEM file that this call needs is missing, truncated or corrupt; `detail` names it. Asking again does not help: "
-     "the operator must mend the file."},
+     "A DEM file that this call needs is missing, truncated or corrupt; `detail` names it. A retry does not help: the "
+     "operator must fix the file."},
     {"asset_error", 500, "Asset unusable",
-     "A file of the assets folder that the request names can't be used; `detail` names file and line. The operator "
-     "must mend it."},
-    {"not_implemented", 501, "Not implemented", "No resource of this service has this method."},
+     "A file of the assets folder that the request names cannot be used; `detail` names file and line. The operator "
+     "must fix it."},
+    {"not_implemented", 501, "Not implemented", "No resource of this service supports this method."},
     {"busy", 503, "Busy",
-     "The service is at capacity: as many requests are active and waiting as it holds; `Retry-After` says when to come "
-     "back."},
+     "The service is at capacity: no slot is free, and the queue is full; `Retry-After` says when to retry."},
     {"storage_unavailable", 503, "Storage unavailable",
-     "A file could not be opened or read for a reason that lies in the system: no descriptors, no memory, a disk that "
-     "fails. Nothing is known to be wrong with the file; ask again."},
+     "A file could not be opened or read because of the system: no descriptors, no memory, a failing disk. Nothing is "
+     "known to be wrong with the file; retry."},
     {kOutOfMemory, 503, "Out of memory",
-     "There is not enough memory for this request beside the active ones; `Retry-After` says when to come back."},
-    {"shutting_down", 503, "Shutting down", "The service finishes what it has and accepts nothing new."},
+     "There is not enough memory for this request in addition to the active ones; `Retry-After` says when to retry."},
+    {"shutting_down", 503, "Shutting down", "The service finishes its requests and accepts no new ones."},
     {"deadline_exceeded", 504, "Deadline exceeded",
      "The answer was not ready within the service's deadline or the request's `Request-Timeout-Ms`."},
 }};

@@ -166,7 +166,7 @@ const Members<FeaturesQuery>& features_members() {
         m.add("kind", &FeaturesQuery::kind, Word{kKinds}, "what is listed");
         m.add("region", &FeaturesQuery::bounds, Object{bounds_members()}, "region of their centres").required();
         m.add("smallest_m", &FeaturesQuery::smallest_m, Number{kDiameter_m, "m"},
-              "least diameter; left out: the preset's");
+              "minimum diameter; left out: the preset's");
         m.add("min_depth_over_diameter", &FeaturesQuery::least_depth, Number{kUnitInterval},
               "minimum `depth_over_diameter` of craters; 0: all, down to those no longer recognisable as craters");
         m.check([](const JsonReader& in, FeaturesQuery& query, const ReadContext& context) {

@@ -204,7 +204,7 @@ const Members<engine::Accuracy>& map_accuracy_members() {
         m.add("max_error_px", &Accuracy::max_error_px, Number{kMaxError_px, "px"},
               "upper bound on the mesh's vertical error; posts are at most twice as far apart; 0: the finest posts");
         m.add("max_shadow_error_px", &Accuracy::max_shadow_error_px, Number{{0, 1e6}, "px"},
-              "limit on how far the mesh's error displaces a shadow's edge on level ground");
+              "limit on the displacement of shadow edges on level ground by the mesh's error");
         m.add("max_detail_error_px", &Accuracy::max_detail_error_px, Number{{0, 1e6}, "px"}, detail_aim());
       });
   return *members;

@@ -59,7 +59,7 @@ void check_mertis(const JsonReader& in, MertisQuery& query, const ReadContext&) 
 }
 
 constexpr const char* kAssumptions[] = {
-    "SENSOR++ prints 80 channels from 7 to 14 um and equations (3), (9) and (12); it doesn't print what follows",
+    "SENSOR++ prints 80 channels from 7 to 14 um and equations (3), (9) and (12); it does not print what follows",
     "channels of equal width",
     "f/2 and pixels of 35 um (Hiesinger, Helbert et al. 2010)",
     "efficiency of optics and grating 0.3 at all wavelengths",

@@ -103,7 +103,7 @@ class Folders {
       }
     }
     if (trouble != 0)
-      problems.push_back({folder, "can't be searched: " + std::generic_category().message(trouble), false, false});
+      problems.push_back({folder, "cannot be searched: " + std::generic_category().message(trouble), false, false});
     // Names of one product in one folder come in this order already.
     if (!std::is_sorted(found.begin(), found.end(), path_less)) std::sort(found.begin(), found.end(), path_less);
     return found;

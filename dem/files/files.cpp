@@ -77,7 +77,7 @@ bool is_system_fault(int code) {
 
 void throw_file_error(const std::string& file, int code) {
   if (is_system_fault(code)) throw SystemFault(file, code);
-  throw DataError(file, "can't be opened: " + std::generic_category().message(code));
+  throw DataError(file, "cannot be opened: " + std::generic_category().message(code));
 }
 
 std::string read_head(const std::string& path, std::size_t most) {

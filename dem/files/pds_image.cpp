@@ -55,7 +55,7 @@ double in_unit(const PdsReader& image, const char* keyword, double otherwise, do
   if (!value || value->unit.empty()) return x;
   const std::string unit = upper_case(value->unit);
   const auto own_m = metres(std::string_view(unit).substr(0, unit.find('/')));
-  if (!own_m) image.fail(std::string(keyword) + " has a unit that is no height: '" + value->unit + "'");
+  if (!own_m) image.fail(std::string(keyword) + " has a unit that is not a length: '" + value->unit + "'");
   return x * (*own_m / unit_m);
 }
 
@@ -114,7 +114,7 @@ void check_data_size(const std::string& label_path, const RawImage& image) {
   std::error_code error;
   const std::uint64_t have = fs::file_size(image.data_path, error);
   if (error && is_system_fault(error.value())) throw SystemFault(image.data_path, error.value());
-  if (error) throw DataError(label_path, "its data file " + image.data_path + " can't be read: " + error.message());
+  if (error) throw DataError(label_path, "its data file " + image.data_path + " cannot be read: " + error.message());
   const std::uint64_t rows = static_cast<std::uint64_t>(image.height) - 1;
   const std::uint64_t last = static_cast<std::uint64_t>(image.width) * static_cast<std::uint64_t>(image.sample.bytes);
   const std::uint64_t need = image.first_byte + rows * image.row_bytes + last;

@@ -64,7 +64,7 @@ class PdsReader {
     if (const auto x = maybe(keyword)) return *x;
     const std::string text = word(keyword);
     if (text.empty() || text == "N/A" || text == "UNK" || text == "UNKNOWN" || text == "NULL") return otherwise;
-    fail(std::string(keyword) + " is no number: '" + text + "'");
+    fail(std::string(keyword) + " is not a number: '" + text + "'");
   }
   double number(std::string_view keyword) const {
     if (const auto x = maybe(keyword)) return *x;

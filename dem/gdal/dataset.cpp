@@ -59,7 +59,7 @@ OpenDataset open_dataset(const std::string& path, const char* const* drivers, Lo
   const OpenOptions options(open.remote);
   const QuietGdal quiet;
   open.dataset = try_to_open(path, drivers);
-  if (!open.dataset) quiet.fail(path, "can't be opened");
+  if (!open.dataset) quiet.fail(path, "cannot be opened");
   // What lies within a file on a network is not asked for before it is needed.
   check_blocks(*open.dataset, open.remote || sources.remote ? Look::again : look, path, "its ");
   if (look == Look::first)

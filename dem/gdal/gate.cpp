@@ -80,8 +80,8 @@ void explain(RemoteTrouble& trouble) {
                  (http && (text.ends_with(": 404") || text.ends_with(": 410")));
   if (http && text.ends_with(": 0")) text = "no answer";
   trouble.what = trouble.gone   ? "is missing on its server"
-                 : text.empty() ? "can't be read from its server"
-                                : "can't be read from its server: " + text;
+                 : text.empty() ? "cannot be read from its server"
+                                : "cannot be read from its server: " + text;
 }
 
 bool stat_once(VSIFilesystemHandler& behind, const std::string& name, VSIStatBufL* state, RemoteTrouble& trouble) {
@@ -138,7 +138,7 @@ class RemoteFile final : public VSIVirtualHandle {
     if (done == wanted) return true;
     explain(trouble);
     trouble.gone = false;  // which only open_again() can tell
-    if (trouble.what.empty() || done > 0) trouble.what = "can't be read from its server: its answer was cut short";
+    if (trouble.what.empty() || done > 0) trouble.what = "cannot be read from its server: its answer was cut short";
     handle_.reset();
     return false;
   }

@@ -21,7 +21,7 @@ namespace {
 
 std::string complaint() {
   const std::string text = CPLGetLastErrorMsg();
-  return text.empty() ? "can't be written" : text;
+  return text.empty() ? "cannot be written" : text;
 }
 
 // Latitude and longitude on the IAU's mean sphere, the names as in the IAU's own definitions (IAU_2015:30100), so that
@@ -50,7 +50,7 @@ void describe(GDALDataset& dataset, const GeotiffGrid& g, const std::string& nam
 void create(const std::string& path, const GeotiffGrid& g, std::span<const float> values, const std::string& name) {
   if (g.width < 1 || g.height < 1 ||
       values.size() != static_cast<std::size_t>(g.width) * static_cast<std::size_t>(g.height))
-    throw std::invalid_argument("a grid's values don't match its size");
+    throw std::invalid_argument("a grid's values do not match its size");
   register_gdal();
   const QuietGdal quiet;
   const char* const options[] = {"COMPRESS=DEFLATE", "PREDICTOR=3", "BIGTIFF=IF_SAFER", nullptr};

@@ -81,7 +81,7 @@ bool holds_radii(RasterFile& s) {
     return std::abs((height_m - s.offset_m) / s.scale) < kUndeclaredVoid && !is_possible(height_m);
   };
   if (std::count_if(heights.begin(), heights.end(), impossible) == kSamples)
-    throw DataError(s.info.path, "its samples can't be heights: " + std::to_string(heights.front()) + " m is one");
+    throw DataError(s.info.path, "its samples cannot be heights: " + std::to_string(heights.front()) + " m is one");
   const auto more_radii = [&] {
     return std::count_if(heights.begin(), heights.end(), may_be_radius) -
            std::count_if(heights.begin(), heights.end(), may_be_height);
@@ -219,7 +219,7 @@ double unit_in_metres(const std::string& unit, const std::string& path) {
   const auto is = [&](const char* name) { return EQUAL(unit.c_str(), name); };
   if (unit.empty() || is("m") || is("metre") || is("metres") || is("meter") || is("meters")) return 1;
   if (is("km") || is("kilometre") || is("kilometres") || is("kilometer") || is("kilometers")) return 1000;
-  throw NotHeights(path, "its unit '" + unit + "' is no height");
+  throw NotHeights(path, "its unit '" + unit + "' is not a length");
 }
 
 void find_values(RasterFile& s, const RasterInfo* known, Damage damage) {
@@ -312,7 +312,7 @@ void open_band(RasterFile& s) {
   errno = 0;
   VSILFILE* file = VSIFOpenL(s.pds->data_path.c_str(), "rb");
   if (!file && is_system_fault(errno)) throw SystemFault(s.pds->data_path, errno);
-  if (!file) throw DataError(s.info.path, "its data file " + s.pds->data_path + " can't be opened");
+  if (!file) throw DataError(s.info.path, "its data file " + s.pds->data_path + " cannot be opened");
   const auto order =
       s.pds->little_endian ? RawRasterBand::ByteOrder::ORDER_LITTLE_ENDIAN : RawRasterBand::ByteOrder::ORDER_BIG_ENDIAN;
   s.raw = std::make_unique<RawRasterBand>(file, s.pds->first_byte, GDALGetDataTypeSizeBytes(s.type),
@@ -389,11 +389,11 @@ void read_samples(RasterFile& s, int x, int y, int w, int h, double* out) {
   const CPLErr error = s.band->RasterIO(GF_Read, x, y, w, h, out, w, h, GDT_Float64, 0, 0, nullptr);
   // GDAL says only once why a VRT's source can't be opened.
   if (error != CE_None)
-    quiet.fail(s.info.path, "can't be read" + (s.info.gap.empty() ? std::string() : " (" + s.info.gap + ")"));
+    quiet.fail(s.info.path, "cannot be read" + (s.info.gap.empty() ? std::string() : " (" + s.info.gap + ")"));
   if (!s.mask) return;
   std::vector<std::uint8_t> mask(static_cast<std::size_t>(w) * static_cast<std::size_t>(h));
   if (s.mask->RasterIO(GF_Read, x, y, w, h, mask.data(), w, h, GDT_Byte, 0, 0, nullptr) != CE_None)
-    quiet.fail(s.info.path, "its mask can't be read");
+    quiet.fail(s.info.path, "its mask cannot be read");
   for (std::size_t i = 0; i < mask.size(); ++i)
     if (mask[i] == 0) out[i] = std::numeric_limits<double>::quiet_NaN();
 }

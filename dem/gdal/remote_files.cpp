@@ -18,7 +18,7 @@ FileState remote_state(const std::string& path) {
   VSIStatBufL state{};
   if (VSIStatExL(path.c_str(), &state, 0) != 0) {
     throw_remote_trouble();
-    throw DataError(path, "can't be read from its server");
+    throw DataError(path, "cannot be read from its server");
   }
   if (VSI_ISDIR(state.st_mode)) throw DataError(path, "is a folder on its server");
   return {static_cast<std::uint64_t>(state.st_size), static_cast<std::int64_t>(state.st_mtime) * 1'000'000'000};

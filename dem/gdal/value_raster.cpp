@@ -47,7 +47,7 @@ struct ValueRaster::Impl {
       return;
     }
     const OGRSpatialReference* srs = dataset->GetSpatialRef();
-    if (!placed || !srs) throw DataError(path, "doesn't say where it lies: give its extent");
+    if (!placed || !srs) throw DataError(path, "does not say where it lies: give its extent");
     if (std::abs(srs->GetSemiMajor() - kMoonRadius_m) > kRadiusTolerance_m)
       throw DataError(path, fmt::format("its sphere of {} m is not the Moon's", srs->GetSemiMajor()));
     if (!srs->IsGeographic() || t[1] <= 0 || t[5] >= 0 || t[2] != 0 || t[4] != 0) warp(*srs);
@@ -76,7 +76,7 @@ struct ValueRaster::Impl {
     auto* warped = static_cast<GDALDataset*>(GDALWarp("", nullptr, 1, &source, how, nullptr));
     GDALWarpAppOptionsFree(how);
     CPLFree(wkt);
-    if (!warped) quiet.fail(path, "can't be warped to degrees");
+    if (!warped) quiet.fail(path, "cannot be warped to degrees");
     unwarped = std::move(dataset);
     dataset.reset(warped);
   }
@@ -100,12 +100,12 @@ struct ValueRaster::Impl {
     if (overview >= 0) band = band->GetOverview(overview);
     if (!band || band->RasterIO(GF_Read, w.x, w.y, w.width, w.height, samples, w.width, w.height, GDT_Float64, 0, 0,
                                 nullptr) != CE_None)
-      quiet.fail(path, "can't be read");
+      quiet.fail(path, "cannot be read");
     // NoData, alpha or a mask, whatever the file has.
     if ((band->GetMaskFlags() & GMF_ALL_VALID) == 0 &&
         band->GetMaskBand()->RasterIO(GF_Read, w.x, w.y, w.width, w.height, mask, w.width, w.height, GDT_Byte, 0, 0,
                                       nullptr) != CE_None)
-      quiet.fail(path, "its mask can't be read");
+      quiet.fail(path, "its mask cannot be read");
   }
 
   std::string path;

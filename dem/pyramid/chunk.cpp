@@ -190,7 +190,7 @@ std::vector<float> Chunk::stored(const Record& record, Block& block) const {
       continue;
     }
     if (index >= catalogue_index_.size())
-      throw DataError(name(), "damaged pyramid file: a source that it doesn't name");
+      throw DataError(name(), "damaged pyramid file: a source that it does not name");
     run.mark = (run.mark & kMarkBits) | catalogue_index_[index];
   }
   if (posts != side * side) throw impossible_size();

@@ -218,7 +218,7 @@ void ChunkStore::reject(const ChunkPlan& plan, const Chunk& opened, const DataEr
     // Where it can't be (a read-only disk) it must not be opened again.
     if (error) {
       distrust(plan.node);
-      trouble_.log(fmt::format("{}; the file can't be deleted: {}", why.what(), error.message()));
+      trouble_.log(fmt::format("{}; the file cannot be deleted: {}", why.what(), error.message()));
     }
   }
   chunks_.erase(plan.node);

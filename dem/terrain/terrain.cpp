@@ -12,9 +12,9 @@ std::vector<std::string> Terrain::warnings_about(std::span<const SourceIndex> re
   std::vector<std::string> texts;
   for (const CatalogueProblem& problem : catalogue().problems())
     if (!problem.located && !problem.unrelated)
-      texts.push_back(name(problem.path) + ": can't be used; where it lies is unknown");
+      texts.push_back(name(problem.path) + ": cannot be used; where it lies is unknown");
   for (const SourceIndex i : replaced)
-    texts.push_back(name(catalogue().rasters()[i].path) + ": can't be used; the layer below stands in for it");
+    texts.push_back(name(catalogue().rasters()[i].path) + ": cannot be used; the layer below stands in for it");
   return texts;
 }
 

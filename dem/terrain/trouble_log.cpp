@@ -23,7 +23,7 @@ void TroubleLog::warn(const std::string& file, const std::string& text) {
 }
 
 void TroubleLog::cache_failed(const char* done, const SystemFault& fault) {
-  const std::string trouble = fmt::format("pyramids are kept in memory only: {} can't be {}: {}", cache_dir_, done,
+  const std::string trouble = fmt::format("pyramids are kept in memory only: {} cannot be {}: {}", cache_dir_, done,
                                           std::generic_category().message(fault.code()));
   {
     std::lock_guard lock(mutex_);

@@ -255,7 +255,7 @@ std::vector<std::string> find_hazards(const MapRequest& request, const MapReques
   if (without_plane == 0) return {};
   return {fmt::format(
       "{} pixels with ground have no plane of the footprint: there the map is stretched so that it covers less than "
-      "three pixels that are not in line, or more than {} pixels from its middle, or it ends beside them",
+      "three non-collinear pixels, or more than {} pixels from its middle, or it ends next to them",
       without_plane, margin)};
 }
 

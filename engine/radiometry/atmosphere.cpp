@@ -56,7 +56,7 @@ Atmosphere::InBand Atmosphere::over(const Band& band, double temperature_k) cons
   const double first = band.response().front().wavelength_um, last = band.response().back().wavelength_um;
   constexpr double kRounding = 1e-12;  // of a band's ends from its center and width
   if (first < rows_.front().wavelength_um * (1 - kRounding) || last > rows_.back().wavelength_um * (1 + kRounding))
-    throw ImpossibleRequest(fmt::format("the band, {} to {} um, isn't within the atmosphere's table, {} to {} um",
+    throw ImpossibleRequest(fmt::format("the band, {} to {} um, is not within the atmosphere's table, {} to {} um",
                                         first, last, rows_.front().wavelength_um, rows_.back().wavelength_um));
   const auto at = [this](double w) { return row_at(rows_, w); };
   std::vector<double> table;

@@ -76,7 +76,7 @@ class Child {
     words.push_back(nullptr);
     if (const int error =
             posix_spawn(&process_, program.c_str(), &settings.files, &settings.attributes, words.data(), environ))
-      throw ChildFailed(fmt::format("can't be started ({}: {})", program, error_text(error)));
+      throw ChildFailed(fmt::format("cannot be started ({}: {})", program, error_text(error)));
   }
   ~Child() {
     if (process_ < 0) return;
@@ -160,7 +160,7 @@ std::string how_it_ended(int status) {
 std::string run_child(const std::string& program, const std::vector<std::string>& arguments, int input,
                       const ChildLimits& limits, const StopToken& stop) {
   int ends[2];
-  if (::pipe2(ends, O_CLOEXEC) != 0) throw ChildFailed(fmt::format("can't be started ({})", error_text(errno)));
+  if (::pipe2(ends, O_CLOEXEC) != 0) throw ChildFailed(fmt::format("cannot be started ({})", error_text(errno)));
   const Descriptor from(ends[0]);
   Descriptor to(ends[1]);
   Child child(program, arguments, input, to.get());

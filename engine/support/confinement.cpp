@@ -27,7 +27,7 @@ void set_limit(int resource, std::size_t most, const char* name, std::size_t gra
   limit.rlim_max = std::min<rlim_t>(limit.rlim_max, most + grace);
   limit.rlim_cur = std::min<rlim_t>(limit.rlim_max, most);
   if (::setrlimit(static_cast<__rlimit_resource>(resource), &limit) != 0)
-    throw std::runtime_error(fmt::format("its reader can't limit its {}: {}", name, std::strerror(errno)));
+    throw std::runtime_error(fmt::format("its reader cannot limit its {}: {}", name, std::strerror(errno)));
 }
 
 // Addresses in use, most of them of libraries: the first field of /proc/self/statm is in pages.

@@ -15,7 +15,7 @@ void each_csv_line(const std::string& path, const std::function<void(std::string
   // Opening a FIFO would wait for its writer.
   if (!dem::file_state(path)) throw DataError(path, "is missing or not a file");
   std::ifstream file(path);
-  if (!file) throw DataError(path, "can't be read");
+  if (!file) throw DataError(path, "cannot be read");
   std::string line;
   for (int number = 1; std::getline(file, line); ++number) {
     if (!line.empty() && line.back() == '\r') line.pop_back();
@@ -26,7 +26,7 @@ void each_csv_line(const std::string& path, const std::function<void(std::string
       throw DataError(path, fmt::format("line {}: {}", number, e.what()));
     }
   }
-  if (file.bad()) throw DataError(path, "can't be read to its end");
+  if (file.bad()) throw DataError(path, "cannot be read to its end");
 }
 
 std::vector<double> csv_numbers(std::string_view line) {

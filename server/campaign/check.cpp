@@ -52,7 +52,7 @@ std::string sha256_of_file(const std::string& path) {
   std::vector<char> buffer(std::size_t{1} << 20);
   while (file.read(buffer.data(), static_cast<std::streamsize>(buffer.size())) || file.gcount() > 0)
     digest.add({buffer.data(), static_cast<std::size_t>(file.gcount())});
-  if (file.bad() || !file.eof()) throw std::runtime_error(path + ": can't be read");
+  if (file.bad() || !file.eof()) throw std::runtime_error(path + ": cannot be read");
   return digest.hex();
 }
 
@@ -80,7 +80,7 @@ class Check {
   std::string path_of(const std::string& file) const { return (fs::path(folder_) / file).string(); }
 
   void list() {
-    if (!fs::is_directory(folder_)) throw std::runtime_error(folder_ + ": is no folder");
+    if (!fs::is_directory(folder_)) throw std::runtime_error(folder_ + ": is not a folder");
     for (const fs::directory_entry& entry : fs::directory_iterator(folder_)) {
       const std::string file = entry.path().filename().string();
       if (!entry.is_regular_file()) continue;

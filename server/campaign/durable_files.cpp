@@ -87,7 +87,7 @@ GrowingFile::GrowingFile(std::string path) : path_(std::move(path)) {
       throw std::runtime_error(path_ + ": another process writes it");
     }
     // Some network file systems know no locks.
-    spdlog::warn("{}: can't be locked ({}): let no two processes work at the same shard", path_,
+    spdlog::warn("{}: cannot be locked ({}): let no two processes work at the same shard", path_,
                  std::generic_category().message(error));
   }
   struct stat status {};

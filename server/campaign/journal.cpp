@@ -57,7 +57,7 @@ void each_line(const std::string& path, std::size_t number, std::string_view tex
     try {
       each(OrderedJson::parse(text.substr(at, end - at)), number, at);
     } catch (const OrderedJson::exception&) {
-      spdlog::warn("{}, line {}: is no line of a journal; passed over", path, number);
+      spdlog::warn("{}, line {}: is not a journal line; skipped", path, number);
     }
   }
 }

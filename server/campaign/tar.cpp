@@ -56,7 +56,7 @@ la_ssize_t read_hashed(::archive* archive, void* file, const void** bytes) {
   auto& hashed = *static_cast<HashedFile*>(file);
   const std::string_view got = hashed.next();
   if (hashed.file.bad()) {
-    ::archive_set_error(archive, EIO, "can't be read");
+    ::archive_set_error(archive, EIO, "cannot be read");
     return -1;
   }
   *bytes = got.data();
@@ -97,7 +97,7 @@ std::string tar_end() { return std::string(2 * kTarBlockBytes, '\0'); }
 std::string read_tar(const std::string& path,
                      const std::function<void(const std::string&, std::uint64_t, const std::string&)>& each) {
   HashedFile file{std::ifstream(path, std::ios::binary), {}};
-  if (!file.file) throw std::runtime_error(path + ": can't be read");
+  if (!file.file) throw std::runtime_error(path + ": cannot be read");
   const Archive archive(::archive_read_new());
   const auto good = [&](int result) { need(result, archive.get(), path); };
   good(::archive_read_support_format_tar(archive.get()));

@@ -82,14 +82,14 @@ Written of_frame(const Json& request, const FeaturesSettings& s, const engine::R
   std::string said =
       fmt::format("{}: {} craters and {} rocks in {}\n", s.coco, labels.craters(), labels.rocks(), image);
   if (const std::size_t cut_off = frame.report.craters.cut_off; cut_off > 0)
-    said += fmt::format("{}: {} more are left out: the camera can't image all of their rim\n", s.coco, cut_off);
+    said += fmt::format("{}: {} more are left out: the camera cannot image all of their rim\n", s.coco, cut_off);
   return {s.coco, api::json_line(labels.coco(query, image)), said};
 }
 
 // Neither of two files is written if the other can't be.
 void check_outputs(const FeaturesSettings& s, bool of_region, bool of_frame) {
   if (of_region && of_frame && is_same_file(s.output, s.coco))
-    throw std::runtime_error("-o and --coco: " + s.coco + " can't be both");
+    throw std::runtime_error("-o and --coco: " + s.coco + " cannot be both");
   if (of_region && s.output != "-") check_can_be_written(s.output);
   if (of_frame && s.coco != "-") check_can_be_written(s.coco);
 }

@@ -84,7 +84,7 @@ void print_table(const dem::Catalogue& catalogue, std::size_t posts) {
   fmt::print("{} gaps within the area covered (whole degrees)\n", gaps.size());
   for (const dem::Footprint& gap : gaps) fmt::print("  {}\n", box(gap));
   if (!catalogue.problems().empty())
-    fmt::print("{} files that can't be used, or not all of them\n", catalogue.problems().size());
+    fmt::print("{} files that cannot be used, or not all of them\n", catalogue.problems().size());
   for (const dem::CatalogueProblem& problem : catalogue.problems())
     fmt::print("  {}: {}\n", problem.path, problem.what);
   for (const dem::SideLayer& side : catalogue.side_layers())

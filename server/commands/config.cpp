@@ -92,14 +92,14 @@ std::vector<std::string> split_list(const std::string& text) {
   return parts;
 }
 
-// CLI11 says "not in range" of what is no number, too.
+// CLI11 says "not in range" of what is not a number, too.
 std::string complaint(const CLI::Option& option, const std::string& value, const CLI::ParseError& error) {
   const std::string type = option.get_type_name();
   const bool whole = type.find("INT") != std::string::npos;
   if (!whole && type.find("FLOAT") == std::string::npos) return error.what();
   double number = 0;
-  if (!CLI::detail::lexical_cast(value, number)) return value + " is no number";
-  return whole && number != std::floor(number) ? value + " is no whole number" : error.what();
+  if (!CLI::detail::lexical_cast(value, number)) return value + " is not a number";
+  return whole && number != std::floor(number) ? value + " is not a whole number" : error.what();
 }
 
 void set_option(CLI::Option& option, const std::vector<std::string>& values, const std::string& origin) {
@@ -152,9 +152,9 @@ void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
       ->capture_default_str();
   command.add_option("--cache-dir", s.cache_dir, "Folder for pyramids")->type_name("DIR")->capture_default_str();
   command
-      .add_option("--ground-disk-mb", s.ground_disk_mb,
-                  "Disk for ground with detail in the cache folder, MiB: what was made once is read again, by other "
-                  "processes, too. 0: none")
+      .add_option(
+          "--ground-disk-mb", s.ground_disk_mb,
+          "Disk space for ground with detail in the cache folder, MiB, reused by later and other processes. 0: none")
       ->check(CLI::Range(0, 1 << 24))
       ->capture_default_str();
   command.add_option("--cache-mb", s.memory.cache_mb, "Memory for terrain, MiB" + by_default)
@@ -179,14 +179,14 @@ std::string refusal_of_address(const std::string& text) {
   in6_addr address{};
   const bool numeric =
       ::inet_pton(AF_INET, text.c_str(), &address) == 1 || ::inet_pton(AF_INET6, text.c_str(), &address) == 1;
-  return numeric ? std::string() : text + " is no IP address";
+  return numeric ? std::string() : text + " is not an IP address";
 }
 
 std::string refusal_of_host(const std::string& text) {
-  return is_host(text) ? std::string() : text + " is no host name or address (without scheme and port)";
+  return is_host(text) ? std::string() : text + " is not a host name or address (without scheme and port)";
 }
 
-// Who may use the service, and what is told of it.
+// Access to the service and its pages; the log.
 void add_access(CLI::App& command, ServeSettings& s) {
   const std::map<std::string, PageAccess> access{
       {"off", PageAccess::off}, {"local", PageAccess::local}, {"on", PageAccess::on}};
@@ -202,14 +202,14 @@ void add_access(CLI::App& command, ServeSettings& s) {
       ->default_str("text");
   command
       .add_option("--trusted-proxy", s.trusted_proxy,
-                  "Address of a proxy that sets or removes the header Selenograph-Token, beside loopback")
+                  "Address of a proxy that sets or removes the header Selenograph-Token, besides loopback")
       ->type_name("ADDRESS ...")
       ->check(refusal_of_address)
       ->expected(1, 1 << 20);
   command
       .add_option("--allowed-host", s.allowed_host,
-                  "Name or address that clients may use for the service, and whose pages may ask it, beside --host, "
-                  "localhost, 127.0.0.1, [::1] and the address that a connection comes to")
+                  "Name or address that clients may use for the service, and whose pages may call it, besides --host, "
+                  "localhost, 127.0.0.1, [::1] and the address to which a connection is made")
       ->type_name("NAME ...")
       ->check(refusal_of_host)
       ->expected(1, 1 << 20);
@@ -224,7 +224,7 @@ void add_options(CLI::App& command, TerrainSettings& s) {
       ->capture_default_str();
   command
       .add_option("--on-data-error", s.on_data_error,
-                  "Corrupt or vanished DEM file: an error, or use the coarser layer")
+                  "On a corrupt or missing DEM file: fail, or use the coarser layer")
       ->check(CLI::IsMember({"fail", "fall-through"}))
       ->capture_default_str();
   command
@@ -235,21 +235,20 @@ void add_options(CLI::App& command, TerrainSettings& s) {
       ->capture_default_str();
   command
       .add_option("--layer-offset", s.layer_offset,
-                  "Offset added to the heights of files with that name (* and ? as in a shell), m; fit: fitted to the "
-                  "coarser layer along the border")
+                  "Offset added to the heights of files with that name (* and ? as in a shell), m; fit: measured "
+                  "against the coarser layer along the border")
       ->type_name("PATTERN=METRES|fit ...")
       ->expected(1, 1 << 20)
       ->check([](const std::string& text) { return refusal_of(text, dem::parse_layer_offset); });
   command
       .add_option("--resolved-posts", s.resolved_posts,
-                  "Spacing of the heights that files with that name resolve, in posts: detail begins there; fit: "
-                  "measured from the heights")
+                  "Resolution of files with that name, in posts: detail begins there; fit: measured from the heights")
       ->type_name("PATTERN=POSTS|fit ...")
       ->expected(1, 1 << 20)
       ->check([](const std::string& text) { return refusal_of(text, dem::parse_resolved_posts); });
   command.add_flag("--strict", s.strict,
                    "A file in a DEM folder that is not a DEM, such as an orthoimage, is an error instead of a warning");
-  command.add_option("--log-level", s.log_level)
+  command.add_option("--log-level", s.log_level, "Minimum level of log lines")
       ->check(CLI::IsMember({"debug", "info", "warning", "error"}))
       ->capture_default_str();
 }
@@ -277,7 +276,7 @@ void add_options(CLI::App& command, api::Limits& s) {
   command.add_option("--max-map-pixels", s.max_map_pixels, "Maximum pixels of a map")
       ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 30))
       ->capture_default_str();
-  command.add_option("--max-samples-per-pixel", s.max_samples_per_pixel)
+  command.add_option("--max-samples-per-pixel", s.max_samples_per_pixel, "Maximum samples per pixel of a frame")
       ->check(CLI::Range(1, 65536))
       ->capture_default_str();
   command.add_option("--max-rays", s.max_rays, "Maximum rays or points of a request, and craters of an answer")
@@ -347,7 +346,7 @@ CLI::Validator number_in(double low, double high) {
   const CLI::Range range(low, high);
   const auto refusal = [range](std::string& text) {
     double number = 0;
-    if (CLI::detail::lexical_cast(text, number) && std::isnan(number)) return text + " is no number";
+    if (CLI::detail::lexical_cast(text, number) && std::isnan(number)) return text + " is not a number";
     return range(text);
   };
   return {refusal, range.get_description()};

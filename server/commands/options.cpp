@@ -58,7 +58,7 @@ void add_options(CLI::App& command, MapSettings& s) {
   command.add_option("-o,--output", s.output, "Map to write: .tif .npz .png")->required()->type_name("OUT");
   command
       .add_option("--utc", s.utc,
-                  "A series: a map for each epoch from FROM to TO, OUT's name with its time, and the mean of lit over "
+                  "A series: a map for each epoch from FROM to TO, named OUT with its time, and the mean of lit over "
                   "all of them, OUT-illumination.tif. Epochs like 2026-11-20T00:00:00Z, a step like 600s, 30m, 6h, 1d")
       ->type_name("FROM TO STEP")
       ->expected(3)
@@ -75,7 +75,7 @@ void add_options(CLI::App& command, FeaturesSettings& s) {
       ->type_name("SOUTH NORTH WEST EAST")
       ->expected(4)
       ->allow_extra_args(false);
-  command.add_option("--smallest-m", s.smallest_m, "Instead of a file: least diameter; left out: the preset's");
+  command.add_option("--smallest-m", s.smallest_m, "Instead of a file: minimum diameter; left out: the preset's");
   command.add_option("-o,--output", s.output, "CSV to write; -: standard output")
       ->type_name("OUT.csv")
       ->capture_default_str();
@@ -87,16 +87,15 @@ void add_options(CLI::App& command, FeaturesSettings& s) {
   command.add_option("--image", s.image, "The COCO file's name for the frame; left out: that of --frame with .png")
       ->type_name("NAME");
   command
-      .add_option(
-          "--least-px", s.rims.least_px,
-          "In a frame whose request has no \"craters\" and no \"labels\": diameter of a circle that is as large as "
-          "a crater's rim, or as what is seen of a rock")
+      .add_option("--least-px", s.rims.least_px,
+                  "If the frame's request has no \"craters\" and no \"labels\": minimum diameter of a circle of the "
+                  "rim's, or the visible rock's, area")
       ->check(number_in(1.0, 1e4))
       ->capture_default_str();
   command
       .add_option("--least-depth", s.rims.least_depth,
-                  "Of craters, but for a REQUEST.json, which has a member for it, and a frame whose request has "
-                  "\"craters\" or \"labels\": depth over diameter, today; 0: all")
+                  "Minimum present depth over diameter of craters, unless a REQUEST.json or the frame's \"craters\" or "
+                  "\"labels\" gives it; 0: all")
       ->check(number_in(0.0, 1.0))
       ->capture_default_str();
   add_options(command, s.terrain);
@@ -107,24 +106,24 @@ void add_options(CLI::App& command, BatchSettings& s) {
   command.add_option("manifest", s.manifest, "A request per line, as for POST /v1/frames, with an optional \"name\"")
       ->type_name("MANIFEST.jsonl");
   command.add_option("-o,--output", s.output, "Folder for frames and journals")->type_name("DIR");
-  command.add_option("--shard", s.shard, "Part I (from 0) of N of the manifest. The parts have about the same work")
+  command
+      .add_option("--shard", s.shard, "Part I (from 0) of N of the manifest; parts have about the same amount of work")
       ->type_name("I/N")
       ->capture_default_str();
   command
       .add_option("--format", s.format,
-                  "Of the frames: DIR/NAME.FORMAT, or tars of .npz files (DIR/frames-000000.tar) for WebDataset")
+                  "Frame format: DIR/NAME.FORMAT, or for WebDataset tars of .npz (DIR/frames-000000.tar)")
       ->check(CLI::IsMember({"npz", "exr", "tiff", "png", kWebDataset}))
       ->capture_default_str();
   command.add_option("--frames-per-tar", s.frames_per_tar, "Maximum frames per tar of --format webdataset")
       ->check(CLI::Range(std::size_t{1}, std::size_t{1} << 20))
       ->capture_default_str();
   command.add_flag("--resume", s.resume,
-                   "DIR may hold frames of other requests, software or terrain under the manifest's names: they are "
-                   "replaced. Without, they are refused. What is finished of this manifest is never rendered again");
-  command.add_flag(
-      "--coco", s.coco,
-      "The craters and rocks of all frames whose requests have \"labels\", when the part is done, as COCO in "
-      "DIR/coco-00000-of-00001.json. Of --format npz and webdataset");
+                   "DIR may contain frames of other requests, software or terrain under the manifest's names: they are "
+                   "replaced. Without it, they are refused. Finished frames of this manifest are never rendered again");
+  command.add_flag("--coco", s.coco,
+                   "Writes the craters and rocks of all frames whose requests have \"labels\", when the part is done, "
+                   "as COCO to DIR/coco-00000-of-00001.json. Only with --format npz and webdataset");
   command.add_option("--in-work", s.in_work, "Frames rendered at once; 0: two, or one on a single core")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
@@ -138,10 +137,9 @@ void add_options(CLI::App& command, BatchVerifySettings& s) {
   command.add_option("manifest", s.manifest, "The campaign's manifest")->required()->type_name("MANIFEST.jsonl");
   command.add_option("-o,--output", s.output, "Its folder")->required()->type_name("DIR");
   command
-      .add_option(
-          "--rerun,--missing", s.rerun,
-          "Manifest to write: the lines that are missing, damaged or doubled, to run again. Damaged and doubled "
-          "files are put aside as FILE.damaged")
+      .add_option("--rerun,--missing", s.rerun,
+                  "Manifest to write: lines whose frames are missing, damaged or duplicated, to run again. Damaged and "
+                  "duplicated files are renamed FILE.damaged")
       ->type_name("FILE");
 }
 
@@ -159,15 +157,15 @@ void add_options(CLI::App& command, InfoSettings& s) {
       ->check(CLI::Range(0, 1 << 30));
   command
       .add_option("--borders", s.borders,
-                  "Measure the steps along the borders of so many layers (reads their files); 0: none")
+                  "Measure the steps along the borders of this many layers (reads their files); 0: none")
       ->check(CLI::Range(0, 1000000))
       ->capture_default_str();
-  command.add_flag("--json", s.json, "As JSON");
+  command.add_flag("--json", s.json, "Print JSON");
 }
 
 void add_options(CLI::App& command, SampleSettings& s) {
-  command.add_option("folder", s.folder, "Where to write; made if missing")->required()->type_name("DIR");
-  command.add_option("--seed", s.options.seed, "Another seed, another landscape")
+  command.add_option("folder", s.folder, "Folder to write to; created if missing")->required()->type_name("DIR");
+  command.add_option("--seed", s.options.seed, "Seed of the random landscape")
       ->check(refusal_of_seed)
       ->capture_default_str();
   command.add_option("--south-deg", s.options.south_deg, "Southern border")
@@ -193,8 +191,8 @@ void add_options(CLI::App& command, SampleSettings& s) {
 }
 
 void add_options(CLI::App& command, VerifyRoundTripSettings& s) {
-  add_place(command, "--center", s.center, "Place on the tile: the finest one there is compared")->required();
-  command.add_option("--height-m", s.request.height_m, "Cameras above the ground")
+  add_place(command, "--center", s.center, "Place: the finest tile there is compared")->required();
+  command.add_option("--height-m", s.request.height_m, "Height of the cameras above the ground")
       ->check(number_in(1.0, 1e9))
       ->capture_default_str();
   command.add_option("--mode", s.mode, "Rays through the posts, ordinary frames resampled to them, or both")
@@ -209,55 +207,57 @@ void add_options(CLI::App& command, VerifyRoundTripSettings& s) {
   command.add_option("--max-error-px", s.request.max_error_px, "Level of detail of the frames; 0: the finest posts")
       ->check(number_in(0.0, 100.0))
       ->capture_default_str();
-  command.add_option("-o,--output", s.output, "Folder for a folder of each mode; made if missing")
+  command.add_option("-o,--output", s.output, "Folder for one folder per mode; created if missing")
       ->required()
       ->type_name("DIR");
   add_options(command, s.terrain);
 }
 
 void add_options(CLI::App& command, VerifyAccuracySettings& s) {
-  add_place(command, "--center", s.center, "Where the scenes are; without: the middle of the finest DEM file");
+  add_place(command, "--center", s.center, "Place of the scenes; default: the middle of the finest DEM file");
   add_place(command, "--polar-center", s.polar_center,
-            "Where the Sun of the polar scene is low; without: no such scene");
-  command.add_option("--detail", s.detail, "Detail of the assets folder: adds a scene with it; without: no such scene")
+            "Place of the polar scene, with a low Sun; default: no such scene");
+  command.add_option("--detail", s.detail, "Detail of the assets folder: adds a scene with it; default: no such scene")
       ->type_name("NAME");
-  command.add_option("--scenes", s.scenes, "Only these")
+  command.add_option("--scenes", s.scenes, "Default: all")
       ->delimiter(',')
       ->check(CLI::IsMember({"nadir", "oblique", "limb", "polar", "descent", "touchdown"}));
   command
       .add_option("--height-m", s.height_m,
-                  "Of the camera above the ground, but for the descents; default: 20000, and with --indirect, whose "
-                  "rays meet the finest terrain, from where a pixel is as large as a post")
+                  "Camera height above ground, except in descents; default: 20000; with --indirect, the height where a "
+                  "pixel is as large as a post")
       ->check(number_in(1.0, 1e9));
   command.add_option("--size-px", s.size_px, "Side of the frames")->check(CLI::Range(32, 4096))->capture_default_str();
-  command.add_option("--repetitions", s.repetitions, "Of each time measurement; the median counts")
+  command.add_option("--repetitions", s.repetitions, "Runs of each timing; the median is reported")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  command.add_option("--reference-samples", s.reference_samples, "Per pixel of the reference; a square number")
+  command.add_option("--reference-samples", s.reference_samples, "Samples per pixel of the reference; square")
       ->check(CLI::IsMember({1, 4, 16, 64, 256, 1024}))
       ->capture_default_str();
-  command.add_flag("--indirect", s.indirect,
-                   "Light from terrain by the distance of its posts, in scenes nadir and polar, instead of settings");
-  command.add_option("-o,--output", s.output, "Folder; made if missing")->required()->type_name("DIR");
+  command.add_flag(
+      "--indirect", s.indirect,
+      "Instead of settings: error of light from terrain by the spacing of its posts, in scenes nadir and polar");
+  command.add_option("-o,--output", s.output, "Folder; created if missing")->required()->type_name("DIR");
   add_options(command, s.terrain);
 }
 
 void add_options(CLI::App& command, VerifyMoonSettings& s) {
   command
       .add_option("--albedo-maps", s.albedo_maps,
-                  "Maps of radiance factors in the assets folder, the first that covers; needs --dem")
+                  "Maps of radiance factors in the assets folder; the first that covers a point counts; needs --dem")
       ->delimiter(',')
       ->type_name("NAME");
-  command.add_option("--images", s.images, "Folder with views.json and images: each beside its frame; needs --dem")
+  command
+      .add_option("--images", s.images, "Folder with views.json and images, each compared with its frame; needs --dem")
       ->type_name("DIR");
   add_place(command, "--center", s.center,
-            "Compare terrain there with smooth ground, by incidence, in the place of the whole disc; needs --dem");
-  command.add_option("--width-m", s.width_m, "Of the ground at --center")
+            "Compare terrain there with smooth ground, by incidence, instead of the whole disc; needs --dem");
+  command.add_option("--width-m", s.width_m, "Ground width at --center")
       ->check(number_in(1.0, 1e6))
       ->default_str("20000");
-  command.add_option("--detail", s.detail, "Detail of the assets folder at --center; without: none")->type_name("NAME");
+  command.add_option("--detail", s.detail, "Detail of the assets folder at --center; default: none")->type_name("NAME");
   command.add_option("--size-px", s.size_px, "Side of the frames")->check(CLI::Range(32, 4096))->capture_default_str();
-  command.add_option("-o,--output", s.output, "Folder; made if missing")->required()->type_name("DIR");
+  command.add_option("-o,--output", s.output, "Folder; created if missing")->required()->type_name("DIR");
   add_options(command, s.terrain);
 }
 
@@ -266,14 +266,14 @@ void add_options(CLI::App& command, VerifyGroundSettings& s) {
   command.add_option("--places", s.places, "Squares of 40 x 40 baselines for each baseline")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
-  command.add_option("-o,--output", s.output, "Folder; made if missing")->required()->type_name("DIR");
+  command.add_option("-o,--output", s.output, "Folder; created if missing")->required()->type_name("DIR");
   add_options(command, s.terrain);
 }
 
 void add_options(CLI::App& command, VerifyMertisSettings& s) {
-  command.add_option("--instrument", s.instrument, "JSON as for POST /v1/verify/mertis; without: MERTIS")
+  command.add_option("--instrument", s.instrument, "JSON as for POST /v1/verify/mertis; default: MERTIS")
       ->type_name("FILE");
-  command.add_option("-o,--output", s.output, "Folder; made if missing")->required()->type_name("DIR");
+  command.add_option("-o,--output", s.output, "Folder; created if missing")->required()->type_name("DIR");
 }
 
 }  // namespace selenograph::server

@@ -23,7 +23,7 @@ namespace {
 std::error_code error_of(int number) { return {number != 0 ? number : EIO, std::generic_category()}; }
 
 void refuse(const std::string& path, const std::error_code& error) {
-  throw std::runtime_error(path + ": can't be written: " + error.message());
+  throw std::runtime_error(path + ": cannot be written: " + error.message());
 }
 
 bool is_standard_output(const std::string& path) {

@@ -87,7 +87,7 @@ dem::Catalogue open_catalogue(const TerrainSettings& settings) {
     const std::string& name = catalogue.rasters()[static_cast<std::size_t>(layer.source)].name;
     if (layer.posts == 0)
       spdlog::warn(
-          "{}: what it resolves can't be measured: it has few heights, or their steps hide it; 1 post is taken", name);
+          "{}: what it resolves cannot be measured: it has few heights, or their steps hide it; 1 post is taken", name);
     else
       spdlog::info("{}: resolves {} of its posts", name, layer.posts);
   }

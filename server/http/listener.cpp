@@ -50,7 +50,7 @@ int bind_host(const std::string& host, int port) {
   for (const addrinfo* a = found; a; a = a->ai_next) {
     if (const int fd = listen_on(*a); fd >= 0) return fd;
   }
-  throw std::runtime_error("can't listen on " + host + " port " + service + ": " + std::strerror(errno));
+  throw std::runtime_error("cannot listen on " + host + " port " + service + ": " + std::strerror(errno));
 }
 
 sockaddr_storage local_address_of(int fd) {

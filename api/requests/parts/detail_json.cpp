@@ -16,9 +16,9 @@ OrderedJson DetailName::write(const Value& value) const { return value.content ?
 
 std::string detail_aim() {
   return fmt::format(
-      "limit on what is left out of terrain with detail, or max_error_px where that is larger: craters and relief of "
-      "{:g} times as many pixels and more are shown. It is relaxed when that needs more than {:g} triangles per pixel: "
-      "`detail_limit_px` is the value that was used, `detail_error_px` bounds the height error left",
+      "size limit of omitted detail, or max_error_px if larger: craters and relief of at least {:g} times as many "
+      "pixels are shown. It is relaxed when that needs more than {:g} triangles per pixel: `detail_limit_px` is the "
+      "value used, `detail_error_px` bounds the height error left",
       engine::Accuracy::kSmallestShown, engine::Accuracy::kDetailTrianglesPerPixel);
 }
 

@@ -69,14 +69,14 @@ class Bytes {
 void check(const ObjectShape& shape) {
   if (shape.triangles.empty() || shape.parts.empty()) fail("no triangle");
   for (const ObjectCorner& corner : shape.corners) {
-    if (!corner.place.allFinite()) fail("a corner that isn't finite");
+    if (!corner.place.allFinite()) fail("a corner that is not finite");
     const float length2 = corner.normal.squaredNorm();
-    if (!(length2 == 0 || std::abs(length2 - 1) < 1e-4F)) fail("a normal that isn't one");
+    if (!(length2 == 0 || std::abs(length2 - 1) < 1e-4F)) fail("a normal that is not one");
   }
   for (const ObjectTriangle& t : shape.triangles) {
     for (const std::uint32_t corner : t.corner)
-      if (corner >= shape.corners.size()) fail("a corner that isn't there");
-    if (t.part >= shape.parts.size()) fail("a part that isn't there");
+      if (corner >= shape.corners.size()) fail("a corner that is not there");
+    if (t.part >= shape.parts.size()) fail("a part that is not there");
   }
   for (const std::string& part : shape.parts)
     if (!is_utf8(part)) fail("a part whose name is not UTF-8");

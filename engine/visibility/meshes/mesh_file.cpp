@@ -115,7 +115,7 @@ void add_corners(const aiMesh& mesh, ObjectShape& out) {
   for (unsigned i = 0; i < mesh.mNumVertices; ++i) {
     const Eigen::Vector3f place = vector_of(mesh.mVertices[i]);
     const Eigen::Vector3f normal = mesh.HasNormals() ? vector_of(mesh.mNormals[i]) : Eigen::Vector3f::Zero();
-    if (!place.allFinite()) throw std::runtime_error("has a corner that isn't finite");
+    if (!place.allFinite()) throw std::runtime_error("has a corner that is not finite");
     const bool usable = normal.allFinite() && normal.norm() > 0;
     out.corners.push_back({place, usable ? Eigen::Vector3f(normal.normalized()) : Eigen::Vector3f::Zero()});
   }
@@ -127,7 +127,7 @@ void add_triangles(const aiMesh& mesh, std::uint32_t first_corner, ObjectShape& 
     if (face.mNumIndices != 3) continue;
     ObjectTriangle t{{}, mesh.mMaterialIndex};
     for (unsigned k = 0; k < 3; ++k) {
-      if (face.mIndices[k] >= mesh.mNumVertices) throw std::runtime_error("has a corner that isn't there");
+      if (face.mIndices[k] >= mesh.mNumVertices) throw std::runtime_error("has a corner that is not there");
       t.corner[k] = first_corner + face.mIndices[k];
     }
     const Vec3 a = out.place(t, 0), ab = out.place(t, 1) - a, ac = out.place(t, 2) - a;
@@ -148,7 +148,7 @@ void keep_used_parts(ObjectShape& shape) {
   std::vector<std::uint32_t> number(shape.parts.size(), ~0U);
   std::vector<std::string> used;
   for (ObjectTriangle& t : shape.triangles) {
-    if (t.part >= number.size()) throw std::runtime_error("has a material that isn't there");
+    if (t.part >= number.size()) throw std::runtime_error("has a material that is not there");
     if (number[t.part] == ~0U) {
       number[t.part] = static_cast<std::uint32_t>(used.size());
       used.push_back(shape.parts[t.part]);
@@ -172,7 +172,7 @@ std::string why_not(const Assimp::Importer& importer, const std::string& extensi
     return fmt::format(
         "names another file, \"{}\", which is not read: a mesh must be one file (.glb, or .gltf with data: URIs)",
         refused);
-  return fmt::format("can't be read as a mesh: {}", importer.GetErrorString());
+  return fmt::format("cannot be read as a mesh: {}", importer.GetErrorString());
 }
 
 }  // namespace

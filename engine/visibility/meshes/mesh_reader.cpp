@@ -29,7 +29,7 @@ class MeshFile {
  public:
   MeshFile(const std::string& path, std::size_t max_bytes)
       : descriptor_(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY)) {
-    if (descriptor_ < 0) throw DataError(path, fmt::format("can't be opened: {}", std::strerror(errno)));
+    if (descriptor_ < 0) throw DataError(path, fmt::format("cannot be opened: {}", std::strerror(errno)));
     struct stat status {};
     const bool ordinary = ::fstat(descriptor_, &status) == 0 && S_ISREG(status.st_mode);
     if (ordinary && static_cast<std::size_t>(status.st_size) <= max_bytes) return;
@@ -71,7 +71,7 @@ std::string& want_of_memory() {
 std::string read_input() {
   // By seeking, which the process may: it may not ask about files.
   const off_t size = ::lseek(STDIN_FILENO, 0, SEEK_END);
-  if (size < 0 || ::lseek(STDIN_FILENO, 0, SEEK_SET) != 0) throw std::runtime_error("can't be read");
+  if (size < 0 || ::lseek(STDIN_FILENO, 0, SEEK_SET) != 0) throw std::runtime_error("cannot be read");
   std::string content(static_cast<std::size_t>(size), '\0');
   for (std::size_t have = 0; have < content.size();) {
     const ssize_t got = ::read(STDIN_FILENO, content.data() + have, content.size() - have);
@@ -97,7 +97,7 @@ ObjectShape MeshReader::read(const std::string& path, const StopToken& stop) con
                   {kReadMeshCommand, extension_of(path), std::to_string(options_.max_bytes), std::to_string(seconds)},
                   file.descriptor(), {options_.time, options_.max_bytes}, stop));
   } catch (const ChildFailed& e) {
-    throw DataError(path, fmt::format("can't be read as a mesh: its reader {}", e.what()));
+    throw DataError(path, fmt::format("cannot be read as a mesh: its reader {}", e.what()));
   } catch (const Cancelled&) {
     throw;
   } catch (const std::runtime_error& e) {
