@@ -125,7 +125,7 @@ Response memory_problem() {
 
 Response unexpected(const Request& request, const std::exception& e) {
   spdlog::error("{} {}: {}", request.method, request.path, e.what());
-  return problem("internal", "an unexpected fault");
+  return problem("internal", "an unexpected error");
 }
 
 // The operator must mend the cause: the log names it, too.
@@ -165,7 +165,7 @@ Response answer_or_described_problem(const Request& request, const std::function
   } catch (const std::exception& e) {
     return unexpected(request, e);
   } catch (...) {
-    return problem("internal", "an unexpected fault");
+    return problem("internal", "an unexpected error");
   }
 }
 

@@ -588,7 +588,7 @@ class CommandLine(WithFeatures):
         region = harness.write("small.json", {"detail": "large", "region": square(LAT, LON, 1000)})
         frame = harness.write("small-frame.json", self.frame())
         for csv_name, coco_name, words in (("same.x", "same.x", "both"), ("same.x", os.path.join("..", "both", "same.x"), "both"),
-                                           ("a.csv", os.path.join("nowhere", "x.json"), "nowhere/x.json: can't be written")):
+                                           ("a.csv", os.path.join("nowhere", "x.json"), "nowhere/x.json: cannot be written")):
             folder = harness.path("both")
             os.makedirs(folder, exist_ok=True)
             done = self.features(region, "-o", os.path.join(folder, csv_name), "--frame", frame, "--coco",
@@ -622,7 +622,7 @@ class CommandLine(WithFeatures):
         os.symlink("round.csv", harness.path("round.csv"))
         done = self.features(request, "-o", harness.path("round.csv"))
         self.assertEqual(done.returncode, 1)
-        self.assertIn("round.csv: can't be written: ", done.stderr)
+        self.assertIn("round.csv: cannot be written: ", done.stderr)
         self.assertTrue(os.path.islink(harness.path("round.csv")))
 
     def test_standard_output_by_its_name(self):
@@ -646,7 +646,7 @@ class CommandLine(WithFeatures):
         with open(path, "w") as file:
             done = self.features(request, "--frame", frame, "-o", path, "--coco", "/dev/stdout", stdout=file)
         self.assertEqual(done.returncode, 1)
-        self.assertIn("can't be both", done.stderr)
+        self.assertIn("cannot be both", done.stderr)
 
     def coco(self, request, *options):
         done = self.features("--frame", harness.write("frame.json", request), "--coco", harness.path("coco.json"), *options)

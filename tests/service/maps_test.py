@@ -456,7 +456,7 @@ class CommandLine(unittest.TestCase):
                                         (harness.path("small.tif"), "File too large", {"preexec_fn": limits})):
             done = self.command(request, "-o", output, **options)
             self.assertEqual(done.returncode, 1)
-            self.assertIn(f"error: {output}: can't be written: {reason}\n", done.stderr)
+            self.assertIn(f"error: {output}: cannot be written: {reason}\n", done.stderr)
             self.assertNotIn("Internal", done.stderr)
             self.assertFalse([name for name in os.listdir(harness.path()) if ".part-" in name])
 

@@ -458,7 +458,7 @@ class InABrowser(unittest.TestCase):
         self.assertEqual(self.browser.execute_script("return asked.sun.utc"), "2026-11-20T00:10:00Z")
         for wrong, said in (("lat_deg,lon_deg,height_m,pitch\n1,2,3,4", "column pitch is unknown"),
                             ("lat_deg,lon_deg,height_m,camera_from_moon_w\n1,2,3,4", "has not all of"),
-                            ("lat_deg,lon_deg,height_m\n1,,3", "line 2: lon_deg is no number"),
+                            ("lat_deg,lon_deg,height_m\n1,,3", "line 2: lon_deg is not a number"),
                             ("lat_deg,lon_deg,height_m\n1,3", "line 2: 2 values for 3 columns")):
             self.browser.execute_script("play(new File([arguments[0]], 'way.csv'))", wrong)
             self.wait(lambda said=said: said in self.text("problem"))

@@ -342,7 +342,7 @@ class Commands(unittest.TestCase):
             with open("/dev/full", "w") as full:
                 done = subprocess.run([harness.BINARY, *command], stdout=full, stderr=subprocess.PIPE, text=True, timeout=PATIENCE_S)
             self.assertEqual(done.returncode, 1, command)
-            self.assertEqual(done.stderr, "error: standard output can't be written\n")
+            self.assertEqual(done.stderr, "error: standard output cannot be written\n")
 
     def test_standard_streams_that_are_closed(self):
         """What is said goes nowhere, into no other file of the process, and ends nothing."""

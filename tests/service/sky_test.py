@@ -68,7 +68,7 @@ class Catalogues(unittest.TestCase):
 
     def test_what_it_refuses(self):
         self.assertIn("nothing can be written there", self.refused("-o", path("nowhere", "bright.csv")))
-        self.assertIn("nan is no number", self.refused("--magnitude-limit", "nan"))
+        self.assertIn("nan is not a number", self.refused("--magnitude-limit", "nan"))
         os.symlink(sys.executable, path("python3"))
         self.assertIn("there is no apt-get", self.refused("-o", path("bright.csv"), PATH=path()))
 

@@ -340,12 +340,12 @@ class Failures(unittest.TestCase):
             self.assertIn("--nonsense", file.read())
         with socket.create_server(("127.0.0.1", 0)) as other:
             taken = str(other.getsockname()[1])
-            self.assertIn(f"127.0.0.1:{taken} can't be had", self.run_team("--port", taken, "--dem", harness.path("dem")))
+            self.assertIn(f"127.0.0.1:{taken} is not available", self.run_team("--port", taken, "--dem", harness.path("dem")))
 
     def test_a_second_team_in_a_folder_or_at_a_port_is_refused(self):
         # HAProxy shares its ports: a token that one of two revokes would still be good for the other.
         self.assertIn("another team runs in", self.run_team("--dir", team.folder, "--port", "0"))
-        self.assertIn("can't be had: Address already in use", self.run_team("--port", str(team.port)))
+        self.assertIn("is not available: Address already in use", self.run_team("--port", str(team.port)))
 
     def test_wrong_options(self):
         self.assertIn("70000 is not from 0 to 65535", self.run_team("--port", "70000"))

@@ -86,7 +86,7 @@ class CommandLine(unittest.TestCase):
                           ("batch", folder, "-o", "x", "--dem", folder), ("verify", "mertis", "--instrument", folder, "-o", "x")):
             done = self.run_it(*(harness.path("x") if a.startswith("x") else a for a in arguments))
             self.assertEqual(done.returncode, 1)
-            self.assertIn(f"error: {folder}: can't be opened: Is a directory\n", done.stderr)
+            self.assertIn(f"error: {folder}: cannot be opened: Is a directory\n", done.stderr)
 
     def test_misspelt_commands_and_options(self):
         for arguments, meant in ((("rendr", "x"), "rendr: did you mean render?"), (("info", "--dme", "x"), "--dme: did you mean --dem?"),
@@ -183,7 +183,7 @@ class CacheFolder(unittest.TestCase):
         self.assertNotIn("ETag", bodies[0][1])
         meta = harness.meta_of(bodies[0][2])
         said = [w for w in meta["warnings"] if "places without data" not in w]  # the view's own
-        self.assertEqual(said, [HIT + ".lbl: can't be used; the layer below stands in for it"])
+        self.assertEqual(said, [HIT + ".lbl: cannot be used; the layer below stands in for it"])
         self.assertNotIn(harness.path(), json.dumps(meta))
         self.assertIn(HIT, service.log_text())
         self.assertEqual(service.stop(), 0)

@@ -165,12 +165,12 @@ TEST_F(Config, RejectsValuesThatAreNotNumbers) {
 
 TEST_F(Config, SaysWhatIsNoWholeNumber) {
   environment_["SELENOGRAPH_CACHE_MB"] = "x";
-  EXPECT_NE(failure({}).find("x is no number"), std::string::npos) << failure({});
+  EXPECT_NE(failure({}).find("x is not a number"), std::string::npos) << failure({});
   environment_["SELENOGRAPH_CACHE_MB"] = "8";
   EXPECT_NE(failure({}).find("8 not in range"), std::string::npos) << failure({});
   environment_.clear();
   file("cache-mb = 64.5\n");
-  EXPECT_NE(failure({}).find("64.5 is no whole number"), std::string::npos) << failure({});
+  EXPECT_NE(failure({}).find("64.5 is not a whole number"), std::string::npos) << failure({});
 }
 
 TEST_F(Config, RejectsTables) {
@@ -187,7 +187,7 @@ TEST_F(Config, TrustedProxiesAndLogFormat) {
   parse({"--trusted-proxy", "10.0.0.1", "fd00::1", "--log-format", "json"});
   EXPECT_EQ(settings_.trusted_proxy, (std::vector<std::string>{"10.0.0.1", "fd00::1"}));
   EXPECT_EQ(settings_.log_format, LogFormat::json);
-  EXPECT_NE(failure({"--trusted-proxy", "proxy.example.org"}).find("proxy.example.org is no IP address"),
+  EXPECT_NE(failure({"--trusted-proxy", "proxy.example.org"}).find("proxy.example.org is not an IP address"),
             std::string::npos);
   EXPECT_NE(failure({"--log-format", "xml"}), "");
 }
@@ -277,7 +277,7 @@ TEST_F(Config, NanIsNoNumberWhereverItComesFrom) {
   const auto expect_refused = [this](const std::vector<std::string>& arguments, const std::string& origin) {
     const std::string said = failure(arguments);
     EXPECT_TRUE(said.starts_with(origin)) << said;
-    EXPECT_NE(said.find("nan is no number"), std::string::npos) << said;
+    EXPECT_NE(said.find("nan is not a number"), std::string::npos) << said;
   };
   expect_refused({"--shutdown-s", "nan"}, "--shutdown-s: ");
   environment_["SELENOGRAPH_SHUTDOWN_S"] = "nan";

@@ -149,7 +149,7 @@ class Array {
 
 namespace detail {
 
-[[noreturn]] inline void bad(const std::string& what) { throw BadAnswer("the answer can't be read: " + what); }
+[[noreturn]] inline void bad(const std::string& what) { throw BadAnswer("the answer cannot be read: " + what); }
 
 // Reads a little-endian number on any machine.
 inline std::uint64_t unsigned_at(std::string_view bytes, std::size_t at, std::size_t size) {
@@ -661,7 +661,7 @@ class Client {
   }
 
   Frame arrays(const std::string& path, const Json& request) {
-    if (deflated(request)) throw Error("\"compression\": \"deflate\" can't be read: leave it out");
+    if (deflated(request)) throw Error("\"compression\": \"deflate\" cannot be read: leave it out");
     const Answer answer = ask("POST", path, text_of(request), "application/x-npz", detail::region(request));
     Frame frame;
     for (const auto& [name, bytes] : detail::read_zip(answer.body)) {

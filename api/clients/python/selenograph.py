@@ -119,7 +119,7 @@ def _reading() -> Iterator[None]:
         yield
     except (ArithmeticError, AttributeError, EOFError, LookupError, RuntimeError, TypeError, ValueError, struct.error,
             zipfile.BadZipFile, zlib.error) as error:
-        raise ConnectionError(f"the answer can't be read as selenograph's: {error!r}") from error
+        raise ConnectionError(f"the answer cannot be read as selenograph's: {error!r}") from error
 
 
 @dataclasses.dataclass(frozen=True)
@@ -249,7 +249,7 @@ def _plain(value: Any) -> Any:
         return dict(value)
     if isinstance(value, (datetime.datetime, os.PathLike)):
         return _utc_text(value) if isinstance(value, datetime.datetime) else os.fspath(value)
-    raise TypeError(f"{type(value).__name__} can't be part of a request: {value!r}")
+    raise TypeError(f"{type(value).__name__} cannot be part of a request: {value!r}")
 
 
 def _not_finite(value: Any, pointer: str = "") -> Optional[str]:

@@ -129,7 +129,7 @@ class Frames(WithClient):
             self.client.frame(request_at(0, sun={"utc": datetime.datetime(2026, 11, 20)}))
         with self.assertRaisesRegex(TypeError, "a request is a dict, not str; json.loads"):
             self.client.frame(json.dumps(request_at(0)))
-        with self.assertRaisesRegex(TypeError, "set can't be part of a request"):
+        with self.assertRaisesRegex(TypeError, "set cannot be part of a request"):
             self.client.frame(request_at(0, pose={"nadir"}))
 
     def test_a_refusal_lists_its_pointers(self):

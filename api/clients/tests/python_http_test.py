@@ -161,7 +161,7 @@ class Mishaps(unittest.TestCase):
             for ask in (lambda client: client.frame(request_at(0)), lambda client: next(client.frames([request_at(0)])),
                         lambda client: client.lidar({}), lambda client: client.rays(np.zeros(3), np.ones((2, 3)))):
                 with self.subTest(content[:40]), self.asking(answer(content)) as (client, _):
-                    self.assertRaisesRegex(ConnectionError, "can't be read", ask, client)
+                    self.assertRaisesRegex(ConnectionError, "cannot be read", ask, client)
         for ask, broken in (
                 (lambda client: client.frame(request_at(0)), answer(fine, Selenograph_Echo="{")),
                 (lambda client: client.heights(0, 0), (200, {**FINE[1], "Selenograph-Warnings": "x"}, FINE[2])),
@@ -169,7 +169,7 @@ class Mishaps(unittest.TestCase):
                 (lambda client: client.rays(np.zeros(3), np.ones((3, 3))), answer(npz(hit=np.ones(2, bool)))),
                 (lambda client: client.project({}, {}, np.zeros((1, 2))), answer(npz(reason=np.array([99]))))):
             with self.asking(broken) as (client, _):
-                self.assertRaisesRegex(ConnectionError, "can't be read", ask, client)
+                self.assertRaisesRegex(ConnectionError, "cannot be read", ask, client)
         with self.asking(answer(fine, Server_Timing="a;dur=1;desc=x, b;dur=1e, c;dur=-, d;dur=2.5e1")) as (client, _):
             self.assertEqual(client.frame(request_at(0)).timing, {"a": 1, "d": 25})
 
@@ -178,7 +178,7 @@ class Mishaps(unittest.TestCase):
         cut = (200, {"Content-Type": "application/x-npz"}, npz(radiance=np.zeros((9, 9)))[:-30])
         with FakeService(cut) as server, contextlib.redirect_stderr(io.StringIO()) as errors:
             self.assertEqual(selenograph.main(["render", request, out, "--url", server.url]), 1)
-        self.assertIn("can't be read", errors.getvalue())
+        self.assertIn("cannot be read", errors.getvalue())
         self.assertFalse(os.path.exists(out))
 
     def test_problems_that_are_not_the_services(self):
