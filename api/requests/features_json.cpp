@@ -201,7 +201,8 @@ FeatureList::FeatureList(const FeaturesQuery& query, const engine::Renderer& ren
 std::string FeatureList::json() const {
   const dem::Footprint region = query_.region();
   std::string text = fmt::format(
-      R"({{"detail":{},"region":{{"south_deg":{},"north_deg":{},"west_deg":{},"east_deg":{}}},"smallest_m":{},{}"{}":[)",
+      R"({{"detail":{},"region":{{"south_deg":{},"north_deg":{},"west_deg":{},"east_deg":{}}},)"
+      R"("smallest_m":{},{}"{}":[)",
       json_text(detail_metadata(query_.detail.name, *query_.detail.content)), region.south_deg, region.north_deg,
       region.west_deg, region.east_deg, query_.least_m(),
       query_.kind == FeatureKind::craters ? fmt::format(R"("min_depth_over_diameter":{},)", query_.least_depth) : "",

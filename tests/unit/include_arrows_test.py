@@ -1,4 +1,5 @@
-"""Includes point downwards, no two files include each other, no folder is crowded, each foreign library has one home.
+"""Includes point downwards, no two files include each other, no folder is crowded, each foreign library has one home,
+no line is too long.
 
 Reads the sources; needs no build:   python3 tests/unit/include_arrows_test.py
 """
@@ -18,7 +19,8 @@ FLOORS = [
     "engine/verify", "engine", "engine/lidar", "engine/sensor", "engine/hazard", "engine/visibility/zbuffer",
     "engine/visibility/raytrace",
     "engine/visibility/image", "engine/visibility/meshes", "engine/visibility/objects", "engine/visibility/points",
-    "engine/visibility/embree", "engine/indirect", "engine/scene", "engine/sky", "engine/radiometry", "engine/camera", "engine/frame", "engine/support",
+    "engine/visibility/embree", "engine/indirect", "engine/scene", "engine/sky", "engine/radiometry", "engine/camera",
+    "engine/frame", "engine/support",
     "dem/detail", "dem/terrain", "dem/pyramid", "dem/posts", "dem/catalogue", "dem/value_maps", "dem/sample", "dem/gdal",
     "dem/files", "dem/grid", "dem/support",
 ]
@@ -53,6 +55,9 @@ LIBRARIES = [
 IN_SOURCES_ONLY = r"(CLI/|spdlog/(?!fwd))"
 # A README is a screen; the front page is a few.
 LONGEST_README, LONGEST_FRONT = 70, 200
+LONGEST_LINE = 120
+# Written by the program, a paragraph per line.
+WRITTEN = ("api/requests.md", "engine/verify/accuracy.md")
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*(?:"([^"]+)"|<([^>]+)>)')
 
@@ -166,6 +171,23 @@ def defined_twice(root):
     return [f"{name} at {', '.join(where)}" for name, where in sorted(places.items()) if len(where) > 1]
 
 
+def is_long(path, line):
+    """Tables and pictures in Markdown may be long: they cannot be broken."""
+    return len(line) > LONGEST_LINE and not (path.endswith(".md") and line.lstrip().startswith(("|", "![")))
+
+
+def long_lines(root):
+    """Too long lines of C++ in the four rooms, of CMake and of Markdown."""
+    files = list(sources(root))
+    for file in sorted([*root.rglob("CMakeLists.txt"), *root.rglob("*.cmake"), *root.rglob("*.md")]):
+        path = file.relative_to(root).as_posix()
+        if not path.startswith(("build", ".")) and path not in WRITTEN:
+            files.append(path)
+    return [f"{path}:{number}" for path in files
+            for number, line in enumerate((root / path).read_text(encoding="utf-8").splitlines(), 1)
+            if is_long(path, line)]
+
+
 class IncludeArrows(unittest.TestCase):
     def test_includes_point_downwards(self):
         found = faults(ROOT)
@@ -183,6 +205,14 @@ class IncludeArrows(unittest.TestCase):
             if not page.relative_to(ROOT).parts[0].startswith(("build", ".")):
                 most = LONGEST_FRONT if page.parent == ROOT else LONGEST_README
                 self.assertLessEqual(len(page.read_text(encoding="utf-8").splitlines()), most, page)
+
+    def test_lines_fit_the_screen(self):
+        self.assertEqual(long_lines(ROOT), [])
+
+    def test_long_lines_are_found(self):
+        files = {"dem/a.h": "x" * 121, "CMakeLists.txt": "x" * 120, "dem/x.cmake": "x" * 121,
+                 "README.md": "| " + "x" * 121 + "\n![" + "x" * 121 + "\n" + "x" * 121}
+        self.assertEqual(self.result_of(long_lines, files), ["dem/a.h:1", "README.md:3", "dem/x.cmake:1"])
 
     def test_links_between_pages_lead_somewhere(self):
         for page in ROOT.rglob("*.md"):
@@ -228,7 +258,8 @@ class IncludeArrows(unittest.TestCase):
             "dem/deep/b.h": "namespace selenograph::dem {\nclass Crater final : Base {\n  struct Row {};\n};\n}",
             "dem/deep/c.h": "namespace selenograph::dem::deep {\nstruct Pit {\n};\nenum class Pit2 { kRow };\n}",
         }
-        self.assertEqual(self.result_of(defined_twice, files), ["selenograph::dem::Crater at dem/a.h:3, dem/deep/b.h:2"])
+        found = self.result_of(defined_twice, files)
+        self.assertEqual(found, ["selenograph::dem::Crater at dem/a.h:3, dem/deep/b.h:2"])
 
     def test_the_rules_match_the_folders(self):
         self.assertEqual({folder_of(path) for path in sources(ROOT)}, set(FLOORS))

@@ -9,12 +9,14 @@ include(CMakePackageConfigHelpers)
 set(client ${CMAKE_INSTALL_DATADIR}/cmake/selenograph-client)
 install(TARGETS selenograph_client EXPORT selenograph-client INCLUDES DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
 install(EXPORT selenograph-client NAMESPACE selenograph:: DESTINATION ${client} FILE selenograph-client-targets.cmake)
-write_basic_package_version_file(selenograph-client-config-version.cmake COMPATIBILITY SameMinorVersion ARCH_INDEPENDENT)
+write_basic_package_version_file(selenograph-client-config-version.cmake COMPATIBILITY SameMinorVersion
+  ARCH_INDEPENDENT)
 install(FILES api/clients/cpp/selenograph-client-config.cmake
   ${CMAKE_CURRENT_BINARY_DIR}/selenograph-client-config-version.cmake DESTINATION ${client})
 # Debian's Python looks there in /usr; elsewhere PYTHONPATH has to name it.
 install(FILES api/clients/python/selenograph.py DESTINATION lib/python3/dist-packages)
-install(FILES ${package}/completion.bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions RENAME selenograph)
+install(FILES ${package}/completion.bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions
+  RENAME selenograph)
 install(DIRECTORY deploy/assets deploy/operation/haproxy deploy/operation/grafana deploy/operation/prometheus
   DESTINATION ${share} USE_SOURCE_PERMISSIONS)
 file(GLOB requests deploy/examples/*-request.json)
@@ -62,7 +64,7 @@ set(CPACK_STRIP_FILES ON)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_SECTION science)
 set(CPACK_DEBIAN_PACKAGE_DESCRIPTION
-  "Frames that a camera near the Moon sees, with true shadows, and the truth\nbehind each pixel: over HTTP and as a command.")
+  "Frames of a camera near the Moon, with exact shadows and ground truth\nfor every pixel: over HTTP and as a command.")
 set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
 # For the service's user.
 set(CPACK_DEBIAN_PACKAGE_DEPENDS "systemd | systemd-standalone-sysusers")
