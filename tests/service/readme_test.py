@@ -177,6 +177,17 @@ class ReadmeTest(unittest.TestCase):
                 asked = request
         self.assertGreater(count, 1)
 
+    def test_the_front_page_names_all_calls_and_products(self):
+        document = json.loads(self.service.ask("GET", "/openapi.json")[2])
+        with open(os.path.join(REPOSITORY, "README.md")) as file:
+            rows = [line.split(" | ") for line in file if line.startswith("| ")]
+        calls = [row[0] for row in rows if row[0].startswith(("| `POST", "| `GET"))]
+        named = set(re.findall(r"`(?:[A-Z]+ )?(/[^`]+)`", " ".join(calls)))
+        self.assertEqual(named | {"/v1/frames/{hash}/meta"}, set(document["paths"]))
+        products = document["components"]["schemas"]["FrameRequest"]["properties"]["products"]["items"]["enum"]
+        truth = next(row[1] for row in rows if row[0] == "| truth per pixel")
+        self.assertEqual(set(re.findall(r"`(\w+)`", truth)) | {"image", "radiance"}, set(products))
+
     def test_json_blocks_are_json(self):
         for language, place, lines in self.blocks:
             if language == "json":
