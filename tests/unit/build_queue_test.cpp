@@ -303,7 +303,8 @@ TEST_F(ColdTerrain, ShutdownDuringABuild) {
   terrain->stop_building();
   waiting.join();
   EXPECT_LT(Clock::now() - start, 1s);
-  for (const auto& entry : fs::recursive_directory_iterator(folder_ / "cache"))
+  std::error_code missing;  // nothing was written
+  for (const auto& entry : fs::recursive_directory_iterator(folder_ / "cache", missing))
     EXPECT_EQ(entry.path().string().find(".tmp-"), std::string::npos) << entry.path();
 }
 
