@@ -11,6 +11,7 @@
 #include "api/json/ranges.h"
 #include "api/message/problem.h"
 #include "dem/files/files.h"
+#include "dem/files/names.h"
 #include "dem/support/error.h"
 #include "dem/support/hash.h"
 #include "engine/support/csv.h"
@@ -28,11 +29,7 @@ constexpr std::size_t kMaxFailures = 1000;
 
 // Names come from clients: nothing that could lead out of the folder.
 bool is_plain(std::string_view name) {
-  return !name.empty() && name.size() <= 100 && name.front() != '.' &&
-         std::all_of(name.begin(), name.end(), [](char c) {
-           return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' ||
-                  c == '.';
-         });
+  return name.size() <= 100 && dem::consists_of(name, "-_.") && name.front() != '.';
 }
 
 Json read_object_file(const std::string& path) {

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "api/message/problem.h"
+#include "dem/files/names.h"
 
 namespace selenograph::api {
 namespace {
@@ -69,15 +70,10 @@ std::optional<MediaRange> read_media_range(std::string_view element) {
   return range;
 }
 
-std::string lower_case(std::string s) {
-  std::transform(s.begin(), s.end(), s.begin(), [](char c) { return c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c; });
-  return s;
-}
-
 // The ranges point into the header's text, which therefore lives as long as they do.
 class Accept {
  public:
-  explicit Accept(const std::string& header) : text_(lower_case(header)) {
+  explicit Accept(const std::string& header) : text_(dem::lower(header)) {
     if (trimmed(text_).empty()) text_ = "*/*";
     for (const std::string_view element : split(text_, ',')) {
       if (const auto range = read_media_range(element)) ranges_.push_back(*range);

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 
+#include "dem/files/names.h"
 #include "engine/budget.h"
 
 namespace selenograph::api {
@@ -21,8 +22,7 @@ constexpr std::size_t kDocumentBytesPerByte = 24;
 bool says(std::string_view media_type, std::string content_type) {
   content_type = content_type.substr(0, content_type.find(';'));
   content_type.erase(content_type.find_last_not_of(" \t") + 1);
-  for (char& c : content_type) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-  return content_type == media_type;
+  return dem::same_text(content_type, media_type);
 }
 
 }  // namespace

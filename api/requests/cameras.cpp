@@ -2,24 +2,12 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <string_view>
 
 #include "api/message/problem.h"
+#include "dem/files/names.h"
 
 namespace selenograph::api {
-namespace {
-
-// It is a folder's in an .npz.
-bool is_name(std::string_view text) {
-  const auto fits = [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
-  };
-  return !text.empty() && text.size() <= kLongestCameraName && std::all_of(text.begin(), text.end(), fits);
-}
-
-}  // namespace
-
 bool has_cameras(const Json& body) { return body.is_object() && body.contains("cameras"); }
 
 std::vector<CameraBody> split_cameras(const Json& body) {
@@ -33,7 +21,8 @@ std::vector<CameraBody> split_cameras(const Json& body) {
   constexpr std::string_view kOfAll[] = {"cameras", "echo"};
   std::vector<CameraBody> out;
   for (const auto& [name, own] : given.items()) {
-    if (!is_name(name)) {
+    // It is a folder's in an .npz.
+    if (name.size() > kLongestCameraName || !dem::consists_of(name, "_-")) {
       cameras.fail(fmt::format("names have 1 to {} letters, digits, '_' and '-'", kLongestCameraName));
       continue;
     }

@@ -1,4 +1,4 @@
-// Operations on file names.
+// Operations on file names, and on other words of ASCII.
 #pragma once
 
 #include <string>
@@ -10,6 +10,8 @@ namespace selenograph::dem {
 std::string lower(std::string_view text);
 // Equality ignoring case.
 bool same_text(std::string_view a, std::string_view b);
+// Whether a text is not empty and has only letters, digits and characters of `others`.
+bool consists_of(std::string_view text, std::string_view others);
 // Last component of a path.
 std::string_view name_of(std::string_view path);
 // Name without its last extension.

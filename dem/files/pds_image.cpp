@@ -6,6 +6,7 @@
 #include <optional>
 #include <string_view>
 
+#include "dem/files/names.h"
 #include "dem/files/pds_grid.h"
 
 namespace selenograph::dem {
@@ -86,7 +87,7 @@ fs::path find_data_file(const std::string& label_path, const std::string& name) 
   std::error_code error;
   if (fs::is_regular_file(wanted, error)) return wanted;
   for (const auto& entry : fs::directory_iterator(folder.empty() ? fs::path(".") : folder, error))
-    if (same_word(entry.path().filename().string(), wanted.filename().string()))
+    if (same_text(entry.path().filename().string(), wanted.filename().string()))
       return folder / entry.path().filename();
   if (is_system_fault(error.value())) throw SystemFault(folder.string(), error.value());
   throw DataError(label_path, "its data file " + wanted.filename().string() + " is missing");

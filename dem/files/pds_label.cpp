@@ -15,8 +15,6 @@ namespace {
 constexpr std::size_t kLongestLabel = 1 << 20;
 constexpr int kDeepestObject = 32;
 
-char upper_case(char c) { return static_cast<char>(std::toupper(static_cast<unsigned char>(c))); }
-
 std::string_view trimmed(std::string_view s) {
   constexpr std::string_view blanks = " \t\r\n\f\v";
   const std::size_t from = s.find_first_not_of(blanks);
@@ -77,11 +75,11 @@ class Parser {
     if (depth > kDeepestObject) fail("objects are nested too deeply");
     for (skip_blanks(); !done(); skip_blanks()) {
       const std::string_view key = keyword();
-      if (same_word(key, "END")) {
+      if (same_text(key, "END")) {
         if (depth > 0) fail("END inside OBJECT " + object.name);
         return;
       }
-      const bool closes = same_word(key, "END_OBJECT") || same_word(key, "END_GROUP");
+      const bool closes = same_text(key, "END_OBJECT") || same_text(key, "END_GROUP");
       skip_same_line_blanks();
       const bool has_value = !done() && text_[at_] == '=';
       if (!has_value && !closes) fail("'=' is missing after " + std::string(key));
@@ -94,7 +92,7 @@ class Parser {
         if (depth == 0) fail(std::string(key) + " without its OBJECT");
         return;
       }
-      if (same_word(key, "OBJECT") || same_word(key, "GROUP")) {
+      if (same_text(key, "OBJECT") || same_text(key, "GROUP")) {
         PdsObject inner;
         inner.name = value.text();
         fill(inner, depth + 1);
@@ -193,13 +191,9 @@ class Parser {
 
 std::string upper_case(std::string_view s) {
   std::string out(s);
-  std::transform(out.begin(), out.end(), out.begin(), [](char c) { return upper_case(c); });
+  std::transform(out.begin(), out.end(), out.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
   return out;
-}
-
-bool same_word(std::string_view a, std::string_view b) {
-  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
-                    [](char x, char y) { return upper_case(x) == upper_case(y); });
 }
 
 // 16#FF7FFFFB#: a whole number in another base.
@@ -240,7 +234,7 @@ std::optional<double> PdsValue::number(std::size_t i) const {
 
 const PdsValue* PdsObject::find(std::string_view keyword) const {
   for (const auto& [key, value] : values)
-    if (same_word(key, keyword)) return &value;
+    if (same_text(key, keyword)) return &value;
   return nullptr;
 }
 
@@ -253,7 +247,7 @@ const PdsValue* PdsObject::find_deep(std::string_view keyword) const {
 
 const PdsObject* PdsObject::find_object(std::string_view object_name) const {
   for (const PdsObject& inner : objects) {
-    if (same_word(inner.name, object_name)) return &inner;
+    if (same_text(inner.name, object_name)) return &inner;
     if (const PdsObject* deeper = inner.find_object(object_name)) return deeper;
   }
   return nullptr;

@@ -48,7 +48,6 @@ bool describes_map(const PdsObject& label);
 
 // Keywords and names ignore case.
 std::string upper_case(std::string_view s);
-bool same_word(std::string_view a, std::string_view b);
 
 // Looks up keywords; errors name the label.
 class PdsReader {

@@ -9,6 +9,7 @@
 #include "api/message/json_text.h"
 #include "api/message/problem.h"
 #include "dem/files/files.h"
+#include "dem/files/names.h"
 #include "server/campaign/sha256.h"
 
 namespace selenograph::server {
@@ -19,12 +20,8 @@ using api::Json;
 constexpr const char* kName = "name";
 
 bool is_frame_name(std::string_view text) {
-  const auto fits = [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-' ||
-           c == '.';
-  };
-  return !text.empty() && text.size() <= kLongestFrameName && text.front() != '.' && text.front() != '-' &&
-         std::all_of(text.begin(), text.end(), fits);
+  return text.size() <= kLongestFrameName && dem::consists_of(text, "_-.") && text.front() != '.' &&
+         text.front() != '-';
 }
 
 [[noreturn]] void refuse_name(const std::string& why) {

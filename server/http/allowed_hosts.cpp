@@ -5,8 +5,9 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <charconv>
+
+#include "dem/files/names.h"
 
 namespace selenograph::server {
 namespace {
@@ -31,20 +32,12 @@ std::string written_address(const std::string& text) {
 std::string comparable(std::string_view host) {
   if (host.size() > 2 && host.front() == '[' && host.back() == ']') host = host.substr(1, host.size() - 2);
   if (host.size() > 1 && host.back() == '.') host.remove_suffix(1);
-  std::string text(host);
-  std::transform(text.begin(), text.end(), text.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  const std::string address = written_address(text);
+  const std::string text = dem::lower(host), address = written_address(text);
   return address.empty() ? text : address;
 }
 
 // RFC 3986 3.2.2; percent-encoded names are not those of any host.
-bool is_name(std::string_view s) {
-  constexpr std::string_view kOther = "-._~!$&'()*+,;=";
-  return !s.empty() && std::all_of(s.begin(), s.end(), [&](unsigned char c) {
-    return (c < 128 && std::isalnum(c)) || kOther.find(static_cast<char>(c)) != std::string_view::npos;
-  });
-}
+bool is_name(std::string_view s) { return dem::consists_of(s, "-._~!$&'()*+,;="); }
 
 bool is_bracketed_address(std::string_view s) {
   return s.size() > 2 && s.front() == '[' && s.back() == ']' &&

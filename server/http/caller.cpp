@@ -7,6 +7,8 @@
 #include <cstdint>
 #include <random>
 
+#include "dem/files/names.h"
+
 namespace selenograph::server {
 namespace {
 
@@ -29,13 +31,7 @@ std::uint64_t random_number() {
 
 }  // namespace
 
-bool is_plain_name(std::string_view text) {
-  const auto plain = [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' || c == '_' ||
-           c == '-';
-  };
-  return !text.empty() && text.size() <= kMostNameBytes && std::all_of(text.begin(), text.end(), plain);
-}
+bool is_plain_name(std::string_view text) { return text.size() <= kMostNameBytes && dem::consists_of(text, "._-"); }
 
 std::string request_id_of(const Headers& headers) {
   const std::string* given = only(headers, "x-request-id");

@@ -1,16 +1,12 @@
 #include "server/http/field_syntax.h"
 
 #include <algorithm>
-#include <cctype>
+
+#include "dem/files/names.h"
 
 namespace selenograph::server {
 
-bool is_token(std::string_view s) {
-  constexpr std::string_view kOther = "!#$%&'*+-.^_`|~";
-  return !s.empty() && std::all_of(s.begin(), s.end(), [&](unsigned char c) {
-    return (c < 128 && std::isalnum(c)) || kOther.find(static_cast<char>(c)) != std::string_view::npos;
-  });
-}
+bool is_token(std::string_view s) { return dem::consists_of(s, "!#$%&'*+-.^_`|~"); }
 
 bool has_control(std::string_view s) {
   return std::any_of(s.begin(), s.end(), [](unsigned char c) { return (c < 32 && c != '\t') || c == 127; });

@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "dem/files/names.h"
 #include "server/http/field_syntax.h"
 
 namespace selenograph::server {
@@ -23,13 +24,6 @@ constexpr std::string_view kHidden[] = {"range",          "if-range",          "
                                         "content-length", "transfer-encoding", "expect"};
 
 HeadProblem malformed(std::string detail) { return {"malformed_request", std::move(detail)}; }
-
-std::string lower(std::string_view s) {
-  std::string out(s);
-  std::transform(out.begin(), out.end(), out.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return out;
-}
 
 std::vector<std::string_view> lines_of(std::string_view raw) {
   std::vector<std::string_view> lines;
@@ -85,7 +79,7 @@ Refusal read_header_line(std::string_view line, RequestHead& head) {
   if (!is_field_line(line)) return malformed("a header line is not 'Name: value', or holds control characters");
   const std::size_t colon = line.find(':');
   const std::string_view value = without_blanks(line.substr(colon + 1));
-  std::string name = lower(line.substr(0, colon));
+  std::string name = dem::lower(line.substr(0, colon));
   if (std::find(std::begin(kHidden), std::end(kHidden), name) == std::end(kHidden)) {
     head.text.append(name).append(": ").append(value).append("\r\n");
   }
@@ -116,11 +110,11 @@ Refusal check_framing(RequestHead& head, std::size_t max_body_bytes) {
   if (lengths + codings > 1) return malformed("the length of the body is given more than once");
   head.chunked = codings == 1;
   if (head.chunked && head.http_1_0) return malformed("HTTP/1.0 has no Transfer-Encoding");
-  if (head.chunked && lower(*only(head, "transfer-encoding")) != "chunked") {
+  if (head.chunked && dem::lower(*only(head, "transfer-encoding")) != "chunked") {
     return malformed("the only Transfer-Encoding understood is chunked");
   }
   const std::string* coding = only(head, "content-encoding");
-  if (head.headers.count("content-encoding") > 1 || (coding && lower(*coding) != "identity")) {
+  if (head.headers.count("content-encoding") > 1 || (coding && dem::lower(*coding) != "identity")) {
     return HeadProblem{"unsupported_media_type", "bodies with a Content-Encoding are not taken"};
   }
   if (Refusal refusal = check_length(head, max_body_bytes)) return refusal;
@@ -129,7 +123,7 @@ Refusal check_framing(RequestHead& head, std::size_t max_body_bytes) {
         head.chunked ? "transfer-encoding: chunked\r\n" : "content-length: " + std::to_string(head.body_bytes) + "\r\n";
     const std::string* expected = only(head, "expect");
     const bool body_follows = head.chunked || head.body_bytes > 0;
-    if (body_follows && expected && !head.http_1_0 && lower(*expected) == "100-continue")
+    if (body_follows && expected && !head.http_1_0 && dem::lower(*expected) == "100-continue")
       head.text += "expect: 100-continue\r\n";
   } else if (lengths + codings > 0) {
     head.close = true;
@@ -145,7 +139,7 @@ bool asks_to_close(const RequestHead& head) {
   return std::any_of(first, last, [](const auto& header) {
     for (std::string_view rest = header.second; !rest.empty();) {
       const std::size_t comma = rest.find(',');
-      if (lower(without_blanks(rest.substr(0, comma))) == "close") return true;
+      if (dem::lower(without_blanks(rest.substr(0, comma))) == "close") return true;
       rest.remove_prefix(std::min(comma == std::string_view::npos ? rest.size() : comma + 1, rest.size()));
     }
     return false;
