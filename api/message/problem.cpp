@@ -116,12 +116,13 @@ Response problem(const std::string& code, const std::string& detail, const std::
   return response;
 }
 
-// 503 with Retry-After; what can't be had now may be had when others are done.
-Response memory_problem() {
-  Response answer = problem(std::string(kOutOfMemory), "not enough memory for this request", {});
-  answer.headers.emplace_back("Retry-After", "5");
+Response retry_problem(const std::string& code, const std::string& detail, int retry_after_s) {
+  Response answer = problem(code, detail);
+  answer.headers.emplace_back("Retry-After", std::to_string(retry_after_s));
   return answer;
 }
+
+Response memory_problem() { return retry_problem(std::string(kOutOfMemory), "not enough memory for this request", 5); }
 
 Response unexpected(const Request& request, const std::exception& e) {
   spdlog::error("{} {}: {}", request.method, request.path, e.what());
@@ -153,7 +154,7 @@ Response answer_or_described_problem(const Request& request, const std::function
     return problem("deadline_exceeded", e.what());
   } catch (const Cancelled&) {
     if (client_has_left(request)) return problem("client_gone", "the client left");
-    return problem("deadline_exceeded", "not ready in time; ask for less or allow more with Request-Timeout-Ms");
+    return problem("deadline_exceeded", "not ready in time: ask for less");
   } catch (const std::bad_alloc&) {
     return memory_problem();
   } catch (const std::length_error&) {  // more than a container can have

@@ -70,6 +70,9 @@ class RequestError : public std::runtime_error {
 // that are not UTF-8.
 Response problem(const std::string& code, const std::string& detail, const std::vector<Finding>& findings = {});
 
+// The same with Retry-After: others will be done then.
+Response retry_problem(const std::string& code, const std::string& detail, int retry_after_s);
+
 // Returns the result of `work`, or the problem for its exception. A RequestError gives the row that it names, an
 // ImpossibleRequest "invalid_request", a DataError "terrain_data_error", a SystemFault "storage_unavailable",
 // TooMuchWork "deadline_exceeded", Cancelled "client_gone" or "deadline_exceeded", a lack of memory or threads

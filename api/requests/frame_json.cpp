@@ -255,13 +255,8 @@ bool has_image_without_sensor(const FrameQuery& q) { return q.request.products &
 
 // The rows of a frame's request; their order is that of the resolved request, whose text the ETag is made from.
 void add_scene(Members<FrameQuery>& m) {
-  m.add(
-      "camera", [](auto& q) -> auto& { return q.request.camera; }, Object{camera_members()},
-      "projection and image size; required unless `camera_preset` has one");
-  m.add(
-       "pose", [](auto& q) -> auto& { return q.request.pose; }, Object{pose_members()},
-       "position and attitude of the camera; required unless `shutter.poses` is given")
-      .written_if([](const FrameQuery& q) { return !q.request.shutter || q.request.shutter->poses.empty(); });
+  add_camera_and_pose(m).written_if(
+      [](const FrameQuery& q) { return !q.request.shutter || q.request.shutter->poses.empty(); });
   m.add(
       "shutter", [](auto& q) -> auto& { return q.request.shutter; }, Object{shutter_members()},
       "times of the rows: a rolling shutter or a line camera; left out: all rows are exposed at once");

@@ -31,19 +31,8 @@ const Members<LidarMotion>& lidar_motion_members() {
       "Motion of the instrument during the scan: from `pose`, at time 0, at constant rates, or through poses, which "
       "replace `pose` and are interpolated like those of a shutter.",
       [](auto& m) {
-        const auto at_rates = [](const LidarMotion& motion) { return motion.poses.empty(); };
-        m.add(
-             "angular_rate_deg_s", [](auto& s) -> auto& { return s.rates.angular_rate_deg_s; }, kAngularRate_deg_s,
-             "angular rate about the camera's own axes (opencv)")
-            .written_if(at_rates);
-        m.add(
-             "velocity_m_s", [](auto& s) -> auto& { return s.rates.velocity_m_s; }, kVelocity_m_s, "velocity, MOON_ME")
-            .written_if(at_rates);
-        m.add("poses", &LidarMotion::poses, List{Object{pose_at_time_members()}, 2, kMostPoses},
-              "at increasing times, the first not after the first pulse, the last not before the last pulse")
-            .written_if([](const LidarMotion& motion) { return !motion.poses.empty(); });
-        m.excludes("poses", {"velocity_m_s", "angular_rate_deg_s"}, "the poses say how the camera moves");
-        m.check([](const JsonReader& in, LidarMotion& motion, const ReadContext&) { check_times(in, motion.poses); });
+        add_motion(m, "velocity, MOON_ME",
+                   "at increasing times, the first not after the first pulse, the last not before the last pulse");
       });
   return *table;
 }

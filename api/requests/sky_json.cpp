@@ -70,18 +70,13 @@ void check_sky(const JsonReader& in, SkyQuery& query, const ReadContext& context
 }  // namespace
 
 const Members<SkyQuery>& sky_request_members() {
-  static const auto table = made<Members<SkyQuery>>(
-      "SkyRequest", "A camera, its pose and an epoch: what it would see of the sky.", [](auto& m) {
-        m.add(
-            "camera", [](auto& q) -> auto& { return q.request.camera; }, Object{camera_members()},
-            "projection and image size; required unless `camera_preset` has one");
-        m.add(
-            "pose", [](auto& q) -> auto& { return q.request.pose; }, Object{pose_members()},
-            "position and attitude of the camera; required unless `shutter.poses` is given");
+  static const auto table =
+      made<Members<SkyQuery>>("SkyRequest", "The sky that a camera sees, from its pose and an epoch.", [](auto& m) {
+        add_camera_and_pose(m);
         m.add(
             "shutter", [](auto& q) -> auto& { return q.request.shutter; }, Object{shutter_members()},
-            "times of the rows: each object is where the row that sees it has it. The sky is that of the epoch for all "
-            "rows; left out: all rows are exposed at once");
+            "row times: each object is placed by the row that sees it. All rows have the sky of the epoch; left out: "
+            "all rows are exposed at once");
         m.add("utc", &SkyQuery::utc, Text{}, "epoch, ISO 8601");
         m.add("et_s", &SkyQuery::et_s, Number{kAnyNumber, "s"}, std::string(kEtMeaning));
         m.add(
@@ -97,7 +92,7 @@ const Members<SkyQuery>& sky_request_members() {
         m.add("camera_preset", camera_preset_field<SkyQuery>(), Text{}, kOfCameraPreset);
         m.add("detail", &SkyQuery::detail, DetailName{}, kOfDetail);
         m.add("objects", objects_of_sky, List{Object{object_members()}, 1, kMaxObjects},
-              "as in a frame: they hide what is behind them");
+              "as in a frame: they hide objects behind them");
         m.exactly_one({"utc", "et_s"});
         m.any_of({"camera", "camera_preset"});
         m.needs("sensor", {"band", "camera_preset"}, "which photons it counts");

@@ -1,4 +1,5 @@
 // `selenograph map`: the bytes that POST /v1/maps would answer, or a series of them over time.
+#include <fmt/chrono.h>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -6,6 +7,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <ctime>
 #include <filesystem>
 #include <limits>
 #include <map>
@@ -43,18 +45,18 @@ std::string_view media_type_for(const std::string& output) {
 
 // --- times of a series; UTC's leap seconds are not counted
 
+std::string text_of(Epoch epoch, const char* form) {
+  return fmt::format(fmt::runtime(form), fmt::gmtime(std::chrono::system_clock::to_time_t(epoch)));
+}
+std::string utc_of(Epoch epoch) { return text_of(epoch, "{:%Y-%m-%dT%H:%M:%SZ}"); }
+
 Epoch epoch_of(const std::string& text) {
-  int year = 0, month = 0, day = 0, hour = 0, minute = 0, second = 0, end = 0;
-  const int read =
-      std::sscanf(text.c_str(), "%4d-%2d-%2dT%2d:%2d:%2d%n", &year, &month, &day, &hour, &minute, &second, &end);
-  const std::string rest = read == 6 ? text.substr(static_cast<std::size_t>(end)) : "?";
-  const std::chrono::year_month_day date{std::chrono::year(year), std::chrono::month(static_cast<unsigned>(month)),
-                                         std::chrono::day(static_cast<unsigned>(day))};
-  const bool in_range = hour >= 0 && hour < 24 && minute >= 0 && minute < 60 && second >= 0 && second < 60;
-  if ((!rest.empty() && rest != "Z") || !date.ok() || !in_range)
+  std::tm time{};
+  ::strptime(text.c_str(), "%Y-%m-%dT%H:%M:%S", &time);
+  const Epoch epoch{std::chrono::seconds(::timegm(&time))};
+  if (const std::string read = utc_of(epoch); text != read && text + "Z" != read)  // it reads February 30, too
     throw std::runtime_error("--utc: \"" + text + "\" is not an epoch like 2026-11-20T00:00:00Z, in whole seconds");
-  return std::chrono::sys_days(date) + std::chrono::hours(hour) + std::chrono::minutes(minute) +
-         std::chrono::seconds(second);
+  return epoch;
 }
 
 std::chrono::seconds step_of(const std::string& text) {
@@ -68,23 +70,6 @@ std::chrono::seconds step_of(const std::string& text) {
       return std::chrono::seconds(number * seconds);
   throw std::runtime_error("--utc: \"" + text + "\" is not a step like 600s, 30m, 6h or 1d");
 }
-
-struct Parts {
-  std::chrono::year_month_day date;
-  std::chrono::hh_mm_ss<std::chrono::seconds> time;
-};
-Parts parts_of(Epoch epoch) {
-  const auto day = std::chrono::floor<std::chrono::days>(epoch);
-  return {day, std::chrono::hh_mm_ss<std::chrono::seconds>(epoch - day)};
-}
-
-std::string text_of(Epoch epoch, const char* format) {
-  const auto [date, time] = parts_of(epoch);
-  return fmt::format(fmt::runtime(format), static_cast<int>(date.year()), static_cast<unsigned>(date.month()),
-                     static_cast<unsigned>(date.day()), time.hours().count(), time.minutes().count(),
-                     time.seconds().count());
-}
-std::string utc_of(Epoch epoch) { return text_of(epoch, "{:04}-{:02}-{:02}T{:02}:{:02}:{:02}Z"); }
 
 std::vector<Epoch> epochs_of(const std::vector<std::string>& utc) {
   if (utc.empty()) return {};
@@ -222,7 +207,7 @@ bool draw_series(const Atlas& atlas, const std::vector<Epoch>& epochs) {
   double missing_fraction = 0;
   const std::string extension = fs::path(atlas.settings.output).extension().string();
   for (std::size_t i = 0; i < epochs.size(); ++i) {
-    const std::string name = text_of(epochs[i], "{:04}{:02}{:02}T{:02}{:02}{:02}Z");
+    const std::string name = text_of(epochs[i], "{:%Y%m%dT%H%M%SZ}");
     const std::string path = with_name(atlas.settings.output, name, extension);
     std::optional<Drawn> drawn = atlas.write(path, &epochs[i], engine::kLit, i, epochs.size());
     if (!drawn) return false;

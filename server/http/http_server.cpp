@@ -48,12 +48,6 @@ std::vector<std::pair<std::string, double>> stages_of(const api::Response& answe
   return stages;
 }
 
-api::Response refusal(const std::string& code, const std::string& detail, int retry_after_s) {
-  api::Response answer = api::problem(code, detail);
-  answer.headers.emplace_back("Retry-After", std::to_string(retry_after_s));
-  return answer;
-}
-
 // The library's own refusals as rows of our table.
 api::Response refusal_for(int status) {
   switch (status) {
@@ -286,7 +280,7 @@ api::Response ConnectionExchange::respond(const httplib::Request& request, const
 }
 
 api::Response ConnectionExchange::refuse(const HeadProblem& why) const {
-  if (why.error_code == "busy") return refusal(why.error_code, why.detail, server_.options.retry_after_s());
+  if (why.error_code == "busy") return api::retry_problem(why.error_code, why.detail, server_.options.retry_after_s());
   return api::problem(why.error_code, why.detail);
 }
 
@@ -343,14 +337,14 @@ HttpServer::Impl::Impl(const HttpOptions& options_in, HttpServer::Handler handle
       hosts(options.host, options.allowed_hosts),
       handler(std::move(handler_in)),
       observer(std::move(observer_in)),
-      spare_answer(
-          AnswerText(refusal(std::string(api::kOutOfMemory), "not enough memory for this request", kSpareRetryAfter_s))
-              .text()),
+      spare_answer(AnswerText(api::retry_problem(std::string(api::kOutOfMemory), "not enough memory for this request",
+                                                 kSpareRetryAfter_s))
+                       .text()),
       listener(listener_options()) {}
 
 ListenerOptions HttpServer::Impl::listener_options() const {
   const auto busy = [this] {
-    return AnswerText(refusal("busy", "too many connections", options.retry_after_s())).text();
+    return AnswerText(api::retry_problem("busy", "too many connections", options.retry_after_s())).text();
   };
   return {options.host, options.port, options.max_connections, options.send_pace, busy, spare_answer};
 }

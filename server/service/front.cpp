@@ -22,12 +22,6 @@ api::Response text_answer(int status, std::string body, std::string content_type
   return answer;
 }
 
-api::Response refused(const std::string& code, const std::string& detail, int retry_after_s) {
-  api::Response answer = api::problem(code, detail);
-  answer.headers.emplace_back("Retry-After", std::to_string(retry_after_s));
-  return answer;
-}
-
 api::Response get_only() {
   api::Response answer = api::problem("method_not_allowed", "this path has GET only");
   answer.headers.emplace_back("Allow", "GET, HEAD");
@@ -71,7 +65,7 @@ api::Response Front::handle(const api::Request& request, const Peer& peer, Clock
 }
 
 api::Response Front::for_others(const api::Request& request, const Peer& peer, Clock::duration& queued) const {
-  if (peer.reserved) return refused("busy", "too many connections", admission_.retry_after_s());
+  if (peer.reserved) return api::retry_problem("busy", "too many connections", admission_.retry_after_s());
   if (request.method == "HEAD") {
     api::Request get = request;
     get.method = "GET";
@@ -109,10 +103,10 @@ api::Response Front::admitted(const api::Request& request, const Peer& peer, Clo
   queued = Clock::now() - arrived;
   switch (entry.outcome) {
     case Admission::Outcome::full:
-      return refused("busy", "server at capacity: as many requests are active and waiting as it holds",
-                     entry.retry_after_s);
+      return api::retry_problem("busy", "server at capacity: as many requests are active and waiting as it holds",
+                                entry.retry_after_s);
     case Admission::Outcome::closing:
-      return refused("shutting_down", "the service is about to stop", entry.retry_after_s);
+      return api::retry_problem("shutting_down", "the service is about to stop", entry.retry_after_s);
     case Admission::Outcome::expired:
       return api::problem("deadline_exceeded", "timed out in the queue");
     case Admission::Outcome::abandoned:

@@ -16,19 +16,6 @@ using engine::Shutter;
 
 constexpr Range kPoseTime_s{-1e6, 1e6};
 
-bool through_poses(const Shutter& shutter) { return !shutter.poses.empty(); }
-bool at_rates(const Shutter& shutter) { return shutter.poses.empty(); }
-
-// A pose at a time, at which the Moon has turned on since the Sun's epoch.
-struct TimedPose : Object<Members<PoseAtTime>> {
-  std::optional<PoseAtTime> read(const JsonReader& in, const ReadContext& context) const {
-    ReadContext then = context;
-    const Json time = in.has("time_s") ? in.at("time_s").value() : Json();
-    if (time.is_number() && kPoseTime_s.contains(time.get<double>())) then.later_s = time.get<double>();
-    return Object::read(in, then);
-  }
-};
-
 bool in_icrf(const Json& pose) {
   const std::string word = pose.value("frame", std::string());
   return std::any_of(std::begin(kPoseFrames), std::end(kPoseFrames),
@@ -47,6 +34,13 @@ const Members<PoseAtTime>& pose_at_time_members() {
   return *table;
 }
 
+std::optional<PoseAtTime> TimedPose::read(const JsonReader& in, const ReadContext& context) const {
+  ReadContext then = context;
+  const Json time = in.has("time_s") ? in.at("time_s").value() : Json();
+  if (time.is_number() && kPoseTime_s.contains(time.get<double>())) then.later_s = time.get<double>();
+  return Object::read(in, then);
+}
+
 void check_times(const JsonReader& in, const std::vector<PoseAtTime>& poses) {
   for (std::size_t i = 1; i < poses.size(); ++i)
     if (!(poses[i].time_s > poses[i - 1].time_s)) return in.fail("poses", "their times must rise");
@@ -63,25 +57,15 @@ const Members<Shutter>& shutter_members() {
         m.add("line_time_s", &Shutter::line_time_s, Number{{1e-9, 1e4}, "s"},
               "time between the exposures of consecutive rows")
             .required();
-        m.add(
-             "angular_rate_deg_s", [](auto& s) -> auto& { return s.rates.angular_rate_deg_s; }, kAngularRate_deg_s,
-             "angular rate about the camera's own axes (opencv)")
-            .written_if(at_rates);
-        m.add(
-             "velocity_m_s", [](auto& s) -> auto& { return s.rates.velocity_m_s; }, kVelocity_m_s,
-             "velocity of the camera, MOON_ME")
-            .written_if(at_rates);
-        m.add("poses", &Shutter::poses, List{TimedPose{{pose_at_time_members()}}, 2, kMostPoses},
-              "at increasing times, the first not after row 0, the last not before the last row. Positions are "
-              "interpolated by cubic Hermite polynomials (each pose's velocity is that of the parabola through it and "
-              "its neighbours), attitudes by slerp, the shorter way")
-            .written_if(through_poses);
+        m.any_of({"velocity_m_s", "angular_rate_deg_s", "poses"});
+        add_motion(
+            m, "velocity of the camera, MOON_ME",
+            "at increasing times, the first not after row 0, the last not before the last row. Positions are "
+            "interpolated by cubic Hermite polynomials (each pose's velocity is that of the parabola through it and "
+            "its neighbours), attitudes by slerp, the shorter way");
         m.add("pushbroom", &Shutter::pushbroom, Flag{},
               "true: a line camera; all rows look along the camera's row through the principal point (cy). False: a "
               "rolling shutter; each row looks along its own");
-        m.any_of({"velocity_m_s", "angular_rate_deg_s", "poses"});
-        m.excludes("poses", {"velocity_m_s", "angular_rate_deg_s"}, "the poses say how the camera moves");
-        m.check([](const JsonReader& in, Shutter& shutter, const ReadContext&) { check_times(in, shutter.poses); });
       });
   return *table;
 }
