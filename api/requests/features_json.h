@@ -34,8 +34,7 @@ struct FeaturesQuery {
 
 const Members<FeaturesQuery>& features_members();
 // Throws RequestError("invalid_request") with the faults found, including too many features.
-FeaturesQuery read_features(const Json& body, const Limits& limits, const Assets& assets = Assets(),
-                            const StopToken& stop = {});
+FeaturesQuery read_features(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop = {});
 
 // In the order of the server's preference.
 inline constexpr Alternative kFeaturesAnswers[] = {

@@ -24,8 +24,8 @@ const Members<LidarQuery>& lidar_members();
 
 // `arrays`: direction (n, 3) and time_s (n, or one for all) in the place of `pulses`; empty: none. Throws RequestError
 // "invalid_request" with the faults found.
-LidarQuery read_lidar(const Json& body, const NpzArrays& arrays, const Limits& limits, const Assets& assets = Assets(),
-                      const StopToken& stop = {});
+LidarQuery read_lidar(const Json& body, const NpzArrays& arrays, const Limits& limits, const Assets& assets,
+                      const StopToken& stop);
 
 // Rows and columns of a pattern whose beams are in the order of an image, repeats first; else their number.
 std::vector<std::size_t> shape_of(const LidarQuery& query);

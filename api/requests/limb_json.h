@@ -18,8 +18,7 @@ struct LimbQuery {
 
 const Members<LimbQuery>& limb_request_members();
 // Throws RequestError("invalid_request") with the faults found.
-LimbQuery read_limb(const Json& body, const Limits& limits, const Assets& assets = Assets(),
-                    const StopToken& stop = {});
+LimbQuery read_limb(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop);
 
 // In the order of the server's preference.
 inline constexpr Alternative kLimbAnswers[] = {

@@ -8,19 +8,13 @@
 #include "api/schema/member_kinds.h"
 
 namespace selenograph::api {
-namespace {
-
-std::int64_t posts_allowed(const Limits& limits) { return most_posts(limits); }
-
-}  // namespace
-
 std::string_view mode_name(engine::RoundTripMode mode) { return word_of(kRoundTripModes, mode); }
 
-int most_posts(const Limits& limits) {
+std::int64_t most_posts(const Limits& limits) {
   return std::max(1, static_cast<int>(std::sqrt(static_cast<double>(limits.max_rays))));
 }
 
-int default_posts(const Limits& limits) { return std::min(256, most_posts(limits)); }
+int default_posts(const Limits& limits) { return static_cast<int>(std::min<std::int64_t>(256, most_posts(limits))); }
 
 const Members<engine::RoundTripRequest>& round_trip_members() {
   using Trip = engine::RoundTripRequest;
@@ -41,7 +35,7 @@ const Members<engine::RoundTripRequest>& round_trip_members() {
             .required();
         m.add("height_m", &Trip::height_m, Number{kStationHeight_m, "m"}, "height of the cameras above the ground");
         m.add("mode", &Trip::mode, Word{kRoundTripModes}, "exact: rays through the posts; camera: frames");
-        m.add("posts", &Trip::posts, Integer{1, posts_allowed},
+        m.add("posts", &Trip::posts, Integer{1, most_posts},
               "posts along each side of the window, which is moved inwards at the tile's border; fewer where the tile "
               "is smaller");
         m.add("footprint_ratio", &Trip::footprint_ratio, Number{kFootprintRatio},

@@ -15,7 +15,7 @@ inline constexpr std::pair<std::string_view, engine::RoundTripMode> kRoundTripMo
 std::string_view mode_name(engine::RoundTripMode mode);
 
 // Posts along the side of a request's window: as many posts as rays are allowed.
-int most_posts(const Limits& limits);
+std::int64_t most_posts(const Limits& limits);
 int default_posts(const Limits& limits);
 
 const Members<engine::RoundTripRequest>& round_trip_members();

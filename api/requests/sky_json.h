@@ -22,7 +22,7 @@ struct SkyQuery : EpochForm {
 
 const Members<SkyQuery>& sky_request_members();
 // Throws RequestError("invalid_request") with the faults found.
-SkyQuery read_sky(const Json& body, const Limits& limits, const Assets& assets = Assets(), const StopToken& stop = {});
+SkyQuery read_sky(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop);
 
 // In the order of the server's preference.
 inline constexpr Alternative kSkyAnswers[] = {

@@ -90,12 +90,13 @@ struct Record::Lines {
 
 Record::Record(const std::string& folder, const Run* current) {
   if (!fs::exists(folder)) return;
+  std::vector<std::string> journals;
   for (const fs::directory_entry& entry : fs::directory_iterator(folder))
-    if (const std::string name = entry.path().filename().string(); is_journal(name)) journals_.push_back(name);
-  std::sort(journals_.begin(), journals_.end());
+    if (const std::string name = entry.path().filename().string(); is_journal(name)) journals.push_back(name);
+  std::sort(journals.begin(), journals.end());
   std::list<std::string> texts;
   std::vector<Lines> runs;
-  for (const std::string& name : journals_) {
+  for (const std::string& name : journals) {
     const std::string path = in_folder(folder, name);
     split_into_runs(path, texts.emplace_back(dem::read_whole(path)), runs);
   }
@@ -143,7 +144,7 @@ void Record::take(const OrderedJson& line, bool counts) {
   if (line.contains("missing_fraction")) frame.missing_fraction = line.at("missing_fraction").get<double>();
   without_.erase(key_of(name, request));
   if (!counts) {
-    outdated_ += frames_.erase(name) == 0;
+    frames_.erase(name);
     return;
   }
   frames_[name] = std::move(frame);

@@ -75,17 +75,12 @@ class Record {
 
   // Format of the last run; empty: no run.
   const std::string& format() const { return format_; }
-  const std::vector<std::string>& journals() const { return journals_; }
-  // Number of frames from other software or other terrain.
-  std::size_t outdated() const { return outdated_; }
 
  private:
   struct Lines;
   static void split_into_runs(const std::string& path, const std::string& text, std::vector<Lines>& runs);
   void take(const nlohmann::ordered_json& line, bool counts);
   std::string format_;
-  std::vector<std::string> journals_;
-  std::size_t outdated_ = 0;
   std::unordered_map<std::string, DoneFrame> frames_;
   std::unordered_map<std::string, LineWithoutFrame> without_;  // by name and request
   std::unordered_map<std::string, DoneTar> tars_;

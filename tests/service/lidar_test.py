@@ -5,7 +5,6 @@ import io
 import json
 import os
 import sys
-import unittest
 
 import numpy as np
 

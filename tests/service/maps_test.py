@@ -19,7 +19,6 @@ gdal.UseExceptions()
 osr.DontUseExceptions()  # which the former means, too, from GDAL 3.7 on: places beyond a disc are no error here
 
 RADIUS_M = 1737400.0
-SOLAR_CONSTANT = 1361.0
 PLANE = {"south_deg": 10.0, "west_deg": 10.0}  # a tile of 1 x 1 degree that rises to the north
 PLANE_M_PER_DEG = 4000.0
 

@@ -13,7 +13,7 @@ import sys
 import unittest
 
 import harness
-from harness import BINARY, PATIENCE_S, REPOSITORY
+from harness import BINARY, PATIENCE_S
 
 BUILD = os.environ.get("SELENOGRAPH_BUILD", "")
 

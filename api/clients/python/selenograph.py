@@ -1155,10 +1155,6 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.concatenate([[a[0] * b[0] - a[1:] @ b[1:]], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])])
 
 
-def _inverse(q: np.ndarray) -> np.ndarray:
-    return q * [1, -1, -1, -1]
-
-
 def _slerp(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
     """From a to b at a constant rate, the shorter way."""
     if share <= 0 or share >= 1:

@@ -18,6 +18,12 @@ using engine::Material;
 using engine::Reflectance;
 using engine::ReflectanceModel;
 
+struct ReflectanceRow {
+  std::string_view word;
+  engine::ReflectanceModel model;
+  // The equation as printed in its paper, and the factors by which other tools differ.
+  std::string_view normalisation;
+};
 constexpr ReflectanceRow kReflectanceModels[] = {
     {"lambert", ReflectanceModel::lambert,
      "f_r = rho / pi (SENSOR++ eq. 4), per steradian; radiance = E_sun * mu0 * f_r * lit"},
@@ -253,8 +259,6 @@ void check_ground(const JsonReader& in, Ground& ground, const ReadContext&) {
 const Asset<dem::ValueMap> kMap{&Assets::map, "map", "maps"}, kTemperatures{&Assets::temperature_map, "map", "maps"};
 
 }  // namespace
-
-std::span<const ReflectanceRow> reflectance_models() { return kReflectanceModels; }
 
 std::string_view normalisation(ReflectanceModel model) {
   if (model == ReflectanceModel::moon) return kMoonNormalisation;

@@ -14,13 +14,6 @@
 
 namespace selenograph::api {
 
-struct ReflectanceRow {
-  std::string_view word;
-  engine::ReflectanceModel model;
-  // The equation as printed in its paper, and the factors by which other tools differ.
-  std::string_view normalisation;
-};
-std::span<const ReflectanceRow> reflectance_models();
 std::string_view normalisation(engine::ReflectanceModel model);
 // How other tools normalise Lommel-Seeliger, for the API document.
 std::string_view normalisation_elsewhere();
