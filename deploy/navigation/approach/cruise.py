@@ -6,8 +6,10 @@ the images know."""
 import numpy as np
 from scipy.integrate import solve_ivp
 
-GM = 4.9028e12  # m3 s-2
-FARTHEST_M, NEAREST_M = 400e6, 2e6 + 1737.4e3
+from lander.descent import GM_M3_S2 as GM
+from lander.descent import MOON_RADIUS_M
+
+FARTHEST_M, NEAREST_M = 400e6, 2e6 + MOON_RADIUS_M
 
 
 def _motion(_, state):
@@ -27,7 +29,7 @@ class Cruise:
         axis = np.array([0.62, -0.74, 0.26]) / np.linalg.norm([0.62, -0.74, 0.26])
         across = np.cross(axis, [0.1, 0.2, 1.0])
         across /= np.linalg.norm(across)
-        perilune, afar = 1737.4e3 + 300e3, 900.0
+        perilune, afar = MOON_RADIUS_M + 300e3, 900.0
         speed = np.sqrt(afar**2 + 2 * GM / FARTHEST_M)
         aside = perilune * np.sqrt(afar**2 + 2 * GM / perilune) / speed
         state = np.concatenate([FARTHEST_M * axis + aside * across, -speed * axis])

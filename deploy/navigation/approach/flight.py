@@ -7,6 +7,7 @@ import pathlib
 import numpy as np
 
 from lander.camera import Camera
+from lander.descent import rotation
 
 from . import horizon, stars
 from .cruise import Cruise, Filter
@@ -27,15 +28,6 @@ def sensor(seed, frame, f_number, integration_s):
     made["optics"]["f_number"], made["seed"], made["frame"] = f_number, seed, frame
     made["detector"]["integration_time_s"] = integration_s
     return made
-
-
-def rotation(vector):
-    angle = np.linalg.norm(vector)
-    if angle == 0:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
 def facing(forward, aside):

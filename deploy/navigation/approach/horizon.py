@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-RADIUS_M = 1737400.0  # of the sphere that /v1/limb compares with
+from lander.descent import MOON_RADIUS_M as RADIUS_M  # of the sphere that /v1/limb compares with
 
 
 def sides(toward):

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from .camera import averaged
+from .descent import MOON_RADIUS_M
 from .filter import projected
 
 # Pixels between exact ray intersections; between them the warp is bilinear: a plane for each cell. Over the sample
@@ -262,7 +263,7 @@ class Matcher:
         level = self.map.levels[0]
         column, row = level.pixels(state.position[None, None])
         radius = np.linalg.norm(state.position)
-        return max(50.0, float(radius - 1737400.0 - level.height_at(column, row)[0, 0]))
+        return max(50.0, float(radius - MOON_RADIUS_M - level.height_at(column, row)[0, 0]))
 
     def _sigma_px(self, state, level):
         x = np.array([[self.camera.centre]])
