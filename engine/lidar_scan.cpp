@@ -276,10 +276,10 @@ class LidarScanner {
     for (std::size_t first = 0; first < order_.size(); first += kSome) {
       const std::size_t past_last = std::min(first + kSome, order_.size());
       std::vector<Ray> axes;
-      for (std::size_t k = first; k < past_last; ++k)
+      for (std::size_t k = first; k < past_last; k += kGroup)  // its neighbours meet the ground beside it
         axes.push_back({at3(out_.origin_m, order_[k]), at3(out_.direction, order_[k])});
       const std::vector<RayHit> on_posts = cast_rays(axes, {}, std::nullopt, terrain_.plain(), kept_, stop_);
-      for (std::size_t k = first; k < past_last; ++k) posts_m[order_[k]] = on_posts[k - first].range_m;
+      for (std::size_t k = first; k < past_last; ++k) posts_m[order_[k]] = on_posts[(k - first) / kGroup].range_m;
       for (std::size_t left = first; left < past_last;) {
         for (std::size_t k = left; k < past_last; ++k)
           reach_m_[order_[k]] = next_reach_m(reach_m_[order_[k]], posts_m[order_[k]]);
