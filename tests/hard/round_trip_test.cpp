@@ -1,14 +1,16 @@
 // The DEM round trip of the SENSOR++ paper (section 4, figure 5) with the bounds that this service promises.
 //
-// Exact mode: mean below 1 mm and worst below 1 cm are required; what is reached is the rounding of a radius in double,
-// 0.23 nm, so that a micrometre is already a fault. Camera mode: the mean below the paper's 10 cm, no quadrant leaning
-// to one side by more than three standard errors. The mean of the differences' sizes is not below 10 cm at this
-// sampling (0.25 m and 0.55 m): a plane between three pixels cuts off what a post stands out from its neighbours. It
-// shrinks in proportion to the pixels, which is tested instead.
+// Exact mode: mean below 1 mm and worst below 1 cm are required; the rounding of a radius in double, 0.23 nm, is
+// reached, so that ten times the worst difference measured (0.47 nm) is already a fault. Far cameras add the rounding
+// of their distance. Camera mode: the mean below the 3 cm of the front page (the paper's 10 cm in each quadrant), no
+// quadrant leaning to one side by more than three standard errors. The mean absolute difference is not below 10 cm at
+// this sampling (0.25 m and 0.55 m): a plane between three pixels cuts off what a post stands out from its neighbours.
+// It shrinks in proportion to the pixels, which is tested instead.
 #include "engine/verify/round_trip.h"
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <numbers>
@@ -23,7 +25,7 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kExactWorst_m = 1e-6;
+constexpr double kExactWorst_m = 5e-9, kExactWorstOfHeight = 2e-15, kCameraMean_m = 0.03;
 
 std::unique_ptr<Renderer> renderer_over(const std::string& folder) {
   return std::make_unique<Renderer>(test::open_terrain(folder), RendererOptions{});
@@ -45,8 +47,7 @@ void expect_exact(const Renderer& renderer, const RoundTripRequest& request) {
   const RoundTrip trip = round_trip(renderer, request);
   const DifferenceStatistics s = statistics_of(trip);
   EXPECT_EQ(trip.compared + trip.voids, trip.window.size());
-  EXPECT_LT(std::abs(s.all.mean_m), kExactWorst_m);
-  EXPECT_LT(std::abs(s.worst_m), kExactWorst_m);
+  EXPECT_LT(std::abs(s.worst_m), std::max(kExactWorst_m, kExactWorstOfHeight * request.height_m));
   for (const Quadrant& q : s.quadrants) EXPECT_LT(std::abs(q.statistics.z), 3) << q.name;
 }
 
@@ -55,7 +56,7 @@ void expect_camera(const Renderer& renderer, RoundTripRequest request) {
   const RoundTrip trip = round_trip(renderer, request);
   const DifferenceStatistics s = statistics_of(trip);
   EXPECT_EQ(trip.compared + trip.voids, trip.window.size());
-  EXPECT_LT(std::abs(s.all.mean_m), 0.1);
+  EXPECT_LT(std::abs(s.all.mean_m), kCameraMean_m);
   for (const Quadrant& q : s.quadrants) {
     EXPECT_LT(std::abs(q.statistics.mean_m), 0.1) << q.name;
     EXPECT_LT(std::abs(q.statistics.z), 3) << q.name;
@@ -63,7 +64,7 @@ void expect_camera(const Renderer& renderer, RoundTripRequest request) {
   request.footprint_ratio = 0.25;
   const DifferenceStatistics finer = statistics_of(round_trip(renderer, request));
   EXPECT_NEAR(finer.all.mean_absolute_m / s.all.mean_absolute_m, 0.25, 0.05) << s.all.mean_absolute_m;
-  EXPECT_LT(std::abs(finer.all.mean_m), 0.1);
+  EXPECT_LT(std::abs(finer.all.mean_m), kCameraMean_m);
 }
 
 class RoundTripOfSample : public ::testing::Test {
