@@ -1,4 +1,4 @@
-// What rays may meet: the finest terrain along them as a scene, and the objects and rocks on it.
+// Everything that rays may hit: the finest terrain along them as a scene, and the objects and rocks on it.
 #pragma once
 
 #include <cstdint>
@@ -40,7 +40,7 @@ class RockCells {
   std::vector<std::uint32_t> sums_;  // of all cells to the south-west, (side_ + 1)^2
 };
 
-// What stands on the terrain of a scene: the query's objects, and rocks.
+// Objects on the terrain of a scene: those of the query, and rocks.
 class SceneryOnGround {
  public:
   SceneryOnGround(const ObjectsInFrame& without, const FrameRequest& request, std::vector<dem::RockFeature> rocks,

@@ -1,4 +1,4 @@
-// Which of a detail's craters the places are in that a lidar's beams met.
+// The craters of a detail that contain the points hit by a lidar's beams.
 #pragma once
 
 #include <cstdint>

@@ -29,9 +29,9 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
                                         const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& kept,
                                         const StopToken& stop);
 
-// What each ray toward something far away meets first: the Moon with its rocks (unless there is no `moon`), an object,
-// or nothing. Rays that pass 13 km above the datum or 12 km below it, beyond all terrain, cost next to nothing: below
-// it the Moon hides what is behind it even where there is no data. `detail_within_m`: beyond it the ground counts
+// The first occluder of each ray toward a distant object: the Moon with its rocks (unless there is no `moon`), an
+// object, or nothing. Rays that pass 13 km above the datum or 12 km below it, beyond all terrain, cost next to nothing:
+// below it the Moon hides what is behind it even where there is no data. `detail_within_m`: beyond it the ground counts
 // without its detail, of which a ray along the horizon meets so much that it takes seconds.
 std::vector<HiddenBy> what_hides(std::span<const Ray> rays, const std::vector<SceneObject>& objects, bool moon,
                                  const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop,

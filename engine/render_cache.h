@@ -53,7 +53,7 @@ class RenderCache {
   // Directions of the camera's pixels; empty without distortion. Throws Cancelled when `stop` says so.
   std::shared_ptr<const PixelRays> lens(const Camera& camera, const StopToken& stop);
 
-  // What optics scatter over the camera's image. Throws Cancelled when `stop` says so.
+  // Stray light of the optics over the camera's image. Throws Cancelled when `stop` says so.
   std::shared_ptr<const ScatteredLight> scattered(const StrayLight& law, const Camera& camera, const StopToken& stop);
 
   // Roughness of a terrain's detail, which it must have; measured once.

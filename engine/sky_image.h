@@ -1,4 +1,4 @@
-// What a moment of a frame shows of the sky.
+// The sky in one moment of a frame.
 #pragma once
 
 #include <cstdint>

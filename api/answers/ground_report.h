@@ -20,7 +20,7 @@ std::string craters_csv(const GroundReport& report);
 
 std::string ground_markdown(const GroundReport& report);
 
-// What is outside the stated bounds, a line each; empty: nothing. Median slopes from 0.5 to 100 m within 20 % of the
+// Values outside the stated bounds, a line each; empty: none. Median slopes from 0.5 to 100 m within 20 % of the
 // published ones, Hurst exponents from 1 to 100 m within 0.65 to 1.05, visible craters of octaves from 2 to 50 m within
 // 0.8 to 1.25 of the law.
 std::vector<std::string> beyond_bounds(const GroundReport& report);

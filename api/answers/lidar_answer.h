@@ -16,7 +16,7 @@ inline constexpr Alternative kLidarAnswers[] = {
     {"application/json", "the same as a list of beams, null for NaN; of no more beams than a request has rays"},
 };
 
-// Of one beam, by name.
+// Columns of one beam, by name.
 OrderedJson lidar_return_schema();
 OrderedJson lidar_json(const engine::LidarReturns& returns, const LidarQuery& query, const StopToken& stop);
 std::string lidar_npz(const engine::LidarReturns& returns, const LidarQuery& query, const StopToken& stop);

@@ -33,8 +33,8 @@ std::string images_csv(const MoonReport& report);
 // Tables: ratios to LIME and ROLO by phase angle, relief, images.
 std::string moon_markdown(const MoonReport& report);
 
-// What is outside the stated bounds, a line each; empty: nothing. `moon` on a sphere against LIME, 1 % from 5 degrees
-// on and 2 % below; on terrain, as the mean of waxing and waning, 3 %; images: correlation 0.995 below 1 um and 0.985
+// Values outside the stated bounds, a line each; empty: none. `moon` on a sphere against LIME, 1 % from 5 degrees on
+// and 2 % below; on terrain, as the mean of waxing and waning, 3 %; images: correlation 0.995 below 1 um and 0.985
 // above, scale within 10 % and the same on all dates within 2 %, limb within 0.1 pixels.
 std::vector<std::string> beyond_bounds(const MoonReport& report);
 

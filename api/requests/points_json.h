@@ -21,7 +21,7 @@
 
 namespace selenograph::api {
 
-// What lights and hides the points.
+// Light and occluders of the points.
 struct PointScenery : SceneryQuery {
   engine::FrameRequest request;  // its Sun, ground, band, detail and indirect light
   std::vector<PlacedObject> objects;

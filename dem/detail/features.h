@@ -28,13 +28,13 @@ struct CraterFeature {
   // Share of its rim that the terrain shows: not where posts are finer or missing, nor where younger craters of its
   // octave change it by more than a quarter of its depth.
   double rim_share = 0;
-  // What the posts leave of the crater's (means_taken.h), weighted by its layer's share at its centre.
+  // The remaining part of the crater's depth (means_taken.h), weighted by its layer's share at its centre.
   double depth_m = 0;
   double visibility = 0;  // that depth over the roughness of the ground that is shown there (crater_visibility.h)
   double depth_over_diameter() const { return depth_m / crater.diameter_m; }
 };
 
-// What younger craters of its octave have left of a crater.
+// The part of a crater that younger ones of its octave have left.
 struct CraterRemains {
   static constexpr int kRimPoints = 16;
   std::array<bool, kRimPoints> rim{};  // points from north to east: changed by no more than a quarter of the depth

@@ -1,4 +1,5 @@
-// What posts take of the detail around them: the mean over each post's cell, so that means over cells are the DEM's.
+// The mean of the detail over each post's cell, which is subtracted from it at the post, so that means over cells are
+// the DEM's.
 #pragma once
 
 #include <cstdint>

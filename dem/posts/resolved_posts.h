@@ -1,4 +1,4 @@
-// What DEM files resolve: the posts of a file may be closer to each other than what it was made from.
+// Resolution of DEM files: the posts of a file may be denser than the heights from which it was made.
 #pragma once
 
 #include <string>

@@ -36,7 +36,7 @@ struct LidarPattern {
   int repeats = 1;
 };
 
-// What arrives, and what noise it has.
+// Received signal, and its noise.
 enum class LidarSignal {
   photon_counting,  // photoelectrons by the lidar equation; counts have Poisson statistics
   snr               // amplitude over the standard deviation of the noise, by its value for a reference target
@@ -68,7 +68,7 @@ struct LidarInstrument {
   std::optional<LidarPattern> pattern;
 };
 
-// Which craters of the detail beams are told to be in.
+// Craters of the detail that are reported for beams.
 struct LidarCraters {
   double smallest_m = 1;
   double least_depth = dem::Detail::kWorn;  // of their diameter

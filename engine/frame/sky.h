@@ -1,4 +1,4 @@
-// What is in the sky beside the Moon: stars, the Sun, the Earth, planets.
+// Objects in the sky besides the Moon: stars, the Sun, the Earth, planets.
 #pragma once
 
 #include <limits>
@@ -36,7 +36,7 @@ struct SkyOptions {
 
 enum class SkyKind { star, sun, earth, planet };
 
-// What the line of sight to something far away meets first. The numbers are those of arrays.
+// The first occluder on the line of sight to a distant object. The numbers are those of arrays.
 enum class HiddenBy { none, moon, object, earth };
 
 struct SkyObject {

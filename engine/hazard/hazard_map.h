@@ -1,4 +1,4 @@
-// What makes ground unsafe to land on, about each pixel of a map: slope and roughness over a lander's footprint, rocks.
+// Ground that is unsafe for landing, around each pixel of a map: slope and roughness over a lander's footprint, rocks.
 //
 // A plane is fitted by least squares to the heights of the pixels that the lander stands on (all of the footprint, or
 // its legs' ends). Slope is that plane's angle to the sphere's vertical; roughness the largest distance from it of any
@@ -18,8 +18,8 @@ namespace selenograph::engine {
 // Whether any product or limit is of the footprint.
 bool wants_footprint(const MapRequest& request);
 
-// What has to be drawn for a map with these products: the map, wider by what footprints at its border cover, with
-// heights. Throws ImpossibleRequest (member "footprint") where footprints reach too many pixels.
+// The area to draw for a map with these products: the map, wider by what footprints at its border cover, with heights.
+// Throws ImpossibleRequest (member "footprint") where footprints reach too many pixels.
 MapRequest drawn_for(const MapRequest& request);
 
 // Memory that find_hazards() takes beside the products, at most. `drawn`: drawn_for() that request, as below.

@@ -1,4 +1,4 @@
-// Which posts of indirect light a frame sees.
+// The posts of indirect light that a frame sees.
 #pragma once
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-// What a tile's light reflects to the viewer, at its posts.
+// Light of a tile reflected to the viewer, at its posts.
 #pragma once
 
 #include <optional>

@@ -38,7 +38,7 @@ struct LightTile {
 // `direct_w_m2`: the Sun's, at normal incidence.
 LightSources light_sources(const FrameRequest& request, double direct_w_m2);
 
-// What the light of a frame's tiles depends on besides the place.
+// Everything but the position that determines the light of a frame's tiles.
 struct TileLight {
   const dem::Terrain& terrain;
   const FrameRequest& request;

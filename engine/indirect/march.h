@@ -54,14 +54,14 @@ struct MarchSphere {
 void find_horizons(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
                    const float* enough, float* tangent);
 
-// What places in a row see of a grid at equal distance: one row of its cells, at columns `column + i * pitch`.
+// The part of a grid that points in a row see at equal distance: one row of its cells, at columns `column + i * pitch`.
 struct RowOfCells {
   int row;
   float column, pitch;  // pitch: 4, 2, 1, 1/2, ...
   float north;          // how far beyond the row's posts, 0 to 1
 };
 
-// What sixteen places see along their direction, from the ground up to the horizon.
+// The view of sixteen points along their direction, from the ground up to the horizon.
 struct SeenPiece {
   SeenPiece() {}  // NOLINT(modernize-use-equals-default): nothing is set to zero that is written next
   // Over the piece: integrals over the elevation e of cos^2 e and of sin e cos e; 0 for lanes that see nothing of it.

@@ -28,8 +28,8 @@ inline constexpr double kLowSun_deg = 10;
 // For the light of ground that is seen: far more places of it are averaged.
 inline constexpr int kAzimuthsOfGround = 32;
 
-// What arrives at a place from the ground in each of eight sectors of azimuth: the integral of radiance times the unit
-// vector to where it comes from, W m-2, MOON_ME. Its dot product with a normal is the irradiance.
+// Light arriving at a point from the ground in each of eight sectors of azimuth: the integral of radiance times the
+// unit vector to where it comes from, W m-2, MOON_ME. Its dot product with a normal is the irradiance.
 struct SectorLight {
   std::array<Eigen::Vector3f, kSectors> from;
   // Integral of the unit vector over the sky: a plane with normal n sees n . sky / pi of its hemisphere as sky.
@@ -79,7 +79,7 @@ class SlopeLight {
   // columns apart. Zero where there is no data.
   void gather(int row, int column, int stride, std::span<SectorLight, kPacket> out, const StopToken& stop) const;
 
-  // What the ground itself gives back at a post of the finest grid, W m-2: pi times its radiance to the zenith.
+  // Light reflected by the ground itself at a post of the finest grid, W m-2: pi times its radiance to the zenith.
   float radiosity(int row, int column, const StopToken& stop) const;
 
   std::size_t bytes() const;

@@ -9,7 +9,7 @@
 
 namespace selenograph::engine {
 
-// What one beam reports. Ranges are NaN without a detection.
+// The report of one beam. Ranges are NaN without a detection.
 struct LidarDetection {
   double strongest_m, first_m, last_m;
   float strongest, first, last;  // measured signals

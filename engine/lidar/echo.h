@@ -10,7 +10,7 @@
 
 namespace selenograph::engine {
 
-// What one sub-ray contributes: a Gaussian in range.
+// Contribution of one sub-ray: a Gaussian in range.
 struct EchoPart {
   double range_m;  // of its middle
   double deviation_m;

@@ -56,7 +56,8 @@ class SpreadKernel {
   std::vector<float> kernel_;        // otherwise
 };
 
-// Of the direction of a place (camera axes, unit length). From behind the aperture's plane cos^4 leaves nothing.
+// Transmission in the direction of a point (camera axes, unit length). From behind the aperture's plane cos^4 leaves
+// nothing.
 double transmission(const Vignetting& vignetting, const Vec3& in_camera);
 
 // Multiplies by the transmission at each pixel's angle from the boresight. `rays`: of the pixel centres, for a camera

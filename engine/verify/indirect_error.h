@@ -8,7 +8,7 @@
 
 namespace selenograph::engine {
 
-// What the places of a frame receive from the ground around, by rays. Reflectance is the request's, without maps.
+// Light that points of a frame receive from surrounding ground, by rays. Reflectance is the request's, without maps.
 class IndirectTruth {
  public:
   // 144 places of a square frame. From each, 128 azimuths times `strata` and eight more elevations: what a low Sun

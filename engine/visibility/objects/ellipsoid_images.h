@@ -1,5 +1,5 @@
-// Which of many rocks' neighbourhoods a ray passes: images of ellipsoids around them on a plane across the rays, in
-// cells. Most rays of a frame pass no rock, and here they are found without a search through the rocks.
+// The rocks, among many, whose neighbourhood a ray passes: images of ellipsoids around them on a plane across the rays,
+// in cells. Most rays of a frame pass no rock, and here they are found without a search through the rocks.
 #pragma once
 
 #include <cstdint>
