@@ -97,7 +97,7 @@ std::string accuracy_markdown(const std::vector<SweepRow>& rows, const std::vect
       "# Speed against error\n\nMeasured on {}. Time: a warm radiance frame over the bare ray-tracing kernel on the "
       "finest mesh with one sample per pixel, alternating, medians. Errors: against the finest terrain with many "
       "samples per pixel; radiance relative to the mean of the sunlit pixels. \"edges\": with `edge_samples` 4. With "
-      "detail, max_error_px is followed by what detail was aimed at.\n",
+      "detail, max_error_px is followed by the detail target.\n",
       machine);
   for (const engine::AccuracyScene& scene : scenes) {
     text += fmt::format("\n## {}: {}\n\n{}", scene.name, scene.what, kMarkdownHead);

@@ -31,7 +31,7 @@ void add_place(Answer<engine::CraterRim>& a) {
               "the rim, a closed polygon, clockwise as seen from above from the north; parts may lie "
               "outside the image. Rounded to 0.001"),
         [](const CraterRim& rim) { return rim_json(rim.outline); });
-  a.add("rim_visible", number(kUnitInterval, "share of the rim that is in the image with nothing before it"),
+  a.add("rim_visible", number(kUnitInterval, "share of the rim that is in the image and not hidden"),
         [](const CraterRim& rim) { return rim.rim_visible; });
   a.add("rim_ellipse",
         object("the ellipse with the mean and the covariance of the polygon's corners",
@@ -42,7 +42,7 @@ void add_place(Answer<engine::CraterRim>& a) {
         [](const CraterRim& rim) { return ellipse_json(engine::ellipse_of(rim.outline)); });
   a.add("center_px", with(point, "type", {"array", "null"}),
         [](const CraterRim& rim) { return std::isnan(rim.centre.x_px) ? OrderedJson() : place_json(rim.centre); });
-  a.add("center_visible", boolean("whether the middle of its floor is in the image with nothing before it"),
+  a.add("center_visible", boolean("whether the middle of its floor is in the image and not hidden"),
         [](const CraterRim& rim) { return rim.centre_visible; });
 }
 

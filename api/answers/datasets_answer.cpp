@@ -58,7 +58,7 @@ const Answer<DatasetSource>& dataset_answer() {
     a.add("datum", text("of the heights"), of(&RasterInfo::datum));
     a.add("quantisation_m", number(kAnyNumber, "step between heights; 0: floating point"),
           of(&RasterInfo::quantisation_m));
-    a.add("gaps", free_object("void_value: what stands for a missing post, in file units; null: none"), [](const S& s) {
+    a.add("gaps", free_object("void_value: value of a missing post, in file units; null: none"), [](const S& s) {
       return OrderedJson{{"void_value", s.raster.void_value ? OrderedJson(*s.raster.void_value) : OrderedJson()}};
     });
     a.add("bytes", {{"type", "integer"}, {"description", "of the file with the posts"}}, of(&RasterInfo::bytes));

@@ -20,7 +20,7 @@ inline constexpr Alternative kMapAnswers[] = {
      "alone 65535; the metadata are the dataset's item SELENOGRAPH"},
     {"application/x-npz", "the products' arrays, and meta.json with the geotransform and WKT"},
     {"image/png",
-     "one product but normal, 16 bit grey: 0 is no data, 1 to 65535 from the smallest to the largest value, of lit "
+     "one product except normal, 16 bit grey: 0 is no data, 1 to 65535 from the smallest to the largest value, of lit "
      "from 0 to 1, of radiance and slope from 0; `png_scale` in the metadata, the text chunk `selenograph`, says "
      "which. source is as it is"},
 };

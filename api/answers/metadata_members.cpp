@@ -95,14 +95,14 @@ void add_radiometry(Answer<MetadataSource>& a) {
       kSunCovered,
       number(kUnitInterval,
              "share of the Sun's disc that the Earth covers at the epoch that gives the Sun, seen from the ground "
-             "below the camera or in the map's middle, where it is not 0: no light is taken off for it"),
+             "below the camera or in the map's middle, if not 0: the light is not reduced"),
       [](const MetadataSource& s) { return s.sun_covered; }, [](const MetadataSource& s) { return s.sun_covered > 0; });
   a.add("solar_irradiance", free_object("value_w_m2 at the Moon after 1/r^2, its band and source"), irradiance_json,
         with_light);
   a.add(
       "radiance_terms",
       list(text("direct, indirect, scattered, emitted, thermal_path, from_terrain, from_earth"), 7,
-           "components of radiance that were evaluated: SENSOR++ eq. (1)"),
+           "evaluated components of radiance: SENSOR++ eq. (1)"),
       [](const MetadataSource& s) {
         auto names = s.report.radiance.names();
         if (s.frame && s.report.emits_elsewhere && !s.report.radiance.emitted) names.emplace_back("emitted");
@@ -117,11 +117,10 @@ void add_further_bounces(Answer<MetadataSource>& a) {
   a.add(
       "indirect",
       schema::free_object(
-          "of light from terrain: ground_view, the largest share of its hemisphere that a place in view sees as "
-          "ground; albedo, that of the model for diffuse light, or 1 where `albedo_maps` are used; "
-          "further_bounces_at_most, what the two "
-          "say of light that is reflected more often than the request's `bounces` n, (a V)^n / (1 - a V) of the "
-          "largest irradiance from terrain that any ground has, in view or not"),
+          "for light from terrain: ground_view, the largest share of ground in the hemisphere of a point in view; "
+          "albedo of the model for diffuse light, or 1 where `albedo_maps` are used; further_bounces_at_most, the "
+          "bound that follows on light reflected more often than the request's `bounces` n: (a V)^n / (1 - a V) of the "
+          "largest irradiance from terrain on any ground, in view or not"),
       [](const MetadataSource& s) {
         const double albedo =
                          s.request.albedo_maps.empty()
@@ -145,7 +144,7 @@ void add_exposure(Answer<MetadataSource>& a) {
         [](const MetadataSource& s) { return with_image(s) && !s.request.sensor; });
   a.add(
       "exposure",
-      free_object("of a sensor: integration_time_s; saturated_fraction of the pixels; smear_fill, the share of a "
+      free_object("for a sensor: integration_time_s; saturated_fraction of the pixels; smear_fill, the share of a "
                   "pixel's capacity that smear alone fills; brightest_signal_e, electrons of the brightest radiance"),
       [](const MetadataSource& s) {
         return OrderedJson{{"integration_time_s", s.report.integration_time_s},
@@ -156,26 +155,25 @@ void add_exposure(Answer<MetadataSource>& a) {
       by_sensor);
   a.add(
       "motion",
-      free_object("of an exposure in motion: samples, the moments that it is averaged over; longest_streak_px, about "
-                  "how far the ground or an object moves in the image meanwhile"),
+      free_object("for an exposure in motion: samples, the number of moments averaged; longest_streak_px, the "
+                  "approximate motion of ground or objects in the image meanwhile"),
       [](const MetadataSource& s) {
         return OrderedJson{{"samples", s.report.motion_samples}, {"longest_streak_px", s.report.longest_streak_px}};
       },
       [](const MetadataSource& s) { return with_image(s) && s.report.motion_samples > 0; });
   a.add(
       "point_spread",
-      free_object("of an image by a sensor: margin_px that was rendered around it (the shares of pixels below count "
-                  "it), captured_fraction of a point's light within the kernel (\"airy\": 12 rings, 32 pixels at "
-                  "most; the rest is spread over the kernel)"),
+      free_object("for an image by a sensor: margin_px rendered around it (included in the shares of pixels below), "
+                  "captured_fraction of a point's light within the kernel (\"airy\": 12 rings, 32 pixels at most; the "
+                  "rest is spread over the kernel)"),
       [](const MetadataSource& s) {
         return OrderedJson{{"margin_px", s.report.margin_px}, {"captured_fraction", s.report.captured_fraction}};
       },
       by_sensor);
   a.add(
       "stray_light",
-      free_object(
-          "of an image by a sensor with stray light: scattered_fraction of all light; glare_w_m2_sr, the largest "
-          "that a Sun outside of the image adds"),
+      free_object("for an image by a sensor with stray light: scattered_fraction of all light; glare_w_m2_sr, the "
+                  "largest from a Sun outside the image"),
       [](const MetadataSource& s) {
         return OrderedJson{{"scattered_fraction", s.report.scattered_fraction},
                            {"glare_w_m2_sr", s.report.glare_w_m2_sr}};
@@ -193,8 +191,8 @@ void add_geometry(Answer<MetadataSource>& a) {
   a.add("lod_error_m", number(kAnyNumber, "the same in metres"), reported(&FrameReport::lod_error_m));
   a.add("shadow_error_px",
         number(kAnyNumber,
-               "bound on how far the mesh's error displaces a shadow's edge on level ground, pixels. The edge's own: "
-               "read from the pixels of two frames it may be displaced by up to a pixel's diagonal more"),
+               "bound on the displacement of shadow edges on level ground by the mesh's error, pixels. It holds for "
+               "the edge itself: between the pixels of two frames it may be larger by up to a pixel's diagonal"),
         reported(&FrameReport::shadow_error_px));
   a.add("shadow_limit_px", number(kAnyNumber, "max_shadow_error_px as used; a warning says where it was relaxed"),
         [](const MetadataSource& s) { return std::ranges::max(s.report.shadow_limits_px); });
@@ -220,27 +218,27 @@ void add_craters(Answer<MetadataSource>& a) {
   a.add(
       "craters",
       array(crater_answer().schema(),
-            "that the frame shows, the largest first, if the request asks and has no `labels`"),
+            "craters that the frame shows, the largest first, if requested and without `labels`"),
       [](const MetadataSource& s) { return crater_answer().write_all(s.report.craters.rims); }, with_craters);
   a.add(
       "craters_cut_off",
       integer(0, 1'000'000'000, "more in view that are left out: the camera cannot image all of their rim"),
       [](const MetadataSource& s) { return s.report.craters.cut_off; }, with_craters);
-  a.describe("craters_omitted", {{"type", "integer"}, {"description", "in the header only: so many did not fit"}});
+  a.describe("craters_omitted", {{"type", "integer"}, {"description", "in the header only: number left out"}});
 }
 
 void add_content(Answer<MetadataSource>& a) {
   using namespace schema;
   a.add(
-      "detail", free_object("of a request with a detail: name, version and what of the terrain is synthetic"),
+      "detail", free_object("for a request with a detail: name, version and the synthetic part of the terrain"),
       [](const MetadataSource& s) { return detail_metadata(s.scenery.detail, *s.request.detail); }, with_detail);
   a.add(
       "rocks",
       object("of a detail that has rocks",
              {{"number", number({0, 1e9, true, false}, "in view, or whose shadow may be")},
               {"least_px", number(kAnyNumber,
-                                  "diameter in pixels from which on they are shown: 2 max_error_px, at "
-                                  "least 0.5, or more where they would be too many; not in lod_error_m")},
+                                  "minimum diameter shown, in pixels: 2 max_error_px, at least 0.5, or more where they "
+                                  "would be too many; not in lod_error_m")},
               {"fraction", number(kUnitInterval, "share of pixels that see one")}},
              {"number", "least_px", "fraction"}),
       [](const MetadataSource& s) {
@@ -278,12 +276,12 @@ void add_content(Answer<MetadataSource>& a) {
       object("", {{"name", text("DEM tile")}, {"version", text("hash of path, size and modification time")}},
              {"name", "version"});
   a.add("sources", array(source, "what the product `source` indexes"), sources_json);
-  a.describe("sources_omitted", {{"type", "integer"}, {"description", "in the header only: so many did not fit"}});
-  a.describe("warnings_omitted", {{"type", "integer"}, {"description", "in the header only: so many did not fit"}});
-  a.describe("metadata_at", text("in the header only: path of the metadata with what did not fit"));
+  a.describe("sources_omitted", {{"type", "integer"}, {"description", "in the header only: number left out"}});
+  a.describe("warnings_omitted", {{"type", "integer"}, {"description", "in the header only: number left out"}});
+  a.describe("metadata_at", text("in the header only: path of the complete metadata"));
   a.add("warnings",
         array({{"type", "string"},
-               {"description", "the same text for the same trouble: numbers are in the member that it names"}}),
+               {"description", "the same text for the same problem: its numbers are in the member it names"}}),
         [](const MetadataSource& s) { return s.warnings; });
 }
 

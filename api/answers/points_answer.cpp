@@ -61,7 +61,7 @@ const Answer<HitSource>& hit_answer() {
   using namespace schema;
   static const auto answer = answer_of<S>("hit alone where nothing is hit", [](auto& a) {
     const auto hit = [](const S& s) { return s.hit.hit; };
-    a.add("hit", boolean("whether anything was hit; false, too, of a ray that begins below the ground"), hit);
+    a.add("hit", boolean("whether anything was hit; also false for a ray that begins below the ground"), hit);
     a.add(
         "range_m", number_or_null("from the origin, m"), [](const S& s) { return s.hit.range_m; }, hit);
     a.add(
@@ -166,17 +166,16 @@ const Answer<LandmarkSource>& landmark_answer() {
           landmark(&Landmark::x_px));
     a.add("y_px",
           number_or_null("row; null as x_px is. With a shutter both, and range_m, are null where no row sees the "
-                         "point; where several do, they are of one of its places, in the image if it has any there"),
+                         "point; where several do, one of its positions is given, in the image if there is one"),
           landmark(&Landmark::y_px));
     a.add("range_m", number_or_null("from the camera, m"), landmark(&Landmark::range_m));
     a.add("height_m", number_or_null("that was used; null without data"), landmark(&Landmark::height_m));
     a.add("in_frame", boolean("in front of the camera and within the image"), landmark(&Landmark::in_frame));
-    a.add(
-        "visible",
-        boolean("in_frame and nothing of the finest terrain stands between. Places of a frame's `geodetic` lie on its "
-                "coarser surface, which may be below: leave out their height_m, or ask for the frame with a smaller "
-                "accuracy.max_error_px"),
-        landmark(&Landmark::visible));
+    a.add("visible",
+          boolean("in_frame and not hidden by the finest terrain. Points of a frame's `geodetic` lie on its coarser "
+                  "surface, which may be below it: leave out their height_m, or request the frame with a smaller "
+                  "accuracy.max_error_px"),
+          landmark(&Landmark::visible));
     a.add("time_s",
           number_or_null("with a shutter: when the row that sees it is exposed, line_time_s * y_px; null where none "
                          "does"),
@@ -227,7 +226,7 @@ bool HeightSource::known() const { return std::isfinite(height.height_m) && heig
 const Answer<HeightSource>& height_answer() {
   using S = HeightSource;
   using namespace schema;
-  static const auto answer = answer_of<S>("Terrain at a place, by the triangles that frames are made of.", [](auto& a) {
+  static const auto answer = answer_of<S>("Terrain at a point, on the triangles that frames show.", [](auto& a) {
     const auto known = [](const S& s) { return s.known(); };
     a.add("lat_deg", number(kLatitude_deg, "as asked"), [](const S& s) { return s.height.lat_deg; });
     a.add("lon_deg", number({-180, 180, false, true}, "as asked, in [-180, 180)"),

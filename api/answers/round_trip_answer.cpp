@@ -124,8 +124,8 @@ void add_counts(Answer<RoundTripSource>& a) {
   a.add("stations", integer(0, 1LL << 62, "camera positions"),
         [](const RoundTripSource& s) { return s.trip.stations; });
   a.add("counts",
-        free_object("posts = compared + hidden (nearer terrain before them) + missed (no hit: next to voids, beyond "
-                    "the last tile; by frames, next to a pole) + elsewhere (under a finer tile) + voids"),
+        free_object("posts = compared + hidden (behind nearer terrain) + missed (no hit: next to voids, beyond the "
+                    "last tile; by frames, next to a pole) + elsewhere (under a finer tile) + voids"),
         [](const RoundTripSource& s) {
           const engine::RoundTrip& trip = s.trip;
           return OrderedJson{{"posts", trip.window.size()}, {"compared", trip.compared},   {"hidden", trip.hidden},

@@ -131,8 +131,8 @@ const Answer<ViewSource>& view_answer() {
   using S = ViewSource;
   using namespace schema;
   static const auto answer = answer_of<S>(
-      "The view in words of the ground. null: where no terrain is met, or an object stands before it; of the boresight "
-      "also where it is outside the image. Absent without terrain",
+      "The view in terms of the ground. null: where no terrain is hit, or an object hides it; for the boresight also "
+      "where it is outside the image. Absent without terrain",
       [](auto& a) {
         const auto place = [](double Geographic::*member) {
           return [member](const S& s) {
@@ -150,15 +150,15 @@ const Answer<ViewSource>& view_answer() {
         };
         a.add("sphere",
               {{"anyOf", {place_on_sphere, {{"type", "null"}}}},
-               {"description", "where the boresight meets the sphere of 1 737 400 m, with data there or without"}},
+               {"description", "where the boresight hits the sphere of 1 737 400 m, with or without data there"}},
               [place_json](const S& s) { return place_json(boresight_on_sphere(s.query.request.pose)); });
-        a.add("off_nadir_deg", number(kAnyNumber, "angle between the boresight and the direction of the Moon's centre"),
+        a.add("off_nadir_deg", number(kAnyNumber, "angle between the boresight and the direction to the Moon's centre"),
               [](const S& s) { return s.view.off_nadir_deg; });
         a.add("up_azimuth_deg", number_or_null("compass azimuth there of the image's up direction"),
               [](const S& s) { return s.view.up_azimuth_deg; });
         a.add("corners",
               list({{"anyOf", {place_on_sphere, {{"type", "null"}}}}}, 4,
-                   "what the corner pixels' centres see: upper left, upper right, lower right, lower left"),
+                   "points seen by the corner pixels' centres: upper left, upper right, lower right, lower left"),
               [place_json](const S& s) {
                 OrderedJson corners = OrderedJson::array();
                 for (const auto& at : s.view.corners) corners.push_back(place_json(at));
@@ -175,8 +175,7 @@ const Answer<ViewSource>& view_answer() {
                                  {"elevation_deg", answer_json(s.view.sun_elevation_deg)}};
             },
             [](const S& s) { return s.query.sun_given; });
-        a.add("post_px",
-              number_or_null("how many pixels wide the post spacing of the DEM is there, across the line of sight"),
+        a.add("post_px", number_or_null("post spacing of the DEM there in pixels, across the line of sight"),
               [](const S& s) { return s.view.post_px; });
       });
   return answer;

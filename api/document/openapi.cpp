@@ -72,9 +72,9 @@ OrderedJson headers() {
        header("Durations in ms of queue, parse, select, build (pyramid and load: what both waited for), "
               "visibility (of which, by z-buffer, draw, resolve and shadow), sensor, encode; touch: "
               "the system's time meanwhile, most of it for memory touched for the first time")},
-      {"Selenograph-Product", header("Of npy and raw answers: the product")},
-      {"Selenograph-Shape", header("Of npy and raw answers: height,width or height,width,3")},
-      {"Selenograph-Dtype", header("Of npy and raw answers: NumPy's name, e.g. <f4")},
+      {"Selenograph-Product", header("For npy and raw answers: the product")},
+      {"Selenograph-Shape", header("For npy and raw answers: height,width or height,width,3")},
+      {"Selenograph-Dtype", header("For npy and raw answers: NumPy's name, e.g. <f4")},
       {"Selenograph-Missing-Fraction",
        header("Share of pixels that see the Moon where there is no data; absent when there are none", "number")},
       {"Selenograph-Warnings",
@@ -86,8 +86,8 @@ OrderedJson headers() {
       {"Retry-After", header("Seconds", "integer")},
       {"Allow", header("The methods that the path has")}};
   all["Selenograph-Meta"] = {{"description",
-                              "Of npy and raw answers: the frame's metadata, compact ASCII JSON of at "
-                              "most 6000 bytes; metadata_at says where all of it is, if it is longer"},
+                              "For npy and raw answers: the frame's metadata, compact ASCII JSON of at most 6000 "
+                              "bytes; metadata_at says where the rest is, if it is longer"},
                              {"content", {{"application/json", {{"schema", schema::ref("FrameMetadata")}}}}}};
   all["Selenograph-Meta"]["content"]["application/json"]["schema"] = {
       {"anyOf", {schema::ref("FrameMetadata"), schema::ref("MetadataElsewhere")}}};
@@ -122,15 +122,18 @@ void add_operator_paths(OrderedJson& paths) {
 
 std::string description() {
   std::string out =
-      "Frames of the Moon on request: what a camera at a pose sees under a Sun, with the truth behind each pixel.\n\n"
-      "Frame MOON_ME (mean Earth / polar axis, DE421), metres, degrees at this border; heights above the sphere of 1 "
-      "737 400 m. Camera axes are OpenCV's, the centre of the top-left pixel is (0, 0).\n\n"
-      "## Reflectance\n\n" +
+      "Frames of the Moon on request: the view of a camera at a pose under a Sun, with ground truth for every pixel.\n"
+      "\n"
+      "Frame MOON_ME (mean Earth / polar axis, DE421), metres, degrees in this interface; heights above the sphere of "
+      "1 737 400 m. Camera axes are OpenCV's, the centre of the top-left pixel is (0, 0).\n"
+      "\n"
+      "## Reflectance\n"
+      "\n" +
       std::string(normalisation(engine::ReflectanceModel::lommel_seeliger)) + "\n\n" +
       std::string(normalisation_elsewhere()) +
-      "\n\n## Request ids\n\nEvery answer has `X-Request-Id`, which the operator's log has, too: the request's, if it "
-      "is 1 to 64 letters, digits, `.`, `_` and `-`, or one of the service's own.\n\n## "
-      "Errors\n\napplication/problem+json (RFC 9457):\n\n| code | status | meaning |\n|---|---|---|\n";
+      "\n\n## Request ids\n\nEvery answer has `X-Request-Id`, as has the operator's log: the request's, if it is 1 to "
+      "64 letters, digits, `.`, `_` and `-`, or a generated one.\n\n## Errors\n\napplication/problem+json (RFC "
+      "9457):\n\n| code | status | meaning |\n|---|---|---|\n";
   for (const ErrorRow& row : error_table()) {
     out +=
         "| `" + std::string(row.code) + "` | " + std::to_string(row.status) + " | " + std::string(row.meaning) + " |\n";
@@ -158,10 +161,10 @@ OrderedJson components(const Limits& limits, const OrderedJson& answers) {
   for (const MemberTable* table : request_tables()) schemas[std::string(table->name())] = table->schema(limits);
   schemas.update(answers);
   schemas["Problem"] = problem_schema();
-  const OrderedJson timeout = parameter_json(
-      "Request-Timeout-Ms", "header",
-      "Gives up after so many milliseconds with 504. More than the service's own deadline counts as that", false,
-      {{"type", "integer"}, {"minimum", 1}, {"default", limits.default_deadline.count()}});
+  const OrderedJson timeout =
+      parameter_json("Request-Timeout-Ms", "header",
+                     "Time limit in milliseconds, after which the answer is 504; at most the service's own deadline",
+                     false, {{"type", "integer"}, {"minimum", 1}, {"default", limits.default_deadline.count()}});
   return {{"schemas", schemas},
           {"responses", problem_responses()},
           {"headers", headers()},

@@ -37,7 +37,7 @@ std::string products_markdown() {
   std::string out = "## Products\n\nArrays of height x width, row 0 on top.\n\n| name | type | |\n|---|---|---|\n";
   for (const ProductRow& row : products())
     out += fmt::format("| `{}` | {} | {} |\n", row.name, type_text(row), row.meaning);
-  out += "\nOf maps, row 0 in the north; NaN where there is no data or no Moon.\n\n| name | type | |\n|---|---|---|\n";
+  out += "\nFor maps, row 0 in the north; NaN where there is no data or no Moon.\n\n| name | type | |\n|---|---|---|\n";
   for (const ProductRow& row : map_products())
     out += fmt::format("| `{}` | {} | {} |\n", row.name, type_text(row), row.meaning);
   return out;
@@ -53,9 +53,9 @@ std::vector<const MemberTable*> request_tables() {
 
 std::string requests_markdown() {
   std::string out =
-      "# Members of the requests\n\nGenerated from the tables that requests are parsed with; a test compares this file "
-      "with them. Limits are the defaults: a\nservice's own are in its `/openapi.json`. Unknown members are errors. "
-      "Angles are in degrees, lengths in metres,\nplaces in MOON_ME.\n\n| call | body |\n|---|---|\n";
+      "# Members of the requests\n\nGenerated from the tables that parse requests; a test compares this file with "
+      "them. Limits are the defaults; those of a\nservice are in its `/openapi.json`. Unknown members are errors. "
+      "Angles are in degrees, lengths in metres, positions in\nMOON_ME.\n\n| call | body |\n|---|---|\n";
   for (const RequestBody& body : bodies()) out += fmt::format("| `POST {}` | {} |\n", body.path, link_to(body.members));
   out += fmt::format("\n{}\n## Objects\n", products_markdown());
   for (const MemberTable* table : request_tables()) out += fmt::format("\n{}", table->markdown(Limits{}));

@@ -34,13 +34,13 @@ void describe_features(Operation& o) {
   using namespace schema;
   o.describe(
       "Truth for crater matchers and hazard detectors: each crater of a detail that the terrain shows, the largest "
-      "first. The DEM's posts at its centre decide whether it is shown; one that others of its octave of diameters "
-      "cover is left out. The same crater has the same id in every answer.");
+      "first. The DEM's posts at its centre decide whether it is shown; one covered by others of its octave of "
+      "diameters is left out. The same crater has the same id in every answer.");
   o.body("/v1/features", features_members());
   o.answer_as_accepted(kFeaturesAnswers, "FeaturesAnswer", {"Vary"});
   OrderedJson crater = listed("A crater of the detail.", crater_columns()),
               rock = listed("A rock of the detail.", rock_columns());
-  const OrderedJson detail = object("what they are of, as in a frame's metadata",
+  const OrderedJson detail = object("the detail, as in a frame's metadata",
                                     {{"name", text("as asked")},
                                      {"version", text("changes when the preset changes")},
                                      {"synthetic", text("what of the terrain is made up")}},

@@ -395,13 +395,14 @@ Response answer_frame_metadata(const EndpointContext& context) {
 
 void describe_frames(Operation& o) {
   o.describe(
-      "A safe question asked with POST because it is long: nothing changes on the service, and the same question gives "
-      "the same bytes. Therefore If-None-Match is answered with 304 as for GET, without rendering anything.");
+      "A safe request that uses POST because it is long: nothing changes on the service, and the same request gives "
+      "the same bytes. Therefore If-None-Match is answered with 304 as for GET, without rendering.");
   o.may_be_known("The client has this frame already");
   o.body("/v1/frames", frame_members());
   OrderedJson content = OrderedJson::object();
   std::string description =
-      "The frame, as `Accept` asks. Without a preference: image alone as PNG, one product as .npy, several as .npz.\n";
+      "The frame, in the format of `Accept`. Without a preference: image alone as PNG, one product as .npy, several as "
+      ".npz.\n";
   for (const Representation& r : representations()) {
     content[std::string(r.media_type)] = {{"schema", {{"type", "string"}, {"contentMediaType", r.media_type}}}};
     description += "\n- `" + std::string(r.media_type) + "`: " + std::string(r.meaning);
@@ -414,7 +415,7 @@ void describe_frames(Operation& o) {
       {"content", content}};
   using namespace schema;
   o.schema("MetadataElsewhere",
-           object("In the header, where all metadata do not fit.",
+           object("In the header, if the metadata do not fit.",
                   {{"content_hash", text("the ETag without quotes")}, {"metadata_at", text("path of the metadata")}},
                   {"content_hash", "metadata_at"}));
 }

@@ -41,9 +41,9 @@ Response answer_lidar(const EndpointContext& context) {
 void describe_lidar(Operation& o) {
   static const std::string text =
       "A lidar's scan of the finest terrain with detail, rocks and objects. A beam is a Gaussian of sub-rays; its echo "
-      "is what they return (the surface's reflectance at zero phase over range^2), spread over the pulse and over the "
-      "slope that each part of the beam lights up. Returns that can be told apart are detected by chance, which is a "
-      "function of seed, scan and beam; ground truth comes with the measurements. Columns:\n" +
+      "is the sum of their returns (the surface's reflectance at zero phase over range^2), spread over the pulse and "
+      "over the slope that each part of the beam illuminates. Resolved returns are detected at random, as a function "
+      "of seed, scan and beam; ground truth comes with the measurements. Columns:\n" +
       lidar_columns_text();
   o.describe(text.c_str());
   o.body("/v1/lidar", lidar_members());

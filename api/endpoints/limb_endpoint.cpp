@@ -22,19 +22,20 @@ Response answer_limb(const EndpointContext& context) {
 
 void describe_limb(Operation& o) {
   o.describe(
-      "Truth for horizon-based navigation: where the Moon's limb is in the image, to 0.01 pixel, at azimuths around "
-      "the direction to its centre, and where that of a sphere would be. In the half plane of an azimuth the limb is "
-      "the "
-      "largest angle from the centre at which a ray still meets the finest terrain. Objects and rocks have no part in "
-      "it. With `sun` the terminator, too: the limb as the Sun's centre sees it, which is, in a half plane that begins "
-      "at the line to the Sun, the last lit ground toward the night.");
+      "Truth for horizon-based navigation: position of the Moon's limb in the image, to 0.01 pixel, at azimuths around "
+      "the direction to its centre, and that of a sphere's limb. In the half plane of an azimuth the limb is the "
+      "largest angle from the centre at which a ray still meets the finest terrain. Objects and rocks are ignored. "
+      "With `sun` also the terminator: the limb as seen from the Sun's centre, i.e. the last lit ground toward the "
+      "night in each half plane bounded by the line to the Sun.");
   o.body("/v1/limb", limb_request_members());
   o.answer_as_accepted(kLimbAnswers, "LimbAnswer", {"Vary"});
-  o.schema("LimbAnswer", schema::object("The limb.",
-                                        {{"points", schema::array(limb_answer().schema(), "in order of azimuth")},
-                                         {"terminator", schema::array(terminator_answer().schema(),
-                                                                      "in order of azimuth; left out without `sun`")}},
-                                        {"points"}));
+  o.schema("LimbAnswer",
+           schema::object(
+               "The limb.",
+               {{"points", schema::array(limb_answer().schema(), "in order of azimuth")},
+                {"terminator", schema::array(terminator_answer().schema(),
+                                             "points of the terminator in order of azimuth; left out without `sun`")}},
+               {"points"}));
 }
 
 }  // namespace selenograph::api

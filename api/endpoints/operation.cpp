@@ -54,7 +54,7 @@ void Operation::answer(const char* description, const char* name, OrderedJson sc
 
 void Operation::answer_as_accepted(std::span<const Alternative> alternatives, const char* json_schema,
                                    std::initializer_list<const char*> headers) {
-  std::string description = "As `Accept` asks; without a preference the first.\n";
+  std::string description = "In the format of `Accept`; without a preference the first.\n";
   OrderedJson content = OrderedJson::object();
   for (const Alternative& a : alternatives) {
     const std::string media_type(a.media_type);

@@ -37,7 +37,7 @@ Response answer_sky(const EndpointContext& context) {
 void describe_sky(Operation& o) {
   o.describe(
       "Truth for star trackers and optical navigation: stars in the image, the brightest first, then the Sun, the "
-      "Earth and the planets, wherever they are. What a frame with the same `sky` shows is at these places.");
+      "Earth and the planets, wherever they are. A frame with the same `sky` shows them at these positions.");
   o.body("/v1/sky", sky_request_members());
   o.answer_as_accepted(kSkyAnswers, "SkyAnswer", {"Vary", "Selenograph-Warnings"});
   o.schema("SkyAnswer",

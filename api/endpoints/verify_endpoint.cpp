@@ -47,9 +47,9 @@ Response answer_verify_mertis(const EndpointContext& context) {
 
 void describe_verify_round_trip(Operation& o) {
   o.describe(
-      "The check of the SENSOR++ paper (section 4, figure 5) on the finest tile that holds a place. Mode exact sends "
-      "rays through the tile's posts: what differs is the engine's. Mode camera renders frames and resamples what "
-      "their pixels see to the posts: what differs is the engine's and the sampling's.");
+      "The check of the SENSOR++ paper (section 4, figure 5) on the finest tile that contains a point. Mode exact "
+      "casts rays through the tile's posts: the difference is the engine's error. Mode camera renders frames and "
+      "resamples their pixels to the posts: the difference includes the sampling error.");
   o.body("/v1/verify/roundtrip", round_trip_members());
   o.schema("RoundTripAnswer", round_trip_answer().schema());
   o.answer_as_accepted(kRoundTripAnswers, "RoundTripAnswer", {"Vary"});
