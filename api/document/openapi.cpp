@@ -87,7 +87,7 @@ OrderedJson headers() {
       {"Allow", header("The methods that the path has")}};
   all["Selenograph-Meta"] = {{"description",
                               "For npy and raw answers: the frame's metadata, compact ASCII JSON of at most 6000 "
-                              "bytes; metadata_at says where the rest is, if it is longer"},
+                              "bytes; metadata_at is the path of the complete metadata, if longer"},
                              {"content", {{"application/json", {{"schema", schema::ref("FrameMetadata")}}}}}};
   all["Selenograph-Meta"]["content"]["application/json"]["schema"] = {
       {"anyOf", {schema::ref("FrameMetadata"), schema::ref("MetadataElsewhere")}}};
