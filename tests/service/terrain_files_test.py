@@ -84,7 +84,7 @@ class CommandLine(unittest.TestCase):
         folder = harness.path("dem")
         for arguments in (("render", folder, "-o", "x.png", "--dem", folder), ("map", folder, "-o", "x.tif", "--dem", folder),
                           ("batch", folder, "-o", "x", "--dem", folder), ("verify", "mertis", "--instrument", folder, "-o", "x")):
-            done = self.run_it(*(harness.path("x") if a.startswith("x") else a for a in arguments))
+            done = self.run_it(*(harness.path(a) if a.startswith("x") else a for a in arguments))
             self.assertEqual(done.returncode, 1)
             self.assertIn(f"error: {folder}: cannot be opened: Is a directory\n", done.stderr)
 
