@@ -346,7 +346,7 @@ class Names(unittest.TestCase):
                                 (("lola", "--site", "LDEM_3"), "unknown; known are LDEM_4"),
                                 (("nac-dtm", "--site", "APOLL\u00d611"), "names have letters, digits and _"),
                                 (("sldem2013", "--bounds", "1", "0", "0", "1"), "south below north"),
-                                (("sldem2013", "--bounds", "0", "1", "4", "3"), "4 is east of 3. Are they in each other's place?"),
+                                (("sldem2013", "--bounds", "0", "1", "4", "3"), "4 is east of 3. Are they swapped?"),
                                 (("sldem2013", "--bounds", "0", "1", "5", "5"), "west below east"),
                                 (("sldem2013", "--bounds", "nan", "1", "0", "1"), "south below north"),
                                 (("lola-polar", "--bounds", "-10", "80", "0", "1"), "no file of this product covers the region"),
