@@ -55,7 +55,7 @@ bool inverse_sees_more(const engine::FrameRequest& request) {
   return share_of_moon(view.at(inverse)) >= kClearly * share_of_moon(view);
 }
 
-constexpr std::string_view kInverse = "is it the inverse, camera_from_moon and moon_from_camera in each other's place?";
+constexpr std::string_view kInverse = "is it the inverse, camera_from_moon and moon_from_camera swapped?";
 
 // Which usual mistakes would have made this attitude of one that looks at the Moon, the nearest to its middle first.
 std::string likely_mistake(const engine::Pose& pose) {
@@ -118,10 +118,10 @@ std::string why_missing(const engine::FrameRequest& request, const dem::Catalogu
   if (!g || has_data(catalogue, g->lat_deg, g->lon_deg)) return {};
   std::string text = ": there are none along the boresight (view.sphere)";
   if (std::abs(g->lon_deg) <= 90 && has_data(catalogue, g->lon_deg, g->lat_deg))
-    text += ", but where latitude and longitude change places: are they in each other's place?";
+    text += ", but there are at swapped latitude and longitude: are they swapped?";
   const double lat_deg = g->lat_deg * kDegreesPerRadian, lon_deg = g->lon_deg * kDegreesPerRadian;
   if (std::abs(lat_deg) <= 90 && std::abs(lon_deg) <= 360 && has_data(catalogue, lat_deg, lon_deg))
-    text += ", but at so many radians instead of degrees: are they in radians?";
+    text += ", but there are at as many radians instead of degrees: are they in radians?";
   return text;
 }
 

@@ -138,7 +138,7 @@ class View(unittest.TestCase):
     def test_latitude_and_longitude_in_each_others_place(self):
         said = self.warned(nadir(lat_deg=LON, lon_deg=LAT))
         self.assertIn("without data", said)
-        self.assertIn("each other's place", said)
+        self.assertIn("are they swapped?", said)
 
     def test_radians_and_kilometres(self):
         self.assertIn("are they in radians?", self.warned(nadir(lat_deg=math.radians(LAT), lon_deg=math.radians(LON))))
