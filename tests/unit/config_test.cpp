@@ -196,7 +196,7 @@ TEST_F(Config, AllowedHostsAreNamesAndAddresses) {
   parse({"--allowed-host", "moon.example", "--allowed-host", "::1", "b"});
   EXPECT_EQ(settings_.allowed_host, (std::vector<std::string>{"moon.example", "::1", "b"}));
   for (const char* text : {"http://moon.example", "moon.example:80", "moon.example/", ""})
-    EXPECT_NE(failure({"--allowed-host", text}).find("is no host name or address"), std::string::npos) << text;
+    EXPECT_NE(failure({"--allowed-host", text}).find("is not a host name or address"), std::string::npos) << text;
 }
 
 TEST_F(Config, BracketedAddressesInLists) {
