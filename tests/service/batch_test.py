@@ -215,7 +215,7 @@ class Frames(Batch):
                 self.assertIn(word, done.stderr)
         misplaced = run("batch", "verify", path, "-o", harness.path("out"), "--format", "npz")
         self.assertGreater(misplaced.returncode, 100)
-        self.assertIn("--format: is an option of batch, not of verify", misplaced.stderr)
+        self.assertIn("--format is an option of batch, not of verify", misplaced.stderr)
         for done in (batch(harness.path("nowhere.jsonl"), "out"), batch(manifest([], "empty.jsonl"), "out"), run("batch", path)):
             self.assert_status(done, AGAIN)
             self.assertIn("error: ", done.stderr)
