@@ -127,6 +127,7 @@ class CacheFolder(unittest.TestCase):
             service.stop()
 
     def assert_told_once(self, service, cache):
+        service.wait_for("selenograph_cache_trouble", 1)
         text = service.log_text()
         self.assertEqual(text.count("memory only"), 1, text)
         self.assertIn(harness.path(cache), text)

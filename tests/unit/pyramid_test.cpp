@@ -472,6 +472,7 @@ TEST_F(PyramidFile, ReadOnlyCacheStillAnswers) {
   std::ofstream(folder_ / "file") << "no folder";
   const auto terrain = open_terrain(folder_ / "dem", (folder_ / "file") + "/cache");
   EXPECT_FALSE(std::isnan(terrain->height(11, 21).height_m));
+  terrain->wait_until_written();
   EXPECT_NE(terrain->cache_trouble().find("memory only"), std::string::npos) << terrain->cache_trouble();
   EXPECT_TRUE(terrain->warnings().empty()) << "no fault of the data";
 }
