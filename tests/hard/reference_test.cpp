@@ -172,7 +172,7 @@ void judge_views(const Scenery& scenery, const std::vector<Look>& looks) {
       expect_agreement(found, 0.3);
       all.add(found);
     }
-  EXPECT_LE(all.wrong, 10U) << "the front page says 1 of 918 219, of all views";
+  EXPECT_LE(all.wrong, 10U) << "the front page says 2 of 918 219, of all views";
   EXPECT_GT(all.lit * 10, all.hits) << "both light and shadow are judged";
   EXPECT_GT((all.hits - all.lit) * 10, all.hits);
 }
