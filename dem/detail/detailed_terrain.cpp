@@ -41,7 +41,7 @@ BlockId key_of(int number, int kind, const BlockId& id) {
 
 // Blocks are kept in the cache folder from one version of the software to the next: whatever changes a digit of them
 // counts one up here (GroundOnDisk.IsOfThisVersion in unit.block_store).
-constexpr std::uint64_t kGroundVersion = 3;
+constexpr std::uint64_t kGroundVersion = 4;
 
 std::uint64_t key_of_ground(const Catalogue& catalogue, const DetailPreset& preset) {
   const std::uint64_t parts[] = {kGroundVersion, catalogue.fingerprint(), preset.fingerprint};

@@ -2,6 +2,9 @@
 #pragma once
 
 #define XXH_INLINE_ALL
+// Read memory by memcpy. By default xxHash 0.8.3 reads it as integers, which may not alias other types: when inlined,
+// GCC 14 then hashes values that are stored only afterwards.
+#define XXH_FORCE_MEMORY_ACCESS 0
 #include <xxhash.h>
 
 #include <cstddef>

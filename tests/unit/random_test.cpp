@@ -1,11 +1,16 @@
-// Counter-based random numbers: known answers, distributions, independence.
+// Counter-based random numbers and hashes: known answers, distributions, independence.
 #include "engine/sensor/random.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <cstdint>
+#include <numbers>
+#include <string>
 #include <vector>
+
+#include "dem/detail/size_cells.h"
+#include "dem/support/hash.h"
 
 namespace selenograph::engine {
 namespace {
@@ -117,6 +122,35 @@ TEST(Random, MomentsAndIndependence) {
   EXPECT_NEAR(neighbours / kN, 0, error);
   EXPECT_NEAR(frames / kN, 0, error);
   EXPECT_NEAR(words / kN, 0, error);
+}
+
+// Computed by libxxhash 0.8.1, which is compiled apart from its callers. Each length takes another of its branches.
+TEST(Hashes, KnownAnswers) {
+  std::string bytes;
+  for (int i = 0; i < 300; ++i) bytes += static_cast<char>(i);
+  const auto hash = [&](std::size_t count) { return dem::hash_of(bytes.data(), count, 7); };
+  EXPECT_EQ(hash(0), 0x913ae0873e9b7eb8U);
+  EXPECT_EQ(hash(3), 0x3868dcb498f6507cU);
+  EXPECT_EQ(hash(8), 0xdb86d781f5b8bd4aU);
+  EXPECT_EQ(hash(16), 0xee0b9003ece2cff1U);
+  EXPECT_EQ(hash(24), 0x50e080f42c3fd60dU);
+  EXPECT_EQ(hash(100), 0xf99b79905a88dc51U);
+  EXPECT_EQ(hash(200), 0x68decbfb306ebdf2U);
+  EXPECT_EQ(hash(300), 0xb863d8c6eef5bca4U);
+  EXPECT_EQ(dem::xxh64_of(bytes.data(), 300, 7), 0x8a170415d75142c7U);
+  dem::StreamedHash streamed;
+  streamed.add_text(bytes);
+  EXPECT_EQ(streamed.digest(), dem::hash_of(bytes.data(), bytes.size()));
+}
+
+// Both draws of normal() are inlined, so that the compiler sees the key change between two hashes of it.
+TEST(Hashes, SeesWhatIsStoredBetweenTwoHashes) {
+  dem::Draws pairs(1, 2, 3, 4), singles(1, 2, 3, 4);
+  for (int i = 0; i < 100; ++i) {
+    const double a = singles.uniform(), b = singles.uniform();
+    EXPECT_NE(a, b);
+    EXPECT_DOUBLE_EQ(pairs.normal(), std::sqrt(-2 * std::log(a)) * std::cos(2 * std::numbers::pi * b));
+  }
 }
 
 }  // namespace
