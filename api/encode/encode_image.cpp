@@ -227,6 +227,9 @@ std::string encode_tiff(const ArrayView& array, const Attributes& attributes, co
   spec.attribute("compression", "none");  // as for OpenEXR, and every reader knows it
   // Else OpenImageIO writes the local time. A number is not written at all; an empty text would be a malformed tag.
   spec.attribute("DateTime", 0);
+  // Else OpenImageIO repeats both attributes in an Exif directory, which has no such tags: libtiff reports three
+  // errors.
+  spec.attribute("tiff:write_exif", 0);
   Writer writer("tiff", spec, stop);
   writer.write(type, array.data);
   return writer.finish();

@@ -8,6 +8,7 @@
 #include "dem/files/files.h"
 #include "dem/gdal/gate.h"
 #include "dem/support/error.h"
+#include "dem/support/library_messages.h"
 
 namespace selenograph::dem {
 namespace {
@@ -27,11 +28,18 @@ void keep_drivers() {
   }
 }
 
+// Takes messages of threads without a QuietGdal. GDAL's TIFF driver sends libtiff's messages here, too, also those
+// about files that are not GDAL's. Debugging messages appear only when CPL_DEBUG asks for them.
+void CPL_STDCALL log_message(CPLErr severity, CPLErrorNum, const char* text) {
+  if (severity != CE_Debug) pass_to_log("GDAL", text);
+}
+
 }  // namespace
 
 void register_gdal() {
   static std::once_flag once;
   std::call_once(once, [] {
+    CPLSetErrorHandler(log_message);
     keep_drivers();
     shut_file_systems();
     guard_local_files();

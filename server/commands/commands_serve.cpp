@@ -156,14 +156,10 @@ void read_gauges(const engine::Renderer& renderer, const api::Service& service, 
   gauges.body_bytes = bodies.in_use();
 }
 
-}  // namespace
-
-int serve(const ServeSettings& settings) {
+int run_service(const ServeSettings& settings, ShutdownSignals& signals, const AsyncLog& log) {
   if (settings.drain_s >= settings.shutdown_s)
     throw std::runtime_error(fmt::format("--drain-s {:g} is a part of --shutdown-s {:g}, and must be less",
                                          settings.drain_s, settings.shutdown_s));
-  ShutdownSignals signals;  // the last to go: it also ends what won't end
-  const AsyncLog log(settings.terrain.log_level, STDERR_FILENO, settings.log_format);
   raise_open_files_limit(settings.max_connections);
   const MemoryParts parts = memory_parts(settings.terrain.memory);
   const MemoryPlan plan = plan_memory(parts);
@@ -209,6 +205,21 @@ int serve(const ServeSettings& settings) {
          settings.trial ? at_most : at_most - milliseconds(settings.drain_s));
   accepting.join();
   return good ? 0 : 1;
+}
+
+}  // namespace
+
+int serve(const ServeSettings& settings) {
+  ShutdownSignals signals;  // the last to go: it also ends what won't end
+  const AsyncLog log(settings.terrain.log_level, STDERR_FILENO, settings.log_format);
+  try {
+    return run_service(settings, signals, log);
+  } catch (const std::exception& e) {
+    // main() would print the error as plain text, which readers of a JSON log could not parse.
+    if (settings.log_format != LogFormat::json) throw;
+    spdlog::critical("{}", e.what());
+    return 1;
+  }
 }
 
 }  // namespace selenograph::server

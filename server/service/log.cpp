@@ -24,6 +24,7 @@
 #include <utility>
 
 #include "api/message/json_text.h"
+#include "dem/support/library_messages.h"
 
 namespace selenograph::server {
 namespace {
@@ -62,6 +63,7 @@ void use_as_log(std::shared_ptr<spdlog::logger> log, const std::string& level) {
   log->set_pattern("%Y-%m-%dT%H:%M:%S.%e %^%l%$ %v");
   log->set_level(spdlog::level::from_str(level));
   spdlog::set_default_logger(std::move(log));
+  dem::library_log = [](const std::string& text) { spdlog::warn("{}", text); };
 }
 
 }  // namespace
