@@ -259,7 +259,7 @@ void add_content(Answer<MetadataSource>& a) {
       [](const MetadataSource& s) { return objects_metadata(s.request, s.frame->objects); }, with_objects);
   a.add("filled_fraction", number(kUnitInterval, "share of pixels on posts filled by interpolation"),
         reported(&FrameReport::filled_fraction));
-  a.add("blended_fraction", number(kUnitInterval, "share of pixels on posts that are a mean of two layers"),
+  a.add("blended_fraction", number(kUnitInterval, "share of pixels on posts that are bent to meet a finer layer"),
         reported(&FrameReport::blended_fraction));
   a.add("missing_fraction",
         number(kUnitInterval,

@@ -241,7 +241,7 @@ const Answer<HeightSource>& height_answer() {
     a.add(
         "filled", boolean("interpolated across a void"), [](const S& s) { return s.height.filled; }, known);
     a.add(
-        "blended", boolean("a mean of the source and the next coarser layer, near where they meet"),
+        "blended", boolean("the source is bent here to meet a finer layer"),
         [](const S& s) { return s.height.blended; }, known);
     a.add(
         "reason", text("why height_m is null"),

@@ -586,7 +586,6 @@ DetailedTerrain::Surface DetailedTerrain::surface_of(const BlockId& id, const Bl
 void DetailedTerrain::blend(Surface& below, const Surface& above, const BlockId& id, const BlockExtent& e,
                             const LayeredPosts::Layer& layer) const {
   const int side = e.quads + 1;
-  const LayeredPosts::Shares shares = layers_.shares(layer, id);
   // To the bit one or the other beyond the band: blocks there don't look at both.
   const auto mixed = [](double share, double a, double b) {
     return share == 0 ? a : share == 1 ? b : a + share * (b - a);
@@ -596,14 +595,14 @@ void DetailedTerrain::blend(Surface& below, const Surface& above, const BlockId&
     for (int c = 0; c < side; ++c, ++at) {
       double lat_deg = lat_deg_of(e.lat0 + r * e.lat_step), lon_deg = lon_deg_of(e.lon0 + c * e.lon_step);
       if (std::abs(lat_deg) > 90) lat_deg = std::copysign(180, lat_deg) - lat_deg, lon_deg += 180;
-      const auto [of_posts, of_detail] = shares.at(lat_deg, lon_deg);
-      if (of_posts == 0 && of_detail == 0) continue;
+      const double share = layers_.share(layer, lat_deg, lon_deg);
+      if (share == 0) continue;
       double &posts_m = below.posts_m[at], &height_m = below.heights_m[at];
-      const double added_m = mixed(of_detail, height_m - posts_m, above.heights_m[at] - above.posts_m[at]);
-      posts_m = mixed(of_posts, posts_m, above.posts_m[at]);
-      height_m = of_posts == 1 && of_detail == 1 ? above.heights_m[at] : posts_m + added_m;
-      if (of_posts > 0.5) below.sources[at] = above.sources[at];
-      if (of_detail <= 0.5) continue;
+      const double added_m = mixed(share, height_m - posts_m, above.heights_m[at] - above.posts_m[at]);
+      posts_m = mixed(share, posts_m, above.posts_m[at]);
+      height_m = share == 1 ? above.heights_m[at] : posts_m + added_m;
+      if (share <= 0.5) continue;
+      below.sources[at] = above.sources[at];
       below.in_crater[at] = above.in_crater[at], below.ground[at] = above.ground[at];
     }
   below.left_out_m = std::max(below.left_out_m, above.left_out_m);

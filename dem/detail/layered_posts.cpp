@@ -44,30 +44,6 @@ Footprint with_posts_beside(const BlockId& id) {
   return box;
 }
 
-struct PostBox {
-  int x0, y0, w, h;
-};
-
-// Of a file's posts, those that a region may lie between; none: nullopt.
-std::optional<PostBox> posts_around(const RasterInfo& info, const Footprint& region) {
-  constexpr int kAlong = 9;
-  double x0 = info.width, x1 = -1, y0 = info.height, y1 = -1;
-  for (int r = 0; r < kAlong; ++r)
-    for (int c = 0; c < kAlong; ++c) {
-      const PostXY at = locate(info, region.south_deg + r * (region.north_deg - region.south_deg) / (kAlong - 1),
-                               region.west_deg + c * (region.east_deg - region.west_deg) / (kAlong - 1));
-      x0 = std::min(x0, at.x), x1 = std::max(x1, at.x), y0 = std::min(y0, at.y), y1 = std::max(y1, at.y);
-    }
-  // Between the places that were looked at, a border may be curved.
-  const double beside = 1 + std::max(x1 - x0, y1 - y0) / kAlong;
-  x0 = std::max(0.0, std::floor(x0 - beside)), y0 = std::max(0.0, std::floor(y0 - beside));
-  x1 = std::min<double>(info.width - 1, std::ceil(x1 + beside));
-  y1 = std::min<double>(info.height - 1, std::ceil(y1 + beside));
-  if (x0 > x1 || y0 > y1) return std::nullopt;
-  return PostBox{static_cast<int>(x0), static_cast<int>(y0), static_cast<int>(x1 - x0) + 1,
-                 static_cast<int>(y1 - y0) + 1};
-}
-
 }  // namespace
 
 LayeredPosts::LayeredPosts(const PyramidTerrain& plain, double widest_m) : plain_(plain), widest_m_(widest_m) {
@@ -135,55 +111,27 @@ std::vector<LayeredPosts::Layer> LayeredPosts::found(const BlockId& id) const {
       if (levels_of(file) >= levels[k]) layer.files.push_back(file);
     // At places of the block, borders included, and beside them.
     constexpr int kAlong = 9;
-    const Shares shares = this->shares(layer, wide);
-    bool all = std::none_of(shares.files_.begin(), shares.files_.end(), [](const auto& f) { return f.beneath; });
+    bool all = true;
     for (int r = 0; r < kAlong && all; ++r)
       for (int c = 0; c < kAlong && all; ++c)
-        all = shares
-                  .at(wide.south_deg + r * (wide.north_deg - wide.south_deg) / (kAlong - 1),
-                      wide.west_deg + c * (wide.east_deg - wide.west_deg) / (kAlong - 1))
-                  .posts == 1;
+        all = share(layer, wide.south_deg + r * (wide.north_deg - wide.south_deg) / (kAlong - 1),
+                    wide.west_deg + c * (wide.east_deg - wide.west_deg) / (kAlong - 1)) == 1;
     if (all) layers.clear(), layer.files.clear();
     layers.push_back(std::move(layer));
   }
   return layers;
 }
 
-LayeredPosts::Shares LayeredPosts::shares(const Layer& layer, const BlockId& id) const {
-  return shares(layer, with_posts_beside(id));
-}
-
-LayeredPosts::Shares LayeredPosts::shares(const Layer& layer, const Footprint& box) const {
-  const LayerEdges& edges = plain_.post_source().edges();
-  Shares shares;
-  shares.layers_ = this, shares.band_m_ = layer.band_m;
+double LayeredPosts::share(const Layer& layer, double lat_deg, double lon_deg) const {
+  double nearest_m = layer.band_m;
   for (const int file : layer.files) {
     const RasterInfo& info = plain_.catalogue().rasters()[static_cast<std::size_t>(file)];
-    Shares::File one{file, edges.band_posts(file) > 0, {}};
-    if (one.blended)
-      if (const auto posts = posts_around(info, box))
-        one.beneath = edges.shares_of_outline(file, posts->x0, posts->y0, posts->w, posts->h);
-    shares.files_.push_back(std::move(one));
-  }
-  return shares;
-}
-
-LayeredPosts::Share LayeredPosts::Shares::at(double lat_deg, double lon_deg) const {
-  double nearest_m = band_m_, beneath = 1;
-  bool blended = false;
-  for (const File& file : files_) {
-    const RasterInfo& info = layers_->plain_.catalogue().rasters()[static_cast<std::size_t>(file.number)];
     const PostXY at = locate(info, lat_deg, lon_deg);
+    if (inside(info, at)) return 1;
     nearest_m = std::min(nearest_m, beyond_m(info, at, lat_deg));
-    blended |= file.blended;
-    if (!inside(info, at)) continue;
-    // Of the outermost posts beyond them: shares are known of posts alone.
-    const double x = std::clamp(at.x, 0.0, info.width - 1.0), y = std::clamp(at.y, 0.0, info.height - 1.0);
-    beneath = std::min(beneath, file.beneath ? file.beneath->at(x, y) : 0);
-    if (beneath == 0) return {1, 1};
   }
-  const double t = 1 - nearest_m / band_m_, posts = t * t * (3 - 2 * t);
-  return {posts, blended ? 1 - beneath : posts};
+  const double t = 1 - nearest_m / layer.band_m;
+  return t * t * (3 - 2 * t);
 }
 
 int LayeredPosts::files_up_to(int level) const {
@@ -199,8 +147,7 @@ std::vector<DetailOfPosts> LayeredPosts::at(double lat_deg, double lon_deg) cons
   std::vector<DetailOfPosts> found;
   const Layers layers = of(id);  // which others may meanwhile forget
   for (const Layer& layer : *layers) {
-    const double share =
-        found.empty() ? 1 : shares(layer, Footprint{lat_deg, lat_deg, lon_deg, lon_deg}).at(lat_deg, lon_deg).detail;
+    const double share = found.empty() ? 1 : this->share(layer, lat_deg, lon_deg);
     for (DetailOfPosts& below : found) below.share *= 1 - share;
     found.push_back({layer.detail_level, share});
   }

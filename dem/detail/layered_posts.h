@@ -1,23 +1,20 @@
 // Selects the layer whose posts ground with detail is made from, where layers of different resolution overlap.
 //
-// Within the outlines of a layer's files the ground is that layer's; beyond them it is the next coarser layer's, with
-// all detail that the coarser posts cannot resolve. Posts change from one to the other over a band outside the
-// outlines, from composed posts to the coarser layer's own curved surface. The coarser layer's detail ends where its
-// posts do: over the band inside the outlines in which they are blended into the finer layer (layer_edges.h), or over
-// the outer band if there is none.
+// Within the outlines of a layer's files the ground is that layer's; beyond them it is the next coarser layer's, bent
+// to meet the finer one (layer_bends.h), with all detail that the coarser posts cannot resolve. Posts and detail change
+// from one to the other over a band outside the outlines, from composed posts to the coarser layer's own curved
+// surface.
 #pragma once
 
 #include <array>
 #include <compare>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <unordered_map>
 #include <vector>
 
 #include "dem/catalogue/catalogue.h"
 #include "dem/grid/block.h"
-#include "dem/posts/layer_edges.h"
 #include "dem/terrain/pyramid_terrain.h"
 
 namespace selenograph::dem {
@@ -43,27 +40,8 @@ class LayeredPosts {
   int coarsest(const BlockId& id) const;
   // The coarsest level of their detail.
   int coarsest_detail(const BlockId& id) const;
-  // Weight of a layer and the finer ones against the coarser ones: of their posts, and of their detail.
-  struct Share {
-    double posts, detail;  // 0 to 1
-  };
-  // Shares in a block and around it.
-  class Shares {
-   public:
-    Share at(double lat_deg, double lon_deg) const;
-
-   private:
-    friend class LayeredPosts;
-    struct File {
-      int number;
-      bool blended;  // has its own blending band
-      std::optional<LayerEdges::Shares> beneath;
-    };
-    const LayeredPosts* layers_ = nullptr;
-    double band_m_ = 0;
-    std::vector<File> files_;
-  };
-  Shares shares(const Layer& layer, const BlockId& id) const;
+  // Weight of a layer and the finer ones against the coarser ones at a place, 0 to 1.
+  double share(const Layer& layer, double lat_deg, double lon_deg) const;
   // Number of the catalogue's first files whose posts are no finer than a level shows.
   int files_up_to(int level) const;
   // Layers whose detail is shown at a place, from coarse to fine; the shares sum to 1.
@@ -71,7 +49,6 @@ class LayeredPosts {
 
  private:
   std::vector<Layer> found(const BlockId& id) const;
-  Shares shares(const Layer& layer, const Footprint& box) const;
   Layer layer_of(int level) const { return {level, level - coarser_by_[static_cast<std::size_t>(level)]}; }
   // Files whose posts are of one level may resolve different things: each such group is a layer.
   struct Levels {

@@ -71,18 +71,112 @@ void gather(const std::vector<RasterInfo>& rasters, const std::vector<int>& firs
       found.group[i] = static_cast<int>(found.groups.size());
       auto group = std::make_unique<LayerGroup>();
       group->sheet = found.sheet[i];
+      group->layer_begin = found.sheets[static_cast<std::size_t>(group->sheet)].layer_begin;
+      group->post_spacing_m = info.post_spacing_m;
       group->x0 = x, group->y0 = y, group->x1 = x + info.width, group->y1 = y + info.height;
       found.groups.push_back(std::move(group));
     }
     found.group[i] = found.group[first];
     LayerGroup& group = *found.groups[static_cast<std::size_t>(found.group[i])];
     group.sources.push_back(static_cast<int>(i));
-    group.x0 = std::min(group.x0, x), group.x1 = std::max(group.x1, x + info.width);
+    // A group across the date line is one box: count each file's columns from its first file on.
+    const std::int64_t globe = found.sheets[static_cast<std::size_t>(group.sheet)].globe;
+    const std::int64_t turn =
+        globe == 0
+            ? 0
+            : globe * std::llround(static_cast<double>(found.shift[first].first - x) / static_cast<double>(globe));
+    group.x0 = std::min(group.x0, x + turn), group.x1 = std::max(group.x1, x + turn + info.width);
     group.y0 = std::min(group.y0, y), group.y1 = std::max(group.y1, y + info.height);
   }
 }
 
+void set_bands(const Catalogue& catalogue, LayerGroups& found) {
+  constexpr int kBandCells = 8;  // cells of the coarsest octave that the band is wide, at least
+  for (const auto& group : found.groups) {
+    for (const int source : group->sources)
+      group->beneath = std::max(group->beneath, finest_beneath(catalogue, source, group->layer_begin));
+    if (group->beneath < 0) continue;
+    group->spacing_ratio =
+        catalogue.rasters()[static_cast<std::size_t>(group->beneath)].post_spacing_m / group->post_spacing_m;
+    group->band_posts = catalogue.joins().blend_posts * group->spacing_ratio;
+    if (!(group->band_posts > 0)) continue;
+    // In the coarsest octave at least four samples fall on the group's shorter side.
+    const auto side = static_cast<double>(std::min(group->x1 - group->x0, group->y1 - group->y0));
+    const double cell = std::max(1.0, std::min(group->band_posts / kBandCells, side));
+    group->octave = found.sheets[static_cast<std::size_t>(group->sheet)].octave_up_to(
+        static_cast<int>(std::floor(std::log2(cell))));
+    // Less by what cells' middles and the subdivision reach further.
+    group->band_cells = std::max(1.0, group->band_posts / std::ldexp(1.0, group->octave) - 3);
+  }
+}
+
 }  // namespace
+
+int finest_beneath(const Catalogue& catalogue, int source, int begin) {
+  constexpr double kBorder_deg = 1e-6;  // 3 cm: layers that have only their border in common lie beside each other
+  const Footprint& f = catalogue.rasters()[static_cast<std::size_t>(source)].footprint;
+  const std::vector<int> there = catalogue.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, -kBorder_deg);
+  const auto past = std::lower_bound(there.begin(), there.end(), begin);
+  return past == there.begin() ? -1 : *std::prev(past);
+}
+
+PostXY LayerGroups::post_in_file(const Catalogue& catalogue, int source, std::int64_t x, std::int64_t y) const {
+  const auto [shift_x, shift_y] = shift[static_cast<std::size_t>(source)];
+  const std::int64_t globe = sheets[static_cast<std::size_t>(sheet[static_cast<std::size_t>(source)])].globe;
+  std::int64_t column = x - shift_x;
+  if (globe > 0) {
+    column -= floor_div(column, globe) * globe;
+    if (column >= catalogue.rasters()[static_cast<std::size_t>(source)].width) column -= globe;
+  }
+  return {static_cast<double>(column), static_cast<double>(y - shift_y)};
+}
+
+constexpr double kNotOnPlane = -1e8;  // PlanePosts::locate() says less where its plane does not show a place
+
+SheetPosts::SheetPosts(const LayerSheet& sheet, const LayerGroup& group)
+    : sheet_(sheet), group_(group), posts_around_(posts_around(sheet.reference->grid)) {
+  if (const auto* g = std::get_if<PlaneGrid>(&sheet.reference->grid))
+    plane_.emplace(*g, sheet.reference->width, sheet.reference->height);
+}
+
+PostXY SheetPosts::locate(const Geographic& place) const {
+  PostXY p;
+  if (plane_) {
+    p = plane_->locate(place.lat_deg, place.lon_deg);
+    if (std::get<PlaneGrid>(sheet_.reference->grid).plane.projection == MapProjection::orthographic &&
+        p.x < kNotOnPlane)
+      return beyond_limb(place);
+  } else {
+    const auto& g = std::get<GeographicGrid>(sheet_.reference->grid);
+    p = {(place.lon_deg - g.first_lon_deg) * g.lon_posts_per_degree,
+         (g.first_lat_deg - place.lat_deg) * g.lat_posts_per_degree};
+  }
+  if (posts_around_ > 0) {
+    const double middle = static_cast<double>(group_.x0 + group_.x1) / 2;
+    p.x -= posts_around_ * std::round((p.x - middle) / posts_around_);
+  }
+  return p;
+}
+
+PostXY SheetPosts::beyond_limb(const Geographic& place) const {
+  const auto& g = std::get<PlaneGrid>(sheet_.reference->grid);
+  const PostXY middle{-g.first_x_m / g.spacing_m, g.first_y_m / g.spacing_m};
+  const Vec3 axis = to_cartesian(plane_->place(middle.x, middle.y)).normalized();
+  const Vec3 behind = to_cartesian(place).normalized();
+  const PostXY before = plane_->locate(Vec3(behind - 2 * behind.dot(axis) * axis));
+  const double radius = kMoonRadius_m * g.plane.scale / g.spacing_m;
+  const double away = std::hypot(before.x - middle.x, before.y - middle.y);
+  if (away < radius / 2) return {kNotOnPlane, kNotOnPlane};
+  const double outward = (2 * radius - away) / away;
+  return {middle.x + outward * (before.x - middle.x), middle.y + outward * (before.y - middle.y)};
+}
+
+double SheetPosts::away_from_box(const PostXY& p) const {
+  const auto outside = [](double v, std::int64_t from, std::int64_t to) {
+    return std::max({0.0, static_cast<double>(from) - v, v - static_cast<double>(to - 1)});
+  };
+  return std::hypot(kLeastScale * outside(p.x, group_.x0, group_.x1), outside(p.y, group_.y0, group_.y1));
+}
 
 double widest_post_deg(const RasterInfo& info) {
   if (const auto* g = std::get_if<GeographicGrid>(&info.grid))
@@ -129,6 +223,7 @@ LayerGroups find_groups(const Catalogue& catalogue) {
   found.sheet.assign(n, -1), found.group.assign(n, -1), found.shift.resize(n);
   find_sheets(catalogue, found);
   gather(catalogue.rasters(), find_touching(catalogue, found), found);
+  set_bands(catalogue, found);
   return found;
 }
 

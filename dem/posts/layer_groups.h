@@ -12,7 +12,6 @@
 
 #include "dem/catalogue/catalogue.h"
 #include "dem/grid/geodesy.h"
-#include "dem/support/once.h"
 
 namespace selenograph::dem {
 
@@ -45,6 +44,15 @@ struct LayerSheet {
     const double lat = g->first_lat_deg - y / g->lat_posts_per_degree;
     return std::max(kLeastScale, std::cos(lat * kRadiansPerDegree) * g->lat_posts_per_degree / g->lon_posts_per_degree);
   }
+  bool is_beyond_pole(std::int64_t y) const {
+    const auto* g = std::get_if<GeographicGrid>(&reference->grid);
+    return g && std::abs(g->first_lat_deg - static_cast<double>(y) / g->lat_posts_per_degree) > 90;
+  }
+  // The largest octave up to this one whose cells are the same from either side of the globe.
+  int octave_up_to(int octave) const {
+    while (globe % (std::int64_t{1} << octave) != 0) --octave;
+    return octave;
+  }
   // Position of a file's first post; empty: not on this grid.
   std::optional<std::pair<std::int64_t, std::int64_t>> shift_of(const RasterInfo& info) const;
 };
@@ -54,12 +62,13 @@ struct LayerGroup {
   int sheet = 0;
   std::vector<int> sources;
   std::int64_t x0 = 0, y0 = 0, x1 = 0, y1 = 0;  // in posts of the sheet
-  // Valid once settled:
-  Once once;
-  double spacing_ratio = 1;  // post spacing of the finest coarser layer below it, over its own
-  double band_posts = 0;
-  int octave = 0;    // octave of the band
-  double cells = 1;  // width of the band in cells of that octave, less a margin
+  int layer_begin = 0;
+  int beneath = -1;  // finest coarser file below it; -1: none
+  double post_spacing_m = 0;
+  double spacing_ratio = 1;  // post spacing of `beneath` over its own
+  double band_posts = 0;     // width of the band outside it in which coarser layers are bent; 0: none
+  int octave = 0;            // coarsest octave of the band (layer_bends.h)
+  double band_cells = 1;     // width of the band in cells of that octave, less a margin
 };
 
 struct LayerGroups {
@@ -68,7 +77,30 @@ struct LayerGroups {
   // Indices by source; -1: in the coarsest layer.
   std::vector<int> sheet, group;
   std::vector<std::pair<std::int64_t, std::int64_t>> shift;
+
+  // Post of a file at a post of its sheet.
+  PostXY post_in_file(const Catalogue& catalogue, int source, std::int64_t x, std::int64_t y) const;
 };
+
+// Places in posts of a group's sheet, on the turn around the globe that is nearest to the group. An orthographic plane
+// goes on beyond its limb: a place as far behind the limb as another is before it is as far outside as that is inside.
+class SheetPosts {
+ public:
+  SheetPosts(const LayerSheet& sheet, const LayerGroup& group);
+  PostXY locate(const Geographic& place) const;
+  // Distance of a place from the box of the group's posts, in rows; at most the true one.
+  double away_from_box(const PostXY& p) const;
+
+ private:
+  const LayerSheet& sheet_;
+  const LayerGroup& group_;
+  PostXY beyond_limb(const Geographic& place) const;
+  double posts_around_;  // 0: rows do not run around the globe
+  std::optional<PlanePosts> plane_;
+};
+
+// Index of the finest file before `begin` that a file overlaps by more than a border; -1: none.
+int finest_beneath(const Catalogue& catalogue, int source, int begin);
 
 // Groups of all files except those of the coarsest layer.
 LayerGroups find_groups(const Catalogue& catalogue);

@@ -6,66 +6,34 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <stdexcept>
 
 #include "dem/posts/post_source.h"
 #include "dem/support/error.h"
-#include "dem/support/parallel.h"
 #include "dem/support/quantile.h"
 
 namespace selenograph::dem {
 namespace {
 
-constexpr std::size_t kMostPosts = 4096;  // of a border: the median's error is about its spread by 50
-constexpr double kMostOffset_m = 20000;   // beyond it no height remains a lunar one
+constexpr std::size_t kMaxPosts = 4096;  // of a border: the median's error is about its spread by 50
+constexpr double kMostOffset_m = 20000;  // beyond it no height remains a lunar one
 constexpr double kFitStep_m = 0.001;
+// Global models' stated errors are 3 to 4 m at 60 m posts (SLDEM2015) and 10 to 20 m at 118 m (GLD100).
+constexpr double kTypicalError = 0.1;  // of the post spacing
+constexpr double kMinTypicalError_m = 3;
 
-PostWindow window_at(const Geographic& place) {
-  const auto tick = [](double deg) { return static_cast<std::int64_t>(std::llround(deg * kTicksPerDegree)); };
-  return {std::clamp<std::int64_t>(tick(place.lat_deg + 90), 0, kLatTicks),
-          wrap_lon(tick(place.lon_deg + 180)),
-          1,
-          1,
-          1,
-          1};
-}
-
-// A post on the finer side of a border.
-struct Compared {
-  float own_m = 0;      // as the file has it
-  float beneath_m = 0;  // NaN: nothing is there
-  SourceIndex beneath = kNoSource;
-  float joined_m = 0;
-};
-
-std::vector<Compared> compare(const Catalogue& catalogue, const PostSource& source, int file) {
-  const std::vector<LayerEdges::BorderPost> posts = source.edges().border(file, kMostPosts);
-  std::vector<Compared> all(posts.size());
-  in_parallel(posts.size(), [&](std::size_t i) {
-    const LayerEdges::BorderPost& p = posts[i];
-    const RasterInfo& info = catalogue.rasters()[static_cast<std::size_t>(p.source)];
-    source.read(p.source, p.x, p.y, 1, 1, &all[i].own_m);
-    all[i].own_m -= static_cast<float>(catalogue.offset_m(p.source));
-    const PostWindow window = window_at(place_of_post(info, p.x, p.y));
-    const Posts beneath = source.compose(window, catalogue.layer_begin(p.source), {});
-    all[i].beneath_m = beneath.heights[0], all[i].beneath = source_of(beneath.sources[0]);
-    all[i].joined_m = source.compose(window).heights[0];
-  });
-  std::erase_if(all, [](const Compared& c) { return std::isnan(c.beneath_m) || std::isnan(c.own_m); });
-  return all;
-}
-
-template <typename Step>
-Steps steps_of(const std::vector<Compared>& all, const Step& step) {
+Steps steps_of(const std::vector<BorderPost>& posts, const std::function<double(const BorderPost&)>& step_m) {
   Steps s;
-  for (const Compared& c : all) {
-    const double d = static_cast<double>(step(c)) - static_cast<double>(c.beneath_m);
-    s.mean_m += d, s.rms_m += d * d;
+  for (const BorderPost& post : posts) {
+    const double d = step_m(post);
+    s.mean_m += d;
+    s.rms_m += d * d;
     if (std::abs(d) > std::abs(s.worst_m)) s.worst_m = d;
   }
-  s.mean_m /= static_cast<double>(all.size());
-  s.rms_m = std::sqrt(s.rms_m / static_cast<double>(all.size()));
+  s.mean_m /= static_cast<double>(posts.size());
+  s.rms_m = std::sqrt(s.rms_m / static_cast<double>(posts.size()));
   return s;
 }
 
@@ -126,14 +94,11 @@ std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
     const PostSource source(catalogue, false, ignore);
     FittedOffset fit{file, 0, 0};
     std::vector<int> group{file};
-    if (source.edges().meets(file) || catalogue.layer_begin(file) > 0) {
-      group = source.edges().group_of(file);
-      int over = file;
-      for (const int other : group)
-        if (source.edges().meets(other)) over = other;
+    if (catalogue.layer_begin(file) > 0) {
+      group = source.bends().group_of(file);
       std::vector<double> steps;
-      for (const Compared& c : compare(catalogue, source, over))
-        steps.push_back(static_cast<double>(c.beneath_m) - static_cast<double>(c.own_m));
+      for (const BorderPost& post : source.bends().border(file, kMaxPosts))
+        steps.push_back(catalogue.offset_m(post.source) - static_cast<double>(post.step_m));
       fit.posts = steps.size();
       if (!steps.empty()) fit.offset_m = std::round(median(std::move(steps)) / kFitStep_m) * kFitStep_m;
     }
@@ -155,24 +120,29 @@ std::vector<LayerBorder> measure_borders(const Catalogue& catalogue, std::size_t
   std::vector<char> done(catalogue.rasters().size());
   for (std::size_t i = 0; i < done.size() && found.size() < most; ++i) {
     const int file = static_cast<int>(i);
-    if (done[i] || !source.edges().meets(file)) continue;
-    const std::vector<int>& group = source.edges().group_of(file);
+    if (done[i] || !source.bends().meets(file)) continue;
+    const std::vector<int>& group = source.bends().group_of(file);
     for (const int other : group) done[static_cast<std::size_t>(other)] = 1;
-    const std::vector<Compared> all = compare(catalogue, source, file);
-    if (all.empty()) continue;
+    const std::vector<BorderPost> posts = source.bends().border(file, kMaxPosts);
+    if (posts.empty()) continue;
     LayerBorder border;
     border.sources = group;
-    border.posts = all.size();
+    border.posts = posts.size();
     border.offset_m = catalogue.offset_m(group.front());
-    border.band_m = source.edges().band_posts(file) * catalogue.rasters()[i].post_spacing_m;
+    border.band_m = source.bends().band_posts(file) * catalogue.rasters()[i].post_spacing_m;
     std::map<SourceIndex, std::size_t> beneath;
-    for (const Compared& c : all) ++beneath[c.beneath];
+    for (const BorderPost& post : posts) ++beneath[post.beneath];
     border.beneath =
         static_cast<int>(std::max_element(beneath.begin(), beneath.end(), [](const auto& a, const auto& b) {
                            return a.second < b.second;
                          })->first);
-    border.before = steps_of(all, [](const Compared& c) { return c.own_m; });
-    border.after = steps_of(all, [](const Compared& c) { return c.joined_m; });
+    border.in_files = steps_of(posts, [&](const BorderPost& post) {
+      return static_cast<double>(post.step_m) - catalogue.offset_m(post.source);
+    });
+    border.bent = steps_of(posts, [](const BorderPost& post) { return static_cast<double>(post.step_m); });
+    border.typical_error_m =
+        std::max(kTypicalError * catalogue.rasters()[static_cast<std::size_t>(border.beneath)].post_spacing_m,
+                 kMinTypicalError_m);
     found.push_back(std::move(border));
   }
   return found;

@@ -1,6 +1,7 @@
 // Joins of layers: offsets, given or fitted; and the steps at layer borders.
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <optional>
 #include <string>
@@ -37,18 +38,22 @@ struct FittedOffset {
 std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
                                       const std::vector<NamedNumber>& offsets);
 
-// Heights on the finer side of a border minus those of the coarser layer, m.
+// Heights of a layer's border posts minus those of the coarser layers, m.
 struct Steps {
   double mean_m = 0, rms_m = 0, worst_m = 0;  // `worst_m`: the largest in size
 };
 
 struct LayerBorder {
-  std::vector<int> sources;  // files of the group, ascending
-  int beneath = -1;          // the file below most of the border
-  std::size_t posts = 0;     // compared posts
-  double offset_m = 0;       // offset of the first file
-  double band_m = 0;         // 0: not blended
-  Steps before, after;       // as in the files; with offset and blending
+  std::vector<int> sources;    // files of the group, ascending
+  int beneath = -1;            // the file below most of the border
+  std::size_t posts = 0;       // compared posts
+  double offset_m = 0;         // offset of the first file
+  double band_m = 0;           // outside the border, over which the coarser layers are bent; 0: they are not
+  Steps in_files;              // without the offset
+  Steps bent;                  // with it: by this the coarser layers are bent at the border
+  double typical_error_m = 0;  // of the layer beneath, from its post spacing
+  // Whether one layer is probably displaced against the other: --layer-offset is for this.
+  bool is_displaced() const { return std::abs(bent.mean_m) > typical_error_m; }
 };
 
 // Measures the borders of at most `most` groups that overlap coarser layers, from coarse to fine. Groups without a

@@ -7,6 +7,8 @@
 #include <tuple>
 #include <utility>
 
+#include "dem/grid/geodesy.h"
+
 namespace selenograph::dem {
 namespace {
 
@@ -256,8 +258,20 @@ LevelBorder turned(LevelBorder b, std::int64_t turns) {
   return b;
 }
 
+// Metres per tick across a border.
+double across_m(const LevelBorder& b, std::int64_t lat) {
+  const double along_meridian_m = kMetresPerDegree / kTicksPerDegree;
+  return b.along_parallel ? along_meridian_m
+                          : along_meridian_m * std::cos(lat_deg_of(static_cast<std::int32_t>(lat)) * kRadiansPerDegree);
+}
+
+// 1 on the border and far from finer posts, 0 beside these.
+double share_beside_finer(double border_m, double finer_m) {
+  return border_m == 0 || std::isinf(finer_m) ? 1 : finer_m / (finer_m + border_m);
+}
+
 void join_along(const LevelBorder& b, const LevelBorders& borders, const PostWindow& w, const ComposeLine& compose,
-                const SourceMark* sources, float* heights_m) {
+                std::span<const SourceMark> sources, std::span<const float> away_m, float* heights_m) {
   const Axis rows{w.lat0, w.lat_step, w.rows}, cols{w.lon0, w.lon_step, w.cols};
   const Axis &along = b.along_parallel ? cols : rows, &across = b.along_parallel ? rows : cols;
   const auto [first, past] = between(along, b.from, b.to);
@@ -272,19 +286,23 @@ void join_along(const LevelBorder& b, const LevelBorders& borders, const PostWin
       const SourceIndex source = source_of(sources[at]);
       const double gap_m = gap[static_cast<std::size_t>(i - first)];
       if (source == kNoSource || std::isnan(gap_m) || borders.level_of_file(source) > b.level) continue;
-      heights_m[at] += static_cast<float>(share(across.tick(j) - b.at, b.reach) * gap_m);
+      double part = share(across.tick(j) - b.at, b.reach);
+      if (!away_m.empty())
+        part *= share_beside_finer(static_cast<double>(std::abs(across.tick(j) - b.at)) * across_m(b, rows.tick(r)),
+                                   static_cast<double>(away_m[at]));
+      heights_m[at] += static_cast<float>(part * gap_m);
     }
 }
 
 }  // namespace
 
 void join_levels(const LevelBorders& borders, const PostWindow& w, const ComposeLine& compose,
-                 const SourceMark* sources, float* heights_m) {
+                 std::span<const SourceMark> sources, std::span<const float> away_m, float* heights_m) {
   for (const LevelBorder& b : borders.near(w)) {
     // From the last turn in which the border begins west of the window; a window is at most one turn wide.
     const std::int64_t before = floor_div(w.lon0 - (b.along_parallel ? b.from : b.at), kLonTicks);
     for (const std::int64_t turn : {before, before + 1, before + 2})
-      join_along(turned(b, turn), borders, w, compose, sources, heights_m);
+      join_along(turned(b, turn), borders, w, compose, sources, away_m, heights_m);
   }
 }
 

@@ -90,8 +90,9 @@ class LevelBorders {
 using ComposeLine = std::function<std::vector<float>(const PostWindow& line)>;
 
 // Joins the heights of a window's posts with the triangles of adjacent coarser posts, using files that are no finer
-// than these. NaN stays.
+// than these. NaN stays. `away_m`: each post's distance from finer layers (layer_bends.h); beside these, heights stay.
+// Empty: all are far away.
 void join_levels(const LevelBorders& borders, const PostWindow& window, const ComposeLine& compose,
-                 const SourceMark* sources, float* heights_m);
+                 std::span<const SourceMark> sources, std::span<const float> away_m, float* heights_m);
 
 }  // namespace selenograph::dem

@@ -25,8 +25,10 @@ PostSource::PostSource(const Catalogue& catalogue, bool fall_through, Warn warn)
       fall_through_(fall_through),
       warn_(std::move(warn)),
       pool_(std::make_unique<RasterPool>(catalogue)),
-      edges_(
+      bends_(
           catalogue, [this](int source, int x0, int y0, int w, int h, float* m) { read(source, x0, y0, w, h, m); },
+          [this](std::span<const Geographic> places, int files, float* m, SourceIndex* sources,
+                 std::vector<SourceIndex>& unusable) { heights_at(places, files, m, sources, unusable); },
           fall_through),
       borders_(catalogue) {
   for (const RasterInfo& info : catalogue.rasters()) post_deg_ = std::max(post_deg_, widest_post_deg(info));
@@ -143,8 +145,8 @@ void PostSource::compose_part(const PostWindow& part, std::size_t offset, const 
   for (auto layer = layers.rbegin(); layer != layers.rend() && missing > 0; ++layer)
     if (!catalogue_.rasters()[static_cast<std::size_t>(*layer)].lattice_level)
       missing -= add_layer(*layer, part, offset, Reach::beside_posts, strip);
-  if (strip.joined && !pole) join(part, offset, strip, stop);
-  if (!catalogue_.one_layer() && catalogue_.joins().blend_posts > 0) blend(part, offset, strip, stop);
+  const std::vector<float> away_m = bend(part, offset, strip);
+  if (strip.joined && !pole) join(part, offset, strip, away_m, stop);
   const bool all = strip.files == static_cast<int>(catalogue_.rasters().size());
   if (pole && all && strip.sources[offset] == kNoSource) {
     const std::vector<SourceIndex> around = fill_pole(*this, part, strip.heights + offset, strip.sources + offset);
@@ -256,7 +258,8 @@ std::size_t PostSource::add_layer(int source, const PostWindow& window, std::siz
   return filling.filled();
 }
 
-void PostSource::join(const PostWindow& part, std::size_t offset, const Strip& strip, const StopToken& stop) const {
+void PostSource::join(const PostWindow& part, std::size_t offset, const Strip& strip, std::span<const float> away_m,
+                      const StopToken& stop) const {
   const auto compose_line = [&](const PostWindow& line) {
     std::vector<float> heights(line.size());
     std::vector<SourceMark> marks(line.size());
@@ -265,93 +268,109 @@ void PostSource::join(const PostWindow& part, std::size_t offset, const Strip& s
                   stop);
     return heights;
   };
-  join_levels(borders_, part, compose_line, strip.sources + offset, strip.heights + offset);
+  join_levels(borders_, part, compose_line, {strip.sources + offset, part.size()}, away_m, strip.heights + offset);
 }
 
-// A file that shares posts of a part with the layers beneath.
-struct PostSource::Blending {
-  int source, beneath;  // `beneath`: so many files are coarser
-  WindowMapping mapping;
-  LayerEdges::Shares shares;
-};
-
-void PostSource::blend(const PostWindow& part, std::size_t offset, const Strip& strip, const StopToken& stop) const {
-  const SourceMark* marks = strip.sources + offset;
-  const std::size_t count = part.lat0 == 0 || part.lat0 == kLatTicks ? 1 : part.size();
-  std::vector<SourceIndex> present, unusable;
-  for (std::size_t i = 0; i < count; i += count_equal(marks + i, count - i))
-    if (const SourceIndex s = source_of(marks[i]); s != kNoSource &&
-                                                   std::find(present.begin(), present.end(), s) == present.end() &&
-                                                   edges_.meets(static_cast<int>(s)))
-      present.push_back(s);
-  if (present.empty()) return;
-  std::sort(present.begin(), present.end());
-  std::vector<Blending> sources;
-  for (const SourceIndex s : present) {
-    const int source = static_cast<int>(s);
-    WindowMapping mapping(catalogue_.rasters()[s], source, part, *strip.columns);
-    const WindowMapping::Box box = mapping.box();
-    if (auto shares = edges_.shares(source, box.x0, box.y0, box.w, box.h, unusable))
-      sources.push_back({source, catalogue_.layer_begin(source), std::move(mapping), std::move(*shares)});
-  }
-  if (!unusable.empty()) {
-    const std::lock_guard lock(replaced_mutex_);
-    strip.replaced->insert(strip.replaced->end(), unusable.begin(), unusable.end());
-  }
-  for (auto first = sources.begin(); first != sources.end();) {
-    const auto past =
-        std::find_if(first, sources.end(), [&](const Blending& b) { return b.beneath != first->beneath; });
-    blend_layer(part, offset, strip, {first, past}, stop);
-    first = past;
-  }
-}
-
-// Files of one layer.
-void PostSource::blend_layer(const PostWindow& part, std::size_t offset, const Strip& strip,
-                             std::span<Blending> sources, const StopToken& stop) const {
-  struct Shared {
-    std::size_t at;
-    double share;
+// Bends the coarser layers in a part. Returns how far each post is from finer layers, m; empty: no band reaches it.
+std::vector<float> PostSource::bend(const PostWindow& part, std::size_t offset, const Strip& strip) const {
+  if (catalogue_.one_layer()) return {};
+  const bool pole = part.lat0 == 0 || part.lat0 == kLatTicks;
+  PlaceGrid places;
+  places.rows = part.rows;
+  places.columns = pole ? 1 : part.cols;
+  places.place = [&](int r, int c) {
+    return Geographic{lat_deg_of(static_cast<std::int32_t>(part.lat0 + static_cast<std::int64_t>(r) * part.lat_step)),
+                      lon_deg_of(wrap_lon(part.lon0 + static_cast<std::int64_t>(c) * part.lon_step)), 0};
   };
-  const bool pole = sources.front().mapping.pole();
-  const int cols = sources.front().mapping.cols();
-  std::vector<Shared> shared;
-  for (int r = 0; r < part.rows; ++r)
-    for (int c = 0; c < cols; ++c) {
-      const std::size_t at =
-          static_cast<std::size_t>(r) * static_cast<std::size_t>(part.cols) + static_cast<std::size_t>(c);
-      const auto source = static_cast<int>(source_of(strip.sources[offset + at]));
-      const auto found =
-          std::find_if(sources.begin(), sources.end(), [&](const Blending& b) { return b.source == source; });
-      if (found == sources.end()) continue;
-      const PostXY q = found->mapping.at(r, c);
-      if (const double share = found->shares.at(q.x, q.y); share > 0) shared.push_back({at, share});
-    }
-  if (shared.empty()) return;
-  // What lies beneath the rows that share.
-  const auto columns = static_cast<std::size_t>(part.cols);
-  const int first = static_cast<int>(shared.front().at / columns), last = static_cast<int>(shared.back().at / columns);
-  PostWindow rows = part;
-  rows.lat0 += static_cast<std::int64_t>(first) * part.lat_step, rows.rows = last - first + 1;
-  std::vector<float> heights(rows.size(), kNaN);
-  std::vector<SourceMark> marks(rows.size(), kNoSource);
-  compose_part(rows, 0,
-               {0, rows.rows, heights.data(), marks.data(), strip.replaced, strip.columns, sources.front().beneath,
-                strip.joined},
-               stop);
-  constexpr double kWhole = 1 - 1e-6;  // of the layer beneath: rounding
-  for (const Shared& s : shared) {
-    const std::size_t here = offset + s.at, there = s.at - static_cast<std::size_t>(first) * columns;
-    const float below = heights[there];
-    if (std::isnan(below)) continue;
-    const auto own = static_cast<double>(strip.heights[here]);
-    strip.heights[here] =
-        s.share > kWhole ? below : static_cast<float>(own + s.share * (static_cast<double>(below) - own));
-    strip.sources[here] |= (marks[there] & kMarkBits) | kBlendedBit;
+  places.sources = {strip.sources + offset, pole ? 1 : part.size()};
+  Bends bends = bends_.at(places, files());
+  if (!bends.unusable.empty()) {
+    const std::lock_guard lock(replaced_mutex_);
+    strip.replaced->insert(strip.replaced->end(), bends.unusable.begin(), bends.unusable.end());
   }
-  if (pole) {
+  for (std::size_t i = 0; i < bends.added_m.size(); ++i) {
+    if (bends.added_m[i] == 0) continue;
+    strip.heights[offset + i] += bends.added_m[i];
+    strip.sources[offset + i] |= kBlendedBit;
+  }
+  if (pole && !bends.added_m.empty()) {
     std::fill_n(strip.heights + offset, part.cols, strip.heights[offset]);
     std::fill_n(strip.sources + offset, part.cols, strip.sources[offset]);
+  }
+  return std::move(bends.away_m);
+}
+
+// Heights of the coarser layers at any places, bent to meet each other.
+void PostSource::heights_at(std::span<const Geographic> places, int files, float* heights_m, SourceIndex* sources,
+                            std::vector<SourceIndex>& unusable) const {
+  std::fill_n(heights_m, places.size(), kNaN);
+  std::fill_n(sources, places.size(), kNoSource);
+  double south = 90, north = -90, low = 0, high = 0;
+  for (const Geographic& p : places) {
+    const double turned = std::remainder(p.lon_deg - places[0].lon_deg, 360);
+    south = std::min(south, p.lat_deg), north = std::max(north, p.lat_deg);
+    low = std::min(low, turned), high = std::max(high, turned);
+  }
+  std::vector<int> layers =
+      catalogue_.touching(south, north, places[0].lon_deg + low, places[0].lon_deg + high, post_deg_);
+  layers.erase(std::lower_bound(layers.begin(), layers.end(), files), layers.end());
+  for (auto layer = layers.rbegin(); layer != layers.rend(); ++layer)
+    add_heights(*layer, places, heights_m, sources, unusable);
+  PlaceGrid grid;
+  grid.rows = 1;
+  grid.columns = static_cast<int>(places.size());
+  grid.place = [&](int, int c) { return places[static_cast<std::size_t>(c)]; };
+  grid.sources = {sources, places.size()};
+  const Bends bends = bends_.at(grid, files);
+  unusable.insert(unusable.end(), bends.unusable.begin(), bends.unusable.end());
+  for (std::size_t i = 0; i < bends.added_m.size(); ++i) heights_m[i] += bends.added_m[i];
+}
+
+// Takes a file's heights at places that have none yet.
+void PostSource::add_heights(int source, std::span<const Geographic> places, float* heights_m, SourceIndex* sources,
+                             std::vector<SourceIndex>& unusable) const {
+  constexpr double kMaxPostsAtOnce = 1 << 18;
+  const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(source)];
+  std::vector<std::pair<std::size_t, PostXY>> missing;
+  PostRange x_range, y_range;
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    if (sources[i] != kNoSource) continue;
+    PostXY p = locate(info, places[i].lat_deg, places[i].lon_deg);
+    if (info.wraps_longitude && !missing.empty())
+      p.x -= info.width * std::round((p.x - missing.front().second.x) / info.width);
+    if (!(p.x > -1 && p.y > -1 && p.y < info.height) || (!info.wraps_longitude && p.x >= info.width)) continue;
+    x_range.add(p.x, 1e300);
+    y_range.add(p.y, info.height);
+    missing.emplace_back(i, p);
+  }
+  if (missing.empty()) return;
+  const double posts = (x_range.high - x_range.low + 6) * (y_range.high - y_range.low + 6);
+  if (posts > kMaxPostsAtOnce && missing.size() > 1) {
+    const std::size_t half = places.size() / 2;
+    add_heights(source, places.first(half), heights_m, sources, unusable);
+    add_heights(source, places.subspan(half), heights_m + half, sources + half, unusable);
+    return;
+  }
+  PostPatch patch{x_range.first(),
+                  y_range.first(),
+                  x_range.past_last() - x_range.first(),
+                  y_range.past_last() - y_range.first(),
+                  {}};
+  patch.posts.resize(static_cast<std::size_t>(patch.w) * static_cast<std::size_t>(patch.h));
+  try {
+    read(source, patch.x0, patch.y0, patch.w, patch.h, patch.posts.data());
+    close_gaps(source, patch);
+  } catch (const DataError&) {
+    if (!fall_through_) throw;
+    unusable.push_back(static_cast<SourceIndex>(source));
+    return;
+  }
+  for (const auto& [i, p] : missing) {
+    float height_m = interpolate(patch, Place(p.x), Place(p.y));
+    if (std::isnan(height_m) && !info.lattice_level) height_m = extended(patch, p.x, p.y);
+    if (!(height_m >= kLowestRelief_m && height_m <= kHighestRelief_m)) continue;
+    heights_m[i] = height_m;
+    sources[i] = static_cast<SourceIndex>(source);
   }
 }
 

@@ -1,9 +1,8 @@
 // Composes the finest posts over a window of the lattice from all layers that cover it.
 //
-// The finest valid layer wins; no-data is filled from the next coarser layer. Remaining gaps between valid posts are
-// interpolated and flagged. Near its border a layer is blended into the coarser ones (layer_edges.h): its height h
-// becomes (1 - e) h + e b, where b is the height from the coarser layers alone, blended likewise. A product whose posts
-// lie on the lattice is copied; any other is interpolated (post_patch.h).
+// The finest valid layer wins, unchanged; no-data is filled from the next coarser layer, which is bent to meet the
+// finer one along its border (layer_bends.h). Remaining gaps between valid posts are interpolated and flagged. A
+// product whose posts lie on the lattice is copied; any other is interpolated (post_patch.h).
 #pragma once
 
 #include <cstdint>
@@ -16,7 +15,7 @@
 
 #include "dem/catalogue/catalogue.h"
 #include "dem/grid/block.h"
-#include "dem/posts/layer_edges.h"
+#include "dem/posts/layer_bends.h"
 #include "dem/posts/level_borders.h"
 #include "dem/posts/post_window.h"
 #include "dem/support/stop_token.h"
@@ -40,7 +39,8 @@ class PostSource {
 
   // Number of files in the catalogue.
   int files() const { return static_cast<int>(catalogue_.rasters().size()); }
-  // Composes the layers without filling voids. With `files`: only the first files of the catalogue, the coarser layers.
+  // Composes the layers without filling voids. With `files`: only the first files of the catalogue, the coarser layers,
+  // bent to meet the finer ones all the same.
   Posts compose(const PostWindow& window, const StopToken& stop = {}) const;
   Posts compose(const PostWindow& window, int files, const StopToken& stop) const;
   // The same with voids filled, into the memory of `grid`.
@@ -49,7 +49,7 @@ class PostSource {
   static void fill_voids(const PostWindow& window, Posts& posts, const StopToken& stop = {});
 
   // Borders of layers and of levels.
-  const LayerEdges& edges() const { return edges_; }
+  const LayerBends& bends() const { return bends_; }
   const LevelBorders& borders() const { return borders_; }
 
  private:
@@ -59,11 +59,13 @@ class PostSource {
   void for_strips(const PostWindow& window, const StopToken& stop, Use&& use) const;
   void compose_strip(const PostWindow& window, const Strip& strip, const StopToken& stop) const;
   void compose_part(const PostWindow& part, std::size_t offset, const Strip& strip, const StopToken& stop) const;
-  void join(const PostWindow& part, std::size_t offset, const Strip& strip, const StopToken& stop) const;
-  struct Blending;
-  void blend(const PostWindow& part, std::size_t offset, const Strip& strip, const StopToken& stop) const;
-  void blend_layer(const PostWindow& part, std::size_t offset, const Strip& strip, std::span<Blending> sources,
-                   const StopToken& stop) const;
+  void join(const PostWindow& part, std::size_t offset, const Strip& strip, std::span<const float> away_m,
+            const StopToken& stop) const;
+  std::vector<float> bend(const PostWindow& part, std::size_t offset, const Strip& strip) const;
+  void heights_at(std::span<const Geographic> places, int files, float* heights_m, SourceIndex* sources,
+                  std::vector<SourceIndex>& unusable) const;
+  void add_heights(int source, std::span<const Geographic> places, float* heights_m, SourceIndex* sources,
+                   std::vector<SourceIndex>& unusable) const;
   enum class Reach { between_posts, beside_posts };
   std::size_t add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach,
                         const Strip& strip) const;
@@ -73,7 +75,7 @@ class PostSource {
   std::unique_ptr<RasterPool> pool_;
   mutable std::mutex replaced_mutex_;  // for Posts::replaced, which strips share
   double post_deg_ = 0;                // of the coarsest file
-  LayerEdges edges_;
+  LayerBends bends_;
   LevelBorders borders_;
 };
 

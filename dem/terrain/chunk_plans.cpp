@@ -112,21 +112,27 @@ void ChunkPlans::add_borders(const ChunkPlan& plan, StreamedHash& f) const {
       f.add(number);
 }
 
-// What a chunk in which layers meet, or have an offset, depends on besides: their bands, and what lies in them. A chunk
-// in which none do depends on nothing of it.
+// What a chunk that a band reaches, or in which files have an offset, depends on besides: the bands, and the files that
+// determine the steps along their borders. A chunk that none reaches depends on nothing of it.
 void ChunkPlans::add_joins(const ChunkPlan& plan, StreamedHash& f) const {
-  const double margin = margin_deg(plan);
+  // Earlier versions changed the finer layer's posts.
+  constexpr std::uint64_t kCoarserBent = 1;
+  const double margin = margin_deg(plan), widest_deg = catalogue_.one_layer() ? 0 : source_.bends().widest_band_deg();
   double band_deg = 0;
-  for (const int i : around(plan, margin)) {
+  for (const int i : around(plan, margin + kWidest * widest_deg)) {
     const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(i)];
-    const double offset_m = catalogue_.offset_m(i), band_posts = source_.edges().band_posts(i);
+    const double offset_m = catalogue_.offset_m(i), band_posts = source_.bends().band_posts(i);
     if (offset_m == 0 && band_posts == 0) continue;
     f.add_text(info.path);
-    f.add(offset_m), f.add(band_posts);
-    band_deg = std::max(band_deg, band_posts / info.posts_per_degree);
+    f.add(info.stamp);
+    f.add(offset_m);
+    f.add(band_posts);
+    band_deg = std::max(band_deg, band_posts * info.post_spacing_m / kMetresPerDegree);
   }
   if (band_deg == 0) return;
-  for (const int i : around(plan, margin + kWidest * band_deg)) {
+  f.add(kCoarserBent);
+  // A step is measured from coarser layers that are bent themselves.
+  for (const int i : around(plan, margin + 3 * kWidest * band_deg)) {
     const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(i)];
     f.add_text(info.path);
     f.add(info.stamp);

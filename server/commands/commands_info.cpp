@@ -29,13 +29,23 @@ std::string steps_text(const dem::Steps& s) {
   return fmt::format("mean {:+.2f} m, rms {:.2f} m, worst {:+.2f} m", s.mean_m, s.rms_m, s.worst_m);
 }
 
+std::string displacement_text(const dem::Catalogue& catalogue, const dem::LayerBorder& b) {
+  const auto name = [&](int i) { return catalogue.rasters()[static_cast<std::size_t>(i)].name; };
+  return fmt::format(
+      "{} lies {:+.1f} m above {} along its border, more than the typical error of such posts, {:.1f} m: "
+      "--layer-offset '{}={:+.1f}' would move it, --layer-offset '{}=fit' by the median",
+      name(b.sources.front()), b.bent.mean_m, name(b.beneath), b.typical_error_m, name(b.sources.front()),
+      b.offset_m - b.bent.mean_m, name(b.sources.front()));
+}
+
 void print_borders(const dem::Catalogue& catalogue, const std::vector<dem::LayerBorder>& borders) {
   const auto name = [&](int i) { return catalogue.rasters()[static_cast<std::size_t>(i)].name; };
   for (const dem::LayerBorder& b : borders) {
     const std::string more = b.sources.size() > 1 ? fmt::format(" and {} more", b.sources.size() - 1) : "";
-    fmt::print("border of {}{} over {}: {} posts, offset {:+.3f} m, blended over {:.0f} m\n", name(b.sources.front()),
-               more, name(b.beneath), b.posts, b.offset_m, b.band_m);
-    fmt::print("  step before: {}\n  step after:  {}\n", steps_text(b.before), steps_text(b.after));
+    fmt::print("border of {}{} over {}: {} posts, offset {:+.3f} m, {} bent over {:.0f} m\n", name(b.sources.front()),
+               more, name(b.beneath), b.posts, b.offset_m, name(b.beneath), b.band_m);
+    fmt::print("  step in the files: {}\n  bent by:           {}\n", steps_text(b.in_files), steps_text(b.bent));
+    if (b.is_displaced()) fmt::print("  warning: {}\n", displacement_text(catalogue, b));
   }
 }
 
@@ -106,8 +116,9 @@ nlohmann::ordered_json borders_json(const dem::Catalogue& catalogue, const std::
                     {"posts", b.posts},
                     {"offset_m", b.offset_m},
                     {"band_m", b.band_m},
-                    {"step_before", steps_json(b.before)},
-                    {"step_after", steps_json(b.after)}});
+                    {"step_in_files", steps_json(b.in_files)},
+                    {"bent_by", steps_json(b.bent)},
+                    {"warning", b.is_displaced() ? nlohmann::ordered_json(displacement_text(catalogue, b)) : nullptr}});
   }
   return list;
 }

@@ -229,7 +229,7 @@ void add_options(CLI::App& command, TerrainSettings& s) {
       ->capture_default_str();
   command
       .add_option("--blend-posts", s.blend_posts,
-                  "Width of the band in which a layer is blended into the next coarser one, in posts of the coarser "
+                  "Width of the band in which a layer is bent to meet a finer one, in posts of the coarser "
                   "one; 0: none")
       ->check(number_in(0.0, 1000.0))
       ->capture_default_str();

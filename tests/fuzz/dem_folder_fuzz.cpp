@@ -85,15 +85,12 @@ void check_terrain(const Catalogue& catalogue, const RasterInfo& info) {
       if (!info.lattice_level || !is_height(post)) continue;
       // A post without valid ones beside it may be no corner of a triangle.
       if (answer.source < 0 && !has_quad(raster, info, x, y)) continue;
-      // Beside the layer below they share its height.
+      // Whatever the layer below does, posts of this one are unchanged.
       constexpr double kRounding_m = 1e-2;
-      const auto own = static_cast<double>(post);
-      const double lowest = answer.blended ? std::min(own, kBelow_m) : own,
-                   highest = answer.blended ? std::max(own, kBelow_m) : own;
-      require(answer.height_m > lowest - kRounding_m && answer.height_m < highest + kRounding_m,
-              "a post of the file is one of the terrain, or between it and the layer below:",
+      require(std::abs(answer.height_m - static_cast<double>(post)) < kRounding_m,
+              "a post of the file is one of the terrain",
               fmt::format("post ({}, {}) at {} N, {} E: {} m, the terrain {} m{}", x, y, place.lat_deg, place.lon_deg,
-                          post, answer.height_m, answer.blended ? ", blended" : ""));
+                          post, answer.height_m, answer.blended ? ", bent" : ""));
     }
   const BlockId block =
       block_at(2, static_cast<std::int32_t>((info.footprint.south_deg + 90) * kTicksPerDegree),

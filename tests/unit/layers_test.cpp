@@ -1,4 +1,6 @@
-// Layers that meet: blended over a band, the same from any window; offsets given and fitted; steps along borders.
+// Layers that meet: the finer one unchanged, the coarser one bent, the same from any window; offsets given and fitted;
+// steps along borders.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -55,39 +57,39 @@ void write_fine(const TemporaryFolder& folder, const test::HeightFunction& heigh
   write_float_tile(folder.path(), "fine", {16, 18, kFine, 4 * 64 + 1, 4 * 64 + 1}, height_m, is_void);
 }
 
-TEST(Layers, AreBlendedOverTheBandAndUntouchedInside) {
+TEST(Layers, FinerPostsAreUnchangedAndTheCoarserLayerBends) {
   TemporaryFolder folder;
   write_coarse(folder), write_fine(folder);
   const Layers layers(folder.path());
-  ASSERT_EQ(layers.source.edges().band_posts(1), 64);
-  // Along a parallel through the middle, from outside to the middle.
-  const Posts posts = layers.source.compose(window(6, 14, 17, 1, 3 * 64 + 1));
-  double steepest = 0, bent = 0;
+  ASSERT_EQ(layers.source.bends().band_posts(1), 64);
+  // Along a parallel through the middle, from two bands outside to the middle.
+  const Posts posts = layers.source.compose(window(6, 14, 16, 1, 4 * 64 + 1));
+  double steepest = 0, curved = 0;
   for (std::size_t c = 0; c < posts.heights.size(); ++c) {
-    const double inside = static_cast<double>(c) - 64;  // posts from the border
+    const double inside = static_cast<double>(c) - 128;  // posts from the border
     const float h = posts.heights[c];
-    if (inside < 0) {
-      ASSERT_EQ(h, 0) << c;
-      ASSERT_EQ(posts.sources[c], 0U) << "the coarse layer is not blended";
-    } else if (inside >= 64) {
+    if (inside >= 0) {
       ASSERT_EQ(h, 100) << c;
       ASSERT_EQ(posts.sources[c], 1U) << c;
-    } else if (inside >= 4 && inside < 48) {
+    } else if (inside < -66) {
+      ASSERT_EQ(h, 0) << c;
+      ASSERT_EQ(posts.sources[c], 0U) << c;
+    } else if (inside > -50) {
       ASSERT_TRUE(is_blended(posts.sources[c])) << c;
-      ASSERT_EQ(layers.name(posts.sources[c]), "fine") << "whose outline stays visible";
+      ASSERT_EQ(layers.name(posts.sources[c]), "coarse") << c;
     }
     if (c > 0) {
-      ASSERT_GE(h, posts.heights[c - 1]) << c;
+      ASSERT_GE(h, posts.heights[c - 1] - 1e-4F) << c;
       steepest = std::max(steepest, static_cast<double>(h - posts.heights[c - 1]));
     }
     if (c > 1)
-      bent = std::max(bent, std::abs(static_cast<double>(h - 2 * posts.heights[c - 1] + posts.heights[c - 2])));
+      curved = std::max(curved, std::abs(static_cast<double>(h - 2 * posts.heights[c - 1] + posts.heights[c - 2])));
   }
-  // A smoothstep over n posts is at most 1.5 / n steep and changes its slope by at most 6 / n^2 from post to post; the
-  // narrower bands of finer octaves, of which the product is taken, add to it.
-  EXPECT_LT(steepest, 100 * 2.5 / 64);
-  EXPECT_LT(bent, 100 * 24.0 / (64 * 64));
-  EXPECT_LT(posts.heights[64], 0.05) << "no cliff at the border";
+  // A smoothstep over n posts is at most 1.5 / n steep and changes its slope by at most 6 / n^2 from post to post. The
+  // band is narrower by a few cells of its coarsest octave.
+  EXPECT_LT(steepest, 100 * 3.0 / 64);
+  EXPECT_LT(curved, 100 * 40.0 / (64 * 64));
+  EXPECT_GT(posts.heights[127], 99) << "no cliff at the border";
 }
 
 // A layer with a slanted border, holes of all sizes, another layer between, all of them rough, and off the lattice.
@@ -111,16 +113,16 @@ struct Rough {
   TemporaryFolder folder;
 };
 
-TEST(Layers, BlendTheSameBitForBitFromAnyWindow) {
+TEST(Layers, BendTheSameBitForBitFromAnyWindow) {
   const Rough rough;
   const Layers all(rough.folder.path());
   ASSERT_EQ(all.catalogue.rasters().size(), 3U);
   const PostWindow whole = window(8, 12.5, 17.5, 700, 800);
   const Posts expected = all.source.compose(whole);
-  std::size_t blended = 0;
-  for (const SourceMark s : expected.sources) blended += is_blended(s);
-  EXPECT_GT(blended, expected.sources.size() / 5);
-  EXPECT_LT(blended, expected.sources.size());
+  std::size_t bent = 0;
+  for (const SourceMark s : expected.sources) bent += is_blended(s);
+  EXPECT_GT(bent, expected.sources.size() / 5);
+  EXPECT_LT(bent, expected.sources.size());
   std::mt19937 random(3);
   for (int k = 0; k < 60; ++k) {
     const Layers fresh(rough.folder.path());  // nothing is known of its borders yet
@@ -171,30 +173,55 @@ TEST(Layers, AreContinuousAcrossEveryBorder) {
   };
   const PostWindow w = window(8, 12.5, 16.5, 1200, 1200);
   EXPECT_EQ(largest_step(Layers(folder.path(), 0).source.compose(w), w), 200 - 100);
-  // The hole is 31 posts wide: its band is the narrowest, some 60 posts.
-  EXPECT_LT(largest_step(Layers(folder.path()).source.compose(w), w), 6);
+  // 100 m over bands of 64 posts, two of which overlap.
+  EXPECT_LT(largest_step(Layers(folder.path()).source.compose(w), w), 2 * 100 * 3.0 / 64);
 }
 
-TEST(Layers, EachOfThreeBlendsIntoTheNextCoarser) {
-  TemporaryFolder folder;
-  write_coarse(folder);
-  write_float_tile(folder.path(), "middle", {17, 17, 64, 4 * 64 + 1, 4 * 64 + 1}, high);
-  // Its eastern border lies within the middle layer's band.
-  write_float_tile(folder.path(), "fine", {15.5, 19, 256, 513, 400}, [](double, double) { return 200.0; });
-  const Layers layers(folder.path());
-  const PostWindow w = window(8, 14.5, 18, 1, 3 * 256);
-  const Posts all = layers.source.compose(w), beneath = layers.source.compose(w, 2, {}),
-              ground = layers.source.compose(w, 1, {});
-  int all_three = 0;
-  for (std::size_t c = 0; c < all.heights.size(); ++c) {
-    ASSERT_EQ(ground.heights[c], 0);
-    const bool fine_alone = source_of(all.sources[c]) == 2 && !is_blended(all.sources[c]);
-    ASSERT_TRUE(!fine_alone || all.heights[c] == 200) << c;
-    ASSERT_GE(all.heights[c], beneath.heights[c] - 1e-3F);
-    all_three += all.heights[c] > beneath.heights[c] + 1 && all.heights[c] < 199 && beneath.heights[c] < 99 &&
-                 beneath.heights[c] > 1;
-  }
-  EXPECT_GT(all_three, 20) << "some posts are a mean of all three";
+// Three layers, however they lie to each other, at the date line, too; the finest has a hole.
+TEST(Layers, PostsOfTheFinestLayerAreThoseOfItsFile) {
+  const auto own = [](double scale) {
+    return [scale](double lat, double lon) {
+      return scale * 100 + 80 * std::sin(9 * lat + scale) * std::cos(7 * std::remainder(lon, 360));
+    };
+  };
+  struct Place {
+    double top, west;  // of the finest layer
+  };
+  for (const double east : {0.0, 161.0})  // 19 + 161 = 180
+    for (const Place& at : {Place{15.5, 18.5}, {15.5, 17.5}, {16.5, 18}, {12.5, 21.25}, {17.0, 17.0}}) {
+      SCOPED_TRACE(fmt::format("{} {} {}", east, at.top, at.west));
+      TemporaryFolder folder;
+      const auto lon = [&](double deg) { return deg + east > 180 ? deg + east - 360 : deg + east; };
+      write_float_tile(folder.path(), "coarse", {20, lon(12), kCoarse, 161, 193}, own(1));
+      write_float_tile(folder.path(), "middle", {17, lon(17), 64, 4 * 64 + 1, 4 * 64 + 1}, own(2));
+      const auto is_hole = [&](double lat, double lon_deg) {
+        return std::hypot(lat - at.top + 0.5, std::remainder(lon_deg - at.west - east - 0.6, 360)) < 0.1;
+      };
+      write_float_tile(folder.path(), "fine", {at.top, lon(at.west), 256, 257, 257}, own(3), is_hole);
+      const Layers layers(folder.path());
+      const PostWindow w = window(8, at.top - 1.25, at.west + east - 0.25, 385, 385);
+      const Posts posts = layers.source.compose(w);
+      std::size_t fine = 0;
+      double step_m = 0;
+      for (int r = 0; r < w.rows; ++r)
+        for (int c = 0; c < w.cols; ++c) {
+          const auto i = static_cast<std::size_t>(r * w.cols + c);
+          const double lat = at.top - 1.25 + r / 256.0, lon_deg = at.west + east - 0.25 + c / 256.0;
+          if (r > 0)
+            step_m = std::max(
+                step_m,
+                std::abs(static_cast<double>(posts.heights[i] - posts.heights[i - static_cast<std::size_t>(w.cols)])));
+          if (c > 0) step_m = std::max(step_m, std::abs(static_cast<double>(posts.heights[i] - posts.heights[i - 1])));
+          if (layers.name(posts.sources[i]) != "fine") continue;
+          ++fine;
+          ASSERT_EQ(posts.sources[i], 2U);
+          ASSERT_EQ(posts.heights[i], static_cast<float>(own(3)(lat, lon_deg))) << lat;
+        }
+      EXPECT_GT(fine, 60000U);
+      EXPECT_LT(fine, 257U * 257U);
+      // The relief's own steps are up to 3 m, a step between two layers without bending 100 to 260 m.
+      EXPECT_LT(step_m, 12);
+    }
 }
 
 TEST(Layers, OfEqualResolutionDoNotBlend) {
@@ -216,7 +243,7 @@ TEST(Layers, OfEqualResolutionDoNotBlend) {
   }
 }
 
-TEST(Layers, BlendASmallHoleOverASmallBand) {
+TEST(Layers, HolesShowTheCoarserLayerAtTheHeightOfTheirBorder) {
   TemporaryFolder folder;
   write_coarse(folder);
   const double one = 14, many = 14.75;
@@ -225,31 +252,28 @@ TEST(Layers, BlendASmallHoleOverASmallBand) {
            (std::abs(lat - many) < 0.05 && std::abs(lon - 20) < 0.05);
   });
   const Layers layers(folder.path());
-  const auto touched = [&](double lat) {
+  for (const double lat : {one, many}) {
     const Posts posts = layers.source.compose(window(6, lat, 20, 1, 64));
-    EXPECT_EQ(posts.heights[0], 0) << "in the hole lies the coarse layer";
-    int n = 0;
-    for (const float h : posts.heights) n += h != 100;
-    return n;
-  };
-  EXPECT_LE(touched(one), 8);
-  EXPECT_GT(touched(one), 2);
-  EXPECT_GT(touched(many), 8);
-  EXPECT_LE(touched(many), 40);
+    EXPECT_EQ(layers.name(posts.sources[0]), "coarse");
+    for (const float h : posts.heights) EXPECT_NEAR(h, 100, 0.01);
+  }
 }
 
-TEST(Layers, SmallLayersKeepTheirMiddle) {
-  // The band would be wider than the layer: half of its half-width is left to it.
+TEST(Layers, SmallLayersBendTheCoarserOneOverItsPosts) {
   TemporaryFolder folder;
   write_coarse(folder);
   write_float_tile(folder.path(), "site", {14.1, 19.9, 512, 103, 103}, high);
   const Layers layers(folder.path());
-  const double band = layers.source.edges().band_posts(1);
-  EXPECT_GT(band, 16);
-  EXPECT_LE(band, 26.5);
-  const Posts posts = layers.source.compose(window(9, 14, 20, 1, 1));
-  EXPECT_EQ(posts.heights[0], 100);
-  EXPECT_FALSE(is_blended(posts.sources[0]));
+  EXPECT_EQ(layers.source.bends().band_posts(1), 512);
+  const Posts posts = layers.source.compose(window(9, 14, 18.5, 1, 1500));
+  EXPECT_EQ(posts.heights[0], 0);
+  for (std::size_t c = 1; c < posts.heights.size(); ++c) {
+    const double lon = 18.5 + static_cast<double>(c) / 512;
+    if (lon >= 19.9 && lon <= 20.1) {
+      ASSERT_EQ(posts.heights[c], 100) << lon;
+    }
+    ASSERT_LT(std::abs(posts.heights[c] - posts.heights[c - 1]), 100 * 3.0 / 512) << lon;
+  }
 }
 
 TEST(Layers, WithoutACoarserLayerAreNotBlended) {
@@ -262,7 +286,7 @@ TEST(Layers, WithoutACoarserLayerAreNotBlended) {
   for (std::size_t c = 0; c < posts.heights.size(); ++c) ASSERT_EQ(posts.heights[c], 100) << c;
 }
 
-TEST(Layers, BlendOverTheSeamsOfCoarserTiles) {
+TEST(Layers, TheSeamsOfCoarserTilesBendAsOne) {
   TemporaryFolder folder;
   // Coarse tiles as Kaguya's are, a post apart; the fine layer begins on the seam of two and lies over another.
   const auto slope = [](double lat, double lon) { return 10 * lat - 5 * lon; };
@@ -280,7 +304,9 @@ TEST(Layers, BlendOverTheSeamsOfCoarserTiles) {
       const auto at = static_cast<std::size_t>(r * w.cols + c);
       const double above = static_cast<double>(posts.heights[at]) - slope(13 + r / 64.0, 17 + c / 64.0);
       ASSERT_FALSE(is_filled(posts.sources[at])) << r << ' ' << c;
-      ASSERT_TRUE(c > 64 || std::abs(above) < 0.1) << r << ' ' << c << ' ' << above;
+      if (layers.name(posts.sources[at]) == "fine") {
+        ASSERT_NEAR(above, 100, 0.01) << r << ' ' << c;
+      }
       if (c > 0) {
         const double before = static_cast<double>(posts.heights[at - 1]) - slope(13 + r / 64.0, 17 + (c - 1) / 64.0);
         ASSERT_LT(std::abs(above - before), 100 * 3.0 / 64) << r << ' ' << c;
@@ -294,11 +320,13 @@ TEST(Layers, MeetAcrossTheDateLine) {
   for (const double west : {178.0, 180.0})
     write_float_tile(folder.path(), west < 180 ? "a" : "b", {16, west, 16, 64, 32}, high);
   const Layers layers(folder.path());
-  const Posts posts = layers.source.compose(window(4, 14, 176, 1, 8 * 16));
-  for (int c = 0; c < 4 * 16; ++c)  // as seen from either side; the eastern tile ends a post before 182
-    ASSERT_NEAR(posts.heights[static_cast<std::size_t>(32 + c)], posts.heights[static_cast<std::size_t>(95 - c)], 12);
-  EXPECT_EQ(posts.heights[64], 100) << "the date line is no border";
-  EXPECT_LT(posts.heights[32], 1);
+  const Posts posts = layers.source.compose(window(4, 14, 172, 1, 16 * 16));
+  const auto at = [&](int c) { return posts.heights[static_cast<std::size_t>(c)]; };
+  for (int c = 0; c < 8 * 16; ++c)  // as seen from either side; the eastern tile ends a post before 182
+    ASSERT_NEAR(at(c), at(16 * 16 - 1 - c), 0.1) << c;
+  for (int c = 6 * 16; c < 10 * 16; ++c) ASSERT_EQ(at(c), 100) << "the date line is no border";
+  EXPECT_GT(at(6 * 16 - 1), 99);
+  EXPECT_LT(at(2 * 16), 1);
 }
 
 TEST(Layers, OffsetsAreAddedAndPartOfTheFingerprint) {
@@ -334,9 +362,9 @@ TEST(Layers, FitRecoversAKnownBias) {
   const std::vector<LayerBorder> borders = measure_borders(layers.catalogue, 10);
   ASSERT_EQ(borders.size(), 1U);
   EXPECT_EQ(borders[0].beneath, 0);
-  EXPECT_GT(borders[0].before.mean_m, 23);
-  EXPECT_GT(borders[0].before.worst_m, 500);
-  EXPECT_LT(std::abs(borders[0].after.worst_m), 0.01 * borders[0].before.worst_m);
+  EXPECT_GT(borders[0].in_files.mean_m, 23);
+  EXPECT_GT(borders[0].in_files.worst_m, 500);
+  EXPECT_NEAR(borders[0].bent.mean_m, borders[0].in_files.mean_m + borders[0].offset_m, 1e-3);
   EXPECT_EQ(borders[0].offset_m, layers.fits[0].offset_m);
 }
 
@@ -545,7 +573,8 @@ TEST(Layers, JoinFinePostsWithCoarseTrianglesTheSameFromAnyWindow) {
   write_float_tile(folder.path(), "coarse", {6, -6, 16, 8 * 16 + 1, 24 * 16 + 1},
                    [&](double, double) { return relief(random); });
   write_float_tile(folder.path(), "fine", {0.5, 2.5, 4096, 80, 80}, flat);
-  const Layers all(folder.path()), coarse_only(folder.path() + "/coarse.lbl");
+  // Without bending, which reaches farther than triangles.
+  const Layers all(folder.path(), 0), coarse_only(folder.path() + "/coarse.lbl");
   constexpr int kSide = 240;
   const PostWindow whole = window(12, 1 - 0.03, 3 - 0.03, kSide, kSide);
   const Posts posts = all.source.compose(whole), plain = coarse_only.source.compose(whole);

@@ -500,8 +500,8 @@ TEST_F(ProjectedRaster, TilesOfAGridAreOneLayer) {
   }
 }
 
-// An orthographic layer over a coarser one ends at its limb without a cliff.
-TEST_F(WholeDisc, IsBlendedAtItsLimb) {
+// The coarser layer beside an orthographic one meets it at its limb without a cliff.
+TEST_F(WholeDisc, TheCoarserLayerBendsToItsLimb) {
   PlaneTiff t = disc(0, 0);
   t.width = t.height = 360, t.dx = 10000, t.dy = -10000;
   put(t, [](double, double) { return 1000.0; });
@@ -511,8 +511,8 @@ TEST_F(WholeDisc, IsBlendedAtItsLimb) {
   ASSERT_EQ(catalogue.rasters().size(), 2U);
   const PostSource source(catalogue, false, [](const std::string&, const std::string&) {});
   const std::int32_t step = 1 << (kTickLevel - 4);
-  // Along the equator from 0 to 100 degrees east.
-  const Posts posts = source.compose({90LL * kTicksPerDegree, 180LL * kTicksPerDegree, step, step, 1, 1601});
+  // Along the equator from 0 to 130 degrees east: the plane foreshortens the band, which begins at its limb.
+  const Posts posts = source.compose({90LL * kTicksPerDegree, 180LL * kTicksPerDegree, step, step, 1, 130 * 16 + 1});
   EXPECT_EQ(posts.heights.front(), 1000);
   EXPECT_EQ(posts.heights.back(), 0);
   EXPECT_EQ(posts.heights[60 * 16], 1000);

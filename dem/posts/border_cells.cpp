@@ -1,0 +1,252 @@
+#include "dem/posts/border_cells.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "dem/gdal/remote_names.h"
+#include "dem/support/error.h"
+
+namespace selenograph::dem {
+namespace {
+
+constexpr int kTileCells = 64;
+constexpr int kCellSamples = 4;  // along each side of a cell
+constexpr int kRowsRead = 64;
+constexpr std::size_t kMaxTilesHeld = std::size_t{1} << 18;
+constexpr std::size_t kMaxCellsHeld = std::size_t{1} << 22;  // 100 MB
+
+bool is_valid(float height_m) { return height_m >= kLowestRelief_m && height_m <= kHighestRelief_m; }
+
+}  // namespace
+
+struct BorderCells::Tile {
+  std::vector<BorderCell> cells{};
+  std::vector<SourceIndex> unusable{};
+};
+
+// Samples of a tile and one row or column around it.
+struct BorderCells::Samples {
+  const LayerSheet& sheet;
+  int per_cell, side;
+  std::int64_t stride, x0, y0;  // the first sample's post in the sheet
+  std::vector<float> heights_m;
+  std::vector<int> sources;  // -1: none
+
+  Samples(const LayerSheet& of, int octave, std::int64_t column, std::int64_t row)
+      : sheet(of),
+        per_cell(static_cast<int>(std::min<std::int64_t>(std::int64_t{1} << octave, kCellSamples))),
+        side(kTileCells * per_cell + 2),
+        stride((std::int64_t{1} << octave) / per_cell),
+        x0(column * kTileCells * (std::int64_t{1} << octave) - stride),
+        y0(row * kTileCells * (std::int64_t{1} << octave) - stride),
+        heights_m(count(), std::numeric_limits<float>::quiet_NaN()),
+        sources(count(), -1) {}
+  std::size_t count() const { return static_cast<std::size_t>(side) * static_cast<std::size_t>(side); }
+  std::size_t index(int r, int c) const {
+    return static_cast<std::size_t>(r) * static_cast<std::size_t>(side) + static_cast<std::size_t>(c);
+  }
+  std::int64_t x(int c) const { return x0 + c * stride; }
+  std::int64_t y(int r) const { return y0 + r * stride; }
+  // Nothing shows beyond a pole: rows that end there have no border.
+  bool is_open(int r, int c) const { return sources[index(r, c)] < 0 && !sheet.is_beyond_pole(y(r)); }
+  bool is_border(int r, int c) const {
+    return sources[index(r, c)] >= 0 &&
+           (is_open(r, c - 1) || is_open(r, c + 1) || is_open(r - 1, c) || is_open(r + 1, c));
+  }
+};
+
+// A border sample, at a post of the sheet.
+struct BorderCells::Found {
+  int source;
+  std::int64_t x, y;  // in the sheet
+  float height_m;
+  float beneath_m = 0;
+  SourceIndex beneath = kNoSource;
+};
+
+BorderCells::BorderCells(const Catalogue& catalogue, const LayerGroups& groups, ReadPosts read, HeightsBeneath beneath,
+                         bool fall_through)
+    : catalogue_(catalogue),
+      groups_(groups),
+      read_(std::move(read)),
+      beneath_(std::move(beneath)),
+      fall_through_(fall_through) {}
+
+BorderCells::~BorderCells() = default;
+
+bool BorderCells::read_or_report(int source, std::int64_t x0, std::int64_t y0, int w, int h,
+                                 std::vector<float>& heights_m, std::vector<SourceIndex>& unusable) const {
+  heights_m.resize(static_cast<std::size_t>(w) * static_cast<std::size_t>(h));
+  try {
+    read_(source, static_cast<int>(x0), static_cast<int>(y0), w, h, heights_m.data());
+    return true;
+  } catch (const DataError&) {
+    if (!fall_through_) throw;
+    unusable.push_back(static_cast<SourceIndex>(source));
+    return false;
+  }
+}
+
+// Reads the samples that lie in a file. Posts of a file on a network count as valid: reading all would take minutes.
+void BorderCells::read_samples(int source, Samples& s, std::vector<SourceIndex>& unusable) const {
+  const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(source)];
+  const auto [shift_x, shift_y] = groups_.shift[static_cast<std::size_t>(source)];
+  const bool around = info.wraps_longitude, remote = is_remote(info.path);
+  std::vector<float> heights_m;
+  for (const std::int64_t turn : {-1, 0, 1}) {
+    if (turn != 0 && (s.sheet.globe == 0 || around)) continue;
+    const std::int64_t first_x = s.x0 - shift_x + turn * s.sheet.globe, first_y = s.y0 - shift_y;
+    const auto from = [&](std::int64_t first) { return std::max<std::int64_t>(0, -floor_div(first, s.stride)); };
+    const auto to = [&](std::int64_t first, std::int64_t size) {
+      return std::clamp<std::int64_t>(floor_div(size - 1 - first, s.stride) + 1, 0, s.side);
+    };
+    const std::int64_t x_from = around ? 0 : from(first_x), x_to = around ? s.side : to(first_x, info.width);
+    const std::int64_t y_from = from(first_y), y_to = to(first_y, info.height);
+    if (x_from >= x_to || y_from >= y_to) continue;
+    const auto w = static_cast<int>((x_to - x_from - 1) * s.stride + 1);
+    const std::int64_t rows_at_once = s.stride == 1 ? kRowsRead : 1;
+    for (std::int64_t y = y_from; y < y_to; y += rows_at_once) {
+      const auto h = static_cast<int>(std::min(rows_at_once, y_to - y));
+      if (!remote &&
+          !read_or_report(source, first_x + x_from * s.stride, first_y + y * s.stride, w, h, heights_m, unusable))
+        return;
+      for (int r = 0; r < h; ++r)
+        for (std::int64_t x = x_from; x < x_to; ++x) {
+          const float height_m = remote ? 0.F
+                                        : heights_m[static_cast<std::size_t>(r) * static_cast<std::size_t>(w) +
+                                                    static_cast<std::size_t>((x - x_from) * s.stride)];
+          if (!is_valid(height_m)) continue;
+          const std::size_t at = s.index(static_cast<int>(y) + r, static_cast<int>(x));
+          s.heights_m[at] = height_m;
+          s.sources[at] = source;
+        }
+    }
+  }
+}
+
+void BorderCells::read_remote(std::vector<Found>& found, std::vector<SourceIndex>& unusable) const {
+  std::vector<float> height_m;
+  std::erase_if(found, [&](Found& post) {
+    if (!is_remote(catalogue_.rasters()[static_cast<std::size_t>(post.source)].path)) return false;
+    const PostXY at = groups_.post_in_file(catalogue_, post.source, post.x, post.y);
+    if (!read_or_report(post.source, static_cast<std::int64_t>(at.x), static_cast<std::int64_t>(at.y), 1, 1, height_m,
+                        unusable))
+      return true;
+    post.height_m = height_m[0];
+    return !is_valid(post.height_m);
+  });
+}
+
+// Border samples below which a coarser layer has data.
+std::vector<BorderCells::Found> BorderCells::border_samples(const Key& key, std::vector<SourceIndex>& unusable) const {
+  const auto [sheet_index, octave, column, row] = key;
+  const LayerSheet& sheet = groups_.sheets[static_cast<std::size_t>(sheet_index)];
+  Samples s(sheet, octave, column, row);
+  for (const int source : sheet.sources) read_samples(source, s, unusable);
+  std::vector<Found> found;
+  for (int r = 1; r + 1 < s.side; ++r)
+    for (int c = 1; c + 1 < s.side; ++c)
+      if (s.is_border(r, c)) found.push_back({s.sources[s.index(r, c)], s.x(c), s.y(r), s.heights_m[s.index(r, c)]});
+  read_remote(found, unusable);
+  std::vector<Geographic> places;
+  places.reserve(found.size());
+  for (const Found& post : found)
+    places.push_back(sheet.place(static_cast<double>(post.x), static_cast<double>(post.y)));
+  std::vector<float> beneath_m(found.size());
+  std::vector<SourceIndex> sources(found.size());
+  if (!found.empty()) beneath_(places, sheet.layer_begin, beneath_m.data(), sources.data(), unusable);
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    found[i].beneath_m = beneath_m[i];
+    found[i].beneath = sources[i];
+  }
+  std::erase_if(found, [](const Found& post) { return std::isnan(post.beneath_m); });
+  return found;
+}
+
+std::shared_ptr<const BorderCells::Tile> BorderCells::tile(const Key& key) const {
+  {
+    const std::lock_guard lock(mutex_);
+    if (const auto found = tiles_.find(key); found != tiles_.end()) return found->second;
+  }
+  // Two threads may make the same tile: both find the same.
+  std::shared_ptr<const Tile> made = make_tile(key);
+  const std::lock_guard lock(mutex_);
+  if (tiles_.size() >= kMaxTilesHeld || cells_held_ >= kMaxCellsHeld) {
+    tiles_.clear();
+    cells_held_ = 0;
+  }
+  const auto [entry, is_new] = tiles_.emplace(key, std::move(made));
+  if (is_new) cells_held_ += entry->second->cells.size();
+  return entry->second;
+}
+
+std::shared_ptr<const BorderCells::Tile> BorderCells::make_tile(const Key& key) const {
+  const int octave = std::get<1>(key);
+  if (octave > 0 && (std::int64_t{1} << octave) <= kCellSamples) return join_quarters(key);
+  auto made = std::make_shared<Tile>();
+  // Samples come row by row; cells are summed in this order.
+  std::map<std::pair<std::int64_t, std::int64_t>, std::pair<double, int>> sums;
+  const std::int64_t cell = std::int64_t{1} << octave;
+  for (const Found& post : border_samples(key, made->unusable)) {
+    auto& [sum_m, samples] = sums[{floor_div(post.y, cell), floor_div(post.x, cell)}];
+    sum_m += static_cast<double>(post.height_m) - static_cast<double>(post.beneath_m);
+    ++samples;
+  }
+  for (const auto& [at, sum] : sums)
+    made->cells.push_back(
+        {at.second, at.first, static_cast<float>(sum.first / sum.second), static_cast<float>(sum.second)});
+  return made;
+}
+
+// Cells all of whose posts are samples are made from the four quarters, which have read these posts.
+std::shared_ptr<const BorderCells::Tile> BorderCells::join_quarters(const Key& key) const {
+  const auto [sheet, octave, column, row] = key;
+  auto made = std::make_shared<Tile>();
+  std::map<std::pair<std::int64_t, std::int64_t>, std::pair<double, double>> sums;
+  for (const int down : {0, 1})
+    for (const int along : {0, 1}) {
+      const std::shared_ptr<const Tile> quarter = tile({sheet, octave - 1, 2 * column + along, 2 * row + down});
+      made->unusable.insert(made->unusable.end(), quarter->unusable.begin(), quarter->unusable.end());
+      for (const BorderCell& c : quarter->cells) {
+        auto& [sum_m, samples] = sums[{floor_div(c.y, 2), floor_div(c.x, 2)}];
+        sum_m += static_cast<double>(c.step_m) * static_cast<double>(c.samples);
+        samples += static_cast<double>(c.samples);
+      }
+    }
+  for (const auto& [at, sum] : sums)
+    made->cells.push_back(
+        {at.second, at.first, static_cast<float>(sum.first / sum.second), static_cast<float>(sum.second)});
+  return made;
+}
+
+std::vector<BorderCell> BorderCells::within(int sheet, int octave, const CellRegion& region,
+                                            std::vector<SourceIndex>& unusable) const {
+  std::vector<BorderCell> found;
+  for (std::int64_t row = floor_div(region.y0, kTileCells); row <= floor_div(region.y1 - 1, kTileCells); ++row)
+    for (std::int64_t column = floor_div(region.x0, kTileCells); column <= floor_div(region.x1 - 1, kTileCells);
+         ++column) {
+      const std::shared_ptr<const Tile> part = tile({sheet, octave, column, row});
+      unusable.insert(unusable.end(), part->unusable.begin(), part->unusable.end());
+      for (const BorderCell& c : part->cells)
+        if (c.x >= region.x0 && c.x < region.x1 && c.y >= region.y0 && c.y < region.y1) found.push_back(c);
+    }
+  return found;
+}
+
+std::vector<BorderPost> BorderCells::posts(int sheet, int octave, const CellRegion& region) const {
+  std::vector<BorderPost> found;
+  std::vector<SourceIndex> unusable;
+  for (std::int64_t row = floor_div(region.y0, kTileCells); row <= floor_div(region.y1 - 1, kTileCells); ++row)
+    for (std::int64_t column = floor_div(region.x0, kTileCells); column <= floor_div(region.x1 - 1, kTileCells);
+         ++column)
+      for (const Found& post : border_samples({sheet, octave, column, row}, unusable)) {
+        const PostXY at = groups_.post_in_file(catalogue_, post.source, post.x, post.y);
+        found.push_back({post.source, static_cast<int>(at.x), static_cast<int>(at.y), post.height_m - post.beneath_m,
+                         post.beneath});
+      }
+  return found;
+}
+
+}  // namespace selenograph::dem
