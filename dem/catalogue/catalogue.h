@@ -13,9 +13,9 @@
 
 namespace selenograph::dem {
 
-// Parameters for joining layers of different resolution: see layer_bends.h.
+// Parameters for joining layers of different resolution: see layer_edges.h.
 struct LayerJoins {
-  double blend_posts = 16;          // width of the band in which the coarser layer bends, in its posts; 0: it does not
+  double blend_posts = 16;          // width of the band, in posts of the coarser layer; 0: layers end as they are
   std::vector<double> offsets_m{};  // added to the heights of each raster, by index; empty: none
   // Spacing of the heights that each raster resolves, in its posts (resolved_posts.h); empty: 1.
   std::vector<double> resolved_posts{};
