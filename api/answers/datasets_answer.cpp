@@ -101,7 +101,8 @@ const Answer<dem::Catalogue>& datasets_answer() {
             for (const auto& side : s.side_layers()) list.push_back({{"path", side.path}, {"kind", side.kind}});
             return list;
           });
-    a.add("blend_posts", number(kAnyNumber, "width of the band in which a layer is bent to meet a finer one, in its posts"),
+    a.add("blend_posts",
+          number(kAnyNumber, "width of the band in which a layer is bent to meet a finer one, in its posts"),
           [](const S& s) { return s.joins().blend_posts; });
   });
   return answer;

@@ -6,6 +6,7 @@
 #include <numeric>
 #include <tuple>
 
+#include "dem/grid/grid_shift.h"
 #include "dem/support/hash.h"
 
 namespace selenograph::dem {
@@ -94,12 +95,51 @@ Catalogue::Catalogue(const std::vector<std::string>& paths, const CatalogueOptio
   problems_ = std::move(found.problems);
   side_layers_ = std::move(found.side_layers);
   inspected_ = found.inspected;
-  index();
+  index(paths);
 }
 
-Catalogue::Catalogue(std::vector<RasterInfo> rasters) : rasters_(std::move(rasters)) { index(); }
+Catalogue::Catalogue(std::vector<RasterInfo> rasters) : rasters_(std::move(rasters)) { index({}); }
 
-void Catalogue::index() {
+namespace {
+
+// Index of the first of the named paths that a file is, or is in.
+std::size_t named_by(const RasterInfo& raster, const std::vector<std::string>& paths) {
+  const auto names = [&](const std::string& path) {
+    return raster.path.starts_with(path) && (raster.path.size() == path.size() || path.ends_with('/') ||
+                                             raster.path[path.size()] == '/' || raster.path[path.size()] == '.');
+  };
+  return static_cast<std::size_t>(std::find_if(paths.begin(), paths.end(), names) - paths.begin());
+}
+
+}  // namespace
+
+// Finds the layers. Of rasters of equal resolution those named first come last: they take precedence.
+void Catalogue::find_layers(const std::vector<std::string>& paths) {
+  layer_begin_.clear();
+  for (std::size_t begin = 0; begin < rasters_.size();) {
+    const auto first = rasters_.begin() + static_cast<std::ptrdiff_t>(begin);
+    const auto past = std::find_if_not(first + 1, rasters_.end(), [&](const RasterInfo& raster) {
+      return first->post_spacing_m < kSameSpacing * raster.post_spacing_m;
+    });
+    if (paths.size() > 1)
+      std::stable_sort(first, past, [&](const RasterInfo& a, const RasterInfo& b) {
+        return named_by(a, paths) > named_by(b, paths);
+      });
+    const RasterInfo* reference = nullptr;
+    for (auto raster = first; raster != past; ++raster) {
+      // Tiles of one product are one layer, even if each is named.
+      if (!reference ||
+          (named_by(*reference, paths) != named_by(*raster, paths) && !shift_between(reference->grid, raster->grid))) {
+        reference = &*raster;
+        begin = layer_begin_.size();
+      }
+      layer_begin_.push_back(static_cast<int>(begin));
+    }
+    begin = layer_begin_.size();
+  }
+}
+
+void Catalogue::index(const std::vector<std::string>& paths) {
   // By pointers: exchanging the descriptions themselves would take longer than all the rest.
   std::vector<RasterInfo*> order;
   order.reserve(rasters_.size());
@@ -111,6 +151,7 @@ void Catalogue::index() {
   sorted.reserve(rasters_.size());
   for (RasterInfo* raster : order) sorted.push_back(std::move(*raster));
   rasters_ = std::move(sorted);
+  find_layers(paths);
   by_path_.resize(rasters_.size());
   std::iota(by_path_.begin(), by_path_.end(), SourceIndex{0});
   std::sort(by_path_.begin(), by_path_.end(), [&](SourceIndex a, SourceIndex b) {
@@ -121,13 +162,6 @@ void Catalogue::index() {
     const Footprint& f = rasters_[i].footprint;
     for_each_cell(cells_of(f.south_deg, f.north_deg, f.west_deg, f.east_deg),
                   [&](std::size_t cell) { buckets_[cell].push_back(static_cast<int>(i)); });
-  }
-  layer_begin_.clear();
-  for (std::size_t i = 0; i < rasters_.size(); ++i) {
-    const int before = i == 0 ? 0 : layer_begin_.back();
-    const bool same =
-        i > 0 && rasters_[static_cast<std::size_t>(before)].post_spacing_m < kSameSpacing * rasters_[i].post_spacing_m;
-    layer_begin_.push_back(same ? before : static_cast<int>(i));
   }
   find_fingerprint();
 }

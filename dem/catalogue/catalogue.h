@@ -13,9 +13,9 @@
 
 namespace selenograph::dem {
 
-// Parameters for joining layers of different resolution: see layer_edges.h.
+// Parameters for joining layers of different resolution: see layer_bends.h.
 struct LayerJoins {
-  double blend_posts = 16;          // width of the band, in posts of the coarser layer; 0: layers end as they are
+  double blend_posts = 16;          // width of the band in which the coarser layer bends, in its posts; 0: it does not
   std::vector<double> offsets_m{};  // added to the heights of each raster, by index; empty: none
   // Spacing of the heights that each raster resolves, in its posts (resolved_posts.h); empty: 1.
   std::vector<double> resolved_posts{};
@@ -26,8 +26,9 @@ class Catalogue {
   // `paths` are files, folders (searched recursively), or remote GeoTIFFs by GDAL's names ("/vsicurl/https://...", as
   // permitted by allow_remote_files()). Label and data of one PDS product are one entry. A file named explicitly that
   // cannot be used throws DataError; one found in a folder becomes a problem. Throws SystemFault when the system or a
-  // connection fails. Entries are sorted from coarse to fine, then by name: a later entry takes precedence where both
-  // have a valid post. A saved catalogue does not change the result.
+  // connection fails. Entries are sorted from coarse to fine; where resolutions are equal (within 1 %), those of
+  // the path that is named first come last; then by name. A later entry takes precedence where both have a valid post.
+  // A saved catalogue does not change the result.
   explicit Catalogue(const std::vector<std::string>& paths, const CatalogueOptions& options = {});
   // For tests, and for callers that know their files.
   explicit Catalogue(std::vector<RasterInfo> rasters);
@@ -36,7 +37,8 @@ class Catalogue {
   const std::vector<CatalogueProblem>& problems() const { return problems_; }
   const std::vector<SideLayer>& side_layers() const { return side_layers_; }
 
-  // Rasters of equal resolution (within 1 %) are one layer: from this index on to the next layer's.
+  // Rasters of equal resolution (within 1 %) are one layer, from this index on to the next layer's, if one path names
+  // them or their posts are on one grid.
   int layer_begin(int raster) const { return layer_begin_[static_cast<std::size_t>(raster)]; }
   bool one_layer() const { return rasters_.empty() || layer_begin_.back() == 0; }
 
@@ -67,7 +69,8 @@ class Catalogue {
   std::uint64_t fingerprint() const { return fingerprint_; }
 
  private:
-  void index();
+  void index(const std::vector<std::string>& paths);
+  void find_layers(const std::vector<std::string>& paths);
   void find_fingerprint();
   std::vector<RasterInfo> rasters_;
   std::vector<CatalogueProblem> problems_;

@@ -20,7 +20,7 @@ using SourceIndex = std::uint32_t;
 inline constexpr SourceIndex kNoSource = 0x3fffffff;
 
 // Origin of a post: a SourceIndex, with kFilledBit if the post was interpolated across no-data, and kBlendedBit if it
-// is a mean of the source and the coarser layers.
+// is bent to meet a finer layer.
 using SourceMark = std::uint32_t;
 inline constexpr SourceMark kFilledBit = 0x80000000, kBlendedBit = 0x40000000, kMarkBits = kFilledBit | kBlendedBit;
 inline constexpr SourceIndex source_of(SourceMark mark) { return mark & ~kMarkBits; }

@@ -2,6 +2,8 @@
 
 #include <numeric>
 
+#include "dem/grid/grid_shift.h"
+
 namespace selenograph::dem {
 namespace {
 
@@ -197,24 +199,7 @@ double widest_post_deg(const RasterInfo& info) {
 }
 
 std::optional<std::pair<std::int64_t, std::int64_t>> LayerSheet::shift_of(const RasterInfo& info) const {
-  constexpr double kTolerance = 1e-3;  // of a post
-  double dx = 0, dy = 0;
-  if (info.grid.index() != reference->grid.index()) return std::nullopt;
-  if (const auto* a = std::get_if<PlaneGrid>(&reference->grid)) {
-    const auto& b = std::get<PlaneGrid>(info.grid);
-    if (a->plane != b.plane || std::abs(a->spacing_m / b.spacing_m - 1) > 1e-9) return std::nullopt;
-    dx = (b.first_x_m - a->first_x_m) / a->spacing_m, dy = (a->first_y_m - b.first_y_m) / a->spacing_m;
-  } else {
-    const auto& a2 = std::get<GeographicGrid>(reference->grid);
-    const auto& b = std::get<GeographicGrid>(info.grid);
-    if (std::abs(a2.lat_posts_per_degree / b.lat_posts_per_degree - 1) > 1e-9 ||
-        std::abs(a2.lon_posts_per_degree / b.lon_posts_per_degree - 1) > 1e-9)
-      return std::nullopt;
-    dx = (b.first_lon_deg - a2.first_lon_deg) * a2.lon_posts_per_degree;
-    dy = (a2.first_lat_deg - b.first_lat_deg) * a2.lat_posts_per_degree;
-  }
-  if (std::abs(dx - std::round(dx)) > kTolerance || std::abs(dy - std::round(dy)) > kTolerance) return std::nullopt;
-  return std::pair{std::llround(dx), std::llround(dy)};
+  return shift_between(reference->grid, info.grid);
 }
 
 LayerGroups find_groups(const Catalogue& catalogue) {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "dem/grid/grid_shift.h"
 #include "dem/posts/layer_filling.h"
 #include "dem/posts/raster_pool.h"
 #include "dem/posts/tile_of_voids.h"
@@ -160,7 +161,7 @@ namespace {
 // Where a file's first post is among another one's columns and rows; empty: not on its grid.
 std::optional<std::pair<std::int64_t, std::int64_t>> first_post_in(const RasterInfo& file, const RasterInfo& of) {
   const auto* grid = std::get_if<GeographicGrid>(&of.grid);
-  if (!grid) return LayerSheet{&of, 0, 0, {}}.shift_of(file);
+  if (!grid) return shift_between(of.grid, file.grid);
   const auto* beside = std::get_if<GeographicGrid>(&file.grid);
   if (!beside || std::abs(beside->lat_posts_per_degree / grid->lat_posts_per_degree - 1) > 1e-9 ||
       std::abs(beside->lon_posts_per_degree / grid->lon_posts_per_degree - 1) > 1e-9)

@@ -56,7 +56,7 @@ struct HeightAnswer {
   double post_spacing_m = 0;  // of the source
   int source = -1;            // index into catalogue().rasters(); -1: none
   bool filled = false;        // interpolated across no-data
-  bool blended = false;       // a mean of `source` and the coarser layers
+  bool blended = false;       // `source` is bent here to meet a finer layer
 };
 
 struct CacheStatistics {

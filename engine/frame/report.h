@@ -81,7 +81,7 @@ struct FrameReport {
   std::size_t triangles = 0;
   std::size_t scene_bytes = 0;  // mesh and acceleration structure
   double filled_fraction = 0;   // share of all pixels on posts filled by interpolation
-  double blended_fraction = 0;  // share of all pixels on posts blended from two layers
+  double blended_fraction = 0;  // share of all pixels on posts that are bent to meet a finer layer
   // Share of all pixels whose ray meets nothing but the datum or, where the scene has ground below it, the sphere
   // through the lowest.
   double missing_fraction = 0;

@@ -109,15 +109,18 @@ class Comparison {
     out_.difference_m.assign(w.size(), std::numeric_limits<float>::quiet_NaN());
   }
 
-  // Only where a finer tile comes near, or the tile is blended into coarser ones, is it worth asking at every post what
-  // is seen there.
+  // Only where a finer tile comes near, which covers this one or bends it, is it worth asking at every post what is
+  // seen there.
   void find_other_layers(const dem::Catalogue& catalogue) {
     const PostWindow& w = out_.window;
     const Geographic first = w.place(0, 0), last = w.place(w.height - 1, w.width - 1);
     const double east = last.lon_deg < first.lon_deg ? last.lon_deg + 360 : last.lon_deg;
-    const std::vector<int> near = catalogue.touching(last.lat_deg, first.lat_deg, first.lon_deg, east, 1e-3);
-    const bool blends = catalogue.joins().blend_posts > 0 && catalogue.layer_begin(tile_index_) > 0;
-    other_layers_ = !near.empty() && (near.back() > tile_index_ || (blends && near.front() < tile_index_));
+    const double band_deg = catalogue.joins().blend_posts * spacing_m() / kMetresPerDegree;
+    const double narrowest =
+        std::max(0.05, std::cos(std::max(std::abs(first.lat_deg), std::abs(last.lat_deg)) * kRadiansPerDegree));
+    const std::vector<int> near =
+        catalogue.touching(last.lat_deg, first.lat_deg, first.lon_deg, east, 1e-3 + band_deg / narrowest);
+    other_layers_ = !near.empty() && near.back() > tile_index_;
   }
 
   // Patches about as wide as high on the ground.

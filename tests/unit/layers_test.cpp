@@ -243,6 +243,42 @@ TEST(Layers, OfEqualResolutionDoNotBlend) {
   }
 }
 
+// Two products of equal spacing on other grids overlap: the one that is named first is unchanged.
+TEST(Layers, OfTwoEqualOnesTheFirstNamedIsUnchanged) {
+  TemporaryFolder first, second;
+  write_float_tile(first.path(), "b", {16, 18, kFine, 129, 129}, high);
+  write_float_tile(second.path(), "a", {15 + 1.0 / 200, 19 + 1.0 / 300, kFine, 129, 129}, flat);
+  write_float_tile(second.path(), "c", {15 + 1.0 / 200, 17 + 1.0 / 300, kFine, 64, 64}, flat);
+  for (const bool swapped : {false, true}) {
+    std::vector<std::string> paths{first.path(), second.path()};
+    if (swapped) std::swap(paths[0], paths[1]);
+    Catalogue catalogue(paths);
+    ASSERT_EQ(catalogue.rasters().size(), 3U);
+    ASSERT_EQ(catalogue.layer_begin(2), swapped ? 1 : 2) << "two layers";
+    EXPECT_EQ(catalogue.rasters()[2].name, swapped ? "c" : "b");
+    join_layers(catalogue, 16, {});
+    const PostSource source(catalogue, false, [](const std::string&, const std::string&) {});
+    const Posts posts = source.compose(window(6, 14.5, 19, 1, 2 * 64 + 1));
+    const float above = swapped ? 0 : 100;
+    float step_m = 0;
+    for (std::size_t c = 0; c < posts.heights.size(); ++c) {
+      const bool is_first = swapped ? c > 0 : c <= 64;  // on the first named layer's posts
+      if (is_first && !is_blended(posts.sources[c])) {
+        ASSERT_NEAR(posts.heights[c], above, 1e-3) << c;
+      }
+      if (c > 0 && !std::isnan(posts.heights[c] - posts.heights[c - 1]))
+        step_m = std::max(step_m, std::abs(posts.heights[c] - posts.heights[c - 1]));
+    }
+    EXPECT_LT(step_m, 100 * 3.0 / 16);
+  }
+  // Tiles of one grid are one layer, however they are named.
+  TemporaryFolder tiles;
+  write_float_tile(tiles.path(), "west", {16, 18, kFine, 256, 128}, high);
+  write_float_tile(tiles.path(), "east", {16, 20, kFine, 256, 128}, high);
+  const Catalogue one(std::vector<std::string>{tiles.path() + "/west.lbl", tiles.path() + "/east.lbl"});
+  EXPECT_TRUE(one.one_layer());
+}
+
 TEST(Layers, HolesShowTheCoarserLayerAtTheHeightOfTheirBorder) {
   TemporaryFolder folder;
   write_coarse(folder);
