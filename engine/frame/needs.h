@@ -60,7 +60,7 @@ inline std::size_t working_bytes_per_pixel(const FrameRequest& request) {
 
 // The sensor's margin is counted at its maximum: it is unknown until the kernel has been computed.
 inline std::size_t rendered_pixels(const FrameRequest& request) {
-  constexpr int kWidestMargin_px = 32;
+  constexpr int kWidestMargin_px = 33;
   const int margin = request.sensor && request.products & kImage ? 2 * kWidestMargin_px : 0;
   return static_cast<std::size_t>(request.camera.width + margin) *
          static_cast<std::size_t>(request.camera.height + margin);

@@ -142,14 +142,28 @@ SpreadKernel::SpreadKernel(const PointSpread& spread, double f_number, double pi
       spread_airy(0, 0, stop);
       return;
     }
-    case PointSpread::Model::kernel: {
-      radius_ = spread.side / 2;
-      double sum = 0;
-      for (const double w : spread.kernel) sum += w;
-      for (const double w : spread.kernel) kernel_.push_back(static_cast<float>(w / sum));
+    case PointSpread::Model::kernel:
+      take_measured(spread);
       return;
-    }
   }
+}
+
+// A shifted kernel reaches one pixel farther. A kernel with light on its border gets a ring of zeros, into which that
+// light can move: without the ring it would be lost, and the centroid with it.
+void SpreadKernel::take_measured(const PointSpread& spread) {
+  const int side = spread.side;
+  const auto measured = [&](int x, int y) { return spread.kernel[static_cast<std::size_t>(y * side + x)]; };
+  int ring = 0;
+  for (int i = 0; i < side; ++i)
+    if (measured(i, 0) != 0 || measured(i, side - 1) != 0 || measured(0, i) != 0 || measured(side - 1, i) != 0)
+      ring = 1;
+  radius_ = side / 2 + ring;
+  const double sum = std::accumulate(spread.kernel.begin(), spread.kernel.end(), 0.0);
+  const int padded_side = side + 2 * ring;
+  kernel_.assign(static_cast<std::size_t>(padded_side * padded_side), 0.F);
+  for (int y = 0; y < side; ++y)
+    for (int x = 0; x < side; ++x)
+      kernel_[static_cast<std::size_t>((y + ring) * padded_side + x + ring)] = static_cast<float>(measured(x, y) / sum);
 }
 
 void SpreadKernel::spread_airy(double dx, double dy, const StopToken& stop) {
@@ -201,22 +215,15 @@ SpreadKernel SpreadKernel::shifted(const PointSpread& spread, double dx, double 
       if (airy_) out.spread_airy(dx, dy, stop);
       break;
     case PointSpread::Model::kernel: {
-      // Between the kernels of this pixel and of the one beside it; normalised anew: some may leave the square.
-      const int side = 2 * radius_ + 1;
-      const auto at = [&](int x, int y) { return static_cast<double>(weight(x, y)); };
+      // Interpolate between this pixel's kernel and those of its neighbours.
+      const auto at = [&](int x, int y) { return weight(x, y); };
       const int sx = dx < 0 ? -1 : 1, sy = dy < 0 ? -1 : 1;
       const double tx = std::abs(dx), ty = std::abs(dy);
-      double sum = 0;
-      std::vector<double> weights;
+      auto out_weight = out.kernel_.begin();
       for (int y = -radius_; y <= radius_; ++y)
-        for (int x = -radius_; x <= radius_; ++x) {
-          weights.push_back((1 - tx) * ((1 - ty) * at(x, y) + ty * at(x, y - sy)) +
-                            tx * ((1 - ty) * at(x - sx, y) + ty * at(x - sx, y - sy)));
-          sum += weights.back();
-        }
-      out.kernel_.resize(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
-      std::transform(weights.begin(), weights.end(), out.kernel_.begin(),
-                     [sum](double w) { return static_cast<float>(w / sum); });
+        for (int x = -radius_; x <= radius_; ++x)
+          *out_weight++ = static_cast<float>((1 - tx) * ((1 - ty) * at(x, y) + ty * at(x, y - sy)) +
+                                             tx * ((1 - ty) * at(x - sx, y) + ty * at(x - sx, y - sy)));
       break;
     }
   }

@@ -16,6 +16,7 @@ class AiryTable;
 // A normalised kernel of (2 radius + 1)^2 weights or, if separable, of one row and one column.
 class SpreadKernel {
  public:
+  // A measured kernel with light on its border has one more (take_measured()).
   static constexpr int kMaxRadius = 32;
   // Largest lambda N / pitch of an Airy disc: its first dark ring, at 1.22 times this, is within the kernel. Wider
   // discs are not supported: the kernel would lose too much of their light.
@@ -28,9 +29,9 @@ class SpreadKernel {
   // milliseconds. Throws Cancelled when `stop` says so, as the functions below do.
   SpreadKernel(const PointSpread& spread, double f_number, double pixel_pitch_um, double wavelength_um,
                const StopToken& stop = {});
-  // The kernel for points at an offset (dx, dy), at most half a pixel, from their pixel's center: those of a sub-pixel
-  // sample. A measured kernel, which is known at pixel centers only, is interpolated linearly, which preserves its
-  // centroid.
+  // Returns the kernel for points at an offset (dx, dy), at most half a pixel, from their pixel's center: those of a
+  // sub-pixel sample. A measured kernel, which is known at pixel centers only, is interpolated linearly. That keeps its
+  // sum, and moves its centroid by the offset.
   SpreadKernel shifted(const PointSpread& spread, double dx, double dy, const StopToken& stop = {}) const;
 
   int radius() const { return radius_; }
@@ -47,6 +48,7 @@ class SpreadKernel {
   SpreadKernel() = default;
   void spread_airy(double dx, double dy, const StopToken& stop);
   void spread_far_airy(double unit_px);
+  void take_measured(const PointSpread& spread);
 
   int radius_ = 0;
   double captured_ = 1;

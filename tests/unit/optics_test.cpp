@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <numbers>
+#include <utility>
 #include <vector>
 
 namespace selenograph::engine {
@@ -146,7 +147,8 @@ TEST(PointSpread, StopsAtTheDeadline) {
   std::vector<float> out;
   for (const PointSpread& spread : {measured, gaussian(7)}) {
     const SpreadKernel kernel(spread, 4, 5, 0.6);
-    const std::vector<float> in(static_cast<std::size_t>((4096 + 64) * (1024 + 64)), 1.F);
+    const int border = 2 * kernel.radius();
+    const std::vector<float> in(static_cast<std::size_t>((4096 + border) * (1024 + border)), 1.F);
     stops([&](const StopToken& stop) {
       for (;;) kernel.apply(in, 4096, 1024, out, stop);
     });
@@ -159,8 +161,9 @@ TEST(PointSpread, AMeasuredKernelIsLeftByAPoint) {
   spread.model = PointSpread::Model::kernel;
   spread.side = 3, spread.kernel = {1, 2, 3, 4, 20, 5, 6, 7, 2};
   const SpreadKernel kernel(spread, 4, 5, 0.6);
-  std::vector<float> in(7 * 6, 0.F), out;  // 5 x 4 and a border of one
-  in[2 * 7 + 3] = 100.F;                   // pixel (2, 1)
+  const int r = kernel.radius(), wide = 5 + 2 * r;
+  std::vector<float> in(static_cast<std::size_t>(wide * (4 + 2 * r)), 0.F), out;  // 5 x 4 and the kernel's border
+  in[static_cast<std::size_t>((1 + r) * wide + 2 + r)] = 100.F;                   // pixel (2, 1)
   kernel.apply(in, 5, 4, out);
   for (int y = 0; y < 4; ++y)
     for (int x = 0; x < 5; ++x) {
@@ -225,6 +228,61 @@ PointSpread measured() {
   for (int y = -3; y <= 3; ++y)
     for (int x = -3; x <= 3; ++x) spread.kernel.push_back(std::exp(-0.7 * (x * x + y * y)));
   return spread;
+}
+
+PointSpread measured(int side, std::vector<double> kernel) {
+  PointSpread spread;
+  spread.model = PointSpread::Model::kernel, spread.side = side, spread.kernel = std::move(kernel);
+  return spread;
+}
+
+// A Gaussian that is cut off where it is far from zero.
+PointSpread cut_gaussian(int side, double sigma_px) {
+  std::vector<double> kernel;
+  for (int y = 0; y < side; ++y)
+    for (int x = 0; x < side; ++x)
+      kernel.push_back(
+          std::exp(-0.5 * (std::pow(x - side / 2, 2) + std::pow(y - side / 2, 2)) / (sigma_px * sigma_px)));
+  return measured(side, std::move(kernel));
+}
+
+// deploy/assets/kernels/made-up-coma.csv
+PointSpread coma() {
+  return measured(7,
+                  {0,    0,    0,    0,    0.02, 0.01, 0,    0,    0,    0.02, 0.05, 0.06, 0.04, 0.02, 0,    0.02, 0.10,
+                   0.30, 0.20, 0.10, 0.04, 0.01, 0.05, 0.35, 1.00, 0.45, 0.18, 0.07, 0,    0.02, 0.10, 0.30, 0.20, 0.10,
+                   0.04, 0,    0,    0.02, 0.05, 0.06, 0.04, 0.02, 0,    0,    0,    0,    0.02, 0.01, 0});
+}
+
+struct Moments {
+  double sum = 0, x = 0, y = 0;
+};
+
+Moments moments_of(const SpreadKernel& kernel) {
+  Moments m;
+  for (int y = -kernel.radius(); y <= kernel.radius(); ++y)
+    for (int x = -kernel.radius(); x <= kernel.radius(); ++x) {
+      const double weight = kernel.weight(x, y);
+      m.sum += weight, m.x += x * weight, m.y += y * weight;
+    }
+  return m;
+}
+
+// Kernels with light on their border keep it: a shift moves it out of the measured square.
+TEST(PointSpread, ShiftedMeasuredKernelsKeepLightAndMoveByTheirShift) {
+  for (const PointSpread& spread : {measured(1, {3}), cut_gaussian(3, 1), cut_gaussian(7, 3), cut_gaussian(65, 30),
+                                    coma(), measured(3, {1, 2, 3, 4, 20, 5, 6, 7, 2})}) {
+    const SpreadKernel centered(spread, 4, 5, 0.6);
+    const Moments own = moments_of(centered);
+    EXPECT_NEAR(own.sum, 1, 1e-6);
+    for (const double dx : {-0.5, -0.375, -0.25, -0.125, 0.0, 0.0625, 0.25, 0.49, 0.5})
+      for (const double dy : {-0.46875, 0.0, 0.25, 0.5}) {
+        const Moments shifted = moments_of(centered.shifted(spread, dx, dy));
+        EXPECT_NEAR(shifted.sum, 1, 1e-6) << spread.side << ": " << dx << ' ' << dy;
+        EXPECT_NEAR(shifted.x, own.x + dx, 1e-6) << spread.side << ": " << dx << ' ' << dy;
+        EXPECT_NEAR(shifted.y, own.y + dy, 1e-6) << spread.side << ": " << dx << ' ' << dy;
+      }
+  }
 }
 
 // A point beside its pixel's center leaves an image that is centered on it; all of its light.
@@ -342,27 +400,27 @@ TEST(PointSpread, OfSamplesHasTheTransferFunctionOfOneAperture) {
 
 // A source of half a pixel: its centroid is where it stands. (Spread as pixels' means: off by up to 0.21 px.)
 TEST(PointSpread, OfSamplesKeepsCentroids) {
-  constexpr int kSide = 33, kSamples = 4;
-  for (const PointSpread& spread : {gaussian(0.6), measured()})
-    for (double at = 16; at < 17; at += 0.07) {
-      // Each sample stands for its share of the pixel.
-      const auto within = [&](double middle, double place) {
-        const double low = std::max(place - 0.5 / kSamples, middle - 0.25),
-                     high = std::min(place + 0.5 / kSamples, middle + 0.25);
-        return std::max(0.0, high - low) * kSamples;
-      };
-      const std::vector<float> image = spread_by_samples(
-          spread, kSide, kSide, kSamples, [&](double x, double y) { return within(at, x) * within(16.3, y); });
-      double light = 0, x_mean = 0, y_mean = 0;
-      for (int y = 0; y < kSide; ++y)
-        for (int x = 0; x < kSide; ++x) {
-          const auto value = static_cast<double>(image[static_cast<std::size_t>(y * kSide + x)]);
-          light += value, x_mean += value * x, y_mean += value * y;
-        }
-      EXPECT_NEAR(light, 0.25, 1e-4);
-      EXPECT_NEAR(x_mean / light, at, 0.01);
-      EXPECT_NEAR(y_mean / light, 16.3, 0.01);
-    }
+  constexpr int kSide = 33;
+  for (const int n : {2, 4})
+    for (const PointSpread& spread : {gaussian(0.6), measured(), measured(1, {1}), cut_gaussian(3, 1)})
+      for (double at = 16; at < 17; at += 0.07) {
+        // Each sample stands for its share of the pixel.
+        const auto within = [&](double middle, double place) {
+          const double low = std::max(place - 0.5 / n, middle - 0.25), high = std::min(place + 0.5 / n, middle + 0.25);
+          return std::max(0.0, high - low) * n;
+        };
+        const std::vector<float> image = spread_by_samples(
+            spread, kSide, kSide, n, [&](double x, double y) { return within(at, x) * within(16.3, y); });
+        double light = 0, x_mean = 0, y_mean = 0;
+        for (int y = 0; y < kSide; ++y)
+          for (int x = 0; x < kSide; ++x) {
+            const auto value = static_cast<double>(image[static_cast<std::size_t>(y * kSide + x)]);
+            light += value, x_mean += value * x, y_mean += value * y;
+          }
+        EXPECT_NEAR(light, 0.25, 1e-4);
+        EXPECT_NEAR(x_mean / light, at, 0.01);
+        EXPECT_NEAR(y_mean / light, 16.3, 0.01);
+      }
 }
 
 }  // namespace
