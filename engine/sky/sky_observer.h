@@ -27,10 +27,11 @@ struct ApparentBody {
   Vec3 from_sun = Vec3::Zero(), from_observer = Vec3::Zero();  // unit, ICRF axes, without aberration: toward the body
 };
 
-// Places are those of ERFA: of the Moon and the Earth by eraMoon98 (31.7 km) and eraEpv00 (11.2 km; ephemeris.cpp has
-// the budget), of planets by eraPlan94, whose errors over 1800 to 2050 are at most 1 arcsec for Mercury, 5 for Venus,
-// 7 for Mars, 71 for Jupiter, 81 for Saturn, 86 for Uranus and 11 for Neptune. Those of stars agree with astropy to
-// 0.001 arcsec. Directions in ICRF axes know nothing of the Moon's rotation; in MOON_ME they have its 0.01 degrees.
+// The Moon and the Earth have the places that ERFA gives them, by eraMoon98 (31.7 km) and eraEpv00 (11.2 km;
+// ephemeris.cpp has the budget). The other planets are at those of VSOP87 (Bretagnon & Francou, A&A 202, 309, 1988), as
+// libnova evaluates it. Seen from the Moon in 1960 to 2099 they are within 0.1 arcsec (Mercury), 0.2 (Venus), 0.5
+// (Mars, Jupiter, Saturn), 2 (Uranus) and 3 (Neptune) of JPL's DE431 (unit.sky). Those of stars agree with astropy
+// to 0.001 arcsec. Directions in ICRF axes know nothing of the Moon's rotation; in MOON_ME they have its 0.01 degrees.
 class SkyObserver {
  public:
   // `position_m`, `velocity_m_s`: relative to the Moon's centre along axes of MOON_ME; the velocity is that in inertial

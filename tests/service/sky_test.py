@@ -671,8 +671,9 @@ class AgainstAstropy(unittest.TestCase):
         self.assertLess(worst_deg, 0.1)
 
     def test_sun_earth_and_planets(self):
-        """The same theories, with light time and aberration worked out here."""
-        worst = 0
+        """Light time and aberration worked out here. The Sun and the Earth have the same theories, planets another one,
+        which is within 90 arcsec: unit.sky has their places."""
+        worst, worst_planet = 0, 0
         for epoch in EPOCHS:
             time, place, motion = self.observer(epoch)
             jd1, jd2, au = time.tt.jd1, time.tt.jd2, u.au.to(u.m)
@@ -696,14 +697,20 @@ class AgainstAstropy(unittest.TestCase):
                 natural = unit(way)
                 seen = unit(natural / (1 + natural @ beta) * math.sqrt(1 - beta @ beta) +
                             (1 + natural @ beta / (1 + math.sqrt(1 - beta @ beta))) / (1 + natural @ beta) * beta)
-                worst = max(worst, arcsec(seen, answers[name]["direction_icrf"]))
+                off = arcsec(seen, answers[name]["direction_icrf"])
+                if name in PLANETS:
+                    worst_planet = max(worst_planet, off)
+                else:
+                    worst = max(worst, off)
                 if name == "sun":
                     continue
                 from_sun = barycentric(days) * au - earth_and_sun(days)[1] * au
                 phase = math.degrees(math.acos(np.clip(unit(from_sun) @ natural, -1, 1)))
-                self.assertAlmostEqual(phase, answers[name]["phase_deg"], delta=0.001, msg=name)
-        print(f"bodies: {worst:.6f} arcsec at most")
+                delta = 0.03 if name in PLANETS else 0.001
+                self.assertAlmostEqual(phase, answers[name]["phase_deg"], delta=delta, msg=name)
+        print(f"Sun and Earth: {worst:.6f} arcsec at most, planets {worst_planet:.1f}")
         self.assertLess(worst, 0.1)
+        self.assertLess(worst_planet, 90)
 
 
 if __name__ == "__main__":

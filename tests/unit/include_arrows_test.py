@@ -39,6 +39,7 @@ LIBRARIES = [
                "dem/detail/detail_kernels"]),
     (r"assimp/", ["engine/visibility/meshes/mesh_file"]),
     (r"erfa", ["engine/sky/"]),
+    (r"libnova/", ["engine/sky/sky_observer"]),
     (r"GeographicLib/", ["dem/"]),
     (r"(OpenImageIO/|zip\.h)", ["api/"]),
     (r"nlohmann/", ["api/", "server/"]),

@@ -3,6 +3,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <numbers>
@@ -17,6 +18,7 @@
 #include "engine/sky/magnitudes.h"
 #include "engine/sky/sky_observer.h"
 #include "engine/sky/star_catalogue.h"
+#include "tests/support/de431_planets.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::engine {
@@ -231,6 +233,23 @@ TEST(Starlight, HasTheColourOfItsTemperature) {
 // The Sun's own magnitude gives the solar constant, to the 2 % of zero point and spectrum.
 TEST(Starlight, GivesTheSunItsIrradiance) {
   EXPECT_NEAR(Starlight(nullptr).of_planet(sun_magnitude(kAstronomicalUnit_m)) / 1361, 1, 0.03);
+}
+
+TEST(Planets, AreWhereDe431HasThemWithinTheStatedBounds) {
+  const std::array<double, 7> stated_arcsec = {0.1, 0.2, 0.5, 0.5, 0.5, 2, 3};
+  std::array<double, 7> worst_arcsec{};
+  for (const PlanetEpoch& epoch : kDe431Planets) {
+    const SkyObserver observer(epoch.utc, Vec3::Zero(), Vec3::Zero());
+    for (std::size_t i = 0; i < 7; ++i) {
+      const Vec3 found = observer.planet(other_planets()[i]).from_observer;
+      const double off_arcsec = angle_between(found, epoch.places[i].direction()) * kDegreesPerRadian * 3600;
+      worst_arcsec[i] = std::max(worst_arcsec[i], off_arcsec);
+    }
+  }
+  for (std::size_t i = 0; i < 7; ++i) {
+    EXPECT_LT(worst_arcsec[i], stated_arcsec[i]) << planet_name(other_planets()[i]);
+    RecordProperty(std::string(planet_name(other_planets()[i])), std::to_string(worst_arcsec[i]));
+  }
 }
 
 }  // namespace
