@@ -12,9 +12,14 @@
 
 namespace selenograph::dem {
 
+// O_NONBLOCK: opening a FIFO would wait for its other end.
 OpenFile::OpenFile(std::string path, int flags)
-    : path_(std::move(path)), fd_(::open(path_.c_str(), flags | O_CLOEXEC, 0644)) {
+    : path_(std::move(path)), fd_(::open(path_.c_str(), flags | O_CLOEXEC | O_NONBLOCK | O_NOCTTY, 0644)) {
   if (fd_ < 0) throw SystemFault(path_, errno);
+  struct stat s {};
+  if (::fstat(fd_, &s) == 0 && (flags & O_DIRECTORY ? S_ISDIR(s.st_mode) : S_ISREG(s.st_mode))) return;
+  ::close(fd_);
+  throw DataError(path_, "is not a regular file");
 }
 
 OpenFile::~OpenFile() { ::close(fd_); }

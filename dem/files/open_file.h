@@ -13,7 +13,8 @@ namespace selenograph::dem {
 // thread-safe.
 class OpenFile {
  public:
-  // `flags` as in open(2). Throws SystemFault naming the path.
+  // `flags` as in open(2). Opens regular files, or with O_DIRECTORY folders, and never waits. Throws SystemFault naming
+  // the path, DataError for a FIFO, device or socket.
   OpenFile(std::string path, int flags);
   ~OpenFile();
   OpenFile(const OpenFile&) = delete;

@@ -319,7 +319,7 @@ void open_band(RasterFile& s) {
                                           static_cast<int>(s.pds->row_bytes), s.type, order, s.file_width,
                                           s.file_height, RawRasterBand::OwnFP::YES);
   s.band = s.raw.get();
-  if (s.type == GDT_Int16) s.posts = std::make_unique<OpenFile>(s.pds->data_path, O_RDONLY | O_NONBLOCK);
+  if (s.type == GDT_Int16) s.posts = std::make_unique<OpenFile>(s.pds->data_path, O_RDONLY);
 }
 
 namespace {

@@ -41,6 +41,16 @@ struct Header {
 static_assert(std::is_trivially_copyable_v<Header> && sizeof(Vertex) == 4 * sizeof(float));
 constexpr std::size_t kMostBytes = std::size_t{16} << 20;
 
+// Shares of the limit, as divisors: a scan leaves a quarter free, and each process scans again after a 32nd. So the
+// files of eight processes stay within the limit.
+constexpr std::size_t kShareFreed = 4, kShareBetweenScans = 32;
+
+// Bytes that a file takes in blocks of 4 KiB.
+std::size_t disk_bytes(std::size_t file_bytes) {
+  constexpr std::size_t kDiskBlock_bytes = 4096;
+  return (file_bytes + kDiskBlock_bytes - 1) / kDiskBlock_bytes * kDiskBlock_bytes;
+}
+
 std::uint64_t checksum_of(std::string& file) {
   std::memset(file.data() + offsetof(Header, checksum), 0, sizeof(Header::checksum));
   return hash_of(file.data(), file.size());
@@ -104,18 +114,9 @@ std::shared_ptr<Block> block_of(std::string file, std::uint64_t key, const Block
 }  // namespace
 
 BlockStore::BlockStore(std::string folder, std::size_t bytes, const TroubleLog& trouble)
-    : folder_(std::move(folder)), most_bytes_(bytes), trouble_(trouble) {
+    : folder_(std::move(folder)), max_bytes_(bytes), trouble_(trouble) {
   remove_stale_temporaries(folder_, std::string(kSuffix) + ".tmp-");
-  std::vector<std::pair<fs::file_time_type, File>> found;
-  std::error_code error;
-  for (fs::recursive_directory_iterator it(folder_, error), end; !error && it != end; it.increment(error)) {
-    std::error_code gone;
-    const auto size = it->file_size(gone);
-    const auto written = it->last_write_time(gone);
-    if (!gone && it->path().extension() == kSuffix) found.push_back({written, {it->path().string(), size}});
-  }
-  std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
-  for (auto& [written, file] : found) count(std::move(file.path), file.bytes);
+  remove_oldest();
 }
 
 std::string BlockStore::path_of(std::uint64_t key, const BlockId& id) const {
@@ -138,6 +139,8 @@ std::shared_ptr<const Block> BlockStore::read(std::uint64_t key, const BlockId& 
     }
   } catch (const SystemFault&) {
     return nullptr;  // another process may have removed it
+  } catch (const DataError&) {
+    // A FIFO has taken the file's place: remove it, too.
   }
   ::unlink(path.c_str());
   return nullptr;
@@ -146,25 +149,56 @@ std::shared_ptr<const Block> BlockStore::read(std::uint64_t key, const BlockId& 
 void BlockStore::write(std::uint64_t key, const Block& block) {
   if (broken_) return;
   const std::string path = path_of(key, block.id), bytes = bytes_of(key, block);
-  if (bytes.size() > most_bytes_) return;
+  if (!make_space(disk_bytes(bytes.size()))) return;
   try {
     write_whole_file(path, bytes, false);
   } catch (const SystemFault& fault) {
+    if (fault.code() == ENOENT) return;  // another process has just removed the empty folder
     if (!broken_.exchange(true))
       trouble_.log(
           fmt::format("ground is no longer kept in {}: {}", folder_, std::generic_category().message(fault.code())));
-    return;
   }
-  count(path, bytes.size());
 }
 
-void BlockStore::count(std::string path, std::size_t bytes) {
-  const std::lock_guard lock(mutex_);
-  files_.push_back({std::move(path), bytes});
-  bytes_ += bytes;
-  for (; bytes_ > most_bytes_; files_.pop_front()) {
-    ::unlink(files_.front().path.c_str());
-    bytes_ -= files_.front().bytes;
+// Counts `bytes` to be written. After each kShareBetweenScans of the limit, it removes files first. Returns false where
+// the file must not be written: it is too large, or another thread is removing files, which may take seconds.
+bool BlockStore::make_space(std::size_t bytes) {
+  if (bytes > max_bytes_ / kShareFreed) return false;
+  if (unscanned_bytes_.fetch_add(bytes) + bytes <= max_bytes_ / kShareBetweenScans) return true;
+  const std::unique_lock lock(scanning_, std::try_to_lock);
+  if (!lock) return false;
+  unscanned_bytes_ = bytes;
+  remove_oldest();
+  return true;
+}
+
+// Counts the files of all processes, so that their sum stays within the limit, and removes the oldest.
+void BlockStore::remove_oldest() {
+  struct File {
+    fs::file_time_type written;
+    std::string path;
+    std::size_t bytes;
+  };
+  std::vector<File> files;
+  std::size_t sum_bytes = 0;
+  std::error_code error;
+  for (fs::recursive_directory_iterator it(folder_, error), end; !error && it != end; it.increment(error)) {
+    std::error_code gone;
+    if (it->path().extension() != kSuffix || !it->is_regular_file(gone)) continue;
+    const std::size_t bytes = disk_bytes(it->file_size(gone));
+    const auto written = it->last_write_time(gone);
+    if (gone) continue;
+    files.push_back({written, it->path().string(), bytes});
+    sum_bytes += bytes;
+  }
+  if (sum_bytes > max_bytes_ - max_bytes_ / kShareFreed) {
+    std::sort(files.begin(), files.end(), [](const File& a, const File& b) { return a.written < b.written; });
+    for (const File& file : files) {
+      if (sum_bytes <= max_bytes_ - max_bytes_ / kShareFreed) break;
+      ::unlink(file.path.c_str());
+      ::rmdir(fs::path(file.path).parent_path().c_str());  // once it is empty
+      sum_bytes -= file.bytes;
+    }
   }
 }
 

@@ -44,7 +44,7 @@ void ChunkStore::open_folder() {
 bool ChunkStore::has(const ChunkPlan& plan) const {
   if (chunks_.peek(plan.node)) return true;
   std::error_code error;
-  return !cache_dir_.empty() && std::filesystem::exists(path_of(plan), error);
+  return !cache_dir_.empty() && std::filesystem::is_regular_file(path_of(plan), error);
 }
 
 CacheStatistics ChunkStore::statistics() const {

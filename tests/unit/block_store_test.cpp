@@ -2,6 +2,7 @@
 #include "dem/terrain/block_store.h"
 
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <cmath>
 #include <cstring>
@@ -128,25 +129,41 @@ TEST_F(GroundOnDisk, DamagedFilesAreMadeAnew) {
   damage([](std::string& bytes) { bytes[20] ^= 1; });  // the key
 }
 
-TEST_F(GroundOnDisk, TakesNoMoreThanItMay) {
-  constexpr std::size_t kFew = 300000;
-  const auto on_disk = [&] {
+TEST_F(GroundOnDisk, TakesNoMoreThanItMayInSeveralProcesses) {
+  constexpr std::size_t kFew_bytes = 1 << 19;
+  const auto on_disk_bytes = [&] {
     std::size_t sum = 0;
-    for (const fs::path& file : files()) sum += fs::file_size(file);
+    for (const fs::path& file : files()) {
+      struct stat s {};
+      EXPECT_EQ(::stat(file.c_str(), &s), 0);
+      sum += static_cast<std::size_t>(s.st_blocks) * 512;
+    }
     return sum;
   };
-  {
-    const auto plain = opened(kFew);
-    const DetailedTerrain terrain(plain, detail(7));
-    for (const BlockId& id : places(12)) terrain.block(id);
-    EXPECT_LE(on_disk(), kFew);
-    EXPECT_EQ(on_disk(), plain->block_store()->bytes());
-    EXPECT_GE(files().size(), 3U);
-  }
-  const std::size_t before = files().size();
-  const auto less = opened(kFew / 2);
-  EXPECT_LT(files().size(), before);
-  EXPECT_EQ(on_disk(), less->block_store()->bytes());
+  // Each opens the store as a process of its own. Their details differ, so they write different files.
+  std::vector<std::shared_ptr<const PyramidTerrain>> processes;
+  for (int k = 0; k < 3; ++k) processes.push_back(opened(kFew_bytes));
+  for (const BlockId& id : places(10))
+    for (std::size_t k = 0; k < processes.size(); ++k) {
+      DetailedTerrain(processes[k], detail(7 + k)).block(id);
+      EXPECT_LE(on_disk_bytes(), kFew_bytes);
+    }
+  EXPECT_GE(on_disk_bytes(), kFew_bytes / 2);
+  EXPECT_TRUE(said_.empty());
+  const auto less = opened(kFew_bytes / 2);
+  EXPECT_LE(on_disk_bytes(), kFew_bytes / 2);
+  EXPECT_GE(files().size(), 1U);
+}
+
+TEST_F(GroundOnDisk, AFifoInTheFilesPlaceIsReplaced) {
+  const BlockId id = places(1)[0];
+  const auto made = DetailedTerrain(opened(kMuch), detail(7)).block(id);
+  ASSERT_EQ(files().size(), 1U);
+  const fs::path path = files()[0];
+  fs::remove(path);
+  ASSERT_EQ(::mkfifo(path.c_str(), 0600), 0);
+  expect_same(*DetailedTerrain(opened(kMuch), detail(7)).block(id), *made);
+  EXPECT_TRUE(fs::is_regular_file(path));
 }
 
 TEST_F(GroundOnDisk, AFolderThatCantBeWrittenIsSaidOnce) {

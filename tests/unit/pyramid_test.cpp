@@ -2,6 +2,7 @@
 // checked.
 #include <gtest/gtest.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -393,6 +394,19 @@ TEST_F(PyramidFile, DamageOnDiskIsRepaired) {
       const auto terrain = open();
       ASSERT_EQ(posts(*terrain), right) << file;
     }
+}
+
+// Opening a FIFO waits for its writer: without end.
+TEST_F(PyramidFile, AFifoInAFilesPlaceIsReplaced) {
+  const auto right = posts(*open());
+  for (const std::string& file : files()) {
+    fs::remove(file);
+    ASSERT_EQ(::mkfifo(file.c_str(), 0600), 0);
+    const auto terrain = open();
+    ASSERT_EQ(posts(*terrain), right) << file;
+    terrain->wait_until_written();
+    EXPECT_TRUE(fs::is_regular_file(file)) << file;
+  }
 }
 
 TEST_F(PyramidFile, DamageWhileServingIsRepaired) {
