@@ -231,6 +231,7 @@ class MapDrawing {
     const ObjectsInFrame objects(frame_, rocks.rocks, stop_);
     std::vector<float> rock_height;
     if (request_.products & kRockHeight) rock_height.assign(patch.pixels(), 0);
+    std::vector<double> sag_m(request_.products & kHeight ? patch.pixels() : 0, 0);
     const PixelRays lens;
     const EachSample each;
     std::optional<TerrainLight> indirect;
@@ -250,6 +251,7 @@ class MapDrawing {
       aim(patch, directions, packet);
       pass.meet(packet);
       if (packet.on_object && !rock_height.empty()) note_rocks(patch, packet, rock_height);
+      if (!sag_m.empty()) note_sag(patch, scene.mesh, packet, sag_m);
       pass.find_light(packet);
       const std::uint32_t hidden = turn_to_viewer(scene, packet);
       pass.find_radiance(packet);
@@ -262,6 +264,7 @@ class MapDrawing {
     const std::vector<dem::SourceIndex> sources = writer.sources().settle(drawn.source);
     drawn.rock_height = std::move(rock_height);
     copy(patch, directions, drawn, numbers_of(sources));
+    if (!sag_m.empty()) lift(patch, sag_m);
   }
 
   RocksInView rocks_on(const RowViews& above, const Selection& selection) {
@@ -280,6 +283,34 @@ class MapDrawing {
       if (!(p.on_object >> i & 1) || p.objects.on_soil[i] || x >= patch.width || y >= patch.height) continue;
       rock_height[static_cast<std::size_t>(y) * static_cast<std::size_t>(patch.width) + static_cast<std::size_t>(x)] =
           static_cast<float>(p.points.distance[i] - p.objects.points.distance[i]);
+    }
+  }
+
+  // How far the mesh lies below the heights between its vertices. Its triangles are plane and the Moon is not: between
+  // posts 1 km apart on level ground the triangle's middle is 0.07 m below them, and so would be all heights of a map
+  // that is drawn with coarse triangles.
+  static void note_sag(const Patch& patch, const Mesh& mesh, const RayPass::Packet& p, std::vector<double>& sag_m) {
+    const SurfacePoints& points = p.points;
+    for (int i = 0; i < kPacket; ++i) {
+      const int x = p.x + i % kPacketSide, y = p.y + i / kPacketSide;
+      if (!((p.on_terrain | p.on_object) >> i & 1) || x >= patch.width || y >= patch.height) continue;
+      const double v = points.v[i], w = points.w[i], u = 1 - v - w;
+      // A rock may stand before ground that the mesh does not have.
+      constexpr double kOutside = -1e-6;
+      if (!(u >= kOutside && v >= kOutside && w >= kOutside)) continue;
+      const dem::Triangle t = mesh.triangle(points.triangle[i]);
+      sag_m[static_cast<std::size_t>(y) * static_cast<std::size_t>(patch.width) + static_cast<std::size_t>(x)] =
+          u * t.a.norm() + v * t.b.norm() + w * t.c.norm() - (u * t.a + v * t.b + w * t.c).norm();
+    }
+  }
+
+  void lift(const Patch& patch, const std::vector<double>& sag_m) {
+    for (int row = 0; row < patch.height; ++row) {
+      const double* sag = &sag_m[static_cast<std::size_t>(row) * static_cast<std::size_t>(patch.width)];
+      double* height = &out_.products.height[(static_cast<std::size_t>(patch.y) + static_cast<std::size_t>(row)) *
+                                                 static_cast<std::size_t>(request_.grid.width) +
+                                             static_cast<std::size_t>(patch.x)];
+      for (int column = 0; column < patch.width; ++column) height[column] += sag[column];
     }
   }
 

@@ -160,6 +160,17 @@ class Maps(harness.WithService):
                 self.assertAlmostEqual(tiff.transform[1], area["gsd_m"])
                 self.assertAlmostEqual(tiff.transform[5], -area["gsd_m"])
 
+    def test_coarse_triangles_lower_no_heights(self):
+        """A triangle's plane lies below level ground, by 0.07 m between posts 1 km apart; a map's heights do not."""
+        for gsd_m in (400, 700, 1000, 4000, 20000):
+            area = {"projection": "equirectangular", "gsd_m": gsd_m,
+                    "bounds": {"south_deg": 20, "north_deg": 26, "west_deg": 40, "east_deg": 46}}
+            with self.subTest(gsd_m):
+                arrays, meta = npz(self.map(map_request(area, "height")))
+                np.testing.assert_allclose(arrays["height"], 0, rtol=0, atol=1e-6)
+                if gsd_m >= 1000:
+                    self.assertGreater(meta["post_spacing_m"]["max"], 900, "the triangles were not coarse")
+
     def test_npz_says_the_same_as_the_geotiff(self):
         for name, area in PLACES.items():
             with self.subTest(name):
