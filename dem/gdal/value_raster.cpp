@@ -2,11 +2,15 @@
 
 #include <fmt/format.h>
 #include <gdal_utils.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <cstdint>
+#include <cstdlib>
+#include <filesystem>
 #include <mutex>
 #include <optional>
+#include <utility>
 
 #include "dem/gdal/dataset.h"
 #include "dem/gdal/warp_rectangle.h"
@@ -15,7 +19,8 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr double kRadiusTolerance_m = 1000;  // spheres of the Moon that are in use differ by less
+constexpr double kRadiusTolerance_m = 1000;    // spheres of the Moon that are in use differ by less
+constexpr double kMaxDecoded_bytes = 1 << 30;  // of a file that is kept decoded
 
 // Latitude and longitude in degrees on the Moon's sphere, longitude first.
 OGRSpatialReference degrees_like(const OGRSpatialReference& srs) {
@@ -23,6 +28,62 @@ OGRSpatialReference degrees_like(const OGRSpatialReference& srs) {
   degrees.CopyGeogCSFrom(&srs);
   degrees.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
   return degrees;
+}
+
+// Returns whether a file is decoded from its first row on, however little of it is read: going back is beginning again.
+bool decodes_from_first_row(GDALDataset& dataset) {
+  const std::string driver = dataset.GetDriverName();
+  return driver == "JPEG" || driver == "PNG";
+}
+
+// Returns the bytes of all samples.
+double decoded_bytes(GDALDataset& dataset) {
+  const double pixels = static_cast<double>(dataset.GetRasterXSize()) * dataset.GetRasterYSize();
+  double bytes = 0;
+  for (int b = 1; b <= dataset.GetRasterCount(); ++b)
+    bytes += pixels * GDALGetDataTypeSizeBytes(dataset.GetRasterBand(b)->GetRasterDataType());
+  return bytes;
+}
+
+// A new file in the temporary folder, removed with this object: what has opened it may go on reading. Its name is empty
+// where there is no room.
+class TemporaryFile {
+ public:
+  TemporaryFile() {
+    std::error_code error;
+    std::string name = (std::filesystem::temp_directory_path(error) / "selenograph-map-XXXXXX").string();
+    const int fd = error ? -1 : ::mkstemp(name.data());
+    if (fd < 0) return;
+    ::close(fd);
+    path_ = name;
+  }
+  ~TemporaryFile() {
+    if (!path_.empty()) ::unlink(path_.c_str());
+  }
+  TemporaryFile(const TemporaryFile&) = delete;
+  TemporaryFile& operator=(const TemporaryFile&) = delete;
+
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+};
+
+// The dataset's samples in tiles, in a file that has no name any more. Null: it cannot be written, or the dataset
+// cannot be read, which its next reader is told.
+DatasetPtr decoded(GDALDataset& dataset) {
+  const TemporaryFile file;
+  if (file.path().empty()) return nullptr;
+  CPLStringList words;
+  for (const char* word : {"-of", "GTiff", "-co", "TILED=YES", "-co", "BIGTIFF=IF_SAFER"}) words.AddString(word);
+  const QuietGdal quiet;
+  CPLSetThreadLocalConfigOption("GDAL_TIFF_INTERNAL_MASK", "YES");
+  GDALTranslateOptions* how = GDALTranslateOptionsNew(words.List(), nullptr);
+  DatasetPtr copy(static_cast<GDALDataset*>(GDALTranslate(file.path().c_str(), &dataset, how, nullptr)));
+  GDALTranslateOptionsFree(how);
+  CPLSetThreadLocalConfigOption("GDAL_TIFF_INTERNAL_MASK", nullptr);
+  if (copy) copy->FlushCache(false);
+  return CPLGetLastErrorType() >= CE_Failure ? nullptr : std::move(copy);
 }
 
 }  // namespace
@@ -33,6 +94,8 @@ struct ValueRaster::Impl {
     if (!found) throw DataError(path, "is missing or not a file");
     state = *found;
     dataset = open_dataset(path, kMapDrivers, Look::first).dataset;
+    if (decodes_from_first_row(*dataset) && decoded_bytes(*dataset) <= kMaxDecoded_bytes)
+      if (DatasetPtr copy = decoded(*dataset)) dataset = std::move(copy);
     find_grid(options.extent);
     choose_bands();
   }

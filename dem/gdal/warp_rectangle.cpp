@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <vector>
 
 #include "dem/grid/geodesy.h"
 
@@ -31,14 +32,13 @@ class RasterPlaces {
     return Geographic{y, x};
   }
 
-  // Not if it lies on the border.
+  // Returns whether a pole is a point, where all meridians meet, of the raster or of its border.
   bool holds_pole(double lat_deg) const {
-    constexpr double kBorder = 0.5;
-    double x = 0, y = lat_deg;
-    if (!from_degrees_->Transform(1, &x, &y) || !std::isfinite(x) || !std::isfinite(y)) return false;
-    const double column = inverse_[0] + x * inverse_[1] + y * inverse_[2],
-                 row = inverse_[3] + x * inverse_[4] + y * inverse_[5];
-    return column > kBorder && column < width_ - kBorder && row > kBorder && row < height_ - kBorder;
+    constexpr double kBorder_px = 0.5;
+    const auto at = pixel(lat_deg, 0), opposite = pixel(lat_deg, 180);
+    if (!at || !opposite || std::hypot((*at)[0] - (*opposite)[0], (*at)[1] - (*opposite)[1]) > kBorder_px) return false;
+    const auto [column, row] = *at;
+    return column > -kBorder_px && column < width_ + kBorder_px && row > -kBorder_px && row < height_ + kBorder_px;
   }
 
   // Of the smallest pixel among those in the corners and the middle, as an angle.
@@ -56,6 +56,13 @@ class RasterPlaces {
 
  private:
   using Transformation = std::unique_ptr<OGRCoordinateTransformation>;
+
+  // Column and row of a place; empty: the plane does not show it.
+  std::optional<std::array<double, 2>> pixel(double lat_deg, double lon_deg) const {
+    double x = lon_deg, y = lat_deg;
+    if (!from_degrees_->Transform(1, &x, &y) || !std::isfinite(x) || !std::isfinite(y)) return std::nullopt;
+    return std::array{inverse_[0] + x * inverse_[1] + y * inverse_[2], inverse_[3] + x * inverse_[4] + y * inverse_[5]};
+  }
 
   double width_, height_, pixel_[6]{}, inverse_[6]{};
   Transformation to_degrees_, from_degrees_;
@@ -84,6 +91,36 @@ std::optional<WarpRectangle> around(const RasterPlaces& places) {
   return r;
 }
 
+// Bounds a raster that reaches beyond the limb of its projection: by places on a mesh over it, and by a margin that is
+// wider than the gap between the limb and the outermost of them. Empty: all of the raster is nowhere.
+std::optional<WarpRectangle> within_limb(const RasterPlaces& places) {
+  constexpr int kSide = 64;
+  constexpr double kMargin_deg = 20;  // acos(1 - 2 / kSide) is 14 degrees
+  std::vector<double> lats_deg, lons_deg;
+  for (int i = 0; i <= kSide; ++i)
+    for (int j = 0; j <= kSide; ++j)
+      if (const auto place = places.place(places.width() * i / kSide, places.height() * j / kSide)) {
+        lats_deg.push_back(place->lat_deg);
+        lons_deg.push_back(place->lon_deg);
+      }
+  if (lons_deg.empty()) return std::nullopt;
+  const auto [south, north] = std::minmax_element(lats_deg.begin(), lats_deg.end());
+  // The raster lies outside of the widest gap between the meridians of those places.
+  std::sort(lons_deg.begin(), lons_deg.end());
+  double west_deg = lons_deg.front(), gap_deg = west_deg + 360 - lons_deg.back();
+  for (std::size_t i = 1; i < lons_deg.size(); ++i)
+    if (lons_deg[i] - lons_deg[i - 1] > gap_deg) {
+      west_deg = lons_deg[i];
+      gap_deg = lons_deg[i] - lons_deg[i - 1];
+    }
+  return WarpRectangle{west_deg - kMargin_deg,
+                       std::max(-90.0, *south - kMargin_deg),
+                       west_deg + 360 - gap_deg + kMargin_deg,
+                       std::min(90.0, *north + kMargin_deg),
+                       0,
+                       0};
+}
+
 }  // namespace
 
 std::optional<WarpRectangle> warp_rectangle(GDALDataset& raster, const OGRSpatialReference& srs,
@@ -92,11 +129,14 @@ std::optional<WarpRectangle> warp_rectangle(GDALDataset& raster, const OGRSpatia
   const RasterPlaces places(raster, srs, degrees);
   if (!places.valid()) return std::nullopt;
   std::optional<WarpRectangle> r = around(places);
+  const bool beyond_limb = !r;
+  if (beyond_limb) r = within_limb(places);
   if (!r) return std::nullopt;
   const double step_deg = places.pixel_deg();
   const bool north = places.holds_pole(90), south = places.holds_pole(-90);
   const auto turns = [](double lon_deg) { return std::floor((lon_deg + 180) / 360); };
-  if (!north && !south && turns(r->west_deg + step_deg) == turns(r->east_deg - step_deg)) return std::nullopt;
+  const bool crosses = turns(r->west_deg + step_deg) != turns(r->east_deg - step_deg);
+  if (!north && !south && !crosses && !beyond_limb) return std::nullopt;
   if (north) r->north_deg = 90;
   if (south) r->south_deg = -90;
   if (north || south || r->east_deg - r->west_deg > 360) r->west_deg = -180, r->east_deg = 180;

@@ -12,9 +12,9 @@ struct WarpRectangle {
   int width, height;                                // pixels
 };
 
-// For a raster that crosses the date line or holds a pole, its rectangle in pixels that are nowhere larger on the
-// ground than the raster's own. GDAL's own choice counts such a raster as 360 degrees wide, and makes its pixels as
-// many times wider. Empty: that choice will do, or part of the raster's border is nowhere on the sphere.
+// For a raster that crosses the date line, holds a pole or has one on its border, or reaches beyond the limb of its
+// projection, its rectangle in pixels that are nowhere larger on the ground than the raster's own. GDAL's own choice
+// counts such a raster as 360 degrees wide, and makes its pixels as many times wider. Empty: that choice will do.
 // `srs`: the raster's; `degrees`: longitude and latitude, in that order.
 std::optional<WarpRectangle> warp_rectangle(GDALDataset& raster, const OGRSpatialReference& srs,
                                             const OGRSpatialReference& degrees);

@@ -6,6 +6,7 @@
 #include <ogr_spatialref.h>
 
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <functional>
 #include <numbers>
@@ -319,21 +320,53 @@ TEST_F(ValueMaps, PicturesFollowTheirDescription) {
   EXPECT_THROW(opened(told), DataError);
 }
 
-// 200 x 200 texels of 2 km around the origin of a projection in metres, by their places there.
+// Returns whether this process has a file open.
+bool is_open(const std::string& path) {
+  namespace fs = std::filesystem;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator("/proc/self/fd"))
+    if (fs::read_symlink(entry.path(), error) == fs::canonical(path)) return true;
+  return false;
+}
+
+// A JPEG is decoded from its first row on: whoever reads rows from below would have all above them decoded each time.
+// One that is closed while its map is read is decoded no more.
+TEST_F(ValueMaps, AJpegIsDecodedOnce) {
+  const std::string path = folder_ / "colours.jpg";
+  constexpr int kAcross = 1024, kDown = 512;
+  with_gdal("GTiff", folder_ / "colours.tif", kAcross, kDown, 3, GDT_Byte, [&](GDALDataset& d) {
+    for (int y = 0; y < kDown; ++y) {
+      std::vector<std::uint8_t> row(3 * kAcross, static_cast<std::uint8_t>(y / 4 + 50));
+      ASSERT_EQ(d.RasterIO(GF_Write, 0, y, kAcross, 1, row.data(), kAcross, 1, GDT_Byte, 3, nullptr, 0, 0, 0, nullptr),
+                CE_None);
+    }
+    GDALDriver* jpeg = GetGDALDriverManager()->GetDriverByName("JPEG");
+    GDALClose(jpeg->CreateCopy(path.c_str(), &d, FALSE, nullptr, nullptr, nullptr));
+  });
+  ValueMapOptions told;
+  told.path = path;
+  told.extent = Footprint{-90, 90, -180, 180};
+  const ValueMap map = opened(told);
+  EXPECT_FALSE(is_open(path));
+  for (int row = kDown - 10; row > 0; row -= 31)
+    EXPECT_NEAR(mean(map, 90 - (row + 0.5) * 180 / kDown, 33, 100), row / 4 + 50, 2) << row;
+  EXPECT_FALSE(is_open(path));
+}
+
+// 200 x 200 texels around the origin of a projection in metres, by their places there.
 void projected(const std::string& path, const std::string& projection,
-               const std::function<double(double x_m, double y_m)>& value) {
-  constexpr double kHalf_m = 200e3, kSpacing_m = 2000;
+               const std::function<double(double x_m, double y_m)>& value, double spacing_m = 2000) {
+  const double half_m = 100 * spacing_m;
   with_gdal("GTiff", path, 200, 200, 1, GDT_Float32, [&](GDALDataset& d) {
     OGRSpatialReference srs;
     ASSERT_EQ(srs.SetFromUserInput(("+proj=" + projection + " +R=1737400 +units=m +no_defs").c_str()), OGRERR_NONE);
-    double t[] = {-kHalf_m, kSpacing_m, 0, kHalf_m, 0, -kSpacing_m};
+    double t[] = {-half_m, spacing_m, 0, half_m, 0, -spacing_m};
     ASSERT_EQ(d.SetGeoTransform(t), CE_None);
     ASSERT_EQ(d.SetSpatialRef(&srs), CE_None);
     std::vector<float> samples;
     for (int y = 0; y < 200; ++y)
       for (int x = 0; x < 200; ++x)
-        samples.push_back(
-            static_cast<float>(value(-kHalf_m + (x + 0.5) * kSpacing_m, kHalf_m - (y + 0.5) * kSpacing_m)));
+        samples.push_back(static_cast<float>(value(-half_m + (x + 0.5) * spacing_m, half_m - (y + 0.5) * spacing_m)));
     ASSERT_EQ(
         d.GetRasterBand(1)->RasterIO(GF_Write, 0, 0, 200, 200, samples.data(), 200, 200, GDT_Float32, 0, 0, nullptr),
         CE_None);
@@ -382,6 +415,39 @@ TEST_F(ValueMaps, WarpedRastersAreAsFineAsTheirFiles) {
   }
 }
 
+// A quarter of a polar map has its pole on the border; the picture of a disc has nothing in its corners.
+TEST_F(ValueMaps, PolarQuartersAndDiscsAreAsFineAsTheirFiles) {
+  struct Case {
+    std::string projection;
+    double spacing_m, reach_m;  // of the places that are compared, from the middle
+  };
+  for (const Case& c :
+       {Case{"stere +lat_0=90 +lon_0=0 +k=1 +x_0=-200000 +y_0=-200000", 2000, 180e3},
+        Case{"stere +lat_0=90 +lon_0=0 +k=1 +x_0=200000 +y_0=-200000", 2000, 180e3},
+        Case{"stere +lat_0=-90 +lon_0=30 +k=1 +x_0=0 +y_0=200000", 2000, 180e3},
+        Case{"ortho +lat_0=0 +lon_0=0", 17600, 1000e3}, Case{"ortho +lat_0=20 +lon_0=178", 17600, 1000e3},
+        Case{"ortho +lat_0=0 +lon_0=90 +x_0=1600000", 2000, 100e3}}) {
+    SCOPED_TRACE(c.projection);
+    const double wave_m = 12 * c.spacing_m;
+    const auto wave = [&](double x_m, double y_m) {
+      return 0.2 + 0.1 * std::sin(x_m * 2 * std::numbers::pi / wave_m) * std::sin(y_m * 2 * std::numbers::pi / wave_m);
+    };
+    const std::string path = folder_ / "waves.tif";
+    projected(path, c.projection, wave, c.spacing_m);
+    const ValueMap map = open(path);
+    OGRSpatialReference plane, degrees;
+    ASSERT_EQ(plane.SetFromUserInput(("+proj=" + c.projection + " +R=1737400 +units=m +no_defs").c_str()), OGRERR_NONE);
+    ASSERT_EQ(degrees.SetFromUserInput("+proj=longlat +R=1737400 +no_defs"), OGRERR_NONE);
+    const std::unique_ptr<OGRCoordinateTransformation> there(OGRCreateCoordinateTransformation(&plane, &degrees));
+    for (double x_m = -c.reach_m; x_m < c.reach_m; x_m += 0.051 * c.reach_m)
+      for (double y_m = -c.reach_m; y_m < c.reach_m; y_m += 0.047 * c.reach_m) {
+        double lon_deg = x_m, lat_deg = y_m;
+        ASSERT_TRUE(there->Transform(1, &lon_deg, &lat_deg));
+        ASSERT_NEAR(mean(map, lat_deg, lon_deg), wave(x_m, y_m), 0.02) << lat_deg << " N, " << lon_deg << " E";
+      }
+  }
+}
+
 TEST_F(ValueMaps, OtherBodiesAndDamagedFilesAreRefused) {
   EXPECT_THROW(open(folder_ / "missing.tif"), DataError);
   std::ofstream(folder_ / "noise.tif") << "no picture";
@@ -402,6 +468,12 @@ TEST_F(ValueMaps, OtherBodiesAndDamagedFilesAreRefused) {
   EXPECT_FALSE(map.current());
   EXPECT_THROW(mean(map, 2, 2), DataError) << "half of one file and half of another";
   EXPECT_NEAR(mean(open(path), 2, 2), 0.4, 1e-6);
+  // Other values under the old time.
+  const std::uint64_t fingerprint = open(path).fingerprint();
+  const auto modified = std::filesystem::last_write_time(path);
+  write("changing.tif", {0, 4, 0, 4}, 400, 400, [](double, double) { return 0.2; });
+  std::filesystem::last_write_time(path, modified);
+  EXPECT_NE(open(path).fingerprint(), fingerprint);
 }
 
 }  // namespace
