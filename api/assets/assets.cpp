@@ -74,13 +74,10 @@ bool current(const dem::ValueMap& map) { return map.current(); }
 
 std::optional<Assets::Stamped> Assets::stamped(const char* kind, const char* extension, std::string_view name) const {
   if (folder_.empty() || !is_plain(name)) return std::nullopt;
-  const fs::path path = fs::path(folder_) / kind / (std::string(name) + extension);
-  std::error_code error;
-  const auto modified = fs::last_write_time(path, error);
-  if (error) return std::nullopt;
-  return Stamped{path.string(),
-                 {std::chrono::duration_cast<std::chrono::nanoseconds>(modified.time_since_epoch()).count(),
-                  fs::file_size(path, error)}};
+  const std::string path = (fs::path(folder_) / kind / (std::string(name) + extension)).string();
+  const auto state = dem::file_state(path);
+  if (!state) return std::nullopt;
+  return Stamped{path, dem::stamp_of(*state)};
 }
 
 template <typename T, typename Read>
@@ -342,7 +339,7 @@ std::shared_ptr<const engine::ObjectMesh> Assets::object(std::string_view name, 
       return Meshes::Loaded{mesh, mesh->bytes()};
     };
     // A file that changed has another key; what it was before goes when its room is needed.
-    const std::string key = fmt::format("{}:{}:{}", path, file->stamp.modified_ns, file->stamp.bytes);
+    const std::string key = fmt::format("{}:{:016x}", path, file->stamp);
     refuse_failed(key);
     try {
       return meshes_.get(key, read, stop);

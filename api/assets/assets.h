@@ -70,14 +70,9 @@ class Assets {
   static std::uint64_t fingerprint(const engine::Atmosphere* atmosphere);
 
  private:
-  struct Stamp {
-    std::int64_t modified_ns;
-    std::uintmax_t bytes;
-    bool operator==(const Stamp&) const = default;
-  };
   struct Stamped {
     std::string path;
-    Stamp stamp;
+    std::uint64_t stamp;  // dem::stamp_of
   };
   using Meshes = dem::Cache<std::string, engine::ObjectMesh>;  // by path and stamp
 
@@ -91,7 +86,7 @@ class Assets {
 
   template <typename T>
   struct Known {
-    Stamp stamp;
+    std::uint64_t stamp;
     std::shared_ptr<const T> content;
   };
   template <typename T>

@@ -23,7 +23,6 @@
 #include "dem/gdal/remote_files.h"
 #include "dem/gdal/remote_names.h"
 #include "dem/support/error.h"
-#include "dem/support/hash.h"
 #include "dem/support/parallel.h"
 
 namespace selenograph::dem {
@@ -270,13 +269,12 @@ class Opening {
       out.trouble = fault.what() + std::string("; taken for what it was");
       return out;
     }
-    const std::int64_t facts[] = {static_cast<std::int64_t>(state.bytes), state.modified_ns};
-    const std::uint64_t stamp = hash_of(facts, sizeof facts);
+    const std::uint64_t stamp = stamp_of(state);
     out.known = still_valid(file.path, stamp);
     if (out.known) return out;
     out.raster = inspect_raster(file.path);
-    // Servers tell whole seconds; one that tells no time at all can't be asked whether a file is still the same.
-    if (state.modified_ns != 0 && state.modified_ns <= unsettled_ns_)
+    // Servers tell whole seconds; one that tells neither time nor ETag can't be asked whether a file is still the same.
+    if (state.modified_ns != 0 ? state.modified_ns <= unsettled_ns_ : state.identity != 0)
       out.keep = SavedFile{file.path, stamp, {}, out.raster};
     return out;
   }

@@ -24,7 +24,7 @@ namespace fs = std::filesystem;
 
 constexpr char kMagic[8] = {'S', 'G', 'C', 'A', 'T', 'A', 'L', 'G'};
 // Raised when the same files give other findings, or findings other bytes.
-constexpr std::uint32_t kFormatVersion = 8;
+constexpr std::uint32_t kFormatVersion = 9;
 
 struct Header {
   char magic[8];

@@ -10,6 +10,7 @@
 #include <system_error>
 
 #include "dem/support/error.h"
+#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {
@@ -50,7 +51,14 @@ FileState state_from(const struct stat& s) {
   const auto nanoseconds = [](const timespec& t) {
     return static_cast<std::int64_t>(t.tv_sec) * 1'000'000'000 + t.tv_nsec;
   };
-  return {static_cast<std::uint64_t>(s.st_size), nanoseconds(s.st_mtim), nanoseconds(s.st_ctim)};
+  return {static_cast<std::uint64_t>(s.st_size), nanoseconds(s.st_mtim), nanoseconds(s.st_ctim),
+          static_cast<std::uint64_t>(s.st_ino)};
+}
+
+std::uint64_t stamp_of(const FileState& state) {
+  const std::uint64_t facts[] = {state.bytes, static_cast<std::uint64_t>(state.modified_ns),
+                                 static_cast<std::uint64_t>(state.changed_ns), state.identity};
+  return hash_of(facts, sizeof facts);
 }
 
 bool is_system_fault(int code) {

@@ -12,10 +12,15 @@ namespace selenograph::dem {
 
 struct FileState {
   std::uint64_t bytes = 0;
-  std::int64_t modified_ns = 0;
-  std::int64_t changed_ns = 0;  // of content, name, owner or mode; unlike modified_ns it cannot be set; 0: unknown
+  std::int64_t modified_ns = 0;  // 0: the file's server does not say
+  // Last change of content, name, owner or mode. Unlike modified_ns it cannot be set. 0: the file is on a network.
+  std::int64_t changed_ns = 0;
+  std::uint64_t identity = 0;  // inode; of a file on a network the hash of its ETag, 0: it has none
   bool operator==(const FileState&) const = default;
 };
+// Hash of all members. Whatever is kept of a file is kept under this stamp: a file that was repaired and then given its
+// old modification time has the same size and times as before, except for the time of change.
+std::uint64_t stamp_of(const FileState& state);
 // Empty: missing, or not a file. Throws SystemFault when the system cannot tell.
 std::optional<FileState> file_state(const std::string& path);
 // State from a stat structure.

@@ -18,10 +18,6 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr std::int64_t kSecond_ns = 1'000'000'000;
-
-std::int64_t nanoseconds(const timespec& t) { return static_cast<std::int64_t>(t.tv_sec) * kSecond_ns + t.tv_nsec; }
-
 std::string group_name(std::string_view name) { return lower(name.substr(0, name.find('.'))); }
 
 // Of a name that the folder itself doesn't give.
@@ -36,10 +32,9 @@ mode_t type_of(const std::string& path, bool follow) {
 std::optional<FileStamp> stamp_of(const std::string& path) {
   struct stat s {};
   if (::stat(path.c_str(), &s) != 0) return errno == ENOENT ? std::optional(FileStamp{}) : std::nullopt;
-  // The time of change, too: a file can be given any time of modification.
-  const std::int64_t changed_ns = nanoseconds(s.st_ctim);
-  const std::int64_t facts[] = {s.st_size, nanoseconds(s.st_mtim), changed_ns, S_ISREG(s.st_mode)};
-  return FileStamp{hash_of(facts, sizeof facts), changed_ns};
+  const FileState state = state_from(s);
+  const std::uint64_t facts[] = {stamp_of(state), S_ISREG(s.st_mode)};
+  return FileStamp{hash_of(facts, sizeof facts), state.changed_ns};
 }
 
 FolderFiles::FolderFiles(std::string folder, std::vector<std::string>* folders) : folder_(std::move(folder)) {

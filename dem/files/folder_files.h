@@ -18,7 +18,7 @@ struct FolderEntry {
   bool link = false;  // symbolic, to a file
 };
 
-// Hash of a file's size and times, and its last change by the file system's clock. Missing files have a stamp, too.
+// Stamp of a file's state and kind, and its last change by the file system's clock. Missing files have a stamp, too.
 struct FileStamp {
   std::uint64_t hash = 0;
   std::int64_t changed_ns = 0;

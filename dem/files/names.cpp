@@ -2,11 +2,44 @@
 
 #include <algorithm>
 #include <cctype>
+#include <iterator>
 
 namespace selenograph::dem {
 namespace {
 
 char lower_of(char c) { return static_cast<char>(std::tolower(static_cast<unsigned char>(c))); }
+
+struct LengthUnit {
+  std::string_view name;
+  double metres;
+};
+
+constexpr double kFoot_m = 0.3048, kUsSurveyFoot_m = 1200.0 / 3937;
+// Names that GDAL, PROJ and PDS write.
+constexpr LengthUnit kUnits[] = {{"m", 1},
+                                 {"metre", 1},
+                                 {"metres", 1},
+                                 {"meter", 1},
+                                 {"meters", 1},
+                                 {"km", 1000},
+                                 {"kilometre", 1000},
+                                 {"kilometres", 1000},
+                                 {"kilometer", 1000},
+                                 {"kilometers", 1000},
+                                 {"cm", 0.01},
+                                 {"centimetre", 0.01},
+                                 {"centimeter", 0.01},
+                                 {"mm", 0.001},
+                                 {"millimetre", 0.001},
+                                 {"millimeter", 0.001},
+                                 {"ft", kFoot_m},
+                                 {"foot", kFoot_m},
+                                 {"feet", kFoot_m},
+                                 {"international foot", kFoot_m},
+                                 {"us-ft", kUsSurveyFoot_m},
+                                 {"ftus", kUsSurveyFoot_m},
+                                 {"foot_us", kUsSurveyFoot_m},
+                                 {"us survey foot", kUsSurveyFoot_m}};
 
 }  // namespace
 
@@ -31,6 +64,12 @@ std::string_view name_of(std::string_view path) { return path.substr(path.rfind(
 std::string_view stem_of(std::string_view name) {
   const std::size_t dot = name.rfind('.');
   return dot == std::string_view::npos || dot == 0 ? name : name.substr(0, dot);
+}
+
+std::optional<double> metres_in(std::string_view unit) {
+  const auto found =
+      std::find_if(std::begin(kUnits), std::end(kUnits), [&](const LengthUnit& u) { return same_text(u.name, unit); });
+  return found == std::end(kUnits) ? std::nullopt : std::optional(found->metres);
 }
 
 }  // namespace selenograph::dem

@@ -1,6 +1,7 @@
-// Operations on file names, and on other words of ASCII.
+// Operations on file names, and on other words of ASCII such as those of units.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -16,5 +17,10 @@ bool consists_of(std::string_view text, std::string_view others);
 std::string_view name_of(std::string_view path);
 // Name without its last extension.
 std::string_view stem_of(std::string_view name);
+
+// Units of length in which heights are read, for messages.
+inline constexpr std::string_view kLengthUnits = "m, km, cm, mm, ft, US survey foot";
+// Metres in one of them by any of its names, in any case; empty: it is none of them.
+std::optional<double> metres_in(std::string_view unit);
 
 }  // namespace selenograph::dem

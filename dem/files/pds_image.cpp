@@ -1,5 +1,7 @@
 #include "dem/files/pds_image.h"
 
+#include <fmt/format.h>
+
 #include <bit>
 #include <cmath>
 #include <filesystem>
@@ -37,16 +39,16 @@ RawSample sample_type(const PdsReader& image) {
 }
 
 std::optional<double> metres(std::string_view unit) {
-  if (unit == "M" || unit.starts_with("MET")) return 1;
-  if (unit == "KM" || unit.starts_with("KILOMET")) return 1000;
-  return std::nullopt;
+  if (unit.starts_with("MET")) return 1;
+  if (unit.starts_with("KILOMET")) return 1000;
+  return metres_in(unit);
 }
 
 double unit_in_metres(const PdsReader& image) {
   const std::string unit = image.word("UNIT");
   if (unit.empty() || unit == "N/A") return 1;
   if (const auto m = metres(unit)) return *m;
-  image.no_heights("is not about heights: its UNIT is '" + unit + "'");
+  image.no_heights(fmt::format("its UNIT '{}' is none of those in which heights are read: {}", unit, kLengthUnits));
 }
 
 // SCALING_FACTOR or OFFSET in the image's unit; it may have one of its own (km, m/DN).
@@ -56,7 +58,9 @@ double in_unit(const PdsReader& image, const char* keyword, double otherwise, do
   if (!value || value->unit.empty()) return x;
   const std::string unit = upper_case(value->unit);
   const auto own_m = metres(std::string_view(unit).substr(0, unit.find('/')));
-  if (!own_m) image.fail(std::string(keyword) + " has a unit that is not a length: '" + value->unit + "'");
+  if (!own_m)
+    image.fail(fmt::format("{} is in '{}', which is none of the units in which heights are read: {}", keyword,
+                           value->unit, kLengthUnits));
   return x * (*own_m / unit_m);
 }
 

@@ -43,7 +43,7 @@ struct RasterInfo {
   std::optional<double> void_value;  // in file units
   std::uint64_t bytes = 0;           // size of the file(s) that hold the posts
   std::int64_t modified_ns = 0;      // newest modification time of label and data
-  std::uint64_t stamp = 0;           // hash of sizes and modification times of all its files
+  std::uint64_t stamp = 0;           // hash of the stamps of all its files, and of how its samples are read
   bool on_network = false;           // it, or a source of a VRT, is remote: reads may take seconds
   std::string damage;                // why the posts of a located file cannot be read; empty: they can
   std::string gap;                   // which of a VRT's sources are missing: posts there can't be read; empty: none

@@ -48,6 +48,16 @@ void check_blocks(GDALDataset& dataset, Look look, const std::string& path, cons
 
 }  // namespace
 
+std::string BandValues::unit_name() const { return unit.empty() ? fmt::format("{:.9g} m", *vertical_m) : unit; }
+
+BandValues values_of(GDALDataset& dataset, int band) {
+  GDALRasterBand& values = *dataset.GetRasterBand(band);
+  BandValues found{values.GetUnitType(), std::nullopt, values.GetScale(), values.GetOffset()};
+  if (const OGRSpatialReference* srs = dataset.GetSpatialRef(); srs && srs->IsCompound())
+    found.vertical_m = srs->GetTargetLinearUnits("COMPD_CS|VERT_CS");
+  return found;
+}
+
 OpenDataset open_dataset(const std::string& path, const char* const* drivers, Look look) {
   register_gdal();
   OpenDataset open;
@@ -65,9 +75,12 @@ OpenDataset open_dataset(const std::string& path, const char* const* drivers, Lo
   if (look == Look::first)
     for (const std::string& file : sources.files)
       // One that can't be opened is no danger, and who reads it is told.
-      if (const DatasetPtr source = try_to_open(file, drivers))
+      if (const DatasetPtr source = try_to_open(file, drivers)) {
         check_blocks(*source, look, path, "the source " + file + "'s ");
+        for (int b = 1; b <= source->GetRasterCount(); ++b) open.sources[file].push_back(values_of(*source, b));
+      }
   open.remote |= sources.remote;
+  open.rescales = sources.rescales;
   open.missing = std::move(sources.missing);
   return open;
 }

@@ -1,9 +1,11 @@
 // Opens files with GDAL, and the checks before any sample is decoded. Within dem/gdal/ only.
 #pragma once
 
-#include <cstddef>
+#include <map>
+#include <optional>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "dem/gdal/library.h"
 
@@ -31,10 +33,25 @@ class OpenOptions {
 // VRT, overviews and masks. If it was checked before and has not changed, only the file itself.
 enum class Look { first, again };
 
+// A band's own description of its numbers.
+struct BandValues {
+  std::string unit;                  // the band's; empty: it declares none
+  std::optional<double> vertical_m;  // metres in the unit of the dataset's vertical coordinate system, if it has one
+  double scale = 1, offset = 0;
+
+  bool declares_unit() const { return !unit.empty() || vertical_m; }
+  // The unit by its name, or by its length, in messages.
+  std::string unit_name() const;
+};
+BandValues values_of(GDALDataset& dataset, int band);
+
 struct OpenDataset {
   DatasetPtr dataset;
   bool remote = false;            // it, or a source of it, is on a network
   std::set<std::string> missing;  // sources of a VRT that are not there
+  // A VRT's sources on this machine and their bands, when it is opened for the first time.
+  std::map<std::string, std::vector<BandValues>> sources;
+  bool rescales = false;  // a VRT with elements that compute values from its sources' samples
 };
 
 // Throws DataError naming `path` when it cannot be opened by one of `drivers`, vrt_sources() rejects it, or one of its

@@ -3,14 +3,18 @@
 #include <cpl_conv.h>
 #include <cpl_error.h>
 #include <cpl_string.h>
+#include <cpl_time.h>
 #include <cpl_vsi.h>
 #include <cpl_vsi_error.h>
 #include <cpl_vsi_virtual.h>
+#include <sys/stat.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
+#include <cstdlib>
 #include <cstring>
+#include <ctime>
 #include <memory>
 #include <mutex>
 #include <thread>
@@ -18,6 +22,7 @@
 
 #include "dem/gdal/remote_names.h"
 #include "dem/support/error.h"
+#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {
@@ -84,13 +89,73 @@ void explain(RemoteTrouble& trouble) {
                                 : "cannot be read from its server: " + text;
 }
 
-bool stat_once(VSIFilesystemHandler& behind, const std::string& name, VSIStatBufL* state, RemoteTrouble& trouble) {
-  *state = {};
+// A file as its server describes it.
+struct ServedFile {
+  std::string name;  // where redirects lead
+  FileState state;
+};
+
+// Returns the seconds since 1970 in a header such as "Tue, 03 Mar 2020 10:00:00 GMT"; 0: it is no date.
+std::int64_t seconds_of(const char* date) {
+  std::tm t{};
+  int zone = 0, weekday = 0;
+  if (!date || !CPLParseRFC822DateTime(date, &t.tm_year, &t.tm_mon, &t.tm_mday, &t.tm_hour, &t.tm_min, &t.tm_sec, &zone,
+                                       &weekday))
+    return 0;
+  t.tm_year -= 1900;
+  t.tm_mon -= 1;
+  return CPLYMDHMSToUnixTime(&t);
+}
+
+FileState state_from(const CPLStringList& headers) {
+  FileState state;
+  // The answer to a request for the first bytes of a file has the length of the file behind the slash.
+  const char* range = headers.FetchNameValue("Content-Range");
+  const char* slash = range ? std::strchr(range, '/') : nullptr;
+  const char* length = slash ? slash + 1 : headers.FetchNameValueDef("Content-Length", "0");
+  state.bytes = std::strtoull(length, nullptr, 10);
+  state.modified_ns = seconds_of(headers.FetchNameValue("Last-Modified")) * 1'000'000'000;
+  if (const char* tag = headers.FetchNameValue("ETag")) state.identity = hash_of(tag, std::strlen(tag));
+  return state;
+}
+
+// Describes a file in a file system without HTTP headers.
+bool stat_once(VSIFilesystemHandler& behind, const std::string& name, FileState& state, RemoteTrouble& trouble) {
+  VSIStatBufL found{};
   constexpr int kAll = VSI_STAT_EXISTS_FLAG | VSI_STAT_NATURE_FLAG | VSI_STAT_SIZE_FLAG | VSI_STAT_SET_ERROR_FLAG;
-  if (behind.Stat(name.c_str(), state, kAll) == 0) return true;
-  // Not a word about what is only not there: opening tells.
-  if (CPLGetLastErrorMsg()[0] == '\0') HandlePtr(behind.Open(name.c_str(), "rb", true, nullptr));
-  explain(trouble);
+  if (behind.Stat(name.c_str(), &found, kAll) != 0) {
+    // Not a word about what is only not there: opening tells.
+    if (CPLGetLastErrorMsg()[0] == '\0') HandlePtr(behind.Open(name.c_str(), "rb", true, nullptr));
+    explain(trouble);
+    return false;
+  }
+  state = {static_cast<std::uint64_t>(found.st_size), static_cast<std::int64_t>(found.st_mtime) * 1'000'000'000};
+  return true;
+}
+
+// GDAL follows redirects itself and tells of the last one only. The file is then read where it leads, if that is
+// allowed, and each further redirect from there is looked at in the same way.
+bool describe_once(VSIFilesystemHandler& behind, const std::string& name, ServedFile& file, RemoteTrouble& trouble) {
+  constexpr int kMaxRedirects = 5;
+  file.name = name;
+  for (int i = 0; i <= kMaxRedirects; ++i) {
+    const CPLStringList headers(behind.GetFileMetadata(file.name.c_str(), "HEADERS", nullptr));
+    if (headers.empty()) {
+      if (VSIGetLastErrorNo() == VSIE_None) return stat_once(behind, file.name, file.state, trouble);
+      explain(trouble);
+      return false;
+    }
+    file.state = state_from(headers);
+    const char* location = headers.FetchNameValue("Location");
+    if (!location) return true;
+    file.name = redirected_name(file.name, location);
+    if (is_allowed(file.name)) continue;
+    trouble.gone = true;
+    trouble.what = "is redirected by its server to " + file.name + ", which --remote-prefix does not allow";
+    return false;
+  }
+  trouble.gone = true;
+  trouble.what = "is redirected by its server without end";
   return false;
 }
 
@@ -98,9 +163,8 @@ bool stat_once(VSIFilesystemHandler& behind, const std::string& name, VSIStatBuf
 // by another handle since GDAL remembers within one what it was given, and then the read fails.
 class RemoteFile final : public VSIVirtualHandle {
  public:
-  RemoteFile(VSIFilesystemHandler* behind, std::string name, vsi_l_offset bytes, std::int64_t modified_s,
-             HandlePtr handle)
-      : behind_(behind), name_(std::move(name)), bytes_(bytes), modified_s_(modified_s), handle_(std::move(handle)) {}
+  RemoteFile(VSIFilesystemHandler* behind, std::string name, const FileState& state, HandlePtr handle)
+      : behind_(behind), name_(std::move(name)), bytes_(state.bytes), state_(state), handle_(std::move(handle)) {}
 
   int Seek(vsi_l_offset offset, int whence) override {
     at_ = whence == SEEK_SET ? offset : whence == SEEK_CUR ? at_ + offset : bytes_ + offset;
@@ -144,14 +208,14 @@ class RemoteFile final : public VSIVirtualHandle {
   }
 
   bool open_again(RemoteTrouble& trouble) {
-    VSIStatBufL state;
-    if (!stat_once(*behind_, name_, &state, trouble)) return false;
-    if (static_cast<vsi_l_offset>(state.st_size) != bytes_ || state.st_mtime != modified_s_) {
+    ServedFile file;
+    if (!describe_once(*behind_, name_, file, trouble)) return false;
+    if (file.state != state_) {
       trouble.gone = true;
       trouble.what = "has changed on its server while it was read";
       return false;
     }
-    handle_.reset(behind_->Open(name_.c_str(), "rb", true, nullptr));
+    handle_.reset(behind_->Open(file.name.c_str(), "rb", true, nullptr));
     if (!handle_) explain(trouble);
     return handle_ != nullptr;
   }
@@ -159,7 +223,7 @@ class RemoteFile final : public VSIVirtualHandle {
   VSIFilesystemHandler* behind_;
   std::string name_;
   vsi_l_offset bytes_, at_ = 0;
-  std::int64_t modified_s_;
+  FileState state_;  // when it was opened
   HandlePtr handle_;
   bool end_ = false, failed_ = false;
 };
@@ -176,21 +240,34 @@ class Gate final : public VSIFilesystemHandler {
       return nullptr;
     }
     HandlePtr handle;
-    VSIStatBufL state;
+    ServedFile file;
     const bool open = with_retries(name, [&](RemoteTrouble& trouble) {
-      if (!stat_once(*behind_, name, &state, trouble)) return false;
-      handle.reset(behind_->Open(name, access, true, options));
+      if (!describe_once(*behind_, name, file, trouble)) return false;
+      handle.reset(behind_->Open(file.name.c_str(), access, true, options));
       if (!handle) explain(trouble);
       return handle != nullptr;
     });
     if (!open) return nullptr;
-    return new RemoteFile(behind_, name, static_cast<vsi_l_offset>(state.st_size), state.st_mtime, std::move(handle));
+    return new RemoteFile(behind_, name, file.state, std::move(handle));
   }
-  int Stat(const char* name, VSIStatBufL* state, int) override {
-    if (is_allowed(name))
-      return with_retries(name, [&](RemoteTrouble& t) { return stat_once(*behind_, name, state, t); }) ? 0 : -1;
-    errno = EACCES;
-    return -1;
+  int Stat(const char* name, VSIStatBufL* out, int) override {
+    const std::optional<FileState> found = state(name);
+    if (!found) return -1;
+    *out = {};
+    out->st_size = static_cast<decltype(out->st_size)>(found->bytes);
+    out->st_mtime = found->modified_ns / 1'000'000'000;
+    out->st_mode = S_IFREG;
+    return 0;
+  }
+  std::optional<FileState> state(const char* name) {
+    ServedFile file;
+    if (!is_allowed(name)) {
+      errno = EACCES;
+      return std::nullopt;
+    }
+    if (!with_retries(name, [&](RemoteTrouble& t) { return describe_once(*behind_, name, file, t); }))
+      return std::nullopt;
+    return file.state;
   }
   // What lies beside a file is not asked for: a server's listing of its folder, or one request for each name that might
   // be there.
@@ -206,6 +283,11 @@ void set_default(const char* option, const char* value) {
 }
 
 }  // namespace
+
+std::optional<FileState> state_on_server(const std::string& name) {
+  auto* gate = dynamic_cast<Gate*>(VSIFileManager::GetHandler(name.c_str()));
+  return gate ? gate->state(name.c_str()) : std::nullopt;
+}
 
 const std::optional<RemoteTrouble>& remote_trouble() { return trouble_of_this_thread(); }
 

@@ -4,6 +4,8 @@
 #include <optional>
 #include <string>
 
+#include "dem/files/files.h"
+
 namespace selenograph::dem {
 
 // Call once, after GDAL's drivers are registered: from then on only names permitted by allow_remote_files() are read,
@@ -12,6 +14,9 @@ void shut_file_systems();
 
 // Call once: only regular local files are opened for reading.
 void guard_local_files();
+
+// State of an allowed file as its server reports it. Empty: remote_trouble() says why, if a server was asked.
+std::optional<FileState> state_on_server(const std::string& name);
 
 // Why this thread could not read a remote file.
 struct RemoteTrouble {

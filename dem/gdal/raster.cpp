@@ -40,8 +40,7 @@ RasterFile inspect(const std::string& path) {
 }
 
 DataError changed(const std::string& path, const char* when) {
-  return DataError(
-      path, std::string("has changed ") + when + ": put the original back, or start again to use what is there now");
+  return DataError(path, std::string("has changed ") + when + ": start again to use what is there now");
 }
 
 }  // namespace

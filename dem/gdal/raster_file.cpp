@@ -12,6 +12,7 @@
 
 #include "dem/files/files.h"
 #include "dem/files/labels.h"
+#include "dem/files/names.h"
 #include "dem/gdal/dataset.h"
 #include "dem/gdal/georeference.h"
 #include "dem/gdal/remote_files.h"
@@ -215,11 +216,45 @@ void note_files(RasterFile& s, const FileState& own) {
   CSLDestroy(files);
 }
 
-double unit_in_metres(const std::string& unit, const std::string& path) {
-  const auto is = [&](const char* name) { return EQUAL(unit.c_str(), name); };
-  if (unit.empty() || is("m") || is("metre") || is("metres") || is("meter") || is("meters")) return 1;
-  if (is("km") || is("kilometre") || is("kilometres") || is("kilometer") || is("kilometers")) return 1000;
-  throw NotHeights(path, "its unit '" + unit + "' is not a length");
+// Returns metres in the unit of a band's samples: the band's own, else that of its dataset's vertical coordinate
+// system.
+double unit_in_metres(const BandValues& band, const std::string& path) {
+  if (band.unit.empty()) return band.vertical_m.value_or(1);
+  const std::optional<double> unit_m = metres_in(band.unit);
+  if (!unit_m)
+    throw NotHeights(
+        path, fmt::format("its unit '{}' is none of those in which heights are read: {}", band.unit, kLengthUnits));
+  constexpr double kRounding = 1e-9;
+  if (band.vertical_m && std::abs(*band.vertical_m / *unit_m - 1) > kRounding)
+    throw DataError(path,
+                    fmt::format("its band is in '{}', its vertical coordinate system in units of {:.9g} m: declare "
+                                "one unit, e.g. with gdal_edit.py -units",
+                                band.unit, *band.vertical_m));
+  return *unit_m;
+}
+
+// A VRT hands its sources' samples on and keeps neither their unit nor, where somebody wrote it, their scale: what the
+// samples mean must then follow from the VRT.
+void check_sources(const BandValues& own, const OpenDataset& open, const std::string& path) {
+  const auto in_metres = [](const BandValues& v) {
+    return v.unit.empty() ? v.vertical_m.value_or(1) == 1 : metres_in(v.unit) == 1;
+  };
+  // A VRT may well give a scale to samples that have none.
+  const auto same_scale = [&](const BandValues& v) {
+    return (v.scale == 1 && v.offset == 0) || (v.scale == own.scale && v.offset == own.offset);
+  };
+  for (const auto& [file, bands] : open.sources) {
+    // A source has a band at least.
+    const BandValues& first = bands.front();
+    if (!own.declares_unit() && std::none_of(bands.begin(), bands.end(), in_metres))
+      throw DataError(path, fmt::format("declares no unit, and its source {} is in {}: declare the unit of the VRT's "
+                                        "heights, e.g. with gdal_edit.py -units {}",
+                                        file, first.unit_name(), first.unit_name()));
+    if (!open.rescales && std::none_of(bands.begin(), bands.end(), same_scale))
+      throw DataError(path, fmt::format("has scale {} and offset {}, and its source {} has {} and {}: build it with "
+                                        "gdalbuildvrt, or with gdal_translate -unscale",
+                                        own.scale, own.offset, file, first.scale, first.offset));
+  }
 }
 
 void find_values(RasterFile& s, const RasterInfo* known, Damage damage) {
@@ -232,9 +267,10 @@ void find_values(RasterFile& s, const RasterInfo* known, Damage damage) {
   if (s.type != GDT_Int16 && s.type != GDT_UInt16 && s.type != GDT_Int32 && s.type != GDT_UInt32 &&
       s.type != GDT_Float32 && s.type != GDT_Float64)
     throw NotHeights(s.info.path, std::string("samples of type ") + GDALGetDataTypeName(s.type) + " are not heights");
-  const double unit_m = unit_in_metres(s.band->GetUnitType(), s.info.path);
-  s.scale = s.band->GetScale() * unit_m;
-  s.offset_m = s.band->GetOffset() * unit_m;
+  const BandValues values = values_of(*s.dataset, 1);
+  const double unit_m = unit_in_metres(values, s.info.path);
+  s.scale = values.scale * unit_m;
+  s.offset_m = values.offset * unit_m;
   int has_void = 0;
   const double void_value = s.band->GetNoDataValue(&has_void);
   if (has_void) s.voids.push_back(void_value);
@@ -259,18 +295,27 @@ RasterFile describe_gdal(const std::string& path, const RasterInfo* known, Damag
   s.info.format = s.dataset->GetDriverName();
   s.info.width = s.file_width = s.dataset->GetRasterXSize();
   s.info.height = s.file_height = s.dataset->GetRasterYSize();
-  if (is_remote(path))
-    s.info.bytes = state.bytes, s.info.modified_ns = state.modified_ns;
-  else
+  if (is_remote(path)) {
+    s.info.bytes = state.bytes;
+    s.info.modified_ns = state.modified_ns;
+    s.on_server = state;
+  } else {
     note_files(s, state);
+  }
   find_values(s, known, damage);
+  const BandValues values = values_of(*s.dataset, 1);
+  try {
+    if (!known) check_sources(values, open, path);
+  } catch (const DataError& error) {
+    if (damage == Damage::refuse) throw;
+    s.info.damage = error.what_is_wrong();
+  }
   const Georeference place = georeference_of(*s.dataset, path);
   s.flip_x = place.flip_x, s.flip_y = place.flip_y;
   place_posts(s.info, place.grid);
-  const bool has_unit = *s.band->GetUnitType() != 0;
   // Whole numbers of kilometres would be no relief. (Reals were looked at for radii already: their blocks are at hand.)
   const bool whole = is_integer(s.type) && s.scale == 1;
-  if (!known && !has_unit && !whole && !open.remote && s.info.damage.empty()) s.info.doubt = doubt_of(s);
+  if (!known && !values.declares_unit() && !whole && !open.remote && s.info.damage.empty()) s.info.doubt = doubt_of(s);
   return s;
 }
 
@@ -281,14 +326,12 @@ RasterFile describe(const std::string& path, const RasterInfo* known, Damage dam
   return describe_gdal(path, known, damage);
 }
 
-// One file's change shows, whatever the others' sizes and times are.
+// Hashes the stamps of all files and how samples become heights, which may follow from another file (an .aux.xml).
 std::uint64_t stamp_of(const RasterFile& s) {
-  std::vector<std::int64_t> facts{static_cast<std::int64_t>(s.info.bytes), s.info.modified_ns};
-  for (const FileSeen& file : s.files)
-    facts.insert(facts.end(), {static_cast<std::int64_t>(file.state.bytes), file.state.modified_ns});
-  // Earlier versions read what the mask hides: pyramids of theirs are built anew.
-  constexpr std::int64_t kMaskHeeded = 1;
-  if (s.mask) facts.push_back(kMaskHeeded);
+  std::vector<std::uint64_t> facts{std::bit_cast<std::uint64_t>(s.scale), std::bit_cast<std::uint64_t>(s.offset_m)};
+  for (const double none : s.voids) facts.push_back(std::bit_cast<std::uint64_t>(none));
+  if (s.on_server) facts.push_back(stamp_of(*s.on_server));
+  for (const FileSeen& file : s.files) facts.push_back(stamp_of(file.state));
   return hash_of(facts.data(), facts.size() * sizeof facts[0]);
 }
 

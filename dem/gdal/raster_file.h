@@ -31,6 +31,7 @@ struct RasterFile {
   RasterInfo info;
   // All local files that it is read from, including a VRT's sources, with their state before anything was read.
   std::vector<FileSeen> files;
+  std::optional<FileState> on_server;  // of a remote file, before anything was read
   GDALDataType type = GDT_Unknown;
   // height_m = sample * scale + offset
   double scale = 1, offset_m = 0;

@@ -24,6 +24,13 @@ bool climbs(std::string_view name) {
   return plain.find("/../") != std::string::npos || plain.ends_with("/..") || plain.find("%25") != std::string::npos;
 }
 
+// Returns whether a prefix is a name or a folder above it. By characters alone "http://host:21" would allow
+// "http://host:2115/", and "http://host" would allow "http://host@elsewhere/".
+bool is_at_or_above(std::string_view prefix, std::string_view name) {
+  return !prefix.empty() && name.starts_with(prefix) &&
+         (prefix.ends_with('/') || name.size() == prefix.size() || name[prefix.size()] == '/');
+}
+
 }  // namespace
 
 void allow_remote_files(const std::vector<std::string>& prefixes) { allowed_prefixes() = prefixes; }
@@ -33,8 +40,18 @@ bool is_remote(const std::string& path) { return path.starts_with("/vsi"); }
 bool is_allowed(std::string_view name) {
   const std::vector<std::string>& prefixes = allowed_prefixes();
   return std::any_of(prefixes.begin(), prefixes.end(),
-                     [&](const std::string& p) { return !p.empty() && name.starts_with(p); }) &&
+                     [&](const std::string& prefix) { return is_at_or_above(prefix, name); }) &&
          !climbs(name);
+}
+
+std::string redirected_name(const std::string& name, const std::string& location) {
+  const std::string file_system = "/vsicurl/";
+  if (location.find("://") != std::string::npos) return file_system + location;
+  const std::size_t scheme_end = name.find("://");
+  if (scheme_end == std::string::npos) return file_system + location;
+  if (location.starts_with("//")) return name.substr(0, scheme_end + 1) + location;
+  if (location.starts_with('/')) return name.substr(0, name.find('/', scheme_end + 3)) + location;
+  return name.substr(0, name.rfind('/') + 1) + location;
 }
 
 }  // namespace selenograph::dem

@@ -33,6 +33,9 @@ constexpr double kWarpMemory_bytes = 256e6;
 constexpr std::string_view kUnbounded[] = {"PixelFunctionType", "PixelFunctionCode", "KernelFilteredSource",
                                            "PansharpeningOptions"};
 
+// These make other values of samples.
+constexpr std::string_view kRescaling[] = {"ScaleRatio", "ScaleOffset", "Exponent", "LUT"};
+
 bool is(const CPLXMLNode& node, std::string_view name) { return EQUAL(node.pszValue, std::string(name).c_str()); }
 
 bool is_elsewhere(std::string_view name) {
@@ -76,8 +79,9 @@ class Walk {
 
   void check(const CPLXMLNode& node, const std::string& vrt, int depth) {
     if (is(node, "SourceFilename") || is(node, "SourceDataset")) add(node, vrt, depth);
-    const auto unbounded = std::find_if(std::begin(kUnbounded), std::end(kUnbounded),
-                                        [&](std::string_view name) { return is(node, name); });
+    const auto named = [&](std::string_view name) { return is(node, name); };
+    found_.rescales |= std::any_of(std::begin(kRescaling), std::end(kRescaling), named);
+    const auto unbounded = std::find_if(std::begin(kUnbounded), std::end(kUnbounded), named);
     if (unbounded != std::end(kUnbounded)) refuse(fmt::format("its element {} is not supported", *unbounded));
     if (is(node, "WarpMemoryLimit") && !(CPLAtof(CPLGetXMLValue(&node, nullptr, "0")) <= kWarpMemory_bytes))
       refuse(fmt::format("its WarpMemoryLimit is more than {:.0f} MB", kWarpMemory_bytes / 1e6));

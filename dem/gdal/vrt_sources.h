@@ -10,6 +10,7 @@ struct VrtSources {
   std::set<std::string> files;    // existing local files that are not VRTs
   std::set<std::string> missing;  // local files that are not there: gaps that can't be read
   bool remote = false;            // some are remote and allowed
+  bool rescales = false;          // elements of a VRT compute other values from samples
 };
 
 // Empty for a file that is not a VRT. Throws DataError naming `path` when a source is neither a local file nor allowed,

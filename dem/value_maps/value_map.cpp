@@ -223,9 +223,8 @@ std::optional<double> ValueMap::once(const std::function<std::optional<double>()
 
 std::uint64_t ValueMap::fingerprint() const {
   const ValueMapOptions& o = impl_->options;
-  std::string identity =
-      fmt::format("{}:{}:{}:{:a}:{:a}:{:a}:{:a}:{}", o.path, impl_->file.state().bytes, impl_->file.state().modified_ns,
-                  o.scale, o.offset, o.low, o.high, fmt::join(impl_->file.bands(), ","));
+  std::string identity = fmt::format("{}:{:016x}:{:a}:{:a}:{:a}:{:a}:{}", o.path, stamp_of(impl_->file.state()),
+                                     o.scale, o.offset, o.low, o.high, fmt::join(impl_->file.bands(), ","));
   if (o.fourth_power) identity += ":T4";
   if (o.exponent != 1) identity += fmt::format(":^{:a}", o.exponent);
   if (const auto& r = o.radiance_factor)

@@ -33,7 +33,7 @@ class ValueMap {
   ValueMap(ValueMap&&) noexcept;
 
   const std::string& path() const;
-  // Hash of the file's path, size and modification time, and of the options.
+  // Hash of the file's path and stamp, and of the options.
   std::uint64_t fingerprint() const;
   // Whether the file is unchanged since it was opened.
   bool current() const;

@@ -137,9 +137,10 @@ void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
       ->type_name("DIR")
       ->check(CLI::ExistingDirectory);
   command
-      .add_option("--remote-prefix", s.remote_prefix,
-                  "Remote DEMs: names with this prefix may be read, e.g. /vsicurl/https://example.org/dem/; default: "
-                  "local files only")
+      .add_option(
+          "--remote-prefix", s.remote_prefix,
+          "Remote DEMs: read what has this name or lies below it, e.g. /vsicurl/https://example.org/dem/; default: "
+          "local files only")
       ->each([&s](const std::string&) { s.memory.remote_tiles = true; })
       ->type_name("PREFIX ...")
       ->expected(1, 1 << 20);

@@ -71,7 +71,7 @@ class Tiles(http.server.ThreadingHTTPServer):
 
     def __init__(self):
         super().__init__(("127.0.0.1", 0), Answer)
-        self.files, self.modified = {}, "Tue, 03 Mar 2020 10:00:00 GMT"
+        self.files, self.modified, self.etag, self.redirects = {}, "Tue, 03 Mar 2020 10:00:00 GMT", None, {}
         self.requests, self.fault, self.lock, self.over = [], None, threading.Lock(), threading.Event()
         threading.Thread(target=self.serve_forever, daemon=True).start()
 
@@ -133,12 +133,19 @@ class Answer(http.server.BaseHTTPRequestHandler):
             server.over.wait(30)
         if isinstance(fault, int):
             return self.send(fault, b"<html>sorry</html>", with_body)
+        if self.path in server.redirects:
+            self.send_response(302)
+            self.send_header("Location", server.redirects[self.path])
+            self.send_header("Content-Length", "0")
+            return self.end_headers()
         if content is None:
             return self.send(404, NO_SUCH_KEY, with_body)
         body = content[first:last + 1]
         self.send_response(206 if wanted else 200)
         self.send_header("Accept-Ranges", "bytes")
         self.send_header("Last-Modified", server.modified)
+        if server.etag:
+            self.send_header("ETag", server.etag)
         if wanted:
             self.send_header("Content-Range", f"bytes {first}-{last}/{len(content)}")
         self.send_header("Content-Length", str(len(body)))
@@ -235,6 +242,53 @@ class RemoteTiles(AsksForHeights):
             self.assertIn("--remote-prefix", done.stderr)
         self.assertNotEqual(self.info().returncode, 0)
         self.assertEqual(self.server.asked(), [])
+
+    def test_a_prefix_ends_where_a_name_does(self):
+        host = self.server.prefix.rstrip("/")
+        self.assertNotEqual(self.info(prefixes=[host[:-1]]).returncode, 0, "a port that begins like another")
+        self.assertEqual(self.server.asked(), [])
+        self.assertEqual(self.info(prefixes=[host]).returncode, 0)
+
+    def test_redirects_stay_within_the_prefixes(self):
+        other = Tiles()
+        other.files["/dem/moon.tif"] = self.server.files["/dem/moon.tif"]
+        elsewhere = other.prefix + "dem/moon.tif"
+        allowed = self.server.prefix + "dem/"
+        try:
+            for location, target in ((elsewhere.removeprefix("/vsicurl/"), elsewhere), ("/other/moon.tif", self.server.prefix + "other/moon.tif")):
+                with self.subTest(location):
+                    self.server.files["/other/moon.tif"] = other.files["/dem/moon.tif"]
+                    self.server.redirects = {"/dem/moon.tif": location}
+                    done = self.info(prefixes=[allowed])
+                    self.assertNotEqual(done.returncode, 0)
+                    for words in (self.url, target, "--remote-prefix"):
+                        self.assertIn(words, done.stderr)
+                    self.assertEqual([r for r in other.asked() + self.server.asked() if r[0] == "GET"], [])
+                    done = self.info(prefixes=[allowed, target])
+                    self.assertEqual(done.returncode, 0, done.stderr)
+                    self.server.forget()
+                    other.forget()
+            self.server.files["/dem/real.tif"] = other.files["/dem/moon.tif"]
+            self.server.redirects = {"/dem/moon.tif": "real.tif"}
+            self.start()
+            self.check_heights()
+        finally:
+            other.shutdown()
+            other.server_close()
+
+    def test_another_etag_is_another_file(self):
+        self.server.etag = '"one"'
+        first = self.info(prefixes=[self.server.prefix])
+        self.assertEqual(first.returncode, 0, first.stderr)
+        self.assertEqual(self.info(prefixes=[self.server.prefix]).stdout, first.stdout)
+        self.start()
+        self.server.etag = '"two"'
+        self.assertIn("changed", self.check_fault(500))
+        self.server.etag = '"one"'
+        self.check_heights()
+        self.server.etag = '"two"'
+        second = self.info(prefixes=[self.server.prefix])
+        self.assertNotEqual(json.loads(second.stdout)["fingerprint"], json.loads(first.stdout)["fingerprint"])
 
     def test_a_vrt_may_name_them(self):
         with open(harness.path("v.vrt"), "w") as f:

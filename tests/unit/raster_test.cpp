@@ -474,10 +474,70 @@ TEST_F(RasterTest, TypesScaleOffsetAndUnits) {
   write(file("km.tif"), km);
   Raster kilometres(inspect_raster(file("km.tif")));
   EXPECT_NEAR(post(kilometres, 0, 0), 2500, 1e-3);
-  Tif feet;
-  feet.unit = "ft";
-  write(file("feet.tif"), feet);
-  EXPECT_DATA_ERROR(inspect_raster(file("feet.tif")), "unit 'ft'");
+  for (const auto& [unit, metres] : {std::pair{"ft", 0.3048}, {"US survey foot", 1200.0 / 3937}, {"mm", 0.001}}) {
+    Tif t;
+    t.unit = unit;
+    write(file("unit.tif"), t);
+    Raster raster(inspect_raster(file("unit.tif")));
+    EXPECT_EQ(post(raster, 2, 3), static_cast<float>(302 * metres)) << unit;
+  }
+  Tif kelvin;
+  kelvin.unit = "K";
+  write(file("kelvin.tif"), kelvin);
+  EXPECT_DATA_ERROR(inspect_raster(file("kelvin.tif")), "unit 'K' is none of those in which heights are read: m, km");
+}
+
+// A VRT of 4 x 4 posts: elements of its band, elements of its source, and a coordinate system.
+void write_vrt(const std::string& path, const std::string& source, const std::string& of_band,
+               const std::string& of_source, const OGRSpatialReference& srs) {
+  char* wkt = nullptr;
+  ASSERT_EQ(srs.exportToWkt(&wkt), OGRERR_NONE);
+  char* escaped = CPLEscapeString(wkt, -1, CPLES_XML);
+  std::ofstream(path) << "<VRTDataset rasterXSize=\"4\" rasterYSize=\"4\"><SRS dataAxisToSRSAxisMapping=\"2,1\">"
+                      << escaped << "</SRS><GeoTransform>0, 1, 0, 4, 0, -1</GeoTransform>"
+                      << "<VRTRasterBand dataType=\"Float64\" band=\"1\">" << of_band
+                      << "<ComplexSource><SourceFilename relativeToVRT=\"1\">" << source
+                      << "</SourceFilename><SourceBand>1</SourceBand>" << of_source
+                      << "</ComplexSource></VRTRasterBand></VRTDataset>";
+  CPLFree(escaped);
+  CPLFree(wkt);
+}
+
+// A VRT that says nothing of its values' unit or scale hands on numbers whose meaning only its source knows.
+TEST_F(RasterTest, UnitsAndScalesBehindAVrt) {
+  Tif km, scaled;
+  km.type = scaled.type = GDT_Float64;
+  km.unit = "km";
+  km.values.assign(16, 2.5);
+  scaled.scale = 0.5;
+  scaled.offset = 100;
+  write(file("km.tif"), km);
+  write(file("scaled.tif"), scaled);
+  write(file("plain.tif"), Tif{});
+  const OGRSpatialReference moon = srs_of(kMoon);
+  OGRSpatialReference vertical, feet;
+  ASSERT_EQ(vertical.SetVertCS("height", "sphere", 2005), OGRERR_NONE);
+  ASSERT_EQ(feet.SetCompoundCS("moon and height", &moon, &vertical), OGRERR_NONE);
+  ASSERT_EQ(feet.SetTargetLinearUnits("COMPD_CS|VERT_CS", "foot", 0.3048), OGRERR_NONE);
+  feet.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
+  const auto height = [&](const char* source, const char* of_band, const char* of_source,
+                          const OGRSpatialReference& srs) {
+    write_vrt(file("v.vrt"), source, of_band, of_source, srs);
+    Raster raster(inspect_raster(file("v.vrt")));
+    return post(raster, 2, 3);
+  };
+  const char* const in_km = "<UnitType>km</UnitType>";
+  const char* const in_m = "<UnitType>m</UnitType>";
+  EXPECT_DATA_ERROR(height("km.tif", "", "", moon), "declares no unit");
+  EXPECT_DATA_ERROR(height("km.tif", "", "<ScaleRatio>1000</ScaleRatio>", moon), "km.tif is in km");
+  EXPECT_EQ(height("km.tif", in_km, "", moon), 2500);
+  EXPECT_EQ(height("km.tif", in_m, "<ScaleRatio>1000</ScaleRatio>", moon), 2500);
+  EXPECT_EQ(height("plain.tif", "", "", feet), static_cast<float>(302 * 0.3048));
+  EXPECT_DATA_ERROR(height("plain.tif", in_km, "", feet), "declare one unit");
+  EXPECT_DATA_ERROR(height("scaled.tif", "", "", moon), "scale 1 and offset 0");
+  EXPECT_EQ(height("scaled.tif", "", "<ScaleOffset>100</ScaleOffset><ScaleRatio>0.5</ScaleRatio>", moon), 251);
+  EXPECT_EQ(height("scaled.tif", "<Offset>100</Offset><Scale>0.5</Scale>", "", moon), 251);
+  EXPECT_EQ(height("plain.tif", "<Offset>100</Offset><Scale>0.5</Scale>", "", moon), 251);
 }
 
 TEST_F(RasterTest, VoidsReadAsNan) {

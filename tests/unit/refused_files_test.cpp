@@ -18,6 +18,7 @@
 
 #include "dem/catalogue/catalogue.h"
 #include "dem/gdal/raster.h"
+#include "dem/gdal/remote_names.h"
 #include "dem/support/error.h"
 #include "dem/terrain/pyramid_terrain.h"
 #include "dem/value_maps/value_map.h"
@@ -386,6 +387,34 @@ TEST_F(RefusedFiles, VrtsThatCompute) {
   EXPECT_REFUSED(
       put("v.vrt", vrt({.more = "<GDALWarpOptions><WarpMemoryLimit>1e12</WarpMemoryLimit></GDALWarpOptions>"})),
       "WarpMemoryLimit");
+}
+
+// ---- names on a network
+
+class RemoteNames : public ::testing::Test {
+ protected:
+  ~RemoteNames() override { allow_remote_files({}); }
+};
+
+TEST_F(RemoteNames, APrefixIsANameOrAFolder) {
+  allow_remote_files({"/vsicurl/http://host:2115", "/vsicurl/https://example.org/dem/", "/vsis3/bucket/a.tif", ""});
+  for (const char* name : {"/vsicurl/http://host:2115", "/vsicurl/http://host:2115/a.tif",
+                           "/vsicurl/https://example.org/dem/b/c.tif", "/vsis3/bucket/a.tif"})
+    EXPECT_TRUE(is_allowed(name)) << name;
+  for (const char* name :
+       {"/vsicurl/http://host:21151/a.tif", "/vsicurl/http://host:2115@elsewhere/a.tif",
+        "/vsicurl/http://host:2115.elsewhere/a.tif", "/vsicurl/https://example.org/dem", "/vsis3/bucket/a.tif.aux.xml",
+        "/vsicurl/https://example.org/dem/../a.tif", "/vsis3/another/a.tif", ""})
+    EXPECT_FALSE(is_allowed(name)) << name;
+}
+
+TEST_F(RemoteNames, Redirects) {
+  const std::string name = "/vsicurl/http://host:21/dem/a.tif";
+  EXPECT_EQ(redirected_name(name, "https://other/b.tif"), "/vsicurl/https://other/b.tif");
+  EXPECT_EQ(redirected_name(name, "//other/b.tif"), "/vsicurl/http://other/b.tif");
+  EXPECT_EQ(redirected_name(name, "/c/b.tif"), "/vsicurl/http://host:21/c/b.tif");
+  EXPECT_EQ(redirected_name(name, "b.tif"), "/vsicurl/http://host:21/dem/b.tif");
+  EXPECT_EQ(redirected_name("/vsis3/bucket/a.tif", "https://other/b.tif"), "/vsicurl/https://other/b.tif");
 }
 
 }  // namespace
