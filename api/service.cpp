@@ -68,6 +68,7 @@ struct Service::Impl {
     const auto allowed = time_allowed(request, limits);
     if (!allowed)
       throw RequestError("malformed_request", "Request-Timeout-Ms must be a whole number of milliseconds above 0");
+    const auto in_work = route.admission ? renderer->pause_preparation() : nullptr;
     return route.answer({*renderer, limits, assets, long_metadata, taken, request,
                          StopToken(request.received + *allowed, request.abandoned), *segment_of(route, request.path),
                          openapi, datasets});

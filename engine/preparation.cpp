@@ -48,7 +48,8 @@ Vec3 extrapolated(const Vec3& before, const Vec3& now, int steps) {
 
 }  // namespace
 
-Preparation::Preparation(Prepare prepare) : prepare_(std::move(prepare)) {}
+Preparation::Preparation(Prepare prepare, StopToken::Clock::duration budget)
+    : prepare_(std::move(prepare)), budget_(budget) {}
 
 Preparation::~Preparation() {
   {
@@ -61,6 +62,11 @@ Preparation::~Preparation() {
 
 bool Preparation::Moment::operator==(const Moment& other) const {
   return same(pose, other.pose) && (sun - other.sun).norm() <= kNearestSun_rad;
+}
+
+Preparation::Work::Work(Preparation& preparation) : preparation_(preparation) {
+  const std::lock_guard lock(preparation_.mutex_);
+  ++preparation_.in_work_;
 }
 
 Preparation::Work::Work(Preparation& preparation, const FrameRequest* frame) : preparation_(preparation) {
@@ -92,6 +98,15 @@ Preparation::Track& Preparation::track_of(const FrameRequest& frame, std::string
     if (tracks_.size() > kMostTracks) tracks_.pop_back();
   }
   return tracks_.front();
+}
+
+Preparation::Track* Preparation::find_track(const Expected& next) {
+  const auto found = std::ranges::find(tracks_, next.track, &Track::number);
+  return found == tracks_.end() || found->frame != next.frame ? nullptr : &*found;
+}
+
+void Preparation::forget_expected(std::uint64_t track) {
+  std::erase_if(expected_, [&](const Expected& e) { return e.track == track; });
 }
 
 const Preparation::Ready* Preparation::Track::ready_for(const Moment& moment) const {
@@ -135,12 +150,14 @@ void Preparation::expect(const FrameRequest& frame, std::span<const Pose> ahead,
     if (stopping_) return;
     Track& track = track_of(frame, name);
     const FrameRequest before = std::exchange(track.last, frame);
-    std::erase_if(expected_, [&](const Expected& e) { return e.track == track.number; });
+    track.left = budget_;
+    ++track.frame;
+    forget_expected(track.number);
     const std::vector<Moment> moments = moments_ahead(before, frame, ahead);
     keep_ready(track, moments);
     for (std::size_t step = 0; step < moments.size(); ++step) {
       if (track.ready_for(moments[step])) continue;
-      Expected next{track.number, step, frame};
+      Expected next{track.number, track.frame, step, frame};
       next.request.pose = moments[step].pose, next.request.sun.direction = moments[step].sun;
       expect_at(std::move(next));
     }
@@ -156,36 +173,41 @@ void Preparation::wait_until_done() {
 }
 
 void Preparation::run() {
+  using Clock = StopToken::Clock;
   std::unique_lock lock(mutex_);
   for (;;) {
     changed_.wait(lock, [&] { return stopping_ || (in_work_ == 0 && !expected_.empty()); });
     if (stopping_) return;
     const Expected next = std::move(expected_.front());
     expected_.pop_front();
+    const Track* const track = find_track(next);
+    const auto left = track ? track->left : Clock::duration::zero();
     current_ = moment_of(next.request);
     give_up_ = false;
     lock.unlock();
-    const bool given_up = !prepared(next);
+    const Clock::time_point start = Clock::now();
+    const Outcome outcome = left > Clock::duration::zero() ? prepare(next, start + left) : Outcome::out_of_budget;
+    const Clock::duration spent = Clock::now() - start;
     lock.lock();
     current_.reset();
-    // Again, unless something else is expected of this camera by now.
-    const bool replaced =
-        std::any_of(expected_.begin(), expected_.end(), [&](const Expected& e) { return e.track == next.track; });
-    if (given_up && !replaced) try_again(next);
+    if (Track* const charged = find_track(next)) {
+      charged->left -= spent;
+      if (outcome == Outcome::given_up) try_again(next);
+      if (outcome == Outcome::out_of_budget) forget_expected(next.track);
+    }
     changed_.notify_all();
   }
 }
 
-// False: it was given up for a frame.
-bool Preparation::prepared(const Expected& next) {
+Preparation::Outcome Preparation::prepare(const Expected& next, StopToken::Clock::time_point deadline) {
   try {
-    remember(next, prepare_(next.request, StopToken(StopToken::Clock::time_point::max(), &give_up_)));
+    remember(next, prepare_(next.request, StopToken(deadline, &give_up_)));
   } catch (const Cancelled&) {
-    return !give_up_;
+    return give_up_ ? Outcome::given_up : Outcome::out_of_budget;
   } catch (const std::exception&) {
     // The frame will say so itself, if it is ever asked for.
   }
-  return true;
+  return Outcome::done;
 }
 
 void Preparation::remember(const Expected& next, const StillThere& still_there) {

@@ -1,4 +1,5 @@
-// Prepares scenes of expected frames in idle time, within the memory budgets. It never changes a byte of any answer.
+// Prepares scenes of expected frames in idle time, on a budget of time for each frame and of memory for all
+// (RenderCache). It never changes a byte of any answer.
 #pragma once
 
 #include <atomic>
@@ -33,15 +34,19 @@ class Preparation {
   // Makes the scene of a frame; throws Cancelled when stopped. Other exceptions are ignored: the frame itself will
   // report them.
   using Prepare = std::function<StillThere(const FrameRequest&, const StopToken&)>;
-  explicit Preparation(Prepare prepare);
+  // `budget`: the time for all that one frame expects, repetitions included.
+  Preparation(Prepare prepare, StopToken::Clock::duration budget);
   ~Preparation();
   Preparation(const Preparation&) = delete;
   Preparation& operator=(const Preparation&) = delete;
 
-  // Marks active work. While any exists nothing is prepared, and a preparation in progress is cancelled unless it is
-  // for this very frame: its pose and Sun. `frame`: null for other work.
+  // Marks active work: while any exists, nothing new is prepared.
   class Work {
    public:
+    // Lets a preparation in progress continue.
+    explicit Work(Preparation& preparation);
+    // Cancels a preparation in progress unless it is for this very frame: its pose and Sun. `frame`: null for other
+    // work.
     Work(Preparation& preparation, const FrameRequest* frame);
     ~Work();
     Work(const Work&) = delete;
@@ -79,25 +84,31 @@ class Preparation {
     std::uint64_t number = 0;
     std::string name;
     FrameRequest last;
+    std::uint64_t frame = 0;            // counts the frames that expected something
+    StopToken::Clock::duration left{};  // of that frame's budget
     std::vector<Ready> ready{};
     const Ready* ready_for(const Moment& moment) const;  // null: none
   };
   struct Expected {
-    std::uint64_t track = 0;
+    std::uint64_t track = 0, frame = 0;
     std::size_t step = 0;  // 0: the camera's next frame
     FrameRequest request;
   };
   Track& track_of(const FrameRequest& frame, std::string_view name);
+  Track* find_track(const Expected& next);  // null: a newer frame expects something else
+  void forget_expected(std::uint64_t track);
   static void keep_ready(Track& track, std::span<const Moment> moments);
   void expect_at(Expected next);
   void run();
-  bool prepared(const Expected& next);
+  enum class Outcome { done, given_up, out_of_budget };
+  Outcome prepare(const Expected& next, StopToken::Clock::time_point deadline);
   void remember(const Expected& next, const StillThere& still_there);
   void try_again(const Expected& next);
 
   static constexpr std::size_t kMostTracks = 8;
 
   const Prepare prepare_;
+  const StopToken::Clock::duration budget_;
   std::mutex mutex_;
   std::condition_variable changed_;
   std::deque<Track> tracks_;       // most recent first

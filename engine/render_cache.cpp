@@ -110,8 +110,7 @@ class RenderCache::Room {
       for (const dem::BlockId& id : content.blocks)
         if (!(floats_stay && before->mesh.holds(id))) bytes_ += scene_bytes_of(id, content.visibility);
     }
-    if (purpose == Purpose::preparation && cache_.latest_scene_bytes() + bytes_ > cache_.scenes_.capacity())
-      throw Cancelled();
+    if (purpose == Purpose::preparation && !cache.has_space_for_prepared(bytes_)) throw Cancelled();
     while (!enter()) {
       stop.check();
       std::this_thread::sleep_for(kLook);
@@ -123,6 +122,7 @@ class RenderCache::Room {
   }
   Room(const Room&) = delete;
   Room& operator=(const Room&) = delete;
+  std::size_t bytes() const { return bytes_; }
 
  private:
   static constexpr auto kLook = std::chrono::milliseconds(2);
@@ -170,15 +170,28 @@ std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, con
     const std::lock_guard lock(latest_mutex_);
     latest_.push_front(made);
     if (latest_.size() > kLatest) latest_.pop_back();
-    if (purpose == Purpose::preparation) prepared_.insert(key), ++statistics_.prepared;
+    if (purpose == Purpose::preparation) {
+      prepared_.insert(key);
+      prepared_bytes_ += room.bytes();
+      ++statistics_.prepared;
+    }
     return dem::Cache<ContentKey, Scene, ContentKeyHash>::Loaded{made, made->bytes};
   };
   std::shared_ptr<const Scene> scene = scenes_.get(key, make, stop);
   if (purpose == Purpose::frame) {
     const std::lock_guard lock(latest_mutex_);
     statistics_.used += prepared_.erase(key);
+    prepared_bytes_ = 0;
   }
   return scene;
+}
+
+// A prepared scene must leave the latest frame's scene in the cache. Scenes prepared after one frame take half of the
+// cache at most: else each new one would displace one that is expected sooner.
+bool RenderCache::has_space_for_prepared(std::size_t bytes) {
+  if (latest_scene_bytes() + bytes > scenes_.capacity()) return false;
+  const std::lock_guard lock(latest_mutex_);
+  return prepared_bytes_ == 0 || prepared_bytes_ + bytes <= scenes_.capacity() / 2;
 }
 
 PreparationStatistics RenderCache::preparation_statistics() {

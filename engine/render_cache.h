@@ -93,6 +93,7 @@ class RenderCache {
     return lenses_.bytes() + scattered_.bytes() + rocks_->bytes() + light_tiles_.bytes() + scratch_.bytes();
   }
   std::size_t latest_scene_bytes();
+  bool has_space_for_prepared(std::size_t bytes);
   std::shared_ptr<const Scene> most_in_common(const SceneContent& content);
 
   std::shared_ptr<const dem::Terrain> terrain_;
@@ -116,6 +117,7 @@ class RenderCache {
   std::unordered_set<ContentKey, ContentKeyHash> prepared_;  // not yet used by a frame
   PreparationStatistics statistics_;
   SpeedGauge speed_of_rays_, speed_of_zbuffer_;
+  std::size_t prepared_bytes_ = 0;  // since the latest frame
 };
 
 }  // namespace selenograph::engine

@@ -25,6 +25,13 @@
 
 namespace selenograph::engine {
 
+namespace {
+
+// Processor time for all scenes that one frame's client expects.
+constexpr std::chrono::seconds kPreparation{20};
+
+}  // namespace
+
 struct Renderer::Impl {
   Impl(std::shared_ptr<dem::PyramidTerrain> t, const RendererOptions& o)
       : terrain(std::move(t)),
@@ -32,10 +39,12 @@ struct Renderer::Impl {
         arena(threads),
         arena_of_preparation(threads, 1, tbb::task_arena::priority::low),
         kept(terrain, o.scene_bytes, threads),
-        preparation([this](const FrameRequest& request, const StopToken& stop) {
-          const auto detailed = terrain_with(request.detail);
-          return in_arena(arena_of_preparation, [&] { return prepare_frame(request, *detailed, kept, stop); });
-        }) {
+        preparation(
+            [this](const FrameRequest& request, const StopToken& stop) {
+              const auto detailed = terrain_with(request.detail);
+              return in_arena(arena_of_preparation, [&] { return prepare_frame(request, *detailed, kept, stop); });
+            },
+            kPreparation / threads) {
     start_threads();
   }
 
@@ -104,12 +113,14 @@ Map Renderer::map(const MapRequest& request, const StopToken& stop,
 
 BudgetChoice Renderer::choose(const FrameRequest& request, double budget_ms, int max_samples,
                               const StopToken& stop) const {
+  const Preparation::Work work(impl_->preparation, &request);
   const auto terrain = impl_->terrain_with(request.detail);
   return in_arena(impl_->arena,
                   [&] { return choose_accuracy(request, budget_ms, max_samples, *terrain, impl_->kept, stop); });
 }
 
 std::vector<double> Renderer::shadow_limits_px(const FrameRequest& request, const StopToken& stop) const {
+  const Preparation::Work work(impl_->preparation, &request);
   const auto terrain = impl_->terrain_with(request.detail);
   return in_arena(impl_->arena, [&] { return engine::shadow_limits_px(request, *terrain, impl_->kept, stop); });
 }
@@ -177,6 +188,10 @@ std::vector<dem::RockFeature> Renderer::rocks(const std::shared_ptr<const dem::D
 void Renderer::expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name) const {
   // What goes through poses of its own has no pose of which another is the next.
   if (frame.terrain && !(frame.shutter && !frame.shutter->poses.empty())) impl_->preparation.expect(frame, ahead, name);
+}
+
+std::shared_ptr<const void> Renderer::pause_preparation() const {
+  return std::make_shared<const Preparation::Work>(impl_->preparation);
 }
 
 PreparationStatistics Renderer::preparation_statistics() const { return impl_->kept.preparation_statistics(); }

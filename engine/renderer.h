@@ -47,9 +47,12 @@ class Renderer {
           const std::function<void(double share)>& progress = {}) const;
 
   // Called after a frame: the poses at which its camera is expected next, soonest first; none: its motion is
-  // extrapolated. Their scenes are prepared while no frame is being rendered (preparation.h). No byte of any frame
-  // changes. `name` distinguishes identical cameras at one instant.
+  // extrapolated. Their scenes are prepared while no request is in work (preparation.h), for 20 s of processor time at
+  // most and in half of the scenes' memory. No byte of any frame changes. `name` distinguishes identical cameras at one
+  // instant.
   void expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name = {}) const;
+  // While the returned object exists, no preparation begins.
+  std::shared_ptr<const void> pause_preparation() const;
   PreparationStatistics preparation_statistics() const;
 
   // Returns the most accurate setting for this request (whose own `accuracy` is ignored) that is predicted to take no

@@ -93,6 +93,23 @@ TEST_F(FrameMemory, PreparationKeepsTheLatestScene) {
   EXPECT_FALSE(kept.holds(here));
 }
 
+TEST_F(FrameMemory, PreparedScenesTakeHalfOfTheCache) {
+  engine::RenderCache large(terrain_, kScenes, 1);
+  const std::size_t scene_bytes = large.scene(content_at(20, large))->bytes;
+  engine::RenderCache kept(terrain_, 5 * scene_bytes, 1);
+  const auto prepare = [&](double lon_deg) {
+    kept.scene(content_at(lon_deg, kept), {}, engine::RenderCache::Purpose::preparation);
+  };
+  kept.scene(content_at(20, kept));
+  prepare(60);
+  prepare(100);
+  EXPECT_THROW(prepare(140), Cancelled);
+  kept.scene(content_at(60, kept));
+  prepare(140);
+  EXPECT_EQ(kept.preparation_statistics().prepared, 3U);
+  EXPECT_EQ(kept.preparation_statistics().used, 1U);
+}
+
 TEST_F(FrameMemory, LatestSceneSurvivesASmallerBudget) {
   engine::RenderCache kept(terrain_, kScenes, 1);
   const engine::SceneContent before = content_at(20, kept), latest = content_at(60, kept);

@@ -25,6 +25,7 @@ FrameRequest frame_at(double x) {
 }
 
 const Preparation::StillThere kStillThere = [] { return true; };
+constexpr auto kBudget = 1h;
 
 // Where frames were prepared for.
 class Prepared {
@@ -53,7 +54,7 @@ std::vector<Pose> poses(std::initializer_list<double> places) {
 
 TEST(Preparation, PosesAheadArePreparedInOrder) {
   Prepared prepared;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); }, kBudget);
   preparation.expect(frame_at(0), poses({10, 20, 30}));
   preparation.wait_until_done();
   EXPECT_EQ(prepared.places(), (std::vector<double>{10, 20, 30}));
@@ -61,7 +62,7 @@ TEST(Preparation, PosesAheadArePreparedInOrder) {
 
 TEST(Preparation, ReadyScenesAreNotPreparedAgain) {
   Prepared prepared;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); }, kBudget);
   preparation.expect(frame_at(0), poses({10, 20, 30}));
   preparation.wait_until_done();
   preparation.expect(frame_at(10), poses({20, 30, 40}));
@@ -75,7 +76,7 @@ TEST(Preparation, ReadyScenesAreNotPreparedAgain) {
 
 TEST(Preparation, ExtrapolatesTheCamerasMotion) {
   Prepared prepared;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); }, kBudget);
   preparation.expect(frame_at(0), {});
   preparation.wait_until_done();
   EXPECT_EQ(prepared.places(), std::vector<double>{}) << "it stands still, as far as is known";
@@ -92,10 +93,12 @@ TEST(Preparation, ExtrapolatesTheCamerasMotion) {
 
 TEST(Preparation, ExtrapolatesTurns) {
   Pose last;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) {
-    last = request.pose;
-    return kStillThere;
-  });
+  Preparation preparation(
+      [&](const FrameRequest& request, const StopToken&) {
+        last = request.pose;
+        return kStillThere;
+      },
+      kBudget);
   const auto turned = [](double degrees) {
     FrameRequest request = frame_at(0);
     request.pose.camera_from_moon = Eigen::AngleAxisd(degrees * kRadiansPerDegree, Vec3::UnitY());
@@ -109,10 +112,12 @@ TEST(Preparation, ExtrapolatesTurns) {
 
 TEST(Preparation, ExtrapolatesTheSun) {
   std::vector<Vec3> suns;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) {
-    suns.push_back(request.sun.direction);
-    return kStillThere;
-  });
+  Preparation preparation(
+      [&](const FrameRequest& request, const StopToken&) {
+        suns.push_back(request.sun.direction);
+        return kStillThere;
+      },
+      kBudget);
   const auto lit = [](double degrees) {
     FrameRequest request = frame_at(0);
     request.sun.direction = Eigen::AngleAxisd(degrees * kRadiansPerDegree, Vec3(1, 1, 1).normalized()) * Vec3::UnitX();
@@ -144,7 +149,7 @@ TEST(Preparation, ExtrapolatesTheSun) {
 
 TEST(Preparation, PausesWhileAFrameIsActive) {
   Prepared prepared;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); }, kBudget);
   {
     const FrameRequest frame = frame_at(0);
     const Preparation::Work work(preparation, &frame);
@@ -158,15 +163,17 @@ TEST(Preparation, PausesWhileAFrameIsActive) {
 
 TEST(Preparation, YieldsToAFrameAndResumes) {
   std::atomic<int> begun{0}, given_up{0};
-  Preparation preparation([&](const FrameRequest&, const StopToken& stop) {
-    if (++begun > 1) return kStillThere;
-    for (const auto limit = StopToken::Clock::now() + 20s; StopToken::Clock::now() < limit;) {
-      if (stop.stopped()) ++given_up;
-      stop.check();
-      std::this_thread::sleep_for(1ms);
-    }
-    return kStillThere;
-  });
+  Preparation preparation(
+      [&](const FrameRequest&, const StopToken& stop) {
+        if (++begun > 1) return kStillThere;
+        for (const auto limit = StopToken::Clock::now() + 20s; StopToken::Clock::now() < limit;) {
+          if (stop.stopped()) ++given_up;
+          stop.check();
+          std::this_thread::sleep_for(1ms);
+        }
+        return kStillThere;
+      },
+      kBudget);
   preparation.expect(frame_at(0), poses({10}));
   while (begun == 0) std::this_thread::sleep_for(1ms);
   {
@@ -180,12 +187,14 @@ TEST(Preparation, YieldsToAFrameAndResumes) {
 
 TEST(Preparation, ContinuesForTheFrameItPrepares) {
   std::atomic<bool> begun{false}, asked{false}, told{false};
-  Preparation preparation([&](const FrameRequest&, const StopToken& stop) {
-    begun = true;
-    while (!asked) std::this_thread::sleep_for(1ms);
-    told = stop.stopped();
-    return kStillThere;
-  });
+  Preparation preparation(
+      [&](const FrameRequest&, const StopToken& stop) {
+        begun = true;
+        while (!asked) std::this_thread::sleep_for(1ms);
+        told = stop.stopped();
+        return kStillThere;
+      },
+      kBudget);
   preparation.expect(frame_at(0), poses({10}));
   while (!begun) std::this_thread::sleep_for(1ms);
   {
@@ -199,7 +208,7 @@ TEST(Preparation, ContinuesForTheFrameItPrepares) {
 
 TEST(Preparation, NewPosesReplaceExpectedOnes) {
   Prepared prepared;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); }, kBudget);
   FrameRequest other = frame_at(0);
   other.camera.width = 32;
   {
@@ -215,7 +224,7 @@ TEST(Preparation, NewPosesReplaceExpectedOnes) {
 
 TEST(Preparation, SimilarCamerasAreIndependent) {
   Prepared prepared;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); });
+  Preparation preparation([&](const FrameRequest& request, const StopToken&) { return prepared(request); }, kBudget);
   // A stereo pair: told apart by name alone. A third one looks elsewhere.
   FrameRequest aside = frame_at(0);
   aside.pose.camera_from_moon = Eigen::AngleAxisd(0.8, Vec3::UnitY());
@@ -233,24 +242,86 @@ TEST(Preparation, SimilarCamerasAreIndependent) {
 
 TEST(Preparation, PreparationErrorsAreLeftToTheFrame) {
   Prepared prepared;
-  Preparation preparation([&](const FrameRequest& request, const StopToken&) {
-    prepared(request);
-    throw DataError("tile", "is damaged");
-    return kStillThere;
-  });
+  Preparation preparation(
+      [&](const FrameRequest& request, const StopToken&) {
+        prepared(request);
+        throw DataError("tile", "is damaged");
+        return kStillThere;
+      },
+      kBudget);
   preparation.expect(frame_at(0), poses({10, 20}));
   preparation.wait_until_done();
   EXPECT_EQ(prepared.places(), (std::vector<double>{10, 20}));
 }
 
+TEST(Preparation, AFrameExpectsNoMoreThanItsBudget) {
+  std::atomic<int> begun{0};
+  Preparation preparation(
+      [&](const FrameRequest&, const StopToken&) {
+        ++begun;
+        std::this_thread::sleep_for(20ms);
+        return kStillThere;
+      },
+      30ms);
+  const std::vector<Pose> many(64, frame_at(10).pose);
+  preparation.expect(frame_at(0), many);
+  preparation.wait_until_done();
+  EXPECT_GE(begun, 1);
+  EXPECT_LE(begun, 2) << "two take 40 ms or more";
+  const int before = begun;
+  preparation.expect(frame_at(1), poses({20}));
+  preparation.wait_until_done();
+  EXPECT_EQ(begun, before + 1) << "the next frame has a budget of its own";
+}
+
+TEST(Preparation, EndsWithItsBudget) {
+  std::atomic<int> begun{0};
+  Preparation preparation(
+      [&](const FrameRequest&, const StopToken& stop) {
+        for (++begun;; std::this_thread::sleep_for(1ms)) stop.check();
+        return kStillThere;
+      },
+      20ms);
+  preparation.expect(frame_at(0), poses({10, 20, 30}));
+  preparation.wait_until_done();
+  EXPECT_EQ(begun, 1);
+}
+
+TEST(Preparation, PausesWithoutGivingUp) {
+  std::atomic<bool> begun{false}, paused{false};
+  std::atomic<int> done{0};
+  Preparation preparation(
+      [&](const FrameRequest&, const StopToken& stop) {
+        begun = true;
+        while (!paused) std::this_thread::sleep_for(1ms);
+        stop.check();
+        ++done;
+        return kStillThere;
+      },
+      kBudget);
+  preparation.expect(frame_at(0), poses({10, 20}));
+  while (!begun) std::this_thread::sleep_for(1ms);
+  {
+    const Preparation::Work work(preparation);
+    paused = true;
+    while (done == 0) std::this_thread::sleep_for(1ms);
+    std::this_thread::sleep_for(20ms);
+    EXPECT_EQ(done, 1) << "the second one begins afterwards";
+  }
+  preparation.wait_until_done();
+  EXPECT_EQ(done, 2);
+}
+
 TEST(Preparation, StopsAtOnce) {
   std::atomic<bool> begun{false};
   {
-    Preparation preparation([&](const FrameRequest&, const StopToken& stop) {
-      begun = true;
-      for (;; std::this_thread::sleep_for(1ms)) stop.check();
-      return kStillThere;
-    });
+    Preparation preparation(
+        [&](const FrameRequest&, const StopToken& stop) {
+          begun = true;
+          for (;; std::this_thread::sleep_for(1ms)) stop.check();
+          return kStillThere;
+        },
+        kBudget);
     preparation.expect(frame_at(0), poses({10}));
     while (!begun) std::this_thread::sleep_for(1ms);
   }
