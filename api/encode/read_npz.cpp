@@ -80,21 +80,40 @@ class NpyHeader {
   std::vector<std::size_t> shape_;
 };
 
-template <typename T>
-std::vector<double> converted(std::string_view bytes, std::size_t count) {
-  std::vector<double> out(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    T value;
-    std::memcpy(&value, bytes.data() + i * sizeof(T), sizeof(T));
-    out[i] = static_cast<double>(value);
+// Calls visit(index in the file) for the elements in C order; `columns_first`: the file has Fortran's order.
+template <typename Visit>
+void each_in_c_order(const std::vector<std::size_t>& shape, std::size_t count, bool columns_first, const Visit& visit) {
+  if (!columns_first || shape.size() < 2) {
+    for (std::size_t i = 0; i < count; ++i) visit(i);
+    return;
   }
+  std::vector<std::size_t> at(shape.size(), 0);
+  for (std::size_t i = 0; i < count; ++i) {
+    std::size_t from = 0;
+    for (std::size_t k = shape.size(); k-- > 0;) from = from * shape[k] + at[k];
+    visit(from);
+    for (std::size_t k = shape.size(); k-- > 0 && ++at[k] == shape[k];) at[k] = 0;
+  }
+}
+
+template <typename T>
+std::vector<double> converted(std::string_view bytes, const std::vector<std::size_t>& shape, std::size_t count,
+                              bool columns_first) {
+  std::vector<double> out;
+  out.reserve(count);
+  each_in_c_order(shape, count, columns_first, [&](std::size_t from) {
+    T value;
+    std::memcpy(&value, bytes.data() + from * sizeof(T), sizeof(T));
+    out.push_back(static_cast<double>(value));
+  });
   return out;
 }
 
 struct NumberType {
   std::string_view descr;
   std::size_t bytes;
-  std::vector<double> (*convert)(std::string_view bytes, std::size_t count);
+  std::vector<double> (*convert)(std::string_view bytes, const std::vector<std::size_t>& shape, std::size_t count,
+                                 bool columns_first);
 };
 constexpr NumberType kNumberTypes[] = {
     {"<f8", 8, converted<double>},        {"<f4", 4, converted<float>},         {"<i8", 8, converted<std::int64_t>},
@@ -121,19 +140,6 @@ std::string text_of_utf32(std::string_view bytes, const std::string& name) {
     } else {
       put(0xf0 | c >> 18), put(0x80 | (c >> 12 & 0x3f)), put(0x80 | (c >> 6 & 0x3f)), put(0x80 | (c & 0x3f));
     }
-  }
-  return out;
-}
-
-// From columns first to rows first.
-std::vector<double> transposed(const std::vector<double>& columns_first, const std::vector<std::size_t>& shape) {
-  std::vector<double> out(columns_first.size());
-  std::vector<std::size_t> at(shape.size(), 0);
-  for (double& value : out) {
-    std::size_t from = 0;
-    for (std::size_t k = shape.size(); k-- > 0;) from = from * shape[k] + at[k];
-    value = columns_first[from];
-    for (std::size_t k = shape.size(); k-- > 0 && ++at[k] == shape[k];) at[k] = 0;
   }
   return out;
 }
@@ -215,26 +221,31 @@ NpzArray read_npy(std::string_view bytes, const std::string& name) {
     if (type.descr != header.descr()) continue;
     if (data.size() != count * type.bytes)
       refuse_npz(name, fmt::format("has {} bytes of numbers; its shape needs {}", data.size(), count * type.bytes));
-    out.numbers = type.convert(data, count);
-    if (header.fortran() && out.shape.size() > 1) out.numbers = transposed(out.numbers, out.shape);
+    out.numbers = type.convert(data, out.shape, count, header.fortran());
     return out;
   }
   refuse_npz(name, "has elements of type " + header.descr() + "; little-endian numbers of up to 8 bytes are needed");
 }
 
-NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes, const StopToken& stop) {
-  const OpenArchive archive =
-      open_archive([&](zip_error_t* error) { return zip_source_buffer_create(bytes.data(), bytes.size(), 0, error); },
-                   ZIP_CHECKCONS, [](const std::string& why) { refuse_npz("", why + "; numpy.savez makes one"); });
-  const zip_int64_t entries = zip_get_num_entries(archive.get(), 0);
+namespace {
+
+struct NpzMember {
+  std::string name;
+  std::size_t bytes;
+  bool npy;  // otherwise a text
+};
+
+// The members in the archive's own order, of which nothing is unpacked yet.
+std::vector<NpzMember> list_members(zip_t* archive, std::size_t max_bytes) {
+  const zip_int64_t entries = zip_get_num_entries(archive, 0);
   if (entries < 1 || static_cast<std::size_t>(entries) > kMostArrays)
     refuse_npz("", fmt::format("has {} members; 1 to {} arrays are needed", entries, kMostArrays));
-  NpzArrays arrays;
+  std::vector<NpzMember> members;
   std::size_t total = 0;
   for (zip_uint64_t i = 0; i < static_cast<zip_uint64_t>(entries); ++i) {
     zip_stat_t stat;
     constexpr zip_uint64_t kNeeded = ZIP_STAT_NAME | ZIP_STAT_SIZE | ZIP_STAT_COMP_METHOD;
-    if (zip_stat_index(archive.get(), i, 0, &stat) != 0 || (stat.valid & kNeeded) != kNeeded)
+    if (zip_stat_index(archive, i, 0, &stat) != 0 || (stat.valid & kNeeded) != kNeeded)
       refuse_npz("", "has a member without name or size");
     const std::string_view file = stat.name;
     const bool npy = file.ends_with(".npy"), json = file.ends_with(".json");
@@ -245,9 +256,36 @@ NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes, const StopToke
     if (stat.size > max_bytes || total + stat.size > max_bytes)
       throw RequestError("too_large", fmt::format("the arrays are larger than {} bytes", max_bytes));
     total += stat.size;
-    std::string content = unpacked(archive.get(), i, stat.size, name, stop);
-    NpzArray array = npy ? read_npy(content, name) : NpzArray{{}, {}, std::move(content)};
-    if (!arrays.emplace(name, std::move(array)).second) refuse_npz(name, "is there twice");
+    members.push_back({name, stat.size, npy});
+  }
+  return members;
+}
+
+// Elements of a byte become doubles; one member at a time exists unpacked.
+std::size_t unpacked_bytes(const std::vector<NpzMember>& members) {
+  std::size_t total = 0, largest = 0;
+  for (const NpzMember& member : members) {
+    total += member.bytes * (member.npy ? sizeof(double) : 1);
+    largest = std::max(largest, member.bytes);
+  }
+  return total + largest;
+}
+
+}  // namespace
+
+NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes, const std::function<void(std::size_t bytes)>& claim,
+                   const StopToken& stop) {
+  const OpenArchive archive =
+      open_archive([&](zip_error_t* error) { return zip_source_buffer_create(bytes.data(), bytes.size(), 0, error); },
+                   ZIP_CHECKCONS, [](const std::string& why) { refuse_npz("", why + "; numpy.savez makes one"); });
+  const std::vector<NpzMember> members = list_members(archive.get(), max_bytes);
+  if (claim) claim(unpacked_bytes(members));
+  NpzArrays arrays;
+  for (std::size_t i = 0; i < members.size(); ++i) {
+    const NpzMember& member = members[i];
+    std::string content = unpacked(archive.get(), i, member.bytes, member.name, stop);
+    NpzArray array = member.npy ? read_npy(content, member.name) : NpzArray{{}, {}, std::move(content)};
+    if (!arrays.emplace(member.name, std::move(array)).second) refuse_npz(member.name, "is there twice");
   }
   return arrays;
 }

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -23,8 +24,11 @@ using NpzArrays = std::map<std::string, NpzArray>;
 
 // Arrays by name, without ".npy"; of a member "NAME.json" its text as "NAME". Strict: NPY 1.0 to 3.0, little-endian
 // numbers of up to 8 bytes or booleans, C order or Fortran's, stored or deflated, each name once, nothing else.
-// `max_bytes`: of all arrays unpacked. Throws RequestError "malformed_npz" that names the array, or "too_large".
-NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes, const StopToken& stop = {});
+// `max_bytes`: of all arrays unpacked. `claim`, which may be empty, is called once before anything is unpacked, with
+// the memory that reading takes, the result included. Throws RequestError "malformed_npz" that names the array, or
+// "too_large".
+NpzArrays read_npz(std::string_view bytes, std::size_t max_bytes,
+                   const std::function<void(std::size_t bytes)>& claim = {}, const StopToken& stop = {});
 
 // The text member `name` (its whole name) of the archive in `bytes` of a file from `offset` on, without reading the
 // rest; empty if there is none. Throws std::runtime_error naming the file.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 
+#include "api/json/document_bytes.h"
 #include "dem/files/names.h"
 #include "engine/budget.h"
 
@@ -14,15 +15,17 @@ namespace {
 // How long a request that is in work waits for others' memory: then it makes room for one that needs less.
 constexpr auto kPatience = std::chrono::seconds(2);
 
-// A document takes up to so many times its text: numbers of one digit are 16 bytes of a value, names 32 and a node.
-constexpr std::size_t kDocumentBytesPerByte = 24;
-
 // "application/json" or another type, in any case, whatever parameters follow: JSON is UTF-8 by definition (RFC 8259,
 // 8.1).
 bool says(std::string_view media_type, std::string content_type) {
   content_type = content_type.substr(0, content_type.find(';'));
   content_type.erase(content_type.find_last_not_of(" \t") + 1);
   return dem::same_text(content_type, media_type);
+}
+
+Json parsed(std::string_view text, const EndpointContext& context) {
+  context.memory.hold(document_bytes(text), context.stop);
+  return parse_json(text, context.limits.max_json_depth);
 }
 
 }  // namespace
@@ -43,8 +46,7 @@ Json json_body(const EndpointContext& context) {
     throw RequestError("too_large", "the body has " + std::to_string(request.body.size()) + " bytes, at most " +
                                         std::to_string(context.limits.max_body_bytes) + " are taken");
   }
-  context.memory.need(kDocumentBytesPerByte * request.body.size(), "", context.stop);
-  return parse_json(request.body, context.limits.max_json_depth);
+  return parsed(request.body, context);
 }
 
 Body body_of(const EndpointContext& context) {
@@ -54,22 +56,30 @@ Body body_of(const EndpointContext& context) {
       throw RequestError("unsupported_media_type", "the body must be application/json or application/x-npz");
     return {json_body(context), {}};
   }
-  // Packed, they may be larger than the body; of small numbers eight times as large once more.
-  const std::size_t most = 4 * context.limits.max_body_bytes;
-  context.memory.need(request.body.size() + 9 * std::min(most, std::max(request.body.size(), most / 4)), "",
-                      context.stop);
-  Body body{Json::object(), read_npz(request.body, most, context.stop)};
+  const std::size_t max_text_bytes = context.limits.max_body_bytes;
+  const auto hold = [&](std::size_t bytes) { context.memory.hold(bytes, context.stop); };
+  Body body{Json::object(), read_npz(request.body, 4 * max_text_bytes, hold, context.stop)};
   if (const auto text = body.arrays.find("request"); text != body.arrays.end()) {
     if (!text->second.text)
       throw RequestError("malformed_npz", "array \"request\" is not a text", {{"/request", "must be a JSON text"}});
-    body.json = parse_json(*text->second.text, context.limits.max_json_depth);
+    if (text->second.text->size() > max_text_bytes)
+      throw RequestError("too_large", fmt::format("the text \"request\" has {} bytes, at most {} are taken",
+                                                  text->second.text->size(), max_text_bytes));
+    body.json = parsed(*text->second.text, context);
     body.arrays.erase(text);
   }
   return body;
 }
 
-void RequestMemory::need(std::size_t bytes, std::string_view pointer, const StopToken& stop) {
-  claim_ = {};  // whoever waits holds nothing
+void RequestMemory::hold(std::size_t bytes, const StopToken& stop) {
+  held_bytes_ += bytes;
+  need(0, "", stop);
+}
+
+void RequestMemory::need(std::size_t work_bytes, std::string_view pointer, const StopToken& stop) {
+  const std::size_t bytes = held_bytes_ + work_bytes;
+  if (claim_.bytes() > 0 && claim_.try_resize(bytes)) return;
+  claim_ = {};  // two requests that each hold memory and wait for more would wait for each other
   if (!budget_.fits(bytes)) {
     const std::string detail =
         fmt::format("takes {} MB of memory, the service has {} MB for all requests (--memory-mb)", bytes >> 20,
@@ -82,6 +92,7 @@ void RequestMemory::need(std::size_t bytes, std::string_view pointer, const Stop
 }
 
 MemoryBudget::Claim RequestMemory::give_for(std::size_t answer_bytes) {
+  held_bytes_ = 0;
   if (claim_.bytes() == 0) need(answer_bytes, "", {});
   claim_.resize(answer_bytes);
   return std::move(claim_);

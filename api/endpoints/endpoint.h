@@ -29,8 +29,11 @@ class RequestMemory {
  public:
   explicit RequestMemory(MemoryBudget& budget) : budget_(budget) {}
 
-  // Claims `bytes` instead of the previous amount; waits briefly for its turn. Throws RequestError: invalid_request at
-  // `pointer` when the budget can never hold as much, busy when it cannot now; Cancelled.
+  // Claims `bytes` for the request itself, its document and arrays, until give_for(). Errors as need().
+  void hold(std::size_t bytes, const StopToken& stop);
+
+  // Claims `bytes` for the work, instead of the previous amount; waits briefly for its turn. Throws RequestError:
+  // invalid_request at `pointer` when the budget can never hold as much, busy when it cannot now; Cancelled.
   void need(std::size_t bytes, std::string_view pointer, const StopToken& stop);
 
   // Hands over the claim, resized for an answer of `answer_bytes`.
@@ -39,6 +42,7 @@ class RequestMemory {
  private:
   MemoryBudget& budget_;
   MemoryBudget::Claim claim_;
+  std::size_t held_bytes_ = 0;
 };
 
 class Operation;

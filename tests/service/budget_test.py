@@ -1,9 +1,11 @@
 """All memory is on one budget: what does not fit waits, is told when to come back, or is refused for good."""
 
+import io
 import json
 import socket
 import threading
 import time
+import zipfile
 
 import harness
 from harness import Service, WithService, frame_request, sample
@@ -106,19 +108,34 @@ class Budget(WithService):
             client.close()
         self.assertGreater(refused, 20)
 
+    def peak_mb_of(self, ask):
+        before = self.service.resident_mb()
+        with open(f"/proc/{self.service.process.pid}/clear_refs", "w") as reset:
+            reset.write("5")  # proc(5): the peak starts anew
+        answer = ask()
+        return answer, self.service.resident_mb("VmHWM") - min(before, self.service.resident_mb())
+
+    def test_a_packed_text_is_on_the_budget(self):
+        """17 KB of an .npz hold 16 MB of JSON, whose document would take 834 MB: no more text than a body may have is read."""
+        packed = io.BytesIO()
+        with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("request.json", "[" + "{}," * 5500000 + "{}]")
+        self.assertLess(len(packed.getvalue()), 100000)
+        headers = {"Content-Type": "application/x-npz"}
+        answer, peak_mb = self.peak_mb_of(lambda: self.service.ask("POST", "/v1/rays", packed.getvalue(), headers))
+        self.problem(answer, 413)
+        self.assertLess(peak_mb, 60)
+
     def test_the_peak_of_a_large_frame(self):
         """Products and answer exist once each."""
         width, height, bytes_per_pixel = 1536, 1024, 106
         answer_mb = width * height * bytes_per_pixel / 2**20
         for accept in ("application/x-npz", "image/x-exr"):
-            before = self.service.resident_mb()
-            with open(f"/proc/{self.service.process.pid}/clear_refs", "w") as reset:
-                reset.write("5")  # proc(5): the peak starts anew
-            status, _, body = self.service.frame(frame_request(EVERYTHING, width=width, height=height), accept)
+            request = frame_request(EVERYTHING, width=width, height=height)
+            (status, _, body), peak_mb = self.peak_mb_of(lambda: self.service.frame(request, accept))
             self.assertEqual(status, 200, body[:300])
             self.assertGreater(len(body), 0.95 * answer_mb * 2**20)
-            peak = self.service.resident_mb("VmHWM") - min(before, self.service.resident_mb())
-            self.assertLess(peak, 2.3 * len(body) / 2**20 + 100, accept)
+            self.assertLess(peak_mb, 2.3 * len(body) / 2**20 + 100, accept)
             time.sleep(2)  # freed memory goes back to the system
 
 

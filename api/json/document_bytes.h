@@ -1,0 +1,42 @@
+// Memory of JSON documents.
+#pragma once
+
+#include <cstddef>
+#include <nlohmann/json.hpp>
+#include <string_view>
+
+namespace selenograph::api {
+
+// Upper bound of the memory that parse_json(text) takes, its result included. It follows from the punctuation: a text
+// of empty objects takes fifty times its own size, one of long numbers four times.
+inline std::size_t document_bytes(std::string_view text) {
+  // An element of an array; the array doubles its room when it is full, and holds the old and the new room meanwhile.
+  constexpr std::size_t kElement = 3 * sizeof(nlohmann::json);
+  constexpr std::size_t kObject = 48, kArray = 32, kMember = 80, kString = 32;  // each is an allocation of its own
+  constexpr std::size_t kCharacter = 3;                                         // texts double their room, too
+  std::size_t bytes = sizeof(nlohmann::json) + kCharacter * text.size();
+  for (const char c : text) {
+    switch (c) {
+      case ',':
+        bytes += kElement;
+        break;
+      case '{':
+        bytes += kObject + kElement;
+        break;
+      case '[':
+        bytes += kArray + kElement;
+        break;
+      case ':':
+        bytes += kMember;
+        break;
+      case '"':
+        bytes += kString / 2;
+        break;
+      default:
+        break;
+    }
+  }
+  return bytes;
+}
+
+}  // namespace selenograph::api
