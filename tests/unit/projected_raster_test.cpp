@@ -500,6 +500,39 @@ TEST_F(ProjectedRaster, TilesOfAGridAreOneLayer) {
   }
 }
 
+// A site around the south pole keeps its posts; all around it the globe bends to meet them.
+TEST_F(ProjectedRaster, ASiteAtAPoleIsUnchanged) {
+  PlaneTiff t;
+  t.srs = "+proj=stere +lat_0=-90 +lon_0=0 +R=1737400 +units=m +no_defs";
+  t.width = t.height = 200, t.dx = 500, t.dy = -500, t.west = -50000, t.north = 50000;
+  put(t, [](double, double) { return 100.0; });
+  test::write_global_tile(folder_.path(), 4, [](double, double) { return 0.0; });
+  Catalogue catalogue(std::vector<std::string>{folder_.path()});
+  ASSERT_EQ(catalogue.rasters().size(), 2U);
+  join_layers(catalogue, 4, {});
+  const PostSource source(catalogue, false, [](const std::string&, const std::string&) {});
+  // From the pole to 85 S, every 474 m along each fifth meridian.
+  constexpr int kRows = 5 * 64, kCols = 72;
+  const Posts posts = source.compose({0, 0, 1 << (kTickLevel - 6), 5 << kTickLevel, kRows, kCols});
+  int fine = 0;
+  for (int r = 0; r < kRows; ++r)
+    for (int c = 0; c < kCols; ++c) {
+      const auto at = static_cast<std::size_t>(r * kCols + c);
+      if (source_of(posts.sources[at]) == 1) {
+        ++fine;
+        ASSERT_EQ(posts.heights[at], 100) << r << ' ' << c;
+        ASSERT_FALSE(is_blended(posts.sources[at]));
+      }
+      if (r == 0) continue;
+      const float below_m = posts.heights[static_cast<std::size_t>((r - 1) * kCols + c)];
+      ASSERT_LE(posts.heights[at], below_m + 1e-3F) << r << ' ' << c;
+      // A band of 4 posts of 7.6 km is 64 posts wide.
+      ASSERT_LT(below_m - posts.heights[at], 100 * 3.0 / 64) << r << ' ' << c;
+    }
+  EXPECT_GT(fine, 100 * kCols);
+  for (int c = 0; c < kCols; ++c) EXPECT_EQ(posts.heights[static_cast<std::size_t>((kRows - 1) * kCols + c)], 0);
+}
+
 // The coarser layer beside an orthographic one meets it at its limb without a cliff.
 TEST_F(WholeDisc, TheCoarserLayerBendsToItsLimb) {
   PlaneTiff t = disc(0, 0);
