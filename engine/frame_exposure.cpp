@@ -12,7 +12,6 @@
 #include "engine/ray_queries.h"
 #include "engine/sky/earth_figure.h"
 #include "engine/sky_discs.h"
-#include "engine/support/stopwatch.h"
 
 namespace selenograph::engine {
 
@@ -114,10 +113,9 @@ std::vector<float> FrameExposure::mean_of_moments(int moments, const std::vector
 void FrameExposure::draw_moments(Frame& frame) {
   std::vector<float>& radiance = frame.products.radiance;
   if (radiance.empty()) return;
-  const auto brightest =
-      static_cast<std::size_t>(std::max_element(radiance.begin(), radiance.end()) - radiance.begin());
-  const auto brightest_w_m2_sr = static_cast<double>(radiance[brightest]);
-  frame.report.brightest_w_m2_sr = brightest_w_m2_sr;
+  frame.report.lit = any_lit(radiance);
+  const std::size_t brightest = plan_.sensor ? brightest_pixel(radiance) : 0;
+  brightest_w_m2_sr_ = static_cast<double>(radiance[brightest]);
   show_discs(plan_.request, frame.products.range, share_of_middle(), radiance);
   const SkyImage sky = sky_of(plan_.request, frame.products.range);
   if (!plan_.sensor) return sky.add_to(radiance);
@@ -125,8 +123,8 @@ void FrameExposure::draw_moments(Frame& frame) {
   if (plan_.counted) {
     captured_ = draw(*plan_.counted, plan_.moving() ? 0.F : 1.F, frame, false).radiance;
     const auto counted_w_m2_sr = static_cast<double>(captured_[brightest]);
-    const bool lit = brightest_w_m2_sr > 0 && counted_w_m2_sr > 0;
-    counted_over_radiance_ = lit ? counted_w_m2_sr / brightest_w_m2_sr : plan_.sensor->counted_of_sunlight();
+    const bool lit = brightest_w_m2_sr_ > 0 && counted_w_m2_sr > 0;
+    counted_over_radiance_ = lit ? counted_w_m2_sr / brightest_w_m2_sr_ : plan_.sensor->counted_of_sunlight();
   }
   if (!radiance.empty()) sky.add_to(radiance);
   Sensor& sensor = *plan_.sensor;
@@ -144,7 +142,6 @@ void FrameExposure::draw_moments(Frame& frame) {
 }
 
 void FrameExposure::make_image(Frame& frame) {
-  Stopwatch watch;
   const FrameRequest& request = plan_.request;
   FrameReport& report = frame.report;
   std::vector<float>& radiance = frame.products.radiance;
@@ -155,7 +152,6 @@ void FrameExposure::make_image(Frame& frame) {
     report.saturated_fraction = share_above(radiance, report.full_scale_radiance_w_m2_sr);
   }
   if (!(request.products & kRadiance)) radiance = {};
-  frame.times.sensor_ms = watch.lap_ms();
 }
 
 // The frame was drawn with the sensor's margin, which all products lose.
@@ -167,7 +163,7 @@ void FrameExposure::capture(Frame& frame) {
   report.integration_time_s = sensor.integration_time_s();
   report.saturated_fraction = sensor.saturated_fraction();
   report.smear_fill = sensor.smear_fill();
-  report.brightest_signal_e = sensor.signal_e(report.brightest_w_m2_sr * counted_over_radiance_);
+  report.brightest_signal_e = sensor.signal_e(brightest_w_m2_sr_ * counted_over_radiance_);
   report.full_scale_radiance_w_m2_sr = sensor.full_scale_counted_w_m2_sr() / counted_over_radiance_;
   report.margin_px = sensor.margin_px(), report.captured_fraction = sensor.captured();
   if (const StrayLight& law = plan_.request.sensor->optics.stray_light; law.any())

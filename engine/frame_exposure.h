@@ -45,7 +45,8 @@ class FrameExposure {
   const dem::Terrain& terrain_;
   RenderCache& kept_;
   const StopToken& stop_;
-  std::vector<float> captured_;  // radiance in the sensor's band
+  std::vector<float> captured_;   // radiance in the sensor's band
+  double brightest_w_m2_sr_ = 0;  // in the middle of the exposure, without discs and sky
   // Of the brightest pixel, whose spectrum stands for all: what is counted over the radiance in the request's band.
   double counted_over_radiance_ = 1;
 };

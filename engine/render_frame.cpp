@@ -24,6 +24,15 @@ void list_craters(const FrameRequest& asked, const Selection& selection, const d
   frame.times.craters_ms = watch.lap_ms();
 }
 
+// Exposes the drawn frame. The exposure's other moments have stages of their own, which are not counted twice.
+void expose(FrameExposure& exposure, Frame& frame) {
+  Stopwatch watch;
+  const double drawn_ms = frame.times.sum_ms();
+  exposure.draw_moments(frame);
+  exposure.make_image(frame);
+  frame.times.sensor_ms = watch.lap_ms() - (frame.times.sum_ms() - drawn_ms);
+}
+
 // Where the frame decides, what it may decide at most.
 double longest_exposure_s(const SensorModel& sensor) {
   return sensor.exposure.target_fill > 0 ? sensor.exposure.longest_s : sensor.detector.integration_time_s;
@@ -34,7 +43,9 @@ double longest_exposure_s(const SensorModel& sensor) {
 Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
   Frame frame;
   // Plan: what is drawn, what the sensor counts, which terms radiance has.
+  Stopwatch watch;
   FramePlan plan(asked, stop);
+  const double plan_ms = watch.lap_ms();
   // Select: which blocks of the terrain, how fine; what may shade them; rocks and objects.
   FrameMoment middle(plan.request, terrain, kept, stop);
   // Scene: the blocks as one mesh, with what the visibility algorithm needs of it.
@@ -43,9 +54,9 @@ Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, Rende
   FrameExposure exposure(plan, middle, terrain, kept, stop);
   const Drawn drawn = middle.draw(plan.margin_px(), exposure.each_of_middle(), frame.products);
   frame.times = middle.times();
-  exposure.draw_moments(frame);
   // Expose: from radiance to digital numbers.
-  exposure.make_image(frame);
+  expose(exposure, frame);
+  frame.times.sensor_ms += plan_ms;
   // Craters: where those of the detail are in the image.
   if (wants_craters(asked)) list_craters(asked, middle.selection(), terrain, kept, stop, frame);
   if (wants_ranges(asked)) thin(frame.products, asked);

@@ -18,6 +18,7 @@
 #include "engine/radiometry/radiometry.h"
 #include "engine/scene/anchor.h"
 #include "engine/scene/selection.h"
+#include "engine/sensor/sensor.h"
 #include "engine/support/assign.h"
 #include "engine/support/stopwatch.h"
 #include "engine/visibility/image/frame_writer.h"
@@ -424,8 +425,7 @@ class MapDrawing {
     if (!std::isfinite(r.min_post_spacing_m)) r.min_post_spacing_m = 0;
     r.visibility = Visibility::raytrace, r.radiance = radiance_;
     r.emits_elsewhere = !frame_.temperature_maps.empty();
-    for (const float value : out_.products.radiance)
-      if (!std::isnan(value)) r.brightest_w_m2_sr = std::max(r.brightest_w_m2_sr, static_cast<double>(value));
+    r.lit = any_lit(out_.products.radiance);
     std::sort(replaced_.begin(), replaced_.end());
     replaced_.erase(std::unique(replaced_.begin(), replaced_.end()), replaced_.end());
     r.warnings = terrain_.warnings_about(replaced_);

@@ -76,7 +76,7 @@ OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& re
                                    : report.smear_fill >= 1 ? "smear alone fills pixels; shorten detector.smear_time_s"
                                                             : "expose shorter"));
   if (sensor) add_sensor_warnings(*sensor, report, warnings);
-  if (products & (engine::kImage | engine::kRadiance) && report.hit_fraction > 0 && !(report.brightest_w_m2_sr > 0))
+  if (products & (engine::kImage | engine::kRadiance) && report.hit_fraction > 0 && !report.lit)
     warnings.push_back(report.view.sun_elevation_deg
                            ? "no signal: nothing in view is lit (view.sun: where the Sun stands)"
                            : "no signal: nothing in view is lit");

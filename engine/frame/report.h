@@ -44,8 +44,11 @@ struct StageTimes {
   // Parts of visibility_ms with the z-buffer: drawing triangles, refining and shading points, casting shadows. Ray
   // tracing does all at once.
   double draw_ms = 0, resolve_ms = 0, shadow_ms = 0;
-  double sensor_ms = 0;
+  double sensor_ms = 0;   // the plan, the sky, the image
   double craters_ms = 0;  // list of craters; 0 without
+
+  // Sum of the stages, without their parts.
+  double sum_ms() const { return select_ms + build_ms + indirect_ms + visibility_ms + sensor_ms + craters_ms; }
 
   StageTimes& operator+=(const StageTimes& t) {
     select_ms += t.select_ms, build_ms += t.build_ms, pyramid_ms += t.pyramid_ms, load_ms += t.load_ms;
@@ -98,8 +101,8 @@ struct FrameReport {
   double longest_streak_px = 0;                  // longest motion streak, approximately
   double saturated_fraction = 0;                 // share of `image`'s pixels that are saturated
   double smear_fill = 0;                         // share of a pixel's capacity that is filled by smear alone
-  double brightest_w_m2_sr = 0;                  // in frames with radiance or image
-  double brightest_signal_e = 0;                 // electrons of that light in a pixel; 0 without a sensor
+  bool lit = false;                              // radiance above 0 somewhere, in frames with radiance or image
+  double brightest_signal_e = 0;                 // electrons of the brightest radiance; 0 without a sensor
   int margin_px = 0;              // rendered around the image for the point spread; included in shares of pixels
   double captured_fraction = 1;   // share of a point's light within the point-spread kernel
   double scattered_fraction = 0;  // share of all light that the optics scatter

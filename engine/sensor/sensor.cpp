@@ -2,30 +2,84 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <numbers>
+#include <numeric>
 
+#include "dem/support/parallel.h"
 #include "engine/radiometry/moon.h"
 #include "engine/radiometry/spectrum.h"
 
 namespace selenograph::engine {
 
+namespace {
+
+// Combines work(pixels of a piece, index of its first) of all pieces of an image in their order.
+template <typename T, typename Work, typename Combine>
+T over_pieces(std::span<const float> pixels, const Work& work, const Combine& combine) {
+  constexpr std::size_t kPiece_px = 1 << 16;
+  std::vector<T> results((pixels.size() + kPiece_px - 1) / kPiece_px);
+  in_parallel(results.size(), [&](std::size_t i) {
+    const std::size_t first = i * kPiece_px;
+    results[i] = work(pixels.subspan(first, std::min(kPiece_px, pixels.size() - first)), first);
+  });
+  return std::accumulate(results.begin() + 1, results.end(), results.front(), combine);
+}
+
+float largest_of(std::span<const float> values) {
+  constexpr std::size_t kLanes = 16;  // independent maxima, which the compiler keeps in vectors
+  float largest[kLanes];
+  std::fill_n(largest, kLanes, values.front());
+  std::size_t i = 0;
+  for (; i + kLanes <= values.size(); i += kLanes)
+    for (std::size_t k = 0; k < kLanes; ++k) largest[k] = values[i + k] > largest[k] ? values[i + k] : largest[k];
+  for (; i < values.size(); ++i) largest[0] = std::max(largest[0], values[i]);
+  return *std::max_element(largest, largest + kLanes);
+}
+
+}  // namespace
+
+bool any_lit(std::span<const float> radiance) {
+  return std::ranges::any_of(radiance, [](float value) { return value > 0; });
+}
+
+std::size_t brightest_pixel(std::span<const float> radiance) {
+  return over_pieces<std::size_t>(
+      radiance,
+      [](std::span<const float> piece, std::size_t first) {
+        return first + static_cast<std::size_t>(std::ranges::find(piece, largest_of(piece)) - piece.begin());
+      },
+      [&](std::size_t a, std::size_t b) { return radiance[b] > radiance[a] ? b : a; });
+}
+
 double expose(const ImageSettings& settings, const std::vector<float>& radiance, std::vector<std::uint16_t>& image) {
-  const float brightest = radiance.empty() ? 0.F : *std::max_element(radiance.begin(), radiance.end());
-  const double full_scale = settings.full_scale_radiance_w_m2_sr.value_or(static_cast<double>(brightest));
-  const double top = settings.bit_depth == 16 ? 65535 : 255;
   image.assign(radiance.size(), 0);
+  const double full_scale = settings.full_scale_radiance_w_m2_sr
+                                ? *settings.full_scale_radiance_w_m2_sr
+                                : static_cast<double>(radiance.empty() ? 0.F : radiance[brightest_pixel(radiance)]);
   if (!(full_scale > 0)) return full_scale;
-  const double scale = top / full_scale;
-  for (std::size_t i = 0; i < radiance.size(); ++i)
-    image[i] =
-        static_cast<std::uint16_t>(std::clamp(std::nearbyint(static_cast<double>(radiance[i]) * scale), 0.0, top));
+  const double top = settings.bit_depth == 16 ? 65535 : 255, scale = top / full_scale;
+  // The sum's unit in the last place is 1: adding rounds to the nearest integer, ties to even.
+  constexpr double kRounding = 0x1.8p52;
+  in_parallel_pieces(radiance.size(), std::size_t{1} << 16, [&](std::size_t first, std::size_t past_last) {
+    for (std::size_t i = first; i < past_last; ++i) {
+      const double dn = static_cast<double>(radiance[i]) * scale, above = dn > 0 ? dn : 0;
+      image[i] =
+          static_cast<std::uint16_t>(static_cast<std::int32_t>((above < top ? above : top) + kRounding - kRounding));
+    }
+  });
   return full_scale;
 }
 
 double share_above(const std::vector<float>& radiance, double limit) {
-  const auto above = std::count_if(radiance.begin(), radiance.end(),
-                                   [limit](float value) { return static_cast<double>(value) > limit; });
-  return radiance.empty() ? 0 : static_cast<double>(above) / static_cast<double>(radiance.size());
+  if (radiance.empty()) return 0;
+  const auto above = over_pieces<std::ptrdiff_t>(
+      radiance,
+      [limit](std::span<const float> piece, std::size_t) {
+        return std::ranges::count_if(piece, [limit](float value) { return static_cast<double>(value) > limit; });
+      },
+      std::plus<>());
+  return static_cast<double>(above) / static_cast<double>(radiance.size());
 }
 
 void add_square(std::vector<float>& image, int width, int height, double x_px, double y_px, double value,

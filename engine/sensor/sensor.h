@@ -21,6 +21,12 @@ namespace selenograph::engine {
 // largest radiance in the frame (0 when everything is dark).
 double expose(const ImageSettings& settings, const std::vector<float>& radiance, std::vector<std::uint16_t>& image);
 
+// Whether any pixel's radiance is above 0. NaN is not.
+bool any_lit(std::span<const float> radiance);
+
+// Index of the largest radiance, the first of several, of at least one pixel. By all threads.
+std::size_t brightest_pixel(std::span<const float> radiance);
+
 // Whether the spectrum that a sensor counts by a factor is the Moon's, which the ground has, and not the Sun's.
 bool counts_moonlight(const FrameRequest& request);
 

@@ -63,7 +63,7 @@ TEST_F(LevelMap, RadianceAndItsViewer) {
   const Map hidden = renderer().map(request);
   for (const float radiance : hidden.products.radiance) EXPECT_TRUE(std::isnan(radiance));
   EXPECT_EQ(hidden.report.hit_fraction, 1);
-  EXPECT_EQ(hidden.report.brightest_w_m2_sr, 0);
+  EXPECT_FALSE(hidden.report.lit);
 }
 
 TEST_F(LevelMap, ProgressRisesToOneAndWorkStops) {

@@ -3,6 +3,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
 namespace selenograph::engine {
 namespace {
 
@@ -30,6 +35,38 @@ TEST(Sensor, DarkStaysDark) {
   EXPECT_EQ(image, (Image{0}));
   EXPECT_EQ(expose({8, {}}, {}, image), 0);
   EXPECT_TRUE(image.empty());
+}
+
+TEST(Sensor, TheBrightestPixelIsTheFirstOfEquals) {
+  std::vector<float> radiance(300000, 1.F);  // several tasks
+  EXPECT_EQ(brightest_pixel(radiance), 0U);
+  for (const std::size_t at : {299999U, 131073U, 131072U, 131071U, 17U, 0U}) {  // each before all those above
+    radiance[at] = 2;
+    EXPECT_EQ(brightest_pixel(radiance), at);
+  }
+  radiance[222222] = 3;
+  EXPECT_EQ(brightest_pixel(radiance), 222222U);
+  EXPECT_EQ(brightest_pixel(std::vector<float>{-2.F, -1.F, -3.F}), 1U);
+}
+
+TEST(Sensor, ManyPixelsAreExposedAsFew) {
+  std::vector<float> radiance(300000);
+  for (std::size_t i = 0; i < radiance.size(); ++i) radiance[i] = static_cast<float>(i % 4001) * 0.0025F;
+  Image image;
+  EXPECT_EQ(expose({16, 8.0}, radiance, image), 8);
+  for (std::size_t i = 0; i < radiance.size(); ++i) {
+    const double dn = std::nearbyint(static_cast<double>(radiance[i]) * (65535 / 8.0));
+    ASSERT_EQ(image[i], std::min(dn, 65535.0)) << i;
+  }
+  const auto above = std::ranges::count_if(radiance, [](float value) { return value > 8; });
+  EXPECT_EQ(share_above(radiance, 8), static_cast<double>(above) / 300000);
+}
+
+TEST(Sensor, OnlyRadianceAboveZeroIsLight) {
+  constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_FALSE(any_lit(std::vector<float>{}));
+  EXPECT_FALSE(any_lit(std::vector<float>{0.F, -1.F, kNone}));
+  EXPECT_TRUE(any_lit(std::vector<float>{kNone, 0.F, 1e-30F}));
 }
 
 TEST(Sensor, MonotoneAndNeverOffByMoreThanHalfAStep) {
