@@ -69,9 +69,10 @@ OrderedJson headers() {
                       "an unusable file")},
       {"Vary", header("Accept")},
       {"Server-Timing",
-       header("Durations in ms of queue, parse, select, build (pyramid and load: what both waited for), "
-              "visibility (of which, by z-buffer, draw, resolve and shadow), sensor, encode; touch: "
-              "the system's time meanwhile, most of it for memory touched for the first time")},
+       header("Durations in ms. queue, parse, select, build, indirect, visibility, sensor, craters, encode and "
+              "other add up to total, from the complete request to the finished answer. pyramid and load are parts "
+              "of select and build; draw, resolve and shadow are parts of visibility by z-buffer; touch is the "
+              "system's time meanwhile, most of it for memory touched for the first time")},
       {"Selenograph-Product", header("For npy and raw answers: the product")},
       {"Selenograph-Shape", header("For npy and raw answers: height,width or height,width,3")},
       {"Selenograph-Dtype", header("For npy and raw answers: NumPy's name, e.g. <f4")},

@@ -3,7 +3,6 @@
 #include <sys/resource.h>
 
 #include <algorithm>
-#include <chrono>
 #include <list>
 
 #include "api/answers/coco.h"
@@ -13,6 +12,7 @@
 #include "api/encode/negotiate.h"
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
+#include "api/message/timing.h"
 #include "api/requests/cameras.h"
 #include "api/requests/frame_json.h"
 #include "dem/support/error.h"
@@ -20,15 +20,10 @@
 #include "engine/frame/needs.h"
 #include "engine/sky/star_catalogue.h"
 #include "engine/sky_in_view.h"
+#include "engine/support/stopwatch.h"
 
 namespace selenograph::api {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double ms_since(Clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-}
 
 // Of all threads. Most of it goes into memory that is touched for the first time.
 double kernel_ms() {
@@ -37,18 +32,21 @@ double kernel_ms() {
   return 1e3 * static_cast<double>(used.ru_stime.tv_sec) + 1e-3 * static_cast<double>(used.ru_stime.tv_usec);
 }
 
-// https://www.w3.org/TR/server-timing/: durations in milliseconds.
 std::string server_timing(double parse_ms, const engine::StageTimes& times, double encode_ms, double kernel_ms) {
-  std::string drawn;
+  Durations durations{{"parse", parse_ms},
+                      {"select", times.select_ms},
+                      {"build", times.build_ms},
+                      {"pyramid", times.pyramid_ms},
+                      {"load", times.load_ms},
+                      {"indirect", times.indirect_ms},
+                      {"visibility", times.visibility_ms}};
   if (times.draw_ms > 0)
-    drawn = fmt::format("draw;dur={:.3f}, resolve;dur={:.3f}, shadow;dur={:.3f}, ", times.draw_ms, times.resolve_ms,
-                        times.shadow_ms);
-  return fmt::format(
-      "parse;dur={:.3f}, select;dur={:.3f}, build;dur={:.3f}, pyramid;dur={:.3f}, load;dur={:.3f}, "
-      "visibility;dur={:.3f}, {}sensor;dur={:.3f}, {}encode;dur={:.3f}, touch;dur={:.3f}",
-      parse_ms, times.select_ms, times.build_ms, times.pyramid_ms, times.load_ms, times.visibility_ms, drawn,
-      times.sensor_ms, times.craters_ms > 0 ? fmt::format("craters;dur={:.3f}, ", times.craters_ms) : "", encode_ms,
-      kernel_ms);
+    durations.insert(durations.end(),
+                     {{"draw", times.draw_ms}, {"resolve", times.resolve_ms}, {"shadow", times.shadow_ms}});
+  durations.insert(
+      durations.end(),
+      {{"sensor", times.sensor_ms}, {"craters", times.craters_ms}, {"encode", encode_ms}, {"touch", kernel_ms}});
+  return timing_text(durations);
 }
 
 // Labels of a frame as members of an .npz.
@@ -296,8 +294,7 @@ std::string encode(std::vector<CameraFrame>& cameras, const std::string& hash, c
   return encode_npz(arrays, metadata_text(meta, craters), context.stop, extras);
 }
 
-Response answer_cameras(const EndpointContext& context, const Json& body) {
-  const Clock::time_point start = Clock::now();
+Response answer_cameras(const EndpointContext& context, const Json& body, engine::Stopwatch& watch) {
   const double kernel_before_ms = kernel_ms();
   const Representation& npz = representation(Format::npz);
   const std::string accept = header(context.request, "accept");
@@ -318,7 +315,7 @@ Response answer_cameras(const EndpointContext& context, const Json& body) {
       return with_echo(cameras.front().query, not_modified(hash));
   }
   context.memory.need(bytes, "/cameras", context.stop);
-  const double parse_ms = ms_since(start);
+  const double parse_ms = watch.lap_ms();
 
   engine::StageTimes times;
   bool warned = false;
@@ -329,7 +326,7 @@ Response answer_cameras(const EndpointContext& context, const Json& body) {
     camera.hash = hash_of(camera.query, camera.frame.report.shadow_limits_px, npz, context);
     warned |= !camera.frame.report.warnings.empty();
   }
-  const Clock::time_point encode_start = Clock::now();
+  watch.lap_ms();
   const std::string hash = hash_of_all(cameras);
   Response response;
   response.content_type = npz.media_type;
@@ -339,7 +336,7 @@ Response answer_cameras(const EndpointContext& context, const Json& body) {
   response.body = encode(cameras, hash, context, warnings);
   add_warnings(response, warnings);
   response.headers.emplace_back("Server-Timing",
-                                server_timing(parse_ms, times, ms_since(encode_start), kernel_ms() - kernel_before_ms));
+                                server_timing(parse_ms, times, watch.lap_ms(), kernel_ms() - kernel_before_ms));
   std::string budgets;
   for (const CameraFrame& camera : cameras) {
     if (!camera.budget.empty()) budgets += (budgets.empty() ? "" : "; ") + camera.name + ": " + camera.budget;
@@ -349,8 +346,7 @@ Response answer_cameras(const EndpointContext& context, const Json& body) {
   return with_echo(cameras.front().query, std::move(response));
 }
 
-Response answer_frame(const EndpointContext& context, const Json& body) {
-  const Clock::time_point start = Clock::now();
+Response answer_frame(const EndpointContext& context, const Json& body, engine::Stopwatch& watch) {
   const double kernel_before_ms = kernel_ms();
   FrameQuery query = read_frame(body, context.limits, context.assets, context.stop);
   const std::string accept = header(context.request, "accept");
@@ -362,18 +358,18 @@ Response answer_frame(const EndpointContext& context, const Json& body) {
     if (names_etag(known, hash)) return with_echo(query, not_modified(hash));
   }
   context.memory.need(bytes_of(query.request), "/camera", context.stop);
-  const double parse_ms = ms_since(start);
+  const double parse_ms = watch.lap_ms();
 
   const engine::Frame frame = render(query, context);
   context.stop.check();
 
-  const Clock::time_point encode_start = Clock::now();
+  watch.lap_ms();
   Response response = answer(query, frame, representation, context.renderer.terrain().catalogue(),
                              hash_of(query, frame.report.shadow_limits_px, representation, context),
                              context.long_metadata, context.stop);
   if (!budget.empty()) response.headers.emplace_back("Selenograph-Budget", budget);
-  response.headers.emplace_back(
-      "Server-Timing", server_timing(parse_ms, frame.times, ms_since(encode_start), kernel_ms() - kernel_before_ms));
+  response.headers.emplace_back("Server-Timing",
+                                server_timing(parse_ms, frame.times, watch.lap_ms(), kernel_ms() - kernel_before_ms));
   context.renderer.expect(query.request, query.ahead);
   return with_echo(query, std::move(response));
 }
@@ -381,8 +377,9 @@ Response answer_frame(const EndpointContext& context, const Json& body) {
 }  // namespace
 
 Response answer_frames(const EndpointContext& context) {
+  engine::Stopwatch watch;
   const Json body = json_body(context);
-  return has_cameras(body) ? answer_cameras(context, body) : answer_frame(context, body);
+  return has_cameras(body) ? answer_cameras(context, body, watch) : answer_frame(context, body, watch);
 }
 
 Response answer_frame_metadata(const EndpointContext& context) {

@@ -1,13 +1,13 @@
 // POST /v1/maps, from the body to the bytes of the answer.
 #include <fmt/format.h>
 
-#include <chrono>
-
 #include "api/answers/map_answer.h"
 #include "api/answers/metadata.h"
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
+#include "api/message/timing.h"
 #include "dem/support/error.h"
+#include "engine/support/stopwatch.h"
 
 namespace selenograph::api {
 namespace {
@@ -26,6 +26,7 @@ engine::Map draw(const MapQuery& query, const EndpointContext& context) {
 }  // namespace
 
 Response answer_maps(const EndpointContext& context) {
+  engine::Stopwatch watch;
   const MapQuery query = read_map(json_body(context), context.limits, context.assets, context.stop);
   const std::string_view media_type =
       accepted(context, kMapAnswers, [&](std::string_view one) { return holds_map(query, one); });
@@ -39,20 +40,21 @@ Response answer_maps(const EndpointContext& context) {
     return response;
   }
   context.memory.need(bytes_of(query.request), "/map", context.stop);
+  const double parse_ms = watch.lap_ms();
   const engine::Map map = draw(query, context);
   context.stop.check();
-  const auto start = std::chrono::steady_clock::now();
+  watch.lap_ms();
   response.content_type = media_type;
   response.body = encode_map(query, map, hash, media_type, context.stop);
   // With an unusable file replaced by a coarser layer the bytes are not those that the hash stands for.
   if (!map.report.warnings.empty()) response.headers.erase(response.headers.begin());
   if (map.report.missing_fraction > 0)
     response.headers.emplace_back("Selenograph-Missing-Fraction", fmt::format("{:.6g}", map.report.missing_fraction));
-  response.headers.emplace_back(
-      "Server-Timing",
-      fmt::format("select;dur={:.3f}, build;dur={:.3f}, visibility;dur={:.3f}, encode;dur={:.3f}", map.times.select_ms,
-                  map.times.build_ms, map.times.visibility_ms,
-                  std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count()));
+  response.headers.emplace_back("Server-Timing", timing_text({{"parse", parse_ms},
+                                                              {"select", map.times.select_ms},
+                                                              {"build", map.times.build_ms},
+                                                              {"visibility", map.times.visibility_ms},
+                                                              {"encode", watch.lap_ms()}}));
   context.stop.check();
   return response;
 }

@@ -8,10 +8,10 @@
 #include <httplib.h>
 
 #include <algorithm>
-#include <charconv>
 #include <new>
 
 #include "api/message/problem.h"
+#include "api/message/timing.h"
 #include "server/http/allowed_hosts.h"
 #include "server/http/caller.h"
 #include "server/http/connection.h"
@@ -30,22 +30,16 @@ constexpr char kRequestId[] = "X-Request-Id";
 
 double seconds(Clock::duration time) { return std::chrono::duration<double>(time).count(); }
 
-// "parse;dur=0.1, load;dur=2": our own, by the answer's header.
-std::vector<std::pair<std::string, double>> stages_of(const api::Response& answer) {
-  std::vector<std::pair<std::string, double>> stages;
-  for (const auto& [name, value] : answer.headers) {
+// Completes the answer's Server-Timing, if it has one. Returns its durations, as the client gets them.
+api::Durations complete_timing(api::Response& answer, double total_ms) {
+  for (auto& [name, value] : answer.headers) {
     if (name != "Server-Timing") continue;
-    for (std::string_view rest = value; !rest.empty();) {
-      const std::string_view entry = rest.substr(0, rest.find(','));
-      rest.remove_prefix(std::min(entry.size() + 1, rest.size()));
-      const std::size_t start = entry.find_first_not_of(' '), end = entry.find(";dur=");
-      double ms = 0;
-      if (end == std::string_view::npos || start >= end) continue;
-      std::from_chars(entry.data() + end + 5, entry.data() + entry.size(), ms);
-      stages.emplace_back(entry.substr(start, end - start), ms);
-    }
+    api::Durations durations = api::read_timing(value);
+    api::complete_timing(durations, total_ms);
+    value = api::timing_text(durations);
+    return api::read_timing(value);
   }
-  return stages;
+  return {};
 }
 
 // The library's own refusals as rows of our table.
@@ -319,8 +313,9 @@ api::Response ConnectionExchange::work() {
     response = server_.handler(request_, peer, queued);
   }
   record_.queued_s = seconds(queued);
-  record_.work_s = seconds(Clock::now() - request_.received - queued);
-  record_.stages_ms = stages_of(response);
+  const double total_s = seconds(Clock::now() - request_.received);
+  record_.work_s = total_s - record_.queued_s;
+  record_.stages_ms = complete_timing(response, 1e3 * total_s);
   request_.body = {};  // a slow reader keeps its answer, and nothing else
   body_memory_ = {};
   connection_.begin_answer();

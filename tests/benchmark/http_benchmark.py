@@ -70,8 +70,9 @@ def main():
     medians = {name: statistics.median(values) for name, values in stages.items()}
     for name, value in medians.items():
         print(f"  {name:<12} {value:7.2f} ms")
-    inside = [sum(stages[name][i] for name in stages if name not in ("draw", "resolve", "shadow")) for i in range(len(waits))]
-    print(f"  {'the rest':<12} {statistics.median(w - i for w, i in zip(waits, inside)):7.2f} ms: HTTP and the client")
+    shares = [other / all_of_it for other, all_of_it in zip(stages["other"], stages["total"])]
+    print(f"  other: {100 * statistics.median(shares):.1f} % of total, at most {100 * max(shares):.1f} %")
+    print(f"  {'the rest':<12} {statistics.median(w - t for w, t in zip(waits, stages['total'])):7.2f} ms: HTTP and the client")
 
 
 if __name__ == "__main__":

@@ -84,6 +84,35 @@ class Frames(WithService):
         for stage in headers["Server-Timing"].split(","):
             self.assertRegex(stage.strip(), r"^[a-z]+;dur=[0-9.]+$")
 
+    # Compares times of one answer with each other. A stage that is counted twice makes the sum too large.
+    def test_stages_add_up_to_the_total(self):
+        parts = {"pyramid", "load", "draw", "resolve", "shadow", "touch", "total"}
+        sensor = {"optics": {"f_number": 4.0},
+                  "detector": {"pixel_pitch_um": 5.5, "quantum_efficiency": 0.4, "integration_time_s": 0.02, "gain_e_dn": 50.0}}
+        exposed = {"band": {"center_um": 0.65, "width_um": 0.2}, "sensor": sensor}
+        moving = dict(exposed, sensor=dict(sensor, motion={"velocity_m_s": [1000.0, 0.0, 0.0], "samples": 5}))
+        camera = {key: frame_request()[key] for key in ("camera", "pose")}
+        grid = {"projection": "equirectangular", "center": {"lat_deg": 0.1, "lon_deg": 30.1}, "width_m": 6400, "height_m": 6400,
+                "gsd_m": 50}
+        calls = {
+            "z-buffer": ("/v1/frames", frame_request(["radiance"], 256, 256, visibility="zbuffer")),
+            "ray tracing": ("/v1/frames", frame_request(["radiance"], 256, 256, visibility="raytrace")),
+            "indirect": ("/v1/frames", frame_request(["radiance"], 64, 64, indirect={"terrain": True})),
+            "sensor": ("/v1/frames", frame_request(["image"], 256, 256, **exposed)),
+            "motion": ("/v1/frames", frame_request(["image"], 128, 128, **moving)),
+            "cameras": ("/v1/frames", {"sun": frame_request()["sun"], "cameras": {"a": camera, "b": camera}}),
+            "map": ("/v1/maps", {"map": grid, "sun": frame_request()["sun"]}),
+        }
+        for name, (path, request) in calls.items():
+            with self.subTest(name):
+                status, headers, body = self.service.post(path, request)
+                self.assertEqual(status, 200, body[:500])
+                times = {stage: float(ms) for stage, ms in re.findall(r"(\w+);dur=([0-9.]+)", headers["Server-Timing"])}
+                stages = {stage: ms for stage, ms in times.items() if stage not in parts}
+                self.assertLessEqual({"queue", "parse", "select", "build", "visibility", "encode", "other"}, stages.keys())
+                self.assertEqual(stages.get("indirect", 0) > 0, name == "indirect")
+                self.assertAlmostEqual(sum(stages.values()) / times["total"], 1, delta=0.03, msg=times)
+
     def test_ranges_are_ignored(self):
         whole = self.service.frame(frame_request())
         for value in ("bytes=0-9", "bytes=5-", "bytes=0-1,4-5", "nonsense"):

@@ -138,7 +138,7 @@ class Frame(Mapping[str, np.ndarray]):
     """The products of a frame or map: `frame["radiance"]` is a NumPy array, row 0 on top.
 
     meta      metadata: the resolved request, the DEM tiles used, bounds on errors, warnings, content hash
-    timing    stage -> milliseconds, from the header Server-Timing
+    timing    stage -> milliseconds, from the header Server-Timing; "total" is the whole request
     etag      the header ETag, with its quotes; None for a frame whose bytes must not be kept
     echo      the request's "echo", from the header Selenograph-Echo; None without
     warnings  those of the metadata: texts, empty for a frame that is in order; with several cameras each begins with
