@@ -6,7 +6,9 @@
 #include <array>
 #include <chrono>
 #include <filesystem>
+#include <limits>
 #include <stdexcept>
+#include <utility>
 
 #include "api/json/ranges.h"
 #include "api/message/problem.h"
@@ -33,8 +35,7 @@ bool is_plain(std::string_view name) {
 }
 
 Json read_object_file(const std::string& path) {
-  constexpr std::size_t kLongest_bytes = std::size_t{64} << 20;
-  const std::string text = dem::read_head(path, kLongest_bytes);
+  const std::string text = dem::read_head(path, std::numeric_limits<std::size_t>::max());
   try {
     Json json = parse_json(text, kMaxAssetDepth);
     if (!json.is_object()) throw DataError(path, "must be a JSON object");
@@ -63,82 +64,116 @@ dem::Footprint read_extent(const JsonReader& in) {
   return f;
 }
 
-// Whether what a file led to is still what was read: of most, the file itself is all there is.
-template <typename T>
-bool current(const T&) {
-  return true;
-}
-bool current(const dem::ValueMap& map) { return map.current(); }
-
 }  // namespace
 
 std::optional<Assets::Stamped> Assets::stamped(const char* kind, const char* extension, std::string_view name) const {
   if (folder_.empty() || !is_plain(name)) return std::nullopt;
-  const std::string path = (fs::path(folder_) / kind / (std::string(name) + extension)).string();
-  const auto state = dem::file_state(path);
+  const fs::path path = fs::path(folder_) / kind / (std::string(name) + extension);
+  std::optional<dem::FileState> state = dem::file_state(path.string());
   if (!state) return std::nullopt;
-  return Stamped{path, dem::stamp_of(*state)};
+  return Stamped{path.string(), *state};
+}
+
+std::string Assets::Stamped::key(const char* type) const {
+  return fmt::format("{}:{}:{:016x}", type, path, dem::stamp_of(state));
+}
+
+template <typename T, typename Read, typename BytesOf>
+std::shared_ptr<const T> Assets::find(const char* type, const Stamped& file, const StopToken& stop, const Read& read,
+                                      const BytesOf& bytes_of) const {
+  // A changed file has another key. Its earlier content is dropped when room is needed.
+  const std::string key = file.key(type);
+  refuse_failed(key);
+  try {
+    const auto load = [&] {
+      auto content = std::make_shared<const ContentOf<T>>([&] { return read(file.path); });
+      const std::size_t bytes = bytes_of(content->value);
+      return Files::Loaded{std::move(content), bytes};
+    };
+    const auto content = std::static_pointer_cast<const ContentOf<T>>(files_.get(key, load, stop));
+    return {content, &content->value};
+  } catch (const DataError& e) {
+    // An error that names another file, a map's raster, may end without a change of this one.
+    if (e.file() == file.path) remember_failed(key, e.what());
+    throw RequestError("asset_error", e.what());
+  }
 }
 
 template <typename T, typename Read>
-std::shared_ptr<const T> Assets::find(Files<T>& files, const char* kind, const char* extension, std::string_view name,
-                                      const Read& read) const {
-  const auto file = stamped(kind, extension, name);
+std::shared_ptr<const T> Assets::find_small(const char* type, const std::optional<Stamped>& file, const StopToken& stop,
+                                            const Read& read) const {
+  // Upper bound of the memory that such a file takes, as JSON (document_bytes) or as rows of numbers.
+  constexpr std::size_t kBytesPerFileByte = 64;
   if (!file) return nullptr;
-  const auto& [path, stamp] = *file;
-  {
-    const std::lock_guard lock(mutex_);
-    if (const auto found = files.find(name);
-        found != files.end() && found->second.stamp == stamp && current(*found->second.content))
-      return found->second.content;
-  }
-  // Without the lock: nobody waits for a large file but those who want it.
-  std::shared_ptr<const T> content;
-  try {
-    content = std::make_shared<const T>(read(path));
-  } catch (const DataError& e) {
-    throw RequestError("asset_error", e.what());
-  }
-  const std::lock_guard lock(mutex_);
-  files.insert_or_assign(std::string(name), Known<T>{stamp, content});
-  return content;
+  const std::size_t bytes = kBytesPerFileByte * file->state.bytes;
+  const auto read_if_small = [&](const std::string& path) {
+    if (bytes > files_.capacity())
+      throw DataError(path, fmt::format("has {} bytes, at most {} are read; --mesh-mb allows more", file->state.bytes,
+                                        files_.capacity() / kBytesPerFileByte));
+    return read(path);
+  };
+  return find<T>(type, *file, stop, read_if_small, [&](const T&) { return bytes; });
 }
 
-std::shared_ptr<const engine::Atmosphere> Assets::atmosphere(std::string_view name, const StopToken&) const {
-  return find(atmospheres_, "atmospheres", ".csv", name, engine::Atmosphere::read);
+std::shared_ptr<const engine::Atmosphere> Assets::atmosphere(std::string_view name, const StopToken& stop) const {
+  return find_small<engine::Atmosphere>("atmosphere", stamped("atmospheres", ".csv", name), stop,
+                                        engine::Atmosphere::read);
 }
 
-std::shared_ptr<const Json> Assets::camera(std::string_view name) const {
-  return find(cameras_, "cameras", ".json", name, read_object_file);
+std::shared_ptr<const Json> Assets::camera(std::string_view name, const StopToken& stop) const {
+  return find_small<Json>("camera", stamped("cameras", ".json", name), stop, read_object_file);
 }
 
-std::shared_ptr<const Json> Assets::lidar(std::string_view name) const {
-  return find(lidars_, "lidars", ".json", name, read_object_file);
+std::shared_ptr<const Json> Assets::lidar(std::string_view name, const StopToken& stop) const {
+  return find_small<Json>("lidar", stamped("lidars", ".json", name), stop, read_object_file);
 }
 
-std::shared_ptr<const std::vector<std::vector<double>>> Assets::kernel(std::string_view name, const StopToken&) const {
-  return find(kernels_, "kernels", ".csv", name, [](const std::string& path) {
-    std::vector<std::vector<double>> rows;
-    engine::each_csv_line(path, [&](std::string_view line) { rows.push_back(engine::csv_numbers(line)); });
+std::shared_ptr<const std::vector<std::vector<double>>> Assets::kernel(std::string_view name,
+                                                                       const StopToken& stop) const {
+  using Rows = std::vector<std::vector<double>>;
+  return find_small<Rows>("kernel", stamped("kernels", ".csv", name), stop, [&](const std::string& path) {
+    Rows rows;
+    const auto add = [&](std::string_view line) { rows.push_back(engine::csv_numbers(line)); };
+    engine::each_csv_line(path, add, stop);
     return rows;
   });
 }
 
-std::shared_ptr<const engine::StarCatalogue> Assets::stars(std::string_view name, const StopToken&) const {
-  return find(stars_, "stars", ".csv", name, engine::StarCatalogue::read);
+std::shared_ptr<const engine::StarCatalogue> Assets::stars(std::string_view name, const StopToken& stop) const {
+  const auto file = stamped("stars", ".csv", name);
+  if (!file) return nullptr;
+  const auto read = [&](const std::string& path) {
+    // One catalogue at a time, so that the memory for reading is used once.
+    std::unique_lock lock(reading_stars_, std::defer_lock);
+    while (!lock.try_lock_for(dem::kLookUp)) stop.check();
+    return engine::StarCatalogue::read(path, files_.capacity(), stop);
+  };
+  return find<engine::StarCatalogue>("stars", *file, stop, read,
+                                     [](const engine::StarCatalogue& stars) { return stars.bytes(); });
 }
 
-std::shared_ptr<const dem::ValueMap> Assets::map(std::string_view name, const StopToken&) const {
-  return find(maps_, "maps", ".json", name,
-              [&](const std::string& path) { return dem::ValueMap(read_map_file(path), map_tiles_); });
+std::shared_ptr<const dem::ValueMap> Assets::find_map(const char* type, std::string_view name, bool fourth_power,
+                                                      const StopToken& stop) const {
+  const auto file = stamped("maps", ".json", name);
+  const auto find = [&] {
+    return find_small<dem::ValueMap>(type, file, stop, [&](const std::string& path) {
+      dem::ValueMapOptions options = read_map_file(path);
+      options.fourth_power = fourth_power;
+      return dem::ValueMap(options, map_tiles_);
+    });
+  };
+  auto map = find();
+  if (!map || map->current()) return map;
+  files_.erase(file->key(type));  // its raster has changed
+  return find();
 }
 
-std::shared_ptr<const dem::ValueMap> Assets::temperature_map(std::string_view name, const StopToken&) const {
-  return find(temperature_maps_, "maps", ".json", name, [&](const std::string& path) {
-    dem::ValueMapOptions options = read_map_file(path);
-    options.fourth_power = true;
-    return dem::ValueMap(options, map_tiles_);
-  });
+std::shared_ptr<const dem::ValueMap> Assets::map(std::string_view name, const StopToken& stop) const {
+  return find_map("map", name, false, stop);
+}
+
+std::shared_ptr<const dem::ValueMap> Assets::temperature_map(std::string_view name, const StopToken& stop) const {
+  return find_map("temperature map", name, true, stop);
 }
 
 namespace {
@@ -286,9 +321,9 @@ dem::PublishedSlopes read_published(const JsonReader& in) {
 
 }  // namespace
 
-std::shared_ptr<const dem::Detail> Assets::detail(std::string_view name, const StopToken&) const {
-  return find(details_, "details", ".json", name,
-              [](const std::string& path) { return dem::Detail(read_detail_file(path)); });
+std::shared_ptr<const dem::Detail> Assets::detail(std::string_view name, const StopToken& stop) const {
+  return find_small<dem::Detail>("detail", stamped("details", ".json", name), stop,
+                                 [](const std::string& path) { return dem::Detail(read_detail_file(path)); });
 }
 
 dem::DetailPreset read_detail_file(const std::string& path) {
@@ -333,20 +368,9 @@ std::shared_ptr<const engine::ObjectMesh> Assets::object(std::string_view name, 
   for (const char* extension : {".obj", ".ply", ".gltf", ".glb"}) {
     const auto file = stamped("objects", extension, name);
     if (!file) continue;
-    const std::string& path = file->path;
-    const auto read = [&] {
-      auto mesh = std::make_shared<const engine::ObjectMesh>(reader_.read(path, stop), stop);
-      return Meshes::Loaded{mesh, mesh->bytes()};
-    };
-    // A file that changed has another key; what it was before goes when its room is needed.
-    const std::string key = fmt::format("{}:{:016x}", path, file->stamp);
-    refuse_failed(key);
-    try {
-      return meshes_.get(key, read, stop);
-    } catch (const DataError& e) {
-      remember_failed(key, e.what());
-      throw RequestError("asset_error", e.what());
-    }
+    const auto read = [&](const std::string& path) { return engine::ObjectMesh(reader_.read(path, stop), stop); };
+    return find<engine::ObjectMesh>("object", *file, stop, read,
+                                    [](const engine::ObjectMesh& mesh) { return mesh.bytes(); });
   }
   return nullptr;
 }

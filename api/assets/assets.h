@@ -12,6 +12,7 @@
 
 #include "api/json/json_reader.h"
 #include "dem/detail/detail.h"
+#include "dem/files/files.h"
 #include "dem/support/cache.h"
 #include "dem/support/stop_token.h"
 #include "dem/value_maps/value_map.h"
@@ -22,8 +23,11 @@
 
 namespace selenograph::api {
 
-// Thread-safe: const functions may be called concurrently. Changed files are read again. Functions return null if there
-// is no such file, and throw RequestError("asset_error") naming the file when it cannot be used.
+// Thread-safe: const functions may be called concurrently. A file is read once, and again when it has changed; of
+// concurrent requests for it, one reads and the others wait, each until its own `stop`. Files that no request uses are
+// kept while all fit into MeshReaderOptions::max_bytes, least recently used ones are dropped first. Functions return
+// null if there is no such file, and throw RequestError("asset_error") naming the file when it cannot be used: it is
+// not tried again for a minute unless it changes. Cancelled is thrown when `stop` says so.
 class Assets {
  public:
   // Memory for tiles of maps.
@@ -31,21 +35,19 @@ class Assets {
 
   // `folder` empty: no assets.
   explicit Assets(std::string folder = {}, engine::MeshReaderOptions meshes = {})
-      : folder_(std::move(folder)), meshes_(meshes.max_bytes), reader_(std::move(meshes)) {}
+      : folder_(std::move(folder)), files_(meshes.max_bytes), reader_(std::move(meshes)) {}
 
   // atmospheres/NAME.csv; format: engine::Atmosphere::read.
   std::shared_ptr<const engine::Atmosphere> atmosphere(std::string_view name, const StopToken& stop = {}) const;
   // cameras/NAME.json: an object, whose members the request's reader checks.
-  std::shared_ptr<const Json> camera(std::string_view name) const;
+  std::shared_ptr<const Json> camera(std::string_view name, const StopToken& stop = {}) const;
   // lidars/NAME.json: likewise.
-  std::shared_ptr<const Json> lidar(std::string_view name) const;
+  std::shared_ptr<const Json> lidar(std::string_view name, const StopToken& stop = {}) const;
 
-  // objects/NAME.obj, .ply, .gltf or .glb, the first of these that exists, read by engine::MeshReader. Unused meshes
-  // are kept while all fit into the reader's max_bytes. A file that could not be read is not tried again for a minute
-  // unless it changes. Throws Cancelled when `stop` says so.
+  // objects/NAME.obj, .ply, .gltf or .glb, the first of these that exists, read by engine::MeshReader.
   std::shared_ptr<const engine::ObjectMesh> object(std::string_view name, const StopToken& stop = {}) const;
-  // Memory of cached meshes with their ray-tracing structures.
-  std::size_t mesh_bytes() const { return meshes_.bytes(); }
+  // Memory of cached files: meshes with their ray-tracing structures, star catalogues and all others.
+  std::size_t mesh_bytes() const { return files_.bytes(); }
 
   // maps/NAME.json; format: read_map_file. It is opened again when its raster has changed.
   std::shared_ptr<const dem::ValueMap> map(std::string_view name, const StopToken& stop = {}) const;
@@ -72,11 +74,22 @@ class Assets {
  private:
   struct Stamped {
     std::string path;
-    std::uint64_t stamp;  // dem::stamp_of
+    dem::FileState state;
+    std::string key(const char* type) const;  // `type` distinguishes contents of one file
   };
-  using Meshes = dem::Cache<std::string, engine::ObjectMesh>;  // by path and stamp
+  // A file's content. A pointer to the content shares ownership of the whole.
+  struct Content {
+    virtual ~Content() = default;
+  };
+  template <typename T>
+  struct ContentOf : Content {
+    template <typename Make>
+    explicit ContentOf(const Make& make) : value(make()) {}
+    T value;
+  };
+  using Files = dem::Cache<std::string, Content>;  // by type, path and stamp
 
-  // A failure is remembered for a minute, so that the cost of reading a bad mesh is limited.
+  // A failure is remembered for a minute, so that the cost of reading a bad file is limited.
   struct Failure {
     StopToken::Clock::time_point since;
     std::string what;
@@ -84,33 +97,27 @@ class Assets {
   void refuse_failed(const std::string& key) const;
   void remember_failed(const std::string& key, const std::string& what) const;
 
-  template <typename T>
-  struct Known {
-    std::uint64_t stamp;
-    std::shared_ptr<const T> content;
-  };
-  template <typename T>
-  using Files = std::map<std::string, Known<T>, std::less<>>;
-
   // Empty if there is no such file.
   std::optional<Stamped> stamped(const char* kind, const char* extension, std::string_view name) const;
 
+  // Reads with read(path) -> T, which takes bytes_of(T) of memory.
+  template <typename T, typename Read, typename BytesOf>
+  std::shared_ptr<const T> find(const char* type, const Stamped& file, const StopToken& stop, const Read& read,
+                                const BytesOf& bytes_of) const;
+  // The memory follows from the file's size.
   template <typename T, typename Read>
-  std::shared_ptr<const T> find(Files<T>& files, const char* kind, const char* extension, std::string_view name,
-                                const Read& read) const;
+  std::shared_ptr<const T> find_small(const char* type, const std::optional<Stamped>& file, const StopToken& stop,
+                                      const Read& read) const;
+  std::shared_ptr<const dem::ValueMap> find_map(const char* type, std::string_view name, bool fourth_power,
+                                                const StopToken& stop) const;
 
   std::string folder_;
-  mutable std::mutex mutex_;
-  mutable Files<engine::Atmosphere> atmospheres_;
-  mutable Files<Json> cameras_, lidars_;
-  mutable Files<dem::Detail> details_;
-  mutable Files<dem::ValueMap> maps_, temperature_maps_;
-  mutable Files<std::vector<std::vector<double>>> kernels_;
-  mutable Files<engine::StarCatalogue> stars_;
   // Tiles of all maps.
   std::shared_ptr<dem::ValueMapTiles> map_tiles_ = dem::make_value_map_tiles(kMapTilesBytes);
-  mutable Meshes meshes_;
-  mutable std::map<std::string, Failure> failed_;  // by a mesh's key
+  mutable Files files_;
+  mutable std::mutex mutex_;
+  mutable std::map<std::string, Failure> failed_;  // by a file's key
+  mutable std::timed_mutex reading_stars_;
   engine::MeshReader reader_;
 };
 

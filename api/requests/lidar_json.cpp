@@ -114,7 +114,7 @@ Json with_lidar_preset(const Json& body, const ReadContext& context) {
   const JsonReader in(body, findings);
   const JsonReader named = in.at("instrument_preset");
   const std::string name = named.text().value_or("");
-  const std::shared_ptr<const Json> preset = context.assets.lidar(name);
+  const std::shared_ptr<const Json> preset = context.assets.lidar(name, context.stop);
   if (!preset && findings.empty())
     named.fail("no such preset; the service has " + listed(context.assets.names("lidars")));
   findings.throw_if_any();

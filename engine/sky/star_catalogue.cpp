@@ -10,6 +10,7 @@
 #include <numbers>
 #include <numeric>
 
+#include "dem/files/files.h"
 #include "dem/support/error.h"
 #include "dem/support/hash.h"
 #include "engine/support/csv.h"
@@ -84,40 +85,53 @@ class CellGrid {
 
 }  // namespace
 
-StarCatalogue StarCatalogue::read(const std::string& path) {
+StarCatalogue StarCatalogue::read(const std::string& path, std::size_t max_bytes, const StopToken& stop) {
+  std::size_t lines = 0;
+  each_csv_line(
+      path, [&](std::string_view) { ++lines; }, stop);
+  // A row, its star, its cell, its place in the order, and the end of its identifier; identifiers, twice.
+  constexpr std::size_t kBytesPerStar = sizeof(StarRow) + sizeof(Star) + 3 * sizeof(std::uint32_t) + 4;
+  static_assert(kBytesPerStar == 160);
+  const auto state = dem::file_state(path);
+  const std::size_t bytes = kBytesPerStar * lines + 2 * (state ? state->bytes : 0);
+  if (bytes > max_bytes)
+    throw DataError(path, fmt::format("has {} lines, which take {} MiB to read; {} MiB are allowed (--mesh-mb)", lines,
+                                      bytes >> 20, max_bytes >> 20));
   std::vector<StarRow> rows;
+  rows.reserve(lines);
   bool headed = false;
-  each_csv_line(path, [&](std::string_view line) {
+  const auto add = [&](std::string_view line) {
     if (headed)
       rows.push_back(star_row(line));
     else if (line != kStarColumns)
       throw BadLine(fmt::format("the columns must be {}", kStarColumns));
     headed = true;
-  });
+  };
+  each_csv_line(path, add, stop);
   if (rows.empty()) throw DataError(path, "has no stars");
   return StarCatalogue(std::filesystem::path(path).stem().string(), rows);
 }
 
 StarCatalogue::StarCatalogue(std::string name, const std::vector<StarRow>& rows) : name_(std::move(name)) {
   const CellGrid grid;
-  std::vector<Star> stars;
-  std::vector<std::size_t> cell;
-  for (const StarRow& row : rows) {
-    stars.push_back(star_of(row)), cell.push_back(grid.cell(stars.back().place));
-    fastest_rad_yr_ = std::max(fastest_rad_yr_, static_cast<double>(stars.back().motion_rad_yr.norm()));
-  }
-  std::vector<std::size_t> order(rows.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-    return cell[a] != cell[b] ? cell[a] < cell[b] : stars[a].v_mag < stars[b].v_mag;
+  std::vector<std::uint32_t> cell;
+  cell.reserve(rows.size());
+  for (const StarRow& row : rows) cell.push_back(static_cast<std::uint32_t>(grid.cell(star_of(row).place)));
+  std::vector<std::uint32_t> order(rows.size());
+  std::iota(order.begin(), order.end(), 0U);
+  const auto magnitude = [&](std::uint32_t i) { return static_cast<float>(rows[i].v_mag); };
+  std::stable_sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return cell[a] != cell[b] ? cell[a] < cell[b] : magnitude(a) < magnitude(b);
   });
   std::uint64_t hash = 0;
   stars_.reserve(rows.size()), id_ends_.reserve(rows.size());
   for (std::size_t i = 0; i < order.size(); ++i) {
     if (i == 0 || cell[order[i]] != cell[order[i - 1]])
       cells_.push_back({Vec3::Zero(), 0, static_cast<std::uint32_t>(i), 0});
-    const Star& star = stars[order[i]];
-    stars_.push_back(star), ids_ += rows[order[i]].id, id_ends_.push_back(static_cast<std::uint32_t>(ids_.size()));
+    const Star& star = stars_.emplace_back(star_of(rows[order[i]]));
+    fastest_rad_yr_ = std::max(fastest_rad_yr_, static_cast<double>(star.motion_rad_yr.norm()));
+    ids_ += rows[order[i]].id;
+    id_ends_.push_back(static_cast<std::uint32_t>(ids_.size()));
     cells_.back().past_last = static_cast<std::uint32_t>(i + 1), cells_.back().centre += star.place;
     const double numbers[] = {star.place.x(),
                               star.place.y(),
@@ -135,6 +149,11 @@ StarCatalogue::StarCatalogue(std::string name, const std::vector<StarRow>& rows)
     for (std::uint32_t i = c.first; i < c.past_last; ++i)
       c.radius_rad = std::max(c.radius_rad, angle_between(c.centre, stars_[i].place));
   }
+}
+
+std::size_t StarCatalogue::bytes() const {
+  return sizeof *this + stars_.capacity() * sizeof(Star) + ids_.capacity() +
+         id_ends_.capacity() * sizeof(std::uint32_t) + cells_.capacity() * sizeof(Cell);
 }
 
 std::string_view StarCatalogue::id(std::uint32_t index) const {

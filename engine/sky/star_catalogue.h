@@ -2,13 +2,16 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "dem/grid/geodesy.h"
+#include "dem/support/stop_token.h"
 
 namespace selenograph::engine {
 
@@ -37,13 +40,16 @@ class StarCatalogue {
   // Reads a CSV file whose first line that is not a comment (#) is
   //   id,ra_deg,dec_deg,epoch_yr,pm_ra_mas_yr,pm_dec_mas_yr,parallax_mas,v_mag,b_v
   // followed by a row a star. Its name is the file's, without folder and extension. Throws DataError naming file and
-  // line.
-  static StarCatalogue read(const std::string& path);
+  // line, also when reading takes more than `max_bytes` of memory (160 bytes a star and two a byte of the file);
+  // Cancelled when `stop` says so.
+  static StarCatalogue read(const std::string& path, std::size_t max_bytes = std::numeric_limits<std::size_t>::max(),
+                            const StopToken& stop = {});
 
   StarCatalogue(std::string name, const std::vector<StarRow>& rows);
 
   const std::string& name() const { return name_; }
   std::size_t size() const { return stars_.size(); }
+  std::size_t bytes() const;  // of memory
   const Star& star(std::uint32_t index) const { return stars_[index]; }
   std::string_view id(std::uint32_t index) const;
   // Changes with any row.

@@ -11,13 +11,15 @@
 
 namespace selenograph::engine {
 
-void each_csv_line(const std::string& path, const std::function<void(std::string_view)>& each) {
+void each_csv_line(const std::string& path, const std::function<void(std::string_view)>& each, const StopToken& stop) {
+  constexpr int kLinesBetweenChecks = 1024;
   // Opening a FIFO would wait for its writer.
   if (!dem::file_state(path)) throw DataError(path, "is missing or not a file");
   std::ifstream file(path);
   if (!file) throw DataError(path, "cannot be read");
   std::string line;
   for (int number = 1; std::getline(file, line); ++number) {
+    if (number % kLinesBetweenChecks == 0) stop.check();
     if (!line.empty() && line.back() == '\r') line.pop_back();
     if (line.empty() || line.front() == '#') continue;
     try {

@@ -7,6 +7,8 @@
 #include <string_view>
 #include <vector>
 
+#include "dem/support/stop_token.h"
+
 namespace selenograph::engine {
 
 // An error in one line of a file.
@@ -16,8 +18,9 @@ class BadLine : public std::runtime_error {
 };
 
 // Calls each(line) for lines that are neither empty nor comments (#). A BadLine thrown by `each` becomes a DataError
-// with the file's name and the line's number; so does an unreadable file.
-void each_csv_line(const std::string& path, const std::function<void(std::string_view line)>& each);
+// with the file's name and the line's number; so does an unreadable file. Throws Cancelled when `stop` says so.
+void each_csv_line(const std::string& path, const std::function<void(std::string_view line)>& each,
+                   const StopToken& stop = {});
 
 // Parses numbers separated by commas. Throws BadLine for anything else in the line.
 std::vector<double> csv_numbers(std::string_view line);

@@ -146,7 +146,8 @@ void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
       ->expected(1, 1 << 20);
   command
       .add_option("--mesh-mb", s.memory.mesh_mb,
-                  "Memory for reading one object mesh, and for cached meshes, MiB" + by_default)
+                  "Memory for reading one object mesh, and for cached meshes, star catalogues and other assets, MiB" +
+                      by_default)
       ->check(CLI::Range(16, 1 << 24));
   command.add_option("--mesh-s", s.mesh_s, "Time limit for reading one mesh")
       ->check(number_in(0.1, 86400.0))

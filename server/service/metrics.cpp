@@ -99,7 +99,9 @@ void write_gauges(Exposition& out, const Gauges& g) {
   out.single("selenograph_request_memory_capacity_bytes", "gauge", "Bytes that they may take.",
              g.request_memory_capacity_bytes);
   out.single("selenograph_body_bytes", "gauge", "Bytes of bodies being received.", g.body_bytes);
-  out.single("selenograph_mesh_bytes", "gauge", "Bytes of objects' meshes, with what rays need of them.", g.mesh_bytes);
+  out.single("selenograph_mesh_bytes", "gauge",
+             "Bytes of cached assets: meshes with their ray-tracing structures, star catalogues, others.",
+             g.mesh_bytes);
   out.single("selenograph_cache_trouble", "gauge", "1 while the cache folder cannot be used; /health/ready says why.",
              g.cache_trouble.empty() ? 0 : 1);
   out.single("selenograph_terrain_warnings", "gauge", "Unusable DEM files that a coarser layer replaced.",

@@ -1,6 +1,7 @@
 // Mesh files that are damaged, prepared or too large, read in a process of their own; and the assets that hold them.
 #include "engine/visibility/meshes/mesh_reader.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
@@ -8,7 +9,10 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <memory>
+#include <string>
 #include <thread>
+#include <vector>
 
 #include "api/assets/assets.h"
 #include "api/message/problem.h"
@@ -244,3 +248,130 @@ TEST_F(ObjectAssets, StayWithinTheirMemory) {
 
 }  // namespace
 }  // namespace selenograph::engine
+
+// --- other files of the assets folder: read once, within the budget and the request's deadline
+
+namespace selenograph::api {
+namespace {
+
+class AssetFiles : public ::testing::Test {
+ protected:
+  AssetFiles() {
+    for (const char* kind : {"atmospheres", "cameras", "details", "kernels", "lidars", "maps", "objects", "stars"})
+      std::filesystem::create_directory(folder_ / kind);
+  }
+  void write(const std::string& name, const std::string& text) const { std::ofstream(folder_ / name) << text; }
+  void write_stars(const std::string& name, int count) const {
+    std::ofstream file(folder_ / ("stars/" + name + ".csv"));
+    file << "id,ra_deg,dec_deg,epoch_yr,pm_ra_mas_yr,pm_dec_mas_yr,parallax_mas,v_mag,b_v\n";
+    for (int i = 0; i < count; ++i) file << fmt::format("S{},{},{},2000,0,0,0,5,0.6\n", i, i % 360, i % 90);
+  }
+  Assets with_budget(std::size_t bytes) const {
+    engine::MeshReaderOptions options;
+    options.max_bytes = bytes;
+    return Assets(folder_.path(), options);
+  }
+  static std::string refusal(const auto& read) {
+    try {
+      read();
+    } catch (const RequestError& e) {
+      EXPECT_EQ(e.code(), "asset_error");
+      return e.what();
+    }
+    return "read";
+  }
+
+  test::TemporaryFolder folder_;
+};
+
+constexpr std::size_t kMany_bytes = std::size_t{64} << 20;
+
+TEST_F(AssetFiles, AreReadOnceForConcurrentRequests) {
+  write_stars("many", 50000);
+  const Assets assets(folder_.path());
+  std::vector<std::shared_ptr<const engine::StarCatalogue>> found(4);
+  std::vector<std::thread> requests;
+  for (auto& catalogue : found) requests.emplace_back([&] { catalogue = assets.stars("many"); });
+  for (std::thread& request : requests) request.join();
+  ASSERT_TRUE(found[0]);
+  EXPECT_EQ(found[0]->size(), 50000U);
+  for (const auto& catalogue : found) EXPECT_EQ(catalogue, found[0]);
+  EXPECT_EQ(assets.mesh_bytes(), found[0]->bytes());
+  EXPECT_GE(found[0]->bytes(), 50000 * sizeof(engine::Star));
+  write_stars("many", 10);
+  EXPECT_EQ(assets.stars("many")->size(), 10U);
+}
+
+TEST_F(AssetFiles, ACatalogueBeyondTheBudgetIsRefused) {
+  write_stars("many", 50000);
+  const Assets assets = with_budget(4 << 20);
+  const std::string text = refusal([&] { assets.stars("many"); });
+  EXPECT_NE(text.find("many.csv: has 50001 lines"), std::string::npos) << text;
+  EXPECT_NE(text.find("--mesh-mb"), std::string::npos) << text;
+  write_stars("few", 1000);
+  EXPECT_EQ(assets.stars("few")->size(), 1000U);
+  EXPECT_EQ(with_budget(kMany_bytes).stars("many")->size(), 50000U);
+}
+
+TEST_F(AssetFiles, StayWithinTheBudget) {
+  constexpr std::size_t kBudget_bytes = 1 << 20;
+  const std::string row(4000, '0');
+  for (int i = 0; i < 10; ++i) write(fmt::format("kernels/k{}.csv", i), row + "\n");
+  write("kernels/large.csv", std::string(20000, '0') + "\n");
+  const Assets assets = with_budget(kBudget_bytes);
+  for (int i = 0; i < 10; ++i) {
+    EXPECT_TRUE(assets.kernel(fmt::format("k{}", i)));
+    EXPECT_LE(assets.mesh_bytes(), kBudget_bytes);
+  }
+  EXPECT_GT(assets.mesh_bytes(), kBudget_bytes / 2);
+  EXPECT_NE(refusal([&] { assets.kernel("large"); }).find("large.csv: has 20001 bytes"), std::string::npos);
+}
+
+TEST_F(AssetFiles, ReadingEndsWithTheRequest) {
+  write_stars("many", 5000);
+  std::string rows;
+  for (int i = 0; i < 5000; ++i) rows += "1,2,3\n";
+  write("kernels/long.csv", rows);
+  const Assets assets(folder_.path());
+  const StopToken late(StopToken::Clock::now());
+  EXPECT_THROW(assets.stars("many", late), Cancelled);
+  EXPECT_THROW(assets.kernel("long", late), Cancelled);
+  EXPECT_EQ(assets.stars("many")->size(), 5000U);
+  EXPECT_EQ(assets.kernel("long")->size(), 5000U);
+}
+
+// Opening a FIFO waits for its writer.
+TEST_F(AssetFiles, FifosAreNoFiles) {
+  for (const char* name : {"atmospheres/f.csv", "cameras/f.json", "details/f.json", "kernels/f.csv", "lidars/f.json",
+                           "maps/f.json", "objects/f.obj", "stars/f.csv"})
+    ASSERT_EQ(::mkfifo((folder_ / name).c_str(), 0600), 0);
+  const Assets assets(folder_.path());
+  EXPECT_EQ(assets.atmosphere("f"), nullptr);
+  EXPECT_EQ(assets.camera("f"), nullptr);
+  EXPECT_EQ(assets.detail("f"), nullptr);
+  EXPECT_EQ(assets.kernel("f"), nullptr);
+  EXPECT_EQ(assets.lidar("f"), nullptr);
+  EXPECT_EQ(assets.map("f"), nullptr);
+  EXPECT_EQ(assets.object("f"), nullptr);
+  EXPECT_EQ(assets.stars("f"), nullptr);
+}
+
+TEST_F(AssetFiles, AChangedRasterIsOpenedAgain) {
+  write("maps/m.json",
+        R"({"file": "m.asc", "extent": {"south_deg": -90, "north_deg": 90, "west_deg": -180, "east_deg": 180}})");
+  const Assets assets(folder_.path());
+  EXPECT_NE(refusal([&] { assets.map("m"); }).find("m.asc"), std::string::npos);
+  const auto write_raster = [&](const std::string& values) {
+    write("maps/m.asc", "ncols 2\nnrows 1\nxllcorner -180\nyllcorner -90\ncellsize 180\n" + values + "\n");
+  };
+  write_raster("0.1 0.2");
+  const auto map = assets.map("m");
+  ASSERT_TRUE(map) << "a fault of another file is not remembered";
+  EXPECT_EQ(assets.map("m"), map);
+  EXPECT_NE(assets.temperature_map("m"), nullptr);
+  write_raster("0.1 0.25");
+  EXPECT_NE(assets.map("m"), map);
+}
+
+}  // namespace
+}  // namespace selenograph::api

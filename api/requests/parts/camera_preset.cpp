@@ -47,7 +47,7 @@ std::optional<Json> with_camera_preset(const Json& body, const ReadContext& cont
   const JsonReader in(body, findings);
   const JsonReader named = in.at("camera_preset");
   const std::string name = named.text().value_or("");
-  const std::shared_ptr<const Json> preset = context.assets.camera(name);
+  const std::shared_ptr<const Json> preset = context.assets.camera(name, context.stop);
   if (!preset && findings.empty())
     named.fail("no such preset; the service has " + listed(context.assets.names("cameras")));
   findings.throw_if_any();
