@@ -1,6 +1,5 @@
 #include "dem/detail/detailed_terrain.h"
 
-#include <GeographicLib/Math.hpp>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,6 +11,7 @@
 
 #include "dem/detail/footprints.h"
 #include "dem/detail/means_taken.h"
+#include "dem/grid/degrees.h"
 #include "dem/grid/shading_normals.h"
 #include "dem/posts/cubic.h"
 #include "dem/posts/post_source.h"
@@ -69,10 +69,15 @@ class Places {
     for (auto& table : tables_) table.resize(n);
     for (std::size_t i = 0; i < n; ++i) {
       const double post = first_post + static_cast<double>(i) * posts_apart;
-      using GeographicLib::Math;
-      Math::sincosd(-90 + (extent.lat0 + post * extent.lat_step) / kTicksPerDegree, tables_[0][i], tables_[1][i]);
       // Degrees of ticks are exact, and so is their reduction: the same bits from either side of the date line.
-      Math::sincosd(-180 + (extent.lon0 + post * extent.lon_step) / kTicksPerDegree, tables_[2][i], tables_[3][i]);
+      const auto [sin_lat, cos_lat] =
+          sine_cosine_of_deg(-90 + (extent.lat0 + post * extent.lat_step) / kTicksPerDegree);
+      const auto [sin_lon, cos_lon] =
+          sine_cosine_of_deg(-180 + (extent.lon0 + post * extent.lon_step) / kTicksPerDegree);
+      tables_[0][i] = sin_lat;
+      tables_[1][i] = cos_lat;
+      tables_[2][i] = sin_lon;
+      tables_[3][i] = cos_lon;
     }
     constexpr double kRadiansPerTick = kRadiansPerDegree / kTicksPerDegree;
     west_ = -std::numbers::pi + kRadiansPerTick * (extent.lon0 + first_post * extent.lon_step);

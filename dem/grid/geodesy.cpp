@@ -1,36 +1,32 @@
 #include "dem/grid/geodesy.h"
 
-#include <GeographicLib/Geocentric.hpp>
-#include <GeographicLib/Math.hpp>
+#include <cmath>
+#include <limits>
+
+#include "dem/grid/degrees.h"
 
 namespace selenograph {
-namespace {
-
-// A sphere: GeographicLib's defaults are WGS84, so radius and flattening are always given.
-const GeographicLib::Geocentric& moon() {
-  static const GeographicLib::Geocentric sphere(kMoonRadius_m, 0.0);
-  return sphere;
-}
-
-}  // namespace
 
 Vec3 to_cartesian(const Geographic& g) {
-  Vec3 p;
-  moon().Forward(g.lat_deg, g.lon_deg, g.height_m, p.x(), p.y(), p.z());
-  return p;
+  if (std::abs(g.lat_deg) > 90) return Vec3::Constant(std::numeric_limits<double>::quiet_NaN());
+  const SineCosine lat = sine_cosine_of_deg(g.lat_deg), lon = sine_cosine_of_deg(g.lon_deg);
+  const double radius_m = kMoonRadius_m + g.height_m, ring_m = radius_m * lat.cosine;
+  return {ring_m * lon.cosine, ring_m * lon.sine, radius_m * lat.sine};
 }
 
 Geographic to_geographic(const Vec3& p_m) {
-  Geographic g;
   if (p_m.squaredNorm() == 0) return {0, 0, -kMoonRadius_m};
-  moon().Reverse(p_m.x(), p_m.y(), p_m.z(), g.lat_deg, g.lon_deg, g.height_m);
-  g.lon_deg = wrap_lon_deg(g.lon_deg);
+  const double ring_m = std::hypot(p_m.x(), p_m.y()), radius_m = std::hypot(ring_m, p_m.z());
+  Geographic g;
+  g.lat_deg = atan2_deg(p_m.z() / radius_m, ring_m / radius_m);
+  if (ring_m != 0) g.lon_deg = wrap_lon_deg(atan2_deg(p_m.y() / ring_m, p_m.x() / ring_m));
+  g.height_m = radius_m - kMoonRadius_m;
   return g;
 }
 
 double wrap_lon_deg(double lon_deg) {
   if (lon_deg >= -180 && lon_deg < 180) return lon_deg;  // a division less
-  const double wrapped = GeographicLib::Math::AngNormalize(lon_deg);
+  const double wrapped = std::remainder(lon_deg, 360.0);
   return wrapped >= 180.0 ? -180.0 : wrapped;
 }
 
@@ -42,9 +38,8 @@ std::optional<Vec3> on_sphere(const Vec3& from_m, const Vec3& direction) {
 }
 
 EastNorthUp local_axes(double lat_deg, double lon_deg) {
-  double sin_lat, cos_lat, sin_lon, cos_lon;
-  GeographicLib::Math::sincosd(lat_deg, sin_lat, cos_lat);
-  GeographicLib::Math::sincosd(lon_deg, sin_lon, cos_lon);
+  const auto [sin_lat, cos_lat] = sine_cosine_of_deg(lat_deg);
+  const auto [sin_lon, cos_lon] = sine_cosine_of_deg(lon_deg);
   return {{-sin_lon, cos_lon, 0},
           {-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat},
           {cos_lat * cos_lon, cos_lat * sin_lon, sin_lat}};

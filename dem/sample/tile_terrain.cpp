@@ -1,6 +1,5 @@
 #include "dem/sample/tile_terrain.h"
 
-#include <GeographicLib/Math.hpp>
 #include <algorithm>
 #include <cmath>
 
@@ -16,13 +15,10 @@ constexpr int kBlock = 64;  // posts; one block's layers fit into a core's secon
 
 TileTerrain::TileTerrain(const Tile& tile, std::uint64_t seed)
     : tile_(tile), landscape_(seed), size_(tile.posts_per_degree), blocks_((size_ + kBlock - 1) / kBlock) {
-  // GeographicLib's are exact at multiples of 90 degrees, so the first row of a polar tile is one point.
+  // They are exact at multiples of 90 degrees, so the first row of a polar tile is one point.
   for (int i = 0; i < size_; ++i) {
-    Angle lat, lon;
-    GeographicLib::Math::sincosd(tile.top_deg() - i * tile.step_deg(), lat.sine, lat.cosine);
-    GeographicLib::Math::sincosd(tile.west_deg + i * tile.step_deg(), lon.sine, lon.cosine);
-    rows_.push_back(lat);
-    columns_.push_back(lon);
+    rows_.push_back(sine_cosine_of_deg(tile.top_deg() - i * tile.step_deg()));
+    columns_.push_back(sine_cosine_of_deg(tile.west_deg + i * tile.step_deg()));
   }
   // Below three posts a crater is not a shape any more.
   const double smallest_m = 3 * tile.step_deg() * kRadiansPerDegree * kMoonRadius_m;

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "dem/grid/degrees.h"
 #include "dem/sample/landscape.h"
 
 namespace selenograph::dem::sample {
@@ -29,16 +30,13 @@ class TileTerrain {
   int strips() const { return blocks_; }
 
  private:
-  struct Angle {
-    double sine, cosine;
-  };
   struct Window {  // posts, half open
     int row0, row1, column0, column1;
   };
   Window window_of(const Crater& crater, double reach_m) const;
   void bin_craters();
   Vec3 direction(int row, int column) const {
-    const Angle &lat = rows_[static_cast<std::size_t>(row)], &lon = columns_[static_cast<std::size_t>(column)];
+    const SineCosine &lat = rows_[static_cast<std::size_t>(row)], &lon = columns_[static_cast<std::size_t>(column)];
     return {lat.cosine * lon.cosine, lat.cosine * lon.sine, lat.sine};
   }
   void stamp(const CraterInBlock& c, const Window& block, std::vector<Layers>& layers) const;
@@ -47,7 +45,7 @@ class TileTerrain {
   Tile tile_;
   Landscape landscape_;
   int size_, blocks_;
-  std::vector<Angle> rows_, columns_;
+  std::vector<SineCosine> rows_, columns_;
   std::vector<Crater> craters_;  // oldest first
   std::vector<CraterShape> shapes_;
   std::vector<std::vector<int>> in_block_;

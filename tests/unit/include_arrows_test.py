@@ -40,7 +40,6 @@ LIBRARIES = [
     (r"assimp/", ["engine/visibility/meshes/mesh_file"]),
     (r"erfa", ["engine/sky/"]),
     (r"libnova/", ["engine/sky/sky_observer"]),
-    (r"GeographicLib/", ["dem/"]),
     (r"(OpenImageIO/|zip\.h)", ["api/"]),
     (r"nlohmann/", ["api/", "server/"]),
     (r"openssl/", ["server/campaign/sha256"]),

@@ -1,4 +1,5 @@
 // The lattice covers the globe exactly once at every level, and the same place has the same tick at every level.
+// Coordinates have the same last bits on every system.
 #include "dem/grid/lattice.h"
 
 #include <gtest/gtest.h>
@@ -9,6 +10,7 @@
 #include <random>
 #include <set>
 
+#include "dem/grid/degrees.h"
 #include "dem/grid/geodesy.h"
 
 namespace selenograph::dem {
@@ -173,6 +175,49 @@ TEST(Lattice, HashesDiffer) {
     for (int row = 0; row < rows_of(level); ++row)
       for (int col = 0; col < columns_of(level, row); ++col) seen.insert(BlockIdHash()({level, row, col})), ++count;
   EXPECT_EQ(seen.size(), count);
+}
+
+TEST(Degrees, MultiplesOf90DegreesAreExact) {
+  for (int quarters = -8; quarters <= 8; ++quarters) {
+    const auto [sine, cosine] = sine_cosine_of_deg(90.0 * quarters);
+    const int turn = quarters & 3;
+    EXPECT_EQ(sine, turn == 1 ? 1 : turn == 3 ? -1 : 0) << quarters;
+    EXPECT_EQ(cosine, turn == 0 ? 1 : turn == 2 ? -1 : 0) << quarters;
+    EXPECT_FALSE(cosine == 0 && std::signbit(cosine)) << quarters;
+  }
+}
+
+// Other versions of a library round sines of 30 and 45 degrees differently. Posts of DEM tiles are there.
+TEST(Degrees, SinesHaveTheirLastBits) {
+  EXPECT_EQ(sine_cosine_of_deg(30).sine, 0x1.fffffffffffffp-2);
+  EXPECT_EQ(sine_cosine_of_deg(45).sine, 0x1.6a09e667f3bccp-1);
+  EXPECT_EQ(sine_cosine_of_deg(45).cosine, 0x1.6a09e667f3bcdp-1);
+  EXPECT_EQ(sine_cosine_of_deg(-150).cosine, -0x1.bb67ae8584cabp-1);
+  for (double angle_deg = -400; angle_deg <= 400; angle_deg += 0.37) {
+    const long double angle = static_cast<long double>(angle_deg) * std::numbers::pi_v<long double> / 180;
+    EXPECT_NEAR(sine_cosine_of_deg(angle_deg).sine, static_cast<double>(std::sin(angle)), 0x1p-53) << angle_deg;
+    EXPECT_NEAR(sine_cosine_of_deg(angle_deg).cosine, static_cast<double>(std::cos(angle)), 0x1p-53) << angle_deg;
+  }
+}
+
+TEST(Geodesy, ThereAndBack) {
+  for (double lat_deg = -90; lat_deg <= 90; lat_deg += 7.5)
+    for (double lon_deg = -180; lon_deg < 180; lon_deg += 7.5)
+      for (const double height_m : {-9000.0, 0.0, 1e5, 4e8}) {
+        const Geographic back = to_geographic(to_cartesian({lat_deg, lon_deg, height_m}));
+        EXPECT_NEAR(back.lat_deg, lat_deg, 2e-14);
+        EXPECT_NEAR(back.lon_deg, std::abs(lat_deg) == 90 ? 0 : lon_deg, 6e-14);
+        EXPECT_NEAR(back.height_m, height_m, 1e-15 * (kMoonRadius_m + height_m));
+      }
+  EXPECT_TRUE(to_cartesian({90.1, 0, 0}).hasNaN());
+}
+
+TEST(Geodesy, LongitudesWrap) {
+  for (const double lon_deg : {180.0, -180.0, 540.0, -540.0}) EXPECT_EQ(wrap_lon_deg(lon_deg), -180) << lon_deg;
+  EXPECT_EQ(wrap_lon_deg(359.5), -0.5);
+  EXPECT_EQ(wrap_lon_deg(-180.5), 179.5);
+  EXPECT_EQ(to_geographic({-1, 0, 0}).lon_deg, -180);
+  EXPECT_EQ(to_geographic({0, -1, 0}).lon_deg, -90);
 }
 
 }  // namespace
