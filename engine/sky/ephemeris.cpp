@@ -20,6 +20,7 @@
 #include <string_view>
 
 #include "dem/support/error.h"
+#include "engine/sky/erfa_rows.h"
 
 namespace selenograph::engine {
 namespace {
@@ -167,13 +168,19 @@ Eigen::Matrix3d axes_turned(double angle_rad, const Vec3& axis) {
   return Eigen::AngleAxisd(-angle_rad, axis).toRotationMatrix();
 }
 
+// The Moon's motion as seen from the Earth, ICRS axes, au and au per day.
+PositionVelocity moon_from_earth(const JulianDate& tdb) {
+  ErfaMotion motion;
+  eraMoon98(tdb.day, tdb.fraction, motion.rows);
+  return motion.matrix();
+}
+
 // The Sun as seen from the Moon's centre, ICRS axes, au.
 Vec3 apparent_sun_icrs_au(const JulianDate& tdb) {
-  using Motion = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;  // position, au; velocity, au per day
-  Motion sun_to_earth, barycentre_to_earth, earth_to_moon;
-  const auto raw = [](Motion& m) { return reinterpret_cast<double(*)[3]>(m.data()); };
-  eraEpv00(tdb.day, tdb.fraction, raw(sun_to_earth), raw(barycentre_to_earth));
-  eraMoon98(tdb.day, tdb.fraction, raw(earth_to_moon));
+  ErfaMotion from_sun, from_barycentre;
+  eraEpv00(tdb.day, tdb.fraction, from_sun.rows, from_barycentre.rows);
+  const PositionVelocity sun_to_earth = from_sun.matrix(), barycentre_to_earth = from_barycentre.matrix(),
+                         earth_to_moon = moon_from_earth(tdb);
 
   const Vec3 geometric = -(sun_to_earth + earth_to_moon).row(0).transpose();
   const Vec3 sun_velocity = (barycentre_to_earth - sun_to_earth).row(1).transpose();
@@ -251,9 +258,7 @@ SunPosition sun_at(const std::string& utc) {
 
 Earth earth_at(const std::string& utc) {
   const JulianDate tdb = tt_at(utc);
-  using PlaceAndVelocity = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;  // as in apparent_sun_icrs_au
-  PlaceAndVelocity earth_to_moon;
-  eraMoon98(tdb.day, tdb.fraction, reinterpret_cast<double(*)[3]>(earth_to_moon.data()));
+  const PositionVelocity earth_to_moon = moon_from_earth(tdb);
   // Both move together: what is left of aberration is that of the Moon about the Earth, 3.4e-6.
   const double light_speed_au_per_day = ERFA_DAYSEC / ERFA_AULT;
   const Vec3 toward = -earth_to_moon.row(0).transpose(), velocity = earth_to_moon.row(1).transpose();

@@ -9,24 +9,22 @@
 #include <mutex>
 #include <utility>
 
+#include "engine/sky/erfa_rows.h"
+
 namespace selenograph::engine {
 namespace {
 
 constexpr double kLightDaysPerAu = ERFA_AULT / ERFA_DAYSEC;
 
-// Position and velocity: au and au per day, or m and m/s. ERFA's double[2][3].
-using PlaceAndMotion = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;
-double (*erfa_rows(PlaceAndMotion& m))[3] { return reinterpret_cast<double(*)[3]>(m.data()); }
-
 struct EarthMotion {
-  PlaceAndMotion from_sun, from_barycentre;
+  PositionVelocity from_sun, from_barycentre;
   Vec3 sun_from_barycentre() const { return (from_barycentre - from_sun).row(0).transpose(); }
 };
 
 EarthMotion earth_motion(const JulianDate& date, double days_before = 0) {
-  EarthMotion earth;
-  eraEpv00(date.day, date.fraction - days_before, erfa_rows(earth.from_sun), erfa_rows(earth.from_barycentre));
-  return earth;
+  ErfaMotion from_sun, from_barycentre;
+  eraEpv00(date.day, date.fraction - days_before, from_sun.rows, from_barycentre.rows);
+  return {from_sun.matrix(), from_barycentre.matrix()};
 }
 
 // The heliocentric ecliptic coordinates of J2000.0 of a planet other than the Earth.
@@ -93,14 +91,16 @@ SkyObserver::SkyObserver(const std::string& utc, const Vec3& position_m, const V
       moon_me_from_icrf_(engine::moon_me_from_icrf(utc)),
       years_(((date_.day - ERFA_DJ00) + date_.fraction) / ERFA_DJY),
       astrometry_(std::make_unique<Astrometry>()) {
-  EarthMotion earth = earth_motion(date_);
-  PlaceAndMotion moon, observer;
-  eraMoon98(date_.day, date_.fraction, erfa_rows(moon));
+  const EarthMotion earth = earth_motion(date_);
+  ErfaMotion moon_rows;
+  eraMoon98(date_.day, date_.fraction, moon_rows.rows);
+  const PositionVelocity moon = moon_rows.matrix();
+  PositionVelocity observer;
   observer.row(0) = ERFA_DAU * moon.row(0) + (moon_me_from_icrf_.transpose() * position_m).transpose();
   observer.row(1) = ERFA_DAU / ERFA_DAYSEC * moon.row(1) + (moon_me_from_icrf_.transpose() * velocity_m_s).transpose();
   Vec3 from_sun = earth.from_sun.row(0).transpose();
-  eraApcs(date_.day, date_.fraction, erfa_rows(observer), erfa_rows(earth.from_barycentre), from_sun.data(),
-          &astrometry_->of);
+  ErfaMotion observer_rows(observer), earth_rows(earth.from_barycentre);
+  eraApcs(date_.day, date_.fraction, observer_rows.rows, earth_rows.rows, from_sun.data(), &astrometry_->of);
 }
 
 SkyObserver::~SkyObserver() = default;
@@ -134,9 +134,9 @@ Eigen::Matrix3d SkyObserver::earth_from_icrf(double distance_m) const {
   JulianDate tai, utc;
   eraTttai(tt.day, tt.fraction, &tai.day, &tai.fraction);
   eraTaiutc(tai.day, tai.fraction, &utc.day, &utc.fraction);
-  Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rotation;
-  eraC2t00b(tt.day, tt.fraction, utc.day, utc.fraction, 0, 0, reinterpret_cast<double(*)[3]>(rotation.data()));
-  return rotation;
+  ErfaRows<3> rotation;
+  eraC2t00b(tt.day, tt.fraction, utc.day, utc.fraction, 0, 0, rotation.rows);
+  return rotation.matrix();
 }
 
 ApparentBody SkyObserver::sun() const {

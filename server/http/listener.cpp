@@ -60,28 +60,46 @@ sockaddr_storage local_address_of(int fd) {
   return address;
 }
 
-int port_of(int fd) {
-  const sockaddr_storage address = local_address_of(fd);
-  return address.ss_family == AF_INET6 ? ntohs(reinterpret_cast<const sockaddr_in6&>(address).sin6_port)
-                                       : ntohs(reinterpret_cast<const sockaddr_in&>(address).sin_port);
+// Copies an address of any family into the struct of its own: reading it in place through another type is undefined.
+template <typename Address>
+Address address_as(const sockaddr_storage& any) {
+  static_assert(sizeof(Address) <= sizeof any);
+  Address address;
+  std::memcpy(&address, &any, sizeof address);
+  return address;
 }
 
-std::string host_of(const sockaddr_storage& from) {
-  std::array<char, INET6_ADDRSTRLEN> text{};
-  if (from.ss_family == AF_INET)
-    ::inet_ntop(AF_INET, &reinterpret_cast<const sockaddr_in&>(from).sin_addr, text.data(), text.size());
-  else if (from.ss_family == AF_INET6)
-    ::inet_ntop(AF_INET6, &reinterpret_cast<const sockaddr_in6&>(from).sin6_addr, text.data(), text.size());
+int port_of(int fd) {
+  const sockaddr_storage address = local_address_of(fd);
+  return ntohs(address.ss_family == AF_INET6 ? address_as<sockaddr_in6>(address).sin6_port
+                                             : address_as<sockaddr_in>(address).sin_port);
+}
+
+std::string host_of(const in_addr& from) {
+  std::array<char, INET_ADDRSTRLEN> text{};
+  ::inet_ntop(AF_INET, &from, text.data(), text.size());
   return text.data();
 }
 
+std::string host_of(const in6_addr& from) {
+  std::array<char, INET6_ADDRSTRLEN> text{};
+  ::inet_ntop(AF_INET6, &from, text.data(), text.size());
+  return text.data();
+}
+
+std::string host_of(const sockaddr_storage& from) {
+  if (from.ss_family == AF_INET) return host_of(address_as<sockaddr_in>(from).sin_addr);
+  if (from.ss_family == AF_INET6) return host_of(address_as<sockaddr_in6>(from).sin6_addr);
+  return {};
+}
+
 // What counts as one client: an IPv4 address, or the /64 network of an IPv6 address, of which a client may have all.
-std::string client_of(sockaddr_storage from) {
-  if (from.ss_family == AF_INET6) {
-    in6_addr& address = reinterpret_cast<sockaddr_in6&>(from).sin6_addr;
-    if (!IN6_IS_ADDR_V4MAPPED(&address)) std::memset(address.s6_addr + 8, 0, 8);
-  }
-  return host_of(from);
+std::string client_of(const sockaddr_storage& from) {
+  if (from.ss_family != AF_INET6) return host_of(from);
+  in6_addr address = address_as<sockaddr_in6>(from).sin6_addr;
+  const std::array<std::uint8_t, 12> v4_mapped{0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xff, 0xff};
+  if (std::memcmp(address.s6_addr, v4_mapped.data(), v4_mapped.size()) != 0) std::memset(address.s6_addr + 8, 0, 8);
+  return host_of(address);
 }
 
 constexpr std::size_t kMostRefused = 64;
