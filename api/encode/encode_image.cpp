@@ -201,6 +201,15 @@ OIIO::ImageSpec exr_spec(const std::vector<ArrayView>& arrays, const std::vector
   return spec;
 }
 
+// Removes the empty Exif chunk that OpenImageIO 2.5 puts behind the header: files have the same bytes without it.
+void remove_exif(std::string& png) {
+  constexpr std::size_t kHeaderEnd = 8 + 25, kChunkOverhead = 12;  // signature, IHDR; length, kind and checksum
+  if (png.compare(kHeaderEnd + 4, 4, "eXIf") != 0) return;
+  std::size_t bytes = 0;
+  for (std::size_t i = 0; i < 4; ++i) bytes = 256 * bytes + static_cast<unsigned char>(png[kHeaderEnd + i]);
+  png.erase(kHeaderEnd, kChunkOverhead + bytes);
+}
+
 }  // namespace
 
 std::string encode_png(const ArrayView& array, const Attributes& attributes, const StopToken& stop) {
@@ -214,7 +223,9 @@ std::string encode_png(const ArrayView& array, const Attributes& attributes, con
   spec.attribute("png:compressionLevel", 1);  // level 6 takes four times as long for 6 % less
   Writer writer("png", spec, stop);
   writer.write(type, array.data);
-  return writer.finish();
+  std::string file = writer.finish();
+  remove_exif(file);
+  return file;
 }
 
 std::string encode_tiff(const ArrayView& array, const Attributes& attributes, const StopToken& stop) {

@@ -6,6 +6,8 @@
 #include <atomic>
 #include <bit>
 #include <cmath>
+#include <cstdint>
+#include <initializer_list>
 #include <mutex>
 
 #include "dem/grid/geodesy.h"
@@ -223,18 +225,30 @@ std::optional<double> ValueMap::once(const std::function<std::optional<double>()
 
 std::uint64_t ValueMap::fingerprint() const {
   const ValueMapOptions& o = impl_->options;
-  std::string identity = fmt::format("{}:{:016x}:{:a}:{:a}:{:a}:{:a}:{}", o.path, stamp_of(impl_->file.state()),
-                                     o.scale, o.offset, o.low, o.high, fmt::join(impl_->file.bands(), ","));
-  if (o.fourth_power) identity += ":T4";
-  if (o.exponent != 1) identity += fmt::format(":^{:a}", o.exponent);
+  // Numbers by their bits: libraries print the same number differently from version to version.
+  StreamedHash hash;
+  hash.add_text(o.path);
+  const auto numbers = [&](std::initializer_list<double> values) {
+    hash.add(values.size());
+    for (const double value : values) hash.add(value);
+  };
+  hash.add(stamp_of(impl_->file.state()));
+  hash.add(impl_->file.bands().size());
+  for (const int band : impl_->file.bands()) hash.add(band);
+  numbers({o.scale, o.offset, o.low, o.high, o.exponent, o.fourth_power ? 4.0 : 1.0});
   if (const auto& r = o.radiance_factor)
-    identity +=
-        fmt::format(":I/F {:a}:{:a}:{:a}:{:a}", r->incidence_deg, r->emission_deg, r->phase_deg, r->wavelength_um);
-  if (o.no_data) identity += fmt::format(":{:a}", *o.no_data);
-  if (o.extent)
-    identity += fmt::format(":{:a}:{:a}:{:a}:{:a}", o.extent->west_deg, o.extent->east_deg, o.extent->south_deg,
-                            o.extent->north_deg);
-  return hash_of(identity.data(), identity.size());
+    numbers({r->incidence_deg, r->emission_deg, r->phase_deg, r->wavelength_um});
+  else
+    numbers({});
+  if (o.no_data)
+    numbers({*o.no_data});
+  else
+    numbers({});
+  if (const auto& e = o.extent)
+    numbers({e->west_deg, e->east_deg, e->south_deg, e->north_deg});
+  else
+    numbers({});
+  return hash.digest();
 }
 
 const std::vector<float>& ValueMap::Sampler::tile(int tx, int ty, int level) {

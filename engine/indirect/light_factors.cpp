@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "dem/support/vector_targets.h"
+#include "engine/indirect/sector_sum.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/indirect/light_factors.cpp"
@@ -43,8 +44,6 @@ struct alignas(64) OneDirection {
 
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
-
-namespace hn = hwy::HWY_NAMESPACE;
 
 // `first`: of the plane, where the first post is; `next`: how far it is to the next.
 void Look(const Vec3& first, const Vec3& next, const EyeLanes& eye, const PostGround* ground, LookLanes& out) {
@@ -89,13 +88,9 @@ void SumSectors(const SectorLanes& lanes, int at, const LightSum& post, const Lo
     exact[k] = lanes.fluence[at + k] * static_cast<float>(lanes.reflected[at + k]);
     arrives[k] = lanes.fluence[at + k] * static_cast<float>(lanes.mu0[at + k]);
   }
-  const hn::CappedTag<float, kSectors> d;
-  auto of_exact = hn::Zero(d), of_arrives = hn::Zero(d);
-  for (int k = 0; k < kSectors; k += static_cast<int>(hn::Lanes(d)))
-    of_exact = hn::Add(of_exact, hn::Load(d, exact + k)), of_arrives = hn::Add(of_arrives, hn::Load(d, arrives + k));
-  const float sum = hn::GetLane(hn::SumOfLanes(d, of_arrives)), fluence = post.fluence;
+  const float sum = sum_of_sectors(arrives), fluence = post.fluence;
   const float back = post.x * look.x[i] + post.y * look.y[i] + post.z * look.z[i];
-  out.exact[i] = hn::GetLane(hn::SumOfLanes(d, of_exact));
+  out.exact[i] = sum_of_sectors(exact);
   out.mu[i] = lanes.mu[at];
   out.mu0[i] = static_cast<double>(sum > 0 ? sum / fluence : 1e-9F);
   out.cos_phase[i] = static_cast<double>(fluence > 0 ? back / fluence : 0);

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "dem/support/vector_targets.h"
+#include "engine/indirect/sector_sum.h"
 #include "engine/support/lane_math.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -47,18 +48,13 @@ HWY_INLINE void Between(const Around& at, LightPost& out) {
 // The light of all sectors that a surface faces.
 HWY_INLINE float Arriving(const LightPost& light, float nx, float ny, float nz) {
   const OfSectors d;
-  // Four at a time: halves of wider vectors are far apart.
-  const hn::CappedTag<float, 4> four;
   alignas(32) float arrives[kSectors];
   for (std::size_t k = 0; k < kSectors; k += hn::Lanes(d)) {
     const auto part = [&](float n, const float* values) { return hn::Mul(hn::Set(d, n), hn::Load(d, values + k)); };
     const auto faces = hn::Add(hn::Add(part(nx, light.x), part(ny, light.y)), part(nz, light.z));
     hn::Store(hn::Max(faces, hn::Zero(d)), d, arrives + k);
   }
-  auto all = hn::Load(four, arrives);
-  for (std::size_t k = hn::Lanes(four); k < kSectors; k += hn::Lanes(four))
-    all = hn::Add(all, hn::Load(four, arrives + k));
-  return hn::GetLane(hn::SumOfLanes(four, all));
+  return sum_of_sectors(arrives);
 }
 
 void AtPlace(const LightPlace& place, LightPost& out) {

@@ -239,6 +239,25 @@ TEST(Npz, HoldsMetadataAlone) { EXPECT_NE(encode_npz({}, kMeta).find(kMeta), std
 
 // --- images
 
+// Kinds of a PNG file's chunks, in their order; several of one kind as one.
+std::string chunk_kinds(const std::string& png) {
+  std::string kinds, last;
+  for (std::size_t at = 8; at + 12 <= png.size();) {
+    std::size_t bytes = 0;
+    for (std::size_t i = 0; i < 4; ++i) bytes = 256 * bytes + static_cast<unsigned char>(png[at + i]);
+    const std::string kind = png.substr(at + 4, 4);
+    if (kind != last) kinds += " " + kind;
+    last = kind;
+    at += 12 + bytes;
+  }
+  return kinds;
+}
+
+TEST(Png, HasTheSameChunksWhateverTheLibrary) {
+  const Sample sample(8, engine::kImage);
+  EXPECT_EQ(chunk_kinds(encode_png(sample["image"], {{"selenograph", kMeta}})), " IHDR oFFs tEXt IDAT IEND");
+}
+
 TEST(Png, GivesTheNumbersBack) {
   for (const int bit_depth : {8, 16}) {
     const Sample sample(bit_depth, engine::kImage);

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "engine/indirect/fields_in_view.h"
+#include "engine/indirect/sector_sum.h"
 #include "engine/indirect/slope_light.h"
 #include "engine/radiometry/earth.h"
 #include "engine/renderer.h"
@@ -454,6 +455,12 @@ TEST(IndirectLight, ASunThatMovesALittleFindsTheSameLight) {
     EXPECT_NE(next, light);
     EXPECT_NEAR(next, light, 0.015 * light);
   }
+}
+
+// Another order of the additions loses the ones beside the large numbers.
+TEST(SectorSum, HasOneOrder) {
+  const float values[] = {0x1p30F, 1, -0x1p30F, 1, 0, 2, 0, 4};
+  EXPECT_EQ(sum_of_sectors(values), 8);
 }
 
 }  // namespace
