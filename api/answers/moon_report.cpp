@@ -118,7 +118,8 @@ std::string images_csv(const MoonReport& report) {
     fmt::format_to(std::back_inserter(out), "{},{},{:.5f},{:.4f},{:.4f},{:g},{:g}", row.image, row.channel,
                    row.comparison.correlation, row.comparison.scale, row.comparison.limb_px, row.registration.dx_px,
                    row.registration.dy_px);
-    for (const double residual : row.comparison.residual) out += "," + cell(residual, "{:.4f}");
+    for (const double residual : row.comparison.residual)
+      fmt::format_to(std::back_inserter(out), ",{}", cell(residual, "{:.4f}"));
     out += "\n";
   }
   return out;

@@ -83,7 +83,7 @@ std::string type_text(const OrderedJson& schema) {
   if (schema.contains("enum")) return joined(schema["enum"], ", ", quoted_code);
   const std::string type = schema["type"].get<std::string>();
   if (type == "array" && schema.contains("prefixItems"))
-    return "[" + joined(schema["prefixItems"], "; ", type_text) + "]";
+    return fmt::format("[{}]", joined(schema["prefixItems"], "; ", type_text));
   if (type == "array") return fmt::format("array of {}{}", count_text(schema), type_text(schema["items"]));
   if (type == "object" && schema.contains("additionalProperties"))
     return "object of any names: " + type_text(schema["additionalProperties"]);

@@ -109,7 +109,7 @@ void Chunk::parse(const std::string& head, const ChunkPlan& plan, const Catalogu
   const std::string name = this->name();
   const format::Header header = header_from(head, name);
   const char* index = head.data() + sizeof header;
-  if (format::checksum_of_head(head) != header.head_checksum)
+  if (format::checksum_of_head(header, std::string_view(head).substr(sizeof header)) != header.head_checksum)
     throw DataError(name, "damaged pyramid file: wrong checksum");
   if (header.fingerprint != plan.fingerprint || BlockId{header.level, header.row, header.col} != plan.node ||
       header.base_level != plan.base_level)

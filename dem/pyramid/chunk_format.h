@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <cstring>
 #include <string>
+#include <string_view>
 #include <type_traits>
 #include <vector>
 
@@ -56,10 +57,13 @@ struct Run {
   std::uint32_t posts;
 };
 
-// `head`: the file's bytes up to the first record.
-inline std::uint64_t checksum_of_head(std::string head) {
-  std::memset(head.data() + offsetof(Header, head_checksum), 0, sizeof(Header::head_checksum));
-  return hash_of(head.data(), head.size());
+// `index`: the file's bytes between the header and the first record.
+inline std::uint64_t checksum_of_head(Header header, std::string_view index) {
+  header.head_checksum = 0;
+  StreamedHash hash;
+  hash.add(header);
+  hash.add_text(index);
+  return hash.digest();
 }
 
 template <typename T>
@@ -90,7 +94,7 @@ std::string assemble(const ChunkPlan& plan, double quantisation_m, const std::ve
   });
   index += names;
   header.total_bytes = offset;
-  header.head_checksum = checksum_of_head(std::string(reinterpret_cast<const char*>(&header), sizeof header) + index);
+  header.head_checksum = checksum_of_head(header, index);
   std::string out(reinterpret_cast<const char*>(&header), sizeof header);
   out.reserve(offset);
   out += index;

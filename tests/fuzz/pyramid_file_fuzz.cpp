@@ -75,7 +75,8 @@ std::string repaired(std::string bytes, const ChunkPlan& plan) {
     record.checksum = dem::hash_of(bytes.data() + record.offset, record.size);
     std::memcpy(at, &record, sizeof record);
   }
-  header.head_checksum = format::checksum_of_head(bytes.substr(0, head));
+  header.head_checksum =
+      format::checksum_of_head(header, std::string_view(bytes).substr(sizeof header, head - sizeof header));
   std::memcpy(bytes.data(), &header, sizeof header);
   return bytes;
 }
