@@ -82,7 +82,10 @@ api::Response Front::own(const api::Request& request) const {
   if (!ready_) return text_answer(503, "shutting down\n");
   Gauges gauges;
   read_gauges_(gauges);
-  return text_answer(200, gauges.cache_trouble.empty() ? "ok\n" : "ok\n" + gauges.cache_trouble + "\n");
+  api::Response answer =
+      text_answer(200, gauges.cache_trouble.empty() ? "ok\n" : fmt::format("ok\n{}\n", gauges.cache_trouble));
+  answer.headers.emplace_back("Selenograph-Build", build_id());
+  return answer;
 }
 
 api::Response Front::metrics_answer() const {

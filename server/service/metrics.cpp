@@ -1,11 +1,15 @@
 #include "server/service/metrics.h"
 
+#include <elf.h>
 #include <fmt/format.h>
+#include <link.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <cstring>
 #include <fstream>
 #include <iterator>
+#include <span>
 #include <sstream>
 
 #include "api/endpoints/routes.h"
@@ -121,7 +125,44 @@ void write_cache(Exposition& out, const dem::CacheStatistics& c) {
              "Pyramid chunks on disk that were damaged or out of date.", c.chunks_rejected);
 }
 
+// Returns the description of the GNU build ID in a segment of ELF notes, in hexadecimal; empty if it is not there.
+std::string build_id_in(std::string_view notes, std::size_t alignment) {
+  const auto aligned = [&](std::size_t bytes) { return (bytes + alignment - 1) / alignment * alignment; };
+  ElfW(Nhdr) note;
+  while (notes.size() >= sizeof note) {
+    std::memcpy(&note, notes.data(), sizeof note);
+    const std::size_t description_at = aligned(sizeof note + note.n_namesz),
+                      end = aligned(description_at + note.n_descsz);
+    if (end > notes.size()) break;
+    if (note.n_type == NT_GNU_BUILD_ID && notes.substr(sizeof note, 3) == "GNU") {
+      std::string id;
+      for (const char byte : notes.substr(description_at, note.n_descsz))
+        id += fmt::format("{:02x}", static_cast<unsigned char>(byte));
+      return id;
+    }
+    notes.remove_prefix(end);
+  }
+  return {};
+}
+
+// Is called for the executable first, and ends the iteration.
+int note_build_id(dl_phdr_info* object, std::size_t, void* id) {
+  for (const ElfW(Phdr) & segment : std::span(object->dlpi_phdr, object->dlpi_phnum)) {
+    if (segment.p_type != PT_NOTE) continue;
+    const auto* notes = reinterpret_cast<const char*>(object->dlpi_addr + segment.p_vaddr);
+    const std::string found = build_id_in({notes, segment.p_memsz}, segment.p_align == 8 ? 8 : 4);
+    if (!found.empty()) *static_cast<std::string*>(id) = found;
+  }
+  return 1;
+}
+
 }  // namespace
+
+std::string build_id() {
+  std::string id;
+  ::dl_iterate_phdr(note_build_id, &id);
+  return id.substr(0, 16);
+}
 
 Metrics::Metrics(std::string version) : version_(std::move(version)) {
   for (const api::ErrorRow& row : api::error_table()) errors_.emplace(row.code, 0);
@@ -189,8 +230,8 @@ std::string Metrics::bytes_and_errors() const {
 
 std::string Metrics::exposition(const Gauges& gauges) const {
   Exposition out;
-  out.family("selenograph_build_info", "gauge", "Version of the running software.");
-  out.sample("selenograph_build_info", fmt::format("version=\"{}\"", escaped(version_)), 1);
+  out.family("selenograph_build_info", "gauge", "Version of the running software, and build ID of the executable.");
+  out.sample("selenograph_build_info", fmt::format("version=\"{}\",build=\"{}\"", escaped(version_), build_id()), 1);
   write_gauges(out, gauges);
   write_cache(out, gauges.cache);
   write_process(out);

@@ -32,6 +32,10 @@ struct Gauges {
   std::uint64_t log_lines_dropped = 0;
 };
 
+// Returns the start of the executable's build ID, which another compiler or another source changes; empty if the linker
+// wrote none. Nodes with different ones may give the same request other bytes.
+std::string build_id();
+
 class Metrics {
  public:
   inline static constexpr std::array<double, 12> kBuckets_s{0.005, 0.01, 0.025, 0.05, 0.1, 0.25,
