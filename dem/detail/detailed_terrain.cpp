@@ -588,7 +588,7 @@ DetailedTerrain::Surface DetailedTerrain::surface_of(const BlockId& id, const Bl
 }
 
 // Where a layer begins to count, its own ground over that of those beneath.
-void DetailedTerrain::blend(Surface& below, const Surface& above, const BlockId& id, const BlockExtent& e,
+void DetailedTerrain::blend(Surface& below, const Surface& above, const BlockExtent& e,
                             const LayeredPosts::Layer& layer) const {
   const int side = e.quads + 1;
   // To the bit one or the other beyond the band: blocks there don't look at both.
@@ -618,7 +618,7 @@ DetailedTerrain::Surface DetailedTerrain::composed(const BlockId& id, const Bloc
   const LayeredPosts::Layers layers = layers_.of(id);
   Surface surface = surface_of(id, e, layers->front(), stop);
   for (auto layer = layers->begin() + 1; layer != layers->end(); ++layer)
-    blend(surface, surface_of(id, e, *layer, stop), id, e, *layer);
+    blend(surface, surface_of(id, e, *layer, stop), e, *layer);
   return surface;
 }
 

@@ -63,8 +63,7 @@ class DetailedTerrain final : public Terrain {
   // What is at a post does not depend on the extent.
   Surface surface_of(const BlockId& id, const BlockExtent& e, const LayeredPosts::Layer& layer,
                      const StopToken& stop) const;
-  void blend(Surface& below, const Surface& above, const BlockId& id, const BlockExtent& e,
-             const LayeredPosts::Layer& layer) const;
+  void blend(Surface& below, const Surface& above, const BlockExtent& e, const LayeredPosts::Layer& layer) const;
   Surface composed(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
   std::shared_ptr<const Block> made(const BlockId& id, const StopToken& stop) const;
   // From the cache folder, or made and put there.
