@@ -94,8 +94,8 @@ const Answer<dem::Catalogue>& datasets_answer() {
           return list;
         });
     a.add("side_layers",
-          array(object("A file next to a DEM, without heights.",
-                       {{"path", text("file")}, {"kind", text("what it says about the heights")}}, {"path", "kind"})),
+          array(object("A raster of another quantity than heights, which is not used.",
+                       {{"path", text("file")}, {"kind", text("its quantity, e.g. slopes")}}, {"path", "kind"})),
           [](const S& s) {
             OrderedJson list = OrderedJson::array();
             for (const auto& side : s.side_layers()) list.push_back({{"path", side.path}, {"kind", side.kind}});

@@ -1,5 +1,7 @@
 #include "dem/catalogue/catalogue_opening.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <chrono>
 #include <exception>
@@ -9,6 +11,7 @@
 #include <list>
 #include <map>
 #include <memory>
+#include <string_view>
 #include <system_error>
 #include <unordered_map>
 #include <unordered_set>
@@ -19,6 +22,7 @@
 #include "dem/files/folder_files.h"
 #include "dem/files/labels.h"
 #include "dem/files/names.h"
+#include "dem/files/quantity.h"
 #include "dem/gdal/raster.h"
 #include "dem/gdal/remote_files.h"
 #include "dem/gdal/remote_names.h"
@@ -44,6 +48,8 @@ struct Finding {
   std::optional<RasterInfo> raster;  // else
   std::optional<SavedFile> keep;     // for the next opening
   std::optional<CatalogueProblem> problem;
+  std::optional<SideLayer> side_layer;
+  std::string data;         // the file that holds the samples, if its name is not the label's
   bool unlabelled = false;  // an image whose label is missing, unless another's label names it
   std::string trouble;      // for the log
   std::exception_ptr thrown;
@@ -66,6 +72,14 @@ bool is_label_of(const FolderEntry& entry, std::string_view image) {
   return kind_of(entry.name) == FileKind::label && same_text(stem_of(entry.name), stem_of(image));
 }
 
+// Returns whether a file is a PDS4 label of a raster that only the label describes: a GeoTIFF describes itself.
+bool is_lone_pds4_label(const FolderFiles& folder, const FolderEntry& entry) {
+  if (!same_text(entry.name.substr(stem_of(entry.name).size()), ".xml")) return false;
+  const auto group = folder.group_of(entry);
+  const auto describes_itself = [](const FolderEntry& e) { return kind_of(e.name) == FileKind::georeferenced; };
+  return std::none_of(group.begin(), group.end(), describes_itself) && is_pds4_label(folder.path_of(entry.name));
+}
+
 // Lists folders.
 class Folders {
  public:
@@ -76,8 +90,7 @@ class Folders {
   }
 
   // The candidates below a folder, in the order of their paths.
-  std::vector<Candidate> below(const std::string& folder, std::vector<CatalogueProblem>& problems,
-                               std::vector<SideLayer>& side_layers) {
+  std::vector<Candidate> below(const std::string& folder, std::vector<CatalogueProblem>& problems) {
     std::vector<Candidate> found;
     std::vector<std::string> folders{folder};
     int trouble = 0;
@@ -88,15 +101,15 @@ class Folders {
       if (files.trouble() != 0 && files.trouble() != EACCES) trouble = files.trouble();
       for (const FolderEntry& entry : files.entries()) {
         const FileKind kind = kind_of(entry.name);
-        if (kind == FileKind::other) continue;
+        if (kind == FileKind::other) {
+          if (is_lone_pds4_label(files, entry))
+            problems.push_back({files.path_of(entry.name), kPds4Label, false, true});
+          continue;
+        }
         if (kind == FileKind::labelled_image) {
           const auto group = files.group_of(entry);
           if (std::any_of(group.begin(), group.end(), [&](const auto& e) { return is_label_of(e, entry.name); }))
             continue;
-        }
-        if (std::string side = side_layer_kind(entry.name); !side.empty()) {
-          side_layers.push_back({files.path_of(entry.name), std::move(side)});
-          continue;
         }
         found.push_back({files.path_of(entry.name), &files, &entry, false});
       }
@@ -148,7 +161,6 @@ class Opening {
     // Last: what was kept points at them.
     for (Finding* finding : usable_)
       found.rasters.push_back(std::move(finding->known ? *finding->known->raster : *finding->raster));
-    found.side_layers = std::move(side_layers_);
     found.inspected = static_cast<std::size_t>(
         std::count_if(findings_.begin(), findings_.end(), [](const Finding& f) { return !f.known && !f.unlabelled; }));
     return found;
@@ -168,7 +180,7 @@ class Opening {
       if (is_remote(path)) {
         candidates_.push_back({path, nullptr, nullptr, true});
       } else if (fs::is_directory(path, error)) {
-        std::vector<Candidate> below = folders_.below(path, part.problems, side_layers_);
+        std::vector<Candidate> below = folders_.below(path, part.problems);
         std::move(below.begin(), below.end(), std::back_inserter(candidates_));
       } else {
         const FolderFiles& folder = folders_.of(fs::path(path).parent_path().string());
@@ -217,8 +229,6 @@ class Opening {
     // A file in a folder may be about something else; one that the user names may not.
     if (out.known && file.named && !out.known->raster) out.known = nullptr;
     if (out.known) return out;
-    if (const std::string kind = side_layer_kind(file.path); file.named && !kind.empty())
-      throw DataError(file.path, "holds no heights: by its name it is a side layer (" + kind + ")");
     if (!file.named && kind_of(file.path) == FileKind::labelled_image && !begins_with_label(file.path)) {
       out.unlabelled = true;
       return out;
@@ -228,6 +238,10 @@ class Opening {
     try {
       out.raster = inspect_raster(file.path, &read);
       if (!out.raster->gap.empty()) out.problem = {file.path, out.raster->gap, true, false};
+      note_data(file, read, out);
+    } catch (const SideRaster& e) {
+      if (file.named) throw;
+      out.side_layer = {file.path, e.quantity()};
     } catch (const NotHeights& e) {
       if (file.named) throw;
       out.problem = {file.path, e.what_is_wrong(), false, true};
@@ -237,13 +251,41 @@ class Opening {
       if (!other_product) describe_problem(file.path, e, out);
     }
     // What a VRT names may change, and what is at fault may be mended, where nobody looks.
-    if (!stamp || out.problem || (out.raster && out.raster->format == "VRT")) return out;
+    if (!stamp || out.problem || out.side_layer || (out.raster && out.raster->format == "VRT")) return out;
     std::int64_t changed_ns = stamp->changed_ns;
     SavedFile keep{file.path, stamp->hash, other_files(file, read, changed_ns), {}};
     if (changed_ns == 0 || changed_ns > unsettled_ns_) return out;
     if (!other_product) keep.raster = out.raster;
     out.keep = std::move(keep);
     return out;
+  }
+
+  // Notes the file that a label of another name describes. An image is left out where a label bears its name: if that
+  // label describes another file, nothing describes the image. `read`: the label and its data.
+  static void note_data(const Candidate& file, const std::vector<std::string>& read, Finding& out) {
+    if (!file.entry || read.size() < 2 || same_text(stem_of(name_of(read.back())), stem_of(name_of(read.front()))))
+      return;
+    out.data = read.back();
+    for (const FolderEntry& e : file.folder->group_of(*file.entry))
+      if (!file.named && kind_of(e.name) == FileKind::labelled_image && is_label_of(*file.entry, e.name))
+        out.problem = {file.folder->path_of(e.name),
+                       fmt::format("its label {} describes {}, another file: what it holds, and where, is unknown",
+                                   file.entry->name, name_of(out.data)),
+                       false, true};
+  }
+
+  // Returns whether no other label describes the same file. Two of them may place it differently, and nobody knows
+  // which is right: the first is used.
+  bool is_only_label(const Candidate& file, const Finding& finding, FoundFiles& found) {
+    const SavedFile* saved = finding.known;
+    const std::string& data = saved && !saved->others.empty() ? saved->others.front().first : finding.data;
+    if (data.empty()) return true;
+    const std::string& label = label_of_data_.try_emplace(data, file.path).first->second;
+    if (label == file.path) return true;
+    found.problems.push_back({file.path,
+                              fmt::format("describes {}, as does {}, which is used", name_of(data), name_of(label)),
+                              false, true});
+    return false;
   }
 
   static void describe_problem(const std::string& path, const DataError& e, Finding& out) {
@@ -291,10 +333,12 @@ class Opening {
     for (std::size_t i = part.first; i < part.past_last; ++i) {
       Finding& finding = findings_[i];
       if (finding.problem) found.problems.push_back(*finding.problem);
+      if (finding.side_layer) found.side_layers.push_back(*finding.side_layer);
       const RasterInfo* raster = finding.known && finding.known->raster ? &*finding.known->raster
                                  : finding.raster                       ? &*finding.raster
                                                                         : nullptr;
-      if (raster && is_new(candidates_[i], raster->path)) usable_.push_back(&finding);
+      if (raster && is_only_label(candidates_[i], finding, found) && is_new(candidates_[i], raster->path))
+        usable_.push_back(&finding);
     }
   }
 
@@ -361,7 +405,7 @@ class Opening {
   std::vector<Finding> findings_;  // of the candidates
   std::vector<Part> parts_;
   std::vector<Finding*> usable_;
-  std::vector<SideLayer> side_layers_;
+  std::unordered_map<std::string, std::string> label_of_data_;  // labels with other names than their data
   // Folders and names of files met so far; both are kept below, or by folders_ and candidates_.
   struct PlaceHash {
     std::size_t operator()(const std::pair<const std::string*, std::string_view>& place) const {
@@ -379,20 +423,6 @@ class Opening {
 };
 
 }  // namespace
-
-std::string side_layer_kind(std::string_view path) {
-  const std::string name = lower(stem_of(name_of(path)));
-  const auto has = [&](std::string_view word) {
-    for (std::size_t at = name.find(word); at != std::string::npos; at = name.find(word, at + 1)) {
-      const std::size_t past = at + word.size();
-      if (past == name.size() || name[past] == '_' || name[past] == '-') return true;
-    }
-    return false;
-  };
-  if (has("_effres")) return "effective resolution";
-  if (has("_err")) return "error of heights";
-  return {};
-}
 
 FoundFiles find_files(const std::vector<std::string>& paths, const CatalogueOptions& options) {
   return Opening(paths, options).run();

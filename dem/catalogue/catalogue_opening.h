@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <functional>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "dem/files/raster_info.h"
@@ -21,13 +20,11 @@ struct CatalogueProblem {
   bool unrelated = false;  // an image, or not known to be a height map: answers do not depend on it
 };
 
-// A file beside a DEM that describes its heights but holds none.
+// A raster of another quantity than heights, by its label, its band's description or its name (quantity.h).
 struct SideLayer {
   std::string path;
-  std::string kind;  // "effective resolution" or "error of heights"
+  std::string kind;  // the quantity, e.g. "error of heights"
 };
-// Kind of a side layer by its name; empty for other files. The names are LOLA's: "..._effres.tif", "..._err.tif".
-std::string side_layer_kind(std::string_view path);
 
 struct CatalogueOptions {
   // Results are saved in "catalogue/" in this folder, and unchanged files need not be read at the next opening; empty:

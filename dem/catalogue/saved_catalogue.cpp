@@ -12,6 +12,7 @@
 #include <variant>
 
 #include "dem/files/files.h"
+#include "dem/files/quantity.h"
 #include "dem/files/whole_file.h"
 #include "dem/gdal/raster.h"
 #include "dem/support/error.h"
@@ -24,7 +25,7 @@ namespace fs = std::filesystem;
 
 constexpr char kMagic[8] = {'S', 'G', 'C', 'A', 'T', 'A', 'L', 'G'};
 // Raised when the same files give other findings, or findings other bytes.
-constexpr std::uint32_t kFormatVersion = 9;
+constexpr std::uint32_t kFormatVersion = 10;
 
 struct Header {
   char magic[8];
@@ -87,9 +88,9 @@ class Writer {
       visit(south, north, west, east);
     } else {
       auto& [path, name, format, width, height, grid, ppd, spacing, footprint, wraps, level, datum, quantisation,
-             void_value, bytes, modified, stamp, on_network, damage, gap, synthetic, doubt] = info;
+             void_value, bytes, modified, stamp, on_network, damage, gap, synthetic] = info;
       visit(path, name, format, width, height, grid, ppd, spacing, footprint, wraps, level, datum, quantisation,
-            void_value, bytes, modified, stamp, on_network, damage, gap, synthetic, doubt);
+            void_value, bytes, modified, stamp, on_network, damage, gap, synthetic);
     }
   }
 
@@ -204,6 +205,7 @@ std::string key_of(const std::vector<std::string>& paths) {
     std::error_code ignored;
     key += fs::absolute(path, ignored).string() + '\0' + path + '\0';
   }
+  for (const std::string& pattern : patterns_taken_as_heights()) key += "heights" + pattern + '\0';
   return key;
 }
 

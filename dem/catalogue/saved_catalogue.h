@@ -33,8 +33,8 @@ class SavedCatalogue {
   SavedCatalogue(const SavedCatalogue&) = delete;
   SavedCatalogue& operator=(const SavedCatalogue&) = delete;
 
-  // Reads what was saved for these paths; call once, first. `cache_dir`: empty: nothing is read or saved. Throws
-  // nothing but std::bad_alloc.
+  // Reads what was saved for these paths and for patterns_taken_as_heights(); call once, first. `cache_dir`: empty:
+  // nothing is read or saved. Throws nothing but std::bad_alloc.
   void read(const std::string& cache_dir, const std::vector<std::string>& paths, Log log);
 
   std::size_t size() const { return files_.size(); }

@@ -72,6 +72,16 @@ std::optional<std::string> label_of(const std::string& path) {
   return std::nullopt;
 }
 
+bool is_pds4_label(const std::string& path) {
+  if (!same_text(extension_of(path), ".xml")) return false;
+  constexpr std::size_t kProlog = 4096;
+  try {
+    return read_head(path, kProlog).find("<Product_Observational") != std::string::npos;
+  } catch (const DataError&) {
+    return false;
+  }
+}
+
 bool describes_other_product(const std::string& path) {
   const FileKind kind = kind_of(path);
   try {

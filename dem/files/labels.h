@@ -19,6 +19,12 @@ bool begins_with_label(const std::string& path);
 // Path of a file's label: the file itself, or the one beside an image. Empty for files that need none.
 std::optional<std::string> label_of(const std::string& path);
 
+// Tells whether a file is a PDS4 label, which is not read.
+bool is_pds4_label(const std::string& path);
+// Error of such a file.
+inline constexpr const char* kPds4Label =
+    "is a PDS4 label, which is not read: make a GeoTIFF of its raster, gdal_translate -of GTiff LABEL.xml OUT.tif";
+
 // Whether a label is valid but does not describe a map: an unprojected scene, a table.
 bool describes_other_product(const std::string& path);
 // Names of the files that a label points to, in lower case; none if it is invalid.

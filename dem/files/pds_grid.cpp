@@ -5,26 +5,28 @@
 #include <initializer_list>
 #include <vector>
 
+#include "dem/files/map_sphere.h"
 #include "dem/grid/geodesy.h"
 
 namespace selenograph::dem {
 
 namespace {
 
-// Metres per pixel. The PDS data dictionary's default unit is km/pixel.
-std::optional<double> map_scale_m(const PdsReader& map) {
+// Metres per pixel on the Moon's sphere, for a map on a sphere of radius `sphere_m`. The PDS data dictionary's default
+// unit is km/pixel.
+std::optional<double> map_scale_m(const PdsReader& map, double sphere_m) {
   const PdsValue* v = map.value("MAP_SCALE");
   if (!v || !v->number()) return std::nullopt;
   const std::string unit = upper_case(v->unit);
   if (unit.starts_with("DEG")) return *v->number() * kMetresPerDegree;
-  return *v->number() * (unit.starts_with("M") ? 1 : 1000);
+  return *v->number() * (unit.starts_with("M") ? 1 : 1000) * (kMoonRadius_m / sphere_m);
 }
 
 // MAP_RESOLUTION first: MAP_SCALE is printed rounded. A scale alone is brought back to the whole number it came from.
-double posts_per_degree(const PdsReader& map) {
+double posts_per_degree(const PdsReader& map, double sphere_m) {
   double ppd = map.number_or("MAP_RESOLUTION", 0);
   if (ppd <= 0) {
-    const auto scale = map_scale_m(map);
+    const auto scale = map_scale_m(map, sphere_m);
     if (!scale || *scale <= 0) map.fail("MAP_RESOLUTION and MAP_SCALE are both missing");
     ppd = kMetresPerDegree / *scale;
     if (std::abs(ppd / std::round(ppd) - 1) < 5e-5) ppd = std::round(ppd);  // a scale of five digits
@@ -104,8 +106,8 @@ void check_axis(const PdsReader& label, const Axis& axis, double post, double si
   label.fail("its corners and its projection offset contradict each other");
 }
 
-GeographicGrid cylindrical_grid(const PdsReader& label, const PdsReader& map, int width, int height) {
-  const double ppd = posts_per_degree(map);
+GeographicGrid cylindrical_grid(const PdsReader& label, const PdsReader& map, double sphere_m, int width, int height) {
+  const double ppd = posts_per_degree(map, sphere_m);
   const double centre_lon = map.number_or("CENTER_LONGITUDE", 0);
   if (std::abs(map.number_or("CENTER_LATITUDE", 0)) > 1e-9)
     map.fail("a cylindrical map with a CENTER_LATITUDE other than 0 is not supported");
@@ -142,13 +144,13 @@ double polar_offset(const PdsReader& map, const char* keyword, int count) {
 }
 
 // In the plane the metres per pixel are exact and the pixels per degree rounded (LOLA's DSMAP_POLAR.CAT says so).
-PlaneGrid polar_grid(const PdsReader& map, int width, int height) {
+PlaneGrid polar_grid(const PdsReader& map, double sphere_m, int width, int height) {
   PlaneGrid g;
   const double pole = map.number("CENTER_LATITUDE");
   if (std::abs(std::abs(pole) - 90) > 1e-9) map.fail("CENTER_LATITUDE of a polar map must be 90 or -90");
   g.plane = {MapProjection::stereographic, pole > 0 ? 90.0 : -90.0, map.number_or("CENTER_LONGITUDE", 0)};
-  const auto scale = map_scale_m(map);
-  g.spacing_m = scale ? *scale : kMetresPerDegree / posts_per_degree(map);
+  const auto scale = map_scale_m(map, sphere_m);
+  g.spacing_m = scale ? *scale : kMetresPerDegree / posts_per_degree(map, sphere_m);
   if (!(g.spacing_m > 1e-3 && g.spacing_m < 1e6)) map.fail("MAP_SCALE is impossible");
   g.first_x_m = -polar_offset(map, "SAMPLE_PROJECTION_OFFSET", width) * g.spacing_m;
   g.first_y_m = polar_offset(map, "LINE_PROJECTION_OFFSET", height) * g.spacing_m;
@@ -157,20 +159,29 @@ PlaneGrid polar_grid(const PdsReader& map, int width, int height) {
 
 }  // namespace
 
-PostGrid pds_grid(const PdsReader& label, const PdsReader& map, int width, int height) {
-  double radius_km = map.number_or("A_AXIS_RADIUS", kMoonRadius_m / 1000);
-  if (const PdsValue* radius = map.value("A_AXIS_RADIUS"); radius && upper_case(radius->unit).starts_with("M"))
-    radius_km /= 1000;
-  if (std::abs(radius_km * 1000 - kMoonRadius_m) > 0.5)
-    map.fail("its sphere of " + std::to_string(radius_km) + " km is not the Moon's 1737.4 km");
+double pds_sphere_m(const PdsReader& label, const PdsReader& map) {
+  const std::string target = label.word("TARGET_NAME");
+  if (!target.empty() && target != "MOON" && target != "N/A" && target != "UNK")
+    label.fail("its TARGET_NAME is '" + target + "', not MOON");
+  std::vector<double> axes_m;
+  for (const char* axis : {"A_AXIS_RADIUS", "B_AXIS_RADIUS", "C_AXIS_RADIUS"}) {
+    const PdsValue* value = map.value(axis);
+    const bool is_metres = value && upper_case(value->unit).starts_with("M");
+    const double unit_m = is_metres ? 1 : 1000;
+    axes_m.push_back(map.number_or(axis, kMoonRadius_m / unit_m) * unit_m);
+  }
+  return map_sphere_m(axes_m, label.path());
+}
+
+PostGrid pds_grid(const PdsReader& label, const PdsReader& map, double sphere_m, int width, int height) {
   if (map.number_or("MAP_PROJECTION_ROTATION", 0) != 0) map.fail("rotated maps are not supported");
   if (map.word("POSITIVE_LONGITUDE_DIRECTION") == "WEST") map.fail("west-positive longitudes are not supported");
   std::string type = map.word("MAP_PROJECTION_TYPE");
   std::replace(type.begin(), type.end(), '_', ' ');
-  if (type == "POLAR STEREOGRAPHIC") return polar_grid(map, width, height);
+  if (type == "POLAR STEREOGRAPHIC") return polar_grid(map, sphere_m, width, height);
   for (const char* name :
        {"SIMPLE CYLINDRICAL", "EQUIRECTANGULAR", "EQUIDISTANT CYLINDRICAL", "EQUIDISTANT", "GEOGRAPHIC"})
-    if (type == name) return cylindrical_grid(label, map, width, height);
+    if (type == name) return cylindrical_grid(label, map, sphere_m, width, height);
   map.fail("the map projection '" + type + "' is not supported");
 }
 

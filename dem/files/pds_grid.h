@@ -1,4 +1,4 @@
-// Grid of the posts of a PDS3 map.
+// Sphere and post grid of a PDS3 map.
 #pragma once
 
 #include "dem/files/pds_label.h"
@@ -6,8 +6,11 @@
 
 namespace selenograph::dem {
 
+// Radius of the map's sphere, m. Throws DataError for another body than the Moon, or an ellipsoid.
+double pds_sphere_m(const PdsReader& label, const PdsReader& map);
+
 // `map`: the label's IMAGE_MAP_PROJECTION. Throws DataError where the label contradicts itself, or its projection is
 // not supported.
-PostGrid pds_grid(const PdsReader& label, const PdsReader& map, int width, int height);
+PostGrid pds_grid(const PdsReader& label, const PdsReader& map, double sphere_m, int width, int height);
 
 }  // namespace selenograph::dem

@@ -10,6 +10,7 @@
 
 #include "dem/files/names.h"
 #include "dem/files/pds_grid.h"
+#include "dem/grid/geodesy.h"
 
 namespace selenograph::dem {
 
@@ -64,6 +65,18 @@ double in_unit(const PdsReader& image, const char* keyword, double otherwise, do
   return x * (*own_m / unit_m);
 }
 
+// OFFSET in the image's unit. Without a unit of its own, the Moon's radius is recognised in metres and in kilometres:
+// some labels of samples in metres have OFFSET = 1737.4.
+double offset_in_unit(const PdsReader& image, double unit_m) {
+  const double offset = in_unit(image, "OFFSET", 0, unit_m);
+  const PdsValue* value = image.value("OFFSET");
+  if (!value || !value->unit.empty()) return offset;
+  constexpr double kRadiusTolerance_m = 1000;
+  for (const double own_unit_m : {1.0, 1000.0})
+    if (std::abs(offset * own_unit_m - kMoonRadius_m) <= kRadiusTolerance_m) return offset * (own_unit_m / unit_m);
+  return offset;
+}
+
 // A bit pattern such as 16#FF7FFFFB# stands for the real number with those bits.
 double void_of(const std::string& text, const RawSample& sample, double number) {
   const auto bits = sample.real ? parse_pds_based(text) : std::nullopt;
@@ -97,12 +110,32 @@ fs::path find_data_file(const std::string& label_path, const std::string& name) 
   throw DataError(label_path, "its data file " + wanted.filename().string() + " is missing");
 }
 
+// The image that such a label describes is within another file. An uncompressed file of the name that the label gives
+// has a label of its own, which may place it elsewhere.
+void refuse_compressed(const PdsObject& label, const PdsReader& reader) {
+  const PdsObject* compressed = label.find_object("COMPRESSED_FILE");
+  if (!compressed) return;
+  const PdsValue* name = compressed->find("FILE_NAME");
+  reader.no_heights("describes the compressed file " + (name ? name->text() : std::string()) +
+                    ", which is not read: use the uncompressed image with its own label");
+}
+
+// Returns false for names of formats with headers or compression.
+bool has_raw_samples(const fs::path& data_path) {
+  const std::string extension = lower(data_path.extension().string());
+  for (const char* other : {".tif", ".tiff", ".jp2", ".jpg", ".png"})
+    if (extension == other) return false;
+  return true;
+}
+
 // ^IMAGE = "FILE" | ("FILE", record) | ("FILE", n <BYTES>) | record | n <BYTES>; records and bytes count from 1.
 void find_pixels(const PdsReader& label, const std::string& label_path, RawImage& out) {
   const PdsValue* pointer = label.value("^IMAGE");
   if (!pointer || pointer->items.empty()) label.fail("^IMAGE is missing");
   const bool attached = pointer->number(0).has_value();
   out.data_path = attached ? label_path : find_data_file(label_path, pointer->text()).string();
+  if (!has_raw_samples(out.data_path))
+    label.no_heights("describes " + fs::path(out.data_path).filename().string() + ", which holds no raw samples");
   const std::size_t place = attached ? 0 : 1;
   if (place >= pointer->items.size()) return;
   const auto start = pointer->number(place);
@@ -149,13 +182,16 @@ RawImage describe_pds_image(const PdsObject& label, const std::string& label_pat
   RawImage out;
   out.format = format_name(whole);
   out.synthetic = whole.word("DATA_SET_ID").starts_with("SYNTHETIC");
+  out.quantity = image.word("NAME") + " " + image.word("IMAGE_VALUE_TYPE");
+  out.product = whole.word("PRODUCT_ID");
+  refuse_compressed(label, whole);
   out.unit_m = unit_in_metres(image);
   out.width = image.count("LINE_SAMPLES");
   out.height = image.count("LINES");
   if (image.number_or("BANDS", 1) != 1) image.no_heights("has several BANDS; a height map has one");
   out.sample = sample_type(image);
   out.scale = in_unit(image, "SCALING_FACTOR", 1, out.unit_m);
-  out.offset = in_unit(image, "OFFSET", 0, out.unit_m);
+  out.offset = offset_in_unit(image, out.unit_m);
   if (out.scale == 0) image.fail("SCALING_FACTOR is zero");
   out.voids = void_values(image, out.sample);
 
@@ -167,7 +203,8 @@ RawImage describe_pds_image(const PdsObject& label, const std::string& label_pat
                   static_cast<std::uint64_t>(prefix + suffix);
   find_pixels(whole, label_path, out);
   out.first_byte += static_cast<std::uint64_t>(prefix);
-  out.grid = pds_grid(whole, map, out.width, out.height);
+  out.sphere_m = pds_sphere_m(whole, map);
+  out.grid = pds_grid(whole, map, out.sphere_m, out.width, out.height);
   check_data_size(label_path, out);
   return out;
 }

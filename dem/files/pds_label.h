@@ -79,6 +79,7 @@ class PdsReader {
     return v ? upper_case(v->text()) : std::string();
   }
   const PdsValue* value(std::string_view keyword) const { return object_.find_deep(keyword); }
+  const std::string& path() const { return path_; }
   [[noreturn]] void fail(const std::string& what) const { throw DataError(path_, what); }
   // Throws: the label does not describe heights.
   [[noreturn]] void no_heights(const std::string& what) const { throw NotHeights(path_, what); }

@@ -48,7 +48,6 @@ struct RasterInfo {
   std::string damage;                // why the posts of a located file cannot be read; empty: they can
   std::string gap;                   // which of a VRT's sources are missing: posts there can't be read; empty: none
   bool synthetic = false;            // its label says that the terrain was generated: the sample terrain
-  std::string doubt;                 // why its heights are probably in another unit; empty: no reason
 
   Projection projection() const;
 };

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "dem/grid/geodesy.h"
 #include "dem/grid/post_grid.h"
 
 namespace selenograph::dem {
@@ -22,9 +23,12 @@ struct RawImage {
   RawSample sample;
   // metres = (sample * scale + offset) * unit_m
   double scale = 1, offset = 0, unit_m = 1;
-  std::vector<double> voids;  // sample values that mean no-data
-  std::string format;         // e.g. "PDS3 Kaguya"
-  bool synthetic = false;     // generated terrain, by its label
+  std::vector<double> voids;        // sample values that mean no-data
+  std::string format;               // e.g. "PDS3 Kaguya"
+  bool synthetic = false;           // generated terrain, by its label
+  std::string quantity;             // words for the samples' quantity, e.g. "HEIGHT"; empty: none
+  std::string product;              // the product's identifier, e.g. "LDEM_4"; empty: none
+  double sphere_m = kMoonRadius_m;  // radius of the map's sphere
   PostGrid grid;
 };
 

@@ -3,9 +3,12 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <filesystem>
 #include <optional>
 #include <string_view>
 
+#include "dem/files/files.h"
+#include "dem/files/map_sphere.h"
 #include "dem/support/error.h"
 
 namespace selenograph::dem {
@@ -14,11 +17,9 @@ namespace {
 constexpr std::string_view kWarpIt =
     "warp it to degrees first: gdalwarp -t_srs '+proj=longlat +R=1737400 +no_defs' -r cubic in.tif out.tif";
 
-void check_sphere(const OGRSpatialReference& srs, const std::string& path) {
-  const double a = srs.GetSemiMajor(), b = srs.GetSemiMinor();
-  if (std::abs(a - kMoonRadius_m) > 0.5 || std::abs(b - kMoonRadius_m) > 0.5)
-    throw DataError(path, "its ellipsoid of " + std::to_string(a) + " x " + std::to_string(b) +
-                              " m is not the Moon's sphere of 1737400 m");
+double sphere_of(const OGRSpatialReference& srs, const std::string& path) {
+  const double semi_axes_m[] = {srs.GetSemiMajor(), srs.GetSemiMinor()};
+  return map_sphere_m(semi_axes_m, path);
 }
 
 // First post and (positive) spacing in the units of the coordinate system. Rasters stored the other way round are
@@ -58,8 +59,12 @@ void undo_rounding(double& first_deg, double& posts_per_degree) {
   if (std::abs(first_deg * whole - nearest) < 0.02) first_deg = nearest / whole;
 }
 
-GeographicGrid grid_in_metres(const OGRSpatialReference& srs, const Plane& p) {
-  const double unit_m = srs.GetLinearUnits();
+// The unit of length of a map on another sphere, on the Moon's: maps of spheres are similar.
+double unit_on_moon_m(const OGRSpatialReference& srs, double sphere_m) {
+  return srs.GetLinearUnits() * (kMoonRadius_m / sphere_m);
+}
+
+GeographicGrid grid_in_metres(const OGRSpatialReference& srs, const Plane& p, double unit_m) {
   const double shrink = std::cos(srs.GetNormProjParm(SRS_PP_STANDARD_PARALLEL_1, 0) * kRadiansPerDegree);
   const double lat0 = srs.GetNormProjParm(SRS_PP_LATITUDE_OF_ORIGIN, 0);
   const double lon0 = srs.GetNormProjParm(SRS_PP_CENTRAL_MERIDIAN, 0);
@@ -104,15 +109,14 @@ std::optional<MapPlane> plane_of(const OGRSpatialReference& srs, const std::stri
   return plane;
 }
 
-PlaneGrid grid_on_plane(const OGRSpatialReference& srs, const MapPlane& plane, const Plane& p,
+PlaneGrid grid_on_plane(const OGRSpatialReference& srs, const MapPlane& plane, const Plane& p, double unit_m,
                         const std::string& path) {
   if (std::abs(p.dx / p.dy - 1) > 1e-9) throw DataError(path, fmt::format("its pixels are not square; {}", kWarpIt));
-  const double unit_m = srs.GetLinearUnits();
   return {plane, (p.first_x - srs.GetProjParm(SRS_PP_FALSE_EASTING, 0)) * unit_m,
           (p.first_y - srs.GetProjParm(SRS_PP_FALSE_NORTHING, 0)) * unit_m, p.dx * unit_m};
 }
 
-PostGrid grid_of(const OGRSpatialReference& srs, const Plane& plane, const std::string& path) {
+PostGrid grid_of(const OGRSpatialReference& srs, const Plane& plane, double sphere_m, const std::string& path) {
   const double prime_deg = srs.GetPrimeMeridian();
   if (srs.IsGeographic()) {
     if (std::abs(srs.GetAngularUnits() / kRadiansPerDegree - 1) > 1e-9) throw DataError(path, "is not in degrees");
@@ -121,19 +125,33 @@ PostGrid grid_of(const OGRSpatialReference& srs, const Plane& plane, const std::
   if (prime_deg != 0) throw DataError(path, "a projected raster with its own prime meridian is not supported");
   const char* name = srs.GetAttrValue("PROJECTION");
   const std::string projection = name ? name : "none";
-  if (EQUAL(projection.c_str(), SRS_PT_EQUIRECTANGULAR)) return grid_in_metres(srs, plane);
-  if (const std::optional<MapPlane> on = plane_of(srs, projection)) return grid_on_plane(srs, *on, plane, path);
+  const double unit_m = unit_on_moon_m(srs, sphere_m);
+  if (EQUAL(projection.c_str(), SRS_PT_EQUIRECTANGULAR)) return grid_in_metres(srs, plane, unit_m);
+  if (const std::optional<MapPlane> on = plane_of(srs, projection)) return grid_on_plane(srs, *on, plane, unit_m, path);
   throw DataError(path, fmt::format("its projection '{}' is not supported; {}", projection, kWarpIt));
+}
+
+// A coordinate system beside a file is not read: many programs write such files, in dialects.
+std::string how_to_add_system(const std::string& path) {
+  std::string neighbour;
+  for (const char* extension : {".prj", ".PRJ"})
+    if (std::string file = std::filesystem::path(path).replace_extension(extension).string(); file_state(file))
+      neighbour = file;
+  const std::string system = neighbour.empty() ? "+proj=longlat +R=1737400 +no_defs" : neighbour;
+  return fmt::format(
+      "has no coordinate system{}: write it into the file, e.g. gdal_translate -a_srs '{}' in.tif "
+      "out.tif",
+      neighbour.empty() ? "" : "; " + neighbour + " is not read", system);
 }
 
 }  // namespace
 
 Georeference georeference_of(GDALDataset& dataset, const std::string& path) {
   const OGRSpatialReference* srs = dataset.GetSpatialRef();
-  if (!srs) throw DataError(path, "has no coordinate system");
-  check_sphere(*srs, path);
+  if (!srs) throw DataError(path, how_to_add_system(path));
+  const double sphere_m = sphere_of(*srs, path);
   const Plane plane = find_plane(dataset, path);
-  return {grid_of(*srs, plane, path), plane.flip_x, plane.flip_y};
+  return {grid_of(*srs, plane, sphere_m, path), sphere_m, plane.flip_x, plane.flip_y};
 }
 
 }  // namespace selenograph::dem

@@ -32,7 +32,7 @@ void wait_for_next_step(const RasterFile& file) {
 RasterFile inspect(const std::string& path) {
   constexpr int kAttempts = 5;
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
-    RasterFile file = describe_raster_file(path, nullptr, Damage::refuse);
+    RasterFile file = describe_raster_file(path, {nullptr, Damage::refuse});
     wait_for_next_step(file);
     if (is_current(file)) return file;
   }
@@ -57,7 +57,7 @@ RasterInfo inspect_raster(const std::string& path, std::vector<std::string>* fil
 std::string gdal_version() { return GDALVersionInfo("RELEASE_NAME"); }
 
 RasterInfo inspect_damaged_raster(const std::string& path) {
-  RasterInfo info = describe_raster_file(path, nullptr, Damage::describe).info;
+  RasterInfo info = describe_raster_file(path, {nullptr, Damage::describe}).info;
   if (info.damage.empty()) info.damage = "was being written when it was catalogued: start again when it is complete";
   return info;
 }
@@ -147,7 +147,7 @@ struct Raster::Impl {
 
 Raster::Raster(const RasterInfo& info) {
   if (!info.damage.empty()) throw DataError(info.path, info.damage);
-  RasterFile file = describe_raster_file(info.path, &info, Damage::refuse);
+  RasterFile file = describe_raster_file(info.path, {&info, Damage::refuse});
   const RasterInfo& now = file.info;
   if (now.stamp != info.stamp || now.width != info.width || now.height != info.height)
     throw changed(info.path, "since it was catalogued");

@@ -12,9 +12,11 @@
 
 #include "dem/files/files.h"
 #include "dem/files/labels.h"
+#include "dem/files/map_sphere.h"
 #include "dem/files/names.h"
 #include "dem/gdal/dataset.h"
 #include "dem/gdal/georeference.h"
+#include "dem/gdal/height_evidence.h"
 #include "dem/gdal/remote_files.h"
 #include "dem/gdal/remote_names.h"
 #include "dem/support/error.h"
@@ -94,24 +96,6 @@ bool holds_radii(RasterFile& s) {
   return of_different != 0 ? of_different > 0 : of_all > 0;
 }
 
-// Of a file that declares no unit: nowhere is the Moon so level over so far, and nothing is 1.7 km above the datum and
-// level besides. (The Moon's heights are -9.1 to 10.8 km, radii 1728 to 1748 km.)
-std::string doubt_of(RasterFile& s) {
-  constexpr double kFar_m = 20e3, kHighest_km = 12, kLeastRadius_km = 1725, kLargestRadius_km = 1750;
-  std::vector<double> heights = some_heights(s);
-  std::erase_if(heights, [](double height_m) { return !is_possible(height_m); });
-  const double side_m = s.info.post_spacing_m * std::max(s.info.width, s.info.height);
-  if (heights.empty() || side_m < kFar_m) return {};
-  const auto [low, high] = std::minmax_element(heights.begin(), heights.end());
-  const bool heights_km = *low >= -kHighest_km && *high <= kHighest_km;
-  const bool radii_km = *low >= kLeastRadius_km && *high <= kLargestRadius_km;
-  if (*low == *high || !(heights_km || radii_km)) return {};
-  return fmt::format(
-      "its values lie between {:.3f} and {:.3f} m over {:.0f} km: are they {} in kilometres? "
-      "Declare the unit (km) in the file, or convert them to metres",
-      *low, *high, side_m / 1e3, radii_km ? "radii" : "heights");
-}
-
 // Why samples times scale plus offset can't be heights or radii of the Moon; empty: they can. Such a file would be a
 // hole, or a plain, and nobody would know why.
 std::string impossible_values(const RasterFile& s) {
@@ -139,21 +123,22 @@ std::string impossible_values(const RasterFile& s) {
 }
 
 // `known`: what an earlier inspection found, so that opening needs no second look at the samples.
-void find_datum(RasterFile& s, const RasterInfo* known) {
+void find_datum(RasterFile& s, double sphere_m, const RasterInfo* known) {
   if (!known)
     if (const std::string wrong = impossible_values(s); !wrong.empty()) throw DataError(s.info.path, wrong);
   const bool radii = known ? known->datum == kRadiusDatum : holds_radii(s);
+  if (!known) check_vertical_datum(sphere_m, radii, s.info.path);
   if (radii) s.offset_m -= kMoonRadius_m;
   s.info.datum = radii ? kRadiusDatum : kHeightDatum;
   s.info.quantisation_m = is_integer(s.type) ? std::abs(s.scale) : 0;
 }
 
 // Damage that is described leaves the datum open, and nobody needs it.
-void settle_values(RasterFile& s, const RasterInfo* known, Damage damage) {
+void settle_values(RasterFile& s, double sphere_m, const RasterReading& reading) {
   try {
-    if (s.info.damage.empty()) find_datum(s, known);
+    if (s.info.damage.empty()) find_datum(s, sphere_m, reading.known);
   } catch (const DataError& error) {
-    if (damage == Damage::refuse) throw;
+    if (reading.damage == Damage::refuse) throw;
     s.info.damage = error.what_is_wrong();
   }
   if (!s.info.damage.empty()) s.info.datum = kHeightDatum;
@@ -166,11 +151,31 @@ void place_posts(RasterInfo& info, const PostGrid& grid) {
   set_grid(info, grid);
 }
 
-RasterFile describe_labelled_file(const std::string& label_path, const RasterInfo* known, Damage damage) {
+// Returns whether the raster must look like heights: it was not inspected before, and the operator has not said so.
+bool is_judged(const std::string& path, const RasterReading& reading) {
+  return !reading.known && !is_taken_as_heights(path);
+}
+
+// A label belongs to the file that it names. Another label beside that file, which bears its name and names it, too,
+// describes it better: LDEM_4.LBL and LDEM_4_JP2.LBL place LDEM_4.IMG 180 degrees apart.
+void check_label_is_its_own(const std::string& label_path, const std::string& data_path) {
+  if (same_text(stem_of(name_of(label_path)), stem_of(name_of(data_path)))) return;
+  const std::optional<std::string> own = label_of(data_path);
+  if (!own || *own == data_path || *own == label_path) return;
+  const std::vector<std::string> named = files_named_by(*own);
+  const std::string data_name = lower(name_of(data_path));
+  if (std::find(named.begin(), named.end(), data_name) != named.end())
+    throw NotHeights(label_path, fmt::format("describes {}, whose own label is {}", name_of(data_path), name_of(*own)));
+}
+
+RasterFile describe_labelled_file(const std::string& label_path, const RasterReading& reading) {
   const FileState label = must_exist(label_path, label_path);
   const RawImage image = describe_labelled(label_path);
+  check_label_is_its_own(label_path, image.data_path);
+  if (is_judged(label_path, reading))
+    check_words(label_path, {{image.quantity, "its label"}}, {label_path, image.data_path, image.product});
   if (image.row_bytes > std::numeric_limits<int>::max()) throw DataError(label_path, "its rows are too long");
-  const bool gone = damage == Damage::describe && !file_state(image.data_path);
+  const bool gone = reading.damage == Damage::describe && !file_state(image.data_path);
   const FileState data = gone ? FileState{} : must_exist(image.data_path, label_path);
 
   RasterFile s;
@@ -193,9 +198,9 @@ RasterFile describe_labelled_file(const std::string& label_path, const RasterInf
   const std::uint64_t needed =
       image.first_byte + static_cast<std::uint64_t>(image.height - 1) * image.row_bytes + last_row;
   s.pds = PdsPixels{image.data_path, image.first_byte, image.row_bytes, needed, image.sample.little_endian};
-  if (damage == Damage::describe && data.bytes < needed)
+  if (reading.damage == Damage::describe && data.bytes < needed)
     s.info.damage = "its data file " + image.data_path + (gone ? " is missing" : " was truncated");
-  settle_values(s, known, damage);
+  settle_values(s, image.sphere_m, reading);
   place_posts(s.info, image.grid);
   return s;
 }
@@ -257,7 +262,7 @@ void check_sources(const BandValues& own, const OpenDataset& open, const std::st
   }
 }
 
-void find_values(RasterFile& s, const RasterInfo* known, Damage damage) {
+void find_samples(RasterFile& s) {
   if (s.dataset->GetRasterCount() != 1)
     throw NotHeights(s.info.path,
                      "has " + std::to_string(s.dataset->GetRasterCount()) + " bands; a height map has one");
@@ -274,15 +279,45 @@ void find_values(RasterFile& s, const RasterInfo* known, Damage damage) {
   int has_void = 0;
   const double void_value = s.band->GetNoDataValue(&has_void);
   if (has_void) s.voids.push_back(void_value);
-  settle_values(s, known, damage);
 }
 
-RasterFile describe_gdal(const std::string& path, const RasterInfo* known, Damage damage) {
+SparseHeights sparse_heights(RasterFile& raster) {
+  SparseHeights found;
+  const auto pick = [](int n, int k) { return static_cast<int>((2LL * k + 1) * n / (2 * kAcross)); };
+  for (int row = 0; row < kAcross; ++row)
+    for (int column = 0; column < kAcross; ++column) {
+      double pair[2];
+      const int y = std::min(pick(raster.file_height, row), raster.file_height - 2);
+      read_samples(raster, pick(raster.file_width, column), y, 1, 2, pair);
+      double height_m[2];
+      bool is_valid[2];
+      for (int i = 0; i < 2; ++i) {
+        height_m[i] = pair[i] * raster.scale + raster.offset_m;
+        is_valid[i] = !is_void(raster, pair[i]) && std::abs(height_m[i]) <= kFarthestHeight_m;
+      }
+      if (is_valid[0]) found.heights_m.push_back(height_m[0]);
+      if (is_valid[0] && is_valid[1]) found.steps_m.push_back(height_m[1] - height_m[0]);
+    }
+  return found;
+}
+
+// Requests for a damaged part fail and name the file: such a part is no evidence.
+void check_some_values(RasterFile& raster) {
+  SparseHeights sparse;
+  try {
+    sparse = sparse_heights(raster);
+  } catch (const DataError&) {
+    return;
+  }
+  check_values(raster.info, std::move(sparse));
+}
+
+RasterFile describe_gdal(const std::string& path, const RasterReading& reading) {
   const FileState state = is_remote(path) ? remote_state(path) : must_exist(path, path);
   RasterFile s;
   // Other drivers are left out: their georeferencing of lunar products has not been judged.
   OpenDataset open =
-      open_dataset(path, is_remote(path) ? kRemoteDrivers : kDemDrivers, known ? Look::again : Look::first);
+      open_dataset(path, is_remote(path) ? kRemoteDrivers : kDemDrivers, reading.known ? Look::again : Look::first);
   s.dataset = std::move(open.dataset);
   s.info.on_network = open.remote;
   if (const std::size_t missing = open.missing.size(); missing == 1)
@@ -302,28 +337,39 @@ RasterFile describe_gdal(const std::string& path, const RasterInfo* known, Damag
   } else {
     note_files(s, state);
   }
-  find_values(s, known, damage);
+  const bool judged = is_judged(path, reading);
+  GDALRasterBand* first = s.dataset->GetRasterCount() > 0 ? s.dataset->GetRasterBand(1) : nullptr;
+  std::string_view quantity;
+  if (judged) quantity = check_words(path, {{first ? first->GetDescription() : "", "its band's description"}}, {path});
+  find_samples(s);
   const BandValues values = values_of(*s.dataset, 1);
   try {
-    if (!known) check_sources(values, open, path);
+    if (!reading.known) check_sources(values, open, path);
   } catch (const DataError& error) {
-    if (damage == Damage::refuse) throw;
+    if (reading.damage == Damage::refuse) throw;
     s.info.damage = error.what_is_wrong();
   }
   const Georeference place = georeference_of(*s.dataset, path);
-  s.flip_x = place.flip_x, s.flip_y = place.flip_y;
+  s.flip_x = place.flip_x;
+  s.flip_y = place.flip_y;
+  settle_values(s, place.sphere_m, reading);
   place_posts(s.info, place.grid);
-  // Whole numbers of kilometres would be no relief. (Reals were looked at for radii already: their blocks are at hand.)
-  const bool whole = is_integer(s.type) && s.scale == 1;
-  if (!known && !values.declares_unit() && !whole && !open.remote && s.info.damage.empty()) s.info.doubt = doubt_of(s);
+  const bool is_declared = values.declares_unit() || quantity == kHeights;
+  if (judged && !is_declared && !open.remote && s.info.damage.empty() && s.info.gap.empty()) check_some_values(s);
   return s;
 }
 
-RasterFile describe(const std::string& path, const RasterInfo* known, Damage damage) {
-  if (is_remote(path)) return describe_gdal(path, known, damage);
+RasterFile describe(const std::string& path, const RasterReading& reading) {
+  if (is_remote(path)) return describe_gdal(path, reading);
   must_exist(path, path);
-  if (const auto label = label_of(path)) return describe_labelled_file(*label, known, damage);
-  return describe_gdal(path, known, damage);
+  if (is_pds4_label(path)) throw DataError(path, kPds4Label);
+  const std::optional<std::string> label = label_of(path);
+  if (!label) return describe_gdal(path, reading);
+  RasterFile file = describe_labelled_file(*label, reading);
+  if (*label != path && !same_text(name_of(path), name_of(file.pds->data_path)))
+    throw DataError(
+        path, fmt::format("its label {} describes {}, another file", name_of(*label), name_of(file.pds->data_path)));
+  return file;
 }
 
 // Hashes the stamps of all files and how samples become heights, which may follow from another file (an .aux.xml).
@@ -337,8 +383,8 @@ std::uint64_t stamp_of(const RasterFile& s) {
 
 }  // namespace
 
-RasterFile describe_raster_file(const std::string& path, const RasterInfo* known, Damage damage) {
-  RasterFile file = describe(path, known, damage);
+RasterFile describe_raster_file(const std::string& path, const RasterReading& reading) {
+  RasterFile file = describe(path, reading);
   file.info.stamp = stamp_of(file);
   return file;
 }

@@ -49,8 +49,11 @@ struct RasterFile {
 // Whether a file whose data are missing or truncated is an error, or is described as far as its label allows.
 enum class Damage { refuse, describe };
 
-// `known`: result of an earlier inspection, so that opening need not examine the samples again; may be null.
-RasterFile describe_raster_file(const std::string& path, const RasterInfo* known, Damage damage);
+struct RasterReading {
+  const RasterInfo* known = nullptr;  // result of an earlier inspection: the samples need no examination; or null
+  Damage damage = Damage::refuse;
+};
+RasterFile describe_raster_file(const std::string& path, const RasterReading& reading);
 
 // Whether its files are unchanged, so that everything read so far is theirs. A change during a read shows in the change
 // time even if the modification time was reset.

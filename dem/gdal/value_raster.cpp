@@ -12,6 +12,7 @@
 #include <optional>
 #include <utility>
 
+#include "dem/files/map_sphere.h"
 #include "dem/gdal/dataset.h"
 #include "dem/gdal/warp_rectangle.h"
 #include "dem/support/error.h"
@@ -19,7 +20,6 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr double kRadiusTolerance_m = 1000;    // spheres of the Moon that are in use differ by less
 constexpr double kMaxDecoded_bytes = 1 << 30;  // of a file that is kept decoded
 
 // Latitude and longitude in degrees on the Moon's sphere, longitude first.
@@ -111,8 +111,8 @@ struct ValueRaster::Impl {
     }
     const OGRSpatialReference* srs = dataset->GetSpatialRef();
     if (!placed || !srs) throw DataError(path, "does not say where it lies: give its extent");
-    if (std::abs(srs->GetSemiMajor() - kMoonRadius_m) > kRadiusTolerance_m)
-      throw DataError(path, fmt::format("its sphere of {} m is not the Moon's", srs->GetSemiMajor()));
+    const double semi_axes_m[] = {srs->GetSemiMajor(), srs->GetSemiMinor()};
+    map_sphere_m(semi_axes_m, path);
     if (!srs->IsGeographic() || t[1] <= 0 || t[5] >= 0 || t[2] != 0 || t[4] != 0) warp(*srs);
     if (dataset->GetGeoTransform(t) != CE_None) throw DataError(path, "has no geotransform");
     grid = {t[0], t[3], t[1], -t[5]};

@@ -1,15 +1,14 @@
 #include "dem/posts/layer_joins.h"
 
 #include <fmt/format.h>
-#include <fnmatch.h>
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <functional>
 #include <map>
 #include <stdexcept>
 
+#include "dem/files/quantity.h"
 #include "dem/posts/post_source.h"
 #include "dem/support/error.h"
 #include "dem/support/quantile.h"
@@ -60,10 +59,7 @@ NamedNumber parse_named_number(const std::string& text, const NumberRange& range
   return {text.substr(0, equals), number};
 }
 
-bool matches(const RasterInfo& info, const std::string& pattern) {
-  const std::string file = std::filesystem::path(info.path).filename().string();
-  return ::fnmatch(pattern.c_str(), info.name.c_str(), 0) == 0 || ::fnmatch(pattern.c_str(), file.c_str(), 0) == 0;
-}
+bool matches(const RasterInfo& info, const std::string& pattern) { return name_matches(info.path, pattern); }
 
 NamedNumber parse_layer_offset(const std::string& text) {
   return parse_named_number(text, {"METRES", -kMostOffset_m, kMostOffset_m});

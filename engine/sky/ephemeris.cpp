@@ -87,7 +87,7 @@ bool names_other_scale(std::string_view rest) {
 
 DateTime parse(const std::string& utc) {
   const char* const form =
-      "expected YYYY-MM-DDThh:mm:ss or YYYY-DDDThh:mm:ss, a fraction of a second or none, Z or none";
+      "expected YYYY-MM-DDThh:mm:ss or YYYY-DDDThh:mm:ss, a fraction of a second or none, Z, +00:00 or none";
   std::string_view rest = utc;
   DateTime t;
   const auto read = [&](std::size_t digits, char separator) {
@@ -109,6 +109,8 @@ DateTime parse(const std::string& utc) {
     if (!fraction) reject(utc, form);
     t.second += *fraction;
   }
+  constexpr std::string_view kNoOffset = "+00:00";  // RFC 3339: the same as Z
+  if (rest == kNoOffset) return t;
   if (!rest.empty() && (rest.front() == '+' || rest.front() == '-')) {
     reject(utc, "local time offsets are not accepted; convert to UTC and end with Z");
   }

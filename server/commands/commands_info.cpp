@@ -88,7 +88,6 @@ void print_table(const dem::Catalogue& catalogue, std::size_t posts) {
     fmt::print("  {:<32} {}  {:8.2f} m/post  {:>6} x {:<6} {}, {}{}{}{}\n", r.name, box(r.footprint), r.post_spacing_m,
                r.width, r.height, r.format, projected ? dem::name_of(r.projection()) + std::string(", ") : "", r.datum,
                r.lattice_level ? "" : ", resampled", heights_text(heights_of(catalogue, r, posts)));
-    if (!r.doubt.empty()) fmt::print("    {}\n", r.doubt);
   }
   const auto gaps = uncovered(catalogue);
   fmt::print("{} gaps within the area covered (whole degrees)\n", gaps.size());

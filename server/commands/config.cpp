@@ -248,6 +248,12 @@ void add_options(CLI::App& command, TerrainSettings& s) {
       ->type_name("PATTERN=POSTS|fit ...")
       ->expected(1, 1 << 20)
       ->check([](const std::string& text) { return refusal_of(text, dem::parse_resolved_posts); });
+  command
+      .add_option("--take-as-heights", s.take_as_heights,
+                  "Rasters with that name (* and ? as in a shell) are heights in metres, whatever their name, "
+                  "description and values say")
+      ->type_name("PATTERN ...")
+      ->expected(1, 1 << 20);
   command.add_flag("--strict", s.strict,
                    "A file in a DEM folder that is not a DEM, such as an orthoimage, is an error instead of a warning");
   command.add_option("--log-level", s.log_level, "Minimum level of log lines")

@@ -37,6 +37,7 @@ struct TerrainSettings {
   double blend_posts = dem::LayerJoins{}.blend_posts;  // see LayerJoins
   std::vector<std::string> layer_offset;               // "PATTERN=METRES" or "PATTERN=fit"
   std::vector<std::string> resolved_posts;             // "PATTERN=POSTS" or "PATTERN=fit"
+  std::vector<std::string> take_as_heights;            // names of rasters, as patterns: see dem::take_as_heights
   bool strict = false;                                 // a file in a DEM folder that is not a DEM is an error
   std::string log_level = "info";                      // debug, info, warning, error
 };

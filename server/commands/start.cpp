@@ -11,6 +11,7 @@
 
 #include "api/assets/assets.h"
 #include "dem/files/open_file.h"
+#include "dem/files/quantity.h"
 #include "dem/gdal/remote_names.h"
 #include "dem/posts/layer_joins.h"
 #include "dem/posts/resolved_posts.h"
@@ -33,6 +34,10 @@ void refuse_folder_without_dems(const std::string& path, const dem::Catalogue& c
   const auto problem = std::ranges::find_if(catalogue.problems(), within);
   if (problem != catalogue.problems().end())
     throw DataError(path, fmt::format("has no DEM file that can be used: {}: {}", problem->path, problem->what));
+  const auto side = std::ranges::find_if(catalogue.side_layers(), within);
+  if (side != catalogue.side_layers().end())
+    throw DataError(path, fmt::format("has no DEM file, only side layers, e.g. {} ({}). {}", side->path, side->kind,
+                                      dem::how_to_override(side->path)));
   throw DataError(path, "has no DEM file: .img with .lbl, .tif or .vrt are looked for (dem/files/products.md)");
 }
 
@@ -67,8 +72,14 @@ dem::Catalogue open_catalogue(const TerrainSettings& settings) {
   dem::CatalogueOptions options;
   options.cache_dir = settings.cache_dir;
   options.log = [](const std::string& text) { spdlog::warn("{}", text); };
+  dem::take_as_heights(settings.take_as_heights);
   const std::vector<std::string> paths = dem_paths(settings);
   dem::Catalogue catalogue(paths, options);
+  for (const std::string& pattern : settings.take_as_heights) {
+    const auto has_name = [&](const dem::RasterInfo& raster) { return dem::matches(raster, pattern); };
+    if (std::ranges::none_of(catalogue.rasters(), has_name))
+      throw DataError(pattern, "no DEM file has such a name (--take-as-heights)");
+  }
   for (const std::string& path : paths) refuse_folder_without_dems(path, catalogue);
   if (settings.strict)
     for (const dem::CatalogueProblem& problem : catalogue.problems())
@@ -99,8 +110,8 @@ std::shared_ptr<dem::PyramidTerrain> open_terrain(const TerrainSettings& setting
   spdlog::info("catalogue: {} DEM files, {} of them inspected", catalogue.rasters().size(), catalogue.inspected());
   for (const dem::CatalogueProblem& problem : catalogue.problems())
     spdlog::warn("{}{}: {}", problem.located ? "" : "not used: ", problem.path, problem.what);
-  for (const dem::RasterInfo& raster : catalogue.rasters())
-    if (!raster.doubt.empty()) spdlog::warn("{}: {}", raster.path, raster.doubt);
+  for (const dem::SideLayer& side : catalogue.side_layers())
+    spdlog::info("not used: {}: side layer ({})", side.path, side.kind);
   dem::TerrainOptions options;
   options.cache_dir = settings.cache_dir;
   options.ground_disk_bytes = settings.ground_disk_mb << 20;

@@ -10,6 +10,7 @@
 #include <numeric>
 #include <random>
 
+#include "dem/files/quantity.h"
 #include "dem/grid/geodesy.h"
 #include "dem/support/error.h"
 #include "tests/support/shared_data.h"
@@ -111,6 +112,101 @@ TEST_F(CatalogueTest, AnImageWithoutItsLabelIsReported) {
   EXPECT_EQ(c.problems()[0].path, path("lonely.img"));
   EXPECT_NE(c.problems()[0].what.find("label"), std::string::npos);
   EXPECT_TRUE(c.problems()[0].unrelated) << "terrain is served all the same";
+}
+
+// LOLA's folder with its JPEG 2000 images: the label of LDEM_4.JP2 names LDEM_4.IMG, too, and places it elsewhere.
+TEST_F(CatalogueTest, ALabelBelongsToItsOwnImage) {
+  put_tile("LDEM_8", 0, 10);
+  put("LDEM_8_JP2.LBL", tile_label("\"LDEM_8.img\"", 0, 190));
+  const Catalogue c({folder_.string()});
+  EXPECT_EQ(names(c), std::vector<std::string>{"LDEM_8"});
+  EXPECT_EQ(c.rasters()[0].footprint.west_deg, 10);
+  ASSERT_EQ(c.problems().size(), 1U);
+  EXPECT_EQ(c.problems()[0].path, path("LDEM_8_JP2.LBL"));
+  EXPECT_EQ(c.problems()[0].what, "describes LDEM_8.img, whose own label is LDEM_8.lbl");
+  EXPECT_TRUE(c.problems()[0].unrelated);
+  EXPECT_THROW(Catalogue({path("LDEM_8_JP2.LBL")}), NotHeights);
+  EXPECT_EQ(Catalogue({path("LDEM_8.img")}).rasters()[0].footprint.west_deg, 10);
+}
+
+TEST_F(CatalogueTest, ALabelOfACompressedImageIsRefused) {
+  put("map.img", std::string(128, '\1'));
+  std::string label = tile_label("\"map.img\"", 0, 10);
+  label.insert(label.find("OBJECT"), "OBJECT = COMPRESSED_FILE\r\nFILE_NAME = \"MAP.JP2\"\r\nEND_OBJECT\r\n");
+  put("map_jp2.lbl", label);
+  const Catalogue c({folder_.string()});
+  EXPECT_TRUE(c.rasters().empty());
+  ASSERT_EQ(c.problems().size(), 1U);
+  EXPECT_NE(c.problems()[0].what.find("the compressed file MAP.JP2"), std::string::npos) << c.problems()[0].what;
+  put("tiff.lbl", tile_label("\"tiff.tif\"", 0, 10));
+  put("tiff.tif", "II*");
+  EXPECT_THROW(Catalogue({path("tiff.lbl")}), NotHeights);
+}
+
+TEST_F(CatalogueTest, AnImageWhoseLabelDescribesAnotherIsRefused) {
+  put_tile("b", 0, 10);
+  fs::remove(path("b.lbl"));
+  put("a.lbl", tile_label("\"b.img\"", 0, 10));
+  put("a.img", std::string(128, '\1'));
+  const Catalogue c({folder_.string()});
+  EXPECT_EQ(names(c), std::vector<std::string>{"a"});
+  ASSERT_EQ(c.problems().size(), 1U);
+  EXPECT_EQ(c.problems()[0].path, path("a.img"));
+  EXPECT_NE(c.problems()[0].what.find("its label a.lbl describes b.img"), std::string::npos) << c.problems()[0].what;
+  try {
+    Catalogue({path("a.img")});
+    ADD_FAILURE() << "a.img was read by the label of b.img";
+  } catch (const DataError& error) {
+    EXPECT_NE(std::string(error.what()).find("its label a.lbl describes b.img"), std::string::npos) << error.what();
+  }
+  // Two labels of other names.
+  fs::remove(path("a.img"));
+  put("c.lbl", tile_label("\"b.img\"", 0, 190));
+  const Catalogue two({folder_.string()});
+  EXPECT_EQ(names(two), std::vector<std::string>{"a"});
+  ASSERT_EQ(two.problems().size(), 1U);
+  EXPECT_NE(two.problems()[0].what.find("describes b.img, as does"), std::string::npos) << two.problems()[0].what;
+}
+
+// The files of LOLA's 5 m sites and gridded products, in one folder: each has plausible values.
+TEST_F(CatalogueTest, RastersOfOtherQuantitiesAreSideLayers) {
+  constexpr const char* kOthers[] = {"site_slp", "site_toterr",       "LDSM_16",        "LDRM_16",
+                                     "LDEC_16",  "AVGVISIB_85S_060M", "site_hillshade", "albedo"};
+  put_tile("site_surf", 0, 10);
+  for (const char* name : kOthers) put_tile(name, 0, 10);
+  std::string label = tile_label("\"by_label.img\"", 0, 10);
+  label.insert(label.find("LINES"), "NAME = SLOPE\r\n");
+  put("by_label.lbl", label);
+  put("by_label.img", std::string(128, '\1'));
+  label.replace(label.find("NAME = SLOPE"), 12, "NAME = HEIGHT");
+  label.replace(label.find("by_label"), 8, "n_slopes");
+  put("n_slopes.lbl", label);
+  put("n_slopes.img", std::string(128, '\1'));
+  const Catalogue c({folder_.string()});
+  EXPECT_EQ(names(c), (std::vector<std::string>{"n_slopes", "site_surf"}));
+  EXPECT_TRUE(c.problems().empty());
+  EXPECT_EQ(c.side_layers().size(), std::size(kOthers) + 1);
+  take_as_heights({"site_*"});
+  const Catalogue forced({folder_.string()});
+  take_as_heights({});
+  EXPECT_EQ(names(forced),
+            (std::vector<std::string>{"n_slopes", "site_hillshade", "site_slp", "site_surf", "site_toterr"}));
+  try {
+    Catalogue({path("site_slp.lbl")});
+    ADD_FAILURE() << "slopes were read as heights";
+  } catch (const SideRaster& error) {
+    EXPECT_NE(std::string(error.what()).find("--take-as-heights 'site_slp.lbl'"), std::string::npos) << error.what();
+  }
+}
+
+TEST_F(CatalogueTest, APds4LabelIsReported) {
+  put("t.xml", "<?xml version=\"1.0\"?>\n<Product_Observational xmlns=\"http://pds.nasa.gov/pds4/pds/v1\"/>");
+  put("notes.xml", "<notes/>");
+  const Catalogue c({folder_.string()});
+  ASSERT_EQ(c.problems().size(), 1U);
+  EXPECT_EQ(c.problems()[0].path, path("t.xml"));
+  EXPECT_NE(c.problems()[0].what.find("gdal_translate"), std::string::npos);
+  EXPECT_TRUE(c.problems()[0].unrelated);
 }
 
 TEST_F(CatalogueTest, ImpossibleScalesAreReportedWithTheirPlace) {

@@ -91,6 +91,7 @@ TEST(SunAt, DirectionIsAUnitVectorAndMovesWithFractionsOfASecond) {
   // 360 degrees in a synodic month: 2.46e-6 rad/s.
   EXPECT_NEAR((later - now).norm(), 0.75 * 2.46e-6, 0.1e-6);
   EXPECT_EQ(now, sun_at("2026-11-20T00:00:00").direction);
+  EXPECT_EQ(now, sun_at("2026-11-20T00:00:00+00:00").direction);
 }
 
 TEST(SunAt, LeapSecondsAreSecondsOfTheirOwn) {
@@ -155,6 +156,8 @@ TEST(SunAt, RejectsInvalidEpochs) {
       {"2017-12-31T23:59:60Z", "leap second"},
       {"2016-12-31T23:59:61Z", "second"},
       {"2026-11-20T09:00:00+09:00", "offset"},
+      {"2026-11-20T00:00:00-00:00", "offset"},
+      {"2026-11-20T00:00:00+00:00Z", "offset"},
       {"2026-11-20T00:01:09.184 TDB", "et_s"},
       {"2026-11-20T00:01:09.184TT", "et_s"},
       {"2026-000T00:00:00Z", "no such day"},

@@ -558,14 +558,6 @@ TEST(ResolvedPosts, AreMeasuredInInterpolatedGround) {
     }
 }
 
-TEST(SideLayers, AreKnownByTheirNames) {
-  EXPECT_EQ(side_layer_kind("/a/Site01_final_adj_5mpp_effres.tif"), "effective resolution");
-  EXPECT_EQ(side_layer_kind("LDEM_87S_5MPP_ERR.TIF"), "error of heights");
-  EXPECT_EQ(side_layer_kind("site_err_piece_2km.tif"), "error of heights");
-  for (const char* dem : {"site_surf.tif", "site_error/site_surf.tif", "site_err/b.tif", "terra_errata.img", "err.tif"})
-    EXPECT_EQ(side_layer_kind(dem), "") << dem;
-}
-
 // What is coarse goes on into a chunk of fine posts: on its side the coarse layer's bicubic surface, on the other
 // triangles between coarse posts. Places one fine post apart.
 TEST(Layers, NoWallStandsWhereAChunkOfFinePostsEnds) {

@@ -63,6 +63,18 @@ TEST_F(MeshFiles, MayNotNameOtherFiles) {
   EXPECT_EQ(fault_of(write("b.gltf", test::gltf_file())), "") << "data: is no other file";
 }
 
+// Assimp takes quantised coordinates for others.
+TEST_F(MeshFiles, ExtensionsOfGeometryAreRefused) {
+  const auto requiring = [&](const std::string& names) {
+    return fault_of(write("a.gltf", "{\"extensionsRequired\": [" + names + "]," + test::gltf_file().substr(1)));
+  };
+  EXPECT_EQ(requiring(""), "");
+  EXPECT_EQ(requiring("\"KHR_materials_unlit\", \"KHR_texture_transform\""), "");
+  for (const char* name : {"KHR_mesh_quantization", "EXT_meshopt_compression", "EXT_mesh_gpu_instancing"})
+    expect_within(requiring("\"KHR_materials_unlit\" , \"" + std::string(name) + "\""),
+                  std::string("requires the glTF extension ") + name);
+}
+
 // An OBJ's materials are their names, whatever the library of materials that it names would say.
 TEST_F(MeshFiles, ObjMaterialsAreNamesOnly) {
   const ObjectShape shape = test::read_shape(

@@ -259,6 +259,9 @@ TEST(PdsLabel, ScaleOffsetAndRadiusAreReadOrRefused) {
   EXPECT_EQ(product.describe(with("OFFSET = 1737.4 <km>\nUNIT = \"m\"\n")).offset, 1737400);
   EXPECT_EQ(product.describe(with("OFFSET = 1737.4 <km>\nUNIT = KILOMETER\n")).offset, 1737.4);
   EXPECT_EQ(product.describe(with("OFFSET = 1737400 <m>\nUNIT = \"km\"\n")).offset, 1737.4);
+  EXPECT_EQ(product.describe(with("OFFSET = 1737.4\nUNIT = METER\n")).offset, 1737400) << "the radius in kilometres";
+  EXPECT_EQ(product.describe(with("OFFSET = 1737400.\nUNIT = KILOMETER\n")).offset, 1737.4);
+  EXPECT_EQ(product.describe(with("OFFSET = 1000\nUNIT = METER\n")).offset, 1000);
   for (const char* line : {"SCALING_FACTOR = HALF", "SCALING_FACTOR = nan", "OFFSET = \"1737,4\"", "BANDS = one",
                            "OFFSET = 1737.4 <mile>", "SCALING_FACTOR = 1 <s>"}) {
     const std::string said = product.complaint(with(std::string(line) + "\n"));
@@ -278,7 +281,13 @@ TEST(PdsLabel, RejectsUnsupportedLabels) {
     text.map += line;
     return product.complaint(text);
   };
-  EXPECT_NE(with_map("A_AXIS_RADIUS = 3396.0 <km>\n").find("1737.4"), std::string::npos);
+  EXPECT_NE(with_map("A_AXIS_RADIUS = 3396.0 <km>\n").find("3396000.0"), std::string::npos);
+  EXPECT_NE(with_map("A_AXIS_RADIUS = 1737.4\nB_AXIS_RADIUS = 1737.4\nC_AXIS_RADIUS = 1736.0\n").find("1736000.0"),
+            std::string::npos);
+  EXPECT_NE(with_map("A_AXIS_RADIUS = 1738.1 <km>\nB_AXIS_RADIUS = 1737.4 <km>\n").find("1738100.0"),
+            std::string::npos);
+  EXPECT_EQ(with_map("TARGET_NAME = \"MOON\"\n"), "no complaint");
+  EXPECT_NE(with_map("TARGET_NAME = MERCURY\n").find("MERCURY"), std::string::npos);
   EXPECT_NE(with_map("MAP_PROJECTION_ROTATION = 90\n").find("rotated"), std::string::npos);
   EXPECT_NE(with_map("POSITIVE_LONGITUDE_DIRECTION = \"WEST\"\n").find("west"), std::string::npos);
   LabelText sinusoidal;

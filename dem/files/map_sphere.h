@@ -1,0 +1,18 @@
+// Sphere on which a map of the Moon was made.
+#pragma once
+
+#include <span>
+#include <string>
+
+namespace selenograph::dem {
+
+// Radius of the sphere with these semi-axes, m. The Moon's 1 737 400 m stand for radii within 0.5 m of it. Throws
+// DataError naming `path` and the semi-axes if they differ, or if they are more than 1 km from the Moon's: on an
+// ellipsoid latitudes are other ones, and another body is not the Moon.
+double map_sphere_m(std::span<const double> semi_axes_m, const std::string& path);
+
+// Throws DataError for heights above a sphere other than the Moon's: nobody knows whether they refer to that sphere.
+// Radii are radii, whatever sphere places them.
+void check_vertical_datum(double sphere_m, bool holds_radii, const std::string& path);
+
+}  // namespace selenograph::dem

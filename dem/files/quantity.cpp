@@ -1,0 +1,160 @@
+#include "dem/files/quantity.h"
+
+#include <fmt/format.h>
+#include <fnmatch.h>
+
+#include <algorithm>
+#include <cctype>
+#include <utility>
+
+#include "dem/files/names.h"
+
+namespace selenograph::dem {
+namespace {
+
+enum class Match { whole, beginning };
+
+struct QuantityWord {
+  std::string_view word;
+  std::string_view quantity;
+  Match match = Match::whole;
+};
+
+// Words in lower case, without digits at their end. Names of products: LOLA's gridded data (LDEM, LDSM, LDRM, LDEC,
+// LDAM, LPSR, AVGVISIB), its 5 m sites (_surf, _slp, _toterr, _slperr, _ldec, _effres, _err), Kaguya's DTM_MAP and
+// TCO_MAP, LROC's NAC_DTM (_SHADE, _CONF, _SLOPE), GLD and WAC_EMP, Diviner's DGDR.
+constexpr QuantityWord kWords[] = {
+    {"dem", kHeights},
+    {"ldem", kHeights},
+    {"sldem", kHeights},
+    {"dtm", kHeights},
+    {"gld", kHeights},
+    {"surf", kHeights},
+    {"height", kHeights, Match::beginning},
+    {"elevation", kHeights, Match::beginning},
+    {"altitude", kHeights, Match::beginning},
+    {"topograph", kHeights, Match::beginning},
+    {"radius", kHeights},
+    {"ldsm", "slopes"},
+    {"slp", "slopes"},
+    {"slope", "slopes", Match::beginning},
+    {"clrslope", "slopes"},
+    {"gradient", "slopes", Match::beginning},
+    {"aspect", "aspects", Match::beginning},
+    {"effres", "effective resolution"},
+    {"err", "error of heights"},
+    {"toterr", "error of heights"},
+    {"error", "error of heights", Match::beginning},
+    {"uncertaint", "error of heights", Match::beginning},
+    {"sigma", "error of heights"},
+    {"stdev", "error of heights"},
+    {"stddev", "error of heights"},
+    {"slperr", "error of slopes"},
+    {"ldec", "counts"},
+    {"count", "counts"},
+    {"counts", "counts"},
+    {"ldrm", "roughness"},
+    {"roughness", "roughness"},
+    {"ldam", "albedo"},
+    {"albedo", "albedo", Match::beginning},
+    {"emp", "albedo"},
+    {"reflect", "albedo", Match::beginning},
+    {"radiance", "images"},
+    {"avgvisib", "illumination"},
+    {"illum", "illumination", Match::beginning},
+    {"visibility", "illumination"},
+    {"lpsr", "permanent shadow"},
+    {"shade", "shaded relief", Match::beginning},
+    {"clrshade", "shaded relief"},
+    {"hillshade", "shaded relief", Match::beginning},
+    {"shadow", "shadows", Match::beginning},
+    {"conf", "confidence"},
+    {"clrconf", "confidence"},
+    {"confidence", "confidence"},
+    {"tco", "images"},
+    {"orthoimage", "images", Match::beginning},
+    {"orthophoto", "images", Match::beginning},
+    {"temperature", "temperatures", Match::beginning},
+    {"dgdr", "temperatures"},
+    {"mask", "a mask"},
+    {"curvature", "curvature"},
+    {"hazard", "hazards", Match::beginning},
+};
+
+std::string_view quantity_of_word(std::string_view word) {
+  while (!word.empty() && std::isdigit(static_cast<unsigned char>(word.back()))) word.remove_suffix(1);
+  for (const QuantityWord& known : kWords)
+    if (known.match == Match::whole ? word == known.word : word.starts_with(known.word)) return known.quantity;
+  return {};
+}
+
+// Calls visit(word) with each run of letters and digits.
+template <typename Visit>
+void for_each_word(std::string_view text, const Visit& visit) {
+  const auto in_word = [](char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0; };
+  for (auto at = text.begin(); at != text.end();) {
+    at = std::find_if(at, text.end(), in_word);
+    const auto past = std::find_if_not(at, text.end(), in_word);
+    if (at != past) visit(std::string_view(&*at, static_cast<std::size_t>(past - at)));
+    at = past;
+  }
+}
+
+// Images of LROC's narrow-angle camera, "M1234567890LE": an orthoimage has such a number in its name.
+bool is_nac_image(std::string_view word) {
+  const std::string_view number = word.substr(0, word.find_first_not_of("0123456789", 1)).substr(1);
+  return word.front() == 'm' && (number.size() == 9 || number.size() == 10);
+}
+
+std::vector<std::string>& taken_patterns() {
+  static std::vector<std::string> patterns;
+  return patterns;
+}
+
+}  // namespace
+
+std::string_view quantity_in_words(std::string_view text) {
+  std::string_view found;
+  const std::string words = lower(text);
+  for_each_word(words, [&](std::string_view word) {
+    const std::string_view quantity = quantity_of_word(word);
+    if (!quantity.empty() && (found.empty() || found == kHeights)) found = quantity;
+  });
+  return found;
+}
+
+std::string_view quantity_in_name(std::string_view path) {
+  std::string_view found;
+  const std::string name = lower(stem_of(name_of(path)));
+  const bool is_nac_product = name.starts_with("nac_dtm_");
+  for_each_word(name, [&](std::string_view word) {
+    const std::string_view quantity = is_nac_product && is_nac_image(word) ? "images" : quantity_of_word(word);
+    if (!quantity.empty()) found = quantity;
+  });
+  return found;
+}
+
+void take_as_heights(std::vector<std::string> patterns) { taken_patterns() = std::move(patterns); }
+
+const std::vector<std::string>& patterns_taken_as_heights() { return taken_patterns(); }
+
+bool is_taken_as_heights(const std::string& path) {
+  return std::ranges::any_of(taken_patterns(), [&](const std::string& pattern) { return name_matches(path, pattern); });
+}
+
+bool name_matches(const std::string& path, const std::string& pattern) {
+  const std::string name(name_of(path));
+  const std::string stem(stem_of(name));
+  return ::fnmatch(pattern.c_str(), stem.c_str(), 0) == 0 || ::fnmatch(pattern.c_str(), name.c_str(), 0) == 0;
+}
+
+std::string how_to_override(std::string_view path) {
+  return fmt::format("If it does hold heights in metres: --take-as-heights '{}'", name_of(path));
+}
+
+SideRaster::SideRaster(const std::string& path, std::string_view quantity, std::string_view origin)
+    : NotHeights(path, fmt::format("is a side layer, not heights: by {} it holds {}. {}", origin, quantity,
+                                   how_to_override(path))),
+      quantity_(quantity) {}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,34 @@
+// Judges whether a raster holds heights, by the words about it, else by its values.
+#pragma once
+
+#include <initializer_list>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "dem/files/quantity.h"
+#include "dem/files/raster_info.h"
+
+namespace selenograph::dem {
+
+// A short text about the samples, and its place, e.g. "its label".
+struct SampleWords {
+  std::string_view text;
+  std::string_view origin;
+};
+
+// Throws SideRaster if the words, or failing them the names of file or product, say that it holds another quantity.
+// Returns the quantity that the words name, kHeights or empty.
+std::string_view check_words(const std::string& path, std::initializer_list<SampleWords> words,
+                             std::initializer_list<std::string_view> names);
+
+// Heights of a few posts, evenly spread, without voids; and their steps to the next row.
+struct SparseHeights {
+  std::vector<double> heights_m;
+  std::vector<double> steps_m;
+};
+
+// Throws NotHeights if samples without a declared unit cannot be the Moon's heights in metres.
+void check_values(const RasterInfo& info, SparseHeights sparse);
+
+}  // namespace selenograph::dem
