@@ -163,7 +163,7 @@ void FrameExposure::capture(Frame& frame) {
   report.integration_time_s = sensor.integration_time_s();
   report.saturated_fraction = sensor.saturated_fraction();
   report.smear_fill = sensor.smear_fill();
-  report.brightest_signal_e = sensor.signal_e(brightest_w_m2_sr_ * counted_over_radiance_);
+  report.brightest_signal_e = sensor.brightest_signal_e();
   report.full_scale_radiance_w_m2_sr = sensor.full_scale_counted_w_m2_sr() / counted_over_radiance_;
   report.margin_px = sensor.margin_px(), report.captured_fraction = sensor.captured();
   if (const StrayLight& law = plan_.request.sensor->optics.stray_light; law.any())

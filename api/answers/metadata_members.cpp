@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "api/answers/crater_answer.h"
 #include "api/answers/view_json.h"
@@ -113,6 +114,14 @@ void add_radiometry(Answer<MetadataSource>& a) {
       with_light);
 }
 
+// Lower bound of the mean light from terrain on ground in shadow, over the exact light, as far as it was measured
+// (engine/indirect/README.md): by the Sun's elevation in the middle of the image.
+std::optional<double> shadow_light_at_least(const std::optional<double>& sun_elevation_deg) {
+  constexpr double kPolarPiece_deg = 5, kBowls_deg = 2;
+  if (!sun_elevation_deg || *sun_elevation_deg < kBowls_deg) return std::nullopt;
+  return *sun_elevation_deg < kPolarPiece_deg ? 0.8 : 0.88;
+}
+
 void add_further_bounces(Answer<MetadataSource>& a) {
   a.add(
       "indirect",
@@ -120,7 +129,10 @@ void add_further_bounces(Answer<MetadataSource>& a) {
           "for light from terrain: ground_view, the largest share of ground in the hemisphere of a point in view; "
           "albedo of the model for diffuse light, or 1 where `albedo_maps` are used; further_bounces_at_most, the "
           "bound that follows on light reflected more often than the request's `bounces` n: (a V)^n / (1 - a V) of the "
-          "largest irradiance from terrain on any ground, in view or not"),
+          "largest irradiance from terrain on any ground, in view or not; shadow_light_at_least, a bound by "
+          "measurement on "
+          "the mean light from terrain on ground in shadow over the exact light: 0.88 where the Sun is 5 degrees or "
+          "higher in the middle of the image, 0.8 from 2 degrees, null below, without ground there and in maps"),
       [](const MetadataSource& s) {
         const double albedo =
                          s.request.albedo_maps.empty()
@@ -130,7 +142,8 @@ void add_further_bounces(Answer<MetadataSource>& a) {
         return OrderedJson{
             {"ground_view", s.report.ground_view},
             {"albedo", albedo},
-            {"further_bounces_at_most", std::pow(reflected, s.request.indirect.bounces) / (1 - reflected)}};
+            {"further_bounces_at_most", std::pow(reflected, s.request.indirect.bounces) / (1 - reflected)},
+            {"shadow_light_at_least", answer_json(shadow_light_at_least(s.report.view.sun_elevation_deg))}};
       },
       [](const MetadataSource& s) { return engine::wants_indirect(s.request) && s.request.indirect.terrain; });
 }
@@ -145,7 +158,8 @@ void add_exposure(Answer<MetadataSource>& a) {
   a.add(
       "exposure",
       free_object("for a sensor: integration_time_s; saturated_fraction of the pixels; smear_fill, the share of a "
-                  "pixel's capacity that smear alone fills; brightest_signal_e, electrons of the brightest radiance"),
+                  "pixel's capacity that smear alone fills; brightest_signal_e, electrons that light frees in the "
+                  "brightest pixel, after the optics, without smear, dark current and noise"),
       [](const MetadataSource& s) {
         return OrderedJson{{"integration_time_s", s.report.integration_time_s},
                            {"saturated_fraction", s.report.saturated_fraction},

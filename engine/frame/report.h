@@ -102,7 +102,7 @@ struct FrameReport {
   double saturated_fraction = 0;                 // share of `image`'s pixels that are saturated
   double smear_fill = 0;                         // share of a pixel's capacity that is filled by smear alone
   bool lit = false;                              // radiance above 0 somewhere, in frames with radiance or image
-  double brightest_signal_e = 0;                 // electrons of the brightest radiance; 0 without a sensor
+  double brightest_signal_e = 0;                 // light's electrons in the brightest pixel; 0 without a sensor
   int margin_px = 0;              // rendered around the image for the point spread; included in shares of pixels
   double captured_fraction = 1;   // share of a point's light within the point-spread kernel
   double scattered_fraction = 0;  // share of all light that the optics scatter

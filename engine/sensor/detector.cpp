@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cmath>
 #include <limits>
+#include <mutex>
 #include <numbers>
 #include <numeric>
 
@@ -233,16 +234,24 @@ ReadOut detect(const SensorModel& sensor, double wavelength_um, const std::vecto
   const Chain chain(sensor, wavelength_um, radiance, width, height, line);
   constexpr std::size_t kLanes = kDraw;
   std::atomic<std::size_t> saturated{0};
+  std::mutex brightest_mutex;
+  float brightest_w_m2_sr = 0;
   in_parallel_pieces((pixels + kLanes - 1) / kLanes, 64, [&](std::size_t first, std::size_t past_last) {
+    const float brightest_here =
+        *std::max_element(&radiance[first * kLanes], &radiance[0] + std::min(past_last * kLanes, pixels));
     std::size_t here = 0;
     for (std::size_t k = first; k < past_last; ++k) {
       if (k % 64 == 0) stop.check();
       here += static_cast<std::size_t>(chain.run(k * kLanes, std::min(kLanes, pixels - k * kLanes), image.data()));
     }
     saturated += here;
+    const std::scoped_lock lock(brightest_mutex);
+    brightest_w_m2_sr = std::max(brightest_w_m2_sr, brightest_here);
   });
   const double share = pixels == 0 ? 0 : static_cast<double>(saturated) / static_cast<double>(pixels);
-  return {share, chain.most_smear_e()};
+  const double brightest_e =
+      static_cast<double>(brightest_w_m2_sr) * electrons_per_radiance(sensor.optics, sensor.detector, wavelength_um);
+  return {share, brightest_e, chain.most_smear_e()};
 }
 
 }  // namespace selenograph::engine

@@ -44,6 +44,7 @@ double time_to_fill_s(const SensorModel& sensor, double wavelength_um, double ta
 
 struct ReadOut {
   double saturated_fraction = 0;  // share of pixels that are full or have the largest digital number
+  double brightest_e = 0;         // electrons that light frees in the brightest pixel; without noise
   double smear_e = 0;             // maximum over all but the brightest thousandth of the columns
 };
 

@@ -131,10 +131,6 @@ double Sensor::full_scale_counted_w_m2_sr() const {
          electrons_per_radiance(model_.optics, d, wavelength_um_);
 }
 
-double Sensor::signal_e(double counted_w_m2_sr) const {
-  return counted_w_m2_sr * electrons_per_radiance(model_.optics, model_.detector, wavelength_um_);
-}
-
 void Sensor::pass_optics(const Camera& camera, const PixelRays& rays, std::vector<float>& radiance,
                          const StopToken& stop) const {
   vignette(model_.optics.vignetting, camera, rays, radiance, stop);

@@ -65,8 +65,9 @@ class Sensor {
   void choose_integration_time(const Camera& camera, const PixelRays& rays, std::vector<float> radiance,
                                const StopToken& stop = {});
   double integration_time_s() const { return model_.detector.integration_time_s; }
-  // Electrons that light of a radiance, as it is counted, frees in the middle of the field, without noise.
-  double signal_e(double counted_w_m2_sr) const;
+  // Electrons that light frees in the brightest pixel of the last image: after the optics, without smear, dark current
+  // and noise.
+  double brightest_signal_e() const { return read_out_.brightest_e; }
   // Of sunlight, the radiance as it is counted over that in the request's band: 1 without a photon_band().
   double counted_of_sunlight() const { return sunlight_um_ / wavelength_um_; }
   // Share of saturated pixels of the last image.

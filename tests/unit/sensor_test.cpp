@@ -85,5 +85,27 @@ TEST(Sensor, MonotoneAndNeverOffByMoreThanHalfAStep) {
   }
 }
 
+// The optics darken the brightest radiance, which is in a corner, below that of the middle.
+TEST(Sensor, TheBrightestSignalIsThatOfTheImage) {
+  FrameRequest request;
+  request.camera.width = request.camera.height = 64;
+  request.camera.fx = request.camera.fy = 40, request.camera.cx = request.camera.cy = 31.5;
+  request.band = Band(0.65, 0.1);
+  SensorModel model;
+  model.optics.f_number = 4, model.optics.vignetting.model = Vignetting::Model::cos4;
+  model.detector.pixel_pitch_um = 5, model.detector.integration_time_s = 0.01, model.detector.bit_depth = 16;
+  model.detector.photon_noise = false;
+  request.sensor = model;
+  Sensor sensor(request);
+  std::vector<float> radiance(64 * 64, 1.F);
+  radiance[0] = 1.2F;
+  Image image;
+  sensor.image(request.camera, {}, radiance, image);
+  const int brightest_dn = *std::max_element(image.begin(), image.end());
+  EXPECT_GT(brightest_dn, 1000);
+  EXPECT_GT(brightest_dn, 3 * image[0]);
+  EXPECT_NEAR(sensor.brightest_signal_e(), brightest_dn, 0.5);
+}
+
 }  // namespace
 }  // namespace selenograph::engine
