@@ -133,6 +133,7 @@ OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, c
   const double covered = sun_covered(query);
   warn_of_eclipse(covered, kSunCovered, warnings);
   if (report.hit_fraction == 0) warnings.push_back("there is no data anywhere in the map");
+  if (query.request.rocks) warn_of_no_rocks(*query.look().detail, warnings);
   return metadata_answer().write({query.look(), query.request.products, query, report, hash, resolved_json(query),
                                   std::move(warnings), covered, nullptr, &query});
 }

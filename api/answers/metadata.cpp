@@ -81,6 +81,7 @@ OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& re
                            ? "no signal: nothing in view is lit (view.sun: where the Sun stands)"
                            : "no signal: nothing in view is lit");
   add_object_warnings(query, warnings);
+  add_lens_warning(query.request.camera, warnings);
   if (query.request.terrain && products & (engine::kImage | engine::kRadiance))
     add_reflectance_warnings(query.request, query.surface, report, warnings);
   if (query.request.terrain) add_view_warnings(query, report, catalogue, warnings);

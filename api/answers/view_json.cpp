@@ -31,17 +31,22 @@ std::optional<Geographic> boresight_on_sphere(const engine::Pose& pose) {
   return place ? std::optional(to_geographic(*place)) : std::nullopt;
 }
 
-// The share of an image that the Moon fills, counted on some lines of sight.
-double share_of_moon(const engine::View& view) {
+// The share of an image that has a property, from some of its places. `has`: of an image place.
+template <typename Property>
+double share_of_image(const engine::Camera& camera, const Property& has) {
   constexpr int kAcross = 32;
-  const engine::Camera& camera = view.camera();
-  int seen = 0;
+  int count = 0;
   for (int j = 0; j < kAcross; ++j)
-    for (int i = 0; i < kAcross; ++i) {
-      const auto ray = view.ray((i + 0.5) / kAcross * camera.width - 0.5, (j + 0.5) / kAcross * camera.height - 0.5);
-      seen += ray && on_sphere(view.position(), ray->normalized()) ? 1 : 0;
-    }
-  return static_cast<double>(seen) / (kAcross * kAcross);
+    for (int i = 0; i < kAcross; ++i)
+      count += has((i + 0.5) / kAcross * camera.width - 0.5, (j + 0.5) / kAcross * camera.height - 0.5) ? 1 : 0;
+  return static_cast<double>(count) / (kAcross * kAcross);
+}
+
+double share_of_moon(const engine::View& view) {
+  return share_of_image(view.camera(), [&](double x_px, double y_px) {
+    const auto ray = view.ray(x_px, y_px);
+    return ray && on_sphere(view.position(), ray->normalized());
+  });
 }
 
 // Whether the boresight is in the sky although that of the inverse attitude would meet the ground, of which it would
@@ -179,6 +184,21 @@ const Answer<ViewSource>& view_answer() {
               [](const S& s) { return s.view.post_px; });
       });
   return answer;
+}
+
+void add_lens_warning(const engine::Camera& camera, OrderedJson& warnings) {
+  constexpr double kMuch = 0.5;
+  if (camera.rectilinear()) return;
+  const engine::Projection projection(camera);
+  const double unmapped =
+      share_of_image(camera, [&](double x_px, double y_px) { return !projection.direction(x_px, y_px); });
+  if (unmapped <= kMuch) return;
+  warnings.push_back(
+      camera.beyond_plane()
+          ? "most of the image is beyond what the fisheye images: make fov_deg smaller or fx larger, or width and "
+            "height smaller"
+          : "most of the image is beyond a fold of the lens distortion, where nothing is imaged: check order and signs "
+            "of its coefficients, and whether fx, cx and cy are of this image size");
 }
 
 void add_view_warnings(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,

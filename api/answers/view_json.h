@@ -17,6 +17,9 @@ struct ViewSource {
 };
 const Answer<ViewSource>& view_answer();
 
+// Adds a warning when the lens images less than half of the image.
+void add_lens_warning(const engine::Camera& camera, nlohmann::ordered_json& warnings);
+
 // Adds warnings when a frame sees nothing, hardly any data, posts as large as tiles, or sky where the inverse attitude
 // would see ground. They say what is seen and which common mistake would explain it: an inverted attitude, another
 // order of the quaternion, OpenGL axes; swapped latitude and longitude; lengths that are not in metres.

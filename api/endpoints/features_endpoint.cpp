@@ -1,8 +1,10 @@
 // POST /v1/features.
+#include "api/answers/metadata.h"
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
 #include "api/json/ranges.h"
 #include "api/requests/features_json.h"
+#include "api/requests/parts/detail_json.h"
 
 namespace selenograph::api {
 namespace {
@@ -27,7 +29,11 @@ Response answer_features(const EndpointContext& context) {
   const FeaturesQuery query = read_features(json_body(context), context.limits, context.assets, context.stop);
   context.memory.need(query.bytes(), "/region", context.stop);
   const FeatureList list(query, context.renderer, context.stop);
-  return negotiated(context, media_type, media_type == "text/csv" ? list.csv() : list.json());
+  Response response = negotiated(context, media_type, media_type == "text/csv" ? list.csv() : list.json());
+  OrderedJson warnings = OrderedJson::array();
+  if (query.kind == FeatureKind::rocks) warn_of_no_rocks(*query.detail.content, warnings);
+  add_warnings(response, warnings);
+  return response;
 }
 
 void describe_features(Operation& o) {
@@ -37,7 +43,7 @@ void describe_features(Operation& o) {
       "first. The DEM's posts at its centre decide whether it is shown; one covered by others of its octave of "
       "diameters is left out. The same crater has the same id in every answer.");
   o.body("/v1/features", features_members());
-  o.answer_as_accepted(kFeaturesAnswers, "FeaturesAnswer", {"Vary"});
+  o.answer_as_accepted(kFeaturesAnswers, "FeaturesAnswer", {"Vary", "Selenograph-Warnings"});
   OrderedJson crater = listed("A crater of the detail.", crater_columns()),
               rock = listed("A rock of the detail.", rock_columns());
   const OrderedJson detail = object("the detail, as in a frame's metadata",

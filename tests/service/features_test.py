@@ -95,6 +95,13 @@ class WithFeatures(harness.WithService):
 
 
 class Rocks(WithFeatures):
+    def test_a_detail_without_rocks_is_warned_of(self):
+        without = next(name for name, preset in PRESETS.items() if "rocks" not in preset)
+        for detail, count in ((without, 1), ("stones", 0)):
+            status, headers, body = self.service.post("/v1/features", {"detail": detail, "region": square(LAT, LON, 50), "kind": "rocks"})
+            self.assertEqual(status, 200, body)
+            self.assertEqual("the detail has none" in headers.get("Selenograph-Warnings", ""), bool(count), headers)
+
     def test_what_is_answered(self):
         box = square(LAT, LON, 400)
         answer = self.answer("stones", box, kind="rocks")

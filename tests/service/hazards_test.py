@@ -185,6 +185,12 @@ class Hazards(harness.unittest.TestCase):
         np.testing.assert_array_equal(np.isnan(f["slope"]), f["hazard"] == 65535)
         self.assertTrue((f["hazard"] == 1).any() and (f["hazard"] == 0).any())
 
+    def test_a_detail_without_rocks_is_warned_of(self):
+        for detail, count in (("mare", 1), ("landing", 0)):
+            f = self.service.arrays({"map": area(5, 5), "detail": detail, "rocks": True, "products": ["rock_height"]}, "/v1/maps")
+            said = [w for w in f["meta"]["warnings"] if "the detail has none" in w]
+            self.assertEqual(len(said), count, f["meta"]["warnings"])
+
     def test_the_picture(self):
         """Of the README: SELENOGRAPH_WRITE_DOCUMENTS=1 writes it. Roughness is found by other arithmetic for a few of its pixels."""
         gsd_m, size, disc = 0.1, 1000 if os.environ.get("SELENOGRAPH_WRITE_DOCUMENTS") else 240, {"diameter_m": 8.0}

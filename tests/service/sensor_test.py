@@ -12,6 +12,7 @@ import harness
 from harness import frame_request
 
 BAND = {"center_um": 0.65, "width_um": 0.3}
+GROUND = {"reflectance": {"model": "lunar", "rho": 0.121}}  # not the default, of which frames by a sensor warn
 SENSOR = {
     "optics": {"f_number": 4.0, "point_spread": {"model": "none"}, "vignetting": {"model": "none"}},
     "detector": {"pixel_pitch_um": 5.5, "quantum_efficiency": 0.4, "integration_time_s": 0.004, "photon_noise": False,
@@ -33,7 +34,7 @@ class SensorTest(unittest.TestCase):
         sensor = copy.deepcopy(SENSOR)
         sensor["optics"].update(optics), sensor["detector"].update(detector)
         sensor.update({name: changes.pop(name) for name in ("seed", "frame") if name in changes})
-        document = frame_request(products, **{"band": BAND, "sensor": sensor, **changes})
+        document = frame_request(products, **{"band": BAND, "sensor": sensor, "surface": GROUND, **changes})
         return self.service.arrays(document)
 
     # Eq. (8), gain and offset, pixel by pixel; of a narrow band, as the paper has it.
@@ -92,7 +93,7 @@ class SensorTest(unittest.TestCase):
         del document["detector"]["integration_time_s"]
         document["detector"].update(detector)
         document["exposure"] = {"target_fill": fill}
-        f = self.service.arrays(frame_request(("image",), band=BAND, sensor=document))
+        f = self.service.arrays(frame_request(("image",), band=BAND, sensor=document, surface=GROUND))
         return f["image"], f["meta"]
 
     def fill_of(self, image, full):
@@ -243,7 +244,7 @@ class SensorTest(unittest.TestCase):
                     "camera_from_moon": dict(zip("wxyz", product / np.linalg.norm(product)))}
 
         detector = {"integration_time_s": t, "gain_e_dn": 25.0}
-        document = frame_request(["image"], band=BAND, sensor=dict(
+        document = frame_request(["image"], band=BAND, surface=GROUND, sensor=dict(
             SENSOR, detector=dict(SENSOR["detector"], **detector),
             motion={"angular_rate_deg_s": list(rate), "velocity_m_s": list(velocity), "samples": n}))
         blurred = self.service.arrays(document)["image"].astype(float)
@@ -256,7 +257,7 @@ class SensorTest(unittest.TestCase):
     # Left out, the moments are as many as the longest streak has pixels; what is too few for it is said.
     def test_moments_follow_the_streak(self):
         def frame(**motion):
-            document = frame_request(["image"], band=BAND, sensor=dict(
+            document = frame_request(["image"], band=BAND, surface=GROUND, sensor=dict(
                 SENSOR, detector=dict(SENSOR["detector"], integration_time_s=0.05, gain_e_dn=25.0), motion=motion))
             f = self.service.arrays(document)
             return f["image"], f["meta"], f["headers"]

@@ -220,7 +220,29 @@ class View(unittest.TestCase):
 
     def test_a_band_in_nanometres(self):
         self.assertIn("nanometres", self.warned(nadir(), band={"center_um": 550.0, "width_um": 100.0}))
-        self.assertEqual(self.warned(nadir(), band={"center_um": 0.55, "width_um": 0.1}), "")
+        self.assertEqual(self.warned(nadir(), band={"center_um": 0.55, "width_um": 0.1}, surface={"preset": "moon"}), "")
+
+    def test_the_default_reflectance_in_absolute_units(self):
+        band = {"band": {"center_um": 0.55, "width_um": 0.1}}
+        full_scale = {"products": ("image",), "image": {"full_scale_radiance": 1000.0}}
+        for changes, named in (({}, False), (band, True), (full_scale, True), (full_scale | {"surface": {"preset": "moon"}}, False),
+                               (band | {"surface": {"reflectance": {"model": "lambert", "rho": 0.1}}}, False),
+                               (band | {"products": ("geodetic",)}, False)):
+            with self.subTest(**changes):
+                self.assertEqual("the default reflectance" in self.warned(nadir(), **changes), named)
+
+    def test_a_lens_that_images_little(self):
+        """A circle of view of 63 pixels in radius, in 256 x 256; a polynomial that folds at 0.4 focal lengths; sound ones."""
+        square = {"width": 256, "height": 256}
+        folded = {"model": "brown_conrady", "k1": -2.0}
+        for camera, words in ((square | {"model": "fisheye", "fx": 20.0}, "what the fisheye images"),
+                              (square | {"model": "pinhole", "fov_deg": 90.0, "distortion": folded}, "a fold of the lens distortion"),
+                              (square | {"model": "fisheye", "fov_deg": 180.0}, ""),
+                              (square | {"model": "pinhole", "fov_deg": 20.0, "distortion": folded}, "")):
+            warned = self.warned(nadir(), camera=camera)
+            with self.subTest(**camera):
+                self.assertIn(words, warned)
+                self.assertEqual("most of the image is beyond" in warned, bool(words), warned)
 
     def test_posts_wider_than_eight_pixels(self):
         self.assertIn("pixels wide", self.warned(nadir(height_m=800.0)))

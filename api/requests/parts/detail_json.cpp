@@ -28,4 +28,11 @@ OrderedJson detail_metadata(const std::string& name, const dem::Detail& detail) 
           {"synthetic", "craters and relief finer than the posts: where `gsd` is finer than the source's posts"}};
 }
 
+void warn_of_no_rocks(const dem::Detail& detail, OrderedJson& warnings) {
+  if (detail.rocks().empty())
+    warnings.push_back(
+        "rocks are requested, but the detail has none: name one with rocks (\"landing\"), or add \"rocks\" to its "
+        "file");
+}
+
 }  // namespace selenograph::api

@@ -28,4 +28,7 @@ std::string detail_aim();
 // Metadata of a detail: synthetic terrain is always declared.
 OrderedJson detail_metadata(const std::string& name, const dem::Detail& detail);
 
+// Adds a warning to an answer about the rocks of a detail that has none.
+void warn_of_no_rocks(const dem::Detail& detail, OrderedJson& warnings);
+
 }  // namespace selenograph::api

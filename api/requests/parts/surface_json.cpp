@@ -350,6 +350,19 @@ bool within(const std::array<double, 2>& range, double least, double largest) {
   return range[0] >= least && range[1] <= largest;
 }
 
+// True for the ground of a request without `surface`.
+bool is_default(const engine::FrameRequest& request) {
+  const engine::Reflectance &given = request.reflectance, standard;
+  return given.model == standard.model && given.lommel_seeliger_weight == standard.lommel_seeliger_weight &&
+         given.rho == standard.rho && given.phase == standard.phase && request.albedo_maps.empty();
+}
+
+// True for frames whose numbers are meant to be a camera's or a radiometer's.
+bool is_absolute(const engine::FrameRequest& request) {
+  return request.sensor || request.image.full_scale_radiance_w_m2_sr ||
+         (request.band && request.products & engine::kRadiance);
+}
+
 }  // namespace
 
 nlohmann::ordered_json reflectance_metadata(const engine::FrameRequest& request, const engine::FrameReport& report) {
@@ -378,6 +391,10 @@ void add_reflectance_warnings(const engine::FrameRequest& request, const Surface
                          "parameters: those at the nearest of these are used"
                        : "without a band the parameters of Sato et al. 2014 at 0.643 um are used for all "
                          "wavelengths");
+  if (is_default(request) && is_absolute(request))
+    warnings.push_back(
+        "the ground has the default reflectance, which is a round number and not as bright as the Moon: \"surface\": "
+        "{\"preset\": \"moon\"} has the Moon's in absolute units");
   if (model == ReflectanceModel::moon) {
     constexpr double kMuch = 0.1;
     if (engine::moon_trust(engine::band_of(request)).extrapolated_share > kMuch)
