@@ -93,8 +93,8 @@ constexpr ProductRow kTable[] = {
      {7, "W m-2", "irradiance of the ground: from the Sun directly, from terrain, from the Earth"}},
     {engine::kFlow, "flow", &FrameProducts::flow, kImageAxes, false,
      "optical flow, px to the right and down: from the pixel to its point's position in the image at `flow_to`, also "
-     "outside that image; NaN where nothing is hit, and where the point is hidden there, behind the camera or, with a "
-     "shutter, seen by no row"},
+     "outside that image; NaN where nothing is hit, and where the point is hidden there, behind the camera, beyond a "
+     "fold of the lens distortion or, with a shutter, seen by no row"},
     {engine::kHeight, "height", &FrameProducts::height, {}, false, "", {3, "m", "above the sphere of 1 737 400 m"}},
     {engine::kSlope,
      "slope",
@@ -118,7 +118,10 @@ constexpr ProductRow kTable[] = {
      {},
      false,
      "",
-     {9, "", "share of the footprint's pixels that show rocks. Requires `rocks` and `footprint`"}},
+     {9, "",
+      "share of the footprint's pixels that show rocks: on average 0.59 of the circles of their `diameter_m`, since "
+      "they "
+      "are partly buried. Requires `rocks` and `footprint`"}},
     {engine::kRoughness,
      "roughness",
      &FrameProducts::roughness,

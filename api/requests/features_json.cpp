@@ -57,7 +57,10 @@ constexpr FeatureColumn<RockFeature> kRockColumns[] = {
     {"lon_deg", "east longitude of the middle, in [-180, 180)", [](const RockFeature& f) { return f.place.lon_deg; }},
     {"height_m", "of the ground that it stands on, with detail, above the sphere of 1 737 400 m",
      [](const RockFeature& f) { return f.place.height_m; }},
-    {"diameter_m", "its largest extent along the ground, of which it is 0.2 to 0.9 high, 0.55 on average",
+    {"diameter_m",
+     "its largest extent along the ground, of which it is 0.2 to 0.9 high, 0.55 on average. Partly buried, it covers "
+     "0.59 "
+     "of a circle of that diameter, seen from above: as much as one of 0.77 diameters",
      [](const RockFeature& f) { return f.rock.diameter_m; }},
     {"age_Ma", "since it lies there", [](const RockFeature& f) { return f.rock.age_Ma; }}};
 

@@ -6,11 +6,15 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <fstream>
+#include <iterator>
 #include <numbers>
 #include <optional>
 #include <random>
+#include <regex>
 #include <set>
 #include <stdexcept>
+#include <string>
 
 #include "api/assets/assets.h"
 #include "dem/detail/detail_kernels.h"
@@ -778,6 +782,37 @@ TEST(DetailedTerrain, BoundsHoldWhereLayersMeet) {
 
 DetailPreset shipped(const std::string& name) {
   return api::read_detail_file(SELENOGRAPH_SOURCE_DIR "/deploy/assets/details/" + name + ".json");
+}
+
+std::string text_of(const std::string& path) {
+  std::ifstream file(SELENOGRAPH_SOURCE_DIR + path);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+// deploy/assets/details.md describes every member that the reader knows, and its example has all of them.
+TEST(DetailFiles, AreDescribedMemberByMember) {
+  const std::string page = text_of("/deploy/assets/details.md"), reader = text_of("/api/assets/assets.cpp");
+  const std::size_t fence = page.find("```json\n");
+  ASSERT_NE(fence, std::string::npos);
+  const std::string table = page.substr(0, fence), example = page.substr(fence + 8, page.rfind("```") - fence - 8);
+  const test::TemporaryFolder folder;
+  const std::string path = folder.path() + "/example.json";
+  std::ofstream(path) << example;
+  EXPECT_NO_THROW(api::read_detail_file(path)) << example;
+  const std::size_t first = reader.find("dem::SizeFrequency read_frequency("),
+                    past = reader.find("void Assets::refuse_failed");
+  ASSERT_LT(first, past);
+  const std::string of_details = reader.substr(first, past - first);
+  const std::regex list(R"(object\(\{([^}]*)\}\))"), quoted(R"re("(\w+)")re");
+  int members = 0;
+  for (std::sregex_iterator object(of_details.begin(), of_details.end(), list), end; object != end; ++object) {
+    const std::string names = (*object)[1];
+    for (std::sregex_iterator name(names.begin(), names.end(), quoted); name != end; ++name, ++members) {
+      EXPECT_NE(table.find((*name)[1].str()), std::string::npos) << (*name)[1];
+      EXPECT_NE(example.find("\"" + (*name)[1].str() + "\":"), std::string::npos) << (*name)[1];
+    }
+  }
+  EXPECT_GT(members, 20);
 }
 
 // On level ground, so that heights are the detail's.

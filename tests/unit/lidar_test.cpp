@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "dem/support/error.h"
@@ -46,6 +47,25 @@ TEST(LidarBeam, PartsHaveTheMomentsOfTheBeam) {
   for (const SubRay& ray : seven.rays)
     fourth += ray.weight * (std::pow(ray.x, 4) + 6 * std::pow(ray.x * seven.part, 2) + 3 * std::pow(seven.part, 4));
   EXPECT_NEAR(fourth, 3, 1e-12);
+}
+
+// The light on one side of an edge, in all directions and just before and behind each sub-ray, against the Gaussian's.
+TEST(LidarBeam, AnEdgeDividesItWithinTheDocumentedShare) {
+  for (const auto& [number, stated] : {std::pair{1, 0.5}, {7, 0.34}, {19, 0.23}, {37, 0.17}, {61, 0.13}}) {
+    const SubRays beam(number);
+    double worst = 0;
+    for (int step = 0; step <= 60; ++step) {
+      const double angle = std::numbers::pi / 3 * step / 60;
+      const auto place = [&](const SubRay& ray) { return ray.x * std::cos(angle) + ray.y * std::sin(angle); };
+      for (const SubRay& at : beam.rays)
+        for (const double edge : {place(at) - 1e-6, place(at) + 1e-6}) {
+          double share = 0;
+          for (const SubRay& ray : beam.rays) share += place(ray) < edge ? ray.weight : 0;
+          worst = std::max(worst, std::abs(share - std::erfc(-edge / std::numbers::sqrt2) / 2));
+        }
+    }
+    EXPECT_NEAR(worst, stated, 0.01) << number;
+  }
 }
 
 // The echo of a plane that is tilted against the beam, by its sub-rays.
