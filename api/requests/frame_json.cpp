@@ -205,6 +205,7 @@ void check_flow(const JsonReader& in, const engine::FrameRequest& request) {
 void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext& context) {
   const engine::FrameRequest& request = query.request;
   query.sun_utc = context.sun_utc;
+  if (in.has("camera")) check_rendered_size(in.at("camera"), request.camera, context.limits);
   check_shutter(in, query);
   resolve_preset(query.request, query.surface);
   if (query.request.truth) resolve_truth(in, request.camera, *query.request.truth);
@@ -349,6 +350,7 @@ const Members<FrameQuery>& frame_members() {
         m.needs("atmosphere", {"band", "camera_preset"});
         m.excludes("sky", {"atmosphere"}, "whose table says nothing of light from beyond");
         m.check(check_frame);
+        m.also(rendered_size_condition);
         m.also(of_one_camera(pose_condition));
         m.also(of_one_camera(craters_condition));
         m.also(of_one_camera(flow_condition));

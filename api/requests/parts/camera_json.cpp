@@ -20,6 +20,8 @@ constexpr std::pair<std::string_view, CameraModel> kCameraModels[] = {
     {"pinhole", CameraModel::pinhole},
     {"fisheye", CameraModel::fisheye},
 };
+// Columns and rows of a camera: what a call allows beyond that depends on what it does with them.
+constexpr std::int64_t kMaxSide = 65535;
 // Each camera model has its own.
 constexpr std::pair<std::string_view, CameraModel> kDistortions[] = {
     {"brown_conrady", CameraModel::pinhole},
@@ -78,9 +80,6 @@ std::optional<Camera> resolve_camera(const JsonReader& in, const CameraForm& for
   Camera camera{form.width, form.height};
   camera.model = form.model;
   set_distortion(in, form.distortion, camera);
-  if (std::int64_t{camera.width} * camera.height > context.limits.max_image_pixels)
-    in.fail(fmt::format("{} x {} are more pixels than the {} that this service renders", camera.width, camera.height,
-                        context.limits.max_image_pixels));
   if (form.fov_deg) check_field_of_view(in, camera, *form.fov_deg);
   if (in.faults() != before) return std::nullopt;
   camera.fx = form.fov_deg ? focal_length_px(camera, *form.fov_deg)
@@ -107,19 +106,32 @@ CameraForm form_of(const Camera& c) {
 
 }  // namespace
 
-std::int64_t largest_side(const Limits& limits) { return limits.max_image_side; }
+void check_rendered_size(const JsonReader& in, const Camera& camera, const Limits& limits) {
+  for (const auto& [member, side] : {std::pair("width", camera.width), {"height", camera.height}})
+    if (side > limits.max_image_side)
+      in.fail(member, fmt::format("must be at most {} of a frame (--max-image-side)", limits.max_image_side));
+  if (std::int64_t{camera.width} * camera.height > limits.max_image_pixels)
+    in.fail(fmt::format("{} x {} are more pixels than the {} that this service renders", camera.width, camera.height,
+                        limits.max_image_pixels));
+}
+
+OrderedJson rendered_size_condition(const Limits& limits) {
+  const OrderedJson side{{"maximum", limits.max_image_side}};
+  return {{"properties", {{"camera", {{"properties", {{"width", side}, {"height", side}}}}}}}};
+}
 
 const Members<CameraForm, Camera>& camera_members() {
   static const auto table = made<Members<CameraForm, Camera>>(
       "Camera",
       "A pinhole or a fisheye, by `fov_deg`, by `fx`, `fy`, `cx`, `cy` or by `focal_length_mm` and `pixel_pitch_um`. "
       "The centre of the top-left pixel is (0, 0). "
-      "A fisheye without distortion is equidistant: radius = f theta. It is rendered by ray tracing. The service also "
-      "limits width x height.",
+      "A fisheye without distortion is equidistant: radius = f theta. It is rendered by ray tracing. The service "
+      "limits "
+      "the sides of a frame, and width x height.",
       [](auto& m) {
         m.add("model", &CameraForm::model, Word{kCameraModels}, "projection");
-        m.add("width", &CameraForm::width, Integer{1, largest_side, "px"}, "columns").required();
-        m.add("height", &CameraForm::height, Integer{1, largest_side, "px"}, "rows").required();
+        m.add("width", &CameraForm::width, Integer{1, kMaxSide, "px"}, "columns").required();
+        m.add("height", &CameraForm::height, Integer{1, kMaxSide, "px"}, "rows").required();
         m.add("fov_deg", &CameraForm::fov_deg, Number{kFisheyeFieldOfView_deg, "deg"},
               "full horizontal angle: fx = fy = (width/2) / tan(fov/2) for a pinhole (below 180), (width/2) / "
               "radius(fov/2) for a fisheye; principal point in the middle");

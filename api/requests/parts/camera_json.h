@@ -22,7 +22,9 @@ struct CameraForm {
 };
 const Members<CameraForm, engine::Camera>& camera_members();
 
-// Largest side of an image, px.
-std::int64_t largest_side(const Limits& limits);
+// Fails a camera whose image is larger than the service renders. Calls that draw nothing take it all the same.
+void check_rendered_size(const JsonReader& in, const engine::Camera& camera, const Limits& limits);
+// The same as a condition on the member `camera` of a request's schema.
+OrderedJson rendered_size_condition(const Limits& limits);
 
 }  // namespace selenograph::api

@@ -12,6 +12,7 @@ struct Region {
   int x = 0, y = 0, width = 0, height = 0;
 };
 
+std::int64_t largest_side(const Limits& limits) { return limits.max_image_side; }
 std::int64_t last_pixel(const Limits& limits) { return limits.max_image_side - 1; }
 
 const Members<Region>& region_members() {
