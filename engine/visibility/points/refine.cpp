@@ -255,27 +255,33 @@ void weigh(const Facets& t, SurfacePoints& p, int i, std::int64_t& off) {
   off = on ? kOn : kOff;
 }
 
+// Meets the lanes' own triangles. Returns the sum of the lanes' states.
+std::int64_t meet_own_triangles(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& facets,
+                                std::int64_t* off) {
+  gather(mesh, points.triangle, facets);
+  std::int64_t any = in_one_block(points.triangle)
+                         ? meet_along(mesh.blocks()[points.triangle[0].block()].axis, facets, rays, points, off)
+                         : meet_along_own(mesh, facets, rays, points, off);
+  if (!(any & kSteep)) return any;
+  any = kOn;
+  for (int i = 0; i < kPacket; ++i) {
+    if (off[i] & kSteep) weigh(facets, points, i, off[i]);
+    any |= off[i];
+  }
+  return any;
+}
+
 }  // namespace
 
 void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& facets) {
   // An empty mesh has not even a triangle for the lanes without a hit.
   if (hit_bits(points) == 0) return;
-  gather(mesh, points.triangle, facets);
   alignas(64) std::int64_t off[kPacket];
-  std::int64_t any = in_one_block(points.triangle)
-                         ? meet_along(mesh.blocks()[points.triangle[0].block()].axis, facets, rays, points, off)
-                         : meet_along_own(mesh, facets, rays, points, off);
-  if (any & kSteep) {
-    any = kOn;
-    for (int i = 0; i < kPacket; ++i) {
-      if (off[i] & kSteep) weigh(facets, points, i, off[i]);
-      any |= off[i];
-    }
-  }
-  if (any == kOn) return;
+  if (meet_own_triangles(mesh, rays, points, facets, off) == kOn) return;
   for (int i = 0; i < kPacket; ++i)
     if (off[i]) correct(mesh, rays, i, points);
-  gather(mesh, points.triangle, facets);
+  // The search found the triangles by other sums. A point must not depend on the triangle that float proposed.
+  meet_own_triangles(mesh, rays, points, facets, off);
 }
 
 bool buried(const Mesh& mesh, const TriangleId& beside, const Vec3& place) {
