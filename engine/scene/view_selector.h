@@ -183,6 +183,11 @@ class ViewSelector {
     double displaced_px = 0;
   };
 
+  // Displacement of shadow edges by a height error. Level ground is a sphere: an error of e moves the edge by at most
+  // sqrt(2 R e), however low the Sun is. `displaced_pixels_per_metre`: where the Sun is higher.
+  double displaced_px(double error_m, double displaced_pixels_per_metre) const;
+  // Largest error that moves shadow edges by no more than the target.
+  double error_for_shadows_m(double displaced_pixels_per_metre) const;
   Blur blur(const Seen& seen, double displaced_pixels_per_metre) const;
   bool too_much(const Blur& blur, Part& part) const;
   void sharpen(const Seen& seen, const LightTree& receivers, Part& part) const;
@@ -283,6 +288,7 @@ class ViewSelector {
   std::vector<const RootGroup*> groups_out_of_view_;
 
   mutable std::atomic<bool> refined_for_shadows_ = false;
+  double receivers_pixels_per_metre_ = 0;  // largest of what receives shadows
   Selection result_;
 };
 

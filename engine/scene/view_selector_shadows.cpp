@@ -23,8 +23,10 @@ void ViewSelector::sharpen_shadows(const Sun& sun) {
   Vec3 middle = Vec3::Zero();
   for (const Seen& s : seen_) middle += s.bounds.centre.normalized();
   LightTree receivers(sun, middle);
-  for (const Seen& s : seen_)
+  for (const Seen& s : seen_) {
     receivers.add_receiver(s.bounds, s.pixels_per_metre * shadow_gain(s.bounds, sun.direction));
+    receivers_pixels_per_metre_ = std::max(receivers_pixels_per_metre_, s.pixels_per_metre);
+  }
   for (const Ball& ball : receivers_) {
     double sharpness = 0;
     for (const ViewBundle& view : views_)
@@ -33,6 +35,7 @@ void ViewSelector::sharpen_shadows(const Sun& sun) {
     if (sharpness == 0) continue;
     const NodeBounds bounds = bounds_around(ball.centre_m, ball.radius_m);
     receivers.add_receiver(bounds, std::min(kSharpest, sharpness) * shadow_gain(bounds, sun.direction));
+    receivers_pixels_per_metre_ = std::max(receivers_pixels_per_metre_, std::min(kSharpest, sharpness));
   }
   receivers.finish();
   of_detail_ = 0;
@@ -54,6 +57,17 @@ void ViewSelector::sharpen_shadows(const Sun& sun) {
   cast_detail(std::exchange(of_detail_in_view_, {}), receivers);
 }
 
+double ViewSelector::displaced_px(double error_m, double displaced_pixels_per_metre) const {
+  return std::min(error_m * displaced_pixels_per_metre,
+                  std::sqrt(2 * kMoonRadius_m * error_m) * receivers_pixels_per_metre_);
+}
+
+double ViewSelector::error_for_shadows_m(double displaced_pixels_per_metre) const {
+  const double at_horizon_m = accuracy_.max_shadow_error_px / receivers_pixels_per_metre_;
+  return std::max(accuracy_.max_shadow_error_px / displaced_pixels_per_metre,
+                  at_horizon_m * at_horizon_m / (2 * kMoonRadius_m));
+}
+
 ViewSelector::Blur ViewSelector::blur(const Seen& seen, double displaced_pixels_per_metre) const {
   if (displaced_pixels_per_metre == 0 || seen.finest) return {};
   if (accuracy_.max_error_px == 0) return {true};
@@ -61,10 +75,10 @@ ViewSelector::Blur ViewSelector::blur(const Seen& seen, double displaced_pixels_
   // have to be less than a 16th of the spacing, finer blocks are taken without asking: they do as well.
   constexpr double kWorthAsking = 16;
   if (!seen.errors &&
-      dem::post_spacing_m(seen.id.level) * displaced_pixels_per_metre > kWorthAsking * accuracy_.max_shadow_error_px)
+      dem::post_spacing_m(seen.id.level) > kWorthAsking * error_for_shadows_m(displaced_pixels_per_metre))
     return {true};
-  const double displaced_px = errors_of(seen).all_m * displaced_pixels_per_metre;
-  return {displaced_px > accuracy_.max_shadow_error_px, displaced_px};
+  const double displaced = displaced_px(errors_of(seen).all_m, displaced_pixels_per_metre);
+  return {displaced > accuracy_.max_shadow_error_px, displaced};
 }
 
 bool ViewSelector::too_much(const Blur& blur, Part& part) const {
@@ -120,16 +134,18 @@ ViewSelector::Caster ViewSelector::caster(const BlockId& id, const LightTree& re
     if (displaced == 0) return {};
     // Wider bounds shade more than the block does.
     constexpr double kSurely = 4;
-    if (accuracy_.max_error_px == 0 || outline->error_m * displaced > kSurely * accuracy_.max_shadow_error_px)
+    if (accuracy_.max_error_px == 0 ||
+        displaced_px(outline->error_m, displaced) > kSurely * accuracy_.max_shadow_error_px)
       return {true, false, *outline, Blur{true}};
   }
   const auto node = known(terrain_, id, stop_);
   if (!node) return {};
   const double displaced = receivers.shaded_pixels_per_metre(node->bounds);
   if (displaced == 0) return {};
-  // Large blocks overlap much that they don't shade: they are split until their bounds mean something.
+  // The bounds of a large block whose heights are unknown overlap much that it does not shade: split it until its
+  // bounds mean something, before its pyramid is built for its error.
   const Seen seen = seen_of(id, *node);
-  if (id.level < dem::kRootLevel + 1 && !seen.finest) return {true, true, node->info};
+  if (node->loose && id.level < dem::kRootLevel + 1) return {true, true, node->info};
   return {true, false, node->info, blur(seen, displaced)};
 }
 
