@@ -1,6 +1,7 @@
 #include "engine/lidar/detection.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -19,9 +20,12 @@ constexpr float kNoSignal = std::numeric_limits<float>::quiet_NaN();
 // What the words of a beam are for.
 enum class Purpose : std::uint64_t { false_alarms = 0, velocity = 1, strongest_alarm = 2, first_return = 16 };
 
-// (scan, purpose) is the frame of the numbers: scans are below 2^53.
-RandomBits bits_of(std::uint64_t seed, std::uint64_t scan, std::uint64_t purpose, std::uint32_t beam) {
-  return draw_one(seed, scan << 5 | purpose, RandomSource::lidar, beam);
+std::uint64_t word_of(Purpose purpose) { return static_cast<std::uint64_t>(purpose); }
+
+// (word block, scan, purpose) is the frame of the numbers: scans are below 2^53, word blocks below 2^6.
+RandomBits bits_of(std::uint64_t seed, std::uint64_t scan, std::uint64_t purpose, std::uint32_t beam,
+                   std::uint64_t word_block = 0) {
+  return draw_one(seed, word_block << 58 | scan << 5 | purpose, RandomSource::lidar, beam);
 }
 
 double unit(std::uint32_t bits) { return (static_cast<double>(bits) + 0.5) * 0x1p-32; }
@@ -54,6 +58,45 @@ struct Detected {
   double most_ = -std::numeric_limits<double>::infinity(), number_of_most_ = 0;
 };
 
+// False alarms of a beam. Each cell of the gate has one with the same chance, so the number of cells without an alarm
+// before the next one has a geometric distribution. Places are in cells from the near end of the gate.
+class AlarmCells {
+ public:
+  AlarmCells(double cells, double chance) : cells_(cells), chance_(chance), log_of_none_(std::log1p(-chance)) {}
+
+  struct Alarms {
+    double number = 0;  // beyond kMaxDrawn its expected value
+    double nearest = 0, farthest = 0, any = 0;
+    std::uint32_t tie = 0;  // random bits that choose among equally strong detections
+  };
+  Alarms draw(std::uint64_t seed, std::uint64_t scan, std::uint32_t beam) const {
+    std::array<double, kMaxDrawn> places;
+    std::size_t drawn = 0;
+    RandomBits bits{};
+    for (double cell = -1; drawn < kMaxDrawn; ++drawn) {
+      if (drawn % 4 == 0) bits = bits_of(seed, scan, word_of(Purpose::false_alarms), beam, drawn / 4);
+      const std::uint32_t word = bits[drawn % 4];
+      cell += 1 + cells_without(word);
+      // A cell has many words: multiplied by an odd number, they are uniform within it.
+      places[drawn] = cell + unit(word * 0x9E3779B1U);
+      if (!(places[drawn] < cells_)) break;
+    }
+    if (drawn == 0) return {};
+    const RandomBits more = bits_of(seed, scan, word_of(Purpose::strongest_alarm), beam);
+    const auto number = static_cast<double>(drawn);
+    const double last = places[drawn - 1], choice = unit(more[0]);
+    if (drawn < kMaxDrawn) return {number, places[0], last, places[static_cast<std::size_t>(choice * number)], more[3]};
+    const double farthest = std::max(last, cells_ - cells_without(more[1]) - unit(more[2]));
+    return {number + chance_ * (cells_ - last), places[0], farthest, choice * cells_, more[3]};
+  }
+
+ private:
+  static constexpr std::size_t kMaxDrawn = 256;
+  double cells_without(std::uint32_t word) const { return std::floor(std::log(unit(word)) / log_of_none_); }
+
+  double cells_, chance_, log_of_none_;
+};
+
 double gain_of(const LidarInstrument& instrument) {
   const LidarReceiver& r = instrument.receiver;
   if (r.signal == LidarSignal::snr) return r.snr * r.range_m * r.range_m * std::numbers::pi / r.reflectance;
@@ -84,13 +127,13 @@ double poisson_reaches(double mean, double threshold) {
 double normal_exceeds(double x) { return std::erfc(x / std::numbers::sqrt2) / 2; }
 
 LidarReceiverModel::LidarReceiverModel(const LidarInstrument& instrument)
-    : instrument_(instrument), gain_(gain_of(instrument)), cell_m_(kHalfLight_m_ns * instrument.pulse_length_ns) {
-  const double cells = (instrument.gate.far_m - instrument.gate.near_m) / cell_m_;
-  const double chance = instrument.receiver.signal == LidarSignal::snr
-                            ? normal_exceeds(instrument.threshold)
-                            : poisson_reaches(dark_counts(cell_m_), instrument.threshold);
-  false_alarms_ = cells * chance;
-}
+    : instrument_(instrument),
+      gain_(gain_of(instrument)),
+      cell_m_(kHalfLight_m_ns * instrument.pulse_length_ns),
+      cells_((instrument.gate.far_m - instrument.gate.near_m) / cell_m_),
+      alarm_chance_(instrument.receiver.signal == LidarSignal::snr
+                        ? normal_exceeds(instrument.threshold)
+                        : poisson_reaches(dark_counts(cell_m_), instrument.threshold)) {}
 
 // Within a full width.
 double LidarReceiverModel::dark_counts(double width_m) const {
@@ -105,49 +148,38 @@ LidarDetection LidarReceiverModel::detect(std::span<const EchoReturn> returns, s
   for (std::size_t k = 0; k < returns.size(); ++k) {
     const EchoReturn& one = returns[k];
     if (!in_gate(one.range_m)) continue;
-    const RandomBits bits =
-        bits_of(seed, scan, static_cast<std::uint64_t>(Purpose::first_return) + k % Echo::kMost, beam);
+    const RandomBits bits = bits_of(seed, scan, word_of(Purpose::first_return) + k % Echo::kMost, beam);
     const double full_width_m = std::max(cell_m_, kFullWidth * one.width_m);
     const double dark = counting ? dark_counts(full_width_m) : 0;
     const double found = counting ? static_cast<double>(poisson_one(bits[0], static_cast<float>(one.signal + dark)))
                                   : one.signal + static_cast<double>(normal_one(bits[0]));
     if (!(found >= instrument_.threshold)) continue;
     const double deviation_m = counting ? one.width_m / std::sqrt(found) : one.width_m / std::max(1.0, one.signal);
-    const double range_m = one.range_m + deviation_m * static_cast<double>(normal_one(bits[1])) +
+    const double noise_m = deviation_m * static_cast<double>(normal_one(bits[1])) +
                            timing_m * static_cast<double>(normal_one(bits[2])),
-                 signal = counting ? std::max(0.0, found - dark) : found;
+                 range_m = std::max(0.0, one.range_m + noise_m), signal = found - dark;
     all.add(range_m, signal);
     all.take_strongest(range_m, signal, {.strength = found, .number = 1, .false_alarms = false}, bits[3]);
   }
-  if (false_alarms_ > 1e-12) {
-    const RandomBits bits = bits_of(seed, scan, static_cast<std::uint64_t>(Purpose::false_alarms), beam);
-    const auto alarms = static_cast<double>(poisson_one(bits[0], static_cast<float>(false_alarms_)));
-    const double near_m = instrument_.gate.near_m, length_m = instrument_.gate.far_m - near_m;
-    // Hardly any has more than it takes.
+  constexpr double kMinAlarms = 1e-12;
+  if (expected_false_alarms() > kMinAlarms) {
+    const AlarmCells::Alarms alarms = AlarmCells(cells_, alarm_chance_).draw(seed, scan, beam);
+    const auto range_m = [&](double cell) { return instrument_.gate.near_m + cell_m_ * cell; };
+    // Hardly any alarm is stronger than the threshold asks for.
     const double strength = counting ? std::ceil(instrument_.threshold) : instrument_.threshold,
-                 signal = counting ? std::max(0.0, strength - dark_counts(cell_m_)) : strength;
-    if (alarms > 0) {
-      // Of n uniform ranges the nearest, of those beyond it the farthest, and of all any one.
-      const double nearest = 1 - std::pow(unit(bits[1]), 1 / alarms);
-      double any = nearest;
-      all.add(near_m + length_m * nearest, signal);
-      if (alarms > 1) {
-        const double farthest = nearest + (1 - nearest) * std::pow(unit(bits[2]), 1 / (alarms - 1));
-        all.add(near_m + length_m * farthest, signal);
-        all.count += static_cast<std::size_t>(std::min(alarms - 2, 255.0));
-        const RandomBits of_any = bits_of(seed, scan, static_cast<std::uint64_t>(Purpose::strongest_alarm), beam);
-        const double which = std::floor(unit(of_any[0]) * alarms);
-        any = which == 0 ? nearest : which == 1 ? farthest : std::lerp(nearest, farthest, unit(of_any[1]));
-      }
-      all.take_strongest(near_m + length_m * any, signal,
-                         {.strength = strength, .number = alarms, .false_alarms = true}, bits[3]);
-    }
+                 signal = counting ? strength - dark_counts(cell_m_) : strength;
+    if (alarms.number > 0) all.add(range_m(alarms.nearest), signal);
+    if (alarms.number > 1) all.add(range_m(alarms.farthest), signal);
+    if (alarms.number > 2) all.count += static_cast<std::size_t>(std::min(alarms.number - 2, 255.0));
+    if (alarms.number > 0)
+      all.take_strongest(range_m(alarms.any), signal,
+                         {.strength = strength, .number = alarms.number, .false_alarms = true}, alarms.tie);
   }
   LidarDetection& out = all.out;
   out.count = static_cast<std::uint8_t>(std::min<std::size_t>(all.count, 255));
   if (instrument_.velocity_noise_m_s > 0 && out.count > 0)
     out.velocity_noise_m_s = static_cast<float>(instrument_.velocity_noise_m_s) *
-                             normal_one(bits_of(seed, scan, static_cast<std::uint64_t>(Purpose::velocity), beam)[0]);
+                             normal_one(bits_of(seed, scan, word_of(Purpose::velocity), beam)[0]);
   return out;
 }
 

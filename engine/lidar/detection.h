@@ -31,24 +31,25 @@ class LidarReceiverModel {
   // Whether a return is detected is a function of seed, scan, beam and the return's number; so is its noise.
   //   photon_counting: a count of Poisson statistics, whose mean is the signal and the dark counts within the return's
   //   full width at half maximum, must reach the threshold. Its range is off by a normal deviate of width /
-  //   sqrt(count). snr: the signal and a normal deviate of 1 must reach the threshold. The range is off by width /
-  //   max(1, signal).
-  // Both: and by half of the way of light in the timing noise. False alarms: over the gate there are as many resolution
-  // cells of one pulse length as fit; each exceeds the threshold without light by its chance, so that their number has
-  // Poisson statistics, and their ranges are uniform. Each has what the threshold asks for, and only the nearest and
+  //   sqrt(count). The reported signal is the count minus the mean dark counts, which may be negative. snr: the signal
+  //   and a normal deviate of 1 must reach the threshold. The range is off by width / max(1, signal).
+  // Both: and by half of the way of light in the timing noise, but no range is negative. False alarms: each resolution
+  // cell of one pulse length within the gate exceeds the threshold without light by its chance, independently of the
+  // others; the range is uniform within the cell. Each alarm has what the threshold asks for, and only the nearest and
   // the farthest are told apart. Of detections with the highest count (dark counts included) or signal, false alarms
   // among them, each is as likely the strongest.
   LidarDetection detect(std::span<const EchoReturn> returns, std::uint64_t seed, std::uint64_t scan,
                         std::uint32_t beam) const;
 
-  double expected_false_alarms() const { return false_alarms_; }
+  double expected_false_alarms() const { return cells_ * alarm_chance_; }
   bool in_gate(double range_m) const { return range_m >= instrument_.gate.near_m && range_m <= instrument_.gate.far_m; }
 
  private:
   double dark_counts(double width_m) const;
 
   const LidarInstrument instrument_;
-  double gain_, cell_m_, false_alarms_;
+  double gain_, cell_m_;
+  double cells_, alarm_chance_;  // cells of cell_m_ within the gate, and the chance of a false alarm in one
 };
 
 // The chance that a count of Poisson statistics reaches a threshold.

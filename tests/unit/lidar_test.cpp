@@ -182,6 +182,79 @@ TEST(LidarDetection, FalseAlarmsHaveTheirClosedForm) {
   EXPECT_NEAR(poisson_reaches(1e-3, 3), 1.6654e-10, 1e-13);
 }
 
+// Ten cells of the gate, most of which have an alarm: their number is binomial, and never larger than ten.
+TEST(LidarDetection, EachCellHasAtMostOneFalseAlarm) {
+  LidarInstrument lidar = counting();
+  const double cell_m = 0.299792458 / 2 * 4;
+  lidar.threshold = 1, lidar.dark_count_hz = 3e8, lidar.gate = {100, 100 + 10 * cell_m};
+  const LidarReceiverModel receiver(lidar);
+  const double chance = 1 - std::exp(-3e8 * 4e-9);
+  EXPECT_NEAR(receiver.expected_false_alarms(), 10 * chance, 1e-9);
+  constexpr int kBeams = 40000;
+  double sum = 0, square = 0, first = 0;
+  for (std::uint32_t beam = 0; beam < kBeams; ++beam) {
+    const LidarDetection found = receiver.detect({}, 5, 0, beam);
+    ASSERT_LE(found.count, 10);
+    sum += found.count, square += found.count * found.count;
+    if (found.count > 0) first += (found.first_m - 100) / cell_m < 1;
+  }
+  const double mean = sum / kBeams, variance = 10 * chance * (1 - chance);
+  EXPECT_NEAR(mean, 10 * chance, 4.5 * std::sqrt(variance / kBeams));
+  EXPECT_NEAR(square / kBeams - mean * mean, variance, 0.05 * variance) << "of Poisson statistics: " << 10 * chance;
+  EXPECT_NEAR(first / kBeams, chance, 4.5 * std::sqrt(chance * (1 - chance) / kBeams)) << "in the first cell";
+}
+
+// More alarms than are drawn one by one: nearest and farthest are still within a few cells of the gate's ends.
+TEST(LidarDetection, ManyFalseAlarmsFillTheGate) {
+  LidarInstrument lidar = counting();
+  lidar.threshold = 1, lidar.dark_count_hz = 3e8;
+  const LidarReceiverModel receiver(lidar);
+  double strongest_m = 0;
+  constexpr int kBeams = 2000;
+  for (std::uint32_t beam = 0; beam < kBeams; ++beam) {
+    const LidarDetection found = receiver.detect({}, 5, 0, beam);
+    EXPECT_EQ(found.count, 255);
+    EXPECT_LT(found.first_m, 60);
+    EXPECT_GT(found.last_m, 4990);
+    EXPECT_LE(found.last_m, 5000);
+    strongest_m += found.strongest_m / kBeams;
+  }
+  EXPECT_NEAR(strongest_m, 2525, 4.5 * 4950 / std::sqrt(12.0 * kBeams));
+}
+
+// The mean dark counts are subtracted from every count, also from one that is smaller.
+TEST(LidarDetection, IntensityIsUnbiased) {
+  LidarInstrument lidar = counting();
+  lidar.threshold = 1, lidar.dark_count_hz = 1e10, lidar.gate = {999, 999.01};
+  const LidarReceiverModel receiver(lidar);
+  const std::vector<EchoReturn> returns{{999.005, pulse_deviation_m(4), 1, 0}};
+  constexpr int kBeams = 40000;
+  double sum = 0;
+  int negative = 0;
+  for (std::uint32_t beam = 0; beam < kBeams; ++beam) {
+    const LidarDetection found = receiver.detect(returns, 9, 0, beam);
+    if (found.count == 0 || found.false_alarm) continue;
+    const auto intensity = static_cast<double>(found.strongest);
+    sum += intensity, negative += intensity < 0;
+  }
+  EXPECT_NEAR(sum / kBeams, 1, 4.5 * std::sqrt(41.0 / kBeams));
+  EXPECT_GT(negative, kBeams / 4);
+}
+
+TEST(LidarDetection, NoRangeIsNegative) {
+  LidarInstrument lidar = counting();
+  lidar.timing_noise_ns = 100, lidar.gate = {0, 1000};
+  const LidarReceiverModel receiver(lidar);
+  const std::vector<EchoReturn> returns{{0.5, pulse_deviation_m(4), 100, 0}};
+  int at_aperture = 0;
+  for (std::uint32_t beam = 0; beam < 1000; ++beam) {
+    const LidarDetection found = receiver.detect(returns, 9, 0, beam);
+    ASSERT_GE(found.first_m, 0);
+    at_aperture += found.first_m == 0;
+  }
+  EXPECT_GT(at_aperture, 300);
+}
+
 // One photon is all that the threshold asks for: a return of one and each of some five alarms are equally strong.
 TEST(LidarDetection, EquallyStrongDetectionsAreEquallyLikelyTheStrongest) {
   LidarInstrument lidar = counting();
@@ -382,6 +455,12 @@ TEST_F(SmoothMoonLidar, ATrackThatDipsBelowTheTerrainIsRefused) {
       }
     }
   }
+}
+
+TEST_F(SmoothMoonLidar, AtTheMoonsCentreThereIsNoLidar) {
+  LidarRequest request = looking_down(1500, 0);
+  request.pose.position_m = Vec3::Zero();
+  EXPECT_THROW(renderer().lidar(request), ImpossibleRequest);
 }
 
 TEST_F(SmoothMoonLidar, NothingComesBackFromTheSky) {

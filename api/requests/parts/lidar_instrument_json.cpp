@@ -49,7 +49,7 @@ const Members<LidarReceiver>& receiver_members() {
         m.add("range_m", &LidarReceiver::range_m, Number{kPositive, "m"}, "range of that surface")
             .required()
             .of({"snr"});
-        m.add("reflectance", &LidarReceiver::reflectance, Number{{0, 1, true, false}}, "of that surface").of({"snr"});
+        m.add("reflectance", &LidarReceiver::reflectance, Number{{1e-6, 1}}, "of that surface").of({"snr"});
       });
   return *table;
 }
