@@ -9,6 +9,7 @@
 #include "engine/radiometry/radiometry.h"
 #include "engine/scene/anchor.h"
 #include "engine/visibility/image/dense_samples.h"
+#include "engine/visibility/objects/enclosed.h"
 #include "engine/visibility/raytrace/ray_pass.h"
 
 namespace selenograph::engine {
@@ -22,9 +23,16 @@ constexpr auto kPixelStages = [](auto& algorithm, auto& pixels) {
   algorithm.write_products(pixels);
 };
 
+// Refuses a camera below the terrain, inside a rock or inside an object.
+void refuse_hidden(const FrameRequest& request, const dem::Terrain& terrain, const RowViews& views,
+                   const StopToken& stop) {
+  if (request.terrain) refuse_underground(terrain, views, stop);
+  refuse_enclosed(request.terrain ? &terrain : nullptr, request.objects, views, stop);
+}
+
 RowViews views_above_ground(const FrameRequest& request, const dem::Terrain& terrain, const StopToken& stop) {
   RowViews views(request.camera, request.pose, request.shutter, stop);
-  if (request.terrain) refuse_underground(terrain, views, stop);
+  refuse_hidden(request, terrain, views, stop);
   return views;
 }
 
@@ -34,7 +42,7 @@ std::optional<RowViews> views_of_flow(const FrameRequest& request, const dem::Te
   if (!wants_flow(request)) return views;
   views.emplace(request.camera, *request.flow_to, request.shutter, stop);
   try {
-    if (request.terrain) refuse_underground(terrain, *views, stop);
+    refuse_hidden(request, terrain, *views, stop);
   } catch (const ImpossibleRequest& e) {
     throw ImpossibleRequest(e.what(), "flow_to");
   }

@@ -133,14 +133,19 @@ GroundAlongRays::GroundAlongRays(const char* a_ray, FrameRequest scenery, const 
   if (terrain.detail() && !terrain.detail()->rocks().empty()) rocks_.emplace(terrain);
 }
 
-std::unique_ptr<GroundAlongRays::Part> GroundAlongRays::along(const std::vector<RayCone>& each, bool last) {
+std::unique_ptr<GroundAlongRays::Part> GroundAlongRays::along(const std::vector<RayCone>& each, bool last,
+                                                              int finest_detail) {
   const std::vector<RayCone> rays = bundled(each);
   // A scene in use can't be evicted: one that alone is over the budget is refused before it is built.
   const std::size_t of_block = scene_bytes_of({.level = dem::kMaxLevel}, Visibility::raytrace);
   const std::size_t most = std::min(kMaxBlocks, kept_.capacity() / of_block);
+  // The choice of rays that share a scene decides how float rounds. It does not depend on the service's memory, unless
+  // that holds less than this.
+  constexpr std::size_t kBlocksOfScene = 900;
   const double above_m = rocks_ ? rocks_->largest_m() : 0;
-  const auto met = select_for_rays(terrain_, rays, last ? most : most / 4, stop_, above_m);
-  auto rocks = met ? rocks_along(rays, *met) : std::nullopt;
+  const auto met =
+      select_for_rays(terrain_, rays, last ? most : std::min(kBlocksOfScene, most), stop_, above_m, finest_detail);
+  auto rocks = met ? rocks_along(rays, *met, finest_detail) : std::nullopt;
   if (!rocks && last)
     throw TooMuchTerrain(
         fmt::format("{} runs along more terrain than the {} MB for scenes hold", a_ray_, kept_.capacity() >> 20),
@@ -156,9 +161,11 @@ std::unique_ptr<GroundAlongRays::Part> GroundAlongRays::along(const std::vector<
 }
 
 std::optional<std::vector<dem::RockFeature>> GroundAlongRays::rocks_along(const std::vector<RayCone>& rays,
-                                                                          const std::vector<BlockOnRays>& blocks) {
+                                                                          const std::vector<BlockOnRays>& blocks,
+                                                                          int finest_detail) {
   if (!rocks_) return std::vector<dem::RockFeature>();
-  return rocks_->along(rays, blocks, stop_);
+  const double left_out_m = finest_detail < terrain_.detail()->finest_level() ? dem::post_spacing_m(finest_detail) : 0;
+  return rocks_->along(rays, blocks, left_out_m, stop_);
 }
 
 }  // namespace selenograph::engine

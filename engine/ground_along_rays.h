@@ -101,12 +101,13 @@ class GroundAlongRays {
     bool empty;  // no terrain, no object
   };
   // Null where there is more terrain along the rays than one scene should hold, or more rocks: ask for some of them at
-  // a time. `last`: they can't be fewer, and ImpossibleRequest (TooMuchTerrain) is thrown.
-  std::unique_ptr<Part> along(const std::vector<RayCone>& rays, bool last);
+  // a time. `last`: they can't be fewer, and ImpossibleRequest (TooMuchTerrain) is thrown. `finest_detail`: the finest
+  // level of ground with detail; with it, rocks that are no larger than the spacing of its posts are left out.
+  std::unique_ptr<Part> along(const std::vector<RayCone>& rays, bool last, int finest_detail = dem::kMaxLevel);
 
  private:
   std::optional<std::vector<dem::RockFeature>> rocks_along(const std::vector<RayCone>& rays,
-                                                           const std::vector<BlockOnRays>& blocks);
+                                                           const std::vector<BlockOnRays>& blocks, int finest_detail);
 
   const char* const a_ray_;
   const FrameRequest scenery_;

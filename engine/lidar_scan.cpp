@@ -22,6 +22,8 @@
 #include "engine/radiometry/mapped_surface.h"
 #include "engine/ray_queries.h"
 #include "engine/scene/ray_selection.h"
+#include "engine/scene/selection.h"
+#include "engine/visibility/objects/enclosed.h"
 #include "engine/visibility/points/trace.h"
 
 namespace selenograph::engine {
@@ -30,6 +32,7 @@ namespace {
 constexpr std::size_t kGroup = kPacket;  // beams that are cast together: a packet holds one sub-ray of each
 constexpr std::size_t kBundle = 16;      // groups that terrain is looked for together
 constexpr std::size_t kMostSubRays = 61;
+constexpr double kFarthest_m = 1e5;  // beyond it ground needs no more than what it needs there
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 Vec3 at3(const std::vector<double>& v, std::size_t i) { return {v[3 * i], v[3 * i + 1], v[3 * i + 2]}; }
@@ -170,35 +173,43 @@ class LidarScanner {
         out_.true_velocity_m_s[i] = static_cast<float>(velocity.dot(direction));
       }
     });
-    if (request_.scenery.terrain) refuse_underground();
+    if (request_.scenery.terrain) refuse_buried_apertures();
+    refuse_enclosed_apertures();
+  }
+
+  // Says which aperture an error is about.
+  std::string aperture_at(double time_s) const {
+    const bool moving = !request_.poses.empty() || !request_.rates.none();
+    return moving ? fmt::format("after {:.6g} s the instrument", time_s) : "the instrument";
+  }
+
+  void refuse_enclosed_apertures() const {
+    const std::size_t places = std::min(out_.size(), kMaxCameraPlaces);
+    Vec3 tested_m = Vec3::Constant(kNaN);
+    for (std::size_t k = 0; k < places; ++k) {
+      const std::size_t i = places == 1 ? 0 : k * (out_.size() - 1) / (places - 1);
+      if (at3(out_.origin_m, i) == tested_m) continue;
+      tested_m = at3(out_.origin_m, i);
+      refuse_enclosed(request_.scenery.terrain ? &terrain_ : nullptr, request_.scenery.objects, tested_m,
+                      aperture_at(out_.time_s[i]), stop_);
+    }
   }
 
   // By the lowest beam of each of many stretches of the scan, as many as a tall frame has rows.
-  void refuse_underground() const {
+  void refuse_buried_apertures() const {
     constexpr std::size_t kMostStretches = 4096;
     const std::size_t length = (out_.size() + kMostStretches - 1) / kMostStretches;
-    Vec3 asked = Vec3::Zero();
+    Vec3 tested_m = Vec3::Constant(kNaN);
     for (std::size_t first = 0; first < out_.size(); first += length) {
       stop_.check();
       std::size_t lowest = first;
       for (std::size_t i = first + 1; i < std::min(first + length, out_.size()); ++i)
         if (at3(out_.origin_m, i).squaredNorm() < at3(out_.origin_m, lowest).squaredNorm()) lowest = i;
-      if (at3(out_.origin_m, lowest) == asked) continue;  // a flash is from one place
-      asked = at3(out_.origin_m, lowest);
-      refuse_buried(asked, out_.time_s[lowest]);
+      if (at3(out_.origin_m, lowest) == tested_m) continue;  // a flash is from one place
+      tested_m = at3(out_.origin_m, lowest);
+      refuse_buried(terrain_, tested_m, aperture_at(out_.time_s[lowest]), request_.poses.empty() ? "pose" : "poses",
+                    stop_);
     }
-  }
-
-  void refuse_buried(const Vec3& place, double time_s) const {
-    const Geographic g = to_geographic(place);
-    if (g.height_m > double{dem::kHighestRelief_m}) return;
-    const double ground_m = terrain_.height(g.lat_deg, g.lon_deg, stop_).height_m,
-                 least_m = std::isnan(ground_m) ? double{dem::kLowestRelief_m} : ground_m;
-    if (g.height_m >= least_m) return;
-    const bool by_poses = !request_.poses.empty(), moving = by_poses || !request_.rates.none();
-    throw ImpossibleRequest(fmt::format("{}the instrument is {:.3f} m below the terrain",
-                                        moving ? fmt::format("after {:.6g} s ", time_s) : "", least_m - g.height_m),
-                            by_poses ? "poses" : "pose");
   }
 
   // Beams that meet the ground near each other are cast together: along a curve that fills the ground (Morton 1966).
@@ -257,21 +268,40 @@ class LidarScanner {
     return cone;
   }
 
-  // Cones that are no wider than what their beams light up asks for: a hundredth of the range, or ten beams.
-  void add_cones(std::size_t first, std::size_t past_last, std::vector<RayCone>& cones) const {
+  // Returns whether one cone serves its beams: it is no wider than a hundredth of the range or ten beams, and over
+  // ground with detail no wider than a block. Between beams that are farther apart there is ground that no beam meets.
+  bool is_narrow(const RayCone& cone, int finest_detail) const {
+    if (!(cone.slope <= std::max(0.02, 20 * theta_) && cone.radius_m < 10)) return false;
+    if (!terrain_.detail()) return true;
+    const double half_block_m = dem::quads_per_side(finest_detail) / 2 * dem::post_spacing_m(finest_detail);
+    return cone.radius_m + cone.slope * std::min(cone.to_m, kFarthest_m) <= half_block_m;
+  }
+
+  void add_cones(std::size_t first, std::size_t past_last, int finest_detail, std::vector<RayCone>& cones) const {
     const RayCone cone = cone_around(first, past_last);
-    const double wide = std::max(0.02, 20 * theta_);
-    if (past_last - first == 1 || (cone.slope <= wide && cone.radius_m < 10)) return cones.push_back(cone);
+    if (past_last - first == 1 || is_narrow(cone, finest_detail)) return cones.push_back(cone);
     const std::size_t middle = (first + past_last) / 2;
-    add_cones(first, middle, cones), add_cones(middle, past_last, cones);
+    add_cones(first, middle, finest_detail, cones);
+    add_cones(middle, past_last, finest_detail, cones);
+  }
+
+  // Returns the coarsest level whose posts are no farther apart than half of the deviation of what a sub-ray lights up
+  // at a range. Ground finer than that can only be sampled by chance.
+  int level_for(double range_m) const {
+    const double finest_m = theta_ * sub_rays_.part * range_m / 2;
+    int level = dem::kMaxLevel;
+    while (level > dem::kRootLevel && dem::post_spacing_m(level - 1) <= finest_m) --level;
+    return level;
   }
 
   // Over ground with detail in steps of next_reach_m(): until all sub-rays of a beam meet something nearer than it was
-  // followed.
+  // followed. Each step shows a beam ground as fine as it needs where it may meet it first; beams that need different
+  // ground are cast separately, so that no beam's ground depends on the others.
   void follow() {
-    if (!terrain_.detail()) return cast(0, order_.size());
+    if (!terrain_.detail()) return cast(0, order_.size(), dem::kMaxLevel);
     reach_m_.assign(out_.size(), 0), known_.assign(out_.size(), 0);
     std::vector<double> posts_m(out_.size());
+    std::vector<int> level(out_.size());
     constexpr std::size_t kSome = 65536;
     for (std::size_t first = 0; first < order_.size(); first += kSome) {
       const std::size_t past_last = std::min(first + kSome, order_.size());
@@ -280,11 +310,23 @@ class LidarScanner {
         axes.push_back({at3(out_.origin_m, order_[k]), at3(out_.direction, order_[k])});
       const std::vector<RayHit> on_posts = cast_rays(axes, {}, std::nullopt, terrain_.plain(), kept_, stop_);
       for (std::size_t k = first; k < past_last; ++k) posts_m[order_[k]] = on_posts[(k - first) / kGroup].range_m;
+      const auto at = [&](std::size_t k) { return order_.begin() + static_cast<std::ptrdiff_t>(k); };
       for (std::size_t left = first; left < past_last;) {
-        for (std::size_t k = left; k < past_last; ++k)
-          reach_m_[order_[k]] = next_reach_m(reach_m_[order_[k]], posts_m[order_[k]]);
-        cast(left, past_last);
-        const auto at = [&](std::size_t k) { return order_.begin() + static_cast<std::ptrdiff_t>(k); };
+        for (std::size_t k = left; k < past_last; ++k) {
+          const std::uint32_t beam = order_[k];
+          const double reached_m = reach_m_[beam];
+          reach_m_[beam] = next_reach_m(reached_m, posts_m[beam]);
+          level[beam] = level_for(reach_m_[beam] >= posts_m[beam] ? posts_m[beam] : std::min(reached_m, kFarthest_m));
+        }
+        std::stable_sort(at(left), at(past_last),
+                         [&](std::uint32_t a, std::uint32_t b) { return level[a] < level[b]; });
+        for (std::size_t k = left; k < past_last;) {
+          const int here = level[order_[k]];
+          const auto next = std::find_if(at(k), at(past_last), [&](std::uint32_t beam) { return level[beam] != here; });
+          const auto past_same = static_cast<std::size_t>(next - order_.begin());
+          cast(k, past_same, here);
+          k = past_same;
+        }
         const auto unknown = std::stable_partition(at(left), at(past_last), [&](std::uint32_t beam) {
           return known_[beam] != 0 || !std::isfinite(reach_m_[beam]);
         });
@@ -293,15 +335,16 @@ class LidarScanner {
     }
   }
 
-  void cast(std::size_t first, std::size_t past_last) {
+  void cast(std::size_t first, std::size_t past_last, int finest_detail) {
     std::vector<RayCone> cones;
     for (std::size_t k = first; k < past_last; k += kBundle * kGroup)
-      add_cones(k, std::min(past_last, k + kBundle * kGroup), cones);
-    const auto part = ground_.along(cones, past_last - first == 1);
+      add_cones(k, std::min(past_last, k + kBundle * kGroup), finest_detail, cones);
+    const auto part = ground_.along(cones, past_last - first == 1, finest_detail);
     if (!part) {
       const std::size_t half = (past_last - first) / 2,
                         middle = first + (half > kGroup ? half / kGroup * kGroup : half);
-      cast(first, middle), cast(middle, past_last);
+      cast(first, middle, finest_detail);
+      cast(middle, past_last, finest_detail);
       return;
     }
     const auto ends = [&](std::uint32_t beam) { return reach_m_.empty() || !std::isfinite(reach_m_[beam]); };

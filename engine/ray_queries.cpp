@@ -12,6 +12,7 @@
 #include "engine/ground_along_rays.h"
 #include "engine/scene/anchor.h"
 #include "engine/scene/ray_selection.h"
+#include "engine/visibility/objects/enclosed.h"
 #include "engine/visibility/points/disc_light.h"
 #include "engine/visibility/points/refine.h"
 #include "engine/visibility/points/trace.h"
@@ -336,6 +337,7 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
                                         const StopToken& stop) {
   const RowViews views(camera, pose, shutter, stop);
   refuse_underground(terrain, views, stop);
+  refuse_enclosed(&terrain, objects, views, stop);
   RayCaster caster("the line of sight to a point, or its way to the Sun,", objects, terrain, kept, stop);
   std::vector<Landmark> answers(points.size());
   std::vector<Ray> looks, downs;

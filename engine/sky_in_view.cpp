@@ -17,6 +17,7 @@
 #include "engine/scene/ray_selection.h"
 #include "engine/sensor/sensor.h"
 #include "engine/sky/magnitudes.h"
+#include "engine/visibility/objects/enclosed.h"
 
 namespace selenograph::engine {
 namespace {
@@ -253,6 +254,7 @@ std::vector<SkyObject> query_sky(const FrameRequest& request, const dem::Terrain
                                  const StopToken& stop) {
   const RowViews views(request.camera, request.pose, request.shutter, stop);
   if (request.terrain) refuse_underground(terrain, views, stop);
+  refuse_enclosed(request.terrain ? &terrain : nullptr, request.objects, views, stop);
   std::vector<SkyObject> sky = sky_around(request, views, 0, stop);
   find_hidden(request, views, {}, terrain, kept, stop, sky);
   if (!request.sensor) return sky;

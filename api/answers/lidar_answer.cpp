@@ -2,7 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <variant>
 
 #include "api/answers/metadata_members.h"
@@ -36,7 +38,7 @@ constexpr LidarColumn kLidarColumns[] = {
     {"direction", &LidarReturns::direction, 3, Meaning::number, "of the beam's axis, unit, MOON_ME"},
     {"range_m", &LidarReturns::range_m, 1, Meaning::number, "measured range of the strongest detection; NaN: none"},
     {"intensity", &LidarReturns::intensity, 1, Meaning::number,
-     "its signal: photoelectrons without the mean dark counts, or multiples of the noise"},
+     "its signal: photoelectrons less the mean dark counts, which may be negative, or multiples of the noise"},
     {"first_m", &LidarReturns::first_m, 1, Meaning::number, "range of the nearest detection"},
     {"first_intensity", &LidarReturns::first_intensity, 1, Meaning::number, "its signal"},
     {"last_m", &LidarReturns::last_m, 1, Meaning::number, "range of the farthest detection"},
@@ -51,7 +53,8 @@ constexpr LidarColumn kLidarColumns[] = {
     {"true_intensity", &LidarReturns::true_intensity, 1, Meaning::number, "its mean signal"},
     {"true_count", &LidarReturns::true_count, 1, Meaning::number, "number of resolved returns"},
     {"true_velocity_m_s", &LidarReturns::true_velocity_m_s, 1, Meaning::number, "of the aperture along the beam"},
-    {"axis_range_m", &LidarReturns::axis_range_m, 1, Meaning::number, "truth: where the beam's axis hits the surface"},
+    {"axis_range_m", &LidarReturns::axis_range_m, 1, Meaning::number,
+     "truth: where the beam's axis hits the surface, which is as fine as the beam's footprint needs"},
     {"object", &LidarReturns::object, 1, Meaning::object,
      "truth: index into `objects` of the main source of the strongest return; 65535: ground, a rock, nothing"},
     {"rock", &LidarReturns::rock, 1, Meaning::rock,
@@ -83,12 +86,34 @@ OrderedJson element_json(const LidarColumn& column, T value) {
   return value;
 }
 
-OrderedJson meta_of(const LidarQuery& query) {
+// Warns of a scan that is legal but measures nothing: no beam meets anything, or all that they meet is out of the gate.
+OrderedJson warnings_of(const LidarReturns& returns, const engine::LidarGate& gate) {
+  double nearest_m = std::numeric_limits<double>::infinity(), farthest_m = 0;
+  bool any_in_gate = false;
+  for (const double range_m : returns.true_range_m) {
+    if (std::isnan(range_m)) continue;
+    nearest_m = std::min(nearest_m, range_m);
+    farthest_m = std::max(farthest_m, range_m);
+    any_in_gate |= range_m >= gate.near_m && range_m <= gate.far_m;
+  }
+  OrderedJson warnings = OrderedJson::array();
+  if (!(nearest_m <= farthest_m))
+    warnings.push_back("no beam meets a surface: the pose may point away from the Moon");
+  else if (!any_in_gate)
+    warnings.push_back(
+        fmt::format("no beam's strongest return is within range_gate_m, {:g} to {:g} m: they come from "
+                    "{:.6g} to {:.6g} m",
+                    gate.near_m, gate.far_m, nearest_m, farthest_m));
+  return warnings;
+}
+
+OrderedJson meta_of(const LidarReturns& returns, const LidarQuery& query) {
   return {{"software", {{"name", "selenograph"}, {"version", software_version()}}},
           {"request", lidar_members().write(query)},
           {"beams", query.beams},
           {"shape", shape_of(query)},
-          {"expected_false_alarms", engine::LidarReceiverModel(query.request.instrument).expected_false_alarms()}};
+          {"expected_false_alarms", engine::LidarReceiverModel(query.request.instrument).expected_false_alarms()},
+          {"warnings", warnings_of(returns, query.request.instrument.gate)}};
 }
 
 }  // namespace
@@ -130,7 +155,7 @@ OrderedJson lidar_json(const LidarReturns& returns, const LidarQuery& query, con
           c.elements);
     list.push_back(std::move(one));
   }
-  return {{"returns", std::move(list)}, {"meta", meta_of(query)}};
+  return {{"returns", std::move(list)}, {"meta", meta_of(returns, query)}};
 }
 
 std::string lidar_npz(const LidarReturns& returns, const LidarQuery& query, const StopToken& stop) {
@@ -153,7 +178,7 @@ std::string lidar_npz(const LidarReturns& returns, const LidarQuery& query, cons
                             std::move(shape)});
         },
         c.elements);
-  return encode_npz(arrays, json_text(meta_of(query)), stop);
+  return encode_npz(arrays, json_text(meta_of(returns, query)), stop);
 }
 
 }  // namespace selenograph::api

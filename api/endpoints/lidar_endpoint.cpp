@@ -40,7 +40,8 @@ Response answer_lidar(const EndpointContext& context) {
 
 void describe_lidar(Operation& o) {
   static const std::string text =
-      "A lidar's scan of the finest terrain with detail, rocks and objects. A beam is a Gaussian of sub-rays; its echo "
+      "A lidar's scan of terrain with detail, rocks and objects, as fine as its beams need. A beam is a Gaussian of "
+      "sub-rays; its echo "
       "is the sum of their returns (the surface's reflectance at zero phase over range^2), spread over the pulse and "
       "over the slope that each part of the beam illuminates. Resolved returns are detected at random, as a function "
       "of seed, scan and beam; ground truth comes with the measurements. Columns:\n" +
@@ -57,7 +58,7 @@ void describe_lidar(Operation& o) {
                            {"meta", OrderedJson{{"type", "object"},
                                                 {"description",
                                                  "the resolved request; `shape`: rows and columns of a pattern that is "
-                                                 "an image; `expected_false_alarms` of a pulse"}}}},
+                                                 "an image; `expected_false_alarms` of a pulse; `warnings`"}}}},
                           {"returns", "meta"}));
 }
 

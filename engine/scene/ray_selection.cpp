@@ -35,31 +35,72 @@ bool may_meet(const RayCone& ray, const NodeBounds& b, double above_m, int level
          kMoonRadius_m + b.high_m + b.bulge_m + 1 + above_m;
 }
 
-// False once there are too many.
-bool follow(const dem::Terrain& terrain, const std::vector<RayCone>& rays, const std::vector<std::size_t>& some,
-            const BlockId& id, std::size_t max_blocks, double above_m, std::vector<BlockOnRays>& out,
-            const StopToken& stop) {
-  stop.check();
-  const bool worth_asking = may_matter(terrain, id, stop, [&](const NodeBounds& b) {
-    return std::any_of(some.begin(), some.end(),
-                       [&](std::size_t i) { return may_meet(rays[i], b, above_m, id.level); });
-  });
-  if (!worth_asking) return true;
-  const auto node = known(terrain, id, stop);
-  if (!node) return true;
-  std::vector<std::size_t> meeting;
-  for (const std::size_t i : some)
-    if (may_meet(rays[i], node->bounds, above_m, id.level)) meeting.push_back(i);
-  if (meeting.empty()) return true;
-  if (id.level < terrain.finest_level(id)) {
-    const std::vector<BlockId> children = dem::children_of(id);
-    return std::all_of(children.begin(), children.end(), [&](const BlockId& child) {
-      return follow(terrain, rays, meeting, child, max_blocks, above_m, out, stop);
-    });
+class RaySelector {
+  using RayIndices = std::vector<std::size_t>;
+
+ public:
+  RaySelector(const dem::Terrain& terrain, const std::vector<RayCone>& rays, std::size_t max_blocks, double above_m,
+              int finest_detail, const StopToken& stop)
+      : terrain_(terrain),
+        rays_(rays),
+        max_blocks_(max_blocks),
+        above_m_(above_m),
+        finest_detail_(finest_detail),
+        stop_(stop) {}
+
+  // Adds the blocks below a node that candidate rays may meet. Returns false once there are too many. `parent`: null
+  // for a root.
+  bool follow(const BlockId& id, const RayIndices& candidates, const dem::NodeInfo* parent) {
+    stop_.check();
+    // Reject a block with detail by bounds that need no block to be made: its parent's heights, then its outline's.
+    RayIndices meeting = candidates;
+    const bool detail = terrain_.has_detail(id);
+    if (detail && parent && !keep_meeting(meeting, id, bounds_within(id, *parent))) return true;
+    if (!detail && !may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return any_meets(candidates, id, b); }))
+      return true;
+    const bool last = id.level >= terrain_.finest_level(id) || (detail && id.level >= finest_detail_);
+    const auto outline = terrain_.outline(id, stop_);
+    if (outline && !keep_meeting(meeting, id, bounds_within(id, *outline))) return true;
+    if (outline && !last) return follow_children(id, meeting, *outline);
+    const auto node = known(terrain_, id, stop_);
+    if (!node || !keep_meeting(meeting, id, node->bounds)) return true;
+    if (!last) return follow_children(id, meeting, node->info);
+    blocks_.push_back(
+        {id, static_cast<double>(node->info.min_m), static_cast<double>(node->info.max_m), std::move(meeting)});
+    return blocks_.size() <= max_blocks_;
   }
-  out.push_back({id, static_cast<double>(node->info.min_m), static_cast<double>(node->info.max_m), std::move(meeting)});
-  return out.size() <= max_blocks;
-}
+
+  std::vector<BlockOnRays> sorted_blocks() {
+    std::sort(blocks_.begin(), blocks_.end(), [](const BlockOnRays& a, const BlockOnRays& b) { return a.id < b.id; });
+    return std::move(blocks_);
+  }
+
+ private:
+  bool meets(std::size_t ray, const BlockId& id, const NodeBounds& bounds) const {
+    return may_meet(rays_[ray], bounds, above_m_, id.level);
+  }
+  bool any_meets(const RayIndices& candidates, const BlockId& id, const NodeBounds& bounds) const {
+    return std::any_of(candidates.begin(), candidates.end(), [&](std::size_t i) { return meets(i, id, bounds); });
+  }
+  // Returns whether any ray is left.
+  bool keep_meeting(RayIndices& candidates, const BlockId& id, const NodeBounds& bounds) const {
+    std::erase_if(candidates, [&](std::size_t i) { return !meets(i, id, bounds); });
+    return !candidates.empty();
+  }
+  bool follow_children(const BlockId& id, const RayIndices& meeting, const dem::NodeInfo& heights) {
+    const std::vector<BlockId> children = dem::children_of(id);
+    return std::all_of(children.begin(), children.end(),
+                       [&](const BlockId& child) { return follow(child, meeting, &heights); });
+  }
+
+  const dem::Terrain& terrain_;
+  const std::vector<RayCone>& rays_;
+  const std::size_t max_blocks_;
+  const double above_m_;
+  const int finest_detail_;
+  const StopToken& stop_;
+  std::vector<BlockOnRays> blocks_;
+};
 
 }  // namespace
 
@@ -72,8 +113,9 @@ double range_below_terrain_m(const RayCone& ray) {
 }
 
 std::optional<std::vector<BlockOnRays>> select_for_rays(const dem::Terrain& terrain, const std::vector<RayCone>& rays,
-                                                        std::size_t max_blocks, const StopToken& stop, double above_m) {
-  std::vector<BlockOnRays> blocks;
+                                                        std::size_t max_blocks, const StopToken& stop, double above_m,
+                                                        int finest_detail) {
+  RaySelector selector(terrain, rays, max_blocks, above_m, finest_detail, stop);
   std::vector<std::size_t> all(rays.size());
   for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
   std::vector<BlockId> near;
@@ -83,9 +125,8 @@ std::optional<std::vector<BlockOnRays>> select_for_rays(const dem::Terrain& terr
       for_each_root(terrain, group, [&](const BlockId& id) { near.push_back(id); });
   std::sort(near.begin(), near.end());
   for (const BlockId& id : near)
-    if (!follow(terrain, rays, all, id, max_blocks, above_m, blocks, stop)) return std::nullopt;
-  std::sort(blocks.begin(), blocks.end(), [](const BlockOnRays& a, const BlockOnRays& b) { return a.id < b.id; });
-  return blocks;
+    if (!selector.follow(id, all, nullptr)) return std::nullopt;
+  return selector.sorted_blocks();
 }
 
 }  // namespace selenograph::engine

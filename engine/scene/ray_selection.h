@@ -15,8 +15,8 @@ namespace selenograph::engine {
 double range_below_terrain_m(const RayCone& ray);
 
 // The finest blocks that rays may hit, or pass within a height above, sorted, each with its rays; empty when there are
-// more than max_blocks. Neighbours may differ by more than one level where sources differ: the mesh joins them all the
-// same.
+// more than max_blocks. Blocks with detail are no finer than `finest_detail`. Neighbours may differ by more than one
+// level where sources differ: the mesh joins them all the same.
 struct BlockOnRays {
   dem::BlockId id;
   double low_m, high_m;           // height bounds of its terrain
@@ -24,6 +24,6 @@ struct BlockOnRays {
 };
 std::optional<std::vector<BlockOnRays>> select_for_rays(const dem::Terrain& terrain, const std::vector<RayCone>& rays,
                                                         std::size_t max_blocks, const StopToken& stop,
-                                                        double above_m = 0);
+                                                        double above_m = 0, int finest_detail = dem::kMaxLevel);
 
 }  // namespace selenograph::engine

@@ -13,11 +13,9 @@
 #include "engine/scene/view_selector.h"
 
 namespace selenograph::engine {
-namespace {
 
-// `when`: "", or in which row, with a blank.
-void refuse_buried(const dem::Terrain& terrain, const Vec3& position_m, const std::string& when,
-                   const StopToken& stop) {
+void refuse_buried(const dem::Terrain& terrain, const Vec3& position_m, const std::string& subject,
+                   const std::string& member, const StopToken& stop) {
   const double height = position_m.norm() - kMoonRadius_m;
   if (height > static_cast<double>(dem::kHighestRelief_m)) return;
   const Geographic g = to_geographic(position_m);
@@ -29,12 +27,10 @@ void refuse_buried(const dem::Terrain& terrain, const Vec3& position_m, const st
       position_m.norm() < kMoonRadius_m / 100 ? "; are lengths in kilometres? They are metres" : "";
   if (height <= lowest)
     throw ImpossibleRequest(
-        fmt::format("{}the camera is below the terrain: {:.3f} m above the sphere{} {:.3f} m{}", when, height,
+        fmt::format("{} is below the terrain: {:.3f} m above the sphere{} {:.3f} m{}", subject, height,
                     known ? ", ground at" : "; there are no data, but no ground of the Moon is below", lowest, hint),
-        when.empty() ? "" : "shutter");
+        member);
 }
-
-}  // namespace
 
 Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, const Accuracy& accuracy,
                           const StopToken& stop, const SceneRoom& room) {
@@ -119,10 +115,10 @@ Visibility visibility_for(const FrameRequest& request, const RowViews& views, co
 }
 
 void refuse_underground(const dem::Terrain& terrain, const RowViews& views, const StopToken& stop) {
-  if (!views.vary()) return refuse_buried(terrain, views.reference().position(), "", stop);
+  if (!views.vary()) return refuse_buried(terrain, views.reference().position(), "the camera", "", stop);
   for (int row = 0; row < views.height(); ++row) {
     stop.check();
-    refuse_buried(terrain, views.of(row).position(), fmt::format("in row {} ", row), stop);
+    refuse_buried(terrain, views.of(row).position(), fmt::format("in row {} the camera", row), "shutter", stop);
   }
 }
 

@@ -11,6 +11,7 @@
 #include <limits>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "dem/support/stop_token.h"
@@ -42,7 +43,11 @@ double triangles_of(const Selection& selection);
 // request and the terrain only, so that the same request gives the same bytes.
 Visibility visibility_for(const FrameRequest& request, const RowViews& views, const Selection& selection);
 
-// Throws ImpossibleRequest when the camera is below the terrain in any row of the frame.
+// Throws ImpossibleRequest when a place (MOON_ME, m) is at the terrain or below it. `subject` says what is there, as in
+// "the camera"; `member`: that of the error.
+void refuse_buried(const dem::Terrain& terrain, const Vec3& position_m, const std::string& subject,
+                   const std::string& member, const StopToken& stop = {});
+// The same for a camera in any row of the frame.
 void refuse_underground(const dem::Terrain& terrain, const RowViews& views, const StopToken& stop = {});
 
 }  // namespace selenograph::engine

@@ -129,13 +129,44 @@ class Lidar(WithService):
             np.testing.assert_array_equal(by_list[name], by_arrays[name], name)
 
     def test_the_presets_scan(self):
-        for name, height_m in (("flash", 300), ("doppler", 1000), ("altimeter", 50000)):
+        for name, height_m in (("flash", 300), ("doppler", 1000), ("altimeter", 50000), ("landing-altimeter", 15000),
+                               ("landing-altimeter", 1000), ("landing-altimeter", 3)):
             pose = {"geodetic": {**PLACE, "height_m": ground_m + height_m}, "nadir": {}}
             document = request(instrument=None, instrument_preset=name, pattern=None, pose=pose, detail=None)
             if name == "flash":
                 document["pattern"] = {"scan": "flash", "columns": 32, "rows": 32, "fov_x_deg": 20}
             answer = self.service.arrays(document, "/v1/lidar")
             self.assertGreater((answer["count"] > 0).mean(), 0.95, name)
+            self.assertEqual(answer["meta"]["warnings"], [], name)
+
+    def test_a_scan_that_measures_nothing_says_so(self):
+        far = dict(INSTRUMENT, range_gate_m=[500, 5000], dark_count_hz=0)
+        (warning,) = self.service.arrays(request(instrument=far), "/v1/lidar")["meta"]["warnings"]
+        self.assertIn("range_gate_m, 500 to 5000 m", warning)
+        away = {"geodetic": {**PLACE, "height_m": ground_m + 100}, "look_at": {**PLACE, "height_m": ground_m + 1000}}
+        answer = self.ok_json(self.service.post("/v1/lidar", request(pose=away), "application/json"))
+        self.assertIn("no beam meets a surface", answer["meta"]["warnings"][0])
+
+    def test_beams_far_apart_see_the_ground_below_them(self):
+        """Each beam of 8 m is 66 m from the next: the ground between them is not made."""
+        for side, fov_deg, height_m in ((16, 15, 4000), (64, 50, 1000)):
+            pose = {"geodetic": {**PLACE, "height_m": ground_m + height_m}, "nadir": {}}
+            pattern = {"scan": "flash", "columns": side, "rows": side, "fov_x_deg": fov_deg}
+            answer = self.service.arrays(request(pose=pose, pattern=pattern), "/v1/lidar")
+            self.assertTrue(np.isfinite(answer["true_range_m"]).all())
+
+    def test_extremes_are_numbers_or_refused(self):
+        tiny = dict(INSTRUMENT, receiver={"signal": "snr", "snr": 100, "range_m": 1000, "reflectance": 5e-324})
+        self.problem(self.service.post("/v1/lidar", request(instrument=tiny)), 422, "/instrument/receiver/reflectance")
+        dark = {"reflectance": {"model": "lambert", "rho": 5e-324}}
+        answer = self.service.arrays(request(surface=dark), "/v1/lidar")
+        self.assertTrue(np.isfinite(answer["true_intensity"]).all())
+        noisy = dict(INSTRUMENT, range_gate_m=[0, 5000], timing_noise_ns=1000)
+        near = {"geodetic": {**PLACE, "height_m": ground_m + 20}, "nadir": {}}
+        answer = self.service.arrays(request(instrument=noisy, pose=near), "/v1/lidar")
+        self.assertGreaterEqual(np.nanmin(answer["range_m"]), 0)
+        centre = {"position_m": [0, 0, 0], "moon_from_camera": {"w": 1, "x": 0, "y": 0, "z": 0}}
+        self.problem(self.service.post("/v1/lidar", request(pose=centre)), 422, "/pose")
 
     def test_bad_instruments_are_told_by_their_member(self):
         for member, value in (("divergence_mrad", -1), ("range_gate_m", [500, 100]), ("range_gate_m", [100, 100]),
@@ -277,6 +308,12 @@ class Arrays(WithService):
         for name in ("x_px", "y_px", "range_m", "in_frame", "visible"):
             np.testing.assert_array_equal(answer[name], np.array([p[name] for p in by_list], answer[name].dtype), name)
         self.assertEqual(answer["reason"].tolist(), [0, 0, 3, 1])
+
+    def test_landmarks_of_a_camera_that_no_frame_may_have(self):
+        large = {"camera": {"width": 8192, "height": 8192, "fov_deg": 30.0}, "pose": request()["pose"]}
+        answer = self.ok_json(self.service.post("/v1/project", {**large, "points": [PLACE]}, "application/json"))
+        self.assertAlmostEqual(answer["points"][0]["x_px"], 4095.5, delta=0.1)
+        self.problem(self.service.post("/v1/frames", {**large, "products": ["range"]}), 422, "/camera")
 
     def test_malformed_archives_name_the_array(self):
         origin, directions = self.rays()

@@ -16,6 +16,7 @@
 #include "dem/detail/detailed_terrain.h"
 #include "dem/detail/footprints.h"
 #include "dem/detail/rocks_on_ground.h"
+#include "dem/support/error.h"
 #include "dem/terrain/surface_place.h"
 #include "engine/camera/view.h"
 #include "engine/renderer.h"
@@ -661,6 +662,77 @@ TEST_F(RocksInFrames, RaysAreFollowedNoFartherThanTheyGo) {
   EXPECT_GT(near, 20);
   EXPECT_GT(far, 20);
   EXPECT_LE(other, 2);  // float chooses the triangle, as above
+}
+
+engine::LidarRequest flash_over(const engine::FrameRequest& ground, int side, double fov_deg) {
+  engine::LidarRequest request;
+  request.scenery.detail = ground.detail;
+  request.pose = ground.pose;
+  request.instrument.divergence_mrad = 1;
+  request.instrument.receiver = {.signal = engine::LidarSignal::snr, .snr = 100, .range_m = 1000};
+  request.instrument.gate = {1, 1e5};
+  request.pattern = {.scan = engine::LidarScan::flash, .columns = side, .rows = side, .fov_x_deg = fov_deg};
+  return request;
+}
+
+// Which beams share a scene depends on the memory for scenes; no bit of what they measure does.
+TEST_F(RocksInFrames, ALidarMeasuresTheSameWithLessMemory) {
+  const engine::Renderer small(terrain_, {1, std::size_t{16} << 20});
+  const engine::LidarRequest request = flash_over(this->request(60, 64), 96, 30);
+  const engine::LidarReturns a = renderer_->lidar(request), b = small.lidar(request);
+  EXPECT_GT(std::count_if(a.rock.begin(), a.rock.end(), [](std::uint64_t rock) { return rock != 0; }), 20);
+  for (const auto column :
+       {&engine::LidarReturns::range_m, &engine::LidarReturns::true_range_m, &engine::LidarReturns::axis_range_m})
+    EXPECT_EQ(std::memcmp((a.*column).data(), (b.*column).data(), a.size() * sizeof(double)), 0);
+  EXPECT_EQ(a.rock, b.rock);
+}
+
+// A beam needs ground as fine as what it lights up: 256 beams of 4 m, 66 m apart, need a few blocks each.
+TEST_F(RocksInFrames, BeamsThatAreFarApartMakeTheGroundBelowThemAlone) {
+  const std::uint64_t before = terrain_->statistics().misses;
+  const engine::LidarReturns scan = renderer_->lidar(flash_over(request(4000, 64), 16, 15));
+  for (const double range_m : scan.true_range_m) EXPECT_NEAR(range_m, 4200, 300);
+  EXPECT_LT(terrain_->statistics().misses - before, 256U * 24);
+}
+
+// Between what a beam sees of coarser ground and the finest ground is less than the beam averages over.
+TEST_F(RocksInFrames, GroundForABeamIsTheFinestWithinItsFootprint) {
+  engine::LidarRequest request = flash_over(this->request(1000, 64), 8, 4);
+  request.instrument.sub_rays = 61;
+  const engine::LidarReturns beams = renderer_->lidar(request);
+  std::vector<engine::Ray> rays;
+  const auto at3 = [](const std::vector<double>& v, std::size_t i) {
+    return Vec3(v[3 * i], v[3 * i + 1], v[3 * i + 2]);
+  };
+  for (std::size_t i = 0; i < beams.size(); ++i) rays.push_back({at3(beams.origin_m, i), at3(beams.direction, i)});
+  const std::vector<engine::RayHit> finest = renderer_->cast(rays, {}, {}, {}, detail_);
+  double square = 0;
+  for (std::size_t i = 0; i < beams.size(); ++i) square += std::pow(beams.axis_range_m[i] - finest[i].range_m, 2);
+  const double rms_m = std::sqrt(square / static_cast<double>(beams.size()));
+  fmt::print("axes of 1 m wide beams: {:.4f} m RMS from the finest ground\n", rms_m);
+  EXPECT_LT(rms_m, 0.05);
+}
+
+TEST_F(RocksInFrames, InsideARockThereIsNoCameraAndNoLidar) {
+  const auto ground = renderer_->terrain_with(detail_);
+  const std::vector<dem::RockFeature> rocks = dem::RockSurvey(*ground).within(square(kLat, kLon, 200), 1, {});
+  ASSERT_GT(rocks.size(), 3U);
+  for (std::size_t i = 0; i < 3; ++i) {
+    const dem::RockFeature& rock = rocks[i];
+    for (const double height : {0.5, 1.5}) {
+      engine::FrameRequest frame = request(10, 8);
+      frame.pose.position_m = rock.position_m + height * rock.rock.height_m * rock.position_m.normalized();
+      engine::LidarRequest scan = flash_over(frame, 2, 1);
+      if (height > 1) {
+        EXPECT_NO_THROW(renderer_->render(frame));
+        EXPECT_NO_THROW(renderer_->lidar(scan));
+        continue;
+      }
+      EXPECT_THROW(renderer_->render(frame), ImpossibleRequest) << rock.rock.diameter_m;
+      EXPECT_THROW(renderer_->lidar(scan), ImpossibleRequest);
+      EXPECT_THROW(renderer_->project(frame.camera, frame.pose, {}, {}, {}, {}, {}, detail_), ImpossibleRequest);
+    }
+  }
 }
 
 }  // namespace

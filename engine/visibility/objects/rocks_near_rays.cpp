@@ -86,7 +86,7 @@ std::optional<dem::Footprint> beneath(const RayCone& ray, const Stretch& stretch
 
 // Where rocks are looked for: their expected number is no more than kMostRocksOfRays, or there is nothing.
 std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const RayCone> rays,
-                                                                 std::span<const BlockOnRays> blocks,
+                                                                 std::span<const BlockOnRays> blocks, double left_out_m,
                                                                  const StopToken& stop) const {
   constexpr std::size_t kMostStrips = std::size_t{1} << 19;  // 20 MB; where they were more, whole blocks are searched
   const dem::RockField& field = survey_.field();
@@ -101,6 +101,7 @@ std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const
         !std::all_of(block.rays.begin(), block.rays.end(), [&](std::size_t i) { return rays[i].one(); });
     const dem::Footprint footprint = dem::footprint_of(block.id);
     for (int k = field.smallest_octave(); k <= field.largest_octave() && expected <= kMostRocksOfRays; ++k) {
+      if (field.largest_m(k) <= left_out_m) continue;
       if (bundles || block.rays.size() > kFewRays || found.strips.size() > kMostStrips) {
         all_of(k);
         continue;
@@ -132,8 +133,8 @@ std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const
 
 std::optional<std::vector<dem::RockFeature>> RocksNearRays::along(std::span<const RayCone> rays,
                                                                   std::span<const BlockOnRays> blocks,
-                                                                  const StopToken& stop) {
-  const auto places = places_along(rays, blocks, stop);
+                                                                  double left_out_m, const StopToken& stop) {
+  const auto places = places_along(rays, blocks, left_out_m, stop);
   if (!places || !find(places->pieces, stop)) return std::nullopt;
   // Strips overlap: a rock may be found several times.
   auto rocks =

@@ -24,9 +24,9 @@ class RocksNearRays {
 
   double largest_m() const { return survey_.field().law().largest_m; }
   // Returns the rocks, the largest first; empty when there are more than kMostRocksOfRays. `blocks`: the blocks that
-  // the rays may hit (select_for_rays).
+  // the rays may hit (select_for_rays). Octaves of diameters up to `left_out_m` are left out.
   std::optional<std::vector<dem::RockFeature>> along(std::span<const RayCone> rays, std::span<const BlockOnRays> blocks,
-                                                     const StopToken& stop);
+                                                     double left_out_m, const StopToken& stop);
 
  private:
   using Piece = std::pair<int, dem::BlockId>;  // octave and block
@@ -39,7 +39,7 @@ class RocksNearRays {
     std::vector<Strip> strips;
   };
   std::optional<Places> places_along(std::span<const RayCone> rays, std::span<const BlockOnRays> blocks,
-                                     const StopToken& stop) const;
+                                     double left_out_m, const StopToken& stop) const;
   // Finds the rocks of pieces and remembers them; false: more than kMostNewRocks.
   bool find(const std::vector<Piece>& pieces, const StopToken& stop);
 
