@@ -1,7 +1,7 @@
 // Trigonometry in degrees, exact at multiples of 90 degrees.
 //
 // The formulas are those of GeographicLib 2.1. They are here because another version of that library gives other last
-// bits at 30 and 45 degrees, and so other terrain and other answers.
+// bits at 30 and 45 degrees, and so other terrain and other answers. Tests compare coordinates with the library's.
 #pragma once
 
 #include <cmath>

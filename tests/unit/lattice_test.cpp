@@ -4,6 +4,8 @@
 
 #include <gtest/gtest.h>
 
+#include <GeographicLib/Geocentric.hpp>
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -210,6 +212,26 @@ TEST(Geodesy, ThereAndBack) {
         EXPECT_NEAR(back.height_m, height_m, 1e-15 * (kMoonRadius_m + height_m));
       }
   EXPECT_TRUE(to_cartesian({90.1, 0, 0}).hasNaN());
+}
+
+// Whatever its version: last bits are not compared.
+TEST(Geodesy, AgreesWithGeographicLib) {
+  const GeographicLib::Geocentric sphere(kMoonRadius_m, 0);
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> lat(-90, 90), lon(-360, 360), height(-9000, 1e5);
+  for (int i = 0; i < 10000; ++i) {
+    const Geographic place{lat(random), lon(random), height(random)};
+    Vec3 expected_m;
+    sphere.Forward(place.lat_deg, place.lon_deg, place.height_m, expected_m.x(), expected_m.y(), expected_m.z());
+    ASSERT_LT((to_cartesian(place) - expected_m).norm(), 2e-9) << place.lat_deg << ' ' << place.lon_deg;
+    Geographic expected;
+    sphere.Reverse(expected_m.x(), expected_m.y(), expected_m.z(), expected.lat_deg, expected.lon_deg,
+                   expected.height_m);
+    const Geographic back = to_geographic(expected_m);
+    ASSERT_NEAR(back.lat_deg, expected.lat_deg, 1e-13);
+    ASSERT_NEAR(std::remainder(back.lon_deg - expected.lon_deg, 360), 0, 1e-13);
+    ASSERT_NEAR(back.height_m, expected.height_m, 2e-9);
+  }
 }
 
 TEST(Geodesy, LongitudesWrap) {
