@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <GeographicLib/Geocentric.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
