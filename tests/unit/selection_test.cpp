@@ -20,6 +20,7 @@
 #include "dem/support/parallel.h"
 #include "engine/scene/anchor.h"
 #include "engine/scene/mesh.h"
+#include "engine/scene/node_bounds.h"
 #include "engine/scene/ray_selection.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
