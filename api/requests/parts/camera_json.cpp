@@ -75,7 +75,7 @@ void set_distortion(const JsonReader& in, const std::optional<DistortionForm>& f
     camera.fisheye = {form->k1, form->k2, form->k3, form->k4};
 }
 
-std::optional<Camera> resolve_camera(const JsonReader& in, const CameraForm& form, const ReadContext& context) {
+std::optional<Camera> resolve_camera(const JsonReader& in, const CameraForm& form, const ReadContext&) {
   const std::size_t before = in.faults();
   Camera camera{form.width, form.height};
   camera.model = form.model;
