@@ -225,11 +225,16 @@ class DataErrors(unittest.TestCase):
 
     @contextlib.contextmanager
     def taken_away(self, folder):
-        """As a disk that is not mounted for a while: the time of change stays."""
-        image = os.path.join(folder, HIT + ".img")
-        os.rename(image, image + ".away")
+        """As a disk that is not mounted for a while: no file's time of change is another one."""
+        away = folder + ".away"
+        os.rename(folder, away)
+        os.mkdir(folder)
+        for name in os.listdir(away):
+            if name != HIT + ".img":
+                os.symlink(os.path.join(away, name), os.path.join(folder, name))
         yield
-        os.rename(image + ".away", image)
+        shutil.rmtree(folder)
+        os.rename(away, folder)
 
     def assert_same(self, got, wanted, what=""):
         for name in PRODUCTS:
