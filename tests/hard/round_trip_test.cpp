@@ -207,8 +207,9 @@ TEST(RoundTrip, VoidsAreCountedAndNotCompared) {
   }
 }
 
-// A finer tile, 500 m higher, over a quarter of the window: there the coarse tile isn't what is seen.
-TEST(RoundTrip, UnderAFinerTileNothingIsCompared) {
+// A finer tile, 500 m higher, over a 16th of the window: there the coarse tile isn't what is seen, nor over 16 of its
+// posts around it, where it is bent to meet the finer one.
+TEST(RoundTrip, UnderAFinerTileAndBesideItNothingIsCompared) {
   const test::TemporaryFolder folder;
   test::write_kaguya_tile(folder.path(), 2, 10, 2, 64,
                           [](double, double lon_deg) { return 300 * std::sin(9 * lon_deg); });
@@ -217,9 +218,10 @@ TEST(RoundTrip, UnderAFinerTileNothingIsCompared) {
   const RoundTrip trip = round_trip(*renderer, around(1, 11, 128));
   expect_adds_up(trip);
   EXPECT_EQ(trip.window.tile.posts_per_degree, 64);
-  EXPECT_NEAR(static_cast<double>(trip.elsewhere), 32 * 32, 70);
+  EXPECT_GT(trip.elsewhere, 32u * 32u);
+  EXPECT_LT(trip.elsewhere, 48u * 64u);
   EXPECT_EQ(trip.missed, 0u);
-  EXPECT_GT(trip.compared, trip.window.size() * 9 / 10);
+  EXPECT_GT(trip.compared, trip.window.size() * 8 / 10);
 }
 
 TEST(RoundTrip, AcrossTheDateLineAndFarNorth) {

@@ -71,19 +71,19 @@ TEST_F(FrameMemory, ScratchStaysBelowTheEstimate) {
 }
 
 TEST_F(FrameMemory, NextFrameWaitsForAPinnedScene) {
-  engine::RenderCache kept(terrain_, std::size_t{10} << 20, 1);
+  engine::RenderCache kept(terrain_, std::size_t{4} << 20, 1);
   auto first = kept.scene(content_at(20, kept));
-  ASSERT_GT(first->bytes, std::size_t{5} << 20) << "two of them must be too many";
+  ASSERT_GT(first->bytes, std::size_t{2} << 20) << "two of them must be too many";
   const StopToken soon(StopToken::Clock::now() + std::chrono::milliseconds(50));
   EXPECT_THROW(kept.scene(content_at(60, kept), soon), Cancelled);
   first.reset();
   const auto second = kept.scene(content_at(60, kept));
   EXPECT_GT(second->bytes, 0U);
-  EXPECT_LE(kept.bytes(), std::size_t{10} << 20);
+  EXPECT_LE(kept.bytes(), std::size_t{4} << 20);
 }
 
 TEST_F(FrameMemory, PreparationKeepsTheLatestScene) {
-  engine::RenderCache kept(terrain_, std::size_t{10} << 20, 1);
+  engine::RenderCache kept(terrain_, std::size_t{4} << 20, 1);
   const engine::SceneContent here = content_at(20, kept), next = content_at(60, kept);
   kept.scene(here);
   EXPECT_THROW(kept.scene(next, {}, engine::RenderCache::Purpose::preparation), Cancelled);
