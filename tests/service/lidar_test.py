@@ -149,11 +149,10 @@ class Lidar(WithService):
 
     def test_beams_far_apart_see_the_ground_below_them(self):
         """Each beam of 8 m is 66 m from the next: the ground between them is not made."""
-        for side, fov_deg, height_m in ((16, 15, 4000), (64, 50, 1000)):
-            pose = {"geodetic": {**PLACE, "height_m": ground_m + height_m}, "nadir": {}}
-            pattern = {"scan": "flash", "columns": side, "rows": side, "fov_x_deg": fov_deg}
-            answer = self.service.arrays(request(pose=pose, pattern=pattern), "/v1/lidar")
-            self.assertTrue(np.isfinite(answer["true_range_m"]).all())
+        pose = {"geodetic": {**PLACE, "height_m": ground_m + 4000}, "nadir": {}}
+        pattern = {"scan": "flash", "columns": 16, "rows": 16, "fov_x_deg": 15}
+        answer = self.service.arrays(request(pose=pose, pattern=pattern), "/v1/lidar")
+        self.assertTrue(np.isfinite(answer["true_range_m"]).all())
 
     def test_extremes_are_numbers_or_refused(self):
         tiny = dict(INSTRUMENT, receiver={"signal": "snr", "snr": 100, "range_m": 1000, "reflectance": 5e-324})

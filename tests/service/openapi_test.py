@@ -141,7 +141,7 @@ class Documented(unittest.TestCase):
 
     def only_some(self, operation, headers):
         """Headers that are documented for some answers only."""
-        if operation.path in ("/v1/rays", "/v1/project", "/v1/sky"):
+        if operation.path in ("/v1/rays", "/v1/project", "/v1/sky", "/v1/features"):
             return ("Selenograph-Warnings",)
         if operation.path not in ("/v1/frames", "/v1/maps"):
             return ()
