@@ -6,6 +6,7 @@
 #include <numeric>
 #include <tuple>
 
+#include "dem/files/names.h"
 #include "dem/grid/grid_shift.h"
 #include "dem/support/hash.h"
 
@@ -102,40 +103,53 @@ Catalogue::Catalogue(std::vector<RasterInfo> rasters) : rasters_(std::move(raste
 
 namespace {
 
-// Index of the first of the named paths that a file is, or is in.
+// Index of the first of the paths that names a file: itself, a file of its stem (data or label), or a folder above it.
 std::size_t named_by(const RasterInfo& raster, const std::vector<std::string>& paths) {
-  const auto names = [&](const std::string& path) {
-    return raster.path.starts_with(path) && (raster.path.size() == path.size() || path.ends_with('/') ||
-                                             raster.path[path.size()] == '/' || raster.path[path.size()] == '.');
+  const auto without_extension = [](std::string_view path) {
+    const std::string_view name = name_of(path);
+    return path.substr(0, path.size() - name.size() + stem_of(name).size());
+  };
+  const std::string_view file = raster.path;
+  const auto names = [&](std::string_view path) {
+    const bool is_folder_above =
+        file.starts_with(path) && file.size() > path.size() && (path.ends_with('/') || file[path.size()] == '/');
+    return is_folder_above || without_extension(file) == without_extension(path);
   };
   return static_cast<std::size_t>(std::find_if(paths.begin(), paths.end(), names) - paths.begin());
 }
 
+bool has_spacing_of(const RasterInfo& coarsest, const RasterInfo& raster) {
+  return &coarsest == &raster || coarsest.post_spacing_m < kSameSpacing * raster.post_spacing_m;
+}
+
+// Moves those that are named first to the end of each run of equal resolution: there they take precedence.
+void order_by_names(std::vector<RasterInfo*>& order, const std::vector<std::string>& paths) {
+  if (paths.size() < 2) return;
+  for (auto first = order.begin(); first != order.end();) {
+    const auto past =
+        std::find_if_not(first, order.end(), [&](const RasterInfo* r) { return has_spacing_of(**first, *r); });
+    std::stable_sort(first, past, [&](const RasterInfo* a, const RasterInfo* b) {
+      return named_by(*a, paths) > named_by(*b, paths);
+    });
+    first = past;
+  }
+}
+
 }  // namespace
 
-// Finds the layers. Of rasters of equal resolution those named first come last: they take precedence.
 void Catalogue::find_layers(const std::vector<std::string>& paths) {
+  // Tiles of one product are one layer, even if each is named.
+  const auto are_one = [&](const RasterInfo& a, const RasterInfo& b) {
+    return paths.size() < 2 || named_by(a, paths) == named_by(b, paths) || shift_between(a.grid, b.grid);
+  };
   layer_begin_.clear();
-  for (std::size_t begin = 0; begin < rasters_.size();) {
-    const auto first = rasters_.begin() + static_cast<std::ptrdiff_t>(begin);
-    const auto past = std::find_if_not(first + 1, rasters_.end(), [&](const RasterInfo& raster) {
-      return first->post_spacing_m < kSameSpacing * raster.post_spacing_m;
-    });
-    if (paths.size() > 1)
-      std::stable_sort(first, past, [&](const RasterInfo& a, const RasterInfo& b) {
-        return named_by(a, paths) > named_by(b, paths);
-      });
-    const RasterInfo* reference = nullptr;
-    for (auto raster = first; raster != past; ++raster) {
-      // Tiles of one product are one layer, even if each is named.
-      if (!reference ||
-          (named_by(*reference, paths) != named_by(*raster, paths) && !shift_between(reference->grid, raster->grid))) {
-        reference = &*raster;
-        begin = layer_begin_.size();
-      }
-      layer_begin_.push_back(static_cast<int>(begin));
-    }
-    begin = layer_begin_.size();
+  double coarsest_m = 0;  // spacing of the run of equal resolution
+  for (const RasterInfo& raster : rasters_) {
+    const int begin = layer_begin_.empty() ? 0 : layer_begin_.back();
+    const RasterInfo& first = rasters_[static_cast<std::size_t>(begin)];
+    const bool same_run = !layer_begin_.empty() && coarsest_m < kSameSpacing * raster.post_spacing_m;
+    coarsest_m = same_run ? std::max(coarsest_m, raster.post_spacing_m) : raster.post_spacing_m;
+    layer_begin_.push_back(same_run && are_one(first, raster) ? begin : static_cast<int>(layer_begin_.size()));
   }
 }
 
@@ -147,6 +161,7 @@ void Catalogue::index(const std::vector<std::string>& paths) {
   std::sort(order.begin(), order.end(), [](const RasterInfo* a, const RasterInfo* b) {
     return std::tie(b->post_spacing_m, a->name, a->path) < std::tie(a->post_spacing_m, b->name, b->path);
   });
+  order_by_names(order, paths);
   std::vector<RasterInfo> sorted;
   sorted.reserve(rasters_.size());
   for (RasterInfo* raster : order) sorted.push_back(std::move(*raster));

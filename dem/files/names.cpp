@@ -1,5 +1,7 @@
 #include "dem/files/names.h"
 
+#include <fnmatch.h>
+
 #include <algorithm>
 #include <cctype>
 #include <iterator>
@@ -64,6 +66,12 @@ std::string_view name_of(std::string_view path) { return path.substr(path.rfind(
 std::string_view stem_of(std::string_view name) {
   const std::size_t dot = name.rfind('.');
   return dot == std::string_view::npos || dot == 0 ? name : name.substr(0, dot);
+}
+
+bool name_matches(const std::string& path, const std::string& pattern) {
+  const std::string name(name_of(path));
+  const std::string stem(stem_of(name));
+  return ::fnmatch(pattern.c_str(), stem.c_str(), 0) == 0 || ::fnmatch(pattern.c_str(), name.c_str(), 0) == 0;
 }
 
 std::optional<double> metres_in(std::string_view unit) {

@@ -18,6 +18,9 @@ std::string_view name_of(std::string_view path);
 // Name without its last extension.
 std::string_view stem_of(std::string_view name);
 
+// Matches a path's last component, with or without its extension, against a pattern as in a shell.
+bool name_matches(const std::string& path, const std::string& pattern);
+
 // Units of length in which heights are read, for messages.
 inline constexpr std::string_view kLengthUnits = "m, km, cm, mm, ft, US survey foot";
 // Metres in one of them by any of its names, in any case; empty: it is none of them.

@@ -1,7 +1,6 @@
 #include "dem/files/quantity.h"
 
 #include <fmt/format.h>
-#include <fnmatch.h>
 
 #include <algorithm>
 #include <cctype>
@@ -140,12 +139,6 @@ const std::vector<std::string>& patterns_taken_as_heights() { return taken_patte
 
 bool is_taken_as_heights(const std::string& path) {
   return std::ranges::any_of(taken_patterns(), [&](const std::string& pattern) { return name_matches(path, pattern); });
-}
-
-bool name_matches(const std::string& path, const std::string& pattern) {
-  const std::string name(name_of(path));
-  const std::string stem(stem_of(name));
-  return ::fnmatch(pattern.c_str(), stem.c_str(), 0) == 0 || ::fnmatch(pattern.c_str(), name.c_str(), 0) == 0;
 }
 
 std::string how_to_override(std::string_view path) {

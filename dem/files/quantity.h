@@ -22,8 +22,6 @@ std::string_view quantity_in_name(std::string_view path);
 void take_as_heights(std::vector<std::string> patterns);
 const std::vector<std::string>& patterns_taken_as_heights();
 bool is_taken_as_heights(const std::string& path);
-// Matches a path's last component, with or without its extension, against a pattern as in a shell.
-bool name_matches(const std::string& path, const std::string& pattern);
 
 // Advice in errors about rasters that do not look like heights.
 std::string how_to_override(std::string_view path);

@@ -130,10 +130,8 @@ void BorderCells::read_remote(std::vector<Found>& found, std::vector<SourceIndex
   std::vector<float> height_m;
   std::erase_if(found, [&](Found& post) {
     if (!is_remote(catalogue_.rasters()[static_cast<std::size_t>(post.source)].path)) return false;
-    const PostXY at = groups_.post_in_file(catalogue_, post.source, post.x, post.y);
-    if (!read_or_report(post.source, static_cast<std::int64_t>(at.x), static_cast<std::int64_t>(at.y), 1, 1, height_m,
-                        unusable))
-      return true;
+    const auto [x, y] = groups_.post_in_file(catalogue_, post.source, post.x, post.y);
+    if (!read_or_report(post.source, x, y, 1, 1, height_m, unusable)) return true;
     post.height_m = height_m[0];
     return !is_valid(post.height_m);
   });
@@ -182,42 +180,53 @@ std::shared_ptr<const BorderCells::Tile> BorderCells::tile(const Key& key) const
   return entry->second;
 }
 
-std::shared_ptr<const BorderCells::Tile> BorderCells::make_tile(const Key& key) const {
-  const int octave = std::get<1>(key);
-  if (octave > 0 && (std::int64_t{1} << octave) <= kCellSamples) return join_quarters(key);
-  auto made = std::make_shared<Tile>();
-  // Samples come row by row; cells are summed in this order.
-  std::map<std::pair<std::int64_t, std::int64_t>, std::pair<double, int>> sums;
-  const std::int64_t cell = std::int64_t{1} << octave;
-  for (const Found& post : border_samples(key, made->unusable)) {
-    auto& [sum_m, samples] = sums[{floor_div(post.y, cell), floor_div(post.x, cell)}];
-    sum_m += static_cast<double>(post.height_m) - static_cast<double>(post.beneath_m);
-    ++samples;
-  }
-  for (const auto& [at, sum] : sums)
-    made->cells.push_back(
-        {at.second, at.first, static_cast<float>(sum.first / sum.second), static_cast<float>(sum.second)});
-  return made;
-}
+namespace {
 
-// Cells all of whose posts are samples are made from the four quarters, which have read these posts.
-std::shared_ptr<const BorderCells::Tile> BorderCells::join_quarters(const Key& key) const {
+// Sums of steps by cell, in the order in which they are added.
+class CellSums {
+ public:
+  void add(std::int64_t x, std::int64_t y, double step_m, double samples) {
+    Sum& sum = sums_[{y, x}];
+    sum.step_m += step_m * samples;
+    sum.samples += samples;
+  }
+  std::vector<BorderCell> cells() const {
+    std::vector<BorderCell> cells;
+    for (const auto& [at, sum] : sums_)
+      cells.push_back(
+          {at.second, at.first, static_cast<float>(sum.step_m / sum.samples), static_cast<float>(sum.samples)});
+    return cells;
+  }
+
+ private:
+  struct Sum {
+    double step_m = 0, samples = 0;
+  };
+  std::map<std::pair<std::int64_t, std::int64_t>, Sum> sums_;
+};
+
+}  // namespace
+
+// Cells all of whose posts are samples are made from the four quarters of the tile, which have read these posts.
+std::shared_ptr<const BorderCells::Tile> BorderCells::make_tile(const Key& key) const {
   const auto [sheet, octave, column, row] = key;
+  const std::int64_t cell = std::int64_t{1} << octave;
   auto made = std::make_shared<Tile>();
-  std::map<std::pair<std::int64_t, std::int64_t>, std::pair<double, double>> sums;
-  for (const int down : {0, 1})
-    for (const int along : {0, 1}) {
-      const std::shared_ptr<const Tile> quarter = tile({sheet, octave - 1, 2 * column + along, 2 * row + down});
-      made->unusable.insert(made->unusable.end(), quarter->unusable.begin(), quarter->unusable.end());
-      for (const BorderCell& c : quarter->cells) {
-        auto& [sum_m, samples] = sums[{floor_div(c.y, 2), floor_div(c.x, 2)}];
-        sum_m += static_cast<double>(c.step_m) * static_cast<double>(c.samples);
-        samples += static_cast<double>(c.samples);
+  CellSums sums;
+  if (octave == 0 || cell > kCellSamples) {
+    for (const Found& post : border_samples(key, made->unusable))
+      sums.add(floor_div(post.x, cell), floor_div(post.y, cell),
+               static_cast<double>(post.height_m) - static_cast<double>(post.beneath_m), 1);
+  } else {
+    for (const int down : {0, 1})
+      for (const int along : {0, 1}) {
+        const std::shared_ptr<const Tile> quarter = tile({sheet, octave - 1, 2 * column + along, 2 * row + down});
+        made->unusable.insert(made->unusable.end(), quarter->unusable.begin(), quarter->unusable.end());
+        for (const BorderCell& c : quarter->cells)
+          sums.add(floor_div(c.x, 2), floor_div(c.y, 2), static_cast<double>(c.step_m), static_cast<double>(c.samples));
       }
-    }
-  for (const auto& [at, sum] : sums)
-    made->cells.push_back(
-        {at.second, at.first, static_cast<float>(sum.first / sum.second), static_cast<float>(sum.second)});
+  }
+  made->cells = sums.cells();
   return made;
 }
 
@@ -242,9 +251,8 @@ std::vector<BorderPost> BorderCells::posts(int sheet, int octave, const CellRegi
     for (std::int64_t column = floor_div(region.x0, kTileCells); column <= floor_div(region.x1 - 1, kTileCells);
          ++column)
       for (const Found& post : border_samples({sheet, octave, column, row}, unusable)) {
-        const PostXY at = groups_.post_in_file(catalogue_, post.source, post.x, post.y);
-        found.push_back({post.source, static_cast<int>(at.x), static_cast<int>(at.y), post.height_m - post.beneath_m,
-                         post.beneath});
+        const auto [x, y] = groups_.post_in_file(catalogue_, post.source, post.x, post.y);
+        found.push_back({post.source, x, y, post.height_m - post.beneath_m, post.beneath});
       }
   return found;
 }

@@ -77,7 +77,6 @@ class BorderCells {
   struct Found;
   std::shared_ptr<const Tile> tile(const Key& key) const;
   std::shared_ptr<const Tile> make_tile(const Key& key) const;
-  std::shared_ptr<const Tile> join_quarters(const Key& key) const;
   std::vector<Found> border_samples(const Key& key, std::vector<SourceIndex>& unusable) const;
   void read_samples(int source, Samples& samples, std::vector<SourceIndex>& unusable) const;
   bool read_or_report(int source, std::int64_t x0, std::int64_t y0, int w, int h, std::vector<float>& heights_m,

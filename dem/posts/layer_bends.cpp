@@ -107,14 +107,19 @@ class LayerBends::Mixture {
   std::vector<float> away_m_;
 };
 
-LayerBends::LayerBends(const Catalogue& catalogue, ReadPosts read, HeightsBeneath beneath, bool fall_through)
-    : catalogue_(catalogue),
-      read_(std::move(read)),
-      beneath_(std::move(beneath)),
-      fall_through_(fall_through),
-      meets_(catalogue.rasters().size()) {
-  for (auto& m : meets_) m = -1;
+void PlaceBox::add(const Geographic& place) {
+  if (empty()) west_deg = east_deg = place.lon_deg;
+  south_deg = std::min(south_deg, place.lat_deg);
+  north_deg = std::max(north_deg, place.lat_deg);
+  // Count from the box's middle, so that the date line is no border.
+  const double middle_deg = (west_deg + east_deg) / 2;
+  const double lon_deg = middle_deg + std::remainder(place.lon_deg - middle_deg, 360);
+  west_deg = std::min(west_deg, lon_deg);
+  east_deg = std::max(east_deg, lon_deg);
 }
+
+LayerBends::LayerBends(const Catalogue& catalogue, ReadPosts read, HeightsBeneath beneath, bool fall_through)
+    : catalogue_(catalogue), read_(std::move(read)), beneath_(std::move(beneath)), fall_through_(fall_through) {}
 
 LayerBends::~LayerBends() = default;
 
@@ -123,25 +128,10 @@ const LayerBends::Found& LayerBends::found() const {
   return *found_;
 }
 
-bool LayerBends::meets(int source) const {
-  const int begin = catalogue_.layer_begin(source);
-  if (begin == 0) return false;
-  std::atomic<signed char>& known = meets_[static_cast<std::size_t>(source)];
-  if (known < 0) known = finest_beneath(catalogue_, source, begin) >= 0;
-  return known > 0;
-}
-
 double LayerBends::band_posts(int source) const {
   if (catalogue_.layer_begin(source) == 0) return 0;
   const LayerGroups& all = found().groups;
   return all.groups[static_cast<std::size_t>(all.group[static_cast<std::size_t>(source)])]->band_posts;
-}
-
-double LayerBends::widest_band_deg() const {
-  double widest_m = 0;
-  for (const auto& group : found().groups.groups)
-    widest_m = std::max(widest_m, group->band_posts * group->post_spacing_m);
-  return widest_m / kMetresPerDegree;
 }
 
 const std::vector<int>& LayerBends::group_of(int source) const {
@@ -227,27 +217,24 @@ LayerBends::Field LayerBends::field(const LayerGroup& group, int octave, const C
 
 // Groups whose bands may reach a place of the grid with a coarser source, from coarse to fine.
 std::vector<const LayerGroup*> LayerBends::groups_near(const PlaceGrid& places, int past) const {
-  double south = 90, north = -90, low = 0, high = 0;
+  std::vector<const LayerGroup*> near;
+  if (past == 0) return near;
+  const int finest_begin = catalogue_.layer_begin(past - 1);
   int coarsest = past;
-  std::optional<double> lon0;
+  PlaceBox box;
   for (int r = 0; r < places.rows; ++r)
     for (int c = 0; c < places.columns; ++c) {
-      const SourceIndex source = source_of(places.sources[places.index(r, c)]);
-      if (source == kNoSource || static_cast<int>(source) >= past) continue;
-      coarsest = std::min(coarsest, catalogue_.layer_begin(static_cast<int>(source)));
-      const Geographic p = places.place(r, c);
-      if (!lon0) lon0 = p.lon_deg;
-      const double turned = std::remainder(p.lon_deg - *lon0, 360);
-      south = std::min(south, p.lat_deg), north = std::max(north, p.lat_deg);
-      low = std::min(low, turned), high = std::max(high, turned);
+      const SourceMark mark = places.sources[places.index(r, c)];
+      if (!can_bend(mark, finest_begin)) continue;
+      coarsest = std::min(coarsest, catalogue_.layer_begin(static_cast<int>(source_of(mark))));
+      box.add(places.place(r, c));
     }
-  std::vector<const LayerGroup*> near;
-  if (!lon0) return near;
+  if (box.empty()) return near;
   const double band_deg = 1.2 * widest_band_deg();
-  const double poleward_deg = std::max(-south, north) + band_deg;
+  const double poleward_deg = std::max(-box.south_deg, box.north_deg) + band_deg;
   const double beside_deg = poleward_deg >= 89 ? 360 : band_deg / std::cos(poleward_deg * kRadiansPerDegree);
   const std::vector<int> files =
-      catalogue_.touching(south, north, *lon0 + low - beside_deg, *lon0 + high + beside_deg, band_deg);
+      catalogue_.touching(box.south_deg, box.north_deg, box.west_deg - beside_deg, box.east_deg + beside_deg, band_deg);
   const LayerGroups& all = found().groups;
   for (const int file : files) {
     if (file >= past || catalogue_.layer_begin(file) <= coarsest) continue;
@@ -292,8 +279,7 @@ void LayerBends::add_group(const LayerGroup& group, const PlaceGrid& places, Mix
       for (int r = r0; r < std::min(r0 + kBlockPlaces, places.rows); ++r)
         for (int c = c0; c < std::min(c0 + kBlockPlaces, places.columns); ++c) {
           const std::size_t i = places.index(r, c);
-          const SourceIndex source = source_of(places.sources[i]);
-          if (source == kNoSource || catalogue_.layer_begin(static_cast<int>(source)) >= group.layer_begin) continue;
+          if (!can_bend(places.sources[i], group.layer_begin)) continue;
           const PostXY p = posts.locate(places.place(r, c));
           if (posts.away_from_box(p) > group.band_posts) continue;
           indices.push_back(i);

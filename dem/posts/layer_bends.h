@@ -19,7 +19,6 @@
 // c is a function of the place only: the same from any window, level, tile and number of threads.
 #pragma once
 
-#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -45,6 +44,14 @@ struct PlaceGrid {
   }
 };
 
+// Smallest box of latitudes and longitudes around places.
+struct PlaceBox {
+  double south_deg = 90, north_deg = -90;
+  double west_deg = 0, east_deg = 0;  // east >= west
+  void add(const Geographic& place);
+  bool empty() const { return south_deg > north_deg; }
+};
+
 struct Bends {
   std::vector<float> added_m;  // per place; empty: nothing is bent
   std::vector<float> away_m;   // distance from the nearest finer layer near its border; grows to infinity over the band
@@ -58,12 +65,10 @@ class LayerBends {
   LayerBends(const Catalogue& catalogue, ReadPosts read, HeightsBeneath beneath, bool fall_through);
   ~LayerBends();
 
-  // Whether a file overlaps a coarser layer. Fast: reads no posts.
-  bool meets(int source) const;
   // Width of the band outside its group in posts of the file; 0: nothing is bent. Reads no posts.
   double band_posts(int source) const;
   // The widest band of any group, degrees of latitude.
-  double widest_band_deg() const;
+  double widest_band_deg() const { return found().groups.widest_band_deg; }
   // Files of its group, ascending.
   const std::vector<int>& group_of(int source) const;
 
@@ -86,6 +91,10 @@ class LayerBends {
     BorderCells cells;
   };
   const Found& found() const;
+  bool can_bend(SourceMark mark, int layer_begin) const {
+    const SourceIndex source = source_of(mark);
+    return source != kNoSource && catalogue_.layer_begin(static_cast<int>(source)) < layer_begin;
+  }
   std::vector<const LayerGroup*> groups_near(const PlaceGrid& places, int past) const;
   Shares shares_of(const LayerGroup& group, int octave, const CellRegion& region,
                    std::vector<SourceIndex>& unusable) const;
@@ -99,7 +108,6 @@ class LayerBends {
   ReadPosts read_;
   HeightsBeneath beneath_;
   bool fall_through_;
-  mutable std::vector<std::atomic<signed char>> meets_;  // -1: not yet known
   mutable Once grouped_;
   mutable std::unique_ptr<Found> found_;
 };

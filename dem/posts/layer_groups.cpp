@@ -23,7 +23,8 @@ void find_sheets(const Catalogue& catalogue, LayerGroups& found) {
     if (begin == 0) continue;
     std::optional<std::pair<std::int64_t, std::int64_t>> shift;
     std::size_t s = found.sheets.size();
-    while (s > 0 && found.sheets[s - 1].layer_begin == begin && !(shift = found.sheets[s - 1].shift_of(rasters[i])))
+    while (s > 0 && found.sheets[s - 1].layer_begin == begin &&
+           !(shift = shift_between(found.sheets[s - 1].reference->grid, rasters[i].grid)))
       --s;
     if (!shift) {
       LayerSheet sheet{&rasters[i], begin, 0, {}};
@@ -92,6 +93,15 @@ void gather(const std::vector<RasterInfo>& rasters, const std::vector<int>& firs
   }
 }
 
+// Index of the finest file before `begin` that a file overlaps by more than a border; -1: none.
+int finest_beneath(const Catalogue& catalogue, int source, int begin) {
+  constexpr double kBorder_deg = 1e-6;  // 3 cm: layers that have only their border in common lie beside each other
+  const Footprint& f = catalogue.rasters()[static_cast<std::size_t>(source)].footprint;
+  const std::vector<int> there = catalogue.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, -kBorder_deg);
+  const auto past = std::lower_bound(there.begin(), there.end(), begin);
+  return past == there.begin() ? -1 : *std::prev(past);
+}
+
 void set_bands(const Catalogue& catalogue, LayerGroups& found) {
   constexpr int kBandCells = 8;  // cells of the coarsest octave that the band is wide, at least
   for (const auto& group : found.groups) {
@@ -109,20 +119,15 @@ void set_bands(const Catalogue& catalogue, LayerGroups& found) {
         static_cast<int>(std::floor(std::log2(cell))));
     // Less by what cells' middles and the subdivision reach further.
     group->band_cells = std::max(1.0, group->band_posts / std::ldexp(1.0, group->octave) - 3);
+    found.widest_band_deg =
+        std::max(found.widest_band_deg, group->band_posts * group->post_spacing_m / kMetresPerDegree);
   }
 }
 
 }  // namespace
 
-int finest_beneath(const Catalogue& catalogue, int source, int begin) {
-  constexpr double kBorder_deg = 1e-6;  // 3 cm: layers that have only their border in common lie beside each other
-  const Footprint& f = catalogue.rasters()[static_cast<std::size_t>(source)].footprint;
-  const std::vector<int> there = catalogue.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, -kBorder_deg);
-  const auto past = std::lower_bound(there.begin(), there.end(), begin);
-  return past == there.begin() ? -1 : *std::prev(past);
-}
-
-PostXY LayerGroups::post_in_file(const Catalogue& catalogue, int source, std::int64_t x, std::int64_t y) const {
+std::pair<int, int> LayerGroups::post_in_file(const Catalogue& catalogue, int source, std::int64_t x,
+                                              std::int64_t y) const {
   const auto [shift_x, shift_y] = shift[static_cast<std::size_t>(source)];
   const std::int64_t globe = sheets[static_cast<std::size_t>(sheet[static_cast<std::size_t>(source)])].globe;
   std::int64_t column = x - shift_x;
@@ -130,7 +135,7 @@ PostXY LayerGroups::post_in_file(const Catalogue& catalogue, int source, std::in
     column -= floor_div(column, globe) * globe;
     if (column >= catalogue.rasters()[static_cast<std::size_t>(source)].width) column -= globe;
   }
-  return {static_cast<double>(column), static_cast<double>(y - shift_y)};
+  return {static_cast<int>(column), static_cast<int>(y - shift_y)};
 }
 
 constexpr double kNotOnPlane = -1e8;  // PlanePosts::locate() says less where its plane does not show a place
@@ -196,10 +201,6 @@ double widest_post_deg(const RasterInfo& info) {
   if (f.east_deg - f.west_deg >= 360) return 1 / per_degree;
   const double farthest_lat_deg = std::max(-f.south_deg, f.north_deg);
   return 1 / (per_degree * std::max(kLeastScale, std::cos(farthest_lat_deg * kRadiansPerDegree)));
-}
-
-std::optional<std::pair<std::int64_t, std::int64_t>> LayerSheet::shift_of(const RasterInfo& info) const {
-  return shift_between(reference->grid, info.grid);
 }
 
 LayerGroups find_groups(const Catalogue& catalogue) {

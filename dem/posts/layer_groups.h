@@ -53,8 +53,6 @@ struct LayerSheet {
     while (globe % (std::int64_t{1} << octave) != 0) --octave;
     return octave;
   }
-  // Position of a file's first post; empty: not on this grid.
-  std::optional<std::pair<std::int64_t, std::int64_t>> shift_of(const RasterInfo& info) const;
 };
 
 // Files of a sheet that touch each other.
@@ -77,9 +75,10 @@ struct LayerGroups {
   // Indices by source; -1: in the coarsest layer.
   std::vector<int> sheet, group;
   std::vector<std::pair<std::int64_t, std::int64_t>> shift;
+  double widest_band_deg = 0;  // of any group, degrees of latitude
 
-  // Post of a file at a post of its sheet.
-  PostXY post_in_file(const Catalogue& catalogue, int source, std::int64_t x, std::int64_t y) const;
+  // Column and row of a file's post at a post of its sheet.
+  std::pair<int, int> post_in_file(const Catalogue& catalogue, int source, std::int64_t x, std::int64_t y) const;
 };
 
 // Places in posts of a group's sheet, on the turn around the globe that is nearest to the group. An orthographic plane
@@ -98,9 +97,6 @@ class SheetPosts {
   double posts_around_;  // 0: rows do not run around the globe
   std::optional<PlanePosts> plane_;
 };
-
-// Index of the finest file before `begin` that a file overlaps by more than a border; -1: none.
-int finest_beneath(const Catalogue& catalogue, int source, int begin);
 
 // Groups of all files except those of the coarsest layer.
 LayerGroups find_groups(const Catalogue& catalogue);

@@ -8,7 +8,7 @@
 #include <map>
 #include <stdexcept>
 
-#include "dem/files/quantity.h"
+#include "dem/files/names.h"
 #include "dem/posts/post_source.h"
 #include "dem/support/error.h"
 #include "dem/support/quantile.h"
@@ -59,8 +59,6 @@ NamedNumber parse_named_number(const std::string& text, const NumberRange& range
   return {text.substr(0, equals), number};
 }
 
-bool matches(const RasterInfo& info, const std::string& pattern) { return name_matches(info.path, pattern); }
-
 NamedNumber parse_layer_offset(const std::string& text) {
   return parse_named_number(text, {"METRES", -kMostOffset_m, kMostOffset_m});
 }
@@ -74,7 +72,7 @@ std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
   for (const NamedNumber& offset : offsets) {
     bool any = false;
     for (std::size_t i = 0; i < rasters.size(); ++i) {
-      if (!matches(rasters[i], offset.pattern)) continue;
+      if (!name_matches(rasters[i].path, offset.pattern)) continue;
       any = true, fitted[i] = !offset.value;
       joins.offsets_m[i] = offset.value.value_or(0);
     }
@@ -116,7 +114,7 @@ std::vector<LayerBorder> measure_borders(const Catalogue& catalogue, std::size_t
   std::vector<char> done(catalogue.rasters().size());
   for (std::size_t i = 0; i < done.size() && found.size() < most; ++i) {
     const int file = static_cast<int>(i);
-    if (done[i] || !source.bends().meets(file)) continue;
+    if (done[i] || catalogue.layer_begin(file) == 0) continue;
     const std::vector<int>& group = source.bends().group_of(file);
     for (const int other : group) done[static_cast<std::size_t>(other)] = 1;
     const std::vector<BorderPost> posts = source.bends().border(file, kMaxPosts);

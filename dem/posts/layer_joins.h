@@ -22,7 +22,6 @@ struct NumberRange {
 };
 // Parses "PATTERN=NUMBER" or "PATTERN=fit". Throws std::invalid_argument that says what is wrong.
 NamedNumber parse_named_number(const std::string& text, const NumberRange& range);
-bool matches(const RasterInfo& info, const std::string& pattern);
 // The same of offsets added to heights, m.
 NamedNumber parse_layer_offset(const std::string& text);
 

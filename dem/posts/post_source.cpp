@@ -306,14 +306,9 @@ void PostSource::heights_at(std::span<const Geographic> places, int files, float
                             std::vector<SourceIndex>& unusable) const {
   std::fill_n(heights_m, places.size(), kNaN);
   std::fill_n(sources, places.size(), kNoSource);
-  double south = 90, north = -90, low = 0, high = 0;
-  for (const Geographic& p : places) {
-    const double turned = std::remainder(p.lon_deg - places[0].lon_deg, 360);
-    south = std::min(south, p.lat_deg), north = std::max(north, p.lat_deg);
-    low = std::min(low, turned), high = std::max(high, turned);
-  }
-  std::vector<int> layers =
-      catalogue_.touching(south, north, places[0].lon_deg + low, places[0].lon_deg + high, post_deg_);
+  PlaceBox box;
+  for (const Geographic& place : places) box.add(place);
+  std::vector<int> layers = catalogue_.touching(box.south_deg, box.north_deg, box.west_deg, box.east_deg, post_deg_);
   layers.erase(std::lower_bound(layers.begin(), layers.end(), files), layers.end());
   for (auto layer = layers.rbegin(); layer != layers.rend(); ++layer)
     add_heights(*layer, places, heights_m, sources, unusable);

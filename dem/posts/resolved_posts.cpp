@@ -8,6 +8,7 @@
 #include <map>
 #include <variant>
 
+#include "dem/files/names.h"
 #include "dem/gdal/raster.h"
 #include "dem/support/error.h"
 
@@ -147,7 +148,7 @@ std::vector<ResolvedLayer> resolve_posts(Catalogue& catalogue, const std::vector
   for (const NamedNumber& setting : settings) {
     std::map<int, std::vector<int>> layers;  // by their first file
     for (int file = 0; file < static_cast<int>(catalogue.rasters().size()); ++file)
-      if (matches(catalogue.rasters()[static_cast<std::size_t>(file)], setting.pattern))
+      if (name_matches(catalogue.rasters()[static_cast<std::size_t>(file)].path, setting.pattern))
         layers[catalogue.layer_begin(file)].push_back(file);
     if (layers.empty()) throw DataError(setting.pattern, "no DEM file has such a name (--resolved-posts)");
     for (const auto& [first, files] : layers) {

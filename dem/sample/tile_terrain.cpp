@@ -15,7 +15,7 @@ constexpr int kBlock = 64;  // posts; one block's layers fit into a core's secon
 
 TileTerrain::TileTerrain(const Tile& tile, std::uint64_t seed)
     : tile_(tile), landscape_(seed), size_(tile.posts_per_degree), blocks_((size_ + kBlock - 1) / kBlock) {
-  // They are exact at multiples of 90 degrees, so the first row of a polar tile is one point.
+  // Sines are exact at multiples of 90 degrees, so that the first row of a polar tile is one point.
   for (int i = 0; i < size_; ++i) {
     rows_.push_back(sine_cosine_of_deg(tile.top_deg() - i * tile.step_deg()));
     columns_.push_back(sine_cosine_of_deg(tile.west_deg + i * tile.step_deg()));

@@ -183,10 +183,10 @@ class ViewSelector {
     double displaced_px = 0;
   };
 
-  // Displacement of shadow edges by a height error. Level ground is a sphere: an error of e moves the edge by at most
-  // sqrt(2 R e), however low the Sun is. `displaced_pixels_per_metre`: where the Sun is higher.
+  // Returns how far a height error moves shadow edges: by `displaced_pixels_per_metre`, which grows as the Sun sinks.
+  // As level ground is a sphere, an error e moves them by at most sqrt(2 R e), however low the Sun is.
   double displaced_px(double error_m, double displaced_pixels_per_metre) const;
-  // Largest error that moves shadow edges by no more than the target.
+  // Returns the largest error that moves shadow edges by no more than the target.
   double error_for_shadows_m(double displaced_pixels_per_metre) const;
   Blur blur(const Seen& seen, double displaced_pixels_per_metre) const;
   bool too_much(const Blur& blur, Part& part) const;

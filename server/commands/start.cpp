@@ -10,6 +10,7 @@
 #include <stdexcept>
 
 #include "api/assets/assets.h"
+#include "dem/files/names.h"
 #include "dem/files/open_file.h"
 #include "dem/files/quantity.h"
 #include "dem/gdal/remote_names.h"
@@ -76,7 +77,7 @@ dem::Catalogue open_catalogue(const TerrainSettings& settings) {
   const std::vector<std::string> paths = dem_paths(settings);
   dem::Catalogue catalogue(paths, options);
   for (const std::string& pattern : settings.take_as_heights) {
-    const auto has_name = [&](const dem::RasterInfo& raster) { return dem::matches(raster, pattern); };
+    const auto has_name = [&](const dem::RasterInfo& raster) { return dem::name_matches(raster.path, pattern); };
     if (std::ranges::none_of(catalogue.rasters(), has_name))
       throw DataError(pattern, "no DEM file has such a name (--take-as-heights)");
   }

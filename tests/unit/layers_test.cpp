@@ -271,6 +271,12 @@ TEST(Layers, OfTwoEqualOnesTheFirstNamedIsUnchanged) {
     }
     EXPECT_LT(step_m, 100 * 3.0 / 16);
   }
+  // A file is named by its data as by its label.
+  const Catalogue by_data(
+      std::vector<std::string>{first.path() + "/b.img", second.path() + "/a.img", second.path() + "/c.img"});
+  EXPECT_EQ(by_data.rasters()[2].name, "b");
+  EXPECT_EQ(by_data.layer_begin(2), 2);
+  EXPECT_EQ(by_data.layer_begin(1), 0);
   // Tiles of one grid are one layer, however they are named.
   TemporaryFolder tiles;
   write_float_tile(tiles.path(), "west", {16, 18, kFine, 256, 128}, high);

@@ -27,10 +27,13 @@ bool encloses(const ObjectMesh& mesh, const Vec3& point) {
 std::optional<double> rock_around(const dem::Terrain& terrain, const Vec3& place_m, const StopToken& stop) {
   const dem::Detail* detail = terrain.detail();
   if (!detail || detail->rocks().empty()) return std::nullopt;
+  const double largest_m = detail->rocks().law().largest_m;
   const Geographic g = to_geographic(place_m);
+  // High above all ground, spare making the finest ground below.
+  if (g.height_m > double{dem::kHighestRelief_m} + 2 * largest_m) return std::nullopt;
   const double above_m = g.height_m - terrain.height(g.lat_deg, g.lon_deg, stop).height_m;
   // All of a rock is within a diameter of its position (rock_shapes.h).
-  if (!(above_m < 2 * detail->rocks().law().largest_m)) return std::nullopt;
+  if (!(above_m < 2 * largest_m)) return std::nullopt;
   const dem::RockSurvey survey(terrain);
   const dem::RockField& field = survey.field();
   std::vector<dem::RockFeature> rocks;
