@@ -1,5 +1,5 @@
 """Includes point downwards, no two files include each other, no folder is crowded, each foreign library has one home,
-no line is too long.
+no line is too long; pages about the code name what exists.
 
 Reads the sources; needs no build:   python3 tests/unit/include_arrows_test.py
 """
@@ -58,6 +58,18 @@ LONGEST_README, LONGEST_FRONT = 70, 200
 LONGEST_LINE = 120
 # Written by the program, a paragraph per line.
 WRITTEN = ("api/requests.md", "engine/verify/accuracy.md")
+
+# Pages about the code: a name there is a file, a word of the sources, or a test.
+PAGES_OF_NAMES = ("engine/architecture.md", "engine/threads.md", "engine/glossary.md",
+                  "engine/scene/level_of_detail.md")
+QUOTED = re.compile(r"`([^`\n]+)`")
+PICTURE = re.compile(r"```mermaid\n(.*?)```", re.DOTALL)
+# In a picture: a folder, a qualified name, one in snake_case or in CamelCase.
+DRAWN = re.compile(r"(?:server|api|engine|dem)(?:/\w+)+|(?:\w+::)+\w+|[a-z]+(?:_[a-z]+)+|(?:[A-Z][a-z]+){2,}")
+PATH = re.compile(r"[\w./-]*/[\w./-]*|\w+\.(?:h|cpp|md|py)")
+TEST_NAME = re.compile(r"(\w+)\.(\w+)")
+NAMESPACES = {"api", "engine", "dem"}
+CODE_NAME = re.compile(r"[A-Za-z_]\w*(?:::\w+)*")
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*(?:"([^"]+)"|<([^>]+)>)')
 
@@ -188,6 +200,36 @@ def long_lines(root):
             if is_long(path, line)]
 
 
+def names_of(page):
+    """Names of code on a page, in backticks and in pictures."""
+    for picture in PICTURE.findall(page):
+        yield from DRAWN.findall(picture)
+    for quoted in QUOTED.findall(re.sub(r"```.*?```", "", page, flags=re.DOTALL)):
+        yield quoted.removesuffix("()")
+
+
+def unknown_names(root):
+    """Names on PAGES_OF_NAMES of files, functions, types and tests that do not exist."""
+    code = {path: set(re.findall(r"\w+", re.sub(r"//.*", "", (root / path).read_text(encoding="utf-8"))))
+            for path in sources(root)}
+    tests = [path for kind in ("cpp", "py") for path in (root / "tests").rglob(f"*_test.{kind}")]
+    cases = {".".join(case) for path in tests
+             for case in re.findall(r"TEST(?:_F|_P)?\((\w+), (\w+)\)", path.read_text(encoding="utf-8"))}
+    files = {f"{path.parent.name}.{path.stem.removesuffix('_test')}" for path in tests}
+
+    def exists(name, page):
+        if PATH.fullmatch(name):
+            return any((folder / name).exists() for folder in (root, page.parent))
+        if TEST_NAME.fullmatch(name):
+            return name in cases | files
+        if not CODE_NAME.fullmatch(name):
+            return True
+        return any(set(name.split("::")) - NAMESPACES <= words for words in code.values())
+
+    return [f"{page}: {name}" for page in PAGES_OF_NAMES
+            for name in names_of((root / page).read_text(encoding="utf-8")) if not exists(name, root / page)]
+
+
 class IncludeArrows(unittest.TestCase):
     def test_includes_point_downwards(self):
         found = faults(ROOT)
@@ -221,6 +263,20 @@ class IncludeArrows(unittest.TestCase):
             for link in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
                 if "://" not in link:
                     self.assertTrue((page.parent / link).exists(), f"{page}: {link}")
+
+    def test_pages_name_what_exists(self):
+        self.assertEqual(unknown_names(ROOT), [])
+
+    def test_a_wrong_name_is_found(self):
+        files = {page: "" for page in PAGES_OF_NAMES} | {
+            "dem/grid/a.h": "struct Block { int level(); };  // once Brick",
+            "tests/unit/mesh_test.cpp": "TEST_F(Mesh, IsClosed) {",
+            "engine/glossary.md": "`Block::level`, `Block()`, `Brick`, `Block::rank`, `dem/grid/a.h`, `dem/grid/b.h`\n"
+                                  "`Mesh.IsClosed`, `Mesh.IsOpen`, `unit.mesh`, `unit.brick`, `two words`\n"
+                                  "```mermaid\na[\"dem/grid: Block\"] --> b[\"dem/void, find_brick\"]\n```",
+        }
+        names = [line.split(": ")[1] for line in self.result_of(unknown_names, files)]
+        self.assertEqual(names, ["dem/void", "find_brick", "Brick", "Block::rank", "dem/grid/b.h", "Mesh.IsOpen", "unit.brick"])
 
     def test_a_cycle_is_found(self):
         files = {
