@@ -11,6 +11,7 @@
 #include <functional>
 #include <limits>
 #include <random>
+#include <tuple>
 #include <vector>
 
 namespace selenograph::engine {
@@ -240,6 +241,85 @@ TEST(CastStrip, ASlantedTriangleShadowsUpToItsPlane) {
     EXPECT_TRUE(shadows(slope, {2, 1, 1.499F})) << name;
     EXPECT_FALSE(shadows(slope, {2, 1, 1.501F})) << name;
   });
+}
+
+// What bound_casters() finds, triangle by triangle.
+std::vector<LightBox> bounds_by_triangle(const Grid& grid, const LightAxes& axes) {
+  const RasterBlock& b = grid.block();
+  const int rows = grid.strip().rows;
+  const auto at = [&](int r, int c) -> Point {
+    const auto k = static_cast<std::size_t>(r * b.stride + c);
+    const auto along = [&](const float* axis) { return axis[0] * b.x[k] + (axis[1] * b.y[k] + axis[2] * b.z[k]); };
+    return {along(axes.u), along(axes.v), along(axes.d)};
+  };
+  std::vector<LightBox> boxes;
+  for (int r0 = 0; r0 < rows; r0 += kPartQuads)
+    for (int c0 = 0; c0 < b.quads; c0 += kPartQuads) {
+      LightBox box{kDark, -kDark, kDark, -kDark, -kDark};
+      for (int r = r0; r < std::min(r0 + kPartQuads, rows); ++r)
+        for (int c = c0; c < std::min(c0 + kPartQuads, b.quads); ++c)
+          for (const bool upper : {false, true}) {
+            const Point south_east = at(r, c + 1), north_west = at(r + 1, c);
+            const Point p = upper ? at(r + 1, c + 1) : at(r, c), q = upper ? north_west : south_east,
+                        s = upper ? south_east : north_west;
+            const float area = (q.x - p.x) * (s.y - p.y) - (q.y - p.y) * (s.x - p.x);
+            if (!(area < 0)) continue;  // it faces the Sun, or lacks a vertex
+            for (const Point& corner : {p, q, s}) {
+              box.u_low = std::min(box.u_low, corner.x);
+              box.u_high = std::max(box.u_high, corner.x);
+              box.v_low = std::min(box.v_low, corner.y);
+              box.v_high = std::max(box.v_high, corner.y);
+              box.d_high = std::max(box.d_high, corner.z);
+            }
+          }
+      if (box.u_low <= box.u_high) boxes.push_back(box);
+    }
+  return boxes;
+}
+
+void expect_bounds_as_by_triangle(const Grid& grid, const LightAxes& axes, std::size_t parts) {
+  const std::vector<LightBox> expected = bounds_by_triangle(grid, axes);
+  EXPECT_EQ(expected.size(), parts);
+  at_every_width([&](const char* name) {
+    LightBox found[kMaxParts];
+    ASSERT_EQ(bound_casters(grid.block(), grid.strip(), axes, found), expected.size()) << name;
+    for (std::size_t i = 0; i < expected.size(); ++i) {
+      EXPECT_EQ(found[i].u_low, expected[i].u_low) << name;
+      EXPECT_EQ(found[i].u_high, expected[i].u_high) << name;
+      EXPECT_EQ(found[i].v_low, expected[i].v_low) << name;
+      EXPECT_EQ(found[i].v_high, expected[i].v_high) << name;
+      EXPECT_EQ(found[i].d_high, expected[i].d_high) << name;
+    }
+  });
+}
+
+// The Sun is in the east, 36.9 degrees up.
+constexpr LightAxes kSunInTheEast{{0.6F, 0, -0.8F}, {0, 1, 0}, {0.8F, 0, 0.6F}};
+
+TEST(BoundCasters, OnlyThePartWithATriangleThatFacesAwayHasABox) {
+  // A post of 8 m, north of the first row of parts, in the second column of them.
+  const auto ground = [](int r, int c) {
+    return Point{static_cast<float>(c), static_cast<float>(r), r == 11 && c == 12 ? 8.F : 0.F};
+  };
+  expect_bounds_as_by_triangle({64, 16, ground}, kSunInTheEast, 1);
+  LightBox box[kMaxParts];
+  const Grid grid(64, 16, ground);
+  ASSERT_EQ(bound_casters(grid.block(), grid.strip(), kSunInTheEast, box), 1U);
+  EXPECT_EQ(box[0].v_low, 10);
+  EXPECT_EQ(box[0].v_high, 12);
+  EXPECT_FLOAT_EQ(box[0].d_high, 0.8F * 12 + 0.6F * 8);
+}
+
+TEST(BoundCasters, PartsAreBoundedByTheirTrianglesThatFaceAway) {
+  std::mt19937 random(2);
+  std::uniform_real_distribution<float> height(0, 2);
+  for (const auto& [quads, rows, parts] : {std::tuple(64, 16, 16U), {61, 13, 16U}, {5, 3, 1U}, {16, 9, 4U}}) {
+    const Grid rough(quads, rows, [&](int r, int c) {
+      const float z = height(random);
+      return Point{static_cast<float>(c), static_cast<float>(r), z < 0.1F ? kNone : z};
+    });
+    expect_bounds_as_by_triangle(rough, kSunInTheEast, parts);
+  }
 }
 
 TEST(CastSkirt, ShadowsAsATriangleDoes) {

@@ -454,14 +454,18 @@ HWY_INLINE void shade(const Stored& one, int c0, int c1, int r0, int r1, LightBa
   }
 }
 
-// Which triangles face away from the Sun, their area being negative, and may have samples of the band below them.
+// Triangles that face away from the Sun: their area is negative.
+HWY_INLINE MF faces_away(const VF* u, const VF* v, bool upper, MF valid) {
+  return hn::And(valid, hn::Lt(area_of(upper, u[0], v[0], u[1], v[1], u[2], v[2]), hn::Zero(f)));
+}
+
+// Triangles that face away from the Sun and may have samples of the band below them.
 HWY_INLINE MF casting(const VF* u, const VF* v, bool upper, MF valid, const LightBand& band) {
   const auto within = [](const VF* at, float first, float last) {
     return hn::And(hn::Ge(hn::Max(at[0], hn::Max(at[1], at[2])), all(first)),
                    hn::Le(hn::Min(at[0], hn::Min(at[1], at[2])), all(last)));
   };
-  const VF area = area_of(upper, u[0], v[0], u[1], v[1], u[2], v[2]);
-  return hn::And(hn::And(valid, hn::Lt(area, hn::Zero(f))),
+  return hn::And(faces_away(u, v, upper, valid),
                  hn::And(within(v, band.v0 - band.margin_m, band.v_end() + band.margin_m),
                          within(u, band.u0 - band.margin_m, band.u_end() + band.margin_m)));
 }
@@ -526,6 +530,87 @@ void CastStrip(const RasterBlock& b, const Strip& strip, const LightAxes& axes, 
     }
   }
   lower.finish(cast_lower), upper.finish(cast_upper);
+}
+
+// Bounds of the triangles that face away from the Sun, per column of quads.
+struct ColumnBounds {
+  alignas(64) float u_low[kMostColumns], u_high[kMostColumns], v_low[kMostColumns], v_high[kMostColumns],
+      d_high[kMostColumns];
+
+  ColumnBounds() {
+    constexpr float kInfinite = std::numeric_limits<float>::infinity();
+    for (float* low : {u_low, v_low}) std::fill_n(low, kMostColumns, kInfinite);
+    for (float* high : {u_high, v_high, d_high}) std::fill_n(high, kMostColumns, -kInfinite);
+  }
+  // d_high is -infinity if there are none.
+  LightBox over(int first, int past_last) const {
+    LightBox box{u_low[first], u_high[first], v_low[first], v_high[first], d_high[first]};
+    for (int c = first + 1; c < past_last; ++c) {
+      box.u_low = std::min(box.u_low, u_low[c]);
+      box.u_high = std::max(box.u_high, u_high[c]);
+      box.v_low = std::min(box.v_low, v_low[c]);
+      box.v_high = std::max(box.v_high, v_high[c]);
+      box.d_high = std::max(box.d_high, d_high[c]);
+    }
+    return box;
+  }
+};
+
+// From column c on.
+HWY_INLINE void extend(const Lighted& south, const Lighted& north, int c, ColumnBounds& bounds) {
+  const auto corners = [&](const float* s, const float* n, VF* at) HWY_ATTR {
+    at[0] = hn::Load(f, s + c);
+    at[1] = hn::LoadU(f, s + c + 1);
+    at[2] = hn::Load(f, n + c);
+    at[3] = hn::LoadU(f, n + c + 1);
+  };
+  VF u[4], v[4], d[4];
+  corners(south.u, north.u, u);
+  corners(south.v, north.v, v);
+  const MF diagonal = hn::And(number(u[1]), number(u[2]));
+  const VF upper_u[3] = {u[3], u[1], u[2]}, upper_v[3] = {v[3], v[1], v[2]};
+  const MF low = faces_away(u, v, false, hn::And(diagonal, number(u[0]))),
+           up = faces_away(upper_u, upper_v, true, hn::And(diagonal, number(u[3])));
+  if (hn::AllFalse(f, hn::Or(low, up))) return;
+  corners(south.d, north.d, d);
+  const auto extend_low = [&](const VF* x, float* out) HWY_ATTR {
+    const VF shared = hn::Min(x[1], x[2]), of_none = all(std::numeric_limits<float>::infinity());
+    const VF lower = hn::IfThenElse(low, hn::Min(x[0], shared), of_none),
+             upper = hn::IfThenElse(up, hn::Min(x[3], shared), of_none);
+    hn::Store(hn::Min(hn::Load(f, out + c), hn::Min(lower, upper)), f, out + c);
+  };
+  const auto extend_high = [&](const VF* x, float* out) HWY_ATTR {
+    const VF shared = hn::Max(x[1], x[2]), of_none = all(-std::numeric_limits<float>::infinity());
+    const VF lower = hn::IfThenElse(low, hn::Max(x[0], shared), of_none),
+             upper = hn::IfThenElse(up, hn::Max(x[3], shared), of_none);
+    hn::Store(hn::Max(hn::Load(f, out + c), hn::Max(lower, upper)), f, out + c);
+  };
+  extend_low(u, bounds.u_low);
+  extend_high(u, bounds.u_high);
+  extend_low(v, bounds.v_low);
+  extend_high(v, bounds.v_high);
+  extend_high(d, bounds.d_high);
+}
+
+std::size_t BoundCasters(const RasterBlock& b, const Strip& strip, const LightAxes& axes, LightBox* parts) {
+  const int lanes = static_cast<int>(hn::Lanes(f));
+  Lighted rows[2];
+  light_row(b, strip.first_row, axes, rows[0]);
+  std::size_t count = 0;
+  for (int first = 0; first < strip.rows; first += kPartQuads) {
+    ColumnBounds bounds;
+    for (int r = first; r < std::min(first + kPartQuads, strip.rows); ++r) {
+      const Lighted& south = rows[r & 1];
+      Lighted& north = rows[(r + 1) & 1];
+      light_row(b, strip.first_row + r + 1, axes, north);
+      for (int c = 0; c < b.quads; c += lanes) extend(south, north, c, bounds);
+    }
+    for (int c = 0; c < b.quads; c += kPartQuads) {
+      const LightBox box = bounds.over(c, std::min(c + kPartQuads, b.quads));
+      if (box.u_low <= box.u_high) parts[count++] = box;
+    }
+  }
+  return count;
 }
 
 void CastSkirt(const Skirt& skirt, const LightAxes& axes, LightBand& band) {
@@ -608,6 +693,7 @@ HWY_EXPORT(DrawStrip);
 HWY_EXPORT(DrawHomogeneous);
 HWY_EXPORT(CastStrip);
 HWY_EXPORT(CastSkirt);
+HWY_EXPORT(BoundCasters);
 HWY_EXPORT(FindLeast);
 HWY_EXPORT(RangeOf);
 
@@ -753,6 +839,10 @@ void draw_strip(const RasterBlock& block, const Strip& strip, const TileView& vi
 
 void cast_strip(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBand& band) {
   HWY_DYNAMIC_DISPATCH(CastStrip)(block, strip, axes, band);
+}
+
+std::size_t bound_casters(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBox* parts) {
+  return HWY_DYNAMIC_DISPATCH(BoundCasters)(block, strip, axes, parts);
 }
 
 void range_of(const float* x, std::size_t n, float& low, float& high) {

@@ -93,6 +93,17 @@ struct LightAxes {
   float u[3], v[3], d[3];
 };
 
+// A part of light space, m.
+struct LightBox {
+  float u_low, u_high, v_low, v_high, d_high;
+};
+
+// Bounds the strip's triangles that face away from the Sun, in parts of kPartQuads x kPartQuads quads. Writes the boxes
+// of parts that have such triangles, kMaxParts at most. Returns their number.
+inline constexpr int kPartQuads = 8;
+inline constexpr std::size_t kMaxParts = 16;  // of 16 x 64 quads
+std::size_t bound_casters(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBox* parts);
+
 // Minimum and maximum of n > 0 values.
 void range_of(const float* x, std::size_t n, float& low, float& high);
 

@@ -7,6 +7,7 @@
 #include <limits>
 #include <numbers>
 #include <optional>
+#include <span>
 
 #include "dem/support/error.h"
 #include "dem/support/parallel.h"
@@ -125,6 +126,7 @@ struct ShadowMap::Grid {
   float u0, v0, per_u, per_v;
   int columns, bands;
   float bands_per_v() const { return per_v / kBandRows; }
+  int rows() const { return bands * kBandRows; }
   int column_of(float u) const {
     return static_cast<int>(std::min(std::max(std::floor((u - u0) * per_u), 0.F), static_cast<float>(columns - 1)));
   }
@@ -167,6 +169,12 @@ namespace {
 
 float steepest_of(const Strip& s) { return *std::max_element(s.steepest, s.steepest + 8); }
 
+// Raises the box by a margin for what float rounds off.
+LightBox raised(LightBox box) {
+  box.d_high += 1e-6F * std::abs(box.d_high);
+  return box;
+}
+
 // Steeper terrain has horizons that are steeper in the sky.
 double aim_over(const RasterMesh& mesh) {
   const auto steep = [](const Strip& s) { return std::isfinite(steepest_of(s)) && steepest_of(s) > Horizons::kSteep; };
@@ -200,7 +208,7 @@ ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& aim, const DiscLight* d
       return std::minmax({at(skirt.a), at(skirt.b), at(skirt.c)});
     };
     const auto u = along(axes_.u), v = along(axes_.v), d = along(axes_.d);
-    skirts_.push_back({u.first, u.second, v.first, v.second, d.second + 1e-6F * std::abs(d.second)});
+    skirts_.push_back(raised({u.first, u.second, v.first, v.second, d.second}));
   }
 }
 
@@ -341,13 +349,36 @@ void ShadowMap::place(const SurfacePoints& points, LightLanes& lanes) const {
   into_light(points, mesh_.anchor().data(), u_.data(), v_.data(), d_.data(), lanes);
 }
 
+// Bounds casters by parts of strips unless there are more quads than cells (about one a sample): then the parts take
+// longer to find than they save. (Measured at 15 degrees: Hadley, ten samples a quad, half the time for all of the
+// map; the sample terrain, 0.7 samples a quad, the same.)
 ShadowReach ShadowMap::reach_over(const Grid& grid) const {
-  constexpr int kCells = 16;  // of the grid's
-  ShadowReach reach(grid.u0, grid.v0, grid.per_u / kCells, grid.per_v / kCells, grid.columns / kCells + 1,
-                    grid.bands * kBandRows / kCells);
-  for (const std::uint32_t caster : order_) reach.add(casters_[caster]);
+  std::size_t quads = 0;
+  for (const std::uint32_t caster : order_) {
+    const Strip& strip = mesh_.strips()[caster];
+    quads += static_cast<std::size_t>(strip.rows) * static_cast<std::size_t>(mesh_.blocks()[strip.block].quads);
+  }
+  const bool by_parts = quads <= static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows());
+  const int side = by_parts ? 4 : 16;  // of the reach's cells, in the grid's
+  ShadowReach reach(grid.u0, grid.v0, grid.per_u / static_cast<float>(side), grid.per_v / static_cast<float>(side),
+                    grid.columns / side + 1, grid.rows() / side);
+  if (by_parts) {
+    for (const LightBox& part : parts_of_casters()) reach.add(part);
+  } else {
+    for (const std::uint32_t caster : order_) reach.add(casters_[caster]);
+  }
   for (const LightBox& skirt : skirts_) reach.add(skirt);
   return reach;
+}
+
+// Returns bounds of the parts of strips that have triangles facing away from the Sun, in no particular order.
+std::vector<LightBox> ShadowMap::parts_of_casters() const {
+  return gathered_in_parallel<LightBox>(order_.size(), 16, [&](std::size_t i, std::vector<LightBox>& parts) {
+    const Strip& strip = mesh_.strips()[order_[i]];
+    LightBox boxes[kMaxParts];
+    const std::size_t count = bound_casters(mesh_.blocks()[strip.block], strip, axes_, boxes);
+    for (const LightBox& box : std::span(boxes, count)) parts.push_back(raised(box));
+  });
 }
 
 void ShadowMap::find_bands(const Grid& grid, const LightSamples& tile, const ShadowReach* reach, BandGroups& out) {

@@ -140,6 +140,7 @@ class ShadowMap {
 
   static Grid grid_over(const std::vector<LightSamples>& tiles);
   ShadowReach reach_over(const Grid& grid) const;
+  std::vector<LightBox> parts_of_casters() const;
   // Of the groups that may be in shadow; `reach`: null, all may be.
   static void find_bands(const Grid& grid, const LightSamples& tile, const ShadowReach* reach, BandGroups& out);
   std::size_t sort_by_cell(const Grid& grid, std::size_t band, const std::vector<LightSamples>& tiles,

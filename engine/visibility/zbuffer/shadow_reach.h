@@ -6,12 +6,9 @@
 #include <cstdint>
 #include <vector>
 
-namespace selenograph::engine {
+#include "engine/visibility/zbuffer/raster_kernels.h"
 
-// A part of light space, m.
-struct LightBox {
-  float u_low, u_high, v_low, v_high, d_high;
-};
+namespace selenograph::engine {
 
 class ShadowReach {
  public:
