@@ -11,6 +11,7 @@ namespace {
 void report_scene(const FrameMoment& moment, const Drawn& drawn, FrameReport& out) {
   const Selection& selection = moment.selection();
   out.lod_error_px = selection.error_px, out.lod_error_m = selection.error_m;
+  out.expected_error_px = selection.expected_error_px, out.expected_error_m = selection.expected_error_m;
   out.detail_error_px = selection.detail_error_px, out.detail_limit_px = selection.detail_limit_px;
   out.shadow_error_px = selection.shadow_error_px;
   out.shadow_limits_px.insert(out.shadow_limits_px.begin(), selection.shadow_limit_px);

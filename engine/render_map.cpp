@@ -391,6 +391,8 @@ class MapDrawing {
     FrameReport& r = out_.report;
     r.lod_error_px = std::max(r.lod_error_px, selection.error_px);
     r.lod_error_m = std::max(r.lod_error_m, selection.error_m);
+    r.expected_error_px = std::max(r.expected_error_px, selection.expected_error_px);
+    r.expected_error_m = std::max(r.expected_error_m, selection.expected_error_m);
     r.detail_error_px = std::max(r.detail_error_px, selection.detail_error_px);
     r.detail_limit_px = std::max(r.detail_limit_px, selection.detail_limit_px);
     r.shadow_error_px = std::max(r.shadow_error_px, selection.shadow_error_px);

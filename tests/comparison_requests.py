@@ -37,14 +37,18 @@ class Request:
             connection.close()
 
 
-def write_files(binary):
-    """Sample terrain with a pole and the date line below harness.path("dem"), assets below harness.path("assets")."""
+def places(ppd):
+    """Sample terrain, with a part at the date line and all longitudes at a pole."""
+    return (("--south-deg", "-8", "--west-deg", "39", "--rows", "3", "--columns", "2", "--date-line", "--ppd", str(ppd)),
+            ("--south-deg", "89", "--west-deg", "0", "--rows", "1", "--columns", "360", "--ppd", "64"))
+
+
+def write_files(binary, terrain=(*places(512), mixture.PLACE)):
+    """Sample terrain below harness.path("dem"), assets below harness.path("assets")."""
     done = harness.path("dem", ".complete")
     if not os.path.exists(done):
         shutil.rmtree(harness.path("dem"), ignore_errors=True)
-        for place in (("--south-deg", "-8", "--west-deg", "39", "--rows", "3", "--columns", "2", "--date-line", "--ppd", "512"),
-                      ("--south-deg", "89", "--west-deg", "0", "--rows", "1", "--columns", "360", "--ppd", "64"),
-                      mixture.PLACE):
+        for place in terrain:
             subprocess.run([binary, "sample", harness.path("dem"), *place], check=True, stdout=subprocess.DEVNULL)
         open(done, "w").close()
     shutil.rmtree(harness.path("assets"), ignore_errors=True)

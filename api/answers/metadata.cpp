@@ -129,6 +129,11 @@ bool names_etag(const std::string& if_none_match, const std::string& hash) {
 void warn_of_aims(const engine::Accuracy& asked, const engine::FrameReport& report, OrderedJson& warnings) {
   const double detail_px = asked.detail_aim_px();
   const bool query_has_detail = report.detail_limit_px > 0;
+  if (report.expected_error_px > detail_px)
+    warnings.push_back(
+        fmt::format("the mesh's error exceeds the target: in 1 % of the pixels it is expected to be more than "
+                    "{:.2g} px (lod_error_p99_px), where {:g} px were requested",
+                    report.expected_error_px, detail_px));
   if (report.detail_limit_px > detail_px)
     warnings.push_back(
         fmt::format("max_detail_error_px was relaxed (detail_limit_px): it would take more than {:g} triangles a pixel",

@@ -114,14 +114,6 @@ void add_radiometry(Answer<MetadataSource>& a) {
       with_light);
 }
 
-// Lower bound of the mean light from terrain on ground in shadow, over the exact light, as far as it was measured
-// (engine/indirect/README.md): by the Sun's elevation in the middle of the image.
-std::optional<double> shadow_light_at_least(const std::optional<double>& sun_elevation_deg) {
-  constexpr double kPolarPiece_deg = 5, kBowls_deg = 2;
-  if (!sun_elevation_deg || *sun_elevation_deg < kBowls_deg) return std::nullopt;
-  return *sun_elevation_deg < kPolarPiece_deg ? 0.8 : 0.88;
-}
-
 void add_further_bounces(Answer<MetadataSource>& a) {
   a.add(
       "indirect",
@@ -139,11 +131,13 @@ void add_further_bounces(Answer<MetadataSource>& a) {
                              ? engine::diffuse_albedo(engine::Brdf(s.request.reflectance, engine::band_of(s.request)))
                              : 1,
                      reflected = std::min(albedo * s.report.ground_view, 0.99);
+        const std::optional<double> sun_deg = s.report.view.sun_elevation_deg;
         return OrderedJson{
             {"ground_view", s.report.ground_view},
             {"albedo", albedo},
             {"further_bounces_at_most", std::pow(reflected, s.request.indirect.bounces) / (1 - reflected)},
-            {"shadow_light_at_least", answer_json(shadow_light_at_least(s.report.view.sun_elevation_deg))}};
+            {"shadow_light_at_least",
+             sun_deg ? answer_json(engine::IndirectLight::shadow_light_at_least(*sun_deg)) : OrderedJson()}};
       },
       [](const MetadataSource& s) { return engine::wants_indirect(s.request) && s.request.indirect.terrain; });
 }
@@ -203,6 +197,13 @@ void add_geometry(Answer<MetadataSource>& a) {
   a.add("lod_error_px", number(kAnyNumber, "level-of-detail error bound actually reached, pixels"),
         reported(&FrameReport::lod_error_px));
   a.add("lod_error_m", number(kAnyNumber, "the same in metres"), reported(&FrameReport::lod_error_m));
+  a.add("lod_error_p99_px",
+        number(kAnyNumber,
+               "expected error: 99 % of the pixels are displaced by less. The bound above is larger: it assumes the "
+               "deepest crater of each size at the worst point of the worst block"),
+        reported(&FrameReport::expected_error_px));
+  a.add("lod_error_p99_m", number(kAnyNumber, "the same of heights, in metres"),
+        reported(&FrameReport::expected_error_m));
   a.add("shadow_error_px",
         number(kAnyNumber,
                "bound on the displacement of shadow edges on level ground by the mesh's error, pixels. It holds for "

@@ -8,6 +8,7 @@
 #include "dem/detail/detail_kernels.h"
 #include "dem/grid/lattice.h"
 #include "dem/support/parallel.h"
+#include "dem/support/quantile.h"
 
 namespace selenograph::dem {
 namespace {
@@ -34,6 +35,12 @@ Around around(const DirectionGrid& grid) {
   return out;
 }
 
+// Returns the 99th percentile of the absolute differences from `height_m`.
+double p99_from(double height_m, std::vector<double>& heights_m) {
+  for (double& h : heights_m) h = std::abs(h - height_m);
+  return ranked(heights_m, heights_m.size() * 99 / 100);
+}
+
 }  // namespace
 
 double PublishedSlopes::at_deg(double other_baseline_m) const {
@@ -56,18 +63,41 @@ Detail::Detail(const DetailPreset& preset)
   // every machine.
   constexpr int kSide = 192;
   means_m_.assign(static_cast<std::size_t>(std::max(0, craters_.largest_octave() - craters_.smallest_octave() + 1)), 0);
+  crater_p99_m_.resize(means_m_.size());
+  // The square measures 64 diameters or wavelengths and lies at the equator, where a grid is square.
+  const auto square = [](int octave) {
+    const double step = std::ldexp(64.0, octave) / kSide / kMoonRadius_m;
+    return SquareGrid(0, step, 1, step, kSide);
+  };
   in_parallel(means_m_.size(), [&](std::size_t i) {
     const int octave = craters_.smallest_octave() + static_cast<int>(i);
-    // A square of 64 diameters at the equator, where a grid is square.
-    const double step = std::ldexp(64.0, octave) / kSide / kMoonRadius_m;
     std::vector<double> heights(kSide * kSide);
-    add_craters(SquareGrid(0, step, 1, step, kSide).grid(), octave, {}, heights, {}, {});
+    add_craters(square(octave).grid(), octave, {}, heights, {}, {});
     double sum = 0;
     for (const double h : heights) sum += h;
     means_m_[i] = sum / (kSide * kSide);
+    crater_p99_m_[i] = p99_from(means_m_[i], heights);
+  });
+  relief_p99_m_.resize(static_cast<std::size_t>(std::max(0, relief_.longest_octave() - relief_.shortest_octave() + 1)));
+  in_parallel(relief_p99_m_.size(), [&](std::size_t i) {
+    const int octave = relief_.shortest_octave() + static_cast<int>(i);
+    std::vector<double> heights(kSide * kSide);
+    add_relief(square(octave).grid(), octave, {}, heights, {});
+    relief_p99_m_[i] = p99_from(0, heights);
   });
   craters_ = CraterField(preset.craters, preset.region);
   finest_level_ = find_finest_level();
+}
+
+double Detail::expected_left_out_m(double size_m) const {
+  double square_m2 = 0;
+  const auto add = [&](const std::vector<double>& p99_m, int smallest_octave) {
+    for (std::size_t i = 0; i < p99_m.size(); ++i)
+      if (std::ldexp(1.0, smallest_octave + static_cast<int>(i)) < size_m) square_m2 += p99_m[i] * p99_m[i];
+  };
+  add(crater_p99_m_, craters_.smallest_octave());
+  add(relief_p99_m_, relief_.shortest_octave());
+  return std::sqrt(square_m2);
 }
 
 int Detail::places_in_cell(int octave, int posts_level) {

@@ -68,6 +68,9 @@ class Detail {
   // The same for all levels finer than the posts, after the mean over each post's cell has been subtracted
   // (DetailedTerrain).
   double beyond_posts_m(int posts_level) const;
+  // Returns the 99th percentile of the absolute height of all octaves of diameters and wavelengths below `size_m`.
+  // Octaves are independent, so their squares add up.
+  double expected_left_out_m(double size_m) const;
   // Largest diameter or wavelength below an octave, m; 0: there are none.
   double left_out_size_m(int octave) const;
   // Means over a post's cell have the octaves that are shown so many levels below the posts (unit.detail measures
@@ -106,7 +109,9 @@ class Detail {
   CraterField craters_;
   Relief relief_;
   RockField rocks_;
-  std::vector<double> means_m_;  // by octave, from the smallest
+  std::vector<double> means_m_;  // of craters, by octave, from the smallest
+  // 99th percentile of the absolute difference from the mean height, by octave, from the smallest.
+  std::vector<double> crater_p99_m_, relief_p99_m_;
   double fade_m_;
   int finest_level_ = 0;
 };

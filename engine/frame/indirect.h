@@ -22,6 +22,13 @@ struct IndirectLight {
   static constexpr double kDefaultSpacing_px = 4;
   std::optional<Earth> earth;  // empty: none
   bool any() const { return terrain || earth; }
+  // Lower bound of the mean light from terrain on ground in shadow, as a share of the exact light. Measured at the
+  // default spacing (engine/indirect/README.md); nullopt for a Sun below 2 degrees, where nothing was measured.
+  static std::optional<double> shadow_light_at_least(double sun_elevation_deg) {
+    constexpr double kBowls_deg = 2, kPolarPiece_deg = 5;
+    if (sun_elevation_deg < kBowls_deg) return std::nullopt;
+    return sun_elevation_deg < kPolarPiece_deg ? 0.8 : 0.88;
+  }
 };
 
 }  // namespace selenograph::engine

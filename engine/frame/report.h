@@ -75,8 +75,10 @@ struct FrameReport {
   Visibility visibility = Visibility::raytrace;  // algorithm that was used
   double lod_error_px = 0, lod_error_m = 0;      // upper bounds on the mesh's error in view
   double detail_error_px = 0;                    // part of it that comes from the detail
-  double detail_limit_px = 0;                    // max_detail_error_px as used (see Accuracy); 0: no detail
-  double shadow_error_px = 0;                    // upper bound for shadow edges on level ground; 0 without Sun
+  // 99th percentile of the mesh's error over the pixels, as expected.
+  double expected_error_px = 0, expected_error_m = 0;
+  double detail_limit_px = 0;  // max_detail_error_px as used (see Accuracy); 0: no detail
+  double shadow_error_px = 0;  // upper bound for shadow edges on level ground; 0 without Sun
   // Accuracy::max_shadow_error_px as it was used, of the frame and then of the exposure's other moments. Larger than
   // requested when that much terrain does not fit into the memory for scenes.
   std::vector<double> shadow_limits_px;

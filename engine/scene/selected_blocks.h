@@ -15,10 +15,12 @@ struct Selection {
   // Sorted. Levels of neighbours differ by at most one, beside a coarser layer's posts by at most five.
   std::vector<dem::BlockId> blocks;
   double error_px = 0, error_m = 0;  // upper bounds over the blocks in view
-  double detail_error_px = 0;        // part of it that comes from the terrain's detail
-  double detail_limit_px = 0;        // Accuracy::max_detail_error_px as used; 0: no detail
-  double shadow_error_px = 0;        // upper bound for shadow edges on level ground
-  double shadow_limit_px = 0;        // Accuracy::max_shadow_error_px as used
+  // 99th percentile of the error over the pixels, as expected (expected_error.h).
+  double expected_error_px = 0, expected_error_m = 0;
+  double detail_error_px = 0;  // part of it that comes from the terrain's detail
+  double detail_limit_px = 0;  // Accuracy::max_detail_error_px as used; 0: no detail
+  double shadow_error_px = 0;  // upper bound for shadow edges on level ground
+  double shadow_limit_px = 0;  // Accuracy::max_shadow_error_px as used
   double min_spacing_m = 0, max_spacing_m = 0;
   double highest_m = 0;                      // upper bound on the height of all blocks
   std::vector<dem::SourceIndex> replaced{};  // unusable files replaced by coarser data; ascending

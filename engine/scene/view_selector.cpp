@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "dem/detail/detail.h"
 #include "dem/support/error.h"
 
 namespace selenograph::engine {
@@ -268,7 +269,30 @@ void ViewSelector::choose(const BlockId& id, float highest_m) {
   result_.highest_m = std::max(result_.highest_m, static_cast<double>(highest_m));
 }
 
+// Returns a block's expected error: the bound for the posts, and for the detail what it omits on 99 % of the ground.
+BlockError ViewSelector::expected_of(const Seen& seen, double bound_m, const Errors& errors) const {
+  double error_m = bound_m;
+  if (terrain_.detail() && errors.of_detail_m > 0)
+    error_m += std::min(errors.of_detail_m, terrain_.detail()->expected_left_out_m(errors.left_out_size_m)) -
+               errors.of_detail_m;
+  const NodeBounds& b = seen.bounds;
+  double sine = 0, cosine = 0;
+  for (const ViewBundle& view : views_) {
+    const Vec3& camera_m = view.view.position();
+    sine = std::max(sine, largest_sine_of_emission(camera_m, b.centre, b.radius_m));
+    cosine = std::max(cosine, (camera_m - b.centre).normalized().dot(b.centre.normalized()));
+  }
+  const dem::BlockExtent e = dem::extent_of(seen.id);
+  const double side_m = e.quads * dem::post_spacing_m(seen.id.level),
+               area_m2 =
+                   side_m * side_m * e.lon_step / e.lat_step * std::hypot(b.centre.x(), b.centre.y()) / b.centre.norm();
+  const double pixels = area_m2 * std::max(cosine, 0.05) * seen.pixels_per_metre * seen.pixels_per_metre;
+  return {pixels, error_m, error_m * sine * seen.pixels_per_metre};
+}
+
 void ViewSelector::report() {
+  std::vector<BlockError> expected;
+  expected.reserve(seen_.size());
   if (!seen_.empty()) result_.min_spacing_m = std::numeric_limits<double>::infinity();
   for (const Seen& s : seen_) {
     const bool split = s.finest && !chosen_.contains(s.id);
@@ -277,11 +301,14 @@ void ViewSelector::report() {
                  spacing = dem::post_spacing_m(s.id.level);
     result_.error_m = std::max(result_.error_m, error);
     result_.error_px = std::max(result_.error_px, error * s.pixels_per_metre);
+    expected.push_back(expected_of(s, error, split ? Errors{} : errors));
     if (terrain_.detail())
       result_.detail_error_px = std::max(result_.detail_error_px, errors.of_detail_m * s.pixels_per_metre);
     result_.min_spacing_m = std::min(result_.min_spacing_m, spacing);
     result_.max_spacing_m = std::max(result_.max_spacing_m, spacing);
   }
+  result_.expected_error_px = expected_error(expected, &BlockError::error_px);
+  result_.expected_error_m = expected_error(std::move(expected), &BlockError::error_m);
   const std::vector<BlockId> ids(chosen_.begin(), chosen_.end());
   struct Worst {
     double error_m = 0, error_px = 0;

@@ -19,6 +19,7 @@
 #include "engine/camera/row_views.h"
 #include "engine/frame/accuracy.h"
 #include "engine/frame/sun.h"
+#include "engine/scene/expected_error.h"
 #include "engine/scene/known_nodes.h"
 #include "engine/scene/light_tree.h"
 #include "engine/scene/root_groups.h"
@@ -214,6 +215,7 @@ class ViewSelector {
 
   // Computes the reported bounds over the blocks in view.
   void report();
+  BlockError expected_of(const Seen& seen, double bound_m, const Errors& errors) const;
 
   // Notes terrain in view that is missing because of an unusable file.
   void note_void(const BlockId& id);

@@ -103,13 +103,14 @@ class FrameSweep {
     for (std::size_t i = 0; i < measured.products.rock.size(); ++i)
       if (measured.products.rock[i] < measured.rocks.size())
         std::fill_n(&measured.products.position[3 * i], 3, std::numeric_limits<double>::quiet_NaN());
-    errors.add_geometry(view_, *terrain_, measured.products.position, report.lod_error_m, report.lod_error_px);
+    errors.add_geometry(view_, *terrain_, measured.products.position, report);
     errors.add_shadows(request_.camera.width, request_.camera.height, measured.products.lit, reference_.lit);
     errors.add_radiance(measured.products.radiance, reference_.radiance);
     row.reference_max_error_px = std::max(row.reference_max_error_px, reference_max_error_px_);
     row.triangles = std::max(row.triangles, report.triangles);
     row.scene_bytes = std::max(row.scene_bytes, report.scene_bytes);
     row.bound_px = std::max(row.bound_px, report.lod_error_px), row.bound_m = std::max(row.bound_m, report.lod_error_m);
+    row.expected_px = std::max(row.expected_px, report.expected_error_px);
     row.shadow_bound_px = std::max(row.shadow_bound_px, report.shadow_error_px);
     time(setting, row);
   }

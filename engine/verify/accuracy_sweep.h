@@ -34,6 +34,7 @@ struct SweepRow {
   std::size_t triangles = 0;         // maximum over the frames
   std::size_t scene_bytes = 0;       // mesh and acceleration structure, maximum over the frames
   double bound_px = 0, bound_m = 0;  // largest reported bounds
+  double expected_px = 0;            // largest reported expected error
   double shadow_bound_px = 0;        // largest reported shadow_error_px
   ErrorMeasures errors;
   // max_error_px of the reference: 0, the finest posts everywhere, or the smallest power of two with which the terrain

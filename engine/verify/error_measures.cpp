@@ -75,7 +75,7 @@ double distance_to_flag(int width, int height, const std::vector<float>& referen
 }
 
 void ErrorCollector::add_geometry(const View& view, const dem::Terrain& terrain, const std::vector<double>& position_m,
-                                  double bound_m, double bound_px) {
+                                  const FrameReport& report) {
   std::vector<PointError> errors(position_m.size() / 3);
   in_parallel_pieces(errors.size(), 4096, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t i = first; i < past_last; ++i)
@@ -86,8 +86,9 @@ void ErrorCollector::add_geometry(const View& view, const dem::Terrain& terrain,
   for (const PointError& e : errors) {
     if (std::isnan(e.metres)) continue;
     metres_.push_back(e.metres), pixels_.push_back(e.pixels);
-    beyond_m_ += e.metres > bound_m + kRounding_m;
-    beyond_px_ += e.pixels > bound_px + kRounding_px;
+    beyond_m_ += e.metres > report.lod_error_m + kRounding_m;
+    beyond_px_ += e.pixels > report.lod_error_px + kRounding_px;
+    beyond_expected_px_ += e.pixels > report.expected_error_px + kRounding_px;
   }
 }
 
@@ -123,6 +124,7 @@ ErrorMeasures ErrorCollector::result() const {
   };
   out.within_bound_m = 1 - share(beyond_m_, metres_.size()),
   out.within_bound_px = 1 - share(beyond_px_, pixels_.size());
+  out.within_expected_px = 1 - share(beyond_expected_px_, pixels_.size());
   out.wrong_hits = share(wrong_hits_, pixels_seen_), out.wrong_shadow_flags = share(wrong_, compared_);
   if (edge_length_px_ > 0) out.shadow_edge_mean_px = static_cast<double>(wrong_) / edge_length_px_;
   out.shadow_edge_px = spread_of(displacements_px_);

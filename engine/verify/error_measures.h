@@ -9,6 +9,7 @@
 #include "dem/terrain/terrain.h"
 #include "engine/camera/view.h"
 #include "engine/frame/frame.h"
+#include "engine/frame/report.h"
 
 namespace selenograph::engine {
 
@@ -23,6 +24,8 @@ struct ErrorMeasures {
   Spread geometric_m, geometric_px;
   // Share of points whose error is within the bound that their frame reported, in metres and in pixels.
   double within_bound_m = 1, within_bound_px = 1;
+  // Share of points whose error in the image is within the frame's expected error, which promises 0.99.
+  double within_expected_px = 1;
   // Share of pixels that see terrain in one frame and sky in the other.
   double wrong_hits = 0;
   // Radiance errors relative to the reference's mean radiance of sunlit pixels.
@@ -37,9 +40,9 @@ struct ErrorMeasures {
 
 class ErrorCollector {
  public:
-  // `position_m`: the frame's product; bounds: as reported by the frame (FrameReport).
+  // `position_m`: the frame's product.
   void add_geometry(const View& view, const dem::Terrain& terrain, const std::vector<double>& position_m,
-                    double bound_m, double bound_px);
+                    const FrameReport& report);
   // Both are products `lit` of height x width (NaN where nothing is hit).
   void add_shadows(int width, int height, const std::vector<float>& lit, const std::vector<float>& reference);
   void add_radiance(const std::vector<float>& radiance, const std::vector<float>& reference);
@@ -48,7 +51,7 @@ class ErrorCollector {
 
  private:
   std::vector<double> metres_, pixels_;
-  std::size_t beyond_m_ = 0, beyond_px_ = 0;
+  std::size_t beyond_m_ = 0, beyond_px_ = 0, beyond_expected_px_ = 0;
   std::vector<double> radiance_errors_;  // W m-2 sr-1
   double reference_radiance_ = 0;
   std::size_t sunlit_ = 0;

@@ -73,7 +73,7 @@ double ms_of(const Renderer& renderer, const FrameRequest& request) {
 }  // namespace
 
 IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata) : request_(request) {
-  request_.products = kPosition | kNormal;
+  request_.products = kPosition | kNormal | kLit;
   const FrameProducts seen = renderer.render(request_).products;
   const auto at = [](const auto& values, std::size_t i) {
     return Vec3(double(values[3 * i]), double(values[3 * i + 1]), double(values[3 * i + 2]));
@@ -85,6 +85,7 @@ IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& reque
       const Vec3 position_m = at(seen.position, pixel);
       if (std::isnan(position_m.x())) continue;
       pixels_.push_back(pixel);
+      in_shadow_.push_back(seen.lit[pixel] == 0);
       light_w_m2_.push_back(
           light_by_rays(renderer, on_ground(renderer, position_m, request), at(seen.normal, pixel), request, strata));
     }
@@ -93,18 +94,23 @@ IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& reque
 
 IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) const {
   Error out;
-  double ours = 0, truths = 0, squares = 0;
+  double ours = 0, truths = 0, squares = 0, shadow_ours = 0, shadow_truths = 0;
   std::vector<double> differences;
   for (std::size_t i = 0; i < pixels_.size(); ++i) {
     const double light = static_cast<double>(irradiance[3 * pixels_[i] + 1]), truth = light_w_m2_[i];
     if (std::isnan(light)) continue;
     ours += light, truths += truth, squares += std::pow(light - truth, 2);
+    if (in_shadow_[i]) {
+      shadow_ours += light;
+      shadow_truths += truth;
+    }
     differences.push_back(truth > 0 ? std::abs(light / truth - 1) : 0);
     if (truth > 1e-4 * kSolarConstant_w_m2) out.worst = std::max(out.worst, differences.back());
     ++out.places;
   }
   if (out.places == 0 || !(truths > 0)) return out;
   out.median = median(differences), out.ratio = ours / truths;
+  if (shadow_truths > 0) out.shadow_ratio = shadow_ours / shadow_truths;
   out.rms = std::sqrt(squares / out.places) / (truths / out.places);
   return out;
 }

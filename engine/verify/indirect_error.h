@@ -20,6 +20,7 @@ class IndirectTruth {
     double ratio = 0, rms = 0;  // of the means; of the differences, over the mean
     double median = 0;          // of the differences over the place's own light
     double worst = 0;           // the same, where it exceeds 1e-4 of sunlight
+    double shadow_ratio = 1;    // of the means over places in shadow
   };
   // `irradiance`: the product of a frame of request(), with any spacing of posts.
   Error of(const std::vector<float>& irradiance) const;
@@ -29,6 +30,7 @@ class IndirectTruth {
   FrameRequest request_;
   std::vector<std::size_t> pixels_;
   std::vector<double> light_w_m2_;  // of each pixel
+  std::vector<bool> in_shadow_;     // of each pixel
 };
 
 // Times of a frame without light from terrain, the first with it, and one that finds it again.

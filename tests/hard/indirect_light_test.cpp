@@ -33,8 +33,8 @@ FrameRequest above(double lat_deg, double lon_deg, double height_m, double sun_e
 int strata() { return test::full_effort() ? 256 : 128; }
 
 void say(const IndirectTruth::Error& found, double elevation_deg) {
-  fmt::print("Sun {} degrees high: ratio {:.4f}, median {:.4f}, rms {:.4f}, worst {:.4f}\n", elevation_deg, found.ratio,
-             found.median, found.rms, found.worst);
+  fmt::print("Sun {} degrees high: ratio {:.4f}, in shadow {:.4f}, median {:.4f}, rms {:.4f}, worst {:.4f}\n",
+             elevation_deg, found.ratio, found.shadow_ratio, found.median, found.rms, found.worst);
 }
 
 // Posts of 118 m in pixels of 55 m.
@@ -73,6 +73,7 @@ TEST(IndirectLight, AgreesWithRaysNearThePole) {
   };
   for (const Case& c : {Case{1.5, 0.5, 0.02, 0.04, 0.1, 0.15},
                         {1.5, 1, 0.05, 0.05, 0.15, 0.1},
+                        {2, 4, 0.2, 0.2, 0.5, 0.8},
                         {5, 0.5, 0.02, 0.03, 0.05, 0.15},
                         {5, 1, 0.04, 0.04, 0.1, 0.3},
                         {5, 4, 0.08, 0.1, 0.3, 0.6}}) {
@@ -84,6 +85,9 @@ TEST(IndirectLight, AgreesWithRaysNearThePole) {
     EXPECT_LT(found.median, c.median) << c.elevation_deg << " " << c.spacing_px;
     EXPECT_LT(found.rms, c.rms) << c.elevation_deg << " " << c.spacing_px;
     EXPECT_LT(found.worst, c.worst) << c.elevation_deg << " " << c.spacing_px;
+    if (c.elevation_deg >= 2) {
+      EXPECT_GE(found.shadow_ratio, IndirectLight::shadow_light_at_least(c.elevation_deg).value());
+    }
   }
 }
 

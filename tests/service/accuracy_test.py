@@ -95,6 +95,8 @@ class VerifyAccuracy(unittest.TestCase):
         for row in rows:
             self.assertGreater(float(row["time_ratio"]), 0)
             self.assertGreaterEqual(float(row["within_lod_error_px"]), within, row)
+            self.assertGreaterEqual(float(row["within_lod_error_p99_px"]), min(within, 0.99), row)
+            self.assertLessEqual(float(row["lod_error_p99_px"]), float(row["lod_error_px"]), row)
         self.assertEqual({row["visibility"] for row in rows}, {"raytrace", "zbuffer"})
         return output, rows
 

@@ -65,6 +65,12 @@ class RadiometryTest(unittest.TestCase):
         self.assertGreater(same.mean(), 0.999)
         self.assertLess(np.abs(both[0]["radiance"] - both[1]["radiance"])[same].max(), 1e-5)
 
+    def test_light_in_shadow_has_a_bound_by_the_height_of_the_sun(self):
+        for elevation_deg, bound in ((1.9, None), (2.1, 0.8), (4.9, 0.8), (5.1, 0.88)):
+            low = {"local": {"lat_deg": 0.1, "lon_deg": 30.1, "azimuth_deg": 90.0, "elevation_deg": elevation_deg}}
+            f = self.frame(products=["irradiance"], sun=low, indirect={"terrain": True})
+            self.assertEqual(f["meta"]["indirect"]["shadow_light_at_least"], bound, elevation_deg)
+
     def test_rays_and_landmarks_have_the_irradiance_of_frames(self):
         for radius_deg in (0.0, 0.27):
             with self.subTest(radius_deg=radius_deg):

@@ -89,16 +89,22 @@ TEST(GeometricErrors, AreThePointsDistancesFromTheTerrain) {
     points.insert(points.end(), p.data(), p.data() + 3);
   }
   points.insert(points.end(), 3, std::nan(""));  // sky
+  const auto low = view.project(to_cartesian({11.1, 23, 100})), high = view.project(to_cartesian({11.1, 23, 103}));
+  const double three_metres_px = std::hypot(low->x - high->x, low->y - high->y);
   ErrorCollector errors;
-  errors.add_geometry(view, *terrain, points, 1, 1);
+  FrameReport report;
+  report.lod_error_m = 1;
+  report.lod_error_px = 1;
+  report.expected_error_px = three_metres_px / 2;
+  errors.add_geometry(view, *terrain, points, report);
   const ErrorMeasures m = errors.result();
   const double sag = 0.2;  // of chords of 1.9 km, at most
   EXPECT_NEAR(m.geometric_m.worst, 3, sag);
   EXPECT_NEAR(m.geometric_m.median, 0.5, sag);
   EXPECT_NEAR(m.within_bound_m, 2.0 / 3, 1e-12) << "three metres are beyond the bound of one";
-  const auto low = view.project(to_cartesian({11.1, 23, 100})), high = view.project(to_cartesian({11.1, 23, 103}));
-  EXPECT_NEAR(m.geometric_px.worst, std::hypot(low->x - high->x, low->y - high->y), 1e-3);
+  EXPECT_NEAR(m.geometric_px.worst, three_metres_px, 1e-3);
   EXPECT_EQ(m.within_bound_px, 1);
+  EXPECT_NEAR(m.within_expected_px, 2.0 / 3, 1e-12);
 }
 
 }  // namespace
