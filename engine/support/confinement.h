@@ -6,10 +6,8 @@
 namespace selenograph::engine {
 
 // Confines this process permanently: `memory_bytes` above its present use, `seconds` of processor time, no core file,
-// first to be killed when the machine is out of memory, killed when its parent ends. The kernel refuses what computing
-// does not need, and kills the process when it opens a file or a connection or starts a program (seccomp). Builds with
-// sanitizers apply only the limit on processor time. Throws std::runtime_error when a limit cannot be set; a kernel
-// without seccomp is not an error.
+// first to be killed when the machine is out of memory, killed when its parent ends. Builds with sanitizers apply only
+// the limit on processor time. Throws std::runtime_error when a limit cannot be set.
 void confine(std::size_t memory_bytes, unsigned seconds);
 
 }  // namespace selenograph::engine

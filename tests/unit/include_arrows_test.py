@@ -46,7 +46,6 @@ LIBRARIES = [
     (r"archive", ["server/campaign/tar"]),
     (r"spdlog/", ["api/", "server/"]),
     (r"xxhash", ["dem/support/hash"]),
-    (r"seccomp", ["engine/support/confinement"]),
     (r"jemalloc/", ["engine/support/heap"]),
     (r"toml\+\+/", ["server/commands/config"]),
     (r"CLI/", ["server/main", "server/commands/config", "server/commands/options"]),

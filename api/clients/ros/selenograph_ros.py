@@ -1,4 +1,4 @@
-"""What the nodes of ROS 1 and ROS 2 have in common: from a camera's pose to the members of Image and CameraInfo.
+"""From a camera's pose to the members of Image and CameraInfo, for selenograph_ros2_node.py.
 
 Needs selenograph.py (../python) and NumPy, and nothing of ROS.
 """
@@ -40,7 +40,7 @@ def image_members(array):
 
 def camera_info_members(camera):
     """The resolved camera of a frame's metadata as the members of a sensor_msgs/CameraInfo but its header, by the names
-    of ROS 2; ROS 1 has D, K, R and P."""
+    of ROS 2."""
     lens = camera.get("distortion") or {}
     fisheye = camera["model"] == "fisheye"
     names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")

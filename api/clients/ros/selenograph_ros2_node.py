@@ -1,13 +1,22 @@
 #!/usr/bin/env python3
-"""ROS 2 node: a camera whose images selenograph renders, as selenograph_node.py is of ROS 1.
+"""ROS 2 node: a camera whose images selenograph renders.
 
     python3 selenograph_ros2_node.py --ros-args -p url:=http://127.0.0.1:8080 -p request:=/path/request.json \\
       -r pose:=/truth/camera_pose
 
-Topics, frames and parameters are those of selenograph_node.py, which describes them: `pose` comes in, `image_raw` and
-`camera_info` go out with its time stamp; the quality of service is reliable, with a depth of queue_size. A depth image
-(32FC1, REP 118) is -p product:=depth, or range, of a second node (-r __node:=depth -r image_raw:=depth/image_raw).
-Parameters are read once, at the start, and keep their type: timeout_s:=20.0.
+Subscribes `pose` (geometry_msgs/PoseStamped): the camera's position in MOON_ME, in metres from the Moon's centre, and
+the orientation of its optical frame (+x right, +y down, +z boresight) there. header.frame_id must be moon_frame. For each
+pose it publishes `image_raw` (sensor_msgs/Image) and `camera_info` (sensor_msgs/CameraInfo) with the pose's time stamp
+and the frame camera_frame. A pose that the service refuses is logged as an error, with the members at fault, and has no
+image. The quality of service is reliable, with a depth of queue_size.
+
+Parameters, read once at the start, with their types (timeout_s:=20.0): url; token (""); timeout_s (10.0); request, a
+file with a frame's request as JSON, whose pose is ignored (it needs a Sun, or the time stamps must be UTC: without "sun"
+the Sun is computed for the stamp), and which has no "cameras", and in "truth" no region, every_px or float16; product
+("image": mono8 or mono16; "depth" or "range": 32FC1, in metres, a depth image by REP 118, or 64FC1 with the request's
+"truth": {"distance_type": "float64"}; or any other product); moon_frame ("moon_me"); camera_frame ("camera_optical");
+queue_size (10): poses that wait while a frame is rendered; the oldest is dropped beyond it. A depth image comes from a
+second node: -p product:=depth -r __node:=depth -r image_raw:=depth/image_raw.
 
 Needs rclpy, sensor_msgs and geometry_msgs of a ROS 2, selenograph_ros.py beside it and selenograph.py (../python) in
 PYTHONPATH. Debian has no ROS 2: ../tests/adapters_test.py runs this node with stand-ins for rclpy and its messages; within

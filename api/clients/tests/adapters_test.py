@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""The adapters of api/clients for Basilisk, ROS 1 and ROS 2, against the real service.
+"""The adapters of api/clients for Basilisk and ROS 2, against the real service.
 
 Debian has neither Basilisk nor ROS 2: stand-ins take their place, which hold the published definitions of their messages
-and refuse what those do not have. ROS 1 is real, and skipped where it isn't installed (deploy/install-packages clients).
+and refuse what those do not have.
 """
 
 import array
@@ -11,11 +11,7 @@ import dataclasses
 import importlib.util
 import io
 import os
-import queue
 import re
-import shutil
-import socket
-import subprocess
 import sys
 import types
 import unittest
@@ -24,14 +20,11 @@ import numpy
 
 import harness
 from fake_service import FakeService
-from harness import PATIENCE_S
 from one_service import CLIENTS, SUN, OneService, setUpModule, tearDownModule  # noqa: F401
 
 sys.path[:0] = [os.path.join(CLIENTS, "python"), os.path.join(CLIENTS, "ros")]
 import selenograph  # noqa: E402
 import selenograph_ros  # noqa: E402
-
-ROSMASTER = shutil.which("rosmaster") if importlib.util.find_spec("rospy") else None
 
 
 def loaded(*path):
@@ -267,7 +260,7 @@ class Basilisk(Adapter):
 
 
 class RosConversions(Adapter):
-    """What both nodes share, and needs no ROS."""
+    """The conversions need no ROS."""
 
     def test_a_fisheye_and_a_sun_at_the_stamp(self):
         info = selenograph_ros.camera_info_members({"model": "fisheye", "width": 8, "height": 6, "fx": 5, "fy": 4.0, "cx": 3.5,
@@ -316,95 +309,6 @@ class RosConversions(Adapter):
             with self.assertRaisesRegex(ValueError, f"ros-unfit.json: .* leave out {name}$"):
                 renderer(**more)
         renderer(truth={"every_px": 1, "distance_type": "float32"}).client.close()
-
-
-@unittest.skipUnless(ROSMASTER, "ROS 1 isn't installed: deploy/install-packages clients")
-class Ros(Adapter):
-    """A ROS master, the node and a subscriber, each for real."""
-
-    def start(self, *command):
-        name = harness.path(os.path.basename(command[0]) + ".log")
-        with open(name, "w") as log:
-            process = subprocess.Popen(command, stdout=log, stderr=log)
-        self.addCleanup(process.wait)
-        self.addCleanup(process.kill)
-        process.log_name = name
-        return process
-
-    def said(self, process):
-        with open(process.log_name, errors="replace") as log:
-            return log.read()
-
-    def serves(self, process, port):
-        self.assertIsNone(process.poll(), self.said(process))
-        with socket.socket() as s:
-            return s.connect_ex(("127.0.0.1", port)) == 0
-
-    def start_master(self):
-        port = harness.free_port()
-        os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{port}", ROS_IP="127.0.0.1", ROS_HOME=harness.path("ros"),
-                          ROS_LOG_DIR=harness.path("ros", "log"),
-                          PYTHONPATH=os.pathsep.join([os.path.join(CLIENTS, "python"), os.environ.get("PYTHONPATH", "")]))
-        master = self.start(ROSMASTER, "--core", "-p", str(port))
-        harness.wait_until(lambda: self.serves(master, port), lambda: self.said(master))
-
-    def test_images_of_poses(self):
-        self.start_master()
-        harness.write("ros-request.json", dict(self.request, sun=SUN))
-        node = self.start(sys.executable, os.path.join(CLIENTS, "ros", "selenograph_node.py"), f"_url:={self.url()}",
-                          "_request:=" + harness.path("ros-request.json"), "pose:=truth")
-        import geometry_msgs.msg
-        import rospy
-        import sensor_msgs.msg
-
-        rospy.init_node("adapters_test", disable_signals=True)
-        self.addCleanup(rospy.signal_shutdown, "the test is over")
-        images, infos = queue.Queue(), queue.Queue()
-        rospy.Subscriber("image_raw", sensor_msgs.msg.Image, images.put)
-        rospy.Subscriber("camera_info", sensor_msgs.msg.CameraInfo, infos.put)
-        poses = rospy.Publisher("truth", geometry_msgs.msg.PoseStamped, queue_size=10)
-        message = geometry_msgs.msg.PoseStamped()
-        w, x, y, z = self.quaternion
-        q = message.pose.orientation
-        q.w, q.x, q.y, q.z = w, -x, -y, -z  # moon_from_camera
-
-        def publish(secs, moon_frame="moon_me", scale=1.0):
-            message.header.stamp = rospy.Time(secs, 5)
-            message.header.frame_id = moon_frame
-            p = message.pose.position
-            p.x, p.y, p.z = scale * self.position_m
-            poses.publish(message)
-
-        def following(answers):
-            answer = answers.get(timeout=PATIENCE_S)
-            return answer if answer.header.stamp.secs != 1 else following(answers)
-
-        # What is sent before all are connected is lost.
-        def connected():
-            self.assertIsNone(node.poll(), self.said(node))
-            publish(1)
-            return not (images.empty() or infos.empty())
-
-        harness.wait_until(connected, lambda: self.said(node))
-        publish(100)
-        publish(101, moon_frame="map")
-        publish(102, scale=0.98)
-        publish(103)
-        # 101 is in a frame that isn't the Moon's, 102 is below the ground.
-        for secs in (100, 103):
-            image, info = following(images), following(infos)
-            for header in (image.header, info.header):
-                self.assertEqual((header.stamp.secs, header.stamp.nsecs, header.frame_id), (secs, 5, "camera_optical"))
-            self.assertEqual((image.encoding, image.height, image.width, image.step), ("mono8", 48, 64, 64))
-            values = numpy.frombuffer(image.data, numpy.uint8).reshape(48, 64)
-            self.assertLess(numpy.mean(values != self.right["image"]), 0.01)
-            self.assertEqual((info.height, info.width, info.distortion_model), (48, 64, "plumb_bob"))
-            self.assertEqual(info.D, (-0.05, 0.0, 1e-3, 0.0, 0.0))
-            self.assertAlmostEqual(info.K[0], 32 / numpy.tan(numpy.radians(20)), places=9)
-            self.assertEqual(info.K[2:6:3], (31.5, 23.5))
-        self.assertTrue(images.empty())
-        self.assertIn("pose in frame 'map'", self.said(node))
-        self.assertIn("no image of the pose at 102", self.said(node))
 
 
 # Members as in ros2/common_interfaces, sensor_msgs/msg and geometry_msgs/msg (CameraInfo.msg of commit 27b84d39, Image.msg of

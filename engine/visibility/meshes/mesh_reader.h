@@ -2,8 +2,7 @@
 // reads it (see mesh_file.h).
 //
 // That process is the same executable. It has the file as its standard input, a pipe for its answer, no other file, and
-// limits of memory and time; on x86-64 and arm64 the kernel refuses it system calls that open a file, a connection or a
-// program (seccomp).
+// limits of memory and time.
 #pragma once
 
 #include <chrono>
