@@ -116,6 +116,18 @@ PlaneGrid grid_on_plane(const OGRSpatialReference& srs, const MapPlane& plane, c
           (p.first_y - srs.GetProjParm(SRS_PP_FALSE_NORTHING, 0)) * unit_m, p.dx * unit_m};
 }
 
+// Returns the same plane as Mercator's variant A, which on a sphere has the formulas of "Mercator (Spherical)" (EPSG
+// method 1026). PROJ before 9.3 gives the latter's parameters only by their names in the file.
+OGRSpatialReference as_variant_a(const OGRSpatialReference& spherical) {
+  OGRSpatialReference srs(spherical);
+  const double unit_m = srs.GetLinearUnits();
+  const auto parameter = [&](const char* name) { return spherical.GetProjParm(name, 0); };
+  srs.SetMercator(parameter("Latitude of natural origin"), parameter("Longitude of natural origin"), 1,
+                  parameter("False easting"), parameter("False northing"));
+  srs.SetLinearUnits("unit", unit_m);
+  return srs;
+}
+
 PostGrid grid_of(const OGRSpatialReference& srs, const Plane& plane, double sphere_m, const std::string& path) {
   const double prime_deg = srs.GetPrimeMeridian();
   if (srs.IsGeographic()) {
@@ -125,6 +137,7 @@ PostGrid grid_of(const OGRSpatialReference& srs, const Plane& plane, double sphe
   if (prime_deg != 0) throw DataError(path, "a projected raster with its own prime meridian is not supported");
   const char* name = srs.GetAttrValue("PROJECTION");
   const std::string projection = name ? name : "none";
+  if (EQUAL(projection.c_str(), "Mercator_(Spherical)")) return grid_of(as_variant_a(srs), plane, sphere_m, path);
   const double unit_m = unit_on_moon_m(srs, sphere_m);
   if (EQUAL(projection.c_str(), SRS_PT_EQUIRECTANGULAR)) return grid_in_metres(srs, plane, unit_m);
   if (const std::optional<MapPlane> on = plane_of(srs, projection)) return grid_on_plane(srs, *on, plane, unit_m, path);

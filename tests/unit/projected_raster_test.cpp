@@ -160,6 +160,26 @@ TEST_F(ProjectedRaster, PostsLieWhereGdalPlacesThem) {
     }
 }
 
+// EPSG's method 1026, as IAU-style coordinate systems have it.
+TEST_F(ProjectedRaster, SphericalMercatorIsMercator) {
+  PlaneTiff t;
+  t.srs =
+      R"(PROJCRS["Mercator",BASEGEOGCRS["Moon",DATUM["Moon",ELLIPSOID["Moon",1737400,0,LENGTHUNIT["metre",1]]],)"
+      R"(PRIMEM["Reference Meridian",0,ANGLEUNIT["degree",0.0174532925199433]]],)"
+      R"(CONVERSION["M",METHOD["Mercator (Spherical)"],)"
+      R"(PARAMETER["Latitude of natural origin",0,ANGLEUNIT["degree",0.0174532925199433]],)"
+      R"(PARAMETER["Longitude of natural origin",7,ANGLEUNIT["degree",0.0174532925199433]],)"
+      R"(PARAMETER["False easting",300,LENGTHUNIT["metre",1]],PARAMETER["False northing",-100,LENGTHUNIT["metre",1]]],)"
+      R"(CS[Cartesian,2],AXIS["(E)",east,ORDER[1],LENGTHUNIT["metre",1]],)"
+      R"(AXIS["(N)",north,ORDER[2],LENGTHUNIT["metre",1]]])";
+  const RasterInfo spherical = inspect_raster(put(t));
+  t.srs = "+proj=merc +lon_0=7 +x_0=300 +y_0=-100 +R=1737400 +units=m +no_defs";
+  const RasterInfo variant_a = inspect_raster(put(t));
+  EXPECT_EQ(spherical.projection(), Projection::mercator);
+  for (const auto& [column, row] : {std::pair{0, 0}, {39, 29}})
+    EXPECT_LT(distance_m(place_of_post(spherical, column, row), place_of_post(variant_a, column, row)), 1e-9);
+}
+
 TEST_F(ProjectedRaster, SouthUpAndEastToWestAreTurned) {
   PlaneTiff t;
   t.srs = "+proj=ortho +lat_0=26 +lon_0=3 +R=1737400 +units=m +no_defs";
