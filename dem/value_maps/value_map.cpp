@@ -228,7 +228,7 @@ std::uint64_t ValueMap::fingerprint() const {
   // Numbers by their bits: libraries print the same number differently from version to version.
   StreamedHash hash;
   hash.add_text(o.path);
-  const auto numbers = [&](std::initializer_list<double> values) {
+  const auto numbers = [&](const std::vector<double>& values) {
     hash.add(values.size());
     for (const double value : values) hash.add(value);
   };
@@ -236,18 +236,11 @@ std::uint64_t ValueMap::fingerprint() const {
   hash.add(impl_->file.bands().size());
   for (const int band : impl_->file.bands()) hash.add(band);
   numbers({o.scale, o.offset, o.low, o.high, o.exponent, o.fourth_power ? 4.0 : 1.0});
-  if (const auto& r = o.radiance_factor)
-    numbers({r->incidence_deg, r->emission_deg, r->phase_deg, r->wavelength_um});
-  else
-    numbers({});
-  if (o.no_data)
-    numbers({*o.no_data});
-  else
-    numbers({});
-  if (const auto& e = o.extent)
-    numbers({e->west_deg, e->east_deg, e->south_deg, e->north_deg});
-  else
-    numbers({});
+  const auto& r = o.radiance_factor;
+  const auto& e = o.extent;
+  numbers(r ? std::vector{r->incidence_deg, r->emission_deg, r->phase_deg, r->wavelength_um} : std::vector<double>());
+  numbers(o.no_data ? std::vector{*o.no_data} : std::vector<double>());
+  numbers(e ? std::vector{e->west_deg, e->east_deg, e->south_deg, e->north_deg} : std::vector<double>());
   return hash.digest();
 }
 

@@ -184,6 +184,16 @@ class Rocks(WithFeatures):
             self.assertGreater((~met)[~stone].mean(), 0.9)
             self.assertGreater(np.mean([hit["lit"] == l for hit, l, s in zip(hits, lit, same & stone) if s]), 0.98)
 
+    def test_a_camera_inside_one_is_refused(self):
+        rock = self.answer("stones", square(LAT, LON, 400), kind="rocks")["rocks"][0]
+        for above, status in ((0.3, 422), (1.5, 200)):
+            place = {"lat_deg": rock["lat_deg"], "lon_deg": rock["lon_deg"],
+                     "height_m": rock["height_m"] + above * rock["diameter_m"]}
+            answer = self.service.frame(frame_request(["depth"], detail="stones", pose={"geodetic": place, "nadir": {}}))
+            self.assertEqual(answer[0], status, answer[2][:300])
+            if status == 422:
+                self.assertIn(f"the camera is inside a rock of {rock['diameter_m']:.2f} m", answer[2].decode())
+
     @staticmethod
     def position(rock):
         lat, lon, r = math.radians(rock["lat_deg"]), math.radians(rock["lon_deg"]), RADIUS_M + rock["height_m"]
