@@ -163,15 +163,15 @@ TEST_F(ProjectedRaster, PostsLieWhereGdalPlacesThem) {
 // EPSG's method 1026, as IAU-style coordinate systems have it.
 TEST_F(ProjectedRaster, SphericalMercatorIsMercator) {
   PlaneTiff t;
-  t.srs =
-      R"(PROJCRS["Mercator",BASEGEOGCRS["Moon",DATUM["Moon",ELLIPSOID["Moon",1737400,0,LENGTHUNIT["metre",1]]],)"
-      R"(PRIMEM["Reference Meridian",0,ANGLEUNIT["degree",0.0174532925199433]]],)"
-      R"(CONVERSION["M",METHOD["Mercator (Spherical)"],)"
-      R"(PARAMETER["Latitude of natural origin",0,ANGLEUNIT["degree",0.0174532925199433]],)"
-      R"(PARAMETER["Longitude of natural origin",7,ANGLEUNIT["degree",0.0174532925199433]],)"
-      R"(PARAMETER["False easting",300,LENGTHUNIT["metre",1]],PARAMETER["False northing",-100,LENGTHUNIT["metre",1]]],)"
-      R"(CS[Cartesian,2],AXIS["(E)",east,ORDER[1],LENGTHUNIT["metre",1]],)"
-      R"(AXIS["(N)",north,ORDER[2],LENGTHUNIT["metre",1]]])";
+  t.srs = R"w(PROJCRS["Mercator",BASEGEOGCRS["Moon",DATUM["Moon",ELLIPSOID["Moon",1737400,0,LENGTHUNIT["metre",1]]],)w"
+          R"w(PRIMEM["Reference Meridian",0,ANGLEUNIT["degree",0.0174532925199433]]],)w"
+          R"w(CONVERSION["M",METHOD["Mercator (Spherical)"],)w"
+          R"w(PARAMETER["Latitude of natural origin",0,ANGLEUNIT["degree",0.0174532925199433]],)w"
+          R"w(PARAMETER["Longitude of natural origin",7,ANGLEUNIT["degree",0.0174532925199433]],)w"
+          R"w(PARAMETER["False easting",300,LENGTHUNIT["metre",1]],)w"
+          R"w(PARAMETER["False northing",-100,LENGTHUNIT["metre",1]]],)w"
+          R"w(CS[Cartesian,2],AXIS["(E)",east,ORDER[1],LENGTHUNIT["metre",1]],)w"
+          R"w(AXIS["(N)",north,ORDER[2],LENGTHUNIT["metre",1]]])w";
   const RasterInfo spherical = inspect_raster(put(t));
   t.srs = "+proj=merc +lon_0=7 +x_0=300 +y_0=-100 +R=1737400 +units=m +no_defs";
   const RasterInfo variant_a = inspect_raster(put(t));
