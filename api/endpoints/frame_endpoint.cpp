@@ -12,7 +12,6 @@
 #include "api/encode/negotiate.h"
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
-#include "api/message/timing.h"
 #include "api/requests/cameras.h"
 #include "api/requests/frame_json.h"
 #include "dem/support/error.h"
@@ -32,21 +31,20 @@ double kernel_ms() {
   return 1e3 * static_cast<double>(used.ru_stime.tv_sec) + 1e-3 * static_cast<double>(used.ru_stime.tv_usec);
 }
 
-std::string server_timing(double parse_ms, const engine::StageTimes& times, double encode_ms, double kernel_ms) {
-  Durations durations{{"parse", parse_ms},
-                      {"select", times.select_ms},
-                      {"build", times.build_ms},
-                      {"pyramid", times.pyramid_ms},
-                      {"load", times.load_ms},
-                      {"indirect", times.indirect_ms},
-                      {"visibility", times.visibility_ms}};
+StageTimes stages_of(double parse_ms, const engine::StageTimes& times, double encode_ms, double kernel_ms) {
+  StageTimes stages{{"parse", parse_ms},
+                    {"select", times.select_ms},
+                    {"build", times.build_ms},
+                    {"pyramid", times.pyramid_ms},
+                    {"load", times.load_ms},
+                    {"indirect", times.indirect_ms},
+                    {"visibility", times.visibility_ms}};
   if (times.draw_ms > 0)
-    durations.insert(durations.end(),
-                     {{"draw", times.draw_ms}, {"resolve", times.resolve_ms}, {"shadow", times.shadow_ms}});
-  durations.insert(
-      durations.end(),
+    stages.insert(stages.end(), {{"draw", times.draw_ms}, {"resolve", times.resolve_ms}, {"shadow", times.shadow_ms}});
+  stages.insert(
+      stages.end(),
       {{"sensor", times.sensor_ms}, {"craters", times.craters_ms}, {"encode", encode_ms}, {"touch", kernel_ms}});
-  return timing_text(durations);
+  return stages;
 }
 
 // Labels of a frame as members of an .npz.
@@ -335,8 +333,7 @@ Response answer_cameras(const EndpointContext& context, const Json& body, engine
   OrderedJson warnings = OrderedJson::array();
   response.body = encode(cameras, hash, context, warnings);
   add_warnings(response, warnings);
-  response.headers.emplace_back("Server-Timing",
-                                server_timing(parse_ms, times, watch.lap_ms(), kernel_ms() - kernel_before_ms));
+  response.stages = stages_of(parse_ms, times, watch.lap_ms(), kernel_ms() - kernel_before_ms);
   std::string budgets;
   for (const CameraFrame& camera : cameras) {
     if (!camera.budget.empty()) budgets += (budgets.empty() ? "" : "; ") + camera.name + ": " + camera.budget;
@@ -368,8 +365,7 @@ Response answer_frame(const EndpointContext& context, const Json& body, engine::
                              hash_of(query, frame.report.shadow_limits_px, representation, context),
                              context.long_metadata, context.stop);
   if (!budget.empty()) response.headers.emplace_back("Selenograph-Budget", budget);
-  response.headers.emplace_back("Server-Timing",
-                                server_timing(parse_ms, frame.times, watch.lap_ms(), kernel_ms() - kernel_before_ms));
+  response.stages = stages_of(parse_ms, frame.times, watch.lap_ms(), kernel_ms() - kernel_before_ms);
   context.renderer.expect(query.request, query.ahead);
   return with_echo(query, std::move(response));
 }

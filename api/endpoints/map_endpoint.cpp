@@ -5,7 +5,6 @@
 #include "api/answers/metadata.h"
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
-#include "api/message/timing.h"
 #include "dem/support/error.h"
 #include "engine/support/stopwatch.h"
 
@@ -50,11 +49,11 @@ Response answer_maps(const EndpointContext& context) {
   if (!map.report.warnings.empty()) response.headers.erase(response.headers.begin());
   if (map.report.missing_fraction > 0)
     response.headers.emplace_back("Selenograph-Missing-Fraction", fmt::format("{:.6g}", map.report.missing_fraction));
-  response.headers.emplace_back("Server-Timing", timing_text({{"parse", parse_ms},
-                                                              {"select", map.times.select_ms},
-                                                              {"build", map.times.build_ms},
-                                                              {"visibility", map.times.visibility_ms},
-                                                              {"encode", watch.lap_ms()}}));
+  response.stages = {{"parse", parse_ms},
+                     {"select", map.times.select_ms},
+                     {"build", map.times.build_ms},
+                     {"visibility", map.times.visibility_ms},
+                     {"encode", watch.lap_ms()}};
   context.stop.check();
   return response;
 }

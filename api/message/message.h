@@ -26,13 +26,22 @@ struct Request {
   const std::atomic<bool>* abandoned = nullptr;  // becomes true when the client has disconnected
 };
 
+// A stage of the work on a request, as in the header Server-Timing.
+struct StageTime {
+  std::string name;
+  double ms = 0;
+  bool operator==(const StageTime&) const = default;
+};
+using StageTimes = std::vector<StageTime>;
+
 struct Response {
   int status = 200;
   std::string content_type;
-  std::vector<std::pair<std::string, std::string>> headers;  // without Content-Type and Content-Length
+  std::vector<std::pair<std::string, std::string>> headers;  // without Content-Type, Content-Length and Server-Timing
   std::string body;
   // Error code, also the label in metrics; empty on success.
   std::string error_code;
+  StageTimes stages{};  // in the order of the header Server-Timing; empty: the answer has no such header
   // The answer's claim on the service's memory budget: kept until it is sent.
   std::shared_ptr<const MemoryBudget::Claim> memory;
 };

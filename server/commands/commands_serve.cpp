@@ -79,7 +79,8 @@ int places_in_work(const ServeSettings& s) {
   return s.max_frames > 0 ? s.max_frames : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
-double round_ms(double seconds) { return std::round(seconds * 1e6) / 1e3; }
+double rounded(double ms) { return std::round(ms * 1e3) / 1e3; }
+double round_ms(double seconds) { return rounded(1e3 * seconds); }
 
 // deploy/operation/log.md lists the members.
 std::string members_of(const AccessRecord& e) {
@@ -99,7 +100,7 @@ std::string members_of(const AccessRecord& e) {
                               {"queued_ms", round_ms(e.queued_s)},
                               {"work_ms", round_ms(e.work_s)},
                               {"stages_ms", nlohmann::ordered_json::object()}};
-  for (const auto& [stage, ms] : e.stages_ms) line["stages_ms"][stage] = ms;
+  for (const auto& [stage, ms] : e.stages) line["stages_ms"][stage] = rounded(ms);  // as in Server-Timing
   const std::string text = api::json_text(line);
   return text.substr(1, text.size() - 2);
 }
@@ -175,9 +176,7 @@ int run_service(const ServeSettings& settings, ShutdownSignals& signals, const A
       heap_plan(parts, settings.pretouch, *renderer, [&] { return memory->in_use() + bodies->in_use(); }));
   const api::Limits& limits = settings.limits;
   const api::Service service(renderer, limits, settings.terrain.assets_dir, mesh_options(settings.terrain), memory);
-  Admission admission({.max_in_work = places_in_work(settings),
-                       .max_waiting = settings.max_waiting,
-                       .patience = limits.default_deadline});
+  Admission admission({.max_in_work = places_in_work(settings), .max_waiting = settings.max_waiting});
   Metrics metrics{std::string(api::software_version())};
   const HttpServer* http = nullptr;
   Front front(service, admission, metrics, settings.page, [&](Gauges& gauges) {

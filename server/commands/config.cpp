@@ -315,12 +315,14 @@ void add_options(CLI::App& command, ServeSettings& s) {
   command.add_option("--max-frames", s.max_frames, "Requests processed at once; 0: number of cores")
       ->check(CLI::Range(0, 4096))
       ->capture_default_str();
-  command.add_option("--max-waiting", s.max_waiting, "Requests that may wait in the queue")
+  command
+      .add_option("--max-waiting", s.max_waiting,
+                  "Requests that may wait in the queue; one client alone may fill half of it")
       ->check(CLI::Range(0, 65536))
       ->capture_default_str();
   command
       .add_option("--max-connections", s.max_connections,
-                  "Maximum connections; a few more are reserved for health and metrics")
+                  "Maximum connections; beyond it, the one that has been idle longest is closed")
       ->check(CLI::Range(4, 65536))
       ->capture_default_str();
   command.add_option("--idle-timeout-s", s.idle_timeout_s, "Time limit of an idle connection")

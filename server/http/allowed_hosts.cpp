@@ -92,20 +92,20 @@ AllowedHosts::AllowedHosts(const std::string& listens_on, const std::vector<std:
   served_.insert(given_.begin(), given_.end());
 }
 
-std::optional<HeadProblem> AllowedHosts::refusal(const RequestHead& head, std::string_view local_address) const {
+std::optional<Refusal> AllowedHosts::refusal(const RequestHead& head, std::string_view local_address) const {
   if (head.authority) {
     const auto authority = read_authority(*head.authority);
-    if (!authority) return HeadProblem{"malformed_request", "Host is not a name or address with an optional port"};
+    if (!authority) return Refusal{"malformed_request", "Host is not a name or address with an optional port"};
     if (!served_.contains(authority->host) && authority->host != comparable(local_address))
-      return HeadProblem{"misdirected_request", "this service is not known as " + shown(authority->host) +
-                                                    "; its operator can add a name with --allowed-host"};
+      return Refusal{"misdirected_request", "this service is not known as " + shown(authority->host) +
+                                                "; its operator can add a name with --allowed-host"};
   }
   const auto [first, last] = head.headers.equal_range("origin");
   const auto foreign = std::find_if(first, last, [&](const auto& h) { return !is_own_page(h.second, head); });
   if (foreign == last) return std::nullopt;
-  return HeadProblem{"foreign_origin", "pages of the origin " + shown(foreign->second) +
-                                           " may not ask this service; its operator can allow a page's host with "
-                                           "--allowed-host"};
+  return Refusal{"foreign_origin", "pages of the origin " + shown(foreign->second) +
+                                       " may not ask this service; its operator can allow a page's host with "
+                                       "--allowed-host"};
 }
 
 bool AllowedHosts::is_own_page(std::string_view origin_text, const RequestHead& head) const {

@@ -31,7 +31,7 @@ class AllowedHosts {
   //    send it, and health checks of proxies do;
   //  - "foreign_origin": Origin is neither the request's own host and port nor, by http or https and on any port, a
   //    host of --allowed-host. "null" (a file, a sandboxed frame) is always foreign.
-  std::optional<HeadProblem> refusal(const RequestHead& head, std::string_view local_address) const;
+  std::optional<Refusal> refusal(const RequestHead& head, std::string_view local_address) const;
 
  private:
   bool is_own_page(std::string_view origin, const RequestHead& head) const;

@@ -1,10 +1,15 @@
 #include "server/http/caller.h"
 
+#include <arpa/inet.h>
 #include <fmt/format.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cstdint>
+#include <cstring>
 #include <random>
 
 #include "dem/files/names.h"
@@ -24,12 +29,52 @@ const std::string* only(const Headers& headers, const std::string& name) {
   return headers.count(name) == 1 ? &headers.find(name)->second : nullptr;
 }
 
+// Copies an address of any family into the struct of its own: reading it in place through another type is undefined.
+template <typename Address>
+Address address_as(const sockaddr_storage& any) {
+  static_assert(sizeof(Address) <= sizeof any);
+  Address address;
+  std::memcpy(&address, &any, sizeof address);
+  return address;
+}
+
+template <typename Address>
+std::string numeric(int family, const Address& address) {
+  std::array<char, INET6_ADDRSTRLEN> text{};
+  ::inet_ntop(family, &address, text.data(), text.size());
+  return text.data();
+}
+
+std::string host_of(const sockaddr_storage& end) {
+  if (end.ss_family == AF_INET) return numeric(AF_INET, address_as<sockaddr_in>(end).sin_addr);
+  if (end.ss_family == AF_INET6) return numeric(AF_INET6, address_as<sockaddr_in6>(end).sin6_addr);
+  return {};
+}
+
+// A client may have all addresses of its IPv6 /64 network, so they count as one. An IPv4 address counts by itself.
+std::string client_of(const sockaddr_storage& end) {
+  if (end.ss_family != AF_INET6) return host_of(end);
+  in6_addr address = address_as<sockaddr_in6>(end).sin6_addr;
+  if (!IN6_IS_ADDR_V4MAPPED(&address)) std::memset(address.s6_addr + 8, 0, 8);
+  return numeric(AF_INET6, address);
+}
+
 std::uint64_t random_number() {
   std::random_device source;
   return std::uint64_t{source()} << 32 | source();
 }
 
 }  // namespace
+
+Peer peer_of(int socket) {
+  sockaddr_storage remote{};
+  sockaddr_storage local{};
+  socklen_t remote_size = sizeof remote;
+  socklen_t local_size = sizeof local;
+  ::getpeername(socket, reinterpret_cast<sockaddr*>(&remote), &remote_size);
+  ::getsockname(socket, reinterpret_cast<sockaddr*>(&local), &local_size);
+  return {host_of(remote), client_of(remote), host_of(local)};
+}
 
 bool is_plain_name(std::string_view text) { return text.size() <= kMostNameBytes && dem::consists_of(text, "._-"); }
 

@@ -1,4 +1,4 @@
-// Identification of a request: its id, and the name of the token that a proxy accepted.
+// Identification of a request: its client, its id, and the name of the token that a proxy accepted.
 #pragma once
 
 #include <map>
@@ -7,6 +7,14 @@
 #include <vector>
 
 namespace selenograph::server {
+
+// The two ends of a connection, numeric and without port; empty: unknown.
+struct Peer {
+  std::string host;    // address of the client, or of its proxy
+  std::string client;  // identity in the queue: `host`, for IPv6 its /64 network; or "token NAME" as named by a proxy
+  std::string local;   // address to which the connection was made
+};
+Peer peer_of(int socket);
 
 // 1 to 64 letters, digits, '.', '_' and '-': safe in a header, in a log and in a file's name.
 bool is_plain_name(std::string_view text);

@@ -1,7 +1,7 @@
 #include "server/http/connection.h"
 
+#include <fmt/format.h>
 #include <poll.h>
-#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <sys/uio.h>
 #include <unistd.h>
@@ -34,26 +34,65 @@ bool wait_for(int fd, short events, Connection::Clock::time_point deadline) {
 Connection::Connection(int fd, Peer peer, const SendPace& pace) : fd_(fd), peer_(std::move(peer)), pace_(pace) {}
 Connection::~Connection() { ::close(fd_); }
 
-// What is consumed goes when it is half of the whole: each byte is moved once, and never is more kept than came ahead.
-void Connection::consume(std::size_t bytes) {
-  consumed_ += bytes;
-  if (2 * consumed_ < input_.size()) return;
-  input_.erase(0, consumed_);
-  consumed_ = 0;
+bool Connection::begin_request(std::chrono::milliseconds idle, std::chrono::milliseconds receive) {
+  const auto idle_deadline = Clock::now() + idle;
+  for (;;) {
+    while (!unread_.empty() && (unread_.front() == '\r' || unread_.front() == '\n'))
+      unread_.remove_prefix(1);  // RFC 9112 2.2
+    if (!unread_.empty()) break;
+    if (!fill(idle_deadline)) return false;
+  }
+  receive_deadline_ = Clock::now() + receive;
+  head_bytes_ = 0;
+  line_bytes_ = 0;
+  in_head_ = true;
+  problem_.reset();
+  return true;
 }
 
-Connection::Read Connection::fill(Clock::time_point deadline) {
-  std::array<char, 65536> chunk;
+ssize_t Connection::read(char* to, std::size_t size) {
+  if (problem_ || (unread_.empty() && !(flush() && fill(receive_deadline_)))) {
+    if (late_ && !problem_) problem_ = Refusal{"request_timeout", "the request did not arrive in time"};
+    return -1;
+  }
+  const std::size_t bytes = unread_.copy(to, size);
+  unread_.remove_prefix(bytes);
+  // The library reads lines byte by byte, and everything else in larger pieces.
+  if (size == 1 && !count(*to)) return -1;
+  return static_cast<ssize_t>(bytes);
+}
+
+// Counts a byte of a line, whose length the library does not bound. False: there are too many.
+bool Connection::count(char byte) {
+  const bool in_first_line = in_head_ && head_bytes_ == line_bytes_;
+  ++line_bytes_;
+  ++head_bytes_;
+  if (line_bytes_ > kMaxLineBytes && in_first_line)
+    problem_ = Refusal{"uri_too_long", "the request target is too long"};
+  else if (line_bytes_ > kMaxLineBytes && !in_head_)
+    problem_ = Refusal{"malformed_request", "a line of the body's chunked encoding is too long"};
+  else if (line_bytes_ > kMaxLineBytes)
+    problem_ = Refusal{"headers_too_large", fmt::format("a header line has more than {} bytes", kMaxLineBytes)};
+  else if (in_head_ && head_bytes_ > kMaxHeadBytes)
+    problem_ = Refusal{"headers_too_large", fmt::format("the head has more than {} bytes", kMaxHeadBytes)};
+  if (byte == '\n') line_bytes_ = 0;
+  return !problem_;
+}
+
+// Waits for at least one byte. False: none came until the deadline, or the client has closed its connection.
+bool Connection::fill(Clock::time_point deadline) {
+  late_ = false;
   for (;;) {
-    const ssize_t n = ::recv(fd_, chunk.data(), chunk.size(), MSG_DONTWAIT);
+    const ssize_t n = ::recv(fd_, input_.data(), input_.size(), MSG_DONTWAIT);
     if (n > 0) {
-      heard_ = Clock::now();
-      input_.append(chunk.data(), static_cast<std::size_t>(n));
-      return Read::data;
+      unread_ = {input_.data(), static_cast<std::size_t>(n)};
+      return true;
     }
-    if (n == 0) return Read::closed;
-    if (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR) return Read::closed;
-    if (!wait_for(fd_, POLLIN, deadline)) return Read::timed_out;
+    if (n == 0 || (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)) return false;
+    if (!wait_for(fd_, POLLIN, deadline)) {
+      late_ = true;
+      return false;
+    }
   }
 }
 
@@ -80,9 +119,9 @@ bool Connection::write_without_memory(std::string_view answer) {
 
 bool Connection::send_all(std::string_view head, std::string_view body) {
   if (sent_bytes_ == 0) answer_start_ = Clock::now();
-  // Moves on with what the client takes: one that takes nothing is gone after the grace, however long the answer.
+  // The deadline moves on with the bytes that the client takes: one that takes nothing is cut after the grace.
   const auto deadline = [&] {
-    const std::chrono::duration<double> allowed(static_cast<double>(sent_bytes_.load()) / pace_.bytes_per_s);
+    const std::chrono::duration<double> allowed(static_cast<double>(sent_bytes_) / pace_.bytes_per_s);
     return answer_start_ + pace_.grace + std::chrono::duration_cast<Clock::duration>(allowed);
   };
   while (!head.empty() || !body.empty()) {
@@ -108,31 +147,19 @@ bool Connection::send_all(std::string_view head, std::string_view body) {
 void Connection::linger(std::chrono::milliseconds at_most) {
   ::shutdown(fd_, SHUT_WR);
   const auto deadline = Clock::now() + at_most;
-  do {
-    consume(unread().size());
-  } while (Clock::now() < deadline && fill(deadline) == Read::data);
+  while (Clock::now() < deadline && fill(deadline)) continue;
 }
 
 bool Connection::move_on(State from, State to) { return state_.compare_exchange_strong(from, to); }
 
-bool Connection::begin_work() { return move_on(State::waiting, State::working); }
-
-void Connection::begin_answer() {
-  since_ = Clock::now();
-  move_on(State::working, State::answering);
+bool Connection::begin_work() {
+  abandoned_ = false;
+  return move_on(State::waiting, State::working);
 }
 
 void Connection::end_work() {
   since_ = Clock::now();
-  if (!move_on(State::working, State::waiting)) move_on(State::answering, State::waiting);
-}
-
-bool Connection::silent(Clock::time_point now) const {
-  constexpr auto kMoment = std::chrono::milliseconds(250);
-  int unread_bytes = 0;
-  if (::ioctl(fd_, FIONREAD, &unread_bytes) == 0 && unread_bytes > 0) return false;
-  const auto heard = heard_.load();
-  return heard < since_.load() || now - heard >= kMoment;
+  move_on(State::working, State::waiting);
 }
 
 bool Connection::give_up() {
@@ -141,13 +168,9 @@ bool Connection::give_up() {
   return true;
 }
 
-bool Connection::give_up_if_slow(Clock::time_point now) {
-  const std::chrono::duration<double> reading = now - since_.load();
-  if (reading < kSlowAfter || static_cast<double>(sent_bytes_.load()) >= reading.count() * kSlow_bytes_per_s)
-    return false;
-  if (!move_on(State::answering, State::given_up)) return false;
-  cut();
-  return true;
+void Connection::look_for_departure() {
+  pollfd event{fd_, POLLRDHUP, 0};
+  if (state_ == State::working && ::poll(&event, 1, 0) > 0) abandoned_ = true;
 }
 
 void Connection::cut() { ::shutdown(fd_, SHUT_RDWR); }

@@ -1,12 +1,18 @@
 // One client's TCP connection: reads and writes that end by a deadline, whatever the client does.
 #pragma once
 
+#include <sys/types.h>
+
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <cstddef>
-#include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
+
+#include "server/http/caller.h"
+#include "server/http/request_head.h"
 
 namespace selenograph::server {
 
@@ -16,35 +22,28 @@ struct SendPace {
   std::chrono::milliseconds grace{10000};
 };
 
-// The peer of a connection.
-struct Peer {
-  std::string host;          // numeric, without port; empty: unknown
-  std::string address;       // identity of the client: `host`, for IPv6 its /64; or the token named by a proxy
-  std::uint64_t number = 0;  // number of the connection, from 1; 0: shared by several clients
-  // Beyond --max-connections, for an address that has many: only health and metrics are served.
-  bool reserved = false;
-  std::string local;  // local address of the connection, numeric, without port; empty: unknown
-};
-
 class Connection {
  public:
   using Clock = std::chrono::steady_clock;
+  static constexpr std::size_t kMaxHeadBytes = 16384;
+  static constexpr std::size_t kMaxLineBytes = 8000;  // of a head, or of the framing of chunks
 
   Connection(int fd, Peer peer, const SendPace& pace);  // takes ownership of the socket
   ~Connection();
   Connection(const Connection&) = delete;
   Connection& operator=(const Connection&) = delete;
 
-  int fd() const { return fd_; }
   const Peer& peer() const { return peer_; }
 
-  // Received bytes not yet consumed. Of what a client sends ahead, all but 64 KiB stays in the system's buffers.
-  std::string_view unread() const { return std::string_view(input_).substr(consumed_); }
-  void consume(std::size_t bytes);
-  std::size_t kept_bytes() const { return input_.size(); }  // including consumed bytes before unread()
-  enum class Read { data, closed, timed_out };
-  // Appends received bytes to unread(), 64 KiB at most; waits for at least one byte until the deadline.
-  Read fill(Clock::time_point deadline);
+  // Waits for the first byte of a request, at most `idle`. The whole request must arrive within `receive` from there.
+  // False: none came.
+  bool begin_request(std::chrono::milliseconds idle, std::chrono::milliseconds receive);
+  // Reads received bytes; what was written before is sent first. -1: the client has closed its connection, or there is
+  // a problem().
+  ssize_t read(char* to, std::size_t size);
+  void end_head() { in_head_ = false; }
+  // Why no more can be read: the request is late, or its head or a line is too long.
+  const std::optional<Refusal>& problem() const { return problem_; }
 
   // Small writes are gathered and sent with the next large one, or by flush(): head and body are sent together. All
   // writes up to flush() are one response, limited by SendPace. False: the client left or reads too slowly, or the
@@ -65,37 +64,42 @@ class Connection {
   // A connection that waits for its client may be given up to make room or to shut down; one at work may not. Both
   // sides race for the same flag. begin_work() returns false when the connection has been given up.
   bool begin_work();
-  void begin_answer();  // the work is done, its response is being sent
   void end_work();
   bool give_up();  // true if this call gave it up, which ends whatever it waits for
-  // Likewise for a client that has been reading its answer for kSlowAfter and at less than kSlow_bytes_per_s.
-  bool give_up_if_slow(Clock::time_point now);
   // Makes all reads and writes fail from now on.
   void cut();
   bool waiting() const { return state_.load() == State::waiting; }
-  // Whether it has sent nothing since it began to wait, or nothing for a moment: it is not about to begin work.
-  bool silent(Clock::time_point now) const;
   bool given_up() const { return state_.load() == State::given_up; }
-  Clock::time_point since() const { return since_.load(); }  // when it began to wait, or to answer
+  Clock::time_point since() const { return since_.load(); }  // when it began to wait
 
-  static constexpr auto kSlowAfter = std::chrono::seconds(5);
-  static constexpr double kSlow_bytes_per_s = 1 << 20;
+  // Sets abandoned() if a request is in work and the client has closed its connection, or its sending half.
+  void look_for_departure();
+  const std::atomic<bool>& abandoned() const { return abandoned_; }
 
  private:
-  enum class State { waiting, working, answering, given_up };
+  enum class State { waiting, working, given_up };
+  bool fill(Clock::time_point deadline);
+  bool count(char byte);
   bool send_all(std::string_view head, std::string_view body);
   bool move_on(State from, State to);
 
   const int fd_;
   const Peer peer_;
   const SendPace pace_;
-  std::string input_, output_;
-  std::size_t consumed_ = 0;  // of input_
+  std::array<char, 16384> input_;
+  std::string_view unread_;  // in input_
+  Clock::time_point receive_deadline_{};
+  std::size_t head_bytes_ = 0;
+  std::size_t line_bytes_ = 0;
+  bool in_head_ = true;
+  bool late_ = false;  // the last wait ended at its deadline
+  std::optional<Refusal> problem_;
+  std::string output_;
   Clock::time_point answer_start_{};
-  std::atomic<std::size_t> sent_bytes_{0};  // of this answer
+  std::size_t sent_bytes_ = 0;  // of this answer
   std::atomic<State> state_{State::waiting};
   std::atomic<Clock::time_point> since_{Clock::now()};
-  std::atomic<Clock::time_point> heard_{Clock::time_point::min()};  // time of the last received bytes
+  std::atomic<bool> abandoned_{false};
 };
 
 }  // namespace selenograph::server

@@ -5,19 +5,27 @@
 #if !defined(CPPHTTPLIB_OPENSSL_SUPPORT) || !defined(CPPHTTPLIB_ZLIB_SUPPORT) || !defined(CPPHTTPLIB_BROTLI_SUPPORT)
 #error "compile with the flags of pkg-config --cflags cpp-httplib"
 #endif
+#include <fcntl.h>
+#include <fmt/format.h>
 #include <httplib.h>
+#include <netinet/tcp.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <cerrno>
+#include <cstring>
 #include <new>
+#include <stdexcept>
+#include <thread>
 
 #include "api/message/problem.h"
 #include "api/message/timing.h"
+#include "dem/files/names.h"
 #include "server/http/allowed_hosts.h"
 #include "server/http/caller.h"
 #include "server/http/connection.h"
-#include "server/http/departure_watch.h"
-#include "server/http/listener.h"
-#include "server/http/request_stream.h"
+#include "server/http/connections.h"
+#include "server/http/request_head.h"
 
 namespace selenograph::server {
 namespace {
@@ -25,331 +33,400 @@ namespace {
 using Clock = Connection::Clock;
 constexpr auto kLinger = std::chrono::milliseconds(2000);
 constexpr int kSpareRetryAfter_s = 5;
-constexpr std::size_t kFreeBody_bytes = 65536;  // needs no claim: as much as a connection may hold anyway
+constexpr std::size_t kFreeBody_bytes = 65536;  // needs no claim: a connection may hold as much anyway
 constexpr char kRequestId[] = "X-Request-Id";
+// Not offered: ranges, content codings, forms. The library would act on these headers.
+constexpr const char* kHiddenHeaders[] = {"Range", "If-Range", "Accept-Encoding", "Content-Type"};
 
 double seconds(Clock::duration time) { return std::chrono::duration<double>(time).count(); }
 
-// Completes the answer's Server-Timing, if it has one. Returns its durations, as the client gets them.
-api::Durations complete_timing(api::Response& answer, double total_ms) {
-  for (auto& [name, value] : answer.headers) {
-    if (name != "Server-Timing") continue;
-    api::Durations durations = api::read_timing(value);
-    api::complete_timing(durations, total_ms);
-    value = api::timing_text(durations);
-    return api::read_timing(value);
+// One request of a connection, from its first byte to the last of its answer.
+struct Exchange {
+  explicit Exchange(Connection& connection_in) : connection(connection_in) {
+    record.request_id = new_request_id();
+    record.host = connection.peer().host;
   }
-  return {};
-}
 
-// The library's own refusals as rows of our table.
-api::Response refusal_for(int status) {
-  switch (status) {
-    case 404:
-      return api::problem("not_found", "no such resource");
-    case 414:
-      return api::problem("uri_too_long", "the request target is too long");
-    case 500:
-      return api::problem("internal", "the request could not be handled");
-    default:
-      return api::problem("malformed_request", "not a well-formed HTTP/1.1 request");
-  }
-}
+  Connection& connection;
+  AccessRecord record{};
+  api::Request request{};
+  std::optional<Refusal> refusal{};
+  api::MemoryBudget::Claim body_memory{};
+  std::shared_ptr<const api::MemoryBudget::Claim> answer_memory{};  // until it is sent
+  Clock::time_point started = Clock::now();                         // when the request was complete
+  std::size_t written_bytes = 0;                                    // head and body, sent or not
+  bool answered = false;                                            // by us; else the library refused the request
+  bool close = false;                                               // after the answer
+};
 
-// One request for the library: its server without sockets, queue and threads, and the stream that it reads the request
-// from and writes the answer to. A server for each request, because the library's handlers are given nothing else that
-// says whose request they answer.
-class Exchange : private httplib::Server, protected httplib::Stream {
- protected:
-  Exchange();
-  using ReadBody = std::function<bool(const httplib::ContentReceiver&)>;
-  // Has the library read, route and answer the request. False: the answer could not be written.
-  bool process();
-  void take_posts();
+// The exchange of this thread: the library does not tell its handlers whose request they answer.
+thread_local Exchange* exchange_here = nullptr;
+// Set while a connection is handled on the accepting thread, because no other thread could be started.
+thread_local bool is_without_thread = false;
 
-  // What is answered; `request` has no body but what read_body() reads.
-  virtual api::Response respond(const httplib::Request& request, const ReadBody& read_body) = 0;
-
-  bool close_ = false;  // after the answer
-  AccessRecord record_;
-
- private:
-  void hand_over(api::Response&& answer, httplib::Response& out);
+// A connection as the library reads and writes it.
+class LibraryStream : public httplib::Stream {
+ public:
+  explicit LibraryStream(Exchange& exchange) : exchange_(exchange) {}
   bool is_readable() const override { return true; }
   bool is_writable() const override { return true; }
-  socket_t socket() const override { return 0; }  // httplib only compares it with FD_SETSIZE; poll() has no such bound
+  ssize_t read(char* to, std::size_t size) override { return exchange_.connection.read(to, size); }
+  ssize_t write(const char* bytes, std::size_t size) override {
+    exchange_.written_bytes += size;
+    return exchange_.connection.write({bytes, size}) ? static_cast<ssize_t>(size) : -1;
+  }
+  // The library only compares it with FD_SETSIZE; poll() has no such bound.
+  socket_t socket() const override { return 0; }
   void get_remote_ip_and_port(std::string&, int&) const override {}
   void get_local_ip_and_port(std::string&, int&) const override {}
 
-  bool answered_ = false;                                          // by us; else httplib refused the request
-  std::shared_ptr<const api::MemoryBudget::Claim> answer_memory_;  // until it is sent
-};
-
-Exchange::Exchange() {
-  set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& out) {
-    if (request.method == "POST") return HandlerResponse::Unhandled;  // its body is read first
-    hand_over(respond(request, {}), out);
-    return HandlerResponse::Handled;
-  });
-  // Nothing here throws but for lack of memory, and then httplib's own answer would not fit, either.
-  set_exception_handler([](const httplib::Request&, httplib::Response&, const std::exception_ptr& error) {
-    std::rethrow_exception(error);
-  });
-  set_error_handler([this](const httplib::Request&, httplib::Response& out) {
-    if (answered_) return;
-    close_ = true;
-    hand_over(refusal_for(out.status), out);
-  });
-  set_post_routing_handler([this](const httplib::Request&, httplib::Response& out) {
-    if (out.status == 304) out.headers.erase("Content-Length");  // httplib says 0; it would mean the representation's
-    out.headers.erase("Keep-Alive");                             // promises a bound on requests that there isn't
-    out.headers.erase("Connection");
-    if (close_) out.set_header("Connection", "close");
-  });
-  set_logger([this](const httplib::Request&, const httplib::Response& out) {
-    record_.status = out.status;
-    record_.bytes = out.body.size();
-  });
-}
-
-// Paths are the api's matter: its table answers with 405, Allow and the document, too.
-void Exchange::take_posts() {
-  Post(R"([\s\S]*)",
-       [this](const httplib::Request& request, httplib::Response& out, const httplib::ContentReader& reader) {
-         hand_over(respond(request, [&](const httplib::ContentReceiver& receive) { return reader(receive); }), out);
-       });
-}
-
-void Exchange::hand_over(api::Response&& answer, httplib::Response& out) {
-  answered_ = true;
-  record_.error_code = answer.error_code;
-  answer_memory_ = std::move(answer.memory);
-  out.status = answer.status;
-  for (const auto& [name, value] : answer.headers) out.set_header(name, value);
-  out.set_header(kRequestId, record_.request_id);
-  if (!answer.content_type.empty()) out.set_header("Content-Type", answer.content_type);
-  out.set_header("Accept-Ranges", "none");
-  out.body = std::move(answer.body);  // moved: a frame has tens of megabytes
-}
-
-bool Exchange::process() {
-  bool closed = false;
-  // cpp-httplib 0.18 also takes the addresses of both ends, only to pass them on.
-  const auto process_in = [&](auto& library) {
-    if constexpr (requires { library.process_request(*this, close_, closed, {}); })
-      return library.process_request(*this, close_, closed, {});
-    else
-      return library.process_request(*this, "", 0, "", 0, close_, closed, {});
-  };
-  const bool written = process_in(*this);
-  close_ = close_ || closed;
-  return written;
-}
-
-// An answer to somebody who has no connection to be served on.
-class AnswerText : private Exchange {
- public:
-  explicit AnswerText(api::Response answer) : answer_(std::move(answer)) {
-    close_ = true;
-    record_.request_id = new_request_id();
-    process();
-  }
-  const std::string& text() const { return text_; }
-
  private:
-  api::Response respond(const httplib::Request&, const ReadBody&) override { return std::move(answer_); }
-  ssize_t read(char* to, std::size_t size) override {
-    const std::size_t part = request_.copy(to, size);
-    request_.remove_prefix(part);
-    return part > 0 ? static_cast<ssize_t>(part) : -1;
-  }
-  ssize_t write(const char* bytes, std::size_t size) override {
-    text_.append(bytes, size);
-    return static_cast<ssize_t>(size);
-  }
-
-  api::Response answer_;
-  std::string_view request_ = "GET / HTTP/1.1\r\n\r\n";
-  std::string text_;
+  Exchange& exchange_;
 };
+
+RequestHead head_of(const httplib::Request& request) {
+  RequestHead head{request.method, request.target, request.version == "HTTP/1.0", {}};
+  for (const auto& [name, value] : request.headers) {
+    // The library adds the connection's addresses by these names.
+    if (name.ends_with("_ADDR") || name.ends_with("_PORT")) continue;
+    head.headers.emplace(dem::lower(name), value);
+  }
+  return head;
+}
+
+// The library's own refusals as rows of our table.
+Refusal refusal_for(int status, const httplib::Request& request) {
+  if (status == 404) return {"not_found", "no such resource"};
+  if (status == 414) return {"uri_too_long", "the request target is too long"};
+  if (status == 500) return {"internal", "the request could not be handled"};
+  const bool is_known = is_http_method(request.method) || !request.version.starts_with("HTTP/1.");
+  if (!is_known) return {"not_implemented", "no resource here has the method " + request.method.substr(0, 40)};
+  return {"malformed_request", "not a well-formed HTTP/1.1 request"};
+}
+
+// An answer to a client whose request is not read to its end.
+std::string last_answer(const api::Response& answer, std::string_view request_id) {
+  std::string text = fmt::format("HTTP/1.1 {} {}\r\nAccept-Ranges: none\r\nConnection: close\r\n", answer.status,
+                                 api::error_row(answer.error_code).title);
+  for (const auto& [name, value] : answer.headers) text += fmt::format("{}: {}\r\n", name, value);
+  text += fmt::format("{}: {}\r\nContent-Type: {}\r\nContent-Length: {}\r\n\r\n", kRequestId, request_id,
+                      answer.content_type, answer.body.size());
+  return text + answer.body;
+}
 
 }  // namespace
 
-struct HttpServer::Impl {
+struct HttpServer::Impl : private httplib::Server {
+ public:
   Impl(const HttpOptions& options_in, HttpServer::Handler handler_in, Observer observer_in);
 
-  ListenerOptions listener_options() const;
-  void serve(Connection& connection) noexcept;
-  void answer_without_memory(Connection& connection) noexcept;
-  void observe(const AccessRecord& record) noexcept;
+  void run();
+  void stop();
 
   const HttpOptions options;
   const AllowedHosts hosts;
   const HttpServer::Handler handler;
   const Observer observer;
   const std::string spare_answer;  // when there is no memory to make one
-  Listener listener;
-  DepartureWatch departures;
+  int port;
+  std::atomic<bool> stopping{false};
+  Connections connections;
+
+ private:
+  class ThreadPerConnection;
+  void set_handlers();
+  void bind(int at_port);
+  bool process_and_close_socket(socket_t socket) override;
+  void serve(Connection& connection);
+  bool serve_request(Connection& connection);
+  bool process(Exchange& exchange);
+  void take_head(Exchange& exchange, httplib::Request& request) const;
+  api::Response respond(Exchange& exchange, const httplib::Request& request, const httplib::ContentReader* read_body);
+  void receive_body(Exchange& exchange, const httplib::ContentReader& read_body) const;
+  api::Response work(Exchange& exchange);
+  api::Response refuse(const Refusal& why) const;
+  void answer_without_memory(Connection& connection) noexcept;
+  void observe(const AccessRecord& record) noexcept;
 };
 
 namespace {
 
-// One request of a connection, first byte to last.
-class ConnectionExchange : private Exchange {
- public:
-  ConnectionExchange(HttpServer::Impl& server, Connection& connection)
-      : server_(server),
-        connection_(connection),
-        in_(connection, {server.options.max_body_bytes, server.options.idle_timeout, server.options.receive_timeout}) {}
-
-  bool serve();  // false: the connection is over
-
- private:
-  void begin();
-  api::Response respond(const httplib::Request& request, const ReadBody& read_body) override;
-  api::Response refuse(const HeadProblem& why) const;
-  void receive_body(const ReadBody& read_body);
-  api::Response work();
-  ssize_t read(char* to, std::size_t size) override { return in_.read(to, size); }
-  ssize_t write(const char* bytes, std::size_t size) override {
-    written_bytes_ += size;
-    return connection_.write({bytes, size}) ? static_cast<ssize_t>(size) : -1;
-  }
-
-  HttpServer::Impl& server_;
-  Connection& connection_;
-  RequestStream in_;
-  std::size_t written_bytes_ = 0;             // head and body, sent or not
-  Clock::time_point started_ = Clock::now();  // when the request was complete
-  api::Request request_;
-  api::MemoryBudget::Claim body_memory_;  // of the request's body
-  std::atomic<bool> abandoned_{false};
-};
-
-bool ConnectionExchange::serve() {
-  if (!in_.open()) return false;
-  begin();
-  const bool delivered = process() && connection_.flush();
-  if (!delivered)  // the body's end is what was not sent
-    record_.bytes -= std::min(record_.bytes, written_bytes_ - std::min(written_bytes_, connection_.sent_bytes()));
-  record_.seconds = seconds(Clock::now() - started_);
-  server_.observe(record_);
-  if (delivered && !close_) return true;
-  connection_.end_work();
-  if (delivered) connection_.linger(kLinger);
-  return false;
-}
-
-// What the record says of a request that is refused, too.
-void ConnectionExchange::begin() {
-  const RequestHead& head = in_.head();
-  record_.method = request_.method = head.method;
-  record_.target = head.target;
-  record_.path = head.target.substr(0, head.target.find('?'));  // until it is decoded
-  record_.request_id = request_id_of(head.headers);
-  record_.host = connection_.peer().host;
-  if (is_trusted_proxy(connection_.peer().host, server_.options.trusted_proxies))
-    record_.token = token_of(head.headers);
-  if (!in_.problem()) {
-    if (auto problem = server_.hosts.refusal(head, connection_.peer().local)) in_.refuse(std::move(*problem));
-  }
-  close_ = head.close;
-  if (head.method == "POST" && !in_.problem()) take_posts();
-}
-
-api::Response ConnectionExchange::respond(const httplib::Request& request, const ReadBody& read_body) {
-  if (read_body) receive_body(read_body);
-  started_ = Clock::now();
-  if (in_.problem()) {
-    close_ = true;
-    return refuse(*in_.problem());
-  }
-  record_.request_bytes = request_.body.size();
-  record_.path = request_.path = request.path;
-  request_.query = request.params;
-  request_.headers = in_.head().headers;
-  if (connection_.begin_work()) return work();
-  close_ = true;  // given up a moment ago: nobody to answer
-  return api::problem("busy", "the connection was given up");
-}
-
-api::Response ConnectionExchange::refuse(const HeadProblem& why) const {
-  if (why.error_code == "busy") return api::retry_problem(why.error_code, why.detail, server_.options.retry_after_s());
-  return api::problem(why.error_code, why.detail);
-}
-
-// The only place where a body grows.
-void ConnectionExchange::receive_body(const ReadBody& read_body) {
-  auto claim = server_.options.bodies->try_claim(0);
-  if (claim) body_memory_ = std::move(*claim);
-  std::string& body = request_.body;
-  const auto fits = [&] {
-    if (body.size() < kFreeBody_bytes) return claim.has_value();
-    return claim && (body.capacity() <= body_memory_.bytes() || body_memory_.try_resize(body.capacity()));
-  };
-  const bool whole = read_body([&](const char* bytes, std::size_t size) {
-    if (!fits()) {
-      in_.refuse({"busy", "the memory for requests that are arriving is in use by others"});
-      return false;
-    }
-    body.append(bytes, size);
-    return true;
-  });
-  if (!whole && !in_.problem()) in_.refuse({"malformed_request", "the body could not be read"});
-}
-
-api::Response ConnectionExchange::work() {
-  request_.received = Clock::now();
-  request_.abandoned = &abandoned_;
-  Peer peer = connection_.peer();
-  if (!record_.token.empty()) {
-    peer.address = "token " + record_.token;
-    peer.number = 0;  // a proxy's connections carry anybody's requests
-  }
-  Clock::duration queued{};
-  api::Response response;
-  {
-    const DepartureWatch::Guard watch(server_.departures, connection_.fd(), !in_.head().http_1_0, &abandoned_);
-    response = server_.handler(request_, peer, queued);
-  }
-  record_.queued_s = seconds(queued);
-  const double total_s = seconds(Clock::now() - request_.received);
-  record_.work_s = total_s - record_.queued_s;
-  record_.stages_ms = complete_timing(response, 1e3 * total_s);
-  request_.body = {};  // a slow reader keeps its answer, and nothing else
-  body_memory_ = {};
-  connection_.begin_answer();
-  // A reserved connection stays one: who was refused on it comes back on another, and leaves it to the next.
-  close_ = close_ || server_.listener.stopping() || connection_.peer().reserved;
-  if (response.error_code == api::kOutOfMemory && response.body.empty()) throw std::bad_alloc();
-  return response;
+void hand_over(Exchange& exchange, api::Response&& answer, httplib::Response& out) {
+  exchange.answered = true;
+  exchange.record.status = answer.status;
+  exchange.record.bytes = answer.body.size();
+  exchange.record.error_code = answer.error_code;
+  exchange.answer_memory = std::move(answer.memory);
+  out.status = answer.status;
+  for (const auto& [name, value] : answer.headers) out.set_header(name, value);
+  out.set_header(kRequestId, exchange.record.request_id);
+  if (!answer.stages.empty()) out.set_header("Server-Timing", api::timing_text(answer.stages));
+  if (!answer.content_type.empty()) out.set_header("Content-Type", answer.content_type);
+  out.set_header("Accept-Ranges", "none");
+  out.body = std::move(answer.body);  // moved: a frame has tens of megabytes
 }
 
 }  // namespace
+
+// The library's queue of accepted connections: none waits.
+class HttpServer::Impl::ThreadPerConnection : public httplib::TaskQueue {
+  using Enqueued = decltype(std::declval<httplib::TaskQueue&>().enqueue({}));  // bool since cpp-httplib 0.14
+
+ public:
+  explicit ThreadPerConnection(Connections& connections) : connections_(connections) {}
+  Enqueued enqueue(std::function<void()> serve) override {
+    try {
+      connections_.start_thread(serve);
+    } catch (const std::exception&) {  // no thread or no memory is to be had: this client goes, the service stays
+      is_without_thread = true;
+      serve();
+      is_without_thread = false;
+    }
+    return static_cast<Enqueued>(true);
+  }
+  void shutdown() override {}  // run() waits for the connections
+
+ private:
+  Connections& connections_;
+};
 
 HttpServer::Impl::Impl(const HttpOptions& options_in, HttpServer::Handler handler_in, Observer observer_in)
     : options(options_in),
       hosts(options.host, options.allowed_hosts),
       handler(std::move(handler_in)),
       observer(std::move(observer_in)),
-      spare_answer(AnswerText(api::retry_problem(std::string(api::kOutOfMemory), "not enough memory for this request",
-                                                 kSpareRetryAfter_s))
-                       .text()),
-      listener(listener_options()) {}
-
-ListenerOptions HttpServer::Impl::listener_options() const {
-  const auto busy = [this] {
-    return AnswerText(api::retry_problem("busy", "too many connections", options.retry_after_s())).text();
-  };
-  return {options.host, options.port, options.max_connections, options.send_pace, busy, spare_answer};
+      spare_answer(last_answer(
+          api::retry_problem(std::string(api::kOutOfMemory), "not enough memory for this request", kSpareRetryAfter_s),
+          new_request_id())),
+      port(options.port),
+      connections(options.max_connections) {
+  new_task_queue = [this] { return new ThreadPerConnection(connections); };
+  // SO_REUSEADDR only: with SO_REUSEPORT, the library's default, a second service could quietly share the port.
+  set_socket_options([](socket_t socket) {
+    const int on = 1;
+    ::setsockopt(socket, SOL_SOCKET, SO_REUSEADDR, &on, sizeof(on));
+  });
+  set_handlers();
+  bind(options.port);
 }
 
-void HttpServer::Impl::serve(Connection& connection) noexcept {
+void HttpServer::Impl::bind(int at_port) {
+  errno = 0;
+  port = at_port == 0 ? bind_to_any_port(options.host) : bind_to_port(options.host, at_port) ? at_port : -1;
+  if (port < 0)
+    throw std::runtime_error(fmt::format("cannot listen on {} port {}: {}", options.host, at_port,
+                                         errno != 0 ? std::strerror(errno) : "unknown host"));
+  ::listen(svr_sock_, SOMAXCONN);  // the library's own backlog is 5
+}
+
+// Paths are the api's matter: its table answers with 405, Allow and the document, too.
+void HttpServer::Impl::set_handlers() {
+  set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& out) {
+    Exchange& exchange = *exchange_here;
+    if (request.method == "POST" && !exchange.refusal) return HandlerResponse::Unhandled;  // its body is read first
+    hand_over(exchange, respond(exchange, request, nullptr), out);
+    return HandlerResponse::Handled;
+  });
+  Post(R"([\s\S]*)",
+       [this](const httplib::Request& request, httplib::Response& out, const httplib::ContentReader& read_body) {
+         hand_over(*exchange_here, respond(*exchange_here, request, &read_body), out);
+       });
+  // Nothing here throws but for lack of memory, and then the library's own answer would not fit, either.
+  set_exception_handler([](const httplib::Request&, httplib::Response&, const std::exception_ptr& error) {
+    std::rethrow_exception(error);
+  });
+  set_error_handler([this](const httplib::Request& request, httplib::Response& out) {
+    Exchange& exchange = *exchange_here;
+    if (exchange.answered) return;
+    exchange.close = true;
+    if (exchange.record.method.empty()) {
+      exchange.record.method = request.method;
+      if (!has_control(request.target)) exchange.record.target = request.target;
+    }
+    const auto& problem = exchange.connection.problem();
+    hand_over(exchange, refuse(problem ? *problem : refusal_for(out.status, request)), out);
+  });
+  set_post_routing_handler([](const httplib::Request&, httplib::Response& out) {
+    if (out.status == 304) out.headers.erase("Content-Length");  // the library says 0; it would be the representation's
+    out.headers.erase("Keep-Alive");                             // promises a bound on requests that there isn't
+    out.headers.erase("Connection");
+    if (exchange_here->close) out.set_header("Connection", "close");
+  });
+}
+
+// Whatever accept() reports about one client must not end the service, so that listening begins again after an error.
+void HttpServer::Impl::run() {
+  while (!listen_after_bind() && !stopping) {
+    spdlog::warn("accepting connections failed: {}", std::strerror(errno));
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    bind(port);
+  }
+  connections.close_waiting();
+  connections.wait_until_done(Clock::time_point::max());
+}
+
+void HttpServer::Impl::stop() {
+  stopping = true;
+  ::shutdown(svr_sock_, SHUT_RDWR);  // accept() fails from now on, even if it has not been called yet
+  connections.close_waiting();
+}
+
+bool HttpServer::Impl::process_and_close_socket(socket_t socket) {
+  const int on = 1;
+  ::fcntl(socket, F_SETFD, FD_CLOEXEC);
+  ::setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof(on));
   try {
-    while (!listener.stopping() && ConnectionExchange(*this, connection).serve()) connection.end_work();
+    Connection connection(socket, peer_of(socket), options.send_pace);
+    if (is_without_thread) {
+      connection.write_without_memory(spare_answer);
+    } else if (connections.add(connection)) {
+      serve(connection);
+      connections.remove(connection);
+    } else if (connection.write(last_answer(refuse({"busy", "too many connections"}), new_request_id())) &&
+               connection.flush()) {
+      connection.linger(kLinger);
+    }
+  } catch (const std::bad_alloc&) {  // the connection is closed by now
+  }
+  return true;
+}
+
+void HttpServer::Impl::serve(Connection& connection) {
+  try {
+    while (!stopping && serve_request(connection)) connection.end_work();
   } catch (...) {
     answer_without_memory(connection);
   }
+  exchange_here = nullptr;
+}
+
+// False: the connection is over.
+bool HttpServer::Impl::serve_request(Connection& connection) {
+  if (!connection.begin_request(options.idle_timeout, options.receive_timeout)) return false;
+  Exchange exchange(connection);
+  bool delivered = process(exchange);
+  AccessRecord& record = exchange.record;
+  if (!exchange.answered) {  // not even a first line
+    if (!connection.problem()) return false;
+    const api::Response answer = refuse(*connection.problem());
+    record.status = answer.status;
+    record.error_code = answer.error_code;
+    exchange.close = true;
+    delivered = connection.write(last_answer(answer, record.request_id));
+  }
+  delivered = delivered && connection.flush();
+  if (!delivered)  // the body's end is what was not sent
+    record.bytes -=
+        std::min(record.bytes, exchange.written_bytes - std::min(exchange.written_bytes, connection.sent_bytes()));
+  record.seconds = seconds(Clock::now() - exchange.started);
+  observe(record);
+  if (delivered && !exchange.close) return true;
+  connection.end_work();
+  if (delivered) connection.linger(kLinger);
+  return false;
+}
+
+bool HttpServer::Impl::process(Exchange& exchange) {
+  exchange_here = &exchange;
+  LibraryStream stream(exchange);
+  bool closed = false;
+  const auto take = [&](httplib::Request& request) { take_head(exchange, request); };
+  // cpp-httplib 0.18 also takes the addresses of both ends, only to pass them on.
+  const auto process_in = [&](auto& library) {
+    if constexpr (requires { library.process_request(stream, false, closed, take); })
+      return library.process_request(stream, false, closed, take);
+    else
+      return library.process_request(stream, "", 0, "", 0, false, closed, take);
+  };
+  return process_in(*this);
+}
+
+// Between the library's parsing of the head and all that it does by it.
+void HttpServer::Impl::take_head(Exchange& exchange, httplib::Request& request) const {
+  exchange.connection.end_head();
+  RequestHead head = head_of(request);
+  const std::string target = resolve_authority(head);
+  if (target != head.target) request.path = httplib::detail::decode_url(target.substr(0, target.find('?')), false);
+  AccessRecord& record = exchange.record;
+  record.method = exchange.request.method = head.method;
+  if (!has_control(target)) record.target = target;
+  record.path = record.target.substr(0, record.target.find('?'));  // until it is decoded
+  record.request_id = request_id_of(head.headers);
+  if (is_trusted_proxy(record.host, options.trusted_proxies)) record.token = token_of(head.headers);
+  exchange.refusal = refusal_of(head, options.max_body_bytes);
+  if (!exchange.refusal) exchange.refusal = hosts.refusal(head, exchange.connection.peer().local);
+  exchange.close = exchange.refusal || ends_connection(head);
+  for (const char* name : kHiddenHeaders) request.headers.erase(name);
+  request.ranges.clear();
+  const bool is_body_read = head.method == "POST" && !exchange.refusal;
+  if (!is_body_read || !announces_body(head) || head.http_1_0) request.headers.erase("Expect");
+  if (is_body_read && !announces_body(head)) request.set_header("Content-Length", "0");  // else it is read to the end
+  exchange.request.headers = std::move(head.headers);
+}
+
+api::Response HttpServer::Impl::respond(Exchange& exchange, const httplib::Request& request,
+                                        const httplib::ContentReader* read_body) {
+  if (read_body) receive_body(exchange, *read_body);
+  exchange.started = Clock::now();
+  if (exchange.refusal) {
+    exchange.close = true;
+    return refuse(*exchange.refusal);
+  }
+  exchange.record.request_bytes = exchange.request.body.size();
+  exchange.record.path = exchange.request.path = request.path;
+  exchange.request.query = request.params;
+  if (exchange.connection.begin_work()) return work(exchange);
+  exchange.close = true;  // given up a moment ago: nobody to answer
+  return api::problem("busy", "the connection was given up");
+}
+
+api::Response HttpServer::Impl::refuse(const Refusal& why) const {
+  if (why.error_code == "busy") return api::retry_problem(why.error_code, why.detail, options.retry_after_s());
+  return api::problem(why.error_code, why.detail);
+}
+
+// The only place where a body grows.
+void HttpServer::Impl::receive_body(Exchange& exchange, const httplib::ContentReader& read_body) const {
+  auto claim = options.bodies->try_claim(0);
+  if (claim) exchange.body_memory = std::move(*claim);
+  std::string& body = exchange.request.body;
+  const auto fits = [&] {
+    if (body.size() < kFreeBody_bytes) return claim.has_value();
+    return claim &&
+           (body.capacity() <= exchange.body_memory.bytes() || exchange.body_memory.try_resize(body.capacity()));
+  };
+  const bool whole = read_body([&](const char* bytes, std::size_t size) {
+    if (!fits())
+      exchange.refusal = Refusal{"busy", "the memory for requests that are arriving is in use by others"};
+    else if (size > options.max_body_bytes - body.size())
+      exchange.refusal = Refusal{"too_large", fmt::format("the body is longer than {} bytes", options.max_body_bytes)};
+    else
+      body.append(bytes, size);
+    return !exchange.refusal;
+  });
+  if (whole || exchange.refusal) return;
+  exchange.refusal = exchange.connection.problem();
+  if (!exchange.refusal) exchange.refusal = Refusal{"malformed_request", "the body could not be read"};
+}
+
+api::Response HttpServer::Impl::work(Exchange& exchange) {
+  AccessRecord& record = exchange.record;
+  exchange.request.received = Clock::now();
+  exchange.request.abandoned = &exchange.connection.abandoned();
+  Peer peer = exchange.connection.peer();
+  if (!record.token.empty()) peer.client = "token " + record.token;
+  Clock::duration queued{};
+  api::Response response = handler(exchange.request, peer, queued);
+  record.queued_s = seconds(queued);
+  const double total_s = seconds(Clock::now() - exchange.request.received);
+  record.work_s = total_s - record.queued_s;
+  if (!response.stages.empty()) api::complete_timing(response.stages, 1e3 * total_s);
+  record.stages = response.stages;
+  exchange.request.body = {};  // a slow reader keeps its answer, and nothing else
+  exchange.body_memory = {};
+  exchange.close = exchange.close || stopping;
+  if (response.error_code == api::kOutOfMemory && response.body.empty()) throw std::bad_alloc();
+  return response;
 }
 
 // One that has got a part of its answer gets no other.
@@ -377,19 +454,17 @@ HttpServer::HttpServer(const HttpOptions& options, Handler handler, Observer obs
     : impl_(std::make_unique<Impl>(options, std::move(handler), std::move(observer))) {}
 HttpServer::~HttpServer() = default;
 
-int HttpServer::port() const { return impl_->listener.port(); }
-int HttpServer::connections() const { return impl_->listener.connections(); }
+int HttpServer::port() const { return impl_->port; }
+int HttpServer::connections() const { return impl_->connections.size(); }
 std::string HttpServer::url() const {
   const std::string& host = impl_->options.host;
   const bool v6 = host.find(':') != std::string::npos;
   return "http://" + (v6 ? '[' + host + ']' : host) + ':' + std::to_string(port());
 }
-void HttpServer::run() {
-  impl_->listener.run([this](Connection& connection) { impl_->serve(connection); });
-}
-void HttpServer::stop() { impl_->listener.stop(); }
-bool HttpServer::wait_until_done(Clock::time_point deadline) { return impl_->listener.wait_until_done(deadline); }
-void HttpServer::cut() { impl_->listener.cut(); }
+void HttpServer::run() { impl_->run(); }
+void HttpServer::stop() { impl_->stop(); }
+bool HttpServer::wait_until_done(Clock::time_point deadline) { return impl_->connections.wait_until_done(deadline); }
+void HttpServer::cut() { impl_->connections.cut(); }
 
 ClientAnswer http_request(const std::string& url, const std::string& method, const std::string& path,
                           const std::string& body, const std::string& accept) {

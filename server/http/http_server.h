@@ -16,13 +16,13 @@ namespace selenograph::server {
 struct HttpOptions {
   std::string host;     // put a proxy in front of anything but loopback
   int port;             // 0: any free one
-  int max_connections;  // limit: see Listener
+  int max_connections;  // see Connections
   std::size_t max_body_bytes;
   std::shared_ptr<api::MemoryBudget> bodies;   // budget of bodies being received
   std::chrono::milliseconds idle_timeout;      // between requests of one connection
   std::chrono::milliseconds receive_timeout;   // for a whole request, from first to last byte
   SendPace send_pace;                          // for a whole answer
-  std::function<int()> retry_after_s;          // for a client that gets no connection
+  std::function<int()> retry_after_s;          // of a client that gets no connection
   std::vector<std::string> trusted_proxies{};  // beside loopback, whose token header is trusted
   std::vector<std::string> allowed_hosts{};    // beside host and the names of loopback: see AllowedHosts
 };
@@ -40,25 +40,21 @@ struct AccessRecord {
   std::string host;                 // address of the client or proxy
   std::size_t request_bytes = 0;    // of the body
   double queued_s = 0, work_s = 0;  // in the queue; from there to the finished answer
-  std::vector<std::pair<std::string, double>> stages_ms{};  // those of Server-Timing
+  api::StageTimes stages{};         // those of Server-Timing
 };
 
-// cpp-httplib parses requests, reads their bodies, calls handlers and writes the responses. It runs between our own
-// stream and handler, because its own server has
-//  - an unbounded queue, few threads, idle clients that hold them: Listener's thread per connection, bounded, silent
-//    ones go first;
-//  - a timeout per read() and write(): RequestStream has one deadline for the whole request, Connection one for the
-//    whole answer;
-//  - lenient framing, ranges, compression, forms: RequestStream lets it see what check_head() and ChunkedBody leave;
-//  - exception text in a header, empty error pages: problem+json from the api's table;
-//  - select() and its 1024 descriptors, a backlog of 5, SO_REUSEPORT, no TCP_NODELAY: own sockets.
+// One cpp-httplib server: the library accepts, parses, routes and writes. Of our own are
+//  - a thread per connection, and their limit: Connections;
+//  - a deadline for the whole request and one for the whole answer: Connection;
+//  - the checks of a head that the library leaves to its user: refusal_of(), AllowedHosts;
+//  - problem+json from the api's table, in place of empty error pages.
 //
 // If there is no memory even for a problem document, the client gets one that was made when the service started.
 class HttpServer {
  public:
   struct Impl;
   // HEAD is passed as "HEAD"; its body is not sent. The time in the queue is returned in `queued`. Requests with a
-  // token through a trusted proxy count as a client of their own, with the token's name as address.
+  // token through a trusted proxy count as a client of their own.
   using Handler = std::function<api::Response(const api::Request&, const Peer&, Connection::Clock::duration& queued)>;
   using Observer = std::function<void(const AccessRecord&)>;
 

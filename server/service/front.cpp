@@ -28,18 +28,7 @@ api::Response get_only() {
   return answer;
 }
 
-// The time in the queue is a stage like the service's own.
-void add_queue_time(api::Response& answer, Clock::duration waited) {
-  const std::string stage = fmt::format("queue;dur={:.3f}", std::chrono::duration<double, std::milli>(waited).count());
-  for (auto& [name, value] : answer.headers) {
-    if (name == "Server-Timing") {
-      value = stage + ", " + value;
-      return;
-    }
-  }
-}
-
-// What is no time is for the service to refuse.
+// A time limit that cannot be read is left to the service, which refuses it.
 Clock::time_point deadline_of(const api::Request& request, const api::Limits& limits) {
   return request.received + api::time_allowed(request, limits).value_or(limits.default_deadline);
 }
@@ -65,7 +54,6 @@ api::Response Front::handle(const api::Request& request, const Peer& peer, Clock
 }
 
 api::Response Front::for_others(const api::Request& request, const Peer& peer, Clock::duration& queued) const {
-  if (peer.reserved) return api::retry_problem("busy", "too many connections", admission_.retry_after_s());
   if (request.method == "HEAD") {
     api::Request get = request;
     get.method = "GET";
@@ -102,7 +90,7 @@ api::Response Front::metrics_answer() const {
 api::Response Front::admitted(const api::Request& request, const Peer& peer, Clock::duration& queued) const {
   const auto arrived = Clock::now();
   const Admission::Entry entry =
-      admission_.enter({peer.address, peer.number}, deadline_of(request, service_.limits()), request.abandoned);
+      admission_.enter(peer.client, deadline_of(request, service_.limits()), request.abandoned);
   queued = Clock::now() - arrived;
   switch (entry.outcome) {
     case Admission::Outcome::full:
@@ -118,7 +106,8 @@ api::Response Front::admitted(const api::Request& request, const Peer& peer, Clo
       break;
   }
   api::Response answer = service_.handle(request);
-  add_queue_time(answer, queued);
+  if (!answer.stages.empty())
+    answer.stages.insert(answer.stages.begin(), {"queue", std::chrono::duration<double, std::milli>(queued).count()});
   if (answer.error_code == "busy")  // no memory came free for it
     answer.headers.emplace_back("Retry-After", std::to_string(admission_.retry_after_s()));
   return answer;

@@ -6,7 +6,7 @@
 #include <memory>
 
 #include "api/service.h"
-#include "server/http/connection.h"
+#include "server/http/caller.h"
 #include "server/service/admission.h"
 #include "server/service/metrics.h"
 #include "server/service/pages.h"
@@ -20,10 +20,10 @@ class Front {
   Front(const api::Service& service, Admission& admission, const Metrics& metrics, PageAccess pages,
         ReadGauges read_gauges);
 
-  // /health/live, /health/ready and /metrics never queue, and are all that a reserved connection gets. Expensive calls
-  // need a place from admission; all others go straight to the service. HEAD is handled as GET; the HTTP layer omits
+  // /health/live, /health/ready and /metrics never queue. Expensive calls
+  // need a slot from admission; all others go straight to the service. HEAD is handled as GET; the HTTP layer omits
   // its body. Without memory for a response the result is api::out_of_memory(). `queued` receives the time that the
-  // request waited for its place.
+  // request waited for its slot.
   api::Response handle(const api::Request& request, const Peer& peer,
                        Admission::Clock::duration& queued) const noexcept;
 

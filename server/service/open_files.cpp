@@ -7,7 +7,7 @@
 #include <cstring>
 #include <stdexcept>
 
-#include "server/http/listener.h"
+#include "server/http/connections.h"
 
 namespace selenograph::server {
 namespace {
@@ -16,7 +16,7 @@ constexpr long kOtherFiles = 256;  // DEM files and pyramids that are read at on
 
 }  // namespace
 
-long open_files_needed(int max_connections) { return Listener::most_sockets(max_connections) + kOtherFiles; }
+long open_files_needed(int max_connections) { return Connections::max_sockets(max_connections) + kOtherFiles; }
 
 void raise_open_files_limit(int max_connections) {
   const auto needed = static_cast<rlim_t>(open_files_needed(max_connections));

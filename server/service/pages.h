@@ -6,7 +6,7 @@
 #include <string_view>
 
 #include "api/message/message.h"
-#include "server/http/connection.h"
+#include "server/http/caller.h"
 
 namespace selenograph::server {
 

@@ -120,7 +120,7 @@ class AccessLog(unittest.TestCase):
 class Turns(unittest.TestCase):
     def test_tokens_are_clients_of_their_own(self):
         """Behind one address, who asks for much does not keep others out of the queue."""
-        service = Service("--log-format", "json", "--max-frames", "1", "--max-waiting", "2", "--max-image-pixels", "16000000")
+        service = Service("--log-format", "json", "--max-frames", "1", "--max-waiting", "3", "--max-image-pixels", "16000000")
         asked = []
         try:
             def start(token, request):
@@ -133,14 +133,15 @@ class Turns(unittest.TestCase):
             service.wait_for("selenograph_frames_in_work", 1)
             start("greedy", long_frame())
             service.wait_for("selenograph_frames_waiting", 1)
+            start("greedy", long_frame())
+            service.wait_for("selenograph_frames_waiting", 2)
             newest = start("greedy", long_frame())
-            service.wait_for("selenograph_frames_waiting", 2)
-            modest = start("modest", frame_request())
             answer = newest.getresponse()
-            self.assertEqual(answer.status, 503)
+            self.assertEqual(answer.status, 503, "a place remains for others")
             answer.read()
-            service.wait_for("selenograph_frames_waiting", 2)
-            for connection in asked[:2]:
+            modest = start("modest", frame_request())
+            service.wait_for("selenograph_frames_waiting", 3)
+            for connection in asked[:3]:
                 connection.close()
             self.assertEqual(modest.getresponse().status, 200)
         finally:

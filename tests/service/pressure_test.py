@@ -105,20 +105,12 @@ class ManyClients(unittest.TestCase):
         self.assertEqual(post(service, connection, request)[0], 200)
         return time.monotonic() - start
 
-    def test_slow_readers_keep_nobody_out(self):
+    def test_slow_readers_are_cut_after_the_documented_time(self):
         service = Service("--log-level", "warning", "--max-connections", "16", "--max-frames", "4")
         large = frame_request(["position"], width=700, height=700)  # 12 MB: more than sockets hold
         readers = [slow_reader(service, large) for _ in range(16)]
-        service.wait_for("selenograph_frames_in_work", 0)
-        service.wait_for("selenograph_frames_waiting", 0)
-        for path in ("/health/live", "/health/ready", "/metrics"):
-            self.assertEqual(service.ask("GET", path)[0], 200, path)
-        # Another address is served beside them, and soon its own address, too: the slowest give way.
-        other = connect(service, "127.0.0.2")
-        self.assertEqual(post(service, other, frame_request())[0], 200)
-        other.close()
-        time.sleep(6)
-        self.assertEqual(service.frame(frame_request())[0], 200)
+        harness.wait_until(lambda: service.frame(frame_request())[0] == 503, "every connection is taken")
+        harness.wait_until(lambda: service.frame(frame_request())[0] == 200, "slow readers are cut", 30)
         for reader in readers:
             reader.close()
         self.assertEqual(service.stop(), 0)

@@ -18,7 +18,7 @@ using std::chrono::milliseconds;
 
 Clock::time_point far_away() { return Clock::now() + std::chrono::minutes(1); }
 
-const Admission::Visitor kSomebody{"192.0.2.1", 1};
+const std::string kSomebody = "192.0.2.1";
 
 // Waits for a state that other threads bring about; by state, not by time.
 template <typename Condition>
@@ -46,7 +46,7 @@ TEST(Admission, APlaceIsGivenBack) {
 }
 
 TEST(Admission, FirstComeFirstServed) {
-  Admission admission({.max_in_work = 1, .max_waiting = 8});
+  Admission admission({.max_in_work = 1, .max_waiting = 16});
   std::optional<Admission::Entry> holder(admission.enter(kSomebody, far_away(), nullptr));
   std::mutex mutex;
   std::vector<int> order;
@@ -83,7 +83,7 @@ TEST(Admission, DepartedClientsLeaveTheQueue) {
 }
 
 TEST(Admission, NobodyOvertakesTheQueueWhenItsFrontGivesUp) {
-  Admission admission({.max_in_work = 1, .max_waiting = 2});
+  Admission admission({.max_in_work = 1, .max_waiting = 4});
   std::optional<Admission::Entry> holder(admission.enter(kSomebody, far_away(), nullptr));
   std::atomic<bool> left{false};
   auto first = std::async(std::launch::async, [&] { return admission.enter(kSomebody, far_away(), &left).outcome; });
@@ -116,154 +116,76 @@ TEST(Admission, RetryAfterGrowsWithTheQueueAndStaysWithinBounds) {
   std::atomic<bool> left{false};
   std::vector<std::future<void>> queue;
   for (int i = 0; i < 20; ++i)
-    queue.push_back(std::async(std::launch::async, [&, i] {
-      admission.enter({"192.0.2." + std::to_string(i), static_cast<std::uint64_t>(100 + i)}, far_away(), &left);
-    }));
+    queue.push_back(
+        std::async(std::launch::async, [&, i] { admission.enter("192.0.2." + std::to_string(i), far_away(), &left); }));
   until([&] { return admission.waiting() == 20; });
   EXPECT_GT(admission.retry_after_s(), 1);
   EXPECT_LE(admission.retry_after_s(), 120);
   left = true;
 }
 
-// Requests that wait, each on a thread of its own; who entered is noted in order.
+// Requests that wait, each on a thread of its own, and their clients in the order of admission.
 class Queue {
  public:
   explicit Queue(Admission& admission) : admission_(admission) {}
   ~Queue() { finish(); }
-  void add(const Admission::Visitor& visitor) {
+  void add(const std::string& client) {
     const int waiting = admission_.waiting();
-    threads_.emplace_back([this, visitor] {
-      const auto entry = admission_.enter(visitor, far_away(), nullptr);
+    threads_.emplace_back([this, client] {
+      const auto entry = admission_.enter(client, far_away(), nullptr);
       const std::lock_guard lock(mutex_);
-      if (entry.outcome == Outcome::admitted) entered_.push_back(visitor.client);
-      if (entry.outcome == Outcome::full) refused_.push_back(entry.retry_after_s);
+      if (entry.outcome == Outcome::admitted) entered_.push_back(client);
     });
-    until([&] { return admission_.waiting() == waiting + 1 || refused() > 0; });
+    until([&] { return admission_.waiting() == waiting + 1; });
   }
   void finish() {
     for (std::thread& thread : threads_) thread.join();
     threads_.clear();
   }
   std::vector<std::string> entered() const { return entered_; }
-  std::size_t refused() const {
-    const std::lock_guard lock(mutex_);
-    return refused_.size();
-  }
 
  private:
   Admission& admission_;
-  mutable std::mutex mutex_;
+  std::mutex mutex_;
   std::vector<std::thread> threads_;
   std::vector<std::string> entered_;
-  std::vector<int> refused_;
 };
 
 TEST(AdmissionByClients, ClientsTakeTurns) {
   Admission admission({.max_in_work = 1, .max_waiting = 16});
   std::optional<Admission::Entry> holder(admission.enter(kSomebody, far_away(), nullptr));
   Queue queue(admission);
-  for (int i = 0; i < 4; ++i) queue.add({"a"});
-  for (int i = 0; i < 2; ++i) queue.add({"b"});
-  queue.add({"c"});
+  for (int i = 0; i < 4; ++i) queue.add("a");
+  for (int i = 0; i < 2; ++i) queue.add("b");
+  queue.add("c");
   holder.reset();
   queue.finish();
   EXPECT_EQ(queue.entered(), (std::vector<std::string>{"a", "b", "c", "a", "b", "a", "a"}));
 }
 
-TEST(AdmissionByClients, FullQueueMakesRoomForClientsWithFewerRequests) {
+TEST(AdmissionByClients, APlaceRemainsForANewcomer) {
   Admission admission({.max_in_work = 1, .max_waiting = 4});
   std::optional<Admission::Entry> holder(admission.enter(kSomebody, far_away(), nullptr));
-  {
-    Queue queue(admission);
-    for (int i = 0; i < 4; ++i) queue.add({"a"});
-    EXPECT_EQ(admission.enter({"a"}, far_away(), nullptr).outcome, Outcome::full) << "not for itself";
-    std::thread other([&] { EXPECT_EQ(admission.enter({"b"}, far_away(), nullptr).outcome, Outcome::admitted); });
-    until([&] { return queue.refused() == 1; });
-    EXPECT_EQ(admission.waiting(), 4);
-    holder.reset();
-    other.join();
-    queue.finish();
-    EXPECT_EQ(queue.entered().size(), 3u);
-  }
+  Queue queue(admission);
+  for (int i = 0; i < 2; ++i) queue.add("a");
+  EXPECT_EQ(admission.enter("a", far_away(), nullptr).outcome, Outcome::full) << "half of the queue is its own";
+  queue.add("b");
+  EXPECT_EQ(admission.enter("b", far_away(), nullptr).outcome, Outcome::full);
+  queue.add("c");
+  EXPECT_EQ(admission.enter("d", far_away(), nullptr).outcome, Outcome::full) << "no place is left";
+  holder.reset();
+  queue.finish();
+  EXPECT_EQ(queue.entered(), (std::vector<std::string>{"a", "b", "c", "a"}));
 }
 
-TEST(AdmissionByClients, RetryAfterIsThePlaceInTheQueueTimesTheMeanDuration) {
-  Admission admission({.max_in_work = 1, .max_waiting = 2});
+TEST(AdmissionByClients, RetryAfterIsTheQueueTimesTheMeanDuration) {
+  Admission admission({.max_in_work = 1, .max_waiting = 8});
   std::optional<Admission::Entry> holder(admission.enter(kSomebody, far_away(), nullptr));
   Queue queue(admission);
-  for (int i = 0; i < 2; ++i) queue.add({"a"});
-  // Half a second each, until there is a measurement; promises stand in the queue, too.
-  std::vector<int> times;
-  for (std::uint64_t i = 0; i < 6; ++i) {
-    const auto entry = admission.enter({"a", 10 + i}, far_away(), nullptr);
-    EXPECT_EQ(entry.outcome, Outcome::full);
-    times.push_back(entry.retry_after_s);
-  }
-  EXPECT_EQ(times, (std::vector{2, 2, 3, 3, 4, 4}));
+  for (int i = 0; i < 4; ++i) queue.add("a");
+  // Half a second each, until there is a measurement.
+  EXPECT_EQ(admission.enter("a", far_away(), nullptr).retry_after_s, 3);
   holder.reset();
-}
-
-// Those who are served and ask again at once don't take what was promised to others, who may come on a new connection.
-class PromisedPlace : public ::testing::TestWithParam<int> {};
-INSTANTIATE_TEST_SUITE_P(OnTheSameAndOnANewConnection, PromisedPlace, ::testing::Values(3, 4));
-
-TEST_P(PromisedPlace, IsKept) {
-  Admission admission({.max_in_work = 1, .max_waiting = 1});
-  std::optional<Admission::Entry> holder(admission.enter({"a", 1}, far_away(), nullptr));
-  std::atomic<bool> left{false};
-  auto waiting = std::async(std::launch::async, [&] { return admission.enter({"a", 2}, far_away(), &left).outcome; });
-  until([&] { return admission.waiting() == 1; });
-  const auto promised = admission.enter({"a", 3}, far_away(), nullptr);
-  EXPECT_EQ(promised.outcome, Outcome::full);
-  EXPECT_GE(promised.retry_after_s, 1);
-  left = true;
-  EXPECT_EQ(waiting.get(), Outcome::abandoned);
-  ASSERT_EQ(admission.waiting(), 0);
-  // There is room in the queue, and it is not theirs.
-  EXPECT_EQ(admission.enter({"a", 1}, far_away(), nullptr).outcome, Outcome::full);
-  EXPECT_EQ(admission.enter({"a", 2}, far_away(), nullptr).outcome, Outcome::full);
-  EXPECT_EQ(admission.enter({"a", 3}, far_away(), nullptr).outcome, Outcome::full) << "too early";
-  std::this_thread::sleep_for(std::chrono::seconds(promised.retry_after_s));
-  auto returned = std::async(std::launch::async, [&] {
-    return admission.enter({"a", static_cast<std::uint64_t>(GetParam())}, far_away(), nullptr).outcome;
-  });
-  until([&] { return admission.waiting() == 1; });
-  holder.reset();
-  EXPECT_EQ(returned.get(), Outcome::admitted);
-}
-
-TEST(AdmissionByClients, RefusesAtOnceWhenTheWaitIsTooLong) {
-  Admission admission({.max_in_work = 1, .max_waiting = 100, .patience = milliseconds(1200)});
-  std::optional<Admission::Entry> holder(admission.enter(kSomebody, far_away(), nullptr));
-  Queue queue(admission);
-  for (int i = 0; i < 2; ++i) queue.add({"a"});
-  EXPECT_EQ(admission.enter({"a"}, far_away(), nullptr).outcome, Outcome::full);
-  holder.reset();
-}
-
-// 30 clients of one address, a queue of 4: all obey Retry-After, and all are served however often the others ask again.
-TEST(AdmissionByClients, ClientsThatObeyRetryAfterAreServed) {
-  Admission admission({.max_in_work = 2, .max_waiting = 4});
-  std::atomic<int> unserved{30};
-  std::vector<std::thread> threads;
-  for (std::uint64_t i = 1; i <= 30; ++i) {
-    threads.emplace_back([&, i] {
-      for (bool served = false; unserved > 0;) {
-        const auto entry = admission.enter({"a", i}, far_away(), nullptr);
-        if (entry.outcome == Outcome::full) {
-          std::this_thread::sleep_for(std::chrono::seconds(entry.retry_after_s));
-          continue;
-        }
-        std::this_thread::sleep_for(milliseconds(20));
-        if (!served) --unserved;
-        served = true;
-      }
-    });
-  }
-  const auto start = Clock::now();
-  until([&] { return unserved == 0; });
-  EXPECT_LT(std::chrono::duration<double>(Clock::now() - start).count(), 40);
-  for (std::thread& thread : threads) thread.join();
 }
 
 TEST(Admission, NeverMoreActiveThanAllowed) {

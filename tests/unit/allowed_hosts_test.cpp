@@ -6,10 +6,10 @@
 namespace selenograph::server {
 namespace {
 
-RequestHead head_of(const std::string& host, const std::string& more = {}) {
-  const auto checked = check_head("GET / HTTP/1.1\r\nHost: " + host + "\r\n" + more + "\r\n", 1000);
-  EXPECT_TRUE(std::holds_alternative<RequestHead>(checked)) << host;
-  return std::get<RequestHead>(checked);
+RequestHead head_of(Headers headers, const std::string& target = "/", bool http_1_0 = false) {
+  RequestHead head{"GET", target, http_1_0, std::move(headers)};
+  resolve_authority(head);
+  return head;
 }
 
 std::string refusal(const AllowedHosts& hosts, const RequestHead& head, const std::string& local = "127.0.0.1") {
@@ -18,11 +18,11 @@ std::string refusal(const AllowedHosts& hosts, const RequestHead& head, const st
 }
 
 std::string of_host(const AllowedHosts& hosts, const std::string& host, const std::string& local = "127.0.0.1") {
-  return refusal(hosts, head_of(host), local);
+  return refusal(hosts, head_of({{"host", host}}), local);
 }
 
 std::string of_origin(const AllowedHosts& hosts, const std::string& host, const std::string& origin) {
-  return refusal(hosts, head_of(host, "Origin: " + origin + "\r\n"));
+  return refusal(hosts, head_of({{"host", host}, {"origin", origin}}));
 }
 
 TEST(AllowedHosts, LoopbackHasItsNames) {
@@ -91,8 +91,7 @@ TEST(AllowedHosts, ParsesTheOption) {
 TEST(AllowedHosts, AbsoluteTargetOverridesHost) {
   const AllowedHosts hosts("127.0.0.1", {});
   const auto of_target = [&](const std::string& target, const std::string& host) {
-    const auto checked = check_head("GET " + target + " HTTP/1.1\r\nHost: " + host + "\r\n\r\n", 1000);
-    return refusal(hosts, std::get<RequestHead>(checked));
+    return refusal(hosts, head_of({{"host", host}}, target));
   };
   EXPECT_EQ(of_target("http://localhost:8080/v1/datasets", "evil.example"), "");
   EXPECT_EQ(of_target("http://evil.example/v1/datasets", "localhost"), "misdirected_request");
@@ -103,12 +102,10 @@ TEST(AllowedHosts, AbsoluteTargetOverridesHost) {
 
 TEST(AllowedHosts, Http10NeedsNoHost) {
   const AllowedHosts hosts("127.0.0.1", {});
-  const auto of_head = [&](const std::string& more) {
-    return refusal(hosts, std::get<RequestHead>(check_head("GET / HTTP/1.0\r\n" + more + "\r\n", 1000)));
-  };
-  EXPECT_EQ(of_head(""), "");
-  EXPECT_EQ(of_head("Host: evil.example\r\n"), "misdirected_request");
-  EXPECT_EQ(of_head("Origin: http://localhost\r\n"), "foreign_origin") << "of what is not known";
+  const auto of_headers = [&](const Headers& headers) { return refusal(hosts, head_of(headers, "/", true)); };
+  EXPECT_EQ(of_headers({}), "");
+  EXPECT_EQ(of_headers({{"host", "evil.example"}}), "misdirected_request");
+  EXPECT_EQ(of_headers({{"origin", "http://localhost"}}), "foreign_origin") << "the own origin is not known";
 }
 
 TEST(AllowedHosts, OwnOriginIsAllowed) {
@@ -136,8 +133,10 @@ TEST(AllowedHosts, OwnOriginIsAllowed) {
                                      {"localhost:8080", "ftp://localhost:8080"},
                                      {"localhost:8080", "file://"}})
     EXPECT_EQ(of_origin(hosts, host, origin), "foreign_origin") << origin;
-  EXPECT_EQ(refusal(hosts, head_of("localhost", "Origin: http://localhost\r\nOrigin: http://evil.example\r\n")),
-            "foreign_origin")
+  EXPECT_EQ(
+      refusal(hosts,
+              head_of({{"host", "localhost"}, {"origin", "http://localhost"}, {"origin", "http://evil.example"}})),
+      "foreign_origin")
       << "each of several";
 }
 
@@ -151,8 +150,8 @@ TEST(AllowedHosts, ConfiguredOriginsAreAllowed) {
 
 TEST(AllowedHosts, RefusalsNameTheHostAndTheOption) {
   const AllowedHosts hosts("127.0.0.1", {});
-  const auto host = hosts.refusal(head_of("Evil.example:1"), ""),
-             page = hosts.refusal(head_of("localhost", "Origin: null\r\n"), "");
+  const auto host = hosts.refusal(head_of({{"host", "Evil.example:1"}}), ""),
+             page = hosts.refusal(head_of({{"host", "localhost"}, {"origin", "null"}}), "");
   ASSERT_TRUE(host && page);
   EXPECT_NE(host->detail.find("\"evil.example\""), std::string::npos) << host->detail;
   EXPECT_NE(host->detail.find("--allowed-host"), std::string::npos) << host->detail;

@@ -78,40 +78,76 @@ TEST_F(ConnectionTest, AReaderAtTheRateGetsAll) {
   EXPECT_EQ(received, std::size_t{3} << 20);
 }
 
-// A client that sends without pause and is consumed piece by piece.
-TEST_F(ConnectionTest, WhatIsConsumedIsNotKept) {
-  Connection connection = served();
-  std::thread sender([this] {
-    const std::string data(1 << 20, 'x');
-    for (int i = 0; i < 16; ++i) ASSERT_EQ(::send(client(), data.data(), data.size(), 0), 1 << 20);
-    ::shutdown(client(), SHUT_WR);
-  });
-  std::size_t consumed = 0, most_kept = 0;
-  for (;;) {
-    if (connection.unread().size() < 100 &&
-        connection.fill(Clock::now() + std::chrono::seconds(20)) != Connection::Read::data)
-      break;
-    const std::size_t bytes = std::min<std::size_t>(100, connection.unread().size());
-    connection.consume(bytes);
-    consumed += bytes;
-    most_kept = std::max(most_kept, connection.kept_bytes());
-  }
-  sender.join();
-  EXPECT_GE(consumed + connection.unread().size(), std::size_t{16} << 20);
-  EXPECT_LE(most_kept, 3 * 65536);
+std::string problem_of(Connection& connection, bool in_head = true) {
+  EXPECT_TRUE(connection.begin_request(milliseconds(1000), milliseconds(50)));
+  if (!in_head) connection.end_head();
+  char byte = 0;
+  while (connection.read(&byte, 1) > 0) continue;
+  return connection.problem() ? connection.problem()->error_code : "";
 }
 
-TEST_F(ConnectionTest, OnlyWhoWaitsIsGivenUp) {
+TEST_F(ConnectionTest, ARequestHasOneDeadline) {
+  Connection connection = served();
+  ASSERT_EQ(::send(client(), "GET", 3, 0), 3);
+  EXPECT_EQ(problem_of(connection), "request_timeout");
+}
+
+TEST_F(ConnectionTest, ASilentClientHasNoProblem) {
+  Connection connection = served();
+  EXPECT_FALSE(connection.begin_request(milliseconds(10), milliseconds(10)));
+  EXPECT_FALSE(connection.problem());
+}
+
+struct LongText {
+  const char* text;  // repeated
+  int times;
+  bool in_head;
+  const char* code;
+};
+class LongTexts : public ConnectionTest, public ::testing::WithParamInterface<LongText> {};
+INSTANTIATE_TEST_SUITE_P(Connection, LongTexts,
+                         ::testing::Values(LongText{"a", 8001, true, "uri_too_long"},
+                                           LongText{"a: b\r\n", 3000, true, "headers_too_large"},
+                                           LongText{"0", 8001, false, "malformed_request"}));
+
+TEST_P(LongTexts, AreRefusedWhileTheyAreReceived) {
+  std::string text;
+  for (int i = 0; i < GetParam().times; ++i) text += GetParam().text;
+  Connection connection = served();
+  ASSERT_EQ(::send(client(), text.data(), text.size(), 0), static_cast<ssize_t>(text.size()));
+  EXPECT_EQ(problem_of(connection, GetParam().in_head), GetParam().code);
+}
+
+TEST_F(ConnectionTest, WhatWasWrittenIsSentBeforeItWaits) {
+  Connection connection = served();
+  ASSERT_EQ(::send(client(), "x", 1, 0), 1);
+  ASSERT_TRUE(connection.begin_request(milliseconds(1000), milliseconds(10)));
+  EXPECT_TRUE(connection.write("continue"));
+  std::array<char, 16> got{};
+  EXPECT_EQ(::recv(client(), got.data(), got.size(), MSG_DONTWAIT), -1) << "gathered";
+  EXPECT_EQ(connection.read(got.data(), got.size()), 1);
+  EXPECT_EQ(connection.read(got.data(), got.size()), -1);
+  EXPECT_EQ(::recv(client(), got.data(), got.size(), MSG_DONTWAIT), 8);
+}
+
+TEST_F(ConnectionTest, OnlyAWaitingConnectionIsGivenUp) {
   Connection connection = served();
   EXPECT_TRUE(connection.begin_work());
   EXPECT_FALSE(connection.give_up());
-  connection.begin_answer();
-  EXPECT_FALSE(connection.give_up());
-  EXPECT_FALSE(connection.give_up_if_slow(Clock::now())) << "it has only begun";
-  EXPECT_TRUE(connection.give_up_if_slow(Clock::now() + Connection::kSlowAfter));
-  EXPECT_TRUE(connection.given_up());
   connection.end_work();
+  EXPECT_TRUE(connection.give_up());
+  EXPECT_TRUE(connection.given_up());
   EXPECT_FALSE(connection.begin_work());
+}
+
+TEST_F(ConnectionTest, TheEndOfTheStreamMeansDepartureDuringWork) {
+  Connection connection = served();
+  ASSERT_TRUE(connection.begin_work());
+  connection.look_for_departure();
+  EXPECT_FALSE(connection.abandoned());
+  ::shutdown(client(), SHUT_WR);
+  connection.look_for_departure();
+  EXPECT_TRUE(connection.abandoned());
 }
 
 }  // namespace

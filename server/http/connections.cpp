@@ -1,0 +1,93 @@
+#include "server/http/connections.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace selenograph::server {
+namespace {
+
+constexpr auto kDepartureInterval = std::chrono::milliseconds(250);
+
+}  // namespace
+
+Connections::Connections(int max_connections) : max_connections_(max_connections), watch_([this] { watch(); }) {}
+
+Connections::~Connections() {
+  {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [this] { return threads_ == 0; });
+    ending_ = true;
+    changed_.notify_all();
+  }
+  watch_.join();
+}
+
+void Connections::start_thread(std::function<void()> serve) {
+  std::unique_lock lock(mutex_);
+  changed_.wait(lock, [this] { return threads_ < max_sockets(max_connections_); });
+  std::thread([this, serve = std::move(serve)] {
+    serve();
+    const std::lock_guard ended(mutex_);
+    --threads_;
+    changed_.notify_all();
+  }).detach();
+  ++threads_;
+}
+
+bool Connections::add(Connection& connection) {
+  const std::lock_guard lock(mutex_);
+  if (open() >= max_connections_ && !make_room()) return false;
+  connections_.push_back(&connection);
+  return true;
+}
+
+void Connections::remove(Connection& connection) {
+  const std::lock_guard lock(mutex_);
+  connections_.remove(&connection);
+}
+
+// Gives up the connection that has waited longest. False: none waits.
+bool Connections::make_room() {
+  for (;;) {
+    Connection* longest = nullptr;
+    for (Connection* connection : connections_)
+      if (connection->waiting() && (!longest || connection->since() < longest->since())) longest = connection;
+    if (!longest || longest->give_up()) return longest;  // else it went to work meanwhile
+  }
+}
+
+int Connections::open() const {
+  return static_cast<int>(std::count_if(connections_.begin(), connections_.end(),
+                                        [](const Connection* connection) { return !connection->given_up(); }));
+}
+
+int Connections::size() const {
+  const std::lock_guard lock(mutex_);
+  return open();
+}
+
+void Connections::close_waiting() {
+  const std::lock_guard lock(mutex_);
+  for (Connection* connection : connections_) connection->give_up();
+}
+
+void Connections::cut() {
+  const std::lock_guard lock(mutex_);
+  for (Connection* connection : connections_) connection->cut();
+}
+
+bool Connections::wait_until_done(Connection::Clock::time_point deadline) {
+  std::unique_lock lock(mutex_);
+  return changed_.wait_until(lock, deadline, [this] { return threads_ == 0; });
+}
+
+// Allocates nothing: this thread must outlive a lack of memory.
+void Connections::watch() {
+  std::unique_lock lock(mutex_);
+  while (!ending_) {
+    for (Connection* connection : connections_) connection->look_for_departure();
+    changed_.wait_for(lock, kDepartureInterval, [this] { return ending_; });
+  }
+}
+
+}  // namespace selenograph::server

@@ -1,0 +1,58 @@
+// All that a client may send on one connection, to a real service on loopback: each answer is one, and bodies are
+// bounded.
+#include <cstdlib>
+#include <memory>
+#include <string>
+#include <thread>
+
+#include "server/http/http_server.h"
+#include "tests/fuzz/fuzz.h"
+#include "tests/support/raw_client.h"
+
+namespace selenograph::fuzz {
+namespace {
+
+constexpr std::size_t kMaxBodyBytes = 1000;
+
+api::Response answer(const api::Request& request, const server::Peer&, server::Connection::Clock::duration&) {
+  require(request.body.size() <= kMaxBodyBytes, "bodies are bounded");
+  require(request.path.empty() || request.headers.count("host") <= 1, "one host");
+  api::Response response;
+  response.content_type = "text/plain";
+  response.body = "answer";
+  return response;
+}
+
+// Runs until the process ends: libFuzzer has no hook for its end.
+const server::HttpServer& service() {
+  static server::HttpServer* const running = [] {
+    const auto bodies = std::make_shared<api::MemoryBudget>(std::size_t{1} << 20);
+    auto* made = new server::HttpServer({.host = "127.0.0.1",
+                                         .port = 0,
+                                         .max_connections = 64,
+                                         .max_body_bytes = kMaxBodyBytes,
+                                         .bodies = bodies,
+                                         .idle_timeout = std::chrono::seconds(5),
+                                         .receive_timeout = std::chrono::seconds(5),
+                                         .send_pace = {},
+                                         .retry_after_s = [] { return 1; }},
+                                        answer, [](const server::AccessRecord&) {});
+    std::thread([made] { made->run(); }).detach();
+    return made;
+  }();
+  return *running;
+}
+
+}  // namespace
+}  // namespace selenograph::fuzz
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  using namespace selenograph;
+  const test::RawClient client(fuzz::service().port());
+  fuzz::require(client.is_connected(), "the service accepts");
+  client.send(fuzz::text_of(data, size));
+  client.end();
+  const std::string received = client.receive();
+  fuzz::require(received.empty() || received.starts_with("HTTP/1.1 "), "an answer begins with its status", received);
+  return 0;
+}
