@@ -106,11 +106,13 @@ class ManyClients(unittest.TestCase):
         return time.monotonic() - start
 
     def test_slow_readers_are_cut_after_the_documented_time(self):
-        service = Service("--log-level", "warning", "--max-connections", "16", "--max-frames", "4")
+        service = Service("--log-level", "warning", "--max-connections", "16", "--max-frames", "4", "--send-kb-per-s", "8192")
         large = frame_request(["position"], width=700, height=700)  # 12 MB: more than sockets hold
         readers = [slow_reader(service, large) for _ in range(16)]
-        harness.wait_until(lambda: service.frame(frame_request())[0] == 503, "every connection is taken")
-        harness.wait_until(lambda: service.frame(frame_request())[0] == 200, "slow readers are cut", 30)
+        for reader in readers:
+            reader.recv(100)
+        self.assertEqual(service.frame(frame_request())[0], 503, "every connection is taken")
+        harness.wait_until(lambda: service.frame(frame_request())[0] == 200, "slow readers are cut", 60)
         for reader in readers:
             reader.close()
         self.assertEqual(service.stop(), 0)
