@@ -236,7 +236,7 @@ class EveryAnswer(Documented):
 
     def refusals_of_http(self, service):
         for operation in self.each(400):
-            self.check(operation, operation.raw(service, b"Host: localhost\r\n folded\r\n\r\n"), 400)
+            self.check(operation, operation.raw(service, b"Host: localhost\r\nHost: localhost\r\n\r\n"), 400)
         # A name of somebody else's, and a page from elsewhere, get nothing from any path.
         self.assertEqual(self.each(421), self.operations)
         self.assertEqual(self.each(403), self.operations)
