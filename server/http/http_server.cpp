@@ -31,7 +31,7 @@ namespace selenograph::server {
 namespace {
 
 using Clock = Connection::Clock;
-constexpr auto kLinger = std::chrono::milliseconds(2000);
+constexpr auto kLinger = std::chrono::milliseconds(2000), kLingerOfAccepting = std::chrono::milliseconds(500);
 constexpr int kSpareRetryAfter_s = 5;
 constexpr std::size_t kFreeBody_bytes = 65536;  // needs no claim: a connection may hold as much anyway
 constexpr char kRequestId[] = "X-Request-Id";
@@ -137,6 +137,7 @@ struct HttpServer::Impl : private httplib::Server {
   void set_handlers();
   void bind(int at_port);
   bool process_and_close_socket(socket_t socket) override;
+  void serve_or_refuse(Connection& connection);
   void serve(Connection& connection);
   bool serve_request(Connection& connection);
   bool process(Exchange& exchange);
@@ -278,17 +279,29 @@ bool HttpServer::Impl::process_and_close_socket(socket_t socket) {
   try {
     Connection connection(socket, peer_of(socket), options.send_pace);
     if (is_without_thread) {
-      connection.write_without_memory(spare_answer);
-    } else if (connections.add(connection)) {
-      serve(connection);
-      connections.remove(connection);
-    } else if (connection.write(last_answer(refuse({"busy", "too many connections"}), new_request_id())) &&
-               connection.flush()) {
-      connection.linger(kLinger);
+      // Accepting waits meanwhile: a reset would take the answer from a client that is still sending.
+      if (connection.write_without_memory(spare_answer)) connection.linger(kLingerOfAccepting);
+    } else {
+      serve_or_refuse(connection);
     }
-  } catch (const std::bad_alloc&) {  // the connection is closed by now
+  } catch (const std::bad_alloc&) {  // not even the connection's own memory: it is closed by now
   }
   return true;
+}
+
+void HttpServer::Impl::serve_or_refuse(Connection& connection) {
+  bool has_place = false;
+  try {
+    has_place = connections.add(connection);
+    if (!has_place && connection.write(last_answer(refuse({"busy", "too many connections"}), new_request_id())) &&
+        connection.flush())
+      connection.linger(kLinger);
+  } catch (const std::bad_alloc&) {
+    answer_without_memory(connection);
+  }
+  if (!has_place) return;
+  serve(connection);
+  connections.remove(connection);
 }
 
 void HttpServer::Impl::serve(Connection& connection) {
