@@ -15,7 +15,7 @@
 namespace selenograph::engine {
 namespace {
 
-TEST(ExpectedError, IsThe99thPercentileOverPixels) {
+TEST(ExpectedMeshError, IsThe99thPercentileOverPixels) {
   // The worst block covers 1 % of the pixels, the next one 2 %.
   const std::vector<BlockError> blocks{{100, 9, 30}, {200, 5, 2}, {9700, 1, 1}};
   EXPECT_EQ(expected_error(blocks, &BlockError::error_px), 2);
@@ -24,7 +24,7 @@ TEST(ExpectedError, IsThe99thPercentileOverPixels) {
   EXPECT_EQ(expected_error({}, &BlockError::error_px), 0);
 }
 
-TEST(ExpectedError, SineOfEmissionBoundsEveryPointOfTheBall) {
+TEST(ExpectedMeshError, SineOfEmissionBoundsEveryPointOfTheBall) {
   const Vec3 centre_m(1.7374e6, 0, 0);
   const double radius_m = 1e4;
   for (const double azimuth_deg : {0.0, 20.0, 60.0, 89.0})
@@ -43,11 +43,12 @@ TEST(ExpectedError, SineOfEmissionBoundsEveryPointOfTheBall) {
   EXPECT_LT(largest_sine_of_emission(centre_m + Vec3(1e6, 0, 0), centre_m, radius_m), 0.02);
 }
 
-TEST(ExpectedError, WarningsAreByItAndNotByTheBound) {
+TEST(ExpectedMeshError, WarningsAreByItAndNotByTheBound) {
   Accuracy accuracy;
   accuracy.max_error_px = 0.5;
   accuracy.max_detail_error_px = 4;
   FrameReport report;
+  report.shadow_limits_px = {accuracy.max_shadow_error_px};
   report.lod_error_px = 28;
   report.expected_error_px = 0.2;
   nlohmann::ordered_json warnings = nlohmann::ordered_json::array();
