@@ -199,10 +199,10 @@ void add_geometry(Answer<MetadataSource>& a) {
   a.add("lod_error_m", number(kAnyNumber, "the same in metres"), reported(&FrameReport::lod_error_m));
   a.add("lod_error_p99_px",
         number(kAnyNumber,
-               "expected error: 99 % of the pixels are displaced by less. The bound above is larger: it assumes the "
+               "expected error: 99 % of the pixels are displaced by less. lod_error_px is larger: it assumes the "
                "deepest crater of each size at the worst point of the worst block"),
         reported(&FrameReport::expected_error_px));
-  a.add("lod_error_p99_m", number(kAnyNumber, "the same of heights, in metres"),
+  a.add("lod_error_p99_m", number(kAnyNumber, "99th percentile of the expected vertical error, in metres"),
         reported(&FrameReport::expected_error_m));
   a.add("shadow_error_px",
         number(kAnyNumber,

@@ -122,7 +122,7 @@ bool has_spacing_of(const RasterInfo& coarsest, const RasterInfo& raster) {
   return &coarsest == &raster || coarsest.post_spacing_m < kSameSpacing * raster.post_spacing_m;
 }
 
-// Moves those that are named first to the end of each run of equal resolution: there they take precedence.
+// Moves the rasters that were named first to the end of each run of equal resolution, where they take precedence.
 void order_by_names(std::vector<RasterInfo*>& order, const std::vector<std::string>& paths) {
   if (paths.size() < 2) return;
   for (auto first = order.begin(); first != order.end();) {

@@ -116,8 +116,8 @@ PlaneGrid grid_on_plane(const OGRSpatialReference& srs, const MapPlane& plane, c
           (p.first_y - srs.GetProjParm(SRS_PP_FALSE_NORTHING, 0)) * unit_m, p.dx * unit_m};
 }
 
-// Returns the same plane as Mercator's variant A, which on a sphere has the formulas of "Mercator (Spherical)" (EPSG
-// method 1026). PROJ before 9.3 gives the latter's parameters only by their names in the file.
+// Converts "Mercator (Spherical)" (EPSG method 1026) to Mercator variant A, which has the same formulas on a sphere.
+// PROJ before 9.3 exposes the parameters of the former only under their names in the file.
 OGRSpatialReference as_variant_a(const OGRSpatialReference& spherical) {
   OGRSpatialReference srs(spherical);
   const double unit_m = srs.GetLinearUnits();

@@ -313,13 +313,13 @@ void HttpServer::Impl::serve(Connection& connection) {
   exchange_here = nullptr;
 }
 
-// False: the connection is over.
+// Serves one request. Returns false when the connection ends with it.
 bool HttpServer::Impl::serve_request(Connection& connection) {
   if (!connection.begin_request(options.idle_timeout, options.receive_timeout)) return false;
   Exchange exchange(connection);
   bool delivered = process(exchange);
   AccessRecord& record = exchange.record;
-  if (!exchange.answered) {  // not even a first line
+  if (!exchange.answered) {  // the library could not read a request line
     if (!connection.problem()) return false;
     const api::Response answer = refuse(*connection.problem());
     record.status = answer.status;
@@ -328,7 +328,7 @@ bool HttpServer::Impl::serve_request(Connection& connection) {
     delivered = connection.write(last_answer(answer, record.request_id));
   }
   delivered = delivered && connection.flush();
-  if (!delivered)  // the body's end is what was not sent
+  if (!delivered)  // the unsent bytes are the end of the body
     record.bytes -=
         std::min(record.bytes, exchange.written_bytes - std::min(exchange.written_bytes, connection.sent_bytes()));
   record.seconds = seconds(Clock::now() - exchange.started);
@@ -354,7 +354,7 @@ bool HttpServer::Impl::process(Exchange& exchange) {
   return process_in(*this);
 }
 
-// Between the library's parsing of the head and all that it does by it.
+// Checks the parsed head, and removes the headers on which the library would act.
 void HttpServer::Impl::take_head(Exchange& exchange, httplib::Request& request) const {
   exchange.connection.end_head();
   RequestHead head = head_of(request);
@@ -442,7 +442,7 @@ api::Response HttpServer::Impl::work(Exchange& exchange) {
   return response;
 }
 
-// One that has got a part of its answer gets no other.
+// Sends the prepared answer, unless a part of another one has already been sent.
 void HttpServer::Impl::answer_without_memory(Connection& connection) noexcept {
   if (connection.answer_begun() || !connection.write_without_memory(spare_answer)) return;
   connection.end_work();

@@ -20,10 +20,9 @@ class Front {
   Front(const api::Service& service, Admission& admission, const Metrics& metrics, PageAccess pages,
         ReadGauges read_gauges);
 
-  // /health/live, /health/ready and /metrics never queue. Expensive calls
-  // need a slot from admission; all others go straight to the service. HEAD is handled as GET; the HTTP layer omits
-  // its body. Without memory for a response the result is api::out_of_memory(). `queued` receives the time that the
-  // request waited for its slot.
+  // /health/live, /health/ready and /metrics never queue. Expensive calls need a slot from admission; all others go
+  // straight to the service. HEAD is handled as GET; the HTTP layer omits its body. Without memory for a response the
+  // result is api::out_of_memory(). `queued` receives the time that the request waited for its slot.
   api::Response handle(const api::Request& request, const Peer& peer,
                        Admission::Clock::duration& queued) const noexcept;
 
