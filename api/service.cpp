@@ -8,8 +8,8 @@
 #include "api/encode/negotiate.h"
 #include "api/endpoints/routes.h"
 #include "api/message/problem.h"
-#include "dem/support/error.h"
-#include "dem/support/once.h"
+#include "dem/base/error.h"
+#include "dem/base/once.h"
 
 namespace selenograph::api {
 namespace {

@@ -9,19 +9,19 @@
 #include <thread>
 #include <vector>
 
+#include "dem/base/parallel.h"
 #include "dem/detail/detailed_terrain.h"
 #include "dem/detail/features.h"
-#include "dem/support/parallel.h"
-#include "engine/choose_accuracy.h"
+#include "engine/cache/preparation.h"
+#include "engine/cache/render_cache.h"
+#include "engine/frames/choose_accuracy.h"
+#include "engine/frames/render_frame.h"
 #include "engine/indirect/light_at_places.h"
-#include "engine/lidar_scan.h"
-#include "engine/limb_in_view.h"
-#include "engine/preparation.h"
-#include "engine/ray_queries.h"
-#include "engine/render_cache.h"
-#include "engine/render_frame.h"
-#include "engine/render_map.h"
-#include "engine/sky_in_view.h"
+#include "engine/lidar/lidar_scan.h"
+#include "engine/limb/limb_in_view.h"
+#include "engine/maps/render_map.h"
+#include "engine/rays/ray_queries.h"
+#include "engine/sky/sky_in_view.h"
 
 namespace selenograph::engine {
 

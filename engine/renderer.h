@@ -8,17 +8,17 @@
 #include <string_view>
 #include <vector>
 
+#include "dem/base/stop_token.h"
 #include "dem/detail/rocks_on_ground.h"
-#include "dem/support/stop_token.h"
 #include "dem/terrain/pyramid_terrain.h"
-#include "engine/budget.h"
+#include "engine/cache/budget.h"
+#include "engine/cache/preparation.h"
 #include "engine/frame/frame.h"
 #include "engine/frame/lidar.h"
 #include "engine/frame/limb.h"
 #include "engine/frame/map.h"
 #include "engine/frame/queries.h"
 #include "engine/frame/request.h"
-#include "engine/preparation.h"
 
 namespace selenograph::engine {
 
@@ -69,7 +69,7 @@ class Renderer {
                            const std::vector<SceneObject>& objects = {},
                            const std::shared_ptr<const dem::Detail>& detail = {}) const;
 
-  // A lidar's scan (engine/lidar_scan.h).
+  // A lidar's scan (engine/lidar/lidar_scan.h).
   LidarReturns lidar(const LidarRequest& request, const StopToken& stop = {}) const;
 
   // The light at places, as in a frame of that request (engine/indirect/light_at_places.h): its Sun, ground, band,
@@ -87,8 +87,8 @@ class Renderer {
                                 const std::shared_ptr<const dem::Detail>& detail = {}) const;
 
   // Stars, the Sun, the Earth and planets of request.sky in the image of its camera, and what hides them
-  // (engine/sky_in_view.h). Of the request: camera, pose, shutter, band, objects, detail, terrain, sensor, sky. Throws
-  // ImpossibleRequest for too many stars, and as render does.
+  // (engine/sky/sky_in_view.h). Of the request: camera, pose, shutter, band, objects, detail, terrain, sensor, sky.
+  // Throws ImpossibleRequest for too many stars, and as render does.
   std::vector<SkyObject> sky(const FrameRequest& request, const StopToken& stop = {}) const;
 
   // The limb of the finest terrain, and of the sphere beside it, in order of azimuth; without rocks. A point has no

@@ -9,7 +9,7 @@
 #include "api/answers/view_json.h"
 #include "api/message/json_text.h"
 #include "api/requests/parts/detail_json.h"
-#include "dem/support/hash.h"
+#include "dem/base/hash.h"
 #include "engine/sensor/detector.h"
 #include "engine/sky/star_catalogue.h"
 

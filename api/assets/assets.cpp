@@ -12,10 +12,10 @@
 
 #include "api/json/ranges.h"
 #include "api/message/problem.h"
+#include "dem/base/error.h"
+#include "dem/base/hash.h"
+#include "dem/base/names.h"
 #include "dem/files/files.h"
-#include "dem/files/names.h"
-#include "dem/support/error.h"
-#include "dem/support/hash.h"
 #include "engine/support/csv.h"
 
 namespace selenograph::api {

@@ -11,10 +11,10 @@
 #include <vector>
 
 #include "api/json/json_reader.h"
+#include "dem/base/cache.h"
+#include "dem/base/stop_token.h"
 #include "dem/detail/detail.h"
 #include "dem/files/files.h"
-#include "dem/support/cache.h"
-#include "dem/support/stop_token.h"
 #include "dem/value_maps/value_map.h"
 #include "engine/radiometry/atmosphere.h"
 #include "engine/sky/star_catalogue.h"

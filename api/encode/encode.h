@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 
 namespace selenograph::api {
 

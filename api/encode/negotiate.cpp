@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "api/message/problem.h"
-#include "dem/files/names.h"
+#include "dem/base/names.h"
 
 namespace selenograph::api {
 namespace {

@@ -10,7 +10,7 @@
 #include <string_view>
 #include <vector>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 
 namespace selenograph::api {
 

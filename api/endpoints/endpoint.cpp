@@ -6,8 +6,8 @@
 #include <chrono>
 
 #include "api/json/document_bytes.h"
-#include "dem/files/names.h"
-#include "engine/budget.h"
+#include "dem/base/names.h"
+#include "engine/cache/budget.h"
 
 namespace selenograph::api {
 namespace {

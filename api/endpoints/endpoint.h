@@ -15,8 +15,8 @@
 #include "api/message/memory_budget.h"
 #include "api/message/message.h"
 #include "api/message/problem.h"
-#include "dem/support/cache.h"
-#include "dem/support/error.h"
+#include "dem/base/cache.h"
+#include "dem/base/error.h"
 #include "engine/renderer.h"
 
 namespace selenograph::api {

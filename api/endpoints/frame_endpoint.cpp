@@ -14,11 +14,11 @@
 #include "api/endpoints/operation.h"
 #include "api/requests/cameras.h"
 #include "api/requests/frame_json.h"
-#include "dem/support/error.h"
-#include "engine/budget.h"
+#include "dem/base/error.h"
+#include "engine/cache/budget.h"
 #include "engine/frame/needs.h"
+#include "engine/sky/sky_in_view.h"
 #include "engine/sky/star_catalogue.h"
-#include "engine/sky_in_view.h"
 #include "engine/support/stopwatch.h"
 
 namespace selenograph::api {

@@ -5,7 +5,7 @@
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
 #include "engine/frame/needs.h"
-#include "engine/lidar_scan.h"
+#include "engine/lidar/lidar_scan.h"
 
 namespace selenograph::api {
 namespace {

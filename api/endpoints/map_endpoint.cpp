@@ -5,7 +5,7 @@
 #include "api/answers/metadata.h"
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/support/stopwatch.h"
 
 namespace selenograph::api {

@@ -4,7 +4,7 @@
 #include "api/answers/points_answer.h"
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/frame/needs.h"
 
 namespace selenograph::api {

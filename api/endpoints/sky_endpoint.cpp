@@ -7,8 +7,8 @@
 #include "api/endpoints/operation.h"
 #include "api/requests/sky_json.h"
 #include "engine/frame/needs.h"
+#include "engine/sky/sky_in_view.h"
 #include "engine/sky/star_catalogue.h"
-#include "engine/sky_in_view.h"
 
 namespace selenograph::api {
 

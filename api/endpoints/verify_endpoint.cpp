@@ -5,7 +5,7 @@
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
 #include "api/requests/mertis_json.h"
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 
 namespace selenograph::api {
 namespace {

@@ -9,7 +9,7 @@
 #include <mutex>
 #include <optional>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 
 namespace selenograph::api {
 

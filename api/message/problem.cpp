@@ -11,7 +11,7 @@
 #include <utility>
 
 #include "api/message/json_text.h"
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 
 namespace selenograph::api {
 namespace {

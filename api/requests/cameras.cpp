@@ -5,7 +5,7 @@
 #include <string_view>
 
 #include "api/message/problem.h"
-#include "dem/files/names.h"
+#include "dem/base/names.h"
 
 namespace selenograph::api {
 bool has_cameras(const Json& body) { return body.is_object() && body.contains("cameras"); }

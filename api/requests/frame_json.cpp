@@ -17,7 +17,7 @@
 #include "api/requests/parts/shutter_json.h"
 #include "api/requests/parts/sky_options_json.h"
 #include "api/requests/parts/truth_json.h"
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/frame/needs.h"
 
 namespace selenograph::api {

@@ -9,7 +9,7 @@
 #include "api/requests/parts/band_json.h"
 #include "api/requests/parts/detail_json.h"
 #include "api/requests/parts/products_json.h"
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/hazard/hazard_map.h"
 
 namespace selenograph::api {

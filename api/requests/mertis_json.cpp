@@ -6,7 +6,7 @@
 
 #include "api/json/ranges.h"
 #include "api/schema/member_kinds.h"
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 
 namespace selenograph::api {
 namespace {

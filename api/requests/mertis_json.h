@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "api/schema/answers.h"
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "engine/sensor/spectrometer.h"
 
 namespace selenograph::api {

@@ -13,7 +13,7 @@
 #include "api/requests/parts/sky_options_json.h"
 #include "api/requests/parts/sun_json.h"
 #include "api/schema/member_kinds.h"
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/frame/sun.h"
 #include "engine/radiometry/earth.h"
 

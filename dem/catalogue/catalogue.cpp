@@ -6,9 +6,9 @@
 #include <numeric>
 #include <tuple>
 
-#include "dem/files/names.h"
+#include "dem/base/hash.h"
+#include "dem/base/names.h"
 #include "dem/grid/grid_shift.h"
-#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {

@@ -17,17 +17,17 @@
 #include <unordered_set>
 #include <utility>
 
+#include "dem/base/error.h"
+#include "dem/base/names.h"
+#include "dem/base/parallel.h"
 #include "dem/catalogue/saved_catalogue.h"
 #include "dem/files/files.h"
 #include "dem/files/folder_files.h"
 #include "dem/files/labels.h"
-#include "dem/files/names.h"
 #include "dem/files/quantity.h"
 #include "dem/gdal/raster.h"
 #include "dem/gdal/remote_files.h"
 #include "dem/gdal/remote_names.h"
-#include "dem/support/error.h"
-#include "dem/support/parallel.h"
 
 namespace selenograph::dem {
 namespace {

@@ -11,12 +11,12 @@
 #include <type_traits>
 #include <variant>
 
+#include "dem/base/error.h"
+#include "dem/base/hash.h"
 #include "dem/files/files.h"
 #include "dem/files/quantity.h"
 #include "dem/files/whole_file.h"
 #include "dem/gdal/raster.h"
-#include "dem/support/error.h"
-#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {

@@ -5,9 +5,9 @@
 #include <memory>
 #include <numbers>
 
+#include "dem/base/parallel.h"
 #include "dem/detail/direction_grid.h"
 #include "dem/grid/lattice.h"
-#include "dem/support/parallel.h"
 
 namespace selenograph::dem {
 namespace {

@@ -9,8 +9,8 @@
 #include <array>
 #include <vector>
 
+#include "dem/base/stop_token.h"
 #include "dem/detail/detail.h"
-#include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
 

@@ -5,10 +5,10 @@
 #include <numbers>
 #include <utility>
 
+#include "dem/base/parallel.h"
+#include "dem/base/quantile.h"
 #include "dem/detail/detail_kernels.h"
 #include "dem/grid/lattice.h"
-#include "dem/support/parallel.h"
-#include "dem/support/quantile.h"
 
 namespace selenograph::dem {
 namespace {

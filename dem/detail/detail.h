@@ -15,12 +15,12 @@
 #include <span>
 #include <vector>
 
+#include "dem/base/stop_token.h"
 #include "dem/detail/crater_field.h"
 #include "dem/detail/direction_grid.h"
 #include "dem/detail/region.h"
 #include "dem/detail/relief.h"
 #include "dem/detail/rock_field.h"
-#include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
 

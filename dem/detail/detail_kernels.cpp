@@ -4,9 +4,9 @@
 #include <cmath>
 #include <optional>
 
+#include "dem/base/noise.h"
+#include "dem/base/vector_targets.h"
 #include "dem/detail/crater_shape.h"
-#include "dem/support/noise.h"
-#include "dem/support/vector_targets.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "dem/detail/detail_kernels.cpp"

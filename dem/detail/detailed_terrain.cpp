@@ -9,6 +9,8 @@
 #include <unordered_map>
 #include <vector>
 
+#include "dem/base/hash.h"
+#include "dem/base/parallel.h"
 #include "dem/detail/footprints.h"
 #include "dem/detail/means_taken.h"
 #include "dem/grid/degrees.h"
@@ -16,8 +18,6 @@
 #include "dem/posts/cubic.h"
 #include "dem/posts/post_source.h"
 #include "dem/pyramid/block_posts.h"
-#include "dem/support/hash.h"
-#include "dem/support/parallel.h"
 #include "dem/terrain/block_store.h"
 
 namespace selenograph::dem {

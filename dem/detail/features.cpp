@@ -6,10 +6,10 @@
 #include <numbers>
 #include <utility>
 
+#include "dem/base/parallel.h"
 #include "dem/detail/detail.h"
 #include "dem/detail/footprints.h"
 #include "dem/detail/means_taken.h"
-#include "dem/support/parallel.h"
 #include "dem/terrain/surface_place.h"
 
 namespace selenograph::dem {

@@ -12,10 +12,10 @@
 #include <span>
 #include <vector>
 
+#include "dem/base/stop_token.h"
 #include "dem/catalogue/catalogue.h"
 #include "dem/detail/crater_field.h"
 #include "dem/detail/crater_visibility.h"
-#include "dem/support/stop_token.h"
 #include "dem/terrain/terrain.h"
 
 namespace selenograph::dem {

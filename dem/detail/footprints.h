@@ -4,10 +4,10 @@
 #include <optional>
 #include <vector>
 
+#include "dem/base/stop_token.h"
 #include "dem/files/raster_info.h"
 #include "dem/grid/geodesy.h"
 #include "dem/grid/lattice.h"
-#include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
 

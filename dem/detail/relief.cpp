@@ -5,9 +5,9 @@
 #include <cmath>
 #include <numbers>
 
+#include "dem/base/noise.h"
+#include "dem/base/parallel.h"
 #include "dem/detail/detail_kernels.h"
-#include "dem/support/noise.h"
-#include "dem/support/parallel.h"
 
 namespace selenograph::dem {
 namespace {

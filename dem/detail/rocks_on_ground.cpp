@@ -6,9 +6,9 @@
 #include <numbers>
 #include <utility>
 
+#include "dem/base/parallel.h"
 #include "dem/detail/detail.h"
 #include "dem/detail/footprints.h"
-#include "dem/support/parallel.h"
 #include "dem/terrain/surface_place.h"
 
 namespace selenograph::dem {

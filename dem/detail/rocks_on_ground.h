@@ -4,10 +4,10 @@
 #include <memory>
 #include <vector>
 
+#include "dem/base/cache.h"
+#include "dem/base/stop_token.h"
 #include "dem/catalogue/catalogue.h"
 #include "dem/detail/rock_field.h"
-#include "dem/support/cache.h"
-#include "dem/support/stop_token.h"
 #include "dem/terrain/terrain.h"
 
 namespace selenograph::dem {

@@ -2,7 +2,7 @@
 
 #include <limits>
 
-#include "dem/support/hash.h"
+#include "dem/base/hash.h"
 
 namespace selenograph::dem {
 namespace {

@@ -13,9 +13,9 @@
 #include <tuple>
 #include <vector>
 
+#include "dem/base/stop_token.h"
 #include "dem/files/raster_info.h"
 #include "dem/grid/geodesy.h"
-#include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
 

@@ -9,8 +9,8 @@
 #include <limits>
 #include <system_error>
 
-#include "dem/support/error.h"
-#include "dem/support/hash.h"
+#include "dem/base/error.h"
+#include "dem/base/hash.h"
 
 namespace selenograph::dem {
 namespace {

@@ -10,10 +10,10 @@
 #include <tuple>
 #include <utility>
 
+#include "dem/base/error.h"
+#include "dem/base/hash.h"
+#include "dem/base/names.h"
 #include "dem/files/files.h"
-#include "dem/files/names.h"
-#include "dem/support/error.h"
-#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "dem/base/error.h"
+#include "dem/base/names.h"
 #include "dem/files/files.h"
-#include "dem/files/names.h"
 #include "dem/files/pds_image.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "dem/base/error.h"
 #include "dem/grid/geodesy.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

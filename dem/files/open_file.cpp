@@ -8,7 +8,7 @@
 #include <cerrno>
 #include <utility>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 
 namespace selenograph::dem {
 

@@ -8,7 +8,7 @@
 #include <optional>
 #include <string_view>
 
-#include "dem/files/names.h"
+#include "dem/base/names.h"
 #include "dem/files/pds_grid.h"
 #include "dem/grid/geodesy.h"
 

@@ -5,9 +5,9 @@
 #include <charconv>
 #include <cmath>
 
+#include "dem/base/error.h"
+#include "dem/base/names.h"
 #include "dem/files/files.h"
-#include "dem/files/names.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

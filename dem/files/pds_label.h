@@ -9,8 +9,8 @@
 #include <utility>
 #include <vector>
 
+#include "dem/base/error.h"
 #include "dem/files/files.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 

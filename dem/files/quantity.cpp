@@ -6,7 +6,7 @@
 #include <cctype>
 #include <utility>
 
-#include "dem/files/names.h"
+#include "dem/base/names.h"
 
 namespace selenograph::dem {
 namespace {

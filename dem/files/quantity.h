@@ -5,7 +5,7 @@
 #include <string_view>
 #include <vector>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 
 namespace selenograph::dem {
 

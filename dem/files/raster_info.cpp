@@ -7,8 +7,8 @@
 #include <numbers>
 #include <variant>
 
+#include "dem/base/error.h"
 #include "dem/grid/lattice.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

@@ -11,8 +11,8 @@
 #include <filesystem>
 #include <system_error>
 
+#include "dem/base/error.h"
 #include "dem/files/open_file.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

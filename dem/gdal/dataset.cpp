@@ -5,9 +5,9 @@
 #include <cstdint>
 #include <utility>
 
+#include "dem/base/error.h"
 #include "dem/gdal/remote_names.h"
 #include "dem/gdal/vrt_sources.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

@@ -20,9 +20,9 @@
 #include <thread>
 #include <utility>
 
+#include "dem/base/error.h"
+#include "dem/base/hash.h"
 #include "dem/gdal/remote_names.h"
-#include "dem/support/error.h"
-#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {

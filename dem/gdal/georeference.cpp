@@ -7,9 +7,9 @@
 #include <optional>
 #include <string_view>
 
+#include "dem/base/error.h"
 #include "dem/files/files.h"
 #include "dem/files/map_sphere.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

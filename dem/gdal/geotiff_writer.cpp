@@ -11,10 +11,10 @@
 #include <stdexcept>
 #include <vector>
 
+#include "dem/base/error.h"
 #include "dem/files/whole_file.h"
 #include "dem/gdal/library.h"
 #include "dem/grid/geodesy.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

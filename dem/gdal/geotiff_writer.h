@@ -7,8 +7,8 @@
 #include <string>
 #include <variant>
 
+#include "dem/base/stop_token.h"
 #include "dem/grid/map_grid.h"
-#include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
 

@@ -12,8 +12,8 @@
 #include <cmath>
 #include <vector>
 
+#include "dem/base/error.h"
 #include "dem/grid/block.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

@@ -5,10 +5,10 @@
 #include <filesystem>
 #include <mutex>
 
+#include "dem/base/error.h"
+#include "dem/base/library_messages.h"
 #include "dem/files/files.h"
 #include "dem/gdal/gate.h"
-#include "dem/support/error.h"
-#include "dem/support/library_messages.h"
 
 namespace selenograph::dem {
 namespace {

@@ -10,8 +10,8 @@
 #include <thread>
 #include <vector>
 
+#include "dem/base/error.h"
 #include "dem/gdal/raster_file.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 

@@ -10,17 +10,17 @@
 #include <filesystem>
 #include <limits>
 
+#include "dem/base/error.h"
+#include "dem/base/hash.h"
+#include "dem/base/names.h"
 #include "dem/files/files.h"
 #include "dem/files/labels.h"
 #include "dem/files/map_sphere.h"
-#include "dem/files/names.h"
 #include "dem/gdal/dataset.h"
 #include "dem/gdal/georeference.h"
 #include "dem/gdal/height_evidence.h"
 #include "dem/gdal/remote_files.h"
 #include "dem/gdal/remote_names.h"
-#include "dem/support/error.h"
-#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {

@@ -2,10 +2,10 @@
 
 #include <optional>
 
+#include "dem/base/error.h"
 #include "dem/gdal/gate.h"
 #include "dem/gdal/library.h"
 #include "dem/gdal/remote_names.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 

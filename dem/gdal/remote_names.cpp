@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "dem/files/names.h"
+#include "dem/base/names.h"
 
 namespace selenograph::dem {
 namespace {

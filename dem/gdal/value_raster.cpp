@@ -12,10 +12,10 @@
 #include <optional>
 #include <utility>
 
+#include "dem/base/error.h"
 #include "dem/files/map_sphere.h"
 #include "dem/gdal/dataset.h"
 #include "dem/gdal/warp_rectangle.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

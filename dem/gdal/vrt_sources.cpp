@@ -13,10 +13,10 @@
 #include <string_view>
 #include <vector>
 
+#include "dem/base/error.h"
 #include "dem/files/files.h"
 #include "dem/gdal/library.h"
 #include "dem/gdal/remote_names.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

@@ -2,8 +2,8 @@
 
 #include <cmath>
 
+#include "dem/base/vector_targets.h"
 #include "dem/grid/geodesy.h"
-#include "dem/support/vector_targets.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "dem/grid/normal_kernels.cpp"

@@ -5,8 +5,8 @@
 #include <limits>
 #include <utility>
 
+#include "dem/base/error.h"
 #include "dem/gdal/remote_names.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

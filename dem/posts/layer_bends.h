@@ -26,11 +26,11 @@
 #include <span>
 #include <vector>
 
+#include "dem/base/once.h"
 #include "dem/catalogue/catalogue.h"
 #include "dem/grid/block.h"
 #include "dem/posts/border_cells.h"
 #include "dem/posts/layer_groups.h"
-#include "dem/support/once.h"
 
 namespace selenograph::dem {
 

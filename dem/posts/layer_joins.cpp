@@ -8,10 +8,10 @@
 #include <map>
 #include <stdexcept>
 
-#include "dem/files/names.h"
+#include "dem/base/error.h"
+#include "dem/base/names.h"
+#include "dem/base/quantile.h"
 #include "dem/posts/post_source.h"
-#include "dem/support/error.h"
-#include "dem/support/quantile.h"
 
 namespace selenograph::dem {
 namespace {

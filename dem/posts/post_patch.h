@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstddef>
 
-#include "dem/support/uninitialised.h"
+#include "dem/base/uninitialised.h"
 
 namespace selenograph::dem {
 

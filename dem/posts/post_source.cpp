@@ -6,12 +6,12 @@
 #include <cmath>
 #include <limits>
 
+#include "dem/base/error.h"
+#include "dem/base/parallel.h"
 #include "dem/grid/grid_shift.h"
 #include "dem/posts/layer_filling.h"
 #include "dem/posts/raster_pool.h"
 #include "dem/posts/tile_of_voids.h"
-#include "dem/support/error.h"
-#include "dem/support/parallel.h"
 
 namespace selenograph::dem {
 

@@ -13,12 +13,12 @@
 #include <string>
 #include <vector>
 
+#include "dem/base/stop_token.h"
 #include "dem/catalogue/catalogue.h"
 #include "dem/grid/block.h"
 #include "dem/posts/layer_bends.h"
 #include "dem/posts/level_borders.h"
 #include "dem/posts/post_window.h"
-#include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
 

@@ -5,9 +5,9 @@
 #include <cstdint>
 #include <vector>
 
+#include "dem/base/uninitialised.h"
 #include "dem/grid/block.h"
 #include "dem/posts/source_rows.h"
-#include "dem/support/uninitialised.h"
 
 namespace selenograph::dem {
 

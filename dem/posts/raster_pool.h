@@ -7,9 +7,9 @@
 #include <mutex>
 #include <utility>
 
+#include "dem/base/error.h"
 #include "dem/catalogue/catalogue.h"
 #include "dem/gdal/raster.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 

@@ -8,9 +8,9 @@
 #include <map>
 #include <variant>
 
-#include "dem/files/names.h"
+#include "dem/base/error.h"
+#include "dem/base/names.h"
 #include "dem/gdal/raster.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

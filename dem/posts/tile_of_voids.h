@@ -9,9 +9,9 @@
 #include <utility>
 #include <vector>
 
+#include "dem/base/parallel.h"
+#include "dem/base/stop_token.h"
 #include "dem/posts/post_window.h"
-#include "dem/support/parallel.h"
-#include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
 

@@ -3,9 +3,9 @@
 #include <cmath>
 #include <utility>
 
+#include "dem/base/parallel.h"
 #include "dem/posts/post_kernels.h"
 #include "dem/pyramid/block_posts.h"
-#include "dem/support/parallel.h"
 
 namespace selenograph::dem {
 

@@ -4,9 +4,9 @@
 #include <cstdint>
 #include <vector>
 
+#include "dem/base/stop_token.h"
 #include "dem/grid/block.h"
 #include "dem/posts/post_source.h"
-#include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
 

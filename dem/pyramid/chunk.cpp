@@ -14,12 +14,12 @@
 #include <optional>
 #include <utility>
 
+#include "dem/base/error.h"
+#include "dem/base/hash.h"
 #include "dem/files/open_file.h"
 #include "dem/grid/shading_normals.h"
 #include "dem/pyramid/block_posts.h"
 #include "dem/pyramid/chunk_format.h"
-#include "dem/support/error.h"
-#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {

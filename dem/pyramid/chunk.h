@@ -17,13 +17,13 @@
 #include <unordered_map>
 #include <vector>
 
+#include "dem/base/error.h"
+#include "dem/base/stop_token.h"
 #include "dem/files/files.h"
 #include "dem/grid/block.h"
 #include "dem/posts/post_source.h"
 #include "dem/pyramid/chunk_format.h"
 #include "dem/pyramid/chunk_plan.h"
-#include "dem/support/error.h"
-#include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
 

@@ -8,14 +8,14 @@
 #include <set>
 #include <utility>
 
+#include "dem/base/hash.h"
+#include "dem/base/parallel.h"
 #include "dem/grid/shading_normals.h"
 #include "dem/posts/post_kernels.h"
 #include "dem/pyramid/block_error.h"
 #include "dem/pyramid/block_posts.h"
 #include "dem/pyramid/chunk.h"
 #include "dem/pyramid/chunk_format.h"
-#include "dem/support/hash.h"
-#include "dem/support/parallel.h"
 
 namespace selenograph::dem {
 namespace {

@@ -12,10 +12,10 @@
 #include <type_traits>
 #include <vector>
 
+#include "dem/base/hash.h"
 #include "dem/files/raster_info.h"
 #include "dem/grid/block.h"
 #include "dem/pyramid/chunk_plan.h"
-#include "dem/support/hash.h"
 
 namespace selenograph::dem::format {
 

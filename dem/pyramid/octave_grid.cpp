@@ -4,11 +4,11 @@
 #include <limits>
 #include <unordered_set>
 
+#include "dem/base/parallel.h"
 #include "dem/grid/shading_normals.h"
 #include "dem/posts/post_kernels.h"
 #include "dem/pyramid/block_posts.h"
 #include "dem/pyramid/chunk_format.h"
-#include "dem/support/parallel.h"
 
 namespace selenograph::dem {
 

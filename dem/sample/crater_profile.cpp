@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "dem/support/noise.h"
+#include "dem/base/noise.h"
 
 namespace selenograph::dem::sample {
 namespace {

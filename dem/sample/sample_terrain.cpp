@@ -6,9 +6,9 @@
 #include <filesystem>
 #include <stdexcept>
 
+#include "dem/base/error.h"
 #include "dem/files/whole_file.h"
 #include "dem/sample/tile_label.h"
-#include "dem/support/error.h"
 
 namespace selenograph::dem {
 namespace {

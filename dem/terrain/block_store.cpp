@@ -13,10 +13,10 @@
 #include <utility>
 #include <vector>
 
+#include "dem/base/error.h"
+#include "dem/base/hash.h"
 #include "dem/files/open_file.h"
 #include "dem/files/whole_file.h"
-#include "dem/support/error.h"
-#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {

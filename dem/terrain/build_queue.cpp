@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <utility>
 
-#include "dem/support/cache.h"
-#include "dem/support/parallel.h"
+#include "dem/base/cache.h"
+#include "dem/base/parallel.h"
 
 namespace selenograph::dem {
 

@@ -20,8 +20,8 @@
 #include <thread>
 #include <unordered_map>
 
+#include "dem/base/stop_token.h"
 #include "dem/pyramid/chunk.h"
-#include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
 

@@ -5,8 +5,8 @@
 #include <memory>
 #include <string>
 
+#include "dem/base/hash.h"
 #include "dem/posts/level_borders.h"
-#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {

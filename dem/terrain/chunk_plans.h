@@ -7,11 +7,11 @@
 #include <unordered_map>
 #include <vector>
 
+#include "dem/base/hash.h"
 #include "dem/catalogue/catalogue.h"
 #include "dem/grid/lattice.h"
 #include "dem/posts/post_source.h"
 #include "dem/pyramid/chunk_plan.h"
-#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 

@@ -8,8 +8,8 @@
 #include <system_error>
 #include <utility>
 
+#include "dem/base/wait_clock.h"
 #include "dem/files/whole_file.h"
-#include "dem/support/wait_clock.h"
 
 namespace selenograph::dem {
 namespace {

@@ -9,9 +9,9 @@
 #include <string>
 #include <unordered_set>
 
+#include "dem/base/cache.h"
 #include "dem/posts/post_source.h"
 #include "dem/pyramid/chunk.h"
-#include "dem/support/cache.h"
 #include "dem/terrain/build_queue.h"
 #include "dem/terrain/chunk_plans.h"
 #include "dem/terrain/chunk_writer.h"

@@ -6,10 +6,10 @@
 #include <mutex>
 #include <vector>
 
+#include "dem/base/error.h"
+#include "dem/base/parallel.h"
 #include "dem/gdal/raster.h"
 #include "dem/pyramid/chunk_format.h"
-#include "dem/support/error.h"
-#include "dem/support/parallel.h"
 
 namespace selenograph::dem {
 namespace {

@@ -3,11 +3,11 @@
 
 #include <optional>
 
+#include "dem/base/stop_token.h"
 #include "dem/catalogue/catalogue.h"
 #include "dem/grid/lattice.h"
 #include "dem/posts/post_kernels.h"
 #include "dem/posts/post_source.h"
-#include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
 

@@ -7,9 +7,9 @@
 #include <unordered_map>
 #include <utility>
 
-#include "dem/support/error.h"
-#include "dem/support/parallel.h"
-#include "dem/support/wait_clock.h"
+#include "dem/base/error.h"
+#include "dem/base/parallel.h"
+#include "dem/base/wait_clock.h"
 #include "dem/terrain/block_store.h"
 #include "dem/terrain/chunk_plans.h"
 #include "dem/terrain/chunk_store.h"

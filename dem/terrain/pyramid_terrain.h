@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "dem/base/cache.h"
 #include "dem/posts/post_source.h"
-#include "dem/support/cache.h"
 #include "dem/terrain/terrain.h"
 
 namespace selenograph::dem {

@@ -3,8 +3,8 @@
 
 #include <optional>
 
+#include "dem/base/stop_token.h"
 #include "dem/grid/geodesy.h"
-#include "dem/support/stop_token.h"
 #include "dem/terrain/terrain.h"
 
 namespace selenograph::dem {

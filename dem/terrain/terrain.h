@@ -9,10 +9,10 @@
 #include <string>
 #include <vector>
 
+#include "dem/base/stop_token.h"
 #include "dem/catalogue/catalogue.h"
 #include "dem/grid/block.h"
 #include "dem/grid/lattice.h"
-#include "dem/support/stop_token.h"
 
 namespace selenograph::dem {
 

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 
 namespace selenograph::dem {
 

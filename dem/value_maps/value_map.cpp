@@ -10,9 +10,9 @@
 #include <initializer_list>
 #include <mutex>
 
+#include "dem/base/cache.h"
+#include "dem/base/hash.h"
 #include "dem/grid/geodesy.h"
-#include "dem/support/cache.h"
-#include "dem/support/hash.h"
 
 namespace selenograph::dem {
 namespace {

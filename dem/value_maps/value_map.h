@@ -13,8 +13,8 @@
 #include <string>
 #include <vector>
 
+#include "dem/base/stop_token.h"
 #include "dem/gdal/value_raster.h"
-#include "dem/support/stop_token.h"
 #include "dem/value_maps/value_map_kernels.h"
 
 namespace selenograph::dem {

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <cstdint>
 
+#include "dem/base/vector_targets.h"
 #include "dem/grid/geodesy.h"
-#include "dem/support/vector_targets.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "dem/value_maps/value_map_kernels.cpp"

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 #include "engine/camera/projection.h"
 
 namespace selenograph::engine {

@@ -4,8 +4,8 @@
 
 #include <cstddef>
 
-#include "dem/support/stop_token.h"
-#include "dem/support/uninitialised.h"
+#include "dem/base/stop_token.h"
+#include "dem/base/uninitialised.h"
 #include "engine/frame/camera.h"
 
 namespace selenograph::engine {

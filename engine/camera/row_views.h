@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "engine/camera/pose_track.h"
 #include "engine/camera/view.h"
 #include "engine/frame/shutter.h"

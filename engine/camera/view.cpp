@@ -5,7 +5,7 @@
 #include <limits>
 #include <numbers>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 
 namespace selenograph::engine {
 

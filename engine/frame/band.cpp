@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/support/interpolate.h"
 
 namespace selenograph::engine {

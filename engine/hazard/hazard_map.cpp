@@ -11,9 +11,9 @@
 #include <utility>
 #include <vector>
 
+#include "dem/base/error.h"
+#include "dem/base/parallel.h"
 #include "dem/grid/block.h"
-#include "dem/support/error.h"
-#include "dem/support/parallel.h"
 #include "engine/hazard/footprint.h"
 #include "engine/hazard/ground_window.h"
 #include "engine/support/assign.h"

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "engine/frame/map.h"
 
 namespace selenograph::engine {

@@ -6,8 +6,8 @@
 #include <cmath>
 #include <limits>
 
+#include "dem/base/parallel.h"
 #include "dem/grid/lattice.h"
-#include "dem/support/parallel.h"
 #include "dem/terrain/surface_place.h"
 #include "engine/scene/node_bounds.h"
 

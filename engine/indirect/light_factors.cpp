@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "dem/support/vector_targets.h"
+#include "dem/base/vector_targets.h"
 #include "engine/indirect/sector_sum.h"
 
 #undef HWY_TARGET_INCLUDE

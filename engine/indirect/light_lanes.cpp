@@ -4,7 +4,7 @@
 #include <bit>
 #include <cmath>
 
-#include "dem/support/vector_targets.h"
+#include "dem/base/vector_targets.h"
 #include "engine/indirect/sector_sum.h"
 #include "engine/support/lane_math.h"
 

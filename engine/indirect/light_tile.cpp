@@ -6,9 +6,9 @@
 #include <numbers>
 #include <optional>
 
+#include "dem/base/once.h"
+#include "dem/base/parallel.h"
 #include "dem/grid/lattice.h"
-#include "dem/support/once.h"
-#include "dem/support/parallel.h"
 #include "engine/indirect/terrain_heights.h"
 #include "engine/radiometry/earth.h"
 #include "engine/radiometry/mapped_surface.h"

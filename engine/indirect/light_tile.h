@@ -10,7 +10,7 @@
 #include <unordered_map>
 #include <vector>
 
-#include "dem/support/cache.h"
+#include "dem/base/cache.h"
 #include "dem/terrain/terrain.h"
 #include "engine/frame/request.h"
 #include "engine/indirect/light_field.h"

@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include "dem/support/uninitialised.h"
+#include "dem/base/uninitialised.h"
 #include "engine/support/packet.h"
 
 namespace selenograph::engine {

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 
 namespace selenograph::engine {
 

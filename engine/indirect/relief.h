@@ -12,8 +12,8 @@
 #include <span>
 #include <vector>
 
+#include "dem/base/stop_token.h"
 #include "dem/grid/geodesy.h"
-#include "dem/support/stop_token.h"
 #include "engine/indirect/march.h"
 
 namespace selenograph::engine {

@@ -12,8 +12,8 @@
 #include <span>
 #include <vector>
 
-#include "dem/support/once.h"
-#include "dem/support/stop_token.h"
+#include "dem/base/once.h"
+#include "dem/base/stop_token.h"
 #include "engine/frame/sun.h"
 #include "engine/indirect/relief.h"
 #include "engine/radiometry/brdf.h"

@@ -7,8 +7,8 @@
 #include <unordered_map>
 #include <vector>
 
-#include "dem/support/parallel.h"
-#include "dem/support/vector_targets.h"
+#include "dem/base/parallel.h"
+#include "dem/base/vector_targets.h"
 #include "dem/terrain/surface_place.h"
 #include "engine/scene/mesh.h"
 

@@ -1,7 +1,7 @@
 // Heights for reliefs (relief.h) from a terrain's blocks.
 #pragma once
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "dem/terrain/terrain.h"
 #include "engine/indirect/relief.h"
 

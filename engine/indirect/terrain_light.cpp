@@ -6,8 +6,8 @@
 #include <bit>
 #include <utility>
 
-#include "dem/support/error.h"
-#include "dem/support/parallel.h"
+#include "dem/base/error.h"
+#include "dem/base/parallel.h"
 #include "engine/indirect/light_factors.h"
 
 namespace selenograph::engine {

@@ -4,7 +4,7 @@
 
 #include <string_view>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/support/csv.h"
 #include "engine/support/interpolate.h"
 

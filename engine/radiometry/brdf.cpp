@@ -8,7 +8,7 @@
 #include <utility>
 #include <variant>
 
-#include "dem/support/vector_targets.h"
+#include "dem/base/vector_targets.h"
 #include "engine/radiometry/moon.h"
 #include "engine/radiometry/phase_law.h"
 

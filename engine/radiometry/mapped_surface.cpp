@@ -11,8 +11,8 @@
 #include <numbers>
 #include <string>
 
-#include "dem/support/error.h"
-#include "dem/support/vector_targets.h"
+#include "dem/base/error.h"
+#include "dem/base/vector_targets.h"
 #include "engine/camera/packet_rays.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/footprint_lanes.h"

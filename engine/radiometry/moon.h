@@ -12,7 +12,7 @@
 // the ratio of Sato's Hapke models (sato2014.h) at incidence and phase 30, emission 0 degrees.
 #pragma once
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "dem/value_maps/value_map.h"
 #include "engine/frame/band.h"
 #include "engine/frame/surface.h"

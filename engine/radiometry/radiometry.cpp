@@ -3,7 +3,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/radiometry/atmosphere.h"
 #include "engine/radiometry/photometry.h"
 

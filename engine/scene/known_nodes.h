@@ -3,7 +3,7 @@
 
 #include <optional>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "dem/terrain/terrain.h"
 #include "engine/scene/node_bounds.h"
 

@@ -11,7 +11,7 @@
 #include <tuple>
 #include <utility>
 
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 #include "dem/terrain/build_queue.h"
 #include "dem/terrain/surface_place.h"
 

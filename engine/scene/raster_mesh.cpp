@@ -7,8 +7,8 @@
 #include <limits>
 #include <unordered_map>
 
-#include "dem/support/hash.h"
-#include "dem/support/parallel.h"
+#include "dem/base/hash.h"
+#include "dem/base/parallel.h"
 #include "engine/scene/vertex_rows.h"
 
 namespace selenograph::engine {

@@ -7,7 +7,7 @@
 #include <memory>
 #include <vector>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "engine/scene/mesh.h"
 
 namespace selenograph::engine {

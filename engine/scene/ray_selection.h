@@ -4,7 +4,7 @@
 #include <optional>
 #include <vector>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "dem/terrain/terrain.h"
 #include "engine/frame/queries.h"
 

@@ -7,7 +7,7 @@
 #include <limits>
 #include <numbers>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/frame/needs.h"
 #include "engine/scene/anchor.h"
 #include "engine/scene/view_selector.h"

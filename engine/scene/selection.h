@@ -14,7 +14,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "dem/terrain/terrain.h"
 #include "engine/camera/row_views.h"
 #include "engine/camera/view.h"

@@ -4,8 +4,8 @@
 
 #include <cmath>
 
+#include "dem/base/error.h"
 #include "dem/detail/detail.h"
-#include "dem/support/error.h"
 
 namespace selenograph::engine {
 namespace {

@@ -15,7 +15,7 @@
 #include <utility>
 #include <vector>
 
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 #include "engine/camera/row_views.h"
 #include "engine/frame/accuracy.h"
 #include "engine/frame/sun.h"

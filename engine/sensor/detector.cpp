@@ -8,9 +8,9 @@
 #include <numbers>
 #include <numeric>
 
-#include "dem/support/parallel.h"
-#include "dem/support/quantile.h"
-#include "dem/support/vector_targets.h"
+#include "dem/base/parallel.h"
+#include "dem/base/quantile.h"
+#include "dem/base/vector_targets.h"
 #include "engine/radiometry/spectrum.h"
 #include "engine/sensor/random.h"
 

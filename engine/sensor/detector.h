@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "engine/frame/sensor_model.h"
 
 namespace selenograph::engine {

@@ -6,8 +6,8 @@
 #include <numeric>
 #include <utility>
 
-#include "dem/support/parallel.h"
-#include "dem/support/vector_targets.h"
+#include "dem/base/parallel.h"
+#include "dem/base/vector_targets.h"
 #include "engine/support/interpolate.h"
 
 #undef HWY_TARGET_INCLUDE

@@ -4,7 +4,7 @@
 #include <memory>
 #include <vector>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "engine/camera/pixel_rays.h"
 #include "engine/frame/camera.h"
 #include "engine/frame/sensor_model.h"

@@ -6,7 +6,7 @@
 #include <bit>
 #include <cmath>
 
-#include "dem/support/vector_targets.h"
+#include "dem/base/vector_targets.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/sensor/random.cpp"

@@ -6,7 +6,7 @@
 #include <numbers>
 #include <numeric>
 
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 #include "engine/radiometry/moon.h"
 #include "engine/radiometry/spectrum.h"
 

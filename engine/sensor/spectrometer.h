@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 
 namespace selenograph::engine {
 

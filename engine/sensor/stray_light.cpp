@@ -7,7 +7,7 @@
 #include <span>
 #include <unsupported/Eigen/FFT>
 
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 #include "engine/camera/projection.h"
 
 namespace selenograph::engine {

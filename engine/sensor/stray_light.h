@@ -4,8 +4,8 @@
 #include <cstddef>
 #include <vector>
 
+#include "dem/base/stop_token.h"
 #include "dem/grid/geodesy.h"
-#include "dem/support/stop_token.h"
 #include "engine/frame/camera.h"
 #include "engine/frame/sensor_model.h"
 

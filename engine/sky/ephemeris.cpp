@@ -19,7 +19,7 @@
 #include <optional>
 #include <string_view>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/sky/erfa_rows.h"
 
 namespace selenograph::engine {

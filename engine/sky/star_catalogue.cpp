@@ -10,9 +10,9 @@
 #include <numbers>
 #include <numeric>
 
+#include "dem/base/error.h"
+#include "dem/base/hash.h"
 #include "dem/files/files.h"
-#include "dem/support/error.h"
-#include "dem/support/hash.h"
 #include "engine/support/csv.h"
 #include "engine/support/utf8.h"
 

@@ -10,8 +10,8 @@
 #include <string_view>
 #include <vector>
 
+#include "dem/base/stop_token.h"
 #include "dem/grid/geodesy.h"
-#include "dem/support/stop_token.h"
 
 namespace selenograph::engine {
 

@@ -5,7 +5,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 
 namespace selenograph::engine {
 

@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <type_traits>
 
+#include "dem/base/hash.h"
 #include "dem/grid/geodesy.h"
-#include "dem/support/hash.h"
 
 namespace selenograph::engine {
 

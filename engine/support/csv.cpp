@@ -6,8 +6,8 @@
 #include <charconv>
 #include <fstream>
 
+#include "dem/base/error.h"
 #include "dem/files/files.h"
-#include "dem/support/error.h"
 
 namespace selenograph::engine {
 

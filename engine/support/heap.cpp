@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 
 // Read by jemalloc as the process starts. Huge pages for everything; free pages are kept until give_back_free_memory();
 // large arrays are no exception to that; one arena, since each keeps its own free memory and large arrays, which are

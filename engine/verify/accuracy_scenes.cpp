@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "dem/terrain/surface_place.h"
 
 namespace selenograph::engine {

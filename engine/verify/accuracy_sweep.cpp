@@ -8,9 +8,9 @@
 #include <limits>
 #include <memory>
 
-#include "dem/support/error.h"
-#include "dem/support/parallel.h"
-#include "dem/support/quantile.h"
+#include "dem/base/error.h"
+#include "dem/base/parallel.h"
+#include "dem/base/quantile.h"
 #include "engine/scene/anchor.h"
 #include "engine/scene/selection.h"
 #include "engine/verify/bare_kernel.h"

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 
 namespace selenograph::engine {
 

@@ -5,8 +5,8 @@
 #include <limits>
 #include <numbers>
 
-#include "dem/support/parallel.h"
-#include "dem/support/quantile.h"
+#include "dem/base/parallel.h"
+#include "dem/base/quantile.h"
 
 namespace selenograph::engine {
 namespace {

@@ -5,11 +5,11 @@
 #include <limits>
 #include <numbers>
 
+#include "dem/base/parallel.h"
+#include "dem/base/quantile.h"
 #include "dem/detail/features.h"
 #include "dem/detail/footprints.h"
 #include "dem/grid/lattice.h"
-#include "dem/support/parallel.h"
-#include "dem/support/quantile.h"
 
 namespace selenograph::engine {
 namespace {

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "dem/support/quantile.h"
+#include "dem/base/quantile.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/photometry.h"
 

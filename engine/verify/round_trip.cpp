@@ -6,7 +6,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/verify/resample.h"
 
 namespace selenograph::engine {

@@ -13,7 +13,7 @@
 #include <unordered_map>
 
 #include "api/encode/negotiate.h"
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 #include "server/campaign/campaign.h"
 #include "server/campaign/journal.h"
 #include "server/campaign/sha256.h"

@@ -8,8 +8,8 @@
 
 #include "api/message/json_text.h"
 #include "api/message/problem.h"
+#include "dem/base/names.h"
 #include "dem/files/files.h"
-#include "dem/files/names.h"
 #include "server/campaign/sha256.h"
 
 namespace selenograph::server {

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <numeric>
 
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 #include "server/campaign/sha256.h"
 
 namespace selenograph::server {

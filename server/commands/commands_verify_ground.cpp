@@ -4,7 +4,7 @@
 #include <filesystem>
 
 #include "api/answers/ground_report.h"
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
 #include "server/commands/start.h"

@@ -10,14 +10,14 @@
 #include <stdexcept>
 
 #include "api/assets/assets.h"
-#include "dem/files/names.h"
+#include "dem/base/error.h"
+#include "dem/base/names.h"
 #include "dem/files/open_file.h"
 #include "dem/files/quantity.h"
 #include "dem/gdal/remote_names.h"
 #include "dem/posts/layer_joins.h"
 #include "dem/posts/resolved_posts.h"
 #include "dem/sample/sample_terrain.h"
-#include "dem/support/error.h"
 
 namespace selenograph::server {
 namespace {

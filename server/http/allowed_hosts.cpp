@@ -7,7 +7,7 @@
 #include <array>
 #include <charconv>
 
-#include "dem/files/names.h"
+#include "dem/base/names.h"
 
 namespace selenograph::server {
 namespace {

@@ -12,7 +12,7 @@
 #include <cstring>
 #include <random>
 
-#include "dem/files/names.h"
+#include "dem/base/names.h"
 
 namespace selenograph::server {
 namespace {

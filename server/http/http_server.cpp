@@ -20,7 +20,7 @@
 
 #include "api/message/problem.h"
 #include "api/message/timing.h"
-#include "dem/files/names.h"
+#include "dem/base/names.h"
 #include "server/http/allowed_hosts.h"
 #include "server/http/caller.h"
 #include "server/http/connection.h"

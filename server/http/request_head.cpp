@@ -4,7 +4,7 @@
 #include <charconv>
 #include <string_view>
 
-#include "dem/files/names.h"
+#include "dem/base/names.h"
 
 namespace selenograph::server {
 namespace {

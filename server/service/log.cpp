@@ -24,7 +24,7 @@
 #include <utility>
 
 #include "api/message/json_text.h"
-#include "dem/support/library_messages.h"
+#include "dem/base/library_messages.h"
 
 namespace selenograph::server {
 namespace {

@@ -11,7 +11,7 @@
 #include <utility>
 
 #include "dem/terrain/terrain.h"
-#include "engine/preparation.h"
+#include "engine/cache/preparation.h"
 #include "engine/support/heap.h"
 
 namespace selenograph::server {

@@ -23,12 +23,12 @@
 #include <string_view>
 #include <vector>
 
+#include "dem/base/quantile.h"
 #include "dem/gdal/geotiff_writer.h"
 #include "dem/sample/sample_terrain.h"
-#include "dem/support/quantile.h"
 #include "dem/value_maps/value_map.h"
+#include "engine/frames/render_frame.h"
 #include "engine/radiometry/atmosphere.h"
-#include "engine/render_frame.h"
 #include "engine/renderer.h"
 #include "engine/scene/anchor.h"
 #include "engine/verify/bare_kernel.h"

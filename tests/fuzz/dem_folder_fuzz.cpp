@@ -11,10 +11,10 @@
 #include <string>
 #include <vector>
 
+#include "dem/base/error.h"
 #include "dem/files/pds_image.h"
 #include "dem/gdal/raster.h"
 #include "dem/posts/post_source.h"
-#include "dem/support/error.h"
 #include "dem/terrain/pyramid_terrain.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/support/shared_data.h"

@@ -13,7 +13,7 @@
 #include "api/requests/mertis_json.h"
 #include "api/requests/points_json.h"
 #include "api/requests/round_trip_json.h"
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/camera/row_views.h"
 #include "engine/camera/view.h"
 #include "engine/radiometry/brdf.h"

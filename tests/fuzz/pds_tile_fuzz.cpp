@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
+#include "dem/base/error.h"
 #include "dem/files/pds_image.h"
 #include "dem/gdal/raster.h"
-#include "dem/support/error.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/support/shared_data.h"
 

@@ -6,11 +6,11 @@
 #include <string>
 #include <vector>
 
+#include "dem/base/error.h"
+#include "dem/base/hash.h"
 #include "dem/catalogue/catalogue.h"
 #include "dem/pyramid/chunk.h"
 #include "dem/pyramid/chunk_format.h"
-#include "dem/support/error.h"
-#include "dem/support/hash.h"
 #include "tests/fuzz/fuzz.h"
 
 namespace selenograph::fuzz {

@@ -15,8 +15,8 @@
 #include <memory>
 #include <numbers>
 
+#include "dem/base/error.h"
 #include "dem/sample/sample_terrain.h"
-#include "dem/support/error.h"
 #include "engine/verify/difference_statistics.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"

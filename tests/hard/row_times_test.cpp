@@ -6,8 +6,8 @@
 #include <cmath>
 #include <cstdio>
 
+#include "dem/base/error.h"
 #include "dem/gdal/geotiff_writer.h"
-#include "dem/support/error.h"
 #include "dem/value_maps/value_map.h"
 #include "engine/camera/pose_track.h"
 #include "engine/visibility/objects/object_mesh.h"

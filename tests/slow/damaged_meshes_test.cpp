@@ -5,7 +5,7 @@
 #include <fstream>
 #include <iterator>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "tests/support/mesh_files.h"
 #include "tests/support/meshes.h"
 #include "tests/support/shared_data.h"

@@ -9,7 +9,7 @@
 #include <mutex>
 #include <vector>
 
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 
 namespace selenograph::test {
 namespace {

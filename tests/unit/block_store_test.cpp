@@ -16,9 +16,9 @@
 #include <utility>
 #include <vector>
 
+#include "dem/base/hash.h"
 #include "dem/detail/detailed_terrain.h"
 #include "dem/grid/lattice.h"
-#include "dem/support/hash.h"
 #include "dem/terrain/surface_place.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"

@@ -1,11 +1,11 @@
 // Time budgets: what is predicted, what is learnt, what is chosen.
-#include "engine/budget.h"
+#include "engine/cache/budget.h"
 
 #include <gtest/gtest.h>
 
 #include <chrono>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"

@@ -11,7 +11,7 @@
 #include <thread>
 #include <vector>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

@@ -1,6 +1,6 @@
 // The depot's contract: one load per key in flight, least recently used goes first, what is in use stays, failures are
 // not remembered.
-#include "dem/support/cache.h"
+#include "dem/base/cache.h"
 
 #include <gtest/gtest.h>
 

@@ -10,9 +10,9 @@
 #include <numeric>
 #include <random>
 
+#include "dem/base/error.h"
 #include "dem/files/quantity.h"
 #include "dem/grid/geodesy.h"
-#include "dem/support/error.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::dem {

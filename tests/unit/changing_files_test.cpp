@@ -13,12 +13,12 @@
 #include <string>
 #include <vector>
 
+#include "dem/base/error.h"
 #include "dem/catalogue/catalogue.h"
 #include "dem/files/files.h"
 #include "dem/gdal/geotiff_writer.h"
 #include "dem/gdal/raster.h"
 #include "dem/posts/post_source.h"
-#include "dem/support/error.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

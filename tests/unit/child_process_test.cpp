@@ -12,7 +12,7 @@
 #include <cstdlib>
 #include <fstream>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/support/confinement.h"
 #include "tests/support/shared_data.h"
 

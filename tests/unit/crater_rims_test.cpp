@@ -7,9 +7,9 @@
 #include <memory>
 #include <numbers>
 
+#include "dem/base/error.h"
 #include "dem/detail/detail.h"
 #include "dem/detail/features.h"
-#include "dem/support/error.h"
 #include "engine/camera/view.h"
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"

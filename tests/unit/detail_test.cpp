@@ -17,13 +17,13 @@
 #include <string>
 
 #include "api/assets/assets.h"
+#include "dem/base/noise.h"
 #include "dem/detail/detail_kernels.h"
 #include "dem/detail/detailed_terrain.h"
 #include "dem/detail/features.h"
 #include "dem/detail/footprints.h"
 #include "dem/detail/region.h"
 #include "dem/posts/resolved_posts.h"
-#include "dem/support/noise.h"
 #include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"

@@ -6,7 +6,7 @@
 #include <memory>
 #include <string>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/visibility/objects/object_mesh.h"
 
 namespace selenograph::engine {

@@ -8,8 +8,8 @@
 #include <cstdio>
 #include <string>
 
+#include "dem/base/error.h"
 #include "dem/grid/geodesy.h"
-#include "dem/support/error.h"
 
 namespace selenograph::engine {
 namespace {

@@ -5,10 +5,10 @@
 #include <memory>
 
 #include "dem/terrain/pyramid_terrain.h"
+#include "engine/cache/render_cache.h"
 #include "engine/frame/needs.h"
-#include "engine/frame_moment.h"
-#include "engine/render_cache.h"
-#include "engine/render_frame.h"
+#include "engine/frames/frame_moment.h"
+#include "engine/frames/render_frame.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/views.h"

@@ -8,10 +8,10 @@
 #include <random>
 #include <stdexcept>
 
+#include "dem/base/error.h"
 #include "dem/posts/layer_joins.h"
 #include "dem/posts/post_source.h"
 #include "dem/posts/resolved_posts.h"
-#include "dem/support/error.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

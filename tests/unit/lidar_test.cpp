@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/camera/pose_track.h"
 #include "engine/lidar/beam.h"
 #include "engine/lidar/detection.h"

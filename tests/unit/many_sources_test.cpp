@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "dem/terrain/pyramid_terrain.h"
 #include "engine/renderer.h"
 #include "engine/visibility/image/frame_sources.h"

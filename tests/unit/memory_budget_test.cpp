@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "api/service.h"
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"

@@ -16,7 +16,7 @@
 
 #include "api/assets/assets.h"
 #include "api/message/problem.h"
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/support/child_process.h"
 #include "engine/visibility/meshes/mesh_answer.h"
 #include "tests/support/mesh_files.h"

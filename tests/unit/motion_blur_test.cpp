@@ -1,5 +1,5 @@
 // How many moments an exposure in motion is averaged over.
-#include "engine/motion_blur.h"
+#include "engine/frames/motion_blur.h"
 
 #include <gtest/gtest.h>
 

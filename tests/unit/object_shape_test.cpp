@@ -10,7 +10,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/visibility/objects/object_mesh.h"
 #include "tests/support/mesh_files.h"
 #include "tests/support/meshes.h"

@@ -1,4 +1,4 @@
-#include "dem/support/once.h"
+#include "dem/base/once.h"
 
 #include <gtest/gtest.h>
 

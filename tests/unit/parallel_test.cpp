@@ -1,4 +1,4 @@
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 
 #include <gtest/gtest.h>
 #include <tbb/task_arena.h>

@@ -6,8 +6,8 @@
 #include <filesystem>
 #include <fstream>
 
+#include "dem/base/error.h"
 #include "dem/files/pds_image.h"
-#include "dem/support/error.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::dem {

@@ -8,8 +8,8 @@
 #include <fstream>
 #include <random>
 
+#include "dem/base/error.h"
 #include "dem/gdal/raster.h"
-#include "dem/support/error.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

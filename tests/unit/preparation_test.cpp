@@ -1,5 +1,5 @@
 // What the next frames need: in idle time, in order, and given up for a frame that is asked for.
-#include "engine/preparation.h"
+#include "engine/cache/preparation.h"
 
 #include <gtest/gtest.h>
 
@@ -9,8 +9,8 @@
 #include <thread>
 #include <vector>
 
+#include "dem/base/error.h"
 #include "dem/grid/geodesy.h"
-#include "dem/support/error.h"
 
 namespace selenograph::engine {
 namespace {

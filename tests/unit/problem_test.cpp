@@ -15,7 +15,7 @@
 
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/routes.h"
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 
 namespace selenograph::api {
 namespace {

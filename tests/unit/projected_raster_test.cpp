@@ -11,13 +11,13 @@
 #include <memory>
 #include <vector>
 
+#include "dem/base/error.h"
 #include "dem/catalogue/catalogue.h"
 #include "dem/gdal/geotiff_writer.h"
 #include "dem/gdal/library.h"
 #include "dem/gdal/raster.h"
 #include "dem/posts/layer_joins.h"
 #include "dem/posts/post_source.h"
-#include "dem/support/error.h"
 #include "dem/terrain/resampling.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"

@@ -15,9 +15,9 @@
 #include <random>
 #include <set>
 
+#include "dem/base/error.h"
 #include "dem/pyramid/chunk.h"
 #include "dem/pyramid/chunk_format.h"
-#include "dem/support/error.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

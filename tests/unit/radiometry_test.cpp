@@ -7,7 +7,7 @@
 #include <fstream>
 #include <numbers>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/radiometry/atmosphere.h"
 #include "engine/radiometry/photometry.h"
 #include "tests/support/shared_data.h"

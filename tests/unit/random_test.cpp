@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "dem/base/hash.h"
 #include "dem/detail/size_cells.h"
-#include "dem/support/hash.h"
 
 namespace selenograph::engine {
 namespace {

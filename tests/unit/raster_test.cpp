@@ -14,12 +14,12 @@
 #include <limits>
 #include <thread>
 
+#include "dem/base/error.h"
 #include "dem/files/quantity.h"
 #include "dem/grid/block.h"
 #include "dem/grid/geodesy.h"
 #include "dem/posts/layer_joins.h"
 #include "dem/posts/post_source.h"
-#include "dem/support/error.h"
 #include "dem/terrain/height_survey.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"

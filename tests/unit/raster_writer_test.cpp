@@ -7,9 +7,9 @@
 #include <stdexcept>
 #include <vector>
 
+#include "dem/base/error.h"
 #include "dem/gdal/geotiff_writer.h"
 #include "dem/gdal/raster.h"
-#include "dem/support/error.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::dem {

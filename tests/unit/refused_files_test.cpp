@@ -16,10 +16,10 @@
 #include <string>
 #include <vector>
 
+#include "dem/base/error.h"
 #include "dem/catalogue/catalogue.h"
 #include "dem/gdal/raster.h"
 #include "dem/gdal/remote_names.h"
-#include "dem/support/error.h"
 #include "dem/terrain/pyramid_terrain.h"
 #include "dem/value_maps/value_map.h"
 #include "tests/support/shared_data.h"

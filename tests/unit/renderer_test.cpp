@@ -8,8 +8,8 @@
 #include <numbers>
 #include <random>
 
+#include "dem/base/error.h"
 #include "dem/sample/sample_terrain.h"
-#include "dem/support/error.h"
 #include "engine/camera/view.h"
 #include "engine/radiometry/photometry.h"
 #include "tests/support/float_tiles.h"

@@ -12,11 +12,11 @@
 #include <tuple>
 
 #include "api/requests/features_json.h"
+#include "dem/base/error.h"
 #include "dem/detail/detail.h"
 #include "dem/detail/detailed_terrain.h"
 #include "dem/detail/footprints.h"
 #include "dem/detail/rocks_on_ground.h"
-#include "dem/support/error.h"
 #include "dem/terrain/surface_place.h"
 #include "engine/camera/view.h"
 #include "engine/renderer.h"

@@ -8,7 +8,7 @@
 #include <cstring>
 #include <random>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/camera/packet_rays.h"
 #include "tests/support/views.h"
 

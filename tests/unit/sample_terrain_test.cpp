@@ -14,8 +14,8 @@
 #include <string>
 #include <vector>
 
+#include "dem/base/error.h"
 #include "dem/sample/crater_profile.h"
-#include "dem/support/error.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::dem {

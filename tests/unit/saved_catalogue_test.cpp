@@ -11,10 +11,10 @@
 #include <iterator>
 #include <thread>
 
+#include "dem/base/error.h"
 #include "dem/catalogue/catalogue.h"
 #include "dem/files/folder_files.h"
 #include "dem/gdal/geotiff_writer.h"
-#include "dem/support/error.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::dem {

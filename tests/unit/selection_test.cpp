@@ -14,10 +14,10 @@
 #include <set>
 #include <unordered_set>
 
+#include "dem/base/error.h"
+#include "dem/base/parallel.h"
 #include "dem/detail/detail.h"
 #include "dem/detail/detailed_terrain.h"
-#include "dem/support/error.h"
-#include "dem/support/parallel.h"
 #include "engine/scene/anchor.h"
 #include "engine/scene/mesh.h"
 #include "engine/scene/node_bounds.h"

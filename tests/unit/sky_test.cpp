@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/frame/sun.h"
 #include "engine/sky/earth_figure.h"
 #include "engine/sky/ephemeris.h"

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/radiometry/photometry.h"
 #include "engine/radiometry/solar_spectrum.h"
 

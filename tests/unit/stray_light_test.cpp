@@ -7,10 +7,10 @@
 #include <numbers>
 #include <vector>
 
+#include "engine/cache/render_cache.h"
 #include "engine/camera/view.h"
 #include "engine/radiometry/solar_spectrum.h"
 #include "engine/radiometry/spectrum.h"
-#include "engine/render_cache.h"
 #include "tests/support/moon_without_relief.h"
 #include "tests/support/views.h"
 

@@ -12,8 +12,8 @@
 #include <random>
 #include <thread>
 
+#include "dem/base/parallel.h"
 #include "dem/grid/surface.h"
-#include "dem/support/parallel.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 

@@ -13,8 +13,8 @@
 #include <random>
 #include <thread>
 
+#include "dem/base/error.h"
 #include "dem/gdal/geotiff_writer.h"
-#include "dem/support/error.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::dem {

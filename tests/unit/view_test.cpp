@@ -8,7 +8,7 @@
 #include <cmath>
 #include <random>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 
 namespace selenograph::engine {
 namespace {

@@ -3,7 +3,7 @@
 #include "api/json/ranges.h"
 #include "api/requests/parts/pose_json.h"
 #include "api/schema/member_kinds.h"
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/sky/ephemeris.h"
 
 namespace selenograph::api {

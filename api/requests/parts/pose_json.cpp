@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 
 namespace selenograph::api {
 namespace {

@@ -7,7 +7,7 @@
 #include "api/json/ranges.h"
 #include "api/requests/parts/pose_json.h"
 #include "api/schema/member_kinds.h"
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/radiometry/spectrum.h"
 #include "engine/sensor/optics.h"
 #include "engine/sensor/stray_light.h"

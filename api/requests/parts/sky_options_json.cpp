@@ -4,7 +4,7 @@
 
 #include "api/json/ranges.h"
 #include "api/schema/member_kinds.h"
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/sky/star_catalogue.h"
 
 namespace selenograph::api {

@@ -8,7 +8,7 @@
 #include <memory>
 #include <span>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "engine/support/packet.h"
 
 namespace selenograph::engine {

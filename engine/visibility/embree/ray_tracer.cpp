@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "dem/support/parallel.h"
-#include "dem/support/vector_targets.h"
+#include "dem/base/parallel.h"
+#include "dem/base/vector_targets.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/visibility/embree/ray_tracer.cpp"

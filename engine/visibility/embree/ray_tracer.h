@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <memory>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "engine/scene/mesh.h"
 #include "engine/support/packet.h"
 #include "engine/visibility/embree/embree.h"

@@ -1,6 +1,6 @@
 #include "engine/visibility/image/dense_samples.h"
 
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 
 namespace selenograph::engine {
 namespace {

@@ -4,7 +4,7 @@
 #include <functional>
 #include <vector>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "engine/camera/pixel_rays.h"
 #include "engine/camera/row_views.h"
 #include "engine/frame/report.h"

@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <string>
 
-#include "dem/support/error.h"
-#include "dem/support/hash.h"
+#include "dem/base/error.h"
+#include "dem/base/hash.h"
 
 namespace selenograph::engine {
 

@@ -5,7 +5,7 @@
 #include <mutex>
 #include <optional>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "engine/camera/packet_rays.h"
 #include "engine/camera/row_views.h"
 #include "engine/frame/products.h"

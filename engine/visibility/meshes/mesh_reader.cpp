@@ -12,7 +12,7 @@
 #include <new>
 #include <utility>
 
-#include "dem/support/error.h"
+#include "dem/base/error.h"
 #include "engine/support/child_process.h"
 #include "engine/support/confinement.h"
 #include "engine/visibility/meshes/mesh_answer.h"

@@ -10,7 +10,7 @@
 #include <mutex>
 #include <string>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "engine/scene/object_shape.h"
 
 namespace selenograph::engine {

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "dem/support/vector_targets.h"
+#include "dem/base/vector_targets.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/visibility/objects/ellipsoid_images.cpp"

@@ -6,10 +6,10 @@
 #include <numbers>
 #include <optional>
 
+#include "dem/base/error.h"
 #include "dem/detail/detail.h"
 #include "dem/detail/footprints.h"
 #include "dem/detail/rocks_on_ground.h"
-#include "dem/support/error.h"
 #include "engine/visibility/objects/object_mesh.h"
 #include "engine/visibility/objects/rock_shapes.h"
 

@@ -5,8 +5,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 
-#include "dem/support/hash.h"
-#include "dem/support/quantile.h"
+#include "dem/base/hash.h"
+#include "dem/base/quantile.h"
 
 namespace selenograph::engine {
 namespace {

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "engine/scene/object_shape.h"
 #include "engine/visibility/embree/object_tracer.h"
 

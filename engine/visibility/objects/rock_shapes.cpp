@@ -9,8 +9,8 @@
 #include <set>
 #include <utility>
 
+#include "dem/base/parallel.h"
 #include "dem/detail/size_cells.h"
-#include "dem/support/parallel.h"
 #include "engine/visibility/objects/object_mesh.h"
 
 namespace selenograph::engine {

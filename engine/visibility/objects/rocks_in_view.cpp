@@ -8,9 +8,9 @@
 #include <unordered_set>
 #include <utility>
 
+#include "dem/base/parallel.h"
 #include "dem/detail/detail.h"
 #include "dem/detail/footprints.h"
-#include "dem/support/parallel.h"
 #include "dem/terrain/surface_place.h"
 #include "engine/frame/needs.h"
 #include "engine/scene/node_bounds.h"

@@ -4,8 +4,8 @@
 #include <memory>
 #include <vector>
 
+#include "dem/base/stop_token.h"
 #include "dem/detail/rocks_on_ground.h"
-#include "dem/support/stop_token.h"
 #include "dem/terrain/terrain.h"
 #include "engine/camera/row_views.h"
 #include "engine/frame/sun.h"

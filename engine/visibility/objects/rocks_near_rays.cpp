@@ -5,9 +5,9 @@
 #include <cmath>
 #include <iterator>
 
+#include "dem/base/parallel.h"
 #include "dem/detail/footprints.h"
 #include "dem/grid/geodesy.h"
-#include "dem/support/parallel.h"
 #include "engine/frame/needs.h"
 #include "engine/scene/node_bounds.h"
 #include "engine/visibility/objects/rocks_in_view.h"

@@ -7,8 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "dem/base/stop_token.h"
 #include "dem/detail/rocks_on_ground.h"
-#include "dem/support/stop_token.h"
 #include "dem/terrain/terrain.h"
 #include "engine/frame/queries.h"
 #include "engine/scene/ray_selection.h"

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "dem/support/vector_targets.h"
+#include "dem/base/vector_targets.h"
 #include "dem/terrain/terrain.h"
 #include "engine/visibility/points/trace.h"
 

@@ -6,7 +6,7 @@
 #include <limits>
 #include <optional>
 
-#include "dem/support/vector_targets.h"
+#include "dem/base/vector_targets.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "engine/visibility/points/refine.cpp"

@@ -5,7 +5,7 @@
 #include <optional>
 #include <vector>
 
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 #include "engine/camera/packet_rays.h"
 #include "engine/visibility/image/edge_samples.h"
 #include "engine/visibility/image/flow.h"

@@ -5,7 +5,7 @@
 #include <limits>
 #include <utility>
 
-#include "dem/support/vector_targets.h"
+#include "dem/base/vector_targets.h"
 #include "engine/scene/vertex_rows.h"
 #include "engine/support/pool.h"
 

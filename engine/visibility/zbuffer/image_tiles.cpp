@@ -6,7 +6,7 @@
 #include <limits>
 #include <span>
 
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 #include "engine/support/packet.h"
 
 namespace selenograph::engine {

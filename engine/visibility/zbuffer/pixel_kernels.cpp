@@ -2,7 +2,7 @@
 
 #include <cstring>
 
-#include "dem/support/vector_targets.h"
+#include "dem/base/vector_targets.h"
 #include "engine/scene/raster_mesh.h"
 
 #undef HWY_TARGET_INCLUDE

@@ -4,7 +4,7 @@
 #include <cstring>
 #include <mutex>
 
-#include "dem/support/parallel.h"
+#include "dem/base/parallel.h"
 #include "engine/frame/needs.h"
 #include "engine/visibility/points/refine.h"
 #include "engine/visibility/points/trace.h"

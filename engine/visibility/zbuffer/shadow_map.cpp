@@ -9,9 +9,9 @@
 #include <optional>
 #include <span>
 
-#include "dem/support/error.h"
-#include "dem/support/parallel.h"
-#include "dem/support/vector_targets.h"
+#include "dem/base/error.h"
+#include "dem/base/parallel.h"
+#include "dem/base/vector_targets.h"
 #include "engine/visibility/points/trace.h"
 
 #undef HWY_TARGET_INCLUDE

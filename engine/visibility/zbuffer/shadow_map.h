@@ -12,7 +12,7 @@
 #include <cstring>
 #include <vector>
 
-#include "dem/support/stop_token.h"
+#include "dem/base/stop_token.h"
 #include "engine/support/packet.h"
 #include "engine/support/pool.h"
 #include "engine/visibility/points/disc_light.h"

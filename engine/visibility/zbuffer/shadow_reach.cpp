@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "dem/support/vector_targets.h"
+#include "dem/base/vector_targets.h"
 #include "engine/support/packet.h"
 
 #undef HWY_TARGET_INCLUDE

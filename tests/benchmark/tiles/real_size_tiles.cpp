@@ -11,11 +11,11 @@
 #include <filesystem>
 #include <string>
 
+#include "dem/base/parallel.h"
 #include "dem/catalogue/catalogue.h"
 #include "dem/grid/geodesy.h"
 #include "dem/posts/post_source.h"
 #include "dem/sample/crater_profile.h"
-#include "dem/support/parallel.h"
 #include "tests/support/tiles.h"
 
 namespace {

@@ -1,0 +1,278 @@
+#include "engine/cache/render_cache.h"
+
+#include <algorithm>
+#include <chrono>
+#include <limits>
+#include <new>
+#include <thread>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "dem/base/hash.h"
+#include "engine/scene/selection.h"
+
+namespace selenograph::engine {
+
+// The structured bindings name every member: one more, and they don't compile until it is part of the key.
+
+namespace {
+
+// More than a frame may have: what is farther away than the next frames is not worth its memory.
+constexpr std::size_t kMostOfRocks = std::size_t{16} << 20;
+
+int detail_of(const SceneContent& content) { return content.terrain ? content.terrain->detail_number() : 0; }
+
+}  // namespace
+
+ContentKey RenderCache::key_of(const SceneContent& content) {
+  const auto& [blocks, anchor_m, visibility, terrain, beside_coarser] = content;
+  const int detail = detail_of(content);
+  ContentHash hash;
+  hash.add(blocks.data(), blocks.size()), hash.add(beside_coarser.data(), beside_coarser.size()), hash.add(anchor_m),
+      hash.add(visibility), hash.add(detail);
+  return hash.key();
+}
+
+std::size_t RenderCache::CameraHash::operator()(const Camera& c) const {
+  const std::array numbers{static_cast<double>(c.width), static_cast<double>(c.height), c.fx, c.fy, c.cx, c.cy};
+  return dem::hash_of(numbers.data(), sizeof numbers);
+}
+
+namespace {
+
+// Scenes have most of their parts in common: each counts once.
+class PartsOnce {
+ public:
+  std::size_t add(const Scene& scene) {
+    std::size_t sum = scene.own_bytes(), counted = 0;
+    try {
+      scene.for_each_part([&](const void* part, std::size_t bytes) {
+        if (++users_[part] == 1) sum += bytes;
+        ++counted;
+      });
+    } catch (const std::bad_alloc&) {
+      remove_first(scene, counted);
+      throw;
+    }
+    return sum;
+  }
+  std::size_t remove(const Scene& scene) {
+    return scene.own_bytes() + remove_first(scene, std::numeric_limits<std::size_t>::max());
+  }
+
+ private:
+  // Of the first parts so many.
+  std::size_t remove_first(const Scene& scene, std::size_t count) {
+    std::size_t sum = 0;
+    scene.for_each_part([&](const void* part, std::size_t bytes) {
+      if (count == 0) return;
+      --count;
+      const auto found = users_.find(part);
+      if (found == users_.end() || --found->second > 0) return;
+      users_.erase(found);
+      sum += bytes;
+    });
+    return sum;
+  }
+
+  std::unordered_map<const void*, int> users_;
+};
+
+dem::Cache<ContentKey, Scene, ContentKeyHash>::Count parts_once() {
+  const auto parts = std::make_shared<PartsOnce>();
+  return {[parts](const Scene& scene) { return parts->add(scene); },
+          [parts](const Scene& scene) { return parts->remove(scene); }};
+}
+
+}  // namespace
+
+RenderCache::RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_t bytes, int threads)
+    : terrain_(std::move(terrain)),
+      threads_(threads),
+      scenes_(bytes, parts_once()),
+      lenses_(bytes / 8),
+      scattered_(bytes / 8),
+      rocks_(std::make_shared<dem::RockMemory>(std::min(bytes / 8, kMostOfRocks))),
+      light_tiles_(bytes / 4),
+      speed_of_rays_(threads),
+      speed_of_zbuffer_(threads) {}
+
+// Room for a scene while it is made, of what is new in it; scenes that nobody uses make way, but in preparation: the
+// latest is still flown over. The first is let in whatever its size: selection has bounded it.
+class RenderCache::Room {
+ public:
+  Room(RenderCache& cache, const SceneContent& content, Purpose purpose, const StopToken& stop) : cache_(cache) {
+    {
+      // Not held while this waits: who waits for room must not be in the others' way.
+      const std::shared_ptr<const Scene> before = cache.most_in_common(content);
+      const bool floats_stay = before && before->anchor == content.anchor_m;
+      for (const dem::BlockId& id : content.blocks)
+        if (!(floats_stay && before->mesh.holds(id))) bytes_ += scene_bytes_of(id, content.visibility);
+    }
+    if (purpose == Purpose::preparation && !cache.has_space_for_prepared(bytes_)) throw Cancelled();
+    while (!enter()) {
+      stop.check();
+      std::this_thread::sleep_for(kLook);
+    }
+  }
+  ~Room() {
+    const std::lock_guard lock(cache_.room_mutex_);
+    cache_.being_made_bytes_ -= bytes_;
+  }
+  Room(const Room&) = delete;
+  Room& operator=(const Room&) = delete;
+  std::size_t bytes() const { return bytes_; }
+
+ private:
+  static constexpr auto kLook = std::chrono::milliseconds(2);
+
+  bool enter() {
+    const std::lock_guard lock(cache_.room_mutex_);
+    const std::size_t taken = cache_.being_made_bytes_ + cache_.scenes_.bytes_in_use();
+    if (taken > 0 && taken + bytes_ > cache_.scenes_.capacity()) return false;
+    cache_.being_made_bytes_ += bytes_;
+    return true;
+  }
+
+  RenderCache& cache_;
+  std::size_t bytes_ = 0;
+};
+
+std::shared_ptr<const Scene> RenderCache::most_in_common(const SceneContent& content) {
+  std::vector<std::shared_ptr<const Scene>> candidates;
+  {
+    const std::lock_guard lock(latest_mutex_);
+    for (const auto& one : latest_)
+      if (auto scene = one.lock()) candidates.push_back(std::move(scene));
+  }
+  std::shared_ptr<const Scene> best;
+  std::size_t most = 0;
+  for (auto& scene : candidates) {
+    if (scene->detail != detail_of(content)) continue;
+    std::size_t same = 0;
+    for (const dem::BlockId& id : content.blocks) same += scene->mesh.holds(id);
+    if (scene->anchor == content.anchor_m) same *= 2;  // of another anchor, floats are made anew
+    if (same > most) most = same, best = std::move(scene);
+  }
+  return best;
+}
+
+std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, const StopToken& stop, Purpose purpose) {
+  const ContentKey key = key_of(content);
+  const auto make = [&] {
+    const Room room(*this, content, purpose, stop);
+    SceneParts before;
+    if (const auto scene = most_in_common(content)) before = scene->parts_for(content.anchor_m);
+    reserve();
+    auto made =
+        std::make_shared<const Scene>(content.terrain ? *content.terrain : *terrain_, content, threads_, before, stop);
+    const std::lock_guard lock(latest_mutex_);
+    latest_.push_front(made);
+    if (latest_.size() > kLatest) latest_.pop_back();
+    if (purpose == Purpose::preparation) {
+      prepared_.insert(key);
+      prepared_bytes_ += room.bytes();
+      ++statistics_.prepared;
+    }
+    return dem::Cache<ContentKey, Scene, ContentKeyHash>::Loaded{made, made->bytes};
+  };
+  std::shared_ptr<const Scene> scene = scenes_.get(key, make, stop);
+  if (purpose == Purpose::frame) {
+    const std::lock_guard lock(latest_mutex_);
+    statistics_.used += prepared_.erase(key);
+    prepared_bytes_ = 0;
+  }
+  return scene;
+}
+
+// A prepared scene must leave the latest frame's scene in the cache. Scenes prepared after one frame take half of the
+// cache at most: else each new one would displace one that is expected sooner.
+bool RenderCache::has_space_for_prepared(std::size_t bytes) {
+  if (latest_scene_bytes() + bytes > scenes_.capacity()) return false;
+  const std::lock_guard lock(latest_mutex_);
+  return prepared_bytes_ == 0 || prepared_bytes_ + bytes <= scenes_.capacity() / 2;
+}
+
+PreparationStatistics RenderCache::preparation_statistics() {
+  const std::lock_guard lock(latest_mutex_);
+  statistics_.wasted += std::erase_if(prepared_, [&](const ContentKey& key) { return !scenes_.holds(key); });
+  return statistics_;
+}
+
+bool RenderCache::holds(const SceneContent& content) const { return scenes_.holds(key_of(content)); }
+
+std::function<bool()> RenderCache::use_of(const SceneContent& content) {
+  return [this, key = key_of(content)] { return scenes_.find(key).has_value(); };
+}
+
+void RenderCache::forget(const SceneContent& content) {
+  scenes_.erase(key_of(content));
+  const std::lock_guard lock(latest_mutex_);
+  latest_.clear();
+}
+
+std::shared_ptr<const dem::CraterRoughness> RenderCache::roughness(const dem::Terrain& terrain, const StopToken& stop) {
+  using Roughnesses = dem::Cache<int, dem::CraterRoughness>;
+  return roughnesses_.get(
+      terrain.detail_number(),
+      [&] {
+        return Roughnesses::Loaded{std::make_shared<const dem::CraterRoughness>(*terrain.detail(), stop), 1};
+      },
+      stop);
+}
+
+std::shared_ptr<const PixelRays> RenderCache::lens(const Camera& camera, const StopToken& stop) {
+  if (camera.rectilinear()) return std::make_shared<const PixelRays>();
+  return lenses_.get(
+      camera,
+      [&] {
+        auto made = std::make_shared<const PixelRays>(camera, 0, 0, stop);
+        return dem::Cache<Camera, PixelRays, CameraHash>::Loaded{made, made->bytes()};
+      },
+      stop);
+}
+
+std::shared_ptr<const ScatteredLight> RenderCache::scattered(const StrayLight& law, const Camera& camera,
+                                                             const StopToken& stop) {
+  ContentHash hash;
+  hash.add(law.b0_sr), hash.add(law.shoulder), hash.add(law.slope);
+  hash.add(camera.width), hash.add(camera.height), hash.add(camera.fx), hash.add(camera.fy);
+  return scattered_.get(
+      hash.key(),
+      [&] {
+        auto made = std::make_shared<const ScatteredLight>(law, camera, stop);
+        return dem::Cache<ContentKey, ScatteredLight, ContentKeyHash>::Loaded{made, made->bytes()};
+      },
+      stop);
+}
+
+void RenderCache::settle() {
+  if (scratch_.bytes() > scenes_.capacity() / 4) scratch_.clear();
+  reserve();
+}
+
+// What isn't a scene, or not yet one.
+void RenderCache::reserve() {
+  std::size_t being_made;
+  {
+    const std::lock_guard lock(room_mutex_);
+    being_made = being_made_bytes_;
+  }
+  const std::size_t others = not_scenes_bytes() + being_made, needed = others + latest_scene_bytes(),
+                    spare = scenes_.capacity() - std::min(scenes_.capacity(), needed);
+  scenes_.reserve(others + std::min(less_.load(), spare));
+}
+
+std::size_t RenderCache::latest_scene_bytes() {
+  const std::lock_guard lock(latest_mutex_);
+  const auto scene = latest_.empty() ? nullptr : latest_.front().lock();
+  return scene ? scene->bytes + scene->bytes / 16 : 0;  // and what goes with it in the cache
+}
+
+void RenderCache::keep_less(std::size_t bytes) {
+  less_ = bytes;
+  reserve();
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,123 @@
+// Data kept from frame to frame, on one memory budget: scenes, lenses, stray light, rocks, scratch memory; and the
+// measured speed of frames.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <unordered_set>
+
+#include "dem/base/cache.h"
+#include "dem/base/stop_token.h"
+#include "dem/detail/crater_visibility.h"
+#include "dem/detail/rocks_on_ground.h"
+#include "dem/terrain/terrain.h"
+#include "engine/cache/budget.h"
+#include "engine/cache/preparation.h"
+#include "engine/camera/pixel_rays.h"
+#include "engine/indirect/light_tile.h"
+#include "engine/sensor/stray_light.h"
+#include "engine/support/content_key.h"
+#include "engine/support/pool.h"
+#include "engine/visibility/points/scene.h"
+#include "engine/visibility/zbuffer/raster_pass.h"
+
+namespace selenograph::engine {
+
+// Thread-safe.
+class RenderCache {
+ public:
+  // `threads`: number that work on a frame.
+  RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_t bytes, int threads);
+
+  // Purpose of a scene: a requested frame, or one that is expected.
+  enum class Purpose { frame, preparation };
+
+  // Concurrent requests for the same scene build it once; the others wait, each until its own `stop`, and then
+  // Cancelled is thrown. Scenes in use cannot be evicted: a scene that does not fit beside them waits until they are
+  // released, so the caller must not hold one.
+  std::shared_ptr<const Scene> scene(const SceneContent& content, const StopToken& stop = {},
+                                     Purpose purpose = Purpose::frame);
+  bool holds(const SceneContent& content) const;
+  // Returns a function that tells whether the scene is still cached and marks it as used. This object must outlive it.
+  std::function<bool()> use_of(const SceneContent& content);
+  void forget(const SceneContent& content);
+
+  PreparationStatistics preparation_statistics();
+
+  // Directions of the camera's pixels; empty without distortion. Throws Cancelled when `stop` says so.
+  std::shared_ptr<const PixelRays> lens(const Camera& camera, const StopToken& stop);
+
+  // Stray light of the optics over the camera's image. Throws Cancelled when `stop` says so.
+  std::shared_ptr<const ScatteredLight> scattered(const StrayLight& law, const Camera& camera, const StopToken& stop);
+
+  // Roughness of a terrain's detail, which it must have; measured once.
+  std::shared_ptr<const dem::CraterRoughness> roughness(const dem::Terrain& terrain, const StopToken& stop);
+  // Rocks of details, and what surrounds them: on the budget, at most an eighth of it.
+  const std::shared_ptr<dem::RockMemory>& rocks() const { return rocks_; }
+
+  // Indirect light of terrain, on the budget: at most a quarter of it.
+  LightTiles& light_tiles() { return light_tiles_; }
+
+  // Keep leases short: memory that is lent is not on the budget.
+  Pool<FrameScratch>& scratch() { return scratch_; }
+  // Call after a lease has ended. Scratch memory, lenses, stray light and rocks count towards the scenes' budget. A
+  // frame much larger than the others leaves its scratch memory behind only if that is a small part of the budget.
+  void settle();
+
+  // Reduces the budget by memory that is needed elsewhere: less is kept, except for the latest scene. What one frame
+  // may take does not change.
+  void keep_less(std::size_t bytes);
+
+  SpeedGauge& speed(Visibility visibility) {
+    return visibility == Visibility::zbuffer ? speed_of_zbuffer_ : speed_of_rays_;
+  }
+
+  std::size_t capacity() const { return scenes_.capacity(); }
+  std::size_t bytes() const { return scenes_.bytes() + not_scenes_bytes(); }
+
+ private:
+  // Hashes the members in which most cameras differ; equality compares all members.
+  struct CameraHash {
+    std::size_t operator()(const Camera& camera) const;
+  };
+  static ContentKey key_of(const SceneContent& content);
+  class Room;
+  void reserve();
+  std::size_t not_scenes_bytes() const {
+    return lenses_.bytes() + scattered_.bytes() + rocks_->bytes() + light_tiles_.bytes() + scratch_.bytes();
+  }
+  std::size_t latest_scene_bytes();
+  bool has_space_for_prepared(std::size_t bytes);
+  std::shared_ptr<const Scene> most_in_common(const SceneContent& content);
+
+  std::shared_ptr<const dem::Terrain> terrain_;
+  int threads_;
+  dem::Cache<ContentKey, Scene, ContentKeyHash> scenes_;
+  dem::Cache<Camera, PixelRays, CameraHash> lenses_;  // pixel directions do not depend on the pose
+  dem::Cache<ContentKey, ScatteredLight, ContentKeyHash> scattered_;
+  static constexpr std::size_t kMostRoughnesses = 16;
+  dem::Cache<int, dem::CraterRoughness> roughnesses_{kMostRoughnesses};  // by the detail's number
+  std::shared_ptr<dem::RockMemory> rocks_;
+  LightTiles light_tiles_;
+  Pool<FrameScratch> scratch_;
+  std::mutex room_mutex_;
+  std::size_t being_made_bytes_ = 0;  // scenes being built
+  std::atomic<std::size_t> less_{0};
+  // The most recent scenes, newest first, if still in use or cached: a moving camera's next scene shares most blocks
+  // with one of them.
+  static constexpr std::size_t kLatest = 4;
+  std::mutex latest_mutex_;
+  std::deque<std::weak_ptr<const Scene>> latest_;
+  std::unordered_set<ContentKey, ContentKeyHash> prepared_;  // not yet used by a frame
+  PreparationStatistics statistics_;
+  SpeedGauge speed_of_rays_, speed_of_zbuffer_;
+  std::size_t prepared_bytes_ = 0;  // since the latest frame
+};
+
+}  // namespace selenograph::engine

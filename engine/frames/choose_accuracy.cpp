@@ -1,0 +1,48 @@
+#include "engine/frames/choose_accuracy.h"
+
+#include <optional>
+
+#include "dem/base/error.h"
+#include "engine/frames/frame_moment.h"
+#include "engine/support/stopwatch.h"
+
+namespace selenograph::engine {
+
+BudgetChoice choose_accuracy(const FrameRequest& request, double budget_ms, int max_samples,
+                             const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
+  const RowViews views(request.camera, request.pose, request.shutter, stop);
+  if (request.terrain) refuse_underground(terrain, views, stop);
+  Stopwatch watch;
+  double spent_ms = 0;
+  std::optional<BudgetChoice> best;
+  for (const double error_px : kBudgetErrors_px) {
+    Accuracy setting{.max_error_px = error_px};
+    Selection selection;
+    try {
+      selection = select_blocks(request, views, setting, terrain, kept, stop);
+    } catch (const TooMuchTerrain&) {
+      if (!best) throw;
+      break;
+    }
+    const double select_ms = watch.lap_ms();
+    spent_ms += select_ms;
+    const SceneContent content = content_of(request, views, selection, terrain);
+    const bool build = !kept.holds(content);
+    bool any = false;
+    for (const int samples : kBudgetSamples) {
+      if (samples > max_samples) break;
+      setting.samples_per_pixel = samples;
+      // Selected once to choose, once to render.
+      const FrameWork work = work_of(request, setting, content.visibility, triangles_of(selection), build);
+      const double ms = spent_ms + select_ms + kept.speed(content.visibility).predicted_ms(work);
+      const bool fits = ms <= budget_ms;
+      any |= fits;
+      if (!best || (fits && expected_error(setting) < expected_error(best->accuracy)))
+        best = BudgetChoice{setting, ms, fits};
+    }
+    if (!any) break;  // finer terrain takes longer still
+  }
+  return *best;
+}
+
+}  // namespace selenograph::engine

@@ -1,0 +1,463 @@
+#include "engine/maps/render_map.h"
+
+#include <fmt/format.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "dem/base/error.h"
+#include "dem/base/parallel.h"
+#include "engine/cache/budget.h"
+#include "engine/frame/needs.h"
+#include "engine/hazard/hazard_map.h"
+#include "engine/radiometry/radiometry.h"
+#include "engine/scene/anchor.h"
+#include "engine/scene/selection.h"
+#include "engine/sensor/sensor.h"
+#include "engine/support/assign.h"
+#include "engine/support/stopwatch.h"
+#include "engine/visibility/image/frame_writer.h"
+#include "engine/visibility/objects/objects_in_frame.h"
+#include "engine/visibility/objects/rocks_in_view.h"
+#include "engine/visibility/points/trace.h"
+#include "engine/visibility/raytrace/ray_pass.h"
+
+namespace selenograph::engine {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
+
+// Patches: of so many pixels along a side, while their terrain fits and keeps the aim for shadows; else by halves, the
+// aim giving way only in small ones. Never wider than this much of the Moon, which a camera sees at once.
+constexpr int kLargestPatch_px = 512, kSmallPatch_px = 64;
+// Scenes of a map of more patches are not kept: they are not to take the place of what moving cameras see.
+constexpr int kMostKeptPatches = 16;
+const double kWidestPatchCosine = std::cos(30 * kRadiansPerDegree);
+
+struct Patch {
+  int x, y, width, height;
+  std::size_t pixels() const { return static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
+  std::pair<Patch, Patch> halves() const {
+    Patch a = *this, b = *this;
+    if (width >= height) {
+      a.width = width / 2, b.x += a.width, b.width -= a.width;
+    } else {
+      a.height = height / 2, b.y += a.height, b.height -= a.height;
+    }
+    return {a, b};
+  }
+};
+
+// From the Moon's centre to the patch's pixels, row by row; NaN where the map has no Moon.
+struct PatchDirections {
+  std::vector<Vec3> all;
+  Vec3 middle = Vec3::Zero();  // zero: no pixel is on the Moon
+  double cosine = 1;           // of the angle from there to the farthest one
+};
+
+PatchDirections directions_of(const dem::MapGrid& grid, const Patch& patch, const StopToken& stop) {
+  PatchDirections out;
+  out.all.resize(patch.pixels());
+  const dem::MapTransform map(grid.plane);
+  in_parallel_pieces(static_cast<std::size_t>(patch.height), 8, [&](std::size_t first, std::size_t past_last) {
+    stop.check();
+    for (std::size_t row = first; row < past_last; ++row)
+      for (int column = 0; column < patch.width; ++column)
+        out.all[row * static_cast<std::size_t>(patch.width) + static_cast<std::size_t>(column)] =
+            map.direction(grid.point(patch.x + column, patch.y + static_cast<int>(row))).value_or(Vec3::Constant(kNaN));
+  });
+  Vec3 sum = Vec3::Zero();
+  for (const Vec3& d : out.all)
+    if (!d.hasNaN()) sum += d, out.middle = d;
+  if (out.middle.isZero()) return out;
+  if (sum.norm() > 1e-6) out.middle = sum.normalized();
+  for (const Vec3& d : out.all)
+    if (!d.hasNaN()) out.cosine = std::min(out.cosine, d.dot(out.middle));
+  return out;
+}
+
+// From so far away rays are as good as parallel; near enough for coordinates to have nanometres.
+constexpr double kFarAway_m = 1e8;
+
+// A camera far away in a direction from a patch, which sees all that stands on it, a pixel for each of the map's.
+RowViews view_from(const Vec3& toward, const PatchDirections& patch, double gsd_m, const StopToken& stop) {
+  const Vec3 z = -toward, x = any_across(toward), y = z.cross(x);
+  Pose pose;
+  pose.position_m = patch.middle * kMoonRadius_m + toward * kFarAway_m;
+  Eigen::Matrix3d axes;
+  axes.row(0) = x, axes.row(1) = y, axes.row(2) = z;
+  pose.camera_from_moon = Eigen::Quaterniond(axes);
+  double right = 0, down = 0;
+  for (const Vec3& d : patch.all) {
+    if (d.hasNaN()) continue;
+    for (const float height_m : {dem::kLowestRelief_m, dem::kHighestRelief_m}) {
+      const Vec3 c = axes * (d * (kMoonRadius_m + static_cast<double>(height_m)) - pose.position_m);
+      right = std::max(right, std::abs(c.x() / c.z())), down = std::max(down, std::abs(c.y() / c.z()));
+    }
+  }
+  Camera camera;
+  camera.fx = camera.fy = kFarAway_m / gsd_m;
+  constexpr double kMost_px = 1e9;
+  const auto side = [&](double slope) { return 3 + 2 * static_cast<int>(std::min(slope * camera.fx, kMost_px)); };
+  camera.width = side(right), camera.height = side(down);
+  camera.cx = (camera.width - 1) / 2.0, camera.cy = (camera.height - 1) / 2.0;
+  return {camera, pose, std::nullopt, stop};
+}
+
+// What a patch is drawn with: positions say where there is data, normals how steep it is.
+ProductSet products_of_patch(ProductSet wanted) {
+  return (wanted & ~(kHeight | kSlope | kRockHeight)) | kPosition | (wanted & kSlope ? ProductSet{kNormal} : 0);
+}
+
+class MapDrawing {
+ public:
+  MapDrawing(const MapRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop,
+             const MapProgress& progress)
+      : request_(request), terrain_(terrain), kept_(kept), stop_(stop), progress_(progress), frame_(request.look) {
+    frame_.camera = {}, frame_.shutter.reset(), frame_.sensor.reset(), frame_.objects.clear(), frame_.terrain = true;
+    frame_.products = products_of_patch(request.products);
+    frame_.accuracy.samples_per_pixel = 1;
+    frame_.visibility = Visibility::raytrace;
+    radiance_ = radiance_terms(frame_);
+    const std::size_t n = pixels_in_all();
+    allocate_products(out_.products, request.products, n, n, stop_);
+    std::fill(out_.products.radiance.begin(), out_.products.radiance.end(), kNaN32);
+    out_.report.min_post_spacing_m = std::numeric_limits<double>::infinity();
+    out_.report.shadow_limits_px = {frame_.accuracy.max_shadow_error_px};
+  }
+
+  Map draw() {
+    const int across = (request_.grid.width + kLargestPatch_px - 1) / kLargestPatch_px,
+              along = (request_.grid.height + kLargestPatch_px - 1) / kLargestPatch_px;
+    forgets_ = across * along > kMostKeptPatches;
+    for (int j = 0; j < along; ++j)
+      for (int i = 0; i < across; ++i) {
+        const int x = i * kLargestPatch_px, y = j * kLargestPatch_px;
+        draw({x, y, std::min(kLargestPatch_px, request_.grid.width - x),
+              std::min(kLargestPatch_px, request_.grid.height - y)});
+      }
+    kept_.settle();
+    return finish();
+  }
+
+ private:
+  std::size_t pixels_in_all() const {
+    return static_cast<std::size_t>(request_.grid.width) * static_cast<std::size_t>(request_.grid.height);
+  }
+
+  void draw(const Patch& patch) {
+    Stopwatch watch;
+    const PatchDirections directions = directions_of(request_.grid, patch, stop_);
+    if (directions.middle.isZero()) return done(patch);
+    if (directions.cosine < kWidestPatchCosine && patch.pixels() > 1) return draw_halves(patch);
+    // The second: what may stand before the viewer.
+    const RowViews above = view_from(directions.middle, directions, request_.grid.gsd_m, stop_);
+    std::vector<ViewBundle> views(above.bundles().begin(), above.bundles().end());
+    if (const auto& toward = request_.toward_viewer;
+        toward && wants_radiance(frame_) && toward->dot(directions.middle) > kLowestView)
+      views.push_back(view_from(*toward, directions, request_.grid.gsd_m, stop_).bundles().front());
+    const auto selection = select(patch, views);
+    if (!selection) return draw_halves(patch);
+    out_.times.select_ms += watch.lap_ms();
+    draw(patch, directions, above, *selection);
+    done(patch);
+  }
+
+  // Lower than that nobody sees anything of a patch, whatever its slopes: it is below the horizon of all relief.
+  static constexpr double kLowestView = -0.6;
+
+  void draw_halves(const Patch& patch) {
+    const auto [a, b] = patch.halves();
+    forgets_ = true;
+    draw(a), draw(b);
+  }
+
+  void done(const Patch& patch) {
+    drawn_ += patch.pixels();
+    if (progress_) progress_(static_cast<double>(drawn_) / static_cast<double>(pixels_in_all()));
+  }
+
+  // Nothing where a smaller patch does better.
+  std::optional<Selection> select(const Patch& patch, const std::vector<ViewBundle>& views) const {
+    try {
+      Selection selection = select_for_views(terrain_, views, wants_light(frame_) ? &frame_.sun : nullptr,
+                                             frame_.accuracy, stop_, {kept_.capacity(), Visibility::raytrace});
+      const bool gave_way = selection.shadow_limit_px > frame_.accuracy.max_shadow_error_px;
+      if (gave_way && std::max(patch.width, patch.height) > kSmallPatch_px) return std::nullopt;
+      return selection;
+    } catch (const TooMuchTerrain&) {
+      if (patch.pixels() == 1)
+        throw TooMuchTerrain(
+            fmt::format("one pixel of the map needs more terrain than the {} MB for scenes hold: ask for a larger "
+                        "gsd_m or max_error_px",
+                        kept_.capacity() >> 20),
+            "gsd_m");
+      return std::nullopt;
+    }
+  }
+
+  void draw(const Patch& patch, const PatchDirections& directions, const RowViews& above, const Selection& selection) {
+    frame_.camera.width = patch.width, frame_.camera.height = patch.height;
+    const View& view = above.reference();
+    const SceneContent content{selection.blocks, anchor_for(view.position(), view.middle(), kFarAway_m),
+                               Visibility::raytrace, &terrain_};
+    const FrameWork work = work_of(frame_, frame_.accuracy, Visibility::raytrace, triangles_of(selection),
+                                   /*build=*/!kept_.holds(content));
+    const std::size_t times = (pixels_in_all() - drawn_) / patch.pixels();
+    kept_.speed(Visibility::raytrace)
+        .refuse_hopeless(work, std::max<std::size_t>(times, 1), "a larger gsd_m or a smaller area takes less", stop_);
+    Stopwatch watch;
+    StageTimes spent;
+    {
+      const std::shared_ptr<const Scene> scene = kept_.scene(content, stop_);
+      spent.build_ms = watch.lap_ms();
+      trace(patch, directions, above, selection, *scene);
+      report(selection, *scene);
+    }
+    spent.visibility_ms = watch.lap_ms();
+    kept_.speed(Visibility::raytrace).learn(work, spent);
+    out_.times.build_ms += spent.build_ms, out_.times.visibility_ms += spent.visibility_ms;
+    if (forgets_) kept_.forget(content);
+  }
+
+  void trace(const Patch& patch, const PatchDirections& directions, const RowViews& above, const Selection& selection,
+             const Scene& scene) {
+    const RocksInView rocks = rocks_on(above, selection);
+    const ObjectsInFrame objects(frame_, rocks.rocks, stop_);
+    std::vector<float> rock_height;
+    if (request_.products & kRockHeight) rock_height.assign(patch.pixels(), 0);
+    std::vector<double> sag_m(request_.products & kHeight ? patch.pixels() : 0, 0);
+    const PixelRays lens;
+    const EachSample each;
+    std::optional<TerrainLight> indirect;
+    if (wants_indirect(frame_)) {
+      std::optional<Vec3> viewer_m;
+      if (request_.toward_viewer) viewer_m = directions.middle * kMoonRadius_m + *request_.toward_viewer * kFarAway_m;
+      indirect.emplace(frame_,
+                       ViewOfGround{above, scene.mesh, balls_around(frame_.objects), objects.balls_around_rocks()},
+                       viewer_m, terrain_, radiance_.direct_w_m2, kept_.light_tiles(), stop_);
+      out_.report.ground_view = std::max(out_.report.ground_view, indirect->most_ground_view());
+    }
+    const FrameJob job{frame_, above, scene, objects, radiance_, lens, stop_, each, indirect ? &*indirect : nullptr};
+    FrameProducts drawn;
+    FrameWriter writer(frame_, above, scene.mesh, terrain_.catalogue().rasters().size(), drawn, stop_);
+    writer.set_light({radiance_.direct_w_m2, job.indirect});
+    RayPass(job, writer).for_pixels([&](RayPass& pass, RayPass::Packet& packet) {
+      aim(patch, directions, packet);
+      pass.meet(packet);
+      if (packet.on_object && !rock_height.empty()) note_rocks(patch, packet, rock_height);
+      if (!sag_m.empty()) note_sag(patch, scene.mesh, packet, sag_m);
+      pass.find_light(packet);
+      const std::uint32_t hidden = turn_to_viewer(scene, packet);
+      pass.find_radiance(packet);
+      for (int i = 0; i < kPacket; ++i)
+        if (hidden >> i & 1) packet.radiance[i] = kNaN32;
+      pass.write_products(packet);
+    });
+    hit_ += writer.counts().hit, missing_ += writer.counts().missing, filled_ += writer.counts().filled;
+    blended_ += writer.counts().blended;
+    const std::vector<dem::SourceIndex> sources = writer.sources().settle(drawn.source);
+    drawn.rock_height = std::move(rock_height);
+    copy(patch, directions, drawn, numbers_of(sources));
+    if (!sag_m.empty()) lift(patch, sag_m);
+  }
+
+  RocksInView rocks_on(const RowViews& above, const Selection& selection) {
+    if (!request_.rocks) return {};
+    RocksInView rocks = rocks_in_view(terrain_, kept_.rocks(), above, wants_light(frame_) ? &frame_.sun : nullptr,
+                                      selection.blocks, frame_.accuracy.max_error_px, stop_);
+    out_.report.rocks += rocks.rocks.size();
+    out_.report.least_rock_px = std::max(out_.report.least_rock_px, rocks.least_px);
+    return rocks;
+  }
+
+  // How far rocks are above the terrain below them, whose points the packet still has.
+  static void note_rocks(const Patch& patch, const RayPass::Packet& p, std::vector<float>& rock_height) {
+    for (int i = 0; i < kPacket; ++i) {
+      const int x = p.x + i % kPacketSide, y = p.y + i / kPacketSide;
+      if (!(p.on_object >> i & 1) || p.objects.on_soil[i] || x >= patch.width || y >= patch.height) continue;
+      rock_height[static_cast<std::size_t>(y) * static_cast<std::size_t>(patch.width) + static_cast<std::size_t>(x)] =
+          static_cast<float>(p.points.distance[i] - p.objects.points.distance[i]);
+    }
+  }
+
+  // How far the mesh lies below the heights between its vertices. Its triangles are plane and the Moon is not: between
+  // posts 1 km apart on level ground the triangle's middle is 0.07 m below them, and so would be all heights of a map
+  // that is drawn with coarse triangles.
+  static void note_sag(const Patch& patch, const Mesh& mesh, const RayPass::Packet& p, std::vector<double>& sag_m) {
+    const SurfacePoints& points = p.points;
+    for (int i = 0; i < kPacket; ++i) {
+      const int x = p.x + i % kPacketSide, y = p.y + i / kPacketSide;
+      if (!((p.on_terrain | p.on_object) >> i & 1) || x >= patch.width || y >= patch.height) continue;
+      const double v = points.v[i], w = points.w[i], u = 1 - v - w;
+      // A rock may stand before ground that the mesh does not have.
+      constexpr double kOutside = -1e-6;
+      if (!(u >= kOutside && v >= kOutside && w >= kOutside)) continue;
+      const dem::Triangle t = mesh.triangle(points.triangle[i]);
+      sag_m[static_cast<std::size_t>(y) * static_cast<std::size_t>(patch.width) + static_cast<std::size_t>(x)] =
+          u * t.a.norm() + v * t.b.norm() + w * t.c.norm() - (u * t.a + v * t.b + w * t.c).norm();
+    }
+  }
+
+  void lift(const Patch& patch, const std::vector<double>& sag_m) {
+    for (int row = 0; row < patch.height; ++row) {
+      const double* sag = &sag_m[static_cast<std::size_t>(row) * static_cast<std::size_t>(patch.width)];
+      double* height = &out_.products.height[(static_cast<std::size_t>(patch.y) + static_cast<std::size_t>(row)) *
+                                                 static_cast<std::size_t>(request_.grid.width) +
+                                             static_cast<std::size_t>(patch.x)];
+      for (int column = 0; column < patch.width; ++column) height[column] += sag[column];
+    }
+  }
+
+  static void aim(const Patch& patch, const PatchDirections& directions, RayPass::Packet& p) {
+    for (int i = 0; i < kPacket; ++i) {
+      const int x = p.x + i % kPacketSide, y = p.y + i / kPacketSide;
+      const bool inside = x < patch.width && y < patch.height;
+      const Vec3 up = inside ? directions.all[static_cast<std::size_t>(y) * static_cast<std::size_t>(patch.width) +
+                                              static_cast<std::size_t>(x)]
+                             : directions.middle;
+      const bool moon = !up.hasNaN();
+      p.rays.set(i, (moon ? up : directions.middle) * (kMoonRadius_m + kFarAway_m), moon ? -up : -directions.middle);
+      p.rays.valid[i] = inside && moon;
+    }
+  }
+
+  // From here on the packet is seen from there, but for the lanes that can't be: a bit each.
+  std::uint32_t turn_to_viewer(const Scene& scene, RayPass::Packet& p) const {
+    if (!request_.toward_viewer || !(p.sample.weight > 0) || p.on_terrain == 0) return 0;
+    const Vec3& toward = *request_.toward_viewer;
+    const std::uint32_t hidden = shaded(scene, p.points, p.on_terrain, toward);
+    for (int i = 0; i < kPacket; ++i) {
+      if (!(p.on_terrain & ~hidden & 1U << i)) continue;
+      p.rays.dx[i] = -toward.x(), p.rays.dy[i] = -toward.y(), p.rays.dz[i] = -toward.z();
+      p.shading.mu[i] = p.shading.normal(i).dot(toward);
+    }
+    return hidden;
+  }
+
+  // In the map's list of sources, which is in the order in which they are met until it is finished.
+  std::vector<std::uint16_t> numbers_of(const std::vector<dem::SourceIndex>& sources) {
+    std::vector<std::uint16_t> numbers;
+    for (const dem::SourceIndex source : sources) {
+      const auto at = std::find(sources_.begin(), sources_.end(), source);
+      numbers.push_back(static_cast<std::uint16_t>(at - sources_.begin()));
+      if (at != sources_.end()) continue;
+      if (sources_.size() >= FrameSources::kNone)
+        throw TooMuchTerrain("the map has more sources than its product 'source' can tell apart");
+      sources_.push_back(source);
+    }
+    return numbers;
+  }
+
+  void copy(const Patch& patch, const PatchDirections& directions, const FrameProducts& drawn,
+            const std::vector<std::uint16_t>& numbers) {
+    in_parallel_pieces(static_cast<std::size_t>(patch.height), 8, [&](std::size_t first, std::size_t past_last) {
+      std::size_t from = first * static_cast<std::size_t>(patch.width);
+      for (std::size_t row = first; row < past_last; ++row) {
+        std::size_t to = (static_cast<std::size_t>(patch.y) + row) * static_cast<std::size_t>(request_.grid.width) +
+                         static_cast<std::size_t>(patch.x);
+        for (int column = 0; column < patch.width; ++column, ++from, ++to)
+          if (!std::isnan(drawn.position[3 * from])) copy_pixel(drawn, from, directions.all[from], numbers, to);
+      }
+    });
+  }
+
+  void copy_pixel(const FrameProducts& drawn, std::size_t from, const Vec3& up,
+                  const std::vector<std::uint16_t>& numbers, std::size_t to) {
+    FrameProducts& out = out_.products;
+    const auto copy_one = [&](const auto& array, auto& into) {
+      if (into.empty() || array.empty()) return;
+      const std::size_t components = into.size() / pixels_in_all();
+      std::copy_n(&array[components * from], components, &into[components * to]);
+    };
+    const auto arrays = all_arrays(drawn);
+    const auto into = all_arrays(out);
+    [&]<std::size_t... i>(std::index_sequence<i...>) { (copy_one(std::get<i>(arrays), std::get<i>(into)), ...); }
+    (std::make_index_sequence<std::tuple_size_v<decltype(into)>>());
+    if (!out.source.empty() && out.source[to] != FrameSources::kNone) out.source[to] = numbers[out.source[to]];
+    if (!out.height.empty()) out.height[to] = Eigen::Map<const Vec3>(&drawn.position[3 * from]).norm() - kMoonRadius_m;
+    if (out.slope.empty()) return;
+    const Vec3 normal = Eigen::Map<const Eigen::Vector3f>(&drawn.normal[3 * from]).cast<double>();
+    out.slope[to] = static_cast<float>(angle_between(normal, up) * kDegreesPerRadian);
+  }
+
+  void report(const Selection& selection, const Scene& scene) {
+    FrameReport& r = out_.report;
+    r.lod_error_px = std::max(r.lod_error_px, selection.error_px);
+    r.lod_error_m = std::max(r.lod_error_m, selection.error_m);
+    r.expected_error_px = std::max(r.expected_error_px, selection.expected_error_px);
+    r.expected_error_m = std::max(r.expected_error_m, selection.expected_error_m);
+    r.detail_error_px = std::max(r.detail_error_px, selection.detail_error_px);
+    r.detail_limit_px = std::max(r.detail_limit_px, selection.detail_limit_px);
+    r.shadow_error_px = std::max(r.shadow_error_px, selection.shadow_error_px);
+    r.shadow_limits_px[0] = std::max(r.shadow_limits_px[0], selection.shadow_limit_px);
+    if (selection.max_spacing_m > 0) r.min_post_spacing_m = std::min(r.min_post_spacing_m, selection.min_spacing_m);
+    r.max_post_spacing_m = std::max(r.max_post_spacing_m, selection.max_spacing_m);
+    r.triangles += scene.triangles, r.scene_bytes = std::max(r.scene_bytes, scene.bytes);
+    replaced_.insert(replaced_.end(), selection.replaced.begin(), selection.replaced.end());
+  }
+
+  // The list of sources in the catalogue's order, as frames have it.
+  void sort_sources() {
+    std::vector<dem::SourceIndex> sorted = sources_;
+    std::sort(sorted.begin(), sorted.end());
+    std::vector<std::uint16_t> place;
+    for (const dem::SourceIndex source : sources_)
+      place.push_back(
+          static_cast<std::uint16_t>(std::lower_bound(sorted.begin(), sorted.end(), source) - sorted.begin()));
+    for (std::uint16_t& number : out_.products.source)
+      if (number != FrameSources::kNone) number = place[number];
+    for (const dem::SourceIndex source : sorted)
+      out_.report.sources.push_back(source_tile(terrain_.catalogue().rasters()[source]));
+  }
+
+  Map finish() {
+    FrameReport& r = out_.report;
+    sort_sources();
+    const auto all = static_cast<double>(pixels_in_all());
+    r.hit_fraction = static_cast<double>(hit_) / all, r.missing_fraction = static_cast<double>(missing_) / all;
+    r.filled_fraction = static_cast<double>(filled_) / all;
+    r.blended_fraction = static_cast<double>(blended_) / all;
+    if (!std::isfinite(r.min_post_spacing_m)) r.min_post_spacing_m = 0;
+    r.visibility = Visibility::raytrace, r.radiance = radiance_;
+    r.emits_elsewhere = !frame_.temperature_maps.empty();
+    r.lit = any_lit(out_.products.radiance);
+    std::sort(replaced_.begin(), replaced_.end());
+    replaced_.erase(std::unique(replaced_.begin(), replaced_.end()), replaced_.end());
+    r.warnings = terrain_.warnings_about(replaced_);
+    return std::move(out_);
+  }
+
+  const MapRequest& request_;
+  const dem::Terrain& terrain_;
+  RenderCache& kept_;
+  const StopToken& stop_;
+  const MapProgress& progress_;
+  FrameRequest frame_;  // of a patch
+  RadianceTerms radiance_;
+  bool forgets_ = false;
+  std::size_t drawn_ = 0;
+  std::uint64_t hit_ = 0, missing_ = 0, filled_ = 0, blended_ = 0;
+  std::vector<dem::SourceIndex> sources_, replaced_;
+  Map out_;
+};
+
+}  // namespace
+
+Map render_map(const MapRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop,
+               const MapProgress& progress) {
+  if (!wants_footprint(request)) return MapDrawing(request, terrain, kept, stop, progress).draw();
+  const MapRequest drawn = drawn_for(request);
+  Map map = MapDrawing(drawn, terrain, kept, stop, progress).draw();
+  for (std::string& warning : find_hazards(request, drawn, map.products, stop))
+    map.report.warnings.push_back(std::move(warning));
+  return map;
+}
+
+}  // namespace selenograph::engine

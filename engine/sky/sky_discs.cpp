@@ -1,0 +1,456 @@
+#include "engine/sky/sky_discs.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <optional>
+#include <utility>
+
+#include "dem/base/error.h"
+#include "dem/value_maps/value_map.h"
+#include "engine/frame/needs.h"
+#include "engine/rays/ray_queries.h"
+#include "engine/scene/ray_selection.h"
+#include "engine/sky/earth_figure.h"
+
+namespace selenograph::engine {
+namespace {
+
+using std::numbers::pi;
+
+class Disc {
+ public:
+  virtual ~Disc() = default;
+  // Adds the places t in (0, 1) at which lines of sight from + t step (MOON_ME, of any length) may enter or leave what
+  // shines.
+  virtual void add_edges(const Vec3& from, const Vec3& step, std::vector<double>& t) const = 0;
+  // Whether a unit direction from the camera, MOON_ME, meets what shines.
+  virtual bool shines(const Vec3& direction) const = 0;
+  // Radiance along such a direction, as a sample's mean over an angle of step_rad; 0 where nothing shines. For one
+  // thread.
+  virtual double radiance(const Vec3& direction, double step_rad) = 0;
+  virtual const Vec3& centre() const = 0;  // unit, MOON_ME
+  virtual double radius_rad() const = 0;
+  virtual double narrowest_rad() const = 0;  // across what shines
+};
+
+// Those of form(ray, ray) along from + t step, the form being bilinear and symmetric.
+template <typename Form>
+void add_roots(const Form& form, const Vec3& from, const Vec3& step, std::vector<double>& t) {
+  const double constant = form(from, from), half_linear = form(from, step), square = form(step, step);
+  const double inside = half_linear * half_linear - constant * square;
+  if (!(inside > 0)) return;
+  const double q = -(half_linear + std::copysign(std::sqrt(inside), half_linear));
+  for (const double root : {q / square, constant / q})
+    if (root > 0 && root < 1) t.push_back(root);
+}
+
+void add_limb_edges(const EarthFigure& earth, const Vec3& from, const Vec3& step, std::vector<double>& t) {
+  const auto stretched = [&](const Vec3& v) { return EarthFigure::stretched(earth.earth_from_moon_me() * v); };
+  add_roots([&](const Vec3& a, const Vec3& b) { return earth.off_limb(a, b); }, stretched(from), stretched(step), t);
+}
+
+// Without what the Earth covers of it.
+class SunDisc : public Disc {
+ public:
+  SunDisc(const SkyObject& sun, std::optional<double> limb_darkening, const EarthFigure& earth)
+      : earth_(earth),
+        centre_(sun.direction),
+        distance_m_(*sun.distance_m),
+        darkening_(limb_darkening.value_or(0.6)),
+        sine_(std::sin(sun_radius_deg(distance_m_ / kAstronomicalUnit_m) * kRadiansPerDegree)),
+        middle_(sun.irradiance_w_m2 / (pi * sine_ * sine_ * (1 - darkening_ / 3))) {}
+  void add_edges(const Vec3& from, const Vec3& step, std::vector<double>& t) const override {
+    const auto off_limb = [this](const Vec3& a, const Vec3& b) {
+      return a.dot(centre_) * b.dot(centre_) - (1 - sine_ * sine_) * a.dot(b);
+    };
+    add_roots(off_limb, from, step, t);
+    add_limb_edges(earth_, from, step, t);
+  }
+  bool shines(const Vec3& direction) const override {
+    return off_centre(direction) < 1 && direction.dot(centre_) > 0 && !earth_.hides(direction, distance_m_);
+  }
+  double radiance(const Vec3& direction, double) override {
+    if (!shines(direction)) return 0;
+    const double sine = off_centre(direction);
+    return middle_ * (1 - darkening_ * (1 - std::sqrt(1 - sine * sine)));
+  }
+  const Vec3& centre() const override { return centre_; }
+  double radius_rad() const override { return std::asin(sine_); }
+  double narrowest_rad() const override {
+    const double beside_rad = angle_between(centre_, earth_.direction()) + radius_rad() - earth_.radius_rad();
+    return std::clamp(beside_rad, 0.0, 2 * radius_rad());
+  }
+
+ private:
+  double off_centre(const Vec3& direction) const { return direction.cross(centre_).norm() / sine_; }
+
+  const EarthFigure& earth_;
+  Vec3 centre_;
+  double distance_m_, darkening_, sine_, middle_;
+};
+
+// How bright places on the Earth are relative to the mean of all that is lit and seen, each by its light.
+class EarthPattern {
+ public:
+  EarthPattern(const EarthMap& map, const StopToken& stop) {
+    if (map.content) map_.emplace(*map.content, stop);
+  }
+  // Takes a place, by its geodetic normal, into the mean.
+  void take_in(double light, const Vec3& normal) {
+    if (!map_) return;
+    constexpr double kApart_rad = pi / 128;
+    const EastNorthUp local = local_axes(normal);
+    const double value = at(normal, kApart_rad * local.east, kApart_rad * local.north);
+    if (!std::isnan(value)) all_ += light, sum_ += light * value;
+  }
+  // After all places.
+  void settle_mean() {
+    if (all_ > 0 && !(sum_ > 0))
+      throw ImpossibleRequest("the map is 0 wherever the Earth is lit and seen", "earth_map");
+    if (all_ > 0) mean_ = sum_ / all_;
+  }
+  // At a geodetic normal, over a parallelogram with these sides in radii; 1 where the map has no value.
+  double relative(const Vec3& normal, const Vec3& a, const Vec3& b) {
+    if (!map_ || std::isnan(mean_)) return 1;
+    const double value = at(normal, a, b);
+    return std::isnan(value) ? 1 : value / mean_;
+  }
+
+ private:
+  double at(const Vec3& normal, const Vec3& a, const Vec3& b) {
+    const EastNorthUp local = local_axes(normal);
+    // Maps measure on the Moon's sphere.
+    const auto side = [&](const Vec3& v) {
+      return std::array{kMoonRadius_m * local.east.dot(v), kMoonRadius_m * local.north.dot(v)};
+    };
+    const double lat_deg = std::asin(std::clamp(normal.z(), -1.0, 1.0)) * kDegreesPerRadian,
+                 lon_deg = std::atan2(normal.y(), normal.x()) * kDegreesPerRadian;
+    return std::max(map_->mean({lat_deg, lon_deg, side(a), side(b)}).value, 0.0);
+  }
+  std::optional<dem::ValueMap::Sampler> map_;
+  double all_ = 0, sum_ = 0, mean_ = std::numeric_limits<double>::quiet_NaN();
+};
+
+// In the axes of EarthFigure.
+class EarthDisc : public Disc {
+ public:
+  EarthDisc(const SkyObject& earth, const EarthFigure& figure, const SkyObserver& observer, const EarthMap& map,
+            const StopToken& stop)
+      : figure_(figure),
+        toward_sun_(observer.earth_from_icrf(figure.body().distance_m) * -figure.body().from_sun),
+        over_terminator_(EarthFigure::stretched(toward_sun_)),
+        narrowest_rad_(figure.radius_rad() * (1 + std::cos(figure.body().phase_deg * kRadiansPerDegree))),
+        pattern_(map, stop) {
+    double lit_sr = 0;
+    over_lit([&](double light, const Vec3& normal) { lit_sr += light, pattern_.take_in(light, normal); });
+    full_ = lit_sr > 0 ? earth.irradiance_w_m2 / lit_sr : 0;
+    pattern_.settle_mean();
+  }
+  // At the limb a ray touches the sphere. At the terminator, whose plane goes through the centre, it meets that plane
+  // on the sphere.
+  void add_edges(const Vec3& from, const Vec3& step, std::vector<double>& t) const override {
+    const Vec3 &f = figure_.from_centre(), &s = over_terminator_;
+    const double f2 = f.squaredNorm(), above = f.dot(s);
+    const auto off_terminator = [&](const Vec3& a, const Vec3& b) {
+      return (f2 - 1) * a.dot(s) * b.dot(s) - above * (a.dot(s) * b.dot(f) + b.dot(s) * a.dot(f)) +
+             above * above * a.dot(b);
+    };
+    add_limb_edges(figure_, from, step, t);
+    add_roots(off_terminator, stretched(from), stretched(step), t);
+  }
+  bool shines(const Vec3& direction) const override { return met(in_earth_axes(direction)).mu0 > 0; }
+  double radiance(const Vec3& direction, double step_rad) override {
+    const Vec3 seen = in_earth_axes(direction);
+    const Place place = met(seen);
+    if (place.mu0 <= 0) return 0;
+    // What a step across the line of sight is on the ground: longer by 1 / mu along the way.
+    const Vec3& normal = place.normal;
+    const double mu = std::max(-normal.dot(seen), 0.05);
+    const Vec3 across =
+        normal.cross(seen).norm() > 1e-9 ? Vec3(normal.cross(seen).normalized()) : normal.unitOrthogonal();
+    const Vec3 along = normal.cross(across);
+    const double side = step_rad * place.range;
+    return full_ * place.mu0 * pattern_.relative(normal, side * across, side / mu * along);
+  }
+  const Vec3& centre() const override { return figure_.direction(); }
+  double radius_rad() const override { return figure_.radius_rad(); }
+  double narrowest_rad() const override { return narrowest_rad_; }
+
+ private:
+  Vec3 in_earth_axes(const Vec3& direction) const { return figure_.earth_from_moon_me() * direction; }
+  Vec3 stretched(const Vec3& direction) const { return EarthFigure::stretched(in_earth_axes(direction)); }
+
+  // Geodetic normal, range in radii, cosine of incidence.
+  struct Place {
+    Vec3 normal = Vec3::Zero();
+    double range = 0, mu0 = 0;
+  };
+  // Along a unit direction in the Earth's axes; mu0 is 0 beside the disc.
+  Place met(const Vec3& seen) const {
+    const Vec3 way = EarthFigure::stretched(seen);
+    const std::optional<double> range = figure_.range(way);
+    if (!range) return {};
+    const Vec3 normal = EarthFigure::stretched(figure_.from_centre() + *range * way).normalized();
+    return {normal, *range, normal.dot(toward_sun_)};
+  }
+
+  // Visits all that is lit and seen, as visit(cosine of incidence times solid angle, geodetic normal): of a thin
+  // crescent, whose brightest part is at the limb, the horizon cuts off much. By longitudes on the sphere from the
+  // terminator to the horizon, on axes toward the observer and, the second, in the plane of the Sun.
+  template <typename Visit>
+  void over_lit(const Visit& visit) const {
+    constexpr int kLatitudes = 128, kLongitudes = 256;
+    constexpr double kStretch = EarthFigure::kStretch;
+    const Vec3& from_centre = figure_.from_centre();
+    const double distance = from_centre.norm();
+    const Vec3 pole = from_centre.cross(over_terminator_);
+    Eigen::Matrix3d axes;
+    axes.col(0) = from_centre / distance;
+    axes.col(2) = pole.norm() > 1e-9 * distance ? Vec3(pole.normalized()) : Vec3(axes.col(0).unitOrthogonal());
+    axes.col(1) = axes.col(2).cross(axes.col(0));
+    const double terminator = std::atan2(pole.norm(), from_centre.dot(over_terminator_)) - pi / 2,
+                 step = (std::acos(1 / distance) - terminator) / kLongitudes;
+    if (step <= 0) return;
+    for (int j = 0; j < kLatitudes; ++j)
+      for (int i = 0; i < kLongitudes; ++i) {
+        const double lat = (j + 0.5) * pi / kLatitudes - pi / 2, lon = terminator + (i + 0.5) * step;
+        const Vec3 place = axes * Vec3(std::cos(lat) * std::cos(lon), std::cos(lat) * std::sin(lon), std::sin(lat));
+        const double up = place.dot(from_centre) - 1;  // over the horizon
+        if (up <= 0) continue;
+        // The solid angle of the sphere's part is area * up / way^3. Without the stretch a cone has less volume.
+        const Vec3 way = place - from_centre, normal = EarthFigure::stretched(place).normalized();
+        const double range = Vec3(way.x(), way.y(), way.z() / kStretch).norm(),
+                     sr = std::cos(lat) * step * pi / kLatitudes * up / (range * range * range * kStretch);
+        visit(normal.dot(toward_sun_) * sr, normal);
+      }
+  }
+
+  const EarthFigure& figure_;
+  Vec3 toward_sun_;
+  Vec3 over_terminator_;  // normal to the plane of the sphere's terminator, on its lit side
+  double narrowest_rad_, full_;
+  EarthPattern pattern_;
+};
+
+// A part of an image, in pixels.
+struct PixelBox {
+  double left = -std::numeric_limits<double>::infinity(), right = -left, top = left, bottom = right;
+};
+
+class DiscPainter {
+ public:
+  DiscPainter(const FrameRequest& request, const RowViews& views, std::span<const double> range_m,
+              const StopToken& stop)
+      : views_(views),
+        range_m_(range_m),
+        stop_(stop),
+        width_(request.camera.width),
+        height_(request.camera.height),
+        neighbours_(hides_by_pixels(request) ? 0 : 1),
+        moon_(request.terrain) {}
+
+  void paint(Disc&& disc, std::vector<float>& radiance) {
+    std::optional<PixelBox> box;
+    for (int y = 0; y < height_; ++y) {
+      stop_.check();
+      if (y == 0 || views_.vary()) box = box_around(disc, views_.of(y));
+      const int line = views_.line(y);
+      if (!box || box->bottom < line - 0.5 || box->top > line + 0.5) continue;
+      const int first = static_cast<int>(std::clamp(std::floor(box->left + 0.5), 0.0, width_ - 0.0)),
+                last = static_cast<int>(std::clamp(std::floor(box->right + 0.5), -1.0, width_ - 1.0));
+      for (int x = first; x <= last; ++x) paint_pixel(x, y, *box, disc, radiance);
+    }
+  }
+
+  // Samples of pixels at a border, which settle() adds if nothing hides them.
+  const std::vector<Ray>& rays() const { return rays_; }
+  void settle(const std::vector<HiddenBy>& hidden, std::vector<float>& radiance) const {
+    for (std::size_t i = 0; i < hidden.size(); ++i)
+      if (hidden[i] == HiddenBy::none) radiance[pixel_[i]] += value_[i];
+  }
+
+ private:
+  // Of its rim, with a margin for what is between the rim's places: a wider one where the lens images a part of it
+  // only, everything where it images none. Empty where the view doesn't see the disc.
+  static std::optional<PixelBox> box_around(const Disc& disc, const View& view) {
+    constexpr double kFar_m = 1e15;
+    const Vec3 &centre = disc.centre(), ahead = view.moon_from_camera().col(2);
+    const double radius = disc.radius_rad();
+    if (!view.may_see(view.position() + kFar_m * centre, kFar_m * std::sin(radius))) return std::nullopt;
+    const PixelBox all;
+    // Around the place behind it a fisheye's image of the rim encloses all but the disc.
+    if (ahead.dot(centre) < -std::cos(2 * radius)) return all;
+    // The first place is the farthest from the boresight, where lenses stretch most.
+    const Vec3 aside = ahead.cross(centre), y = aside.norm() > 1e-9 ? aside.normalized() : centre.unitOrthogonal(),
+               x = y.cross(centre);
+    PixelBox box{all.right, all.left, all.bottom, all.top};
+    const auto all_imaged = [&](int places) {
+      int imaged = 0;
+      for (int i = 0; i < places; ++i) {
+        const double turn = 2 * pi * i / places;
+        const Vec3 rim = std::cos(radius) * centre + std::sin(radius) * (std::cos(turn) * x + std::sin(turn) * y);
+        const auto pixel = view.projection().image(view.moon_from_camera().transpose() * rim);
+        if (!pixel) continue;
+        ++imaged;
+        box.left = std::min(box.left, pixel->x), box.right = std::max(box.right, pixel->x);
+        box.top = std::min(box.top, pixel->y), box.bottom = std::max(box.bottom, pixel->y);
+      }
+      return imaged == places;
+    };
+    const bool whole = all_imaged(64) || all_imaged(1024);
+    if (box.left > box.right) return all;
+    const double share = whole ? 0.05 : 0.5, least_px = whole ? 0 : 2,
+                 wider = share * (box.right - box.left) + least_px, higher = share * (box.bottom - box.top) + least_px;
+    return PixelBox{box.left - wider, box.right + wider, box.top - higher, box.bottom + higher};
+  }
+
+  enum class Sight { free, hidden, border };
+  Sight sight(int x, int y) const {
+    bool sky = false, surface = false;
+    for (int j = std::max(0, y - neighbours_); j <= std::min(height_ - 1, y + neighbours_); ++j)
+      for (int i = std::max(0, x - neighbours_); i <= std::min(width_ - 1, x + neighbours_); ++i)
+        (std::isnan(range_m_[at(i, j)]) ? sky : surface) = true;
+    return !surface ? Sight::free : sky ? Sight::border : Sight::hidden;
+  }
+
+  struct Pixel {
+    const View& view;
+    std::size_t index;
+    bool at_border;
+    double step_rad = 0;  // about from sample to sample
+    double radiance = 0;
+  };
+
+  // The part of a pixel that is in the disc's box, by cells that are small beside the disc.
+  void paint_pixel(int x, int y, const PixelBox& box, Disc& disc, std::vector<float>& radiance) {
+    const Sight sight_here = sight(x, y);
+    if (sight_here == Sight::hidden) return;
+    const double line = views_.line(y), left = std::max(x - 0.5, box.left), right = std::min(x + 0.5, box.right),
+                 top = std::max(line - 0.5, box.top), bottom = std::min(line + 0.5, box.bottom);
+    if (left >= right || top >= bottom) return;
+    // Of which there are eight along all of the disc.
+    const auto cells = [](double part, double all) { return std::max(1, static_cast<int>(std::ceil(8 * part / all))); };
+    const int columns = cells(right - left, box.right - box.left), rows = cells(bottom - top, box.bottom - box.top);
+    const auto at_x = [&](double column) { return std::lerp(left, right, column / columns); };
+    const auto at_y = [&](double row) { return std::lerp(top, bottom, row / rows); };
+    Pixel pixel{views_.of(y), at(x, y), sight_here == Sight::border};
+    for (int j = 0; j < rows; ++j)
+      for (int i = 0; i < columns; ++i) paint_cell({at_x(i), at_x(i + 1), at_y(j), at_y(j + 1)}, disc, pixel);
+    radiance[pixel.index] += static_cast<float>(pixel.radiance);
+  }
+
+  // By lines across the rim, as crescents are thin that way; by more of them where the crescent is thinner than a cell.
+  void paint_cell(const PixelBox& cell, Disc& disc, Pixel& pixel) {
+    constexpr double kStep_px = 0.01;
+    const double x = (cell.left + cell.right) / 2, y = (cell.top + cell.bottom) / 2, width = cell.right - cell.left,
+                 height = cell.bottom - cell.top;
+    const auto here = pixel.view.ray(x, y), right = pixel.view.ray(x + kStep_px, y),
+               below = pixel.view.ray(x, y + kStep_px);
+    if (!here || !right || !below) return;
+    const double length = here->norm();
+    const Vec3 ray = *here / length, across = width / (kStep_px * length) * (*right - *here),
+               down = height / (kStep_px * length) * (*below - *here);
+    if (angle_between(ray, disc.centre()) > disc.radius_rad() + across.norm() + down.norm()) return;
+    const double side_rad = std::sqrt(std::abs(across.cross(down).dot(ray)));
+    const int lines = disc.narrowest_rad() < side_rad ? 32 : 8;
+    pixel.step_rad = side_rad / static_cast<double>(kQuadrature.size());
+    const Vec3 outward = ray.dot(disc.centre()) * ray - disc.centre();
+    const bool level = std::abs(outward.dot(across)) / width >= std::abs(outward.dot(down)) / height;
+    for (int i = 0; i < lines; ++i) {
+      const double at = (i + 0.5) / lines, at_x = std::lerp(cell.left, cell.right, at),
+                   at_y = std::lerp(cell.top, cell.bottom, at), share = width * height / lines;
+      if (level)
+        paint_line({cell.left, at_y}, {cell.right, at_y}, share, disc, pixel);
+      else
+        paint_line({at_x, cell.top}, {at_x, cell.bottom}, share, disc, pixel);
+    }
+  }
+
+  // Along a line that stands for a share of the pixel: between the edges of what shines, by Gauss and Legendre's
+  // places. It is halved where rays don't go evenly from end to end, and where the lens leaves an end unimaged.
+  void paint_line(const PixelXY& a, const PixelXY& b, double share, Disc& disc, Pixel& pixel) {
+    constexpr double kEven_rad = 0.01, kShortest_px = 0.01;
+    const auto first = pixel.view.ray(a.x, a.y), last = pixel.view.ray(b.x, b.y);
+    const bool even = first && last && angle_between(*first, *last) < kEven_rad;
+    if (!even && std::abs(b.x - a.x) + std::abs(b.y - a.y) > kShortest_px) {
+      const PixelXY middle{(a.x + b.x) / 2, (a.y + b.y) / 2};
+      paint_line(a, middle, share / 2, disc, pixel), paint_line(middle, b, share / 2, disc, pixel);
+      return;
+    }
+    if (!first || !last) return;
+    const Vec3 step = *last - *first;
+    edges_.assign({0, 1});
+    disc.add_edges(*first, step, edges_);
+    std::sort(edges_.begin(), edges_.end());
+    for (std::size_t i = 1; i < edges_.size(); ++i) {
+      const double from = edges_[i - 1], to = edges_[i];
+      if (!disc.shines((*first + (from + to) / 2 * step).normalized())) continue;
+      for (const auto& [place, weight] : kQuadrature) {
+        const Vec3 direction = (*first + std::lerp(from, to, place) * step).normalized();
+        add(direction, share * (to - from) * weight * disc.radiance(direction, pixel.step_rad), pixel);
+      }
+    }
+  }
+
+  void add(const Vec3& direction, double value, Pixel& pixel) {
+    if (!pixel.at_border) {
+      // Where there is no data pixels see the sky, and the Moon hides what is far below its limb as it does for rays.
+      const bool free = !moon_ || std::isinf(range_below_terrain_m({pixel.view.position(), direction}));
+      if (free) pixel.radiance += value;
+    } else if (value > 0) {
+      rays_.push_back({pixel.view.position(), direction}), pixel_.push_back(pixel.index);
+      value_.push_back(static_cast<float>(value));
+    }
+  }
+
+  std::size_t at(int x, int y) const {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) + static_cast<std::size_t>(x);
+  }
+
+  // Gauss and Legendre's, of an interval from 0 to 1, with their weights: right to 0.1 % where light begins with a root
+  // at both ends.
+  static constexpr std::array<std::pair<double, double>, 8> kQuadrature{{{0.0198550717512319, 0.0506142681451881},
+                                                                         {0.1016667612931866, 0.1111905172266872},
+                                                                         {0.2372337950418355, 0.1568533229389436},
+                                                                         {0.4082826787521751, 0.1813418916891810},
+                                                                         {0.5917173212478249, 0.1813418916891810},
+                                                                         {0.7627662049581645, 0.1568533229389436},
+                                                                         {0.8983332387068134, 0.1111905172266872},
+                                                                         {0.9801449282487681, 0.0506142681451881}}};
+
+  const RowViews& views_;
+  std::span<const double> range_m_;
+  const StopToken& stop_;
+  int width_, height_;
+  int neighbours_;             // to each side, that may make a pixel one at a border
+  bool moon_;                  // is there
+  std::vector<double> edges_;  // along a line
+  std::vector<Ray> rays_;      // of samples whose pixels are at a border
+  std::vector<std::size_t> pixel_;
+  std::vector<float> value_;
+};
+
+}  // namespace
+
+void add_discs(const FrameRequest& request, std::span<const double> range_m, const dem::Terrain& terrain,
+               RenderCache& kept, const StopToken& stop, std::vector<float>& radiance) {
+  if (!wants_discs(request)) return;
+  const RowViews views(request.camera, request.pose, request.shutter, stop);
+  DiscPainter painter(request, views, range_m, stop);
+  FrameRequest discs_alone = request;
+  discs_alone.sky->stars.reset(), discs_alone.sky->planets = false;
+  const SkyObserver observer(request.sky->utc, views.reference().position(), request.sky->velocity_m_s);
+  const EarthFigure earth(observer);
+  for (const SkyObject& object : sky_around(discs_alone, views, 0, stop)) {
+    if (object.kind == SkyKind::sun) painter.paint(SunDisc(object, request.sun.limb_darkening, earth), radiance);
+    if (object.kind == SkyKind::earth)
+      painter.paint(EarthDisc(object, earth, observer, request.sky->earth_map, stop), radiance);
+  }
+  painter.settle(what_hides(painter.rays(), request.objects, request.terrain, terrain, kept, stop), radiance);
+}
+
+}  // namespace selenograph::engine
