@@ -14,20 +14,22 @@
 namespace selenograph::api {
 namespace {
 
+// Returns the route of a request. Throws "not_found" for an unknown path, "method_not_allowed" for a known path.
 const Route& route_of(const Request& request) {
-  bool known_path = false;
+  bool path_exists = false;
   for (const Route& route : routes()) {
     if (!segment_of(route, request.path)) continue;
     if (route.method == request.method) return route;
-    known_path = true;
+    path_exists = true;
   }
-  if (known_path) throw RequestError("method_not_allowed", "this path has another method; see Allow");
+  if (path_exists) throw RequestError("method_not_allowed", "this path has another method; see Allow");
   throw RequestError("not_found", "no such path; GET /openapi.json lists those that exist");
 }
 
 }  // namespace
 
-// A frame with tens of objects or a large kernel says some hundred kilobytes about itself.
+// Capacity of the store of metadata too long for a header: a frame with tens of objects or a large kernel has some
+// hundred kilobytes.
 constexpr std::size_t kLongMetadataBytes = std::size_t{8} << 20;
 
 struct Service::Impl {
@@ -39,7 +41,8 @@ struct Service::Impl {
   std::shared_ptr<MemoryBudget> memory;
   mutable LongMetadata long_metadata{kLongMetadataBytes};
   std::string openapi;
-  // Made when first asked for: a catalogue of 64 800 tiles is 30 MB of text that most services never send.
+  // Text of the catalogue, written at the first request for it: for 64 800 tiles it has 30 MB, and most services never
+  // send it.
   mutable dem::Once datasets_made;
   mutable std::string datasets_made_text;
   std::function<const std::string&()> datasets = [this]() -> const std::string& {
@@ -47,30 +50,32 @@ struct Service::Impl {
     return datasets_made_text;
   };
 
-  // What the request needs of the budget while it is in work, and its answer until it is sent.
+  // Answers a request. Its memory counts against the budget while it is processed; then the response's body does.
   Response answer(const Request& request) const {
-    RequestMemory taken(*memory);
-    Response response = dispatch(request, taken);
-    // The answer may outlive the service, and the claim must not outlive its budget.
-    struct Held {
+    RequestMemory request_memory(*memory);
+    Response response = dispatch(request, request_memory);
+    // The response shares ownership of the budget: it may outlive the service, and a claim must not outlive its budget.
+    struct BudgetAndClaim {
       std::shared_ptr<MemoryBudget> budget;
       MemoryBudget::Claim claim;
     };
-    const auto held = std::make_shared<const Held>(Held{memory, taken.give_for(response.body.capacity())});
-    response.memory = {held, &held->claim};
+    const auto shared = std::make_shared<const BudgetAndClaim>(
+        BudgetAndClaim{memory, request_memory.give_for(response.body.capacity())});
+    response.memory = {shared, &shared->claim};
     return response;
   }
 
-  Response dispatch(const Request& request, RequestMemory& taken) const {
+  Response dispatch(const Request& request, RequestMemory& request_memory) const {
     const Route& route = route_of(request);
     if (!route.negotiates && !accepts(header(request, "accept"), "application/json"))
       throw RequestError("not_acceptable", "only application/json is available, and Accept excludes it");
-    const auto allowed = time_allowed(request, limits);
-    if (!allowed)
+    const auto limit = time_limit(request, limits);
+    if (!limit)
       throw RequestError("malformed_request", "Request-Timeout-Ms must be a whole number of milliseconds above 0");
-    const auto in_work = route.admission ? renderer->pause_preparation() : nullptr;
-    return route.answer({*renderer, limits, assets, long_metadata, taken, request,
-                         StopToken(request.received + *allowed, request.abandoned), *segment_of(route, request.path),
+    // Pause the preparation of expected scenes until the answer is complete.
+    const auto pause = route.admission ? renderer->pause_preparation() : nullptr;
+    return route.answer({*renderer, limits, assets, long_metadata, request_memory, request,
+                         StopToken(request.received + *limit, request.abandoned), *segment_of(route, request.path),
                          openapi, datasets});
   }
 };

@@ -15,9 +15,9 @@ namespace selenograph::api {
 // Thread-safe: const functions may be called concurrently.
 class Service {
  public:
-  // `assets_folder`: see Assets; empty: none. `meshes`: options for reading object meshes. `memory`: budget of active
-  // requests and their responses; null: unbounded. A request that could never fit is rejected, one that does not fit
-  // now waits briefly for its turn.
+  // `assets_folder` is the folder of Assets; empty: none. `meshes` has the options for reading object meshes. `memory`
+  // is the budget of active requests and their responses; null: unbounded. A request that could never fit is rejected,
+  // one that does not fit now waits briefly for its turn.
   Service(std::shared_ptr<const engine::Renderer> renderer, Limits limits, const std::string& assets_folder = {},
           const engine::MeshReaderOptions& meshes = {}, std::shared_ptr<MemoryBudget> memory = nullptr);
   ~Service();
@@ -26,12 +26,12 @@ class Service {
   // metrics are served by server/.)
   Response handle(const Request& request) const noexcept;
 
-  // True for expensive requests, which pass admission control: all but the catalogue, a frame's metadata and the API
-  // document.
+  // Returns true for expensive requests, which pass admission control: all but the catalogue, a frame's metadata and
+  // the API document.
   static bool needs_admission(const Request& request);
 
   const Limits& limits() const;
-  // Memory of cached meshes.
+  // Returns the memory of cached asset files, mostly meshes.
   std::size_t mesh_bytes() const;
 
  private:

@@ -40,7 +40,7 @@ void add_place(Answer<engine::CraterRim>& a) {
                 {"angle_deg", number({-90, 90}, "from the x axis to the longer axis, toward y")}},
                {"center_px", "semi_axes_px", "angle_deg"}),
         [](const CraterRim& rim) { return ellipse_json(engine::ellipse_of(rim.outline)); });
-  a.add("center_px", with(point, "type", {"array", "null"}),
+  a.add("center_px", with_keyword(point, "type", {"array", "null"}),
         [](const CraterRim& rim) { return std::isnan(rim.centre.x_px) ? OrderedJson() : place_json(rim.centre); });
   a.add("center_visible", boolean("whether the middle of its floor is in the image and not hidden"),
         [](const CraterRim& rim) { return rim.centre_visible; });
@@ -51,7 +51,7 @@ void add_place(Answer<engine::CraterRim>& a) {
 double thousandths(double x) { return std::round(x * 1000) / 1000; }
 
 const Answer<engine::CraterRim>& crater_answer() {
-  static const auto answer = answer_of<engine::CraterRim>(
+  static const auto answer = make_answer<engine::CraterRim>(
       "A crater that the frame shows: its members in POST /v1/features, and its place in the image.",
       [](Answer<engine::CraterRim>& a) {
         a.add("id", schema::text("the same in every answer"),

@@ -34,7 +34,7 @@ const Answer<DatasetSource>& dataset_answer() {
   using S = DatasetSource;
   using dem::RasterInfo;
   using namespace schema;
-  static const auto answer = answer_of<S>("One DEM tile.", [](auto& a) {
+  static const auto answer = make_answer<S>("One DEM tile.", [](auto& a) {
     const auto of = [](auto RasterInfo::*field) { return [field](const S& s) { return s.raster.*field; }; };
     a.add("name", text("what `source` lists"), of(&RasterInfo::name));
     a.add("path", text("as opened"), of(&RasterInfo::path));
@@ -80,7 +80,7 @@ OrderedJson datasets_json(const dem::Catalogue& catalogue) {
 const Answer<dem::Catalogue>& datasets_answer() {
   using S = dem::Catalogue;
   using namespace schema;
-  static const auto answer = answer_of<S>("The catalogue, from coarse to fine.", [](auto& a) {
+  static const auto answer = make_answer<S>("The catalogue, from coarse to fine.", [](auto& a) {
     a.add("fingerprint", text("changes when a file changes"),
           [](const S& s) { return fmt::format("{:016x}", s.fingerprint()); });
     a.add("datasets", array(dataset_answer().schema()), datasets_json);

@@ -126,15 +126,15 @@ std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::ui
 
 OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, const std::string& hash) {
   OrderedJson warnings = report.warnings;
-  warn_of_aims(query.look().accuracy, report, warnings);
+  warn_of_aims(query.scenery().accuracy, report, warnings);
   if (query.request.products & engine::kRadiance)
-    add_reflectance_warnings(query.look(), query.surface, report, warnings);
-  warn_of_band(query.look(), warnings);
+    add_reflectance_warnings(query.scenery(), query.surface, report, warnings);
+  warn_of_band(query.scenery(), warnings);
   const double covered = sun_covered(query);
   warn_of_eclipse(covered, kSunCovered, warnings);
   if (report.hit_fraction == 0) warnings.push_back("there is no data anywhere in the map");
-  if (query.request.rocks) warn_of_no_rocks(*query.look().detail, warnings);
-  return metadata_answer().write({query.look(), query.request.products, query, report, hash, resolved_json(query),
+  if (query.request.rocks) warn_of_no_rocks(*query.scenery().detail, warnings);
+  return metadata_answer().write({query.scenery(), query.request.products, query, report, hash, resolved_json(query),
                                   std::move(warnings), covered, nullptr, &query});
 }
 

@@ -73,9 +73,10 @@ void add_request(Answer<MetadataSource>& a) {
   });
   a.add("content_hash", text("the ETag without quotes"), [](const MetadataSource& s) { return s.hash; });
   a.add("request",
-        with(ref("FrameRequest"), "description",
-             "The request as understood: pose in MOON_ME and opencv axes, intrinsics, Sun vector. A valid request "
-             "itself"),
+        with_keyword(
+            ref("FrameRequest"), "description",
+            "The request as understood: pose in MOON_ME and opencv axes, intrinsics, Sun vector. A valid request "
+            "itself"),
         [](const MetadataSource& s) { return s.resolved; });
   a.add(
       "grid", free_object("of a map: width, height, pixel, geotransform, wkt"),
@@ -192,7 +193,8 @@ void add_exposure(Answer<MetadataSource>& a) {
 void add_geometry(Answer<MetadataSource>& a) {
   using namespace schema;
   a.add(
-      "visibility", with(words(kVisibilities, "that the frame was made with"), "enum", {"zbuffer", "raytrace"}),
+      "visibility",
+      with_keyword(words(kVisibilities, "that the frame was made with"), "enum", {"zbuffer", "raytrace"}),
       [](const MetadataSource& s) { return visibility_name(s.report.visibility); }, of_frame);
   a.add("lod_error_px", number(kAnyNumber, "level-of-detail error bound actually reached, pixels"),
         reported(&FrameReport::lod_error_px));
@@ -305,7 +307,7 @@ void add_content(Answer<MetadataSource>& a) {
 std::string_view software_version() { return SELENOGRAPH_VERSION; }
 
 const Answer<MetadataSource>& metadata_answer() {
-  static const auto answer = answer_of<MetadataSource>(
+  static const auto answer = make_answer<MetadataSource>(
       "Information on a frame besides its pixels: meta.json in an .npz, the attribute `selenograph` of images, the "
       "header Selenograph-Meta elsewhere. The same request gives the same text. A map's metadata have the same "
       "members.",

@@ -59,7 +59,7 @@ void add_irradiance(Answer<Source>& a) {
 const Answer<HitSource>& hit_answer() {
   using S = HitSource;
   using namespace schema;
-  static const auto answer = answer_of<S>("hit alone where nothing is hit", [](auto& a) {
+  static const auto answer = make_answer<S>("hit alone where nothing is hit", [](auto& a) {
     const auto hit = [](const S& s) { return s.hit.hit; };
     a.add("hit", boolean("whether anything was hit; also false for a ray that begins below the ground"), hit);
     a.add(
@@ -161,7 +161,7 @@ const Answer<LandmarkSource>& landmark_answer() {
   using S = LandmarkSource;
   using engine::Landmark;
   using namespace schema;
-  static const auto answer = answer_of<S>("", [](auto& a) {
+  static const auto answer = make_answer<S>("", [](auto& a) {
     a.add("x_px", number_or_null("column; null behind the camera and beyond the lens's field of view"),
           landmark(&Landmark::x_px));
     a.add("y_px",
@@ -226,7 +226,7 @@ bool HeightSource::known() const { return std::isfinite(height.height_m) && heig
 const Answer<HeightSource>& height_answer() {
   using S = HeightSource;
   using namespace schema;
-  static const auto answer = answer_of<S>("Terrain at a point, on the triangles that frames show.", [](auto& a) {
+  static const auto answer = make_answer<S>("Terrain at a point, on the triangles that frames show.", [](auto& a) {
     const auto known = [](const S& s) { return s.known(); };
     a.add("lat_deg", number(kLatitude_deg, "as asked"), [](const S& s) { return s.height.lat_deg; });
     a.add("lon_deg", number({-180, 180, false, true}, "as asked, in [-180, 180)"),

@@ -42,7 +42,7 @@ OrderedJson worst_json(const engine::RoundTrip& trip, const DifferenceStatistics
 void add_percentiles(Answer<DifferenceStatistics>& a, const char* name,
                      std::vector<engine::Percentile> DifferenceStatistics::*field) {
   using namespace schema;
-  static const auto percentile = answer_of<engine::Percentile>("", [](auto& p) {
+  static const auto percentile = make_answer<engine::Percentile>("", [](auto& p) {
     p.add("percent", number({0, 100}, ""), [](const auto& s) { return s.percent; });
     p.add("value_m", number_or_null(""), [](const auto& s) { return s.value_m; });
   });
@@ -51,7 +51,7 @@ void add_percentiles(Answer<DifferenceStatistics>& a, const char* name,
 }
 
 const Answer<DifferenceStatistics>& difference_answer() {
-  static const auto answer = answer_of<DifferenceStatistics>("All posts.", [](Answer<DifferenceStatistics>& a) {
+  static const auto answer = make_answer<DifferenceStatistics>("All posts.", [](Answer<DifferenceStatistics>& a) {
     add_group(a, [](const DifferenceStatistics& s) { return s.all; });
     for (const auto& [name, field] : {std::pair("median_m", &DifferenceStatistics::median_m),
                                       std::pair("median_absolute_m", &DifferenceStatistics::median_absolute_m),
@@ -66,7 +66,7 @@ const Answer<DifferenceStatistics>& difference_answer() {
 }
 
 const Answer<engine::Quadrant>& quadrant_answer() {
-  static const auto answer = answer_of<engine::Quadrant>("Of the window.", [](Answer<engine::Quadrant>& a) {
+  static const auto answer = make_answer<engine::Quadrant>("Of the window.", [](Answer<engine::Quadrant>& a) {
     a.add("name", schema::text("NW, NE, SW, SE"), [](const engine::Quadrant& q) { return q.name; });
     add_group(a, [](const engine::Quadrant& q) { return q.statistics; });
   });
@@ -75,7 +75,7 @@ const Answer<engine::Quadrant>& quadrant_answer() {
 
 const Answer<engine::SlopeClass>& slope_answer() {
   using engine::SlopeClass;
-  static const auto answer = answer_of<SlopeClass>("Posts on ground of such slopes.", [](Answer<SlopeClass>& a) {
+  static const auto answer = make_answer<SlopeClass>("Posts on ground of such slopes.", [](Answer<SlopeClass>& a) {
     a.add("from_deg", schema::number(kAnyNumber, ""), [](const SlopeClass& c) { return c.from_deg; });
     a.add("to_deg", schema::number(kAnyNumber, ""), [](const SlopeClass& c) { return c.to_deg; });
     add_group(a, [](const SlopeClass& c) { return c.statistics; });
@@ -138,7 +138,7 @@ void add_counts(Answer<RoundTripSource>& a) {
 const Answer<RoundTripSource>& round_trip_answer() {
   using namespace schema;
   static const auto answer =
-      answer_of<RoundTripSource>("Extracted minus original heights.", [](Answer<RoundTripSource>& a) {
+      make_answer<RoundTripSource>("Extracted minus original heights.", [](Answer<RoundTripSource>& a) {
         add_request(a);
         add_counts(a);
         a.add("difference", difference_answer().schema(), [](const RoundTripSource& s) {

@@ -62,7 +62,8 @@ bool inverse_sees_more(const engine::FrameRequest& request) {
 
 constexpr std::string_view kInverse = "is it the inverse, camera_from_moon and moon_from_camera swapped?";
 
-// Which usual mistakes would have made this attitude of one that looks at the Moon, the nearest to its middle first.
+// Which usual mistakes would have made this attitude of one that looks at the Moon, the nearest to its middle
+// first.
 std::string likely_mistake(const engine::Pose& pose) {
   const Eigen::Quaterniond q = pose.camera_from_moon, inverse = q.conjugate(), half_turn(0, 1, 0, 0);  // about x
   const auto scalar_last = [](const Eigen::Quaterniond& p) { return Eigen::Quaterniond(p.z(), p.w(), p.x(), p.y()); };
@@ -135,7 +136,7 @@ std::string why_missing(const engine::FrameRequest& request, const dem::Catalogu
 const Answer<ViewSource>& view_answer() {
   using S = ViewSource;
   using namespace schema;
-  static const auto answer = answer_of<S>(
+  static const auto answer = make_answer<S>(
       "The view in terms of the ground. null: where no terrain is hit, or an object hides it; for the boresight also "
       "where it is outside the image. Absent without terrain",
       [](auto& a) {

@@ -25,15 +25,16 @@ namespace fs = std::filesystem;
 
 constexpr int kMaxAssetDepth = 16;
 constexpr int kMaxBands = 1000;
-constexpr Range kExponent{0.1, 10};  // of a gamma
-constexpr auto kFailureLasts = std::chrono::minutes(1);
+constexpr Range kExponent{0.1, 10};
+constexpr auto kFailureLifetime = std::chrono::minutes(1);
 constexpr std::size_t kMaxFailures = 1000;
 
-// Names come from clients: nothing that could lead out of the folder.
+// Returns true for a name that cannot lead out of the folder: names come from clients.
 bool is_plain(std::string_view name) {
   return name.size() <= 100 && dem::consists_of(name, "-_.") && name.front() != '.';
 }
 
+// Returns the JSON object in a file. Throws DataError naming the file.
 Json read_object_file(const std::string& path) {
   const std::string text = dem::read_head(path, std::numeric_limits<std::size_t>::max());
   try {
@@ -45,10 +46,10 @@ Json read_object_file(const std::string& path) {
   }
 }
 
-// An asset's faults are the operator's: told with its path.
-void refuse(const std::string& path, const Findings& findings) {
+// Throws DataError with the file's path for the first fault: it is the operator's, not the client's.
+void throw_if_faulty(const std::string& path, const Findings& findings) {
   if (findings.empty()) return;
-  const Finding& first = findings.kept().front();
+  const Finding& first = findings.entries().front();
   throw DataError(path, fmt::format("{}: {}", first.pointer, first.detail));
 }
 
@@ -66,24 +67,25 @@ dem::Footprint read_extent(const JsonReader& in) {
 
 }  // namespace
 
-std::optional<Assets::Stamped> Assets::stamped(const char* kind, const char* extension, std::string_view name) const {
+std::optional<Assets::FileVersion> Assets::find_file(const char* kind, const char* extension,
+                                                     std::string_view name) const {
   if (folder_.empty() || !is_plain(name)) return std::nullopt;
   const fs::path path = fs::path(folder_) / kind / (std::string(name) + extension);
   std::optional<dem::FileState> state = dem::file_state(path.string());
   if (!state) return std::nullopt;
-  return Stamped{path.string(), *state};
+  return FileVersion{path.string(), *state};
 }
 
-std::string Assets::Stamped::key(const char* type) const {
+std::string Assets::FileVersion::key(const char* type) const {
   return fmt::format("{}:{}:{:016x}", type, path, dem::stamp_of(state));
 }
 
 template <typename T, typename Read, typename BytesOf>
-std::shared_ptr<const T> Assets::find(const char* type, const Stamped& file, const StopToken& stop, const Read& read,
-                                      const BytesOf& bytes_of) const {
-  // A changed file has another key. Its earlier content is dropped when room is needed.
+std::shared_ptr<const T> Assets::find(const char* type, const FileVersion& file, const StopToken& stop,
+                                      const Read& read, const BytesOf& bytes_of) const {
+  // A changed file has another key; the content under the old key is evicted in time.
   const std::string key = file.key(type);
-  refuse_failed(key);
+  throw_if_failed(key);
   try {
     const auto load = [&] {
       auto content = std::make_shared<const ContentOf<T>>([&] { return read(file.path); });
@@ -93,16 +95,16 @@ std::shared_ptr<const T> Assets::find(const char* type, const Stamped& file, con
     const auto content = std::static_pointer_cast<const ContentOf<T>>(files_.get(key, load, stop));
     return {content, &content->value};
   } catch (const DataError& e) {
-    // An error that names another file, a map's raster, may end without a change of this one.
-    if (e.file() == file.path) remember_failed(key, e.what());
+    // Do not remember an error of another file, such as a map's raster: it may be mended without a change of this file.
+    if (e.file() == file.path) remember_failure(key, e.what());
     throw RequestError("asset_error", e.what());
   }
 }
 
 template <typename T, typename Read>
-std::shared_ptr<const T> Assets::find_small(const char* type, const std::optional<Stamped>& file, const StopToken& stop,
-                                            const Read& read) const {
-  // Upper bound of the memory that such a file takes, as JSON (document_bytes) or as rows of numbers.
+std::shared_ptr<const T> Assets::find_small(const char* type, const std::optional<FileVersion>& file,
+                                            const StopToken& stop, const Read& read) const {
+  // Upper bound of memory per byte of the file, as JSON (document_bytes) or as rows of numbers.
   constexpr std::size_t kBytesPerFileByte = 64;
   if (!file) return nullptr;
   const std::size_t bytes = kBytesPerFileByte * file->state.bytes;
@@ -116,22 +118,22 @@ std::shared_ptr<const T> Assets::find_small(const char* type, const std::optiona
 }
 
 std::shared_ptr<const engine::Atmosphere> Assets::atmosphere(std::string_view name, const StopToken& stop) const {
-  return find_small<engine::Atmosphere>("atmosphere", stamped("atmospheres", ".csv", name), stop,
+  return find_small<engine::Atmosphere>("atmosphere", find_file("atmospheres", ".csv", name), stop,
                                         engine::Atmosphere::read);
 }
 
 std::shared_ptr<const Json> Assets::camera(std::string_view name, const StopToken& stop) const {
-  return find_small<Json>("camera", stamped("cameras", ".json", name), stop, read_object_file);
+  return find_small<Json>("camera", find_file("cameras", ".json", name), stop, read_object_file);
 }
 
 std::shared_ptr<const Json> Assets::lidar(std::string_view name, const StopToken& stop) const {
-  return find_small<Json>("lidar", stamped("lidars", ".json", name), stop, read_object_file);
+  return find_small<Json>("lidar", find_file("lidars", ".json", name), stop, read_object_file);
 }
 
 std::shared_ptr<const std::vector<std::vector<double>>> Assets::kernel(std::string_view name,
                                                                        const StopToken& stop) const {
   using Rows = std::vector<std::vector<double>>;
-  return find_small<Rows>("kernel", stamped("kernels", ".csv", name), stop, [&](const std::string& path) {
+  return find_small<Rows>("kernel", find_file("kernels", ".csv", name), stop, [&](const std::string& path) {
     Rows rows;
     const auto add = [&](std::string_view line) { rows.push_back(engine::csv_numbers(line)); };
     engine::each_csv_line(path, add, stop);
@@ -140,10 +142,10 @@ std::shared_ptr<const std::vector<std::vector<double>>> Assets::kernel(std::stri
 }
 
 std::shared_ptr<const engine::StarCatalogue> Assets::stars(std::string_view name, const StopToken& stop) const {
-  const auto file = stamped("stars", ".csv", name);
+  const auto file = find_file("stars", ".csv", name);
   if (!file) return nullptr;
   const auto read = [&](const std::string& path) {
-    // One catalogue at a time, so that the memory for reading is used once.
+    // Read one catalogue at a time: reading takes much more memory than the catalogue.
     std::unique_lock lock(reading_stars_, std::defer_lock);
     while (!lock.try_lock_for(dem::kLookUp)) stop.check();
     return engine::StarCatalogue::read(path, files_.capacity(), stop);
@@ -154,7 +156,7 @@ std::shared_ptr<const engine::StarCatalogue> Assets::stars(std::string_view name
 
 std::shared_ptr<const dem::ValueMap> Assets::find_map(const char* type, std::string_view name, bool fourth_power,
                                                       const StopToken& stop) const {
-  const auto file = stamped("maps", ".json", name);
+  const auto file = find_file("maps", ".json", name);
   const auto find = [&] {
     return find_small<dem::ValueMap>(type, file, stop, [&](const std::string& path) {
       dem::ValueMapOptions options = read_map_file(path);
@@ -164,7 +166,7 @@ std::shared_ptr<const dem::ValueMap> Assets::find_map(const char* type, std::str
   };
   auto map = find();
   if (!map || map->current()) return map;
-  files_.erase(file->key(type));  // its raster has changed
+  files_.erase(file->key(type));  // the map's raster has changed
   return find();
 }
 
@@ -178,24 +180,27 @@ std::shared_ptr<const dem::ValueMap> Assets::temperature_map(std::string_view na
 
 namespace {
 
-// {"quantity": "radiance_factor", and the geometry and wavelength of its I/F}; empty: rho, w or kelvin.
+// Reads "quantity": "radiance_factor" with the geometry and wavelength of its I/F; returns empty for maps of rho, w or
+// kelvin.
 std::optional<dem::RadianceFactor> read_quantity(const JsonReader& in) {
-  constexpr std::array kOf{"incidence_deg", "emission_deg", "phase_deg", "wavelength_um"};
+  constexpr std::array kRequiredMembers{"incidence_deg", "emission_deg", "phase_deg", "wavelength_um"};
   if (!in.has("quantity")) {
-    for (const char* name : kOf)
+    for (const char* name : kRequiredMembers)
       if (in.has(name)) in.fail(name, "needs \"quantity\": \"radiance_factor\"");
     return std::nullopt;
   }
   const std::pair<std::string_view, std::monostate> words[] = {{"radiance_factor", {}}};
   if (!in.at("quantity").word(Words<std::monostate>(words))) return std::nullopt;
   constexpr Range kSlant{0, 90, false, true};
-  const dem::RadianceFactor at{in.number("incidence_deg", kSlant), in.number("emission_deg", kSlant),
-                               in.number("phase_deg", Range{0, 180, false, true}),
-                               in.number("wavelength_um", Range{0.1, 1000})};
+  const dem::RadianceFactor geometry{in.number("incidence_deg", kSlant), in.number("emission_deg", kSlant),
+                                     in.number("phase_deg", Range{0, 180, false, true}),
+                                     in.number("wavelength_um", Range{0.1, 1000})};
   if (!in.good()) return std::nullopt;
-  if (at.phase_deg > at.incidence_deg + at.emission_deg || at.phase_deg < std::abs(at.incidence_deg - at.emission_deg))
+  // The three directions span a spherical triangle.
+  if (geometry.phase_deg > geometry.incidence_deg + geometry.emission_deg ||
+      geometry.phase_deg < std::abs(geometry.incidence_deg - geometry.emission_deg))
     in.fail("phase_deg", "must lie between the difference and the sum of incidence and emission");
-  return at;
+  return geometry;
 }
 
 }  // namespace
@@ -214,26 +219,28 @@ dem::ValueMapOptions read_map_file(const std::string& path) {
         map.bands.push_back(static_cast<int>(band.number(Range{1, kMaxBands}).value_or(1)));
       });
     if (in.has("extent")) map.extent = read_extent(in.at("extent"));
-    map.scale = in.number("scale", kAnyNumber, map.scale), map.offset = in.number("offset", kAnyNumber, map.offset);
+    map.scale = in.number("scale", kAnyNumber, map.scale);
+    map.offset = in.number("offset", kAnyNumber, map.offset);
     map.exponent = in.number("exponent", kExponent, map.exponent);
     map.radiance_factor = read_quantity(in);
     if (in.has("no_data")) map.no_data = in.number("no_data", kAnyNumber);
-    map.low = in.number("low", kAnyNumber, map.low), map.high = in.number("high", kAnyNumber, map.high);
+    map.low = in.number("low", kAnyNumber, map.low);
+    map.high = in.number("high", kAnyNumber, map.high);
     if (map.low > map.high) in.fail("low", "is above \"high\"");
     if (in.has("description")) in.at("description").text();
   }
-  refuse(path, findings);
+  throw_if_faulty(path, findings);
   return map;
 }
 
 namespace {
 
-constexpr Range kFeature_m{0.25, 5000};  // 0.25 m is what the finest level of the lattice shows
+constexpr Range kFeature_m{0.25, 5000};  // 0.25 m is the smallest size that the finest level of the lattice resolves
 
 dem::SizeFrequency read_frequency(const JsonReader& in) {
-  constexpr std::size_t kMostLaws = 8;
+  constexpr std::size_t kMaxLaws = 8;
   dem::SizeFrequency frequency;
-  in.elements(1, kMostLaws, [&](const JsonReader& law) {
+  in.elements(1, kMaxLaws, [&](const JsonReader& law) {
     if (law.object({"per_m2", "exponent"}))
       frequency.laws.push_back(
           {law.number("per_m2", Range{0, 10, true, false}), law.number("exponent", Range{0.5, 8})});
@@ -241,55 +248,58 @@ dem::SizeFrequency read_frequency(const JsonReader& in) {
   return frequency;
 }
 
-// The first diameter, of some an octave apart, above which a law has more than so many times what another has.
-std::optional<double> denser_from(const dem::SizeFrequency& law, double times, const dem::SizeFrequency& other,
-                                  double smallest_m, double largest_m) {
+// Returns the first of the diameters smallest_m * 2^n above which `law` has more than `factor` times as many features
+// as `reference`; empty if there is none below largest_m.
+std::optional<double> find_denser_diameter(const dem::SizeFrequency& law, double factor,
+                                           const dem::SizeFrequency& reference, double smallest_m, double largest_m) {
   double diameter_m = smallest_m;
-  while (diameter_m < largest_m && law.above(diameter_m) <= times * other.above(diameter_m)) diameter_m *= 2;
+  while (diameter_m < largest_m && law.above(diameter_m) <= factor * reference.above(diameter_m)) diameter_m *= 2;
   return diameter_m < largest_m ? std::optional(diameter_m) : std::nullopt;
 }
 
 void read_craters(const JsonReader& in, dem::CraterLaw& craters) {
   if (!in.object({"smallest_m", "largest_m", "frequency", "oldest_Ma"})) return;
-  craters.smallest_m = in.number("smallest_m", kFeature_m), craters.largest_m = in.number("largest_m", kFeature_m);
+  craters.smallest_m = in.number("smallest_m", kFeature_m);
+  craters.largest_m = in.number("largest_m", kFeature_m);
   if (in.has("frequency")) craters.frequency = read_frequency(in.at("frequency"));
   craters.oldest_Ma = in.number("oldest_Ma", Range{0, 4500, true, false}, craters.oldest_Ma);
   if (!in.good()) return;
   if (!(craters.smallest_m < craters.largest_m)) return in.fail("smallest_m", "must be below largest_m");
-  // Ten times equilibrium: nothing on the Moon is denser, and time goes with it.
-  const auto m = denser_from(craters.frequency, 10, dem::equilibrium(), craters.smallest_m, craters.largest_m);
+  // Limit the density to ten times equilibrium: no surface on the Moon is denser, and rendering time grows with it.
+  const auto m = find_denser_diameter(craters.frequency, 10, dem::equilibrium(), craters.smallest_m, craters.largest_m);
   if (m) in.fail("frequency", fmt::format("has more than ten times equilibrium's craters above {:g} m", *m));
 }
 
 void read_rocks(const JsonReader& in, dem::RockLaw& rocks) {
   if (!in.object({"smallest_m", "largest_m", "frequency", "on_ejecta", "half_life_Ma", "smallest_crater_m"})) return;
   constexpr Range kRock_m{0.02, 100};
-  rocks.smallest_m = in.number("smallest_m", kRock_m), rocks.largest_m = in.number("largest_m", kRock_m);
+  rocks.smallest_m = in.number("smallest_m", kRock_m);
+  rocks.largest_m = in.number("largest_m", kRock_m);
   rocks.frequency = in.has("frequency") ? read_frequency(in.at("frequency")) : dem::rocks_of_viper();
   rocks.on_ejecta = in.number("on_ejecta", Range{1, 100}, rocks.on_ejecta);
   rocks.half_life_Ma = in.number("half_life_Ma", Range{0, 4500, true, false}, rocks.half_life_Ma);
   rocks.smallest_crater_m = in.number("smallest_crater_m", kFeature_m, rocks.smallest_crater_m);
   if (!in.good()) return;
   if (!(rocks.smallest_m < rocks.largest_m)) return in.fail("smallest_m", "must be below largest_m");
-  // Ten times Haworth's, next to craters, too.
-  const auto too_dense = [&] {
-    return denser_from(rocks.frequency, 10 / rocks.on_ejecta, dem::rocks_of_haworth(), rocks.smallest_m,
-                       rocks.largest_m);
+  // Limit the density to ten times Haworth's, also on ejecta next to craters, where it is on_ejecta times as high.
+  const auto find_too_dense_diameter = [&] {
+    return find_denser_diameter(rocks.frequency, 10 / rocks.on_ejecta, dem::rocks_of_haworth(), rocks.smallest_m,
+                                rocks.largest_m);
   };
-  // Ground as rocky as Haworth's is covered by ejecta already.
-  if (!in.has("on_ejecta") && too_dense()) rocks.on_ejecta = 5;
-  if (const auto m = too_dense())
+  // Lower the default for ground as rocky as Haworth's, which is already covered by ejecta.
+  if (!in.has("on_ejecta") && find_too_dense_diameter()) rocks.on_ejecta = 5;
+  if (const auto m = find_too_dense_diameter())
     in.fail("frequency", fmt::format("has, next to fresh craters, more than ten times the rocks above {:g} m that were "
                                      "counted in Haworth's rocky parts",
                                      *m));
 }
 
 dem::Region read_region(const JsonReader& in) {
-  constexpr std::size_t kMostCorners = 256;
+  constexpr std::size_t kMaxCorners = 256;
   std::vector<Geographic> corners;
-  in.elements(3, kMostCorners, [&](const JsonReader& corner) {
-    if (const auto place = corner.pair(Range{-90, 90}, Range{-360, 360}))
-      corners.push_back({place->first, place->second, 0});
+  in.elements(3, kMaxCorners, [&](const JsonReader& corner) {
+    if (const auto lat_lon = corner.pair(Range{-90, 90}, Range{-360, 360}))
+      corners.push_back({lat_lon->first, lat_lon->second, 0});
   });
   if (!in.good()) return {};
   try {
@@ -305,7 +315,8 @@ void read_relief(const JsonReader& in, dem::ReliefLaw& relief) {
   relief.hurst = in.number("hurst", Range{0.1, 1, false, true}, relief.hurst);
   relief.deviation_m = in.number("deviation_m", Range{0, 1000, true, false});
   relief.baseline_m = in.number("baseline_m", Range{0.01, 1e5});
-  relief.shortest_m = in.number("shortest_m", kFeature_m), relief.longest_m = in.number("longest_m", kFeature_m);
+  relief.shortest_m = in.number("shortest_m", kFeature_m);
+  relief.longest_m = in.number("longest_m", kFeature_m);
   if (in.good() && !(relief.shortest_m < relief.longest_m)) in.fail("shortest_m", "must be below longest_m");
 }
 
@@ -322,7 +333,7 @@ dem::PublishedSlopes read_published(const JsonReader& in) {
 }  // namespace
 
 std::shared_ptr<const dem::Detail> Assets::detail(std::string_view name, const StopToken& stop) const {
-  return find_small<dem::Detail>("detail", stamped("details", ".json", name), stop,
+  return find_small<dem::Detail>("detail", find_file("details", ".json", name), stop,
                                  [](const std::string& path) { return dem::Detail(read_detail_file(path)); });
 }
 
@@ -332,8 +343,8 @@ dem::DetailPreset read_detail_file(const std::string& path) {
   const JsonReader in(json, findings);
   dem::DetailPreset preset;
   if (in.object({"seed", "region", "craters", "relief", "rocks", "published", "description"})) {
-    constexpr std::int64_t kLargestSeed = std::int64_t{1} << 53;
-    const auto seed = in.has("seed") ? in.at("seed").integer(0, kLargestSeed) : std::optional<std::int64_t>(0);
+    constexpr std::int64_t kMaxSeed = std::int64_t{1} << 53;
+    const auto seed = in.has("seed") ? in.at("seed").integer(0, kMaxSeed) : std::optional<std::int64_t>(0);
     preset.craters.seed = static_cast<std::uint64_t>(seed.value_or(0));
     preset.relief.seed = preset.rocks.seed = preset.craters.seed;
     if (in.has("region")) preset.region = read_region(in.at("region"));
@@ -347,26 +358,26 @@ dem::DetailPreset read_detail_file(const std::string& path) {
   }
   const std::string text = json.dump();
   preset.fingerprint = dem::hash_of(text.data(), text.size());
-  refuse(path, findings);
+  throw_if_faulty(path, findings);
   return preset;
 }
 
-void Assets::refuse_failed(const std::string& key) const {
+void Assets::throw_if_failed(const std::string& key) const {
   const std::lock_guard lock(mutex_);
-  const auto found = failed_.find(key);
-  if (found == failed_.end() || StopToken::Clock::now() - found->second.since > kFailureLasts) return;
+  const auto found = failures_.find(key);
+  if (found == failures_.end() || StopToken::Clock::now() - found->second.since > kFailureLifetime) return;
   throw RequestError("asset_error", found->second.what);
 }
 
-void Assets::remember_failed(const std::string& key, const std::string& what) const {
+void Assets::remember_failure(const std::string& key, const std::string& what) const {
   const std::lock_guard lock(mutex_);
-  if (failed_.size() >= kMaxFailures) failed_.clear();
-  failed_.insert_or_assign(key, Failure{StopToken::Clock::now(), what});
+  if (failures_.size() >= kMaxFailures) failures_.clear();
+  failures_.insert_or_assign(key, Failure{StopToken::Clock::now(), what});
 }
 
 std::shared_ptr<const engine::ObjectMesh> Assets::object(std::string_view name, const StopToken& stop) const {
   for (const char* extension : {".obj", ".ply", ".gltf", ".glb"}) {
-    const auto file = stamped("objects", extension, name);
+    const auto file = find_file("objects", extension, name);
     if (!file) continue;
     const auto read = [&](const std::string& path) { return engine::ObjectMesh(reader_.read(path, stop), stop); };
     return find<engine::ObjectMesh>("object", *file, stop, read,

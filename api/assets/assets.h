@@ -23,61 +23,64 @@
 
 namespace selenograph::api {
 
-// Thread-safe: const functions may be called concurrently. A file is read once, and again when it has changed; of
-// concurrent requests for it, one reads and the others wait, each until its own `stop`. Files that no request uses are
-// kept while all fit into MeshReaderOptions::max_bytes, least recently used ones are dropped first. Functions return
-// null if there is no such file, and throw RequestError("asset_error") naming the file when it cannot be used: it is
-// not tried again for a minute unless it changes. Cancelled is thrown when `stop` says so.
+// Thread-safe: const functions may be called concurrently. A file is read once, and again when it has changed. If
+// several threads request it at once, one reads and the others wait, each until its own `stop`. Files that no request
+// uses stay cached while all fit into MeshReaderOptions::max_bytes; the least recently used is evicted first.
+//
+// Functions return null if there is no such file. They throw RequestError("asset_error") naming a file that cannot be
+// used, which is then not read again for a minute unless it changes, and Cancelled when `stop` is requested.
 class Assets {
  public:
-  // Memory for tiles of maps.
+  // Memory for tiles of all maps.
   static constexpr std::size_t kMapTilesBytes = std::size_t{128} << 20;
 
-  // `folder` empty: no assets.
+  // An empty `folder` means no assets.
   explicit Assets(std::string folder = {}, engine::MeshReaderOptions meshes = {})
       : folder_(std::move(folder)), files_(meshes.max_bytes), reader_(std::move(meshes)) {}
 
-  // atmospheres/NAME.csv; format: engine::Atmosphere::read.
+  // Returns atmospheres/NAME.csv; format: engine::Atmosphere::read.
   std::shared_ptr<const engine::Atmosphere> atmosphere(std::string_view name, const StopToken& stop = {}) const;
-  // cameras/NAME.json: an object, whose members the request's reader checks.
+  // Returns cameras/NAME.json, an object whose members the request's reader checks.
   std::shared_ptr<const Json> camera(std::string_view name, const StopToken& stop = {}) const;
-  // lidars/NAME.json: likewise.
+  // Returns lidars/NAME.json, an object whose members the request's reader checks.
   std::shared_ptr<const Json> lidar(std::string_view name, const StopToken& stop = {}) const;
 
-  // objects/NAME.obj, .ply, .gltf or .glb, the first of these that exists, read by engine::MeshReader.
+  // Returns objects/NAME.obj, .ply, .gltf or .glb, the first of these that exists, read by engine::MeshReader.
   std::shared_ptr<const engine::ObjectMesh> object(std::string_view name, const StopToken& stop = {}) const;
-  // Memory of cached files: meshes with their ray-tracing structures, star catalogues and all others.
+  // Returns the memory of cached files: meshes with their ray-tracing structures, star catalogues and all others.
   std::size_t mesh_bytes() const { return files_.bytes(); }
 
-  // maps/NAME.json; format: read_map_file. It is opened again when its raster has changed.
+  // Returns maps/NAME.json; format: read_map_file. It is opened again when its raster has changed.
   std::shared_ptr<const dem::ValueMap> map(std::string_view name, const StopToken& stop = {}) const;
-  // The same file, whose means are those of T^4.
+  // Returns the same file for temperatures T, of which means are taken as T^4.
   std::shared_ptr<const dem::ValueMap> temperature_map(std::string_view name, const StopToken& stop = {}) const;
 
-  // details/NAME.json; format: read_detail_file.
+  // Returns details/NAME.json; format: read_detail_file.
   std::shared_ptr<const dem::Detail> detail(std::string_view name, const StopToken& stop = {}) const;
 
-  // kernels/NAME.csv: rows of weights.
+  // Returns kernels/NAME.csv, rows of weights.
   std::shared_ptr<const std::vector<std::vector<double>>> kernel(std::string_view name,
                                                                  const StopToken& stop = {}) const;
 
-  // stars/NAME.csv; format: engine::StarCatalogue::read.
+  // Returns stars/NAME.csv; format: engine::StarCatalogue::read.
   std::shared_ptr<const engine::StarCatalogue> stars(std::string_view name, const StopToken& stop = {}) const;
 
-  // Sorted names, without extension, of a kind's files ("atmospheres", "cameras", "details", "kernels", "lidars",
-  // "maps", "objects", "stars").
+  // Returns the sorted names, without extension, of a kind's files ("atmospheres", "cameras", "details", "kernels",
+  // "lidars", "maps", "objects", "stars").
   std::vector<std::string> names(std::string_view kind) const;
 
-  // Hash of an atmosphere's rows, so that a frame's ETag changes with them; 0 for null.
+  // Returns a hash of an atmosphere's rows, so that a frame's ETag changes with them; 0 for null.
   static std::uint64_t fingerprint(const engine::Atmosphere* atmosphere);
 
  private:
-  struct Stamped {
+  // A file and its state (size and time of change) when it was looked up.
+  struct FileVersion {
     std::string path;
     dem::FileState state;
-    std::string key(const char* type) const;  // `type` distinguishes contents of one file
+    // Returns the cache key of this version. `type` distinguishes contents that are read differently from one file.
+    std::string key(const char* type) const;
   };
-  // A file's content. A pointer to the content shares ownership of the whole.
+  // Base of the cached contents of any type. Callers get a pointer to the value that shares ownership of its ContentOf.
   struct Content {
     virtual ~Content() = default;
   };
@@ -87,41 +90,41 @@ class Assets {
     explicit ContentOf(const Make& make) : value(make()) {}
     T value;
   };
-  using Files = dem::Cache<std::string, Content>;  // by type, path and stamp
+  using Files = dem::Cache<std::string, Content>;  // by FileVersion::key()
 
-  // A failure is remembered for a minute, so that the cost of reading a bad file is limited.
+  // Failure to read a file. It is remembered for a minute, which limits the cost of requests that name a bad file.
   struct Failure {
     StopToken::Clock::time_point since;
     std::string what;
   };
-  void refuse_failed(const std::string& key) const;
-  void remember_failed(const std::string& key, const std::string& what) const;
+  // Throws the remembered failure of a file version, if there is one.
+  void throw_if_failed(const std::string& key) const;
+  void remember_failure(const std::string& key, const std::string& what) const;
 
-  // Empty if there is no such file.
-  std::optional<Stamped> stamped(const char* kind, const char* extension, std::string_view name) const;
+  // Returns KIND/NAME.EXTENSION and its state; empty if there is no such file.
+  std::optional<FileVersion> find_file(const char* kind, const char* extension, std::string_view name) const;
 
-  // Reads with read(path) -> T, which takes bytes_of(T) of memory.
+  // Returns a file's content from the cache, or reads it with read(path) -> T, which takes bytes_of(T) of memory.
   template <typename T, typename Read, typename BytesOf>
-  std::shared_ptr<const T> find(const char* type, const Stamped& file, const StopToken& stop, const Read& read,
+  std::shared_ptr<const T> find(const char* type, const FileVersion& file, const StopToken& stop, const Read& read,
                                 const BytesOf& bytes_of) const;
-  // The memory follows from the file's size.
+  // Returns the same for a file whose memory is bounded by a multiple of its size; null for no file.
   template <typename T, typename Read>
-  std::shared_ptr<const T> find_small(const char* type, const std::optional<Stamped>& file, const StopToken& stop,
+  std::shared_ptr<const T> find_small(const char* type, const std::optional<FileVersion>& file, const StopToken& stop,
                                       const Read& read) const;
   std::shared_ptr<const dem::ValueMap> find_map(const char* type, std::string_view name, bool fourth_power,
                                                 const StopToken& stop) const;
 
   std::string folder_;
-  // Tiles of all maps.
   std::shared_ptr<dem::ValueMapTiles> map_tiles_ = dem::make_value_map_tiles(kMapTilesBytes);
   mutable Files files_;
   mutable std::mutex mutex_;
-  mutable std::map<std::string, Failure> failed_;  // by a file's key
-  mutable std::timed_mutex reading_stars_;
+  mutable std::map<std::string, Failure> failures_;  // by FileVersion::key(), guarded by mutex_
+  mutable std::timed_mutex reading_stars_;           // held while a star catalogue is read
   engine::MeshReader reader_;
 };
 
-// A map's description:
+// Reads a map's description:
 //   {"file": "RASTER",                     GeoTIFF, VRT, AAIGrid, PNG, JPEG, PDS, ISIS3; a relative path starts at the
 //   description's folder
 //    "bands": [1, 2, 3],                   their mean is used; left out: all but alpha
@@ -135,7 +138,7 @@ class Assets {
 // Throws DataError naming the description or the raster.
 dem::ValueMapOptions read_map_file(const std::string& path);
 
-// A detail's description; any of craters, relief and rocks may be left out, but not all:
+// Reads a detail's description. Any of craters, relief and rocks may be left out, but not all three:
 //   {"seed": N,
 //    "region": [[lat_deg, lon_deg], ...],            corners of a polygon in order that contains the centres of craters
 //                                                    and rocks; left out: everywhere (dem::Region)
@@ -154,7 +157,7 @@ dem::ValueMapOptions read_map_file(const std::string& path);
 // Throws DataError naming the description and the member.
 dem::DetailPreset read_detail_file(const std::string& path);
 
-// "a, b, c" or "none".
+// Returns "a, b, c", or "none" for an empty list.
 std::string listed(const std::vector<std::string>& names);
 
 }  // namespace selenograph::api

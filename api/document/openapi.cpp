@@ -9,14 +9,15 @@
 namespace selenograph::api {
 namespace {
 
-// 501 belongs to no method and 499 is never sent; both are in the table of info.description.
+// Returns false for 501, which no documented method gives, and for 499, which is never sent. Both are listed only in
+// the table of errors in info.description.
 bool answered_by_calls(const ErrorRow& row) { return row.status != 499 && row.status != 501; }
 
-// Whether a call can be answered with this status at all: what is documented is what a client must be ready for.
+// Returns true if a call can be answered with this status: only such statuses are documented for it.
 bool can_answer(const Route& route, int status) {
   switch (status) {
     case 404:
-      return route.path.find('{') != std::string_view::npos;  // elsewhere no path is it
+      return route.path.find('{') != std::string_view::npos;  // only a path with a parameter may name nothing
     case 413:
     case 415:
       return route.has_body();
@@ -32,7 +33,7 @@ bool can_answer(const Route& route, int status) {
 
 std::string response_name(int status) { return "Problem" + std::to_string(status); }
 
-// One response per status; codes that share a status are its examples.
+// Returns one response per status; codes that share a status are examples of its response.
 OrderedJson problem_responses() {
   OrderedJson responses = OrderedJson::object();
   for (const ErrorRow& row : error_table()) {
@@ -64,7 +65,7 @@ OrderedJson header(const char* description, const char* type = "string") {
 }
 
 OrderedJson headers() {
-  OrderedJson all{
+  OrderedJson list{
       {"ETag", header("Strong: stands for the answer's bytes. Absent when a warning says that a coarser layer replaced "
                       "an unusable file")},
       {"Vary", header("Accept")},
@@ -86,20 +87,21 @@ OrderedJson headers() {
       {"Selenograph-Echo", header("The request's `echo`, as compact ASCII JSON; absent when it has none")},
       {"Retry-After", header("Seconds", "integer")},
       {"Allow", header("The methods that the path has")}};
-  all["Selenograph-Meta"] = {{"description",
-                              "For npy and raw answers: the frame's metadata, compact ASCII JSON of at most 6000 "
-                              "bytes; metadata_at is the path of the complete metadata, if longer"},
-                             {"content", {{"application/json", {{"schema", schema::ref("FrameMetadata")}}}}}};
-  all["Selenograph-Meta"]["content"]["application/json"]["schema"] = {
+  list["Selenograph-Meta"] = {{"description",
+                               "For npy and raw answers: the frame's metadata, compact ASCII JSON of at most 6000 "
+                               "bytes; metadata_at is the path of the complete metadata, if longer"},
+                              {"content", {{"application/json", {{"schema", schema::ref("FrameMetadata")}}}}}};
+  list["Selenograph-Meta"]["content"]["application/json"]["schema"] = {
       {"anyOf", {schema::ref("FrameMetadata"), schema::ref("MetadataElsewhere")}}};
-  return all;
+  return list;
 }
 
 OrderedJson text_answer(const char* description, const char* media_type) {
   return {{"description", description}, {"content", {{media_type, {{"schema", {{"type", "string"}}}}}}}};
 }
 
-// Any path can answer so: the request never gets as far as a call, or there are too many connections.
+// Adds the problems that any path can give: the request is rejected before it reaches a call, or there are too many
+// connections.
 void add_http_problems(OrderedJson& responses) {
   for (const int status : {400, 403, 405, 408, 414, 421, 431, 503}) {
     responses[std::to_string(status)] = {{"$ref", "#/components/responses/" + response_name(status)}};
@@ -172,7 +174,7 @@ OrderedJson components(const Limits& limits, const OrderedJson& answers) {
           {"parameters", {{"Request-Timeout-Ms", timeout}}}};
 }
 
-// The calls; the components that they name are added.
+// Returns the calls, and adds the components that they name to `schemas`.
 OrderedJson paths_of(const Limits& limits, OrderedJson& schemas) {
   OrderedJson paths = OrderedJson::object();
   for (const Route& route : routes()) {

@@ -1,4 +1,4 @@
-// The API document, built from the tables that the parser and the dispatcher use, so that they cannot diverge.
+// The API document. It is built from the tables that parse and dispatch requests, so that it cannot diverge from them.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -7,7 +7,7 @@
 
 namespace selenograph::api {
 
-// OpenAPI 3.1 with examples and with the limits of this service.
+// Returns the OpenAPI 3.1 document with examples and with the limits of this service.
 nlohmann::ordered_json openapi_document(const Limits& limits);
 
 }  // namespace selenograph::api

@@ -17,20 +17,21 @@ struct RequestBody {
 
 std::vector<RequestBody> bodies() {
   const Limits limits;
-  std::vector<RequestBody> all;
+  std::vector<RequestBody> list;
   for (const Route& route : routes()) {
     Operation operation(limits);
     route.describe(operation);
-    if (operation.request) all.push_back({route.path, *operation.request});
+    if (operation.request) list.push_back({route.path, *operation.request});
   }
-  return all;
+  return list;
 }
 
-void add_with_parts(std::vector<const MemberTable*>& tables, const MemberTable& table) {
+// Adds a table and, depth first, the tables of the objects in it that are not yet listed.
+void add_with_objects(std::vector<const MemberTable*>& tables, const MemberTable& table) {
   if (std::find(tables.begin(), tables.end(), &table) != tables.end()) return;
   tables.push_back(&table);
   for (const MemberRow& row : table.rows())
-    for (const MemberTable* part : row.objects) add_with_parts(tables, *part);
+    for (const MemberTable* object : row.objects) add_with_objects(tables, *object);
 }
 
 std::string products_markdown() {
@@ -47,7 +48,7 @@ std::string products_markdown() {
 
 std::vector<const MemberTable*> request_tables() {
   std::vector<const MemberTable*> tables;
-  for (const RequestBody& body : bodies()) add_with_parts(tables, body.members);
+  for (const RequestBody& body : bodies()) add_with_objects(tables, body.members);
   return tables;
 }
 

@@ -8,10 +8,10 @@
 
 namespace selenograph::api {
 
-// The table of each request, followed by those of its objects; each once.
+// Returns the table of each request, followed by the tables of the objects in it. Each table is listed once.
 std::vector<const MemberTable*> request_tables();
 
-// The text of requests.md: the tables, with the default limits.
+// Returns the text of requests.md: all tables, with the default limits.
 std::string requests_markdown();
 
 }  // namespace selenograph::api

@@ -11,7 +11,8 @@ namespace {
 
 template <typename Feature>
 OrderedJson listed(const char* what, std::span<const FeatureColumn<Feature>> columns) {
-  OrderedJson properties{{"id", schema::with(schema::text("the same in every answer"), "pattern", "^[0-9a-f]{16}$")}},
+  OrderedJson properties{
+      {"id", schema::with_keyword(schema::text("the same in every answer"), "pattern", "^[0-9a-f]{16}$")}},
       required = OrderedJson::array({"id"});
   for (const auto& column : columns) {
     properties[std::string(column.name)] = schema::number(kAnyNumber, column.meaning);

@@ -1,4 +1,4 @@
-// Memory of JSON documents.
+// Upper bound of the memory of a JSON document, known from its text before it is parsed.
 #pragma once
 
 #include <cstddef>
@@ -7,13 +7,13 @@
 
 namespace selenograph::api {
 
-// Upper bound of the memory that parse_json(text) takes, its result included. It follows from the punctuation: a text
-// of empty objects takes fifty times its own size, one of long numbers four times.
+// Returns an upper bound of the memory that parse_json(text) takes, its result included. The number of values follows
+// from the punctuation: a text of empty objects takes fifty times its own size, one of long numbers four times.
 inline std::size_t document_bytes(std::string_view text) {
-  // An element of an array; the array doubles its room when it is full, and holds the old and the new room meanwhile.
+  // Element of an array: a full vector doubles its capacity, and holds the old and the new storage meanwhile.
   constexpr std::size_t kElement = 3 * sizeof(nlohmann::json);
-  constexpr std::size_t kObject = 48, kArray = 32, kMember = 80, kString = 32;  // each is an allocation of its own
-  constexpr std::size_t kCharacter = 3;                                         // texts double their room, too
+  constexpr std::size_t kObject = 48, kArray = 32, kMember = 80, kString = 32;  // separate allocations
+  constexpr std::size_t kCharacter = 3;                                         // strings double their capacity, too
   std::size_t bytes = sizeof(nlohmann::json) + kCharacter * text.size();
   for (const char c : text) {
     switch (c) {

@@ -9,9 +9,9 @@
 namespace selenograph::api {
 namespace {
 
-constexpr std::size_t kLongestName = 64;  // longer names are not repeated to the client
+constexpr std::size_t kMaxNameInError = 64;  // longer names are not repeated to the client
 
-// RFC 6901: ~ and / are escaped.
+// Returns the key as part of a JSON Pointer (RFC 6901), with ~ and / escaped.
 std::string escaped(std::string_view key) {
   std::string out;
   for (const char c : key) {
@@ -32,9 +32,9 @@ std::string without_prefix(const std::string& what) {
   return end == std::string::npos ? what : what.substr(end + 2, 300);
 }
 
-// Builds the document from the parser's events: here depth is limited before anything deeper is built, and a second
-// member of one name is seen before it replaces the first. (The library's own callback parser looks through the whole
-// parent after each object: quadratic in what a client sends.)
+// Builds the document from the parser's events. Depth is limited before anything deeper is built, and a duplicate
+// member is found before it replaces the first. (The library's own callback parser searches the whole parent after each
+// object, which is quadratic in the size of the body.)
 class Builder final : public nlohmann::json_sax<Json> {
  public:
   explicit Builder(int max_depth) : max_depth_(static_cast<std::size_t>(max_depth)) {}
@@ -66,12 +66,14 @@ class Builder final : public nlohmann::json_sax<Json> {
 
  private:
   static constexpr int kNumberOverflow = 406;  // the library's json.exception.out_of_range.406
+  // An open object or array on the path from the root to the value being parsed.
   struct Level {
     Json* value;
-    std::string key;
+    std::string key;  // name of the current member, if the value is an object
   };
 
-  Json* place(Json&& value) {
+  // Stores a value in the innermost open object or array, or as the root, and returns its address.
+  Json* store(Json&& value) {
     if (levels_.empty()) return &(root_ = std::move(value));
     Level& level = levels_.back();
     if (level.value->is_object()) return &((*level.value)[level.key] = std::move(value));
@@ -79,7 +81,7 @@ class Builder final : public nlohmann::json_sax<Json> {
     return &level.value->back();
   }
   bool add(Json&& value) {
-    place(std::move(value));
+    store(std::move(value));
     return true;
   }
   bool open(Json&& value) {
@@ -87,23 +89,23 @@ class Builder final : public nlohmann::json_sax<Json> {
       const std::string what = fmt::format("nested deeper than {} levels", max_depth_);
       throw RequestError("malformed_json", what, {{pointer(), what}});
     }
-    levels_.push_back({place(std::move(value)), {}});
+    levels_.push_back({store(std::move(value)), {}});
     return true;
   }
   bool close() {
     levels_.pop_back();
     return true;
   }
-  // Of the value that comes next.
+  // Returns the JSON Pointer of the value that is parsed next, up to the first overlong name.
   std::string pointer() const {
     std::string out;
     for (std::size_t i = 0; i < levels_.size(); ++i) {
       const Level& level = levels_[i];
       if (level.value->is_object()) {
-        if (level.key.size() > kLongestName) return out;
+        if (level.key.size() > kMaxNameInError) return out;
         out += '/' + escaped(level.key);
       } else {
-        // The element in work is in the array already, unless it is the one to come.
+        // Outer arrays already hold the element that is being parsed; the innermost one does not.
         out += '/' + std::to_string(level.value->size() - (i + 1 < levels_.size() ? 1 : 0));
       }
     }
@@ -117,7 +119,7 @@ class Builder final : public nlohmann::json_sax<Json> {
 
 char lower(char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; }
 
-// Levenshtein's, capitals and small letters being one.
+// Returns the Levenshtein distance, ignoring case. `row` holds one row of the dynamic programming table.
 std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);
   std::iota(row.begin(), row.end(), std::size_t{0});
@@ -131,7 +133,8 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
   return row.back();
 }
 
-std::string wrong_range(const Range& range) {
+// Returns "must be at least 1 and less than 3" for the range [1, 3).
+std::string out_of_range_text(const Range& range) {
   const auto bound = [](double x) { return fmt::format("{}", x); };
   const bool below = range.min > std::numeric_limits<double>::lowest();
   const bool above = range.max < std::numeric_limits<double>::max();
@@ -142,9 +145,11 @@ std::string wrong_range(const Range& range) {
   return what;
 }
 
-std::string with_suggestion(const std::string& what, std::string_view name, std::span<const std::string_view> known) {
-  if (const auto meant = did_you_mean(name, known)) return what + "; did you mean \"" + std::string(*meant) + "\"?";
-  return what + "; known here: " + (known.empty() ? "none" : quoted_list(known, ", "));
+std::string with_suggestion(const std::string& what, std::string_view name,
+                            std::span<const std::string_view> known_names) {
+  if (const auto nearest = did_you_mean(name, known_names))
+    return what + "; did you mean \"" + std::string(*nearest) + "\"?";
+  return what + "; known here: " + (known_names.empty() ? "none" : quoted_list(known_names, ", "));
 }
 
 }  // namespace
@@ -164,15 +169,16 @@ std::string quoted_list(std::span<const std::string_view> names, std::string_vie
   return out;
 }
 
-std::optional<std::string_view> did_you_mean(std::string_view name, std::span<const std::string_view> known) {
-  if (name.size() > kLongestName) return std::nullopt;
+std::optional<std::string_view> did_you_mean(std::string_view name, std::span<const std::string_view> known_names) {
+  if (name.size() > kMaxNameInError) return std::nullopt;
   std::optional<std::string_view> nearest;
-  // Two letters swapped are two edits; in names of two or three letters that would suggest anything.
-  std::size_t least = (name.size() < 4 ? 1 : std::max<std::size_t>(2, name.size() / 3)) + 1;
-  for (const std::string_view candidate : known) {
+  // Allow two edits, since two swapped letters are two edits, but only one in names of up to three letters, where two
+  // edits would reach almost any name.
+  std::size_t min_distance = (name.size() < 4 ? 1 : std::max<std::size_t>(2, name.size() / 3)) + 1;
+  for (const std::string_view candidate : known_names) {
     const std::size_t distance = edit_distance(name, candidate);
-    if (distance < least) {
-      least = distance;
+    if (distance < min_distance) {
+      min_distance = distance;
       nearest = candidate;
     }
   }
@@ -198,7 +204,7 @@ bool JsonReader::object(std::span<const std::string_view> members) const {
   for (const auto& [name, value] : value_->items()) {
     if (findings_->full()) break;
     if (std::find(members.begin(), members.end(), name) != members.end()) continue;
-    if (name.size() > kLongestName) {
+    if (name.size() > kMaxNameInError) {
       fail("has an unknown member with a very long name");
     } else {
       fail(name, with_suggestion("unknown member", name, members));
@@ -212,13 +218,13 @@ bool JsonReader::has(std::string_view name) const { return value_->is_object() &
 JsonReader JsonReader::at(std::string_view name) const { return JsonReader(value_->find(name).value(), this, name, 0); }
 
 std::string_view JsonReader::alternative(std::span<const std::string_view> names, bool required) const {
-  std::vector<std::string_view> given;
+  std::vector<std::string_view> present;
   for (const std::string_view name : names) {
-    if (has(name)) given.push_back(name);
+    if (has(name)) present.push_back(name);
   }
-  if (given.size() == 1) return given.front();
-  if (given.size() > 1) {
-    fail(given[1], quoted_list(given, " and ") + " exclude each other: give one of them");
+  if (present.size() == 1) return present.front();
+  if (present.size() > 1) {
+    fail(present[1], quoted_list(present, " and ") + " exclude each other: give one of them");
   } else if (required) {
     fail("needs one of " + quoted_list(names, " or "));
   }
@@ -229,10 +235,10 @@ std::optional<double> JsonReader::number(const Range& range) const {
   const double x = value_->is_number() ? value_->get<double>() : 0.0;
   if (!value_->is_number()) {
     fail("must be a number");
-  } else if (!std::isfinite(x)) {  // from a document that was built, not parsed
+  } else if (!std::isfinite(x)) {  // only in a document built by a program: parse_json rejects NaN and Infinity
     fail("must be finite");
   } else if (!range.contains(x)) {
-    fail(wrong_range(range));
+    fail(out_of_range_text(range));
   } else {
     return x;
   }
@@ -250,7 +256,7 @@ double JsonReader::number(std::string_view name, const Range& range, double fall
 }
 
 std::optional<std::int64_t> JsonReader::integer(std::int64_t min, std::int64_t max) const {
-  // 1024.0 is an integer in JSON Schema, and what some languages write.
+  // Accept 1024.0: it is an integer in JSON Schema, and some languages write integers so.
   const double x = value_->is_number() ? value_->get<double>() : 0.5;
   if (x != std::floor(x)) {
     fail("must be an integer");
@@ -308,27 +314,27 @@ bool JsonReader::array(std::size_t min, std::size_t max) const {
 }
 
 int JsonReader::word_index(const std::vector<std::string_view>& names, WordHints hints) const {
-  const std::optional<std::string> given = text();
-  if (!given) return -1;
-  const auto found = std::find(names.begin(), names.end(), *given);
+  const std::optional<std::string> given_word = text();
+  if (!given_word) return -1;
+  const auto found = std::find(names.begin(), names.end(), *given_word);
   if (found != names.end()) return static_cast<int>(found - names.begin());
-  const auto hint = std::find_if(hints.begin(), hints.end(), [&](const auto& h) { return h.first == *given; });
-  std::string more;
+  const auto hint = std::find_if(hints.begin(), hints.end(), [&](const auto& h) { return h.first == *given_word; });
+  std::string advice;
   if (hint != hints.end())
-    more = "; " + std::string(hint->second);
-  else if (const auto meant = did_you_mean(*given, names))
-    more = "; did you mean \"" + std::string(*meant) + "\"?";
-  fail("must be " + quoted_list(names, " or ") + more);
+    advice = "; " + std::string(hint->second);
+  else if (const auto nearest = did_you_mean(*given_word, names))
+    advice = "; did you mean \"" + std::string(*nearest) + "\"?";
+  fail("must be " + quoted_list(names, " or ") + advice);
   return -1;
 }
 
 std::optional<Vec3> direction_of(const Vec3& v) {
   if (is_unit(v)) return v;
-  // maxCoeff may pass over NaN.
+  // Test for NaN first: maxCoeff may ignore it.
   const double largest = v.allFinite() ? v.cwiseAbs().maxCoeff() : 0;
   if (largest == 0) return std::nullopt;
-  // Division first: squares of 1e300 or 1e-300 don't fit. Each component is divided on its own because the reciprocal
-  // of a subnormal is infinite.
+  // Scale before the norm is computed: the squares of 1e300 and 1e-300 are not representable. Divide instead of
+  // multiplying by the reciprocal, which is infinite for a subnormal.
   return Vec3(v.x() / largest, v.y() / largest, v.z() / largest).normalized();
 }
 

@@ -18,7 +18,7 @@
 
 namespace selenograph::api {
 
-// Type of input: members are in a tree, so that look-up is fast for any body. (Output is ordered_json.)
+// Type of input. Members are in a tree, so that look-up is fast for any body. (Output is ordered_json.)
 using Json = nlohmann::json;
 
 // Parses strict JSON (RFC 8259). Throws RequestError: "malformed_json" for text that is not JSON, NaN and Infinity
@@ -34,14 +34,14 @@ struct Range {
   bool contains(double x) const { return (min_open ? x > min : x >= min) && (max_open ? x < max : x <= max); }
 };
 
-// Words that other tools use and that are not accepted here: each with what to give instead.
+// Words of other tools that are rejected here, each with the text that tells the client what to write instead.
 using WordHints = std::span<const std::pair<std::string_view, std::string_view>>;
 
 // Table of words and their values.
 template <typename T>
 using Words = std::span<const std::pair<std::string_view, T>>;
 
-// The word for a value in such a table; empty if there is none.
+// Returns the word for a value in such a table; empty if there is none.
 template <typename Table, typename T>
 constexpr std::string_view word_of(const Table& table, const T& value) {
   for (const auto& [word, meaning] : table)
@@ -49,24 +49,31 @@ constexpr std::string_view word_of(const Table& table, const T& value) {
   return {};
 }
 
-// "a", "b" or "c".
+// Returns the names in quotation marks: "a", "b" or "c", for the last separator " or ".
 std::string quoted_list(std::span<const std::string_view> names, std::string_view last_separator);
 
-// The known name closest to a misspelt one, if it is close enough.
-std::optional<std::string_view> did_you_mean(std::string_view name, std::span<const std::string_view> known);
+// Returns the known name closest to a misspelt one, if it is close enough.
+std::optional<std::string_view> did_you_mean(std::string_view name, std::span<const std::string_view> known_names);
 
-// A position in a JSON document. Readers of members point to their parent's reader, which must outlive them: keep them
-// on the stack. Faults are added to `findings` with their JSON Pointer, and a fallback is returned, so that one pass
-// reports all faults; callers check the findings before they compute with the values.
+// A position in a JSON document. A reader of a member points to its parent's reader, which must outlive it: keep
+// readers on the stack.
+//
+//   JsonReader(body)  <-parent-  at("camera")  <-parent-  at("fx")      pointer(): "/camera/fx"
+//
+// Faults are added to `findings` with their JSON Pointer, and a fallback is returned, so that one pass reports all
+// faults. Callers check the findings before they compute with the values.
 class JsonReader {
  public:
   JsonReader(const Json& root, Findings& findings) : value_(&root), findings_(&findings) {}
 
+  // Returns the JSON Pointer (RFC 6901) from the root to this value.
   std::string pointer() const;
   const Json& value() const { return *value_; }
+  // Returns true while the whole request has no faults.
   bool good() const { return findings_->empty(); }
-  // Number of faults found so far in the whole request.
-  std::size_t faults() const { return findings_->seen(); }
+  // Returns the number of faults found so far in the whole request.
+  std::size_t faults() const { return findings_->count(); }
+  // Reports a fault of this value.
   void fail(std::string detail) const;
   // Reports a fault of a member, present or not.
   void fail(std::string_view member, std::string detail) const;
@@ -79,26 +86,26 @@ class JsonReader {
   bool has(std::string_view name) const;
   JsonReader at(std::string_view name) const;  // the member must exist; `name` must outlive the reader
 
-  // Returns which one of mutually exclusive members is given. Two are an error that names both, as is none if
-  // `required`; then "" is returned.
+  // Returns the name of the only member that is given of mutually exclusive ones. Two members are a fault that names
+  // both; none is a fault if `required`. Then "" is returned.
   std::string_view alternative(std::span<const std::string_view> names, bool required) const;
   std::string_view alternative(std::initializer_list<std::string_view> names, bool required) const {
     return alternative(std::span<const std::string_view>(names.begin(), names.size()), required);
   }
 
-  // The number; empty, and reported, if it is not a number in range.
+  // Return the value; empty, and reported, if it has another type or is out of range.
   std::optional<double> number(const Range& range) const;
   std::optional<std::int64_t> integer(std::int64_t min, std::int64_t max) const;
   std::optional<bool> boolean() const;
   double number(std::string_view name, const Range& range) const;                   // required
   double number(std::string_view name, const Range& range, double fallback) const;  // optional
   std::optional<std::string> text() const;
-  // [a, b], each within its range; nullopt, and an error, if it is not two such numbers.
+  // Returns [a, b], each within its range; empty, and reported, for anything else.
   std::optional<std::pair<double, double>> pair(const Range& first, const Range& second) const;
-  // [x, y, z], each within range.
+  // Returns [x, y, z], each within range; faulty components are reported and 0.
   Vec3 vector(const Range& range) const;
 
-  // The word's value; empty, and reported, if the word is unknown.
+  // Returns the word's value; empty, and reported, if the word is unknown.
   template <typename T>
   std::optional<T> word(Words<T> words, WordHints hints = {}) const {
     std::vector<std::string_view> names;
@@ -107,7 +114,8 @@ class JsonReader {
     return found < 0 ? std::nullopt : std::optional<T>(words[static_cast<std::size_t>(found)].second);
   }
 
-  // Calls each(reader) for the elements of an array of min..max elements; otherwise reports an error only.
+  // Calls each(reader) for the elements of an array of min to max elements; reports anything else without a call. Stops
+  // when the findings are full.
   template <typename Each>
   void elements(std::size_t min, std::size_t max, Each&& each) const {
     if (!array(min, max)) return;
@@ -122,22 +130,22 @@ class JsonReader {
 
   const Json* value_;
   Findings* findings_;
-  // The JSON Pointer is composed only when there is something to report.
+  // Link to the parent, from which the JSON Pointer is composed only when there is a fault to report.
   const JsonReader* parent_ = nullptr;
-  std::string_view key_;
-  std::size_t index_ = 0;
+  std::string_view key_;   // name of this member of an object
+  std::size_t index_ = 0;  // index of this element of an array
 };
 
-// Whether a vector has unit length within rounding. Then it is kept as it is: normalising twice would change the last
-// bit, and a resolved request would no longer resolve to itself.
+// Returns true if a vector has unit length within rounding. Callers leave such a vector as it is: normalising twice
+// would change the last bit, and a resolved request would no longer resolve to itself.
 template <typename Vector>
 bool is_unit(const Vector& v) {
   return std::abs(v.squaredNorm() - 1) <= 8 * std::numeric_limits<double>::epsilon();
 }
 
-// A vector's direction for any length (1e-300 and 1e300 alike); empty for zero.
+// Returns the unit vector of a vector of any length, also 1e-300 and 1e300; empty for zero, NaN and infinity.
 std::optional<Vec3> direction_of(const Vec3& v);
-// The same of the member "direction" that was read; a zero vector is its fault.
+// Returns the same of `v`, which was read from the member "direction" of `in`: a zero vector is reported there.
 std::optional<Vec3> direction_member(const JsonReader& in, const Vec3& v);
 
 }  // namespace selenograph::api

@@ -1,4 +1,5 @@
-// Ranges shared by several members of requests, or used in checks across members. Others are in their members' rows.
+// Ranges shared by several members of requests, or used in checks across members. All other ranges are in their
+// members' rows.
 #pragma once
 
 #include "api/json/json_reader.h"
@@ -16,7 +17,7 @@ inline constexpr Range kHeight_m{-50e3, 1e12};
 inline constexpr Range kCoordinate_m{-1e12, 1e12};
 
 inline constexpr Range kFieldOfView_deg{0, 180, true, true};
-inline constexpr Range kFisheyeFieldOfView_deg{0, 358, true, false};  // to engine::Fisheye::kWidest
+inline constexpr Range kFisheyeFieldOfView_deg{0, 358, true, false};  // up to engine::Fisheye::kWidest
 // A pixel may cover anything from nearly a half-space to a nanoradian. Focal lengths from a field of view must be in
 // this range, too.
 inline constexpr Range kFocalLength_px{1e-6, 1e9};
@@ -30,11 +31,11 @@ inline constexpr Range kWavelength_um{0, 1e4, true, false};
 inline constexpr Range kTemperature_k{0, 1e4};
 inline constexpr Range kFNumber{0.1, 1000};
 inline constexpr Range kMaxError_px{0, 100};
-// Height of a round trip's cameras: from a metre above the ground to beyond the Earth.
+// Height of a round trip's cameras above the ground, from 1 m to beyond the Earth.
 inline constexpr Range kStationHeight_m{1, 1e9};
 inline constexpr Range kFootprintRatio{0.1, 10};
 
-// Tolerance of a quaternion's length: room for rounding (and float32), not for a missing normalisation.
+// Tolerance of a quaternion's length. It admits rounding, also to float32, but not a missing normalisation.
 inline constexpr double kQuaternionTolerance = 1e-3;
 
 }  // namespace selenograph::api

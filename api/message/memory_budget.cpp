@@ -7,8 +7,9 @@
 namespace selenograph::api {
 namespace {
 
-// A deadline or a client that leaves wakes no condition variable; this is how soon either is noticed.
-constexpr auto kLook = std::chrono::milliseconds(50);
+// Interval at which waiting threads check their StopToken: a deadline or a client that disconnects notifies no
+// condition variable.
+constexpr auto kPollInterval = std::chrono::milliseconds(50);
 
 }  // namespace
 
@@ -26,15 +27,17 @@ MemoryBudget::Claim::~Claim() {
 }
 
 void MemoryBudget::Claim::resize(std::size_t bytes) {
-  if (budget_) budget_->resize(bytes_, bytes), bytes_ = bytes;
+  if (!budget_) return;
+  budget_->resize(bytes_, bytes);
+  bytes_ = bytes;
 }
 
 bool MemoryBudget::Claim::try_resize(std::size_t bytes) {
   if (!budget_) return bytes == 0;
   if (bytes > bytes_) {
-    auto more = budget_->try_claim(bytes - bytes_);
-    if (!more) return false;
-    more->budget_ = nullptr;  // part of this one from now on
+    auto extra = budget_->try_claim(bytes - bytes_);
+    if (!extra) return false;
+    extra->budget_ = nullptr;  // transfers its bytes to this claim: its destructor must not release them
   } else {
     budget_->resize(bytes_, bytes);
   }
@@ -50,7 +53,7 @@ void MemoryBudget::resize(std::size_t from, std::size_t to) {
 
 std::optional<MemoryBudget::Claim> MemoryBudget::try_claim(std::size_t bytes) {
   const std::lock_guard lock(mutex_);
-  if (!queue_.empty() || !free_now(bytes)) return std::nullopt;
+  if (!queue_.empty() || !are_free(bytes)) return std::nullopt;
   in_use_ += bytes;
   return Claim(this, bytes);
 }
@@ -58,20 +61,21 @@ std::optional<MemoryBudget::Claim> MemoryBudget::try_claim(std::size_t bytes) {
 std::optional<MemoryBudget::Claim> MemoryBudget::claim(std::size_t bytes, StopToken::Clock::time_point until,
                                                        const StopToken& stop) {
   std::unique_lock lock(mutex_);
+  // Leaves the queue on every exit, and wakes the thread that is then at the front. Destroyed while `lock` is held.
   struct Ticket {
     std::list<std::uint64_t>& queue;
     std::condition_variable& changed;
-    std::list<std::uint64_t>::iterator place;
+    std::list<std::uint64_t>::iterator position;
     ~Ticket() {
-      queue.erase(place);
+      queue.erase(position);
       changed.notify_all();
     }
   } ticket{queue_, changed_, queue_.insert(queue_.end(), next_ticket_++)};
-  while (queue_.front() != *ticket.place || !free_now(bytes)) {
+  while (queue_.front() != *ticket.position || !are_free(bytes)) {
     stop.check();
     const auto now = StopToken::Clock::now();
     if (now >= until) return std::nullopt;
-    changed_.wait_until(lock, std::min(until, now + kLook));
+    changed_.wait_until(lock, std::min(until, now + kPollInterval));
   }
   in_use_ += bytes;
   return Claim(this, bytes);

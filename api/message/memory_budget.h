@@ -1,4 +1,5 @@
-// Memory budget for requests: bodies being received, active frames, answers not yet sent.
+// Memory budget for requests: bodies being received, active frames, answers not yet sent. It counts bytes only; callers
+// claim them before they allocate.
 #pragma once
 
 #include <condition_variable>
@@ -18,7 +19,7 @@ class MemoryBudget {
  public:
   static constexpr std::size_t kUnbounded = std::numeric_limits<std::size_t>::max();
 
-  // Bytes of the budget, returned on destruction.
+  // Bytes of the budget, released on destruction. A default-constructed claim has no budget and no bytes.
   class Claim {
    public:
     Claim() = default;
@@ -26,10 +27,9 @@ class MemoryBudget {
     Claim& operator=(Claim&& other) noexcept;
     ~Claim();
     std::size_t bytes() const { return bytes_; }
-    // Never waits: for memory that turned out smaller than claimed, or that exists already.
+    // Changes the claim without a check or a wait, for memory that is smaller than claimed or is already allocated.
     void resize(std::size_t bytes);
-    // For memory yet to be allocated. Never waits: false if the bytes are not free. A default-constructed claim has no
-    // budget.
+    // Changes the claim for memory yet to be allocated. Returns false without waiting if the bytes are not free.
     bool try_resize(std::size_t bytes);
 
    private:
@@ -41,10 +41,10 @@ class MemoryBudget {
 
   explicit MemoryBudget(std::size_t capacity_bytes = kUnbounded) : capacity_(capacity_bytes) {}
 
-  // Never waits: nullopt if the bytes are not free.
+  // Claims bytes; returns empty without waiting if they are not free or threads are waiting in the queue.
   std::optional<Claim> try_claim(std::size_t bytes);
-  // Waits until `until`, first come first served; nullopt when the bytes were not free by then. Throws Cancelled when
-  // `stop` says so. More than capacity() never become free: check fits() first.
+  // Claims bytes and waits for them at most until `until`, first come first served; returns empty if they were not free
+  // by then. Throws Cancelled when `stop` is requested. More than capacity() never become free: check fits() first.
   std::optional<Claim> claim(std::size_t bytes, StopToken::Clock::time_point until, const StopToken& stop);
   bool fits(std::size_t bytes) const { return bytes <= capacity_; }
 
@@ -53,13 +53,13 @@ class MemoryBudget {
 
  private:
   void resize(std::size_t from, std::size_t to);
-  bool free_now(std::size_t bytes) const { return bytes <= capacity_ && in_use_ <= capacity_ - bytes; }
+  bool are_free(std::size_t bytes) const { return bytes <= capacity_ && in_use_ <= capacity_ - bytes; }
 
   const std::size_t capacity_;
   mutable std::mutex mutex_;
-  std::condition_variable changed_;
+  std::condition_variable changed_;  // notified when bytes are released or the queue's front leaves
   std::size_t in_use_ = 0;
-  std::list<std::uint64_t> queue_;  // tickets; the front is served next
+  std::list<std::uint64_t> queue_;  // tickets of waiting threads; the front is served next
   std::uint64_t next_ticket_ = 0;
 };
 

@@ -14,7 +14,7 @@ std::string header(const Request& request, const std::string& name) {
   return joined;
 }
 
-std::optional<std::chrono::milliseconds> time_allowed(const Request& request, const Limits& limits) {
+std::optional<std::chrono::milliseconds> time_limit(const Request& request, const Limits& limits) {
   const std::string text = header(request, "request-timeout-ms");
   if (text.empty()) return limits.default_deadline;
   std::int64_t ms = 0;

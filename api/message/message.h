@@ -1,4 +1,4 @@
-// A request and its response, independent of HTTP.
+// A request and its response, independent of HTTP. Paths, headers and statuses are HTTP's.
 #pragma once
 
 #include <atomic>
@@ -15,7 +15,7 @@
 
 namespace selenograph::api {
 
-// Header names are lower case.
+// A request. Header names are lower case.
 struct Request {
   std::string method;                             // "GET", "POST"
   std::string path;                               // "/v1/frames", without the query
@@ -26,7 +26,7 @@ struct Request {
   const std::atomic<bool>* abandoned = nullptr;  // becomes true when the client has disconnected
 };
 
-// A stage of the work on a request, as in the header Server-Timing.
+// Duration of a stage of the work on a request, as in the header Server-Timing.
 struct StageTime {
   std::string name;
   double ms = 0;
@@ -42,15 +42,15 @@ struct Response {
   // Error code, also the label in metrics; empty on success.
   std::string error_code;
   StageTimes stages{};  // in the order of the header Server-Timing; empty: the answer has no such header
-  // The answer's claim on the service's memory budget: kept until it is sent.
+  // Claim of the body's bytes on the service's memory budget, held until the answer is sent.
   std::shared_ptr<const MemoryBudget::Claim> memory;
 };
 
-// Values of all headers of this (lower-case) name, joined with commas; empty if there are none.
+// Returns the values of all headers of this (lower-case) name, joined with commas; empty if there are none.
 std::string header(const Request& request, const std::string& name);
 
-// Time limit of a request: the service's own, or less if the client asks for it by Request-Timeout-Ms. Empty when that
-// header is not a whole number of milliseconds above 0.
-std::optional<std::chrono::milliseconds> time_allowed(const Request& request, const Limits& limits);
+// Returns the time limit of a request: the service's own, or less if the client asks for it by Request-Timeout-Ms;
+// empty if that header is not a whole number of milliseconds above 0.
+std::optional<std::chrono::milliseconds> time_limit(const Request& request, const Limits& limits);
 
 }  // namespace selenograph::api

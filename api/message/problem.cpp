@@ -73,8 +73,8 @@ bool client_has_left(const Request& request) {
 std::span<const ErrorRow> error_table() { return kTable; }
 
 const ErrorRow& error_row(std::string_view code) {
-  const auto by_code = [](std::string_view wanted) {
-    return std::find_if(kTable.begin(), kTable.end(), [&](const ErrorRow& row) { return row.code == wanted; });
+  const auto by_code = [](std::string_view row_code) {
+    return std::find_if(kTable.begin(), kTable.end(), [&](const ErrorRow& row) { return row.code == row_code; });
   };
   const auto found = by_code(code);
   return found != kTable.end() ? *found : *by_code("internal");
@@ -83,19 +83,19 @@ const ErrorRow& error_row(std::string_view code) {
 std::string problem_type(const ErrorRow& row) { return "urn:selenograph:problem:" + std::string(row.code); }
 
 void Findings::add(std::string pointer, std::string detail) {
-  ++seen_;
-  if (!full()) kept_.push_back({std::move(pointer), std::move(detail)});
+  ++count_;
+  if (!full()) entries_.push_back({std::move(pointer), std::move(detail)});
 }
 
 void Findings::throw_if_any() const {
   if (empty()) return;
-  if (kept_.size() == 1) {
-    const Finding& only = kept_.front();
+  if (entries_.size() == 1) {
+    const Finding& only = entries_.front();
     throw RequestError("invalid_request", (only.pointer.empty() ? "the body" : only.pointer) + ": " + only.detail,
-                       kept_);
+                       entries_);
   }
-  const std::string count = std::to_string(kept_.size()) + (full() ? " or more" : "");
-  throw RequestError("invalid_request", count + " invalid members; see errors", kept_);
+  const std::string count = std::to_string(entries_.size()) + (full() ? " or more" : "");
+  throw RequestError("invalid_request", count + " invalid members; see errors", entries_);
 }
 
 RequestError::RequestError(std::string_view code, const std::string& detail, std::vector<Finding> findings)
@@ -129,13 +129,14 @@ Response unexpected(const Request& request, const std::exception& e) {
   return problem("internal", "an unexpected error");
 }
 
-// The operator must mend the cause: the log names it, too.
+// Returns the problem of a fault that only the operator can remove, and logs it.
 Response fault(const Request& request, std::string_view code, const std::exception& e) {
   spdlog::warn("{} {}: {}", request.method, request.path, e.what());
   return problem(std::string(code), e.what());
 }
 
-// Throws std::bad_alloc at most: there may be no memory for the problem, either.
+// Returns the result of `work`, or the problem for its exception. May throw std::bad_alloc: memory may be too short for
+// the problem, too.
 Response answer_or_described_problem(const Request& request, const std::function<Response()>& work) {
   try {
     return work();
@@ -157,7 +158,7 @@ Response answer_or_described_problem(const Request& request, const std::function
     return problem("deadline_exceeded", "not ready in time: ask for less");
   } catch (const std::bad_alloc&) {
     return memory_problem();
-  } catch (const std::length_error&) {  // more than a container can have
+  } catch (const std::length_error&) {  // a container asked for more than its max_size()
     return memory_problem();
   } catch (const std::system_error& e) {
     if (e.code() == std::errc::resource_unavailable_try_again || e.code() == std::errc::not_enough_memory)
@@ -178,7 +179,7 @@ Response answer_or_problem(const Request& request, const std::function<Response(
   }
 }
 
-// Neither of these strings is long enough to be allocated.
+// The error code fits into std::string's inline buffer (15 characters in libstdc++): nothing is allocated.
 Response out_of_memory() noexcept {
   Response answer;
   answer.status = 503;

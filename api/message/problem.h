@@ -15,7 +15,7 @@ namespace selenograph::api {
 
 struct ErrorRow {
   std::string_view code;     // last part of the problem's `type`, and label of the Prometheus counter
-  int status;                // HTTP
+  int status;                // HTTP status
   std::string_view title;    // the problem's `title`, constant
   std::string_view meaning;  // one sentence for the API document
 };
@@ -24,10 +24,10 @@ inline constexpr std::string_view kOutOfMemory = "out_of_memory";
 
 std::span<const ErrorRow> error_table();
 
-// The row of a code; an unknown code is a bug and gives "internal".
+// Returns the row of a code; an unknown code is a bug and gives "internal".
 const ErrorRow& error_row(std::string_view code);
 
-// `type` of a problem document, e.g. "urn:selenograph:problem:invalid_request".
+// Returns the `type` of a problem document, e.g. "urn:selenograph:problem:invalid_request".
 std::string problem_type(const ErrorRow& row);
 
 // An error in a request: a JSON Pointer (RFC 6901) to the offending member, and a description.
@@ -36,22 +36,22 @@ struct Finding {
   std::string detail;
 };
 
-// The errors found in one request. At most kMost are kept: a response stays readable, and a hostile request is not read
-// to its end.
+// The faults found in one request. At most kMaxEntries are stored: a response stays readable, and a hostile request is
+// not read to its end.
 class Findings {
  public:
-  static constexpr std::size_t kMost = 20;
+  static constexpr std::size_t kMaxEntries = 20;
   void add(std::string pointer, std::string detail);
-  bool empty() const { return kept_.empty(); }
-  bool full() const { return kept_.size() >= kMost; }
-  std::size_t seen() const { return seen_; }  // including those not kept
-  const std::vector<Finding>& kept() const { return kept_; }
+  bool empty() const { return entries_.empty(); }
+  bool full() const { return entries_.size() >= kMaxEntries; }
+  std::size_t count() const { return count_; }  // including faults that are not stored
+  const std::vector<Finding>& entries() const { return entries_; }
   // Throws RequestError("invalid_request") if there are any.
   void throw_if_any() const;
 
  private:
-  std::vector<Finding> kept_;
-  std::size_t seen_ = 0;
+  std::vector<Finding> entries_;
+  std::size_t count_ = 0;
 };
 
 // A request that cannot be served, and the reason. The only exception with which api/ rejects client input.
@@ -66,11 +66,11 @@ class RequestError : public std::runtime_error {
   std::vector<Finding> findings_;
 };
 
-// application/problem+json (RFC 9457) with `errors` when there are findings. Accepts any client input, including bytes
-// that are not UTF-8.
+// Returns application/problem+json (RFC 9457) with `errors` when there are findings. The texts may contain any client
+// input, including bytes that are not UTF-8.
 Response problem(const std::string& code, const std::string& detail, const std::vector<Finding>& findings = {});
 
-// The same with Retry-After: others will be done then.
+// Returns the same with Retry-After, by when other requests will have finished.
 Response retry_problem(const std::string& code, const std::string& detail, int retry_after_s);
 
 // Returns the result of `work`, or the problem for its exception. A RequestError gives the row that it names, an
@@ -80,7 +80,7 @@ Response retry_problem(const std::string& code, const std::string& detail, int r
 // operator and not sent.
 Response answer_or_problem(const Request& request, const std::function<Response()>& work) noexcept;
 
-// Status and error code only: if there is no memory for a problem, server/ sends one that was made beforehand.
+// Returns status and error code without a body and without allocating: server/ sends a body that it has prepared.
 Response out_of_memory() noexcept;
 
 }  // namespace selenograph::api

@@ -13,29 +13,29 @@ bool has_cameras(const Json& body) { return body.is_object() && body.contains("c
 std::vector<CameraBody> split_cameras(const Json& body) {
   Findings findings;
   const JsonReader in(body, findings), cameras = in.at("cameras");
-  const Json& given = cameras.value();
-  if (!given.is_object() || given.empty() || given.size() > kMostCameras) {
-    cameras.fail(fmt::format("must be an object of 1 to {} cameras by their names", kMostCameras));
+  const Json& members_by_name = cameras.value();
+  if (!members_by_name.is_object() || members_by_name.empty() || members_by_name.size() > kMaxCameras) {
+    cameras.fail(fmt::format("must be an object of 1 to {} cameras by their names", kMaxCameras));
     findings.throw_if_any();
   }
-  constexpr std::string_view kOfAll[] = {"cameras", "echo"};
+  constexpr std::string_view kRequestOnlyMembers[] = {"cameras", "echo"};
   std::vector<CameraBody> out;
-  for (const auto& [name, own] : given.items()) {
-    // It is a folder's in an .npz.
-    if (name.size() > kLongestCameraName || !dem::consists_of(name, "_-")) {
-      cameras.fail(fmt::format("names have 1 to {} letters, digits, '_' and '-'", kLongestCameraName));
+  for (const auto& [name, camera_members] : members_by_name.items()) {
+    // The name becomes a folder in the answer's .npz.
+    if (name.size() > kMaxCameraNameLength || !dem::consists_of(name, "_-")) {
+      cameras.fail(fmt::format("names have 1 to {} letters, digits, '_' and '-'", kMaxCameraNameLength));
       continue;
     }
-    const JsonReader one = cameras.at(name);
-    if (!own.is_object()) {
-      one.fail("must be an object");
+    const JsonReader camera = cameras.at(name);
+    if (!camera_members.is_object()) {
+      camera.fail("must be an object");
       continue;
     }
-    for (const std::string_view member : kOfAll)
-      if (one.has(member)) one.fail(member, "is a member of the request, not of a camera");
+    for (const std::string_view member : kRequestOnlyMembers)
+      if (camera.has(member)) camera.fail(member, "is a member of the request, not of a camera");
     Json merged = body;
     merged.erase("cameras");
-    for (const auto& [member, value] : own.items()) merged[member] = value;
+    for (const auto& [member, value] : camera_members.items()) merged[member] = value;
     out.push_back({name, std::move(merged)});
   }
   findings.throw_if_any();
@@ -46,13 +46,16 @@ void with_pointers_of(const Json& body, const std::string& camera, const std::fu
   try {
     work();
   } catch (const RequestError& e) {
-    const Json& own = body.at("cameras").at(camera);
+    const Json& camera_members = body.at("cameras").at(camera);
     std::vector<Finding> findings = e.findings();
     for (Finding& f : findings) {
+      // Leave pointers to shared members as they are. A member that neither object has, such as a missing pose, is the
+      // camera's.
       const std::size_t end = f.pointer.find('/', 1);
       const std::string first = f.pointer.substr(0, end);
-      const bool of_all = !first.empty() && !own.contains(first.substr(1)) && body.contains(first.substr(1));
-      if (!of_all) f.pointer.insert(0, "/cameras/" + camera);
+      const bool is_shared =
+          !first.empty() && !camera_members.contains(first.substr(1)) && body.contains(first.substr(1));
+      if (!is_shared) f.pointer.insert(0, "/cameras/" + camera);
     }
     throw RequestError(e.code(), fmt::format("camera \"{}\": {}", camera, e.what()), findings);
   }

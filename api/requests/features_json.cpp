@@ -22,7 +22,8 @@ constexpr std::pair<std::string_view, FeatureKind> kKinds[] = {{"craters", Featu
 
 // From below the smallest rock of any preset to beyond the largest crater.
 constexpr Range kDiameter_m{0.01, 1e7};
-// Cells of the law that are looked through, over the most craters that are answered: laws may be sparse.
+// Upper bound of the cells searched per crater that may be listed. It bounds the search where a law has few craters per
+// cell.
 constexpr double kCellsPerCrater = 40;
 
 constexpr FeatureColumn<CraterFeature> kCraterColumns[] = {
@@ -64,11 +65,11 @@ constexpr FeatureColumn<RockFeature> kRockColumns[] = {
      [](const RockFeature& f) { return f.rock.diameter_m; }},
     {"age_Ma", "since it lies there", [](const RockFeature& f) { return f.rock.age_Ma; }}};
 
-// Whose members are asked for.
+// Size range of the detail's craters or rocks, as its preset defines them.
 struct Population {
   std::string_view name;
   double smallest_m, largest_m;
-  int smallest_octave, largest_octave;
+  int smallest_octave, largest_octave;  // octaves of diameter that the detail has cells for
 };
 Population population_of(const FeaturesQuery& query) {
   const dem::Detail& detail = *query.detail.content;
@@ -79,15 +80,16 @@ Population population_of(const FeaturesQuery& query) {
   return query.kind == FeatureKind::rocks ? of("rocks", detail.rocks()) : of("craters", detail.craters());
 }
 
-// How many there may be from a diameter on, and in how many cells they are looked for.
-double expected(const FeaturesQuery& query, double diameter_m) {
+// Returns the mean number of craters of at least this diameter in the region, or an upper bound of the rocks.
+double expected_count(const FeaturesQuery& query, double diameter_m) {
   return query.kind == FeatureKind::rocks
              ? dem::most_rocks(query.detail.content->rocks(), query.region(), diameter_m)
              : dem::expected_craters(query.detail.content->craters(), query.region(), diameter_m);
 }
-double cells(const FeaturesQuery& query, double diameter_m) {
-  const Population all = population_of(query);
-  return dem::cells_of(all.smallest_octave, all.largest_octave, query.region(), diameter_m);
+// Returns the number of cells that a search for diameters from `diameter_m` visits.
+double cell_count(const FeaturesQuery& query, double diameter_m) {
+  const Population population = population_of(query);
+  return dem::cells_of(population.smallest_octave, population.largest_octave, query.region(), diameter_m);
 }
 
 template <typename Feature>
@@ -118,50 +120,56 @@ std::string csv_of(std::span<const Feature> features, std::span<const FeatureCol
   return text;
 }
 
-// What there are too many of, and from where on there are not.
-void check_number(const JsonReader& in, const FeaturesQuery& query, const Limits& limits) {
-  const Population all = population_of(query);
-  const double most = limits.max_rays, least_m = query.least_m();
+// Reports a region with more features than are answered, or with too many cells to search. The text suggests a minimum
+// diameter with which the same region can be answered.
+void check_count(const JsonReader& in, const FeaturesQuery& query, const Limits& limits) {
+  const Population population = population_of(query);
+  const double max_count = limits.max_rays, min_diameter_m = query.min_diameter_m();
   const auto fits = [&](double diameter_m) {
-    return expected(query, diameter_m) <= most && cells(query, diameter_m) <= kCellsPerCrater * most;
+    return expected_count(query, diameter_m) <= max_count &&
+           cell_count(query, diameter_m) <= kCellsPerCrater * max_count;
   };
-  if (fits(least_m)) return;
-  // In steps of 5 % over the preset's diameters: their number depends on the preset, not on the request.
-  double enough_m = std::max(least_m, all.smallest_m);
-  while (enough_m < all.largest_m && !fits(enough_m)) enough_m *= 1.05;
-  // Of two digits, rounded up.
-  const double unit = std::pow(10, std::floor(std::log10(enough_m)) - 1);
-  enough_m = std::ceil(enough_m / unit) * unit;
-  const std::string instead = enough_m < all.largest_m && fits(enough_m)
-                                  ? fmt::format(", or smallest_m of {:g} or more", enough_m)
+  if (fits(min_diameter_m)) return;
+  // Raise the diameter in steps of 5 % over the preset's range. The range bounds the number of steps: a request cannot
+  // make this loop long.
+  double suggested_m = std::max(min_diameter_m, population.smallest_m);
+  while (suggested_m < population.largest_m && !fits(suggested_m)) suggested_m *= 1.05;
+  // Round up to two significant digits.
+  const double unit = std::pow(10, std::floor(std::log10(suggested_m)) - 1);
+  suggested_m = std::ceil(suggested_m / unit) * unit;
+  const std::string instead = suggested_m < population.largest_m && fits(suggested_m)
+                                  ? fmt::format(", or smallest_m of {:g} or more", suggested_m)
                                   : std::string();
-  const double number = expected(query, least_m);
+  const double number = expected_count(query, min_diameter_m);
   in.fail(
       "region",
-      number > most
+      number > max_count
           ? fmt::format("holds {} {:.3g} {} of at least {:g} m, at most {} are answered: ask for a smaller region{}",
-                        query.kind == FeatureKind::rocks ? "up to" : "some", number, all.name, least_m, limits.max_rays,
-                        instead)
-          : fmt::format("is too large to be searched for {} of at least {:g} m: ask for a smaller one{}", all.name,
-                        least_m, instead));
+                        query.kind == FeatureKind::rocks ? "up to" : "some", number, population.name, min_diameter_m,
+                        limits.max_rays, instead)
+          : fmt::format("is too large to be searched for {} of at least {:g} m: ask for a smaller one{}",
+                        population.name, min_diameter_m, instead));
 }
 
 }  // namespace
 
 dem::Footprint FeaturesQuery::region() const { return footprint_of(bounds); }
 
-double FeaturesQuery::least_m() const { return smallest_m.value_or(population_of(*this).smallest_m); }
+double FeaturesQuery::min_diameter_m() const { return smallest_m.value_or(population_of(*this).smallest_m); }
 
 std::size_t FeaturesQuery::bytes() const {
-  // Of a crater while it is in work, with its text, and of the pieces of a region, which are some cells wide.
+  // A feature takes its record while it is evaluated, plus its text. A cell takes its share of the list of sub-regions,
+  // which are a few cells wide.
   constexpr double kBytesPerFeature = 1000, kBytesPerCell = 16;
-  const double mean = expected(*this, least_m()), most = mean + 10 * std::sqrt(mean) + 100;
-  const std::size_t kept = kind == FeatureKind::rocks ? dem::RockSurvey::kKeptBytes : 0;
-  return static_cast<std::size_t>(kBytesPerFeature * most + kBytesPerCell * cells(*this, least_m())) + kept;
+  // Counts are Poisson distributed: ten standard deviations above the mean are never exceeded.
+  const double mean = expected_count(*this, min_diameter_m()), max_count = mean + 10 * std::sqrt(mean) + 100;
+  const std::size_t survey_bytes = kind == FeatureKind::rocks ? dem::RockSurvey::kKeptBytes : 0;
+  return static_cast<std::size_t>(kBytesPerFeature * max_count + kBytesPerCell * cell_count(*this, min_diameter_m())) +
+         survey_bytes;
 }
 
 const Members<FeaturesQuery>& features_members() {
-  static const auto table = made<Members<FeaturesQuery>>(
+  static const auto table = make_table<Members<FeaturesQuery>>(
       "FeaturesRequest", "Craters of a detail that the terrain shows in a region, or its rocks.", [](auto& m) {
         m.add("detail", &FeaturesQuery::detail, Asset{&Assets::detail, "detail", "details"},
               "name of details/NAME.json in the operator's assets folder")
@@ -170,12 +178,12 @@ const Members<FeaturesQuery>& features_members() {
         m.add("region", &FeaturesQuery::bounds, Object{bounds_members()}, "region of their centres").required();
         m.add("smallest_m", &FeaturesQuery::smallest_m, Number{kDiameter_m, "m"},
               "minimum diameter; left out: the preset's");
-        m.add("min_depth_over_diameter", &FeaturesQuery::least_depth, Number{kUnitInterval},
+        m.add("min_depth_over_diameter", &FeaturesQuery::min_depth_over_diameter, Number{kUnitInterval},
               "minimum `depth_over_diameter` of craters; 0: all, down to those no longer recognisable as craters");
         m.check([](const JsonReader& in, FeaturesQuery& query, const ReadContext& context) {
           if (query.kind == FeatureKind::rocks && in.has("min_depth_over_diameter"))
             in.fail("min_depth_over_diameter", "is of craters: rocks have no depth");
-          if (in.good() && query.detail.content) check_number(in, query, context.limits);
+          if (in.good() && query.detail.content) check_count(in, query, context.limits);
         });
       });
   return *table;
@@ -196,20 +204,23 @@ std::string id_text(std::uint64_t id) { return fmt::format("{:016x}", id); }
 FeatureList::FeatureList(const FeaturesQuery& query, const engine::Renderer& renderer, const StopToken& stop)
     : query_(query), stop_(stop) {
   if (query.kind == FeatureKind::rocks)
-    rocks_ = renderer.rocks(query.detail.content, query.region(), query.least_m(), stop);
+    rocks_ = renderer.rocks(query.detail.content, query.region(), query.min_diameter_m(), stop);
   else
-    craters_ = renderer.craters(query.detail.content, query.region(), query.least_m(), query.least_depth, stop);
+    craters_ = renderer.craters(query.detail.content, query.region(), query.min_diameter_m(),
+                                query.min_depth_over_diameter, stop);
 }
 
 std::string FeatureList::json() const {
   const dem::Footprint region = query_.region();
-  std::string text = fmt::format(
-      R"({{"detail":{},"region":{{"south_deg":{},"north_deg":{},"west_deg":{},"east_deg":{}}},)"
-      R"("smallest_m":{},{}"{}":[)",
-      json_text(detail_metadata(query_.detail.name, *query_.detail.content)), region.south_deg, region.north_deg,
-      region.west_deg, region.east_deg, query_.least_m(),
-      query_.kind == FeatureKind::craters ? fmt::format(R"("min_depth_over_diameter":{},)", query_.least_depth) : "",
-      population_of(query_).name);
+  std::string text =
+      fmt::format(R"({{"detail":{},"region":{{"south_deg":{},"north_deg":{},"west_deg":{},"east_deg":{}}},)"
+                  R"("smallest_m":{},{}"{}":[)",
+                  json_text(detail_metadata(query_.detail.name, *query_.detail.content)), region.south_deg,
+                  region.north_deg, region.west_deg, region.east_deg, query_.min_diameter_m(),
+                  query_.kind == FeatureKind::craters
+                      ? fmt::format(R"("min_depth_over_diameter":{},)", query_.min_depth_over_diameter)
+                      : "",
+                  population_of(query_).name);
   if (query_.kind == FeatureKind::rocks)
     add_json<RockFeature>(rocks_, kRockColumns, stop_, text);
   else

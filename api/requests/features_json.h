@@ -23,26 +23,28 @@ struct FeaturesQuery {
   Named<dem::Detail> detail;
   FeatureKind kind = FeatureKind::craters;
   MapBounds bounds;
-  std::optional<double> smallest_m;         // empty: the preset's
-  double least_depth = dem::Detail::kWorn;  // of craters, over their diameter
+  std::optional<double> smallest_m;                     // minimum diameter, m; empty: the preset's
+  double min_depth_over_diameter = dem::Detail::kWorn;  // craters only
 
-  dem::Footprint region() const;  // its east is larger than its west
-  double least_m() const;
-  // Approximate upper bound on memory: the craters or rocks with their text, and the search.
+  // Returns the bounds with east_deg > west_deg, also across the date line.
+  dem::Footprint region() const;
+  // Returns smallest_m, or the smallest diameter of the preset's craters or rocks.
+  double min_diameter_m() const;
+  // Returns an approximate upper bound on memory: the craters or rocks with their text, and the search.
   std::size_t bytes() const;
 };
 
 const Members<FeaturesQuery>& features_members();
-// Throws RequestError("invalid_request") with the faults found, including too many features.
+// Parses a request. Throws RequestError("invalid_request") with the faults found, including too many features.
 FeaturesQuery read_features(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop = {});
 
-// In the order of the server's preference.
+// Media types of the answer, in the order of the server's preference.
 inline constexpr Alternative kFeaturesAnswers[] = {
     {"application/json", "the craters or rocks, with what they are of"},
     {"text/csv", "a line for each, after one with the columns' names"},
 };
 
-// The members of a crater or rock other than its id.
+// A member of a crater or rock in JSON, or a column in CSV. The id, which is a text, has no row.
 template <typename Feature>
 struct FeatureColumn {
   std::string_view name;
@@ -51,16 +53,16 @@ struct FeatureColumn {
 };
 std::span<const FeatureColumn<dem::CraterFeature>> crater_columns();
 std::span<const FeatureColumn<dem::RockFeature>> rock_columns();
-// 16 hexadecimal digits: JSON numbers do not hold 64 bits.
+// Returns 16 hexadecimal digits: JSON numbers do not hold 64 bits.
 std::string id_text(std::uint64_t id);
 
-// The features of a query.
+// Craters or rocks that a query selects, and their text.
 class FeatureList {
  public:
   FeatureList(const FeaturesQuery& query, const engine::Renderer& renderer, const StopToken& stop = {});
 
   std::size_t size() const { return craters_.size() + rocks_.size(); }
-  // Numbers have the fewest digits that identify them.
+  // Return the answer. Numbers have the fewest digits from which the same double is read back.
   std::string json() const;
   std::string csv() const;
 

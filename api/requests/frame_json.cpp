@@ -23,19 +23,20 @@
 namespace selenograph::api {
 namespace {
 
-// --- the small objects
+// --- objects within a frame's request
 
+// "accuracy" as a client writes it: settings, or a time budget from which the endpoint chooses them.
 struct AccuracyForm : engine::Accuracy {
   std::optional<double> budget_ms;
 };
 
-std::int64_t most_samples(const Limits& limits) { return limits.max_samples_per_pixel; }
+std::int64_t max_samples(const Limits& limits) { return limits.max_samples_per_pixel; }
 
 const Members<AccuracyForm>& accuracy_members() {
-  static const auto table = made<Members<AccuracyForm>>("Accuracy", "Accuracy against speed.", [](auto& m) {
+  static const auto table = make_table<Members<AccuracyForm>>("Accuracy", "Accuracy against speed.", [](auto& m) {
     m.add("max_error_px", &AccuracyForm::max_error_px, Number{kMaxError_px, "px"},
           "upper bound on the mesh's projected error; 0: the finest posts everywhere");
-    m.add("samples_per_pixel", &AccuracyForm::samples_per_pixel, Integer{1, most_samples},
+    m.add("samples_per_pixel", &AccuracyForm::samples_per_pixel, Integer{1, max_samples},
           "number of samples that radiance and image are averaged over; a square number");
     m.add("edge_samples", &AccuracyForm::edge_samples, Choice{{1, 4}},
           "adaptive supersampling of radiance and image: number of samples that replace each sample whose radiance is "
@@ -45,7 +46,8 @@ const Members<AccuracyForm>& accuracy_members() {
     m.add("max_shadow_error_px", &AccuracyForm::max_shadow_error_px, Number{{0, 1e6}, "px"},
           "limit on the displacement of shadow edges on level ground by the mesh's error; it is relaxed when the "
           "terrain it needs does not fit into memory: `shadow_error_px` is the value reached");
-    m.add("max_detail_error_px", &AccuracyForm::max_detail_error_px, Number{{0, 1e6}, "px"}, detail_aim());
+    m.add("max_detail_error_px", &AccuracyForm::max_detail_error_px, Number{{0, 1e6}, "px"},
+          max_detail_error_meaning());
     m.add("budget_ms", &AccuracyForm::budget_ms, Number{{0, 3.6e6, true, false}, "ms"},
           "replaces the other members: the most accurate setting predicted to take no longer, with terrain in memory. "
           "The request in the metadata has the chosen setting, the header Selenograph-Budget the prediction; an "
@@ -65,7 +67,7 @@ const Members<AccuracyForm>& accuracy_members() {
 
 const Members<engine::ImageSettings>& image_members() {
   using engine::ImageSettings;
-  static const auto table = made<Members<ImageSettings>>(
+  static const auto table = make_table<Members<ImageSettings>>(
       "ImageSettings", "Conversion of radiance to digital numbers in the product `image`.", [](auto& m) {
         m.add("bit_depth", &ImageSettings::bit_depth, Choice{{8, 16}}, "bits of the digital numbers");
         m.add("full_scale_radiance", &ImageSettings::full_scale_radiance_w_m2_sr,
@@ -77,7 +79,7 @@ const Members<engine::ImageSettings>& image_members() {
 
 const Members<engine::RimOptions>& craters_members() {
   using engine::RimOptions;
-  static const auto table = made<Members<RimOptions>>(
+  static const auto table = make_table<Members<RimOptions>>(
       "CratersInFrame", "Selection of the craters of the request's detail that `craters` of the metadata lists.",
       [](auto& m) {
         m.add("smallest_px", &RimOptions::least_px, Number{{1, 1e4}, "px"},
@@ -93,7 +95,7 @@ struct AtmosphereForm {
 };
 
 const Members<AtmosphereForm>& atmosphere_members() {
-  static const auto table = made<Members<AtmosphereForm>>(
+  static const auto table = make_table<Members<AtmosphereForm>>(
       "Atmosphere",
       "A table in the operator's assets folder: transmittance, irradiance and path radiance by wavelength, computed "
       "elsewhere. Needs a `band` within its wavelengths.",
@@ -107,14 +109,16 @@ const Members<AtmosphereForm>& atmosphere_members() {
 
 // --- the frame
 
-// Where the query has what the engine's request has no place for.
+// Fields whose names are in the FrameQuery and whose contents are in the engine's request: the engine does not know the
+// names by which clients refer to assets.
 const auto atmosphere_field =
     Property{[](const FrameQuery& q) {
                return q.request.atmosphere ? std::optional(AtmosphereForm{{q.atmosphere_name, q.request.atmosphere}})
                                            : std::nullopt;
              },
              [](FrameQuery& q, const AtmosphereForm& form) {
-               q.request.atmosphere = form.table.content, q.atmosphere_name = form.table.name;
+               q.request.atmosphere = form.table.content;
+               q.atmosphere_name = form.table.name;
              }};
 const auto objects_field = Property{[](const FrameQuery& q) {
                                       std::vector<PlacedObject> list;
@@ -123,21 +127,25 @@ const auto objects_field = Property{[](const FrameQuery& q) {
                                       return list.empty() ? std::nullopt : std::optional(std::move(list));
                                     },
                                     [](FrameQuery& q, const std::vector<PlacedObject>& list) {
-                                      for (const auto& [object, query] : list)
-                                        q.request.objects.push_back(object), q.objects.push_back(query);
+                                      for (const auto& [object, query] : list) {
+                                        q.request.objects.push_back(object);
+                                        q.objects.push_back(query);
+                                      }
                                     }};
-// A budget is gone when its choice was made.
-const auto accuracy_field =
-    Property{[](const FrameQuery& q) {
-               return std::optional(AccuracyForm{q.request.accuracy, std::nullopt});
-             },
-             [](FrameQuery& q, const AccuracyForm& form) { q.request.accuracy = form, q.budget_ms = form.budget_ms; }};
-// No part of what the frame is: left out of the resolved request, and so of the ETag.
-constexpr std::size_t kMostAhead = 64;
+// Written without the budget: the resolved request has the settings chosen from it.
+const auto accuracy_field = Property{[](const FrameQuery& q) {
+                                       return std::optional(AccuracyForm{q.request.accuracy, std::nullopt});
+                                     },
+                                     [](FrameQuery& q, const AccuracyForm& form) {
+                                       q.request.accuracy = form;
+                                       q.budget_ms = form.budget_ms;
+                                     }};
+// "ahead" does not change the frame: it is left out of the resolved request, and so of the ETag.
+constexpr std::size_t kMaxAhead = 64;
 const auto ahead_field = Property{[](const FrameQuery&) { return std::optional<std::vector<engine::Pose>>(); },
                                   [](FrameQuery& q, const std::vector<engine::Pose>& poses) { q.ahead = poses; }};
 
-// What is split into frames of their own before a frame is read.
+// "cameras", for the API document only: split_cameras() removes it before a frame is read.
 struct CamerasByName {
   using Value = std::monostate;
   std::optional<Value> read(const JsonReader& in, const ReadContext&) const {
@@ -148,14 +156,15 @@ struct CamerasByName {
   OrderedJson schema(const Limits&) const {
     return {{"type", "object"},
             {"minProperties", 1},
-            {"maxProperties", kMostCameras},
-            {"propertyNames", {{"pattern", fmt::format("^[A-Za-z0-9_-]{{1,{}}}$", kLongestCameraName)}}},
+            {"maxProperties", kMaxCameras},
+            {"propertyNames", {{"pattern", fmt::format("^[A-Za-z0-9_-]{{1,{}}}$", kMaxCameraNameLength)}}},
             {"additionalProperties", {{"type", "object"}}}};
   }
   OrderedJson fallback() const { return {}; }
 };
 
-// A condition that requests of several cameras needn't meet: each camera must.
+// Returns the schema condition, relaxed for a request with "cameras": there each camera's request must satisfy it, not
+// the request itself.
 std::function<OrderedJson(const Limits&)> of_one_camera(OrderedJson (*condition)(const Limits&)) {
   return [condition](const Limits& limits) {
     const OrderedJson cameras{{"required", OrderedJson::array({"cameras"})}};
@@ -163,18 +172,18 @@ std::function<OrderedJson(const Limits&)> of_one_camera(OrderedJson (*condition)
   };
 }
 
-// Any object, as compact JSON.
+// "echo": any object, held as compact JSON in ASCII so that it can be a header's value.
 struct Echo {
   using Value = std::string;
-  static constexpr std::size_t kMostBytes = 1024;
+  static constexpr std::size_t kMaxBytes = 1024;
   std::optional<Value> read(const JsonReader& in, const ReadContext&) const {
     if (!in.value().is_object()) {
       in.fail("must be an object");
       return std::nullopt;
     }
     Value text = json_ascii(in.value());
-    if (text.size() <= kMostBytes) return text;
-    in.fail(fmt::format("has {} bytes as compact JSON in ASCII: at most {}", text.size(), kMostBytes));
+    if (text.size() <= kMaxBytes) return text;
+    in.fail(fmt::format("has {} bytes as compact JSON in ASCII: at most {}", text.size(), kMaxBytes));
     return std::nullopt;
   }
   OrderedJson write(const Value&) const { return {}; }
@@ -202,6 +211,7 @@ void check_flow(const JsonReader& in, const engine::FrameRequest& request) {
     in.fail("visibility", "flow is rendered by \"raytrace\": \"zbuffer\" sees from one place");
 }
 
+// Checks rules between members and completes the query. The order of the checks is that of the faults in the answer.
 void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext& context) {
   const engine::FrameRequest& request = query.request;
   query.sun_utc = context.sun_utc;
@@ -226,8 +236,8 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext& con
   if (request.products & engine::kFlow && !in.has("flow_to"))
     in.fail("flow_to", "is required for the product \"flow\"");
   if (engine::wants_flow(request)) check_flow(in, request);
-  for (const auto& [name, wanted] : {std::pair("craters", request.craters.has_value()), {"labels", query.labels}}) {
-    if (!wanted || !in.has(name)) continue;
+  for (const auto& [name, requested] : {std::pair("craters", request.craters.has_value()), {"labels", query.labels}}) {
+    if (!requested || !in.has(name)) continue;
     if (!in.has("detail")) in.fail(name, "requires \"detail\": the craters are its");
     if (!request.terrain) in.fail(name, "craters are terrain's, and \"terrain\" is false");
   }
@@ -240,12 +250,13 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext& con
     query.icrf_lag_s = icrf_lag_s(in, request.camera, request.shutter, context.sun_utc, request.sky->utc);
 }
 
-// Those of a detail.
+// Returns the rule that "craters" and "labels" require "detail", as a schema condition.
 OrderedJson craters_condition(const Limits&) {
   const OrderedJson none{{"properties", {{"craters", {{"const", false}}}, {"labels", {{"const", false}}}}}};
   return {{"anyOf", OrderedJson::array({none, {{"required", {"detail"}}}})}};
 }
 
+// Returns the rule that the product "flow" requires "flow_to", as a schema condition.
 OrderedJson flow_condition(const Limits&) {
   const OrderedJson none{{"properties", {{"products", {{"not", {{"contains", {{"const", "flow"}}}}}}}}}};
   return {{"anyOf", OrderedJson::array({none, {{"required", {"flow_to"}}}})}};
@@ -254,7 +265,8 @@ OrderedJson flow_condition(const Limits&) {
 bool has_image_by_sensor(const FrameQuery& q) { return q.request.products & engine::kImage && q.request.sensor; }
 bool has_image_without_sensor(const FrameQuery& q) { return q.request.products & engine::kImage && !q.request.sensor; }
 
-// The rows of a frame's request; their order is that of the resolved request, whose text the ETag is made from.
+// Add the rows of a frame's request. Their order is that of the resolved request, whose text the ETag is made
+// from: a row that moves changes every ETag.
 void add_scene(Members<FrameQuery>& m) {
   add_camera_and_pose(m).written_if(
       [](const FrameQuery& q) { return !q.request.shutter || q.request.shutter->poses.empty(); });
@@ -293,7 +305,7 @@ void add_rendering(Members<FrameQuery>& m) {
        "produces `image` without a sensor model")
       .written_if(has_image_without_sensor);
   m.add("camera_preset", camera_preset_field<FrameQuery>(), Text{},
-        std::string(kOfCameraPreset) + ". The request in the metadata shows the result");
+        std::string(kCameraPresetMeaning) + ". The request in the metadata shows the result");
   m.add(
       "products", [](auto& q) -> auto& { return q.request.products; }, Products{products()},
       "what to render: arrays of height x width, row 0 on top");
@@ -316,7 +328,7 @@ void add_rendering(Members<FrameQuery>& m) {
        "truth", [](auto& q) -> auto& { return q.request.truth; }, Object{truth_members()},
        "subset of pixels for ground truth; left out: every pixel of every product, positions as float64")
       .written_if([](const FrameQuery& q) { return q.request.truth && q.request.products & engine::kTruth; });
-  m.add("ahead", ahead_field, List{Object{pose_members()}, 1, kMostAhead},
+  m.add("ahead", ahead_field, List{Object{pose_members()}, 1, kMaxAhead},
         "expected poses of this camera's next frames, soonest first: their scenes are prepared while no request is in "
         "work, for 20 s of processor time and in half of --scene-mb at most. Left out: the camera's motion is "
         "extrapolated, as the Sun's always is. Changes no byte of any answer");
@@ -338,7 +350,7 @@ void add_rendering(Members<FrameQuery>& m) {
 std::string_view visibility_name(engine::Visibility visibility) { return word_of(kVisibilities, visibility); }
 
 const Members<FrameQuery>& frame_members() {
-  static const auto table = made<Members<FrameQuery>>(
+  static const auto table = make_table<Members<FrameQuery>>(
       "FrameRequest",
       "A frame to render. Unknown members are errors. `sun` is required for image, radiance, angles, lit, irradiance.",
       [](auto& m) {
@@ -350,11 +362,11 @@ const Members<FrameQuery>& frame_members() {
         m.needs("atmosphere", {"band", "camera_preset"});
         m.excludes("sky", {"atmosphere"}, "whose table says nothing of light from beyond");
         m.check(check_frame);
-        m.also(rendered_size_condition);
-        m.also(of_one_camera(pose_condition));
-        m.also(of_one_camera(craters_condition));
-        m.also(of_one_camera(flow_condition));
-        m.also(of_one_camera([](const Limits&) { return sun_where_needed(products()); }));
+        m.add_condition(rendered_size_condition);
+        m.add_condition(of_one_camera(pose_condition));
+        m.add_condition(of_one_camera(craters_condition));
+        m.add_condition(of_one_camera(flow_condition));
+        m.add_condition(of_one_camera([](const Limits&) { return sun_where_needed(products()); }));
       });
   return *table;
 }

@@ -1,4 +1,5 @@
-// Requests for frames: JSON to engine::FrameRequest, untrusted to resolved values, and back.
+// Requests for frames: untrusted JSON becomes an engine::FrameRequest with resolved values, which can be written as
+// JSON again.
 #pragma once
 
 #include <optional>
@@ -22,7 +23,7 @@ inline constexpr std::pair<std::string_view, engine::Visibility> kVisibilities[]
     {"raytrace", engine::Visibility::raytrace}};
 std::string_view visibility_name(engine::Visibility visibility);
 
-// Of an .npz.
+// Compression of the entries of an .npz.
 enum class Compression { none, deflate };
 inline constexpr std::pair<std::string_view, Compression> kCompressions[] = {{"none", Compression::none},
                                                                              {"deflate", Compression::deflate}};
@@ -33,24 +34,24 @@ struct FrameQuery : SceneryQuery {
   std::optional<double> budget_ms;
   std::string atmosphere_name;  // name of request.atmosphere
   std::vector<ObjectQuery> objects;
-  std::vector<engine::Pose> ahead;  // expected next poses; they do not change this frame
+  std::vector<engine::Pose> ahead;  // expected next poses, soonest first; they do not change this frame
   std::string echo;                 // returned in a header: compact ASCII JSON; empty: none
-  double icrf_lag_s = 0;            // from the epoch of its sky to that of its poses in ICRF (icrf_lag_s())
-  bool labels = false;              // masks and annotations of craters and rocks; then `request` lists both
+  double icrf_lag_s = 0;            // seconds from the sky's epoch to the poses' epoch in ICRF (icrf_lag_s())
+  bool labels = false;              // masks and annotations are made; then `request` lists craters and rocks
   Compression compression = Compression::none;
 
-  engine::FrameRequest& look() { return request; }
-  const engine::FrameRequest& look() const { return request; }
+  engine::FrameRequest& scenery() { return request; }
+  const engine::FrameRequest& scenery() const { return request; }
 };
 const Members<FrameQuery>& frame_members();
 
-// Throws RequestError("invalid_request") with all faults found; Cancelled when `stop` says so: reading meshes takes
-// long.
+// Parses a request. Throws RequestError("invalid_request") with all faults found, and Cancelled when `stop` is
+// requested: reading meshes takes long.
 FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& assets = Assets(),
                       const StopToken& stop = {});
 
-// The resolved request: pose in MOON_ME and OpenCV axes, intrinsics in pixels, a Sun vector. It is a valid request that
-// gives the same frame. Requests with the same meaning have the same text, from which the ETag is made.
+// Returns the resolved request: pose in MOON_ME and OpenCV axes, intrinsics in pixels, a Sun vector. It is a valid
+// request that gives the same frame. Requests with the same meaning have the same text, from which the ETag is made.
 nlohmann::ordered_json resolved_json(const FrameQuery& query);
 
 }  // namespace selenograph::api

@@ -15,9 +15,9 @@ namespace {
 
 using engine::LidarRequest;
 
-constexpr std::int64_t kMostSeed = std::int64_t{1} << 53;  // what JSON's numbers hold exactly everywhere
+constexpr std::int64_t kMaxSeed = std::int64_t{1} << 53;  // every integer up to here is exact in a JSON number
 
-std::int64_t most_pulses(const Limits& limits) { return limits.max_rays; }
+std::int64_t max_pulses(const Limits& limits) { return limits.max_rays; }
 
 struct LidarMotion {
   engine::Rates rates;
@@ -26,7 +26,7 @@ struct LidarMotion {
 };
 
 const Members<LidarMotion>& lidar_motion_members() {
-  static const auto table = made<Members<LidarMotion>>(
+  static const auto table = make_table<Members<LidarMotion>>(
       "LidarMotion",
       "Motion of the instrument during the scan: from `pose`, at time 0, at constant rates, or through poses, which "
       "replace `pose` and are interpolated like those of a shutter.",
@@ -40,7 +40,7 @@ const Members<LidarMotion>& lidar_motion_members() {
 const Members<engine::LidarCraters>& lidar_craters_members() {
   using engine::LidarCraters;
   static const auto table =
-      made<Members<LidarCraters>>("LidarCraters", "Craters that are reported for beams.", [](auto& m) {
+      make_table<Members<LidarCraters>>("LidarCraters", "Craters that are reported for beams.", [](auto& m) {
         m.add("smallest_m", &LidarCraters::smallest_m, Number{{0.25, 1e6}, "m"}, "least diameter");
         m.add("min_depth_over_diameter", &LidarCraters::least_depth, Number{kUnitInterval},
               "minimum present depth over diameter");
@@ -48,24 +48,26 @@ const Members<engine::LidarCraters>& lidar_craters_members() {
   return *table;
 }
 
-// The instrument's own pattern where the request has no beams.
+// Returns the request's pattern, or the instrument's own; null if the request has single pulses or there is no pattern.
 const engine::LidarPattern* pattern_of(const JsonReader& in, const LidarRequest& request) {
   if (!request.pulses.empty()) return nullptr;
   if (in.has("pattern")) return &request.pattern;
   return request.instrument.pattern ? &*request.instrument.pattern : nullptr;
 }
 
+// Counts the beams, reports too many of them, and copies the instrument's own pattern into the request if it is used.
 void check_beams(const JsonReader& in, LidarQuery& query, const Limits& limits) {
   LidarRequest& request = query.request;
   const engine::LidarPattern* pattern = pattern_of(in, request);
   if (request.pulses.empty() && !pattern)
     return in.fail("pattern", "or \"pulses\" is required: the instrument has no pattern of its own");
   query.beams = pattern ? engine::LidarBeams::beams_of(*pattern) : request.pulses.size();
-  const auto most = static_cast<std::size_t>(limits.max_lidar_rays / request.instrument.sub_rays);
-  if (query.beams > most) {
+  const auto max_beams = static_cast<std::size_t>(limits.max_lidar_rays / request.instrument.sub_rays);
+  if (query.beams > max_beams) {
     const std::string why =
         fmt::format("has {} beams of {} sub-rays; this service takes up to {} of them (--max-lidar-rays)", query.beams,
-                    request.instrument.sub_rays, most);
+                    request.instrument.sub_rays, max_beams);
+    // Point at the member that gave the beams, which may be the instrument's.
     if (!pattern)
       in.fail("pulses", why);
     else if (in.has("pattern") || !in.has("instrument"))
@@ -77,6 +79,7 @@ void check_beams(const JsonReader& in, LidarQuery& query, const Limits& limits) 
   if (pattern && pattern != &request.pattern) request.pattern = *pattern;
 }
 
+// Requires either "pose" or poses in "motion", and that the poses span the times of all pulses.
 void check_pose_of_lidar(const JsonReader& in, LidarQuery& query) {
   const LidarRequest& request = query.request;
   const bool poses = !request.poses.empty();
@@ -88,7 +91,8 @@ void check_pose_of_lidar(const JsonReader& in, LidarQuery& query) {
   if (!request.pulses.empty()) {
     const auto [first, last] = std::minmax_element(request.pulses.begin(), request.pulses.end(),
                                                    [](const auto& a, const auto& b) { return a.time_s < b.time_s; });
-    first_s = first->time_s, last_s = last->time_s;
+    first_s = first->time_s;
+    last_s = last->time_s;
   }
   if (request.poses.front().time_s > first_s)
     in.at("motion").fail("poses",
@@ -102,13 +106,15 @@ void check_lidar(const JsonReader& in, LidarQuery& query, const ReadContext& con
   check_beams(in, query, context.limits);
   check_pose_of_lidar(in, query);
   if (in.faults() > 0) return;
+  // The ground reflects in a narrow band around the laser's line.
   const double center_um = query.request.instrument.wavelength_um;
   query.request.scenery.band = engine::Band(center_um, center_um / 1000);
   resolve_preset(query.request.scenery, query.surface);
   for (const PlacedObject& placed : query.objects) query.request.scenery.objects.push_back(placed.object);
 }
 
-// The request with the preset's instrument, whose members its own replace.
+// Merges the request's instrument over the preset's (JSON merge patch). Faults of the preset's file are the operator's:
+// they are reported as "asset_error" with the file's name.
 Json with_lidar_preset(const Json& body, const ReadContext& context) {
   Findings findings;
   const JsonReader in(body, findings);
@@ -123,7 +129,7 @@ Json with_lidar_preset(const Json& body, const ReadContext& context) {
   Findings faults;
   lidar_instrument_members().read(JsonReader(instrument, faults), context);
   if (!faults.empty()) {
-    const Finding& first = faults.kept().front();
+    const Finding& first = faults.entries().front();
     throw RequestError("asset_error", fmt::format("lidars/{}.json: {}: {}", name, first.pointer, first.detail));
   }
   Json merged = body;
@@ -133,6 +139,7 @@ Json with_lidar_preset(const Json& body, const ReadContext& context) {
   return merged;
 }
 
+// "instrument_preset" is replaced by with_lidar_preset() before the request is read: the row is for the API document.
 const auto no_preset = Property{[](const LidarQuery&) -> std::optional<std::string> { return std::nullopt; },
                                 [](LidarQuery&, const std::string&) {}};
 
@@ -144,7 +151,7 @@ void add_lidar_members(Members<LidarQuery>& m) {
         "lidars/NAME.json of the assets folder: an instrument; members of `instrument` override it");
   m.any_of({"instrument", "instrument_preset"});
   m.add(
-       "pulses", [](auto& q) -> auto& { return q.request.pulses; }, List{Object{lidar_pulse_members()}, 1, most_pulses},
+       "pulses", [](auto& q) -> auto& { return q.request.pulses; }, List{Object{lidar_pulse_members()}, 1, max_pulses},
        "single pulses in any order; as arrays (see the call) there may be more")
       .written_if([](const LidarQuery&) { return false; });
   m.add("pattern",
@@ -163,14 +170,15 @@ void add_lidar_members(Members<LidarQuery>& m) {
                    return motion.any() ? std::optional(motion) : std::nullopt;
                  },
                  [](LidarQuery& q, const LidarMotion& motion) {
-                   q.request.rates = motion.rates, q.request.poses = motion.poses;
+                   q.request.rates = motion.rates;
+                   q.request.poses = motion.poses;
                  }},
         Object{lidar_motion_members()}, "motion during the scan; left out: none");
   m.add(
-      "seed", [](auto& q) -> auto& { return q.request.seed; }, Integer{0, kMostSeed},
+      "seed", [](auto& q) -> auto& { return q.request.seed; }, Integer{0, kMaxSeed},
       "identifies the instrument's noise");
   m.add(
-      "scan", [](auto& q) -> auto& { return q.request.scan; }, Integer{0, kMostSeed},
+      "scan", [](auto& q) -> auto& { return q.request.scan; }, Integer{0, kMaxSeed},
       "number of the scan: each has its own noise");
   m.add(
        "craters", [](auto& q) -> auto& { return q.request.craters; }, FlagOrObject{lidar_craters_members()},
@@ -181,18 +189,19 @@ void add_lidar_members(Members<LidarQuery>& m) {
   m.check(check_lidar);
 }
 
+// Converts the arrays "direction" and "time_s" to pulses; without "time_s" all are at time 0.
 std::vector<engine::LidarPulse> pulses_of(const NpzArrays& arrays, Findings& findings) {
   const auto directions = rows_of(arrays, "direction", {3}, findings);
   if (!directions) return {};
   std::vector<engine::LidarPulse> pulses(directions->size());
   const auto times = arrays.find("time_s");
-  const std::size_t given = times == arrays.end() ? 0 : times->second.numbers.size();
-  if (times != arrays.end() && given != 1 && given != pulses.size())
+  const std::size_t time_count = times == arrays.end() ? 0 : times->second.numbers.size();
+  if (times != arrays.end() && time_count != 1 && time_count != pulses.size())
     findings.add("/time_s", fmt::format("must be one number, or one for each of the {} directions", pulses.size()));
   for (std::size_t i = 0; i < pulses.size() && findings.empty(); ++i) {
     const auto unit = direction_of(directions->vector(i));
     if (!unit) findings.add(fmt::format("/direction/{}", i), "is not a direction: finite numbers, not all zero");
-    const double time_s = given == 0 ? 0 : times->second.numbers[given == 1 ? 0 : i];
+    const double time_s = time_count == 0 ? 0 : times->second.numbers[time_count == 1 ? 0 : i];
     if (!(std::abs(time_s) <= 1e6)) findings.add(fmt::format("/time_s/{}", i), "is not within 1e6 s");
     if (unit) pulses[i] = {time_s, *unit};
   }
@@ -202,8 +211,8 @@ std::vector<engine::LidarPulse> pulses_of(const NpzArrays& arrays, Findings& fin
 }  // namespace
 
 const Members<LidarQuery>& lidar_members() {
-  static const auto table = made<Members<LidarQuery>>("LidarRequest", "A lidar, its pose and the beams of a scan.",
-                                                      [](auto& m) { add_lidar_members(m); });
+  static const auto table = make_table<Members<LidarQuery>>(
+      "LidarRequest", "A lidar, its pose and the beams of a scan.", [](auto& m) { add_lidar_members(m); });
   return *table;
 }
 
@@ -214,13 +223,13 @@ LidarQuery read_lidar(const Json& body, const NpzArrays& arrays, const Limits& l
   Json merged = preset ? with_lidar_preset(body, context) : body;
   Findings findings;
   std::vector<engine::LidarPulse> pulses;
-  refuse_other_arrays(arrays, {"direction", "time_s"}, findings);
+  reject_unknown_arrays(arrays, {"direction", "time_s"}, findings);
   if (arrays.contains("direction")) {
     if (merged.is_object() && (merged.contains("pulses") || merged.contains("pattern")))
       findings.add("/direction", "cannot be combined with \"pulses\" or \"pattern\"");
     pulses = pulses_of(arrays, findings);
     findings.throw_if_any();
-    // The first stands for all where the request is checked as a whole.
+    // Put one pulse in place of the array, so that the other members are checked as in a request with "pulses".
     if (merged.is_object()) merged["pulses"] = {{{"direction", {0, 0, 1}}}};
   } else if (arrays.contains("time_s")) {
     findings.add("/time_s", "needs direction");
@@ -230,8 +239,10 @@ LidarQuery read_lidar(const Json& body, const NpzArrays& arrays, const Limits& l
   findings.throw_if_any();
   if (!pulses.empty()) {
     query->request.pulses = std::move(pulses);
+    // Check again with all pulses: the first check saw the stand-in.
     const JsonReader in(merged, findings);
-    check_beams(in, *query, limits), check_pose_of_lidar(in, *query);
+    check_beams(in, *query, limits);
+    check_pose_of_lidar(in, *query);
     findings.throw_if_any();
   }
   return std::move(*query);

@@ -15,19 +15,20 @@ namespace selenograph::api {
 struct LidarQuery : SceneryQuery {
   engine::LidarRequest request;
   std::vector<PlacedObject> objects;
-  std::size_t beams = 0;
-  engine::FrameRequest& look() { return request.scenery; }
-  const engine::FrameRequest& look() const { return request.scenery; }
+  std::size_t beams = 0;  // number of beams of the pulses or of the pattern
+  engine::FrameRequest& scenery() { return request.scenery; }
+  const engine::FrameRequest& scenery() const { return request.scenery; }
 };
 
 const Members<LidarQuery>& lidar_members();
 
-// `arrays`: direction (n, 3) and time_s (n, or one for all) in the place of `pulses`; empty: none. Throws RequestError
-// "invalid_request" with the faults found.
+// Parses a request. `arrays` may have direction (n, 3) and time_s (n, or one number for all), which then replace
+// `pulses`. Throws RequestError("invalid_request") with the faults found.
 LidarQuery read_lidar(const Json& body, const NpzArrays& arrays, const Limits& limits, const Assets& assets,
                       const StopToken& stop);
 
-// Rows and columns of a pattern whose beams are in the order of an image, repeats first; else their number.
+// Returns the shape of the answer's arrays: {repeats, rows, columns} of a pattern whose beams are in the order of an
+// image ({rows, columns} if it is fired once), else {beams}.
 std::vector<std::size_t> shape_of(const LidarQuery& query);
 
 }  // namespace selenograph::api

@@ -15,9 +15,9 @@ namespace {
 using engine::LimbPoint;
 using engine::TerminatorPoint;
 
-constexpr int kFewestPoints = 3, kMostPoints = 10000;
+constexpr int kMinPoints = 3, kMaxPoints = 10000;
 
-// In the image, outward from the sphere's limb.
+// Returns the distance in the image from the sphere's limb to the terrain's, px, positive outward.
 double difference_px(const LimbPoint& p) {
   return std::copysign(std::hypot(p.x_px - p.sphere_x_px, p.y_px - p.sphere_y_px), p.angle_deg - p.sphere_angle_deg);
 }
@@ -31,7 +31,7 @@ double longitude_deg(const Point& p) {
   return p.known() ? wrap_lon_deg(place_of(p).lon_deg) : LimbPoint::kNone;
 }
 
-// An answer's numbers, by name: the columns of both its forms.
+// A number of the answer: a member in JSON, an array in NPZ.
 template <typename Point>
 struct Column {
   const char* name;
@@ -74,6 +74,7 @@ constexpr Column<TerminatorPoint> kTerminatorColumns[] = {
     {"sphere_y_px", "its row", [](const TerminatorPoint& p) { return p.sphere_y_px; }},
 };
 
+// Returns the member "reason" of a point without a place in the image.
 const char* why_no_point(const LimbPoint& p) {
   if (!p.known()) return "no data where the line of sight passes lower than the highest terrain";
   return "behind the camera or beyond the lens's field of view";
@@ -82,7 +83,7 @@ const char* why_no_point(const LimbPoint& p) {
 }  // namespace
 
 const Members<LimbQuery>& limb_request_members() {
-  static const auto table = made<Members<LimbQuery>>(
+  static const auto table = make_table<Members<LimbQuery>>(
       "LimbRequest", "The Moon's limb and terminator in a camera's image, from its pose.", [](auto& m) {
         m.add(
              "camera", [](auto& q) -> auto& { return q.request.camera; }, Object{camera_members()},
@@ -93,13 +94,13 @@ const Members<LimbQuery>& limb_request_members() {
              "position and attitude of the camera")
             .required();
         m.add(
-            "points", [](auto& q) -> auto& { return q.request.points; }, Integer{kFewestPoints, kMostPoints},
+            "points", [](auto& q) -> auto& { return q.request.points; }, Integer{kMinPoints, kMaxPoints},
             "number of azimuths, from 0 in equal steps, of the limb and of the terminator");
         m.add("sun",
               Property{[](const LimbQuery& q) { return q.request.sun; },
                        [](LimbQuery& q, const engine::Sun& sun) { q.request.sun = sun; }},
               Object{sun_members()}, "Sun of the terminator, as a point; left out: none");
-        m.add("detail", &LimbQuery::detail, DetailName{}, kOfDetail);
+        m.add("detail", &LimbQuery::detail, DetailName{}, kDetailMeaning);
       });
   return *table;
 }
@@ -113,7 +114,7 @@ LimbQuery read_limb(const Json& body, const Limits& limits, const Assets& assets
 
 const Answer<LimbPoint>& limb_answer() {
   using namespace schema;
-  static const auto answer = answer_of<LimbPoint>("The limb at an azimuth.", [](auto& a) {
+  static const auto answer = make_answer<LimbPoint>("The limb at an azimuth.", [](auto& a) {
     for (const auto& column : kLimbColumns) a.add(column.name, number_or_null(column.meaning), column.value);
     a.add(
         "position_m", vector("surface point of the terrain's limb, MOON_ME, m; left out without data"),
@@ -127,7 +128,7 @@ const Answer<LimbPoint>& limb_answer() {
 
 const Answer<TerminatorPoint>& terminator_answer() {
   using namespace schema;
-  static const auto answer = answer_of<TerminatorPoint>("The terminator at an azimuth.", [](auto& a) {
+  static const auto answer = make_answer<TerminatorPoint>("The terminator at an azimuth.", [](auto& a) {
     for (const auto& column : kTerminatorColumns) a.add(column.name, number_or_null(column.meaning), column.value);
     a.add(
         "position_m", vector("surface point of the terrain's terminator, MOON_ME, m; left out without data"),

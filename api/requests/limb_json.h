@@ -17,10 +17,10 @@ struct LimbQuery {
 };
 
 const Members<LimbQuery>& limb_request_members();
-// Throws RequestError("invalid_request") with the faults found.
+// Parses a request. Throws RequestError("invalid_request") with the faults found.
 LimbQuery read_limb(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop);
 
-// In the order of the server's preference.
+// Media types of the answer, in the order of the server's preference.
 inline constexpr Alternative kLimbAnswers[] = {
     {"application/json", "the points, each with its members"},
     {"application/x-npz", "the same as arrays, NaN for null"},

@@ -1,3 +1,10 @@
+// A map's grid lies on the plane of its projection; the origin is where the plane is true to scale:
+//
+//   (west_m, north_m) +-----------------+   row 0
+//                     |     y ^         |
+//                     |       |         |   pixels of gsd_m x gsd_m, values at their centres
+//                     |       o--> x    |
+//                     +-----------------+   row height - 1
 #include "api/requests/map_json.h"
 
 #include <fmt/format.h>
@@ -24,7 +31,7 @@ constexpr std::pair<std::string_view, MapProjection> kProjections[] = {
 
 }  // namespace
 
-// --- where it lies
+// --- projection and extent
 
 dem::Footprint footprint_of(const MapBounds& bounds) {
   const double west_deg = bounds.west_deg < 360 ? bounds.west_deg : 0;
@@ -34,7 +41,7 @@ dem::Footprint footprint_of(const MapBounds& bounds) {
 }
 
 const Members<MapBounds>& bounds_members() {
-  static const auto members = made<Members<MapBounds>>(
+  static const auto members = make_table<Members<MapBounds>>(
       "MapBounds",
       "Outer edges of a map or region. If west_deg is larger than east_deg, the region crosses 180 degrees.",
       [](auto& m) {
@@ -58,7 +65,7 @@ namespace {
 constexpr Range kMapSide_m{0, 2e7, true, false}, kGsd_m{0.01, 1e6}, kStandardParallel_deg{-89, 89};
 
 const Members<MapArea>& area_members() {
-  static const auto members = made<Members<MapArea>>(
+  static const auto members = make_table<Members<MapArea>>(
       "MapArea",
       "Projection and extent of a map, on the sphere of 1 737 400 m. Pixels are squares on the projection's plane and "
       "hold the values at their centres; row 0 is the northernmost.",
@@ -72,7 +79,7 @@ const Members<MapArea>& area_members() {
         m.add("bounds", &MapArea::bounds, Object{bounds_members()},
               "the area, from its north-west corner; the last row and column may extend beyond it. The standard "
               "parallel is the equator, the central meridian 0, or 180 for a map that crosses it")
-            .of({"equirectangular"});
+            .only_for({"equirectangular"});
         m.add("center", &MapArea::center, Object{place_members()},
               "centre of a map of width_m x height_m; for equirectangular maps its latitude is the standard parallel");
         m.add("width_m", &MapArea::width_m, Number{kMapSide_m, "m"}, "on the projection's plane, to whole pixels");
@@ -81,7 +88,7 @@ const Members<MapArea>& area_members() {
             .required();
         m.add("standard_parallel_deg", &MapArea::standard_parallel_deg, Number{kStandardParallel_deg, "deg"},
               "latitude where a pixel is gsd_m wide; left out: 0 with bounds, the centre's with center")
-            .of({"equirectangular"});
+            .only_for({"equirectangular"});
         m.exactly_one({"bounds", "center"});
         m.excludes("bounds", {"width_m", "height_m"}, "they say the size");
         m.needs("center", {"width_m"});
@@ -90,19 +97,22 @@ const Members<MapArea>& area_members() {
   return *members;
 }
 
-// Whole pixels that a length takes; rounding of lengths and angles is none.
+// Returns the number of whole pixels that cover a length. An excess below 1e-6 pixels is rounding, not another pixel.
 double pixels_that_cover(double length_m, double gsd_m) {
   constexpr double kRounding = 1e-6;
   return std::max(1.0, std::ceil(length_m / gsd_m - kRounding));
 }
 
+// Edges on the projection's plane, and size in whole pixels: doubles, since sizes are checked only later.
 struct Extent {
   double west_m, north_m, width_px, height_px;
 };
 
+// Returns the extent of an equirectangular map by its bounds, and sets the plane's central meridian.
+
 Extent extent_of(const MapBounds& b, double gsd_m, dem::MapPlane& plane) {
   const auto [south_deg, north_deg, west_deg, east_deg] = footprint_of(b);
-  // The meridian from which no edge is farther than 180 degrees.
+  // Take a central meridian from which no edge is farther than 180 degrees.
   plane.lon_deg = west_deg >= -180 && east_deg <= 180 ? 0
                   : west_deg >= 0 && east_deg <= 360  ? 180
                                                       : (west_deg + east_deg) / 2;
@@ -112,6 +122,7 @@ Extent extent_of(const MapBounds& b, double gsd_m, dem::MapPlane& plane) {
           pixels_that_cover((north_deg - south_deg) * kMetresPerDegree, gsd_m)};
 }
 
+// Returns the extent of a map about its centre, in whole pixels, and sets the plane's origin.
 Extent extent_about(const MapArea& area, dem::MapPlane& plane) {
   const Geographic& center = *area.center;
   if (plane.projection == MapProjection::stereographic) {
@@ -128,10 +139,11 @@ Extent extent_about(const MapArea& area, dem::MapPlane& plane) {
   return {middle.x_m - width_px * area.gsd_m / 2, middle.y_m + height_px * area.gsd_m / 2, width_px, height_px};
 }
 
-// Faults are reported with pointers from the request's root.
+// Returns the grid of a map; empty if it is not possible or has too many pixels, which is reported.
 std::optional<dem::MapGrid> grid_of(const JsonReader& in, const MapArea& area, const Limits& limits) {
   dem::MapGrid grid;
-  grid.plane.projection = area.projection, grid.gsd_m = area.gsd_m;
+  grid.plane.projection = area.projection;
+  grid.gsd_m = area.gsd_m;
   if (area.projection == MapProjection::equirectangular)
     grid.plane.standard_parallel_deg = area.standard_parallel_deg.value_or(area.bounds ? 0 : area.center->lat_deg);
   if (!kStandardParallel_deg.contains(grid.plane.standard_parallel_deg)) {
@@ -143,28 +155,30 @@ std::optional<dem::MapGrid> grid_of(const JsonReader& in, const MapArea& area, c
     return std::nullopt;
   }
   const Extent extent = area.bounds ? extent_of(*area.bounds, area.gsd_m, grid.plane) : extent_about(area, grid.plane);
-  constexpr double kLongestSide_px = 65500;  // of a PNG, as libraries read it
-  const auto most = static_cast<double>(limits.max_map_pixels);
-  if (extent.width_px > kLongestSide_px || extent.height_px > kLongestSide_px ||
-      extent.width_px * extent.height_px > most) {
+  constexpr double kMaxSide_px = 65500;  // the longest side of a PNG that common libraries read
+  const auto max_pixels = static_cast<double>(limits.max_map_pixels);
+  if (extent.width_px > kMaxSide_px || extent.height_px > kMaxSide_px ||
+      extent.width_px * extent.height_px > max_pixels) {
     in.fail("gsd_m",
             fmt::format("the map would have {:.0f} x {:.0f} pixels, more than the {:.0f} allowed, or the {:.0f} "
                         "along a side",
-                        extent.width_px, extent.height_px, most, kLongestSide_px));
+                        extent.width_px, extent.height_px, max_pixels, kMaxSide_px));
     return std::nullopt;
   }
-  grid.west_m = extent.west_m, grid.north_m = extent.north_m;
-  grid.width = static_cast<int>(extent.width_px), grid.height = static_cast<int>(extent.height_px);
+  grid.west_m = extent.west_m;
+  grid.north_m = extent.north_m;
+  grid.width = static_cast<int>(extent.width_px);
+  grid.height = static_cast<int>(extent.height_px);
   return grid;
 }
 
-// --- who looks
+// --- viewer
 
 struct MapView {
   Vec3 direction = Vec3::UnitZ();
 };
 const Members<MapView>& view_members() {
-  static const auto members = made<Members<MapView>>(
+  static const auto members = make_table<Members<MapView>>(
       "MapView", "A viewer so far away that all pixels are seen from the same direction.", [](auto& m) {
         m.add("direction", &MapView::direction, Vector{kAnyNumber}, "toward the viewer, MOON_ME; any length but zero")
             .required();
@@ -176,7 +190,7 @@ const Members<MapView>& view_members() {
   return *members;
 }
 
-// "nadir", or an object.
+// "view": the word "nadir", or an object with a direction; empty for nadir.
 struct NadirOr {
   using Value = std::optional<MapView>;
   static constexpr std::string_view kNadir = "nadir";
@@ -195,18 +209,18 @@ struct NadirOr {
   std::vector<const MemberTable*> objects() const { return {&view_members()}; }
 };
 
-// --- the rest
+// --- accuracy, footprint, hazard
 
 const Members<engine::Accuracy>& map_accuracy_members() {
   using engine::Accuracy;
-  static const auto members =
-      made<Members<Accuracy>>("MapAccuracy", "Accuracy against speed. A pixel is gsd_m wide.", [](auto& m) {
-        m.add("max_error_px", &Accuracy::max_error_px, Number{kMaxError_px, "px"},
-              "upper bound on the mesh's vertical error; posts are at most twice as far apart; 0: the finest posts");
-        m.add("max_shadow_error_px", &Accuracy::max_shadow_error_px, Number{{0, 1e6}, "px"},
-              "limit on the displacement of shadow edges on level ground by the mesh's error");
-        m.add("max_detail_error_px", &Accuracy::max_detail_error_px, Number{{0, 1e6}, "px"}, detail_aim());
-      });
+  static const auto members = make_table<
+      Members<Accuracy>>("MapAccuracy", "Accuracy against speed. A pixel is gsd_m wide.", [](auto& m) {
+    m.add("max_error_px", &Accuracy::max_error_px, Number{kMaxError_px, "px"},
+          "upper bound on the mesh's vertical error; posts are at most twice as far apart; 0: the finest posts");
+    m.add("max_shadow_error_px", &Accuracy::max_shadow_error_px, Number{{0, 1e6}, "px"},
+          "limit on the displacement of shadow edges on level ground by the mesh's error");
+    m.add("max_detail_error_px", &Accuracy::max_detail_error_px, Number{{0, 1e6}, "px"}, max_detail_error_meaning());
+  });
   return *members;
 }
 
@@ -217,7 +231,7 @@ constexpr std::pair<std::string_view, engine::LanderFootprint::Shape> kShapes[] 
 
 const Members<engine::LanderFootprint>& footprint_members() {
   using engine::LanderFootprint;
-  static const auto members = made<Members<LanderFootprint>>(
+  static const auto members = make_table<Members<LanderFootprint>>(
       "LanderFootprint", "The ground that a lander covers, around each pixel: the pixels whose centres are in it.",
       [](auto& m) {
         m.add("shape", &LanderFootprint::shape, Word{kShapes},
@@ -228,17 +242,17 @@ const Members<engine::LanderFootprint>& footprint_members() {
               "diameter of the disc or of the circle through the legs' ends; side of the square. 3 to 256 pixels of "
               "`gsd_m`; a warning counts the pixels without a plane where the map is stretched")
             .required();
-        m.add("legs", &LanderFootprint::legs, Integer{3, 12}, "number of legs, at equal angles").of({"legs"});
+        m.add("legs", &LanderFootprint::legs, Integer{3, 12}, "number of legs, at equal angles").only_for({"legs"});
         m.add("azimuth_deg", &LanderFootprint::azimuth_deg, Number{{-360, 360}, "deg"},
               "azimuth of the first leg, clockwise from north")
-            .of({"legs"});
+            .only_for({"legs"});
       });
   return *members;
 }
 
 const Members<engine::HazardLimits>& hazard_members() {
   using engine::HazardLimits;
-  static const auto members = made<Members<HazardLimits>>(
+  static const auto members = make_table<Members<HazardLimits>>(
       "HazardLimits", "Ground whose footprint exceeds one of these is a hazard; omitted limits are not checked.",
       [](auto& m) {
         m.add("max_slope_deg", &HazardLimits::slope_deg, Number{{0, 90}, "deg"}, "of `slope`");
@@ -260,7 +274,8 @@ const auto view_field =
                if (view) q.request.toward_viewer = view->direction;
              }};
 
-// What is asked for of a lander's footprint has one, and so many pixels that a plane can be fitted.
+// Checks that products of a lander's footprint come with one, that limits on rocks come with rocks, and that the
+// footprint has enough pixels to fit a plane and not too many.
 void check_footprint(const JsonReader& in, const MapQuery& query) {
   const engine::MapRequest& request = query.request;
   const auto requires_member = [&](engine::ProductSet products, const char* member, const char* names) {
@@ -277,9 +292,9 @@ void check_footprint(const JsonReader& in, const MapQuery& query) {
   if (in.has("hazard") && (request.hazard.rock_height_m || request.hazard.rock_cover) && !request.rocks)
     in.fail("rocks", "must be true for limits on rocks");
   if (!request.footprint) return;
-  const double across_px = request.footprint->diameter_m / query.area.gsd_m;
-  if (across_px < 3 || across_px > 256)
-    in.at("footprint").fail("diameter_m", fmt::format("is {:g} pixels of gsd_m: must be 3 to 256", across_px));
+  const double diameter_px = request.footprint->diameter_m / query.area.gsd_m;
+  if (diameter_px < 3 || diameter_px > 256)
+    in.at("footprint").fail("diameter_m", fmt::format("is {:g} pixels of gsd_m: must be 3 to 256", diameter_px));
 }
 
 const auto hazard_field =
@@ -291,13 +306,14 @@ const auto hazard_field =
 void check_map(const JsonReader& in, MapQuery& query, const ReadContext& context) {
   query.sun_utc = context.sun_utc;
   require_sun(in, map_products(), query.request.products);
-  resolve_preset(query.look(), query.surface);
-  if (!in.good()) return;  // what isn't read has no place
+  resolve_preset(query.scenery(), query.surface);
+  if (!in.good()) return;  // the area may be incomplete
   check_footprint(in, query);
   const auto grid = grid_of(in.at("map"), query.area, context.limits);
   if (!grid) return;
   query.request.grid = *grid;
-  if (!in.good()) return;  // of a footprint that is refused, what it needs around the map may be the Moon
+  // Stop before the margin is computed: with a footprint that was refused, it may span the whole Moon.
+  if (!in.good()) return;
   try {
     if (engine::wants_footprint(query.request)) engine::drawn_for(query.request);
   } catch (const ImpossibleRequest& e) {
@@ -308,11 +324,11 @@ void check_map(const JsonReader& in, MapQuery& query, const ReadContext& context
 }  // namespace
 
 const Members<MapQuery>& map_members() {
-  static const auto members = made<Members<MapQuery>>(
+  static const auto members = make_table<Members<MapQuery>>(
       "MapRequest",
       "A map-projected product. Unknown members are errors. `sun` is required for radiance, lit, irradiance.",
       [](auto& m) {
-        // The order is that of the resolved request, whose text the ETag is made from.
+        // Add rows in the order of the resolved request, whose text the ETag is made from.
         m.add("map", &MapQuery::area, Object{area_members()}, "projection, extent and pixels").required();
         add_scenery(m);
         m.add(
@@ -338,7 +354,7 @@ const Members<MapQuery>& map_members() {
             "products", [](auto& q) -> auto& { return q.request.products; }, Products{map_products()},
             "arrays of height x width, row 0 in the north; NaN where there is no data or no Moon");
         m.check(check_map);
-        m.also([](const Limits&) { return sun_where_needed(map_products()); });
+        m.add_condition([](const Limits&) { return sun_where_needed(map_products()); });
       });
   return *members;
 }

@@ -12,10 +12,10 @@ struct MapBounds {
   double south_deg = 0, north_deg = 0, west_deg = 0, east_deg = 0;
 };
 const Members<MapBounds>& bounds_members();
-// The east edge is up to 360 degrees east of the west edge.
+// Returns the bounds with east_deg in (west_deg, west_deg + 360]: 170 to -170 becomes 170 to 190.
 dem::Footprint footprint_of(const MapBounds& bounds);
 
-// "map": projection and extent.
+// "map": projection and extent, either by `bounds` or by `center`, `width_m` and `height_m`.
 struct MapArea {
   dem::MapProjection projection = dem::MapProjection::equirectangular;
   std::optional<MapBounds> bounds;
@@ -29,14 +29,14 @@ struct MapQuery : SceneryQuery {
   engine::MapRequest request;
   MapArea area;
 
-  engine::FrameRequest& look() { return request.look; }
-  const engine::FrameRequest& look() const { return request.look; }
+  engine::FrameRequest& scenery() { return request.look; }
+  const engine::FrameRequest& scenery() const { return request.look; }
 };
 
 const Members<MapQuery>& map_members();
-// Throws RequestError("invalid_request") with every fault found.
+// Parses a request. Throws RequestError("invalid_request") with every fault found.
 MapQuery read_map(const Json& body, const Limits& limits, const Assets& assets = Assets(), const StopToken& stop = {});
-// The resolved request, which is a valid request.
+// Returns the resolved request, which is a valid request for the same map.
 OrderedJson resolved_json(const MapQuery& query);
 
 }  // namespace selenograph::api

@@ -12,7 +12,9 @@ namespace selenograph::api {
 namespace {
 
 using engine::SpectrometerChannel;
-// A number at all wavelengths, or a curve. A number is a curve of one point, which check_mertis puts at first_um.
+
+// "efficiency": a number for all wavelengths, or a curve. A number becomes a curve of one point at wavelength 0, which
+// check_mertis moves to first_um.
 struct SpectrometerEfficiency {
   using Value = std::vector<engine::EfficiencyPoint>;
   std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
@@ -40,13 +42,14 @@ struct SpectrometerEfficiency {
   static inline const auto kCurve = List{Pair<engine::EfficiencyPoint>{kWavelength_um, kUnitInterval}, 1, 1000};
 };
 
-// Double tells a channel's two ends from each other and from 0, with room for what follows from their difference.
+// Reports channels so narrow, or so near to 0, that the difference of their ends in double precision would have too few
+// correct digits for the quantities computed from it.
 void check_widths(const JsonReader& in, const engine::Spectrometer& s) {
-  constexpr double kTold = 1e-9;
+  constexpr double kMinRelativeWidth = 1e-9;
   const double width_um = (s.last_um - s.first_um) / s.channels;
-  if (s.first_um < kTold * width_um)
+  if (s.first_um < kMinRelativeWidth * width_um)
     in.fail("first_um", fmt::format("is too near to 0 for channels of {:g} um", width_um));
-  if (width_um < kTold * s.last_um)
+  if (width_um < kMinRelativeWidth * s.last_um)
     in.fail("channels", fmt::format("of {:g} um at {:g} um are too narrow", width_um, s.last_um));
 }
 
@@ -54,7 +57,7 @@ void check_mertis(const JsonReader& in, MertisQuery& query, const ReadContext&) 
   engine::Spectrometer& s = query.spectrometer;
   if (!(s.last_um > s.first_um)) return in.fail("last_um", "must be above first_um");
   check_widths(in, s);
-  // One number, given or left out, is of all wavelengths; the answer lists it at the first.
+  // A constant efficiency, given or default, is listed in the answer at the first wavelength.
   if (!in.has("efficiency") || in.at("efficiency").value().is_number()) s.efficiency[0].wavelength_um = s.first_um;
 }
 
@@ -87,7 +90,7 @@ OrderedJson spectra_json(const SpectraSource& s) {
 }  // namespace
 
 const Members<MertisQuery>& mertis_members() {
-  static const auto table = made<Members<MertisQuery>>(
+  static const auto table = make_table<Members<MertisQuery>>(
       "MertisRequest",
       "A spectrometer observing blackbodies: SENSOR++ eqs. (3), (9), (12). Defaults are those of MERTIS, or "
       "assumptions: the answer lists them.",
@@ -131,8 +134,8 @@ const Answer<SpectraSource>& mertis_answer() {
   const OrderedJson channel = free_object(
       "center_um, width_um, radiance_w_m2_sr_um (B(T)), flux_w (eq. 9), noise_equivalent_power_w, signal_to_noise "
       "(eq. 12), width_error: of L Delta lambda against the integral, relative");
-  static const auto answer = answer_of<S>("Per temperature and channel.", [&](auto& a) {
-    a.add("instrument", with(ref("MertisRequest"), "description", "as understood"),
+  static const auto answer = make_answer<S>("Per temperature and channel.", [&](auto& a) {
+    a.add("instrument", with_keyword(ref("MertisRequest"), "description", "as understood"),
           [](const S& s) { return mertis_members().write(s.query); });
     a.add("assumptions_of_the_defaults", array(text("an assumption")),
           [](const S&) { return OrderedJson(kAssumptions); });

@@ -19,17 +19,17 @@ struct MertisQuery {
 };
 
 const Members<MertisQuery>& mertis_members();
-// Throws RequestError with all faults found. All members are optional; the defaults are MERTIS.
+// Parses a request. Throws RequestError with all faults found. All members are optional; the defaults are MERTIS.
 MertisQuery read_mertis(const Json& body);
 
-// The resolved instrument, the assumptions, and the results per temperature and channel.
+// Input of the answer, which has the resolved instrument, the assumptions, and the results per temperature and channel.
 struct SpectraSource {
   const MertisQuery& query;
   const StopToken& stop;  // stops between channels
 };
 const Answer<SpectraSource>& mertis_answer();
 
-// One row per channel and temperature.
+// Returns CSV with one row per channel and temperature.
 std::string mertis_csv(const MertisQuery& query);
 
 }  // namespace selenograph::api

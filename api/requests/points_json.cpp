@@ -18,11 +18,11 @@
 namespace selenograph::api {
 namespace {
 
-std::int64_t most(const Limits& limits) { return limits.max_rays; }
+std::int64_t max_rays(const Limits& limits) { return limits.max_rays; }
 
 const Members<engine::Ray>& ray_members() {
   using engine::Ray;
-  static const auto table = made<Members<Ray>>("Ray", "A ray from a point.", [](auto& m) {
+  static const auto table = make_table<Members<Ray>>("Ray", "A ray from a point.", [](auto& m) {
     m.add("origin_m", &Ray::origin_m, Vector{kCoordinate_m, "m"}, "MOON_ME").required();
     m.add("direction", &Ray::direction, Vector{kAnyNumber}, "MOON_ME; any length but zero").required();
     m.resolve([](const JsonReader& in, Ray& ray, const ReadContext&) -> std::optional<Ray> {
@@ -38,7 +38,7 @@ const Members<engine::Ray>& ray_members() {
 const Members<engine::LandmarkQuery>& landmark_members() {
   using engine::LandmarkQuery;
   static const auto table =
-      made<Members<LandmarkQuery>>("Landmark", "A point, on the terrain or at a height.", [](auto& m) {
+      make_table<Members<LandmarkQuery>>("Landmark", "A point, on the terrain or at a height.", [](auto& m) {
         add_latitude_and_longitude(m);
         m.add("height_m", &LandmarkQuery::height_m, Number{kHeight_m, "m"},
               "height above the sphere of 1 737 400 m; left out: on the terrain");
@@ -46,7 +46,8 @@ const Members<engine::LandmarkQuery>& landmark_members() {
   return *table;
 }
 
-// Without a Sun answers have no `lit`; without `indirect`, whose light the ground and the band make, no `irradiance`.
+// Adds the rows of PointScenery. Without "sun" answers have no `lit`; without "indirect" they have no `irradiance`, and
+// only that depends on ground and band.
 template <typename Query>
 void add_point_scenery(Members<Query>& m, const char* of_objects) {
   add_scenery(m);
@@ -57,16 +58,17 @@ void add_point_scenery(Members<Query>& m, const char* of_objects) {
   m.needs("indirect", {"sun"}, "whose light it is");
 }
 
+// Reads a body by a table and throws if there are findings.
 template <typename M>
-auto checked(const M& members, const Json& body, const Limits& limits, const Assets& assets = Assets(),
-             const StopToken& stop = {}) {
+auto read_or_throw(const M& members, const Json& body, const Limits& limits, const Assets& assets = Assets(),
+                   const StopToken& stop = {}) {
   Findings findings;
   auto value = members.read(JsonReader(body, findings), {limits, assets, stop, utc_of_sun(body)});
   findings.throw_if_any();
   return std::move(*value);
 }
 
-// A query string's text as the JSON value it stands for: a number where it reads as one.
+// Returns a query parameter as a JSON value: a number if the whole text is one, else the text.
 Json number_or_text(const std::string& text) {
   double x = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), x);
@@ -77,8 +79,8 @@ Json number_or_text(const std::string& text) {
 
 const Members<RaysQuery>& rays_members() {
   static const auto table =
-      made<Members<RaysQuery>>("RaysRequest", "Rays against the finest terrain and objects.", [](auto& m) {
-        m.add("rays", &RaysQuery::rays, List{Object{ray_members()}, 1, most}, "the rays").required();
+      make_table<Members<RaysQuery>>("RaysRequest", "Rays against the finest terrain and objects.", [](auto& m) {
+        m.add("rays", &RaysQuery::rays, List{Object{ray_members()}, 1, max_rays}, "the rays").required();
         add_point_scenery(m, "as in a frame: rays hit them, and they cast shadows");
         m.check([](const JsonReader&, RaysQuery& query, const ReadContext& context) {
           query.sun_utc = context.sun_utc;
@@ -89,31 +91,31 @@ const Members<RaysQuery>& rays_members() {
 }
 
 const Members<ProjectQuery>& project_members() {
-  static const auto table =
-      made<Members<ProjectQuery>>("ProjectRequest", "Landmarks to project, for a camera and a pose.", [](auto& m) {
-        m.add("camera", &ProjectQuery::camera, Object{camera_members()}, "projection and image size").required();
-        m.add("pose", &ProjectQuery::pose, Object{pose_members()},
-              "position and attitude of the camera; required unless `shutter.poses` is given");
-        m.add("shutter", &ProjectQuery::shutter, Object{shutter_members()},
-              "times of the rows: the answer has a `time_s`; left out: all rows are exposed at once");
-        add_point_scenery(m, "as in a frame: they hide landmarks, and they cast shadows");
-        m.add("points", &ProjectQuery::points, List{Object{landmark_members()}, 1, most}, "the landmarks").required();
-        m.check([](const JsonReader& in, ProjectQuery& query, const ReadContext& context) {
-          query.sun_utc = context.sun_utc;
-          check_pose(in, query.camera, query.shutter, query.pose);
-          resolve_preset(query.request, query.surface);
-        });
-        m.also(pose_condition);
-      });
+  static const auto table = make_table<
+      Members<ProjectQuery>>("ProjectRequest", "Landmarks to project, for a camera and a pose.", [](auto& m) {
+    m.add("camera", &ProjectQuery::camera, Object{camera_members()}, "projection and image size").required();
+    m.add("pose", &ProjectQuery::pose, Object{pose_members()},
+          "position and attitude of the camera; required unless `shutter.poses` is given");
+    m.add("shutter", &ProjectQuery::shutter, Object{shutter_members()},
+          "times of the rows: the answer has a `time_s`; left out: all rows are exposed at once");
+    add_point_scenery(m, "as in a frame: they hide landmarks, and they cast shadows");
+    m.add("points", &ProjectQuery::points, List{Object{landmark_members()}, 1, max_rays}, "the landmarks").required();
+    m.check([](const JsonReader& in, ProjectQuery& query, const ReadContext& context) {
+      query.sun_utc = context.sun_utc;
+      check_pose(in, query.camera, query.shutter, query.pose);
+      resolve_preset(query.request, query.surface);
+    });
+    m.add_condition(pose_condition);
+  });
   return *table;
 }
 
 namespace {
 
 const Members<HeightsQuery>& heights_form() {
-  static const auto table = made<Members<HeightsQuery>>("HeightsRequest", "Points on the terrain.", [](auto& m) {
-    m.add("points", &HeightsQuery::points, List{Object{place_members()}, 1, most}, "the places").required();
-    m.add("detail", &HeightsQuery::detail, DetailName{}, kOfDetail);
+  static const auto table = make_table<Members<HeightsQuery>>("HeightsRequest", "Points on the terrain.", [](auto& m) {
+    m.add("points", &HeightsQuery::points, List{Object{place_members()}, 1, max_rays}, "the places").required();
+    m.add("detail", &HeightsQuery::detail, DetailName{}, kDetailMeaning);
   });
   return *table;
 }
@@ -124,7 +126,7 @@ const MemberTable& heights_members() { return heights_form(); }
 
 namespace {
 
-// The list's place is taken by arrays: what the rest of the request says is checked with one element for all.
+// Returns the request with one valid element in the list that arrays replace, so that the other members can be checked.
 Json with_stand_in(const Json& body, const char* list, const char* array, Json element, Findings& findings) {
   Json request = body;
   if (!request.is_object()) return request;
@@ -133,16 +135,17 @@ Json with_stand_in(const Json& body, const char* list, const char* array, Json e
   return request;
 }
 
-bool few_enough(std::size_t number, const Limits& limits, const char* array, Findings& findings) {
+bool fits_limit(std::size_t number, const Limits& limits, const char* array, Findings& findings) {
   if (number <= static_cast<std::size_t>(limits.max_rays)) return true;
   findings.add(array, fmt::format("has {} rows; up to {} are taken (--max-rays)", number, limits.max_rays));
   return false;
 }
 
-// All dimensions but the last one.
+// Returns all dimensions but the last.
 std::vector<std::size_t> shape_of_rows(const NpzArray& array) { return {array.shape.begin(), array.shape.end() - 1}; }
 
-void take_rays(const NpzArrays& arrays, const Limits& limits, RaysQuery& query, Findings& findings) {
+// Replaces the query's rays by those in the arrays; a single origin or direction is used with all rows of the other.
+void set_rays(const NpzArrays& arrays, const Limits& limits, RaysQuery& query, Findings& findings) {
   const auto origins = rows_of(arrays, "origin_m", {3}, findings),
              directions = rows_of(arrays, "direction", {3}, findings);
   if (!origins || !directions) return;
@@ -150,7 +153,7 @@ void take_rays(const NpzArrays& arrays, const Limits& limits, RaysQuery& query, 
   if (std::min(origins->size(), directions->size()) != 1 && origins->size() != directions->size())
     return findings.add("/direction", fmt::format("has {} rows and origin_m {}: as many, or one, are needed",
                                                   directions->size(), origins->size()));
-  if (!few_enough(number, limits, "/direction", findings)) return;
+  if (!fits_limit(number, limits, "/direction", findings)) return;
   query.shape = shape_of_rows(arrays.at(directions->size() == number ? "direction" : "origin_m"));
   query.rays.clear();
   for (std::size_t i = 0; i < number && !findings.full(); ++i) {
@@ -163,9 +166,10 @@ void take_rays(const NpzArrays& arrays, const Limits& limits, RaysQuery& query, 
   }
 }
 
-void take_points(const NpzArrays& arrays, const Limits& limits, ProjectQuery& query, Findings& findings) {
+// Replaces the query's landmarks by the rows of the array "points".
+void set_points(const NpzArrays& arrays, const Limits& limits, ProjectQuery& query, Findings& findings) {
   const auto points = rows_of(arrays, "points", {2, 3}, findings);
-  if (!points || !few_enough(points->size(), limits, "/points", findings)) return;
+  if (!points || !fits_limit(points->size(), limits, "/points", findings)) return;
   query.shape = shape_of_rows(arrays.at("points"));
   query.points.clear();
   for (std::size_t i = 0; i < points->size() && !findings.full(); ++i) {
@@ -175,9 +179,13 @@ void take_points(const NpzArrays& arrays, const Limits& limits, ProjectQuery& qu
         findings.add(fmt::format("/points/{}", i),
                      fmt::format("has the {} {}; {:g} to {:g} is needed", what, value, range.min, range.max));
     };
-    check(p[0], kLatitude_deg, "latitude"), check(p[1], kLongitude_deg, "longitude");
+    check(p[0], kLatitude_deg, "latitude");
+    check(p[1], kLongitude_deg, "longitude");
     engine::LandmarkQuery landmark{p[0], p[1], {}};
-    if (points->columns() == 3 && !std::isnan(p[2])) check(p[2], kHeight_m, "height"), landmark.height_m = p[2];
+    if (points->columns() == 3 && !std::isnan(p[2])) {
+      check(p[2], kHeight_m, "height");
+      landmark.height_m = p[2];
+    }
     query.points.push_back(landmark);
   }
 }
@@ -186,33 +194,33 @@ void take_points(const NpzArrays& arrays, const Limits& limits, ProjectQuery& qu
 
 RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop,
                     const NpzArrays& arrays) {
-  if (arrays.empty()) return checked(rays_members(), body, limits, assets, stop);
+  if (arrays.empty()) return read_or_throw(rays_members(), body, limits, assets, stop);
   Findings findings;
-  refuse_other_arrays(arrays, {"origin_m", "direction"}, findings);
+  reject_unknown_arrays(arrays, {"origin_m", "direction"}, findings);
   const Json request = with_stand_in(body, "rays", "the array direction",
                                      {{"origin_m", {2e6, 0, 0}}, {"direction", {-1, 0, 0}}}, findings);
   findings.throw_if_any();
-  RaysQuery query = checked(rays_members(), request, limits, assets, stop);
-  take_rays(arrays, limits, query, findings);
+  RaysQuery query = read_or_throw(rays_members(), request, limits, assets, stop);
+  set_rays(arrays, limits, query, findings);
   findings.throw_if_any();
   return query;
 }
 
 ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop,
                           const NpzArrays& arrays) {
-  if (arrays.empty()) return checked(project_members(), body, limits, assets, stop);
+  if (arrays.empty()) return read_or_throw(project_members(), body, limits, assets, stop);
   Findings findings;
-  refuse_other_arrays(arrays, {"points"}, findings);
+  reject_unknown_arrays(arrays, {"points"}, findings);
   const Json request = with_stand_in(body, "points", "the array points", {{"lat_deg", 0}, {"lon_deg", 0}}, findings);
   findings.throw_if_any();
-  ProjectQuery query = checked(project_members(), request, limits, assets, stop);
-  take_points(arrays, limits, query, findings);
+  ProjectQuery query = read_or_throw(project_members(), request, limits, assets, stop);
+  set_points(arrays, limits, query, findings);
   findings.throw_if_any();
   return query;
 }
 
 HeightsQuery read_heights(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
-  return checked(heights_form(), body, limits, assets, stop);
+  return read_or_throw(heights_form(), body, limits, assets, stop);
 }
 
 Geographic read_height_query(const std::multimap<std::string, std::string>& query) {
@@ -222,7 +230,7 @@ Geographic read_height_query(const std::multimap<std::string, std::string>& quer
       throw RequestError("invalid_request", "a query parameter is given twice", {{"/" + name, "given twice"}});
     object[name] = number_or_text(text);
   }
-  return checked(place_members(), object, Limits{});
+  return read_or_throw(place_members(), object, Limits{});
 }
 
 }  // namespace selenograph::api

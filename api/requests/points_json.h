@@ -1,4 +1,4 @@
-// Requests for rays and points. Places are MOON_ME.
+// Requests for rays, landmarks and heights. Positions and directions are MOON_ME.
 #pragma once
 
 #include <optional>
@@ -21,15 +21,15 @@
 
 namespace selenograph::api {
 
-// Light and occluders of the points.
+// Sun, ground and occluders common to rays and landmarks.
 struct PointScenery : SceneryQuery {
   engine::FrameRequest request;  // its Sun, ground, band, detail and indirect light
   std::vector<PlacedObject> objects;
-  engine::FrameRequest& look() { return request; }
-  const engine::FrameRequest& look() const { return request; }
+  engine::FrameRequest& scenery() { return request; }
+  const engine::FrameRequest& scenery() const { return request; }
   std::optional<engine::Sun> sun() const { return sun_given ? std::optional(request.sun) : std::nullopt; }
 };
-// `shape`: of the arrays that the rays or points came as, without their last dimension.
+// `shape` is the shape of the arrays with the rays or points, without the last dimension; empty for JSON lists.
 struct RaysQuery : PointScenery {
   std::vector<engine::Ray> rays;
   std::vector<std::size_t> shape{};
@@ -50,16 +50,16 @@ const Members<RaysQuery>& rays_members();
 const Members<ProjectQuery>& project_members();
 const MemberTable& heights_members();
 
-// Throw RequestError("invalid_request") with the faults found. Arrays, if there are any, are in the place of lists:
-// `origin_m` and `direction` (..., 3), one row of either for many of the other, of `rays`; `points` (..., 2) or (...,
-// 3): lat_deg, lon_deg and height_m, NaN: on the terrain.
+// Parse requests. Throw RequestError("invalid_request") with the faults found. Arrays, if there are any, replace lists:
+// - `rays`: `origin_m` and `direction` (..., 3); either may have a single row that is used with all rows of the other;
+// - `points`: (..., 2) or (..., 3) with lat_deg, lon_deg and height_m, where NaN means on the terrain.
 RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets = Assets(), const StopToken& stop = {},
                     const NpzArrays& arrays = {});
 ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& assets = Assets(),
                           const StopToken& stop = {}, const NpzArrays& arrays = {});
 HeightsQuery read_heights(const Json& body, const Limits& limits, const Assets& assets = Assets(),
                           const StopToken& stop = {});
-// From a query string; its names are the pointers: "/lat_deg".
+// Parses the query string of GET /v1/heights. Faults have the parameters' names as pointers: "/lat_deg".
 Geographic read_height_query(const std::multimap<std::string, std::string>& query);
 
 }  // namespace selenograph::api

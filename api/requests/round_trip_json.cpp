@@ -10,18 +10,18 @@
 namespace selenograph::api {
 std::string_view mode_name(engine::RoundTripMode mode) { return word_of(kRoundTripModes, mode); }
 
-std::int64_t most_posts(const Limits& limits) {
+std::int64_t max_posts(const Limits& limits) {
   return std::max(1, static_cast<int>(std::sqrt(static_cast<double>(limits.max_rays))));
 }
 
-int default_posts(const Limits& limits) { return static_cast<int>(std::min<std::int64_t>(256, most_posts(limits))); }
+int default_posts(const Limits& limits) { return static_cast<int>(std::min<std::int64_t>(256, max_posts(limits))); }
 
 const Members<engine::RoundTripRequest>& round_trip_members() {
   using Trip = engine::RoundTripRequest;
-  static const auto table = made<Members<Trip>>(
+  static const auto table = make_table<Members<Trip>>(
       "RoundTripRequest", "DEM round trip: frames of a tile are converted back to heights and compared with the file.",
       [](auto& m) {
-        m.start_from([](const Limits& limits) {
+        m.set_initial([](const Limits& limits) {
           Trip request;
           request.posts = default_posts(limits);
           return request;
@@ -30,12 +30,15 @@ const Members<engine::RoundTripRequest>& round_trip_members() {
               Property{[](const Trip& r) {
                          return std::optional(Geographic{r.lat_deg, r.lon_deg, 0});
                        },
-                       [](Trip& r, const Geographic& g) { r.lat_deg = g.lat_deg, r.lon_deg = g.lon_deg; }},
+                       [](Trip& r, const Geographic& g) {
+                         r.lat_deg = g.lat_deg;
+                         r.lon_deg = g.lon_deg;
+                       }},
               Object{place_members()}, "the finest tile that contains it is compared")
             .required();
         m.add("height_m", &Trip::height_m, Number{kStationHeight_m, "m"}, "height of the cameras above the ground");
         m.add("mode", &Trip::mode, Word{kRoundTripModes}, "exact: rays through the posts; camera: frames");
-        m.add("posts", &Trip::posts, Integer{1, most_posts},
+        m.add("posts", &Trip::posts, Integer{1, max_posts},
               "posts along each side of the window, which is moved inwards at the tile's border; fewer where the tile "
               "is smaller");
         m.add("footprint_ratio", &Trip::footprint_ratio, Number{kFootprintRatio},

@@ -9,17 +9,17 @@
 
 namespace selenograph::api {
 
-// Name and mode, for error messages, files and titles.
+// Modes by name, for requests, error messages, files and titles.
 inline constexpr std::pair<std::string_view, engine::RoundTripMode> kRoundTripModes[] = {
     {"exact", engine::RoundTripMode::exact}, {"camera", engine::RoundTripMode::camera}};
 std::string_view mode_name(engine::RoundTripMode mode);
 
-// Posts along the side of a request's window: as many posts as rays are allowed.
-std::int64_t most_posts(const Limits& limits);
+// Returns the largest number of posts along a side of the window: one ray goes through each post, and rays are limited.
+std::int64_t max_posts(const Limits& limits);
 int default_posts(const Limits& limits);
 
 const Members<engine::RoundTripRequest>& round_trip_members();
-// Throws RequestError.
+// Parses a request. Throws RequestError("invalid_request") with the faults found.
 engine::RoundTripRequest read_round_trip(const Json& body, const Limits& limits);
 
 }  // namespace selenograph::api

@@ -31,12 +31,12 @@ constexpr std::pair<std::string_view, HiddenBy> kHiddenBy[] = {
 
 constexpr double kNotANumber = std::numeric_limits<double>::quiet_NaN();
 
-// A catalogue's float, with the digits that it came with.
+// Returns the magnitude rounded to 1e-4: the catalogue's decimal digits, without those that float adds.
 double magnitude_of(const SkyObject& object) { return std::round(object.v_mag * 1e4) / 1e4; }
 
 bool visible(const SkyObject& object) { return object.in_frame && object.hidden_by == HiddenBy::none; }
 
-// Of the Sun and the Earth.
+// Returns the angular radius of the Sun or the Earth; empty for points.
 std::optional<double> angular_radius_deg(const SkyObject& object) {
   if (object.kind == SkyKind::sun) return engine::sun_radius_deg(*object.distance_m / engine::kAstronomicalUnit_m);
   return object.kind == SkyKind::earth ? std::optional(engine::earth_radius_deg(*object.distance_m)) : std::nullopt;
@@ -70,8 +70,8 @@ void check_sky(const JsonReader& in, SkyQuery& query, const ReadContext& context
 }  // namespace
 
 const Members<SkyQuery>& sky_request_members() {
-  static const auto table =
-      made<Members<SkyQuery>>("SkyRequest", "The sky that a camera sees, from its pose and an epoch.", [](auto& m) {
+  static const auto table = make_table<Members<SkyQuery>>(
+      "SkyRequest", "The sky that a camera sees, from its pose and an epoch.", [](auto& m) {
         add_camera_and_pose(m);
         m.add(
             "shutter", [](auto& q) -> auto& { return q.request.shutter; }, Object{shutter_members()},
@@ -89,15 +89,15 @@ const Members<SkyQuery>& sky_request_members() {
         m.add(
             "sensor", [](auto& q) -> auto& { return q.request.sensor; }, Object{sensor_members()},
             "for `electrons`; left out: none in the answer");
-        m.add("camera_preset", camera_preset_field<SkyQuery>(), Text{}, kOfCameraPreset);
-        m.add("detail", &SkyQuery::detail, DetailName{}, kOfDetail);
+        m.add("camera_preset", camera_preset_field<SkyQuery>(), Text{}, kCameraPresetMeaning);
+        m.add("detail", &SkyQuery::detail, DetailName{}, kDetailMeaning);
         m.add("objects", objects_of_sky, List{Object{object_members()}, 1, kMaxObjects},
               "as in a frame: they hide objects behind them");
         m.exactly_one({"utc", "et_s"});
         m.any_of({"camera", "camera_preset"});
         m.needs("sensor", {"band", "camera_preset"}, "which photons it counts");
         m.check(check_sky);
-        m.also(pose_condition);
+        m.add_condition(pose_condition);
       });
   return *table;
 }
@@ -114,7 +114,7 @@ SkyQuery read_sky(const Json& body, const Limits& limits, const Assets& assets, 
 const Answer<SkySource>& sky_answer() {
   using S = SkySource;
   using namespace schema;
-  static const auto answer = answer_of<S>("Something in the sky.", [](auto& a) {
+  static const auto answer = make_answer<S>("Something in the sky.", [](auto& a) {
     a.add("kind", words(kSkyKinds, "what it is"), [](const S& s) { return word_of(kSkyKinds, s.object.kind); });
     a.add("id", text("of a star in its catalogue; else the name, like jupiter"),
           [](const S& s) { return s.object.id; });
@@ -175,7 +175,10 @@ std::string sky_npz(const std::vector<SkyObject>& sky, const SkyQuery& query, co
   arrays.add("visible", sky, visible);
   arrays.add("hidden_by", sky, [](const SkyObject& o) { return static_cast<std::uint8_t>(o.hidden_by); });
   OrderedJson meta{{"kind", OrderedJson::array()}, {"id", OrderedJson::array()}};
-  for (const SkyObject& o : sky) meta["kind"].push_back(word_of(kSkyKinds, o.kind)), meta["id"].push_back(o.id);
+  for (const SkyObject& o : sky) {
+    meta["kind"].push_back(word_of(kSkyKinds, o.kind));
+    meta["id"].push_back(o.id);
+  }
   return arrays.npz(json_text(meta));
 }
 

@@ -1,4 +1,4 @@
-// Requests for what a camera would see of the sky, and their answers as JSON and NPZ.
+// Requests for the stars, the Sun, the Earth and the planets in a camera's image, and their answers as JSON and NPZ.
 #pragma once
 
 #include <string>
@@ -17,14 +17,14 @@ namespace selenograph::api {
 struct SkyQuery : EpochForm {
   engine::FrameRequest request;  // its camera, pose, shutter, band, sensor, sky and objects
   Named<dem::Detail> detail{};   // null: none
-  double icrf_lag_s = 0;         // as FrameQuery's
+  double icrf_lag_s = 0;         // seconds from the sky's epoch to the poses' epoch in ICRF (icrf_lag_s())
 };
 
 const Members<SkyQuery>& sky_request_members();
-// Throws RequestError("invalid_request") with the faults found.
+// Parses a request. Throws RequestError("invalid_request") with the faults found.
 SkyQuery read_sky(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop);
 
-// In the order of the server's preference.
+// Media types of the answer, in the order of the server's preference.
 inline constexpr Alternative kSkyAnswers[] = {
     {"application/json", "the objects, each with its members"},
     {"application/x-npz", "the same as arrays; identifiers and kinds in meta.json"},

@@ -2,7 +2,7 @@
 
 namespace selenograph::api::schema {
 
-OrderedJson with(OrderedJson json, const char* key, OrderedJson value) {
+OrderedJson with_keyword(OrderedJson json, const char* key, OrderedJson value) {
   json[key] = std::move(value);
   return json;
 }
@@ -10,7 +10,7 @@ OrderedJson with(OrderedJson json, const char* key, OrderedJson value) {
 OrderedJson ref(const std::string& name) { return {{"$ref", "#/components/schemas/" + name}}; }
 
 OrderedJson number(const Range& range, const char* description) {
-  return with(number_schema(range), "description", description);
+  return with_keyword(number_schema(range), "description", description);
 }
 
 OrderedJson number_or_null(const char* description) {
@@ -26,11 +26,11 @@ OrderedJson boolean(const char* description) { return {{"type", "boolean"}, {"de
 OrderedJson text(const char* description) { return {{"type", "string"}, {"description", description}}; }
 
 OrderedJson vector(const char* description) {
-  return with(array_schema(number_schema({}), 3, 3), "description", description);
+  return with_keyword(array_schema(number_schema({}), 3, 3), "description", description);
 }
 
-OrderedJson list(const OrderedJson& items, std::size_t most, const char* description) {
-  return with(array_schema(items, 1, most), "description", description);
+OrderedJson list(const OrderedJson& items, std::size_t max_count, const char* description) {
+  return with_keyword(array_schema(items, 1, max_count), "description", description);
 }
 
 OrderedJson array(OrderedJson items, const char* description) {

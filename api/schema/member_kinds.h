@@ -1,5 +1,13 @@
-// Kinds of request members. A kind reads a value, writes it, and gives its JSON Schema; it holds the range, so that
-// these cannot differ.
+// Kinds of request members. A kind is a type with this interface:
+//
+//   Value                                  type of the C++ value
+//   read(JsonReader, ReadContext)          the value; empty, and reported, if it is not valid
+//   write(value)                           the value as JSON
+//   schema(Limits)                         its JSON Schema
+//   fallback()       (optional)            its default in the schema, if not that of the C++ member
+//   objects()        (optional)            tables of the objects in it
+//
+// The kind holds the range, so that reader and schema cannot differ.
 #pragma once
 
 #include <cstdint>
@@ -14,24 +22,24 @@
 
 namespace selenograph::api {
 
-// {"type": "number"} with the range's bounds.
+// Returns {"type": "number"} with the range's bounds.
 OrderedJson number_schema(const Range& range);
-// An array of at least `min` and at most `max` elements.
+// Returns the schema of an array of `min` to `max` elements.
 OrderedJson array_schema(OrderedJson items, std::size_t min, std::size_t max);
-// A reference to a table's component in the API document.
+// Returns a reference to a table's component in the API document.
 OrderedJson reference_to(const MemberTable& table);
 
 inline OrderedJson vector_json(const Vec3& v) { return OrderedJson::array({v.x(), v.y(), v.z()}); }
 
-// A bound that may be one of the service's limits.
+// A bound of an integer or a length: a constant, or one of the service's limits.
 struct Bound {
   template <typename Integer, std::enable_if_t<std::is_integral_v<Integer>, int> = 0>
   constexpr Bound(Integer fixed) : value(static_cast<std::int64_t>(fixed)) {}
-  constexpr Bound(std::int64_t (*limit)(const Limits&)) : of(limit) {}
-  std::int64_t operator()(const Limits& limits) const { return of ? of(limits) : value; }
+  constexpr Bound(std::int64_t (*service_limit)(const Limits&)) : limit(service_limit) {}
+  std::int64_t operator()(const Limits& limits) const { return limit ? limit(limits) : value; }
 
   std::int64_t value = 0;
-  std::int64_t (*of)(const Limits&) = nullptr;
+  std::int64_t (*limit)(const Limits&) = nullptr;  // null: the bound is `value`
 };
 
 struct Number {
@@ -75,6 +83,7 @@ struct Flag {
 
 OrderedJson words_schema(const std::vector<std::string_view>& words);
 
+// A word from a table, read into the value that the table gives it.
 template <typename T>
 struct Word {
   using Value = T;
@@ -100,7 +109,7 @@ struct Constant {
   OrderedJson schema(const Limits&) const { return {{"type", "string"}, {"const", word}}; }
   OrderedJson fallback() const { return {}; }
 };
-// A field with that constant.
+// Returns a field for a Constant, which stores nothing.
 template <typename Form>
 auto no_field() {
   return Property{[](const Form&) { return std::optional(std::monostate()); }, [](Form&, std::monostate) {}};
@@ -108,7 +117,7 @@ auto no_field() {
 
 struct Text {
   using Value = std::string;
-  // Reports what is wrong with it.
+  // Reports faults of a text; null: any text is valid.
   void (*check)(const JsonReader& in, const std::string& text, const ReadContext& context) = nullptr;
   std::optional<std::string> read(const JsonReader& in, const ReadContext& context) const;
   OrderedJson write(const std::string& value) const { return value; }
@@ -124,7 +133,7 @@ struct Vector {
   OrderedJson schema(const Limits&) const { return array_schema(number_schema(range), 3, 3); }
 };
 
-// A number within the range, or a word in place of one (an empty value).
+// A number within the range, or a word in its place, which is read as an empty value.
 struct NumberOr {
   using Value = std::optional<double>;
   Range range;
@@ -135,7 +144,7 @@ struct NumberOr {
   OrderedJson schema(const Limits&) const;
 };
 
-// [a, b], as the first two members of a struct.
+// An array [a, b], read into the two members of a struct.
 template <typename T>
 struct Pair {
   using Value = T;
@@ -171,7 +180,7 @@ struct Object {
 template <typename M>
 Object(const M&) -> Object<M>;
 
-// An object with its own table, or true for one with all defaults; false: none, an empty value.
+// An object with its own table, or true for an object with all defaults, or false for none (an empty value).
 template <typename M>
 struct FlagOrObject {
   using Value = std::optional<typename M::ValueType>;
@@ -190,6 +199,7 @@ struct FlagOrObject {
 template <typename M>
 FlagOrObject(const M&) -> FlagOrObject<M>;
 
+// An array of elements of one kind.
 template <typename Kind>
 struct List {
   using Value = std::vector<typename Kind::Value>;
@@ -223,7 +233,7 @@ List(Kind, Bound, Bound) -> List<Kind>;
 template <typename Kind>
 List(Kind, Bound, Bound, std::string_view) -> List<Kind>;
 
-// An object of any members, all of one kind.
+// An object with members of any names, all of one kind.
 template <typename Kind>
 struct Map {
   using Value = std::map<std::string, typename Kind::Value>;
@@ -251,13 +261,14 @@ struct Map {
 template <typename Kind>
 Map(Kind) -> Map<Kind>;
 
-// The content of a file in the assets folder, and its name in the request.
+// Content of a file in the assets folder, and the name by which the request refers to it.
 template <typename T>
 struct Named {
   std::string name;
   std::shared_ptr<const T> content;
 };
 
+// The name of a file in the assets folder, read into the file's content.
 template <typename T>
 struct Asset {
   using Value = Named<T>;

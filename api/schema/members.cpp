@@ -7,14 +7,15 @@
 namespace selenograph::api {
 namespace {
 
-OrderedJson requires_each(std::span<const std::string_view> names) {
+// Returns one schema per name that requires it, for "oneOf" and "anyOf".
+OrderedJson require_each(std::span<const std::string_view> names) {
   OrderedJson list = OrderedJson::array();
   for (const std::string_view name : names) list.push_back({{"required", {name}}});
   return list;
 }
 
-OrderedJson requires_none(std::span<const std::string_view> names) {
-  return {{"not", {{"anyOf", requires_each(names)}}}};
+OrderedJson require_none(std::span<const std::string_view> names) {
+  return {{"not", {{"anyOf", require_each(names)}}}};
 }
 
 std::string with_unit(const MemberRow& row) {
@@ -22,7 +23,8 @@ std::string with_unit(const MemberRow& row) {
   return row.text.empty() ? std::string(row.unit) : fmt::format("{} ({})", row.text, row.unit);
 }
 
-bool is_default(const OrderedJson& fallback) {
+// Returns true for a default worth stating: not null and not an empty object or array.
+bool is_stated(const OrderedJson& fallback) {
   return !fallback.is_null() && !(fallback.is_structured() && fallback.empty());
 }
 
@@ -31,18 +33,20 @@ OrderedJson row_schema(const MemberRow& row, const Limits& limits) {
   std::string description = with_unit(row);
   if (json.contains("description")) description.append("\n").append(json["description"].get<std::string>());
   json["description"] = description;
-  if (!row.unit.empty()) json["x-unit"] = row.unit;  // for pages; the description has it for every reader
+  if (!row.unit.empty()) json["x-unit"] = row.unit;  // machine-readable; the description names the unit, too
   if (row.fallback)
-    if (const OrderedJson fallback = row.fallback(limits); is_default(fallback)) json["default"] = fallback;
+    if (const OrderedJson fallback = row.fallback(limits); is_stated(fallback)) json["default"] = fallback;
   return json;
 }
 
-// --- for people
+// --- texts of requests.md, from the schemas
 
+// Returns "≥ 0, < 1" for the bounds of a number.
 std::string bounds_text(const OrderedJson& schema) {
-  const auto bound = [&](const char* closed, const char* open, const char* at, const char* beyond) -> std::string {
-    if (schema.contains(closed)) return fmt::format("{}{}", at, schema[closed].get<double>());
-    if (schema.contains(open)) return fmt::format("{}{}", beyond, schema[open].get<double>());
+  const auto bound = [&](const char* closed, const char* open, const char* closed_sign,
+                         const char* open_sign) -> std::string {
+    if (schema.contains(closed)) return fmt::format("{}{}", closed_sign, schema[closed].get<double>());
+    if (schema.contains(open)) return fmt::format("{}{}", open_sign, schema[open].get<double>());
     return {};
   };
   const std::string low = bound("minimum", "exclusiveMinimum", "≥ ", "> "),
@@ -50,6 +54,7 @@ std::string bounds_text(const OrderedJson& schema) {
   return low.empty() || high.empty() ? low + high : low + ", " + high;
 }
 
+// Returns "1 to 3 × " for the length of an array.
 std::string count_text(const OrderedJson& schema) {
   if (!schema.contains("minItems")) return {};
   const auto min = schema["minItems"].get<std::int64_t>(), max = schema["maxItems"].get<std::int64_t>();
@@ -68,10 +73,11 @@ std::string type_text(const OrderedJson& schema);
 
 std::string joined(const OrderedJson& list, const char* separator, std::string (*text)(const OrderedJson&)) {
   std::string out;
-  for (const OrderedJson& one : list) out += (out.empty() ? "" : separator) + text(one);
+  for (const OrderedJson& item : list) out += (out.empty() ? "" : separator) + text(item);
   return out;
 }
 
+// Returns a schema in words: "number ≥ 0", "array of 3 × number", "[Pose](#pose) or `false`".
 std::string type_text(const OrderedJson& schema) {
   if (schema.contains("$ref")) {
     const std::string reference = schema["$ref"].get<std::string>();
@@ -94,10 +100,10 @@ std::string type_text(const OrderedJson& schema) {
 std::string default_text(const MemberRow& row, const Limits& limits) {
   if (row.required) return "required";
   const OrderedJson fallback = row.fallback ? row.fallback(limits) : OrderedJson();
-  return is_default(fallback) ? quoted_code(fallback) : "";
+  return is_stated(fallback) ? quoted_code(fallback) : "";
 }
 
-// A cell of a table is one line.
+// Returns a text as a cell of a Markdown table: on one line, with | escaped.
 std::string cell(std::string text) {
   std::replace(text.begin(), text.end(), '\n', ' ');
   std::string out;
@@ -126,13 +132,13 @@ void MemberTable::needs(std::string_view name, std::vector<std::string_view> oth
 OrderedJson MemberTable::Rule::schema() const {
   switch (kind) {
     case Kind::exactly_one:
-      return {{"oneOf", requires_each(others)}};
+      return {{"oneOf", require_each(others)}};
     case Kind::any_of:
-      return {{"anyOf", requires_each(others)}};
+      return {{"anyOf", require_each(others)}};
     case Kind::excludes:
-      return {{"dependentSchemas", {{std::string(name), requires_none(others)}}}};
+      return {{"dependentSchemas", {{std::string(name), require_none(others)}}}};
     case Kind::needs:
-      return {{"dependentSchemas", {{std::string(name), {{"anyOf", requires_each(others)}}}}}};
+      return {{"dependentSchemas", {{std::string(name), {{"anyOf", require_each(others)}}}}}};
   }
   return {};
 }
@@ -140,7 +146,7 @@ OrderedJson MemberTable::Rule::schema() const {
 std::string MemberTable::Rule::text() const {
   std::string names;
   for (const std::string_view other : others) names += fmt::format("{}`{}`", names.empty() ? "" : ", ", other);
-  const bool one = others.size() == 1;
+  const bool has_single_other = others.size() == 1;
   switch (kind) {
     case Kind::exactly_one:
       return fmt::format("exactly one of {} is required", names);
@@ -149,14 +155,14 @@ std::string MemberTable::Rule::text() const {
     case Kind::excludes:
       return fmt::format("`{}` cannot be combined with {}", name, names);
     case Kind::needs:
-      return fmt::format("`{}` needs {}{}", name, one ? "" : "one of ", names);
+      return fmt::format("`{}` needs {}{}", name, has_single_other ? "" : "one of ", names);
   }
   return {};
 }
 
 bool MemberTable::Rule::check(const JsonReader& in) const {
-  const auto given = [&](std::string_view other) { return in.has(other); };
-  const auto first = std::find_if(others.begin(), others.end(), given);
+  const auto is_present = [&](std::string_view member) { return in.has(member); };
+  const auto first = std::find_if(others.begin(), others.end(), is_present);
   switch (kind) {
     case Kind::exactly_one:
       return !in.alternative(others, true).empty();
@@ -180,7 +186,7 @@ bool MemberTable::Rule::check(const JsonReader& in) const {
   return true;
 }
 
-const MemberRow* MemberTable::row_called(std::string_view name) const {
+const MemberRow* MemberTable::find_row(std::string_view name) const {
   const auto row = std::find_if(rows_.begin(), rows_.end(), [&](const MemberRow& r) { return r.name == name; });
   return row == rows_.end() ? nullptr : &*row;
 }
@@ -199,20 +205,21 @@ bool MemberTable::check_names(const JsonReader& in) const {
 void MemberTable::check_rules(const JsonReader& in) const {
   bool alternatives_hold = true;
   for (const Rule& rule : rules_) {
-    // Of alternatives that were both given, what else they exclude is not worth saying.
+    // Report two alternatives only once: without this, each would also be reported for the members that it excludes.
     if (rule.kind == Rule::Kind::excludes && !alternatives_hold) continue;
     const bool holds = rule.check(in);
     if (rule.kind == Rule::Kind::exactly_one) alternatives_hold &= holds;
   }
 }
 
-// Nothing where it isn't known, which is reported elsewhere.
+// Returns the word of the object's model, or its default; empty if it is missing or not a string, which the model's own
+// row reports.
 std::optional<std::string> MemberTable::model_of(const JsonReader& in) const {
   if (in.has(model_)) {
-    const Json& given = in.at(model_).value();
-    return given.is_string() ? std::optional(given.get<std::string>()) : std::nullopt;
+    const Json& model = in.at(model_).value();
+    return model.is_string() ? std::optional(model.get<std::string>()) : std::nullopt;
   }
-  const MemberRow* row = row_called(model_);
+  const MemberRow* row = find_row(model_);
   return row->required ? std::nullopt : std::optional(row->fallback(Limits{}).get<std::string>());
 }
 
@@ -220,14 +227,14 @@ void MemberTable::check_models(const JsonReader& in) const {
   if (model_.empty()) return;
   const std::optional<std::string> model = model_of(in);
   if (!model) return;
-  const OrderedJson words = row_called(model_)->schema(Limits{})["enum"];
+  const OrderedJson words = find_row(model_)->schema(Limits{})["enum"];
   if (std::find(words.begin(), words.end(), *model) == words.end()) return;
   for (const MemberRow& row : rows_) {
     if (row.models.empty()) continue;
-    const bool its_own = std::find(row.models.begin(), row.models.end(), *model) != row.models.end();
-    if (!its_own && in.has(row.name))
+    const bool applies = std::find(row.models.begin(), row.models.end(), *model) != row.models.end();
+    if (!applies && in.has(row.name))
       in.fail(row.name, fmt::format("belongs to {}, not to \"{}\"", quoted_list(row.models, ", "), *model));
-    if (its_own && row.required && !in.has(row.name)) in.fail(row.name, fmt::format("is required for \"{}\"", *model));
+    if (applies && row.required && !in.has(row.name)) in.fail(row.name, fmt::format("is required for \"{}\"", *model));
   }
 }
 
@@ -237,26 +244,28 @@ bool MemberTable::belongs(const MemberRow& row, const OrderedJson& written) cons
   return std::find(row.models.begin(), row.models.end(), model) != row.models.end();
 }
 
+// Returns one "if ... then" schema per word of the model: it forbids the members of other words and requires its own.
 std::vector<OrderedJson> MemberTable::model_schemas(const Limits& limits) const {
   std::vector<OrderedJson> list;
   if (model_.empty()) return list;
-  const MemberRow* row = row_called(model_);
+  const MemberRow* row = find_row(model_);
   const OrderedJson fallback = row->required ? OrderedJson() : row->fallback(limits);
   const OrderedJson words = row->schema(limits)["enum"];
   for (const OrderedJson& word : words) {
-    OrderedJson is_it{{"properties", {{std::string(model_), {{"const", word}}}}}};
-    if (word != fallback) is_it["required"] = {model_};
+    // A missing model satisfies "const": require the member except for the default word.
+    OrderedJson has_word{{"properties", {{std::string(model_), {{"const", word}}}}}};
+    if (word != fallback) has_word["required"] = {model_};
     std::vector<std::string_view> foreign, own;
     for (const MemberRow& member : rows_) {
       if (member.models.empty()) continue;
-      const bool its_own =
+      const bool applies =
           std::find(member.models.begin(), member.models.end(), word.get<std::string>()) != member.models.end();
-      if (!its_own) foreign.push_back(member.name);
-      if (its_own && member.required) own.push_back(member.name);
+      if (!applies) foreign.push_back(member.name);
+      if (applies && member.required) own.push_back(member.name);
     }
-    OrderedJson then = foreign.empty() ? OrderedJson::object() : requires_none(foreign);
+    OrderedJson then = foreign.empty() ? OrderedJson::object() : require_none(foreign);
     if (!own.empty()) then["required"] = own;
-    if (!then.empty()) list.push_back({{"if", is_it}, {"then", then}});
+    if (!then.empty()) list.push_back({{"if", has_word}, {"then", then}});
   }
   return list;
 }
@@ -282,9 +291,9 @@ std::string MemberTable::markdown(const Limits& limits) const {
   if (!rules_.empty()) out += ".\n\n";
   out += "| member | value | unit | default | |\n|---|---|---|---|---|\n";
   for (const MemberRow& row : rows_) {
-    const std::string of = row.models.empty() ? "" : fmt::format("; of {}", quoted_list(row.models, ", "));
+    const std::string models = row.models.empty() ? "" : fmt::format("; of {}", quoted_list(row.models, ", "));
     out += fmt::format("| `{}` | {} | {} | {} | {} |\n", row.name, cell(type_text(row.schema(limits))), row.unit,
-                       cell(default_text(row, limits)), cell(row.text + of));
+                       cell(default_text(row, limits)), cell(row.text + models));
   }
   return out;
 }

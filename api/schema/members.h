@@ -1,5 +1,13 @@
-// The members of a request's JSON objects, each declared once. From one row come its reader, its text in the resolved
-// request, its JSON Schema in the API document and its line in requests.md. api/README.md says how to add one.
+// Tables of the members of a request's JSON objects. Each member is declared once, in a row from which follow:
+//
+//   client's JSON --read--> Form --resolve--> Value (engine's type)
+//                                                |
+//   resolved JSON <-write-- Form <-unresolve-----+
+//
+//   schema() --> /openapi.json       markdown() --> requests.md
+//
+// A Form has the members that a client may write (a pose by look_at), a Value what they mean (a quaternion). Without
+// resolve() both are the same type. api/README.md says how to add a member.
 #pragma once
 
 #include <functional>
@@ -24,9 +32,9 @@ using OrderedJson = nlohmann::ordered_json;
 struct ReadContext {
   const Limits& limits;
   const Assets& assets;
-  StopToken stop{};       // files may take long to read
-  std::string sun_utc{};  // epoch of the request's Sun; empty: not given by an epoch
-  double later_s = 0;     // time of the pose that is read, from that epoch
+  StopToken stop{};        // stops the reading of files
+  std::string sun_utc{};   // epoch of the request's Sun; empty: not given by an epoch
+  double pose_time_s = 0;  // while a pose at a time is read: its time after that epoch
 };
 
 class MemberTable;
@@ -37,11 +45,12 @@ struct MemberRow {
   std::string_view unit;  // empty: none
   std::string text;       // one line
   bool required = false;
-  // Words of the table's model (MemberTable::set_model) that have this member; empty: all. The others refuse it.
+  // Words of the table's model (MemberTable::set_model) that have this member; empty: all. With other words the member
+  // is a fault.
   std::vector<std::string_view> models{};
   std::function<OrderedJson(const Limits&)> schema{};    // schema of its values, without description and default
-  std::function<OrderedJson(const Limits&)> fallback{};  // null: no default
-  std::vector<const MemberTable*> objects{};             // tables of its objects
+  std::function<OrderedJson(const Limits&)> fallback{};  // the default; null: none
+  std::vector<const MemberTable*> objects{};             // tables of the objects in its values
 };
 
 // Description of an object, independent of its C++ type.
@@ -55,27 +64,32 @@ class MemberTable {
   const std::string& description() const { return description_; }
   std::span<const MemberRow> rows() const { return rows_; }
 
-  // Rules across members. Violations are reported by name, and the schema has the same rules.
+  // Add rules across members. Violations are reported at the members, and the schema has the same rules.
   void exactly_one(std::vector<std::string_view> names);
-  // At least one of these; an error asks for the first.
+  // Requires at least one of these; the error asks for the first.
   void any_of(std::vector<std::string_view> names);
-  // `name` excludes all of `others`.
+  // Forbids all of `others` together with `name`. `why` is part of the error.
   void excludes(std::string_view name, std::vector<std::string_view> others, std::string why = {});
-  // `name` requires one of `others`; an error asks for the first, or reports the only one.
+  // Requires one of `others` together with `name`; the error asks for the first. `why` is part of the error if there
+  // are several.
   void needs(std::string_view name, std::vector<std::string_view> others, std::string why = {});
   // Sets the member whose word decides which rows apply (MemberRow::models).
   void set_model(std::string_view name) { model_ = name; }
   // Adds a condition to the schema's "allOf" for a check outside the table.
-  void also(std::function<OrderedJson(const Limits&)> condition) { conditions_.push_back(std::move(condition)); }
+  void add_condition(std::function<OrderedJson(const Limits&)> condition) {
+    conditions_.push_back(std::move(condition));
+  }
 
   OrderedJson schema(const Limits& limits) const;
-  // "### Name", the description, the rules, a line for each member.
+  // Returns the object's section of requests.md: heading, description, rules, and a table with a row for each member.
   std::string markdown(const Limits& limits) const;
 
  protected:
-  // Reports values that are not objects, unknown members, missing ones, and those of other models.
+  // Reports a value that is not an object (then returns false), unknown members, missing ones, and those of other
+  // models.
   bool check_names(const JsonReader& in) const;
   void check_rules(const JsonReader& in) const;
+  // Returns true if the model in the object being written has this member.
   bool belongs(const MemberRow& row, const OrderedJson& written) const;
 
   std::vector<MemberRow> rows_;
@@ -88,13 +102,13 @@ class MemberTable {
     std::vector<std::string_view> others;
     std::string why;
     OrderedJson schema() const;
-    std::string text() const;                // in words
-    bool check(const JsonReader& in) const;  // false: violated and reported
+    std::string text() const;                // the rule in words, for requests.md
+    bool check(const JsonReader& in) const;  // returns false for a violation, which it reports
   };
   std::optional<std::string> model_of(const JsonReader& in) const;
   void check_models(const JsonReader& in) const;
   std::vector<OrderedJson> model_schemas(const Limits& limits) const;
-  const MemberRow* row_called(std::string_view name) const;
+  const MemberRow* find_row(std::string_view name) const;
 
   std::string_view name_;
   std::string description_;
@@ -103,10 +117,10 @@ class MemberTable {
   std::vector<std::function<OrderedJson(const Limits&)>> conditions_;
 };
 
-// A table's heading in requests.md.
+// Returns a Markdown link to the table's heading in requests.md.
 std::string link_to(const MemberTable& table);
 
-// Accessors of a value that is not a member of the form: `get` returns empty if there is nothing to write.
+// Field that is not a member of the form: `get` returns its value, empty if there is nothing to write; `set` stores it.
 template <typename Get, typename Set>
 struct Property {
   Get get;
@@ -126,7 +140,7 @@ template <typename Get, typename Set>
 inline constexpr bool is_property<Property<Get, Set>> = true;
 }  // namespace detail
 
-// An object that is read into a Form and then, if it is valid, resolved into a Value.
+// Table of an object that is read into a Form and then, if it is valid, resolved into a Value.
 template <typename Form, typename Value = Form>
 class Members : public MemberTable {
  public:
@@ -134,25 +148,36 @@ class Members : public MemberTable {
   using ValueType = Value;
   using MemberTable::MemberTable;
 
-  // A row being declared.
-  class Added {
+  // The row that add() has just added, for further properties. It is valid until the next add().
+  class AddedRow {
    public:
-    Added(MemberRow& row, std::function<bool(const Form&)>& written) : row_(row), written_(written) {}
-    Added& required() { return row_.required = true, row_.fallback = nullptr, *this; }
-    Added& of(std::vector<std::string_view> models) { return row_.models = std::move(models), *this; }
-    // Written into the resolved request only if the condition holds.
-    Added& written_if(std::function<bool(const Form&)> condition) { return written_ = std::move(condition), *this; }
+    AddedRow(MemberRow& row, std::function<bool(const Form&)>& written_if) : row_(row), written_if_(written_if) {}
+    AddedRow& required() {
+      row_.required = true;
+      row_.fallback = nullptr;
+      return *this;
+    }
+    // Restricts the member to these words of the table's model.
+    AddedRow& only_for(std::vector<std::string_view> models) {
+      row_.models = std::move(models);
+      return *this;
+    }
+    // Writes the member into the resolved request only if the condition holds.
+    AddedRow& written_if(std::function<bool(const Form&)> condition) {
+      written_if_ = std::move(condition);
+      return *this;
+    }
 
    private:
     MemberRow& row_;
-    std::function<bool(const Form&)>& written_;
+    std::function<bool(const Form&)>& written_if_;
   };
 
-  // A field is a pointer to a member of Form, a function that returns a reference to one, or a Property. A
-  // std::optional of the kind's value may stay empty; for anything else the default is the value in a new Form. A kind
-  // is one of member_kinds.h, or a type with the same interface.
+  // Adds a member. `field` is a pointer to a member of Form, a function that returns a reference to one, or a Property.
+  // A std::optional of the kind's value may stay empty; any other field has the value in a new Form as its default.
+  // `kind` is one of member_kinds.h, or has the same interface.
   template <typename Field, typename Kind>
-  Added add(std::string_view name, Field field, Kind kind, std::string text) {
+  AddedRow add(std::string_view name, Field field, Kind kind, std::string text) {
     MemberRow row{name, {}, std::move(text)};
     if constexpr (requires { kind.unit; }) row.unit = kind.unit;
     if constexpr (requires { kind.objects(); }) row.objects = kind.objects();
@@ -168,16 +193,17 @@ class Members : public MemberTable {
   }
 
   // Sets defaults that depend on the service's limits.
-  void start_from(std::function<Form(const Limits&)> initial) { initial_ = std::move(initial); }
-  // Adds checks that are made after an object was read, even if it has faults: faulty members have their defaults.
+  void set_initial(std::function<Form(const Limits&)> initial) { initial_ = std::move(initial); }
+  // Sets the check that runs after an object was read, even if it has faults: faulty members then have their defaults.
   void check(std::function<void(const JsonReader&, Form&, const ReadContext&)> check) { check_ = std::move(check); }
-  // Sets the conversion of a form without faults to a value; it reports and returns empty if there is none.
+  // Sets the conversion of a form without faults to a value. It returns empty, and reports, if there is no such value.
   void resolve(std::function<std::optional<Value>(const JsonReader&, Form&, const ReadContext&)> resolve) {
     resolve_ = std::move(resolve);
   }
+  // Sets the conversion of a value to the form in which it is written.
   void unresolve(std::function<Form(const Value&)> form_of) { form_of_ = std::move(form_of); }
 
-  // Empty if there are faults, which are reported.
+  // Reads an object; returns empty if it has faults, which are reported.
   std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
     const std::size_t before = in.faults();
     if (!check_names(in)) return std::nullopt;
@@ -203,8 +229,8 @@ class Members : public MemberTable {
  private:
   struct Access {
     std::function<void(const JsonReader&, Form&, const ReadContext&)> read;
-    std::function<OrderedJson(const Form&)> write;  // null: nothing to write
-    std::function<bool(const Form&)> written_if;
+    std::function<OrderedJson(const Form&)> write;  // returns null if there is nothing to write
+    std::function<bool(const Form&)> written_if;    // null: always
   };
 
   Form initial(const Limits& limits) const { return initial_ ? initial_(limits) : Form{}; }
@@ -219,38 +245,40 @@ class Members : public MemberTable {
     return json;
   }
 
+  // Stores a value in the form; numbers are converted to the field's type.
   template <typename Field, typename V>
   static void assign(const Field& field, Form& form, V&& value) {
     if constexpr (detail::is_property<Field>) {
       field.set(form, std::forward<V>(value));
     } else {
-      auto& place = std::invoke(field, form);
-      using Place = std::remove_reference_t<decltype(place)>;
-      if constexpr (std::is_arithmetic_v<Place>) {
-        place = static_cast<Place>(value);
+      auto& target = std::invoke(field, form);
+      using Target = std::remove_reference_t<decltype(target)>;
+      if constexpr (std::is_arithmetic_v<Target>) {
+        target = static_cast<Target>(value);
       } else {
-        place = std::forward<V>(value);
+        target = std::forward<V>(value);
       }
     }
   }
 
+  // Returns the field's value as JSON; null if it is an empty std::optional.
   template <typename Field, typename Kind>
   static OrderedJson written(const Field& field, const Kind& kind, const Form& form) {
     if constexpr (detail::is_property<Field>) {
       const auto value = field.get(form);
       return value ? kind.write(*value) : OrderedJson();
     } else {
-      const auto& place = std::invoke(field, form);
-      using Place = std::remove_cvref_t<decltype(place)>;
-      if constexpr (detail::is_optional<Place> && !std::is_same_v<Place, typename Kind::Value>) {
-        return place ? kind.write(*place) : OrderedJson();
+      const auto& member = std::invoke(field, form);
+      using Member = std::remove_cvref_t<decltype(member)>;
+      if constexpr (detail::is_optional<Member> && !std::is_same_v<Member, typename Kind::Value>) {
+        return member ? kind.write(*member) : OrderedJson();
       } else {
-        return kind.write(place);
+        return kind.write(member);
       }
     }
   }
 
-  // Objects have no default: their members have.
+  // Returns the default for the schema. Objects have none: their members have defaults.
   template <typename Field, typename Kind>
   static OrderedJson fallback(const Field& field, const Kind& kind, const Form& form) {
     if constexpr (requires { kind.objects(); }) {
@@ -269,9 +297,9 @@ class Members : public MemberTable {
   std::function<Form(const Value&)> form_of_;
 };
 
-// Builds a table in place: tables are not copied, since rows refer to them.
+// Returns a table whose rows fill(members) has added. The table never moves, since its rows point to it.
 template <typename M, typename Fill>
-std::unique_ptr<const M> made(std::string_view name, std::string description, Fill&& fill) {
+std::unique_ptr<const M> make_table(std::string_view name, std::string description, Fill&& fill) {
   auto members = std::make_unique<M>(name, std::move(description));
   fill(*members);
   return members;

@@ -30,7 +30,7 @@ api::Response get_only() {
 
 // A time limit that cannot be read is left to the service, which refuses it.
 Clock::time_point deadline_of(const api::Request& request, const api::Limits& limits) {
-  return request.received + api::time_allowed(request, limits).value_or(limits.default_deadline);
+  return request.received + api::time_limit(request, limits).value_or(limits.default_deadline);
 }
 
 }  // namespace

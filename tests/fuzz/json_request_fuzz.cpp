@@ -198,7 +198,7 @@ void check_heights(const Json& document) {
 
 void check_features(const Json& document) {
   const api::FeaturesQuery query = api::read_features(document, kLimits, kAssets);
-  require(query.least_m() > 0 && std::isfinite(query.least_m()), "the least diameter is a length");
+  require(query.min_diameter_m() > 0 && std::isfinite(query.min_diameter_m()), "the least diameter is a length");
   require(query.bytes() < std::size_t{1} << 32, "what is listed is bounded");
   const dem::Footprint region = query.region();
   require(region.south_deg < region.north_deg && region.west_deg < region.east_deg &&

@@ -66,7 +66,7 @@ std::string findings_of(const std::string& text, Read&& read) {
   Findings findings;
   read(JsonReader(json, findings));
   std::string out;
-  for (const Finding& f : findings.kept()) out += f.pointer + ": " + f.detail + "\n";
+  for (const Finding& f : findings.entries()) out += f.pointer + ": " + f.detail + "\n";
   return out;
 }
 
@@ -131,9 +131,9 @@ TEST(JsonReader, NonFiniteNumbersOfABuiltDocumentAreRefused) {
   const JsonReader in(json, findings);
   in.number("a", {});
   in.number("b", {});
-  ASSERT_EQ(findings.kept().size(), 2u);
-  EXPECT_EQ(findings.kept()[0].detail, "must be finite");
-  EXPECT_EQ(findings.kept()[1].pointer, "/b");
+  ASSERT_EQ(findings.entries().size(), 2u);
+  EXPECT_EQ(findings.entries()[0].detail, "must be finite");
+  EXPECT_EQ(findings.entries()[1].pointer, "/b");
 }
 
 TEST(JsonReader, AlternativesExcludeEachOther) {

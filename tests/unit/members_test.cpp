@@ -31,7 +31,7 @@ struct Lamp {
 };
 
 const Members<Beam>& beam_members() {
-  static const auto table = made<Members<Beam>>("Beam", "Where it shines.", [](auto& m) {
+  static const auto table = make_table<Members<Beam>>("Beam", "Where it shines.", [](auto& m) {
     m.add("angle_deg", &Beam::angle_deg, Number{{0, 180, true, false}, "deg"}, "full angle");
   });
   return *table;
@@ -42,7 +42,7 @@ std::int64_t most_lamps(const Limits& limits) { return limits.max_rays; }
 // A lamp with the members that every test needs, and what `more` adds.
 template <typename More>
 std::unique_ptr<const Members<Lamp>> lamp_members(More&& more) {
-  return made<Members<Lamp>>("Lamp", "A light.", [&](auto& m) {
+  return make_table<Members<Lamp>>("Lamp", "A light.", [&](auto& m) {
     m.add("colour", &Lamp::colour, Word{kColours}, "of the light");
     m.set_model("colour");
     m.add("count", &Lamp::count, Integer{1, most_lamps}, "how many").required();
@@ -61,7 +61,7 @@ Read read(const Members<Lamp>& members, const char* text) {
   const Assets assets;
   Findings findings;
   Read out{members.read(JsonReader(json, findings), {limits, assets}), {}};
-  for (const Finding& f : findings.kept()) out.findings += f.pointer + ": " + f.detail + "\n";
+  for (const Finding& f : findings.entries()) out.findings += f.pointer + ": " + f.detail + "\n";
   EXPECT_EQ(out.lamp.has_value(), out.findings.empty());
   return out;
 }
@@ -125,7 +125,7 @@ TEST(Members, OptionalsAreLeftOutAndObjectsAreReferredTo) {
 
 TEST(Members, MembersOfAModelAreRefusedByTheOthers) {
   const auto members = lamp_members([](auto& m) {
-    m.add("power_w", &Lamp::power_w, Number{{0, 100}, "W"}, "radiant flux").required().of({"red"});
+    m.add("power_w", &Lamp::power_w, Number{{0, 100}, "W"}, "radiant flux").required().only_for({"red"});
   });
   EXPECT_EQ(read(*members, R"({"count": 1, "power_w": 1})").findings,
             "/power_w: belongs to \"red\", not to \"white\"\n");

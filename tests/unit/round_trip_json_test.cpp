@@ -32,7 +32,7 @@ TEST(RoundTripJson, RefusalsPointAtMembers) {
 TEST(RoundTripJson, PostsFollowFromTheRaysThatAreAllowed) {
   Limits limits;
   limits.max_rays = 10000;
-  EXPECT_EQ(most_posts(limits), 100);
+  EXPECT_EQ(max_posts(limits), 100);
   EXPECT_EQ(default_posts(limits), 100);
 }
 

@@ -13,7 +13,7 @@ std::optional<milliseconds> allowed(std::initializer_list<const char*> headers) 
   limits.default_deadline = milliseconds(1000);
   Request request;
   for (const char* text : headers) request.headers.emplace("request-timeout-ms", text);
-  return time_allowed(request, limits);
+  return time_limit(request, limits);
 }
 
 TEST(TimeAllowed, IsAtMostTheServicesDeadline) {

@@ -14,10 +14,10 @@ std::optional<ArrayRows> rows_of(const NpzArrays& arrays, const std::string& nam
     return std::nullopt;
   }
   const NpzArray& array = found->second;
-  const bool fits = !array.text && !array.shape.empty() &&
-                    std::find(columns.begin(), columns.end(), array.shape.back()) != columns.end();
-  if (fits && !array.numbers.empty()) return ArrayRows(array);
-  if (fits) {
+  const bool has_rows_of_length = !array.text && !array.shape.empty() &&
+                                  std::find(columns.begin(), columns.end(), array.shape.back()) != columns.end();
+  if (has_rows_of_length && !array.numbers.empty()) return ArrayRows(array);
+  if (has_rows_of_length) {
     findings.add("/" + name, "must have at least 1 row");
     return std::nullopt;
   }
@@ -27,11 +27,12 @@ std::optional<ArrayRows> rows_of(const NpzArrays& arrays, const std::string& nam
   return std::nullopt;
 }
 
-void refuse_other_arrays(const NpzArrays& arrays, std::initializer_list<std::string_view> known, Findings& findings) {
+void reject_unknown_arrays(const NpzArrays& arrays, std::initializer_list<std::string_view> expected,
+                           Findings& findings) {
   for (const auto& [name, array] : arrays)
-    if (std::find(known.begin(), known.end(), name) == known.end()) {
+    if (std::find(expected.begin(), expected.end(), name) == expected.end()) {
       std::string list = "request";
-      for (const std::string_view one : known) list += fmt::format(", {}", one);
+      for (const std::string_view expected_name : expected) list += fmt::format(", {}", expected_name);
       findings.add("/" + name, "is not an array of this call, which takes " + list);
     }
 }

@@ -1,4 +1,6 @@
-// Arrays of a request's npz in the place of JSON lists: rows of a few numbers.
+// Arrays of a request's .npz that replace JSON lists. They are read as rows of a few numbers:
+//
+//   shape (..., columns):   [x0 y0 z0] [x1 y1 z1] [x2 y2 z2] ...   all leading dimensions are flattened into one
 #pragma once
 
 #include <cstddef>
@@ -11,7 +13,8 @@
 
 namespace selenograph::api {
 
-// An array of shape (..., columns); one row may stand for many.
+// View of an array of shape (..., columns), which must outlive it. A single row is returned for every index: it is
+// broadcast.
 class ArrayRows {
  public:
   explicit ArrayRows(const NpzArray& array) : array_(&array), columns_(array.shape.back()) {}
@@ -25,11 +28,12 @@ class ArrayRows {
   std::size_t columns_;
 };
 
-// Reports an array that is missing, empty, or whose rows are not of one of these lengths.
+// Returns the array with this name; empty, and reported, if it is missing, has no rows, or has rows of another length.
 std::optional<ArrayRows> rows_of(const NpzArrays& arrays, const std::string& name,
                                  std::initializer_list<std::size_t> columns, Findings& findings);
 
-// Reports arrays with other names.
-void refuse_other_arrays(const NpzArrays& arrays, std::initializer_list<std::string_view> known, Findings& findings);
+// Reports arrays that have none of the expected names.
+void reject_unknown_arrays(const NpzArrays& arrays, std::initializer_list<std::string_view> expected,
+                           Findings& findings);
 
 }  // namespace selenograph::api

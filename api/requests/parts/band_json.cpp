@@ -27,7 +27,7 @@ std::optional<Band> resolve_band(const JsonReader& in, const BandForm& form, con
 }  // namespace
 
 const Members<BandForm, Band>& band_members() {
-  static const auto table = made<Members<BandForm, Band>>(
+  static const auto table = make_table<Members<BandForm, Band>>(
       "Band",
       "The spectral channel that radiance is integrated over: center and width, or a response curve. Left out: all "
       "wavelengths.",

@@ -9,6 +9,7 @@
 
 namespace selenograph::api {
 
+// "band" as a client writes it: a rectangle by its centre and width, or a response curve.
 struct BandForm {
   std::optional<double> center_um, width_um;
   std::optional<std::vector<engine::ResponsePoint>> response;

@@ -20,16 +20,16 @@ constexpr std::pair<std::string_view, CameraModel> kCameraModels[] = {
     {"pinhole", CameraModel::pinhole},
     {"fisheye", CameraModel::fisheye},
 };
-// Columns and rows of a camera: what a call allows beyond that depends on what it does with them.
+// Limit on the columns and rows of a camera in any call. Calls that render have a lower limit (check_rendered_size).
 constexpr std::int64_t kMaxSide = 65535;
-// Each camera model has its own.
+// Distortion models: each belongs to one camera model.
 constexpr std::pair<std::string_view, CameraModel> kDistortions[] = {
     {"brown_conrady", CameraModel::pinhole},
     {"kannala_brandt", CameraModel::fisheye},
 };
 
 const Members<DistortionForm>& distortion_members() {
-  static const auto table = made<Members<DistortionForm>>(
+  static const auto table = make_table<Members<DistortionForm>>(
       "Distortion",
       "Pinhole: Brown-Conrady with OpenCV's coefficients, on the plane z = 1: x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + "
       "2 p1 x y + p2 (r^2 + 2 x^2), and y' accordingly. Fisheye: Kannala-Brandt, as in OpenCV's fisheye module: radius "
@@ -39,15 +39,16 @@ const Members<DistortionForm>& distortion_members() {
         m.add("k1", &DistortionForm::k1, Number{kDistortion}, "radial, r^2 or theta^2");
         m.add("k2", &DistortionForm::k2, Number{kDistortion}, "radial, r^4 or theta^4");
         m.add("k3", &DistortionForm::k3, Number{kDistortion}, "radial, r^6 or theta^6");
-        m.add("k4", &DistortionForm::k4, Number{kDistortion}, "radial, theta^8").of({"kannala_brandt"});
-        m.add("p1", &DistortionForm::p1, Number{kDistortion}, "tangential").of({"brown_conrady"});
-        m.add("p2", &DistortionForm::p2, Number{kDistortion}, "tangential").of({"brown_conrady"});
+        m.add("k4", &DistortionForm::k4, Number{kDistortion}, "radial, theta^8").only_for({"kannala_brandt"});
+        m.add("p1", &DistortionForm::p1, Number{kDistortion}, "tangential").only_for({"brown_conrady"});
+        m.add("p2", &DistortionForm::p2, Number{kDistortion}, "tangential").only_for({"brown_conrady"});
         m.set_model("model");
       });
   return *table;
 }
 
-// fov_deg is the full horizontal angle between the outer edges of the outermost columns. Square pixels.
+// Returns the focal length for square pixels. fov_deg is the full horizontal angle between the outer edges of the
+// outermost columns.
 double focal_length_px(const Camera& camera, double fov_deg) {
   if (camera.model == CameraModel::pinhole)
     return 0.5 * camera.width / std::tan(0.5 * fov_deg * std::numbers::pi / 180);
@@ -95,6 +96,7 @@ std::optional<Camera> resolve_camera(const JsonReader& in, const CameraForm& for
   return in.faults() == before ? std::optional(camera) : std::nullopt;
 }
 
+// Returns the form in which a camera is written: intrinsics in pixels.
 CameraForm form_of(const Camera& c) {
   const engine::Distortion& d = c.distortion;
   const engine::FisheyeDistortion& f = c.fisheye;
@@ -121,7 +123,7 @@ OrderedJson rendered_size_condition(const Limits& limits) {
 }
 
 const Members<CameraForm, Camera>& camera_members() {
-  static const auto table = made<Members<CameraForm, Camera>>(
+  static const auto table = make_table<Members<CameraForm, Camera>>(
       "Camera",
       "A pinhole or a fisheye, by `fov_deg`, by `fx`, `fy`, `cx`, `cy` or by `focal_length_mm` and `pixel_pitch_um`. "
       "The centre of the top-left pixel is (0, 0). "
@@ -144,7 +146,7 @@ const Members<CameraForm, Camera>& camera_members() {
         m.add("pixel_pitch_um", &CameraForm::pixel_pitch_um, Number{{0, 1e4, true, false}, "um"},
               "distance between the centres of neighbouring pixels; with a `sensor`, that of its detector");
         m.add("distortion", &CameraForm::distortion, Object{distortion_members()}, "lens distortion; left out: none");
-        m.also([](const Limits&) {
+        m.add_condition([](const Limits&) {
           return OrderedJson{{"if", {{"properties", {{"model", {{"const", "fisheye"}}}}}, {"required", {"model"}}}},
                              {"else", {{"properties", {{"fov_deg", {{"exclusiveMaximum", kFieldOfView_deg.max}}}}}}}};
         });

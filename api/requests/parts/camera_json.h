@@ -10,10 +10,11 @@
 namespace selenograph::api {
 
 struct DistortionForm {
-  engine::CameraModel model = engine::CameraModel::pinhole;  // camera model that it belongs to
+  engine::CameraModel model = engine::CameraModel::pinhole;  // camera model that the distortion model belongs to
   double k1 = 0, k2 = 0, k3 = 0, k4 = 0, p1 = 0, p2 = 0;
 };
 
+// "camera" as a client writes it: exactly one of fov_deg, fx and focal_length_mm gives the focal length.
 struct CameraForm {
   engine::CameraModel model = engine::CameraModel::pinhole;
   int width = 0, height = 0;
@@ -22,9 +23,9 @@ struct CameraForm {
 };
 const Members<CameraForm, engine::Camera>& camera_members();
 
-// Fails a camera whose image is larger than the service renders. Calls that draw nothing take it all the same.
+// Reports a camera whose image is larger than the service renders. Calls that render nothing do not check this.
 void check_rendered_size(const JsonReader& in, const engine::Camera& camera, const Limits& limits);
-// The same as a condition on the member `camera` of a request's schema.
+// Returns the same rule as a schema condition on the member `camera` of a request.
 OrderedJson rendered_size_condition(const Limits& limits);
 
 }  // namespace selenograph::api

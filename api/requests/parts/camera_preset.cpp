@@ -11,6 +11,7 @@
 namespace selenograph::api {
 namespace {
 
+// Contents of a preset's file.
 struct Preset {
   std::optional<std::string> description;
   std::optional<engine::Camera> camera;
@@ -20,7 +21,7 @@ struct Preset {
 
 const Members<Preset>& preset_members() {
   static const auto table =
-      made<Members<Preset>>("CameraPreset", "cameras/NAME.json of the assets folder.", [](auto& m) {
+      make_table<Members<Preset>>("CameraPreset", "cameras/NAME.json of the assets folder.", [](auto& m) {
         m.add("description", &Preset::description, Text{}, "of the camera; ignored");
         m.add("camera", &Preset::camera, Object{camera_members()}, "where the request has none");
         m.add("band", &Preset::band, Object{band_members()}, "where the request has none");
@@ -29,12 +30,12 @@ const Members<Preset>& preset_members() {
   return *table;
 }
 
-// A preset's faults are the operator's: they are told with the file's name.
+// Throws "asset_error" with the file's name if the preset has faults: they are the operator's, not the client's.
 void check_preset(const Json& preset, const std::string& name, const ReadContext& context) {
   Findings findings;
   preset_members().read(JsonReader(preset, findings), context);
   if (findings.empty()) return;
-  const Finding& first = findings.kept().front();
+  const Finding& first = findings.entries().front();
   throw RequestError("asset_error", fmt::format("cameras/{}.json: {}: {}", name, first.pointer, first.detail));
 }
 

@@ -8,15 +8,17 @@
 
 namespace selenograph::api {
 
-inline constexpr const char* kOfCameraPreset =
+inline constexpr const char* kCameraPresetMeaning =
     "name of cameras/NAME.json in the operator's assets folder: its camera and band if the request has none, and its "
     "sensor; the request's members override it";
 
-// The request with the preset's members where it has none of its own; of the sensor, member by member. Empty: it names
-// no preset. Throws RequestError: "invalid_request" for an unknown name, "asset_error" for an unusable file.
+// Returns the request with the camera and the band of its preset where it has none, and with its sensor merged over the
+// preset's (JSON merge patch); empty if it names no preset. Throws RequestError: "invalid_request" for an unknown name,
+// "asset_error" for an unusable file.
 std::optional<Json> with_camera_preset(const Json& body, const ReadContext& context);
 
-// For the request's row: it has no preset by the time that it is read, but what the preset stands for.
+// Returns the field of the request's row, for the API document only: with_camera_preset() replaces the name before the
+// request is read.
 template <typename Query>
 auto camera_preset_field() {
   return Property{[](const Query&) { return std::optional<std::string>(); }, [](Query&, const std::string&) {}};

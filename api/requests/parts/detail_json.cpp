@@ -14,7 +14,7 @@ std::optional<DetailName::Value> DetailName::read(const JsonReader& in, const Re
 
 OrderedJson DetailName::write(const Value& value) const { return value.content ? OrderedJson(value.name) : nullptr; }
 
-std::string detail_aim() {
+std::string max_detail_error_meaning() {
   return fmt::format(
       "size limit of omitted detail, or max_error_px if larger: craters and relief of at least {:g} times as many "
       "pixels are shown. It is relaxed when that needs more than {:g} triangles per pixel: `detail_limit_px` is the "

@@ -9,7 +9,7 @@
 
 namespace selenograph::api {
 
-// The name of a preset, or null for none.
+// Kind of the member "detail": the name of a preset, or null for none.
 struct DetailName {
   using Value = Named<dem::Detail>;
   std::optional<Value> read(const JsonReader& in, const ReadContext& context) const;
@@ -18,17 +18,17 @@ struct DetailName {
   OrderedJson fallback() const { return {}; }
 };
 
-inline constexpr const char* kOfDetail =
+inline constexpr const char* kDetailMeaning =
     "craters and relief finer than the posts: name of details/NAME.json in the operator's assets folder; null or left "
     "out: none";
 
-// Description of Accuracy::max_detail_error_px.
-std::string detail_aim();
+// Returns the description of Accuracy::max_detail_error_px.
+std::string max_detail_error_meaning();
 
-// Metadata of a detail: synthetic terrain is always declared.
+// Returns the metadata of a detail, which always declare that its terrain is synthetic.
 OrderedJson detail_metadata(const std::string& name, const dem::Detail& detail);
 
-// Adds a warning to an answer about the rocks of a detail that has none.
+// Adds a warning to an answer for which rocks were requested of a detail without rocks.
 void warn_of_no_rocks(const dem::Detail& detail, OrderedJson& warnings);
 
 }  // namespace selenograph::api

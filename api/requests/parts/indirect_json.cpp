@@ -29,7 +29,7 @@ std::optional<Earth> resolve_earth(const JsonReader& in, const EarthForm& form, 
     try {
       earth = engine::earth_at(context.sun_utc);
     } catch (const ImpossibleRequest&) {
-      return std::nullopt;  // refused where the Sun is read
+      return std::nullopt;  // sun_members() reports the same epoch
     }
   }
   earth.distance_m = form.distance_m.value_or(earth.distance_m);
@@ -37,7 +37,7 @@ std::optional<Earth> resolve_earth(const JsonReader& in, const EarthForm& form, 
 }
 
 const Members<EarthForm, Earth>& earth_members() {
-  static const auto table = made<Members<EarthForm, Earth>>(
+  static const auto table = make_table<Members<EarthForm, Earth>>(
       "Earth", "Position of the Earth, MOON_ME. Without `direction` and `sub_earth`: at the Sun's epoch.", [](auto& m) {
         m.add("direction", &EarthForm::direction, Vector{kAnyNumber}, "toward the Earth; any length but zero");
         m.add("sub_earth", &EarthForm::sub_earth, Object{place_members()}, "the sub-Earth point");
@@ -50,7 +50,7 @@ const Members<EarthForm, Earth>& earth_members() {
   return *table;
 }
 
-// An object, or true for the Earth at the Sun's epoch; false: none.
+// "earth": an object, true for the Earth at the Sun's epoch, or false for none.
 struct FlagOrEarth {
   using Value = std::optional<Earth>;
   std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
@@ -68,7 +68,7 @@ struct FlagOrEarth {
 }  // namespace
 
 const Members<IndirectLight>& indirect_members() {
-  static const auto table = made<Members<IndirectLight>>(
+  static const auto table = make_table<Members<IndirectLight>>(
       "IndirectLight", "Indirect light: adds to the radiance of lit and shadowed ground.", [](auto& m) {
         m.add("terrain", &IndirectLight::terrain, Flag{},
               "sunlight reflected onto a point by the terrain visible from it, with the frame's reflectance, albedo "

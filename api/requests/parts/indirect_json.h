@@ -1,4 +1,4 @@
-// "indirect": light from the terrain around and from the Earth.
+// "indirect": sunlight reflected by the surrounding terrain, and light from the Earth.
 #pragma once
 
 #include <optional>
@@ -8,6 +8,7 @@
 
 namespace selenograph::api {
 
+// "indirect.earth" as a client writes it; without a direction, the Earth is where it is at the Sun's epoch.
 struct EarthForm {
   std::optional<Vec3> direction;
   std::optional<Geographic> sub_earth;

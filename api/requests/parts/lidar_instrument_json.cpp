@@ -18,12 +18,12 @@ constexpr std::pair<std::string_view, LidarScan> kScans[] = {
     {"flash", LidarScan::flash}, {"raster", LidarScan::raster}, {"cone", LidarScan::cone}, {"beams", LidarScan::beams}};
 constexpr std::pair<std::string_view, LidarSignal> kSignals[] = {{"photon_counting", LidarSignal::photon_counting},
                                                                  {"snr", LidarSignal::snr}};
-constexpr std::int64_t kMostOfSide = 65536, kMostRepeats = std::int64_t{1} << 24;
-constexpr std::size_t kMostDirections = 4096;
+constexpr std::int64_t kMaxSide = 65536, kMaxRepeats = std::int64_t{1} << 24;
+constexpr std::size_t kMaxDirections = 4096;
 constexpr Range kPositive{0, 1e9, true, false};
 
 const Members<LidarReceiver>& receiver_members() {
-  static const auto table = made<Members<LidarReceiver>>(
+  static const auto table = make_table<Members<LidarReceiver>>(
       "LidarReceiver",
       "Received signal of a pulse, and noise. `photon_counting`: photoelectrons by the lidar equation, energy_j times "
       "mu0 f_r aperture / range^2 times efficiency, f_r at zero phase; counts have Poisson statistics. `snr`: a signal "
@@ -35,21 +35,21 @@ const Members<LidarReceiver>& receiver_members() {
         m.set_model("signal");
         m.add("energy_j", &LidarReceiver::energy_j, Number{{0, 1e3, true, false}, "J"}, "energy of a pulse")
             .required()
-            .of({"photon_counting"});
+            .only_for({"photon_counting"});
         m.add("aperture_m", &LidarReceiver::aperture_m, Number{{0, 100, true, false}, "m"}, "the receiver's diameter")
             .required()
-            .of({"photon_counting"});
+            .only_for({"photon_counting"});
         m.add("efficiency", &LidarReceiver::efficiency, Number{{0, 1, true, false}},
               "photoelectrons per incident photon: optics, filter, detector")
-            .of({"photon_counting"});
+            .only_for({"photon_counting"});
         m.add("snr", &LidarReceiver::snr, Number{kPositive},
               "signal-to-noise ratio of a Lambertian surface that fills the beam, seen vertically from `range_m`")
             .required()
-            .of({"snr"});
+            .only_for({"snr"});
         m.add("range_m", &LidarReceiver::range_m, Number{kPositive, "m"}, "range of that surface")
             .required()
-            .of({"snr"});
-        m.add("reflectance", &LidarReceiver::reflectance, Number{{1e-6, 1}}, "of that surface").of({"snr"});
+            .only_for({"snr"});
+        m.add("reflectance", &LidarReceiver::reflectance, Number{{1e-6, 1}}, "of that surface").only_for({"snr"});
       });
   return *table;
 }
@@ -57,7 +57,7 @@ const Members<LidarReceiver>& receiver_members() {
 }  // namespace
 
 const Members<LidarPulse>& lidar_pulse_members() {
-  static const auto table = made<Members<LidarPulse>>("LidarPulse", "A pulse.", [](auto& m) {
+  static const auto table = make_table<Members<LidarPulse>>("LidarPulse", "A pulse.", [](auto& m) {
     m.add("direction", &LidarPulse::direction, Vector{kAnyNumber}, "camera axes; any length but zero").required();
     m.add("time_s", &LidarPulse::time_s, Number{{-1e6, 1e6}, "s"}, "time relative to `pose`");
     m.resolve([](const JsonReader& in, LidarPulse& pulse, const ReadContext&) -> std::optional<LidarPulse> {
@@ -70,7 +70,7 @@ const Members<LidarPulse>& lidar_pulse_members() {
 }
 
 const Members<LidarPattern>& lidar_pattern_members() {
-  static const auto table = made<Members<LidarPattern>>(
+  static const auto table = make_table<Members<LidarPattern>>(
       "LidarPattern",
       "Times and directions of the beams. `flash`: all cells of a rectangle at once, equal squares on a plane like a "
       "camera's pixels. `raster`: cells one after the other, row by row, equal angles apart: about the camera's y axis "
@@ -79,38 +79,40 @@ const Members<LidarPattern>& lidar_pattern_members() {
       [](auto& m) {
         m.add("scan", &LidarPattern::scan, Word{kScans}, "which of them").required();
         m.set_model("scan");
-        m.add("columns", &LidarPattern::columns, Integer{1, kMostOfSide}, "beams of a row")
+        m.add("columns", &LidarPattern::columns, Integer{1, kMaxSide}, "beams of a row")
             .required()
-            .of({"flash", "raster"});
-        m.add("rows", &LidarPattern::rows, Integer{1, kMostOfSide}, "rows, the first at -y")
+            .only_for({"flash", "raster"});
+        m.add("rows", &LidarPattern::rows, Integer{1, kMaxSide}, "rows, the first at -y")
             .required()
-            .of({"flash", "raster"});
+            .only_for({"flash", "raster"});
         m.add("fov_x_deg", &LidarPattern::fov_x_deg, Number{{0, 179, true, false}, "deg"},
               "full angle of a row, from the outer border of its first cell to that of its last")
             .required()
-            .of({"flash", "raster"});
+            .only_for({"flash", "raster"});
         m.add("fov_y_deg", &LidarPattern::fov_y_deg, Number{{0, 179, true, false}, "deg"}, "full angle over all rows")
             .required()
-            .of({"raster"});
-        m.add("serpentine", &LidarPattern::serpentine, Flag{}, "alternate rows are scanned backwards").of({"raster"});
+            .only_for({"raster"});
+        m.add("serpentine", &LidarPattern::serpentine, Flag{}, "alternate rows are scanned backwards")
+            .only_for({"raster"});
         m.add("beams", &LidarPattern::beams, Integer{1, std::int64_t{1} << 24}, "pulses per turn")
             .required()
-            .of({"cone"});
+            .only_for({"cone"});
         m.add("half_angle_deg", &LidarPattern::half_angle_deg, Number{{0, 90}, "deg"}, "from the boresight")
             .required()
-            .of({"cone"});
-        m.add("directions", &LidarPattern::directions, List{Vector{kAnyNumber}, 1, kMostDirections},
+            .only_for({"cone"});
+        m.add("directions", &LidarPattern::directions, List{Vector{kAnyNumber}, 1, kMaxDirections},
               "camera axes; any length but zero")
             .required()
-            .of({"beams"});
+            .only_for({"beams"});
         m.add("rate_hz", &LidarPattern::rate_hz, Number{{0, 1e12}, "Hz"},
               "pulses, or shots of `flash` and `beams`, per second, the first at the time of `pose`; 0: all at that "
               "time");
-        m.add("repeats", &LidarPattern::repeats, Integer{1, kMostRepeats}, "number of times the pattern is fired");
+        m.add("repeats", &LidarPattern::repeats, Integer{1, kMaxRepeats}, "number of times the pattern is fired");
         m.check([](const JsonReader& in, LidarPattern& pattern, const ReadContext&) {
           for (Vec3& direction : pattern.directions) {
             const auto unit = direction_of(direction);
             if (!unit) return in.fail("directions", "has one that is zero: not a direction");
+            // Leave a unit vector as it is: normalising again could change its last bits, and so the ETag.
             direction = is_unit(direction) ? direction : *unit;
           }
         });
@@ -119,7 +121,7 @@ const Members<LidarPattern>& lidar_pattern_members() {
 }
 
 const Members<LidarInstrument>& lidar_instrument_members() {
-  static const auto table = made<Members<LidarInstrument>>(
+  static const auto table = make_table<Members<LidarInstrument>>(
       "LidarInstrument", "A lidar with Gaussian beams, sampled by sub-rays that each represent a part of the beam.",
       [](auto& m) {
         m.add("divergence_mrad", &LidarInstrument::divergence_mrad, Number{{0, 200}, "mrad"},

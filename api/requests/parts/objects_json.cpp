@@ -43,7 +43,7 @@ ObjectForm form_of(const PlacedObject& placed) {
 }  // namespace
 
 const Members<ObjectForm, PlacedObject>& object_members() {
-  static const auto table = made<Members<ObjectForm, PlacedObject>>(
+  static const auto table = make_table<Members<ObjectForm, PlacedObject>>(
       "Object", "A triangle mesh in the operator's assets folder, two-sided. It casts and receives shadows.",
       [](auto& m) {
         m.add("mesh", &ObjectForm::mesh, Asset{&Assets::object, "mesh", "objects"},

@@ -1,4 +1,4 @@
-// "objects": triangle meshes of the assets folder, where they are and what they are made of.
+// "objects": triangle meshes of the assets folder with their poses, scales and materials.
 #pragma once
 
 #include <map>
@@ -14,13 +14,14 @@ namespace selenograph::api {
 inline constexpr std::size_t kMaxObjects = 100;
 inline constexpr Range kScale{1e-6, 1e6};
 
-// Names of an object's mesh and materials in the request.
+// Members of an object that the engine's object no longer has: the mesh's name, and materials by part name.
 struct ObjectQuery {
   std::string mesh;
   engine::Material material;
   std::map<std::string, engine::Material> part_materials;
 };
 
+// An object as a client writes it. Its material applies to all parts except those in part_materials.
 struct ObjectForm {
   Named<engine::ObjectMesh> mesh;
   ObjectPose pose;
@@ -28,14 +29,14 @@ struct ObjectForm {
   engine::Material material;
   std::map<std::string, engine::Material> part_materials;
 };
-// An object for the engine, and as requested.
+// An object resolved for the engine, with the names from which its JSON is written again.
 struct PlacedObject {
   engine::SceneObject object;
   ObjectQuery query;
 };
 const Members<ObjectForm, PlacedObject>& object_members();
 
-// Metadata of objects: each object's mesh, its version and size.
+// Returns the metadata of objects: each object's mesh, version, number of triangles and parts.
 nlohmann::ordered_json objects_metadata(const engine::FrameRequest& request, const std::vector<ObjectQuery>& queries);
 
 }  // namespace selenograph::api

@@ -9,13 +9,14 @@
 namespace selenograph::api {
 namespace {
 
-// Sine of the angle between boresight and up below which the roll would be decided by rounding.
-constexpr double kDegenerate = 1e-8;
+// Minimum sine of the angle between boresight and up. Below it rounding would decide the roll.
+constexpr double kMinSine = 1e-8;
 
-// Rows are the camera's axes in MOON_ME: x right, y down, z boresight. Empty when up is along the boresight.
-std::optional<Eigen::Quaterniond> camera_looking(const Vec3& boresight, const Vec3& up) {
+// Returns camera_from_moon for a boresight and an up direction, both MOON_ME and unit; empty if they are parallel. The
+// rows of the matrix are the camera's axes in MOON_ME: x right, y down, z boresight.
+std::optional<Eigen::Quaterniond> camera_along(const Vec3& boresight, const Vec3& up) {
   const Vec3 right = boresight.cross(up);
-  if (right.norm() < kDegenerate) return std::nullopt;
+  if (right.norm() < kMinSine) return std::nullopt;
   Eigen::Matrix3d camera_from_moon;
   camera_from_moon.row(0) = right.normalized();
   camera_from_moon.row(1) = boresight.cross(right.normalized());
@@ -23,7 +24,7 @@ std::optional<Eigen::Quaterniond> camera_looking(const Vec3& boresight, const Ve
   return Eigen::Quaterniond(camera_from_moon).normalized();
 }
 
-// camera_from_moon in OpenCV axes and MOON_ME, from a quaternion in the client's axes and body frame.
+// Returns camera_from_moon in OpenCV axes and MOON_ME, from a quaternion in the client's axes and body frame.
 Eigen::Quaterniond resolve_quaternion(const Eigen::Quaterniond& client_camera_from_body, CameraAxes axes,
                                       const Eigen::Matrix3d& moon_me_from_body) {
   // OpenGL's camera has y up and looks along -z: half a turn about x.
@@ -33,14 +34,14 @@ Eigen::Quaterniond resolve_quaternion(const Eigen::Quaterniond& client_camera_fr
   return opencv_from_client * client_camera_from_body * body_from_moon_me;
 }
 
-// North is the Moon's axis. Where the boresight is along it but the target is not on the equator (straight down at a
-// pole, say), the target's own north still says which way is up.
+// Returns camera_from_moon with the Moon's rotation axis up in the image. If the boresight is along that axis, as
+// straight down at a pole, the local north at the target defines up; empty if that is along the boresight too.
 std::optional<Eigen::Quaterniond> camera_north_up(const Vec3& boresight, const Vec3& target_north) {
-  if (const auto q = camera_looking(boresight, Vec3::UnitZ())) return q;
-  return camera_looking(boresight, target_north);
+  if (const auto q = camera_along(boresight, Vec3::UnitZ())) return q;
+  return camera_along(boresight, target_north);
 }
 
-// "north", "zenith" or a direction.
+// "look_at.up": the word "north", the word "zenith", or a direction.
 struct Up {
   using Value = ImageUp;
   std::optional<Value> read(const JsonReader& in, const ReadContext&) const {
@@ -77,11 +78,11 @@ struct RotationMatrix {
     const std::size_t before = in.faults();
     Value m = Value::Zero();
     Eigen::Index row = 0;
-    in.elements(3, 3, [&](const JsonReader& one) { m.row(row++) = one.vector(kAnyNumber); });
+    in.elements(3, 3, [&](const JsonReader& element) { m.row(row++) = element.vector(kAnyNumber); });
     if (in.faults() != before) return std::nullopt;
-    const double off = (m * m.transpose() - Value::Identity()).cwiseAbs().maxCoeff();
-    if (!(off <= kTolerance)) {
-      in.fail(fmt::format("is not orthonormal: its rows' products are off by {:.3g}, more than {}", off, kTolerance));
+    const double error = (m * m.transpose() - Value::Identity()).cwiseAbs().maxCoeff();
+    if (!(error <= kTolerance)) {
+      in.fail(fmt::format("is not orthonormal: its rows' products are off by {:.3g}, more than {}", error, kTolerance));
     } else if (m.determinant() < 0) {
       in.fail("has determinant -1: a reflection, not a rotation. Does an axis point the other way?");
     } else {
@@ -97,6 +98,7 @@ struct RotationMatrix {
 
 Eigen::Quaterniond quaternion_of(const Eigen::Matrix3d& m) { return Eigen::Quaterniond(m).normalized(); }
 
+// Returns the quaternion normalised; one that is a unit to double precision keeps its bits.
 std::optional<Eigen::Quaterniond> resolve_unit(const JsonReader& in, const QuaternionForm& form, const ReadContext&) {
   const Eigen::Vector4d xyzw(form.x, form.y, form.z, form.w);
   const double length = xyzw.stableNorm();
@@ -111,7 +113,7 @@ std::optional<Eigen::Quaterniond> resolve_unit(const JsonReader& in, const Quate
 }
 
 const Members<QuaternionForm, Eigen::Quaterniond>& quaternion_members() {
-  static const auto table = made<Members<QuaternionForm, Eigen::Quaterniond>>(
+  static const auto table = make_table<Members<QuaternionForm, Eigen::Quaterniond>>(
       "Quaternion", "A unit quaternion. Its length must be within 0.001 of 1; it is normalised.", [](auto& m) {
         m.add("w", &QuaternionForm::w, Number{kAnyNumber}, "scalar part").required();
         m.add("x", &QuaternionForm::x, Number{kAnyNumber}, "vector part").required();
@@ -123,10 +125,10 @@ const Members<QuaternionForm, Eigen::Quaterniond>& quaternion_members() {
   return *table;
 }
 
-// The rows of a PositionForm, and that one of the two ways is needed.
+// Adds the rows of a PositionForm, and the rule that exactly one of position_m and geodetic is required.
 template <typename Form, typename Value>
 void add_position(Members<Form, Value>& m) {
-  m.add("frame", &Form::frame, Word<PoseFrame>{kPoseFrames, kOtherFrames},
+  m.add("frame", &Form::frame, Word<PoseFrame>{kPoseFrames, kRejectedFrames},
         "frame of position_m and of the attitude: a body-fixed lunar frame, or ICRF axes at the Moon's centre; J2000 "
         "is taken as ICRF, 0.02 arcsec away");
   m.add("utc", &Form::utc, Text{}, "epoch for ICRF, ISO 8601; left out: the Sun's");
@@ -137,19 +139,20 @@ void add_position(Members<Form, Value>& m) {
   m.excludes("utc", {"et_s"});
 }
 
-// Rotates vectors of the form's frame into MOON_ME.
+// Returns moon_me_from_frame, the rotation of vectors of the form's frame into MOON_ME. ICRF without an epoch of its
+// own uses the Sun's, plus the time of a pose at a time (ReadContext::pose_time_s).
 std::optional<Eigen::Matrix3d> resolve_frame(const JsonReader& in, const PositionForm& form,
                                              const ReadContext& context) {
-  const bool given = form.utc || form.et_s;
+  const bool has_epoch = form.utc || form.et_s;
   if (form.frame) {
-    if (!given) return engine::moon_me_from(*form.frame);
+    if (!has_epoch) return engine::moon_me_from(*form.frame);
     in.fail(form.member(), "goes with \"frame\": \"ICRF\": the Moon's frames turn with it");
-  } else if (!given && context.sun_utc.empty()) {
+  } else if (!has_epoch && context.sun_utc.empty()) {
     in.fail("frame", "ICRF needs an epoch: \"utc\" or \"et_s\" here, or of the Sun");
   } else {
     try {
-      return given ? engine::moon_me_from_icrf(form.as_utc())
-                   : engine::moon_me_from_icrf(context.sun_utc, context.later_s);
+      return has_epoch ? engine::moon_me_from_icrf(form.as_utc())
+                       : engine::moon_me_from_icrf(context.sun_utc, context.pose_time_s);
     } catch (const ImpossibleRequest& e) {
       in.fail(form.member(), e.what());
     }
@@ -160,12 +163,13 @@ std::optional<Eigen::Matrix3d> resolve_frame(const JsonReader& in, const Positio
 std::optional<Vec3> resolve_position(const JsonReader& in, const PositionForm& form,
                                      const Eigen::Matrix3d& moon_me_from_frame) {
   if (form.geodetic && form.frame != engine::BodyFrame::moon_me) {
-    // The two frames are 860 m apart: taking one for the other silently is the one mistake not to make.
+    // Reject rather than guess: PA and ME differ by 860 m, and a silent mix-up would look plausible in every image.
     in.fail("geodetic", "is MOON_ME always; with another frame give position_m");
     return std::nullopt;
   }
   const Vec3 position_m = form.position_m ? Vec3(moon_me_from_frame * *form.position_m) : to_cartesian(*form.geodetic);
-  // Turning it or adding the Moon's radius can take it out of the range that it must be in to be a request again.
+  // Check the range once more: rotating the position or adding the Moon's radius can leave it, and then the resolved
+  // request would not be a valid request.
   if ((position_m.array().abs() <= kCoordinate_m.max).all()) return position_m;
   in.fail(form.position_m ? "position_m" : "geodetic",
           fmt::format("lies more than {} m from the Moon's centre along an axis of MOON_ME", kCoordinate_m.max));
@@ -175,7 +179,7 @@ std::optional<Vec3> resolve_position(const JsonReader& in, const PositionForm& f
 // --- cameras
 
 const Members<LookAt>& look_at_members() {
-  static const auto table = made<Members<LookAt>>(
+  static const auto table = make_table<Members<LookAt>>(
       "LookAt", "Boresight through a point, which then appears at (cx, cy). Always MOON_ME, whatever `frame` is.",
       [](auto& m) {
         add_latitude_and_longitude(m);
@@ -188,13 +192,14 @@ const Members<LookAt>& look_at_members() {
 }
 
 const Members<Nadir>& nadir_members() {
-  static const auto table = made<Members<Nadir>>("Nadir", "Boresight to the Moon's centre.", [](auto& m) {
+  static const auto table = make_table<Members<Nadir>>("Nadir", "Boresight to the Moon's centre.", [](auto& m) {
     m.add("up_azimuth_deg", &Nadir::up_azimuth_deg, Number{kAzimuth_deg, "deg"},
           "compass azimuth, clockwise from north, of the image's up direction (-y)");
   });
   return *table;
 }
 
+// Returns the attitude with the boresight from the camera to the point of the form.
 std::optional<Eigen::Quaterniond> look_at(const JsonReader& in, const LookAt& form, const Vec3& position_m) {
   const Vec3 target_m = to_cartesian({form.lat_deg, form.lon_deg, form.height_m});
   const std::optional<Vec3> boresight = direction_of(target_m - position_m);
@@ -205,9 +210,9 @@ std::optional<Eigen::Quaterniond> look_at(const JsonReader& in, const LookAt& fo
   const auto attitude = [&]() -> std::optional<Eigen::Quaterniond> {
     switch (form.up.kind) {
       case ImageUp::Kind::direction:
-        return camera_looking(*boresight, form.up.direction);
+        return camera_along(*boresight, form.up.direction);
       case ImageUp::Kind::zenith:
-        return camera_looking(*boresight, position_m.stableNormalized());
+        return camera_along(*boresight, position_m.stableNormalized());
       case ImageUp::Kind::north:
         break;
     }
@@ -221,8 +226,8 @@ std::optional<Eigen::Quaterniond> look_at(const JsonReader& in, const LookAt& fo
   return std::nullopt;
 }
 
-// Local axes at a position, which must not be the Moon's centre: along its meridian where that is given, which at a
-// pole position_m doesn't know.
+// Returns the local axes at a position; empty, and reported, at the Moon's centre. At a pole only `geodetic` has a
+// longitude: axes derived from position_m would lose it.
 std::optional<EastNorthUp> axes_at(const JsonReader& in, const PositionForm& form, const Vec3& position_m) {
   if (form.geodetic) return local_axes(form.geodetic->lat_deg, form.geodetic->lon_deg);
   if (position_m.norm() > 0) return local_axes(position_m);
@@ -230,15 +235,16 @@ std::optional<EastNorthUp> axes_at(const JsonReader& in, const PositionForm& for
   return std::nullopt;
 }
 
+// Returns the attitude with the boresight to the Moon's centre and the form's azimuth up in the image.
 std::optional<Eigen::Quaterniond> look_down(const JsonReader& in, const PoseForm& pose, const Vec3& position_m) {
   const auto local = axes_at(in, pose, position_m);
   if (!local) return std::nullopt;
   const double azimuth = pose.nadir->up_azimuth_deg * kRadiansPerDegree;
   const Vec3 up = std::cos(azimuth) * local->north + std::sin(azimuth) * local->east;
-  return camera_looking(-local->up, up).value_or(Eigen::Quaterniond::Identity());
+  return camera_along(-local->up, up).value_or(Eigen::Quaterniond::Identity());
 }
 
-// In the client's axes and frame.
+// Returns the attitude as given, in the client's axes and frame, from any of the four rotations.
 Eigen::Quaterniond camera_from_frame(const PoseForm& form) {
   if (form.camera_from_moon) return *form.camera_from_moon;
   if (form.moon_from_camera) return form.moon_from_camera->conjugate();
@@ -263,6 +269,7 @@ std::optional<engine::Pose> resolve_pose(const JsonReader& in, const PoseForm& f
   return engine::Pose{*position_m, canonical(*attitude)};
 }
 
+// Returns the form in which a pose is written: position_m and camera_from_moon.
 PoseForm form_of(const engine::Pose& pose) {
   PoseForm form;
   form.position_m = pose.position_m;
@@ -273,7 +280,7 @@ PoseForm form_of(const engine::Pose& pose) {
 // --- objects
 
 const Members<Upright>& upright_members() {
-  static const auto table = made<Members<Upright>>(
+  static const auto table = make_table<Members<Upright>>(
       "Upright", "Attitude of an object whose z axis points away from the Moon's centre.", [](auto& m) {
         m.add("azimuth_deg", &Upright::azimuth_deg, Number{kAzimuth_deg, "deg"},
               "compass azimuth of its x axis, clockwise from north");
@@ -281,7 +288,9 @@ const Members<Upright>& upright_members() {
   return *table;
 }
 
-std::optional<Eigen::Quaterniond> stand(const JsonReader& in, const ObjectPoseForm& pose, const Vec3& position_m) {
+// Returns moon_from_object with the z axis up and the x axis at the form's azimuth.
+std::optional<Eigen::Quaterniond> upright_attitude(const JsonReader& in, const ObjectPoseForm& pose,
+                                                   const Vec3& position_m) {
   const auto local = axes_at(in, pose, position_m);
   if (!local) return std::nullopt;
   const double azimuth = pose.upright->azimuth_deg * kRadiansPerDegree;
@@ -299,7 +308,7 @@ std::optional<ObjectPose> resolve_object_pose(const JsonReader& in, const Object
   const std::optional<Vec3> position_m = resolve_position(in, form, *moon_me_from_frame);
   if (!position_m) return std::nullopt;
   if (form.upright) {
-    const auto attitude = stand(in.at("upright"), form, *position_m);
+    const auto attitude = upright_attitude(in.at("upright"), form, *position_m);
     if (!attitude) return std::nullopt;
     return ObjectPose{*position_m, canonical(*attitude)};
   }
@@ -326,18 +335,18 @@ Eigen::Quaterniond canonical(Eigen::Quaterniond q) {
     if (component < 0) q.coeffs() = -q.coeffs();
     break;
   }
-  q.coeffs().array() += 0.0;  // -0 + 0 is 0
+  q.coeffs().array() += 0.0;  // turns -0 into 0
   return q;
 }
 
 const Members<Geographic>& place_members() {
   static const auto table =
-      made<Members<Geographic>>("Place", "A place on the Moon.", [](auto& m) { add_latitude_and_longitude(m); });
+      make_table<Members<Geographic>>("Place", "A place on the Moon.", [](auto& m) { add_latitude_and_longitude(m); });
   return *table;
 }
 
 const Members<Geographic>& geodetic_members() {
-  static const auto table = made<Members<Geographic>>("Geodetic", "A place and its height.", [](auto& m) {
+  static const auto table = make_table<Members<Geographic>>("Geodetic", "A place and its height.", [](auto& m) {
     add_latitude_and_longitude(m);
     m.add("height_m", &Geographic::height_m, Number{kHeight_m, "m"}, "above the sphere of 1 737 400 m").required();
   });
@@ -345,7 +354,7 @@ const Members<Geographic>& geodetic_members() {
 }
 
 const Members<PoseForm, engine::Pose>& pose_members() {
-  static const auto table = made<Members<PoseForm, engine::Pose>>(
+  static const auto table = make_table<Members<PoseForm, engine::Pose>>(
       "Pose",
       "Position (`position_m` or `geodetic`) and attitude (one of `camera_from_moon`, `moon_from_camera`, `look_at`, "
       "`nadir`, or a matrix) of the camera. `frame` applies to `position_m`, the quaternions and the matrices; "
@@ -374,7 +383,7 @@ const Members<PoseForm, engine::Pose>& pose_members() {
 }
 
 const Members<ObjectPoseForm, ObjectPose>& object_pose_members() {
-  static const auto table = made<Members<ObjectPoseForm, ObjectPose>>(
+  static const auto table = make_table<Members<ObjectPoseForm, ObjectPose>>(
       "ObjectPose", "Position of an object's origin and attitude of its axes, as in its file.", [](auto& m) {
         add_position(m);
         m.add("moon_from_object", &ObjectPoseForm::moon_from_object, Object{quaternion_members()},

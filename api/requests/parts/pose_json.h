@@ -1,7 +1,15 @@
 // Places and poses of cameras and objects, in any of the accepted forms.
 //
-// `frame` is the frame of `position_m` and of the MOON side of quaternions and matrices, `axes` defines their camera
-// side. Latitudes, longitudes (`geodetic`, `look_at`) and `look_at.up` are always MOON_ME.
+// A quaternion or matrix camera_from_moon rotates vectors of `frame` (the Moon's side) into the camera's `axes`:
+//
+//        opencv                 opengl
+//      +------> x               y ^   (-z: boresight, into the page)
+//      |  (z: boresight,          |
+//      v   into the page)         +------> x
+//      y
+//
+// `frame` is also the frame of `position_m`. Latitudes and longitudes (`geodetic`, `look_at`) and `look_at.up` are
+// always MOON_ME. The engine's poses are MOON_ME and opencv.
 #pragma once
 
 #include <optional>
@@ -24,7 +32,8 @@ inline constexpr std::pair<std::string_view, PoseFrame> kPoseFrames[] = {
     {"ICRF", std::nullopt},
     {"J2000", std::nullopt},  // 0.02 arcsec from ICRF: 0.2 m on the ground
 };
-inline constexpr std::pair<std::string_view, std::string_view> kOtherFrames[] = {
+// Names of frames that are rejected, with the text that tells the client what to write instead.
+inline constexpr std::pair<std::string_view, std::string_view> kRejectedFrames[] = {
     {"MOON_PA", "principal axes belong to an ephemeris: \"MOON_PA_DE421\" or \"MOON_PA_DE440\"? MOON_ME is 860 m away"},
     {"IAU_MOON",
      "IAU_MOON is up to 0.01 degrees, 300 m on the ground, from MOON_ME: rotate the pose (SPICE: pxform(\"IAU_MOON\", "
@@ -49,8 +58,8 @@ void add_latitude_and_longitude(Members<Form, Value>& m) {
   m.add("lon_deg", &Form::lon_deg, Number{kLongitude_deg, "deg"}, "longitude, east-positive, MOON_ME").required();
 }
 
-const Members<Geographic>& place_members();     // on the sphere
-const Members<Geographic>& geodetic_members();  // with a height
+const Members<Geographic>& place_members();     // latitude and longitude; height_m stays 0
+const Members<Geographic>& geodetic_members();  // latitude, longitude and height
 
 struct QuaternionForm {
   double w = 0, x = 0, y = 0, z = 0;
@@ -60,15 +69,15 @@ struct QuaternionForm {
 struct EpochForm {
   std::optional<std::string> utc;
   std::optional<double> et_s;
-  // Name of the member that is given.
+  // Returns the name of the member that the client wrote, for error messages.
   const char* member() const { return et_s ? "et_s" : "utc"; }
-  // As UTC; empty: none is given. Throws ImpossibleRequest.
+  // Returns the epoch as UTC; empty if the client wrote neither member. Throws ImpossibleRequest.
   std::string as_utc() const;
 };
 inline constexpr std::string_view kEtMeaning =
     "Ephemeris Time as in SPICE, seconds of TDB since J2000.0; instead of utc";
 
-// Position, common to cameras and objects; its epoch is ICRF's.
+// Position, common to cameras and objects. The epoch is that of the frame ICRF.
 struct PositionForm : EpochForm {
   PoseFrame frame = engine::BodyFrame::moon_me;
   std::optional<Vec3> position_m;
@@ -80,13 +89,16 @@ struct ImageUp {
   enum class Kind { north, zenith, direction } kind = Kind::north;
   Vec3 direction = Vec3::Zero();  // unit, MOON_ME
 };
+// Boresight through a point, which need not lie on the terrain.
 struct LookAt {
   double lat_deg = 0, lon_deg = 0, height_m = 0;
   ImageUp up;
 };
+// Boresight to the Moon's centre.
 struct Nadir {
-  double up_azimuth_deg = 0;
+  double up_azimuth_deg = 0;  // compass azimuth of the image's up direction (-y)
 };
+// A camera's pose as a client writes it: exactly one of the attitudes is given.
 struct PoseForm : PositionForm {
   std::optional<Eigen::Quaterniond> camera_from_moon, moon_from_camera;
   std::optional<Eigen::Matrix3d> camera_from_moon_matrix, moon_from_camera_matrix;
@@ -96,16 +108,17 @@ struct PoseForm : PositionForm {
 };
 const Members<PoseForm, engine::Pose>& pose_members();
 
-// Chooses between q and -q, which are the same attitude: the first non-zero component of w, x, y, z is positive, and no
-// zero is negative. An attitude has one text and one content hash.
+// Returns q or -q, which are the same attitude: the first non-zero component of w, x, y, z is positive, and no zero is
+// negative. Thus an attitude has one text and one content hash.
 Eigen::Quaterniond canonical(Eigen::Quaterniond q);
 
 struct ObjectPose {
   Vec3 position_m = Vec3::Zero();
   Eigen::Quaterniond moon_from_object = Eigen::Quaterniond::Identity();
 };
+// Attitude of an object whose z axis is the local vertical.
 struct Upright {
-  double azimuth_deg = 0;
+  double azimuth_deg = 0;  // compass azimuth of the object's x axis
 };
 struct ObjectPoseForm : PositionForm {
   std::optional<Eigen::Quaterniond> moon_from_object, object_from_moon;

@@ -43,10 +43,10 @@ OrderedJson Products::schema(const Limits& limits) const {
   return json;
 }
 
-void require_sun(const JsonReader& in, std::span<const ProductRow> rows, engine::ProductSet wanted) {
+void require_sun(const JsonReader& in, std::span<const ProductRow> rows, engine::ProductSet requested) {
   if (in.has("sun")) return;
   for (const ProductRow& row : rows) {
-    if (!row.needs_sun || !(wanted & row.product)) continue;
+    if (!row.needs_sun || !(requested & row.product)) continue;
     in.fail("sun", fmt::format("is required for the product \"{}\"", row.name));
     return;
   }

@@ -8,7 +8,7 @@
 
 namespace selenograph::api {
 
-// A list of names of these products, each at most once.
+// Kind of the member "products": a list of names from a table of products, each at most once.
 struct Products {
   using Value = engine::ProductSet;
   std::span<const ProductRow> rows;
@@ -17,9 +17,9 @@ struct Products {
   OrderedJson schema(const Limits& limits) const;
 };
 
-// Reports the first of the wanted products that cannot be made without a Sun.
-void require_sun(const JsonReader& in, std::span<const ProductRow> rows, engine::ProductSet wanted);
-// That rule as a schema condition: there is a "sun", or no product needs one.
+// Reports the first of the requested products that needs a Sun, if the request has none.
+void require_sun(const JsonReader& in, std::span<const ProductRow> rows, engine::ProductSet requested);
+// Returns the same rule as a schema condition: there is a "sun", or no product needs one.
 OrderedJson sun_where_needed(std::span<const ProductRow> rows);
 
 }  // namespace selenograph::api

@@ -25,7 +25,7 @@ using engine::Vignetting;
 
 constexpr Range kAboveZero{0, 1e9, true, false};
 constexpr Range kNotNegative{0, 1e9};
-constexpr std::int64_t kMaxSeed = std::int64_t{1} << 53;  // what JSON's numbers hold exactly everywhere
+constexpr std::int64_t kMaxSeed = std::int64_t{1} << 53;  // every integer up to here is exact in a JSON number
 constexpr std::size_t kMaxKernelSide = 65;
 
 constexpr std::pair<std::string_view, PointSpread::Model> kPointSpreads[] = {
@@ -42,7 +42,7 @@ constexpr std::pair<std::string_view, Vignetting::Model> kVignettings[] = {
 
 using Rows = std::vector<std::vector<double>>;
 
-// Rows of weights: in the request, or a file of the assets folder by name.
+// "kernel": rows of weights in the request, or the name of a file in the assets folder.
 struct Kernel {
   using Value = Rows;
   std::optional<Rows> read(const JsonReader& in, const ReadContext& context) const;
@@ -65,7 +65,10 @@ std::optional<Rows> Kernel::read(const JsonReader& in, const ReadContext& contex
   bool fits = rows->size() % 2 == 1 && rows->size() <= kMaxKernelSide;
   for (const std::vector<double>& row : *rows) {
     fits &= row.size() == rows->size();
-    for (const double weight : row) fits &= kNotNegative.contains(weight), sum += weight;
+    for (const double weight : row) {
+      fits &= kNotNegative.contains(weight);
+      sum += weight;
+    }
   }
   if (!fits)
     in.fail(fmt::format("must have as many columns as rows, an odd number up to {}, and no negative weight",
@@ -74,7 +77,7 @@ std::optional<Rows> Kernel::read(const JsonReader& in, const ReadContext& contex
   return rows;
 }
 
-// The engine has the rows one after the other.
+// Converts between the request's rows and the engine's kernel, a single array of side * side weights in row order.
 const auto kernel_field =
     Property{[](const PointSpread& spread) -> std::optional<Rows> {
                Rows rows;
@@ -88,7 +91,7 @@ const auto kernel_field =
                  spread.kernel.insert(spread.kernel.end(), row.begin(), row.end());
              }};
 
-// A number, or [wavelength in um, number] at rising wavelengths.
+// "quantum_efficiency": a number, or pairs [wavelength in um, number] at rising wavelengths.
 struct Efficiency {
   using Curve = std::vector<engine::ResponsePoint>;
   using Value = std::variant<double, Curve>;
@@ -124,14 +127,15 @@ const auto efficiency_field = Property{[](const Detector& d) -> std::optional<Ef
                                          return d.efficiency;
                                        },
                                        [](Detector& d, const Efficiency::Value& value) {
-                                         d.quantum_efficiency = 1, d.efficiency.clear();
+                                         d.quantum_efficiency = 1;
+                                         d.efficiency.clear();
                                          if (const double* constant = std::get_if<double>(&value))
                                            d.quantum_efficiency = *constant;
                                          else
                                            d.efficiency = std::get<Efficiency::Curve>(value);
                                        }};
 
-// None where the frame chooses it.
+// Field of the integration time; without a value where automatic exposure chooses it.
 const auto integration_time_field =
     Property{[](const Detector& d) -> std::optional<double> {
                return d.integration_time_s > 0 ? std::optional(d.integration_time_s) : std::nullopt;
@@ -139,7 +143,7 @@ const auto integration_time_field =
              [](Detector& d, double seconds) { d.integration_time_s = seconds; }};
 
 const Members<PointSpread>& point_spread_members() {
-  static const auto table = made<Members<PointSpread>>(
+  static const auto table = make_table<Members<PointSpread>>(
       "PointSpread",
       "Point spread function, applied to radiance; the frame is rendered with a margin, so that the border is as exact "
       "as the middle.",
@@ -149,28 +153,28 @@ const Members<PointSpread>& point_spread_members() {
               "26 pixels; light beyond 12 rings or 32 pixels is spread within (captured_fraction)")
             .required();
         m.set_model("model");
-        // The kernel of the largest reaches 4.5 times as far.
+        // Limit sigma so that the kernel, which extends to 4.5 sigma, has at most 65 x 65 weights.
         m.add("sigma_px", &PointSpread::sigma_px, Number{{0.01, 7}, "px"}, "standard deviation")
             .required()
-            .of({"gaussian"});
+            .only_for({"gaussian"});
         m.add("kernel", kernel_field, Kernel{},
               "measured kernel: rows of weights, or the name of kernels/NAME.csv, which holds such rows; as many "
               "columns as rows, an odd number; normalised to 1. The request in the metadata has the rows")
             .required()
-            .of({"kernel"});
+            .only_for({"kernel"});
       });
   return *table;
 }
 
 const Members<Vignetting>& vignetting_members() {
-  static const auto table =
-      made<Members<Vignetting>>("Vignetting", "Transmission of the optics by angle from the boresight.", [](auto& m) {
+  static const auto table = make_table<Members<Vignetting>>(
+      "Vignetting", "Transmission of the optics by angle from the boresight.", [](auto& m) {
         m.add("model", &Vignetting::model, Word{kVignettings}, "which function").required();
         m.set_model("model");
         m.add("table", &Vignetting::table, List{Pair<Vignetting::Point>{{0, 90}, kUnitInterval}, 1, 1000},
               "[degrees, transmission] at increasing angles; linear in between, constant beyond")
             .required()
-            .of({"table"});
+            .only_for({"table"});
         m.check([](const JsonReader& in, Vignetting& vignetting, const ReadContext&) {
           for (std::size_t i = 1; i < vignetting.table.size(); ++i)
             if (!(vignetting.table[i].angle_deg > vignetting.table[i - 1].angle_deg))
@@ -181,7 +185,7 @@ const Members<Vignetting>& vignetting_members() {
 }
 
 const Members<StrayLight>& stray_light_members() {
-  static const auto table = made<Members<StrayLight>>(
+  static const auto table = make_table<Members<StrayLight>>(
       "StrayLight",
       "Light that the surfaces of the optics scatter over the whole image: Harvey and Shack's law, b0 (1 + (d / "
       "shoulder)^2)^(slope / 2), d being the difference of the direction cosines. Light scattered out of the image is "
@@ -204,18 +208,19 @@ const Members<StrayLight>& stray_light_members() {
 }
 
 const Members<Optics>& optics_members() {
-  static const auto table = made<Members<Optics>>("Optics", "Optics: f-number, point spread, vignetting.", [](auto& m) {
-    m.add("f_number", &Optics::f_number, Number{kFNumber}, "focal length over aperture").required();
-    m.add("point_spread", &Optics::point_spread, Object{point_spread_members()}, "left out: none");
-    m.add("vignetting", &Optics::vignetting, Object{vignetting_members()}, "left out: none");
-    m.add("stray_light", &Optics::stray_light, Object{stray_light_members()}, "left out: none")
-        .written_if([](const Optics& optics) { return optics.stray_light.any(); });
-  });
+  static const auto table =
+      make_table<Members<Optics>>("Optics", "Optics: f-number, point spread, vignetting.", [](auto& m) {
+        m.add("f_number", &Optics::f_number, Number{kFNumber}, "focal length over aperture").required();
+        m.add("point_spread", &Optics::point_spread, Object{point_spread_members()}, "left out: none");
+        m.add("vignetting", &Optics::vignetting, Object{vignetting_members()}, "left out: none");
+        m.add("stray_light", &Optics::stray_light, Object{stray_light_members()}, "left out: none")
+            .written_if([](const Optics& optics) { return optics.stray_light.any(); });
+      });
   return *table;
 }
 
 const Members<Detector>& detector_members() {
-  static const auto table = made<
+  static const auto table = make_table<
       Members<Detector>>("Detector", "A quantum detector: SENSOR++ eq. (8), and its electronics.", [](auto& m) {
     m.add("pixel_pitch_um", &Detector::pixel_pitch_um, Number{{0, 1e4, true, false}, "um"}, "p of eq. (8)").required();
     m.add("quantum_efficiency", efficiency_field, Efficiency{},
@@ -246,16 +251,16 @@ const Members<Detector>& detector_members() {
     m.check([](const JsonReader& in, Detector& detector, const ReadContext&) {
       if (detector.dead_fraction + detector.hot_fraction > 1)
         in.fail("hot_fraction", "exceeds the share of pixels that are not dead");
-      if (const int most = (1 << detector.bit_depth) - 1; !(detector.offset_dn < most))
+      if (const int max_dn = (1 << detector.bit_depth) - 1; !(detector.offset_dn < max_dn))
         in.fail("offset_dn",
-                fmt::format("must be below {}, the largest digital number of {} bits", most, detector.bit_depth));
+                fmt::format("must be below {}, the largest digital number of {} bits", max_dn, detector.bit_depth));
     });
   });
   return *table;
 }
 
 const Members<engine::Exposure>& exposure_members() {
-  static const auto table = made<Members<engine::Exposure>>(
+  static const auto table = make_table<Members<engine::Exposure>>(
       "Exposure",
       "Automatic exposure: the integration time is chosen from the frame at the middle of the exposure, so that all "
       "but the brightest thousandth of the pixels stay within a share of the full well or of the largest digital "
@@ -275,7 +280,7 @@ const Members<engine::Exposure>& exposure_members() {
 }
 
 const Members<Motion>& motion_members() {
-  static const auto table = made<Members<Motion>>(
+  static const auto table = make_table<Members<Motion>>(
       "Motion",
       "Camera motion during the exposure, whose middle is the pose: light is averaged over several moments. Other "
       "products are those of the pose.",
@@ -293,7 +298,7 @@ const Members<Motion>& motion_members() {
 }  // namespace
 
 const Members<SensorModel>& sensor_members() {
-  static const auto table = made<Members<SensorModel>>(
+  static const auto table = make_table<Members<SensorModel>>(
       "Sensor",
       "Makes `image` from radiance: vignetting, point spread, stray light, electrons (SENSOR++ eq. 8), smear, PRNU, "
       "dark current, photon noise, full well, DSNU, read noise, gain, offset, digital numbers. Needs a `band`; "
@@ -311,18 +316,21 @@ const Members<SensorModel>& sensor_members() {
         m.add("seed", &SensorModel::seed, Integer{0, kMaxSeed}, "identifies the detector and its fixed pattern");
         m.add("frame", &SensorModel::frame, Integer{0, kMaxSeed}, "number of the frame: each has its own noise");
         m.check([](const JsonReader& in, SensorModel& sensor, const ReadContext&) {
-          if (in.faults() > 0) return;  // perhaps of the detector
-          const bool given = sensor.detector.integration_time_s > 0, chosen = sensor.exposure.target_fill > 0;
-          if (given && chosen)
+          if (in.faults() > 0) return;  // the detector may be incomplete
+          const bool is_fixed = sensor.detector.integration_time_s > 0;
+          const bool is_automatic = sensor.exposure.target_fill > 0;
+          if (is_fixed && is_automatic)
             in.fail("exposure", "chooses the integration time, and so does detector.integration_time_s");
-          if (!given && !chosen) in.at("detector").fail("integration_time_s", "is required, or the sensor's exposure");
+          if (!is_fixed && !is_automatic)
+            in.at("detector").fail("integration_time_s", "is required, or the sensor's exposure");
           const engine::Detector& d = sensor.detector;
-          if (const int most = (1 << d.bit_depth) - 1; chosen && !(sensor.exposure.target_fill * most > d.offset_dn))
+          if (const int max_dn = (1 << d.bit_depth) - 1;
+              is_automatic && !(sensor.exposure.target_fill * max_dn > d.offset_dn))
             in.at("exposure")
                 .fail("target_fill",
                       fmt::format("must be more than the detector's offset_dn over {}, the largest digital "
                                   "number: no light is left",
-                                  most));
+                                  max_dn));
         });
       });
   return *table;
@@ -330,6 +338,7 @@ const Members<SensorModel>& sensor_members() {
 
 namespace {
 
+// Reports an efficiency curve that is 0 in the whole band.
 void check_efficiency(const JsonReader& in, const engine::SensorModel& sensor, const engine::Band& band) {
   if (sensor.detector.efficiency.empty()) return;
   try {
@@ -340,36 +349,42 @@ void check_efficiency(const JsonReader& in, const engine::SensorModel& sensor, c
   }
 }
 
-// An Airy disc that its kernel holds. Where it is too wide, any of three members may be the one that is wrong.
+// Reports an Airy disc that is too wide for its kernel, at all three members from which its width follows: any of them
+// may be wrong.
 void check_airy(const JsonReader& in, const engine::SensorModel& sensor, const engine::Band& band) {
   if (sensor.optics.point_spread.model != engine::PointSpread::Model::airy) return;
-  constexpr double kMost = engine::SpreadKernel::kMaxAiry_px;
-  const double wide_px = band.center_um() * sensor.optics.f_number / sensor.detector.pixel_pitch_um;
-  if (wide_px <= kMost) return;
-  const std::string why = fmt::format(
-      "with \"airy\", wavelength * f_number / pixel_pitch_um must be at most {:g} pixels; it is {:g}", kMost, wide_px);
+  constexpr double kMaxWidth_px = engine::SpreadKernel::kMaxAiry_px;
+  const double width_px = band.center_um() * sensor.optics.f_number / sensor.detector.pixel_pitch_um;
+  if (width_px <= kMaxWidth_px) return;
+  const std::string why =
+      fmt::format("with \"airy\", wavelength * f_number / pixel_pitch_um must be at most {:g} pixels; it is {:g}",
+                  kMaxWidth_px, width_px);
   const JsonReader model = in.at("sensor");
-  model.at("optics").fail("f_number", why), model.at("detector").fail("pixel_pitch_um", why), in.fail("band", why);
+  model.at("optics").fail("f_number", why);
+  model.at("detector").fail("pixel_pitch_um", why);
+  in.fail("band", why);
 }
 
-// A focal length in millimetres has its pixels from the camera's pitch, the detector its area from the sensor's.
+// Reports a pixel pitch of the camera that differs from the detector's. The camera's converts its focal length to
+// pixels, the detector's gives the pixel's area: both are the same pixel.
 void check_pitch(const JsonReader& in, const engine::SensorModel& sensor) {
   if (!in.has("camera")) return;
   const JsonReader camera = in.at("camera");
-  const double detectors_um = sensor.detector.pixel_pitch_um;
-  if (camera.has("pixel_pitch_um") && camera.at("pixel_pitch_um").value() != detectors_um)
-    camera.fail("pixel_pitch_um",
-                fmt::format("must be that of the sensor: \"sensor.detector.pixel_pitch_um\" is {:g}", detectors_um));
+  const double detector_pitch_um = sensor.detector.pixel_pitch_um;
+  if (camera.has("pixel_pitch_um") && camera.at("pixel_pitch_um").value() != detector_pitch_um)
+    camera.fail("pixel_pitch_um", fmt::format("must be that of the sensor: \"sensor.detector.pixel_pitch_um\" is {:g}",
+                                              detector_pitch_um));
 }
 
-// Its kernel is that of an image on a plane.
+// Reports stray light of a fisheye: the scattering kernel is defined for an image on a plane.
 void check_stray_light(const JsonReader& in, const engine::FrameRequest& request) {
   if (!request.sensor->optics.stray_light.any() || !request.camera.beyond_plane()) return;
   const JsonReader model = in.at("sensor");
   model.at("optics").fail("stray_light", "is not modelled for a fisheye's image");
 }
 
-// What is made of an image after it was rendered as if all rows were of one time.
+// Reports effects that are computed on the whole image as if all rows had been exposed at once; with a shutter they
+// were not.
 void check_sensor_of_rows(const JsonReader& in, const engine::SensorModel& sensor, const engine::Shutter& shutter) {
   const JsonReader model = in.at("sensor");
   if (!sensor.motion.none())

@@ -1,4 +1,4 @@
-// "sensor": optics, detector, motion.
+// "sensor": optics, detector, automatic exposure and motion blur.
 #pragma once
 
 #include "api/schema/members.h"
@@ -8,8 +8,9 @@ namespace selenograph::api {
 
 const Members<engine::SensorModel>& sensor_members();
 
-// Reports a sensor that counts nothing in the request's band or whose Airy disc is too wide there, one whose pitch
-// isn't the camera's, and what is not modelled for its camera or its shutter. `in`: the request, which has a sensor.
+// Reports contradictions between the sensor and the rest of the request `in`, which has a sensor: no efficiency in the
+// band, an Airy disc too wide for its kernel, a pixel pitch that is not the camera's, and effects that are not modelled
+// for the request's camera or shutter.
 void check_sensor(const JsonReader& in, const engine::FrameRequest& request);
 
 }  // namespace selenograph::api

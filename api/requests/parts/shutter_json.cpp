@@ -16,7 +16,7 @@ using engine::Shutter;
 
 constexpr Range kPoseTime_s{-1e6, 1e6};
 
-bool in_icrf(const Json& pose) {
+bool is_in_icrf(const Json& pose) {
   const std::string word = pose.value("frame", std::string());
   return std::any_of(std::begin(kPoseFrames), std::end(kPoseFrames),
                      [&](const auto& frame) { return !frame.second && frame.first == word; });
@@ -25,20 +25,21 @@ bool in_icrf(const Json& pose) {
 }  // namespace
 
 const Members<PoseAtTime>& pose_at_time_members() {
-  static const auto table = made<Members<PoseAtTime>>("PoseAtTime", "A pose of the camera at a time.", [](auto& m) {
-    m.add("time_s", &PoseAtTime::time_s, Number{kPoseTime_s, "s"}, "time from the exposure of row 0").required();
-    m.add("pose", &PoseAtTime::pose, Object{pose_members()},
-          "position and attitude of the camera at that time; in ICRF without an epoch: that of the Sun plus time_s")
-        .required();
-  });
+  static const auto table =
+      make_table<Members<PoseAtTime>>("PoseAtTime", "A pose of the camera at a time.", [](auto& m) {
+        m.add("time_s", &PoseAtTime::time_s, Number{kPoseTime_s, "s"}, "time from the exposure of row 0").required();
+        m.add("pose", &PoseAtTime::pose, Object{pose_members()},
+              "position and attitude of the camera at that time; in ICRF without an epoch: that of the Sun plus time_s")
+            .required();
+      });
   return *table;
 }
 
 std::optional<PoseAtTime> TimedPose::read(const JsonReader& in, const ReadContext& context) const {
-  ReadContext then = context;
+  ReadContext pose_context = context;
   const Json time = in.has("time_s") ? in.at("time_s").value() : Json();
-  if (time.is_number() && kPoseTime_s.contains(time.get<double>())) then.later_s = time.get<double>();
-  return Object::read(in, then);
+  if (time.is_number() && kPoseTime_s.contains(time.get<double>())) pose_context.pose_time_s = time.get<double>();
+  return Object::read(in, pose_context);
 }
 
 void check_times(const JsonReader& in, const std::vector<PoseAtTime>& poses) {
@@ -47,7 +48,7 @@ void check_times(const JsonReader& in, const std::vector<PoseAtTime>& poses) {
 }
 
 const Members<Shutter>& shutter_members() {
-  static const auto table = made<Members<Shutter>>(
+  static const auto table = make_table<Members<Shutter>>(
       "Shutter",
       "The rows are exposed one after the other, from the top: row y at the time y * line_time_s. Each row is rendered "
       "by ray tracing from the pose at its time. The camera moves from `pose`, which is that of row 0, at constant "
@@ -85,7 +86,8 @@ void check_pose(const JsonReader& in, const engine::Camera& camera, const std::o
   if (in.faults() > 0) return;
   pose = engine::PoseTrack(pose, *shutter).at(0);
   pose.camera_from_moon = canonical(pose.camera_from_moon);
-  // Where times are far more uneven than places, the polynomials swing out.
+  // Check the result's range: Hermite polynomials overshoot if the poses' times are much more uneven than their
+  // positions.
   if (!(pose.position_m.array().abs() <= kCoordinate_m.max).all())
     in.at("shutter").fail("poses", fmt::format("take row 0 more than {} m from the Moon's centre", kCoordinate_m.max));
 }
@@ -95,13 +97,14 @@ double icrf_lag_s(const JsonReader& in, const engine::Camera& camera, const std:
   constexpr double kSecondsPerDay = 86400;
   const engine::JulianDate sky = engine::tt_at(sky_utc);
   double farthest_s = 0;
-  // `time_s`: of the pose; `seen_s`: of the row that is nearest to it.
-  const auto add = [&](const Json& pose, double time_s, double seen_s) {
-    if (!in_icrf(pose)) return;
-    const std::string own = utc_of(pose);
-    const engine::JulianDate at = engine::tt_at(own.empty() ? utc : own);
-    const double lag_s =
-        ((at.day - sky.day) + (at.fraction - sky.fraction)) * kSecondsPerDay + (own.empty() ? seen_s : seen_s - time_s);
+  // `row_s` is the time of the exposed row nearest to the pose's time `time_s`. Without an epoch of its own, the pose's
+  // epoch is that of time 0 (`utc`); else its epoch is that of time_s.
+  const auto add = [&](const Json& pose, double time_s, double row_s) {
+    if (!is_in_icrf(pose)) return;
+    const std::string pose_utc = utc_of(pose);
+    const engine::JulianDate epoch = engine::tt_at(pose_utc.empty() ? utc : pose_utc);
+    const double lag_s = ((epoch.day - sky.day) + (epoch.fraction - sky.fraction)) * kSecondsPerDay +
+                         (pose_utc.empty() ? row_s : row_s - time_s);
     if (std::abs(lag_s) > std::abs(farthest_s)) farthest_s = lag_s;
   };
   if (in.has("pose")) add(in.at("pose").value(), 0, 0);

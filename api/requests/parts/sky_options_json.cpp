@@ -15,7 +15,7 @@ using engine::StarCatalogue;
 
 constexpr Range kMagnitude{-2, 30};
 
-// A catalogue's name; true: kBrightStars, false: none.
+// "stars": a catalogue's name, true for kBrightStars, or false for none.
 struct Stars {
   using Value = std::shared_ptr<const StarCatalogue>;
   std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
@@ -52,7 +52,8 @@ std::optional<SkyOptions> resolve_sky(const JsonReader& in, const SkyForm& form,
       options.velocity_m_s =
           (form.velocity_frame ? engine::moon_me_from(*form.velocity_frame) : moon_me_from_icrf) * *form.velocity_m_s;
   } catch (const ImpossibleRequest& e) {
-    if (form.utc || form.et_s) in.fail(form.member(), e.what());  // another's is refused where it is read
+    // Report only an epoch of the sky itself: the Sun's is reported by sun_members().
+    if (form.utc || form.et_s) in.fail(form.member(), e.what());
     return std::nullopt;
   }
   return options;
@@ -75,7 +76,7 @@ auto option(Field field) {
 }  // namespace
 
 const Members<SkyForm, SkyOptions>& sky_members() {
-  static const auto table = made<Members<SkyForm, SkyOptions>>(
+  static const auto table = make_table<Members<SkyForm, SkyOptions>>(
       "Sky",
       "Objects in view besides the Moon, at their apparent places at an epoch. The Earth hides objects behind it, "
       "whether it is shown or not. A pose in the Moon's frames places the sky to the 0.01 degrees of the model of the "
@@ -98,7 +99,7 @@ const Members<SkyForm, SkyOptions>& sky_members() {
         m.add("velocity_m_s", &SkyForm::velocity_m_s, kVelocity_m_s,
               "velocity of the camera relative to the Moon's centre, in inertial space, without the Moon's rotation: "
               "1.5 km/s move the stars by 1 arcsec. Left out: that of the Moon");
-        m.add("velocity_frame", &SkyForm::velocity_frame, Word<PoseFrame>{kPoseFrames, kOtherFrames},
+        m.add("velocity_frame", &SkyForm::velocity_frame, Word<PoseFrame>{kPoseFrames, kRejectedFrames},
               "frame of velocity_m_s");
         m.excludes("utc", {"et_s"});
         m.resolve(resolve_sky);

@@ -1,4 +1,4 @@
-// "sky": what is in view beside the Moon.
+// "sky": stars, Sun, Earth and planets in view besides the Moon.
 #pragma once
 
 #include "api/requests/parts/pose_json.h"
@@ -8,9 +8,10 @@
 
 namespace selenograph::api {
 
-// The catalogue that "stars": true stands for.
+// Catalogue used for "stars": true.
 inline constexpr const char* kBrightStars = "bright";
 
+// "sky" as a client writes it: the velocity may be in any frame, and the epoch is the Sun's unless given.
 struct SkyForm : EpochForm {
   engine::SkyOptions options;
   PoseFrame velocity_frame = engine::BodyFrame::moon_me;

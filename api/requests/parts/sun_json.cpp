@@ -13,8 +13,8 @@ namespace {
 using engine::Sun;
 
 const Members<SunLocal>& local_members() {
-  static const auto table =
-      made<Members<SunLocal>>("SunLocal", "The Sun as seen from a place on the sphere of 1 737 400 m.", [](auto& m) {
+  static const auto table = make_table<Members<SunLocal>>(
+      "SunLocal", "The Sun as seen from a place on the sphere of 1 737 400 m.", [](auto& m) {
         add_latitude_and_longitude(m);
         m.add("azimuth_deg", &SunLocal::azimuth_deg, Number{kAzimuth_deg, "deg"}, "clockwise from north").required();
         m.add("elevation_deg", &SunLocal::elevation_deg, Number{kElevation_deg, "deg"}, "above the local horizontal")
@@ -45,7 +45,7 @@ std::optional<Sun> resolve_sun(const JsonReader& in, const SunForm& form, const 
     }
   }
   sun.distance_au = form.distance_au.value_or(sun.distance_au);
-  // An epoch says what the Sun is like, unless the request does.
+  // Compute the disc's size from the distance if the client wrote "sun", or if an epoch but no size is given.
   if (form.angular_radius_deg ? !form.angular_radius_deg->has_value() : by_epoch) {
     sun.angular_radius_deg = engine::sun_radius_deg(sun.distance_au);
     if (sun.angular_radius_deg > kAngularRadius_deg.max) {
@@ -78,7 +78,7 @@ std::string utc_of(const Json& object) {
   try {
     return engine::utc_of_et(object["et_s"].get<double>());
   } catch (const ImpossibleRequest&) {
-    return {};  // refused where it is read
+    return {};  // the object's own table reports it
   }
 }
 
@@ -87,7 +87,7 @@ std::string utc_of_sun(const Json& body) {
 }
 
 const Members<SunForm, Sun>& sun_members() {
-  static const auto table = made<Members<SunForm, Sun>>(
+  static const auto table = make_table<Members<SunForm, Sun>>(
       "Sun", "Exactly one of direction, subsolar, local, utc, et_s is required. Always MOON_ME.", [](auto& m) {
         m.add("direction", &SunForm::direction, Vector{kAnyNumber}, "toward the Sun; any length but zero");
         m.add("subsolar", &SunForm::subsolar, Object{place_members()}, "the sub-solar point");

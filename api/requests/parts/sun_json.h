@@ -10,22 +10,24 @@
 
 namespace selenograph::api {
 
+// Direction to the Sun by azimuth and elevation at a place.
 struct SunLocal {
   double lat_deg = 0, lon_deg = 0, azimuth_deg = 0, elevation_deg = 0;
 };
+// "sun" as a client writes it: exactly one of direction, subsolar, local and an epoch gives the direction.
 struct SunForm : EpochForm {
   std::optional<Vec3> direction;
   std::optional<Geographic> subsolar;
   std::optional<SunLocal> local;
   std::optional<double> distance_au;
-  std::optional<std::optional<double>> angular_radius_deg;  // the inner one is empty for "sun"
+  std::optional<std::optional<double>> angular_radius_deg;  // the inner optional is empty for the word "sun"
   std::optional<double> limb_darkening;
 };
 const Members<SunForm, engine::Sun>& sun_members();
 
-// The epoch that an object gives as "utc" or "et_s", as UTC; empty: it gives none that can be read.
+// Returns the epoch of an object with "utc" or "et_s", as UTC; empty if it has neither or the epoch is invalid.
 std::string utc_of(const Json& object);
-// The epoch of a request's "sun", for ReadContext.
+// Returns the epoch of a request's "sun", as UTC, for ReadContext.
 std::string utc_of_sun(const Json& body);
 
 }  // namespace selenograph::api

@@ -21,7 +21,7 @@ using engine::ReflectanceModel;
 struct ReflectanceRow {
   std::string_view word;
   engine::ReflectanceModel model;
-  // The equation as printed in its paper, and the factors by which other tools differ.
+  // The equation as printed in its paper, and its value relative to the other models.
   std::string_view normalisation;
 };
 constexpr ReflectanceRow kReflectanceModels[] = {
@@ -74,6 +74,7 @@ constexpr std::pair<std::string_view, SurfacePreset> kSurfacePresets[] = {
     {"sato2014-highlands", SurfacePreset::sato2014_highlands},
 };
 
+// Text of the model that only the presets `moon*` use; it has no row above since clients cannot name it.
 constexpr std::string_view kMoonNormalisation =
     "f_r = c(g) (2 L / (mu0 + mu) + 1 - L), L = 1 - 0.019 g + 0.242e-3 g^2 - 1.46e-6 g^3 of the phase angle g in "
     "degrees, not below 0 (McEwen 1996), per steradian; c(g) such that a uniform sphere has the disc-equivalent "
@@ -97,6 +98,7 @@ std::string reflectance_description() {
   return out + "\n\n" + std::string(normalisation_elsewhere());
 }
 
+// Reports parameters with which a model would reflect more than arrives, or a negative amount.
 void check_reflectance(const JsonReader& in, Reflectance& reflectance, const ReadContext&) {
   if (reflectance.model == ReflectanceModel::lunar_lambert && reflectance.rho > engine::kLunarLambertMaxRho)
     in.fail("rho", fmt::format("must be at most {} for \"lunar_lambert\", whose rho is a normal albedo: more would "
@@ -111,46 +113,48 @@ void check_reflectance(const JsonReader& in, Reflectance& reflectance, const Rea
       return in.fail("c", fmt::format("with this b the phase function is negative at {} degrees", phase_deg));
 }
 
+// Returns the limit on rho of lunar_lambert as a schema condition.
 OrderedJson rho_of_lunar_lambert(const Limits&) {
   return {{"if", {{"properties", {{"model", {{"const", "lunar_lambert"}}}}}, {"required", {"model"}}}},
           {"then", {{"properties", {{"rho", {{"maximum", engine::kLunarLambertMaxRho}}}}}}}};
 }
 
+// Returns the rule that "bc0" and "hc" need the terms of 2002 as a schema condition.
 OrderedJson coherent_backscatter_of_2002(const Limits&) {
   return {{"if", {{"anyOf", {{{"required", {"bc0"}}}, {{"required", {"hc"}}}}}}},
           {"then", {{"properties", {{"terms", {{"const", "2002"}}}}}, {"required", {"terms"}}}}};
 }
 
 const Members<Reflectance>& reflectance_members() {
-  static const auto table = made<Members<Reflectance>>("Reflectance", reflectance_description(), [](auto& m) {
+  static const auto table = make_table<Members<Reflectance>>("Reflectance", reflectance_description(), [](auto& m) {
     m.add("model", &Reflectance::model, Word<ReflectanceModel>{model_words()}, "the BRDF");
     m.set_model("model");
     m.add("rho", &Reflectance::rho, Number{kUnitInterval},
           fmt::format("rho of the equations; at most {} of \"lunar_lambert\"", engine::kLunarLambertMaxRho))
-        .of({"lambert", "lommel_seeliger", "lunar", "blinn_phong", "lunar_lambert"});
+        .only_for({"lambert", "lommel_seeliger", "lunar", "blinn_phong", "lunar_lambert"});
     m.add("lommel_seeliger_weight", &Reflectance::lommel_seeliger_weight, Number{kUnitInterval},
           "w of the weighted average")
-        .of({"lunar"});
+        .only_for({"lunar"});
     m.add("shininess", &Reflectance::shininess, Number{{0, 1e6}},
           "p of the equation: 0 is Lambert, large values a mirror")
-        .of({"blinn_phong"});
+        .only_for({"blinn_phong"});
     m.add("limb_darkening", &Reflectance::limb_darkening, Number{kUnitInterval},
           "L of the equation; left out: McEwen's L(g) of the phase angle")
-        .of({"lunar_lambert"});
+        .only_for({"lunar_lambert"});
     m.add("phase", &Reflectance::phase, Word{kPhaseLaws},
           "phase law: a factor f(g) of f_r, f(0) = 1, such that the integrated light of a uniform sphere follows the "
           "Moon's: `allen`: magnitudes in the visible, 0.026 g + 4e-9 g^4 (Allen 1973), 0 to 150 degrees, constant "
           "beyond; `rolo`: reflectance at 0.554 um with the opposition surge (Kieffer & Stone 2005), 1.55 to 97 "
           "degrees, extrapolated to 0 and by `allen` beyond; `none`: 1. With `lunar_lambert` and McEwen's L(g), f(g) "
           "is his A(g)")
-        .of({"lommel_seeliger", "lunar", "lunar_lambert"})
+        .only_for({"lommel_seeliger", "lunar", "lunar_lambert"})
         .written_if([](const Reflectance& r) { return r.phase != engine::PhaseLaw::none; });
     const auto of_hapke = [&m](std::string_view name, auto engine::HapkeParameters::*field, auto kind,
                                std::string text) {
       return m
           .add(
               name, [field](auto& r) -> auto& { return r.hapke.*field; }, kind, std::move(text))
-          .of({"hapke"});
+          .only_for({"hapke"});
     };
     using Hapke = engine::HapkeParameters;
     of_hapke("w", &Hapke::w, Number{kUnitInterval}, "single-scattering albedo");
@@ -173,13 +177,13 @@ const Members<Reflectance>& reflectance_members() {
              "angular width of coherent backscatter; needs `terms` 2002")
         .written_if(of_2002);
     m.check(check_reflectance);
-    m.also(rho_of_lunar_lambert);
-    m.also(coherent_backscatter_of_2002);
+    m.add_condition(rho_of_lunar_lambert);
+    m.add_condition(coherent_backscatter_of_2002);
   });
   return *table;
 }
 
-// The rows of a material, in a form that is one.
+// Adds the rows of a material to the table of a form derived from Material.
 template <typename Form>
 void add_material(Members<Form>& m) {
   m.add("reflectance", &Form::reflectance, Object{reflectance_members()}, "the BRDF and its parameters")
@@ -194,15 +198,18 @@ void check_material(const JsonReader& in, const Material& material) {
   if (material.temperature_k > 0 && !engine::has_rho(material.reflectance.model)) in.fail("temperature_k", kNoRho);
 }
 
-// What `preset` stands for before the band is known.
+// Returns the reflectance of a preset. For Sato et al. it has no parameters yet: resolve_preset() sets them once the
+// band is known.
 Reflectance reflectance_of(SurfacePreset preset) {
   Reflectance reflectance{ReflectanceModel::hapke};
   switch (preset) {
     case SurfacePreset::moon_highlands:
-      reflectance.ground = engine::MoonGround::highlands, reflectance.model = ReflectanceModel::moon;
+      reflectance.ground = engine::MoonGround::highlands;
+      reflectance.model = ReflectanceModel::moon;
       break;
     case SurfacePreset::moon_mare:
-      reflectance.ground = engine::MoonGround::mare, reflectance.model = ReflectanceModel::moon;
+      reflectance.ground = engine::MoonGround::mare;
+      reflectance.model = ReflectanceModel::moon;
       break;
     case SurfacePreset::moon:
       reflectance.model = ReflectanceModel::moon;
@@ -215,7 +222,8 @@ Reflectance reflectance_of(SurfacePreset preset) {
   return reflectance;
 }
 
-// The preset that the reflectance of `moon` is.
+// Returns the preset from which a reflectance of the model `moon` came; empty for other models, which are written as
+// `reflectance`.
 std::optional<SurfacePreset> preset_of(const Reflectance& reflectance) {
   if (reflectance.model != ReflectanceModel::moon) return std::nullopt;
   switch (reflectance.ground) {
@@ -229,7 +237,7 @@ std::optional<SurfacePreset> preset_of(const Reflectance& reflectance) {
   return SurfacePreset::moon;
 }
 
-// Maps hold what the model takes.
+// Reports maps whose quantity (rho, w, radiance factor, kelvin) is not one that the model takes.
 void check_quantities(const JsonReader& in, const Ground& ground) {
   const ReflectanceModel model = ground.reflectance.model;
   for (std::size_t i = 0; i < ground.albedo_maps.size(); ++i) {
@@ -282,7 +290,7 @@ std::string_view normalisation_elsewhere() {
 }
 
 const Members<Material>& material_members() {
-  static const auto table = made<Members<Material>>("Material", "Surface material.", [](auto& m) {
+  static const auto table = make_table<Members<Material>>("Material", "Surface material.", [](auto& m) {
     add_material(m);
     m.check([](const JsonReader& in, Material& material, const ReadContext&) { check_material(in, material); });
   });
@@ -290,7 +298,7 @@ const Members<Material>& material_members() {
 }
 
 const Members<Ground>& ground_members() {
-  static const auto table = made<Members<Ground>>(
+  static const auto table = make_table<Members<Ground>>(
       "Surface",
       "The ground's reflectance and temperature: constants, or maps from the operator's assets folder. Maps are "
       "averaged over a pixel's footprint.",
@@ -327,37 +335,43 @@ Ground ground_of(const engine::FrameRequest& request, const SurfaceQuery& query)
 }
 
 void set_ground(engine::FrameRequest& request, SurfaceQuery& query, const Ground& ground) {
-  request.reflectance = ground.reflectance, request.temperature_k = ground.temperature_k;
+  request.reflectance = ground.reflectance;
+  request.temperature_k = ground.temperature_k;
   query.preset = ground.preset;
-  for (const auto& [name, map] : ground.albedo_maps)
-    query.albedo_maps.push_back(name), request.albedo_maps.push_back(map);
-  for (const auto& [name, map] : ground.temperature_maps)
-    query.temperature_maps.push_back(name), request.temperature_maps.push_back(map);
+  for (const auto& [name, map] : ground.albedo_maps) {
+    query.albedo_maps.push_back(name);
+    request.albedo_maps.push_back(map);
+  }
+  for (const auto& [name, map] : ground.temperature_maps) {
+    query.temperature_maps.push_back(name);
+    request.temperature_maps.push_back(map);
+  }
 }
 
 void resolve_preset(engine::FrameRequest& request, const SurfaceQuery& query) {
   if (!query.preset || request.reflectance.model == ReflectanceModel::moon) return;
-  constexpr double kVisible_um = 0.643;  // without a band, and said in a warning
+  constexpr double kDefaultBand_um = 0.643;  // without a band; add_reflectance_warnings() says so
   const auto region = *query.preset == SurfacePreset::sato2014_mare        ? engine::SatoRegion::mare
                       : *query.preset == SurfacePreset::sato2014_highlands ? engine::SatoRegion::highlands
                                                                            : engine::SatoRegion::global;
-  request.reflectance.hapke = engine::sato2014(region, request.band ? request.band->center_um() : kVisible_um);
+  request.reflectance.hapke = engine::sato2014(region, request.band ? request.band->center_um() : kDefaultBand_um);
 }
 
 namespace {
 
-bool within(const std::array<double, 2>& range, double least, double largest) {
-  return range[0] >= least && range[1] <= largest;
+bool is_inside(const std::array<double, 2>& range, double min, double max) {
+  return range[0] >= min && range[1] <= max;
 }
 
-// True for the ground of a request without `surface`.
+// Returns true for the ground of a request without `surface`.
 bool is_default(const engine::FrameRequest& request) {
-  const engine::Reflectance &given = request.reflectance, standard;
-  return given.model == standard.model && given.lommel_seeliger_weight == standard.lommel_seeliger_weight &&
-         given.rho == standard.rho && given.phase == standard.phase && request.albedo_maps.empty();
+  const engine::Reflectance& reflectance = request.reflectance;
+  const engine::Reflectance standard;
+  return reflectance.model == standard.model && reflectance.lommel_seeliger_weight == standard.lommel_seeliger_weight &&
+         reflectance.rho == standard.rho && reflectance.phase == standard.phase && request.albedo_maps.empty();
 }
 
-// True for frames whose numbers are meant to be a camera's or a radiometer's.
+// Returns true for frames whose numbers are meant to be a camera's or a radiometer's.
 bool is_absolute(const engine::FrameRequest& request) {
   return request.sensor || request.image.full_scale_radiance_w_m2_sr ||
          (request.band && request.products & engine::kRadiance);
@@ -370,7 +384,7 @@ nlohmann::ordered_json reflectance_metadata(const engine::FrameRequest& request,
   if (request.reflectance.model != ReflectanceModel::moon) return out;
   const engine::MoonTrust trust = engine::moon_trust(engine::band_of(request));
   const auto& phase_deg = report.view.phase_deg;
-  const bool by_lime = !phase_deg || within(*phase_deg, engine::kLimeFirst_deg, engine::kLimeLast_deg);
+  const bool by_lime = !phase_deg || is_inside(*phase_deg, engine::kLimeFirst_deg, engine::kLimeLast_deg);
   out["uncertainty"] = by_lime ? trust.uncertainty : engine::kRoloUncertainty;
   out["extrapolated_sunlight"] = trust.extrapolated_share;
   if (phase_deg) out["phase_deg"] = *phase_deg;
@@ -396,13 +410,13 @@ void add_reflectance_warnings(const engine::FrameRequest& request, const Surface
         "the ground has the default reflectance, which is a round number and not as bright as the Moon: \"surface\": "
         "{\"preset\": \"moon\"} has the Moon's in absolute units");
   if (model == ReflectanceModel::moon) {
-    constexpr double kMuch = 0.1;
-    if (engine::moon_trust(engine::band_of(request)).extrapolated_share > kMuch)
+    constexpr double kMaxExtrapolatedShare = 0.1;
+    if (engine::moon_trust(engine::band_of(request)).extrapolated_share > kMaxExtrapolatedShare)
       warnings.push_back(
           "the band reaches beyond 0.35 to 2.5 um, where the Moon's reflectance is extrapolated "
           "(reflectance.extrapolated_sunlight says how much of the light)");
     if (const auto& phase_deg = report.view.phase_deg;
-        phase_deg && !within(*phase_deg, engine::kRoloFirst_deg, engine::kRoloLast_deg))
+        phase_deg && !is_inside(*phase_deg, engine::kRoloFirst_deg, engine::kRoloLast_deg))
       warnings.push_back(
           "phase angles in view are beyond the 1.55 to 97 degrees of the ROLO model, where the Moon's reflectance is "
           "extrapolated (reflectance.phase_deg says which)");
@@ -415,7 +429,8 @@ nlohmann::ordered_json maps_metadata(const engine::FrameRequest& request, const 
     for (std::size_t i = 0; i < maps.size(); ++i)
       list.push_back({{"name", names[i]}, {"version", fmt::format("{:016x}", maps[i]->fingerprint())}});
   };
-  add(request.albedo_maps, query.albedo_maps), add(request.temperature_maps, query.temperature_maps);
+  add(request.albedo_maps, query.albedo_maps);
+  add(request.temperature_maps, query.temperature_maps);
   return list;
 }
 

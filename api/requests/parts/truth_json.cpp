@@ -12,15 +12,15 @@ struct Region {
   int x = 0, y = 0, width = 0, height = 0;
 };
 
-std::int64_t largest_side(const Limits& limits) { return limits.max_image_side; }
+std::int64_t max_side(const Limits& limits) { return limits.max_image_side; }
 std::int64_t last_pixel(const Limits& limits) { return limits.max_image_side - 1; }
 
 const Members<Region>& region_members() {
-  static const auto table = made<Members<Region>>("Region", "Pixels of the image.", [](auto& m) {
+  static const auto table = make_table<Members<Region>>("Region", "Pixels of the image.", [](auto& m) {
     m.add("x", &Region::x, Integer{0, last_pixel, "px"}, "first column").required();
     m.add("y", &Region::y, Integer{0, last_pixel, "px"}, "first row").required();
-    m.add("width", &Region::width, Integer{1, largest_side, "px"}, "columns").required();
-    m.add("height", &Region::height, Integer{1, largest_side, "px"}, "rows").required();
+    m.add("width", &Region::width, Integer{1, max_side, "px"}, "columns").required();
+    m.add("height", &Region::height, Integer{1, max_side, "px"}, "rows").required();
   });
   return *table;
 }
@@ -30,23 +30,27 @@ constexpr std::pair<std::string_view, engine::TruthGrid::Floats> kFloats[] = {
     {"float32", engine::TruthGrid::Floats::float32},
     {"float16", engine::TruthGrid::Floats::float16}};
 
-const auto region_field = Property{
-    [](const engine::TruthGrid& t) {
-      return std::optional(Region{t.x, t.y, t.width, t.height});
-    },
-    [](engine::TruthGrid& t, const Region& r) { t.x = r.x, t.y = r.y, t.width = r.width, t.height = r.height; }};
+const auto region_field = Property{[](const engine::TruthGrid& t) {
+                                     return std::optional(Region{t.x, t.y, t.width, t.height});
+                                   },
+                                   [](engine::TruthGrid& t, const Region& r) {
+                                     t.x = r.x;
+                                     t.y = r.y;
+                                     t.width = r.width;
+                                     t.height = r.height;
+                                   }};
 
 }  // namespace
 
 const Members<engine::TruthGrid>& truth_members() {
   using engine::TruthGrid;
-  static const auto table = made<Members<TruthGrid>>(
+  static const auto table = make_table<Members<TruthGrid>>(
       "Truth",
       "Subset of pixels for ground-truth products: all except image and radiance, which stay whole. Element (r, c) of "
       "their arrays belongs to the image's pixel in row y + r * every_px and column x + c * every_px.",
       [](auto& m) {
         m.add("region", region_field, Object{region_members()}, "left out: the whole image");
-        m.add("every_px", &TruthGrid::every_px, Integer{1, largest_side, "px"},
+        m.add("every_px", &TruthGrid::every_px, Integer{1, max_side, "px"},
               "every n-th row and column of the region, from its first");
         m.add("position_origin_m", &TruthGrid::position_origin_m, Vector{kCoordinate_m, "m"},
               "MOON_ME, whatever the pose's frame: `position` is relative to it, as float32 (accurate to 6e-8 of the "
@@ -60,15 +64,18 @@ const Members<engine::TruthGrid>& truth_members() {
 
 void resolve_truth(const JsonReader& in, const engine::Camera& camera, engine::TruthGrid& truth) {
   if (truth.width == 0) {
-    truth.width = camera.width, truth.height = camera.height;
+    truth.width = camera.width;
+    truth.height = camera.height;
     return;
   }
-  const JsonReader given = in.at("truth"), region = given.at("region");
+  const JsonReader truth_reader = in.at("truth");  // a reader must outlive those made from it
+  const JsonReader region = truth_reader.at("region");
   const auto check = [&](const char* member, int first, int size, int of_image) {
     if (first + size > of_image)
       region.fail(member, fmt::format("ends at pixel {}: the image has {}", first + size - 1, of_image));
   };
-  check("width", truth.x, truth.width, camera.width), check("height", truth.y, truth.height, camera.height);
+  check("width", truth.x, truth.width, camera.width);
+  check("height", truth.y, truth.height, camera.height);
 }
 
 }  // namespace selenograph::api
