@@ -60,7 +60,7 @@ struct Service::Impl {
       MemoryBudget::Claim claim;
     };
     const auto shared = std::make_shared<const BudgetAndClaim>(
-        BudgetAndClaim{memory, request_memory.give_for(response.body.capacity())});
+        BudgetAndClaim{memory, request_memory.release_for_answer(response.body.capacity())});
     response.memory = {shared, &shared->claim};
     return response;
   }

@@ -19,7 +19,7 @@ struct Column {
 };
 
 const std::vector<Column>& columns() {
-  static const std::vector<Column> all{
+  static const std::vector<Column> list{
       {"max_error_px", [](const SweepRow& r) { return r.setting.max_error_px; }},
       {"samples_per_pixel", [](const SweepRow& r) { return r.setting.samples_per_pixel; }},
       {"edge_samples", [](const SweepRow& r) { return r.setting.edge_samples; }},
@@ -53,17 +53,17 @@ const std::vector<Column>& columns() {
       {"shadow_edge_p999_px", [](const SweepRow& r) { return r.errors.shadow_edge_px.p999; }},
       {"shadow_edge_worst_px", [](const SweepRow& r) { return r.errors.shadow_edge_px.worst; }},
   };
-  return all;
+  return list;
 }
 
 std::string markdown_row(const SweepRow& r) {
   const engine::ErrorMeasures& e = r.errors;
-  std::string aim = fmt::format("{:g}", r.setting.max_error_px);
-  if (r.with_detail) aim += fmt::format(", {:g}", r.setting.detail_aim_px());
+  std::string target = fmt::format("{:g}", r.setting.max_error_px);
+  if (r.with_detail) target += fmt::format(", {:g}", r.setting.detail_aim_px());
   return fmt::format(
       "| {} | {} | {:g} | {} | {:.2f} | {:.2f} | {:.0f} | {:.2f} | {:.3f} / {:.3f} / {:.3f} | {:.2g} / {:.2g} / "
       "{:.2g} | {:.2f} / {:.1f} | {:.3f} / {:.1f} / {:.1f} | {:.3f} |\n",
-      visibility_name(r.visibility), aim, r.setting.max_shadow_error_px, samples_text(r.setting), r.ratio(),
+      visibility_name(r.visibility), target, r.setting.max_shadow_error_px, samples_text(r.setting), r.ratio(),
       static_cast<double>(r.triangles) / 1e6, static_cast<double>(r.scene_bytes) / 1048576.0, r.bound_px,
       e.geometric_px.median, e.geometric_px.p999, e.geometric_px.worst, e.geometric_m.median, e.geometric_m.p999,
       e.geometric_m.worst, 100 * e.radiance_rms, 100 * e.radiance_p999, e.shadow_edge_mean_px, e.shadow_edge_px.p999,

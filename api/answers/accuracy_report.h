@@ -9,17 +9,18 @@
 
 namespace selenograph::api {
 
-// Samples of a setting: "4", or "4, edges" with edge samples.
+// Returns the samples of a setting: "4", or "4, edges" with edge samples.
 std::string samples_text(const engine::Accuracy& setting);
 
-// A header line, then one line per row. Errors are in the unit that the column's name ends in, shares are fractions.
+// Returns CSV: a header line, then one line per row. Errors are in the unit that the column's name ends in, shares are
+// fractions.
 std::string accuracy_csv(const std::vector<engine::SweepRow>& rows);
 
-// One table per scene. `machine`: the machine on which the times were measured.
+// Returns a page with one table per scene. `machine` names the machine on which the times were measured.
 std::string accuracy_markdown(const std::vector<engine::SweepRow>& rows,
                               const std::vector<engine::AccuracyScene>& scenes, const std::string& machine);
 
-// The machine, the descriptions of the scenes, the default setting and the software version.
+// Returns the machine, the descriptions of the scenes, the default setting and the software version.
 nlohmann::ordered_json accuracy_json(const std::vector<engine::AccuracyScene>& scenes, const std::string& machine);
 
 }  // namespace selenograph::api

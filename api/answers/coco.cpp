@@ -19,22 +19,24 @@ namespace {
 
 constexpr int kCraterCategory = 1, kRockCategory = 2;
 
-// What of a polygon is where `inside` isn't negative (Sutherland & Hodgman 1974).
-template <typename Inside>
-ImagePolygon clipped(const ImagePolygon& polygon, const Inside& inside) {
+// Returns a polygon clipped at a line: the part where `distance` of a corner is not negative (Sutherland & Hodgman
+// 1974).
+template <typename Distance>
+ImagePolygon clipped(const ImagePolygon& polygon, const Distance& distance) {
   ImagePolygon out;
   for (std::size_t i = 0; i < polygon.size(); ++i) {
     const ImageCorner &a = polygon[i], &b = polygon[(i + 1) % polygon.size()];
-    const double of_a = inside(a), of_b = inside(b);
-    if (of_a >= 0) out.push_back(a);
-    if ((of_a >= 0) == (of_b >= 0)) continue;
-    const double t = of_a / (of_a - of_b);
+    const double distance_a = distance(a), distance_b = distance(b);
+    if (distance_a >= 0) out.push_back(a);
+    if ((distance_a >= 0) == (distance_b >= 0)) continue;
+    const double t = distance_a / (distance_a - distance_b);
     out.push_back({std::lerp(a.x, b.x, t), std::lerp(a.y, b.y, t)});
   }
   return out;
 }
 
-ImagePolygon in_image(const std::vector<engine::RimPoint>& outline, double width, double height) {
+// Returns an outline in COCO's coordinates, clipped at the image's borders and rounded to 0.001 pixels.
+ImagePolygon clip_to_image(const std::vector<engine::RimPoint>& outline, double width, double height) {
   ImagePolygon polygon;
   for (const engine::RimPoint& p : outline) polygon.push_back({p.x_px + 0.5, p.y_px + 0.5});
   polygon = clipped(polygon, [](const ImageCorner& c) { return c.x; });
@@ -46,46 +48,50 @@ ImagePolygon in_image(const std::vector<engine::RimPoint>& outline, double width
   return polygon;
 }
 
+// Returns a polygon's area by the shoelace formula.
 double area_of(const ImagePolygon& polygon) {
-  double twice = 0;
+  double twice_area = 0;
   for (std::size_t i = 0; i < polygon.size(); ++i) {
     const ImageCorner &a = polygon[i], &b = polygon[(i + 1) % polygon.size()];
-    twice += a.x * b.y - b.x * a.y;
+    twice_area += a.x * b.y - b.x * a.y;
   }
-  return std::abs(twice) / 2;
+  return std::abs(twice_area) / 2;
 }
 
+// Returns a polygon's bounding box as COCO has it: x and y of the top-left corner, width, height.
 OrderedJson box_of(const ImagePolygon& polygon) {
-  ImageCorner least = polygon[0], most = polygon[0];
+  ImageCorner min = polygon[0], max = polygon[0];
   for (const ImageCorner& c : polygon) {
-    least = {std::min(least.x, c.x), std::min(least.y, c.y)};
-    most = {std::max(most.x, c.x), std::max(most.y, c.y)};
+    min = {std::min(min.x, c.x), std::min(min.y, c.y)};
+    max = {std::max(max.x, c.x), std::max(max.y, c.y)};
   }
-  return {least.x, least.y, thousandths(most.x - least.x), thousandths(most.y - least.y)};
+  return {min.x, min.y, thousandths(max.x - min.x), thousandths(max.y - min.y)};
 }
 
-// Where a polygon's border crosses the row's line of pixel centres, from the left; reused from row to row.
-void crossings(const ImagePolygon& polygon, double y, std::vector<double>& at) {
-  at.clear();
+// Sets `crossings_x` to the places where a polygon's border crosses the line y, from the left. The caller reuses the
+// vector from row to row.
+void find_crossings(const ImagePolygon& polygon, double y, std::vector<double>& crossings_x) {
+  crossings_x.clear();
   for (std::size_t i = 0; i < polygon.size(); ++i) {
     const ImageCorner &a = polygon[i], &b = polygon[(i + 1) % polygon.size()];
-    if ((a.y > y) != (b.y > y)) at.push_back(a.x + (y - a.y) / (b.y - a.y) * (b.x - a.x));
+    if ((a.y > y) != (b.y > y)) crossings_x.push_back(a.x + (y - a.y) / (b.y - a.y) * (b.x - a.x));
   }
-  std::sort(at.begin(), at.end());
+  std::sort(crossings_x.begin(), crossings_x.end());
 }
 
-// Gives the pixels whose centres are in a polygon a value.
+// Sets the pixels whose centres are in a polygon to a value: scan-line fill between pairs of crossings (even-odd rule).
 void fill(const ImagePolygon& polygon, const engine::Camera& camera, std::uint16_t value,
           std::vector<std::uint16_t>& mask) {
   const auto [top, bottom] =
       std::minmax_element(polygon.begin(), polygon.end(), [](const auto& a, const auto& b) { return a.y < b.y; });
-  // The first pixel whose centre is at x or right of it.
-  const auto first = [](double x) { return static_cast<int>(std::ceil(x - 0.5)); };
-  std::vector<double> at;
-  for (int y = std::max(first(top->y), 0); y < std::min(first(bottom->y), camera.height); ++y) {
-    crossings(polygon, y + 0.5, at);
-    for (std::size_t i = 0; i + 1 < at.size(); i += 2) {
-      const int from = std::clamp(first(at[i]), 0, camera.width), to = std::clamp(first(at[i + 1]), from, camera.width);
+  // Returns the first pixel whose centre is at x or right of it.
+  const auto first_pixel = [](double x) { return static_cast<int>(std::ceil(x - 0.5)); };
+  std::vector<double> crossings_x;
+  for (int y = std::max(first_pixel(top->y), 0); y < std::min(first_pixel(bottom->y), camera.height); ++y) {
+    find_crossings(polygon, y + 0.5, crossings_x);
+    for (std::size_t i = 0; i + 1 < crossings_x.size(); i += 2) {
+      const int from = std::clamp(first_pixel(crossings_x[i]), 0, camera.width);
+      const int to = std::clamp(first_pixel(crossings_x[i + 1]), from, camera.width);
       const auto row = mask.begin() + static_cast<std::ptrdiff_t>(y) * camera.width;
       std::fill(row + from, row + to, value);
     }
@@ -99,14 +105,23 @@ OrderedJson coco_categories() {
           {{"id", kRockCategory}, {"name", "rock"}, {"supercategory", "landform"}}};
 }
 
-void FrameLabels::Mask::add(int x, int y, std::size_t at) {
-  if (area == 0) left = right = x, top = bottom = y;
-  if (area > 0 && at == past_last)
+void FrameLabels::Mask::add(int x, int y, std::size_t index) {
+  if (area == 0) {
+    left = right = x;
+    top = bottom = y;
+  }
+  if (area > 0 && index == past_last) {
     ++runs.back();
-  else
-    runs.push_back(at - past_last), runs.push_back(1);
-  past_last = at + 1, ++area;
-  left = std::min(left, x), right = std::max(right, x), top = std::min(top, y), bottom = std::max(bottom, y);
+  } else {
+    runs.push_back(index - past_last);
+    runs.push_back(1);
+  }
+  past_last = index + 1;
+  ++area;
+  left = std::min(left, x);
+  right = std::max(right, x);
+  top = std::min(top, y);
+  bottom = std::max(bottom, y);
 }
 
 std::size_t FrameLabels::pixels() const {
@@ -116,33 +131,37 @@ std::size_t FrameLabels::pixels() const {
 std::vector<FrameLabels::Mask> FrameLabels::masks_of_rocks() const {
   std::vector<Mask> masks(frame_.rocks.size());
   if (masks.empty()) return masks;
-  std::size_t at = 0;
+  std::size_t index = 0;
   for (int x = 0; x < camera_.width; ++x)
-    for (int y = 0; y < camera_.height; ++y, ++at) {
+    for (int y = 0; y < camera_.height; ++y, ++index) {
       const std::uint16_t rock = frame_.products.rock[static_cast<std::size_t>(y) * camera_.width + x];
-      if (rock < masks.size()) masks[rock].add(x, y, at);
+      if (rock < masks.size()) masks[rock].add(x, y, index);
     }
   return masks;
 }
 
-FrameLabels::FrameLabels(const engine::Frame& frame, const engine::Camera& camera, double least_px)
+FrameLabels::FrameLabels(const engine::Frame& frame, const engine::Camera& camera, double min_diameter_px)
     : frame_(frame), camera_(camera) {
-  constexpr double kLeastArea_px = 1e-3;
+  constexpr double kMinArea_px = 1e-3;
   for (const engine::CraterRim& rim : frame.report.craters.rims) {
-    ImagePolygon polygon = in_image(rim.outline, camera.width, camera.height);
-    if (const double area = area_of(polygon); polygon.size() >= 3 && area > kLeastArea_px)
+    ImagePolygon polygon = clip_to_image(rim.outline, camera.width, camera.height);
+    if (const double area = area_of(polygon); polygon.size() >= 3 && area > kMinArea_px)
       craters_.push_back({rim, std::move(polygon), area});
   }
   std::vector<Mask> masks = masks_of_rocks();
   for (std::size_t i = 0; i < masks.size(); ++i)
-    if (masks[i].area > 0 && 4 * static_cast<double>(masks[i].area) >= std::numbers::pi * least_px * least_px)
+    if (masks[i].area > 0 &&
+        4 * static_cast<double>(masks[i].area) >= std::numbers::pi * min_diameter_px * min_diameter_px)
       rocks_.push_back({i, std::move(masks[i])});
 }
 
 OrderedJson FrameLabels::annotation(const Crater& crater) {
   const engine::CraterRim& rim = crater.rim;
   OrderedJson flat = OrderedJson::array();
-  for (const ImageCorner& c : crater.polygon) flat.push_back(c.x), flat.push_back(c.y);
+  for (const ImageCorner& c : crater.polygon) {
+    flat.push_back(c.x);
+    flat.push_back(c.y);
+  }
   OrderedJson json{{"category_id", kCraterCategory},
                    {"bbox", box_of(crater.polygon)},
                    {"segmentation", OrderedJson::array({std::move(flat)})},
@@ -194,18 +213,19 @@ OrderedJson FrameLabels::coco(const FrameQuery& query, const std::string& image)
 }
 
 void FrameLabels::check_ids() const {
-  constexpr std::size_t kMost = std::numeric_limits<std::uint16_t>::max();
-  if (const std::size_t all = craters_.size() + rocks_.size(); all > kMost)
+  constexpr std::size_t kMaxId = std::numeric_limits<std::uint16_t>::max();
+  if (const std::size_t count = craters_.size() + rocks_.size(); count > kMaxId)
     throw RequestError(
         "invalid_request", "there are too many craters and rocks for masks",
         {{"/craters/smallest_px", fmt::format("the frame has {} craters and rocks of at least this size; "
                                               "masks can have {}",
-                                              all, kMost)}});
+                                              count, kMaxId)}});
 }
 
 std::vector<std::uint16_t> FrameLabels::crater_mask() const {
   check_ids();
   std::vector<std::uint16_t> mask(pixels(), 0);
+  // Fill from the largest to the smallest, so that smaller craters overwrite larger ones.
   for (std::size_t i = 0; i < craters_.size(); ++i)
     fill(craters_[i].polygon, camera_, static_cast<std::uint16_t>(i + 1), mask);
   return mask;

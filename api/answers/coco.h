@@ -1,5 +1,11 @@
 // Craters and rocks in a frame as annotations in the COCO data format (https://cocodataset.org/#format-data), on which
 // object detectors are trained, and as masks.
+//
+//   COCO's pixel coordinates            run-length encoding of a rock's mask: column by column,
+//   (0,0)+---+---+                      alternating counts of pixels outside and inside
+//        | . | . |  . = pixel centre      . # .     columns: ...  ##.  .#.
+//        +---+---+      (0.5, 0.5)        . # #     counts:  3 2 2 1 1
+//        | . | . |                        . . .
 #pragma once
 
 #include <cstdint>
@@ -11,34 +17,35 @@
 
 namespace selenograph::api {
 
-// COCO's list of categories: crater is 1, rock 2.
+// Returns COCO's list of categories: crater is 1, rock 2.
 OrderedJson coco_categories();
-// The member of an .npz that holds a frame's annotations.
+// Name of the member of an .npz that holds a frame's annotations.
 inline constexpr const char* kCocoMember = "coco.json";
 
-// A place in COCO's coordinates, and an outline.
+// A point in COCO's coordinates, and a closed outline.
 struct ImageCorner {
   double x, y;
 };
 using ImagePolygon = std::vector<ImageCorner>;
 
-// Labels of a frame of one camera. COCO's coordinates: the top-left corner of the top-left pixel is (0, 0), its centre
-// (0.5, 0.5). Craters have outlines, clipped at the image's border; rocks have the pixels that see them.
+// Labels of a frame of one camera. Craters have outlines, clipped at the image's border; rocks have the pixels that see
+// them.
 class FrameLabels {
  public:
-  // `frame`: with craters and product kRock; it must outlive this. Rocks are listed if they cover at least as many
-  // pixels as a circle of diameter `least_px`. Craters come first, then rocks, each the largest first.
-  FrameLabels(const engine::Frame& frame, const engine::Camera& camera, double least_px);
+  // `frame` must have craters and the product kRock, and outlive the labels. Rocks are listed if they cover at least as
+  // many pixels as a circle of diameter `min_diameter_px`. Craters come first, then rocks, each the largest first.
+  FrameLabels(const engine::Frame& frame, const engine::Camera& camera, double min_diameter_px);
 
   std::size_t craters() const { return craters_.size(); }
   std::size_t rocks() const { return rocks_.size(); }
 
-  // A document of one image, in a file called `image`. The ids of annotations count from 1. Properties without a place
-  // in COCO are additional members of the annotations, which its readers ignore.
+  // Returns a document of one image, in a file called `image`. The ids of annotations count from 1. Properties that
+  // COCO does not define are additional members of the annotations, which COCO's readers ignore.
   OrderedJson coco(const FrameQuery& query, const std::string& image) const;
 
-  // Per pixel the id of an annotation, 0 without one; height x width. A crater has the pixels whose centres are within
-  // its outline; of several the smallest counts. Throws RequestError if there are more ids than a pixel can hold.
+  // Return height x width pixels with the id of an annotation, 0 without one. A crater has the pixels whose centres are
+  // within its outline; where craters overlap, the smallest one wins. Throw RequestError if there are more ids than a
+  // pixel can hold.
   std::vector<std::uint16_t> crater_mask() const;
   std::vector<std::uint16_t> rock_mask() const;
 
@@ -48,15 +55,17 @@ class FrameLabels {
     ImagePolygon polygon;
     double area;
   };
-  // The pixels that see a rock, down one column of the image after the other: COCO's order.
+  // Run-length encoded mask of the pixels that see a rock, in COCO's order: column after column, from the top.
   struct Mask {
-    std::vector<std::size_t> runs{};  // of other pixels and its own, in turn
-    std::size_t past_last = 0, area = 0;
+    std::vector<std::size_t> runs{};  // alternating numbers of pixels outside and inside the mask
+    std::size_t past_last = 0;        // index after the last pixel inside
+    std::size_t area = 0;             // number of pixels inside
     int left = 0, right = 0, top = 0, bottom = 0;
-    void add(int x, int y, std::size_t at);
+    // Adds a pixel; indices must rise.
+    void add(int x, int y, std::size_t index);
   };
   struct Rock {
-    std::size_t number;  // in the frame's list
+    std::size_t number;  // index into the frame's list of rocks
     Mask mask;
   };
 

@@ -8,21 +8,21 @@
 namespace selenograph::api {
 namespace {
 
-OrderedJson place_json(const engine::RimPoint& p) { return {thousandths(p.x_px), thousandths(p.y_px)}; }
+OrderedJson point_json(const engine::RimPoint& p) { return {thousandths(p.x_px), thousandths(p.y_px)}; }
 
 OrderedJson rim_json(const std::vector<engine::RimPoint>& outline) {
   OrderedJson points = OrderedJson::array();
-  for (const engine::RimPoint& p : outline) points.push_back(place_json(p));
+  for (const engine::RimPoint& p : outline) points.push_back(point_json(p));
   return points;
 }
 
 OrderedJson ellipse_json(const engine::RimEllipse& e) {
-  return {{"center_px", place_json(e.centre)},
+  return {{"center_px", point_json(e.centre)},
           {"semi_axes_px", {thousandths(e.semi_major_px), thousandths(e.semi_minor_px)}},
           {"angle_deg", thousandths(e.angle_deg)}};
 }
 
-void add_place(Answer<engine::CraterRim>& a) {
+void add_image_members(Answer<engine::CraterRim>& a) {
   using namespace schema;
   using engine::CraterRim;
   const OrderedJson point = list(number(kAnyNumber, ""), 2, "column and row, as x_px and y_px elsewhere");
@@ -41,7 +41,7 @@ void add_place(Answer<engine::CraterRim>& a) {
                {"center_px", "semi_axes_px", "angle_deg"}),
         [](const CraterRim& rim) { return ellipse_json(engine::ellipse_of(rim.outline)); });
   a.add("center_px", with_keyword(point, "type", {"array", "null"}),
-        [](const CraterRim& rim) { return std::isnan(rim.centre.x_px) ? OrderedJson() : place_json(rim.centre); });
+        [](const CraterRim& rim) { return std::isnan(rim.centre.x_px) ? OrderedJson() : point_json(rim.centre); });
   a.add("center_visible", boolean("whether the middle of its floor is in the image and not hidden"),
         [](const CraterRim& rim) { return rim.centre_visible; });
 }
@@ -59,7 +59,7 @@ const Answer<engine::CraterRim>& crater_answer() {
         for (const auto& column : crater_columns())
           a.add(column.name.data(), schema::number(kAnyNumber, column.meaning),
                 [value = column.value](const engine::CraterRim& rim) { return value(rim.feature); });
-        add_place(a);
+        add_image_members(a);
       });
   return answer;
 }

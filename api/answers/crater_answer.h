@@ -6,10 +6,10 @@
 
 namespace selenograph::api {
 
-// The members of POST /v1/features, and where the crater is in the image.
+// Table of a crater's members: those of POST /v1/features, and its outline in the image.
 const Answer<engine::CraterRim>& crater_answer();
 
-// Rounded to 0.001: a place in pixels takes few digits.
+// Returns x rounded to 0.001, so that a position in pixels takes few digits.
 double thousandths(double x);
 
 }  // namespace selenograph::api

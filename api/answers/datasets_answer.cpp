@@ -8,6 +8,7 @@
 namespace selenograph::api {
 namespace {
 
+// A tile of the catalogue, and the offset added to its heights, m.
 struct DatasetSource {
   const dem::RasterInfo& raster;
   double offset_m;

@@ -10,7 +10,7 @@ namespace selenograph::api {
 
 const Answer<dem::Catalogue>& datasets_answer();
 
-// The response as JSON text.
+// Returns the response as JSON text.
 std::string datasets_text(const dem::Catalogue& catalogue);
 
 }  // namespace selenograph::api

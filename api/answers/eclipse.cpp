@@ -9,33 +9,35 @@
 namespace selenograph::api {
 namespace {
 
-double covered_over(const SceneryQuery& query, const Vec3& position_m) {
+double share_covered_over(const SceneryQuery& query, const Vec3& position_m) {
   if (query.sun_utc.empty()) return 0;
   return engine::share_of_sun_covered(query.sun_utc, kMoonRadius_m * position_m.stableNormalized());
 }
 
 Vec3 position_of(const engine::Pose& pose, const std::optional<engine::Shutter>& shutter) {
-  const bool of_rows = shutter && !shutter->poses.empty();
-  return of_rows ? shutter->poses[shutter->poses.size() / 2].pose.position_m : pose.position_m;
+  const bool has_row_poses = shutter && !shutter->poses.empty();
+  return has_row_poses ? shutter->poses[shutter->poses.size() / 2].pose.position_m : pose.position_m;
 }
 
 }  // namespace
 
 double sun_covered(const FrameQuery& query) {
   const engine::FrameRequest& request = query.request;
-  return engine::wants_light(request) ? covered_over(query, position_of(request.pose, request.shutter)) : 0;
+  return engine::wants_light(request) ? share_covered_over(query, position_of(request.pose, request.shutter)) : 0;
 }
 
 double sun_covered(const MapQuery& query) {
   if (!(query.request.products & (engine::kRadiance | engine::kLit | engine::kIrradiance))) return 0;
   const dem::MapGrid& grid = query.request.grid;
   const auto middle = dem::MapTransform(grid.plane).direction(grid.point(grid.width / 2, grid.height / 2));
-  return covered_over(query, middle.value_or(Vec3::Zero()));
+  return share_covered_over(query, middle.value_or(Vec3::Zero()));
 }
 
-double sun_covered(const RaysQuery& query) { return covered_over(query, query.rays.front().origin_m); }
+double sun_covered(const RaysQuery& query) { return share_covered_over(query, query.rays.front().origin_m); }
 
-double sun_covered(const ProjectQuery& query) { return covered_over(query, position_of(query.pose, query.shutter)); }
+double sun_covered(const ProjectQuery& query) {
+  return share_covered_over(query, position_of(query.pose, query.shutter));
+}
 
 void warn_of_eclipse(double share, std::string_view member, OrderedJson& warnings) {
   if (share > 0)

@@ -39,7 +39,7 @@ std::string ground_markdown(const GroundReport& report) {
   return out;
 }
 
-std::vector<std::string> beyond_bounds(const GroundReport& report) {
+std::vector<std::string> bound_violations(const GroundReport& report) {
   std::vector<std::string> out;
   for (const engine::SlopeRow& r : report.slopes) {
     if (r.baseline_m > 100) continue;

@@ -9,20 +9,21 @@
 namespace selenograph::api {
 
 struct GroundReport {
-  std::string detail;  // its name
+  std::string detail;  // name of the detail
   std::vector<engine::SlopeRow> slopes;
   std::vector<engine::CraterRow> craters;
 };
 
-// A header line, then one line per row; empty where there is no value. Lengths in m, numbers per km^2.
+// Return CSV: a header line, then one line per row, with empty cells for missing values. Lengths are in m, numbers per
+// km^2.
 std::string slopes_csv(const GroundReport& report);
 std::string craters_csv(const GroundReport& report);
 
 std::string ground_markdown(const GroundReport& report);
 
-// Values outside the stated bounds, a line each; empty: none. Median slopes from 0.5 to 100 m within 20 % of the
-// published ones, Hurst exponents from 1 to 100 m within 0.65 to 1.05, visible craters of octaves from 2 to 50 m within
-// 0.8 to 1.25 of the law.
-std::vector<std::string> beyond_bounds(const GroundReport& report);
+// Returns a line for each value outside its bounds. The bounds: median slopes up to 100 m within 20 % of the published
+// ones, Hurst exponents from 1 to 100 m within 0.65 to 1.05, visible craters of octaves from 2 to 50 m within 0.8
+// to 1.25 of the law.
+std::vector<std::string> bound_violations(const GroundReport& report);
 
 }  // namespace selenograph::api

@@ -23,11 +23,12 @@ using LidarElements =
                  std::vector<std::uint8_t> LidarReturns::*, std::vector<std::uint16_t> LidarReturns::*,
                  std::vector<std::uint64_t> LidarReturns::*>;
 
+// How a column's values become JSON: as numbers, as booleans, as indices of objects (65535: null) or as ids (0: null).
 enum class Meaning { number, flag, object, rock };
 struct LidarColumn {
   const char* name;
   LidarElements elements;
-  std::size_t components;
+  std::size_t components;  // per beam: 1, or 3 for a vector
   Meaning kind;
   const char* meaning;
 };
@@ -86,7 +87,8 @@ OrderedJson element_json(const LidarColumn& column, T value) {
   return value;
 }
 
-// Warns of a scan that is legal but measures nothing: no beam meets anything, or all that they meet is out of the gate.
+// Returns warnings about a valid scan that measures nothing: no beam hits a surface, or all surfaces are out of the
+// gate.
 OrderedJson warnings_of(const LidarReturns& returns, const engine::LidarGate& gate) {
   double nearest_m = std::numeric_limits<double>::infinity(), farthest_m = 0;
   bool any_in_gate = false;
@@ -138,22 +140,22 @@ OrderedJson lidar_json(const LidarReturns& returns, const LidarQuery& query, con
   OrderedJson list = OrderedJson::array();
   for (std::size_t i = 0; i < returns.size(); ++i) {
     if (i % 256 == 0) stop.check();
-    OrderedJson one = OrderedJson::object();
+    OrderedJson beam = OrderedJson::object();
     for (const LidarColumn& c : kLidarColumns)
       std::visit(
           [&](auto elements) {
             const auto& values = returns.*elements;
             if (values.empty()) return;
             if (c.components == 1) {
-              one[c.name] = element_json(c, values[i]);
+              beam[c.name] = element_json(c, values[i]);
               return;
             }
             OrderedJson vector = OrderedJson::array();
             for (std::size_t k = 0; k < c.components; ++k) vector.push_back(values[c.components * i + k]);
-            one[c.name] = std::move(vector);
+            beam[c.name] = std::move(vector);
           },
           c.elements);
-    list.push_back(std::move(one));
+    list.push_back(std::move(beam));
   }
   return {{"returns", std::move(list)}, {"meta", meta_of(returns, query)}};
 }

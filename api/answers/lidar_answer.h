@@ -10,17 +10,17 @@
 
 namespace selenograph::api {
 
-// In the order of the server's preference.
+// Media types of the answer, in the order of the server's preference.
 inline constexpr Alternative kLidarAnswers[] = {
     {"application/x-npz", "an array for each column, of as many rows as there are beams, and `meta.json`"},
     {"application/json", "the same as a list of beams, null for NaN; of no more beams than a request has rays"},
 };
 
-// Columns of one beam, by name.
+// Returns the schema of one beam: its columns, by name.
 OrderedJson lidar_return_schema();
 OrderedJson lidar_json(const engine::LidarReturns& returns, const LidarQuery& query, const StopToken& stop);
 std::string lidar_npz(const engine::LidarReturns& returns, const LidarQuery& query, const StopToken& stop);
-// The columns as a table for the document.
+// Returns the columns with their meanings as a Markdown list for the API document.
 std::string lidar_columns_text();
 
 }  // namespace selenograph::api

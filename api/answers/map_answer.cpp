@@ -19,7 +19,7 @@
 namespace selenograph::api {
 namespace {
 
-// visit(row, elements) of each product that a map has.
+// Calls visit(row, elements) for each requested product.
 template <typename Visit>
 void for_each_product(const MapQuery& query, const engine::FrameProducts& products, const Visit& visit) {
   for (const ProductRow& row : map_products())
@@ -33,14 +33,17 @@ std::vector<dem::MapBand> bands_of(const MapQuery& query, const engine::FramePro
     const std::vector<std::string> names = channel_names(row);
     const int step = static_cast<int>(names.size());
     for (int i = 0; i < step; ++i)
-      bands.push_back({names[static_cast<std::size_t>(i)], std::string(row.of_maps.unit), values.data() + i, step});
+      bands.push_back({names[static_cast<std::size_t>(i)], std::string(row.in_maps.unit), values.data() + i, step});
   });
   return bands;
 }
 
+// Linear scale of a PNG: values of the digital numbers 1 and 65535; 0 is no data.
 struct Scale {
-  double low, high;  // values of 1 and 65535
+  double low, high;
 };
+
+// Returns the scale of a product: fixed for `lit`, from the smallest value for heights, from 0 for all others.
 
 template <typename Element>
 Scale scale_of(const ProductRow& row, const std::vector<Element>& values) {
@@ -49,7 +52,8 @@ Scale scale_of(const ProductRow& row, const std::vector<Element>& values) {
   for (const Element element : values) {
     const auto value = static_cast<double>(element);
     if (std::isnan(value)) continue;
-    scale.low = std::min(scale.low, value), scale.high = std::max(scale.high, value);
+    scale.low = std::min(scale.low, value);
+    scale.high = std::max(scale.high, value);
   }
   if (row.product != engine::kHeight) scale.low = 0;
   if (!(scale.high > scale.low)) scale.high = std::isfinite(scale.low) ? scale.low + 1 : 1;
@@ -87,8 +91,9 @@ std::string encode_map_png(const MapQuery& query, const engine::FrameProducts& p
 }  // namespace
 
 std::size_t bytes_of(const engine::MapRequest& request) {
-  const bool wider = engine::wants_footprint(request);
-  const engine::MapRequest drawn = wider ? engine::drawn_for(request) : request;
+  // A map with a footprint is drawn with a margin, and possibly with more products than are in the answer.
+  const bool has_margin = engine::wants_footprint(request);
+  const engine::MapRequest drawn = has_margin ? engine::drawn_for(request) : request;
   const std::size_t pixels = static_cast<std::size_t>(drawn.grid.width) * static_cast<std::size_t>(drawn.grid.height);
   std::size_t arrays = 0;
   std::vector<dem::MapBand> bands;
@@ -104,38 +109,38 @@ std::size_t bytes_of(const engine::MapRequest& request) {
         },
         row.elements);
   }
-  // A patch of 512 x 512 pixels: directions and a frame's arrays. An answer is made beside the arrays, and a GeoTIFF's
-  // bytes are copied once.
-  constexpr std::size_t kPatch = std::size_t{512} * 512 * 96;
-  return arrays + (wider ? engine::bytes_of_footprints(request, drawn) : 0) +
-         2 * std::max(arrays, dem::geotiff_bytes_at_most(request.grid, bands)) + kPatch;
+  // A patch has 512 x 512 pixels with their directions and a frame's arrays. The answer is encoded while the arrays
+  // exist, and a GeoTIFF's bytes are copied once.
+  constexpr std::size_t kPatchBytes = std::size_t{512} * 512 * 96;
+  return arrays + (has_margin ? engine::bytes_of_footprints(request, drawn) : 0) +
+         2 * std::max(arrays, dem::geotiff_bytes_at_most(request.grid, bands)) + kPatchBytes;
 }
 
 std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::uint64_t terrain_fingerprint,
                          std::string_view media_type) {
-  OrderedJson what{{"map_request", resolved_json(query)},
-                   {"terrain", terrain_fingerprint},
-                   {"maps", maps_metadata(query.request.look, query.surface)},
-                   {"scene_bytes", scene_bytes},
-                   {"version", software_version()},
-                   {"representation", media_type}};
-  if (const auto& detail = query.request.look.detail) what["detail"] = detail_metadata(query.detail, *detail);
-  if (const double share = sun_covered(query); share > 0) what[kSunCovered] = share;
-  return content_hash(json_text(what));
+  OrderedJson hashed{{"map_request", resolved_json(query)},
+                     {"terrain", terrain_fingerprint},
+                     {"maps", maps_metadata(query.request.look, query.surface)},
+                     {"scene_bytes", scene_bytes},
+                     {"version", software_version()},
+                     {"representation", media_type}};
+  if (const auto& detail = query.request.look.detail) hashed["detail"] = detail_metadata(query.detail, *detail);
+  if (const double share = sun_covered(query); share > 0) hashed[kSunCovered] = share;
+  return content_hash(json_text(hashed));
 }
 
 OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, const std::string& hash) {
   OrderedJson warnings = report.warnings;
-  warn_of_aims(query.scenery().accuracy, report, warnings);
+  warn_of_relaxed_targets(query.scenery().accuracy, report, warnings);
   if (query.request.products & engine::kRadiance)
     add_reflectance_warnings(query.scenery(), query.surface, report, warnings);
   warn_of_band(query.scenery(), warnings);
-  const double covered = sun_covered(query);
-  warn_of_eclipse(covered, kSunCovered, warnings);
+  const double covered_share = sun_covered(query);
+  warn_of_eclipse(covered_share, kSunCovered, warnings);
   if (report.hit_fraction == 0) warnings.push_back("there is no data anywhere in the map");
   if (query.request.rocks) warn_of_no_rocks(*query.scenery().detail, warnings);
   return metadata_answer().write({query.scenery(), query.request.products, query, report, hash, resolved_json(query),
-                                  std::move(warnings), covered, nullptr, &query});
+                                  std::move(warnings), covered_share, nullptr, &query});
 }
 
 bool holds_map(const MapQuery& query, std::string_view media_type) {

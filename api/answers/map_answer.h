@@ -13,7 +13,8 @@
 
 namespace selenograph::api {
 
-// In the server's order of preference; commands_map.cpp lists the file name extensions in the same order.
+// Media types of the answer, in the order of the server's preference. commands_map.cpp lists the file name extensions
+// in the same order.
 inline constexpr Alternative kMapAnswers[] = {
     {"image/tiff",
      "GeoTIFF: a band for each product (three of normal), of the widest of their types; NoData is NaN, of source "
@@ -25,24 +26,25 @@ inline constexpr Alternative kMapAnswers[] = {
      "which. source is as it is"},
 };
 
-// Memory of a map during its computation, besides what is cached, and of its answer.
+// Returns the memory of a map during its computation, without the scene cache, and of its answer.
 std::size_t bytes_of(const engine::MapRequest& request);
 
-// 32 hexadecimal digits that identify the response's bytes, known before rendering. `scene_bytes`: memory for scenes,
-// which determines the patches that a map is rendered in.
+// Returns 32 hexadecimal digits that identify the response's bytes and are known before rendering. `scene_bytes` is the
+// memory for scenes, on which the division of a map into patches depends.
 std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::uint64_t terrain_fingerprint,
                          std::string_view media_type);
 OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, const std::string& hash);
 
-// The response's body. Throws RequestError when a PNG cannot hold the products (check_map_answer checks this
+// Returns the response's body. Throws RequestError when a PNG cannot hold the products (check_map_answer checks this
 // beforehand).
 std::string encode_map(const MapQuery& query, const engine::Map& map, const std::string& hash,
                        std::string_view media_type, const StopToken& stop = {});
+// Throws RequestError if the media type cannot hold the products.
 void check_map_answer(const MapQuery& query, std::string_view media_type);
-// Whether a media type of kMapAnswers can hold the products.
+// Returns true if a media type of kMapAnswers can hold the products.
 bool holds_map(const MapQuery& query, std::string_view media_type);
 
-// Mean of `lit` over a series, as a GeoTIFF with one band `illumination_fraction`.
+// Returns the mean of `lit` over a series as a GeoTIFF with one band `illumination_fraction`.
 std::string encode_illumination(const MapQuery& query, std::span<const float> fraction, const OrderedJson& meta);
 
 }  // namespace selenograph::api

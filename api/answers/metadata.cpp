@@ -18,28 +18,28 @@ namespace {
 
 std::string hex(std::uint64_t x) { return fmt::format("{:016x}", x); }
 
-double widest(const std::vector<double>& shadow_limits_px) {
+double largest_limit_px(const std::vector<double>& shadow_limits_px) {
   return *std::max_element(shadow_limits_px.begin(), shadow_limits_px.end());
 }
 
-bool gave_way(const engine::Accuracy& asked, const std::vector<double>& shadow_limits_px) {
-  return widest(shadow_limits_px) > asked.max_shadow_error_px;
+bool shadows_were_relaxed(const engine::Accuracy& requested, const std::vector<double>& shadow_limits_px) {
+  return largest_limit_px(shadow_limits_px) > requested.max_shadow_error_px;
 }
 
 void add_object_warnings(const FrameQuery& query, OrderedJson& warnings) {
   for (std::size_t i = 0; i < query.objects.size(); ++i) {
     const engine::SceneObject& object = query.request.objects[i];
-    const auto warn = [&](const std::string& what) {
-      warnings.push_back(fmt::format("objects/{}, {}: {}", i, query.objects[i].mesh, what));
+    const auto warn = [&](const std::string& text) {
+      warnings.push_back(fmt::format("objects/{}, {}: {}", i, query.objects[i].mesh, text));
     };
     for (const std::string& note : object.mesh->notes()) warn(note);
-    const double across = 2 * object.scale * object.mesh->radius();
-    if (across > 1e6 || across < 1e-3)
-      warn(fmt::format("is {:.3g} m across: \"scale\" makes metres of a file's units", across));
+    const double diameter_m = 2 * object.scale * object.mesh->radius();
+    if (diameter_m > 1e6 || diameter_m < 1e-3)
+      warn(fmt::format("is {:.3g} m across: \"scale\" makes metres of a file's units", diameter_m));
   }
 }
 
-// What the sensor makes of a lit scene: too much of it, or nothing.
+// Adds warnings about an exposure out of reach of its target, gaps in motion blur, and a signal below the noise.
 void add_sensor_warnings(const engine::SensorModel& sensor, const engine::FrameReport& report, OrderedJson& warnings) {
   const double target = sensor.exposure.target_fill, full_e = engine::saturation_e(sensor.detector);
   if (target > 0 && report.smear_fill * full_e >= engine::filled_e(sensor.detector, target))
@@ -60,16 +60,16 @@ void add_sensor_warnings(const engine::SensorModel& sensor, const engine::FrameR
 }
 
 OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
-                          double covered) {
+                          double covered_share) {
   OrderedJson warnings = report.warnings;
-  warn_of_aims(query.request.accuracy, report, warnings);
+  warn_of_relaxed_targets(query.request.accuracy, report, warnings);
   warn_of_band(query.request, warnings);
-  warn_of_eclipse(covered, kSunCovered, warnings);
+  warn_of_eclipse(covered_share, kSunCovered, warnings);
   warn_of_turned_sky(query.request, query.icrf_lag_s, warnings);
-  constexpr double kMuch = 0.01;
+  constexpr double kMaxSaturated = 0.01;
   const engine::ProductSet products = query.request.products;
   const auto& sensor = query.request.sensor;
-  if (report.saturated_fraction > kMuch)
+  if (report.saturated_fraction > kMaxSaturated)
     warnings.push_back(fmt::format("more than 1 % of the image is saturated ({}saturated_fraction): {}",
                                    sensor ? "exposure." : "",
                                    !sensor                  ? "raise image.full_scale_radiance"
@@ -88,6 +88,7 @@ OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& re
   return warnings;
 }
 
+// Replaces a list in the metadata by its length.
 void omit(OrderedJson& metadata, const char* list) {
   metadata[std::string(list) + "_omitted"] = metadata.at(list).size();
   metadata[list] = OrderedJson::array();
@@ -97,21 +98,21 @@ void omit(OrderedJson& metadata, const char* list) {
 
 std::string content_hash(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
                          std::uint64_t terrain_fingerprint, const Representation& representation) {
-  OrderedJson what{{"request", resolved_json(query)},
-                   {"terrain", hex(terrain_fingerprint)},
-                   {"objects", objects_metadata(query.request, query.objects)},
-                   {"maps", maps_metadata(query.request, query.surface)},
-                   {"atmosphere", hex(Assets::fingerprint(query.request.atmosphere.get()))},
-                   {"version", software_version()},
-                   {"representation", representation.media_type}};
-  if (query.request.sky && query.request.sky->stars) what["stars"] = hex(query.request.sky->stars->fingerprint());
+  OrderedJson hashed{{"request", resolved_json(query)},
+                     {"terrain", hex(terrain_fingerprint)},
+                     {"objects", objects_metadata(query.request, query.objects)},
+                     {"maps", maps_metadata(query.request, query.surface)},
+                     {"atmosphere", hex(Assets::fingerprint(query.request.atmosphere.get()))},
+                     {"version", software_version()},
+                     {"representation", representation.media_type}};
+  if (query.request.sky && query.request.sky->stars) hashed["stars"] = hex(query.request.sky->stars->fingerprint());
   if (query.request.sky && query.request.sky->earth_map.content)
-    what["earth_map"] = hex(query.request.sky->earth_map.content->fingerprint());
-  if (query.request.detail) what["detail"] = detail_metadata(query.detail, *query.request.detail);
-  if (gave_way(query.request.accuracy, shadow_limits_px)) what["shadow_limits_px"] = shadow_limits_px;
-  if (const double share = sun_covered(query); share > 0) what[kSunCovered] = share;
-  if (sky_turned_deg(query.request, query.icrf_lag_s) > 0) what["icrf_lag_s"] = query.icrf_lag_s;
-  return content_hash(json_text(what));
+    hashed["earth_map"] = hex(query.request.sky->earth_map.content->fingerprint());
+  if (query.request.detail) hashed["detail"] = detail_metadata(query.detail, *query.request.detail);
+  if (shadows_were_relaxed(query.request.accuracy, shadow_limits_px)) hashed["shadow_limits_px"] = shadow_limits_px;
+  if (const double share = sun_covered(query); share > 0) hashed[kSunCovered] = share;
+  if (sky_turned_deg(query.request, query.icrf_lag_s) > 0) hashed["icrf_lag_s"] = query.icrf_lag_s;
+  return content_hash(json_text(hashed));
 }
 
 std::string content_hash(const std::string& text) {
@@ -122,13 +123,14 @@ std::string content_hash(const std::string& text) {
 }
 
 bool names_etag(const std::string& if_none_match, const std::string& hash) {
-  // A hash has no quote or comma in it, so looking for its quoted form is as good as taking the list apart.
+  // Search for the quoted hash instead of parsing the list: a hash contains neither quote nor comma.
   return if_none_match == "*" || if_none_match.find("\"" + hash + "\"") != std::string::npos;
 }
 
-void warn_of_aims(const engine::Accuracy& asked, const engine::FrameReport& report, OrderedJson& warnings) {
-  const double detail_px = asked.detail_aim_px();
-  const bool query_has_detail = report.detail_limit_px > 0;
+void warn_of_relaxed_targets(const engine::Accuracy& requested, const engine::FrameReport& report,
+                             OrderedJson& warnings) {
+  const double detail_px = requested.detail_aim_px();
+  const bool has_detail = report.detail_limit_px > 0;
   if (report.expected_error_px > detail_px)
     warnings.push_back(
         fmt::format("the mesh's error exceeds the target: in 1 % of the pixels it is expected to be more than "
@@ -138,28 +140,28 @@ void warn_of_aims(const engine::Accuracy& asked, const engine::FrameReport& repo
     warnings.push_back(
         fmt::format("max_detail_error_px was relaxed (detail_limit_px): it would take more than {:g} triangles a pixel",
                     engine::Accuracy::kDetailTrianglesPerPixel));
-  if (gave_way(asked, report.shadow_limits_px))
+  if (shadows_were_relaxed(requested, report.shadow_limits_px))
     warnings.push_back(
-        query_has_detail
-            ? fmt::format("max_shadow_error_px was relaxed (shadow_limit_px): it would take more than {:g} "
-                          "triangles a pixel, or more terrain than the service's memory for scenes holds",
-                          engine::Accuracy::kDetailTrianglesPerPixel)
-            : std::string("max_shadow_error_px was relaxed (shadow_limit_px): the terrain that it takes does "
-                          "not fit into the service's memory for scenes"));
+        has_detail ? fmt::format("max_shadow_error_px was relaxed (shadow_limit_px): it would take more than {:g} "
+                                 "triangles a pixel, or more terrain than the service's memory for scenes holds",
+                                 engine::Accuracy::kDetailTrianglesPerPixel)
+                   : std::string("max_shadow_error_px was relaxed (shadow_limit_px): the terrain that it takes does "
+                                 "not fit into the service's memory for scenes"));
 }
 
 void warn_of_band(const engine::FrameRequest& request, OrderedJson& warnings) {
-  constexpr double kBeyondThermal_um = 100;
-  if (request.band && request.band->center_um() > kBeyondThermal_um)
+  constexpr double kMaxPlausible_um = 100;  // thermal cameras end before
+  if (request.band && request.band->center_um() > kMaxPlausible_um)
     warnings.push_back(
-        fmt::format("the band is centred beyond {} um: is it in nanometres? 550 nm are 0.55 um", kBeyondThermal_um));
+        fmt::format("the band is centred beyond {} um: is it in nanometres? 550 nm are 0.55 um", kMaxPlausible_um));
 }
 
 OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
                      const std::string& hash) {
-  const double covered = sun_covered(query);
+  const double covered_share = sun_covered(query);
   return metadata_answer().write({query.request, query.request.products, query, report, hash, resolved_json(query),
-                                  warnings_json(query, report, catalogue, covered), covered, &query, nullptr});
+                                  warnings_json(query, report, catalogue, covered_share), covered_share, &query,
+                                  nullptr});
 }
 
 std::string metadata_text(const OrderedJson& metadata, bool with_craters) {
@@ -180,14 +182,14 @@ void add_warnings(Response& response, const OrderedJson& warnings) {
 
 MetadataHeader metadata_header(OrderedJson metadata) {
   if (std::string text = json_ascii(metadata); text.size() <= kMetaHeaderBytes) return {std::move(text), true};
-  const std::string hash = metadata.at("content_hash"), place = "/v1/frames/" + hash + "/meta";
-  metadata["metadata_at"] = place;
+  const std::string hash = metadata.at("content_hash"), path = "/v1/frames/" + hash + "/meta";
+  metadata["metadata_at"] = path;
   for (const char* list : {"craters", "sources", "warnings"}) {
     if (!metadata.contains(list)) continue;
     omit(metadata, list);
     if (std::string text = json_ascii(metadata); text.size() <= kMetaHeaderBytes) return {std::move(text), false};
   }
-  return {json_ascii(OrderedJson{{"content_hash", hash}, {"metadata_at", place}}), false};
+  return {json_ascii(OrderedJson{{"content_hash", hash}, {"metadata_at", path}}), false};
 }
 
 }  // namespace selenograph::api

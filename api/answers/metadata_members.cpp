@@ -20,6 +20,7 @@ namespace {
 
 using engine::FrameReport;
 
+// Conditions under which members are written.
 bool of_frame(const MetadataSource& s) { return s.frame != nullptr; }
 bool with_terrain(const MetadataSource& s) { return s.frame && s.request.terrain; }
 bool with_detail(const MetadataSource& s) { return s.request.detail != nullptr; }
@@ -39,7 +40,7 @@ OrderedJson sources_json(const MetadataSource& s) {
   return sources;
 }
 
-// E_sun tau of eq. (2).
+// Returns the solar irradiance at the Moon, E_sun tau of SENSOR++ eq. (2), with its band and source.
 OrderedJson irradiance_json(const MetadataSource& s) {
   const engine::FrameRequest& request = s.request;
   const double value_w_m2 = s.report.radiance.direct_w_m2;
@@ -193,8 +194,7 @@ void add_exposure(Answer<MetadataSource>& a) {
 void add_geometry(Answer<MetadataSource>& a) {
   using namespace schema;
   a.add(
-      "visibility",
-      with_keyword(words(kVisibilities, "that the frame was made with"), "enum", {"zbuffer", "raytrace"}),
+      "visibility", with_keyword(words(kVisibilities, "that the frame was made with"), "enum", {"zbuffer", "raytrace"}),
       [](const MetadataSource& s) { return visibility_name(s.report.visibility); }, of_frame);
   a.add("lod_error_px", number(kAnyNumber, "level-of-detail error bound actually reached, pixels"),
         reported(&FrameReport::lod_error_px));
@@ -228,7 +228,7 @@ void add_geometry(Answer<MetadataSource>& a) {
 
 void add_craters(Answer<MetadataSource>& a) {
   using namespace schema;
-  // With kRock they are among the labels.
+  // Leave the list out for requests with labels, which have craters and kRock: there coco.json lists the craters.
   const auto with_craters = [](const MetadataSource& s) {
     return s.frame && s.request.craters && !(s.request.products & engine::kRock);
   };

@@ -1,4 +1,4 @@
-// The members of the metadata of frames and maps.
+// Table of the members of the metadata of frames and maps.
 #pragma once
 
 #include <string>
@@ -11,18 +11,19 @@ namespace selenograph::api {
 
 std::string_view software_version();
 
-// The member that says what an eclipse covers.
+// Name of the member with the eclipsed share of the Sun's disc.
 inline constexpr const char* kSunCovered = "sun_covered_fraction";
 
+// Input of the metadata.
 struct MetadataSource {
-  const engine::FrameRequest& request;  // for a map: its look
+  const engine::FrameRequest& request;  // for a map: its scenery
   engine::ProductSet products;
   const SceneryQuery& scenery;
   const engine::FrameReport& report;
   const std::string& hash;
   OrderedJson resolved, warnings;
-  double sun_covered;
-  // One of these is set.
+  double sun_covered;  // share of the Sun's disc, 0 to 1
+  // Exactly one of these is set.
   const FrameQuery* frame = nullptr;
   const MapQuery* map = nullptr;
 };

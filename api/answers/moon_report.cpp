@@ -16,21 +16,25 @@ using engine::DiscRow;
 
 std::string quoted(const std::string& text) { return text.find(',') == std::string::npos ? text : "\"" + text + "\""; }
 
-// Largest and smallest ratio to a model over the wavelengths, by preset, ground and phase.
+// Smallest and largest of the ratios added; NaN is ignored.
 struct RatioRange {
-  double least = 1e300, largest = 0;
+  double smallest = 1e300, largest = 0;
   void add(double ratio) {
-    if (!std::isnan(ratio)) least = std::min(least, ratio), largest = std::max(largest, ratio);
+    if (std::isnan(ratio)) return;
+    smallest = std::min(smallest, ratio);
+    largest = std::max(largest, ratio);
   }
   std::string text() const {
     if (largest == 0) return "";
-    return largest - least < 5e-4 ? fmt::format("{:.3f}", least) : fmt::format("{:.3f} to {:.3f}", least, largest);
+    return largest - smallest < 5e-4 ? fmt::format("{:.3f}", smallest)
+                                     : fmt::format("{:.3f} to {:.3f}", smallest, largest);
   }
 };
 
-// Bands in which LIME was fitted and presets are compared.
+// Returns true for bands in which LIME was fitted: only there are presets compared.
 bool in_lime(const DiscRow& row) { return row.wavelength_um > 0.4399 && row.wavelength_um < 1.6401; }
 
+// Returns a table of ratios to a model: a row per preset, a column per phase angle, each with its range over the bands.
 std::string disc_table(const MoonReport& report, const std::string& ground, double DiscRow::*model, const char* name) {
   constexpr double kShown_deg[] = {2, 5, 7, 15, 30, 45, 60, 75, 90};
   std::map<std::string, std::map<double, RatioRange>> ranges;
@@ -45,8 +49,11 @@ std::string disc_table(const MoonReport& report, const std::string& ground, doub
   std::vector<double> phases;
   for (const double g : kShown_deg)
     for (const double side : {g, -g})
-      if (ranges[presets.front()].contains(side))
-        phases.push_back(side), out += fmt::format(" {:g} |", side), line += "---|";
+      if (ranges[presets.front()].contains(side)) {
+        phases.push_back(side);
+        out += fmt::format(" {:g} |", side);
+        line += "---|";
+      }
   out += line + "\n";
   for (const std::string& preset : presets) {
     out += fmt::format("| {} |", preset);
@@ -57,23 +64,25 @@ std::string disc_table(const MoonReport& report, const std::string& ground, doub
 }
 
 void check_discs(const MoonReport& report, std::vector<std::string>& out) {
-  // By wavelength and phase, the sum of waxing and waning: ours and LIME's.
-  std::map<std::pair<double, double>, std::pair<double, double>> terrain;
+  // Sums of the rendered reflectance and LIME's over waxing and waning, by wavelength and phase.
+  std::map<std::pair<double, double>, std::pair<double, double>> terrain_sums;
   for (const DiscRow& row : report.discs) {
     const double g = std::abs(row.phase_deg), ratio = row.reflectance / row.lime;
     if (row.preset != "moon" || !in_lime(row) || std::isnan(ratio)) continue;
     if (row.ground == "terrain") {
-      auto& [ours, limes] = terrain[{row.wavelength_um, g}];
-      ours += row.reflectance, limes += row.lime;
+      auto& [rendered, lime] = terrain_sums[{row.wavelength_um, g}];
+      rendered += row.reflectance;
+      lime += row.lime;
     }
     const double bound = g >= 5 ? 0.01 : 0.02;
     if (row.ground == "sphere" && std::abs(ratio - 1) > bound)
       out.push_back(fmt::format("moon on a sphere, {:g} um, {:g} degrees: {:.4f} of LIME", row.wavelength_um,
                                 row.phase_deg, ratio));
   }
-  for (const auto& [at, sums] : terrain)
+  for (const auto& [band_and_phase, sums] : terrain_sums)
     if (const double mean = sums.first / sums.second; std::abs(mean - 1) > 0.03)
-      out.push_back(fmt::format("moon on terrain, {:g} um, {:g} degrees: {:.4f} of LIME", at.first, at.second, mean));
+      out.push_back(fmt::format("moon on terrain, {:g} um, {:g} degrees: {:.4f} of LIME", band_and_phase.first,
+                                band_and_phase.second, mean));
 }
 
 void check_images(const MoonReport& report, std::vector<std::string>& out) {
@@ -88,8 +97,8 @@ void check_images(const MoonReport& report, std::vector<std::string>& out) {
     scales[row.channel].add(c.scale);
   }
   for (const auto& [channel, range] : scales)
-    if (range.largest / range.least > 1.02)
-      out.push_back(fmt::format("{}: scales from {:.3f} to {:.3f}", channel, range.least, range.largest));
+    if (range.largest / range.smallest > 1.02)
+      out.push_back(fmt::format("{}: scales from {:.3f} to {:.3f}", channel, range.smallest, range.largest));
 }
 
 }  // namespace
@@ -155,7 +164,7 @@ std::string moon_markdown(const MoonReport& report) {
   return out;
 }
 
-std::vector<std::string> beyond_bounds(const MoonReport& report) {
+std::vector<std::string> bound_violations(const MoonReport& report) {
   std::vector<std::string> out;
   check_discs(report, out);
   check_images(report, out);

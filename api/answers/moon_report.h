@@ -10,7 +10,7 @@
 
 namespace selenograph::api {
 
-// A real image, one of its channels, and the frame beside it.
+// A channel of a real image, compared with a rendered frame.
 struct ImageRow {
   std::string image, channel;
   double wavelength_um;
@@ -25,17 +25,17 @@ struct MoonReport {
   double point_spread_px = 0;  // standard deviation, fitted to all images
 };
 
-// A header line, then one line per row; empty where a model has no value.
+// Return CSV: a header line, then one line per row, with empty cells where a model has no value.
 std::string disc_csv(const MoonReport& report);
 std::string relief_csv(const MoonReport& report);
 std::string images_csv(const MoonReport& report);
 
-// Tables: ratios to LIME and ROLO by phase angle, relief, images.
+// Returns a page of tables: ratios to LIME and ROLO by phase angle, relief, images.
 std::string moon_markdown(const MoonReport& report);
 
-// Values outside the stated bounds, a line each; empty: none. `moon` on a sphere against LIME, 1 % from 5 degrees on
-// and 2 % below; on terrain, as the mean of waxing and waning, 3 %; images: correlation 0.995 below 1 um and 0.985
-// above, scale within 10 % and the same on all dates within 2 %, limb within 0.1 pixels.
-std::vector<std::string> beyond_bounds(const MoonReport& report);
+// Returns a line for each value outside its bounds. The bounds: `moon` on a sphere differs from LIME by 1 % from 5
+// degrees on and by 2 % below; on terrain, as the mean of waxing and waning, by 3 %. Images have a correlation of 0.995
+// below 1 um and 0.985 above, a scale within 10 % and equal on all dates within 2 %, and the limb within 0.1 pixels.
+std::vector<std::string> bound_violations(const MoonReport& report);
 
 }  // namespace selenograph::api

@@ -14,7 +14,7 @@
 namespace selenograph::api {
 namespace {
 
-// Why a landmark has no value, in the words of the answer and by their number in arrays.
+// Reasons why a landmark has no value. Arrays hold the number, JSON the text.
 enum class Reason : std::uint8_t { none, no_dataset, no_post, behind_camera, beyond_lens, no_row };
 constexpr const char* kReasons[] = {"",
                                     "no dataset covers this place",
@@ -90,13 +90,13 @@ OrderedJson rays_json(std::span<const engine::RayHit> hits, std::span<const Ligh
 
 namespace {
 
-// Columns of an answer's arrays, of a shape.
+// Arrays of an answer, all with the shape of the request's arrays.
 class PointArrays {
  public:
   PointArrays(const std::vector<std::size_t>& shape, std::size_t count)
       : shape_(shape.empty() ? std::vector<std::size_t>{count} : shape), count_(count) {}
 
-  // value(i): a number, or a vector.
+  // Adds an array of value(i), a number or a vector, which adds a last dimension of 3.
   template <typename T, typename Value>
   void add(const char* name, ElementType type, Value value) {
     auto values = std::make_shared<std::vector<T>>();
@@ -105,15 +105,14 @@ class PointArrays {
     if constexpr (kVector) shape.push_back(3);
     values->reserve(count_ * (kVector ? 3 : 1));
     for (std::size_t i = 0; i < count_; ++i) {
-      const auto one = value(i);
+      const auto element = value(i);
       if constexpr (kVector)
-        values->insert(values->end(), one.begin(), one.end());
+        values->insert(values->end(), element.begin(), element.end());
       else
-        values->push_back(static_cast<T>(one));
+        values->push_back(static_cast<T>(element));
     }
-    // The shape may be () for one point alone.
     arrays_.push_back({name, type, static_cast<int>(values->size()), 1, 1, values->data(), {}, std::move(shape)});
-    kept_.push_back(std::move(values));
+    storage_.push_back(std::move(values));
   }
   std::string npz(const StopToken& stop) const { return encode_npz(arrays_, "{}", stop); }
 
@@ -121,14 +120,14 @@ class PointArrays {
   const std::vector<std::size_t> shape_;
   const std::size_t count_;
   std::vector<ArrayView> arrays_;
-  std::vector<std::shared_ptr<const void>> kept_;
+  std::vector<std::shared_ptr<const void>> storage_;  // elements to which arrays_ points
 };
 
-constexpr double kNotThere = std::numeric_limits<double>::quiet_NaN();
+constexpr double kMissing = std::numeric_limits<double>::quiet_NaN();
 
 void add_irradiances(PointArrays& arrays, std::span<const LightOfPoint> light) {
   arrays.add<double>("irradiance", ElementType::float64, [&](std::size_t i) -> Vec3 {
-    if (!light[i]) return Vec3::Constant(kNotThere);
+    if (!light[i]) return Vec3::Constant(kMissing);
     return {light[i]->direct_w_m2, light[i]->terrain_w_m2, light[i]->earth_w_m2};
   });
 }
@@ -139,11 +138,11 @@ std::string rays_npz(std::span<const engine::RayHit> hits, std::span<const Light
                      const StopToken& stop) {
   PointArrays arrays(query.shape, hits.size());
   const auto vector = [&](Vec3 engine::RayHit::*member) {
-    return [&hits, member](std::size_t i) -> Vec3 { return hits[i].hit ? hits[i].*member : Vec3::Constant(kNotThere); };
+    return [&hits, member](std::size_t i) -> Vec3 { return hits[i].hit ? hits[i].*member : Vec3::Constant(kMissing); };
   };
   arrays.add<std::uint8_t>("hit", ElementType::boolean, [&](std::size_t i) { return hits[i].hit; });
   arrays.add<double>("range_m", ElementType::float64,
-                     [&](std::size_t i) { return hits[i].hit ? hits[i].range_m : kNotThere; });
+                     [&](std::size_t i) { return hits[i].hit ? hits[i].range_m : kMissing; });
   arrays.add<double>("position_m", ElementType::float64, vector(&engine::RayHit::position_m));
   arrays.add<double>("normal", ElementType::float64, vector(&engine::RayHit::normal));
   arrays.add<std::uint64_t>("rock", ElementType::uint64, [&](std::size_t i) { return hits[i].rock.value_or(0); });
@@ -152,7 +151,7 @@ std::string rays_npz(std::span<const engine::RayHit> hits, std::span<const Light
                               [&](std::size_t i) { return hits[i].object.value_or(std::uint16_t{65535}); });
   if (query.sun_given)
     arrays.add<double>("lit", ElementType::float64,
-                       [&](std::size_t i) { return hits[i].hit ? hits[i].lit : kNotThere; });
+                       [&](std::size_t i) { return hits[i].hit ? hits[i].lit : kMissing; });
   if (query.request.indirect.any()) add_irradiances(arrays, light);
   return arrays.npz(stop);
 }
@@ -209,9 +208,12 @@ std::string landmarks_npz(std::span<const engine::Landmark> landmarks, std::span
   const auto flag = [&](const char* name, bool Landmark::*member) {
     arrays.add<std::uint8_t>(name, ElementType::boolean, [&](std::size_t i) { return landmarks[i].*member; });
   };
-  number("x_px", &Landmark::x_px), number("y_px", &Landmark::y_px), number("range_m", &Landmark::range_m);
+  number("x_px", &Landmark::x_px);
+  number("y_px", &Landmark::y_px);
+  number("range_m", &Landmark::range_m);
   number("height_m", &Landmark::height_m);
-  flag("in_frame", &Landmark::in_frame), flag("visible", &Landmark::visible);
+  flag("in_frame", &Landmark::in_frame);
+  flag("visible", &Landmark::visible);
   if (query.shutter) number("time_s", &Landmark::time_s);
   if (query.sun_given) number("lit", &Landmark::lit);
   if (query.request.indirect.any()) add_irradiances(arrays, light);
@@ -221,32 +223,34 @@ std::string landmarks_npz(std::span<const engine::Landmark> landmarks, std::span
   return arrays.npz(stop);
 }
 
-bool HeightSource::known() const { return std::isfinite(height.height_m) && height.source >= 0; }
+bool HeightSource::has_height() const { return std::isfinite(height.height_m) && height.source >= 0; }
 
 const Answer<HeightSource>& height_answer() {
   using S = HeightSource;
   using namespace schema;
   static const auto answer = make_answer<S>("Terrain at a point, on the triangles that frames show.", [](auto& a) {
-    const auto known = [](const S& s) { return s.known(); };
+    const auto has_height = [](const S& s) { return s.has_height(); };
     a.add("lat_deg", number(kLatitude_deg, "as asked"), [](const S& s) { return s.height.lat_deg; });
     a.add("lon_deg", number({-180, 180, false, true}, "as asked, in [-180, 180)"),
           [](const S& s) { return wrap_lon_deg(s.height.lon_deg); });
     a.add("height_m", number_or_null("above the sphere of 1 737 400 m; null without data"),
-          [](const S& s) { return s.known() ? std::optional(s.height.height_m) : std::nullopt; });
+          [](const S& s) { return s.has_height() ? std::optional(s.height.height_m) : std::nullopt; });
     a.add(
-        "post_spacing_m", number_or_null("of the tile"), [](const S& s) { return s.height.post_spacing_m; }, known);
+        "post_spacing_m", number_or_null("of the tile"), [](const S& s) { return s.height.post_spacing_m; },
+        has_height);
     a.add(
         "source", text("tile name"),
-        [](const S& s) { return s.catalogue.rasters().at(static_cast<std::size_t>(s.height.source)).name; }, known);
+        [](const S& s) { return s.catalogue.rasters().at(static_cast<std::size_t>(s.height.source)).name; },
+        has_height);
     a.add(
-        "filled", boolean("interpolated across a void"), [](const S& s) { return s.height.filled; }, known);
+        "filled", boolean("interpolated across a void"), [](const S& s) { return s.height.filled; }, has_height);
     a.add(
         "blended", boolean("the source is bent here to meet a finer layer"),
-        [](const S& s) { return s.height.blended; }, known);
+        [](const S& s) { return s.height.blended; }, has_height);
     a.add(
         "reason", text("why height_m is null"),
         [](const S& s) { return text_of(why_no_height(s.height.lat_deg, s.height.lon_deg, s.catalogue)); },
-        [](const S& s) { return !s.known(); });
+        [](const S& s) { return !s.has_height(); });
   });
   return answer;
 }

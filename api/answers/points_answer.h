@@ -11,6 +11,7 @@
 
 namespace selenograph::api {
 
+// Irradiance of a point; empty without indirect light and where the point is not on terrain.
 using LightOfPoint = std::optional<engine::Irradiance>;
 
 struct HitSource {
@@ -22,11 +23,12 @@ const Answer<HitSource>& hit_answer();
 OrderedJson rays_json(std::span<const engine::RayHit> hits, std::span<const LightOfPoint> light,
                       const RaysQuery& query);
 
-// As arrays of the query's shape, NaN for what is not there; object: 65535 for terrain and rocks, rock: 0 for none.
+// Returns arrays of the query's shape, with NaN for missing values; `object` is 65535 for terrain and rocks, `rock` is
+// 0 for none.
 std::string rays_npz(std::span<const engine::RayHit> hits, std::span<const LightOfPoint> light, const RaysQuery& query,
                      const StopToken& stop);
 
-// In the order of the server's preference.
+// Media types of the answers, in the order of the server's preference.
 inline constexpr Alternative kRaysAnswers[] = {
     {"application/json", "a list of hits, each with its members"},
     {"application/x-npz",
@@ -60,7 +62,7 @@ std::string landmarks_npz(std::span<const engine::Landmark> landmarks, std::span
 struct HeightSource {
   const dem::HeightAnswer& height;
   const dem::Catalogue& catalogue;
-  bool known() const;  // whether there is a valid post
+  bool has_height() const;  // false without a valid post
 };
 const Answer<HeightSource>& height_answer();
 

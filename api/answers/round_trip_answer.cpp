@@ -12,6 +12,7 @@ namespace {
 
 using engine::DifferenceStatistics;
 
+// Adds the statistics of a group of posts, which group(source) returns.
 template <typename Source, typename Group>
 void add_group(Answer<Source>& a, Group group) {
   using namespace schema;

@@ -18,10 +18,10 @@ struct RoundTripSource {
 };
 const Answer<RoundTripSource>& round_trip_answer();
 
-// Formats a length with three significant digits in a suitable unit: "0.0831 nm", "−1.27 mm", "8.16 m"; "none" for NaN.
+// Returns a length with three significant digits in a suitable unit: "0.0831 nm", "−1.27 mm", "8.16 m"; "none" for NaN.
 std::string length_text(double length_m);
 
-// Grid of the window's posts.
+// Returns the grid of the window's posts.
 dem::GeotiffGrid grid_of(const engine::PostWindow& window);
 
 }  // namespace selenograph::api

@@ -1,4 +1,4 @@
-// A number in a table.
+// Writes numbers into tables.
 #pragma once
 
 #include <fmt/format.h>
@@ -8,7 +8,7 @@
 
 namespace selenograph::api {
 
-// Empty where there is none (NaN).
+// Returns a number as text; empty for NaN, a missing value.
 inline std::string cell(double number, const char* format = "{:.6g}") {
   return std::isnan(number) ? std::string() : fmt::format(fmt::runtime(format), number);
 }

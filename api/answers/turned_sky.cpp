@@ -11,14 +11,14 @@
 namespace selenograph::api {
 
 double sky_turned_deg(const engine::FrameRequest& request, double icrf_lag_s) {
-  constexpr double kSeen_px = 0.05;
+  constexpr double kMinShift_px = 0.05;
   if (icrf_lag_s == 0 || !request.sky || !request.sky->any() || !engine::wants_radiance(request)) return 0;
   const std::string& utc = request.sky->utc;
-  const Eigen::Matrix3d turned =
+  const Eigen::Matrix3d rotation =
       engine::moon_me_from_icrf(utc, icrf_lag_s) * engine::moon_me_from_icrf(utc).transpose();
-  const double angle = Eigen::AngleAxisd(turned).angle();
-  const double moved_px = angle * std::max(request.camera.fx, request.camera.fy);
-  return moved_px < kSeen_px ? 0 : angle / kRadiansPerDegree;
+  const double angle = Eigen::AngleAxisd(rotation).angle();
+  const double shift_px = angle * std::max(request.camera.fx, request.camera.fy);
+  return shift_px < kMinShift_px ? 0 : angle / kRadiansPerDegree;
 }
 
 void warn_of_turned_sky(const engine::FrameRequest& request, double icrf_lag_s, nlohmann::ordered_json& warnings) {

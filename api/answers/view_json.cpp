@@ -16,30 +16,33 @@
 namespace selenograph::api {
 namespace {
 
-constexpr double kWidePost_px = 8, kMuchMissing = 0.5;
+constexpr double kMaxPost_px = 8, kMaxMissing = 0.5;
 
-// The angle between the boresight of an attitude and the nadir, radians; empty where it misses the Moon.
+// Returns the angle between the boresight of an attitude and the nadir, radians; empty if the boresight misses the
+// Moon.
 std::optional<double> off_nadir(const Vec3& position_m, const Eigen::Quaterniond& camera_from_moon) {
   const Vec3 boresight = camera_from_moon.conjugate() * Vec3::UnitZ();
   if (!on_sphere(position_m, boresight)) return std::nullopt;
   return angle_between(boresight, -position_m);
 }
 
-// Where the boresight meets the sphere.
+// Returns the point where the boresight hits the sphere; empty if it misses.
 std::optional<Geographic> boresight_on_sphere(const engine::Pose& pose) {
-  const auto place = on_sphere(pose.position_m, pose.camera_from_moon.conjugate() * Vec3::UnitZ());
-  return place ? std::optional(to_geographic(*place)) : std::nullopt;
+  const auto point = on_sphere(pose.position_m, pose.camera_from_moon.conjugate() * Vec3::UnitZ());
+  return point ? std::optional(to_geographic(*point)) : std::nullopt;
 }
 
-// The share of an image that has a property, from some of its places. `has`: of an image place.
+// Returns the share of an image in which has(x_px, y_px) is true, estimated on a grid of 32 x 32 points.
 template <typename Property>
 double share_of_image(const engine::Camera& camera, const Property& has) {
-  constexpr int kAcross = 32;
+  constexpr int kSamplesPerSide = 32;
   int count = 0;
-  for (int j = 0; j < kAcross; ++j)
-    for (int i = 0; i < kAcross; ++i)
-      count += has((i + 0.5) / kAcross * camera.width - 0.5, (j + 0.5) / kAcross * camera.height - 0.5) ? 1 : 0;
-  return static_cast<double>(count) / (kAcross * kAcross);
+  for (int j = 0; j < kSamplesPerSide; ++j)
+    for (int i = 0; i < kSamplesPerSide; ++i)
+      count += has((i + 0.5) / kSamplesPerSide * camera.width - 0.5, (j + 0.5) / kSamplesPerSide * camera.height - 0.5)
+                   ? 1
+                   : 0;
+  return static_cast<double>(count) / (kSamplesPerSide * kSamplesPerSide);
 }
 
 double share_of_moon(const engine::View& view) {
@@ -49,28 +52,29 @@ double share_of_moon(const engine::View& view) {
   });
 }
 
-// Whether the boresight is in the sky although that of the inverse attitude would meet the ground, of which it would
-// see clearly more.
+// Returns true if the boresight misses the Moon, but that of the inverse attitude would hit it, and the inverse
+// attitude would see at least twice as much of the Moon.
 bool inverse_sees_more(const engine::FrameRequest& request) {
-  constexpr double kClearly = 2;
+  constexpr double kMinRatio = 2;
   const engine::Pose &pose = request.pose, inverse{pose.position_m, pose.camera_from_moon.conjugate()};
   if (off_nadir(pose.position_m, pose.camera_from_moon) || !off_nadir(inverse.position_m, inverse.camera_from_moon))
     return false;
   const engine::View view(request.camera, pose);
-  return share_of_moon(view.at(inverse)) >= kClearly * share_of_moon(view);
+  return share_of_moon(view.at(inverse)) >= kMinRatio * share_of_moon(view);
 }
 
 constexpr std::string_view kInverse = "is it the inverse, camera_from_moon and moon_from_camera swapped?";
 
-// Which usual mistakes would have made this attitude of one that looks at the Moon, the nearest to its middle
-// first.
+// Returns questions about the usual mistakes that would turn an attitude that looks at the Moon into this one. Each
+// mistake is undone; those with which the boresight hits the Moon are listed, nearest to the Moon's centre first.
 std::string likely_mistake(const engine::Pose& pose) {
-  const Eigen::Quaterniond q = pose.camera_from_moon, inverse = q.conjugate(), half_turn(0, 1, 0, 0);  // about x
+  const Eigen::Quaterniond q = pose.camera_from_moon, inverse = q.conjugate(),
+                           half_turn(0, 1, 0, 0);  // half_turn: about x
   const auto scalar_last = [](const Eigen::Quaterniond& p) { return Eigen::Quaterniond(p.z(), p.w(), p.x(), p.y()); };
   const auto scalar_first = [](const Eigen::Quaterniond& p) { return Eigen::Quaterniond(p.x(), p.y(), p.z(), p.w()); };
   struct Mistake {
-    Eigen::Quaterniond meant;
-    std::string_view words;
+    Eigen::Quaterniond intended;  // the attitude without the mistake
+    std::string_view question;
   };
   const char* const last = "are its components in the order x, y, z, w? w is the scalar part";
   const char* const first = "are its components in the order w, x, y, z, and were taken for x, y, z, w?";
@@ -82,14 +86,15 @@ std::string likely_mistake(const engine::Pose& pose) {
       {scalar_last(inverse).conjugate(), last},
       {scalar_first(q), first},
       {scalar_first(inverse).conjugate(), first}};
-  std::vector<std::pair<double, std::string_view>> found;  // each of the words once
+  std::vector<std::pair<double, std::string_view>> found;  // angle in nanoradians; each question once
   for (const Mistake& m : mistakes) {
-    const auto angle = off_nadir(pose.position_m, m.meant);
+    const auto angle = off_nadir(pose.position_m, m.intended);
     if (!angle) continue;
-    const double nano_rad = std::round(*angle * 1e9);  // equal but for rounding: in the order of the table
-    const auto same = std::ranges::find(found, m.words, &std::pair<double, std::string_view>::second);
+    // Round the angle, so that angles equal but for rounding errors stay in the order of the table.
+    const double nano_rad = std::round(*angle * 1e9);
+    const auto same = std::ranges::find(found, m.question, &std::pair<double, std::string_view>::second);
     if (same == found.end())
-      found.emplace_back(nano_rad, m.words);
+      found.emplace_back(nano_rad, m.question);
     else
       same->first = std::min(same->first, nano_rad);
   }
@@ -100,12 +105,13 @@ std::string likely_mistake(const engine::Pose& pose) {
   return text;
 }
 
-// Of the Moon's disc, in pixels, where it is in the middle of the image.
+// Returns the diameter of the Moon's disc in the middle of the image, in pixels.
 double moon_px(const engine::FrameRequest& request) {
   const double distance_m = request.pose.position_m.norm();
   return distance_m > kMoonRadius_m ? 2 * request.camera.fx * std::tan(std::asin(kMoonRadius_m / distance_m)) : 1e9;
 }
 
+// Returns the warning for a frame without Moon.
 std::string why_nothing(const engine::FrameRequest& request) {
   std::string text = "nothing of the Moon is in view (view.off_nadir_deg: the boresight's angle from the nadir)";
   if (moon_px(request) < 1) return text + "; from there the Moon is smaller than a pixel: lengths are metres";
@@ -117,8 +123,8 @@ bool has_data(const dem::Catalogue& catalogue, double lat_deg, double lon_deg) {
   return !catalogue.touching(lat_deg, lat_deg, lon_deg, lon_deg).empty();
 }
 
-// Whether there are no data where the boresight points to, but some where latitude and longitude change places, or are
-// taken for radians.
+// Returns an explanation of missing data at the boresight: there are data with latitude and longitude swapped, or with
+// both taken for radians. Empty if the boresight misses the Moon or hits data.
 std::string why_missing(const engine::FrameRequest& request, const dem::Catalogue& catalogue) {
   const std::optional<Geographic> g = boresight_on_sphere(request.pose);
   if (!g || has_data(catalogue, g->lat_deg, g->lon_deg)) return {};
@@ -140,19 +146,19 @@ const Answer<ViewSource>& view_answer() {
       "The view in terms of the ground. null: where no terrain is hit, or an object hides it; for the boresight also "
       "where it is outside the image. Absent without terrain",
       [](auto& a) {
-        const auto place = [](double Geographic::*member) {
+        const auto at_boresight = [](double Geographic::*member) {
           return [member](const S& s) {
             return s.view.boresight ? std::optional((*s.view.boresight).*member) : std::nullopt;
           };
         };
-        a.add("lat_deg", number_or_null("where the boresight meets the terrain"), place(&Geographic::lat_deg));
-        a.add("lon_deg", number_or_null("the same"), place(&Geographic::lon_deg));
-        a.add("height_m", number_or_null("the same"), place(&Geographic::height_m));
+        a.add("lat_deg", number_or_null("where the boresight meets the terrain"), at_boresight(&Geographic::lat_deg));
+        a.add("lon_deg", number_or_null("the same"), at_boresight(&Geographic::lon_deg));
+        a.add("height_m", number_or_null("the same"), at_boresight(&Geographic::height_m));
         const OrderedJson place_on_sphere =
             object("", {{"lat_deg", number(kLatitude_deg, "")}, {"lon_deg", number(kLongitude_deg, "")}},
                    {"lat_deg", "lon_deg"});
-        const auto place_json = [](const std::optional<Geographic>& at) {
-          return at ? OrderedJson{{"lat_deg", at->lat_deg}, {"lon_deg", at->lon_deg}} : OrderedJson();
+        const auto place_json = [](const std::optional<Geographic>& point) {
+          return point ? OrderedJson{{"lat_deg", point->lat_deg}, {"lon_deg", point->lon_deg}} : OrderedJson();
         };
         a.add("sphere",
               {{"anyOf", {place_on_sphere, {{"type", "null"}}}},
@@ -167,7 +173,7 @@ const Answer<ViewSource>& view_answer() {
                    "points seen by the corner pixels' centres: upper left, upper right, lower right, lower left"),
               [place_json](const S& s) {
                 OrderedJson corners = OrderedJson::array();
-                for (const auto& at : s.view.corners) corners.push_back(place_json(at));
+                for (const auto& corner : s.view.corners) corners.push_back(place_json(corner));
                 return corners;
               });
         a.add(
@@ -188,12 +194,12 @@ const Answer<ViewSource>& view_answer() {
 }
 
 void add_lens_warning(const engine::Camera& camera, OrderedJson& warnings) {
-  constexpr double kMuch = 0.5;
+  constexpr double kMaxUnmapped = 0.5;
   if (camera.rectilinear()) return;
   const engine::Projection projection(camera);
   const double unmapped =
       share_of_image(camera, [&](double x_px, double y_px) { return !projection.direction(x_px, y_px); });
-  if (unmapped <= kMuch) return;
+  if (unmapped <= kMaxUnmapped) return;
   warnings.push_back(
       camera.beyond_plane()
           ? "most of the image is beyond what the fisheye images: make fov_deg smaller or fx larger, or width and "
@@ -205,20 +211,20 @@ void add_lens_warning(const engine::Camera& camera, OrderedJson& warnings) {
 void add_view_warnings(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
                        OrderedJson& warnings) {
   const engine::FrameRequest& request = query.request;
-  const bool of_sky = request.sky && request.sky->any();  // a view beside the Moon may be meant
-  if (!of_sky && !(report.hit_fraction > 0) && !(report.missing_fraction > 0))
+  const bool shows_sky = request.sky && request.sky->any();  // then a view past the Moon may be intended
+  if (!shows_sky && !(report.hit_fraction > 0) && !(report.missing_fraction > 0))
     warnings.push_back(why_nothing(request));
-  else if (!of_sky && !report.view.boresight && inverse_sees_more(request))
+  else if (!shows_sky && !report.view.boresight && inverse_sees_more(request))
     warnings.push_back(
         fmt::format("the boresight is in the sky, but the inverse attitude would see the ground: {}", kInverse));
-  if (report.missing_fraction > kMuchMissing)
+  if (report.missing_fraction > kMaxMissing)
     warnings.push_back("most of the pixels look at places without data (missing_fraction)" +
                        why_missing(request, catalogue));
-  if (!query.request.detail && report.view.post_px && *report.view.post_px > kWidePost_px)
+  if (!query.request.detail && report.view.post_px && *report.view.post_px > kMaxPost_px)
     warnings.push_back(fmt::format(
         "the posts of the DEM are more than {} pixels wide in the middle of the image (view.post_px): it has "
         "nothing that is smaller",
-        kWidePost_px));
+        kMaxPost_px));
 }
 
 }  // namespace selenograph::api

@@ -10,7 +10,7 @@
 
 namespace selenograph::api {
 
-// `meta.view`.
+// Input of the metadata's member "view".
 struct ViewSource {
   const FrameQuery& query;
   const engine::ViewReport& view;
@@ -20,9 +20,9 @@ const Answer<ViewSource>& view_answer();
 // Adds a warning when the lens images less than half of the image.
 void add_lens_warning(const engine::Camera& camera, nlohmann::ordered_json& warnings);
 
-// Adds warnings when a frame sees nothing, hardly any data, posts as large as tiles, or sky where the inverse attitude
-// would see ground. They say what is seen and which common mistake would explain it: an inverted attitude, another
-// order of the quaternion, OpenGL axes; swapped latitude and longitude; lengths that are not in metres.
+// Adds warnings when a frame shows no Moon, mostly ground without data, posts many pixels wide, or sky where the
+// inverse attitude would see ground. They name the common mistake that would explain it: an inverted attitude, another
+// order of the quaternion's components, OpenGL axes, swapped latitude and longitude, lengths that are not in metres.
 void add_view_warnings(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
                        nlohmann::ordered_json& warnings);
 

@@ -11,7 +11,7 @@ namespace {
 
 using engine::FrameProducts;
 
-constexpr std::string_view kAxes[] = {"x", "y", "z"}, kPlace[] = {"lat_deg", "lon_deg", "height_m"},
+constexpr std::string_view kAxes[] = {"x", "y", "z"}, kGeodetic[] = {"lat_deg", "lon_deg", "height_m"},
                            kAngles[] = {"incidence_deg", "emission_deg", "phase_deg"},
                            kLightSources[] = {"direct", "terrain", "earth"}, kImageAxes[] = {"x", "y"};
 
@@ -39,7 +39,7 @@ constexpr ProductRow kTable[] = {
     {engine::kRange, "range", &FrameProducts::range, {}, false, "Euclidean distance, m; NaN where nothing is hit"},
     {engine::kPosition, "position", &FrameProducts::position, kAxes, false,
      "hit point in MOON_ME, m; NaN where nothing is hit"},
-    {engine::kGeodetic, "geodetic", &FrameProducts::geodetic, kPlace, false,
+    {engine::kGeodetic, "geodetic", &FrameProducts::geodetic, kGeodetic, false,
      "lat_deg, lon_deg, height_m of the hit point; NaN where nothing is hit"},
     {engine::kNormal,
      "normal",
@@ -140,15 +140,18 @@ constexpr ProductRow kTable[] = {
       "none; 65535 for no data"}},
 };
 
-// The last are maps' own.
-constexpr std::size_t kOfFrames =
+// Number of products of frames: they come first in the table, those of maps alone last.
+constexpr std::size_t kFrameProductCount =
     std::ranges::count_if(kTable, [](const ProductRow& row) { return !row.meaning.empty(); });
 
 std::vector<ProductRow> rows_of_maps() {
   std::vector<ProductRow> rows;
   for (const ProductRow& row : kTable)
-    if (row.of_maps.place > 0) rows.push_back(row), rows.back().meaning = row.of_maps.meaning;
-  std::ranges::sort(rows, {}, [](const ProductRow& row) { return row.of_maps.place; });
+    if (row.in_maps.order > 0) {
+      rows.push_back(row);
+      rows.back().meaning = row.in_maps.meaning;
+    }
+  std::ranges::sort(rows, {}, [](const ProductRow& row) { return row.in_maps.order; });
   return rows;
 }
 
@@ -165,17 +168,18 @@ ElementType type_of(const std::vector<float>&) { return ElementType::float32; }
 ElementType type_of(const std::vector<double>&) { return ElementType::float64; }
 
 void narrow(double m, float& out) { out = static_cast<float>(m); }
-// Eigen rounds a float to half. The last bit of this float says on which side of the middle of two halves the number
-// was: so it is rounded once.
+// Rounds a double to half only once. Eigen rounds a float to half, so rounding to float first would round ties wrongly.
+// Therefore round to odd: truncate to float and set the last bit if the float is inexact, which keeps it off every tie.
 void narrow(double m, Eigen::half& out) {
-  float part = static_cast<float>(m);
-  if (std::isfinite(part) && static_cast<double>(part) != m) {
-    if (std::abs(static_cast<double>(part)) > std::abs(m)) part = std::nextafter(part, 0.F);
-    part = std::bit_cast<float>(std::bit_cast<std::uint32_t>(part) | 1U);
+  float to_odd = static_cast<float>(m);
+  if (std::isfinite(to_odd) && static_cast<double>(to_odd) != m) {
+    if (std::abs(static_cast<double>(to_odd)) > std::abs(m)) to_odd = std::nextafter(to_odd, 0.F);
+    to_odd = std::bit_cast<float>(std::bit_cast<std::uint32_t>(to_odd) | 1U);
   }
-  out = Eigen::half(part);
+  out = Eigen::half(to_odd);
 }
 
+// Returns a view of a product's elements; throws std::logic_error if there are not height x width of them.
 template <typename Element>
 ArrayView view(const ProductRow& row, const std::vector<Element>& data, int height, int width) {
   std::vector<std::string> channels = channel_names(row);
@@ -188,13 +192,15 @@ ArrayView view(const ProductRow& row, const std::vector<Element>& data, int heig
   return {row.name, type_of(data), height, width, count, data.data(), std::move(channels)};
 }
 
+// Returns a view in the size of the image, or of the truth grid for products that it subsamples.
 template <typename Element>
 ArrayView view(const ProductRow& row, const std::vector<Element>& data, const engine::FrameRequest& request) {
-  const bool thinned = request.truth && row.product & engine::kTruth;
-  return thinned ? view(row, data, request.truth->rows(), request.truth->columns())
-                 : view(row, data, request.camera.height, request.camera.width);
+  const bool is_subsampled = request.truth && row.product & engine::kTruth;
+  return is_subsampled ? view(row, data, request.truth->rows(), request.truth->columns())
+                       : view(row, data, request.camera.height, request.camera.width);
 }
 
+// Returns a view of a frame's product; one with a narrower type in the answer is converted into `narrowed` first.
 ArrayView view_of(const ProductRow& row, const engine::Frame& frame, const engine::FrameRequest& request,
                   Narrowed& narrowed) {
   if (row.product == engine::kImage && image_bits(request) == 8) {
@@ -213,23 +219,23 @@ ArrayView view_of(const ProductRow& row, const engine::Frame& frame, const engin
     return view(row, narrowed.position, request);
   }
   using Floats = engine::TruthGrid::Floats;
-  const bool depth = row.product == engine::kDepth;
-  if ((depth || row.product == engine::kRange) && request.truth && request.truth->distances != Floats::float64) {
-    const std::vector<double>& given = depth ? frame.products.depth : frame.products.range;
+  const bool is_depth = row.product == engine::kDepth;
+  if ((is_depth || row.product == engine::kRange) && request.truth && request.truth->distances != Floats::float64) {
+    const std::vector<double>& distances_m = is_depth ? frame.products.depth : frame.products.range;
     const auto narrow_all = [&](auto& out) {
-      out.resize(given.size());
-      for (std::size_t i = 0; i < given.size(); ++i) narrow(given[i], out[i]);
+      out.resize(distances_m.size());
+      for (std::size_t i = 0; i < distances_m.size(); ++i) narrow(distances_m[i], out[i]);
       return view(row, out, request);
     };
-    if (request.truth->distances == Floats::float32) return narrow_all(depth ? narrowed.depth : narrowed.range);
-    return narrow_all(depth ? narrowed.half_depth : narrowed.half_range);
+    if (request.truth->distances == Floats::float32) return narrow_all(is_depth ? narrowed.depth : narrowed.range);
+    return narrow_all(is_depth ? narrowed.half_depth : narrowed.half_range);
   }
   return std::visit([&](const auto elements) { return view(row, frame.products.*elements, request); }, row.elements);
 }
 
 }  // namespace
 
-std::span<const ProductRow> products() { return std::span(kTable).first(kOfFrames); }
+std::span<const ProductRow> products() { return std::span(kTable).first(kFrameProductCount); }
 
 std::span<const ProductRow> map_products() {
   static const std::vector<ProductRow> rows = rows_of_maps();
@@ -264,17 +270,18 @@ std::size_t bytes_per_pixel(engine::ProductSet products) {
 std::string_view name_of(engine::Product product) { return row_of(product).name; }
 
 std::vector<ArrayView> arrays_of(const engine::Frame& frame, const engine::FrameRequest& request,
-                                 engine::ProductSet wanted, Narrowed& narrowed) {
+                                 engine::ProductSet requested, Narrowed& narrowed) {
   std::vector<ArrayView> arrays;
   for (const ProductRow& row : products())
-    if (wanted & row.product) arrays.push_back(view_of(row, frame, request, narrowed));
+    if (requested & row.product) arrays.push_back(view_of(row, frame, request, narrowed));
   return arrays;
 }
 
-std::vector<ArrayView> map_arrays_of(const FrameProducts& products, engine::ProductSet wanted, int height, int width) {
+std::vector<ArrayView> map_arrays_of(const FrameProducts& products, engine::ProductSet requested, int height,
+                                     int width) {
   std::vector<ArrayView> arrays;
   for (const ProductRow& row : map_products()) {
-    if (!(wanted & row.product)) continue;
+    if (!(requested & row.product)) continue;
     arrays.push_back(
         std::visit([&](const auto elements) { return view(row, products.*elements, height, width); }, row.elements));
   }

@@ -21,8 +21,8 @@ using ProductElements =
                  std::vector<double> engine::FrameProducts::*>;
 
 // Description of a product in maps.
-struct MapPlace {
-  int place = 0;  // its rank in their order, from 1; 0: not available in maps
+struct MapProduct {
+  int order = 0;  // position among the products of maps, from 1; 0: not available in maps
   std::string_view unit{};
   std::string_view meaning{};
 };
@@ -34,21 +34,21 @@ struct ProductRow {
   std::span<const std::string_view> components;  // suffixes of channel names; empty: one channel
   bool needs_sun;
   std::string_view meaning;  // unit, and the value where nothing is hit; empty: not a product of frames
-  MapPlace of_maps{};
+  MapProduct in_maps{};
 };
 
-// All products of frames, in the order of the API's table. This is the only definition of products in api/.
+// Returns all products of frames, in the order of the API's table. This is the only definition of products in api/.
 std::span<const ProductRow> products();
-// Products of maps, in their own order; `meaning` is that for maps.
+// Returns the products of maps, in their own order; `meaning` is the one for maps.
 std::span<const ProductRow> map_products();
 
-// Element type as text: "float64 x 3"; "uint8 or uint16" for an image.
+// Returns the element type as text: "float64 x 3"; "uint8 or uint16" for an image.
 std::string type_text(const ProductRow& row);
 
-// "position.x" etc., or the product's name.
+// Returns "position.x" etc. for a product with components, else the product's name.
 std::vector<std::string> channel_names(const ProductRow& row);
 
-// Bytes per pixel of these products' arrays.
+// Returns the bytes per pixel of these products' arrays.
 std::size_t bytes_per_pixel(engine::ProductSet products);
 
 // Storage for elements whose type in the answer differs from the engine's: 8-bit images, positions relative to an
@@ -61,13 +61,13 @@ struct Narrowed {
 
 std::string_view name_of(engine::Product product);
 
-// Views of the wanted products in the table's order. They point into `frame` and `narrowed`, which is filled here; both
-// must outlive the views. Throws std::logic_error if the frame lacks a product or has it in a size that differs from
-// the request.
+// Returns views of these products in the table's order. They point into `frame` and `narrowed`, which is filled here;
+// both must outlive the views. Throws std::logic_error if the frame lacks a product or has it in a size that differs
+// from the request.
 std::vector<ArrayView> arrays_of(const engine::Frame& frame, const engine::FrameRequest& request,
-                                 engine::ProductSet wanted, Narrowed& narrowed);
-// Views of a map's products, in the order of map_products().
-std::vector<ArrayView> map_arrays_of(const engine::FrameProducts& products, engine::ProductSet wanted, int height,
+                                 engine::ProductSet requested, Narrowed& narrowed);
+// Returns views of a map's products, in the order of map_products().
+std::vector<ArrayView> map_arrays_of(const engine::FrameProducts& products, engine::ProductSet requested, int height,
                                      int width);
 
 }  // namespace selenograph::api

@@ -22,7 +22,7 @@ struct ArrayView {
   const void* data;             // native (little-endian) elements
   // Channel names in OpenEXR: {"radiance"}, or {"position.x", "position.y", "position.z"}.
   std::vector<std::string> channel_names;
-  // For .npy and .npz alone: another shape of as many elements, of any rank; empty: as above.
+  // Shape in .npy and .npz, of any rank, with the same number of elements; empty: (height, width[, channels]).
   std::vector<std::size_t> shape{};
 };
 
@@ -30,39 +30,42 @@ std::size_t element_size(ElementType type);
 std::string numpy_descr(ElementType type);  // "<f4", "|u1", ...
 
 // All encoders are deterministic: the same arrays and attributes give the same bytes (no dates, no library versions).
-// They throw std::invalid_argument for data that the format cannot hold, Cancelled when `stop` says so. Thread-safe.
+// They throw std::invalid_argument for data that the format cannot hold, Cancelled when `stop` is requested.
+// Thread-safe.
 
-// Native elements, which are little-endian on all supported platforms.
+// Returns native elements, which are little-endian on all supported platforms.
 std::string encode_raw(const ArrayView& array);
 
-// NPY 1.0: shape (height, width) or (height, width, channels), or the array's own; the data are aligned to 64 bytes.
+// Returns NPY 1.0 with the shape (height, width), (height, width, channels) or the array's own. The data begin at a
+// multiple of 64 bytes.
 std::string encode_npy(const ArrayView& array);
 
-// Members of an .npz beside its arrays and meta.json, by their whole names; and whether all members are deflated: as
-// numpy.savez_compressed does, at zlib's fastest level.
+// Options of an .npz.
 struct NpzExtras {
-  std::vector<std::pair<std::string, std::string>> texts{};
-  bool deflated = false;
+  std::vector<std::pair<std::string, std::string>> texts{};  // (file name, content) besides the arrays and meta.json
+  bool deflated = false;  // all members, as by numpy.savez_compressed, but at zlib's fastest level
 };
 
-// One .npy per array plus meta.json, in a zip archive. Names must differ. Deflated bytes depend on zlib's version.
+// Returns one .npy per array plus meta.json, in a zip archive. Names must differ. Deflated bytes depend on zlib's
+// version.
 std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& meta_json, const StopToken& stop = {},
                        const NpzExtras& extras = {});
 
-// (name, value) text metadata, e.g. {"selenograph", meta_json}.
+// Text metadata as (name, value), e.g. {"selenograph", meta_json}.
 using Attributes = std::vector<std::pair<std::string, std::string>>;
 
-// uint8 or uint16 grey, one channel. Attributes become text chunks, which most readers take for Latin-1: use ASCII.
+// Returns a PNG of one grey channel, uint8 or uint16. Attributes become text chunks, which most readers take for
+// Latin-1: use ASCII.
 std::string encode_png(const ArrayView& array, const Attributes& attributes, const StopToken& stop = {});
 
-// All element types, 1 or 3 channels; float64 is preserved. TIFF has one text field for attributes: ImageDescription
-// holds their values, one per line.
+// Returns a TIFF of any element type with 1 or 3 channels; float64 is preserved. TIFF has one text field for
+// attributes: ImageDescription holds their values, one per line.
 std::string encode_tiff(const ArrayView& array, const Attributes& attributes, const StopToken& stop = {});
 
-// All arrays, of equal height and width, as named channels; attributes become header attributes. OpenEXR has no double,
-// and a lunar coordinate rounded to float is off by up to 6 cm: a float64 channel "depth" is written as float "depth"
-// plus float "depth.residual" (double - float). Their sum in double is accurate to 2^-49 of the value, 2 nm at the
-// Moon's radius. Integers become uint32 channels, float32 is preserved.
+// Returns an OpenEXR with all arrays, of equal height and width, as named channels. Attributes become header
+// attributes. OpenEXR has no double, and a lunar coordinate rounded to float is off by up to 6 cm: a float64 channel
+// "depth" is written as float "depth" plus float "depth.residual" (double - float). Their sum in double is accurate to
+// 2^-49 of the value, 2 nm at the Moon's radius. Integers become uint32 channels, float32 is preserved.
 std::string encode_exr(const std::vector<ArrayView>& arrays, const Attributes& attributes, const StopToken& stop = {});
 
 }  // namespace selenograph::api

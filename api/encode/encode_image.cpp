@@ -1,4 +1,4 @@
-// PNG, TIFF and OpenEXR, all through OpenImageIO, into memory.
+// Encodes PNG, TIFF and OpenEXR, all through OpenImageIO, into memory.
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 
@@ -42,8 +42,9 @@ void check_shape(const ArrayView& array, const char* format) {
   }
 }
 
-// What OpenImageIO writes to: the answer itself, which never exists twice. (Its own IOVecOutput has another kind of
-// bytes.)
+// Output of OpenImageIO: it writes directly into the answer, which therefore never exists twice in memory.
+// (OpenImageIO's own IOVecOutput is a vector of unsigned char, which would have to be copied into the answer's
+// std::string.)
 class Destination : public OIIO::Filesystem::IOProxy {
  public:
   explicit Destination(std::size_t expected_bytes) : IOProxy("", Write) { bytes_.reserve(expected_bytes); }
@@ -59,12 +60,12 @@ class Destination : public OIIO::Filesystem::IOProxy {
     return written;
   }
   std::size_t pwrite(const void* data, std::size_t size, std::int64_t offset) override {
-    const auto at = static_cast<std::size_t>(offset);
-    if (bytes_.size() < at) bytes_.resize(at);
+    const auto position = static_cast<std::size_t>(offset);
+    if (bytes_.size() < position) bytes_.resize(position);
     const auto* from = static_cast<const char*>(data);
-    const std::size_t over = std::min(size, bytes_.size() - at);
-    bytes_.replace(at, over, from, over);
-    bytes_.append(from + over, size - over);
+    const std::size_t overwritten = std::min(size, bytes_.size() - position);
+    bytes_.replace(position, overwritten, from, overwritten);
+    bytes_.append(from + overwritten, size - overwritten);
     return size;
   }
 
@@ -86,10 +87,10 @@ class Writer {
     const auto stopped = [](void* stop, float) { return static_cast<const StopToken*>(stop)->stopped(); };
     check(output_->write_image(type, pixels, OIIO::AutoStride, OIIO::AutoStride, OIIO::AutoStride, stopped,
                                const_cast<StopToken*>(&stop_)));
-    stop_.check();  // it says nothing of having been stopped
+    stop_.check();  // write_image() reports success when the callback stops it
   }
 
-  // In the file's own element types, channel by channel.
+  // Writes scanlines whose pixels have each channel's own element type, interleaved.
   void write_rows(int first, int past_last, const void* pixels) {
     stop_.check();
     check(output_->write_scanlines(first, past_last, 0, OIIO::TypeDesc::UNKNOWN, pixels));
@@ -101,29 +102,30 @@ class Writer {
   }
 
  private:
-  void check(bool good) const {
-    if (!good) throw std::runtime_error(format_ + ": " + output_->geterror());
+  void check(bool success) const {
+    if (!success) throw std::runtime_error(format_ + ": " + output_->geterror());
   }
 
   std::string format_;
   const StopToken& stop_;
   Destination destination_;
-  std::unique_ptr<OIIO::ImageOutput> output_;  // goes first: it writes to the destination until it is closed
+  std::unique_ptr<OIIO::ImageOutput> output_;  // last member, destroyed first: it writes to destination_ until closed
 };
 
 // --- OpenEXR
 
-// One channel of the file: what to take from which array, and how.
+// One channel of the file: a component of an array, and its conversion to a 32-bit word. A double becomes two channels:
+// the value rounded to float, and the residual.
 struct ExrChannel {
-  enum class Part { integer, half, single, rounded, residual };
+  enum class Conversion { integer, half, single, rounded, residual };
   std::string name;
   const ArrayView* array;
   int component;
-  Part part;
+  Conversion conversion;
 };
 
 std::vector<ExrChannel> exr_channels(const std::vector<ArrayView>& arrays) {
-  using Part = ExrChannel::Part;
+  using Conversion = ExrChannel::Conversion;
   std::vector<ExrChannel> channels;
   for (const ArrayView& array : arrays) {
     if (array.channel_names.size() != std::size_t(array.channels)) {
@@ -134,51 +136,52 @@ std::vector<ExrChannel> exr_channels(const std::vector<ArrayView>& arrays) {
     for (int c = 0; c < array.channels; ++c) {
       const std::string& name = array.channel_names[std::size_t(c)];
       if (array.type == ElementType::float64) {
-        channels.push_back({name, &array, c, Part::rounded});
-        channels.push_back({name + ".residual", &array, c, Part::residual});
+        channels.push_back({name, &array, c, Conversion::rounded});
+        channels.push_back({name + ".residual", &array, c, Conversion::residual});
       } else {
         channels.push_back({name, &array, c,
-                            array.type == ElementType::float32   ? Part::single
-                            : array.type == ElementType::float16 ? Part::half
-                                                                 : Part::integer});
+                            array.type == ElementType::float32   ? Conversion::single
+                            : array.type == ElementType::float16 ? Conversion::half
+                                                                 : Conversion::integer});
       }
     }
   }
   return channels;
 }
 
-// 0 where there is nothing to restore, so that value + residual is NaN or infinite as the value is.
+// Returns what rounding to float removed; 0 for NaN and infinity, so that their sum with the residual stays NaN or
+// infinite.
 float residual(double value) {
   const float rounded = static_cast<float>(value);
   return std::isfinite(rounded) ? static_cast<float>(value - rounded) : 0.0f;
 }
 
-// Spreads `count` elements, every `from_stride`-th, over every `to_stride`-th 32-bit word.
+// Converts `count` elements, every `from_stride`-th, and writes them to every `to_stride`-th 32-bit word.
 template <typename Element, typename Convert>
-void spread(const Element* from, int from_stride, std::uint32_t* to, std::size_t to_stride, int count,
-            Convert convert) {
+void interleave(const Element* from, int from_stride, std::uint32_t* to, std::size_t to_stride, int count,
+                Convert convert) {
   for (int i = 0; i < count; ++i, from += from_stride, to += to_stride)
     *to = std::bit_cast<std::uint32_t>(convert(*from));
 }
 
-// Row `y` of the channel into every `stride`-th word.
-void spread_row(const ExrChannel& channel, int y, std::uint32_t* to, std::size_t stride) {
+// Writes row `y` of a channel to every `stride`-th word.
+void interleave_row(const ExrChannel& channel, int y, std::uint32_t* to, std::size_t stride) {
   const ArrayView& a = *channel.array;
   const std::size_t first =
       std::size_t(y) * std::size_t(a.width) * std::size_t(a.channels) + std::size_t(channel.component);
   const auto run = [&](const auto* data, auto convert) {
-    spread(data + first, a.channels, to, stride, a.width, convert);
+    interleave(data + first, a.channels, to, stride, a.width, convert);
   };
-  switch (channel.part) {
-    case ExrChannel::Part::half:
+  switch (channel.conversion) {
+    case ExrChannel::Conversion::half:
       return run(static_cast<const Eigen::half*>(a.data), [](Eigen::half v) { return static_cast<float>(v); });
-    case ExrChannel::Part::single:
+    case ExrChannel::Conversion::single:
       return run(static_cast<const float*>(a.data), [](float v) { return v; });
-    case ExrChannel::Part::rounded:
+    case ExrChannel::Conversion::rounded:
       return run(static_cast<const double*>(a.data), [](double v) { return static_cast<float>(v); });
-    case ExrChannel::Part::residual:
+    case ExrChannel::Conversion::residual:
       return run(static_cast<const double*>(a.data), residual);
-    case ExrChannel::Part::integer:
+    case ExrChannel::Conversion::integer:
       break;
   }
   const auto widen = [](auto v) { return std::uint32_t{v}; };
@@ -192,12 +195,12 @@ OIIO::ImageSpec exr_spec(const std::vector<ArrayView>& arrays, const std::vector
   spec.channelnames.clear();
   for (const ExrChannel& channel : channels) {
     spec.channelnames.push_back(channel.name);
-    spec.channelformats.push_back(channel.part == ExrChannel::Part::integer ? OIIO::TypeDesc::UINT32
-                                                                            : OIIO::TypeDesc::FLOAT);
+    spec.channelformats.push_back(channel.conversion == ExrChannel::Conversion::integer ? OIIO::TypeDesc::UINT32
+                                                                                        : OIIO::TypeDesc::FLOAT);
   }
-  // Uncompressed: zip saves a sixth of positions, next to nothing of residuals, and takes five times as long.
+  // Do not compress: zip saves a sixth of positions and next to nothing of residuals, and takes five times as long.
   spec.attribute("compression", "none");
-  spec.attribute("DateTime", "");  // else OpenImageIO writes the local time
+  spec.attribute("DateTime", "");  // prevents OpenImageIO from writing the local time
   return spec;
 }
 
@@ -235,11 +238,12 @@ std::string encode_tiff(const ArrayView& array, const Attributes& attributes, co
   std::string description;
   for (const auto& [name, value] : attributes) description += (description.empty() ? "" : "\n") + value;
   if (!description.empty()) spec.attribute("ImageDescription", description);
-  spec.attribute("compression", "none");  // as for OpenEXR, and every reader knows it
-  // Else OpenImageIO writes the local time. A number is not written at all; an empty text would be a malformed tag.
+  spec.attribute("compression", "none");  // as for OpenEXR; every reader supports it
+  // Prevent OpenImageIO from writing the local time. A number is not written at all; an empty text would be a malformed
+  // tag.
   spec.attribute("DateTime", 0);
-  // Else OpenImageIO repeats both attributes in an Exif directory, which has no such tags: libtiff reports three
-  // errors.
+  // Prevent OpenImageIO from repeating both attributes in an Exif directory, which has no such tags: libtiff would
+  // report three errors.
   spec.attribute("tiff:write_exif", 0);
   Writer writer("tiff", spec, stop);
   writer.write(type, array.data);
@@ -259,14 +263,14 @@ std::string encode_exr(const std::vector<ArrayView>& arrays, const Attributes& a
   OIIO::ImageSpec spec = exr_spec(arrays, channels);
   for (const auto& [name, value] : attributes) spec.attribute(name, value);
   Writer writer("exr", spec, stop);
-  constexpr int kRows = 16;  // a few rows at a time stay in the cache
+  constexpr int kRows = 16;  // few enough to stay in the processor's cache
   const std::size_t row_words = std::size_t(width) * channels.size();
   std::vector<std::uint32_t> rows(kRows * row_words);
   for (int y = 0; y < height; y += kRows) {
     const int past_last = std::min(y + kRows, height);
     for (int row = y; row < past_last; ++row) {
       std::uint32_t* const to = rows.data() + std::size_t(row - y) * row_words;
-      for (std::size_t c = 0; c < channels.size(); ++c) spread_row(channels[c], row, to + c, channels.size());
+      for (std::size_t c = 0; c < channels.size(); ++c) interleave_row(channels[c], row, to + c, channels.size());
     }
     writer.write_rows(y, past_last, rows.data());
   }

@@ -1,4 +1,4 @@
-// Raw, NPY and NPZ. The NPY layout is NumPy Enhancement Proposal 1 (Robert Kern, 2007), version 1.0.
+// Encodes raw arrays, NPY and NPZ. The NPY layout is NumPy Enhancement Proposal 1 (Robert Kern, 2007), version 1.0.
 #include <zip.h>
 
 #include <algorithm>
@@ -16,11 +16,11 @@ static_assert(std::endian::native == std::endian::little, "raw and npy promise l
 
 namespace {
 
-std::size_t size_bytes(const ArrayView& array) {
+std::size_t array_bytes(const ArrayView& array) {
   return std::size_t(array.height) * std::size_t(array.width) * std::size_t(array.channels) * element_size(array.type);
 }
 
-const char* bytes(const ArrayView& array) { return static_cast<const char*>(array.data); }
+const char* data_of(const ArrayView& array) { return static_cast<const char*>(array.data); }
 
 std::string npy_header(const ArrayView& array) {
   std::string shape = std::to_string(array.height) + ", " + std::to_string(array.width);
@@ -28,11 +28,12 @@ std::string npy_header(const ArrayView& array) {
   if (!array.shape.empty()) {
     shape.clear();
     for (const std::size_t n : array.shape) shape += std::to_string(n) + ", ";
-    if (array.shape.size() > 1) shape.resize(shape.size() - 2);  // (n, ) is one of one dimension
+    if (array.shape.size() > 1) shape.resize(shape.size() - 2);  // Python needs the comma in (n, ) only
   }
   std::string dictionary =
       "{'descr': '" + numpy_descr(array.type) + "', 'fortran_order': False, 'shape': (" + shape + "), }";
-  constexpr std::size_t kPreamble = 10, kAlignment = 64;  // magic, version, length; where the data may be mapped
+  // The preamble is magic, version and length. Aligned data can be mapped into memory.
+  constexpr std::size_t kPreamble = 10, kAlignment = 64;
   const std::size_t unpadded = kPreamble + dictionary.size() + 1;
   dictionary.append((kAlignment - unpadded % kAlignment) % kAlignment, ' ');
   dictionary += '\n';
@@ -55,9 +56,9 @@ using Source = std::unique_ptr<zip_source_t, Free>;
 
 [[noreturn]] void fail(const std::string& what) { throw std::runtime_error("npz: " + what); }
 
-// A member made of pieces that outlive the archive; nothing is copied until the archive is written.
-void add_member(zip_t* archive, const std::string& name, std::vector<zip_buffer_fragment_t> pieces, bool deflated) {
-  Source source(zip_source_buffer_fragment_create(pieces.data(), pieces.size(), 0, nullptr));
+// Adds a member made of fragments, which must outlive the archive: nothing is copied until the archive is written.
+void add_member(zip_t* archive, const std::string& name, std::vector<zip_buffer_fragment_t> fragments, bool deflated) {
+  Source source(zip_source_buffer_fragment_create(fragments.data(), fragments.size(), 0, nullptr));
   if (!source) fail("no memory for " + name);
   const zip_int64_t index = zip_file_add(archive, name.c_str(), source.get(), ZIP_FL_ENC_UTF_8);
   if (index < 0) {
@@ -67,9 +68,9 @@ void add_member(zip_t* archive, const std::string& name, std::vector<zip_buffer_
     fail(name + ": " + zip_strerror(archive));
   }
   source.release();  // NOLINT(bugprone-unused-return-value): the archive owns it now
-  // Stored unless asked: on one core deflate at its fastest needs 16-21 ms per MB, half a second for a megapixel of
-  // positions, of which it saves a sixth (of radiance a third). The date is zip's zero, 1980-01-01, so that equal
-  // frames are equal bytes.
+  // Store members by default: on one core the fastest deflate takes 16-21 ms per MB, half a second for a megapixel of
+  // positions. It saves a sixth of positions and a third of radiance. Set the date to the first that zip can represent,
+  // 1980-01-01, so that equal frames have equal bytes.
   constexpr zip_uint16_t kFirstDosDate = (1 << 5) | 1;
   constexpr zip_uint32_t kFastest = 1;
   if (zip_set_file_compression(archive, zip_uint64_t(index), deflated ? ZIP_CM_DEFLATE : ZIP_CM_STORE, kFastest) != 0 ||
@@ -78,25 +79,26 @@ void add_member(zip_t* archive, const std::string& name, std::vector<zip_buffer_
   }
 }
 
-zip_buffer_fragment_t piece(const char* data, std::size_t size) {
+zip_buffer_fragment_t fragment(const char* data, std::size_t size) {
   // libzip's fragments are not const but are only read, as zip_source_buffer_create's const argument shows.
   return {reinterpret_cast<zip_uint8_t*>(const_cast<char*>(data)), size};
 }
 
-// Where an archive is written to: the answer itself, which never exists twice.
+// Output of libzip: it writes directly into the answer, which therefore never exists twice in memory.
 class ZipDestination {
  public:
   ZipDestination(std::size_t expected_bytes, const StopToken& stop) : stop_(stop) { bytes_.reserve(expected_bytes); }
   std::string take() { return std::move(bytes_); }
 
-  // zip_source_function's callback. libzip begins, writes, goes back to complete a member's header, and commits.
+  // Callback of zip_source_function_create(). libzip begins, writes, seeks back to complete a member's header, and
+  // commits.
   static zip_int64_t call(void* self, void* data, zip_uint64_t size, zip_source_cmd_t command) {
     return static_cast<ZipDestination*>(self)->answer(data, size, command);
   }
 
  private:
   zip_int64_t answer(void* data, zip_uint64_t size, zip_source_cmd_t command) {
-    switch (static_cast<int>(command)) {  // newer versions of libzip have more of them
+    switch (static_cast<int>(command)) {  // as int: newer versions of libzip have more commands
       case ZIP_SOURCE_SUPPORTS:
         return zip_source_make_command_bitmap(
             ZIP_SOURCE_OPEN, ZIP_SOURCE_READ, ZIP_SOURCE_CLOSE, ZIP_SOURCE_STAT, ZIP_SOURCE_ERROR, ZIP_SOURCE_FREE,
@@ -104,7 +106,7 @@ class ZipDestination {
             ZIP_SOURCE_ROLLBACK_WRITE, ZIP_SOURCE_SEEK_WRITE, ZIP_SOURCE_TELL_WRITE, ZIP_SOURCE_REMOVE, -1);
       case ZIP_SOURCE_STAT:
         zip_stat_init(static_cast<zip_stat_t*>(data));
-        static_cast<zip_stat_t*>(data)->size = 0;  // there is nothing yet
+        static_cast<zip_stat_t*>(data)->size = 0;  // the archive is new
         static_cast<zip_stat_t*>(data)->valid = ZIP_STAT_SIZE;
         return sizeof(zip_stat_t);
       case ZIP_SOURCE_ERROR:
@@ -112,13 +114,13 @@ class ZipDestination {
       case ZIP_SOURCE_WRITE:
         return write(static_cast<const char*>(data), size);
       case ZIP_SOURCE_SEEK_WRITE: {
-        const zip_int64_t to = zip_source_seek_compute_offset(at_, bytes_.size(), data, size, &error_);
-        if (to < 0) return -1;
-        at_ = static_cast<std::size_t>(to);
+        const zip_int64_t offset = zip_source_seek_compute_offset(position_, bytes_.size(), data, size, &error_);
+        if (offset < 0) return -1;
+        position_ = static_cast<std::size_t>(offset);
         return 0;
       }
       case ZIP_SOURCE_TELL_WRITE:
-        return static_cast<zip_int64_t>(at_);
+        return static_cast<zip_int64_t>(position_);
       case ZIP_SOURCE_OPEN:
       case ZIP_SOURCE_CLOSE:
       case ZIP_SOURCE_FREE:
@@ -133,31 +135,31 @@ class ZipDestination {
     }
   }
 
-  // Between C frames nothing may be thrown.
+  // Overwrites bytes from the current position and appends the rest. It never throws: its caller is C code.
   zip_int64_t write(const char* data, zip_uint64_t size) noexcept {
     if (stop_.stopped()) {
       zip_error_set(&error_, ZIP_ER_CANCELLED, 0);
       return -1;
     }
     try {
-      const std::size_t over = std::min<std::size_t>(size, bytes_.size() - at_);
-      bytes_.replace(at_, over, data, over);
-      bytes_.append(data + over, size - over);
+      const std::size_t overwritten = std::min<std::size_t>(size, bytes_.size() - position_);
+      bytes_.replace(position_, overwritten, data, overwritten);
+      bytes_.append(data + overwritten, size - overwritten);
     } catch (const std::exception&) {
       zip_error_set(&error_, ZIP_ER_MEMORY, 0);
       return -1;
     }
-    at_ += size;
+    position_ += size;
     return static_cast<zip_int64_t>(size);
   }
 
   const StopToken& stop_;
   std::string bytes_;
-  std::size_t at_ = 0;
+  std::size_t position_ = 0;
   zip_error_t error_{};
 };
 
-// libzip's own structures around a member: local header, entry of the directory, names twice.
+// Upper bound of the zip structures of a member: local header, directory entry, and the name in both.
 constexpr std::size_t kMemberBytes = 512;
 
 }  // namespace
@@ -199,24 +201,24 @@ std::string numpy_descr(ElementType type) {
   throw std::invalid_argument("unknown element type");
 }
 
-std::string encode_raw(const ArrayView& array) { return std::string(bytes(array), size_bytes(array)); }
+std::string encode_raw(const ArrayView& array) { return std::string(data_of(array), array_bytes(array)); }
 
 std::string encode_npy(const ArrayView& array) {
   const std::string header = npy_header(array);
   std::string result;
-  result.reserve(header.size() + size_bytes(array));
+  result.reserve(header.size() + array_bytes(array));
   result += header;
-  result.append(bytes(array), size_bytes(array));
+  result.append(data_of(array), array_bytes(array));
   return result;
 }
 
 std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& meta_json, const StopToken& stop,
                        const NpzExtras& extras) {
-  std::vector<std::string> headers;  // all made before the first is pointed to
+  std::vector<std::string> headers;  // reserved, since fragments point to its elements
   headers.reserve(arrays.size());
   for (const ArrayView& array : arrays) headers.push_back(npy_header(array));
   std::size_t expected = meta_json.size() + kMemberBytes;
-  for (const ArrayView& array : arrays) expected += size_bytes(array) + kMemberBytes;
+  for (const ArrayView& array : arrays) expected += array_bytes(array) + kMemberBytes;
   for (const auto& [name, text] : extras.texts) expected += text.size() + kMemberBytes;
   if (extras.deflated) expected /= 2;
   ZipDestination destination(expected, stop);
@@ -227,11 +229,11 @@ std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& 
   source.release();  // NOLINT(bugprone-unused-return-value): the archive owns it now
   for (std::size_t i = 0; i < arrays.size(); ++i) {
     add_member(archive.get(), std::string(arrays[i].name) + ".npy",
-               {piece(headers[i].data(), headers[i].size()), piece(bytes(arrays[i]), size_bytes(arrays[i]))},
+               {fragment(headers[i].data(), headers[i].size()), fragment(data_of(arrays[i]), array_bytes(arrays[i]))},
                extras.deflated);
   }
   const auto add_text = [&](const std::string& name, const std::string& text) {
-    add_member(archive.get(), name, {piece(text.data(), text.size())}, extras.deflated);
+    add_member(archive.get(), name, {fragment(text.data(), text.size())}, extras.deflated);
   };
   add_text("meta.json", meta_json);
   for (const auto& [name, text] : extras.texts) add_text(name, text);

@@ -13,22 +13,25 @@
 namespace selenograph::api {
 namespace {
 
-constexpr engine::ProductSet kAll = ~engine::ProductSet{0};
+constexpr engine::ProductSet kAllProducts = ~engine::ProductSet{0};
 
 constexpr std::array<Representation, 6> kRepresentations{{
-    {Format::npy, "application/x-npy", "npy", false, kAll, "one product as a NumPy .npy array"},
-    {Format::npz, "application/x-npz", "npz", true, kAll, "all products as one NumPy .npz, with meta.json inside"},
+    {Format::npy, "application/x-npy", "npy", false, kAllProducts, "one product as a NumPy .npy array"},
+    {Format::npz, "application/x-npz", "npz", true, kAllProducts,
+     "all products as one NumPy .npz, with meta.json inside"},
     {Format::png, "image/png", "png", false, engine::kImage, "`image`, 8 or 16 bit grey"},
-    {Format::tiff, "image/tiff", "tiff", false, kAll, "one product, float or integer"},
-    {Format::exr, "image/x-exr", "exr", true, kAll, "all products as named channels"},
-    {Format::raw, "application/octet-stream", "raw", false, kAll,
+    {Format::tiff, "image/tiff", "tiff", false, kAllProducts, "one product, float or integer"},
+    {Format::exr, "image/x-exr", "exr", true, kAllProducts, "all products as named channels"},
+    {Format::raw, "application/octet-stream", "raw", false, kAllProducts,
      "one product, raw little-endian, row by row; shape and type in headers"},
 }};
 
-// One element of an Accept header. Parameters other than q don't distinguish anything that there is.
+// One element of an Accept header, such as "image/*;q=0.5". Parameters other than q are ignored: no representation has
+// any.
 struct MediaRange {
   std::string_view type, subtype;
-  double q = 1;
+  double q = 1;  // weight, 0 (not acceptable) to 1
+  // Returns 0 for "*/*", 1 for "image/*", 2 for "image/png".
   int specificity() const { return (type != "*") + (subtype != "*"); }
   bool matches(std::string_view media_type) const {
     const std::size_t slash = media_type.find('/');
@@ -52,7 +55,7 @@ std::vector<std::string_view> split(std::string_view s, char separator) {
   }
 }
 
-// 0 for what is no weight: a range that can't be understood is not preferred.
+// Returns a weight from 0 to 1; 0 for an invalid one, so that a range with it is never chosen.
 double weight(std::string_view text) {
   double q = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), q);
@@ -70,7 +73,7 @@ std::optional<MediaRange> read_media_range(std::string_view element) {
   return range;
 }
 
-// The ranges point into the header's text, which therefore lives as long as they do.
+// A parsed Accept header. It owns the text, in lower case, to which its ranges point.
 class Accept {
  public:
   explicit Accept(const std::string& header) : text_(dem::lower(header)) {
@@ -82,7 +85,7 @@ class Accept {
   Accept(const Accept&) = delete;
   Accept& operator=(const Accept&) = delete;
 
-  // The weight of the most specific range that matches; 0 without one.
+  // Returns the weight of the most specific range that matches; 0 if none does.
   double q(std::string_view media_type) const {
     const MediaRange* best = nullptr;
     for (const MediaRange& range : ranges_) {
@@ -97,23 +100,26 @@ class Accept {
 };
 
 bool can_hold(const Representation& r, engine::ProductSet products) {
-  return (products & ~r.able) == 0 && (r.several || std::has_single_bit(products));
+  return (products & ~r.holds) == 0 && (r.holds_several || std::has_single_bit(products));
 }
 
-bool favourite(const Representation& r, engine::ProductSet products) {
+// Returns true for the representation that is chosen among equal weights.
+bool is_default_for(const Representation& r, engine::ProductSet products) {
   if (products == engine::kImage) return r.format == Format::png;
   return r.format == (std::has_single_bit(products) ? Format::npy : Format::npz);
 }
 
-std::string list_of(bool (*wanted)(const Representation&)) {
+std::string list_of(bool (*is_listed)(const Representation&)) {
   std::string out;
   for (const Representation& r : kRepresentations) {
-    if (wanted(r)) out += (out.empty() ? "" : ", ") + std::string(r.media_type);
+    if (is_listed(r)) out += (out.empty() ? "" : ", ") + std::string(r.media_type);
   }
   return out;
 }
 
-[[noreturn]] void refuse(const Representation* unable) {
+// Throws the error for no representation: `unable` is accepted but cannot hold the products, or null if none is
+// accepted.
+[[noreturn]] void reject(const Representation* unable) {
   if (!unable) {
     throw RequestError("not_acceptable", "there is " + list_of([](const Representation&) { return true; }) +
                                              "; Accept allows none of them");
@@ -121,7 +127,7 @@ std::string list_of(bool (*wanted)(const Representation&)) {
   const std::string what = unable->format == Format::png
                                ? std::string(unable->media_type) + " holds the product \"image\" alone"
                                : std::string(unable->media_type) + " holds exactly one product";
-  const std::string several = list_of([](const Representation& r) { return r.several; });
+  const std::string several = list_of([](const Representation& r) { return r.holds_several; });
   throw RequestError("invalid_request", what, {{"/products", what + "; several are held by " + several}});
 }
 
@@ -140,34 +146,37 @@ std::string_view choose(const std::string& accept, std::span<const Alternative> 
                         const std::function<bool(std::string_view)>& holds) {
   const Accept allowed(accept);
   const Alternative* best = nullptr;
-  std::pair best_rank{false, 0.0};
-  std::string all;
+  std::pair best_rank{false, 0.0};  // can hold the answer, weight
+  std::string list;
   for (const Alternative& a : alternatives) {
-    all += (all.empty() ? "" : ", ") + std::string(a.media_type);
+    list += (list.empty() ? "" : ", ") + std::string(a.media_type);
     const double q = allowed.q(a.media_type);
     const std::pair rank{q > 0 && (!holds || holds(a.media_type)), q};
-    if (rank > best_rank) best = &a, best_rank = rank;
+    if (rank > best_rank) {
+      best = &a;
+      best_rank = rank;
+    }
   }
-  if (!best) throw RequestError("not_acceptable", "there is " + all + "; Accept allows none of them");
+  if (!best) throw RequestError("not_acceptable", "there is " + list + "; Accept allows none of them");
   return best->media_type;
 }
 
 const Representation& negotiate(const std::string& accept, engine::ProductSet products) {
   const Accept allowed(accept);
   const Representation* best = nullptr;
-  const Representation* unable = nullptr;  // accepted, but it can't hold these products
+  const Representation* unable = nullptr;  // accepted, but cannot hold these products
   double best_q = 0;
   for (const Representation& r : kRepresentations) {
     const double q = allowed.q(r.media_type);
     if (q <= 0) continue;
     if (!can_hold(r, products)) {
       if (!unable) unable = &r;
-    } else if (q > best_q || (q == best_q && favourite(r, products))) {
+    } else if (q > best_q || (q == best_q && is_default_for(r, products))) {
       best = &r;
       best_q = q;
     }
   }
-  if (!best) refuse(unable);
+  if (!best) reject(unable);
   return *best;
 }
 

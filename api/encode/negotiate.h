@@ -17,12 +17,12 @@ struct Representation {
   Format format;
   std::string_view media_type;
   std::string_view extension;  // extension of a file
-  bool several;                // whether it can hold more than one product
-  engine::ProductSet able;     // products that it can hold
+  bool holds_several;          // it can hold more than one product
+  engine::ProductSet holds;    // products that it can hold
   std::string_view meaning;
 };
 
-// In the server's order of preference when a client has none.
+// Returns all representations, in the server's order of preference when a client has none.
 std::span<const Representation> representations();
 const Representation& representation(Format format);
 
@@ -36,13 +36,13 @@ inline constexpr Alternative kRoundTripAnswers[] = {
     {"application/json", "the statistics"},
     {"image/tiff", "the differences as GeoTIFF: float32 metres, NaN where nothing was compared"},
 };
-// The representation with the highest weight in `accept`; the first among equals. Those that don't hold the answer
-// are passed over: one is returned only where no other is accepted, for the caller to refuse. Empty `holds`: all do.
-// Throws RequestError "not_acceptable".
+// Returns the representation with the highest weight in `accept`; the first among equals. Representations for which
+// holds(media_type) is false come last: such a one is returned only if no other is accepted, and the caller rejects it.
+// An empty `holds` means that all can hold the answer. Throws RequestError("not_acceptable").
 std::string_view choose(const std::string& accept, std::span<const Alternative> alternatives,
                         const std::function<bool(std::string_view)>& holds = {});
 
-// Whether `accept` allows a media type. Empty means anything.
+// Returns true if `accept` allows a media type; an empty text allows all.
 bool accepts(const std::string& accept, std::string_view media_type);
 
 // Returns the representation for these products under `accept` (several Accept headers joined with commas; empty:

@@ -1,4 +1,7 @@
-// The NPY layout is NumPy Enhancement Proposal 1 (Robert Kern, 2007). The archive is libzip's.
+// Reads NPY files, whose layout is NumPy Enhancement Proposal 1 (Robert Kern, 2007), from zip archives by libzip:
+//
+//   "\x93NUMPY" | major, minor | header length (2 bytes, from version 2 on 4) | header | elements
+//   header: {'descr': '<f8', 'fortran_order': False, 'shape': (3, 2), }
 #include "api/encode/read_npz.h"
 
 #include <fmt/format.h>
@@ -17,14 +20,14 @@
 namespace selenograph::api {
 namespace {
 
-constexpr std::size_t kMostArrays = 32, kMostDimensions = 8, kLongestHeader = 4096;
+constexpr std::size_t kMaxArrays = 32, kMaxDimensions = 8, kMaxHeaderBytes = 4096;
 
 [[noreturn]] void refuse_npz(const std::string& name, const std::string& why) {
   const std::string what = name.empty() ? "the archive" : "array \"" + name + "\"";
   throw RequestError("malformed_npz", what + " " + why, {{name.empty() ? "" : "/" + name, why}});
 }
 
-// The header's Python dictionary, of which NumPy writes three entries in a fixed form.
+// Parser of the header, a Python dictionary of which NumPy writes three entries in a fixed form.
 class NpyHeader {
  public:
   NpyHeader(std::string_view text, const std::string& name) : text_(text), name_(name) {
@@ -40,6 +43,7 @@ class NpyHeader {
 
  private:
   [[noreturn]] void bad() const { refuse_npz(name_, "has no header that numpy.save would write"); }
+  // Returns the text after a key, which must occur exactly once.
   std::string_view after(std::string_view key) const {
     const std::size_t at = text_.find(key);
     if (at == std::string_view::npos || text_.find(key, at + 1) != std::string_view::npos) bad();
@@ -63,10 +67,10 @@ class NpyHeader {
       if (list.empty()) return;
       std::size_t number = 0;
       const auto [past, error] = std::from_chars(list.data(), list.data() + list.size(), number);
-      if (error != std::errc() || shape_.size() == kMostDimensions) bad();
+      if (error != std::errc() || shape_.size() == kMaxDimensions) bad();
       shape_.push_back(number);
       list.remove_prefix(static_cast<std::size_t>(past - list.data()));
-      if (list.starts_with("L")) list.remove_prefix(1);  // Python 2's
+      if (list.starts_with("L")) list.remove_prefix(1);  // Python 2 writes 3L
       if (list.empty()) return;
       if (!list.starts_with(",")) bad();
       list.remove_prefix(1);
@@ -80,19 +84,20 @@ class NpyHeader {
   std::vector<std::size_t> shape_;
 };
 
-// Calls visit(index in the file) for the elements in C order; `columns_first`: the file has Fortran's order.
+// Calls visit(index in the file) for the elements in C order. With `columns_first` the file has Fortran order.
 template <typename Visit>
 void each_in_c_order(const std::vector<std::size_t>& shape, std::size_t count, bool columns_first, const Visit& visit) {
   if (!columns_first || shape.size() < 2) {
     for (std::size_t i = 0; i < count; ++i) visit(i);
     return;
   }
-  std::vector<std::size_t> at(shape.size(), 0);
+  std::vector<std::size_t> subscript(shape.size(), 0);
   for (std::size_t i = 0; i < count; ++i) {
-    std::size_t from = 0;
-    for (std::size_t k = shape.size(); k-- > 0;) from = from * shape[k] + at[k];
-    visit(from);
-    for (std::size_t k = shape.size(); k-- > 0 && ++at[k] == shape[k];) at[k] = 0;
+    std::size_t index = 0;
+    for (std::size_t k = shape.size(); k-- > 0;) index = index * shape[k] + subscript[k];
+    visit(index);
+    // Advance to the next subscript in C order: the last dimension varies fastest.
+    for (std::size_t k = shape.size(); k-- > 0 && ++subscript[k] == shape[k];) subscript[k] = 0;
   }
 }
 
@@ -101,9 +106,9 @@ std::vector<double> converted(std::string_view bytes, const std::vector<std::siz
                               bool columns_first) {
   std::vector<double> out;
   out.reserve(count);
-  each_in_c_order(shape, count, columns_first, [&](std::size_t from) {
+  each_in_c_order(shape, count, columns_first, [&](std::size_t index) {
     T value;
-    std::memcpy(&value, bytes.data() + from * sizeof(T), sizeof(T));
+    std::memcpy(&value, bytes.data() + index * sizeof(T), sizeof(T));
     out.push_back(static_cast<double>(value));
   });
   return out;
@@ -122,7 +127,7 @@ constexpr NumberType kNumberTypes[] = {
     {"|u1", 1, converted<std::uint8_t>},  {"|b1", 1, converted<std::uint8_t>},
 };
 
-// UTF-8 of code points of four bytes; zeros pad it.
+// Converts UTF-32, padded with zeros, to UTF-8.
 std::string text_of_utf32(std::string_view bytes, const std::string& name) {
   std::string out;
   for (std::size_t i = 0; i + 4 <= bytes.size(); i += 4) {
@@ -134,11 +139,17 @@ std::string text_of_utf32(std::string_view bytes, const std::string& name) {
     if (c < 0x80) {
       put(c);
     } else if (c < 0x800) {
-      put(0xc0 | c >> 6), put(0x80 | (c & 0x3f));
+      put(0xc0 | c >> 6);
+      put(0x80 | (c & 0x3f));
     } else if (c < 0x10000) {
-      put(0xe0 | c >> 12), put(0x80 | (c >> 6 & 0x3f)), put(0x80 | (c & 0x3f));
+      put(0xe0 | c >> 12);
+      put(0x80 | (c >> 6 & 0x3f));
+      put(0x80 | (c & 0x3f));
     } else {
-      put(0xf0 | c >> 18), put(0x80 | (c >> 12 & 0x3f)), put(0x80 | (c >> 6 & 0x3f)), put(0x80 | (c & 0x3f));
+      put(0xf0 | c >> 18);
+      put(0x80 | (c >> 12 & 0x3f));
+      put(0x80 | (c >> 6 & 0x3f));
+      put(0x80 | (c & 0x3f));
     }
   }
   return out;
@@ -152,12 +163,12 @@ struct CloseMember {
 };
 using OpenArchive = std::unique_ptr<zip_t, CloseArchive>;
 
-// Opens what make(error) is the source of; refuse(why) throws.
+// Opens the archive whose zip source make_source(error) returns. refuse(why), which throws, reports a failure.
 template <typename Make, typename Refuse>
-OpenArchive open_archive(const Make& make, int flags, const Refuse& refuse) {
+OpenArchive open_archive(const Make& make_source, int flags, const Refuse& refuse) {
   zip_error_t error;
   zip_error_init(&error);
-  zip_source_t* source = make(&error);
+  zip_source_t* source = make_source(&error);
   OpenArchive archive(source ? zip_open_from_source(source, ZIP_RDONLY | flags, &error) : nullptr);
   if (!archive) {
     if (source) zip_source_free(source);
@@ -169,25 +180,26 @@ OpenArchive open_archive(const Make& make, int flags, const Refuse& refuse) {
   return archive;
 }
 
+// Returns the content of a member, which must have exactly `size` bytes.
 std::string unpacked(zip_t* archive, zip_uint64_t index, std::size_t size, const std::string& name,
                      const StopToken& stop) {
   const std::unique_ptr<zip_file_t, CloseMember> file(zip_fopen_index(archive, index, 0));
   if (!file) refuse_npz(name, std::string("cannot be opened: ") + zip_strerror(archive));
   std::string content(size, '\0');
-  std::size_t have = 0;
+  std::size_t filled = 0;
   while (true) {
     stop.check();
-    // One more byte than there should be: then its checksum is compared, too.
-    char more;
-    const bool full = have == size;
-    const std::size_t piece = std::min<std::size_t>(size - have, std::size_t{1} << 20);
-    const zip_int64_t got = zip_fread(file.get(), full ? &more : content.data() + have, full ? 1 : piece);
+    // Read once more at the expected end: only then does libzip compare the checksum.
+    char extra;
+    const bool full = filled == size;
+    const std::size_t chunk = std::min<std::size_t>(size - filled, std::size_t{1} << 20);
+    const zip_int64_t got = zip_fread(file.get(), full ? &extra : content.data() + filled, full ? 1 : chunk);
     if (got < 0) refuse_npz(name, std::string("is damaged: ") + zip_file_strerror(file.get()));
     if (got == 0) break;
     if (full) refuse_npz(name, "is longer than the archive says");
-    have += static_cast<std::size_t>(got);
+    filled += static_cast<std::size_t>(got);
   }
-  if (have != size) refuse_npz(name, "is shorter than the archive says");
+  if (filled != size) refuse_npz(name, "is shorter than the archive says");
   return content;
 }
 
@@ -196,14 +208,14 @@ std::string unpacked(zip_t* archive, zip_uint64_t index, std::size_t size, const
 NpzArray read_npy(std::string_view bytes, const std::string& name) {
   static_assert(std::endian::native == std::endian::little);
   if (!bytes.starts_with("\x93NUMPY") || bytes.size() < 12) refuse_npz(name, "is not an .npy file");
-  const auto at = [&](std::size_t i) { return static_cast<std::size_t>(static_cast<unsigned char>(bytes[i])); };
-  const std::size_t version = at(6);
+  const auto byte = [&](std::size_t i) { return static_cast<std::size_t>(static_cast<unsigned char>(bytes[i])); };
+  const std::size_t version = byte(6);
   if (version < 1 || version > 3) refuse_npz(name, "has an unknown version of the format");
-  const std::size_t begins = version == 1 ? 10 : 12,
-                    length = at(8) | at(9) << 8 | (version == 1 ? 0 : at(10) << 16 | at(11) << 24);
-  if (length > kLongestHeader || begins + length > bytes.size()) refuse_npz(name, "ends within its header");
-  const NpyHeader header(bytes.substr(begins, length), name);
-  const std::string_view data = bytes.substr(begins + length);
+  const std::size_t header_begin = version == 1 ? 10 : 12;
+  const std::size_t length = byte(8) | byte(9) << 8 | (version == 1 ? 0 : byte(10) << 16 | byte(11) << 24);
+  if (length > kMaxHeaderBytes || header_begin + length > bytes.size()) refuse_npz(name, "ends within its header");
+  const NpyHeader header(bytes.substr(header_begin, length), name);
+  const std::string_view data = bytes.substr(header_begin + length);
 
   NpzArray out{header.shape(), {}, {}};
   const bool empty = std::find(out.shape.begin(), out.shape.end(), 0U) != out.shape.end();
@@ -232,14 +244,14 @@ namespace {
 struct NpzMember {
   std::string name;
   std::size_t bytes;
-  bool npy;  // otherwise a text
+  bool npy;  // false: a text
 };
 
-// The members in the archive's own order, of which nothing is unpacked yet.
+// Returns the members in the archive's own order, without unpacking any.
 std::vector<NpzMember> list_members(zip_t* archive, std::size_t max_bytes) {
   const zip_int64_t entries = zip_get_num_entries(archive, 0);
-  if (entries < 1 || static_cast<std::size_t>(entries) > kMostArrays)
-    refuse_npz("", fmt::format("has {} members; 1 to {} arrays are needed", entries, kMostArrays));
+  if (entries < 1 || static_cast<std::size_t>(entries) > kMaxArrays)
+    refuse_npz("", fmt::format("has {} members; 1 to {} arrays are needed", entries, kMaxArrays));
   std::vector<NpzMember> members;
   std::size_t total = 0;
   for (zip_uint64_t i = 0; i < static_cast<zip_uint64_t>(entries); ++i) {
@@ -261,7 +273,8 @@ std::vector<NpzMember> list_members(zip_t* archive, std::size_t max_bytes) {
   return members;
 }
 
-// Elements of a byte become doubles; one member at a time exists unpacked.
+// Returns an upper bound of the memory of reading: elements of one byte become doubles, and one member at a time exists
+// unpacked.
 std::size_t unpacked_bytes(const std::vector<NpzMember>& members) {
   std::size_t total = 0, largest = 0;
   for (const NpzMember& member : members) {

@@ -21,32 +21,37 @@
 
 namespace selenograph::api {
 
-// Metadata, by content hash, of recent frames whose header could not hold all of it; on a memory budget.
+// Cache of the metadata of recent frames, by content hash, for frames whose header could not hold all of it.
 using LongMetadata = dem::Cache<std::string, std::string>;
 
-// Memory of one request, taken from the service's budget.
+// Claim of one request on the service's memory budget. It grows with the phases of the request:
+//
+//   parse     claim_body(document), claim_body(arrays)
+//   work      claim_work(engine + answer)                  replaces the previous work, keeps the body
+//   send      release_for_answer(bytes of the answer)      keeps only the answer
 class RequestMemory {
  public:
   explicit RequestMemory(MemoryBudget& budget) : budget_(budget) {}
 
-  // Claims `bytes` for the request itself, its document and arrays, until give_for(). Errors as need().
-  void hold(std::size_t bytes, const StopToken& stop);
+  // Claims `bytes` for the request itself, its document and arrays, until release_for_answer(). Throws as claim_work().
+  void claim_body(std::size_t bytes, const StopToken& stop);
 
-  // Claims `bytes` for the work, instead of the previous amount; waits briefly for its turn. Throws RequestError:
-  // invalid_request at `pointer` when the budget can never hold as much, busy when it cannot now; Cancelled.
-  void need(std::size_t bytes, std::string_view pointer, const StopToken& stop);
+  // Claims `bytes` for the work, instead of the previous amount, and waits briefly for them. Throws RequestError:
+  // invalid_request at `pointer` when the budget can never hold as much, busy when it cannot now. Throws Cancelled.
+  void claim_work(std::size_t bytes, std::string_view pointer, const StopToken& stop);
 
-  // Hands over the claim, resized for an answer of `answer_bytes`.
-  MemoryBudget::Claim give_for(std::size_t answer_bytes);
+  // Returns the claim, resized to an answer of `answer_bytes`.
+  MemoryBudget::Claim release_for_answer(std::size_t answer_bytes);
 
  private:
   MemoryBudget& budget_;
   MemoryBudget::Claim claim_;
-  std::size_t held_bytes_ = 0;
+  std::size_t body_bytes_ = 0;
 };
 
 class Operation;
 
+// Everything that an endpoint may use to answer one request.
 struct EndpointContext {
   const engine::Renderer& renderer;
   const Limits& limits;
@@ -96,13 +101,13 @@ void describe_openapi(Operation& operation);
 // Parses the body, which must be JSON within the limits. Throws RequestError.
 Json json_body(const EndpointContext& context);
 
-// A body of JSON, or an .npz of arrays beside it: the JSON is the text "request" in there (without it an empty object).
+// A body of JSON, or an .npz with arrays and the JSON as the text "request" (without it the JSON is an empty object).
 struct Body {
   Json json;
   NpzArrays arrays;  // without "request"
 };
-// Throws RequestError.
-Body body_of(const EndpointContext& context);
+// Parses the body. Throws RequestError.
+Body parse_body(const EndpointContext& context);
 
 // JSON Pointer of a request member that the engine may reject (ImpossibleRequest::member).
 struct MemberPointer {
@@ -122,18 +127,19 @@ auto with_refusals_at(std::span<const MemberPointer> members, std::string_view e
   }
 }
 
-// Call while handling `e`: rethrows it if the work only exceeds the request's deadline; throws an error of the member
-// at `pointer` if it exceeds any deadline that this service grants.
+// Throws the problem for too much work; call it while `e` is handled. Work within the longest deadline of this service
+// rethrows `e`; more work is a fault of the member at `pointer`.
 [[noreturn]] void refuse_work(const TooMuchWork& e, const std::string& pointer, const Limits& limits);
 
-// The media type among these that the request accepts, as choose().
+// Returns the media type among these that the request accepts, as choose() does.
 std::string_view accepted(const EndpointContext& context, std::span<const Alternative> alternatives,
                           const std::function<bool(std::string_view)>& holds = {});
 
-// Status 200 with the media type that was accepted. An answer that is ready too late is none: throws Cancelled.
+// Returns status 200 with the media type that was accepted. Throws Cancelled if the deadline has passed: a late answer
+// is not sent.
 Response negotiated(const EndpointContext& context, std::string_view media_type, std::string body);
 
-// Status 200 with application/json.
+// Return status 200 with application/json.
 Response json_response(std::string text);
 Response json_response(const nlohmann::ordered_json& json);
 

@@ -9,8 +9,9 @@
 namespace selenograph::api {
 namespace {
 
+// Returns the schema of a crater or rock from its columns.
 template <typename Feature>
-OrderedJson listed(const char* what, std::span<const FeatureColumn<Feature>> columns) {
+OrderedJson feature_schema(const char* what, std::span<const FeatureColumn<Feature>> columns) {
   OrderedJson properties{
       {"id", schema::with_keyword(schema::text("the same in every answer"), "pattern", "^[0-9a-f]{16}$")}},
       required = OrderedJson::array({"id"});
@@ -28,7 +29,7 @@ OrderedJson listed(const char* what, std::span<const FeatureColumn<Feature>> col
 Response answer_features(const EndpointContext& context) {
   const std::string_view media_type = accepted(context, kFeaturesAnswers);
   const FeaturesQuery query = read_features(json_body(context), context.limits, context.assets, context.stop);
-  context.memory.need(query.bytes(), "/region", context.stop);
+  context.memory.claim_work(query.bytes(), "/region", context.stop);
   const FeatureList list(query, context.renderer, context.stop);
   Response response = negotiated(context, media_type, media_type == "text/csv" ? list.csv() : list.json());
   OrderedJson warnings = OrderedJson::array();
@@ -45,8 +46,8 @@ void describe_features(Operation& o) {
       "diameters is left out. The same crater has the same id in every answer.");
   o.body("/v1/features", features_members());
   o.answer_as_accepted(kFeaturesAnswers, "FeaturesAnswer", {"Vary", "Selenograph-Warnings"});
-  OrderedJson crater = listed("A crater of the detail.", crater_columns()),
-              rock = listed("A rock of the detail.", rock_columns());
+  OrderedJson crater = feature_schema("A crater of the detail.", crater_columns()),
+              rock = feature_schema("A rock of the detail.", rock_columns());
   const OrderedJson detail = object("the detail, as in a frame's metadata",
                                     {{"name", text("as asked")},
                                      {"version", text("changes when the preset changes")},

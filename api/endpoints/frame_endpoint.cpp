@@ -1,4 +1,9 @@
-// POST /v1/frames, from the body to the bytes of the answer.
+// POST /v1/frames, from the body to the bytes of the answer:
+//
+//   body -> read_frame -> representation (Accept) -> accuracy (budget) -> hash (If-None-Match: 304)
+//        -> memory -> render -> arrays, labels, metadata -> encoder -> headers
+//
+// A request with "cameras" goes through the same stages once per camera and is answered by one .npz.
 #include <fmt/format.h>
 #include <sys/resource.h>
 
@@ -24,11 +29,11 @@
 namespace selenograph::api {
 namespace {
 
-// Of all threads. Most of it goes into memory that is touched for the first time.
+// Returns the system time of all threads of the process. Most of it is spent on page faults of newly allocated memory.
 double kernel_ms() {
-  ::rusage used{};
-  ::getrusage(RUSAGE_SELF, &used);
-  return 1e3 * static_cast<double>(used.ru_stime.tv_sec) + 1e-3 * static_cast<double>(used.ru_stime.tv_usec);
+  ::rusage usage{};
+  ::getrusage(RUSAGE_SELF, &usage);
+  return 1e3 * static_cast<double>(usage.ru_stime.tv_sec) + 1e-3 * static_cast<double>(usage.ru_stime.tv_usec);
 }
 
 StageTimes stages_of(double parse_ms, const engine::StageTimes& times, double encode_ms, double kernel_ms) {
@@ -47,16 +52,16 @@ StageTimes stages_of(double parse_ms, const engine::StageTimes& times, double en
   return stages;
 }
 
-// Labels of a frame as members of an .npz.
+// Labels of frames as members of an .npz. Owns the masks and names to which the added views point.
 class LabelMembers {
  public:
-  // `prefix` for the names.
+  // Adds a frame's masks and annotations; their names begin with `prefix`.
   void add(const FrameQuery& query, const engine::Frame& frame, const std::string& prefix, const StopToken& stop,
            std::vector<ArrayView>& arrays, NpzExtras& extras) {
     if (!query.labels) return;
     const engine::Camera& camera = query.request.camera;
     const FrameLabels labels(frame, camera, query.request.craters->least_px);
-    const auto keep = [&](const char* name, std::vector<std::uint16_t> mask) {
+    const auto add_mask = [&](const char* name, std::vector<std::uint16_t> mask) {
       arrays.push_back({names_.emplace_back(prefix + name),
                         ElementType::uint16,
                         camera.height,
@@ -65,14 +70,14 @@ class LabelMembers {
                         masks_.emplace_back(std::move(mask)).data(),
                         {}});
     };
-    keep("crater_mask", labels.crater_mask());
-    keep("rock_mask", labels.rock_mask());
+    add_mask("crater_mask", labels.crater_mask());
+    add_mask("rock_mask", labels.rock_mask());
     stop.check();
     extras.texts.emplace_back(prefix + kCocoMember, json_text(labels.coco(query, "frame.npz")));
   }
 
  private:
-  // Their elements stay where they are.
+  // Lists, whose elements never move: views point to them.
   std::list<std::string> names_;
   std::list<std::vector<std::uint16_t>> masks_;
 };
@@ -102,7 +107,7 @@ std::string shape(const ArrayView& array) {
          (array.channels > 1 ? fmt::format(",{}", array.channels) : "");
 }
 
-// For representations without room for metadata of their own.
+// Adds the headers of .npy and raw answers, which cannot contain metadata.
 void add_array_headers(Response& response, const ArrayView& array, MetadataHeader meta) {
   response.headers.emplace_back("Selenograph-Product", array.name);
   response.headers.emplace_back("Selenograph-Shape", shape(array));
@@ -110,40 +115,44 @@ void add_array_headers(Response& response, const ArrayView& array, MetadataHeade
   response.headers.emplace_back("Selenograph-Meta", std::move(meta.text));
 }
 
+// Stores metadata for GET /v1/frames/{hash}/meta.
 void remember(const std::string& hash, std::string metadata, LongMetadata& long_metadata) {
-  long_metadata.erase(hash);  // of a frame without a file that was replaced, say
+  // Replace older metadata of this hash, which may lack warnings: a frame on a coarser layer has the same hash.
+  long_metadata.erase(hash);
   const std::size_t bytes = metadata.size();
   long_metadata.get(hash, [&] {
     return LongMetadata::Loaded{std::make_shared<const std::string>(std::move(metadata)), bytes};
   });
 }
 
-// Points and discs, each an image, and stars with their rays.
+// Returns the memory of the sky: an image of points, an image of discs, and stars with their rays.
 std::size_t bytes_of_sky(const engine::FrameRequest& request) {
-  constexpr std::size_t kBytesOfStar = 600;
+  constexpr std::size_t kBytesPerStar = 600;
   if (!request.sky || !request.sky->any()) return 0;
   const std::size_t stars = request.sky->stars ? std::min(request.sky->stars->size(), engine::kMostStars) : 0;
-  return 2 * sizeof(float) * engine::rendered_pixels(request) + kBytesOfStar * stars;
+  return 2 * sizeof(float) * engine::rendered_pixels(request) + kBytesPerStar * stars;
 }
 
-// A frame while it is in work, besides what is kept between frames, and its answer.
+// Returns an upper bound of the memory of a frame while it is rendered and encoded, its answer included. Caches that
+// outlive frames have budgets of their own.
 std::size_t bytes_of(const engine::FrameRequest& request) {
   engine::ProductSet arrays = request.products;
   if (arrays & engine::kImage) arrays |= engine::kRadiance;
   const bool ranges = engine::wants_ranges(request);
   if (ranges) arrays |= engine::kRange;
-  const engine::ProductSet whole = request.truth && !ranges ? arrays & ~engine::kTruth : arrays;
-  const std::size_t answer = bytes_per_pixel(request.products & whole),
+  // Products that have every pixel; the others are subsampled by the truth grid.
+  const engine::ProductSet full_size = request.truth && !ranges ? arrays & ~engine::kTruth : arrays;
+  const std::size_t answer = bytes_per_pixel(request.products & full_size),
                     working = engine::working_bytes_per_pixel(request);
   const std::size_t bytes_of_masks =
       request.products & engine::kRock ? 3 * sizeof(std::uint16_t) * engine::rendered_pixels(request) : 0;
   const std::size_t truth = request.truth ? request.truth->size() * 2 * bytes_per_pixel(arrays & engine::kTruth) : 0;
-  return truth + engine::rendered_pixels(request) * (bytes_per_pixel(whole) + std::max(working, answer)) +
+  return truth + engine::rendered_pixels(request) * (bytes_per_pixel(full_size) + std::max(working, answer)) +
          engine::bytes_of_rows(request.camera, request.shutter) + engine::bytes_of_rocks(request.detail.get()) +
          engine::bytes_of_craters(request) + bytes_of_sky(request) + bytes_of_masks;
 }
 
-// The engine's refusals are of where the camera is, but for those that name a member.
+// Pointers of the members that the engine names in its errors. Errors without a member are about the camera's pose.
 constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px"},
                                         {"max_detail_error_px", "/accuracy/max_detail_error_px"},
                                         {"visibility", "/visibility"},
@@ -155,7 +164,8 @@ constexpr MemberPointer kRefusable[] = {{"max_error_px", "/accuracy/max_error_px
                                         {"magnitude_limit", "/sky/magnitude_limit"},
                                         {"earth_map", "/sky/earth_map"}};
 
-// Labels and compression are an .npz's: that is what they ask for.
+// Returns the representation of the answer. Labels and compression exist only in an .npz, so they require one whatever
+// else Accept prefers.
 const Representation& representation_for(const FrameQuery& query, const std::string& accept) {
   if (!query.labels && query.compression == Compression::none) return negotiate(accept, query.request.products);
   const Representation& npz = representation(Format::npz);
@@ -165,17 +175,18 @@ const Representation& representation_for(const FrameQuery& query, const std::str
   return npz;
 }
 
-// OpenEXR's channels have one size.
-void refuse_sizes(const engine::FrameRequest& request, const Representation& representation) {
+// Rejects an OpenEXR of full-size and subsampled products: all channels of a file have one size.
+void reject_mixed_sizes(const engine::FrameRequest& request, const Representation& representation) {
   if (representation.format != Format::exr || !request.truth || !(request.products & engine::kTruth)) return;
-  const bool whole = request.truth->width == request.camera.width && request.truth->height == request.camera.height &&
-                     request.truth->every_px == 1;
-  if (whole || !(request.products & ~engine::kTruth)) return;
+  const bool is_full_size = request.truth->width == request.camera.width &&
+                            request.truth->height == request.camera.height && request.truth->every_px == 1;
+  if (is_full_size || !(request.products & ~engine::kTruth)) return;
   const std::string what = fmt::format("image and radiance have another size in it than the other products: ask for {}",
                                        api::representation(Format::npz).media_type);
   throw RequestError("invalid_request", "OpenEXR holds arrays of one size", {{"/truth", what}});
 }
 
+// Renders a frame; errors of the engine become errors of the request's members.
 engine::Frame render(const FrameQuery& query, const EndpointContext& context) {
   try {
     return with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.render(query.request, context.stop); });
@@ -202,7 +213,7 @@ Response answer(const FrameQuery& query, const engine::Frame& frame, const Repre
   Response response;
   response.content_type = representation.media_type;
   response.headers.emplace_back("Vary", "Accept");
-  // With an unusable file replaced by a coarser layer the bytes are not those that the hash stands for.
+  // Send no ETag if a coarser layer replaced an unusable file: the hash assumes that every file is usable.
   if (frame.report.warnings.empty()) response.headers.emplace_back("ETag", "\"" + hash + "\"");
   const nlohmann::ordered_json meta = metadata(query, frame.report, catalogue, hash);
   Narrowed narrowed;
@@ -214,18 +225,19 @@ Response answer(const FrameQuery& query, const engine::Frame& frame, const Repre
   response.body = encode(arrays, representation.format, text, extras, stop);
   if (representation.format == Format::npy || representation.format == Format::raw) {
     MetadataHeader header = metadata_header(meta);
-    if (!header.whole) remember(hash, std::move(text), long_metadata);
+    if (!header.complete) remember(hash, std::move(text), long_metadata);
     add_array_headers(response, arrays.front(), std::move(header));
   }
-  // Black pixels there look like the sky: whoever sees only the image is told, too.
+  // Tell the share without data in a header, too: in the image its black pixels look like sky.
   if (frame.report.missing_fraction > 0)
     response.headers.emplace_back("Selenograph-Missing-Fraction", fmt::format("{:.6g}", frame.report.missing_fraction));
   add_warnings(response, meta.at("warnings"));
   return response;
 }
 
-// Puts the setting that the budget allows into the request; what is said about it in a header. Not in the metadata: the
-// same setting asked for by its numbers has the same bytes and the same ETag.
+// Sets the request's accuracy to the best that its time budget allows. Returns the header Selenograph-Budget, empty
+// without a budget. The prediction is not in the metadata: an explicit request of that accuracy has the same bytes and
+// the same ETag.
 std::string choose_within_budget(FrameQuery& query, const EndpointContext& context) {
   if (!query.budget_ms) return {};
   const engine::BudgetChoice choice = with_refusals_at(kRefusable, "/pose", [&] {
@@ -242,7 +254,7 @@ std::string hash_of(const FrameQuery& query, const std::vector<double>& shadow_l
   return content_hash(query, shadow_limits_px, context.renderer.terrain().catalogue().fingerprint(), representation);
 }
 
-// The same of a frame that is not rendered yet; refusals point at `pointer`.
+// Returns the same hash before the frame is rendered; errors of the engine point at `pointer`.
 std::string hash_beforehand(const FrameQuery& query, std::string_view pointer, const Representation& representation,
                             const EndpointContext& context) {
   const auto limits = with_refusals_at(kRefusable, pointer,
@@ -250,11 +262,11 @@ std::string hash_beforehand(const FrameQuery& query, std::string_view pointer, c
   return hash_of(query, limits, representation, context);
 }
 
-// One camera of several.
+// One camera of a request with several: its request and, once rendered, its frame.
 struct CameraFrame {
   std::string name;
   FrameQuery query;
-  std::string budget;
+  std::string budget;  // its part of the header Selenograph-Budget
   engine::Frame frame{};
   std::string hash{};
   Narrowed narrowed{};
@@ -266,12 +278,13 @@ std::string hash_of_all(const std::vector<CameraFrame>& cameras) {
   return content_hash(text);
 }
 
-// Arrays called NAME/PRODUCT, and the metadata of each camera. Adds each camera's warnings to `warnings`.
+// Returns the .npz with arrays called NAME/PRODUCT and the metadata of each camera. Adds each camera's warnings to
+// `warnings`.
 std::string encode(std::vector<CameraFrame>& cameras, const std::string& hash, const EndpointContext& context,
                    OrderedJson& warnings) {
   OrderedJson meta{{"content_hash", hash}, {"cameras", OrderedJson::object()}};
   std::vector<ArrayView> arrays;
-  std::list<std::string> names;
+  std::list<std::string> names;  // a list, since the arrays point to its elements
   NpzExtras extras;
   LabelMembers labels;
   for (CameraFrame& camera : cameras) {
@@ -300,36 +313,36 @@ Response answer_cameras(const EndpointContext& context, const Json& body, engine
     throw RequestError("not_acceptable", fmt::format("several cameras are answered as {}", npz.media_type));
   std::vector<CameraFrame> cameras;
   std::size_t bytes = 0;
-  for (CameraBody& one : split_cameras(body)) {
-    with_pointers_of(body, one.name, [&] {
-      cameras.push_back({one.name, read_frame(one.body, context.limits, context.assets, context.stop), {}});
+  for (CameraBody& split : split_cameras(body)) {
+    with_pointers_of(body, split.name, [&] {
+      cameras.push_back({split.name, read_frame(split.body, context.limits, context.assets, context.stop), {}});
       cameras.back().budget = choose_within_budget(cameras.back().query, context);
     });
     bytes += bytes_of(cameras.back().query.request);
   }
-  if (const std::string known = header(context.request, "if-none-match"); !known.empty()) {
+  if (const std::string etags = header(context.request, "if-none-match"); !etags.empty()) {
     for (CameraFrame& camera : cameras) camera.hash = hash_beforehand(camera.query, "/cameras", npz, context);
-    if (const std::string hash = hash_of_all(cameras); names_etag(known, hash))
+    if (const std::string hash = hash_of_all(cameras); names_etag(etags, hash))
       return with_echo(cameras.front().query, not_modified(hash));
   }
-  context.memory.need(bytes, "/cameras", context.stop);
+  context.memory.claim_work(bytes, "/cameras", context.stop);
   const double parse_ms = watch.lap_ms();
 
   engine::StageTimes times;
-  bool warned = false;
+  bool has_replaced_files = false;  // then there is no ETag
   for (CameraFrame& camera : cameras) {
     with_pointers_of(body, camera.name, [&] { camera.frame = render(camera.query, context); });
     context.stop.check();
     times += camera.frame.times;
     camera.hash = hash_of(camera.query, camera.frame.report.shadow_limits_px, npz, context);
-    warned |= !camera.frame.report.warnings.empty();
+    has_replaced_files |= !camera.frame.report.warnings.empty();
   }
   watch.lap_ms();
   const std::string hash = hash_of_all(cameras);
   Response response;
   response.content_type = npz.media_type;
   response.headers.emplace_back("Vary", "Accept");
-  if (!warned) response.headers.emplace_back("ETag", "\"" + hash + "\"");
+  if (!has_replaced_files) response.headers.emplace_back("ETag", "\"" + hash + "\"");
   OrderedJson warnings = OrderedJson::array();
   response.body = encode(cameras, hash, context, warnings);
   add_warnings(response, warnings);
@@ -337,6 +350,7 @@ Response answer_cameras(const EndpointContext& context, const Json& body, engine
   std::string budgets;
   for (const CameraFrame& camera : cameras) {
     if (!camera.budget.empty()) budgets += (budgets.empty() ? "" : "; ") + camera.name + ": " + camera.budget;
+    // Let the renderer prepare the camera's next scene while it is idle.
     context.renderer.expect(camera.query.request, camera.query.ahead, camera.name);
   }
   if (!budgets.empty()) response.headers.emplace_back("Selenograph-Budget", budgets);
@@ -348,13 +362,13 @@ Response answer_frame(const EndpointContext& context, const Json& body, engine::
   FrameQuery query = read_frame(body, context.limits, context.assets, context.stop);
   const std::string accept = header(context.request, "accept");
   const Representation& representation = representation_for(query, accept);
-  refuse_sizes(query.request, representation);
+  reject_mixed_sizes(query.request, representation);
   const std::string budget = choose_within_budget(query, context);
-  if (const std::string known = header(context.request, "if-none-match"); !known.empty()) {
+  if (const std::string etags = header(context.request, "if-none-match"); !etags.empty()) {
     const std::string hash = hash_beforehand(query, "/pose", representation, context);
-    if (names_etag(known, hash)) return with_echo(query, not_modified(hash));
+    if (names_etag(etags, hash)) return with_echo(query, not_modified(hash));
   }
-  context.memory.need(bytes_of(query.request), "/camera", context.stop);
+  context.memory.claim_work(bytes_of(query.request), "/camera", context.stop);
   const double parse_ms = watch.lap_ms();
 
   const engine::Frame frame = render(query, context);
@@ -390,7 +404,7 @@ void describe_frames(Operation& o) {
   o.describe(
       "A safe request that uses POST because it is long: nothing changes on the service, and the same request gives "
       "the same bytes. Therefore If-None-Match is answered with 304 as for GET, without rendering.");
-  o.may_be_known("The client has this frame already");
+  o.may_be_not_modified("The client has this frame already");
   o.body("/v1/frames", frame_members());
   OrderedJson content = OrderedJson::object();
   std::string description =

@@ -10,8 +10,8 @@
 namespace selenograph::api {
 namespace {
 
-// Whoever asks for JSON has them as text.
-void refuse_long_json(const LidarQuery& query, const Limits& limits) {
+// Rejects JSON for more beams than a request has rays: as text they would be many times as large as the arrays.
+void reject_long_json(const LidarQuery& query, const Limits& limits) {
   if (query.beams <= static_cast<std::size_t>(limits.max_rays)) return;
   const std::string why = fmt::format("{} beams are too many for JSON, which has up to {}: accept application/x-npz",
                                       query.beams, limits.max_rays);
@@ -22,14 +22,15 @@ void refuse_long_json(const LidarQuery& query, const Limits& limits) {
 
 Response answer_lidar(const EndpointContext& context) {
   const std::string_view media_type = accepted(context, kLidarAnswers);
-  const Body body = body_of(context);
+  const Body body = parse_body(context);
   const LidarQuery query = read_lidar(body.json, body.arrays, context.limits, context.assets, context.stop);
   const bool json = media_type == "application/json";
-  if (json) refuse_long_json(query, context.limits);
-  constexpr std::size_t kBytesOfJson = 8000;  // of a beam, as values and as text
-  context.memory.need((engine::kBytesOfBeam + (json ? kBytesOfJson : engine::kBytesOfBeam)) * query.beams +
-                          engine::bytes_of_rocks(query.request.scenery.detail.get(), engine::kMostRememberedRocks),
-                      query.request.pulses.empty() ? "/pattern" : "/pulses", context.stop);
+  if (json) reject_long_json(query, context.limits);
+  constexpr std::size_t kJsonBytesPerBeam = 8000;  // as JSON values and as text
+  context.memory.claim_work(
+      (engine::kBytesOfBeam + (json ? kJsonBytesPerBeam : engine::kBytesOfBeam)) * query.beams +
+          engine::bytes_of_rocks(query.request.scenery.detail.get(), engine::kMostRememberedRocks),
+      query.request.pulses.empty() ? "/pattern" : "/pulses", context.stop);
   constexpr MemberPointer kRefusable[] = {{"pose", "/pose"}, {"poses", "/motion/poses"}, {"craters", "/craters"}};
   const engine::LidarReturns returns =
       with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.lidar(query.request, context.stop); });
@@ -48,7 +49,7 @@ void describe_lidar(Operation& o) {
       lidar_columns_text();
   o.describe(text.c_str());
   o.body("/v1/lidar", lidar_members());
-  o.takes_arrays(
+  o.accepts_arrays(
       "The request's JSON as the text `request`, and `direction` (n, 3; camera axes) with `time_s` (n, or one number; "
       "0 without) instead of `pulses`");
   o.answer_as_accepted(kLidarAnswers, "LidarAnswer", {"Vary"});

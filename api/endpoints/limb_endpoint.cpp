@@ -8,9 +8,10 @@ namespace selenograph::api {
 Response answer_limb(const EndpointContext& context) {
   const std::string_view media_type = accepted(context, kLimbAnswers);
   const LimbQuery query = read_limb(json_body(context), context.limits, context.assets, context.stop);
-  // A point while it is in work: the engine's, its rays and its text.
+  // A point takes the engine's record, its rays and its text.
   constexpr std::size_t kBytesPerLimbPoint = 3000;
-  context.memory.need(kBytesPerLimbPoint * static_cast<std::size_t>(query.request.points), "/points", context.stop);
+  context.memory.claim_work(kBytesPerLimbPoint * static_cast<std::size_t>(query.request.points), "/points",
+                            context.stop);
   const auto limb = with_refusals_at({}, "/pose", [&] {
     return LimbPoints{context.renderer.limb(query.request, context.stop, query.detail.content),
                       context.renderer.terminator(query.request, context.stop, query.detail.content)};

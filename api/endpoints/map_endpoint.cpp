@@ -14,7 +14,8 @@ namespace {
 constexpr MemberPointer kRefusableOfMap[] = {
     {"gsd_m", "/map/gsd_m"}, {"albedo_maps", "/surface/albedo_maps"}, {"indirect", "/indirect/spacing_px"}};
 
-engine::Map draw(const MapQuery& query, const EndpointContext& context) {
+// Renders a map; errors of the engine become errors of the request's members.
+engine::Map render_map(const MapQuery& query, const EndpointContext& context) {
   try {
     return with_refusals_at(kRefusableOfMap, "/map", [&] { return context.renderer.map(query.request, context.stop); });
   } catch (const TooMuchWork& e) {
@@ -28,24 +29,24 @@ Response answer_maps(const EndpointContext& context) {
   engine::Stopwatch watch;
   const MapQuery query = read_map(json_body(context), context.limits, context.assets, context.stop);
   const std::string_view media_type =
-      accepted(context, kMapAnswers, [&](std::string_view one) { return holds_map(query, one); });
+      accepted(context, kMapAnswers, [&](std::string_view type) { return holds_map(query, type); });
   check_map_answer(query, media_type);
   const std::string hash = content_hash(query, context.renderer.scene_bytes(),
                                         context.renderer.terrain().catalogue().fingerprint(), media_type);
   Response response;
   response.headers = {{"ETag", "\"" + hash + "\""}, {"Vary", "Accept"}};
-  if (const std::string known = header(context.request, "if-none-match"); !known.empty() && names_etag(known, hash)) {
+  if (const std::string etags = header(context.request, "if-none-match"); !etags.empty() && names_etag(etags, hash)) {
     response.status = 304;
     return response;
   }
-  context.memory.need(bytes_of(query.request), "/map", context.stop);
+  context.memory.claim_work(bytes_of(query.request), "/map", context.stop);
   const double parse_ms = watch.lap_ms();
-  const engine::Map map = draw(query, context);
+  const engine::Map map = render_map(query, context);
   context.stop.check();
   watch.lap_ms();
   response.content_type = media_type;
   response.body = encode_map(query, map, hash, media_type, context.stop);
-  // With an unusable file replaced by a coarser layer the bytes are not those that the hash stands for.
+  // Remove the ETag if a coarser layer replaced an unusable file: the hash assumes that every file is usable.
   if (!map.report.warnings.empty()) response.headers.erase(response.headers.begin());
   if (map.report.missing_fraction > 0)
     response.headers.emplace_back("Selenograph-Missing-Fraction", fmt::format("{:.6g}", map.report.missing_fraction));
@@ -62,7 +63,7 @@ void describe_maps(Operation& o) {
   o.describe(
       "Vertical rays through the pixels' centres: the terrain, shadows and level of detail of frames on a map's grid. "
       "If-None-Match is answered with 304 as for frames.");
-  o.may_be_known("The client has this map already");
+  o.may_be_not_modified("The client has this map already");
   o.body("/v1/maps", map_members());
   o.answer_as_accepted(kMapAnswers, "", {"ETag", "Vary", "Server-Timing", "Selenograph-Missing-Fraction"});
 }

@@ -20,8 +20,8 @@ OrderedJson header_references(std::initializer_list<const char*> names) {
 }
 
 const OrderedJson& examples() {
-  static const auto all = OrderedJson::parse(examples_json());
-  return all;
+  static const auto parsed = OrderedJson::parse(examples_json());
+  return parsed;
 }
 
 void Operation::parameter(const char* name, const char* in, const char* description, bool required,
@@ -29,9 +29,9 @@ void Operation::parameter(const char* name, const char* in, const char* descript
   json["parameters"].push_back(parameter_json(name, in, description, required, std::move(schema)));
 }
 
-void Operation::may_be_known(const char* known) {
+void Operation::may_be_not_modified(const char* description) {
   parameter("If-None-Match", "header", "ETags that the client has", false, {{"type", "string"}});
-  json["responses"]["304"] = {{"description", known}, {"headers", header_references({"ETag"})}};
+  json["responses"]["304"] = {{"description", description}, {"headers", header_references({"ETag"})}};
 }
 
 void Operation::body(std::string_view path, const MemberTable& members) {
@@ -42,7 +42,7 @@ void Operation::body(std::string_view path, const MemberTable& members) {
   json["requestBody"] = {{"required", true}, {"content", std::move(content)}};
 }
 
-void Operation::takes_arrays(const char* description) {
+void Operation::accepts_arrays(const char* description) {
   json["requestBody"]["content"]["application/x-npz"]["schema"] = {
       {"type", "string"}, {"contentMediaType", "application/x-npz"}, {"description", description}};
 }

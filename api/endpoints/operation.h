@@ -15,40 +15,41 @@ class Operation {
  public:
   explicit Operation(const Limits& limits) : limits_(limits) {}
 
-  // `text`: Markdown.
+  // Sets the description, in Markdown.
   void describe(const char* text) { json["description"] = text; }
   void parameter(const char* name, const char* in, const char* description, bool required, OrderedJson schema);
-  // The call supports If-None-Match, and 304 with the description `known`.
-  void may_be_known(const char* known);
+  // Adds If-None-Match, and the answer 304 with this description.
+  void may_be_not_modified(const char* description);
   // Adds the body of a POST, with the examples in examples.json for this path.
   void body(std::string_view path, const MemberTable& request);
-  // The body may also be an .npz of arrays.
-  void takes_arrays(const char* description);
+  // Adds an .npz of arrays as another form of the body.
+  void accepts_arrays(const char* description);
 
-  // Answer 200: JSON, as a component with this name.
+  // Adds the answer 200 as JSON whose schema is a component with this name.
   void answer(const char* description, const char* name, OrderedJson schema);
-  // Answer 200 in each of its media types. JSON is described, the others are binary.
+  // Adds the answer 200 in each of its media types. JSON has the component `json_schema`, the others are binary.
   void answer_as_accepted(std::span<const Alternative> alternatives, const char* json_schema,
                           std::initializer_list<const char*> headers);
-  // Adds a component.
+  // Adds a schema as a component.
   void schema(const char* name, OrderedJson schema) { schemas[name] = std::move(schema); }
 
-  std::size_t most_points() const { return static_cast<std::size_t>(limits_.max_rays); }
+  std::size_t max_points() const { return static_cast<std::size_t>(limits_.max_rays); }
 
-  OrderedJson json = OrderedJson::object();
-  OrderedJson schemas = OrderedJson::object();
-  const MemberTable* request = nullptr;  // table of the body; null: no body
+  OrderedJson json = OrderedJson::object();     // the operation object of OpenAPI
+  OrderedJson schemas = OrderedJson::object();  // components that it names
+  const MemberTable* request = nullptr;         // table of the body; null: no body
 
  private:
   const Limits& limits_;
 };
 
+// Returns the parameter object of OpenAPI.
 OrderedJson parameter_json(const char* name, const char* in, const char* description, bool required,
                            OrderedJson schema);
-// References to components: {"ETag": ..}, and so on.
+// Returns references to components: {"ETag": {"$ref": ...}, ...}.
 OrderedJson header_references(std::initializer_list<const char*> names);
 
-// Examples of valid requests, by path and name. Shown in the document, sent by tests.
+// Returns examples of valid requests, by path and name. The document shows them, and tests send them.
 const OrderedJson& examples();
 std::string_view examples_json();  // examples.json, made by deploy/support/embed.cmake
 

@@ -10,26 +10,27 @@
 namespace selenograph::api {
 namespace {
 
-// A ray or point while it is in work: the engine's, its JSON values and its text.
+// Memory of a ray or point: the engine's records, JSON values and text.
 constexpr std::size_t kBytesPerPoint = 3000;
 
-void need_memory(const EndpointContext& context, std::size_t points, std::string_view pointer, std::size_t more = 0) {
-  context.memory.need(kBytesPerPoint * points + more, pointer, context.stop);
+void claim_memory(const EndpointContext& context, std::size_t points, std::string_view pointer,
+                  std::size_t extra_bytes = 0) {
+  context.memory.claim_work(kBytesPerPoint * points + extra_bytes, pointer, context.stop);
 }
 
 std::size_t bytes_of_rocks(const PointScenery& scenery) {
   return engine::bytes_of_rocks(scenery.request.detail.get(), engine::kMostRememberedRocks);
 }
 
-// An irradiance for each place; empty where there is none, and without indirect light.
+// Returns an irradiance for each place; empty for an empty place, and for all without indirect light.
 std::vector<std::optional<engine::Irradiance>> light_of(const EndpointContext& context, const PointScenery& scenery,
                                                         std::span<const std::optional<engine::LitPlace>> places) {
   std::vector<std::optional<engine::Irradiance>> out(places.size());
   if (!scenery.request.indirect.any()) return out;
-  std::vector<engine::LitPlace> asked;
+  std::vector<engine::LitPlace> present;
   for (const auto& place : places)
-    if (place) asked.push_back(*place);
-  const auto light = context.renderer.light_at(asked, scenery.request, context.stop);
+    if (place) present.push_back(*place);
+  const auto light = context.renderer.light_at(present, scenery.request, context.stop);
   auto next = light.begin();
   for (std::size_t i = 0; i < places.size(); ++i)
     if (places[i]) out[i] = *next++;
@@ -43,7 +44,7 @@ std::vector<engine::SceneObject> scene_objects(const std::vector<PlacedObject>& 
   return objects;
 }
 
-// What npz(light) or json(light) says of the places, with a warning of an eclipse.
+// Returns the answer that npz(light) or json(light) makes from the light at the places, with a warning of an eclipse.
 Response lit_answer(const EndpointContext& context, std::string_view media_type, const auto& query,
                     std::span<const std::optional<engine::LitPlace>> places, const auto& npz, const auto& json) {
   const auto light = light_of(context, query, places);
@@ -60,9 +61,9 @@ Response lit_answer(const EndpointContext& context, std::string_view media_type,
 
 Response answer_rays(const EndpointContext& context) {
   const std::string_view media_type = accepted(context, kRaysAnswers);
-  const Body body = body_of(context);
+  const Body body = parse_body(context);
   const RaysQuery query = read_rays(body.json, context.limits, context.assets, context.stop, body.arrays);
-  need_memory(context, query.rays.size(), "/rays", bytes_of_rocks(query));
+  claim_memory(context, query.rays.size(), "/rays", bytes_of_rocks(query));
   const auto hits = with_refusals_at({}, "/rays", [&] {
     return context.renderer.cast(query.rays, query.sun(), context.stop, scene_objects(query.objects),
                                  query.request.detail);
@@ -80,10 +81,10 @@ Response answer_rays(const EndpointContext& context) {
 
 Response answer_project(const EndpointContext& context) {
   const std::string_view media_type = accepted(context, kLandmarkAnswers);
-  const Body body = body_of(context);
+  const Body body = parse_body(context);
   const ProjectQuery query = read_project(body.json, context.limits, context.assets, context.stop, body.arrays);
-  need_memory(context, query.points.size(), "/points",
-              engine::bytes_of_rows(query.camera, query.shutter) + bytes_of_rocks(query));
+  claim_memory(context, query.points.size(), "/points",
+               engine::bytes_of_rows(query.camera, query.shutter) + bytes_of_rocks(query));
   constexpr MemberPointer kRefusable[] = {{"shutter", "/shutter"}, {"rays", "/points"}};
   const auto landmarks = with_refusals_at(kRefusable, "/pose", [&] {
     return context.renderer.project(query.camera, query.pose, query.shutter, query.points, query.sun(), context.stop,
@@ -101,7 +102,7 @@ Response answer_project(const EndpointContext& context) {
 
 Response answer_heights(const EndpointContext& context) {
   const HeightsQuery query = read_heights(json_body(context), context.limits, context.assets, context.stop);
-  need_memory(context, query.points.size(), "/points");
+  claim_memory(context, query.points.size(), "/points");
   const std::shared_ptr<const dem::Terrain> terrain = context.renderer.terrain_with(query.detail.content);
   OrderedJson list = OrderedJson::array();
   for (const Geographic& place : query.points) {
@@ -124,33 +125,33 @@ namespace {
 
 constexpr const char* kInOrder = "In the order of the request";
 
-OrderedJson list_of(const char* name, const OrderedJson& item, std::size_t most, const char* description) {
-  return schema::object("In the order of the request.", {{name, schema::list(item, most, description)}}, {name});
+OrderedJson list_of(const char* name, const OrderedJson& item, std::size_t max_count, const char* description) {
+  return schema::object("In the order of the request.", {{name, schema::list(item, max_count, description)}}, {name});
 }
 
 }  // namespace
 
 void describe_rays(Operation& o) {
   o.body("/v1/rays", rays_members());
-  o.takes_arrays(
+  o.accepts_arrays(
       "The request's JSON as the text `request`, and `origin_m` and `direction` (..., 3) instead of `rays`; one row of "
       "either may stand for many of the other: numpy.savez(file, origin_m=..., direction=..., request=json)");
   o.answer_as_accepted(kRaysAnswers, "RaysAnswer", {"Vary", "Selenograph-Warnings"});
-  o.schema("RaysAnswer", list_of("rays", hit_answer().schema(), o.most_points(), "hits"));
+  o.schema("RaysAnswer", list_of("rays", hit_answer().schema(), o.max_points(), "hits"));
 }
 
 void describe_project(Operation& o) {
   o.body("/v1/project", project_members());
-  o.takes_arrays(
+  o.accepts_arrays(
       "The request's JSON as the text `request`, and `points` (..., 2) or (..., 3) instead of its list: lat_deg, "
       "lon_deg and height_m, NaN: on the terrain");
   o.answer_as_accepted(kLandmarkAnswers, "ProjectAnswer", {"Vary", "Selenograph-Warnings"});
-  o.schema("ProjectAnswer", list_of("points", landmark_answer().schema(), o.most_points(), "landmarks"));
+  o.schema("ProjectAnswer", list_of("points", landmark_answer().schema(), o.max_points(), "landmarks"));
 }
 
 void describe_heights(Operation& o) {
   o.body("/v1/heights", heights_members());
-  o.answer(kInOrder, "HeightsAnswer", list_of("points", schema::ref("Height"), o.most_points(), "places"));
+  o.answer(kInOrder, "HeightsAnswer", list_of("points", schema::ref("Height"), o.max_points(), "places"));
 }
 
 void describe_height(Operation& o) {

@@ -25,11 +25,12 @@ struct Route {
 
 std::span<const Route> routes();
 
-// Variable segment of a path for a route with "{...}", empty for a route without; no value if the path does not match
-// the route.
+// Returns the variable segment of a path for a route with "{...}", or "" for a route without; no value if the path does
+// not match the route.
 std::optional<std::string_view> segment_of(const Route& route, std::string_view path);
 
-// Methods of a path for the header Allow. Where there is GET the server also answers HEAD, without a body.
+// Returns the methods of a path for the header Allow. A path with GET also has HEAD, which the server answers without a
+// body.
 std::string allowed_methods(std::string_view path);
 
 }  // namespace selenograph::api

@@ -15,13 +15,13 @@ namespace selenograph::api {
 Response answer_sky(const EndpointContext& context) {
   const std::string_view media_type = accepted(context, kSkyAnswers);
   const SkyQuery query = read_sky(json_body(context), context.limits, context.assets, context.stop);
-  // A star while it is in work: the engine's, its ray and its text.
+  // A star takes the engine's record, its ray and its text.
   constexpr std::size_t kBytesPerStar = 2000;
   const std::size_t stars =
       query.request.sky->stars ? std::min(query.request.sky->stars->size(), engine::kMostStars) : 0;
-  context.memory.need(kBytesPerStar * (stars + 100) + engine::bytes_of_rocks(query.detail.content.get()) +
-                          engine::bytes_of_rows(query.request.camera, query.request.shutter),
-                      "/sky", context.stop);
+  context.memory.claim_work(kBytesPerStar * (stars + 100) + engine::bytes_of_rocks(query.detail.content.get()) +
+                                engine::bytes_of_rows(query.request.camera, query.request.shutter),
+                            "/sky", context.stop);
   constexpr MemberPointer kRefusable[] = {{"magnitude_limit", "/sky/magnitude_limit"}, {"shutter", "/shutter"}};
   const auto sky =
       with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.sky(query.request, context.stop); });

@@ -1,4 +1,4 @@
-// GET /v1/datasets and /openapi.json: texts that are made once.
+// GET /v1/datasets and /openapi.json: texts that are generated once.
 #include "api/answers/datasets_answer.h"
 #include "api/endpoints/endpoint.h"
 #include "api/endpoints/operation.h"
@@ -7,7 +7,7 @@ namespace selenograph::api {
 namespace {
 
 Response answer_text(const EndpointContext& context, const std::string& text) {
-  context.memory.need(text.size(), "", context.stop);
+  context.memory.claim_work(text.size(), "", context.stop);
   return json_response(text);
 }
 

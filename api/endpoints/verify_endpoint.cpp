@@ -10,20 +10,20 @@
 namespace selenograph::api {
 namespace {
 
-engine::RoundTrip made_round_trip(const EndpointContext& context, const engine::RoundTripRequest& request) {
+engine::RoundTrip run_round_trip(const EndpointContext& context, const engine::RoundTripRequest& request) {
   constexpr MemberPointer kRefusableOfTrip[] = {
       {"height_m", "/height_m"}, {"footprint_ratio", "/footprint_ratio"}, {"max_error_px", "/max_error_px"}};
   return with_refusals_at(kRefusableOfTrip, "/center",
                           [&] { return engine::round_trip(context.renderer, request, {}, context.stop); });
 }
 
-// Of each post the original, the difference and its place in an answer; of each pixel of a camera's frames what they
-// hold of the surface.
+// Returns an upper bound of a round trip's memory. A post takes its original height, the difference and its share of
+// the answer; a pixel of a camera's frame takes the surface properties of the engine.
 std::size_t bytes_of(const engine::RoundTripRequest& request) {
   constexpr double kBytesPerPost = 24, kBytesPerPixel = 64;
-  constexpr double kWholeTile = 10800, kPostsPerFrame = 1000, kBeside = 1.2;
-  const double posts = request.posts > 0 ? request.posts : kWholeTile;
-  const double side = kBeside * std::min(posts, kPostsPerFrame) / request.footprint_ratio;
+  constexpr double kMaxTilePosts = 10800, kMaxPostsPerFrame = 1000, kMarginFactor = 1.2;
+  const double posts = request.posts > 0 ? request.posts : kMaxTilePosts;
+  const double side = kMarginFactor * std::min(posts, kMaxPostsPerFrame) / request.footprint_ratio;
   const double pixels = request.mode == engine::RoundTripMode::camera ? std::min(side * side, 0x1p25) : 65536;
   return static_cast<std::size_t>(kBytesPerPost * posts * posts + kBytesPerPixel * pixels);
 }
@@ -33,8 +33,8 @@ std::size_t bytes_of(const engine::RoundTripRequest& request) {
 Response answer_verify_round_trip(const EndpointContext& context) {
   const std::string_view media_type = accepted(context, kRoundTripAnswers);
   const engine::RoundTripRequest request = read_round_trip(json_body(context), context.limits);
-  context.memory.need(bytes_of(request), "/posts", context.stop);
-  const engine::RoundTrip trip = made_round_trip(context, request);
+  context.memory.claim_work(bytes_of(request), "/posts", context.stop);
+  const engine::RoundTrip trip = run_round_trip(context, request);
   return negotiated(context, media_type,
                     media_type == "image/tiff"
                         ? dem::geotiff_bytes(grid_of(trip.window), trip.difference_m, "extracted - original")

@@ -197,11 +197,11 @@ int verify_moon(const VerifyMoonSettings& settings) {
   const std::string page = api::moon_markdown(report);
   write_whole((folder / "moon.md").string(), page);
   write_json((folder / "moon.json").string(),
-             {{"point_spread_px", report.point_spread_px}, {"beyond_bounds", api::beyond_bounds(report)}});
+             {{"point_spread_px", report.point_spread_px}, {"beyond_bounds", api::bound_violations(report)}});
   fmt::print("{}", page);
-  for (const std::string& what : api::beyond_bounds(report)) fmt::print("beyond its bound: {}\n", what);
+  for (const std::string& what : api::bound_violations(report)) fmt::print("beyond its bound: {}\n", what);
   fmt::print("{0}: disc.csv, moon.md, moon.json; pictures: deploy/plot {0}\n", settings.output);
-  return api::beyond_bounds(report).empty() ? 0 : 1;
+  return api::bound_violations(report).empty() ? 0 : 1;
 }
 
 }  // namespace selenograph::server

@@ -52,10 +52,10 @@ TEST(ExpectedMeshError, WarningsAreByItAndNotByTheBound) {
   report.lod_error_px = 28;
   report.expected_error_px = 0.2;
   nlohmann::ordered_json warnings = nlohmann::ordered_json::array();
-  api::warn_of_aims(accuracy, report, warnings);
+  api::warn_of_relaxed_targets(accuracy, report, warnings);
   EXPECT_TRUE(warnings.empty()) << warnings;
   report.expected_error_px = 5;
-  api::warn_of_aims(accuracy, report, warnings);
+  api::warn_of_relaxed_targets(accuracy, report, warnings);
   ASSERT_EQ(warnings.size(), 1U);
   EXPECT_NE(warnings[0].get<std::string>().find("more than 5 px (lod_error_p99_px), where 4 px"), std::string::npos);
 }
