@@ -1,4 +1,4 @@
-// What needs no service: the reader of npz, poses, and how faults of the connection and of answers end.
+// Tests without a service: the npz reader, poses, and the handling of broken connections and faulty answers.
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -21,7 +21,7 @@ std::string npy(const std::string& descr, const std::string& shape, const std::s
   return std::string("\x93NUMPY\x01\x00", 8) + little(dictionary.size(), 2) + dictionary + data;
 }
 
-// A zip of stored members. The checksums are zero: the reader leaves integrity to TCP.
+// Returns a zip of stored members. The checksums are zero: the reader leaves integrity to TCP.
 std::string zip(const std::vector<std::pair<std::string, std::string>>& members, std::uint64_t method = 0) {
   std::string local, directory;
   for (const auto& [name, data] : members) {
@@ -42,7 +42,7 @@ std::string raw(std::initializer_list<T> values) {
   return bytes;
 }
 
-// A service of one handler on a free port of loopback.
+// An HTTP server with one handler for all paths, on a free port of the loopback interface.
 class Fake {
  public:
   explicit Fake(const httplib::Server::Handler& handler) {
@@ -97,9 +97,9 @@ TEST(Npz, ReadsHalvesAsFloats) {
 }
 
 TEST(Npz, RejectsTruncatedArchives) {
-  const std::string whole = zip({{"a.npy", npy("<f8", "1, 2", raw<double>({1, 2}))}});
-  for (std::size_t size = 0; size < whole.size(); ++size) {
-    EXPECT_THROW(detail::read_zip(std::string_view(whole).substr(0, size)), BadAnswer) << size;
+  const std::string archive = zip({{"a.npy", npy("<f8", "1, 2", raw<double>({1, 2}))}});
+  for (std::size_t size = 0; size < archive.size(); ++size) {
+    EXPECT_THROW(detail::read_zip(std::string_view(archive).substr(0, size)), BadAnswer) << size;
   }
   const std::string array = npy("<f8", "1, 2", raw<double>({1, 2}));
   for (std::size_t size = 0; size < array.size(); ++size) {
@@ -116,10 +116,10 @@ TEST(Npz, RejectsUnsupportedArrays) {
 }
 
 TEST(Npz, NoChangedByteReadsOutOfBounds) {
-  const std::string whole = zip({{"a.npy", npy("<f8", "1, 2", raw<double>({1, 2}))}, {"meta.json", "{}"}});
-  for (std::size_t at = 0; at < whole.size(); ++at) {
+  const std::string archive = zip({{"a.npy", npy("<f8", "1, 2", raw<double>({1, 2}))}, {"meta.json", "{}"}});
+  for (std::size_t at = 0; at < archive.size(); ++at) {
     for (const char changed : {'\0', '\x7f', '\xff'}) {
-      std::string bytes = whole;
+      std::string bytes = archive;
       bytes[at] = changed;
       try {
         for (const auto& [name, member] : detail::read_zip(bytes)) {
@@ -152,7 +152,7 @@ TEST(Attitude, QuaternionRotatesVectors) {
 }
 
 TEST(Attitude, ConvertsMatricesAndMrps) {
-  // Each of the four components the largest once.
+  // Make each of the four components the largest once: matrix() has a branch for each.
   for (const Vector3& s : {Vector3{0.1, 0.2, -0.3}, {0.9, 0.1, 0.2}, {-0.1, 0.8, 0.3}, {0.2, 0.1, -0.95}}) {
     const double square = s[0] * s[0] + s[1] * s[1] + s[2] * s[2];
     const Matrix3 tilde{{{0, -s[2], s[1]}, {s[2], 0, -s[0]}, {-s[1], s[0], 0}}};
@@ -220,11 +220,11 @@ TEST(Faults, RefusalsMayBeOtherThanProblemDocuments) {
 }
 
 TEST(Faults, RetriesWhenRetryAfterSays) {
-  std::atomic<int> asked = 0;
+  std::atomic<int> request_count = 0;
   Fake fake([&](const httplib::Request&, httplib::Response& response) {
-    if (++asked < 3) {
-      response.status = asked == 1 ? 429 : 503;
-      response.set_header("Retry-After", asked == 1 ? "0" : "1");
+    if (++request_count < 3) {
+      response.status = request_count == 1 ? 429 : 503;
+      response.set_header("Retry-After", request_count == 1 ? "0" : "1");
     } else {
       response.set_content(R"({"points": [{"lat_deg": 1, "lon_deg": 2, "height_m": null, "reason": "no data"}]})",
                            "application/json");
@@ -234,7 +234,7 @@ TEST(Faults, RetriesWhenRetryAfterSays) {
   const auto start = std::chrono::steady_clock::now();
   const std::vector<Height> heights = client.heights({{1, 2}});
   EXPECT_GE(std::chrono::steady_clock::now() - start, std::chrono::seconds(1));
-  EXPECT_EQ(asked, 3);
+  EXPECT_EQ(request_count, 3);
   ASSERT_EQ(heights.size(), 1u);
   EXPECT_TRUE(std::isnan(heights[0].height_m));
   EXPECT_EQ(heights[0].reason, "no data");
@@ -278,10 +278,10 @@ TEST(Client, SendsTokenAndPrefixAndSplitsLongLists) {
     EXPECT_EQ(request.path, "/moon/v1/rays");
     EXPECT_EQ(request.get_header_value("Authorization"), "Bearer secret");
     EXPECT_EQ(request.get_header_value("Selenograph-Region"), "22-0");
-    const Json asked = Json::parse(request.body);
-    sizes.push_back(asked["rays"].size());
+    const Json received = Json::parse(request.body);
+    sizes.push_back(received["rays"].size());
     Json answer{{"rays", Json::array()}};
-    for (const Json& ray : asked["rays"]) {
+    for (const Json& ray : received["rays"]) {
       answer["rays"].push_back(
           {{"hit", true}, {"range_m", ray["origin_m"][0]}, {"position_m", ray["origin_m"]}, {"normal", {0, 0, 1}}});
     }
@@ -302,7 +302,7 @@ TEST(Client, TokensThatNoHeaderTakesAreRefused) {
     EXPECT_THROW(Client("http://127.0.0.1:1", token), Error) << token;
 }
 
-// tests/python_client_test.py has the same.
+// The same cases are in tests/python_client_test.py.
 TEST(Client, RegionHeader) {
   for (const auto& [request, region] : std::vector<std::pair<const char*, const char*>>{
            {R"({"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1,"height_m":20000}}})", "22-7"},
@@ -331,9 +331,9 @@ TEST(Client, RegionHeader) {
 }
 
 TEST(Client, PointersOfAPartReferToTheWholeList) {
-  std::atomic<int> asked = 0;
+  std::atomic<int> request_count = 0;
   Fake fake([&](const httplib::Request& request, httplib::Response& response) {
-    if (++asked == 1) {
+    if (++request_count == 1) {
       const std::size_t count = Json::parse(request.body)["points"].size();
       const Json points(count, Json::object());
       response.set_content(Json{{"points", points}}.dump(), "application/json");
@@ -374,21 +374,21 @@ TEST(Client, ReadsMapsAndHeaders) {
 TEST(Client, FramesComeInOrderWithPosesAhead) {
   std::mutex mutex;
   std::map<int, Json> aheads;
-  std::atomic<int> in_work = 0, most = 0;
+  std::atomic<int> in_work = 0, max_in_work = 0;
   Fake fake([&](const httplib::Request& request, httplib::Response& response) {
     const int now = ++in_work;
-    for (int seen = most; now > seen && !most.compare_exchange_weak(seen, now);) {
+    for (int previous = max_in_work; now > previous && !max_in_work.compare_exchange_weak(previous, now);) {
     }
-    const Json asked = Json::parse(request.body);
-    const int step = asked["pose"]["step"];
-    // Each even one waits for the odd one after it, which is in flight at the same time.
+    const Json received = Json::parse(request.body);
+    const int step = received["pose"]["step"];
+    // Delay each even step until the next odd step has arrived: both must be in flight at the same time.
     for (bool wait = step % 2 == 0; wait; std::this_thread::yield()) {
       const std::lock_guard lock(mutex);
       wait = aheads.count(step + 1) == 0;
     }
     {
       const std::lock_guard lock(mutex);
-      aheads[step] = asked.value("ahead", Json());
+      aheads[step] = received.value("ahead", Json());
     }
     response.set_header("ETag", "\"" + std::to_string(step) + "\"");
     response.set_content(zip({{"meta.json", "{}"}}), "application/x-npz");
@@ -408,60 +408,60 @@ TEST(Client, FramesComeInOrderWithPosesAhead) {
           2, 3);
   EXPECT_EQ(order, (std::vector<std::string>{"\"0\"", "\"1\"", "\"2\"", "\"3\"", "\"4\"", "\"5\""}));
   const std::lock_guard lock(mutex);
-  EXPECT_LE(most, 2);
+  EXPECT_LE(max_in_work, 2);
   EXPECT_EQ(aheads.at(0), Json::parse(R"([{"step": 1}, {"step": 2}, {"step": 3}])"));
   EXPECT_EQ(aheads.at(4), Json::parse(R"([{"step": 5}])"));
   EXPECT_TRUE(aheads.at(5).is_null());
 }
 
-// Answers with the step as ETag; refuses what `fault_of` names a member of.
+// Returns a handler that answers with the step as ETag, and rejects a request for which fault_of() returns a pointer.
 httplib::Server::Handler refuses(const std::function<std::string(const Json&)>& fault_of) {
   return [=](const httplib::Request& request, httplib::Response& response) {
-    const Json asked = Json::parse(request.body);
-    if (const std::string pointer = fault_of(asked); !pointer.empty()) {
+    const Json received = Json::parse(request.body);
+    if (const std::string pointer = fault_of(received); !pointer.empty()) {
       response.status = 422;
       response.set_content(Json{{"errors", {{{"pointer", pointer}}}}}.dump(), "application/problem+json");
       return;
     }
-    response.set_header("ETag", asked["pose"]["step"].dump());
+    response.set_header("ETag", received["pose"]["step"].dump());
     response.set_content(zip({{"meta.json", "{}"}}), "application/x-npz");
   };
 }
 
 TEST(Client, FaultsOfPosesAheadAreThoseOfLaterRequests) {
-  Fake fake(refuses([](const Json& asked) -> std::string {
-    if (asked["pose"]["step"] == 3) return "/pose/step";
-    for (std::size_t i = 0; i < asked.value("ahead", Json::array()).size(); ++i) {
-      if (asked["ahead"][i]["step"] == 3) return "/ahead/" + std::to_string(i) + "/step";
+  Fake fake(refuses([](const Json& received) -> std::string {
+    if (received["pose"]["step"] == 3) return "/pose/step";
+    for (std::size_t i = 0; i < received.value("ahead", Json::array()).size(); ++i) {
+      if (received["ahead"][i]["step"] == 3) return "/ahead/" + std::to_string(i) + "/step";
     }
     return "";
   }));
   std::vector<Json> requests(6);
   for (int i = 0; i < 6; ++i) requests[static_cast<std::size_t>(i)] = {{"pose", {{"step", i}}}};
-  std::string taken;
+  std::string frames_taken;
   try {
-    Client(fake.url()).frames(requests, [&](std::size_t, const Frame& frame) { taken += frame.etag; });
+    Client(fake.url()).frames(requests, [&](std::size_t, const Frame& frame) { frames_taken += frame.etag; });
     FAIL();
   } catch (const Refused& refused) {
     EXPECT_EQ(refused.pointers, (std::vector<std::string>{"/pose/step"}));
   }
-  EXPECT_EQ(taken, "012");
+  EXPECT_EQ(frames_taken, "012");
 }
 
 TEST(Client, FaultsOfARequestsOwnAheadAreItsOwn) {
-  std::atomic<int> asked_count = 0;
-  Fake fake(refuses([&](const Json& asked) -> std::string {
-    ++asked_count;
-    return asked.contains("ahead") ? "/ahead/0" : "";
+  std::atomic<int> request_count = 0;
+  Fake fake(refuses([&](const Json& received) -> std::string {
+    ++request_count;
+    return received.contains("ahead") ? "/ahead/0" : "";
   }));
   const Json request{{"pose", {{"step", 0}}}, {"ahead", {1}}};
   EXPECT_THROW(Client(fake.url()).frames({request}, [](std::size_t, const Frame&) {}), Refused);
-  EXPECT_EQ(asked_count, 1);
+  EXPECT_EQ(request_count, 1);
 }
 
 TEST(Client, DeflateIsRefusedBeforeItIsAsked) {
-  std::atomic<int> asked = 0;
-  Fake fake([&](const httplib::Request&, httplib::Response&) { ++asked; });
+  std::atomic<int> request_count = 0;
+  Fake fake([&](const httplib::Request&, httplib::Response&) { ++request_count; });
   Client client(fake.url());
   for (const char* request : {R"({"compression": "deflate"})", R"({"cameras": {"a": {"compression": "deflate"}}})"}) {
     try {
@@ -471,7 +471,7 @@ TEST(Client, DeflateIsRefusedBeforeItIsAsked) {
       EXPECT_NE(std::string(error.what()).find("compression"), std::string::npos) << error.what();
     }
   }
-  EXPECT_EQ(asked, 0);
+  EXPECT_EQ(request_count, 0);
 }
 
 TEST(Client, KeepsLabels) {
@@ -491,12 +491,12 @@ TEST(Client, FailureEndsTheSequence) {
     if (Json::parse(request.body)["n"] == 2) response.status = 400;
     response.set_content(zip({{"meta.json", "{}"}}), "application/x-npz");
   });
-  std::size_t taken = 0;
+  std::size_t frames_taken = 0;
   EXPECT_THROW(
       Client(fake.url())
-          .frames({{{"n", 0}}, {{"n", 1}}, {{"n", 2}}, {{"n", 3}}}, [&](std::size_t, const Frame&) { ++taken; }),
+          .frames({{{"n", 0}}, {{"n", 1}}, {{"n", 2}}, {{"n", 3}}}, [&](std::size_t, const Frame&) { ++frames_taken; }),
       Refused);
-  EXPECT_EQ(taken, 2u);
+  EXPECT_EQ(frames_taken, 2u);
 }
 
 }  // namespace

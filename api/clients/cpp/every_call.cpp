@@ -1,4 +1,4 @@
-// Makes the calls that no example makes and prints what came back as JSON: for ../tests/clients_test.py.
+// Makes the calls that no example makes and prints their results as JSON, for ../tests/clients_test.py.
 #include <iostream>
 #include <selenograph_client.hpp>
 
@@ -6,12 +6,12 @@ namespace {
 
 using namespace selenograph;
 
-// NaN is null.
+// Returns a number as JSON, NaN as null.
 Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
 
 Json numbers(const Vector3& v) { return {number(v[0]), number(v[1]), number(v[2])}; }
 
-// One attitude in all the ways that the client has.
+// Returns one attitude in all forms that the client offers.
 std::map<std::string, Json> poses() {
   const Json place = pose::cartesian({1800000, 0, 0});
   const Quaternion wxyz = Quaternion::wxyz(0.8, 0.2, -0.4, 0.4);
@@ -32,53 +32,53 @@ int main(int argc, char** argv) try {
   Client client(argv[1]);
   const Json sun{{"subsolar", {{"lat_deg", 0.0}, {"lon_deg", 100.0}}}};
   const Json camera{{"width", 320}, {"height", 240}, {"fov_deg", 50}};
-  Json said;
+  Json results;
 
   for (const Height& h : client.heights({{-6.5, 40.0}, {30.0, 100.0}})) {
-    said["heights"].push_back({{"height_m", number(h.height_m)},
-                               {"post_spacing_m", number(h.post_spacing_m)},
-                               {"source", h.source},
-                               {"filled", h.filled},
-                               {"blended", h.blended}});
+    results["heights"].push_back({{"height_m", number(h.height_m)},
+                                  {"post_spacing_m", number(h.post_spacing_m)},
+                                  {"source", h.source},
+                                  {"filled", h.filled},
+                                  {"blended", h.blended}});
   }
   const Json above = pose::nadir(pose::geodetic(-6.5, 40.0, 30000.0));
   for (const Landmark& p : client.project(camera, above, {{-6.5, 40.0}, {-6.6, 40.1, 500.0}, {30.0, 100.0}}, sun)) {
-    said["project"].push_back({{"x_px", number(p.x_px)},
-                               {"y_px", number(p.y_px)},
-                               {"range_m", number(p.range_m)},
-                               {"height_m", number(p.height_m)},
-                               {"in_frame", p.in_frame},
-                               {"visible", p.visible},
-                               {"lit", number(p.lit)}});
+    results["project"].push_back({{"x_px", number(p.x_px)},
+                                  {"y_px", number(p.y_px)},
+                                  {"range_m", number(p.range_m)},
+                                  {"height_m", number(p.height_m)},
+                                  {"in_frame", p.in_frame},
+                                  {"visible", p.visible},
+                                  {"lit", number(p.lit)}});
   }
   for (const RayHit& h :
        client.rays({{{1345000, 1130000, -200000}, {-1345, -1130, 199}}, {{1800000, 0, 0}, {1, 0, 0}}}, sun)) {
-    said["rays"].push_back({{"hit", h.hit},
-                            {"range_m", number(h.range_m)},
-                            {"position_m", numbers(h.position_m)},
-                            {"normal", numbers(h.normal)},
-                            {"lit", number(h.lit)}});
+    results["rays"].push_back({{"hit", h.hit},
+                               {"range_m", number(h.range_m)},
+                               {"position_m", numbers(h.position_m)},
+                               {"normal", numbers(h.normal)},
+                               {"lit", number(h.lit)}});
   }
-  said["datasets"] = client.datasets().at("datasets").size();
-  for (const auto& [way, pose] : poses()) {
+  results["datasets"] = client.datasets().at("datasets").size();
+  for (const auto& [form, pose] : poses()) {
     const Frame frame = client.frame(
         {{"camera", {{"width", 4}, {"height", 4}, {"fov_deg", 50}}}, {"pose", pose}, {"products", {"source"}}});
-    said["attitudes"][way] = frame.meta.at("request").at("pose").at("camera_from_moon");
+    results["attitudes"][form] = frame.meta.at("request").at("pose").at("camera_from_moon");
   }
   const Answer picture = client.post(
       "/v1/frames", {{"camera", camera}, {"pose", above}, {"sun", sun}, {"products", {"image"}}}, "image/png");
-  said["picture"] = {{"type", picture.header("content-type")}, {"bytes", picture.body.size()}};
+  results["picture"] = {{"type", picture.header("content-type")}, {"bytes", picture.body.size()}};
   const Json bounds{{"south_deg", -7.0}, {"north_deg", -6.0}, {"west_deg", 39.5}, {"east_deg", 40.5}};
   try {
     const Frame map = client.map({{"map", {{"projection", "equirectangular"}, {"bounds", bounds}, {"gsd_m", 500.0}}},
                                   {"sun", sun},
                                   {"products", {"radiance", "height"}}});
-    said["map"] = {
+    results["map"] = {
         {"shape", map["height"].shape}, {"height", map["height"].at(3, 5)}, {"hash", map.meta.at("content_hash")}};
   } catch (const Refused& refused) {
-    said["map"] = {{"status", refused.status}};
+    results["map"] = {{"status", refused.status}};
   }
-  std::cout << said << "\n";
+  std::cout << results << "\n";
   return 0;
 } catch (const std::exception& e) {
   std::cerr << e.what() << "\n";

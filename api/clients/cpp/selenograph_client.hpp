@@ -62,18 +62,17 @@ class Error : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// No response within the timeout, or broken connections.
+// No response within the timeout, or no connection that lasted.
 class NoAnswer : public Error {
   using Error::Error;
 };
 
-// An invalid answer: from another program, or truncated.
+// An answer that is truncated, or that is not from this service.
 class BadAnswer : public Error {
   using Error::Error;
 };
 
-// A rejection by the service with its problem document (RFC 9457). what() contains the title, the detail and all
-// pointers.
+// A rejection by the service, with its problem document (RFC 9457). what() has the title, the detail and all pointers.
 class Refused : public Error {
  public:
   Refused(int http_status, Json document)
@@ -87,13 +86,15 @@ class Refused : public Error {
 
  private:
   static std::string describe(int status, const Json& problem) {
-    std::string all = std::to_string(status) + " ";
-    all += problem.is_null() ? "without a problem document" : text(problem, "title") + ": " + text(problem, "detail");
-    for (const Json& error : errors(problem)) all += "\n  " + text(error, "pointer") + ": " + text(error, "detail");
-    return all;
+    std::string description = std::to_string(status) + " ";
+    description +=
+        problem.is_null() ? "without a problem document" : text(problem, "title") + ": " + text(problem, "detail");
+    for (const Json& error : errors(problem))
+      description += "\n  " + text(error, "pointer") + ": " + text(error, "detail");
+    return description;
   }
 
-  // Accepts any JSON: a proxy may have sent something else.
+  // Returns the list "errors" of any JSON, which may be a proxy's; empty if there is none.
   static Json errors(const Json& problem) {
     const auto found = problem.find("errors");
     return found != problem.end() && found->is_array() ? *found : Json::array();
@@ -123,13 +124,13 @@ class Array {
     return std::visit([](const auto& values) { return values.size(); }, data);
   }
 
-  // NumPy's name of the element type, e.g. "float32".
+  // Returns NumPy's name of the element type, e.g. "float32".
   const char* type() const {
     static constexpr const char* kNames[] = {"uint8", "uint16", "uint32", "int32", "float32", "float64"};
     return kNames[data.index()];
   }
 
-  // The elements without conversion: as<float>() for a float32 array. Another type is an Error; at() converts.
+  // Returns the elements without conversion: as<float>() for a float32 array. Throws Error for another type.
   template <typename T>
   const std::vector<T>& as() const {
     const auto* values = std::get_if<std::vector<T>>(&data);
@@ -137,6 +138,7 @@ class Array {
     return *values;
   }
 
+  // Returns an element, converted to double. Throws Error outside of the array.
   double at(std::size_t row, std::size_t column, std::size_t channel = 0) const {
     if (row >= height() || column >= width() || channel >= channels()) throw Error("outside of the array");
     const std::size_t index = (row * width() + column) * channels() + channel;
@@ -164,6 +166,7 @@ inline std::string_view slice(std::string_view bytes, std::uint64_t at, std::uin
   return bytes.substr(static_cast<std::size_t>(at), static_cast<std::size_t>(size));
 }
 
+// Returns true if this machine stores numbers in little-endian order.
 inline bool little_endian() {
   const std::uint16_t one = 1;
   unsigned char first = 0;
@@ -171,6 +174,7 @@ inline bool little_endian() {
   return first == 1;
 }
 
+// Returns `count` little-endian numbers; throws if the bytes have another length.
 template <typename T>
 std::vector<T> elements(std::string_view bytes, std::size_t count) {
   if (bytes.size() != count * sizeof(T)) bad("an array's size isn't that of its shape");
@@ -185,7 +189,7 @@ std::vector<T> elements(std::string_view bytes, std::size_t count) {
   return values;
 }
 
-// IEEE 754's binary16 as float, which holds all its values.
+// Converts IEEE 754 binary16 numbers, given as their bits, to float, which represents all of them exactly.
 inline std::vector<float> halves(const std::vector<std::uint16_t>& bits) {
   std::vector<float> values(bits.size());
   for (std::size_t i = 0; i < bits.size(); ++i) {
@@ -199,6 +203,7 @@ inline std::vector<float> halves(const std::vector<std::uint16_t>& bits) {
   return values;
 }
 
+// Returns the elements of a NumPy type, e.g. "<f8".
 inline Array::Data typed(const std::string& descr, std::string_view bytes, std::size_t count) {
   if (descr == "|u1") return elements<std::uint8_t>(bytes, count);
   if (descr == "<u2") return elements<std::uint16_t>(bytes, count);
@@ -210,7 +215,7 @@ inline Array::Data typed(const std::string& descr, std::string_view bytes, std::
   bad("elements of the type " + descr);
 }
 
-// The text after 'name': in the dictionary of an npy header.
+// Returns the text after "'name':" in the dictionary of an npy header.
 inline std::string_view npy_entry(std::string_view dictionary, const std::string& name) {
   const std::size_t at = dictionary.find("'" + name + "':");
   if (at == std::string_view::npos) bad("an npy header without " + name);
@@ -219,7 +224,7 @@ inline std::string_view npy_entry(std::string_view dictionary, const std::string
   return value;
 }
 
-// NumPy Enhancement Proposal 1 (Robert Kern, 2007), versions 1.0 to 3.0, in C order.
+// Reads an npy file: NumPy Enhancement Proposal 1 (Robert Kern, 2007), versions 1.0 to 3.0, C order.
 inline Array read_npy(std::string_view bytes) {
   if (bytes.substr(0, 6) != "\x93NUMPY") bad("an array that isn't npy");
   const std::size_t length_size = unsigned_at(bytes, 6, 1) == 1 ? 2 : 4;
@@ -247,7 +252,7 @@ inline Array read_npy(std::string_view bytes) {
   return array;
 }
 
-// The members of an uncompressed zip (PKWARE's APPNOTE, 4.3), which is what the service sends, as views into `zip`.
+// Returns the members of an uncompressed zip (PKWARE's APPNOTE, 4.3), as the service sends it, as views into `zip`.
 inline std::map<std::string, std::string_view> read_zip(std::string_view zip) {
   constexpr std::size_t kEndBytes = 22, kEntryBytes = 46, kLocalBytes = 30;
   const std::size_t end = zip.rfind("PK\x05\x06");
@@ -274,7 +279,7 @@ inline std::map<std::string, std::string_view> read_zip(std::string_view zip) {
   return members;
 }
 
-// https://www.w3.org/TR/server-timing/: "parse;dur=0.1, load;dur=2".
+// Parses the header Server-Timing (https://www.w3.org/TR/server-timing/): "parse;dur=0.1, load;dur=2".
 inline std::map<std::string, double> read_timing(const std::string& header) {
   std::map<std::string, double> times;
   for (std::size_t at = 0; at < header.size();) {
@@ -300,21 +305,23 @@ inline Vector3 vector_or_nan(const Json& object, const char* name) {
   return found != object.end() ? found->get<Vector3>() : Vector3{kNan, kNan, kNan};
 }
 
-// Latitude and longitude of a place in JSON; throws Json::exception if it is not one.
+// Returns latitude and longitude of a place in JSON; throws Json::exception if it has none.
 inline std::pair<double, double> degrees(const Json& place) {
   return {place.at("lat_deg").get<double>(), place.at("lon_deg").get<double>()};
 }
 
+// Returns latitude and longitude of the point below a Cartesian position.
 inline std::pair<double, double> below(const Json& position_m) {
   const Vector3 p = position_m.get<Vector3>();
   const double degree = std::acos(-1.0) / 180;
   return {std::atan2(p[2], std::hypot(p[0], p[1])) / degree, std::atan2(p[1], p[0]) / degree};
 }
 
+// Returns latitude and longitude of the place that a request is about; throws Json::exception if it names none.
 inline std::pair<double, double> place_of(const Json& request) {
-  const bool one = request.contains("pose");
-  if (one || (request.contains("cameras") && !request["cameras"].empty())) {
-    const Json& pose = one ? request["pose"] : request["cameras"].begin()->at("pose");
+  const bool has_pose = request.contains("pose");
+  if (has_pose || (request.contains("cameras") && !request["cameras"].empty())) {
+    const Json& pose = has_pose ? request["pose"] : request["cameras"].begin()->at("pose");
     if (pose.contains("geodetic")) return degrees(pose["geodetic"]);
     // ICRF, or J2000, does not rotate with the Moon: a position in it names no place.
     const std::string frame = pose.value("frame", "");
@@ -325,9 +332,9 @@ inline std::pair<double, double> place_of(const Json& request) {
   return request.contains("rays") ? below(request["rays"].at(0).at("origin_m")) : degrees(request.at("points").at(0));
 }
 
-// Value of the header Selenograph-Region: the cell of about 120 km that a request looks at, by which a proxy in front
-// of several nodes sends neighbouring views to the node that has their terrain in memory. Empty if the request does not
-// say it plainly; the service reports errors in the request. (The Python client's cells are the same.)
+// Returns the value of the header Selenograph-Region: the cell of about 120 km that a request is about. A proxy in
+// front of several nodes uses it to send neighbouring views to the node that has their terrain in memory. Empty if the
+// place is not evident; errors in the request are left to the service. (The Python client's cells are the same.)
 inline std::string region(const Json& request) {
   constexpr double kCell_deg = 4;
   try {
@@ -407,7 +414,7 @@ struct Answer {
   httplib::Headers headers;
   std::string body;
 
-  // Empty without this header.
+  // Returns the value of a header; empty without it.
   std::string header(const std::string& name) const {
     const auto found = headers.find(name);
     return found != headers.end() ? found->second : std::string();
@@ -420,10 +427,13 @@ class Client {
  public:
   using Clock = std::chrono::steady_clock;
 
-  // url: scheme, host, port and, behind a proxy, the path before /v1. token: sent as a bearer token, printable ASCII
-  // without blanks; empty: none.
-  // timeout: for one call with all its retries; of a response's header, whose lines cpp-httplib reads by itself, it is
-  // the longest wait for more bytes. https needs a build with CPPHTTPLIB_OPENSSL_SUPPORT.
+  // `url` has scheme, host, port and, behind a proxy, the path before /v1. https needs a build with
+  // CPPHTTPLIB_OPENSSL_SUPPORT.
+  //
+  // `token` is sent as a bearer token: printable ASCII without blanks; empty: none.
+  //
+  // `timeout` limits one call with all its retries. For the header of a response, which cpp-httplib reads by itself, it
+  // limits only each wait for more bytes.
   explicit Client(const std::string& url, std::string token = "",
                   std::chrono::milliseconds timeout = std::chrono::seconds(60))
       : token_(std::move(token)), timeout_(timeout) {
@@ -433,7 +443,7 @@ class Client {
     origin_ = url.substr(0, path);
     prefix_ = url.substr(path);
     while (!prefix_.empty() && prefix_.back() == '/') prefix_.pop_back();
-    // cpp-httplib would leave out the header that has one.
+    // Reject such a token here: cpp-httplib would silently omit the header.
     if (std::any_of(token_.begin(), token_.end(), [](char c) { return c <= ' ' || c > '~'; }))
       throw Error("the token has a character that no token has");
   }
@@ -444,37 +454,41 @@ class Client {
   // POST /v1/maps: a map's arrays; meta has the geotransform and the coordinate system.
   Frame map(const Json& request) { return arrays("/v1/maps", request); }
 
-  // Renders a sequence of frames: calls `take(index, frame)` for each, in order, in the calling thread, while up to
-  // `in_flight` others are in flight. Each request carries the poses of the `ahead` that follow it, so that the service
-  // loads terrain in idle time; one with its own "ahead" keeps that, and one is sent again without these poses where
-  // the service refuses only them. `next` returns the requests one by one, and nullopt at the end; it is called for
-  // `ahead` more than are in flight. The first failure ends the sequence. If a pose depends on the frame before it,
-  // call frame() instead.
+  // Renders a sequence of frames: calls `take(index, frame)` for each frame, in order, in the calling thread, while up
+  // to `in_flight` later frames are requested.
+  //
+  // Each request carries the poses of the `ahead` requests that follow it, so that the service loads terrain in idle
+  // time. A request with a member "ahead" of its own keeps it. If the service rejects only these added poses, the
+  // request is sent again without them.
+  //
+  // `next` returns the requests one by one, and nullopt at the end; it is called for `ahead` requests more than are in
+  // flight. The first failure ends the sequence. If a pose depends on the previous frame, call frame() instead.
   void frames(const std::function<std::optional<Json>()>& next, const std::function<void(std::size_t, Frame)>& take,
               std::size_t in_flight = 2, std::size_t ahead = 4) {
-    if (in_flight == 0 || ahead > kMostAhead) throw Error("in_flight must be at least 1, ahead at most 64");
-    std::deque<Json> coming;
-    std::deque<std::future<Frame>> flying;  // each joins its thread on destruction
-    bool more = true;
+    if (in_flight == 0 || ahead > kMaxAhead) throw Error("in_flight must be at least 1, ahead at most 64");
+    std::deque<Json> upcoming;               // requests from `next` that are not yet sent
+    std::deque<std::future<Frame>> pending;  // frames in flight; each future joins its thread on destruction
+    bool has_next = true;
     const auto refill = [&] {
-      while (flying.size() < in_flight) {
-        while (more && coming.size() <= ahead) {
+      while (pending.size() < in_flight) {
+        while (has_next && upcoming.size() <= ahead) {
           std::optional<Json> request = next();
-          if ((more = request.has_value())) coming.push_back(std::move(*request));
+          has_next = request.has_value();
+          if (has_next) upcoming.push_back(std::move(*request));
         }
-        if (coming.empty()) return;
-        Json request = std::move(coming.front());
-        coming.pop_front();
-        Json poses = poses_ahead(request, coming);
-        flying.push_back(std::async(std::launch::async, [this, sent = std::move(request), poses = std::move(poses)] {
+        if (upcoming.empty()) return;
+        Json request = std::move(upcoming.front());
+        upcoming.pop_front();
+        Json poses = poses_ahead(request, upcoming);
+        pending.push_back(std::async(std::launch::async, [this, sent = std::move(request), poses = std::move(poses)] {
           return frame_with_ahead(sent, poses);
         }));
       }
     };
     refill();
-    for (std::size_t index = 0; !flying.empty(); ++index) {
-      Frame frame = flying.front().get();
-      flying.pop_front();
+    for (std::size_t index = 0; !pending.empty(); ++index) {
+      Frame frame = pending.front().get();
+      pending.pop_front();
       refill();
       take(index, std::move(frame));
     }
@@ -487,10 +501,10 @@ class Client {
            in_flight, ahead);
   }
 
-  // POST /v1/rays: intersections of rays with the terrain. Any number; they are split into several requests.
+  // POST /v1/rays: intersections of any number of rays with the terrain. Long lists are split into several requests.
   std::vector<RayHit> rays(const std::vector<Ray>& rays, const Json& sun = nullptr) {
     std::vector<RayHit> hits;
-    in_pieces(
+    post_in_batches(
         "/v1/rays", "rays", with_sun(Json::object(), sun), rays,
         [](const Ray& ray) {
           return Json{{"origin_m", ray.origin_m}, {"direction", ray.direction}};
@@ -507,20 +521,20 @@ class Client {
   std::vector<Landmark> project(const Json& camera, const Json& pose, const std::vector<Place>& points,
                                 const Json& sun = nullptr) {
     std::vector<Landmark> landmarks;
-    in_pieces("/v1/project", "points", with_sun({{"camera", camera}, {"pose", pose}}, sun), points, place_json,
-              [&](const Json& p) {
-                landmarks.push_back({detail::number_or_nan(p, "x_px"), detail::number_or_nan(p, "y_px"),
-                                     detail::number_or_nan(p, "range_m"), detail::number_or_nan(p, "height_m"),
-                                     p.at("in_frame").get<bool>(), p.at("visible").get<bool>(),
-                                     detail::number_or_nan(p, "lit"), p.value("reason", "")});
-              });
+    post_in_batches("/v1/project", "points", with_sun({{"camera", camera}, {"pose", pose}}, sun), points, place_json,
+                    [&](const Json& p) {
+                      landmarks.push_back({detail::number_or_nan(p, "x_px"), detail::number_or_nan(p, "y_px"),
+                                           detail::number_or_nan(p, "range_m"), detail::number_or_nan(p, "height_m"),
+                                           p.at("in_frame").get<bool>(), p.at("visible").get<bool>(),
+                                           detail::number_or_nan(p, "lit"), p.value("reason", "")});
+                    });
     return landmarks;
   }
 
   // POST /v1/heights: the terrain's height at places, whose own heights are ignored.
   std::vector<Height> heights(const std::vector<Place>& points) {
     std::vector<Height> heights;
-    in_pieces(
+    post_in_batches(
         "/v1/heights", "points", Json::object(), points,
         [](const Place& place) {
           return Json{{"lat_deg", place.lat_deg}, {"lon_deg", place.lon_deg}};
@@ -537,23 +551,23 @@ class Client {
   // GET /v1/datasets: the catalogue of terrain.
   Json datasets() { return json_of(ask("GET", "/v1/datasets", "", "application/json")); }
 
-  // Any POST with a JSON response, with members that the calls above lack (objects, shutter, detail, ...).
+  // Sends any POST with a JSON response, for members that the calls above lack (objects, shutter, detail, ...).
   Json post(const std::string& path, const Json& request) {
     return json_of(ask("POST", path, text_of(request), "application/json", detail::region(request)));
   }
 
-  // A frame or a map in another format, e.g. "image/png" to be written to a file.
+  // Sends a POST for another format, e.g. a frame as "image/png" to be written to a file.
   Answer post(const std::string& path, const Json& request, const std::string& accept) {
     return ask("POST", path, text_of(request), accept, detail::region(request));
   }
 
  private:
   using Connection = std::unique_ptr<httplib::Client>;
-  static constexpr std::size_t kMostAhead = 64;
-  static constexpr std::size_t kPiece = 10000;  // rays or points per request: within the service's usual limits
-  static constexpr int kAttempts = 3;           // on broken connections
+  static constexpr std::size_t kMaxAhead = 64;
+  static constexpr std::size_t kBatchSize = 10000;  // rays or points per request: within the service's usual limits
+  static constexpr int kMaxAttempts = 3;            // of a request whose connections break
 
-  // Returns a connection that no other call uses.
+  // Returns an idle connection, or a new one: no two calls share a connection.
   Connection connect() {
     {
       const std::lock_guard lock(mutex_);
@@ -578,16 +592,16 @@ class Client {
   // Sends one request and returns any response; nullopt if the connection broke, with the reason in `broken`.
   std::optional<Answer> attempt(httplib::Request request, Clock::time_point until, std::string& broken) {
     Connection connection = connect();
-    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now());
-    const std::chrono::milliseconds wait = std::max(left, std::chrono::milliseconds(1));
+    const auto remaining = std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now());
+    const std::chrono::milliseconds wait = std::max(remaining, std::chrono::milliseconds(1));
     connection->set_connection_timeout(wait);
     connection->set_read_timeout(wait);
     connection->set_write_timeout(wait);
-    // The service stops when this client no longer waits.
+    // Tell the service the time limit, so that it stops when this client no longer waits.
     request.set_header("Request-Timeout-Ms", std::to_string(wait.count()));
     Answer answer;
     request.content_receiver = [&](const char* data, std::size_t size, std::uint64_t offset, std::uint64_t total) {
-      if (offset == 0) answer.body.reserve(static_cast<std::size_t>(std::min<std::uint64_t>(total, kMostReserved)));
+      if (offset == 0) answer.body.reserve(static_cast<std::size_t>(std::min<std::uint64_t>(total, kMaxReserved)));
       answer.body.append(data, size);
       return Clock::now() < until;
     };
@@ -603,6 +617,7 @@ class Client {
     return answer;
   }
 
+  // Sends a request and returns its successful answer. Repeats it if the connection breaks or the service is busy.
   Answer ask(const std::string& method, const std::string& path, std::string body, const std::string& accept,
              const std::string& region = "") {
     const Clock::time_point until = Clock::now() + timeout_;
@@ -618,7 +633,7 @@ class Client {
       std::string broken;
       std::optional<Answer> answer = attempt(request, until, broken);
       if (!answer) {
-        if (++broken_count < kAttempts && Clock::now() < until) continue;
+        if (++broken_count < kMaxAttempts && Clock::now() < until) continue;
         throw NoAnswer(origin_ + request.path + ": " + (Clock::now() < until ? broken : "nothing within the timeout"));
       }
       if (answer->status >= 200 && answer->status < 300) return std::move(*answer);
@@ -626,18 +641,19 @@ class Client {
     }
   }
 
-  // Sleeps as long as a busy service asks for. False if it does not ask, or asks for more than the time left.
+  // Sleeps for the time in Retry-After. Returns false without sleeping if there is none, or if it exceeds the time
+  // left.
   static bool wait_to_retry(const Answer& answer, Clock::time_point until) {
     const std::string text = answer.header("Retry-After");
     if ((answer.status != 429 && answer.status != 503) || text.empty()) return false;
     if (text.find_first_not_of("0123456789") != std::string::npos || text.size() > 6) return false;
-    const Clock::time_point then = Clock::now() + std::chrono::seconds(std::atol(text.c_str()));
-    if (then >= until) return false;
-    std::this_thread::sleep_until(then);
+    const Clock::time_point retry_time = Clock::now() + std::chrono::seconds(std::atol(text.c_str()));
+    if (retry_time >= until) return false;
+    std::this_thread::sleep_until(retry_time);
     return true;
   }
 
-  // Invalid UTF-8 is replaced; the service then reports an unknown word.
+  // Returns a request as text. Invalid UTF-8 is replaced; the service then reports an unknown word.
   static std::string text_of(const Json& request) {
     return request.dump(-1, ' ', false, Json::error_handler_t::replace);
   }
@@ -653,6 +669,7 @@ class Client {
     return json;
   }
 
+  // Returns true if a request, or one of its cameras, asks for a compressed .npz, which read_zip() cannot read.
   static bool deflated(const Json& request) {
     if (!request.is_object()) return false;
     if (request.value("compression", Json()) == "deflate") return true;
@@ -660,18 +677,19 @@ class Client {
     return std::any_of(cameras.begin(), cameras.end(), deflated);
   }
 
+  // Posts a request and reads the .npz of its answer.
   Frame arrays(const std::string& path, const Json& request) {
     if (deflated(request)) throw Error("\"compression\": \"deflate\" cannot be read: leave it out");
     const Answer answer = ask("POST", path, text_of(request), "application/x-npz", detail::region(request));
     Frame frame;
     for (const auto& [name, bytes] : detail::read_zip(answer.body)) {
       const std::size_t dot = std::min(name.rfind('.'), name.size());
-      const std::string stem = name.substr(0, dot), ending = name.substr(dot);
-      if (ending == ".json") {
+      const std::string stem = name.substr(0, dot), extension = name.substr(dot);
+      if (extension == ".json") {
         Json& document = name == "meta.json" ? frame.meta : frame.labels[stem];
         document = Json::parse(bytes, nullptr, false);
         if (document.is_discarded()) detail::bad(name + " is no JSON");
-      } else if (ending == ".npy") {
+      } else if (extension == ".npy") {
         frame.products[stem] = detail::read_npy(bytes);
       }
     }
@@ -681,25 +699,26 @@ class Client {
     return frame;
   }
 
-  // Empty where the request has its own "ahead" or no pose.
-  static Json poses_ahead(const Json& request, const std::deque<Json>& coming) {
+  // Returns the poses of the upcoming requests; none if the request has a member "ahead" of its own or no pose.
+  static Json poses_ahead(const Json& request, const std::deque<Json>& upcoming) {
     Json poses = Json::array();
     if (!request.is_object() || request.contains("ahead") || !request.contains("pose")) return poses;
-    for (const Json& r : coming) {
+    for (const Json& r : upcoming) {
       if (r.is_object() && r.contains("pose")) poses.push_back(r["pose"]);
     }
     return poses;
   }
 
-  // A fault of the poses ahead is that of the requests they come from, not of this one: without them it is asked again.
+  // Requests a frame with added poses ahead. If the service rejects only these, requests it again without them: such a
+  // fault belongs to the later request that the pose comes from.
   Frame frame_with_ahead(Json request, const Json& poses) {
     if (poses.empty()) return frame(request);
     request["ahead"] = poses;
     try {
       return frame(request);
     } catch (const Refused& refused) {
-      const auto of_ahead = [](const std::string& p) { return p == "/ahead" || p.compare(0, 7, "/ahead/") == 0; };
-      if (refused.pointers.empty() || !std::all_of(refused.pointers.begin(), refused.pointers.end(), of_ahead)) throw;
+      const auto is_ahead = [](const std::string& p) { return p == "/ahead" || p.compare(0, 7, "/ahead/") == 0; };
+      if (refused.pointers.empty() || !std::all_of(refused.pointers.begin(), refused.pointers.end(), is_ahead)) throw;
     }
     request.erase("ahead");
     return frame(request);
@@ -716,30 +735,30 @@ class Client {
     return json;
   }
 
-  // Sends `items` as the list `member` of `request`, kPiece per request, and passes the elements of the responses to
-  // `read`.
+  // Sends `items` as the list `member` of `request`, kBatchSize per request, and passes the elements of the responses
+  // to `read`.
   template <typename Item, typename Write, typename Read>
-  void in_pieces(const std::string& path, const char* member, Json request, const std::vector<Item>& items,
-                 const Write& write, const Read& read) {
-    for (std::size_t begin = 0; begin < items.size(); begin += kPiece) {
-      const std::size_t end = std::min(begin + kPiece, items.size());
+  void post_in_batches(const std::string& path, const char* member, Json request, const std::vector<Item>& items,
+                       const Write& write, const Read& read) {
+    for (std::size_t begin = 0; begin < items.size(); begin += kBatchSize) {
+      const std::size_t end = std::min(begin + kBatchSize, items.size());
       Json& list = request[member] = Json::array();
       for (std::size_t i = begin; i < end; ++i) list.push_back(write(items[i]));
-      const Json answer = post_piece(path, request, std::string("/") + member + "/", begin);
+      const Json answer = post_batch(path, request, std::string("/") + member + "/", begin);
       const auto found = answer.find(member);
       if (found == answer.end() || !found->is_array() || found->size() != end - begin) {
         detail::bad(std::string("no list of all ") + member);
       }
       try {
-        for (const Json& one : *found) read(one);
+        for (const Json& element : *found) read(element);
       } catch (const Json::exception& e) {
         detail::bad(e.what());
       }
     }
   }
 
-  // Converts the pointers of a refusal to indices into the whole list.
-  Json post_piece(const std::string& path, const Json& request, const std::string& list, std::size_t begin) {
+  // Posts a batch. Pointers of a rejection get indices into the complete list, of which the batch begins at `begin`.
+  Json post_batch(const std::string& path, const Json& request, const std::string& list, std::size_t begin) {
     try {
       return post(path, request);
     } catch (const Refused& refused) {
@@ -748,21 +767,22 @@ class Client {
       for (Json& error : problem["errors"]) {
         const std::string pointer = error.is_object() ? error.value("pointer", Json()).dump() : "";
         if (pointer.compare(0, list.size() + 1, '"' + list) != 0) continue;
-        const std::string after = error["pointer"].get<std::string>().substr(list.size());
-        const std::size_t digits = std::min(after.find('/'), after.size());
-        const std::size_t index = std::strtoul(after.c_str(), nullptr, 10) + begin;
-        error["pointer"] = list + std::to_string(index) + after.substr(digits);
+        const std::string rest = error["pointer"].get<std::string>().substr(list.size());
+        const std::size_t digits = std::min(rest.find('/'), rest.size());
+        const std::size_t index = std::strtoul(rest.c_str(), nullptr, 10) + begin;
+        error["pointer"] = list + std::to_string(index) + rest.substr(digits);
       }
       throw Refused(refused.status, std::move(problem));
     }
   }
 
-  static constexpr std::uint64_t kMostReserved = std::uint64_t(1) << 26;  // a header may claim what never comes
+  // Memory reserved at most before the body arrives: a Content-Length may be larger than the body.
+  static constexpr std::uint64_t kMaxReserved = std::uint64_t(1) << 26;
 
   std::string origin_, prefix_, token_;
   std::chrono::milliseconds timeout_;
   std::mutex mutex_;
-  std::vector<Connection> idle_;
+  std::vector<Connection> idle_;  // open connections that no call uses, guarded by mutex_
 };
 
 // --- attitudes and poses
@@ -774,7 +794,8 @@ class Quaternion {
   static Quaternion wxyz(double w, double x, double y, double z) { return Quaternion(w, x, y, z); }  // scalar first
   static Quaternion xyzw(double x, double y, double z, double w) { return Quaternion(w, x, y, z); }  // scalar last
 
-  // From a rotation matrix b_from_a: its rows are the axes of b in a. (Shepperd 1978: the largest component first.)
+  // Returns the quaternion of a rotation matrix b_from_a, whose rows are the axes of b in a. (Shepperd 1978: dividing
+  // by the largest component avoids cancellation.)
   static Quaternion matrix(const Matrix3& m) {
     const double trace = m[0][0] + m[1][1] + m[2][2];
     const std::array<double, 4> squares{1 + trace, 1 + 2 * m[0][0] - trace, 1 + 2 * m[1][1] - trace,
@@ -789,9 +810,9 @@ class Quaternion {
     return Quaternion(wz, xz, yz, twice / 2);
   }
 
-  // From modified Rodrigues parameters in the convention of Schaub and Junkins and of Basilisk: sigma_BN gives
-  // b_from_n, whose matrix is [BN] = I + (8 [s~]^2 - 4 (1 - s^2) [s~]) / (1 + s^2)^2. Their Euler parameters rotate
-  // axes, this class rotates vectors: hence the sign.
+  // Returns the quaternion of modified Rodrigues parameters in the convention of Schaub and Junkins and of Basilisk:
+  // sigma_BN gives b_from_n, whose matrix is [BN] = I + (8 [s~]^2 - 4 (1 - s^2) [s~]) / (1 + s^2)^2. Their Euler
+  // parameters rotate axes, this class rotates vectors: hence the sign.
   static Quaternion mrp(const Vector3& sigma) {
     const double square = sigma[0] * sigma[0] + sigma[1] * sigma[1] + sigma[2] * sigma[2], f = -2 / (1 + square);
     return Quaternion((1 - square) / (1 + square), f * sigma[0], f * sigma[1], f * sigma[2]);
@@ -824,41 +845,44 @@ namespace pose {
 
 inline Json cartesian(const Vector3& position_m) { return {{"position_m", position_m}}; }  // MOON_ME
 
-// Planetocentric latitude, east-positive longitude, height above the sphere of 1 737 400 m.
+// Returns a position by planetocentric latitude, east-positive longitude and height above the sphere of 1 737 400 m.
 inline Json geodetic(double lat_deg, double lon_deg, double height_m) {
   return {{"geodetic", {{"lat_deg", lat_deg}, {"lon_deg", lon_deg}, {"height_m", height_m}}}};
 }
 
 namespace detail {
-inline Json with(Json pose, const char* member, Json value) {
+inline Json with_member(Json pose, const char* member, Json value) {
   pose[member] = std::move(value);
   return pose;
 }
 inline Json keys(const Quaternion& q) { return {{"w", q.w()}, {"x", q.x()}, {"y", q.y()}, {"z", q.z()}}; }
 }  // namespace detail
 
-// Rotates MOON_ME vectors into camera axes. With a camera on a body: camera_from_body * body_from_moon.
+// Adds the attitude that rotates MOON_ME vectors into camera axes. With a camera on a body: camera_from_body *
+// body_from_moon.
 inline Json camera_from_moon(Json position, const Quaternion& q) {
-  return detail::with(std::move(position), "camera_from_moon", detail::keys(q));
+  return detail::with_member(std::move(position), "camera_from_moon", detail::keys(q));
 }
 
-// Rotates vectors in camera axes into MOON_ME.
+// Adds the attitude that rotates vectors in camera axes into MOON_ME.
 inline Json moon_from_camera(Json position, const Quaternion& q) {
-  return detail::with(std::move(position), "moon_from_camera", detail::keys(q));
+  return detail::with_member(std::move(position), "moon_from_camera", detail::keys(q));
 }
 
-// Boresight to the Moon's centre; the image's up direction at this azimuth, clockwise from north.
+// Adds the attitude with the boresight to the Moon's centre and the image's up direction at this azimuth, clockwise
+// from north.
 inline Json nadir(Json position, double up_azimuth_deg = 0) {
-  return detail::with(std::move(position), "nadir", {{"up_azimuth_deg", up_azimuth_deg}});
+  return detail::with_member(std::move(position), "nadir", {{"up_azimuth_deg", up_azimuth_deg}});
 }
 
-// Boresight through a place (without a height: at height 0). up: "north" or a vector as [x, y, z] in MOON_ME.
+// Adds the attitude with the boresight through a place (without a height: at height 0). `up` is "north" or a vector as
+// [x, y, z] in MOON_ME.
 inline Json look_at(Json position, const Place& target, const Json& up = "north") {
-  return detail::with(std::move(position), "look_at",
-                      {{"lat_deg", target.lat_deg},
-                       {"lon_deg", target.lon_deg},
-                       {"height_m", target.height_m.value_or(0)},
-                       {"up", up}});
+  return detail::with_member(std::move(position), "look_at",
+                             {{"lat_deg", target.lat_deg},
+                              {"lon_deg", target.lon_deg},
+                              {"height_m", target.height_m.value_or(0)},
+                              {"up", up}});
 }
 
 }  // namespace pose

@@ -12,8 +12,9 @@ int main(int argc, char** argv) try {
   int step = 0;
   const auto next = [&]() -> std::optional<selenograph::Json> {
     if (step == steps) return std::nullopt;
-    const double left = 1 - double(step++) / steps;  // of the way: half a degree north, from 30 km to 2 km
-    const auto position = selenograph::pose::geodetic(site.lat_deg - 0.5 * left, site.lon_deg, 2000 + 28000 * left);
+    const double remaining = 1 - double(step++) / steps;  // share of the path: half a degree north, from 30 km to 2 km
+    const auto position =
+        selenograph::pose::geodetic(site.lat_deg - 0.5 * remaining, site.lon_deg, 2000 + 28000 * remaining);
     return selenograph::Json{{"camera", {{"width", 160}, {"height", 120}, {"fov_deg", 60}}},
                              {"pose", selenograph::pose::look_at(position, site)},
                              {"sun", {{"subsolar", {{"lat_deg", 0.0}, {"lon_deg", 100.0}}}}},
