@@ -146,7 +146,7 @@ void add_further_bounces(Answer<MetadataSource>& a) {
 
 void add_exposure(Answer<MetadataSource>& a) {
   using namespace schema;
-  a.add("full_scale_radiance_w_m2_sr", number(kAnyNumber, "that `image` was made with"),
+  a.add("full_scale_radiance_w_m2_sr", number(kAnyNumber, "radiance of the largest digital number of `image`"),
         reported(&FrameReport::full_scale_radiance_w_m2_sr), with_image);
   a.add("saturated_fraction", number(kUnitInterval, "share of the pixels of an `image` without a sensor"),
         reported(&FrameReport::saturated_fraction),
@@ -198,7 +198,8 @@ void add_geometry(Answer<MetadataSource>& a) {
       [](const MetadataSource& s) { return visibility_name(s.report.visibility); }, of_frame);
   a.add("lod_error_px", number(kAnyNumber, "level-of-detail error bound actually reached, pixels"),
         reported(&FrameReport::lod_error_px));
-  a.add("lod_error_m", number(kAnyNumber, "the same in metres"), reported(&FrameReport::lod_error_m));
+  a.add("lod_error_m", number(kAnyNumber, "level-of-detail error bound actually reached, metres"),
+        reported(&FrameReport::lod_error_m));
   a.add("lod_error_p99_px",
         number(kAnyNumber,
                "expected error: 99 % of the pixels are displaced by less. lod_error_px is larger: it assumes the "
@@ -213,14 +214,14 @@ void add_geometry(Answer<MetadataSource>& a) {
         reported(&FrameReport::shadow_error_px));
   a.add("shadow_limit_px", number(kAnyNumber, "max_shadow_error_px as used; a warning says where it was relaxed"),
         [](const MetadataSource& s) { return std::ranges::max(s.report.shadow_limits_px); });
-  a.add("detail_error_px", number(kAnyNumber, "of lod_error_px, what the detail adds"),
+  a.add("detail_error_px", number(kAnyNumber, "contribution of the omitted detail to lod_error_px"),
         reported(&FrameReport::detail_error_px), with_detail);
   a.add("detail_limit_px", number(kAnyNumber, "max_detail_error_px as used; a warning says where it was relaxed"),
         reported(&FrameReport::detail_limit_px), with_detail);
   a.add("post_spacing_m", free_object("min and max over the mesh in view"), [](const MetadataSource& s) {
     return OrderedJson{{"min", s.report.min_post_spacing_m}, {"max", s.report.max_post_spacing_m}};
   });
-  a.add("triangles", {{"type", "integer"}, {"description", "of the scene"}},
+  a.add("triangles", {{"type", "integer"}, {"description", "number of triangles of the scene"}},
         [](const MetadataSource& s) { return s.report.triangles; });
   a.add("hit_fraction", number(kUnitInterval, "share of pixels that see the Moon or an object"),
         reported(&FrameReport::hit_fraction));

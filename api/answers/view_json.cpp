@@ -151,9 +151,12 @@ const Answer<ViewSource>& view_answer() {
             return s.view.boresight ? std::optional((*s.view.boresight).*member) : std::nullopt;
           };
         };
-        a.add("lat_deg", number_or_null("where the boresight meets the terrain"), at_boresight(&Geographic::lat_deg));
-        a.add("lon_deg", number_or_null("the same"), at_boresight(&Geographic::lon_deg));
-        a.add("height_m", number_or_null("the same"), at_boresight(&Geographic::height_m));
+        a.add("lat_deg", number_or_null("latitude where the boresight meets the terrain"),
+              at_boresight(&Geographic::lat_deg));
+        a.add("lon_deg", number_or_null("longitude where the boresight meets the terrain"),
+              at_boresight(&Geographic::lon_deg));
+        a.add("height_m", number_or_null("height where the boresight meets the terrain"),
+              at_boresight(&Geographic::height_m));
         const OrderedJson place_on_sphere =
             object("", {{"lat_deg", number(kLatitude_deg, "")}, {"lon_deg", number(kLongitude_deg, "")}},
                    {"lat_deg", "lon_deg"});

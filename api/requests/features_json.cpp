@@ -47,7 +47,7 @@ constexpr FeatureColumn<CraterFeature> kCraterColumns[] = {
      "of the difference that a depth is, the mean height on a circle of diameter_m minus that of its middle. Above 1.6 "
      "a crater is hardly taken for chance (5 % of places are, if differences are normally distributed). At most 1000",
      [](const CraterFeature& f) { return f.visibility; }},
-    {"age_Ma", "since the impact", [](const CraterFeature& f) { return f.crater.age_Ma; }},
+    {"age_Ma", "time since the impact", [](const CraterFeature& f) { return f.crater.age_Ma; }},
     {"rim_share",
      "of the rim, 0 to 1, what the terrain shows: not where the DEM's posts are finer or missing, nor where other "
      "craters of its octave of diameters change it by more than a quarter of its depth",

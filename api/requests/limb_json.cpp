@@ -46,11 +46,11 @@ constexpr Column<LimbPoint> kLimbColumns[] = {
     {"angle_deg", "from the Moon's centre to the terrain's limb, at the camera",
      [](const LimbPoint& p) { return p.angle_deg; }},
     {"x_px", "column of the terrain's limb; null where it is not imaged", [](const LimbPoint& p) { return p.x_px; }},
-    {"y_px", "row; null as x_px is", [](const LimbPoint& p) { return p.y_px; }},
+    {"y_px", "row of the terrain's limb; null if x_px is null", [](const LimbPoint& p) { return p.y_px; }},
     {"range_m", "from the camera to the surface point, m", [](const LimbPoint& p) { return p.range_m; }},
     {"lat_deg", "planetocentric latitude of the surface point", [](const LimbPoint& p) { return place_of(p).lat_deg; }},
-    {"lon_deg", "its longitude, in [-180, 180)", longitude_deg<LimbPoint>},
-    {"height_m", "its height above the sphere of 1 737 400 m",
+    {"lon_deg", "east longitude of the surface point, in [-180, 180)", longitude_deg<LimbPoint>},
+    {"height_m", "height of the surface point above the sphere of 1 737 400 m",
      [](const LimbPoint& p) { return p.position_m.norm() - kMoonRadius_m; }},
     {"sphere_angle_deg", "as angle_deg, of the sphere of 1 737 400 m; null for a camera below it",
      [](const LimbPoint& p) { return p.sphere_angle_deg; }},
@@ -64,14 +64,16 @@ constexpr Column<TerminatorPoint> kTerminatorColumns[] = {
      [](const TerminatorPoint& p) { return p.azimuth_deg; }},
     {"x_px", "column of the terrain's terminator; null where there is no data or it is not imaged",
      [](const TerminatorPoint& p) { return p.x_px; }},
-    {"y_px", "row; null as x_px is", [](const TerminatorPoint& p) { return p.y_px; }},
+    {"y_px", "row of the terrain's terminator; null if x_px is null", [](const TerminatorPoint& p) { return p.y_px; }},
     {"lat_deg", "planetocentric latitude of the surface point",
      [](const TerminatorPoint& p) { return place_of(p).lat_deg; }},
-    {"lon_deg", "its longitude, in [-180, 180)", longitude_deg<TerminatorPoint>},
-    {"height_m", "its height above the sphere of 1 737 400 m",
+    {"lon_deg", "east longitude of the surface point, in [-180, 180)", longitude_deg<TerminatorPoint>},
+    {"height_m", "height of the surface point above the sphere of 1 737 400 m",
      [](const TerminatorPoint& p) { return p.position_m.norm() - kMoonRadius_m; }},
-    {"sphere_x_px", "column of the terminator of that sphere", [](const TerminatorPoint& p) { return p.sphere_x_px; }},
-    {"sphere_y_px", "its row", [](const TerminatorPoint& p) { return p.sphere_y_px; }},
+    {"sphere_x_px", "column of the terminator of the sphere of 1 737 400 m",
+     [](const TerminatorPoint& p) { return p.sphere_x_px; }},
+    {"sphere_y_px", "row of the terminator of the sphere of 1 737 400 m",
+     [](const TerminatorPoint& p) { return p.sphere_y_px; }},
 };
 
 // Returns the member "reason" of a point without a place in the image.
@@ -135,7 +137,8 @@ const Answer<TerminatorPoint>& terminator_answer() {
         [](const TerminatorPoint& p) { return p.position_m; }, [](const TerminatorPoint& p) { return p.known(); });
     a.add("in_frame", boolean("the terrain's terminator is within the image"),
           [](const TerminatorPoint& p) { return p.in_frame; });
-    a.add("visible", boolean("and no terrain hides it"), [](const TerminatorPoint& p) { return p.visible; });
+    a.add("visible", boolean("in_frame, and no terrain hides the point from the camera"),
+          [](const TerminatorPoint& p) { return p.visible; });
     a.add("sphere_visible", boolean("the sphere's terminator is within the image and on the camera's side"),
           [](const TerminatorPoint& p) { return p.sphere_visible; });
   });

@@ -255,11 +255,12 @@ const Members<engine::HazardLimits>& hazard_members() {
   static const auto members = make_table<Members<HazardLimits>>(
       "HazardLimits", "Ground whose footprint exceeds one of these is a hazard; omitted limits are not checked.",
       [](auto& m) {
-        m.add("max_slope_deg", &HazardLimits::slope_deg, Number{{0, 90}, "deg"}, "of `slope`");
-        m.add("max_roughness_m", &HazardLimits::roughness_m, Number{{0, 1e4}, "m"}, "of `roughness`");
+        m.add("max_slope_deg", &HazardLimits::slope_deg, Number{{0, 90}, "deg"}, "maximum of `slope`");
+        m.add("max_roughness_m", &HazardLimits::roughness_m, Number{{0, 1e4}, "m"}, "maximum of `roughness`");
         m.add("max_rock_height_m", &HazardLimits::rock_height_m, Number{{0, 1e4}, "m"},
-              "of `rock_height` at any pixel in the footprint. Requires `rocks`");
-        m.add("max_rock_cover", &HazardLimits::rock_cover, Number{kUnitInterval}, "of `rock_cover`. Requires `rocks`");
+              "maximum of `rock_height` at any pixel in the footprint. Requires `rocks`");
+        m.add("max_rock_cover", &HazardLimits::rock_cover, Number{kUnitInterval},
+              "maximum of `rock_cover`. Requires `rocks`");
         m.any_of({"max_slope_deg", "max_roughness_m", "max_rock_height_m", "max_rock_cover"});
       });
   return *members;

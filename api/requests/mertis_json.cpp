@@ -105,7 +105,7 @@ const Members<MertisQuery>& mertis_members() {
               Text{}, "description in a file; ignored");
         m.add("first_um", of(&Spectrometer::first_um), Number{kWavelength_um, "um"}, "lower end of the first channel");
         m.add("last_um", of(&Spectrometer::last_um), Number{kWavelength_um, "um"}, "upper end of the last channel");
-        m.add("channels", of(&Spectrometer::channels), Integer{1, kMaxChannels}, "of equal width");
+        m.add("channels", of(&Spectrometer::channels), Integer{1, kMaxChannels}, "number of channels of equal width");
         m.add("pixel_pitch_um", of(&Spectrometer::pixel_pitch_um), Number{{0, 1e4, true, false}, "um"}, "p");
         m.add("f_number", of(&Spectrometer::f_number), Number{kFNumber}, "f_#");
         m.add("efficiency", of(&Spectrometer::efficiency), SpectrometerEfficiency{},

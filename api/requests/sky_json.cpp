@@ -85,7 +85,7 @@ const Members<SkyQuery>& sky_request_members() {
             .required();
         m.add(
             "band", [](auto& q) -> auto& { return q.request.band; }, Object{band_members()},
-            "of irradiance_w_m2; left out: all wavelengths");
+            "spectral channel of irradiance_w_m2; left out: all wavelengths");
         m.add(
             "sensor", [](auto& q) -> auto& { return q.request.sensor; }, Object{sensor_members()},
             "for `electrons`; left out: none in the answer");
@@ -115,24 +115,29 @@ const Answer<SkySource>& sky_answer() {
   using S = SkySource;
   using namespace schema;
   static const auto answer = make_answer<S>("Something in the sky.", [](auto& a) {
-    a.add("kind", words(kSkyKinds, "what it is"), [](const S& s) { return word_of(kSkyKinds, s.object.kind); });
-    a.add("id", text("of a star in its catalogue; else the name, like jupiter"),
+    a.add("kind", words(kSkyKinds, "kind of object"), [](const S& s) { return word_of(kSkyKinds, s.object.kind); });
+    a.add("id", text("identifier of a star in its catalogue, or the name of another object, like jupiter"),
           [](const S& s) { return s.object.id; });
     a.add("x_px",
           number_or_null(
               "column; null behind the camera, beyond the lens's field of view and, with a shutter, where no row "
               "sees it"),
           [](const S& s) { return s.object.x_px; });
-    a.add("y_px", number_or_null("row; null as x_px is"), [](const S& s) { return s.object.y_px; });
-    a.add("in_frame", boolean("within the image"), [](const S& s) { return s.object.in_frame; });
-    a.add("visible", boolean("in_frame and nothing hides it"), [](const S& s) { return visible(s.object); });
-    a.add("hidden_by", words(kHiddenBy, "what one ray to its centre meets, if it has a place in the image plane"),
+    a.add("y_px", number_or_null("row; null if x_px is null"), [](const S& s) { return s.object.y_px; });
+    a.add("in_frame", boolean("the object's centre is within the image"), [](const S& s) { return s.object.in_frame; });
+    a.add("visible", boolean("in_frame, and nothing hides the object"), [](const S& s) { return visible(s.object); });
+    a.add("hidden_by",
+          words(kHiddenBy,
+                "what a ray to the object's centre meets, if the object has a position in the image plane"),
           [](const S& s) { return word_of(kHiddenBy, s.object.hidden_by); });
-    a.add("direction_icrf", schema::vector("unit, apparent, ICRF axes"),
+    a.add("direction_icrf", schema::vector("apparent direction to the object, unit vector, ICRF axes"),
           [](const S& s) { return s.object.direction_icrf; });
-    a.add("direction", schema::vector("the same along axes of MOON_ME"), [](const S& s) { return s.object.direction; });
-    a.add("direction_camera", schema::vector("the same in camera axes: +x right, +y down, +z boresight"), in_camera);
-    a.add("magnitude", number(kAnyNumber, "V"), [](const S& s) { return magnitude_of(s.object); });
+    a.add("direction", schema::vector("apparent direction to the object, unit vector, MOON_ME axes"),
+          [](const S& s) { return s.object.direction; });
+    a.add("direction_camera",
+          schema::vector("apparent direction to the object, unit vector, camera axes: +x right, +y down, +z boresight"),
+          in_camera);
+    a.add("magnitude", number(kAnyNumber, "apparent V magnitude"), [](const S& s) { return magnitude_of(s.object); });
     a.add("irradiance_w_m2", number(kAnyNumber, "at normal incidence, in the request's band, W m-2"),
           [](const S& s) { return s.object.irradiance_w_m2; });
     a.add(

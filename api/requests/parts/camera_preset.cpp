@@ -22,10 +22,11 @@ struct Preset {
 const Members<Preset>& preset_members() {
   static const auto table =
       make_table<Members<Preset>>("CameraPreset", "cameras/NAME.json of the assets folder.", [](auto& m) {
-        m.add("description", &Preset::description, Text{}, "of the camera; ignored");
-        m.add("camera", &Preset::camera, Object{camera_members()}, "where the request has none");
-        m.add("band", &Preset::band, Object{band_members()}, "where the request has none");
-        m.add("sensor", &Preset::sensor, Object{sensor_members()}, "whose members the request's own replace");
+        m.add("description", &Preset::description, Text{}, "description of the camera; ignored");
+        m.add("camera", &Preset::camera, Object{camera_members()}, "camera of requests without one");
+        m.add("band", &Preset::band, Object{band_members()}, "band of requests without one");
+        m.add("sensor", &Preset::sensor, Object{sensor_members()},
+              "sensor; members of the request's own sensor replace those here");
       });
   return *table;
 }

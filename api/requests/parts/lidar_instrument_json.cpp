@@ -31,7 +31,7 @@ const Members<LidarReceiver>& receiver_members() {
       "the "
       "signal without noise.",
       [](auto& m) {
-        m.add("signal", &LidarReceiver::signal, Word{kSignals}, "which of them").required();
+        m.add("signal", &LidarReceiver::signal, Word{kSignals}, "model of the received signal").required();
         m.set_model("signal");
         m.add("energy_j", &LidarReceiver::energy_j, Number{{0, 1e3, true, false}, "J"}, "energy of a pulse")
             .required()
@@ -46,10 +46,13 @@ const Members<LidarReceiver>& receiver_members() {
               "signal-to-noise ratio of a Lambertian surface that fills the beam, seen vertically from `range_m`")
             .required()
             .only_for({"snr"});
-        m.add("range_m", &LidarReceiver::range_m, Number{kPositive, "m"}, "range of that surface")
+        m.add("range_m", &LidarReceiver::range_m, Number{kPositive, "m"},
+              "range of the Lambertian surface that `snr` refers to")
             .required()
             .only_for({"snr"});
-        m.add("reflectance", &LidarReceiver::reflectance, Number{{1e-6, 1}}, "of that surface").only_for({"snr"});
+        m.add("reflectance", &LidarReceiver::reflectance, Number{{1e-6, 1}},
+              "reflectance of the Lambertian surface that `snr` refers to")
+            .only_for({"snr"});
       });
   return *table;
 }
@@ -77,7 +80,7 @@ const Members<LidarPattern>& lidar_pattern_members() {
       "along a row, about x from row to row. `cone`: pulses around the boresight, beginning at +x toward +y. `beams`: "
       "given directions, all at once.",
       [](auto& m) {
-        m.add("scan", &LidarPattern::scan, Word{kScans}, "which of them").required();
+        m.add("scan", &LidarPattern::scan, Word{kScans}, "kind of scan").required();
         m.set_model("scan");
         m.add("columns", &LidarPattern::columns, Integer{1, kMaxSide}, "beams of a row")
             .required()
@@ -97,7 +100,8 @@ const Members<LidarPattern>& lidar_pattern_members() {
         m.add("beams", &LidarPattern::beams, Integer{1, std::int64_t{1} << 24}, "pulses per turn")
             .required()
             .only_for({"cone"});
-        m.add("half_angle_deg", &LidarPattern::half_angle_deg, Number{{0, 90}, "deg"}, "from the boresight")
+        m.add("half_angle_deg", &LidarPattern::half_angle_deg, Number{{0, 90}, "deg"},
+              "angle of the pulses from the boresight")
             .required()
             .only_for({"cone"});
         m.add("directions", &LidarPattern::directions, List{Vector{kAnyNumber}, 1, kMaxDirections},
@@ -136,7 +140,8 @@ const Members<LidarInstrument>& lidar_instrument_members() {
         m.add("wavelength_um", &LidarInstrument::wavelength_um, Number{{0.1, 100}, "um"},
               "wavelength of the photons and of the ground's reflectance")
             .required();
-        m.add("receiver", &LidarInstrument::receiver, Object{receiver_members()}, "from the ground to the signal")
+        m.add("receiver", &LidarInstrument::receiver, Object{receiver_members()},
+              "converts the light from the ground to a signal")
             .required();
         m.add("threshold", &LidarInstrument::threshold, Number{kPositive},
               "minimum signal of a detection: photoelectrons, or multiples of the noise")

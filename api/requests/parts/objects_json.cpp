@@ -49,7 +49,8 @@ const Members<ObjectForm, PlacedObject>& object_members() {
         m.add("mesh", &ObjectForm::mesh, Asset{&Assets::object, "mesh", "objects"},
               "name of objects/NAME.obj, .ply, .gltf or .glb")
             .required();
-        m.add("pose", &ObjectForm::pose, Object{object_pose_members()}, "where it is").required();
+        m.add("pose", &ObjectForm::pose, Object{object_pose_members()}, "position and attitude of the object")
+            .required();
         m.add("scale", &ObjectForm::scale, Number{kScale, "m"}, "metres per unit of the file");
         m.add("material", &ObjectForm::material, Object{material_members()},
               "material of all parts except those in part_materials")

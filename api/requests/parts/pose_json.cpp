@@ -364,11 +364,15 @@ const Members<PoseForm, engine::Pose>& pose_members() {
       [](auto& m) {
         add_position(m);
         m.add("camera_from_moon", &PoseForm::camera_from_moon, Object{quaternion_members()},
-              "rotates vectors of `frame` into camera axes");
-        m.add("moon_from_camera", &PoseForm::moon_from_camera, Object{quaternion_members()}, "the inverse");
+              "unit quaternion that rotates vectors of `frame` into camera axes");
+        m.add("moon_from_camera", &PoseForm::moon_from_camera, Object{quaternion_members()},
+              "unit quaternion that rotates camera axes into `frame`");
         m.add("camera_from_moon_matrix", &PoseForm::camera_from_moon_matrix, RotationMatrix{},
-              "the same as a matrix, row by row: its rows are the camera's axes in `frame`; orthonormal within 1e-6");
-        m.add("moon_from_camera_matrix", &PoseForm::moon_from_camera_matrix, RotationMatrix{}, "its transpose");
+              "rotation matrix from `frame` to camera axes, row by row: the rows are the camera's axes in `frame`; "
+              "orthonormal within 1e-6");
+        m.add("moon_from_camera_matrix", &PoseForm::moon_from_camera_matrix, RotationMatrix{},
+              "rotation matrix from camera axes to `frame`, row by row: the columns are the camera's axes in `frame`; "
+              "orthonormal within 1e-6");
         m.add("look_at", &PoseForm::look_at, Object{look_at_members()}, "boresight through a point");
         m.add("nadir", &PoseForm::nadir, Object{nadir_members()}, "boresight to the Moon's centre");
         m.add("axes", &PoseForm::axes, Word{kCameraAxes},
@@ -387,9 +391,11 @@ const Members<ObjectPoseForm, ObjectPose>& object_pose_members() {
       "ObjectPose", "Position of an object's origin and attitude of its axes, as in its file.", [](auto& m) {
         add_position(m);
         m.add("moon_from_object", &ObjectPoseForm::moon_from_object, Object{quaternion_members()},
-              "rotates vectors of the object's axes into `frame`");
-        m.add("object_from_moon", &ObjectPoseForm::object_from_moon, Object{quaternion_members()}, "the inverse");
-        m.add("upright", &ObjectPoseForm::upright, Object{upright_members()}, "its z axis is the local vertical");
+              "unit quaternion that rotates vectors of the object's axes into `frame`");
+        m.add("object_from_moon", &ObjectPoseForm::object_from_moon, Object{quaternion_members()},
+              "unit quaternion that rotates vectors of `frame` into the object's axes");
+        m.add("upright", &ObjectPoseForm::upright, Object{upright_members()},
+              "the object's z axis is the local vertical");
         m.exactly_one({"moon_from_object", "object_from_moon", "upright"});
         m.resolve(resolve_object_pose);
         m.unresolve([](const ObjectPose& pose) { return form_of(pose); });

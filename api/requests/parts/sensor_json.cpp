@@ -169,7 +169,7 @@ const Members<PointSpread>& point_spread_members() {
 const Members<Vignetting>& vignetting_members() {
   static const auto table = make_table<Members<Vignetting>>(
       "Vignetting", "Transmission of the optics by angle from the boresight.", [](auto& m) {
-        m.add("model", &Vignetting::model, Word{kVignettings}, "which function").required();
+        m.add("model", &Vignetting::model, Word{kVignettings}, "vignetting function").required();
         m.set_model("model");
         m.add("table", &Vignetting::table, List{Pair<Vignetting::Point>{{0, 90}, kUnitInterval}, 1, 1000},
               "[degrees, transmission] at increasing angles; linear in between, constant beyond")
@@ -270,8 +270,10 @@ const Members<engine::Exposure>& exposure_members() {
         m.add("target_fill", &engine::Exposure::target_fill, Number{{0, 1, true, false}},
               "share of the full well, or of the largest digital number")
             .required();
-        m.add("shortest_s", &engine::Exposure::shortest_s, Number{{0, 1e5, true, false}, "s"}, "at least");
-        m.add("longest_s", &engine::Exposure::longest_s, Number{{0, 1e5, true, false}, "s"}, "at most");
+        m.add("shortest_s", &engine::Exposure::shortest_s, Number{{0, 1e5, true, false}, "s"},
+              "shortest integration time");
+        m.add("longest_s", &engine::Exposure::longest_s, Number{{0, 1e5, true, false}, "s"},
+              "longest integration time");
         m.check([](const JsonReader& in, engine::Exposure& exposure, const ReadContext&) {
           if (exposure.longest_s < exposure.shortest_s) in.fail("longest_s", "is less than shortest_s");
         });
