@@ -162,7 +162,7 @@ TEST(JsonReader, NumberOfFindingsIsLimited) {
     in.elements(1, 2000, [](const JsonReader& element) { element.fail("wrong"); });
   };
   const std::string findings = findings_of(text + "]", read);
-  EXPECT_EQ(std::count(findings.begin(), findings.end(), '\n'), static_cast<long>(Findings::kMost));
+  EXPECT_EQ(std::count(findings.begin(), findings.end(), '\n'), static_cast<long>(Findings::kMaxEntries));
   EXPECT_EQ(findings_of("[1,2,3]", [](const JsonReader& in) { in.elements(1, 2, [](const JsonReader&) {}); }),
             ": must have at most 2 elements, has 3\n");
 }

@@ -81,7 +81,7 @@ TEST(Findings, DetailNamesOneFindingOrCountsMany) {
     findings.throw_if_any();
     FAIL();
   } catch (const RequestError& e) {
-    EXPECT_EQ(e.findings().size(), Findings::kMost);
+    EXPECT_EQ(e.findings().size(), Findings::kMaxEntries);
     EXPECT_STREQ(e.what(), "20 or more invalid members; see errors");
   }
 }
