@@ -1,4 +1,4 @@
-// A request and its response, independent of HTTP. Paths, headers and statuses are HTTP's.
+// A request and its response, without a socket. Paths, headers and statuses are those of HTTP.
 #pragma once
 
 #include <atomic>

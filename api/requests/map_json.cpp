@@ -1,4 +1,4 @@
-// A map's grid lies on the plane of its projection; the origin is where the plane is true to scale:
+// A map's grid lies on the plane of its projection, whose origin is the projection's centre:
 //
 //   (west_m, north_m) +-----------------+   row 0
 //                     |     y ^         |

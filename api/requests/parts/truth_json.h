@@ -4,6 +4,7 @@
 //            . # . # . # . .      truth arrays: 2 x 3 elements, at the pixels #
 //            . . . . . . . .
 //            . # . # . # . .
+//            . . . . . . . .
 #pragma once
 
 #include "api/requests/parts/camera_json.h"
