@@ -123,8 +123,8 @@ void add_glare(const Exposing& exposing) {
   if (free == 0) return;
   const Band counted = in_photons(*request.band, request.sensor->detector.efficiency);
   const double irradiance_w_m2 = solar_irradiance_w_m2(counted) / (request.sun.distance_au * request.sun.distance_au);
-  const auto all = static_cast<double>(places.size());
-  exposing.sensor->add_glare(toward_sun, irradiance_w_m2 * static_cast<double>(free) / all, context.stop);
+  const auto place_count = static_cast<double>(places.size());
+  exposing.sensor->add_glare(toward_sun, irradiance_w_m2 * static_cast<double>(free) / place_count, context.stop);
 }
 
 // Radiance as the mean over an exposure in motion.
