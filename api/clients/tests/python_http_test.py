@@ -129,6 +129,17 @@ class Mishaps(unittest.TestCase):
         self.assertEqual([(w.category, str(w.message)) for w in caught],
                          [(selenograph.FrameWarning, text) for text in ("dark", "red")])
 
+    def test_warnings_are_of_the_callers_line(self):
+        """However many functions of the client lie between."""
+        warned = {**FINE[1], "Selenograph-Warnings": '["dark"]'}
+        outlines = b'{"points": [], "terminator": [], "craters": []}'
+        for ask, body in ((lambda client: client.heights(0, 0), FINE[2]), (lambda client: client.limb({}, {}), outlines),
+                          (lambda client: client.terminator({}, {}, {}), outlines),
+                          (lambda client: client.features("", {}), outlines)):
+            with self.asking((200, warned, body)) as (client, _), self.assertWarnsRegex(selenograph.FrameWarning, "dark") as caught:
+                ask(client)
+            self.assertEqual(caught.filename, __file__)
+
     def test_answers_that_are_not_the_services(self):
         """Of the proxy in front of it, or of another program."""
         json_type, page = {"Content-Type": "application/json"}, {"Content-Type": "text/html"}

@@ -33,7 +33,7 @@ from .trajectory import Trajectory
 from .version import __version__  # noqa: F401
 from .view_sampling import random_views
 
-# These names can be imported, too, and are no part of `from selenograph import *`.
+# Export these names, too, without making them part of `from selenograph import *`.
 from .calls import POINTS_AT_ONCE, ROWS_AT_ONCE  # noqa: F401
 from .ccsds import FRAMES  # noqa: F401
 from .client import REASONS  # noqa: F401

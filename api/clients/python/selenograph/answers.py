@@ -1,4 +1,4 @@
-"""What calls return: frames, maps and scans."""
+"""Results of calls: frames, maps and scans."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from .epochs import Epoch, parse_epoch, seconds_since
 from .interpolation import Track, Turns
 from .rotations import product
 
-# pose.frame by REF_FRAME of files: names of the service, SPICE and SANA.
+# Names of pose.frame by the REF_FRAME of files, which has the names of the service, SPICE or SANA.
 FRAMES = {"MOON_ME": "MOON_ME", "MOON_ME_DE421": "MOON_ME", "MOON_ME_DE440_ME421": "MOON_ME",
           "MOON_PA_DE421": "MOON_PA_DE421", "MOON_PA421": "MOON_PA_DE421", "MOON_PA_DE440": "MOON_PA_DE440",
           "MOON_PA440": "MOON_PA_DE440", "ICRF": "ICRF"}

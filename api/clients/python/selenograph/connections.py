@@ -23,8 +23,8 @@ from .version import __version__
 MAX_TIMEOUT_S = 1e6  # sockets accept at most 24 days
 READ_BYTES = 1 << 20  # size of the pieces in which a body is read
 MIN_RETRY_WAIT_S = 0.05  # lower bound of the wait for "Retry-After: 0", which would be a busy loop
-SERVICE_TIME_MS_PER_S = 950  # time given to the service per second left: its 504 then arrives before the deadline
-ZIP_MAGIC = b"PK"  # first bytes of a ZIP archive; no JSON text begins with them
+SERVICE_TIME_MS_PER_S = 950  # time given to the service per second left, so that its 504 arrives in time
+ZIP_MAGIC = b"PK"  # first bytes of a ZIP archive, with which no JSON text begins
 MAX_ERROR_TEXT_BYTES = 300  # length to which an answer without a problem document is quoted
 
 

@@ -6,10 +6,9 @@ from typing import Any, Optional, Sequence
 
 import numpy as np
 
-from .rotations import DIRECTIONS, checked_word, slerp
+from .rotations import DIRECTIONS, UNIT_QUATERNION_TOLERANCE, checked_word, slerp
 
-UNIT_QUATERNION_TOLERANCE = 1e-3  # largest error of a length that the service accepts
-DEFAULT_DEGREES = {"hermite": 3, "lagrange": 5, "linear": 1}
+DEFAULT_DEGREES = {"hermite": 3, "lagrange": 5, "linear": 1}  # degree of the polynomials by method
 
 
 class Track:

@@ -8,9 +8,9 @@ import numpy as np
 
 from .moon import position_of
 from .request_body import without_none
-from .rotations import DIRECTIONS, Vector, checked_word, finite_vector, quaternion_of
+from .rotations import (DIRECTIONS, UNIT_QUATERNION_TOLERANCE, Vector, checked_word, finite_vector,
+                        quaternion_of)
 
-UNIT_QUATERNION_TOLERANCE = 1e-3  # largest error of a length that the service accepts
 ORTHONORMAL_TOLERANCE = 1e-6  # largest error of the products of a matrix's rows
 # A distance from the Moon's centre in this interval is in kilometres: in metres it would be deep inside the Moon.
 MIN_MISTAKEN_M = 1500

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any, Mapping, Optional, Sequence, TypedDict, Union
 
 Request = Mapping[str, Any]
-Switch = Union[bool, Request]  # true: with the defaults
+Switch = Union[bool, Request]  # true, or an object of settings
 
 
 class FrameRequest(TypedDict, total=False):
@@ -110,7 +110,7 @@ class Region(TypedDict):
     east_deg: float
 
 
-# A dict that a type checker cannot follow is a request, too.
+# Each call also takes a dict whose members a type checker does not know.
 AnyFrameRequest = Union[FrameRequest, Request]
 AnyMapRequest = Union[MapRequest, Request]
 AnyLidarRequest = Union[LidarRequest, Request]

@@ -10,6 +10,7 @@ import numpy as np
 Vector = Union[Sequence[float], np.ndarray]
 
 DIRECTIONS = ("camera_from_moon", "moon_from_camera")  # members of a pose that are an attitude's quaternion
+UNIT_QUATERNION_TOLERANCE = 1e-3  # largest error of a quaternion's length that the service accepts
 
 
 def matrix_of(q: np.ndarray) -> np.ndarray:

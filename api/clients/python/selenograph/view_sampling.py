@@ -1,9 +1,10 @@
-"""Random views for campaigns and training sets.
+r"""Random views for campaigns and training sets.
 
-    camera *
-           | \\        altitude: height of the camera above the target's horizontal plane
-           |  \\       off-nadir angle: between the target's vertical and the line of sight
-    -------+---* target, the middle of the image, on the ground
+      camera *   |
+             |\  |      altitude: height of the camera above the target's horizontal plane
+    altitude | \ |      off-nadir angle: between the target's vertical and the line of sight
+             |  \|
+    ---------+---* target: the place on the ground in the image's middle
 """
 
 from __future__ import annotations
@@ -70,8 +71,8 @@ def random_views(client: Client, request: AnyFrameRequest, count: int, *, region
 class _Draw(NamedTuple):
     """Random numbers of one view."""
 
-    lat_rad: float  # of the target
-    lon_rad: float
+    lat_rad: float  # latitude of the target
+    lon_rad: float  # longitude of the target
     altitude_m: float
     off_nadir_rad: float
     side_rad: float  # azimuth of the camera from the target
