@@ -23,7 +23,7 @@ using LidarElements =
                  std::vector<std::uint8_t> LidarReturns::*, std::vector<std::uint16_t> LidarReturns::*,
                  std::vector<std::uint64_t> LidarReturns::*>;
 
-// How a column's values become JSON: as numbers, as booleans, as indices of objects (65535: null) or as ids (0: null).
+// Form of a column's values in JSON: numbers, booleans, as indices of objects (65535: null) or as ids (0: null).
 enum class Meaning { number, flag, object, rock };
 struct LidarColumn {
   const char* name;

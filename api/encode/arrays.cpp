@@ -11,9 +11,11 @@ namespace {
 
 using engine::FrameProducts;
 
-constexpr std::string_view kAxes[] = {"x", "y", "z"}, kGeodetic[] = {"lat_deg", "lon_deg", "height_m"},
-                           kAngles[] = {"incidence_deg", "emission_deg", "phase_deg"},
-                           kLightSources[] = {"direct", "terrain", "earth"}, kImageAxes[] = {"x", "y"};
+constexpr std::string_view kAxes[] = {"x", "y", "z"};
+constexpr std::string_view kGeodetic[] = {"lat_deg", "lon_deg", "height_m"};
+constexpr std::string_view kAngles[] = {"incidence_deg", "emission_deg", "phase_deg"};
+constexpr std::string_view kLightSources[] = {"direct", "terrain", "earth"};
+constexpr std::string_view kImageAxes[] = {"x", "y"};
 
 constexpr ProductRow kTable[] = {
     {engine::kImage,

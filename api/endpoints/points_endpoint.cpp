@@ -114,9 +114,9 @@ Response answer_heights(const EndpointContext& context) {
 }
 
 Response answer_height(const EndpointContext& context) {
-  const Geographic place = read_height_query(context.request.query);
+  const Geographic point = read_height_query(context.request.query);
   const dem::Terrain& terrain = context.renderer.terrain();
-  const dem::HeightAnswer height = terrain.height(place.lat_deg, place.lon_deg, context.stop);
+  const dem::HeightAnswer height = terrain.height(point.lat_deg, point.lon_deg, context.stop);
   context.stop.check();
   return json_response(height_answer().write({height, terrain.catalogue()}));
 }
@@ -155,9 +155,9 @@ void describe_heights(Operation& o) {
 }
 
 void describe_height(Operation& o) {
-  const std::string place = "#/components/schemas/Place/properties/";
-  o.parameter("lat_deg", "query", "planetocentric latitude", true, {{"$ref", place + "lat_deg"}});
-  o.parameter("lon_deg", "query", "east longitude", true, {{"$ref", place + "lon_deg"}});
+  const std::string place_schema = "#/components/schemas/Place/properties/";
+  o.parameter("lat_deg", "query", "planetocentric latitude", true, {{"$ref", place_schema + "lat_deg"}});
+  o.parameter("lon_deg", "query", "east longitude", true, {{"$ref", place_schema + "lon_deg"}});
   o.answer("The height", "Height", height_answer().schema());
 }
 

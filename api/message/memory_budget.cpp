@@ -13,12 +13,12 @@ constexpr auto kPollInterval = std::chrono::milliseconds(50);
 
 }  // namespace
 
-MemoryBudget::Claim::Claim(Claim&& other) noexcept
-    : budget_(std::exchange(other.budget_, nullptr)), bytes_(std::exchange(other.bytes_, 0)) {}
+MemoryBudget::Claim::Claim(Claim&& source) noexcept
+    : budget_(std::exchange(source.budget_, nullptr)), bytes_(std::exchange(source.bytes_, 0)) {}
 
-MemoryBudget::Claim& MemoryBudget::Claim::operator=(Claim&& other) noexcept {
-  std::swap(budget_, other.budget_);
-  std::swap(bytes_, other.bytes_);
+MemoryBudget::Claim& MemoryBudget::Claim::operator=(Claim&& source) noexcept {
+  std::swap(budget_, source.budget_);
+  std::swap(bytes_, source.bytes_);
   return *this;
 }
 

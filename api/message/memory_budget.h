@@ -23,8 +23,8 @@ class MemoryBudget {
   class Claim {
    public:
     Claim() = default;
-    Claim(Claim&& other) noexcept;
-    Claim& operator=(Claim&& other) noexcept;
+    Claim(Claim&& source) noexcept;
+    Claim& operator=(Claim&& source) noexcept;
     ~Claim();
     std::size_t bytes() const { return bytes_; }
     // Changes the claim without a check or a wait, for memory that is smaller than claimed or is already allocated.

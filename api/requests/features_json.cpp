@@ -30,16 +30,17 @@ constexpr FeatureColumn<CraterFeature> kCraterColumns[] = {
     {"lat_deg", "planetocentric latitude of the centre", [](const CraterFeature& f) { return f.place.lat_deg; }},
     {"lon_deg", "east longitude of the centre, in [-180, 180)", [](const CraterFeature& f) { return f.place.lon_deg; }},
     {"height_m",
-     "of the terrain without detail at the centre, above the sphere of 1 737 400 m: of the ground before all impacts. "
-     "POST /v1/heights with `detail` has that of the floor",
+     "height of the terrain without detail at the centre, above the sphere of 1 737 400 m: of the ground before all "
+     "impacts. POST /v1/heights with `detail` gives the height of the floor",
      [](const CraterFeature& f) { return f.place.height_m; }},
     {"diameter_m",
-     "from rim to rim when it was fresh. With age the highest ring moves outward and sinks: it is 1.2 of these wide "
-     "when 60 % of the depth is left, and 1.5 when a third is",
+     "diameter of the fresh crater, from rim to rim. With age the highest ring moves outward and sinks: its diameter "
+     "is 1.2 times this when 60 % of the depth is left, and 1.5 times when a third is left",
      [](const CraterFeature& f) { return f.crater.diameter_m; }},
     {"depth_m",
-     "from the highest ring to the floor, today; of the crater alone, less what the DEM's posts have of it: of craters "
-     "as wide as two posts most. Where layers of the DEM meet, what shows of it",
+     "present depth from the highest ring to the floor, of the crater alone. The part that the DEM's posts contain is "
+     "subtracted; it is largest for craters as wide as two posts. On the border of two layers of the DEM: the depth "
+     "that the terrain shows",
      [](const CraterFeature& f) { return f.depth_m; }},
     {"depth_over_diameter", "depth_m over diameter_m", [](const CraterFeature& f) { return f.depth_over_diameter(); }},
     {"visibility",

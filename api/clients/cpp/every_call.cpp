@@ -13,16 +13,16 @@ Json numbers(const Vector3& v) { return {number(v[0]), number(v[1]), number(v[2]
 
 // Returns one attitude in all forms that the client offers.
 std::map<std::string, Json> poses() {
-  const Json place = pose::cartesian({1800000, 0, 0});
+  const Json position = pose::cartesian({1800000, 0, 0});
   const Quaternion wxyz = Quaternion::wxyz(0.8, 0.2, -0.4, 0.4);
   const Quaternion matrix = Quaternion::matrix({{{0.36, -0.8, -0.48}, {0.48, 0.6, -0.64}, {0.8, 0, 0.6}}});
-  return {{"camera_from_moon_wxyz", pose::camera_from_moon(place, wxyz)},
-          {"camera_from_moon_xyzw", pose::camera_from_moon(place, Quaternion::xyzw(0.2, -0.4, 0.4, 0.8))},
-          {"moon_from_camera_wxyz", pose::moon_from_camera(place, Quaternion::wxyz(0.8, -0.2, 0.4, -0.4))},
-          {"moon_from_camera_xyzw", pose::moon_from_camera(place, Quaternion::xyzw(-0.2, 0.4, -0.4, 0.8))},
-          {"camera_from_moon_matrix", pose::camera_from_moon(place, matrix)},
-          {"moon_from_camera_matrix", pose::moon_from_camera(place, matrix.inverse())},
-          {"camera_from_moon_mrp", pose::camera_from_moon(place, Quaternion::mrp({-1.0 / 9, 2.0 / 9, -2.0 / 9}))}};
+  return {{"camera_from_moon_wxyz", pose::camera_from_moon(position, wxyz)},
+          {"camera_from_moon_xyzw", pose::camera_from_moon(position, Quaternion::xyzw(0.2, -0.4, 0.4, 0.8))},
+          {"moon_from_camera_wxyz", pose::moon_from_camera(position, Quaternion::wxyz(0.8, -0.2, 0.4, -0.4))},
+          {"moon_from_camera_xyzw", pose::moon_from_camera(position, Quaternion::xyzw(-0.2, 0.4, -0.4, 0.8))},
+          {"camera_from_moon_matrix", pose::camera_from_moon(position, matrix)},
+          {"moon_from_camera_matrix", pose::moon_from_camera(position, matrix.inverse())},
+          {"camera_from_moon_mrp", pose::camera_from_moon(position, Quaternion::mrp({-1.0 / 9, 2.0 / 9, -2.0 / 9}))}};
 }
 
 }  // namespace

@@ -168,9 +168,9 @@ inline std::string_view slice(std::string_view bytes, std::uint64_t at, std::uin
 
 // Returns true if this machine stores numbers in little-endian order.
 inline bool little_endian() {
-  const std::uint16_t one = 1;
+  const std::uint16_t number = 1;
   unsigned char first = 0;
-  std::memcpy(&first, &one, 1);
+  std::memcpy(&first, &number, 1);
   return first == 1;
 }
 
@@ -306,8 +306,8 @@ inline Vector3 vector_or_nan(const Json& object, const char* name) {
 }
 
 // Returns latitude and longitude of a place in JSON; throws Json::exception if it has none.
-inline std::pair<double, double> degrees(const Json& place) {
-  return {place.at("lat_deg").get<double>(), place.at("lon_deg").get<double>()};
+inline std::pair<double, double> degrees(const Json& point) {
+  return {point.at("lat_deg").get<double>(), point.at("lon_deg").get<double>()};
 }
 
 // Returns latitude and longitude of the point below a Cartesian position.
@@ -536,8 +536,8 @@ class Client {
     std::vector<Height> heights;
     post_in_batches(
         "/v1/heights", "points", Json::object(), points,
-        [](const Place& place) {
-          return Json{{"lat_deg", place.lat_deg}, {"lon_deg", place.lon_deg}};
+        [](const Place& point) {
+          return Json{{"lat_deg", point.lat_deg}, {"lon_deg", point.lon_deg}};
         },
         [&](const Json& p) {
           heights.push_back({detail::number_or_nan(p, "lat_deg"), detail::number_or_nan(p, "lon_deg"),
@@ -729,9 +729,9 @@ class Client {
     return request;
   }
 
-  static Json place_json(const Place& place) {
-    Json json{{"lat_deg", place.lat_deg}, {"lon_deg", place.lon_deg}};
-    if (place.height_m) json["height_m"] = *place.height_m;
+  static Json place_json(const Place& point) {
+    Json json{{"lat_deg", point.lat_deg}, {"lon_deg", point.lon_deg}};
+    if (point.height_m) json["height_m"] = *point.height_m;
     return json;
   }
 
