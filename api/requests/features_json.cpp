@@ -82,7 +82,7 @@ Population population_of(const FeaturesQuery& query) {
 // How many there may be from a diameter on, and in how many cells they are looked for.
 double expected(const FeaturesQuery& query, double diameter_m) {
   return query.kind == FeatureKind::rocks
-             ? dem::most_rocks(query.detail.content->rocks(), query.region(), diameter_m)
+             ? dem::max_expected_rocks(query.detail.content->rocks(), query.region(), diameter_m)
              : dem::expected_craters(query.detail.content->craters(), query.region(), diameter_m);
 }
 double cells(const FeaturesQuery& query, double diameter_m) {

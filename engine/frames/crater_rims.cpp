@@ -161,7 +161,7 @@ class RimFinder {
       const Heights& heights = all[i].second;
       // With those beside it that reach into it.
       const dem::Footprint box = dem::around(dem::footprint_of(piece.id), std::ldexp(1.0, piece.octave));
-      survey_.within(
+      survey_.craters_in(
           piece.octave, box, options_.least_depth, [&](const dem::Crater& crater) { return may_show(crater, heights); },
           some, stop_);
     });
