@@ -21,7 +21,7 @@ double side_of(const Vector2d& p, const Vector2d& a, const Vector2d& b) {
 //      a    d
 //       \  /
 //        \/        a and b lie on different sides of cd, c and d on different sides of ab
-//        /\
+//        /\        .
 //       c  b
 bool intersect(const Vector2d& a, const Vector2d& b, const Vector2d& c, const Vector2d& d) {
   return side_of(a, c, d) * side_of(b, c, d) <= 0 && side_of(c, a, b) * side_of(d, a, b) <= 0;

@@ -36,8 +36,8 @@ std::optional<Vec3> MapTransform::from_orthographic(const MapPoint& p) const {
   return x * axes_.east + y * axes_.north + std::sqrt(up2) * axes_.up;
 }
 
-// Snyder (7-4), (7-5) and, with its axis on the equator, (8-6), (8-7), as a vector: on the cylinder around `axis`,
-// which touches the sphere at the origin.
+// Snyder (7-4), (7-5) and, with its axis on the equator, (8-6), (8-7), as a vector: from the cylinder around `axis`
+// that touches the sphere at the origin.
 Vec3 MapTransform::from_cylinder(double around_m, double along_m, const Vec3& east, const Vec3& axis) const {
   const double around = around_m / radius_m_, along = along_m / radius_m_;
   return (std::sin(around) * east + std::cos(around) * axes_.up) / std::cosh(along) + std::tanh(along) * axis;

@@ -37,7 +37,7 @@ std::shared_ptr<const Chunk> BuildQueue::get(const ChunkPlan& plan, const StopTo
     while (!job->done) {
       stop.check();
       if (stopping_) throw Cancelled();
-      job_done_.wait_for(lock, kLookUp);
+      job_done_.wait_for(lock, kPollInterval);
     }
   } catch (...) {
     if (--job->waiter_count == 0) work_available_.notify_all();  // let the builder drop the job

@@ -192,7 +192,7 @@ int ChunkPlans::posts_level(const BlockId& id) const {
   return needed;
 }
 
-std::vector<ChunkPlan> ChunkPlans::all() const {
+std::vector<ChunkPlan> ChunkPlans::all_plans() const {
   std::vector<ChunkPlan> found;
   for (const BlockId& root : roots_) add_with_finer(root_of(root), found);
   return found;

@@ -35,7 +35,7 @@ class ChunkPlans {
   // The blocks of level 0 that have data.
   const std::vector<BlockId>& roots() const { return roots_; }
   // Returns all chunks, each after the finer ones from which it is built.
-  std::vector<ChunkPlan> all() const;
+  std::vector<ChunkPlan> all_plans() const;
 
  private:
   ChunkPlan plan(const ChunkNode& chunk) const;

@@ -103,7 +103,7 @@ bool ChunkStore::collect_block(BuildQueue::Work& work, const ChunkPlan& from, co
   if (!finer) finer = stored_chunk(from);
   if (!finer) return false;
   try {
-    // Where the posts are coarser than the block, insert the block of posts once, under both ids.
+    // If the posts are coarser than the block, insert the block of posts once, under both ids.
     const BlockId posts = ancestor_of(id, std::min(id.level, from.finest_level()));
     auto& blocks = work.finer.blocks;
     if (!blocks.contains(posts)) blocks.emplace(posts, finer->load(posts, source_, stop));

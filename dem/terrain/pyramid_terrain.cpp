@@ -164,7 +164,7 @@ CacheStatistics PyramidTerrain::statistics() const {
 }
 
 void PyramidTerrain::ingest(const Progress& progress) const {
-  const std::vector<ChunkPlan> chunks = impl_->plans.all();
+  const std::vector<ChunkPlan> chunks = impl_->plans.all_plans();
   for (std::size_t i = 0; i < chunks.size() && impl_->store.unwritten().empty(); ++i) {
     impl_->store.get(chunks[i], {});
     if (!progress(i + 1, chunks.size(), to_string(chunks[i].node))) break;
