@@ -30,7 +30,7 @@ inline constexpr double kVisible = 0.03;
 
 struct CraterLaw {
   std::uint64_t seed = 0;
-  SizeFrequency frequency = equilibrium();  // of visible craters
+  SizeFrequency frequency = equilibrium();  // law of visible craters
   double largest_m = 1, smallest_m = 1;     // diameters; equal: no craters
   // Age of the surface. Sizes that have not reached the law by then have as many craters as have formed.
   double oldest_Ma = 3500;

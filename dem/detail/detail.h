@@ -44,7 +44,7 @@ struct DetailPreset {
   CraterLaw craters;
   ReliefLaw relief;
   RockLaw rocks;
-  Region region;  // where the detail is
+  Region region;  // area that has the detail
   std::optional<PublishedSlopes> published;
 };
 
@@ -66,7 +66,7 @@ class Detail {
            std::span<float> in_crater = {}, const StopToken& stop = {}) const;
   // Depth over diameter below which a crater is no longer recognised.
   static constexpr double kWorn = 0.02;
-  // Adds one octave, which must be none that the posts' level shows.
+  // Adds one octave; it must not be among those that the posts' level shows.
   void add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m, const StopToken& stop = {}) const;
   // Returns whether a level shows relief that the posts' level does not.
   bool has_relief(int level, int posts_level) const;

@@ -161,11 +161,11 @@ void AddNoise(const NoiseRow& row, std::uint32_t seed, double amplitude, double*
   const double *x0 = row.x, *y0 = row.y;
   Noise noise(row.z, seed, row.n > 1 && std::abs(x0[1] - x0[0]) + std::abs(y0[1] - y0[0]) < kClose);
   const auto add = [&](const double* x, const double* y, double* to) HWY_ATTR {
-    const auto here = noise.at(x, y);
+    const auto values = noise.at(x, y);
     const auto scaled = [&](auto floats)
                             HWY_ATTR { return hn::Mul(hn::Set(f64, amplitude), hn::PromoteTo(f64, floats)); };
-    hn::StoreU(hn::Add(hn::LoadU(f64, to), scaled(hn::LowerHalf(here))), f64, to);
-    hn::StoreU(hn::Add(hn::LoadU(f64, to + half), scaled(hn::UpperHalf(hn::Half<decltype(f32)>(), here))), f64,
+    hn::StoreU(hn::Add(hn::LoadU(f64, to), scaled(hn::LowerHalf(values))), f64, to);
+    hn::StoreU(hn::Add(hn::LoadU(f64, to + half), scaled(hn::UpperHalf(hn::Half<decltype(f32)>(), values))), f64,
                to + half);
   };
   std::size_t c = 0;

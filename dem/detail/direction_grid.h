@@ -12,7 +12,7 @@ namespace selenograph::dem {
 // of the globe. Rows beyond a pole continue on the opposite meridian, where cos(latitude) is negative.
 struct DirectionGrid {
   std::span<const double> sin_lat, cos_lat, sin_lon, cos_lon;
-  double west, lon_step;  // radians: the first column, and between columns
+  double west, lon_step;  // longitude of the first column and spacing of columns, radians
   std::size_t rows() const { return sin_lat.size(); }
   std::size_t columns() const { return sin_lon.size(); }
 };

@@ -13,7 +13,8 @@ namespace selenograph::dem {
 
 Footprint footprint_of(const BlockId& id);
 
-double area_m2(const Footprint& region);  // on the sphere of 1 737 400 m
+// Returns the area of a region on the sphere of 1 737 400 m.
+double area_m2(const Footprint& region);
 
 // Returns whether a region contains a position; borders are included.
 bool holds(const Footprint& region, const Geographic& position);
@@ -24,7 +25,7 @@ std::optional<Footprint> common(const Footprint& a, const Footprint& b);
 // Returns the smallest circle around the region's middle that contains it; the region is narrower than half the Moon.
 struct Circle {
   Vec3 middle;      // unit, MOON_ME
-  double radius_m;  // along the chord
+  double radius_m;  // length of the chord from the middle to the circle
 };
 Circle circle_around(const Footprint& region);
 

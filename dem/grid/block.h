@@ -55,7 +55,8 @@ struct Block {
   std::vector<Vertex> vertices;
   std::vector<SourceMark> sources;  // one element for all posts, or one per post
   std::vector<Ground> ground;       // empty: DEM only; otherwise one element for all posts, or one per post
-  double error_m = 0;               // as in NodeInfo, as are the next two
+  // The same quantities as in NodeInfo.
+  double error_m = 0;
   double detail_error_m = 0, left_out_size_m = 0;
   float min_m = 0, max_m = 0;  // range of these heights and of the finest surface
   // Separable sines and cosines of rows and columns, for fast conversion to Cartesian coordinates.

@@ -5,7 +5,7 @@
 namespace selenograph::dem {
 
 std::optional<std::pair<std::int64_t, std::int64_t>> shift_between(const PostGrid& grid, const PostGrid& shifted) {
-  constexpr double kTolerance = 1e-3;  // of a post
+  constexpr double kTolerance = 1e-3;  // share of the post spacing
   const auto same = [](double a, double b) { return std::abs(a / b - 1) <= 1e-9; };
   double dx = 0, dy = 0;
   if (grid.index() != shifted.index()) return std::nullopt;

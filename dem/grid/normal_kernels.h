@@ -12,8 +12,8 @@ enum class SlopeStencil {
   sharpened  // for filtered heights: differences along the row and the column, two posts to either side
 };
 // Returns the slope from heights `step` apart, m per post: (6 (h[1] - h[-1]) - (h[2] - h[-2])) / 8.
-inline double sharpened_slope(const float* here, std::ptrdiff_t step) {
-  return static_cast<double>(6 * (here[step] - here[-step]) - (here[2 * step] - here[-2 * step])) / 8;
+inline double sharpened_slope(const float* h, std::ptrdiff_t step) {
+  return static_cast<double>(6 * (h[step] - h[-step]) - (h[2 * step] - h[-2 * step])) / 8;
 }
 
 // Position of a row of posts.

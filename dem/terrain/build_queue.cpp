@@ -94,7 +94,7 @@ void BuildQueue::advance(const std::shared_ptr<Job>& job, std::unique_lock<std::
     const std::shared_ptr<Job> finer = job->awaited;
     release_awaited(*job);
     if (finer->error) return finish(*job, nullptr, finer->error);
-    job->work.made = finer->chunk;
+    job->work.finer_chunk = finer->chunk;
   }
   Turn turn;
   std::exception_ptr error;
@@ -118,8 +118,8 @@ void BuildQueue::advance(const std::shared_ptr<Job>& job, std::unique_lock<std::
 void BuildQueue::await(const std::shared_ptr<Job>& job, const ChunkPlan& first) {
   job->awaited = find_or_add(first);
   ++job->awaited->waiter_count;
-  job->work.asked_for = first;
-  job->work.made.reset();
+  job->work.finer_plan = first;
+  job->work.finer_chunk.reset();
   builders_[job->work.plan.on_network].queue.push_back(job);
 }
 

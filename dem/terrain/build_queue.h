@@ -9,7 +9,7 @@
 //   queued --turn--> needs_first --> find_or_add(finer): queued --turns--> done
 //      ^                 |                                          |
 //      |                 v                                          |
-//      +---- queued, awaited = finer job; skipped by can_go_on() <--+ work.made = the finer chunk; next turn
+//      +---- queued, awaited = finer job; skipped by can_go_on() <--+ work.finer_chunk is set; next turn
 #pragma once
 
 #include <tbb/task_arena.h>
@@ -40,9 +40,9 @@ class BuildQueue {
   // Progress of a chunk's build.
   struct Work {
     ChunkPlan plan;
-    Chunk::Finer finer;                  // finer blocks collected so far
-    std::optional<ChunkPlan> asked_for;  // the finer chunk that the last turn requested
-    std::shared_ptr<const Chunk> made;   // the chunk built for asked_for
+    Chunk::Finer finer;                        // finer blocks collected so far
+    std::optional<ChunkPlan> finer_plan;       // the finer chunk that the last turn requested
+    std::shared_ptr<const Chunk> finer_chunk;  // that chunk, once it is built
   };
   // Result of a turn: the chunk, or the finer chunk that it needs first.
   struct Turn {
@@ -67,7 +67,7 @@ class BuildQueue {
   struct Job {
     Work work;
     int waiter_count = 0;          // waiting callers, and jobs of coarser chunks
-    std::shared_ptr<Job> awaited;  // the job of work.asked_for
+    std::shared_ptr<Job> awaited;  // the job of work.finer_plan
     bool done = false;
     std::shared_ptr<const Chunk> chunk;
     std::exception_ptr error;

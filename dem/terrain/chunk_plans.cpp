@@ -49,9 +49,9 @@ ChunkPlan ChunkPlans::plan(const ChunkNode& chunk) const {
     std::lock_guard lock(mutex_);
     if (const auto found = plans_.find(chunk.node); found != plans_.end()) return found->second;
   }
-  const ChunkPlan made = make_plan(chunk);
+  const ChunkPlan plan = make_plan(chunk);
   std::lock_guard lock(mutex_);
-  return plans_.emplace(chunk.node, made).first->second;
+  return plans_.emplace(chunk.node, plan).first->second;
 }
 
 ChunkPlan ChunkPlans::make_plan(const ChunkNode& chunk) const {
@@ -183,10 +183,10 @@ bool ChunkPlans::has_data(const BlockId& id) const {
 }
 
 int ChunkPlans::posts_level(const BlockId& id) const {
-  const ChunkLevels here = source_.borders().chunk_of(id).levels;
-  if (!here.exists) return 0;
-  if (here.direct) return here.base_level;
-  int needed = here.base_level;
+  const ChunkLevels levels = source_.borders().chunk_of(id).levels;
+  if (!levels.exists) return 0;
+  if (levels.direct) return levels.base_level;
+  int needed = levels.base_level;
   for (const int i : files_touching(catalogue_, id, 0))
     needed = std::max(needed, source_.borders().level_of_file(static_cast<std::size_t>(i)));
   return needed;

@@ -20,7 +20,7 @@ bool is_forbidden(const SystemFault& fault) { return fault.code() == EACCES || f
 bool concerns(const Chunk& chunk, const DataError& error) { return error.file() == chunk.name(); }
 
 bool is_just_made(const BuildQueue::Work& work, const ChunkPlan& plan) {
-  return work.made && work.asked_for->node == plan.node;
+  return work.finer_chunk && work.finer_plan->node == plan.node;
 }
 
 }  // namespace
@@ -58,10 +58,10 @@ std::shared_ptr<const Chunk> ChunkStore::get(const ChunkPlan& plan, const StopTo
   return chunks_.get(
       plan.node,
       [&] {
-        std::shared_ptr<const Chunk> made = stored_chunk(plan);
-        if (!made) made = builds_.get(plan, stop);
-        const std::size_t bytes = made->bytes();
-        return decltype(chunks_)::Loaded{std::move(made), bytes};
+        std::shared_ptr<const Chunk> chunk = stored_chunk(plan);
+        if (!chunk) chunk = builds_.get(plan, stop);
+        const std::size_t bytes = chunk->bytes();
+        return decltype(chunks_)::Loaded{std::move(chunk), bytes};
       },
       stop);
 }
@@ -99,7 +99,7 @@ BuildQueue::Turn ChunkStore::take_turn(BuildQueue::Work& work, const StopToken& 
 bool ChunkStore::collect_block(BuildQueue::Work& work, const ChunkPlan& from, const BlockId& id,
                                const StopToken& stop) {
   const bool just_made = is_just_made(work, from);
-  std::shared_ptr<const Chunk> finer = just_made ? work.made : chunks_.peek(from.node);
+  std::shared_ptr<const Chunk> finer = just_made ? work.finer_chunk : chunks_.peek(from.node);
   if (!finer) finer = stored_chunk(from);
   if (!finer) return false;
   try {
