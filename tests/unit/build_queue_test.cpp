@@ -247,7 +247,7 @@ TEST_F(ColdTerrain, DeadlinesHoldAndTheBuildCompletes) {
     ASSERT_LT(asked, 10000) << "each time it begins anew";
     const auto start = Clock::now();
     there = ask(StopToken(start + 10ms));
-    EXPECT_LT(Clock::now() - start, 510ms);
+    EXPECT_LT(Clock::now() - start, 5s);
   }
   EXPECT_GT(asked, 1) << "too fast a machine, or too small a tile";
   terrain->wait_until_written();
