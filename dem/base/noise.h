@@ -21,9 +21,10 @@ inline constexpr std::uint64_t split_mix(std::uint64_t state) {
   return state ^ (state >> 31);
 }
 
+// Factors of lattice_hash.
+inline constexpr std::uint32_t kLatticeX = 0x8DA6B343u, kLatticeY = 0xD8163841u, kLatticeZ = 0xCB1AB31Fu;  // per axis
+inline constexpr std::uint32_t kLatticeFirst = 0x2C1B3C6Du, kLatticeThen = 0x297A2D39u;  // in the two mixing steps
 // Returns the hash of a lattice point. It is cheap: only its top four bits are used.
-inline constexpr std::uint32_t kLatticeX = 0x8DA6B343u, kLatticeY = 0xD8163841u, kLatticeZ = 0xCB1AB31Fu,
-                               kLatticeFirst = 0x2C1B3C6Du, kLatticeThen = 0x297A2D39u;
 SELENOGRAPH_INTO_LANES inline std::uint32_t lattice_hash(std::int32_t x, std::int32_t y, std::int32_t z,
                                                          std::uint32_t seed) {
   std::uint32_t h = seed ^ (static_cast<std::uint32_t>(x) * kLatticeX) ^ (static_cast<std::uint32_t>(y) * kLatticeY) ^

@@ -102,7 +102,7 @@ void CraterSurvey::craters_in(int octave, const Footprint& box, double min_depth
 void CraterSurvey::add_if_shown(const Crater& crater, int octave, double min_depth, std::span<const Crater> candidates,
                                 std::vector<CraterFeature>& out, const StopToken& stop) const {
   CraterFeature feature{crater, octave, to_geographic(crater.centre * kMoonRadius_m), 0};
-  Geographic& centre = feature.place;
+  Geographic& centre = feature.location;
   const std::vector<DetailOfPosts> layers = layers_at(centre);
   const double share = this->share(octave, layers);
   if (!(share > 0.5)) return;

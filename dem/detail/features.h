@@ -24,7 +24,7 @@ struct CraterFeature {
   Crater crater;
   const Crater& member() const { return crater; }
   int octave = 0;
-  Geographic place;  // the centre; height of the terrain without detail
+  Geographic location;  // the centre; height of the terrain without detail
   // Share of its rim that the terrain shows, 0 to 1: not where posts are finer or missing, nor where younger craters of
   // its octave change it by more than a quarter of its depth.
   double rim_share = 0;

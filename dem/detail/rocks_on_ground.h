@@ -15,7 +15,7 @@ namespace selenograph::dem {
 struct RockFeature {
   Rock rock;
   const Rock& member() const { return rock; }
-  Geographic place;  // position on the ground with detail
+  Geographic location;  // position on the ground with detail
   Vec3 position_m;   // the same position, MOON_ME
   Vec3 up;           // the ground's normal, unit
 };

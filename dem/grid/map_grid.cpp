@@ -59,12 +59,12 @@ std::optional<Vec3> MapTransform::direction(const MapPoint& p) const {
   return std::nullopt;
 }
 
-std::optional<MapPoint> MapTransform::place(const Vec3& direction) const {
+std::optional<MapPoint> MapTransform::project(const Vec3& direction) const {
   const double east = direction.dot(axes_.east), north = direction.dot(axes_.north), up = direction.dot(axes_.up);
   switch (plane_.projection) {
     case MapProjection::equirectangular: {
       const Geographic g = to_geographic(direction * kMoonRadius_m);
-      return place(g.lat_deg, g.lon_deg);
+      return project(g.lat_deg, g.lon_deg);
     }
     case MapProjection::stereographic:  // Snyder (21-2) to (21-4)
       if (!(1 + up > 0)) break;
@@ -82,10 +82,10 @@ std::optional<MapPoint> MapTransform::place(const Vec3& direction) const {
   return std::nullopt;
 }
 
-std::optional<MapPoint> MapTransform::place(double lat_deg, double lon_deg) const {
+std::optional<MapPoint> MapTransform::project(double lat_deg, double lon_deg) const {
   if (plane_.projection == MapProjection::equirectangular)  // Snyder (12-1), (12-2)
     return MapPoint{wrap_lon_deg(lon_deg - plane_.lon_deg) * metres_per_degree_, lat_deg * kMetresPerDegree};
-  return place(unit(lat_deg, lon_deg));
+  return project(unit(lat_deg, lon_deg));
 }
 
 }  // namespace selenograph::dem

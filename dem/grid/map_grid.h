@@ -41,9 +41,9 @@ class MapTransform {
   // Projects a position. Empty on the far side of an orthographic map, and where the map would be infinitely large:
   // opposite to the origin of a stereographic one, at the poles of Mercator, 90 degrees east and west of the origin of
   // transverse Mercator.
-  std::optional<MapPoint> place(double lat_deg, double lon_deg) const;
+  std::optional<MapPoint> project(double lat_deg, double lon_deg) const;
   // Projects a direction, a unit vector from the Moon's centre.
-  std::optional<MapPoint> place(const Vec3& direction) const;
+  std::optional<MapPoint> project(const Vec3& direction) const;
 
   // Returns the unit vector from the Moon's centre to a point; empty where the plane has no point of the Moon.
   std::optional<Vec3> direction(const MapPoint& point) const;

@@ -90,14 +90,14 @@ bool PlanePosts::within_limb(const MapPoint& p) const {
   return grid_.plane.projection != MapProjection::orthographic || std::hypot(p.x_m, p.y_m) <= kLimb_m;
 }
 
-Geographic PlanePosts::place_at(const MapPoint& p) const {
+Geographic PlanePosts::position_at(const MapPoint& p) const {
   const double shrink = within_limb(p) ? 1 : kLimb_m / std::hypot(p.x_m, p.y_m);
   Geographic g = to_geographic(*transform_.direction({p.x_m * shrink, p.y_m * shrink}) * kMoonRadius_m);
   g.height_m = 0;
   return g;
 }
 
-Geographic PlanePosts::place(double x, double y) const { return place_at(at(x, y)); }
+Geographic PlanePosts::position(double x, double y) const { return position_at(at(x, y)); }
 
 double PlanePosts::posts_per_degree() const {
   const MapPlane& plane = grid_.plane;
@@ -121,14 +121,14 @@ Geographic PlanePosts::border(double t) const {
   const double along = t - 4 * std::floor(t / 4);
   const auto ramp = [](double v) { return std::clamp(v, 0.0, 1.0); };
   const MapPoint p = at(columns_ * (ramp(along) - ramp(along - 2)), rows_ * (ramp(along - 1) - ramp(along - 3)));
-  if (within_limb(p)) return place_at(p);
+  if (within_limb(p)) return position_at(p);
   const MapPoint first = at(0, 0), last = at(columns_, rows_);
   const double x_m = std::clamp(0.0, first.x_m, last.x_m), y_m = std::clamp(0.0, last.y_m, first.y_m);
   // Solve |q + s (p - q)| = limb for s, q being the post nearest to the origin, by the quadratic formula.
   const double dx = p.x_m - x_m, dy = p.y_m - y_m, a = dx * dx + dy * dy, b = x_m * dx + y_m * dy,
                c = std::min(0.0, x_m * x_m + y_m * y_m - kLimb_m * kLimb_m);
   const double s = (std::sqrt(b * b - a * c) - b) / a;
-  return place_at({x_m + s * dx, y_m + s * dy});
+  return position_at({x_m + s * dx, y_m + s * dy});
 }
 
 bool PlanePosts::contains(double x, double y) const {
@@ -156,7 +156,7 @@ Footprint PlanePosts::footprint() const {
   Footprint f{lowest(lat_deg), highest(kSamples, lat_deg), -180, 180};
   bool pole = false;
   for (const double lat : {-90.0, 90.0}) {
-    const std::optional<MapPoint> p = transform_.place(lat, 0);
+    const std::optional<MapPoint> p = transform_.project(lat, 0);
     const PostXY at = locate(lat, 0);
     if (!p || !within_limb(*p) || !contains(at.x, at.y)) continue;
     pole = true;

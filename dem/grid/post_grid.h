@@ -43,13 +43,13 @@ class PlanePosts {
   PlanePosts(const PlaneGrid& grid, int width, int height);
 
   // Returns the column and row of a position. A position that the plane does not show is far outside any raster (-1e9).
-  PostXY locate(double lat_deg, double lon_deg) const { return posts_at(transform_.place(lat_deg, lon_deg)); }
+  PostXY locate(double lat_deg, double lon_deg) const { return posts_at(transform_.project(lat_deg, lon_deg)); }
   // Returns the column and row of a direction, a unit vector from the Moon's centre.
-  PostXY locate(const Vec3& direction) const { return posts_at(transform_.place(direction)); }
+  PostXY locate(const Vec3& direction) const { return posts_at(transform_.project(direction)); }
 
   // Inverse of locate(); height_m is 0. Beyond the limb of an orthographic plane, it returns the nearest point of the
   // limb.
-  Geographic place(double x, double y) const;
+  Geographic position(double x, double y) const;
 
   // Returns whether a post is on the Moon. Posts in the corners of an orthographic map of a hemisphere are not.
   bool on_moon(double x, double y) const { return within_limb(at(x, y)); }
@@ -67,7 +67,7 @@ class PlanePosts {
   }
   PostXY posts_at(const std::optional<MapPoint>& p) const;
   bool within_limb(const MapPoint& p) const;
-  Geographic place_at(const MapPoint& p) const;
+  Geographic position_at(const MapPoint& p) const;
   Geographic border(double t) const;
   bool contains(double x, double y) const;
 

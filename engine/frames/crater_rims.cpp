@@ -223,7 +223,7 @@ class RimFinder {
   // Returns the rim in the image; empty if it is too small, hidden or cut off (`is_complete` false) by the image's
   // edge.
   std::optional<CraterRim> rim_of(const dem::CraterFeature& feature, bool& is_complete) const {
-    const Vec3 centre = feature.crater.centre * (kMoonRadius_m + feature.place.height_m);
+    const Vec3 centre = feature.crater.centre * (kMoonRadius_m + feature.location.height_m);
     const double radius_m = feature.crater.diameter_m / 2;
     double px_per_m = 0;
     for (const ViewBundle& bundle : views_.bundles())

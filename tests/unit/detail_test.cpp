@@ -631,7 +631,7 @@ TEST(CraterSurvey, DepthsAreWhatPostsLeave) {
                ground.plain->height(g.lat_deg, g.lon_deg).height_m;
       };
       constexpr int kAround = 16;
-      double deep_m = -added_m(f.place);
+      double deep_m = -added_m(f.location);
       for (int i = 0; i < kAround; ++i)
         deep_m +=
             added_m(to_geographic(CraterSurvey::on_rim(f.crater, 2 * pi * i / kAround) * kMoonRadius_m)) / kAround;
