@@ -1,9 +1,8 @@
 // Pseudo-random numbers and gradient noise as functions of position and seed: the same on every machine.
 //
-//      corner (0,1,.) o-------o (1,1,.)     Each lattice point has one of twelve gradients, selected by its hash. The
-//                     |    P  |             noise at P blends gradient . (P - corner) over the cell's eight corners:
-//                     along
-//      corner (0,0,.) o-------o (1,0,.)     x, then y, then z, with the weights noise_fade.
+//   (0,1,.) o-------o (1,1,.)     Each lattice point has one of twelve gradients, selected by its hash. The noise at P
+//           |    P  |             blends gradient . (P - corner) over the cell's eight corners, along x, then y, then
+//   (0,0,.) o-------o (1,0,.)     z, with the weights noise_fade.
 #pragma once
 
 #include <cstdint>

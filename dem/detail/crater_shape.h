@@ -5,11 +5,13 @@
 // table of solutions serves craters of all sizes. The published profile has a flat rim with two edges. The youngest
 // shape has diffused a little (kRounding), which makes the rim round.
 //
-//     r = 0          1      1.5      reach(age)     crater radii
-//                   _/\__                           fresh: rim at r = 1, ejecta out to 1.5
-//    ______________/____ `--.___________            pre-impact ground, height 0
-//     \__         /                                 with age the rim sinks, the floor rises, the reach grows
-//        ``----''
+//   height
+//      |            /\,                     rim at r = 1
+//    0 +-----------/--`--.______________    pre-impact ground; fresh ejecta end at r = 1.5
+//      |         .'
+//      | ____.--'                           floor; with age it rises, the rim sinks, and the reach grows
+//      +----------+-------+------------- r, in crater radii
+//      0          1      1.5
 #pragma once
 
 #include <algorithm>

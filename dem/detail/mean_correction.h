@@ -1,10 +1,9 @@
 // The mean of the detail over each post's cell, which is subtracted from the detail at the post: so means over cells
 // are those of the DEM.
 //
-//   detail            cell means, interpolated        sharpened means, interpolated
-//     /\                                                  (subtracted from the detail)
-//    /  \  /\            ___                                _
-//   /    \/  \       ___/   \___    too flat             __/ \__    means over cells as in the first picture
+//   detail h(x) --average over each post's cell--> means --sharpened()--> heights at posts --bicubic--> c(x)
+//
+// The ground gets h(x) - c(x), whose mean over every cell is 0.
 //
 // Cubic interpolation flattens cell means. They are sharpened first, so that the interpolated surface has them again.
 #pragma once

@@ -30,10 +30,10 @@ double wrap_lon_deg(double lon_deg) {
   return wrapped >= 180.0 ? -180.0 : wrapped;
 }
 
-// Let t be the distance along the ray to the point nearest to the centre, and half the chord's half length:
+// Solves for the first intersection from the triangle of the centre, the nearest point of the ray, and an intersection:
 //
-//   from --- along - half ---> o ===== 2 half ===== o      half^2 = R^2 - (distance of the ray's line from the
-//   centre)^2
+//   from ----------- o ======= x ======= o        x  nearest point of the ray's line to the centre
+//   |<------- along ---------->|<- half ->|       half^2 = R^2 - |centre - x|^2
 std::optional<Vec3> on_sphere(const Vec3& from_m, const Vec3& direction) {
   const double along = -from_m.dot(direction), off_axis2 = from_m.squaredNorm() - along * along,
                half2 = kMoonRadius_m * kMoonRadius_m - off_axis2;

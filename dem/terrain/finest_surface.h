@@ -12,9 +12,9 @@ namespace selenograph::dem {
 // A block's vertices on the finest surface. On an edge with a coarser block only its vertices remain; each other vertex
 // collapses onto the remaining one before it:
 //
-//   coarser neighbour   o-----------o-----------o      stride 2: vertices 1 and 3 of the edge collapse onto 0 and 2
-//                       |\    |    /|\    |    /|
-//   this block          o--o--o--o--o ...              (o--x--o: x is dropped)
+//   coarser neighbour   o-----------o-----------o
+//                       0     1     2     3     4     stride 2: vertices 1 and 3 of the edge collapse onto 0 and 2
+//   this block          o-----x-----o-----x-----o
 //
 // A vertex has the neighbour's height if the neighbour's posts are coarser. It also has it if the posts are as dense
 // along the meridian, differ in their spacing in longitude, and the neighbour's id is smaller (it lies south).
