@@ -27,7 +27,8 @@ constexpr double kCellsPerCrater = 40;
 
 constexpr FeatureColumn<CraterFeature> kCraterColumns[] = {
     {"lat_deg", "planetocentric latitude of the centre", [](const CraterFeature& f) { return f.location.lat_deg; }},
-    {"lon_deg", "east longitude of the centre, in [-180, 180)", [](const CraterFeature& f) { return f.location.lon_deg; }},
+    {"lon_deg", "east longitude of the centre, in [-180, 180)",
+     [](const CraterFeature& f) { return f.location.lon_deg; }},
     {"height_m",
      "of the terrain without detail at the centre, above the sphere of 1 737 400 m: of the ground before all impacts. "
      "POST /v1/heights with `detail` has that of the floor",
@@ -54,7 +55,8 @@ constexpr FeatureColumn<CraterFeature> kCraterColumns[] = {
 
 constexpr FeatureColumn<RockFeature> kRockColumns[] = {
     {"lat_deg", "planetocentric latitude of the middle", [](const RockFeature& f) { return f.location.lat_deg; }},
-    {"lon_deg", "east longitude of the middle, in [-180, 180)", [](const RockFeature& f) { return f.location.lon_deg; }},
+    {"lon_deg", "east longitude of the middle, in [-180, 180)",
+     [](const RockFeature& f) { return f.location.lon_deg; }},
     {"height_m", "of the ground that it stands on, with detail, above the sphere of 1 737 400 m",
      [](const RockFeature& f) { return f.location.height_m; }},
     {"diameter_m",
