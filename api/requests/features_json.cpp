@@ -27,12 +27,13 @@ constexpr Range kDiameter_m{0.01, 1e7};
 constexpr double kCellsPerCrater = 40;
 
 constexpr FeatureColumn<CraterFeature> kCraterColumns[] = {
-    {"lat_deg", "planetocentric latitude of the centre", [](const CraterFeature& f) { return f.place.lat_deg; }},
-    {"lon_deg", "east longitude of the centre, in [-180, 180)", [](const CraterFeature& f) { return f.place.lon_deg; }},
+    {"lat_deg", "planetocentric latitude of the centre", [](const CraterFeature& f) { return f.location.lat_deg; }},
+    {"lon_deg", "east longitude of the centre, in [-180, 180)",
+     [](const CraterFeature& f) { return f.location.lon_deg; }},
     {"height_m",
      "height of the terrain without detail at the centre, above the sphere of 1 737 400 m: of the ground before all "
      "impacts. POST /v1/heights with `detail` gives the height of the floor",
-     [](const CraterFeature& f) { return f.place.height_m; }},
+     [](const CraterFeature& f) { return f.location.height_m; }},
     {"diameter_m",
      "diameter of the fresh crater, from rim to rim. With age the highest ring moves outward and sinks: its diameter "
      "is 1.2 times this when 60 % of the depth is left, and 1.5 times when a third is left",
@@ -55,10 +56,11 @@ constexpr FeatureColumn<CraterFeature> kCraterColumns[] = {
      [](const CraterFeature& f) { return f.rim_share; }}};
 
 constexpr FeatureColumn<RockFeature> kRockColumns[] = {
-    {"lat_deg", "planetocentric latitude of the middle", [](const RockFeature& f) { return f.place.lat_deg; }},
-    {"lon_deg", "east longitude of the middle, in [-180, 180)", [](const RockFeature& f) { return f.place.lon_deg; }},
+    {"lat_deg", "planetocentric latitude of the middle", [](const RockFeature& f) { return f.location.lat_deg; }},
+    {"lon_deg", "east longitude of the middle, in [-180, 180)",
+     [](const RockFeature& f) { return f.location.lon_deg; }},
     {"height_m", "of the ground that it stands on, with detail, above the sphere of 1 737 400 m",
-     [](const RockFeature& f) { return f.place.height_m; }},
+     [](const RockFeature& f) { return f.location.height_m; }},
     {"diameter_m",
      "its largest extent along the ground, of which it is 0.2 to 0.9 high, 0.55 on average. Partly buried, it covers "
      "0.59 "
@@ -84,7 +86,7 @@ Population population_of(const FeaturesQuery& query) {
 // Returns the mean number of craters of at least this diameter in the region, or an upper bound of the rocks.
 double expected_count(const FeaturesQuery& query, double diameter_m) {
   return query.kind == FeatureKind::rocks
-             ? dem::most_rocks(query.detail.content->rocks(), query.region(), diameter_m)
+             ? dem::max_expected_rocks(query.detail.content->rocks(), query.region(), diameter_m)
              : dem::expected_craters(query.detail.content->craters(), query.region(), diameter_m);
 }
 // Returns the number of cells that a search for diameters from `diameter_m` visits.
