@@ -14,23 +14,23 @@
 
 namespace selenograph::dem {
 
-// Reads a file's metadata without reading posts. Throws DataError naming the file, SystemFault when the system or a
-// connection is at fault. `files`: the label and its data, or the file itself, are appended. Waits briefly for a file
+// Returns a file's metadata; reads a few posts at most. Throws DataError naming the file, SystemFault when the system
+// or a connection is at fault. Appends the label and its data, or the file itself, to `files`. Waits briefly for a file
 // that is being written, so that later changes give times other than those in `stamp`.
 RasterInfo inspect_raster(const std::string& path, std::vector<std::string>* files = nullptr);
 
-// The same for a file whose data are missing or truncated while its label is valid: `damage` gives the reason. Requests
-// that need its posts then fail and name it, instead of finding no data.
+// Returns the metadata of a file whose data are missing or truncated while its label is valid: `damage` gives the
+// reason. Requests that need its posts then fail and name it, instead of finding no data.
 RasterInfo inspect_damaged_raster(const std::string& path);
 
-// Version of GDAL, on which the interpretation of a file also depends.
+// Returns the version of GDAL, on which the interpretation of a file also depends.
 std::string gdal_version();
 
-// An open file. Not thread-safe (GDAL's rule).
+// Open file. Not thread-safe (GDAL's rule).
 class Raster {
  public:
-  // Throws DataError when the file has vanished, is truncated or has changed since `info`; SystemFault when the system
-  // or a connection is at fault.
+  // Opens a file. Throws DataError when the file has vanished, is truncated or has changed since `info`; SystemFault
+  // when the system or a connection is at fault.
   explicit Raster(const RasterInfo& info);
   ~Raster();
   Raster(Raster&&) noexcept;
@@ -43,8 +43,8 @@ class Raster {
   // opposite meridian. Throws DataError when the file cannot be read or has changed meanwhile; SystemFault as above.
   void read(int x0, int y0, int w, int h, float* heights_m);
 
-  // Whether its files, and those of a VRT, are unchanged since it was opened. Remote files are not checked: that would
-  // be one request per read.
+  // Returns true if its files, and those of a VRT, are unchanged since it was opened. Remote files are not checked:
+  // that would take one request per read.
   bool current() const;
 
  private:
