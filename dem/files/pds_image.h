@@ -11,9 +11,9 @@
 
 namespace selenograph::dem {
 
-// Everything needed to read the posts. Throws DataError naming the label when it contradicts itself, is not about
-// heights on the 1737.4 km sphere or uses a projection or sample type that isn't supported, and when the data file is
-// missing or shorter than the label says.
+// Returns all properties that are needed to read the posts. Throws DataError naming the label when it contradicts
+// itself, is not about heights on the 1737.4 km sphere or uses a projection or sample type that is not supported, and
+// when the data file is missing or shorter than the label says.
 RawImage describe_pds_image(const PdsObject& label, const std::string& label_path);
 
 }  // namespace selenograph::dem

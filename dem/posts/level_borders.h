@@ -7,7 +7,7 @@
 //      | /       | /       | . . . . . . . . .                      \   .    .  bicubic surface at finer posts
 //      o---------o---------o . . . . . . . . .                        \  .
 //                |<-reach->|<-reach->|                                   o     gap = edge - bicubic surface
-//      weight  0 ......... 1 ......... 0       height = bicubic surface + weight * gap
+//      weight    0 ....... 1 ....... 0         height = bicubic surface + weight * gap
 //
 // Between widely spaced posts the finest surface consists of triangles; next to finer posts, the coarse layer's surface
 // between its own posts is bicubic. On their common border the finer side takes the coarser side's edges. Without a

@@ -1,9 +1,8 @@
 // Errors of a chunk's blocks against its finest posts, and their height ranges.
 //
-//      o                 o  post of the block: its triangles' edge is straight
-//       '-._ | error_m   .  finest posts; error_m is the largest vertical distance at any of them
-//      .  . '+._
-//              . '-o
+//     o-------------o     o  posts of the block: its triangles are straight between them
+//       .    |    .       .  posts of the finest surface
+//          . | .          |  error_m: the largest vertical distance between the two
 #pragma once
 
 #include <algorithm>

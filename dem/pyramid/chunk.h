@@ -2,7 +2,7 @@
 //
 //     node's level       [ ]                 filtered: heights in the file
 //                        [ ][ ]              filtered: heights in the file
-//     base_level         [ ][ ][ ][ ]        the posts: only bounds in the file, heights are read from the sources
+//     base_level         [ ][ ][ ][ ]        the posts (direct chunk): bounds in the file, heights in the sources
 //
 // Level k keeps every 2^k-th position, low-pass filtered per octave by the binomial [1 2 1]/4 in both directions, so
 // that a coarse mesh is the band-limited surface. Each block stores the largest vertical distance from its surface to
