@@ -1,8 +1,8 @@
 // Impact craters of the sample terrain: number, size, age and shape.
 //
 //        complex: terraced wall, flat floor, peak                 simple: bowl
-//          __                              __                    __          __       rim crest, 1 radius from the centre
-//     _.--'  \_           __             _/  '--._          _.--'  \        /  '--._  ejecta, down to 0 at the reach
+//          __                              __                    __          __       rim crest, at 1 radius
+//     _.--'  \_           __             _/  '--._          _.--'  \        /  '--._  ejecta, 0 at the reach
 //              \_      __/  \__        _/                           \      /
 //                \____/        \______/                              '-..-'           floor
 //
