@@ -46,7 +46,7 @@ struct Candidate {
 struct Finding {
   SavedFile* saved = nullptr;        // result of an earlier opening that is still valid
   std::optional<RasterInfo> raster;  // result of this opening, if `saved` is null
-  std::optional<SavedFile> to_save;  // for the next opening
+  std::optional<SavedFile> to_save;  // result to save for the next opening
   std::optional<CatalogueProblem> problem;
   std::optional<SideLayer> side_layer;
   std::string data;           // file that holds the samples, if its name is not the label's

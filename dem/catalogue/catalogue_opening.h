@@ -33,8 +33,8 @@ struct CatalogueOptions {
   // Receives messages for the operator, each once: the reason why a saved catalogue could not be used or written, and
   // remote files that could not be reached. May be empty.
   std::function<void(const std::string&)> log{};
-  // Shortest age of a change that is trusted. A second change within one clock step of the file system alters neither
-  // size nor time, so a file that changed this recently is read again at the next opening.
+  // Shortest age of a change that is trusted. A file that changed more recently is read again at the next opening: a
+  // second change within one clock step of the file system alters neither size nor time.
   std::chrono::nanoseconds settling = std::chrono::seconds(2);
 };
 

@@ -13,8 +13,8 @@ namespace selenograph::dem {
 // content. Reading is thread-safe.
 class OpenFile {
  public:
-  // `flags` as in open(2). Opens regular files, or with O_DIRECTORY folders, and never waits. Throws SystemFault naming
-  // the path, DataError for a FIFO, device or socket.
+  // Opens a regular file, or with O_DIRECTORY a folder, and never waits. `flags` as in open(2). Throws SystemFault
+  // naming the path, DataError for a FIFO, device or socket.
   OpenFile(std::string path, int flags);
   ~OpenFile();
   OpenFile(const OpenFile&) = delete;

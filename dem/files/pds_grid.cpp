@@ -125,7 +125,8 @@ GeographicGrid cylindrical_grid(const PdsReader& label, const PdsReader& map, do
   const auto west = first_of(label, {"WESTERNMOST_LONGITUDE", "UPPER_LEFT_LONGITUDE"});
   auto east = first_of(label, {"EASTERNMOST_LONGITUDE", "UPPER_RIGHT_LONGITUDE"});
   if (west && east) {
-    if (*east < *west || (*east == *west && width > 1)) *east += 360;  // E359E000
+    if (*east < *west || (*east == *west && width > 1))
+      *east += 360;  // crosses longitude 0, e.g. a tile from E359 to E000
     columns.first = (*west - centre_lon) * ppd;
     columns.last = (*east - centre_lon) * ppd;
   }

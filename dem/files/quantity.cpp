@@ -19,9 +19,10 @@ struct QuantityWord {
   Match match = Match::exact;
 };
 
-// Words in lower case, without digits at their end. They include names of products: LOLA's gridded data (LDEM, LDSM,
-// LDRM, LDEC, LDAM, LPSR, AVGVISIB), its 5 m sites (_surf, _slp, _toterr, _slperr, _ldec, _effres, _err), Kaguya's
-// DTM_MAP and TCO_MAP, LROC's NAC_DTM (_SHADE, _CONF, _SLOPE), GLD and WAC_EMP, Diviner's DGDR.
+// Words in lower case, without digits at their end. They include names of products:
+//   LOLA: gridded data (LDEM, LDSM, LDRM, LDEC, LDAM, LPSR, AVGVISIB), 5 m sites (_surf, _slp, _toterr, _slperr, _ldec,
+//         _effres, _err)
+//   Kaguya: DTM_MAP, TCO_MAP    LROC: NAC_DTM (_SHADE, _CONF, _SLOPE), GLD, WAC_EMP    Diviner: DGDR
 constexpr QuantityWord kWords[] = {
     {"dem", kHeights},
     {"ldem", kHeights},

@@ -11,9 +11,9 @@
 
 namespace selenograph::dem {
 
-// GDAL options for this thread while files are opened: no directory listing per file (64 800 tiles, or as many sources
-// of a VRT), and no source datasets shared between two VRTs opened by one thread, since those may later be read by
-// different threads. A VRT's sources are opened when they are read.
+// Sets GDAL options of this thread while files are opened. They avoid a directory listing per file: there may be 64 800
+// tiles, or as many sources of a VRT. VRTs opened by one thread do not share source datasets, since different threads
+// may read them later. A VRT's sources are opened when they are read.
 class OpenOptions {
  public:
   // `remote`: for a remote file, not even the names of neighbouring files are requested.
@@ -54,8 +54,8 @@ struct OpenDataset {
   bool rescales = false;  // a VRT with elements that compute values from its sources' samples
 };
 
-// Opens a dataset. Throws DataError naming `path` when it cannot be opened by one of `drivers`, vrt_sources() rejects
-// it, or one of its blocks (tiles or strips) exceeds GDAL's block cache; SystemFault as QuietGdal::fail.
+// Opens a dataset. Throws DataError naming `path` if none of `drivers` can open it, or if vrt_sources() rejects it.
+// Also if one of its blocks (tiles or strips) exceeds GDAL's block cache. Throws SystemFault as QuietGdal::fail.
 OpenDataset open_dataset(const std::string& path, const char* const* drivers, CheckScope scope);
 
 // Returns the mask band, which is 0 where a sample is void; null if the dataset has at most a NoData value.

@@ -8,11 +8,11 @@
 
 namespace selenograph::dem {
 
-// Call once, after GDAL's drivers are registered: from then on only names permitted by allow_remote_files() are read,
-// and reads are retried when a connection is lost.
+// Wraps GDAL's file systems: from then on only names permitted by allow_remote_files() are read, and reads are retried
+// when a connection is lost. Call it once, after GDAL's drivers are registered.
 void shut_file_systems();
 
-// Call once: only regular local files are opened for reading.
+// Restricts GDAL to regular local files for reading. Call it once.
 void guard_local_files();
 
 // Returns the state of an allowed file as its server reports it. Empty on an error: remote_trouble() gives the reason,

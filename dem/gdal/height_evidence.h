@@ -1,4 +1,4 @@
-// Judges whether a raster holds heights, by the words about it, else by its values.
+// Decides if a raster holds heights, by the words about it, else by its values.
 #pragma once
 
 #include <initializer_list>

@@ -1,9 +1,14 @@
-// One DEM file, opened for reading posts.
+// DEM file, opened for reading posts.
 //
-// Pixel coordinates here are *post* coordinates: (x, y) = (0, 0) is the first post, for any registration of the product
-// (a pixel-is-area product's post lies at its pixel's centre). x grows along a row, y down the rows. Heights are metres
-// above the sphere of 1 737 400 m; products given as planetary radius are converted here; scale, offset and byte order
-// are applied; no-data (DUMMY, NoData, a mask, NaN, impossible heights) reads as NaN.
+//     +-----+-----+-> x      Post coordinates: (0, 0) is the first post, x grows along a row, y down the rows.
+//     | 0,0 | 1,0 |          In a pixel-is-area product a post lies at its pixel's centre.
+//     +-----+-----+
+//     | 0,1 | 1,1 |
+//     v y
+//     v y
+//
+// Heights are metres above the sphere of 1 737 400 m. Planetary radii are converted here; scale, offset and byte order
+// are applied. No-data (DUMMY, NoData, a mask, NaN, impossible heights) reads as NaN.
 #pragma once
 
 #include <memory>
@@ -39,8 +44,9 @@ class Raster {
   const RasterInfo& info() const;
 
   // Reads columns x0 .. x0 + w-1 and rows y0 .. y0 + h-1 into heights[h][w] (row-major). Posts outside the file are
-  // NaN, except that x wraps on a raster that wraps, and rows just beyond a pole of a global raster continue on the
-  // opposite meridian. Throws DataError when the file cannot be read or has changed meanwhile; SystemFault as above.
+  // NaN, with two exceptions. On a raster that wraps, x wraps; rows just beyond a pole of a global raster continue on
+  // the opposite meridian. Throws DataError when the file cannot be read or has changed meanwhile; SystemFault as
+  // above.
   void read(int x0, int y0, int w, int h, float* heights_m);
 
   // Returns true if its files, and those of a VRT, are unchanged since it was opened. Remote files are not checked:

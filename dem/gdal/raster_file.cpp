@@ -29,7 +29,8 @@ namespace fs = std::filesystem;
 
 constexpr double kUndeclaredVoid =
     1e30;  // samples from this size on are voids: a DUMMY such as -3.4e38 that the label forgot
-constexpr double kNoRadiusBelow_m = 1.6e6;  // heights are within 11 km of zero, radii within 11 km of 1737.4 km
+constexpr double kNoRadiusBelow_m =
+    1.6e6;  // limit between heights, within 11 km of zero, and radii, within 11 km of 1737.4 km
 constexpr const char* kHeightDatum = "sphere 1737.4 km, height";
 constexpr const char* kRadiusDatum = "planetary radius, converted";
 

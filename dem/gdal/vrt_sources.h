@@ -14,8 +14,8 @@ struct VrtSources {
 };
 
 // Returns the sources of a VRT; empty for another file. Throws DataError naming `path` when a source is neither a local
-// file nor allowed, when it exists but is not a regular file with content (a FIFO or a device would block), or when the
-// VRT exceeds the limits in dem/files/products.md.
+// file nor allowed, or when the VRT exceeds the limits in dem/files/products.md. Also when a source exists but is not a
+// regular file with content: a FIFO or a device would block.
 VrtSources vrt_sources(const std::string& path);
 
 }  // namespace selenograph::dem

@@ -98,7 +98,7 @@ std::optional<WarpRectangle> border_bounds(const RasterPositions& positions) {
 // margin wider than the gap between the limb and the outermost points. Empty if no point of the mesh is on the sphere.
 std::optional<WarpRectangle> bounds_within_limb(const RasterPositions& positions) {
   constexpr int kSide = 64;
-  constexpr double kMargin_deg = 20;  // acos(1 - 2 / kSide) is 14 degrees
+  constexpr double kMargin_deg = 20;  // more than acos(1 - 2 / kSide), 14 degrees: the gap of one mesh cell at the limb
   std::vector<double> lats_deg, lons_deg;
   for (int i = 0; i <= kSide; ++i)
     for (int j = 0; j <= kSide; ++j)

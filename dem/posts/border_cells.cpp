@@ -217,8 +217,8 @@ class CellSums {
 
 }  // namespace
 
-// Makes a tile. If all posts of its cells are samples (cells of 2 or 4 posts), merges the four tiles of the finer
-// octave, which have read the same posts already; otherwise reads the samples.
+// Makes a tile. In cells of 2 or 4 posts all posts are samples: then merges the four tiles of the finer octave, which
+// have read the same posts already. Otherwise reads the samples.
 std::shared_ptr<const BorderCells::Tile> BorderCells::make_tile(const Key& key) const {
   const auto [sheet, octave, column, row] = key;
   const std::int64_t cell = std::int64_t{1} << octave;

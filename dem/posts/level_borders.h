@@ -31,8 +31,8 @@
 
 namespace selenograph::dem {
 
-// A chunk starts at one of these levels and reaches at most kChunkOctaves finer: one file stays below 100 MB, and a
-// frame of a small area of fine posts need not read the 4-degree tile around it.
+// Levels at which chunks start if all posts are of one level. A chunk reaches at most kChunkOctaves finer: one file
+// stays below 100 MB, and a frame of a small area of fine posts need not read the 4-degree tile around it.
 inline constexpr std::array<int, 3> kStrata{kRootLevel, 6, 12};
 // Chunks start at the levels between, too, if files have posts of different levels. The coarse ground around a small
 // area of fine posts is then divided into chunks of its own. They are as large as possible, not all of level 12.

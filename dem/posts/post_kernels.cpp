@@ -137,8 +137,8 @@ FillCount FillMissing(const float* layer, int n, SourceMark mark, float* heights
   return {static_cast<int>(filled), static_cast<int>(impossible)};
 }
 
-// Sums in double, in the same order as the scalar loop. If the taps of a vector's positions all lie within two vectors
-// of the row, as on a finer lattice, table lookups pick them from these two.
+// Sums in double, in the same order as the scalar loop. On a finer lattice the taps of a vector's positions all lie
+// within two vectors of the row: then table lookups pick them from these two.
 void InterpolateRow(const float* row, [[maybe_unused]] int row_size, const RowTaps& taps, int n, double* out) {
   const auto scalar_loop = [&](int from, int past_last) {
     for (int i = from; i < past_last; ++i) {

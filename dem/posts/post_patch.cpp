@@ -8,6 +8,7 @@ namespace selenograph::dem {
 
 namespace {
 
+// Returns the height interpolated between the four posts around (x + fx, y + fy).
 float bilinear(const PostPatch& patch, int x, int y, double fx, double fy) {
   double sum = 0;
   for (int j = 0; j < 2; ++j)

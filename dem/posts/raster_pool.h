@@ -13,8 +13,8 @@
 
 namespace selenograph::dem {
 
-// Number of files that stay open while no thread uses them. It suffices for the tiles of one chunk and its neighbours
-// (4 x 4 degrees of 1-degree tiles), and is small against the limit of 1024 descriptors.
+// Number of files that stay open while no thread uses them. It suffices for the tiles of one chunk and its neighbours:
+// 4 x 4 degrees of 1-degree tiles. It is small against the limit of 1024 descriptors.
 inline constexpr std::size_t kIdleFiles = 32;
 
 // Lends each open file to one thread at a time. Beyond kIdleFiles idle ones, the least recently returned file is

@@ -21,6 +21,7 @@
 
 namespace selenograph::dem {
 
+// Returns true if a row has a void.
 inline bool any_void(const float* h, int n) {
   int any = 0;  // int rather than bool, so that the compiler vectorises the loop
   for (int i = 0; i < n; ++i) any |= h[i] != h[i];

@@ -32,8 +32,8 @@ struct AxisSpan {
   }
 };
 
-// Range of a window's positions, along columns or rows, that are in a file or next to it, and of the posts that they
-// need with the kernel's margin.
+// Range of a window's columns or rows that lie in a file or next to it. Also gives the posts that these need, with the
+// kernel's margin.
 struct PostRange {
   double low = 1e300, high = -1e300;
   void add(double v, double size) {

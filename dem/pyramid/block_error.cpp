@@ -122,8 +122,8 @@ class TileMeasurement {
         level.add({tile.error_m[i], level.low, level.high});
       }
     }
-    // A filtered level may leave the range of its base next to a void that was left out, or at a pole, whose height is
-    // not filtered.
+    // Add the range of the filtered heights. They may leave the range of their base next to a void that was left out,
+    // or at a pole, whose height is not filtered.
     for (auto& [id, extremes] : found)
       if (id.level < base_.level) {
         const OctaveGrid& grid = levels_[static_cast<std::size_t>(base_.level - 1 - id.level)];

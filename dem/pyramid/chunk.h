@@ -4,9 +4,9 @@
 //                        [ ][ ]              filtered: heights in the file
 //     base_level         [ ][ ][ ][ ]        the posts (direct chunk): bounds in the file, heights in the sources
 //
-// Level k keeps every 2^k-th position, low-pass filtered per octave by the binomial [1 2 1]/4 in both directions, so
-// that a coarse mesh is the band-limited surface. Each block stores the largest vertical distance from its surface to
-// the finest one (by the same triangles that are rendered), and the lowest and highest height.
+// Level k keeps every 2^k-th position. It is low-pass filtered per octave by the binomial [1 2 1]/4 in both directions,
+// so that a coarse mesh is the band-limited surface. Each block stores its lowest and highest height, and the largest
+// vertical distance from its surface, by the rendered triangles, to the finest one.
 //
 // The format is in chunk_format.h. Files are written atomically (temporary name, fsync, rename).
 #pragma once
@@ -38,8 +38,8 @@ class Chunk {
   using Record = format::Record;
 
   // Input of a chunk that is not direct: the finer chunks' top blocks (null for an empty one), and the files that these
-  // chunks lack. If a finer chunk's posts are farther apart than the top blocks', its block of posts stands instead,
-  // under the ids of all blocks that it covers.
+  // chunks lack. A finer chunk's posts may be farther apart than the top blocks': then its block of posts stands under
+  // the ids of all blocks that it covers.
   struct Finer {
     std::unordered_map<BlockId, std::shared_ptr<const Block>, BlockIdHash> blocks;
     std::vector<SourceIndex> replaced;

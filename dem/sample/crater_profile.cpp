@@ -56,7 +56,8 @@ double gradient_noise(double x, double y, double z, std::uint64_t seed) {
 
 // ---- dimensions -----------------------------------------------------------------------------------------------------
 
-// Pike 1977, "Size-dependence in the shape of fresh impact craters on the Moon" (kilometres).
+// Power laws of simple and complex craters (kilometres): Pike 1977, "Size-dependence in the shape of fresh impact
+// craters on the Moon".
 double crater_depth_m(double diameter_m) {
   const double d = to_km(diameter_m);
   return 1e3 * std::min(0.196 * std::pow(d, 1.010), 1.044 * std::pow(d, 0.301));
@@ -67,7 +68,7 @@ double crater_rim_height_m(double diameter_m) {
   return 1e3 * std::min(0.036 * std::pow(d, 1.014), 0.236 * std::pow(d, 0.399));
 }
 
-// Hale & Grieve 1982, "Volumetric analysis of complex lunar craters": h = 0.0006 D^1.97, from about 20 km.
+// Uses h = 0.0006 D^1.97 from about 20 km: Hale & Grieve 1982, "Volumetric analysis of complex lunar craters".
 double central_peak_height_m(double diameter_m) {
   return diameter_m < 20000 ? 0 : 1e3 * 0.0006 * std::pow(to_km(diameter_m), 1.97);
 }
