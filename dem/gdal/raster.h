@@ -5,7 +5,6 @@
 //     +-----+-----+
 //     | 0,1 | 1,1 |
 //     v y
-//     v y
 //
 // Heights are metres above the sphere of 1 737 400 m. Planetary radii are converted here; scale, offset and byte order
 // are applied. No-data (DUMMY, NoData, a mask, NaN, impossible heights) reads as NaN.
