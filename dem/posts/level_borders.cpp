@@ -288,7 +288,7 @@ double weight_near_finer(double border_m, double finer_m) {
 
 // Adds the weighted gap of one border to the heights of a window's posts.
 void join_along(const LevelBorder& b, const LevelBorders& borders, const PostWindow& w, const ComposeLine& compose,
-                std::span<const SourceMark> sources, std::span<const float> away_m, float* heights_m) {
+                std::span<const SourceMark> sources, std::span<const float> finer_distance_m, float* heights_m) {
   const Axis rows{w.lat0, w.lat_step, w.rows}, cols{w.lon0, w.lon_step, w.cols};
   const Axis &along = b.along_parallel ? cols : rows, &across = b.along_parallel ? rows : cols;
   const auto [first, past] = between(along, b.from, b.to);
@@ -304,10 +304,10 @@ void join_along(const LevelBorder& b, const LevelBorders& borders, const PostWin
       const double gap_m = gap[static_cast<std::size_t>(i - first)];
       if (source == kNoSource || std::isnan(gap_m) || borders.level_of_file(source) > b.level) continue;
       double weight = transition_weight(across.tick(j) - b.at, b.reach);
-      if (!away_m.empty())
+      if (!finer_distance_m.empty())
         weight *= weight_near_finer(
             static_cast<double>(std::abs(across.tick(j) - b.at)) * metres_per_tick_across(b, rows.tick(r)),
-            static_cast<double>(away_m[at]));
+            static_cast<double>(finer_distance_m[at]));
       heights_m[at] += static_cast<float>(weight * gap_m);
     }
 }
@@ -315,12 +315,12 @@ void join_along(const LevelBorder& b, const LevelBorders& borders, const PostWin
 }  // namespace
 
 void join_levels(const LevelBorders& borders, const PostWindow& w, const ComposeLine& compose,
-                 std::span<const SourceMark> sources, std::span<const float> away_m, float* heights_m) {
+                 std::span<const SourceMark> sources, std::span<const float> finer_distance_m, float* heights_m) {
   for (const LevelBorder& b : borders.near(w)) {
     // Start with the last turn in which the border begins west of the window: a window is at most one turn wide.
     const std::int64_t before = floor_div(w.lon0 - (b.along_parallel ? b.from : b.at), kLonTicks);
     for (const std::int64_t turn : {before, before + 1, before + 2})
-      join_along(turned(b, turn), borders, w, compose, sources, away_m, heights_m);
+      join_along(turned(b, turn), borders, w, compose, sources, finer_distance_m, heights_m);
   }
 }
 

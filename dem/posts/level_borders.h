@@ -109,9 +109,9 @@ class LevelBorders {
 using ComposeLine = std::function<std::vector<float>(const PostWindow& line)>;
 
 // Moves the heights of a window's posts towards the triangles of adjacent coarser posts. Only posts from files no finer
-// than these triangles move; NaN stays. `away_m`: each post's distance from finer layers (layer_bends.h); near 0
-// heights stay. An empty `away_m` means that no finer layer is near.
+// than these triangles move; NaN stays. `finer_distance_m`: each post's distance from finer layers (layer_bends.h);
+// near 0 heights stay. An empty `finer_distance_m` means that no finer layer is near.
 void join_levels(const LevelBorders& borders, const PostWindow& window, const ComposeLine& compose,
-                 std::span<const SourceMark> sources, std::span<const float> away_m, float* heights_m);
+                 std::span<const SourceMark> sources, std::span<const float> finer_distance_m, float* heights_m);
 
 }  // namespace selenograph::dem
