@@ -14,20 +14,20 @@ namespace selenograph::dem {
 namespace {
 
 constexpr int kRows = 180, kColumns = 360;
-constexpr double kTouch_deg = 1e-9;  // 0.03 mm: borders that touch do so despite rounding
+constexpr double kTouch_deg = 1e-9;  // tolerance of 0.03 mm: borders touch despite rounding
 
 double wrap_360(double deg) {
   const double w = std::fmod(deg, 360.0);
   return w < 0 ? w + 360 : w;
 }
 
-// Whether the arcs [west, east] share a longitude.
-bool longitudes_meet(double west_a, double east_a, double west_b, double east_b) {
+// Returns true if two arcs [west, east] share a longitude. East may exceed 180 degrees.
+bool arcs_overlap(double west_a, double east_a, double west_b, double east_b) {
   return wrap_360(west_b - west_a + kTouch_deg) <= east_a - west_a + 2 * kTouch_deg ||
          wrap_360(west_a - west_b + kTouch_deg) <= east_b - west_b + 2 * kTouch_deg;
 }
 
-// A box of latitudes and longitudes in the bucket grid.
+// Cells of the bucket grid that a box touches. Columns wrap around the globe.
 struct Cells {
   int first_row, last_row, first_column, columns;
 };
@@ -53,11 +53,15 @@ struct Box {
   double south, north, west, east;
 };
 
-// Several, where the box reaches over a pole: what lies beyond it is on other longitudes.
+// Returns the boxes that a box grown by `margin` covers. A box that reaches over a pole becomes two: beyond the pole it
+// covers other longitudes, so the second has all of them.
 std::vector<Box> grown_boxes(double south, double north, double west, double east, double margin) {
   std::vector<Box> boxes = {
       {std::max(south - margin, -90.0), std::min(north + margin, 90.0), west - margin, east + margin}};
-  if (east - west + 2 * margin >= 360) boxes[0].west = -180, boxes[0].east = 180;
+  if (east - west + 2 * margin >= 360) {
+    boxes[0].west = -180;
+    boxes[0].east = 180;
+  }
   if (north + margin > 90) boxes.push_back({180 - north - margin, 90, -180, 180});
   if (south - margin < -90) boxes.push_back({-90, -180 - south + margin, -180, 180});
   return boxes;
@@ -65,13 +69,13 @@ std::vector<Box> grown_boxes(double south, double north, double west, double eas
 
 bool touches(const Footprint& f, const Box& b) {
   return f.south_deg <= b.north + kTouch_deg && f.north_deg >= b.south - kTouch_deg &&
-         longitudes_meet(f.west_deg, f.east_deg, b.west, b.east);
+         arcs_overlap(f.west_deg, f.east_deg, b.west, b.east);
 }
 
-constexpr double kSameSpacing = 1.01;  // of posts of one layer: labels round it
+constexpr double kSameSpacing = 1.01;  // ratio of post spacings within one layer: labels round the spacing
 
 std::uint64_t fingerprint_of(const std::vector<RasterInfo>& rasters) {
-  // Names and not folders: the same tiles give the same frames wherever they are mounted.
+  // Hash names without folders: the same tiles give the same frames wherever they are mounted.
   std::uint64_t hash = xxh64_of(nullptr, 0, rasters.size());
   for (const RasterInfo& r : rasters) {
     hash = xxh64_of(r.name.data(), r.name.size(), hash);
@@ -103,19 +107,20 @@ Catalogue::Catalogue(std::vector<RasterInfo> rasters) : rasters_(std::move(raste
 
 namespace {
 
-// Index of the first of the paths that names a file: itself, a file of its stem (data or label), or a folder above it.
-std::size_t named_by(const RasterInfo& raster, const std::vector<std::string>& paths) {
+// Returns the index of the first path that names a file: the file itself, a file with its stem (data or label), or a
+// folder above it; the number of paths if none does.
+std::size_t naming_path(const RasterInfo& raster, const std::vector<std::string>& paths) {
   const auto without_extension = [](std::string_view path) {
     const std::string_view name = name_of(path);
     return path.substr(0, path.size() - name.size() + stem_of(name).size());
   };
   const std::string_view file = raster.path;
-  const auto names = [&](std::string_view path) {
+  const auto is_named_by = [&](std::string_view path) {
     const bool is_folder_above =
         file.starts_with(path) && file.size() > path.size() && (path.ends_with('/') || file[path.size()] == '/');
     return is_folder_above || without_extension(file) == without_extension(path);
   };
-  return static_cast<std::size_t>(std::find_if(paths.begin(), paths.end(), names) - paths.begin());
+  return static_cast<std::size_t>(std::find_if(paths.begin(), paths.end(), is_named_by) - paths.begin());
 }
 
 bool has_spacing_of(const RasterInfo& coarsest, const RasterInfo& raster) {
@@ -129,7 +134,7 @@ void order_by_names(std::vector<RasterInfo*>& order, const std::vector<std::stri
     const auto past =
         std::find_if_not(first, order.end(), [&](const RasterInfo* r) { return has_spacing_of(**first, *r); });
     std::stable_sort(first, past, [&](const RasterInfo* a, const RasterInfo* b) {
-      return named_by(*a, paths) > named_by(*b, paths);
+      return naming_path(*a, paths) > naming_path(*b, paths);
     });
     first = past;
   }
@@ -138,23 +143,23 @@ void order_by_names(std::vector<RasterInfo*>& order, const std::vector<std::stri
 }  // namespace
 
 void Catalogue::find_layers(const std::vector<std::string>& paths) {
-  // Tiles of one product are one layer, even if each is named.
-  const auto are_one = [&](const RasterInfo& a, const RasterInfo& b) {
-    return paths.size() < 2 || named_by(a, paths) == named_by(b, paths) || shift_between(a.grid, b.grid);
+  // Tiles of one product are one layer, even if the user names each tile.
+  const auto are_one_layer = [&](const RasterInfo& a, const RasterInfo& b) {
+    return paths.size() < 2 || naming_path(a, paths) == naming_path(b, paths) || shift_between(a.grid, b.grid);
   };
   layer_begin_.clear();
-  double coarsest_m = 0;  // spacing of the run of equal resolution
+  double coarsest_m = 0;  // coarsest post spacing of the current run of equal resolution
   for (const RasterInfo& raster : rasters_) {
     const int begin = layer_begin_.empty() ? 0 : layer_begin_.back();
     const RasterInfo& first = rasters_[static_cast<std::size_t>(begin)];
     const bool same_run = !layer_begin_.empty() && coarsest_m < kSameSpacing * raster.post_spacing_m;
     coarsest_m = same_run ? std::max(coarsest_m, raster.post_spacing_m) : raster.post_spacing_m;
-    layer_begin_.push_back(same_run && are_one(first, raster) ? begin : static_cast<int>(layer_begin_.size()));
+    layer_begin_.push_back(same_run && are_one_layer(first, raster) ? begin : static_cast<int>(layer_begin_.size()));
   }
 }
 
 void Catalogue::index(const std::vector<std::string>& paths) {
-  // By pointers: exchanging the descriptions themselves would take longer than all the rest.
+  // Sort pointers: exchanging the descriptions themselves would take longer than everything else here.
   std::vector<RasterInfo*> order;
   order.reserve(rasters_.size());
   for (RasterInfo& raster : rasters_) order.push_back(&raster);

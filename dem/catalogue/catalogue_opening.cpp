@@ -34,25 +34,25 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A file to look at.
+// File to inspect.
 struct Candidate {
   std::string path;
-  const FolderFiles* folder = nullptr;  // that lists it; null: of a remote file
-  const FolderEntry* entry = nullptr;   // null: not listed there
-  bool named = false;                   // by the user: must be usable
+  const FolderFiles* folder = nullptr;  // folder that lists the file; null for a remote file
+  const FolderEntry* entry = nullptr;   // entry of the folder; null if it does not list the file
+  bool named = false;                   // the user named the file, so it must be usable
 };
 
-// What it turned out to be.
+// Result of inspecting a candidate.
 struct Finding {
-  SavedFile* known = nullptr;        // as it was at an earlier opening
-  std::optional<RasterInfo> raster;  // else
-  std::optional<SavedFile> keep;     // for the next opening
+  SavedFile* saved = nullptr;        // result of an earlier opening that is still valid
+  std::optional<RasterInfo> raster;  // result of this opening, if `saved` is null
+  std::optional<SavedFile> to_save;  // result to save for the next opening
   std::optional<CatalogueProblem> problem;
   std::optional<SideLayer> side_layer;
-  std::string data;         // the file that holds the samples, if its name is not the label's
-  bool unlabelled = false;  // an image whose label is missing, unless another's label names it
-  std::string trouble;      // for the log
-  std::exception_ptr thrown;
+  std::string data;           // file that holds the samples, if its name is not the label's
+  bool unlabelled = false;    // an image whose label is missing, unless another's label names it
+  std::string trouble;        // message for the log
+  std::exception_ptr thrown;  // rethrown by collect()
 };
 
 std::int64_t now_ns() {
@@ -60,7 +60,7 @@ std::int64_t now_ns() {
       .count();
 }
 
-// As paths compare, component by component.
+// Orders candidates as std::filesystem::path does, component by component: '/' sorts before all other characters.
 bool path_less(const Candidate& a, const Candidate& b) {
   if (a.folder == b.folder) return a.path < b.path;
   const auto rank = [](char c) { return c == '/' ? 0 : static_cast<unsigned char>(c); };
@@ -72,7 +72,7 @@ bool is_label_of(const FolderEntry& entry, std::string_view image) {
   return kind_of(entry.name) == FileKind::label && same_text(stem_of(entry.name), stem_of(image));
 }
 
-// Returns whether a file is a PDS4 label of a raster that only the label describes: a GeoTIFF describes itself.
+// Returns true if a file is a PDS4 label of a raster that only the label describes; a GeoTIFF describes itself.
 bool is_lone_pds4_label(const FolderFiles& folder, const FolderEntry& entry) {
   if (!same_text(entry.name.substr(stem_of(entry.name).size()), ".xml")) return false;
   const auto group = folder.group_of(entry);
@@ -80,17 +80,17 @@ bool is_lone_pds4_label(const FolderFiles& folder, const FolderEntry& entry) {
   return std::none_of(group.begin(), group.end(), describes_itself) && is_pds4_label(folder.path_of(entry.name));
 }
 
-// Lists folders.
+// Lists folders. A folder of files that the user names is listed once only.
 class Folders {
  public:
-  const FolderFiles& of(const std::string& folder) {
+  const FolderFiles& list(const std::string& folder) {
     const FolderFiles*& listed = listed_[folder];
     if (!listed) listed = listings_.emplace_back(std::make_unique<FolderFiles>(folder)).get();
     return *listed;
   }
 
-  // The candidates below a folder, in the order of their paths.
-  std::vector<Candidate> below(const std::string& folder, std::vector<CatalogueProblem>& problems) {
+  // Returns the candidates below a folder, in the order of their paths.
+  std::vector<Candidate> candidates_below(const std::string& folder, std::vector<CatalogueProblem>& problems) {
     std::vector<Candidate> found;
     std::vector<std::string> folders{folder};
     int trouble = 0;
@@ -116,17 +116,18 @@ class Folders {
     }
     if (trouble != 0)
       problems.push_back({folder, "cannot be searched: " + std::generic_category().message(trouble), false, false});
-    // Names of one product in one folder come in this order already.
+    // Skip the sort if possible: names of one product in one folder are listed in this order already.
     if (!std::is_sorted(found.begin(), found.end(), path_less)) std::sort(found.begin(), found.end(), path_less);
     return found;
   }
 
  private:
-  std::vector<std::unique_ptr<FolderFiles>> listings_;  // all, for the candidates point at them
-  std::map<std::string, const FolderFiles*> listed_;    // of files that the user names
+  std::vector<std::unique_ptr<FolderFiles>> listings_;  // all listings: candidates point at them
+  std::map<std::string, const FolderFiles*> listed_;    // folders of files that the user names
 };
 
-// The files that a file's description was read from, beside the group that bears its name.
+// Returns the files that a file's description was read from, without those of its own name, with their stamps. Raises
+// `changed_ns` to their latest change.
 std::vector<std::pair<std::string, std::uint64_t>> other_files(const Candidate& file,
                                                                const std::vector<std::string>& read,
                                                                std::int64_t& changed_ns) {
@@ -148,55 +149,57 @@ class Opening {
   Opening(const std::vector<std::string>& paths, const CatalogueOptions& options)
       : paths_(paths), options_(options), unsettled_ns_(now_ns() - options.settling.count()) {}
 
+  // Lists folders while another thread reads the saved catalogue; then inspects new and changed files.
   FoundFiles run() {
     std::future<void> read =
         std::async(std::launch::async, [this] { saved_.read(options_.cache_dir, paths_, options_.log); });
     list();
     read.get();
-    look();
+    inspect_all();
     FoundFiles found;
-    for (const Part& part : parts_) collect(part, found);
-    keep();
+    for (const NamedPath& path : named_paths_) collect(path, found);
+    save();
     found.rasters.reserve(usable_.size());
-    // Last: what was kept points at them.
+    // Move the rasters out last: save() still reads them.
     for (Finding* finding : usable_)
-      found.rasters.push_back(std::move(finding->known ? *finding->known->raster : *finding->raster));
+      found.rasters.push_back(std::move(finding->saved ? *finding->saved->raster : *finding->raster));
     found.inspected = static_cast<std::size_t>(
-        std::count_if(findings_.begin(), findings_.end(), [](const Finding& f) { return !f.known && !f.unlabelled; }));
+        std::count_if(findings_.begin(), findings_.end(), [](const Finding& f) { return !f.saved && !f.unlabelled; }));
     return found;
   }
 
  private:
-  // What one path of the user's stands for.
-  struct Part {
-    std::size_t first, past_last;  // of the candidates
+  // Candidates of one of the user's paths.
+  struct NamedPath {
+    std::size_t first, past_last;  // range of candidates_
     std::vector<CatalogueProblem> problems;
   };
 
   void list() {
     for (const std::string& path : paths_) {
-      Part part{candidates_.size(), 0, {}};
+      NamedPath named{candidates_.size(), 0, {}};
       std::error_code error;
       if (is_remote(path)) {
         candidates_.push_back({path, nullptr, nullptr, true});
       } else if (fs::is_directory(path, error)) {
-        std::vector<Candidate> below = folders_.below(path, part.problems);
+        std::vector<Candidate> below = folders_.candidates_below(path, named.problems);
         std::move(below.begin(), below.end(), std::back_inserter(candidates_));
       } else {
-        const FolderFiles& folder = folders_.of(fs::path(path).parent_path().string());
+        const FolderFiles& folder = folders_.list(fs::path(path).parent_path().string());
         candidates_.push_back({path, &folder, folder.find(name_of(path)), true});
       }
-      part.past_last = candidates_.size();
-      parts_.push_back(std::move(part));
+      named.past_last = candidates_.size();
+      named_paths_.push_back(std::move(named));
     }
     findings_.resize(candidates_.size());
   }
 
-  // All at once. What one of them throws is thrown by collect(), so that the first of them is told, whoever was faster.
-  void look() {
-    const auto look_at = [&](std::size_t i) {
+  // Inspects all candidates in parallel. Keeps each exception for collect(), which rethrows the first in order of
+  // candidates: the error does not depend on thread timing.
+  void inspect_all() {
+    const auto inspect_candidate = [&](std::size_t i) {
       try {
-        findings_[i] = candidates_[i].folder ? find(candidates_[i]) : find_remote(candidates_[i]);
+        findings_[i] = candidates_[i].folder ? inspect(candidates_[i]) : inspect_remote(candidates_[i]);
       } catch (...) {
         findings_[i].thrown = std::current_exception();
       }
@@ -206,29 +209,32 @@ class Opening {
       if (!candidates_[i].folder) remote.push_back(i);
     in_parallel_pieces(candidates_.size(), 64, [&](std::size_t first, std::size_t past_last) {
       for (std::size_t i = first; i < past_last; ++i)
-        if (candidates_[i].folder) look_at(i);
+        if (candidates_[i].folder) inspect_candidate(i);
     });
-    on_own_threads(kConnections, [&] { in_parallel(remote.size(), [&](std::size_t k) { look_at(remote[k]); }); });
+    on_own_threads(kConnections,
+                   [&] { in_parallel(remote.size(), [&](std::size_t k) { inspect_candidate(remote[k]); }); });
   }
 
-  SavedFile* still_valid(const std::string& path, std::uint64_t stamp) {
-    SavedFile* known = saved_.find(path);
-    if (!known || known->stamp != stamp) return nullptr;
-    const bool same = std::all_of(known->others.begin(), known->others.end(), [](const auto& other) {
-      const auto now = stamp_of(other.first);
-      return now && now->hash == other.second;
+  // Returns the saved result for a file if the file, and all others that it was read from, are unchanged; else null.
+  SavedFile* find_valid(const std::string& path, std::uint64_t stamp) {
+    SavedFile* saved = saved_.find(path);
+    if (!saved || saved->stamp != stamp) return nullptr;
+    const bool same = std::all_of(saved->others.begin(), saved->others.end(), [](const auto& file) {
+      const auto now = stamp_of(file.first);
+      return now && now->hash == file.second;
     });
-    return same ? known : nullptr;
+    return same ? saved : nullptr;
   }
 
-  Finding find(const Candidate& file) {
+  Finding inspect(const Candidate& file) {
     Finding out;
     std::optional<FileStamp> stamp;
-    if (file.entry) stamp = file.folder->stamp(*file.entry);  // before it is read: a later change has another one
-    if (stamp) out.known = still_valid(file.path, stamp->hash);
-    // A file in a folder may be about something else; one that the user names may not.
-    if (out.known && file.named && !out.known->raster) out.known = nullptr;
-    if (out.known) return out;
+    if (file.entry)
+      stamp = file.folder->stamp(*file.entry);  // take the stamp before the file is read: a later change then shows
+    if (stamp) out.saved = find_valid(file.path, stamp->hash);
+    // Inspect again, for its error, if the user names a file without heights. In a folder such a file is ignored.
+    if (out.saved && file.named && !out.saved->raster) out.saved = nullptr;
+    if (out.saved) return out;
     if (!file.named && kind_of(file.path) == FileKind::labelled_image && !begins_with_label(file.path)) {
       out.unlabelled = true;
       return out;
@@ -250,18 +256,19 @@ class Opening {
       other_product = describes_other_product(file.path);
       if (!other_product) describe_problem(file.path, e, out);
     }
-    // What a VRT names may change, and what is at fault may be mended, where nobody looks.
+    // Do not save VRTs or files with problems: the files that a VRT names may change, and a problem may be mended,
+    // without a change of the stamps.
     if (!stamp || out.problem || out.side_layer || (out.raster && out.raster->format == "VRT")) return out;
     std::int64_t changed_ns = stamp->changed_ns;
-    SavedFile keep{file.path, stamp->hash, other_files(file, read, changed_ns), {}};
+    SavedFile to_save{file.path, stamp->hash, other_files(file, read, changed_ns), {}};
     if (changed_ns == 0 || changed_ns > unsettled_ns_) return out;
-    if (!other_product) keep.raster = out.raster;
-    out.keep = std::move(keep);
+    if (!other_product) to_save.raster = out.raster;
+    out.to_save = std::move(to_save);
     return out;
   }
 
-  // Notes the file that a label of another name describes. An image is left out where a label bears its name: if that
-  // label describes another file, nothing describes the image. `read`: the label and its data.
+  // Records the data file of a label with another name. Images with a label of their name are no candidates; if that
+  // label describes another file, reports that no label describes the image. `read`: the label and its data.
   static void note_data(const Candidate& file, const std::vector<std::string>& read, Finding& out) {
     if (!file.entry || read.size() < 2 || same_text(stem_of(name_of(read.back())), stem_of(name_of(read.front()))))
       return;
@@ -274,10 +281,10 @@ class Opening {
                        false, true};
   }
 
-  // Returns whether no other label describes the same file. Two of them may place it differently, and nobody knows
-  // which is right: the first is used.
+  // Returns true if no label before this one describes the same file. Two labels may place it differently, and nothing
+  // tells the right one: the first is used.
   bool is_only_label(const Candidate& file, const Finding& finding, FoundFiles& found) {
-    const SavedFile* saved = finding.known;
+    const SavedFile* saved = finding.saved;
     const std::string& data = saved && !saved->others.empty() ? saved->others.front().first : finding.data;
     if (data.empty()) return true;
     const std::string& label = label_of_data_.try_emplace(data, file.path).first->second;
@@ -289,52 +296,54 @@ class Opening {
   }
 
   static void describe_problem(const std::string& path, const DataError& e, Finding& out) {
-    // Another file's fault (a VRT's source) is told with its name.
+    // Keep the file's name in the text if another file (a VRT's source) is at fault.
     out.problem = {path, e.file() == path ? e.what_is_wrong() : e.what(), false, false};
     try {
       out.raster = inspect_damaged_raster(path);
       out.problem->located = true;
     } catch (const DataError&) {
-      // Not even its place is known: the problem says so.
+      // Its footprint is unknown, too: the catalogue lists the problem only.
     }
   }
 
-  // A server that can't be reached says nothing about its files: they are as they were.
-  Finding find_remote(const Candidate& file) {
+  // Inspects a remote file. If its server cannot be reached, uses the saved result without checking it.
+  Finding inspect_remote(const Candidate& file) {
     Finding out;
     FileState state;
     try {
       state = remote_state(file.path);
     } catch (const SystemFault& fault) {
-      out.known = saved_.find(file.path);
-      if (!out.known) throw;
+      out.saved = saved_.find(file.path);
+      if (!out.saved) throw;
       out.trouble = fault.what() + std::string("; taken for what it was");
       return out;
     }
     const std::uint64_t stamp = stamp_of(state);
-    out.known = still_valid(file.path, stamp);
-    if (out.known) return out;
+    out.saved = find_valid(file.path, stamp);
+    if (out.saved) return out;
     out.raster = inspect_raster(file.path);
-    // Servers tell whole seconds; one that tells neither time nor ETag can't be asked whether a file is still the same.
+    // Save only a result whose file can be checked next time: by a settled modification time (servers tell whole
+    // seconds), or by an ETag.
     if (state.modified_ns != 0 ? state.modified_ns <= unsettled_ns_ : state.identity != 0)
-      out.keep = SavedFile{file.path, stamp, {}, out.raster};
+      out.to_save = SavedFile{file.path, stamp, {}, out.raster};
     return out;
   }
 
-  void collect(const Part& part, FoundFiles& found) {
-    found.problems.insert(found.problems.end(), part.problems.begin(), part.problems.end());
-    for (std::size_t i = part.first; i < part.past_last; ++i) {
+  // Adds the findings of one path, in order; rethrows the first exception.
+  void collect(const NamedPath& path, FoundFiles& found) {
+    found.problems.insert(found.problems.end(), path.problems.begin(), path.problems.end());
+    for (std::size_t i = path.first; i < path.past_last; ++i) {
       if (findings_[i].thrown) std::rethrow_exception(findings_[i].thrown);
       if (!findings_[i].trouble.empty() && options_.log) options_.log(findings_[i].trouble);
       if (findings_[i].unlabelled && !is_named_by_a_label(candidates_[i]))
         found.problems.push_back(
             {candidates_[i].path, "its label is missing: what it holds, and where, is unknown", false, true});
     }
-    for (std::size_t i = part.first; i < part.past_last; ++i) {
+    for (std::size_t i = path.first; i < path.past_last; ++i) {
       Finding& finding = findings_[i];
       if (finding.problem) found.problems.push_back(*finding.problem);
       if (finding.side_layer) found.side_layers.push_back(*finding.side_layer);
-      const RasterInfo* raster = finding.known && finding.known->raster ? &*finding.known->raster
+      const RasterInfo* raster = finding.saved && finding.saved->raster ? &*finding.saved->raster
                                  : finding.raster                       ? &*finding.raster
                                                                         : nullptr;
       if (raster && is_only_label(candidates_[i], finding, found) && is_new(candidates_[i], raster->path))
@@ -342,29 +351,30 @@ class Opening {
     }
   }
 
-  // Whether a file is met for the first time: it may be given twice, or with its folder, or by a link.
+  // Returns true for a file's first occurrence. The user may name it twice, or with its folder, or by a link.
   bool is_new(const Candidate& file, const std::string& path) {
-    if (!file.folder) return seen_.insert({nullptr, path}).second;
+    if (!file.folder) return found_files_.insert({nullptr, path}).second;
     const FolderEntry* entry = path == file.path ? file.entry : file.folder->find(name_of(path));
     if (entry && !entry->link) {
       const std::string*& folder = canonical_[file.folder];
-      if (!folder) folder = &*folders_seen_.insert(fs::weakly_canonical(file.folder->path_of(".")).string()).first;
-      return seen_.insert({folder, entry->name}).second;
+      if (!folder) folder = &*real_folders_.insert(fs::weakly_canonical(file.folder->path_of(".")).string()).first;
+      return found_files_.insert({folder, entry->name}).second;
     }
     const fs::path real = fs::weakly_canonical(path);
-    const std::string& name = real_names_.emplace_back(real.filename().string());
-    return seen_.insert({&*folders_seen_.insert(real.parent_path().string()).first, name}).second;
+    const std::string& name = linked_names_.emplace_back(real.filename().string());
+    return found_files_.insert({&*real_folders_.insert(real.parent_path().string()).first, name}).second;
   }
 
-  // Asked for only where an image has no label of its name: all labels of the folder may have to be read.
+  // Returns true if any label names an image that has no label of its own name. May read all labels of the image's
+  // folder, once.
   bool is_named_by_a_label(const Candidate& image) {
-    if (!others_known_) {
-      others_known_ = true;
+    if (!described_found_) {
+      described_found_ = true;
       for (const Finding& finding : findings_)
-        if (const SavedFile* file = kept(finding))
-          for (const auto& other : file->others) others_.insert(other.first);
+        if (const SavedFile* file = saved_or_new(finding))
+          for (const auto& described : file->others) described_.insert(described.first);
     }
-    if (others_.contains(image.path)) return true;
+    if (described_.contains(image.path)) return true;
     const auto [found, first] = named_images_.try_emplace(image.folder);
     if (first) {
       std::vector<const FolderEntry*> labels;
@@ -374,25 +384,26 @@ class Opening {
       in_parallel_pieces(labels.size(), 64, [&](std::size_t from, std::size_t to) {
         for (std::size_t i = from; i < to; ++i) names[i] = files_named_by(image.folder->path_of(labels[i]->name));
       });
-      for (const auto& of_one : names) found->second.insert(of_one.begin(), of_one.end());
+      for (const auto& label_names : names) found->second.insert(label_names.begin(), label_names.end());
     }
     return found->second.contains(lower(name_of(image.path)));
   }
 
-  static const SavedFile* kept(const Finding& finding) {
-    return finding.known ? finding.known : finding.keep ? &*finding.keep : nullptr;
+  static const SavedFile* saved_or_new(const Finding& finding) {
+    return finding.saved ? finding.saved : finding.to_save ? &*finding.to_save : nullptr;
   }
 
-  void keep() {
-    const auto known = static_cast<std::size_t>(
-        std::count_if(findings_.begin(), findings_.end(), [](const Finding& f) { return f.known != nullptr; }));
+  // Replaces the saved catalogue if a result is new, or a saved file is no longer found.
+  void save() {
+    const auto reused = static_cast<std::size_t>(
+        std::count_if(findings_.begin(), findings_.end(), [](const Finding& f) { return f.saved != nullptr; }));
     const bool fresh =
-        std::any_of(findings_.begin(), findings_.end(), [](const Finding& f) { return f.keep.has_value(); });
-    if (!fresh && known == saved_.size()) return;
+        std::any_of(findings_.begin(), findings_.end(), [](const Finding& f) { return f.to_save.has_value(); });
+    if (!fresh && reused == saved_.size()) return;
     std::vector<const SavedFile*> files;
     std::unordered_set<std::string_view> paths;
     for (const Finding& finding : findings_)
-      if (const SavedFile* file = kept(finding); file && paths.insert(file->path).second) files.push_back(file);
+      if (const SavedFile* file = saved_or_new(finding); file && paths.insert(file->path).second) files.push_back(file);
     if (fresh || files.size() != saved_.size()) saved_.replace(files);
   }
 
@@ -402,23 +413,25 @@ class Opening {
   SavedCatalogue saved_;
   Folders folders_;
   std::vector<Candidate> candidates_;
-  std::vector<Finding> findings_;  // of the candidates
-  std::vector<Part> parts_;
+  std::vector<Finding> findings_;  // by candidate
+  std::vector<NamedPath> named_paths_;
   std::vector<Finding*> usable_;
-  std::unordered_map<std::string, std::string> label_of_data_;  // labels with other names than their data
-  // Folders and names of files met so far; both are kept below, or by folders_ and candidates_.
-  struct PlaceHash {
-    std::size_t operator()(const std::pair<const std::string*, std::string_view>& place) const {
-      return std::hash<std::string_view>()(place.second) ^ std::hash<const std::string*>()(place.first);
+  std::unordered_map<std::string, std::string>
+      label_of_data_;  // label of each data file with another name than its label
+  // Real folder and name of each file found so far. The texts live in real_folders_, linked_names_ and the candidates'
+  // entries.
+  struct FileHash {
+    std::size_t operator()(const std::pair<const std::string*, std::string_view>& file) const {
+      return std::hash<std::string_view>()(file.second) ^ std::hash<const std::string*>()(file.first);
     }
   };
-  std::unordered_set<std::pair<const std::string*, std::string_view>, PlaceHash> seen_;
-  std::unordered_set<std::string> folders_seen_;
-  std::list<std::string> real_names_;
+  std::unordered_set<std::pair<const std::string*, std::string_view>, FileHash> found_files_;
+  std::unordered_set<std::string> real_folders_;
+  std::list<std::string> linked_names_;
   std::unordered_map<const FolderFiles*, const std::string*> canonical_;
-  // Images that labels of other names name: found already; and all, by folder.
-  bool others_known_ = false;
-  std::unordered_set<std::string> others_;
+  bool described_found_ = false;
+  std::unordered_set<std::string> described_;  // files that inspected labels of other names describe
+  // Lower-case names of files that any label names, by folder.
   std::unordered_map<const FolderFiles*, std::unordered_set<std::string>> named_images_;
 };
 

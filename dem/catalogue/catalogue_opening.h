@@ -11,42 +11,42 @@
 
 namespace selenograph::dem {
 
-// A file or folder that could not be used, or not all of it, and the reason. Reported by `info`, /v1/datasets and the
-// log; never silent.
+// File or folder that could not be used in full, and the reason. `info`, /v1/datasets and the log report it; it is
+// never silent.
 struct CatalogueProblem {
   std::string path;
   std::string what;
-  bool located = false;    // its label is valid: it is in the catalogue, and fails when its posts are needed
-  bool unrelated = false;  // an image, or not known to be a height map: answers do not depend on it
+  bool located = false;    // the label is valid: the file is in the catalogue, and requests that need its posts fail
+  bool unrelated = false;  // an image, or a file that may not be a height map: answers do not depend on it
 };
 
-// A raster of another quantity than heights, by its label, its band's description or its name (quantity.h).
+// Raster of another quantity than heights, according to its label, its band's description or its name (quantity.h).
 struct SideLayer {
   std::string path;
   std::string kind;  // the quantity, e.g. "error of heights"
 };
 
 struct CatalogueOptions {
-  // Results are saved in "catalogue/" in this folder, and unchanged files need not be read at the next opening; empty:
-  // nothing is saved, and every file is read.
+  // Cache folder. Results are saved in its folder "catalogue/", so that unchanged files need not be read at the next
+  // opening; empty: nothing is saved, and every file is read.
   std::string cache_dir{};
-  // Receives messages for the operator, each once: why a saved catalogue could not be used or written, and which remote
-  // files could not be reached. May be empty.
+  // Receives messages for the operator, each once: the reason why a saved catalogue could not be used or written, and
+  // remote files that could not be reached. May be empty.
   std::function<void(const std::string&)> log{};
-  // A second change within one clock step of the file system changes neither size nor time: a file that changed this
-  // short a time before it was read is read again at the next opening.
+  // Shortest age of a change that is trusted. A file that changed more recently is read again at the next opening: a
+  // second change within one clock step of the file system alters neither size nor time.
   std::chrono::nanoseconds settling = std::chrono::seconds(2);
 };
 
 struct FoundFiles {
-  std::vector<RasterInfo> rasters;  // each file once
+  std::vector<RasterInfo> rasters;  // usable rasters, each file once
   std::vector<CatalogueProblem> problems;
   std::vector<SideLayer> side_layers;
   std::size_t inspected = 0;  // number of files that had to be read
 };
 
-// See Catalogue's constructor. Reads and checks on all cores, remote files on more threads. Saves the results for the
-// next opening.
+// Finds and inspects the files of `paths`: see Catalogue's constructor. Works on all cores, and on more threads for
+// remote files. Saves the results for the next opening.
 FoundFiles find_files(const std::vector<std::string>& paths, const CatalogueOptions& options);
 
 }  // namespace selenograph::dem

@@ -24,21 +24,22 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr char kMagic[8] = {'S', 'G', 'C', 'A', 'T', 'A', 'L', 'G'};
-// Raised when the same files give other findings, or findings other bytes.
+// Version of the file format. Increment it when the same files give other findings, or findings other bytes.
 constexpr std::uint32_t kFormatVersion = 10;
 
 struct Header {
   char magic[8];
   std::uint32_t version;
   std::uint32_t unused;
-  std::uint64_t bytes;     // that follow
-  std::uint64_t checksum;  // XXH3 of them
+  std::uint64_t bytes;     // number of bytes after the header
+  std::uint64_t checksum;  // XXH3 of these bytes
 };
 
-// What else decides what a file is taken for.
+// Returns the versions of the programs on which the interpretation of a file depends.
 std::string readers() { return std::string(SELENOGRAPH_VERSION) + ", GDAL " + gdal_version(); }
 
-// Numbers as they are in memory, texts with their lengths: the cache folder is this machine's.
+// Writes numbers as they are in memory, and texts with their lengths. The byte order is this machine's, as is the cache
+// folder.
 class Writer {
  public:
   template <typename T>
@@ -70,7 +71,8 @@ class Writer {
   }
   const std::string& bytes() const { return bytes_; }
 
-  // All members of a struct: one that is added doesn't compile until it is here.
+  // Visits all members of a struct. The bindings must name every member, so that a new one does not compile until it is
+  // added here.
   template <typename Info, typename Visit>
   static void each_member(Info& info, Visit& visit) {
     using T = std::remove_const_t<Info>;
@@ -98,7 +100,7 @@ class Writer {
   std::string bytes_;
 };
 
-// Of bytes whose checksum is right, and which yet are never trusted to be long enough.
+// Reads such bytes. Checks every length, although the checksum is right.
 class Reader {
  public:
   explicit Reader(std::string_view bytes) : left_(bytes) {}
@@ -107,7 +109,7 @@ class Reader {
   template <typename T>
   requires std::is_arithmetic_v<T>
   void get(T& value) {
-    // A bool of another value than 0 and 1 is undefined behaviour.
+    // Read a bool as a byte: another value than 0 and 1 in a bool is undefined behaviour.
     std::conditional_t<std::is_same_v<T, bool>, std::uint8_t, T> raw;
     std::memcpy(&raw, take(sizeof raw).data(), sizeof raw);
     value = static_cast<T>(raw);
@@ -119,9 +121,9 @@ class Reader {
   }
   template <typename T>
   void get(std::optional<T>& value) {
-    bool there = false;
-    get(there);
-    if (there) get(value.emplace());
+    bool has_value = false;
+    get(has_value);
+    if (has_value) get(value.emplace());
   }
   void get(GeographicGrid& grid) { Writer::each_member(grid, *this); }
   void get(MapProjection& projection) {
@@ -150,9 +152,9 @@ class Reader {
  private:
   std::string_view take(std::uint64_t size) {
     if (size > left_.size()) throw std::out_of_range("ends too early");
-    const std::string_view taken = left_.substr(0, size);
+    const std::string_view bytes = left_.substr(0, size);
     left_.remove_prefix(size);
-    return taken;
+    return bytes;
   }
   std::string_view left_;
 };
@@ -170,7 +172,7 @@ std::string encode(const std::string& key, const std::vector<const SavedFile*>& 
   return std::string(reinterpret_cast<const char*>(&header), sizeof header) + out.bytes();
 }
 
-// Why the bytes can't be used; empty: `files` is what they say.
+// Decodes the bytes of a file into `files`. Returns the reason why they cannot be used; empty if they can.
 std::string decode(std::string_view bytes, const std::string& key, std::vector<SavedFile>& files) {
   Header header;
   if (bytes.size() < sizeof header) return "is truncated";
@@ -198,7 +200,8 @@ std::string decode(std::string_view bytes, const std::string& key, std::vector<S
   return {};
 }
 
-// Relative paths mean other files in another working directory.
+// Returns the text that identifies a list of paths. It has absolute paths, too: relative ones mean other files in
+// another working directory.
 std::string key_of(const std::vector<std::string>& paths) {
   std::string key;
   for (const std::string& path : paths) {
@@ -209,7 +212,7 @@ std::string key_of(const std::vector<std::string>& paths) {
   return key;
 }
 
-// Before this process's own: they bear the number of a process that lives.
+// Removes temporary files of ended processes, once per folder. Files that bear the number of a living process stay.
 void remove_stale_temporaries_once(const std::string& folder) {
   static std::mutex mutex;
   static std::set<std::string> done;
@@ -229,7 +232,7 @@ void SavedCatalogue::read(const std::string& cache_dir, const std::vector<std::s
     std::error_code error;
     if (!fs::exists(path_, error) && !error) return;
     wrong = decode(read_head(path_, std::numeric_limits<std::size_t>::max()), key_, files_);
-  } catch (const std::runtime_error& fault) {  // DataError, SystemFault: the saved catalogue is a help, no more
+  } catch (const std::runtime_error& fault) {  // DataError or SystemFault: opening goes on without the saved catalogue
     wrong = fault.what();
   } catch (const std::out_of_range& fault) {
     wrong = fault.what();

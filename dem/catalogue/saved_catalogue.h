@@ -15,30 +15,30 @@
 
 namespace selenograph::dem {
 
-// One inspected file with everything that the result depends on: it is valid as long as the stamps are the same.
+// Result of inspecting one file, with everything that it depends on. It is valid as long as the stamps are the same.
 struct SavedFile {
   std::string path;
-  std::uint64_t stamp = 0;  // of its group (folder_files.h); for a remote file, its own
-  std::vector<std::pair<std::string, std::uint64_t>> others;  // files with other names, and their stamps
-  std::optional<RasterInfo> raster;                           // empty: it does not contain heights
+  std::uint64_t stamp = 0;  // stamp of the file's group (folder_files.h); for a remote file, its own
+  std::vector<std::pair<std::string, std::uint64_t>> others;  // other files that it was read from, and their stamps
+  std::optional<RasterInfo> raster;                           // empty: the file does not contain heights
 };
 
-// "catalogue/NUMBER.sgc" in the cache folder, one for each list of paths. A file that cannot be read, is damaged or was
-// written by another version is ignored and replaced.
+// File "catalogue/NUMBER.sgc" in the cache folder, one for each list of paths. A file that cannot be read, is damaged
+// or was written by another version is ignored and replaced.
 class SavedCatalogue {
  public:
   using Log = std::function<void(const std::string&)>;
 
-  SavedCatalogue() = default;  // keeps nothing
+  SavedCatalogue() = default;  // saves nothing
   SavedCatalogue(const SavedCatalogue&) = delete;
   SavedCatalogue& operator=(const SavedCatalogue&) = delete;
 
-  // Reads what was saved for these paths and for patterns_taken_as_heights(); call once, first. `cache_dir`: empty:
-  // nothing is read or saved. Throws nothing but std::bad_alloc.
+  // Reads the file for these paths and for patterns_taken_as_heights(); call it once, before the other functions. If
+  // `cache_dir` is empty, nothing is read or saved. Throws nothing but std::bad_alloc.
   void read(const std::string& cache_dir, const std::vector<std::string>& paths, Log log);
 
   std::size_t size() const { return files_.size(); }
-  // Null if nothing is known of the file. Thread-safe.
+  // Returns the saved result for a file, or null. Thread-safe.
   SavedFile* find(std::string_view path);
 
   // Replaces the saved files, atomically. A folder that cannot be written is reported to the log.

@@ -15,14 +15,14 @@
 namespace selenograph::dem {
 namespace {
 
-// To the end, or `most` bytes.
-std::string read_and_close(int fd, const std::string& path, std::size_t most) {
-  constexpr std::size_t kPiece = 1 << 16;
+// Reads to the end of the file, or `max_bytes`, and closes it.
+std::string read_and_close(int fd, const std::string& path, std::size_t max_bytes) {
+  constexpr std::size_t kFirstRead = 1 << 16;
   std::string bytes;
   std::size_t done = 0;
   int code = 0;
-  while (done < most) {
-    if (done == bytes.size()) bytes.resize(std::min(most, std::max(kPiece, 2 * done)));
+  while (done < max_bytes) {
+    if (done == bytes.size()) bytes.resize(std::min(max_bytes, std::max(kFirstRead, 2 * done)));
     const ssize_t n = ::read(fd, bytes.data() + done, bytes.size() - done);
     if (n < 0 && errno == EINTR) continue;
     if (n < 0) code = errno;
@@ -88,8 +88,8 @@ void throw_file_error(const std::string& file, int code) {
   throw DataError(file, "cannot be opened: " + std::generic_category().message(code));
 }
 
-std::string read_head(const std::string& path, std::size_t most) {
-  // Opening a FIFO would wait for its writer.
+std::string read_head(const std::string& path, std::size_t max_bytes) {
+  // O_NONBLOCK: opening a FIFO would otherwise wait for its writer.
   const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
   if (fd < 0) throw_file_error(path, errno);
   struct stat s {};
@@ -97,7 +97,7 @@ std::string read_head(const std::string& path, std::size_t most) {
     ::close(fd);
     throw DataError(path, "is not a regular file");
   }
-  return read_and_close(fd, path, std::min(most, static_cast<std::size_t>(s.st_size)));
+  return read_and_close(fd, path, std::min(max_bytes, static_cast<std::size_t>(s.st_size)));
 }
 
 std::string read_whole(const std::string& path) {

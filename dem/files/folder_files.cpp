@@ -20,7 +20,7 @@ namespace {
 
 std::string group_name(std::string_view name) { return lower(name.substr(0, name.find('.'))); }
 
-// Of a name that the folder itself doesn't give.
+// Returns the type of a file that the folder does not give; 0 if it is unknown.
 mode_t type_of(const std::string& path, bool follow) {
   struct stat s {};
   const int failed = follow ? ::stat(path.c_str(), &s) : ::lstat(path.c_str(), &s);
@@ -44,11 +44,12 @@ FolderFiles::FolderFiles(std::string folder, std::vector<std::string>* folders) 
     if (is_system_fault(trouble_)) throw SystemFault(folder_, trouble_);
     return;
   }
-  struct Place {
-    std::size_t group, name, end;  // in text_
+  // Offsets in text_: text_ moves while it grows, so views are made at the end.
+  struct NameOffsets {
+    std::size_t group, name, end;
     bool link;
   };
-  std::vector<Place> places;  // text_ moves while it grows
+  std::vector<NameOffsets> offsets;
   for (;;) {
     errno = 0;
     const dirent* entry = ::readdir(listing.get());
@@ -62,14 +63,14 @@ FolderFiles::FolderFiles(std::string folder, std::vector<std::string>* folders) 
     if (type != DT_REG && !(link && type_of(path_of(name), true) == S_IFREG)) continue;
     const std::size_t group = text_.size();
     text_ += group_name(name);
-    places.push_back({group, text_.size(), text_.size() + name.size(), link});
+    offsets.push_back({group, text_.size(), text_.size() + name.size(), link});
     text_ += name;
   }
   trouble_ = errno;
   if (is_system_fault(trouble_)) throw SystemFault(folder_, trouble_);
-  entries_.reserve(places.size());
+  entries_.reserve(offsets.size());
   const std::string_view text = text_;
-  for (const Place& p : places)
+  for (const NameOffsets& p : offsets)
     entries_.push_back({text.substr(p.group, p.name - p.group), text.substr(p.name, p.end - p.name), p.link});
   std::sort(entries_.begin(), entries_.end(), [](const FolderEntry& a, const FolderEntry& b) {
     return std::tie(a.group, a.name) < std::tie(b.group, b.name);
@@ -84,9 +85,9 @@ std::string FolderFiles::path_of(std::string_view name) const {
 
 const FolderEntry* FolderFiles::find(std::string_view name) const {
   const std::string group = group_name(name);
-  const FolderEntry wanted{group, name};
+  const FolderEntry key{group, name};
   const auto found = std::lower_bound(
-      entries_.begin(), entries_.end(), wanted,
+      entries_.begin(), entries_.end(), key,
       [](const FolderEntry& a, const FolderEntry& b) { return std::tie(a.group, a.name) < std::tie(b.group, b.name); });
   return found == entries_.end() || found->name != name ? nullptr : &*found;
 }
@@ -99,14 +100,14 @@ std::span<const FolderEntry> FolderFiles::group_of(const FolderEntry& entry) con
 }
 
 std::optional<FileStamp> FolderFiles::stamp(const FolderEntry& entry) const {
-  FileStamp all;
+  FileStamp group_stamp;
   for (const FolderEntry& file : group_of(entry)) {
-    const auto one = stamp_of(path_of(file.name));
-    if (!one) return std::nullopt;
-    all.hash = hash_of(file.name.data(), file.name.size(), all.hash ^ one->hash);
-    all.changed_ns = std::max(all.changed_ns, one->changed_ns);
+    const auto file_stamp = stamp_of(path_of(file.name));
+    if (!file_stamp) return std::nullopt;
+    group_stamp.hash = hash_of(file.name.data(), file.name.size(), group_stamp.hash ^ file_stamp->hash);
+    group_stamp.changed_ns = std::max(group_stamp.changed_ns, file_stamp->changed_ns);
   }
-  return all;
+  return group_stamp;
 }
 
 }  // namespace selenograph::dem

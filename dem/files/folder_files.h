@@ -1,4 +1,4 @@
-// The files of a folder in groups that belong together, and whether they have changed.
+// Files of a folder in groups that belong together, and stamps that change with them.
 #pragma once
 
 #include <cstddef>
@@ -11,43 +11,45 @@
 
 namespace selenograph::dem {
 
+// Regular file in a folder, or a link to one.
 struct FolderEntry {
-  std::string_view
-      group;  // the name up to its first dot, in lower case: "a.lbl", "A.IMG", "a.tif.aux.xml" are one group
+  // The name up to its first dot, in lower case: "a.lbl", "A.IMG" and "a.tif.aux.xml" are one group.
+  std::string_view group;
   std::string_view name;
-  bool link = false;  // symbolic, to a file
+  bool link = false;  // symbolic link to a file
 };
 
-// Stamp of a file's state and kind, and its last change by the file system's clock. Missing files have a stamp, too.
+// Hash of a file's state and kind, and its last change by the file system's clock. Missing files have a stamp, too.
 struct FileStamp {
   std::uint64_t hash = 0;
   std::int64_t changed_ns = 0;
 };
-// Empty when the system cannot tell.
+// Returns a file's stamp; empty when the system cannot tell.
 std::optional<FileStamp> stamp_of(const std::string& path);
 
-// A listing of one folder: names only; a file is examined only if the folder does not give its type.
+// Listing of one folder: names only. A file is examined only if the folder does not give its type.
 class FolderFiles {
  public:
-  // Appends subfolders to `folders`. Throws SystemFault when the system is at fault; other errors are returned by
-  // trouble(), and entries listed before remain.
+  // Lists a folder and appends its subfolders to `folders`. Throws SystemFault when the system is at fault. Other
+  // errors are returned by trouble(); entries listed before remain.
   explicit FolderFiles(std::string folder, std::vector<std::string>* folders = nullptr);
   FolderFiles(const FolderFiles&) = delete;
   FolderFiles& operator=(const FolderFiles&) = delete;
 
   const std::string& folder() const { return folder_; }
-  // An errno, or 0.
+  // Returns the errno of an incomplete listing, or 0.
   int trouble() const { return trouble_; }
-  // Sorted by group, then by name.
+  // Returns the entries, sorted by group, then by name.
   const std::vector<FolderEntry>& entries() const { return entries_; }
-  // Null if not listed.
+  // Returns the entry of a name; null if it is not listed.
   const FolderEntry* find(std::string_view name) const;
-  // "folder/name".
+  // Returns "folder/name".
   std::string path_of(std::string_view name) const;
 
-  // All entries of the same group: properties of a file may depend on any of them.
+  // Returns all entries of the same group: properties of a file may depend on any of them.
   std::span<const FolderEntry> group_of(const FolderEntry& entry) const;
-  // Changes whenever one of them is added, removed or changed. Empty when the system cannot tell. Thread-safe.
+  // Returns the stamp of an entry's group, which changes whenever a file of the group is added, removed or changed.
+  // Empty when the system cannot tell. Thread-safe.
   std::optional<FileStamp> stamp(const FolderEntry& entry) const;
 
  private:

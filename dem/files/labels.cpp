@@ -11,10 +11,11 @@
 namespace selenograph::dem {
 namespace {
 
+// Label format: extensions, recognition and parsers.
 struct LabelFormat {
   std::string_view extension, image_extension;
   bool (*begins)(const std::string& path);
-  // Of a label; these throw DataError where it is illegible.
+  // Parsers of a label; they throw DataError if it is illegible.
   bool (*describes_map)(const std::string& path);
   std::vector<std::string> (*files_named)(const std::string& path);
   RawImage (*describe)(const std::string& path);
@@ -32,7 +33,7 @@ std::string_view extension_of(std::string_view path) {
   return name.substr(stem_of(name).size());
 }
 
-// Of a label or an image; null: none.
+// Returns the format of a label or an image; null if it has none.
 const LabelFormat* format_of(const std::string& path) {
   for (const LabelFormat& format : kFormats)
     if (same_text(extension_of(path), format.extension) || same_text(extension_of(path), format.image_extension) ||
@@ -49,8 +50,8 @@ FileKind kind_of(std::string_view path) {
     if (same_text(extension, format.extension)) return FileKind::label;
     if (same_text(extension, format.image_extension)) return FileKind::labelled_image;
   }
-  for (const std::string_view known : kGeoreferenced)
-    if (same_text(extension, known)) return FileKind::georeferenced;
+  for (const std::string_view georeferenced : kGeoreferenced)
+    if (same_text(extension, georeferenced)) return FileKind::georeferenced;
   return FileKind::other;
 }
 
@@ -87,7 +88,7 @@ bool describes_other_product(const std::string& path) {
   try {
     return (kind == FileKind::label || kind == FileKind::labelled_image) && !format_of(path)->describes_map(path);
   } catch (const DataError&) {
-    return false;  // nobody knows what it is about
+    return false;  // an illegible label may describe a map
   }
 }
 
@@ -95,7 +96,7 @@ std::vector<std::string> files_named_by(const std::string& label) {
   try {
     return format_of(label)->files_named(label);
   } catch (const DataError&) {
-    return {};  // illegible: a problem of its own
+    return {};  // an illegible label is reported as a problem of its own
   }
 }
 

@@ -11,14 +11,14 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr double kSameRadius_m = 0.5;  // labels round
-constexpr double kAnyRadius_m = 1000;  // spheres of the Moon that are in use: 1737 to 1738.14 km
+constexpr double kSameRadius_m = 0.5;  // tolerance: labels round radii
+constexpr double kAnyRadius_m = 1000;  // tolerance around the Moon's radius: spheres in use have 1737 to 1738.14 km
 
 }  // namespace
 
 double map_sphere_m(std::span<const double> semi_axes_m, const std::string& path) {
-  const auto [least_m, largest_m] = std::ranges::minmax(semi_axes_m);
-  if (!(std::abs(least_m - kMoonRadius_m) <= kAnyRadius_m && largest_m - least_m <= kSameRadius_m)) {
+  const auto [smallest_m, largest_m] = std::ranges::minmax(semi_axes_m);
+  if (!(std::abs(smallest_m - kMoonRadius_m) <= kAnyRadius_m && largest_m - smallest_m <= kSameRadius_m)) {
     std::string axes;
     for (const double axis_m : semi_axes_m) axes += fmt::format("{}{:.1f}", axes.empty() ? "" : " x ", axis_m);
     throw DataError(path,

@@ -12,7 +12,7 @@
 
 namespace selenograph::dem {
 
-// O_NONBLOCK: opening a FIFO would wait for its other end.
+// O_NONBLOCK: opening a FIFO would otherwise wait for its other end.
 OpenFile::OpenFile(std::string path, int flags)
     : path_(std::move(path)), fd_(::open(path_.c_str(), flags | O_CLOEXEC | O_NONBLOCK | O_NOCTTY, 0644)) {
   if (fd_ < 0) throw SystemFault(path_, errno);

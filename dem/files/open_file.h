@@ -1,4 +1,4 @@
-// An open file descriptor.
+// Open file descriptor.
 #pragma once
 
 #include <cstddef>
@@ -9,23 +9,24 @@
 
 namespace selenograph::dem {
 
-// Errors of opening, reading and writing are the system's; this class does not judge the content. Reading is
-// thread-safe.
+// Owns a file descriptor. Errors of opening, reading and writing are the system's: this class does not check the
+// content. Reading is thread-safe.
 class OpenFile {
  public:
-  // `flags` as in open(2). Opens regular files, or with O_DIRECTORY folders, and never waits. Throws SystemFault naming
-  // the path, DataError for a FIFO, device or socket.
+  // Opens a regular file, or with O_DIRECTORY a folder, and never waits. `flags` as in open(2). Throws SystemFault
+  // naming the path, DataError for a FIFO, device or socket.
   OpenFile(std::string path, int flags);
   ~OpenFile();
   OpenFile(const OpenFile&) = delete;
   OpenFile& operator=(const OpenFile&) = delete;
 
-  // False when the file is too short. Throws SystemFault.
+  // Reads `bytes` bytes at `offset`. Returns false when the file is too short. Throws SystemFault.
   bool read(std::uint64_t offset, std::size_t bytes, void* out) const;
-  // Writes everything and, unless told otherwise, flushes it to the disk. Throws SystemFault.
+  // Writes all bytes and, with `flush`, flushes them to the disk. Throws SystemFault.
   void write(std::string_view bytes, bool flush = true) const;
   FileState state() const;
-  // Waits until no other process holds the lock; it ends with this object. Where a file system has no locks: nothing.
+  // Waits until no other process holds the file's lock, and takes it until this object ends. Has no effect in a file
+  // system without locks.
   void lock() const;
   const std::string& path() const { return path_; }
 

@@ -12,8 +12,8 @@ namespace selenograph::dem {
 
 namespace {
 
-// Metres per pixel on the Moon's sphere, for a map on a sphere of radius `sphere_m`. The PDS data dictionary's default
-// unit is km/pixel.
+// Returns metres per pixel on the Moon's sphere, for a map on a sphere of radius `sphere_m`. The PDS data dictionary's
+// default unit is km/pixel.
 std::optional<double> map_scale_m(const PdsReader& map, double sphere_m) {
   const PdsValue* v = map.value("MAP_SCALE");
   if (!v || !v->number()) return std::nullopt;
@@ -22,7 +22,8 @@ std::optional<double> map_scale_m(const PdsReader& map, double sphere_m) {
   return *v->number() * (unit.starts_with("M") ? 1 : 1000) * (kMoonRadius_m / sphere_m);
 }
 
-// MAP_RESOLUTION first: MAP_SCALE is printed rounded. A scale alone is brought back to the whole number it came from.
+// Returns posts per degree: MAP_RESOLUTION if possible, because MAP_SCALE is printed rounded. A scale alone is
+// converted back to the whole number that it came from.
 double posts_per_degree(const PdsReader& map, double sphere_m) {
   double ppd = map.number_or("MAP_RESOLUTION", 0);
   if (ppd <= 0) {
@@ -35,21 +36,23 @@ double posts_per_degree(const PdsReader& map, double sphere_m) {
   return ppd;
 }
 
-// One axis of a cylindrical map, in posts from the projection's centre, growing with the row or column number.
+// Axis of a cylindrical map, in posts from the projection's centre, growing with the row or column number.
 struct Axis {
   int count = 0;
   std::optional<double> offset;       // LINE_ or SAMPLE_PROJECTION_OFFSET
-  std::optional<double> first, last;  // from the corners that the label prints
-  double period = 0;                  // of a longitude, else 0
+  std::optional<double> first, last;  // positions of the first and last corner that the label prints
+  double period = 0;                  // posts per turn for longitudes, else 0
 };
 
-// Where the first post lies. The corners that the label prints say which of the conventions in use is meant by the
-// offset, which is the more exact number:
-// - corners at the outermost posts (Kaguya) span count - 1, at the outer pixel edges (LOLA) they span count;
-// - offsets count from the first post's position (Kaguya, LOLA) or from one post before it (1-based, older products),
-// and
-//   early Kaguya products have the opposite sign.
-// A Kaguya label with edges printed is still recognised, as its offset then equals the edge.
+// Returns the position of the first post. The printed corners tell which convention the offset, the more exact number,
+// follows:
+// - Corners at the outermost posts (Kaguya) span count - 1 posts, at the outer pixel edges (LOLA) count posts.
+// - Offsets count from the first post's position (Kaguya, LOLA), or from one post before it (1-based, older products).
+// - Early Kaguya products have the opposite sign.
+//
+// A Kaguya label with printed edges is still recognised, as its offset then equals the edge.
+//
+//     corners at posts:   |o . . . . o|   span = count - 1     corners at edges:  |.o . . . . o.|   span = count
 std::optional<double> first_post(const Axis& a) {
   const auto near = [&](double x, double y, double tolerance) {
     const double d = a.period > 0 ? std::remainder(x - y, a.period) : x - y;
@@ -59,7 +62,8 @@ std::optional<double> first_post(const Axis& a) {
   if (a.offset) candidates = {-*a.offset, 1 - *a.offset, *a.offset, *a.offset - 1};
   if (!a.first || !a.last) return a.offset ? std::optional(-*a.offset) : std::nullopt;
 
-  // The conventions differ by half a post at least; printed decimals are off by much less than the tolerances here.
+  // Match candidates and corners: the conventions differ by at least half a post, while printed decimals are off by
+  // much less than the tolerances.
   const double span = *a.last - *a.first;
   std::vector<double> targets;
   if (std::abs(span - (a.count - 1)) < 0.3) targets = {*a.first};
@@ -68,25 +72,27 @@ std::optional<double> first_post(const Axis& a) {
     for (const double target : targets)
       if (near(candidate, target, 0.1)) return candidate;
   if (targets.empty()) return std::nullopt;
-  // No convention fits: the corners win, freed from the rounding of their six decimals.
+  // Use the corners if no convention fits, and undo the rounding of their six decimals.
   const double half = std::round(targets.front() * 2) / 2;
   return std::abs(half - targets.front()) < 0.02 ? half : targets.front();
 }
 
+// Returns the number of the first keyword that has one.
 std::optional<double> first_of(const PdsReader& a, std::initializer_list<const char*> keywords) {
   for (const char* keyword : keywords)
     if (const auto x = a.maybe(keyword)) return x;
   return std::nullopt;
 }
 
-// Whether a printed place is that of a post, give or take conventions and rounding: what is farther off is a mistake of
-// which nobody knows whether it is in this number or in the others.
+// Returns true if a printed position is that of a post, up to conventions and rounding. A larger difference is a
+// mistake in this number or in the others; the label does not tell which.
 bool agrees(const Axis& axis, double printed, double post) {
   const double tolerance = std::max(2.0, 0.01 * axis.count), d = printed - post;
   return std::abs(axis.period > 0 ? std::remainder(d, axis.period) : d) <= tolerance;
 }
 
-// `low` and `high`: keywords that print the first and the last post's place; `sign`: of what grows with the number.
+// Throws DataError if printed positions or the offset contradict the first post's position. `low` and `high`: keywords
+// that print the first and the last post's position; `sign`: +1 if it grows with the post number, else -1.
 void check_axis(const PdsReader& label, const Axis& axis, double post, double sign, double centre_deg, double ppd,
                 std::initializer_list<const char*> low, std::initializer_list<const char*> high) {
   int agreeing = 0;
@@ -99,7 +105,7 @@ void check_axis(const PdsReader& label, const Axis& axis, double post, double si
   };
   for (const char* keyword : low) check(keyword, post);
   for (const char* keyword : high) check(keyword, post + axis.count - 1);
-  // A zero stands for nothing; and against two pairs of corners an offset is outvoted.
+  // Ignore an offset of zero, which means no offset, and one that two pairs of corners contradict.
   if (!axis.offset || *axis.offset == 0 || agreeing > 2) return;
   for (const double candidate : {-*axis.offset, *axis.offset})
     if (agrees(axis, candidate, post)) return;
@@ -119,7 +125,8 @@ GeographicGrid cylindrical_grid(const PdsReader& label, const PdsReader& map, do
   const auto west = first_of(label, {"WESTERNMOST_LONGITUDE", "UPPER_LEFT_LONGITUDE"});
   auto east = first_of(label, {"EASTERNMOST_LONGITUDE", "UPPER_RIGHT_LONGITUDE"});
   if (west && east) {
-    if (*east < *west || (*east == *west && width > 1)) *east += 360;  // E359E000
+    if (*east < *west || (*east == *west && width > 1))
+      *east += 360;  // crosses longitude 0, e.g. a tile from E359 to E000
     columns.first = (*west - centre_lon) * ppd;
     columns.last = (*east - centre_lon) * ppd;
   }
@@ -136,14 +143,15 @@ GeographicGrid cylindrical_grid(const PdsReader& label, const PdsReader& map, do
   return {-*row / ppd, centre_lon + *column / ppd, ppd, ppd};
 }
 
-// Offsets from the pole. LOLA's polar products are symmetric about it, but their labels round half a pixel away in
-// different directions: a map that is symmetric to within half a pixel is symmetric.
+// Returns the offset from the pole. LOLA's polar products are symmetric about it, but their labels round half a pixel
+// in different directions: a map that is symmetric to within half a pixel is taken as symmetric.
 double polar_offset(const PdsReader& map, const char* keyword, int count) {
   const double offset = map.number(keyword);
   return std::abs(offset - count / 2.0) < 0.51 ? (count - 1) / 2.0 : offset;
 }
 
-// In the plane the metres per pixel are exact and the pixels per degree rounded (LOLA's DSMAP_POLAR.CAT says so).
+// Returns the grid of a polar map. In the plane the metres per pixel are exact and the pixels per degree rounded
+// (LOLA's DSMAP_POLAR.CAT).
 PlaneGrid polar_grid(const PdsReader& map, double sphere_m, int width, int height) {
   PlaneGrid g;
   const double pole = map.number("CENTER_LATITUDE");

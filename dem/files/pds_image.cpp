@@ -18,10 +18,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::uint64_t kFarthestByte = 1'000'000'000'000'000;  // of a file: what is added to it stays within 64 bits
+constexpr std::uint64_t kFarthestByte =
+    1'000'000'000'000'000;  // largest offset in a file: sums with row sizes then fit into 64 bits
 
-// SAMPLE_TYPE names of the PDS Standards Reference, appendix C. Plain INTEGER, REAL and the like are MSB (Sun, Mac,
-// IEEE).
+// Returns the sample type by the names of the PDS Standards Reference, appendix C. Plain INTEGER, REAL and the like are
+// MSB (Sun, Mac, IEEE).
 RawSample sample_type(const PdsReader& image) {
   const std::string type = image.word("SAMPLE_TYPE");
   const int bits = image.count("SAMPLE_BITS");
@@ -52,7 +53,7 @@ double unit_in_metres(const PdsReader& image) {
   image.no_heights(fmt::format("its UNIT '{}' is none of those in which heights are read: {}", unit, kLengthUnits));
 }
 
-// SCALING_FACTOR or OFFSET in the image's unit; it may have one of its own (km, m/DN).
+// Returns SCALING_FACTOR or OFFSET in the image's unit; the keyword may have its own unit (km, m/DN).
 double in_unit(const PdsReader& image, const char* keyword, double otherwise, double unit_m) {
   const double x = image.number_or(keyword, otherwise);
   const PdsValue* value = image.value(keyword);
@@ -65,8 +66,8 @@ double in_unit(const PdsReader& image, const char* keyword, double otherwise, do
   return x * (*own_m / unit_m);
 }
 
-// OFFSET in the image's unit. Without a unit of its own, the Moon's radius is recognised in metres and in kilometres:
-// some labels of samples in metres have OFFSET = 1737.4.
+// Returns OFFSET in the image's unit. Without its own unit, the Moon's radius is recognised in metres and in
+// kilometres: some labels of samples in metres have OFFSET = 1737.4.
 double offset_in_unit(const PdsReader& image, double unit_m) {
   const double offset = in_unit(image, "OFFSET", 0, unit_m);
   const PdsValue* value = image.value("OFFSET");
@@ -77,7 +78,7 @@ double offset_in_unit(const PdsReader& image, double unit_m) {
   return offset;
 }
 
-// A bit pattern such as 16#FF7FFFFB# stands for the real number with those bits.
+// Returns a void value. A bit pattern such as 16#FF7FFFFB# stands for the real number with those bits.
 double void_of(const std::string& text, const RawSample& sample, double number) {
   const auto bits = sample.real ? parse_pds_based(text) : std::nullopt;
   if (!bits) return number;
@@ -96,22 +97,22 @@ std::vector<double> void_values(const PdsReader& image, const RawSample& sample)
   return voids;
 }
 
-// The label's folder, the name it gives, and failing that the same name in another case (archives differ, labels
-// don't).
+// Returns the path of the data file in the label's folder: the name that the label gives, or the same name in another
+// case (archives change the case of names, labels keep it).
 fs::path find_data_file(const std::string& label_path, const std::string& name) {
   const fs::path folder = fs::path(label_path).parent_path();
-  const fs::path wanted = folder / fs::path(name).filename();
+  const fs::path data_path = folder / fs::path(name).filename();
   std::error_code error;
-  if (fs::is_regular_file(wanted, error)) return wanted;
+  if (fs::is_regular_file(data_path, error)) return data_path;
   for (const auto& entry : fs::directory_iterator(folder.empty() ? fs::path(".") : folder, error))
-    if (same_text(entry.path().filename().string(), wanted.filename().string()))
+    if (same_text(entry.path().filename().string(), data_path.filename().string()))
       return folder / entry.path().filename();
   if (is_system_fault(error.value())) throw SystemFault(folder.string(), error.value());
-  throw DataError(label_path, "its data file " + wanted.filename().string() + " is missing");
+  throw DataError(label_path, "its data file " + data_path.filename().string() + " is missing");
 }
 
-// The image that such a label describes is within another file. An uncompressed file of the name that the label gives
-// has a label of its own, which may place it elsewhere.
+// Throws NotHeights for a label of a compressed file, which holds the described image. An uncompressed file of the name
+// that the label gives has its own label, which may place it elsewhere.
 void refuse_compressed(const PdsObject& label, const PdsReader& reader) {
   const PdsObject* compressed = label.find_object("COMPRESSED_FILE");
   if (!compressed) return;
@@ -123,12 +124,13 @@ void refuse_compressed(const PdsObject& label, const PdsReader& reader) {
 // Returns false for names of formats with headers or compression.
 bool has_raw_samples(const fs::path& data_path) {
   const std::string extension = lower(data_path.extension().string());
-  for (const char* other : {".tif", ".tiff", ".jp2", ".jpg", ".png"})
-    if (extension == other) return false;
+  for (const char* encoded : {".tif", ".tiff", ".jp2", ".jpg", ".png"})
+    if (extension == encoded) return false;
   return true;
 }
 
-// ^IMAGE = "FILE" | ("FILE", record) | ("FILE", n <BYTES>) | record | n <BYTES>; records and bytes count from 1.
+// Sets the data file and first byte from the pointer ^IMAGE = "FILE" | ("FILE", record) | ("FILE", n <BYTES>) | record
+// | n <BYTES>; records and bytes count from 1.
 void find_pixels(const PdsReader& label, const std::string& label_path, RawImage& out) {
   const PdsValue* pointer = label.value("^IMAGE");
   if (!pointer || pointer->items.empty()) label.fail("^IMAGE is missing");
@@ -136,9 +138,9 @@ void find_pixels(const PdsReader& label, const std::string& label_path, RawImage
   out.data_path = attached ? label_path : find_data_file(label_path, pointer->text()).string();
   if (!has_raw_samples(out.data_path))
     label.no_heights("describes " + fs::path(out.data_path).filename().string() + ", which holds no raw samples");
-  const std::size_t place = attached ? 0 : 1;
-  if (place >= pointer->items.size()) return;
-  const auto start = pointer->number(place);
+  const std::size_t position = attached ? 0 : 1;
+  if (position >= pointer->items.size()) return;
+  const auto start = pointer->number(position);
   if (!start || *start < 1 || *start > kFarthestByte || *start != std::floor(*start))
     label.fail("^IMAGE has no valid position");
   const auto before = static_cast<std::uint64_t>(*start) - 1;
@@ -177,14 +179,14 @@ RawImage describe_pds_image(const PdsObject& label, const std::string& label_pat
   const PdsObject* map_object = label.find_object("IMAGE_MAP_PROJECTION");
   if (!image_object || !map_object)
     throw DataError(label_path, "describes no map (IMAGE or IMAGE_MAP_PROJECTION is missing)");
-  const PdsReader whole(label, label_path), image(*image_object, label_path), map(*map_object, label_path);
+  const PdsReader label_reader(label, label_path), image(*image_object, label_path), map(*map_object, label_path);
 
   RawImage out;
-  out.format = format_name(whole);
-  out.synthetic = whole.word("DATA_SET_ID").starts_with("SYNTHETIC");
+  out.format = format_name(label_reader);
+  out.synthetic = label_reader.word("DATA_SET_ID").starts_with("SYNTHETIC");
   out.quantity = image.word("NAME") + " " + image.word("IMAGE_VALUE_TYPE");
-  out.product = whole.word("PRODUCT_ID");
-  refuse_compressed(label, whole);
+  out.product = label_reader.word("PRODUCT_ID");
+  refuse_compressed(label, label_reader);
   out.unit_m = unit_in_metres(image);
   out.width = image.count("LINE_SAMPLES");
   out.height = image.count("LINES");
@@ -201,10 +203,10 @@ RawImage describe_pds_image(const PdsObject& label, const std::string& label_pat
     image.fail("LINE_PREFIX_BYTES or LINE_SUFFIX_BYTES is impossible");
   out.row_bytes = static_cast<std::uint64_t>(out.width) * static_cast<std::uint64_t>(out.sample.bytes) +
                   static_cast<std::uint64_t>(prefix + suffix);
-  find_pixels(whole, label_path, out);
+  find_pixels(label_reader, label_path, out);
   out.first_byte += static_cast<std::uint64_t>(prefix);
-  out.sphere_m = pds_sphere_m(whole, map);
-  out.grid = pds_grid(whole, map, out.sphere_m, out.width, out.height);
+  out.sphere_m = pds_sphere_m(label_reader, map);
+  out.grid = pds_grid(label_reader, map, out.sphere_m, out.width, out.height);
   check_data_size(label_path, out);
   return out;
 }

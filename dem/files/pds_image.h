@@ -1,7 +1,7 @@
 // Interprets PDS3 labels of Kaguya and LOLA products: samples and georeferencing.
 //
-// The georeferencing of PDS3 products comes from here and not from GDAL, whose driver ignores DUMMY and mirrors tiles
-// that carry the old positive sign of SAMPLE_PROJECTION_OFFSET. Keywords: Planetary Science Data Dictionary.
+// GDAL's driver is not used: it ignores DUMMY, and mirrors tiles that carry the old positive sign of
+// SAMPLE_PROJECTION_OFFSET. Keywords: Planetary Science Data Dictionary.
 #pragma once
 
 #include <string>
@@ -11,9 +11,9 @@
 
 namespace selenograph::dem {
 
-// Everything needed to read the posts. Throws DataError naming the label when it contradicts itself, is not about
-// heights on the 1737.4 km sphere or uses a projection or sample type that isn't supported, and when the data file is
-// missing or shorter than the label says.
+// Returns all properties that are needed to read the posts. Throws DataError naming the label when it contradicts
+// itself, or is not about heights on the 1737.4 km sphere. Also when its projection or sample type is not supported, or
+// when the data file is missing or shorter than the label says.
 RawImage describe_pds_image(const PdsObject& label, const std::string& label_path);
 
 }  // namespace selenograph::dem

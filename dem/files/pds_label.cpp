@@ -12,8 +12,8 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr std::size_t kLongestLabel = 1 << 20;
-constexpr int kDeepestObject = 32;
+constexpr std::size_t kMaxLabel_bytes = 1 << 20;
+constexpr int kMaxDepth = 32;
 
 std::string_view trimmed(std::string_view s) {
   constexpr std::string_view blanks = " \t\r\n\f\v";
@@ -22,6 +22,7 @@ std::string_view trimmed(std::string_view s) {
   return s.substr(from, s.find_last_not_of(blanks) - from + 1);
 }
 
+// Recursive-descent parser of ODL. `at_` is the position of the next character.
 class Parser {
  public:
   Parser(std::string_view text, const std::string& path) : text_(text), path_(path) {}
@@ -42,7 +43,7 @@ class Parser {
   bool done() const { return at_ >= text_.size(); }
   bool looking_at(std::string_view s) const { return text_.substr(at_, s.size()) == s; }
 
-  // Past blanks and comments. A comment that its author forgot to close ends with its line (PDS3 forbids longer ones).
+  // Skips blanks and comments. A comment without its end "*/" ends with its line: PDS3 forbids longer ones.
   void skip_blanks() {
     while (!done()) {
       if (std::isspace(static_cast<unsigned char>(text_[at_]))) {
@@ -57,7 +58,7 @@ class Parser {
     }
   }
 
-  // `KEYWORD`, without what follows. Bytes that can't be in one mean that this is no label at all.
+  // Reads a keyword. A byte that no keyword may have means that the file is no label.
   std::string_view keyword() {
     const std::size_t from = at_;
     while (!done() && text_[at_] != '=' && !std::isspace(static_cast<unsigned char>(text_[at_]))) {
@@ -70,9 +71,9 @@ class Parser {
     return text_.substr(from, at_ - from);
   }
 
-  // Statements up to the end of this object; recursion follows OBJECT and GROUP.
+  // Reads statements up to the end of this object, recursively for OBJECT and GROUP.
   void fill(PdsObject& object, int depth) {
-    if (depth > kDeepestObject) fail("objects are nested too deeply");
+    if (depth > kMaxDepth) fail("objects are nested too deeply");
     for (skip_blanks(); !done(); skip_blanks()) {
       const std::string_view key = keyword();
       if (same_text(key, "END")) {
@@ -140,7 +141,8 @@ class Parser {
     return out;
   }
 
-  // Unquoted, up to a unit, a comment or the end of the line; ISIS breaks long words with a hyphen at the line's end.
+  // Reads an unquoted value up to a unit, a comment or the end of the line. ISIS breaks long words with a hyphen at the
+  // line's end.
   std::string bare_line() {
     std::string out;
     for (;;) {
@@ -155,7 +157,7 @@ class Parser {
     }
   }
 
-  // ( ... ) or { ... }; nested ones are flattened, nobody needs their shape here.
+  // Reads ( ... ) or { ... }. Nested sequences are flattened: no reader needs their structure.
   void read_sequence(PdsValue& value) {
     int open = 0;
     do {
@@ -163,7 +165,7 @@ class Parser {
       if (done()) fail("a sequence is not closed");
       const char c = text_[at_];
       if (c == '(' || c == '{') {
-        if (++open > kDeepestObject) fail("sequences are nested too deeply");
+        if (++open > kMaxDepth) fail("sequences are nested too deeply");
         ++at_;
       } else if (c == ')' || c == '}') {
         --open;
@@ -196,7 +198,6 @@ std::string upper_case(std::string_view s) {
   return out;
 }
 
-// 16#FF7FFFFB#: a whole number in another base.
 std::optional<std::uint64_t> parse_pds_based(std::string_view s) {
   const std::size_t hash = s.find('#');
   if (hash == std::string_view::npos || s.size() <= hash + 2 || s.back() != '#') return std::nullopt;
@@ -241,7 +242,7 @@ const PdsValue* PdsObject::find(std::string_view keyword) const {
 const PdsValue* PdsObject::find_deep(std::string_view keyword) const {
   if (const PdsValue* here = find(keyword)) return here;
   for (const PdsObject& inner : objects)
-    if (const PdsValue* there = inner.find_deep(keyword)) return there;
+    if (const PdsValue* inner_value = inner.find_deep(keyword)) return inner_value;
   return nullptr;
 }
 
@@ -255,7 +256,7 @@ const PdsObject* PdsObject::find_object(std::string_view object_name) const {
 
 PdsObject parse_pds_label(std::string_view text, const std::string& path) { return Parser(text, path).parse(); }
 
-PdsObject read_pds_label(const std::string& path) { return parse_pds_label(read_head(path, kLongestLabel), path); }
+PdsObject read_pds_label(const std::string& path) { return parse_pds_label(read_head(path, kMaxLabel_bytes), path); }
 
 bool begins_with_pds_label(const std::string& path) {
   constexpr std::size_t kEnough = 256;
@@ -266,7 +267,7 @@ bool begins_with_pds_label(const std::string& path) {
     return false;
   }
   const std::string_view text = trimmed(head);
-  // CCSD...: the SFDU line that old archives put before it.
+  // Accept CCSD...: the SFDU line that old archives put before the label.
   return text.starts_with("PDS_VERSION_ID") ||
          (text.starts_with("CCSD") && text.find("PDS_VERSION_ID") != std::string_view::npos);
 }

@@ -14,16 +14,16 @@
 
 namespace selenograph::dem {
 
-// The right-hand side of `KEYWORD = ...`. Quotes are removed; a sequence or set has several items.
+// Right-hand side of `KEYWORD = ...`. Quotes are removed; a sequence or set has several items.
 struct PdsValue {
   std::vector<std::string> items;
-  std::string unit;  // the text between < and >, of the last item that has one
+  std::string unit;  // text between < and >, of the last item that has one
 
   std::string text() const;                               // the first item, or ""
-  std::optional<double> number(std::size_t i = 0) const;  // nothing for N/A and other words; 16#...# is understood
+  std::optional<double> number(std::size_t i = 0) const;  // empty for N/A and other words; 16#...# is understood
 };
 
-// OBJECT or GROUP, and the label itself. Keywords and names are compared without regard to case.
+// OBJECT or GROUP, or the label itself. Keywords and names are compared without regard to case.
 struct PdsObject {
   std::string name;
   std::vector<std::pair<std::string, PdsValue>> values;
@@ -34,22 +34,23 @@ struct PdsObject {
   const PdsObject* find_object(std::string_view object_name) const;  // depth first
 };
 
-// Both throw DataError naming `path` and, for bad syntax, the line. Anything without PDS_VERSION_ID is not a label.
-// Reading stops at END, so that the pixels after an attached label are never read.
+// Parse a label, or the label at the beginning of a file. Both throw DataError naming `path` and, for bad syntax, the
+// line. A text without PDS_VERSION_ID is not a label. Parsing stops at END: the pixels after an attached label are
+// never parsed.
 PdsObject parse_pds_label(std::string_view text, const std::string& path);
 PdsObject read_pds_label(const std::string& path);
 
-// Whether the file begins with a PDS3 label (a detached label, or an image with an attached one).
+// Returns true if the file begins with a PDS3 label: a detached label, or an image with an attached one.
 bool begins_with_pds_label(const std::string& path);
-// The names of the files that its pointers (^IMAGE and the like) give, in lower case.
+// Returns the names of the files that the label's pointers (^IMAGE and the like) give, in lower case.
 std::vector<std::string> files_named_by(const PdsObject& label);
-// Whether the label describes a map: it has an IMAGE and an IMAGE_MAP_PROJECTION.
+// Returns true if the label describes a map: it has an IMAGE and an IMAGE_MAP_PROJECTION.
 bool describes_map(const PdsObject& label);
 
-// Keywords and names ignore case.
+// Returns a text in upper case, for comparisons of keywords and names.
 std::string upper_case(std::string_view s);
 
-// Looks up keywords; errors name the label.
+// Looks up keywords in an object and those within it; errors name the label.
 class PdsReader {
  public:
   PdsReader(const PdsObject& object, const std::string& path) : object_(object), path_(path) {}
@@ -58,7 +59,8 @@ class PdsReader {
     const PdsValue* v = object_.find_deep(keyword);
     return v ? v->number() : std::nullopt;
   }
-  // Where the keyword is missing or says that it has no value.
+  // Returns a number, or `otherwise` if the keyword is missing or its text means no value. Throws DataError for another
+  // text.
   double number_or(std::string_view keyword, double otherwise) const {
     if (const auto x = maybe(keyword)) return *x;
     const std::string text = word(keyword);
@@ -81,7 +83,7 @@ class PdsReader {
   const PdsValue* value(std::string_view keyword) const { return object_.find_deep(keyword); }
   const std::string& path() const { return path_; }
   [[noreturn]] void fail(const std::string& what) const { throw DataError(path_, what); }
-  // Throws: the label does not describe heights.
+  // Throws NotHeights: the label does not describe heights.
   [[noreturn]] void no_heights(const std::string& what) const { throw NotHeights(path_, what); }
 
  private:
@@ -89,7 +91,7 @@ class PdsReader {
   const std::string& path_;
 };
 
-// 16#FF7FFFFB#: a whole number in another base.
+// Parses a whole number in another base, such as 16#FF7FFFFB#.
 std::optional<std::uint64_t> parse_pds_based(std::string_view s);
 
 }  // namespace selenograph::dem

@@ -11,17 +11,18 @@
 namespace selenograph::dem {
 namespace {
 
-enum class Match { whole, beginning };
+enum class Match { exact, prefix };
 
 struct QuantityWord {
   std::string_view word;
   std::string_view quantity;
-  Match match = Match::whole;
+  Match match = Match::exact;
 };
 
-// Words in lower case, without digits at their end. Names of products: LOLA's gridded data (LDEM, LDSM, LDRM, LDEC,
-// LDAM, LPSR, AVGVISIB), its 5 m sites (_surf, _slp, _toterr, _slperr, _ldec, _effres, _err), Kaguya's DTM_MAP and
-// TCO_MAP, LROC's NAC_DTM (_SHADE, _CONF, _SLOPE), GLD and WAC_EMP, Diviner's DGDR.
+// Words in lower case, without digits at their end. They include names of products:
+//   LOLA: gridded data (LDEM, LDSM, LDRM, LDEC, LDAM, LPSR, AVGVISIB), 5 m sites (_surf, _slp, _toterr, _slperr, _ldec,
+//         _effres, _err)
+//   Kaguya: DTM_MAP, TCO_MAP    LROC: NAC_DTM (_SHADE, _CONF, _SLOPE), GLD, WAC_EMP    Diviner: DGDR
 constexpr QuantityWord kWords[] = {
     {"dem", kHeights},
     {"ldem", kHeights},
@@ -29,22 +30,22 @@ constexpr QuantityWord kWords[] = {
     {"dtm", kHeights},
     {"gld", kHeights},
     {"surf", kHeights},
-    {"height", kHeights, Match::beginning},
-    {"elevation", kHeights, Match::beginning},
-    {"altitude", kHeights, Match::beginning},
-    {"topograph", kHeights, Match::beginning},
+    {"height", kHeights, Match::prefix},
+    {"elevation", kHeights, Match::prefix},
+    {"altitude", kHeights, Match::prefix},
+    {"topograph", kHeights, Match::prefix},
     {"radius", kHeights},
     {"ldsm", "slopes"},
     {"slp", "slopes"},
-    {"slope", "slopes", Match::beginning},
+    {"slope", "slopes", Match::prefix},
     {"clrslope", "slopes"},
-    {"gradient", "slopes", Match::beginning},
-    {"aspect", "aspects", Match::beginning},
+    {"gradient", "slopes", Match::prefix},
+    {"aspect", "aspects", Match::prefix},
     {"effres", "effective resolution"},
     {"err", "error of heights"},
     {"toterr", "error of heights"},
-    {"error", "error of heights", Match::beginning},
-    {"uncertaint", "error of heights", Match::beginning},
+    {"error", "error of heights", Match::prefix},
+    {"uncertaint", "error of heights", Match::prefix},
     {"sigma", "error of heights"},
     {"stdev", "error of heights"},
     {"stddev", "error of heights"},
@@ -55,35 +56,35 @@ constexpr QuantityWord kWords[] = {
     {"ldrm", "roughness"},
     {"roughness", "roughness"},
     {"ldam", "albedo"},
-    {"albedo", "albedo", Match::beginning},
+    {"albedo", "albedo", Match::prefix},
     {"emp", "albedo"},
-    {"reflect", "albedo", Match::beginning},
+    {"reflect", "albedo", Match::prefix},
     {"radiance", "images"},
     {"avgvisib", "illumination"},
-    {"illum", "illumination", Match::beginning},
+    {"illum", "illumination", Match::prefix},
     {"visibility", "illumination"},
     {"lpsr", "permanent shadow"},
-    {"shade", "shaded relief", Match::beginning},
+    {"shade", "shaded relief", Match::prefix},
     {"clrshade", "shaded relief"},
-    {"hillshade", "shaded relief", Match::beginning},
-    {"shadow", "shadows", Match::beginning},
+    {"hillshade", "shaded relief", Match::prefix},
+    {"shadow", "shadows", Match::prefix},
     {"conf", "confidence"},
     {"clrconf", "confidence"},
     {"confidence", "confidence"},
     {"tco", "images"},
-    {"orthoimage", "images", Match::beginning},
-    {"orthophoto", "images", Match::beginning},
-    {"temperature", "temperatures", Match::beginning},
+    {"orthoimage", "images", Match::prefix},
+    {"orthophoto", "images", Match::prefix},
+    {"temperature", "temperatures", Match::prefix},
     {"dgdr", "temperatures"},
     {"mask", "a mask"},
     {"curvature", "curvature"},
-    {"hazard", "hazards", Match::beginning},
+    {"hazard", "hazards", Match::prefix},
 };
 
 std::string_view quantity_of_word(std::string_view word) {
   while (!word.empty() && std::isdigit(static_cast<unsigned char>(word.back()))) word.remove_suffix(1);
-  for (const QuantityWord& known : kWords)
-    if (known.match == Match::whole ? word == known.word : word.starts_with(known.word)) return known.quantity;
+  for (const QuantityWord& entry : kWords)
+    if (entry.match == Match::exact ? word == entry.word : word.starts_with(entry.word)) return entry.quantity;
   return {};
 }
 
@@ -99,13 +100,14 @@ void for_each_word(std::string_view text, const Visit& visit) {
   }
 }
 
-// Images of LROC's narrow-angle camera, "M1234567890LE": an orthoimage has such a number in its name.
+// Returns true for a number of an image of LROC's narrow-angle camera, "M1234567890LE": an orthoimage has such a number
+// in its name.
 bool is_nac_image(std::string_view word) {
   const std::string_view number = word.substr(0, word.find_first_not_of("0123456789", 1)).substr(1);
   return word.front() == 'm' && (number.size() == 9 || number.size() == 10);
 }
 
-std::vector<std::string>& taken_patterns() {
+std::vector<std::string>& heights_patterns() {
   static std::vector<std::string> patterns;
   return patterns;
 }
@@ -133,12 +135,13 @@ std::string_view quantity_in_name(std::string_view path) {
   return found;
 }
 
-void take_as_heights(std::vector<std::string> patterns) { taken_patterns() = std::move(patterns); }
+void take_as_heights(std::vector<std::string> patterns) { heights_patterns() = std::move(patterns); }
 
-const std::vector<std::string>& patterns_taken_as_heights() { return taken_patterns(); }
+const std::vector<std::string>& patterns_taken_as_heights() { return heights_patterns(); }
 
 bool is_taken_as_heights(const std::string& path) {
-  return std::ranges::any_of(taken_patterns(), [&](const std::string& pattern) { return name_matches(path, pattern); });
+  return std::ranges::any_of(heights_patterns(),
+                             [&](const std::string& pattern) { return name_matches(path, pattern); });
 }
 
 std::string how_to_override(std::string_view path) {

@@ -13,40 +13,40 @@
 namespace selenograph::dem {
 namespace {
 
-// What a file may say of its grid. Whatever is beyond these is a mistake or an attack, and numbers of posts made from
-// it would not be whole numbers of any type.
-constexpr double kFewestPerDegree = 1.0 / 30, kMostPerDegree = kTicksPerDegree;  // posts 900 km to 3 cm apart
-constexpr double kLongestPosts = 100;             // a post's width by its height, or the other way round
-constexpr int kMostPosts = 1 << 24;               // along a side: the whole Moon has as many at 0.65 m
-constexpr double kFarthestLongitude_deg = 1e4;    // after some turns; precise to far below a post
-constexpr double kFarthestFromOrigin_deg = 135;   // of a stereographic raster
-constexpr double kFarthestFromCylinder_deg = 87;  // of a Mercator raster; the scale is 19 there
+// Limits of a file's grid. A grid beyond them is a mistake or an attack, and numbers of posts computed from it would
+// overflow every integer type.
+constexpr double kMinPerDegree = 1.0 / 30, kMaxPerDegree = kTicksPerDegree;  // posts 900 km to 3 cm apart
+constexpr double kMaxPostAspect = 100;     // ratio of a post's longer side to its shorter one
+constexpr int kMaxPosts = 1 << 24;         // posts along a side: the whole Moon has as many at 0.65 m
+constexpr double kMaxLongitude_deg = 1e4;  // a few turns are allowed; a double is then precise to far below a post
+constexpr double kFarthestFromOrigin_deg = 135;   // limit of a stereographic raster
+constexpr double kFarthestFromCylinder_deg = 87;  // limit of a Mercator raster, where its scale is 19
 
 void check_size(const RasterInfo& info) {
-  if (std::max(info.width, info.height) > kMostPosts)
+  if (std::max(info.width, info.height) > kMaxPosts)
     throw DataError(info.path,
-                    fmt::format("has {} x {} posts, more than {} along a side", info.width, info.height, kMostPosts));
+                    fmt::format("has {} x {} posts, more than {} along a side", info.width, info.height, kMaxPosts));
 }
 
-// Comparisons with NaN are false.
+// Throws DataError for an impossible number of posts per degree. Comparisons with NaN are false, so NaN throws, too.
 void check_spacing(const RasterInfo& info, double per_degree) {
-  if (!(per_degree >= kFewestPerDegree && per_degree <= kMostPerDegree))
+  if (!(per_degree >= kMinPerDegree && per_degree <= kMaxPerDegree))
     throw DataError(info.path, fmt::format("has impossible posts: {:.6g} a degree, where {:.6g} to {:.6g} are possible",
-                                           per_degree, kFewestPerDegree, kMostPerDegree));
+                                           per_degree, kMinPerDegree, kMaxPerDegree));
 }
 
 void check_grid(const RasterInfo& info, const GeographicGrid& g) {
   check_spacing(info, g.lat_posts_per_degree);
   check_spacing(info, g.lon_posts_per_degree);
   const double longer = g.lat_posts_per_degree / g.lon_posts_per_degree;
-  if (std::max(longer, 1 / longer) > kLongestPosts)
+  if (std::max(longer, 1 / longer) > kMaxPostAspect)
     throw DataError(info.path, fmt::format("has impossible posts: {:.6g} a degree of latitude and {:.6g} of longitude",
                                            g.lat_posts_per_degree, g.lon_posts_per_degree));
-  if (!(std::abs(g.first_lon_deg) <= kFarthestLongitude_deg))
+  if (!(std::abs(g.first_lon_deg) <= kMaxLongitude_deg))
     throw DataError(info.path, fmt::format("begins at an impossible longitude: {:.6g} degrees", g.first_lon_deg));
 }
 
-// How far from its origin a plane's rows and columns may reach, m.
+// Returns the limits of a plane's x and y from its origin, m.
 MapPoint farthest_of(const MapPlane& plane) {
   const double radius_m = kMoonRadius_m * plane.scale;
   const double along_m = radius_m * std::atanh(std::sin(kFarthestFromCylinder_deg * kRadiansPerDegree));
@@ -72,17 +72,17 @@ void check_grid(const RasterInfo& info, const PlaneGrid& g) {
   const MapPlane& plane = g.plane;
   if (!(plane.scale > 0))
     throw DataError(info.path, fmt::format("has an impossible scale of its projection: {:.6g}", plane.scale));
-  if (!(std::abs(plane.lat_deg) <= 90 && std::abs(plane.lon_deg) <= kFarthestLongitude_deg))
+  if (!(std::abs(plane.lat_deg) <= 90 && std::abs(plane.lon_deg) <= kMaxLongitude_deg))
     throw DataError(info.path, fmt::format("has an impossible origin of its projection: {:.6g}, {:.6g} degrees",
                                            plane.lat_deg, plane.lon_deg));
   const MapPoint farthest = farthest_of(plane);
   const double east_m = g.first_x_m + (info.width - 1) * g.spacing_m;
   const double south_m = g.first_y_m - (info.height - 1) * g.spacing_m;
-  const auto check_reach = [&](double m, double most_m) {
-    if (!(std::abs(m) <= most_m))
+  const auto check_reach = [&](double m, double max_m) {
+    if (!(std::abs(m) <= max_m))
       throw DataError(info.path, fmt::format("reaches {:.6g} m from the origin of its projection, where {:.6g} m are "
                                              "possible",
-                                             std::abs(m), most_m));
+                                             std::abs(m), max_m));
   };
   for (const double m : {g.first_x_m, east_m}) check_reach(m, farthest.x_m);
   for (const double m : {g.first_y_m, south_m}) check_reach(m, farthest.y_m);
@@ -92,9 +92,10 @@ void check_grid(const RasterInfo& info, const PlaneGrid& g) {
     throw DataError(info.path, "lies beyond the limb of its orthographic projection");
 }
 
-// Width of the columns that differ; a product that repeats its first meridian (0 and 360) loses the copy.
-void settle_columns(RasterInfo& info, GeographicGrid& g) {
-  constexpr double kRounding = 0.05;  // of a post; pixel sizes in metres are printed rounded
+// Sets the number of distinct columns and `wraps_longitude`: a product that repeats its first meridian (0 and 360)
+// loses the copy.
+void resolve_columns(RasterInfo& info, GeographicGrid& g) {
+  constexpr double kRounding = 0.05;  // tolerance in posts: pixel sizes in metres are printed rounded
   const double circle = 360 * g.lon_posts_per_degree;
   if (info.width < circle - kRounding) return;
   if (std::abs(circle - std::round(circle)) > kRounding) {
@@ -107,7 +108,7 @@ void settle_columns(RasterInfo& info, GeographicGrid& g) {
 }
 
 void set_geographic(RasterInfo& info, GeographicGrid g) {
-  settle_columns(info, g);
+  resolve_columns(info, g);
   info.lattice_level = lattice_level_of(g, std::max(info.width, info.height));
   if (info.lattice_level) {
     const double ppd = std::ldexp(1.0, *info.lattice_level);
@@ -120,7 +121,7 @@ void set_geographic(RasterInfo& info, GeographicGrid g) {
   const double across = info.wraps_longitude ? 360 : (info.width - 1) / g.lon_posts_per_degree;
   info.posts_per_degree = g.lat_posts_per_degree;
   info.post_spacing_m = kMetresPerDegree / g.lat_posts_per_degree;
-  // A row within the slack beyond a pole lies on it.
+  // Move a row within the slack beyond a pole onto the pole.
   const auto on_sphere = [](double lat_deg) { return std::clamp(lat_deg, -90.0, 90.0); };
   info.footprint = {on_sphere(south), on_sphere(g.first_lat_deg), g.first_lon_deg, g.first_lon_deg + across};
   g.first_lat_deg = info.footprint.north_deg;
@@ -199,8 +200,8 @@ Projection RasterInfo::projection() const {
 int level_needed(const RasterInfo& info) {
   if (info.lattice_level) return std::clamp(*info.lattice_level, 0, kMaxLevel);
   const double octaves = std::log2(info.posts_per_degree);
-  // 2^n px/deg that are not vertices of level n lie half a pixel off (pixel is area): they are vertices of the next
-  // level.
+  // Posts of 2^n px/deg that are not vertices of level n lie half a pixel off (pixel is area): they are vertices of the
+  // next level.
   const bool half_pixel = info.projection() == Projection::geographic && std::abs(octaves - std::round(octaves)) < 1e-9;
   return std::clamp(static_cast<int>(std::ceil(octaves - 1e-9)) + (half_pixel ? 1 : 0), 0, kMaxLevel);
 }

@@ -24,7 +24,7 @@ std::string temporary_name(const std::string& path) {
   return fmt::format("{}.tmp-{}-{}", path, ::getpid(), counter++);
 }
 
-// A temporary file that is gone when this is, unless it was renamed.
+// Temporary file, unlinked with this object unless it was renamed.
 class Temporary {
  public:
   Temporary(const std::string& path, std::string_view bytes, bool flush = true) : name_(temporary_name(path)) {
@@ -34,7 +34,7 @@ class Temporary {
       OpenFile(name_, O_WRONLY | O_CREAT | O_TRUNC).write(bytes, flush);
     } catch (...) {
       ::unlink(name_.c_str());
-      if (no_folder) throw SystemFault(path, no_folder.value());  // not that it isn't there, but why
+      if (no_folder) throw SystemFault(path, no_folder.value());  // report the cause, not the missing folder
       throw;
     }
   }
@@ -59,7 +59,7 @@ void write_whole_file(const std::string& path, std::string_view bytes, bool flus
   try {
     Temporary(path, bytes, flush).rename(path);
   } catch (const SystemFault& fault) {
-    throw SystemFault(path, fault.code());  // not by its temporary name
+    throw SystemFault(path, fault.code());  // name the file by its final name
   }
 }
 
@@ -71,7 +71,8 @@ void remove_stale_temporaries(const std::string& folder, std::string_view mark) 
     if (at == std::string::npos) continue;
     const pid_t owner = static_cast<pid_t>(std::strtol(name.c_str() + at + mark.size(), nullptr, 10));
     std::error_code ignored;
-    // Our own number: we have written nothing yet, so an earlier life has (in a container each is process 1).
+    // Files with our own number are stale, too: this process has not written yet, so an earlier one with this number
+    // did (in a container each is process 1).
     const bool dead = owner <= 0 || owner == ::getpid() || (::kill(owner, 0) != 0 && errno == ESRCH);
     if (dead) fs::remove(it->path(), ignored);
   }

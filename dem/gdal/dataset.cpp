@@ -17,21 +17,21 @@ DatasetPtr try_to_open(const std::string& path, const char* const* drivers) {
       GDALOpenEx(path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR, drivers, nullptr, nullptr)));
 }
 
-// Bytes of one block as it is decoded: of all bands, where they are interleaved pixel by pixel.
-std::uint64_t block_bytes(GDALRasterBand& band, int bands_within) {
+// Returns the bytes of one block when decoded: of all bands if they are interleaved pixel by pixel.
+std::uint64_t block_bytes(GDALRasterBand& band, int interleaved_bands) {
   int width = 0, height = 0;
   band.GetBlockSize(&width, &height);
   return static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height) *
          static_cast<std::uint64_t>(GDALGetDataTypeSizeBytes(band.GetRasterDataType())) *
-         static_cast<std::uint64_t>(bands_within);
+         static_cast<std::uint64_t>(interleaved_bands);
 }
 
-// Each read decodes whole blocks, which nobody can interrupt.
-void check_blocks(GDALDataset& dataset, Look look, const std::string& path, const std::string& whose) {
+// Throws DataError if a block is too large. Each read decodes whole blocks, and such a read cannot be interrupted.
+void check_blocks(GDALDataset& dataset, CheckScope scope, const std::string& path, const std::string& whose) {
   const char* interleave = dataset.GetMetadataItem("INTERLEAVE", "IMAGE_STRUCTURE");
-  const int within = interleave && EQUAL(interleave, "PIXEL") ? dataset.GetRasterCount() : 1;
-  const auto check = [&](GDALRasterBand* band, int bands_within) {
-    const std::uint64_t bytes = band ? block_bytes(*band, bands_within) : 0;
+  const int interleaved = interleave && EQUAL(interleave, "PIXEL") ? dataset.GetRasterCount() : 1;
+  const auto check = [&](GDALRasterBand* band, int interleaved_bands) {
+    const std::uint64_t bytes = band ? block_bytes(*band, interleaved_bands) : 0;
     if (bytes > kBlockCache_bytes)
       throw DataError(path, fmt::format("one block of {}samples takes {} MiB decoded, more than {}: tile it, e.g. with "
                                         "gdal_translate -co TILED=YES",
@@ -39,9 +39,9 @@ void check_blocks(GDALDataset& dataset, Look look, const std::string& path, cons
   };
   for (int b = 1; b <= dataset.GetRasterCount(); ++b) {
     GDALRasterBand& band = *dataset.GetRasterBand(b);
-    check(&band, within);
-    if (look == Look::again) continue;
-    for (int i = 0; i < band.GetOverviewCount(); ++i) check(band.GetOverview(i), within);
+    check(&band, interleaved);
+    if (scope == CheckScope::again) continue;
+    for (int i = 0; i < band.GetOverviewCount(); ++i) check(band.GetOverview(i), interleaved);
     check(mask_of(band), 1);
   }
 }
@@ -58,11 +58,11 @@ BandValues values_of(GDALDataset& dataset, int band) {
   return found;
 }
 
-OpenDataset open_dataset(const std::string& path, const char* const* drivers, Look look) {
+OpenDataset open_dataset(const std::string& path, const char* const* drivers, CheckScope scope) {
   register_gdal();
   OpenDataset open;
   open.remote = is_remote(path);
-  // GDAL takes such a name for the VRT itself.
+  // GDAL would parse such a name as the VRT's XML.
   if (path.find("<VRTDataset") != std::string::npos) throw DataError(path, "is not a file name");
   VrtSources sources;
   if (!open.remote) sources = vrt_sources(path);
@@ -70,13 +70,13 @@ OpenDataset open_dataset(const std::string& path, const char* const* drivers, Lo
   const QuietGdal quiet;
   open.dataset = try_to_open(path, drivers);
   if (!open.dataset) quiet.fail(path, "cannot be opened");
-  // What lies within a file on a network is not asked for before it is needed.
-  check_blocks(*open.dataset, open.remote || sources.remote ? Look::again : look, path, "its ");
-  if (look == Look::first)
+  // Check a file on a network less: reading its overviews and masks now would take requests.
+  check_blocks(*open.dataset, open.remote || sources.remote ? CheckScope::again : scope, path, "its ");
+  if (scope == CheckScope::first)
     for (const std::string& file : sources.files)
-      // One that can't be opened is no danger, and who reads it is told.
+      // Skip a source that cannot be opened: reading it later reports the error.
       if (const DatasetPtr source = try_to_open(file, drivers)) {
-        check_blocks(*source, look, path, "the source " + file + "'s ");
+        check_blocks(*source, scope, path, "the source " + file + "'s ");
         for (int b = 1; b <= source->GetRasterCount(); ++b) open.sources[file].push_back(values_of(*source, b));
       }
   open.remote |= sources.remote;

@@ -1,4 +1,4 @@
-// Opens files with GDAL, and the checks before any sample is decoded. Within dem/gdal/ only.
+// Opens files with GDAL, and checks them before any sample is decoded. For dem/gdal/ only.
 #pragma once
 
 #include <map>
@@ -11,9 +11,9 @@
 
 namespace selenograph::dem {
 
-// GDAL options for this thread while files are opened: no directory listing per file (64 800 tiles, or as many sources
-// of a VRT), and no source datasets shared between two VRTs opened by one thread, since those may later be read by
-// different threads. A VRT's sources are opened when they are read.
+// Sets GDAL options of this thread while files are opened. They avoid a directory listing per file: there may be 64 800
+// tiles, or as many sources of a VRT. VRTs opened by one thread do not share source datasets, since different threads
+// may read them later. A VRT's sources are opened when they are read.
 class OpenOptions {
  public:
   // `remote`: for a remote file, not even the names of neighbouring files are requested.
@@ -29,36 +29,36 @@ class OpenOptions {
   }
 };
 
-// Whether a file is opened for the first time: then everything that it may read is checked, including each source of a
-// VRT, overviews and masks. If it was checked before and has not changed, only the file itself.
-enum class Look { first, again };
+// Extent of the checks at opening. `first`: everything that the file may read is checked, including each source of a
+// VRT, overviews and masks. `again`: the file was checked before and has not changed; only the file itself is checked.
+enum class CheckScope { first, again };
 
-// A band's own description of its numbers.
+// Description of a band's numbers, from the band itself.
 struct BandValues {
-  std::string unit;                  // the band's; empty: it declares none
+  std::string unit;                  // the band's unit; empty: it declares none
   std::optional<double> vertical_m;  // metres in the unit of the dataset's vertical coordinate system, if it has one
   double scale = 1, offset = 0;
 
   bool declares_unit() const { return !unit.empty() || vertical_m; }
-  // The unit by its name, or by its length, in messages.
+  // Returns the unit's name, or its length in metres, for messages.
   std::string unit_name() const;
 };
 BandValues values_of(GDALDataset& dataset, int band);
 
 struct OpenDataset {
   DatasetPtr dataset;
-  bool remote = false;            // it, or a source of it, is on a network
-  std::set<std::string> missing;  // sources of a VRT that are not there
-  // A VRT's sources on this machine and their bands, when it is opened for the first time.
+  bool remote = false;            // the file, or a source of it, is on a network
+  std::set<std::string> missing;  // sources of a VRT that do not exist
+  // Bands of a VRT's sources on this machine; filled by CheckScope::first only.
   std::map<std::string, std::vector<BandValues>> sources;
   bool rescales = false;  // a VRT with elements that compute values from its sources' samples
 };
 
-// Throws DataError naming `path` when it cannot be opened by one of `drivers`, vrt_sources() rejects it, or one of its
-// blocks (tiles or strips) exceeds GDAL's block cache; SystemFault as QuietGdal::fail.
-OpenDataset open_dataset(const std::string& path, const char* const* drivers, Look look);
+// Opens a dataset. Throws DataError naming `path` if none of `drivers` can open it, or if vrt_sources() rejects it.
+// Also if one of its blocks (tiles or strips) exceeds GDAL's block cache. Throws SystemFault as QuietGdal::fail.
+OpenDataset open_dataset(const std::string& path, const char* const* drivers, CheckScope scope);
 
-// What a dataset has beside its samples to say which of them are none: 0 there. Null: nothing but NoData, if that.
+// Returns the mask band, which is 0 where a sample is void; null if the dataset has at most a NoData value.
 GDALRasterBand* mask_of(GDALRasterBand& band);
 
 }  // namespace selenograph::dem

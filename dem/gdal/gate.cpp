@@ -27,7 +27,7 @@
 namespace selenograph::dem {
 namespace {
 
-// A request is sent this often, with pauses that double.
+// Number of attempts per request. Pauses between them double.
 constexpr int kTries = 4;
 constexpr std::chrono::milliseconds kFirstPause{250};
 
@@ -36,22 +36,22 @@ std::optional<RemoteTrouble>& trouble_of_this_thread() {
   return trouble;
 }
 
-// libcurl leaves errors of its sockets behind that are none of ours.
-class KeptErrno {
+// Restores errno at the end of a scope: libcurl leaves errors of its own sockets behind.
+class RestoredErrno {
  public:
-  KeptErrno() = default;
-  ~KeptErrno() { errno = code_; }
-  KeptErrno(const KeptErrno&) = delete;
-  KeptErrno& operator=(const KeptErrno&) = delete;
+  RestoredErrno() = default;
+  ~RestoredErrno() { errno = code_; }
+  RestoredErrno(const RestoredErrno&) = delete;
+  RestoredErrno& operator=(const RestoredErrno&) = delete;
 
  private:
   int code_ = errno;
 };
 
-// Tries again what fails for another reason than that there is no such file.
+// Calls attempt(trouble) until it succeeds or the file is gone. Records the last trouble for this thread.
 template <typename Try>
 bool with_retries(const std::string& name, Try&& attempt) {
-  const KeptErrno kept;
+  const RestoredErrno restored_errno;
   RemoteTrouble trouble;
   for (int i = 0; i < kTries; ++i) {
     if (i > 0) std::this_thread::sleep_for(kFirstPause * (1 << (i - 1)));
@@ -67,15 +67,15 @@ bool with_retries(const std::string& name, Try&& attempt) {
 
 struct HandleCloser {
   void operator()(VSIVirtualHandle* handle) const {
-    const KeptErrno kept;
+    const RestoredErrno restored_errno;
     handle->Close();
     delete handle;
   }
 };
 using HandlePtr = std::unique_ptr<VSIVirtualHandle, HandleCloser>;
 
-// Reads what GDAL says about a request that failed: of opening, "HTTP response code: 404", of the rest "HTTP response
-// code on URL: 404".
+// Sets `trouble` from GDAL's message about a failed request. GDAL's texts are "HTTP response code: 404" after opening,
+// else "HTTP response code on URL: 404".
 void explain(RemoteTrouble& trouble) {
   const int code = VSIGetLastErrorNo();
   std::string text = VSIGetLastErrorMsg();
@@ -89,13 +89,13 @@ void explain(RemoteTrouble& trouble) {
                                 : "cannot be read from its server: " + text;
 }
 
-// A file as its server describes it.
+// File as its server describes it.
 struct ServedFile {
-  std::string name;  // where redirects lead
+  std::string name;  // name after all redirects
   FileState state;
 };
 
-// Returns the seconds since 1970 in a header such as "Tue, 03 Mar 2020 10:00:00 GMT"; 0: it is no date.
+// Returns the seconds since 1970 in a header such as "Tue, 03 Mar 2020 10:00:00 GMT"; 0 if it is not a date.
 std::int64_t seconds_of(const char* date) {
   std::tm t{};
   int zone = 0, weekday = 0;
@@ -109,7 +109,7 @@ std::int64_t seconds_of(const char* date) {
 
 FileState state_from(const CPLStringList& headers) {
   FileState state;
-  // The answer to a request for the first bytes of a file has the length of the file behind the slash.
+  // Take the length after the slash if the answer is to a request for the file's first bytes.
   const char* range = headers.FetchNameValue("Content-Range");
   const char* slash = range ? std::strchr(range, '/') : nullptr;
   const char* length = slash ? slash + 1 : headers.FetchNameValueDef("Content-Length", "0");
@@ -124,7 +124,7 @@ bool stat_once(VSIFilesystemHandler& behind, const std::string& name, FileState&
   VSIStatBufL found{};
   constexpr int kAll = VSI_STAT_EXISTS_FLAG | VSI_STAT_NATURE_FLAG | VSI_STAT_SIZE_FLAG | VSI_STAT_SET_ERROR_FLAG;
   if (behind.Stat(name.c_str(), &found, kAll) != 0) {
-    // Not a word about what is only not there: opening tells.
+    // Open a missing file for its error message: Stat() gives none.
     if (CPLGetLastErrorMsg()[0] == '\0') HandlePtr(behind.Open(name.c_str(), "rb", true, nullptr));
     explain(trouble);
     return false;
@@ -133,8 +133,8 @@ bool stat_once(VSIFilesystemHandler& behind, const std::string& name, FileState&
   return true;
 }
 
-// GDAL follows redirects itself and tells of the last one only. The file is then read where it leads, if that is
-// allowed, and each further redirect from there is looked at in the same way.
+// Describes a file, following redirects. GDAL follows redirects itself and reports only the last one. The file is then
+// read at the target, if that is allowed, and each further redirect from there is checked in the same way.
 bool describe_once(VSIFilesystemHandler& behind, const std::string& name, ServedFile& file, RemoteTrouble& trouble) {
   constexpr int kMaxRedirects = 5;
   file.name = name;
@@ -159,8 +159,8 @@ bool describe_once(VSIFilesystemHandler& behind, const std::string& name, Served
   return false;
 }
 
-// A file of a server, read by GDAL's own handle. An answer that is cut short is never handed on: it is asked for again,
-// by another handle since GDAL remembers within one what it was given, and then the read fails.
+// File of a server, read by GDAL's own handle. An answer that is cut short is never handed on: the read is repeated
+// with another handle, since GDAL remembers the short answer within one, and then it fails.
 class RemoteFile final : public VSIVirtualHandle {
  public:
   RemoteFile(VSIFilesystemHandler* behind, std::string name, const FileState& state, HandlePtr handle)
@@ -175,18 +175,18 @@ class RemoteFile final : public VSIVirtualHandle {
   size_t Read(void* buffer, size_t size, size_t count) override {
     if (size == 0 || count == 0) return 0;
     const vsi_l_offset left = at_ < bytes_ ? bytes_ - at_ : 0;
-    const auto wanted = static_cast<size_t>(std::min<vsi_l_offset>(left, size * count));
-    if (wanted > 0 && !with_retries(name_, [&](RemoteTrouble& t) { return read_once(buffer, wanted, t); })) {
+    const auto bytes = static_cast<size_t>(std::min<vsi_l_offset>(left, size * count));
+    if (bytes > 0 && !with_retries(name_, [&](RemoteTrouble& t) { return read_once(buffer, bytes, t); })) {
       failed_ = true;
       return 0;
     }
-    end_ = wanted < size * count;
-    at_ += wanted;
-    return wanted / size;
+    end_ = bytes < size * count;
+    at_ += bytes;
+    return bytes / size;
   }
   size_t Write(const void*, size_t, size_t) override { return 0; }
   int Eof() override { return end_; }
-  // Overrides from GDAL 3.10 on, Debian 13's.
+  // These two override GDAL's functions from GDAL 3.10 (Debian 13) on.
   void ClearErr() { end_ = failed_ = false; }
   int Error() { return failed_; }
   int Close() override {
@@ -195,13 +195,13 @@ class RemoteFile final : public VSIVirtualHandle {
   }
 
  private:
-  bool read_once(void* buffer, size_t wanted, RemoteTrouble& trouble) {
+  bool read_once(void* buffer, size_t bytes, RemoteTrouble& trouble) {
     if (!handle_ && !open_again(trouble)) return false;
     size_t done = 0;
-    if (handle_->Seek(at_, SEEK_SET) == 0) done = handle_->Read(buffer, 1, wanted);
-    if (done == wanted) return true;
+    if (handle_->Seek(at_, SEEK_SET) == 0) done = handle_->Read(buffer, 1, bytes);
+    if (done == bytes) return true;
     explain(trouble);
-    trouble.gone = false;  // which only open_again() can tell
+    trouble.gone = false;  // open_again() finds out whether the file is gone
     if (trouble.what.empty() || done > 0) trouble.what = "cannot be read from its server: its answer was cut short";
     handle_.reset();
     return false;
@@ -223,12 +223,12 @@ class RemoteFile final : public VSIVirtualHandle {
   VSIFilesystemHandler* behind_;
   std::string name_;
   vsi_l_offset bytes_, at_ = 0;
-  FileState state_;  // when it was opened
+  FileState state_;  // state when the file was opened
   HandlePtr handle_;
   bool end_ = false, failed_ = false;
 };
 
-// Stands before a file system of GDAL's and lets through what is allowed, for reading.
+// Wraps a file system of GDAL's and lets only allowed names through, for reading.
 class Gate final : public VSIFilesystemHandler {
  public:
   explicit Gate(VSIFilesystemHandler* behind) : behind_(behind) {}
@@ -269,15 +269,15 @@ class Gate final : public VSIFilesystemHandler {
       return std::nullopt;
     return file.state;
   }
-  // What lies beside a file is not asked for: a server's listing of its folder, or one request for each name that might
-  // be there.
+  // Returns the file alone: a server's listing of its folder would cost a request, or one for each name that might
+  // exist.
   char** SiblingFiles(const char* name) override { return CSLAddString(nullptr, CPLGetFilename(name)); }
 
  private:
-  VSIFilesystemHandler* behind_;  // GDAL's own, for the life of the process
+  VSIFilesystemHandler* behind_;  // GDAL's own file system, for the life of the process
 };
 
-// GDAL's defaults wait for ever. The environment has the last word.
+// Sets an option unless the environment has set it. GDAL's defaults wait for ever.
 void set_default(const char* option, const char* value) {
   if (!CPLGetConfigOption(option, nullptr)) CPLSetConfigOption(option, value);
 }
@@ -300,13 +300,13 @@ void throw_remote_trouble() {
   throw SystemFault(trouble->file, EREMOTEIO, trouble->what);
 }
 
-// All but memory, which GDAL itself works with. Handlers are never removed: GDAL's manager has no way to.
+// Wraps all file systems but GDAL's memory files. Wrappers are never removed: GDAL's manager cannot remove them.
 void shut_file_systems() {
   set_default("GDAL_HTTP_CONNECTTIMEOUT", "10");
   set_default("GDAL_HTTP_TIMEOUT", "60");
   set_default("GDAL_HTTP_LOW_SPEED_TIME", "10");  // below LOW_SPEED_LIMIT bytes/s
   set_default("GDAL_HTTP_LOW_SPEED_LIMIT", "100");
-  // Neither a failed answer nor an older file's bytes are remembered beyond the handle that met them.
+  // Disable curl's cache: otherwise failed answers and an older file's bytes outlive the handle that received them.
   CPLSetConfigOption("CPL_VSIL_CURL_NON_CACHED", "/vsi");
   char** prefixes = VSIGetFileSystemsPrefixes();
   for (char** p = prefixes; p && *p; ++p)  // NOLINT(clang-analyzer-cplusplus.NewDeleteLeaks): the manager keeps them

@@ -1,4 +1,4 @@
-// Access control of GDAL's file systems. Within dem/gdal/ only.
+// Access control of GDAL's file systems. For dem/gdal/ only.
 #pragma once
 
 #include <optional>
@@ -8,23 +8,24 @@
 
 namespace selenograph::dem {
 
-// Call once, after GDAL's drivers are registered: from then on only names permitted by allow_remote_files() are read,
-// and reads are retried when a connection is lost.
+// Wraps GDAL's file systems: from then on only names permitted by allow_remote_files() are read, and reads are retried
+// when a connection is lost. Call it once, after GDAL's drivers are registered.
 void shut_file_systems();
 
-// Call once: only regular local files are opened for reading.
+// Restricts GDAL to regular local files for reading. Call it once.
 void guard_local_files();
 
-// State of an allowed file as its server reports it. Empty: remote_trouble() says why, if a server was asked.
+// Returns the state of an allowed file as its server reports it. Empty on an error: remote_trouble() gives the reason,
+// if a server was asked.
 std::optional<FileState> state_on_server(const std::string& name);
 
-// Why this thread could not read a remote file.
+// Reason why this thread could not read a remote file.
 struct RemoteTrouble {
   std::string file;
   std::string what;
   bool gone = false;  // true: the file is gone or has changed on the server; false: a temporary error
 };
-// The last error since forget_remote_trouble(), if any.
+// Returns this thread's last error since forget_remote_trouble(), if any.
 const std::optional<RemoteTrouble>& remote_trouble();
 void forget_remote_trouble();
 // Throws the recorded error as DataError or SystemFault, if any.

@@ -22,8 +22,8 @@ double sphere_of(const OGRSpatialReference& srs, const std::string& path) {
   return map_sphere_m(semi_axes_m, path);
 }
 
-// First post and (positive) spacing in the units of the coordinate system. Rasters stored the other way round are
-// flipped.
+// First post and (positive) spacing in the units of the coordinate system. flip_x and flip_y: the raster is stored in
+// the opposite direction.
 struct Plane {
   double first_x = 0, first_y = 0, dx = 0, dy = 0;
   bool flip_x = false, flip_y = false;
@@ -36,8 +36,8 @@ Plane find_plane(GDALDataset& dataset, const std::string& path) {
   if (!(std::isfinite(t[0]) && std::isfinite(t[3]) && std::abs(t[1]) > 0 && std::abs(t[5]) > 0))
     throw DataError(path, "has an impossible geotransform");
   const bool flip_x = t[1]<0, flip_y = t[5]> 0;
-  // GDAL's transform is of pixel corners whatever AREA_OR_POINT says (it moves PixelIsPoint files itself): posts are
-  // the centres.
+  // Use pixel centres, the posts: GDAL's transform is that of pixel corners whatever AREA_OR_POINT says (it shifts
+  // PixelIsPoint files itself).
   const double column = flip_x ? dataset.GetRasterXSize() - 0.5 : 0.5,
                row = flip_y ? dataset.GetRasterYSize() - 0.5 : 0.5;
   return {t[0] + column * t[1], t[3] + row * t[5], std::abs(t[1]), std::abs(t[5]), flip_x, flip_y};
@@ -47,19 +47,19 @@ GeographicGrid grid_in_degrees(const Plane& p, double lon0_deg) {
   return {p.first_y, p.first_x + lon0_deg, 1 / p.dy, 1 / p.dx};
 }
 
-// Pixel sizes and origins in metres are degrees that somebody multiplied and rounded. Where whole posts per degree, or
-// degrees per post, and half posts of position are that near, they were meant: without this no file in metres would
-// wrap or meet its neighbour. (2e-7: sizes of seven digits; 0.02: of a post.) Posts a whole number of metres apart lie
-// where the file says, and near half a post by chance.
+// Undoes the rounding of pixel sizes and origins in metres that were converted from degrees. If posts per degree, or
+// degrees per post, are within 2e-7 of a whole number (sizes of seven digits), that number was meant. If the position
+// is within 0.02 posts of a half post, that was meant, too. Without this no file in metres would wrap or fit its
+// neighbour. Posts a whole number of metres apart stay where the file says: they are near half a post only by chance.
 void undo_rounding(double& first_deg, double& posts_per_degree) {
-  const double whole = posts_per_degree > 1 ? std::round(posts_per_degree) : 1 / std::round(1 / posts_per_degree);
-  if (!(std::abs(posts_per_degree / whole - 1) < 2e-7)) return;
-  posts_per_degree = whole;
-  const double nearest = std::round(first_deg * whole * 2) / 2;
-  if (std::abs(first_deg * whole - nearest) < 0.02) first_deg = nearest / whole;
+  const double rounded = posts_per_degree > 1 ? std::round(posts_per_degree) : 1 / std::round(1 / posts_per_degree);
+  if (!(std::abs(posts_per_degree / rounded - 1) < 2e-7)) return;
+  posts_per_degree = rounded;
+  const double nearest = std::round(first_deg * rounded * 2) / 2;
+  if (std::abs(first_deg * rounded - nearest) < 0.02) first_deg = nearest / rounded;
 }
 
-// The unit of length of a map on another sphere, on the Moon's: maps of spheres are similar.
+// Returns the unit of length of a map on another sphere, scaled to the Moon's radius: maps of spheres are similar.
 double unit_on_moon_m(const OGRSpatialReference& srs, double sphere_m) {
   return srs.GetLinearUnits() * (kMoonRadius_m / sphere_m);
 }
@@ -77,16 +77,18 @@ GeographicGrid grid_in_metres(const OGRSpatialReference& srs, const Plane& p, do
   return g;
 }
 
-// The plane of a projection by GDAL's name; empty: it is none of ours. On the sphere double stereographic ("Oblique")
-// is stereographic.
+// Returns the plane of a projection by GDAL's name; empty if it is not supported. On the sphere double stereographic
+// ("Oblique") is stereographic.
 std::optional<MapPlane> plane_of(const OGRSpatialReference& srs, const std::string& projection) {
   const auto is = [&](const char* name) { return EQUAL(projection.c_str(), name); };
   const double lat_deg = srs.GetNormProjParm(SRS_PP_LATITUDE_OF_ORIGIN, 0);
   MapPlane plane;
-  plane.lat_deg = lat_deg, plane.lon_deg = srs.GetNormProjParm(SRS_PP_CENTRAL_MERIDIAN, 0);
+  plane.lat_deg = lat_deg;
+  plane.lon_deg = srs.GetNormProjParm(SRS_PP_CENTRAL_MERIDIAN, 0);
   plane.scale = srs.GetNormProjParm(SRS_PP_SCALE_FACTOR, 1);
   if (is(SRS_PT_POLAR_STEREOGRAPHIC)) {
-    // A latitude of true scale short of the pole: k0 = (1 + sin lat) / 2 on the sphere (Snyder 1987, 21-7).
+    // Convert the latitude of true scale to a scale at the pole: k0 = (1 + sin lat) / 2 on the sphere (Snyder 1987,
+    // 21-7).
     const double true_lat_deg = srs.GetNormProjParm(SRS_PP_LATITUDE_OF_ORIGIN, 90);
     plane.projection = MapProjection::stereographic;
     plane.lat_deg = true_lat_deg > 0 ? 90 : -90;
@@ -144,7 +146,8 @@ PostGrid grid_of(const OGRSpatialReference& srs, const Plane& plane, double sphe
   throw DataError(path, fmt::format("its projection '{}' is not supported; {}", projection, kWarpIt));
 }
 
-// A coordinate system beside a file is not read: many programs write such files, in dialects.
+// Returns the error text for a file without a coordinate system. A .prj file next to it is named but not read: many
+// programs write such files, in dialects.
 std::string how_to_add_system(const std::string& path) {
   std::string neighbour;
   for (const char* extension : {".prj", ".PRJ"})

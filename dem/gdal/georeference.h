@@ -1,4 +1,4 @@
-// Post grid from a raster's coordinate system and geotransform. Within dem/gdal/ only.
+// Post grid from a raster's coordinate system and geotransform. For dem/gdal/ only.
 #pragma once
 
 #include <string>
@@ -10,12 +10,13 @@
 namespace selenograph::dem {
 
 struct Georeference {
-  PostGrid grid;                        // with the first row in the north and the first column in the west
+  PostGrid grid;                        // first row in the north, first column in the west
   double sphere_m = kMoonRadius_m;      // radius of the map's sphere
-  bool flip_x = false, flip_y = false;  // stored east to west, south to north
+  bool flip_x = false, flip_y = false;  // the file stores columns east to west, rows south to north
 };
 
-// Throws DataError naming `path` when the raster is not on a sphere of the Moon in a supported projection.
+// Returns the post grid of a raster. Throws DataError naming `path` when the raster is not on a sphere of the Moon in a
+// supported projection.
 Georeference georeference_of(GDALDataset& dataset, const std::string& path);
 
 }  // namespace selenograph::dem

@@ -24,8 +24,8 @@ std::string complaint() {
   return text.empty() ? "cannot be written" : text;
 }
 
-// Latitude and longitude on the IAU's mean sphere, the names as in the IAU's own definitions (IAU_2015:30100), so that
-// a GIS finds the match.
+// Returns latitude and longitude on the IAU's mean sphere, with the names of the IAU's own definitions
+// (IAU_2015:30100), so that a GIS finds the match.
 OGRSpatialReference moon() {
   OGRSpatialReference srs;
   srs.SetGeogCS("Moon (2015) - Sphere / Ocentric", "Moon (2015) - Sphere", "Moon (2015) - Sphere", kMoonRadius_m, 0,
@@ -35,7 +35,7 @@ OGRSpatialReference moon() {
 }
 
 void describe(GDALDataset& dataset, const GeotiffGrid& g, const std::string& name, const std::string& path) {
-  // From the outer corner of the first pixel.
+  // Start at the outer corner of the first pixel.
   double transform[] = {
       g.west_deg - g.lon_step_deg / 2, g.lon_step_deg, 0, g.north_deg + g.lat_step_deg / 2, 0, -g.lat_step_deg};
   const OGRSpatialReference srs = moon();
@@ -59,7 +59,7 @@ void create(const std::string& path, const GeotiffGrid& g, std::span<const float
       driver->Create(path.c_str(), g.width, g.height, 1, GDT_Float32, const_cast<char**>(options)));
   if (!dataset) throw DataError(path, complaint());
   describe(*dataset, g, name, path);
-  // GDAL takes what it writes as not const, and doesn't change it.
+  // Cast const away: GDAL's signature lacks it, but writing does not change the values.
   const CPLErr written =
       dataset->GetRasterBand(1)->RasterIO(GF_Write, 0, 0, g.width, g.height, const_cast<float*>(values.data()), g.width,
                                           g.height, GDT_Float32, 0, 0, nullptr);
@@ -70,10 +70,11 @@ void create(const std::string& path, const GeotiffGrid& g, std::span<const float
 // --- maps
 
 constexpr int kTile = 256;
-// Tiles are no higher than a low map; their sides are multiples of 16.
+// Returns the tiles' height, at most a low map's; their sides are multiples of 16.
 int tile_height(const MapGrid& grid) { return std::min(kTile, (grid.height + 15) / 16 * 16); }
 
-// Names as in the IAU's own definitions (IAU_2015:30110 to 30135), which differ in parameters alone.
+// Returns the coordinate system of a map, named as in the IAU's own definitions (IAU_2015:30110 to 30135), which differ
+// in parameters only.
 OGRSpatialReference moon(const MapPlane& plane) {
   OGRSpatialReference srs = moon();
   const std::string name = "Moon (2015) - Sphere / Ocentric / ",
@@ -133,12 +134,12 @@ void describe(GDALDataset& dataset, const MapGrid& grid, std::span<const MapBand
   if (!done) throw DataError(path, complaint());
 }
 
-// Pixels of a map.
+// Rectangle of a map's pixels.
 struct Window {
   int column, row, columns, rows;
 };
 
-// A band's elements in a window, as double.
+// Copies a band's elements in a window to `out`, as double. `among_floats`: converts kNoMapNumber to NaN.
 void widen(const MapBand& band, const MapGrid& grid, const Window& window, bool among_floats,
            std::vector<double>& out) {
   out.clear();
@@ -156,7 +157,7 @@ void widen(const MapBand& band, const MapGrid& grid, const Window& window, bool 
     if (value == kNoMapNumber) value = std::numeric_limits<double>::quiet_NaN();
 }
 
-// Of whole tiles, some megabytes.
+// Calls visit(window) for windows of whole tiles, a few megabytes each.
 template <typename Visit>
 void for_each_window(const MapGrid& grid, const Visit& visit) {
   constexpr int kColumns = 8 * kTile;
@@ -175,7 +176,7 @@ void create(const std::string& path, const MapGrid& grid, std::span<const MapBan
                                  height.c_str(),
                                  "COMPRESS=DEFLATE",
                                  "ZLEVEL=1",
-                                 "NUM_THREADS=ALL_CPUS",  // the same bytes as by one
+                                 "NUM_THREADS=ALL_CPUS",  // the number of threads does not change the bytes
                                  "INTERLEAVE=BAND",
                                  "BIGTIFF=IF_SAFER",
                                  type == GDT_UInt16 ? "PREDICTOR=2" : "PREDICTOR=3",
@@ -195,14 +196,14 @@ void create(const std::string& path, const MapGrid& grid, std::span<const MapBan
       widen(bands[i], grid, w, type != GDT_UInt16, values);
       written = band->RasterIO(GF_Write, w.column, w.row, w.columns, w.rows, values.data(), w.columns, w.rows,
                                GDT_Float64, 0, 0, nullptr);
-      band->FlushCache(false);  // compressed here, where `stop` is heard
+      band->FlushCache(false);  // compress now, so that `stop` is checked between windows
     });
   }
   dataset->FlushCache(true);
   if (written != CE_None || CPLGetLastErrorType() >= CE_Failure) throw DataError(path, complaint());
 }
 
-// What `write` leaves at the path that it is given.
+// Returns the bytes that write(path) leaves in the memory file at `path`.
 template <typename Write>
 std::string in_memory(const Write& write) {
   static std::atomic<unsigned> made{0};
@@ -251,7 +252,7 @@ std::string geotiff_bytes(const MapGrid& grid, std::span<const MapBand> bands, c
 std::size_t geotiff_bytes_at_most(const MapGrid& grid, std::span<const MapBand> bands) {
   const std::size_t element = type_of(bands) == GDT_Float64 ? 8 : type_of(bands) == GDT_Float32 ? 4 : 2;
   const auto tiles = [](int pixels, int side) { return static_cast<std::size_t>((pixels + side - 1) / side * side); };
-  // What doesn't compress grows by less than a thousandth; a window in double, and metadata.
+  // Add 1 % for samples that do not compress, and 8 MiB for a window in double and metadata.
   return bands.size() * element * tiles(grid.width, kTile) * tiles(grid.height, tile_height(grid)) * 101 / 100 +
          (std::size_t{8} << 20);
 }

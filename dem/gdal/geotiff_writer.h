@@ -12,39 +12,39 @@
 
 namespace selenograph::dem {
 
-// A rectangle of posts on the Moon's sphere of 1 737 400 m: latitude and longitude of the first (north-westernmost)
-// post and the steps to its neighbours, southwards and eastwards. Degrees.
+// Rectangle of posts on the Moon's sphere of 1 737 400 m: latitude and longitude of the first (north-westernmost) post
+// and the steps to its neighbours, southwards and eastwards. Degrees.
 struct GeotiffGrid {
   double north_deg = 0, west_deg = 0;
   double lat_step_deg = 0, lon_step_deg = 0;
   int width = 0, height = 0;
 };
 
-// float32, row 0 in the north, a post at each pixel's centre; NaN is declared as NoData. `name` describes the band.
-// The file appears whole or not at all. Throws DataError, or SystemFault naming it.
+// Writes posts as float32, row 0 in the north, a post at each pixel's centre; NaN is declared as NoData. `name`
+// describes the band. The file is written atomically. Throws DataError, or SystemFault naming it.
 void write_geotiff(const std::string& path, const GeotiffGrid& grid, std::span<const float> values,
                    const std::string& name);
 
-// The same file in memory.
+// Returns the same file in memory.
 std::string geotiff_bytes(const GeotiffGrid& grid, std::span<const float> values, const std::string& name);
 
-// One band of a map: every step-th element, starting at `values`.
+// Band of a map: every step-th element, starting at `values`.
 struct MapBand {
-  std::string name, unit;  // unit: empty for none
+  std::string name, unit;  // unit: empty if there is none
   std::variant<const std::uint16_t*, const float*, const double*> values;
   int step = 1;
 };
 inline constexpr std::uint16_t kNoMapNumber = 65535;  // NoData of bands of uint16
 
-// A GeoTIFF with the widest of the bands' types. NoData is NaN; for uint16 bands only, kNoMapNumber, which becomes NaN
-// among floats. `metadata`: content of the dataset's item SELENOGRAPH. Throws DataError, or Cancelled when `stop` says
-// so.
+// Returns a GeoTIFF with the widest of the bands' types. NoData is NaN; for uint16 bands only, kNoMapNumber, which
+// becomes NaN among floats. `metadata`: content of the dataset's item SELENOGRAPH. Throws DataError, or Cancelled when
+// `stop` is requested.
 std::string geotiff_bytes(const MapGrid& grid, std::span<const MapBand> bands, const std::string& metadata,
                           const StopToken& stop);
-// Approximate upper bound on that file's size, including working memory.
+// Returns an approximate upper bound of that file's size, including working memory.
 std::size_t geotiff_bytes_at_most(const MapGrid& grid, std::span<const MapBand> bands);
 
-// The coordinate system as WKT 2, and the geotransform of the pixels' corners, as defined by GDAL.
+// Return the coordinate system as WKT 2, and the geotransform of the pixels' corners, as defined by GDAL.
 std::string wkt_of(const MapPlane& plane);
 std::array<double, 6> geotransform_of(const MapGrid& grid);
 

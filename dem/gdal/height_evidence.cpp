@@ -18,11 +18,12 @@
 namespace selenograph::dem {
 namespace {
 
-// Reason why ascending, different heights over `side_m` are not the Moon's in metres; empty: they may be.
+// Returns the reason why ascending, distinct heights over `side_m` cannot be the Moon's in metres; empty if they may
+// be.
 std::string flatness_problem(const std::vector<double>& heights_m, double side_m) {
   constexpr double kFar_m = 20e3;
   constexpr double kFlattest = 2e-4;
-  constexpr double kLargestShare = 100;  // slopes in degrees, shares in per cent
+  constexpr double kLargestShare = 100;  // upper end of slopes in degrees and shares in per cent
   constexpr double kHighest_km = 12;
   const double low = heights_m.front();
   const double high = heights_m.back();
@@ -37,6 +38,7 @@ std::string flatness_problem(const std::vector<double>& heights_m, double side_m
       low, high, side_m / 1e3);
 }
 
+// Returns the reason why steps from row to row are too steep for the Moon; empty if they are not.
 std::string steepness_problem(const std::vector<double>& steps_m, double spacing_m) {
   constexpr std::size_t kFewest = 18;
   constexpr double kSteepest_deg = 75;
@@ -48,7 +50,7 @@ std::string steepness_problem(const std::vector<double>& steps_m, double spacing
     if (step_m < -steepest_m) ++downward;
   }
   const std::size_t steep = upward + downward;
-  // A ramp goes one way, however steep it was made.
+  // Accept a ramp, whose steps all go the same way: a synthetic one may be that steep.
   const bool is_ramp = 4 * std::min(upward, downward) < steep;
   if (steps_m.size() < kFewest || is_ramp || 3 * steep < 2 * steps_m.size()) return {};
   return fmt::format(
@@ -57,6 +59,7 @@ std::string steepness_problem(const std::vector<double>& steps_m, double spacing
       steep, steps_m.size(), spacing_m, kSteepest_deg);
 }
 
+// Returns the reason why most heights lie outside the Moon's range; empty if they do not.
 std::string relief_problem(const std::vector<double>& heights_m) {
   const auto outlier_count = std::count_if(heights_m.begin(), heights_m.end(), [](double height_m) {
     return height_m < double{kLowestRelief_m} || height_m > double{kHighestRelief_m};
@@ -83,7 +86,7 @@ std::string_view check_words(const std::string& path, std::initializer_list<Samp
 }
 
 void check_values(const RasterInfo& info, SparseHeights sparse) {
-  // A plain, or a raster of a few values, says nothing.
+  // Accept a plain, or a raster of a few values: it is no evidence.
   constexpr std::size_t kFewestValues = 8;
   std::vector<double>& heights_m = sparse.heights_m;
   std::sort(heights_m.begin(), heights_m.end());

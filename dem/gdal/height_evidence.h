@@ -1,4 +1,4 @@
-// Judges whether a raster holds heights, by the words about it, else by its values.
+// Decides if a raster holds heights, by the words about it, else by its values.
 #pragma once
 
 #include <initializer_list>
@@ -11,18 +11,18 @@
 
 namespace selenograph::dem {
 
-// A short text about the samples, and its place, e.g. "its label".
+// Short text about the samples, and its origin, e.g. "its label".
 struct SampleWords {
   std::string_view text;
   std::string_view origin;
 };
 
-// Throws SideRaster if the words, or failing them the names of file or product, say that it holds another quantity.
-// Returns the quantity that the words name, kHeights or empty.
+// Returns the quantity that the words name: kHeights or empty. Throws SideRaster if the words, or if they name none the
+// names of file or product, say that the raster holds another quantity.
 std::string_view check_words(const std::string& path, std::initializer_list<SampleWords> words,
                              std::initializer_list<std::string_view> names);
 
-// Heights of a few posts, evenly spread, without voids; and their steps to the next row.
+// Heights of a few evenly spread posts, without voids, and their steps to the next row.
 struct SparseHeights {
   std::vector<double> heights_m;
   std::vector<double> steps_m;

@@ -13,23 +13,24 @@
 namespace selenograph::dem {
 namespace {
 
-void keep_drivers() {
+// Registers the drivers of kMapDrivers only.
+void register_drivers() {
   CPLSetConfigOption("GDAL_DRIVER_PATH", "disable");  // no plug-ins
   CPLSetConfigOption("GDAL_VRT_ENABLE_PYTHON", "NO");
   GDALAllRegister();
-  GDALSetCacheMax64(kBlockCache_bytes);  // else a twentieth of the machine's memory
-  GDALDriverManager& all = *GetGDALDriverManager();
-  for (int i = all.GetDriverCount() - 1; i >= 0; --i) {
-    GDALDriver* driver = all.GetDriver(i);
+  GDALSetCacheMax64(kBlockCache_bytes);  // GDAL's default is a twentieth of the machine's memory
+  GDALDriverManager& manager = *GetGDALDriverManager();
+  for (int i = manager.GetDriverCount() - 1; i >= 0; --i) {
+    GDALDriver* driver = manager.GetDriver(i);
     const auto is_this = [&](const char* name) { return name && EQUAL(name, driver->GetDescription()); };
     if (std::any_of(std::begin(kMapDrivers), std::end(kMapDrivers), is_this)) continue;
-    all.DeregisterDriver(driver);
+    manager.DeregisterDriver(driver);
     GDALDestroyDriver(driver);
   }
 }
 
-// Takes messages of threads without a QuietGdal. GDAL's TIFF driver sends libtiff's messages here, too, also those
-// about files that are not GDAL's. Debugging messages appear only when CPL_DEBUG asks for them.
+// Logs messages of threads without a QuietGdal. GDAL's TIFF driver sends libtiff's messages here, too, even those about
+// files that GDAL did not open. Debugging messages appear only when CPL_DEBUG asks for them.
 void CPL_STDCALL log_message(CPLErr severity, CPLErrorNum, const char* text) {
   if (severity != CE_Debug) pass_to_log("GDAL", text);
 }
@@ -40,7 +41,7 @@ void register_gdal() {
   static std::once_flag once;
   std::call_once(once, [] {
     CPLSetErrorHandler(log_message);
-    keep_drivers();
+    register_drivers();
     shut_file_systems();
     guard_local_files();
     OSRSetPROJEnableNetwork(FALSE);
@@ -56,10 +57,10 @@ QuietGdal::QuietGdal() {
 
 void QuietGdal::fail(const std::string& file, const std::string& what) const {
   const int code = errno;
-  throw_remote_trouble();  // by the name of the file on the network, which may be another
+  throw_remote_trouble();  // names the file on the network, which may be a source of `file`
   const std::string text = CPLGetLastErrorMsg();
   if (is_system_fault(code)) throw SystemFault(file, code);
-  // GDAL may have lost the error on its way: without descriptors or memory this throws SystemFault now.
+  // Read a byte in case GDAL has lost the error: without descriptors or memory this throws SystemFault.
   std::error_code ignored;
   if (std::filesystem::exists(file, ignored)) read_head(file, 1);
   throw DataError(file, what + ": " + (text.empty() ? "GDAL gives no reason" : text));

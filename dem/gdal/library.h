@@ -1,4 +1,4 @@
-// Set-up and error handling of GDAL. Within dem/gdal/ only: no other folder includes a header of GDAL.
+// Set-up and error handling of GDAL. For dem/gdal/ only: no other folder includes a header of GDAL.
 #pragma once
 
 #include <gdal_priv.h>
@@ -20,7 +20,7 @@ inline constexpr const char* kRemoteDrivers[] = {"GTiff", nullptr};
 // Size of GDAL's cache of decoded blocks, for all files together.
 inline constexpr std::uint64_t kBlockCache_bytes = std::uint64_t{64} << 20;
 
-// Call before any other use of GDAL; has an effect once per process.
+// Configures GDAL, once per process. Call it before any other use of GDAL.
 void register_gdal();
 
 // Redirects GDAL's error messages of this thread from stderr to our exceptions, during its lifetime.

@@ -17,8 +17,9 @@ namespace selenograph::dem {
 
 namespace {
 
-// Clocks of file systems step: by 10 ms at most where they tell nanoseconds, by 2 s where they tell whole seconds. A
-// file that changes twice within a step has the same times after both. Waits until the next change will show.
+// Waits until the next change of the file will show in its times. Clocks of file systems step: by at most 10 ms if they
+// tell nanoseconds, by 2 s if they tell whole seconds. A file that changes twice within a step has the same times after
+// both.
 void wait_for_next_step(const RasterFile& file) {
   using namespace std::chrono;
   std::int64_t changed_ns = 0;
@@ -67,21 +68,22 @@ struct Raster::Impl {
     if (const auto* g = std::get_if<GeographicGrid>(&file.info.grid)) find_mirrors(*g);
   }
 
-  // On a global raster row r beyond a pole is row mirror - r on the opposite meridian. Not so when the poles lie
-  // elsewhere than on a row or half-way between two, or when no column is opposite.
+  // Finds the mirrors of a global raster: row r beyond a pole is row mirror - r on the opposite meridian. There are
+  // none if a pole lies elsewhere than on a row or half-way between two, or if no column is opposite.
   void find_mirrors(const GeographicGrid& g) {
     const RasterInfo& info = file.info;
     if (!info.wraps_longitude || info.width % 2 != 0) return;
-    const auto whole = [](double x) -> std::optional<std::int64_t> {
+    const auto whole_number = [](double x) -> std::optional<std::int64_t> {
       return std::abs(x - std::round(x)) < 1e-6 ? std::optional<std::int64_t>(std::llround(x)) : std::nullopt;
     };
-    north_mirror = whole(2 * (g.first_lat_deg - 90) * g.lat_posts_per_degree);
-    south_mirror = whole(2 * (g.first_lat_deg + 90) * g.lat_posts_per_degree);
+    north_mirror = whole_number(2 * (g.first_lat_deg - 90) * g.lat_posts_per_degree);
+    south_mirror = whole_number(2 * (g.first_lat_deg + 90) * g.lat_posts_per_degree);
   }
 
+  // Row of the file that shows at a row of posts.
   struct Row {
-    std::int64_t row = -1;  // -1: outside
-    bool opposite = false;
+    std::int64_t row = -1;  // row of the file; -1: outside
+    bool opposite = false;  // on the opposite meridian
 
     bool operator==(const Row&) const = default;
   };
@@ -94,7 +96,7 @@ struct Raster::Impl {
     return row >= 0 && row < height ? Row{row, true} : Row{};
   }
 
-  // Posts that all lie in the file. `stride` counts floats from one row of `out` to the next.
+  // Reads posts that all lie in the file. `stride`: floats from one row of `out` to the next.
   void read_inside(int x, int y, int w, int h, float* out, std::size_t stride) {
     if (file.posts && !file.flip_x && !file.flip_y) return read_posts(file, x, y, w, h, out, stride);
     scratch.resize(static_cast<std::size_t>(w) * static_cast<std::size_t>(h));
@@ -111,7 +113,7 @@ struct Raster::Impl {
       }
   }
 
-  // Any columns of rows that lie in the file.
+  // Reads any columns of rows that lie in the file; columns wrap on a raster that wraps.
   void read_rows(std::int64_t x0, int y, int w, int h, float* out) {
     const std::int64_t width = file.info.width;
     const auto stride = static_cast<std::size_t>(w);
@@ -128,7 +130,7 @@ struct Raster::Impl {
     }
   }
 
-  // Whatever an orthographic map has beyond its limb is not the Moon.
+  // Sets posts beyond the limb of an orthographic map to NaN: they are not the Moon.
   void remove_corners(int x0, int y0, int w, int h, float* heights_m) const {
     if (file.info.projection() != Projection::orthographic) return;
     const PlanePosts posts(std::get<PlaneGrid>(file.info.grid), file.info.width, file.info.height);
@@ -168,7 +170,7 @@ void Raster::read(int x0, int y0, int w, int h, float* heights_m) {
   for (int j = 0; j < h;) {
     const Impl::Row row = impl_->row_at(static_cast<std::int64_t>(y0) + j);
     int count = 1;
-    // Rows that follow each other in the file are read together; mirrored ones run backwards, one at a time.
+    // Read consecutive rows of the file together; mirrored rows run backwards and are read one at a time.
     while (!row.opposite && row.row >= 0 && j + count < h &&
            impl_->row_at(static_cast<std::int64_t>(y0) + j + count) == Impl::Row{row.row + count, false})
       ++count;

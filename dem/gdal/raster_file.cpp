@@ -27,8 +27,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kUndeclaredVoid = 1e30;    // and beyond: a DUMMY such as -3.4e38 that the label forgot
-constexpr double kNoRadiusBelow_m = 1.6e6;  // heights are within 11 km of zero, radii within 11 km of 1737.4 km
+constexpr double kUndeclaredVoid =
+    1e30;  // samples from this size on are voids: a DUMMY such as -3.4e38 that the label forgot
+constexpr double kNoRadiusBelow_m =
+    1.6e6;  // limit between heights, within 11 km of zero, and radii, within 11 km of 1737.4 km
 constexpr const char* kHeightDatum = "sphere 1737.4 km, height";
 constexpr const char* kRadiusDatum = "planetary radius, converted";
 
@@ -45,7 +47,7 @@ GDALDataType gdal_type(const RawSample& s) {
   return s.has_sign ? GDT_Int32 : GDT_UInt32;
 }
 
-// GDAL fills what is missing at the end of a raw file with zeros; we never do.
+// Throws DataError if the data file was truncated: GDAL would fill the missing end of a raw file with zeros.
 void check_still_there(const RasterFile& s) {
   if (!s.pds) return;
   const auto state = file_state(s.pds->data_path);
@@ -57,9 +59,9 @@ bool may_be_height(double value_m) { return std::abs(value_m) <= kFarthestHeight
 bool may_be_radius(double value_m) { return std::abs(value_m - kMoonRadius_m) <= kFarthestHeight_m; }
 bool is_possible(double value_m) { return may_be_height(value_m) || may_be_radius(value_m); }
 
-// Heights of a few posts, evenly spread; without no-data.
+// Returns heights of kSamples evenly spread posts, without voids.
 constexpr int kAcross = 6, kSamples = kAcross * kAcross;
-std::vector<double> some_heights(RasterFile& s) {
+std::vector<double> sample_heights(RasterFile& s) {
   open_band(s);
   std::vector<double> heights;
   for (int i = 0; i < kSamples; ++i) {
@@ -71,14 +73,14 @@ std::vector<double> some_heights(RasterFile& s) {
   return heights;
 }
 
-// Whether the samples are radii: by the offset, else (where the type can hold a radius at all) by what most of a few
-// can be. Each number counts once: a void that nobody declared, such as 0 or 1750000, is the same number everywhere. So
-// is a level file's only height or radius: then it is by how many there are of each.
+// Returns true if the samples are radii. The offset decides; else, if the type can hold a radius at all, a few samples
+// do. Each number counts once, since a void that the label does not declare, such as 0 or 1750000, is the same number
+// everywhere. A level file's only height or radius also is: then all samples count.
 bool holds_radii(RasterFile& s) {
   if (s.offset_m > kNoRadiusBelow_m) return true;
   const bool narrow = is_integer(s.type) && GDALGetDataTypeSizeBytes(s.type) <= 2;
   if (narrow && std::abs(s.scale) * 65535 + s.offset_m < kNoRadiusBelow_m) return false;
-  std::vector<double> heights = some_heights(s);
+  std::vector<double> heights = sample_heights(s);
   if (heights.empty()) return false;
   const auto impossible = [&](double height_m) {
     return std::abs((height_m - s.offset_m) / s.scale) < kUndeclaredVoid && !is_possible(height_m);
@@ -89,17 +91,17 @@ bool holds_radii(RasterFile& s) {
     return std::count_if(heights.begin(), heights.end(), may_be_radius) -
            std::count_if(heights.begin(), heights.end(), may_be_height);
   };
-  const auto of_all = more_radii();
+  const auto excess_of_samples = more_radii();
   std::sort(heights.begin(), heights.end());
   heights.erase(std::unique(heights.begin(), heights.end()), heights.end());
-  const auto of_different = more_radii();
-  return of_different != 0 ? of_different > 0 : of_all > 0;
+  const auto excess_of_values = more_radii();
+  return excess_of_values != 0 ? excess_of_values > 0 : excess_of_samples > 0;
 }
 
-// Why samples times scale plus offset can't be heights or radii of the Moon; empty: they can. Such a file would be a
-// hole, or a plain, and nobody would know why.
+// Returns the reason why samples times scale plus offset cannot be heights or radii of the Moon; empty if they can.
+// Such a file would show as a hole, or a plain, without an explanation.
 std::string impossible_values(const RasterFile& s) {
-  // Heights are known to a metre or better, as numbers of any size: from a fraction of the radius to nanometres.
+  // Limits of one step of the samples. Floats may be in units from the radius down to nanometres.
   constexpr double kFinestStep_m = 1e-9, kCoarsestStep_m = 1e4, kLargestUnit_m = 2e6, kFarthest_m = 1e7;
   const double step = std::abs(s.scale);
   const auto value = [](double x) { return std::to_string(x); };
@@ -108,35 +110,36 @@ std::string impossible_values(const RasterFile& s) {
   if (!(std::abs(s.offset_m) <= kFarthest_m))
     return "its offset of " + value(s.offset_m) + " m makes heights impossible";
   if (!is_integer(s.type)) return {};
-  // All that the type can hold.
+  // Convert the range of the sample type to metres.
   const int bits = 8 * GDALGetDataTypeSizeBytes(s.type);
   const bool has_sign = s.type == GDT_Int16 || s.type == GDT_Int32;
-  const double least = has_sign ? -std::ldexp(1.0, bits - 1) : 0,
-               most = std::ldexp(1.0, has_sign ? bits - 1 : bits) - 1;
-  const auto range = std::minmax({least * s.scale + s.offset_m, most * s.scale + s.offset_m});
+  const double min_sample = has_sign ? -std::ldexp(1.0, bits - 1) : 0,
+               max_sample = std::ldexp(1.0, has_sign ? bits - 1 : bits) - 1;
+  const auto range = std::minmax({min_sample * s.scale + s.offset_m, max_sample * s.scale + s.offset_m});
   const double low = range.first, high = range.second;  // Clang 14's lambdas capture no structured bindings
-  const auto meets = [&](double from, double to) { return low <= to && high >= from; };
-  if (meets(-kFarthestHeight_m, kFarthestHeight_m) ||
-      meets(kMoonRadius_m - kFarthestHeight_m, kMoonRadius_m + kFarthestHeight_m))
+  const auto intersects = [&](double from, double to) { return low <= to && high >= from; };
+  if (intersects(-kFarthestHeight_m, kFarthestHeight_m) ||
+      intersects(kMoonRadius_m - kFarthestHeight_m, kMoonRadius_m + kFarthestHeight_m))
     return {};
   return "its scale and offset make all heights impossible: " + value(low) + " to " + value(high) + " m";
 }
 
-// `known`: what an earlier inspection found, so that opening needs no second look at the samples.
-void find_datum(RasterFile& s, double sphere_m, const RasterInfo* known) {
-  if (!known)
+// Sets the datum and quantisation. `inspected`: result of an earlier inspection, so that opening need not read samples
+// again; or null.
+void find_datum(RasterFile& s, double sphere_m, const RasterInfo* inspected) {
+  if (!inspected)
     if (const std::string wrong = impossible_values(s); !wrong.empty()) throw DataError(s.info.path, wrong);
-  const bool radii = known ? known->datum == kRadiusDatum : holds_radii(s);
-  if (!known) check_vertical_datum(sphere_m, radii, s.info.path);
+  const bool radii = inspected ? inspected->datum == kRadiusDatum : holds_radii(s);
+  if (!inspected) check_vertical_datum(sphere_m, radii, s.info.path);
   if (radii) s.offset_m -= kMoonRadius_m;
   s.info.datum = radii ? kRadiusDatum : kHeightDatum;
   s.info.quantisation_m = is_integer(s.type) ? std::abs(s.scale) : 0;
 }
 
-// Damage that is described leaves the datum open, and nobody needs it.
-void settle_values(RasterFile& s, double sphere_m, const RasterReading& reading) {
+// Sets datum and voids. With Damage::describe, an unknown datum becomes damage: no request reads such a file's posts.
+void resolve_values(RasterFile& s, double sphere_m, const RasterReading& reading) {
   try {
-    if (s.info.damage.empty()) find_datum(s, sphere_m, reading.known);
+    if (s.info.damage.empty()) find_datum(s, sphere_m, reading.inspected);
   } catch (const DataError& error) {
     if (reading.damage == Damage::refuse) throw;
     s.info.damage = error.what_is_wrong();
@@ -145,19 +148,20 @@ void settle_values(RasterFile& s, double sphere_m, const RasterReading& reading)
   if (!s.voids.empty()) s.info.void_value = s.voids.front();
 }
 
-// Terrain is triangles between posts.
-void place_posts(RasterInfo& info, const PostGrid& grid) {
+// Sets the raster's grid. Throws DataError for a single row or column: terrain consists of triangles between posts.
+void set_post_grid(RasterInfo& info, const PostGrid& grid) {
   if (info.width < 2 || info.height < 2) throw DataError(info.path, "is a single row or column of posts: no surface");
   set_grid(info, grid);
 }
 
-// Returns whether the raster must look like heights: it was not inspected before, and the operator has not said so.
+// Returns true if the samples must be checked to look like heights: the raster was not inspected before, and the
+// operator has not declared it as heights.
 bool is_judged(const std::string& path, const RasterReading& reading) {
-  return !reading.known && !is_taken_as_heights(path);
+  return !reading.inspected && !is_taken_as_heights(path);
 }
 
-// A label belongs to the file that it names. Another label beside that file, which bears its name and names it, too,
-// describes it better: LDEM_4.LBL and LDEM_4_JP2.LBL place LDEM_4.IMG 180 degrees apart.
+// Throws NotHeights if the data file has a better label: one of its own name that also names it. LDEM_4.LBL and
+// LDEM_4_JP2.LBL, for example, place LDEM_4.IMG 180 degrees apart.
 void check_label_is_its_own(const std::string& label_path, const std::string& data_path) {
   if (same_text(stem_of(name_of(label_path)), stem_of(name_of(data_path)))) return;
   const std::optional<std::string> own = label_of(data_path);
@@ -200,13 +204,13 @@ RasterFile describe_labelled_file(const std::string& label_path, const RasterRea
   s.pds = PdsPixels{image.data_path, image.first_byte, image.row_bytes, needed, image.sample.little_endian};
   if (reading.damage == Damage::describe && data.bytes < needed)
     s.info.damage = "its data file " + image.data_path + (gone ? " is missing" : " was truncated");
-  settle_values(s, image.sphere_m, reading);
-  place_posts(s.info, image.grid);
+  resolve_values(s, image.sphere_m, reading);
+  set_post_grid(s.info, image.grid);
   return s;
 }
 
-// The file, whose state is that before it was opened, and, for a VRT, everything that it reads; not the caches that
-// GDAL tools leave beside it.
+// Records the file, with its state before it was opened, and, for a VRT, all files that it reads. Skips the caches that
+// GDAL tools write next to them.
 void note_files(RasterFile& s, const FileState& own) {
   char** files = s.dataset->GetFileList();
   for (int i = 0; files && files[i]; ++i) {
@@ -221,7 +225,7 @@ void note_files(RasterFile& s, const FileState& own) {
   CSLDestroy(files);
 }
 
-// Returns metres in the unit of a band's samples: the band's own, else that of its dataset's vertical coordinate
+// Returns the metres per unit of a band's samples: the band's own unit, else that of its dataset's vertical coordinate
 // system.
 double unit_in_metres(const BandValues& band, const std::string& path) {
   if (band.unit.empty()) return band.vertical_m.value_or(1);
@@ -238,18 +242,18 @@ double unit_in_metres(const BandValues& band, const std::string& path) {
   return *unit_m;
 }
 
-// A VRT hands its sources' samples on and keeps neither their unit nor, where somebody wrote it, their scale: what the
-// samples mean must then follow from the VRT.
+// Throws DataError if a VRT leaves open what its samples mean. A VRT passes its sources' samples on without their unit,
+// and without their scale if the VRT has its own.
 void check_sources(const BandValues& own, const OpenDataset& open, const std::string& path) {
   const auto in_metres = [](const BandValues& v) {
     return v.unit.empty() ? v.vertical_m.value_or(1) == 1 : metres_in(v.unit) == 1;
   };
-  // A VRT may well give a scale to samples that have none.
+  // Accept a scale in the VRT for samples that have none.
   const auto same_scale = [&](const BandValues& v) {
     return (v.scale == 1 && v.offset == 0) || (v.scale == own.scale && v.offset == own.offset);
   };
   for (const auto& [file, bands] : open.sources) {
-    // A source has a band at least.
+    // Every source has at least one band.
     const BandValues& first = bands.front();
     if (!own.declares_unit() && std::none_of(bands.begin(), bands.end(), in_metres))
       throw DataError(path, fmt::format("declares no unit, and its source {} is in {}: declare the unit of the VRT's "
@@ -281,6 +285,7 @@ void find_samples(RasterFile& s) {
   if (has_void) s.voids.push_back(void_value);
 }
 
+// Reads kSamples evenly spread heights and their steps to the next row.
 SparseHeights sparse_heights(RasterFile& raster) {
   SparseHeights found;
   const auto pick = [](int n, int k) { return static_cast<int>((2LL * k + 1) * n / (2 * kAcross)); };
@@ -301,8 +306,9 @@ SparseHeights sparse_heights(RasterFile& raster) {
   return found;
 }
 
-// Requests for a damaged part fail and name the file: such a part is no evidence.
-void check_some_values(RasterFile& raster) {
+// Checks sparse heights. Skips the check if they cannot be read: a request for the damaged area fails later and names
+// the file.
+void check_sparse_values(RasterFile& raster) {
   SparseHeights sparse;
   try {
     sparse = sparse_heights(raster);
@@ -315,9 +321,9 @@ void check_some_values(RasterFile& raster) {
 RasterFile describe_gdal(const std::string& path, const RasterReading& reading) {
   const FileState state = is_remote(path) ? remote_state(path) : must_exist(path, path);
   RasterFile s;
-  // Other drivers are left out: their georeferencing of lunar products has not been judged.
-  OpenDataset open =
-      open_dataset(path, is_remote(path) ? kRemoteDrivers : kDemDrivers, reading.known ? Look::again : Look::first);
+  // Open with these drivers only: other drivers' georeferencing of lunar products has not been examined.
+  OpenDataset open = open_dataset(path, is_remote(path) ? kRemoteDrivers : kDemDrivers,
+                                  reading.inspected ? CheckScope::again : CheckScope::first);
   s.dataset = std::move(open.dataset);
   s.info.on_network = open.remote;
   if (const std::size_t missing = open.missing.size(); missing == 1)
@@ -344,18 +350,18 @@ RasterFile describe_gdal(const std::string& path, const RasterReading& reading) 
   find_samples(s);
   const BandValues values = values_of(*s.dataset, 1);
   try {
-    if (!reading.known) check_sources(values, open, path);
+    if (!reading.inspected) check_sources(values, open, path);
   } catch (const DataError& error) {
     if (reading.damage == Damage::refuse) throw;
     s.info.damage = error.what_is_wrong();
   }
-  const Georeference place = georeference_of(*s.dataset, path);
-  s.flip_x = place.flip_x;
-  s.flip_y = place.flip_y;
-  settle_values(s, place.sphere_m, reading);
-  place_posts(s.info, place.grid);
+  const Georeference georeference = georeference_of(*s.dataset, path);
+  s.flip_x = georeference.flip_x;
+  s.flip_y = georeference.flip_y;
+  resolve_values(s, georeference.sphere_m, reading);
+  set_post_grid(s.info, georeference.grid);
   const bool is_declared = values.declares_unit() || quantity == kHeights;
-  if (judged && !is_declared && !open.remote && s.info.damage.empty() && s.info.gap.empty()) check_some_values(s);
+  if (judged && !is_declared && !open.remote && s.info.damage.empty() && s.info.gap.empty()) check_sparse_values(s);
   return s;
 }
 
@@ -372,7 +378,8 @@ RasterFile describe(const std::string& path, const RasterReading& reading) {
   return file;
 }
 
-// Hashes the stamps of all files and how samples become heights, which may follow from another file (an .aux.xml).
+// Hashes the stamps of all files and the conversion of samples to heights, which may come from another file (an
+// .aux.xml).
 std::uint64_t stamp_of(const RasterFile& s) {
   std::vector<std::uint64_t> facts{std::bit_cast<std::uint64_t>(s.scale), std::bit_cast<std::uint64_t>(s.offset_m)};
   for (const double none : s.voids) facts.push_back(std::bit_cast<std::uint64_t>(none));
@@ -394,7 +401,7 @@ bool is_current(const RasterFile& s) {
                      [](const FileSeen& file) { return file_state(file.path) == file.state; });
 }
 
-// GDAL's own raw band with a file handle of ours, read-only: a VRT over raw data would open the file for writing and
+// Uses GDAL's raw band with our own read-only file handle. A VRT over raw data would open the file for writing and
 // share the handle with every other VRT of this thread.
 void open_band(RasterFile& s) {
   if (s.band) return;
@@ -413,7 +420,8 @@ void open_band(RasterFile& s) {
 
 namespace {
 
-// Rows of Kaguya's tiles are 8 to 24 KB: some at once keep the disk busy and stay in the nearest cache.
+// Bytes per read. Rows of Kaguya's tiles are 8 to 24 KB: several per read keep the disk busy, and fit the core's
+// nearest cache.
 constexpr std::size_t kBytesAtOnce = std::size_t{1} << 17;
 
 std::int16_t swapped(std::int16_t v) {
@@ -421,7 +429,7 @@ std::int16_t swapped(std::int16_t v) {
   return static_cast<std::int16_t>(static_cast<std::uint16_t>((u >> 8) | (u << 8)));
 }
 
-// In loops without branches, for the compiler to make vectors of.
+// Converts samples to heights, in loops without branches, which the compiler vectorises.
 void heights_of(const RasterFile& s, std::int16_t* samples, std::size_t n, float* out) {
   if (s.pds->little_endian != (std::endian::native == std::endian::little))
     for (std::size_t i = 0; i < n; ++i) samples[i] = swapped(samples[i]);
@@ -435,7 +443,7 @@ void heights_of(const RasterFile& s, std::int16_t* samples, std::size_t n, float
     }
   }
   for (const double v : s.voids) {
-    if (v != std::rint(v) || std::abs(v) > 32768) continue;  // no sample is this
+    if (v != std::rint(v) || std::abs(v) > 32768) continue;  // no int16 sample has this value
     const auto none = static_cast<std::int16_t>(std::clamp(v, -32768.0, 32767.0));
     if (none != v) continue;
     for (std::size_t i = 0; i < n; ++i) out[i] = samples[i] == none ? kNaN : out[i];
@@ -449,7 +457,7 @@ void read_posts(const RasterFile& s, int x, int y, int w, int h, float* out, std
   const auto width = static_cast<std::size_t>(w);
   const std::uint64_t first =
       s.pds->first_byte + static_cast<std::uint64_t>(y) * s.pds->row_bytes + 2 * static_cast<std::uint64_t>(x);
-  // Rows that follow each other without a gap are read together.
+  // Read several rows at once if there is no gap between them.
   const bool whole_rows = 2 * width == s.pds->row_bytes;
   const int rows_at_once =
       whole_rows ? static_cast<int>(std::clamp<std::size_t>(kBytesAtOnce / (2 * width), 1, static_cast<std::size_t>(h)))
@@ -457,14 +465,14 @@ void read_posts(const RasterFile& s, int x, int y, int w, int h, float* out, std
   std::vector<std::int16_t> samples(width * static_cast<std::size_t>(rows_at_once));
   for (int j = 0; j < h; j += rows_at_once) {
     const int rows = std::min(rows_at_once, h - j);
-    bool there = false;
+    bool is_complete = false;
     try {
-      there = s.posts->read(first + static_cast<std::uint64_t>(j) * s.pds->row_bytes,
-                            2 * width * static_cast<std::size_t>(rows), samples.data());
+      is_complete = s.posts->read(first + static_cast<std::uint64_t>(j) * s.pds->row_bytes,
+                                  2 * width * static_cast<std::size_t>(rows), samples.data());
     } catch (const SystemFault& fault) {
       throw_file_error(s.info.path, fault.code());
     }
-    if (!there) throw DataError(s.info.path, "its data file " + s.pds->data_path + " was truncated");
+    if (!is_complete) throw DataError(s.info.path, "its data file " + s.pds->data_path + " was truncated");
     for (int r = 0; r < rows; ++r)
       heights_of(s, samples.data() + static_cast<std::size_t>(r) * width, width,
                  out + static_cast<std::size_t>(j + r) * stride);
@@ -476,7 +484,7 @@ void read_samples(RasterFile& s, int x, int y, int w, int h, double* out) {
   const OpenOptions options(s.info.on_network);
   const QuietGdal quiet;
   const CPLErr error = s.band->RasterIO(GF_Read, x, y, w, h, out, w, h, GDT_Float64, 0, 0, nullptr);
-  // GDAL says only once why a VRT's source can't be opened.
+  // Add the known gap: GDAL reports only once why a VRT's source cannot be opened.
   if (error != CE_None)
     quiet.fail(s.info.path, "cannot be read" + (s.info.gap.empty() ? std::string() : " (" + s.info.gap + ")"));
   if (!s.mask) return;
@@ -491,7 +499,7 @@ bool is_void(const RasterFile& s, double sample) {
   if (std::isnan(sample)) return true;
   for (const double v : s.voids) {
     if (sample == v) return true;
-    // A NoData such as -3.4028234663852886e+38 is printed in decimal: it means the nearest float.
+    // Compare as floats, too: a NoData such as -3.4028234663852886e+38, printed in decimal, means the nearest float.
     if (s.type == GDT_Float32 && static_cast<float>(sample) == static_cast<float>(v)) return true;
   }
   return false;

@@ -12,7 +12,8 @@ std::vector<std::string>& allowed_prefixes() {
   return prefixes;
 }
 
-// A path that a server, or libcurl, would shorten to one outside of the prefix that allows it.
+// Returns true for a path that a server, or libcurl, would shorten to one outside of the allowed prefix. Decodes %2e,
+// %2f and %5c.
 bool climbs(std::string_view name) {
   std::string plain;
   for (std::size_t i = 0; i < name.size(); ++i) {
@@ -24,7 +25,7 @@ bool climbs(std::string_view name) {
   return plain.find("/../") != std::string::npos || plain.ends_with("/..") || plain.find("%25") != std::string::npos;
 }
 
-// Returns whether a prefix is a name or a folder above it. By characters alone "http://host:21" would allow
+// Returns true if a prefix is a name or a folder above it. Compared by characters alone, "http://host:21" would allow
 // "http://host:2115/", and "http://host" would allow "http://host@elsewhere/".
 bool is_at_or_above(std::string_view prefix, std::string_view name) {
   return !prefix.empty() && name.starts_with(prefix) &&

@@ -7,16 +7,17 @@
 
 namespace selenograph::dem {
 
-// Allows the files and folders of these names, and all that lies below them, to be read by themselves and as sources of
-// VRTs, e.g. "/vsicurl/https://example.org/dem". Call before anything is opened; empty, the default: none.
+// Allows the files and folders with these names, and everything below them, to be read directly and as sources of VRTs,
+// e.g. "/vsicurl/https://example.org/dem". Call it before anything is opened; the default, an empty list, allows none.
 void allow_remote_files(const std::vector<std::string>& prefixes);
 
-// Whether a name refers to a remote file or a file in an archive, in GDAL's notation.
+// Returns true if a name refers to a remote file or a file in an archive, in GDAL's notation.
 bool is_remote(const std::string& path);
-// Whether a name has an allowed prefix and does not leave it by "..".
+// Returns true if a name has an allowed prefix and does not leave it by "..".
 bool is_allowed(std::string_view name);
 
-// Name of the file to which a server redirects: `location` as in its answer's header, for a request of `name`.
+// Returns the name of the file to which a server redirects. `location`: the header of its answer to a request of
+// `name`.
 std::string redirected_name(const std::string& name, const std::string& location);
 
 }  // namespace selenograph::dem

@@ -20,9 +20,9 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr double kMaxDecoded_bytes = 1 << 30;  // of a file that is kept decoded
+constexpr double kMaxDecoded_bytes = 1 << 30;  // largest file of which a decoded copy is made
 
-// Latitude and longitude in degrees on the Moon's sphere, longitude first.
+// Returns the geographic coordinate system of `srs`, in degrees on its sphere, longitude first.
 OGRSpatialReference degrees_like(const OGRSpatialReference& srs) {
   OGRSpatialReference degrees;
   degrees.CopyGeogCSFrom(&srs);
@@ -30,13 +30,13 @@ OGRSpatialReference degrees_like(const OGRSpatialReference& srs) {
   return degrees;
 }
 
-// Returns whether a file is decoded from its first row on, however little of it is read: going back is beginning again.
+// Returns true if every read decodes a file from its first row on, so that reading backwards starts again.
 bool decodes_from_first_row(GDALDataset& dataset) {
   const std::string driver = dataset.GetDriverName();
   return driver == "JPEG" || driver == "PNG";
 }
 
-// Returns the bytes of all samples.
+// Returns the bytes of all samples when decoded.
 double decoded_bytes(GDALDataset& dataset) {
   const double pixels = static_cast<double>(dataset.GetRasterXSize()) * dataset.GetRasterYSize();
   double bytes = 0;
@@ -45,8 +45,8 @@ double decoded_bytes(GDALDataset& dataset) {
   return bytes;
 }
 
-// A new file in the temporary folder, removed with this object: what has opened it may go on reading. Its name is empty
-// where there is no room.
+// New file in the temporary folder, unlinked with this object: an open handle can still read it. The name is empty if
+// the file cannot be created.
 class TemporaryFile {
  public:
   TemporaryFile() {
@@ -69,8 +69,8 @@ class TemporaryFile {
   std::string path_;
 };
 
-// The dataset's samples in tiles, in a file that has no name any more. Null: it cannot be written, or the dataset
-// cannot be read, which its next reader is told.
+// Returns a decoded, tiled copy of the dataset in an unlinked file. Null if it cannot be written, or if the dataset
+// cannot be read: its next read then reports the error.
 DatasetPtr decoded(GDALDataset& dataset) {
   const TemporaryFile file;
   if (file.path().empty()) return nullptr;
@@ -78,9 +78,9 @@ DatasetPtr decoded(GDALDataset& dataset) {
   for (const char* word : {"-of", "GTiff", "-co", "TILED=YES", "-co", "BIGTIFF=IF_SAFER"}) words.AddString(word);
   const QuietGdal quiet;
   CPLSetThreadLocalConfigOption("GDAL_TIFF_INTERNAL_MASK", "YES");
-  GDALTranslateOptions* how = GDALTranslateOptionsNew(words.List(), nullptr);
-  DatasetPtr copy(static_cast<GDALDataset*>(GDALTranslate(file.path().c_str(), &dataset, how, nullptr)));
-  GDALTranslateOptionsFree(how);
+  GDALTranslateOptions* translate_options = GDALTranslateOptionsNew(words.List(), nullptr);
+  DatasetPtr copy(static_cast<GDALDataset*>(GDALTranslate(file.path().c_str(), &dataset, translate_options, nullptr)));
+  GDALTranslateOptionsFree(translate_options);
   CPLSetThreadLocalConfigOption("GDAL_TIFF_INTERNAL_MASK", nullptr);
   if (copy) copy->FlushCache(false);
   return CPLGetLastErrorType() >= CE_Failure ? nullptr : std::move(copy);
@@ -93,7 +93,7 @@ struct ValueRaster::Impl {
     const auto found = file_state(path);
     if (!found) throw DataError(path, "is missing or not a file");
     state = *found;
-    dataset = open_dataset(path, kMapDrivers, Look::first).dataset;
+    dataset = open_dataset(path, kMapDrivers, CheckScope::first).dataset;
     if (decodes_from_first_row(*dataset) && decoded_bytes(*dataset) <= kMaxDecoded_bytes)
       if (DatasetPtr copy = decoded(*dataset)) dataset = std::move(copy);
     find_grid(options.extent);
@@ -122,22 +122,22 @@ struct ValueRaster::Impl {
     const OGRSpatialReference degrees = degrees_like(srs);
     char* wkt = nullptr;
     degrees.exportToWkt(&wkt);
-    // Alpha: what the warped rectangle holds beyond the raster is no value.
+    // Add alpha: pixels of the warped rectangle outside the raster are no values.
     CPLStringList words;
     for (const char* word : {"-of", "VRT", "-t_srs", static_cast<const char*>(wkt), "-dstalpha", "-r", "bilinear"})
       words.AddString(word);
     if (const auto r = warp_rectangle(*dataset, srs, degrees)) {
       const auto add = [&](const auto&... word) { (words.AddString(fmt::format("{}", word).c_str()), ...); };
       add("-te", r->west_deg, r->south_deg, r->east_deg, r->north_deg, "-ts", r->width, r->height);
-      // One sample a pixel: GDAL would take it from the sizes of a block and of the box around it in the raster, which
-      // is far larger where the block is part of a ring around the pole.
+      // Take one sample per pixel. GDAL would derive the number from the sizes of a block and of its bounding box in
+      // the raster. That box is far larger if the block is part of a ring around the pole.
       add("-wo", "XSCALE=1", "-wo", "YSCALE=1");
     }
     const QuietGdal quiet;
-    GDALWarpAppOptions* how = GDALWarpAppOptionsNew(words.List(), nullptr);
+    GDALWarpAppOptions* translate_options = GDALWarpAppOptionsNew(words.List(), nullptr);
     GDALDatasetH source = dataset.get();
-    auto* warped = static_cast<GDALDataset*>(GDALWarp("", nullptr, 1, &source, how, nullptr));
-    GDALWarpAppOptionsFree(how);
+    auto* warped = static_cast<GDALDataset*>(GDALWarp("", nullptr, 1, &source, translate_options, nullptr));
+    GDALWarpAppOptionsFree(translate_options);
     CPLFree(wkt);
     if (!warped) quiet.fail(path, "cannot be warped to degrees");
     unwarped = std::move(dataset);
@@ -156,7 +156,7 @@ struct ValueRaster::Impl {
 
   bool current() const { return file_state(path) == state; }
 
-  // One band's samples and where they are none.
+  // Reads one band's samples and its mask (0: void). The mask stays unchanged if all samples are valid.
   void read_band(int b, int overview, const Window& w, double* samples, std::uint8_t* mask) const {
     const QuietGdal quiet;
     GDALRasterBand* band = dataset->GetRasterBand(b);
@@ -164,7 +164,7 @@ struct ValueRaster::Impl {
     if (!band || band->RasterIO(GF_Read, w.x, w.y, w.width, w.height, samples, w.width, w.height, GDT_Float64, 0, 0,
                                 nullptr) != CE_None)
       quiet.fail(path, "cannot be read");
-    // NoData, alpha or a mask, whatever the file has.
+    // Read NoData, alpha or a mask, whichever the file has.
     if ((band->GetMaskFlags() & GMF_ALL_VALID) == 0 &&
         band->GetMaskBand()->RasterIO(GF_Read, w.x, w.y, w.width, w.height, mask, w.width, w.height, GDT_Byte, 0, 0,
                                       nullptr) != CE_None)
@@ -175,9 +175,9 @@ struct ValueRaster::Impl {
   std::optional<double> no_data;
   std::vector<int> bands;
   FileState state;
-  DatasetPtr unwarped, dataset;  // the former outlives the latter
+  DatasetPtr unwarped, dataset;  // `dataset` may be a warped view of `unwarped`, and is destroyed first
   Grid grid{};
-  mutable std::mutex mutex;  // GDAL's datasets are for one thread at a time
+  mutable std::mutex mutex;  // a GDAL dataset may be used by one thread at a time
 };
 
 ValueRaster::ValueRaster(const ValueMapOptions& options) : impl_(std::make_unique<Impl>(options)) {}
@@ -192,7 +192,7 @@ bool ValueRaster::current() const { return impl_->current(); }
 
 int ValueRaster::overview_of_size(int width, int height) const {
   GDALRasterBand& band = *impl_->dataset->GetRasterBand(impl_->bands[0]);
-  // Of several, the last.
+  // Prefer the last overview of several of that size.
   for (int i = band.GetOverviewCount() - 1; i >= 0; --i)
     if (GDALRasterBand* overview = band.GetOverview(i))
       if (overview->GetXSize() == width && overview->GetYSize() == height) return i;
@@ -210,11 +210,11 @@ void ValueRaster::read(int overview, const Window& w, int stride, double* out) c
     const double scale = band.GetScale(), offset = band.GetOffset();
     for (std::size_t i = 0; i < size; ++i) {
       const double s = samples[i];
-      const bool nothing = mask[i] == 0 || !std::isfinite(s) || (impl_->no_data && s == *impl_->no_data);
-      sum[i] += nothing ? std::nan("") : s * scale + offset;
+      const bool is_void = mask[i] == 0 || !std::isfinite(s) || (impl_->no_data && s == *impl_->no_data);
+      sum[i] += is_void ? std::nan("") : s * scale + offset;
     }
   }
-  // After reading: a change meanwhile shows, too.
+  // Check after reading, so that a change during the read shows, too.
   if (!impl_->current()) throw DataError(impl_->path, "has changed since it was opened");
   for (int y = 0; y < w.height; ++y)
     for (int x = 0; x < w.width; ++x)

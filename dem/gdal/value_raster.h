@@ -1,4 +1,4 @@
-// A raster of values in geographic coordinates, read by one of kMapDrivers: bands averaged, no-data as NaN.
+// Raster of values in geographic coordinates, read by one of kMapDrivers: bands averaged, no-data as NaN.
 #pragma once
 
 #include <limits>
@@ -12,7 +12,7 @@
 
 namespace selenograph::dem {
 
-// The geometry and wavelength at which a map's values are I/F: pi times radiance over the Sun's irradiance.
+// Geometry and wavelength at which a map's values are I/F: pi times radiance over the Sun's irradiance.
 struct RadianceFactor {
   double incidence_deg, emission_deg, phase_deg, wavelength_um;
 };
@@ -20,14 +20,14 @@ struct RadianceFactor {
 struct ValueMapOptions {
   std::string path;        // in a format listed in the README
   std::vector<int> bands;  // from 1: the value is their mean; empty: all but alpha
-  // For a raster without georeferencing: its outer borders, row 0 in the north.
+  // Outer borders of a raster without georeferencing, row 0 in the north.
   std::optional<Footprint> extent;
   // value = (scale * sample + offset) ^ exponent, after the file's own scale and offset; the exponent undoes a gamma.
   double scale = 1, offset = 0, exponent = 1;
   std::optional<double> no_data;                  // an additional sample value that means no-data
   std::optional<RadianceFactor> radiance_factor;  // if values are I/F; empty: rho, Hapke's w, or kelvin
   double low = std::numeric_limits<double>::lowest(), high = std::numeric_limits<double>::max();  // values are clamped
-  // Means are those of the values' fourth powers, as of the light that a temperature emits; none is below 0.
+  // Averages are taken of the values' fourth powers, as of the light that a temperature emits; no value is below 0.
   bool fourth_power = false;
 };
 
@@ -42,8 +42,8 @@ class ValueRaster {
     int x, y, width, height;
   };
 
-  // Throws DataError naming the file when it cannot be opened, has no georeferencing, or is not on the Moon's sphere.
-  // Projected rasters are warped to geographic coordinates.
+  // Opens a raster. Throws DataError naming the file when it cannot be opened, has no georeferencing, or is not on the
+  // Moon's sphere. Projected rasters are warped to geographic coordinates.
   explicit ValueRaster(const ValueMapOptions& options);
   ~ValueRaster();
 
@@ -51,15 +51,15 @@ class ValueRaster {
   int height() const;
   const Grid& grid() const;
   const std::vector<int>& bands() const;  // averaged bands, from 1
-  // State of the file when it was opened, and whether it is unchanged.
+  // Return the state of the file when it was opened, and true if it is unchanged.
   const FileState& state() const;
   bool current() const;
 
-  // Index of the overview of that size; -1: none.
+  // Returns the index of the overview of a size; -1: none.
   int overview_of_size(int width, int height) const;
-  // Reads the mean of the bands, with the file's scale and offset applied; NaN where one has no value. From an
-  // overview, or from the raster (-1). `stride`: values from one row of `out` to the next. Throws DataError when the
-  // file cannot be read or has changed.
+  // Reads the mean of the bands, with the file's scale and offset applied, from an overview, or from the raster (-1).
+  // The mean is NaN if one band has no value. `stride`: values from one row of `out` to the next. Throws DataError when
+  // the file cannot be read or has changed.
   void read(int overview, const Window& window, int stride, double* out) const;
 
  private:

@@ -23,17 +23,17 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// GDAL looks through all sources at each read, and opens them again and again.
-constexpr int kMostSources = 10000;
-constexpr std::size_t kLongest_bytes = std::size_t{64} << 20;  // of all the VRTs together
-constexpr int kDeepest = 8;                                    // VRTs in VRTs; those that name each other have no end
+// Limit of sources: GDAL searches all sources at each read, and reopens them.
+constexpr int kMaxSources = 10000;
+constexpr std::size_t kMaxXml_bytes = std::size_t{64} << 20;  // XML of all nested VRTs together
+constexpr int kMaxDepth = 8;  // VRTs in VRTs: VRTs that name each other would have no end
 constexpr double kWarpMemory_bytes = 256e6;
 
-// These compute a pixel from all sources, or from any number of pixels: their memory and time know no bound.
+// Elements that compute a pixel from all sources, or from any number of pixels: their memory and time are unbounded.
 constexpr std::string_view kUnbounded[] = {"PixelFunctionType", "PixelFunctionCode", "KernelFilteredSource",
                                            "PansharpeningOptions"};
 
-// These make other values of samples.
+// Elements that compute other values from samples.
 constexpr std::string_view kRescaling[] = {"ScaleRatio", "ScaleOffset", "Exponent", "LUT"};
 
 bool is(const CPLXMLNode& node, std::string_view name) { return EQUAL(node.pszValue, std::string(name).c_str()); }
@@ -42,25 +42,26 @@ bool is_elsewhere(std::string_view name) {
   return !is_allowed(name) && (name.starts_with("/vsi") || name.find("://") != std::string_view::npos);
 }
 
-class Walk {
+// Scans a VRT's XML, and those of nested VRTs, for sources and unsupported elements.
+class VrtScan {
  public:
-  explicit Walk(const std::string& root) : root_(root) {}
+  explicit VrtScan(const std::string& root) : root_(root) {}
 
-  void look_into(const std::string& path, int depth) {
+  void scan(const std::string& path, int depth) {
     constexpr std::size_t kLooksLikeIt = 4096;
     if (read_head(path, kLooksLikeIt).find("<VRTDataset") == std::string::npos) {
-      if (depth > 0) found_.files.insert(path);
+      if (depth > 0) result_.files.insert(path);
       return;
     }
-    if (depth >= kDeepest)
-      refuse(fmt::format("has VRTs within VRTs more than {} deep, or such as name each other", kDeepest));
-    const std::string text = read_head(path, kLongest_bytes + 1);
+    if (depth >= kMaxDepth)
+      refuse(fmt::format("has VRTs within VRTs more than {} deep, or such as name each other", kMaxDepth));
+    const std::string text = read_head(path, kMaxXml_bytes + 1);
     bytes_ += text.size();
-    if (bytes_ > kLongest_bytes)
-      refuse(fmt::format("is too large: a VRT, with those among its sources, may have {} MiB", kLongest_bytes >> 20));
+    if (bytes_ > kMaxXml_bytes)
+      refuse(fmt::format("is too large: a VRT, with those among its sources, may have {} MiB", kMaxXml_bytes >> 20));
     const QuietGdal quiet;
     const std::unique_ptr<CPLXMLNode, void (*)(CPLXMLNode*)> tree(CPLParseXMLString(text.c_str()), CPLDestroyXMLNode);
-    // Not by recursion: elements may be nested as deeply as the file is long.
+    // Traverse with a stack of our own: elements may be nested as deeply as the file is long, too deep for recursion.
     std::vector<const CPLXMLNode*> left{tree.get()};
     while (!left.empty()) {
       const CPLXMLNode* node = left.back();
@@ -72,7 +73,7 @@ class Walk {
     }
   }
 
-  VrtSources found() && { return std::move(found_); }
+  VrtSources sources() && { return std::move(result_); }
 
  private:
   [[noreturn]] void refuse(const std::string& why) const { throw DataError(root_, why); }
@@ -80,7 +81,7 @@ class Walk {
   void check(const CPLXMLNode& node, const std::string& vrt, int depth) {
     if (is(node, "SourceFilename") || is(node, "SourceDataset")) add(node, vrt, depth);
     const auto named = [&](std::string_view name) { return is(node, name); };
-    found_.rescales |= std::any_of(std::begin(kRescaling), std::end(kRescaling), named);
+    result_.rescales |= std::any_of(std::begin(kRescaling), std::end(kRescaling), named);
     const auto unbounded = std::find_if(std::begin(kUnbounded), std::end(kUnbounded), named);
     if (unbounded != std::end(kUnbounded)) refuse(fmt::format("its element {} is not supported", *unbounded));
     if (is(node, "WarpMemoryLimit") && !(CPLAtof(CPLGetXMLValue(&node, nullptr, "0")) <= kWarpMemory_bytes))
@@ -89,10 +90,10 @@ class Walk {
 
   void add(const CPLXMLNode& node, const std::string& vrt, int depth) {
     const std::string name = CPLGetXMLValue(&node, nullptr, "");
-    if (++sources_ > kMostSources)
-      refuse(fmt::format("has more than {} sources: make several of it, or one GeoTIFF", kMostSources));
+    if (++sources_ > kMaxSources)
+      refuse(fmt::format("has more than {} sources: make several of it, or one GeoTIFF", kMaxSources));
     if (is_allowed(name)) {
-      found_.remote = true;
+      result_.remote = true;
       return;
     }
     std::string file = name;
@@ -101,21 +102,21 @@ class Walk {
     std::error_code error;
     const fs::file_status status = fs::status(file, error);
     const bool there = fs::exists(status);
-    // What is none, GDAL may take for XML, or for a part of a file.
+    // Refuse a missing name that GDAL may parse as XML, or as part of a file.
     if (is_elsewhere(name) || (!there && name.find_first_of("<:") != std::string::npos))
       refuse("its source " + name + " is not a file on this machine");
     if (!there) {
-      found_.missing.insert(file);
+      result_.missing.insert(file);
       return;
     }
-    // Those of /proc have no size, and may be waited for like FIFOs.
+    // Refuse files of /proc, too: they have no size, and reading them may block as on a FIFO.
     if (!fs::is_regular_file(status) || fs::file_size(file, error) == 0)
       refuse("its source " + name + " is not a regular file with content");
-    look_into(file, depth + 1);
+    scan(file, depth + 1);
   }
 
   const std::string& root_;
-  VrtSources found_;
+  VrtSources result_;
   int sources_ = 0;
   std::size_t bytes_ = 0;
 };
@@ -123,9 +124,9 @@ class Walk {
 }  // namespace
 
 VrtSources vrt_sources(const std::string& path) {
-  Walk walk(path);
-  walk.look_into(path, 0);
-  return std::move(walk).found();
+  VrtScan scan_of_root(path);
+  scan_of_root.scan(path, 0);
+  return std::move(scan_of_root).sources();
 }
 
 }  // namespace selenograph::dem

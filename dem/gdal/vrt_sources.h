@@ -1,4 +1,4 @@
-// The files that a VRT reads, directly and through nested VRTs. Within dem/gdal/ only.
+// Files that a VRT reads, directly and through nested VRTs. For dem/gdal/ only.
 #pragma once
 
 #include <set>
@@ -8,14 +8,14 @@ namespace selenograph::dem {
 
 struct VrtSources {
   std::set<std::string> files;    // existing local files that are not VRTs
-  std::set<std::string> missing;  // local files that are not there: gaps that can't be read
-  bool remote = false;            // some are remote and allowed
-  bool rescales = false;          // elements of a VRT compute other values from samples
+  std::set<std::string> missing;  // local files that do not exist: gaps that cannot be read
+  bool remote = false;            // a source is remote, and allowed
+  bool rescales = false;          // an element of a VRT computes other values from samples
 };
 
-// Empty for a file that is not a VRT. Throws DataError naming `path` when a source is neither a local file nor allowed,
-// when it exists but is not a regular file with content (a FIFO or a device would block), or when the VRT exceeds the
-// limits in dem/files/products.md.
+// Returns the sources of a VRT; empty for another file. Throws DataError naming `path` when a source is neither a local
+// file nor allowed, or when the VRT exceeds the limits in dem/files/products.md. Also when a source exists but is not a
+// regular file with content: a FIFO or a device would block.
 VrtSources vrt_sources(const std::string& path);
 
 }  // namespace selenograph::dem

@@ -10,10 +10,10 @@
 namespace selenograph::dem {
 namespace {
 
-// From places in a raster, in pixels from its outer corner, to places on the sphere, and back.
-class RasterPlaces {
+// Converts positions in a raster, in pixels from its outer corner, to positions on the sphere, and back.
+class RasterPositions {
  public:
-  RasterPlaces(GDALDataset& raster, const OGRSpatialReference& srs, const OGRSpatialReference& degrees)
+  RasterPositions(GDALDataset& raster, const OGRSpatialReference& srs, const OGRSpatialReference& degrees)
       : width_(raster.GetRasterXSize()),
         height_(raster.GetRasterYSize()),
         to_degrees_(OGRCreateCoordinateTransformation(&srs, &degrees)),
@@ -26,13 +26,13 @@ class RasterPlaces {
   double width() const { return width_; }
   double height() const { return height_; }
 
-  std::optional<Geographic> place(double column, double row) const {
+  std::optional<Geographic> position(double column, double row) const {
     double x = pixel_[0] + column * pixel_[1] + row * pixel_[2], y = pixel_[3] + column * pixel_[4] + row * pixel_[5];
     if (!to_degrees_->Transform(1, &x, &y) || !std::isfinite(x) || !std::isfinite(y)) return std::nullopt;
     return Geographic{y, x};
   }
 
-  // Returns whether a pole is a point, where all meridians meet, of the raster or of its border.
+  // Returns true if a pole of the sphere is one point of the raster, where all meridians meet, or of its border.
   bool holds_pole(double lat_deg) const {
     constexpr double kBorder_px = 0.5;
     const auto at = pixel(lat_deg, 0), opposite = pixel(lat_deg, 180);
@@ -41,23 +41,23 @@ class RasterPlaces {
     return column > -kBorder_px && column < width_ + kBorder_px && row > -kBorder_px && row < height_ + kBorder_px;
   }
 
-  // Of the smallest pixel among those in the corners and the middle, as an angle.
+  // Returns the side, as an angle, of the smallest pixel among those at the corners and the centre.
   double pixel_deg() const {
-    double least_m = kMoonRadius_m;
+    double smallest_m = kMoonRadius_m;
     for (const auto& [x, y] : {std::array{0.0, 0.0},
                                {width_ - 1, 0},
                                {0, height_ - 1},
                                {width_ - 1, height_ - 1},
                                {width_ / 2, height_ / 2}})
-      if (const auto a = place(x, y), b = place(x + 1, y + 1); a && b)
-        least_m = std::min(least_m, (to_cartesian(*a) - to_cartesian(*b)).norm() / std::sqrt(2.0));
-    return least_m / kMetresPerDegree;
+      if (const auto a = position(x, y), b = position(x + 1, y + 1); a && b)
+        smallest_m = std::min(smallest_m, (to_cartesian(*a) - to_cartesian(*b)).norm() / std::sqrt(2.0));
+    return smallest_m / kMetresPerDegree;
   }
 
  private:
   using Transformation = std::unique_ptr<OGRCoordinateTransformation>;
 
-  // Column and row of a place; empty: the plane does not show it.
+  // Returns column and row of a position; empty if the plane does not show it.
   std::optional<std::array<double, 2>> pixel(double lat_deg, double lon_deg) const {
     double x = lon_deg, y = lat_deg;
     if (!from_degrees_->Transform(1, &x, &y) || !std::isfinite(x) || !std::isfinite(y)) return std::nullopt;
@@ -69,43 +69,47 @@ class RasterPlaces {
   bool valid_ = false;
 };
 
-// Along the border, longitude without jumps. Empty: part of the border is nowhere.
-std::optional<WarpRectangle> around(const RasterPlaces& places) {
+// Returns the bounds of the raster's border, followed with continuous longitude; empty if a point of the border is not
+// on the sphere.
+std::optional<WarpRectangle> border_bounds(const RasterPositions& positions) {
   constexpr int kSide = 64;
-  const double w = places.width(), h = places.height();
-  const auto first = places.place(0, 0);
+  const double w = positions.width(), h = positions.height();
+  const auto first = positions.position(0, 0);
   if (!first) return std::nullopt;
   double lon_deg = first->lon_deg;
   WarpRectangle r{lon_deg, first->lat_deg, lon_deg, first->lat_deg, 0, 0};
   for (int i = 1; i < 4 * kSide; ++i) {
-    const double along = static_cast<double>(i % kSide) / kSide;
+    const double fraction = static_cast<double>(i % kSide) / kSide;
     const std::array<std::array<double, 2>, 4> sides{
-        {{along * w, 0}, {w, along * h}, {(1 - along) * w, h}, {0, (1 - along) * h}}};
+        {{fraction * w, 0}, {w, fraction * h}, {(1 - fraction) * w, h}, {0, (1 - fraction) * h}}};
     const auto& [column, row] = sides[static_cast<std::size_t>(i / kSide)];
-    const auto place = places.place(column, row);
-    if (!place) return std::nullopt;
-    lon_deg += std::remainder(place->lon_deg - lon_deg, 360);
-    r.west_deg = std::min(r.west_deg, lon_deg), r.east_deg = std::max(r.east_deg, lon_deg);
-    r.south_deg = std::min(r.south_deg, place->lat_deg), r.north_deg = std::max(r.north_deg, place->lat_deg);
+    const auto position = positions.position(column, row);
+    if (!position) return std::nullopt;
+    lon_deg += std::remainder(position->lon_deg - lon_deg, 360);
+    r.west_deg = std::min(r.west_deg, lon_deg);
+    r.east_deg = std::max(r.east_deg, lon_deg);
+    r.south_deg = std::min(r.south_deg, position->lat_deg);
+    r.north_deg = std::max(r.north_deg, position->lat_deg);
   }
   return r;
 }
 
-// Bounds a raster that reaches beyond the limb of its projection: by places on a mesh over it, and by a margin that is
-// wider than the gap between the limb and the outermost of them. Empty: all of the raster is nowhere.
-std::optional<WarpRectangle> within_limb(const RasterPlaces& places) {
+// Returns bounds of a raster that reaches beyond the limb of its projection: those of a mesh of points over it, with a
+// margin wider than the gap between the limb and the outermost points. Empty if no point of the mesh is on the sphere.
+std::optional<WarpRectangle> bounds_within_limb(const RasterPositions& positions) {
   constexpr int kSide = 64;
-  constexpr double kMargin_deg = 20;  // acos(1 - 2 / kSide) is 14 degrees
+  constexpr double kMargin_deg = 20;  // more than acos(1 - 2 / kSide), 14 degrees: the gap of one mesh cell at the limb
   std::vector<double> lats_deg, lons_deg;
   for (int i = 0; i <= kSide; ++i)
     for (int j = 0; j <= kSide; ++j)
-      if (const auto place = places.place(places.width() * i / kSide, places.height() * j / kSide)) {
-        lats_deg.push_back(place->lat_deg);
-        lons_deg.push_back(place->lon_deg);
+      if (const auto position = positions.position(positions.width() * i / kSide, positions.height() * j / kSide)) {
+        lats_deg.push_back(position->lat_deg);
+        lons_deg.push_back(position->lon_deg);
       }
   if (lons_deg.empty()) return std::nullopt;
   const auto [south, north] = std::minmax_element(lats_deg.begin(), lats_deg.end());
-  // The raster lies outside of the widest gap between the meridians of those places.
+  // Start the rectangle at the eastern end of the widest gap between the points' meridians: the raster lies outside of
+  // that gap.
   std::sort(lons_deg.begin(), lons_deg.end());
   double west_deg = lons_deg.front(), gap_deg = west_deg + 360 - lons_deg.back();
   for (std::size_t i = 1; i < lons_deg.size(); ++i)
@@ -126,21 +130,24 @@ std::optional<WarpRectangle> within_limb(const RasterPlaces& places) {
 std::optional<WarpRectangle> warp_rectangle(GDALDataset& raster, const OGRSpatialReference& srs,
                                             const OGRSpatialReference& degrees) {
   const QuietGdal quiet;
-  const RasterPlaces places(raster, srs, degrees);
-  if (!places.valid()) return std::nullopt;
-  std::optional<WarpRectangle> r = around(places);
+  const RasterPositions positions(raster, srs, degrees);
+  if (!positions.valid()) return std::nullopt;
+  std::optional<WarpRectangle> r = border_bounds(positions);
   const bool beyond_limb = !r;
-  if (beyond_limb) r = within_limb(places);
+  if (beyond_limb) r = bounds_within_limb(positions);
   if (!r) return std::nullopt;
-  const double step_deg = places.pixel_deg();
-  const bool north = places.holds_pole(90), south = places.holds_pole(-90);
+  const double step_deg = positions.pixel_deg();
+  const bool north = positions.holds_pole(90), south = positions.holds_pole(-90);
   const auto turns = [](double lon_deg) { return std::floor((lon_deg + 180) / 360); };
   const bool crosses = turns(r->west_deg + step_deg) != turns(r->east_deg - step_deg);
   if (!north && !south && !crosses && !beyond_limb) return std::nullopt;
   if (north) r->north_deg = 90;
   if (south) r->south_deg = -90;
-  if (north || south || r->east_deg - r->west_deg > 360) r->west_deg = -180, r->east_deg = 180;
-  const double nearest_deg = std::max({0.0, r->south_deg, -r->north_deg});  // to the equator
+  if (north || south || r->east_deg - r->west_deg > 360) {
+    r->west_deg = -180;
+    r->east_deg = 180;
+  }
+  const double nearest_deg = std::max({0.0, r->south_deg, -r->north_deg});  // latitude nearest to the equator
   r->width =
       static_cast<int>(std::ceil((r->east_deg - r->west_deg) * std::cos(nearest_deg * kRadiansPerDegree) / step_deg));
   r->height = static_cast<int>(std::ceil((r->north_deg - r->south_deg) / step_deg));

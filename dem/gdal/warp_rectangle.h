@@ -1,4 +1,4 @@
-// The rectangle in degrees that a projected raster is warped to. Within dem/gdal/ only.
+// Rectangle in degrees that a projected raster is warped to. For dem/gdal/ only.
 #pragma once
 
 #include <optional>
@@ -8,13 +8,13 @@
 namespace selenograph::dem {
 
 struct WarpRectangle {
-  double west_deg, south_deg, east_deg, north_deg;  // its outer borders, west < east
+  double west_deg, south_deg, east_deg, north_deg;  // outer borders, west < east
   int width, height;                                // pixels
 };
 
-// For a raster that crosses the date line, holds a pole or has one on its border, or reaches beyond the limb of its
-// projection, its rectangle in pixels that are nowhere larger on the ground than the raster's own. GDAL's own choice
-// counts such a raster as 360 degrees wide, and makes its pixels as many times wider. Empty: that choice will do.
+// Returns the rectangle for a raster that crosses the date line, touches a pole, or reaches beyond the limb of its
+// projection. The rectangle's pixels are nowhere larger on the ground than the raster's own. GDAL's own choice counts
+// such a raster as 360 degrees wide, and makes its pixels as many times wider. Returns empty if that choice will do.
 // `srs`: the raster's; `degrees`: longitude and latitude, in that order.
 std::optional<WarpRectangle> warp_rectangle(GDALDataset& raster, const OGRSpatialReference& srs,
                                             const OGRSpatialReference& degrees);

@@ -11,9 +11,10 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr int kTileCells = 64;
-constexpr int kCellSamples = 4;  // along each side of a cell
-constexpr int kRowsRead = 64;
+constexpr int kTileCells = 64;   // cells along each side of a tile
+constexpr int kCellSamples = 4;  // samples along each side of a cell
+constexpr int kRowsRead = 64;    // rows of posts per read
+// Limits of the cache; it is emptied when either is reached.
 constexpr std::size_t kMaxTilesHeld = std::size_t{1} << 18;
 constexpr std::size_t kMaxCellsHeld = std::size_t{1} << 22;  // 100 MB
 
@@ -21,20 +22,21 @@ bool is_valid(float height_m) { return height_m >= kLowestRelief_m && height_m <
 
 }  // namespace
 
+// Cached result for one tile of kTileCells x kTileCells cells.
 struct BorderCells::Tile {
   std::vector<BorderCell> cells{};
   std::vector<SourceIndex> unusable{};
 };
 
-// Samples of a tile and one row or column around it.
-struct BorderCells::Samples {
+// Samples of a tile, with a margin of one row or column on each side, in which is_border() finds neighbours.
+struct BorderCells::SampleGrid {
   const LayerSheet& sheet;
   int per_cell, side;
-  std::int64_t stride, x0, y0;  // the first sample's post in the sheet
+  std::int64_t stride, x0, y0;  // stride in posts; the first sample's position in the sheet
   std::vector<float> heights_m;
-  std::vector<int> sources;  // -1: none
+  std::vector<int> sources;  // file of each sample; -1: no valid post
 
-  Samples(const LayerSheet& of, int octave, std::int64_t column, std::int64_t row)
+  SampleGrid(const LayerSheet& of, int octave, std::int64_t column, std::int64_t row)
       : sheet(of),
         per_cell(static_cast<int>(std::min<std::int64_t>(std::int64_t{1} << octave, kCellSamples))),
         side(kTileCells * per_cell + 2),
@@ -49,18 +51,20 @@ struct BorderCells::Samples {
   }
   std::int64_t x(int c) const { return x0 + c * stride; }
   std::int64_t y(int r) const { return y0 + r * stride; }
-  // Nothing shows beyond a pole: rows that end there have no border.
+  // Returns true if the coarser surface shows at a sample. Rows that end at a pole have no border there: no surface
+  // lies beyond it.
   bool is_open(int r, int c) const { return sources[index(r, c)] < 0 && !sheet.is_beyond_pole(y(r)); }
+  // Returns true for a valid sample with an open one among its four neighbours.
   bool is_border(int r, int c) const {
     return sources[index(r, c)] >= 0 &&
            (is_open(r, c - 1) || is_open(r, c + 1) || is_open(r - 1, c) || is_open(r + 1, c));
   }
 };
 
-// A border sample, at a post of the sheet.
-struct BorderCells::Found {
+// Border sample, at a post of the sheet.
+struct BorderCells::BorderSample {
   int source;
-  std::int64_t x, y;  // in the sheet
+  std::int64_t x, y;  // column and row in the sheet
   float height_m;
   float beneath_m = 0;
   SourceIndex beneath = kNoSource;
@@ -76,6 +80,7 @@ BorderCells::BorderCells(const Catalogue& catalogue, const LayerGroups& groups, 
 
 BorderCells::~BorderCells() = default;
 
+// Reads a rectangle of a file's posts. Returns false, and reports the file, if it is unreadable and `fall_through_`.
 bool BorderCells::read_or_report(int source, std::int64_t x0, std::int64_t y0, int w, int h,
                                  std::vector<float>& heights_m, std::vector<SourceIndex>& unusable) const {
   heights_m.resize(static_cast<std::size_t>(w) * static_cast<std::size_t>(h));
@@ -89,20 +94,22 @@ bool BorderCells::read_or_report(int source, std::int64_t x0, std::int64_t y0, i
   }
 }
 
-// Reads the samples that lie in a file. Posts of a file on a network count as valid: reading all would take minutes.
-void BorderCells::read_samples(int source, Samples& s, std::vector<SourceIndex>& unusable) const {
+// Reads the samples that lie in a file. A post of a file on a network counts as valid without being read: reading every
+// post would take minutes. read_remote() later reads only the border samples.
+void BorderCells::read_samples(int source, SampleGrid& s, std::vector<SourceIndex>& unusable) const {
   const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(source)];
   const auto [shift_x, shift_y] = groups_.shift[static_cast<std::size_t>(source)];
-  const bool around = info.wraps_longitude, remote = is_remote(info.path);
+  const bool wraps = info.wraps_longitude, remote = is_remote(info.path);
   std::vector<float> heights_m;
+  // Test the file's position shifted by a turn, too: a tile may lie across the date line.
   for (const std::int64_t turn : {-1, 0, 1}) {
-    if (turn != 0 && (s.sheet.globe == 0 || around)) continue;
+    if (turn != 0 && (s.sheet.globe == 0 || wraps)) continue;
     const std::int64_t first_x = s.x0 - shift_x + turn * s.sheet.globe, first_y = s.y0 - shift_y;
     const auto from = [&](std::int64_t first) { return std::max<std::int64_t>(0, -floor_div(first, s.stride)); };
     const auto to = [&](std::int64_t first, std::int64_t size) {
       return std::clamp<std::int64_t>(floor_div(size - 1 - first, s.stride) + 1, 0, s.side);
     };
-    const std::int64_t x_from = around ? 0 : from(first_x), x_to = around ? s.side : to(first_x, info.width);
+    const std::int64_t x_from = wraps ? 0 : from(first_x), x_to = wraps ? s.side : to(first_x, info.width);
     const std::int64_t y_from = from(first_y), y_to = to(first_y, info.height);
     if (x_from >= x_to || y_from >= y_to) continue;
     const auto w = static_cast<int>((x_to - x_from - 1) * s.stride + 1);
@@ -126,9 +133,10 @@ void BorderCells::read_samples(int source, Samples& s, std::vector<SourceIndex>&
   }
 }
 
-void BorderCells::read_remote(std::vector<Found>& found, std::vector<SourceIndex>& unusable) const {
+// Reads the heights of border samples of files on a network, post by post, and drops invalid ones.
+void BorderCells::read_remote(std::vector<BorderSample>& found, std::vector<SourceIndex>& unusable) const {
   std::vector<float> height_m;
-  std::erase_if(found, [&](Found& post) {
+  std::erase_if(found, [&](BorderSample& post) {
     if (!is_remote(catalogue_.rasters()[static_cast<std::size_t>(post.source)].path)) return false;
     const auto [x, y] = groups_.post_in_file(catalogue_, post.source, post.x, post.y);
     if (!read_or_report(post.source, x, y, 1, 1, height_m, unusable)) return true;
@@ -137,29 +145,31 @@ void BorderCells::read_remote(std::vector<Found>& found, std::vector<SourceIndex
   });
 }
 
-// Border samples below which a coarser layer has data.
-std::vector<BorderCells::Found> BorderCells::border_samples(const Key& key, std::vector<SourceIndex>& unusable) const {
+// Returns the border samples of a tile, each with the coarser layers' height below it. Samples without coarser data are
+// dropped.
+std::vector<BorderCells::BorderSample> BorderCells::border_samples(const Key& key,
+                                                                   std::vector<SourceIndex>& unusable) const {
   const auto [sheet_index, octave, column, row] = key;
   const LayerSheet& sheet = groups_.sheets[static_cast<std::size_t>(sheet_index)];
-  Samples s(sheet, octave, column, row);
+  SampleGrid s(sheet, octave, column, row);
   for (const int source : sheet.sources) read_samples(source, s, unusable);
-  std::vector<Found> found;
+  std::vector<BorderSample> found;
   for (int r = 1; r + 1 < s.side; ++r)
     for (int c = 1; c + 1 < s.side; ++c)
       if (s.is_border(r, c)) found.push_back({s.sources[s.index(r, c)], s.x(c), s.y(r), s.heights_m[s.index(r, c)]});
   read_remote(found, unusable);
-  std::vector<Geographic> places;
-  places.reserve(found.size());
-  for (const Found& post : found)
-    places.push_back(sheet.place(static_cast<double>(post.x), static_cast<double>(post.y)));
+  std::vector<Geographic> positions;
+  positions.reserve(found.size());
+  for (const BorderSample& post : found)
+    positions.push_back(sheet.position_at(static_cast<double>(post.x), static_cast<double>(post.y)));
   std::vector<float> beneath_m(found.size());
   std::vector<SourceIndex> sources(found.size());
-  if (!found.empty()) beneath_(places, sheet.layer_begin, beneath_m.data(), sources.data(), unusable);
+  if (!found.empty()) beneath_(positions, sheet.layer_begin, beneath_m.data(), sources.data(), unusable);
   for (std::size_t i = 0; i < found.size(); ++i) {
     found[i].beneath_m = beneath_m[i];
     found[i].beneath = sources[i];
   }
-  std::erase_if(found, [](const Found& post) { return std::isnan(post.beneath_m); });
+  std::erase_if(found, [](const BorderSample& post) { return std::isnan(post.beneath_m); });
   return found;
 }
 
@@ -168,7 +178,7 @@ std::shared_ptr<const BorderCells::Tile> BorderCells::tile(const Key& key) const
     const std::lock_guard lock(mutex_);
     if (const auto found = tiles_.find(key); found != tiles_.end()) return found->second;
   }
-  // Two threads may make the same tile: both find the same.
+  // Make the tile without the lock: two threads may make the same one, with equal contents, and the first is cached.
   std::shared_ptr<const Tile> made = make_tile(key);
   const std::lock_guard lock(mutex_);
   if (tiles_.size() >= kMaxTilesHeld || cells_held_ >= kMaxCellsHeld) {
@@ -182,7 +192,7 @@ std::shared_ptr<const BorderCells::Tile> BorderCells::tile(const Key& key) const
 
 namespace {
 
-// Sums of steps by cell, in the order in which they are added.
+// Sums of steps per cell. Sums round differently in another order, so callers add samples in a fixed order.
 class CellSums {
  public:
   void add(std::int64_t x, std::int64_t y, double step_m, double samples) {
@@ -207,14 +217,15 @@ class CellSums {
 
 }  // namespace
 
-// Cells all of whose posts are samples are made from the four quarters of the tile, which have read these posts.
+// Makes a tile. In cells of 2 or 4 posts all posts are samples: then merges the four tiles of the finer octave, which
+// have read the same posts already. Otherwise reads the samples.
 std::shared_ptr<const BorderCells::Tile> BorderCells::make_tile(const Key& key) const {
   const auto [sheet, octave, column, row] = key;
   const std::int64_t cell = std::int64_t{1} << octave;
   auto made = std::make_shared<Tile>();
   CellSums sums;
   if (octave == 0 || cell > kCellSamples) {
-    for (const Found& post : border_samples(key, made->unusable))
+    for (const BorderSample& post : border_samples(key, made->unusable))
       sums.add(floor_div(post.x, cell), floor_div(post.y, cell),
                static_cast<double>(post.height_m) - static_cast<double>(post.beneath_m), 1);
   } else {
@@ -230,27 +241,27 @@ std::shared_ptr<const BorderCells::Tile> BorderCells::make_tile(const Key& key) 
   return made;
 }
 
-std::vector<BorderCell> BorderCells::within(int sheet, int octave, const CellRegion& region,
-                                            std::vector<SourceIndex>& unusable) const {
+std::vector<BorderCell> BorderCells::cells_in(int sheet, int octave, const CellRegion& region,
+                                              std::vector<SourceIndex>& unusable) const {
   std::vector<BorderCell> found;
   for (std::int64_t row = floor_div(region.y0, kTileCells); row <= floor_div(region.y1 - 1, kTileCells); ++row)
     for (std::int64_t column = floor_div(region.x0, kTileCells); column <= floor_div(region.x1 - 1, kTileCells);
          ++column) {
-      const std::shared_ptr<const Tile> part = tile({sheet, octave, column, row});
-      unusable.insert(unusable.end(), part->unusable.begin(), part->unusable.end());
-      for (const BorderCell& c : part->cells)
+      const std::shared_ptr<const Tile> cells = tile({sheet, octave, column, row});
+      unusable.insert(unusable.end(), cells->unusable.begin(), cells->unusable.end());
+      for (const BorderCell& c : cells->cells)
         if (c.x >= region.x0 && c.x < region.x1 && c.y >= region.y0 && c.y < region.y1) found.push_back(c);
     }
   return found;
 }
 
-std::vector<BorderPost> BorderCells::posts(int sheet, int octave, const CellRegion& region) const {
+std::vector<BorderPost> BorderCells::posts_in(int sheet, int octave, const CellRegion& region) const {
   std::vector<BorderPost> found;
   std::vector<SourceIndex> unusable;
   for (std::int64_t row = floor_div(region.y0, kTileCells); row <= floor_div(region.y1 - 1, kTileCells); ++row)
     for (std::int64_t column = floor_div(region.x0, kTileCells); column <= floor_div(region.x1 - 1, kTileCells);
          ++column)
-      for (const Found& post : border_samples({sheet, octave, column, row}, unusable)) {
+      for (const BorderSample& post : border_samples({sheet, octave, column, row}, unusable)) {
         const auto [x, y] = groups_.post_in_file(catalogue_, post.source, post.x, post.y);
         found.push_back({post.source, x, y, post.height_m - post.beneath_m, post.beneath});
       }

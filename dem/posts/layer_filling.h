@@ -1,4 +1,4 @@
-// Fills a window with the posts of a layer.
+// Fills a window with the valid posts of one layer.
 #pragma once
 
 #include "dem/grid/block.h"
@@ -7,7 +7,7 @@
 
 namespace selenograph::dem {
 
-// The window's posts that are not yet filled, in the order of the file.
+// Output of one layer: fills the posts of a window that no finer layer has filled.
 class LayerFilling {
  public:
   LayerFilling(int source, int window_cols, float* heights, SourceMark* sources)
@@ -16,24 +16,28 @@ class LayerFilling {
         heights_(heights),
         sources_(sources) {}
 
-  // Takes heights of `n` posts of one row.
-  void row(int r, int first, const float* heights, int n) {
+  // Fills the missing posts among `n` of row `r`, from column `first` on. NaN and impossible heights stay missing.
+  void add_row(int r, int first, const float* heights, int n) {
     const std::size_t at = index(r, first);
-    const Taken taken = take_row(heights, n, mark_, heights_ + at, sources_ + at);
-    filled_ += static_cast<std::size_t>(taken.filled), impossible_ += static_cast<std::size_t>(taken.impossible);
+    const FillCount count = fill_missing(heights, n, mark_, heights_ + at, sources_ + at);
+    filled_ += static_cast<std::size_t>(count.filled);
+    impossible_ += static_cast<std::size_t>(count.impossible);
   }
 
-  bool wanted(int r, int c) const { return sources_[index(r, c)] == kNoSource; }
-  void post(int r, int c, float h, SourceMark flag) {
+  bool is_missing(int r, int c) const { return sources_[index(r, c)] == kNoSource; }
+  // Fills one post, with `flag` (kFilledBit or 0) added to its source mark.
+  void add_post(int r, int c, float h, SourceMark flag) {
     if (std::isnan(h)) return;
     if (h < kLowestRelief_m || h > kHighestRelief_m) {
       ++impossible_;
       return;
     }
-    heights_[index(r, c)] = h, sources_[index(r, c)] = mark_ | flag;
+    heights_[index(r, c)] = h;
+    sources_[index(r, c)] = mark_ | flag;
     ++filled_;
   }
 
+  // Number of posts filled, and of posts with heights that no lunar terrain has.
   std::size_t filled() const { return filled_; }
   std::size_t impossible() const { return impossible_; }
 
@@ -45,8 +49,8 @@ class LayerFilling {
   SourceMark* sources_;
 };
 
-// Rows and columns of a geographic file are separable: a row of the window consists of posts of one row of the file, or
-// is interpolated from four such rows with the row's weights.
-void fill_rows(const PostPatch& patch, const FileColumns& all_columns, const WindowPart& rows, LayerFilling& filling);
+// Fills all rows from a geographic file, whose rows and columns are separable: a row of the window consists of posts of
+// one row of the file, or is interpolated from four such rows with the row's weights.
+void fill_rows(const PostPatch& patch, const FileColumns& all_columns, const AxisSpan& rows, LayerFilling& filling);
 
 }  // namespace selenograph::dem

@@ -7,7 +7,7 @@
 namespace selenograph::dem {
 namespace {
 
-// Posts of a row around the globe; 0: rows do not run around it.
+// Returns the posts of a row per turn around the globe; 0 if rows do not run around it.
 double posts_around(const PostGrid& grid) {
   if (const auto* g = std::get_if<GeographicGrid>(&grid)) return 360 * g->lon_posts_per_degree;
   const auto& g = std::get<PlaneGrid>(grid);
@@ -15,32 +15,34 @@ double posts_around(const PostGrid& grid) {
   return 360 * kMetresPerDegree * g.plane.scale / g.spacing_m;
 }
 
-void find_sheets(const Catalogue& catalogue, LayerGroups& found) {
+// Assigns each file of a finer layer to a sheet of its layer with the same grid, or to a new one.
+void find_sheets(const Catalogue& catalogue, LayerGroups& result) {
   const std::vector<RasterInfo>& rasters = catalogue.rasters();
   const std::size_t n = rasters.size();
   for (std::size_t i = 0; i < n; ++i) {
     const int begin = catalogue.layer_begin(static_cast<int>(i));
     if (begin == 0) continue;
     std::optional<std::pair<std::int64_t, std::int64_t>> shift;
-    std::size_t s = found.sheets.size();
-    while (s > 0 && found.sheets[s - 1].layer_begin == begin &&
-           !(shift = shift_between(found.sheets[s - 1].reference->grid, rasters[i].grid)))
+    std::size_t s = result.sheets.size();
+    while (s > 0 && result.sheets[s - 1].layer_begin == begin &&
+           !(shift = shift_between(result.sheets[s - 1].reference->grid, rasters[i].grid)))
       --s;
     if (!shift) {
       LayerSheet sheet{&rasters[i], begin, 0, {}};
       const double around = posts_around(rasters[i].grid);
       if (std::abs(around - std::round(around)) < 1e-6) sheet.globe = std::llround(around);
-      found.sheets.push_back(std::move(sheet));
-      s = found.sheets.size();
+      result.sheets.push_back(std::move(sheet));
+      s = result.sheets.size();
       shift = {0, 0};
     }
-    found.sheets[s - 1].sources.push_back(static_cast<int>(i));
-    found.sheet[i] = static_cast<int>(s) - 1, found.shift[i] = *shift;
+    result.sheets[s - 1].sources.push_back(static_cast<int>(i));
+    result.sheet[i] = static_cast<int>(s) - 1;
+    result.shift[i] = *shift;
   }
 }
 
-// Of each file the first one of those that it touches, and that these touch.
-std::vector<int> find_touching(const Catalogue& catalogue, const LayerGroups& found) {
+// Returns, for each file, the first file of its group: connected components of touching files, by union-find.
+std::vector<int> find_touching(const Catalogue& catalogue, const LayerGroups& result) {
   const std::vector<RasterInfo>& rasters = catalogue.rasters();
   const std::size_t n = rasters.size();
   std::vector<int> root(n);
@@ -51,12 +53,12 @@ std::vector<int> find_touching(const Catalogue& catalogue, const LayerGroups& fo
     return i;
   };
   for (std::size_t i = 0; i < n; ++i) {
-    if (found.sheet[i] < 0) continue;
+    if (result.sheet[i] < 0) continue;
     const Footprint& f = rasters[i].footprint;
-    for (const int other :
+    for (const int neighbour :
          catalogue.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, 2 * widest_post_deg(rasters[i]))) {
-      if (found.sheet[static_cast<std::size_t>(other)] != found.sheet[i]) continue;
-      const int a = root_of(static_cast<int>(i)), b = root_of(other);
+      if (result.sheet[static_cast<std::size_t>(neighbour)] != result.sheet[i]) continue;
+      const int a = root_of(static_cast<int>(i)), b = root_of(neighbour);
       root[static_cast<std::size_t>(std::max(a, b))] = std::min(a, b);
     }
   }
@@ -64,47 +66,55 @@ std::vector<int> find_touching(const Catalogue& catalogue, const LayerGroups& fo
   return root;
 }
 
-void gather(const std::vector<RasterInfo>& rasters, const std::vector<int>& first_of, LayerGroups& found) {
+// Creates the groups from `first_of` and extends each group's box by its files.
+void gather_groups(const std::vector<RasterInfo>& rasters, const std::vector<int>& first_of, LayerGroups& result) {
   for (std::size_t i = 0; i < rasters.size(); ++i) {
-    if (found.sheet[i] < 0) continue;
+    if (result.sheet[i] < 0) continue;
     const auto first = static_cast<std::size_t>(first_of[i]);
-    const auto [x, y] = found.shift[i];
+    const auto [x, y] = result.shift[i];
     const RasterInfo& info = rasters[i];
     if (first == i) {
-      found.group[i] = static_cast<int>(found.groups.size());
+      result.group[i] = static_cast<int>(result.groups.size());
       auto group = std::make_unique<LayerGroup>();
-      group->sheet = found.sheet[i];
-      group->layer_begin = found.sheets[static_cast<std::size_t>(group->sheet)].layer_begin;
+      group->sheet = result.sheet[i];
+      group->layer_begin = result.sheets[static_cast<std::size_t>(group->sheet)].layer_begin;
       group->post_spacing_m = info.post_spacing_m;
-      group->x0 = x, group->y0 = y, group->x1 = x + info.width, group->y1 = y + info.height;
-      found.groups.push_back(std::move(group));
+      group->x0 = x;
+      group->y0 = y;
+      group->x1 = x + info.width;
+      group->y1 = y + info.height;
+      result.groups.push_back(std::move(group));
     }
-    found.group[i] = found.group[first];
-    LayerGroup& group = *found.groups[static_cast<std::size_t>(found.group[i])];
+    result.group[i] = result.group[first];
+    LayerGroup& group = *result.groups[static_cast<std::size_t>(result.group[i])];
     group.sources.push_back(static_cast<int>(i));
     // A group across the date line is one box: count each file's columns from its first file on.
-    const std::int64_t globe = found.sheets[static_cast<std::size_t>(group.sheet)].globe;
+    const std::int64_t globe = result.sheets[static_cast<std::size_t>(group.sheet)].globe;
     const std::int64_t turn =
         globe == 0
             ? 0
-            : globe * std::llround(static_cast<double>(found.shift[first].first - x) / static_cast<double>(globe));
-    group.x0 = std::min(group.x0, x + turn), group.x1 = std::max(group.x1, x + turn + info.width);
-    group.y0 = std::min(group.y0, y), group.y1 = std::max(group.y1, y + info.height);
+            : globe * std::llround(static_cast<double>(result.shift[first].first - x) / static_cast<double>(globe));
+    group.x0 = std::min(group.x0, x + turn);
+    group.x1 = std::max(group.x1, x + turn + info.width);
+    group.y0 = std::min(group.y0, y);
+    group.y1 = std::max(group.y1, y + info.height);
   }
 }
 
-// Index of the finest file before `begin` that a file overlaps by more than a border; -1: none.
+// Returns the index of the finest file before `begin` that overlaps a file by more than a border; -1: none.
 int finest_beneath(const Catalogue& catalogue, int source, int begin) {
-  constexpr double kBorder_deg = 1e-6;  // 3 cm: layers that have only their border in common lie beside each other
+  constexpr double kBorder_deg = 1e-6;  // 3 cm: layers with only a border in common do not overlap
   const Footprint& f = catalogue.rasters()[static_cast<std::size_t>(source)].footprint;
-  const std::vector<int> there = catalogue.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, -kBorder_deg);
-  const auto past = std::lower_bound(there.begin(), there.end(), begin);
-  return past == there.begin() ? -1 : *std::prev(past);
+  const std::vector<int> overlapping =
+      catalogue.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, -kBorder_deg);
+  const auto past = std::lower_bound(overlapping.begin(), overlapping.end(), begin);
+  return past == overlapping.begin() ? -1 : *std::prev(past);
 }
 
-void set_bands(const Catalogue& catalogue, LayerGroups& found) {
-  constexpr int kBandCells = 8;  // cells of the coarsest octave that the band is wide, at least
-  for (const auto& group : found.groups) {
+// Sets each group's coarser file, band width and coarsest octave.
+void set_bands(const Catalogue& catalogue, LayerGroups& result) {
+  constexpr int kBandCells = 8;  // minimum width of the band in cells of its coarsest octave
+  for (const auto& group : result.groups) {
     for (const int source : group->sources)
       group->beneath = std::max(group->beneath, finest_beneath(catalogue, source, group->layer_begin));
     if (group->beneath < 0) continue;
@@ -112,15 +122,15 @@ void set_bands(const Catalogue& catalogue, LayerGroups& found) {
         catalogue.rasters()[static_cast<std::size_t>(group->beneath)].post_spacing_m / group->post_spacing_m;
     group->band_posts = catalogue.joins().blend_posts * group->spacing_ratio;
     if (!(group->band_posts > 0)) continue;
-    // In the coarsest octave at least four samples fall on the group's shorter side.
+    // Limit the cells to the group's shorter side: at least four samples then fall on it.
     const auto side = static_cast<double>(std::min(group->x1 - group->x0, group->y1 - group->y0));
     const double cell = std::max(1.0, std::min(group->band_posts / kBandCells, side));
-    group->octave = found.sheets[static_cast<std::size_t>(group->sheet)].octave_up_to(
+    group->octave = result.sheets[static_cast<std::size_t>(group->sheet)].octave_up_to(
         static_cast<int>(std::floor(std::log2(cell))));
-    // Less by what cells' middles and the subdivision reach further.
+    // Subtract the distance by which cell centres and the subdivision reach further.
     group->band_cells = std::max(1.0, group->band_posts / std::ldexp(1.0, group->octave) - 3);
-    found.widest_band_deg =
-        std::max(found.widest_band_deg, group->band_posts * group->post_spacing_m / kMetresPerDegree);
+    result.widest_band_deg =
+        std::max(result.widest_band_deg, group->band_posts * group->post_spacing_m / kMetresPerDegree);
   }
 }
 
@@ -138,7 +148,8 @@ std::pair<int, int> LayerGroups::post_in_file(const Catalogue& catalogue, int so
   return {static_cast<int>(column), static_cast<int>(y - shift_y)};
 }
 
-constexpr double kNotOnPlane = -1e8;  // PlanePosts::locate() says less where its plane does not show a place
+constexpr double kNotOnPlane =
+    -1e8;  // PlanePosts::locate() returns smaller coordinates for a position that its plane does not show
 
 SheetPosts::SheetPosts(const LayerSheet& sheet, const LayerGroup& group)
     : sheet_(sheet), group_(group), posts_around_(posts_around(sheet.reference->grid)) {
@@ -146,17 +157,17 @@ SheetPosts::SheetPosts(const LayerSheet& sheet, const LayerGroup& group)
     plane_.emplace(*g, sheet.reference->width, sheet.reference->height);
 }
 
-PostXY SheetPosts::locate(const Geographic& place) const {
+PostXY SheetPosts::locate(const Geographic& position) const {
   PostXY p;
   if (plane_) {
-    p = plane_->locate(place.lat_deg, place.lon_deg);
+    p = plane_->locate(position.lat_deg, position.lon_deg);
     if (std::get<PlaneGrid>(sheet_.reference->grid).plane.projection == MapProjection::orthographic &&
         p.x < kNotOnPlane)
-      return beyond_limb(place);
+      return locate_behind_limb(position);
   } else {
     const auto& g = std::get<GeographicGrid>(sheet_.reference->grid);
-    p = {(place.lon_deg - g.first_lon_deg) * g.lon_posts_per_degree,
-         (g.first_lat_deg - place.lat_deg) * g.lat_posts_per_degree};
+    p = {(position.lon_deg - g.first_lon_deg) * g.lon_posts_per_degree,
+         (g.first_lat_deg - position.lat_deg) * g.lat_posts_per_degree};
   }
   if (posts_around_ > 0) {
     const double middle = static_cast<double>(group_.x0 + group_.x1) / 2;
@@ -165,11 +176,12 @@ PostXY SheetPosts::locate(const Geographic& place) const {
   return p;
 }
 
-PostXY SheetPosts::beyond_limb(const Geographic& place) const {
+// Locates the mirror image in front of the limb, then reflects it outward in the limb's circle.
+PostXY SheetPosts::locate_behind_limb(const Geographic& position) const {
   const auto& g = std::get<PlaneGrid>(sheet_.reference->grid);
   const PostXY middle{-g.first_x_m / g.spacing_m, g.first_y_m / g.spacing_m};
-  const Vec3 axis = to_cartesian(plane_->position(middle.x, middle.y)).normalized();
-  const Vec3 behind = to_cartesian(place).normalized();
+const Vec3 axis = to_cartesian(plane_->position(middle.x, middle.y)).normalized();
+  const Vec3 behind = to_cartesian(position).normalized();
   const PostXY before = plane_->locate(Vec3(behind - 2 * behind.dot(axis) * axis));
   const double radius = kMoonRadius_m * g.plane.scale / g.spacing_m;
   const double away = std::hypot(before.x - middle.x, before.y - middle.y);
@@ -178,11 +190,11 @@ PostXY SheetPosts::beyond_limb(const Geographic& place) const {
   return {middle.x + outward * (before.x - middle.x), middle.y + outward * (before.y - middle.y)};
 }
 
-double SheetPosts::away_from_box(const PostXY& p) const {
+double SheetPosts::distance_from_box(const PostXY& p) const {
   const auto outside = [](double v, std::int64_t from, std::int64_t to) {
     return std::max({0.0, static_cast<double>(from) - v, v - static_cast<double>(to - 1)});
   };
-  return std::hypot(kLeastScale * outside(p.x, group_.x0, group_.x1), outside(p.y, group_.y0, group_.y1));
+  return std::hypot(kMinColumnScale * outside(p.x, group_.x0, group_.x1), outside(p.y, group_.y0, group_.y1));
 }
 
 double widest_post_deg(const RasterInfo& info) {
@@ -190,27 +202,29 @@ double widest_post_deg(const RasterInfo& info) {
     return 1 / std::min(g->lat_posts_per_degree, g->lon_posts_per_degree);
   const auto& g = std::get<PlaneGrid>(info.grid);
   const Footprint& f = info.footprint;
-  // Posts lie farthest apart at the origin, but towards the limb of an orthographic plane.
+  // Start with the spacing at the origin, which is the widest except towards the limb of an orthographic plane.
   double per_degree = kMetresPerDegree * g.plane.scale / g.spacing_m;
   if (g.plane.projection == MapProjection::orthographic) {
     const double x_m = std::max(std::abs(g.first_x_m), std::abs(g.first_x_m + (info.width - 1) * g.spacing_m)),
                  y_m = std::max(std::abs(g.first_y_m), std::abs(g.first_y_m - (info.height - 1) * g.spacing_m));
     const double from_axis = std::hypot(x_m, y_m) / kMoonRadius_m;
-    per_degree *= std::sqrt(std::max(kLeastScale * kLeastScale, 1 - from_axis * from_axis));
+    per_degree *= std::sqrt(std::max(kMinColumnScale * kMinColumnScale, 1 - from_axis * from_axis));
   }
   if (f.east_deg - f.west_deg >= 360) return 1 / per_degree;
   const double farthest_lat_deg = std::max(-f.south_deg, f.north_deg);
-  return 1 / (per_degree * std::max(kLeastScale, std::cos(farthest_lat_deg * kRadiansPerDegree)));
+  return 1 / (per_degree * std::max(kMinColumnScale, std::cos(farthest_lat_deg * kRadiansPerDegree)));
 }
 
 LayerGroups find_groups(const Catalogue& catalogue) {
-  LayerGroups found;
+  LayerGroups result;
   const std::size_t n = catalogue.rasters().size();
-  found.sheet.assign(n, -1), found.group.assign(n, -1), found.shift.resize(n);
-  find_sheets(catalogue, found);
-  gather(catalogue.rasters(), find_touching(catalogue, found), found);
-  set_bands(catalogue, found);
-  return found;
+  result.sheet.assign(n, -1);
+  result.group.assign(n, -1);
+  result.shift.resize(n);
+  find_sheets(catalogue, result);
+  gather_groups(catalogue.rasters(), find_touching(catalogue, result), result);
+  set_bands(catalogue, result);
+  return result;
 }
 
 }  // namespace selenograph::dem

@@ -16,11 +16,12 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr std::size_t kMaxPosts = 4096;  // of a border: the median's error is about its spread by 50
-constexpr double kMostOffset_m = 20000;  // beyond it no height remains a lunar one
+constexpr std::size_t kMaxPosts =
+    4096;  // maximum per border: the median's error is then about 1/50 of the steps' spread
+constexpr double kMaxOffset_m = 20000;  // with a larger offset no height is possible on the Moon
 constexpr double kFitStep_m = 0.001;
 // Global models' stated errors are 3 to 4 m at 60 m posts (SLDEM2015) and 10 to 20 m at 118 m (GLD100).
-constexpr double kTypicalError = 0.1;  // of the post spacing
+constexpr double kTypicalError = 0.1;  // ratio of a model's height error to its post spacing
 constexpr double kMinTypicalError_m = 3;
 
 Steps steps_of(const std::vector<BorderPost>& posts, const std::function<double(const BorderPost&)>& step_m) {
@@ -60,7 +61,7 @@ NamedNumber parse_named_number(const std::string& text, const NumberRange& range
 }
 
 NamedNumber parse_layer_offset(const std::string& text) {
-  return parse_named_number(text, {"METRES", -kMostOffset_m, kMostOffset_m});
+  return parse_named_number(text, {"METRES", -kMaxOffset_m, kMaxOffset_m});
 }
 
 std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
@@ -70,13 +71,14 @@ std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
   std::vector<char> fitted(rasters.size());
   if (!offsets.empty()) joins.offsets_m.resize(rasters.size());
   for (const NamedNumber& offset : offsets) {
-    bool any = false;
+    bool has_match = false;
     for (std::size_t i = 0; i < rasters.size(); ++i) {
       if (!name_matches(rasters[i].path, offset.pattern)) continue;
-      any = true, fitted[i] = !offset.value;
+      has_match = true;
+      fitted[i] = !offset.value;
       joins.offsets_m[i] = offset.value.value_or(0);
     }
-    if (!any) throw DataError(offset.pattern, "no DEM file has such a name (--layer-offset)");
+    if (!has_match) throw DataError(offset.pattern, "no DEM file has such a name (--layer-offset)");
   }
   catalogue.join_layers(joins);
   std::vector<FittedOffset> found;
@@ -84,22 +86,23 @@ std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
   for (std::size_t i = 0; i < rasters.size(); ++i) {
     if (!fitted[i] || done[i]) continue;
     const int file = static_cast<int>(i);
-    // Its neighbours have the offset that is fitted here, whatever borders they have.
+    // Recreate the source after each fit: it reads coarser layers with the offsets fitted so far.
     const PostSource source(catalogue, false, ignore);
     FittedOffset fit{file, 0, 0};
     std::vector<int> group{file};
     if (catalogue.layer_begin(file) > 0) {
       group = source.bends().group_of(file);
       std::vector<double> steps;
-      for (const BorderPost& post : source.bends().border(file, kMaxPosts))
+      for (const BorderPost& post : source.bends().border_posts(file, kMaxPosts))
         steps.push_back(catalogue.offset_m(post.source) - static_cast<double>(post.step_m));
       fit.posts = steps.size();
       if (!steps.empty()) fit.offset_m = std::round(median(std::move(steps)) / kFitStep_m) * kFitStep_m;
     }
-    for (const int other : group) {
-      const auto o = static_cast<std::size_t>(other);
+    for (const int member : group) {
+      const auto o = static_cast<std::size_t>(member);
       if (!fitted[o]) continue;
-      done[o] = 1, joins.offsets_m[o] = fit.offset_m;
+      done[o] = 1;
+      joins.offsets_m[o] = fit.offset_m;
     }
     catalogue.join_layers(joins);
     found.push_back(fit);
@@ -107,17 +110,17 @@ std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
   return found;
 }
 
-std::vector<LayerBorder> measure_borders(const Catalogue& catalogue, std::size_t most) {
+std::vector<LayerBorder> measure_borders(const Catalogue& catalogue, std::size_t max_groups) {
   std::vector<LayerBorder> found;
   if (catalogue.one_layer()) return found;
   const PostSource source(catalogue, false, ignore);
   std::vector<char> done(catalogue.rasters().size());
-  for (std::size_t i = 0; i < done.size() && found.size() < most; ++i) {
+  for (std::size_t i = 0; i < done.size() && found.size() < max_groups; ++i) {
     const int file = static_cast<int>(i);
     if (done[i] || catalogue.layer_begin(file) == 0) continue;
     const std::vector<int>& group = source.bends().group_of(file);
-    for (const int other : group) done[static_cast<std::size_t>(other)] = 1;
-    const std::vector<BorderPost> posts = source.bends().border(file, kMaxPosts);
+    for (const int member : group) done[static_cast<std::size_t>(member)] = 1;
+    const std::vector<BorderPost> posts = source.bends().border_posts(file, kMaxPosts);
     if (posts.empty()) continue;
     LayerBorder border;
     border.sources = group;

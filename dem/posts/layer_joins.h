@@ -1,4 +1,8 @@
-// Joins of layers: offsets, given or fitted; and the steps at layer borders.
+// Offsets of layers, given or fitted, and the steps at layer borders.
+//
+//     finer layer      o---o---o                  step_m = finer post - coarser layers, at each post of the border
+//                              |  step_m          offset_m = value added to the finer layer's heights;
+//     coarser layers  - - - - -+- - - - - -       "fit": minus the median step of the files as they are
 #pragma once
 
 #include <cmath>
@@ -11,24 +15,24 @@
 
 namespace selenograph::dem {
 
-// A number that is said of the files whose name matches the pattern (as in a shell, with or without extension).
+// Number for all files whose name matches the pattern (as in a shell, with or without extension).
 struct NamedNumber {
   std::string pattern;
-  std::optional<double> value;  // empty: found from the files
+  std::optional<double> value;  // empty: measured from the files ("fit")
 };
 struct NumberRange {
   const char* name;
   double low, high;
 };
-// Parses "PATTERN=NUMBER" or "PATTERN=fit". Throws std::invalid_argument that says what is wrong.
+// Parses "PATTERN=NUMBER" or "PATTERN=fit". Throws std::invalid_argument that describes the error.
 NamedNumber parse_named_number(const std::string& text, const NumberRange& range);
-// The same of offsets added to heights, m.
+// Parses an offset to be added to heights, m.
 NamedNumber parse_layer_offset(const std::string& text);
 
 struct FittedOffset {
-  int source;  // first file of a group, which has one offset
+  int source;  // first file of the group that shares the offset
   double offset_m = 0;
-  std::size_t posts = 0;  // border posts; 0: no border and no offset
+  std::size_t posts = 0;  // number of border posts; 0: no border, offset 0
 };
 
 // Sets the catalogue's joins. If several patterns match a file the last one applies. "fit" uses the median of the
@@ -37,26 +41,27 @@ struct FittedOffset {
 std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
                                       const std::vector<NamedNumber>& offsets);
 
-// Heights of a layer's border posts minus those of the coarser layers, m.
+// Statistics of the steps at a border: heights of a layer's border posts minus those of the coarser layers, m.
 struct Steps {
-  double mean_m = 0, rms_m = 0, worst_m = 0;  // `worst_m`: the largest in size
+  double mean_m = 0, rms_m = 0, worst_m = 0;  // worst_m: the step largest in absolute value, with its sign
 };
 
+// Measured border of one group of files.
 struct LayerBorder {
   std::vector<int> sources;    // files of the group, ascending
-  int beneath = -1;            // the file below most of the border
-  std::size_t posts = 0;       // compared posts
-  double offset_m = 0;         // offset of the first file
-  double band_m = 0;           // outside the border, over which the coarser layers are bent; 0: they are not
-  Steps in_files;              // without the offset
-  Steps bent;                  // with it: by this the coarser layers are bent at the border
-  double typical_error_m = 0;  // of the layer beneath, from its post spacing
-  // Whether one layer is probably displaced against the other: --layer-offset is for this.
+  int beneath = -1;            // file below the largest number of border posts
+  std::size_t posts = 0;       // number of compared posts
+  double offset_m = 0;         // offset of the group's first file
+  double band_m = 0;           // width of the band in which the coarser layers are bent; 0: they are not
+  Steps in_files;              // steps without the offset
+  Steps bent;                  // steps with the offset: the coarser layers are bent by these at the border
+  double typical_error_m = 0;  // typical error of the layer beneath, from its post spacing
+  // Returns true if one layer is probably displaced against the other, which --layer-offset can correct.
   bool is_displaced() const { return std::abs(bent.mean_m) > typical_error_m; }
 };
 
-// Measures the borders of at most `most` groups that overlap coarser layers, from coarse to fine. Groups without a
-// border (that cover everything below them) are omitted. Throws as above.
-std::vector<LayerBorder> measure_borders(const Catalogue& catalogue, std::size_t most);
+// Measures the borders of at most `max_groups` groups that overlap coarser layers, from coarse to fine. Groups that
+// cover everything below them have no border and are omitted. Throws as join_layers() does.
+std::vector<LayerBorder> measure_borders(const Catalogue& catalogue, std::size_t max_groups);
 
 }  // namespace selenograph::dem

@@ -12,9 +12,10 @@
 namespace selenograph::dem {
 namespace {
 
+// Returns the ticks of latitude between posts of a level.
 int lat_step_of(int level) { return 1 << (kTickLevel - level); }
 
-// Whether a level's posts at a latitude are farther apart than a window's, along meridians or parallels.
+// Returns true if a level's posts at a latitude are farther apart than a window's, along meridians or parallels.
 bool is_coarser(const PostWindow& w, int level, std::int64_t lat) {
   const BlockExtent e = extent_of(block_at(level, static_cast<std::int32_t>(lat), 0));
   return e.lat_step > std::abs(w.lat_step) || e.lon_step > w.lon_step;
@@ -37,11 +38,12 @@ bool any_file_within(const Catalogue& catalogue, const BlockId& id) {
   const BlockExtent e = extent_of(id);
   const double side_deg = lat_deg_of(e.lat1()) - lat_deg_of(e.lat0), widest_deg = apart_deg(0);
   if (side_deg >= widest_deg) return false;
-  const std::vector<int> near = files_touching(catalogue, id, widest_deg);
-  return std::any_of(near.begin(), near.end(), [&](int i) {
+  // A block between posts overlaps no file: accept it if it is within one post spacing of a file.
+  const std::vector<int> candidates = files_touching(catalogue, id, widest_deg);
+  return std::any_of(candidates.begin(), candidates.end(), [&](int i) {
     if (side_deg >= apart_deg(i)) return false;
-    const std::vector<int> within = files_touching(catalogue, id, apart_deg(i));
-    return std::binary_search(within.begin(), within.end(), i);
+    const std::vector<int> near_files = files_touching(catalogue, id, apart_deg(i));
+    return std::binary_search(near_files.begin(), near_files.end(), i);
   });
 }
 
@@ -52,11 +54,11 @@ LevelBorders::LevelBorders(const Catalogue& catalogue) : catalogue_(catalogue) {
 }
 
 ChunkLevels LevelBorders::levels_of(const BlockId& node) const {
-  if (const auto found = known_.find(node); found != known_.end()) return found->second;
-  return known_.emplace(node, found_levels(node)).first->second;
+  if (const auto found = levels_cache_.find(node); found != levels_cache_.end()) return found->second;
+  return levels_cache_.emplace(node, compute_levels(node)).first->second;
 }
 
-ChunkLevels LevelBorders::found_levels(const BlockId& node) const {
+ChunkLevels LevelBorders::compute_levels(const BlockId& node) const {
   const auto finest_at = [&](const BlockId& id) {
     int finest = 0;
     for (const int i : files_touching(catalogue_, id, 0))
@@ -66,14 +68,14 @@ ChunkLevels LevelBorders::found_levels(const BlockId& node) const {
   ChunkLevels made;
   made.exists = any_file_within(catalogue_, node);
   const auto next = std::upper_bound(strata_.begin(), strata_.end(), node.level);
-  // None but the last goes on beyond where those start.
+  // Limit the chunk to kChunkOctaves. Only chunks of the last stratum may reach finer than the last stratum's level.
   const int finest = next == strata_.end() ? kMaxLevel : std::min(node.level + kChunkOctaves, strata_.back());
   int needed = std::max(node.level, finest_at(node));
   made.direct = needed <= finest;
-  // Beside finer posts those of a coarser layer are so near to each other that each block's corners are on them.
+  // Near finer posts, a coarse layer gets posts so dense that each block's corners are posts (kMaxLevelsApart).
   if (made.direct && !std::binary_search(kStrata.begin(), kStrata.end(), node.level)) {
     const int above = *(std::lower_bound(kStrata.begin(), kStrata.end(), node.level) - 1);
-    needed = std::max(needed, std::min(finest_at(ancestor_of(node, above)) - kMostLevelsApart, finest));
+    needed = std::max(needed, std::min(finest_at(ancestor_of(node, above)) - kMaxLevelsApart, finest));
   }
   made.base_level = made.direct ? needed : *next;
   return made;
@@ -89,27 +91,32 @@ ChunkNode LevelBorders::chunk_of(const BlockId& id) const {
   return chunk;
 }
 
-// Adds the parts of an edge of coarser posts that finer ones lie beyond. `outside`: a tick beyond the edge.
+// Adds the sections of an edge of coarser posts that adjoin finer chunks. `outside`: a tick just beyond the edge, in
+// the neighbouring chunks.
 void LevelBorders::add_finer_along(const LevelBorder& edge, std::int64_t outside,
                                    std::vector<LevelBorder>& found) const {
-  std::int64_t past = -1;  // of the part added last
+  std::int64_t past = -1;  // end of the section added last: sections that touch are merged
   for (std::int64_t at = edge.from; at < edge.to;) {
     const std::int64_t lat = edge.along_parallel ? outside : at, lon = edge.along_parallel ? at : outside;
-    const ChunkNode beyond = chunk_of(block_at(strata_.back(), static_cast<std::int32_t>(lat), wrap_lon(lon)));
-    const BlockExtent e = extent_of(beyond.node);
+    const ChunkNode neighbour = chunk_of(block_at(strata_.back(), static_cast<std::int32_t>(lat), wrap_lon(lon)));
+    const BlockExtent e = extent_of(neighbour.node);
+    // Round both ends outward to posts of the coarser side.
     const std::int64_t from = edge.from + floor_div(at - edge.from, edge.step) * edge.step;
     at = std::min<std::int64_t>(edge.along_parallel ? e.lon1() : e.lat1(), edge.to);
-    if (!beyond.levels.exists || beyond.levels.base_level <= edge.level) continue;
-    if (from > past) found.push_back(edge), found.back().from = from;
+    if (!neighbour.levels.exists || neighbour.levels.base_level <= edge.level) continue;
+    if (from > past) {
+      found.push_back(edge);
+      found.back().from = from;
+    }
     found.back().to = past = edge.from - floor_div(edge.from - at, edge.step) * edge.step;
   }
 }
 
-// `level`: of the node's own posts.
+// Adds the borders of a node with finer neighbours on any of its four sides. `level`: level of the node's posts.
 void LevelBorders::add_borders_of(const BlockId& node, int level, std::vector<LevelBorder>& found) const {
   const BlockExtent e = extent_of(node);
   const std::int32_t lat_step = lat_step_of(level);
-  // Rows nearer the equator have narrower quads.
+  // Use the longitude step of the row nearest to the equator, where quads are narrowest in degrees.
   const std::int32_t nearest = std::clamp(kLatTicks / 2, e.lat0, e.lat1() - 1);
   const std::int32_t lon_step = extent_of(block_at(level, nearest, e.lon0)).lon_step;
   for (const bool east : {false, true})
@@ -125,11 +132,12 @@ void LevelBorders::add_borders_of(const BlockId& node, int level, std::vector<Le
 
 namespace {
 
-// Ticks around a window's posts that a node's quads may reach into.
+// Range of ticks around a window's posts that a node's quads may reach into.
 struct Surroundings {
   std::int64_t south, north, west, east;
 };
 
+// Returns the window extended by one quad of the extent on each side, clamped at the poles.
 Surroundings around(const PostWindow& w, const BlockExtent& e) {
   const std::int64_t lat1 = w.lat0 + std::int64_t{w.rows - 1} * w.lat_step,
                      lon1 = w.lon0 + std::int64_t{w.cols - 1} * w.lon_step;
@@ -138,7 +146,8 @@ Surroundings around(const PostWindow& w, const BlockExtent& e) {
           lon1 + e.lon_step};
 }
 
-// Ticks from the first node that reaches into a window's surroundings eastward; empty for a node that doesn't.
+// Returns the ticks eastward from the first node column that reaches into the window's surroundings; empty if the node
+// does not reach into them.
 std::optional<std::int64_t> eastward(const PostWindow& w, const BlockId& node) {
   const BlockExtent e = extent_of(node);
   const Surroundings s = around(w, e);
@@ -148,7 +157,7 @@ std::optional<std::int64_t> eastward(const PostWindow& w, const BlockId& node) {
   return first + from <= s.east ? std::optional(from) : std::nullopt;
 }
 
-// Those of some nodes that reach into a window's surroundings, from south to north and from the window's west eastward.
+// Returns the nodes that reach into a window's surroundings, from south to north, then eastward from the window's west.
 std::vector<BlockId> near_window(const PostWindow& w, const std::vector<BlockId>& nodes) {
   std::vector<std::tuple<int, std::int64_t, BlockId>> found;
   for (const BlockId& node : nodes)
@@ -160,11 +169,13 @@ std::vector<BlockId> near_window(const PostWindow& w, const std::vector<BlockId>
   return sorted;
 }
 
+// Adds the node's descendants at `level`, or the node itself if it is of that level.
 void add_descendants(const BlockId& node, int level, std::vector<BlockId>& found) {
   if (node.level == level) return found.push_back(node);
   for (const BlockId& child : children_of(node)) add_descendants(child, level, found);
 }
 
+// Returns the root nodes of all rows that a window's surroundings touch, at all longitudes.
 std::vector<BlockId> roots_around(const PostWindow& w) {
   const Surroundings s = around(w, extent_of({kRootLevel, 0, 0}));
   const std::int64_t side = kLatTicks / rows_of(kRootLevel);
@@ -183,7 +194,7 @@ std::vector<LevelBorder> LevelBorders::near(const PostWindow& w) const {
   while (!nodes.empty()) {
     std::vector<BlockId> finer;
     for (const BlockId& node : near_window(w, nodes)) {
-      // Posts of such chunks, and of those beneath, are no coarser than the window's.
+      // Stop descending: posts of chunks at this level and below are no coarser than the window's.
       const BlockExtent e = extent_of(node);
       const Surroundings s = around(w, e);
       if (!is_coarser(w, node.level, s.south) && !is_coarser(w, node.level, s.north)) return found;
@@ -207,7 +218,7 @@ struct Axis {
   std::int64_t tick(int i) const { return first + i * step; }
 };
 
-// The posts of an axis from the first to before the last that are between two ticks.
+// Returns the range of posts (first, past the last) of an axis that lie between two ticks.
 std::pair<int, int> between(const Axis& axis, std::int64_t low, std::int64_t high) {
   int first = 0, past = axis.count;
   while (first < past && !(axis.tick(first) >= low && axis.tick(first) <= high)) ++first;
@@ -215,22 +226,24 @@ std::pair<int, int> between(const Axis& axis, std::int64_t low, std::int64_t hig
   return {first, past};
 }
 
-// By how much the coarser posts' edge is above the composed heights, at some posts along a border.
+// Returns how far the coarser side's straight edges are above the composed heights, m, at each post of `along`.
 std::vector<double> gap_along(const LevelBorder& b, const Axis& along, const ComposeLine& compose) {
   const auto line = [&](std::int64_t first, std::int64_t step, std::int64_t count) {
     const auto n = static_cast<int>(count);
     PostWindow w;
-    if (b.along_parallel)
-      w.lat0 = b.at, w.lon0 = first, w.lon_step = static_cast<std::int32_t>(step), w.rows = 1, w.cols = n;
-    else
-      w.lat0 = first, w.lon0 = b.at, w.lat_step = static_cast<std::int32_t>(step), w.rows = n, w.cols = 1;
+    w.lat0 = b.along_parallel ? b.at : first;
+    w.lon0 = b.along_parallel ? first : b.at;
+    (b.along_parallel ? w.lon_step : w.lat_step) = static_cast<std::int32_t>(step);
+    w.rows = b.along_parallel ? 1 : n;
+    w.cols = b.along_parallel ? n : 1;
     return compose(w);
   };
   const std::vector<float> heights = line(along.first, along.step, along.count);
   const std::int64_t end = along.tick(along.count - 1), low = std::min(along.first, end),
                      high = std::max(along.first, end);
-  const std::int64_t all = (b.to - b.from) / b.step, first = std::min((low - b.from) / b.step, all - 1),
-                     last = std::min((high - b.from) / b.step + 1, all);
+  // Compose only the coarser posts that enclose the range from `low` to `high`.
+  const std::int64_t quads = (b.to - b.from) / b.step, first = std::min((low - b.from) / b.step, quads - 1),
+                     last = std::min((high - b.from) / b.step + 1, quads);
   const std::vector<float> posts = line(b.from + first * b.step, b.step, last - first + 1);
   std::vector<double> gap;
   for (int i = 0; i < along.count; ++i) {
@@ -243,35 +256,39 @@ std::vector<double> gap_along(const LevelBorder& b, const Axis& along, const Com
   return gap;
 }
 
-// 1 on the border, 0 a quad of the coarser side away from it.
-double share(std::int64_t away, std::int32_t reach) {
+// Returns the weight of the gap: 1 on the border, smoothly down to 0 one quad of the coarser side away from it.
+double transition_weight(std::int64_t away, std::int32_t reach) {
   const double t = std::min(1.0, static_cast<double>(std::abs(away)) / reach);
   return 1 - t * t * (3 - 2 * t);
 }
 
-// The same border some turns around the globe further.
+// Returns the same border, `turns` whole turns further around the globe.
 LevelBorder turned(LevelBorder b, std::int64_t turns) {
-  if (b.along_parallel)
-    b.from += turns * kLonTicks, b.to += turns * kLonTicks;
-  else
+  if (b.along_parallel) {
+    b.from += turns * kLonTicks;
+    b.to += turns * kLonTicks;
+  } else {
     b.at += turns * kLonTicks;
+  }
   return b;
 }
 
-// Metres per tick across a border.
-double across_m(const LevelBorder& b, std::int64_t lat) {
+// Returns metres per tick, measured across a border at a latitude.
+double metres_per_tick_across(const LevelBorder& b, std::int64_t lat) {
   const double along_meridian_m = kMetresPerDegree / kTicksPerDegree;
   return b.along_parallel ? along_meridian_m
                           : along_meridian_m * std::cos(lat_deg_of(static_cast<std::int32_t>(lat)) * kRadiansPerDegree);
 }
 
-// 1 on the border and far from finer posts, 0 beside these.
-double share_beside_finer(double border_m, double finer_m) {
+// Returns the weight of a post by its distances from the border and from finer layers: 1 on the border and far from
+// finer posts, 0 at finer posts, which must not move.
+double weight_near_finer(double border_m, double finer_m) {
   return border_m == 0 || std::isinf(finer_m) ? 1 : finer_m / (finer_m + border_m);
 }
 
+// Adds the weighted gap of one border to the heights of a window's posts.
 void join_along(const LevelBorder& b, const LevelBorders& borders, const PostWindow& w, const ComposeLine& compose,
-                std::span<const SourceMark> sources, std::span<const float> away_m, float* heights_m) {
+                std::span<const SourceMark> sources, std::span<const float> finer_distance_m, float* heights_m) {
   const Axis rows{w.lat0, w.lat_step, w.rows}, cols{w.lon0, w.lon_step, w.cols};
   const Axis &along = b.along_parallel ? cols : rows, &across = b.along_parallel ? rows : cols;
   const auto [first, past] = between(along, b.from, b.to);
@@ -286,23 +303,24 @@ void join_along(const LevelBorder& b, const LevelBorders& borders, const PostWin
       const SourceIndex source = source_of(sources[at]);
       const double gap_m = gap[static_cast<std::size_t>(i - first)];
       if (source == kNoSource || std::isnan(gap_m) || borders.level_of_file(source) > b.level) continue;
-      double part = share(across.tick(j) - b.at, b.reach);
-      if (!away_m.empty())
-        part *= share_beside_finer(static_cast<double>(std::abs(across.tick(j) - b.at)) * across_m(b, rows.tick(r)),
-                                   static_cast<double>(away_m[at]));
-      heights_m[at] += static_cast<float>(part * gap_m);
+      double weight = transition_weight(across.tick(j) - b.at, b.reach);
+      if (!finer_distance_m.empty())
+        weight *= weight_near_finer(
+            static_cast<double>(std::abs(across.tick(j) - b.at)) * metres_per_tick_across(b, rows.tick(r)),
+            static_cast<double>(finer_distance_m[at]));
+      heights_m[at] += static_cast<float>(weight * gap_m);
     }
 }
 
 }  // namespace
 
 void join_levels(const LevelBorders& borders, const PostWindow& w, const ComposeLine& compose,
-                 std::span<const SourceMark> sources, std::span<const float> away_m, float* heights_m) {
+                 std::span<const SourceMark> sources, std::span<const float> finer_distance_m, float* heights_m) {
   for (const LevelBorder& b : borders.near(w)) {
-    // From the last turn in which the border begins west of the window; a window is at most one turn wide.
+    // Start with the last turn in which the border begins west of the window: a window is at most one turn wide.
     const std::int64_t before = floor_div(w.lon0 - (b.along_parallel ? b.from : b.at), kLonTicks);
     for (const std::int64_t turn : {before, before + 1, before + 2})
-      join_along(turned(b, turn), borders, w, compose, sources, away_m, heights_m);
+      join_along(turned(b, turn), borders, w, compose, sources, finer_distance_m, heights_m);
   }
 }
 

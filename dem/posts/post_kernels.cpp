@@ -24,7 +24,8 @@ void ExtendRange(const float* h, int n, HeightRange& range) {
   int i = 0;
   for (; i + lanes <= n; i += lanes) {
     const auto v = hn::LoadU(d, h + i);
-    low = hn::IfThenElse(hn::Lt(v, low), v, low), high = hn::IfThenElse(hn::Gt(v, high), v, high);
+    low = hn::IfThenElse(hn::Lt(v, low), v, low);
+    high = hn::IfThenElse(hn::Gt(v, high), v, high);
   }
   float lowest = hn::GetLane(hn::MinOfLanes(d, low)), highest = hn::GetLane(hn::MaxOfLanes(d, high));
   for (; i < n; ++i) {
@@ -37,13 +38,13 @@ void ExtendRange(const float* h, int n, HeightRange& range) {
 float LargestDistance(const float* a, const float* b, int n, float worst) {
   const Floats d;
   const int lanes = static_cast<int>(hn::Lanes(d));
-  auto most = hn::Set(d, worst);
+  auto largest = hn::Set(d, worst);
   int i = 0;
   for (; i + lanes <= n; i += lanes) {
     const auto distance = hn::Abs(hn::Sub(hn::LoadU(d, a + i), hn::LoadU(d, b + i)));
-    most = hn::IfThenElse(hn::Gt(distance, most), distance, most);
+    largest = hn::IfThenElse(hn::Gt(distance, largest), distance, largest);
   }
-  worst = hn::GetLane(hn::MaxOfLanes(d, most));
+  worst = hn::GetLane(hn::MaxOfLanes(d, largest));
   for (; i < n; ++i)
     if (const float distance = std::abs(a[i] - b[i]); distance > worst) worst = distance;
   return worst;
@@ -54,7 +55,8 @@ void AddThreeRows(const float* below, const float* here, const float* above, int
   for (int i = 0; i < n; ++i) out[i] = below[i] + 2 * here[i] + above[i];
 }
 
-constexpr float kToWholeNumbers = 1.5F * (1 << 23);  // beyond it floats are whole numbers
+constexpr float kToWholeNumbers =
+    1.5F * (1 << 23);  // floats of this size are whole numbers: adding and subtracting it rounds to even
 
 void HalveRow(const float* row, int n, float step, float* out) {
   const float per_m = 1 / step;
@@ -79,7 +81,10 @@ void RefineRow(const float* a, int quads, float* out) {
     const auto here = hn::LoadU(d, a + c), next = hn::LoadU(d, a + c + 1);
     hn::StoreInterleaved2(here, hn::Mul(hn::Add(here, next), half), d, out + 2 * c);
   }
-  for (; c < quads; ++c) out[2 * c] = a[c], out[2 * c + 1] = (a[c] + a[c + 1]) * 0.5F;
+  for (; c < quads; ++c) {
+    out[2 * c] = a[c];
+    out[2 * c + 1] = (a[c] + a[c + 1]) * 0.5F;
+  }
   out[2 * quads] = a[quads];
 }
 
@@ -93,11 +98,14 @@ void RefineBetweenRows(const float* a, const float* b, int quads, float* out) {
     hn::StoreInterleaved2(hn::Mul(hn::Add(hn::LoadU(d, a + c), above), half),
                           hn::Mul(hn::Add(hn::LoadU(d, a + c + 1), above), half), d, out + 2 * c);
   }
-  for (; c < quads; ++c) out[2 * c] = (a[c] + b[c]) * 0.5F, out[2 * c + 1] = (a[c + 1] + b[c]) * 0.5F;
+  for (; c < quads; ++c) {
+    out[2 * c] = (a[c] + b[c]) * 0.5F;
+    out[2 * c + 1] = (a[c + 1] + b[c]) * 0.5F;  // the diagonal's midpoint
+  }
   out[2 * quads] = (a[quads] + b[quads]) * 0.5F;
 }
 
-Taken TakeRow(const float* layer, int n, SourceMark mark, float* heights, SourceMark* sources) {
+FillCount FillMissing(const float* layer, int n, SourceMark mark, float* heights, SourceMark* sources) {
   const Floats d;
   const Marks m;
   const int lanes = static_cast<int>(hn::Lanes(d));
@@ -108,10 +116,10 @@ Taken TakeRow(const float* layer, int n, SourceMark mark, float* heights, Source
   for (; i + lanes <= n; i += lanes) {
     const auto v = hn::LoadU(d, layer + i);
     const auto was = hn::LoadU(m, sources + i);
-    const auto wanted = hn::RebindMask(d, hn::Eq(was, none));
-    const auto possible = hn::And(hn::Ge(v, lowest), hn::Le(v, highest)), take = hn::And(wanted, possible);
+    const auto missing = hn::RebindMask(d, hn::Eq(was, none));
+    const auto possible = hn::And(hn::Ge(v, lowest), hn::Le(v, highest)), take = hn::And(missing, possible);
     filled += hn::CountTrue(d, take);
-    impossible += hn::CountTrue(d, hn::AndNot(possible, hn::And(wanted, hn::Eq(v, v))));
+    impossible += hn::CountTrue(d, hn::AndNot(possible, hn::And(missing, hn::Eq(v, v))));
     hn::StoreU(hn::IfThenElse(take, v, hn::LoadU(d, heights + i)), d, heights + i);
     hn::StoreU(hn::IfThenElse(hn::RebindMask(m, take), marks, was), m, sources + i);
   }
@@ -121,21 +129,22 @@ Taken TakeRow(const float* layer, int n, SourceMark mark, float* heights, Source
     if (v < kLowestRelief_m || v > kHighestRelief_m) {
       ++impossible;
     } else {
-      heights[i] = v, sources[i] = mark;
+      heights[i] = v;
+      sources[i] = mark;
       ++filled;
     }
   }
   return {static_cast<int>(filled), static_cast<int>(impossible)};
 }
 
-// Four neighbours of each place along a row, in double: sums in the order of a loop over them. Where the places of a
-// vector lie within two vectors of the row, as those of a finer lattice do, their neighbours are picked from these.
-void InterpolateRow(const float* row, [[maybe_unused]] int row_size, const RowPlaces& places, int n, double* out) {
-  const auto one_by_one = [&](int from, int past_last) {
+// Sums in double, in the same order as the scalar loop. On a finer lattice the taps of a vector's positions all lie
+// within two vectors of the row: then table lookups pick them from these two.
+void InterpolateRow(const float* row, [[maybe_unused]] int row_size, const RowTaps& taps, int n, double* out) {
+  const auto scalar_loop = [&](int from, int past_last) {
     for (int i = from; i < past_last; ++i) {
       double sum = 0;
       for (int k = 0; k < 4; ++k)
-        sum += places.weights[static_cast<std::size_t>(k)][i] * static_cast<double>(row[places.first[i] + k]);
+        sum += taps.weights[static_cast<std::size_t>(k)][i] * static_cast<double>(row[taps.first[i] + k]);
       out[i] = sum;
     }
   };
@@ -147,20 +156,20 @@ void InterpolateRow(const float* row, [[maybe_unused]] int row_size, const RowPl
   const hn::Repartition<std::int32_t, Floats> s;
   const int lanes = static_cast<int>(hn::Lanes(f)), half = lanes / 2;
   for (; i + lanes <= n; i += lanes) {
-    const int base = places.first[i];
-    if (places.first[i + lanes - 1] + 4 > base + 2 * lanes || base + 2 * lanes > row_size) {
-      one_by_one(i, i + lanes);
+    const int base = taps.first[i];
+    if (taps.first[i + lanes - 1] + 4 > base + 2 * lanes || base + 2 * lanes > row_size) {
+      scalar_loop(i, i + lanes);
       continue;
     }
     const auto a = hn::LoadU(f, row + base), b = hn::LoadU(f, row + base + lanes);
-    const auto at = hn::Sub(hn::LoadU(s, places.first + i), hn::Set(s, base));
+    const auto at = hn::Sub(hn::LoadU(s, taps.first + i), hn::Set(s, base));
     auto low = hn::Zero(d), high = hn::Zero(d);
     for (std::size_t k = 0; k < 4; ++k) {
-      const auto place = hn::Add(at, hn::Set(s, static_cast<std::int32_t>(k)));
-      const auto index = hn::IndicesFromVec(f, hn::And(place, hn::Set(s, lanes - 1)));
-      const auto in_second = hn::RebindMask(f, hn::Gt(place, hn::Set(s, lanes - 1)));
+      const auto tap = hn::Add(at, hn::Set(s, static_cast<std::int32_t>(k)));
+      const auto index = hn::IndicesFromVec(f, hn::And(tap, hn::Set(s, lanes - 1)));
+      const auto in_second = hn::RebindMask(f, hn::Gt(tap, hn::Set(s, lanes - 1)));
       const auto post = hn::IfThenElse(in_second, hn::TableLookupLanes(b, index), hn::TableLookupLanes(a, index));
-      const double* weight = places.weights[k] + i;
+      const double* weight = taps.weights[k] + i;
       low = hn::Add(low, hn::Mul(hn::LoadU(d, weight), hn::PromoteTo(d, hn::LowerHalf(post))));
       high = hn::Add(high, hn::Mul(hn::LoadU(d, weight + half), hn::PromoteTo(d, hn::UpperHalf(h, post))));
     }
@@ -168,7 +177,7 @@ void InterpolateRow(const float* row, [[maybe_unused]] int row_size, const RowPl
     hn::StoreU(high, d, out + i + half);
   }
 #endif
-  one_by_one(i, n);
+  scalar_loop(i, n);
 }
 
 void AddFourRows(const std::array<const double*, 4>& rows, const std::array<double, 4>& weights, int n, float* out) {
@@ -185,8 +194,8 @@ std::size_t CountEqual(const std::uint32_t* values, std::size_t n) {
   const auto first = hn::Set(m, values[0]);
   std::size_t i = 0;
   for (; i + lanes <= n; i += lanes)
-    if (const std::intptr_t other = hn::FindFirstTrue(m, hn::Ne(hn::LoadU(m, values + i), first)); other >= 0)
-      return i + static_cast<std::size_t>(other);
+    if (const std::intptr_t mismatch = hn::FindFirstTrue(m, hn::Ne(hn::LoadU(m, values + i), first)); mismatch >= 0)
+      return i + static_cast<std::size_t>(mismatch);
   while (i < n && values[i] == values[0]) ++i;
   return i;
 }
@@ -204,7 +213,7 @@ HWY_EXPORT(HalveRow);
 HWY_EXPORT(QuantiseRow);
 HWY_EXPORT(RefineRow);
 HWY_EXPORT(RefineBetweenRows);
-HWY_EXPORT(TakeRow);
+HWY_EXPORT(FillMissing);
 HWY_EXPORT(InterpolateRow);
 HWY_EXPORT(AddFourRows);
 HWY_EXPORT(CountEqual);
@@ -226,11 +235,11 @@ void refine_row(const float* a, int quads, float* out) { HWY_DYNAMIC_DISPATCH(Re
 void refine_between_rows(const float* a, const float* b, int quads, float* out) {
   HWY_DYNAMIC_DISPATCH(RefineBetweenRows)(a, b, quads, out);
 }
-Taken take_row(const float* layer, int n, SourceMark mark, float* heights, SourceMark* sources) {
-  return HWY_DYNAMIC_DISPATCH(TakeRow)(layer, n, mark, heights, sources);
+FillCount fill_missing(const float* layer, int n, SourceMark mark, float* heights, SourceMark* sources) {
+  return HWY_DYNAMIC_DISPATCH(FillMissing)(layer, n, mark, heights, sources);
 }
-void interpolate_row(const float* row, int row_size, const RowPlaces& places, int n, double* out) {
-  HWY_DYNAMIC_DISPATCH(InterpolateRow)(row, row_size, places, n, out);
+void interpolate_row(const float* row, int row_size, const RowTaps& taps, int n, double* out) {
+  HWY_DYNAMIC_DISPATCH(InterpolateRow)(row, row_size, taps, n, out);
 }
 void add_four_rows(const std::array<const double*, 4>& rows, const std::array<double, 4>& weights, int n, float* out) {
   HWY_DYNAMIC_DISPATCH(AddFourRows)(rows, weights, n, out);

@@ -8,12 +8,13 @@ namespace selenograph::dem {
 
 namespace {
 
+// Returns the height interpolated between the four posts around (x + fx, y + fy).
 float bilinear(const PostPatch& patch, int x, int y, double fx, double fy) {
   double sum = 0;
   for (int j = 0; j < 2; ++j)
     for (int i = 0; i < 2; ++i) {
       const double weight = (i ? fx : 1 - fx) * (j ? fy : 1 - fy);
-      if (weight == 0) continue;  // a place on a post needs no neighbour
+      if (weight == 0) continue;  // skip NaN neighbours that a position on a post does not need
       sum += weight * static_cast<double>(patch.at(x + i, y + j));
     }
   return static_cast<float>(sum);
@@ -21,7 +22,7 @@ float bilinear(const PostPatch& patch, int x, int y, double fx, double fy) {
 
 }  // namespace
 
-float interpolate(const PostPatch& patch, const Place& px, const Place& py) {
+float interpolate(const PostPatch& patch, const PostPosition& px, const PostPosition& py) {
   const int x = px.post, y = py.post;
   const double fx = px.fraction, fy = py.fraction;
   if (fx == 0 && fy == 0) return patch.at(x, y);
@@ -36,7 +37,7 @@ float interpolate(const PostPatch& patch, const Place& px, const Place& py) {
   return std::isnan(sum) ? bilinear(patch, x, y, fx, fy) : static_cast<float>(sum);
 }
 
-float extended(const PostPatch& patch, double px, double py) {
+float extrapolate(const PostPatch& patch, double px, double py) {
   const int x0 = static_cast<int>(std::floor(px)), y0 = static_cast<int>(std::floor(py));
   float best = std::numeric_limits<float>::quiet_NaN();
   double nearest = std::numeric_limits<double>::infinity();

@@ -1,4 +1,4 @@
-// Posts read from a file, and heights between them.
+// Posts read from a file, and interpolation between them.
 #pragma once
 
 #include <cmath>
@@ -8,7 +8,7 @@
 
 namespace selenograph::dem {
 
-// A rectangle of posts read from a file.
+// Rectangle of posts of a file. Column x0 and row y0 come first.
 struct PostPatch {
   int x0, y0, w, h;
   UninitialisedVector<float> posts;
@@ -19,23 +19,25 @@ struct PostPatch {
   }
 };
 
-// Position along a row or column: at or after a post. Places within rounding of a post are on it, so that neighbouring
-// no-data does not matter.
-struct Place {
-  int post;
-  double fraction;
-  explicit Place(double v) {
+// Position along a row or column of a file. Positions within rounding of a post are on it, so that no-data in
+// neighbouring posts does not matter.
+struct PostPosition {
+  int post;         // the post at or before the position
+  double fraction;  // distance from that post, 0 <= fraction < 1
+  explicit PostPosition(double v) {
     if (const double near = std::round(v); std::abs(v - near) < 1e-6) v = near;
-    post = static_cast<int>(std::floor(v)), fraction = v - post;
+    post = static_cast<int>(std::floor(v));
+    fraction = v - post;
   }
 };
 
-// Catmull-Rom, exact for a linear slope; bilinear if no-data is among the sixteen posts. NaN next to no-data. The patch
-// must hold columns x-1 .. x+2 and rows y-1 .. y+2 around the place.
-float interpolate(const PostPatch& patch, const Place& px, const Place& py);
+// Returns a height by Catmull-Rom interpolation, exact for a linear slope; bilinear if no-data is among the sixteen
+// posts; NaN next to no-data. The patch must hold columns x-1 .. x+2 and rows y-1 .. y+2 around the position.
+float interpolate(const PostPatch& patch, const PostPosition& px, const PostPosition& py);
 
-// Extrapolates by less than a post from a valid one, along its slope: beside no-data or beyond the last row or column.
-// Without this a product whose posts are not vertices would lose its outermost posts and the quads around them.
-float extended(const PostPatch& patch, double px, double py);
+// Returns the nearest valid post's height, extrapolated by less than a post along its slope: next to no-data or beyond
+// the last row or column. Without this a product whose posts are not vertices would lose its outermost posts and the
+// quads around them.
+float extrapolate(const PostPatch& patch, double px, double py);
 
 }  // namespace selenograph::dem

@@ -28,8 +28,8 @@ PostSource::PostSource(const Catalogue& catalogue, bool fall_through, Warn warn)
       pool_(std::make_unique<RasterPool>(catalogue)),
       bends_(
           catalogue, [this](int source, int x0, int y0, int w, int h, float* m) { read(source, x0, y0, w, h, m); },
-          [this](std::span<const Geographic> places, int files, float* m, SourceIndex* sources,
-                 std::vector<SourceIndex>& unusable) { heights_at(places, files, m, sources, unusable); },
+          [this](std::span<const Geographic> positions, int files, float* m, SourceIndex* sources,
+                 std::vector<SourceIndex>& unusable) { heights_at(positions, files, m, sources, unusable); },
           fall_through),
       borders_(catalogue) {
   for (const RasterInfo& info : catalogue.rasters()) post_deg_ = std::max(post_deg_, widest_post_deg(info));
@@ -37,6 +37,7 @@ PostSource::PostSource(const Catalogue& catalogue, bool fall_through, Warn warn)
 
 PostSource::~PostSource() = default;
 
+// Adds the layer's offset after the read.
 void PostSource::read(int source, int x0, int y0, int w, int h, float* heights_m) const {
   pool_->with(source, [&](Raster& raster) { raster.read(x0, y0, w, h, heights_m); });
   if (const double offset_m = catalogue_.offset_m(source); offset_m != 0) {
@@ -46,19 +47,20 @@ void PostSource::read(int source, int x0, int y0, int w, int h, float* heights_m
   }
 }
 
-// Some rows of a window that are composed together, and where their posts go.
+// Rows of a window that one thread composes, and the arrays that receive their posts.
 struct PostSource::Strip {
   int first, past_last;
   float* heights;
   SourceMark* sources;
-  // Of the whole window.
+  // Shared by all strips of the window.
   std::vector<SourceIndex>* replaced;
   ColumnsOfFiles* columns;
-  int files;           // of the catalogue: the first so many
-  bool joined = true;  // with the triangles of coarser posts
+  int files;           // number of the catalogue's first files that may show
+  bool joined = true;  // heights join the triangles of coarser posts (level_borders.h)
 };
 
-// Rows in strips: small reads, and a strip past a pole or on one is a window of its own.
+// Calls use(first_row, rows) for strips of a window, in parallel. Strips keep reads small. Their limits do not affect
+// the result.
 template <typename Use>
 void PostSource::for_strips(const PostWindow& window, const StopToken& stop, Use&& use) const {
   constexpr int kStripRows = TileOfVoids::kSide, kFewRows = 256;
@@ -72,13 +74,17 @@ void PostSource::for_strips(const PostWindow& window, const StopToken& stop, Use
 
 namespace {
 
-// A pole that no file holds (tiles of one product end a post before the south pole) is one point all the same: the mean
-// of the valid ones of 16 posts around it, the same whatever window asks. Returns what was replaced there.
+// Fills a pole that no file holds: tiles of one product end a post before the south pole. The pole is one point, the
+// mean of the valid ones of 16 posts around it. These do not depend on the window. Returns the unusable files that were
+// replaced.
 std::vector<SourceIndex> fill_pole(const PostSource& source, const PostWindow& pole, float* heights,
                                    SourceMark* sources) {
   PostWindow ring = pole;
   ring.lat0 = pole.lat0 == 0 ? pole.lat_step : pole.lat0 - pole.lat_step;
-  ring.lon0 = 0, ring.cols = 16, ring.rows = 1, ring.lon_step = kLonTicks / ring.cols;
+  ring.lon0 = 0;
+  ring.cols = 16;
+  ring.rows = 1;
+  ring.lon_step = kLonTicks / ring.cols;
   const Posts around = source.compose(ring);
   double sum = 0;
   int valid = 0;
@@ -96,61 +102,62 @@ std::vector<SourceIndex> fill_pole(const PostSource& source, const PostWindow& p
 
 }  // namespace
 
-// Splits rows at the poles. At a pole a row is one point: it takes the value at longitude -180 of the finest layer
-// there.
+// Splits the strip's rows into zones at the poles: beyond the south pole, on it, between the poles, on and beyond the
+// north pole. A row on a pole is one point: it takes the value at longitude -180 of the finest layer there.
 void PostSource::compose_strip(const PostWindow& window, const Strip& strip, const StopToken& stop) const {
   const auto count = static_cast<std::size_t>(strip.past_last - strip.first) * static_cast<std::size_t>(window.cols);
   std::fill_n(strip.heights, count, kNaN);
   std::fill_n(strip.sources, count, kNoSource);
   const auto lat_of = [&](int r) { return window.lat0 + static_cast<std::int64_t>(r) * window.lat_step; };
-  const auto zone = [&](int r) {
+  const auto zone_of = [&](int r) {
     return lat_of(r) <= 0 ? (lat_of(r) == 0 ? 1 : 0) : lat_of(r) < kLatTicks ? 2 : lat_of(r) == kLatTicks ? 3 : 4;
   };
   for (int r0 = strip.first; r0 < strip.past_last;) {
     int end = r0 + 1;
-    while (end < strip.past_last && zone(end) == zone(r0)) ++end;
-    PostWindow part = window;
-    part.rows = end - r0;
-    part.lat0 = lat_of(r0);
-    const int z = zone(r0);
-    if (z == 0 || z == 4) {  // beyond a pole: the opposite meridian, rows running back
-      part.lat0 = z == 0 ? -part.lat0 : 2 * static_cast<std::int64_t>(kLatTicks) - part.lat0;
-      part.lat_step = -part.lat_step;
-      part.lon0 += kLonTicks / 2;
+    while (end < strip.past_last && zone_of(end) == zone_of(r0)) ++end;
+    PostWindow zone = window;
+    zone.rows = end - r0;
+    zone.lat0 = lat_of(r0);
+    const int z = zone_of(r0);
+    if (z == 0 || z == 4) {  // Continue beyond a pole on the opposite meridian, with rows running back.
+      zone.lat0 = z == 0 ? -zone.lat0 : 2 * static_cast<std::int64_t>(kLatTicks) - zone.lat0;
+      zone.lat_step = -zone.lat_step;
+      zone.lon0 += kLonTicks / 2;
     }
     const std::size_t offset = static_cast<std::size_t>(r0 - strip.first) * static_cast<std::size_t>(window.cols);
-    compose_part(part, offset, strip, stop);
+    compose_zone(zone, offset, strip, stop);
     r0 = end;
   }
 }
 
-// Rows between the poles, or one that is a pole.
-void PostSource::compose_part(const PostWindow& part, std::size_t offset, const Strip& strip,
+// Composes rows between the poles, or one row that is a pole.
+void PostSource::compose_zone(const PostWindow& zone, std::size_t offset, const Strip& strip,
                               const StopToken& stop) const {
-  const bool pole = part.lat0 == 0 || part.lat0 == kLatTicks;
+  const bool pole = zone.lat0 == 0 || zone.lat0 == kLatTicks;
   const double south = lat_deg_of(static_cast<std::int32_t>(
-      std::min(part.lat0, part.lat0 + static_cast<std::int64_t>(part.rows - 1) * part.lat_step)));
+      std::min(zone.lat0, zone.lat0 + static_cast<std::int64_t>(zone.rows - 1) * zone.lat_step)));
   const double north = lat_deg_of(static_cast<std::int32_t>(
-      std::max(part.lat0, part.lat0 + static_cast<std::int64_t>(part.rows - 1) * part.lat_step)));
-  const double west = static_cast<double>(part.lon0) / kTicksPerDegree - 180;
-  const double east = west + static_cast<double>(part.cols - 1) * part.lon_step / kTicksPerDegree;
-  // A file's kernel reaches a post beyond its outermost posts: to a pole that lies between posts, for one.
+      std::max(zone.lat0, zone.lat0 + static_cast<std::int64_t>(zone.rows - 1) * zone.lat_step)));
+  const double west = static_cast<double>(zone.lon0) / kTicksPerDegree - 180;
+  const double east = west + static_cast<double>(zone.cols - 1) * zone.lon_step / kTicksPerDegree;
+  // Include files within a post of the zone: a file's kernel reaches a post beyond its outermost posts, for one to a
+  // pole between two posts.
   std::vector<int> layers = pole ? catalogue_.touching(south, north, -180, 180, post_deg_)
                                  : catalogue_.touching(south, north, west, east, post_deg_);
   layers.erase(std::lower_bound(layers.begin(), layers.end(), strip.files), layers.end());
-  std::size_t missing = pole ? 1 : part.size();
+  std::size_t missing = pole ? 1 : zone.size();
   for (auto layer = layers.rbegin(); layer != layers.rend() && missing > 0; ++layer) {
     stop.check();
-    missing -= add_layer(*layer, part, offset, Reach::between_posts, strip);
+    missing -= add_layer(*layer, zone, offset, Sampling::interpolate, strip);
   }
   for (auto layer = layers.rbegin(); layer != layers.rend() && missing > 0; ++layer)
     if (!catalogue_.rasters()[static_cast<std::size_t>(*layer)].lattice_level)
-      missing -= add_layer(*layer, part, offset, Reach::beside_posts, strip);
-  const std::vector<float> away_m = bend(part, offset, strip);
-  if (strip.joined && !pole) join(part, offset, strip, away_m, stop);
-  const bool all = strip.files == static_cast<int>(catalogue_.rasters().size());
-  if (pole && all && strip.sources[offset] == kNoSource) {
-    const std::vector<SourceIndex> around = fill_pole(*this, part, strip.heights + offset, strip.sources + offset);
+      missing -= add_layer(*layer, zone, offset, Sampling::extrapolate, strip);
+  const std::vector<float> finer_distance_m = bend(zone, offset, strip);
+  if (strip.joined && !pole) join_levels_in(zone, offset, strip, finer_distance_m, stop);
+  const bool all_files = strip.files == static_cast<int>(catalogue_.rasters().size());
+  if (pole && all_files && strip.sources[offset] == kNoSource) {
+    const std::vector<SourceIndex> around = fill_pole(*this, zone, strip.heights + offset, strip.sources + offset);
     const std::lock_guard lock(replaced_mutex_);
     strip.replaced->insert(strip.replaced->end(), around.begin(), around.end());
   }
@@ -158,13 +165,14 @@ void PostSource::compose_part(const PostWindow& part, std::size_t offset, const 
 
 namespace {
 
-// Where a file's first post is among another one's columns and rows; empty: not on its grid.
+// Returns the position of a file's first post in columns and rows of another file; empty if the file is not on its
+// grid.
 std::optional<std::pair<std::int64_t, std::int64_t>> first_post_in(const RasterInfo& file, const RasterInfo& of) {
   const auto* grid = std::get_if<GeographicGrid>(&of.grid);
   if (!grid) return shift_between(of.grid, file.grid);
-  const auto* beside = std::get_if<GeographicGrid>(&file.grid);
-  if (!beside || std::abs(beside->lat_posts_per_degree / grid->lat_posts_per_degree - 1) > 1e-9 ||
-      std::abs(beside->lon_posts_per_degree / grid->lon_posts_per_degree - 1) > 1e-9)
+  const auto* own_grid = std::get_if<GeographicGrid>(&file.grid);
+  if (!own_grid || std::abs(own_grid->lat_posts_per_degree / grid->lat_posts_per_degree - 1) > 1e-9 ||
+      std::abs(own_grid->lon_posts_per_degree / grid->lon_posts_per_degree - 1) > 1e-9)
     return std::nullopt;
   const double dx = std::remainder((file.footprint.west_deg - of.footprint.west_deg) * grid->lon_posts_per_degree,
                                    360 * grid->lon_posts_per_degree);
@@ -175,34 +183,35 @@ std::optional<std::pair<std::int64_t, std::int64_t>> first_post_in(const RasterI
 
 }  // namespace
 
-// Tiles of one product leave a gap of a post between them. Where posts lie between the file's, the kernel would find no
-// neighbours there, so posts that the patch lacks are taken from the tiles beside it that continue its grid.
+// Fills a patch's missing posts from neighbouring tiles on the same grid. Tiles of one product leave a gap of a post
+// between them, where the interpolation kernel would find no neighbours.
 void PostSource::close_gaps(int source, PostPatch& patch) const {
   const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(source)];
   if (info.wraps_longitude) return;
   if (std::none_of(patch.posts.begin(), patch.posts.end(), [](float h) { return std::isnan(h); })) return;
   const Footprint& f = info.footprint;
-  for (const int other :
+  for (const int neighbour :
        catalogue_.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, 4 * widest_post_deg(info))) {
-    const RasterInfo& tile = catalogue_.rasters()[static_cast<std::size_t>(other)];
-    const auto first = other == source ? std::nullopt : first_post_in(tile, info);
+    const RasterInfo& tile = catalogue_.rasters()[static_cast<std::size_t>(neighbour)];
+    const auto first = neighbour == source ? std::nullopt : first_post_in(tile, info);
     if (!first) continue;
     const int ix = static_cast<int>(first->first), iy = static_cast<int>(first->second);
     const int x0 = std::max(patch.x0, ix), x1 = std::min(patch.x0 + patch.w, ix + tile.width);
     const int y0 = std::max(patch.y0, iy), y1 = std::min(patch.y0 + patch.h, iy + tile.height);
     if (x0 >= x1 || y0 >= y1) continue;
-    PostPatch piece{x0, y0, x1 - x0, y1 - y0,
-                    UninitialisedVector<float>(static_cast<std::size_t>(x1 - x0) * static_cast<std::size_t>(y1 - y0))};
-    read(other, x0 - ix, y0 - iy, piece.w, piece.h, piece.posts.data());
+    PostPatch overlap{
+        x0, y0, x1 - x0, y1 - y0,
+        UninitialisedVector<float>(static_cast<std::size_t>(x1 - x0) * static_cast<std::size_t>(y1 - y0))};
+    read(neighbour, x0 - ix, y0 - iy, overlap.w, overlap.h, overlap.posts.data());
     for (int y = y0; y < y1; ++y)
       for (int x = x0; x < x1; ++x)
-        if (std::isnan(patch.at(x, y))) patch.at(x, y) = piece.at(x, y);
+        if (std::isnan(patch.at(x, y))) patch.at(x, y) = overlap.at(x, y);
   }
 }
 
 namespace {
 
-// Whether all of the window's posts are posts of the file's lattice.
+// Returns true if all of the window's posts are posts of the file's lattice.
 bool copied_from(const RasterInfo& info, const PostWindow& w) {
   if (!info.lattice_level) return false;
   if (*info.lattice_level > kTickLevel) return true;
@@ -212,8 +221,8 @@ bool copied_from(const RasterInfo& info, const PostWindow& w) {
 
 }  // namespace
 
-// Writes the layer's valid posts where there is none yet. Returns how many.
-std::size_t PostSource::add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach,
+// Writes the layer's valid posts where there is none yet. Returns the number of posts written.
+std::size_t PostSource::add_layer(int source, const PostWindow& window, std::size_t offset, Sampling sampling,
                                   const Strip& strip) const {
   const WindowMapping mapping(catalogue_.rasters()[static_cast<std::size_t>(source)], source, window, *strip.columns);
   PostPatch patch = mapping.patch();
@@ -232,20 +241,20 @@ std::size_t PostSource::add_layer(int source, const PostWindow& window, std::siz
   }
   LayerFilling filling(source, window.cols, strip.heights + offset, strip.sources + offset);
   const FileColumns* columns = mapping.columns();
-  const std::optional<WindowPart> rows = mapping.rows();
-  if (reach == Reach::between_posts && columns && rows) {
+  const std::optional<AxisSpan> rows = mapping.rows();
+  if (sampling == Sampling::interpolate && columns && rows) {
     fill_rows(patch, *columns, *rows, filling);
   } else {
     for (int r = 0; r < window.rows; ++r)
       for (int c = 0; c < mapping.cols(); ++c) {
-        if (!filling.wanted(r, c)) continue;
+        if (!filling.is_missing(r, c)) continue;
         const PostXY q = mapping.at(r, c);
         if (q.x < patch.x0 + 1 || q.y < patch.y0 + 1 || q.x > patch.x0 + patch.w - 3 || q.y > patch.y0 + patch.h - 3)
           continue;
-        if (reach == Reach::between_posts)
-          filling.post(r, c, interpolate(patch, Place(q.x), Place(q.y)), 0);
+        if (sampling == Sampling::interpolate)
+          filling.add_post(r, c, interpolate(patch, PostPosition(q.x), PostPosition(q.y)), 0);
         else
-          filling.post(r, c, extended(patch, q.x, q.y), kFilledBit);
+          filling.add_post(r, c, extrapolate(patch, q.x, q.y), kFilledBit);
       }
   }
   if (filling.impossible() > 0) {
@@ -259,8 +268,9 @@ std::size_t PostSource::add_layer(int source, const PostWindow& window, std::siz
   return filling.filled();
 }
 
-void PostSource::join(const PostWindow& part, std::size_t offset, const Strip& strip, std::span<const float> away_m,
-                      const StopToken& stop) const {
+// Joins the zone's heights with the triangles of coarser chunks. Composes each border's edge without joins.
+void PostSource::join_levels_in(const PostWindow& zone, std::size_t offset, const Strip& strip,
+                                std::span<const float> finer_distance_m, const StopToken& stop) const {
   const auto compose_line = [&](const PostWindow& line) {
     std::vector<float> heights(line.size());
     std::vector<SourceMark> marks(line.size());
@@ -269,22 +279,24 @@ void PostSource::join(const PostWindow& part, std::size_t offset, const Strip& s
                   stop);
     return heights;
   };
-  join_levels(borders_, part, compose_line, {strip.sources + offset, part.size()}, away_m, strip.heights + offset);
+  join_levels(borders_, zone, compose_line, {strip.sources + offset, zone.size()}, finer_distance_m,
+              strip.heights + offset);
 }
 
-// Bends the coarser layers in a part. Returns how far each post is from finer layers, m; empty: no band reaches it.
-std::vector<float> PostSource::bend(const PostWindow& part, std::size_t offset, const Strip& strip) const {
+// Bends the coarser layers in a zone. Returns each post's distance from finer layers, m; empty if no band reaches the
+// zone.
+std::vector<float> PostSource::bend(const PostWindow& zone, std::size_t offset, const Strip& strip) const {
   if (catalogue_.one_layer()) return {};
-  const bool pole = part.lat0 == 0 || part.lat0 == kLatTicks;
-  PlaceGrid places;
-  places.rows = part.rows;
-  places.columns = pole ? 1 : part.cols;
-  places.place = [&](int r, int c) {
-    return Geographic{lat_deg_of(static_cast<std::int32_t>(part.lat0 + static_cast<std::int64_t>(r) * part.lat_step)),
-                      lon_deg_of(wrap_lon(part.lon0 + static_cast<std::int64_t>(c) * part.lon_step)), 0};
+  const bool pole = zone.lat0 == 0 || zone.lat0 == kLatTicks;
+  PositionGrid grid;
+  grid.rows = zone.rows;
+  grid.columns = pole ? 1 : zone.cols;
+  grid.position = [&](int r, int c) {
+    return Geographic{lat_deg_of(static_cast<std::int32_t>(zone.lat0 + static_cast<std::int64_t>(r) * zone.lat_step)),
+                      lon_deg_of(wrap_lon(zone.lon0 + static_cast<std::int64_t>(c) * zone.lon_step)), 0};
   };
-  places.sources = {strip.sources + offset, pole ? 1 : part.size()};
-  Bends bends = bends_.at(places, files());
+  grid.sources = {strip.sources + offset, pole ? 1 : zone.size()};
+  Bends bends = bends_.bends_at(grid, files());
   if (!bends.unusable.empty()) {
     const std::lock_guard lock(replaced_mutex_);
     strip.replaced->insert(strip.replaced->end(), bends.unusable.begin(), bends.unusable.end());
@@ -295,43 +307,44 @@ std::vector<float> PostSource::bend(const PostWindow& part, std::size_t offset, 
     strip.sources[offset + i] |= kBlendedBit;
   }
   if (pole && !bends.added_m.empty()) {
-    std::fill_n(strip.heights + offset, part.cols, strip.heights[offset]);
-    std::fill_n(strip.sources + offset, part.cols, strip.sources[offset]);
+    std::fill_n(strip.heights + offset, zone.cols, strip.heights[offset]);
+    std::fill_n(strip.sources + offset, zone.cols, strip.sources[offset]);
   }
-  return std::move(bends.away_m);
+  return std::move(bends.finer_distance_m);
 }
 
-// Heights of the coarser layers at any places, bent to meet each other.
-void PostSource::heights_at(std::span<const Geographic> places, int files, float* heights_m, SourceIndex* sources,
+// Writes the heights of the first `files` files, the coarser layers, at any positions, bent to meet each other.
+void PostSource::heights_at(std::span<const Geographic> positions, int files, float* heights_m, SourceIndex* sources,
                             std::vector<SourceIndex>& unusable) const {
-  std::fill_n(heights_m, places.size(), kNaN);
-  std::fill_n(sources, places.size(), kNoSource);
-  PlaceBox box;
-  for (const Geographic& place : places) box.add(place);
+  std::fill_n(heights_m, positions.size(), kNaN);
+  std::fill_n(sources, positions.size(), kNoSource);
+  PositionBox box;
+  for (const Geographic& position : positions) box.add(position);
   std::vector<int> layers = catalogue_.touching(box.south_deg, box.north_deg, box.west_deg, box.east_deg, post_deg_);
   layers.erase(std::lower_bound(layers.begin(), layers.end(), files), layers.end());
   for (auto layer = layers.rbegin(); layer != layers.rend(); ++layer)
-    add_heights(*layer, places, heights_m, sources, unusable);
-  PlaceGrid grid;
+    add_heights(*layer, positions, heights_m, sources, unusable);
+  PositionGrid grid;
   grid.rows = 1;
-  grid.columns = static_cast<int>(places.size());
-  grid.place = [&](int, int c) { return places[static_cast<std::size_t>(c)]; };
-  grid.sources = {sources, places.size()};
-  const Bends bends = bends_.at(grid, files);
+  grid.columns = static_cast<int>(positions.size());
+  grid.position = [&](int, int c) { return positions[static_cast<std::size_t>(c)]; };
+  grid.sources = {sources, positions.size()};
+  const Bends bends = bends_.bends_at(grid, files);
   unusable.insert(unusable.end(), bends.unusable.begin(), bends.unusable.end());
   for (std::size_t i = 0; i < bends.added_m.size(); ++i) heights_m[i] += bends.added_m[i];
 }
 
-// Takes a file's heights at places that have none yet.
-void PostSource::add_heights(int source, std::span<const Geographic> places, float* heights_m, SourceIndex* sources,
+// Writes a file's heights at positions that have none yet. Halves the list until the posts around its positions fit one
+// read of kMaxPostsAtOnce.
+void PostSource::add_heights(int source, std::span<const Geographic> positions, float* heights_m, SourceIndex* sources,
                              std::vector<SourceIndex>& unusable) const {
   constexpr double kMaxPostsAtOnce = 1 << 18;
   const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(source)];
   std::vector<std::pair<std::size_t, PostXY>> missing;
   PostRange x_range, y_range;
-  for (std::size_t i = 0; i < places.size(); ++i) {
+  for (std::size_t i = 0; i < positions.size(); ++i) {
     if (sources[i] != kNoSource) continue;
-    PostXY p = locate(info, places[i].lat_deg, places[i].lon_deg);
+    PostXY p = locate(info, positions[i].lat_deg, positions[i].lon_deg);
     if (info.wraps_longitude && !missing.empty())
       p.x -= info.width * std::round((p.x - missing.front().second.x) / info.width);
     if (!(p.x > -1 && p.y > -1 && p.y < info.height) || (!info.wraps_longitude && p.x >= info.width)) continue;
@@ -342,9 +355,9 @@ void PostSource::add_heights(int source, std::span<const Geographic> places, flo
   if (missing.empty()) return;
   const double posts = (x_range.high - x_range.low + 6) * (y_range.high - y_range.low + 6);
   if (posts > kMaxPostsAtOnce && missing.size() > 1) {
-    const std::size_t half = places.size() / 2;
-    add_heights(source, places.first(half), heights_m, sources, unusable);
-    add_heights(source, places.subspan(half), heights_m + half, sources + half, unusable);
+    const std::size_t half = positions.size() / 2;
+    add_heights(source, positions.first(half), heights_m, sources, unusable);
+    add_heights(source, positions.subspan(half), heights_m + half, sources + half, unusable);
     return;
   }
   PostPatch patch{x_range.first(),
@@ -362,8 +375,8 @@ void PostSource::add_heights(int source, std::span<const Geographic> places, flo
     return;
   }
   for (const auto& [i, p] : missing) {
-    float height_m = interpolate(patch, Place(p.x), Place(p.y));
-    if (std::isnan(height_m) && !info.lattice_level) height_m = extended(patch, p.x, p.y);
+    float height_m = interpolate(patch, PostPosition(p.x), PostPosition(p.y));
+    if (std::isnan(height_m) && !info.lattice_level) height_m = extrapolate(patch, p.x, p.y);
     if (!(height_m >= kLowestRelief_m && height_m <= kHighestRelief_m)) continue;
     heights_m[i] = height_m;
     sources[i] = static_cast<SourceIndex>(source);
@@ -372,8 +385,8 @@ void PostSource::add_heights(int source, std::span<const Geographic> places, flo
 
 namespace {
 
-// What several strips have added.
-void settle(std::vector<SourceIndex>& replaced) {
+// Sorts the files that strips added in any order, and drops repeats.
+void sort_unique(std::vector<SourceIndex>& replaced) {
   std::sort(replaced.begin(), replaced.end());
   replaced.erase(std::unique(replaced.begin(), replaced.end()), replaced.end());
 }
@@ -384,19 +397,19 @@ Posts PostSource::compose(const PostWindow& window, const StopToken& stop) const
   return compose(window, static_cast<int>(catalogue_.rasters().size()), stop);
 }
 
-Posts PostSource::compose(const PostWindow& window, int number, const StopToken& stop) const {
+Posts PostSource::compose(const PostWindow& window, int file_count, const StopToken& stop) const {
   Posts posts;
   ColumnsOfFiles files;
   posts.heights.resize(window.size());
   posts.sources.resize(window.size());
   for_strips(window, stop, [&](int first, int rows) {
     const std::size_t at = static_cast<std::size_t>(first) * static_cast<std::size_t>(window.cols);
-    compose_strip(
-        window,
-        {first, first + rows, posts.heights.data() + at, posts.sources.data() + at, &posts.replaced, &files, number},
-        stop);
+    compose_strip(window,
+                  {first, first + rows, posts.heights.data() + at, posts.sources.data() + at, &posts.replaced, &files,
+                   file_count},
+                  stop);
   });
-  settle(posts.replaced);
+  sort_unique(posts.replaced);
   return posts;
 }
 
@@ -408,7 +421,7 @@ void PostSource::compose_filled(const PostWindow& window, PostGridRows& grid, co
   std::vector<char> has_voids(static_cast<std::size_t>(window.rows));
   ColumnsOfFiles files;
   for_strips(window, stop, [&](int first, int rows) {
-    // Looked at while they are in the nearest caches.
+    // Compress the strip's marks here, while they are in the core's caches.
     UninitialisedVector<SourceMark> marks(static_cast<std::size_t>(rows) * columns);
     float* heights = grid.heights.data() + static_cast<std::size_t>(first) * columns;
     compose_strip(window,
@@ -421,33 +434,37 @@ void PostSource::compose_filled(const PostWindow& window, PostGridRows& grid, co
       has_voids[static_cast<std::size_t>(first + r)] = any_void(heights + at, window.cols);
     }
   });
-  settle(grid.replaced);
+  sort_unique(grid.replaced);
 
   const auto mark = [&](std::size_t at) {
     return grid.sources.mark(static_cast<int>(at / columns), static_cast<int>(at % columns));
   };
   std::vector<SourceMark> row_marks(columns);
-  int row = -1;  // whose marks those are
-  const auto keep_row = [&] {
+  int row = -1;  // row of `row_marks`; -1: none yet
+  const auto store_row = [&] {
     if (row >= 0) grid.sources.set(row, row_marks.data());
   };
-  for_filled(window, grid.heights.data(), mark, has_voids, stop, [&](const FilledPost& post) {
+  for_each_filled(window, grid.heights.data(), mark, has_voids, stop, [&](const FilledPost& post) {
     const auto r = static_cast<int>(post.at / columns);
     if (r != row) {
-      keep_row();
+      store_row();
       row = r;
       grid.sources.expand(row, row_marks.data());
     }
-    grid.heights[post.at] = post.height_m, row_marks[post.at % columns] = post.source;
+    grid.heights[post.at] = post.height_m;
+    row_marks[post.at % columns] = post.source;
   });
-  keep_row();
+  store_row();
 }
 
 void PostSource::fill_voids(const PostWindow& window, Posts& posts, const StopToken& stop) {
   const std::vector<char> has_voids(static_cast<std::size_t>(window.rows), 1);
-  for_filled(
+  for_each_filled(
       window, posts.heights.data(), [&](std::size_t at) { return posts.sources[at]; }, has_voids, stop,
-      [&](const FilledPost& post) { posts.heights[post.at] = post.height_m, posts.sources[post.at] = post.source; });
+      [&](const FilledPost& post) {
+        posts.heights[post.at] = post.height_m;
+        posts.sources[post.at] = post.source;
+      });
 }
 
 }  // namespace selenograph::dem

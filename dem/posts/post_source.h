@@ -1,8 +1,14 @@
 // Composes the finest posts over a window of the lattice from all layers that cover it.
 //
+//   finest layer F          FFFFF   FFF                    F M C  valid posts, copied or interpolated (post_patch.h)
+//   next layer M         MMMMMMMMMMMMMMMM   MM
+//   coarsest layer C  CCCCCCCCCCCCCCCCCCCCCCCCC      CC    m c    bent to meet the finer layer along its border
+//                     ---------------------------------
+//   surface           CCcMmmFFFFFmmmFFFmMcccMMc~~~~~~CC    ~      void, interpolated between valid posts
+//
 // The finest valid layer wins, unchanged; no-data is filled from the next coarser layer, which is bent to meet the
 // finer one along its border (layer_bends.h). Remaining gaps between valid posts are interpolated and flagged. A
-// product whose posts lie on the lattice is copied; any other is interpolated (post_patch.h).
+// product whose posts lie on the lattice is copied; any other is interpolated.
 #pragma once
 
 #include <cstdint>
@@ -25,11 +31,11 @@ namespace selenograph::dem {
 class RasterPool;
 struct PostPatch;
 
-// Thread-safe: keeps a pool of open files, each used by one thread at a time.
+// Reads and composes posts. Thread-safe: a pool lends each open file to one thread at a time.
 class PostSource {
  public:
-  // `warn(file, text)` receives each unusable file that a coarser layer replaced (fall_through), and impossible posts;
-  // without fall_through an unusable file throws DataError. A SystemFault is always thrown.
+  // Calls `warn(file, text)` for each unusable file that a coarser layer replaced (fall_through), and for impossible
+  // posts. Without fall_through an unusable file throws DataError. A SystemFault is always thrown.
   using Warn = std::function<void(const std::string& file, const std::string& text)>;
   PostSource(const Catalogue& catalogue, bool fall_through, Warn warn);
   ~PostSource();
@@ -37,18 +43,18 @@ class PostSource {
   // Reads posts of one file as Raster::read() does, with its layer's offset.
   void read(int source, int x0, int y0, int w, int h, float* heights_m) const;
 
-  // Number of files in the catalogue.
+  // Returns the number of files in the catalogue.
   int files() const { return static_cast<int>(catalogue_.rasters().size()); }
-  // Composes the layers without filling voids. With `files`: only the first files of the catalogue, the coarser layers,
-  // bent to meet the finer ones all the same.
+  // Composes the layers without filling voids. With `files`, only the catalogue's first `files` files show, the coarser
+  // layers. Even then they are bent to meet the finer ones.
   Posts compose(const PostWindow& window, const StopToken& stop = {}) const;
   Posts compose(const PostWindow& window, int files, const StopToken& stop) const;
-  // The same with voids filled, into the memory of `grid`.
+  // Composes all layers and fills voids, into the memory of `grid`.
   void compose_filled(const PostWindow& window, PostGridRows& grid, const StopToken& stop) const;
   // Fills voids in place. Needs kFillReach posts of context around the result.
   static void fill_voids(const PostWindow& window, Posts& posts, const StopToken& stop = {});
 
-  // Borders of layers and of levels.
+  // Return the borders of layers and of levels.
   const LayerBends& bends() const { return bends_; }
   const LevelBorders& borders() const { return borders_; }
 
@@ -58,23 +64,24 @@ class PostSource {
   template <typename Use>
   void for_strips(const PostWindow& window, const StopToken& stop, Use&& use) const;
   void compose_strip(const PostWindow& window, const Strip& strip, const StopToken& stop) const;
-  void compose_part(const PostWindow& part, std::size_t offset, const Strip& strip, const StopToken& stop) const;
-  void join(const PostWindow& part, std::size_t offset, const Strip& strip, std::span<const float> away_m,
-            const StopToken& stop) const;
-  std::vector<float> bend(const PostWindow& part, std::size_t offset, const Strip& strip) const;
-  void heights_at(std::span<const Geographic> places, int files, float* heights_m, SourceIndex* sources,
+  void compose_zone(const PostWindow& zone, std::size_t offset, const Strip& strip, const StopToken& stop) const;
+  void join_levels_in(const PostWindow& zone, std::size_t offset, const Strip& strip,
+                      std::span<const float> finer_distance_m, const StopToken& stop) const;
+  std::vector<float> bend(const PostWindow& zone, std::size_t offset, const Strip& strip) const;
+  void heights_at(std::span<const Geographic> positions, int files, float* heights_m, SourceIndex* sources,
                   std::vector<SourceIndex>& unusable) const;
-  void add_heights(int source, std::span<const Geographic> places, float* heights_m, SourceIndex* sources,
+  void add_heights(int source, std::span<const Geographic> positions, float* heights_m, SourceIndex* sources,
                    std::vector<SourceIndex>& unusable) const;
-  enum class Reach { between_posts, beside_posts };
-  std::size_t add_layer(int source, const PostWindow& window, std::size_t offset, Reach reach,
+  // Interpolation needs posts all around a position; extrapolation reaches up to a post beyond the outermost posts.
+  enum class Sampling { interpolate, extrapolate };
+  std::size_t add_layer(int source, const PostWindow& window, std::size_t offset, Sampling sampling,
                         const Strip& strip) const;
   const Catalogue& catalogue_;
   bool fall_through_;
   Warn warn_;
   std::unique_ptr<RasterPool> pool_;
-  mutable std::mutex replaced_mutex_;  // for Posts::replaced, which strips share
-  double post_deg_ = 0;                // of the coarsest file
+  mutable std::mutex replaced_mutex_;  // guards Posts::replaced, which strips on several threads extend
+  double post_deg_ = 0;                // widest post spacing of any file, degrees
   LayerBends bends_;
   LevelBorders borders_;
 };

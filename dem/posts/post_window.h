@@ -11,7 +11,7 @@
 
 namespace selenograph::dem {
 
-// A window of posts: rows of latitude ticks lat0 + r * lat_step, columns of longitude ticks lon0 + c * lon_step. It may
+// Window of posts: rows of latitude ticks lat0 + r * lat_step, columns of longitude ticks lon0 + c * lon_step. It may
 // reach past a pole (rows continue on the opposite meridian) and around the globe.
 struct PostWindow {
   std::int64_t lat0 = 0, lon0 = 0;
@@ -20,21 +20,22 @@ struct PostWindow {
   std::size_t size() const { return static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols); }
 };
 
+// Heights and sources of a window's posts, row by row.
 struct Posts {
   std::vector<float> heights;           // m, NaN: no data
   std::vector<SourceMark> sources;      // as in Block::sources
   std::vector<SourceIndex> replaced{};  // unusable files that the next coarser layer replaced; ascending
 };
 
-// A grid of posts that is too large for a mark per post.
+// Grid of posts that is too large for a mark per post.
 struct PostGridRows {
   UninitialisedVector<float> heights;  // as in Posts
   SourceRows sources;
   std::vector<SourceIndex> replaced{};
 };
 
-// No-data is interpolated when valid posts lie on two opposite sides within this many posts: 240 m at SLDEM2013's 4096
-// px/deg, which closes gaps of stereo matching in small shadows and leaves real gaps open.
+// Longest distance, in posts, of the valid posts on two opposite sides between which no-data is interpolated. At
+// SLDEM2013's 4096 px/deg it is 240 m, which closes gaps of stereo matching in small shadows and leaves real gaps open.
 inline constexpr int kFillReach = 32;
 
 }  // namespace selenograph::dem

@@ -1,4 +1,4 @@
-// Open files of a catalogue.
+// Pool of a catalogue's open files.
 #pragma once
 
 #include <algorithm>
@@ -13,17 +13,18 @@
 
 namespace selenograph::dem {
 
-// Enough for the tiles of one chunk and its neighbours (4 x 4 degrees of 1-degree tiles), few against the limit of 1024
-// descriptors.
+// Number of files that stay open while no thread uses them. It suffices for the tiles of one chunk and its neighbours:
+// 4 x 4 degrees of 1-degree tiles. It is small against the limit of 1024 descriptors.
 inline constexpr std::size_t kIdleFiles = 32;
 
-// Open files, lent to one thread at a time; beyond kIdleFiles the least recently returned ones are closed.
+// Lends each open file to one thread at a time. Beyond kIdleFiles idle ones, the least recently returned file is
+// closed.
 class RasterPool {
  public:
   explicit RasterPool(const Catalogue& catalogue) : catalogue_(catalogue) {}
 
-  // use(raster) fails when the file has changed. A file that was only touched, or is restored, is reopened; reopening
-  // fails if it differs from the catalogue.
+  // Calls use(raster), which fails when the file has changed. A file that was only touched, or is restored, is
+  // reopened; reopening fails if it differs from the catalogue.
   template <typename Use>
   void with(int source, Use&& use) {
     constexpr int kAttempts = 3;
@@ -33,7 +34,7 @@ class RasterPool {
       try {
         use(*raster);
         break;
-      } catch (const DataError&) {  // a file that fails isn't kept
+      } catch (const DataError&) {  // do not return a failed file to the pool
         if (attempt == kAttempts || raster->current()) throw;
         raster.reset();
       }

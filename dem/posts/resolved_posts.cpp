@@ -15,50 +15,60 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr int kMostOctaves = 5, kSide = (2 << kMostOctaves) + 1, kWidestApart = 1 << kMostOctaves;
+constexpr int kMaxOctaves = 5;                 // spacings up to 2^5 posts
+constexpr int kSide = (2 << kMaxOctaves) + 1;  // side of a sample square: room for one widest second difference
+constexpr int kMaxSpacing = 1 << kMaxOctaves;  // widest spacing, posts
 
 struct Mean {
   double sum = 0, count = 0;
 
-  void add(double x) { sum += x, count += 1; }
+  void add(double x) {
+    sum += x;
+    count += 1;
+  }
   double value() const { return count > 0 ? sum / count : 0; }
 };
 
-// Second differences along meridians.
+// Statistics of second differences along meridians, by distance (octave) and by row modulo each spacing.
 class SecondDifferences {
  public:
-  // `first_row`: counted from the same place in all files of a layer.
+  // Adds a sample square. `first_row` is counted from the same origin in all files of a layer.
   void add(const std::vector<float>& square, std::int64_t first_row) {
-    for (int octave = 0; octave <= kMostOctaves; ++octave) {
+    for (int octave = 0; octave <= kMaxOctaves; ++octave) {
       const int apart = 1 << octave;
       for (int y = apart; y + apart < kSide; ++y) add_row(square, octave, y, first_row + y);
     }
   }
 
-  // The spacing of lines between which heights are interpolated linearly; 1: there are none. There second differences
-  // over one post are but steps of heights, and on the lines more. Finds whole numbers of posts.
-  int kinks(double step_m) const {
+  // Returns the spacing, in posts, of lines between which heights are interpolated linearly; 1 if there are none.
+  // Between such lines second differences over one post come from steps of the heights alone; on the lines they are
+  // larger. Finds whole numbers of posts.
+  int kink_spacing(double step_m) const {
     int found = 1;
-    for (int posts = 2; posts <= kWidestApart; ++posts)
-      if (is_spacing_of_kinks(posts, step_m)) found = posts;  // those of 8 posts look like such of 2 and 4, too
+    for (int posts = 2; posts <= kMaxSpacing; ++posts)
+      if (is_spacing_of_kinks(posts, step_m))
+        found = posts;  // kinks at every 8th post also pass as kinks at every 2nd and 4th: keep the widest
     return found;
   }
 
-  // From their growth: 1, 2, 4 ..; 0: can't be measured.
-  int by_growth(double step_m) const {
-    // Of resolved ground they grow by less than this power; interpolated by bicubics, with the square, by 1.5 at least.
+  // Returns the spacing from the growth of second differences with distance: 1, 2, 4 ..; 0 if it cannot be measured.
+  int spacing_by_growth(double step_m) const {
+    // Highest exponent of resolved ground. With bicubic interpolation second differences grow by the square, in
+    // practice by at least 1.5.
     constexpr double kSteepest = 1.45;
-    constexpr double kSignal = 0.25;  // steps squared: on gentle ground their errors are not independent
+    constexpr double kSignal =
+        0.25;  // minimum signal in steps squared: on gentle ground rounding errors are not independent
     const auto mean_m2 = [&](int octave) {
       const Mean& m = squares_[static_cast<std::size_t>(octave)];
-      // Less what steps add: a twelfth of their square for each height, by its weight's square.
+      // Subtract the contribution of steps: 1/12 of the squared step for each height, times its squared weight (1 + 4 +
+      // 1).
       return m.count < 1000 ? 0 : m.value() - 0.5 * step_m * step_m;
     };
     int first = 0;
-    while (first < kMostOctaves && !(mean_m2(first) > kSignal * step_m * step_m)) ++first;
+    while (first < kMaxOctaves && !(mean_m2(first) > kSignal * step_m * step_m)) ++first;
     int last = first;
-    while (last < kMostOctaves && std::log2(mean_m2(last + 1) / mean_m2(last)) / 2 >= kSteepest) ++last;
-    // What steps hide below the first is interpolated if the first is.
+    while (last < kMaxOctaves && std::log2(mean_m2(last + 1) / mean_m2(last)) / 2 >= kSteepest) ++last;
+    // Octaves below the first are hidden by steps: they are interpolated if the first measurable octave is.
     return last > first || first == 0 ? 1 << last : 0;
   }
 
@@ -75,13 +85,15 @@ class SecondDifferences {
       absolute.add(std::abs(d));
     }
     if (octave > 0) return;
-    for (int posts = 2; posts <= kWidestApart; ++posts) {
+    for (int posts = 2; posts <= kMaxSpacing; ++posts) {
       const std::int64_t phase = (row % posts + posts) % posts;
       Mean& rows = rows_[static_cast<std::size_t>(posts)][static_cast<std::size_t>(phase)];
-      rows.sum += absolute.sum, rows.count += absolute.count;
+      rows.sum += absolute.sum;
+      rows.count += absolute.count;
     }
   }
 
+  // Returns true if second differences are concentrated on one row modulo `posts`.
   bool is_spacing_of_kinks(int posts, double step_m) const {
     std::vector<double> means;
     for (int phase = 0; phase < posts; ++phase) {
@@ -91,19 +103,20 @@ class SecondDifferences {
     }
     std::sort(means.begin(), means.end());
     const double between = means[(means.size() - 1) / 2], on_lines = means.back() - between;
-    double all = 0;
-    for (const double mean : means) all += std::max(mean - between, 0.0);
-    // Steps alone make 0.5 in the mean, less on gentle ground, where they lie in patterns.
+    double excess = 0;
+    for (const double mean : means) excess += std::max(mean - between, 0.0);
+    // Steps alone give a mean of 0.5 steps, less on gentle ground, where steps form patterns.
     const bool steps_alone = between - 0.6 * step_m < 0.25 * on_lines, gentle = between < 0.45 * step_m;
-    return steps_alone && !gentle && on_lines > 0.1 * between && on_lines > 0.6 * all;
+    return steps_alone && !gentle && on_lines > 0.1 * between && on_lines > 0.6 * excess;
   }
 
-  std::array<Mean, kMostOctaves + 1> squares_;
-  std::array<std::array<Mean, kWidestApart>, kWidestApart + 1>
-      rows_;  // absolute ones over one post, by row modulo posts
+  std::array<Mean, kMaxOctaves + 1> squares_;  // squared second differences by octave
+  // Absolute second differences over one post, by spacing and by row modulo the spacing.
+  std::array<std::array<Mean, kMaxSpacing>, kMaxSpacing + 1> rows_;
 };
 
-// Of its first post, in posts: the same place for all files of a layer, and of posts that are half a post beside it.
+// Returns the row of a file's first post, counted from an origin common to all files of a layer. Grids half a post
+// apart get the same origin.
 std::int64_t first_row(const RasterInfo& info) {
   const auto* degrees = std::get_if<GeographicGrid>(&info.grid);
   const auto* plane = std::get_if<PlaneGrid>(&info.grid);
@@ -115,30 +128,30 @@ std::int64_t first_row(const RasterInfo& info) {
 }  // namespace
 
 NamedNumber parse_resolved_posts(const std::string& text) {
-  return parse_named_number(text, {"POSTS", 1, kWidestApart});
+  return parse_named_number(text, {"POSTS", 1, kMaxSpacing});
 }
 
-int measured_resolved_posts(const Catalogue& catalogue, const std::vector<int>& files) {
+int measure_resolved_posts(const Catalogue& catalogue, const std::vector<int>& files) {
   SecondDifferences differences;
   double step_m = 0;
   std::vector<float> square(std::size_t{kSide} * kSide);
   constexpr int kSquares = 64;
-  const int some = std::min(static_cast<int>(files.size()), kSquares);
-  for (int i = 0; i < some; ++i) {
+  const int sampled_files = std::min(static_cast<int>(files.size()), kSquares);
+  for (int i = 0; i < sampled_files; ++i) {
     const RasterInfo& info = catalogue.rasters()[static_cast<std::size_t>(files[static_cast<std::size_t>(i)])];
     if (info.width < kSide || info.height < kSide) continue;
     step_m = std::max(step_m, info.quantisation_m);
     Raster raster(info);
-    for (int k = i; k < kSquares; k += some) {
-      // Places by an additive recurrence: even, and the same at every start.
+    for (int k = i; k < kSquares; k += sampled_files) {
+      // Choose the squares by an additive recurrence: evenly spread, and the same at every start.
       const double a = std::fmod(0.5 + k * 0.7548776662466927, 1.0), b = std::fmod(0.5 + k * 0.5698402909980532, 1.0);
       const int x = static_cast<int>(a * (info.width - kSide)), y = static_cast<int>(b * (info.height - kSide));
       raster.read(x, y, kSide, kSide, square.data());
       differences.add(square, first_row(info) + y);
     }
   }
-  const int kinks = differences.kinks(step_m);
-  return kinks > 1 ? kinks : differences.by_growth(step_m);
+  const int kink_spacing = differences.kink_spacing(step_m);
+  return kink_spacing > 1 ? kink_spacing : differences.spacing_by_growth(step_m);
 }
 
 std::vector<ResolvedLayer> resolve_posts(Catalogue& catalogue, const std::vector<NamedNumber>& settings) {
@@ -146,13 +159,13 @@ std::vector<ResolvedLayer> resolve_posts(Catalogue& catalogue, const std::vector
   LayerJoins joins = catalogue.joins();
   joins.resolved_posts.assign(catalogue.rasters().size(), 1);
   for (const NamedNumber& setting : settings) {
-    std::map<int, std::vector<int>> layers;  // by their first file
+    std::map<int, std::vector<int>> layers;  // files by the index of their layer's first file
     for (int file = 0; file < static_cast<int>(catalogue.rasters().size()); ++file)
       if (name_matches(catalogue.rasters()[static_cast<std::size_t>(file)].path, setting.pattern))
         layers[catalogue.layer_begin(file)].push_back(file);
     if (layers.empty()) throw DataError(setting.pattern, "no DEM file has such a name (--resolved-posts)");
     for (const auto& [first, files] : layers) {
-      if (!setting.value) measured.push_back({files.front(), measured_resolved_posts(catalogue, files)});
+      if (!setting.value) measured.push_back({files.front(), measure_resolved_posts(catalogue, files)});
       for (const int file : files)
         joins.resolved_posts[static_cast<std::size_t>(file)] =
             setting.value ? *setting.value : std::max(measured.back().posts, 1);

@@ -9,22 +9,25 @@
 
 namespace selenograph::dem {
 
-// "PATTERN=POSTS" (the spacing of independent heights, in posts) or "PATTERN=fit". Throws std::invalid_argument.
+// Parses "PATTERN=POSTS" (the spacing of independent heights, in posts) or "PATTERN=fit". Throws std::invalid_argument.
 NamedNumber parse_resolved_posts(const std::string& text);
 
-// Of files of one layer, from heights of some places along meridians. Second differences of resolved ground grow with
-// the distance as its Hurst exponent says, by less than the power 1.45; between posts that were interpolated by
-// bicubics they grow with its square, and in linear interpolation they are at every n-th post alone. Steps of whole
-// metres are taken out. 1 to 32; 0 where it can't be measured: steps hide too much, or too little is valid. Throws
+// Returns the spacing of independent heights in files of one layer, in posts, 1 to 32, measured on sample squares.
+// Returns 0 if it cannot be measured: steps of whole metres hide too much, or too few posts are valid. Throws
 // DataError, SystemFault.
-int measured_resolved_posts(const Catalogue& catalogue, const std::vector<int>& files);
+//
+// Second differences along meridians of resolved ground grow with the distance by its Hurst exponent, a power below
+// 1.45. Between posts interpolated by bicubics they grow by nearly the square. In linear interpolation only every n-th
+// post has a second difference. The contribution of steps of whole metres is subtracted.
+int measure_resolved_posts(const Catalogue& catalogue, const std::vector<int>& files);
 
 struct ResolvedLayer {
-  int source;  // its first file
-  int posts;   // 0: can't be measured, and 1 is taken
+  int source;  // first file of the layer
+  int posts;   // spacing of independent heights; 0: not measurable, the catalogue then uses 1
 };
-// Tells the catalogue what its files resolve, before any detail is made. If several patterns match a file the last one
-// applies. Returns what was measured. Throws DataError naming a pattern that matches no file, and as above.
+// Sets the resolved posts of the catalogue's files. Call it before any detail is made. If several patterns match a file
+// the last one applies. Returns the measured layers. Throws DataError naming a pattern that matches no file, and as
+// measure_resolved_posts() does.
 std::vector<ResolvedLayer> resolve_posts(Catalogue& catalogue, const std::vector<NamedNumber>& settings);
 
 }  // namespace selenograph::dem

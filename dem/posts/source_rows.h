@@ -1,5 +1,5 @@
 // Sources of a grid's posts as runs, row by row. Most rows have one run, or one per file that they cross, which takes
-// little memory; one mark per post would take as much as its height.
+// little memory; one mark per post would take as much memory as its height.
 #pragma once
 
 #include <cstddef>
@@ -12,10 +12,10 @@ namespace selenograph::dem {
 
 struct SourceRun {
   SourceMark mark;
-  int past_last;  // column
+  int past_last;  // column after the run's last one
 };
 
-// Different threads may set different rows.
+// Run-length encoded sources. Several threads may set different rows at once.
 class SourceRows {
  public:
   void reset(int rows, int columns) {
@@ -40,7 +40,7 @@ class SourceRows {
   std::span<const SourceRun> row(int row) const { return rows_[static_cast<std::size_t>(row)]; }
   std::span<SourceRun> row(int row) { return at(row); }
   SourceMark mark(int row, int column) const;
-  // Inverse of set().
+  // Writes a row's runs as one mark per column: the inverse of set().
   void expand(int row, SourceMark* marks) const;
 
  private:

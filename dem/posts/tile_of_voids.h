@@ -1,4 +1,10 @@
 // Fills voids between valid posts, tile by tile.
+//
+//             v north        Each void post becomes the mean of the valid posts nearest to it in its row and in its
+//             .              column, weighted by 1 / distance. A row or column counts only if it has valid posts
+//    v . . .  ?  . v         on both sides within kFillReach posts.
+//    west     .    east
+//             v south        v  valid post    ?  void to fill    .  other voids
 #pragma once
 
 #include <algorithm>
@@ -15,8 +21,9 @@
 
 namespace selenograph::dem {
 
+// Returns true if a row has a void.
 inline bool any_void(const float* h, int n) {
-  int any = 0;  // not bool: the compiler makes vectors of it
+  int any = 0;  // int rather than bool, so that the compiler vectorises the loop
   for (int i = 0; i < n; ++i) any |= h[i] != h[i];
   return any != 0;
 }
@@ -27,13 +34,14 @@ inline bool all_void(const float* h, int n) {
   return any == 0;
 }
 
+// Result for one void: index among the window's heights, interpolated height and source of the nearest valid post.
 struct FilledPost {
   std::size_t at;
   float height_m;
   SourceMark source;
 };
 
-// The voids of one tile of a window.
+// Voids of one tile of a window.
 class TileOfVoids {
  public:
   static constexpr int kSide = 64;
@@ -46,22 +54,23 @@ class TileOfVoids {
         c0_(col),
         c1_(std::min(col + kSide, window.cols)) {}
 
-  // `mark(place)`: the mark of a valid post, by its index among the heights.
+  // Returns the tile's voids that can be filled. `mark(index)` returns the source mark of a valid post.
   template <typename Mark>
   std::vector<FilledPost> filled(const Mark& mark) const {
     if (!has_voids() || !has_valid_nearby()) return {};
     Distances west{}, east{}, south{}, north{};
     for (int r = r0_; r < r1_; ++r) {
       std::uint8_t since = 0;
-      for (int c = std::max(c0_ - kFillReach, 0); c < c1_; ++c) step(r, c, since, west);
+      for (int c = std::max(c0_ - kFillReach, 0); c < c1_; ++c) advance(r, c, since, west);
       since = 0;
-      for (int c = std::min(c1_ + kFillReach, window_.cols) - 1; c >= c0_; --c) step(r, c, since, east);
+      for (int c = std::min(c1_ + kFillReach, window_.cols) - 1; c >= c0_; --c) advance(r, c, since, east);
     }
-    std::array<std::uint8_t, kSide> below{}, above{};  // posts since the last valid one, 0: too long ago
+    std::array<std::uint8_t, kSide> below{},
+        above{};  // posts since the column's last valid one; 0: more than kFillReach
     for (int r = std::max(r0_ - kFillReach, 0); r < r1_; ++r)
-      for (int c = c0_; c < c1_; ++c) step(r, c, below[static_cast<std::size_t>(c - c0_)], south);
+      for (int c = c0_; c < c1_; ++c) advance(r, c, below[static_cast<std::size_t>(c - c0_)], south);
     for (int r = std::min(r1_ + kFillReach, window_.rows) - 1; r >= r0_; --r)
-      for (int c = c0_; c < c1_; ++c) step(r, c, above[static_cast<std::size_t>(c - c0_)], north);
+      for (int c = c0_; c < c1_; ++c) advance(r, c, above[static_cast<std::size_t>(c - c0_)], north);
 
     std::vector<FilledPost> found;
     for (int r = r0_; r < r1_; ++r)
@@ -76,8 +85,12 @@ class TileOfVoids {
           if (before == 0 || after == 0) return;
           for (const auto& [distance, from] : {std::pair{before, at - before * apart}, {after, at + after * apart}}) {
             const auto there = static_cast<std::size_t>(from);
-            sum += static_cast<double>(heights_[there]) / distance, weight += 1.0 / distance;
-            if (distance < nearest) nearest = distance, source = mark(there);
+            sum += static_cast<double>(heights_[there]) / distance;
+            weight += 1.0 / distance;
+            if (distance < nearest) {
+              nearest = distance;
+              source = mark(there);
+            }
           }
         };
         between(west[k], east[k], 1);
@@ -89,7 +102,7 @@ class TileOfVoids {
   }
 
  private:
-  // For each post of the tile: distance of the nearest valid post in one direction; 0: none within kFillReach.
+  // Distance, per post of the tile, of the nearest valid post in one direction; 0: none within kFillReach.
   using Distances = std::array<std::uint8_t, kSide * kSide>;
   static_assert(kFillReach < 256);
 
@@ -111,8 +124,9 @@ class TileOfVoids {
   }
   std::size_t local(int r, int c) const { return static_cast<std::size_t>((r - r0_) * kSide + c - c0_); }
 
-  // One post further along a row or column.
-  void step(int r, int c, std::uint8_t& since, Distances& distances) const {
+  // Advances one post along a row or column: `since` counts posts since the last valid one, and void posts of the tile
+  // record it as their distance.
+  void advance(int r, int c, std::uint8_t& since, Distances& distances) const {
     if (!std::isnan(heights_[index(r, c)])) {
       since = 1;
       return;
@@ -126,11 +140,11 @@ class TileOfVoids {
   int r0_, r1_, c0_, c1_;
 };
 
-// Calls use(post), row by row, for each void that can be filled. A tile reads beyond itself: nothing may be written
-// before all tiles have been read.
+// Calls use(post), row by row, for each void that can be filled. All tiles are read, in parallel, before the first post
+// is written: a tile reads posts of its neighbours.
 template <typename Mark, typename Use>
-void for_filled(const PostWindow& window, const float* heights, const Mark& mark, const std::vector<char>& has_voids,
-                const StopToken& stop, Use&& use) {
+void for_each_filled(const PostWindow& window, const float* heights, const Mark& mark,
+                     const std::vector<char>& has_voids, const StopToken& stop, Use&& use) {
   constexpr int kSide = TileOfVoids::kSide;
   const auto down = static_cast<std::size_t>((window.rows + kSide - 1) / kSide);
   std::vector<std::vector<FilledPost>> filled(down);

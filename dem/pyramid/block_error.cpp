@@ -11,10 +11,10 @@ namespace selenograph::dem {
 
 namespace {
 
-// Quad by quad. Linear in latitude and longitude within a triangle (the chord's sag over the sphere is accounted for
-// separately: lattice.h, chord_sag_m); the diagonal runs from the south-east to the north-west corner, as in the
-// rendered mesh.
-Extremes measured_by_quads(const OctaveGrid& grid, const BlockCut& cut, const OctaveGrid& base) {
+// Measures a block quad by quad. Heights are linear in latitude and longitude within a triangle: the chord's sag over
+// the sphere is accounted for separately (lattice.h, chord_sag_m). The diagonal runs from the south-east to the
+// north-west corner, as in the rendered mesh.
+Extremes measure_by_quads(const OctaveGrid& grid, const BlockCut& cut, const OctaveGrid& base) {
   const BlockExtent e = extent_of(cut.id);
   const int step_r = e.lat_step / base.window.lat_step, step_c = e.lon_step / base.window.lon_step;
   const int base_r0 = static_cast<int>((e.lat0 - base.window.lat0) / base.window.lat_step);
@@ -28,7 +28,10 @@ Extremes measured_by_quads(const OctaveGrid& grid, const BlockCut& cut, const Oc
       const float h01 = grid.at(cut.r0 + r + 1, cut.c0 + c * cut.stride_c),
                   h11 = grid.at(cut.r0 + r + 1, cut.c0 + (c + 1) * cut.stride_c);
       for (const float h : {h00, h10, h01, h11})
-        if (!std::isnan(h)) low = std::min(low, h), high = std::max(high, h);
+        if (!std::isnan(h)) {
+          low = std::min(low, h);
+          high = std::max(high, h);
+        }
       for (int y = 0; y <= step_r; ++y) {
         const float fy = static_cast<float>(y) * inv_r;
         const float* row = &base.posts.heights[base.index(base_r0 + r * step_r + y, base_c0 + c * step_c)];
@@ -37,7 +40,7 @@ Extremes measured_by_quads(const OctaveGrid& grid, const BlockCut& cut, const Oc
           const float lower = h00 + fx * (h10 - h00) + fy * (h01 - h00),
                       upper = h11 + (1 - fx) * (h01 - h11) + (1 - fy) * (h10 - h11);
           const float distance = std::abs(h - (fx + fy <= 1 ? lower : upper));
-          // Comparisons with NaN are false: voids don't count.
+          // Comparisons with NaN are false: voids do not count.
           if (distance > worst) worst = distance;
           if (h < low) low = h;
           if (h > high) high = h;
@@ -47,6 +50,7 @@ Extremes measured_by_quads(const OctaveGrid& grid, const BlockCut& cut, const Oc
   return {worst, low, high};
 }
 
+// Returns the height range of a square of posts, with an error of 0.
 Extremes range_of(const OctaveGrid& grid, int r0, int c0, int quads) {
   const Extremes none;
   HeightRange range{none.low, none.high};
@@ -54,7 +58,8 @@ Extremes range_of(const OctaveGrid& grid, int r0, int c0, int quads) {
   return {0, range.low, range.high};
 }
 
-// A level's surface at the posts of the next finer one: vertices, and the middles of edges. Of quads x quads quads.
+// Writes the surface of quads x quads quads at the posts of the next finer level: at vertices, and in the middles of
+// edges and diagonals.
 void refine_surface(const float* in, int stride, int quads, float* out) {
   const int wide = 2 * quads + 1;
   for (int r = 0; r <= quads; ++r, in += stride, out += 2 * static_cast<std::ptrdiff_t>(wide)) {
@@ -63,6 +68,7 @@ void refine_surface(const float* in, int stride, int quads, float* out) {
   }
 }
 
+// Returns the largest distance between a square of base posts and a surface sampled at these posts.
 float largest_distance_in(const OctaveGrid& base, int r0, int c0, int quads, const float* surface) {
   float worst = 0;
   for (int r = 0; r <= quads; ++r)
@@ -71,9 +77,9 @@ float largest_distance_in(const OctaveGrid& base, int r0, int c0, int quads, con
   return worst;
 }
 
-// All blocks of a chunk whose grids and blocks halve from level to level: all but those where the longitude step
-// changes. Tile by tile of the base, small enough for the nearest cache: each level's surface is refined octave by
-// octave to the base's posts, which are exactly where it is farthest from them.
+// Measures all blocks of a chunk whose grids and blocks halve from level to level: all but those where the longitude
+// step changes. Works tile by tile of the base, small enough for a core's nearest cache. Each level's surface is
+// refined octave by octave to the base's posts: the largest distance always occurs at one of these.
 class TileMeasurement {
  public:
   TileMeasurement(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels)
@@ -84,7 +90,7 @@ class TileMeasurement {
     for (const OctaveGrid& grid : levels) starts_.push_back(start_of(grid));
   }
 
-  static bool possible(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels) {
+  static bool is_possible(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels) {
     const OctaveGrid* fine = &base;
     for (const OctaveGrid& grid : levels) {
       if (grid.window.lon_step != 2 * fine->window.lon_step) return false;
@@ -98,25 +104,26 @@ class TileMeasurement {
     return true;
   }
 
-  Measured measured(const StopToken& stop) const {
+  BlockExtremes measure(const StopToken& stop) const {
     const int side = (extent_of(node_).lat1() - extent_of(node_).lat0) / base_.window.lat_step / tile_;
     std::vector<TileExtremes> tiles(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
     in_parallel(tiles.size(), [&](std::size_t i) {
       stop.check();
-      tiles[i] = of_tile(static_cast<int>(i) / side * tile_, static_cast<int>(i) % side * tile_);
+      tiles[i] = measure_tile(static_cast<int>(i) / side * tile_, static_cast<int>(i) % side * tile_);
     });
-    Measured found;
+    BlockExtremes found;
     for (const TileExtremes& tile : tiles) {
       for (const auto& [id, extremes] : tile.base) found[id].add(extremes);
-      Extremes all;
-      for (const auto& [id, extremes] : tile.base) all.add(extremes);
+      Extremes tile_range;
+      for (const auto& [id, extremes] : tile.base) tile_range.add(extremes);
       for (std::size_t i = 0; i < levels_.size(); ++i) {
         Extremes& level = found[block_at(levels_[i].level, tile.lat, tile.lon)];
-        level.add(all);
+        level.add(tile_range);
         level.add({tile.error_m[i], level.low, level.high});
       }
     }
-    // A level may be lower and higher than what it is made of: where a void was left out, or a pole kept.
+    // Add the range of the filtered heights. They may leave the range of their base next to a void that was left out,
+    // or at a pole, whose height is not filtered.
     for (auto& [id, extremes] : found)
       if (id.level < base_.level) {
         const OctaveGrid& grid = levels_[static_cast<std::size_t>(base_.level - 1 - id.level)];
@@ -127,27 +134,29 @@ class TileMeasurement {
   }
 
  private:
-  static constexpr int kTile = 128;   // base posts: 64 KB of floats
-  static constexpr int kOctaves = 6;  // that a tile's surface is refined by; a tile has two quads of that level
+  static constexpr int kTile = 128;  // base posts along a side: 64 KB of floats
+  static constexpr int kOctaves =
+      6;  // most octaves by which a tile's surface is refined; a tile has two quads of the coarsest of these levels
 
   struct TileExtremes {
-    std::int32_t lat = 0, lon = 0;                   // of its south-west corner
-    std::vector<std::pair<BlockId, Extremes>> base;  // of the blocks of posts
-    std::vector<float> error_m;                      // by level
+    std::int32_t lat = 0, lon = 0;                   // ticks of the tile's south-west corner
+    std::vector<std::pair<BlockId, Extremes>> base;  // extremes of the blocks of base posts
+    std::vector<float> error_m;                      // largest distance, per level of `levels_`
   };
 
-  // What a tile's surface is refined from: the level's own posts over the node, or, where a tile is less than two of
-  // its quads, those refined.
+  // Posts from which a tile's surface is refined: the level's own posts over the node. If a tile is narrower than two
+  // of their quads, these posts are refined first.
   struct Start {
-    int octaves = 0;  // to the base
+    int octaves = 0;  // octaves from these posts to the base
     int stride = 0;
-    const float* posts = nullptr;  // of the node's south-west corner
+    const float* posts = nullptr;  // post at the node's south-west corner
     std::vector<float> refined;
   };
 
   Start start_of(const OctaveGrid& grid) const {
     Start start;
-    start.octaves = base_.level - grid.level, start.stride = grid.window.cols;
+    start.octaves = base_.level - grid.level;
+    start.stride = grid.window.cols;
     start.posts = grid.posts.heights.data() + grid.index(grid.halo, grid.halo);
     int quads = grid.window.rows - 1 - 2 * grid.halo;
     std::vector<float> finer;
@@ -156,12 +165,13 @@ class TileMeasurement {
       refine_surface(start.posts, start.stride, quads, finer.data());
       start.refined.swap(finer);
       quads *= 2;
-      start.posts = start.refined.data(), start.stride = quads + 1;
+      start.posts = start.refined.data();
+      start.stride = quads + 1;
     }
     return start;
   }
 
-  TileExtremes of_tile(int row, int col) const {
+  TileExtremes measure_tile(int row, int col) const {
     TileExtremes tile;
     tile.lat = extent_of(node_).lat0 + row * base_.window.lat_step;
     tile.lon = extent_of(node_).lon0 + col * base_.window.lon_step;
@@ -174,17 +184,19 @@ class TileMeasurement {
     tile.error_m.resize(starts_.size());
     if (std::all_of(tile.base.begin(), tile.base.end(), [](const auto& b) { return b.second.low > b.second.high; }))
       return tile;
-    const std::size_t most = static_cast<std::size_t>(tile_ + 1) * static_cast<std::size_t>(tile_ + 1);
-    std::vector<float> one(most), other(most);
+    const std::size_t max_posts = static_cast<std::size_t>(tile_ + 1) * static_cast<std::size_t>(tile_ + 1);
+    std::vector<float> refined(max_posts), spare(max_posts);
     for (std::size_t i = 0; i < starts_.size(); ++i) {
       const Start& start = starts_[i];
       const float* surface =
           start.posts + static_cast<std::ptrdiff_t>(row >> start.octaves) * start.stride + (col >> start.octaves);
       int stride = start.stride, n = tile_ >> start.octaves;
       for (int k = 0; k < start.octaves; ++k) {
-        refine_surface(surface, stride, n, one.data());
-        n *= 2, stride = n + 1, surface = one.data();
-        one.swap(other);
+        refine_surface(surface, stride, n, refined.data());
+        n *= 2;
+        stride = n + 1;
+        surface = refined.data();
+        refined.swap(spare);  // the surface stays where it is; the next octave is written to the other array
       }
       tile.error_m[i] = largest_distance_in(base_, base_.halo + row, base_.halo + col, tile_, surface);
     }
@@ -198,16 +210,16 @@ class TileMeasurement {
   std::vector<Start> starts_;
 };
 
-Measured measured_at_posts(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels,
-                           const StopToken& stop) {
-  if (TileMeasurement::possible(plan, base, levels)) return TileMeasurement(plan, base, levels).measured(stop);
-  Measured found;
+BlockExtremes measure_at_posts(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels,
+                               const StopToken& stop) {
+  if (TileMeasurement::is_possible(plan, base, levels)) return TileMeasurement(plan, base, levels).measure(stop);
+  BlockExtremes found;
   const auto add_level = [&](const OctaveGrid& grid) {
     const std::vector<BlockId> ids = blocks_of(plan.node, grid.level);
     std::vector<Extremes> extremes(ids.size());
     in_parallel(ids.size(), [&](std::size_t i) {
       stop.check();
-      extremes[i] = measured_by_quads(grid, cut_of(grid, ids[i]), base);
+      extremes[i] = measure_by_quads(grid, cut_of(grid, ids[i]), base);
     });
     for (std::size_t i = 0; i < ids.size(); ++i) found.emplace(ids[i], extremes[i]);
   };
@@ -216,40 +228,42 @@ Measured measured_at_posts(const ChunkPlan& plan, const OctaveGrid& base, const 
   return found;
 }
 
-// Where finer levels divide quads from south to north alone, they come to a ruled surface: in the middle of a quad's
-// diagonal it is a quarter of the quad's twist off.
+// Returns the error of a ruled surface over a block's quads. If finer levels divide quads from south to north only,
+// they converge to a ruled surface. In the middle of a quad's diagonal it is a quarter of the quad's twist off the
+// triangles.
 float twist_of(const OctaveGrid& base, const BlockCut& cut) {
   const BlockExtent e = extent_of(cut.id);
   const auto lon_step_at = [&](std::int32_t lat) { return extent_of(block_at(kSmoothLevel, lat, e.lon0)).lon_step; };
   const int divided = e.lon_step >> (kSmoothLevel - cut.id.level);
   if (std::max(lon_step_at(e.lat0), lon_step_at(e.lat1() - 1)) == divided) return 0;
-  float most = 0;
+  float largest_twist = 0;
   for (int r = cut.r0; r < cut.r0 + e.quads; ++r)
     for (int c = cut.c0; c < cut.c0 + e.quads * cut.stride_c; c += cut.stride_c) {
       const float twist =
           base.at(r, c) + base.at(r + 1, c + cut.stride_c) - base.at(r, c + cut.stride_c) - base.at(r + 1, c);
-      if (std::abs(twist) > most) most = std::abs(twist);
+      if (std::abs(twist) > largest_twist) largest_twist = std::abs(twist);
     }
-  return most / 4;
+  return largest_twist / 4;
 }
 
 }  // namespace
 
-Measured measure(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels,
-                 const StopToken& stop) {
-  Measured found = measured_at_posts(plan, base, levels, stop);
+BlockExtremes measure_blocks(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels,
+                             const StopToken& stop) {
+  BlockExtremes found = measure_at_posts(plan, base, levels, stop);
   if (!plan.direct || base.level >= kSmoothLevel) return found;
-  std::unordered_map<BlockId, float, BlockIdHash> more;
+  // Add the base's own error to the errors of all coarser blocks above it.
+  std::unordered_map<BlockId, float, BlockIdHash> added_m;
   for (const BlockId& id : blocks_of(plan.node, base.level)) {
     float& own = found.at(id).error_m;
-    const float twist = twist_of(base, cut_of(base, id)), all = own + twist;
+    const float twist = twist_of(base, cut_of(base, id)), total = own + twist;
     own = twist;
     for (const OctaveGrid& grid : levels) {
-      float& most = more[ancestor_of(id, grid.level)];
-      most = std::max(most, all);
+      float& largest = added_m[ancestor_of(id, grid.level)];
+      largest = std::max(largest, total);
     }
   }
-  for (const auto& [id, error_m] : more) found.at(id).error_m += error_m;
+  for (const auto& [id, error_m] : added_m) found.at(id).error_m += error_m;
   return found;
 }
 

@@ -21,18 +21,21 @@ PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSou
 PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, int files,
                            const StopToken& stop) {
   const BlockExtent e = extent_of(id);
-  // Longitude by longitude as in the chunk's grid, so that voids are filled as there.
+  // Compose each longitude of the chunk's grid, even if the block uses every second one only: voids are then filled
+  // exactly as in the chunk.
   const std::int32_t lon_step = grid_lon_step(node, id.level);
   const int stride = e.lon_step / lon_step, side = e.quads + 1;
   const auto window_with = [&](int margin) {
     PostWindow w;
-    w.lat_step = e.lat_step, w.lon_step = lon_step;
+    w.lat_step = e.lat_step;
+    w.lon_step = lon_step;
     w.lat0 = e.lat0 - static_cast<std::int64_t>(kHalo + margin) * e.lat_step;
     w.lon0 = e.lon0 - static_cast<std::int64_t>(kHalo * stride + margin) * lon_step;
     w.rows = side + 2 * (kHalo + margin);
     w.cols = e.quads * stride + 1 + 2 * (kHalo * stride + margin);
     return w;
   };
+  // Compose without the margin for filling first: most blocks have no voids.
   int margin = 0;
   PostWindow window = window_with(margin);
   Posts posts = source.compose(window, files, stop);

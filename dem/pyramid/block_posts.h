@@ -10,18 +10,19 @@
 
 namespace selenograph::dem {
 
-// Longitude step of a level's grid: that of the chunk's rows nearest the equator, the finest that any of its blocks
-// needs.
+// Returns the longitude step of a level's grid: that of the chunk's rows nearest to the equator, the finest that any of
+// its blocks needs.
 std::int32_t grid_lon_step(const BlockId& node, int level);
 
+// Posts of one block, with a halo for shading normals.
 struct PostsOfBlock {
   std::vector<float> heights;       // (quads + 1 + 2 kHalo)^2
-  std::vector<SourceMark> sources;  // (quads + 1)^2, by the catalogue's numbers
+  std::vector<SourceMark> sources;  // (quads + 1)^2, with the catalogue's indices
   std::vector<SourceIndex> replaced;
 };
-// `node`: the chunk's.
+// Composes a block of a chunk from the files. `node`: the chunk's node.
 PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, const StopToken& stop);
-// Uses only the first `files` of the catalogue.
+// The same from the catalogue's first `files` files only.
 PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, int files,
                            const StopToken& stop);
 

@@ -34,7 +34,7 @@ std::string read_bytes(const OpenFile& file, std::uint64_t offset, std::uint64_t
 
 bool is_missing(int code) { return code == ENOENT || code == ENOTDIR || code == ELOOP || code == ENAMETOOLONG; }
 
-// The header and index of a file, or an error: sizes are checked before anything is trusted.
+// Returns the size of header, index and names. Throws DataError on impossible sizes, before any of them is used.
 std::uint64_t head_bytes(const format::Header& header, std::uint64_t available, const std::string& name) {
   if (std::memcmp(header.magic, format::kMagic, sizeof format::kMagic) != 0)
     throw DataError(name, "not a pyramid file of this version");
@@ -53,12 +53,12 @@ format::Header header_from(const std::string& bytes, const std::string& name) {
   return header;
 }
 
-// What the interpolation of posts can make of heights that a raster may have: the weights of the bicubic kernel add up
-// to 25/16 without their signs.
+// Largest absolute height of a block: interpolation may exceed a raster's heights, as the absolute weights of the
+// bicubic kernel add up to 25/16.
 constexpr double kFarthestOfBlock_m = 2 * kFarthestHeight_m;
 
-// Selection and visibility rely on a block's bounds and error, shading on its halo: heights, or none. `with_halo` are
-// the posts of the block and around it.
+// Throws DataError unless heights, bounds and error are possible: selection and visibility rely on them, and shading on
+// the halo. `with_halo`: the heights of the block and its halo.
 void check_heights(const Block& block, const std::vector<float>& with_halo, const std::string& name) {
   const auto is_height = [](float h) { return std::abs(h) <= kFarthestOfBlock_m; };
   const bool heights =
@@ -156,8 +156,8 @@ std::size_t Chunk::bytes() const {
 
 std::string Chunk::name() const { return path_.empty() ? "pyramid " + to_string(node_) : path_; }
 
-// Heights with their halo; the block's sources.
-std::vector<float> Chunk::stored(const Record& record, Block& block) const {
+// Reads a block's stored heights with their halo, and sets the block's sources.
+std::vector<float> Chunk::read_stored(const Record& record, Block& block) const {
   const std::string bytes = read(record.offset, record.size);
   if (hash_of(bytes.data(), bytes.size()) != record.checksum)
     throw DataError(name(), "damaged pyramid file: wrong checksum of block " + to_string(block.id));
@@ -206,7 +206,8 @@ std::shared_ptr<const Block> Chunk::load(const BlockId& id, const PostSource& so
   block->id = id;
   block->extent = extent_of(id);
   block->error_m = record->error_m;
-  block->min_m = record->min_m, block->max_m = record->max_m;
+  block->min_m = record->min_m;
+  block->max_m = record->max_m;
   fill_trigonometry(*block);
   const bool from_sources = record->flags & Record::kFromSources;
   std::vector<float> heights;
@@ -219,7 +220,7 @@ std::shared_ptr<const Block> Chunk::load(const BlockId& id, const PostSource& so
     block->sources = std::move(posts.sources);
     block->pack();
   } else {
-    heights = stored(*record, *block);
+    heights = read_stored(*record, *block);
   }
   const auto side = static_cast<std::size_t>(block->side()), wide = side + 2 * kHalo;
   block->vertices.resize(side * side);

@@ -20,23 +20,27 @@
 namespace selenograph::dem {
 namespace {
 
+// Block as it is stored: index entry and bytes.
 struct Encoded {
   Chunk::Record record;
   std::string bytes;
 };
 
-// Nothing but its bounds: a block of the posts themselves is read from their files.
+// Encodes the bounds of a block of posts: its heights are read from the source files.
 Encoded bounds_of(const BlockId& id, const Extremes& extremes) {
   Encoded out;
-  out.record.level = id.level, out.record.row = id.row, out.record.col = id.col;
+  out.record.level = id.level;
+  out.record.row = id.row;
+  out.record.col = id.col;
   out.record.flags = extremes.low > extremes.high ? Chunk::Record::kEmpty : Chunk::Record::kFromSources;
   out.record.error_m = static_cast<double>(extremes.error_m);
-  out.record.min_m = extremes.low, out.record.max_m = extremes.high;
+  out.record.min_m = extremes.low;
+  out.record.max_m = extremes.high;
   return out;
 }
 
-// The sources of a block's posts, row after row. Most blocks have one, those along the borders of tiles few in each
-// row.
+// Returns the sources of a block's posts as runs, row after row. Most blocks have one run, those along the borders of
+// tiles a few per row.
 std::vector<format::Run> runs_of(const OctaveGrid& grid, const BlockCut& cut) {
   const int side = quads_per_side(cut.id.level) + 1;
   std::vector<format::Run> runs;
@@ -54,12 +58,13 @@ std::vector<format::Run> runs_of(const OctaveGrid& grid, const BlockCut& cut) {
   return runs;
 }
 
-// Heights as steps of 16 bits above the lowest, where they reach, else as float32; then sources.
+// Encodes a filtered block: heights as 16-bit steps above the lowest one if these reach the highest, else as float32;
+// then the sources.
 Encoded encode(const OctaveGrid& grid, const BlockCut& cut, const Extremes& extremes) {
   Encoded out = bounds_of(cut.id, extremes);
   const int side = quads_per_side(cut.id.level) + 1, wide = side + 2 * kHalo;
   std::vector<float> heights(static_cast<std::size_t>(wide) * static_cast<std::size_t>(wide));
-  // The halo of a chunk's grid is as wide as that of its blocks at least.
+  // Copy the block with its halo: the halo of a chunk's grid is at least as wide.
   float* h = heights.data();
   for (int r = -kHalo; r < side + kHalo; ++r, h += wide) {
     const float* row = grid.row(cut.r0 + r) + cut.c0 - kHalo * cut.stride_c;
@@ -79,10 +84,10 @@ Encoded encode(const OctaveGrid& grid, const BlockCut& cut, const Extremes& extr
   extend_range(heights.data(), static_cast<int>(heights.size()), range);
   const float low = range.low, high = range.high;
   const float step = static_cast<float>(format::height_step_m(cut.id.level)), per_m = 1 / step;
-  // A pole's height is no whole number of steps.
+  // Store heights near a pole as float32: a pole's height is not filtered, so it is not a whole number of steps.
   const BlockExtent extent = extent_of(cut.id);
-  const bool beside_pole = extent.lat0 == 0 || extent.lat1() == kLatTicks;
-  if (!beside_pole && (high - low) * per_m < format::kVoidSteps) {
+  const bool touches_pole = extent.lat0 == 0 || extent.lat1() == kLatTicks;
+  if (!touches_pole && (high - low) * per_m < format::kVoidSteps) {
     out.record.flags |= Chunk::Record::kSteps;
     out.record.lowest_m = low;
     std::vector<std::uint16_t> steps(heights.size());
@@ -99,7 +104,7 @@ Encoded encode(const OctaveGrid& grid, const BlockCut& cut, const Extremes& extr
   return out;
 }
 
-// The files that posts come from, ascending.
+// Returns the files that posts come from, ascending.
 std::vector<SourceIndex> sources_of(const OctaveGrid& grid) {
   std::set<SourceIndex> found;
   SourceMark before = kNoSource;
@@ -110,7 +115,7 @@ std::vector<SourceIndex> sources_of(const OctaveGrid& grid) {
   return {found.begin(), found.end()};
 }
 
-// Source numbers of the catalogue become the chunk's own, which survive a change of other files in the catalogue.
+// Replaces the catalogue's source numbers by the chunk's own, which survive a change of other files in the catalogue.
 void localise(SourceRows& rows, const std::vector<SourceIndex>& sources) {
   for (int r = 0; r < rows.rows(); ++r)
     for (SourceRun& run : rows.row(r)) {
@@ -141,10 +146,10 @@ std::vector<BlockId> Chunk::finer_blocks(const ChunkPlan& plan) {
 }
 
 Chunk::Built Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, const PostSource& source,
-                          const Finer& finer, const StopToken& stop, Scratch* kept) {
+                          const Finer& finer, const StopToken& stop, Scratch* shared_scratch) {
   LeftOut left_out;
   Scratch own;
-  Scratch& scratch = kept ? *kept : own;
+  Scratch& scratch = shared_scratch ? *shared_scratch : own;
   OctaveGrid base =
       plan.direct ? direct_base(plan, source, scratch, stop) : base_from_finer(plan, finer, left_out, scratch, stop);
   const std::vector<SourceIndex> used = sources_of(base);
@@ -160,7 +165,7 @@ Chunk::Built Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, con
     levels.push_back(coarser(plan.node, levels.empty() ? base : levels.back(), scratch, stop));
     if (levels.size() == 1) localise(levels.back().posts.sources, used);
   }
-  const Measured measured = measure(plan, base, levels, stop);
+  const BlockExtremes measured = measure_blocks(plan, base, levels, stop);
   std::vector<Encoded> encoded;
   if (plan.direct)
     for (const BlockId& id : blocks_of(plan.node, base.level)) encoded.push_back(bounds_of(id, measured.at(id)));
@@ -173,10 +178,11 @@ Chunk::Built Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, con
       encoded[first + i] = encode(grid, cut_of(grid, ids[i]), measured.at(ids[i]));
     });
   }
-  // The base of an indirect chunk is itself a band-limited surface: what it leaves out is added to the bounds.
+  // Widen the bounds of an indirect chunk by what its base leaves out: the base is itself a band-limited surface.
   for (Encoded& e : encoded) {
     e.record.error_m += left_out.error_m;
-    e.record.min_m -= left_out.below_m, e.record.max_m += left_out.above_m;
+    e.record.min_m -= left_out.below_m;
+    e.record.max_m += left_out.above_m;
   }
   Built built{format::assemble(plan, quantisation_m, sources,
                                [&](auto&& each) {
@@ -184,7 +190,7 @@ Chunk::Built Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, con
                                }),
               std::move(base.posts.replaced)};
   for (auto grid = levels.rbegin(); grid != levels.rend(); ++grid) scratch.give(std::move(grid->posts));
-  scratch.give(std::move(base.posts));  // the last: the next build's first
+  scratch.give(std::move(base.posts));  // give the base back last: the next build takes it first, for its own base
   return built;
 }
 

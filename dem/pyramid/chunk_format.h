@@ -1,5 +1,14 @@
-// The bytes of a chunk file: header, index of records, names of sources, records. Everything is little-endian and
-// covered by XXH3 checksums.
+// Bytes of a chunk file. All numbers are little-endian; XXH3 checksums cover all bytes.
+//
+//    0        64                 64 + 64 n                                                  total_bytes
+//    +--------+------------------+------------------+---------+---------+-------------------+
+//    | Header | Record 0 .. n-1  | names of sources | block 0 | block 1 | ...     block n-1 |
+//    +--------+------------------+------------------+---------+---------+-------------------+
+//    |<--------------- head_checksum -------------->|   Record: offset, size and checksum of its block
+//                                 paths, each + NUL
+//
+//    block: heights, (quads + 1 + 2 kHalo)^2, row by row from the south-west: uint16 steps above lowest_m (kSteps),
+//           or float32; then the sources of the (quads + 1)^2 posts as Runs. kEmpty and kFromSources: no bytes.
 #pragma once
 
 #include <algorithm>
@@ -21,13 +30,13 @@ namespace selenograph::dem::format {
 
 inline constexpr char kMagic[8] = {'S', 'G', 'P', 'Y', 'R', 'A', 'M', '2'};
 
-// Step of the heights of filtered levels: a power of two, so that they are exact as float. Up to level 12 the slope
-// between two posts is known to 0.0006 or better; 16 bits cover a slope of over 28 degrees across a block, or all lunar
-// heights. The step depends on the level only: adjacent blocks agree on their border.
+// Returns the step of the heights of filtered levels: a power of two, so that steps are exact as float. Up to level 12
+// the slope between two posts is known to 0.0006 or better; 16 bits cover a slope of over 28 degrees across a block, or
+// all lunar heights. The step depends on the level only: adjacent blocks agree on their border.
 inline double height_step_m(int level) { return std::clamp(std::ldexp(1.0, 4 - level), 1.0 / 256, 0.5); }
-inline constexpr std::uint16_t kVoidSteps = 65535;
+inline constexpr std::uint16_t kVoidSteps = 65535;  // stored for a post without data
 
-// Record of a block in the file.
+// Entry of a block in the file's index.
 struct Record {
   std::int32_t level = 0, row = 0, col = 0;
   std::uint32_t flags = 0;
@@ -37,6 +46,7 @@ struct Record {
   float lowest_m = 0;  // kSteps: lowest stored height
   std::uint32_t reserved = 0;
 
+  // Flags: heights are stored as steps; the block has no valid post; its heights are read from the source files.
   static constexpr std::uint32_t kSteps = 1, kEmpty = 4, kFromSources = 8;
 };
 
@@ -44,7 +54,7 @@ struct Header {
   char magic[8];
   std::uint64_t total_bytes;
   std::uint64_t fingerprint;
-  std::uint64_t head_checksum;  // over everything before the first record, itself taken as 0
+  std::uint64_t head_checksum;  // over all bytes before the first block, with this member as 0
   double quantisation_m;
   std::int32_t level, row, col, base_level;
   std::uint32_t records, names_bytes;
@@ -57,7 +67,7 @@ struct Run {
   std::uint32_t posts;
 };
 
-// `index`: the file's bytes between the header and the first record.
+// Returns the checksum of the header and `index`, the bytes between the header and the first block.
 inline std::uint64_t checksum_of_head(Header header, std::string_view index) {
   header.head_checksum = 0;
   StreamedHash hash;
@@ -71,7 +81,8 @@ void append(std::string& out, const std::vector<T>& values) {
   out.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
 }
 
-// `for_each` calls back with every (record, bytes); it is called twice and must use the same order.
+// Assembles a chunk file. `for_each(f)` must call f(record, bytes) for every block; it is called three times and must
+// keep the order. Sets each record's offset.
 template <typename ForEach>
 std::string assemble(const ChunkPlan& plan, double quantisation_m, const std::vector<const RasterInfo*>& sources,
                      ForEach&& for_each) {
@@ -81,7 +92,9 @@ std::string assemble(const ChunkPlan& plan, double quantisation_m, const std::ve
   std::memcpy(header.magic, kMagic, sizeof kMagic);
   header.fingerprint = plan.fingerprint;
   header.quantisation_m = quantisation_m;
-  header.level = plan.node.level, header.row = plan.node.row, header.col = plan.node.col,
+  header.level = plan.node.level;
+  header.row = plan.node.row;
+  header.col = plan.node.col;
   header.base_level = plan.base_level;
   header.names_bytes = static_cast<std::uint32_t>(names.size());
   for_each([&](Record&, std::string&) { ++header.records; });

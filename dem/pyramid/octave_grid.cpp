@@ -14,8 +14,9 @@ namespace selenograph::dem {
 
 namespace {
 
-// A height within a quad of a block, `t` and `u` of its sides east and north of its corner (r, c): on its triangles.
-float height_within(const Block& block, int r, int c, float t, float u) {
+// Returns the height on a block's triangles within the quad whose south-west corner is (r, c). `t` and `u`: fractions
+// of the quad's sides east and north of the corner.
+float height_in_quad(const Block& block, int r, int c, float t, float u) {
   const int quads = block.extent.quads, north = std::min(r + 1, quads), east = std::min(c + 1, quads);
   const auto at = [&](int row, int col) { return block.vertices[block.index(row, col)].height_m; };
   if (u == 0) return t == 0 ? at(r, c) : at(r, c) + t * (at(r, east) - at(r, c));
@@ -24,50 +25,55 @@ float height_within(const Block& block, int r, int c, float t, float u) {
   return at(north, east) + (1 - t) * (at(north, c) - at(north, east)) + (1 - u) * (at(r, east) - at(north, east));
 }
 
-// Copies a finer chunk's block into the grid. Its posts can be farther apart than the grid's, those of a coarser layer
-// or, near a pole, in longitude: heights between are those of its triangles.
+// Copies a finer chunk's block into the grid. If the block's posts are farther apart than the grid's (a coarser layer,
+// or longitudes near a pole), heights between them are those of its triangles.
 void paste(const Block& block, OctaveGrid& grid, std::vector<SourceMark>& marks) {
   const BlockExtent& e = block.extent;
   const PostWindow& w = grid.window;
-  const int along = std::max(e.lat_step / w.lat_step, 1), across = std::max(e.lon_step / w.lon_step, 1);  // never less
+  const int rows_per_post = std::max(e.lat_step / w.lat_step, 1),
+            columns_per_post = std::max(e.lon_step / w.lon_step, 1);  // grid posts per block post, at least 1
   const std::int64_t row0 = (e.lat0 - w.lat0) / w.lat_step;
   const std::int64_t first_row = std::max<std::int64_t>(0, row0),
-                     last_row = std::min<std::int64_t>(w.rows - 1, row0 + std::int64_t{e.quads} * along);
+                     last_row = std::min<std::int64_t>(w.rows - 1, row0 + std::int64_t{e.quads} * rows_per_post);
   const std::int64_t turn = std::llround(static_cast<double>(w.lon0 - e.lon0) / kLonTicks);
   for (const std::int64_t shift : {turn - 1, turn, turn + 1}) {
     const std::int64_t col0 = (e.lon0 + shift * kLonTicks - w.lon0) / w.lon_step;
     const std::int64_t first_col = std::max<std::int64_t>(0, col0),
-                       last_col = std::min<std::int64_t>(w.cols - 1, col0 + std::int64_t{e.quads} * across);
+                       last_col = std::min<std::int64_t>(w.cols - 1, col0 + std::int64_t{e.quads} * columns_per_post);
     for (std::int64_t row = first_row; row <= last_row; ++row) {
       const auto r = static_cast<int>(row - row0);
-      const float u = static_cast<float>(r % along) / static_cast<float>(along);
+      const float u = static_cast<float>(r % rows_per_post) / static_cast<float>(rows_per_post);
       for (std::int64_t col = first_col; col <= last_col; ++col) {
         const auto c = static_cast<int>(col - col0);
-        const float t = static_cast<float>(c % across) / static_cast<float>(across);
+        const float t = static_cast<float>(c % columns_per_post) / static_cast<float>(columns_per_post);
         const std::size_t at = grid.index(static_cast<int>(row), static_cast<int>(col));
-        grid.posts.heights[at] = height_within(block, r / along, c / across, t, u);
-        marks[at] = block.source(r / along, c / across);
+        grid.posts.heights[at] = height_in_quad(block, r / rows_per_post, c / columns_per_post, t, u);
+        marks[at] = block.source(r / rows_per_post, c / columns_per_post);
       }
     }
   }
 }
 
-// Weighted mean of the valid posts under the 3 x 3 binomial; a position that is void stays void.
-float filtered_beside_voids(const OctaveGrid& fine, int r, int c, bool along_row) {
+// Returns the weighted mean of the valid posts under the 3 x 3 binomial, or under its middle column. A void position
+// stays void.
+float filter_near_void(const OctaveGrid& fine, int r, int c, bool along_row) {
   if (std::isnan(fine.at(r, c))) return kNoHeight_m;
   float sum = 0, weight = 0;
   for (int y = -1; y <= 1; ++y)
     for (int x = along_row ? -1 : 0; x <= (along_row ? 1 : 0); ++x) {
       const float h = fine.at(r + y, c + x), w = (y ? 1.F : 2.F) * (x ? 1.F : 2.F);
-      if (!std::isnan(h)) sum += w * h, weight += w;
+      if (!std::isnan(h)) {
+        sum += w * h;
+        weight += w;
+      }
     }
   return sum / weight;
 }
 
-// One row of the next coarser level. `buffer` is kept from row to row.
+// Filters one row of the next coarser level from row `fr` of the finer one. `buffer` is reused from row to row.
 void filter_row(const OctaveGrid& fine, int fr, int step_c, bool pole, const OctaveGrid& grid,
                 std::vector<float>& buffer, float* out) {
-  constexpr int kPad = 4;  // what the kernel reaches beyond the finer grid, whose border is repeated
+  constexpr int kPad = 4;  // columns that the kernel reaches outside the finer grid, whose outermost column is repeated
   const int cols = fine.window.cols, n = grid.window.cols;
   buffer.resize(static_cast<std::size_t>(cols) + 2 * kPad);
   float* column = buffer.data() + kPad;
@@ -79,7 +85,7 @@ void filter_row(const OctaveGrid& fine, int fr, int step_c, bool pole, const Oct
   std::fill_n(column + cols, kPad, column[cols - 1]);
   const float* at = column + fine.halo - step_c * grid.halo;
   const auto step = static_cast<float>(format::height_step_m(grid.level));
-  if (pole) {  // one point: kept, so that every block around it agrees
+  if (pole) {  // a pole is one point: keep its height unfiltered, so that all blocks around it agree
     for (int c = 0; c < n; ++c) out[c] = at[static_cast<std::ptrdiff_t>(step_c) * c];
     return;
   }
@@ -89,18 +95,19 @@ void filter_row(const OctaveGrid& fine, int fr, int step_c, bool pole, const Oct
     halve_row(at, n, step, out);
   for (int c = 0; c < n; ++c) {
     if (!std::isnan(out[c])) continue;
-    const float h = filtered_beside_voids(fine, fr, fine.halo + step_c * (c - grid.halo), step_c == 2);
+    const float h = filter_near_void(fine, fr, fine.halo + step_c * (c - grid.halo), step_c == 2);
     quantise_row(&h, 1, 1, step, out + c);
   }
 }
 
-// Of each column the source of the finer level's there; past its border, of the outermost one.
+// Copies the sources of the finer level's columns to the coarser row. Columns outside the finer grid get the source of
+// its outermost one.
 void coarser_sources(const OctaveGrid& fine, int fine_row, int step_c, OctaveGrid& grid, int row) {
   grid.posts.sources.clear(row);
   for (const SourceRun& run : fine.posts.sources.row(fine_row)) {
-    // The first column that looks beyond the run.
-    const int beyond = run.past_last - fine.halo,
-              column = grid.halo + (beyond >= 0 ? (beyond + step_c - 1) / step_c : -(-beyond / step_c));
+    // Round up to the first coarser column whose finer column lies after the run.
+    const int past = run.past_last - fine.halo,
+              column = grid.halo + (past >= 0 ? (past + step_c - 1) / step_c : -(-past / step_c));
     const bool last = run.past_last == fine.window.cols;
     grid.posts.sources.append(row, run.mark, last ? grid.window.cols : std::clamp(column, 0, grid.window.cols));
   }
@@ -126,8 +133,12 @@ void LeftOut::add(const Block& block) {
   error_m = std::max(error_m, block.error_m);
   float low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
   for (const Vertex& v : block.vertices)
-    if (!std::isnan(v.height_m)) low = std::min(low, v.height_m), high = std::max(high, v.height_m);
-  below_m = std::max(below_m, low - block.min_m), above_m = std::max(above_m, block.max_m - high);
+    if (!std::isnan(v.height_m)) {
+      low = std::min(low, v.height_m);
+      high = std::max(high, v.height_m);
+    }
+  below_m = std::max(below_m, low - block.min_m);
+  above_m = std::max(above_m, block.max_m - high);
 }
 
 OctaveGrid direct_base(const ChunkPlan& plan, const PostSource& source, Chunk::Scratch& scratch,
@@ -145,7 +156,8 @@ OctaveGrid base_from_finer(const ChunkPlan& plan, const Chunk::Finer& finer, Lef
   grid.posts.heights.assign(grid.window.size(), kNoHeight_m);
   std::vector<SourceMark> marks(grid.window.size(), kNoSource);
   grid.posts.replaced = finer.replaced;
-  std::unordered_set<const Block*> pasted;  // posts that are farther apart stand in several places
+  std::unordered_set<const Block*>
+      pasted;  // blocks already copied: a block of widely spaced posts stands under several ids
   for (const BlockId& id : Chunk::finer_blocks(plan)) {
     stop.check();
     const auto& block = finer.blocks.at(id);
@@ -161,7 +173,7 @@ OctaveGrid base_from_finer(const ChunkPlan& plan, const Chunk::Finer& finer, Lef
 OctaveGrid coarser(const BlockId& node, const OctaveGrid& fine, Chunk::Scratch& scratch, const StopToken& stop) {
   OctaveGrid grid{fine.level - 1, std::max(kHalo, (fine.halo - 1) / 2), {}, scratch.take()};
   grid.window = window_of(node, grid.level, grid.halo);
-  const int step_c = grid.window.lon_step / fine.window.lon_step;  // 1 where the longitude step is at its cap
+  const int step_c = grid.window.lon_step / fine.window.lon_step;  // 1 if the longitude step is at its cap, else 2
   grid.posts.heights.resize(grid.window.size());
   grid.posts.sources.reset(grid.window.rows, grid.window.cols);
   constexpr std::size_t kRowsAtOnce = 16;

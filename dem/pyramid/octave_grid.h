@@ -1,4 +1,4 @@
-// The posts of a chunk, level by level: the finest, and each coarser one filtered from it.
+// Posts of a chunk, level by level: the finest, and each coarser one filtered from it.
 #pragma once
 
 #include <algorithm>
@@ -13,11 +13,13 @@ namespace selenograph::dem {
 // Posts of one level over the chunk and a halo around it.
 struct OctaveGrid {
   int level = 0;
-  int halo = 0;  // posts beyond the chunk on each side
+  int halo = 0;  // posts around the chunk on each side
   PostWindow window;
   PostGridRows posts;
+  // Returns the height at a row and column; outside the window, that of its outermost post.
   float at(int r, int c) const {
-    r = std::clamp(r, 0, window.rows - 1), c = std::clamp(c, 0, window.cols - 1);
+    r = std::clamp(r, 0, window.rows - 1);
+    c = std::clamp(c, 0, window.cols - 1);
     return posts.heights[index(r, c)];
   }
   std::size_t index(int r, int c) const {
@@ -26,9 +28,9 @@ struct OctaveGrid {
   const float* row(int r) const { return posts.heights.data() + index(std::clamp(r, 0, window.rows - 1), 0); }
 };
 
-// Lattice posts of a node at a level, with `halo` more on each side.
+// Returns the lattice posts of a node at a level, with `halo` more on each side.
 PostWindow window_of(const BlockId& node, int level, int halo);
-// Halo of a chunk's finest level: each octave uses one post, and kHalo remain at the coarsest.
+// Returns the halo of a chunk's finest level: each octave uses one post, and kHalo remain at the coarsest.
 int base_halo(const ChunkPlan& plan);
 
 // Deviation of the finer chunks' top blocks from the finest surface: largest distance, and how far the surface extends
@@ -46,14 +48,14 @@ OctaveGrid base_from_finer(const ChunkPlan& plan, const Chunk::Finer& finer, Lef
 // Makes the next coarser level: a 3 x 3 binomial filter, rounded to the level's step.
 OctaveGrid coarser(const BlockId& node, const OctaveGrid& fine, Chunk::Scratch& scratch, const StopToken& stop);
 
-// A block's posts as a part of its level's grid.
+// Position of a block's posts in its level's grid.
 struct BlockCut {
   BlockId id;
   int r0, c0, stride_c;  // grid position of the south-west vertex; grid columns per block column
 };
 
 BlockCut cut_of(const OctaveGrid& grid, const BlockId& id);
-// Blocks of a node at a level.
+// Returns the blocks of a node at a level.
 std::vector<BlockId> blocks_of(const BlockId& node, int level);
 
 }  // namespace selenograph::dem

@@ -12,14 +12,14 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
-// Outline irregularity lets r / (R outline) stay below the profile's reach a little farther out.
+// Factor on the profile's reach: where the irregular outline is wider than the circle, the profile reaches farther out.
 constexpr double kOutlineMargin = 1.15;
 constexpr double kSimpleReach = 3.0, kComplexReach = 5.0;
-// A crest is never sharper than this diffusion age: slumping rounds it at once.
+// Smallest diffusion age: slumping rounds a crest at once.
 constexpr double kFreshDegradation = 4e-4;
-// Simple to complex: where Pike's two depth laws meet.
+// Diameter from which craters are complex: the intersection of Pike's two depth laws.
 constexpr double kComplexFrom_km = 10.6;
-// Larger ones get lobate ejecta and rugged walls; on smaller ones it would be below a few posts.
+// Diameter from which craters get lobate ejecta and rugged walls. On smaller craters these would be below a few posts.
 constexpr double kTexturedFrom_m = 3000;
 
 double to_km(double m) { return m * 1e-3; }
@@ -34,7 +34,10 @@ int SplitMix::poisson(double mean) {
   const double limit = std::exp(-mean);
   double product = uniform();
   int count = 0;
-  while (product > limit) product *= uniform(), ++count;
+  while (product > limit) {
+    product *= uniform();
+    ++count;
+  }
   return count;
 }
 
@@ -53,7 +56,8 @@ double gradient_noise(double x, double y, double z, std::uint64_t seed) {
 
 // ---- dimensions -----------------------------------------------------------------------------------------------------
 
-// Pike 1977, "Size-dependence in the shape of fresh impact craters on the Moon" (kilometres).
+// Power laws of simple and complex craters (kilometres): Pike 1977, "Size-dependence in the shape of fresh impact
+// craters on the Moon".
 double crater_depth_m(double diameter_m) {
   const double d = to_km(diameter_m);
   return 1e3 * std::min(0.196 * std::pow(d, 1.010), 1.044 * std::pow(d, 0.301));
@@ -64,7 +68,7 @@ double crater_rim_height_m(double diameter_m) {
   return 1e3 * std::min(0.036 * std::pow(d, 1.014), 0.236 * std::pow(d, 0.399));
 }
 
-// Hale & Grieve 1982, "Volumetric analysis of complex lunar craters": h = 0.0006 D^1.97, from about 20 km.
+// Uses h = 0.0006 D^1.97 from about 20 km: Hale & Grieve 1982, "Volumetric analysis of complex lunar craters".
 double central_peak_height_m(double diameter_m) {
   return diameter_m < 20000 ? 0 : 1e3 * 0.0006 * std::pow(to_km(diameter_m), 1.97);
 }
@@ -73,8 +77,9 @@ double central_peak_height_m(double diameter_m) {
 
 namespace {
 
-// Production is D^-2 for large craters and steepens to D^-3 below (Melosh 1989, ch. 10); where it would exceed the
-// equilibrium density, new craters erase as many as they add: 8 % of geometric saturation, 1.54 D^-2 (Gault 1970).
+// Crater production is D^-2 for large craters and steepens to D^-3 below kSteepBelow_km (Melosh 1989, ch. 10). Where it
+// would exceed the equilibrium density, new craters erase as many as they add: 8 % of geometric saturation, 1.54 D^-2
+// (Gault 1970).
 constexpr double kSteepBelow_km = 1.5;
 constexpr double kEquilibrium = 0.12;
 constexpr double kHighlandProduction = 0.12, kMareProduction = 0.006;
@@ -83,29 +88,31 @@ double density(double production, double d) {
   return std::min(production * std::max(1.0, kSteepBelow_km / d), kEquilibrium) / (d * d);
 }
 
-// kappa t / R^2 of a crater as old as the maria. Fassett & Thomson 2014 find kappa t near 17 000 m2 after 3.5 Gyr at 1
-// km; larger craters are worn by larger impacts, hence kappa grows with size (Xie et al. 2017, "anomalous diffusion").
+// Returns kappa t / R^2 of a crater as old as the maria. Fassett & Thomson 2014 find kappa t near 17 000 m2 after 3.5
+// Gyr at 1 km. Larger craters are worn by larger impacts, hence kappa grows with size (Xie et al. 2017, "anomalous
+// diffusion").
 double degradation_since_maria(double diameter_km) {
   const double kappa_t_m2 = 17000 * std::pow(diameter_km, 0.9);
   const double radius_m = 500 * diameter_km;
   return kappa_t_m2 / (radius_m * radius_m);
 }
 
+// Sets a crater's age and degradation from a uniform random number `u`.
 void draw_age(Crater& crater, bool before_maria, double u) {
   const double since_maria = degradation_since_maria(to_km(crater.diameter_m));
   if (!before_maria) {
-    // In equilibrium a crater that would be older has been erased already.
+    // Limit the age: in equilibrium an older crater has been erased already.
     crater.age = u * std::min(1.0, kErasedDegradation / since_maria);
     crater.degradation = crater.age * since_maria;
     return;
   }
-  // The early bombardment wore down the oldest far more than the billions of years since.
+  // Degrade the oldest far more: the early bombardment wore them down more than the billions of years since.
   const double oldest = std::min(kErasedDegradation, 20 * since_maria + 0.03);
   crater.age = 1 + u;
   crater.degradation = std::lerp(std::min(since_maria, oldest), oldest, u);
 }
 
-// Equal-height latitude bands cut into about square cells.
+// Grid of latitude bands of equal height, each divided into nearly square cells.
 struct CellGrid {
   int bands;
   double height_deg;
@@ -137,6 +144,8 @@ using Density = double (*)(double);
 
 double density_before_maria(double d_km) { return highland_density_per_km2(d_km) - mare_density_per_km2(d_km); }
 
+// Draws the craters of one octave in one cell: a Poisson number, with uniform positions. Draws those that are too
+// small, too, so that the random sequence does not depend on `min_diameter_m`.
 void draw_cell(const OctaveOfSizes& sizes, const Cell& cell, bool before_maria, std::uint64_t seed,
                double min_diameter_m, std::vector<Crater>& craters) {
   const Density density_of = before_maria ? density_before_maria : mare_density_per_km2;
@@ -144,7 +153,7 @@ void draw_cell(const OctaveOfSizes& sizes, const Cell& cell, bool before_maria, 
   if (low <= high) return;
   SplitMix random(seed);
   const int count = random.poisson((low - high) * cell.area_km2());
-  // Within the octave the distribution is a power law through both ends.
+  // Interpolate the distribution within the octave by a power law through both ends.
   const double slope = high > 0 ? std::log2(low / high) : 2.0;
   for (int i = 0; i < count; ++i) {
     Crater c;
@@ -162,13 +171,14 @@ void draw_cell(const OctaveOfSizes& sizes, const Cell& cell, bool before_maria, 
   }
 }
 
-// Half-width in longitude of a cap around a point at this latitude; 180 when it holds the pole.
+// Returns the half-width in longitude of a cap around a point at this latitude; 180 when it contains the pole.
 double cap_half_width_deg(double lat_deg, double radius_deg) {
   if (std::abs(lat_deg) + radius_deg >= 90) return 180;
   return std::asin(std::sin(radius_deg * kRadiansPerDegree) / std::cos(lat_deg * kRadiansPerDegree)) /
          kRadiansPerDegree;
 }
 
+// Returns true if a crater's ejecta may reach into the box.
 bool reaches(const Crater& crater, const GeographicBox& box) {
   const double reach_deg =
       crater_reach_radii(crater.diameter_m) * crater.diameter_m / 2 / kMoonRadius_m / kRadiansPerDegree;
@@ -178,6 +188,7 @@ bool reaches(const Crater& crater, const GeographicBox& box) {
   return away <= half + cap_half_width_deg(crater.lat_deg, reach_deg);
 }
 
+// Draws the craters of one octave in all cells from which they may reach into the box.
 void draw_octave(int octave, const GeographicBox& box, std::uint64_t seed, double min_diameter_m,
                  std::vector<Crater>& craters) {
   const OctaveOfSizes sizes(octave);
@@ -197,10 +208,10 @@ void draw_octave(int octave, const GeographicBox& box, std::uint64_t seed, doubl
       const int column = ((i % columns) + columns) % columns;
       const double south = grid.south_deg(band);
       const Cell cell{south, south + grid.height_deg, column * width, (column + 1) * width};
-      const auto place = mix(mix(mix(seed, static_cast<std::uint64_t>(octave)), static_cast<std::uint64_t>(band)),
-                             static_cast<std::uint64_t>(column));
+      const auto cell_seed = mix(mix(mix(seed, static_cast<std::uint64_t>(octave)), static_cast<std::uint64_t>(band)),
+                                 static_cast<std::uint64_t>(column));
       for (const bool before_maria : {true, false}) {
-        draw_cell(sizes, cell, before_maria, mix(place, before_maria), min_diameter_m, craters);
+        draw_cell(sizes, cell, before_maria, mix(cell_seed, before_maria), min_diameter_m, craters);
       }
     }
   }
@@ -232,33 +243,35 @@ namespace {
 
 constexpr int kCells = 1024;
 
-// Ejecta thin out as (r/R)^-3 (McGetchin et al. 1973), brought to zero at the profile's reach.
+// Returns the height of ejecta, which thin out as (r/R)^-3 (McGetchin et al. 1973), brought to zero at the profile's
+// reach.
 double ejecta(double x, double rim, double reach) {
   return rim / (x * x * x) * (1 - smoothstep(0.55 * reach, reach, x));
 }
 
-// A hyperbola: rounded floor and straight walls of at most 31 degrees, the angle of repose (a paraboloid of the same
-// depth would have 39 degrees below its rim).
+// Returns the height of a simple bowl: a hyperbola with a rounded floor and straight walls of at most 31 degrees, the
+// angle of repose. A paraboloid of the same depth would have 39 degrees below its rim.
 double simple_bowl(double x, double depth, double rim) {
   constexpr double kWallSlope = 0.60;
   const double a = (kWallSlope * kWallSlope - depth * depth) / (2 * depth);
   return rim - depth + std::hypot(a, kWallSlope * x) - a;
 }
 
-// Flat floor of diameter 0.187 D^1.249 km (Pike 1977), then a wall stepped by terraces, steepest below the rim.
+// Returns the height of a complex bowl: a flat floor of diameter 0.187 D^1.249 km (Pike 1977), then a wall stepped by
+// terraces, steepest below the rim.
 double complex_bowl(double x, double depth, double rim, double diameter_km) {
   const double floor_edge = std::clamp(0.187 * std::pow(diameter_km, 0.249), 0.25, 0.7);
   const double t = (x - floor_edge) / (1 - floor_edge);
   if (t <= 0) return rim - depth - 0.01 * depth * (1 - x * x / (floor_edge * floor_edge));
-  // The wall of the smallest complex craters is near the angle of repose already: no room for terraces.
-  const double room = smoothstep(11, 28, diameter_km);
+  // Fade out the terraces of the smallest complex craters, whose walls are near the angle of repose already.
+  const double terracing = smoothstep(11, 28, diameter_km);
   constexpr double kTerraces = 3;
-  const double stepped = t - 0.55 * room / (2 * kPi * kTerraces) * std::sin(2 * kPi * kTerraces * t);
-  return rim - depth + depth * std::lerp(stepped, stepped * stepped, 0.25 * room);
+  const double stepped = t - 0.55 * terracing / (2 * kPi * kTerraces) * std::sin(2 * kPi * kTerraces * t);
+  return rim - depth + depth * std::lerp(stepped, stepped * stepped, 0.25 * terracing);
 }
 
-// Implicit axisymmetric diffusion dh/dt = 1/x d/dx (x dh/dx) by the given kappa t / R^2 (Fassett & Thomson
-// 2014).
+// Diffuses a profile by the given kappa t / R^2: implicit axisymmetric steps of dh/dt = 1/x d/dx (x dh/dx) (Fassett &
+// Thomson 2014), each a tridiagonal system solved by the Thomas algorithm.
 void diffuse(std::vector<double>& h, double dx, double amount) {
   const int n = static_cast<int>(h.size()) - 1;
   std::vector<double> upper(h.size());
@@ -266,7 +279,7 @@ void diffuse(std::vector<double>& h, double dx, double amount) {
   while (done < amount) {
     const double dt = std::min(amount - done, std::max(2e-5, 0.25 * done));
     const double k = dt / (dx * dx);
-    // At the centre the Laplacian is 2 d2h/dx2; the far end stays at zero.
+    // Use the Laplacian 2 d2h/dx2 at the centre; the far end stays at zero.
     upper[0] = -4 * k / (1 + 4 * k);
     h[0] /= 1 + 4 * k;
     for (int i = 1; i < n; ++i) {
@@ -297,22 +310,23 @@ double RadialProfile::height(double distance) const {
 }
 
 std::shared_ptr<const RadialProfile> RadialProfile::simple(double degradation) {
-  // Eight states per doubling are finer than the eye; craters between two take the nearer.
+  // Number of precomputed states of degradation. Eight states per doubling are finer than the eye can see; craters
+  // between two states use the nearer.
   constexpr int kStates = 81, kPerDoubling = 8;
   static const auto states = [] {
     std::vector<double> fresh(kCells + 1);
-    // Similar craters: the depth of a 1 km one, 0.196 D = 0.392 R.
+    // Use the depth of a 1 km crater, 0.196 D = 0.392 R: simple craters are similar.
     const double depth = 2e-3 * crater_depth_m(1000), rim = 2e-3 * crater_rim_height_m(1000);
     for (int i = 0; i <= kCells; ++i) {
       const double x = i * kSimpleReach / kCells;
       fresh[static_cast<std::size_t>(i)] = x < 1 ? simple_bowl(x, depth, rim) : ejecta(x, rim, kSimpleReach);
     }
-    std::array<std::shared_ptr<const RadialProfile>, kStates> all;
+    std::array<std::shared_ptr<const RadialProfile>, kStates> profiles;
     for (int s = 0; s < kStates; ++s) {
       const double state = kFreshDegradation * std::exp2(static_cast<double>(s) / kPerDoubling);
-      all[static_cast<std::size_t>(s)].reset(new RadialProfile(fresh, kSimpleReach, state));
+      profiles[static_cast<std::size_t>(s)].reset(new RadialProfile(fresh, kSimpleReach, state));
     }
-    return all;
+    return profiles;
   }();
   const double doublings = std::log2(std::max(degradation, kFreshDegradation) / kFreshDegradation);
   const long nearest = std::lround(doublings * kPerDoubling);
@@ -323,8 +337,8 @@ std::shared_ptr<const RadialProfile> RadialProfile::complex(double diameter_m, d
   std::vector<double> fresh(kCells + 1);
   const double depth = 2 * crater_depth_m(diameter_m) / diameter_m;
   const double rim = 2 * crater_rim_height_m(diameter_m) / diameter_m;
-  // Large craters lose their depth to infill by later ejecta, which leaves a wide flat floor, and their rim height to
-  // impacts on the crest, more than they diffuse.
+  // Fill the floor and lower the rim: large craters lose depth to later ejecta, which leave a wide flat floor, and rim
+  // height to impacts on the crest, more than by diffusion.
   const double worn = smoothstep(0, 0.08, degradation);
   const double floor = rim - depth * (1 - 0.6 * worn), rim_left = 1 - 0.5 * worn;
   for (int i = 0; i <= kCells; ++i) {
@@ -342,7 +356,7 @@ CraterShape::CraterShape(const Crater& crater)
     : diameter_m_(crater.diameter_m),
       radius_m_(crater.diameter_m / 2),
       reach_m_(crater_reach_radii(crater.diameter_m) * radius_m_),
-      // Small relief fades faster than the bowl itself.
+      // small relief fades faster than the bowl
       peak_share_(std::exp(-crater.degradation / 0.04)),
       texture_m_(crater_rim_height_m(crater.diameter_m) * std::exp(-crater.degradation / 0.008)),
       noise_seed_(mix(crater.id, 3)),
@@ -350,14 +364,14 @@ CraterShape::CraterShape(const Crater& crater)
       textured_(crater.diameter_m >= kTexturedFrom_m && crater.degradation < 0.04),
       profile_(complex_ ? RadialProfile::complex(crater.diameter_m, crater.degradation)
                         : RadialProfile::simple(crater.degradation)) {
-  draw_outline(crater.id, crater.diameter_m >= kTexturedFrom_m ? kMostHarmonics : 3);
+  draw_outline(crater.id, crater.diameter_m >= kTexturedFrom_m ? kMaxHarmonics : 3);
   draw_peaks(crater);
 }
 
 void CraterShape::draw_outline(std::uint64_t id, int harmonics) {
   SplitMix random(mix(id, 1));
   harmonics_ = harmonics;
-  // From the second harmonic (an ellipse); the first would only move the centre.
+  // Start at the second harmonic (an ellipse): the first would only move the centre.
   for (int k = 2; k <= harmonics; ++k) {
     const double amplitude = 0.06 * std::pow(k, -1.2) * random.uniform(0.3, 1.0), phase = random.uniform(0, 2 * kPi);
     cosine_[k] = amplitude * std::cos(phase);
@@ -365,14 +379,14 @@ void CraterShape::draw_outline(std::uint64_t id, int harmonics) {
   }
 }
 
-// A huddle of unequal summits rather than one cone.
+// Draws the central peak as a cluster of unequal summits.
 void CraterShape::draw_peaks(const Crater& crater) {
   const double height = central_peak_height_m(crater.diameter_m) * peak_share_;
   if (height <= 0) return;
   SplitMix random(mix(crater.id, 2));
   peaks_.push_back({0, 0, height, 0.075 * diameter_m_});
-  const int others = 2 + static_cast<int>(random.uniform(0, 4));
-  for (int i = 0; i < others; ++i) {
+  const int minor_peaks = 2 + static_cast<int>(random.uniform(0, 4));
+  for (int i = 0; i < minor_peaks; ++i) {
     const double angle = random.uniform(0, 2 * kPi), away = random.uniform(0.03, 0.085) * diameter_m_;
     const double share = random.uniform(0.25, 0.75);
     peaks_.push_back(
@@ -380,7 +394,8 @@ void CraterShape::draw_peaks(const Crater& crater) {
   }
 }
 
-// The finer scallops belong to the crest: carried down the wall and out into the ejecta they would be spokes.
+// Returns the factor of the outline's radius in a direction. Fine scallops are limited to the crest: down the wall and
+// out into the ejecta they would look like spokes.
 double CraterShape::outline(double x, double cosine, double sine) const {
   constexpr int kOvalHarmonics = 4;
   const bool at_crest = x > 0.6 && x < 1.7;
@@ -395,7 +410,8 @@ double CraterShape::outline(double x, double cosine, double sine) const {
   return 1 + oval + scallops;
 }
 
-// Summits merge almost as the highest of them: their sum would be one smooth dome, their maximum has creases.
+// Returns the height of the central peaks. Summits merge by a power mean near their maximum: their sum would be one
+// smooth dome, and their maximum has creases.
 double CraterShape::peaks_m(double east_m, double north_m) const {
   double fourth_powers = 0;
   for (const Peak& p : peaks_) {
@@ -411,8 +427,8 @@ double CraterShape::peaks_m(double east_m, double north_m) const {
   return std::pow(fourth_powers, 0.25) * (1 + 0.35 * rough);
 }
 
-// Hummocky ejecta that become lobate outwards, slumps on the wall, a rumpled floor. Noise in the plane with a little of
-// noise by azimuth: azimuth alone would draw a daisy.
+// Returns the height of texture: hummocky ejecta that become lobate outwards, slumps on the wall, a rumpled floor.
+// Noise in the plane is mixed with a little noise by azimuth; azimuth alone would draw a daisy.
 double CraterShape::texture_m(double x, double cosine, double sine) const {
   const double outside = smoothstep(0.9, 1.2, x) * (1 - smoothstep(1.9, 2.9, x)) / std::max(1.0, x * x);
   const double wall = smoothstep(0.3, 0.55, x) * (1 - smoothstep(0.9, 1.1, x));
@@ -437,7 +453,7 @@ CraterShape::Trace CraterShape::trace(double east_m, double north_m) const {
   double x = r / radius_m_;
   x /= outline(x, cosine, sine);
   if (x >= profile_->reach()) return {};
-  // Terraces and wall foot wander: the same radius means another step of the wall elsewhere.
+  // Displace terraces and the foot of the wall by noise, so that they do not follow circles.
   if (complex_ && x > 0.2 && x < 1.0) {
     const double u = east_m / radius_m_, v = north_m / radius_m_;
     const double wander = gradient_noise(3.5 * u, 3.5 * v, 0.7, noise_seed_ + 5) +

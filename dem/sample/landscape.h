@@ -1,4 +1,4 @@
-// The landscape before craters: highlands, and maria that flood them.
+// Landscape before craters: highlands, and maria that flood them.
 #pragma once
 
 #include <algorithm>
@@ -9,7 +9,7 @@
 
 namespace selenograph::dem::sample {
 
-// Height at one post, split by the size of the relief: layer 0 is never erased, layer o + 1 has relief of the size of
+// Height at one post, split by the size of the relief. Layer 0 is never erased; layer o + 1 has relief of the size of
 // craters of octave o. A new crater erases older relief of up to twice its own size, and is added to larger relief.
 // Superposition is therefore local to each post: no crater needs heights elsewhere, so tiles cannot disagree.
 struct Layers {
@@ -23,13 +23,14 @@ struct Layers {
 
 inline int layer_of_octave(int octave) { return std::min(octave + 1, 15); }
 
+// Pure function of position and seed.
 class Landscape {
  public:
   explicit Landscape(std::uint64_t seed) : seed_(mix(seed, 77)) {}
 
-  // Lays highlands, with basins from the lowest frequencies of a noise.
+  // Adds highlands, with basins from the lowest frequencies of a noise. `p_m`: position on the sphere, m.
   void lay_highlands(const Vec3& p_m, Layers& layers) const;
-  // Fills the basins with lava up to its level, which buries everything below, including small relief.
+  // Fills the basins with lava up to its level, which buries all relief below, including small relief.
   void flood_maria(const Vec3& p_m, Layers& layers) const;
 
  private:

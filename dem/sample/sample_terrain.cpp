@@ -15,8 +15,8 @@ namespace {
 
 using namespace sample;
 
-// Stereo matching fails on steep and shadowed ground, so of several places drawn the steepest becomes a void.
-std::pair<int, int> steepest_of_some(const std::vector<std::int16_t>& posts, int size, SplitMix& random) {
+// Returns the steepest of 24 random posts, where a void will be: stereo matching fails on steep and shadowed ground.
+std::pair<int, int> draw_steep_post(const std::vector<std::int16_t>& posts, int size, SplitMix& random) {
   std::pair<int, int> best{0, 0};
   int steepest = -1;
   const auto at = [&](int r, int c) { return posts[static_cast<std::size_t>(r * size + c)]; };
@@ -25,23 +25,27 @@ std::pair<int, int> steepest_of_some(const std::vector<std::int16_t>& posts, int
               column = static_cast<int>(random.uniform(1, size - 1));
     const int rise =
         std::abs(at(row + 1, column) - at(row - 1, column)) + std::abs(at(row, column + 1) - at(row, column - 1));
-    if (rise > steepest) steepest = rise, best = {row, column};
+    if (rise > steepest) {
+      steepest = rise;
+      best = {row, column};
+    }
   }
   return best;
 }
 
-// Four voids of a few posts and one of a few dozen.
+// Sets four voids of a few posts and one of a few dozen, as ellipses.
 void punch_voids(const Tile& tile, std::uint64_t seed, std::vector<std::int16_t>& posts) {
   const int size = tile.posts_per_degree;
   SplitMix random(
       mix(seed, mix(static_cast<std::uint64_t>(tile.south_deg + 90), static_cast<std::uint64_t>(tile.west_deg))));
   for (int i = 0; i < 5; ++i) {
     const bool large = i == 0 && size >= 64;
-    const double across = large ? 3.6 : random.uniform(0.8, 1.6), along = large ? 3.0 : random.uniform(0.8, 1.2);
-    const auto [row, column] = steepest_of_some(posts, size, random);
+    const double half_width = large ? 3.6 : random.uniform(0.8, 1.6),
+                 half_height = large ? 3.0 : random.uniform(0.8, 1.2);
+    const auto [row, column] = draw_steep_post(posts, size, random);
     for (int r = std::max(row - 4, 0); r <= std::min(row + 4, size - 1); ++r) {
       for (int c = std::max(column - 4, 0); c <= std::min(column + 4, size - 1); ++c) {
-        const double y = (r - row) / along, x = (c - column) / across;
+        const double y = (r - row) / half_height, x = (c - column) / half_width;
         if (x * x + y * y <= 1) posts[static_cast<std::size_t>(r * size + c)] = kDummy;
       }
     }
@@ -80,7 +84,10 @@ std::vector<Tile> tiles_of(const SampleOptions& o) {
   for (int row = o.rows - 1; row >= 0; --row) {
     for (int column = 0; column < o.columns; ++column) add(o.south_deg + row, o.west_deg + column);
   }
-  if (o.date_line) add(o.south_deg, 179), add(o.south_deg, 180);
+  if (o.date_line) {
+    add(o.south_deg, 179);
+    add(o.south_deg, 180);
+  }
   return tiles;
 }
 
@@ -104,7 +111,7 @@ std::vector<std::string> write_sample_terrain(const std::string& folder, const S
       if (progress) progress(done / static_cast<double>(tiles.size()));
     }
     punch_voids(tile, options.seed, posts);
-    // The label last: a catalogue opens labels, and must then find the image.
+    // Write the label last: a catalogue opens labels, and must then find the image.
     const std::filesystem::path base = std::filesystem::path(folder) / name_of(tile);
     write_whole_file(base.string() + ".img", big_endian_bytes(posts));
     write_whole_file(base.string() + ".lbl", label_of(tile, posts));

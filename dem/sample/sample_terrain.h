@@ -8,8 +8,8 @@
 
 namespace selenograph::dem {
 
-// The default place was chosen by eye: a crater of 38 km with a central peak, cratered highlands around it and the
-// shore of a mare in the south-west.
+// Options of the sample. The default area was chosen by eye: a crater of 38 km with a central peak, cratered highlands
+// around it and the shore of a mare in the south-west.
 struct SampleOptions {
   std::uint64_t seed = 2;
   // South-west corner and size of the mosaic in whole 1-degree tiles (SLDEM2013 naming, DTM_MAP_01_N01E000N00E001SC).

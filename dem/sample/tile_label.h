@@ -1,4 +1,4 @@
-// The PDS3 label of a sample tile.
+// PDS3 label of a sample tile.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace selenograph::dem::sample {
 
-inline constexpr std::int16_t kDummy = -9999;
+inline constexpr std::int16_t kDummy = -9999;  // sample of a post without data
 
 std::string name_of(const Tile& tile);
 std::string label_of(const Tile& tile, const std::vector<std::int16_t>& posts);

@@ -9,18 +9,19 @@ namespace selenograph::dem::sample {
 
 namespace {
 
-constexpr int kBlock = 64;  // posts; one block's layers fit into a core's second-level cache
+constexpr int kBlock = 64;  // posts along a side; one block's layers fit into a core's second-level cache
 
 }  // namespace
 
 TileTerrain::TileTerrain(const Tile& tile, std::uint64_t seed)
     : tile_(tile), landscape_(seed), size_(tile.posts_per_degree), blocks_((size_ + kBlock - 1) / kBlock) {
-  // Sines are exact at multiples of 90 degrees, so that the first row of a polar tile is one point.
+  // Compute sines from degrees: they are exact at multiples of 90 degrees, so that the first row of a polar tile is one
+  // point.
   for (int i = 0; i < size_; ++i) {
     rows_.push_back(sine_cosine_of_deg(tile.top_deg() - i * tile.step_deg()));
     columns_.push_back(sine_cosine_of_deg(tile.west_deg + i * tile.step_deg()));
   }
-  // Below three posts a crater is not a shape any more.
+  // Omit craters of less than three posts, which have no visible shape.
   const double smallest_m = 3 * tile.step_deg() * kRadiansPerDegree * kMoonRadius_m;
   const double west = tile.west_deg, south = tile.south_deg;
   craters_ = craters_reaching({south, south + 1, west, west + 1}, seed, smallest_m);
@@ -29,6 +30,7 @@ TileTerrain::TileTerrain(const Tile& tile, std::uint64_t seed)
   bin_craters();
 }
 
+// Returns the posts of the tile that a crater may reach.
 TileTerrain::Window TileTerrain::window_of(const Crater& crater, double reach_m) const {
   const double reach_deg = reach_m / kMoonRadius_m / kRadiansPerDegree;
   const double ppd = size_;
@@ -39,9 +41,13 @@ TileTerrain::Window TileTerrain::window_of(const Crater& crater, double reach_m)
     const double half_deg =
         std::asin(std::sin(reach_deg * kRadiansPerDegree) / std::cos(crater.lat_deg * kRadiansPerDegree)) /
         kRadiansPerDegree;
-    // Relative to the tile's middle, so that the wrap is far from every crater that matters, the widest ones excepted.
+    // Count longitudes from the tile's middle, so that the wrap is far from every crater that reaches the tile, except
+    // the widest.
     const double middle = wrap_lon_deg(crater.lon_deg - tile_.west_deg - 0.5) + 0.5;
-    if (half_deg < 90) w.column0 = post((middle - half_deg) * ppd), w.column1 = post((middle + half_deg) * ppd) + 2;
+    if (half_deg < 90) {
+      w.column0 = post((middle - half_deg) * ppd);
+      w.column1 = post((middle + half_deg) * ppd) + 2;
+    }
   }
   w = {std::max(w.row0 - 1, 0), std::min(w.row1, size_), std::max(w.column0 - 1, 0), std::min(w.column1, size_)};
   return w;
@@ -60,32 +66,35 @@ void TileTerrain::bin_craters() {
   }
 }
 
+// Adds a crater to the layers of a block's posts, and erases older relief of its size.
 void TileTerrain::stamp(const CraterInBlock& c, const Window& block, std::vector<Layers>& layers) const {
   const Window w = window_of(*c.crater, c.shape->reach_m());
   const EastNorthUp axes = local_axes(c.crater->center);
   const auto own = static_cast<std::size_t>(layer_of_octave(c.crater->octave));
-  // Relief of up to twice its own size goes too: the rim of a somewhat larger crater doesn't survive in a cavity.
-  const std::size_t oldest = std::max<std::size_t>(1, own - 1);
+  // Erase relief of up to twice the crater's own size, too: the rim of a slightly larger crater does not survive in a
+  // cavity.
+  const std::size_t first_erased = std::max<std::size_t>(1, own - 1);
   for (int row = std::max(w.row0, block.row0); row < std::min(w.row1, block.row1); ++row) {
     for (int column = std::max(w.column0, block.column0); column < std::min(w.column1, block.column1); ++column) {
       const Vec3 away = (direction(row, column) - c.crater->center) * kMoonRadius_m;
       const double r2 = away.squaredNorm();
       if (r2 >= c.shape->reach_m() * c.shape->reach_m()) continue;
-      // Azimuth from the tangent plane, distance along the chord (within 0.01 % of the great circle at 80 km).
+      // Take the azimuth from the tangent plane, the distance along the chord (within 0.01 % of the great circle at 80
+      // km).
       const double east = away.dot(axes.east), north = away.dot(axes.north);
       const double planar2 = east * east + north * north;
       const double stretch = planar2 > 0 ? std::sqrt(r2 / planar2) : 1;
       const CraterShape::Trace t = c.shape->trace(east * stretch, north * stretch);
       Layers& post = layers[static_cast<std::size_t>((row - block.row0) * kBlock + column - block.column0)];
       if (t.keep < 1) {
-        for (std::size_t i = oldest; i < post.m.size(); ++i) post.m[i] *= static_cast<float>(t.keep);
+        for (std::size_t i = first_erased; i < post.m.size(); ++i) post.m[i] *= static_cast<float>(t.keep);
       }
       post.m[own] += static_cast<float>(t.height_m);
     }
   }
 }
 
-// The history of the place in its order: highlands, old craters, lava, young craters.
+// Applies the history of each post in order: highlands, old craters, lava, young craters.
 void TileTerrain::evaluate_block(const Window& block, const std::vector<int>& craters,
                                  std::vector<Layers>& layers) const {
   const auto for_each_post = [&](auto&& visit) {

@@ -1,4 +1,4 @@
-// The heights of one sample tile.
+// Heights of one sample tile.
 #pragma once
 
 #include <cstdint>
@@ -16,21 +16,22 @@ struct Tile {
   double step_deg() const { return 1.0 / posts_per_degree; }
 };
 
+// Crater that reaches a block, and its shape.
 struct CraterInBlock {
   const Crater* crater;
   const CraterShape* shape;
 };
 
-// Heights of a tile, block by block. The height of a post depends on its place and the seed only.
+// Computes the heights of a tile, block by block. The height of a post depends on its position and the seed only.
 class TileTerrain {
  public:
   TileTerrain(const Tile& tile, std::uint64_t seed);
-  // Fills one row of blocks of posts[ppd][ppd].
+  // Fills one row of blocks of posts[ppd][ppd], on all threads.
   void evaluate_strip(int strip, std::vector<std::int16_t>& posts) const;
   int strips() const { return blocks_; }
 
  private:
-  struct Window {  // posts, half open
+  struct Window {  // rows and columns of posts, half open
     int row0, row1, column0, column1;
   };
   Window window_of(const Crater& crater, double reach_m) const;
@@ -48,7 +49,7 @@ class TileTerrain {
   std::vector<SineCosine> rows_, columns_;
   std::vector<Crater> craters_;  // oldest first
   std::vector<CraterShape> shapes_;
-  std::vector<std::vector<int>> in_block_;
+  std::vector<std::vector<int>> in_block_;  // per block: indices of the craters that reach it, oldest first
 };
 
 }  // namespace selenograph::dem::sample

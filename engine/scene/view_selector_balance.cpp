@@ -34,7 +34,7 @@ bool ViewSelector::of_coarser_layer(const BlockId& neighbour, const BlockId& id)
 
 bool ViewSelector::must_split(const BlockId& neighbour, const BlockId& id, const Beside& at) const {
   const int apart = id.level - neighbour.level;
-  if (apart > 1 && (apart > dem::kMostLevelsApart || !of_coarser_layer(neighbour, id))) return true;
+  if (apart > 1 && (apart > dem::kMaxLevelsApart || !of_coarser_layer(neighbour, id))) return true;
   return follows(id, neighbour, at) && errs(neighbour, errors_of(neighbour), in_view_.at(id));
 }
 

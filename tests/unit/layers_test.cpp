@@ -554,7 +554,7 @@ TEST(ResolvedPosts, AreMeasuredInInterpolatedGround) {
           else
             write_float_tile(folder.path(), "real", {1, 3, kPpd, kPpd, kPpd}, height_m);
           const Catalogue catalogue(std::vector<std::string>{folder.path()});
-          const int found = measured_resolved_posts(catalogue, {0});
+          const int found = measure_resolved_posts(catalogue, {0});
           const std::string which = std::to_string(posts) + (linear ? " linear " : " cubic ") +
                                     std::to_string(slope_deg) + (whole_metres ? " int16" : " float");
           if (whole_metres && slope_deg < 4 && found == 0) continue;
