@@ -25,7 +25,8 @@ template <typename Good>
 double first_bad(Good&& good) {
   double low = 0, high = 0.002;
   while (good(high)) {
-    low = high, high *= 1.01;
+    low = high;
+    high *= 1.01;
     if (high > kFarthest) return kNever;
   }
   for (int i = 0; i < 60; ++i) (good((low + high) / 2) ? low : high) = (low + high) / 2;
@@ -119,7 +120,8 @@ std::optional<Eigen::Vector2d> Lens::radially_undistorted(const Eigen::Vector2d&
   double low = 0, high = std::min(reach_, 1.0);
   while (mapped(high) < target) {
     if (high == reach_ || high > 1e100) return std::nullopt;
-    low = high, high = std::min(reach_, 2 * high);
+    low = high;
+    high = std::min(reach_, 2 * high);
   }
   double r = std::min(high, target);
   for (int i = 0; i < 200 && high - low > 1e-16 * high; ++i) {

@@ -22,7 +22,9 @@ HWY_INLINE void linear_rays(const Vec3& first, const Vec3& right, const Vec3& do
   for (int i = 0; i < kPacket; ++i) {
     const int column = i % pixels_across(shape), row = i / pixels_across(shape);
     const double px = x + column, py = y + row;
-    rays.ox[i] = origin[0], rays.oy[i] = origin[1], rays.oz[i] = origin[2];
+    rays.ox[i] = origin[0];
+    rays.oy[i] = origin[1];
+    rays.oz[i] = origin[2];
     rays.dx[i] = first[0] + right[0] * px + down[0] * py;
     rays.dy[i] = first[1] + right[1] * px + down[1] * py;
     rays.dz[i] = first[2] + right[2] * px + down[2] * py;
@@ -43,7 +45,9 @@ void LinearSquare(const Vec3& first, const Vec3& right, const Vec3& down, const 
 void LensRays(const double* x, const double* y, const double* m, const double* origin, Rays& rays) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    rays.ox[i] = origin[0], rays.oy[i] = origin[1], rays.oz[i] = origin[2];
+    rays.ox[i] = origin[0];
+    rays.oy[i] = origin[1];
+    rays.oz[i] = origin[2];
     rays.dx[i] = m[0] * x[i] + m[3] * y[i] + m[6];
     rays.dy[i] = m[1] * x[i] + m[4] * y[i] + m[7];
     rays.dz[i] = m[2] * x[i] + m[5] * y[i] + m[8];
@@ -64,7 +68,9 @@ namespace {
 
 // One lane from a direction in camera axes.
 void turned_ray(const Vec3& d, const double* m, const double* origin, int i, Rays& rays) {
-  rays.ox[i] = origin[0], rays.oy[i] = origin[1], rays.oz[i] = origin[2];
+  rays.ox[i] = origin[0];
+  rays.oy[i] = origin[1];
+  rays.oz[i] = origin[2];
   rays.dx[i] = m[0] * d[0] + m[3] * d[1] + m[6] * d[2];
   rays.dy[i] = m[1] * d[0] + m[4] * d[1] + m[7] * d[2];
   rays.dz[i] = m[2] * d[0] + m[5] * d[1] + m[8] * d[2];
@@ -84,7 +90,9 @@ std::optional<Vec3> looks_along(const View& view, const PixelRays* lens, int col
 LinearRays::LinearRays(const View& view) {
   const Camera& c = view.camera();
   const Eigen::Matrix3d& m = view.moon_from_camera();
-  right = m.col(0) / c.fx, down = m.col(1) / c.fy, first = m.col(2) - right * c.cx - down * c.cy;
+  right = m.col(0) / c.fx;
+  down = m.col(1) / c.fy;
+  first = m.col(2) - right * c.cx - down * c.cy;
 }
 
 PacketRays::PacketRays(const View& view) : view_(view), linear_(view.camera().rectilinear()), rays_(view) {}
@@ -105,11 +113,16 @@ void PacketRays::aim_shape(int x, int y, double dx, double dy, const PixelRays* 
   }
   alignas(64) double px[kPacket], py[kPacket], pz[kPacket];
   for (int i = 0; i < kPacket; ++i) {
-    px[i] = py[i] = 0, pz[i] = 1;
+    px[i] = py[i] = 0;
+    pz[i] = 1;
     if (!out.valid[i]) continue;
     const auto d = looks_along(view_, lens, x + i % kAcross, y + i / kAcross, dx, dy);
     out.valid[i] = d.has_value();
-    if (d) px[i] = d->x(), py[i] = d->y(), pz[i] = d->z();
+    if (d) {
+      px[i] = d->x();
+      py[i] = d->y();
+      pz[i] = d->z();
+    }
   }
   const double *m = view_.moon_from_camera().data(), *origin = view_.position().data();
   if (view_.projection().fisheye())
@@ -154,7 +167,9 @@ void aim_rows(const RowViews& views, int x, int y, double dx, double dy, const P
       if (rays) {
         // Added in the order in which a whole packet is aimed, but for a line camera's one line.
         const double px = (x + dx) + c, py = line == row ? (y + dy) + r : line + dy;
-        out.ox[i] = origin[0], out.oy[i] = origin[1], out.oz[i] = origin[2];
+        out.ox[i] = origin[0];
+        out.oy[i] = origin[1];
+        out.oz[i] = origin[2];
         out.dx[i] = rays->first[0] + rays->right[0] * px + rays->down[0] * py;
         out.dy[i] = rays->first[1] + rays->right[1] * px + rays->down[1] * py;
         out.dz[i] = rays->first[2] + rays->right[2] * px + rays->down[2] * py;

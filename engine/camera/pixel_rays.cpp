@@ -13,7 +13,8 @@ PixelRays::PixelRays(const Camera& camera, double dx, double dy, const StopToken
   if (camera.rectilinear()) return;
   const Projection projection(camera);
   const auto width = static_cast<std::size_t>(camera.width), height = static_cast<std::size_t>(camera.height);
-  x.resize(width * height), y.resize(width * height);
+  x.resize(width * height);
+  y.resize(width * height);
   if (projection.fisheye()) z.resize(width * height);
   in_parallel(height, [&](std::size_t row) {
     for (std::size_t column = 0; column < width; ++column) {
@@ -21,7 +22,8 @@ PixelRays::PixelRays(const Camera& camera, double dx, double dy, const StopToken
       const Vec3 d = projection.direction(static_cast<double>(column) + dx, static_cast<double>(row) + dy)
                          .value_or(Vec3::Constant(std::numeric_limits<double>::quiet_NaN()));
       const std::size_t at = row * width + column;
-      x[at] = d.x(), y[at] = d.y();
+      x[at] = d.x();
+      y[at] = d.y();
       if (!z.empty()) z[at] = d.z();
     }
   });
@@ -37,7 +39,9 @@ struct Parabola {
   Parabola(double at, std::size_t n) {
     const double middle = std::clamp(std::round(at), 1.0, static_cast<double>(n - 2)), t = at - middle;
     first = static_cast<std::size_t>(middle) - 1;
-    weight[0] = t * (t - 1) / 2, weight[1] = 1 - t * t, weight[2] = t * (t + 1) / 2;
+    weight[0] = t * (t - 1) / 2;
+    weight[1] = 1 - t * t;
+    weight[2] = t * (t + 1) / 2;
   }
 };
 
@@ -51,7 +55,8 @@ PixelRays::PixelRays(const PixelRays& of_pixels, const Camera& camera, const Cam
   }
   const Projection projection(dense);
   const auto width = static_cast<std::size_t>(camera.width), height = static_cast<std::size_t>(camera.height);
-  x.resize(4 * width * height), y.resize(x.size());
+  x.resize(4 * width * height);
+  y.resize(x.size());
   if (projection.fisheye()) z.resize(x.size());
   in_parallel(2 * height, [&](std::size_t row) {
     stop.check();
@@ -66,13 +71,15 @@ PixelRays::PixelRays(const PixelRays& of_pixels, const Camera& camera, const Cam
         return sum;
       };
       const std::size_t at = row * 2 * width + column, own = row / 2 * width + column / 2;
-      x[at] = between(of_pixels.x), y[at] = between(of_pixels.y);
+      x[at] = between(of_pixels.x);
+      y[at] = between(of_pixels.y);
       if (!z.empty()) z[at] = between(of_pixels.z);
       if (!std::isnan(x[at]) || std::isnan(of_pixels.x[own])) continue;
       // Beside the lens's fold.
       const Vec3 d = projection.direction(static_cast<double>(column), static_cast<double>(row))
                          .value_or(Vec3::Constant(std::numeric_limits<double>::quiet_NaN()));
-      x[at] = d.x(), y[at] = d.y();
+      x[at] = d.x();
+      y[at] = d.y();
       if (!z.empty()) z[at] = d.z();
     }
   });

@@ -11,7 +11,8 @@ namespace {
 
 // Of a line camera: its one row, on which the principal point lies.
 Camera line_of(Camera camera) {
-  camera.height = 1, camera.cy = 0;
+  camera.height = 1;
+  camera.cy = 0;
   return camera;
 }
 
@@ -57,7 +58,8 @@ RowViews::RowViews(const Camera& camera, const Pose& pose, const std::optional<S
   }
   track_.emplace(pose, *shutter);
   std::vector<Pose> poses;
-  poses.reserve(static_cast<std::size_t>(height_)), rows_.reserve(static_cast<std::size_t>(height_));
+  poses.reserve(static_cast<std::size_t>(height_));
+  rows_.reserve(static_cast<std::size_t>(height_));
   for (int row = 0; row < height_; ++row) {
     if (row % 64 == 0) stop.check();
     poses.push_back(track_->at(shutter->time_s(row)));
@@ -75,7 +77,8 @@ void RowViews::bundle(const std::vector<Pose>& poses, std::size_t first, std::si
   constexpr double kLittle_px = 8, kNear_m = 100;
   const std::size_t middle = (first + past_last) / 2, fewest = rows_.size() / 256 + 1;
   ViewBundle all{rows_[middle]};
-  all.first_row = static_cast<int>(first), all.past_last_row = static_cast<int>(past_last);
+  all.first_row = static_cast<int>(first);
+  all.past_last_row = static_cast<int>(past_last);
   for (std::size_t i = first; i < past_last; ++i) {
     all.shift_m = std::max(all.shift_m, (poses[i].position_m - poses[middle].position_m).norm());
     all.turn_rad = std::max(all.turn_rad, turn_between(poses[i], poses[middle]));
@@ -86,7 +89,8 @@ void RowViews::bundle(const std::vector<Pose>& poses, std::size_t first, std::si
     bundles_.push_back(all);
     return;
   }
-  bundle(poses, first, middle), bundle(poses, middle, past_last);
+  bundle(poses, first, middle);
+  bundle(poses, middle, past_last);
 }
 
 View RowViews::at_row(double row) const { return reference_.at(track_->at(shutter_->time_s(row))); }
@@ -116,7 +120,8 @@ std::optional<double> RowViews::row_by_secant(const Vec3& point_m) const {
     if (!off) return std::nullopt;
     if (std::abs(*off) <= kFound_px) return row;
     const double slope = (*off - *off_before) / (row - before);
-    before = row, off_before = off;
+    before = row;
+    off_before = off;
     if (row - *off / slope == row || !std::isfinite(*off / slope)) return std::nullopt;
     row -= *off / slope;
   }
@@ -159,7 +164,8 @@ class RowViews::Search {
     if (off_above_ && off_here && (*off_above_ > 0) != (*off_here > 0))
       if (const auto found = views_.row_between(point_m_, above_, row, *off_above_ > 0))
         crossing = views_.sighting(point_m_, *found);
-    above_ = row, off_above_ = off_here;
+    above_ = row;
+    off_above_ = off_here;
     if (!crossing || !views_.in_rows(crossing->pixel.y)) return false;
     const bool in_image = views_.in_columns(crossing->pixel.x);
     if (in_image || !beside_) (in_image ? in_image_ : beside_) = crossing;
@@ -172,7 +178,8 @@ class RowViews::Search {
     if (!off_above_ || std::abs(*off_above_) > least_px_) return;
     const auto here = views_.sighting(point_m_, row);
     if (!here || !views_.in_columns(here->pixel.x)) return;
-    least_px_ = std::abs(*off_above_), nearest_ = here;
+    least_px_ = std::abs(*off_above_);
+    nearest_ = here;
   }
 
   std::optional<Sighting> found() const { return in_image_ ? in_image_ : nearest_ ? nearest_ : beside_; }

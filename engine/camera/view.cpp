@@ -68,8 +68,10 @@ void View::bound_image() {
       const auto p = lens.undistorted((u - camera_.cx) / camera_.fx, (v - camera_.cy) / camera_.fy);
       folds |= !p;
       if (!p) continue;
-      left_ = std::min(left_, p->x()), right_ = std::max(right_, p->x());
-      top_ = std::min(top_, p->y()), bottom_ = std::max(bottom_, p->y());
+      left_ = std::min(left_, p->x());
+      right_ = std::max(right_, p->x());
+      top_ = std::min(top_, p->y());
+      bottom_ = std::max(bottom_, p->y());
       // Pixels per radian, along the radius the larger one: on the plane z = 1 an angle covers (1 + r^2), the lens
       // stretches on top: by the larger eigenvalue of its symmetric Jacobian.
       const Eigen::Matrix2d j2 = lens.jacobian(p->x(), p->y());
@@ -86,10 +88,14 @@ void View::bound_image() {
     // Towards the fold a pixel covers ever more: nothing between the samples bounds the view but the fold itself.
     constexpr double kFarthestSlope = 1000;  // tan 89.94 degrees: what is beyond covers next to no pixels
     widest_ = std::min(lens.reach(), kFarthestSlope);
-    left_ = top_ = -widest_, right_ = bottom_ = widest_;
+    left_ = top_ = -widest_;
+    right_ = bottom_ = widest_;
   }
   const double mx = kBoundMargin * (right_ - left_) + kLeastMargin, my = kBoundMargin * (bottom_ - top_) + kLeastMargin;
-  left_ -= mx, right_ += mx, top_ -= my, bottom_ += my;
+  left_ -= mx;
+  right_ += mx;
+  top_ -= my;
+  bottom_ += my;
   const auto per_length = [](double slope) { return 1 / std::sqrt(1 + slope * slope); };
   per_length_ = {per_length(left_), per_length(right_), per_length(top_), per_length(bottom_)};
 }

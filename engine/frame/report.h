@@ -51,10 +51,17 @@ struct StageTimes {
   double sum_ms() const { return select_ms + build_ms + indirect_ms + visibility_ms + sensor_ms + craters_ms; }
 
   StageTimes& operator+=(const StageTimes& t) {
-    select_ms += t.select_ms, build_ms += t.build_ms, pyramid_ms += t.pyramid_ms, load_ms += t.load_ms;
-    indirect_ms += t.indirect_ms, visibility_ms += t.visibility_ms, draw_ms += t.draw_ms, resolve_ms += t.resolve_ms,
-        shadow_ms += t.shadow_ms;
-    sensor_ms += t.sensor_ms, craters_ms += t.craters_ms;
+    select_ms += t.select_ms;
+    build_ms += t.build_ms;
+    pyramid_ms += t.pyramid_ms;
+    load_ms += t.load_ms;
+    indirect_ms += t.indirect_ms;
+    visibility_ms += t.visibility_ms;
+    draw_ms += t.draw_ms;
+    resolve_ms += t.resolve_ms;
+    shadow_ms += t.shadow_ms;
+    sensor_ms += t.sensor_ms;
+    craters_ms += t.craters_ms;
     return *this;
   }
 };

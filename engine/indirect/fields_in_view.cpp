@@ -70,7 +70,8 @@ BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<co
     const Vec3 place = nearest_post(posts, below[i]);
     const double here = view.pixels_per_metre(place, 0);
     const double away_m = (bounds.centre - view.view.position()).norm(), reach_m = bounds.radius_m + view.shift_m;
-    nearest_m = std::min(nearest_m, away_m - reach_m), farthest_m = std::max(farthest_m, away_m + reach_m);
+    nearest_m = std::min(nearest_m, away_m - reach_m);
+    farthest_m = std::max(farthest_m, away_m + reach_m);
     // Foreshortened ground shows as many posts per area of the image as other ground.
     const double emission = (view.view.position() - place).normalized().dot(place.normalized());
     posts_per_m = std::max(posts_per_m, here / spacing_px * std::sqrt(std::clamp(emission, 1.0 / 16, 1.0)));
@@ -154,7 +155,8 @@ struct Part {
 Part joined(Part part, const MeshBlock& block) {
   const int quads = block.side - 1;
   const auto widen = [](int& first, int& last, int stride) {
-    first -= first % stride, last = (last + stride - 1) / stride * stride;
+    first -= first % stride;
+    last = (last + stride - 1) / stride * stride;
   };
   const std::array<int, 4>& stride = block.border.stride;
   if (part.south == 0) widen(part.west, part.east, stride[0]);
@@ -215,10 +217,13 @@ void mark(const MeshBlock& block, const RowViews& views, const LightField& field
       for (const int row : {part.south, part.north})
         for (const int column : {part.west, (part.west + part.east) / 2, part.east}) {
           const Eigen::Vector2d at = plane.place(posts.position(row, column, 0));
-          least = least.cwiseMin(at), largest = largest.cwiseMax(at);
+          least = least.cwiseMin(at);
+          largest = largest.cwiseMax(at);
         }
       // Between these, parallels are bent by less than half a post.
-      least.array() -= 0.5, largest.array() += 0.5;
+      // Between these, parallels are bent by less than half a post.
+      least.array() -= 0.5;
+      largest.array() += 0.5;
       marks.cover(least, largest);
       const dem::HeightRange own = heights_of(block, part);
       if (own.low > own.high || !may_see(views, block, part, own, beside_m)) continue;

@@ -55,7 +55,8 @@ std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const 
       const Irradiance indirect =
           irradiance_at({&light.posts[at], static_cast<float>(p.post.east), static_cast<float>(p.post.north)},
                         places[p.place].normal, sources);
-      out[p.place].terrain_w_m2 = indirect.terrain_w_m2, out[p.place].earth_w_m2 = indirect.earth_w_m2;
+      out[p.place].terrain_w_m2 = indirect.terrain_w_m2;
+      out[p.place].earth_w_m2 = indirect.earth_w_m2;
     }
   }
   return out;

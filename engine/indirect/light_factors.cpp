@@ -56,7 +56,8 @@ void Look(const Vec3& first, const Vec3& next, const EyeLanes& eye, const PostGr
     const double scale = radius[i] / std::sqrt(px * px + py * py + pz * pz);
     const double dx = eye.x[i] - px * scale, dy = eye.y[i] - py * scale, dz = eye.z[i] - pz * scale,
                  inverse = 1 / std::sqrt(dx * dx + dy * dy + dz * dz);
-    out.x[i] = static_cast<float>(dx * inverse), out.y[i] = static_cast<float>(dy * inverse);
+    out.x[i] = static_cast<float>(dx * inverse);
+    out.y[i] = static_cast<float>(dy * inverse);
     out.z[i] = static_cast<float>(dz * inverse);
   }
 }
@@ -74,7 +75,8 @@ void Sectors(const LightPost& post, const Eigen::Vector3f& normal, const LookLan
     const float along = nx * x[k] + ny * y[k] + nz * z[k], back = lx * x[k] + ly * y[k] + lz * z[k];
     const bool faces = (length > 0) & (along > 1e-9F * length);
     const float inverse = 1 / length, mu0 = faces ? along * inverse : 1e-9F, cos_phase = faces ? back * inverse : 0;
-    out.mu0[at + k] = static_cast<double>(mu0), out.mu[at + k] = mu;
+    out.mu0[at + k] = static_cast<double>(mu0);
+    out.mu[at + k] = mu;
     out.cos_phase[at + k] = static_cast<double>(cos_phase);
     out.fluence[at + k] = faces ? length : 0;
   }
@@ -116,7 +118,9 @@ void set_eyes(const Viewer& viewer, const PostGround* ground, const Place& place
     // Nobody looks at a post without data.
     if (viewer.varies() && !std::isnan(ground[i].height_m))
       eye = viewer.looking_at(place(i).normalized() * (kMoonRadius_m + static_cast<double>(ground[i].height_m)));
-    out.x[i] = eye.x(), out.y[i] = eye.y(), out.z[i] = eye.z();
+    out.x[i] = eye.x();
+    out.y[i] = eye.y();
+    out.z[i] = eye.z();
   }
 }
 

@@ -87,8 +87,10 @@ void InField(const double* posts, double middle, int tiles, const SurfacePoints&
                  along = posts[3] * x + posts[4] * y + posts[5] * z,
                  up = 1 / (posts[6] * x + posts[7] * y + posts[8] * z);
     const AlongSide column = Split(across * up + middle, tiles), row = Split(along * up + middle, tiles);
-    out.tile[i] = row.tile * tiles + column.tile, out.post[i] = row.post * FieldPlane::kTileSide + column.post;
-    out.east[i] = column.beyond, out.north[i] = row.beyond;
+    out.tile[i] = row.tile * tiles + column.tile;
+    out.post[i] = row.post * FieldPlane::kTileSide + column.post;
+    out.east[i] = column.beyond;
+    out.north[i] = row.beyond;
   }
 }
 
@@ -99,7 +101,10 @@ HWY_INLINE void Fetch(const LightPost* posts, const FieldLanes& at, std::uint32_
     if (post == of) continue;
     of = post;
     for (const LightPost* west : {posts + post, posts + post + FieldPlane::kTileSide})
-      for (const LightPost* to : {west, west + 1}) hwy::Prefetch(to->x), hwy::Prefetch(to->z);
+      for (const LightPost* to : {west, west + 1}) {
+        hwy::Prefetch(to->x);
+        hwy::Prefetch(to->z);
+      }
   }
 }
 
@@ -113,7 +118,10 @@ void ReadPosts(const LightPost* posts, const float* factors, const FieldLanes& a
     Between(around, light);
     out.arrives[i] = Arriving(light, static_cast<float>(shading.nx[i]), static_cast<float>(shading.ny[i]),
                               static_cast<float>(shading.nz[i]));
-    out.x[i] = light.sum.x, out.y[i] = light.sum.y, out.z[i] = light.sum.z, out.fluence[i] = light.sum.fluence;
+    out.x[i] = light.sum.x;
+    out.y[i] = light.sum.y;
+    out.z[i] = light.sum.z;
+    out.fluence[i] = light.sum.fluence;
     out.earth[i] = light.sum.earth;
     const float *south = factors + post, *north = south + FieldPlane::kTileSide;
     out.factor[i] = around.south_west * south[0] + around.south_east * south[1] + around.north_west * north[0] +
@@ -132,7 +140,8 @@ void FromTerrain(const TerrainLanes& lanes, const Rays& rays, double sun_w_m2, D
     const float share = arrives / fluence, cosine = back / (std::sqrt(square) * fluence);
     const float mu0 = lit ? (share < 1 ? share : 1) : 1e-9F, cos_phase = lit ? cosine : 0,
                 light = lit ? fluence * lanes.factor[i] : 0;
-    out.mu0[i] = static_cast<double>(mu0), out.cos_phase[i] = static_cast<double>(cos_phase);
+    out.mu0[i] = static_cast<double>(mu0);
+    out.cos_phase[i] = static_cast<double>(cos_phase);
     out.light[i] = sun_w_m2 * static_cast<double>(light);
   }
 }
@@ -146,7 +155,8 @@ void FromEarth(const TerrainLanes& lanes, const SurfacePoints& points, const Sha
     const double back = -(rays.dx[i] * x + rays.dy[i] * y + rays.dz[i] * z);
     const double length = std::sqrt(rays.dx[i] * rays.dx[i] + rays.dy[i] * rays.dy[i] + rays.dz[i] * rays.dz[i]);
     const bool lit = points.hit[i] & (lanes.earth[i] > 0) & (along > 0);
-    out.mu0[i] = lit ? along : 1e-9, out.cos_phase[i] = lit ? back / length : 0;
+    out.mu0[i] = lit ? along : 1e-9;
+    out.cos_phase[i] = lit ? back / length : 0;
     out.light[i] = lit ? shines * static_cast<double>(lanes.earth[i]) : 0;
   }
 }

@@ -47,44 +47,68 @@ SlopeLightSource source_of(const FrameRequest& request) {
 ContentKey key_of(const TileLight& of) {
   const FrameRequest& q = of.request;
   ContentHash hash;
-  hash.add(of.terrain.detail_number()), hash.add(q.indirect.terrain);
+  hash.add(of.terrain.detail_number());
+  hash.add(q.indirect.terrain);
   if (q.indirect.terrain) {
     const Reflectance& r = q.reflectance;
     const HapkeParameters& h = r.hapke;
-    hash.add(q.sun.direction), hash.add(q.indirect.bounces);
+    hash.add(q.sun.direction);
+    hash.add(q.indirect.bounces);
     for (const double value : {q.sun.angular_radius_deg, r.lommel_seeliger_weight, r.rho, r.shininess,
                                r.limb_darkening.value_or(-1), h.w, h.b0, h.h, h.b, h.c, h.theta_bar_deg, h.bc0, h.hc})
       hash.add(value);
-    hash.add(r.model), hash.add(r.phase), hash.add(r.ground), hash.add(h.phase_function), hash.add(h.terms);
+    hash.add(r.model);
+    hash.add(r.phase);
+    hash.add(r.ground);
+    hash.add(h.phase_function);
+    hash.add(h.terms);
     if (r.model == ReflectanceModel::moon && q.band)
-      for (const ResponsePoint& p : q.band->response()) hash.add(p.wavelength_um), hash.add(p.response);
+      for (const ResponsePoint& p : q.band->response()) {
+        hash.add(p.wavelength_um);
+        hash.add(p.response);
+      }
     for (const auto& map : q.albedo_maps) hash.add(map->fingerprint());
   }
-  if (q.indirect.earth) hash.add(q.indirect.earth->direction), hash.add(q.indirect.earth->distance_m);
+  if (q.indirect.earth) {
+    hash.add(q.indirect.earth->direction);
+    hash.add(q.indirect.earth->distance_m);
+  }
   return hash.key();
 }
 
 void add(const LightField& field, ContentHash& hash) {
-  hash.add(field.level), hash.add(field.finest), hash.add(field.closer), hash.add(field.band), hash.add(field.cell);
+  hash.add(field.level);
+  hash.add(field.finest);
+  hash.add(field.closer);
+  hash.add(field.band);
+  hash.add(field.cell);
 }
 
 ContentKey key_of(const ContentKey& light, const LightField& field, int tile) {
   ContentHash hash;
-  hash.add(light.low), hash.add(light.high), add(field, hash), hash.add(tile);
+  hash.add(light.low);
+  hash.add(light.high);
+  add(field, hash);
+  hash.add(tile);
   return hash.key();
 }
 
 ContentKey key_of(const dem::Terrain& terrain, const LightField& field) {
   ContentHash hash;
-  hash.add(terrain.detail_number()), add(field, hash);
+  hash.add(terrain.detail_number());
+  add(field, hash);
   return hash.key();
 }
 
 void set_light(const SectorLight& arrives, LightPost& out) {
   for (std::size_t k = 0; k < kSectors; ++k) {
     const Eigen::Vector3f& light = arrives.from[k];
-    out.x[k] = light.x(), out.y[k] = light.y(), out.z[k] = light.z();
-    out.sum.x += light.x(), out.sum.y += light.y(), out.sum.z += light.z();
+    out.x[k] = light.x();
+    out.y[k] = light.y();
+    out.z[k] = light.z();
+    out.sum.x += light.x();
+    out.sum.y += light.y();
+    out.sum.z += light.z();
     out.sum.fluence += light.norm();
   }
 }
@@ -165,7 +189,10 @@ struct LightTiles::Patch {
     static_assert(FieldPlane::kTileSide == kPacket);
     const Eigen::Matrix3f back = relief->axes().transpose().cast<float>();
     std::array<SectorLight, kPacket> light;
-    for (SectorLight& of_post : light) of_post.from.fill(Eigen::Vector3f::Zero()), of_post.sky.setZero();
+    for (SectorLight& of_post : light) {
+      of_post.from.fill(Eigen::Vector3f::Zero());
+      of_post.sky.setZero();
+    }
     if (slopes) slopes->gather(row, column, stride, light, stop);
     MarchLanes lanes = relief->places(row, column, stride);
     alignas(64) float share[kPacket] = {};
@@ -180,7 +207,8 @@ struct LightTiles::Patch {
       const std::size_t here = of_tile * kPacket + static_cast<std::size_t>(i);
       set_light(arrives, out.posts[here]);
       LightSum& sum = out.posts[here].sum;
-      sum.ground = slopes ? slopes->radiosity(row, at, stop) : 0, sum.earth = share[i];
+      sum.ground = slopes ? slopes->radiosity(row, at, stop) : 0;
+      sum.earth = share[i];
       out.ground[here] = {normal, static_cast<float>(static_cast<double>(lanes.height[i]) + relief->reference_m())};
       if (slopes && !normal.isZero(0))  // next to no data there is none
         most_ground_view = std::clamp(1 - normal.dot(arrives.sky) / std::numbers::pi_v<float>, most_ground_view, 1.F);

@@ -90,7 +90,8 @@ class Columns {
     }
     const auto place = hn::Add(hn::Set(d, at), hn::Mul(hn::Iota(d, 0.F), hn::Set(d, pitch_)));
     const auto whole = hn::ConvertTo(di_, place);
-    local_ = hn::Sub(whole, hn::Set(di_, base_)), share_ = hn::Sub(place, hn::ConvertTo(d, whole));
+    local_ = hn::Sub(whole, hn::Set(di_, base_));
+    share_ = hn::Sub(place, hn::ConvertTo(d, whole));
     count_ = static_cast<int>(at + static_cast<float>(kLanes - 1) * pitch_) - base_ + 1;
   }
   // Reads no cell that no place is in: it may not be lit yet.
@@ -123,7 +124,8 @@ class Columns {
   HWY_INLINE Pair apart(D d, const float* row) const {
     Pair out{hn::Zero(d), hn::Zero(d)};
     if (pitch_ == 1) {
-      out.west = hn::LoadU(d, row + base_), out.east = hn::LoadU(d, row + base_ + 1);
+      out.west = hn::LoadU(d, row + base_);
+      out.east = hn::LoadU(d, row + base_ + 1);
     } else if (pitch_ == 2) {
       hn::LoadInterleaved2(d, row + base_, out.west, out.east);
     } else {
@@ -249,7 +251,10 @@ void Rise(const float* here, Found& found) {
 template <typename See, typename Enough>
 void Go(const Way& way, float farthest_m, Found& found, const See& see, const Enough& enough) {
   alignas(64) float here[kPacket], between[kPacket];
-  for (int i = 0; i < kPacket; ++i) found.tangent[i] = kNothing, found.rise[i] = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    found.tangent[i] = kNothing;
+    found.rise[i] = 0;
+  }
   for (Steps steps(way.grids, farthest_m); steps.next();) {
     const std::size_t grid = steps.grid();
     Tangents(way, grid, steps.at_m(), here);
@@ -296,7 +301,8 @@ void Integrals(const float* from, const float* to, SeenPiece& piece) {
     // Of cross / turn as x / (1 + 0.28 x^2): it is at most 5e-3 off, where a cliff fills the view.
     const float cross = b - a, turn = 1 + a * b, angle = cross * turn / (turn * turn + 0.28F * cross * cross);
     const float along = 0.5F * (angle + b * db - a * da), up = 0.5F * (b * b * db - a * a * da);
-    piece.along[i] = sees ? along : 0, piece.up[i] = sees ? up : 0;
+    piece.along[i] = sees ? along : 0;
+    piece.up[i] = sees ? up : 0;
     piece.tangent[i] = 0.5F * (a + b);
   }
 }
@@ -311,7 +317,8 @@ void Pieces(std::span<const GridView> grids, const MarchSphere& sphere, const Ma
     const std::size_t covering = Covering(way, grid, middle_m, cells);
     if (covering == grids.size()) return;
     SeenPiece& piece = pieces.emplace_back();
-    piece.grid = covering, piece.cells = cells;
+    piece.grid = covering;
+    piece.cells = cells;
     Integrals(found.tangent, here, piece);
   };
   Go(way, sphere.farthest_m, found, see,
@@ -346,7 +353,8 @@ bool LightPiece(const SeenPiece& piece, const GridView& grid, const AzimuthLanes
     const auto seen = hn::Gt(hn::Load(d, piece.along + i), hn::Zero(d));
     const auto lit = hn::IfThenElseZero(seen, columns.west(d, light.lit.data() + row));
     const auto glow = glows ? hn::IfThenElseZero(seen, columns.west(d, light.glow.data() + row)) : hn::Zero(d);
-    hn::Store(lit, d, out.lit + i), hn::Store(glow, d, out.glow + i);
+    hn::Store(lit, d, out.lit + i);
+    hn::Store(glow, d, out.glow + i);
     most = hn::Max(most, hn::Max(lit, glow));
   }
   if (hn::AllFalse(d, hn::Gt(most, hn::Zero(d)))) return false;
@@ -367,7 +375,8 @@ bool LightPiece(const SeenPiece& piece, const GridView& grid, const AzimuthLanes
                 y = level * lanes.along[1][i] + upward * lanes.up[1][i],
                 z = level * lanes.along[2][i] + upward * lanes.up[2][i];
     const float mu0 = nx * sx + ny * sy + nz * sz, mu = -(x * nx + y * ny + z * nz);
-    out.mu0[i] = static_cast<double>(mu0 > 1e-9F ? mu0 : 1e-9F), out.mu[i] = static_cast<double>(mu > 0 ? mu : 0);
+    out.mu0[i] = static_cast<double>(mu0 > 1e-9F ? mu0 : 1e-9F);
+    out.mu[i] = static_cast<double>(mu > 0 ? mu : 0);
     out.cos_phase[i] = static_cast<double>(-(x * sx + y * sy + z * sz));
     out.albedo[i] = static_cast<double>(ground.albedo[i]);
   }

@@ -12,7 +12,9 @@ namespace selenograph::engine {
 Eigen::Matrix3d relief_axes(const Vec3& centre) {
   const EastNorthUp local = local_axes(centre);
   Eigen::Matrix3d axes;
-  axes.row(0) = local.east, axes.row(1) = local.north, axes.row(2) = local.up;
+  axes.row(0) = local.east;
+  axes.row(1) = local.north;
+  axes.row(2) = local.up;
   return axes;
 }
 

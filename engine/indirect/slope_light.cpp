@@ -18,12 +18,15 @@ double albedo_at(const GroundLight& light, std::size_t cell) {
 
 // Turns the lanes to an azimuth of the grids.
 void aim(float ux, float uy, MarchLanes& lanes, AzimuthLanes& out) {
-  lanes.ux = ux, lanes.uy = uy;
+  lanes.ux = ux;
+  lanes.uy = uy;
   for (int i = 0; i < kPacket; ++i) {
     const float dot = ux * out.up[0][i] + uy * out.up[1][i];
     const float x = ux - dot * out.up[0][i], y = uy - dot * out.up[1][i], z = -dot * out.up[2][i];
     const float length = 1 / std::sqrt(x * x + y * y + z * z);
-    out.along[0][i] = x * length, out.along[1][i] = y * length, out.along[2][i] = z * length;
+    out.along[0][i] = x * length;
+    out.along[1][i] = y * length;
+    out.along[2][i] = z * length;
   }
 }
 
@@ -184,7 +187,9 @@ void SlopeLight::light_square(const Square& square, const StopToken& stop) const
     for (int c = 0; c < square.columns; ++c) {
       const std::size_t at = square.post(r, c);
       const Eigen::Vector3f& normal = cells[static_cast<std::size_t>(c)].normal;
-      light.nx[at] = normal.x(), light.ny[at] = normal.y(), light.lit[at] = share[c];
+      light.nx[at] = normal.x();
+      light.ny[at] = normal.y();
+      light.lit[at] = share[c];
       if (source_.albedo) light.albedo[at] = albedo[static_cast<std::size_t>(r * square.columns + c)];
     }
   }

@@ -34,8 +34,11 @@ void angles_of(std::span<const Vec3> directions, Angles* out) {
   const Angles from = angles_of(first);
   const double fx = first.x(), fy = first.y(), fz = first.z(), fr = std::sqrt(fx * fx + fy * fy);
   double x[kGroup] = {}, y[kGroup] = {}, z[kGroup] = {}, lat[kGroup], lon[kGroup], tangent[kGroup];
-  for (std::size_t i = 0; i < directions.size(); ++i)
-    x[i] = directions[i].x(), y[i] = directions[i].y(), z[i] = directions[i].z();
+  for (std::size_t i = 0; i < directions.size(); ++i) {
+    x[i] = directions[i].x();
+    y[i] = directions[i].y();
+    z[i] = directions[i].z();
+  }
   // Up to 1e-16 for the tangents that are taken.
   constexpr double kLargest = 0.03;
   const auto angle = [](double t) {
@@ -48,7 +51,8 @@ void angles_of(std::span<const Vec3> directions, Angles* out) {
     const double around = fx * x[i] + fy * y[i], up = fr * r + fz * z[i];
     const double t = (fx * y[i] - fy * x[i]) / around, u = (fr * z[i] - fz * r) / up;
     const double across = t < 0 ? -t : t, along = u < 0 ? -u : u, larger = across > along ? across : along;
-    lon[i] = from.lon + angle(t), lat[i] = from.lat + angle(u);
+    lon[i] = from.lon + angle(t);
+    lat[i] = from.lat + angle(u);
     tangent[i] = (around > 0) & (up > 0) ? larger : 1;
   }
   for (std::size_t i = 0; i < directions.size(); ++i)

@@ -16,7 +16,9 @@ TerrainLight::TerrainLight(const FrameRequest& request, const ViewOfGround& view
                            const dem::Terrain& terrain, double direct_w_m2, LightTiles& tiles, const StopToken& stop)
     : request_(request), mesh_(view.mesh), sources_(light_sources(request, direct_w_m2)) {
   FieldsInView seen = fields_in_view(view, terrain, request.indirect.spacing_px);
-  of_block_ = std::move(seen.of_block), of_object_ = std::move(seen.of_object), fade_ = seen.fade;
+  of_block_ = std::move(seen.of_block);
+  of_object_ = std::move(seen.of_object);
+  fade_ = seen.fade;
   for (const Ball& object : view.objects) objects_m_.push_back(object.centre_m);
   if (seen.tiles() * (LightTiles::bytes_of_tile() + sizeof(Tile)) > tiles.capacity())
     throw TooMuchTerrain(
@@ -35,7 +37,8 @@ TerrainLight::TerrainLight(const FrameRequest& request, const ViewOfGround& view
     Field& own = fields_.emplace_back(Field{field.plane, std::vector<const Tile*>(side * side)});
     in_parallel(kept.size(), [&](std::size_t i) {
       Tile& tile = tiles_[next + i];
-      tile.light = std::move(kept[i]), tile.rows = field.tiles[i];
+      tile.light = std::move(kept[i]);
+      tile.rows = field.tiles[i];
       set_factors(*tile.light, field.plane, tile.rows, viewer, brdf, tile.factors);
     });
     for (const TileRows& at : field.tiles) {
@@ -151,7 +154,8 @@ TerrainLight::Place TerrainLight::on_objects(const Vec3& place_m, std::size_t ob
   out.earth = sources_.earth_w_m2 * static_cast<double>(post.earth) * sources_.earth;
   out.ground = sources_.sun_w_m2 * static_cast<double>(post.ground);
   const double share = fade_ ? fade_->share(place_m) : 1;
-  out.terrain *= share, out.ground *= share;
+  out.terrain *= share;
+  out.ground *= share;
   return out;
 }
 

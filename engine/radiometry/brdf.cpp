@@ -46,7 +46,8 @@ void OfPhaseLanes(const TermsByPhase& terms, const double* mu0, const double* mu
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const TermsByPhase::Place place = TermsByPhase::place_of(cos_phase[i]);
-    intervals[i] = place.interval, x[i] = place.x;
+    intervals[i] = place.interval;
+    x[i] = place.x;
   }
   for (int i = 0; i < kPacket; ++i) std::memcpy(cubics[i], terms.cubics_of(intervals[i]), sizeof cubics[i]);
   SELENOGRAPH_INDEPENDENT_LANES
@@ -139,7 +140,8 @@ double diffuse_albedo(const Brdf& brdf, std::optional<double> w) {
   for (int i = 0; i < kSteps; ++i)
     for (int o = 0; o < kSteps; ++o) {
       const double mu0 = middle(i), mu = middle(o), across = std::sqrt((1 - mu0 * mu0) * (1 - mu * mu));
-      std::fill_n(incident, kPacket, mu0), std::fill_n(emitted, kPacket, mu);
+      std::fill_n(incident, kPacket, mu0);
+      std::fill_n(emitted, kPacket, mu);
       for (int a = 0; a < kSteps; ++a) cos_phase[a] = mu0 * mu + across * std::cos(kPi * middle(a));
       brdf.times_mu0(incident, emitted, cos_phase, w ? albedo : nullptr, reflected);
       sum =

@@ -20,7 +20,8 @@ struct Near {
   explicit Near(const Vec3& place) {
     const double ring = std::max(std::sqrt(place.x() * place.x() + place.y() * place.y()), 1e-6);
     up = place.normalized(), east = {-place.y() / ring, place.x() / ring, 0}, north = up.cross(east);
-    sin_lat = up.z(), cos_lat = ring / place.norm();
+    sin_lat = up.z();
+    cos_lat = ring / place.norm();
     lat_deg = std::atan2(place.z(), ring) * kDegreesPerRadian;
     lon_deg = std::atan2(place.y(), place.x()) * kDegreesPerRadian;
   }
@@ -40,7 +41,10 @@ class NearPlaces {
     Held& held = held_[static_cast<std::size_t>((x & 1) | (y & 1) << 1 | (z & 1) << 2)];
     Vec3 at(kSide_m * x, kSide_m * y, kSide_m * z);
     if (place.z() * place.z() > kPolar * kPolar * place.squaredNorm()) at = place;
-    if (!held.near || held.at != at) held.at = at, held.near.emplace(at);
+    if (!held.near || held.at != at) {
+      held.at = at;
+      held.near.emplace(at);
+    }
     return *held.near;
   }
 
@@ -63,8 +67,13 @@ struct alignas(64) FootprintLanes {
   }
   dem::Footprints all() const { return {lat_deg, lon_deg, cos_lat, right_m[0], right_m[1], down_m[0], down_m[1]}; }
   void set(int i, const dem::ValueMap::Footprint2& f) {
-    lat_deg[i] = f.lat_deg, lon_deg[i] = f.lon_deg, cos_lat[i] = f.cos_lat;
-    for (std::size_t k = 0; k < 2; ++k) right_m[k][i] = f.a_m[k], down_m[k][i] = f.b_m[k];
+    lat_deg[i] = f.lat_deg;
+    lon_deg[i] = f.lon_deg;
+    cos_lat[i] = f.cos_lat;
+    for (std::size_t k = 0; k < 2; ++k) {
+      right_m[k][i] = f.a_m[k];
+      down_m[k][i] = f.b_m[k];
+    }
   }
 };
 

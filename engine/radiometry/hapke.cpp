@@ -23,7 +23,8 @@ HemisphereMeans::HemisphereMeans(const HapkeParameters& k) {
     const double b_n =
         k.phase_function == PhaseFunction::legendre ? (n == 1 ? k.b : 0.0) : k.c * (2 * n + 1) * std::pow(k.b, n);
     if (std::abs(b_n) < 1e-9) break;
-    odd[terms++] = a * b_n, mean += a * a * b_n;
+    odd[terms++] = a * b_n;
+    mean += a * a * b_n;
     // (-1)^((n + 1) / 2) / n 1 3 5 ... n / (2 4 6 ... (n + 1))
     a *= -static_cast<double>(n) / (n + 3);
   }
@@ -35,7 +36,8 @@ double HemisphereMeans::at(double x) const {
     sum += odd[i] * now;
     for (int n = 2 * i + 1; n < 2 * i + 3; ++n) {
       const double next = ((2 * n + 1) * x * now - n * before) / (n + 1);
-      before = now, now = next;
+      before = now;
+      now = next;
     }
   }
   return sum;
@@ -69,7 +71,8 @@ HapkeLaw::HapkeLaw(const HapkeParameters& k)
     for (int i = 0; i < kPlaces; ++i) hemisphere_[i] += share * before[i];
     double next[kPlaces];
     for (int i = 0; i < kPlaces; ++i) next[i] = (i > 0 ? 2 * now[i - 1] : 0) - before[i];
-    std::copy_n(now, kPlaces, before), std::copy_n(next, kPlaces, now);
+    std::copy_n(now, kPlaces, before);
+    std::copy_n(next, kPlaces, now);
   }
 }
 

@@ -119,7 +119,8 @@ double HapkeLaw::times_mu0(double mu0, double mu, double cos_phase, double w) co
   Tilted t = tilted<Math>(mu0, mu, cos_phase);
   // Nothing of a slope that is turned away. By a factor: what is behind a question may become a branch.
   const double seen = t.mu0 > 0 && t.mu >= 0 ? 1.0 : 0.0;
-  t.mu0 = t.mu0 > 1e-150 ? t.mu0 : 1e-150, t.mu = t.mu > 0 ? t.mu : 0.0;
+  t.mu0 = t.mu0 > 1e-150 ? t.mu0 : 1e-150;
+  t.mu = t.mu > 0 ? t.mu : 0.0;
   const double toward = 1 - cos_phase, away = 1 + cos_phase > 1e-300 ? 1 + cos_phase : 1e-300;
   const double sine = std::sqrt(toward > 0 ? toward * away : 0.0), whole = h_ * away;  // tan(g / 2) = sine / away
   const double single = (1 + b0_ * whole / (whole + sine)) * particles<kLegendre>(cos_phase);

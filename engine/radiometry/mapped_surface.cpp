@@ -60,8 +60,10 @@ bool FootprintsNear(const Near& near, const Vec3& right, const Vec3& down, const
                  rz = t * right.z() - dz * along_right;
     const double bx = t * down.x() - dx * along_down, by = t * down.y() - dy * along_down,
                  bz = t * down.z() - dz * along_down;
-    out.right_m[0][i] = rx * ex + ry * ey, out.right_m[1][i] = rx * nx + ry * ny + rz * nz;
-    out.down_m[0][i] = bx * ex + by * ey, out.down_m[1][i] = bx * nx + by * ny + bz * nz;
+    out.right_m[0][i] = rx * ex + ry * ey;
+    out.right_m[1][i] = rx * nx + ry * ny + rz * nz;
+    out.down_m[0][i] = bx * ex + by * ey;
+    out.down_m[1][i] = bx * nx + by * ny + bz * nz;
   }
   bool near_all = true;
   for (int i = 0; i < kPacket; ++i) near_all &= !p.hit[i] || off[i] < kFarthest;
@@ -83,7 +85,8 @@ constexpr double kColdest_k = 5, kHottest_k = 1e4, kStep = 1.015;
 
 Material black(double temperature_k) {
   Material material;
-  material.reflectance.rho = 0, material.temperature_k = temperature_k;
+  material.reflectance.rho = 0;
+  material.temperature_k = temperature_k;
   return material;
 }
 
@@ -94,7 +97,8 @@ EmissionTable::EmissionTable(const FrameRequest& request) {
   for (int i = 0; i <= steps; ++i) {
     const double t = kColdest_k * std::pow(kStep, i);
     const double b = radiance_terms(request, black(t)).emitted.value_or(0);
-    inverse_k_.push_back(1 / t), log_.push_back(std::log(std::max(b, 1e-300)));
+    inverse_k_.push_back(1 / t);
+    log_.push_back(std::log(std::max(b, 1e-300)));
   }
 }
 
@@ -132,7 +136,9 @@ double albedo_scale(const dem::ValueMap& map, const Reflectance& reflectance, co
   for (std::size_t i = 0; i < maps.size(); ++i) {
     const double mean = maps[i].map.mean(at).value, off = std::abs(mean * maps[i].scale - value);
     if (!(off < nearest)) continue;
-    nearest = off, sample = mean, name = std::filesystem::path(request.albedo_maps[i]->path()).filename().string();
+    nearest = off;
+    sample = mean;
+    name = std::filesystem::path(request.albedo_maps[i]->path()).filename().string();
   }
   const std::string place = fmt::format("{:.4f} N, {:.4f} E", at.lat_deg, at.lon_deg);
   throw ImpossibleRequest(
@@ -154,7 +160,8 @@ bool scaled_albedo(const double* values, double scale, double most, double* albe
   double highest = 0;
   for (int i = 0; i < kPacket; ++i) {
     const double value = values[i] * scale;
-    highest = std::max(highest, value), albedo[i] = std::clamp(value, 0.0, most);
+    highest = std::max(highest, value);
+    albedo[i] = std::clamp(value, 0.0, most);
   }
   return highest <= most + kRounding;
 }
@@ -189,7 +196,10 @@ MappedSurface::Steps MappedSurface::steps_of(const View& view) const {
   const Eigen::Matrix3d& m = view.moon_from_camera();
   const double samples = std::sqrt(request_.accuracy.samples_per_pixel);
   Steps steps{m.col(0) / (view.camera().fx * samples), m.col(1) / (view.camera().fy * samples)};
-  if (view.projection().fisheye()) steps.fisheye_boresight = m.col(2), steps.angle = 1 / (view.camera().fx * samples);
+  if (view.projection().fisheye()) {
+    steps.fisheye_boresight = m.col(2);
+    steps.angle = 1 / (view.camera().fx * samples);
+  }
   return steps;
 }
 
@@ -212,7 +222,10 @@ dem::ValueMap::Footprint2 MappedSurface::footprint(const Steps& steps, const Sur
   Vec3 right = steps.right, down = steps.down;
   if (steps.fisheye_boresight) {  // away from the boresight, and around it
     const Vec3 around = steps.fisheye_boresight->cross(direction);
-    if (around.norm() > 1e-9) right = steps.angle * around.normalized(), down = right.cross(direction);
+    if (around.norm() > 1e-9) {
+      right = steps.angle * around.normalized();
+      down = right.cross(direction);
+    }
   }
   const Vec3 a = side(right), b = side(down);
   const Near at(place);

@@ -114,7 +114,8 @@ Weights weights_of(const Band& band) {
       const double light = simpson * (to - from) / 6 * band.response_at(at) * solar_irradiance_w_m2_um(at);
       const double within = std::clamp(at, kNodes_um.front(), kNodes_um.back());
       const double share = (within - kNodes_um[node]) / (kNodes_um[node + 1] - kNodes_um[node]);
-      weights[node] += light * (1 - share), weights[node + 1] += light * share;
+      weights[node] += light * (1 - share);
+      weights[node + 1] += light * share;
     }
   }
   return weights;
@@ -206,7 +207,10 @@ std::optional<double> near_side_mean(const dem::ValueMap& map, const StopToken& 
         const double lat_deg = std::asin(z) / kRadiansPerDegree, lon_deg = std::atan2(y, x) / kRadiansPerDegree;
         const auto [value, coverage] = sampler.mean({lat_deg, lon_deg, {kSide_m, 0}, {0, kSide_m}});
         all += weight;
-        if (coverage > 0) sum += weight * coverage * value, covered += weight * coverage;
+        if (coverage > 0) {
+          sum += weight * coverage * value;
+          covered += weight * coverage;
+        }
       }
     return covered >= kLeast * all && sum > 0 ? std::optional(sum / covered) : std::nullopt;
   });

@@ -89,10 +89,12 @@ TermsByPhase::TermsByPhase(const std::vector<BrdfTerms>& knots) : cubics_(kCoeff
     double seeliger[4], lambert[4];
     for (int k = 0; k < 4; ++k) {
       const BrdfTerms& terms = knots.at(static_cast<std::size_t>(first + k));
-      seeliger[k] = terms.lommel_seeliger, lambert[k] = terms.lambert;
+      seeliger[k] = terms.lommel_seeliger;
+      lambert[k] = terms.lambert;
     }
     double* const out = cubics_.data() + kCoefficients * i;
-    cubic(seeliger, first - i, out), cubic(lambert, first - i, out + 4);
+    cubic(seeliger, first - i, out);
+    cubic(lambert, first - i, out + 4);
   }
 }
 

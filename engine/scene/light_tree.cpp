@@ -23,17 +23,29 @@ LightTree::Extent LightTree::extent_of(const NodeBounds& b) const {
   Extent e;
   for (const Vec3& p : b.points) {
     const double u = u_.dot(p), v = v_.dot(p), s = sun_.dot(p);
-    e.u0 = std::min(e.u0, u), e.u1 = std::max(e.u1, u), e.v0 = std::min(e.v0, v), e.v1 = std::max(e.v1, v);
-    e.s0 = std::min(e.s0, s), e.s1 = std::max(e.s1, s);
+    e.u0 = std::min(e.u0, u);
+    e.u1 = std::max(e.u1, u);
+    e.v0 = std::min(e.v0, v);
+    e.v1 = std::max(e.v1, v);
+    e.s0 = std::min(e.s0, s);
+    e.s1 = std::max(e.s1, s);
   }
-  e.u0 -= b.bulge_m, e.v0 -= b.bulge_m, e.s0 -= b.bulge_m;
-  e.u1 += b.bulge_m, e.v1 += b.bulge_m, e.s1 += b.bulge_m;
+  e.u0 -= b.bulge_m;
+  e.v0 -= b.bulge_m;
+  e.s0 -= b.bulge_m;
+  e.u1 += b.bulge_m;
+  e.v1 += b.bulge_m;
+  e.s1 += b.bulge_m;
   return e;
 }
 
 void LightTree::Extent::include(const Extent& other) {
-  u0 = std::min(u0, other.u0), u1 = std::max(u1, other.u1), v0 = std::min(v0, other.v0), v1 = std::max(v1, other.v1);
-  s0 = std::min(s0, other.s0), s1 = std::max(s1, other.s1);
+  u0 = std::min(u0, other.u0);
+  u1 = std::max(u1, other.u1);
+  v0 = std::min(v0, other.v0);
+  v1 = std::max(v1, other.v1);
+  s0 = std::min(s0, other.s0);
+  s1 = std::max(s1, other.s1);
 }
 
 // Even the highest relief is dark once the Sun is further below the horizon than the dip from there to the solid core.
@@ -62,7 +74,8 @@ void LightTree::add_node(std::size_t first, std::size_t count) {
   }
   nodes_.push_back(node);
   if (count <= kLeaf) {
-    nodes_[at].first = first, nodes_[at].count = count;
+    nodes_[at].first = first;
+    nodes_[at].count = count;
   } else {
     const bool along_u = node.extent.u1 - node.extent.u0 > node.extent.v1 - node.extent.v0;
     const auto middle = [&](const Receiver& r) {
@@ -82,7 +95,10 @@ double LightTree::shaded_pixels_per_metre(const NodeBounds& bounds) const {
   Extent e = extent_of(bounds);
   // As far aside as the disc's rim moves its shadow on the receiver that is farthest.
   const double aside = radius_ * std::max(0.0, e.s1 - nodes_.front().extent.s0);
-  e.u0 -= aside, e.u1 += aside, e.v0 -= aside, e.v1 += aside;
+  e.u0 -= aside;
+  e.u1 += aside;
+  e.v0 -= aside;
+  e.v1 += aside;
   double sharpest = 0;
   // A receiver's far end lies behind the caster's near one.
   const auto shaded = [&](const auto& some) {

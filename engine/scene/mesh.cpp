@@ -133,7 +133,8 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const M
     auto& posts = loaded[i];
     if (!posts) continue;
     soft_here.push_back(soft.empty() ? Corners{0} : soft[i]);
-    coarsest_ = std::min(coarsest_, posts->id.level), finest_ = std::max(finest_, posts->id.level);
+    coarsest_ = std::min(coarsest_, posts->id.level);
+    finest_ = std::max(finest_, posts->id.level);
     index_[posts->id] = static_cast<std::uint32_t>(posts_.size());
     posts_.push_back(std::move(posts));
   }
@@ -251,7 +252,10 @@ float Mesh::joined_height(const BlockId& own, std::int64_t lat, std::int64_t lon
     if (y < 0 || y >= dem::kLatTicks) return;
     const auto at = block_at(y, x);
     if (!at || (first && is_before(*first, *at))) return;
-    if (const auto h = dem::post_at(*posts_[*at], lat, lon)) first = at, height = *h;
+    if (const auto h = dem::post_at(*posts_[*at], lat, lon)) {
+      first = at;
+      height = *h;
+    }
   };
   for (const int dy : {-1, 0})
     for (const int dx : {-1, 0}) consider(lat + dy, lon + dx);

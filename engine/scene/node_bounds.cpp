@@ -17,11 +17,13 @@ NodeBounds bounds_over(const dem::BlockExtent& e, double low_m, double high_m) {
                north = dem::lat_deg_of(e.lat1()) * kRadiansPerDegree;
   const double west = dem::lon_deg_of(e.lon0) * kRadiansPerDegree, east = dem::lon_deg_of(e.lon1()) * kRadiansPerDegree;
   NodeBounds b;
-  b.low_m = low_m, b.high_m = high_m;
+  b.low_m = low_m;
+  b.high_m = high_m;
   double cos_lon[3], sin_lon[3];
   for (int i = 0; i < 3; ++i) {
     const double lon = west + (east - west) * i / 2;
-    cos_lon[i] = std::cos(lon), sin_lon[i] = std::sin(lon);
+    cos_lon[i] = std::cos(lon);
+    sin_lon[i] = std::sin(lon);
   }
   std::size_t n = 0;
   for (int j = 0; j < 3; ++j) {
@@ -70,9 +72,11 @@ NodeBounds bounds_around(const Vec3& centre_m, double radius_m) {
   NodeBounds bounds;
   bounds.points.fill(centre_m);
   bounds.bulge_m = radius_m;
-  bounds.centre = centre_m, bounds.radius_m = radius_m;
+  bounds.centre = centre_m;
+  bounds.radius_m = radius_m;
   const double height = centre_m.norm() - kMoonRadius_m;
-  bounds.low_m = height - radius_m, bounds.high_m = height + radius_m;
+  bounds.low_m = height - radius_m;
+  bounds.high_m = height + radius_m;
   return bounds;
 }
 

@@ -41,7 +41,10 @@ RasterShape::Box box_of(const MeshBlock& block, int first_row, int rows) {
       const Vec3 at = block.vertex(r, c) - middle;
       row.set(c, {axes.east.dot(at), axes.north.dot(at), axes.up.dot(at)});
     };
-    if (block.collapses) put(0), put(last);
+    if (block.collapses) {
+      put(0);
+      put(last);
+    }
     for (int c = 1; block.collapses && (r == 0 || r == last) && c < last; ++c) put(c);
     bounds.extend(row, side);
     if (r > first_row) bounds.extend(south, row, last);
@@ -58,7 +61,8 @@ RasterShape::Box box_of(const MeshBlock& block, int first_row, int rows) {
 // Relative to the anchor, and slightly larger than its vertices as float has them.
 Strip strip_of(const RasterShape::Box& box, const Vec3& anchor) {
   Strip s{};
-  s.first_row = box.first_row, s.rows = box.rows;
+  s.first_row = box.first_row;
+  s.rows = box.rows;
   const Vec3 centre = box.centre - anchor;
   const Vec3 half = box.half_m + Vec3::Constant(1e-6 * (centre.norm() + 2 * box.half_m.norm()));
   const Vec3 edges[3] = {box.axes.east * half.x(), box.axes.north * half.y(), box.axes.up * half.z()};
@@ -80,7 +84,8 @@ Ends ends_of(const Vec3& from, const Vec3& to) {
   Ends ends{};
   for (std::size_t k = 0; k < 3; ++k) {
     const auto i = static_cast<Eigen::Index>(k);
-    ends[k] = steps(from[i]), ends[3 + k] = steps(to[i]);
+    ends[k] = steps(from[i]);
+    ends[3 + k] = steps(to[i]);
   }
   return ends;
 }
@@ -99,8 +104,10 @@ class EdgeFinder {
     const int last = quads_ - 1;
     if (std::none_of(all.begin(), all.end(), [](const dem::Vertex& v) { return std::isnan(v.height_m); })) {
       for (int i = 0; i <= last; ++i) {
-        border(0, 0, i, 0, i + 1), border(2, i + 1, 0, i, 0);
-        border(1, quads_, i + 1, quads_, i), border(3, i, quads_, i + 1, quads_);
+        border(0, 0, i, 0, i + 1);
+        border(2, i + 1, 0, i, 0);
+        border(1, quads_, i + 1, quads_, i);
+        border(3, i, quads_, i + 1, quads_);
       }
       return;
     }
@@ -282,12 +289,15 @@ void RasterMesh::add_skirt(const Vec3& from, const Vec3& to) {
              d = to * (kFoot_m / to.norm()) - anchor_;
   const auto add = [&](const Vec3& p, const Vec3& q, const Vec3& r) {
     Skirt skirt{};
-    for (int k = 0; k < 3; ++k)
-      skirt.a[k] = static_cast<float>(p[k]), skirt.b[k] = static_cast<float>(q[k]),
+    for (int k = 0; k < 3; ++k) {
+      skirt.a[k] = static_cast<float>(p[k]);
+      skirt.b[k] = static_cast<float>(q[k]);
       skirt.c[k] = static_cast<float>(r[k]);
+    }
     skirts_.push_back(skirt);
   };
-  add(a, b, c), add(a, c, d);
+  add(a, b, c);
+  add(a, c, d);
 }
 
 RasterParts RasterMesh::parts_for(const Vec3& anchor_m) const {

@@ -52,7 +52,8 @@ Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBund
     try {
       Selection selection = selector.select(sun);
       if (shadows == Shadows::tried_without) {
-        shadows = Shadows::relaxed, asked.max_shadow_error_px = looser(accuracy.max_shadow_error_px, 2);
+        shadows = Shadows::relaxed;
+        asked.max_shadow_error_px = looser(accuracy.max_shadow_error_px, 2);
         continue;
       }
       selection.shadow_limit_px = asked.max_shadow_error_px;
@@ -60,16 +61,19 @@ Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBund
       return selection;
     } catch (const TooMuchDetail&) {
       if (!selector.refined_for_shadows()) {
-        shadows = Shadows::as_asked, asked.max_shadow_error_px = accuracy.max_shadow_error_px;
+        shadows = Shadows::as_asked;
+        asked.max_shadow_error_px = accuracy.max_shadow_error_px;
         asked.max_detail_error_px = looser(asked.max_detail_error_px, std::numbers::sqrt2);
       } else if (shadows == Shadows::as_asked) {
-        shadows = Shadows::tried_without, asked.max_shadow_error_px = std::numeric_limits<double>::infinity();
+        shadows = Shadows::tried_without;
+        asked.max_shadow_error_px = std::numeric_limits<double>::infinity();
       } else {
         asked.max_shadow_error_px = looser(asked.max_shadow_error_px, 2);
       }
     } catch (const TooMuchTerrain&) {
       if (!selector.refined_for_shadows()) throw;
-      shadows = Shadows::relaxed, asked.max_shadow_error_px = looser(asked.max_shadow_error_px, 2);
+      shadows = Shadows::relaxed;
+      asked.max_shadow_error_px = looser(asked.max_shadow_error_px, 2);
     }
   }
 }

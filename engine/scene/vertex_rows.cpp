@@ -94,19 +94,23 @@ void ExtendSlopes(const LocalRow& south, const LocalRow& north, int quads, float
     unsafe = hn::Or(unsafe, hn::And(hn::And(counts, known), hn::Not(hn::Or(safe, none))));
     counts = hn::And(counts, safe);
     const VF to_east = hn::Neg(hn::Div(e, u)), to_north = hn::Neg(hn::Div(n, u));
-    rises[0].extend(to_east, counts), rises[2].extend(to_north, counts);
+    rises[0].extend(to_east, counts);
+    rises[2].extend(to_north, counts);
     rises[1].extend(hn::Mul(hn::Add(to_east, to_north), diagonal), counts);
     rises[3].extend(hn::Mul(hn::Sub(to_north, to_east), diagonal), counts);
   };
   for (int c = 0; c < quads; c += lanes) {
     const MF counts = hn::FirstN(f, static_cast<std::size_t>(std::min(lanes, quads - c)));
     const auto corner = [&](const LocalRow& row, int shift, VF& e, VF& n, VF& u) HWY_ATTR {
-      e = hn::LoadU(f, row.east + c + shift), n = hn::LoadU(f, row.north + c + shift),
+      e = hn::LoadU(f, row.east + c + shift);
+      n = hn::LoadU(f, row.north + c + shift);
       u = hn::LoadU(f, row.up + c + shift);
     };
     VF ae, an, au, be, bn, bu, ce, cn, cu, de, dn, du;
-    corner(south, 0, ae, an, au), corner(south, 1, be, bn, bu), corner(north, 0, ce, cn, cu),
-        corner(north, 1, de, dn, du);
+    corner(south, 0, ae, an, au);
+    corner(south, 1, be, bn, bu);
+    corner(north, 0, ce, cn, cu);
+    corner(north, 1, de, dn, du);
     triangle(hn::Sub(be, ae), hn::Sub(bn, an), hn::Sub(bu, au), hn::Sub(ce, ae), hn::Sub(cn, an), hn::Sub(cu, au),
              counts);
     triangle(hn::Sub(ce, de), hn::Sub(cn, dn), hn::Sub(cu, du), hn::Sub(be, de), hn::Sub(bn, dn), hn::Sub(bu, du),
@@ -118,7 +122,8 @@ void ExtendSlopes(const LocalRow& south, const LocalRow& north, int quads, float
                     any_unsafe ? std::numeric_limits<float>::infinity() : hn::GetLane(hn::MaxOfLanes(f, rises[k].most)),
                 least = any_unsafe ? -std::numeric_limits<float>::infinity()
                                    : hn::GetLane(hn::MinOfLanes(f, rises[k].least));
-    steepest[k] = std::max(steepest[k], most), steepest[k + 4] = std::max(steepest[k + 4], -least);
+    steepest[k] = std::max(steepest[k], most);
+    steepest[k + 4] = std::max(steepest[k + 4], -least);
   }
 }
 
@@ -147,7 +152,9 @@ void local_row(const dem::Vertex* row, int n, const RowPlace& place, const Vec3&
 
 LocalBounds::LocalBounds() {
   constexpr float kInfinite = std::numeric_limits<float>::infinity();
-  std::fill_n(low, 3, kInfinite), std::fill_n(high, 3, -kInfinite), std::fill_n(steepest, 8, -kInfinite);
+  std::fill_n(low, 3, kInfinite);
+  std::fill_n(high, 3, -kInfinite);
+  std::fill_n(steepest, 8, -kInfinite);
 }
 
 void LocalBounds::extend(const LocalRow& row, int n) { HWY_DYNAMIC_DISPATCH(ExtendBox)(row, n, low, high); }

@@ -21,7 +21,8 @@ struct LocalRow {
   static constexpr int kMost = 96;  // columns of a block plus one vector
   alignas(64) float east[kMost], north[kMost], up[kMost];
   void set(int column, const Vec3& local) {
-    east[column] = static_cast<float>(local.x()), north[column] = static_cast<float>(local.y()),
+    east[column] = static_cast<float>(local.x());
+    north[column] = static_cast<float>(local.y());
     up[column] = static_cast<float>(local.z());
   }
 };

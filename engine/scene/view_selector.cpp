@@ -46,7 +46,10 @@ Selection ViewSelector::select(const Sun* sun) {
   see_roots();
   see_detail();
   if (sun) sharpen_shadows(*sun);
-  for (const Seen& s : seen_) count_detail(s.id, -1), choose(s.id, s.info.max_m);
+  for (const Seen& s : seen_) {
+    count_detail(s.id, -1);
+    choose(s.id, s.info.max_m);
+  }
   balance();
   report();
   result_.blocks.assign(chosen_.begin(), chosen_.end());
@@ -90,8 +93,11 @@ void ViewSelector::Part::append(Part&& next) {
   const auto join = [](auto& to, auto& from) {
     to.insert(to.end(), std::make_move_iterator(from.begin()), std::make_move_iterator(from.end()));
   };
-  join(seen, next.seen), join(out_of_view, next.out_of_view), join(nothing, next.nothing);
-  join(of_detail, next.of_detail), join(casters, next.casters);
+  join(seen, next.seen);
+  join(out_of_view, next.out_of_view);
+  join(nothing, next.nothing);
+  join(of_detail, next.of_detail);
+  join(casters, next.casters);
   shadow_error_px = std::max(shadow_error_px, next.shadow_error_px);
 }
 

@@ -100,7 +100,8 @@ void ViewSelector::balance() {
 void ViewSelector::split(const BlockId id, std::vector<BlockId>& todo) {
   const auto seen = in_view_.find(id);
   const double sharpness = seen == in_view_.end() ? 0 : seen->second;
-  chosen_.erase(id), count_detail(id, -1);
+  chosen_.erase(id);
+  count_detail(id, -1);
   const std::vector<BlockId> children = dem::children_of(id);
   std::vector<std::optional<Known>> nodes(children.size());
   const auto look = [&](std::size_t i) { nodes[i] = known(terrain_, children[i], stop_); };

@@ -51,14 +51,18 @@ struct SpawnSettings {
     posix_spawn_file_actions_addclosefrom_np(&files, STDERR_FILENO + 1);
     posix_spawnattr_init(&attributes);
     sigset_t blocked, all;
-    sigemptyset(&blocked), sigfillset(&all);
+    sigemptyset(&blocked);
+    sigfillset(&all);
     for (const int signal : {SIGTERM, SIGINT, SIGHUP}) sigaddset(&blocked, signal);
     posix_spawnattr_setsigmask(&attributes, &blocked);
     posix_spawnattr_setsigdefault(&attributes, &all);
     posix_spawnattr_setpgroup(&attributes, 0);
     posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETPGROUP);
   }
-  ~SpawnSettings() { posix_spawn_file_actions_destroy(&files), posix_spawnattr_destroy(&attributes); }
+  ~SpawnSettings() {
+    posix_spawn_file_actions_destroy(&files);
+    posix_spawnattr_destroy(&attributes);
+  }
   SpawnSettings(const SpawnSettings&) = delete;
   SpawnSettings& operator=(const SpawnSettings&) = delete;
 
@@ -135,7 +139,8 @@ class Answer {
       const ssize_t got = ::read(pipe_, to, std::min(count, std::size_t{1} << 20));
       if (got < 0 && (errno == EINTR || errno == EAGAIN)) continue;
       if (got <= 0) return false;
-      to += got, count -= static_cast<std::size_t>(got);
+      to += got;
+      count -= static_cast<std::size_t>(got);
     }
     return true;
   }
@@ -181,7 +186,8 @@ bool write_to_parent(const std::string& answer) {
       const ssize_t written = ::write(STDOUT_FILENO, from, count);
       if (written < 0 && errno == EINTR) continue;
       if (written <= 0) return false;
-      from += written, count -= static_cast<std::size_t>(written);
+      from += written;
+      count -= static_cast<std::size_t>(written);
     }
     return true;
   };

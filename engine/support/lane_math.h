@@ -26,9 +26,17 @@ struct LaneMath {
     const double k = shifted - kRound;
     const double r = (within - k * kLn2High) - k * kLn2Low;
     double sum = 1.0 / 6227020800;
-    sum = sum * r + 1.0 / 479001600, sum = sum * r + 1.0 / 39916800, sum = sum * r + 1.0 / 3628800;
-    sum = sum * r + 1.0 / 362880, sum = sum * r + 1.0 / 40320, sum = sum * r + 1.0 / 5040, sum = sum * r + 1.0 / 720;
-    sum = sum * r + 1.0 / 120, sum = sum * r + 1.0 / 24, sum = sum * r + 1.0 / 6, sum = sum * r + 0.5;
+    sum = sum * r + 1.0 / 479001600;
+    sum = sum * r + 1.0 / 39916800;
+    sum = sum * r + 1.0 / 3628800;
+    sum = sum * r + 1.0 / 362880;
+    sum = sum * r + 1.0 / 40320;
+    sum = sum * r + 1.0 / 5040;
+    sum = sum * r + 1.0 / 720;
+    sum = sum * r + 1.0 / 120;
+    sum = sum * r + 1.0 / 24;
+    sum = sum * r + 1.0 / 6;
+    sum = sum * r + 0.5;
     sum = (sum * r + 1) * r + 1;
     // k is in the low bits of the shifted number.
     const auto power = (std::bit_cast<std::uint64_t>(shifted) + 1023) << 52;
@@ -46,8 +54,14 @@ struct LaneMath {
     const double m = std::bit_cast<double>((from & kMantissa) + kHalfRoot);
     const double s = (m - 1) / (m + 1), q = s * s;
     double sum = 1.0 / 19;
-    sum = sum * q + 1.0 / 17, sum = sum * q + 1.0 / 15, sum = sum * q + 1.0 / 13, sum = sum * q + 1.0 / 11;
-    sum = sum * q + 1.0 / 9, sum = sum * q + 1.0 / 7, sum = sum * q + 1.0 / 5, sum = sum * q + 1.0 / 3;
+    sum = sum * q + 1.0 / 17;
+    sum = sum * q + 1.0 / 15;
+    sum = sum * q + 1.0 / 13;
+    sum = sum * q + 1.0 / 11;
+    sum = sum * q + 1.0 / 9;
+    sum = sum * q + 1.0 / 7;
+    sum = sum * q + 1.0 / 5;
+    sum = sum * q + 1.0 / 3;
     return exponent * 0.6931471805599453 + 2 * s * (1 + sum * q);
   }
 
@@ -55,8 +69,12 @@ struct LaneMath {
   SELENOGRAPH_LANE static double acos(double x) {
     const double a = x < 0 ? -x : x;
     double sum = -0.0012624911;
-    sum = sum * a + 0.0066700901, sum = sum * a - 0.0170881256, sum = sum * a + 0.0308918810;
-    sum = sum * a - 0.0501743046, sum = sum * a + 0.0889789874, sum = sum * a - 0.2145988016;
+    sum = sum * a + 0.0066700901;
+    sum = sum * a - 0.0170881256;
+    sum = sum * a + 0.0308918810;
+    sum = sum * a - 0.0501743046;
+    sum = sum * a + 0.0889789874;
+    sum = sum * a - 0.2145988016;
     sum = sum * a + 1.5707963050;
     const double angle = std::sqrt(1 - a) * sum;
     return x < 0 ? 3.141592653589793 - angle : angle;

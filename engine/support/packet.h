@@ -19,7 +19,13 @@ struct alignas(64) Rays {
   Vec3 origin(int i) const { return {ox[i], oy[i], oz[i]}; }
   Vec3 direction(int i) const { return {dx[i], dy[i], dz[i]}; }
   void set(int i, const Vec3& o, const Vec3& d) {
-    ox[i] = o.x(), oy[i] = o.y(), oz[i] = o.z(), dx[i] = d.x(), dy[i] = d.y(), dz[i] = d.z(), valid[i] = true;
+    ox[i] = o.x();
+    oy[i] = o.y();
+    oz[i] = o.z();
+    dx[i] = d.x();
+    dy[i] = d.y();
+    dz[i] = d.z();
+    valid[i] = true;
   }
 };
 
