@@ -23,7 +23,6 @@ std::vector<Vec3> velocities(const std::vector<PoseAtTime>& poses) {
   std::vector<Vec3> out(n);
   for (std::size_t i = 1; i + 1 < n; ++i) out[i] = middle_velocity(poses[i - 1], poses[i], poses[i + 1]);
   // A parabola's mean velocity between two times is the mean of those at its ends.
-  // A parabola's mean velocity between two times is the mean of those at its ends.
   out[0] = 2 * mean(0) - out[1];
   out[n - 1] = 2 * mean(n - 2) - out[n - 2];
   return out;

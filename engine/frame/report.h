@@ -102,7 +102,7 @@ struct FrameReport {
   std::size_t rocks = 0;                         // in view, or whose shadow may be in view
   double least_rock_px = 0;                      // diameter of the smallest rocks shown; 0: no rocks
   RadianceTerms radiance;                        // of the terrain, in frames with radiance or image
-  double ground_view = 0;                        // with light from terrain: see TerrainLight::most_ground_view()
+  double ground_view = 0;                        // with light from terrain: see TerrainLight::max_ground_view()
   bool emits_elsewhere = false;                  // an object emits, or the ground by a temperature map
   double full_scale_radiance_w_m2_sr = 0;        // used for `image`; 0 without image
   double integration_time_s = 0;                 // 0 without a sensor

@@ -138,7 +138,7 @@ Drawn FrameMoment::draw(int margin_px, const EachSample& each, FrameProducts& ou
   const bool dense = drawn_at_once(request_, request_.accuracy, content_.visibility) > 1;
   Drawn drawn = dense ? draw_dense(job, marks, out) : draw_centres(job, marks, out);
   drawn.triangles = scene_->triangles, drawn.scene_bytes = scene_->bytes;
-  if (indirect_) drawn.ground_view = indirect_->most_ground_view();
+  if (indirect_) drawn.ground_view = indirect_->max_ground_view();
   indirect_.reset(),
       scene_.reset();  // an exposure's other moments have their own: who waits for room for one holds none
   kept_.settle();
