@@ -16,7 +16,7 @@
 #include "dem/terrain/surface_place.h"
 #include "engine/camera/row_views.h"
 #include "engine/rays/ray_queries.h"
-#include "engine/scene/known_nodes.h"
+#include "engine/scene/bounded_nodes.h"
 #include "engine/scene/selection.h"
 
 namespace selenograph::engine {

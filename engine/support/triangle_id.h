@@ -9,7 +9,7 @@ namespace selenograph::engine {
 
 class TriangleId {
  public:
-  static constexpr std::uint32_t kMostBlocks = 1U << 19;
+  static constexpr std::uint32_t kMaxBlocks = 1U << 19;
 
   TriangleId() = default;
   explicit TriangleId(std::uint32_t packed) : packed_(packed) {}
