@@ -80,7 +80,7 @@ ViewSelector::BlockView ViewSelector::view_block(const BlockId& id) const {
 
 ViewSelector::VisibleBlock ViewSelector::visible_block(const BlockId& id, const BoundedNode& node) const {
   VisibleBlock block{id, node.info, node.bounds, 0, is_finest(id)};
-  if (block.finest)
+  if (block.is_finest)
     block.errors = Errors{};
   else if (!node.loose)
     block.errors = errors_of(id, node.info);
@@ -224,11 +224,11 @@ ViewSelector::Errors ViewSelector::errors_of(const BlockId& id, const dem::NodeI
 }
 
 ViewSelector::Errors ViewSelector::errors_of(const BlockId& id) const {
-  return finest(id) ? Errors{} : errors_of(id, terrain_.node(id, stop_));
+  return is_finest(id) ? Errors{} : errors_of(id, terrain_.node(id, stop_));
 }
 
 bool ViewSelector::needs_refinement(const VisibleBlock& block) const {
-  if (block.finest) return false;
+  if (block.is_finest) return false;
   const BlockId& id = block.id;
   const double pixels_per_metre = block.pixels_per_metre;
   const double target_px = accuracy_.max_error_px;
@@ -309,7 +309,7 @@ void ViewSelector::report() {
   expected.reserve(visible_blocks_.size());
   if (!visible_blocks_.empty()) result_.min_spacing_m = std::numeric_limits<double>::infinity();
   for (const VisibleBlock& s : visible_blocks_) {
-    const bool split = s.finest && !chosen_.contains(s.id);
+    const bool split = s.is_finest && !chosen_.contains(s.id);
     const Errors errors = errors_of(s);
     const double error = split ? subdivision_error_m(s.id.level) : errors.total_m,
                  spacing = dem::post_spacing_m(s.id.level);

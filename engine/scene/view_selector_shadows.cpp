@@ -69,7 +69,7 @@ double ViewSelector::max_error_for_shadows_m(double shift_px_per_m) const {
 }
 
 ViewSelector::ShadowShift ViewSelector::shadow_shift(const VisibleBlock& block, double shift_px_per_m) const {
-  if (shift_px_per_m == 0 || block.finest) return {};
+  if (shift_px_per_m == 0 || block.is_finest) return {};
   if (accuracy_.max_error_px == 0) return {true};
   // Computing the error of a coarse block builds the whole pyramid below it. If only an error below 1/16 of the post
   // spacing would pass, refine without computing it.
