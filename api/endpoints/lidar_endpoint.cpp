@@ -28,7 +28,7 @@ Response answer_lidar(const EndpointContext& context) {
   if (json) refuse_long_json(query, context.limits);
   constexpr std::size_t kBytesOfJson = 8000;  // of a beam, as values and as text
   context.memory.need((engine::kBytesOfBeam + (json ? kBytesOfJson : engine::kBytesOfBeam)) * query.beams +
-                          engine::bytes_of_rocks(query.request.scenery.detail.get(), engine::kMostRememberedRocks),
+                          engine::bytes_of_rocks(query.request.scenery.detail.get(), engine::kMaxCachedRocks),
                       query.request.pulses.empty() ? "/pattern" : "/pulses", context.stop);
   constexpr MemberPointer kRefusable[] = {{"pose", "/pose"}, {"poses", "/motion/poses"}, {"craters", "/craters"}};
   const engine::LidarReturns returns =

@@ -18,7 +18,7 @@ void need_memory(const EndpointContext& context, std::size_t points, std::string
 }
 
 std::size_t bytes_of_rocks(const PointScenery& scenery) {
-  return engine::bytes_of_rocks(scenery.request.detail.get(), engine::kMostRememberedRocks);
+  return engine::bytes_of_rocks(scenery.request.detail.get(), engine::kMaxCachedRocks);
 }
 
 // An irradiance for each place; empty where there is none, and without indirect light.

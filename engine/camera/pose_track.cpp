@@ -14,6 +14,7 @@ Vec3 middle_velocity(const PoseAtTime& a, const PoseAtTime& b, const PoseAtTime&
   return (after * arrival + before * departure) / (before + after);
 }
 
+// Returns the velocities at the poses.
 std::vector<Vec3> velocities(const std::vector<PoseAtTime>& poses) {
   const std::size_t n = poses.size();
   const auto mean = [&](std::size_t i) -> Vec3 {
@@ -38,6 +39,7 @@ PoseTrack::PoseTrack(const Pose& start, const Rates& rates, std::vector<PoseAtTi
     turns_.emplace_back(poses_[i + 1].pose.camera_from_moon * poses_[i].pose.camera_from_moon.conjugate());
 }
 
+// Returns the segment between two poses at a time; the first or last one outside all poses.
 std::size_t PoseTrack::segment_of(double seconds) const {
   const auto later = std::upper_bound(poses_.begin(), poses_.end(), seconds,
                                       [](double t, const PoseAtTime& p) { return t < p.time_s; });

@@ -49,6 +49,7 @@ std::optional<PixelXY> View::project(const Vec3& point_m) const {
   return projection_.image(camera_from_moon_ * (point_m - position_));
 }
 
+// Samples the image to bound the slopes of its rays and the scale of the image.
 void View::bound_image() {
   // Corners of the image, half a pixel outside the centres of the border's pixels.
   const double w = camera_.width - 0.5, h = camera_.height - 0.5;
@@ -100,6 +101,7 @@ void View::bound_image() {
   per_length_ = {per_length(left_), per_length(right_), per_length(top_), per_length(bottom_)};
 }
 
+// Bounds the angle from the boresight over the image.
 void View::bound_fisheye_image() {
   // The corner farthest from the principal point has the largest angle.
   const double x = std::max(camera_.cx + 0.5, camera_.width - 0.5 - camera_.cx) / camera_.fx,

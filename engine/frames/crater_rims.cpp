@@ -156,7 +156,7 @@ class RimFinder {
   std::vector<dem::CraterFeature> in_view() const {
     const std::map<Piece, Heights> map = pieces();
     const std::vector<std::pair<Piece, Heights>> all(map.begin(), map.end());
-    auto found = gathered_in_parallel<dem::CraterFeature>(all.size(), 1, kMostCraters, [&](std::size_t i, auto& some) {
+    auto found = gathered_in_parallel<dem::CraterFeature>(all.size(), 1, kMaxCraters, [&](std::size_t i, auto& some) {
       const Piece& piece = all[i].first;
       const Heights& heights = all[i].second;
       // With those beside it that reach into it.
@@ -167,7 +167,7 @@ class RimFinder {
     });
     if (!found)
       throw ImpossibleRequest(
-          fmt::format("more than {} craters are in view: ask for a larger smallest_px", kMostCraters), "craters");
+          fmt::format("more than {} craters are in view: ask for a larger smallest_px", kMaxCraters), "craters");
     return dem::largest_first(std::move(*found));
   }
 

@@ -61,8 +61,8 @@ double longest_streak_px(const FrameRequest& request, double integration_time_s,
 
 int motion_samples(const Motion& motion, double longest_streak_px) {
   if (motion.samples) return *motion.samples;
-  const int pixels = static_cast<int>(std::ceil(std::min(longest_streak_px, double{Motion::kMostMoments})));
-  return std::clamp(pixels | 1, 1, Motion::kMostMoments);
+  const int pixels = static_cast<int>(std::ceil(std::min(longest_streak_px, double{Motion::kMaxMoments})));
+  return std::clamp(pixels | 1, 1, Motion::kMaxMoments);
 }
 
 std::vector<double> moments_of(int samples, double integration_time_s) {

@@ -15,7 +15,7 @@ namespace selenograph::engine {
 double longest_streak_px(const FrameRequest& request, double integration_time_s, double ground_m,
                          std::span<const Ball> objects);
 
-// Number of moments: as requested, or the streak's length in pixels, odd, at most Motion::kMostMoments.
+// Number of moments: as requested, or the streak's length in pixels, odd, at most Motion::kMaxMoments.
 int motion_samples(const Motion& motion, double longest_streak_px);
 
 // Times of the moments, seconds from the exposure's middle.

@@ -46,6 +46,7 @@ Vec3 nearest_post(const dem::Block& posts, const dem::Ticks& to) {
   return posts.position(post(row), post(half + east / e.lon_step), static_cast<double>(posts.max_m));
 }
 
+// Returns the distances at which pixels reach half of kLargestLitPixel_m and all of it.
 Fade fade_of(const RowViews& views) {
   const double ends_m = kLargestLitPixel_m * views.reference().pixels_per_metre_from(1);
   return {views.reference().position(), ends_m / 2, ends_m};

@@ -18,6 +18,7 @@ struct CellBounds {
   double south_deg, north_deg, west_deg, width_deg;
 };
 
+// Returns the number of cells of a band, each about as wide as high in the band's middle.
 int cells_of_band(double south_deg, double height) {
   const double middle = std::min(south_deg + height / 2, 90.0);
   return std::max(1, static_cast<int>(std::ceil(360 * std::cos(middle * kRadiansPerDegree) / height)));

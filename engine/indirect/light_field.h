@@ -41,7 +41,13 @@ struct TileRows {
   bool has(int row) const { return rows >> row & 1; }
 };
 
-// Posts of a field in its plane, in tiles of 16 x 16; adjacent tiles share a row or a column.
+// Posts of a field in its plane, in tiles of 16 x 16; adjacent tiles share a row or a column of posts:
+//
+//    o o o ... o o o ... o      tile t has the quads 15 t to 15 t + 14 of each axis,
+//    o tile 2  o  tile 3 o      and the posts 15 t to 15 t + 15
+//    o o o ... o o o ... o
+//    o tile 0  o  tile 1 o
+//    o o o ... o o o ... o
 class FieldPlane {
  public:
   static constexpr int kTileQuads = 15, kTileSide = kTileQuads + 1;

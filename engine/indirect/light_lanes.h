@@ -37,6 +37,12 @@ struct LightSources {
 
 // A position among the posts of a tile, FieldPlane::kTileSide a row: the post south-west of it, and the shares of the
 // way to the next posts, 0 to 1.
+//
+//    o-------------o        weight of the post in the
+//    |      :      |          north-west  (1 - east) north       north-east  east north
+//    |......x      |          south-west  (1 - east) (1 - north) south-east  east (1 - north)
+//    o-------------o
+//   post
 struct BetweenPosts {
   const LightPost* post;
   float east, north;

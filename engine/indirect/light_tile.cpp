@@ -16,6 +16,7 @@
 namespace selenograph::engine {
 namespace {
 
+// Returns the ground's albedo by the request's maps; empty without maps.
 GroundAlbedo albedo_of(const FrameRequest& request) {
   if (request.albedo_maps.empty()) return {};
   return [albedo_maps = AlbedoMaps(request)](double size_m, std::span<const Vec3> directions, std::span<float> albedo,
@@ -24,8 +25,9 @@ GroundAlbedo albedo_of(const FrameRequest& request) {
     for (std::size_t i = 0; i < directions.size(); ++i) {
       const Geographic position = to_geographic(directions[i]);
       double sum = 0;
-      parts_of(maps, {position.lat_deg, position.lon_deg, {size_m, 0}, {0, size_m}}, albedo_maps.fallback(),
-               [&](double value, double share) { sum += share * std::clamp(value, 0.0, albedo_maps.most()); });
+      visit_coverage(
+          maps, {position.lat_deg, position.lon_deg, {size_m, 0}, {0, size_m}}, albedo_maps.fallback(),
+          [&](double value, double share) { sum += share * std::clamp(value, 0.0, albedo_maps.max_value()); });
       albedo[i] = static_cast<float>(sum);
     }
   };
@@ -100,6 +102,7 @@ ContentKey key_of(const dem::Terrain& terrain, const LightField& field) {
   return hash.key();
 }
 
+// Stores the sectors of a post, and adds their sums.
 void set_light(const SectorLight& arrives, LightPost& out) {
   for (std::size_t k = 0; k < kSectors; ++k) {
     const Eigen::Vector3f& light = arrives.from[k];
@@ -123,6 +126,7 @@ double lattice_step_deg(const Vec3& direction, const Vec3& up) {
   return step_deg;
 }
 
+// Rounds a direction to the lattice of latitude and longitude.
 Vec3 on_lattice(const Vec3& direction, const Vec3& up) {
   const double step = lattice_step_deg(direction, up) * kRadiansPerDegree;
   const auto rounded = [&](double angle) { return std::round(angle / step) * step; };
@@ -131,6 +135,7 @@ Vec3 on_lattice(const Vec3& direction, const Vec3& up) {
   return {std::cos(lat) * std::cos(lon), std::cos(lat) * std::sin(lon), std::sin(lat)};
 }
 
+// Rounds Sun and Earth of a request, so that frames of a moving Sun share cached light.
 FrameRequest on_lattice(FrameRequest request, const Vec3& up) {
   constexpr double kRadiusStep_deg = 1e-3, kDistanceStep_m = 1e6;
   Sun& sun = request.sun;

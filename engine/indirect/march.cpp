@@ -104,7 +104,7 @@ class Columns {
     return load_pair(d, row).west;
   }
   // Interpolates between four posts. `north`: share of the way from the south row to the north row.
-  HWY_INLINE V between(D d, const float* south_row, const float* north_row, V north) const {
+  HWY_INLINE V tangent_between(D d, const float* south_row, const float* north_row, V north) const {
     const auto northward = [&](V south_value, V north_value) {
       return hn::Add(south_value, hn::Mul(north, hn::Sub(north_value, south_value)));
     };
@@ -182,12 +182,13 @@ void ElevationTangents(const RayMarch& march, std::size_t first, float at_m, flo
   const float tx = march.x + at_m * march.ux, ty = march.y + at_m * march.uy, level = tx * tx + ty * ty,
               // 1 / sqrt(1 + level) as a series, with an error of 1e-6.
       sine = at_m * march.turn_per_m * (1 - level * (0.5F - 0.375F * level)), square = sine * sine,
-              half = sine * (0.5F + square * (0.125F + square * 0.0625F)), scale = march.per_radius / sine;
+              half = sine * (0.5F + square * (0.125F + square * 0.0625F));
+  const float scale = march.per_radius / sine;
   const float* south_row = grid.heights + static_cast<std::ptrdiff_t>(cells.row) * grid.side;
   const Sixteen d;
   const auto unity = hn::Set(d, 1.F), north = hn::Set(d, cells.north);
   for (int i = 0; i < kPacket; i += kLanes) {
-    const auto height = Columns<Sixteen>(d, cells, i).between(d, south_row, south_row + grid.side, north);
+    const auto height = Columns<Sixteen>(d, cells, i).tangent_between(d, south_row, south_row + grid.side, north);
     // 1 / (1 + h / R) as a series, with an error of (h / R)^3.
     const auto relative_height = hn::Mul(height, hn::Set(d, march.per_radius));
     const auto inverse_radius = hn::Sub(unity, hn::Mul(relative_height, hn::Sub(unity, relative_height)));
@@ -259,7 +260,8 @@ void RaiseHorizon(const float* tangent_here, RunningHorizon& running) {
 template <typename OnStep, typename IsDone>
 void RunMarch(const RayMarch& march, float farthest_m, RunningHorizon& running, const OnStep& on_step,
               const IsDone& is_done) {
-  alignas(64) float tangent_here[kPacket], between[kPacket];
+  alignas(64) float tangent_here[kPacket];
+  alignas(64) float tangent_between[kPacket];
   for (int i = 0; i < kPacket; ++i) {
     running.tangent[i] = kNothing;
     running.rise[i] = 0;
@@ -272,9 +274,9 @@ void RunMarch(const RayMarch& march, float farthest_m, RunningHorizon& running, 
     // Begin in the step before: the crest may lie before its end.
     for (float share = -1 + kSubstep; needs_substeps && share < 1; share += kSubstep) {
       if (share == 0) continue;
-      ElevationTangents(march, grid, steps.at(share), between);
-      on_step(grid, steps.at(share - kSubstep / 2), between);
-      RaiseHorizon(between, running);
+      ElevationTangents(march, grid, steps.at(share), tangent_between);
+      on_step(grid, steps.at(share - kSubstep / 2), tangent_between);
+      RaiseHorizon(tangent_between, running);
     }
     on_step(grid, steps.at(needs_substeps ? 1 - kSubstep / 2 : 0.5F), tangent_here);
     RaiseHorizon(tangent_here, running);

@@ -78,7 +78,8 @@ struct VisibleSegment {
   // Leaves all members uninitialised: each is written next.
   VisibleSegment() {}  // NOLINT(modernize-use-equals-default)
   // Integrals of cos^2 e and of sin e cos e over the segment's elevations e; 0 in lanes that see nothing of it.
-  alignas(64) float along[kPacket], up[kPacket];
+  alignas(64) float along[kPacket];
+  alignas(64) float up[kPacket];
   alignas(64) float tangent[kPacket];  // tangent of the elevation of its middle
   std::size_t grid;
   RowOfCells cells;  // cells at its middle

@@ -44,7 +44,8 @@ SkyDisc::SkyDisc(const Relief& relief, const Vec3& direction, double angular_rad
       sphere_(relief.sphere()) {}
 
 void SkyDisc::shares(std::span<const GridView> grids, int stride, MarchLanes& lanes, float* share) const {
-  alignas(64) float sufficient_tangent[kPacket], horizon[kPacket];
+  alignas(64) float sufficient_tangent[kPacket];
+  alignas(64) float horizon[kPacket];
   double elevation[kPacket];
   for (int i = 0; i < kPacket; ++i) {
     const Vec3 plane(static_cast<double>(lanes.x[i]), static_cast<double>(lanes.y), kMoonRadius_m);

@@ -64,6 +64,7 @@ class TerrainLight {
     FieldPlane plane;
     std::vector<const Tile*> tiles;  // row by row; null: out of view
   };
+  // Interpolates the light of all lanes that hit, field by field and tile by tile.
   void read(const SurfacePoints& points, const Shading& shading, TerrainLanes& out) const;
   std::optional<BetweenPosts> posts_at(int field, const Vec3& position_m) const;
   // Returns the posts in view around the point below a position; else those of the object, as far as they reach, or

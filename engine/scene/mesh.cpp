@@ -42,11 +42,11 @@ bool touches_any(const BlockExtent& block, const std::vector<BlockExtent>& exten
 
 }  // namespace
 
-bool BlockBorder::operator==(const BlockBorder& other) const {
-  if (stride != other.stride || soft != other.soft) return false;
+bool BlockBorder::operator==(const BlockBorder& border) const {
+  if (stride != border.stride || soft != border.soft) return false;
   for (std::size_t edge = 0; edge < 4; ++edge)
-    if (height[edge].size() != other.height[edge].size() ||
-        std::memcmp(height[edge].data(), other.height[edge].data(), height[edge].size() * sizeof(float)) != 0)
+    if (height[edge].size() != border.height[edge].size() ||
+        std::memcmp(height[edge].data(), border.height[edge].data(), height[edge].size() * sizeof(float)) != 0)
       return false;
   return true;
 }
@@ -192,9 +192,9 @@ std::optional<std::uint32_t> Mesh::block_at(const Vec3& position_m) const {
 
 // Returns true if a common edge takes its heights from `block`: the coarser one or, at one level, the one of the
 // coarser posts. A finer post beside those lies on a curve, theirs on a chord, in every frame (dem::Terrain::height).
-bool Mesh::is_before(std::uint32_t block, std::uint32_t other) const {
+bool Mesh::is_before(std::uint32_t block, std::uint32_t neighbour) const {
   const auto key = [&](std::uint32_t i) { return std::tuple(posts_[i]->id.level, posts_levels_[i], posts_[i]->id); };
-  return key(block) < key(other);
+  return key(block) < key(neighbour);
 }
 
 BlockBorder Mesh::border_of(const dem::Block& block) const {

@@ -32,7 +32,7 @@ struct BlockBorder {
   std::array<std::vector<float>, 4>
       height;        // heights of the remaining vertices, m; a collapsed one repeats that before it
   Corners soft = 0;  // corners at which normals are smoothed
-  bool operator==(const BlockBorder& other) const;  // compares heights bit for bit
+  bool operator==(const BlockBorder& border) const;  // compares heights bit for bit
 };
 
 // Immutable; shared between the meshes of frames that have the block and its surroundings in common.
@@ -162,7 +162,7 @@ class Mesh {
   std::vector<dem::BlockExtent> changes_since(const Mesh& before) const;
   BlockBorder border_of(const dem::Block& block) const;
   void stitch_edge(const dem::Block& block, int edge, BlockBorder& out) const;
-  bool is_before(std::uint32_t block, std::uint32_t other) const;
+  bool is_before(std::uint32_t block, std::uint32_t neighbour) const;
   float corner_height(const dem::BlockId& own, std::int64_t lat, std::int64_t lon) const;
 
   std::vector<std::shared_ptr<const dem::Block>> posts_;  // posts of blocks_

@@ -25,7 +25,7 @@ bool may_hit(const RayCone& ray, const NodeBounds& b, double above_m, int level)
   const Vec3 to = b.centre - ray.origin_m;
   const double ball_m = b.radius_m + above_m + margin_m(level), along = to.dot(ray.direction),
                off2 = (to - along * ray.direction).squaredNorm(), far_m = std::max(0.0, along + ball_m + ray.radius_m),
-               width_m = ray.one() ? 0 : ray.radius_m + far_m * ray.slope, reach = ball_m + width_m,
+               width_m = ray.is_single_ray() ? 0 : ray.radius_m + far_m * ray.slope, reach = ball_m + width_m,
                reach2 = reach * reach;
   if (off2 > reach2) return false;
   const double half = std::sqrt(reach2 - off2), t0 = std::max(0.0, along - half), t1 = std::min(along + half, ray.to_m);
@@ -105,7 +105,8 @@ class RaySelector {
 }  // namespace
 
 double range_below_terrain_m(const RayCone& ray) {
-  const double closest = -ray.origin_m.dot(ray.direction), width_m = ray.one() ? 0 : ray.radius_m + closest * ray.slope,
+  const double closest = -ray.origin_m.dot(ray.direction),
+               width_m = ray.is_single_ray() ? 0 : ray.radius_m + closest * ray.slope,
                deep_m = dem::kCoreRadius_m - width_m,
                inside = deep_m * std::abs(deep_m) - (ray.origin_m + closest * ray.direction).squaredNorm();
   const double range_m = inside > 0 && closest > 0 ? closest - std::sqrt(inside) : -1;
