@@ -160,7 +160,7 @@ bool Inside(const GridView& grid, const RowOfCells& cells) {
          cells.column + static_cast<float>(kPacket - 1) * cells.pitch < last;
 }
 
-// Returns the first grid from `grid` on that has data for all lanes at this distance, and sets `cells`; the number of
+// Returns the first grid from `grid` on that extends over all lanes at this distance, and sets `cells`; the number of
 // grids if there is none.
 std::size_t FirstCoveringGrid(const RayMarch& march, std::size_t grid, float at_m, RowOfCells& cells) {
   for (; grid < march.grids.size(); ++grid)

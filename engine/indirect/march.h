@@ -8,7 +8,7 @@
 //      o     ____.----'     \  hidden     /     \ visible
 //       \___/                \___________/       \____
 //    |--|--|--|--|--|--|--|----|----|------|------|-----   steps: the finest spacing, then 1/24 of the distance;
-//                                                          four substeps at crests and walls
+//                                                          quarter steps around crests and walls
 #pragma once
 
 #include <cstdint>

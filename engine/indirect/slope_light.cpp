@@ -263,6 +263,7 @@ void SlopeLight::gather(std::size_t grid, MarchLanes& lanes, int stride, const A
   std::vector<VisibleSegment> segments;
   SegmentLight light;
   alignas(64) double reflected[kPacket];
+  // March along each azimuth; light the visible ground on demand, then add what it reflects.
   for (int azimuth = 0; azimuth < azimuths.count; ++azimuth) {
     const double phi = (azimuth + azimuths.first) * 2 * kPi / azimuths.count;
     aim(static_cast<float>(std::cos(phi)), static_cast<float>(std::sin(phi)), lanes, directions);
@@ -283,6 +284,7 @@ void SlopeLight::gather(std::size_t grid, MarchLanes& lanes, int stride, const A
       add_segment(segment, directions, light, reflected, !source_.albedo_is_w, sum);
     }
   }
+  // Each azimuth stands for a sector of 2 pi / count.
   const auto turn = static_cast<float>(2 * kPi / azimuths.count);
   const auto finish = [&](float(&sum)[3][kPacket]) {
     for (auto& component : sum)

@@ -81,6 +81,7 @@ void TerrainLight::read(const SurfacePoints& points, const Shading& shading, Ter
       here &= ~in_tile;
     }
   }
+  // Fade the light from terrain with distance; earthlight does not fade.
   for (std::uint32_t lanes = fade_ ? hits : 0; lanes; lanes &= lanes - 1) {
     const int i = std::countr_zero(lanes);
     const auto share = static_cast<float>(fade_->share(points.position(i)));

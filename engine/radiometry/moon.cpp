@@ -21,18 +21,21 @@ constexpr std::size_t kFirstLime = 2, kLastLime = 7;
 constexpr std::array<std::array<double, 3>, kNodes> kRoloBands_um{
     {{0.3500, 0.3551}, {0.4050, 0.4123, 0.4144}, {}, {}, {}, {}, {}, {}, {1.9815}, {2.2509, 2.3836}}};
 
+// Returns ROLO's reflectance; beyond its last phase angle in proportion to Allen's law.
 double rolo(double wavelength_um, double phase_deg) {
   const double fitted_deg = std::min(phase_deg, kRoloLast_deg);
   return disc_reflectance_at(DiscModel::rolo, wavelength_um, {fitted_deg}) *
          (moon_light(PhaseLaw::allen, phase_deg) / moon_light(PhaseLaw::allen, fitted_deg));
 }
 
+// Returns LIME's reflectance at one of its wavelengths; outside its phase angles in proportion to ROLO's.
 double lime(std::size_t node, double phase_deg) {
   const double fitted_deg = std::clamp(phase_deg, kLimeFirst_deg, kLimeLast_deg);
   return disc_reflectance(DiscModel::lime, node - kFirstLime, {fitted_deg}) *
          (rolo(kNodes_um[node], phase_deg) / rolo(kNodes_um[node], fitted_deg));
 }
 
+// Returns the reflectance at a node: LIME's, or the mean of ROLO's bands scaled to LIME's at the nearer end.
 double node_reflectance(std::size_t node, double phase_deg) {
   if (node >= kFirstLime && node <= kLastLime) return lime(node, phase_deg);
   const std::size_t end = node < kFirstLime ? kFirstLime : kLastLime;

@@ -11,11 +11,13 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
+// Returns Allen's law, constant beyond its last observed phase angle.
 double allen(double phase_deg) {
   const double observed_deg = std::min(phase_deg, kAllenLast_deg);
   return std::pow(10, -0.4 * (0.026 * observed_deg + 4e-9 * std::pow(observed_deg, 4)));
 }
 
+// Returns ROLO's law relative to phase 0; beyond its last phase angle in proportion to Allen's.
 double rolo(double phase_deg) {
   constexpr double kBand_um = 0.5538;
   const double observed_deg = std::min(phase_deg, kRoloLast_deg);

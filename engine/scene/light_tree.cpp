@@ -77,6 +77,7 @@ void LightTree::add_node(std::size_t first, std::size_t count) {
     nodes_[index].first_receiver = first;
     nodes_[index].receiver_count = count;
   } else {
+    // Split at the median along the longer axis.
     const bool along_u = node.extent.u1 - node.extent.u0 > node.extent.v1 - node.extent.v0;
     const auto middle = [&](const Receiver& r) {
       return along_u ? r.extent.u0 + r.extent.u1 : r.extent.v0 + r.extent.v1;

@@ -152,6 +152,7 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const M
       blocks_[i] = previous;
       return;
     }
+    // Stitch the border, and still reuse the previous block if the border came out the same.
     BlockBorder border = border_of(*posts_[i]);
     border.soft = soft_here[i];
     blocks_[i] = previous && previous->border == border

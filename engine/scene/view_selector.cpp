@@ -296,6 +296,7 @@ BlockError ViewSelector::expected_error_of(const VisibleBlock& block, double bou
     sine = std::max(sine, largest_sine_of_emission(camera_m, b.centre, b.radius_m));
     cosine = std::max(cosine, (camera_m - b.centre).normalized().dot(b.centre.normalized()));
   }
+  // Approximate the covered image area by the block's area, foreshortened by the emission angle.
   const dem::BlockExtent e = dem::extent_of(block.id);
   const double side_m = e.quads * dem::post_spacing_m(block.id.level),
                area_m2 =
@@ -309,6 +310,7 @@ void ViewSelector::report() {
   expected.reserve(visible_blocks_.size());
   if (!visible_blocks_.empty()) result_.min_spacing_m = std::numeric_limits<double>::infinity();
   for (const VisibleBlock& s : visible_blocks_) {
+    // A finest block that a neighbour has split has the error of its children.
     const bool split = s.is_finest && !chosen_.contains(s.id);
     const Errors errors = errors_of(s);
     const double error = split ? subdivision_error_m(s.id.level) : errors.total_m,
@@ -323,6 +325,7 @@ void ViewSelector::report() {
   }
   result_.expected_error_px = expected_error(expected, &BlockError::error_px);
   result_.expected_error_m = expected_error(std::move(expected), &BlockError::error_m);
+  // Include the errors of coarser neighbours out of view whose vertices an edge in view follows.
   const std::vector<BlockId> ids(chosen_.begin(), chosen_.end());
   struct Worst {
     double error_m = 0, error_px = 0;

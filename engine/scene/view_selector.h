@@ -3,7 +3,7 @@
 //
 // All traversals descend the quadtree from its roots. At each node:
 //
-//               +-- culled: out of view, or without data           -> out_of_view_, pending as occluders
+//               +-- culled, out of view                            -> out_of_view_, later tested as occluders
 //    visit(id) -+-- error within the target, or finest             -> visible_blocks_
 //               +-- error above the target: children +-- plain     -> visit(child), at once
 //                                                    +-- detailed  -> pending_detail_, made later in batches
@@ -70,6 +70,7 @@ class ViewSelector {
     double highest_m = 0;        // greatest height of the block
   };
 
+  // A block in view, or an occluder under evaluation.
   struct VisibleBlock {
     BlockId id;
     dem::NodeInfo info;
@@ -83,8 +84,10 @@ class ViewSelector {
   // Throws TooMuchTerrain for more blocks than kMaxBlocks, Cancelled once `stop` is requested.
   static void check(std::size_t blocks, const StopToken& stop);
 
+  // Outcome of culling: in view, out of view, or without data.
   enum class CullResult { in_view, out_of_view, no_data };
 
+  // Result of culling a block; `visible` if it is in view.
   struct BlockView {
     CullResult cull = CullResult::no_data;
     std::optional<VisibleBlock> visible{};
@@ -100,8 +103,9 @@ class ViewSelector {
     void record(const BlockId& id, CullResult cull);
     void append(QuadtreeSlice&& next);
   };
+  // Adds a slice to the selection.
   void merge(QuadtreeSlice&& slice);
-  // Calls visit(i, slice) for every i below count by all threads, and merges the slices in order. Throws as check()
+  // Calls visit_one(i, slice) for every i below count by all threads, and merges the slices in order. Throws as check()
   // does once all are merged.
   template <typename Visit>
   void visit_slices(std::size_t count, std::size_t grain, const Visit& visit_one) {
@@ -118,8 +122,10 @@ class ViewSelector {
   void count_block() const { check(++unmerged_blocks_, stop_); }
   void count_occluder() const { check(++unmerged_blocks_ / 8, stop_); }
 
+  // Culls a block, and computes bounds and pixels per metre of one in view. Avoids building or making it where
+  // possible.
   BlockView view_block(const BlockId& id) const;
-  // Returns true if any block within such an outline needs refinement.
+  // Returns true if every block that fits this outline needs refinement.
   bool must_refine(const BlockId& id, const dem::NodeInfo& outline, const NodeBounds& bounds) const;
   static bool may_be_visible(const ViewBundle& view, const NodeBounds& b);
   bool may_be_visible(const NodeBounds& b) const;
@@ -128,6 +134,7 @@ class ViewSelector {
   double pixels_per_metre(const NodeBounds& b) const;
 
   void visit_roots();
+  // Accepts a block in view, or visits its children if it must be refined.
   void visit(const BlockId& id, QuadtreeSlice& slice) const;
 
   // Queues a block of detail for visit_detail(); one that is culled by its parent's height bounds is never made.

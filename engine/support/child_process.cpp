@@ -134,6 +134,7 @@ class Answer {
   bool read_to(char* to, std::size_t count) const {
     while (count > 0) {
       check();
+      // Poll with a timeout, so that cancellation and the time limit are noticed.
       pollfd waiting{pipe_, POLLIN, 0};
       if (::poll(&waiting, 1, static_cast<int>(kPollInterval.count())) <= 0) continue;
       const ssize_t got = ::read(pipe_, to, std::min(count, std::size_t{1} << 20));

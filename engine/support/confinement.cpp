@@ -29,7 +29,7 @@ void set_limit(int resource, std::size_t max, const char* name, std::size_t grac
     throw std::runtime_error(fmt::format("its reader cannot limit its {}: {}", name, std::strerror(errno)));
 }
 
-// Returns the address space in use, most of it libraries: the first field of /proc/self/statm, in pages.
+// Returns the address space in use, most of it libraries, bytes. The first field of /proc/self/statm counts pages.
 std::size_t addresses_in_use() {
   std::size_t pages = 0;
   std::ifstream("/proc/self/statm") >> pages;

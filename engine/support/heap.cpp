@@ -63,6 +63,7 @@ bool touch_memory(std::size_t bytes) {
   }
   in_parallel(pieces.size(), [&](std::size_t i) {
     auto* const piece = static_cast<volatile char*>(pieces[i]);
+    // Write to each page: the system allocates it on the first write.
     for (std::size_t at = 0; at < kPiece; at += kPage) piece[at] = 0;
   });
   free_pieces(pieces);
