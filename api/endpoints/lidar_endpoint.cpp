@@ -29,7 +29,7 @@ Response answer_lidar(const EndpointContext& context) {
   constexpr std::size_t kJsonBytesPerBeam = 8000;  // as JSON values and as text
   context.memory.claim_work(
       (engine::kBytesOfBeam + (json ? kJsonBytesPerBeam : engine::kBytesOfBeam)) * query.beams +
-          engine::bytes_of_rocks(query.request.scenery.detail.get(), engine::kMostRememberedRocks),
+          engine::bytes_of_rocks(query.request.scenery.detail.get(), engine::kMaxCachedRocks),
       query.request.pulses.empty() ? "/pattern" : "/pulses", context.stop);
   constexpr MemberPointer kRefusable[] = {{"pose", "/pose"}, {"poses", "/motion/poses"}, {"craters", "/craters"}};
   const engine::LidarReturns returns =

@@ -19,7 +19,7 @@ void claim_memory(const EndpointContext& context, std::size_t points, std::strin
 }
 
 std::size_t bytes_of_rocks(const PointScenery& scenery) {
-  return engine::bytes_of_rocks(scenery.request.detail.get(), engine::kMostRememberedRocks);
+  return engine::bytes_of_rocks(scenery.request.detail.get(), engine::kMaxCachedRocks);
 }
 
 // Returns an irradiance for each place; empty for an empty place, and for all without indirect light.

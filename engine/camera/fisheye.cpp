@@ -6,14 +6,14 @@
 namespace selenograph::engine {
 
 Fisheye::Fisheye(const FisheyeDistortion& distortion) : d_(distortion) {
-  // A polynomial of the fourth degree in theta^2 has no two roots between neighbouring steps that matter: a slope that
-  // dips below zero for less than a thousandth of the field of view folds less than a pixel.
+  // Steps of 1/4096 find every fold that matters: a slope that dips below zero for less than a thousandth of the field
+  // of view folds less than a pixel.
   constexpr int kSteps = 4096;
   for (int i = 1; i <= kSteps; ++i) {
-    double good = kWidest * (i - 1) / kSteps, bad = kWidest * i / kSteps;
-    if (slope(bad) > 0) continue;
-    for (int k = 0; k < 60; ++k) (slope((good + bad) / 2) > 0 ? good : bad) = (good + bad) / 2;
-    limit_ = good;
+    double unfolded = kWidest * (i - 1) / kSteps, folded = kWidest * i / kSteps;
+    if (slope(folded) > 0) continue;
+    for (int k = 0; k < 60; ++k) (slope((unfolded + folded) / 2) > 0 ? unfolded : folded) = (unfolded + folded) / 2;
+    limit_ = unfolded;
     return;
   }
 }
@@ -28,13 +28,13 @@ double Fisheye::slope(double theta) const {
   return 1 + t * (3 * d_.k1 + t * (5 * d_.k2 + t * (7 * d_.k3 + t * 9 * d_.k4)));
 }
 
-// Newton's method between brackets: the radius grows up to the limit.
-std::optional<double> Fisheye::angle(double wanted) const {
+// Newton's method between brackets, which works because the radius grows up to the limit.
+std::optional<double> Fisheye::angle(double target_radius) const {
   double low = 0, high = limit_;
-  if (!(wanted <= radius(high))) return std::nullopt;
-  double theta = std::min(wanted, high);
+  if (!(target_radius <= radius(high))) return std::nullopt;
+  double theta = std::min(target_radius, high);
   for (int i = 0; i < 200 && high - low > 1e-16 * high; ++i) {
-    const double miss = radius(theta) - wanted;
+    const double miss = radius(theta) - target_radius;
     (miss > 0 ? high : low) = theta;
     const double next = theta - miss / slope(theta);
     if (std::abs(next - theta) <= 1e-16 * theta) break;
@@ -53,7 +53,7 @@ std::optional<Vec3> Fisheye::direction(double x, double y) const {
 
 double Fisheye::largest_scale(double from_theta, double to_theta) const {
   const double from = std::clamp(from_theta, 0.0, limit_), to = std::clamp(to_theta, 0.0, limit_);
-  // Both scales are smooth; 2 % cover what lies between the samples (tests/unit/fisheye_test.cpp).
+  // Both scales are smooth; a margin of 2 % covers the gaps between samples (tests/unit/fisheye_test.cpp).
   constexpr int kSamples = 32;
   double largest = 0;
   for (int i = 0; i <= kSamples; ++i) {

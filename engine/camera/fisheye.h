@@ -15,26 +15,26 @@ namespace selenograph::engine {
 
 class Fisheye {
  public:
-  // The direction opposite to the boresight would be imaged as a whole circle.
+  // Widest angle from the boresight; the opposite direction would be imaged as a full circle.
   static constexpr double kWidest = 179 * kRadiansPerDegree;
 
   explicit Fisheye(const FisheyeDistortion& distortion);
 
-  double radius(double theta) const;  // theta_d
-  double slope(double theta) const;   // its derivative
+  double radius(double theta) const;  // theta_d of the paper
+  double slope(double theta) const;   // derivative of radius()
 
-  // The largest imaged angle from the boresight.
+  // Largest imaged angle from the boresight.
   double limit() const { return limit_; }
 
-  // Inverse of radius(); empty beyond the limit.
+  // Inverts radius(); empty beyond the limit.
   std::optional<double> angle(double radius) const;
 
-  // Unit direction, in camera axes, of an image place given in focal lengths from the principal point; empty beyond the
-  // limit.
+  // Returns the unit direction, in camera axes, of an image position in focal lengths from the principal point; empty
+  // beyond the limit.
   std::optional<Vec3> direction(double x, double y) const;
 
-  // Upper bound on the image scale, in focal lengths per radian, over directions between two angles from the boresight:
-  // the larger of the radial and the tangential scale.
+  // Returns an upper bound of the image scale, in focal lengths per radian, over directions between two angles from the
+  // boresight: the larger of the radial and the tangential scale.
   double largest_scale(double from_theta, double to_theta) const;
 
  private:

@@ -1,8 +1,11 @@
 // Brown-Conrady distortion and its inverse, on the plane z = 1 of the camera.
 //
-// A strong polynomial is not invertible everywhere: it maps places far from the axis back into the image. Distortion is
-// used only where it is invertible: a place is valid when the Jacobian of the map (symmetric, since the map is a
-// gradient) stays positive definite along the straight line from the axis to that place.
+//   distorted radius                         A strong polynomial folds: positions beyond the fold are mapped
+//      ^        __ fold                      back into the image. Only positions within the fold are valid:
+//      |     .'    `.                        the Jacobian of the map (symmetric, as the map is a gradient)
+//      |   .'  valid  `.  mapped back        stays positive definite along the straight line from the axis.
+//      | .'             `.
+//      +-----------------> undistorted radius
 #pragma once
 
 #include <Eigen/Core>
@@ -17,28 +20,29 @@ class Lens {
  public:
   explicit Lens(const Distortion& distortion);
 
+  // Maps an undistorted position to the distorted one.
   Eigen::Vector2d distorted(double x, double y) const;
   Eigen::Matrix2d jacobian(double x, double y) const;
 
-  // Inverse of distorted(); empty where no valid place is mapped here.
+  // Inverts distorted(); empty if no valid position is mapped here.
   std::optional<Eigen::Vector2d> undistorted(double xd, double yd) const;
 
-  // Whether the map is invertible between the axis and this place.
+  // Returns true if the map is invertible between the axis and this position.
   bool holds(double x, double y) const;
 
-  // Upper bound on the radius of valid places; infinite when the map is invertible everywhere.
-  double reach() const { return reach_; }
+  // Upper bound of the radius of valid positions; infinite if the map is invertible everywhere.
+  double reach() const { return max_radius_; }
 
  private:
-  std::optional<Eigen::Vector2d> radially_undistorted(const Eigen::Vector2d& wanted) const;
-  std::optional<Eigen::Vector2d> corrected(Eigen::Vector2d from, const Eigen::Vector2d& wanted) const;
-  std::optional<Eigen::Vector2d> walked_to(const Eigen::Vector2d& wanted) const;
+  std::optional<Eigen::Vector2d> radially_undistorted(const Eigen::Vector2d& target) const;
+  std::optional<Eigen::Vector2d> corrected(Eigen::Vector2d from, const Eigen::Vector2d& target) const;
+  std::optional<Eigen::Vector2d> continued_from_axis(const Eigen::Vector2d& target) const;
   double fold_radius(double direction_x, double direction_y) const;
   double safe_radius() const;
 
   Distortion d_;
-  double safe_ = std::numeric_limits<double>::infinity();   // all places nearer than this are valid
-  double reach_ = std::numeric_limits<double>::infinity();  // no place farther out is valid
+  double valid_radius_ = std::numeric_limits<double>::infinity();  // all positions within this radius are valid
+  double max_radius_ = std::numeric_limits<double>::infinity();    // no position beyond this radius is valid
 };
 
 }  // namespace selenograph::engine

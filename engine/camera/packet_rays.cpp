@@ -14,7 +14,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// Rays of a camera without distortion: linear in the pixel's coordinates.
+// Rays of a camera without distortion are linear in the pixel's coordinates.
 template <PacketShape shape>
 HWY_INLINE void linear_rays(const Vec3& first, const Vec3& right, const Vec3& down, const Vec3& origin, double x,
                             double y, Rays& rays) {
@@ -22,7 +22,9 @@ HWY_INLINE void linear_rays(const Vec3& first, const Vec3& right, const Vec3& do
   for (int i = 0; i < kPacket; ++i) {
     const int column = i % pixels_across(shape), row = i / pixels_across(shape);
     const double px = x + column, py = y + row;
-    rays.ox[i] = origin[0], rays.oy[i] = origin[1], rays.oz[i] = origin[2];
+    rays.ox[i] = origin[0];
+    rays.oy[i] = origin[1];
+    rays.oz[i] = origin[2];
     rays.dx[i] = first[0] + right[0] * px + down[0] * py;
     rays.dy[i] = first[1] + right[1] * px + down[1] * py;
     rays.dz[i] = first[2] + right[2] * px + down[2] * py;
@@ -39,11 +41,13 @@ void LinearSquare(const Vec3& first, const Vec3& right, const Vec3& down, const 
   linear_rays<PacketShape::square>(first, right, down, origin, x, y, rays);
 }
 
-// The same from places on a pinhole's plane z = 1; `m`: MOON_ME from camera, by columns.
+// Rays through positions on a pinhole's plane z = 1. `m`: the matrix moon_from_camera by columns.
 void LensRays(const double* x, const double* y, const double* m, const double* origin, Rays& rays) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    rays.ox[i] = origin[0], rays.oy[i] = origin[1], rays.oz[i] = origin[2];
+    rays.ox[i] = origin[0];
+    rays.oy[i] = origin[1];
+    rays.oz[i] = origin[2];
     rays.dx[i] = m[0] * x[i] + m[3] * y[i] + m[6];
     rays.dy[i] = m[1] * x[i] + m[4] * y[i] + m[7];
     rays.dz[i] = m[2] * x[i] + m[5] * y[i] + m[8];
@@ -62,16 +66,19 @@ HWY_EXPORT(LensRays);
 
 namespace {
 
-// One lane from a direction in camera axes.
-void turned_ray(const Vec3& d, const double* m, const double* origin, int i, Rays& rays) {
-  rays.ox[i] = origin[0], rays.oy[i] = origin[1], rays.oz[i] = origin[2];
+// Sets one lane from a direction in camera axes.
+void set_rotated_ray(const Vec3& d, const double* m, const double* origin, int i, Rays& rays) {
+  rays.ox[i] = origin[0];
+  rays.oy[i] = origin[1];
+  rays.oz[i] = origin[2];
   rays.dx[i] = m[0] * d[0] + m[3] * d[1] + m[6] * d[2];
   rays.dy[i] = m[1] * d[0] + m[4] * d[1] + m[7] * d[2];
   rays.dz[i] = m[2] * d[0] + m[5] * d[1] + m[8] * d[2];
 }
 
-// In camera axes, of the place (dx, dy) beside a pixel's centre; empty where the lens images nothing.
-std::optional<Vec3> looks_along(const View& view, const PixelRays* lens, int column, int row, double dx, double dy) {
+// Returns the direction in camera axes at (dx, dy) off a pixel's centre; empty where the lens images nothing.
+std::optional<Vec3> pixel_direction(const View& view, const PixelRays* lens, int column, int row, double dx,
+                                    double dy) {
   if (!lens) return view.projection().direction(column + dx, row + dy);
   const std::size_t at =
       static_cast<std::size_t>(row) * static_cast<std::size_t>(view.camera().width) + static_cast<std::size_t>(column);
@@ -84,7 +91,9 @@ std::optional<Vec3> looks_along(const View& view, const PixelRays* lens, int col
 LinearRays::LinearRays(const View& view) {
   const Camera& c = view.camera();
   const Eigen::Matrix3d& m = view.moon_from_camera();
-  right = m.col(0) / c.fx, down = m.col(1) / c.fy, first = m.col(2) - right * c.cx - down * c.cy;
+  right = m.col(0) / c.fx;
+  down = m.col(1) / c.fy;
+  first = m.col(2) - right * c.cx - down * c.cy;
 }
 
 PacketRays::PacketRays(const View& view) : view_(view), linear_(view.camera().rectilinear()), rays_(view) {}
@@ -103,17 +112,24 @@ void PacketRays::aim_shape(int x, int y, double dx, double dy, const PixelRays* 
     linear(rays_.first, rays_.right, rays_.down, view_.position(), x + dx, y + dy, out);
     return;
   }
-  alignas(64) double px[kPacket], py[kPacket], pz[kPacket];
+  alignas(64) double px[kPacket];
+  alignas(64) double py[kPacket];
+  alignas(64) double pz[kPacket];
   for (int i = 0; i < kPacket; ++i) {
-    px[i] = py[i] = 0, pz[i] = 1;
+    px[i] = py[i] = 0;
+    pz[i] = 1;
     if (!out.valid[i]) continue;
-    const auto d = looks_along(view_, lens, x + i % kAcross, y + i / kAcross, dx, dy);
+    const auto d = pixel_direction(view_, lens, x + i % kAcross, y + i / kAcross, dx, dy);
     out.valid[i] = d.has_value();
-    if (d) px[i] = d->x(), py[i] = d->y(), pz[i] = d->z();
+    if (d) {
+      px[i] = d->x();
+      py[i] = d->y();
+      pz[i] = d->z();
+    }
   }
   const double *m = view_.moon_from_camera().data(), *origin = view_.position().data();
   if (view_.projection().fisheye())
-    for (int i = 0; i < kPacket; ++i) turned_ray({px[i], py[i], pz[i]}, m, origin, i, out);
+    for (int i = 0; i < kPacket; ++i) set_rotated_ray({px[i], py[i], pz[i]}, m, origin, i, out);
   else
     HWY_DYNAMIC_DISPATCH(LensRays)(px, py, m, origin, out);
 }
@@ -132,8 +148,8 @@ void PacketRays::aim_at(const int* x, const int* y, const PixelRays* lens, Rays&
       out.set(i, view_.position(), rays_.first + x[i] * rays_.right + y[i] * rays_.down);
       continue;
     }
-    const auto d = looks_along(view_, lens, x[i], y[i], 0, 0);
-    turned_ray(d.value_or(Vec3::UnitZ()), m, origin, i, out);
+    const auto d = pixel_direction(view_, lens, x[i], y[i], 0, 0);
+    set_rotated_ray(d.value_or(Vec3::UnitZ()), m, origin, i, out);
     out.valid[i] = d.has_value();
   }
 }
@@ -152,17 +168,19 @@ void aim_rows(const RowViews& views, int x, int y, double dx, double dy, const P
       const int i = r * kPacketSide + c;
       out.valid[i] = inside && x + c < width;
       if (rays) {
-        // Added in the order in which a whole packet is aimed, but for a line camera's one line.
+        // Add in the order of PacketRays::aim, so that the bits agree; a line camera has only its own line.
         const double px = (x + dx) + c, py = line == row ? (y + dy) + r : line + dy;
-        out.ox[i] = origin[0], out.oy[i] = origin[1], out.oz[i] = origin[2];
+        out.ox[i] = origin[0];
+        out.oy[i] = origin[1];
+        out.oz[i] = origin[2];
         out.dx[i] = rays->first[0] + rays->right[0] * px + rays->down[0] * py;
         out.dy[i] = rays->first[1] + rays->right[1] * px + rays->down[1] * py;
         out.dz[i] = rays->first[2] + rays->right[2] * px + rays->down[2] * py;
         continue;
       }
-      const auto d = out.valid[i] ? looks_along(view, lens, x + c, line, dx, dy) : std::nullopt;
+      const auto d = out.valid[i] ? pixel_direction(view, lens, x + c, line, dx, dy) : std::nullopt;
       out.valid[i] = d.has_value();
-      turned_ray(d.value_or(Vec3::UnitZ()), m, origin, i, out);
+      set_rotated_ray(d.value_or(Vec3::UnitZ()), m, origin, i, out);
     }
   }
 }

@@ -14,7 +14,7 @@ inline constexpr int kPacketSide = 4;
 static_assert(kPacketSide * kPacketSide == kPacket);
 constexpr int pixels_across(PacketShape shape) { return shape == PacketShape::square ? kPacketSide : kPacket; }
 
-// Rays of a camera without distortion: the ray of the image place (x, y) is first + right x + down y.
+// Rays of a camera without distortion: the ray at the image position (x, y) is first + right x + down y.
 struct LinearRays {
   explicit LinearRays(const View& view);
   Vec3 first, right, down;
@@ -25,11 +25,11 @@ class PacketRays {
   // `view` must outlive this object.
   explicit PacketRays(const View& view);
 
-  // Rays of the packet whose first pixel is (x, y), through the places (dx, dy) beside the pixels' centres. `lens`:
-  // precomputed rays of all pixels at these offsets, for a camera with distortion; null otherwise.
+  // Sets the rays of the packet whose first pixel is (x, y), through positions (dx, dy) off the pixels' centres.
+  // `lens`: precomputed rays of all pixels at these offsets, for a camera with distortion; null otherwise.
   void aim(PacketShape shape, int x, int y, double dx, double dy, const PixelRays* lens, Rays& out) const;
 
-  // Rays through the centres of sixteen arbitrary pixels. `lens` as above.
+  // Sets rays through the centres of sixteen arbitrary pixels. `lens` as in aim().
   void aim_at(const int* x, const int* y, const PixelRays* lens, Rays& out) const;
 
  private:
@@ -41,8 +41,8 @@ class PacketRays {
   LinearRays rays_;
 };
 
-// Rays of a square packet when each row has its own view; `lens`: of RowViews::camera(). With identical views the
-// result equals PacketRays::aim, bit for bit.
+// Sets the rays of a square packet if each row has its own view. `lens`: of RowViews::camera(). With identical views
+// the result equals PacketRays::aim, bit for bit.
 void aim_rows(const RowViews& views, int x, int y, double dx, double dy, const PixelRays* lens, Rays& out);
 
 }  // namespace selenograph::engine

@@ -13,31 +13,35 @@ PixelRays::PixelRays(const Camera& camera, double dx, double dy, const StopToken
   if (camera.rectilinear()) return;
   const Projection projection(camera);
   const auto width = static_cast<std::size_t>(camera.width), height = static_cast<std::size_t>(camera.height);
-  x.resize(width * height), y.resize(width * height);
+  x.resize(width * height);
+  y.resize(width * height);
   if (projection.fisheye()) z.resize(width * height);
   in_parallel(height, [&](std::size_t row) {
     for (std::size_t column = 0; column < width; ++column) {
       if (column % 64 == 0) stop.check();
       const Vec3 d = projection.direction(static_cast<double>(column) + dx, static_cast<double>(row) + dy)
                          .value_or(Vec3::Constant(std::numeric_limits<double>::quiet_NaN()));
-      const std::size_t at = row * width + column;
-      x[at] = d.x(), y[at] = d.y();
-      if (!z.empty()) z[at] = d.z();
+      const std::size_t index = row * width + column;
+      x[index] = d.x();
+      y[index] = d.y();
+      if (!z.empty()) z[index] = d.z();
     }
   });
 }
 
 namespace {
 
-// The parabola through three neighbouring values of a line of n, at a place between or just beyond them.
+// Weights of the parabola through three neighbouring values of n, at a position between or just outside them.
 struct Parabola {
   std::size_t first;
   double weight[3];
 
-  Parabola(double at, std::size_t n) {
-    const double middle = std::clamp(std::round(at), 1.0, static_cast<double>(n - 2)), t = at - middle;
+  Parabola(double position, std::size_t n) {
+    const double middle = std::clamp(std::round(position), 1.0, static_cast<double>(n - 2)), t = position - middle;
     first = static_cast<std::size_t>(middle) - 1;
-    weight[0] = t * (t - 1) / 2, weight[1] = 1 - t * t, weight[2] = t * (t + 1) / 2;
+    weight[0] = t * (t - 1) / 2;
+    weight[1] = 1 - t * t;
+    weight[2] = t * (t + 1) / 2;
   }
 };
 
@@ -51,29 +55,32 @@ PixelRays::PixelRays(const PixelRays& of_pixels, const Camera& camera, const Cam
   }
   const Projection projection(dense);
   const auto width = static_cast<std::size_t>(camera.width), height = static_cast<std::size_t>(camera.height);
-  x.resize(4 * width * height), y.resize(x.size());
+  x.resize(4 * width * height);
+  y.resize(x.size());
   if (projection.fisheye()) z.resize(x.size());
   in_parallel(2 * height, [&](std::size_t row) {
     stop.check();
     const Parabola down(static_cast<double>(row) / 2 - 0.25, height);
     for (std::size_t column = 0; column < 2 * width; ++column) {
       const Parabola right(static_cast<double>(column) / 2 - 0.25, width);
-      const auto between = [&](const dem::UninitialisedVector<double>& of) {
+      const auto interpolate = [&](const dem::UninitialisedVector<double>& values) {
         double sum = 0;
         for (std::size_t j = 0; j < 3; ++j)
           for (std::size_t i = 0; i < 3; ++i)
-            sum += down.weight[j] * right.weight[i] * of[(down.first + j) * width + right.first + i];
+            sum += down.weight[j] * right.weight[i] * values[(down.first + j) * width + right.first + i];
         return sum;
       };
-      const std::size_t at = row * 2 * width + column, own = row / 2 * width + column / 2;
-      x[at] = between(of_pixels.x), y[at] = between(of_pixels.y);
-      if (!z.empty()) z[at] = between(of_pixels.z);
-      if (!std::isnan(x[at]) || std::isnan(of_pixels.x[own])) continue;
-      // Beside the lens's fold.
+      const std::size_t index = row * 2 * width + column, pixel_index = row / 2 * width + column / 2;
+      x[index] = interpolate(of_pixels.x);
+      y[index] = interpolate(of_pixels.y);
+      if (!z.empty()) z[index] = interpolate(of_pixels.z);
+      if (!std::isnan(x[index]) || std::isnan(of_pixels.x[pixel_index])) continue;
+      // Next to the lens's fold a neighbour is missing: solve the pixel.
       const Vec3 d = projection.direction(static_cast<double>(column), static_cast<double>(row))
                          .value_or(Vec3::Constant(std::numeric_limits<double>::quiet_NaN()));
-      x[at] = d.x(), y[at] = d.y();
-      if (!z.empty()) z[at] = d.z();
+      x[index] = d.x();
+      y[index] = d.y();
+      if (!z.empty()) z[index] = d.z();
     }
   });
 }

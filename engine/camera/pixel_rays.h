@@ -1,5 +1,5 @@
-// Directions of all pixels of a camera with distortion, solved once: the undistorted place on the plane z = 1, or a
-// unit direction for cameras that see beyond that plane.
+// Directions of all pixels of a camera with distortion, solved once: undistorted positions on the plane z = 1, or unit
+// directions for cameras that image directions beyond that plane.
 #pragma once
 
 #include <cstddef>
@@ -12,16 +12,15 @@ namespace selenograph::engine {
 
 struct PixelRays {
   PixelRays() = default;
-  // Directions of the places (x + dx, y + dy) of all pixels. Parallel. Throws Cancelled when `stop` says so: near the
-  // end of its valid range a lens takes a tenth of a millisecond per pixel.
+  // Solves the directions at (x + dx, y + dy) of all pixels, in parallel. Throws Cancelled once `stop` is requested:
+  // near the end of its valid range a lens takes a tenth of a millisecond per pixel.
   PixelRays(const Camera& camera, double dx, double dy, const StopToken& stop = {});
 
-  // Directions of a camera's pixels, interpolated by parabolas from those of the same camera with pixels twice as wide
-  // and high. The error is about 1e-5 pixels, and it is much faster than solving. Parallel.
+  // Interpolates the directions of a camera with pixels half as wide and high (`dense`) by parabolas from those of
+  // `camera`, in parallel. The error is about 1e-5 pixels, and this is much faster than solving.
   PixelRays(const PixelRays& of_pixels, const Camera& camera, const Camera& dense, const StopToken& stop = {});
 
-  // Row-major; NaN where the lens images nothing. Empty for a rectilinear camera. `z`: of unit directions; empty when
-  // it is 1 everywhere.
+  // Row by row; NaN where the lens images nothing; empty for a rectilinear camera. `z` is empty if it is 1 everywhere.
   dem::UninitialisedVector<double> x, y, z;
   std::size_t bytes() const {
     return sizeof(PixelRays) + (x.capacity() + y.capacity() + z.capacity()) * sizeof(double);

@@ -6,14 +6,15 @@
 namespace selenograph::engine {
 namespace {
 
-// The velocity of the parabola through three places, at the one in the middle.
+// Returns the velocity of the parabola through three positions, at the middle one.
 Vec3 middle_velocity(const PoseAtTime& a, const PoseAtTime& b, const PoseAtTime& c) {
   const double before = b.time_s - a.time_s, after = c.time_s - b.time_s;
-  const Vec3 arrives = (b.pose.position_m - a.pose.position_m) / before,
-             leaves = (c.pose.position_m - b.pose.position_m) / after;
-  return (after * arrives + before * leaves) / (before + after);
+  const Vec3 arrival = (b.pose.position_m - a.pose.position_m) / before,
+             departure = (c.pose.position_m - b.pose.position_m) / after;
+  return (after * arrival + before * departure) / (before + after);
 }
 
+// Returns the velocities at the poses.
 std::vector<Vec3> velocities(const std::vector<PoseAtTime>& poses) {
   const std::size_t n = poses.size();
   const auto mean = [&](std::size_t i) -> Vec3 {
@@ -22,8 +23,9 @@ std::vector<Vec3> velocities(const std::vector<PoseAtTime>& poses) {
   if (n == 2) return {mean(0), mean(0)};
   std::vector<Vec3> out(n);
   for (std::size_t i = 1; i + 1 < n; ++i) out[i] = middle_velocity(poses[i - 1], poses[i], poses[i + 1]);
-  // A parabola's mean velocity between two times is the mean of those at its ends.
-  out[0] = 2 * mean(0) - out[1], out[n - 1] = 2 * mean(n - 2) - out[n - 2];
+  // A parabola's mean velocity between two times is the mean of its velocities at them.
+  out[0] = 2 * mean(0) - out[1];
+  out[n - 1] = 2 * mean(n - 2) - out[n - 2];
   return out;
 }
 
@@ -37,6 +39,7 @@ PoseTrack::PoseTrack(const Pose& start, const Rates& rates, std::vector<PoseAtTi
     turns_.emplace_back(poses_[i + 1].pose.camera_from_moon * poses_[i].pose.camera_from_moon.conjugate());
 }
 
+// Returns the segment between two poses at a time; the first or last one outside all poses.
 std::size_t PoseTrack::segment_of(double seconds) const {
   const auto later = std::upper_bound(poses_.begin(), poses_.end(), seconds,
                                       [](double t, const PoseAtTime& p) { return t < p.time_s; });
@@ -48,7 +51,7 @@ Rates PoseTrack::rates_at(double seconds) const {
   if (poses_.empty()) return rates_;
   const std::size_t segment = segment_of(seconds);
   const double length_s = poses_[segment + 1].time_s - poses_[segment].time_s;
-  // A turn takes camera axes to later ones; seen from the camera the Moon turns the other way (moved()).
+  // A turn takes camera axes to later ones; from the camera, the Moon turns the opposite direction (moved()).
   const Eigen::AngleAxisd& turn = turns_[segment];
   return {-turn.angle() / kRadiansPerDegree / length_s * turn.axis(), velocity_at(segment, seconds)};
 }
@@ -70,20 +73,21 @@ Vec3 PoseTrack::position_at(std::size_t segment, double seconds) const {
   if (seconds < a.time_s) return a.pose.position_m + (seconds - a.time_s) * velocities_[segment];
   if (seconds > b.time_s) return b.pose.position_m + (seconds - b.time_s) * velocities_[segment + 1];
   const double length = b.time_s - a.time_s, s = (seconds - a.time_s) / length;
-  // Relative to one of the ends: the polynomial's rounding is that of the way, not of the distance from the Moon.
-  const Vec3 way = b.pose.position_m - a.pose.position_m;
-  return a.pose.position_m + s * s * (3 - 2 * s) * way +
+  // Evaluate relative to one end: the polynomial then rounds like the path's length, not like the distance from the
+  // Moon.
+  const Vec3 path = b.pose.position_m - a.pose.position_m;
+  return a.pose.position_m + s * s * (3 - 2 * s) * path +
          length * s * (1 - s) * ((1 - s) * velocities_[segment] - s * velocities_[segment + 1]);
 }
 
-// The derivative of position_at.
+// Returns the derivative of position_at().
 Vec3 PoseTrack::velocity_at(std::size_t segment, double seconds) const {
   const PoseAtTime &a = poses_[segment], &b = poses_[segment + 1];
   if (seconds < a.time_s) return velocities_[segment];
   if (seconds > b.time_s) return velocities_[segment + 1];
   const double length = b.time_s - a.time_s, s = (seconds - a.time_s) / length;
-  const Vec3 way = b.pose.position_m - a.pose.position_m;
-  return 6 * s * (1 - s) / length * way + (1 - s) * (1 - 3 * s) * velocities_[segment] +
+  const Vec3 path = b.pose.position_m - a.pose.position_m;
+  return 6 * s * (1 - s) / length * path + (1 - s) * (1 - 3 * s) * velocities_[segment] +
          s * (3 * s - 2) * velocities_[segment + 1];
 }
 

@@ -8,19 +8,20 @@
 
 namespace selenograph::engine {
 
-// With constant rates: engine::moved. Through timed poses: positions by cubic Hermite polynomials whose velocity at
-// each pose is that of the parabola through it and its two neighbours (Catmull & Rom 1974, for uneven times), which
-// follows an orbit's arc; attitudes by slerp (Shoemake 1985), a constant rate from each pose to the next, the shorter
-// way. Two poses give constant rates. Velocity and rate are held before the first and after the last pose.
+// Two ways to move: at constant rates (engine::moved), or through timed poses. Positions then follow cubic Hermite
+// polynomials, whose velocity at each pose is that of the parabola through it and its two neighbours (Catmull & Rom
+// 1974, for uneven times); this follows an orbit's arc. Attitudes turn by slerp (Shoemake 1985), at a constant rate
+// from each pose to the next, along the shorter arc. Two poses give constant rates. Velocity and rate are constant
+// before the first and after the last pose.
 class PoseTrack {
  public:
-  // `start`: the pose of row 0; unused when the shutter has poses.
+  // `start`: the pose of row 0; unused if the shutter has poses.
   PoseTrack(const Pose& start, const Shutter& shutter) : PoseTrack(start, shutter.rates, shutter.poses) {}
   PoseTrack(const Pose& start, const Rates& rates, std::vector<PoseAtTime> poses);
 
-  // Seconds from the exposure of row 0.
+  // Returns the pose at a time, seconds from the exposure of row 0.
   Pose at(double seconds) const;
-  // Velocity and angular rate then, as a camera's constant ones are given.
+  // Returns velocity and angular rate at a time, in the form of a shutter's constant rates.
   Rates rates_at(double seconds) const;
 
  private:
@@ -31,8 +32,8 @@ class PoseTrack {
   Pose start_;
   Rates rates_;
   std::vector<PoseAtTime> poses_;
-  std::vector<Vec3> velocities_;          // at the poses, m/s
-  std::vector<Eigen::AngleAxisd> turns_;  // from each pose's attitude to the next one's
+  std::vector<Vec3> velocities_;          // velocities at the poses, m/s
+  std::vector<Eigen::AngleAxisd> turns_;  // rotation from each pose's attitude to the next
 };
 
 }  // namespace selenograph::engine

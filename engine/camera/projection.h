@@ -1,5 +1,4 @@
-// Projection of a camera, both ways: image place to direction and back. Camera axes: +x right, +y down, +z along the
-// boresight.
+// Projection of a camera in both directions. Camera axes: +x right, +y down, +z along the boresight.
 #pragma once
 
 #include <optional>
@@ -18,14 +17,14 @@ class Projection {
  public:
   explicit Projection(const Camera& camera);
 
-  // For a pinhole the direction has z = 1, so a distance along it is the depth. For a fisheye, which may look behind
-  // that plane, it has unit length. Empty where the lens images nothing.
+  // Returns the direction of an image position. A pinhole's direction has z = 1, so a distance along it is the depth. A
+  // fisheye's, which may point behind that plane, has unit length. Empty where the lens images nothing.
   std::optional<Vec3> direction(double x_px, double y_px) const;
 
-  // Image place of a point; empty when it is behind a pinhole or the lens does not image it.
+  // Returns the image position of a point; empty if it is behind a pinhole or the lens does not image it.
   std::optional<PixelXY> image(const Vec3& in_camera_m) const;
 
-  const Lens& lens() const { return lens_; }  // of a pinhole
+  const Lens& lens() const { return lens_; }  // lens of a pinhole
   const std::optional<Fisheye>& fisheye() const { return fisheye_; }
 
  private:

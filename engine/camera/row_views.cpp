@@ -9,13 +9,14 @@
 namespace selenograph::engine {
 namespace {
 
-// Of a line camera: its one row, on which the principal point lies.
+// Returns a line camera: one row, on which the principal point lies.
 Camera line_of(Camera camera) {
-  camera.height = 1, camera.cy = 0;
+  camera.height = 1;
+  camera.cy = 0;
   return camera;
 }
 
-// Beyond all poses that a request can give.
+// Limit of the distance from the Moon's centre, farther than any pose of a request.
 constexpr double kFarthest_m = 2e12;
 
 double turn_between(const Pose& a, const Pose& b) {
@@ -25,8 +26,8 @@ double turn_between(const Pose& a, const Pose& b) {
 
 }  // namespace
 
-// The other camera's coordinates of a point are, by a turn Q and a shift s, Q (c + s): with |Q - 1| at most the angle,
-// |Q (c + s) - c| is at most |s| + angle (|c| + |s|).
+// With a turn Q and a shift s, another camera's coordinates of a point c are Q (c + s). As |Q - 1| is at most the
+// angle, |Q (c + s) - c| is at most |s| + angle (|c| + |s|).
 double ViewBundle::slack_m(const Vec3& point_m) const {
   return shift_m + turn_rad * ((point_m - view.position()).norm() + shift_m);
 }
@@ -57,7 +58,8 @@ RowViews::RowViews(const Camera& camera, const Pose& pose, const std::optional<S
   }
   track_.emplace(pose, *shutter);
   std::vector<Pose> poses;
-  poses.reserve(static_cast<std::size_t>(height_)), rows_.reserve(static_cast<std::size_t>(height_));
+  poses.reserve(static_cast<std::size_t>(height_));
+  rows_.reserve(static_cast<std::size_t>(height_));
   for (int row = 0; row < height_; ++row) {
     if (row % 64 == 0) stop.check();
     poses.push_back(track_->at(shutter->time_s(row)));
@@ -69,69 +71,73 @@ RowViews::RowViews(const Camera& camera, const Pose& pose, const std::optional<S
   bundle(poses, 0, rows_.size());
 }
 
-// Rows whose views differ by little are bounded together: by half as many while they differ by more, down to the few
-// hundred bundles that a selection can ask one by one.
+// Bundles rows whose views differ by less than kLittle_px. Otherwise halves the range, down to 1/256 of the rows, so
+// that a selection can test the bundles one by one.
 void RowViews::bundle(const std::vector<Pose>& poses, std::size_t first, std::size_t past_last) {
-  constexpr double kLittle_px = 8, kNear_m = 100;
-  const std::size_t middle = (first + past_last) / 2, fewest = rows_.size() / 256 + 1;
-  ViewBundle all{rows_[middle]};
-  all.first_row = static_cast<int>(first), all.past_last_row = static_cast<int>(past_last);
+  constexpr double kMaxDifference_px = 8, kNear_m = 100;
+  const std::size_t middle = (first + past_last) / 2, min_rows = rows_.size() / 256 + 1;
+  ViewBundle range{rows_[middle]};
+  range.first_row = static_cast<int>(first);
+  range.past_last_row = static_cast<int>(past_last);
   for (std::size_t i = first; i < past_last; ++i) {
-    all.shift_m = std::max(all.shift_m, (poses[i].position_m - poses[middle].position_m).norm());
-    all.turn_rad = std::max(all.turn_rad, turn_between(poses[i], poses[middle]));
+    range.shift_m = std::max(range.shift_m, (poses[i].position_m - poses[middle].position_m).norm());
+    range.turn_rad = std::max(range.turn_rad, turn_between(poses[i], poses[middle]));
   }
   const double height_m = std::max(poses[middle].position_m.norm() - kMoonRadius_m, kNear_m);
-  const double apart_px = std::max(camera().fx, camera().fy) * (all.shift_m / height_m + all.turn_rad);
-  if (apart_px <= kLittle_px || past_last - first <= fewest) {
-    bundles_.push_back(all);
+  const double difference_px = std::max(camera().fx, camera().fy) * (range.shift_m / height_m + range.turn_rad);
+  if (difference_px <= kMaxDifference_px || past_last - first <= min_rows) {
+    bundles_.push_back(range);
     return;
   }
-  bundle(poses, first, middle), bundle(poses, middle, past_last);
+  bundle(poses, first, middle);
+  bundle(poses, middle, past_last);
 }
 
 View RowViews::at_row(double row) const { return reference_.at(track_->at(shutter_->time_s(row))); }
 
-// How far below the row of a moment, in which the camera is then, a point appears; empty where it isn't imaged.
+// Returns a point's distance below the row that is exposed at the time of `row`, pixels; empty if the camera of that
+// time does not image it.
 std::optional<double> RowViews::off_row_px(const Vec3& point_m, double row) const {
-  const bool whole = row >= 0 && row < height_ && row == std::floor(row);
-  const auto pixel = whole ? of(static_cast<int>(row)).project(point_m) : at_row(row).project(point_m);
+  const bool is_full_row = row >= 0 && row < height_ && row == std::floor(row);
+  const auto pixel = is_full_row ? of(static_cast<int>(row)).project(point_m) : at_row(row).project(point_m);
   if (!pixel) return std::nullopt;
   return pixel->y - (pushbroom_ ? 0 : row);
 }
 
 namespace {
-// Of rows: a thousandth of what is promised, well above the rounding of a projection.
-constexpr double kFound_px = 1e-7;
+// Tolerance of a row: a thousandth of the promised accuracy, far above the rounding of a projection.
+constexpr double kTolerance_px = 1e-7;
 }  // namespace
 
-// From the middle. Empty where it leads nowhere, or out of the image.
+// Finds a row by the secant method from the middle row. Empty if it does not converge or leaves the image.
 std::optional<double> RowViews::row_by_secant(const Vec3& point_m) const {
-  constexpr int kMostSteps = 20;
-  double before = (height_ - 1) / 2.0, row = before + 1;
-  std::optional<double> off_before = off_row_px(point_m, before);
-  // A rolling shutter moves little while a row is read: the row where the point was is a first guess.
-  if (off_before && !pushbroom_) row = before + *off_before;
-  for (int step = 0; step < kMostSteps && off_before; ++step) {
+  constexpr int kMaxSteps = 20;
+  double previous = (height_ - 1) / 2.0, row = previous + 1;
+  std::optional<double> off_previous = off_row_px(point_m, previous);
+  // A rolling shutter moves little during a row's readout: the row that images the point is a first guess.
+  if (off_previous && !pushbroom_) row = previous + *off_previous;
+  for (int step = 0; step < kMaxSteps && off_previous; ++step) {
     const auto off = std::abs(row) <= 4.0 * (height_ + 1) ? off_row_px(point_m, row) : std::nullopt;
     if (!off) return std::nullopt;
-    if (std::abs(*off) <= kFound_px) return row;
-    const double slope = (*off - *off_before) / (row - before);
-    before = row, off_before = off;
+    if (std::abs(*off) <= kTolerance_px) return row;
+    const double slope = (*off - *off_previous) / (row - previous);
+    previous = row;
+    off_previous = off;
     if (row - *off / slope == row || !std::isfinite(*off / slope)) return std::nullopt;
     row -= *off / slope;
   }
   return std::nullopt;
 }
 
-// By halves, where the point is on one side of its row above and on the other side below.
+// Finds a row by bisection between two rows at which the point is on different sides.
 std::optional<double> RowViews::row_between(const Vec3& point_m, double above, double below,
                                             bool positive_above) const {
   for (;;) {
     const double middle = (above + below) / 2;
     if (middle == above || middle == below) return middle;
     const auto off = off_row_px(point_m, middle);
-    if (!off) return std::nullopt;  // not one way through: it left what the lens images in between
-    if (std::abs(*off) <= kFound_px) return middle;
+    if (!off) return std::nullopt;  // the point leaves the lens's field of view in between
+    if (std::abs(*off) <= kTolerance_px) return middle;
     ((*off > 0) == positive_above ? above : below) = middle;
   }
 }
@@ -143,78 +149,83 @@ std::optional<Sighting> RowViews::sighting(const Vec3& point_m, double row) cons
   return Sighting{{pixel->x, row}, shutter_->time_s(row), view.position()};
 }
 
-// A walk down the image. Between two stops at which the point is on different sides of the row that is exposed then,
-// there is a time at which it is on it.
+// Search down the image. If the point is on different sides of the exposed row at two stops, some row in between images
+// it.
 class RowViews::Search {
  public:
-  // `beside`: where the point is known to be seen beside the image.
-  Search(const RowViews& views, const Vec3& point_m, std::optional<Sighting> beside)
-      : views_(views), point_m_(point_m), beside_(std::move(beside)), off_above_(off(above_)) {}
+  // `outside`: a sighting outside the image's columns, if there is one.
+  Search(const RowViews& views, const Vec3& point_m, std::optional<Sighting> outside)
+      : views_(views), point_m_(point_m), outside_(std::move(outside)), off_above_(off(above_)) {}
 
-  // On to a row, which may be in between two. True: the point is found in the image.
-  bool reach(double row) {
+  // Advances to a row, which may be fractional. Returns true if the point was found in the image.
+  bool advance(double row) {
     if (row <= above_) return false;
     const std::optional<double> off_here = off(row);
     std::optional<Sighting> crossing;
     if (off_above_ && off_here && (*off_above_ > 0) != (*off_here > 0))
       if (const auto found = views_.row_between(point_m_, above_, row, *off_above_ > 0))
         crossing = views_.sighting(point_m_, *found);
-    above_ = row, off_above_ = off_here;
+    above_ = row;
+    off_above_ = off_here;
     if (!crossing || !views_.in_rows(crossing->pixel.y)) return false;
     const bool in_image = views_.in_columns(crossing->pixel.x);
-    if (in_image || !beside_) (in_image ? in_image_ : beside_) = crossing;
+    if (in_image || !outside_) (in_image ? in_image_ : outside_) = crossing;
     return in_image;
   }
 
-  // A row's pixels reach half a row to each side of it. A point that comes that near and turns back is on none at its
-  // time, and is seen by the nearest one.
-  void note_nearest(int row) {
-    if (!off_above_ || std::abs(*off_above_) > least_px_) return;
+  // A row's pixels extend half a row to each side. A point that comes that near and turns back crosses no row; the
+  // nearest row images it.
+  void record_nearest(int row) {
+    if (!off_above_ || std::abs(*off_above_) > min_distance_px_) return;
     const auto here = views_.sighting(point_m_, row);
     if (!here || !views_.in_columns(here->pixel.x)) return;
-    least_px_ = std::abs(*off_above_), nearest_ = here;
+    min_distance_px_ = std::abs(*off_above_);
+    nearest_ = here;
   }
 
-  std::optional<Sighting> found() const { return in_image_ ? in_image_ : nearest_ ? nearest_ : beside_; }
+  std::optional<Sighting> found() const { return in_image_ ? in_image_ : nearest_ ? nearest_ : outside_; }
 
  private:
   std::optional<double> off(double row) const { return views_.off_row_px(point_m_, row); }
 
   const RowViews& views_;
   const Vec3& point_m_;
-  std::optional<Sighting> in_image_, nearest_, beside_;
-  double above_ = -0.5, least_px_ = 0.5;
+  std::optional<Sighting> in_image_, nearest_, outside_;
+  double above_ = -0.5, min_distance_px_ = 0.5;
   std::optional<double> off_above_;
 };
 
 Vec3 RowViews::camera_seeing(const Vec3& point_m) const {
   if (!vary()) return reference_.position();
-  if (const auto seen = find(point_m)) return seen->camera_m;
-  const auto far_m = [&](const ViewBundle& some) { return (some.view.position() - point_m).squaredNorm(); };
-  return std::min_element(bundles_.begin(), bundles_.end(),
-                          [&](const ViewBundle& a, const ViewBundle& b) { return far_m(a) < far_m(b); })
+  if (const auto sighted = find(point_m)) return sighted->camera_m;
+  const auto squared_distance = [&](const ViewBundle& bundle) {
+    return (bundle.view.position() - point_m).squaredNorm();
+  };
+  return std::min_element(
+             bundles_.begin(), bundles_.end(),
+             [&](const ViewBundle& a, const ViewBundle& b) { return squared_distance(a) < squared_distance(b); })
       ->view.position();
 }
 
-// By secants from the middle, which is all that a slow camera needs. What that doesn't find in the image is looked for
-// row by row where the point may be in the image, and in steps of bundles elsewhere.
+// Try the secant method first, which suffices for a slow camera. Otherwise search row by row in bundles that may image
+// the point, and in steps of bundles elsewhere.
 std::optional<Sighting> RowViews::find(const Vec3& point_m) const {
   const std::optional<double> row = row_by_secant(point_m);
   const auto quick = row && in_rows(*row) ? sighting(point_m, *row) : std::nullopt;
   if (quick && in_columns(quick->pixel.x)) return quick;
   Search search(*this, point_m, quick);
-  for (const ViewBundle& some : bundles_) {
-    if (!some.may_see(point_m, 0)) {
-      if (search.reach(some.first_row)) return search.found();
+  for (const ViewBundle& bundle : bundles_) {
+    if (!bundle.may_see(point_m, 0)) {
+      if (search.advance(bundle.first_row)) return search.found();
       continue;
     }
-    if (search.reach(some.first_row - 1)) return search.found();
-    for (int i = some.first_row; i < some.past_last_row; ++i) {
-      if (search.reach(i)) return search.found();
-      search.note_nearest(i);
+    if (search.advance(bundle.first_row - 1)) return search.found();
+    for (int i = bundle.first_row; i < bundle.past_last_row; ++i) {
+      if (search.advance(i)) return search.found();
+      search.record_nearest(i);
     }
   }
-  search.reach(height_ - 0.5);
+  search.advance(height_ - 0.5);
   return search.found();
 }
 

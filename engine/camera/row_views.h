@@ -14,17 +14,17 @@
 
 namespace selenograph::engine {
 
-// The views of several rows: one of them, and an upper bound on how far the others deviate from it. Its answers hold
-// for all of them.
+// The views of several rows: one view, and upper bounds of the deviations of the others. Its answers hold for all of
+// them.
 //
 // The other views are shifted by up to shift_m and rotated by up to turn_rad, so in camera axes a point moves by at
-// most slack_m. A sphere enlarged by that encloses what the others see of it.
+// most slack_m(). A sphere enlarged by that contains the sphere in all views.
 struct ViewBundle {
   View view;
   double shift_m = 0, turn_rad = 0;
-  int first_row = 0, past_last_row = 0;  // of a frame whose rows have their own views
+  int first_row = 0, past_last_row = 0;  // range of rows, if rows have their own views
 
-  // As in View: upper bounds over all views.
+  // Upper bounds over all views, as in View.
   bool may_see(const Vec3& centre_m, double radius_m) const;
   bool may_see(std::span<const Vec3> points_m, double margin_m) const;
   double pixels_per_metre(const Vec3& centre_m, double radius_m,
@@ -32,44 +32,45 @@ struct ViewBundle {
   double pixels_per_metre_from(double nearest_m) const { return view.pixels_per_metre_from(nearest_m - shift_m); }
 
  private:
+  // Upper bound of a point's movement in camera axes between the views, m.
   double slack_m(const Vec3& point_m) const;
 };
 
-// Image place of a point in a frame whose rows are exposed one after the other.
+// Image position of a point in a frame whose rows are exposed one after the other.
 struct Sighting {
-  PixelXY pixel;  // of the frame; y is the row, not rounded
-  double time_s;  // from the exposure of row 0
+  PixelXY pixel;  // position in the frame; y is the row, not rounded
+  double time_s;  // seconds from the exposure of row 0
   Vec3 camera_m;  // camera position at that time
 };
 
 class RowViews {
  public:
-  // Throws ImpossibleRequest for an invalid camera or pose, Cancelled when `stop` says so.
+  // Throws ImpossibleRequest for an invalid camera or pose, Cancelled once `stop` is requested.
   RowViews(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter, const StopToken& stop = {});
 
-  // Whether each row has its own view.
+  // Returns true if each row has its own view.
   bool vary() const { return !rows_.empty(); }
   const View& of(int row) const { return rows_.empty() ? reference_ : rows_[static_cast<std::size_t>(row)]; }
   const View& of_pixel(std::size_t pixel) const { return rows_.empty() ? reference_ : rows_[pixel / width_]; }
-  // The only view, or that of the middle row.
+  // Returns the only view, or that of the middle row.
   const View& reference() const { return reference_; }
 
-  // Where the camera is when it sees a point; of a point that no row sees, where it is nearest to it.
+  // Returns the camera's position when it images a point; for a point that no row images, the position nearest to it.
   Vec3 camera_seeing(const Vec3& point_m) const;
 
-  int height() const { return height_; }  // of the frame
-  // Camera of all views: the frame's camera or, for a line camera, a single-line image on the row of the principal
-  // point.
+  int height() const { return height_; }  // rows of the frame
+  // Returns the camera of all views: the frame's camera or, for a line camera, a single-line image on the row of the
+  // principal point.
   const Camera& camera() const { return reference_.camera(); }
-  // The row of camera() that a row of the frame corresponds to.
+  // Returns the row of camera() for a row of the frame.
   int line(int row) const { return pushbroom_ ? 0 : row; }
 
-  // They bound the views of all rows; at least one, and few.
+  // Returns bundles that bound the views of all rows: at least one, at most a few hundred.
   std::span<const ViewBundle> bundles() const { return bundles_; }
 
-  // For rows with their own views: a place where a point appears, in the row exposed at that time. It is inside the
-  // image if any row sees it there (a turning camera may see it in several rows), otherwise beside it in x. Empty when
-  // no row sees it: beside the image in y. Costs at most one projection per row.
+  // Finds a point's image position in the row exposed at that time, for rows with their own views. It is inside the
+  // image if any row images it there (a turning camera may image it in several rows), otherwise left or right of it.
+  // Empty if no row images the point. Costs at most one projection per row.
   std::optional<Sighting> find(const Vec3& point_m) const;
 
  private:

@@ -14,7 +14,7 @@ View::View(const Camera& camera, const Pose& pose) : camera_(camera), projection
   if (!(std::isfinite(camera.fx) && std::isfinite(camera.fy) && camera.fx > 0 && camera.fy > 0 &&
         std::isfinite(camera.cx) && std::isfinite(camera.cy)))
     throw ImpossibleRequest("camera: focal lengths must be positive and finite");
-  place(pose);
+  set_pose(pose);
   if (projection_.fisheye())
     bound_fisheye_image();
   else
@@ -22,12 +22,12 @@ View::View(const Camera& camera, const Pose& pose) : camera_(camera), projection
 }
 
 View View::at(const Pose& pose) const {
-  View other = *this;
-  other.place(pose);
-  return other;
+  View moved = *this;
+  moved.set_pose(pose);
+  return moved;
 }
 
-void View::place(const Pose& pose) {
+void View::set_pose(const Pose& pose) {
   position_ = pose.position_m;
   camera_from_moon_ = pose.camera_from_moon.normalized().toRotationMatrix();
   if (!position_.allFinite() || !camera_from_moon_.allFinite()) throw ImpossibleRequest("pose: not finite");
@@ -49,18 +49,19 @@ std::optional<PixelXY> View::project(const Vec3& point_m) const {
   return projection_.image(camera_from_moon_ * (point_m - position_));
 }
 
+// Samples the image to bound the slopes of its rays and the scale of the image.
 void View::bound_image() {
-  // The whole image to its border, half a pixel outside.
+  // Corners of the image, half a pixel outside the centres of the border's pixels.
   const double w = camera_.width - 0.5, h = camera_.height - 0.5;
   constexpr int kSamples = 64;
-  // What the samples may miss between them. A scale that swings once across the image is at most
-  // 1 / cos(2 pi / 128) - 1 = 0.12 % larger there: 1 % is ample. A bound moves by less than a step between samples:
-  // 1/64 of the image, 1.6 %; 2 % and, for images without extent, a little are added.
-  constexpr double kScaleMargin = 1.01, kBoundMargin = 0.02, kLeastMargin = 1e-9;
+  // Margins for the gaps between samples. A scale that swings once across the image is at most 1 / cos(2 pi / 128) - 1
+  // = 0.12 % larger there: 1 % is ample. A bound moves by less than a step between samples, 1/64 of the image or 1.6 %:
+  // add 2 % and, for images without extent, a little more.
+  constexpr double kScaleMargin = 1.01, kBoundMargin = 0.02, kMinMargin = 1e-9;
   left_ = top_ = std::numeric_limits<double>::infinity();
   right_ = bottom_ = -left_;
   const Lens& lens = projection_.lens();
-  double sharpest = 0;
+  double max_pixels_per_radian = 0;
   bool folds = false;
   for (int j = 0; j <= kSamples; ++j)
     for (int i = 0; i <= kSamples; ++i) {
@@ -68,34 +69,41 @@ void View::bound_image() {
       const auto p = lens.undistorted((u - camera_.cx) / camera_.fx, (v - camera_.cy) / camera_.fy);
       folds |= !p;
       if (!p) continue;
-      left_ = std::min(left_, p->x()), right_ = std::max(right_, p->x());
-      top_ = std::min(top_, p->y()), bottom_ = std::max(bottom_, p->y());
-      // Pixels per radian, along the radius the larger one: on the plane z = 1 an angle covers (1 + r^2), the lens
-      // stretches on top: by the larger eigenvalue of its symmetric Jacobian.
+      left_ = std::min(left_, p->x());
+      right_ = std::max(right_, p->x());
+      top_ = std::min(top_, p->y());
+      bottom_ = std::max(bottom_, p->y());
+      // Pixels per radian: on the plane z = 1 an angle covers up to (1 + r^2), along the radius. The lens stretches
+      // that by at most the larger eigenvalue of its symmetric Jacobian.
       const Eigen::Matrix2d j2 = lens.jacobian(p->x(), p->y());
       const double r2 = p->squaredNorm(), half_trace = j2.trace() / 2;
       const double stretch =
           std::abs(half_trace) + std::sqrt(std::max(0.0, half_trace * half_trace - j2.determinant()));
-      sharpest = std::max(sharpest, std::max(camera_.fx, camera_.fy) * (1 + r2) * stretch);
+      max_pixels_per_radian = std::max(max_pixels_per_radian, std::max(camera_.fx, camera_.fy) * (1 + r2) * stretch);
       stretched_focal_ = std::max(stretched_focal_, std::max(camera_.fx, camera_.fy) * stretch * kScaleMargin);
       widest_ = std::max(widest_, std::sqrt(r2));
     }
-  pixels_per_radian_ = sharpest * kScaleMargin;
-  if (left_ > right_) return;  // nothing has a ray: nothing is in view
+  pixels_per_radian_ = max_pixels_per_radian * kScaleMargin;
+  if (left_ > right_) return;  // no pixel has a ray: nothing is in view
   if (folds) {
-    // Towards the fold a pixel covers ever more: nothing between the samples bounds the view but the fold itself.
-    constexpr double kFarthestSlope = 1000;  // tan 89.94 degrees: what is beyond covers next to no pixels
+    // Toward the fold a pixel covers ever more, so no sample bounds the view: take the fold itself.
+    constexpr double kFarthestSlope = 1000;  // tan 89.94 degrees: directions beyond cover next to no pixels
     widest_ = std::min(lens.reach(), kFarthestSlope);
-    left_ = top_ = -widest_, right_ = bottom_ = widest_;
+    left_ = top_ = -widest_;
+    right_ = bottom_ = widest_;
   }
-  const double mx = kBoundMargin * (right_ - left_) + kLeastMargin, my = kBoundMargin * (bottom_ - top_) + kLeastMargin;
-  left_ -= mx, right_ += mx, top_ -= my, bottom_ += my;
+  const double mx = kBoundMargin * (right_ - left_) + kMinMargin, my = kBoundMargin * (bottom_ - top_) + kMinMargin;
+  left_ -= mx;
+  right_ += mx;
+  top_ -= my;
+  bottom_ += my;
   const auto per_length = [](double slope) { return 1 / std::sqrt(1 + slope * slope); };
   per_length_ = {per_length(left_), per_length(right_), per_length(top_), per_length(bottom_)};
 }
 
+// Bounds the angle from the boresight over the image.
 void View::bound_fisheye_image() {
-  // The border's corner that is farthest from the principal point has the largest angle.
+  // The corner farthest from the principal point has the largest angle.
   const double x = std::max(camera_.cx + 0.5, camera_.width - 0.5 - camera_.cx) / camera_.fx,
                y = std::max(camera_.cy + 0.5, camera_.height - 0.5 - camera_.cy) / camera_.fy;
   widest_theta_ = projection_.fisheye()->angle(std::hypot(x, y)).value_or(projection_.fisheye()->limit());
@@ -105,11 +113,12 @@ bool View::fisheye_may_see(const Vec3& in_camera_m, double radius_m) const {
   const double distance = in_camera_m.norm();
   if (distance <= radius_m) return true;
   const double theta = std::acos(std::clamp(in_camera_m.z() / distance, -1.0, 1.0));
-  constexpr double kRounding = 1e-7;  // of acos next to the boresight
+  constexpr double kRounding = 1e-7;  // rounding of acos next to the boresight
   return theta - std::asin(radius_m / distance) <= widest_theta_ + kRounding;
 }
 
-// How far outside of each of the planes through the camera around the image, and behind the camera.
+// Returns the distances outside the planes through the camera and the image's sides, and behind the camera; negative
+// inside.
 std::array<double, 5> View::outside_image(const Vec3& in_camera_m) const {
   const double x = in_camera_m.x(), y = in_camera_m.y(), z = in_camera_m.z();
   return {-z, (left_ * z - x) * per_length_[0], (x - right_ * z) * per_length_[1], (top_ * z - y) * per_length_[2],
@@ -145,7 +154,7 @@ double View::pixels_per_metre_from(double nearest_m) const {
 
 double View::pixels_per_metre(const Vec3& centre_m, double radius_m, double highest_m) const {
   const Vec3 c = camera_from_moon_ * (centre_m - position_);
-  // From inside the ball there is still the height above all that is in it.
+  // From inside the ball, the nearest distance is still the height above everything in it.
   const double nearest = std::max(c.norm() - radius_m, position_.norm() - kMoonRadius_m - highest_m);
   if (projection_.fisheye()) {
     const double theta = std::atan2(std::hypot(c.x(), c.y()), c.z()),

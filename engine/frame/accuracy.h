@@ -6,25 +6,25 @@
 namespace selenograph::engine {
 
 struct Accuracy {
-  // Upper bound, in pixels, on the projected vertical error of the mesh; the post spacing is kept below twice this many
+  // Upper bound of the projected vertical error of the mesh, pixels. The post spacing stays below twice this many
   // pixels. 0: the finest posts everywhere.
   double max_error_px = 0.5;
-  int samples_per_pixel = 1;  // a square number: radiance and image are means over a regular sub-pixel grid
-  // Target, in pixels, for the displacement of a shadow edge on level ground by the mesh's error: vertical error over
-  // the tangent of the Sun's elevation. It is relaxed when that much terrain does not fit into memory; the frame
-  // reports the value that was used.
+  int samples_per_pixel = 1;  // a square number: radiance and image are means over a regular grid in the pixel
+  // Target for the shift of a shadow edge on level ground by the mesh's error, pixels: vertical error over the tangent
+  // of the Sun's elevation. It is relaxed if that much terrain does not fit into memory; the frame reports the value
+  // that was used.
   double max_shadow_error_px = kDefaultShadowError_px;
   static constexpr double kDefaultShadowError_px = 16;
-  // Target for what is left out of terrain with detail, or max_error_px if that is larger: diameters and wavelengths
-  // from kSmallestShown times as many pixels on are shown, foreshortened as the mean over all directions. What is
-  // smaller moves few points by so many pixels and changes the contrast little. Where a frame would have more than
-  // kDetailTrianglesPerPixel triangles of detail per pixel, the shadow target is relaxed; where that can't do, or the
-  // view alone has four fifths as many, this one is.
+  // Target for detail that is left out, or max_error_px if that is larger. Diameters and wavelengths from
+  // kSmallestShown times as many pixels on are shown, foreshortened as the mean over all directions. Smaller detail
+  // moves few points by so many pixels and hardly changes the contrast. If a frame had more than
+  // kDetailTrianglesPerPixel triangles of detail per pixel, the shadow target is relaxed; if that does not suffice, or
+  // the view alone has four fifths as many, this one is.
   double max_detail_error_px = kDefaultDetailError_px;
   static constexpr double kDefaultDetailError_px = 4;
   static constexpr double kSmallestShown = 1.25;
   static constexpr double kDetailTrianglesPerPixel = 8;
-  // 4: a sample at an edge is replaced by four samples in its part of the pixel (visibility/image/edge_samples.h);
+  // 4: a sample at an edge is replaced by four samples in its share of the pixel (visibility/image/edge_samples.h);
   // requires samples_per_pixel 1 or 4 and no shutter. 1: no edge sampling.
   int edge_samples = 1;
   double detail_aim_px() const { return std::max(max_error_px, max_detail_error_px); }

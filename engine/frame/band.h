@@ -22,11 +22,11 @@ class Band {
   explicit Band(std::vector<ResponsePoint> response);
 
   const std::vector<ResponsePoint>& response() const { return response_; }
-  // Centroid and integral of the response: lambda and Delta lambda of eqs. (8) and (9).
+  // Centroid and integral of the response: lambda and Delta lambda of eqs. (8) and (9), um.
   double center_um() const { return center_um_; }
   double width_um() const { return width_um_; }
   double response_at(double wavelength_um) const;
-  // The curve's wavelengths and the table's wavelengths between them, increasing.
+  // Returns the curve's wavelengths and the table's wavelengths between them, increasing.
   std::vector<double> breakpoints(const std::vector<double>& table_um = {}) const;
 
  private:

@@ -30,13 +30,13 @@ enum class CameraModel {
 struct Camera {
   int width = 0, height = 0;
   double fx = 0, fy = 0, cx = 0, cy = 0;  // pixels
-  Distortion distortion{};                // of a pinhole
+  Distortion distortion{};                // for a pinhole
   CameraModel model = CameraModel::pinhole;
   FisheyeDistortion fisheye{};
-  // Straight lines are imaged as straight lines: a pixel's direction is linear in its coordinates.
+  // Returns true if straight lines are imaged as straight lines: a pixel's direction is linear in its coordinates.
   bool rectilinear() const { return model == CameraModel::pinhole && distortion.none(); }
-  // Directions beyond 90 degrees from the boresight are imaged. They have no place on the plane z = 1: such a camera is
-  // described by a radius per angle (engine/camera/fisheye.h) and rendered by ray tracing only.
+  // Returns true if directions beyond 90 degrees from the boresight may be imaged. They have no position on the plane z
+  // = 1: such a camera is described by a radius per angle (engine/camera/fisheye.h) and rendered by ray tracing only.
   bool beyond_plane() const { return model != CameraModel::pinhole; }
   bool operator==(const Camera&) const = default;
 };

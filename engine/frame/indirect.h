@@ -1,4 +1,4 @@
-// Light that does not come from the Sun directly: from the terrain around, and from the Earth.
+// Light that does not come from the Sun directly, but from surrounding terrain and from the Earth.
 #pragma once
 
 #include <optional>
@@ -9,21 +9,21 @@ namespace selenograph::engine {
 
 // The Earth as a source of light: a uniform disc.
 struct Earth {
-  Vec3 direction = Vec3::UnitX();  // unit, from the Moon toward the Earth, MOON_ME
+  Vec3 direction = Vec3::UnitX();  // unit vector from the Moon toward the Earth, MOON_ME
   double distance_m = 384.4e6;
 };
 
 struct IndirectLight {
   bool terrain = false;  // sunlight that terrain reflects
-  int bounces = 1;       // how often; 1 or 2
-  // Distance in the image of the posts at which the light is gathered, but not below that of the terrain's posts; where
-  // less than 1 is asked for, half of it.
+  int bounces = 1;       // number of reflections; 1 or 2
+  // Distance in the image of the posts at which light is gathered, pixels; at least that of the terrain's posts or, for
+  // values below 1, half of it.
   double spacing_px = kDefaultSpacing_px;
   static constexpr double kDefaultSpacing_px = 4;
   std::optional<Earth> earth;  // empty: none
   bool any() const { return terrain || earth; }
-  // Lower bound of the mean light from terrain on ground in shadow, as a share of the exact light. Measured at the
-  // default spacing (engine/indirect/README.md); nullopt for a Sun below 2 degrees, where nothing was measured.
+  // Returns a lower bound of the mean light from terrain on ground in shadow, as a share of the exact light. Measured
+  // at the default spacing (engine/indirect/README.md); empty for a Sun below 2 degrees, where nothing was measured.
   static std::optional<double> shadow_light_at_least(double sun_elevation_deg) {
     constexpr double kBowls_deg = 2, kPolarPiece_deg = 5;
     if (sun_elevation_deg < kBowls_deg) return std::nullopt;

@@ -10,34 +10,35 @@
 
 namespace selenograph::engine {
 
-// `points` azimuths, from 0 in equal steps.
+// Request for `points` azimuths, from 0 in equal steps.
 struct LimbRequest {
   Camera camera;
   Pose pose;
   int points = 360;
-  std::optional<Sun> sun{};  // whose terminator is asked for
+  std::optional<Sun> sun{};  // Sun of the terminator; empty: no terminator
 };
 
-// Numbers are NaN where there are none. An azimuth is an angle around the direction to the Moon's centre, from +x
-// toward +y of the camera's axes turned by the shortest way so that +z points at the centre.
+// A point of the limb; missing numbers are NaN. An azimuth is an angle around the direction to the Moon's centre, from
+// +x toward +y of the camera's axes, turned by the shortest rotation that lets +z point at the centre.
 struct LimbPoint {
   static constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
   double azimuth_deg = 0;
-  // Of the terrain, unless there is no data: the largest angle from the Moon's centre at which a ray meets it, and what
-  // that ray meets.
+  // Limb of the terrain: the largest angle from the Moon's centre at which a ray hits it, and the range and position of
+  // that hit; NaN without data.
   double angle_deg = kNone, range_m = kNone;
   Vec3 position_m = Vec3::Constant(kNone);
   double x_px = kNone, y_px = kNone;
   bool in_frame = false;
-  // Of the sphere of 1 737 400 m.
+  // Limb of the sphere of 1 737 400 m.
   double sphere_angle_deg = kNone, sphere_x_px = kNone, sphere_y_px = kNone;
   bool known() const { return angle_deg == angle_deg; }
 };
 
-// Azimuths are angles around the direction to the Sun's centre, from the Moon's north pole through the east of what the
-// Sun sees. The terrain's terminator is its limb as the Sun's centre sees it: in the half plane of an azimuth the last
-// ground toward the night that a ray from there meets. Places are imaged whether the camera sees them or not.
+// A point of the terminator. Azimuths are angles around the direction to the Sun's centre, from the Moon's north pole
+// through the east as viewed from the Sun. The terrain's terminator is its limb as viewed from the Sun's centre: in the
+// half plane of an azimuth, the last ground toward the night that a ray from there hits. Positions are imaged even if
+// the camera cannot see them.
 struct TerminatorPoint {
   static constexpr double kNone = LimbPoint::kNone;
 

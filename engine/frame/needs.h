@@ -22,15 +22,15 @@ inline bool wants_indirect(const FrameRequest& request) {
 }
 inline bool wants_geometry(const FrameRequest& request) { return request.products & kTruth; }
 
-// Points are looked for in a second image.
+// Returns true if points are also projected into a second image.
 inline bool wants_flow(const FrameRequest& request) { return request.flow_to && (request.products & kFlow); }
 
-// Number of samples of a pixel that are drawn at once (visibility/image/dense_samples.h): 4 by the z-buffer when the
-// number of samples along a pixel's side is even. Four samples take four times the memory, so this is limited to the
-// largest image that is served by default (16 million pixels); larger images are drawn one sample at a time. Edges are
-// searched among all four.
+// Returns the number of samples of a pixel that are drawn at once (visibility/image/dense_samples.h): 4 by the z-buffer
+// if the number of samples along a pixel's side is even. Four samples take four times the memory, so this is limited to
+// the largest image that is served by default (16 million pixels); larger images are drawn one sample at a time. Edges
+// are searched among all four.
 inline int drawn_at_once(const FrameRequest& request, const Accuracy& accuracy, Visibility visibility) {
-  constexpr int kLargest_px = 2048;  // side
+  constexpr int kLargest_px = 2048;  // longest side
   if (!wants_radiance(request)) return 1;
   if (accuracy.edge_samples > 1 && !request.shutter) return accuracy.samples_per_pixel;
   const int side = static_cast<int>(std::lround(std::sqrt(accuracy.samples_per_pixel)));
@@ -38,8 +38,8 @@ inline int drawn_at_once(const FrameRequest& request, const Accuracy& accuracy, 
   return visibility != Visibility::raytrace && side % 2 == 0 && fits ? 4 : 1;
 }
 
-// Upper bound on the working memory of a frame besides its products, scene and terrain: light-space samples and
-// shadow-map lists (twice as many for a solar disc), rays of a lens (pixel centres and one sample offset), and the
+// Returns an upper bound of the working memory of a frame besides its products, scene and terrain: light-space samples
+// and shadow-map lists (twice as many for a solar disc), rays of a lens (pixel centres and one sample offset), and the
 // sensor's intermediate images.
 inline std::size_t working_bytes_per_pixel(const FrameRequest& request) {
   std::size_t bytes = 0;
@@ -48,17 +48,18 @@ inline std::size_t working_bytes_per_pixel(const FrameRequest& request) {
   if (wants_radiance(request)) bytes += (dense ? 12 : 8) * at_once;
   if (wants_light(request)) bytes += (request.sun.angular_radius_deg > 0 ? 96 : 48) * at_once;
   if (!request.camera.rectilinear()) bytes += dense ? 24 + 24 * (at_once + 1) : 48;
-  // Edges: where they are, and samples under the Sun once more, of half the pixels at a time.
+  // Edges: their positions, and samples under the Sun once more, for half the pixels at a time.
   if (wants_radiance(request) && request.accuracy.edge_samples > 1)
     bytes += (4 + (request.sun.angular_radius_deg > 0 ? 52 : 28) + (request.camera.rectilinear() ? 0 : 96)) * at_once;
   if (request.sensor && request.products & kImage) {
     bytes += request.accuracy.samples_per_pixel > 1 ? 40 : 24;
-    if (request.sensor->optics.stray_light.any()) bytes += 80;  // frequencies of four times the pixels
+    if (request.sensor->optics.stray_light.any()) bytes += 80;  // frequencies of an image with four times the pixels
   }
   return bytes;
 }
 
-// The sensor's margin is counted at its maximum: it is unknown until the kernel has been computed.
+// Returns the pixels of an image with the sensor's margin at its maximum: the margin is unknown until the kernel has
+// been computed.
 inline std::size_t rendered_pixels(const FrameRequest& request) {
   constexpr int kWidestMargin_px = 33;
   const int margin = request.sensor && request.products & kImage ? 2 * kWidestMargin_px : 0;
@@ -66,33 +67,36 @@ inline std::size_t rendered_pixels(const FrameRequest& request) {
          static_cast<std::size_t>(request.camera.height + margin);
 }
 
-// Upper bound on the memory for views of rows (camera/row_views.h).
+// Returns an upper bound of the memory for views of rows (camera/row_views.h).
 inline std::size_t bytes_of_rows(const Camera& camera, const std::optional<Shutter>& shutter) {
   constexpr std::size_t kBytesOfView = 1024;
   return shutter ? kBytesOfView * static_cast<std::size_t>(camera.height) : 0;
 }
 
-// Limits on rocks of a detail: per frame, as placed shapes for Embree, and of those with the soil against them, a shape
-// each; per batch of rays, all with it; per search, before it is known whether there are too many; and remembered from
+// Limits of a detail's rocks: placed shapes for Embree per frame; those with soil against them, each with its own
+// shape; rocks per batch of rays, all with soil; rocks per search, before their number is known; rocks cached from
 // batch to batch of rays.
-inline constexpr std::size_t kMostRocks = 32768, kMostWithSoil = kMostRocks / 4, kMostRocksOfRays = kMostRocks / 2,
-                             kMostNewRocks = 2 * kMostRocks, kMostRememberedRocks = 100000 + kMostNewRocks;
-inline std::size_t bytes_of_rocks(const dem::Detail* detail, std::size_t remembered = 0) {
-  constexpr std::size_t kBytesOfRock = 2000;  // measured: 1600, and as much for a quarter of them
+inline constexpr std::size_t kMaxRocks = 32768;
+inline constexpr std::size_t kMaxRocksWithSoil = kMaxRocks / 4;
+inline constexpr std::size_t kMaxRocksOfRays = kMaxRocks / 2;
+inline constexpr std::size_t kMaxNewRocks = 2 * kMaxRocks;
+inline constexpr std::size_t kMaxCachedRocks = 100000 + kMaxNewRocks;
+inline std::size_t bytes_of_rocks(const dem::Detail* detail, std::size_t cached_rocks = 0) {
+  constexpr std::size_t kBytesOfRock = 2000;  // measured: 1600, and as much again for the quarter with soil
   const bool any = detail && !detail->rocks().empty();
   if (!any) return 0;
-  return kMostRocks * kBytesOfRock + dem::RockSurvey::kKeptBytes + remembered * sizeof(dem::RockFeature);
+  return kMaxRocks * kBytesOfRock + dem::RockSurvey::kKeptBytes + cached_rocks * sizeof(dem::RockFeature);
 }
 
-// Craters are the detail's, and the terrain's.
+// Returns true if craters are listed, which requires detail and terrain.
 inline bool wants_craters(const FrameRequest& request) { return request.craters && request.detail && request.terrain; }
 
-// The Sun's or the Earth's disc is shown.
+// Returns true if the Sun's or the Earth's disc is shown.
 inline bool wants_discs(const FrameRequest& request) {
   return request.sky && (request.sky->sun || request.sky->earth) && wants_radiance(request);
 }
-// Whether pixels alone say what the ground hides of the sky: a ray along the horizon of ground with detail meets so
-// much of the finest that it takes seconds.
+// Returns true if only pixels tell which sky the ground hides. A ray along the horizon of ground with detail would need
+// so many of the finest blocks that it takes seconds.
 inline bool hides_by_pixels(const FrameRequest& request) { return request.detail && request.terrain; }
 inline bool wants_points(const FrameRequest& request) {
   return request.sky && (request.sky->stars || request.sky->planets) && wants_radiance(request);
@@ -100,21 +104,22 @@ inline bool wants_points(const FrameRequest& request) {
 inline bool wants_ranges_for_sky(const FrameRequest& request) {
   return wants_discs(request) || (wants_points(request) && hides_by_pixels(request));
 }
-// Each pixel's range is drawn, for craters or for what hides the sky, whatever products the request asks for.
+// Returns true if each pixel's range must be drawn, for craters or for hiding the sky, whatever products are requested.
 inline bool wants_ranges(const FrameRequest& request) {
   return wants_craters(request) || wants_ranges_for_sky(request);
 }
-// The products of a frame that is drawn for its radiance.
+// Returns the products of a frame that is drawn for its radiance.
 inline ProductSet for_radiance(const FrameRequest& request) {
   return wants_ranges_for_sky(request) ? ProductSet{kRadiance | kRange} : ProductSet{kRadiance};
 }
 
-// Limit on craters that a frame lists, and memory for that list with its text.
-inline constexpr std::size_t kMostCraters = 100000;
+// Limit of craters that a frame lists, and the memory of that list with its text.
+inline constexpr std::size_t kMaxCraters = 100000;
 inline std::size_t bytes_of_craters(const FrameRequest& request) {
   constexpr double kBytesOfCrater = 8000;
   if (!wants_craters(request)) return 0;
-  // Larger than D, per square of side D: in an image those of at least least_px, and as many again at a slant.
+  // Number of craters larger than D per square of side D. An image shows those of at least least_px, and as many again
+  // at a slant.
   const dem::CraterLaw& law = request.detail->craters().law();
   double densest = 0;
   for (int octave = 0; std::ldexp(law.smallest_m, octave) < law.largest_m; ++octave) {
@@ -123,7 +128,7 @@ inline std::size_t bytes_of_craters(const FrameRequest& request) {
   }
   const double pixels = static_cast<double>(request.camera.width) * request.camera.height,
                number = 2 * densest * pixels / (request.craters->least_px * request.craters->least_px);
-  return static_cast<std::size_t>(kBytesOfCrater * std::min(number, static_cast<double>(kMostCraters)));
+  return static_cast<std::size_t>(kBytesOfCrater * std::min(number, static_cast<double>(kMaxCraters)));
 }
 
 }  // namespace selenograph::engine

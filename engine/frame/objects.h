@@ -12,13 +12,13 @@ namespace selenograph::engine {
 
 class ObjectMesh;
 
-// Both sides of its triangles are surface. It casts and receives shadows.
+// An object in the scene. Both sides of its triangles are surface; it casts and receives shadows.
 struct SceneObject {
   std::shared_ptr<const ObjectMesh> mesh;
-  Vec3 position_m = Vec3::Zero();                                        // of the mesh's origin
+  Vec3 position_m = Vec3::Zero();                                        // position of the mesh's origin, MOON_ME
   Eigen::Quaterniond moon_from_object = Eigen::Quaterniond::Identity();  // unit; the mesh's axes are its file's
   double scale = 1;                                                      // metres per unit of the file
-  std::vector<Material> materials;                                       // one for each of the mesh's parts
+  std::vector<Material> materials;                                       // one material for each part of the mesh
 };
 
 }  // namespace selenograph::engine

@@ -7,7 +7,7 @@ Pose moved(const Pose& pose, const Rates& rates, double seconds) {
   const double angle = turn.norm();
   Pose later = pose;
   later.position_m += rates.velocity_m_s * seconds;
-  // Seen from the camera the Moon turns the other way.
+  // From the camera, the Moon turns in the opposite direction.
   if (angle > 0)
     later.camera_from_moon = (Eigen::AngleAxisd(-angle, turn / angle) * pose.camera_from_moon).normalized();
   return later;

@@ -1,4 +1,4 @@
-// Where a camera is and where it looks. `camera_from_moon` rotates MOON_ME vectors into camera axes.
+// Position and attitude of a camera. `camera_from_moon` rotates MOON_ME vectors into camera axes.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -9,7 +9,7 @@ namespace selenograph::engine {
 
 struct Pose {
   Vec3 position_m = Vec3::Zero();
-  Eigen::Quaterniond camera_from_moon = Eigen::Quaterniond::Identity();  // unit
+  Eigen::Quaterniond camera_from_moon = Eigen::Quaterniond::Identity();  // unit quaternion
 };
 
 // Constant rates of a camera's motion.
@@ -19,7 +19,7 @@ struct Rates {
   bool none() const { return angular_rate_deg_s.isZero(0) && velocity_m_s.isZero(0); }
 };
 
-// The pose after `seconds` of motion at these rates.
+// Returns the pose after `seconds` of motion at these rates.
 Pose moved(const Pose& pose, const Rates& rates, double seconds);
 
 }  // namespace selenograph::engine

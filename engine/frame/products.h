@@ -7,8 +7,7 @@
 
 namespace selenograph::engine {
 
-// Products, in the order of the API's table; values are bits of a set. Maps have some of them, and
-// some of their own.
+// Products, in the order of the API's table; values are bits of a set. Maps have some of them, and some of their own.
 enum Product : std::uint32_t {
   kImage = 1u << 0,
   kRadiance = 1u << 1,
@@ -38,7 +37,8 @@ enum Product : std::uint32_t {
 
 using ProductSet = std::uint32_t;
 
-// Arrays of height x width (x components), row 0 on top; empty when not requested. Missing values are those of the API.
+// Arrays of height x width (x components), row 0 on top; empty if not requested. The API defines the values of missing
+// data.
 struct FrameProducts {
   std::vector<std::uint16_t> image;  // 8-bit images, too: the encoder converts them
   std::vector<float> radiance;       // W m-2 sr-1, band-integrated over the solar irradiance's band
@@ -57,13 +57,13 @@ struct FrameProducts {
   std::vector<std::uint16_t> rock;       // index into Frame::rocks; 65535: none
   std::vector<double> height;            // maps: m above the datum
   std::vector<float> slope;              // maps: degrees between the normal and the datum's vertical
-  std::vector<float> rock_height;        // maps: of a rock's surface above the ground below it, m; 0: no rock
+  std::vector<float> rock_height;        // maps: height of a rock's surface above the ground below it, m; 0: no rock
   std::vector<float> rock_cover;         // maps: share of the footprint that rocks cover
   std::vector<float> roughness;          // maps: largest distance of ground in the footprint from its plane, m
   std::vector<std::uint16_t> hazard;     // maps: see Hazard in map.h
 };
 
-// References to all arrays of the products, const or not. A new array that is not listed here does not compile.
+// Returns references to all arrays of the products. A new array that is not listed here does not compile.
 template <typename Products>
 auto all_arrays(Products& products) {
   auto& [image, radiance, depth, range, position, geodetic, normal, angles, lit, irradiance, flow, gsd, source,

@@ -1,4 +1,4 @@
-// Request to the engine. All values are trusted and resolved (api/ checks them). Frame MOON_ME, metres, double.
+// Request to the engine. api/ has checked and resolved all values. Frame MOON_ME, metres, double.
 #pragma once
 
 #include <cstdint>
@@ -41,7 +41,7 @@ enum class Visibility {
 struct ImageSettings {
   int bit_depth = 8;  // 8 or 16
   std::optional<double>
-      full_scale_radiance_w_m2_sr;  // given exposure; automatic (largest radiance in the frame) if empty
+      full_scale_radiance_w_m2_sr;  // fixed exposure; empty: automatic, the largest radiance in the frame
 };
 
 struct FrameRequest {
@@ -49,12 +49,12 @@ struct FrameRequest {
   Pose pose;
   std::optional<Shutter> shutter;  // rows exposed one after the other; empty: all at once
   Sun sun;
-  IndirectLight indirect;  // of terrain with a Sun
+  IndirectLight indirect;  // for terrain with a Sun
   Reflectance reflectance;
   std::optional<Band> band;  // integration band of radiance; empty: all wavelengths
   double temperature_k = 0;  // surface temperature; 0: no thermal emission
-  // Maps of the ground's rho (Hapke's model has none) and of its temperature in K. The first map with a value at a
-  // place is used, otherwise the constants above.
+  // Maps of the ground's rho (w for Hapke's model) and of its temperature in K. The first map with a value at a
+  // position applies, otherwise the constants above.
   std::vector<std::shared_ptr<const dem::ValueMap>> albedo_maps, temperature_maps;
   std::shared_ptr<const Atmosphere> atmosphere;  // null: none
   std::vector<SceneObject> objects;
@@ -66,18 +66,19 @@ struct FrameRequest {
   Visibility visibility = Visibility::automatic;
   ProductSet products = kRadiance;
   std::optional<RimOptions> craters;  // lists craters of the detail in view; empty: no
-  std::optional<SkyOptions> sky;      // what is shown beside the Moon; empty: nothing
-  std::optional<Pose> flow_to;        // where the camera looks from next: the other image of the product `flow`
+  std::optional<SkyOptions> sky;      // objects of the sky besides the Moon; empty: none
+  std::optional<Pose> flow_to;        // pose of the camera for the second image of the product `flow`
   std::optional<TruthGrid> truth;     // subset of pixels for ground-truth products; empty: all
 };
 
-// The band of radiance; null: all wavelengths.
+// Returns the band of radiance; null: all wavelengths.
 inline const Band* band_of(const FrameRequest& request) { return request.band ? &*request.band : nullptr; }
 
-// Ground-truth products, to which TruthGrid applies; with `craters` kRock is an exception, as labels of the image are.
+// Ground-truth products, to which TruthGrid applies. With `craters`, kRock is an exception, because it labels the
+// image.
 inline constexpr ProductSet kTruth = ~static_cast<ProductSet>(kImage | kRadiance);
 
-// Stored bits of a digital number: 8 or 16.
+// Returns the stored bits of a digital number: 8 or 16.
 inline int image_bits(const FrameRequest& request) {
   return (request.sensor ? request.sensor->detector.bit_depth : request.image.bit_depth) <= 8 ? 8 : 16;
 }

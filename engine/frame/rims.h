@@ -1,4 +1,4 @@
-// Craters in an image: ground truth for crater detectors. What a request asks for, and what the report lists.
+// Craters in an image, as ground truth for crater detectors: options of a request, and the list in the report.
 #pragma once
 
 #include <cstddef>
@@ -14,13 +14,13 @@ struct RimOptions {
   double least_depth = dem::Detail::kWorn;  // depth over diameter
 };
 
-// An image place in pixels; the centre of the top-left pixel is (0, 0).
+// An image position in pixels; the centre of the top-left pixel is (0, 0).
 struct RimPoint {
   double x_px, y_px;
 };
 
-// The ellipse of which an outline's points are, as far as they are of one: for points in equal steps around a circle
-// that is seen from afar it is exact, otherwise it has their mean and their covariance.
+// Ellipse of an outline, with the mean and covariance of its points. It is exact for points in equal steps around a
+// circle that is viewed from afar.
 struct RimEllipse {
   RimPoint centre;
   double semi_major_px, semi_minor_px;
@@ -38,7 +38,7 @@ struct CraterRim {
 
 struct CraterRims {
   std::vector<CraterRim> rims;  // the largest first
-  // Number of craters in view that are large enough but have rim points without an image place, for example behind a
+  // Number of craters in view that are large enough but have rim points without an image position, for example behind a
   // pinhole.
   std::size_t cut_off = 0;
 };

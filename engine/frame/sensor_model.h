@@ -11,7 +11,7 @@
 
 namespace selenograph::engine {
 
-// Point spread function: the share of a point's light that arrives in each pixel around it.
+// Point spread function: the share of a point's light that each pixel around it receives.
 struct PointSpread {
   enum class Model {
     none,
@@ -21,8 +21,8 @@ struct PointSpread {
   };
   Model model = Model::none;
   double sigma_px = 0;
-  // side x side weights, row 0 on top, side odd: the light that a point at the centre of the middle pixel leaves in
-  // each pixel. Normalised on use.
+  // side x side weights, row 0 on top, side odd: the light that each pixel receives from a point at the centre of the
+  // middle pixel. Normalised on use.
   std::vector<double> kernel;
   int side = 0;
 };
@@ -38,12 +38,12 @@ struct Vignetting {
 };
 
 // Light that the surfaces of the optics scatter, by the law of Harvey & Shack (J. E. Harvey, PhD thesis, University of
-// Arizona, 1976): BSDF = b0 (1 + (d / l)^2)^(s / 2), d being the difference of the direction cosines.
+// Arizona, 1976): BSDF = b0 (1 + (d / l)^2)^(s / 2), where d is the difference of the direction cosines.
 struct StrayLight {
   double b0_sr = 0;     // sr^-1; 0: no light is scattered
   double shoulder = 0;  // l
   double slope = 0;     // s, negative
-  // Up to this angle from the boresight the Sun scatters into the image from outside of it.
+  // Largest angle from the boresight at which a Sun outside the image scatters into it.
   double sun_within_deg = 0;
   bool any() const { return b0_sr > 0; }
 };
@@ -86,11 +86,11 @@ struct Exposure {
 };
 
 // Camera motion during the exposure, from half the integration time before the pose's time to half after it. Light is
-// averaged over `samples` moments. Default: as many as the longest streak has pixels, an odd number, at most
-// kMostMoments.
+// averaged over `samples` exposure samples. Default: as many as the longest streak has pixels, an odd number, at most
+// kMaxMoments.
 struct Motion : Rates {
   std::optional<int> samples{};
-  static constexpr int kMostMoments = 65;
+  static constexpr int kMaxMoments = 65;
 };
 
 struct SensorModel {

@@ -18,13 +18,13 @@ struct Shutter {
   // poses at increasing times, which replace the frame's pose.
   Rates rates;
   std::vector<PoseAtTime> poses;
-  // True: a line camera; every row of the frame looks along the camera's row through the principal point. False: a
-  // rolling shutter; each row looks along its own row of the camera.
+  // True: a line camera; every row of the frame is imaged by the camera's row through the principal point. False: a
+  // rolling shutter; each row of the frame is imaged by its own row of the camera.
   bool pushbroom = false;
-  // Row number of the image's top row: negative when the frame is rendered with a margin.
+  // Row number of the image's top row: negative if the frame is rendered with a margin.
   int first_row = 0;
 
-  // Exposure time of a row. Fractional rows are valid: a pixel is a square around a whole number.
+  // Returns the exposure time of a row. Fractional rows are valid: a pixel is a square around an integer position.
   double time_s(double row) const { return (row + first_row) * line_time_s; }
 };
 

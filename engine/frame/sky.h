@@ -16,7 +16,7 @@ namespace selenograph::engine {
 
 class StarCatalogue;
 
-// Reflectance over the Earth by geodetic latitude and longitude: how bright a place is relative to the others.
+// Reflectance over the Earth by geodetic latitude and longitude, relative to the rest of the Earth.
 struct EarthMap {
   std::string name;
   std::shared_ptr<const dem::ValueMap> content;  // null: none
@@ -25,34 +25,35 @@ struct EarthMap {
 struct SkyOptions {
   std::string utc;                             // epoch
   std::shared_ptr<const StarCatalogue> stars;  // null: none
-  double magnitude_limit = 6.5;                // V, of stars
+  double magnitude_limit = 6.5;                // limit of the stars' V magnitude
   bool sun = false, earth = false, planets = false;
   EarthMap earth_map;
-  // Of the camera relative to the Moon's centre, in inertial space (without the Moon's rotation), along axes of
-  // MOON_ME: for aberration.
+  // Velocity of the camera relative to the Moon's centre, in inertial space (without the Moon's rotation), along axes
+  // of MOON_ME: for aberration.
   Vec3 velocity_m_s = Vec3::Zero();
   bool any() const { return stars || sun || earth || planets; }
 };
 
 enum class SkyKind { star, sun, earth, planet };
 
-// The first occluder on the line of sight to a distant object. The numbers are those of arrays.
+// First occluder on the line of sight to a distant object. The numbers are those of arrays.
 enum class HiddenBy { none, moon, object, earth };
 
 struct SkyObject {
   SkyKind kind = SkyKind::star;
-  std::string id;                                                // of a star in its catalogue; a planet's name
-  Vec3 direction_icrf = Vec3::Zero(), direction = Vec3::Zero();  // unit, apparent; the second along axes of MOON_ME
+  std::string id;  // a star's identifier in its catalogue; a planet's name
+  Vec3 direction_icrf = Vec3::Zero(),
+       direction = Vec3::Zero();  // unit vectors, apparent; `direction` along axes of MOON_ME
   double v_mag = 0;
   double irradiance_w_m2 = 0;  // at normal incidence, in the request's band
-  // The same weighted as the detector counts photons (in_photons); 0 without a sensor.
+  // irradiance_w_m2, weighted as the detector counts photons (in_photons); 0 without a sensor
   double counted_w_m2 = 0;
-  // Of the Sun, the Earth and planets: between their centres and the camera, and the phase angle.
+  // Distance of the camera from the centre, and phase angle, of the Sun, the Earth and planets.
   std::optional<double> distance_m{}, phase_deg{};
   double x_px = std::numeric_limits<double>::quiet_NaN(), y_px = x_px;  // NaN: not imaged
   bool in_frame = false;
-  HiddenBy hidden_by = HiddenBy::none;  // as one ray to the centre meets it
-  std::optional<double> electrons{};    // expected, of the whole image of the object; empty: no sensor, or not imaged
+  HiddenBy hidden_by = HiddenBy::none;  // first occluder of a ray to the centre
+  std::optional<double> electrons{};  // expected electrons in the object's full image; empty: no sensor, or not imaged
 };
 
 }  // namespace selenograph::engine

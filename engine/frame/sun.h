@@ -11,7 +11,7 @@ namespace selenograph::engine {
 inline constexpr double kAstronomicalUnit_m = 149597870700;
 
 struct Sun {
-  Vec3 direction = Vec3::UnitX();  // unit, from the Moon toward the Sun
+  Vec3 direction = Vec3::UnitX();  // unit vector from the Moon toward the Sun
   double distance_au = 1.0;
   double angular_radius_deg = 0.0;  // 0: a point Sun, hard shadows
   // Coefficient u of the disc's limb darkening, 1 - u (1 - mu), mu: cosine of the angle from the Sun's own vertical; 0:
@@ -19,14 +19,14 @@ struct Sun {
   std::optional<double> limb_darkening;
 };
 
-// Angular radius of the Sun at a distance. Solar radius 695 700 km: IAU 2015 resolution B3.
+// Returns the angular radius of the Sun at a distance. Solar radius 695 700 km: IAU 2015 resolution B3.
 double sun_radius_deg(double distance_au);
 
-// Unit vectors evenly over the disc of a Sun in a direction, so many across it.
+// Returns unit vectors that are spread evenly over the Sun's disc, `across` of them along its diameter.
 std::vector<Vec3> places_on_sun(const Vec3& direction, double radius_deg, int across);
 
-// Unit vector toward a Sun at a compass azimuth (clockwise from north) and an elevation over the horizontal plane of
-// local axes.
+// Returns the unit vector toward a Sun at a compass azimuth (clockwise from north) and an elevation over the horizontal
+// plane of local axes.
 Vec3 sun_direction(const EastNorthUp& local, double azimuth_deg, double elevation_deg);
 
 }  // namespace selenograph::engine

@@ -24,8 +24,8 @@ enum class MoonGround { mean, mare, highlands };
 // (engine/radiometry/phase_law.h).
 enum class PhaseLaw {
   none,   // f = 1, as in the paper
-  allen,  // its magnitudes in the visible, 0 to 150 degrees: Allen 1973
-  rolo    // its reflectance at 0.554 um with the opposition surge, 1.55 to 97 degrees: Kieffer & Stone 2005
+  allen,  // the Moon's magnitudes in the visible, 0 to 150 degrees: Allen 1973
+  rolo    // the Moon's reflectance at 0.554 um with the opposition surge, 1.55 to 97 degrees: Kieffer & Stone 2005
 };
 
 // Single-particle phase function p(g), normalised to 4 pi over all directions.
@@ -35,8 +35,8 @@ enum class PhaseFunction {
                             // width b
 };
 
-// 1981 and 1984: isotropic multiple scattering, H to 4 %. 2002 (Icarus 157, 523): multiple scattering that knows p(g),
-// H to 1 %, coherent backscatter.
+// Terms of Hapke's model. 1984 (and 1981): isotropic multiple scattering, H with an error of 4 %. 2002 (Icarus 157,
+// 523): multiple scattering by p(g), H with an error of 1 %, coherent backscatter.
 enum class HapkeTerms { terms_1984, terms_2002 };
 
 // Defaults: the whole Moon in the visible, Helfenstein & Veverka (Icarus 72, 342, 1987), table II, whose S(0) = 0.71
@@ -62,10 +62,10 @@ struct Reflectance {
   std::optional<double> limb_darkening{};
   PhaseLaw phase = PhaseLaw::none;  // for lommel_seeliger, lommel_seeliger_lambert, lunar_lambert
   HapkeParameters hapke{};
-  MoonGround ground = MoonGround::mean;  // of moon
+  MoonGround ground = MoonGround::mean;  // ground of the model `moon`
 };
 
-// Models without a rho, which emission, B(T) (1 - rho), needs.
+// Returns false for models without a rho, which emission, B(T) (1 - rho), requires.
 inline bool has_rho(ReflectanceModel model) {
   return model != ReflectanceModel::hapke && model != ReflectanceModel::moon;
 }

@@ -1,4 +1,4 @@
-// Subset of pixels for ground-truth products: all products but image and radiance.
+// Subset of pixels for ground-truth products, which are all products except image and radiance.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,14 +16,14 @@ struct TruthGrid {
   int every_px = 1;
   // MOON_ME, m: positions are stored relative to it, as float. Empty: absolute, as double.
   std::optional<Eigen::Vector3d> position_origin_m{};
-  Floats distances = Floats::float64;  // in which depth and range are answered
+  Floats distances = Floats::float64;  // format of depth and range
 
   int columns() const { return (width + every_px - 1) / every_px; }
   int rows() const { return (height + every_px - 1) / every_px; }
   std::size_t size() const { return static_cast<std::size_t>(columns()) * static_cast<std::size_t>(rows()); }
 
   bool has_row(int pixel_y) const { return has(pixel_y - y, height); }
-  // Index of a pixel in the arrays; empty: not in the subset.
+  // Returns the index of a pixel in the arrays; empty: not in the subset.
   std::optional<std::size_t> slot(int pixel_x, int pixel_y) const {
     if (!has_row(pixel_y) || !has(pixel_x - x, width)) return std::nullopt;
     return static_cast<std::size_t>((pixel_y - y) / every_px) * static_cast<std::size_t>(columns()) +

@@ -165,10 +165,10 @@ class RimFinder {
       const auto is_shown = [&, &heights = heights](const dem::Crater& crater) { return may_show(crater, heights); };
       survey_.craters_in(block.octave, box, options_.least_depth, is_shown, craters, stop_);
     };
-    auto found = gathered_in_parallel<dem::CraterFeature>(searches.size(), 1, kMostCraters, search);
+    auto found = gathered_in_parallel<dem::CraterFeature>(searches.size(), 1, kMaxCraters, search);
     if (!found)
       throw ImpossibleRequest(
-          fmt::format("more than {} craters are in view: ask for a larger smallest_px", kMostCraters), "craters");
+          fmt::format("more than {} craters are in view: ask for a larger smallest_px", kMaxCraters), "craters");
     return dem::largest_first(std::move(*found));
   }
 

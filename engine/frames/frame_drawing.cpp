@@ -122,7 +122,7 @@ FrameDrawing draw_frame(const FrameRequest& request, const FrameSelection& selec
   FrameDrawing drawing = is_dense ? draw_dense(job, marks, context, times) : draw_centres(job, marks, context, times);
   drawing.triangles = scene.cached->triangles;
   drawing.scene_bytes = scene.cached->bytes;
-  if (scene.terrain_light) drawing.ground_view = scene.terrain_light->most_ground_view();
+  if (scene.terrain_light) drawing.ground_view = scene.terrain_light->max_ground_view();
   // Release this scene first: the next exposure sample reserves its own, and two samples that each hold one and wait
   // for another would deadlock.
   scene.terrain_light.reset();

@@ -45,7 +45,7 @@ struct FrameDrawing {
   double pixels = 0;                                                   // number of counted pixels
   std::array<std::optional<ViewMarks::Met>, ViewMarks::kCount> marks;  // terrain at the boresight and the corners
   std::size_t triangles = 0, scene_bytes = 0;
-  double ground_view = 0;  // TerrainLight::most_ground_view
+  double ground_view = 0;  // TerrainLight::max_ground_view
   StageTimes times;
 };
 

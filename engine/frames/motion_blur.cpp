@@ -92,8 +92,8 @@ double longest_streak_px(const FramePlan& plan, double integration_time_s, const
 
 int exposure_sample_count(const Motion& motion, double longest_streak_px) {
   if (motion.samples) return *motion.samples;
-  const int pixels = static_cast<int>(std::ceil(std::min(longest_streak_px, double{Motion::kMostMoments})));
-  return std::clamp(pixels | 1, 1, Motion::kMostMoments);
+  const int pixels = static_cast<int>(std::ceil(std::min(longest_streak_px, double{Motion::kMaxMoments})));
+  return std::clamp(pixels | 1, 1, Motion::kMaxMoments);
 }
 
 std::vector<double> exposure_sample_times_s(int count, double integration_time_s) {

@@ -22,7 +22,7 @@ double longest_streak_px(const FrameRequest& request, double integration_time_s,
 double longest_streak_px(const FramePlan& plan, double integration_time_s, const Selection& selection,
                          const RenderContext& context);
 
-// Number of exposure samples: as requested, or the streak's length in pixels, odd, at most Motion::kMostMoments.
+// Number of exposure samples: as requested, or the streak's length in pixels, odd, at most Motion::kMaxMoments.
 int exposure_sample_count(const Motion& motion, double longest_streak_px);
 
 // Times of the exposure samples, seconds from the exposure's middle.

@@ -14,19 +14,19 @@
 namespace selenograph::engine {
 namespace {
 
-bool may_see(const RowViews& views, const NodeBounds& bounds) {
+bool may_be_visible(const RowViews& views, const NodeBounds& bounds) {
   return std::any_of(views.bundles().begin(), views.bundles().end(), [&](const ViewBundle& view) {
     return view.may_see(bounds.centre, bounds.radius_m) && !below_horizon(view.view.position(), bounds, view.shift_m);
   });
 }
 
-bool may_see(const RowViews& views, const Ball& ball) {
+bool may_be_visible(const RowViews& views, const Ball& ball) {
   return std::any_of(views.bundles().begin(), views.bundles().end(),
                      [&](const ViewBundle& from) { return from.may_see(ball.centre_m, ball.radius_m); });
 }
 
-// Below each view's camera.
-std::vector<dem::Ticks> places_below(const RowViews& views) {
+// Returns the point of the ground below each view's camera.
+std::vector<dem::Ticks> points_below_cameras(const RowViews& views) {
   std::vector<dem::Ticks> out;
   for (const ViewBundle& view : views.bundles()) {
     const Geographic g = to_geographic(view.view.position());
@@ -35,7 +35,7 @@ std::vector<dem::Ticks> places_below(const RowViews& views) {
   return out;
 }
 
-// The post of a block that is nearest to a place, at the height of the highest.
+// Returns the block's post that is nearest to a position, at the block's greatest height.
 Vec3 nearest_post(const dem::Block& posts, const dem::Ticks& to) {
   const dem::BlockExtent& e = posts.extent;
   const double half = e.quads / 2.0, quads = e.quads;
@@ -46,34 +46,38 @@ Vec3 nearest_post(const dem::Block& posts, const dem::Ticks& to) {
   return posts.position(post(row), post(half + east / e.lon_step), static_cast<double>(posts.max_m));
 }
 
+// Returns the distances at which pixels reach half of kLargestLitPixel_m and all of it.
 Fade fade_of(const RowViews& views) {
   const double ends_m = kLargestLitPixel_m * views.reference().pixels_per_metre_from(1);
   return {views.reference().position(), ends_m / 2, ends_m};
 }
 
 struct BlockLevel {
-  int level = -1;      // of the posts of light; -1: its pixels are too large, or nobody sees it
-  bool fades = false;  // some of it
+  int level = -1;      // level of the posts of light; -1: its pixels are too large, or it is culled
+  bool fades = false;  // part of it lies beyond Fade::begins_m
 };
 
-// Levels differ by a factor of two: posts are 0.57 to 1.15 times as far apart as was asked for.
+// Levels differ by a factor of two in spacing: posts are 0.57 to 1.15 times as far apart as requested.
 double level_of(double posts_per_m) { return std::floor(std::log2(dem::post_spacing_m(0) * posts_per_m) + 0.8); }
 
+// Returns the level of a block's posts of light, from the view in which it needs most.
 BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<const dem::Ticks> below, const Fade& fade,
                      double spacing_px) {
   const dem::Block& posts = *block.posts;
   const NodeBounds bounds = bounds_of(posts.id, static_cast<double>(posts.min_m), static_cast<double>(posts.max_m));
-  if (!may_see(views, bounds)) return {};
+  if (!may_be_visible(views, bounds)) return {};
   double posts_per_m = 0, nearest_m = std::numeric_limits<double>::infinity(), farthest_m = 0;
   for (std::size_t i = 0; i < below.size(); ++i) {
     const ViewBundle& view = views.bundles()[i];
-    const Vec3 place = nearest_post(posts, below[i]);
-    const double here = view.pixels_per_metre(place, 0);
-    const double away_m = (bounds.centre - view.view.position()).norm(), reach_m = bounds.radius_m + view.shift_m;
-    nearest_m = std::min(nearest_m, away_m - reach_m), farthest_m = std::max(farthest_m, away_m + reach_m);
-    // Foreshortened ground shows as many posts per area of the image as other ground.
-    const double emission = (view.view.position() - place).normalized().dot(place.normalized());
-    posts_per_m = std::max(posts_per_m, here / spacing_px * std::sqrt(std::clamp(emission, 1.0 / 16, 1.0)));
+    const Vec3 post_m = nearest_post(posts, below[i]);
+    const double pixels_per_metre = view.pixels_per_metre(post_m, 0);
+    const double distance_m = (bounds.centre - view.view.position()).norm(), reach_m = bounds.radius_m + view.shift_m;
+    nearest_m = std::min(nearest_m, distance_m - reach_m);
+    farthest_m = std::max(farthest_m, distance_m + reach_m);
+    // Keep the number of posts per area of the image on foreshortened ground.
+    const double cos_emission = (view.view.position() - post_m).normalized().dot(post_m.normalized());
+    posts_per_m =
+        std::max(posts_per_m, pixels_per_metre / spacing_px * std::sqrt(std::clamp(cos_emission, 1.0 / 16, 1.0)));
   }
   if (nearest_m > fade.ends_m) return {};
   const int finest = posts.id.level + (spacing_px < 1 ? kCloser : 0);
@@ -82,23 +86,23 @@ BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<co
           farthest_m > fade.begins_m};
 }
 
-// What lights an object over ground that nobody sees: posts as far apart as in view where it is, but no closer than a
-// part of it.
+// Returns the field that lights an object over ground out of view. Its posts are as far apart as in view at the object,
+// but no closer than 1/16 of the object's radius.
 std::optional<LightField> field_below(const Ball& object, const RowViews& views, const dem::Terrain& terrain,
                                       const Fade& fade, double spacing_px) {
-  constexpr double kParts = 16;
-  if (!may_see(views, object) || fade.share(object.centre_m) == 0) return std::nullopt;
+  constexpr double kPostsPerRadius = 16;
+  if (!may_be_visible(views, object) || fade.share(object.centre_m) == 0) return std::nullopt;
   double posts_per_m = 0;
   for (const ViewBundle& view : views.bundles())
     posts_per_m = std::max(posts_per_m, view.pixels_per_metre(object.centre_m, 0) / spacing_px);
   const Geographic g = to_geographic(object.centre_m);
   const int finest = terrain.posts_level(dem::block_at_place(dem::kMaxLevel, g.lat_deg, g.lon_deg));
-  const double level = level_of(std::min(posts_per_m, kParts / object.radius_m));
-  const int own = std::max(kCoarsest, static_cast<int>(std::clamp<double>(level, 0, finest)));
-  return light_field_at(own, std::clamp(finest, own, own + kFiner), false, g.lat_deg, g.lon_deg);
+  const double level = level_of(std::min(posts_per_m, kPostsPerRadius / object.radius_m));
+  const int post_level = std::max(kCoarsest, static_cast<int>(std::clamp<double>(level, 0, finest)));
+  return light_field_at(post_level, std::clamp(finest, post_level, post_level + kFiner), false, g.lat_deg, g.lon_deg);
 }
 
-// Rows of a field's tiles.
+// Collects the rows of a field's tiles that a frame needs.
 class Marks {
  public:
   explicit Marks(const FieldPlane& plane)
@@ -106,19 +110,19 @@ class Marks {
         rows_(static_cast<std::size_t>(side_) * static_cast<std::size_t>(side_)),
         covered_(rows_.size()) {}
 
-  // Rectangles of the plane; what is beside the field is at its border.
+  // Corners of rectangles of the plane. Rectangles outside the field are clamped to its border.
   using Corner = Eigen::Vector2d;
-  // There are blocks of the field here.
-  void cover(const Corner& least, const Corner& largest) {
-    each_row(least, largest, [&](std::size_t tile, int) { covered_[tile] = true; });
+  // Marks tiles that blocks of this field cover.
+  void cover(const Corner& low_corner, const Corner& high_corner) {
+    each_row(low_corner, high_corner, [&](std::size_t tile, int) { covered_[tile] = true; });
   }
-  // What places are between.
-  void add(const Corner& least, const Corner& largest) {
-    each_row(least, largest, [&](std::size_t tile, int row) { mark(tile, row); });
+  // Adds the posts around a rectangle.
+  void add(const Corner& low_corner, const Corner& high_corner) {
+    each_row(low_corner, high_corner, [&](std::size_t tile, int row) { mark(tile, row); });
   }
-  // The same, where there are blocks of the field: other fields light the rest.
-  void add_covered(const Corner& least, const Corner& largest) {
-    each_row(least, largest, [&](std::size_t tile, int row) {
+  // Adds the posts around a rectangle in covered tiles only: other fields light the rest.
+  void add_covered(const Corner& low_corner, const Corner& high_corner) {
+    each_row(low_corner, high_corner, [&](std::size_t tile, int row) {
       if (covered_[tile]) mark(tile, row);
     });
   }
@@ -131,12 +135,12 @@ class Marks {
 
  private:
   template <typename Each>
-  void each_row(const Corner& least, const Corner& largest, const Each& each) const {
+  void each_row(const Corner& low_corner, const Corner& high_corner, const Each& for_each) const {
     constexpr int kQuads = FieldPlane::kTileQuads;
     const auto post = [&](double at) { return static_cast<int>(std::clamp<double>(at, 0, side_ * kQuads - 1)); };
-    for (int row = post(least.y()); row <= post(largest.y()); ++row)
-      for (int x = post(least.x()) / kQuads; x <= post(largest.x()) / kQuads; ++x)
-        each(static_cast<std::size_t>(row / kQuads * side_ + x), row % kQuads);
+    for (int row = post(low_corner.y()); row <= post(high_corner.y()); ++row)
+      for (int x = post(low_corner.x()) / kQuads; x <= post(high_corner.x()) / kQuads; ++x)
+        for_each(static_cast<std::size_t>(row / kQuads * side_ + x), row % kQuads);
   }
   void mark(std::size_t tile, int row) { rows_[tile] |= static_cast<std::uint16_t>(3U << row); }
 
@@ -145,103 +149,107 @@ class Marks {
   std::vector<bool> covered_;
 };
 
-// Quads of a block that are looked at together.
-struct Part {
+// A rectangle of a block's quads, culled as one.
+struct QuadRect {
   int south, west, north, east;
 };
 
-// With the vertices onto which those of the block's border have collapsed.
-Part joined(Part part, const MeshBlock& block) {
+// Extends a rectangle to the vertices onto which those of the block's border have collapsed.
+QuadRect with_collapsed_border(QuadRect rect, const MeshBlock& block) {
   const int quads = block.side - 1;
   const auto widen = [](int& first, int& last, int stride) {
-    first -= first % stride, last = (last + stride - 1) / stride * stride;
+    first -= first % stride;
+    last = (last + stride - 1) / stride * stride;
   };
   const std::array<int, 4>& stride = block.border.stride;
-  if (part.south == 0) widen(part.west, part.east, stride[0]);
-  if (part.north == quads) widen(part.west, part.east, stride[1]);
-  if (part.west == 0) widen(part.south, part.north, stride[2]);
-  if (part.east == quads) widen(part.south, part.north, stride[3]);
-  return part;
+  if (rect.south == 0) widen(rect.west, rect.east, stride[0]);
+  if (rect.north == quads) widen(rect.west, rect.east, stride[1]);
+  if (rect.west == 0) widen(rect.south, rect.north, stride[2]);
+  if (rect.east == quads) widen(rect.south, rect.north, stride[3]);
+  return rect;
 }
 
-// Rocks may be in view while the ground below them is beside it.
+// Rocks may be in view while the ground below them is not.
 constexpr double kTallestRock_m = 10;
 
-// low > high: none of it has data.
-dem::HeightRange heights_of(const MeshBlock& block, const Part& part) {
+// Returns the height range of a rectangle; low > high without data.
+dem::HeightRange heights_of(const MeshBlock& block, const QuadRect& rect) {
   dem::HeightRange range{dem::kHighestRelief_m, dem::kLowestRelief_m};
-  for (int r = part.south; r <= part.north; ++r)
-    for (const dem::Vertex& v : block.vertices.subspan(block.posts->index(r, part.west),
-                                                       static_cast<std::size_t>(part.east - part.west + 1))) {
+  for (int r = rect.south; r <= rect.north; ++r)
+    for (const dem::Vertex& v : block.vertices.subspan(block.posts->index(r, rect.west),
+                                                       static_cast<std::size_t>(rect.east - rect.west + 1))) {
       range.low = v.height_m < range.low ? v.height_m : range.low;
       range.high = v.height_m > range.high ? v.height_m : range.high;
     }
   return range;
 }
 
-// Whether anybody may see a part of a block, or a place at most `beside_m` from it.
-bool may_see(const RowViews& views, const MeshBlock& block, const Part& part, const dem::HeightRange& heights,
-             double beside_m) {
+// Returns false if a rectangle of a block, enlarged by margin_m, is certainly out of view.
+bool may_be_visible(const RowViews& views, const MeshBlock& block, const QuadRect& rect,
+                    const dem::HeightRange& heights, double margin_m) {
   const dem::Block& posts = *block.posts;
   std::array<Vec3, 8> corners;
   std::size_t next = 0;
-  for (const int row : {part.south, part.north})
-    for (const int column : {part.west, part.east})
+  for (const int row : {rect.south, rect.north})
+    for (const int column : {rect.west, rect.east})
       for (const float height : {heights.low, heights.high})
         corners[next++] = posts.position(row, column, static_cast<double>(height));
-  const Vec3 centre = posts.position((part.south + part.north) / 2, (part.west + part.east) / 2,
+  const Vec3 centre = posts.position((rect.south + rect.north) / 2, (rect.west + rect.east) / 2,
                                      static_cast<double>((heights.low + heights.high) / 2));
   double radius = 0;
   for (const Vec3& corner : corners) radius = std::max(radius, (corner - centre).norm());
-  const NodeBounds bounds = bounds_around(centre, radius + beside_m);
+  const NodeBounds bounds = bounds_around(centre, radius + margin_m);
   return std::any_of(views.bundles().begin(), views.bundles().end(), [&](const ViewBundle& view) {
-    return view.may_see(centre, bounds.radius_m) && view.may_see(corners, beside_m) &&
+    return view.may_see(centre, bounds.radius_m) && view.may_see(corners, margin_m) &&
            !below_horizon(view.view.position(), bounds, view.shift_m);
   });
 }
 
-// Marks what a block's parts in view may be between: four posts of light each.
+// Marks the posts of light around a block's rectangles in view.
 void mark(const MeshBlock& block, const RowViews& views, const LightField& field, const FieldPlane& plane,
           Marks& marks) {
   const dem::Block& posts = *block.posts;
   const int quads = posts.extent.quads, size = std::min(quads, 4 << std::max(posts.id.level - field.level, 0));
   const dem::HeightRange all{posts.min_m, posts.max_m};
-  const double beside_m = plane.spacing_m();
+  const double margin_m = plane.spacing_m();
   for (int r = 0; r < quads; r += size)
     for (int c = 0; c < quads; c += size) {
-      const Part part = joined({r, c, std::min(r + size, quads), std::min(c + size, quads)}, block);
-      if (!may_see(views, block, part, all, std::max(beside_m, kTallestRock_m))) continue;
-      Eigen::Vector2d least(1e9, 1e9), largest(-1e9, -1e9);
-      for (const int row : {part.south, part.north})
-        for (const int column : {part.west, (part.west + part.east) / 2, part.east}) {
-          const Eigen::Vector2d at = plane.place(posts.position(row, column, 0));
-          least = least.cwiseMin(at), largest = largest.cwiseMax(at);
+      const QuadRect rect = with_collapsed_border({r, c, std::min(r + size, quads), std::min(c + size, quads)}, block);
+      if (!may_be_visible(views, block, rect, all, std::max(margin_m, kTallestRock_m))) continue;
+      Eigen::Vector2d low_corner(1e9, 1e9), high_corner(-1e9, -1e9);
+      for (const int row : {rect.south, rect.north})
+        for (const int column : {rect.west, (rect.west + rect.east) / 2, rect.east}) {
+          const Eigen::Vector2d corner = plane.posts_from_south_west(posts.position(row, column, 0));
+          low_corner = low_corner.cwiseMin(corner);
+          high_corner = high_corner.cwiseMax(corner);
         }
-      // Between these, parallels are bent by less than half a post.
-      least.array() -= 0.5, largest.array() += 0.5;
-      marks.cover(least, largest);
-      const dem::HeightRange own = heights_of(block, part);
-      if (own.low > own.high || !may_see(views, block, part, own, beside_m)) continue;
-      marks.add(least, largest);
+      // Parallels bend by less than half a post between these corners.
+      low_corner.array() -= 0.5;
+      high_corner.array() += 0.5;
+      marks.cover(low_corner, high_corner);
+      const dem::HeightRange own = heights_of(block, rect);
+      if (own.low > own.high || !may_be_visible(views, block, rect, own, margin_m)) continue;
+      marks.add(low_corner, high_corner);
     }
 }
 
-// What is below objects and rocks; of an object that is larger than many posts, below its middle.
+// Marks the posts of light below objects and rocks; for an object larger than many posts, those below its middle.
 void mark_below(const ViewOfGround& view, const FieldPlane& plane, Marks& marks) {
-  const auto each = [&](std::span<const Ball> balls, double farthest, const auto& mark) {
+  const auto for_each = [&](std::span<const Ball> balls, double farthest, const auto& mark) {
     for (const Ball& ball : balls) {
       const double reach = std::min(ball.radius_m / plane.spacing_m() + 1, farthest);
-      const Eigen::Vector2d at = plane.place(ball.centre_m), from_middle = at.array() - plane.middle();
-      // Else it is on the Moon's other side, or in other fields alone.
+      const Eigen::Vector2d at = plane.posts_from_south_west(ball.centre_m), from_middle = at.array() - plane.middle();
+      // Skip objects on the Moon's far side and in other fields.
       const bool in_field =
           ball.centre_m.dot(plane.centre()) > 0 && from_middle.cwiseAbs().maxCoeff() - reach < plane.middle();
-      if (in_field && may_see(view.views, ball)) mark(at.array() - reach, at.array() + reach);
+      if (in_field && may_be_visible(view.views, ball)) mark(at.array() - reach, at.array() + reach);
     }
   };
   constexpr double kFarthest = 32;
-  each(view.objects, kFarthest, [&](const auto& least, const auto& largest) { marks.add(least, largest); });
-  each(view.rocks, std::numeric_limits<double>::infinity(),
-       [&](const auto& least, const auto& largest) { marks.add_covered(least, largest); });
+  for_each(view.objects, kFarthest,
+           [&](const auto& low_corner, const auto& high_corner) { marks.add(low_corner, high_corner); });
+  for_each(view.rocks, std::numeric_limits<double>::infinity(),
+           [&](const auto& low_corner, const auto& high_corner) { marks.add_covered(low_corner, high_corner); });
 }
 
 }  // namespace
@@ -257,7 +265,7 @@ FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrai
   const Mesh& mesh = view.mesh;
   constexpr LightField kNone{-1, 0, false, 0, 0};
   std::vector<LightField> of_blocks(mesh.blocks().size(), kNone);
-  const std::vector<dem::Ticks> below = places_below(views);
+  const std::vector<dem::Ticks> below = points_below_cameras(views);
   const Fade fade = fade_of(views);
   std::atomic<bool> fades = false;
   in_parallel_pieces(of_blocks.size(), 64, [&](std::size_t first, std::size_t past_last) {
@@ -294,10 +302,10 @@ FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrai
     return field == kNone ? -1 : static_cast<int>(std::lower_bound(ids.begin(), ids.end(), field) - ids.begin());
   };
   for (std::size_t i = 0; i < of_blocks.size(); ++i) {
-    const int of = out.of_block.emplace_back(number(of_blocks[i]));
-    if (of >= 0) blocks[static_cast<std::size_t>(of)].push_back(i);
+    const int field = out.field_of_block.emplace_back(number(of_blocks[i]));
+    if (field >= 0) blocks[static_cast<std::size_t>(field)].push_back(i);
   }
-  for (const LightField& field : of_objects) out.of_object.push_back(number(field));
+  for (const LightField& field : of_objects) out.field_of_object.push_back(number(field));
   for (const LightField& id : ids) out.fields.push_back({id, FieldPlane(id), {}});
   in_parallel(ids.size(), [&](std::size_t f) {
     FieldsInView::Field& field = out.fields[f];

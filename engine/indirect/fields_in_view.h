@@ -1,4 +1,4 @@
-// The posts of indirect light that a frame sees.
+// The posts of indirect light that a frame needs.
 #pragma once
 
 #include <algorithm>
@@ -15,11 +15,11 @@
 
 namespace selenograph::engine {
 
-// Ground in pixels larger than this gets no light from terrain: the posts of it would be as wide as craters. Up to half
-// as large it gets all, between less and less.
+// Ground in pixels larger than this gets no light from terrain: its posts would be as far apart as craters are wide. In
+// pixels of up to half this size it gets all, in between a share.
 inline constexpr double kLargestLitPixel_m = 1000;
 
-// By the distance from the camera.
+// Share of the light from terrain by distance from the camera: 1 up to begins_m, 0 from ends_m.
 struct Fade {
   Vec3 camera_m;
   double begins_m, ends_m;
@@ -31,23 +31,24 @@ struct Fade {
 struct ViewOfGround {
   const RowViews& views;
   const Mesh& mesh;
-  std::span<const Ball> objects, rocks;  // which the ground below them lights
+  std::span<const Ball> objects, rocks;  // bounding spheres of what the ground below lights
 };
 
 struct FieldsInView {
   struct Field {
     LightField id;
     FieldPlane plane;
-    std::vector<TileRows> tiles;  // ascending: what may be seen, and what is below objects that may
+    std::vector<TileRows> tiles;  // tiles in view and below objects in view, ascending
   };
   std::vector<Field> fields;
-  std::vector<int> of_block;   // per block of the mesh; -1: none
-  std::vector<int> of_object;  // what is below each object's middle; -1: nobody sees the object, or it fades out
-  std::optional<Fade> fade;    // empty: nothing in view is so far away
+  std::vector<int> field_of_block;   // index in `fields` per block of the mesh; -1: none
+  std::vector<int> field_of_object;  // index of the field below each object's middle; -1: the object is culled or the
+                                     // light has faded out
+  std::optional<Fade> fade;          // empty if all ground in view is nearer than begins_m
   std::size_t tiles() const;
 };
 
-// `spacing_px`: IndirectLight's. Parallel.
+// Finds the fields and tiles of a frame, in parallel. `spacing_px`: IndirectLight's.
 FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrain, double spacing_px);
 
 }  // namespace selenograph::engine

@@ -11,6 +11,7 @@
 namespace selenograph::engine {
 namespace {
 
+// Returns the field whose posts are as close as the terrain's own at a position.
 LightField field_at(const Vec3& position_m, const dem::Terrain& terrain) {
   const Geographic g = to_geographic(position_m);
   const int level = terrain.posts_level(dem::block_at_place(dem::kMaxLevel, g.lat_deg, g.lon_deg));
@@ -18,7 +19,7 @@ LightField field_at(const Vec3& position_m, const dem::Terrain& terrain) {
 }
 
 struct PlaceInField {
-  std::size_t place;
+  std::size_t index;
   FieldPost post;
 };
 
@@ -34,28 +35,30 @@ std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const 
     out[i].direct_w_m2 = direct_w_m2 * places[i].incident;
     fields[field_at(places[i].position_m, terrain)].push_back({i, {}});
   }
-  for (auto& [field, in_it] : fields) {
+  for (auto& [field, places_in_field] : fields) {
     stop.check();
     const FieldPlane plane(field);
-    std::map<int, std::uint16_t> rows;  // of tiles
-    for (PlaceInField& p : in_it) {
-      p.post = plane.post_at(places[p.place].position_m);
+    std::map<int, std::uint16_t> rows;  // per tile
+    for (PlaceInField& p : places_in_field) {
+      p.post = plane.post_at(places[p.index].position_m);
       rows[p.post.tile] |= static_cast<std::uint16_t>(3U << p.post.row);
     }
-    std::vector<TileRows> wanted;
-    wanted.reserve(rows.size());
-    for (const auto& [tile, of_tile] : rows) wanted.push_back({tile, of_tile});
-    const auto made = tiles.get(field, plane, wanted, {terrain, request}, stop);
-    for (const PlaceInField& p : in_it) {
-      const auto tile = std::lower_bound(wanted.begin(), wanted.end(), p.post.tile,
-                                         [](const TileRows& of, int number) { return of.tile < number; }) -
-                        wanted.begin();
-      const std::size_t at = LightTile::first_of(p.post.row) + static_cast<std::size_t>(p.post.column);
-      const LightTile& light = *made[static_cast<std::size_t>(tile)];
+    std::vector<TileRows> tile_rows;
+    tile_rows.reserve(rows.size());
+    for (const auto& [tile, rows_of_tile] : rows) tile_rows.push_back({tile, rows_of_tile});
+    const auto light_tiles = tiles.get(field, plane, tile_rows, {terrain, request}, stop);
+    for (const PlaceInField& p : places_in_field) {
+      const auto tile =
+          std::lower_bound(tile_rows.begin(), tile_rows.end(), p.post.tile,
+                           [](const TileRows& rows_of_tile, int number) { return rows_of_tile.tile < number; }) -
+          tile_rows.begin();
+      const std::size_t south_west = LightTile::first_of(p.post.row) + static_cast<std::size_t>(p.post.column);
+      const LightTile& light = *light_tiles[static_cast<std::size_t>(tile)];
       const Irradiance indirect =
-          irradiance_at({&light.posts[at], static_cast<float>(p.post.east), static_cast<float>(p.post.north)},
-                        places[p.place].normal, sources);
-      out[p.place].terrain_w_m2 = indirect.terrain_w_m2, out[p.place].earth_w_m2 = indirect.earth_w_m2;
+          irradiance_at({&light.posts[south_west], static_cast<float>(p.post.east), static_cast<float>(p.post.north)},
+                        places[p.index].normal, sources);
+      out[p.index].terrain_w_m2 = indirect.terrain_w_m2;
+      out[p.index].earth_w_m2 = indirect.earth_w_m2;
     }
   }
   return out;

@@ -1,4 +1,4 @@
-// The light that arrives at single places on the ground: what POST /v1/rays and POST /v1/project say of it.
+// Light at single points of the ground, for POST /v1/rays and POST /v1/project.
 #pragma once
 
 #include <span>
@@ -12,8 +12,9 @@
 
 namespace selenograph::engine {
 
-// In the order of the places. Light from the Sun, terrain and Earth as in a frame of the request, gathered at posts as
-// close as the terrain's own. Places near each other share them. Parallel; throws as LightTiles::get does.
+// Returns the light from Sun, terrain and Earth at each point, as in a frame of the request, in the order of the
+// points. Terrain light is gathered at posts as close as the terrain's own; points near each other share them.
+// Parallel; throws as LightTiles::get does.
 std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const FrameRequest& request,
                                         const dem::Terrain& terrain, LightTiles& tiles, const StopToken& stop);
 

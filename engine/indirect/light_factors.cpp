@@ -17,26 +17,26 @@ namespace selenograph::engine {
 
 static_assert(FieldPlane::kTileSide == kPacket && 2 * kSectors == kPacket);
 
-// From a row of posts to the viewer: unit.
-struct alignas(64) LookLanes {
+// Unit vectors from a row of posts to the viewer.
+struct alignas(64) ViewLanes {
   float x[kPacket], y[kPacket], z[kPacket];
 };
 
-// Where the viewer is when he looks at each post of a row; MOON_ME, m.
+// Positions from which the posts of a row are viewed; MOON_ME, m.
 struct alignas(64) EyeLanes {
   double x[kPacket], y[kPacket], z[kPacket];
 };
 
-// Light of two posts, by sectors. Where light doesn't reach the ground its fluence is 0.
+// Light at two posts by sector. The fluence is 0 in sectors whose light does not reach the ground.
 struct alignas(64) SectorLanes {
   double mu0[kPacket], mu[kPacket], cos_phase[kPacket], reflected[kPacket];
   float fluence[kPacket];
 };
 
-// As of one direction, of a row of posts.
-struct alignas(64) OneDirection {
+// The same light at a row of posts, taken as from one direction.
+struct alignas(64) SingleDirection {
   double mu0[kPacket], mu[kPacket], cos_phase[kPacket], reflected[kPacket];
-  float exact[kPacket];  // fluence times what all sectors reflect of it
+  float exact[kPacket];  // fluence times reflectance, summed over the sectors
 };
 
 }  // namespace selenograph::engine
@@ -45,8 +45,10 @@ struct alignas(64) OneDirection {
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// `first`: of the plane, where the first post is; `next`: how far it is to the next.
-void Look(const Vec3& first, const Vec3& next, const EyeLanes& eye, const PostGround* ground, LookLanes& out) {
+// Sets the directions from a row of posts to the viewer. `first`: position of the first post on the plane; `next`: step
+// to the next post.
+void ViewDirections(const Vec3& first, const Vec3& next, const EyeLanes& eye, const PostGround* ground,
+                    ViewLanes& out) {
   const double x = first.x(), y = first.y(), z = first.z(), nx = next.x(), ny = next.y(), nz = next.z();
   double radius[kPacket];
   for (int i = 0; i < kPacket; ++i) radius[i] = kMoonRadius_m + static_cast<double>(ground[i].height_m);
@@ -56,16 +58,18 @@ void Look(const Vec3& first, const Vec3& next, const EyeLanes& eye, const PostGr
     const double scale = radius[i] / std::sqrt(px * px + py * py + pz * pz);
     const double dx = eye.x[i] - px * scale, dy = eye.y[i] - py * scale, dz = eye.z[i] - pz * scale,
                  inverse = 1 / std::sqrt(dx * dx + dy * dy + dz * dz);
-    out.x[i] = static_cast<float>(dx * inverse), out.y[i] = static_cast<float>(dy * inverse);
+    out.x[i] = static_cast<float>(dx * inverse);
+    out.y[i] = static_cast<float>(dy * inverse);
     out.z[i] = static_cast<float>(dz * inverse);
   }
 }
 
-// Of the post `i` of a row into eight lanes from `at` on.
-void Sectors(const LightPost& post, const Eigen::Vector3f& normal, const LookLanes& look, int i, int at,
-             SectorLanes& out) {
+// Writes the sectors of post `i` of a row into eight lanes from `lane` on.
+void SetSectors(const LightPost& post, const Eigen::Vector3f& normal, const ViewLanes& to_viewer, int i, int lane,
+                SectorLanes& out) {
   const float *x = post.x, *y = post.y, *z = post.z;
-  const float nx = normal.x(), ny = normal.y(), nz = normal.z(), lx = look.x[i], ly = look.y[i], lz = look.z[i];
+  const float nx = normal.x(), ny = normal.y(), nz = normal.z(), lx = to_viewer.x[i], ly = to_viewer.y[i],
+              lz = to_viewer.z[i];
   const float emission = nx * lx + ny * ly + nz * lz;
   const double mu = static_cast<double>(emission > 0.05F ? emission : 0.05F);
   SELENOGRAPH_INDEPENDENT_LANES
@@ -74,24 +78,27 @@ void Sectors(const LightPost& post, const Eigen::Vector3f& normal, const LookLan
     const float along = nx * x[k] + ny * y[k] + nz * z[k], back = lx * x[k] + ly * y[k] + lz * z[k];
     const bool faces = (length > 0) & (along > 1e-9F * length);
     const float inverse = 1 / length, mu0 = faces ? along * inverse : 1e-9F, cos_phase = faces ? back * inverse : 0;
-    out.mu0[at + k] = static_cast<double>(mu0), out.mu[at + k] = mu;
-    out.cos_phase[at + k] = static_cast<double>(cos_phase);
-    out.fluence[at + k] = faces ? length : 0;
+    out.mu0[lane + k] = static_cast<double>(mu0);
+    out.mu[lane + k] = mu;
+    out.cos_phase[lane + k] = static_cast<double>(cos_phase);
+    out.fluence[lane + k] = faces ? length : 0;
   }
 }
 
-void SumSectors(const SectorLanes& lanes, int at, const LightSum& post, const LookLanes& look, int i,
-                OneDirection& out) {
-  alignas(32) float exact[kSectors], arrives[kSectors];
+// Sums the reflected light of a post's sectors, and sets the geometry of the single direction that stands for them.
+void SumSectors(const SectorLanes& lanes, int lane, const LightSum& post, const ViewLanes& to_viewer, int i,
+                SingleDirection& out) {
+  alignas(32) float exact[kSectors];
+  alignas(32) float arrives[kSectors];
   SELENOGRAPH_INDEPENDENT_LANES
   for (int k = 0; k < kSectors; ++k) {
-    exact[k] = lanes.fluence[at + k] * static_cast<float>(lanes.reflected[at + k]);
-    arrives[k] = lanes.fluence[at + k] * static_cast<float>(lanes.mu0[at + k]);
+    exact[k] = lanes.fluence[lane + k] * static_cast<float>(lanes.reflected[lane + k]);
+    arrives[k] = lanes.fluence[lane + k] * static_cast<float>(lanes.mu0[lane + k]);
   }
   const float sum = sum_of_sectors(arrives), fluence = post.fluence;
-  const float back = post.x * look.x[i] + post.y * look.y[i] + post.z * look.z[i];
+  const float back = post.x * to_viewer.x[i] + post.y * to_viewer.y[i] + post.z * to_viewer.z[i];
   out.exact[i] = sum_of_sectors(exact);
-  out.mu[i] = lanes.mu[at];
+  out.mu[i] = lanes.mu[lane];
   out.mu0[i] = static_cast<double>(sum > 0 ? sum / fluence : 1e-9F);
   out.cos_phase[i] = static_cast<double>(fluence > 0 ? back / fluence : 0);
 }
@@ -102,21 +109,23 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace selenograph::engine {
 
-HWY_EXPORT(Look);
-HWY_EXPORT(Sectors);
+HWY_EXPORT(ViewDirections);
+HWY_EXPORT(SetSectors);
 HWY_EXPORT(SumSectors);
 
 namespace {
 
-// `place(i)`: of a post.
-template <typename Place>
-void set_eyes(const Viewer& viewer, const PostGround* ground, const Place& place, EyeLanes& out) {
-  Vec3 eye = viewer.varies() ? Vec3::Zero() : viewer.looking_at(Vec3::Zero());
+// Sets the viewer's position for each post of a row. `position_m(i)`: position of post i on the plane.
+template <typename Position>
+void set_eyes(const Viewer& viewer, const PostGround* ground, const Position& position_m, EyeLanes& out) {
+  Vec3 eye = viewer.varies() ? Vec3::Zero() : viewer.eye_for(Vec3::Zero());
   for (int i = 0; i < kPacket; ++i) {
-    // Nobody looks at a post without data.
+    // A post without data has no view of its own.
     if (viewer.varies() && !std::isnan(ground[i].height_m))
-      eye = viewer.looking_at(place(i).normalized() * (kMoonRadius_m + static_cast<double>(ground[i].height_m)));
-    out.x[i] = eye.x(), out.y[i] = eye.y(), out.z[i] = eye.z();
+      eye = viewer.eye_for(position_m(i).normalized() * (kMoonRadius_m + static_cast<double>(ground[i].height_m)));
+    out.x[i] = eye.x();
+    out.y[i] = eye.y();
+    out.z[i] = eye.z();
   }
 }
 
@@ -127,24 +136,24 @@ void set_factors(const LightTile& light, const FieldPlane& plane, const TileRows
   const int south = rows.tile / plane.tiles() * FieldPlane::kTileQuads,
             west = rows.tile % plane.tiles() * FieldPlane::kTileQuads;
   EyeLanes eyes;
-  LookLanes look;
+  ViewLanes to_viewer;
   SectorLanes pair;
-  OneDirection row;
+  SingleDirection row;
   for (int r = 0; r < kPacket; ++r) {
     if (!rows.has(r)) continue;
     const auto first = static_cast<std::size_t>(r * kPacket);
-    const Vec3 place = plane.at(west, south + r), next = plane.at(west + 1, south + r) - place;
+    const Vec3 first_m = plane.position_m(west, south + r), next_m = plane.position_m(west + 1, south + r) - first_m;
     set_eyes(
-        viewer, &light.ground[first], [&](int i) -> Vec3 { return place + i * next; }, eyes);
-    HWY_DYNAMIC_DISPATCH(Look)(place, next, eyes, &light.ground[first], look);
+        viewer, &light.ground[first], [&](int i) -> Vec3 { return first_m + i * next_m; }, eyes);
+    HWY_DYNAMIC_DISPATCH(ViewDirections)(first_m, next_m, eyes, &light.ground[first], to_viewer);
     for (int i = 0; i < kPacket; i += 2) {
       const std::size_t post = first + static_cast<std::size_t>(i);
-      HWY_DYNAMIC_DISPATCH(Sectors)(light.posts[post], light.ground[post].normal, look, i, 0, pair);
-      HWY_DYNAMIC_DISPATCH(Sectors)
-      (light.posts[post + 1], light.ground[post + 1].normal, look, i + 1, kSectors, pair);
+      HWY_DYNAMIC_DISPATCH(SetSectors)(light.posts[post], light.ground[post].normal, to_viewer, i, 0, pair);
+      HWY_DYNAMIC_DISPATCH(SetSectors)
+      (light.posts[post + 1], light.ground[post + 1].normal, to_viewer, i + 1, kSectors, pair);
       brdf.times_mu0(pair.mu0, pair.mu, pair.cos_phase, nullptr, pair.reflected);
-      HWY_DYNAMIC_DISPATCH(SumSectors)(pair, 0, light.posts[post].sum, look, i, row);
-      HWY_DYNAMIC_DISPATCH(SumSectors)(pair, kSectors, light.posts[post + 1].sum, look, i + 1, row);
+      HWY_DYNAMIC_DISPATCH(SumSectors)(pair, 0, light.posts[post].sum, to_viewer, i, row);
+      HWY_DYNAMIC_DISPATCH(SumSectors)(pair, kSectors, light.posts[post + 1].sum, to_viewer, i + 1, row);
     }
     brdf.times_mu0(row.mu0, row.mu, row.cos_phase, nullptr, row.reflected);
     for (int i = 0; i < kPacket; ++i) {

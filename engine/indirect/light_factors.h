@@ -1,4 +1,4 @@
-// Light of a tile reflected to the viewer, at its posts.
+// Reflectance of the light from many directions at a tile's posts, relative to light from one direction.
 #pragma once
 
 #include <optional>
@@ -10,16 +10,16 @@
 
 namespace selenograph::engine {
 
-// Who looks at the ground: a place, or the cameras of views, each at what it sees.
+// Position from which the ground is viewed: one point, or the cameras of views, each for the rows that it images.
 struct Viewer {
   const RowViews& views;
-  std::optional<Vec3> place_m;
-  bool varies() const { return !place_m && views.vary(); }
-  Vec3 looking_at(const Vec3& ground_m) const { return place_m ? *place_m : views.camera_seeing(ground_m); }
+  std::optional<Vec3> eye_m;
+  bool varies() const { return !eye_m && views.vary(); }
+  Vec3 eye_for(const Vec3& ground_m) const { return eye_m ? *eye_m : views.camera_seeing(ground_m); }
 };
 
-// The mean reflectance of the light that arrives in sectors, over that of light from one direction with the same
-// irradiance and mean cosine of incidence; 1 where there is none. Of some rows of a tile of the field.
+// Sets factors for some rows of a tile: the mean reflectance of the light from all sectors, over that of light from one
+// direction with the same irradiance and mean cosine of incidence; 1 without light.
 void set_factors(const LightTile& light, const FieldPlane& plane, const TileRows& rows, const Viewer& viewer,
                  const Brdf& brdf, std::span<float> factors);
 

@@ -18,6 +18,7 @@ struct CellBounds {
   double south_deg, north_deg, west_deg, width_deg;
 };
 
+// Returns the number of cells of a band, each about as wide as high in the band's middle.
 int cells_of_band(double south_deg, double height) {
   const double middle = std::min(south_deg + height / 2, 90.0);
   return std::max(1, static_cast<int>(std::ceil(360 * std::cos(middle * kRadiansPerDegree) / height)));
@@ -52,7 +53,7 @@ FieldPlane::FieldPlane(const LightField& field) : spacing_m_(dem::post_spacing_m
       const Vec3 d = axes_ * to_cartesian({to_lat, to_lon, 0}).normalized();
       half_m = std::max({half_m, kMoonRadius_m * std::abs(d.x() / d.z()), kMoonRadius_m * std::abs(d.y() / d.z())});
     }
-  // Half the diagonal of a block, and what meridians and parallels are bent by.
+  // Half the diagonal of a block, posts; bending of meridians and parallels in the plane.
   constexpr double kReach = 48, kBend = 1.02;
   const double reach = field.closer ? kReach * (1 << kCloser) : kReach;
   tiles_ = 2 * static_cast<int>(std::ceil((kBend * half_m / spacing_m_ + reach) / kTileQuads));
@@ -61,17 +62,17 @@ FieldPlane::FieldPlane(const LightField& field) : spacing_m_(dem::post_spacing_m
 }
 
 FieldPost FieldPlane::post_at(const Vec3& position_m) const {
-  const Eigen::Vector2d at = place(position_m);
+  const Eigen::Vector2d position = posts_from_south_west(position_m);
   const int last = tiles_ * kTileQuads;
   const auto split = [&](double posts) {
     return std::min(static_cast<int>(std::clamp(posts, 0.0, double(last))), last - 1);
   };
-  const int column = split(at.x()), row = split(at.y());
+  const int column = split(position.x()), row = split(position.y());
   return {row / kTileQuads * tiles_ + column / kTileQuads, row % kTileQuads, column % kTileQuads,
-          std::clamp(at.x() - column, 0.0, 1.0), std::clamp(at.y() - row, 0.0, 1.0)};
+          std::clamp(position.x() - column, 0.0, 1.0), std::clamp(position.y() - row, 0.0, 1.0)};
 }
 
-Vec3 FieldPlane::at(int column, int row) const {
+Vec3 FieldPlane::position_m(int column, int row) const {
   return axes_.transpose() * Vec3((column - middle()) * spacing_m_, (row - middle()) * spacing_m_, kMoonRadius_m);
 }
 

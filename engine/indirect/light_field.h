@@ -1,7 +1,7 @@
-// Where indirect light is gathered: square fields of posts, each in the gnomonic plane of one relief (relief.h).
+// Square fields of posts at which indirect light is gathered, each in the gnomonic plane of one relief (relief.h).
 //
-// The Moon is divided into bands of latitude, and these into cells about as wide as high, so that poles need no case. A
-// field reaches beyond its cell, by as much as a block of the lattice whose middle is in the cell does.
+// The Moon is divided into bands of latitude, and these into cells about as wide as high, so that poles need no special
+// case. A field extends beyond its cell, as far as a block of the lattice does whose middle is in the cell.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,63 +12,70 @@
 
 namespace selenograph::engine {
 
-// Light is gathered at posts at most kCoarser levels coarser than the ground in view, at most kCloser finer where less
-// than a pixel is asked for, from terrain of up to kFiner levels more than theirs.
-// The largest fields are 32 degrees wide.
+// Posts of light are at most kCoarser levels coarser than the ground in view, and at most kCloser finer where
+// spacing_px is below 1. Their relief is up to kFiner levels finer than they are. At level kCoarsest, fields are 32
+// degrees wide.
 inline constexpr int kCoarser = 3, kCloser = 1, kFiner = 1, kCoarsest = 3;
 
 struct LightField {
-  std::int32_t level, finest;  // of the posts, and of the terrain
-  bool closer;                 // its posts may be kCloser levels finer than the ground in view
+  std::int32_t level, finest;  // level of the posts of light; level of the relief
+  bool closer;                 // posts may be up to kCloser levels finer than the ground in view
   std::int32_t band, cell;
-  int stride() const { return 1 << (finest - level); }  // of the relief's posts from one post to the next
+  int stride() const { return 1 << (finest - level); }  // Posts of the relief from one post of light to the next.
   auto operator<=>(const LightField&) const = default;
 };
 
+// Returns the field of these levels whose cell contains a position.
 LightField light_field_at(int level, int finest, bool closer, double lat_deg, double lon_deg);
 
-// A place in a field: its tile, the post of that south-west of it, and how far beyond the post.
+// A position in a field: its tile, the post south-west of it, and its distance from that post in posts, 0 to 1.
 struct FieldPost {
   int tile, row, column;
   double east, north;
 };
 
-// Rows of a tile, a bit each, from the south.
+// Some rows of a tile, a bit each, from the south.
 struct TileRows {
   int tile;
   std::uint16_t rows;
   bool has(int row) const { return rows >> row & 1; }
 };
 
-// A field's posts, in tiles of 16 x 16: adjacent tiles share a row or a column.
+// Posts of a field in its plane, in tiles of 16 x 16; adjacent tiles share a row or a column of posts:
+//
+//    o o o ... o o o ... o      tile t has the quads 15 t to 15 t + 14 of each axis,
+//    o tile 2  o  tile 3 o      and the posts 15 t to 15 t + 15
+//    o o o ... o o o ... o
+//    o tile 0  o  tile 1 o
+//    o o o ... o o o ... o
 class FieldPlane {
  public:
   static constexpr int kTileQuads = 15, kTileSide = kTileQuads + 1;
   explicit FieldPlane(const LightField& field);
 
-  const Vec3& centre() const { return centre_; }  // unit
-  int tiles() const { return tiles_; }            // per side; even
+  const Vec3& centre() const { return centre_; }  // unit vector, MOON_ME
+  int tiles() const { return tiles_; }            // tiles per side; even
   double spacing_m() const { return spacing_m_; }
-  int half_posts() const { return tiles_ / 2 * kTileQuads; }  // from the middle to a side
+  int half_posts() const { return tiles_ / 2 * kTileQuads; }  // Posts from the middle to a side.
   double half_m() const { return half_posts() * spacing_m_; }
-  // Column and row of any place on or near the ground, from the south-west post.
-  Eigen::Vector2d place(const Vec3& position_m) const {
+  // Returns column and row of a position on or near the ground, in posts from the south-west.
+  Eigen::Vector2d posts_from_south_west(const Vec3& position_m) const {
     const Vec3 d = posts_ * position_m;
     return {d.x() / d.z() + middle(), d.y() / d.z() + middle()};
   }
-  // A place beside the field is at its border.
+  // Returns the post south-west of a position. A position outside the field is clamped to its border.
   FieldPost post_at(const Vec3& position_m) const;
-  // place() for many places: rows of a matrix by which a place's third component divides the others, and what is
-  // added to both.
+  // The matrix of posts_from_south_west() for vector loops: divide the first two components by the third, and add
+  // middle().
   const double* posts() const { return posts_.data(); }
   double middle() const { return half_posts(); }
-  // On the plane, at the datum's radius over its middle; MOON_ME.
-  Vec3 at(int column, int row) const;
+  // Returns a post's position on the plane, which touches the datum's sphere at the field's middle; MOON_ME, m.
+  Vec3 position_m(int column, int row) const;
 
  private:
   Vec3 centre_;
-  Eigen::Matrix3d axes_;                                // the plane's
-  Eigen::Matrix<double, 3, 3, Eigen::RowMajor> posts_;  // the same, scaled so that quotients are posts
+  Eigen::Matrix3d axes_;                                // the plane's axes as rows, in MOON_ME
+  Eigen::Matrix<double, 3, 3, Eigen::RowMajor> posts_;  // the same axes, scaled so that quotients are posts
   double spacing_m_;
   int tiles_;
 };

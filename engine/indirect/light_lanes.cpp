@@ -22,84 +22,93 @@ namespace hn = hwy::HWY_NAMESPACE;
 using Wide = hn::CappedTag<float, kPacket>;
 using OfSectors = hn::CappedTag<float, kSectors>;
 
-// The four posts around a place, and the share that each has in it.
-struct Around {
-  const LightPost *south, *north;  // the western ones: the eastern ones follow
+// The four posts around a position, with their weights.
+struct WeightedPosts {
+  const LightPost *south, *north;  // the western posts; the eastern ones follow them in memory
   float south_west, south_east, north_west, north_east;
 };
 
-HWY_INLINE Around AroundPlace(const LightPost* post, float east, float north) {
+HWY_INLINE WeightedPosts WeightsAt(const LightPost* post, float east, float north) {
   const float both = east * north;
   return {post, post + FieldPlane::kTileSide, 1 - east - north + both, east - both, north - both, both};
 }
 
-HWY_INLINE void Between(const Around& at, LightPost& out) {
+// Interpolates all values of a post.
+HWY_INLINE void Interpolate(const WeightedPosts& at, LightPost& out) {
   const Wide d;
   const float *south = at.south->x, *north = at.north->x;
   constexpr std::size_t kValues = sizeof(LightPost) / sizeof(float);
-  const auto part = [&](float share, const float* values) { return hn::Mul(hn::Set(d, share), hn::Load(d, values)); };
+  const auto weighted = [&](float share, const float* values) {
+    return hn::Mul(hn::Set(d, share), hn::Load(d, values));
+  };
   for (std::size_t k = 0; k < kValues; k += hn::Lanes(d)) {
-    const auto in_south = hn::Add(part(at.south_west, south + k), part(at.south_east, south + kValues + k)),
-               in_north = hn::Add(part(at.north_west, north + k), part(at.north_east, north + kValues + k));
+    const auto in_south = hn::Add(weighted(at.south_west, south + k), weighted(at.south_east, south + kValues + k)),
+               in_north = hn::Add(weighted(at.north_west, north + k), weighted(at.north_east, north + kValues + k));
     hn::Store(hn::Add(in_south, in_north), d, out.x + k);
   }
 }
 
-// The light of all sectors that a surface faces.
-HWY_INLINE float Arriving(const LightPost& light, float nx, float ny, float nz) {
+// Returns the irradiance of a surface from all sectors that it faces.
+HWY_INLINE float FacingLight(const LightPost& light, float nx, float ny, float nz) {
   const OfSectors d;
   alignas(32) float arrives[kSectors];
   for (std::size_t k = 0; k < kSectors; k += hn::Lanes(d)) {
-    const auto part = [&](float n, const float* values) { return hn::Mul(hn::Set(d, n), hn::Load(d, values + k)); };
-    const auto faces = hn::Add(hn::Add(part(nx, light.x), part(ny, light.y)), part(nz, light.z));
+    const auto times = [&](float n, const float* values) { return hn::Mul(hn::Set(d, n), hn::Load(d, values + k)); };
+    const auto faces = hn::Add(hn::Add(times(nx, light.x), times(ny, light.y)), times(nz, light.z));
     hn::Store(hn::Max(faces, hn::Zero(d)), d, arrives + k);
   }
   return sum_of_sectors(arrives);
 }
 
-void AtPlace(const LightPlace& place, LightPost& out) {
-  Between(AroundPlace(place.post, place.east, place.north), out);
+void InterpolateAt(const BetweenPosts& position, LightPost& out) {
+  Interpolate(WeightsAt(position.post, position.east, position.north), out);
 }
 
 void ArrivesAt(const LightPost& light, const Vec3& normal, float& out) {
-  out = Arriving(light, static_cast<float>(normal.x()), static_cast<float>(normal.y()), static_cast<float>(normal.z()));
+  out = FacingLight(light, static_cast<float>(normal.x()), static_cast<float>(normal.y()),
+                    static_cast<float>(normal.z()));
 }
 
-// A coordinate in posts as the tile, the post in it, and the way beyond.
-struct AlongSide {
+// A coordinate in posts, split into the tile, the post in it, and the share of the way to the next post.
+struct SplitCoordinate {
   int tile, post;
-  float beyond;
+  float share;
 };
-SELENOGRAPH_LANE AlongSide Split(double posts, int tiles) {
+SELENOGRAPH_LANE SplitCoordinate Split(double posts, int tiles) {
   constexpr int kQuads = FieldPlane::kTileQuads;
-  const double last = tiles * kQuads, least = posts > 0 ? posts : 0, inside = least < last ? least : last;
-  const int at = static_cast<int>(inside * (1.0 / kQuads)), tile = at < tiles - 1 ? at : tiles - 1;
-  const double within = inside - tile * kQuads, from = within > 0 ? within : 0;
-  const int whole = static_cast<int>(from), post = whole < kQuads - 1 ? whole : kQuads - 1;
-  return {tile, post, static_cast<float>(from - post)};
+  const double last = tiles * kQuads, not_below = posts > 0 ? posts : 0, inside = not_below < last ? not_below : last;
+  const int quotient = static_cast<int>(inside * (1.0 / kQuads)), tile = quotient < tiles - 1 ? quotient : tiles - 1;
+  const double remainder = inside - tile * kQuads, in_tile = remainder > 0 ? remainder : 0;
+  const int nearest = static_cast<int>(in_tile), post = nearest < kQuads - 1 ? nearest : kQuads - 1;
+  return {tile, post, static_cast<float>(in_tile - post)};
 }
 
-void InField(const double* posts, double middle, int tiles, const SurfacePoints& points, FieldLanes& out) {
+void SetFieldLanes(const double* posts, double middle, int tiles, const SurfacePoints& points, FieldLanes& out) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double x = points.x[i], y = points.y[i], z = points.z[i];
     const double across = posts[0] * x + posts[1] * y + posts[2] * z,
                  along = posts[3] * x + posts[4] * y + posts[5] * z,
                  up = 1 / (posts[6] * x + posts[7] * y + posts[8] * z);
-    const AlongSide column = Split(across * up + middle, tiles), row = Split(along * up + middle, tiles);
-    out.tile[i] = row.tile * tiles + column.tile, out.post[i] = row.post * FieldPlane::kTileSide + column.post;
-    out.east[i] = column.beyond, out.north[i] = row.beyond;
+    const SplitCoordinate column = Split(across * up + middle, tiles), row = Split(along * up + middle, tiles);
+    out.tile[i] = row.tile * tiles + column.tile;
+    out.post[i] = row.post * FieldPlane::kTileSide + column.post;
+    out.east[i] = column.share;
+    out.north[i] = row.share;
   }
 }
 
-// Asks for the posts of all lanes before the first of them is waited for.
+// Prefetches the posts of all lanes before the first is read.
 HWY_INLINE void Fetch(const LightPost* posts, const FieldLanes& at, std::uint32_t lanes) {
-  for (int of = -1; lanes; lanes &= lanes - 1) {
+  for (int previous = -1; lanes; lanes &= lanes - 1) {
     const int post = at.post[std::countr_zero(lanes)];
-    if (post == of) continue;
-    of = post;
+    if (post == previous) continue;
+    previous = post;
     for (const LightPost* west : {posts + post, posts + post + FieldPlane::kTileSide})
-      for (const LightPost* to : {west, west + 1}) hwy::Prefetch(to->x), hwy::Prefetch(to->z);
+      for (const LightPost* to : {west, west + 1}) {
+        hwy::Prefetch(to->x);
+        hwy::Prefetch(to->z);
+      }
   }
 }
 
@@ -109,11 +118,14 @@ void ReadPosts(const LightPost* posts, const float* factors, const FieldLanes& a
   LightPost light;
   for (; lanes; lanes &= lanes - 1) {
     const int i = std::countr_zero(lanes), post = at.post[i];
-    const Around around = AroundPlace(posts + post, at.east[i], at.north[i]);
-    Between(around, light);
-    out.arrives[i] = Arriving(light, static_cast<float>(shading.nx[i]), static_cast<float>(shading.ny[i]),
-                              static_cast<float>(shading.nz[i]));
-    out.x[i] = light.sum.x, out.y[i] = light.sum.y, out.z[i] = light.sum.z, out.fluence[i] = light.sum.fluence;
+    const WeightedPosts around = WeightsAt(posts + post, at.east[i], at.north[i]);
+    Interpolate(around, light);
+    out.arrives[i] = FacingLight(light, static_cast<float>(shading.nx[i]), static_cast<float>(shading.ny[i]),
+                                 static_cast<float>(shading.nz[i]));
+    out.x[i] = light.sum.x;
+    out.y[i] = light.sum.y;
+    out.z[i] = light.sum.z;
+    out.fluence[i] = light.sum.fluence;
     out.earth[i] = light.sum.earth;
     const float *south = factors + post, *north = south + FieldPlane::kTileSide;
     out.factor[i] = around.south_west * south[0] + around.south_east * south[1] + around.north_west * north[0] +
@@ -132,7 +144,8 @@ void FromTerrain(const TerrainLanes& lanes, const Rays& rays, double sun_w_m2, D
     const float share = arrives / fluence, cosine = back / (std::sqrt(square) * fluence);
     const float mu0 = lit ? (share < 1 ? share : 1) : 1e-9F, cos_phase = lit ? cosine : 0,
                 light = lit ? fluence * lanes.factor[i] : 0;
-    out.mu0[i] = static_cast<double>(mu0), out.cos_phase[i] = static_cast<double>(cos_phase);
+    out.mu0[i] = static_cast<double>(mu0);
+    out.cos_phase[i] = static_cast<double>(cos_phase);
     out.light[i] = sun_w_m2 * static_cast<double>(light);
   }
 }
@@ -146,7 +159,8 @@ void FromEarth(const TerrainLanes& lanes, const SurfacePoints& points, const Sha
     const double back = -(rays.dx[i] * x + rays.dy[i] * y + rays.dz[i] * z);
     const double length = std::sqrt(rays.dx[i] * rays.dx[i] + rays.dy[i] * rays.dy[i] + rays.dz[i] * rays.dz[i]);
     const bool lit = points.hit[i] & (lanes.earth[i] > 0) & (along > 0);
-    out.mu0[i] = lit ? along : 1e-9, out.cos_phase[i] = lit ? back / length : 0;
+    out.mu0[i] = lit ? along : 1e-9;
+    out.cos_phase[i] = lit ? back / length : 0;
     out.light[i] = lit ? shines * static_cast<double>(lanes.earth[i]) : 0;
   }
 }
@@ -165,24 +179,24 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace selenograph::engine {
 
-HWY_EXPORT(AtPlace);
+HWY_EXPORT(InterpolateAt);
 HWY_EXPORT(ArrivesAt);
-HWY_EXPORT(InField);
+HWY_EXPORT(SetFieldLanes);
 HWY_EXPORT(ReadPosts);
 HWY_EXPORT(FromTerrain);
 HWY_EXPORT(FromEarth);
 HWY_EXPORT(AddReflected);
 
-LightSum sum_between(const LightPlace& place) {
+LightSum sum_between(const BetweenPosts& position) {
   LightPost light;
-  HWY_DYNAMIC_DISPATCH(AtPlace)(place, light);
+  HWY_DYNAMIC_DISPATCH(InterpolateAt)(position, light);
   return light.sum;
 }
 
-Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const LightSources& sources) {
+Irradiance irradiance_at(const BetweenPosts& position, const Vec3& normal, const LightSources& sources) {
   LightPost light;
   float terrain;
-  HWY_DYNAMIC_DISPATCH(AtPlace)(place, light);
+  HWY_DYNAMIC_DISPATCH(InterpolateAt)(position, light);
   HWY_DYNAMIC_DISPATCH(ArrivesAt)(light, normal, terrain);
   return {0, sources.sun_w_m2 * static_cast<double>(terrain),
           sources.earth_w_m2 * static_cast<double>(light.sum.earth) * std::max(normal.dot(sources.earth), 0.0)};
@@ -192,8 +206,8 @@ Irradiance irradiance_on_level(const Vec3& place_m, const Vec3& normal, const Li
   return {0, 0, sources.earth_w_m2 * sources.earth_above_level(place_m) * std::max(normal.dot(sources.earth), 0.0)};
 }
 
-void places_in_field(const FieldPlane& plane, const SurfacePoints& points, FieldLanes& out) {
-  HWY_DYNAMIC_DISPATCH(InField)(plane.posts(), plane.middle(), plane.tiles(), points, out);
+void set_field_lanes(const FieldPlane& plane, const SurfacePoints& points, FieldLanes& out) {
+  HWY_DYNAMIC_DISPATCH(SetFieldLanes)(plane.posts(), plane.middle(), plane.tiles(), points, out);
 }
 
 void read_posts(const LightPost* posts, const float* factors, const FieldLanes& at, std::uint32_t lanes,

@@ -1,4 +1,4 @@
-// Indirect light at sixteen pixels, between posts.
+// Indirect light at sixteen pixels, interpolated between posts.
 #pragma once
 
 #include "engine/frame/queries.h"
@@ -8,74 +8,84 @@
 
 namespace selenograph::engine {
 
+// Sums over the sectors of a post, and what has no sector.
 struct LightSum {
   float x = 0, y = 0, z = 0;  // sum of the sectors' vectors
   float fluence = 0;          // sum of their lengths
-  float earth = 0;            // share of the Earth's disc that is seen
+  float earth = 0;            // visible share of the Earth's disc
   float ground = 0;           // radiosity of the ground itself
   float unused[2] = {};
 };
-// Light at a post, for a Sun of 1 W m-2 at normal incidence: from terrain, by sectors of azimuth, see SectorLight.
+// Light from terrain at a post, for a Sun of 1 W m-2 at normal incidence: a vector per sector of azimuth, see
+// SectorLight.
 struct alignas(64) LightPost {
   float x[kSectors] = {}, y[kSectors] = {}, z[kSectors] = {};
   LightSum sum;
 };
 static_assert(sizeof(LightPost) == 4 * kSectors * sizeof(float));
 
-// What shines: W m-2 at normal incidence, and where the Earth is (unit, MOON_ME).
+// Sun and Earth: irradiance at normal incidence, W m-2; direction of the Earth (unit, MOON_ME).
 struct LightSources {
   double sun_w_m2 = 0, earth_w_m2 = 0;
   Vec3 earth = Vec3::Zero();
-  double earth_radius = 0;  // of its disc, rad
-  // The share of the Earth's disc above the horizon of level ground.
+  double earth_radius = 0;  // angular radius of its disc, rad
+  // Returns the share of the Earth's disc above the horizon of level ground.
   double earth_above_level(const Vec3& place_m) const {
     return earth_w_m2 > 0 ? share_of_disc_above(-place_m.normalized().dot(earth) / earth_radius) : 0;
   }
 };
 
-// The post south-west of a place, of a tile of FieldPlane::kTileSide posts a row, and how far the place is towards the
-// next ones, 0 to 1.
-struct LightPlace {
+// A position among the posts of a tile, FieldPlane::kTileSide a row: the post south-west of it, and the shares of the
+// way to the next posts, 0 to 1.
+//
+//    o-------------o        weight of the post in the
+//    |      :      |          north-west  (1 - east) north       north-east  east north
+//    |......x      |          south-west  (1 - east) (1 - north) south-east  east (1 - north)
+//    o-------------o
+//   post
+struct BetweenPosts {
   const LightPost* post;
   float east, north;
 };
 
-LightSum sum_between(const LightPlace& place);
-// From terrain, and from the Earth, on a surface there.
-Irradiance irradiance_at(const LightPlace& place, const Vec3& normal, const LightSources& sources);
-// Where there are no posts.
+// Interpolates the sums of the four posts around a position.
+LightSum sum_between(const BetweenPosts& position);
+// Returns the irradiance of a surface from terrain and from the Earth.
+Irradiance irradiance_at(const BetweenPosts& position, const Vec3& normal, const LightSources& sources);
+// Returns the Earth's irradiance above level ground, for positions without posts.
 Irradiance irradiance_on_level(const Vec3& place_m, const Vec3& normal, const LightSources& sources);
 
-// Where sixteen points are in a field: the tile, the post of it south-west of the point, and how far beyond that post.
-// Points beside the field are at its border.
+// Positions of sixteen points in a field: the tile, the post of it south-west of the point, and the shares of the way
+// to the next posts. Points outside the field are clamped to its border.
 struct alignas(64) FieldLanes {
   int tile[kPacket], post[kPacket];
   float east[kPacket], north[kPacket];
 };
-void places_in_field(const FieldPlane& plane, const SurfacePoints& points, FieldLanes& out);
+void set_field_lanes(const FieldPlane& plane, const SurfacePoints& points, FieldLanes& out);
 
-// Between the posts of each lane: the irradiance, and what is the same for all normals. Lanes without light are zero.
+// Light interpolated between posts, per lane: the irradiance, and the sums that are the same for all normals. Lanes
+// without light are zero.
 struct alignas(64) TerrainLanes {
-  float arrives[kPacket] = {}, x[kPacket] = {}, y[kPacket] = {}, z[kPacket] = {}, fluence[kPacket] = {},
-        factor[kPacket] = {}, earth[kPacket] = {};
+  float arrives[kPacket] = {}, x[kPacket] = {}, y[kPacket] = {}, z[kPacket] = {}, fluence[kPacket] = {};
+  float factor[kPacket] = {}, earth[kPacket] = {};
 };
-// Those of some lanes, a bit each, that are in a tile of these posts; each sector's light counts where the normal faces
-// it. `factors`: of the posts, see light_factors.h.
+// Sets the lanes in the bit mask `lanes`, which are all in the tile of these posts. Each sector's light counts if the
+// normal faces it. `factors`: of the posts, see light_factors.h.
 void read_posts(const LightPost* posts, const float* factors, const FieldLanes& at, std::uint32_t lanes,
                 const Shading& shading, TerrainLanes& out);
 
-// What reflects towards the camera: light of a terrain's or the Earth's as of one direction.
+// Light from terrain or from the Earth as from one direction, per lane, for the Brdf.
 struct alignas(64) DiffuseLanes {
   double mu0[kPacket], cos_phase[kPacket];
-  double light[kPacket];  // W m-2 at normal incidence; 0: none
+  double light[kPacket];  // irradiance at normal incidence, W m-2; 0: none
 };
 
-// Lanes without light have a mu0 of 1e-9.
+// Both set mu0 to 1e-9 in lanes without light.
 void light_from_terrain(const TerrainLanes& lanes, const Rays& rays, double sun_w_m2, DiffuseLanes& out);
 void light_from_earth(const TerrainLanes& lanes, const SurfacePoints& points, const Shading& shading, const Rays& rays,
                       const LightSources& sources, DiffuseLanes& out);
 
-// Adds to the radiance what the light's lanes reflect of `reflected`, mu0 f_r; `albedo`: null, or a factor per lane.
+// Adds the reflected light to the radiance. `reflected`: mu0 f_r per lane; `albedo`: null, or a factor per lane.
 void add_reflected(const DiffuseLanes& lanes, const double* reflected, const double* albedo, float* radiance);
 
 }  // namespace selenograph::engine

@@ -16,16 +16,18 @@
 namespace selenograph::engine {
 namespace {
 
+// Returns the ground's albedo by the request's maps; empty without maps.
 GroundAlbedo albedo_of(const FrameRequest& request) {
   if (request.albedo_maps.empty()) return {};
-  return [known = AlbedoMaps(request)](double size_m, std::span<const Vec3> directions, std::span<float> albedo,
-                                       const StopToken& stop) {
-    std::vector<ScaledMap> maps = known.sampled(stop);
+  return [albedo_maps = AlbedoMaps(request)](double size_m, std::span<const Vec3> directions, std::span<float> albedo,
+                                             const StopToken& stop) {
+    std::vector<ScaledMap> maps = albedo_maps.sampled(stop);
     for (std::size_t i = 0; i < directions.size(); ++i) {
-      const Geographic place = to_geographic(directions[i]);
+      const Geographic position = to_geographic(directions[i]);
       double sum = 0;
-      parts_of(maps, {place.lat_deg, place.lon_deg, {size_m, 0}, {0, size_m}}, known.fallback(),
-               [&](double value, double share) { sum += share * std::clamp(value, 0.0, known.most()); });
+      visit_coverage(
+          maps, {position.lat_deg, position.lon_deg, {size_m, 0}, {0, size_m}}, albedo_maps.fallback(),
+          [&](double value, double share) { sum += share * std::clamp(value, 0.0, albedo_maps.max_value()); });
       albedo[i] = static_cast<float>(sum);
     }
   };
@@ -43,62 +45,88 @@ SlopeLightSource source_of(const FrameRequest& request) {
           request.indirect.bounces};
 }
 
-// Of all that light depends on but the place.
-ContentKey key_of(const TileLight& of) {
-  const FrameRequest& q = of.request;
+// Returns a hash of everything except the position that light depends on.
+ContentKey key_of(const TileInputs& inputs) {
+  const FrameRequest& q = inputs.request;
   ContentHash hash;
-  hash.add(of.terrain.detail_number()), hash.add(q.indirect.terrain);
+  hash.add(inputs.terrain.detail_number());
+  hash.add(q.indirect.terrain);
   if (q.indirect.terrain) {
     const Reflectance& r = q.reflectance;
     const HapkeParameters& h = r.hapke;
-    hash.add(q.sun.direction), hash.add(q.indirect.bounces);
+    hash.add(q.sun.direction);
+    hash.add(q.indirect.bounces);
     for (const double value : {q.sun.angular_radius_deg, r.lommel_seeliger_weight, r.rho, r.shininess,
                                r.limb_darkening.value_or(-1), h.w, h.b0, h.h, h.b, h.c, h.theta_bar_deg, h.bc0, h.hc})
       hash.add(value);
-    hash.add(r.model), hash.add(r.phase), hash.add(r.ground), hash.add(h.phase_function), hash.add(h.terms);
+    hash.add(r.model);
+    hash.add(r.phase);
+    hash.add(r.ground);
+    hash.add(h.phase_function);
+    hash.add(h.terms);
     if (r.model == ReflectanceModel::moon && q.band)
-      for (const ResponsePoint& p : q.band->response()) hash.add(p.wavelength_um), hash.add(p.response);
+      for (const ResponsePoint& p : q.band->response()) {
+        hash.add(p.wavelength_um);
+        hash.add(p.response);
+      }
     for (const auto& map : q.albedo_maps) hash.add(map->fingerprint());
   }
-  if (q.indirect.earth) hash.add(q.indirect.earth->direction), hash.add(q.indirect.earth->distance_m);
+  if (q.indirect.earth) {
+    hash.add(q.indirect.earth->direction);
+    hash.add(q.indirect.earth->distance_m);
+  }
   return hash.key();
 }
 
 void add(const LightField& field, ContentHash& hash) {
-  hash.add(field.level), hash.add(field.finest), hash.add(field.closer), hash.add(field.band), hash.add(field.cell);
+  hash.add(field.level);
+  hash.add(field.finest);
+  hash.add(field.closer);
+  hash.add(field.band);
+  hash.add(field.cell);
 }
 
 ContentKey key_of(const ContentKey& light, const LightField& field, int tile) {
   ContentHash hash;
-  hash.add(light.low), hash.add(light.high), add(field, hash), hash.add(tile);
+  hash.add(light.low);
+  hash.add(light.high);
+  add(field, hash);
+  hash.add(tile);
   return hash.key();
 }
 
 ContentKey key_of(const dem::Terrain& terrain, const LightField& field) {
   ContentHash hash;
-  hash.add(terrain.detail_number()), add(field, hash);
+  hash.add(terrain.detail_number());
+  add(field, hash);
   return hash.key();
 }
 
+// Stores the sectors of a post, and adds their sums.
 void set_light(const SectorLight& arrives, LightPost& out) {
   for (std::size_t k = 0; k < kSectors; ++k) {
     const Eigen::Vector3f& light = arrives.from[k];
-    out.x[k] = light.x(), out.y[k] = light.y(), out.z[k] = light.z();
-    out.sum.x += light.x(), out.sum.y += light.y(), out.sum.z += light.z();
+    out.x[k] = light.x();
+    out.y[k] = light.y();
+    out.z[k] = light.z();
+    out.sum.x += light.x();
+    out.sum.y += light.y();
+    out.sum.z += light.z();
     out.sum.fluence += light.norm();
   }
 }
 
-// From one direction of the lattice to the next, for a source over a place whose vertical is `up`.
+// Returns the step of the lattice of directions, for a source above a position whose vertical is `up`.
 double lattice_step_deg(const Vec3& direction, const Vec3& up) {
   constexpr double kFinest_deg = 0.02, kShareOfElevation = 1.0 / 150;
-  constexpr int kMostDoubled = 4;
+  constexpr int kMaxDoublings = 4;
   const double elevation_deg = std::asin(std::clamp(direction.dot(up), -1.0, 1.0)) * kDegreesPerRadian;
   double step_deg = kFinest_deg;
-  for (int k = 0; k < kMostDoubled && 2 * step_deg <= kShareOfElevation * elevation_deg; ++k) step_deg *= 2;
+  for (int k = 0; k < kMaxDoublings && 2 * step_deg <= kShareOfElevation * elevation_deg; ++k) step_deg *= 2;
   return step_deg;
 }
 
+// Rounds a direction to the lattice of latitude and longitude.
 Vec3 on_lattice(const Vec3& direction, const Vec3& up) {
   const double step = lattice_step_deg(direction, up) * kRadiansPerDegree;
   const auto rounded = [&](double angle) { return std::round(angle / step) * step; };
@@ -107,6 +135,7 @@ Vec3 on_lattice(const Vec3& direction, const Vec3& up) {
   return {std::cos(lat) * std::cos(lon), std::cos(lat) * std::sin(lon), std::sin(lat)};
 }
 
+// Rounds Sun and Earth of a request, so that frames of a moving Sun share cached light.
 FrameRequest on_lattice(FrameRequest request, const Vec3& up) {
   constexpr double kRadiusStep_deg = 1e-3, kDistanceStep_m = 1e6;
   Sun& sun = request.sun;
@@ -129,14 +158,14 @@ LightSources light_sources(const FrameRequest& request, double direct_w_m2) {
   return sources;
 }
 
-// A tile whose rows are made one by one.
-class LightTiles::KeptTile {
+// A tile whose rows are made one by one, each by the first thread that needs it.
+class LightTiles::CachedTile {
  public:
   const LightTile& light() const { return light_; }
   bool has(int row) const { return made_[static_cast<std::size_t>(row)].done(); }
-  // make(tile), unless the row is there.
+  // Calls make(tile) unless the row is made; waits if another thread is making it.
   template <typename Make>
-  void let_have(int row, const Make& make) const {
+  void ensure_row(int row, const Make& make) const {
     made_[static_cast<std::size_t>(row)].run([&] { make(light_); });
   }
 
@@ -147,8 +176,9 @@ class LightTiles::KeptTile {
 
 LightTiles::LightTiles(std::size_t bytes) : tiles_(bytes / 3), patches_(bytes - bytes / 3) {}
 LightTiles::~LightTiles() = default;
-std::size_t LightTiles::bytes_of_tile() { return sizeof(KeptTile); }
+std::size_t LightTiles::bytes_of_tile() { return sizeof(CachedTile); }
 
+// Relief of a field with the sunlight on it: the source of its tiles.
 struct LightTiles::Patch {
   Patch(std::shared_ptr<const Relief> of_field, const FrameRequest& request)
       : relief(std::move(of_field)), views(relief->views()) {
@@ -160,48 +190,52 @@ struct LightTiles::Patch {
   Patch& operator=(const Patch&) = delete;
   std::size_t bytes() const { return sizeof *this + relief->bytes() + (slopes ? slopes->bytes() : 0); }
 
-  // A row of a tile, whose first post is the relief's at `row` and `column`.
-  void fill_row(int row, int column, int stride, std::size_t of_tile, LightTile& out, const StopToken& stop) const {
+  // Fills a row of a tile. Its first post is the relief's at `row` and `column`.
+  void fill_row(int row, int column, int stride, std::size_t tile_row, LightTile& out, const StopToken& stop) const {
     static_assert(FieldPlane::kTileSide == kPacket);
     const Eigen::Matrix3f back = relief->axes().transpose().cast<float>();
     std::array<SectorLight, kPacket> light;
-    for (SectorLight& of_post : light) of_post.from.fill(Eigen::Vector3f::Zero()), of_post.sky.setZero();
+    for (SectorLight& of_post : light) {
+      of_post.from.fill(Eigen::Vector3f::Zero());
+      of_post.sky.setZero();
+    }
     if (slopes) slopes->gather(row, column, stride, light, stop);
-    MarchLanes lanes = relief->places(row, column, stride);
+    MarchLanes lanes = relief->march_lanes(row, column, stride);
     alignas(64) float share[kPacket] = {};
     if (disc) disc->shares(views, stride, lanes, share);
-    float& most_ground_view = out.most_ground_view[of_tile];
+    float& max_ground_view = out.max_ground_view[tile_row];
     for (int i = 0; i < kPacket; ++i) {
       const int at = column + i * stride;
       const std::size_t post =
           static_cast<std::size_t>(row) * static_cast<std::size_t>(relief->side(0)) + static_cast<std::size_t>(at);
       const SectorLight& arrives = light[static_cast<std::size_t>(i)];
       const Eigen::Vector3f normal = back * relief->cell(0, post).normal;
-      const std::size_t here = of_tile * kPacket + static_cast<std::size_t>(i);
+      const std::size_t here = tile_row * kPacket + static_cast<std::size_t>(i);
       set_light(arrives, out.posts[here]);
       LightSum& sum = out.posts[here].sum;
-      sum.ground = slopes ? slopes->radiosity(row, at, stop) : 0, sum.earth = share[i];
+      sum.ground = slopes ? slopes->radiosity(row, at, stop) : 0;
+      sum.earth = share[i];
       out.ground[here] = {normal, static_cast<float>(static_cast<double>(lanes.height[i]) + relief->reference_m())};
-      if (slopes && !normal.isZero(0))  // next to no data there is none
-        most_ground_view = std::clamp(1 - normal.dot(arrives.sky) / std::numbers::pi_v<float>, most_ground_view, 1.F);
+      if (slopes && !normal.isZero(0))  // next to missing data there is no normal
+        max_ground_view = std::clamp(1 - normal.dot(arrives.sky) / std::numbers::pi_v<float>, max_ground_view, 1.F);
     }
   }
 
   const std::shared_ptr<const Relief> relief;
   std::vector<GridView> views;
   std::optional<SlopeLight> slopes;
-  std::optional<SkyDisc> disc;  // the Earth
+  std::optional<SkyDisc> disc;  // the Earth's disc
 };
 
-// Once for all Suns.
+// Returns the field's relief, which all directions of the Sun share.
 std::shared_ptr<const Relief> LightTiles::relief(const LightField& field, const FieldPlane& plane,
                                                  const dem::Terrain& terrain, const StopToken& stop) {
   const ContentKey key = key_of(terrain, field);
   {
     const std::lock_guard lock(mutex_);
-    std::erase_if(reliefs_, [](const auto& known) { return known.second.expired(); });
-    if (const auto known = reliefs_.find(key); known != reliefs_.end())
-      if (auto relief = known->second.lock()) return relief;
+    std::erase_if(reliefs_, [](const auto& entry) { return entry.second.expired(); });
+    if (const auto entry = reliefs_.find(key); entry != reliefs_.end())
+      if (auto relief = entry->second.lock()) return relief;
   }
   const ReliefShape shape{plane.centre(), plane.half_m(), dem::post_spacing_m(field.finest)};
   auto made = std::make_shared<const Relief>(shape, heights_of(terrain, stop), stop);
@@ -211,51 +245,51 @@ std::shared_ptr<const Relief> LightTiles::relief(const LightField& field, const 
 }
 
 std::shared_ptr<const LightTiles::Patch> LightTiles::patch(const LightField& field, const FieldPlane& plane,
-                                                           const ContentKey& light, const TileLight& of,
+                                                           const ContentKey& light, const TileInputs& inputs,
                                                            const StopToken& stop) {
   return patches_.get(
       key_of(light, field, -1),
       [&]() -> decltype(patches_)::Loaded {
-        const auto made = std::make_shared<const Patch>(relief(field, plane, of.terrain, stop), of.request);
+        const auto made = std::make_shared<const Patch>(relief(field, plane, inputs.terrain, stop), inputs.request);
         return {made, made->bytes()};
       },
       stop);
 }
 
 std::vector<std::shared_ptr<const LightTile>> LightTiles::get(const LightField& field, const FieldPlane& plane,
-                                                              std::span<const TileRows> tiles, const TileLight& of,
+                                                              std::span<const TileRows> tiles, const TileInputs& inputs,
                                                               const StopToken& stop) {
-  const FrameRequest gathered = on_lattice(of.request, plane.centre());
-  const TileLight lit{of.terrain, gathered};
-  const ContentKey light = key_of(lit);
+  const FrameRequest rounded = on_lattice(inputs.request, plane.centre());
+  const TileInputs rounded_inputs{inputs.terrain, rounded};
+  const ContentKey light = key_of(rounded_inputs);
   struct Missing {
-    const KeptTile* of;
+    const CachedTile* cached;
     int tile, row;
   };
   std::vector<std::shared_ptr<const LightTile>> out;
   std::vector<Missing> missing;
   for (const TileRows& tile : tiles) {
-    const std::shared_ptr<const KeptTile> kept = tiles_.get(
+    const std::shared_ptr<const CachedTile> cached = tiles_.get(
         key_of(light, field, tile.tile),
         []() -> decltype(tiles_)::Loaded {
-          return {std::make_shared<const KeptTile>(), sizeof(KeptTile)};
+          return {std::make_shared<const CachedTile>(), sizeof(CachedTile)};
         },
         stop);
     for (int row = 0; row < FieldPlane::kTileSide; ++row)
-      if (tile.has(row) && !kept->has(row)) missing.push_back({kept.get(), tile.tile, row});
-    out.emplace_back(kept, &kept->light());
+      if (tile.has(row) && !cached->has(row)) missing.push_back({cached.get(), tile.tile, row});
+    out.emplace_back(cached, &cached->light());
   }
   if (missing.empty()) return out;
-  const std::shared_ptr<const Patch> from = patch(field, plane, light, lit, stop);
+  const std::shared_ptr<const Patch> source_patch = patch(field, plane, light, rounded_inputs, stop);
   const int stride = field.stride(), half = plane.tiles() / 2;
   in_parallel(missing.size(), [&](std::size_t i) {
     const Missing& at = missing[i];
     const auto first = [&](int of_side) {
-      return from->relief->middle() + (of_side - half) * FieldPlane::kTileQuads * stride;
+      return source_patch->relief->middle() + (of_side - half) * FieldPlane::kTileQuads * stride;
     };
-    at.of->let_have(at.row, [&](LightTile& tile) {
-      from->fill_row(first(at.tile / plane.tiles()) + at.row * stride, first(at.tile % plane.tiles()), stride,
-                     static_cast<std::size_t>(at.row), tile, stop);
+    at.cached->ensure_row(at.row, [&](LightTile& tile) {
+      source_patch->fill_row(first(at.tile / plane.tiles()) + at.row * stride, first(at.tile % plane.tiles()), stride,
+                             static_cast<std::size_t>(at.row), tile, stop);
     });
   });
   return out;

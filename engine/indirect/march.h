@@ -1,4 +1,14 @@
-// Marches along great circles over nested grids of heights, sixteen places at a time.
+// Marches along great circles over nested grids of heights (relief.h), sixteen points at a time.
+//
+// A march looks along one azimuth and keeps the highest elevation so far, the horizon. The ground of a step is visible
+// if it rises above the horizon; it is then a segment, from the old horizon to the new one.
+//
+//                       ___  visible         . . . line of sight over the last crest
+//    point    visible  /   \     . . . . . _____
+//      o     ____.----'     \  hidden     /     \ visible
+//       \___/                \___________/       \____
+//    |--|--|--|--|--|--|--|----|----|------|------|-----   steps: the finest spacing, then 1/24 of the distance;
+//                                                          quarter steps around crests and walls
 #pragma once
 
 #include <cstdint>
@@ -10,37 +20,38 @@
 
 namespace selenograph::engine {
 
-// A march takes so many steps over a distance: steps of a grid's spacing, then longer ones over coarser grids.
+// At a distance d a step is d / kStepsPerDistance long, at least the finest grid's spacing. It reads the coarsest grid
+// of which it spans kPostsPerStep posts.
 inline constexpr float kStepsPerDistance = 24, kPostsPerStep = 2;
 
-// The Sun on the cells of a grid, each between four posts, as arrays like the grid's heights.
+// Light on the cells of a grid, as arrays like the grid's heights. A cell lies between four posts.
 struct GroundLight {
   using Values = dem::UninitialisedVector<float>;
-  Values nx, ny;  // of the unit normal, in the grids' axes; its z is positive
-  Values lit;     // share of the Sun that is seen; 0 where there is no data
-  Values albedo;  // of the ground; empty: no map says it, and it is 1
-  Values glow;    // radiance in the light from other ground, the Sun's being 1 W m-2; empty: not asked for
+  Values nx, ny;  // unit normal in the grids' axes; its z is positive
+  Values lit;     // visible share of the Sun's disc; 0 without data
+  Values albedo;  // the ground's albedo by the maps; empty without a map: 1 everywhere
+  Values glow;    // radiance of light from other ground, for a Sun of 1 W m-2; empty with one bounce
 };
 
-// Rows are read in whole vectors: arrays end with so many elements that no place needs.
+// Extra elements at the end of each array, because rows are read in full vectors.
 inline constexpr std::size_t kPadding = 4 * kPacket;
 
-// A square grid as marches read it.
+// A square grid of a relief, as marches read it.
 struct GridView {
   const float* heights;      // m above the reference; NaN: no data
-  const GroundLight* light;  // of the cell north-east of each post; null: none
+  const GroundLight* light;  // light on the cell north-east of each post; may be null
   float first_m, spacing_m;  // coordinate of row and column 0; spacing
-  float posts_per_m;         // its inverse
-  float coarser;             // spacing over that of the finest grid: a power of two
+  float posts_per_m;         // 1 / spacing_m
+  float coarser;             // spacing_m over the finest grid's: a power of two
   int side;
-  float highest_m;  // of this grid and the coarser ones
+  float highest_m;  // greatest height of this grid and the coarser ones
 };
 
-// Sixteen places in a row, equally far apart in x, and the one direction in which they look; the grids' coordinates.
+// Sixteen points in a row, equally spaced in x, and their common direction; the grids' coordinates.
 struct alignas(64) MarchLanes {
   float x[kPacket], y;                // m
   alignas(64) float height[kPacket];  // m above the reference
-  float ux, uy;                       // unit
+  float ux, uy;                       // unit vector of the direction
 };
 
 struct MarchSphere {
@@ -49,51 +60,56 @@ struct MarchSphere {
   float farthest_m;
 };
 
-// tangent[i]: of the elevation of the horizon that each lane sees in its direction; -infinity where there is nothing.
-// Nothing above `enough[i]` is looked for. Places are `stride` of the finest grid's columns apart, a power of two.
+// Sets tangent[i] to the tangent of the horizon's elevation at each lane; -infinity without any ground. A march may end
+// once each horizon is above sufficient_tangent[i]. `stride`: distance of the points in columns of the finest grid, a
+// power of two.
 void find_horizons(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
-                   const float* enough, float* tangent);
+                   const float* sufficient_tangent, float* tangent);
 
-// The part of a grid that points in a row see at equal distance: one row of its cells, at columns `column + i * pitch`.
+// Cells of a grid that sixteen points in a row reach at equal distance: one row, columns `column + i * pitch`.
 struct RowOfCells {
   int row;
-  float column, pitch;  // pitch: 4, 2, 1, 1/2, ...
-  float north;          // how far beyond the row's posts, 0 to 1
+  float column, pitch;  // pitch: columns from lane to lane, 4, 2, 1, 1/2 ...
+  float north;          // share of the way to the next row, 0 to 1
 };
 
-// The view of sixteen points along their direction, from the ground up to the horizon.
-struct SeenPiece {
-  SeenPiece() {}  // NOLINT(modernize-use-equals-default): nothing is set to zero that is written next
-  // Over the piece: integrals over the elevation e of cos^2 e and of sin e cos e; 0 for lanes that see nothing of it.
-  alignas(64) float along[kPacket], up[kPacket];
-  alignas(64) float tangent[kPacket];  // of the elevation of its middle
+// Ground that one step of a march adds to the view of sixteen points.
+struct VisibleSegment {
+  // Leaves all members uninitialised: each is written next.
+  VisibleSegment() {}  // NOLINT(modernize-use-equals-default)
+  // Integrals of cos^2 e and of sin e cos e over the segment's elevations e; 0 in lanes that see nothing of it.
+  alignas(64) float along[kPacket];
+  alignas(64) float up[kPacket];
+  alignas(64) float tangent[kPacket];  // tangent of the elevation of its middle
   std::size_t grid;
-  RowOfCells cells;  // beneath its middle
+  RowOfCells cells;  // cells at its middle
 };
 
-// Appends what is seen, nearest first, to `pieces`; horizon[i]: as of find_horizons().
-void find_pieces(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
-                 std::vector<SeenPiece>& pieces, float* horizon);
+// Appends the visible ground to `segments`, nearest first. Sets horizon[i] as find_horizons() does.
+void find_visible_segments(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes,
+                           int stride, std::vector<VisibleSegment>& segments, float* horizon);
 
-// Light that reaches sixteen places along one azimuth.
+// Directions at sixteen points that look along one azimuth, in the grids' axes.
 struct alignas(64) AzimuthLanes {
-  float along[3][kPacket], up[3][kPacket];  // unit: level toward the azimuth, and the vertical; the grids' axes
-  float sun[3];                             // unit, the same axes
+  float along[3][kPacket], up[3][kPacket];  // unit vectors: level toward the azimuth; vertical
+  float sun[3];                             // unit vector to the Sun
 };
 
-// The ground of a piece: its light and the cosines of incidence, emission and phase toward the places. False: nothing
-// is lit. Without `glows`, in the Sun only.
-struct alignas(64) PieceLight {
+// Light on the ground of a segment, with cosines of incidence, emission and phase toward the sixteen points.
+struct alignas(64) SegmentLight {
   double mu0[kPacket], mu[kPacket], cos_phase[kPacket], albedo[kPacket];
   float lit[kPacket], glow[kPacket];
 };
-bool light_piece(const SeenPiece& piece, const GridView& grid, const AzimuthLanes& lanes, bool glows, PieceLight& out);
+// Reads the light on a segment's ground. Returns false if it is dark. `with_glow`: also light from other ground.
+bool light_segment(const VisibleSegment& segment, const GridView& grid, const AzimuthLanes& lanes, bool with_glow,
+                   SegmentLight& out);
 
-// Adds what the ground of a piece sends, of mu0 f_r per unit of light: integrals of radiance times the direction.
-void add_piece(const SeenPiece& piece, const AzimuthLanes& lanes, const PieceLight& light, const double* reflected,
-               bool times_albedo, float (*sum)[kPacket]);
+// Adds the light that a segment sends to the sixteen points: integrals of radiance times direction. `reflected`: mu0
+// f_r of its ground.
+void add_segment(const VisibleSegment& segment, const AzimuthLanes& lanes, const SegmentLight& light,
+                 const double* reflected, bool times_albedo, float (*sum)[kPacket]);
 
-// Adds the integral of the direction over the sky above a horizon, to 1 % of it.
+// Adds the integral of the unit direction over the sky above the horizon, with an error of at most 1 %.
 void add_sky(const AzimuthLanes& lanes, const float* horizon, float (*sum)[kPacket]);
 
 }  // namespace selenograph::engine

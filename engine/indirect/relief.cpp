@@ -12,7 +12,9 @@ namespace selenograph::engine {
 Eigen::Matrix3d relief_axes(const Vec3& centre) {
   const EastNorthUp local = local_axes(centre);
   Eigen::Matrix3d axes;
-  axes.row(0) = local.east, axes.row(1) = local.north, axes.row(2) = local.up;
+  axes.row(0) = local.east;
+  axes.row(1) = local.north;
+  axes.row(2) = local.up;
   return axes;
 }
 
@@ -20,28 +22,28 @@ Vec3 Relief::direction(std::size_t grid, std::size_t post, bool middle) const {
   const Grid& g = grids_[grid];
   const auto side = static_cast<std::size_t>(g.side);
   const std::size_t row = post / side, column = post % side;
-  const double add = middle ? 0.5 : 0, x = g.place(static_cast<double>(column) + add),
-               y = g.place(static_cast<double>(row) + add);
+  const double add = middle ? 0.5 : 0, x = g.coordinate_m(static_cast<double>(column) + add),
+               y = g.coordinate_m(static_cast<double>(row) + add);
   return axes_.transpose() * Vec3(x, y, kMoonRadius_m).normalized();
 }
 
 Relief::Relief(const ReliefShape& shape, const ReliefHeights& heights, const StopToken& stop)
     : shape_(shape), axes_(relief_axes(shape.centre)) {
-  // A grid ends where the next one serves, seen from the farthest place.
+  // End each grid where marches from the farthest point read the next one.
   for (double spacing = shape.spacing_m;; spacing *= 2) {
-    const double serves = std::min(2.0 * kPostsPerStep * kStepsPerDistance * spacing, shape.farthest_m);
-    const int half = static_cast<int>(std::ceil((shape.half_m + serves) / spacing)) + 2;
+    const double reach_m = std::min(2.0 * kPostsPerStep * kStepsPerDistance * spacing, shape.farthest_m);
+    const int half = static_cast<int>(std::ceil((shape.half_m + reach_m) / spacing)) + 2;
     Grid& grid = grids_.emplace_back(Grid{.side = 2 * half + 1, .spacing_m = spacing, .heights = {}});
     grid.heights.resize(grid.posts() + kPadding);
-    if (serves >= shape.farthest_m) break;
+    if (reach_m >= shape.farthest_m) break;
   }
-  // A part at a time: directions take six times the memory of heights.
-  constexpr std::size_t kPart = 1 << 16, kPiece = 4096;
+  // Fill a grid batch by batch: directions take six times the memory of heights.
+  constexpr std::size_t kBatch = 1 << 16, kPiece = 4096;
   std::vector<Vec3> directions;
   for (std::size_t g = 0; g < grids_.size(); ++g) {
     Grid& grid = grids_[g];
-    for (std::size_t begin = 0; begin < grid.posts(); begin += kPart) {
-      directions.resize(std::min(kPart, grid.posts() - begin));
+    for (std::size_t begin = 0; begin < grid.posts(); begin += kBatch) {
+      directions.resize(std::min(kBatch, grid.posts() - begin));
       in_parallel_pieces(directions.size(), kPiece, [&](std::size_t first, std::size_t past_last) {
         stop.check();
         for (std::size_t i = first; i < past_last; ++i) directions[i] = direction(g, begin + i);
@@ -64,9 +66,9 @@ Relief::Relief(const ReliefShape& shape, const ReliefHeights& heights, const Sto
 std::vector<GridView> Relief::views() const {
   std::vector<GridView> out;
   for (const Grid& grid : grids_)
-    out.push_back({grid.heights.data(), nullptr, static_cast<float>(grid.place(0)), static_cast<float>(grid.spacing_m),
-                   static_cast<float>(1 / grid.spacing_m), static_cast<float>(1 << out.size()), grid.side,
-                   -std::numeric_limits<float>::infinity()});
+    out.push_back({grid.heights.data(), nullptr, static_cast<float>(grid.coordinate_m(0)),
+                   static_cast<float>(grid.spacing_m), static_cast<float>(1 / grid.spacing_m),
+                   static_cast<float>(1 << out.size()), grid.side, -std::numeric_limits<float>::infinity()});
   float highest = -std::numeric_limits<float>::infinity();
   for (std::size_t g = grids_.size(); g-- > 0;) {
     highest = std::max(highest, grids_[g].highest_m);
@@ -75,10 +77,10 @@ std::vector<GridView> Relief::views() const {
   return out;
 }
 
-Vec3 Relief::at(const Grid& grid, int row, int column) const {
+Vec3 Relief::position_of(const Grid& grid, int row, int column) const {
   const auto post =
       static_cast<std::size_t>(row) * static_cast<std::size_t>(grid.side) + static_cast<std::size_t>(column);
-  const Vec3 plane(grid.place(column), grid.place(row), kMoonRadius_m);
+  const Vec3 plane(grid.coordinate_m(column), grid.coordinate_m(row), kMoonRadius_m);
   return plane * ((kMoonRadius_m + reference_m_ + static_cast<double>(grid.heights[post])) / plane.norm());
 }
 
@@ -87,8 +89,8 @@ Relief::Cell Relief::cell(std::size_t grid, std::size_t post) const {
   const int row = static_cast<int>(post / static_cast<std::size_t>(g.side)),
             column = static_cast<int>(post % static_cast<std::size_t>(g.side));
   if (row + 1 >= g.side || column + 1 >= g.side) return {std::nanf(""), Eigen::Vector3f::Zero()};
-  const Vec3 a = at(g, row, column), b = at(g, row, column + 1), c = at(g, row + 1, column),
-             d = at(g, row + 1, column + 1);
+  const Vec3 a = position_of(g, row, column), b = position_of(g, row, column + 1), c = position_of(g, row + 1, column),
+             d = position_of(g, row + 1, column + 1);
   const Vec3 normal = (d - a).cross(c - b);
   const double length = normal.norm();
   if (!(length > 0)) return {std::nanf(""), Eigen::Vector3f::Zero()};
@@ -97,13 +99,13 @@ Relief::Cell Relief::cell(std::size_t grid, std::size_t post) const {
   return {(h[0] + h[1] + h[side] + h[side + 1]) / 4, (normal / length).cast<float>()};
 }
 
-MarchLanes Relief::places(int row, int column, int stride) const {
+MarchLanes Relief::march_lanes(int row, int column, int stride) const {
   const Grid& g = grids_.front();
   MarchLanes lanes;
-  lanes.y = static_cast<float>(g.place(row));
+  lanes.y = static_cast<float>(g.coordinate_m(row));
   for (int i = 0; i < kPacket; ++i) {
     const int at = column + i * stride;
-    lanes.x[i] = static_cast<float>(g.place(at));
+    lanes.x[i] = static_cast<float>(g.coordinate_m(at));
     lanes.height[i] =
         g.heights[static_cast<std::size_t>(row) * static_cast<std::size_t>(g.side) + static_cast<std::size_t>(at)];
   }

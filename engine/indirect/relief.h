@@ -1,5 +1,15 @@
-// Terrain around a place as nested square grids, each twice as coarse as the one before and reaching farther: what
-// light between slopes is gathered from.
+// Terrain around a point as nested square grids of heights, from which light between slopes is gathered.
+//
+// +---------------------+    Each grid has twice the spacing of the one inside it. Grid k ends where
+// | grid 2              |    steps of a march span kPostsPerStep posts of grid k + 1, seen from the
+// |   +-------------+   |    farthest point that gathers light.
+// |   | grid 1      |   |
+// |   |   +-----+   |   |    . points that gather light, up to half_m from the centre
+// |   |   | . . |   |   |
+// |   |   | . . |   |   |
+// |   |   +-----+   |   |
+// |   +-------------+   |
+// +---------------------+
 //
 // Coordinates are gnomonic: a direction d from the Moon's centre lies at R (d.x / d.z, d.y / d.z) in the grids' own
 // axes, z up at their centre. Great circles are straight lines there, at a pole as anywhere, so that a march along an
@@ -18,18 +28,20 @@
 
 namespace selenograph::engine {
 
-// Where the grids are and how fine. A grid of spacing s serves distances of up to 2 kStepsPerDistance s.
+// Position and resolution of the grids. A grid of spacing s serves distances of up to 2 kPostsPerStep kStepsPerDistance
+// s.
 struct ReliefShape {
-  Vec3 centre;              // unit
-  double half_m;            // around it: half the side of what light is gathered for
-  double spacing_m;         // of the finest grid
-  double farthest_m = 2e5;  // beyond, no relief rises above the horizon
+  Vec3 centre;              // unit vector, MOON_ME
+  double half_m;            // half the side of the square around the centre in which light is gathered
+  double spacing_m;         // spacing of the finest grid
+  double farthest_m = 2e5;  // no relief beyond this distance rises above the horizon
 };
 
-// Heights above the datum of unit directions (MOON_ME) from terrain with posts of that spacing, m; NaN: no data.
+// Sets heights above the datum in unit directions (MOON_ME), m, from terrain with posts of that spacing; NaN without
+// data.
 using ReliefHeights = std::function<void(double spacing_m, std::span<const Vec3> directions, std::span<float> heights)>;
 
-// Rows: the axes of a relief's grids in MOON_ME, east, north and up at its centre.
+// Returns the axes of a relief's grids as rows: east, north and up at its centre, in MOON_ME.
 Eigen::Matrix3d relief_axes(const Vec3& centre);
 
 class Relief {
@@ -37,26 +49,28 @@ class Relief {
   Relief(const ReliefShape& shape, const ReliefHeights& heights, const StopToken& stop = {});
 
   const ReliefShape& shape() const { return shape_; }
-  // Rows: the grids' axes in MOON_ME.
+  // Axes of the grids as rows, in MOON_ME.
   const Eigen::Matrix3d& axes() const { return axes_; }
   std::size_t grids() const { return grids_.size(); }
   int side(std::size_t grid) const { return grids_[grid].side; }
-  // Direction (unit, MOON_ME) of a post, row-major; with `middle` of the middle of the cell north-east of it.
+  // Returns the direction (unit, MOON_ME) of a post, numbered row by row; with `middle`, of the middle of the cell
+  // north-east of it.
   Vec3 direction(std::size_t grid, std::size_t post, bool middle = false) const;
-  // The cell north-east of a post: its mean height above the reference and unit normal in the grids' axes, from its
-  // four corners; NaN and zero where one has no data.
+  // Mean height of a cell above the reference, and its unit normal in the grids' axes, from its four corners. NaN and
+  // zero if a corner has no data.
   struct Cell {
     float height;
     Eigen::Vector3f normal;
   };
+  // Returns the cell north-east of a post.
   Cell cell(std::size_t grid, std::size_t post) const;
 
-  // Sixteen posts of the finest grid, `stride` columns apart; their ux and uy are not set.
-  MarchLanes places(int row, int column, int stride) const;
-  // Row and column of the finest grid's middle, where shape().centre is.
+  // Returns sixteen posts of the finest grid, `stride` columns apart. The caller sets their direction.
+  MarchLanes march_lanes(int row, int column, int stride) const;
+  // Row and column of the finest grid's middle, the centre of the shape.
   int middle() const { return grids_.front().side / 2; }
 
-  // For marching. Heights are above reference_m above the datum.
+  // Returns the grids for marches. Their heights are relative to reference_m() above the datum.
   std::vector<GridView> views() const;
   double reference_m() const { return reference_m_; }
   std::size_t bytes() const;
@@ -69,12 +83,14 @@ class Relief {
   struct Grid {
     int side;
     double spacing_m;
-    std::vector<float> heights;  // and kPadding more
+    std::vector<float> heights;  // row by row from the south-west, then kPadding more; relative to reference_m_
     float highest_m = -std::numeric_limits<float>::infinity();
     std::size_t posts() const { return static_cast<std::size_t>(side) * static_cast<std::size_t>(side); }
-    double place(double i) const { return (i - (side - 1) / 2.0) * spacing_m; }
+    // Returns the coordinate of row or column `i`, m from the centre.
+    double coordinate_m(double i) const { return (i - (side - 1) / 2.0) * spacing_m; }
   };
-  Vec3 at(const Grid& grid, int row, int column) const;
+  // Returns the position of a post in the grids' axes, m.
+  Vec3 position_of(const Grid& grid, int row, int column) const;
 
   ReliefShape shape_;
   Eigen::Matrix3d axes_;

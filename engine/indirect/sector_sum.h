@@ -1,5 +1,5 @@
-// The sum over all sectors, in an order that neither the vector width nor Highway's version changes: Highway 1.0
-// and 1.2 add the lanes of a vector in different orders, which alters last bits.
+// Sums over all sectors in an order that neither the vector width nor Highway's version changes. Highway 1.0 and 1.2
+// add the lanes of a vector in different orders, which alters last bits.
 #pragma once
 
 #include "engine/indirect/slope_light.h"

@@ -18,12 +18,15 @@ double albedo_at(const GroundLight& light, std::size_t cell) {
 
 // Turns the lanes to an azimuth of the grids.
 void aim(float ux, float uy, MarchLanes& lanes, AzimuthLanes& out) {
-  lanes.ux = ux, lanes.uy = uy;
+  lanes.ux = ux;
+  lanes.uy = uy;
   for (int i = 0; i < kPacket; ++i) {
     const float dot = ux * out.up[0][i] + uy * out.up[1][i];
     const float x = ux - dot * out.up[0][i], y = uy - dot * out.up[1][i], z = -dot * out.up[2][i];
     const float length = 1 / std::sqrt(x * x + y * y + z * z);
-    out.along[0][i] = x * length, out.along[1][i] = y * length, out.along[2][i] = z * length;
+    out.along[0][i] = x * length;
+    out.along[1][i] = y * length;
+    out.along[2][i] = z * length;
   }
 }
 
@@ -41,22 +44,23 @@ SkyDisc::SkyDisc(const Relief& relief, const Vec3& direction, double angular_rad
       sphere_(relief.sphere()) {}
 
 void SkyDisc::shares(std::span<const GridView> grids, int stride, MarchLanes& lanes, float* share) const {
-  alignas(64) float enough[kPacket], horizon[kPacket];
+  alignas(64) float sufficient_tangent[kPacket];
+  alignas(64) float horizon[kPacket];
   double elevation[kPacket];
   for (int i = 0; i < kPacket; ++i) {
     const Vec3 plane(static_cast<double>(lanes.x[i]), static_cast<double>(lanes.y), kMoonRadius_m);
     elevation[i] = std::asin(std::clamp(plane.normalized().dot(direction_), -1.0, 1.0));
-    // What hides all of it. Of a lane without a height, nothing need be known.
-    enough[i] = static_cast<float>(std::tan(std::min(elevation[i] + radius_, 1.57)));
-    if (std::isnan(lanes.height[i])) enough[i] = -std::numeric_limits<float>::infinity();
+    // A horizon above the disc's upper rim hides all of it. A lane without a height needs no horizon.
+    sufficient_tangent[i] = static_cast<float>(std::tan(std::min(elevation[i] + radius_, 1.57)));
+    if (std::isnan(lanes.height[i])) sufficient_tangent[i] = -std::numeric_limits<float>::infinity();
   }
-  // Where the great circle to the source goes; for all places, from the middle one.
+  // Direction of the great circle to the source, from the middle lane for all lanes.
   const double ux = direction_.x() - static_cast<double>(lanes.x[kPacket / 2]) * direction_.z() / kMoonRadius_m,
                uy = direction_.y() - static_cast<double>(lanes.y) * direction_.z() / kMoonRadius_m;
   const double length = std::hypot(ux, uy);
   lanes.ux = length > 1e-12 ? static_cast<float>(ux / length) : 1;
   lanes.uy = length > 1e-12 ? static_cast<float>(uy / length) : 0;
-  find_horizons(grids, sphere_, lanes, stride, enough, horizon);
+  find_horizons(grids, sphere_, lanes, stride, sufficient_tangent, horizon);
   for (int i = 0; i < kPacket; ++i) {
     const double above = std::atan(static_cast<double>(horizon[i])) - elevation[i];
     share[i] = std::isnan(lanes.height[i]) ? 0
@@ -65,7 +69,7 @@ void SkyDisc::shares(std::span<const GridView> grids, int stride, MarchLanes& la
   }
 }
 
-// Cells that are lit together, fewer at a grid's end.
+// A square of cells that is lit at once; smaller at a grid's end.
 class SlopeLight::Square {
  public:
   Square(const Relief& relief, const GridView& view, std::size_t of_grid, int row, int column)
@@ -80,9 +84,9 @@ class SlopeLight::Square {
     return static_cast<std::size_t>(row_ + r) * static_cast<std::size_t>(view_.side) +
            static_cast<std::size_t>(column_ + c);
   }
-  // The middles of a row of cells. What is beyond the grid's end is as the last one, but in a place of its own.
+  // Returns the middles of a row of cells. Lanes beyond the grid's end repeat the last cell at positions of their own.
   using Cells = std::array<Relief::Cell, kPacket>;
-  MarchLanes places(int r, Cells& cells) const {
+  MarchLanes march_lanes(int r, Cells& cells) const {
     static_assert(kSquare == kPacket);
     MarchLanes lanes;
     lanes.y = view_.first_m + (static_cast<float>(row_ + r) + 0.5F) * view_.spacing_m;
@@ -146,23 +150,23 @@ void SlopeLight::light_cells(std::size_t grid, int row, int first_column, int la
                              const StopToken& stop) const {
   const Ground& ground = ground_[grid];
   const int side = grids_[grid].side;
-  const auto square = [&](int at) { return std::clamp(at, 0, side - 1) / kSquare; };
-  for (int c = square(first_column); c <= square(last_column); ++c) {
-    const int r = square(row);
-    const std::size_t at =
+  const auto square_of = [&](int cell) { return std::clamp(cell, 0, side - 1) / kSquare; };
+  for (int c = square_of(first_column); c <= square_of(last_column); ++c) {
+    const int r = square_of(row);
+    const std::size_t index =
         static_cast<std::size_t>(r) * static_cast<std::size_t>(ground.squares) + static_cast<std::size_t>(c);
-    const auto here = [&] { return Square(relief_, grids_[grid], grid, r * kSquare, c * kSquare); };
-    ground.lit[at].run([&] { light_square(here(), stop); });
-    if (bounces > 1) ground.glows[at].run([&] { let_glow(here(), stop); });
+    const auto square = [&] { return Square(relief_, grids_[grid], grid, r * kSquare, c * kSquare); };
+    ground.lit[index].run([&] { light_in_sun(square(), stop); });
+    if (bounces > 1) ground.glows[index].run([&] { light_by_ground(square(), stop); });
   }
 }
 
-// The grid's own heights and those of the coarser ones shade it.
-void SlopeLight::light_square(const Square& square, const StopToken& stop) const {
+// Sets normals, albedo and sunlight of a square. The grid's own heights and the coarser grids' cast shadows on it.
+void SlopeLight::light_in_sun(const Square& square, const StopToken& stop) const {
   stop.check();
   const GridView& view = grids_[square.grid];
   GroundLight& light = ground_[square.grid].light;
-  const std::span<const GridView> around = std::span(grids_).subspan(square.grid);
+  const std::span<const GridView> grids = std::span(grids_).subspan(square.grid);
   const double lowest = -std::sin(source_.sun.angular_radius_deg * kRadiansPerDegree);
   std::vector<float> albedo;
   if (source_.albedo) {
@@ -175,28 +179,30 @@ void SlopeLight::light_square(const Square& square, const StopToken& stop) const
   }
   for (int r = 0; r < square.rows; ++r) {
     Square::Cells cells;
-    MarchLanes lanes = square.places(r, cells);
+    MarchLanes lanes = square.march_lanes(r, cells);
     alignas(64) float share[kPacket];
-    // What is turned away needs no march.
+    // Skip the march for cells that face away from the Sun.
     for (std::size_t i = 0; i < kPacket; ++i)
       if (!(cells[i].normal.cast<double>().dot(disc_.direction()) > lowest)) lanes.height[i] = std::nanf("");
-    disc_.shares(around, static_cast<int>(view.coarser), lanes, share);
+    disc_.shares(grids, static_cast<int>(view.coarser), lanes, share);
     for (int c = 0; c < square.columns; ++c) {
       const std::size_t at = square.post(r, c);
       const Eigen::Vector3f& normal = cells[static_cast<std::size_t>(c)].normal;
-      light.nx[at] = normal.x(), light.ny[at] = normal.y(), light.lit[at] = share[c];
+      light.nx[at] = normal.x();
+      light.ny[at] = normal.y();
+      light.lit[at] = share[c];
       if (source_.albedo) light.albedo[at] = albedo[static_cast<std::size_t>(r * square.columns + c)];
     }
   }
 }
 
-// What arrives is that of the cells in the middle row: a square is a third of the distance from which it is seen, or
-// less. Ground reflects it as diffuse light.
-void SlopeLight::let_glow(const Square& square, const StopToken& stop) const {
+// Sets the light that a square reflects from other ground, as diffuse light. The light is gathered at the cells of the
+// middle row: a square is at most a third as wide as the distance from which a march reads it.
+void SlopeLight::light_by_ground(const Square& square, const StopToken& stop) const {
   GroundLight& light = ground_[square.grid].light;
   Square::Cells cells;
-  MarchLanes lanes = square.places(square.rows / 2, cells);
-  Arriving arriving;
+  MarchLanes lanes = square.march_lanes(square.rows / 2, cells);
+  ArrivingLight arriving;
   gather(square.grid, lanes, static_cast<int>(grids_[square.grid].coarser), {kAzimuthsOfGround, 0.5}, 1, arriving,
          stop);
   for (int r = 0; r < square.rows; ++r) {
@@ -245,8 +251,8 @@ float SlopeLight::radiosity(int row, int column, const StopToken& stop) const {
 }
 
 void SlopeLight::gather(std::size_t grid, MarchLanes& lanes, int stride, const Azimuths& azimuths, int bounces,
-                        Arriving& out, const StopToken& stop) const {
-  const std::span<const GridView> around = std::span(grids_).subspan(grid);
+                        ArrivingLight& out, const StopToken& stop) const {
+  const std::span<const GridView> grids = std::span(grids_).subspan(grid);
   alignas(64) float horizon[kPacket];
   AzimuthLanes directions;
   for (int k = 0; k < 3; ++k) directions.sun[k] = static_cast<float>(disc_.direction()[k]);
@@ -254,29 +260,31 @@ void SlopeLight::gather(std::size_t grid, MarchLanes& lanes, int stride, const A
     const Vec3 d = Vec3(static_cast<double>(lanes.x[i]), static_cast<double>(lanes.y), kMoonRadius_m).normalized();
     for (int k = 0; k < 3; ++k) directions.up[k][i] = static_cast<float>(d[k]);
   }
-  std::vector<SeenPiece> pieces;
-  PieceLight light;
+  std::vector<VisibleSegment> segments;
+  SegmentLight light;
   alignas(64) double reflected[kPacket];
+  // March along each azimuth; light the visible ground on demand, then add what it reflects.
   for (int azimuth = 0; azimuth < azimuths.count; ++azimuth) {
     const double phi = (azimuth + azimuths.first) * 2 * kPi / azimuths.count;
     aim(static_cast<float>(std::cos(phi)), static_cast<float>(std::sin(phi)), lanes, directions);
-    pieces.clear();
-    find_pieces(around, relief_.sphere(), lanes, stride, pieces, horizon);
+    segments.clear();
+    find_visible_segments(grids, relief_.sphere(), lanes, stride, segments, horizon);
     add_sky(directions, horizon, out.sky);
     auto& sum = out.from[azimuth / (azimuths.count / kSectors)];
-    for (const SeenPiece& piece : pieces) {
-      const RowOfCells& cells = piece.cells;
-      // What is read up to the last place: of cells farther apart those between, too.
-      const float past = cells.pitch > 1 ? static_cast<float>(kPacket) * cells.pitch - 1
+    for (const VisibleSegment& segment : segments) {
+      const RowOfCells& cells = segment.cells;
+      // Light all cells that the vector loads read; for a pitch above 1 also those between the lanes.
+      const float span = cells.pitch > 1 ? static_cast<float>(kPacket) * cells.pitch - 1
                                          : static_cast<float>(kPacket - 1) * cells.pitch;
-      light_cells(grid + piece.grid, cells.row, static_cast<int>(cells.column), static_cast<int>(cells.column + past),
+      light_cells(grid + segment.grid, cells.row, static_cast<int>(cells.column), static_cast<int>(cells.column + span),
                   bounces, stop);
-      if (!light_piece(piece, around[piece.grid], directions, bounces > 1, light)) continue;
+      if (!light_segment(segment, grids[segment.grid], directions, bounces > 1, light)) continue;
       source_.brdf.times_mu0(light.mu0, light.mu, light.cos_phase, source_.albedo_is_w ? light.albedo : nullptr,
                              reflected);
-      add_piece(piece, directions, light, reflected, !source_.albedo_is_w, sum);
+      add_segment(segment, directions, light, reflected, !source_.albedo_is_w, sum);
     }
   }
+  // Each azimuth stands for a sector of 2 pi / count.
   const auto turn = static_cast<float>(2 * kPi / azimuths.count);
   const auto finish = [&](float(&sum)[3][kPacket]) {
     for (auto& component : sum)
@@ -288,18 +296,18 @@ void SlopeLight::gather(std::size_t grid, MarchLanes& lanes, int stride, const A
 
 void SlopeLight::gather(int row, int column, int stride, std::span<SectorLight, kPacket> out,
                         const StopToken& stop) const {
-  MarchLanes lanes = relief_.places(row, column, stride);
-  Arriving arriving;
+  MarchLanes lanes = relief_.march_lanes(row, column, stride);
+  ArrivingLight arriving;
   gather(0, lanes, stride, {azimuths_, row / stride % 2 ? 0.75 : 0.25}, source_.bounces, arriving, stop);
   const Eigen::Matrix3f back = relief_.axes().transpose().cast<float>();
   for (int i = 0; i < kPacket; ++i) {
     const auto vector = [&](const float(&sum)[3][kPacket]) -> Eigen::Vector3f {
       return back * Eigen::Vector3f(sum[0][i], sum[1][i], sum[2][i]);
     };
-    SectorLight& of = out[static_cast<std::size_t>(i)];
+    SectorLight& light = out[static_cast<std::size_t>(i)];
     for (std::size_t k = 0; k < kSectors; ++k)
-      of.from[k] = vector(arriving.from[k]) * static_cast<float>(source_.irradiance_w_m2);
-    of.sky = vector(arriving.sky);
+      light.from[k] = vector(arriving.from[k]) * static_cast<float>(source_.irradiance_w_m2);
+    light.sky = vector(arriving.sky);
   }
 }
 

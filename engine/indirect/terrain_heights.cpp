@@ -19,7 +19,7 @@ using dem::BlockId;
 
 using dem::Ticks;
 
-// Latitude and longitude, radians: to_geographic() finds heights, too.
+// Latitude and longitude, radians. to_geographic() would compute heights, too.
 struct Angles {
   double lat, lon;
 };
@@ -27,16 +27,20 @@ Angles angles_of(const Vec3& d) {
   return {std::atan2(d.z(), std::sqrt(d.x() * d.x() + d.y() * d.y())), std::atan2(d.y(), d.x())};
 }
 
-// Of up to kGroup directions, mostly next to each other: angles from the first to the others by their tangents.
+// Computes the angles of up to kGroup directions, mostly next to each other: the first by arctangents, the others by a
+// series from there. The group's fixed size lets the loop vectorise.
 constexpr std::size_t kGroup = 16;
 void angles_of(std::span<const Vec3> directions, Angles* out) {
   const Vec3& first = directions.front();
   const Angles from = angles_of(first);
   const double fx = first.x(), fy = first.y(), fz = first.z(), fr = std::sqrt(fx * fx + fy * fy);
   double x[kGroup] = {}, y[kGroup] = {}, z[kGroup] = {}, lat[kGroup], lon[kGroup], tangent[kGroup];
-  for (std::size_t i = 0; i < directions.size(); ++i)
-    x[i] = directions[i].x(), y[i] = directions[i].y(), z[i] = directions[i].z();
-  // Up to 1e-16 for the tangents that are taken.
+  for (std::size_t i = 0; i < directions.size(); ++i) {
+    x[i] = directions[i].x();
+    y[i] = directions[i].y();
+    z[i] = directions[i].z();
+  }
+  // The series has an error of 1e-16 up to this tangent.
   constexpr double kLargest = 0.03;
   const auto angle = [](double t) {
     const double square = t * t;
@@ -48,13 +52,15 @@ void angles_of(std::span<const Vec3> directions, Angles* out) {
     const double around = fx * x[i] + fy * y[i], up = fr * r + fz * z[i];
     const double t = (fx * y[i] - fy * x[i]) / around, u = (fr * z[i] - fz * r) / up;
     const double across = t < 0 ? -t : t, along = u < 0 ? -u : u, larger = across > along ? across : along;
-    lon[i] = from.lon + angle(t), lat[i] = from.lat + angle(u);
+    lon[i] = from.lon + angle(t);
+    lat[i] = from.lat + angle(u);
     tangent[i] = (around > 0) & (up > 0) ? larger : 1;
   }
   for (std::size_t i = 0; i < directions.size(); ++i)
     out[i] = tangent[i] < kLargest ? Angles{lat[i], lon[i]} : angles_of(directions[i]);
 }
 
+// Returns a block's height at a position, linear in the triangle of its quad.
 float height_at(const dem::Block& block, const Ticks& at) {
   const dem::BlockExtent& e = block.extent;
   const auto fraction = [&](double ticks, std::int32_t first, std::int32_t step) {
@@ -73,15 +79,16 @@ float height_at(const dem::Block& block, const Ticks& at) {
   return corner + (1 - a) * (north_west - corner) + (1 - b) * (south_east - corner);
 }
 
-// The level with posts as close as that, on a meridian.
+// Returns the coarsest level whose posts on a meridian are at most that far apart.
 int level_of(double spacing_m) {
   const double level = std::log2(dem::post_spacing_m(0) / spacing_m);
   return std::clamp(static_cast<int>(std::ceil(level - 1e-6)), 0, dem::kMaxLevel);
 }
 
-class BlocksAround {
+// Blocks of one level at given directions, loaded once each.
+class BlocksAtDirections {
  public:
-  BlocksAround(const dem::Terrain& terrain, int level, std::span<const Vec3> directions, const StopToken& stop)
+  BlocksAtDirections(const dem::Terrain& terrain, int level, std::span<const Vec3> directions, const StopToken& stop)
       : ticks_(directions.size()), slots_(directions.size()) {
     std::vector<BlockId> ids(directions.size());
     in_parallel_pieces(ids.size(), 4096, [&](std::size_t first, std::size_t past_last) {
@@ -97,31 +104,31 @@ class BlocksAround {
         }
       }
     });
-    // Neighbours are mostly in one block.
-    std::unordered_map<BlockId, std::uint32_t, dem::BlockIdHash> found;
-    std::unordered_map<BlockId, std::uint32_t, dem::BlockIdHash> loaded;
-    std::vector<BlockId> wanted;
+    // Neighbouring directions mostly share a block.
+    std::unordered_map<BlockId, std::uint32_t, dem::BlockIdHash> slot_of_id;
+    std::unordered_map<BlockId, std::uint32_t, dem::BlockIdHash> slot_of_ancestor;
+    std::vector<BlockId> ids_to_load;
     for (std::size_t i = 0; i < ids.size(); ++i) {
       if (i > 0 && ids[i] == ids[i - 1]) {
         slots_[i] = slots_[i - 1];
         continue;
       }
-      const auto [known, is_new] = found.try_emplace(ids[i], 0);
+      const auto [entry, is_new] = slot_of_id.try_emplace(ids[i], 0);
       if (is_new) {
         BlockId id = ids[i];
         if (!terrain.has_data(id)) {
-          known->second = kNone;
+          entry->second = kNone;
         } else {
           if (const int finest = terrain.posts_level(id); finest < id.level)
             id = dem::ancestor_of(id, std::max(finest, 0));
-          const auto [slot, first] = loaded.try_emplace(id, static_cast<std::uint32_t>(wanted.size()));
-          if (first) wanted.push_back(id);
-          known->second = slot->second;
+          const auto [slot, first] = slot_of_ancestor.try_emplace(id, static_cast<std::uint32_t>(ids_to_load.size()));
+          if (first) ids_to_load.push_back(id);
+          entry->second = slot->second;
         }
       }
-      slots_[i] = known->second;
+      slots_[i] = entry->second;
     }
-    blocks_ = load_blocks(terrain, wanted, nullptr, stop);
+    blocks_ = load_blocks(terrain, ids_to_load, nullptr, stop);
   }
 
   float height(std::size_t i) const {
@@ -140,7 +147,7 @@ class BlocksAround {
 
 ReliefHeights heights_of(const dem::Terrain& terrain, const StopToken& stop) {
   return [&terrain, &stop](double spacing_m, std::span<const Vec3> directions, std::span<float> heights) {
-    const BlocksAround blocks(terrain, level_of(spacing_m), directions, stop);
+    const BlocksAtDirections blocks(terrain, level_of(spacing_m), directions, stop);
     in_parallel_pieces(heights.size(), 4096, [&](std::size_t first, std::size_t past_last) {
       for (std::size_t i = first; i < past_last; ++i) heights[i] = blocks.height(i);
     });

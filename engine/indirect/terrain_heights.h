@@ -7,8 +7,8 @@
 
 namespace selenograph::engine {
 
-// From the level whose posts are as close as the relief's, or the finest that there is; linear in its triangles. The
-// arguments must outlive the function.
+// Returns heights from the level whose posts are as close as the relief's, or from the finest existing one, linear in
+// its triangles. The arguments must outlive the function.
 ReliefHeights heights_of(const dem::Terrain& terrain, const StopToken& stop);
 
 }  // namespace selenograph::engine

@@ -15,27 +15,30 @@ namespace selenograph::engine {
 TerrainLight::TerrainLight(const FrameRequest& request, const ViewOfGround& view, const std::optional<Vec3>& viewer_m,
                            const dem::Terrain& terrain, double direct_w_m2, LightTiles& tiles, const StopToken& stop)
     : request_(request), mesh_(view.mesh), sources_(light_sources(request, direct_w_m2)) {
-  FieldsInView seen = fields_in_view(view, terrain, request.indirect.spacing_px);
-  of_block_ = std::move(seen.of_block), of_object_ = std::move(seen.of_object), fade_ = seen.fade;
+  FieldsInView fields = fields_in_view(view, terrain, request.indirect.spacing_px);
+  field_of_block_ = std::move(fields.field_of_block);
+  field_of_object_ = std::move(fields.field_of_object);
+  fade_ = fields.fade;
   for (const Ball& object : view.objects) objects_m_.push_back(object.centre_m);
-  if (seen.tiles() * (LightTiles::bytes_of_tile() + sizeof(Tile)) > tiles.capacity())
+  if (fields.tiles() * (LightTiles::bytes_of_tile() + sizeof(Tile)) > tiles.capacity())
     throw TooMuchTerrain(
         fmt::format("the frame's indirect light is gathered in {} tiles, more than the {} MB for them hold: "
                     "a larger \"spacing_px\" takes fewer",
-                    seen.tiles(), tiles.capacity() >> 20),
+                    fields.tiles(), tiles.capacity() >> 20),
         "indirect");
-  tiles_.resize(seen.tiles());
+  tiles_.resize(fields.tiles());
   const Brdf brdf(request.reflectance, band_of(request));
   const Viewer viewer{view.views, viewer_m};
   std::size_t next = 0;
-  for (const FieldsInView::Field& field : seen.fields) {
+  for (const FieldsInView::Field& field : fields.fields) {
     stop.check();
-    auto kept = tiles.get(field.id, field.plane, field.tiles, {terrain, request}, stop);
+    auto light_tiles = tiles.get(field.id, field.plane, field.tiles, {terrain, request}, stop);
     const auto side = static_cast<std::size_t>(field.plane.tiles());
     Field& own = fields_.emplace_back(Field{field.plane, std::vector<const Tile*>(side * side)});
-    in_parallel(kept.size(), [&](std::size_t i) {
+    in_parallel(light_tiles.size(), [&](std::size_t i) {
       Tile& tile = tiles_[next + i];
-      tile.light = std::move(kept[i]), tile.rows = field.tiles[i];
+      tile.light = std::move(light_tiles[i]);
+      tile.rows = field.tiles[i];
       set_factors(*tile.light, field.plane, tile.rows, viewer, brdf, tile.factors);
     });
     for (const TileRows& at : field.tiles) {
@@ -43,8 +46,8 @@ TerrainLight::TerrainLight(const FrameRequest& request, const ViewOfGround& view
       own.tiles[static_cast<std::size_t>(at.tile)] = &tile;
       for (int row = 0; row < FieldPlane::kTileSide; ++row)
         if (at.has(row))
-          most_ground_view_ = std::max(
-              most_ground_view_, static_cast<double>(tile.light->most_ground_view[static_cast<std::size_t>(row)]));
+          max_ground_view_ = std::max(max_ground_view_,
+                                      static_cast<double>(tile.light->max_ground_view[static_cast<std::size_t>(row)]));
     }
   }
 }
@@ -53,22 +56,22 @@ void TerrainLight::read(const SurfacePoints& points, const Shading& shading, Ter
   FieldLanes at;
   const std::uint32_t hits = hit_bits(points);
   const bool one_block = in_one_block(points.triangle);
-  // All are mostly in one field, and in one tile of it.
+  // Handle the lanes field by field and tile by tile: mostly all share one.
   for (std::uint32_t left = hits; left;) {
-    const int of = of_block_[points.triangle[std::countr_zero(left)].block()];
+    const int field_index = field_of_block_[points.triangle[std::countr_zero(left)].block()];
     std::uint32_t here = left;
     for (std::uint32_t i = 0; i < kPacket && !one_block; ++i)
-      if (of_block_[points.triangle[i].block()] != of) here &= ~(1U << i);
+      if (field_of_block_[points.triangle[i].block()] != field_index) here &= ~(1U << i);
     left &= ~here;
-    if (of < 0) {
+    if (field_index < 0) {
       for (std::uint32_t lanes = sources_.earth_w_m2 > 0 ? here : 0; lanes; lanes &= lanes - 1) {
         const int i = std::countr_zero(lanes);
         out.earth[i] = static_cast<float>(sources_.earth_above_level(points.position(i)));
       }
       continue;
     }
-    const Field& field = fields_[static_cast<std::size_t>(of)];
-    places_in_field(field.plane, points, at);
+    const Field& field = fields_[static_cast<std::size_t>(field_index)];
+    set_field_lanes(field.plane, points, at);
     while (here) {
       const int tile = at.tile[std::countr_zero(here)];
       std::uint32_t in_tile = 0;
@@ -78,28 +81,30 @@ void TerrainLight::read(const SurfacePoints& points, const Shading& shading, Ter
       here &= ~in_tile;
     }
   }
+  // Fade the light from terrain with distance; earthlight does not fade.
   for (std::uint32_t lanes = fade_ ? hits : 0; lanes; lanes &= lanes - 1) {
     const int i = std::countr_zero(lanes);
     const auto share = static_cast<float>(fade_->share(points.position(i)));
-    for (float* of : {out.arrives, out.x, out.y, out.z, out.fluence}) of[i] *= share;
+    for (float* values : {out.arrives, out.x, out.y, out.z, out.fluence}) values[i] *= share;
   }
 }
 
-std::optional<LightPlace> TerrainLight::at(int of, const Vec3& place_m) const {
-  if (of < 0) return std::nullopt;
-  const Field& field = fields_[static_cast<std::size_t>(of)];
-  const FieldPost at = field.plane.post_at(place_m);
+std::optional<BetweenPosts> TerrainLight::posts_at(int field_index, const Vec3& position_m) const {
+  if (field_index < 0) return std::nullopt;
+  const Field& field = fields_[static_cast<std::size_t>(field_index)];
+  const FieldPost at = field.plane.post_at(position_m);
   const Tile* tile = field.tiles[static_cast<std::size_t>(at.tile)];
   if (!tile || !tile->rows.has(at.row) || !tile->rows.has(at.row + 1)) return std::nullopt;
   const auto post = static_cast<std::size_t>(at.row * FieldPlane::kTileSide + at.column);
-  return LightPlace{&tile->light->posts[post], static_cast<float>(at.east), static_cast<float>(at.north)};
+  return BetweenPosts{&tile->light->posts[post], static_cast<float>(at.east), static_cast<float>(at.north)};
 }
 
 void TerrainLight::add(const SurfacePoints& points, const Shading& shading, const Rays& rays, const Brdf& brdf,
                        const double* albedo, float* radiance) const {
   const bool hapke = request_.reflectance.model == ReflectanceModel::hapke;
   const double *w = hapke ? albedo : nullptr, *factor = hapke ? nullptr : albedo;
-  alignas(64) double mu[kPacket], reflected[kPacket];
+  alignas(64) double mu[kPacket];
+  alignas(64) double reflected[kPacket];
   for (int i = 0; i < kPacket; ++i) mu[i] = shading.mu[i] > 0 ? shading.mu[i] : 0;
   TerrainLanes lanes;
   read(points, shading, lanes);
@@ -115,43 +120,44 @@ void TerrainLight::add(const SurfacePoints& points, const Shading& shading, cons
 
 Irradiance TerrainLight::irradiance(const SurfacePoints& points, int lane, const Vec3& normal) const {
   const Vec3 position_m = points.position(lane);
-  const auto place = at(of_block_[points.triangle[lane].block()], position_m);
-  if (!place) return irradiance_on_level(position_m, normal, sources_);
-  Irradiance out = irradiance_at(*place, normal, sources_);
+  const auto posts = posts_at(field_of_block_[points.triangle[lane].block()], position_m);
+  if (!posts) return irradiance_on_level(position_m, normal, sources_);
+  Irradiance out = irradiance_at(*posts, normal, sources_);
   if (fade_) out.terrain_w_m2 *= fade_->share(position_m);
   return out;
 }
 
-Irradiance TerrainLight::Place::on(const Vec3& normal) const {
-  // Of level ground, a plane with that normal sees (1 - cos) / 2 of its hemisphere.
+Irradiance TerrainLight::ObjectLight::on(const Vec3& normal) const {
+  // A plane with this normal sees level ground in (1 - cos) / 2 of its hemisphere.
   return {0, std::max(normal.dot(terrain), 0.0) + ground * std::max(1 - normal.dot(up), 0.0) / 2,
           std::max(normal.dot(earth), 0.0)};
 }
 
-// The posts that the ground there has in view; else those of the object, as far as they reach, or below its middle.
-std::optional<LightPlace> TerrainLight::below(const Vec3& place_m, std::size_t object) const {
-  const auto block = mesh_.block_at(place_m);
-  if (const auto place = at(block ? of_block_[*block] : -1, place_m); place || object >= of_object_.size())
-    return place;
-  const auto place = at(of_object_[object], place_m);
-  return place ? place : at(of_object_[object], objects_m_[object]);
+std::optional<BetweenPosts> TerrainLight::below(const Vec3& position_m, std::size_t object) const {
+  const auto block = mesh_.block_at(position_m);
+  if (const auto posts = posts_at(block ? field_of_block_[*block] : -1, position_m);
+      posts || object >= field_of_object_.size())
+    return posts;
+  const auto posts = posts_at(field_of_object_[object], position_m);
+  return posts ? posts : posts_at(field_of_object_[object], objects_m_[object]);
 }
 
-TerrainLight::Place TerrainLight::on_objects(const Vec3& place_m, std::size_t object) const {
-  Place out;
-  out.up = place_m.normalized();
-  const auto place = below(place_m, object);
-  if (!place) {
-    out.earth = sources_.earth_w_m2 * sources_.earth_above_level(place_m) * sources_.earth;
+TerrainLight::ObjectLight TerrainLight::on_objects(const Vec3& position_m, std::size_t object) const {
+  ObjectLight out;
+  out.up = position_m.normalized();
+  const auto posts = below(position_m, object);
+  if (!posts) {
+    out.earth = sources_.earth_w_m2 * sources_.earth_above_level(position_m) * sources_.earth;
     return out;
   }
-  const LightSum post = sum_between(*place);
+  const LightSum post = sum_between(*posts);
   out.terrain =
       sources_.sun_w_m2 * Vec3(static_cast<double>(post.x), static_cast<double>(post.y), static_cast<double>(post.z));
   out.earth = sources_.earth_w_m2 * static_cast<double>(post.earth) * sources_.earth;
   out.ground = sources_.sun_w_m2 * static_cast<double>(post.ground);
-  const double share = fade_ ? fade_->share(place_m) : 1;
-  out.terrain *= share, out.ground *= share;
+  const double share = fade_ ? fade_->share(position_m) : 1;
+  out.terrain *= share;
+  out.ground *= share;
   return out;
 }
 

@@ -80,10 +80,10 @@ std::vector<std::uint64_t> craters_of(const std::vector<Vec3>& places, const Lid
     if (field.largest_m(octave) < options.smallest_m) continue;
     const dem::Footprint region = dem::around(*box, field.largest_m(octave) / 2);
     const double smallest_m = std::max(options.smallest_m, field.largest_m(octave) / 2);
-    if (const double number = dem::expected_craters(field, region, smallest_m); number > kMostCraters)
+    if (const double number = dem::expected_craters(field, region, smallest_m); number > kMaxCraters)
       throw ImpossibleRequest(fmt::format("there are some {:.0f} craters of {:g} m and more around what the beams met; "
                                           "up to {} are looked through: a larger smallest_m is needed",
-                                          number, smallest_m, kMostCraters),
+                                          number, smallest_m, kMaxCraters),
                               "craters");
     const auto pieces = dem::cut(region, std::ldexp(dem::CraterSurvey::kBoxDiameters, octave));
     const auto craters = gathered_in_parallel<dem::CraterFeature>(pieces.size(), 4, [&](std::size_t i, auto& some) {

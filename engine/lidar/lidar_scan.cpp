@@ -82,8 +82,8 @@ class GroundReflectance {
   double albedo_at(const Vec3& place, double side_m, std::vector<ScaledMap>& maps) const {
     const Geographic g = to_geographic(place);
     double sum = 0;
-    parts_of(maps, {g.lat_deg, g.lon_deg, {side_m, 0}, {0, side_m}}, maps_->fallback(),
-             [&](double value, double share) { sum += value * share; });
+    visit_coverage(maps, {g.lat_deg, g.lon_deg, {side_m, 0}, {0, side_m}}, maps_->fallback(),
+                   [&](double value, double share) { sum += value * share; });
     return sum;
   }
 

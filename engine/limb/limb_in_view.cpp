@@ -16,7 +16,7 @@
 #include "dem/terrain/surface_place.h"
 #include "engine/camera/row_views.h"
 #include "engine/rays/ray_queries.h"
-#include "engine/scene/known_nodes.h"
+#include "engine/scene/bounded_nodes.h"
 #include "engine/scene/selection.h"
 
 namespace selenograph::engine {
@@ -136,7 +136,7 @@ class LimbSearch {
     if (id.level > posts_level) return of_posts(id, dem::ancestor_of(id, posts_level));
     const auto matters = [&](const NodeBounds& b) { return upper_rad(b) > best_rad_; };
     if (!may_matter(terrain_, id, stop_, matters)) return std::nullopt;
-    const auto node = known(terrain_, id, stop_);
+    const auto node = bounded_node(terrain_, id, stop_);
     return node ? std::optional(node->bounds) : std::nullopt;
   }
 

@@ -242,7 +242,7 @@ class MapDrawing {
       indirect.emplace(frame_,
                        ViewOfGround{above, scene.mesh, balls_around(frame_.objects), objects.balls_around_rocks()},
                        viewer_m, terrain_, radiance_.direct_w_m2, kept_.light_tiles(), stop_);
-      out_.report.ground_view = std::max(out_.report.ground_view, indirect->most_ground_view());
+      out_.report.ground_view = std::max(out_.report.ground_view, indirect->max_ground_view());
     }
     const FrameJob job{frame_, above, scene, objects, radiance_, lens, stop_, each, indirect ? &*indirect : nullptr};
     FrameProducts drawn;

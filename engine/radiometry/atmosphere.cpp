@@ -54,7 +54,7 @@ Atmosphere Atmosphere::read(const std::string& path) {
 
 Atmosphere::InBand Atmosphere::over(const Band& band, double temperature_k) const {
   const double first = band.response().front().wavelength_um, last = band.response().back().wavelength_um;
-  constexpr double kRounding = 1e-12;  // of a band's ends from its center and width
+  constexpr double kRounding = 1e-12;  // rounding of a band's ends, which follow from its center and width
   if (first < rows_.front().wavelength_um * (1 - kRounding) || last > rows_.back().wavelength_um * (1 + kRounding))
     throw ImpossibleRequest(fmt::format("the band, {} to {} um, is not within the atmosphere's table, {} to {} um",
                                         first, last, rows_.front().wavelength_um, rows_.back().wavelength_um));

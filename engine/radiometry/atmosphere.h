@@ -17,7 +17,7 @@ struct AtmosphereRow {
   double thermal_path_w_m2_sr_um;  // L_th
 };
 
-// Valid for the viewing geometry and surface it was computed for; at 1 au.
+// Table of an atmosphere's effects at 1 au, valid for the viewing geometry and surface that it was computed for.
 class Atmosphere {
  public:
   // Reads a CSV file whose first line that is not a comment (#) is
@@ -28,13 +28,13 @@ class Atmosphere {
   explicit Atmosphere(std::vector<AtmosphereRow> rows) : rows_(std::move(rows)) {}
   const std::vector<AtmosphereRow>& rows() const { return rows_; }
 
-  // Integrals over a band, exact for a table that is linear in between. Throws ImpossibleRequest when the band is not
-  // within the table.
+  // Integrals over a band, exact for a table that is linear between its rows.
   struct InBand {
     double direct_w_m2;  // E_sun tau
     double indirect_w_m2_sr, scattered_w_m2_sr, thermal_path_w_m2_sr;
     double emitted_w_m2_sr;  // B(T) tau
   };
+  // Integrates over a band. Throws ImpossibleRequest if the band is not within the table.
   InBand over(const Band& band, double temperature_k) const;
 
  private:

@@ -20,7 +20,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// Of this target, or the linker would take another's instances of the templates.
+// A type per vector target: with a common type, the linker would merge the targets' template instances.
 struct Math : LaneMath {};
 
 template <bool kLegendre, bool kOf2002>
@@ -40,13 +40,15 @@ void HapkeLanes(const HapkeLaw& law, const double* mu0, const double* mu, const 
 
 void OfPhaseLanes(const TermsByPhase& terms, const double* mu0, const double* mu, const double* cos_phase,
                   double* out) {
-  // The lanes' cubics are copied: half the time that a vector's gathering takes.
-  alignas(64) double cubics[kPacket][TermsByPhase::kCoefficients], x[kPacket];
+  // Copy the lanes' cubics: this takes half the time of a vector gather.
+  alignas(64) double cubics[kPacket][TermsByPhase::kCoefficients];
+  alignas(64) double x[kPacket];
   alignas(64) int intervals[kPacket];
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const TermsByPhase::Place place = TermsByPhase::place_of(cos_phase[i]);
-    intervals[i] = place.interval, x[i] = place.x;
+    const TermsByPhase::Position position = TermsByPhase::position_of(cos_phase[i]);
+    intervals[i] = position.interval;
+    x[i] = position.x;
   }
   for (int i = 0; i < kPacket; ++i) std::memcpy(cubics[i], terms.cubics_of(intervals[i]), sizeof cubics[i]);
   SELENOGRAPH_INDEPENDENT_LANES
@@ -66,7 +68,8 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
-// Paper eq. (11). The halfway vector's cosine follows from the others: (mu0 + mu) / |omega_i + omega_o|.
+// Blinn-Phong, paper eq. (11). The cosine of the halfway vector follows from the others: (mu0 + mu) / |omega_i +
+// omega_o|.
 struct BlinnPhong {
   double factor;  // rho (p + 4) (p + 2) / (8 pi (p + 2^(-p / 2)))
   double p;
@@ -77,22 +80,22 @@ struct BlinnPhong {
   }
 };
 
-double lane(const HapkeLaw& law, double mu0, double mu, double cos_phase) {
+double times_mu0_of(const HapkeLaw& law, double mu0, double mu, double cos_phase) {
   return law.with_kind([&]<bool kLegendre, bool kOf2002>() {
     return law.times_mu0<ScalarMath, kLegendre, kOf2002>(mu0, mu, cos_phase, law.albedo());
   });
 }
-double lane(const TermsByPhase& terms, double mu0, double mu, double cos_phase) {
+double times_mu0_of(const TermsByPhase& terms, double mu0, double mu, double cos_phase) {
   return terms.at(cos_phase).times_mu0(mu0, mu);
 }
-double lane(const BlinnPhong& model, double mu0, double mu, double cos_phase) {
+double times_mu0_of(const BlinnPhong& model, double mu0, double mu, double cos_phase) {
   return model.times_mu0(mu0, mu, cos_phase);
 }
 
 }  // namespace
 
 struct Brdf::Model {
-  std::variant<BlinnPhong, TermsByPhase, HapkeLaw> is;
+  std::variant<BlinnPhong, TermsByPhase, HapkeLaw> law;
 };
 
 Brdf::Brdf(const Reflectance& r, const Band* band) {
@@ -113,7 +116,7 @@ Brdf::Brdf(const Reflectance& r, const Band* band) {
 
 double Brdf::times_mu0(double mu0, double mu, double cos_phase) const {
   if (terms_) return terms_->times_mu0(mu0, mu, cos_phase);
-  return std::visit([&](const auto& model) { return lane(model, mu0, mu, cos_phase); }, model_->is);
+  return std::visit([&](const auto& model) { return times_mu0_of(model, mu0, mu, cos_phase); }, model_->law);
 }
 
 void Brdf::times_mu0(const double* mu0, const double* mu, const double* cos_phase, const double* albedo,
@@ -122,35 +125,40 @@ void Brdf::times_mu0(const double* mu0, const double* mu, const double* cos_phas
     for (int i = 0; i < kPacket; ++i) out[i] = terms_->times_mu0(mu0[i], mu[i]);
     return;
   }
-  if (const auto* hapke = std::get_if<HapkeLaw>(&model_->is))
+  if (const auto* hapke = std::get_if<HapkeLaw>(&model_->law))
     return HWY_DYNAMIC_DISPATCH(HapkeLanes)(*hapke, mu0, mu, cos_phase, albedo, out);
-  if (const auto* terms = std::get_if<TermsByPhase>(&model_->is))
+  if (const auto* terms = std::get_if<TermsByPhase>(&model_->law))
     return HWY_DYNAMIC_DISPATCH(OfPhaseLanes)(*terms, mu0, mu, cos_phase, out);
   for (int i = 0; i < kPacket; ++i) out[i] = mu0[i] > 0 ? times_mu0(mu0[i], mu[i], cos_phase[i]) : 0;
 }
 
 double diffuse_albedo(const Brdf& brdf, std::optional<double> w) {
-  // An azimuth a lane.
+  // Each lane is an azimuth.
   constexpr int kSteps = kPacket;
   const auto middle = [](int step) { return (step + 0.5) / kSteps; };
-  alignas(64) double incident[kPacket], emitted[kPacket], cos_phase[kPacket], albedo[kPacket], reflected[kPacket];
+  alignas(64) double incident[kPacket];
+  alignas(64) double emitted[kPacket];
+  alignas(64) double cos_phase[kPacket];
+  alignas(64) double albedo[kPacket];
+  alignas(64) double reflected[kPacket];
   std::fill_n(albedo, kPacket, w.value_or(0));
   double sum = 0;
   for (int i = 0; i < kSteps; ++i)
     for (int o = 0; o < kSteps; ++o) {
       const double mu0 = middle(i), mu = middle(o), across = std::sqrt((1 - mu0 * mu0) * (1 - mu * mu));
-      std::fill_n(incident, kPacket, mu0), std::fill_n(emitted, kPacket, mu);
+      std::fill_n(incident, kPacket, mu0);
+      std::fill_n(emitted, kPacket, mu);
       for (int a = 0; a < kSteps; ++a) cos_phase[a] = mu0 * mu + across * std::cos(kPi * middle(a));
       brdf.times_mu0(incident, emitted, cos_phase, w ? albedo : nullptr, reflected);
-      sum =
-          std::accumulate(reflected, reflected + kPacket, sum, [&](double all, double one) { return all + mu * one; });
+      sum = std::accumulate(reflected, reflected + kPacket, sum,
+                            [&](double partial, double value) { return partial + mu * value; });
     }
   return 4 * kPi * sum / (kSteps * kSteps * kSteps);
 }
 
 double direct_radiance(const Brdf& brdf, double irradiance_w_m2, double mu0, double mu, double cos_phase,
                        double lit_fraction) {
-  // A smoothed normal can lean a little away from a camera that sees the facet: grazing emission then.
+  // A smoothed normal can lean slightly away from a camera that sees the facet: treat it as grazing emission.
   return mu0 > 0 ? irradiance_w_m2 * brdf.times_mu0(mu0, std::max(mu, 0.0), cos_phase) * lit_fraction : 0;
 }
 

@@ -11,13 +11,13 @@
 namespace selenograph::engine {
 namespace {
 
-// The numbers of one band.
+// Coefficients of one band in Kieffer & Stone's eq. (10).
 struct Coefficients {
-  std::array<double, 4> a;  // of the phase angle in radians
-  std::array<double, 3> b;  // of the Sun's longitude in radians
-  std::array<double, 4> c;  // of the observer's place in degrees
+  std::array<double, 4> a;  // powers of the phase angle in radians
+  std::array<double, 3> b;  // odd powers of the Sun's longitude in radians
+  std::array<double, 4> c;  // libration: the observer's latitude and longitude in degrees
   std::array<double, 3> d;
-  std::array<double, 4> p;  // of the phase angle in degrees
+  std::array<double, 4> p;  // scales of the residual terms, in degrees of phase angle
 };
 
 struct Table {

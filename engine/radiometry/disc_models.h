@@ -13,21 +13,21 @@ namespace selenograph::engine {
 
 enum class DiscModel { rolo, lime };
 
-// Where the Moon is seen from and lit from. Phase angle and selenographic longitude of the Sun (from the mean Earth
-// meridian; positive when waxing), latitude and longitude of the observer. Degrees.
+// Phase angle, selenographic longitude of the Sun (from the mean Earth meridian; positive when waxing), latitude and
+// longitude of the observer, degrees.
 struct DiscGeometry {
   double phase_deg;
   double sun_lon_deg = 0, observer_lat_deg = 0, observer_lon_deg = 0;
 };
 
-// Band centres, increasing.
+// Returns the band centres, increasing.
 std::span<const double> disc_bands_um(DiscModel model);
 
-// A of the band of that index: the Moon's irradiance is A Omega / pi E_sun, where Omega is its solid angle. The
-// equation is evaluated beyond the phase angles of its fit, too.
+// Returns A of a band: the Moon's irradiance is A Omega / pi E_sun with its solid angle Omega. The equation is also
+// evaluated outside the phase angles of its fit.
 double disc_reflectance(DiscModel model, std::size_t band, const DiscGeometry& geometry);
 
-// Linear between the centres of bands. NaN beyond the first and the last.
+// Returns A at a wavelength, linear between the centres of bands; NaN outside the first and the last.
 double disc_reflectance_at(DiscModel model, double wavelength_um, const DiscGeometry& geometry);
 
 // rolo.csv and lime.csv, made by deploy/support/embed.cmake.

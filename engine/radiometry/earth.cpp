@@ -9,12 +9,12 @@ namespace {
 constexpr double kEarthRadius_m = 6378136.6;
 constexpr double kBondAlbedo = 0.294;
 
-// Brightness relative to phase 0.
+// Returns the brightness relative to phase 0.
 double magnitude_law(double phase_deg) {
   return std::pow(10, -0.4 * (earth_magnitude(phase_deg) - earth_magnitude(0)));
 }
 
-// q = 2 integral of f(a) sin a: Bond albedo over geometric albedo.
+// Returns q = 2 integral of f(a) sin a, the Bond albedo over the geometric albedo.
 double phase_integral() {
   static const double q = [] {
     constexpr int kSteps = 1800;
@@ -40,7 +40,7 @@ double earth_radius_deg(double distance_m) {
 }
 
 double earth_phase_deg(const Earth& earth, const Sun& sun) {
-  // The Sun stands in the same direction for both, to 0.15 degrees.
+  // The Sun's directions from Earth and Moon differ by at most 0.15 degrees.
   return std::acos(std::clamp(-earth.direction.dot(sun.direction), -1.0, 1.0)) * kDegreesPerRadian;
 }
 

@@ -14,45 +14,51 @@
 
 namespace selenograph::engine {
 
-// A reference place for others nearby. Written out on the sphere, since a texel does not depend on the last digits:
-// to_geographic took a third of the time.
-struct Near {
-  explicit Near(const Vec3& place) {
-    const double ring = std::max(std::sqrt(place.x() * place.x() + place.y() * place.y()), 1e-6);
-    up = place.normalized(), east = {-place.y() / ring, place.x() / ring, 0}, north = up.cross(east);
-    sin_lat = up.z(), cos_lat = ring / place.norm();
-    lat_deg = std::atan2(place.z(), ring) * kDegreesPerRadian;
-    lon_deg = std::atan2(place.y(), place.x()) * kDegreesPerRadian;
+// A reference position for positions nearby, with its local axes. Spherical formulas suffice, since a texel does not
+// depend on the last digits; to_geographic took a third of the time.
+struct ReferencePosition {
+  explicit ReferencePosition(const Vec3& position) {
+    const double ring = std::max(std::sqrt(position.x() * position.x() + position.y() * position.y()), 1e-6);
+    up = position.normalized();
+    east = {-position.y() / ring, position.x() / ring, 0};
+    north = up.cross(east);
+    sin_lat = up.z();
+    cos_lat = ring / position.norm();
+    lat_deg = std::atan2(position.z(), ring) * kDegreesPerRadian;
+    lon_deg = std::atan2(position.y(), position.x()) * kDegreesPerRadian;
   }
   Vec3 east, north, up;
   double sin_lat, cos_lat, lat_deg, lon_deg;
 };
 
-// Reference places of packets, remembered: most packets are near one of the last ones. A packet's own follows from
-// nothing but its first hit, whatever was asked before: a corner of the cube of 2 km that holds it; near the poles,
-// where longitudes differ too much within a cube, the hit itself.
-class NearPlaces {
+// Cache of reference positions of packets: most packets are near a recent one. A packet's reference follows from its
+// first hit alone, whatever was cached: a corner of the cube of 2 km around it or, near the poles, where longitudes
+// differ too much within a cube, the hit itself.
+class ReferencePositions {
  public:
-  const Near& of(const Vec3& place) {
+  const ReferencePosition& of(const Vec3& hit) {
     constexpr double kPolar = 0.97, kSide_m = 2000;  // sine of 76 degrees
-    const auto x = static_cast<int>(place.x() / kSide_m), y = static_cast<int>(place.y() / kSide_m),
-               z = static_cast<int>(place.z() / kSide_m);
-    Held& held = held_[static_cast<std::size_t>((x & 1) | (y & 1) << 1 | (z & 1) << 2)];
-    Vec3 at(kSide_m * x, kSide_m * y, kSide_m * z);
-    if (place.z() * place.z() > kPolar * kPolar * place.squaredNorm()) at = place;
-    if (!held.near || held.at != at) held.at = at, held.near.emplace(at);
-    return *held.near;
+    const auto x = static_cast<int>(hit.x() / kSide_m), y = static_cast<int>(hit.y() / kSide_m),
+               z = static_cast<int>(hit.z() / kSide_m);
+    Entry& entry = entries_[static_cast<std::size_t>((x & 1) | (y & 1) << 1 | (z & 1) << 2)];
+    Vec3 position_m(kSide_m * x, kSide_m * y, kSide_m * z);
+    if (hit.z() * hit.z() > kPolar * kPolar * hit.squaredNorm()) position_m = hit;
+    if (!entry.reference || entry.position_m != position_m) {
+      entry.position_m = position_m;
+      entry.reference.emplace(position_m);
+    }
+    return *entry.reference;
   }
 
  private:
-  struct Held {
-    Vec3 at;
-    std::optional<Near> near;
+  struct Entry {
+    Vec3 position_m;
+    std::optional<ReferencePosition> reference;
   };
-  std::array<Held, 8> held_;
+  std::array<Entry, 8> entries_;
 };
 
-// Metres east and north from one sample's ray to the next one's, to the right and down in the image.
+// Sixteen footprints: metres east and north from one sample's ray to the next, to the right and down in the image.
 static_assert(dem::kFootprints == kPacket);
 struct alignas(64) FootprintLanes {
   double lat_deg[kPacket], lon_deg[kPacket], cos_lat[kPacket];
@@ -63,8 +69,13 @@ struct alignas(64) FootprintLanes {
   }
   dem::Footprints all() const { return {lat_deg, lon_deg, cos_lat, right_m[0], right_m[1], down_m[0], down_m[1]}; }
   void set(int i, const dem::ValueMap::Footprint2& f) {
-    lat_deg[i] = f.lat_deg, lon_deg[i] = f.lon_deg, cos_lat[i] = f.cos_lat;
-    for (std::size_t k = 0; k < 2; ++k) right_m[k][i] = f.a_m[k], down_m[k][i] = f.b_m[k];
+    lat_deg[i] = f.lat_deg;
+    lon_deg[i] = f.lon_deg;
+    cos_lat[i] = f.cos_lat;
+    for (std::size_t k = 0; k < 2; ++k) {
+      right_m[k][i] = f.a_m[k];
+      down_m[k][i] = f.b_m[k];
+    }
   }
 };
 

@@ -18,12 +18,13 @@ double phase_function(const HapkeParameters& k, double cos_phase) {
 
 HemisphereMeans::HemisphereMeans(const HapkeParameters& k) {
   double a = -0.5;  // A_1; A_n is 0 for even n
-  for (int i = 0; i < kMost; ++i) {
+  for (int i = 0; i < kMaxTerms; ++i) {
     const int n = 2 * i + 1;
     const double b_n =
         k.phase_function == PhaseFunction::legendre ? (n == 1 ? k.b : 0.0) : k.c * (2 * n + 1) * std::pow(k.b, n);
     if (std::abs(b_n) < 1e-9) break;
-    odd[terms++] = a * b_n, mean += a * a * b_n;
+    odd[terms++] = a * b_n;
+    mean += a * a * b_n;
     // (-1)^((n + 1) / 2) / n 1 3 5 ... n / (2 4 6 ... (n + 1))
     a *= -static_cast<double>(n) / (n + 3);
   }
@@ -35,7 +36,8 @@ double HemisphereMeans::at(double x) const {
     sum += odd[i] * now;
     for (int n = 2 * i + 1; n < 2 * i + 3; ++n) {
       const double next = ((2 * n + 1) * x * now - n * before) / (n + 1);
-      before = now, now = next;
+      before = now;
+      now = next;
     }
   }
   return sum;
@@ -56,20 +58,21 @@ HapkeLaw::HapkeLaw(const HapkeParameters& k)
       inverse_hc_(1 / std::max(k.hc, 1e-300)) {
   const HemisphereMeans means(k);
   mean_ = means.mean;
-  // Chebyshev's series from its places, T_n as powers on the way.
-  constexpr int kPlaces = kDegree + 1;
+  // Chebyshev series from values at the nodes; T_n is kept as powers of 2 x - 1 by its recurrence.
+  constexpr int kNodes = kDegree + 1;
   std::fill(std::begin(hemisphere_), std::end(hemisphere_), 0.0);
-  double before[kPlaces] = {1}, now[kPlaces] = {0, 1};  // T_0, T_1
-  for (int n = 0; n < kPlaces; ++n) {
+  double before[kNodes] = {1}, now[kNodes] = {0, 1};  // T_0, T_1
+  for (int n = 0; n < kNodes; ++n) {
     double share = 0;
-    for (int place = 0; place < kPlaces; ++place) {
-      const double turn = (place + 0.5) * std::numbers::pi / kPlaces;
-      share += (n == 0 ? 1.0 : 2.0) / kPlaces * std::cos(n * turn) * means.at((1 + std::cos(turn)) / 2);
+    for (int node = 0; node < kNodes; ++node) {
+      const double angle = (node + 0.5) * std::numbers::pi / kNodes;
+      share += (n == 0 ? 1.0 : 2.0) / kNodes * std::cos(n * angle) * means.at((1 + std::cos(angle)) / 2);
     }
-    for (int i = 0; i < kPlaces; ++i) hemisphere_[i] += share * before[i];
-    double next[kPlaces];
-    for (int i = 0; i < kPlaces; ++i) next[i] = (i > 0 ? 2 * now[i - 1] : 0) - before[i];
-    std::copy_n(now, kPlaces, before), std::copy_n(next, kPlaces, now);
+    for (int i = 0; i < kNodes; ++i) hemisphere_[i] += share * before[i];
+    double next[kNodes];
+    for (int i = 0; i < kNodes; ++i) next[i] = (i > 0 ? 2 * now[i - 1] : 0) - before[i];
+    std::copy_n(now, kNodes, before);
+    std::copy_n(next, kNodes, now);
   }
 }
 

@@ -27,27 +27,29 @@
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// False: the lanes are too far apart for its series. Where there is no hit, numbers without a meaning.
-bool FootprintsNear(const Near& near, const Vec3& right, const Vec3& down, const SurfacePoints& p, const Rays& rays,
-                    FootprintLanes& out) {
-  // Radians, from the reference place, which may be 3.5 km off. The next terms of the series are 1e-12 of the
-  // Moon's radius.
+// Sets sixteen footprints by series around a reference position. Returns false if a hit is too far away for the series.
+// Lanes without a hit get meaningless numbers.
+bool FootprintsBySeries(const ReferencePosition& reference, const Vec3& right, const Vec3& down, const SurfacePoints& p,
+                        const Rays& rays, FootprintLanes& out) {
+  // Largest angle from the reference position, radians; the position may be 3.5 km off. The next terms of the series
+  // are 1e-12 of the Moon's radius.
   constexpr double kFarthest = 5e-3;
-  const double ex = near.east.x(), ey = near.east.y(), nx = near.north.x(), ny = near.north.y(), nz = near.north.z(),
-               ux = near.up.x(), uy = near.up.y(), uz = near.up.z();
-  const double sine = near.sin_lat, cosine = near.cos_lat;
+  const double ex = reference.east.x(), ey = reference.east.y();
+  const double nx = reference.north.x(), ny = reference.north.y(), nz = reference.north.z();
+  const double ux = reference.up.x(), uy = reference.up.y(), uz = reference.up.z();
+  const double sine = reference.sin_lat, cosine = reference.cos_lat;
   alignas(64) double off[kPacket];
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double x = p.x[i] * ex + p.y[i] * ey, y = p.x[i] * nx + p.y[i] * ny + p.z[i] * nz,
                  z = p.x[i] * ux + p.y[i] * uy + p.z[i] * uz;
     const double axis = z * sine + y * cosine, meridian = z * cosine - y * sine;
-    // Square roots of 1 + tan^2 by their series: the next terms are 1e-14.
+    // Square roots of 1 + tan^2 by series: the next terms are 1e-14.
     const double tan_lon = x / meridian, lon2 = tan_lon * tan_lon;
     const double ring = meridian * (1 + lon2 * (0.5 - lon2 * 0.125));
     const double tan_lat = (axis * cosine - ring * sine) / (ring * cosine + axis * sine), lat2 = tan_lat * tan_lat;
-    out.lon_deg[i] = near.lon_deg + kDegreesPerRadian * tan_lon * (1 - lon2 / 3);
-    out.lat_deg[i] = near.lat_deg + kDegreesPerRadian * tan_lat * (1 - lat2 / 3);
+    out.lon_deg[i] = reference.lon_deg + kDegreesPerRadian * tan_lon * (1 - lon2 / 3);
+    out.lat_deg[i] = reference.lat_deg + kDegreesPerRadian * tan_lat * (1 - lat2 / 3);
     out.cos_lat[i] = (cosine - sine * tan_lat) * (1 - lat2 * (0.5 - lat2 * 0.375));
     off[i] = std::abs(tan_lon) + std::abs(tan_lat);
 
@@ -60,8 +62,10 @@ bool FootprintsNear(const Near& near, const Vec3& right, const Vec3& down, const
                  rz = t * right.z() - dz * along_right;
     const double bx = t * down.x() - dx * along_down, by = t * down.y() - dy * along_down,
                  bz = t * down.z() - dz * along_down;
-    out.right_m[0][i] = rx * ex + ry * ey, out.right_m[1][i] = rx * nx + ry * ny + rz * nz;
-    out.down_m[0][i] = bx * ex + by * ey, out.down_m[1][i] = bx * nx + by * ny + bz * nz;
+    out.right_m[0][i] = rx * ex + ry * ey;
+    out.right_m[1][i] = rx * nx + ry * ny + rz * nz;
+    out.down_m[0][i] = bx * ex + by * ey;
+    out.down_m[1][i] = bx * nx + by * ny + bz * nz;
   }
   bool near_all = true;
   for (int i = 0; i < kPacket; ++i) near_all &= !p.hit[i] || off[i] < kFarthest;
@@ -74,16 +78,17 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace selenograph::engine {
 
-HWY_EXPORT(FootprintsNear);
+HWY_EXPORT(FootprintsBySeries);
 
 namespace {
 
-// Steps of 1.5 %: 500 temperatures.
+// Range and step (1.5 %) of the table's temperatures: 500 entries.
 constexpr double kColdest_k = 5, kHottest_k = 1e4, kStep = 1.015;
 
 Material black(double temperature_k) {
   Material material;
-  material.reflectance.rho = 0, material.temperature_k = temperature_k;
+  material.reflectance.rho = 0;
+  material.temperature_k = temperature_k;
   return material;
 }
 
@@ -94,7 +99,8 @@ EmissionTable::EmissionTable(const FrameRequest& request) {
   for (int i = 0; i <= steps; ++i) {
     const double t = kColdest_k * std::pow(kStep, i);
     const double b = radiance_terms(request, black(t)).emitted.value_or(0);
-    inverse_k_.push_back(1 / t), log_.push_back(std::log(std::max(b, 1e-300)));
+    inverse_k_.push_back(1 / t);
+    log_.push_back(std::log(std::max(b, 1e-300)));
   }
 }
 
@@ -108,7 +114,7 @@ double EmissionTable::operator()(double temperature_k) const {
 
 namespace {
 
-// What a map's value is multiplied by.
+// Returns the factor from a map's values to the parameter of the reflectance.
 double albedo_scale(const dem::ValueMap& map, const Reflectance& reflectance, const StopToken& stop) {
   if (!map.radiance_factor()) return 1;
   if (reflectance.model == ReflectanceModel::moon)
@@ -118,45 +124,48 @@ double albedo_scale(const dem::ValueMap& map, const Reflectance& reflectance, co
   const double mu0 = cosine(at.incidence_deg);
   constexpr double kNarrow_um = 1e-3;
   const Band band(at.wavelength_um, kNarrow_um);
-  Reflectance whole = reflectance;
-  whole.rho = 1;
-  return 1 / (std::numbers::pi * Brdf(whole, &band).times_mu0(mu0, cosine(at.emission_deg), cosine(at.phase_deg)));
+  Reflectance white = reflectance;
+  white.rho = 1;
+  return 1 / (std::numbers::pi * Brdf(white, &band).times_mu0(mu0, cosine(at.emission_deg), cosine(at.phase_deg)));
 }
 
-// Samples that are no reflectances: most likely of eight bits.
+// Reports a sample that is no reflectance: the map most likely holds eight bits.
 [[noreturn]] void refuse_brightness(double value, const dem::ValueMap::Footprint2& at, const FrameRequest& request,
                                     std::vector<ScaledMap>& maps) {
-  // The map that has this value here, to rounding.
+  // Find the map whose value here equals this one, except for rounding.
   std::string name;
   double sample = value, nearest = std::numeric_limits<double>::infinity();
   for (std::size_t i = 0; i < maps.size(); ++i) {
-    const double mean = maps[i].map.mean(at).value, off = std::abs(mean * maps[i].scale - value);
-    if (!(off < nearest)) continue;
-    nearest = off, sample = mean, name = std::filesystem::path(request.albedo_maps[i]->path()).filename().string();
+    const double mean = maps[i].map.mean(at).value, difference = std::abs(mean * maps[i].scale - value);
+    if (!(difference < nearest)) continue;
+    nearest = difference;
+    sample = mean;
+    name = std::filesystem::path(request.albedo_maps[i]->path()).filename().string();
   }
-  const std::string place = fmt::format("{:.4f} N, {:.4f} E", at.lat_deg, at.lon_deg);
+  const std::string coordinates = fmt::format("{:.4f} N, {:.4f} E", at.lat_deg, at.lon_deg);
   throw ImpossibleRequest(
       sample > 1
           ? fmt::format("the map {} has a reflectance of {:.4g} at {}, more than all light: give it a \"scale\" "
                         "(eight bits: 1/255), or \"high\": 1 to cut off",
-                        name, sample, place)
+                        name, sample, coordinates)
           : fmt::format("the map {} has {:.4g} at {}, which the request's reflectance makes a parameter of {:.4g}: "
                         "more than all light",
-                        name, sample, place, value),
+                        name, sample, coordinates, value),
       "albedo_maps");
 }
 
-// What a sample may be above the most that a reflectance can be.
+// Tolerance of samples above the largest reflectance.
 constexpr double kRounding = 1e-6;
 
-// False, with numbers without a meaning, if a value is too large.
-bool scaled_albedo(const double* values, double scale, double most, double* albedo) {
+// Scales sixteen samples. Returns false, with meaningless numbers, if a value is too large.
+bool scaled_albedo(const double* values, double scale, double max_value, double* albedo) {
   double highest = 0;
   for (int i = 0; i < kPacket; ++i) {
     const double value = values[i] * scale;
-    highest = std::max(highest, value), albedo[i] = std::clamp(value, 0.0, most);
+    highest = std::max(highest, value);
+    albedo[i] = std::clamp(value, 0.0, max_value);
   }
-  return highest <= most + kRounding;
+  return highest <= max_value + kRounding;
 }
 
 }  // namespace
@@ -165,7 +174,7 @@ AlbedoMaps::AlbedoMaps(const FrameRequest& request) : maps_(request.albedo_maps)
   const Reflectance& reflectance = request.reflectance;
   const bool moon = reflectance.model == ReflectanceModel::moon;
   fallback_ = moon ? 1 : reflectance.model == ReflectanceModel::hapke ? reflectance.hapke.w : reflectance.rho;
-  most_ = moon ? kMoonMost : reflectance.model == ReflectanceModel::lunar_lambert ? kLunarLambertMaxRho : 1;
+  max_value_ = moon ? kMoonMaxRatio : reflectance.model == ReflectanceModel::lunar_lambert ? kLunarLambertMaxRho : 1;
   for (const auto& map : maps_) scales_.push_back(albedo_scale(*map, reflectance, {}));
 }
 
@@ -189,7 +198,10 @@ MappedSurface::Steps MappedSurface::steps_of(const View& view) const {
   const Eigen::Matrix3d& m = view.moon_from_camera();
   const double samples = std::sqrt(request_.accuracy.samples_per_pixel);
   Steps steps{m.col(0) / (view.camera().fx * samples), m.col(1) / (view.camera().fy * samples)};
-  if (view.projection().fisheye()) steps.fisheye_boresight = m.col(2), steps.angle = 1 / (view.camera().fx * samples);
+  if (view.projection().fisheye()) {
+    steps.fisheye_boresight = m.col(2);
+    steps.angle = 1 / (view.camera().fx * samples);
+  }
   return steps;
 }
 
@@ -200,11 +212,11 @@ MappedSurface::Sampler MappedSurface::sampler(const StopToken& stop) const {
   return sampler;
 }
 
-// What the pixel's rays meet of the facet's plane: Igehy, Tracing ray differentials (SIGGRAPH 1999). The lens's own
-// stretch is left out.
+// Returns the area of the facet's plane that the pixel's rays hit: Igehy, Tracing ray differentials (SIGGRAPH 1999).
+// The lens's own stretch is left out.
 dem::ValueMap::Footprint2 MappedSurface::footprint(const Steps& steps, const SurfacePoints& points, int i,
                                                    const Vec3& direction) {
-  const Vec3 place = points.position(i), facet = points.facet_normal(i);
+  const Vec3 position = points.position(i), facet = points.facet_normal(i);
   const double toward = facet.dot(direction);
   const auto side = [&](const Vec3& step) -> Vec3 {
     return points.distance[i] * (step - direction * (facet.dot(step) / toward));
@@ -212,19 +224,26 @@ dem::ValueMap::Footprint2 MappedSurface::footprint(const Steps& steps, const Sur
   Vec3 right = steps.right, down = steps.down;
   if (steps.fisheye_boresight) {  // away from the boresight, and around it
     const Vec3 around = steps.fisheye_boresight->cross(direction);
-    if (around.norm() > 1e-9) right = steps.angle * around.normalized(), down = right.cross(direction);
+    if (around.norm() > 1e-9) {
+      right = steps.angle * around.normalized();
+      down = right.cross(direction);
+    }
   }
   const Vec3 a = side(right), b = side(down);
-  const Near at(place);
-  return {at.lat_deg, at.lon_deg, {a.dot(at.east), a.dot(at.north)}, {b.dot(at.east), b.dot(at.north)}, at.cos_lat};
+  const ReferencePosition local(position);
+  return {local.lat_deg,
+          local.lon_deg,
+          {a.dot(local.east), a.dot(local.north)},
+          {b.dot(local.east), b.dot(local.north)},
+          local.cos_lat};
 }
 
-void MappedSurface::footprints(const SurfacePoints& points, const Rays& rays, int first_row, NearPlaces& near,
-                               FootprintLanes& out) const {
+void MappedSurface::footprints(const SurfacePoints& points, const Rays& rays, int first_row,
+                               ReferencePositions& references, FootprintLanes& out) const {
   const int first = std::countr_zero(hit_bits(points));
   if (!steps_.fisheye_boresight && !views_.vary() &&
-      HWY_DYNAMIC_DISPATCH(FootprintsNear)(near.of(points.position(first)), steps_.right, steps_.down, points, rays,
-                                           out))
+      HWY_DYNAMIC_DISPATCH(FootprintsBySeries)(references.of(points.position(first)), steps_.right, steps_.down, points,
+                                               rays, out))
     return;
   Steps steps = steps_;
   for (int i = first; i < kPacket; ++i) {
@@ -240,33 +259,34 @@ void MappedSurface::sample(const SurfacePoints& points, const Rays& rays, Sample
   const std::uint32_t hits = hit_bits(points);
   if (hits == 0) return;
   FootprintLanes pixels;
-  footprints(points, rays, first_row, sampler.near, pixels);
+  footprints(points, rays, first_row, sampler.references, pixels);
   alignas(64) double values[kPacket];
   const auto small_of = [&](std::vector<ScaledMap>& maps) {
     return maps.empty() ? 0 : maps.front().map.means_of_small(pixels.all(), hits, values);
   };
-  // part(value, share, lane) of each pixel's parts. Of several maps the first decides where it has values.
-  const auto each = [&](std::vector<ScaledMap>& maps, std::uint32_t small, double fallback, const auto& part) {
+  // Calls visit(value, share, lane) for the parts of each pixel. Of several maps the first one with a value decides.
+  const auto for_each_part = [&](std::vector<ScaledMap>& maps, std::uint32_t small, double fallback,
+                                 const auto& visit) {
     for (int i = 0; i < kPacket; ++i) {
       if (!points.hit[i]) continue;
       if (small >> i & 1)
-        part(values[i] * maps.front().scale, 1.0, i);
+        visit(values[i] * maps.front().scale, 1.0, i);
       else
-        parts_of(maps, pixels.at(i), fallback, [&](double value, double share) { part(value, share, i); });
+        visit_coverage(maps, pixels.at(i), fallback, [&](double value, double share) { visit(value, share, i); });
     }
   };
   const std::uint32_t small = small_of(sampler.albedo);
-  if (small != kAllLanes || !scaled_albedo(values, sampler.albedo.front().scale, albedo_.most(), albedo))
-    each(sampler.albedo, small, albedo_.fallback(), [&](double value, double share, int i) {
-      if (value > albedo_.most() + kRounding) refuse_brightness(value, pixels.at(i), request_, sampler.albedo);
-      albedo[i] += share * std::clamp(value, 0.0, albedo_.most());
+  if (small != kAllLanes || !scaled_albedo(values, sampler.albedo.front().scale, albedo_.max_value(), albedo))
+    for_each_part(sampler.albedo, small, albedo_.fallback(), [&](double value, double share, int i) {
+      if (value > albedo_.max_value() + kRounding) refuse_brightness(value, pixels.at(i), request_, sampler.albedo);
+      albedo[i] += share * std::clamp(value, 0.0, albedo_.max_value());
     });
   if (!emission_) return;
   alignas(64) double emitted[kPacket] = {};  // eq. (3)
-  each(sampler.temperature, small_of(sampler.temperature), request_.temperature_k,
-       [&](double temperature_k, double share, int i) {
-         emitted[i] += share * (*emission_)(temperature_k) * (1 - albedo[i]);
-       });
+  for_each_part(sampler.temperature, small_of(sampler.temperature), request_.temperature_k,
+                [&](double temperature_k, double share, int i) {
+                  emitted[i] += share * (*emission_)(temperature_k) * (1 - albedo[i]);
+                });
   for (int i = 0; i < kPacket; ++i) base[i] = static_cast<float>(path_w_m2_sr_ + emitted[i]);
 }
 

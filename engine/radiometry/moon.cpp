@@ -21,31 +21,37 @@ constexpr std::size_t kFirstLime = 2, kLastLime = 7;
 constexpr std::array<std::array<double, 3>, kNodes> kRoloBands_um{
     {{0.3500, 0.3551}, {0.4050, 0.4123, 0.4144}, {}, {}, {}, {}, {}, {}, {1.9815}, {2.2509, 2.3836}}};
 
+// Returns ROLO's reflectance; beyond its last phase angle in proportion to Allen's law.
 double rolo(double wavelength_um, double phase_deg) {
-  const double within = std::min(phase_deg, kRoloLast_deg);
-  return disc_reflectance_at(DiscModel::rolo, wavelength_um, {within}) *
-         (moon_light(PhaseLaw::allen, phase_deg) / moon_light(PhaseLaw::allen, within));
+  const double fitted_deg = std::min(phase_deg, kRoloLast_deg);
+  return disc_reflectance_at(DiscModel::rolo, wavelength_um, {fitted_deg}) *
+         (moon_light(PhaseLaw::allen, phase_deg) / moon_light(PhaseLaw::allen, fitted_deg));
 }
 
+// Returns LIME's reflectance at one of its wavelengths; outside its phase angles in proportion to ROLO's.
 double lime(std::size_t node, double phase_deg) {
-  const double within = std::clamp(phase_deg, kLimeFirst_deg, kLimeLast_deg);
-  return disc_reflectance(DiscModel::lime, node - kFirstLime, {within}) *
-         (rolo(kNodes_um[node], phase_deg) / rolo(kNodes_um[node], within));
+  const double fitted_deg = std::clamp(phase_deg, kLimeFirst_deg, kLimeLast_deg);
+  return disc_reflectance(DiscModel::lime, node - kFirstLime, {fitted_deg}) *
+         (rolo(kNodes_um[node], phase_deg) / rolo(kNodes_um[node], fitted_deg));
 }
 
+// Returns the reflectance at a node: LIME's, or the mean of ROLO's bands scaled to LIME's at the nearer end.
 double node_reflectance(std::size_t node, double phase_deg) {
   if (node >= kFirstLime && node <= kLastLime) return lime(node, phase_deg);
   const std::size_t end = node < kFirstLime ? kFirstLime : kLastLime;
   double sum = 0;
   int bands = 0;
   for (const double band_um : kRoloBands_um[node])
-    if (band_um > 0) sum += rolo(band_um, phase_deg), ++bands;
-  // The band next to LIME's end is a few nanometres off.
+    if (band_um > 0) {
+      sum += rolo(band_um, phase_deg);
+      ++bands;
+    }
+  // ROLO's band at LIME's first or last wavelength is a few nanometres off.
   const double joined_um = end == kFirstLime ? 0.4416 : 1.6336;
   return sum / bands * (lime(end, phase_deg) / rolo(joined_um, phase_deg));
 }
 
-// A of each node at the knots of TermsByPhase.
+// Reflectance A of each node at the knots of TermsByPhase.
 using AtKnots = std::array<std::vector<double>, kNodes>;
 const AtKnots& reflectances_at_knots() {
   static const AtKnots table = [] {
@@ -58,7 +64,7 @@ const AtKnots& reflectances_at_knots() {
   return table;
 }
 
-// Mare or highlands over the mean of the near side.
+// Returns the brightness of mare or highlands over the mean of the near side.
 double ground_ratio(MoonGround ground, double wavelength_um) {
   if (ground == MoonGround::mean) return 1;
   const auto brightness = [&](SatoRegion region) {
@@ -72,16 +78,16 @@ double ground_ratio(MoonGround ground, double wavelength_um) {
          brightness(SatoRegion::near_side);
 }
 
-// A wavelength's place among the nodes.
-struct Place {
+// Position of a wavelength among the nodes.
+struct NodePosition {
   std::size_t node;
-  double share;  // of the next one
+  double share;  // share of the next node
 };
-Place place_of(double wavelength_um) {
-  const double within = std::clamp(wavelength_um, kNodes_um.front(), kNodes_um.back());
-  const auto next = std::upper_bound(kNodes_um.begin() + 1, kNodes_um.end() - 1, within);
+NodePosition position_of(double wavelength_um) {
+  const double clamped_um = std::clamp(wavelength_um, kNodes_um.front(), kNodes_um.back());
+  const auto next = std::upper_bound(kNodes_um.begin() + 1, kNodes_um.end() - 1, clamped_um);
   const auto node = static_cast<std::size_t>(next - kNodes_um.begin()) - 1;
-  return {node, (within - kNodes_um[node]) / (kNodes_um[node + 1] - kNodes_um[node])};
+  return {node, (clamped_um - kNodes_um[node]) / (kNodes_um[node + 1] - kNodes_um[node])};
 }
 
 const Band& all_wavelengths() {
@@ -89,7 +95,8 @@ const Band& all_wavelengths() {
   return band;
 }
 
-// Wavelengths at which a band's response, the Sun's spectrum or the nodes' shares bend, inside the Sun's table.
+// Returns the wavelengths at which a band's response, the Sun's spectrum or the nodes' shares bend, inside the Sun's
+// table.
 std::vector<double> bends_of(const Band& band) {
   std::vector<double> table(kNodes_um.begin(), kNodes_um.end());
   for (const SpectralSample& sample : astm_e490()) table.push_back(sample.wavelength_um);
@@ -100,29 +107,30 @@ std::vector<double> bends_of(const Band& band) {
   return bends;
 }
 
-// Integrals of E_sun times the response times each node's share, W m-2 at 1 au. (In a piece all three are straight:
-// Simpson's rule is exact.)
+// Integrals of E_sun times the response times each node's share, W m-2 at 1 au. Between two bends all three are linear,
+// so Simpson's rule is exact.
 using Weights = std::array<double, kNodes>;
 Weights weights_of(const Band& band) {
   const std::vector<double> bends = bends_of(band);
   Weights weights{};
   for (std::size_t i = 0; i + 1 < bends.size(); ++i) {
     const double from = bends[i], to = bends[i + 1], middle = (from + to) / 2;
-    const std::size_t node = place_of(middle).node;
+    const std::size_t node = position_of(middle).node;
     const std::array<std::pair<double, double>, 3> points{{{from, 1.0}, {middle, 4.0}, {to, 1.0}}};
     for (const auto& [at, simpson] : points) {
       const double light = simpson * (to - from) / 6 * band.response_at(at) * solar_irradiance_w_m2_um(at);
-      const double within = std::clamp(at, kNodes_um.front(), kNodes_um.back());
-      const double share = (within - kNodes_um[node]) / (kNodes_um[node + 1] - kNodes_um[node]);
-      weights[node] += light * (1 - share), weights[node + 1] += light * share;
+      const double clamped_um = std::clamp(at, kNodes_um.front(), kNodes_um.back());
+      const double share = (clamped_um - kNodes_um[node]) / (kNodes_um[node + 1] - kNodes_um[node]);
+      weights[node] += light * (1 - share);
+      weights[node + 1] += light * share;
     }
   }
   return weights;
 }
 
 Weights weights_of(const Band* band) {
-  static const Weights all = weights_of(all_wavelengths());
-  return band ? weights_of(*band) : all;
+  static const Weights of_all_wavelengths = weights_of(all_wavelengths());
+  return band ? weights_of(*band) : of_all_wavelengths;
 }
 
 double sum_of(const Weights& weights) {
@@ -134,7 +142,7 @@ double sum_of(const Weights& weights) {
 }  // namespace
 
 double moon_reflectance(MoonGround ground, double wavelength_um, double phase_deg) {
-  const auto [node, share] = place_of(wavelength_um);
+  const auto [node, share] = position_of(wavelength_um);
   const auto at = [&](std::size_t k) { return node_reflectance(k, phase_deg) * ground_ratio(ground, kNodes_um[k]); };
   return std::lerp(at(node), at(node + 1), share);
 }
@@ -168,30 +176,30 @@ double moonlight_w_m2(MoonGround ground, const Band& band) {
 
 MoonTrust moon_trust(const Band* band) {
   constexpr double kFirst_um = 0.35, kLast_um = 2.5;
-  const Band& of = band ? *band : all_wavelengths();
-  double all = 0, within = 0, by_lime = 0;
-  const std::vector<double> bends = bends_of(of);
+  const Band& response = band ? *band : all_wavelengths();
+  double total = 0, measured = 0, by_lime = 0;
+  const std::vector<double> bends = bends_of(response);
   for (std::size_t i = 0; i + 1 < bends.size(); ++i) {
     const double middle = (bends[i] + bends[i + 1]) / 2;
-    const double light = of.response_at(middle) * solar_irradiance_w_m2_um(middle) * (bends[i + 1] - bends[i]);
-    all += light;
-    if (middle >= kFirst_um && middle <= kLast_um) within += light;
+    const double light = response.response_at(middle) * solar_irradiance_w_m2_um(middle) * (bends[i + 1] - bends[i]);
+    total += light;
+    if (middle >= kFirst_um && middle <= kLast_um) measured += light;
     if (middle >= kNodes_um[kFirstLime] && middle <= kNodes_um[kLastLime]) by_lime += light;
   }
-  if (!(all > 0)) return {kRoloUncertainty, 1};
-  return {std::lerp(kRoloUncertainty, kLimeUncertainty, by_lime / all), 1 - within / all};
+  if (!(total > 0)) return {kRoloUncertainty, 1};
+  return {std::lerp(kRoloUncertainty, kLimeUncertainty, by_lime / total), 1 - measured / total};
 }
 
 std::optional<double> near_side_mean(const dem::ValueMap& map, const StopToken& stop) {
   return map.once([&]() -> std::optional<double> {
     constexpr int kAcross = 128;
-    constexpr double kPhase_deg = 45, kLeast = 0.95;
+    constexpr double kPhase_deg = 45, kMinCoverage = 0.95;
     constexpr double kSide_m = 2 * kMoonRadius_m / kAcross;
     const double l = mcewen_limb_darkening(kPhase_deg);
     const BrdfTerms terms{2 * l, 1 - l};
     dem::ValueMap::Sampler sampler(map, stop);
-    double sum = 0, covered = 0, all = 0;
-    // The disc from the mean Earth: x towards it, y east, z north.
+    double sum = 0, covered = 0, total = 0;
+    // Integrate over the disc as viewed from the mean Earth: x toward it, y east, z north.
     for (int row = 0; row < kAcross; ++row)
       for (int column = 0; column < kAcross; ++column) {
         const double z = 1 - (2 * row + 1.0) / kAcross, y = (2 * column + 1.0) / kAcross - 1, x2 = 1 - y * y - z * z;
@@ -205,10 +213,13 @@ std::optional<double> near_side_mean(const dem::ValueMap& map, const StopToken& 
         }
         const double lat_deg = std::asin(z) / kRadiansPerDegree, lon_deg = std::atan2(y, x) / kRadiansPerDegree;
         const auto [value, coverage] = sampler.mean({lat_deg, lon_deg, {kSide_m, 0}, {0, kSide_m}});
-        all += weight;
-        if (coverage > 0) sum += weight * coverage * value, covered += weight * coverage;
+        total += weight;
+        if (coverage > 0) {
+          sum += weight * coverage * value;
+          covered += weight * coverage;
+        }
       }
-    return covered >= kLeast * all && sum > 0 ? std::optional(sum / covered) : std::nullopt;
+    return covered >= kMinCoverage * total && sum > 0 ? std::optional(sum / covered) : std::nullopt;
   });
 }
 

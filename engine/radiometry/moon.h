@@ -20,29 +20,29 @@
 
 namespace selenograph::engine {
 
-// Disc-equivalent reflectance of a uniform sphere.
+// Returns the disc-equivalent reflectance of a uniform sphere.
 double moon_reflectance(MoonGround ground, double wavelength_um, double phase_deg);
 
-// The constants of f_r, weighted by the sunlight in the band; null: all wavelengths.
+// Returns the constants of f_r, weighted by the sunlight in the band; null: all wavelengths.
 TermsByPhase moon_terms(MoonGround ground, const Band* band);
 
-// Integral of E_sun A(30 degrees) over the band at 1 au, W m-2: the spectrum of moonlight.
+// Returns the integral of E_sun A(30 degrees) over the band at 1 au, W m-2: the spectrum of moonlight.
 double moonlight_w_m2(MoonGround ground, const Band& band);
 
-// How far `moon` is to be trusted in a band.
+// Uncertainty of the model `moon` in a band.
 inline constexpr double kLimeUncertainty = 0.02, kRoloUncertainty = 0.1;
 struct MoonTrust {
-  double uncertainty;         // of the disc's irradiance, relative, k = 2: LIME's or ROLO's, from 2 to 90 degrees
-  double extrapolated_share;  // of the band's sunlight, at wavelengths beyond 0.35 to 2.5 um
+  double uncertainty;  // relative uncertainty of the disc's irradiance, k = 2: LIME's or ROLO's, from 2 to 90 degrees
+  double extrapolated_share;  // share of the band's sunlight at wavelengths outside 0.35 to 2.5 um
 };
 MoonTrust moon_trust(const Band* band);
 inline constexpr double kLimeFirst_deg = 2, kLimeLast_deg = 90;
 
-// The largest ratio to the mean Moon that a map may ask for.
-inline constexpr double kMoonMost = 5;
+// Largest ratio to the mean Moon that a map may request.
+inline constexpr double kMoonMaxRatio = 5;
 
-// A map's mean over the near side, weighted by brightness at 45 degrees of phase, waxing and waning: what the mean Moon
-// has in the map's units. Empty if the map leaves out more than 5 % of the near side. Computed once per map.
+// Returns a map's mean over the near side, weighted by brightness at 45 degrees of phase, waxing and waning: the mean
+// Moon's value in the map's units. Empty if the map leaves out more than 5 % of the near side. Computed once per map.
 std::optional<double> near_side_mean(const dem::ValueMap& map, const StopToken& stop);
 
 }  // namespace selenograph::engine

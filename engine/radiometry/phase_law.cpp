@@ -11,24 +11,26 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
+// Returns Allen's law, constant beyond its last observed phase angle.
 double allen(double phase_deg) {
-  const double within = std::min(phase_deg, kAllenLast_deg);
-  return std::pow(10, -0.4 * (0.026 * within + 4e-9 * std::pow(within, 4)));
+  const double observed_deg = std::min(phase_deg, kAllenLast_deg);
+  return std::pow(10, -0.4 * (0.026 * observed_deg + 4e-9 * std::pow(observed_deg, 4)));
 }
 
+// Returns ROLO's law relative to phase 0; beyond its last phase angle in proportion to Allen's.
 double rolo(double phase_deg) {
   constexpr double kBand_um = 0.5538;
-  const double within = std::min(phase_deg, kRoloLast_deg);
-  return disc_reflectance_at(DiscModel::rolo, kBand_um, {within}) /
-         disc_reflectance_at(DiscModel::rolo, kBand_um, {0}) * (allen(phase_deg) / allen(within));
+  const double observed_deg = std::min(phase_deg, kRoloLast_deg);
+  return disc_reflectance_at(DiscModel::rolo, kBand_um, {observed_deg}) /
+         disc_reflectance_at(DiscModel::rolo, kBand_um, {0}) * (allen(phase_deg) / allen(observed_deg));
 }
 
-// Without the phase law.
+// Returns the constants without the phase law.
 BrdfTerms plain_terms_at(const Reflectance& r, double phase_deg) {
   const double seeliger = r.rho / (2 * kPi);  // eq. (10)
   const double lambert = r.rho / kPi;         // eq. (4)
   const double w = r.lommel_seeliger_weight;
-  // Not a switch: models with equations of their own (brdf.cpp) have no such constants, and need not be named here.
+  // No switch here: models with their own equations (brdf.cpp) have no such constants and need no case.
   if (r.model == ReflectanceModel::lommel_seeliger) return {seeliger, 0};
   if (r.model == ReflectanceModel::lommel_seeliger_lambert) return {w * seeliger, (1 - w) * lambert};  // section 3.1
   if (r.model != ReflectanceModel::lunar_lambert) return {0, lambert};
@@ -36,7 +38,8 @@ BrdfTerms plain_terms_at(const Reflectance& r, double phase_deg) {
   return {2 * l * lambert, (1 - l) * lambert};
 }
 
-// The cubic through four values at -1, 0, 1, 2, as powers of x from 0 to 1; `from`: the first value's place.
+// Computes the cubic through four consecutive values, as powers of x from 0 to 1. `from`: position of the first value
+// relative to x = 0.
 void cubic(const double* y, double from, double* out) {
   // Newton's form in s = x - from.
   const double d1 = y[1] - y[0], d2 = (y[2] - 2 * y[1] + y[0]) / 2, d3 = (y[3] - 3 * y[2] + 3 * y[1] - y[0]) / 6;
@@ -89,10 +92,12 @@ TermsByPhase::TermsByPhase(const std::vector<BrdfTerms>& knots) : cubics_(kCoeff
     double seeliger[4], lambert[4];
     for (int k = 0; k < 4; ++k) {
       const BrdfTerms& terms = knots.at(static_cast<std::size_t>(first + k));
-      seeliger[k] = terms.lommel_seeliger, lambert[k] = terms.lambert;
+      seeliger[k] = terms.lommel_seeliger;
+      lambert[k] = terms.lambert;
     }
     double* const out = cubics_.data() + kCoefficients * i;
-    cubic(seeliger, first - i, out), cubic(lambert, first - i, out + 4);
+    cubic(seeliger, first - i, out);
+    cubic(lambert, first - i, out + 4);
   }
 }
 
@@ -110,10 +115,10 @@ bool varies_by_phase(const Reflectance& r) {
 BrdfTerms terms_at(const Reflectance& r, double phase_deg) {
   const BrdfTerms terms = plain_terms_at(r, phase_deg);
   if (r.phase == PhaseLaw::none) return terms;
-  // Held beyond 150 degrees, where McEwen's L is 0.
-  const double within = std::min(phase_deg, kAllenLast_deg), sphere = sphere_light(terms, within);
+  // Constant beyond 150 degrees, where McEwen's L is 0.
+  const double observed_deg = std::min(phase_deg, kAllenLast_deg), sphere = sphere_light(terms, observed_deg);
   if (!(sphere > 0)) return terms;  // rho is 0
-  const double f = moon_light(r.phase, within) * sphere_light(plain_terms_at(r, 0), 0) / sphere;
+  const double f = moon_light(r.phase, observed_deg) * sphere_light(plain_terms_at(r, 0), 0) / sphere;
   return {terms.lommel_seeliger * f, terms.lambert * f};
 }
 

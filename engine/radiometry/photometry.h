@@ -7,25 +7,25 @@ namespace selenograph::engine {
 // resolution B3. Radiance without a band is over the whole solar spectrum.
 inline constexpr double kSolarConstant_w_m2 = 1361.0;
 
-// The BRDF's two constants: f_r = lommel_seeliger / (mu0 + mu) + lambert, sr-1.
+// Constants of a BRDF f_r = lommel_seeliger / (mu0 + mu) + lambert, sr-1.
 struct BrdfTerms {
   double lommel_seeliger = 0;  // w rho / (2 pi), eq. (10)
   double lambert = 0;          // (1 - w) rho / pi, eq. (4)
 
-  // mu0 f_r, sr-1. mu0 = cos(incidence) > 0, mu = cos(emission) >= 0: n.omega_i and n.omega_o of the paper. At the limb
-  // and the terminator (mu, mu0 -> 0) Lommel-Seeliger grows without bound, but mu0 f_r, the factor in radiance, stays
-  // finite: mu0 / (mu0 + mu) is formed first and is at most 1, however small both are.
+  // Returns mu0 f_r, sr-1. mu0 = cos(incidence) > 0, mu = cos(emission) >= 0: n.omega_i and n.omega_o of the paper. At
+  // the limb and the terminator (mu, mu0 -> 0) Lommel-Seeliger grows without bound, but mu0 f_r, the factor in
+  // radiance, stays finite: mu0 / (mu0 + mu) is formed first and is at most 1, however small both are.
   double times_mu0(double mu0, double mu, double = 1) const {
     return lommel_seeliger * (mu0 / (mu0 + mu)) + lambert * mu0;
   }
 };
 
-// Paper eq. (2) with tau = 1 and rho/pi replaced by f_r: L = E_sun mu0 f_r s, W m-2 sr-1; 0 where mu0 <= 0.
+// Returns paper eq. (2) with tau = 1 and f_r for rho / pi: L = E_sun mu0 f_r s, W m-2 sr-1; 0 for mu0 <= 0.
 inline double direct_radiance(const BrdfTerms& terms, double irradiance_w_m2, double mu0, double mu,
                               double lit_fraction) {
-  // A smoothed normal can lean a little away from a camera that sees the facet: grazing emission then.
+  // A smoothed normal can lean slightly away from a camera that sees the facet: treat it as grazing emission.
   const double emission = mu > 0 ? mu : 0;
-  // Computed before the condition, so that a loop over lanes is vectorised.
+  // Compute this before the condition, so that a loop over lanes is vectorised.
   const double mu0_brdf = terms.times_mu0(mu0, emission);
   return mu0 > 0 ? irradiance_w_m2 * mu0_brdf * lit_fraction : 0;
 }

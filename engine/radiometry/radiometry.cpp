@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kStefanBoltzmann_w_m2_k4 = 5.670374419e-8;  // CODATA 2018
 
-// B(T), W m-2 sr-1, in the band or over all wavelengths.
+// Returns B(T), W m-2 sr-1, in the band or over all wavelengths.
 double blackbody(const FrameRequest& request, double temperature_k) {
   if (request.band) return planck_w_m2_sr(*request.band, temperature_k);
   return kStefanBoltzmann_w_m2_k4 * std::pow(temperature_k, 4) / std::numbers::pi;

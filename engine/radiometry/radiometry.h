@@ -7,9 +7,10 @@
 
 namespace selenograph::engine {
 
-// Throws ImpossibleRequest for an atmosphere without a band, or with a band that reaches beyond its table.
+// Returns the components for a material. Throws ImpossibleRequest for an atmosphere without a band, or with a band that
+// extends beyond its table.
 RadianceTerms radiance_terms(const FrameRequest& request, const Material& material);
-// Components for the terrain.
+// Returns the components for the terrain.
 inline RadianceTerms radiance_terms(const FrameRequest& request) {
   return radiance_terms(request, {request.reflectance, request.temperature_k});
 }

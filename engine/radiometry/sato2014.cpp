@@ -30,7 +30,11 @@ HapkeParameters sato2014(SatoRegion region, double wavelength_um) {
   const std::vector<Row>& rows = regions.at(static_cast<std::size_t>(region));
   const auto at = [&](double Row::*value) { return interpolated(rows, wavelength_um, &Row::wavelength_um, value); };
   HapkeParameters out;
-  out.w = at(&Row::w), out.b = at(&Row::b), out.c = at(&Row::c), out.b0 = at(&Row::b0), out.h = at(&Row::h);
+  out.w = at(&Row::w);
+  out.b = at(&Row::b);
+  out.c = at(&Row::c);
+  out.b0 = at(&Row::b0);
+  out.h = at(&Row::h);
   out.phase_function = PhaseFunction::double_henyey_greenstein;
   out.theta_bar_deg = kMeanSlope_deg;
   return out;

@@ -18,7 +18,7 @@ enum class SatoRegion { global, near_side, mare, highlands };
 
 inline constexpr double kSatoFirst_um = 0.321, kSatoLast_um = 0.689;
 
-// Linear between bands; that of the first or last band beyond them.
+// Returns a region's parameters, linear between bands and constant beyond the first and last.
 HapkeParameters sato2014(SatoRegion region, double wavelength_um);
 
 std::string_view sato2014_csv();  // made by deploy/support/embed.cmake

@@ -18,10 +18,10 @@ struct SpectralSample {
 
 std::span<const SpectralSample> astm_e490();
 std::string_view astm_e490_csv();  // astm_e490.csv, made by deploy/support/embed.cmake
-// The table's integral, linear between its wavelengths.
+// Integral of the table, linear between its wavelengths.
 inline constexpr double kAstmE490Total_w_m2 = 1366.0908;
 
-// Spectral irradiance at 1 au, W m-2 um-1; 0 outside the table.
+// Returns the spectral irradiance at 1 au, W m-2 um-1; 0 outside the table.
 double solar_irradiance_w_m2_um(double wavelength_um);
 
 }  // namespace selenograph::engine

@@ -11,7 +11,7 @@
 namespace selenograph::engine {
 namespace {
 
-// Gauss-Legendre with eight points; exact for polynomials of degree 15.
+// Integrates by Gauss-Legendre with eight points; exact for polynomials of degree 15.
 template <typename Function>
 double gauss(double from, double to, const Function& f) {
   constexpr double kAt[4] = {0.1834346424956498, 0.5255324099163290, 0.7966664774136267, 0.9602898564975363};
@@ -29,7 +29,7 @@ double planck_w_m2_sr_um(double wavelength_um, double temperature_k) {
   const double m = wavelength_um * 1e-6;
   const double x = kPlanck_j_s * kSpeedOfLight_m_s / (m * kBoltzmann_j_k * temperature_k);
   if (x > 700) return 0;
-  // 2 h c^2 / lambda^5 / (exp(x) - 1), per metre; 1e-6 of that per micrometre
+  // 2 h c^2 / lambda^5 / (exp(x) - 1) per metre; 1e-6 of that per micrometre
   return 1e-6 * 2 * kPlanck_j_s * kSpeedOfLight_m_s * kSpeedOfLight_m_s / (m * m * m * m * m) / std::expm1(x);
 }
 
@@ -56,7 +56,7 @@ double integrate_planck(const std::vector<double>& breakpoints_um, double temper
   double sum = 0;
   for (std::size_t i = 0; i + 1 < breakpoints_um.size(); ++i) {
     const double first = breakpoints_um[i], last = breakpoints_um[i + 1];
-    // B changes by a moderate factor from piece to piece: half an octave of wavelength, less where exp(-x) is steep.
+    // Let B change by a moderate factor within a piece: half an octave of wavelength, less where exp(-x) is steep.
     const double x = kPlanck_j_s * kSpeedOfLight_m_s * 1e6 / (first * kBoltzmann_j_k * temperature_k);
     const double octaves = std::log2(last / first);
     const int pieces = static_cast<int>(std::clamp(std::ceil(octaves * (2 + x / 4)), 1.0, 4096.0));
@@ -80,7 +80,8 @@ Band in_photons(const Band& band, const std::vector<ResponsePoint>& efficiency) 
   table.reserve(efficiency.size());
   for (const ResponsePoint& p : efficiency) table.push_back(p.wavelength_um);
   const std::vector<double> points = band.breakpoints(table);
-  // Products of straight lines by straight lines. (Next to a step of the efficiency, at its ends, both sides count.)
+  // Approximate products of linear functions by many linear pieces. At a step of the efficiency, both sides are
+  // sampled.
   const std::size_t pieces = std::clamp<std::size_t>(2048 / points.size(), 1, 128);
   const auto counted = [&](double wavelength_um, double beside_um) {
     double eta = 1;
@@ -96,7 +97,7 @@ Band in_photons(const Band& band, const std::vector<ResponsePoint>& efficiency) 
     return band.response_at(wavelength_um) * eta * wavelength_um / band.center_um();
   };
   std::vector<ResponsePoint> response;
-  constexpr double kStep = 1e-9;  // of a wavelength: a step's width
+  constexpr double kStep = 1e-9;  // width of a step, as a share of the wavelength
   for (std::size_t i = 0; i + 1 < points.size(); ++i) {
     const double from = points[i], to = points[i + 1], middle = (from + to) / 2;
     for (std::size_t k = 0; k <= pieces; ++k) {
@@ -104,7 +105,7 @@ Band in_photons(const Band& band, const std::vector<ResponsePoint>& efficiency) 
       double at = from + share * (to - from);
       if (k == 0 && i > 0) at = std::min(from * (1 + kStep), middle);
       at = std::clamp(at, from, to);
-      // Ends of the band and of the efficiency that rounding tells apart leave no room for a step.
+      // Skip a step between ends of the band and the efficiency that differ only by rounding.
       if (response.empty() || at > response.back().wavelength_um) response.push_back({at, counted(at, middle)});
     }
   }
@@ -114,9 +115,9 @@ Band in_photons(const Band& band, const std::vector<ResponsePoint>& efficiency) 
 double photon_wavelength_um(const Band& band, const std::vector<ResponsePoint>& efficiency,
                             const std::function<double(const Band&)>& light_w_m2) {
   const Band counted = in_photons(band, efficiency);
-  const double all = light_w_m2(band);
-  if (!(all > 0)) return band.center_um() * counted.width_um() / band.width_um();
-  return band.center_um() * light_w_m2(counted) / all;
+  const double light = light_w_m2(band);
+  if (!(light > 0)) return band.center_um() * counted.width_um() / band.width_um();
+  return band.center_um() * light_w_m2(counted) / light;
 }
 
 }  // namespace selenograph::engine

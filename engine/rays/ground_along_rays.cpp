@@ -27,7 +27,8 @@ bool far_apart(const std::vector<dem::RockFeature>& rocks) {
 std::vector<RayCone> bundled(const std::vector<RayCone>& rays) {
   constexpr std::size_t kRun = 64, kMany = 1024;
   constexpr double kNarrow = 0.02, kNear_m = 10;
-  if (rays.size() < kMany || !std::all_of(rays.begin(), rays.end(), [](const RayCone& ray) { return ray.one(); }))
+  if (rays.size() < kMany ||
+      !std::all_of(rays.begin(), rays.end(), [](const RayCone& ray) { return ray.is_single_ray(); }))
     return rays;
   std::vector<RayCone> out;
   for (std::size_t first = 0; first < rays.size(); first += kRun) {

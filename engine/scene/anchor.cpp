@@ -8,13 +8,13 @@
 namespace selenograph::engine {
 namespace {
 
-// Consecutive frames share an anchor: it is snapped to a lattice.
+// Spacing of the lattice that anchors snap to, so that consecutive frames share one.
 constexpr double kFinestAnchorLattice_m = 4096, kCoarsestAnchorLattice_m = 32768;
-// Of finer posts than a metre it is so many.
+// Spacing of the lattice in posts, for posts closer than a metre.
 constexpr double kPostsPerLattice = kFinestAnchorLattice_m;
 
-// Distance (in the direction's lengths) at which a ray enters the sphere; 0 from inside, empty when it misses or
-// leaves.
+// Returns the distance, in lengths of the direction, at which a ray enters the sphere; 0 from inside, empty if it
+// misses or leaves.
 std::optional<double> enter_sphere(const Vec3& origin, const Vec3& direction, double radius) {
   const double outside = origin.squaredNorm() - radius * radius;
   if (outside <= 0) return 0.0;
@@ -38,18 +38,18 @@ std::optional<FineGround> fine_ground(std::span<const dem::BlockId> blocks, cons
 
 Vec3 anchor_for(const Vec3& camera_m, const Vec3& middle, double clearance_m, const std::optional<FineGround>& fine) {
   const double distance = camera_m.norm();
-  // A ray may begin at the Moon's middle.
+  // The vertical is undefined for a ray that begins at the Moon's centre.
   const Vec3 up = distance > 1 ? Vec3(camera_m / distance) : middle;
   if (fine) {
     const double ground_m = kMoonRadius_m + fine->height_m,
-                 least_m = std::max(kPostsPerLattice * fine->finest_m, distance - ground_m),
-                 lattice_m = std::exp2(std::floor(std::log2(least_m)));
+                 min_lattice_m = std::max(kPostsPerLattice * fine->finest_m, distance - ground_m),
+                 lattice_m = std::exp2(std::floor(std::log2(min_lattice_m)));
     if (lattice_m < kFinestAnchorLattice_m) return (up * (ground_m / lattice_m)).array().round() * lattice_m;
   }
   Vec3 near = up * kMoonRadius_m;
   const double ahead = -camera_m.dot(middle);
   if (distance > 1.2 * kMoonRadius_m && ahead > 0) {
-    // Past the limb: the surface that the middle passes closest, which is what a telescope may have in view.
+    // Beyond the limb, take the surface that the middle ray passes closest: a telescope may have it in view.
     const auto t = enter_sphere(camera_m, middle, kMoonRadius_m);
     near = t ? Vec3(camera_m + *t * middle) : Vec3((camera_m + ahead * middle).normalized() * kMoonRadius_m);
   }

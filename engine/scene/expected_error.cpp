@@ -10,7 +10,8 @@ double largest_sine_of_emission(const Vec3& camera_m, const Vec3& centre_m, doub
   const Vec3 to_camera = camera_m - centre_m;
   const double distance_m = to_camera.norm();
   if (distance_m <= radius_m) return 1;
-  // Within the ball, the vertical turns by radius_m / |centre_m| and the line of sight by asin(radius_m / distance_m).
+  // Add the turns within the ball: the vertical's, radius_m / |centre_m|, and the line of sight's, asin(radius_m /
+  // distance_m).
   const double emission_rad =
       angle_between(to_camera, centre_m) + radius_m / centre_m.norm() + std::asin(radius_m / distance_m);
   return emission_rad >= std::numbers::pi / 2 ? 1 : std::sin(emission_rad);

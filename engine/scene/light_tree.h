@@ -1,5 +1,17 @@
-// Finds terrain that can cast a shadow into view: receivers projected on a plane normal to the sunlight, in a tree of
-// rectangles. Receivers near a camera are centimetres wide and others kilometres, so a grid would be too coarse.
+// Tree of receivers, which finds the terrain that can cast a shadow into view.
+//
+// Receivers are boxes in light space: u and v across the sunlight, v upward, s toward the Sun.
+//
+//    v ^   +-----------+ branch          s ^
+//      |   | +--+      |                   |    #### occluder: its (u, v) box overlaps the receiver's,
+//      |   | |r1|  +-+ |                   |     ::   and its s1 (its sunward end) exceeds the receiver's s0
+//      |   | +--+  +-+ |                   |     ::
+//      |   |      r2   |                   |    ____ receiver
+//      |   +-----------+                   |
+//      +------------------> u              +---------> u
+//
+// A branch splits its receivers at the median along its longer axis. Receivers near a camera are centimetres wide and
+// others kilometres, so a regular grid would not do.
 #pragma once
 
 #include <vector>
@@ -9,44 +21,45 @@
 
 namespace selenograph::engine {
 
-// A caster matters when, seen along the sunlight, it overlaps a receiver and is nearer to the Sun. For a solar disc,
-// light from its limb counts, too.
+// For a solar disc, the occluder's box is widened by the shift of its shadow in light from the disc's rim.
 class LightTree {
  public:
-  // `up`: direction of the receivers from the Moon's centre. Any value is correct; the right one gives the tightest
+  // `up`: direction of the receivers from the Moon's centre. Any value is correct; the true one gives the tightest
   // bounds.
   LightTree(const Sun& sun, const Vec3& up);
 
-  // Adds terrain in view, with its pixels per metre. Terrain on the Moon's own night side is left out.
+  // Adds terrain in view with its weight, pixels per metre. Terrain on the Moon's night side is left out.
   void add_receiver(const NodeBounds& bounds, double pixels_per_metre);
-  // Call after the last receiver and before the first query.
+  // Builds the tree. Call it after the last receiver and before the first query.
   void finish();
 
-  // Largest pixels per metre among the receivers that this terrain could shade; 0: none.
+  // Returns the largest weight of all receivers that this terrain may shade; 0 if there are none.
   double shaded_pixels_per_metre(const NodeBounds& bounds) const;
 
  private:
   struct Extent {
     double u0 = 1e300, u1 = -1e300, v0 = 1e300, v1 = -1e300, s0 = 1e300, s1 = -1e300;
-    void include(const Extent& other);
+    void include(const Extent& extent);
   };
   struct Receiver {
     Extent extent;
     double pixels_per_metre;
   };
-  // The nodes of a branch follow it; `past` is the index after the last of them.
+  // Nodes are stored depth first: `past` is the index after a node's last descendant, where a traversal continues if it
+  // skips the node.
   struct Node {
     Extent extent;
-    double pixels_per_metre = 0;  // the largest
+    double pixels_per_metre = 0;  // largest of its receivers
     std::size_t past = 0;
-    std::size_t first = 0, count = 0;  // receivers of a leaf
+    std::size_t first_receiver = 0, receiver_count = 0;  // range of receivers_, for a leaf
   };
+  // Returns the box of some bounds in light space.
   Extent extent_of(const NodeBounds& bounds) const;
   bool in_night(const NodeBounds& bounds) const;
   void add_node(std::size_t first, std::size_t count);
 
   Vec3 sun_, u_, v_;
-  double radius_;  // tangent of the disc's angular radius, slightly enlarged
+  double tan_radius_;  // tangent of the disc's angular radius, slightly enlarged
   std::vector<Receiver> receivers_;
   std::vector<Node> nodes_;
 };

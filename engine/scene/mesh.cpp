@@ -21,31 +21,32 @@ namespace {
 using dem::BlockExtent;
 using dem::BlockId;
 
-// Whether they have at least a point in common; around a pole all that end there do.
-bool meet(const BlockExtent& a, const BlockExtent& b) {
+// Returns true if two blocks share at least a point. All blocks that end at a pole share it.
+bool share_point(const BlockExtent& a, const BlockExtent& b) {
   if (a.lat0 > b.lat1() || b.lat0 > a.lat1()) return false;
   if ((a.lat0 == 0 && b.lat0 == 0) || (a.lat1() == dem::kLatTicks && b.lat1() == dem::kLatTicks)) return true;
   const auto overlap = [&](std::int64_t shift) { return a.lon0 + shift <= b.lon1() && b.lon0 <= a.lon1() + shift; };
   return overlap(0) || overlap(dem::kLonTicks) || overlap(-std::int64_t{dem::kLonTicks});
 }
 
-// Index of the i-th vertex of an edge, from west or south.
-std::size_t place_on(const dem::Block& block, int edge, int i) {
+// Returns the index of the i-th vertex of an edge, from west or south.
+std::size_t edge_index(const dem::Block& block, int edge, int i) {
   const int quads = block.extent.quads;
   return edge < 2 ? block.index(edge == 0 ? 0 : quads, i) : block.index(i, edge == 2 ? 0 : quads);
 }
 
-bool meets_any(const BlockExtent& block, const std::vector<BlockExtent>& others) {
-  return std::any_of(others.begin(), others.end(), [&](const BlockExtent& other) { return meet(block, other); });
+bool touches_any(const BlockExtent& block, const std::vector<BlockExtent>& extents) {
+  return std::any_of(extents.begin(), extents.end(),
+                     [&](const BlockExtent& extent) { return share_point(block, extent); });
 }
 
 }  // namespace
 
-bool BlockBorder::operator==(const BlockBorder& other) const {
-  if (stride != other.stride || soft != other.soft) return false;
+bool BlockBorder::operator==(const BlockBorder& border) const {
+  if (stride != border.stride || soft != border.soft) return false;
   for (std::size_t edge = 0; edge < 4; ++edge)
-    if (height[edge].size() != other.height[edge].size() ||
-        std::memcmp(height[edge].data(), other.height[edge].data(), height[edge].size() * sizeof(float)) != 0)
+    if (height[edge].size() != border.height[edge].size() ||
+        std::memcmp(height[edge].data(), border.height[edge].data(), height[edge].size() * sizeof(float)) != 0)
       return false;
   return true;
 }
@@ -59,14 +60,14 @@ MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block, BlockBorder joined
   const int quads = posts->extent.quads;
   posts->position(quads / 2, quads / 2, 0).cwiseAbs().maxCoeff(&axis);
   vertices = posts->vertices;
-  if (!joined_as_it_was()) {
+  if (!border_is_unchanged()) {
     own_ = posts->vertices;
     if (border.soft != 0) soften_normals(own_, side, border.soft);
     for (int edge = 0; edge < 4; ++edge)
       for (int i = 0; i <= quads; ++i) {
         const auto e = static_cast<std::size_t>(edge);
-        own_[place_on(*posts, edge, i)] = {border.height[e][static_cast<std::size_t>(i)],
-                                           own_[place_on(*posts, edge, i - i % border.stride[e])].normal};
+        own_[edge_index(*posts, edge, i)] = {border.height[e][static_cast<std::size_t>(i)],
+                                             own_[edge_index(*posts, edge, i - i % border.stride[e])].normal};
       }
     vertices = own_;
   }
@@ -81,12 +82,12 @@ MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block, BlockBorder joined
         if (posts->source(r + dr, c + dc) != source) mixed[static_cast<std::size_t>(r)] |= std::uint64_t{1} << c;
 }
 
-bool MeshBlock::joined_as_it_was() const {
+bool MeshBlock::border_is_unchanged() const {
   if (collapses || border.soft != 0) return false;
   for (int edge = 0; edge < 4; ++edge)
     for (int i = 0; i <= posts->extent.quads; ++i)
       if (std::bit_cast<std::uint32_t>(border.height[static_cast<std::size_t>(edge)][static_cast<std::size_t>(i)]) !=
-          std::bit_cast<std::uint32_t>(posts->vertices[place_on(*posts, edge, i)].height_m))
+          std::bit_cast<std::uint32_t>(posts->vertices[edge_index(*posts, edge, i)].height_m))
         return false;
   return true;
 }
@@ -99,20 +100,20 @@ std::size_t MeshBlock::bytes() const {
 std::vector<std::shared_ptr<const dem::Block>> load_blocks(const dem::Terrain& terrain, const std::vector<BlockId>& ids,
                                                            const Mesh* before, const StopToken& stop) {
   std::vector<std::shared_ptr<const dem::Block>> loaded(ids.size());
-  std::vector<std::size_t> here, on_network;
+  std::vector<std::size_t> local, on_network;
   for (std::size_t i = 0; i < ids.size(); ++i) {
-    if (const auto known = before ? before->share(ids[i]) : nullptr)
-      loaded[i] = known->posts;
+    if (const auto shared = before ? before->share(ids[i]) : nullptr)
+      loaded[i] = shared->posts;
     else
-      (terrain.waits_for_network(ids[i]) ? on_network : here).push_back(i);
+      (terrain.waits_for_network(ids[i]) ? on_network : local).push_back(i);
   }
-  const auto load_all = [&](const std::vector<std::size_t>& places) {
-    in_parallel(places.size(), [&](std::size_t k) {
+  const auto load_all = [&](const std::vector<std::size_t>& indices) {
+    in_parallel(indices.size(), [&](std::size_t k) {
       stop.check();
-      loaded[places[k]] = terrain.block(ids[places[k]], stop);
+      loaded[indices[k]] = terrain.block(ids[indices[k]], stop);
     });
   };
-  load_all(here);
+  load_all(local);
   on_own_threads(dem::kNetworkReaders, [&] { load_all(on_network); });
   return loaded;
 }
@@ -124,8 +125,8 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const M
     const Waiting loading(stop.waits(), &Waits::load);
     loaded = load_blocks(terrain, ids, before, stop);
   }
-  if (ids.size() > TriangleId::kMostBlocks)
-    throw std::length_error(fmt::format("mesh: {} blocks are more than {}", ids.size(), TriangleId::kMostBlocks));
+  if (ids.size() > TriangleId::kMaxBlocks)
+    throw std::length_error(fmt::format("mesh: {} blocks are more than {}", ids.size(), TriangleId::kMaxBlocks));
   coarsest_ = dem::kMaxLevel;
   index_.reserve(ids.size());
   std::vector<Corners> soft_here;
@@ -133,7 +134,8 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const M
     auto& posts = loaded[i];
     if (!posts) continue;
     soft_here.push_back(soft.empty() ? Corners{0} : soft[i]);
-    coarsest_ = std::min(coarsest_, posts->id.level), finest_ = std::max(finest_, posts->id.level);
+    coarsest_ = std::min(coarsest_, posts->id.level);
+    finest_ = std::max(finest_, posts->id.level);
     index_[posts->id] = static_cast<std::uint32_t>(posts_.size());
     posts_.push_back(std::move(posts));
   }
@@ -145,15 +147,17 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const M
   const std::vector<BlockExtent> changed = before ? changes_since(*before) : std::vector<BlockExtent>{};
   in_parallel(blocks_.size(), [&](std::size_t i) {
     stop.check();
-    const auto known = before ? before->share(posts_[i]->id) : nullptr;
-    if (known && known->border.soft == soft_here[i] && !meets_any(posts_[i]->extent, changed)) {
-      blocks_[i] = known;
+    const auto previous = before ? before->share(posts_[i]->id) : nullptr;
+    if (previous && previous->border.soft == soft_here[i] && !touches_any(posts_[i]->extent, changed)) {
+      blocks_[i] = previous;
       return;
     }
+    // Stitch the border, and still reuse the previous block if the border came out the same.
     BlockBorder border = border_of(*posts_[i]);
     border.soft = soft_here[i];
-    blocks_[i] =
-        known && known->border == border ? known : std::make_shared<const MeshBlock>(posts_[i], std::move(border));
+    blocks_[i] = previous && previous->border == border
+                     ? previous
+                     : std::make_shared<const MeshBlock>(posts_[i], std::move(border));
   });
 }
 
@@ -162,7 +166,7 @@ std::shared_ptr<const MeshBlock> Mesh::share(const BlockId& id) const {
   return found == index_.end() ? nullptr : blocks_[found->second];
 }
 
-// Where there are blocks that the other one lacks, or the other way about.
+// Returns the extents of blocks that only one of the two meshes contains.
 std::vector<BlockExtent> Mesh::changes_since(const Mesh& before) const {
   std::vector<BlockExtent> changed;
   for (const auto& posts : posts_)
@@ -187,29 +191,29 @@ std::optional<std::uint32_t> Mesh::block_at(const Vec3& position_m) const {
   return block_at(ticks.whole_lat, ticks.whole_lon);
 }
 
-// Whose heights a common edge has: the coarser block's, of two of one level those of the coarser posts. A finer post
-// beside them is a curve's, theirs are a chord's, whatever a frame is made of (dem::Terrain::height).
-bool Mesh::is_before(std::uint32_t block, std::uint32_t other) const {
+// Returns true if a common edge takes its heights from `block`: the coarser one or, at one level, the one of the
+// coarser posts. A finer post beside those lies on a curve, theirs on a chord, in every frame (dem::Terrain::height).
+bool Mesh::is_before(std::uint32_t block, std::uint32_t neighbour) const {
   const auto key = [&](std::uint32_t i) { return std::tuple(posts_[i]->id.level, posts_levels_[i], posts_[i]->id); };
-  return key(block) < key(other);
+  return key(block) < key(neighbour);
 }
 
 BlockBorder Mesh::border_of(const dem::Block& block) const {
   BlockBorder border;
-  for (int edge = 0; edge < 4; ++edge) join_edge(block, edge, border);
+  for (int edge = 0; edge < 4; ++edge) stitch_edge(block, edge, border);
   return border;
 }
 
-void Mesh::join_edge(const dem::Block& own, int edge, BlockBorder& out) const {
+void Mesh::stitch_edge(const dem::Block& own, int edge, BlockBorder& out) const {
   const BlockExtent& e = own.extent;
   const bool along_lon = edge < 2;
   const std::int32_t step = along_lon ? e.lon_step : e.lat_step;
   const std::int64_t lat_out = edge == 0 ? std::int64_t{e.lat0} - 1 : edge == 1 ? std::int64_t{e.lat1()} : 0;
   const std::int64_t lon_out = edge == 2 ? std::int64_t{e.lon0} - 1 : edge == 3 ? std::int64_t{e.lon1()} : 0;
   const std::int64_t lat_edge = edge == 1 ? e.lat1() : e.lat0, lon_edge = edge == 3 ? e.lon1() : e.lon0;
-  // At a pole the edge is one point, the same in every block around it: nothing to join but that point's height.
+  // At a pole the edge is one point, shared by all blocks around it: only its height is stitched.
   const bool pole = along_lon && (lat_edge == 0 || lat_edge == dem::kLatTicks);
-  // A neighbour that is as coarse or coarser lies along the whole edge, so one look across decides; finer ones give way
+  // A neighbour that is at least as coarse spans the whole edge, so one probe across decides. Finer neighbours stitch
   // themselves.
   std::optional<std::uint32_t> across;
   if (!pole) across = along_lon ? block_at(lat_out, e.lon0) : block_at(e.lat0, lon_out);
@@ -217,8 +221,8 @@ void Mesh::join_edge(const dem::Block& own, int edge, BlockBorder& out) const {
   int stride = 1;
   if (neighbour) stride = std::max(1, (along_lon ? neighbour->extent.lon_step : neighbour->extent.lat_step) / step);
   out.stride[static_cast<std::size_t>(edge)] = std::min(stride, e.quads);
-  // Where the longitude step halves towards the equator, several neighbours of one level share the edge: each vertex
-  // has its own.
+  // If the longitude step halves toward the equator, several neighbours of one level share the edge: resolve each
+  // vertex by itself.
   const bool several =
       neighbour && along_lon &&
       dem::lon_shift(own.id.level, own.id.row + (edge == 1 ? 1 : -1)) < dem::lon_shift(own.id.level, own.id.row);
@@ -233,9 +237,9 @@ void Mesh::join_edge(const dem::Block& own, int edge, BlockBorder& out) const {
     }
     const std::int64_t lat = along_lon ? lat_edge : e.lat0 + std::int64_t{i} * e.lat_step;
     const std::int64_t lon = along_lon ? e.lon0 + std::int64_t{i} * e.lon_step : lon_edge;
-    float h = own.vertices[place_on(own, edge, i)].height_m;
+    float h = own.vertices[edge_index(own, edge, i)].height_m;
     if (i == 0 || i == e.quads || several) {
-      h = joined_height(own.id, lat, lon);
+      h = corner_height(own.id, lat, lon);
     } else if (neighbour && (neighbour_first || std::isnan(h))) {
       h = dem::post_at(*neighbour, lat, lon).value_or(h);
     }
@@ -243,19 +247,22 @@ void Mesh::join_edge(const dem::Block& own, int edge, BlockBorder& out) const {
   }
 }
 
-// The height of a corner: of all blocks that meet there and have it, the first.
-float Mesh::joined_height(const BlockId& own, std::int64_t lat, std::int64_t lon) const {
+// Returns the height of a corner, from the first of all blocks that contain it with data.
+float Mesh::corner_height(const BlockId& own, std::int64_t lat, std::int64_t lon) const {
   std::optional<std::uint32_t> first;
   float height = std::numeric_limits<float>::quiet_NaN();
   const auto consider = [&](std::int64_t y, std::int64_t x) {
     if (y < 0 || y >= dem::kLatTicks) return;
     const auto at = block_at(y, x);
     if (!at || (first && is_before(*first, *at))) return;
-    if (const auto h = dem::post_at(*posts_[*at], lat, lon)) first = at, height = *h;
+    if (const auto h = dem::post_at(*posts_[*at], lat, lon)) {
+      first = at;
+      height = *h;
+    }
   };
   for (const int dy : {-1, 0})
     for (const int dx : {-1, 0}) consider(lat + dy, lon + dx);
-  if (lat == 0 || lat == dem::kLatTicks) {  // a pole: every block around it holds the same raw post
+  if (lat == 0 || lat == dem::kLatTicks) {  // at a pole, all blocks around it hold the same raw post
     const auto at = index_.find(own);
     height = dem::post_at(*posts_[at->second], lat, lon).value_or(height);
   }

@@ -1,8 +1,12 @@
-// Joins the selected blocks to one continuous mesh without holes.
+// Stitches the selected blocks to one continuous mesh without holes.
+//
+//   coarse  o-----------o-----------o
+//           |  \     /  |  \     /  |
+//   fine    o-----x     o-----x     o     x collapses onto the next remaining vertex to the west or south
 //
 // Blocks share every vertex on a common edge, bit for bit. The finer side drops the vertices that the coarser side
-// lacks (they collapse onto the next one that it has). Heights on an edge are those of one of the adjacent blocks,
-// chosen the same way from either side: the coarsest, then the smallest id, among those with data there.
+// lacks: they collapse. Heights on an edge are those of one of the adjacent blocks, chosen the same way from either
+// side: the coarsest, then the one of the coarsest posts, then the smallest id, among those with data there.
 #pragma once
 
 #include <array>
@@ -22,12 +26,13 @@
 
 namespace selenograph::engine {
 
-// A block's border as joined: edge 0 south, 1 north, 2 west, 3 east, starting from west or south.
+// A block's stitched border: edge 0 south, 1 north, 2 west, 3 east, from west or south.
 struct BlockBorder {
-  std::array<int, 4> stride{1, 1, 1, 1};            // every stride-th vertex of the edge remains
-  std::array<std::vector<float>, 4> height;         // of the remaining vertices; between them, the last one's
-  Corners soft = 0;                                 // at which normals are smoothed
-  bool operator==(const BlockBorder& other) const;  // bit for bit
+  std::array<int, 4> stride{1, 1, 1, 1};  // every stride-th vertex of the edge remains
+  std::array<std::vector<float>, 4>
+      height;        // heights of the remaining vertices, m; a collapsed one repeats that before it
+  Corners soft = 0;  // corners at which normals are smoothed
+  bool operator==(const BlockBorder& border) const;  // compares heights bit for bit
 };
 
 // Immutable; shared between the meshes of frames that have the block and its surroundings in common.
@@ -44,19 +49,19 @@ struct MeshBlock {
   std::shared_ptr<const dem::Block> posts;
   BlockBorder border;
   int side;  // quads + 1
-  int axis;  // of MOON_ME: the one nearest to the vertical of the block's middle
-  // (quads + 1)^2 joined vertices, row-major from the south-west. A collapsed vertex holds height and normal of the one
-  // that it has collapsed onto. If the border is as in the posts and no corner soft, these are the posts' own vertices.
+  int axis;  // axis of MOON_ME nearest to the vertical of the block's middle
+  // (quads + 1)^2 stitched vertices, row by row from the south-west. A collapsed vertex has height and normal of the
+  // one that it collapses onto. If the border is unchanged and no corner soft, these are the posts' own vertices.
   std::span<const dem::Vertex> vertices;
   std::vector<Turn> rows, columns;
   bool collapses;  // some vertices of the border have collapsed
 
-  // If all posts have one source and are all filled or all not: that mark. Otherwise the mark of the middle post;
-  // `mixed` then says which quads have another or several, one bit per column.
+  // The mark of all posts if they have one source and are all filled or all not. Otherwise the mark of the middle post,
+  // and `mixed` tells which quads have others, one bit per column.
   dem::SourceMark source;
-  std::vector<std::uint64_t> mixed;  // per row of quads; empty if there are none
+  std::vector<std::uint64_t> mixed;  // per row of quads; empty without mixed quads
 
-  // Row and column of the remaining vertex that this one has collapsed onto.
+  // Returns row and column of the remaining vertex that this one collapses onto.
   std::array<int, 2> remaining(int r, int c) const {
     const int quads = posts->extent.quads;
     const std::array<int, 4>& stride = border.stride;
@@ -66,13 +71,13 @@ struct MeshBlock {
     if (c == quads) r -= r % stride[3];
     return {r, c};
   }
-  // Whether a quad touches the block's border.
+  // Returns true if a quad touches the block's border.
   bool on_border(int r, int c) const {
     const int last = posts->extent.quads - 1;
     return r == 0 || c == 0 || r == last || c == last;
   }
 
-  // MOON_ME, metres; NaN where there is no data.
+  // Returns a vertex, MOON_ME, m; NaN without data.
   Vec3 vertex(int r, int c) const {
     const auto [row, column] = remaining(r, c);
     return posts->position(row, column, static_cast<double>(vertices[posts->index(r, c)].height_m));
@@ -82,12 +87,12 @@ struct MeshBlock {
   std::size_t bytes() const;  // without the posts, which the terrain's cache counts
 
  private:
-  bool joined_as_it_was() const;
+  bool border_is_unchanged() const;
 
-  std::vector<dem::Vertex> own_;  // vertices, if they are not the posts'
+  std::vector<dem::Vertex> own_;  // storage of `vertices`, if they are not the posts'
 };
 
-// Shared blocks as a random-access range. (Not std::views: Clang 14 and GCC 12's library are incompatible there.)
+// Shared blocks as a random-access range. (Clang 14 cannot compile std::views of GCC 12's library.)
 class MeshBlocks {
  public:
   using Shared = std::vector<std::shared_ptr<const MeshBlock>>;
@@ -118,8 +123,8 @@ class MeshBlocks {
   const Shared* blocks_;
 };
 
-// Blocks in the order of their ids; null where there is nothing, as of Terrain::block(). Loads in parallel, from a
-// network on threads of their own. `before`: may be null.
+// Returns blocks in the order of their ids; null without data, as from Terrain::block(). Loads in parallel, from a
+// network on separate threads. `before`: may be null.
 class Mesh;
 std::vector<std::shared_ptr<const dem::Block>> load_blocks(const dem::Terrain& terrain,
                                                            const std::vector<dem::BlockId>& ids, const Mesh* before,
@@ -127,15 +132,15 @@ std::vector<std::shared_ptr<const dem::Block>> load_blocks(const dem::Terrain& t
 
 class Mesh {
  public:
-  // `blocks`: sorted, at most TriangleId::kMostBlocks; those without a valid post are left out. Loads in parallel;
-  // throws what the terrain throws. `before`: a mesh whose unchanged blocks are reused; may be null. `soft`: of each
-  // block, the corners at which its normals are smoothed; empty: nowhere.
+  // `blocks`: sorted, at most TriangleId::kMaxBlocks; those without a valid post are left out. Loads in parallel;
+  // throws what the terrain throws. `before`: a mesh whose unchanged blocks are reused; may be null. `soft`: corners of
+  // each block at which normals are smoothed; empty: none.
   Mesh(const dem::Terrain& terrain, const std::vector<dem::BlockId>& blocks, const Mesh* before = nullptr,
        const StopToken& stop = {}, const std::vector<Corners>& soft = {});
 
   MeshBlocks blocks() const { return MeshBlocks(blocks_); }
   std::shared_ptr<const MeshBlock> share(std::size_t block) const { return blocks_[block]; }
-  // Null if the mesh does not have the block.
+  // Returns a block; null if the mesh does not contain it.
   std::shared_ptr<const MeshBlock> share(const dem::BlockId& id) const;
   dem::Triangle triangle(const TriangleId& id) const {
     const dem::QuadVertices q = id.vertices();
@@ -143,10 +148,10 @@ class Mesh {
     return {b.vertex(q.r[0], q.c[0]), b.vertex(q.r[1], q.c[1]), b.vertex(q.r[2], q.c[2])};
   }
 
-  // Index of the block that contains a place (in lattice ticks).
+  // Returns the index of the block that contains a position, in lattice ticks.
   std::optional<std::uint32_t> block_at(std::int64_t lat_tick, std::int64_t lon_tick,
                                         int finest_level = dem::kMaxLevel) const;
-  // Of the block above or below a place.
+  // Returns the index of the block above or below a position.
   std::optional<std::uint32_t> block_at(const Vec3& position_m) const;
 
   bool holds(const dem::BlockId& id) const { return index_.count(id) > 0; }
@@ -156,12 +161,12 @@ class Mesh {
  private:
   std::vector<dem::BlockExtent> changes_since(const Mesh& before) const;
   BlockBorder border_of(const dem::Block& block) const;
-  void join_edge(const dem::Block& block, int edge, BlockBorder& out) const;
-  bool is_before(std::uint32_t block, std::uint32_t other) const;
-  float joined_height(const dem::BlockId& own, std::int64_t lat, std::int64_t lon) const;
+  void stitch_edge(const dem::Block& block, int edge, BlockBorder& out) const;
+  bool is_before(std::uint32_t block, std::uint32_t neighbour) const;
+  float corner_height(const dem::BlockId& own, std::int64_t lat, std::int64_t lon) const;
 
   std::vector<std::shared_ptr<const dem::Block>> posts_;  // posts of blocks_
-  std::vector<int> posts_levels_;                         // level of the terrain there, without detail
+  std::vector<int> posts_levels_;                         // level of the plain terrain's posts, per block
   std::vector<std::shared_ptr<const MeshBlock>> blocks_;
   std::unordered_map<dem::BlockId, std::uint32_t, dem::BlockIdHash> index_;
   int coarsest_ = 0, finest_ = 0;

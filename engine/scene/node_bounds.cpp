@@ -17,11 +17,13 @@ NodeBounds bounds_over(const dem::BlockExtent& e, double low_m, double high_m) {
                north = dem::lat_deg_of(e.lat1()) * kRadiansPerDegree;
   const double west = dem::lon_deg_of(e.lon0) * kRadiansPerDegree, east = dem::lon_deg_of(e.lon1()) * kRadiansPerDegree;
   NodeBounds b;
-  b.low_m = low_m, b.high_m = high_m;
+  b.low_m = low_m;
+  b.high_m = high_m;
   double cos_lon[3], sin_lon[3];
   for (int i = 0; i < 3; ++i) {
     const double lon = west + (east - west) * i / 2;
-    cos_lon[i] = std::cos(lon), sin_lon[i] = std::sin(lon);
+    cos_lon[i] = std::cos(lon);
+    sin_lon[i] = std::sin(lon);
   }
   std::size_t n = 0;
   for (int j = 0; j < 3; ++j) {
@@ -32,8 +34,7 @@ NodeBounds bounds_over(const dem::BlockExtent& e, double low_m, double high_m) {
       b.points[n++] = up * (kMoonRadius_m + high_m);
     }
   }
-  // Half a step's sagitta along both axes; a parallel's is R cos(lat) (step / 2)^2 / 2, which near a pole is the larger
-  // one.
+  // Sagitta of half a step along both axes. A parallel's is R cos(lat) (step / 2)^2 / 2, the larger one near a pole.
   const double step_lat = (north - south) / 2, step_lon = (east - west) / 2;
   b.bulge_m = (kMoonRadius_m + high_m) *
               (step_lat * step_lat + std::max(std::cos(south), std::cos(north)) * step_lon * step_lon) / 8;
@@ -46,8 +47,8 @@ NodeBounds bounds_over(const dem::BlockExtent& e, double low_m, double high_m) {
 
 NodeBounds bounds_of_all(const dem::BlockId& id, double low_m, double high_m) {
   NodeBounds b = bounds_of(id, low_m, high_m);
-  // A narrower one's centre lies at most half of what it is narrower away; its ball is at most half of its heights
-  // larger than that of level ground.
+  // The centre for a narrower range lies within half of the difference in range. Its sphere is at most half of its
+  // range larger than that of level ground.
   b.radius_m = (high_m - low_m) / 2 + bounds_of(id, high_m, high_m).radius_m;
   return b;
 }
@@ -56,23 +57,25 @@ bool below_horizon(const Vec3& from_m, const NodeBounds& b, double around_m) {
   using dem::kCoreRadius_m;
   const double distance = from_m.norm();
   if (distance - around_m <= kCoreRadius_m) return false;
-  // Angle at the Moon's centre from the viewer to the horizon, and from there to what just rises above it at the
-  // block's height.
+  // Angle at the Moon's centre from the viewer to the horizon, plus the angle from there to a point that just rises
+  // above it at the block's height.
   const double reach = std::acos(kCoreRadius_m / (distance + around_m)) +
                        std::acos(std::min(1.0, kCoreRadius_m / (kMoonRadius_m + b.high_m)));
   const double to_centre = std::acos(std::clamp(from_m.dot(b.centre) / (distance * b.centre.norm()), -1.0, 1.0));
-  // Another place is seen from the Moon's centre in a direction that differs by at most this.
-  const double aside = std::asin(std::min(1.0, around_m / distance));
-  return to_centre - std::asin(std::min(1.0, b.radius_m / b.centre.norm())) - aside > reach;
+  // Positions within around_m differ in direction from the Moon's centre by at most this angle.
+  const double viewer_angle = std::asin(std::min(1.0, around_m / distance));
+  return to_centre - std::asin(std::min(1.0, b.radius_m / b.centre.norm())) - viewer_angle > reach;
 }
 
 NodeBounds bounds_around(const Vec3& centre_m, double radius_m) {
   NodeBounds bounds;
   bounds.points.fill(centre_m);
   bounds.bulge_m = radius_m;
-  bounds.centre = centre_m, bounds.radius_m = radius_m;
+  bounds.centre = centre_m;
+  bounds.radius_m = radius_m;
   const double height = centre_m.norm() - kMoonRadius_m;
-  bounds.low_m = height - radius_m, bounds.high_m = height + radius_m;
+  bounds.low_m = height - radius_m;
+  bounds.high_m = height + radius_m;
   return bounds;
 }
 

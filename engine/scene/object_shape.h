@@ -1,4 +1,4 @@
-// An object's triangle mesh as read from its file (mesh_reader.h): corners, triangles and the part each belongs to.
+// Triangle mesh of an object, as read from its file (mesh_reader.h): corners, triangles, and the material of each.
 #pragma once
 
 #include <array>
@@ -14,7 +14,7 @@ namespace selenograph::engine {
 // Coordinates in the file's units.
 struct ObjectCorner {
   Eigen::Vector3f place;
-  Eigen::Vector3f normal;  // for shading; zero: use the facet's normal
+  Eigen::Vector3f normal;  // shading normal; zero: use the facet's normal
 };
 
 struct ObjectTriangle {
@@ -26,7 +26,7 @@ struct ObjectShape {
   std::vector<ObjectCorner> corners;
   std::vector<ObjectTriangle> triangles;
   std::vector<std::string> parts;  // names of the file's materials; at least one
-  bool textured = false;           // it has textures, which are ignored
+  bool textured = false;           // the file has textures, which are ignored
 
   Vec3 place(const ObjectTriangle& t, int k) const {
     return corners[t.corner[static_cast<std::size_t>(k)]].place.cast<double>();

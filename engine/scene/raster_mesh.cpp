@@ -16,17 +16,17 @@ namespace {
 
 constexpr int kStripRows = 16;
 constexpr int kLanes = 16;  // the widest vector
-constexpr int kMostQuads = 64;
+constexpr int kMaxQuads = 64;
 
-// Where skirts end: below all relief.
+// Radius at which skirts end, below all relief.
 constexpr double kFoot_m = kMoonRadius_m + 2 * dem::kLowestRelief_m;
 
-RowPlace place_of(const dem::Block& posts, int row) {
+RowAngles angles_of(const dem::Block& posts, int row) {
   const auto r = static_cast<std::size_t>(row);
   return {posts.cos_lat[r], posts.sin_lat[r], posts.cos_lon.data(), posts.sin_lon.data()};
 }
 
-// Empty (no rows) without vertices.
+// Returns the box of a strip; without vertices, one without rows.
 RasterShape::Box box_of(const MeshBlock& block, int first_row, int rows) {
   const dem::Block& posts = *block.posts;
   const int side = block.side, last = side - 1;
@@ -36,12 +36,15 @@ RasterShape::Box box_of(const MeshBlock& block, int first_row, int rows) {
   LocalRow row_pair[2]{};
   for (int r = first_row; r <= first_row + rows; ++r) {
     LocalRow &row = row_pair[r & 1], &south = row_pair[~r & 1];
-    local_row(&block.vertices[posts.index(r, 0)], side, place_of(posts, r), middle, axes, row);
+    local_row(&block.vertices[posts.index(r, 0)], side, angles_of(posts, r), middle, axes, row);
     const auto put = [&](int c) {
       const Vec3 at = block.vertex(r, c) - middle;
       row.set(c, {axes.east.dot(at), axes.north.dot(at), axes.up.dot(at)});
     };
-    if (block.collapses) put(0), put(last);
+    if (block.collapses) {
+      put(0);
+      put(last);
+    }
     for (int c = 1; block.collapses && (r == 0 || r == last) && c < last; ++c) put(c);
     bounds.extend(row, side);
     if (r > first_row) bounds.extend(south, row, last);
@@ -55,10 +58,11 @@ RasterShape::Box box_of(const MeshBlock& block, int first_row, int rows) {
   return box;
 }
 
-// Relative to the anchor, and slightly larger than its vertices as float has them.
+// Returns a strip relative to the anchor. Its box is slightly enlarged to contain the rounded vertices.
 Strip strip_of(const RasterShape::Box& box, const Vec3& anchor) {
   Strip s{};
-  s.first_row = box.first_row, s.rows = box.rows;
+  s.first_row = box.first_row;
+  s.rows = box.rows;
   const Vec3 centre = box.centre - anchor;
   const Vec3 half = box.half_m + Vec3::Constant(1e-6 * (centre.norm() + 2 * box.half_m.norm()));
   const Vec3 edges[3] = {box.axes.east * half.x(), box.axes.north * half.y(), box.axes.up * half.z()};
@@ -69,8 +73,8 @@ Strip strip_of(const RasterShape::Box& box, const Vec3& anchor) {
   return s;
 }
 
-// An edge by its ends in steps of 1/65536 m, far below what two blocks' vertices that are not the same one differ by,
-// and above what the poles' posts do.
+// Ends of an edge in steps of 1/65536 m: far below the distance of distinct vertices, and above the differences between
+// the posts of a pole.
 using Ends = std::array<std::int64_t, 6>;
 constexpr double kEndsPerMetre = 65536;
 
@@ -80,7 +84,8 @@ Ends ends_of(const Vec3& from, const Vec3& to) {
   Ends ends{};
   for (std::size_t k = 0; k < 3; ++k) {
     const auto i = static_cast<Eigen::Index>(k);
-    ends[k] = steps(from[i]), ends[3 + k] = steps(to[i]);
+    ends[k] = steps(from[i]);
+    ends[3 + k] = steps(to[i]);
   }
   return ends;
 }
@@ -89,18 +94,20 @@ struct EndsHash {
   std::size_t operator()(const Ends& e) const { return dem::hash_of(e.data(), sizeof e); }
 };
 
-// Edges along a block's sides and beside its voids, each with the triangle to its left.
+// Finds the edges along a block's sides and beside its voids, each with its triangle on the left.
 class EdgeFinder {
  public:
   explicit EdgeFinder(RasterShape& shape) : shape_(shape), block_(*shape.of), quads_(block_.side - 1) {}
 
   void find() {
-    const std::span<const dem::Vertex> all = block_.vertices;
+    const std::span<const dem::Vertex> vertices = block_.vertices;
     const int last = quads_ - 1;
-    if (std::none_of(all.begin(), all.end(), [](const dem::Vertex& v) { return std::isnan(v.height_m); })) {
+    if (std::none_of(vertices.begin(), vertices.end(), [](const dem::Vertex& v) { return std::isnan(v.height_m); })) {
       for (int i = 0; i <= last; ++i) {
-        border(0, 0, i, 0, i + 1), border(2, i + 1, 0, i, 0);
-        border(1, quads_, i + 1, quads_, i), border(3, i, quads_, i + 1, quads_);
+        border(0, 0, i, 0, i + 1);
+        border(2, i + 1, 0, i, 0);
+        border(1, quads_, i + 1, quads_, i);
+        border(3, i, quads_, i + 1, quads_);
       }
       return;
     }
@@ -128,7 +135,7 @@ class EdgeFinder {
 
   std::uint16_t index(int r, int c) const { return static_cast<std::uint16_t>(r * shape_.stride + c); }
 
-  // False: it has no length.
+  // Adds an edge. Returns false if it has no length.
   bool add(std::vector<RasterShape::Edge>& list, int r0, int c0, int r1, int c1, Ends& ends) const {
     ends = ends_of(block_.vertex(r0, c0), block_.vertex(r1, c1));
     if (std::equal(ends.begin(), ends.begin() + 3, ends.begin() + 3)) return false;
@@ -141,10 +148,11 @@ class EdgeFinder {
     add(shape_.inside, r0, c0, r1, c1, ends);
   }
 
-  // A sum doesn't care for the order, and the two ends of an edge are added alike: so nor does it for the direction.
+  // Adds an edge to a half side and to its hash. The hash is a sum over edges and symmetric in their ends, so neither
+  // order nor direction changes it.
   void border(std::size_t side, int r0, int c0, int r1, int c1) {
-    const int place = side < 2 ? std::min(c0, c1) : std::min(r0, r1);
-    RasterShape::Half& half = shape_.along[side][2 * place < quads_ ? 0 : 1];
+    const int quad = side < 2 ? std::min(c0, c1) : std::min(r0, r1);
+    RasterShape::Half& half = shape_.along[side][2 * quad < quads_ ? 0 : 1];
     Ends ends;
     if (add(half.edges, r0, c0, r1, c1, ends))
       half.mark +=
@@ -161,7 +169,7 @@ class EdgeFinder {
 RasterShape::RasterShape(std::shared_ptr<const MeshBlock> block) : of(std::move(block)) {
   const int quads = of->posts->extent.quads;
   stride = (quads + kLanes - 1) / kLanes * kLanes + kLanes;
-  static_assert((kMostQuads + 1) * (kMostQuads + 2 * kLanes) <= 1 << 16, "what an edge's ends hold");
+  static_assert((kMaxQuads + 1) * (kMaxQuads + 2 * kLanes) <= 1 << 16, "what an edge's ends hold");
   for (int r = 0; r < quads; r += kStripRows)
     if (const Box box = box_of(*of, r, std::min(kStripRows, quads - r)); box.rows > 0) boxes.push_back(box);
   EdgeFinder(*this).find();
@@ -173,34 +181,35 @@ RasterPiece::RasterPiece(std::shared_ptr<const RasterShape> shape_of_block, cons
   const dem::Block& posts = *of.posts;
   const auto stride = static_cast<std::size_t>(shape->stride), plane = stride * static_cast<std::size_t>(of.side);
   xyz.resize(3 * plane);
-  const auto place = [&](std::size_t at, int r, int c) {
+  const auto set_vertex = [&](std::size_t index, int r, int c) {
     const Vec3 vertex = of.vertex(r, c) - anchor;
-    for (std::size_t k = 0; k < 3; ++k) xyz[k * plane + at] = static_cast<float>(vertex[static_cast<Eigen::Index>(k)]);
+    for (std::size_t k = 0; k < 3; ++k)
+      xyz[k * plane + index] = static_cast<float>(vertex[static_cast<Eigen::Index>(k)]);
   };
   for (int r = 0; r < of.side; ++r) {
     const std::size_t first = static_cast<std::size_t>(r) * stride;
     float* x = &xyz[first];
-    place_row(&of.vertices[posts.index(r, 0)], of.side, place_of(posts, r), anchor, x, x + plane, x + 2 * plane);
+    place_row(&of.vertices[posts.index(r, 0)], of.side, angles_of(posts, r), anchor, x, x + plane, x + 2 * plane);
     for (float* plane_of_row : {x, x + plane, x + 2 * plane})
       std::fill(plane_of_row + of.side, plane_of_row + stride, std::numeric_limits<float>::quiet_NaN());
   }
   if (of.collapses)
     for (int i = 0, last = of.side - 1; i <= last; ++i)
       for (const auto& [r, c] : {std::pair{0, i}, {last, i}, {i, 0}, {i, last}})
-        place(static_cast<std::size_t>(r) * stride + static_cast<std::size_t>(c), r, c);
+        set_vertex(static_cast<std::size_t>(r) * stride + static_cast<std::size_t>(c), r, c);
   block = {xyz.data(), xyz.data() + plane, xyz.data() + 2 * plane, of.side - 1, shape->stride, of.vertices.data()};
   for (const RasterShape::Box& box : shape->boxes) strips.push_back(strip_of(box, anchor));
 }
 
 RasterMesh::RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterParts& before, const StopToken& stop)
     : anchor_(anchor_m) {
-  std::unordered_map<const MeshBlock*, std::size_t> known;
-  for (std::size_t i = 0; i < before.shapes.size(); ++i) known.emplace(before.shapes[i]->of.get(), i);
+  std::unordered_map<const MeshBlock*, std::size_t> shape_of_block;
+  for (std::size_t i = 0; i < before.shapes.size(); ++i) shape_of_block.emplace(before.shapes[i]->of.get(), i);
   pieces_.resize(mesh.blocks().size());
   in_parallel(pieces_.size(), [&](std::size_t i) {
     stop.check();
-    const auto found = known.find(&mesh.blocks()[i]);
-    if (found == known.end())
+    const auto found = shape_of_block.find(&mesh.blocks()[i]);
+    if (found == shape_of_block.end())
       pieces_[i] = std::make_shared<RasterPiece>(std::make_shared<RasterShape>(mesh.share(i)), anchor_);
     else if (before.pieces.empty())
       pieces_[i] = std::make_shared<RasterPiece>(before.shapes[found->second], anchor_);
@@ -217,9 +226,9 @@ RasterMesh::RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterParts
   add_skirts();
 }
 
-// Under edges of triangles that no other one shares. Inside of a block they are beside voids; on its border they are
-// where the edge of no other block is the same, vertex by vertex: most sides have their like in the neighbour as a
-// whole, or two neighbours' sides in their halves, and only what is left is looked at edge by edge.
+// Adds skirts below edges that only one triangle has. Inside a block these lie beside voids. On its border they are
+// edges without an equal edge in another block. Most sides equal a neighbour's side, or two neighbours' halves, which
+// their hashes tell; only the rest is compared edge by edge.
 void RasterMesh::add_skirts() {
   struct Open {
     const RasterShape* shape;
@@ -245,7 +254,7 @@ void RasterMesh::add_skirts() {
     if (wholes[mark] == 1 && has_halves(side))
       for (const RasterShape::Half& half : side) ++halves[half.mark];
   });
-  // One side as a whole and another's half.
+  // A full side of one block equals a half side of another.
   const auto joined = [&](std::uint64_t mark) { return in(wholes, mark) == 1 && in(halves, mark) == 1; };
   for_each_side([&](const RasterShape& shape, const Side& side, std::uint64_t mark) {
     if (wholes[mark] == 2 || joined(mark)) return;
@@ -276,18 +285,22 @@ void RasterMesh::add_skirts() {
     }
 }
 
-// Below an edge, with the triangle to the left of it: so the outside of the skirt is to the right.
+// Adds the two triangles of a skirt below an edge. The terrain is left of the edge, so the skirt's outside is right of
+// it.
 void RasterMesh::add_skirt(const Vec3& from, const Vec3& to) {
   const Vec3 a = to - anchor_, b = from - anchor_, c = from * (kFoot_m / from.norm()) - anchor_,
              d = to * (kFoot_m / to.norm()) - anchor_;
   const auto add = [&](const Vec3& p, const Vec3& q, const Vec3& r) {
     Skirt skirt{};
-    for (int k = 0; k < 3; ++k)
-      skirt.a[k] = static_cast<float>(p[k]), skirt.b[k] = static_cast<float>(q[k]),
+    for (int k = 0; k < 3; ++k) {
+      skirt.a[k] = static_cast<float>(p[k]);
+      skirt.b[k] = static_cast<float>(q[k]);
       skirt.c[k] = static_cast<float>(r[k]);
+    }
     skirts_.push_back(skirt);
   };
-  add(a, b, c), add(a, c, d);
+  add(a, b, c);
+  add(a, c, d);
 }
 
 RasterParts RasterMesh::parts_for(const Vec3& anchor_m) const {

@@ -1,4 +1,9 @@
 // The mesh for rasterisation: float relative to an anchor, structure of arrays, in strips with tight bounds.
+//
+//   block: 64 x 64 quads       +--------------+  strip 3      Strips of 16 rows have boxes along the block's axes.
+//   RasterShape: no anchor     +--------------+  strip 2
+//   RasterPiece: with anchor   +--------------+  strip 1      A skirt hangs below each edge that no second
+//                              +--------------+  strip 0      triangle shares.
 #pragma once
 
 #include <array>
@@ -12,7 +17,7 @@
 
 namespace selenograph::engine {
 
-inline constexpr std::uint32_t kNoTriangle = 0xffffffff;  // in place of TriangleId::packed()
+inline constexpr std::uint32_t kNoTriangle = 0xffffffff;  // stands for TriangleId::packed() of no triangle
 
 // Vertices of one block, rows from the south, `stride` floats apart; entries beyond the last column are NaN.
 struct RasterBlock {
@@ -26,29 +31,29 @@ struct Strip {
   std::uint32_t block;
   int first_row, rows;
   float centre[3];    // centre of the box, relative to the anchor
-  float half[3][3];   // half edges: east, north, up
+  float half[3][3];   // half edges of the box: east, north, up
   float steepest[8];  // as in LocalBounds
 };
 
-// A triangle of the skirts at data boundaries, which extend below all relief. With them every ray that enters the
-// ground does so through the front face of a triangle; shadows rely on that.
+// A triangle of the skirts at data boundaries, which extend below all relief. With skirts, every ray that enters the
+// ground passes the front face of a triangle, as shadows require.
 struct Skirt {
   float a[3], b[3], c[3];  // counter-clockwise from outside, relative to the anchor
 };
 
-// The part of one block's raster data that does not depend on the anchor; immutable, shared like the block.
+// Raster data of one block that does not depend on the anchor. Immutable, shared like the block.
 struct RasterShape {
   explicit RasterShape(std::shared_ptr<const MeshBlock> block);
 
-  // A strip's box, MOON_ME, metres.
+  // Box of a strip, MOON_ME, m.
   struct Box {
     int first_row, rows;
     Vec3 centre;
     EastNorthUp axes;
     Vec3 half_m;                    // half edges along the axes
-    std::array<float, 8> steepest;  // of the triangles, as in LocalBounds
+    std::array<float, 8> steepest;  // steepest rises of the triangles, as in LocalBounds
   };
-  // Indices of vertices in RasterBlock; the triangle is on the left.
+  // An edge as indices of vertices in RasterBlock; its triangle is on the left.
   struct Edge {
     std::uint16_t from, to;
   };
@@ -56,12 +61,12 @@ struct RasterShape {
   std::shared_ptr<const MeshBlock> of;
   int stride;  // as in RasterBlock
   std::vector<Box> boxes;
-  // Edges that belong to one triangle of the block only: beside no-data, and along the two halves (from west or south)
-  // of each side of the block.
+  // Edges that only one triangle of the block has: `inside` beside no-data, `along` on the two halves (from west or
+  // south) of each side.
   std::vector<Edge> inside;
   struct Half {
     std::vector<Edge> edges;
-    std::uint64_t mark = 0;  // hash of its edges, equal for the opposite direction; 0: none
+    std::uint64_t mark = 0;  // hash of its edges, equal for opposite directions; 0: none
   };
   std::array<std::array<Half, 2>, 4> along;
 
@@ -69,18 +74,18 @@ struct RasterShape {
   std::size_t bytes() const;
 };
 
-// Drawable data of one block; immutable, shared like the block.
+// Drawable data of one block at an anchor. Immutable, shared like the block.
 struct RasterPiece {
   RasterPiece(std::shared_ptr<const RasterShape> shape_of_block, const Vec3& anchor_m);
 
   std::shared_ptr<const RasterShape> shape;
   std::vector<float> xyz;  // all x, then all y, then all z
   RasterBlock block;
-  std::vector<Strip> strips;  // strips, numbered as of block 0
+  std::vector<Strip> strips;  // their block index is 0 until the mesh sets it
   std::size_t bytes() const;
 };
 
-// Parts of a mesh that another one may reuse: shapes and, for the same anchor, pieces.
+// Data of a mesh that another mesh may reuse: shapes and, for the same anchor, pieces.
 struct RasterParts {
   std::vector<std::shared_ptr<const RasterShape>> shapes;
   std::vector<std::shared_ptr<const RasterPiece>> pieces;  // as many as shapes, or none
@@ -88,9 +93,10 @@ struct RasterParts {
 
 class RasterMesh {
  public:
-  // `before`: parts of a mesh that may have blocks in common. Throws Cancelled when `stop` says so.
+  // `before`: data of a mesh that may have blocks in common. Throws Cancelled once `stop` is requested.
   RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterParts& before = {}, const StopToken& stop = {});
 
+  // Returns the data that a mesh with this anchor may reuse.
   RasterParts parts_for(const Vec3& anchor_m) const;
 
   const Vec3& anchor() const { return anchor_; }

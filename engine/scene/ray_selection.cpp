@@ -5,7 +5,7 @@
 #include <limits>
 #include <utility>
 
-#include "engine/scene/known_nodes.h"
+#include "engine/scene/bounded_nodes.h"
 #include "engine/scene/root_groups.h"
 
 namespace selenograph::engine {
@@ -13,19 +13,19 @@ namespace {
 
 using dem::BlockId;
 
-// Blocks beside a ray are needed, too: the heights on a block's edge may be its neighbour's, which begins a quad from
-// the ray.
-double beside_m(int level) { return 1.5 * dem::post_spacing_m(level); }
+// Returns the distance from a ray within which blocks are needed: the heights on a block's edge may be its neighbour's,
+// which begins a quad from the ray.
+double margin_m(int level) { return 1.5 * dem::post_spacing_m(level); }
 
-// Whether a ray passes through a node, or a quad of its level beside it: within its ball it must come below the highest
-// height. A cone's rays pass within its width of its axis, which is that at the ball's far side: as far from the axis
-// they may meet the ball, and as much lower they may come. From far away a difference of squares would be rounded to
-// more than a block.
-bool may_meet(const RayCone& ray, const NodeBounds& b, double above_m, int level) {
+// Returns true if a ray may pass through a node, or through a quad of its level beside it: within the node's ball it
+// must come below the greatest height. A cone's rays stay within its width of the axis, taken at the ball's far side.
+// They may hit the ball that far from the axis, and come that much lower. Distances are compared to the axis: from far
+// away, a difference of squares would be rounded to more than a block.
+bool may_hit(const RayCone& ray, const NodeBounds& b, double above_m, int level) {
   const Vec3 to = b.centre - ray.origin_m;
-  const double ball_m = b.radius_m + above_m + beside_m(level), along = to.dot(ray.direction),
+  const double ball_m = b.radius_m + above_m + margin_m(level), along = to.dot(ray.direction),
                off2 = (to - along * ray.direction).squaredNorm(), far_m = std::max(0.0, along + ball_m + ray.radius_m),
-               width_m = ray.one() ? 0 : ray.radius_m + far_m * ray.slope, reach = ball_m + width_m,
+               width_m = ray.is_single_ray() ? 0 : ray.radius_m + far_m * ray.slope, reach = ball_m + width_m,
                reach2 = reach * reach;
   if (off2 > reach2) return false;
   const double half = std::sqrt(reach2 - off2), t0 = std::max(0.0, along - half), t1 = std::min(along + half, ray.to_m);
@@ -48,25 +48,25 @@ class RaySelector {
         finest_detail_(finest_detail),
         stop_(stop) {}
 
-  // Adds the blocks below a node that candidate rays may meet. Returns false once there are too many. `parent`: null
-  // for a root.
-  bool follow(const BlockId& id, const RayIndices& candidates, const dem::NodeInfo* parent) {
+  // Adds the blocks below a node that candidate rays may hit. Returns false once there are too many. `parent`: null for
+  // a root.
+  bool visit(const BlockId& id, const RayIndices& candidates, const dem::NodeInfo* parent) {
     stop_.check();
     // Reject a block with detail by bounds that need no block to be made: its parent's heights, then its outline's.
-    RayIndices meeting = candidates;
+    RayIndices hitting = candidates;
     const bool detail = terrain_.has_detail(id);
-    if (detail && parent && !keep_meeting(meeting, id, bounds_within(id, *parent))) return true;
-    if (!detail && !may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return any_meets(candidates, id, b); }))
+    if (detail && parent && !remove_missing(hitting, id, bounds_within(id, *parent))) return true;
+    if (!detail && !may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return any_hits(candidates, id, b); }))
       return true;
     const bool last = id.level >= terrain_.finest_level(id) || (detail && id.level >= finest_detail_);
     const auto outline = terrain_.outline(id, stop_);
-    if (outline && !keep_meeting(meeting, id, bounds_within(id, *outline))) return true;
-    if (outline && !last) return follow_children(id, meeting, *outline);
-    const auto node = known(terrain_, id, stop_);
-    if (!node || !keep_meeting(meeting, id, node->bounds)) return true;
-    if (!last) return follow_children(id, meeting, node->info);
+    if (outline && !remove_missing(hitting, id, bounds_within(id, *outline))) return true;
+    if (outline && !last) return visit_children(id, hitting, *outline);
+    const auto node = bounded_node(terrain_, id, stop_);
+    if (!node || !remove_missing(hitting, id, node->bounds)) return true;
+    if (!last) return visit_children(id, hitting, node->info);
     blocks_.push_back(
-        {id, static_cast<double>(node->info.min_m), static_cast<double>(node->info.max_m), std::move(meeting)});
+        {id, static_cast<double>(node->info.min_m), static_cast<double>(node->info.max_m), std::move(hitting)});
     return blocks_.size() <= max_blocks_;
   }
 
@@ -76,21 +76,21 @@ class RaySelector {
   }
 
  private:
-  bool meets(std::size_t ray, const BlockId& id, const NodeBounds& bounds) const {
-    return may_meet(rays_[ray], bounds, above_m_, id.level);
+  bool hits(std::size_t ray, const BlockId& id, const NodeBounds& bounds) const {
+    return may_hit(rays_[ray], bounds, above_m_, id.level);
   }
-  bool any_meets(const RayIndices& candidates, const BlockId& id, const NodeBounds& bounds) const {
-    return std::any_of(candidates.begin(), candidates.end(), [&](std::size_t i) { return meets(i, id, bounds); });
+  bool any_hits(const RayIndices& candidates, const BlockId& id, const NodeBounds& bounds) const {
+    return std::any_of(candidates.begin(), candidates.end(), [&](std::size_t i) { return hits(i, id, bounds); });
   }
-  // Returns whether any ray is left.
-  bool keep_meeting(RayIndices& candidates, const BlockId& id, const NodeBounds& bounds) const {
-    std::erase_if(candidates, [&](std::size_t i) { return !meets(i, id, bounds); });
+  // Removes the rays that miss the bounds. Returns true if any is left.
+  bool remove_missing(RayIndices& candidates, const BlockId& id, const NodeBounds& bounds) const {
+    std::erase_if(candidates, [&](std::size_t i) { return !hits(i, id, bounds); });
     return !candidates.empty();
   }
-  bool follow_children(const BlockId& id, const RayIndices& meeting, const dem::NodeInfo& heights) {
+  bool visit_children(const BlockId& id, const RayIndices& hitting, const dem::NodeInfo& heights) {
     const std::vector<BlockId> children = dem::children_of(id);
     return std::all_of(children.begin(), children.end(),
-                       [&](const BlockId& child) { return follow(child, meeting, &heights); });
+                       [&](const BlockId& child) { return visit(child, hitting, &heights); });
   }
 
   const dem::Terrain& terrain_;
@@ -105,7 +105,8 @@ class RaySelector {
 }  // namespace
 
 double range_below_terrain_m(const RayCone& ray) {
-  const double closest = -ray.origin_m.dot(ray.direction), width_m = ray.one() ? 0 : ray.radius_m + closest * ray.slope,
+  const double closest = -ray.origin_m.dot(ray.direction),
+               width_m = ray.is_single_ray() ? 0 : ray.radius_m + closest * ray.slope,
                deep_m = dem::kCoreRadius_m - width_m,
                inside = deep_m * std::abs(deep_m) - (ray.origin_m + closest * ray.direction).squaredNorm();
   const double range_m = inside > 0 && closest > 0 ? closest - std::sqrt(inside) : -1;
@@ -116,16 +117,16 @@ std::optional<std::vector<BlockOnRays>> select_for_rays(const dem::Terrain& terr
                                                         std::size_t max_blocks, const StopToken& stop, double above_m,
                                                         int finest_detail) {
   RaySelector selector(terrain, rays, max_blocks, above_m, finest_detail, stop);
-  std::vector<std::size_t> all(rays.size());
-  for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
+  std::vector<std::size_t> ray_indices(rays.size());
+  for (std::size_t i = 0; i < ray_indices.size(); ++i) ray_indices[i] = i;
   std::vector<BlockId> near;
   for (const RootGroup& group : root_groups())
     if (std::any_of(rays.begin(), rays.end(),
-                    [&](const auto& ray) { return may_meet(ray, group.bounds, above_m, dem::kRootLevel); }))
+                    [&](const auto& ray) { return may_hit(ray, group.bounds, above_m, dem::kRootLevel); }))
       for_each_root(terrain, group, [&](const BlockId& id) { near.push_back(id); });
   std::sort(near.begin(), near.end());
   for (const BlockId& id : near)
-    if (!selector.follow(id, all, nullptr)) return std::nullopt;
+    if (!selector.visit(id, ray_indices, nullptr)) return std::nullopt;
   return selector.sorted_blocks();
 }
 

@@ -10,17 +10,19 @@
 
 namespace selenograph::engine {
 
-// Along the axis, to where all of a cone is below any terrain: what it meets, it meets before. Infinite: nowhere, or it
-// begins there. Else a ray into the ground would be followed to where it leaves the Moon again.
+// Returns the distance along a cone's axis at which all of the cone is below any terrain: all hits are nearer. Infinite
+// if there is no such distance, or the cone begins there. Without this limit, a ray into the ground would be followed
+// to where it leaves the Moon again.
 double range_below_terrain_m(const RayCone& ray);
 
-// The finest blocks that rays may hit, or pass within a height above, sorted, each with its rays; empty when there are
-// more than max_blocks. Blocks with detail are no finer than `finest_detail`. Neighbours may differ by more than one
-// level where sources differ: the mesh joins them all the same.
+// Returns the finest blocks that rays may hit, or pass within above_m above, sorted, each with its rays; empty if there
+// are more than max_blocks. Blocks with detail are no finer than `finest_detail`. Where sources differ, neighbours may
+// differ by more than one level; the mesh stitches them all the same.
+// A block and the rays that may hit it.
 struct BlockOnRays {
   dem::BlockId id;
-  double low_m, high_m;           // height bounds of its terrain
-  std::vector<std::size_t> rays;  // ascending
+  double low_m, high_m;           // height range of its terrain
+  std::vector<std::size_t> rays;  // indices of the rays, ascending
 };
 std::optional<std::vector<BlockOnRays>> select_for_rays(const dem::Terrain& terrain, const std::vector<RayCone>& rays,
                                                         std::size_t max_blocks, const StopToken& stop,

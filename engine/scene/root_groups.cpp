@@ -6,28 +6,30 @@ namespace selenograph::engine {
 namespace {
 
 constexpr int kRows = 5, kColumns = 18;  // 20 by 20 degrees
-// The ball around a block whose heights are known is not quite inside the one around all heights that it might have.
+// The sphere around a block of known heights may extend a little beyond the one around all possible heights.
 constexpr double kSlack_m = 30000;
 
+// Sets the bounds of a group's blocks at all possible heights.
 void enclose(RootGroup& group) {
-  std::vector<NodeBounds> all;
+  std::vector<NodeBounds> block_bounds;
   Vec3 centre = Vec3::Zero();
   for (int row = group.first_row; row < group.past_last_row; ++row) {
     const auto i = static_cast<std::size_t>(row - group.first_row);
     for (int col = group.first_column[i]; col < group.past_last_column[i]; ++col) {
-      all.push_back(bounds_of({0, row, col}, static_cast<double>(dem::kLowestRelief_m),
-                              static_cast<double>(dem::kHighestRelief_m)));
-      centre += all.back().centre;
+      block_bounds.push_back(bounds_of({0, row, col}, static_cast<double>(dem::kLowestRelief_m),
+                                       static_cast<double>(dem::kHighestRelief_m)));
+      centre += block_bounds.back().centre;
     }
   }
-  centre /= static_cast<double>(all.size());
+  centre /= static_cast<double>(block_bounds.size());
   double radius_m = 0;
-  for (const NodeBounds& b : all) radius_m = std::max(radius_m, (b.centre - centre).norm() + b.radius_m);
+  for (const NodeBounds& b : block_bounds) radius_m = std::max(radius_m, (b.centre - centre).norm() + b.radius_m);
   group.bounds = bounds_around(centre, radius_m + kSlack_m);
-  group.bounds.high_m = static_cast<double>(dem::kHighestRelief_m);  // the ball reaches higher, what is in it doesn't
+  group.bounds.high_m =
+      static_cast<double>(dem::kHighestRelief_m);  // the sphere extends higher, but its content does not
 }
 
-std::vector<RootGroup> made() {
+std::vector<RootGroup> make_groups() {
   std::vector<RootGroup> groups;
   const int rows = dem::rows_of(0);
   for (int row = 0; row < rows; row += kRows)
@@ -40,7 +42,7 @@ std::vector<RootGroup> made() {
         group.past_last_column.push_back(columns * (k + 1) / kColumns);
         any |= group.first_column.back() < group.past_last_column.back();
       }
-      if (!any) continue;  // next to a pole there are fewer columns
+      if (!any) continue;  // rows next to a pole have fewer columns
       enclose(group);
       groups.push_back(std::move(group));
     }
@@ -50,7 +52,7 @@ std::vector<RootGroup> made() {
 }  // namespace
 
 const std::vector<RootGroup>& root_groups() {
-  static const std::vector<RootGroup> groups = made();
+  static const std::vector<RootGroup> groups = make_groups();
   return groups;
 }
 

@@ -1,5 +1,5 @@
-// Root blocks of the quadtree, grouped by region: groups out of view are skipped as a whole, so that the cost of a
-// frame does not grow with terrain that it does not see.
+// Root blocks of the quadtree, grouped by region: a group out of view is skipped at once, so that a frame's cost does
+// not grow with terrain that it does not show.
 #pragma once
 
 #include <algorithm>
@@ -16,7 +16,7 @@ struct RootGroup {
   NodeBounds bounds;                                // bounds of everything its blocks can contain
 };
 
-// Partition of all blocks of level 0, the same for every terrain.
+// Returns a partition of all blocks of level 0, the same for every terrain.
 const std::vector<RootGroup>& root_groups();
 
 // Calls visit(id) for each of the group's blocks that has data, ascending.

@@ -20,56 +20,61 @@ void refuse_buried(const dem::Terrain& terrain, const Vec3& position_m, const st
   if (height > static_cast<double>(dem::kHighestRelief_m)) return;
   const Geographic g = to_geographic(position_m);
   const dem::HeightAnswer ground = terrain.height(g.lat_deg, g.lon_deg, stop);
-  const bool known = !std::isnan(ground.height_m);
-  const double lowest = known ? ground.height_m : static_cast<double>(dem::kLowestRelief_m);
-  // No camera is within a hundredth of the Moon's radius of its centre, but positions in kilometres are.
+  const bool has_data = !std::isnan(ground.height_m);
+  const double lowest = has_data ? ground.height_m : static_cast<double>(dem::kLowestRelief_m);
+  // No camera is within a hundredth of the Moon's radius of its centre, but a position in kilometres is.
   const char* const hint =
       position_m.norm() < kMoonRadius_m / 100 ? "; are lengths in kilometres? They are metres" : "";
   if (height <= lowest)
     throw ImpossibleRequest(
         fmt::format("{} is below the terrain: {:.3f} m above the sphere{} {:.3f} m{}", subject, height,
-                    known ? ", ground at" : "; there are no data, but no ground of the Moon is below", lowest, hint),
+                    has_data ? ", ground at" : "; there are no data, but no ground of the Moon is below", lowest, hint),
         member);
 }
 
 Selection select_for_view(const dem::Terrain& terrain, const View& view, const Sun* sun, const Accuracy& accuracy,
-                          const StopToken& stop, const SceneRoom& room) {
-  const ViewBundle one{view};
-  return select_for_views(terrain, {&one, 1}, sun, accuracy, stop, room);
+                          const StopToken& stop, const SceneBudget& budget) {
+  const ViewBundle bundle{view};
+  return select_for_views(terrain, {&bundle, 1}, sun, accuracy, stop, budget);
 }
 
 Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBundle> views, const Sun* sun,
-                           const Accuracy& accuracy, const StopToken& stop, const SceneRoom& room,
+                           const Accuracy& accuracy, const StopToken& stop, const SceneBudget& budget,
                            const std::vector<Ball>& receivers) {
-  Accuracy asked = accuracy;
-  asked.max_detail_error_px = asked.detail_aim_px();
-  const auto looser = [](double target_px, double by) { return std::max(by * target_px, 1.0 / 16); };
-  // Shadows give way first, as far as they must: their bound is that of the deepest crater, while coarser ground is
-  // seen at once. Where no shadow target is loose enough, which is tried before others are, detail gives way.
-  enum class Shadows { as_asked, tried_without, relaxed } shadows = Shadows::as_asked;
+  Accuracy targets = accuracy;
+  targets.max_detail_error_px = targets.detail_aim_px();
+  const auto looser = [](double target_px, double factor) { return std::max(factor * target_px, 1.0 / 16); };
+  // Relax shadows first, as far as needed: their bound assumes the deepest crater, while coarser ground is visible at
+  // once. If even without a shadow target the detail does not fit, relax detail. The attempt without a shadow target
+  // comes before any other relaxation.
+  enum class Shadows { as_requested, tried_without, relaxed } shadows = Shadows::as_requested;
   for (;;) {
-    ViewSelector selector(terrain, views, asked, room, stop, receivers);
+    ViewSelector selector(terrain, views, targets, budget, stop, receivers);
     try {
       Selection selection = selector.select(sun);
       if (shadows == Shadows::tried_without) {
-        shadows = Shadows::relaxed, asked.max_shadow_error_px = looser(accuracy.max_shadow_error_px, 2);
+        shadows = Shadows::relaxed;
+        targets.max_shadow_error_px = looser(accuracy.max_shadow_error_px, 2);
         continue;
       }
-      selection.shadow_limit_px = asked.max_shadow_error_px;
-      if (terrain.detail()) selection.detail_limit_px = asked.max_detail_error_px;
+      selection.shadow_limit_px = targets.max_shadow_error_px;
+      if (terrain.detail()) selection.detail_limit_px = targets.max_detail_error_px;
       return selection;
     } catch (const TooMuchDetail&) {
       if (!selector.refined_for_shadows()) {
-        shadows = Shadows::as_asked, asked.max_shadow_error_px = accuracy.max_shadow_error_px;
-        asked.max_detail_error_px = looser(asked.max_detail_error_px, std::numbers::sqrt2);
-      } else if (shadows == Shadows::as_asked) {
-        shadows = Shadows::tried_without, asked.max_shadow_error_px = std::numeric_limits<double>::infinity();
+        shadows = Shadows::as_requested;
+        targets.max_shadow_error_px = accuracy.max_shadow_error_px;
+        targets.max_detail_error_px = looser(targets.max_detail_error_px, std::numbers::sqrt2);
+      } else if (shadows == Shadows::as_requested) {
+        shadows = Shadows::tried_without;
+        targets.max_shadow_error_px = std::numeric_limits<double>::infinity();
       } else {
-        asked.max_shadow_error_px = looser(asked.max_shadow_error_px, 2);
+        targets.max_shadow_error_px = looser(targets.max_shadow_error_px, 2);
       }
     } catch (const TooMuchTerrain&) {
       if (!selector.refined_for_shadows()) throw;
-      shadows = Shadows::relaxed, asked.max_shadow_error_px = looser(asked.max_shadow_error_px, 2);
+      shadows = Shadows::relaxed;
+      targets.max_shadow_error_px = looser(targets.max_shadow_error_px, 2);
     }
   }
 }
@@ -99,19 +104,19 @@ Visibility visibility_for(const FrameRequest& request, const RowViews& views, co
     return Visibility::raytrace;
   }
   if (request.visibility != Visibility::automatic) return request.visibility;
-  // Triangles per pixel where both take equally long, measured by selenograph_benchmark --benchmark_filter=dense, whose
-  // Suns are at 3, 15 and 45 degrees and at 15 with its disc. Under a low Sun triangles shade more samples; of the
-  // Sun's disc rays ask for hundreds of directions.
-  constexpr double kMostWithDisc = 3000, kMostAtLowSun = 550, kMost = 850;
-  constexpr double kLow = 0.1;  // sine of the Sun's elevation, as where the shadow map's order changes
+  // Triangles per pixel at which both algorithms take equally long, measured by selenograph_benchmark
+  // --benchmark_filter=dense, with the Sun at 3, 15 and 45 degrees, and at 15 with its disc. Under a low Sun triangles
+  // shade more samples; for a solar disc, ray tracing casts hundreds of shadow rays.
+  constexpr double kMaxWithDisc = 3000, kMaxAtLowSun = 550, kMaxAtHighSun = 850;
+  constexpr double kLow = 0.1;  // sine of the Sun's elevation at which the shadow map changes its order
   const View& view = views.reference();
-  double most = kMost;
+  double max_triangles_per_pixel = kMaxAtHighSun;
   if (request.sun.angular_radius_deg > 0)
-    most = kMostWithDisc;
+    max_triangles_per_pixel = kMaxWithDisc;
   else if (anchor_for(view.position(), view.middle()).normalized().dot(request.sun.direction) < kLow)
-    most = kMostAtLowSun;
+    max_triangles_per_pixel = kMaxAtLowSun;
   const double pixels = static_cast<double>(request.camera.width) * request.camera.height;
-  return triangles_of(selection) > most * pixels ? Visibility::raytrace : Visibility::zbuffer;
+  return triangles_of(selection) > max_triangles_per_pixel * pixels ? Visibility::raytrace : Visibility::zbuffer;
 }
 
 void refuse_underground(const dem::Terrain& terrain, const RowViews& views, const StopToken& stop) {

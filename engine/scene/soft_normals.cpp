@@ -7,12 +7,12 @@
 namespace selenograph::engine {
 namespace {
 
-// Binomial weights, of neighbours one apart and then two: nothing is left of waves four vertices long, a fifth of those
-// eight long, two thirds of those sixteen long.
+// Binomial weights, for neighbours at distance 1 and then 2: they remove waves four vertices long, and leave a fifth of
+// those eight long and two thirds of those sixteen long.
 constexpr std::array kBinomial{6.F / 16, 4.F / 16, 1.F / 16};
-constexpr std::array<std::ptrdiff_t, 2> kApart{1, 2};
+constexpr std::array<std::ptrdiff_t, 2> kDistances{1, 2};
 
-// Along a line of vertices that lie `step` apart in memory; the last one stands in for those beyond.
+// Smooths normals along a line of vertices that are `step` apart in memory. The last vertex is repeated beyond the end.
 void smooth_line(const Eigen::Vector3f* from, Eigen::Vector3f* to, std::size_t count, std::size_t step) {
   std::vector<Eigen::Vector3f> line(count), smoothed(count);
   for (std::size_t i = 0; i < count; ++i) line[i] = from[i * step];
@@ -20,7 +20,7 @@ void smooth_line(const Eigen::Vector3f* from, Eigen::Vector3f* to, std::size_t c
   const auto at = [&](std::ptrdiff_t i) -> const Eigen::Vector3f& {
     return line[static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(i, 0, last))];
   };
-  for (const std::ptrdiff_t d : kApart) {
+  for (const std::ptrdiff_t d : kDistances) {
     for (std::ptrdiff_t i = 0; i <= last; ++i)
       smoothed[static_cast<std::size_t>(i)] = kBinomial[0] * at(i) + kBinomial[1] * (at(i - d) + at(i + d)) +
                                               kBinomial[2] * (at(i - 2 * d) + at(i + 2 * d));
@@ -36,7 +36,7 @@ void soften_normals(std::span<dem::Vertex> vertices, int side, Corners smooth) {
   std::vector<Eigen::Vector3f> own(n * n), along_rows(n * n), smoothed(n * n);
   for (std::size_t i = 0; i < own.size(); ++i) own[i] = vertices[i].normal;
   for (std::size_t r = 0; r < n; ++r) smooth_line(&own[r * n], &along_rows[r * n], n, 1);
-  // Edges are smoothed along themselves alone, corners not at all: from either side the same.
+  // Smooth edges only along themselves and corners not at all, so that both sides of an edge get the same normals.
   for (std::size_t c = 1; c < last; ++c) {
     smooth_line(&along_rows[c], &smoothed[c], n, n);
     for (const std::size_t r : {std::size_t{0}, last}) smoothed[r * n + c] = along_rows[r * n + c];

@@ -1,6 +1,6 @@
-// Shading normals where levels of detail meet: the finer level shows an octave of sizes more than the coarser one,
-// whose end would be seen as an edge. Beside it, the finer block's normals are smoothed as the coarser level's are;
-// over the block they go over into its own.
+// Shading normals at borders between levels of detail. The finer level shows an octave of sizes more than the coarser
+// one, and the end of that octave would show as an edge. At the border the finer block's normals are smoothed like the
+// coarser level's; over the block they blend into its own.
 #pragma once
 
 #include <cstdint>
@@ -14,9 +14,9 @@ namespace selenograph::engine {
 using Corners = std::uint8_t;
 inline constexpr int kCorners = 4;
 
-// `vertices`: side x side of a block, row 0 in the south. `smooth`: corners at which normals are smoothed; at the
-// others they stay as they are, in between they are blended bilinearly. Blocks of one level that agree on the corners
-// that they share agree on the normals of common edges, bit for bit.
+// Smooths the normals of a block at some corners. `vertices`: side x side, row 0 in the south. `smooth`: corners with
+// smoothed normals; at the others normals stay unchanged, in between they are blended bilinearly. Blocks of one level
+// that agree on their shared corners agree on the normals of common edges, bit for bit.
 void soften_normals(std::span<dem::Vertex> vertices, int side, Corners smooth);
 
 }  // namespace selenograph::engine

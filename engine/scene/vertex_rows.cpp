@@ -16,10 +16,10 @@ namespace selenograph::engine::HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-void PlaceRow(const dem::Vertex* row, int n, const RowPlace& place, const double* anchor, float* HWY_RESTRICT x,
+void PlaceRow(const dem::Vertex* row, int n, const RowAngles& angles, const double* anchor, float* HWY_RESTRICT x,
               float* HWY_RESTRICT y, float* HWY_RESTRICT z) {
-  const double cos_lat = place.cos_lat, sin_lat = place.sin_lat, ax = anchor[0], ay = anchor[1], az = anchor[2];
-  const double *HWY_RESTRICT cos_lon = place.cos_lon, *HWY_RESTRICT sin_lon = place.sin_lon;
+  const double cos_lat = angles.cos_lat, sin_lat = angles.sin_lat, ax = anchor[0], ay = anchor[1], az = anchor[2];
+  const double *HWY_RESTRICT cos_lon = angles.cos_lon, *HWY_RESTRICT sin_lon = angles.sin_lon;
   SELENOGRAPH_INDEPENDENT_LANES
   for (int c = 0; c < n; ++c) {
     const double radius = kMoonRadius_m + static_cast<double>(row[c].height_m), across = radius * cos_lat;
@@ -29,13 +29,14 @@ void PlaceRow(const dem::Vertex* row, int n, const RowPlace& place, const double
   }
 }
 
-// axes: east, north, up, three numbers each.
-void RowAlong(const dem::Vertex* row, int n, const RowPlace& place, const double* origin, const double* axes,
+// Vertices in local axes. `axes`: east, north and up, three numbers each.
+void RowAlong(const dem::Vertex* row, int n, const RowAngles& angles, const double* origin, const double* axes,
               LocalRow& out) {
-  const double cos_lat = place.cos_lat, sin_lat = place.sin_lat, ox = origin[0], oy = origin[1], oz = origin[2];
-  const double *HWY_RESTRICT cos_lon = place.cos_lon, *HWY_RESTRICT sin_lon = place.sin_lon;
-  const double ex = axes[0], ey = axes[1], ez = axes[2], nx = axes[3], ny = axes[4], nz = axes[5], ux = axes[6],
-               uy = axes[7], uz = axes[8];
+  const double cos_lat = angles.cos_lat, sin_lat = angles.sin_lat;
+  const double ox = origin[0], oy = origin[1], oz = origin[2];
+  const double *HWY_RESTRICT cos_lon = angles.cos_lon, *HWY_RESTRICT sin_lon = angles.sin_lon;
+  const double ex = axes[0], ey = axes[1], ez = axes[2], nx = axes[3], ny = axes[4], nz = axes[5];
+  const double ux = axes[6], uy = axes[7], uz = axes[8];
   SELENOGRAPH_INDEPENDENT_LANES
   for (int c = 0; c < n; ++c) {
     const double radius = kMoonRadius_m + static_cast<double>(row[c].height_m), across = radius * cos_lat;
@@ -50,15 +51,15 @@ const hn::ScalableTag<float> f;
 using VF = hn::Vec<decltype(f)>;
 using MF = hn::Mask<decltype(f)>;
 
-struct Most {
-  VF least, most;
+struct Range {
+  VF low, high;
   HWY_INLINE void extend(VF x, MF counts) {
-    least = hn::IfThenElse(hn::And(counts, hn::Lt(x, least)), x, least);
-    most = hn::IfThenElse(hn::And(counts, hn::Gt(x, most)), x, most);
+    low = hn::IfThenElse(hn::And(counts, hn::Lt(x, low)), x, low);
+    high = hn::IfThenElse(hn::And(counts, hn::Gt(x, high)), x, high);
   }
 };
 
-HWY_INLINE Most none() {
+HWY_INLINE Range empty_range() {
   const VF infinite = hn::Set(f, std::numeric_limits<float>::infinity());
   return {infinite, hn::Neg(infinite)};
 }
@@ -67,46 +68,56 @@ void ExtendBox(const LocalRow& row, int n, float* low, float* high) {
   const int lanes = static_cast<int>(hn::Lanes(f));
   const float* along[3] = {row.east, row.north, row.up};
   for (int k = 0; k < 3; ++k) {
-    Most all = none();
+    Range range = empty_range();
     for (int c = 0; c < n; c += lanes)
-      all.extend(hn::Load(f, along[k] + c), hn::FirstN(f, static_cast<std::size_t>(std::min(lanes, n - c))));
-    low[k] = std::min(low[k], hn::GetLane(hn::MinOfLanes(f, all.least)));
-    high[k] = std::max(high[k], hn::GetLane(hn::MaxOfLanes(f, all.most)));
+      range.extend(hn::Load(f, along[k] + c), hn::FirstN(f, static_cast<std::size_t>(std::min(lanes, n - c))));
+    low[k] = std::min(low[k], hn::GetLane(hn::MinOfLanes(f, range.low)));
+    high[k] = std::max(high[k], hn::GetLane(hn::MaxOfLanes(f, range.high)));
   }
 }
 
-constexpr float kThin = 0.25F;
+constexpr float kMinShareOfSides = 0.25F;
 
-// Rises of triangles from the cross product of two edges, which are turned alike in both triangles of a quad.
+// Extends the steepest rises by the triangles between two rows. A triangle's rise follows from the cross product (e, n,
+// u) of two of its edges, -e/u toward east and -n/u toward north. Both triangles of a quad have the same orientation:
+//
+//    c-----d     a: south-west corner, edges to b and c
+//    | \   |     d: north-east corner, edges to c and b
+//    |   \ |
+//    a-----b
 void ExtendSlopes(const LocalRow& south, const LocalRow& north, int quads, float* steepest) {
   const int lanes = static_cast<int>(hn::Lanes(f));
   const VF zero = hn::Zero(f), diagonal = hn::Set(f, std::sqrt(0.5F));
-  Most rises[4] = {none(), none(), none(), none()};
+  Range rises[4] = {empty_range(), empty_range(), empty_range(), empty_range()};
   MF unsafe = hn::Ne(zero, zero);
   const auto triangle = [&](VF ae, VF an, VF au, VF be, VF bn, VF bu, MF counts) HWY_ATTR {
     const VF e = hn::Sub(hn::Mul(an, bu), hn::Mul(au, bn)), n = hn::Sub(hn::Mul(au, be), hn::Mul(ae, bu)),
              u = hn::Sub(hn::Mul(ae, bn), hn::Mul(an, be));
-    // What float says of triangles much thinner than half a quad is not to be relied on.
+    // Do not rely on float for triangles much thinner than half a quad: one of them makes all rises infinite.
     const VF sides = hn::Mul(hn::Add(hn::Abs(ae), hn::Abs(an)), hn::Add(hn::Abs(be), hn::Abs(bn)));
-    const MF safe = hn::Gt(u, hn::Mul(sides, hn::Set(f, kThin)));
-    const MF none = hn::And(hn::Eq(e, zero), hn::And(hn::Eq(n, zero), hn::Eq(u, zero)));
-    const MF known = hn::Eq(hn::Add(hn::Add(e, n), u), hn::Add(hn::Add(e, n), u));
-    unsafe = hn::Or(unsafe, hn::And(hn::And(counts, known), hn::Not(hn::Or(safe, none))));
+    const MF safe = hn::Gt(u, hn::Mul(sides, hn::Set(f, kMinShareOfSides)));
+    const MF degenerate = hn::And(hn::Eq(e, zero), hn::And(hn::Eq(n, zero), hn::Eq(u, zero)));
+    const MF has_data = hn::Eq(hn::Add(hn::Add(e, n), u), hn::Add(hn::Add(e, n), u));
+    unsafe = hn::Or(unsafe, hn::And(hn::And(counts, has_data), hn::Not(hn::Or(safe, degenerate))));
     counts = hn::And(counts, safe);
     const VF to_east = hn::Neg(hn::Div(e, u)), to_north = hn::Neg(hn::Div(n, u));
-    rises[0].extend(to_east, counts), rises[2].extend(to_north, counts);
+    rises[0].extend(to_east, counts);
+    rises[2].extend(to_north, counts);
     rises[1].extend(hn::Mul(hn::Add(to_east, to_north), diagonal), counts);
     rises[3].extend(hn::Mul(hn::Sub(to_north, to_east), diagonal), counts);
   };
   for (int c = 0; c < quads; c += lanes) {
     const MF counts = hn::FirstN(f, static_cast<std::size_t>(std::min(lanes, quads - c)));
     const auto corner = [&](const LocalRow& row, int shift, VF& e, VF& n, VF& u) HWY_ATTR {
-      e = hn::LoadU(f, row.east + c + shift), n = hn::LoadU(f, row.north + c + shift),
+      e = hn::LoadU(f, row.east + c + shift);
+      n = hn::LoadU(f, row.north + c + shift);
       u = hn::LoadU(f, row.up + c + shift);
     };
     VF ae, an, au, be, bn, bu, ce, cn, cu, de, dn, du;
-    corner(south, 0, ae, an, au), corner(south, 1, be, bn, bu), corner(north, 0, ce, cn, cu),
-        corner(north, 1, de, dn, du);
+    corner(south, 0, ae, an, au);
+    corner(south, 1, be, bn, bu);
+    corner(north, 0, ce, cn, cu);
+    corner(north, 1, de, dn, du);
     triangle(hn::Sub(be, ae), hn::Sub(bn, an), hn::Sub(bu, au), hn::Sub(ce, ae), hn::Sub(cn, an), hn::Sub(cu, au),
              counts);
     triangle(hn::Sub(ce, de), hn::Sub(cn, dn), hn::Sub(cu, du), hn::Sub(be, de), hn::Sub(bn, dn), hn::Sub(bu, du),
@@ -114,11 +125,12 @@ void ExtendSlopes(const LocalRow& south, const LocalRow& north, int quads, float
   }
   const bool any_unsafe = !hn::AllFalse(f, unsafe);
   for (int k = 0; k < 4; ++k) {
-    const float most =
-                    any_unsafe ? std::numeric_limits<float>::infinity() : hn::GetLane(hn::MaxOfLanes(f, rises[k].most)),
-                least = any_unsafe ? -std::numeric_limits<float>::infinity()
-                                   : hn::GetLane(hn::MinOfLanes(f, rises[k].least));
-    steepest[k] = std::max(steepest[k], most), steepest[k + 4] = std::max(steepest[k + 4], -least);
+    const float highest =
+                    any_unsafe ? std::numeric_limits<float>::infinity() : hn::GetLane(hn::MaxOfLanes(f, rises[k].high)),
+                lowest =
+                    any_unsafe ? -std::numeric_limits<float>::infinity() : hn::GetLane(hn::MinOfLanes(f, rises[k].low));
+    steepest[k] = std::max(steepest[k], highest);
+    steepest[k + 4] = std::max(steepest[k + 4], -lowest);
   }
 }
 
@@ -133,21 +145,23 @@ HWY_EXPORT(RowAlong);
 HWY_EXPORT(ExtendBox);
 HWY_EXPORT(ExtendSlopes);
 
-void place_row(const dem::Vertex* row, int n, const RowPlace& place, const Vec3& anchor_m, float* x, float* y,
+void place_row(const dem::Vertex* row, int n, const RowAngles& angles, const Vec3& anchor_m, float* x, float* y,
                float* z) {
-  HWY_DYNAMIC_DISPATCH(PlaceRow)(row, n, place, anchor_m.data(), x, y, z);
+  HWY_DYNAMIC_DISPATCH(PlaceRow)(row, n, angles, anchor_m.data(), x, y, z);
 }
 
-void local_row(const dem::Vertex* row, int n, const RowPlace& place, const Vec3& origin_m, const EastNorthUp& axes,
+void local_row(const dem::Vertex* row, int n, const RowAngles& angles, const Vec3& origin_m, const EastNorthUp& axes,
                LocalRow& out) {
   const double along[9] = {axes.east.x(),  axes.east.y(), axes.east.z(), axes.north.x(), axes.north.y(),
                            axes.north.z(), axes.up.x(),   axes.up.y(),   axes.up.z()};
-  HWY_DYNAMIC_DISPATCH(RowAlong)(row, n, place, origin_m.data(), along, out);
+  HWY_DYNAMIC_DISPATCH(RowAlong)(row, n, angles, origin_m.data(), along, out);
 }
 
 LocalBounds::LocalBounds() {
   constexpr float kInfinite = std::numeric_limits<float>::infinity();
-  std::fill_n(low, 3, kInfinite), std::fill_n(high, 3, -kInfinite), std::fill_n(steepest, 8, -kInfinite);
+  std::fill_n(low, 3, kInfinite);
+  std::fill_n(high, 3, -kInfinite);
+  std::fill_n(steepest, 8, -kInfinite);
 }
 
 void LocalBounds::extend(const LocalRow& row, int n) { HWY_DYNAMIC_DISPATCH(ExtendBox)(row, n, low, high); }

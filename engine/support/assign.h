@@ -9,8 +9,8 @@
 
 namespace selenograph::engine {
 
-// Like std::vector::assign, in pieces between which `stop` is checked: first-touched memory takes up to 3 ms per
-// megabyte on virtual machines. Throws Cancelled.
+// Assigns like std::vector::assign, in pieces, and checks `stop` between them: on virtual machines, first-touched
+// memory takes up to 3 ms per megabyte. Throws Cancelled.
 template <typename T>
 void assign(std::vector<T>& array, std::size_t size, T value, const StopToken& stop) {
   constexpr std::size_t kPiece = std::size_t{1} << 20;

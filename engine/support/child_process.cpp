@@ -20,7 +20,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr std::chrono::milliseconds kLook{20};  // how often to look whether to go on
+constexpr std::chrono::milliseconds kPollInterval{20};  // interval at which waits check the limits and `stop`
 
 std::string error_text(int error) { return std::strerror(error); }
 
@@ -40,8 +40,8 @@ class Descriptor {
   int descriptor_;
 };
 
-// Nothing of this process but the three standard files, and no signal that is meant for it: its terminal's, its
-// supervisor's. What ends the child is this process.
+// Settings of the child: it inherits only the three standard files, and gets its own process group and blocked signals,
+// so that a signal from the terminal or a supervisor does not end it. This process ends it.
 struct SpawnSettings {
   SpawnSettings(int input, int output) {
     posix_spawn_file_actions_init(&files);
@@ -50,15 +50,19 @@ struct SpawnSettings {
     if (!kSanitized) posix_spawn_file_actions_addopen(&files, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
     posix_spawn_file_actions_addclosefrom_np(&files, STDERR_FILENO + 1);
     posix_spawnattr_init(&attributes);
-    sigset_t blocked, all;
-    sigemptyset(&blocked), sigfillset(&all);
+    sigset_t blocked, all_signals;
+    sigemptyset(&blocked);
+    sigfillset(&all_signals);
     for (const int signal : {SIGTERM, SIGINT, SIGHUP}) sigaddset(&blocked, signal);
     posix_spawnattr_setsigmask(&attributes, &blocked);
-    posix_spawnattr_setsigdefault(&attributes, &all);
+    posix_spawnattr_setsigdefault(&attributes, &all_signals);
     posix_spawnattr_setpgroup(&attributes, 0);
     posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETPGROUP);
   }
-  ~SpawnSettings() { posix_spawn_file_actions_destroy(&files), posix_spawnattr_destroy(&attributes); }
+  ~SpawnSettings() {
+    posix_spawn_file_actions_destroy(&files);
+    posix_spawnattr_destroy(&attributes);
+  }
   SpawnSettings(const SpawnSettings&) = delete;
   SpawnSettings& operator=(const SpawnSettings&) = delete;
 
@@ -66,7 +70,7 @@ struct SpawnSettings {
   posix_spawnattr_t attributes;
 };
 
-// Ended and waited for at the latest when this goes.
+// A running child process. The destructor kills it and waits for it.
 class Child {
  public:
   Child(const std::string& program, const std::vector<std::string>& arguments, int input, int output) {
@@ -88,7 +92,7 @@ class Child {
   Child(const Child&) = delete;
   Child& operator=(const Child&) = delete;
 
-  // As waitpid says it; empty while it runs.
+  // Returns the status from waitpid; empty while the child runs.
   std::optional<int> ended() {
     int status = 0;
     const pid_t found = ::waitpid(process_, &status, WNOHANG);
@@ -101,13 +105,13 @@ class Child {
   pid_t process_ = -1;
 };
 
-// Reads the pipe up to its end.
+// Reads the answer from the child's pipe within the limits.
 class Answer {
  public:
   Answer(int pipe, const ChildLimits& limits, const StopToken& stop)
-      : pipe_(pipe), limits_(limits), stop_(stop), past_(Clock::now() + limits.time) {}
+      : pipe_(pipe), limits_(limits), stop_(stop), deadline_(Clock::now() + limits.time) {}
 
-  // Empty: it ended too early.
+  // Returns the answer; empty if the pipe ended early.
   std::optional<std::string> read_all() const {
     std::uint64_t size = 0;
     if (!read_to(reinterpret_cast<char*>(&size), sizeof size)) return std::nullopt;
@@ -118,24 +122,26 @@ class Answer {
     return bytes;
   }
 
-  // Whether to wait on.
+  // Throws if the caller is cancelled or the time is over.
   void check() const {
     stop_.check();
-    if (Clock::now() >= past_)
+    if (Clock::now() >= deadline_)
       throw ChildFailed(fmt::format("took more than {:g} s", std::chrono::duration<double>(limits_.time).count()));
   }
 
  private:
-  // False: the pipe has ended.
+  // Reads `count` bytes. Returns false if the pipe has ended.
   bool read_to(char* to, std::size_t count) const {
     while (count > 0) {
       check();
+      // Poll with a timeout, so that cancellation and the time limit are noticed.
       pollfd waiting{pipe_, POLLIN, 0};
-      if (::poll(&waiting, 1, static_cast<int>(kLook.count())) <= 0) continue;
+      if (::poll(&waiting, 1, static_cast<int>(kPollInterval.count())) <= 0) continue;
       const ssize_t got = ::read(pipe_, to, std::min(count, std::size_t{1} << 20));
       if (got < 0 && (errno == EINTR || errno == EAGAIN)) continue;
       if (got <= 0) return false;
-      to += got, count -= static_cast<std::size_t>(got);
+      to += got;
+      count -= static_cast<std::size_t>(got);
     }
     return true;
   }
@@ -143,9 +149,10 @@ class Answer {
   const int pipe_;
   const ChildLimits& limits_;
   const StopToken& stop_;
-  const Clock::time_point past_;
+  const Clock::time_point deadline_;
 };
 
+// Describes an exit status in words that follow "the child".
 std::string how_it_ended(int status) {
   if (WIFSIGNALED(status)) {
     const int signal = WTERMSIG(status);
@@ -164,10 +171,10 @@ std::string run_child(const std::string& program, const std::vector<std::string>
   const Descriptor from(ends[0]);
   Descriptor to(ends[1]);
   Child child(program, arguments, input, to.get());
-  to.close();  // else the pipe would never end
+  to.close();  // otherwise the pipe would never end
   const Answer answer(from.get(), limits, stop);
   if (auto bytes = answer.read_all()) return std::move(*bytes);
-  // Why it said too little is known when it has ended.
+  // The answer is too short: wait for the exit status, which tells why.
   for (;;) {
     if (const auto status = child.ended()) throw ChildFailed(how_it_ended(*status));
     answer.check();
@@ -181,7 +188,8 @@ bool write_to_parent(const std::string& answer) {
       const ssize_t written = ::write(STDOUT_FILENO, from, count);
       if (written < 0 && errno == EINTR) continue;
       if (written <= 0) return false;
-      from += written, count -= static_cast<std::size_t>(written);
+      from += written;
+      count -= static_cast<std::size_t>(written);
     }
     return true;
   };

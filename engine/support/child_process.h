@@ -30,20 +30,20 @@ struct ChildLimits {
   std::size_t output_bytes;
 };
 
-// The child failed. The text says how it ended, in words that follow "the child".
+// Failure of the child. The text tells how it ended, in words that follow "the child".
 class ChildFailed : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-// Returns what `program` writes to its standard output after a header of 8 bytes, the answer's length (little-endian).
-// `input`: an open file, the child's standard input. The child gets no other file, and its error output is discarded.
-// Throws ChildFailed, also if it cannot be started, or Cancelled when `stop` says so. The child has always ended on
-// return.
+// Runs `program` and returns its standard output after a header of 8 bytes, the answer's length (little-endian).
+// `input`: an open file, the child's standard input. The child inherits no other file, and its error output is
+// discarded. Throws ChildFailed, also if it cannot be started, or Cancelled once `stop` is requested. The child has
+// always ended on return.
 std::string run_child(const std::string& program, const std::vector<std::string>& arguments, int input,
                       const ChildLimits& limits, const StopToken& stop);
 
-// Called by the child. Returns false when nobody reads.
+// Writes the child's answer with its header. Returns false if the parent has closed the pipe.
 bool write_to_parent(const std::string& answer);
 
 }  // namespace selenograph::engine

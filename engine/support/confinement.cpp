@@ -18,17 +18,18 @@
 namespace selenograph::engine {
 namespace {
 
-// `grace`: between the signal that says why and the one that ends it.
-void set_limit(int resource, std::size_t most, const char* name, std::size_t grace = 0) {
+// Sets a resource limit. `grace`: margin of the hard limit above the soft one. The soft limit's signal tells the
+// reason; the hard limit's kills.
+void set_limit(int resource, std::size_t max, const char* name, std::size_t grace = 0) {
   rlimit limit{};
   ::getrlimit(static_cast<__rlimit_resource>(resource), &limit);
-  limit.rlim_max = std::min<rlim_t>(limit.rlim_max, most + grace);
-  limit.rlim_cur = std::min<rlim_t>(limit.rlim_max, most);
+  limit.rlim_max = std::min<rlim_t>(limit.rlim_max, max + grace);
+  limit.rlim_cur = std::min<rlim_t>(limit.rlim_max, max);
   if (::setrlimit(static_cast<__rlimit_resource>(resource), &limit) != 0)
     throw std::runtime_error(fmt::format("its reader cannot limit its {}: {}", name, std::strerror(errno)));
 }
 
-// Addresses in use, most of them of libraries: the first field of /proc/self/statm is in pages.
+// Returns the address space in use, most of it libraries, bytes. The first field of /proc/self/statm counts pages.
 std::size_t addresses_in_use() {
   std::size_t pages = 0;
   std::ifstream("/proc/self/statm") >> pages;

@@ -1,4 +1,4 @@
-// Keys of caches whose values depend on much: a hash of 128 bits stands for it.
+// Cache keys for values that depend on many inputs: a hash of 128 bits stands for all of them.
 #pragma once
 
 #include <cstddef>
@@ -18,10 +18,10 @@ struct ContentKeyHash {
   std::size_t operator()(const ContentKey& key) const { return key.low; }
 };
 
-// Hashes what is added, in this order.
+// Hashes the added values in order.
 class ContentHash {
  public:
-  // Values without padding.
+  // Adds values, whose type must have no padding.
   template <typename T>
   void add(const T* values, std::size_t count) {
     static_assert(std::is_floating_point_v<T> || std::has_unique_object_representations_v<T>);

@@ -13,7 +13,7 @@ namespace selenograph::engine {
 
 void each_csv_line(const std::string& path, const std::function<void(std::string_view)>& each, const StopToken& stop) {
   constexpr int kLinesBetweenChecks = 1024;
-  // Opening a FIFO would wait for its writer.
+  // Reject a FIFO: opening it would wait for its writer.
   if (!dem::file_state(path)) throw DataError(path, "is missing or not a file");
   std::ifstream file(path);
   if (!file) throw DataError(path, "cannot be read");

@@ -12,10 +12,10 @@
 
 #include "dem/base/parallel.h"
 
-// Read by jemalloc as the process starts. Huge pages for everything; free pages are kept until give_back_free_memory();
-// large arrays are no exception to that; one arena, since each keeps its own free memory and large arrays, which are
-// what counts here, are not taken often enough to wait for each other; small arrays may be cut from free memory of any
-// size, not only from what is at most 64 times as large.
+// Options that jemalloc reads as the process starts. Huge pages for everything. Free pages are kept until
+// give_back_free_memory(), also those of large arrays. One arena, because each keeps its own free memory, and large
+// arrays are not allocated often enough to contend. Small arrays may be cut from free memory of any size, not only of
+// up to 64 times theirs.
 extern "C" const char* malloc_conf;
 const char* malloc_conf =
     "thp:always,metadata_thp:auto,dirty_decay_ms:-1,muzzy_decay_ms:0,oversize_threshold:0,narenas:1,"
@@ -34,12 +34,12 @@ std::size_t statistic(const char* name) {
 }  // namespace
 
 HeapStatistics heap_statistics() {
-  std::uint64_t epoch = 1;  // as of now
+  std::uint64_t epoch = 1;  // updates the statistics
   std::size_t size = sizeof epoch;
   ::mallctl("epoch", &epoch, &size, &epoch, size);
   const std::size_t resident = statistic("stats.resident"),
-                    taken = statistic("stats.active") + statistic("stats.metadata");
-  return {statistic("stats.allocated"), resident - std::min(resident, taken)};
+                    in_use = statistic("stats.active") + statistic("stats.metadata");
+  return {statistic("stats.allocated"), resident - std::min(resident, in_use)};
 }
 
 void give_back_free_memory() {
@@ -49,20 +49,24 @@ void give_back_free_memory() {
 
 bool touch_memory(std::size_t bytes) {
   constexpr std::size_t kPiece = std::size_t{32} << 20, kPage = 4096;
-  const auto give = [](std::vector<void*>& pieces) {
+  const auto free_pieces = [](std::vector<void*>& pieces) {
     for (void* piece : pieces) ::sdallocx(piece, kPiece, MALLOCX_TCACHE_NONE);
   };
   std::vector<void*> pieces;
-  for (std::size_t taken = 0; taken + kPiece <= bytes; taken += kPiece) {
+  for (std::size_t allocated = 0; allocated + kPiece <= bytes; allocated += kPiece) {
     void* const piece = ::mallocx(kPiece, MALLOCX_TCACHE_NONE);
-    if (!piece) return give(pieces), false;
+    if (!piece) {
+      free_pieces(pieces);
+      return false;
+    }
     pieces.push_back(piece);
   }
   in_parallel(pieces.size(), [&](std::size_t i) {
     auto* const piece = static_cast<volatile char*>(pieces[i]);
+    // Write to each page: the system allocates it on the first write.
     for (std::size_t at = 0; at < kPiece; at += kPage) piece[at] = 0;
   });
-  give(pieces);
+  free_pieces(pieces);
   return true;
 }
 

@@ -6,8 +6,8 @@
 
 namespace selenograph::engine {
 
-// Two neighbouring entries of a table of at least two, increasing by `key`, and the position of x between them. Outside
-// the table: its first or last two.
+// Two neighbouring entries of a table and the share of the way between them. Outside the table, the first or last two
+// with a share below 0 or above 1.
 template <typename Entry>
 struct Segment {
   const Entry& a;
@@ -16,6 +16,7 @@ struct Segment {
   double between(double from, double to) const { return from + share * (to - from); }
 };
 
+// Returns the segment around x of a table that increases by `key` and has at least two entries.
 template <typename Table, typename Entry>
 Segment<Entry> segment_at(const Table& table, double x, double Entry::*key) {
   const auto next = std::upper_bound(std::begin(table) + 1, std::end(table) - 1, x,
@@ -24,7 +25,7 @@ Segment<Entry> segment_at(const Table& table, double x, double Entry::*key) {
   return {a, b, (x - a.*key) / (b.*key - a.*key)};
 }
 
-// Interpolates linearly in a table of at least one entry, constant beyond its ends.
+// Interpolates linearly in a table of at least one entry; constant beyond its ends.
 template <typename Table, typename Entry>
 double interpolated(const Table& table, double x, double Entry::*key, double Entry::*value) {
   const Entry &first = *std::begin(table), &last = *(std::end(table) - 1);
@@ -34,7 +35,7 @@ double interpolated(const Table& table, double x, double Entry::*key, double Ent
   return s.between(s.a.*value, s.b.*value);
 }
 
-// Integral of a product of two linear functions by Simpson's rule, which is exact.
+// Returns the integral of a product of two linear functions by Simpson's rule, which is exact.
 inline double integral_of_product(double width, double a0, double a1, double b0, double b1) {
   return width / 6 * (a0 * b0 + (a0 + a1) * (b0 + b1) + a1 * b1);
 }

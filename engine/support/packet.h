@@ -11,7 +11,7 @@ namespace selenograph::engine {
 
 inline constexpr int kPacket = 16;
 
-// Double precision. Directions need not be unit vectors: distances are in units of their lengths.
+// Sixteen rays. Directions need not be unit vectors: distances are in units of their lengths.
 struct alignas(64) Rays {
   double ox[kPacket], oy[kPacket], oz[kPacket];  // MOON_ME, m
   double dx[kPacket], dy[kPacket], dz[kPacket];
@@ -19,7 +19,13 @@ struct alignas(64) Rays {
   Vec3 origin(int i) const { return {ox[i], oy[i], oz[i]}; }
   Vec3 direction(int i) const { return {dx[i], dy[i], dz[i]}; }
   void set(int i, const Vec3& o, const Vec3& d) {
-    ox[i] = o.x(), oy[i] = o.y(), oz[i] = o.z(), dx[i] = d.x(), dy[i] = d.y(), dz[i] = d.z(), valid[i] = true;
+    ox[i] = o.x();
+    oy[i] = o.y();
+    oz[i] = o.z();
+    dx[i] = d.x();
+    dy[i] = d.y();
+    dz[i] = d.z();
+    valid[i] = true;
   }
 };
 
@@ -43,10 +49,11 @@ struct alignas(64) Shading {
   Vec3 normal(int i) const { return {nx[i], ny[i], nz[i]}; }
 };
 
-// One bit per lane that hits.
+// Returns a bit per lane that hits.
 inline constexpr std::uint32_t kAllLanes = 0xffff;
 inline std::uint32_t hit_bits(const SurfacePoints& points) {
-  // Eight bools at a time: each is a byte of 0 or 1, and the product moves them next to each other into the top byte.
+  // Pack eight bools at a time: each is a byte of 0 or 1, and the product moves them next to each other into the top
+  // byte.
   static_assert(sizeof(bool) == 1 && kPacket == 16);
   const auto eight = [](const bool* hit) {
     std::uint64_t bytes;
@@ -56,11 +63,11 @@ inline std::uint32_t hit_bits(const SurfacePoints& points) {
   return eight(points.hit) | eight(points.hit + 8) << 8;
 }
 
-// Whether sixteen triangles are of one block.
+// Returns true if sixteen triangles are of one block: their ids differ only in the bits below the block's.
 inline bool in_one_block(const TriangleId ids[kPacket]) {
-  std::uint32_t other = 0;
-  for (int i = 0; i < kPacket; ++i) other |= ids[i].packed() ^ ids[0].packed();
-  return TriangleId(other).block() == 0;
+  std::uint32_t differing_bits = 0;
+  for (int i = 0; i < kPacket; ++i) differing_bits |= ids[i].packed() ^ ids[0].packed();
+  return TriangleId(differing_bits).block() == 0;
 }
 
 }  // namespace selenograph::engine

@@ -1,4 +1,4 @@
-// Reusable scratch memory: as much as has ever been in use at once.
+// Reusable scratch memory: the pool holds as many items as were ever in use at once.
 #pragma once
 
 #include <algorithm>
@@ -11,7 +11,7 @@
 
 namespace selenograph::engine {
 
-// Thread-safe. Take one lease per task, not per pixel: it takes a lock.
+// Pool of scratch items. Thread-safe. Take one lease per task, not per pixel, because a lease locks a mutex.
 template <typename Scratch>
 class Pool {
  public:
@@ -31,11 +31,11 @@ class Pool {
     std::unique_ptr<Scratch> scratch_;
   };
 
-  // Memory that is not lent.
+  // Returns the memory of the items that are not leased.
   std::size_t bytes() const {
     std::lock_guard lock(mutex_);
     std::size_t sum = 0;
-    for (const Free& one : free_) sum += one.scratch->bytes();
+    for (const Free& item : free_) sum += item.scratch->bytes();
     return sum;
   }
   void clear() {
@@ -49,22 +49,23 @@ class Pool {
     std::thread::id user;
   };
 
-  // Prefers what this thread had before: it may still be in its caches. Null when nothing is free.
+  // Takes a free item, preferably the one that this thread used before, which may still be in its processor's caches.
+  // Null if none is free.
   std::unique_ptr<Scratch> take_free() {
     std::lock_guard lock(mutex_);
     if (free_.empty()) return nullptr;
-    auto mine =
+    auto own =
         std::find_if(free_.begin(), free_.end(), [](const Free& f) { return f.user == std::this_thread::get_id(); });
-    if (mine == free_.end()) --mine;
-    std::unique_ptr<Scratch> one = std::move(mine->scratch);
-    free_.erase(mine);
-    return one;
+    if (own == free_.end()) --own;
+    std::unique_ptr<Scratch> item = std::move(own->scratch);
+    free_.erase(own);
+    return item;
   }
-  // Also called while std::bad_alloc unwinds: an item that the list has no room for is dropped.
-  void give(std::unique_ptr<Scratch> one) noexcept {
+  // Returns an item to the pool. Also called while std::bad_alloc unwinds: an item is dropped if the list cannot grow.
+  void give(std::unique_ptr<Scratch> item) noexcept {
     std::lock_guard lock(mutex_);
     try {
-      free_.push_back({std::move(one), std::this_thread::get_id()});
+      free_.push_back({std::move(item), std::this_thread::get_id()});
     } catch (const std::bad_alloc&) {
     }
   }

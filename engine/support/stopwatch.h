@@ -7,7 +7,7 @@ namespace selenograph::engine {
 
 class Stopwatch {
  public:
-  // Time since construction or the last call.
+  // Returns the time since construction or the last call.
   double lap_ms() {
     const auto now = std::chrono::steady_clock::now();
     const double ms = std::chrono::duration<double, std::milli>(now - start_).count();

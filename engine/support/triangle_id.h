@@ -1,4 +1,9 @@
-// A triangle of the mesh in 32 bits: block, quad (south-west vertex), and which half (dem/grid/surface.h).
+// A triangle of the mesh in 32 bits: block, quad (by its south-west vertex), and half of the quad (dem/grid/surface.h).
+//
+//    31          13 12     7 6         1    0
+//   +--------------+--------+-----------+-------+
+//   | block        | row    | column    | upper |
+//   +--------------+--------+-----------+-------+
 #pragma once
 
 #include <cstdint>
@@ -9,7 +14,7 @@ namespace selenograph::engine {
 
 class TriangleId {
  public:
-  static constexpr std::uint32_t kMostBlocks = 1U << 19;
+  static constexpr std::uint32_t kMaxBlocks = 1U << 19;
 
   TriangleId() = default;
   explicit TriangleId(std::uint32_t packed) : packed_(packed) {}

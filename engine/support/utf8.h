@@ -1,11 +1,11 @@
-// Whether bytes are UTF-8 (RFC 3629).
+// Validation of UTF-8 (RFC 3629).
 #pragma once
 
 #include <string_view>
 
 namespace selenograph::engine {
 
-// Rejects overlong forms, surrogates, and anything beyond U+10FFFF.
+// Returns true for valid UTF-8. Rejects overlong forms, surrogates, and anything beyond U+10FFFF.
 inline bool is_utf8(std::string_view bytes) {
   const auto at = [&](std::size_t i) { return static_cast<unsigned char>(bytes[i]); };
   for (std::size_t i = 0; i < bytes.size();) {

@@ -42,17 +42,17 @@ TEST(Emission, TheTableHoldsPlancksLaw) {
 }
 
 // A place's reference is the same whatever was asked before, and near; not so near at poles only where it is the place.
-TEST(NearPlaces, FollowFromThePlaceAlone) {
+TEST(ReferencePositions, FollowFromThePlaceAlone) {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> lat(-90, 90), lon(-180, 180), off(-4000, 4000);
-  NearPlaces remembered;
-  const auto lon_of = [](const Near& near) { return std::pair(near.lat_deg, near.lon_deg); };
+  ReferencePositions remembered;
+  const auto lon_of = [](const ReferencePosition& near) { return std::pair(near.lat_deg, near.lon_deg); };
   for (int i = 0; i < 2000; ++i) {
     const Vec3 middle = to_cartesian({lat(random), lon(random), 0});
     for (int k = 0; k < 20; ++k) {
       const Vec3 place = middle + Vec3(off(random), off(random), off(random));
-      const Near& near = remembered.of(place);
-      ASSERT_EQ(lon_of(near), lon_of(NearPlaces().of(place)));
+      const ReferencePosition& near = remembered.of(place);
+      ASSERT_EQ(lon_of(near), lon_of(ReferencePositions().of(place)));
       const Geographic exact = to_geographic(place);
       ASSERT_NEAR(near.lat_deg, exact.lat_deg, 0.12);
       ASSERT_NEAR(near.lon_deg, exact.lon_deg, 0.5);

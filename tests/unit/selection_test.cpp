@@ -254,12 +254,12 @@ TEST_F(SelectionTest, ShadowErrorIsRelaxedUntilTheSceneFits) {
   const View view = views()[1];
   const Vec3 up = view.position().normalized();
   const Sun low{(local_axes(up).east + 0.01 * up).normalized(), 1, 0};
-  const auto with_aim = [&](double aim_px, const SceneRoom& room) {
+  const auto with_aim = [&](double aim_px, const SceneBudget& room) {
     return select_for_view(*terrain_, view, &low, {.max_error_px = 8, .max_shadow_error_px = aim_px}, {}, room);
   };
   const std::size_t least = scene_bytes(with_aim(1e6, {})), at_128_px = scene_bytes(with_aim(128, {}));
   ASSERT_GT(at_128_px, 2 * least) << "an aim of 128 px is too much as well";
-  const SceneRoom room{.bytes = least + least / 4};
+  const SceneBudget room{.bytes = least + least / 4};
   const Selection selection = with_aim(Accuracy::kDefaultShadowError_px, room);
   EXPECT_LE(scene_bytes(selection), room.bytes);
   EXPECT_GT(selection.shadow_limit_px, 128);

@@ -292,7 +292,7 @@ const Members<Motion>& motion_members() {
         m.add("velocity_m_s", &Motion::velocity_m_s, kVelocity_m_s, "velocity of the camera, MOON_ME");
         m.add("samples", &Motion::samples, Integer{1, 256},
               fmt::format("number of moments; left out: the length of the longest streak in pixels, at most {}",
-                          Motion::kMostMoments));
+                          Motion::kMaxMoments));
       });
   return *table;
 }

@@ -153,7 +153,7 @@ void ObjectsInFrame::place(std::span<const dem::RockFeature> rocks, const Vec3& 
       return bundle.pixels_per_metre(rock.position_m, 0) * rock.rock.fillet_m >= request_.accuracy.max_error_px / 2;
     });
   };
-  for (std::size_t i = 0; i < (views ? std::min(rocks.size(), kMostWithSoil) : rocks.size()); ++i)
+  for (std::size_t i = 0; i < (views ? std::min(rocks.size(), kMaxRocksWithSoil) : rocks.size()); ++i)
     if (shown(rocks[i]))
       if (const auto soil = placed_fillet(rocks[i].rock, rocks[i].up)) add(*soil, i, true);
   any_in_view_ = true;

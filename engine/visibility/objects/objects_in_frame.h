@@ -43,7 +43,7 @@ bool objects_emit(const std::vector<SceneObject>& objects);
 class ObjectsInFrame {
  public:
   // `request` must outlive this object. Rocks and the soil against them have the terrain's material. Soil is shown from
-  // a height of max_error_px / 2 pixels on, and against the largest kMostWithSoil rocks only (frame/needs.h).
+  // a height of max_error_px / 2 pixels on, and against the largest kMaxRocksWithSoil rocks only (frame/needs.h).
   ObjectsInFrame(const FrameRequest& request, const RowViews& views, std::span<const dem::RockFeature> rocks = {},
                  const StopToken& stop = {});
   // For rays with arbitrary origins; its radiances are not those of a camera.

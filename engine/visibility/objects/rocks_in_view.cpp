@@ -58,9 +58,9 @@ class Finder {
     return expected;
   }
 
-  // The largest first; nothing where they are more than kMostRocks.
+  // The largest first; nothing where they are more than kMaxRocks.
   std::optional<std::vector<dem::RockFeature>> found() const {
-    auto rocks = gathered_in_parallel<dem::RockFeature>(pieces_.size(), 4, kMostRocks, [&](std::size_t i, auto& some) {
+    auto rocks = gathered_in_parallel<dem::RockFeature>(pieces_.size(), 4, kMaxRocks, [&](std::size_t i, auto& some) {
       stop_.check();
       const auto before = static_cast<std::ptrdiff_t>(some.size());
       survey_.add(pieces_[i].octave, pieces_[i].block, pieces_[i].smallest_m, some, stop_);
@@ -175,7 +175,7 @@ RocksInView rocks_in_view(const dem::Terrain& terrain, std::shared_ptr<dem::Rock
   for (found.least_px = std::max(kLeastRock_px, 2 * max_error_px);; found.least_px *= 2) {
     // Pieces reach beyond the view: far too many of theirs aren't put onto the ground to be counted.
     constexpr double kFarTooMany = 8;
-    if (finder.look_for(blocks, found.least_px) > kFarTooMany * kMostRocks) continue;
+    if (finder.look_for(blocks, found.least_px) > kFarTooMany * kMaxRocks) continue;
     auto rocks = finder.found();
     if (!rocks) continue;
     found.rocks = std::move(*rocks);
@@ -186,7 +186,7 @@ RocksInView rocks_in_view(const dem::Terrain& terrain, std::shared_ptr<dem::Rock
 void add_rocks(RocksInView from, RocksInView& to) {
   to.rocks.insert(to.rocks.end(), from.rocks.begin(), from.rocks.end());
   to.rocks = dem::largest_first(std::move(to.rocks));
-  if (to.rocks.size() > kMostRocks) to.rocks.resize(kMostRocks);
+  if (to.rocks.size() > kMaxRocks) to.rocks.resize(kMaxRocks);
   to.least_px = std::max(to.least_px, from.least_px);
 }
 

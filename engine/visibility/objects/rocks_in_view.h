@@ -18,14 +18,14 @@ struct RocksInView {
 };
 
 // Rocks are shown from a diameter of 2 max_error_px pixels, so that omitted rocks are no higher than the mesh's error
-// bound, and of at least kLeastRock_px. If that gives more than kMostRocks (frame/needs.h), the diameter is doubled
+// bound, and of at least kLeastRock_px. If that gives more than kMaxRocks (frame/needs.h), the diameter is doubled
 // until it does not. `blocks`: of the frame. `memory`: what earlier frames have found.
 inline constexpr double kLeastRock_px = 0.5;
 RocksInView rocks_in_view(const dem::Terrain& terrain, std::shared_ptr<dem::RockMemory> memory, const RowViews& views,
                           const Sun* sun, const std::vector<dem::BlockId>& blocks, double max_error_px,
                           const StopToken& stop);
 
-// Adds those that are not there yet; the largest stay first. At most kMostRocks are kept, the largest.
+// Adds those that are not there yet; the largest stay first. At most kMaxRocks are kept, the largest.
 void add_rocks(RocksInView from, RocksInView& to);
 
 // Level of the blocks in which an octave's rocks are searched: about 60 of its smallest diameters wide, or the finest

@@ -84,7 +84,7 @@ std::optional<dem::Footprint> beneath(const RayCone& ray, const Stretch& stretch
 
 }  // namespace
 
-// Where rocks are looked for: their expected number is no more than kMostRocksOfRays, or there is nothing.
+// Where rocks are looked for: their expected number is no more than kMaxRocksOfRays, or there is nothing.
 std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const RayCone> rays,
                                                                  std::span<const BlockOnRays> blocks, double left_out_m,
                                                                  const StopToken& stop) const {
@@ -98,9 +98,9 @@ std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const
     };
     const NodeBounds bounds = bounds_of(block.id, block.low_m, block.high_m);
     const bool bundles =
-        !std::all_of(block.rays.begin(), block.rays.end(), [&](std::size_t i) { return rays[i].one(); });
+        !std::all_of(block.rays.begin(), block.rays.end(), [&](std::size_t i) { return rays[i].is_single_ray(); });
     const dem::Footprint footprint = dem::footprint_of(block.id);
-    for (int k = field.smallest_octave(); k <= field.largest_octave() && expected <= kMostRocksOfRays; ++k) {
+    for (int k = field.smallest_octave(); k <= field.largest_octave() && expected <= kMaxRocksOfRays; ++k) {
       if (field.largest_m(k) <= left_out_m) continue;
       if (bundles || block.rays.size() > kFewRays || found.strips.size() > kMostStrips) {
         all_of(k);
@@ -127,7 +127,7 @@ std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const
   std::sort(found.pieces.begin(), found.pieces.end());
   found.pieces.erase(std::unique(found.pieces.begin(), found.pieces.end()), found.pieces.end());
   for (const auto& [octave, id] : found.pieces) expected += expected_of(field, octave, dem::footprint_of(id), 0);
-  if (expected > kMostRocksOfRays) return std::nullopt;
+  if (expected > kMaxRocksOfRays) return std::nullopt;
   return found;
 }
 
@@ -138,7 +138,7 @@ std::optional<std::vector<dem::RockFeature>> RocksNearRays::along(std::span<cons
   if (!places || !find(places->pieces, stop)) return std::nullopt;
   // Strips overlap: a rock may be found several times.
   auto rocks =
-      gathered_in_parallel<dem::RockFeature>(places->strips.size(), 64, kMostNewRocks, [&](std::size_t i, auto& some) {
+      gathered_in_parallel<dem::RockFeature>(places->strips.size(), 64, kMaxNewRocks, [&](std::size_t i, auto& some) {
         stop.check();
         survey_.add(places->strips[i].octave, places->strips[i].box, survey_.field().law().smallest_m, some, stop);
       });
@@ -148,13 +148,13 @@ std::optional<std::vector<dem::RockFeature>> RocksNearRays::along(std::span<cons
     rocks->insert(rocks->end(), some.begin(), some.end());
   }
   rocks = dem::largest_first(std::move(*rocks));
-  if (rocks->size() > kMostRocksOfRays) return std::nullopt;
+  if (rocks->size() > kMaxRocksOfRays) return std::nullopt;
   return rocks;
 }
 
 bool RocksNearRays::find(const std::vector<Piece>& pieces, const StopToken& stop) {
   const dem::RockField& field = survey_.field();
-  if (remembered_ > kMostRememberedRocks - kMostNewRocks) found_.clear(), remembered_ = 0;
+  if (remembered_ > kMaxCachedRocks - kMaxNewRocks) found_.clear(), remembered_ = 0;
   std::vector<Piece> unknown;
   std::copy_if(pieces.begin(), pieces.end(), std::back_inserter(unknown),
                [&](const Piece& piece) { return !found_.contains(piece); });
@@ -162,13 +162,13 @@ bool RocksNearRays::find(const std::vector<Piece>& pieces, const StopToken& stop
   std::atomic<std::size_t> number{0};
   in_parallel(unknown.size(), [&](std::size_t i) {
     stop.check();
-    if (number > kMostNewRocks) return;
+    if (number > kMaxNewRocks) return;
     const auto& [octave, id] = unknown[i];
     const dem::Footprint reaching = dem::around(dem::footprint_of(id), field.largest_m(octave));
     survey_.add(octave, reaching, field.law().smallest_m, new_ones[i], stop);
     number += new_ones[i].size() + 1;  // an empty piece takes memory, too
   });
-  if (number > kMostNewRocks) return false;
+  if (number > kMaxNewRocks) return false;
   for (std::size_t i = 0; i < unknown.size(); ++i) found_.emplace(unknown[i], std::move(new_ones[i]));
   remembered_ += number;
   return true;

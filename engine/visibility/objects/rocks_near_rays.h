@@ -23,7 +23,7 @@ class RocksNearRays {
   explicit RocksNearRays(const dem::Terrain& terrain) : survey_(terrain) {}
 
   double largest_m() const { return survey_.field().law().largest_m; }
-  // Returns the rocks, the largest first; empty when there are more than kMostRocksOfRays. `blocks`: the blocks that
+  // Returns the rocks, the largest first; empty when there are more than kMaxRocksOfRays. `blocks`: the blocks that
   // the rays may hit (select_for_rays). Octaves of diameters up to `left_out_m` are left out.
   std::optional<std::vector<dem::RockFeature>> along(std::span<const RayCone> rays, std::span<const BlockOnRays> blocks,
                                                      double left_out_m, const StopToken& stop);
@@ -40,7 +40,7 @@ class RocksNearRays {
   };
   std::optional<Places> places_along(std::span<const RayCone> rays, std::span<const BlockOnRays> blocks,
                                      double left_out_m, const StopToken& stop) const;
-  // Finds the rocks of pieces and remembers them; false: more than kMostNewRocks.
+  // Finds the rocks of pieces and remembers them; false: more than kMaxNewRocks.
   bool find(const std::vector<Piece>& pieces, const StopToken& stop);
 
   dem::RockSurvey survey_;

@@ -1,4 +1,4 @@
-// Height bounds of quadtree nodes, and which nodes can be judged without their pyramid.
+// Bounds of quadtree nodes, and the tests that need no pyramid.
 #pragma once
 
 #include <optional>
@@ -9,15 +9,15 @@
 
 namespace selenograph::engine {
 
-struct Known {
+// Heights of a node, and the bounds that follow from them.
+struct BoundedNode {
   dem::NodeInfo info;
   NodeBounds bounds;
-  bool loose = false;  // bounds of all lunar relief, no error
+  bool loose = false;  // heights and bounds are those of all lunar relief; no error is known
 };
 
-// Nodes of these levels are first judged with the bounds of all lunar relief: if they cannot matter even then, no
-// pyramid is read or built for them. Only nodes that may be the root of a pyramid are judged this way; for finer ones
-// such bounds say nothing.
+// Nodes up to this level are first tested with the bounds of all lunar relief: a node that cannot matter even then
+// needs no pyramid. Only nodes that may be the root of a pyramid are tested so; for finer ones such bounds are useless.
 inline constexpr int kLooseLevels = 8;
 
 inline NodeBounds loose_bounds(const dem::BlockId& id) {
@@ -28,28 +28,30 @@ inline NodeBounds bounds_within(const dem::BlockId& id, const dem::NodeInfo& hei
   return bounds_of(id, static_cast<double>(heights.min_m), static_cast<double>(heights.max_m));
 }
 
-// Judges a node without building a pyramid. Returns false when it cannot matter whatever its heights are, or given the
-// heights that its files hold. `matters` must be monotonic: true for wider bounds if it is true for narrower ones, so
-// that answers do not depend on what has been built.
+// Tests a node without building a pyramid. Returns false if it cannot matter whatever its heights are, or with the
+// range of heights in its files. `matters` must be monotonic, true for wider bounds if true for narrower ones, so that
+// answers do not depend on what has been built.
 template <typename Matters>
 bool may_matter(const dem::Terrain& terrain, const dem::BlockId& id, const StopToken& stop, const Matters& matters) {
   if (id.level > kLooseLevels) return true;
   if (!matters(loose_bounds(id))) return false;
-  // Files are looked at only where level ground, as low as the maria, would not matter.
+  // Survey the files only if level ground as low as the maria would not matter.
   constexpr double kMaria_m = -2000;
   if (!terrain.has_data(id) || matters(bounds_of(id, kMaria_m, kMaria_m))) return true;
   const auto range = terrain.heights_without_building(id, stop);
   return !range || matters(bounds_of_all(id, static_cast<double>(range->low), static_cast<double>(range->high)));
 }
 
-// Heights of a node, or the bounds of all lunar relief where the true ones would require building everything below.
-inline std::optional<Known> known(const dem::Terrain& terrain, const dem::BlockId& id, const StopToken& stop) {
+// Returns a node with its heights, or with the bounds of all lunar relief if its heights would require building
+// everything below. Empty without data.
+inline std::optional<BoundedNode> bounded_node(const dem::Terrain& terrain, const dem::BlockId& id,
+                                               const StopToken& stop) {
   if (!terrain.has_data(id)) return std::nullopt;
   dem::NodeInfo info{0, dem::kLowestRelief_m, dem::kHighestRelief_m, false, {}};
   const bool cheap = terrain.node_is_cheap(id);
   if (cheap) info = terrain.node(id, stop);
   if (info.empty) return std::nullopt;
-  return Known{info, bounds_within(id, info), !cheap};
+  return BoundedNode{info, bounds_within(id, info), !cheap};
 }
 
 }  // namespace selenograph::engine
