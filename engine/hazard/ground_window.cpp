@@ -26,15 +26,21 @@ GroundWindow::GroundWindow(const FrameProducts& products, int width, int height,
     : footprint_(footprint), square_(square), roughness_above_m_(limits.roughness_above_m) {
   int left = 0, right = 0;
   for (const FootprintRow& r : footprint.rows) {
-    left = std::max(left, -r.first), right = std::max(right, r.past_last - 1), covered_ += r.past_last - r.first;
+    left = std::max(left, -r.first);
+    right = std::max(right, r.past_last - 1);
+    covered_ += r.past_last - r.first;
   }
   int up = std::max(0, -footprint.rows.front().row), down = std::max(0, footprint.rows.back().row);
   for (const Eigen::Vector2i& pad : footprint.pads) {
-    left = std::max(left, -pad.x()), right = std::max(right, pad.x());
-    up = std::max(up, -pad.y()), down = std::max(down, pad.y());
+    left = std::max(left, -pad.x());
+    right = std::max(right, pad.x());
+    up = std::max(up, -pad.y());
+    down = std::max(down, pad.y());
   }
-  left_ = square.x - left, top_ = square.y - up;
-  width_ = square.width + left + right, height_ = square.height + up + down;
+  left_ = square.x - left;
+  top_ = square.y - up;
+  width_ = square.width + left + right;
+  height_ = square.height + up + down;
   if (left_ < 0 || top_ < 0 || left_ + width_ > width || top_ + height_ > height)
     throw std::logic_error("a footprint reaches beyond what was drawn");
   find_trend(products, static_cast<std::size_t>(width));
@@ -69,9 +75,14 @@ void GroundWindow::sum_rows(const FrameProducts& products, std::size_t map_width
   };
   heights_.resize(rows * static_cast<std::size_t>(width_) + kLanes);  // some are looked at beyond the last row
   const auto make = [&](auto& sums) { sums.all.resize(rows * stride), sums.stride = stride; };
-  make(sum_), make(moment_), make(missing_);
+  make(sum_);
+  make(moment_);
+  make(missing_);
   const bool rocks = !products.rock_height.empty();
-  if (rocks) make(rocks_), make(high_);
+  if (rocks) {
+    make(rocks_);
+    make(high_);
+  }
   for (int y = 0; y < height_; ++y) {
     const std::size_t row = static_cast<std::size_t>(y) * stride;
     for (int x = 0; x < width_; ++x) {
@@ -90,7 +101,9 @@ void GroundWindow::sum_rows(const FrameProducts& products, std::size_t map_width
           high_.all[next - 1] + (limits.rock_height_m && static_cast<double>(rock_m) > *limits.rock_height_m);
     }
   }
-  missing_.forget_zeros(), rocks_.forget_zeros(), high_.forget_zeros();
+  missing_.forget_zeros();
+  rocks_.forget_zeros();
+  high_.forget_zeros();
 }
 
 void GroundWindow::bound_cells() {
@@ -106,11 +119,13 @@ GroundWindow::Cell GroundWindow::bound_cell(int x0, int y0) const {
   Cell cell{{0, 0, 0}, std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()};
   for (int y = y0; y <= bottom; ++y) cell.plane.right += height(right, y) - height(x0, y);
   for (int x = x0; x <= right; ++x) cell.plane.down += height(x, bottom) - height(x, y0);
-  cell.plane.right /= rows * std::max(1, columns - 1), cell.plane.down /= columns * std::max(1, rows - 1);
+  cell.plane.right /= rows * std::max(1, columns - 1);
+  cell.plane.down /= columns * std::max(1, rows - 1);
   for (int y = y0; y <= bottom; ++y)
     for (int x = x0; x <= right; ++x) {
       const double left_m = height(x, y) - cell.plane.right * (x - x0 - kMiddle) - cell.plane.down * (y - y0 - kMiddle);
-      cell.least = std::min(cell.least, left_m), cell.most = std::max(cell.most, left_m);
+      cell.least = std::min(cell.least, left_m);
+      cell.most = std::max(cell.most, left_m);
     }
   return cell;
 }
@@ -128,7 +143,8 @@ void GroundWindow::fit_all(int row, std::span<Plane> planes) const {
     const double below = r.row;
     for (std::size_t i = 0; i < width; ++i) {
       const double heights = last[i] - first[i];
-      sum[i] += heights, down[i] += below * heights;
+      sum[i] += heights;
+      down[i] += below * heights;
       right[i] += last_moment[i] - first_moment[i] - static_cast<double>(from + static_cast<int>(i)) * heights;
     }
   }
@@ -240,11 +256,14 @@ void GroundWindow::find_roughness(int row, std::span<const Plane> planes, std::s
   const int n = static_cast<int>(farthest_m.size());
   Farthest lanes{square_.x - left_, square_.y - top_ + row, {}, {}, {}, {}, {0, 0}};
   for (int first = 0; first < n; first += kLanes, lanes.x += kLanes) {
-    lanes.middle_m = lanes.right = lanes.down = 0, lanes.most_m = std::numeric_limits<double>::infinity();
+    lanes.middle_m = lanes.right = lanes.down = 0;
+    lanes.most_m = std::numeric_limits<double>::infinity();
     for (int i = 0; i < std::min(kLanes, n - first); ++i) {
       const Plane& plane = planes[static_cast<std::size_t>(first + i)];
       if (std::isnan(plane.height_m)) continue;
-      lanes.middle_m[i] = plane.height_m, lanes.right[i] = plane.right, lanes.down[i] = plane.down;
+      lanes.middle_m[i] = plane.height_m;
+      lanes.right[i] = plane.right;
+      lanes.down[i] = plane.down;
       lanes.most_m[i] = farthest_m[static_cast<std::size_t>(first + i)];
     }
     look_at(lanes.where, lanes);
@@ -261,7 +280,9 @@ void GroundWindow::measure(int row, std::span<FootprintMeasures> out) const {
     fit_all(row, planes);
   else
     fit_pads(row, planes);
-  count(missing_, row, missing), count(rocks_, row, rocks), count(high_, row, high);
+  count(missing_, row, missing);
+  count(rocks_, row, rocks);
+  count(high_, row, high);
   const Eigen::Matrix2d to_gradient = footprint_.metres_per_px.transpose().inverse();
   std::vector<double> gradient(out.size()), farthest_m(out.size());
   for (std::size_t i = 0; i < out.size(); ++i) {

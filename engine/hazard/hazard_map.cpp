@@ -89,8 +89,10 @@ class HazardMap {
     const auto allocate = [&](auto& array, ProductSet product, auto none) {
       if (request.products & product) assign(array, n, none, stop);
     };
-    allocate(products.slope, kSlope, kNaN32), allocate(products.roughness, kRoughness, kNaN32);
-    allocate(products.rock_cover, kRockCover, kNaN32), allocate(products.hazard, kHazard, kNoHazardNumber);
+    allocate(products.slope, kSlope, kNaN32);
+    allocate(products.roughness, kRoughness, kNaN32);
+    allocate(products.rock_cover, kRockCover, kNaN32);
+    allocate(products.hazard, kHazard, kNoHazardNumber);
   }
 
   // Returns how many pixels with ground have no plane because of the map's scale.
@@ -231,8 +233,10 @@ bool wants_footprint(const MapRequest& request) {
 MapRequest drawn_for(const MapRequest& request) {
   MapRequest drawn = request;
   const int margin = margin_px(request);
-  drawn.grid.width += 2 * margin, drawn.grid.height += 2 * margin;
-  drawn.grid.west_m -= margin * drawn.grid.gsd_m, drawn.grid.north_m += margin * drawn.grid.gsd_m;
+  drawn.grid.width += 2 * margin;
+  drawn.grid.height += 2 * margin;
+  drawn.grid.west_m -= margin * drawn.grid.gsd_m;
+  drawn.grid.north_m += margin * drawn.grid.gsd_m;
   drawn.products &= ~static_cast<ProductSet>(kOfFootprint | kSlope);
   drawn.products |= kHeight | (request.rocks ? ProductSet{kRockHeight} : 0);
   drawn.footprint.reset();

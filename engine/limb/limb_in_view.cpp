@@ -32,7 +32,8 @@ struct Outlook {
   explicit Outlook(const View& view)
       : from_m(view.position()), distance_m(from_m.norm()), center(-from_m / distance_m) {
     const auto turn = Eigen::Quaterniond::FromTwoVectors(view.moon_from_camera().col(2), center);
-    right = turn * view.moon_from_camera().col(0), down = turn * view.moon_from_camera().col(1);
+    right = turn * view.moon_from_camera().col(0);
+    down = turn * view.moon_from_camera().col(1);
   }
   // From the Sun; azimuths from north to east.
   explicit Outlook(const Sun& sun)
@@ -40,7 +41,8 @@ struct Outlook {
         distance_m(from_m.norm()),
         center(-sun.direction) {
     const EastNorthUp axes = local_axes(sun.direction);
-    right = axes.north, down = axes.east;
+    right = axes.north;
+    down = axes.east;
   }
 
   Vec3 aside(double azimuth_rad) const { return std::cos(azimuth_rad) * right + std::sin(azimuth_rad) * down; }
@@ -118,10 +120,12 @@ class LimbSearch {
     bool any = false;
     for (const Vec3& p : b.points) {
       const double across_m = normal_.dot(p), aside_m = aside_.dot(p);
-      before_m = std::min(before_m, across_m), behind_m = std::max(behind_m, across_m);
+      before_m = std::min(before_m, across_m);
+      behind_m = std::max(behind_m, across_m);
       any |= aside_m > -b.bulge_m;
       const double rad = std::atan2(std::max(aside_m, 0.0), -outlook_.center.dot(p));
-      first_rad = std::min(first_rad, rad), last_rad = std::max(last_rad, rad);
+      first_rad = std::min(first_rad, rad);
+      last_rad = std::max(last_rad, rad);
     }
     if (!any || before_m > b.bulge_m || behind_m < -b.bulge_m) return 0;
     const double radius_m = kMoonRadius_m + b.high_m, beside_rad = 2 * b.bulge_m / (kMoonRadius_m + b.low_m);
@@ -201,7 +205,10 @@ class LimbSearch {
       const Vec3 place = v[i] + t * (v[j] - v[i]);
       if (aside_.dot(place) < 0) continue;
       const double angle = outlook_.angle_rad(outlook_.center.dot(place), aside_.dot(place));
-      if (angle > best_rad_) best_rad_ = angle, position_m_ = place;
+      if (angle > best_rad_) {
+        best_rad_ = angle;
+        position_m_ = place;
+      }
     }
   }
 
@@ -267,7 +274,8 @@ TerminatorPoint terminator_of_sphere(const Outlook& sun, const View& view, doubl
   const double angle = sun.limb_rad(kMoonRadius_m);
   const Vec3 place = kMoonRadius_m * (std::cos(angle) * sun.aside(azimuth_rad) - std::sin(angle) * sun.center);
   if (const auto pixel = view.project(place)) {
-    point.sphere_x_px = pixel->x, point.sphere_y_px = pixel->y;
+    point.sphere_x_px = pixel->x;
+    point.sphere_y_px = pixel->y;
     point.sphere_visible = within(view.camera(), pixel->x, pixel->y) && (view.position() - place).dot(place) > 0;
   }
   return point;
@@ -307,7 +315,8 @@ std::vector<LimbPoint> find_limb(const LimbRequest& request, const dem::Terrain&
     point.range_m = (point.position_m - outlook.from_m).norm();
     const auto pixel = view.project(point.position_m);
     if (!pixel) return;
-    point.x_px = pixel->x, point.y_px = pixel->y;
+    point.x_px = pixel->x;
+    point.y_px = pixel->y;
     point.in_frame = within(view.camera(), pixel->x, pixel->y);
   });
   return points;
@@ -328,14 +337,17 @@ std::vector<TerminatorPoint> find_terminator(const LimbRequest& request, const d
   for (TerminatorPoint& point : points) {
     if (!point.known()) continue;
     const Geographic g = to_geographic(point.position_m);
-    places.push_back({g.lat_deg, g.lon_deg, g.height_m}), of_places.push_back(&point);
+    places.push_back({g.lat_deg, g.lon_deg, g.height_m});
+    of_places.push_back(&point);
   }
   const std::vector<Landmark> seen =
       project_landmarks(request.camera, request.pose, std::nullopt, places, {}, std::nullopt, terrain, kept, stop);
   for (std::size_t k = 0; k < seen.size(); ++k) {
     TerminatorPoint& point = *of_places[k];
-    point.x_px = seen[k].x_px, point.y_px = seen[k].y_px;
-    point.in_frame = seen[k].in_frame, point.visible = seen[k].visible;
+    point.x_px = seen[k].x_px;
+    point.y_px = seen[k].y_px;
+    point.in_frame = seen[k].in_frame;
+    point.visible = seen[k].visible;
   }
   return points;
 }

@@ -46,9 +46,13 @@ struct Patch {
   std::pair<Patch, Patch> halves() const {
     Patch a = *this, b = *this;
     if (width >= height) {
-      a.width = width / 2, b.x += a.width, b.width -= a.width;
+      a.width = width / 2;
+      b.x += a.width;
+      b.width -= a.width;
     } else {
-      a.height = height / 2, b.y += a.height, b.height -= a.height;
+      a.height = height / 2;
+      b.y += a.height;
+      b.height -= a.height;
     }
     return {a, b};
   }
@@ -91,22 +95,27 @@ RowViews view_from(const Vec3& toward, const PatchDirections& patch, double gsd_
   Pose pose;
   pose.position_m = patch.middle * kMoonRadius_m + toward * kFarAway_m;
   Eigen::Matrix3d axes;
-  axes.row(0) = x, axes.row(1) = y, axes.row(2) = z;
+  axes.row(0) = x;
+  axes.row(1) = y;
+  axes.row(2) = z;
   pose.camera_from_moon = Eigen::Quaterniond(axes);
   double right = 0, down = 0;
   for (const Vec3& d : patch.all) {
     if (d.hasNaN()) continue;
     for (const float height_m : {dem::kLowestRelief_m, dem::kHighestRelief_m}) {
       const Vec3 c = axes * (d * (kMoonRadius_m + static_cast<double>(height_m)) - pose.position_m);
-      right = std::max(right, std::abs(c.x() / c.z())), down = std::max(down, std::abs(c.y() / c.z()));
+      right = std::max(right, std::abs(c.x() / c.z()));
+      down = std::max(down, std::abs(c.y() / c.z()));
     }
   }
   Camera camera;
   camera.fx = camera.fy = kFarAway_m / gsd_m;
   constexpr double kMost_px = 1e9;
   const auto side = [&](double slope) { return 3 + 2 * static_cast<int>(std::min(slope * camera.fx, kMost_px)); };
-  camera.width = side(right), camera.height = side(down);
-  camera.cx = (camera.width - 1) / 2.0, camera.cy = (camera.height - 1) / 2.0;
+  camera.width = side(right);
+  camera.height = side(down);
+  camera.cx = (camera.width - 1) / 2.0;
+  camera.cy = (camera.height - 1) / 2.0;
   return {camera, pose, std::nullopt, stop};
 }
 
@@ -120,7 +129,11 @@ class MapDrawing {
   MapDrawing(const MapRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop,
              const MapProgress& progress)
       : request_(request), terrain_(terrain), kept_(kept), stop_(stop), progress_(progress), frame_(request.look) {
-    frame_.camera = {}, frame_.shutter.reset(), frame_.sensor.reset(), frame_.objects.clear(), frame_.terrain = true;
+    frame_.camera = {};
+    frame_.shutter.reset();
+    frame_.sensor.reset();
+    frame_.objects.clear();
+    frame_.terrain = true;
     frame_.products = products_of_patch(request.products);
     frame_.accuracy.samples_per_pixel = 1;
     frame_.visibility = Visibility::raytrace;
@@ -175,7 +188,8 @@ class MapDrawing {
   void draw_halves(const Patch& patch) {
     const auto [a, b] = patch.halves();
     forgets_ = true;
-    draw(a), draw(b);
+    draw(a);
+    draw(b);
   }
 
   void done(const Patch& patch) {
@@ -203,7 +217,8 @@ class MapDrawing {
   }
 
   void draw(const Patch& patch, const PatchDirections& directions, const RowViews& above, const Selection& selection) {
-    frame_.camera.width = patch.width, frame_.camera.height = patch.height;
+    frame_.camera.width = patch.width;
+    frame_.camera.height = patch.height;
     const View& view = above.reference();
     const SceneContent content{selection.blocks, anchor_for(view.position(), view.middle(), kFarAway_m),
                                Visibility::raytrace, &terrain_};
@@ -222,7 +237,8 @@ class MapDrawing {
     }
     spent.visibility_ms = watch.lap_ms();
     kept_.speed(Visibility::raytrace).learn(work, spent);
-    out_.times.build_ms += spent.build_ms, out_.times.visibility_ms += spent.visibility_ms;
+    out_.times.build_ms += spent.build_ms;
+    out_.times.visibility_ms += spent.visibility_ms;
     if (forgets_) kept_.forget(content);
   }
 
@@ -260,7 +276,9 @@ class MapDrawing {
         if (hidden >> i & 1) packet.radiance[i] = kNaN32;
       pass.write_products(packet);
     });
-    hit_ += writer.counts().hit, missing_ += writer.counts().missing, filled_ += writer.counts().filled;
+    hit_ += writer.counts().hit;
+    missing_ += writer.counts().missing;
+    filled_ += writer.counts().filled;
     blended_ += writer.counts().blended;
     const std::vector<dem::SourceIndex> sources = writer.sources().settle(drawn.source);
     drawn.rock_height = std::move(rock_height);
@@ -335,7 +353,9 @@ class MapDrawing {
     const std::uint32_t hidden = shaded(scene, p.points, p.on_terrain, toward);
     for (int i = 0; i < kPacket; ++i) {
       if (!(p.on_terrain & ~hidden & 1U << i)) continue;
-      p.rays.dx[i] = -toward.x(), p.rays.dy[i] = -toward.y(), p.rays.dz[i] = -toward.z();
+      p.rays.dx[i] = -toward.x();
+      p.rays.dy[i] = -toward.y();
+      p.rays.dz[i] = -toward.z();
       p.shading.mu[i] = p.shading.normal(i).dot(toward);
     }
     return hidden;
@@ -399,7 +419,8 @@ class MapDrawing {
     r.shadow_limits_px[0] = std::max(r.shadow_limits_px[0], selection.shadow_limit_px);
     if (selection.max_spacing_m > 0) r.min_post_spacing_m = std::min(r.min_post_spacing_m, selection.min_spacing_m);
     r.max_post_spacing_m = std::max(r.max_post_spacing_m, selection.max_spacing_m);
-    r.triangles += scene.triangles, r.scene_bytes = std::max(r.scene_bytes, scene.bytes);
+    r.triangles += scene.triangles;
+    r.scene_bytes = std::max(r.scene_bytes, scene.bytes);
     replaced_.insert(replaced_.end(), selection.replaced.begin(), selection.replaced.end());
   }
 
@@ -421,11 +442,13 @@ class MapDrawing {
     FrameReport& r = out_.report;
     sort_sources();
     const auto all = static_cast<double>(pixels_in_all());
-    r.hit_fraction = static_cast<double>(hit_) / all, r.missing_fraction = static_cast<double>(missing_) / all;
+    r.hit_fraction = static_cast<double>(hit_) / all;
+    r.missing_fraction = static_cast<double>(missing_) / all;
     r.filled_fraction = static_cast<double>(filled_) / all;
     r.blended_fraction = static_cast<double>(blended_) / all;
     if (!std::isfinite(r.min_post_spacing_m)) r.min_post_spacing_m = 0;
-    r.visibility = Visibility::raytrace, r.radiance = radiance_;
+    r.visibility = Visibility::raytrace;
+    r.radiance = radiance_;
     r.emits_elsewhere = !frame_.temperature_maps.empty();
     r.lit = any_lit(out_.products.radiance);
     std::sort(replaced_.begin(), replaced_.end());

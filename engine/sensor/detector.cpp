@@ -114,7 +114,8 @@ class Chain {
               static_cast<float>(d.offset_dn),
               static_cast<float>((1 << d.bit_depth) - 1)};
     smear_ = smear_e(d, per_radiance, radiance, width, height);
-    dead_ = threshold(d.dead_fraction), dead_or_hot_ = threshold(d.dead_fraction + d.hot_fraction);
+    dead_ = threshold(d.dead_fraction);
+    dead_or_hot_ = threshold(d.dead_fraction + d.hot_fraction);
     has_pattern_ = d.prnu > 0 || d.dsnu_e > 0 || dead_or_hot_ > 0;
     has_noise_ = d.photon_noise || d.read_noise_e > 0;
     if (line && has_pattern_) draw_line();
@@ -165,8 +166,10 @@ class Chain {
     for (std::size_t i = 0; i < kDraw; ++i) {
       const std::size_t column = (first + i) % width_, k = column % kDraw;
       const PixelLanes& from = line_[column / kDraw];
-      p.response[i] = from.response[k], p.offset[i] = from.offset[k];
-      p.hot[i] = from.hot[k], p.alive[i] = from.alive[k];
+      p.response[i] = from.response[k];
+      p.offset[i] = from.offset[k];
+      p.hot[i] = from.hot[k];
+      p.alive[i] = from.alive[k];
     }
   }
 

@@ -89,7 +89,8 @@ struct PixelQuadrature {
         slope = points * (x * at - before) / (x * x - 1);
         x -= at / slope;
       }
-      places.push_back(x / 2), weights.push_back(1 / ((1 - x * x) * slope * slope));
+      places.push_back(x / 2);
+      weights.push_back(1 / ((1 - x * x) * slope * slope));
     }
   }
 };
@@ -187,7 +188,9 @@ void SpreadKernel::spread_airy(double dx, double dy, const StopToken& stop) {
         share += over.weights[j] * row;
       }
       shares.push_back(share / (unit_px_ * unit_px_));
-      mean_x += x * shares.back(), mean_y += y * shares.back(), square += x * x;
+      mean_x += x * shares.back();
+      mean_y += y * shares.back();
+      square += x * x;
     }
   }
   captured_ = std::accumulate(shares.begin(), shares.end(), 0.0);

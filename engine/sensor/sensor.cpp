@@ -242,8 +242,10 @@ void Sensor::add_points(std::span<const LightPoint> points, double share, const 
 }
 
 Camera with_margin(Camera camera, int margin_px) {
-  camera.width += 2 * margin_px, camera.height += 2 * margin_px;
-  camera.cx += margin_px, camera.cy += margin_px;
+  camera.width += 2 * margin_px;
+  camera.height += 2 * margin_px;
+  camera.cx += margin_px;
+  camera.cy += margin_px;
   return camera;
 }
 

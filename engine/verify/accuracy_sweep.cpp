@@ -109,7 +109,8 @@ class FrameSweep {
     row.reference_max_error_px = std::max(row.reference_max_error_px, reference_max_error_px_);
     row.triangles = std::max(row.triangles, report.triangles);
     row.scene_bytes = std::max(row.scene_bytes, report.scene_bytes);
-    row.bound_px = std::max(row.bound_px, report.lod_error_px), row.bound_m = std::max(row.bound_m, report.lod_error_m);
+    row.bound_px = std::max(row.bound_px, report.lod_error_px);
+    row.bound_m = std::max(row.bound_m, report.lod_error_m);
     row.expected_px = std::max(row.expected_px, report.expected_error_px);
     row.shadow_bound_px = std::max(row.shadow_bound_px, report.shadow_error_px);
     time(setting, row);
@@ -118,7 +119,8 @@ class FrameSweep {
  private:
   Frame frame(const Setting& setting, ProductSet products) const {
     FrameRequest request = request_;
-    request.accuracy = setting.accuracy, request.visibility = setting.visibility;
+    request.accuracy = setting.accuracy;
+    request.visibility = setting.visibility;
     request.products = products;
     return renderer_.render(request);
   }
@@ -131,7 +133,8 @@ class FrameSweep {
       bare.push_back(baseline_->ms());
       ours.push_back(milliseconds([&] { frame(setting, kRadiance); }));
     }
-    row.frame_ms += median(ours), row.bare_ms += median(bare);
+    row.frame_ms += median(ours);
+    row.bare_ms += median(bare);
   }
 
   const Renderer& renderer_;
@@ -196,7 +199,9 @@ std::vector<SweepRow> sweep(const Renderer& renderer, const std::vector<Accuracy
     std::vector<char> fits(settings.size(), 1);
     for (const Setting& setting : settings) {
       SweepRow& row = of_scene.emplace_back();
-      row.scene = scene.name, row.setting = setting.accuracy, row.visibility = setting.visibility;
+      row.scene = scene.name;
+      row.setting = setting.accuracy;
+      row.visibility = setting.visibility;
       row.with_detail = has_detail(scene);
     }
     for (const FrameRequest& request : scene.frames) {

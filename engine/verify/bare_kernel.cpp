@@ -63,7 +63,9 @@ void BareKernel::render(const View& view, const Vec3& sun, double shell_radius_m
           shadow.ox[i] = rays.ox[i] + t * rays.dx[i] + kBias * s.x(),
           shadow.oy[i] = rays.oy[i] + t * rays.dy[i] + kBias * s.y();
           shadow.oz[i] = rays.oz[i] + t * rays.dz[i] + kBias * s.z();
-          shadow.dx[i] = s.x(), shadow.dy[i] = s.y(), shadow.dz[i] = s.z();
+          shadow.dx[i] = s.x();
+          shadow.dy[i] = s.y();
+          shadow.dz[i] = s.z();
           shadow.near[i] = kBias;
         }
         bool blocked[kPacket];

@@ -37,7 +37,10 @@ class Group {
   GroupStatistics finish() {
     close(-1);
     double count = 0, sum = 0;
-    for (const Sum& s : closed_) count += s.count, sum += s.sum;
+    for (const Sum& s : closed_) {
+      count += s.count;
+      sum += s.sum;
+    }
     GroupStatistics g{static_cast<std::size_t>(count), kNan, kNan, kNan, kNan, kNan};
     if (count == 0) return g;
     g.mean_m = sum / count;
@@ -174,7 +177,8 @@ DifferenceStatistics statistics_of(const RoundTrip& trip) {
     all.add(r, c, d);
     if (std::abs(d) <= std::abs(out.worst_m)) return;
     out.worst_m = d;
-    out.worst_row = r, out.worst_col = c;
+    out.worst_row = r;
+    out.worst_col = c;
   });
   out.all = all.finish();
   double around_mean = 0;

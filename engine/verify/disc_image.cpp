@@ -35,7 +35,9 @@ double roughness(const DiscImage& image, const SpinScan& scan) {
   std::vector<double> above, middle, below;
   double sum = 0;
   for (int y = 0; y < image.height; ++y) {
-    above = std::move(middle), middle = std::move(below), below.clear();
+    above = std::move(middle);
+    middle = std::move(below);
+    below.clear();
     for (int x = 0; x < image.width; ++x) below.push_back(sample(image, x + scan.displacement_px(y, image.height), y));
     if (y < 2) continue;
     for (std::size_t x = 0; x < below.size(); ++x) sum += std::pow(above[x] - 2 * middle[x] + below[x], 2);
@@ -122,7 +124,10 @@ SpinScan scan_of(const std::vector<DiscImage>& channels, SpinScan scan) {
       scan.phase_px = static_cast<double>(k) / kPhases;
       double rough = 0;
       for (const DiscImage& image : channels) rough += roughness(image, scan);
-      if (rough < least) least = rough, best = scan;
+      if (rough < least) {
+        least = rough;
+        best = scan;
+      }
     }
   return best;
 }
@@ -147,7 +152,8 @@ void append_means(const std::vector<float>& fine, int width, int per_pixel, std:
 DiscImage spread(const DiscImage& image, const Placement& by) {
   const int fine = image.per_pixel;
   PointSpread gaussian;
-  gaussian.model = PointSpread::Model::gaussian, gaussian.sigma_px = by.sigma_px * fine;
+  gaussian.model = PointSpread::Model::gaussian;
+  gaussian.sigma_px = by.sigma_px * fine;
   const SpreadKernel kernel(gaussian, 1, 1, 1);
   // On all sides a pixel of the result more, by which lines are moved whole.
   const int r = kernel.radius(), border = r + fine, width = image.width + 2 * border;
@@ -184,7 +190,12 @@ double disc_correlation(const DiscImage& observed, const DiscImage& frame, const
       if (!place_on_sphere(view, x, y)) continue;
       const auto i = static_cast<std::size_t>(y) * static_cast<std::size_t>(frame.width) + static_cast<std::size_t>(x);
       const double a = static_cast<double>(observed.radiance[i]), b = static_cast<double>(frame.radiance[i]);
-      n += 1, sa += a, sb += b, saa += a * a, sbb += b * b, sab += a * b;
+      n += 1;
+      sa += a;
+      sb += b;
+      saa += a * a;
+      sbb += b * b;
+      sab += a * b;
     }
   return (n * sab - sa * sb) / std::sqrt((n * saa - sa * sa) * (n * sbb - sb * sb));
 }
@@ -198,10 +209,15 @@ Placement registered(const DiscImage& observed, const DiscImage& frame, const Vi
       for (const auto& [dx, dy] :
            {std::pair(step_px, 0.0), std::pair(-step_px, 0.0), std::pair(0.0, step_px), std::pair(0.0, -step_px)}) {
         Placement next = by;
-        next.dx_px += dx, next.dy_px += dy;
+        next.dx_px += dx;
+        next.dy_px += dy;
         if (std::abs(next.dx_px) > kMost_px || std::abs(next.dy_px) > kMost_px) continue;
         const double correlation = disc_correlation(observed, spread(frame, next), view);
-        if (correlation > best) best = correlation, by = next, moved = true;
+        if (correlation > best) {
+          best = correlation;
+          by = next;
+          moved = true;
+        }
       }
     }
   return by;
@@ -220,7 +236,8 @@ DiscComparison compare_disc(const DiscImage& observed, const DiscImage& frame, c
     const auto region = static_cast<std::size_t>(p.region);
     const double expected = out.scale * static_cast<double>(frame.radiance[p.index]);
     squares[region] += std::pow(static_cast<double>(observed.radiance[p.index]) - expected, 2);
-    light[region] += expected, number[region] += 1;
+    light[region] += expected;
+    number[region] += 1;
   }
   for (std::size_t k = 0; k < out.residual.size(); ++k)
     out.residual[k] = number[k] > 0 ? std::sqrt(squares[k] / number[k]) / (light[k] / number[k]) : std::nan("");

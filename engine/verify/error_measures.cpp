@@ -85,7 +85,8 @@ void ErrorCollector::add_geometry(const View& view, const dem::Terrain& terrain,
   constexpr double kRounding_m = 1e-6, kRounding_px = 1e-6;
   for (const PointError& e : errors) {
     if (std::isnan(e.metres)) continue;
-    metres_.push_back(e.metres), pixels_.push_back(e.pixels);
+    metres_.push_back(e.metres);
+    pixels_.push_back(e.pixels);
     beyond_m_ += e.metres > report.lod_error_m + kRounding_m;
     beyond_px_ += e.pixels > report.lod_error_px + kRounding_px;
     beyond_expected_px_ += e.pixels > report.expected_error_px + kRounding_px;
@@ -118,14 +119,16 @@ void ErrorCollector::add_radiance(const std::vector<float>& radiance, const std:
 
 ErrorMeasures ErrorCollector::result() const {
   ErrorMeasures out;
-  out.geometric_m = spread_of(metres_), out.geometric_px = spread_of(pixels_);
+  out.geometric_m = spread_of(metres_);
+  out.geometric_px = spread_of(pixels_);
   const auto share = [](std::size_t part, std::size_t whole) {
     return whole ? static_cast<double>(part) / static_cast<double>(whole) : 0.0;
   };
   out.within_bound_m = 1 - share(beyond_m_, metres_.size()),
   out.within_bound_px = 1 - share(beyond_px_, pixels_.size());
   out.within_expected_px = 1 - share(beyond_expected_px_, pixels_.size());
-  out.wrong_hits = share(wrong_hits_, pixels_seen_), out.wrong_shadow_flags = share(wrong_, compared_);
+  out.wrong_hits = share(wrong_hits_, pixels_seen_);
+  out.wrong_shadow_flags = share(wrong_, compared_);
   if (edge_length_px_ > 0) out.shadow_edge_mean_px = static_cast<double>(wrong_) / edge_length_px_;
   out.shadow_edge_px = spread_of(displacements_px_);
   if (sunlit_ == 0) return out;

@@ -49,7 +49,8 @@ Sums sums_of(const std::vector<double>& craters, const std::vector<double>& reli
   Sums sums;
   const auto between = [&](std::size_t a, std::size_t b) {
     const double c = craters[b] - craters[a], r = relief[b] - relief[a];
-    sums.craters += c * c, sums.relief += r * r;
+    sums.craters += c * c;
+    sums.relief += r * r;
     sums.slopes.push_back(std::abs(c + r) / baseline_m);
   };
   constexpr std::size_t n = kPostsOfSquare;
@@ -64,9 +65,12 @@ double slope_deg(double slope) { return std::atan(slope) * kDegreesPerRadian; }
 
 std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places) {
   dem::DetailPreset one = preset;
-  one.relief = {}, one.rocks = {}, one.region = {};
+  one.relief = {};
+  one.rocks = {};
+  one.region = {};
   const dem::Detail craters(one);
-  one.craters = {}, one.relief = preset.relief;
+  one.craters = {};
+  one.relief = preset.relief;
   const dem::Detail relief(one);
   std::vector<SlopeRow> rows;
   double rms_before = 0;
@@ -78,7 +82,8 @@ std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places)
     });
     Sums all;
     for (const Sums& s : squares) {
-      all.craters += s.craters, all.relief += s.relief;
+      all.craters += s.craters;
+      all.relief += s.relief;
       all.slopes.insert(all.slopes.end(), s.slopes.begin(), s.slopes.end());
     }
     const double variance = all.craters + all.relief,

@@ -89,7 +89,8 @@ IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& reque
       light_w_m2_.push_back(
           light_by_rays(renderer, on_ground(renderer, position_m, request), at(seen.normal, pixel), request, strata));
     }
-  request_.products = kIrradiance, request_.indirect.terrain = true;
+  request_.products = kIrradiance;
+  request_.indirect.terrain = true;
 }
 
 IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) const {
@@ -99,7 +100,9 @@ IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) con
   for (std::size_t i = 0; i < pixels_.size(); ++i) {
     const double light = static_cast<double>(irradiance[3 * pixels_[i] + 1]), truth = light_w_m2_[i];
     if (std::isnan(light)) continue;
-    ours += light, truths += truth, squares += std::pow(light - truth, 2);
+    ours += light;
+    truths += truth;
+    squares += std::pow(light - truth, 2);
     if (in_shadow_[i]) {
       shadow_ours += light;
       shadow_truths += truth;
@@ -109,7 +112,8 @@ IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) con
     ++out.places;
   }
   if (out.places == 0 || !(truths > 0)) return out;
-  out.median = median(differences), out.ratio = ours / truths;
+  out.median = median(differences);
+  out.ratio = ours / truths;
   if (shadow_truths > 0) out.shadow_ratio = shadow_ours / shadow_truths;
   out.rms = std::sqrt(squares / out.places) / (truths / out.places);
   return out;

@@ -183,7 +183,8 @@ std::vector<ReliefRow> relief_at(const Renderer& renderer, const FrameRequest& s
       sum += static_cast<double>(frame.products.radiance[i]);
       smooth += direct_radiance(brdf, frame.report.radiance.direct_w_m2, mu0, up.dot(toward),
                                 toward.dot(request.sun.direction), 1);
-      shadowed += frame.products.lit[i] > 0 ? 0 : 1, seen += 1;
+      shadowed += frame.products.lit[i] > 0 ? 0 : 1;
+      seen += 1;
     }
     rows.push_back({incidence_deg, smooth > 0 ? sum / smooth : 0, seen > 0 ? shadowed / seen : 0,
                     frame.report.min_post_spacing_m});

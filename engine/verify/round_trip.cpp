@@ -69,8 +69,10 @@ struct Slopes {
   double left = INFINITY, right = -INFINITY, top = INFINITY, bottom = -INFINITY;
   void add(const Vec3& in_camera) {
     const double x = in_camera.x() / in_camera.z(), y = in_camera.y() / in_camera.z();
-    left = std::min(left, x), right = std::max(right, x);
-    top = std::min(top, y), bottom = std::max(bottom, y);
+    left = std::min(left, x);
+    right = std::max(right, x);
+    top = std::min(top, y);
+    bottom = std::max(bottom, y);
   }
 };
 
