@@ -10,16 +10,16 @@ namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
-// A square should be larger than what neighbouring differences have in common: craters, mostly. A large window affords
-// larger squares, and keeps a thousand of them.
+// Returns the side of the squares. A square should be larger than the correlation length of differences, which is
+// mostly that of craters. A large window affords larger squares: it keeps a thousand of them.
 int square_side(const PostWindow& w) { return std::max(32, std::max(w.width, w.height) / 32); }
 
-// What is left when a radius is rounded to double, 2^-32 m apart at this size (rms of a uniform distribution). It leans
-// to one side in one region and to the other in the next, so that no number of posts averages it out.
+// RMS error of a radius rounded to double, whose steps are 2^-32 m at this size (uniform distribution). Its sign
+// depends on the region, so that it does not average out over any number of posts.
 constexpr double kRounding_m = 0x1p-32 * 0.28867513459481287;
 constexpr double kSlopeStep_deg = 5;
 
-// Sums over squares of a window, in the order of the window's posts: one row of squares is open at a time.
+// Sums over squares of a window. Posts must be added in the order of the window: only one row of squares is open.
 class Group {
  public:
   explicit Group(const PostWindow& window)
@@ -76,7 +76,7 @@ class Group {
   double absolute_ = 0, squares_ = 0;
 };
 
-// Degrees; empty at the window's border and beside voids.
+// Returns the slope at a post, degrees, from its neighbours' heights; empty at the window's border and next to voids.
 std::optional<double> slope_at(const RoundTrip& trip, int row, int col, double north_m, double east_m) {
   const PostWindow& w = trip.window;
   if (row == 0 || col == 0 || row == w.height - 1 || col == w.width - 1) return std::nullopt;
@@ -96,7 +96,7 @@ double percentile(const std::vector<float>& sorted, double percent) {
   return low + (at - static_cast<double>(below)) * (high - low);
 }
 
-// One, two, three or five times a power of ten: the first that is not below. A nanometre where all is zero.
+// Rounds up to 1, 2, 3 or 5 times a power of ten. Returns a nanometre for zero.
 double rounded_up(double x) {
   if (!(x > 0)) return 1e-9;
   const double power = std::pow(10.0, std::floor(std::log10(x)));
@@ -120,7 +120,7 @@ void add_percentiles(const RoundTrip& trip, DifferenceStatistics& out) {
   out.histogram.reach_m = rounded_up(percentile(values, 99.5));
 }
 
-// Calls visit(row, col, difference) for all that were compared.
+// Calls visit(row, col, difference) for all posts that were compared.
 template <typename Visit>
 void each_difference(const RoundTrip& trip, Visit&& visit) {
   const PostWindow& w = trip.window;
@@ -171,16 +171,16 @@ void add_slopes(const RoundTrip& trip, DifferenceStatistics& out) {
 
 DifferenceStatistics statistics_of(const RoundTrip& trip) {
   DifferenceStatistics out;
-  Group all(trip.window);
+  Group window_group(trip.window);
   out.worst_m = kNan;
   each_difference(trip, [&](int r, int c, double d) {
-    all.add(r, c, d);
+    window_group.add(r, c, d);
     if (std::abs(d) <= std::abs(out.worst_m)) return;
     out.worst_m = d;
     out.worst_row = r;
     out.worst_col = c;
   });
-  out.all = all.finish();
+  out.all = window_group.finish();
   double around_mean = 0;
   each_difference(trip, [&](int, int, double d) { around_mean += (d - out.all.mean_m) * (d - out.all.mean_m); });
   const auto n = static_cast<double>(out.all.posts);

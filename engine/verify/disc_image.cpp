@@ -12,12 +12,13 @@
 namespace selenograph::engine {
 namespace {
 
-// Where a pixel's ray meets the sphere.
-std::optional<Vec3> place_on_sphere(const View& view, double x_px, double y_px) {
+// Returns the point where a pixel's ray hits the sphere.
+std::optional<Vec3> point_on_sphere(const View& view, double x_px, double y_px) {
   const auto ray = view.ray(x_px, y_px);
   return ray ? on_sphere(view.position(), ray->normalized()) : std::nullopt;
 }
 
+// Interpolates bilinearly.
 double sample(const DiscImage& image, double x, double y) {
   const int column = std::clamp(static_cast<int>(std::floor(x)), 0, image.width - 2),
             row = std::clamp(static_cast<int>(std::floor(y)), 0, image.height - 2);
@@ -30,7 +31,7 @@ double sample(const DiscImage& image, double x, double y) {
                    std::lerp(at(column, row + 1), at(column + 1, row + 1), fx), fy);
 }
 
-// Second differences along columns, squared, of the image whose lines are moved back.
+// Returns the sum of squared second differences along columns, after undoing the scan's displacement of lines.
 double roughness(const DiscImage& image, const SpinScan& scan) {
   std::vector<double> above, middle, below;
   double sum = 0;
@@ -45,13 +46,14 @@ double roughness(const DiscImage& image, const SpinScan& scan) {
   return sum;
 }
 
-// The distance from the disc's centre at which the light of a ray falls through half of that inside the limb.
+// Returns the distance from the disc's centre along an outward ray at which the light falls to half of the maximum just
+// inside the limb.
 std::optional<double> edge_px(const DiscImage& image, const Eigen::Vector2d& centre, const Eigen::Vector2d& outward,
                               double radius_px) {
   constexpr double kInside = 0.95, kOutside = 1.06, kStep_px = 0.05;
   const auto light = [&](double r) {
-    const Eigen::Vector2d place = centre + r * outward;
-    return sample(image, place.x(), place.y());
+    const Eigen::Vector2d point = centre + r * outward;
+    return sample(image, point.x(), point.y());
   };
   double inside = 0;
   const auto steps = [&](double radii) { return static_cast<int>(std::ceil(radii * radius_px / kStep_px)); };
@@ -62,7 +64,7 @@ std::optional<double> edge_px(const DiscImage& image, const Eigen::Vector2d& cen
   return std::nullopt;
 }
 
-// Along the limb within 60 degrees of the Sun's side.
+// Returns the mean difference of the observed and the frame's limb, within 60 degrees of the Sun's side.
 double limb_px(const DiscImage& observed, const DiscImage& frame, const FrameRequest& request, const View& view) {
   const auto centre = view.project(Vec3::Zero());
   if (!centre) return std::nan("");
@@ -74,16 +76,18 @@ double limb_px(const DiscImage& observed, const DiscImage& frame, const FrameReq
   for (int degrees = -60; degrees <= 60; ++degrees) {
     const double angle = toward + degrees * kRadiansPerDegree;
     const Eigen::Vector2d outward(std::cos(angle), std::sin(angle)), at(centre->x, centre->y);
-    const auto seen = edge_px(observed, at, outward, radius_px), drawn = edge_px(frame, at, outward, radius_px);
-    if (seen && drawn) sum += *seen - *drawn, ++number;
+    const auto real = edge_px(observed, at, outward, radius_px), drawn = edge_px(frame, at, outward, radius_px);
+    if (!real || !drawn) continue;
+    sum += *real - *drawn;
+    ++number;
   }
   return number > 0 ? sum / number : std::nan("");
 }
 
-// Pixels of the disc: which region, and what they have.
+// A pixel of the disc and its region.
 struct Pixel {
   std::size_t index;
-  int region;  // of kDiscRegions
+  int region;  // index into kDiscRegions
 };
 
 std::vector<Pixel> disc_pixels(const DiscImage& frame, const FrameRequest& request, const View& view) {
@@ -94,11 +98,11 @@ std::vector<Pixel> disc_pixels(const DiscImage& frame, const FrameRequest& reque
   std::vector<Pixel> pixels;
   for (int y = 0; y < frame.height; ++y)
     for (int x = 0; x < frame.width; ++x) {
-      const auto place = place_on_sphere(view, x, y);
-      if (!place) continue;
+      const auto point = point_on_sphere(view, x, y);
+      if (!point) continue;
       const auto index =
           static_cast<std::size_t>(y) * static_cast<std::size_t>(frame.width) + static_cast<std::size_t>(x);
-      const Vec3 up = place->normalized(), toward = (view.position() - *place).normalized();
+      const Vec3 up = point->normalized(), toward = (view.position() - *point).normalized();
       const double mu0 = up.dot(request.sun.direction), mu = up.dot(toward);
       const double mean = direct_radiance(brdf, irradiance_w_m2_um, mu0, mu, toward.dot(request.sun.direction), 1);
       const bool dark = static_cast<double>(frame.radiance[index]) < kMare * mean;
@@ -118,14 +122,14 @@ double SpinScan::displacement_px(int row, int height) const {
 SpinScan scan_of(const std::vector<DiscImage>& channels, SpinScan scan) {
   constexpr int kPhases = 40;
   SpinScan best = scan;
-  double least = std::numeric_limits<double>::infinity();
+  double min_roughness = std::numeric_limits<double>::infinity();
   for (scan.first = 0; scan.first < scan.lines; ++scan.first)
     for (int k = 0; k < kPhases; ++k) {
       scan.phase_px = static_cast<double>(k) / kPhases;
-      double rough = 0;
-      for (const DiscImage& image : channels) rough += roughness(image, scan);
-      if (rough < least) {
-        least = rough;
+      double total_roughness = 0;
+      for (const DiscImage& image : channels) total_roughness += roughness(image, scan);
+      if (total_roughness < min_roughness) {
+        min_roughness = total_roughness;
         best = scan;
       }
     }
@@ -134,7 +138,7 @@ SpinScan scan_of(const std::vector<DiscImage>& channels, SpinScan scan) {
 
 namespace {
 
-// Means of per_pixel x per_pixel pixels, row by row.
+// Appends the means of per_pixel x per_pixel pixels, row by row.
 void append_means(const std::vector<float>& fine, int width, int per_pixel, std::vector<float>& out) {
   const int rows = static_cast<int>(fine.size()) / width;
   for (int y = 0; y < rows; y += per_pixel)
@@ -155,7 +159,7 @@ DiscImage spread(const DiscImage& image, const Placement& by) {
   gaussian.model = PointSpread::Model::gaussian;
   gaussian.sigma_px = by.sigma_px * fine;
   const SpreadKernel kernel(gaussian, 1, 1, 1);
-  // On all sides a pixel of the result more, by which lines are moved whole.
+  // Add the kernel's radius and one pixel of the result on all sides: lines are displaced by whole fine pixels first.
   const int r = kernel.radius(), border = r + fine, width = image.width + 2 * border;
   std::vector<float> bordered(static_cast<std::size_t>(width) * static_cast<std::size_t>(image.height + 2 * border),
                               0.F);
@@ -187,7 +191,7 @@ double disc_correlation(const DiscImage& observed, const DiscImage& frame, const
   double n = 0, sa = 0, sb = 0, saa = 0, sbb = 0, sab = 0;
   for (int y = 0; y < frame.height; ++y)
     for (int x = 0; x < frame.width; ++x) {
-      if (!place_on_sphere(view, x, y)) continue;
+      if (!point_on_sphere(view, x, y)) continue;
       const auto i = static_cast<std::size_t>(y) * static_cast<std::size_t>(frame.width) + static_cast<std::size_t>(x);
       const double a = static_cast<double>(observed.radiance[i]), b = static_cast<double>(frame.radiance[i]);
       n += 1;
@@ -201,7 +205,7 @@ double disc_correlation(const DiscImage& observed, const DiscImage& frame, const
 }
 
 Placement registered(const DiscImage& observed, const DiscImage& frame, const View& view, Placement by) {
-  constexpr double kMost_px = 0.5;
+  constexpr double kMax_px = 0.5;
   double best = disc_correlation(observed, spread(frame, by), view);
   for (const double step_px : {0.2, 0.1, 0.05})
     for (bool moved = true; moved;) {
@@ -211,7 +215,7 @@ Placement registered(const DiscImage& observed, const DiscImage& frame, const Vi
         Placement next = by;
         next.dx_px += dx;
         next.dy_px += dy;
-        if (std::abs(next.dx_px) > kMost_px || std::abs(next.dy_px) > kMost_px) continue;
+        if (std::abs(next.dx_px) > kMax_px || std::abs(next.dy_px) > kMax_px) continue;
         const double correlation = disc_correlation(observed, spread(frame, next), view);
         if (correlation > best) {
           best = correlation;
@@ -226,11 +230,15 @@ Placement registered(const DiscImage& observed, const DiscImage& frame, const Vi
 DiscComparison compare_disc(const DiscImage& observed, const DiscImage& frame, const FrameRequest& request) {
   const View view(request.camera, request.pose);
   const std::vector<Pixel> pixels = disc_pixels(frame, request, view);
-  double seen = 0, drawn = 0;
-  for (const Pixel& p : pixels)
-    seen += static_cast<double>(observed.radiance[p.index]), drawn += static_cast<double>(frame.radiance[p.index]);
-  DiscComparison out{
-      disc_correlation(observed, frame, view), seen / drawn, limb_px(observed, frame, request, view), {}};
+  double observed_light = 0, frame_light = 0;
+  for (const Pixel& p : pixels) {
+    observed_light += static_cast<double>(observed.radiance[p.index]);
+    frame_light += static_cast<double>(frame.radiance[p.index]);
+  }
+  DiscComparison out{disc_correlation(observed, frame, view),
+                     observed_light / frame_light,
+                     limb_px(observed, frame, request, view),
+                     {}};
   std::array<double, 4> squares{}, light{}, number{};
   for (const Pixel& p : pixels) {
     const auto region = static_cast<std::size_t>(p.region);

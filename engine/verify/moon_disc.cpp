@@ -58,10 +58,10 @@ Brdf brdf_of(const Model& model, double wavelength_um) {
 }
 
 std::vector<double> bands_um() {
-  std::vector<double> all(disc_bands_um(DiscModel::rolo).begin(), disc_bands_um(DiscModel::rolo).end());
-  all.insert(all.end(), disc_bands_um(DiscModel::lime).begin(), disc_bands_um(DiscModel::lime).end());
-  std::sort(all.begin(), all.end());
-  return all;
+  std::vector<double> bands(disc_bands_um(DiscModel::rolo).begin(), disc_bands_um(DiscModel::rolo).end());
+  bands.insert(bands.end(), disc_bands_um(DiscModel::lime).begin(), disc_bands_um(DiscModel::lime).end());
+  std::sort(bands.begin(), bands.end());
+  return bands;
 }
 
 DiscRow row_of(const std::string& preset, const std::string& ground, double wavelength_um, const DiscGeometry& at,
@@ -76,7 +76,7 @@ DiscRow row_of(const std::string& preset, const std::string& ground, double wave
           g <= kLimeLast_deg ? disc_reflectance_at(DiscModel::lime, wavelength_um, at) : none};
 }
 
-// The whole Moon in the middle of the image, north up, seen along the prime meridian.
+// Returns a frame of the whole Moon in the middle of the image, north up, seen along the prime meridian.
 FrameRequest disc_request(const FrameRequest& surface, double wavelength_um, double sun_lon_deg, int size_px) {
   FrameRequest request = surface;
   request.camera = {};
@@ -99,7 +99,8 @@ FrameRequest disc_request(const FrameRequest& surface, double wavelength_um, dou
 }  // namespace
 
 double sphere_reflectance(const Brdf& brdf, double phase_deg) {
-  // Photometric longitude from the terminator to the limb, and latitude; the camera at longitude 0, the Sun at g.
+  // Integrate over photometric longitude, from the terminator to the limb, and latitude. The camera is at longitude 0,
+  // the Sun at g.
   constexpr int kLongitudes = 300, kLatitudes = 100;
   const double g = phase_deg * kRadiansPerDegree, first = g - kPi / 2, span = kPi - g, cos_phase = std::cos(g);
   double sum = 0;
@@ -173,20 +174,20 @@ std::vector<ReliefRow> relief_at(const Renderer& renderer, const FrameRequest& s
                             std::sin(incidence_deg * kRadiansPerDegree) * local.east;
     request.products = kRadiance | kLit | kPosition;
     const Frame frame = renderer.render(request);
-    double sum = 0, smooth = 0, shadowed = 0, seen = 0;
+    double sum = 0, smooth = 0, shadowed = 0, pixels = 0;
     for (std::size_t i = 0; i < frame.products.radiance.size(); ++i) {
-      const Vec3 place(frame.products.position[3 * i], frame.products.position[3 * i + 1],
-                       frame.products.position[3 * i + 2]);
-      if (!place.allFinite()) continue;
-      const Vec3 up = place.normalized(), toward = (request.pose.position_m - place).normalized();
+      const Vec3 point_m(frame.products.position[3 * i], frame.products.position[3 * i + 1],
+                         frame.products.position[3 * i + 2]);
+      if (!point_m.allFinite()) continue;
+      const Vec3 up = point_m.normalized(), toward = (request.pose.position_m - point_m).normalized();
       const double mu0 = up.dot(request.sun.direction);
       sum += static_cast<double>(frame.products.radiance[i]);
       smooth += direct_radiance(brdf, frame.report.radiance.direct_w_m2, mu0, up.dot(toward),
                                 toward.dot(request.sun.direction), 1);
       shadowed += frame.products.lit[i] > 0 ? 0 : 1;
-      seen += 1;
+      pixels += 1;
     }
-    rows.push_back({incidence_deg, smooth > 0 ? sum / smooth : 0, seen > 0 ? shadowed / seen : 0,
+    rows.push_back({incidence_deg, smooth > 0 ? sum / smooth : 0, pixels > 0 ? shadowed / pixels : 0,
                     frame.report.min_post_spacing_m});
   }
   return rows;
