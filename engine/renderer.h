@@ -36,9 +36,9 @@ class Renderer {
   Renderer(std::shared_ptr<dem::PyramidTerrain> terrain, const RendererOptions& options);
   ~Renderer();
 
-  // Throws ImpossibleRequest when the camera is below the terrain; TooMuchTerrain (an ImpossibleRequest); DataError
-  // when a needed file is unusable; Cancelled when `stop` says so; TooMuchWork (a Cancelled) when its deadline
-  // is out of reach. The same request on the same terrain gives the same bytes.
+  // Renders a frame. Throws ImpossibleRequest when the camera is below the terrain; TooMuchTerrain (an
+  // ImpossibleRequest); DataError when a needed file is unusable; Cancelled when `stop` says so; TooMuchWork (a
+  // Cancelled) when its deadline is out of reach. The same request on the same terrain gives the same bytes.
   Frame render(const FrameRequest& request, const StopToken& stop = {}) const;
 
   // Renders a map-projected product. `progress` receives the finished share from time to time, from one thread at a
@@ -46,10 +46,10 @@ class Renderer {
   Map map(const MapRequest& request, const StopToken& stop = {},
           const std::function<void(double share)>& progress = {}) const;
 
-  // Called after a frame: the poses at which its camera is expected next, soonest first; none: its motion is
-  // extrapolated. Their scenes are prepared while no request is in work (preparation.h), for 20 s of processor time at
-  // most and in half of the scenes' memory. No byte of any frame changes. `name` distinguishes identical cameras at one
-  // instant.
+  // Prepares the scenes of the frames expected after `frame`, while no request is rendered (preparation.h). `ahead`:
+  // the poses of its camera's next frames, soonest first; empty: its motion is extrapolated. Takes at most 20 s of
+  // processor time and half of the scenes' memory, and changes no byte of any frame. `name` distinguishes identical
+  // cameras at one instant.
   void expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name = {}) const;
   // While the returned object exists, no preparation begins.
   std::shared_ptr<const void> pause_preparation() const;

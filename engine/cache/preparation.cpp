@@ -129,6 +129,7 @@ void Preparation::drop_stale(Track& track, std::span<const PoseAndSun> upcoming)
   track.prepared = std::move(still_cached);
 }
 
+// Inserts after the entries of the same step: tracks take turns, and all get their soonest frames first.
 void Preparation::enqueue(Expected next) {
   const auto later =
       std::find_if(expected_.begin(), expected_.end(), [&](const Expected& e) { return e.step > next.step; });
@@ -180,6 +181,8 @@ void Preparation::wait_until_done() {
   changed_.wait(lock, [&] { return stopping_ || (expected_.empty() && !current_); });
 }
 
+// The preparation thread's loop. It takes the queue's first entry while no Work exists, and prepares its scene
+// unlocked. The time spent is charged to the track. A cancelled entry returns to the front of the queue.
 void Preparation::run() {
   using Clock = StopToken::Clock;
   std::unique_lock lock(mutex_);
@@ -219,6 +222,8 @@ Preparation::Outcome Preparation::prepare(const Expected& next, StopToken::Clock
   return Outcome::done;
 }
 
+// Records the scene with its track, unless the track was dropped meanwhile. If the track expects something else by now,
+// its next call of drop_stale() removes the entry.
 void Preparation::record_prepared(const Expected& next, const IsStillCached& is_still_cached) {
   const std::lock_guard lock(mutex_);
   for (Track& track : tracks_)

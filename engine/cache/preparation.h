@@ -61,9 +61,9 @@ class Preparation {
     Preparation& preparation_;
   };
 
-  // Called after a frame: the poses at which its camera is expected next, soonest first. If empty, the camera's motion
-  // since the previous frame is extrapolated; the Sun's always is. Replaces earlier expectations for this camera.
-  // `name` distinguishes identical cameras.
+  // Queues the scenes of the frames expected after `frame`. `ahead`: the camera's next poses, soonest first; if empty,
+  // its motion since the previous frame is extrapolated. The Sun's motion always is. Replaces earlier expectations for
+  // this camera. `name` distinguishes identical cameras.
   void expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name = {});
 
   // Returns when nothing is left to prepare. For tests: it never returns while frames are active.

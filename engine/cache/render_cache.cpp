@@ -47,11 +47,12 @@ namespace {
 // Counts the bytes of scenes that share parts: a part counts once, with its first scene, and is freed with its last.
 class SharedPartCounter {
  public:
+  // Adds a scene's parts. Returns the bytes that this adds.
   std::size_t add(const Scene& scene) {
     std::size_t sum = scene.own_bytes(), counted = 0;
     try {
       scene.for_each_part([&](const void* part, std::size_t bytes) {
-        if (++users_[part] == 1) sum += bytes;
+        if (++users_[part] == 1) sum += bytes;  // may throw; `counted` then tells what to undo
         ++counted;
       });
     } catch (const std::bad_alloc&) {
@@ -60,6 +61,7 @@ class SharedPartCounter {
     }
     return sum;
   }
+  // Removes a scene's parts. Returns the bytes that this frees.
   std::size_t remove(const Scene& scene) {
     return scene.own_bytes() + remove_first(scene, std::numeric_limits<std::size_t>::max());
   }
@@ -135,6 +137,7 @@ class RenderCache::SceneReservation {
  private:
   static constexpr auto kPollInterval = std::chrono::milliseconds(2);
 
+  // Returns false if the memory is not available yet.
   bool try_reserve() {
     const std::lock_guard lock(cache_.reservation_mutex_);
     const std::size_t pinned_bytes = cache_.reserved_bytes_ + cache_.scenes_.bytes_in_use();

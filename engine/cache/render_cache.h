@@ -48,17 +48,18 @@ class RenderCache {
   // Returns a function that returns whether the scene is still cached and marks it as used. This object must outlive
   // the function.
   std::function<bool()> use_of(const SceneContent& content);
+  // Removes a scene from the cache, for maps, whose scenes are not used again.
   void forget(const SceneContent& content);
 
   PreparationStatistics preparation_statistics();
 
-  // Directions of the camera's pixels; empty without distortion. Throws Cancelled when `stop` says so.
+  // Returns the directions of the camera's pixels; empty without distortion. Throws Cancelled when stopped.
   std::shared_ptr<const PixelRays> lens(const Camera& camera, const StopToken& stop);
 
-  // Stray light of the optics over the camera's image. Throws Cancelled when `stop` says so.
+  // Returns the stray light of the optics over the camera's image. Throws Cancelled when stopped.
   std::shared_ptr<const ScatteredLight> scattered(const StrayLight& law, const Camera& camera, const StopToken& stop);
 
-  // Roughness of a terrain's detail, which it must have; measured once.
+  // Returns the roughness of a terrain's detail, which the terrain must have. It is measured once per detail.
   std::shared_ptr<const dem::CraterRoughness> roughness(const dem::Terrain& terrain, const StopToken& stop);
   // Rocks of details and their surroundings: on the budget, at most an eighth of it.
   const std::shared_ptr<dem::RockMemory>& rocks() const { return rocks_; }

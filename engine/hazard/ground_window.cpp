@@ -68,6 +68,7 @@ void GroundWindow::find_trend(const FrameProducts& products, std::size_t map_wid
   trend_.height_m = a - trend_.right * (square_.x - left_) - trend_.down * (square_.y - top_);
 }
 
+// Stores the heights above the trend and their running sums, and counts of voids and rocks.
 void GroundWindow::sum_rows(const FrameProducts& products, std::size_t map_width, const Limits& limits) {
   const auto stride = static_cast<std::size_t>(width_) + 1, rows = static_cast<std::size_t>(height_);
   const auto at = [&](int x, int y) {
@@ -285,6 +286,7 @@ void GroundWindow::find_roughness(int row, std::span<const Plane> planes, std::s
   }
 }
 
+// Vertical distances are compared; dividing by sqrt(1 + gradient^2) makes them perpendicular to the plane.
 void GroundWindow::measure(int row, std::span<FootprintMeasures> out) const {
   std::vector<Plane> planes(out.size());
   std::vector<int> missing(out.size()), rocks(out.size()), high(out.size());

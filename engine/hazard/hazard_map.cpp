@@ -82,6 +82,7 @@ constexpr int kSquare_px = 128;
 // Largest relative error of lengths in a square, and so of slopes.
 constexpr double kSameScale = 0.02;
 
+// Computes the footprint's products for all pixels of the requested map, square by square in parallel.
 class HazardMap {
  public:
   HazardMap(const MapRequest& request, const MapRequest& drawn, FrameProducts& products, const StopToken& stop)
@@ -167,6 +168,7 @@ class HazardMap {
         if (rows > 0 && columns > 0) find(x, y, columns, rows);
   }
 
+  // Measures a square whose pixels share one footprint.
   void measure(int x0, int y0, int width, int height, const FootprintOnMap& footprint) {
     const GroundWindow::Limits limits{request_.hazard.rock_height_m, min_roughness_m()};
     const GroundWindow ground(products_, drawn_.grid.width, drawn_.grid.height, {x0, y0, width, height}, footprint,
@@ -189,6 +191,7 @@ class HazardMap {
     return request_.products & kHazard ? request_.hazard.roughness_m : std::nullopt;
   }
 
+  // Writes a pixel's products and its mask. Pixels without data keep NaN and kNoHazardNumber.
   void store(const FootprintMeasures& measures, std::size_t at) {
     if (std::isnan(measures.slope_deg)) return;
     if (!products_.slope.empty()) products_.slope[at] = static_cast<float>(measures.slope_deg);

@@ -52,6 +52,7 @@ struct Viewpoint {
     down = axes.east;
   }
 
+  // Returns the direction across the center line in a half plane.
   Vec3 aside(double azimuth_rad) const { return std::cos(azimuth_rad) * right + std::sin(azimuth_rad) * down; }
   // Returns the angle at the viewpoint between a point and the Moon's centre.
   double angle_rad(double ahead_m, double aside_m) const { return std::atan2(aside_m, distance_m + ahead_m); }
@@ -82,7 +83,7 @@ class LimbSearch {
 
   struct Root {
     BlockId id;
-    NodeBounds loose;
+    NodeBounds loose;  // for the global range of heights
   };
   // Searches the blocks below these roots.
   void search(const std::vector<Root>& roots) {
@@ -116,6 +117,7 @@ class LimbSearch {
       return std::pair(upper_rad, other.id) < std::pair(other.upper_rad, id);
     }
   };
+  // Queues a block unless its bound is below the largest angle found.
   void add(const BlockId& id, double upper_rad, bool measured) {
     if (upper_rad > best_rad_) candidates_.push({upper_rad, id, measured});
   }
@@ -273,6 +275,7 @@ bool is_in_image(const Camera& camera, double x_px, double y_px) {
   return x_px >= -0.5 && y_px >= -0.5 && x_px < camera.width - 0.5 && y_px < camera.height - 0.5;
 }
 
+// Returns the limb of the sphere at an azimuth; none from inside it.
 LimbPoint limb_of_sphere(const Viewpoint& viewpoint, const View& view, double azimuth_rad) {
   LimbPoint point;
   point.azimuth_deg = azimuth_rad * kDegreesPerRadian;

@@ -40,9 +40,11 @@ const double kWidestPatchCosine = std::cos(30 * kRadiansPerDegree);
 // Larger maps remove their scenes from the cache: they would evict those of moving cameras.
 constexpr int kMaxCachedPatches = 16;
 
+// A rectangle of the map's pixels, rendered as one frame.
 struct Patch {
   int x, y, width, height;
   std::size_t pixels() const { return static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
+  // Halves the longer side.
   std::pair<Patch, Patch> halves() const {
     Patch a = *this, b = *this;
     if (width >= height) {
@@ -129,6 +131,7 @@ ProductSet products_of_patch(ProductSet requested) {
   return (requested & ~(kHeight | kSlope | kRockHeight)) | kPosition | (requested & kSlope ? ProductSet{kNormal} : 0);
 }
 
+// Draws a map patch by patch into one set of products.
 class MapDrawing {
  public:
   MapDrawing(const MapRequest& request, const dem::Terrain& terrain, RenderCache& cache, const StopToken& stop,
@@ -169,6 +172,7 @@ class MapDrawing {
     return static_cast<std::size_t>(request_.grid.width) * static_cast<std::size_t>(request_.grid.height);
   }
 
+  // Draws a patch, or its halves if it is too wide or its terrain too much.
   void draw(const Patch& patch) {
     Stopwatch watch;
     const PatchDirections directions = directions_of(request_.grid, patch, stop_);
@@ -190,6 +194,7 @@ class MapDrawing {
   // Cosine of the viewer's zenith angle below which a patch is invisible whatever its slopes.
   static constexpr double kLowestView = -0.6;
 
+  // Draws both halves; the scenes of a map that is divided so are not cached.
   void draw_halves(const Patch& patch) {
     const auto [a, b] = patch.halves();
     drops_scenes_ = true;
@@ -197,6 +202,7 @@ class MapDrawing {
     draw(b);
   }
 
+  // Reports the progress.
   void done(const Patch& patch) {
     drawn_ += patch.pixels();
     if (progress_) progress_(static_cast<double>(drawn_) / static_cast<double>(pixel_count()));
@@ -248,6 +254,7 @@ class MapDrawing {
     if (drops_scenes_) cache_.forget(content);
   }
 
+  // Traces the vertical rays of a patch and copies its products to the map.
   void trace(const Patch& patch, const PatchDirections& directions, const RowViews& above, const Selection& selection,
              const Scene& scene) {
     const RocksInView rocks = rocks_on(above, selection);
@@ -292,6 +299,7 @@ class MapDrawing {
     if (!sag_m.empty()) lift(patch, sag_m);
   }
 
+  // Returns the rocks in view of a patch, none unless the request has rocks.
   RocksInView rocks_on(const RowViews& above, const Selection& selection) {
     if (!request_.rocks) return {};
     RocksInView rocks = rocks_in_view(terrain_, cache_.rocks(), above, wants_light(frame_) ? &frame_.sun : nullptr,
@@ -398,6 +406,7 @@ class MapDrawing {
     });
   }
 
+  // Copies one pixel's products, and derives its height and slope.
   void copy_pixel(const FrameProducts& drawn, std::size_t from, const Vec3& up,
                   const std::vector<std::uint16_t>& numbers, std::size_t to) {
     FrameProducts& out = out_.products;
@@ -449,6 +458,7 @@ class MapDrawing {
       out_.report.sources.push_back(source_tile(terrain_.catalogue().rasters()[source]));
   }
 
+  // Completes the report from the sums over all patches.
   Map finish() {
     FrameReport& r = out_.report;
     sort_sources();
@@ -476,8 +486,8 @@ class MapDrawing {
   FrameRequest frame_;  // request of the frame that a patch is drawn as
   RadianceTerms radiance_;
   bool drops_scenes_ = false;
-  std::size_t drawn_ = 0;  // pixels
-  std::uint64_t hit_ = 0, missing_ = 0, filled_ = 0, blended_ = 0;
+  std::size_t drawn_ = 0;                                           // pixels of finished patches
+  std::uint64_t hit_ = 0, missing_ = 0, filled_ = 0, blended_ = 0;  // pixels, over all patches
   std::vector<dem::SourceIndex> sources_, replaced_;
   Map out_;
 };

@@ -1,5 +1,9 @@
 // Map-projected products: each pixel is the ground at its latitude and longitude, hit by a vertical ray.
 //
+//   map --> patches, 512 x 512 pixels --> view from far above --> selection --> scene --> vertical rays --> products
+//                ^                                                   |
+//                +------- halves, if the terrain is too much --------+
+//
 // A map is rendered in patches. For each patch, terrain is selected as for a camera far above it whose pixels have the
 // map's size on the ground, so level of detail, error bounds and occluders are those of a frame. Rays, light and
 // shading are a frame's, too (visibility/raytrace/ray_pass.h).

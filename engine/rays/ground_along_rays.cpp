@@ -63,6 +63,7 @@ std::vector<RayCone> bundle(const std::vector<RayCone>& rays) {
 double next_reach_m(double reach_m, double posts_m) {
   constexpr double kFirst_m = 16, kBeyond_m = 8, kStep = 4, kFar_m = 1e5;
   constexpr double kEnd_m = std::numeric_limits<double>::infinity();
+  // Past the posts' surface: move on in growing steps from there.
   if (reach_m > posts_m) return reach_m - posts_m < kFar_m ? posts_m + kStep * (reach_m - posts_m) : kEnd_m;
   const double next_m = std::max(kFirst_m, kStep * reach_m);
   if (next_m > 0.75 * posts_m || (next_m > kFar_m && posts_m > 0)) return posts_m + kBeyond_m;
@@ -99,6 +100,7 @@ RockCells::RockCells(std::span<const dem::RockFeature> rocks) {
           area_sums_[row * j + i - 1] + area_sums_[row * (j - 1) + i] - area_sums_[row * (j - 1) + i - 1];
 }
 
+// Returns the cell of a coordinate in the tangent plane, clamped to the square.
 int RockCells::cell(double m) const {
   return static_cast<int>(std::clamp((m / half_side_m_ + 1) / 2 * cells_per_side_, 0.0, cells_per_side_ - 1.0));
 }
@@ -178,6 +180,7 @@ std::unique_ptr<GroundAlongRays::GroundScene> GroundAlongRays::build_scene(const
                                                       blocks.empty() && objects_.empty()});
 }
 
+// Returns the rocks that the rays may hit; empty if there are too many.
 std::optional<std::vector<dem::RockFeature>> GroundAlongRays::rocks_along(const std::vector<RayCone>& rays,
                                                                           const std::vector<BlockOnRays>& blocks,
                                                                           int finest_detail) {

@@ -31,6 +31,7 @@ void for_packets(std::size_t size, const StopToken& stop, Work&& work) {
   });
 }
 
+// Casts rays against the finest terrain along them, in batches that share a scene.
 class RayCaster {
  public:
   // `ray_description`: a ray in the words of the request, for errors.
@@ -191,6 +192,7 @@ class RayCaster {
     in_batches(to_sun, indices_of(to_sun), {}, work, toward);
   }
 
+  // Returns the indices of all rays.
   static RayIndices indices_of(const std::vector<Ray>& rays) {
     RayIndices indices(rays.size());
     std::iota(indices.begin(), indices.end(), std::size_t{0});
@@ -223,6 +225,7 @@ class RayCaster {
     }
   }
 
+  // Returns the position of the first hit, as the up direction from which the Sun's disc is sampled.
   static Vec3 up_of(const std::vector<RayHit>& hits) {
     const auto hit = std::find_if(hits.begin(), hits.end(), [](const RayHit& h) { return h.hit; });
     return hit == hits.end() ? Vec3::UnitZ() : hit->position_m;
@@ -295,6 +298,7 @@ bool may_hit_relief(const Ray& ray) {
 
 // A landmark at the terrain's height lies on the mesh to within rounding and the chords' sag (2 mm).
 constexpr double kOnGround_m = 0.01;
+// Returns the tolerance of a landmark's range: rounding grows with the range.
 double slack_m(double range_m) { return std::max(0.05, 1e-7 * range_m); }
 
 // Sets the landmark's pixel, range and time. Returns the camera's position at that time, NaN if no row images the

@@ -1,4 +1,4 @@
-// The discs of the Sun and the Earth in a frame.
+// Draws the discs of the Sun and the Earth into a frame.
 #pragma once
 
 #include <span>

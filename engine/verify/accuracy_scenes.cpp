@@ -13,16 +13,19 @@ namespace {
 
 constexpr double kFieldOfView_deg = 50;
 
+// Returns a camera with a square image, kFieldOfView_deg wide.
 Camera square_camera(int side_px) {
   const double f = side_px / 2.0 / std::tan(kFieldOfView_deg / 2 * kRadiansPerDegree), centre = (side_px - 1) / 2.0;
   return {side_px, side_px, f, f, centre, centre, {}};
 }
 
+// A site above which cameras look at the terrain.
 struct Station {
   const dem::Terrain& terrain;
   Geographic site;
   int side_px;
 
+  // Returns a frame from a height above the ground. Throws ImpossibleRequest if the site has no terrain.
   FrameRequest frame(double height_m, double tilt_deg, double sun_azimuth_deg, double sun_elevation_deg) const {
     const double ground = terrain.height(site.lat_deg, site.lon_deg).height_m;
     if (std::isnan(ground)) throw ImpossibleRequest("no terrain where the scenes are to be seen");

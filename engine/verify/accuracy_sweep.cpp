@@ -21,6 +21,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
+// Returns the wall time of work().
 template <typename Work>
 double milliseconds(const Work& work) {
   const auto start = Clock::now();
@@ -51,6 +52,7 @@ class EmbreeBaseline {
     kernel_ = std::make_unique<BareKernel>(mesh, anchor_for(view_.position(), view_.middle()), renderer.threads());
   }
 
+  // Returns the time of one frame.
   double ms() {
     return milliseconds([&] {
       in_arena(arena_, [&] {
@@ -158,6 +160,7 @@ bool try_measure(FrameSweep& frame, const Setting& setting, SweepRow& row, Error
   }
 }
 
+// Returns the settings to measure. Each varies one quantity or a pair of them; all others have their defaults.
 std::vector<Setting> settings_of(const SweepOptions& options, bool with_detail) {
   std::vector<Setting> settings;
   for (const Visibility method : options.methods) {

@@ -41,6 +41,7 @@ void BareKernel::render(const View& view, const Vec3& sun, double shell_radius_m
     for (int by = 0; by < kTile; by += 4)
       for (int bx = 0; bx < kTile; bx += 4) {
         const int x0 = tile % across * kTile + bx, y0 = tile / across * kTile + by;
+        // Primary rays of 4 x 4 pixels.
         RayPacket rays;
         for (int i = 0; i < kPacket; ++i) {
           const float x =
@@ -56,6 +57,7 @@ void BareKernel::render(const View& view, const Vec3& sun, double shell_radius_m
         }
         RayHits hits;
         scene_.intersect(rays, hits, EmbreeScene::Bundles::always);
+        // Shadow rays from their hits, moved toward the Sun by a constant bias.
         RayPacket shadow;
         constexpr float kBias = 0.05F;
         for (int i = 0; i < kPacket; ++i) {

@@ -34,6 +34,7 @@ class Group {
     squares_ += value * value;
   }
 
+  // Closes the last row of squares and returns the statistics.
   GroupStatistics finish() {
     close(-1);
     double count = 0, sum = 0;
@@ -63,6 +64,7 @@ class Group {
   struct Sum {
     double count = 0, sum = 0;
   };
+  // Moves the open row's squares to the closed ones and opens row `next`.
   void close(int next) {
     for (Sum& s : open_) {
       if (s.count > 0) closed_.push_back(s);
@@ -87,6 +89,7 @@ std::optional<double> slope_at(const RoundTrip& trip, int row, int col, double n
   return std::atan(slope) * kDegreesPerRadian;
 }
 
+// Interpolates between order statistics; NaN without values.
 double percentile(const std::vector<float>& sorted, double percent) {
   if (sorted.empty()) return kNan;
   const double at = percent / 100 * static_cast<double>(sorted.size() - 1);
@@ -105,6 +108,7 @@ double rounded_up(double x) {
   return 10 * power;
 }
 
+// Computes the percentiles of the differences and of their absolute values, and the histogram's range.
 void add_percentiles(const RoundTrip& trip, DifferenceStatistics& out) {
   std::vector<float> values;
   values.reserve(trip.compared);
@@ -141,6 +145,7 @@ void add_histogram(const RoundTrip& trip, Histogram& out) {
   });
 }
 
+// Groups the differences by quadrant of the window.
 void add_quadrants(const RoundTrip& trip, DifferenceStatistics& out) {
   constexpr std::string_view kNames[] = {"NW", "NE", "SW", "SE"};
   const PostWindow& w = trip.window;
@@ -151,6 +156,7 @@ void add_quadrants(const RoundTrip& trip, DifferenceStatistics& out) {
   for (std::size_t i = 0; i < 4; ++i) out.quadrants[i] = {kNames[i], groups[i].finish()};
 }
 
+// Groups the differences by the slope of the tile.
 void add_slopes(const RoundTrip& trip, DifferenceStatistics& out) {
   const PostWindow& w = trip.window;
   std::vector<Group> groups(static_cast<std::size_t>(90 / kSlopeStep_deg) + 1, Group(w));

@@ -90,6 +90,7 @@ struct Pixel {
   int region;  // index into kDiscRegions
 };
 
+// Returns the disc's pixels with their regions, which follow from the sphere's angles and the frame's brightness.
 std::vector<Pixel> disc_pixels(const DiscImage& frame, const FrameRequest& request, const View& view) {
   constexpr double kLimb = 0.5, kTerminator = 0.3420201433256687, kMare = 0.85;  // cosines of 60 and 70 degrees
   const Brdf brdf(request.reflectance, band_of(request));

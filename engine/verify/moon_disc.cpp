@@ -19,6 +19,7 @@ constexpr double kDistance_m = 384.4e6;
 constexpr double kPhases_deg[] = {2, 3, 5, 7, 10, 15, 20, 30, 40, 50, 60, 70, 80, 90, 97};
 constexpr double kNarrow_um = 1e-3;
 
+// A named reflectance model; `region`: the Sato et al. (2014) preset, if it is one.
 struct Model {
   std::string name;
   Reflectance reflectance;
@@ -50,6 +51,7 @@ std::vector<Model> models() {
           {"hapke", hapke}};
 }
 
+// Returns a model's BRDF in a narrow band at a wavelength.
 Brdf brdf_of(const Model& model, double wavelength_um) {
   const Band band(wavelength_um, kNarrow_um);
   Reflectance reflectance = model.reflectance;
@@ -57,6 +59,7 @@ Brdf brdf_of(const Model& model, double wavelength_um) {
   return Brdf(reflectance, &band);
 }
 
+// Returns the bands of ROLO and LIME in ascending order.
 std::vector<double> bands_um() {
   std::vector<double> bands(disc_bands_um(DiscModel::rolo).begin(), disc_bands_um(DiscModel::rolo).end());
   bands.insert(bands.end(), disc_bands_um(DiscModel::lime).begin(), disc_bands_um(DiscModel::lime).end());
@@ -64,6 +67,7 @@ std::vector<double> bands_um() {
   return bands;
 }
 
+// Returns a row with the published models' reflectance at the same geometry, NaN where they are not valid.
 DiscRow row_of(const std::string& preset, const std::string& ground, double wavelength_um, const DiscGeometry& at,
                double signed_phase_deg, double reflectance) {
   const double none = std::numeric_limits<double>::quiet_NaN(), g = at.phase_deg;

@@ -10,6 +10,7 @@ namespace {
 // A post on an edge shared by two triangles belongs to both, whatever the rounding.
 constexpr double kOnEdge = 1e-9;
 
+// Heights of a rectangle of posts, filled by triangles.
 class PostGrid {
  public:
   PostGrid(const PostRectangle& posts, double widest_x, double widest_y)
@@ -19,6 +20,7 @@ class PostGrid {
         heights_(static_cast<std::size_t>(posts.width) * static_cast<std::size_t>(posts.height),
                  std::numeric_limits<double>::quiet_NaN()) {}
 
+  // Sets the posts within a triangle, unless it spans hidden ground. Vertices are clockwise in the image.
   void add(const SeenPoint& a, const SeenPoint& b, const SeenPoint& c) {
     const auto [left, right] = std::minmax({a.x, b.x, c.x});
     const auto [top, bottom] = std::minmax({a.y, b.y, c.y});

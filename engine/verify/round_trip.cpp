@@ -24,6 +24,7 @@ constexpr std::int64_t kMaxPixels = std::int64_t{1} << 25;
 // visible ground less: 20 degrees off the vertical, a slope of 60 degrees facing away spans 2.7 footprints per pixel.
 constexpr double kMaxStretch = 4;
 
+// Returns the finest tile at the request's place, and its index in the catalogue.
 const dem::RasterInfo& finest_tile(const dem::Catalogue& catalogue, const RoundTripRequest& request, int& index) {
   const std::vector<int> found = catalogue.touching(request.lat_deg, request.lat_deg, request.lon_deg, request.lon_deg);
   if (found.empty())
@@ -36,6 +37,7 @@ const dem::RasterInfo& finest_tile(const dem::Catalogue& catalogue, const RoundT
   return tile;
 }
 
+// Returns the window of posts around the request's place.
 PostWindow window_around(const dem::RasterInfo& tile, const RoundTripRequest& request) {
   const auto centre = dem::locate(tile, request.lat_deg, request.lon_deg);
   // If x is periodic, a window may continue at the tile's other end; a window of all columns begins with the first.
@@ -76,6 +78,7 @@ struct Slopes {
   }
 };
 
+// Compares the posts of a window, patch by patch, with what the engine shows of them.
 class Comparison {
  public:
   Comparison(const Renderer& renderer, const RoundTripRequest& request, const Progress& progress, const StopToken& stop)
@@ -101,6 +104,7 @@ class Comparison {
  private:
   double spacing_m() const { return out_.window.tile.post_spacing_m; }
 
+  // Reads the tile's heights from the file and applies the catalogue's offset.
   void read_original(const dem::Catalogue& catalogue) {
     const PostWindow& w = out_.window;
     dem::Raster raster(w.tile);
@@ -147,6 +151,7 @@ class Comparison {
     return patches;
   }
 
+  // Returns the camera position above the middle of a patch, and counts it.
   Vec3 camera_above(const Patch& p) {
     const PostWindow& w = out_.window;
     const Geographic nw = w.place(p.r0, p.c0), se = w.place(p.r1 - 1, p.c1 - 1);
@@ -172,6 +177,7 @@ class Comparison {
     return is_own;
   }
 
+  // Returns the position of a post at the file's height.
   Vec3 post(int row, int col) const {
     Geographic g = out_.window.place(row, col);
     g.height_m = static_cast<double>(out_.original_m[out_.window.index(row, col)]);
