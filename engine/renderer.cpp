@@ -42,7 +42,7 @@ struct Renderer::Impl {
         preparation(
             [this](const FrameRequest& request, const StopToken& stop) {
               const auto detailed = terrain_with(request.detail);
-              return in_arena(preparation_arena, [&] { return prepare_frame(request, *detailed, cache, stop); });
+              return in_arena(preparation_arena, [&] { return prepare_frame(request, {*detailed, cache, stop}); });
             },
             kPreparationBudget / threads) {
     start_threads();
@@ -103,7 +103,7 @@ Renderer::~Renderer() = default;
 Frame Renderer::render(const FrameRequest& request, const StopToken& stop) const {
   const Preparation::Work work(impl_->preparation, &request);
   const auto terrain = impl_->terrain_with(request.detail);
-  return in_arena(impl_->arena, [&] { return render_frame(request, *terrain, impl_->cache, stop); });
+  return in_arena(impl_->arena, [&] { return render_frame(request, {*terrain, impl_->cache, stop}); });
 }
 
 Map Renderer::map(const MapRequest& request, const StopToken& stop,
@@ -117,14 +117,15 @@ BudgetChoice Renderer::choose(const FrameRequest& request, double budget_ms, int
                               const StopToken& stop) const {
   const Preparation::Work work(impl_->preparation, &request);
   const auto terrain = impl_->terrain_with(request.detail);
-  return in_arena(impl_->arena,
-                  [&] { return choose_accuracy(request, budget_ms, max_samples, *terrain, impl_->cache, stop); });
+  return in_arena(impl_->arena, [&] {
+    return choose_accuracy(request, budget_ms, max_samples, {*terrain, impl_->cache, stop});
+  });
 }
 
 std::vector<double> Renderer::shadow_limits_px(const FrameRequest& request, const StopToken& stop) const {
   const Preparation::Work work(impl_->preparation, &request);
   const auto terrain = impl_->terrain_with(request.detail);
-  return in_arena(impl_->arena, [&] { return engine::shadow_limits_px(request, *terrain, impl_->cache, stop); });
+  return in_arena(impl_->arena, [&] { return engine::shadow_limits_px(request, {*terrain, impl_->cache, stop}); });
 }
 
 std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop,
