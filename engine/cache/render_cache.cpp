@@ -200,8 +200,9 @@ std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, con
   return scene;
 }
 
-// Returns whether a scene may be prepared now. It must leave the latest frame's scene in the cache. All scenes prepared
-// after one frame take at most half of the cache: otherwise each new one would evict one that is needed sooner.
+// Returns whether a scene may be prepared now. It must leave the latest scene in the cache. All scenes prepared after
+// one frame, unless it is only one, take at most half of the cache: otherwise each new one would evict one that is
+// needed sooner.
 bool RenderCache::fits_for_preparation(std::size_t bytes) {
   if (latest_scene_bytes() + bytes > scenes_.capacity()) return false;
   const std::lock_guard lock(latest_mutex_);

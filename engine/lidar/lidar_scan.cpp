@@ -363,7 +363,7 @@ class LidarScanner {
   }
 
   // Casts the beams order_[first, past_last) against one scene and reports them. If one scene cannot hold their
-  // terrain, casts each half; halves begin at a group, so that groups stay the same.
+  // terrain, casts each half. Cut between groups, so that groups stay the same, unless a half is smaller than a group.
   void cast(std::size_t first, std::size_t past_last, int finest_detail) {
     std::vector<RayCone> cones;
     for (std::size_t k = first; k < past_last; k += kBundle * kGroup)
