@@ -100,7 +100,7 @@ std::vector<std::uint64_t> find_enclosing_craters(const std::vector<Vec3>& point
     const auto boxes = dem::cut(region, std::ldexp(dem::CraterSurvey::kBoxDiameters, octave));
     const auto craters =
         gathered_in_parallel<dem::CraterFeature>(boxes.size(), 4, [&](std::size_t i, auto& craters_in_box) {
-          survey.within(octave, boxes[i], options.least_depth, is_large_enough, craters_in_box, stop);
+          survey.craters_in(octave, boxes[i], options.least_depth, is_large_enough, craters_in_box, stop);
         });
     CraterCells cells(axes, field.largest_m(octave));
     for (const dem::CraterFeature& feature : craters) cells.add(feature.crater);
