@@ -36,9 +36,9 @@ class Renderer {
   Renderer(std::shared_ptr<dem::PyramidTerrain> terrain, const RendererOptions& options);
   ~Renderer();
 
-  // Throws ImpossibleRequest when the camera is below the terrain; TooMuchTerrain (an ImpossibleRequest); DataError
-  // when a needed file is unusable; Cancelled when `stop` says so; TooMuchWork (a Cancelled) when its deadline
-  // is out of reach. The same request on the same terrain gives the same bytes.
+  // Renders a frame. Throws ImpossibleRequest when the camera is below the terrain; TooMuchTerrain (an
+  // ImpossibleRequest); DataError when a needed file is unusable; Cancelled when `stop` says so; TooMuchWork (a
+  // Cancelled) when its deadline is out of reach. The same request on the same terrain gives the same bytes.
   Frame render(const FrameRequest& request, const StopToken& stop = {}) const;
 
   // Renders a map-projected product. `progress` receives the finished share from time to time, from one thread at a
@@ -46,10 +46,10 @@ class Renderer {
   Map map(const MapRequest& request, const StopToken& stop = {},
           const std::function<void(double share)>& progress = {}) const;
 
-  // Called after a frame: the poses at which its camera is expected next, soonest first; none: its motion is
-  // extrapolated. Their scenes are prepared while no request is in work (preparation.h), for 20 s of processor time at
-  // most and in half of the scenes' memory. No byte of any frame changes. `name` distinguishes identical cameras at one
-  // instant.
+  // Prepares the scenes of the frames expected after `frame`, while no request is rendered (preparation.h). `ahead`:
+  // the poses of its camera's next frames, soonest first; empty: its motion is extrapolated. Takes at most 20 s of
+  // processor time and half of the scenes' memory, and changes no byte of any frame. `name` distinguishes identical
+  // cameras at one instant.
   void expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name = {}) const;
   // While the returned object exists, no preparation begins.
   std::shared_ptr<const void> pause_preparation() const;
@@ -69,11 +69,11 @@ class Renderer {
                            const std::vector<SceneObject>& objects = {},
                            const std::shared_ptr<const dem::Detail>& detail = {}) const;
 
-  // A lidar's scan (engine/lidar/lidar_scan.h).
+  // Scans with a lidar (engine/lidar/lidar_scan.h).
   LidarReturns lidar(const LidarRequest& request, const StopToken& stop = {}) const;
 
-  // The light at places, as in a frame of that request (engine/indirect/light_at_places.h): its Sun, ground, band,
-  // detail and indirect light.
+  // Returns the light at places, as in a frame of that request (engine/indirect/light_at_places.h): its Sun, ground,
+  // band, detail and indirect light are used.
   std::vector<Irradiance> light_at(std::span<const LitPlace> places, const FrameRequest& request,
                                    const StopToken& stop = {}) const;
 
@@ -86,35 +86,36 @@ class Renderer {
                                 const StopToken& stop = {}, const std::vector<SceneObject>& objects = {},
                                 const std::shared_ptr<const dem::Detail>& detail = {}) const;
 
-  // Stars, the Sun, the Earth and planets of request.sky in the image of its camera, and what hides them
-  // (engine/sky/sky_in_view.h). Of the request: camera, pose, shutter, band, objects, detail, terrain, sensor, sky.
-  // Throws ImpossibleRequest for too many stars, and as render does.
+  // Returns stars, the Sun, the Earth and planets of request.sky in the image of its camera, with their occluders
+  // (engine/sky/sky_in_view.h). Reads the request's camera, pose, shutter, band, objects, detail, terrain, sensor and
+  // sky. Throws ImpossibleRequest for too many stars, and as render does.
   std::vector<SkyObject> sky(const FrameRequest& request, const StopToken& stop = {}) const;
 
-  // The limb of the finest terrain, and of the sphere beside it, in order of azimuth; without rocks. A point has no
-  // terrain where the line of sight passes places without data lower than the highest terrain. Throws as render does.
+  // Returns the limb of the finest terrain, without rocks, and that of the sphere, in order of azimuth. A point has no
+  // terrain if its line of sight passes ground without data below the height of the highest terrain. Throws as render
+  // does.
   std::vector<LimbPoint> limb(const LimbRequest& request, const StopToken& stop = {},
                               const std::shared_ptr<const dem::Detail>& detail = {}) const;
-  // The terminator of the request's Sun, in order of azimuth; nothing without one. As limb().
+  // Returns the terminator of the request's Sun, in order of azimuth; empty without a Sun. Throws as limb() does.
   std::vector<TerminatorPoint> terminator(const LimbRequest& request, const StopToken& stop = {},
                                           const std::shared_ptr<const dem::Detail>& detail = {}) const;
 
-  // Craters of a detail that the terrain shows in a region, as deep as `least_depth` of their diameter
-  // (dem/detail/features.h). Those in a frame: FrameRequest::craters.
+  // Returns the craters of a detail that the terrain shows in a region, at least `least_depth` of their diameter deep
+  // (dem/detail/features.h). FrameRequest::craters asks for the craters of a frame.
   std::vector<dem::CraterFeature> craters(const std::shared_ptr<const dem::Detail>& detail,
                                           const dem::Footprint& region, double smallest_m, double least_depth,
                                           const StopToken& stop = {}) const;
-  // Rocks of a detail in a region (dem/detail/rocks_on_ground.h).
+  // Returns the rocks of a detail in a region (dem/detail/rocks_on_ground.h).
   std::vector<dem::RockFeature> rocks(const std::shared_ptr<const dem::Detail>& detail, const dem::Footprint& region,
                                       double smallest_m, const StopToken& stop = {}) const;
 
   const dem::PyramidTerrain& terrain() const;
-  // The terrain with a detail; null: terrain() itself.
+  // Returns the terrain with a detail; for null, terrain() itself.
   std::shared_ptr<const dem::Terrain> terrain_with(const std::shared_ptr<const dem::Detail>& detail) const;
-  int threads() const;              // number that work on a frame
+  int threads() const;              // number of threads that work on a frame
   std::size_t scene_bytes() const;  // RendererOptions::scene_bytes
   std::size_t scene_bytes_in_use() const;
-  // Reduces the scenes' budget by memory that is needed elsewhere: less is kept from frame to frame.
+  // Reduces the scenes' budget by memory that is needed elsewhere (RenderCache::keep_less).
   void keep_less(std::size_t scene_bytes) const;
 
  private:

@@ -11,14 +11,16 @@
 namespace selenograph::engine {
 namespace {
 
-// Before anything is known: a core of a server of 2024. Wrong by a factor of a few elsewhere, for a few frames.
+// Initial estimates, for one core of a server of 2024. On other machines they are wrong by a small factor until a few
+// frames have been measured.
 constexpr double kMsPerFrame = 2, kMsPerRay = 6e-6, kMsPerTriangle = 40e-6;
 
+// Returns the cost of rays in units of one ray per doubling of the triangle count: the depth of the tree.
 double ray_units(const FrameWork& work) { return work.rays * std::log2(2 + work.triangles); }
 
-// Moves an eighth of the way toward what was measured, which counts as at most four times off: one frame that waited
-// for the disk changes the estimate by less than 3/8, and eight frames of another speed by two thirds of the
-// difference. `share`: of what was predicted, this value's; what was wrong is blamed on each by its share.
+// Moves an estimate an eighth of the way toward a measurement. The ratio is clamped to 1/4..4: one frame that waited
+// for the disk changes the estimate by at most 3/8, and eight frames of a different speed close two thirds of the
+// difference. `share`: this estimate's share of the prediction; the error is attributed to each estimate by its share.
 void approach(std::atomic<double>& value, double measured_to_predicted, double share) {
   const double old = value.load(std::memory_order_relaxed);
   value.store(old * (1 + share * (std::clamp(measured_to_predicted, 0.25, 4.0) - 1) / 8), std::memory_order_relaxed);
@@ -30,19 +32,20 @@ FrameWork work_of(const FrameRequest& request, const Accuracy& accuracy, Visibil
                   bool build) {
   const double pixels = static_cast<double>(request.camera.width) * request.camera.height;
   const bool centres_too = accuracy.samples_per_pixel > 1 && wants_geometry(request);
-  // Four drawn at once take twice a frame's time, or a little more.
-  constexpr double kOfFourAtOnce = 0.55;
+  // Cost per sample when the z-buffer draws four at once: together they take a little more than twice one sample.
+  constexpr double kPerSampleAtOnce = 0.55;
   const bool at_once = visibility == Visibility::zbuffer && drawn_at_once(request, accuracy, visibility) > 1;
-  // Edges take as long again as what they are edges of.
-  const double at_edges = accuracy.edge_samples > 1 ? 2 : 1;
-  const double samples = !wants_radiance(request)
-                             ? 1
-                             : accuracy.samples_per_pixel * at_edges * (at_once ? kOfFourAtOnce : 1) + centres_too;
-  // Of a disc, horizons cost about as much again as the shadow map. By rays nine directions are asked for, and 256 in
-  // the penumbra, which is a tenth of the frame or so.
+  // Supersampling edges doubles the time.
+  const double edge_factor = accuracy.edge_samples > 1 ? 2 : 1;
+  const double samples =
+      !wants_radiance(request)
+          ? 1
+          : accuracy.samples_per_pixel * edge_factor * (at_once ? kPerSampleAtOnce : 1) + centres_too;
+  // Shadow rays per sample of an extended Sun. For the z-buffer, horizons cost as much as the shadow map. Ray tracing
+  // casts nine rays to the disc, and 256 in the penumbra, which covers about a tenth of a frame.
   constexpr double kByHorizons = 2, kByRays = 35;
-  const double of_disc = visibility == Visibility::zbuffer ? kByHorizons : kByRays;
-  const double per_sample = 1 + (!wants_light(request) ? 0 : request.sun.angular_radius_deg > 0 ? of_disc : 1);
+  const double disc_rays = visibility == Visibility::zbuffer ? kByHorizons : kByRays;
+  const double per_sample = 1 + (!wants_light(request) ? 0 : request.sun.angular_radius_deg > 0 ? disc_rays : 1);
   return {pixels * samples * per_sample, triangles, build};
 }
 
@@ -57,7 +60,8 @@ double SpeedGauge::predicted_ms(const FrameWork& work) const {
 void SpeedGauge::learn(const FrameWork& work, const StageTimes& times) {
   if (work.rays > 0) {
     const double frame = ms_per_frame_.load(std::memory_order_relaxed),
-                 rays = ray_units(work) * ms_per_ray_.load(std::memory_order_relaxed), predicted = frame + rays;
+                 rays = ray_units(work) * ms_per_ray_.load(std::memory_order_relaxed);
+    const double predicted = frame + rays;
     approach(ms_per_frame_, times.visibility_ms / predicted, frame / predicted);
     approach(ms_per_ray_, times.visibility_ms / predicted, rays / predicted);
   }
@@ -77,9 +81,9 @@ void SpeedGauge::refuse_hopeless(const FrameWork& work, std::size_t times, std::
 }
 
 double expected_error(const Accuracy& accuracy) {
-  // Fitted by eye to the sample terrain's nadir and descent: of coarse terrain slopes are missing, of fine terrain one
-  // sample picks single slopes out of many.
-  const double error_px = std::max(accuracy.max_error_px, 1.0 / 64);  // 0 asks for the finest: not to divide by it
+  // Fitted by eye to frames of the sample terrain, nadir and descent. Coarse terrain lacks slopes; on fine terrain one
+  // sample per pixel picks a single slope out of many.
+  const double error_px = std::max(accuracy.max_error_px, 1.0 / 64);  // avoids division by 0, the finest setting
   const double smooth = 0.034 * error_px;
   const double one_sample = 0.03 * std::pow(0.5 / error_px, 0.7);
   return std::hypot(smooth, one_sample / accuracy.samples_per_pixel);

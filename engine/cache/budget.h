@@ -21,30 +21,31 @@ struct BudgetChoice {
   bool fits = false;  // false: even the coarsest setting is predicted to take longer
 };
 
-// Predicted cost of a frame.
+// Work of a frame, from which its time is predicted.
 struct FrameWork {
   double rays = 0;  // primary and shadow rays of all samples
   double triangles = 0;
   bool build = false;  // its acceleration structure must be built
 };
+// Returns the work of a frame. `triangles`, `build`: copied into the result.
 FrameWork work_of(const FrameRequest& request, const Accuracy& accuracy, Visibility visibility, double triangles,
                   bool build);
 
-// Learns from each frame the cost per ray, per triangle and per frame. Thread-safe: a lost update only means that one
-// frame is not learnt from.
+// Learns the cost per ray, per triangle and per frame from each rendered frame. Thread-safe without a lock: of two
+// concurrent updates one may be lost, and one frame is not learnt from.
 class SpeedGauge {
  public:
   explicit SpeedGauge(int threads);
   double predicted_ms(const FrameWork& work) const;
   void learn(const FrameWork& work, const StageTimes& times);
   // Throws TooMuchWork when the work, done `times` times, is predicted to take much longer than `stop` allows. A
-  // prediction may be wrong by a factor of kDoubt, and work of less than kMoments_ms is always tried. A refusal
-  // measures nothing, so each refusal lowers the estimate it was based on: a wrong estimate recovers. `remedy`: what
-  // would take less, in the words of the request.
+  // prediction may be wrong by a factor of kDoubt, and work of less than kAlwaysTried_ms is always tried. A refusal
+  // measures nothing, so each refusal lowers the estimate it was based on: a wrong estimate recovers. `remedy`: advice
+  // for the error message, in the words of the request.
   void refuse_hopeless(const FrameWork& work, std::size_t times, std::string_view remedy, const StopToken& stop);
-  static constexpr double kDoubt = 4, kMoments_ms = 1000;
+  static constexpr double kDoubt = 4, kAlwaysTried_ms = 1000;
   static bool in_reach(double predicted_ms, double allowed_ms) {
-    return predicted_ms <= kDoubt * allowed_ms + kMoments_ms;
+    return predicted_ms <= kDoubt * allowed_ms + kAlwaysTried_ms;
   }
 
  private:

@@ -10,10 +10,11 @@
 namespace selenograph::engine {
 namespace {
 
-// A camera that was farther away a frame ago, or looked elsewhere, is another one, or was moved by hand.
-constexpr double kFarthestStep_m = 20000, kWidestTurn_rad = 0.4;
-// Frames that are expected of a camera whose client says nothing: the next ones, and some that are far ahead where they
-// take long to prepare, with detail or light from terrain.
+// Largest motion between two frames of one track. A camera that moved farther is a different camera, or was moved by
+// hand, and its motion says nothing about the next frame.
+constexpr double kMaxStep_m = 20000, kMaxTurn_rad = 0.4;
+// Steps extrapolated for a camera whose client names no poses. With detail or light from terrain a scene takes long to
+// prepare: add steps far enough ahead to be ready in time.
 constexpr std::array kExtrapolated{1, 2};
 constexpr std::array kExtrapolatedFarther{1, 2, 6, 14};
 
@@ -21,13 +22,14 @@ bool same(const Pose& a, const Pose& b) {
   return a.position_m == b.position_m && a.camera_from_moon.coeffs() == b.camera_from_moon.coeffs();
 }
 
-// A Sun that moved farther in a frame was set by hand. What moves less is rounding: the real one takes 0.4 ms.
-constexpr double kFarthestSun_rad = 0.01, kNearestSun_rad = 1e-9;
-// While it moves less in a frame, a camera that hovers needs no other scene. Its light from terrain is another one from
-// one moment to the next, though (light_tile.h). The real Sun takes a second.
+// Limits of the Sun's motion between two frames. A Sun that moved farther than kMaxSun_rad was set by hand. Motion
+// below kMinSun_rad is rounding: the real Sun takes 0.4 ms for it.
+constexpr double kMaxSun_rad = 0.01, kMinSun_rad = 1e-9;
+// While the Sun moves less between two frames, a hovering camera needs no new scene; the real Sun takes a second for
+// it. Light from terrain must be prepared all the same: it changes from one instant to the next (light_tile.h).
 constexpr double kSlowSun_rad = 3e-6;
 
-// Moved on and turned on as from `before` to `now`, `steps` times.
+// Returns the pose after repeating the motion from `before` to `now` `steps` times.
 Pose extrapolated(const Pose& before, const Pose& now, int steps) {
   Pose pose = now;
   const Eigen::Quaterniond turn = now.camera_from_moon * before.camera_from_moon.conjugate();
@@ -38,10 +40,10 @@ Pose extrapolated(const Pose& before, const Pose& now, int steps) {
   return pose;
 }
 
-// As turned from `before` to `now`, `steps` times.
+// Returns the direction after repeating the rotation from `before` to `now` `steps` times.
 Vec3 extrapolated(const Vec3& before, const Vec3& now, int steps) {
   const double angle = (now - before).norm();
-  if (angle <= kNearestSun_rad || angle > kFarthestSun_rad) return now;
+  if (angle <= kMinSun_rad || angle > kMaxSun_rad) return now;
   const Vec3 axis = before.cross(now).normalized();
   return Eigen::AngleAxisd(steps * angle, axis) * now;
 }
@@ -54,48 +56,49 @@ Preparation::Preparation(Prepare prepare, StopToken::Clock::duration budget)
 Preparation::~Preparation() {
   {
     const std::lock_guard lock(mutex_);
-    stopping_ = give_up_ = true;
+    stopping_ = cancel_ = true;
   }
   changed_.notify_all();
   if (thread_.joinable()) thread_.join();
 }
 
-bool Preparation::Moment::operator==(const Moment& other) const {
-  return same(pose, other.pose) && (sun - other.sun).norm() <= kNearestSun_rad;
+bool Preparation::PoseAndSun::operator==(const PoseAndSun& other) const {
+  return same(pose, other.pose) && (sun - other.sun).norm() <= kMinSun_rad;
 }
 
 Preparation::Work::Work(Preparation& preparation) : preparation_(preparation) {
   const std::lock_guard lock(preparation_.mutex_);
-  ++preparation_.in_work_;
+  ++preparation_.active_work_;
 }
 
 Preparation::Work::Work(Preparation& preparation, const FrameRequest* frame) : preparation_(preparation) {
   const std::lock_guard lock(preparation_.mutex_);
-  ++preparation_.in_work_;
-  if (preparation_.current_ && !(frame && *preparation_.current_ == moment_of(*frame))) preparation_.give_up_ = true;
+  ++preparation_.active_work_;
+  if (preparation_.current_ && !(frame && *preparation_.current_ == pose_and_sun_of(*frame)))
+    preparation_.cancel_ = true;
 }
 
 Preparation::Work::~Work() {
   {
     const std::lock_guard lock(preparation_.mutex_);
-    --preparation_.in_work_;
+    --preparation_.active_work_;
   }
   preparation_.changed_.notify_all();
 }
 
 Preparation::Track& Preparation::track_of(const FrameRequest& frame, std::string_view name) {
-  const auto goes_on = [&](const Pose& last) {
-    return (last.position_m - frame.pose.position_m).norm() <= kFarthestStep_m &&
-           last.camera_from_moon.angularDistance(frame.pose.camera_from_moon) <= kWidestTurn_rad;
+  const auto continues = [&](const Pose& last) {
+    return (last.position_m - frame.pose.position_m).norm() <= kMaxStep_m &&
+           last.camera_from_moon.angularDistance(frame.pose.camera_from_moon) <= kMaxTurn_rad;
   };
   const auto found = std::find_if(tracks_.begin(), tracks_.end(), [&](const Track& track) {
-    return track.name == name && track.last.camera == frame.camera && goes_on(track.last.pose);
+    return track.name == name && track.last.camera == frame.camera && continues(track.last.pose);
   });
   if (found != tracks_.end()) {
     std::rotate(tracks_.begin(), found, found + 1);
   } else {
     tracks_.push_front({++next_track_, std::string(name), frame});
-    if (tracks_.size() > kMostTracks) tracks_.pop_back();
+    if (tracks_.size() > kMaxTracks) tracks_.pop_back();
   }
   return tracks_.front();
 }
@@ -109,57 +112,63 @@ void Preparation::forget_expected(std::uint64_t track) {
   std::erase_if(expected_, [&](const Expected& e) { return e.track == track; });
 }
 
-const Preparation::Ready* Preparation::Track::ready_for(const Moment& moment) const {
-  const auto found = std::find_if(ready.begin(), ready.end(), [&](const Ready& r) { return r.moment == moment; });
-  return found == ready.end() ? nullptr : &*found;
+const Preparation::Prepared* Preparation::Track::find_prepared(const PoseAndSun& state) const {
+  const auto found =
+      std::find_if(prepared.begin(), prepared.end(), [&](const Prepared& r) { return r.state == state; });
+  return found == prepared.end() ? nullptr : &*found;
 }
 
-// Of what is ready that which is for these moments and still there. The soonest is asked for last: of what is kept on a
-// budget, that which was used longest ago goes first.
-void Preparation::keep_ready(Track& track, std::span<const Moment> moments) {
-  std::vector<Ready> kept;
-  for (auto moment = moments.rbegin(); moment != moments.rend(); ++moment)
-    if (const Ready* ready = track.ready_for(*moment); ready && ready->still_there()) kept.push_back(*ready);
-  track.ready = std::move(kept);
+// Drops the track's prepared scenes that are not for an upcoming frame or no longer cached. Asking whether a scene is
+// cached marks it as used, so ask in reverse: the soonest frame's scene becomes the most recently used, and the LRU
+// cache evicts the scene of the farthest frame first.
+void Preparation::drop_stale(Track& track, std::span<const PoseAndSun> upcoming) {
+  std::vector<Prepared> still_cached;
+  for (auto state = upcoming.rbegin(); state != upcoming.rend(); ++state)
+    if (const Prepared* scene = track.find_prepared(*state); scene && scene->is_still_cached())
+      still_cached.push_back(*scene);
+  track.prepared = std::move(still_cached);
 }
 
-void Preparation::expect_at(Expected next) {
+// Inserts after the entries of the same step: tracks take turns, and all get their soonest frames first.
+void Preparation::enqueue(Expected next) {
   const auto later =
       std::find_if(expected_.begin(), expected_.end(), [&](const Expected& e) { return e.step > next.step; });
   expected_.insert(later, std::move(next));
 }
 
-std::vector<Preparation::Moment> Preparation::moments_ahead(const FrameRequest& before, const FrameRequest& now,
-                                                            std::span<const Pose> ahead) {
+std::vector<Preparation::PoseAndSun> Preparation::predict(const FrameRequest& before, const FrameRequest& now,
+                                                          std::span<const Pose> ahead) {
   const auto sun = [&](int steps) { return extrapolated(before.sun.direction, now.sun.direction, steps); };
-  std::vector<Moment> moments;
-  for (const Pose& pose : ahead) moments.push_back({pose, sun(static_cast<int>(moments.size()) + 1)});
-  if (!ahead.empty()) return moments;
-  const bool alike = (before.sun.direction - now.sun.direction).norm() <= kSlowSun_rad && !now.indirect.terrain;
-  if (same(before.pose, now.pose) && (alike || sun(1) == now.sun.direction)) return moments;
+  std::vector<PoseAndSun> upcoming;
+  for (const Pose& pose : ahead) upcoming.push_back({pose, sun(static_cast<int>(upcoming.size()) + 1)});
+  if (!ahead.empty()) return upcoming;
+  // A hovering camera needs no scene but its present one.
+  const bool same_light = (before.sun.direction - now.sun.direction).norm() <= kSlowSun_rad && !now.indirect.terrain;
+  if (same(before.pose, now.pose) && (same_light || sun(1) == now.sun.direction)) return upcoming;
   const std::span<const int> steps = now.detail || now.indirect.terrain ? std::span<const int>(kExtrapolatedFarther)
                                                                         : std::span<const int>(kExtrapolated);
-  for (const int step : steps) moments.push_back({extrapolated(before.pose, now.pose, step), sun(step)});
-  return moments;
+  for (const int step : steps) upcoming.push_back({extrapolated(before.pose, now.pose, step), sun(step)});
+  return upcoming;
 }
 
 void Preparation::expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name) {
-  // Without memory or threads for it nothing is prepared; the frame has its answer all the same.
+  // Ignore failures to allocate or to start the thread: nothing is prepared then, and the frame is already answered.
   try {
     const std::lock_guard lock(mutex_);
     if (stopping_) return;
     Track& track = track_of(frame, name);
     const FrameRequest before = std::exchange(track.last, frame);
-    track.left = budget_;
+    track.budget_left = budget_;
     ++track.frame;
     forget_expected(track.number);
-    const std::vector<Moment> moments = moments_ahead(before, frame, ahead);
-    keep_ready(track, moments);
-    for (std::size_t step = 0; step < moments.size(); ++step) {
-      if (track.ready_for(moments[step])) continue;
+    const std::vector<PoseAndSun> upcoming = predict(before, frame, ahead);
+    drop_stale(track, upcoming);
+    for (std::size_t step = 0; step < upcoming.size(); ++step) {
+      if (track.find_prepared(upcoming[step])) continue;
       Expected next{track.number, track.frame, step, frame};
-      next.request.pose = moments[step].pose, next.request.sun.direction = moments[step].sun;
-      expect_at(std::move(next));
+      next.request.pose = upcoming[step].pose;
+      next.request.sun.direction = upcoming[step].sun;
+      enqueue(std::move(next));
     }
     if (!thread_.joinable() && !expected_.empty()) thread_ = std::thread([this] { run(); });
   } catch (const std::exception&) {
@@ -172,27 +181,30 @@ void Preparation::wait_until_done() {
   changed_.wait(lock, [&] { return stopping_ || (expected_.empty() && !current_); });
 }
 
+// The preparation thread's loop. It takes the queue's first entry while no Work exists, and prepares its scene
+// unlocked. The time spent is charged to the track. A cancelled entry returns to the front of the queue.
 void Preparation::run() {
   using Clock = StopToken::Clock;
   std::unique_lock lock(mutex_);
   for (;;) {
-    changed_.wait(lock, [&] { return stopping_ || (in_work_ == 0 && !expected_.empty()); });
+    changed_.wait(lock, [&] { return stopping_ || (active_work_ == 0 && !expected_.empty()); });
     if (stopping_) return;
     const Expected next = std::move(expected_.front());
     expected_.pop_front();
     const Track* const track = find_track(next);
-    const auto left = track ? track->left : Clock::duration::zero();
-    current_ = moment_of(next.request);
-    give_up_ = false;
+    const auto budget_left = track ? track->budget_left : Clock::duration::zero();
+    current_ = pose_and_sun_of(next.request);
+    cancel_ = false;
     lock.unlock();
     const Clock::time_point start = Clock::now();
-    const Outcome outcome = left > Clock::duration::zero() ? prepare(next, start + left) : Outcome::out_of_budget;
+    const Outcome outcome =
+        budget_left > Clock::duration::zero() ? prepare(next, start + budget_left) : Outcome::out_of_budget;
     const Clock::duration spent = Clock::now() - start;
     lock.lock();
     current_.reset();
     if (Track* const charged = find_track(next)) {
-      charged->left -= spent;
-      if (outcome == Outcome::given_up) try_again(next);
+      charged->budget_left -= spent;
+      if (outcome == Outcome::cancelled) requeue(next);
       if (outcome == Outcome::out_of_budget) forget_expected(next.track);
     }
     changed_.notify_all();
@@ -201,26 +213,28 @@ void Preparation::run() {
 
 Preparation::Outcome Preparation::prepare(const Expected& next, StopToken::Clock::time_point deadline) {
   try {
-    remember(next, prepare_(next.request, StopToken(deadline, &give_up_)));
+    record_prepared(next, prepare_(next.request, StopToken(deadline, &cancel_)));
   } catch (const Cancelled&) {
-    return give_up_ ? Outcome::given_up : Outcome::out_of_budget;
+    return cancel_ ? Outcome::cancelled : Outcome::out_of_budget;
   } catch (const std::exception&) {
-    // The frame will say so itself, if it is ever asked for.
+    // Ignore the error: the frame reports it itself if it is requested.
   }
   return Outcome::done;
 }
 
-void Preparation::remember(const Expected& next, const StillThere& still_there) {
+// Records the scene with its track, unless the track was dropped meanwhile. If the track expects something else by now,
+// its next call of drop_stale() removes the entry.
+void Preparation::record_prepared(const Expected& next, const IsStillCached& is_still_cached) {
   const std::lock_guard lock(mutex_);
   for (Track& track : tracks_)
-    if (track.number == next.track) track.ready.push_back({moment_of(next.request), still_there});
+    if (track.number == next.track) track.prepared.push_back({pose_and_sun_of(next.request), is_still_cached});
 }
 
-void Preparation::try_again(const Expected& next) {
+void Preparation::requeue(const Expected& next) {
   try {
     expected_.push_front(next);
   } catch (const std::exception&) {
-    // Without memory for it there is no use in it.
+    // Drop the entry if there is no memory for it: then there is none for its scene either.
   }
 }
 

@@ -1,5 +1,10 @@
 // Prepares scenes of expected frames in idle time, on a budget of time for each frame and of memory for all
 // (RenderCache). It never changes a byte of any answer.
+//
+//   frame --> expect() --> Track of its camera --> predicted poses --> queue, soonest step first
+//                                                                        |
+//   Work (a request is rendered): pauses the thread, cancels its scene   v
+//                                                   preparation thread: prepare_() --> scene in RenderCache
 #pragma once
 
 #include <atomic>
@@ -29,12 +34,12 @@ struct PreparationStatistics {
 // Thread-safe.
 class Preparation {
  public:
-  // Whether the prepared scene is still cached; marks it as used.
-  using StillThere = std::function<bool()>;
+  // Returns whether the prepared scene is still cached, and marks it as used in the cache's LRU order.
+  using IsStillCached = std::function<bool()>;
   // Makes the scene of a frame; throws Cancelled when stopped. Other exceptions are ignored: the frame itself will
   // report them.
-  using Prepare = std::function<StillThere(const FrameRequest&, const StopToken&)>;
-  // `budget`: the time for all that one frame expects, repetitions included.
+  using Prepare = std::function<IsStillCached(const FrameRequest&, const StopToken&)>;
+  // `budget`: time for all scenes that one frame expects, retries included.
   Preparation(Prepare prepare, StopToken::Clock::duration budget);
   ~Preparation();
   Preparation(const Preparation&) = delete;
@@ -56,69 +61,72 @@ class Preparation {
     Preparation& preparation_;
   };
 
-  // Called after a frame: the poses at which its camera is expected next, soonest first. If empty, the camera's motion
-  // since the previous frame is extrapolated; the Sun's always is. Replaces earlier expectations for this camera.
-  // `name` distinguishes identical cameras.
+  // Queues the scenes of the frames expected after `frame`. `ahead`: the camera's next poses, soonest first; if empty,
+  // its motion since the previous frame is extrapolated. The Sun's motion always is. Replaces earlier expectations for
+  // this camera. `name` distinguishes identical cameras.
   void expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name = {});
 
   // Returns when nothing is left to prepare. For tests: it never returns while frames are active.
   void wait_until_done();
 
  private:
-  // What the frames of a camera differ in.
-  struct Moment {
+  // The parts of a request that change from frame to frame of one camera.
+  struct PoseAndSun {
     Pose pose;
     Vec3 sun;  // as Sun::direction
-    bool operator==(const Moment& other) const;
+    bool operator==(const PoseAndSun& other) const;
   };
-  static Moment moment_of(const FrameRequest& frame) { return {frame.pose, frame.sun.direction}; }
-  static std::vector<Moment> moments_ahead(const FrameRequest& before, const FrameRequest& now,
-                                           std::span<const Pose> ahead);
-  // A prepared scene and the moment it is expected at.
-  struct Ready {
-    Moment moment;
-    StillThere still_there;
+  static PoseAndSun pose_and_sun_of(const FrameRequest& frame) { return {frame.pose, frame.sun.direction}; }
+  // Returns the expected frames, soonest first: the poses `ahead`, or, if there are none, extrapolated ones.
+  static std::vector<PoseAndSun> predict(const FrameRequest& before, const FrameRequest& now,
+                                         std::span<const Pose> ahead);
+  // A prepared scene and the frame that it is for.
+  struct Prepared {
+    PoseAndSun state;
+    IsStillCached is_still_cached;
   };
-  // A camera and its expected course.
+  // A moving camera: its last frame and the scenes prepared for its next ones.
   struct Track {
     std::uint64_t number = 0;
     std::string name;
     FrameRequest last;
-    std::uint64_t frame = 0;            // counts the frames that expected something
-    StopToken::Clock::duration left{};  // of that frame's budget
-    std::vector<Ready> ready{};
-    const Ready* ready_for(const Moment& moment) const;  // null: none
+    std::uint64_t frame = 0;                   // number of calls of expect()
+    StopToken::Clock::duration budget_left{};  // for the scenes that the last frame expects
+    std::vector<Prepared> prepared{};
+    const Prepared* find_prepared(const PoseAndSun& state) const;  // null: none
   };
+  // An entry of the queue. `track` and `frame` are Track::number and Track::frame at the time of expect().
   struct Expected {
     std::uint64_t track = 0, frame = 0;
     std::size_t step = 0;  // 0: the camera's next frame
     FrameRequest request;
   };
+  // Returns the track that a frame continues, or a new one; either becomes the most recent.
   Track& track_of(const FrameRequest& frame, std::string_view name);
-  Track* find_track(const Expected& next);  // null: a newer frame expects something else
+  Track* find_track(const Expected& next);  // null if a newer frame of the camera has replaced the expectation
   void forget_expected(std::uint64_t track);
-  static void keep_ready(Track& track, std::span<const Moment> moments);
-  void expect_at(Expected next);
-  void run();
-  enum class Outcome { done, given_up, out_of_budget };
+  static void drop_stale(Track& track, std::span<const PoseAndSun> upcoming);
+  void enqueue(Expected next);
+  void run();  // the preparation thread
+  enum class Outcome { done, cancelled, out_of_budget };
   Outcome prepare(const Expected& next, StopToken::Clock::time_point deadline);
-  void remember(const Expected& next, const StillThere& still_there);
-  void try_again(const Expected& next);
+  void record_prepared(const Expected& next, const IsStillCached& is_still_cached);
+  void requeue(const Expected& next);
 
-  static constexpr std::size_t kMostTracks = 8;
+  static constexpr std::size_t kMaxTracks = 8;
 
   const Prepare prepare_;
   const StopToken::Clock::duration budget_;
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::deque<Track> tracks_;       // most recent first
-  std::deque<Expected> expected_;  // ordered by step
-  std::optional<Moment> current_;  // being prepared
-  int in_work_ = 0;
+  std::deque<Track> tracks_;           // most recent first
+  std::deque<Expected> expected_;      // queue, ordered by step
+  std::optional<PoseAndSun> current_;  // frame whose scene is being prepared
+  int active_work_ = 0;                // number of Work objects
   std::uint64_t next_track_ = 0;
   bool stopping_ = false;
-  std::atomic<bool> give_up_{false};
-  std::thread thread_;  // started with the first expectation
+  std::atomic<bool> cancel_{false};  // cancels the scene being prepared
+  std::thread thread_;               // started with the first expectation
 };
 
 }  // namespace selenograph::engine

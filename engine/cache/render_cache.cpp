@@ -14,23 +14,26 @@
 
 namespace selenograph::engine {
 
-// The structured bindings name every member: one more, and they don't compile until it is part of the key.
-
 namespace {
 
-// More than a frame may have: what is farther away than the next frames is not worth its memory.
-constexpr std::size_t kMostOfRocks = std::size_t{16} << 20;
+// More than one frame may have. Rocks farther away than the next frames are not worth their memory.
+constexpr std::size_t kMaxRockBytes = std::size_t{16} << 20;
 
 int detail_of(const SceneContent& content) { return content.terrain ? content.terrain->detail_number() : 0; }
 
 }  // namespace
 
+// Returns the key of a scene. The structured binding names every member, so that a new member breaks the build until it
+// is part of the key.
 ContentKey RenderCache::key_of(const SceneContent& content) {
   const auto& [blocks, anchor_m, visibility, terrain, beside_coarser] = content;
   const int detail = detail_of(content);
   ContentHash hash;
-  hash.add(blocks.data(), blocks.size()), hash.add(beside_coarser.data(), beside_coarser.size()), hash.add(anchor_m),
-      hash.add(visibility), hash.add(detail);
+  hash.add(blocks.data(), blocks.size());
+  hash.add(beside_coarser.data(), beside_coarser.size());
+  hash.add(anchor_m);
+  hash.add(visibility);
+  hash.add(detail);
   return hash.key();
 }
 
@@ -41,14 +44,15 @@ std::size_t RenderCache::CameraHash::operator()(const Camera& c) const {
 
 namespace {
 
-// Scenes have most of their parts in common: each counts once.
-class PartsOnce {
+// Counts the bytes of scenes that share parts: a part counts once, with its first scene, and is freed with its last.
+class SharedPartCounter {
  public:
+  // Adds a scene's parts. Returns the bytes that this adds.
   std::size_t add(const Scene& scene) {
     std::size_t sum = scene.own_bytes(), counted = 0;
     try {
       scene.for_each_part([&](const void* part, std::size_t bytes) {
-        if (++users_[part] == 1) sum += bytes;
+        if (++users_[part] == 1) sum += bytes;  // may throw; `counted` then tells what to undo
         ++counted;
       });
     } catch (const std::bad_alloc&) {
@@ -57,12 +61,13 @@ class PartsOnce {
     }
     return sum;
   }
+  // Removes a scene's parts. Returns the bytes that this frees.
   std::size_t remove(const Scene& scene) {
     return scene.own_bytes() + remove_first(scene, std::numeric_limits<std::size_t>::max());
   }
 
  private:
-  // Of the first parts so many.
+  // Removes the first `count` parts of a scene. Returns the bytes that this frees.
   std::size_t remove_first(const Scene& scene, std::size_t count) {
     std::size_t sum = 0;
     scene.for_each_part([&](const void* part, std::size_t bytes) {
@@ -79,8 +84,8 @@ class PartsOnce {
   std::unordered_map<const void*, int> users_;
 };
 
-dem::Cache<ContentKey, Scene, ContentKeyHash>::Count parts_once() {
-  const auto parts = std::make_shared<PartsOnce>();
+dem::Cache<ContentKey, Scene, ContentKeyHash>::Count count_shared_parts_once() {
+  const auto parts = std::make_shared<SharedPartCounter>();
   return {[parts](const Scene& scene) { return parts->add(scene); },
           [parts](const Scene& scene) { return parts->remove(scene); }};
 }
@@ -90,48 +95,54 @@ dem::Cache<ContentKey, Scene, ContentKeyHash>::Count parts_once() {
 RenderCache::RenderCache(std::shared_ptr<const dem::Terrain> terrain, std::size_t bytes, int threads)
     : terrain_(std::move(terrain)),
       threads_(threads),
-      scenes_(bytes, parts_once()),
+      scenes_(bytes, count_shared_parts_once()),
       lenses_(bytes / 8),
       scattered_(bytes / 8),
-      rocks_(std::make_shared<dem::RockMemory>(std::min(bytes / 8, kMostOfRocks))),
+      rocks_(std::make_shared<dem::RockMemory>(std::min(bytes / 8, kMaxRockBytes))),
       light_tiles_(bytes / 4),
       speed_of_rays_(threads),
       speed_of_zbuffer_(threads) {}
 
-// Room for a scene while it is made, of what is new in it; scenes that nobody uses make way, but in preparation: the
-// latest is still flown over. The first is let in whatever its size: selection has bounded it.
-class RenderCache::Room {
+// A reservation of memory for a scene while it is built, for those of its blocks that it does not share with a recent
+// scene. The constructor waits until the reserved bytes and the scenes in use leave enough of the budget. Scenes not in
+// use do not count: reserve() evicts them. If nothing is reserved or in use, a scene of any size is admitted: selection
+// has bounded it. In preparation a scene must fit beside the latest scene, whose frame sequence continues; otherwise
+// the constructor throws Cancelled.
+class RenderCache::SceneReservation {
  public:
-  Room(RenderCache& cache, const SceneContent& content, Purpose purpose, const StopToken& stop) : cache_(cache) {
+  SceneReservation(RenderCache& cache, const SceneContent& content, Purpose purpose, const StopToken& stop)
+      : cache_(cache) {
     {
-      // Not held while this waits: who waits for room must not be in the others' way.
-      const std::shared_ptr<const Scene> before = cache.most_in_common(content);
-      const bool floats_stay = before && before->anchor == content.anchor_m;
+      // Release this scene before waiting: a scene held here would count as in use and keep other waiters waiting.
+      const std::shared_ptr<const Scene> similar = cache.find_most_similar(content);
+      const bool same_anchor = similar && similar->anchor == content.anchor_m;
       for (const dem::BlockId& id : content.blocks)
-        if (!(floats_stay && before->mesh.holds(id))) bytes_ += scene_bytes_of(id, content.visibility);
+        if (!(same_anchor && similar->mesh.holds(id))) bytes_ += scene_bytes_of(id, content.visibility);
     }
-    if (purpose == Purpose::preparation && !cache.has_space_for_prepared(bytes_)) throw Cancelled();
-    while (!enter()) {
+    if (purpose == Purpose::preparation && !cache.fits_for_preparation(bytes_)) throw Cancelled();
+    // Poll: a scene in use is released by whoever drops its last shared_ptr, and nothing is notified of that.
+    while (!try_reserve()) {
       stop.check();
-      std::this_thread::sleep_for(kLook);
+      std::this_thread::sleep_for(kPollInterval);
     }
   }
-  ~Room() {
-    const std::lock_guard lock(cache_.room_mutex_);
-    cache_.being_made_bytes_ -= bytes_;
+  ~SceneReservation() {
+    const std::lock_guard lock(cache_.reservation_mutex_);
+    cache_.reserved_bytes_ -= bytes_;
   }
-  Room(const Room&) = delete;
-  Room& operator=(const Room&) = delete;
+  SceneReservation(const SceneReservation&) = delete;
+  SceneReservation& operator=(const SceneReservation&) = delete;
   std::size_t bytes() const { return bytes_; }
 
  private:
-  static constexpr auto kLook = std::chrono::milliseconds(2);
+  static constexpr auto kPollInterval = std::chrono::milliseconds(2);
 
-  bool enter() {
-    const std::lock_guard lock(cache_.room_mutex_);
-    const std::size_t taken = cache_.being_made_bytes_ + cache_.scenes_.bytes_in_use();
-    if (taken > 0 && taken + bytes_ > cache_.scenes_.capacity()) return false;
-    cache_.being_made_bytes_ += bytes_;
+  // Returns false if the memory is not available yet.
+  bool try_reserve() {
+    const std::lock_guard lock(cache_.reservation_mutex_);
+    const std::size_t pinned_bytes = cache_.reserved_bytes_ + cache_.scenes_.bytes_in_use();
+    if (pinned_bytes > 0 && pinned_bytes + bytes_ > cache_.scenes_.capacity()) return false;
+    cache_.reserved_bytes_ += bytes_;
     return true;
   }
 
@@ -139,21 +150,24 @@ class RenderCache::Room {
   std::size_t bytes_ = 0;
 };
 
-std::shared_ptr<const Scene> RenderCache::most_in_common(const SceneContent& content) {
+std::shared_ptr<const Scene> RenderCache::find_most_similar(const SceneContent& content) {
   std::vector<std::shared_ptr<const Scene>> candidates;
   {
     const std::lock_guard lock(latest_mutex_);
-    for (const auto& one : latest_)
-      if (auto scene = one.lock()) candidates.push_back(std::move(scene));
+    for (const auto& weak_scene : latest_)
+      if (auto scene = weak_scene.lock()) candidates.push_back(std::move(scene));
   }
   std::shared_ptr<const Scene> best;
-  std::size_t most = 0;
+  std::size_t best_score = 0;
   for (auto& scene : candidates) {
     if (scene->detail != detail_of(content)) continue;
-    std::size_t same = 0;
-    for (const dem::BlockId& id : content.blocks) same += scene->mesh.holds(id);
-    if (scene->anchor == content.anchor_m) same *= 2;  // of another anchor, floats are made anew
-    if (same > most) most = same, best = std::move(scene);
+    std::size_t score = 0;
+    for (const dem::BlockId& id : content.blocks) score += scene->mesh.holds(id);
+    if (scene->anchor == content.anchor_m) score *= 2;  // with another anchor, float coordinates are recomputed
+    if (score > best_score) {
+      best_score = score;
+      best = std::move(scene);
+    }
   }
   return best;
 }
@@ -161,9 +175,9 @@ std::shared_ptr<const Scene> RenderCache::most_in_common(const SceneContent& con
 std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, const StopToken& stop, Purpose purpose) {
   const ContentKey key = key_of(content);
   const auto make = [&] {
-    const Room room(*this, content, purpose, stop);
+    const SceneReservation reservation(*this, content, purpose, stop);
     SceneParts before;
-    if (const auto scene = most_in_common(content)) before = scene->parts_for(content.anchor_m);
+    if (const auto scene = find_most_similar(content)) before = scene->parts_for(content.anchor_m);
     reserve();
     auto made =
         std::make_shared<const Scene>(content.terrain ? *content.terrain : *terrain_, content, threads_, before, stop);
@@ -172,7 +186,7 @@ std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, con
     if (latest_.size() > kLatest) latest_.pop_back();
     if (purpose == Purpose::preparation) {
       prepared_.insert(key);
-      prepared_bytes_ += room.bytes();
+      prepared_bytes_ += reservation.bytes();
       ++statistics_.prepared;
     }
     return dem::Cache<ContentKey, Scene, ContentKeyHash>::Loaded{made, made->bytes};
@@ -186,9 +200,10 @@ std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, con
   return scene;
 }
 
-// A prepared scene must leave the latest frame's scene in the cache. Scenes prepared after one frame take half of the
-// cache at most: else each new one would displace one that is expected sooner.
-bool RenderCache::has_space_for_prepared(std::size_t bytes) {
+// Returns whether a scene may be prepared now. It must leave the latest scene in the cache. All scenes prepared after
+// one frame, unless it is only one, take at most half of the cache: otherwise each new one would evict one that is
+// needed sooner.
+bool RenderCache::fits_for_preparation(std::size_t bytes) {
   if (latest_scene_bytes() + bytes > scenes_.capacity()) return false;
   const std::lock_guard lock(latest_mutex_);
   return prepared_bytes_ == 0 || prepared_bytes_ + bytes <= scenes_.capacity() / 2;
@@ -236,8 +251,13 @@ std::shared_ptr<const PixelRays> RenderCache::lens(const Camera& camera, const S
 std::shared_ptr<const ScatteredLight> RenderCache::scattered(const StrayLight& law, const Camera& camera,
                                                              const StopToken& stop) {
   ContentHash hash;
-  hash.add(law.b0_sr), hash.add(law.shoulder), hash.add(law.slope);
-  hash.add(camera.width), hash.add(camera.height), hash.add(camera.fx), hash.add(camera.fy);
+  hash.add(law.b0_sr);
+  hash.add(law.shoulder);
+  hash.add(law.slope);
+  hash.add(camera.width);
+  hash.add(camera.height);
+  hash.add(camera.fx);
+  hash.add(camera.fy);
   return scattered_.get(
       hash.key(),
       [&] {
@@ -252,26 +272,29 @@ void RenderCache::settle() {
   reserve();
 }
 
-// What isn't a scene, or not yet one.
+// Splits the budget. Finished scenes get the rest; the latest of them is never evicted to withhold bytes.
+//
+//   |<------------------------ capacity ------------------------->|
+//   | other data | scenes being built | withheld | finished scenes |
 void RenderCache::reserve() {
-  std::size_t being_made;
+  std::size_t being_built;
   {
-    const std::lock_guard lock(room_mutex_);
-    being_made = being_made_bytes_;
+    const std::lock_guard lock(reservation_mutex_);
+    being_built = reserved_bytes_;
   }
-  const std::size_t others = not_scenes_bytes() + being_made, needed = others + latest_scene_bytes(),
+  const std::size_t others = other_bytes() + being_built, needed = others + latest_scene_bytes(),
                     spare = scenes_.capacity() - std::min(scenes_.capacity(), needed);
-  scenes_.reserve(others + std::min(less_.load(), spare));
+  scenes_.reserve(others + std::min(withheld_bytes_.load(), spare));
 }
 
 std::size_t RenderCache::latest_scene_bytes() {
   const std::lock_guard lock(latest_mutex_);
   const auto scene = latest_.empty() ? nullptr : latest_.front().lock();
-  return scene ? scene->bytes + scene->bytes / 16 : 0;  // and what goes with it in the cache
+  return scene ? scene->bytes + scene->bytes / 16 : 0;  // 1/16: allowance for entries that come with a scene
 }
 
 void RenderCache::keep_less(std::size_t bytes) {
-  less_ = bytes;
+  withheld_bytes_ = bytes;
   reserve();
 }
 

@@ -11,17 +11,18 @@ namespace {
 
 double half_m(const LanderFootprint& footprint) { return footprint.diameter_m / 2 * (1 + 1e-9); }
 
-bool covers(const LanderFootprint& footprint, const Eigen::Vector2d& place_m) {
-  return (footprint.shape == LanderFootprint::Shape::square ? place_m.cwiseAbs().maxCoeff() : place_m.norm()) <=
+// Returns whether the footprint covers a point, given by its offset from the centre.
+bool covers(const LanderFootprint& footprint, const Eigen::Vector2d& offset_m) {
+  return (footprint.shape == LanderFootprint::Shape::square ? offset_m.cwiseAbs().maxCoeff() : offset_m.norm()) <=
          half_m(footprint);
 }
 
-// Along rows and columns.
-Eigen::Vector2d reach_each_way_px(const LanderFootprint& footprint, const Eigen::Matrix2d& px_per_metre) {
-  const Eigen::Vector2d of_one_metre = footprint.shape == LanderFootprint::Shape::square
-                                           ? Eigen::Vector2d(px_per_metre.cwiseAbs().rowwise().sum())
-                                           : Eigen::Vector2d(px_per_metre.rowwise().norm());
-  return (of_one_metre * half_m(footprint)).array().ceil();
+// Returns the footprint's reach along rows (x) and columns (y).
+Eigen::Vector2d reach_along_axes_px(const LanderFootprint& footprint, const Eigen::Matrix2d& px_per_metre) {
+  const Eigen::Vector2d px_per_half_m = footprint.shape == LanderFootprint::Shape::square
+                                            ? Eigen::Vector2d(px_per_metre.cwiseAbs().rowwise().sum())
+                                            : Eigen::Vector2d(px_per_metre.rowwise().norm());
+  return (px_per_half_m * half_m(footprint)).array().ceil();
 }
 
 }  // namespace
@@ -36,8 +37,8 @@ int FootprintOnMap::reach_px() const {
 std::optional<Eigen::Matrix2d> metres_per_px(const dem::MapGrid& grid, int column, int row, double height_m) {
   const dem::MapTransform map(grid.plane);
   const auto middle = map.direction(grid.point(column, row));
-  const auto left = map.direction(grid.point(column - 1, row)), right = map.direction(grid.point(column + 1, row)),
-             above = map.direction(grid.point(column, row - 1)), below = map.direction(grid.point(column, row + 1));
+  const auto left = map.direction(grid.point(column - 1, row)), right = map.direction(grid.point(column + 1, row));
+  const auto above = map.direction(grid.point(column, row - 1)), below = map.direction(grid.point(column, row + 1));
   if (!middle || !left || !right || !above || !below) return std::nullopt;
   const EastNorthUp axes = local_axes(*middle);
   const Vec3 across = (*right - *left) * (kMoonRadius_m / 2), down = (*below - *above) * (kMoonRadius_m / 2);
@@ -46,28 +47,30 @@ std::optional<Eigen::Matrix2d> metres_per_px(const dem::MapGrid& grid, int colum
   return out * ((kMoonRadius_m + height_m) / kMoonRadius_m);
 }
 
-double reach_at_most_px(const LanderFootprint& footprint, const Eigen::Matrix2d& metres_per_px) {
-  const Eigen::Vector2d reach_px = reach_each_way_px(footprint, metres_per_px.inverse());
+double reach_upper_bound_px(const LanderFootprint& footprint, const Eigen::Matrix2d& metres_per_px) {
+  const Eigen::Vector2d reach_px = reach_along_axes_px(footprint, metres_per_px.inverse());
   return reach_px.allFinite() ? reach_px.maxCoeff() : std::numeric_limits<double>::infinity();
 }
 
 FootprintOnMap footprint_on_map(const LanderFootprint& footprint, const Eigen::Matrix2d& metres_per_px) {
   FootprintOnMap out{metres_per_px, {}, {}};
   const Eigen::Matrix2d px_per_metre = metres_per_px.inverse();
-  const Eigen::Vector2i reach_px = reach_each_way_px(footprint, px_per_metre).cast<int>();
+  const Eigen::Vector2i reach_px = reach_along_axes_px(footprint, px_per_metre).cast<int>();
   const int across = reach_px.x(), along = reach_px.y();
   for (int y = -along; y <= along; ++y) {
     FootprintRow covered{y, across + 1, -across};
-    for (int x = -across; x <= across; ++x)
-      if (covers(footprint, out.metres_per_px * Eigen::Vector2d(x, y)))
-        covered.first = std::min(covered.first, x), covered.past_last = x + 1;
+    for (int x = -across; x <= across; ++x) {
+      if (!covers(footprint, out.metres_per_px * Eigen::Vector2d(x, y))) continue;
+      covered.first = std::min(covered.first, x);
+      covered.past_last = x + 1;
+    }
     if (covered.first < covered.past_last) out.rows.push_back(covered);
   }
   if (footprint.shape != LanderFootprint::Shape::legs) return out;
   for (int leg = 0; leg < footprint.legs; ++leg) {
     const double azimuth = footprint.azimuth_deg * kRadiansPerDegree + 2 * std::numbers::pi * leg / footprint.legs;
-    const Eigen::Vector2d place_m = footprint.diameter_m / 2 * Eigen::Vector2d(std::sin(azimuth), std::cos(azimuth));
-    out.pads.push_back((px_per_metre * place_m).array().round().matrix().cast<int>());
+    const Eigen::Vector2d offset_m = footprint.diameter_m / 2 * Eigen::Vector2d(std::sin(azimuth), std::cos(azimuth));
+    out.pads.push_back((px_per_metre * offset_m).array().round().matrix().cast<int>());
   }
   return out;
 }

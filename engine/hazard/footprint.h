@@ -1,4 +1,4 @@
-// The pixels of a map that a lander's footprint covers, about a pixel.
+// The pixels of a map that a lander's footprint covers when it is centred on a pixel.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,27 +10,27 @@
 
 namespace selenograph::engine {
 
-// Offsets from the middle, in pixels: those of a row that are covered.
+// The covered pixels of one row, as offsets from the footprint's centre.
 struct FootprintRow {
   int row = 0, first = 0, past_last = 0;
 };
 
 struct FootprintOnMap {
-  Eigen::Matrix2d metres_per_px;      // columns: east and north of a step to the right and of one down
+  Eigen::Matrix2d metres_per_px;      // columns: (east, north) of one pixel to the right and of one down
   std::vector<FootprintRow> rows;     // from the top; none is empty
-  int reach_px() const;               // from the middle, along rows or columns
-  std::vector<Eigen::Vector2i> pads;  // right and down: where the legs stand; empty: on all of it
+  int reach_px() const;               // largest offset from the centre along rows or columns
+  std::vector<Eigen::Vector2i> pads;  // (right, down) offsets of the legs; empty: the lander stands on all of it
 };
 
-// With the map's scale and the ground's height, m above the datum, as they are at a pixel; columns as in
-// FootprintOnMap. Empty where the map has no Moon there or beside it.
+// Returns the map's scale at a pixel whose ground has a height above the datum; columns as in FootprintOnMap. Empty if
+// the pixel or a neighbour is off the Moon.
 std::optional<Eigen::Matrix2d> metres_per_px(const dem::MapGrid& grid, int column, int row, double height_m);
 
-// No less than a footprint's reach, and hardly more: known without looking for its pixels. Infinite where the map is
-// stretched without bounds.
-double reach_at_most_px(const LanderFootprint& footprint, const Eigen::Matrix2d& metres_per_px);
+// Returns a close upper bound of a footprint's reach_px(), without finding its pixels. Infinite if the map is stretched
+// without bounds.
+double reach_upper_bound_px(const LanderFootprint& footprint, const Eigen::Matrix2d& metres_per_px);
 
-// A pixel is covered when its centre is. It takes as long as the footprint is large.
+// Returns the pixels whose centres the footprint covers. Takes time in proportion to the footprint's area.
 FootprintOnMap footprint_on_map(const LanderFootprint& footprint, const Eigen::Matrix2d& metres_per_px);
 
 }  // namespace selenograph::engine

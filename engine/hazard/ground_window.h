@@ -1,4 +1,13 @@
-// A piece of a map's heights, prepared for the planes of footprints about each of its pixels.
+// A window of a map's heights, prepared to measure slope and roughness of the footprints centred on its pixels.
+//
+//   +--------------------------+   Window: the square of pixels to measure, and around it the ground that their
+//   |      +-----------+       |   footprints cover.
+//   |      |  square   |       |
+//   |      |    .--.   |       |   A plane is fitted to each footprint from running sums along its rows. Its roughness
+//   is |      |   ( x  )  |       |   the largest distance from that plane: cells of 8 x 8 pixels with bounds about
+//   planes |      +----'--'---+       |   of their own are skipped if they cannot hold a pixel farther away than the
+//   farthest so
+//   +--------------------------+   far.
 #pragma once
 
 #include <algorithm>
@@ -26,52 +35,53 @@ class GroundWindow {
   };
   struct Limits {
     std::optional<double> rock_height_m;
-    // What is found is larger than this or not known; none: roughness isn't asked for. 0: all of it.
-    std::optional<double> roughness_above_m;
+    // Roughness up to this need not be measured exactly: it is reported as at most this. 0: measure all; empty:
+    // roughness is not requested.
+    std::optional<double> min_roughness_m;
   };
-  // `products` has heights, and heights of rocks if there are any, of a map of width x height; the footprint must not
-  // reach beyond it from anywhere in the square.
+  // `products`: heights, and heights of rocks if there are any, of a map of width x height. No footprint centred in the
+  // square may reach beyond the map.
   GroundWindow(const FrameProducts& products, int width, int height, const Square& square,
                const FootprintOnMap& footprint, const Limits& limits);
 
-  // Not where the pixels that the lander stands on are in line.
+  // Returns false if the pixels that the lander stands on are collinear: they determine no plane.
   bool has_planes() const { return inverse_.allFinite(); }
 
-  // About the pixels of a row of the square.
+  // Measures the footprints centred on the pixels of a row of the square.
   void measure(int row, std::span<FootprintMeasures> out) const;
 
  private:
-  // Running sums along each row: of row r the sum of pixels [first, past_last) is a difference of two of them.
+  // Running sums along each row: the sum over pixels [first, past_last) of a row is a difference of two of them.
   template <typename T>
   struct Sums {
-    std::vector<T> all;  // empty: 0 everywhere
+    std::vector<T> running;  // empty: 0 everywhere
     std::size_t stride = 0;
     void forget_zeros() {
-      if (std::all_of(all.begin(), all.end(), [](T sum) { return sum == 0; })) all = {};
+      if (std::all_of(running.begin(), running.end(), [](T sum) { return sum == 0; })) running = {};
     }
-    const T* row(int r) const { return all.data() + static_cast<std::size_t>(r) * stride; }
+    const T* row(int r) const { return running.data() + static_cast<std::size_t>(r) * stride; }
   };
   struct Plane {
-    double height_m, right, down;  // at the middle; m per pixel
+    double height_m, right, down;  // height at the centre; slopes in m per pixel
   };
   static constexpr int kCell = 8;
-  static constexpr double kMiddle = (kCell - 1) / 2.0;  // of a cell
+  static constexpr double kCellCentre = (kCell - 1) / 2.0;  // offset of a cell's centre from its first pixel
 
   void find_trend(const FrameProducts& products, std::size_t map_width);
   void sum_rows(const FrameProducts& products, std::size_t map_width, const Limits& limits);
   void bound_cells();
-  void fit_all(int row, std::span<Plane> planes) const;
+  void fit_area(int row, std::span<Plane> planes) const;
   void fit_pads(int row, std::span<Plane> planes) const;
   template <typename T>
   void count(const Sums<T>& sums, int row, std::span<int> out) const;
-  // Neighbours along a row, whose planes are compared with a cell at once.
+  // Lanes: eight neighbouring pixels of a row, whose planes are compared with a cell at once.
   static constexpr int kLanes = 8;
   using Lanes = Eigen::Array<double, kLanes, 1>;
-  struct Farthest;
-  void find_farthest(Farthest& lanes) const;
-  void look_into(int column, std::span<const FootprintRow> rows, int lane, Farthest& lanes) const;
+  struct PlaneLanes;
+  void find_farthest(PlaneLanes& lanes) const;
+  void search_cell(int column, std::span<const FootprintRow> rows, int lane, PlaneLanes& lanes) const;
   void find_roughness(int row, std::span<const Plane> planes, std::span<double> farthest_m) const;
-  void look_at(const Eigen::Vector2i& where, Farthest& lanes) const;
+  void update_neighbours(const Eigen::Vector2i& pixel, PlaneLanes& lanes) const;
   std::size_t index(int x, int y) const {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) + static_cast<std::size_t>(x);
   }
@@ -79,23 +89,23 @@ class GroundWindow {
 
   const FootprintOnMap& footprint_;
   Square square_;
-  std::optional<double> roughness_above_m_;
+  std::optional<double> min_roughness_m_;
   int left_ = 0, top_ = 0, width_ = 0, height_ = 0;  // of the window in the map
-  // A plane that the window is on the whole: cells' bounds are the closer, the less steep heights are above it.
+  // The window's approximate plane. Heights are stored relative to it: flatter heights give the cells closer bounds.
   Plane trend_{0, 0, 0};
-  std::vector<double> heights_;  // above that plane; 0: no data
-  Sums<double> sum_, moment_;    // of heights, and of column times height
+  std::vector<double> heights_;  // above the trend; 0: no data
+  Sums<double> sum_, moment_;    // sums of heights, and of column times height
   Sums<int> missing_, rocks_, high_;
-  Eigen::Matrix3d inverse_;  // of the normal equations, over all of the footprint
-  int covered_ = 0;
-  // kCell x kCell pixels of the window: within bounds about a plane of their own, which is given at their middle.
+  Eigen::Matrix3d inverse_;  // of the normal equations over the pixels that the lander stands on
+  int covered_ = 0;          // pixels of the footprint
+  // kCell x kCell pixels of the window: a plane, with its height at the cell's centre, and bounds of heights about it.
   struct Cell {
     Plane plane;
-    double least, most;
+    double min_m, max_m;
   };
   std::vector<Cell> cells_;
   Cell bound_cell(int x, int y) const;
-  int cells_across_ = 0;
+  int cells_per_row_ = 0;
 };
 
 }  // namespace selenograph::engine

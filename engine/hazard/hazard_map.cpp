@@ -24,63 +24,65 @@ namespace {
 constexpr ProductSet kOfFootprint = kRockCover | kRoughness | kHazard;
 constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
 
-// Of a footprint at a pixel, over the lowest ground; none where the map has no Moon.
+// Returns the map's scale at a pixel with the lowest possible ground, where a footprint covers most pixels; empty off
+// the Moon.
 std::optional<Eigen::Matrix2d> lowest_scale(const MapRequest& request, int column, int row) {
   return metres_per_px(request.grid, column, row, static_cast<double>(dem::kLowestRelief_m));
 }
 
-// The most that footprints reach on a map that goes beyond a pole or the limb: there it is stretched without bounds, or
-// they are turned elsewhere than at its corners.
-double reach_beside_the_end_px(const MapRequest& request, double at_most_px) {
+// Returns the largest reach, up to a limit, of footprints on a map that ends at the limb or contains a pole. Such a map
+// may be stretched without bounds, and its extreme scales need not be at its corners: sample a grid.
+double largest_reach_px(const MapRequest& request, double limit_px) {
   constexpr int kSteps = 64;
-  double most_px = 0;
+  double largest_px = 0;
   for (int y = 0; y < kSteps; ++y)
     for (int x = 0; x < kSteps; ++x) {
       const auto scale = lowest_scale(request, x * request.grid.width / kSteps, y * request.grid.height / kSteps);
-      const double reach_px = scale ? reach_at_most_px(*request.footprint, *scale) : 0;
-      if (reach_px <= at_most_px) most_px = std::max(most_px, reach_px);
+      const double reach_px = scale ? reach_upper_bound_px(*request.footprint, *scale) : 0;
+      if (reach_px <= limit_px) largest_px = std::max(largest_px, reach_px);
     }
-  return most_px;
+  return largest_px;
 }
 
-// Pixels beyond the map's border that footprints cover, by the map's scale at nine of its places and, where it has no
-// Moon at one of these, at more. Throws ImpossibleRequest. It takes a while: who knows what was drawn has it from
-// there.
+// Returns the margin that footprints cover beyond the map's border, from the map's scale at nine points and, if one of
+// these is off the Moon, at a grid of points. Throws ImpossibleRequest. Slow: once the map is drawn, use the overload
+// below.
 int margin_px(const MapRequest& request) {
-  constexpr double kMost_px = 200, kMostBesideEnd_px = 50;
+  constexpr double kMax_px = 200, kMaxNearLimb_px = 50;
   const dem::MapGrid& grid = request.grid;
   double margin = 1;
-  bool ends = false;
+  bool is_partial = false;
   for (const int y : {0, grid.height / 2, grid.height - 1})
     for (const int x : {0, grid.width / 2, grid.width - 1}) {
       const auto scale = lowest_scale(request, x, y);
-      ends = ends || !scale;
+      is_partial = is_partial || !scale;
       if (!scale) continue;
-      const double reach_px = reach_at_most_px(*request.footprint, *scale);
+      const double reach_px = reach_upper_bound_px(*request.footprint, *scale);
       margin = std::max(
-          margin, reach_px > 2 * kMost_px ? reach_px : footprint_on_map(*request.footprint, *scale).reach_px() + 1);
+          margin, reach_px > 2 * kMax_px ? reach_px : footprint_on_map(*request.footprint, *scale).reach_px() + 1);
     }
-  if (margin > kMost_px)
+  if (margin > kMax_px)
     throw ImpossibleRequest(
         fmt::format("the footprint reaches {:.0f} pixels from its middle, at most {:.0f}: ask for a larger gsd_m",
-                    margin, kMost_px),
+                    margin, kMax_px),
         "footprint");
-  if (ends)
-    margin =
-        std::max(margin, reach_beside_the_end_px(request, std::min(kMost_px, std::max(kMostBesideEnd_px, 2 * margin))));
+  if (is_partial)
+    margin = std::max(margin, largest_reach_px(request, std::min(kMax_px, std::max(kMaxNearLimb_px, 2 * margin))));
   return static_cast<int>(margin);
 }
 
+// Returns the margin of a drawn map.
 int margin_px(const MapRequest& request, const MapRequest& drawn) {
   return (drawn.grid.width - request.grid.width) / 2;
 }
 
-// In work: squares of pixels that share one footprint, so small that the map's scale is the same all over them. Where
-// north turns or the map is stretched, next to a pole or the limb, they are smaller.
+// Side of the squares of pixels that share one footprint. A square is halved until the map's scale is the same all over
+// it: next to a pole or the limb, where north turns or the map is stretched.
 constexpr int kSquare_px = 128;
-// Of lengths in a square, as a share of them: slopes are wrong by no more.
+// Largest relative error of lengths in a square, and so of slopes.
 constexpr double kSameScale = 0.02;
 
+// Computes the footprint's products for all pixels of the requested map, square by square in parallel.
 class HazardMap {
  public:
   HazardMap(const MapRequest& request, const MapRequest& drawn, FrameProducts& products, const StopToken& stop)
@@ -89,8 +91,10 @@ class HazardMap {
     const auto allocate = [&](auto& array, ProductSet product, auto none) {
       if (request.products & product) assign(array, n, none, stop);
     };
-    allocate(products.slope, kSlope, kNaN32), allocate(products.roughness, kRoughness, kNaN32);
-    allocate(products.rock_cover, kRockCover, kNaN32), allocate(products.hazard, kHazard, kNoHazardNumber);
+    allocate(products.slope, kSlope, kNaN32);
+    allocate(products.roughness, kRoughness, kNaN32);
+    allocate(products.rock_cover, kRockCover, kNaN32);
+    allocate(products.hazard, kHazard, kNoHazardNumber);
   }
 
   // Returns how many pixels with ground have no plane because of the map's scale.
@@ -116,22 +120,24 @@ class HazardMap {
     return metres_per_px(drawn_.grid, x, y, std::isnan(height_m) ? 0 : height_m);
   }
 
-  // Empty, too, where the map is stretched far more than at its border and middle: not enough of it was drawn.
+  // Returns the footprint at a pixel. Empty off the Moon, and if the footprint reaches beyond the drawn margin, because
+  // the map is stretched more there than at the sampled points.
   std::optional<FootprintOnMap> footprint_at(int x, int y) const {
     const auto scale = scale_at(x, y);
-    if (!scale || reach_at_most_px(*request_.footprint, *scale) > 2.0 * (margin_ + 1)) return std::nullopt;
+    if (!scale || reach_upper_bound_px(*request_.footprint, *scale) > 2.0 * (margin_ + 1)) return std::nullopt;
     auto footprint = footprint_on_map(*request_.footprint, *scale);
     return footprint.reach_px() > margin_ ? std::nullopt : std::optional(std::move(footprint));
   }
 
-  // Whether the map's scale is the same and no part of the footprint is another pixel elsewhere. A disc may turn.
+  // Returns whether the footprint of a square's centre holds at a pixel of it: the scale is the same, and no pixel of
+  // the footprint moves by half a pixel. A disc may rotate.
   bool same_at(int x, int y, const FootprintOnMap& middle) const {
-    const auto here = scale_at(x, y);
-    if (!here) return false;
-    const Eigen::Matrix2d one = Eigen::Matrix2d::Identity(), moved = *here * middle.metres_per_px.inverse(),
+    const auto scale = scale_at(x, y);
+    if (!scale) return false;
+    const Eigen::Matrix2d one = Eigen::Matrix2d::Identity(), moved = *scale * middle.metres_per_px.inverse(),
                           stretched = (moved.transpose() * moved - one) / 2;
     if (!(stretched.norm() < kSameScale)) return false;
-    const double turned = (here->inverse() * middle.metres_per_px - one).norm();
+    const double turned = (scale->inverse() * middle.metres_per_px - one).norm();
     const bool disc = request_.footprint->shape == LanderFootprint::Shape::disc;
     return (disc ? stretched.norm() : turned) / std::numbers::sqrt2 * middle.reach_px() < 0.5;
   }
@@ -143,7 +149,7 @@ class HazardMap {
     return n;
   }
 
-  // A square of the drawn map.
+  // Measures a square of the drawn map, or its quarters if its pixels cannot share one footprint.
   void find(int x0, int y0, int width, int height) {
     const auto footprint = footprint_at(x0 + width / 2, y0 + height / 2);
     const int x1 = x0 + width - 1, y1 = y0 + height - 1;
@@ -162,8 +168,9 @@ class HazardMap {
         if (rows > 0 && columns > 0) find(x, y, columns, rows);
   }
 
+  // Measures a square whose pixels share one footprint.
   void measure(int x0, int y0, int width, int height, const FootprintOnMap& footprint) {
-    const GroundWindow::Limits limits{request_.hazard.rock_height_m, roughness_above_m()};
+    const GroundWindow::Limits limits{request_.hazard.rock_height_m, min_roughness_m()};
     const GroundWindow ground(products_, drawn_.grid.width, drawn_.grid.height, {x0, y0, width, height}, footprint,
                               limits);
     if (!ground.has_planes()) {
@@ -178,24 +185,25 @@ class HazardMap {
     }
   }
 
-  // The mask alone asks for what is beyond its limit.
-  std::optional<double> roughness_above_m() const {
+  // Returns the roughness above which it must be exact. If only the mask needs roughness, that is the mask's limit.
+  std::optional<double> min_roughness_m() const {
     if (request_.products & kRoughness) return 0;
     return request_.products & kHazard ? request_.hazard.roughness_m : std::nullopt;
   }
 
-  void store(const FootprintMeasures& of, std::size_t at) {
-    if (std::isnan(of.slope_deg)) return;
-    if (!products_.slope.empty()) products_.slope[at] = static_cast<float>(of.slope_deg);
-    if (!products_.roughness.empty()) products_.roughness[at] = static_cast<float>(of.roughness_m);
-    if (!products_.rock_cover.empty()) products_.rock_cover[at] = static_cast<float>(of.rock_cover);
+  // Writes a pixel's products and its mask. Pixels without data keep NaN and kNoHazardNumber.
+  void store(const FootprintMeasures& measures, std::size_t at) {
+    if (std::isnan(measures.slope_deg)) return;
+    if (!products_.slope.empty()) products_.slope[at] = static_cast<float>(measures.slope_deg);
+    if (!products_.roughness.empty()) products_.roughness[at] = static_cast<float>(measures.roughness_m);
+    if (!products_.rock_cover.empty()) products_.rock_cover[at] = static_cast<float>(measures.rock_cover);
     if (products_.hazard.empty()) return;
     const HazardLimits& limits = request_.hazard;
     int hazard = 0;
-    if (limits.slope_deg && of.slope_deg > *limits.slope_deg) hazard |= kTooSteep;
-    if (limits.roughness_m && of.roughness_m > *limits.roughness_m) hazard |= kTooRough;
-    if (limits.rock_height_m && of.high_rocks > 0) hazard |= kRockTooHigh;
-    if (limits.rock_cover && of.rock_cover > *limits.rock_cover) hazard |= kTooManyRocks;
+    if (limits.slope_deg && measures.slope_deg > *limits.slope_deg) hazard |= kTooSteep;
+    if (limits.roughness_m && measures.roughness_m > *limits.roughness_m) hazard |= kTooRough;
+    if (limits.rock_height_m && measures.high_rocks > 0) hazard |= kRockTooHigh;
+    if (limits.rock_cover && measures.rock_cover > *limits.rock_cover) hazard |= kTooManyRocks;
     products_.hazard[at] = static_cast<std::uint16_t>(hazard);
   }
 
@@ -207,15 +215,15 @@ class HazardMap {
   std::atomic<std::size_t> without_plane_ = 0;
 };
 
-// Without the border.
+// Cuts the margin off an array of pixels with one or more channels.
 template <typename T>
-void cut(std::vector<T>& array, const dem::MapGrid& drawn, const dem::MapGrid& asked, int margin) {
+void cut(std::vector<T>& array, const dem::MapGrid& drawn, const dem::MapGrid& requested, int margin) {
   const auto width = static_cast<std::size_t>(drawn.width), side = static_cast<std::size_t>(margin);
   const std::size_t channels = array.size() / (width * static_cast<std::size_t>(drawn.height));
   if (channels == 0) return;
-  const auto length = static_cast<std::ptrdiff_t>(channels * static_cast<std::size_t>(asked.width));
+  const auto length = static_cast<std::ptrdiff_t>(channels * static_cast<std::size_t>(requested.width));
   auto to = array.begin();
-  for (std::size_t row = 0; row < static_cast<std::size_t>(asked.height); ++row) {
+  for (std::size_t row = 0; row < static_cast<std::size_t>(requested.height); ++row) {
     const auto from = array.begin() + static_cast<std::ptrdiff_t>(channels * ((row + side) * width + side));
     to = std::copy(from, from + length, to);
   }
@@ -231,8 +239,10 @@ bool wants_footprint(const MapRequest& request) {
 MapRequest drawn_for(const MapRequest& request) {
   MapRequest drawn = request;
   const int margin = margin_px(request);
-  drawn.grid.width += 2 * margin, drawn.grid.height += 2 * margin;
-  drawn.grid.west_m -= margin * drawn.grid.gsd_m, drawn.grid.north_m += margin * drawn.grid.gsd_m;
+  drawn.grid.width += 2 * margin;
+  drawn.grid.height += 2 * margin;
+  drawn.grid.west_m -= margin * drawn.grid.gsd_m;
+  drawn.grid.north_m += margin * drawn.grid.gsd_m;
   drawn.products &= ~static_cast<ProductSet>(kOfFootprint | kSlope);
   drawn.products |= kHeight | (request.rocks ? ProductSet{kRockHeight} : 0);
   drawn.footprint.reset();
@@ -240,9 +250,9 @@ MapRequest drawn_for(const MapRequest& request) {
 }
 
 std::size_t bytes_of_footprints(const MapRequest& request, const MapRequest& drawn) {
-  constexpr std::size_t kBytesOfPixel = 40, kThreads = 16;
+  constexpr std::size_t kBytesPerPixel = 40, kThreads = 16;
   const auto side = static_cast<std::size_t>(kSquare_px + 2 * margin_px(request, drawn));
-  return kThreads * kBytesOfPixel * side * side;
+  return kThreads * kBytesPerPixel * side * side;
 }
 
 std::vector<std::string> find_hazards(const MapRequest& request, const MapRequest& drawn, FrameProducts& products,

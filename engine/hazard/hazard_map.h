@@ -1,4 +1,4 @@
-// Ground that is unsafe for landing, around each pixel of a map: slope and roughness over a lander's footprint, rocks.
+// Hazards for landing around each pixel of a map: slope and roughness over a lander's footprint, and rocks.
 //
 // A plane is fitted by least squares to the heights of the pixels that the lander stands on (all of the footprint, or
 // its legs' ends). Slope is that plane's angle to the sphere's vertical; roughness the largest distance from it of any
@@ -15,19 +15,20 @@
 
 namespace selenograph::engine {
 
-// Whether any product or limit is of the footprint.
+// Returns whether any requested product needs the footprint.
 bool wants_footprint(const MapRequest& request);
 
-// The area to draw for a map with these products: the map, wider by what footprints at its border cover, with heights.
-// Throws ImpossibleRequest (member "footprint") where footprints reach too many pixels.
+// Returns the map to draw for these products: the requested map with heights, and a margin that footprints at its
+// border cover. Throws ImpossibleRequest (member "footprint") if footprints reach too many pixels.
 MapRequest drawn_for(const MapRequest& request);
 
-// Memory that find_hazards() takes beside the products, at most. `drawn`: drawn_for() that request, as below.
+// Returns an upper bound on the memory that find_hazards() takes in addition to the products. `drawn`: the request that
+// drawn_for() returned.
 std::size_t bytes_of_footprints(const MapRequest& request, const MapRequest& drawn);
 
-// From what was drawn to what is asked for: adds the products of the footprint, cuts the border off. NaN and
-// kNoHazardNumber where ground in the footprint has no data, or where the map's scale leaves no footprint that a plane
-// can be fitted in: of those pixels a warning is returned. Parallel.
+// Adds the footprint's products to a drawn map and cuts its margin off. A pixel gets NaN and kNoHazardNumber if ground
+// in its footprint has no data, or if the map's scale leaves no footprint that determines a plane; the latter pixels
+// are counted in a returned warning. Parallel.
 std::vector<std::string> find_hazards(const MapRequest& request, const MapRequest& drawn, FrameProducts& products,
                                       const StopToken& stop);
 

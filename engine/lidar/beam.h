@@ -1,4 +1,8 @@
-// A beam as sub-rays: parts of a Gaussian that are Gaussians themselves.
+// A beam as a sum of sub-rays: the Gaussian beam is split into narrower Gaussians.
+//
+//      o o        Seven sub-rays: one on the axis and a hexagonal ring. Each o is the centre of a Gaussian of standard
+//     o o o       deviation SubRays::deviation; all of them together have the beam's variance.
+//      o o
 #pragma once
 
 #include <span>
@@ -14,19 +18,19 @@ struct SubRay {
   double x, y, weight;
 };
 
-// A centre and hexagonal rings around it. Each sub-ray stands for a Gaussian of deviation `part`: all of them together
-// have the beam's variance. Seven are the quadrature of degree 5 of Stroud (Approximate calculation of multiple
-// integrals, 1971, E_2^{r^2}: 5-1) for what the parts leave: moments to the fifth are those of the beam.
+// A centre and hexagonal rings around it. Seven centres are the quadrature of degree 5 of Stroud (Approximate
+// calculation of multiple integrals, 1971, E_2^{r^2}: 5-1) for the variance that the sub-rays' own leaves: moments up
+// to the fifth are those of the beam.
 struct SubRays {
   explicit SubRays(int number);  // 1, 7, 19, 37 or 61; anything else throws std::invalid_argument
-  std::vector<SubRay> rays;
-  double part;      // of each sub-ray, 0 to 1
-  double farthest;  // from the axis, with three deviations of its part
+  std::vector<SubRay> rays;      // the axis first
+  double deviation;              // standard deviation of each sub-ray, in units of the beam's, 0 to 1
+  double farthest;               // largest distance from the axis to three deviations past a sub-ray's centre
 };
 
-// Two unit vectors across a unit direction; the same for all beams of a like direction.
-struct Across {
-  explicit Across(const Vec3& direction);
+// Two unit vectors perpendicular to a unit direction and to each other. They depend on the direction only.
+struct TransverseAxes {
+  explicit TransverseAxes(const Vec3& direction);
   Vec3 x, y;
 };
 

@@ -1,4 +1,11 @@
-// The echo of a beam: what its sub-rays return, spread over the pulse, and the returns that can be told apart in it.
+// The echo of a beam, and the returns resolved in it.
+//
+//   signal |    _            Each hit of a sub-ray adds a Gaussian in range (EchoPart). Their sum is cut into returns
+//   at
+//          |   / \  _  _     a dip below kDip of the lower of the two maxima beside it: here 2 returns, because the
+//          second
+//          |__/   \/ \/ \__  dip is too shallow.
+//          +--------------- range
 #pragma once
 
 #include <cstdint>
@@ -12,43 +19,45 @@ namespace selenograph::engine {
 
 // Contribution of one sub-ray: a Gaussian in range.
 struct EchoPart {
-  double range_m;  // of its middle
+  double range_m;  // of its centre
   double deviation_m;
   double signal;
-  std::uint32_t of = 0;  // what it comes from; for the caller
+  std::uint32_t source = 0;  // identifies the surface; chosen by the caller
 };
 
-// A part of the echo between two dips.
+// The echo between two dips.
 struct EchoReturn {
   double range_m, width_m, signal;  // centroid, standard deviation, sum
-  std::uint32_t of;                 // of its largest part
+  std::uint32_t source;             // EchoPart::source of the strongest part
 };
 
 inline constexpr double kLight_m_ns = kSpeedOfLight_m_s / 1e9;
 
-// As ranges: half of the way light travels. The standard deviation of a Gaussian pulse of a full width at half maximum.
+// Returns the standard deviation, in range (half the distance that light travels), of a Gaussian pulse whose full width
+// at half maximum is given.
 double pulse_deviation_m(double pulse_length_ns);
 
-// Deviation of a part's echo: the pulse, and the range across the part of a beam that it stands for, on the plane that
-// it meets. Gardner (IEEE TGRS 30, 1061, 1992), eq. (14) with its terms for the pulse, the curved wavefront and the
-// slope: sigma^2 = sigma_p^2 + R^2 theta^2 (theta^2 + tan^2 i), where theta is the deviation of the beam along one
-// direction and i the angle of incidence.
+// Returns the standard deviation of a sub-ray's echo from the plane that it hits: the pulse's, and that of the range
+// across the sub-ray's footprint. Gardner (IEEE TGRS 30, 1061, 1992), eq. (14) with its terms for the pulse, the curved
+// wavefront and the slope: sigma^2 = sigma_p^2 + R^2 theta^2 (theta^2 + tan^2 i), where theta is the sub-ray's
+// deviation along one direction and i the angle of incidence.
 double part_deviation_m(double pulse_m, double range_m, double theta_rad, double cos_incidence);
 
-// The returns, nearest first. The sum of the parts' Gaussians is sampled at half of the narrowest one's deviation;
-// neighbouring maxima are two returns where the dip between them is below kDip of the lower one. `parts` is sorted by
-// range. At most kMost: the weakest are left out.
+// Resolves the returns of an echo. The sum of the Gaussians is sampled at half the smallest deviation. Two neighbouring
+// maxima are two returns if the dip between them is below kDip of the lower one.
 inline constexpr double kDip = 0.8;
 class Echo {
  public:
-  static constexpr std::size_t kMost = 16;
-  std::span<const EchoReturn> returns_of(std::span<EchoPart> parts);
+  static constexpr std::size_t kMaxReturns = 16;
+  // Returns the returns, nearest first; of more than kMaxReturns, the weakest are left out. Sorts `parts` by range. The
+  // span is valid until the next call.
+  std::span<const EchoReturn> resolve_returns(std::span<EchoPart> parts);
 
  private:
   void add_cluster(std::span<const EchoPart> parts, double narrowest_m);
   void add(std::span<const EchoPart> parts);
   std::vector<EchoReturn> returns_;
-  std::vector<double> samples_;  // kept from call to call
+  std::vector<double> samples_;  // a member so that its memory is reused
 };
 
 }  // namespace selenograph::engine

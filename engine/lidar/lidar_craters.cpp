@@ -14,25 +14,36 @@
 namespace selenograph::engine {
 namespace {
 
-// The box of degrees around the places; east of its west border, past 180 if need be. Empty: no place.
-std::optional<dem::Footprint> box_around(const std::vector<Vec3>& places) {
+// Returns the box of degrees around the points. Its east border is larger than its west border, so it may exceed 180.
+// Empty if there is no point.
+std::optional<dem::Footprint> box_around(const std::vector<Vec3>& points_m) {
   dem::Footprint box{90, -90, 1e9, -1e9};
-  std::optional<double> middle_deg;  // longitudes are taken near the first
-  for (const Vec3& place : places) {
-    if (std::isnan(place.x())) continue;
-    const Geographic g = to_geographic(place);
-    if (!middle_deg) middle_deg = g.lon_deg;
-    const double lon_deg = *middle_deg + wrap_lon_deg(g.lon_deg - *middle_deg);
-    box.south_deg = std::min(box.south_deg, g.lat_deg), box.north_deg = std::max(box.north_deg, g.lat_deg);
-    box.west_deg = std::min(box.west_deg, lon_deg), box.east_deg = std::max(box.east_deg, lon_deg);
+  std::optional<double> first_lon_deg;  // longitudes are unwrapped around that of the first point
+  for (const Vec3& point_m : points_m) {
+    if (std::isnan(point_m.x())) continue;
+    const Geographic g = to_geographic(point_m);
+    if (!first_lon_deg) first_lon_deg = g.lon_deg;
+    const double lon_deg = *first_lon_deg + wrap_lon_deg(g.lon_deg - *first_lon_deg);
+    box.south_deg = std::min(box.south_deg, g.lat_deg);
+    box.north_deg = std::max(box.north_deg, g.lat_deg);
+    box.west_deg = std::min(box.west_deg, lon_deg);
+    box.east_deg = std::max(box.east_deg, lon_deg);
   }
-  if (!middle_deg) return std::nullopt;
+  if (!first_lon_deg) return std::nullopt;
   const double west_deg = wrap_lon_deg(box.west_deg);
-  box.east_deg += west_deg - box.west_deg, box.west_deg = west_deg;
+  box.east_deg += west_deg - box.west_deg;
+  box.west_deg = west_deg;
   return box;
 }
 
-// Craters of an octave by the cells of a plane that they reach.
+// Craters of one octave in a grid of cells in the tangent plane, each as wide as the largest crater. A crater is stored
+// in the 3 x 3 cells around its centre, so that a look-up reads one cell:
+//
+//   +---+---+---+
+//   |   | .-+-. |   o: centre. The rim reaches at most half a cell from it.
+//   +---+-|-o-|-+
+//   |   | '-+-' |
+//   +---+---+---+
 class CraterCells {
  public:
   CraterCells(const EastNorthUp& axes, double largest_m) : axes_(axes), cell_m_(largest_m) {}
@@ -41,6 +52,7 @@ class CraterCells {
     for (int i = -1; i <= 1; ++i)
       for (int j = -1; j <= 1; ++j) cells_[key(x + i, y + j)].push_back(crater);
   }
+  // Returns the smallest crater whose rim encloses a point in direction `up`, or null.
   const dem::Crater* smallest_around(const Vec3& up) const {
     const auto [x, y] = cell_of(up);
     const auto found = cells_.find(key(x, y));
@@ -61,21 +73,21 @@ class CraterCells {
   static std::int64_t key(std::int64_t x, std::int64_t y) { return x * (std::int64_t{1} << 32) + y; }
 
   EastNorthUp axes_;
-  double cell_m_;  // a rim reaches half of that from its centre: to the next cells
+  double cell_m_;
   std::unordered_map<std::int64_t, std::vector<dem::Crater>> cells_;
 };
 
 }  // namespace
 
-std::vector<std::uint64_t> craters_of(const std::vector<Vec3>& places, const LidarCraters& options,
-                                      const dem::CraterSurvey& survey, const StopToken& stop) {
-  std::vector<std::uint64_t> ids(places.size(), 0);
-  const auto box = box_around(places);
+std::vector<std::uint64_t> find_enclosing_craters(const std::vector<Vec3>& points_m, const LidarCraters& options,
+                                                  const dem::CraterSurvey& survey, const StopToken& stop) {
+  std::vector<std::uint64_t> ids(points_m.size(), 0);
+  const auto box = box_around(points_m);
   if (!box) return ids;
   const dem::CraterField& field = survey.field();
-  const auto wanted = [&](const dem::Crater& crater) { return crater.diameter_m >= options.smallest_m; };
+  const auto is_large_enough = [&](const dem::Crater& crater) { return crater.diameter_m >= options.smallest_m; };
   const EastNorthUp axes = local_axes((box->south_deg + box->north_deg) / 2, (box->west_deg + box->east_deg) / 2);
-  // From the smallest on: what has found its crater needs no larger one.
+  // Search the octaves from the smallest: the first crater found for a point is its smallest.
   for (int octave = field.smallest_octave(); octave <= field.largest_octave(); ++octave) {
     if (field.largest_m(octave) < options.smallest_m) continue;
     const dem::Footprint region = dem::around(*box, field.largest_m(octave) / 2);
@@ -85,17 +97,18 @@ std::vector<std::uint64_t> craters_of(const std::vector<Vec3>& places, const Lid
                                           "up to {} are looked through: a larger smallest_m is needed",
                                           number, smallest_m, kMaxCraters),
                               "craters");
-    const auto pieces = dem::cut(region, std::ldexp(dem::CraterSurvey::kBoxDiameters, octave));
-    const auto craters = gathered_in_parallel<dem::CraterFeature>(pieces.size(), 4, [&](std::size_t i, auto& some) {
-      survey.craters_in(octave, pieces[i], options.least_depth, wanted, some, stop);
-    });
+    const auto boxes = dem::cut(region, std::ldexp(dem::CraterSurvey::kBoxDiameters, octave));
+    const auto craters =
+        gathered_in_parallel<dem::CraterFeature>(boxes.size(), 4, [&](std::size_t i, auto& craters_in_box) {
+          survey.craters_in(octave, boxes[i], options.least_depth, is_large_enough, craters_in_box, stop);
+        });
     CraterCells cells(axes, field.largest_m(octave));
     for (const dem::CraterFeature& feature : craters) cells.add(feature.crater);
-    in_parallel_pieces(places.size(), 4096, [&](std::size_t first, std::size_t past_last) {
+    in_parallel_pieces(points_m.size(), 4096, [&](std::size_t first, std::size_t past_last) {
       stop.check();
       for (std::size_t i = first; i < past_last; ++i)
-        if (ids[i] == 0 && !std::isnan(places[i].x()))
-          if (const dem::Crater* crater = cells.smallest_around(places[i].normalized())) ids[i] = crater->id;
+        if (ids[i] == 0 && !std::isnan(points_m[i].x()))
+          if (const dem::Crater* crater = cells.smallest_around(points_m[i].normalized())) ids[i] = crater->id;
     });
   }
   return ids;

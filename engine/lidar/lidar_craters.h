@@ -10,9 +10,9 @@
 
 namespace selenograph::engine {
 
-// For each place (MOON_ME, m; NaN: none) the id of the smallest crater in whose rim it lies, 0: none. Throws
-// ImpossibleRequest (member "craters") where the law has too many craters around the places, Cancelled.
-std::vector<std::uint64_t> craters_of(const std::vector<Vec3>& places, const LidarCraters& options,
-                                      const dem::CraterSurvey& survey, const StopToken& stop);
+// Returns for each point (MOON_ME, m; NaN: no hit) the id of the smallest crater whose rim encloses it, 0: none. Throws
+// ImpossibleRequest (member "craters") if the law has too many craters around the points, and Cancelled.
+std::vector<std::uint64_t> find_enclosing_craters(const std::vector<Vec3>& points_m, const LidarCraters& options,
+                                                  const dem::CraterSurvey& survey, const StopToken& stop);
 
 }  // namespace selenograph::engine

@@ -8,10 +8,10 @@
 
 namespace selenograph::engine {
 
-// Run in the caller's task arena. The same request on the same terrain gives the same numbers. Throws
-// ImpossibleRequest where the instrument is below the terrain at its first or last pulse (member "pose"),
-// TooMuchTerrain where a single beam runs along more terrain than memory holds, Cancelled when `stop` says so.
-LidarReturns scan_lidar(const LidarRequest& request, const dem::Terrain& terrain, RenderCache& kept,
+// Runs in the caller's task arena. The same request on the same terrain gives the same numbers. Throws
+// ImpossibleRequest if the instrument is below the terrain or inside an object at any tested pulse, TooMuchTerrain if a
+// single beam runs along more terrain than memory holds, Cancelled when stopped.
+LidarReturns scan_lidar(const LidarRequest& request, const dem::Terrain& terrain, RenderCache& cache,
                         const StopToken& stop);
 
 // Upper bound on memory for a scan's returns and for their work, per beam.

@@ -14,7 +14,7 @@ class LidarBeams {
   std::size_t size() const { return pulses_.empty() ? beams_of(pattern_) : pulses_.size(); }
   LidarPulse at(std::size_t i) const;
 
-  // May be more than memory holds.
+  // Returns the number of beams, which may be more than memory holds.
   static std::size_t beams_of(const LidarPattern& pattern);
 
  private:
@@ -22,7 +22,7 @@ class LidarBeams {
   const LidarPattern& pattern_;
 };
 
-// The time of its last beam.
+// Returns the time of the pattern's last beam.
 double last_time_s(const LidarPattern& pattern);
 
 }  // namespace selenograph::engine

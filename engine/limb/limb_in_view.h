@@ -10,9 +10,9 @@
 
 namespace selenograph::engine {
 
-// Run in the caller's task arena; results and exceptions are those of Renderer::limb and terminator.
+// Both run in the caller's task arena. Results and exceptions are those of Renderer::limb and Renderer::terminator.
 std::vector<LimbPoint> find_limb(const LimbRequest& request, const dem::Terrain& terrain, const StopToken& stop);
-std::vector<TerminatorPoint> find_terminator(const LimbRequest& request, const dem::Terrain& terrain, RenderCache& kept,
-                                             const StopToken& stop);
+std::vector<TerminatorPoint> find_terminator(const LimbRequest& request, const dem::Terrain& terrain,
+                                             RenderCache& cache, const StopToken& stop);
 
 }  // namespace selenograph::engine

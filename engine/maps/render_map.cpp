@@ -33,99 +33,120 @@ namespace {
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
 
-// Patches: of so many pixels along a side, while their terrain fits and keeps the aim for shadows; else by halves, the
-// aim giving way only in small ones. Never wider than this much of the Moon, which a camera sees at once.
+// Size of patches. A patch is halved until its terrain fits into one scene within the target for shadows and it spans
+// less of the Moon than a camera sees at once. The target for shadows is relaxed only in patches up to kSmallPatch_px.
 constexpr int kLargestPatch_px = 512, kSmallPatch_px = 64;
-// Scenes of a map of more patches are not kept: they are not to take the place of what moving cameras see.
-constexpr int kMostKeptPatches = 16;
 const double kWidestPatchCosine = std::cos(30 * kRadiansPerDegree);
+// Larger maps remove their scenes from the cache: they would evict those of moving cameras.
+constexpr int kMaxCachedPatches = 16;
 
+// A rectangle of the map's pixels, rendered as one frame.
 struct Patch {
   int x, y, width, height;
   std::size_t pixels() const { return static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
+  // Halves the longer side.
   std::pair<Patch, Patch> halves() const {
     Patch a = *this, b = *this;
     if (width >= height) {
-      a.width = width / 2, b.x += a.width, b.width -= a.width;
+      a.width = width / 2;
+      b.x += a.width;
+      b.width -= a.width;
     } else {
-      a.height = height / 2, b.y += a.height, b.height -= a.height;
+      a.height = height / 2;
+      b.y += a.height;
+      b.height -= a.height;
     }
     return {a, b};
   }
 };
 
-// From the Moon's centre to the patch's pixels, row by row; NaN where the map has no Moon.
+// Unit directions from the Moon's centre to the patch's pixels.
 struct PatchDirections {
-  std::vector<Vec3> all;
-  Vec3 middle = Vec3::Zero();  // zero: no pixel is on the Moon
-  double cosine = 1;           // of the angle from there to the farthest one
+  std::vector<Vec3> up;        // row by row; NaN where the map is off the Moon
+  Vec3 middle = Vec3::Zero();  // mean direction; zero: no pixel is on the Moon
+  double cosine = 1;           // cosine of the angle from `middle` to the farthest pixel
 };
 
 PatchDirections directions_of(const dem::MapGrid& grid, const Patch& patch, const StopToken& stop) {
   PatchDirections out;
-  out.all.resize(patch.pixels());
+  out.up.resize(patch.pixels());
   const dem::MapTransform map(grid.plane);
   in_parallel_pieces(static_cast<std::size_t>(patch.height), 8, [&](std::size_t first, std::size_t past_last) {
     stop.check();
     for (std::size_t row = first; row < past_last; ++row)
       for (int column = 0; column < patch.width; ++column)
-        out.all[row * static_cast<std::size_t>(patch.width) + static_cast<std::size_t>(column)] =
+        out.up[row * static_cast<std::size_t>(patch.width) + static_cast<std::size_t>(column)] =
             map.direction(grid.point(patch.x + column, patch.y + static_cast<int>(row))).value_or(Vec3::Constant(kNaN));
   });
   Vec3 sum = Vec3::Zero();
-  for (const Vec3& d : out.all)
-    if (!d.hasNaN()) sum += d, out.middle = d;
+  for (const Vec3& d : out.up)
+    if (!d.hasNaN()) {
+      sum += d;
+      out.middle = d;
+    }
   if (out.middle.isZero()) return out;
   if (sum.norm() > 1e-6) out.middle = sum.normalized();
-  for (const Vec3& d : out.all)
+  for (const Vec3& d : out.up)
     if (!d.hasNaN()) out.cosine = std::min(out.cosine, d.dot(out.middle));
   return out;
 }
 
-// From so far away rays are as good as parallel; near enough for coordinates to have nanometres.
+// Distance of a patch's camera: far enough for its rays to be practically parallel, and near enough for coordinates
+// with a resolution of nanometres.
 constexpr double kFarAway_m = 1e8;
 
-// A camera far away in a direction from a patch, which sees all that stands on it, a pixel for each of the map's.
+// Returns the view of a camera far away from a patch in a direction. It sees everything on the patch, from the lowest
+// to the highest possible terrain, and its pixels have the map's size on the ground.
 RowViews view_from(const Vec3& toward, const PatchDirections& patch, double gsd_m, const StopToken& stop) {
   const Vec3 z = -toward, x = any_across(toward), y = z.cross(x);
   Pose pose;
   pose.position_m = patch.middle * kMoonRadius_m + toward * kFarAway_m;
   Eigen::Matrix3d axes;
-  axes.row(0) = x, axes.row(1) = y, axes.row(2) = z;
+  axes.row(0) = x;
+  axes.row(1) = y;
+  axes.row(2) = z;
   pose.camera_from_moon = Eigen::Quaterniond(axes);
   double right = 0, down = 0;
-  for (const Vec3& d : patch.all) {
+  for (const Vec3& d : patch.up) {
     if (d.hasNaN()) continue;
     for (const float height_m : {dem::kLowestRelief_m, dem::kHighestRelief_m}) {
       const Vec3 c = axes * (d * (kMoonRadius_m + static_cast<double>(height_m)) - pose.position_m);
-      right = std::max(right, std::abs(c.x() / c.z())), down = std::max(down, std::abs(c.y() / c.z()));
+      right = std::max(right, std::abs(c.x() / c.z()));
+      down = std::max(down, std::abs(c.y() / c.z()));
     }
   }
   Camera camera;
   camera.fx = camera.fy = kFarAway_m / gsd_m;
-  constexpr double kMost_px = 1e9;
-  const auto side = [&](double slope) { return 3 + 2 * static_cast<int>(std::min(slope * camera.fx, kMost_px)); };
-  camera.width = side(right), camera.height = side(down);
-  camera.cx = (camera.width - 1) / 2.0, camera.cy = (camera.height - 1) / 2.0;
+  constexpr double kMax_px = 1e9;
+  const auto side = [&](double slope) { return 3 + 2 * static_cast<int>(std::min(slope * camera.fx, kMax_px)); };
+  camera.width = side(right);
+  camera.height = side(down);
+  camera.cx = (camera.width - 1) / 2.0;
+  camera.cy = (camera.height - 1) / 2.0;
   return {camera, pose, std::nullopt, stop};
 }
 
-// What a patch is drawn with: positions say where there is data, normals how steep it is.
-ProductSet products_of_patch(ProductSet wanted) {
-  return (wanted & ~(kHeight | kSlope | kRockHeight)) | kPosition | (wanted & kSlope ? ProductSet{kNormal} : 0);
+// Returns the products to draw a patch with. Heights and the mask of data come from positions, slopes from normals.
+ProductSet products_of_patch(ProductSet requested) {
+  return (requested & ~(kHeight | kSlope | kRockHeight)) | kPosition | (requested & kSlope ? ProductSet{kNormal} : 0);
 }
 
+// Draws a map patch by patch into one set of products.
 class MapDrawing {
  public:
-  MapDrawing(const MapRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop,
+  MapDrawing(const MapRequest& request, const dem::Terrain& terrain, RenderCache& cache, const StopToken& stop,
              const MapProgress& progress)
-      : request_(request), terrain_(terrain), kept_(kept), stop_(stop), progress_(progress), frame_(request.look) {
-    frame_.camera = {}, frame_.shutter.reset(), frame_.sensor.reset(), frame_.objects.clear(), frame_.terrain = true;
+      : request_(request), terrain_(terrain), cache_(cache), stop_(stop), progress_(progress), frame_(request.look) {
+    frame_.camera = {};
+    frame_.shutter.reset();
+    frame_.sensor.reset();
+    frame_.objects.clear();
+    frame_.terrain = true;
     frame_.products = products_of_patch(request.products);
     frame_.accuracy.samples_per_pixel = 1;
     frame_.visibility = Visibility::raytrace;
     radiance_ = radiance_terms(frame_);
-    const std::size_t n = pixels_in_all();
+    const std::size_t n = pixel_count();
     allocate_products(out_.products, request.products, n, n, stop_);
     std::fill(out_.products.radiance.begin(), out_.products.radiance.end(), kNaN32);
     out_.report.min_post_spacing_m = std::numeric_limits<double>::infinity();
@@ -135,28 +156,29 @@ class MapDrawing {
   Map draw() {
     const int across = (request_.grid.width + kLargestPatch_px - 1) / kLargestPatch_px,
               along = (request_.grid.height + kLargestPatch_px - 1) / kLargestPatch_px;
-    forgets_ = across * along > kMostKeptPatches;
+    drops_scenes_ = across * along > kMaxCachedPatches;
     for (int j = 0; j < along; ++j)
       for (int i = 0; i < across; ++i) {
         const int x = i * kLargestPatch_px, y = j * kLargestPatch_px;
         draw({x, y, std::min(kLargestPatch_px, request_.grid.width - x),
               std::min(kLargestPatch_px, request_.grid.height - y)});
       }
-    kept_.settle();
+    cache_.settle();
     return finish();
   }
 
  private:
-  std::size_t pixels_in_all() const {
+  std::size_t pixel_count() const {
     return static_cast<std::size_t>(request_.grid.width) * static_cast<std::size_t>(request_.grid.height);
   }
 
+  // Draws a patch, or its halves if it is too wide or its terrain too much.
   void draw(const Patch& patch) {
     Stopwatch watch;
     const PatchDirections directions = directions_of(request_.grid, patch, stop_);
     if (directions.middle.isZero()) return done(patch);
     if (directions.cosine < kWidestPatchCosine && patch.pixels() > 1) return draw_halves(patch);
-    // The second: what may stand before the viewer.
+    // Select for two views: from above, and from the viewer, whose line of sight other terrain may occlude.
     const RowViews above = view_from(directions.middle, directions, request_.grid.gsd_m, stop_);
     std::vector<ViewBundle> views(above.bundles().begin(), above.bundles().end());
     if (const auto& toward = request_.toward_viewer;
@@ -169,63 +191,70 @@ class MapDrawing {
     done(patch);
   }
 
-  // Lower than that nobody sees anything of a patch, whatever its slopes: it is below the horizon of all relief.
+  // Cosine of the viewer's zenith angle below which a patch is invisible whatever its slopes.
   static constexpr double kLowestView = -0.6;
 
+  // Draws both halves; the scenes of a map that is divided so are not cached.
   void draw_halves(const Patch& patch) {
     const auto [a, b] = patch.halves();
-    forgets_ = true;
-    draw(a), draw(b);
+    drops_scenes_ = true;
+    draw(a);
+    draw(b);
   }
 
+  // Reports the progress.
   void done(const Patch& patch) {
     drawn_ += patch.pixels();
-    if (progress_) progress_(static_cast<double>(drawn_) / static_cast<double>(pixels_in_all()));
+    if (progress_) progress_(static_cast<double>(drawn_) / static_cast<double>(pixel_count()));
   }
 
-  // Nothing where a smaller patch does better.
+  // Returns the blocks of a patch; empty if the patch must be halved.
   std::optional<Selection> select(const Patch& patch, const std::vector<ViewBundle>& views) const {
     try {
       Selection selection = select_for_views(terrain_, views, wants_light(frame_) ? &frame_.sun : nullptr,
-                                             frame_.accuracy, stop_, {kept_.capacity(), Visibility::raytrace});
-      const bool gave_way = selection.shadow_limit_px > frame_.accuracy.max_shadow_error_px;
-      if (gave_way && std::max(patch.width, patch.height) > kSmallPatch_px) return std::nullopt;
+                                             frame_.accuracy, stop_, {cache_.capacity(), Visibility::raytrace});
+      const bool was_relaxed = selection.shadow_limit_px > frame_.accuracy.max_shadow_error_px;
+      if (was_relaxed && std::max(patch.width, patch.height) > kSmallPatch_px) return std::nullopt;
       return selection;
     } catch (const TooMuchTerrain&) {
       if (patch.pixels() == 1)
         throw TooMuchTerrain(
             fmt::format("one pixel of the map needs more terrain than the {} MB for scenes hold: ask for a larger "
                         "gsd_m or max_error_px",
-                        kept_.capacity() >> 20),
+                        cache_.capacity() >> 20),
             "gsd_m");
       return std::nullopt;
     }
   }
 
+  // Builds the scene of a patch and traces it.
   void draw(const Patch& patch, const PatchDirections& directions, const RowViews& above, const Selection& selection) {
-    frame_.camera.width = patch.width, frame_.camera.height = patch.height;
+    frame_.camera.width = patch.width;
+    frame_.camera.height = patch.height;
     const View& view = above.reference();
     const SceneContent content{selection.blocks, anchor_for(view.position(), view.middle(), kFarAway_m),
                                Visibility::raytrace, &terrain_};
     const FrameWork work = work_of(frame_, frame_.accuracy, Visibility::raytrace, triangles_of(selection),
-                                   /*build=*/!kept_.holds(content));
-    const std::size_t times = (pixels_in_all() - drawn_) / patch.pixels();
-    kept_.speed(Visibility::raytrace)
+                                   /*build=*/!cache_.holds(content));
+    const std::size_t times = (pixel_count() - drawn_) / patch.pixels();
+    cache_.speed(Visibility::raytrace)
         .refuse_hopeless(work, std::max<std::size_t>(times, 1), "a larger gsd_m or a smaller area takes less", stop_);
     Stopwatch watch;
     StageTimes spent;
     {
-      const std::shared_ptr<const Scene> scene = kept_.scene(content, stop_);
+      const std::shared_ptr<const Scene> scene = cache_.scene(content, stop_);
       spent.build_ms = watch.lap_ms();
       trace(patch, directions, above, selection, *scene);
       report(selection, *scene);
     }
     spent.visibility_ms = watch.lap_ms();
-    kept_.speed(Visibility::raytrace).learn(work, spent);
-    out_.times.build_ms += spent.build_ms, out_.times.visibility_ms += spent.visibility_ms;
-    if (forgets_) kept_.forget(content);
+    cache_.speed(Visibility::raytrace).learn(work, spent);
+    out_.times.build_ms += spent.build_ms;
+    out_.times.visibility_ms += spent.visibility_ms;
+    if (drops_scenes_) cache_.forget(content);
   }
 
+  // Traces the vertical rays of a patch and copies its products to the map.
   void trace(const Patch& patch, const PatchDirections& directions, const RowViews& above, const Selection& selection,
              const Scene& scene) {
     const RocksInView rocks = rocks_on(above, selection);
@@ -241,7 +270,7 @@ class MapDrawing {
       if (request_.toward_viewer) viewer_m = directions.middle * kMoonRadius_m + *request_.toward_viewer * kFarAway_m;
       indirect.emplace(frame_,
                        ViewOfGround{above, scene.mesh, balls_around(frame_.objects), objects.balls_around_rocks()},
-                       viewer_m, terrain_, radiance_.direct_w_m2, kept_.light_tiles(), stop_);
+                       viewer_m, terrain_, radiance_.direct_w_m2, cache_.light_tiles(), stop_);
       out_.report.ground_view = std::max(out_.report.ground_view, indirect->max_ground_view());
     }
     const FrameJob job{frame_, above, scene, objects, radiance_, lens, stop_, each, indirect ? &*indirect : nullptr};
@@ -260,7 +289,9 @@ class MapDrawing {
         if (hidden >> i & 1) packet.radiance[i] = kNaN32;
       pass.write_products(packet);
     });
-    hit_ += writer.counts().hit, missing_ += writer.counts().missing, filled_ += writer.counts().filled;
+    hit_ += writer.counts().hit;
+    missing_ += writer.counts().missing;
+    filled_ += writer.counts().filled;
     blended_ += writer.counts().blended;
     const std::vector<dem::SourceIndex> sources = writer.sources().settle(drawn.source);
     drawn.rock_height = std::move(rock_height);
@@ -268,16 +299,17 @@ class MapDrawing {
     if (!sag_m.empty()) lift(patch, sag_m);
   }
 
+  // Returns the rocks in view of a patch, none unless the request has rocks.
   RocksInView rocks_on(const RowViews& above, const Selection& selection) {
     if (!request_.rocks) return {};
-    RocksInView rocks = rocks_in_view(terrain_, kept_.rocks(), above, wants_light(frame_) ? &frame_.sun : nullptr,
+    RocksInView rocks = rocks_in_view(terrain_, cache_.rocks(), above, wants_light(frame_) ? &frame_.sun : nullptr,
                                       selection.blocks, frame_.accuracy.max_error_px, stop_);
     out_.report.rocks += rocks.rocks.size();
     out_.report.least_rock_px = std::max(out_.report.least_rock_px, rocks.least_px);
     return rocks;
   }
 
-  // How far rocks are above the terrain below them, whose points the packet still has.
+  // Records the heights of rocks above the terrain below them. The packet's points are still those of the terrain.
   static void note_rocks(const Patch& patch, const RayPass::Packet& p, std::vector<float>& rock_height) {
     for (int i = 0; i < kPacket; ++i) {
       const int x = p.x + i % kPacketSide, y = p.y + i / kPacketSide;
@@ -287,16 +319,16 @@ class MapDrawing {
     }
   }
 
-  // How far the mesh lies below the heights between its vertices. Its triangles are plane and the Moon is not: between
-  // posts 1 km apart on level ground the triangle's middle is 0.07 m below them, and so would be all heights of a map
-  // that is drawn with coarse triangles.
+  // Records the sag of the mesh below the heights interpolated between its vertices. Triangles are plane and the Moon
+  // is round: between posts 1 km apart on level ground a triangle's centre is 0.07 m too low, and without this
+  // correction so would be all heights of a map drawn with coarse triangles.
   static void note_sag(const Patch& patch, const Mesh& mesh, const RayPass::Packet& p, std::vector<double>& sag_m) {
     const SurfacePoints& points = p.points;
     for (int i = 0; i < kPacket; ++i) {
       const int x = p.x + i % kPacketSide, y = p.y + i / kPacketSide;
       if (!((p.on_terrain | p.on_object) >> i & 1) || x >= patch.width || y >= patch.height) continue;
       const double v = points.v[i], w = points.w[i], u = 1 - v - w;
-      // A rock may stand before ground that the mesh does not have.
+      // Skip rocks that stand where the mesh has no ground: their barycentric coordinates are invalid.
       constexpr double kOutside = -1e-6;
       if (!(u >= kOutside && v >= kOutside && w >= kOutside)) continue;
       const dem::Triangle t = mesh.triangle(points.triangle[i]);
@@ -305,6 +337,7 @@ class MapDrawing {
     }
   }
 
+  // Adds the sag to the heights of a patch.
   void lift(const Patch& patch, const std::vector<double>& sag_m) {
     for (int row = 0; row < patch.height; ++row) {
       const double* sag = &sag_m[static_cast<std::size_t>(row) * static_cast<std::size_t>(patch.width)];
@@ -315,12 +348,13 @@ class MapDrawing {
     }
   }
 
+  // Sets a packet's rays: straight down at its pixels. Lanes off the patch or off the Moon are invalid.
   static void aim(const Patch& patch, const PatchDirections& directions, RayPass::Packet& p) {
     for (int i = 0; i < kPacket; ++i) {
       const int x = p.x + i % kPacketSide, y = p.y + i / kPacketSide;
       const bool inside = x < patch.width && y < patch.height;
-      const Vec3 up = inside ? directions.all[static_cast<std::size_t>(y) * static_cast<std::size_t>(patch.width) +
-                                              static_cast<std::size_t>(x)]
+      const Vec3 up = inside ? directions.up[static_cast<std::size_t>(y) * static_cast<std::size_t>(patch.width) +
+                                             static_cast<std::size_t>(x)]
                              : directions.middle;
       const bool moon = !up.hasNaN();
       p.rays.set(i, (moon ? up : directions.middle) * (kMoonRadius_m + kFarAway_m), moon ? -up : -directions.middle);
@@ -328,20 +362,23 @@ class MapDrawing {
     }
   }
 
-  // From here on the packet is seen from there, but for the lanes that can't be: a bit each.
+  // Turns the packet's rays to the viewer's direction, for radiance. Returns the lanes that terrain hides from the
+  // viewer, one bit each.
   std::uint32_t turn_to_viewer(const Scene& scene, RayPass::Packet& p) const {
     if (!request_.toward_viewer || !(p.sample.weight > 0) || p.on_terrain == 0) return 0;
     const Vec3& toward = *request_.toward_viewer;
     const std::uint32_t hidden = shaded(scene, p.points, p.on_terrain, toward);
     for (int i = 0; i < kPacket; ++i) {
       if (!(p.on_terrain & ~hidden & 1U << i)) continue;
-      p.rays.dx[i] = -toward.x(), p.rays.dy[i] = -toward.y(), p.rays.dz[i] = -toward.z();
+      p.rays.dx[i] = -toward.x();
+      p.rays.dy[i] = -toward.y();
+      p.rays.dz[i] = -toward.z();
       p.shading.mu[i] = p.shading.normal(i).dot(toward);
     }
     return hidden;
   }
 
-  // In the map's list of sources, which is in the order in which they are met until it is finished.
+  // Returns the numbers of a patch's sources in the map's list. New sources are appended; finish() sorts the list.
   std::vector<std::uint16_t> numbers_of(const std::vector<dem::SourceIndex>& sources) {
     std::vector<std::uint16_t> numbers;
     for (const dem::SourceIndex source : sources) {
@@ -355,6 +392,7 @@ class MapDrawing {
     return numbers;
   }
 
+  // Copies the pixels with data from a patch to the map.
   void copy(const Patch& patch, const PatchDirections& directions, const FrameProducts& drawn,
             const std::vector<std::uint16_t>& numbers) {
     in_parallel_pieces(static_cast<std::size_t>(patch.height), 8, [&](std::size_t first, std::size_t past_last) {
@@ -363,22 +401,23 @@ class MapDrawing {
         std::size_t to = (static_cast<std::size_t>(patch.y) + row) * static_cast<std::size_t>(request_.grid.width) +
                          static_cast<std::size_t>(patch.x);
         for (int column = 0; column < patch.width; ++column, ++from, ++to)
-          if (!std::isnan(drawn.position[3 * from])) copy_pixel(drawn, from, directions.all[from], numbers, to);
+          if (!std::isnan(drawn.position[3 * from])) copy_pixel(drawn, from, directions.up[from], numbers, to);
       }
     });
   }
 
+  // Copies one pixel's products, and derives its height and slope.
   void copy_pixel(const FrameProducts& drawn, std::size_t from, const Vec3& up,
                   const std::vector<std::uint16_t>& numbers, std::size_t to) {
     FrameProducts& out = out_.products;
-    const auto copy_one = [&](const auto& array, auto& into) {
+    const auto copy_array = [&](const auto& array, auto& into) {
       if (into.empty() || array.empty()) return;
-      const std::size_t components = into.size() / pixels_in_all();
+      const std::size_t components = into.size() / pixel_count();
       std::copy_n(&array[components * from], components, &into[components * to]);
     };
     const auto arrays = all_arrays(drawn);
     const auto into = all_arrays(out);
-    [&]<std::size_t... i>(std::index_sequence<i...>) { (copy_one(std::get<i>(arrays), std::get<i>(into)), ...); }
+    [&]<std::size_t... i>(std::index_sequence<i...>) { (copy_array(std::get<i>(arrays), std::get<i>(into)), ...); }
     (std::make_index_sequence<std::tuple_size_v<decltype(into)>>());
     if (!out.source.empty() && out.source[to] != FrameSources::kNone) out.source[to] = numbers[out.source[to]];
     if (!out.height.empty()) out.height[to] = Eigen::Map<const Vec3>(&drawn.position[3 * from]).norm() - kMoonRadius_m;
@@ -387,6 +426,7 @@ class MapDrawing {
     out.slope[to] = static_cast<float>(angle_between(normal, up) * kDegreesPerRadian);
   }
 
+  // Merges a patch's errors and sizes into the map's report.
   void report(const Selection& selection, const Scene& scene) {
     FrameReport& r = out_.report;
     r.lod_error_px = std::max(r.lod_error_px, selection.error_px);
@@ -399,33 +439,37 @@ class MapDrawing {
     r.shadow_limits_px[0] = std::max(r.shadow_limits_px[0], selection.shadow_limit_px);
     if (selection.max_spacing_m > 0) r.min_post_spacing_m = std::min(r.min_post_spacing_m, selection.min_spacing_m);
     r.max_post_spacing_m = std::max(r.max_post_spacing_m, selection.max_spacing_m);
-    r.triangles += scene.triangles, r.scene_bytes = std::max(r.scene_bytes, scene.bytes);
+    r.triangles += scene.triangles;
+    r.scene_bytes = std::max(r.scene_bytes, scene.bytes);
     replaced_.insert(replaced_.end(), selection.replaced.begin(), selection.replaced.end());
   }
 
-  // The list of sources in the catalogue's order, as frames have it.
+  // Sorts the list of sources into the catalogue's order, as in frames, and renumbers the product "source".
   void sort_sources() {
     std::vector<dem::SourceIndex> sorted = sources_;
     std::sort(sorted.begin(), sorted.end());
-    std::vector<std::uint16_t> place;
+    std::vector<std::uint16_t> rank;
     for (const dem::SourceIndex source : sources_)
-      place.push_back(
+      rank.push_back(
           static_cast<std::uint16_t>(std::lower_bound(sorted.begin(), sorted.end(), source) - sorted.begin()));
     for (std::uint16_t& number : out_.products.source)
-      if (number != FrameSources::kNone) number = place[number];
+      if (number != FrameSources::kNone) number = rank[number];
     for (const dem::SourceIndex source : sorted)
       out_.report.sources.push_back(source_tile(terrain_.catalogue().rasters()[source]));
   }
 
+  // Completes the report from the sums over all patches.
   Map finish() {
     FrameReport& r = out_.report;
     sort_sources();
-    const auto all = static_cast<double>(pixels_in_all());
-    r.hit_fraction = static_cast<double>(hit_) / all, r.missing_fraction = static_cast<double>(missing_) / all;
-    r.filled_fraction = static_cast<double>(filled_) / all;
-    r.blended_fraction = static_cast<double>(blended_) / all;
+    const auto pixels = static_cast<double>(pixel_count());
+    r.hit_fraction = static_cast<double>(hit_) / pixels;
+    r.missing_fraction = static_cast<double>(missing_) / pixels;
+    r.filled_fraction = static_cast<double>(filled_) / pixels;
+    r.blended_fraction = static_cast<double>(blended_) / pixels;
     if (!std::isfinite(r.min_post_spacing_m)) r.min_post_spacing_m = 0;
-    r.visibility = Visibility::raytrace, r.radiance = radiance_;
+    r.visibility = Visibility::raytrace;
+    r.radiance = radiance_;
     r.emits_elsewhere = !frame_.temperature_maps.empty();
     r.lit = any_lit(out_.products.radiance);
     std::sort(replaced_.begin(), replaced_.end());
@@ -436,25 +480,25 @@ class MapDrawing {
 
   const MapRequest& request_;
   const dem::Terrain& terrain_;
-  RenderCache& kept_;
+  RenderCache& cache_;
   const StopToken& stop_;
   const MapProgress& progress_;
-  FrameRequest frame_;  // of a patch
+  FrameRequest frame_;  // request of the frame that a patch is drawn as
   RadianceTerms radiance_;
-  bool forgets_ = false;
-  std::size_t drawn_ = 0;
-  std::uint64_t hit_ = 0, missing_ = 0, filled_ = 0, blended_ = 0;
+  bool drops_scenes_ = false;
+  std::size_t drawn_ = 0;                                           // pixels of finished patches
+  std::uint64_t hit_ = 0, missing_ = 0, filled_ = 0, blended_ = 0;  // pixels, over all patches
   std::vector<dem::SourceIndex> sources_, replaced_;
   Map out_;
 };
 
 }  // namespace
 
-Map render_map(const MapRequest& request, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop,
+Map render_map(const MapRequest& request, const dem::Terrain& terrain, RenderCache& cache, const StopToken& stop,
                const MapProgress& progress) {
-  if (!wants_footprint(request)) return MapDrawing(request, terrain, kept, stop, progress).draw();
+  if (!wants_footprint(request)) return MapDrawing(request, terrain, cache, stop, progress).draw();
   const MapRequest drawn = drawn_for(request);
-  Map map = MapDrawing(drawn, terrain, kept, stop, progress).draw();
+  Map map = MapDrawing(drawn, terrain, cache, stop, progress).draw();
   for (std::string& warning : find_hazards(request, drawn, map.products, stop))
     map.report.warnings.push_back(std::move(warning));
   return map;

@@ -1,4 +1,4 @@
-// Everything that rays may hit: the finest terrain along them as a scene, and the objects and rocks on it.
+// The scene that rays are cast against: the finest terrain along them, and the objects and rocks on it.
 #pragma once
 
 #include <cstdint>
@@ -20,42 +20,49 @@
 
 namespace selenograph::engine {
 
-// Where rocks are, from above: a packet of rays that passes none of them on its way to the terrain need not be traced
-// against them, which takes as long as the terrain does.
+// A map of rocks from above. A packet of rays that passes no cell with a rock before it hits the terrain skips the
+// tracing of rocks, which takes as long as that of the terrain.
+//
+//   +--+--+--+--+   A square in the tangent plane of the rocks' centre, 2 * half_side_m_ wide, holds all rocks.
+//   |  |##|  |  |   Cells that a rock reaches count 1. The summed-area table tells how many such cells a rectangle
+//   +--+--+--+--+   contains: the rectangle around the packet's segments between the shell (above which there is
+//   |  |  |  |##|   no rock) and the terrain.
+//   +--+--+--+--+
 class RockCells {
  public:
   explicit RockCells(std::span<const dem::RockFeature> rocks);
-  // Whether a valid ray may meet one before what it meets of the terrain, if anything.
-  bool may_meet(const Rays& rays, const SurfacePoints& terrain) const;
+  // Returns false only if no valid ray hits a rock in front of its hit on the terrain. Conservative.
+  bool may_hit(const Rays& rays, const SurfacePoints& terrain) const;
 
  private:
-  std::uint32_t number_in(int x0, int y0, int x1, int y1) const;  // of cells with rocks
+  std::uint32_t count_cells_with_rocks(int x0, int y0, int x1, int y1) const;  // in a rectangle, bounds included
   int cell(double m) const;
 
-  Vec3 middle_ = Vec3::Zero();
+  Vec3 centre_m_ = Vec3::Zero();
   EastNorthUp axes_{};
-  double shell_m_ = 0;               // radius around the Moon's centre that holds all of them
-  double half_m_ = 0;                // of the square that does
-  int side_ = 0;                     // in cells
-  std::vector<std::uint32_t> sums_;  // of all cells to the south-west, (side_ + 1)^2
+  double shell_m_ = 0;      // radius around the Moon's centre that contains all rocks
+  double half_side_m_ = 0;  // half the side of the square that contains all rocks
+  int cells_per_side_ = 0;
+  std::vector<std::uint32_t> area_sums_;  // summed-area table from the south-west, (cells_per_side_ + 1)^2
 };
 
-// Objects on the terrain of a scene: those of the query, and rocks.
+// Objects on the terrain of a scene: the query's objects, and rocks.
 class SceneryOnGround {
  public:
-  SceneryOnGround(const ObjectsInFrame& without, const FrameRequest& request, std::vector<dem::RockFeature> rocks,
+  // `objects_only`: the query's objects without rocks; must outlive this object.
+  SceneryOnGround(const ObjectsInFrame& objects_only, const FrameRequest& request, std::vector<dem::RockFeature> rocks,
                   const StopToken& stop)
-      : without_(without), rocks_(std::move(rocks)) {
+      : objects_only_(objects_only), rocks_(std::move(rocks)) {
     if (rocks_.empty()) return;
-    with_.emplace(request, rocks_, stop);
+    objects_and_rocks_.emplace(request, rocks_, stop);
     cells_.emplace(rocks_);
   }
-  // As ObjectsInFrame::meet; `out` is written where a lane meets something.
-  std::uint32_t meet(Rays& rays, SurfacePoints& terrain, ObjectLanes& out) const {
-    const bool rocks_alone = without_.empty() && cells_;
-    return rocks_alone && !cells_->may_meet(rays, terrain) ? 0 : objects().meet(rays, terrain, out);
+  // Intersects as ObjectsInFrame::meet does. `out` is written in the lanes that hit an object.
+  std::uint32_t intersect(Rays& rays, SurfacePoints& terrain, ObjectLanes& out) const {
+    const bool rocks_only = objects_only_.empty() && cells_;
+    return rocks_only && !cells_->may_hit(rays, terrain) ? 0 : objects().meet(rays, terrain, out);
   }
-  const ObjectsInFrame& objects() const { return with_ ? *with_ : without_; }
+  const ObjectsInFrame& objects() const { return objects_and_rocks_ ? *objects_and_rocks_ : objects_only_; }
   std::optional<std::uint16_t> object(std::uint16_t index) const {
     return objects().rock(index) ? std::nullopt : std::optional(index);
   }
@@ -63,58 +70,64 @@ class SceneryOnGround {
     const auto number = objects().rock(index);
     return number ? std::optional(rocks_[*number].rock.id) : std::nullopt;
   }
-  // So that index_of_rock() knows them.
-  void number_rocks() {
-    for (std::size_t i = 0; i < rocks_.size(); ++i) numbers_.emplace(rocks_[i].rock.id, with_->index_of_rock(i));
+  // Call before index_of_rock().
+  void index_rocks() {
+    for (std::size_t i = 0; i < rocks_.size(); ++i)
+      index_of_id_.emplace(rocks_[i].rock.id, objects_and_rocks_->index_of_rock(i));
   }
-  // Of what rays met: a rock or the soil against it.
+  // Returns the object index of a rock (and of the soil against it); kNoObject if the scene lacks the rock.
   std::uint16_t index_of_rock(std::uint64_t id) const {
-    const auto found = numbers_.find(id);
-    return found == numbers_.end() ? kNoObject : found->second;
+    const auto found = index_of_id_.find(id);
+    return found == index_of_id_.end() ? kNoObject : found->second;
   }
 
  private:
-  const ObjectsInFrame& without_;
+  const ObjectsInFrame& objects_only_;
   std::vector<dem::RockFeature> rocks_;
-  std::optional<ObjectsInFrame> with_;
+  std::optional<ObjectsInFrame> objects_and_rocks_;  // empty without rocks
   std::optional<RockCells> cells_;
-  std::unordered_map<std::uint64_t, std::uint16_t> numbers_;
+  std::unordered_map<std::uint64_t, std::uint16_t> index_of_id_;
 };
 
-// How far a ray is followed next over ground with detail, which takes long to make: a little more while it meets
-// nothing, to somewhat past where it meets the posts' own surface (`posts_m`; NaN: nowhere), and to its end (infinite).
-// What it meets nearer than it was followed is what it meets. `reach_m`: how far it was followed, 0 at first.
+// Returns the length of a ray's next step over ground with detail. Blocks with detail take long to build, so a ray is
+// followed in growing steps, and a hit nearer than the followed length is final:
+//
+//   origin --16 m--|----64 m----|--- ... ---|--8 m past the hit on the posts' surface--|-- ... --> infinity
+//
+// `reach_m`: the length followed so far, 0 at first. `posts_m`: range of the hit on the surface without detail; NaN:
+// none.
 double next_reach_m(double reach_m, double posts_m);
 
 class GroundAlongRays {
  public:
-  // `a_ray`: what a ray is in the words of the request. `scenery`: whose objects and ground (for what they reflect)
-  // these are. The other arguments must outlive this object.
-  GroundAlongRays(const char* a_ray, FrameRequest scenery, const dem::Terrain& terrain, RenderCache& kept,
+  // `ray_description`: a ray in the words of the request, the subject of error messages. `scenery`: its objects, and
+  // its ground (for reflected light), are used. The other arguments must outlive this object.
+  GroundAlongRays(const char* ray_description, FrameRequest scenery, const dem::Terrain& terrain, RenderCache& cache,
                   const StopToken& stop);
 
   const ObjectsInFrame& objects() const { return objects_; }  // without rocks
 
-  struct Part {
+  struct GroundScene {
     std::shared_ptr<const Scene> scene;
     SceneryOnGround scenery;
     bool empty;  // no terrain, no object
   };
-  // Null where there is more terrain along the rays than one scene should hold, or more rocks: ask for some of them at
-  // a time. `last`: they can't be fewer, and ImpossibleRequest (TooMuchTerrain) is thrown. `finest_detail`: the finest
-  // level of ground with detail; with it, rocks that are no larger than the spacing of its posts are left out.
-  std::unique_ptr<Part> along(const std::vector<RayCone>& rays, bool last, int finest_detail = dem::kMaxLevel);
+  // Builds the scene along the rays. Null if it would have too many blocks or rocks: split the rays and try each half.
+  // `indivisible`: the rays cannot be split; then TooMuchTerrain is thrown instead. `finest_detail`: the finest level
+  // of blocks with detail; rocks up to its post spacing are left out.
+  std::unique_ptr<GroundScene> build_scene(const std::vector<RayCone>& rays, bool indivisible,
+                                           int finest_detail = dem::kMaxLevel);
 
  private:
   std::optional<std::vector<dem::RockFeature>> rocks_along(const std::vector<RayCone>& rays,
                                                            const std::vector<BlockOnRays>& blocks, int finest_detail);
 
-  const char* const a_ray_;
+  const char* const ray_description_;
   const FrameRequest scenery_;
   const ObjectsInFrame objects_;
-  std::optional<RocksNearRays> rocks_;  // of terrain that has some
+  std::optional<RocksNearRays> rocks_;  // empty for terrain without rocks
   const dem::Terrain& terrain_;
-  RenderCache& kept_;
+  RenderCache& cache_;
   const StopToken& stop_;
 };
 

@@ -20,21 +20,21 @@
 
 namespace selenograph::engine {
 
-// Run in the caller's task arena; results and exceptions are those of Renderer::cast and Renderer::project.
+// Both run in the caller's task arena. Results and exceptions are those of Renderer::cast and Renderer::project.
 std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<SceneObject>& objects,
-                              const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& kept,
+                              const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& cache,
                               const StopToken& stop);
 std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,
                                         std::span<const LandmarkQuery> points, const std::vector<SceneObject>& objects,
-                                        const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& kept,
+                                        const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& cache,
                                         const StopToken& stop);
 
-// The first occluder of each ray toward a distant object: the Moon with its rocks (unless there is no `moon`), an
-// object, or nothing. Rays that pass 13 km above the datum or 12 km below it, beyond all terrain, cost next to nothing:
-// below it the Moon hides what is behind it even where there is no data. `detail_within_m`: beyond it the ground counts
-// without its detail, of which a ray along the horizon meets so much that it takes seconds.
+// Returns the first occluder of each ray toward a distant object: the Moon with its rocks (if `moon`), an object, or
+// none. Rays that stay 13 km above the datum, or pass 12 km below it, are decided without terrain: there the Moon
+// occludes even where there is no data. `detail_within_m`: farther away the ground is taken without detail, because a
+// ray along the horizon would need so many blocks with detail that it takes seconds.
 std::vector<HiddenBy> what_hides(std::span<const Ray> rays, const std::vector<SceneObject>& objects, bool moon,
-                                 const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop,
+                                 const dem::Terrain& terrain, RenderCache& cache, const StopToken& stop,
                                  double detail_within_m = std::numeric_limits<double>::infinity());
 
 }  // namespace selenograph::engine

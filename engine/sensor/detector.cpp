@@ -23,12 +23,12 @@
 #define SELENOGRAPH_ENGINE_DETECTOR_SHARED
 namespace selenograph::engine {
 
-// A detector's numbers as its pixels need them.
+// A detector's parameters in the units of the pixel loops.
 struct PixelModel {
   float electrons_per_radiance, dark, hot, prnu, dsnu, read_noise, full_well, per_electron, offset, top;
 };
 
-// What becomes of kDraw pixels on their way through the detector.
+// Intermediate values of kDraw pixels on their way through the detector.
 struct alignas(64) PixelLanes {
   float radiance[kDraw], smear[kDraw];                             // smear: electrons
   float response[kDraw], offset[kDraw], hot[kDraw], alive[kDraw];  // the detector's fixed pattern
@@ -42,7 +42,7 @@ struct alignas(64) PixelLanes {
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// Mean electrons, and the pixels' own offsets.
+// Computes the mean electrons and the fixed offsets of the pixels.
 void ExposeLanes(const PixelModel& m, PixelLanes& p) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kDraw; ++i) {
@@ -53,6 +53,7 @@ void ExposeLanes(const PixelModel& m, PixelLanes& p) {
   }
 }
 
+// Converts electrons to digital numbers: full well, offset, read noise, gain.
 void ReadLanes(const PixelModel& m, const float* electrons, PixelLanes& p) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kDraw; ++i) {
@@ -65,6 +66,7 @@ void ReadLanes(const PixelModel& m, const float* electrons, PixelLanes& p) {
   }
 }
 
+// Decides from each pixel's random bits whether it is dead, hot or normal. `dead`, `dead_or_hot`: thresholds.
 void FindDefects(const std::uint32_t* bits, std::uint32_t dead, std::uint32_t dead_or_hot, PixelLanes& p) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kDraw; ++i) {
@@ -85,21 +87,21 @@ HWY_EXPORT(FindDefects);
 
 namespace {
 
-// 2^32 times a share of the pixels.
+// Returns 2^32 times a share of the pixels: random bits below it occur with that probability.
 std::uint32_t threshold(double fraction) {
   return static_cast<std::uint32_t>(std::min(std::llround(fraction * 0x1p32), 0xffffffffLL));
 }
 
-// Of the values that are not the brightest thousandth of them, the most.
-double most_of(std::vector<float> values) {
+// Returns the largest value except for the largest thousandth.
+double maximum_without_outliers(std::vector<float> values) {
   if (values.empty()) return 0;
   return static_cast<double>(ranked(values, values.size() - 1 - values.size() / 1000));
 }
 
-class Chain {
+class PixelChain {
  public:
-  Chain(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width, int height,
-        bool line)
+  PixelChain(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width, int height,
+             bool line)
       : sensor_(sensor), radiance_(radiance), width_(static_cast<std::size_t>(width)) {
     const Detector& d = sensor.detector;
     const double per_radiance = electrons_per_radiance(sensor.optics, d, wavelength_um);
@@ -114,13 +116,14 @@ class Chain {
               static_cast<float>(d.offset_dn),
               static_cast<float>((1 << d.bit_depth) - 1)};
     smear_ = smear_e(d, per_radiance, radiance, width, height);
-    dead_ = threshold(d.dead_fraction), dead_or_hot_ = threshold(d.dead_fraction + d.hot_fraction);
+    dead_ = threshold(d.dead_fraction);
+    dead_or_hot_ = threshold(d.dead_fraction + d.hot_fraction);
     has_pattern_ = d.prnu > 0 || d.dsnu_e > 0 || dead_or_hot_ > 0;
     has_noise_ = d.photon_noise || d.read_noise_e > 0;
     if (line && has_pattern_) draw_line();
   }
 
-  // Pixels from `first` on, kDraw of them or fewer. Answers how many are saturated.
+  // Reads out `count` pixels (at most kDraw) from `first` on. Returns how many are saturated.
   int run(std::size_t first, std::size_t count, std::uint16_t* image) const {
     PixelLanes p{};
     std::copy_n(&radiance_[first], count, p.radiance);
@@ -141,10 +144,10 @@ class Chain {
     std::copy_n(p.numbers, count, image + first);
     return std::accumulate(p.saturated, p.saturated + count, 0);
   }
-  double most_smear_e() const { return most_of(smear_); }
+  double max_smear_e() const { return maximum_without_outliers(smear_); }
 
  private:
-  // The fixed pattern of kDraw pixels of the detector.
+  // Draws the fixed pattern of kDraw pixels of the detector.
   void draw_pattern(std::uint32_t pixel, PixelLanes& p) const {
     RandomWords words;
     draw(sensor_.seed, 0, RandomSource::fixed_pattern, pixel, words);
@@ -153,7 +156,7 @@ class Chain {
     if (dead_or_hot_ > 0) HWY_DYNAMIC_DISPATCH(FindDefects)(words.word[2], dead_, dead_or_hot_, p);
   }
 
-  // A line detector's pixels are those of the image's first row.
+  // Draws the fixed pattern of a line detector, whose pixels are those of the image's first row.
   void draw_line() {
     for (std::size_t first = 0; first < width_; first += kDraw) {
       PixelLanes& p = line_.emplace_back();
@@ -161,12 +164,15 @@ class Chain {
       draw_pattern(static_cast<std::uint32_t>(first), p);
     }
   }
+  // Copies the line's pattern to kDraw pixels of the image, which may span two rows.
   void repeat_line(std::size_t first, PixelLanes& p) const {
     for (std::size_t i = 0; i < kDraw; ++i) {
       const std::size_t column = (first + i) % width_, k = column % kDraw;
       const PixelLanes& from = line_[column / kDraw];
-      p.response[i] = from.response[k], p.offset[i] = from.offset[k];
-      p.hot[i] = from.hot[k], p.alive[i] = from.alive[k];
+      p.response[i] = from.response[k];
+      p.offset[i] = from.offset[k];
+      p.hot[i] = from.hot[k];
+      p.alive[i] = from.alive[k];
     }
   }
 
@@ -217,12 +223,12 @@ double time_to_fill_s(const SensorModel& sensor, double wavelength_um, double ta
   d.integration_time_s = 1;
   const double per_second = electrons_per_radiance(sensor.optics, d, wavelength_um);
   const std::vector<float> smear = smear_e(d, per_second, radiance, width, height);
-  constexpr double kMost_s = 1e30, kLeast_e_s = 1e-30;  // not to divide by zero
+  constexpr double kMax_s = 1e30, kMin_e_s = 1e-30;  // kMin_e_s avoids a division by zero
   std::vector<float>& times_s = radiance;
   for (std::size_t i = 0; i < times_s.size(); ++i) {
-    const double left_e = target_e - (smear.empty() ? 0 : static_cast<double>(smear[i % smear.size()])),
+    const double headroom_e = target_e - (smear.empty() ? 0 : static_cast<double>(smear[i % smear.size()])),
                  rate_e_s = static_cast<double>(radiance[i]) * per_second + d.dark_current_e_s;
-    times_s[i] = static_cast<float>(std::clamp(left_e / std::max(rate_e_s, kLeast_e_s), -kMost_s, kMost_s));
+    times_s[i] = static_cast<float>(std::clamp(headroom_e / std::max(rate_e_s, kMin_e_s), -kMax_s, kMax_s));
   }
   return static_cast<double>(ranked(times_s, times_s.size() / 1000));
 }
@@ -231,27 +237,28 @@ ReadOut detect(const SensorModel& sensor, double wavelength_um, const std::vecto
                int height, std::vector<std::uint16_t>& image, const StopToken& stop, bool line) {
   const std::size_t pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   image.resize(pixels);
-  const Chain chain(sensor, wavelength_um, radiance, width, height, line);
+  const PixelChain pixel_chain(sensor, wavelength_um, radiance, width, height, line);
   constexpr std::size_t kLanes = kDraw;
   std::atomic<std::size_t> saturated{0};
   std::mutex brightest_mutex;
   float brightest_w_m2_sr = 0;
   in_parallel_pieces((pixels + kLanes - 1) / kLanes, 64, [&](std::size_t first, std::size_t past_last) {
-    const float brightest_here =
+    const float piece_brightest =
         *std::max_element(&radiance[first * kLanes], &radiance[0] + std::min(past_last * kLanes, pixels));
-    std::size_t here = 0;
+    std::size_t piece_saturated = 0;
     for (std::size_t k = first; k < past_last; ++k) {
       if (k % 64 == 0) stop.check();
-      here += static_cast<std::size_t>(chain.run(k * kLanes, std::min(kLanes, pixels - k * kLanes), image.data()));
+      piece_saturated +=
+          static_cast<std::size_t>(pixel_chain.run(k * kLanes, std::min(kLanes, pixels - k * kLanes), image.data()));
     }
-    saturated += here;
+    saturated += piece_saturated;
     const std::scoped_lock lock(brightest_mutex);
-    brightest_w_m2_sr = std::max(brightest_w_m2_sr, brightest_here);
+    brightest_w_m2_sr = std::max(brightest_w_m2_sr, piece_brightest);
   });
   const double share = pixels == 0 ? 0 : static_cast<double>(saturated) / static_cast<double>(pixels);
   const double brightest_e =
       static_cast<double>(brightest_w_m2_sr) * electrons_per_radiance(sensor.optics, sensor.detector, wavelength_um);
-  return {share, brightest_e, chain.most_smear_e()};
+  return {share, brightest_e, pixel_chain.max_smear_e()};
 }
 
 }  // namespace selenograph::engine

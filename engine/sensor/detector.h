@@ -9,35 +9,35 @@
 
 namespace selenograph::engine {
 
-// Paper eq. (8): electrons that a quantum detector counts in its integration time, n_el = t pi p^2 / (4 f_#^2) eta L
-// lambda / (h c) Delta lambda, for L Delta lambda = 1 W m-2 sr-1 at wavelength lambda. The equation assumes Delta
-// lambda << lambda; for a wide band lambda is photon_wavelength_um, or the band's center if the radiance is counted
-// in photons (in_photons).
+// Returns the electrons that a quantum detector counts in its integration time, paper eq. (8): n_el = t pi p^2 /
+// (4 f_#^2) eta L lambda / (h c) Delta lambda, for L Delta lambda = 1 W m-2 sr-1 at wavelength lambda. The equation
+// assumes Delta lambda << lambda; for a wide band lambda is photon_wavelength_um, or the band's center if the radiance
+// is counted in photons (in_photons).
 double electrons_per_radiance(const Optics& optics, const Detector& detector, double wavelength_um);
 
-// Paper eq. (9): radiant flux on a detector's pixel, W: Phi = pi / 4 p^2 / f_#^2 eta L Delta lambda.
+// Returns the radiant flux on a detector's pixel, W, paper eq. (9): Phi = pi / 4 p^2 / f_#^2 eta L Delta lambda.
 // `radiance_w_m2_sr`: L Delta lambda; `efficiency`: eta, of optics, filters and, in a spectrometer, the grating.
 double radiant_flux_w(double pixel_pitch_um, double f_number, double efficiency, double radiance_w_m2_sr);
 
-// Paper eq. (12), for a bolometer with a noise-equivalent power.
+// Returns paper eq. (12), for a bolometer with a noise-equivalent power.
 inline double signal_to_noise(double flux_w, double noise_equivalent_power_w) {
   return flux_w / noise_equivalent_power_w;
 }
 
-// Electrons at which a pixel holds a share of its full well or its digital number, offset included, is that share of
-// the largest. 0 or less where the offset is as much.
+// Returns the electrons at which a pixel holds `share` of its full well, or its digital number, offset included, is
+// `share` of the largest; whichever is reached first. 0 or less if the offset alone is as much.
 double filled_e(const Detector& detector, double share);
-// Electrons at which a pixel is full or its digital number is the largest.
+// Returns the electrons at which a pixel is full or its digital number is the largest.
 inline double saturation_e(const Detector& detector) { return filled_e(detector, 1); }
 
-// Electrons that frame-transfer smear adds to each pixel of a column, equal for all rows. They do not depend on the
-// integration time that `per_radiance` (electrons_per_radiance) is for. Empty without smear. `radiance`: after the
-// optics, as below.
+// Returns the electrons that frame-transfer smear adds to each pixel of a column, equal for all rows; empty without
+// smear. `per_radiance`: electrons_per_radiance() for any integration time; the result does not depend on that time.
+// `radiance`: after the optics, as below.
 std::vector<float> smear_e(const Detector& detector, double per_radiance, const std::vector<float>& radiance, int width,
                            int height);
 
-// The integration time, s, after which all but the brightest thousandth of the pixels hold at most `target_e`
-// electrons: light, smear and dark current, without noise and fixed pattern. Negative if smear alone exceeds the
+// Returns the integration time, s, after which all but the brightest thousandth of the pixels hold at most `target_e`
+// electrons from light, smear and dark current, without noise and fixed pattern. Negative if smear alone exceeds the
 // target; 1e30 at most, if nothing fills the pixels.
 double time_to_fill_s(const SensorModel& sensor, double wavelength_um, double target_e, std::vector<float> radiance,
                       int width, int height);
@@ -48,11 +48,11 @@ struct ReadOut {
   double smear_e = 0;             // maximum over all but the brightest thousandth of the columns
 };
 
-// Digital numbers of a frame of width x height; `radiance`: after the optics. Parallel; the same numbers give the same
-// image however many threads there are. Throws Cancelled when `stop` says so.
+// Reads out a frame of width x height as digital numbers. `radiance`: after the optics. Parallel; the image does not
+// depend on the number of threads. Throws Cancelled when stopped.
 //   electrons = min(full well, Poisson((signal + smear) (1 + PRNU) + dark)) + DSNU + read noise
-// Dead pixels have neither signal nor smear.
 //   DN = clamp(round(electrons / gain + offset))
+// Dead pixels have neither signal nor smear.
 // `line`: all rows are the same line of pixels at different times and share one row's fixed pattern.
 ReadOut detect(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width,
                int height, std::vector<std::uint16_t>& image, const StopToken& stop = {}, bool line = false);

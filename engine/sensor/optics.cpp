@@ -38,17 +38,17 @@ void add_weighted(const float* in, float weight, std::size_t count, float* out) 
   HWY_DYNAMIC_DISPATCH(AddWeighted)(in, weight, count, out);
 }
 
-constexpr std::size_t kRows = 16;  // of a parallel piece
+constexpr std::size_t kRows = 16;  // rows of a parallel piece
 
-// An Airy disc whose unit is below this has all of its rings' structure well within a pixel. Its neighbours get what
-// the mean of the far rings is: 1e-6 of the light from what the rings themselves would give
-// (tests/unit/optics_test.cpp), in no time, while integration over every ring takes ever more points.
+// Below this unit an Airy disc's rings are much finer than a pixel. Neighbouring pixels then get the mean of the far
+// rings, which differs by 1e-6 of the light from integration over every ring (tests/unit/optics_test.cpp) and needs no
+// quadrature, while the points for integration grow without bound.
 constexpr double kFarAiry_px = 0.005;
 
-// Of a point so far beside its pixel's center.
-std::vector<float> gaussian(double sigma_px, int radius, double& captured, double beside_px = 0) {
+// Returns the weights of a Gaussian along one axis, for a point at an offset from its pixel's center.
+std::vector<float> gaussian(double sigma_px, int radius, double& captured, double offset_px = 0) {
   std::vector<float> weights;
-  const auto below = [&](double x) { return 0.5 * std::erfc(-(x - beside_px) / (sigma_px * std::numbers::sqrt2)); };
+  const auto below = [&](double x) { return 0.5 * std::erfc(-(x - offset_px) / (sigma_px * std::numbers::sqrt2)); };
   const double sum = below(radius + 0.5) - below(-radius - 0.5);
   for (int i = -radius; i <= radius; ++i)
     weights.push_back(static_cast<float>((below(i + 0.5) - below(i - 0.5)) / sum));
@@ -56,22 +56,23 @@ std::vector<float> gaussian(double sigma_px, int radius, double& captured, doubl
   return weights;
 }
 
-// Born & Wolf, Principles of Optics, 8.5.2: (2 J1(v) / v)^2, normalised to all of the light; v: at a distance in units
-// of lambda N / pi.
+// Returns the Airy disc (2 J1(v) / v)^2, normalised to a total of 1 (Born & Wolf, Principles of Optics, 8.5.2). v:
+// distance in units of lambda N / pi.
 double airy(double v) {
   const double bessel = v > 1e-6 ? 2 * std::cyl_bessel_j(1.0, v) / v : 1;
   return bessel * bessel / (4 * std::numbers::pi);
 }
 
-// Mean place of an Airy disc's light in pixels, each taken at its center: of all of it, for a point at an offset. An
-// ideal aperture's transfer function, up to its cut-off at p / (lambda N), times what sampling folds back at k cycles
-// per pixel.
+// Returns the centroid of a whole Airy disc, integrated over pixels and each pixel taken at its center, for a point at
+// an offset. It is the offset plus the aliases that sampling folds back at k cycles per pixel: the ideal aperture's
+// transfer function, up to its cut-off at p / (lambda N).
 double airy_mean_px(double offset_px, double unit_px) {
   double mean = offset_px;
   for (int k = 1; k * std::numbers::pi * unit_px < 1; ++k) {
-    const double of_cut_off = k * std::numbers::pi * unit_px;
+    const double relative_frequency = k * std::numbers::pi * unit_px;
     const double transfer =
-        (std::acos(of_cut_off) - of_cut_off * std::sqrt(1 - of_cut_off * of_cut_off)) * 2 / std::numbers::pi;
+        (std::acos(relative_frequency) - relative_frequency * std::sqrt(1 - relative_frequency * relative_frequency)) *
+        2 / std::numbers::pi;
     mean += (k % 2 ? -1 : 1) * transfer * std::sin(2 * std::numbers::pi * k * offset_px) / (std::numbers::pi * k);
   }
   return mean;
@@ -79,7 +80,7 @@ double airy_mean_px(double offset_px, double unit_px) {
 
 // Gauss-Legendre quadrature over a pixel, from -1/2 to 1/2: Newton's iteration from Tricomi's estimate of the roots.
 struct PixelQuadrature {
-  std::vector<double> places, weights;
+  std::vector<double> nodes, weights;
   explicit PixelQuadrature(int points) {
     for (int i = 0; i < points; ++i) {
       double x = std::cos(std::numbers::pi * (i + 0.75) / (points + 0.5)), slope = 1;
@@ -89,14 +90,15 @@ struct PixelQuadrature {
         slope = points * (x * at - before) / (x * x - 1);
         x -= at / slope;
       }
-      places.push_back(x / 2), weights.push_back(1 / ((1 - x * x) * slope * slope));
+      nodes.push_back(x / 2);
+      weights.push_back(1 / ((1 - x * x) * slope * slope));
     }
   }
 };
 
 }  // namespace
 
-// airy() in between steps of 1/16, by the cubic through four of them: within 1e-6 of the middle's.
+// A table of airy() in steps of 1/16, interpolated by the cubic through four values: within 1e-6 of the central value.
 class AiryTable {
  public:
   AiryTable(double last_v, const StopToken& stop) {
@@ -107,7 +109,7 @@ class AiryTable {
   }
   double operator()(double v) const {
     const double at = v / kStep;
-    // The disc is even: before the first value lies the second one.
+    // The disc is an even function: the value before the first is the second.
     const auto i = static_cast<std::size_t>(at);
     const double t = at - static_cast<double>(i), before = values_[i > 0 ? i - 1 : 1], here = values_[i],
                  after = values_[i + 1];
@@ -136,21 +138,21 @@ SpreadKernel::SpreadKernel(const PointSpread& spread, double f_number, double pi
         spread_far_airy(unit_px);
         return;
       }
-      // Rings are a lambda N wide: 12 of them hold 98.4 % of the light, as far as that fits.
+      // Rings are lambda N wide. 12 of them contain 98.4 % of the light; fewer if they do not fit into kMaxRadius.
       radius_ = std::clamp(static_cast<int>(std::ceil(12 * std::numbers::pi * unit_px)), 1, kMaxRadius);
       airy_ = std::make_shared<const AiryTable>(std::numbers::sqrt2 * (radius_ + 1) / unit_px, stop);
       spread_airy(0, 0, stop);
       return;
     }
     case PointSpread::Model::kernel:
-      take_measured(spread);
+      use_measured(spread);
       return;
   }
 }
 
-// A shifted kernel reaches one pixel farther. A kernel with light on its border gets a ring of zeros, into which that
-// light can move: without the ring it would be lost, and the centroid with it.
-void SpreadKernel::take_measured(const PointSpread& spread) {
+// Uses a measured kernel. A shifted kernel reaches one pixel farther, so a kernel with light on its border gets a ring
+// of zeros: without it, shifting would lose that light and move the centroid.
+void SpreadKernel::use_measured(const PointSpread& spread) {
   const int side = spread.side;
   const auto measured = [&](int x, int y) { return spread.kernel[static_cast<std::size_t>(y * side + x)]; };
   int ring = 0;
@@ -167,9 +169,10 @@ void SpreadKernel::take_measured(const PointSpread& spread) {
 }
 
 void SpreadKernel::spread_airy(double dx, double dy, const StopToken& stop) {
-  // J1^2 goes as cos(2 v): over a pixel that takes half a point per unit, and some more for all digits.
+  // J1(v)^2 oscillates as cos(2 v): integrating it over a pixel takes about half a point per unit, plus four for full
+  // precision.
   const PixelQuadrature over(4 + static_cast<int>(std::ceil(0.55 / unit_px_)));
-  const std::size_t points = over.places.size();
+  const std::size_t points = over.nodes.size();
   const int side = 2 * radius_ + 1;
   std::vector<double> shares;
   double mean_x = 0, mean_y = 0, square = 0;
@@ -178,20 +181,22 @@ void SpreadKernel::spread_airy(double dx, double dy, const StopToken& stop) {
     for (int x = -radius_; x <= radius_; ++x) {
       double share = 0;
       for (std::size_t j = 0; j < points; ++j) {
-        const double down = y - dy + over.places[j];
+        const double down = y - dy + over.nodes[j];
         double row = 0;
         for (std::size_t i = 0; i < points; ++i) {
-          const double across = x - dx + over.places[i];
+          const double across = x - dx + over.nodes[i];
           row += over.weights[i] * (*airy_)(std::sqrt(across * across + down * down) / unit_px_);
         }
         share += over.weights[j] * row;
       }
       shares.push_back(share / (unit_px_ * unit_px_));
-      mean_x += x * shares.back(), mean_y += y * shares.back(), square += x * x;
+      mean_x += x * shares.back();
+      mean_y += y * shares.back();
+      square += x * x;
     }
   }
   captured_ = std::accumulate(shares.begin(), shares.end(), 0.0);
-  // What is cut off is more on one side: the slope of what is left keeps the light's mean place.
+  // The cut-off light is asymmetric for a shifted disc. Spread it with a slope that keeps the centroid.
   const double left = (1 - captured_) / (side * side), slope_x = (airy_mean_px(dx, unit_px_) - mean_x) / square,
                slope_y = (airy_mean_px(dy, unit_px_) - mean_y) / square;
   kernel_.clear();
@@ -206,12 +211,12 @@ SpreadKernel SpreadKernel::shifted(const PointSpread& spread, double dx, double 
     case PointSpread::Model::none:
       break;
     case PointSpread::Model::gaussian: {
-      double across = 1, down = 1;  // captured: their product is of both directions
-      out.row_ = gaussian(spread.sigma_px, radius_, across, dx),
+      double across = 1, down = 1;  // captured shares, not needed
+      out.row_ = gaussian(spread.sigma_px, radius_, across, dx);
       out.column_ = gaussian(spread.sigma_px, radius_, down, dy);
       break;
     }
-    case PointSpread::Model::airy:  // of the finest ones nearly all stays in the point's own pixel
+    case PointSpread::Model::airy:  // the finest discs stay in the point's own pixel: they have no table
       if (airy_) out.spread_airy(dx, dy, stop);
       break;
     case PointSpread::Model::kernel: {
@@ -230,13 +235,14 @@ SpreadKernel SpreadKernel::shifted(const PointSpread& spread, double dx, double 
   return out;
 }
 
-// Far from the middle J1(v)^2 is 2 / (pi v) cos^2(v - 3 pi / 4), and the rings' mean is u / (pi^2 r^3) for a unit u.
-// The integral of 1 / r^3 over a rectangle is the difference of -r / (x y) at its corners.
+// Sets a 3 x 3 kernel for an Airy disc that is much finer than a pixel. Far from the centre J1(v)^2 is
+// 2 / (pi v) cos^2(v - 3 pi / 4), and the rings' mean is u / (pi^2 r^3) for a unit u. The integral of 1 / r^3 over a
+// rectangle is the difference of -r / (x y) at its corners.
 void SpreadKernel::spread_far_airy(double unit_px) {
   const double near = std::numbers::sqrt2 / 0.5, far = std::numbers::sqrt2 / 1.5, mixed = std::sqrt(2.5) / 0.75;
   const double scale = unit_px / (std::numbers::pi * std::numbers::pi);
   const double side = scale * 2 * (near - mixed), corner = scale * (2 * mixed - near - far);
-  // All directions' integral of 1 / r^3 from the border of a square of half a width h on is 8 / (sqrt(2) h).
+  // The integral of 1 / r^3 outside a square of half-width h is 8 / (sqrt(2) h).
   captured_ = 1 - scale * 8 / (std::numbers::sqrt2 * 1.5);
   const auto weight_of = [this](double share) { return static_cast<float>(share + (1 - captured_) / 9); };
   const float s = weight_of(side), c = weight_of(corner), middle = weight_of(captured_ - 4 * (side + corner));
@@ -254,14 +260,15 @@ double SpreadKernel::weight(int dx, int dy) const {
 void SpreadKernel::apply(const std::vector<float>& in, int width, int height, std::vector<float>& out,
                          const StopToken& stop) const {
   const auto w = static_cast<std::size_t>(width), h = static_cast<std::size_t>(height),
-             r = static_cast<std::size_t>(radius_), side = 2 * r + 1, padded_width = w + 2 * r;
+             r = static_cast<std::size_t>(radius_);
+  const std::size_t side = 2 * r + 1, padded_width = w + 2 * r;
   out.assign(w * h, 0.F);
   if (row_.empty()) {
     in_parallel_pieces(h, kRows, [&](std::size_t first, std::size_t past_last) {
       for (std::size_t y = first; y < past_last; ++y) {
         stop.check();
         for (std::size_t j = 0; j < side; ++j)
-          for (std::size_t i = 0; i < side; ++i)  // what spreads by (dx, dy) comes from the other side
+          for (std::size_t i = 0; i < side; ++i)  // light that moves by (dx, dy) comes from (-dx, -dy)
             add_weighted(&in[(y + j) * padded_width + i], kernel_[(side - 1 - j) * side + side - 1 - i], w,
                          &out[y * w]);
       }
@@ -310,7 +317,7 @@ void vignette(const Vignetting& vignetting, const Camera& c, const PixelRays& ra
     return interpolated(vignetting.table, angle_deg, &Vignetting::Point::angle_deg, &Vignetting::Point::transmission);
   };
   const bool cos4 = vignetting.model == Vignetting::Model::cos4;
-  // Of places on the plane z = 1.
+  // Transmission by the squared tangent of the angle: the squared distance on the plane z = 1.
   const auto of_tangent2 = [&](double tan2) {
     return cos4 ? 1 / ((1 + tan2) * (1 + tan2)) : of_angle(std::atan(std::sqrt(tan2)));
   };

@@ -16,7 +16,8 @@
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// For normal numbers above 0; to 2 units in the last place.
+// Returns the logarithm of a normal number above 0, to 2 units in the last place. Written out so that the compiler
+// vectorises it, with the same bits on every machine.
 inline float logarithm(float x) {
   const auto bits = std::bit_cast<std::uint32_t>(x);
   const float mantissa = std::bit_cast<float>((bits & 0x007fffffU) | 0x3f800000U);  // 1 to 2
@@ -28,10 +29,10 @@ inline float logarithm(float x) {
   return exponent * 0.693147181F + series;
 }
 
-// Of (bits + 1/2) / 2^32.
+// Returns the normal deviate at the probability (bits + 1/2) / 2^32.
 inline float normal_of(std::uint32_t bits) {
   const bool high = bits >> 31 != 0;
-  const std::uint32_t from_end = high ? ~bits : bits;  // below 2^31: int's conversion is the one that vectors have
+  const std::uint32_t from_end = high ? ~bits : bits;  // below 2^31: vectors convert signed integers only
   const float p = (static_cast<float>(static_cast<std::int32_t>(from_end)) + 0.5F) * 0x1p-32F;  // above 0, at most 1/2
   const float q = 0.5F - p;
   const float r = 0.180625F - q * q;
@@ -44,21 +45,23 @@ inline float normal_of(std::uint32_t bits) {
   return high ? x : -x;
 }
 
-// Of a mean of kExactPoisson and more.
-inline float many(std::uint32_t bits, float m) {
+// Returns a Poisson deviate for a mean of kExactPoisson or more.
+inline float poisson_of_large_mean(std::uint32_t bits, float m) {
   const float w = normal_of(bits), w2 = w * w, root = std::sqrt(m);
   const float x = m + root * w + (1.F / 3 + w2 / 6) - w * (1.F / 36 + w2 / 72) / root +
                   (-8.F / 405 + w2 * (7.F / 810 + w2 / 270)) / m;
-  const float whole = std::floor(x);
-  return whole > 0 ? whole : 0;
+  const float count = std::floor(x);
+  return count > 0 ? count : 0;
 }
 
+// Sets the deviates of all lanes as for large means. Returns 1 if a lane's mean is small: the caller replaces those.
 int PoissonOfLargeMeans(const std::uint32_t* bits, const float* mean, float* out) {
   SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kDraw; ++i) out[i] = many(bits[i], mean[i] > kExactPoisson ? mean[i] : kExactPoisson);
-  int left = 0;
-  for (int i = 0; i < kDraw; ++i) left |= mean[i] < kExactPoisson ? 1 : 0;
-  return left;
+  for (int i = 0; i < kDraw; ++i)
+    out[i] = poisson_of_large_mean(bits[i], mean[i] > kExactPoisson ? mean[i] : kExactPoisson);
+  int any_small = 0;
+  for (int i = 0; i < kDraw; ++i) any_small |= mean[i] < kExactPoisson ? 1 : 0;
+  return any_small;
 }
 
 HWY_INLINE philox4x32_ctr_t words_of(std::uint64_t seed, std::uint64_t frame, RandomSource source,
@@ -94,12 +97,15 @@ HWY_EXPORT(Normals);
 
 namespace {
 
-// By adding up probabilities until they exceed u.
-float few(std::uint32_t bits, float mean) {
+// Returns a Poisson deviate for a small mean: adds up probabilities until they exceed u.
+float poisson_of_small_mean(std::uint32_t bits, float mean) {
   const double u = (static_cast<double>(bits) + 0.5) * 0x1p-32;
   double probability = std::exp(-static_cast<double>(mean)), sum = probability;
   int k = 0;
-  while (sum < u && k < 200) probability *= static_cast<double>(mean) / ++k, sum += probability;
+  while (sum < u && k < 200) {
+    probability *= static_cast<double>(mean) / ++k;
+    sum += probability;
+  }
   return static_cast<float>(k);
 }
 
@@ -114,7 +120,7 @@ void normals(const std::uint32_t bits[kDraw], float out[kDraw]) { HWY_DYNAMIC_DI
 void poisson(const std::uint32_t bits[kDraw], const float mean[kDraw], float out[kDraw]) {
   if (!HWY_DYNAMIC_DISPATCH(PoissonOfLargeMeans)(bits, mean, out)) return;
   for (int i = 0; i < kDraw; ++i)
-    if (mean[i] < kExactPoisson) out[i] = mean[i] > 0 ? few(bits[i], mean[i]) : 0;
+    if (mean[i] < kExactPoisson) out[i] = mean[i] > 0 ? poisson_of_small_mean(bits[i], mean[i]) : 0;
 }
 
 RandomBits draw_one(std::uint64_t seed, std::uint64_t frame, RandomSource source, std::uint32_t pixel) {
@@ -126,7 +132,7 @@ float normal_one(std::uint32_t bits) { return HWY_NAMESPACE::normal_of(bits); }
 
 float poisson_one(std::uint32_t bits, float mean) {
   if (!(mean > 0)) return 0;
-  return mean < kExactPoisson ? few(bits, mean) : HWY_NAMESPACE::many(bits, mean);
+  return mean < kExactPoisson ? poisson_of_small_mean(bits, mean) : HWY_NAMESPACE::poisson_of_large_mean(bits, mean);
 }
 
 }  // namespace selenograph::engine

@@ -14,7 +14,8 @@ namespace selenograph::engine {
 
 namespace {
 
-// Combines work(pixels of a piece, index of its first) of all pieces of an image in their order.
+// Returns the combined results of work(pixels of a piece, index of the first) over all pieces of an image. Pieces run
+// in parallel; results are combined in order, so that they do not depend on the threads.
 template <typename T, typename Work, typename Combine>
 T over_pieces(std::span<const float> pixels, const Work& work, const Combine& combine) {
   constexpr std::size_t kPiece_px = 1 << 16;
@@ -59,7 +60,7 @@ double expose(const ImageSettings& settings, const std::vector<float>& radiance,
                                 : static_cast<double>(radiance.empty() ? 0.F : radiance[brightest_pixel(radiance)]);
   if (!(full_scale > 0)) return full_scale;
   const double top = settings.bit_depth == 16 ? 65535 : 255, scale = top / full_scale;
-  // The sum's unit in the last place is 1: adding rounds to the nearest integer, ties to even.
+  // Adding 1.5 * 2^52 rounds to the nearest integer, ties to even: the sum's unit in the last place is 1.
   constexpr double kRounding = 0x1.8p52;
   in_parallel_pieces(radiance.size(), std::size_t{1} << 16, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t i = first; i < past_last; ++i) {
@@ -96,8 +97,8 @@ void add_square(std::vector<float>& image, int width, int height, double x_px, d
 
 namespace {
 
-void add_all(const std::vector<float>& some, std::vector<float>& sum) {
-  for (std::size_t i = 0; i < some.size(); ++i) sum[i] += some[i];
+void add_to(std::vector<float>& sum, const std::vector<float>& terms) {
+  for (std::size_t i = 0; i < terms.size(); ++i) sum[i] += terms[i];
 }
 
 double light_w_m2(const FrameRequest& request, const Band& band) {
@@ -141,10 +142,10 @@ void Sensor::pass_optics(const Camera& camera, const PixelRays& rays, std::vecto
 }
 
 void Sensor::complete(std::vector<float>& radiance, const StopToken& stop) {
-  add_all(points_, radiance);
+  add_to(radiance, points_);
   if (!scattered_) return;
   scattered_->apply(radiance, stop);
-  add_all(glare_, radiance);
+  add_to(radiance, glare_);
 }
 
 void Sensor::add_glare(const Vec3& toward_sun, double counted_w_m2, const StopToken& stop) {
@@ -160,8 +161,8 @@ bool Sensor::wants_samples() const {
 }
 
 const SpreadKernel& Sensor::shifted(double dx, double dy, const StopToken& stop) {
-  const auto known = shifted_.find({dx, dy});
-  if (known != shifted_.end()) return known->second;
+  const auto cached = shifted_.find({dx, dy});
+  if (cached != shifted_.end()) return cached->second;
   return shifted_.emplace(std::pair(dx, dy), kernel_.shifted(model_.optics.point_spread, dx, dy, stop)).first->second;
 }
 
@@ -183,17 +184,19 @@ void Sensor::choose_integration_time(const Camera& camera, const PixelRays& rays
   pass_optics(camera, rays, radiance, stop);
   complete(radiance, stop);
   Detector& d = model_.detector;
-  const double wanted_s = time_to_fill_s(model_, wavelength_um_, filled_e(d, exposure.target_fill), std::move(radiance),
-                                         request_.camera.width, request_.camera.height);
-  d.integration_time_s = std::clamp(wanted_s, exposure.shortest_s, exposure.longest_s);
+  const double fill_s = time_to_fill_s(model_, wavelength_um_, filled_e(d, exposure.target_fill), std::move(radiance),
+                                       request_.camera.width, request_.camera.height);
+  d.integration_time_s = std::clamp(fill_s, exposure.shortest_s, exposure.longest_s);
 }
 
 void Sensor::image(const Camera& camera, const PixelRays& rays, std::vector<float> radiance,
                    std::vector<std::uint16_t>& image, const StopToken& stop) {
-  if (samples_.empty())
+  if (samples_.empty()) {
     pass_optics(camera, rays, radiance, stop);
-  else
-    radiance = std::move(samples_), samples_.clear();
+  } else {
+    radiance = std::move(samples_);
+    samples_.clear();
+  }
   complete(radiance, stop);
   read_out_ = detect(model_, wavelength_um_, radiance, request_.camera.width, request_.camera.height, image, stop,
                      request_.shutter && request_.shutter->pushbroom);
@@ -218,7 +221,7 @@ void Sensor::add_points(std::span<const LightPoint> points, double share, const 
   if (points.empty()) return;
   const int width = request_.camera.width, height = request_.camera.height;
   points_.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), 0.F);
-  // In units of the radiance that the image's light is counted by.
+  // Convert to the radiance that the image is counted in.
   const double unit = share * request_.band->center_um() / wavelength_um_;
   for (const LightPoint& point : points) {
     const double value = unit * transmission(model_.optics.vignetting, point.in_camera) * point.counted_w_m2_sr;
@@ -242,21 +245,23 @@ void Sensor::add_points(std::span<const LightPoint> points, double share, const 
 }
 
 Camera with_margin(Camera camera, int margin_px) {
-  camera.width += 2 * margin_px, camera.height += 2 * margin_px;
-  camera.cx += margin_px, camera.cy += margin_px;
+  camera.width += 2 * margin_px;
+  camera.height += 2 * margin_px;
+  camera.cx += margin_px;
+  camera.cy += margin_px;
   return camera;
 }
 
 namespace {
 
-// An array that has no margin (the image, which is made without) is left as it is.
+// Removes the margin from an array. An array that does not cover the margin's pixels (the image) stays as it is.
 template <typename T>
 void crop_array(std::vector<T>& array, const Camera& camera, int margin_px) {
   const std::size_t channels =
       array.size() / (static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height));
   if (channels == 0) return;
-  const auto margin = static_cast<std::size_t>(margin_px), stride = channels * static_cast<std::size_t>(camera.width),
-             row = stride - 2 * margin * channels, rows = static_cast<std::size_t>(camera.height) - 2 * margin;
+  const auto margin = static_cast<std::size_t>(margin_px), stride = channels * static_cast<std::size_t>(camera.width);
+  const std::size_t row = stride - 2 * margin * channels, rows = static_cast<std::size_t>(camera.height) - 2 * margin;
   for (std::size_t y = 0; y < rows; ++y)
     std::copy_n(array.begin() + static_cast<std::ptrdiff_t>((y + margin) * stride + margin * channels), row,
                 array.begin() + static_cast<std::ptrdiff_t>(y * row));

@@ -11,7 +11,8 @@ std::vector<SpectrometerChannel> look_at_blackbody(const Spectrometer& s, double
   for (int i = 0; i < s.channels; ++i) {
     stop.check();
     SpectrometerChannel c{};
-    c.center_um = s.first_um + (i + 0.5) * width, c.width_um = width;
+    c.center_um = s.first_um + (i + 0.5) * width;
+    c.width_um = width;
     c.efficiency =
         interpolated(s.efficiency, c.center_um, &EfficiencyPoint::wavelength_um, &EfficiencyPoint::efficiency);
     c.radiance_w_m2_sr_um = planck_w_m2_sr_um(c.center_um, temperature_k);                                 // eq. (3)

@@ -33,8 +33,8 @@ struct SpectrometerChannel {
   double width_error;          // relative error of L Delta lambda against the integral over the channel
 };
 
-// Channels must be distinct from 0 and from each other in double precision: api/requests/mertis_json.cpp rejects
-// others. Throws Cancelled when `stop` says so.
+// Returns the channels' view of a blackbody. Channels must be distinct from 0 and from each other in double precision:
+// api/requests/mertis_json.cpp rejects others. Throws Cancelled when stopped.
 std::vector<SpectrometerChannel> look_at_blackbody(const Spectrometer& spectrometer, double temperature_k,
                                                    const StopToken& stop = {});
 

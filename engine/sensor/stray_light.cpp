@@ -16,30 +16,32 @@ namespace {
 using Complex = std::complex<double>;
 using std::numbers::pi;
 
-constexpr std::size_t kLines = 32;  // of a parallel piece
+constexpr std::size_t kLines = 32;  // rows or columns of a parallel piece
 
+// Returns Harvey and Shack's law, sr-1. `square`: squared difference of direction cosines.
 double bsdf(const StrayLight& law, double square) {
   return law.b0_sr * std::pow(1 + square / (law.shoulder * law.shoulder), law.slope / 2);
 }
 
-// The law's integral over a circle of direction cosines.
+// Returns the law's integral over a circle of direction cosines.
 double scattered_within(const StrayLight& law, double sine) {
   const double at = std::log1p(sine * sine / (law.shoulder * law.shoulder)), power = law.slope / 2 + 1;
   const double rise = std::abs(power) < 1e-9 ? at : std::expm1(power * at) / power;
   return pi * law.b0_sr * law.shoulder * law.shoulder * rise;
 }
 
-// Sizes of fast transforms: multiples of 4 with small factors only.
-int fast_size(int least) {
-  for (int n = (least + 3) / 4 * 4;; n += 4) {
-    int left = n;
+// Returns the smallest size of a fast transform from `min_size` on: a multiple of 4 with the factors 2, 3 and 5 only.
+int fast_size(int min_size) {
+  for (int n = (min_size + 3) / 4 * 4;; n += 4) {
+    int cofactor = n;
     for (const int factor : {2, 3, 5})
-      while (left % factor == 0) left /= factor;
-    if (left == 1) return n;
+      while (cofactor % factor == 0) cofactor /= factor;
+    if (cofactor == 1) return n;
   }
 }
 
-// Half of the frequencies of a real image, column by column.
+// A two-dimensional transform of a real image. Only half of the frequencies along rows are stored, column by column:
+// the others are their complex conjugates.
 struct Frequencies {
   Frequencies(int wide, int high)
       : columns(static_cast<std::size_t>(wide)),
@@ -47,10 +49,10 @@ struct Frequencies {
         half(columns / 2 + 1),
         values(half * rows) {}
 
-  // row(y, out): fills a row of the image, for the first `given` rows; the others are 0.
+  // Transforms an image. row(y, out) fills row y, for the first `filled_rows` rows; the others are 0.
   template <typename Row>
-  void transform(std::size_t given, const Row& row, const StopToken& stop) {
-    in_parallel_pieces(given, kLines, [&](std::size_t first, std::size_t past_last) {
+  void transform(std::size_t filled_rows, const Row& row, const StopToken& stop) {
+    in_parallel_pieces(filled_rows, kLines, [&](std::size_t first, std::size_t past_last) {
       Eigen::FFT<double> fft;
       fft.SetFlag(Eigen::FFT<double>::HalfSpectrum);
       std::vector<double> in(columns);
@@ -68,13 +70,13 @@ struct Frequencies {
                 stop);
   }
 
-  // row(y, in): takes a row of the image back, for the first `wanted` rows.
+  // Transforms back. row(y, in) receives row y of the image, for the first `needed_rows` rows.
   template <typename Row>
-  void transform_back(std::size_t wanted, const Row& row, const StopToken& stop) {
+  void transform_back(std::size_t needed_rows, const Row& row, const StopToken& stop) {
     for_columns([&](Eigen::FFT<double>& fft, const Complex* in,
                     Complex* out) { fft.inv(out, in, static_cast<Eigen::Index>(rows)); },
                 stop);
-    in_parallel_pieces(wanted, kLines, [&](std::size_t first, std::size_t past_last) {
+    in_parallel_pieces(needed_rows, kLines, [&](std::size_t first, std::size_t past_last) {
       Eigen::FFT<double> fft;
       fft.SetFlag(Eigen::FFT<double>::HalfSpectrum);
       std::vector<Complex> in(half);
@@ -119,7 +121,7 @@ ScatteredLight::ScatteredLight(const StrayLight& law, const Camera& camera, cons
       fy_(camera.fy),
       columns_(fast_size(2 * camera.width - 1)),
       rows_(fast_size(2 * camera.height - 1)) {
-  // The kernel is the same in all four quadrants.
+  // Compute one quadrant of the kernel; the other three are its mirror images.
   const auto w = static_cast<std::size_t>(width_), h = static_cast<std::size_t>(height_);
   std::vector<double> quadrant(w * h);
   in_parallel_pieces(h, kLines, [&](std::size_t first, std::size_t past_last) {
@@ -142,29 +144,32 @@ ScatteredLight::ScatteredLight(const StrayLight& law, const Camera& camera, cons
   for (const Complex& value : kernel.values) transfer_.push_back(value.real());
 }
 
-// The law over a pixel: the solid angle of a place (x, y) on the plane z = 1 is cos^3 dx dy, and foreshortened cos^4.
+// Integrates the law over a pixel. A point (x, y) on the plane z = 1 has the solid angle cos^3 dx dy, foreshortened
+// cos^4 dx dy.
 double ScatteredLight::weight(int dx, int dy) const {
-  if (dx == 0 && dy == 0) return weight_of_middle();
-  // Gauss and Legendre's places in a pixel, more where the law is steep.
-  static constexpr double kFew[] = {0.2886751345948129}, kFewWeights[] = {0.5};
-  static constexpr double kMany[] = {0.0917173212478249, 0.2627662049581645, 0.3983332387068134, 0.4801449282487682},
-                          kManyWeights[] = {0.1813418916891810, 0.1568533229389436, 0.1111905172266872,
-                                            0.0506142681451881};
-  const bool many = std::max(std::abs(dx), std::abs(dy)) <= 8;
-  const auto places = many ? std::span<const double>(kMany) : kFew,
-             weights = many ? std::span<const double>(kManyWeights) : kFewWeights;
+  if (dx == 0 && dy == 0) return weight_of_centre();
+  // Gauss-Legendre nodes in a pixel (one half of each symmetric pair): 2 x 2, or 8 x 8 near the centre, where the law
+  // is steep.
+  static constexpr double kNodes2[] = {0.2886751345948129}, kWeights2[] = {0.5};
+  static constexpr double kNodes8[] = {0.0917173212478249, 0.2627662049581645, 0.3983332387068134, 0.4801449282487682},
+                          kWeights8[] = {0.1813418916891810, 0.1568533229389436, 0.1111905172266872,
+                                         0.0506142681451881};
+  const bool is_steep = std::max(std::abs(dx), std::abs(dy)) <= 8;
+  const auto nodes = is_steep ? std::span<const double>(kNodes8) : kNodes2,
+             weights = is_steep ? std::span<const double>(kWeights8) : kWeights2;
   double sum = 0;
-  for (std::size_t j = 0; j < 2 * places.size(); ++j)
-    for (std::size_t i = 0; i < 2 * places.size(); ++i) {
-      const double x = (dx + (i % 2 ? -1 : 1) * places[i / 2]) / fx_, y = (dy + (j % 2 ? -1 : 1) * places[j / 2]) / fy_,
-                   tangent2 = x * x + y * y, cos2 = 1 / (1 + tangent2);
+  for (std::size_t j = 0; j < 2 * nodes.size(); ++j)
+    for (std::size_t i = 0; i < 2 * nodes.size(); ++i) {
+      const double x = (dx + (i % 2 ? -1 : 1) * nodes[i / 2]) / fx_, y = (dy + (j % 2 ? -1 : 1) * nodes[j / 2]) / fy_;
+      const double tangent2 = x * x + y * y, cos2 = 1 / (1 + tangent2);
       sum += weights[i / 2] * weights[j / 2] * bsdf(law_, tangent2 * cos2) * cos2 * cos2;
     }
   return sum / (fx_ * fy_);
 }
 
-// The law is steepest there, and has an integral up to the pixel's border in each direction.
-double ScatteredLight::weight_of_middle() const {
+// Integrates the law over the centre's pixel, where it is steepest: in each direction there is a closed form up to the
+// pixel's border.
+double ScatteredLight::weight_of_centre() const {
   constexpr int kDirections = 512;
   double sum = 0;
   for (int i = 0; i < kDirections; ++i) {

@@ -1,4 +1,4 @@
-// Light that the optics scatter: wide wings of the point spread, over the whole frame, and glare of a Sun beside it.
+// Light that the optics scatter: wide wings of the point spread over the whole frame, and glare of a Sun outside it.
 #pragma once
 
 #include <cstddef>
@@ -11,37 +11,38 @@
 
 namespace selenograph::engine {
 
-// The wings are those of a point on the boresight of a pinhole, wherever the point is: in direction cosines Harvey and
-// Shack's law is the same everywhere, and so it is in the image, but for the tangent over the sine of the field angle.
+// Every point has the wings of a point on the boresight of a pinhole. Harvey and Shack's law depends only on
+// differences of direction cosines, so in the image it is the same everywhere, except that pixels measure the tangent
+// of the field angle instead of the sine.
 class ScatteredLight {
  public:
-  // Share of the light that is scattered: the law's integral over the hemisphere (total integrated scatter).
+  // Returns the scattered share of the light: the law's integral over the hemisphere (total integrated scatter).
   static double share(const StrayLight& law);
 
-  // Frames of the camera's size. Takes as long as apply(); depends on nothing but the law, but for sun_within_deg, and
-  // the camera's size and focal lengths.
+  // Prepares the kernel for frames of the camera's size, in the time of one apply(). It depends only on the law (not on
+  // sun_within_deg) and the camera's size and focal lengths.
   ScatteredLight(const StrayLight& law, const Camera& camera, const StopToken& stop = {});
 
-  // Scatters light from pixel to pixel, by Fourier transforms in double: exact to rounding. What leaves the image is
-  // lost, and none comes from beyond it. `image`: of the camera's size.
+  // Scatters light from pixel to pixel, by Fourier transforms in double: exact to rounding. Light that leaves the image
+  // is lost, and none enters. `image`: of the camera's size.
   void apply(std::vector<float>& image, const StopToken& stop = {}) const;
-  // Share of a pixel's light that arrives in the pixel at (dx, dy) from it.
+  // Returns the share of a pixel's light that arrives in the pixel at (dx, dy) from it.
   double weight(int dx, int dy) const;
   std::size_t bytes() const { return sizeof(*this) + transfer_.capacity() * sizeof(double); }
 
  private:
-  double weight_of_middle() const;
+  double weight_of_centre() const;
 
   StrayLight law_;
   double share_;
   int width_, height_;
   double fx_, fy_;
-  int columns_, rows_;            // of the transforms, which have room for a whole kernel
-  std::vector<double> transfer_;  // of the kernel: real, since it is symmetric; a column after the other
+  int columns_, rows_;            // size of the transforms: image plus kernel, so that nothing wraps around
+  std::vector<double> transfer_;  // transform of the kernel, column by column; real, because the kernel is symmetric
 };
 
-// Adds the Sun's light that is scattered into each pixel: the law times the irradiance on the aperture. `toward_sun`:
-// camera axes, unit; `irradiance_w_m2`: at normal incidence. Returns the largest, W m-2 sr-1.
+// Adds the Sun's light scattered into each pixel: the law times the irradiance on the aperture. `toward_sun`: camera
+// axes, unit; `irradiance_w_m2`: at normal incidence. Returns the largest glare of a pixel, W m-2 sr-1.
 double add_glare(const StrayLight& law, const Camera& camera, const Vec3& toward_sun, double irradiance_w_m2,
                  std::vector<float>& image, const StopToken& stop = {});
 

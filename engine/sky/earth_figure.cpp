@@ -13,9 +13,10 @@
 namespace selenograph::engine {
 namespace {
 
-// By the mean elongation of the Moon from the Sun, from which the true one is up to 10 degrees away; an eclipse is
-// within 3 degrees of full Moon. Costs a hundredth of the places of both.
-bool about_full_moon(const std::string& utc) {
+// Returns false if the Earth cannot eclipse the Sun on the Moon at this epoch. Tests the mean elongation of the Moon
+// from the Sun, which differs from the true one by up to 10 degrees; an eclipse is within 3 degrees of full Moon. Costs
+// a hundredth of computing both positions.
+bool is_near_full_moon(const std::string& utc) {
   const JulianDate tt = tt_at(utc);
   const double elongation = eraFad03(((tt.day - ERFA_DJ00) + tt.fraction) / ERFA_DJC);
   return std::abs(std::remainder(elongation - std::numbers::pi, 2 * std::numbers::pi)) < 15 * kRadiansPerDegree;
@@ -39,18 +40,18 @@ std::optional<double> EarthFigure::range(const Vec3& direction) const {
 }
 
 double share_of_sun_covered(const std::string& utc, const Vec3& position_m) {
-  if (!about_full_moon(utc)) return 0;
+  if (!is_near_full_moon(utc)) return 0;
   const SkyObserver observer(utc, position_m, Vec3::Zero());
   const EarthFigure earth(observer);
   const ApparentBody sun = observer.sun();
   const Vec3 centre = observer.moon_me_from_icrf() * sun.direction;
   const double radius_deg = sun_radius_deg(sun.distance_m / kAstronomicalUnit_m);
   if (centre.dot(earth.direction()) < std::cos(radius_deg * kRadiansPerDegree + earth.radius_rad())) return 0;
-  constexpr int kAcross = 100;
-  const std::vector<Vec3> places = places_on_sun(centre, radius_deg, kAcross);
-  const auto covered = std::count_if(places.begin(), places.end(),
-                                     [&](const Vec3& place) { return earth.hides(place, sun.distance_m); });
-  return static_cast<double>(covered) / static_cast<double>(places.size());
+  constexpr int kPointsAcross = 100;
+  const std::vector<Vec3> points = places_on_sun(centre, radius_deg, kPointsAcross);
+  const auto covered = std::count_if(points.begin(), points.end(),
+                                     [&](const Vec3& point) { return earth.hides(point, sun.distance_m); });
+  return static_cast<double>(covered) / static_cast<double>(points.size());
 }
 
 }  // namespace selenograph::engine

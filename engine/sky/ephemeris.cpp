@@ -30,9 +30,9 @@ constexpr double kRadPerDeg = ERFA_DD2R;
 // --- UTC -> TT
 
 [[noreturn]] void reject(const std::string& utc, const std::string& why) {
-  constexpr std::size_t kLongestEcho = 40;  // what a stranger sent is not thrown back at any length
+  constexpr std::size_t kMaxEcho = 40;  // longer input is not repeated in the error message
   throw ImpossibleRequest("not a UTC epoch like 2026-11-20T00:00:00Z" +
-                          (utc.size() <= kLongestEcho ? ": \"" + utc + "\"" : std::string()) + ": " + why);
+                          (utc.size() <= kMaxEcho ? ": \"" + utc + "\"" : std::string()) + ": " + why);
 }
 
 struct DateTime {
@@ -52,13 +52,14 @@ std::optional<int> take_digits(std::string_view& text, std::size_t count) {
   return value;
 }
 
+// Takes one character from the front of `text`; returns false if it is another one.
 bool take(std::string_view& text, char c) {
   if (text.empty() || text.front() != c) return false;
   text.remove_prefix(1);
   return true;
 }
 
-// The digits behind the decimal point, as a number below 1.
+// Takes the digits after the decimal point as a number below 1; empty if there are none.
 std::optional<double> take_fraction(std::string_view& text) {
   double value = 0, unit = 0.1;
   std::size_t digits = 0;
@@ -79,7 +80,7 @@ void set_day_of_year(const std::string& utc, int day_of_year, DateTime& t) {
   if (year != t.year) reject(utc, "this year has no such day");
 }
 
-// Whether what follows the seconds names a time scale that is not UTC, as SPICE's texts do.
+// Returns whether the text after the seconds names a time scale other than UTC, as SPICE's texts do.
 bool names_other_scale(std::string_view rest) {
   take(rest, ' ');
   return rest == "TDB" || rest == "ET" || rest == "TDT" || rest == "TT" || rest == "TAI";
@@ -96,11 +97,14 @@ DateTime parse(const std::string& utc) {
     return *value;
   };
   t.year = read(4, '-');
-  if (rest.find('T') == 3)
+  if (rest.find('T') == 3) {
     set_day_of_year(utc, read(3, 'T'), t);
-  else
-    t.month = read(2, '-'), t.day = read(2, 'T');
-  t.hour = read(2, ':'), t.minute = read(2, ':');
+  } else {
+    t.month = read(2, '-');
+    t.day = read(2, 'T');
+  }
+  t.hour = read(2, ':');
+  t.minute = read(2, ':');
   const std::optional<int> second = take_digits(rest, 2);
   if (!second) reject(utc, form);
   t.second = *second;
@@ -120,7 +124,8 @@ DateTime parse(const std::string& utc) {
   return t;
 }
 
-// ERFA fills its leap second table on first use, without a lock: done here once, before two requests can meet in it.
+// Fills ERFA's leap second table. ERFA does that on first use without a lock; the static initialiser runs once, so that
+// two request threads cannot race.
 void load_leap_seconds() {
   [[maybe_unused]] static const int loaded = [] {
     double tai_minus_utc = 0;
@@ -128,7 +133,8 @@ void load_leap_seconds() {
   }();
 }
 
-// A "dubious year" (past the leap second table) is no error: the last known leap second then stays in force.
+// Returns the Julian date in UTC. A "dubious year" (after the end of the leap second table) is no error: the last leap
+// second of the table then remains in force.
 JulianDate utc_from(const std::string& utc, const DateTime& t) {
   // Before 1960 there was no UTC; past 2099 eraEpv00 is outside the range that it was fitted to.
   if (t.year < 1960 || t.year > 2099) reject(utc, "the year must be 1960 to 2099");
@@ -154,7 +160,7 @@ JulianDate utc_from(const std::string& utc, const DateTime& t) {
 }
 
 JulianDate utc_from_tdb(const JulianDate& tdb) {
-  // At the Earth's centre: on its surface the difference is 2 microseconds at most.
+  // Evaluate TDB - TT at the Earth's centre: on the surface it differs by at most 2 microseconds.
   const double tdb_minus_tt_s = eraDtdb(tdb.day, tdb.fraction, 0, 0, 0, 0);
   JulianDate tt, tai, utc;
   eraTdbtt(tdb.day, tdb.fraction, tdb_minus_tt_s, &tt.day, &tt.fraction);
@@ -165,19 +171,19 @@ JulianDate utc_from_tdb(const JulianDate& tdb) {
 
 // --- Sun and Moon
 
-// Passive rotations, as the sources of this file mean them: the axes turn by the angle, the vector stays.
+// Returns a passive rotation, the convention of this file's sources: the axes turn by the angle, the vector stays.
 Eigen::Matrix3d axes_turned(double angle_rad, const Vec3& axis) {
   return Eigen::AngleAxisd(-angle_rad, axis).toRotationMatrix();
 }
 
-// The Moon's motion as seen from the Earth, ICRS axes, au and au per day.
+// Returns the Moon's position and velocity relative to the Earth, ICRS axes, au and au per day.
 PositionVelocity moon_from_earth(const JulianDate& tdb) {
   ErfaMotion motion;
   eraMoon98(tdb.day, tdb.fraction, motion.rows);
   return motion.matrix();
 }
 
-// The Sun as seen from the Moon's centre, ICRS axes, au.
+// Returns the apparent Sun as seen from the Moon's centre, ICRS axes, au: light time first, then aberration.
 Vec3 apparent_sun_icrs_au(const JulianDate& tdb) {
   ErfaMotion from_sun, from_barycentre;
   eraEpv00(tdb.day, tdb.fraction, from_sun.rows, from_barycentre.rows);
@@ -188,7 +194,7 @@ Vec3 apparent_sun_icrs_au(const JulianDate& tdb) {
   const Vec3 sun_velocity = (barycentre_to_earth - sun_to_earth).row(1).transpose();
   const Vec3 moon_velocity = (barycentre_to_earth + earth_to_moon).row(1).transpose();
   const double light_time_d = geometric.norm() * ERFA_AULT / ERFA_DAYSEC;
-  const Vec3 retarded = geometric - sun_velocity * light_time_d;  // 6 km at most: one step is enough
+  const Vec3 retarded = geometric - sun_velocity * light_time_d;  // at most 6 km: one iteration suffices
   // Aberration to first order in v/c = 1e-4; the next order is 2 milliarcseconds.
   const double light_speed_au_per_day = ERFA_DAYSEC / ERFA_AULT;
   return (retarded.normalized() + moon_velocity / light_speed_au_per_day).normalized() * retarded.norm();
@@ -216,6 +222,7 @@ constexpr LibrationTerm kLibration[] = {
     {25.053, 12.9590088, 0.0043, -0.0009, -0.0044},
 };
 
+// Returns the rotation from ICRS axes into MOON_ME: Rz(W) Rx(90 deg - declination) Rz(90 deg + right ascension).
 Eigen::Matrix3d moon_me_from_icrs(const JulianDate& tdb) {
   const double d = (tdb.day - ERFA_DJ00) + tdb.fraction;
   const double centuries = d / ERFA_DJC;
@@ -253,7 +260,7 @@ JulianDate tt_at(const std::string& utc) {
 }
 
 SunPosition sun_at(const std::string& utc) {
-  const JulianDate tdb = tt_at(utc);  // TDB - TT is a periodic 2 ms at most: neglected
+  const JulianDate tdb = tt_at(utc);  // neglects TDB - TT, at most 2 ms
   const Vec3 sun_au = apparent_sun_icrs_au(tdb);
   return {(moon_me_from_icrs(tdb) * sun_au).normalized(), sun_au.norm()};
 }
@@ -261,7 +268,7 @@ SunPosition sun_at(const std::string& utc) {
 Earth earth_at(const std::string& utc) {
   const JulianDate tdb = tt_at(utc);
   const PositionVelocity earth_to_moon = moon_from_earth(tdb);
-  // Both move together: what is left of aberration is that of the Moon about the Earth, 3.4e-6.
+  // The Earth and the Moon move together around the Sun. Aberration from their relative velocity remains: 3.4e-6.
   const double light_speed_au_per_day = ERFA_DAYSEC / ERFA_AULT;
   const Vec3 toward = -earth_to_moon.row(0).transpose(), velocity = earth_to_moon.row(1).transpose();
   const Vec3 apparent = toward.normalized() + velocity / light_speed_au_per_day;
@@ -277,10 +284,10 @@ std::string utc_of_et(double et_s) {
   load_leap_seconds();
   const double days = std::floor(et_s / ERFA_DAYSEC);
   int year = 0, month = 0, day = 0, time[4] = {};
-  // A year far from ours is refused below; a double doesn't count days beyond some million years.
+  // Convert only days that ERFA can handle: a larger number leaves year 0, which is refused below.
   if (std::abs(days) < 1e6) {
     const JulianDate utc = utc_from_tdb({ERFA_DJ00 + days, (et_s - days * ERFA_DAYSEC) / ERFA_DAYSEC});
-    // A double holds the seconds of our time to 0.1 microseconds: whole seconds come out as such.
+    // Round to microseconds. A double holds present-day seconds to 0.1 microseconds, so whole seconds stay whole.
     eraD2dtf("UTC", 6, utc.day, utc.fraction, &year, &month, &day, time);
   }
   if (year < 1960 || year > 2099)

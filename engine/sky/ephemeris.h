@@ -16,36 +16,36 @@ struct SunPosition {
   double distance_au = 1;  // at the time the light left
 };
 
-// `utc` is ISO 8601 ("2026-11-20T00:00:00Z", or by day of the year "2026-324T00:00:00Z"; fraction optional, Z or none),
-// 1960 to 2099. Throws ImpossibleRequest that says what is wrong with it.
+// Returns the Sun's direction and distance. `utc` is ISO 8601 ("2026-11-20T00:00:00Z", or by day of the year
+// "2026-324T00:00:00Z"; fraction and Z optional), 1960 to 2099. Throws ImpossibleRequest that names the error in it.
 //
 // Accuracy: 0.01 degrees in direction (the Sun's disc is 0.53 degrees wide), 1e-6 au in distance. The error budget is
 // at the definition; nearly all of it is the lunar rotation.
 SunPosition sun_at(const std::string& utc);
 
-// The Earth's centre as seen from the Moon's at a UTC epoch, with aberration. Accuracy: 0.01 degrees in direction, 100
-// km in distance. Throws as sun_at.
+// Returns the Earth's centre as seen from the Moon's at a UTC epoch, with aberration. Accuracy: 0.01 degrees in
+// direction, 100 km in distance. Throws as sun_at.
 Earth earth_at(const std::string& utc);
 
-// Rotates vectors of ICRF axes into MOON_ME at a UTC epoch, or later than that by some seconds, by the rotation that
-// sun_at uses; errors likewise, and up to 0.01 degrees of rotation.
+// Returns the rotation from ICRF axes into MOON_ME at `later_s` seconds after a UTC epoch, as sun_at uses it. Accuracy:
+// 0.01 degrees of rotation. Throws as sun_at.
 Eigen::Matrix3d moon_me_from_icrf(const std::string& utc, double later_s = 0);
 
-// A Julian date in two parts, so that no microseconds are lost.
+// A Julian date in two parts, which together keep microseconds.
 struct JulianDate {
   double day = 0, fraction = 0;
 };
 
-// The epoch in TT, which is TDB to 2 ms. Throws as sun_at.
+// Returns the epoch in TT, which differs from TDB by at most 2 ms. Throws as sun_at.
 JulianDate tt_at(const std::string& utc);
 
-// The UTC epoch, to a microsecond, of Ephemeris Time as SPICE counts it: seconds of TDB since J2000.0. 1960 to 2099;
-// throws ImpossibleRequest outside.
+// Returns the UTC epoch, to a microsecond, of Ephemeris Time as in SPICE: seconds of TDB since J2000.0. Throws
+// ImpossibleRequest outside 1960 to 2099.
 std::string utc_of_et(double et_s);
 
 enum class BodyFrame { moon_me, moon_pa_de421, moon_pa_de440 };
 
-// Rotates vectors of the named frame into MOON_ME (DE421). Published constant angles.
+// Returns the constant rotation from the named frame into MOON_ME (DE421), by published angles.
 Eigen::Matrix3d moon_me_from(BodyFrame frame);
 
 }  // namespace selenograph::engine

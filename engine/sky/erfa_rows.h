@@ -1,4 +1,4 @@
-// Arrays of three columns as ERFA's functions take them, and the matrices that the rest of the engine computes with.
+// Converts between ERFA's arrays of three columns and the engine's matrices.
 #pragma once
 
 #include <Eigen/Core>
@@ -21,7 +21,7 @@ struct ErfaRows {
   double rows[kRows][3];
 };
 
-// Position and velocity: au and au per day, or m and m/s.
+// Position (row 0) and velocity (row 1): au and au per day, or m and m/s.
 using ErfaMotion = ErfaRows<2>;
 using PositionVelocity = ErfaMotion::Matrix;
 

@@ -41,40 +41,41 @@ double jupiter(double a) {
   return -9.428 - 2.5 * std::log10(polynomial({1.0, -1.507, -0.363, -0.062, 2.809, -1.876}, std::min(a, 130.0) / 180));
 }
 
-// The pole of a planet: WGCCRE 2015, its motion left out.
+// Returns the direction of a planet's north pole, ICRF, by WGCCRE 2015 without its motion.
 Vec3 pole(double ra_deg, double dec_deg) {
   const double ra = ra_deg * kRadiansPerDegree, dec = dec_deg * kRadiansPerDegree;
   return {std::cos(dec) * std::cos(ra), std::cos(dec) * std::sin(ra), std::sin(dec)};
 }
 
-// Sines of the latitudes under the Sun and the observer.
-struct Under {
+// Sines of the planetocentric latitudes of the subsolar and the sub-observer point.
+struct SubLatitudes {
   double sun, observer;
-  Under(const Vec3& north, const ApparentBody& body)
+  SubLatitudes(const Vec3& north, const ApparentBody& body)
       : sun(-north.dot(body.from_sun)), observer(-north.dot(body.from_observer)) {}
 };
 
-// The rings are seen and lit from the same side, or they are dark.
+// The rings shine only if the Sun and the observer are on the same side of their plane.
 double saturn(double a, const ApparentBody& body) {
   if (a > 6.5) return polynomial({-8.94, 2.446e-4, 2.672e-4, -1.505e-6, 4.767e-9}, std::min(a, 150.0));
   static const Vec3 kNorth = pole(40.589, 83.537);
-  const Under under(kNorth, body);
-  const double open = under.sun * under.observer > 0 ? std::sqrt(std::asin(under.sun) * std::asin(under.observer)) : 0;
+  const SubLatitudes sub(kNorth, body);
+  const double open = sub.sun * sub.observer > 0 ? std::sqrt(std::asin(sub.sun) * std::asin(sub.observer)) : 0;
   return -8.914 - 1.825 * std::sin(open) + 0.026 * a - 0.378 * std::sin(open) * std::exp(-2.25 * a);
 }
 
 double uranus(double a, const ApparentBody& body) {
   static const Vec3 kNorth = pole(257.311, -15.175);
-  const Under under(kNorth, body);
-  // Planetographic latitudes: the flattening is 0.0229.
+  const SubLatitudes sub(kNorth, body);
+  // Convert to planetographic latitudes; the flattening is 0.0229.
   const auto latitude_deg = [](double sine) {
     const double centric = std::asin(std::clamp(sine, -1.0, 1.0));
     return std::abs(std::atan(std::tan(centric) / ((1 - 0.0229) * (1 - 0.0229)))) * kDegreesPerRadian;
   };
-  const double mean_deg = (latitude_deg(under.sun) + latitude_deg(under.observer)) / 2;
+  const double mean_deg = (latitude_deg(sub.sun) + latitude_deg(sub.observer)) / 2;
   return -7.110 - 8.4e-4 * mean_deg + (a > 3.1 ? polynomial({0, 6.587e-3, 1.045e-4}, std::min(a, 154.0)) : 0);
 }
 
+// Returns the magnitude at 1 au from both the Sun and the observer.
 double at_one_au(Planet planet, const ApparentBody& body) {
   const double a = body.phase_deg;
   switch (planet) {
@@ -98,9 +99,10 @@ double at_one_au(Planet planet, const ApparentBody& body) {
   return 0;
 }
 
-// Spectral irradiance at 0.55 um of V = 0, over what the spectrum itself has there, times its integral over the band.
+// Returns the irradiance in a band of a blackbody of V = 0: its integral over the band, scaled so that its spectral
+// irradiance at 0.55 um is the zero point's. `band` null: all wavelengths.
 double star_of_v0(double temperature_k, const Band* band) {
-  // Stefan and Boltzmann's law over pi.
+  // The Stefan-Boltzmann constant over pi: radiance per T^4.
   constexpr double kAll_w_m2_sr_k4 = 5.670374419e-8 / std::numbers::pi;
   const double integral = band ? planck_w_m2_sr(*band, temperature_k) : kAll_w_m2_sr_k4 * std::pow(temperature_k, 4);
   return kZeroPoint_w_m2_um / planck_w_m2_sr_um(kVisual_um, temperature_k) * integral;

@@ -21,23 +21,32 @@ namespace {
 
 using std::numbers::pi;
 
+// Integration of a disc over a pixel:
+//
+//   pixel part --> cells, 8 across the disc --> lines across the rim --> intervals between edges --> 8 Gauss points
+//
+//   +-----------+
+//   |---(====)--|   A line of a cell is cut at the edges of the lit surface: the limb, the terminator, the Earth's
+//   limb.
+//   |--(=====)--|   Only the intervals marked = shine; each is integrated by itself, so that its ends may be roots or
+//   +-----------+   steps of the radiance.
 class Disc {
  public:
   virtual ~Disc() = default;
-  // Adds the places t in (0, 1) at which lines of sight from + t step (MOON_ME, of any length) may enter or leave what
-  // shines.
+  // Adds the parameters t in (0, 1) at which the lines of sight from + t step (MOON_ME, of any length) cross an edge of
+  // the lit surface.
   virtual void add_edges(const Vec3& from, const Vec3& step, std::vector<double>& t) const = 0;
-  // Whether a unit direction from the camera, MOON_ME, meets what shines.
+  // Returns whether a unit direction from the camera, MOON_ME, hits the lit surface.
   virtual bool shines(const Vec3& direction) const = 0;
-  // Radiance along such a direction, as a sample's mean over an angle of step_rad; 0 where nothing shines. For one
-  // thread.
+  // Returns the radiance along such a direction, averaged over an angle of step_rad; 0 off the lit surface. Not
+  // thread-safe.
   virtual double radiance(const Vec3& direction, double step_rad) = 0;
   virtual const Vec3& centre() const = 0;  // unit, MOON_ME
   virtual double radius_rad() const = 0;
-  virtual double narrowest_rad() const = 0;  // across what shines
+  virtual double narrowest_rad() const = 0;  // smallest width of the lit surface: that of a crescent
 };
 
-// Those of form(ray, ray) along from + t step, the form being bilinear and symmetric.
+// Adds the roots t in (0, 1) of form(ray, ray), where ray = from + t step. The form is bilinear and symmetric.
 template <typename Form>
 void add_roots(const Form& form, const Vec3& from, const Vec3& step, std::vector<double>& t) {
   const double constant = form(from, from), half_linear = form(from, step), square = form(step, step);
@@ -50,10 +59,10 @@ void add_roots(const Form& form, const Vec3& from, const Vec3& step, std::vector
 
 void add_limb_edges(const EarthFigure& earth, const Vec3& from, const Vec3& step, std::vector<double>& t) {
   const auto stretched = [&](const Vec3& v) { return EarthFigure::stretched(earth.earth_from_moon_me() * v); };
-  add_roots([&](const Vec3& a, const Vec3& b) { return earth.off_limb(a, b); }, stretched(from), stretched(step), t);
+  add_roots([&](const Vec3& a, const Vec3& b) { return earth.limb_form(a, b); }, stretched(from), stretched(step), t);
 }
 
-// Without what the Earth covers of it.
+// The Sun's disc, except for the part that the Earth occludes.
 class SunDisc : public Disc {
  public:
   SunDisc(const SkyObject& sun, std::optional<double> limb_darkening, const EarthFigure& earth)
@@ -62,12 +71,12 @@ class SunDisc : public Disc {
         distance_m_(*sun.distance_m),
         darkening_(limb_darkening.value_or(0.6)),
         sine_(std::sin(sun_radius_deg(distance_m_ / kAstronomicalUnit_m) * kRadiansPerDegree)),
-        middle_(sun.irradiance_w_m2 / (pi * sine_ * sine_ * (1 - darkening_ / 3))) {}
+        centre_radiance_(sun.irradiance_w_m2 / (pi * sine_ * sine_ * (1 - darkening_ / 3))) {}
   void add_edges(const Vec3& from, const Vec3& step, std::vector<double>& t) const override {
-    const auto off_limb = [this](const Vec3& a, const Vec3& b) {
+    const auto limb_form = [this](const Vec3& a, const Vec3& b) {
       return a.dot(centre_) * b.dot(centre_) - (1 - sine_ * sine_) * a.dot(b);
     };
-    add_roots(off_limb, from, step, t);
+    add_roots(limb_form, from, step, t);
     add_limb_edges(earth_, from, step, t);
   }
   bool shines(const Vec3& direction) const override {
@@ -76,7 +85,7 @@ class SunDisc : public Disc {
   double radiance(const Vec3& direction, double) override {
     if (!shines(direction)) return 0;
     const double sine = off_centre(direction);
-    return middle_ * (1 - darkening_ * (1 - std::sqrt(1 - sine * sine)));
+    return centre_radiance_ * (1 - darkening_ * (1 - std::sqrt(1 - sine * sine)));
   }
   const Vec3& centre() const override { return centre_; }
   double radius_rad() const override { return std::asin(sine_); }
@@ -90,30 +99,35 @@ class SunDisc : public Disc {
 
   const EarthFigure& earth_;
   Vec3 centre_;
-  double distance_m_, darkening_, sine_, middle_;
+  double distance_m_, darkening_, sine_, centre_radiance_;
 };
 
-// How bright places on the Earth are relative to the mean of all that is lit and seen, each by its light.
+// Brightness of the Earth's surface relative to its mean over the visible lit surface, weighted by light. Without a map
+// it is 1. Call add_to_mean() for all of that surface, then finish_mean(), then relative().
 class EarthPattern {
  public:
   EarthPattern(const EarthMap& map, const StopToken& stop) {
     if (map.content) map_.emplace(*map.content, stop);
   }
-  // Takes a place, by its geodetic normal, into the mean.
-  void take_in(double light, const Vec3& normal) {
+  // Adds a surface element, given by its geodetic normal, to the mean.
+  void add_to_mean(double light, const Vec3& normal) {
     if (!map_) return;
     constexpr double kApart_rad = pi / 128;
     const EastNorthUp local = local_axes(normal);
     const double value = at(normal, kApart_rad * local.east, kApart_rad * local.north);
-    if (!std::isnan(value)) all_ += light, sum_ += light * value;
+    if (!std::isnan(value)) {
+      light_sum_ += light;
+      value_sum_ += light * value;
+    }
   }
-  // After all places.
-  void settle_mean() {
-    if (all_ > 0 && !(sum_ > 0))
+  // Throws ImpossibleRequest if the mean is 0.
+  void finish_mean() {
+    if (light_sum_ > 0 && !(value_sum_ > 0))
       throw ImpossibleRequest("the map is 0 wherever the Earth is lit and seen", "earth_map");
-    if (all_ > 0) mean_ = sum_ / all_;
+    if (light_sum_ > 0) mean_ = value_sum_ / light_sum_;
   }
-  // At a geodetic normal, over a parallelogram with these sides in radii; 1 where the map has no value.
+  // Returns the relative brightness at a geodetic normal, averaged over a parallelogram with sides `a` and `b` in Earth
+  // radii; 1 where the map has no value.
   double relative(const Vec3& normal, const Vec3& a, const Vec3& b) {
     if (!map_ || std::isnan(mean_)) return 1;
     const double value = at(normal, a, b);
@@ -123,7 +137,7 @@ class EarthPattern {
  private:
   double at(const Vec3& normal, const Vec3& a, const Vec3& b) {
     const EastNorthUp local = local_axes(normal);
-    // Maps measure on the Moon's sphere.
+    // Value maps measure sides in metres on the Moon's sphere: scale angles by its radius.
     const auto side = [&](const Vec3& v) {
       return std::array{kMoonRadius_m * local.east.dot(v), kMoonRadius_m * local.north.dot(v)};
     };
@@ -132,49 +146,52 @@ class EarthPattern {
     return std::max(map_->mean({lat_deg, lon_deg, side(a), side(b)}).value, 0.0);
   }
   std::optional<dem::ValueMap::Sampler> map_;
-  double all_ = 0, sum_ = 0, mean_ = std::numeric_limits<double>::quiet_NaN();
+  double light_sum_ = 0, value_sum_ = 0, mean_ = std::numeric_limits<double>::quiet_NaN();
 };
 
-// In the axes of EarthFigure.
+// The lit part of the Earth's disc. Computes in the axes of EarthFigure.
 class EarthDisc : public Disc {
  public:
   EarthDisc(const SkyObject& earth, const EarthFigure& figure, const SkyObserver& observer, const EarthMap& map,
             const StopToken& stop)
       : figure_(figure),
         toward_sun_(observer.earth_from_icrf(figure.body().distance_m) * -figure.body().from_sun),
-        over_terminator_(EarthFigure::stretched(toward_sun_)),
+        terminator_normal_(EarthFigure::stretched(toward_sun_)),
         narrowest_rad_(figure.radius_rad() * (1 + std::cos(figure.body().phase_deg * kRadiansPerDegree))),
         pattern_(map, stop) {
     double lit_sr = 0;
-    over_lit([&](double light, const Vec3& normal) { lit_sr += light, pattern_.take_in(light, normal); });
-    full_ = lit_sr > 0 ? earth.irradiance_w_m2 / lit_sr : 0;
-    pattern_.settle_mean();
+    visit_lit([&](double light, const Vec3& normal) {
+      lit_sr += light;
+      pattern_.add_to_mean(light, normal);
+    });
+    subsolar_radiance_ = lit_sr > 0 ? earth.irradiance_w_m2 / lit_sr : 0;
+    pattern_.finish_mean();
   }
-  // At the limb a ray touches the sphere. At the terminator, whose plane goes through the centre, it meets that plane
-  // on the sphere.
+  // The limb is where a ray touches the sphere. The terminator is where it hits the sphere and the terminator's plane,
+  // which contains the centre, in the same point.
   void add_edges(const Vec3& from, const Vec3& step, std::vector<double>& t) const override {
-    const Vec3 &f = figure_.from_centre(), &s = over_terminator_;
+    const Vec3 &f = figure_.from_centre(), &s = terminator_normal_;
     const double f2 = f.squaredNorm(), above = f.dot(s);
-    const auto off_terminator = [&](const Vec3& a, const Vec3& b) {
+    const auto terminator_form = [&](const Vec3& a, const Vec3& b) {
       return (f2 - 1) * a.dot(s) * b.dot(s) - above * (a.dot(s) * b.dot(f) + b.dot(s) * a.dot(f)) +
              above * above * a.dot(b);
     };
     add_limb_edges(figure_, from, step, t);
-    add_roots(off_terminator, stretched(from), stretched(step), t);
+    add_roots(terminator_form, stretched(from), stretched(step), t);
   }
-  bool shines(const Vec3& direction) const override { return met(in_earth_axes(direction)).mu0 > 0; }
+  bool shines(const Vec3& direction) const override { return hit(in_earth_axes(direction)).mu0 > 0; }
   double radiance(const Vec3& direction, double step_rad) override {
-    const Vec3 seen = in_earth_axes(direction);
-    const Place place = met(seen);
-    if (place.mu0 <= 0) return 0;
-    // What a step across the line of sight is on the ground: longer by 1 / mu along the way.
-    const Vec3& normal = place.normal;
-    const double mu = std::max(-normal.dot(seen), 0.05);
+    const Vec3 ray = in_earth_axes(direction);
+    const Hit surface = hit(ray);
+    if (surface.mu0 <= 0) return 0;
+    // Project the sample's footprint to the ground: it is longer by 1 / mu in the plane of the ray and the normal.
+    const Vec3& normal = surface.normal;
+    const double mu = std::max(-normal.dot(ray), 0.05);
     const Vec3 across =
-        normal.cross(seen).norm() > 1e-9 ? Vec3(normal.cross(seen).normalized()) : normal.unitOrthogonal();
+        normal.cross(ray).norm() > 1e-9 ? Vec3(normal.cross(ray).normalized()) : normal.unitOrthogonal();
     const Vec3 along = normal.cross(across);
-    const double side = step_rad * place.range;
-    return full_ * place.mu0 * pattern_.relative(normal, side * across, side / mu * along);
+    const double side = step_rad * surface.range;
+    return subsolar_radiance_ * surface.mu0 * pattern_.relative(normal, side * across, side / mu * along);
   }
   const Vec3& centre() const override { return figure_.direction(); }
   double radius_rad() const override { return figure_.radius_rad(); }
@@ -184,46 +201,46 @@ class EarthDisc : public Disc {
   Vec3 in_earth_axes(const Vec3& direction) const { return figure_.earth_from_moon_me() * direction; }
   Vec3 stretched(const Vec3& direction) const { return EarthFigure::stretched(in_earth_axes(direction)); }
 
-  // Geodetic normal, range in radii, cosine of incidence.
-  struct Place {
-    Vec3 normal = Vec3::Zero();
-    double range = 0, mu0 = 0;
+  struct Hit {
+    Vec3 normal = Vec3::Zero();  // geodetic
+    double range = 0, mu0 = 0;   // in Earth radii; cosine of incidence
   };
-  // Along a unit direction in the Earth's axes; mu0 is 0 beside the disc.
-  Place met(const Vec3& seen) const {
-    const Vec3 way = EarthFigure::stretched(seen);
-    const std::optional<double> range = figure_.range(way);
+  // Intersects a unit direction in the Earth's axes. A miss has mu0 = 0.
+  Hit hit(const Vec3& ray) const {
+    const Vec3 stretched_ray = EarthFigure::stretched(ray);
+    const std::optional<double> range = figure_.range(stretched_ray);
     if (!range) return {};
-    const Vec3 normal = EarthFigure::stretched(figure_.from_centre() + *range * way).normalized();
+    const Vec3 normal = EarthFigure::stretched(figure_.from_centre() + *range * stretched_ray).normalized();
     return {normal, *range, normal.dot(toward_sun_)};
   }
 
-  // Visits all that is lit and seen, as visit(cosine of incidence times solid angle, geodetic normal): of a thin
-  // crescent, whose brightest part is at the limb, the horizon cuts off much. By longitudes on the sphere from the
-  // terminator to the horizon, on axes toward the observer and, the second, in the plane of the Sun.
+  // Visits the visible lit surface on a grid, as visit(cosine of incidence times solid angle, geodetic normal).
+  // Longitudes of the grid run from the terminator to the horizon, so that a thin crescent, whose brightest part is at
+  // the limb, has as many points as a full disc. Axes: the first toward the observer, the second in the Sun's plane.
   template <typename Visit>
-  void over_lit(const Visit& visit) const {
+  void visit_lit(const Visit& visit) const {
     constexpr int kLatitudes = 128, kLongitudes = 256;
     constexpr double kStretch = EarthFigure::kStretch;
     const Vec3& from_centre = figure_.from_centre();
     const double distance = from_centre.norm();
-    const Vec3 pole = from_centre.cross(over_terminator_);
+    const Vec3 pole = from_centre.cross(terminator_normal_);
     Eigen::Matrix3d axes;
     axes.col(0) = from_centre / distance;
     axes.col(2) = pole.norm() > 1e-9 * distance ? Vec3(pole.normalized()) : Vec3(axes.col(0).unitOrthogonal());
     axes.col(1) = axes.col(2).cross(axes.col(0));
-    const double terminator = std::atan2(pole.norm(), from_centre.dot(over_terminator_)) - pi / 2,
+    const double terminator = std::atan2(pole.norm(), from_centre.dot(terminator_normal_)) - pi / 2,
                  step = (std::acos(1 / distance) - terminator) / kLongitudes;
     if (step <= 0) return;
     for (int j = 0; j < kLatitudes; ++j)
       for (int i = 0; i < kLongitudes; ++i) {
         const double lat = (j + 0.5) * pi / kLatitudes - pi / 2, lon = terminator + (i + 0.5) * step;
-        const Vec3 place = axes * Vec3(std::cos(lat) * std::cos(lon), std::cos(lat) * std::sin(lon), std::sin(lat));
-        const double up = place.dot(from_centre) - 1;  // over the horizon
+        const Vec3 point = axes * Vec3(std::cos(lat) * std::cos(lon), std::cos(lat) * std::sin(lon), std::sin(lat));
+        const double up = point.dot(from_centre) - 1;  // positive above the observer's horizon
         if (up <= 0) continue;
-        // The solid angle of the sphere's part is area * up / way^3. Without the stretch a cone has less volume.
-        const Vec3 way = place - from_centre, normal = EarthFigure::stretched(place).normalized();
-        const double range = Vec3(way.x(), way.y(), way.z() / kStretch).norm(),
+        // A patch of the unit sphere has the solid angle area * up / range^3. Undoing the stretch divides the volume of
+        // its cone, and so the solid angle at the same range, by kStretch.
+        const Vec3 line = point - from_centre, normal = EarthFigure::stretched(point).normalized();
+        const double range = Vec3(line.x(), line.y(), line.z() / kStretch).norm(),
                      sr = std::cos(lat) * step * pi / kLatitudes * up / (range * range * range * kStretch);
         visit(normal.dot(toward_sun_) * sr, normal);
       }
@@ -231,12 +248,12 @@ class EarthDisc : public Disc {
 
   const EarthFigure& figure_;
   Vec3 toward_sun_;
-  Vec3 over_terminator_;  // normal to the plane of the sphere's terminator, on its lit side
-  double narrowest_rad_, full_;
+  Vec3 terminator_normal_;  // of the plane of the sphere's terminator, stretched axes, on its lit side
+  double narrowest_rad_, subsolar_radiance_;
   EarthPattern pattern_;
 };
 
-// A part of an image, in pixels.
+// A rectangle of the image, in pixels. The default is the whole plane.
 struct PixelBox {
   double left = -std::numeric_limits<double>::infinity(), right = -left, top = left, bottom = right;
 };
@@ -253,6 +270,7 @@ class DiscPainter {
         neighbours_(hides_by_pixels(request) ? 0 : 1),
         moon_(request.terrain) {}
 
+  // Adds a disc to the radiance, except for pixels at a border: their samples become rays().
   void paint(Disc&& disc, std::vector<float>& radiance) {
     std::optional<PixelBox> box;
     for (int y = 0; y < height_; ++y) {
@@ -266,48 +284,52 @@ class DiscPainter {
     }
   }
 
-  // Samples of pixels at a border, which settle() adds if nothing hides them.
+  // Samples of pixels at a border. Trace them, then pass the occluders to add_visible().
   const std::vector<Ray>& rays() const { return rays_; }
-  void settle(const std::vector<HiddenBy>& hidden, std::vector<float>& radiance) const {
+  void add_visible(const std::vector<HiddenBy>& hidden, std::vector<float>& radiance) const {
     for (std::size_t i = 0; i < hidden.size(); ++i)
       if (hidden[i] == HiddenBy::none) radiance[pixel_[i]] += value_[i];
   }
 
  private:
-  // Of its rim, with a margin for what is between the rim's places: a wider one where the lens images a part of it
-  // only, everything where it images none. Empty where the view doesn't see the disc.
+  // Returns a box around the image of the disc's rim, with a margin for the arcs between the rim's points. The margin
+  // is wider if the lens images only some of the points; if it images none, the box is everything. Empty if the disc is
+  // outside the view.
   static std::optional<PixelBox> box_around(const Disc& disc, const View& view) {
     constexpr double kFar_m = 1e15;
     const Vec3 &centre = disc.centre(), ahead = view.moon_from_camera().col(2);
     const double radius = disc.radius_rad();
     if (!view.may_see(view.position() + kFar_m * centre, kFar_m * std::sin(radius))) return std::nullopt;
-    const PixelBox all;
-    // Around the place behind it a fisheye's image of the rim encloses all but the disc.
-    if (ahead.dot(centre) < -std::cos(2 * radius)) return all;
-    // The first place is the farthest from the boresight, where lenses stretch most.
+    const PixelBox unbounded;
+    // Close to a fisheye's rear axis the image of the rim encloses everything but the disc.
+    if (ahead.dot(centre) < -std::cos(2 * radius)) return unbounded;
+    // Start the rim at the point farthest from the boresight, where lenses stretch most.
     const Vec3 aside = ahead.cross(centre), y = aside.norm() > 1e-9 ? aside.normalized() : centre.unitOrthogonal(),
                x = y.cross(centre);
-    PixelBox box{all.right, all.left, all.bottom, all.top};
-    const auto all_imaged = [&](int places) {
+    PixelBox box{unbounded.right, unbounded.left, unbounded.bottom, unbounded.top};
+    const auto images_all = [&](int points) {
       int imaged = 0;
-      for (int i = 0; i < places; ++i) {
-        const double turn = 2 * pi * i / places;
+      for (int i = 0; i < points; ++i) {
+        const double turn = 2 * pi * i / points;
         const Vec3 rim = std::cos(radius) * centre + std::sin(radius) * (std::cos(turn) * x + std::sin(turn) * y);
         const auto pixel = view.projection().image(view.moon_from_camera().transpose() * rim);
         if (!pixel) continue;
         ++imaged;
-        box.left = std::min(box.left, pixel->x), box.right = std::max(box.right, pixel->x);
-        box.top = std::min(box.top, pixel->y), box.bottom = std::max(box.bottom, pixel->y);
+        box.left = std::min(box.left, pixel->x);
+        box.right = std::max(box.right, pixel->x);
+        box.top = std::min(box.top, pixel->y);
+        box.bottom = std::max(box.bottom, pixel->y);
       }
-      return imaged == places;
+      return imaged == points;
     };
-    const bool whole = all_imaged(64) || all_imaged(1024);
-    if (box.left > box.right) return all;
-    const double share = whole ? 0.05 : 0.5, least_px = whole ? 0 : 2,
-                 wider = share * (box.right - box.left) + least_px, higher = share * (box.bottom - box.top) + least_px;
-    return PixelBox{box.left - wider, box.right + wider, box.top - higher, box.bottom + higher};
+    const bool complete = images_all(64) || images_all(1024);
+    if (box.left > box.right) return unbounded;
+    const double share = complete ? 0.05 : 0.5, min_px = complete ? 0 : 2;
+    const double margin_x = share * (box.right - box.left) + min_px, margin_y = share * (box.bottom - box.top) + min_px;
+    return PixelBox{box.left - margin_x, box.right + margin_x, box.top - margin_y, box.bottom + margin_y};
   }
 
+  // Classifies a pixel by its own range and, unless pixels decide, those of its neighbours.
   enum class Sight { free, hidden, border };
   Sight sight(int x, int y) const {
     bool sky = false, surface = false;
@@ -321,19 +343,22 @@ class DiscPainter {
     const View& view;
     std::size_t index;
     bool at_border;
-    double step_rad = 0;  // about from sample to sample
+    double step_rad = 0;  // approximate angle between samples
     double radiance = 0;
   };
 
-  // The part of a pixel that is in the disc's box, by cells that are small beside the disc.
+  // Paints the part of a pixel inside the disc's box, in cells that are small compared with the disc.
   void paint_pixel(int x, int y, const PixelBox& box, Disc& disc, std::vector<float>& radiance) {
     const Sight sight_here = sight(x, y);
     if (sight_here == Sight::hidden) return;
-    const double line = views_.line(y), left = std::max(x - 0.5, box.left), right = std::min(x + 0.5, box.right),
-                 top = std::max(line - 0.5, box.top), bottom = std::min(line + 0.5, box.bottom);
+    const double line = views_.line(y);
+    const double left = std::max(x - 0.5, box.left), right = std::min(x + 0.5, box.right);
+    const double top = std::max(line - 0.5, box.top), bottom = std::min(line + 0.5, box.bottom);
     if (left >= right || top >= bottom) return;
-    // Of which there are eight along all of the disc.
-    const auto cells = [](double part, double all) { return std::max(1, static_cast<int>(std::ceil(8 * part / all))); };
+    // Eight cells span the disc.
+    const auto cells = [](double length, double disc_length) {
+      return std::max(1, static_cast<int>(std::ceil(8 * length / disc_length)));
+    };
     const int columns = cells(right - left, box.right - box.left), rows = cells(bottom - top, box.bottom - box.top);
     const auto at_x = [&](double column) { return std::lerp(left, right, column / columns); };
     const auto at_y = [&](double row) { return std::lerp(top, bottom, row / rows); };
@@ -343,17 +368,18 @@ class DiscPainter {
     radiance[pixel.index] += static_cast<float>(pixel.radiance);
   }
 
-  // By lines across the rim, as crescents are thin that way; by more of them where the crescent is thinner than a cell.
+  // Paints a cell by lines across the rim: a crescent is thin in that direction, and lines find its edges exactly. A
+  // crescent thinner than a cell gets more lines.
   void paint_cell(const PixelBox& cell, Disc& disc, Pixel& pixel) {
     constexpr double kStep_px = 0.01;
     const double x = (cell.left + cell.right) / 2, y = (cell.top + cell.bottom) / 2, width = cell.right - cell.left,
                  height = cell.bottom - cell.top;
-    const auto here = pixel.view.ray(x, y), right = pixel.view.ray(x + kStep_px, y),
+    const auto centre_ray = pixel.view.ray(x, y), right = pixel.view.ray(x + kStep_px, y),
                below = pixel.view.ray(x, y + kStep_px);
-    if (!here || !right || !below) return;
-    const double length = here->norm();
-    const Vec3 ray = *here / length, across = width / (kStep_px * length) * (*right - *here),
-               down = height / (kStep_px * length) * (*below - *here);
+    if (!centre_ray || !right || !below) return;
+    const double length = centre_ray->norm();
+    const Vec3 ray = *centre_ray / length, across = width / (kStep_px * length) * (*right - *centre_ray),
+               down = height / (kStep_px * length) * (*below - *centre_ray);
     if (angle_between(ray, disc.centre()) > disc.radius_rad() + across.norm() + down.norm()) return;
     const double side_rad = std::sqrt(std::abs(across.cross(down).dot(ray)));
     const int lines = disc.narrowest_rad() < side_rad ? 32 : 8;
@@ -361,8 +387,8 @@ class DiscPainter {
     const Vec3 outward = ray.dot(disc.centre()) * ray - disc.centre();
     const bool level = std::abs(outward.dot(across)) / width >= std::abs(outward.dot(down)) / height;
     for (int i = 0; i < lines; ++i) {
-      const double at = (i + 0.5) / lines, at_x = std::lerp(cell.left, cell.right, at),
-                   at_y = std::lerp(cell.top, cell.bottom, at), share = width * height / lines;
+      const double at = (i + 0.5) / lines, share = width * height / lines;
+      const double at_x = std::lerp(cell.left, cell.right, at), at_y = std::lerp(cell.top, cell.bottom, at);
       if (level)
         paint_line({cell.left, at_y}, {cell.right, at_y}, share, disc, pixel);
       else
@@ -370,15 +396,16 @@ class DiscPainter {
     }
   }
 
-  // Along a line that stands for a share of the pixel: between the edges of what shines, by Gauss and Legendre's
-  // places. It is halved where rays don't go evenly from end to end, and where the lens leaves an end unimaged.
+  // Paints a line that stands for a share of the pixel, by Gauss-Legendre quadrature between the edges of the lit
+  // surface. Halve the line if its rays are not evenly spaced from end to end, or if the lens does not image an end.
   void paint_line(const PixelXY& a, const PixelXY& b, double share, Disc& disc, Pixel& pixel) {
     constexpr double kEven_rad = 0.01, kShortest_px = 0.01;
     const auto first = pixel.view.ray(a.x, a.y), last = pixel.view.ray(b.x, b.y);
     const bool even = first && last && angle_between(*first, *last) < kEven_rad;
     if (!even && std::abs(b.x - a.x) + std::abs(b.y - a.y) > kShortest_px) {
       const PixelXY middle{(a.x + b.x) / 2, (a.y + b.y) / 2};
-      paint_line(a, middle, share / 2, disc, pixel), paint_line(middle, b, share / 2, disc, pixel);
+      paint_line(a, middle, share / 2, disc, pixel);
+      paint_line(middle, b, share / 2, disc, pixel);
       return;
     }
     if (!first || !last) return;
@@ -389,8 +416,8 @@ class DiscPainter {
     for (std::size_t i = 1; i < edges_.size(); ++i) {
       const double from = edges_[i - 1], to = edges_[i];
       if (!disc.shines((*first + (from + to) / 2 * step).normalized())) continue;
-      for (const auto& [place, weight] : kQuadrature) {
-        const Vec3 direction = (*first + std::lerp(from, to, place) * step).normalized();
+      for (const auto& [node, weight] : kQuadrature) {
+        const Vec3 direction = (*first + std::lerp(from, to, node) * step).normalized();
         add(direction, share * (to - from) * weight * disc.radiance(direction, pixel.step_rad), pixel);
       }
     }
@@ -398,11 +425,12 @@ class DiscPainter {
 
   void add(const Vec3& direction, double value, Pixel& pixel) {
     if (!pixel.at_border) {
-      // Where there is no data pixels see the sky, and the Moon hides what is far below its limb as it does for rays.
+      // Pixels without data count as sky. The Moon still occludes directions far below its limb, as it does for rays.
       const bool free = !moon_ || std::isinf(range_below_terrain_m({pixel.view.position(), direction}));
       if (free) pixel.radiance += value;
     } else if (value > 0) {
-      rays_.push_back({pixel.view.position(), direction}), pixel_.push_back(pixel.index);
+      rays_.push_back({pixel.view.position(), direction});
+      pixel_.push_back(pixel.index);
       value_.push_back(static_cast<float>(value));
     }
   }
@@ -411,8 +439,8 @@ class DiscPainter {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) + static_cast<std::size_t>(x);
   }
 
-  // Gauss and Legendre's, of an interval from 0 to 1, with their weights: right to 0.1 % where light begins with a root
-  // at both ends.
+  // Gauss-Legendre nodes and weights on the interval 0 to 1: right to 0.1 % for radiance that rises like a square root
+  // from both ends.
   static constexpr std::array<std::pair<double, double>, 8> kQuadrature{{{0.0198550717512319, 0.0506142681451881},
                                                                          {0.1016667612931866, 0.1111905172266872},
                                                                          {0.2372337950418355, 0.1568533229389436},
@@ -426,10 +454,11 @@ class DiscPainter {
   std::span<const double> range_m_;
   const StopToken& stop_;
   int width_, height_;
-  int neighbours_;             // to each side, that may make a pixel one at a border
-  bool moon_;                  // is there
-  std::vector<double> edges_;  // along a line
-  std::vector<Ray> rays_;      // of samples whose pixels are at a border
+  int neighbours_;             // neighbours to each side that decide about a border
+  bool moon_;                  // the scene includes the Moon
+  std::vector<double> edges_;  // parameters along a line; a member so that its memory is reused
+  // Samples of pixels at a border: their rays, pixels and radiance.
+  std::vector<Ray> rays_;
   std::vector<std::size_t> pixel_;
   std::vector<float> value_;
 };
@@ -437,12 +466,13 @@ class DiscPainter {
 }  // namespace
 
 void add_discs(const FrameRequest& request, std::span<const double> range_m, const dem::Terrain& terrain,
-               RenderCache& kept, const StopToken& stop, std::vector<float>& radiance) {
+               RenderCache& cache, const StopToken& stop, std::vector<float>& radiance) {
   if (!wants_discs(request)) return;
   const RowViews views(request.camera, request.pose, request.shutter, stop);
   DiscPainter painter(request, views, range_m, stop);
   FrameRequest discs_alone = request;
-  discs_alone.sky->stars.reset(), discs_alone.sky->planets = false;
+  discs_alone.sky->stars.reset();
+  discs_alone.sky->planets = false;
   const SkyObserver observer(request.sky->utc, views.reference().position(), request.sky->velocity_m_s);
   const EarthFigure earth(observer);
   for (const SkyObject& object : sky_around(discs_alone, views, 0, stop)) {
@@ -450,7 +480,7 @@ void add_discs(const FrameRequest& request, std::span<const double> range_m, con
     if (object.kind == SkyKind::earth)
       painter.paint(EarthDisc(object, earth, observer, request.sky->earth_map, stop), radiance);
   }
-  painter.settle(what_hides(painter.rays(), request.objects, request.terrain, terrain, kept, stop), radiance);
+  painter.add_visible(what_hides(painter.rays(), request.objects, request.terrain, terrain, cache, stop), radiance);
 }
 
 }  // namespace selenograph::engine

@@ -1,4 +1,4 @@
-// The sky in one moment of a frame.
+// Stars and planets in one exposure sample of a frame.
 #pragma once
 
 #include <cstdint>
@@ -12,42 +12,42 @@
 
 namespace selenograph::engine {
 
-// Stars and planets that nothing hides, as points.
+// The visible stars and planets as points of the image.
 //
-// Where rows have views of their own, each one of them sees its part of a point, where it has it: a line camera that
-// turns by less than a pixel a row sees a point in several.
+// If rows have views of their own, a point is recorded once for each row that images it, at that row's position: a line
+// camera that turns by less than a pixel per row images a point in several rows.
 class SkyImage {
  public:
-  // `request`: its camera has the margin, and its pose is that of the moment. Empty unless it asks for a sky.
-  // `spread_px`: how far a sensor spreads a point. `range_m`: of every pixel, if wants_ranges_for_sky. Throws as
-  // sky_around and find_hidden do.
+  // `request`: its camera includes the margin, its pose is that of the exposure sample. The image is empty without a
+  // sky. `spread_px`: radius of the sensor's point spread. `range_m`: range of every pixel, if wants_ranges_for_sky.
+  // Throws as sky_around and find_hidden do.
   SkyImage(const FrameRequest& request, int spread_px, std::span<const double> range_m, const dem::Terrain& terrain,
-           RenderCache& kept, const StopToken& stop);
+           RenderCache& cache, const StopToken& stop);
 
-  // Adds each point's irradiance over the solid angle of a pixel to the frame's radiance, W m-2 sr-1, as the square of
-  // a pixel (add_square).
+  // Adds each point's irradiance, divided by the solid angle of a pixel, to the frame's radiance, W m-2 sr-1, as a
+  // square of one pixel (add_square).
   void add_to(std::vector<float>& radiance) const;
-  // For a sensor, whose image lacks the margin: all points, some at a time.
+  // Visits all points in batches, in coordinates of a sensor's image, which lacks the margin.
   void for_points(int margin_px, const std::function<void(std::span<const LightPoint>)>& visit) const;
 
  private:
   struct Source {
     Vec3 direction;
-    double radiance_w_m2_sr, counted_w_m2_sr;  // 0: something hides it, or the lens images nothing there
+    double radiance_w_m2_sr, counted_w_m2_sr;  // 0: occluded, or not imaged by the lens
   };
-  struct Place {
+  struct ImagePoint {
     double x_px, y_px;
-    std::int32_t row;  // that has it, alone; kAllRows
-    std::uint32_t source;
+    std::int32_t row;      // the only row that images the point; kAllRows: all rows do
+    std::uint32_t source;  // index into sources_
   };
   static constexpr std::int32_t kAllRows = -1;
-  std::vector<Place> places_of(const SkyObject& object, double reach_px) const;
-  void find(const FrameRequest& request, double reach_px, std::vector<SkyObject>& sky, const StopToken& stop);
+  std::vector<ImagePoint> image_points_of(const SkyObject& object, double reach_px) const;
+  void locate(const FrameRequest& request, double reach_px, std::vector<SkyObject>& sky, const StopToken& stop);
 
   Camera camera_;
   std::optional<RowViews> views_;
   std::vector<Source> sources_;
-  std::vector<Place> places_;
+  std::vector<ImagePoint> image_points_;
 };
 
 }  // namespace selenograph::engine

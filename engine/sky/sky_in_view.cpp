@@ -22,17 +22,17 @@
 namespace selenograph::engine {
 namespace {
 
-// A circle around the image of all rows, with a margin. A lens that leaves part of the border unimaged may see
-// anything.
+// Returns the radius of a circle on the sky that encloses the images of all rows and a margin; pi, everything, for a
+// lens that does not image the whole border.
 double field_radius_rad(const RowViews& views, double margin_px) {
   const Vec3 middle = views.reference().middle();
   const Camera& camera = views.camera();
   double radius = 0;
   for (const ViewBundle& bundle : views.bundles()) {
-    constexpr int kAlong = 16;
-    for (int i = 0; i <= kAlong; ++i) {
-      const double x = -0.5 - margin_px + (camera.width + 2 * margin_px) * i / kAlong,
-                   y = -0.5 - margin_px + (camera.height + 2 * margin_px) * i / kAlong;
+    constexpr int kIntervals = 16;
+    for (int i = 0; i <= kIntervals; ++i) {
+      const double x = -0.5 - margin_px + (camera.width + 2 * margin_px) * i / kIntervals,
+                   y = -0.5 - margin_px + (camera.height + 2 * margin_px) * i / kIntervals;
       for (const auto& [px, py] : {std::pair{x, -0.5 - margin_px},
                                    {x, camera.height - 0.5 + margin_px},
                                    {-0.5 - margin_px, y},
@@ -43,11 +43,11 @@ double field_radius_rad(const RowViews& views, double margin_px) {
       }
     }
   }
-  // Between the border's places a pinhole's angles grow less than this, and a fisheye's image is round.
+  // Between the sampled border points a pinhole's angles grow by less than 2 %; a fisheye's image is round.
   return views.camera().beyond_plane() ? std::numbers::pi : 1.02 * radius;
 }
 
-// Irradiance in the request's band, and as the sensor counts it.
+// Computes an object's irradiance in the request's band, and weighted as the sensor counts photons.
 class SkyLight {
  public:
   explicit SkyLight(const FrameRequest& request) : band_(band_of(request)), light_(band_) {
@@ -55,7 +55,7 @@ class SkyLight {
     photons_ = in_photons(*band_, request.sensor->detector.efficiency);
     counted_.emplace(&*photons_);
   }
-  // value(Starlight, band or null) of both.
+  // Sets both irradiances by value(Starlight, band), where the band is null for all wavelengths.
   template <typename Value>
   void set(SkyObject& object, const Value& value) const {
     object.irradiance_w_m2 = value(light_, band_);
@@ -69,21 +69,21 @@ class SkyLight {
   std::optional<Starlight> counted_;
 };
 
-// The Sun's irradiance at 1 au.
+// Returns the Sun's irradiance at 1 au.
 double sunlight_w_m2(const Band* band) { return band ? solar_irradiance_w_m2(*band) : kSolarConstant_w_m2; }
 
 class SkyFinder {
  public:
-  SkyFinder(const FrameRequest& request, const RowViews& views, double margin_px, bool places)
+  SkyFinder(const FrameRequest& request, const RowViews& views, double margin_px, bool wants_positions)
       : request_(request),
         options_(*request.sky),
         views_(views),
         margin_px_(margin_px),
-        places_(places),
+        wants_positions_(wants_positions),
         observer_(options_.utc, views.reference().position(), options_.velocity_m_s),
         light_(request) {}
 
-  std::vector<SkyObject> all(const StopToken& stop) const {
+  std::vector<SkyObject> find_all(const StopToken& stop) const {
     std::vector<SkyObject> sky = stars(stop);
     add_bodies(sky);
     return sky;
@@ -95,21 +95,22 @@ class SkyFinder {
     if (!options_.stars) return found;
     const StarCatalogue& catalogue = *options_.stars;
     const Vec3 middle = observer_.moon_me_from_icrf().transpose() * views_.reference().middle();
-    const double radius = field_radius_rad(views_, margin_px_) + SkyObserver::kLeftOut_rad +
+    const double radius = field_radius_rad(views_, margin_px_) + SkyObserver::kMaxParallaxAndDeflection_rad +
                           catalogue.largest_motion_rad(observer_.years_since_j2000()) + 1e-4;  // 1e-4: aberration
     for (const std::uint32_t index :
          catalogue.within(middle, std::min(radius, std::numbers::pi), options_.magnitude_limit)) {
       if (index % 1024 == 0) stop.check();
       const Star& star = catalogue.star(index);
       SkyObject object;
-      place(object, observer_.apparent(star));
-      if (places_ && !near_image(object)) continue;
-      object.id = catalogue.id(index), object.v_mag = static_cast<double>(star.v_mag);
+      set_direction(object, observer_.apparent(star));
+      if (wants_positions_ && !near_image(object)) continue;
+      object.id = catalogue.id(index);
+      object.v_mag = static_cast<double>(star.v_mag);
       light_.set(object, [&](const Starlight& light, const Band*) {
         return light.of_star(object.v_mag, static_cast<double>(star.b_v));
       });
       found.push_back(std::move(object));
-      if (places_ && found.size() > kMostStars)
+      if (wants_positions_ && found.size() > kMostStars)
         throw ImpossibleRequest(
             fmt::format("more than {} stars of {} are in view up to magnitude {:g}: lower the limit", kMostStars,
                         catalogue.name(), options_.magnitude_limit),
@@ -123,7 +124,8 @@ class SkyFinder {
   void add_bodies(std::vector<SkyObject>& sky) const {
     if (options_.sun) {
       SkyObject sun = object_of(SkyKind::sun, "sun", observer_.sun());
-      sun.v_mag = sun_magnitude(*sun.distance_m), sun.phase_deg.reset();
+      sun.v_mag = sun_magnitude(*sun.distance_m);
+      sun.phase_deg.reset();
       const double au = *sun.distance_m / kAstronomicalUnit_m;
       light_.set(sun, [au](const Starlight&, const Band* band) { return sunlight_w_m2(band) / (au * au); });
       sky.push_back(std::move(sun));
@@ -149,20 +151,28 @@ class SkyFinder {
 
   SkyObject object_of(SkyKind kind, std::string_view id, const ApparentBody& body) const {
     SkyObject object;
-    object.kind = kind, object.id = id, object.distance_m = body.distance_m, object.phase_deg = body.phase_deg;
-    place(object, body.direction);
+    object.kind = kind;
+    object.id = id;
+    object.distance_m = body.distance_m;
+    object.phase_deg = body.phase_deg;
+    set_direction(object, body.direction);
     return object;
   }
 
-  void place(SkyObject& object, const Vec3& icrf) const {
-    object.direction_icrf = icrf, object.direction = observer_.moon_me_from_icrf() * icrf;
-    if (!places_) return;
+  void set_direction(SkyObject& object, const Vec3& icrf) const {
+    object.direction_icrf = icrf;
+    object.direction = observer_.moon_me_from_icrf() * icrf;
+    if (!wants_positions_) return;
     const View& view = views_.reference();
     const Vec3 far_m = view.position() + kStarDistance_m * object.direction;
     if (views_.vary()) {
-      if (const auto sighting = views_.find(far_m)) object.x_px = sighting->pixel.x, object.y_px = sighting->pixel.y;
+      if (const auto sighting = views_.find(far_m)) {
+        object.x_px = sighting->pixel.x;
+        object.y_px = sighting->pixel.y;
+      }
     } else if (const auto pixel = view.project(far_m)) {
-      object.x_px = pixel->x, object.y_px = pixel->y;
+      object.x_px = pixel->x;
+      object.y_px = pixel->y;
     }
     object.in_frame = near_image(object, 0);
   }
@@ -178,12 +188,12 @@ class SkyFinder {
   const SkyOptions& options_;
   const RowViews& views_;
   double margin_px_;
-  bool places_;  // are looked for
+  bool wants_positions_;  // positions in the image
   SkyObserver observer_;
   SkyLight light_;
 };
 
-// Index of the pixel of a row that a place is in, or is next to.
+// Returns the index of the pixel of a row that is nearest to x.
 std::size_t pixel_of(const Camera& camera, int row, double x_px) {
   const int column = std::clamp(static_cast<int>(std::lround(x_px)), 0, camera.width - 1);
   return static_cast<std::size_t>(row) * static_cast<std::size_t>(camera.width) + static_cast<std::size_t>(column);
@@ -193,12 +203,12 @@ std::size_t pixel_of(const Camera& camera, int row, double x_px) {
 
 std::vector<SkyObject> sky_around(const FrameRequest& request, const RowViews& views, double margin_px,
                                   const StopToken& stop) {
-  return SkyFinder(request, views, margin_px, true).all(stop);
+  return SkyFinder(request, views, margin_px, true).find_all(stop);
 }
 
 std::vector<SkyObject> sky_around_rows(const FrameRequest& request, const RowViews& views, double margin_px,
                                        const StopToken& stop) {
-  return SkyFinder(request, views, margin_px, false).all(stop);
+  return SkyFinder(request, views, margin_px, false).find_all(stop);
 }
 
 EarthFigure earth_of(const FrameRequest& request, const RowViews& views) {
@@ -206,32 +216,33 @@ EarthFigure earth_of(const FrameRequest& request, const RowViews& views) {
 }
 
 void find_hidden(const FrameRequest& request, const RowViews& views, std::span<const double> range_m,
-                 const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop, std::vector<SkyObject>& sky) {
+                 const dem::Terrain& terrain, RenderCache& cache, const StopToken& stop, std::vector<SkyObject>& sky) {
   std::vector<Ray> rays;
-  std::vector<std::size_t> asked;
+  std::vector<std::size_t> sky_index;
   std::vector<bool> behind_pixel;
   for (std::size_t i = 0; i < sky.size(); ++i) {
     if (std::isnan(sky[i].x_px)) continue;
     const int row = std::clamp(static_cast<int>(std::lround(sky[i].y_px)), 0, views.height() - 1);
-    rays.push_back({views.of(row).position(), sky[i].direction}), asked.push_back(i);
+    rays.push_back({views.of(row).position(), sky[i].direction});
+    sky_index.push_back(i);
     if (!range_m.empty()) behind_pixel.push_back(!std::isnan(range_m[pixel_of(request.camera, row, sky[i].x_px)]));
   }
   const bool by_rays = request.terrain && range_m.empty();
-  std::vector<HiddenBy> hidden = what_hides(rays, request.objects, by_rays, terrain, kept, stop);
-  // Where there is no data the Moon hides as for rays.
+  std::vector<HiddenBy> hidden = what_hides(rays, request.objects, by_rays, terrain, cache, stop);
+  // Pixels without data count as sky. The Moon still occludes directions far below its limb, as it does for rays.
   for (std::size_t k = 0; k < behind_pixel.size(); ++k)
     if (hidden[k] == HiddenBy::none &&
         (behind_pixel[k] || std::isfinite(range_below_terrain_m({rays[k].origin_m, rays[k].direction}))))
       hidden[k] = HiddenBy::moon;
-  // The Earth is farther than the Moon, unless the camera is beyond the Earth or close to it; objects are the camera's
-  // neighbours.
+  // The Earth occludes behind the Moon and behind objects, which are near the camera. If the camera is beyond the Earth
+  // or close to it, the Earth is in front of the Moon.
   const EarthFigure earth = earth_of(request, views);
-  const bool before_moon = earth.body().distance_m < views.reference().position().norm();
+  const bool nearer_than_moon = earth.body().distance_m < views.reference().position().norm();
   constexpr double kFar_m = std::numeric_limits<double>::infinity();
-  for (std::size_t k = 0; k < asked.size(); ++k) {
-    SkyObject& object = sky[asked[k]];
+  for (std::size_t k = 0; k < sky_index.size(); ++k) {
+    SkyObject& object = sky[sky_index[k]];
     object.hidden_by = hidden[k];
-    const bool free = hidden[k] == HiddenBy::none || (hidden[k] == HiddenBy::moon && before_moon);
+    const bool free = hidden[k] == HiddenBy::none || (hidden[k] == HiddenBy::moon && nearer_than_moon);
     if (free && object.kind != SkyKind::earth && earth.hides(object.direction, object.distance_m.value_or(kFar_m)))
       object.hidden_by = HiddenBy::earth;
   }
@@ -250,13 +261,13 @@ std::optional<double> pixel_sr(const RowViews& views, double x_px, double y_px) 
   return std::abs(area) / std::pow(at->norm(), 3);
 }
 
-std::vector<SkyObject> query_sky(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& kept,
+std::vector<SkyObject> query_sky(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& cache,
                                  const StopToken& stop) {
   const RowViews views(request.camera, request.pose, request.shutter, stop);
   if (request.terrain) refuse_underground(terrain, views, stop);
   refuse_enclosed(request.terrain ? &terrain : nullptr, request.objects, views, stop);
   std::vector<SkyObject> sky = sky_around(request, views, 0, stop);
-  find_hidden(request, views, {}, terrain, kept, stop, sky);
+  find_hidden(request, views, {}, terrain, cache, stop, sky);
   if (!request.sensor) return sky;
   const Sensor sensor(request, stop);
   for (SkyObject& object : sky) {

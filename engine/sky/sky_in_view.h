@@ -1,4 +1,4 @@
-// Stars, the Sun, the Earth and planets in a camera's image: POST /v1/sky, and what a frame shows of them.
+// Stars, the Sun, the Earth and planets in a camera's image, for POST /v1/sky and for frames.
 #pragma once
 
 #include <span>
@@ -15,34 +15,35 @@ namespace selenograph::engine {
 
 // Limit on stars of one image.
 inline constexpr std::size_t kMostStars = 100000;
-// Far enough for each row of a moving camera to see it in the same direction; a double holds its direction.
+// Distance at which stars are projected: far enough to have no parallax between the rows of a moving camera, and near
+// enough for a double to hold the direction.
 inline constexpr double kStarDistance_m = 1e15;
 
-// Of the request's sky, stars within `margin_px` of the image, brightest first, and then the Sun, the Earth and the
-// planets wherever they are. Without `hidden_by` and `electrons`. `views`: of the request's camera. Throws
+// Returns the requested stars within `margin_px` of the image, brightest first, and then the Sun, the Earth and the
+// planets wherever they are. `hidden_by` and `electrons` are not set. `views`: those of the request's camera. Throws
 // ImpossibleRequest for too many stars.
 std::vector<SkyObject> sky_around(const FrameRequest& request, const RowViews& views, double margin_px,
                                   const StopToken& stop);
 
-// The same where rows have views of their own: all that may be within `margin_px` of any of them, without places.
+// Returns the same for rows with views of their own: all objects that may be within `margin_px` of any row, without
+// positions in the image.
 std::vector<SkyObject> sky_around_rows(const FrameRequest& request, const RowViews& views, double margin_px,
                                        const StopToken& stop);
 
-// The Earth where the request's sky, which it must have, puts it for the camera.
+// Returns the Earth as the camera sees it at the epoch of the request's sky, which the request must have.
 EarthFigure earth_of(const FrameRequest& request, const RowViews& views);
 
-// Sets `hidden_by`, by one ray each against the finest terrain, rocks, objects and the Earth, of those that are imaged.
-// `range_m`: of every pixel, NaN for the sky, where the pixel that a place is in decides instead of terrain and rocks
-// (hides_by_pixels), the nearest one for a place beside the image; else empty. Runs in the caller's task arena. Throws
-// as cast_rays does.
+// Sets `hidden_by` of the imaged objects, by one ray each against the finest terrain, rocks, objects and the Earth.
+// `range_m`: if not empty, the range of every pixel, NaN for the sky; then the pixel nearest to an object decides
+// instead of terrain and rocks (hides_by_pixels). Runs in the caller's task arena. Throws as cast_rays does.
 void find_hidden(const FrameRequest& request, const RowViews& views, std::span<const double> range_m,
-                 const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop, std::vector<SkyObject>& sky);
+                 const dem::Terrain& terrain, RenderCache& cache, const StopToken& stop, std::vector<SkyObject>& sky);
 
-// Solid angle of a pixel's width and height around an image place, sr; empty where the lens images nothing.
+// Returns the solid angle of a pixel-sized square around an image point, sr; empty where the lens images nothing.
 std::optional<double> pixel_sr(const RowViews& views, double x_px, double y_px);
 
 // Results and exceptions are those of Renderer::sky.
-std::vector<SkyObject> query_sky(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& kept,
+std::vector<SkyObject> query_sky(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& cache,
                                  const StopToken& stop);
 
 }  // namespace selenograph::engine

@@ -27,38 +27,39 @@ EarthMotion earth_motion(const JulianDate& date, double days_before = 0) {
   return {from_sun.matrix(), from_barycentre.matrix()};
 }
 
-// The heliocentric ecliptic coordinates of J2000.0 of a planet other than the Earth.
-ln_helio_posn ecliptic_place(Planet planet, double tt_jd) {
+// Returns the heliocentric ecliptic coordinates (J2000.0) of a planet other than the Earth.
+ln_helio_posn ecliptic_position(Planet planet, double tt_jd) {
   using Theory = void (*)(double, ln_helio_posn*);
   static constexpr Theory kTheories[] = {
       ln_get_mercury_helio_coords, ln_get_venus_helio_coords,  ln_get_earth_helio_coords,  ln_get_mars_helio_coords,
       ln_get_jupiter_helio_coords, ln_get_saturn_helio_coords, ln_get_uranus_helio_coords, ln_get_neptune_helio_coords};
-  // libnova keeps each planet's last place in static variables.
-  static std::mutex one_at_a_time;
-  const std::scoped_lock lock(one_at_a_time);
-  ln_helio_posn place{};
-  kTheories[static_cast<std::size_t>(planet)](tt_jd, &place);
-  return place;
+  // Lock: libnova caches each planet's last position in static variables.
+  static std::mutex libnova_mutex;
+  const std::scoped_lock lock(libnova_mutex);
+  ln_helio_posn position{};
+  kTheories[static_cast<std::size_t>(planet)](tt_jd, &position);
+  return position;
 }
 
-// The place from the Sun's centre, ICRF axes, au. The Earth's is that of the rest of the sky, so that the two agree.
+// Returns a planet's position relative to the Sun's centre, ICRF axes, au, `days_before` the date. The Earth's is that
+// of eraEpv00, as everywhere else in the sky.
 Vec3 planet_from_sun(Planet planet, const JulianDate& date, double days_before) {
   if (planet == Planet::earth) return earth_motion(date, days_before).from_sun.row(0).transpose();
-  const ln_helio_posn place = ecliptic_place(planet, date.day + (date.fraction - days_before));
-  const double longitude = place.L * kRadiansPerDegree, latitude = place.B * kRadiansPerDegree,
+  const ln_helio_posn position = ecliptic_position(planet, date.day + (date.fraction - days_before));
+  const double longitude = position.L * kRadiansPerDegree, latitude = position.B * kRadiansPerDegree,
                obliquity = eraObl80(ERFA_DJ00, 0);
-  const Vec3 ecliptic = place.R * Vec3(std::cos(latitude) * std::cos(longitude),
-                                       std::cos(latitude) * std::sin(longitude), std::sin(latitude));
+  const Vec3 ecliptic = position.R * Vec3(std::cos(latitude) * std::cos(longitude),
+                                          std::cos(latitude) * std::sin(longitude), std::sin(latitude));
   return Eigen::AngleAxisd(obliquity, Vec3::UnitX()) * ecliptic;
 }
 
-// The place of a body, from the barycentre, when the light left it that arrives now; au. `place(days before)`. Each
-// pass divides the error of the light time by 4000 or more.
-template <typename Place>
-Vec3 at_departure(const Vec3& observer, const Place& place, int passes = 4) {
+// Returns the barycentric position of a body at the time when the light left it that arrives now, au.
+// position(days_before) returns the body's position. Each pass divides the error of the light time by 4000 or more.
+template <typename Position>
+Vec3 at_departure(const Vec3& observer, const Position& position, int passes = 4) {
   double days = 0;
-  for (int i = 0; i < passes; ++i) days = (place(days) - observer).norm() * kLightDaysPerAu;
-  return place(days);
+  for (int i = 0; i < passes; ++i) days = (position(days) - observer).norm() * kLightDaysPerAu;
+  return position(days);
 }
 
 }  // namespace
@@ -75,13 +76,13 @@ std::span<const Planet> other_planets() {
 }
 
 struct SkyObserver::Astrometry {
-  eraASTROM of{};
-  Vec3 place() const { return Vec3(of.eb); }  // from the barycentre, au
-  // Aberration; the Sun's potential at the observer is in it.
+  eraASTROM context{};
+  Vec3 position() const { return Vec3(context.eb); }  // of the observer, from the barycentre, au
+  // Applies aberration, including the term of the Sun's potential at the observer.
   Vec3 aberrated(const Vec3& natural) const {
     Vec3 proper;
     Vec3 in = natural;
-    eraAb(in.data(), const_cast<double*>(of.v), of.em, of.bm1, proper.data());
+    eraAb(in.data(), const_cast<double*>(context.v), context.em, context.bm1, proper.data());
     return proper;
   }
 };
@@ -100,20 +101,20 @@ SkyObserver::SkyObserver(const std::string& utc, const Vec3& position_m, const V
   observer.row(1) = ERFA_DAU / ERFA_DAYSEC * moon.row(1) + (moon_me_from_icrf_.transpose() * velocity_m_s).transpose();
   Vec3 from_sun = earth.from_sun.row(0).transpose();
   ErfaMotion observer_rows(observer), earth_rows(earth.from_barycentre);
-  eraApcs(date_.day, date_.fraction, observer_rows.rows, earth_rows.rows, from_sun.data(), &astrometry_->of);
+  eraApcs(date_.day, date_.fraction, observer_rows.rows, earth_rows.rows, from_sun.data(), &astrometry_->context);
 }
 
 SkyObserver::~SkyObserver() = default;
 
-// What eraAtciqz and eraPmpx do, without angles.
+// Does the same as eraPmpx and eraAtciqz, with vectors instead of angles.
 Vec3 SkyObserver::apparent(const Star& star) const {
-  const Vec3 place = astrometry_->place();
-  // Roemer's effect: the light arrives earlier or later than at the barycentre.
-  const double years = years_ + star.place.dot(place) * ERFA_AULT / ERFA_DAYSEC / ERFA_DJY;
+  const Vec3 position = astrometry_->position();
+  // Add the Roemer delay: the light reaches the observer earlier or later than the barycentre.
+  const double years = years_ + star.position.dot(position) * ERFA_AULT / ERFA_DAYSEC / ERFA_DJY;
   Vec3 natural =
-      (star.place + years * star.motion_rad_yr.cast<double>() - static_cast<double>(star.parallax_rad) * place)
+      (star.position + years * star.motion_rad_yr.cast<double>() - static_cast<double>(star.parallax_rad) * position)
           .normalized();
-  eraLdsun(natural.data(), astrometry_->of.eh, astrometry_->of.em, natural.data());
+  eraLdsun(natural.data(), astrometry_->context.eh, astrometry_->context.em, natural.data());
   return astrometry_->aberrated(natural);
 }
 
@@ -140,23 +141,24 @@ Eigen::Matrix3d SkyObserver::earth_from_icrf(double distance_m) const {
 }
 
 ApparentBody SkyObserver::sun() const {
-  const Vec3 place =
-      at_departure(astrometry_->place(), [&](double days) { return earth_motion(date_, days).sun_from_barycentre(); });
-  return body_at(place - astrometry_->place(), Vec3::Zero());
+  const Vec3 position = at_departure(astrometry_->position(),
+                                     [&](double days) { return earth_motion(date_, days).sun_from_barycentre(); });
+  return body_at(position - astrometry_->position(), Vec3::Zero());
 }
 
 ApparentBody SkyObserver::planet(Planet planet) const {
   Vec3 from_sun;
-  // VSOP87 takes 0.15 ms: after one pass the light time's error moves a planet by 0.01 arcsec at most.
+  // One pass suffices for planets: the error of the light time then moves them by at most 0.01 arcsec, and VSOP87 takes
+  // 0.15 ms per evaluation.
   const int passes = planet == Planet::earth ? 4 : 1;
-  const Vec3 place = at_departure(
-      astrometry_->place(),
+  const Vec3 position = at_departure(
+      astrometry_->position(),
       [&](double days) -> Vec3 {
         from_sun = planet_from_sun(planet, date_, days);
         return earth_motion(date_, days).sun_from_barycentre() + from_sun;
       },
       passes);
-  return body_at(place - astrometry_->place(), from_sun);
+  return body_at(position - astrometry_->position(), from_sun);
 }
 
 }  // namespace selenograph::engine

@@ -1,4 +1,4 @@
-// Where stars, the Sun, the Earth and planets appear from a place near the Moon.
+// Apparent directions of stars, the Sun, the Earth and planets for an observer near the Moon.
 #pragma once
 
 #include <Eigen/Core>
@@ -13,29 +13,29 @@
 namespace selenograph::engine {
 
 enum class Planet { mercury, venus, earth, mars, jupiter, saturn, uranus, neptune };
-// In lower case, as requests and answers have it.
+// Returns the name in lower case, as in requests and answers.
 std::string_view planet_name(Planet planet);
-// All but the Earth.
+// Returns all planets but the Earth.
 std::span<const Planet> other_planets();
 
-// A body of the Solar System as it was when the light left it that arrives at the epoch.
+// A body of the Solar System at the time when the light left it that arrives at the epoch.
 struct ApparentBody {
   Vec3 direction;             // unit, ICRF axes, with light time and aberration
-  double distance_m = 0;      // from the observer, along the light's way
-  double sun_distance_m = 0;  // of the body
-  double phase_deg = 0;       // at the body, between the Sun and the observer; 0 for the Sun
+  double distance_m = 0;      // from the observer, along the light's path
+  double sun_distance_m = 0;  // from the Sun to the body
+  double phase_deg = 0;       // angle at the body between the Sun and the observer; 0 for the Sun
   Vec3 from_sun = Vec3::Zero(), from_observer = Vec3::Zero();  // unit, ICRF axes, without aberration: toward the body
 };
 
-// The Moon and the Earth have the places that ERFA gives them, by eraMoon98 (31.7 km) and eraEpv00 (11.2 km;
-// ephemeris.cpp has the budget). The other planets are at those of VSOP87 (Bretagnon & Francou, A&A 202, 309, 1988), as
-// libnova evaluates it. Seen from the Moon in 1960 to 2099 they are within 0.1 arcsec (Mercury), 0.2 (Venus), 0.5
-// (Mars, Jupiter, Saturn), 2 (Uranus) and 3 (Neptune) of JPL's DE431 (unit.sky). Those of stars agree with astropy
-// to 0.001 arcsec. Directions in ICRF axes know nothing of the Moon's rotation; in MOON_ME they have its 0.01 degrees.
+// Positions of the Moon and the Earth are ERFA's, by eraMoon98 (31.7 km) and eraEpv00 (11.2 km; ephemeris.cpp has the
+// budget). Those of the other planets are VSOP87's (Bretagnon & Francou, A&A 202, 309, 1988), evaluated by libnova.
+// Seen from the Moon in 1960 to 2099 they are within 0.1 arcsec (Mercury), 0.2 (Venus), 0.5 (Mars, Jupiter, Saturn), 2
+// (Uranus) and 3 (Neptune) of JPL's DE431 (unit.sky). Directions of stars agree with astropy to 0.001 arcsec.
+// Directions in MOON_ME have the additional error of the Moon's rotation, 0.01 degrees; those in ICRF axes do not.
 class SkyObserver {
  public:
-  // `position_m`, `velocity_m_s`: relative to the Moon's centre along axes of MOON_ME; the velocity is that in inertial
-  // space, without the Moon's rotation. Throws ImpossibleRequest for a bad epoch.
+  // `position_m`, `velocity_m_s`: relative to the Moon's centre along axes of MOON_ME; the velocity is inertial, so it
+  // excludes the Moon's rotation. Throws ImpossibleRequest for a bad epoch.
   SkyObserver(const std::string& utc, const Vec3& position_m, const Vec3& velocity_m_s);
   ~SkyObserver();
   SkyObserver(const SkyObserver&) = delete;
@@ -44,20 +44,22 @@ class SkyObserver {
   const Eigen::Matrix3d& moon_me_from_icrf() const { return moon_me_from_icrf_; }
   double years_since_j2000() const { return years_; }
 
-  // Unit, ICRF axes: proper motion, parallax, deflection of light by the Sun, and aberration.
+  // Returns the apparent direction, unit, ICRF axes, with proper motion, parallax, deflection of light by the Sun, and
+  // aberration.
   Vec3 apparent(const Star& star) const;
   // Upper bound on parallax and deflection.
-  static constexpr double kLeftOut_rad = 1.5e-5;
+  static constexpr double kMaxParallaxAndDeflection_rad = 1.5e-5;
 
-  // Rotates vectors of ICRF axes into the Earth's (ITRF: +z the pole, +x Greenwich), as it was when the light left it
-  // that arrives from that distance. IAU 2000B; UT1 is taken as UTC, which is right to 0.9 s or 0.004 degrees.
+  // Returns the rotation from ICRF axes into the Earth's (ITRF: +z the pole, +x Greenwich) at the time when the light
+  // left the Earth that arrives from `distance_m`. IAU 2000B; UT1 is taken as UTC, which is right to 0.9 s or 0.004
+  // degrees.
   Eigen::Matrix3d earth_from_icrf(double distance_m) const;
 
   ApparentBody sun() const;
   ApparentBody planet(Planet planet) const;
 
  private:
-  struct Astrometry;  // ERFA's
+  struct Astrometry;  // wraps ERFA's context
   ApparentBody body_at(const Vec3& from_observer_au, const Vec3& from_sun_au) const;
 
   JulianDate date_;

@@ -46,19 +46,20 @@ StarRow star_row(std::string_view line) {
   return {std::string(line.substr(0, comma)), v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7]};
 }
 
-// The line of Star::place. Its motion is along the sphere's tangent; radial velocities are not in the catalogue.
+// Moves a star from the catalogue's epoch to J2000.0, along the tangent of the sphere: the catalogue has no radial
+// velocities.
 Star star_of(const StarRow& row) {
   const double ra = row.ra_deg * kRadiansPerDegree, dec = row.dec_deg * kRadiansPerDegree;
-  const Vec3 place(std::cos(dec) * std::cos(ra), std::cos(dec) * std::sin(ra), std::sin(dec)),
+  const Vec3 position(std::cos(dec) * std::cos(ra), std::cos(dec) * std::sin(ra), std::sin(dec)),
       east(-std::sin(ra), std::cos(ra), 0),
       north(-std::sin(dec) * std::cos(ra), -std::sin(dec) * std::sin(ra), std::cos(dec));
   const Vec3 motion = kRadiansPerMas * (row.pm_ra_mas_yr * east + row.pm_dec_mas_yr * north);
-  return {place + (kJ2000_yr - row.epoch_yr) * motion, motion.cast<float>(),
+  return {position + (kJ2000_yr - row.epoch_yr) * motion, motion.cast<float>(),
           static_cast<float>(row.parallax_mas * kRadiansPerMas), static_cast<float>(row.v_mag),
           static_cast<float>(row.b_v)};
 }
 
-// Bands of declination, and in each as many cells as make them about square.
+// Bands of declination, each divided in right ascension into cells that are about square.
 class CellGrid {
  public:
   static constexpr int kBands = 90;
@@ -70,8 +71,9 @@ class CellGrid {
     }
   }
   std::size_t size() const { return static_cast<std::size_t>(first_.back()); }
-  std::size_t cell(const Vec3& place) const {
-    const double dec = std::atan2(place.z(), std::hypot(place.x(), place.y())), ra = std::atan2(place.y(), place.x());
+  std::size_t cell(const Vec3& position) const {
+    const double dec = std::atan2(position.z(), std::hypot(position.x(), position.y())),
+                 ra = std::atan2(position.y(), position.x());
     const int band = std::clamp(static_cast<int>((dec / std::numbers::pi + 0.5) * kBands), 0, kBands - 1);
     const int first = first_[static_cast<std::size_t>(band)],
               count = first_[static_cast<std::size_t>(band) + 1] - first;
@@ -89,7 +91,8 @@ StarCatalogue StarCatalogue::read(const std::string& path, std::size_t max_bytes
   std::size_t lines = 0;
   each_csv_line(
       path, [&](std::string_view) { ++lines; }, stop);
-  // A row, its star, its cell, its place in the order, and the end of its identifier; identifiers, twice.
+  // Per star: its row, the star, its cell, its rank in the sorted order, the end of its identifier. Identifiers exist
+  // twice, in the rows and in ids_.
   constexpr std::size_t kBytesPerStar = sizeof(StarRow) + sizeof(Star) + 3 * sizeof(std::uint32_t) + 4;
   static_assert(kBytesPerStar == 160);
   const auto state = dem::file_state(path);
@@ -116,7 +119,7 @@ StarCatalogue::StarCatalogue(std::string name, const std::vector<StarRow>& rows)
   const CellGrid grid;
   std::vector<std::uint32_t> cell;
   cell.reserve(rows.size());
-  for (const StarRow& row : rows) cell.push_back(static_cast<std::uint32_t>(grid.cell(star_of(row).place)));
+  for (const StarRow& row : rows) cell.push_back(static_cast<std::uint32_t>(grid.cell(star_of(row).position)));
   std::vector<std::uint32_t> order(rows.size());
   std::iota(order.begin(), order.end(), 0U);
   const auto magnitude = [&](std::uint32_t i) { return static_cast<float>(rows[i].v_mag); };
@@ -124,7 +127,8 @@ StarCatalogue::StarCatalogue(std::string name, const std::vector<StarRow>& rows)
     return cell[a] != cell[b] ? cell[a] < cell[b] : magnitude(a) < magnitude(b);
   });
   std::uint64_t hash = 0;
-  stars_.reserve(rows.size()), id_ends_.reserve(rows.size());
+  stars_.reserve(rows.size());
+  id_ends_.reserve(rows.size());
   for (std::size_t i = 0; i < order.size(); ++i) {
     if (i == 0 || cell[order[i]] != cell[order[i - 1]])
       cells_.push_back({Vec3::Zero(), 0, static_cast<std::uint32_t>(i), 0});
@@ -132,10 +136,11 @@ StarCatalogue::StarCatalogue(std::string name, const std::vector<StarRow>& rows)
     fastest_rad_yr_ = std::max(fastest_rad_yr_, static_cast<double>(star.motion_rad_yr.norm()));
     ids_ += rows[order[i]].id;
     id_ends_.push_back(static_cast<std::uint32_t>(ids_.size()));
-    cells_.back().past_last = static_cast<std::uint32_t>(i + 1), cells_.back().centre += star.place;
-    const double numbers[] = {star.place.x(),
-                              star.place.y(),
-                              star.place.z(),
+    cells_.back().past_last = static_cast<std::uint32_t>(i + 1);
+    cells_.back().centre += star.position;
+    const double numbers[] = {star.position.x(),
+                              star.position.y(),
+                              star.position.z(),
                               rows[order[i]].pm_ra_mas_yr,
                               rows[order[i]].pm_dec_mas_yr,
                               rows[order[i]].parallax_mas,
@@ -147,7 +152,7 @@ StarCatalogue::StarCatalogue(std::string name, const std::vector<StarRow>& rows)
   for (Cell& c : cells_) {
     c.centre.normalize();
     for (std::uint32_t i = c.first; i < c.past_last; ++i)
-      c.radius_rad = std::max(c.radius_rad, angle_between(c.centre, stars_[i].place));
+      c.radius_rad = std::max(c.radius_rad, angle_between(c.centre, stars_[i].position));
   }
 }
 
@@ -166,14 +171,14 @@ double StarCatalogue::largest_motion_rad(double years) const { return fastest_ra
 std::vector<std::uint32_t> StarCatalogue::within(const Vec3& direction, double radius_rad,
                                                  double magnitude_limit) const {
   std::vector<std::uint32_t> found;
-  const double least_cosine = radius_rad < std::numbers::pi ? std::cos(radius_rad) : -2;
+  const double min_cosine = radius_rad < std::numbers::pi ? std::cos(radius_rad) : -2;
   for (const Cell& cell : cells_) {
     const double apart_rad = angle_between(cell.centre, direction);
     if (apart_rad > radius_rad + cell.radius_rad) continue;
-    const bool whole = apart_rad + cell.radius_rad <= radius_rad;
+    const bool is_inside = apart_rad + cell.radius_rad <= radius_rad;
     for (std::uint32_t i = cell.first; i < cell.past_last && static_cast<double>(stars_[i].v_mag) <= magnitude_limit;
          ++i)
-      if (whole || stars_[i].place.dot(direction) >= least_cosine) found.push_back(i);
+      if (is_inside || stars_[i].position.dot(direction) >= min_cosine) found.push_back(i);
   }
   return found;
 }

@@ -15,7 +15,7 @@
 
 namespace selenograph::engine {
 
-// A row of a catalogue as it is published.
+// A row of a catalogue file.
 struct StarRow {
   std::string id;                      // "HR 1713"
   double ra_deg, dec_deg;              // ICRS, at epoch_yr
@@ -26,22 +26,22 @@ struct StarRow {
 };
 
 struct Star {
-  // ICRS as seen from the Solar System's barycentre at J2000.0: a unit vector at the catalogue's epoch, moved along the
-  // straight line of the proper motion since.
-  Vec3 place;
+  // ICRS direction from the Solar System's barycentre at J2000.0: a unit vector at the catalogue's epoch, moved along a
+  // straight line by the proper motion since then. Therefore not exactly of unit length.
+  Vec3 position;
   Eigen::Vector3f motion_rad_yr;
   float parallax_rad, v_mag, b_v;
 };
 
-// Cells of 2 degrees whose stars are sorted by magnitude: a search looks at those of the field alone, and there at the
-// bright ones.
+// Stars are stored in cells of 2 degrees, sorted by magnitude within a cell. A search visits only the cells that
+// intersect the field, and in each only the stars above the magnitude limit.
 class StarCatalogue {
  public:
   // Reads a CSV file whose first line that is not a comment (#) is
   //   id,ra_deg,dec_deg,epoch_yr,pm_ra_mas_yr,pm_dec_mas_yr,parallax_mas,v_mag,b_v
-  // followed by a row a star. Its name is the file's, without folder and extension. Throws DataError naming file and
-  // line, also when reading takes more than `max_bytes` of memory (160 bytes a star and two a byte of the file);
-  // Cancelled when `stop` says so.
+  // followed by one row per star. The catalogue's name is the file's, without folder and extension. Throws DataError
+  // naming file and line, also when reading takes more than `max_bytes` of memory (160 bytes per star and two per byte
+  // of the file); Cancelled when stopped.
   static StarCatalogue read(const std::string& path, std::size_t max_bytes = std::numeric_limits<std::size_t>::max(),
                             const StopToken& stop = {});
 
@@ -49,16 +49,16 @@ class StarCatalogue {
 
   const std::string& name() const { return name_; }
   std::size_t size() const { return stars_.size(); }
-  std::size_t bytes() const;  // of memory
+  std::size_t bytes() const;  // memory in use
   const Star& star(std::uint32_t index) const { return stars_[index]; }
   std::string_view id(std::uint32_t index) const;
-  // Changes with any row.
+  // Returns a hash of all rows.
   std::uint64_t fingerprint() const { return fingerprint_; }
 
-  // Indices of the stars of at most this V magnitude whose place at J2000.0 is within a radius of a direction (unit,
-  // ICRS), in an order that depends on the catalogue alone.
+  // Returns the indices of the stars up to a V magnitude whose position at J2000.0 is within a radius of a direction
+  // (unit, ICRS). Their order depends only on the catalogue.
   std::vector<std::uint32_t> within(const Vec3& direction, double radius_rad, double magnitude_limit) const;
-  // Upper bound on how far a star has moved since J2000.0.
+  // Returns an upper bound on the stars' motion since J2000.0.
   double largest_motion_rad(double years) const;
 
  private:
@@ -69,9 +69,9 @@ class StarCatalogue {
   };
 
   std::string name_;
-  std::vector<Star> stars_;  // by cell, in it by magnitude
-  std::string ids_;          // one after the other
-  std::vector<std::uint32_t> id_ends_;
+  std::vector<Star> stars_;             // sorted by cell, then by magnitude
+  std::string ids_;                     // all identifiers, concatenated
+  std::vector<std::uint32_t> id_ends_;  // end of each star's identifier in ids_
   std::vector<Cell> cells_;
   double fastest_rad_yr_ = 0;
   std::uint64_t fingerprint_ = 0;

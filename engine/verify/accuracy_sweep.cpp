@@ -21,6 +21,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
+// Returns the wall time of work().
 template <typename Work>
 double milliseconds(const Work& work) {
   const auto start = Clock::now();
@@ -28,9 +29,10 @@ double milliseconds(const Work& work) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-// Where even the finest posts of all casters don't fit: much less than the edges that are measured.
+// Target for shadows of the reference: the finest posts of all occluders may not fit. Much less than the errors of
+// edges to be measured.
 constexpr double kReferenceShadowError_px = 0.25;
-// Where detail is as fine as this, or as what fits.
+// Target for detail of the reference, relaxed if its terrain does not fit.
 constexpr double kReferenceDetailError_px = 1.0 / 16;
 
 struct Setting {
@@ -38,7 +40,7 @@ struct Setting {
   Visibility visibility;
 };
 
-// The Embree baseline of one frame, on the finest mesh.
+// Measures the Embree baseline of one frame, on the finest mesh.
 class EmbreeBaseline {
  public:
   EmbreeBaseline(const Renderer& renderer, const FrameRequest& request, const Accuracy& setting)
@@ -50,6 +52,7 @@ class EmbreeBaseline {
     kernel_ = std::make_unique<BareKernel>(mesh, anchor_for(view_.position(), view_.middle()), renderer.threads());
   }
 
+  // Returns the time of one frame.
   double ms() {
     return milliseconds([&] {
       in_arena(arena_, [&] {
@@ -68,7 +71,7 @@ class EmbreeBaseline {
   std::vector<float> image_;
 };
 
-// What one frame contributes to the row of each setting.
+// Measures one frame's contribution to the row of each setting.
 class FrameSweep {
  public:
   FrameSweep(const Renderer& renderer, const FrameRequest& request, const SweepOptions& options)
@@ -78,28 +81,28 @@ class FrameSweep {
         terrain_(renderer.terrain_with(request.detail)),
         view_(request.camera, request.pose) {}
 
-  // The truth: the finest posts, and many samples for radiance.
+  // Renders the reference: the finest posts, and many samples for radiance. Relaxes the target until its terrain fits.
   void prepare() {
     Accuracy setting{0, options_.reference_samples, kReferenceShadowError_px};
-    double& aim = request_.detail ? setting.max_detail_error_px : setting.max_error_px;
-    if (request_.detail) aim = kReferenceDetailError_px;
-    for (;; aim = aim > 0 ? 2 * aim : 1.0 / 64) {
+    double& target_px = request_.detail ? setting.max_detail_error_px : setting.max_error_px;
+    if (request_.detail) target_px = kReferenceDetailError_px;
+    for (;; target_px = target_px > 0 ? 2 * target_px : 1.0 / 64) {
       try {
         reference_ = frame({setting, Visibility::raytrace}, kRadiance | kLit).products;
         baseline_ = std::make_unique<EmbreeBaseline>(renderer_, request_, setting);
-        reference_max_error_px_ = aim;
+        reference_max_error_px_ = target_px;
         return;
       } catch (const TooMuchTerrain&) {
-        if (aim >= 4) throw;
+        if (target_px >= 4) throw;
       }
     }
   }
 
-  // Throws TooMuchTerrain where the setting's terrain doesn't fit.
+  // Throws TooMuchTerrain if the setting's terrain does not fit.
   void measure(const Setting& setting, SweepRow& row, ErrorCollector& errors) {
     Frame measured = frame(setting, kRadiance | kLit | kPosition | (request_.detail ? ProductSet{kRock} : 0));
     const FrameReport& report = measured.report;
-    // Rocks stand on the terrain.
+    // Exclude rocks from the geometric errors, which are measured against the terrain.
     for (std::size_t i = 0; i < measured.products.rock.size(); ++i)
       if (measured.products.rock[i] < measured.rocks.size())
         std::fill_n(&measured.products.position[3 * i], 3, std::numeric_limits<double>::quiet_NaN());
@@ -109,7 +112,8 @@ class FrameSweep {
     row.reference_max_error_px = std::max(row.reference_max_error_px, reference_max_error_px_);
     row.triangles = std::max(row.triangles, report.triangles);
     row.scene_bytes = std::max(row.scene_bytes, report.scene_bytes);
-    row.bound_px = std::max(row.bound_px, report.lod_error_px), row.bound_m = std::max(row.bound_m, report.lod_error_m);
+    row.bound_px = std::max(row.bound_px, report.lod_error_px);
+    row.bound_m = std::max(row.bound_m, report.lod_error_m);
     row.expected_px = std::max(row.expected_px, report.expected_error_px);
     row.shadow_bound_px = std::max(row.shadow_bound_px, report.shadow_error_px);
     time(setting, row);
@@ -118,12 +122,13 @@ class FrameSweep {
  private:
   Frame frame(const Setting& setting, ProductSet products) const {
     FrameRequest request = request_;
-    request.accuracy = setting.accuracy, request.visibility = setting.visibility;
+    request.accuracy = setting.accuracy;
+    request.visibility = setting.visibility;
     request.products = products;
     return renderer_.render(request);
   }
 
-  // Alternating, so that what else the machine does falls on both.
+  // Measures our frame and the baseline alternately, so that other load on the machine affects both.
   void time(const Setting& setting, SweepRow& row) {
     std::vector<double> ours, bare;
     frame(setting, kRadiance);
@@ -131,7 +136,8 @@ class FrameSweep {
       bare.push_back(baseline_->ms());
       ours.push_back(milliseconds([&] { frame(setting, kRadiance); }));
     }
-    row.frame_ms += median(ours), row.bare_ms += median(bare);
+    row.frame_ms += median(ours);
+    row.bare_ms += median(bare);
   }
 
   const Renderer& renderer_;
@@ -144,7 +150,8 @@ class FrameSweep {
   std::unique_ptr<EmbreeBaseline> baseline_;
 };
 
-bool measured(FrameSweep& frame, const Setting& setting, SweepRow& row, ErrorCollector& errors) {
+// Measures a setting; returns false if its terrain does not fit.
+bool try_measure(FrameSweep& frame, const Setting& setting, SweepRow& row, ErrorCollector& errors) {
   try {
     frame.measure(setting, row, errors);
     return true;
@@ -153,6 +160,7 @@ bool measured(FrameSweep& frame, const Setting& setting, SweepRow& row, ErrorCol
   }
 }
 
+// Returns the settings to measure. Each varies one quantity or a pair of them; all others have their defaults.
 std::vector<Setting> settings_of(const SweepOptions& options, bool with_detail) {
   std::vector<Setting> settings;
   for (const Visibility method : options.methods) {
@@ -175,7 +183,7 @@ std::vector<Setting> settings_of(const SweepOptions& options, bool with_detail) 
 
 bool has_detail(const AccuracyScene& scene) { return scene.frames.front().detail != nullptr; }
 
-// Measurements, a reference of each frame counted as one.
+// Returns the number of measurements, including one reference per frame.
 std::size_t steps_of(const std::vector<AccuracyScene>& scenes, const SweepOptions& options) {
   std::size_t steps = 0;
   for (const AccuracyScene& s : scenes) steps += s.frames.size() * (settings_of(options, has_detail(s)).size() + 1);
@@ -191,12 +199,14 @@ std::vector<SweepRow> sweep(const Renderer& renderer, const std::vector<Accuracy
   std::size_t done = 0;
   for (const AccuracyScene& scene : scenes) {
     const std::vector<Setting> settings = settings_of(options, has_detail(scene));
-    std::vector<SweepRow> of_scene;
+    std::vector<SweepRow> scene_rows;
     std::vector<ErrorCollector> errors(settings.size());
     std::vector<char> fits(settings.size(), 1);
     for (const Setting& setting : settings) {
-      SweepRow& row = of_scene.emplace_back();
-      row.scene = scene.name, row.setting = setting.accuracy, row.visibility = setting.visibility;
+      SweepRow& row = scene_rows.emplace_back();
+      row.scene = scene.name;
+      row.setting = setting.accuracy;
+      row.visibility = setting.visibility;
       row.with_detail = has_detail(scene);
     }
     for (const FrameRequest& request : scene.frames) {
@@ -205,13 +215,13 @@ std::vector<SweepRow> sweep(const Renderer& renderer, const std::vector<Accuracy
       frame.prepare();
       for (std::size_t i = 0; i < settings.size(); ++i) {
         progress(done++, total, scene.name);
-        if (fits[i]) fits[i] = measured(frame, settings[i], of_scene[i], errors[i]);
+        if (fits[i]) fits[i] = try_measure(frame, settings[i], scene_rows[i], errors[i]);
       }
     }
     for (std::size_t i = 0; i < settings.size(); ++i) {
       if (!fits[i]) continue;
-      of_scene[i].errors = errors[i].result();
-      rows.push_back(of_scene[i]);
+      scene_rows[i].errors = errors[i].result();
+      rows.push_back(scene_rows[i]);
     }
   }
   progress(total, total, "done");

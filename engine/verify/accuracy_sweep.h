@@ -1,5 +1,5 @@
-// Speed against error: every setting on every scene, against a reference of the finest terrain with many samples per
-// pixel.
+// Measures speed against error: every setting on every scene, compared with a reference of the finest terrain with many
+// samples per pixel.
 #pragma once
 
 #include <functional>
@@ -15,7 +15,7 @@ namespace selenograph::engine {
 struct SweepOptions {
   std::vector<double> max_errors_px = {4, 2, 1, 0.5, 0.25, 0.125, 0};
   std::vector<int> samples_per_pixel = {1, 4, 16};
-  std::vector<int> samples_with_edges = {4};  // of those, measured again with edge samples
+  std::vector<int> samples_with_edges = {4};  // subset of the above that is measured again with edge samples
   std::vector<Visibility> methods = {Visibility::raytrace, Visibility::zbuffer};
   std::vector<double> max_shadow_errors_px = {64, 4, 1};  // measured with defaults for everything else
   std::vector<double> max_detail_errors_px = {2, 1};      // the same, for scenes with detail
@@ -23,8 +23,8 @@ struct SweepOptions {
   int repetitions = 7;  // per time measurement; the median is reported
 };
 
-// One setting on one scene. Times are sums over the scene's frames for a radiance frame with a cached scene: what a
-// navigation loop asks for repeatedly. A setting whose terrain does not fit in one of the frames has no row.
+// One setting on one scene. Times are sums over the scene's frames, each a radiance frame with a cached scene, as a
+// navigation loop requests them. A setting whose terrain does not fit in one of the frames has no row.
 struct SweepRow {
   std::string scene;
   Accuracy setting;

@@ -27,8 +27,8 @@ void BareKernel::render(const View& view, const Vec3& sun, double shell_radius_m
   const int width = camera.width, height = camera.height;
   image.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
   const Eigen::Matrix3f m = view.moon_from_camera().cast<float>();
-  // The frame's rays start where the boresight enters the shell's tangent plane: one plane for all keeps this kernel
-  // bare.
+  // Start all rays half way to the plane where the boresight enters the shell: a single distance for all rays costs
+  // nothing per ray.
   const double above = std::max(0.0, view.position().norm() - shell_radius_m);
   const Vec3 boresight = view.moon_from_camera().col(2);
   const double descent = -boresight.dot(view.position().normalized());
@@ -41,6 +41,7 @@ void BareKernel::render(const View& view, const Vec3& sun, double shell_radius_m
     for (int by = 0; by < kTile; by += 4)
       for (int bx = 0; bx < kTile; bx += 4) {
         const int x0 = tile % across * kTile + bx, y0 = tile / across * kTile + by;
+        // Primary rays of 4 x 4 pixels.
         RayPacket rays;
         for (int i = 0; i < kPacket; ++i) {
           const float x =
@@ -50,20 +51,24 @@ void BareKernel::render(const View& view, const Vec3& sun, double shell_radius_m
           rays.active[i] = -1;
           for (int k = 0; k < 3; ++k)
             (k == 0 ? rays.dx : k == 1 ? rays.dy : rays.dz)[i] = m(k, 0) * x + m(k, 1) * y + m(k, 2);
-          rays.ox[i] = o.x() + skip * rays.dx[i], rays.oy[i] = o.y() + skip * rays.dy[i],
+          rays.ox[i] = o.x() + skip * rays.dx[i];
+          rays.oy[i] = o.y() + skip * rays.dy[i];
           rays.oz[i] = o.z() + skip * rays.dz[i];
         }
         RayHits hits;
         scene_.intersect(rays, hits, EmbreeScene::Bundles::always);
+        // Shadow rays from their hits, moved toward the Sun by a constant bias.
         RayPacket shadow;
         constexpr float kBias = 0.05F;
         for (int i = 0; i < kPacket; ++i) {
           shadow.active[i] = hits.geometry[i] != RayHits::kNone ? -1 : 0;
           const float t = shadow.active[i] ? hits.distance[i] : 0;
-          shadow.ox[i] = rays.ox[i] + t * rays.dx[i] + kBias * s.x(),
+          shadow.ox[i] = rays.ox[i] + t * rays.dx[i] + kBias * s.x();
           shadow.oy[i] = rays.oy[i] + t * rays.dy[i] + kBias * s.y();
           shadow.oz[i] = rays.oz[i] + t * rays.dz[i] + kBias * s.z();
-          shadow.dx[i] = s.x(), shadow.dy[i] = s.y(), shadow.dz[i] = s.z();
+          shadow.dx[i] = s.x();
+          shadow.dy[i] = s.y();
+          shadow.dz[i] = s.z();
           shadow.near[i] = kBias;
         }
         bool blocked[kPacket];

@@ -17,7 +17,7 @@ class BareKernel {
   BareKernel(const Mesh& mesh, const Vec3& anchor_m, int threads);
 
   // Renders one frame of the (undistorted) view, from inside or outside the terrain's shell, in the caller's task
-  // arena; `image` gets mu0 / (mu0 + mu) or 0. Pixels beyond the last whole 32 x 32 tile are left out.
+  // arena; `image` gets mu0 / (mu0 + mu) or 0. Pixels outside complete 32 x 32 tiles are not rendered.
   void render(const View& view, const Vec3& sun, double shell_radius_m, std::vector<float>& image) const;
 
  private:

@@ -10,16 +10,16 @@ namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
-// A square should be larger than what neighbouring differences have in common: craters, mostly. A large window affords
-// larger squares, and keeps a thousand of them.
+// Returns the side of the squares. A square should be larger than the correlation length of differences, which is
+// mostly that of craters. A large window affords larger squares: it keeps a thousand of them.
 int square_side(const PostWindow& w) { return std::max(32, std::max(w.width, w.height) / 32); }
 
-// What is left when a radius is rounded to double, 2^-32 m apart at this size (rms of a uniform distribution). It leans
-// to one side in one region and to the other in the next, so that no number of posts averages it out.
+// RMS error of a radius rounded to double, whose steps are 2^-32 m at this size (uniform distribution). Its sign
+// depends on the region, so that it does not average out over any number of posts.
 constexpr double kRounding_m = 0x1p-32 * 0.28867513459481287;
 constexpr double kSlopeStep_deg = 5;
 
-// Sums over squares of a window, in the order of the window's posts: one row of squares is open at a time.
+// Sums over squares of a window. Posts must be added in the order of the window: only one row of squares is open.
 class Group {
  public:
   explicit Group(const PostWindow& window)
@@ -34,10 +34,14 @@ class Group {
     squares_ += value * value;
   }
 
+  // Closes the last row of squares and returns the statistics.
   GroupStatistics finish() {
     close(-1);
     double count = 0, sum = 0;
-    for (const Sum& s : closed_) count += s.count, sum += s.sum;
+    for (const Sum& s : closed_) {
+      count += s.count;
+      sum += s.sum;
+    }
     GroupStatistics g{static_cast<std::size_t>(count), kNan, kNan, kNan, kNan, kNan};
     if (count == 0) return g;
     g.mean_m = sum / count;
@@ -60,6 +64,7 @@ class Group {
   struct Sum {
     double count = 0, sum = 0;
   };
+  // Moves the open row's squares to the closed ones and opens row `next`.
   void close(int next) {
     for (Sum& s : open_) {
       if (s.count > 0) closed_.push_back(s);
@@ -73,7 +78,7 @@ class Group {
   double absolute_ = 0, squares_ = 0;
 };
 
-// Degrees; empty at the window's border and beside voids.
+// Returns the slope at a post, degrees, from its neighbours' heights; empty at the window's border and next to voids.
 std::optional<double> slope_at(const RoundTrip& trip, int row, int col, double north_m, double east_m) {
   const PostWindow& w = trip.window;
   if (row == 0 || col == 0 || row == w.height - 1 || col == w.width - 1) return std::nullopt;
@@ -84,6 +89,7 @@ std::optional<double> slope_at(const RoundTrip& trip, int row, int col, double n
   return std::atan(slope) * kDegreesPerRadian;
 }
 
+// Interpolates between order statistics; NaN without values.
 double percentile(const std::vector<float>& sorted, double percent) {
   if (sorted.empty()) return kNan;
   const double at = percent / 100 * static_cast<double>(sorted.size() - 1);
@@ -93,7 +99,7 @@ double percentile(const std::vector<float>& sorted, double percent) {
   return low + (at - static_cast<double>(below)) * (high - low);
 }
 
-// One, two, three or five times a power of ten: the first that is not below. A nanometre where all is zero.
+// Rounds up to 1, 2, 3 or 5 times a power of ten. Returns a nanometre for zero.
 double rounded_up(double x) {
   if (!(x > 0)) return 1e-9;
   const double power = std::pow(10.0, std::floor(std::log10(x)));
@@ -102,6 +108,7 @@ double rounded_up(double x) {
   return 10 * power;
 }
 
+// Computes the percentiles of the differences and of their absolute values, and the histogram's range.
 void add_percentiles(const RoundTrip& trip, DifferenceStatistics& out) {
   std::vector<float> values;
   values.reserve(trip.compared);
@@ -117,7 +124,7 @@ void add_percentiles(const RoundTrip& trip, DifferenceStatistics& out) {
   out.histogram.reach_m = rounded_up(percentile(values, 99.5));
 }
 
-// Calls visit(row, col, difference) for all that were compared.
+// Calls visit(row, col, difference) for all posts that were compared.
 template <typename Visit>
 void each_difference(const RoundTrip& trip, Visit&& visit) {
   const PostWindow& w = trip.window;
@@ -138,6 +145,7 @@ void add_histogram(const RoundTrip& trip, Histogram& out) {
   });
 }
 
+// Groups the differences by quadrant of the window.
 void add_quadrants(const RoundTrip& trip, DifferenceStatistics& out) {
   constexpr std::string_view kNames[] = {"NW", "NE", "SW", "SE"};
   const PostWindow& w = trip.window;
@@ -148,6 +156,7 @@ void add_quadrants(const RoundTrip& trip, DifferenceStatistics& out) {
   for (std::size_t i = 0; i < 4; ++i) out.quadrants[i] = {kNames[i], groups[i].finish()};
 }
 
+// Groups the differences by the slope of the tile.
 void add_slopes(const RoundTrip& trip, DifferenceStatistics& out) {
   const PostWindow& w = trip.window;
   std::vector<Group> groups(static_cast<std::size_t>(90 / kSlopeStep_deg) + 1, Group(w));
@@ -168,15 +177,16 @@ void add_slopes(const RoundTrip& trip, DifferenceStatistics& out) {
 
 DifferenceStatistics statistics_of(const RoundTrip& trip) {
   DifferenceStatistics out;
-  Group all(trip.window);
+  Group window_group(trip.window);
   out.worst_m = kNan;
   each_difference(trip, [&](int r, int c, double d) {
-    all.add(r, c, d);
+    window_group.add(r, c, d);
     if (std::abs(d) <= std::abs(out.worst_m)) return;
     out.worst_m = d;
-    out.worst_row = r, out.worst_col = c;
+    out.worst_row = r;
+    out.worst_col = c;
   });
-  out.all = all.finish();
+  out.all = window_group.finish();
   double around_mean = 0;
   each_difference(trip, [&](int, int, double d) { around_mean += (d - out.all.mean_m) * (d - out.all.mean_m); });
   const auto n = static_cast<double>(out.all.posts);

@@ -59,7 +59,8 @@ struct DifferenceStatistics {
   std::vector<SlopeClass> slopes;
 };
 
-// Percentiles interpolate between order statistics (Hyndman & Fan 1996, type 7; NumPy's default).
+// Returns the statistics. Percentiles interpolate between order statistics (Hyndman & Fan 1996, type 7; NumPy's
+// default).
 DifferenceStatistics statistics_of(const RoundTrip& trip);
 
 }  // namespace selenograph::engine

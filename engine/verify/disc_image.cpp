@@ -12,12 +12,13 @@
 namespace selenograph::engine {
 namespace {
 
-// Where a pixel's ray meets the sphere.
-std::optional<Vec3> place_on_sphere(const View& view, double x_px, double y_px) {
+// Returns the point where a pixel's ray hits the sphere.
+std::optional<Vec3> point_on_sphere(const View& view, double x_px, double y_px) {
   const auto ray = view.ray(x_px, y_px);
   return ray ? on_sphere(view.position(), ray->normalized()) : std::nullopt;
 }
 
+// Interpolates bilinearly.
 double sample(const DiscImage& image, double x, double y) {
   const int column = std::clamp(static_cast<int>(std::floor(x)), 0, image.width - 2),
             row = std::clamp(static_cast<int>(std::floor(y)), 0, image.height - 2);
@@ -30,12 +31,14 @@ double sample(const DiscImage& image, double x, double y) {
                    std::lerp(at(column, row + 1), at(column + 1, row + 1), fx), fy);
 }
 
-// Second differences along columns, squared, of the image whose lines are moved back.
+// Returns the sum of squared second differences along columns, after undoing the scan's displacement of lines.
 double roughness(const DiscImage& image, const SpinScan& scan) {
   std::vector<double> above, middle, below;
   double sum = 0;
   for (int y = 0; y < image.height; ++y) {
-    above = std::move(middle), middle = std::move(below), below.clear();
+    above = std::move(middle);
+    middle = std::move(below);
+    below.clear();
     for (int x = 0; x < image.width; ++x) below.push_back(sample(image, x + scan.displacement_px(y, image.height), y));
     if (y < 2) continue;
     for (std::size_t x = 0; x < below.size(); ++x) sum += std::pow(above[x] - 2 * middle[x] + below[x], 2);
@@ -43,13 +46,14 @@ double roughness(const DiscImage& image, const SpinScan& scan) {
   return sum;
 }
 
-// The distance from the disc's centre at which the light of a ray falls through half of that inside the limb.
+// Returns the distance from the disc's centre along an outward ray at which the light falls to half of the maximum just
+// inside the limb.
 std::optional<double> edge_px(const DiscImage& image, const Eigen::Vector2d& centre, const Eigen::Vector2d& outward,
                               double radius_px) {
   constexpr double kInside = 0.95, kOutside = 1.06, kStep_px = 0.05;
   const auto light = [&](double r) {
-    const Eigen::Vector2d place = centre + r * outward;
-    return sample(image, place.x(), place.y());
+    const Eigen::Vector2d point = centre + r * outward;
+    return sample(image, point.x(), point.y());
   };
   double inside = 0;
   const auto steps = [&](double radii) { return static_cast<int>(std::ceil(radii * radius_px / kStep_px)); };
@@ -60,7 +64,7 @@ std::optional<double> edge_px(const DiscImage& image, const Eigen::Vector2d& cen
   return std::nullopt;
 }
 
-// Along the limb within 60 degrees of the Sun's side.
+// Returns the mean difference of the observed and the frame's limb, within 60 degrees of the Sun's side.
 double limb_px(const DiscImage& observed, const DiscImage& frame, const FrameRequest& request, const View& view) {
   const auto centre = view.project(Vec3::Zero());
   if (!centre) return std::nan("");
@@ -72,18 +76,21 @@ double limb_px(const DiscImage& observed, const DiscImage& frame, const FrameReq
   for (int degrees = -60; degrees <= 60; ++degrees) {
     const double angle = toward + degrees * kRadiansPerDegree;
     const Eigen::Vector2d outward(std::cos(angle), std::sin(angle)), at(centre->x, centre->y);
-    const auto seen = edge_px(observed, at, outward, radius_px), drawn = edge_px(frame, at, outward, radius_px);
-    if (seen && drawn) sum += *seen - *drawn, ++number;
+    const auto real = edge_px(observed, at, outward, radius_px), drawn = edge_px(frame, at, outward, radius_px);
+    if (!real || !drawn) continue;
+    sum += *real - *drawn;
+    ++number;
   }
   return number > 0 ? sum / number : std::nan("");
 }
 
-// Pixels of the disc: which region, and what they have.
+// A pixel of the disc and its region.
 struct Pixel {
   std::size_t index;
-  int region;  // of kDiscRegions
+  int region;  // index into kDiscRegions
 };
 
+// Returns the disc's pixels with their regions, which follow from the sphere's angles and the frame's brightness.
 std::vector<Pixel> disc_pixels(const DiscImage& frame, const FrameRequest& request, const View& view) {
   constexpr double kLimb = 0.5, kTerminator = 0.3420201433256687, kMare = 0.85;  // cosines of 60 and 70 degrees
   const Brdf brdf(request.reflectance, band_of(request));
@@ -92,11 +99,11 @@ std::vector<Pixel> disc_pixels(const DiscImage& frame, const FrameRequest& reque
   std::vector<Pixel> pixels;
   for (int y = 0; y < frame.height; ++y)
     for (int x = 0; x < frame.width; ++x) {
-      const auto place = place_on_sphere(view, x, y);
-      if (!place) continue;
+      const auto point = point_on_sphere(view, x, y);
+      if (!point) continue;
       const auto index =
           static_cast<std::size_t>(y) * static_cast<std::size_t>(frame.width) + static_cast<std::size_t>(x);
-      const Vec3 up = place->normalized(), toward = (view.position() - *place).normalized();
+      const Vec3 up = point->normalized(), toward = (view.position() - *point).normalized();
       const double mu0 = up.dot(request.sun.direction), mu = up.dot(toward);
       const double mean = direct_radiance(brdf, irradiance_w_m2_um, mu0, mu, toward.dot(request.sun.direction), 1);
       const bool dark = static_cast<double>(frame.radiance[index]) < kMare * mean;
@@ -116,20 +123,23 @@ double SpinScan::displacement_px(int row, int height) const {
 SpinScan scan_of(const std::vector<DiscImage>& channels, SpinScan scan) {
   constexpr int kPhases = 40;
   SpinScan best = scan;
-  double least = std::numeric_limits<double>::infinity();
+  double min_roughness = std::numeric_limits<double>::infinity();
   for (scan.first = 0; scan.first < scan.lines; ++scan.first)
     for (int k = 0; k < kPhases; ++k) {
       scan.phase_px = static_cast<double>(k) / kPhases;
-      double rough = 0;
-      for (const DiscImage& image : channels) rough += roughness(image, scan);
-      if (rough < least) least = rough, best = scan;
+      double total_roughness = 0;
+      for (const DiscImage& image : channels) total_roughness += roughness(image, scan);
+      if (total_roughness < min_roughness) {
+        min_roughness = total_roughness;
+        best = scan;
+      }
     }
   return best;
 }
 
 namespace {
 
-// Means of per_pixel x per_pixel pixels, row by row.
+// Appends the means of per_pixel x per_pixel pixels, row by row.
 void append_means(const std::vector<float>& fine, int width, int per_pixel, std::vector<float>& out) {
   const int rows = static_cast<int>(fine.size()) / width;
   for (int y = 0; y < rows; y += per_pixel)
@@ -147,9 +157,10 @@ void append_means(const std::vector<float>& fine, int width, int per_pixel, std:
 DiscImage spread(const DiscImage& image, const Placement& by) {
   const int fine = image.per_pixel;
   PointSpread gaussian;
-  gaussian.model = PointSpread::Model::gaussian, gaussian.sigma_px = by.sigma_px * fine;
+  gaussian.model = PointSpread::Model::gaussian;
+  gaussian.sigma_px = by.sigma_px * fine;
   const SpreadKernel kernel(gaussian, 1, 1, 1);
-  // On all sides a pixel of the result more, by which lines are moved whole.
+  // Add the kernel's radius and one pixel of the result on all sides: lines are displaced by whole fine pixels first.
   const int r = kernel.radius(), border = r + fine, width = image.width + 2 * border;
   std::vector<float> bordered(static_cast<std::size_t>(width) * static_cast<std::size_t>(image.height + 2 * border),
                               0.F);
@@ -181,16 +192,21 @@ double disc_correlation(const DiscImage& observed, const DiscImage& frame, const
   double n = 0, sa = 0, sb = 0, saa = 0, sbb = 0, sab = 0;
   for (int y = 0; y < frame.height; ++y)
     for (int x = 0; x < frame.width; ++x) {
-      if (!place_on_sphere(view, x, y)) continue;
+      if (!point_on_sphere(view, x, y)) continue;
       const auto i = static_cast<std::size_t>(y) * static_cast<std::size_t>(frame.width) + static_cast<std::size_t>(x);
       const double a = static_cast<double>(observed.radiance[i]), b = static_cast<double>(frame.radiance[i]);
-      n += 1, sa += a, sb += b, saa += a * a, sbb += b * b, sab += a * b;
+      n += 1;
+      sa += a;
+      sb += b;
+      saa += a * a;
+      sbb += b * b;
+      sab += a * b;
     }
   return (n * sab - sa * sb) / std::sqrt((n * saa - sa * sa) * (n * sbb - sb * sb));
 }
 
 Placement registered(const DiscImage& observed, const DiscImage& frame, const View& view, Placement by) {
-  constexpr double kMost_px = 0.5;
+  constexpr double kMax_px = 0.5;
   double best = disc_correlation(observed, spread(frame, by), view);
   for (const double step_px : {0.2, 0.1, 0.05})
     for (bool moved = true; moved;) {
@@ -198,10 +214,15 @@ Placement registered(const DiscImage& observed, const DiscImage& frame, const Vi
       for (const auto& [dx, dy] :
            {std::pair(step_px, 0.0), std::pair(-step_px, 0.0), std::pair(0.0, step_px), std::pair(0.0, -step_px)}) {
         Placement next = by;
-        next.dx_px += dx, next.dy_px += dy;
-        if (std::abs(next.dx_px) > kMost_px || std::abs(next.dy_px) > kMost_px) continue;
+        next.dx_px += dx;
+        next.dy_px += dy;
+        if (std::abs(next.dx_px) > kMax_px || std::abs(next.dy_px) > kMax_px) continue;
         const double correlation = disc_correlation(observed, spread(frame, next), view);
-        if (correlation > best) best = correlation, by = next, moved = true;
+        if (correlation > best) {
+          best = correlation;
+          by = next;
+          moved = true;
+        }
       }
     }
   return by;
@@ -210,17 +231,22 @@ Placement registered(const DiscImage& observed, const DiscImage& frame, const Vi
 DiscComparison compare_disc(const DiscImage& observed, const DiscImage& frame, const FrameRequest& request) {
   const View view(request.camera, request.pose);
   const std::vector<Pixel> pixels = disc_pixels(frame, request, view);
-  double seen = 0, drawn = 0;
-  for (const Pixel& p : pixels)
-    seen += static_cast<double>(observed.radiance[p.index]), drawn += static_cast<double>(frame.radiance[p.index]);
-  DiscComparison out{
-      disc_correlation(observed, frame, view), seen / drawn, limb_px(observed, frame, request, view), {}};
+  double observed_light = 0, frame_light = 0;
+  for (const Pixel& p : pixels) {
+    observed_light += static_cast<double>(observed.radiance[p.index]);
+    frame_light += static_cast<double>(frame.radiance[p.index]);
+  }
+  DiscComparison out{disc_correlation(observed, frame, view),
+                     observed_light / frame_light,
+                     limb_px(observed, frame, request, view),
+                     {}};
   std::array<double, 4> squares{}, light{}, number{};
   for (const Pixel& p : pixels) {
     const auto region = static_cast<std::size_t>(p.region);
     const double expected = out.scale * static_cast<double>(frame.radiance[p.index]);
     squares[region] += std::pow(static_cast<double>(observed.radiance[p.index]) - expected, 2);
-    light[region] += expected, number[region] += 1;
+    light[region] += expected;
+    number[region] += 1;
   }
   for (std::size_t k = 0; k < out.residual.size(); ++k)
     out.residual[k] = number[k] > 0 ? std::sqrt(squares[k] / number[k]) / (light[k] / number[k]) : std::nan("");

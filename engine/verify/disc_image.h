@@ -1,4 +1,4 @@
-// A real image of the Moon's disc beside the frame of the same view.
+// Compares a real image of the Moon's disc with a frame of the same view.
 #pragma once
 
 #include <array>
@@ -15,47 +15,48 @@ namespace selenograph::engine {
 struct DiscImage {
   int width, height;
   std::vector<float> radiance;
-  int per_pixel = 1;  // of a frame: its pixels along one of the image beside it
+  int per_pixel = 1;  // for a frame: its pixels along one pixel of the real image
 };
 
-// How a spinning scanner displaces lines. It reads `lines` of them in a turn, upwards, and from turn to turn the Moon
-// moves on by step_px to the right. Lines begin at whole pixels, so that half a pixel is the most that is left of it.
+// Displacement of lines by a spinning scanner. It reads `lines` lines per turn, upwards, and from turn to turn the Moon
+// moves by step_px to the right. Lines begin at whole pixels, so that the displacement is at most half a pixel.
 struct SpinScan {
   int lines = 1;
   double step_px = 0;
-  // Of the bottom row: its place among the lines of its turn, and its turn's displacement.
+  // The bottom row's index among the lines of its turn, and its turn's displacement.
   int first = 0;
   double phase_px = 0;
 
   double displacement_px(int row, int height) const;  // to the right, row 0 on top
 };
-// `scan` with the `first` and `phase_px` for which adjacent lines are most alike once they are moved back, to a
-// fortieth of a pixel: from the images alone. `channels`: read at the same time, all of one size.
+// Returns `scan` with the `first` and `phase_px` for which adjacent lines are smoothest after undoing the displacement,
+// to a fortieth of a pixel. Uses only the images. `channels`: read at the same time, all of the same size.
 SpinScan scan_of(const std::vector<DiscImage>& channels, SpinScan scan);
 
-// The same light spread by a Gaussian of sigma_px > 0 and moved by (dx, dy), at most half a pixel, and by the scan;
-// then averaged over the image's pixels, in which all of these are.
+// A point spread and a displacement, in pixels of the real image: a Gaussian of sigma_px > 0, (dx, dy) of at most half
+// a pixel, and the scan.
 struct Placement {
   double sigma_px = 0, dx_px = 0, dy_px = 0;
   SpinScan scan{};
 };
+// Returns a frame spread and displaced, and averaged over the real image's pixels.
 DiscImage spread(const DiscImage& image, const Placement& by);
 
-// Correlation over the pixels whose ray meets the sphere.
+// Returns the correlation over the pixels whose rays hit the sphere.
 double disc_correlation(const DiscImage& observed, const DiscImage& frame, const View& view);
 
 struct DiscComparison {
   double correlation;
-  double scale;    // observed over frame, of the light of the disc
+  double scale;    // light of the observed disc over that of the frame's
   double limb_px;  // mean distance of the observed lit limb outside the frame's
   // RMS of observed - scale * frame over the frame's mean: mare, highlands, limb (emission above 60 degrees),
-  // terminator (incidence above 70 degrees). Mare is what is darker than 0.85 of the mean Moon in the frame.
+  // terminator (incidence above 70 degrees). Mare: pixels of the frame darker than 0.85 of the mean Moon.
   std::array<double, 4> residual;
 };
 inline constexpr std::array<const char*, 4> kDiscRegions{"mare", "highlands", "limb", "terminator"};
 
-// `by` with the displacement that correlates best, to a twentieth of a pixel: where a real image's disc lies is known
-// from the image alone.
+// Returns `by` with the displacement that correlates best, to a twentieth of a pixel. The disc's position in a real
+// image is known only from the image itself.
 Placement registered(const DiscImage& observed, const DiscImage& frame, const View& view, Placement by);
 
 DiscComparison compare_disc(const DiscImage& observed, const DiscImage& frame, const FrameRequest& request);

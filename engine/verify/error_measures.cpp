@@ -19,18 +19,19 @@ struct PointError {
   double metres = kNaN, pixels = kNaN;
 };
 
+// Returns the error of a visible point against the finest surface vertically above or below it.
 PointError error_of(const View& view, const dem::Terrain& terrain, const Vec3& point) {
   if (!point.allFinite()) return {};
   const Geographic g = to_geographic(point);
   const double ground = terrain.height(g.lat_deg, g.lon_deg).height_m;
-  const auto seen = view.project(point), true_place = view.project(to_cartesian({g.lat_deg, g.lon_deg, ground}));
+  const auto pixel = view.project(point), true_pixel = view.project(to_cartesian({g.lat_deg, g.lon_deg, ground}));
   PointError error{std::abs(g.height_m - ground), kNaN};
-  if (seen && true_place) error.pixels = std::hypot(seen->x - true_place->x, seen->y - true_place->y);
+  if (pixel && true_pixel) error.pixels = std::hypot(pixel->x - true_pixel->x, pixel->y - true_pixel->y);
   return error;
 }
 
-// Pairs of neighbours with different flags, corrected for edges at all angles (a line of length 1 crosses 4 / pi grid
-// lines on average).
+// Returns the length of shadow edges, pixels: the number of neighbour pairs with different flags, corrected for edges
+// at all angles (a line of length 1 crosses 4 / pi grid lines on average).
 double edge_length(int width, int height, const std::vector<float>& lit) {
   std::size_t pairs = 0;
   const auto at = [&](int x, int y) {
@@ -59,15 +60,15 @@ Spread spread_of(std::vector<double> values) {
 double distance_to_flag(int width, int height, const std::vector<float>& reference, int x, int y, bool lit) {
   const double farthest = std::hypot(width, height);
   double nearest2 = farthest * farthest;
-  // Squares of growing radius: one more than the best found so far can't hold anything nearer.
+  // Search the borders of squares of growing radius. Beyond the best distance found nothing can be nearer.
   for (int radius = 1; radius < std::max(width, height) && radius * radius <= nearest2; ++radius)
     for (int v = std::max(0, y - radius); v <= std::min(height - 1, y + radius); ++v) {
-      const bool whole_row = v == y - radius || v == y + radius;
-      for (int u = x - radius; u <= x + radius; u += whole_row ? 1 : 2 * radius) {
+      const bool full_row = v == y - radius || v == y + radius;
+      for (int u = x - radius; u <= x + radius; u += full_row ? 1 : 2 * radius) {
         if (u < 0 || u >= width) continue;
-        const float there =
+        const float flag =
             reference[static_cast<std::size_t>(v) * static_cast<std::size_t>(width) + static_cast<std::size_t>(u)];
-        if (!std::isnan(there) && is_lit(there) == lit)
+        if (!std::isnan(flag) && is_lit(flag) == lit)
           nearest2 = std::min(nearest2, static_cast<double>((u - x) * (u - x) + (v - y) * (v - y)));
       }
     }
@@ -81,11 +82,12 @@ void ErrorCollector::add_geometry(const View& view, const dem::Terrain& terrain,
     for (std::size_t i = first; i < past_last; ++i)
       errors[i] = error_of(view, terrain, {position_m[3 * i], position_m[3 * i + 1], position_m[3 * i + 2]});
   });
-  // What the engine's own rounding adds to a bound of zero: see the distances table among the hard cases.
+  // Tolerate the engine's own rounding, for a bound of zero: see the distances table among the hard cases.
   constexpr double kRounding_m = 1e-6, kRounding_px = 1e-6;
   for (const PointError& e : errors) {
     if (std::isnan(e.metres)) continue;
-    metres_.push_back(e.metres), pixels_.push_back(e.pixels);
+    metres_.push_back(e.metres);
+    pixels_.push_back(e.pixels);
     beyond_m_ += e.metres > report.lod_error_m + kRounding_m;
     beyond_px_ += e.pixels > report.lod_error_px + kRounding_px;
     beyond_expected_px_ += e.pixels > report.expected_error_px + kRounding_px;
@@ -95,7 +97,7 @@ void ErrorCollector::add_geometry(const View& view, const dem::Terrain& terrain,
 void ErrorCollector::add_shadows(int width, int height, const std::vector<float>& lit,
                                  const std::vector<float>& reference) {
   edge_length_px_ += edge_length(width, height, reference);
-  pixels_seen_ += lit.size();
+  pixels_compared_ += lit.size();
   for (std::size_t i = 0; i < lit.size(); ++i) {
     wrong_hits_ += std::isnan(lit[i]) != std::isnan(reference[i]);
     if (std::isnan(lit[i]) || std::isnan(reference[i])) continue;
@@ -112,20 +114,24 @@ void ErrorCollector::add_radiance(const std::vector<float>& radiance, const std:
   for (std::size_t i = 0; i < radiance.size(); ++i) {
     const double truth = static_cast<double>(reference[i]);
     radiance_errors_.push_back(std::abs(static_cast<double>(radiance[i]) - truth));
-    if (truth > 0) reference_radiance_ += truth, ++sunlit_;
+    if (!(truth > 0)) continue;
+    reference_radiance_ += truth;
+    ++sunlit_;
   }
 }
 
 ErrorMeasures ErrorCollector::result() const {
   ErrorMeasures out;
-  out.geometric_m = spread_of(metres_), out.geometric_px = spread_of(pixels_);
-  const auto share = [](std::size_t part, std::size_t whole) {
-    return whole ? static_cast<double>(part) / static_cast<double>(whole) : 0.0;
+  out.geometric_m = spread_of(metres_);
+  out.geometric_px = spread_of(pixels_);
+  const auto share = [](std::size_t count, std::size_t total) {
+    return total ? static_cast<double>(count) / static_cast<double>(total) : 0.0;
   };
-  out.within_bound_m = 1 - share(beyond_m_, metres_.size()),
+  out.within_bound_m = 1 - share(beyond_m_, metres_.size());
   out.within_bound_px = 1 - share(beyond_px_, pixels_.size());
   out.within_expected_px = 1 - share(beyond_expected_px_, pixels_.size());
-  out.wrong_hits = share(wrong_hits_, pixels_seen_), out.wrong_shadow_flags = share(wrong_, compared_);
+  out.wrong_hits = share(wrong_hits_, pixels_compared_);
+  out.wrong_shadow_flags = share(wrong_, compared_);
   if (edge_length_px_ > 0) out.shadow_edge_mean_px = static_cast<double>(wrong_) / edge_length_px_;
   out.shadow_edge_px = spread_of(displacements_px_);
   if (sunlit_ == 0) return out;

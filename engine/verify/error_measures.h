@@ -1,4 +1,4 @@
-// Error measures of frames: what `verify accuracy` reports for each setting.
+// Error measures of frames, as `verify accuracy` reports them for each setting.
 //
 // The reference is the finest terrain seen through many samples per pixel. Frames of one scene are pooled: quantiles
 // are over all their pixels.
@@ -40,7 +40,7 @@ struct ErrorMeasures {
 
 class ErrorCollector {
  public:
-  // `position_m`: the frame's product.
+  // `position_m`: the frame's product "position".
   void add_geometry(const View& view, const dem::Terrain& terrain, const std::vector<double>& position_m,
                     const FrameReport& report);
   // Both are products `lit` of height x width (NaN where nothing is hit).
@@ -56,12 +56,12 @@ class ErrorCollector {
   double reference_radiance_ = 0;
   std::size_t sunlit_ = 0;
   std::vector<double> displacements_px_;
-  std::size_t compared_ = 0, wrong_ = 0, pixels_seen_ = 0, wrong_hits_ = 0;
+  std::size_t compared_ = 0, wrong_ = 0, pixels_compared_ = 0, wrong_hits_ = 0;
   double edge_length_px_ = 0;
 };
 
-// Distance from the pixel to the nearest one with the flag `lit` in the reference, minus half a pixel, by which an edge
-// is nearer than a pixel's centre. The image's diagonal if there is none.
+// Returns the distance from a pixel to the nearest one with the flag `lit` in the reference, minus half a pixel: the
+// edge is nearer than that pixel's centre. The image's diagonal if there is none.
 double distance_to_flag(int width, int height, const std::vector<float>& reference, int x, int y, bool lit);
 
 Spread spread_of(std::vector<double> values);

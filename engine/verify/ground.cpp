@@ -14,47 +14,53 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr int kPostsOfSquare = 40;  // posts of a square
+constexpr int kPostsOfSquare = 40;  // along each side
 
-// Places by an additive recurrence: even, and the same on every machine. Within 45 degrees of the equator.
+// Returns latitude and longitude of the i-th place, within 45 degrees of the equator. An additive recurrence spreads
+// places evenly, and the same on every machine.
 std::pair<double, double> place_rad(int i) {
   const double a = std::fmod(0.5 + i * 0.7548776662466927, 1.0), b = std::fmod(0.5 + i * 0.5698402909980532, 1.0);
   return {(a - 0.5) * std::numbers::pi / 2, (b - 0.5) * 2 * std::numbers::pi};
 }
 
-// The coarsest level that shows an octave.
+// Returns the coarsest level whose blocks include an octave.
 int level_showing(int octave) {
   int level = 0;
   while (level < dem::kMaxLevel && dem::Detail::smallest_octave(level) > octave) ++level;
   return level;
 }
 
-// Heights at the posts of a square, `apart_m` apart.
-std::vector<double> square(const dem::Detail& detail, int number, double apart_m) {
+// Returns the heights at the posts of a square.
+std::vector<double> square(const dem::Detail& detail, int number, double spacing_m) {
   const auto [lat, lon] = place_rad(number);
-  const double lat_step = apart_m / kMoonRadius_m, lon_step = lat_step / std::cos(lat);
+  const double lat_step = spacing_m / kMoonRadius_m, lon_step = lat_step / std::cos(lat);
   constexpr double kPerBaseline = 8;
-  const int level = level_showing(static_cast<int>(std::floor(std::log2(apart_m / kPerBaseline))));
+  const int level = level_showing(static_cast<int>(std::floor(std::log2(spacing_m / kPerBaseline))));
   std::vector<double> heights(static_cast<std::size_t>(kPostsOfSquare * kPostsOfSquare));
   detail.add(dem::SquareGrid(lat, lat_step, lon, lon_step, kPostsOfSquare).grid(), level, 0, heights, {}, {});
   return heights;
 }
 
 struct Sums {
-  double craters = 0, relief = 0;  // of squared differences
-  std::vector<double> slopes{};    // sizes
+  double craters = 0, relief = 0;  // sums of squared height differences
+  std::vector<double> slopes{};    // absolute values
 };
 
+// Sums over all pairs of neighbouring posts of a square.
 Sums sums_of(const std::vector<double>& craters, const std::vector<double>& relief, double baseline_m) {
   Sums sums;
-  const auto between = [&](std::size_t a, std::size_t b) {
+  const auto add_pair = [&](std::size_t a, std::size_t b) {
     const double c = craters[b] - craters[a], r = relief[b] - relief[a];
-    sums.craters += c * c, sums.relief += r * r;
+    sums.craters += c * c;
+    sums.relief += r * r;
     sums.slopes.push_back(std::abs(c + r) / baseline_m);
   };
   constexpr std::size_t n = kPostsOfSquare;
   for (std::size_t r = 0; r + 1 < n; ++r)
-    for (std::size_t c = 0; c + 1 < n; ++c) between(r * n + c, r * n + c + 1), between(r * n + c, (r + 1) * n + c);
+    for (std::size_t c = 0; c + 1 < n; ++c) {
+      add_pair(r * n + c, r * n + c + 1);
+      add_pair(r * n + c, (r + 1) * n + c);
+    }
   return sums;
 }
 
@@ -63,11 +69,14 @@ double slope_deg(double slope) { return std::atan(slope) * kDegreesPerRadian; }
 }  // namespace
 
 std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places) {
-  dem::DetailPreset one = preset;
-  one.relief = {}, one.rocks = {}, one.region = {};
-  const dem::Detail craters(one);
-  one.craters = {}, one.relief = preset.relief;
-  const dem::Detail relief(one);
+  dem::DetailPreset single_law = preset;
+  single_law.relief = {};
+  single_law.rocks = {};
+  single_law.region = {};
+  const dem::Detail craters(single_law);
+  single_law.craters = {};
+  single_law.relief = preset.relief;
+  const dem::Detail relief(single_law);
   std::vector<SlopeRow> rows;
   double rms_before = 0;
   for (const double baseline_m : {0.5, 1.0, 2.0, 5.0, 10.0, 17.0, 50.0, 100.0, 200.0}) {
@@ -76,18 +85,19 @@ std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places)
       const int number = static_cast<int>(i);
       squares[i] = sums_of(square(craters, number, baseline_m), square(relief, number, baseline_m), baseline_m);
     });
-    Sums all;
+    Sums total;
     for (const Sums& s : squares) {
-      all.craters += s.craters, all.relief += s.relief;
-      all.slopes.insert(all.slopes.end(), s.slopes.begin(), s.slopes.end());
+      total.craters += s.craters;
+      total.relief += s.relief;
+      total.slopes.insert(total.slopes.end(), s.slopes.begin(), s.slopes.end());
     }
-    const double variance = all.craters + all.relief,
-                 rms_m = std::sqrt(variance / static_cast<double>(all.slopes.size()));
+    const double variance = total.craters + total.relief,
+                 rms_m = std::sqrt(variance / static_cast<double>(total.slopes.size()));
     const double hurst = rows.empty() ? std::numeric_limits<double>::quiet_NaN()
                                       : std::log(rms_m / rms_before) / std::log(baseline_m / rows.back().baseline_m);
     rows.push_back(
-        {baseline_m, slope_deg(rms_m / baseline_m), slope_deg(median(all.slopes)), hurst,
-         variance > 0 ? all.craters / variance : 0, variance > 0 ? all.relief / variance : 0,
+        {baseline_m, slope_deg(rms_m / baseline_m), slope_deg(median(total.slopes)), hurst,
+         variance > 0 ? total.craters / variance : 0, variance > 0 ? total.relief / variance : 0,
          preset.published ? preset.published->at_deg(baseline_m) : std::numeric_limits<double>::quiet_NaN()});
     rms_before = rms_m;
   }
@@ -106,14 +116,14 @@ std::vector<CraterRow> ground_craters(const dem::DetailPreset& preset) {
     int listed = 0, visible = 0;
     for (int i = 0; i < kSquares; ++i) {
       const auto [lat, lon] = place_rad(i);
-      const double half_deg = std::ldexp(kDiameters / 2, k) / kMetresPerDegree, lat_deg = lat * kDegreesPerRadian,
-                   lon_deg = lon * kDegreesPerRadian, wide_deg = half_deg / std::cos(lat);
+      const double half_deg = std::ldexp(kDiameters / 2, k) / kMetresPerDegree, wide_deg = half_deg / std::cos(lat);
+      const double lat_deg = lat * kDegreesPerRadian, lon_deg = lon * kDegreesPerRadian;
       const dem::Footprint box{lat_deg - half_deg, lat_deg + half_deg, lon_deg - wide_deg, lon_deg + wide_deg};
       area_km2 += dem::area_m2(box) / 1e6;
-      const std::vector<dem::Crater> all = field.in_box(k, dem::around(box, std::ldexp(5.0, k)), {});
-      for (const dem::Crater& crater : all) {
+      const std::vector<dem::Crater> nearby = field.in_box(k, dem::around(box, std::ldexp(5.0, k)), {});
+      for (const dem::Crater& crater : nearby) {
         if (!dem::holds(box, to_geographic(crater.centre * kMoonRadius_m)) ||
-            !dem::remains_of(field, crater, all).any())
+            !dem::remains_of(field, crater, nearby).any())
           continue;
         listed += crater.depth_m >= dem::Detail::kWorn * crater.diameter_m;
         visible += crater.depth_m >= dem::kVisible * crater.diameter_m;

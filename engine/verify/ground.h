@@ -1,4 +1,4 @@
-// Slopes and craters of a detail's ground, beside the laws that it was made for.
+// Slopes and craters of a detail's ground, compared with the laws that it was made from.
 #pragma once
 
 #include <vector>
@@ -9,22 +9,23 @@ namespace selenograph::engine {
 
 struct SlopeRow {
   double baseline_m;
-  double rms_deg, median_deg;          // of slopes along the baseline, which are those of one direction
-  double hurst;                        // of the RMS height difference, from the baseline before; NaN for the first
-  double craters_share, relief_share;  // of the variance
+  double rms_deg, median_deg;          // of slopes along the baseline, in one direction
+  double hurst;                        // exponent of the RMS height difference since the previous row; NaN: first row
+  double craters_share, relief_share;  // shares of the variance of height differences
   double published_deg;                // the preset's published median; NaN: it names none
 };
 
 struct CraterRow {
-  double diameter_m;  // the smallest of an octave
-  // Numbers per km^2: the law's (of craters that have formed by now), listed (from Detail::kWorn on), visible (from
-  // kVisible on). Those that younger ones have taken away don't count.
+  double diameter_m;  // smallest diameter of an octave
+  // Numbers per km^2: by the law (all craters formed so far), listed (at least Detail::kWorn deep), visible (at least
+  // kVisible deep). Listed and visible craters exclude those erased by younger ones.
   double law, listed, visible;
 };
 
-// Of the detail alone, on a sphere, with all of its octaves: also those that posts of kRootLevel, the coarsest that
-// there are, leave to no detail (Detail::past_largest_octave; of the presets, wavelengths of 4096 m and more).
-// `places`: squares of 40 x 40 baselines for each row. Octaves of less than an eighth of a baseline are left out.
+// Both measure the detail alone, on a sphere, with all of its octaves. This includes octaves so large that even the
+// coarsest posts (kRootLevel) show them, which detail on terrain never adds (Detail::past_largest_octave; in the
+// presets, wavelengths of 4096 m and more). `places`: squares of 40 x 40 baselines for each row. Octaves below an
+// eighth of a baseline are left out.
 std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places);
 std::vector<CraterRow> ground_craters(const dem::DetailPreset& preset);
 

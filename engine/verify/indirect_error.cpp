@@ -12,9 +12,9 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr int kPlacesAlong = 12;
+constexpr int kPointsAlong = 12;
 
-// The ground at a place as rays meet it, which may be finer than a frame's, and so above the frame's.
+// Returns the ground at a position as rays hit it: it may be finer than a frame's ground, and above it.
 Vec3 on_ground(const Renderer& renderer, const Vec3& position_m, const FrameRequest& request) {
   constexpr double kAbove_m = 1000;
   const Vec3 up = position_m.normalized();
@@ -23,11 +23,12 @@ Vec3 on_ground(const Renderer& renderer, const Vec3& position_m, const FrameRequ
   return hit.hit ? hit.position_m : position_m;
 }
 
+// Returns the light that a point receives from the ground around it, W m-2, by rays over the sphere of directions.
 double light_by_rays(const Renderer& renderer, const Vec3& position_m, const Vec3& normal, const FrameRequest& request,
                      int strata) {
   constexpr int kDirections = 128, kHigh = 8;
   constexpr double kBorder = 0.4, kPi = std::numbers::pi;
-  // Denser towards the horizon.
+  // Lower bound of a low stratum's elevations, which are denser towards the horizon.
   const auto low = [&](double row) {
     const double u = 2 * row / strata - 1;
     return kBorder * u * (0.15 + 0.85 * u * u);
@@ -35,7 +36,7 @@ double light_by_rays(const Renderer& renderer, const Vec3& position_m, const Vec
   const EastNorthUp axes = local_axes(position_m.normalized());
   std::vector<Ray> rays;
   std::vector<double> weights;
-  // By azimuth: neighbours meet the same terrain.
+  // Order rays by azimuth: neighbouring rays hit the same terrain.
   for (int k = 0; k < kDirections; ++k)
     for (int row = 0; row < strata + kHigh; ++row) {
       const bool is_low = row < strata;
@@ -53,7 +54,7 @@ double light_by_rays(const Renderer& renderer, const Vec3& position_m, const Vec
   const Brdf brdf(request.reflectance, band_of(request));
   double sum = 0;
   for (std::size_t i = 0; i < rays.size(); ++i) {
-    // Its own facet, which the interpolated normal differs from, is not in sight.
+    // Ignore hits on the point's own facet: directions above the interpolated normal's plane may be below the facet's.
     if (!hits[i].hit || hits[i].range_m < 2) continue;
     const double mu0 = hits[i].normal.dot(request.sun.direction);
     if (!(mu0 > 0 && hits[i].lit > 0)) continue;
@@ -74,22 +75,23 @@ double ms_of(const Renderer& renderer, const FrameRequest& request) {
 
 IndirectTruth::IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata) : request_(request) {
   request_.products = kPosition | kNormal | kLit;
-  const FrameProducts seen = renderer.render(request_).products;
+  const FrameProducts products = renderer.render(request_).products;
   const auto at = [](const auto& values, std::size_t i) {
     return Vec3(double(values[3 * i]), double(values[3 * i + 1]), double(values[3 * i + 2]));
   };
-  const int side = request.camera.width, step = side / kPlacesAlong;
+  const int side = request.camera.width, step = side / kPointsAlong;
   for (int row = step / 3; row < side; row += step)
     for (int column = step / 3; column < side; column += step) {
       const auto pixel = static_cast<std::size_t>(row * side + column);
-      const Vec3 position_m = at(seen.position, pixel);
+      const Vec3 position_m = at(products.position, pixel);
       if (std::isnan(position_m.x())) continue;
       pixels_.push_back(pixel);
-      in_shadow_.push_back(seen.lit[pixel] == 0);
-      light_w_m2_.push_back(
-          light_by_rays(renderer, on_ground(renderer, position_m, request), at(seen.normal, pixel), request, strata));
+      in_shadow_.push_back(products.lit[pixel] == 0);
+      light_w_m2_.push_back(light_by_rays(renderer, on_ground(renderer, position_m, request),
+                                          at(products.normal, pixel), request, strata));
     }
-  request_.products = kIrradiance, request_.indirect.terrain = true;
+  request_.products = kIrradiance;
+  request_.indirect.terrain = true;
 }
 
 IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) const {
@@ -99,7 +101,9 @@ IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) con
   for (std::size_t i = 0; i < pixels_.size(); ++i) {
     const double light = static_cast<double>(irradiance[3 * pixels_[i] + 1]), truth = light_w_m2_[i];
     if (std::isnan(light)) continue;
-    ours += light, truths += truth, squares += std::pow(light - truth, 2);
+    ours += light;
+    truths += truth;
+    squares += std::pow(light - truth, 2);
     if (in_shadow_[i]) {
       shadow_ours += light;
       shadow_truths += truth;
@@ -109,7 +113,8 @@ IndirectTruth::Error IndirectTruth::of(const std::vector<float>& irradiance) con
     ++out.places;
   }
   if (out.places == 0 || !(truths > 0)) return out;
-  out.median = median(differences), out.ratio = ours / truths;
+  out.median = median(differences);
+  out.ratio = ours / truths;
   if (shadow_truths > 0) out.shadow_ratio = shadow_ours / shadow_truths;
   out.rms = std::sqrt(squares / out.places) / (truths / out.places);
   return out;
@@ -125,11 +130,13 @@ IndirectRow measure_indirect(const Renderer& renderer, const IndirectTruth& trut
   renderer.render(without);
   row.first_ms = ms_of(renderer, with);
   row.error = truth.of(renderer.render(with).products.irradiance);
-  std::vector<double> kept, plain;
-  for (int i = 0; i < repetitions; ++i)
-    plain.push_back(ms_of(renderer, without)), kept.push_back(ms_of(renderer, with));
-  row.without_ms = *std::min_element(plain.begin(), plain.end());
-  row.kept_ms = *std::min_element(kept.begin(), kept.end());
+  std::vector<double> cached_ms, without_ms;
+  for (int i = 0; i < repetitions; ++i) {
+    without_ms.push_back(ms_of(renderer, without));
+    cached_ms.push_back(ms_of(renderer, with));
+  }
+  row.without_ms = *std::min_element(without_ms.begin(), without_ms.end());
+  row.kept_ms = *std::min_element(cached_ms.begin(), cached_ms.end());
   return row;
 }
 

@@ -1,4 +1,4 @@
-// How true light from terrain is, and how long it takes: beside rays in every direction.
+// Measures the error and the cost of light from terrain, compared with rays in every direction.
 #pragma once
 
 #include <vector>
@@ -8,38 +8,41 @@
 
 namespace selenograph::engine {
 
-// Light that points of a frame receive from surrounding ground, by rays. Reflectance is the request's, without maps.
+// The true light that points of a frame receive from surrounding ground, by rays. Reflectance is the request's, without
+// maps.
 class IndirectTruth {
  public:
-  // 144 places of a square frame. From each, 128 azimuths times `strata` and eight more elevations: what a low Sun
-  // lights is thin strips. With 80 the answer is off by a tenth there.
+  // Casts rays from 144 points of a square frame, each in 128 azimuths times `strata` low and eight high elevations.
+  // Low elevations need many strata: ground lit by a low Sun is seen as thin strips. With 80 the light is wrong by a
+  // tenth there.
   IndirectTruth(const Renderer& renderer, const FrameRequest& request, int strata);
 
   struct Error {
     int places = 0;
-    double ratio = 0, rms = 0;  // of the means; of the differences, over the mean
-    double median = 0;          // of the differences over the place's own light
-    double worst = 0;           // the same, where it exceeds 1e-4 of sunlight
-    double shadow_ratio = 1;    // of the means over places in shadow
+    double ratio = 0, rms = 0;  // ratio of means; RMS difference over the mean
+    double median = 0;          // median of relative differences
+    double worst = 0;           // largest relative difference where the light exceeds 1e-4 of sunlight
+    double shadow_ratio = 1;    // ratio of means over points in shadow
   };
-  // `irradiance`: the product of a frame of request(), with any spacing of posts.
+  // Returns the error of a frame. `irradiance`: the product of a frame of request(), with any spacing of posts.
   Error of(const std::vector<float>& irradiance) const;
   const FrameRequest& request() const { return request_; }
 
  private:
   FrameRequest request_;
   std::vector<std::size_t> pixels_;
-  std::vector<double> light_w_m2_;  // of each pixel
-  std::vector<bool> in_shadow_;     // of each pixel
+  std::vector<double> light_w_m2_;  // by index into pixels_
+  std::vector<bool> in_shadow_;     // by index into pixels_
 };
 
-// Times of a frame without light from terrain, the first with it, and one that finds it again.
+// Error of a frame with light from terrain, and times of a frame without it, of the first one with it, and of one that
+// finds the light cached (kept_ms).
 struct IndirectRow {
   double spacing_px = 0;
   IndirectTruth::Error error;
   double without_ms = 0, first_ms = 0, kept_ms = 0;
 };
-// `renderer` must not have shown such a frame before.
+// Measures one spacing of posts. `renderer` must not have rendered such a frame before: its light would be cached.
 IndirectRow measure_indirect(const Renderer& renderer, const IndirectTruth& truth, double spacing_px, int repetitions);
 
 }  // namespace selenograph::engine

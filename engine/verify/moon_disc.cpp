@@ -19,6 +19,7 @@ constexpr double kDistance_m = 384.4e6;
 constexpr double kPhases_deg[] = {2, 3, 5, 7, 10, 15, 20, 30, 40, 50, 60, 70, 80, 90, 97};
 constexpr double kNarrow_um = 1e-3;
 
+// A named reflectance model; `region`: the Sato et al. (2014) preset, if it is one.
 struct Model {
   std::string name;
   Reflectance reflectance;
@@ -50,6 +51,7 @@ std::vector<Model> models() {
           {"hapke", hapke}};
 }
 
+// Returns a model's BRDF in a narrow band at a wavelength.
 Brdf brdf_of(const Model& model, double wavelength_um) {
   const Band band(wavelength_um, kNarrow_um);
   Reflectance reflectance = model.reflectance;
@@ -57,13 +59,15 @@ Brdf brdf_of(const Model& model, double wavelength_um) {
   return Brdf(reflectance, &band);
 }
 
+// Returns the bands of ROLO and LIME in ascending order.
 std::vector<double> bands_um() {
-  std::vector<double> all(disc_bands_um(DiscModel::rolo).begin(), disc_bands_um(DiscModel::rolo).end());
-  all.insert(all.end(), disc_bands_um(DiscModel::lime).begin(), disc_bands_um(DiscModel::lime).end());
-  std::sort(all.begin(), all.end());
-  return all;
+  std::vector<double> bands(disc_bands_um(DiscModel::rolo).begin(), disc_bands_um(DiscModel::rolo).end());
+  bands.insert(bands.end(), disc_bands_um(DiscModel::lime).begin(), disc_bands_um(DiscModel::lime).end());
+  std::sort(bands.begin(), bands.end());
+  return bands;
 }
 
+// Returns a row with the published models' reflectance at the same geometry, NaN where they are not valid.
 DiscRow row_of(const std::string& preset, const std::string& ground, double wavelength_um, const DiscGeometry& at,
                double signed_phase_deg, double reflectance) {
   const double none = std::numeric_limits<double>::quiet_NaN(), g = at.phase_deg;
@@ -76,7 +80,7 @@ DiscRow row_of(const std::string& preset, const std::string& ground, double wave
           g <= kLimeLast_deg ? disc_reflectance_at(DiscModel::lime, wavelength_um, at) : none};
 }
 
-// The whole Moon in the middle of the image, north up, seen along the prime meridian.
+// Returns a frame of the whole Moon in the middle of the image, north up, seen along the prime meridian.
 FrameRequest disc_request(const FrameRequest& surface, double wavelength_um, double sun_lon_deg, int size_px) {
   FrameRequest request = surface;
   request.camera = {};
@@ -99,7 +103,8 @@ FrameRequest disc_request(const FrameRequest& surface, double wavelength_um, dou
 }  // namespace
 
 double sphere_reflectance(const Brdf& brdf, double phase_deg) {
-  // Photometric longitude from the terminator to the limb, and latitude; the camera at longitude 0, the Sun at g.
+  // Integrate over photometric longitude, from the terminator to the limb, and latitude. The camera is at longitude 0,
+  // the Sun at g.
   constexpr int kLongitudes = 300, kLatitudes = 100;
   const double g = phase_deg * kRadiansPerDegree, first = g - kPi / 2, span = kPi - g, cos_phase = std::cos(g);
   double sum = 0;
@@ -173,19 +178,20 @@ std::vector<ReliefRow> relief_at(const Renderer& renderer, const FrameRequest& s
                             std::sin(incidence_deg * kRadiansPerDegree) * local.east;
     request.products = kRadiance | kLit | kPosition;
     const Frame frame = renderer.render(request);
-    double sum = 0, smooth = 0, shadowed = 0, seen = 0;
+    double sum = 0, smooth = 0, shadowed = 0, pixels = 0;
     for (std::size_t i = 0; i < frame.products.radiance.size(); ++i) {
-      const Vec3 place(frame.products.position[3 * i], frame.products.position[3 * i + 1],
-                       frame.products.position[3 * i + 2]);
-      if (!place.allFinite()) continue;
-      const Vec3 up = place.normalized(), toward = (request.pose.position_m - place).normalized();
+      const Vec3 point_m(frame.products.position[3 * i], frame.products.position[3 * i + 1],
+                         frame.products.position[3 * i + 2]);
+      if (!point_m.allFinite()) continue;
+      const Vec3 up = point_m.normalized(), toward = (request.pose.position_m - point_m).normalized();
       const double mu0 = up.dot(request.sun.direction);
       sum += static_cast<double>(frame.products.radiance[i]);
       smooth += direct_radiance(brdf, frame.report.radiance.direct_w_m2, mu0, up.dot(toward),
                                 toward.dot(request.sun.direction), 1);
-      shadowed += frame.products.lit[i] > 0 ? 0 : 1, seen += 1;
+      shadowed += frame.products.lit[i] > 0 ? 0 : 1;
+      pixels += 1;
     }
-    rows.push_back({incidence_deg, smooth > 0 ? sum / smooth : 0, seen > 0 ? shadowed / seen : 0,
+    rows.push_back({incidence_deg, smooth > 0 ? sum / smooth : 0, pixels > 0 ? shadowed / pixels : 0,
                     frame.report.min_post_spacing_m});
   }
   return rows;

@@ -1,4 +1,4 @@
-// Brightness of the whole Moon as reflectance models have it, beside published models of its irradiance.
+// Brightness of the whole Moon by reflectance models, compared with published models of its irradiance.
 #pragma once
 
 #include <optional>
@@ -11,7 +11,7 @@
 
 namespace selenograph::engine {
 
-// Disc-equivalent reflectance of a smooth sphere, by integration over its surface (midpoint rule, to 1e-4).
+// Returns the disc-equivalent reflectance of a smooth sphere, integrated over its surface (midpoint rule, to 1e-4).
 double sphere_reflectance(const Brdf& brdf, double phase_deg);
 
 struct DiscRow {
@@ -21,15 +21,16 @@ struct DiscRow {
   double rolo, lime;  // NaN where the models have no band or are not valid
 };
 
-// The named reflectance models on a sphere, in the bands of ROLO and LIME, from 2 to 97 degrees.
+// Returns the named reflectance models on a sphere, in the bands of ROLO and LIME, at phase angles from 2 to 97
+// degrees.
 std::vector<DiscRow> discs_on_sphere();
 
-// Frames of the whole Moon from 384 400 km over the mean Earth meridian, with the request's surface, in LIME's band at
-// 0.675 um: what terrain changes is the same at all wavelengths. Throws as Renderer::render does.
+// Measures frames of the whole Moon from 384 400 km over the mean Earth meridian, with the request's surface, in LIME's
+// band at 0.675 um: terrain has the same effect at all wavelengths. Throws as Renderer::render does.
 std::vector<DiscRow> discs_on_terrain(const Renderer& renderer, const FrameRequest& surface, int size_px);
 
-// Brightness of terrain seen from straight above over that of smooth ground: what slopes and shadows add to a
-// reflectance that was fitted to a Moon whose slopes and shadows it has already.
+// Brightness of terrain seen from straight above, relative to that of smooth ground. The reflectance was fitted to the
+// real Moon and includes its slopes and shadows already: this ratio shows how much terrain counts them twice.
 struct ReliefRow {
   double incidence_deg, ratio, shadowed;  // shadowed: share of the pixels
   double post_spacing_m;

@@ -10,19 +10,21 @@ namespace {
 // A post on an edge shared by two triangles belongs to both, whatever the rounding.
 constexpr double kOnEdge = 1e-9;
 
-class Grid {
+// Heights of a rectangle of posts, filled by triangles.
+class PostGrid {
  public:
-  Grid(const PostRectangle& posts, double widest_x, double widest_y)
+  PostGrid(const PostRectangle& posts, double widest_x, double widest_y)
       : posts_(posts),
         widest_x_(widest_x),
         widest_y_(widest_y),
         heights_(static_cast<std::size_t>(posts.width) * static_cast<std::size_t>(posts.height),
                  std::numeric_limits<double>::quiet_NaN()) {}
 
+  // Sets the posts within a triangle, unless it spans hidden ground. Vertices are clockwise in the image.
   void add(const SeenPoint& a, const SeenPoint& b, const SeenPoint& c) {
     const auto [left, right] = std::minmax({a.x, b.x, c.x});
     const auto [top, bottom] = std::minmax({a.y, b.y, c.y});
-    // Also false where a pixel sees nothing.
+    // The comparison is also false for NaN, a pixel without ground.
     if (!(right - left <= widest_x_ && bottom - top <= widest_y_)) return;
     const double area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
     if (!(area > 0)) return;
@@ -56,7 +58,7 @@ class Grid {
 
 std::vector<double> resample(std::span<const SeenPoint> pixels, int width, int height, const PostRectangle& posts,
                              double widest_x, double widest_y, const StopToken& stop) {
-  Grid grid(posts, widest_x, widest_y);
+  PostGrid grid(posts, widest_x, widest_y);
   const auto at = [&](int r, int c) -> const SeenPoint& {
     return pixels[static_cast<std::size_t>(r) * static_cast<std::size_t>(width) + static_cast<std::size_t>(c)];
   };
@@ -64,7 +66,7 @@ std::vector<double> resample(std::span<const SeenPoint> pixels, int width, int h
     stop.check();
     for (int c = 0; c + 1 < width; ++c) {
       const SeenPoint &nw = at(r, c), &ne = at(r, c + 1), &sw = at(r + 1, c), &se = at(r + 1, c + 1);
-      // The mesh's own diagonals run from south-east to north-west: nothing is gained by crossing them.
+      // Use the mesh's own diagonals, from north-west to south-east.
       grid.add(nw, ne, se);
       grid.add(nw, se, sw);
     }

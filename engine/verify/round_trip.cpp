@@ -12,18 +12,19 @@
 namespace selenograph::engine {
 namespace {
 
-// How far from the vertical a camera looks, towards the middles of its image's sides: as ordinary cameras do.
+// Half the field of view of a camera, along its rows or columns, as ordinary cameras have.
 constexpr double kHalfAngle_deg = 15;
-// Posts along a side of what one frame covers, at most: a frame of the size that cameras have.
-constexpr int kMostPostsPerFrame = 1000;
+// Largest number of posts along a side of a frame, for frames of ordinary size.
+constexpr int kMaxPostsPerFrame = 1000;
 constexpr std::size_t kRaysAtOnce = 65536;
-// Pixels beyond the outermost posts, so that these lie between pixels.
+// Pixels outside the outermost posts, so that these lie between pixels.
 constexpr int kMargin_px = 2;
-constexpr std::int64_t kMostPixels = std::int64_t{1} << 25;
-// A plane through pixels that see ground this many footprints apart spans something hidden. Visible ground can be
-// stretched so by tilt: 20 degrees off the vertical, a slope of 60 degrees facing away is seen 2.7 times as long.
-constexpr double kStretched = 4;
+constexpr std::int64_t kMaxPixels = std::int64_t{1} << 25;
+// A triangle between pixels whose ground is this many footprints apart spans hidden ground. Tilt alone stretches
+// visible ground less: 20 degrees off the vertical, a slope of 60 degrees facing away spans 2.7 footprints per pixel.
+constexpr double kMaxStretch = 4;
 
+// Returns the finest tile at the request's place, and its index in the catalogue.
 const dem::RasterInfo& finest_tile(const dem::Catalogue& catalogue, const RoundTripRequest& request, int& index) {
   const std::vector<int> found = catalogue.touching(request.lat_deg, request.lat_deg, request.lon_deg, request.lon_deg);
   if (found.empty())
@@ -36,12 +37,13 @@ const dem::RasterInfo& finest_tile(const dem::Catalogue& catalogue, const RoundT
   return tile;
 }
 
+// Returns the window of posts around the request's place.
 PostWindow window_around(const dem::RasterInfo& tile, const RoundTripRequest& request) {
   const auto centre = dem::locate(tile, request.lat_deg, request.lon_deg);
-  // Where x is periodic a window goes on at the tile's other end; a window of all columns begins with the first.
-  const auto first = [](double at, int size, int wanted, bool periodic) {
-    const int centred = static_cast<int>(std::lround(at)) - wanted / 2;
-    return periodic && wanted < size ? centred : std::clamp(centred, 0, size - wanted);
+  // If x is periodic, a window may continue at the tile's other end; a window of all columns begins with the first.
+  const auto first = [](double at, int size, int count, bool periodic) {
+    const int centred = static_cast<int>(std::lround(at)) - count / 2;
+    return periodic && count < size ? centred : std::clamp(centred, 0, size - count);
   };
   PostWindow w{tile};
   w.width = request.posts > 0 ? std::min(request.posts, tile.width) : tile.width;
@@ -51,7 +53,7 @@ PostWindow window_around(const dem::RasterInfo& tile, const RoundTripRequest& re
   return w;
 }
 
-// Camera axes looking straight down, image up to the north: +x east, +y south, +z down.
+// Returns a pose looking straight down, image up to the north: +x east, +y south, +z down.
 Pose looking_down(const Vec3& position) {
   const EastNorthUp local = local_axes(position);
   Eigen::Matrix3d camera_from_moon;
@@ -59,21 +61,24 @@ Pose looking_down(const Vec3& position) {
   return {position, Eigen::Quaterniond(camera_from_moon).normalized()};
 }
 
-// Rows and columns [r0, r1) x [c0, c1) of a window: what one camera position serves.
+// Rows and columns [r0, r1) x [c0, c1) of a window, which are seen from one camera position.
 struct Patch {
   int r0, c0, r1, c1;
 };
 
-// Slopes x/z and y/z under which a camera sees a patch.
+// Bounds of the slopes x/z and y/z under which a camera sees a patch.
 struct Slopes {
   double left = INFINITY, right = -INFINITY, top = INFINITY, bottom = -INFINITY;
   void add(const Vec3& in_camera) {
     const double x = in_camera.x() / in_camera.z(), y = in_camera.y() / in_camera.z();
-    left = std::min(left, x), right = std::max(right, x);
-    top = std::min(top, y), bottom = std::max(bottom, y);
+    left = std::min(left, x);
+    right = std::max(right, x);
+    top = std::min(top, y);
+    bottom = std::max(bottom, y);
   }
 };
 
+// Compares the posts of a window, patch by patch, with what the engine shows of them.
 class Comparison {
  public:
   Comparison(const Renderer& renderer, const RoundTripRequest& request, const Progress& progress, const StopToken& stop)
@@ -99,6 +104,7 @@ class Comparison {
  private:
   double spacing_m() const { return out_.window.tile.post_spacing_m; }
 
+  // Reads the tile's heights from the file and applies the catalogue's offset.
   void read_original(const dem::Catalogue& catalogue) {
     const PostWindow& w = out_.window;
     dem::Raster raster(w.tile);
@@ -109,8 +115,8 @@ class Comparison {
     out_.difference_m.assign(w.size(), std::numeric_limits<float>::quiet_NaN());
   }
 
-  // Only where a finer tile comes near, which covers this one or bends it, is it worth asking at every post what is
-  // seen there.
+  // Sets other_layers_ if a finer tile is near enough to cover the window or to blend into it. Only then is the source
+  // checked at every post, which is slow.
   void find_other_layers(const dem::Catalogue& catalogue) {
     const PostWindow& w = out_.window;
     const Geographic first = w.place(0, 0), last = w.place(w.height - 1, w.width - 1);
@@ -123,11 +129,11 @@ class Comparison {
     other_layers_ = !near.empty() && near.back() > tile_index_;
   }
 
-  // Patches about as wide as high on the ground.
+  // Divides the window into patches that are about square on the ground.
   std::vector<Patch> patches() const {
     const PostWindow& w = out_.window;
     const double side_m = 2 * std::tan(kHalfAngle_deg * kRadiansPerDegree) * request_.height_m;
-    const double rows = std::min(side_m / spacing_m(), static_cast<double>(kMostPostsPerFrame));
+    const double rows = std::min(side_m / spacing_m(), static_cast<double>(kMaxPostsPerFrame));
     if (request_.mode == RoundTripMode::camera && side_m < 8 * out_.pixel_footprint_m)
       throw ImpossibleRequest(fmt::format("cameras at {} m see less than 8 pixels of {:.3g} m: give a larger height",
                                           request_.height_m, out_.pixel_footprint_m),
@@ -136,15 +142,16 @@ class Comparison {
     const double narrower = std::max(0.05, std::cos(middle.lat_deg * kRadiansPerDegree));
     const int high = std::max(1, static_cast<int>(rows));
     int wide = std::max(1, static_cast<int>(rows / narrower));
-    // The meridian opposite to a patch, where its x jumps, is not its own.
+    // Keep a patch off the opposite meridian, where x jumps.
     if (w.tile.wraps_longitude) wide = std::min(wide, w.tile.width / 2);
-    std::vector<Patch> all;
+    std::vector<Patch> patches;
     for (int r = 0; r < w.height; r += high)
       for (int c = 0; c < w.width; c += wide)
-        all.push_back({r, c, std::min(r + high, w.height), std::min(c + wide, w.width)});
-    return all;
+        patches.push_back({r, c, std::min(r + high, w.height), std::min(c + wide, w.width)});
+    return patches;
   }
 
+  // Returns the camera position above the middle of a patch, and counts it.
   Vec3 camera_above(const Patch& p) {
     const PostWindow& w = out_.window;
     const Geographic nw = w.place(p.r0, p.c0), se = w.place(p.r1 - 1, p.c1 - 1);
@@ -156,7 +163,7 @@ class Comparison {
     return to_cartesian(g);
   }
 
-  // Whether the tile's own value is what is to be seen at a post; counts those where not.
+  // Returns whether a post shows the tile's own value; counts the posts that do not.
   bool comparable(int row, int col) {
     if (std::isnan(out_.original_m[out_.window.index(row, col)])) {
       ++out_.voids;
@@ -164,19 +171,21 @@ class Comparison {
     }
     if (!other_layers_) return true;
     const Geographic g = out_.window.place(row, col);
-    const dem::HeightAnswer there = renderer_.terrain().height(g.lat_deg, g.lon_deg, stop_);
-    const bool seen = there.source == tile_index_ && !there.blended;
-    if (!seen) ++out_.elsewhere;
-    return seen;
+    const dem::HeightAnswer surface = renderer_.terrain().height(g.lat_deg, g.lon_deg, stop_);
+    const bool is_own = surface.source == tile_index_ && !surface.blended;
+    if (!is_own) ++out_.elsewhere;
+    return is_own;
   }
 
+  // Returns the position of a post at the file's height.
   Vec3 post(int row, int col) const {
     Geographic g = out_.window.place(row, col);
     g.height_m = static_cast<double>(out_.original_m[out_.window.index(row, col)]);
     return to_cartesian(g);
   }
 
-  // Rays from several stations go together: a station may serve few posts.
+  // Queues rays through the posts of a patch. Rays from several stations are sent together: a station may serve few
+  // posts.
   void cast_through_posts(const Patch& p) {
     const Vec3 camera = camera_above(p);
     for (int r = p.r0; r < p.r1; ++r)
@@ -188,6 +197,7 @@ class Comparison {
       }
   }
 
+  // Casts the queued rays and records their hits.
   void send() {
     const std::vector<RayHit> hits = renderer_.cast(rays_, std::nullopt, stop_);
     for (std::size_t i = 0; i < hits.size(); ++i) {
@@ -204,16 +214,17 @@ class Comparison {
     int row, col;
   };
 
-  void note(const Aim& aim, const Geographic& met) {
+  // Records a hit; the post is hidden if the hit is nearer to a different post.
+  void note(const Aim& aim, const Geographic& hit) {
     const PostWindow& w = out_.window;
-    const auto at = dem::locate(w.tile, met.lat_deg, met.lon_deg);
+    const auto at = dem::locate(w.tile, hit.lat_deg, hit.lon_deg);
     double dx = at.x - (w.x0 + aim.col);
     const double dy = at.y - (w.y0 + aim.row);
     if (w.tile.wraps_longitude) dx = std::remainder(dx, w.tile.width);
     if (std::abs(dx) > 0.5 || std::abs(dy) > 0.5)
       ++out_.hidden;
     else
-      note(aim, met.height_m);
+      note(aim, hit.height_m);
   }
 
   void note(const Aim& aim, double height_m) {
@@ -222,6 +233,7 @@ class Comparison {
     ++out_.compared;
   }
 
+  // Renders a frame of a patch and compares it with the posts.
   void photograph(const Patch& p) {
     const Pose pose = looking_down(camera_above(p));
     Slopes slopes;
@@ -229,10 +241,10 @@ class Comparison {
     for (int r = p.r0; r < p.r1; ++r)
       for (int c = p.c0; c < p.c1; ++c) {
         if (std::isnan(out_.original_m[out_.window.index(r, c)])) continue;
-        const Vec3 seen = pose.camera_from_moon * (post(r, c) - pose.position_m);
-        // Ground close beneath the camera or above it would make the image endless: it is missed.
-        if (seen.z() < 0.1 * request_.height_m) continue;
-        slopes.add(seen);
+        const Vec3 in_camera = pose.camera_from_moon * (post(r, c) - pose.position_m);
+        // Leave out ground close beneath the camera or above it: it would need an unbounded image. It counts as missed.
+        if (in_camera.z() < 0.1 * request_.height_m) continue;
+        slopes.add(in_camera);
         any = true;
       }
     if (any)
@@ -243,8 +255,8 @@ class Comparison {
           if (comparable(r, c)) ++out_.missed;
   }
 
-  // A camera whose image holds these slopes. The additive recurrence of the plastic number (Roberts 2018) shifts pixels
-  // against posts from frame to frame, so that none of their phases is preferred.
+  // Returns a frame whose image contains these slopes. The additive recurrence of the plastic number (Roberts 2018)
+  // shifts pixels against posts from frame to frame, so that no phase between them is preferred.
   FrameRequest frame_request(const Pose& pose, const Slopes& s) const {
     FrameRequest frame;
     Camera& camera = frame.camera;
@@ -253,7 +265,7 @@ class Comparison {
     const double u = std::fmod(0.7548776662466927 * k, 1.0), v = std::fmod(0.5698402909980532 * k, 1.0);
     const double width = std::ceil((s.right - s.left) * camera.fx) + 2 * kMargin_px + 1;
     const double height = std::ceil((s.bottom - s.top) * camera.fy) + 2 * kMargin_px + 1;
-    if (width * height > static_cast<double>(kMostPixels))
+    if (width * height > static_cast<double>(kMaxPixels))
       throw ImpossibleRequest(fmt::format("frames of {} x {} pixels: ask for a larger footprint", width, height),
                               "footprint_ratio");
     camera.width = static_cast<int>(width);
@@ -271,7 +283,8 @@ class Comparison {
     std::vector<SeenPoint> points;
   };
 
-  // Where x is periodic it is what lies nearest to `middle_x`.
+  // Renders a frame and returns its points in post coordinates. If x is periodic, the period nearest to `middle_x` is
+  // used.
   SeenImage seen_by(const FrameRequest& request, double middle_x) const {
     const dem::RasterInfo& tile = out_.window.tile;
     const Frame frame = renderer_.render(request, stop_);
@@ -287,11 +300,12 @@ class Comparison {
     return image;
   }
 
+  // Resamples a frame's points to the posts of a patch and records the differences.
   void compare(const Patch& p, const SeenImage& image) {
     const PostWindow& w = out_.window;
     const PostRectangle posts{w.x0 + p.c0, w.y0 + p.r0, p.c1 - p.c0, p.r1 - p.r0};
     const double poleward = std::max(std::abs(w.place(p.r0, p.c0).lat_deg), std::abs(w.place(p.r1 - 1, p.c0).lat_deg));
-    const double widest = kStretched * request_.footprint_ratio;
+    const double widest = kMaxStretch * request_.footprint_ratio;
     const std::vector<double> heights =
         resample(image.points, image.width, image.height, posts,
                  widest / std::max(0.01, std::cos(poleward * kRadiansPerDegree)), widest, stop_);

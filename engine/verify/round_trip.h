@@ -1,5 +1,5 @@
-// The DEM round trip (SENSOR++ paper, section 4 and figure 5): surface points that cameras see of a tile are resampled
-// to the tile's own posts and compared with the file's heights.
+// The DEM round trip (SENSOR++ paper, section 4 and figure 5): surface points of a tile, as cameras see them, are
+// resampled to the tile's own posts and compared with the file's heights.
 //
 // Mode exact: rays through the posts, from cameras that look down. Differences are errors of the engine. Mode camera:
 // ordinary frames, whose surface points are resampled to the posts. Differences also contain the sampling error: pixels
@@ -21,20 +21,19 @@ namespace selenograph::engine {
 enum class RoundTripMode { exact, camera };
 
 struct RoundTripRequest {
-  // The finest tile that contains this place is used; the window is centred on it, but moved inwards at the tile's
-  // border.
+  // Centre of the window, which is moved inwards at the tile's border. The finest tile that contains it is used.
   double lat_deg = 0, lon_deg = 0;
-  double height_m = 20000;  // of the cameras above the ground below them
+  double height_m = 20000;  // height of the cameras above the ground below them
   RoundTripMode mode = RoundTripMode::exact;
   // Posts along each side of the window, fewer where the tile is smaller; 0: the whole tile.
   int posts = 1024;
   // Pixel footprint below the camera as a multiple of the post spacing. Mode camera only, like the next.
   double footprint_ratio = 1;
-  double max_error_px = 0;  // of the frames; 0: the finest posts
+  double max_error_px = 0;  // for the frames; 0: the finest posts
 };
 
-// Part of a tile. Row 0 is the northernmost. Columns of a tile that goes around the Moon may lie before its first or
-// behind its last.
+// A window of a tile's posts. Row 0 is the northernmost. In a tile that goes around the Moon columns may be negative,
+// or beyond the last: they wrap around.
 struct PostWindow {
   dem::RasterInfo tile;
   int x0 = 0, y0 = 0, width = 0, height = 0;
@@ -65,9 +64,9 @@ struct RoundTrip {
 // Called with the finished share, 0..1, from the calling thread.
 using Progress = std::function<void(double share)>;
 
-// Takes 8 bytes per post of the window, plus the memory of one camera station. Throws ImpossibleRequest when there is
-// no tile, the tile is not in geographic coordinates, or the cameras are too low for its spacing; DataError and
-// Cancelled as Renderer does.
+// Runs the round trip. Takes 8 bytes per post of the window, plus the memory of one camera station. Throws
+// ImpossibleRequest when there is no tile, the tile is not in geographic coordinates, or the cameras are too low for
+// its spacing; DataError and Cancelled as Renderer does.
 RoundTrip round_trip(const Renderer& renderer, const RoundTripRequest& request, const Progress& progress = {},
                      const StopToken& stop = {});
 

@@ -38,14 +38,15 @@ TEST(LidarBeam, PartsHaveTheMomentsOfTheBeam) {
     }
     EXPECT_NEAR(sum, 1, 1e-12);
     EXPECT_NEAR(std::abs(x) + std::abs(y) + std::abs(xy), 0, 1e-12);
-    EXPECT_NEAR(xx + beam.part * beam.part, 1, 1e-9) << number;
-    EXPECT_NEAR(yy + beam.part * beam.part, 1, 1e-9) << number;
+    EXPECT_NEAR(xx + beam.deviation * beam.deviation, 1, 1e-9) << number;
+    EXPECT_NEAR(yy + beam.deviation * beam.deviation, 1, 1e-9) << number;
   }
   // Of seven the fourth moments, too: 3 along a direction, of points and their parts.
   const SubRays seven(7);
   double fourth = 0;
   for (const SubRay& ray : seven.rays)
-    fourth += ray.weight * (std::pow(ray.x, 4) + 6 * std::pow(ray.x * seven.part, 2) + 3 * std::pow(seven.part, 4));
+    fourth +=
+        ray.weight * (std::pow(ray.x, 4) + 6 * std::pow(ray.x * seven.deviation, 2) + 3 * std::pow(seven.deviation, 4));
   EXPECT_NEAR(fourth, 3, 1e-12);
 }
 
@@ -76,7 +77,7 @@ std::vector<EchoPart> echo_of_plane(int sub_rays, double range_m, double theta, 
   for (const SubRay& ray : beam.rays) {
     const Vec3 direction = Vec3(theta * ray.x, theta * ray.y, 1).normalized();
     const double toward = -normal.dot(direction), distance = range_m * std::cos(tilt_deg * kDegree) / toward;
-    parts.push_back({distance, part_deviation_m(pulse_m, distance, theta * beam.part, toward), ray.weight, 0});
+    parts.push_back({distance, part_deviation_m(pulse_m, distance, theta * beam.deviation, toward), ray.weight, 0});
   }
   return parts;
 }
@@ -88,7 +89,7 @@ TEST(LidarEcho, OfATiltedPlaneIsAsWideAsTheClosedForm) {
       const double range_m = 1000, theta = 2e-4, pulse_m = pulse_deviation_m(2), slope = std::tan(tilt_deg * kDegree);
       std::vector<EchoPart> parts = echo_of_plane(number, range_m, theta, tilt_deg, pulse_m);
       Echo echo;
-      const auto returns = echo.returns_of(parts);
+      const auto returns = echo.resolve_returns(parts);
       ASSERT_EQ(returns.size(), 1U) << number << " sub-rays, tilt " << tilt_deg << ": a plane has one return";
       const double width_m =
           std::sqrt(pulse_m * pulse_m + range_m * range_m * theta * theta * (theta * theta + slope * slope));
@@ -103,19 +104,19 @@ TEST(LidarEcho, OfAStepHasTwoReturns) {
   const double pulse_m = pulse_deviation_m(1);
   Echo echo;
   std::vector<EchoPart> parts{{102, pulse_m, 1, 7}, {100, pulse_m, 2, 5}, {100.01, pulse_m, 1, 5}};
-  const auto two = echo.returns_of(parts);
+  const auto two = echo.resolve_returns(parts);
   ASSERT_EQ(two.size(), 2U);
   EXPECT_NEAR(two[0].range_m, 100 + 0.01 / 3, 1e-9);
   EXPECT_NEAR(two[0].signal, 3, 1e-12);
-  EXPECT_EQ(two[0].of, 5U);
+  EXPECT_EQ(two[0].source, 5U);
   EXPECT_NEAR(two[1].range_m, 102, 1e-9);
   EXPECT_NEAR(two[1].width_m, pulse_m, 1e-9);
-  EXPECT_EQ(two[1].of, 7U);
+  EXPECT_EQ(two[1].source, 7U);
   // Two equal pulses have a dip where they are more than two deviations apart: at 3.2 it is 56 % deep, at 2.2 nearly
   // none.
   const auto number = [&](double apart) {
     std::vector<EchoPart> pair{{100, pulse_m, 1}, {100 + apart * pulse_m, pulse_m, 1}};
-    return echo.returns_of(pair).size();
+    return echo.resolve_returns(pair).size();
   };
   EXPECT_EQ(number(0.5), 1U);
   EXPECT_EQ(number(2.2), 1U);
@@ -148,7 +149,7 @@ TEST(LidarDetection, RatesAreThoseOfPoissonStatistics) {
         break;
       }
     }
-    const double chance = poisson_reaches(signal + kDark, 4), deviation = std::sqrt(chance * (1 - chance) / kBeams);
+    const double chance = poisson_tail(signal + kDark, 4), deviation = std::sqrt(chance * (1 - chance) / kBeams);
     EXPECT_NEAR(static_cast<double>(detected) / kBeams, chance, 4.5 * deviation + 2e-4) << signal;
     if (signal < 20) continue;
     EXPECT_NEAR(sum / detected, 0, 0.01);
@@ -176,10 +177,10 @@ TEST(LidarDetection, FalseAlarmsHaveTheirClosedForm) {
   EXPECT_NEAR(static_cast<double>(any) / kBeams, chance, 4.5 * std::sqrt(chance / kBeams));
   EXPECT_NEAR(sum / any, 2525, 4.5 * 4950 / std::sqrt(12.0 * any) + 4950 * receiver.expected_false_alarms() / 6);
   // By the normal distribution where the noise is the receiver's.
-  EXPECT_NEAR(normal_exceeds(0), 0.5, 1e-12);
-  EXPECT_NEAR(normal_exceeds(-1), 0.8413447461, 1e-9);
-  EXPECT_NEAR(poisson_reaches(10, 11), 0.41696, 1e-5);
-  EXPECT_NEAR(poisson_reaches(1e-3, 3), 1.6654e-10, 1e-13);
+  EXPECT_NEAR(normal_tail(0), 0.5, 1e-12);
+  EXPECT_NEAR(normal_tail(-1), 0.8413447461, 1e-9);
+  EXPECT_NEAR(poisson_tail(10, 11), 0.41696, 1e-5);
+  EXPECT_NEAR(poisson_tail(1e-3, 3), 1.6654e-10, 1e-13);
 }
 
 // Ten cells of the gate, most of which have an alarm: their number is binomial, and never larger than ten.

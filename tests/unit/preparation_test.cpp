@@ -24,13 +24,13 @@ FrameRequest frame_at(double x) {
   return request;
 }
 
-const Preparation::StillThere kStillThere = [] { return true; };
+const Preparation::IsStillCached kStillCached = [] { return true; };
 constexpr auto kBudget = 1h;
 
 // Where frames were prepared for.
 class Prepared {
  public:
-  Preparation::StillThere operator()(const FrameRequest& request) {
+  Preparation::IsStillCached operator()(const FrameRequest& request) {
     const std::lock_guard lock(mutex_);
     places_.push_back(request.pose.position_m.x());
     return [this] { return still_there.load(); };
@@ -96,7 +96,7 @@ TEST(Preparation, ExtrapolatesTurns) {
   Preparation preparation(
       [&](const FrameRequest& request, const StopToken&) {
         last = request.pose;
-        return kStillThere;
+        return kStillCached;
       },
       kBudget);
   const auto turned = [](double degrees) {
@@ -115,7 +115,7 @@ TEST(Preparation, ExtrapolatesTheSun) {
   Preparation preparation(
       [&](const FrameRequest& request, const StopToken&) {
         suns.push_back(request.sun.direction);
-        return kStillThere;
+        return kStillCached;
       },
       kBudget);
   const auto lit = [](double degrees) {
@@ -165,13 +165,13 @@ TEST(Preparation, YieldsToAFrameAndResumes) {
   std::atomic<int> begun{0}, given_up{0};
   Preparation preparation(
       [&](const FrameRequest&, const StopToken& stop) {
-        if (++begun > 1) return kStillThere;
+        if (++begun > 1) return kStillCached;
         for (const auto limit = StopToken::Clock::now() + 20s; StopToken::Clock::now() < limit;) {
           if (stop.stopped()) ++given_up;
           stop.check();
           std::this_thread::sleep_for(1ms);
         }
-        return kStillThere;
+        return kStillCached;
       },
       kBudget);
   preparation.expect(frame_at(0), poses({10}));
@@ -192,7 +192,7 @@ TEST(Preparation, ContinuesForTheFrameItPrepares) {
         begun = true;
         while (!asked) std::this_thread::sleep_for(1ms);
         told = stop.stopped();
-        return kStillThere;
+        return kStillCached;
       },
       kBudget);
   preparation.expect(frame_at(0), poses({10}));
@@ -246,7 +246,7 @@ TEST(Preparation, PreparationErrorsAreLeftToTheFrame) {
       [&](const FrameRequest& request, const StopToken&) {
         prepared(request);
         throw DataError("tile", "is damaged");
-        return kStillThere;
+        return kStillCached;
       },
       kBudget);
   preparation.expect(frame_at(0), poses({10, 20}));
@@ -260,7 +260,7 @@ TEST(Preparation, AFrameExpectsNoMoreThanItsBudget) {
       [&](const FrameRequest&, const StopToken&) {
         ++begun;
         std::this_thread::sleep_for(20ms);
-        return kStillThere;
+        return kStillCached;
       },
       30ms);
   const std::vector<Pose> many(64, frame_at(10).pose);
@@ -279,7 +279,7 @@ TEST(Preparation, EndsWithItsBudget) {
   Preparation preparation(
       [&](const FrameRequest&, const StopToken& stop) {
         for (++begun;; std::this_thread::sleep_for(1ms)) stop.check();
-        return kStillThere;
+        return kStillCached;
       },
       20ms);
   preparation.expect(frame_at(0), poses({10, 20, 30}));
@@ -296,7 +296,7 @@ TEST(Preparation, PausesWithoutGivingUp) {
         while (!paused) std::this_thread::sleep_for(1ms);
         stop.check();
         ++done;
-        return kStillThere;
+        return kStillCached;
       },
       kBudget);
   preparation.expect(frame_at(0), poses({10, 20}));
@@ -319,7 +319,7 @@ TEST(Preparation, StopsAtOnce) {
         [&](const FrameRequest&, const StopToken& stop) {
           begun = true;
           for (;; std::this_thread::sleep_for(1ms)) stop.check();
-          return kStillThere;
+          return kStillCached;
         },
         kBudget);
     preparation.expect(frame_at(0), poses({10}));
