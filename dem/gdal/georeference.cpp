@@ -139,7 +139,9 @@ PostGrid grid_of(const OGRSpatialReference& srs, const Plane& plane, double sphe
   if (prime_deg != 0) throw DataError(path, "a projected raster with its own prime meridian is not supported");
   const char* name = srs.GetAttrValue("PROJECTION");
   const std::string projection = name ? name : "none";
-  if (EQUAL(projection.c_str(), "Mercator_(Spherical)")) return grid_of(as_variant_a(srs), plane, sphere_m, path);
+  // GDAL before 3.10 replaces the space of the method's name by an underscore.
+  if (EQUAL(projection.c_str(), "Mercator_(Spherical)") || EQUAL(projection.c_str(), "Mercator (Spherical)"))
+    return grid_of(as_variant_a(srs), plane, sphere_m, path);
   const double unit_m = unit_on_moon_m(srs, sphere_m);
   if (EQUAL(projection.c_str(), SRS_PT_EQUIRECTANGULAR)) return grid_in_metres(srs, plane, unit_m);
   if (const std::optional<MapPlane> on = plane_of(srs, projection)) return grid_on_plane(srs, *on, plane, unit_m, path);
