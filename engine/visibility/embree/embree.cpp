@@ -37,7 +37,8 @@ void intersect16(const int* active, RTCScene scene, RTCRayQueryFlags flags, RTCR
   rtcInitRayQueryContext(&context);
   RTCIntersectArguments arguments;
   rtcInitIntersectArguments(&arguments);
-  arguments.flags = flags, arguments.context = &context;
+  arguments.flags = flags;
+  arguments.context = &context;
   rtcIntersect16(active, scene, &ray_hit, &arguments);
 }
 
@@ -46,7 +47,8 @@ void occluded16(const int* active, RTCScene scene, RTCRayQueryFlags flags, const
   rtcInitRayQueryContext(&query.embree);
   RTCOccludedArguments arguments;
   rtcInitOccludedArguments(&arguments);
-  arguments.flags = flags, arguments.context = &query.embree;
+  arguments.flags = flags;
+  arguments.context = &query.embree;
   rtcOccluded16(active, scene, &ray, &arguments);
 }
 #else
@@ -101,11 +103,15 @@ bool safe_as_bundle(const RayPacket& rays) {
   for (int k = 0; k < 3; ++k) {
     // Four running bounds: one would be a chain of dependent instructions, some 1 % of a frame by rays.
     float lows[4], highs[4];
-    std::copy_n(axes[k], 4, lows), std::copy_n(axes[k], 4, highs);
+    std::copy_n(axes[k], 4, lows);
+    std::copy_n(axes[k], 4, highs);
     for (int i = 4; i < kPacket; i += 4)
-      for (int j = 0; j < 4; ++j)
-        lows[j] = std::min(axes[k][i + j], lows[j]), highs[j] = std::max(axes[k][i + j], highs[j]);
-    low[k] = *std::min_element(lows, lows + 4), high[k] = *std::max_element(highs, highs + 4);
+      for (int j = 0; j < 4; ++j) {
+        lows[j] = std::min(axes[k][i + j], lows[j]);
+        highs[j] = std::max(axes[k][i + j], highs[j]);
+      }
+    low[k] = *std::min_element(lows, lows + 4);
+    high[k] = *std::max_element(highs, highs + 4);
   }
   const float size = std::max({-low[0], -low[1], -low[2], high[0], high[1], high[2]});
   for (int k = 0; k < 3; ++k)
@@ -124,11 +130,17 @@ void copy(const T (&from)[kPacket], T (&to)[kPacket]) {
 }
 
 void set_rays(const RayPacket& in, RTCRay16& out) {
-  copy(in.ox, out.org_x), copy(in.oy, out.org_y), copy(in.oz, out.org_z);
-  copy(in.dx, out.dir_x), copy(in.dy, out.dir_y), copy(in.dz, out.dir_z);
+  copy(in.ox, out.org_x);
+  copy(in.oy, out.org_y);
+  copy(in.oz, out.org_z);
+  copy(in.dx, out.dir_x);
+  copy(in.dy, out.dir_y);
+  copy(in.dz, out.dir_z);
   std::fill_n(out.tfar, kPacket, std::numeric_limits<float>::infinity());
-  copy(in.near, out.tnear), std::fill_n(out.time, kPacket, 0.F);
-  std::fill_n(out.mask, kPacket, ~0U), std::fill_n(out.flags, kPacket, 0U);
+  copy(in.near, out.tnear);
+  std::fill_n(out.time, kPacket, 0.F);
+  std::fill_n(out.mask, kPacket, ~0U);
+  std::fill_n(out.flags, kPacket, 0U);
   std::iota(out.id, out.id + kPacket, 0U);
 }
 
@@ -228,10 +240,15 @@ void EmbreeScene::intersect(const RayPacket& rays, RayHits& hits, Bundles bundle
   std::fill_n(found.hit.geomID, kPacket, RTC_INVALID_GEOMETRY_ID);
   std::fill_n(found.hit.instID[0], kPacket, RTC_INVALID_GEOMETRY_ID);
   intersect16(rays.active, impl_->scene, flags_for(rays, bundles), found);
-  copy(found.hit.geomID, hits.geometry), copy(found.hit.primID, hits.primitive);
+  copy(found.hit.geomID, hits.geometry);
+  copy(found.hit.primID, hits.primitive);
   copy(found.hit.instID[0], hits.instance);
-  copy(found.hit.u, hits.u), copy(found.hit.v, hits.v), copy(found.ray.tfar, hits.distance);
-  copy(found.hit.Ng_x, hits.nx), copy(found.hit.Ng_y, hits.ny), copy(found.hit.Ng_z, hits.nz);
+  copy(found.hit.u, hits.u);
+  copy(found.hit.v, hits.v);
+  copy(found.ray.tfar, hits.distance);
+  copy(found.hit.Ng_x, hits.nx);
+  copy(found.hit.Ng_y, hits.ny);
+  copy(found.hit.Ng_z, hits.nz);
 }
 
 void EmbreeScene::occluded(const RayPacket& rays, bool blocked[kPacket], const Filter& filter, Bundles bundles) const {

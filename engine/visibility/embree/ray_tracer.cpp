@@ -126,8 +126,10 @@ struct RayTracer::Impl {
     const Numbering& n = numbering[hits.geometry[i]];
     if (n.quads == 0) return n.triangles[hits.primitive[i]];
     // A grid's u and v run over the whole grid. Rounding at a quad's border is for refine.h.
-    const float u = hits.u[i] * static_cast<float>(n.quads), v = hits.v[i] * static_cast<float>(n.quads);
-    const int c = std::clamp(static_cast<int>(u), 0, n.quads - 1), r = std::clamp(static_cast<int>(v), 0, n.quads - 1);
+    const float u = hits.u[i] * static_cast<float>(n.quads);
+    const float v = hits.v[i] * static_cast<float>(n.quads);
+    const int c = std::clamp(static_cast<int>(u), 0, n.quads - 1);
+    const int r = std::clamp(static_cast<int>(v), 0, n.quads - 1);
     return {hits.geometry[i], r, c, (u - static_cast<float>(c)) + (v - static_cast<float>(r)) > 1.F};
   }
 
@@ -144,8 +146,8 @@ RayTracer::RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads, const 
   });
   for (std::size_t i = 0; i < blocks; ++i) {
     // Measured (Embree 3.13): 15 bytes a triangle in a grid, 83 by itself.
-    const std::size_t by_itself = impl_->numbering[i].triangles.size(),
-                      quads = static_cast<std::size_t>(impl_->numbering[i].quads);
+    const std::size_t by_itself = impl_->numbering[i].triangles.size();
+    const std::size_t quads = static_cast<std::size_t>(impl_->numbering[i].quads);
     if (by_itself + quads == 0) continue;
     bytes_ += mesh.blocks()[i].vertices.size() * 12 + 2 * quads * quads * 15 + by_itself * (83 + sizeof(TriangleId));
   }
@@ -167,7 +169,8 @@ void RayTracer::occluded(const RayPacket& rays, const Vec3& sun_direction, float
                          bool blocked[kPacket]) const {
   SunContext context;
   for (int k = 0; k < 3; ++k) context.sun[k] = static_cast<float>(sun_direction[k]);
-  context.rounding_m = rounding_m, context.way_m = way_m;
+  context.rounding_m = rounding_m;
+  context.way_m = way_m;
   impl_->scene.occluded(rays, blocked, [&](const Occluders& occluders) { ignore_left_side(occluders, context); });
 }
 

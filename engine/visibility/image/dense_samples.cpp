@@ -17,8 +17,8 @@ FrameRequest dense_request(FrameRequest request) {
 // work(pixel, the first of its dense pixels) for all pixels of a frame.
 template <typename Work>
 void for_pixels(const FrameJob& frame, const Work& work) {
-  const auto width = static_cast<std::size_t>(frame.request.camera.width),
-             height = static_cast<std::size_t>(frame.request.camera.height);
+  const auto width = static_cast<std::size_t>(frame.request.camera.width);
+  const auto height = static_cast<std::size_t>(frame.request.camera.height);
   in_parallel_pieces(height, 32, [&](std::size_t first, std::size_t past_last) {
     frame.stop.check();
     for (std::size_t y = first; y < past_last; ++y)
@@ -31,9 +31,12 @@ void for_pixels(const FrameJob& frame, const Work& work) {
 // The middle of the first pixel's first quarter is the dense pixel (0, 0).
 Camera dense_camera(const Camera& camera) {
   Camera dense = camera;
-  dense.width *= kSide, dense.height *= kSide;
-  dense.fx *= kSide, dense.fy *= kSide;
-  dense.cx = kSide * camera.cx + (kSide - 1) / 2.0, dense.cy = kSide * camera.cy + (kSide - 1) / 2.0;
+  dense.width *= kSide;
+  dense.height *= kSide;
+  dense.fx *= kSide;
+  dense.fy *= kSide;
+  dense.cx = kSide * camera.cx + (kSide - 1) / 2.0;
+  dense.cy = kSide * camera.cy + (kSide - 1) / 2.0;
   return dense;
 }
 
@@ -55,7 +58,8 @@ void DenseSamples::split(const SubpixelSample& sample, const std::vector<float>&
       const std::size_t beside = static_cast<std::size_t>(j) * row + static_cast<std::size_t>(i);
       for_pixels(asked_, [&](std::size_t at, std::size_t dense) { one[at] = radiance[dense + beside]; });
       SubpixelSample own = sample;
-      own.dx = ((i + 0.5) + sample.dx) / kSide - 0.5, own.dy = ((j + 0.5) + sample.dy) / kSide - 0.5;
+      own.dx = ((i + 0.5) + sample.dx) / kSide - 0.5;
+      own.dy = ((j + 0.5) + sample.dy) / kSide - 0.5;
       own.weight = sample.weight / (kSide * kSide);
       asked_.each(own, one);
     }

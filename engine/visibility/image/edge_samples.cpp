@@ -39,7 +39,9 @@ std::vector<std::uint32_t> EdgeSamples::find(const std::vector<float>& radiance,
     const float* row = &radiance[first];
     const float *above = y > 0 ? row - camera.width : row, *below = y + 1 < camera.height ? row + camera.width : row;
     for (int x = x0; x < x0 + width; ++x) {
-      const float own = row[x], left = row[std::max(x - 1, 0)], right = row[std::min(x + 1, camera.width - 1)];
+      const float own = row[x];
+      const float left = row[std::max(x - 1, 0)];
+      const float right = row[std::min(x + 1, camera.width - 1)];
       if (differ(own, left) || differ(own, right) || differ(own, above[x]) || differ(own, below[x]))
         found.push_back(static_cast<std::uint32_t>(first) + static_cast<std::uint32_t>(x));
     }

@@ -24,11 +24,15 @@ void Flow::find(const SurfacePoints& points, std::uint32_t lanes, Places& out) c
     if (to_.vary()) {
       const auto sighting = to_.find(place);
       if (!sighting) continue;
-      out.x[i] = sighting->pixel.x, out.y[i] = sighting->pixel.y, camera_m[i] = sighting->camera_m;
+      out.x[i] = sighting->pixel.x;
+      out.y[i] = sighting->pixel.y;
+      camera_m[i] = sighting->camera_m;
     } else {
       const auto pixel = to_.reference().project(place);
       if (!pixel) continue;
-      out.x[i] = pixel->x, out.y[i] = pixel->y, camera_m[i] = to_.reference().position();
+      out.x[i] = pixel->x;
+      out.y[i] = pixel->y;
+      camera_m[i] = to_.reference().position();
     }
     imaged |= 1U << i;
   }

@@ -32,8 +32,12 @@ SourceAt source_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
   double heaviest = -1;
   for (int i = 0; i < 3; ++i) {
     const dem::SourceMark s = block.source(q.r[i], q.c[i]);
-    at.filled |= dem::is_filled(s), at.blended |= dem::is_blended(s);
-    if (weights[i] > heaviest) heaviest = weights[i], at.index = dem::source_of(s);
+    at.filled |= dem::is_filled(s);
+    at.blended |= dem::is_blended(s);
+    if (weights[i] > heaviest) {
+      heaviest = weights[i];
+      at.index = dem::source_of(s);
+    }
   }
   return at;
 }
@@ -124,7 +128,8 @@ void FrameWriter::account(const SurfacePoints& points, int i, std::size_t at, Pi
       sources_.number(source.index);
   }
   ++counts.hit;
-  counts.filled += source.filled, counts.blended += source.blended;
+  counts.filled += source.filled;
+  counts.blended += source.blended;
 }
 
 void FrameWriter::store_geometry(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading,
@@ -144,7 +149,8 @@ void FrameWriter::store_object(const ObjectLanes& lanes, int i, const Vec3& dire
   if (!wants_geometry_) return;
   const auto to = slot(at);
   if (!to) return;
-  const bool on_rock = is_rock(lanes.object[i]), rock = on_rock && !lanes.on_soil[i];
+  const bool on_rock = is_rock(lanes.object[i]);
+  const bool rock = on_rock && !lanes.on_soil[i];
   if (!out_.object_id.empty() && !on_rock) out_.object_id[*to] = lanes.object[i];
   if (!out_.rock.empty() && rock)
     out_.rock[*to] = static_cast<std::uint16_t>(lanes.object[i] - request_.objects.size());
@@ -168,7 +174,9 @@ void FrameWriter::store_point(const SurfacePoints& p, int i, const Vec3& directi
   if (!out_.position.empty()) std::copy_n(position.data(), 3, &out_.position[3 * at]);
   if (!out_.geodetic.empty()) {
     const Geographic g = to_geographic(position);
-    out_.geodetic[3 * at] = g.lat_deg, out_.geodetic[3 * at + 1] = g.lon_deg, out_.geodetic[3 * at + 2] = g.height_m;
+    out_.geodetic[3 * at] = g.lat_deg;
+    out_.geodetic[3 * at + 1] = g.lon_deg;
+    out_.geodetic[3 * at + 2] = g.height_m;
   }
   if (!out_.normal.empty())
     for (int k = 0; k < 3; ++k) out_.normal[3 * at + static_cast<std::size_t>(k)] = static_cast<float>(normal[k]);
@@ -183,13 +191,17 @@ void FrameWriter::store_point(const SurfacePoints& p, int i, const Vec3& directi
 }
 
 void FrameWriter::store_flow(double right_px, double down_px, std::size_t pixel) const {
-  if (const auto to = slot(pixel)) out_.flow[2 * *to] = right_px, out_.flow[2 * *to + 1] = down_px;
+  if (const auto to = slot(pixel)) {
+    out_.flow[2 * *to] = right_px;
+    out_.flow[2 * *to + 1] = down_px;
+  }
 }
 
 void FrameWriter::store_irradiance(const Irradiance& indirect, double incident, float lit, std::size_t at) const {
   float* of_pixel = &out_.irradiance[3 * at];
   of_pixel[0] = static_cast<float>(light_.direct_w_m2 * std::max(incident, 0.0)) * lit;
-  of_pixel[1] = static_cast<float>(indirect.terrain_w_m2), of_pixel[2] = static_cast<float>(indirect.earth_w_m2);
+  of_pixel[1] = static_cast<float>(indirect.terrain_w_m2);
+  of_pixel[2] = static_cast<float>(indirect.earth_w_m2);
 }
 
 void FrameWriter::mark(int x, int y, const SurfacePoints& points, int lane) {
@@ -198,9 +210,12 @@ void FrameWriter::mark(int x, int y, const SurfacePoints& points, int lane) {
 
 void FrameWriter::merge(const PixelCounts& counts) {
   const std::lock_guard lock(mutex_);
-  total_.hit += counts.hit, total_.missing += counts.missing, total_.filled += counts.filled;
+  total_.hit += counts.hit;
+  total_.missing += counts.missing;
+  total_.filled += counts.filled;
   total_.blended += counts.blended;
-  total_.on_object += counts.on_object, total_.on_rock += counts.on_rock;
+  total_.on_object += counts.on_object;
+  total_.on_rock += counts.on_rock;
 }
 
 }  // namespace selenograph::engine

@@ -20,7 +20,12 @@
 namespace selenograph::engine {
 
 struct PixelCounts {
-  std::uint64_t hit = 0, missing = 0, filled = 0, blended = 0, on_object = 0, on_rock = 0;
+  std::uint64_t hit = 0;
+  std::uint64_t missing = 0;
+  std::uint64_t filled = 0;
+  std::uint64_t blended = 0;
+  std::uint64_t on_object = 0;
+  std::uint64_t on_rock = 0;
 };
 
 // Allocates the wanted products, filled with the value for no hit. `pixels`: of radiance, which covers the whole image;

@@ -26,7 +26,9 @@ std::optional<double> distance_to(const Mesh& mesh, const TriangleId& id, const 
   if (!(toward < 0)) return std::nullopt;
   const double distance = normal.dot(to) / toward;
   const Vec3 at = distance * direction - to;
-  const double v = at.cross(ac).dot(normal), w = ab.cross(at).dot(normal), whole = normal.squaredNorm();
+  const double v = at.cross(ac).dot(normal);
+  const double w = ab.cross(at).dot(normal);
+  const double whole = normal.squaredNorm();
   if (!(distance > 0 && v >= -kEdge * whole && w >= -kEdge * whole && v + w <= (1 + kEdge) * whole))
     return std::nullopt;
   return distance;
@@ -50,19 +52,25 @@ std::optional<Vec3> place_near(const Mesh& mesh, const TriangleId& id, const Vec
 
 ViewMarks::ViewMarks(const RowViews& views, int margin_px) {
   const Camera& camera = views.camera();
-  const double left = margin_px, top = margin_px, right = camera.width - 1 - margin_px,
-               bottom = views.height() - 1 - margin_px;
+  const double left = margin_px;
+  const double top = margin_px;
+  const double right = camera.width - 1 - margin_px;
+  const double bottom = views.height() - 1 - margin_px;
   const double cy = views.vary() ? (top + bottom) / 2 : camera.cy;
   if (camera.cx >= left - 0.5 && camera.cx <= right + 0.5 && cy >= top - 0.5 && cy <= bottom + 0.5)
     put(kBoresight, camera.cx, cy);
-  put(kFirstCorner, left, top), put(kFirstCorner + 1, right, top);
-  put(kFirstCorner + 2, right, bottom), put(kFirstCorner + 3, left, bottom);
+  put(kFirstCorner, left, top);
+  put(kFirstCorner + 1, right, top);
+  put(kFirstCorner + 2, right, bottom);
+  put(kFirstCorner + 3, left, bottom);
 }
 
 void ViewMarks::put(std::size_t mark, double x_px, double y_px) {
   Mark& m = marks_[mark];
-  m.x_px = x_px, m.y_px = y_px;
-  m.column = static_cast<int>(std::floor(x_px + 0.5)), m.row = static_cast<int>(std::floor(y_px + 0.5));
+  m.x_px = x_px;
+  m.y_px = y_px;
+  m.column = static_cast<int>(std::floor(x_px + 0.5));
+  m.row = static_cast<int>(std::floor(y_px + 0.5));
 }
 
 ViewMarks ViewMarks::dense() const {

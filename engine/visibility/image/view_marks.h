@@ -35,8 +35,12 @@ class ViewMarks {
   // pixels.
   void meet(int x, int y, const SurfacePoints& points, int lane, dem::SourceIndex source) {
     for (Mark& m : marks_)
-      if (m.column == x && m.row == y)
-        m.met = true, m.triangle = points.triangle[lane], m.point = points.position(lane), m.source = source;
+      if (m.column == x && m.row == y) {
+        m.met = true;
+        m.triangle = points.triangle[lane];
+        m.point = points.position(lane);
+        m.source = source;
+      }
   }
 
   struct Met {

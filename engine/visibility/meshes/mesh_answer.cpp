@@ -85,8 +85,8 @@ void check(const ObjectShape& shape) {
 }  // namespace
 
 std::string shape_answer(const ObjectShape& shape) {
-  const std::size_t corner_bytes = shape.corners.size() * sizeof(ObjectCorner),
-                    triangle_bytes = shape.triangles.size() * sizeof(ObjectTriangle);
+  const std::size_t corner_bytes = shape.corners.size() * sizeof(ObjectCorner);
+  const std::size_t triangle_bytes = shape.triangles.size() * sizeof(ObjectTriangle);
   std::string answer;
   const Whole whole{kShape,
                     static_cast<std::uint32_t>(shape.corners.size()),
@@ -98,8 +98,10 @@ std::string shape_answer(const ObjectShape& shape) {
   append(answer, &whole, sizeof whole);
   append(answer, shape.corners.data(), corner_bytes);
   append(answer, shape.triangles.data(), triangle_bytes);
-  for (const std::string& part : shape.parts)
-    append_number(answer, static_cast<std::uint32_t>(part.size())), answer += part;
+  for (const std::string& part : shape.parts) {
+    append_number(answer, static_cast<std::uint32_t>(part.size()));
+    answer += part;
+  }
   return answer;
 }
 

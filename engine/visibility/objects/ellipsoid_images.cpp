@@ -23,12 +23,16 @@ void LookUp(const double (*maps)[4], double last, const std::uint32_t* bits, std
   const double *u = maps[0], *v = maps[1], *w = maps[2];
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const double px = x[i], py = y[i], pz = z[i], scale = 1 / (w[3] + w[0] * px + w[1] * py + w[2] * pz);
-    const double across = scale * (u[3] + u[0] * px + u[1] * py + u[2] * pz),
-                 down = scale * (v[3] + v[0] * px + v[1] * py + v[2] * pz);
+    const double px = x[i];
+    const double py = y[i];
+    const double pz = z[i];
+    const double scale = 1 / (w[3] + w[0] * px + w[1] * py + w[2] * pz);
+    const double across = scale * (u[3] + u[0] * px + u[1] * py + u[2] * pz);
+    const double down = scale * (v[3] + v[0] * px + v[1] * py + v[2] * pz);
     // So written a lane without a ray, whose numbers may be none, gets cell 0.
     const double c = across > 0 ? across : 0, r = down > 0 ? down : 0;
-    column[i] = static_cast<std::int32_t>(c < last ? c : last), row[i] = static_cast<std::int32_t>(r < last ? r : last);
+    column[i] = static_cast<std::int32_t>(c < last ? c : last);
+    row[i] = static_cast<std::int32_t>(r < last ? r : last);
   }
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) touched[i] = (bits[row[i] * words + (column[i] >> 5)] >> (column[i] & 31) & 1) << i;
@@ -78,16 +82,23 @@ EllipsoidImages EllipsoidImages::along(const Vec3& direction, const Vec3& anchor
                                        std::span<const Ellipsoid> ellipsoids) {
   EllipsoidImages images;
   const Vec3 right = direction.unitOrthogonal(), down = direction.cross(right);
-  for (int k = 0; k < 3; ++k)
-    images.maps_[0][k] = right[k], images.maps_[1][k] = down[k], images.height_[k] = direction[k];
-  images.maps_[2][3] = 1, images.parallel_ = true, images.height_[3] = -direction.dot(anchor_m);
+  for (int k = 0; k < 3; ++k) {
+    images.maps_[0][k] = right[k];
+    images.maps_[1][k] = down[k];
+    images.height_[k] = direction[k];
+  }
+  images.maps_[2][3] = 1;
+  images.parallel_ = true;
+  images.height_[3] = -direction.dot(anchor_m);
   constexpr double kAll = std::numeric_limits<double>::infinity();
   std::vector<Box> boxes;
   boxes.reserve(ellipsoids.size());
   for (const Ellipsoid& e : ellipsoids) {
     const Eigen::Matrix3d squares = squares_of(e, anchor_m);
-    const double x = right.dot(e.centre_m), y = down.dot(e.centre_m), wide = reach_along(right, squares),
-                 high = reach_along(down, squares);
+    const double x = right.dot(e.centre_m);
+    const double y = down.dot(e.centre_m);
+    const double wide = reach_along(right, squares);
+    const double high = reach_along(down, squares);
     const double top = direction.dot(e.centre_m - anchor_m) + reach_along(direction, squares);
     boxes.push_back({{x - wide, y - high}, {x + wide, y + high}, rounded_up(top)});
   }
@@ -149,9 +160,10 @@ void EllipsoidImages::mark(std::span<const Box> boxes, const Box& room) {
     if (box.high[0] < all.low[0] || box.low[0] > all.high[0] || box.high[1] < all.low[1] || box.low[1] > all.high[1])
       continue;
     Range cells;
-    for (int k = 0; k < 2; ++k)
-      cells.first[k] = cell(box.low[k] - kSure / per_unit[k], k),
+    for (int k = 0; k < 2; ++k) {
+      cells.first[k] = cell(box.low[k] - kSure / per_unit[k], k);
       cells.last[k] = cell(box.high[k] + kSure / per_unit[k], k);
+    }
     set(cells, box.top);
   }
   if (!beyond) return;
@@ -175,7 +187,8 @@ void EllipsoidImages::set(const Range& cells, float top) {
 
 std::uint32_t EllipsoidImages::may_meet(const double x[kPacket], const double y[kPacket], const double z[kPacket],
                                         std::uint32_t asking) const {
-  alignas(64) std::int32_t column[kPacket], row[kPacket];
+  alignas(64) std::int32_t column[kPacket];
+  alignas(64) std::int32_t row[kPacket];
   alignas(64) std::uint32_t touched[kPacket];
   HWY_DYNAMIC_DISPATCH(LookUp)(maps_, side_ - 1, bits_.data(), words_, x, y, z, column, row, touched);
   std::uint32_t lanes = 0;

@@ -54,7 +54,9 @@ double winding_number(const ObjectShape& shape, const Vec3& point) {
   double half_angles = 0;
   for (const ObjectTriangle& t : shape.triangles) {
     const Vec3 a = shape.place(t, 0) - point, b = shape.place(t, 1) - point, c = shape.place(t, 2) - point;
-    const double la = a.norm(), lb = b.norm(), lc = c.norm();
+    const double la = a.norm();
+    const double lb = b.norm();
+    const double lc = c.norm();
     half_angles += std::atan2(a.dot(b.cross(c)), la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
   }
   return half_angles / (2 * std::numbers::pi);

@@ -16,7 +16,8 @@ std::uint64_t fingerprint_of(const ObjectShape& shape) {
   const auto add = [&](const auto& list) {
     hash = dem::hash_of(list.data(), list.size() * sizeof list[0], hash ^ list.size());
   };
-  add(shape.corners), add(shape.triangles);
+  add(shape.corners);
+  add(shape.triangles);
   for (const std::string& part : shape.parts) add(part);
   return hash;
 }
@@ -68,8 +69,10 @@ ObjectShape ObjectMesh::without_strays(ObjectShape shape, Median& m, std::vector
   std::vector<ObjectCorner> kept;
   for (ObjectTriangle& t : shape.triangles)
     for (std::uint32_t& corner : t.corner) {
-      if (number[corner] == ~0U)
-        number[corner] = static_cast<std::uint32_t>(kept.size()), kept.push_back(shape.corners[corner]);
+      if (number[corner] == ~0U) {
+        number[corner] = static_cast<std::uint32_t>(kept.size());
+        kept.push_back(shape.corners[corner]);
+      }
       corner = number[corner];
     }
   shape.corners = std::move(kept);

@@ -24,9 +24,11 @@ struct Entry {
 };
 
 Entry enter_ball(const Vec3& from_centre, const Vec3& direction, double radius) {
-  const double a = direction.squaredNorm(), closest = -from_centre.dot(direction) / a;
+  const double a = direction.squaredNorm();
+  const double closest = -from_centre.dot(direction) / a;
   // The perpendicular itself: its length from squares would be lost when the ray comes from afar.
-  const double off2 = (from_centre + closest * direction).squaredNorm(), inside2 = radius * radius - off2;
+  const double off2 = (from_centre + closest * direction).squaredNorm();
+  const double inside2 = radius * radius - off2;
   if (inside2 <= 0) return {false, 0};
   const double half = std::sqrt(inside2 / a);
   if (closest + half < 0) return {false, 0};
@@ -40,8 +42,12 @@ class Cone {
     Vec3 unit[kPacket], sum = Vec3::Zero();
     for (int i = 0; i < kPacket; ++i) {
       if (!rays.valid[i]) continue;
-      unit[i] = rays.direction(i).normalized(), sum += unit[i];
-      if (empty_) apex_ = rays.origin(i), empty_ = false;
+      unit[i] = rays.direction(i).normalized();
+      sum += unit[i];
+      if (empty_) {
+        apex_ = rays.origin(i);
+        empty_ = false;
+      }
       spread_m_ = std::max(spread_m_, (rays.origin(i) - apex_).norm());
     }
     middle_ = sum.normalized();
@@ -55,7 +61,8 @@ class Cone {
     if (empty_) return false;
     const Vec3 to = ball.centre_m - apex_;
     // A ray from beside the apex meets the ball where the same ray from the apex meets one that is so much larger.
-    const double distance = to.norm(), radius_m = ball.radius_m + spread_m_;
+    const double distance = to.norm();
+    const double radius_m = ball.radius_m + spread_m_;
     if (distance <= radius_m) return true;
     return angle_of_chord((to / distance - middle_).norm()) <= spread_ + std::asin(radius_m / distance) + 1e-12;
   }
@@ -79,14 +86,17 @@ Ball ball_around(const SurfacePoints& points, std::uint32_t lanes) {
 // Whether rays toward a (unit) direction from within one ball may meet another.
 bool may_block(const Ball& from, const Vec3& toward, const Ball& ball) {
   const Vec3 to = ball.centre_m - from.centre_m;
-  const double along = to.dot(toward), reach = from.radius_m + ball.radius_m;
+  const double along = to.dot(toward);
+  const double reach = from.radius_m + ball.radius_m;
   return along >= -reach && (to - along * toward).squaredNorm() <= reach * reach;
 }
 
 void set_lane(RayPacket& packet, int i, const Vec3& origin, const Vec3& direction) {
-  packet.ox[i] = static_cast<float>(origin.x()), packet.oy[i] = static_cast<float>(origin.y()),
+  packet.ox[i] = static_cast<float>(origin.x());
+  packet.oy[i] = static_cast<float>(origin.y());
   packet.oz[i] = static_cast<float>(origin.z());
-  packet.dx[i] = static_cast<float>(direction.x()), packet.dy[i] = static_cast<float>(direction.y()),
+  packet.dx[i] = static_cast<float>(direction.x());
+  packet.dy[i] = static_cast<float>(direction.y());
   packet.dz[i] = static_cast<float>(direction.z());
   packet.active[i] = -1;
 }
@@ -96,8 +106,12 @@ void fill_idle(RayPacket& packet, std::uint32_t active) {
   const int some = std::countr_zero(active);
   for (int i = 0; i < kPacket; ++i) {
     if (active >> i & 1) continue;
-    packet.ox[i] = packet.ox[some], packet.oy[i] = packet.oy[some], packet.oz[i] = packet.oz[some];
-    packet.dx[i] = packet.dx[some], packet.dy[i] = packet.dy[some], packet.dz[i] = packet.dz[some];
+    packet.ox[i] = packet.ox[some];
+    packet.oy[i] = packet.oy[some];
+    packet.oz[i] = packet.oz[some];
+    packet.dx[i] = packet.dx[some];
+    packet.dy[i] = packet.dy[some];
+    packet.dz[i] = packet.dz[some];
     packet.active[i] = 0;
   }
 }
@@ -143,7 +157,9 @@ void ObjectsInFrame::place(std::span<const dem::RockFeature> rocks, const Vec3& 
     const Eigen::Matrix3d stretch = shape.from_mesh.linear();
     Placed p = placed(*shape.mesh, rocks[number].position_m + shape.from_mesh.translation(), stretch, stretch.inverse(),
                       stretch.norm());  // no less than the largest
-    p.in_view = true, p.number = static_cast<std::uint16_t>(first_rock_ + number), p.soil = soil;
+    p.in_view = true;
+    p.number = static_cast<std::uint16_t>(first_rock_ + number);
+    p.soil = soil;
     p.finishes = &finishes_.back();
     placed_.push_back(std::move(p));
   };
@@ -177,7 +193,8 @@ ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews* view
     const Eigen::Matrix3d turned = object.moon_from_object.toRotationMatrix();
     Placed p =
         placed(*object.mesh, object.position_m, object.scale * turned, turned.transpose() / object.scale, object.scale);
-    p.number = static_cast<std::uint16_t>(placed_.size()), p.soil = false;
+    p.number = static_cast<std::uint16_t>(placed_.size());
+    p.soil = false;
     p.in_view = !views || std::any_of(views->bundles().begin(), views->bundles().end(), [&](const ViewBundle& bundle) {
       return bundle.may_see(p.ball.centre_m, p.ball.radius_m);
     });
@@ -193,8 +210,10 @@ ObjectsInFrame::Placed ObjectsInFrame::placed(const ObjectMesh& mesh, const Vec3
                                               const Eigen::Matrix3d& object_from_moon, double scale) const {
   Placed p;
   p.mesh = &mesh;
-  p.object_from_moon = object_from_moon, p.normals = object_from_moon.transpose();
-  p.position = position_m, p.scale = scale;
+  p.object_from_moon = object_from_moon;
+  p.normals = object_from_moon.transpose();
+  p.position = position_m;
+  p.scale = scale;
   p.middle = position_m + moon_from_object * mesh.middle();
   p.ball = {position_m + moon_from_object * mesh.centre(), scale * mesh.radius() * (1 + kMargin)};
   return p;
@@ -262,11 +281,18 @@ std::uint32_t ObjectsInFrame::meet(Rays& rays, SurfacePoints& terrain, ObjectLan
     if (lanes >> i & 1) continue;
     // Numbers that whole vectors can be worked with.
     SurfacePoints& p = out.points;
-    p.x[i] = p.x[some], p.y[i] = p.y[some], p.z[i] = p.z[some];
-    p.nx[i] = p.nx[some], p.ny[i] = p.ny[some], p.nz[i] = p.nz[some];
-    p.v[i] = p.v[some], p.w[i] = p.w[some], p.distance[i] = p.distance[some];
+    p.x[i] = p.x[some];
+    p.y[i] = p.y[some];
+    p.z[i] = p.z[some];
+    p.nx[i] = p.nx[some];
+    p.ny[i] = p.ny[some];
+    p.nz[i] = p.nz[some];
+    p.v[i] = p.v[some];
+    p.w[i] = p.w[some];
+    p.distance[i] = p.distance[some];
     out.shading.mu0[i] = out.shading.incident[i] = out.shading.mu[i] = 0;
-    out.shading.nx[i] = out.shading.nx[some], out.shading.ny[i] = out.shading.ny[some],
+    out.shading.nx[i] = out.shading.nx[some];
+    out.shading.ny[i] = out.shading.ny[some];
     out.shading.nz[i] = out.shading.nz[some];
   }
   return lanes;
@@ -305,7 +331,8 @@ void ObjectsInFrame::store(const Placed& object, std::uint32_t triangle, const R
   nearest[i] = distance;
   const Vec3 place = from_a + distance * direction;
   const double area2 = normal.squaredNorm();
-  const double v = normal.dot(place.cross(ac)) / area2, w = normal.dot(ab.cross(place)) / area2;
+  const double v = normal.dot(place.cross(ac)) / area2;
+  const double w = normal.dot(ab.cross(place)) / area2;
   const auto corner = [&](std::size_t k) -> Vec3 { return shape.corners[t.corner[k]].normal.cast<double>(); };
   const Vec3 smooth = (1 - v - w) * corner(0) + v * corner(1) + w * corner(2);
 
@@ -318,14 +345,23 @@ void ObjectsInFrame::store(const Placed& object, std::uint32_t triangle, const R
 
   SurfacePoints& p = out.points;
   const Vec3 position = rays.origin(i) + distance * rays.direction(i);
-  p.x[i] = position.x(), p.y[i] = position.y(), p.z[i] = position.z();
-  p.nx[i] = facet.x(), p.ny[i] = facet.y(), p.nz[i] = facet.z();
+  p.x[i] = position.x();
+  p.y[i] = position.y();
+  p.z[i] = position.z();
+  p.nx[i] = facet.x();
+  p.ny[i] = facet.y();
+  p.nz[i] = facet.z();
   p.v[i] = p.w[i] = 1.0 / 3;
-  p.distance[i] = distance, p.hit[i] = true;
-  out.shading.nx[i] = shading.x(), out.shading.ny[i] = shading.y(), out.shading.nz[i] = shading.z();
+  p.distance[i] = distance;
+  p.hit[i] = true;
+  out.shading.nx[i] = shading.x();
+  out.shading.ny[i] = shading.y();
+  out.shading.nz[i] = shading.z();
   out.shading.mu0[i] = out.shading.incident[i] = shading.dot(request_.sun.direction);
   out.shading.mu[i] = -shading.dot(looking);
-  out.object[i] = object.number, out.part[i] = t.part, out.on_soil[i] = object.soil;
+  out.object[i] = object.number;
+  out.part[i] = t.part;
+  out.on_soil[i] = object.soil;
 }
 
 std::uint32_t ObjectsInFrame::blocked(const SurfacePoints& points, const std::uint16_t* own, std::uint32_t asking,

@@ -57,7 +57,9 @@ Sphere sphere(int cuts) {
     std::vector<ObjectTriangle> finer;
     for (const ObjectTriangle& t : s.triangles) {
       const auto [a, b, c] = t.corner;
-      const std::uint32_t ab = middle(a, b), bc = middle(b, c), ca = middle(c, a);
+      const std::uint32_t ab = middle(a, b);
+      const std::uint32_t bc = middle(b, c);
+      const std::uint32_t ca = middle(c, a);
       for (const auto& face : {std::array{a, ab, ca}, {ab, b, bc}, {ca, bc, c}, {ab, bc, ca}})
         finer.push_back({face, 0});
     }
@@ -68,7 +70,9 @@ Sphere sphere(int cuts) {
 }
 
 Vec3 any_direction(dem::Draws& draws) {
-  const double z = 2 * draws.uniform() - 1, turn = 2 * pi * draws.uniform(), around = std::sqrt(1 - z * z);
+  const double z = 2 * draws.uniform() - 1;
+  const double turn = 2 * pi * draws.uniform();
+  const double around = std::sqrt(1 - z * z);
   return {around * std::cos(turn), around * std::sin(turn), z};
 }
 
@@ -80,8 +84,10 @@ constexpr std::array<double, kRoundings> kPowers{0, 16, 8}, kRoughness{0.02, 0.0
 class Waves {
  public:
   explicit Waves(dem::Draws& draws) {
-    for (std::size_t i = 0; i < kWaves; ++i)
-      along_[i] = (4 + 3 * static_cast<double>(i)) * any_direction(draws), phase_[i] = 2 * pi * draws.uniform();
+    for (std::size_t i = 0; i < kWaves; ++i) {
+      along_[i] = (4 + 3 * static_cast<double>(i)) * any_direction(draws);
+      phase_[i] = 2 * pi * draws.uniform();
+    }
   }
   double at(const Vec3& direction) const {
     double sum = 0;
@@ -130,7 +136,10 @@ ObjectShape stone(std::size_t number, std::size_t rounding) {
   Sphere s = sphere(3);
   constexpr int kPlanes = 14;
   std::array<std::pair<Vec3, double>, kPlanes> planes;
-  for (auto& [normal, distance] : planes) normal = any_direction(draws), distance = 0.5 + 0.4 * draws.uniform();
+  for (auto& [normal, distance] : planes) {
+    normal = any_direction(draws);
+    distance = 0.5 + 0.4 * draws.uniform();
+  }
   const Waves waves(draws);
   const double power = kPowers[rounding], rough = kRoughness[rounding];
   std::vector<Vec3> places;
@@ -139,7 +148,8 @@ ObjectShape stone(std::size_t number, std::size_t rounding) {
     for (const auto& [normal, distance] : planes) {
       const double along = normal.dot(direction) / distance;
       if (along <= 0) continue;
-      nearest = std::min(nearest, 1 / along), sum += std::pow(along, power);
+      nearest = std::min(nearest, 1 / along);
+      sum += std::pow(along, power);
     }
     const double reach = (power > 0 ? std::pow(sum, -1 / power) : nearest) * (1 + rough * waves.at(direction));
     places.emplace_back(reach * direction);
@@ -162,13 +172,16 @@ ObjectShape fillet(int number) {
   // Dense where the slope changes.
   constexpr std::array kRings{0.3, 0.45, 0.55, 0.62, 0.7, 0.78, 0.86, 0.92, 0.97, 1.0, 1.04, 1.08, 1.12, 1.14, 1.16};
   dem::Draws draws(kFilletShapes, 0, number, 0);
-  const double two = 2 * pi * draws.uniform(), three = 2 * pi * draws.uniform(), higher = 2 * pi * draws.uniform();
+  const double two = 2 * pi * draws.uniform();
+  const double three = 2 * pi * draws.uniform();
+  const double higher = 2 * pi * draws.uniform();
   ObjectShape out;
   out.parts = {"soil"};
   const auto add = [&](double ring, double angle) {
-    const double wide = 0.04 * std::cos(2 * angle + two) + 0.04 * std::cos(3 * angle + three),
-                 radius = ring * (1 + wide * std::clamp((ring - kSide) / (1 - kSide), 0.0, 1.0)),
-                 high = 1 + 0.25 * std::cos(angle + higher), step = 1e-3;
+    const double wide = 0.04 * std::cos(2 * angle + two) + 0.04 * std::cos(3 * angle + three);
+    const double radius = ring * (1 + wide * std::clamp((ring - kSide) / (1 - kSide), 0.0, 1.0));
+    const double high = 1 + 0.25 * std::cos(angle + higher);
+    const double step = 1e-3;
     const auto height = [&](double at) { return high * fillet_height((1 - at) / (1 - kSide)); };
     // Where it meets the ground, and from there on, it is shaded as the ground is: no seam is seen.
     const double slope = ring < 1 ? (height(ring - step) - height(ring + step)) / (2 * step) : 0;
@@ -185,9 +198,12 @@ ObjectShape fillet(int number) {
   for (int i = 0; i < kAround; ++i) {
     out.triangles.push_back({{0, corner(0, i), corner(0, i + 1)}, 0});
     for (std::size_t ring = 1; ring < kRings.size(); ++ring) {
-      const std::uint32_t a = corner(ring - 1, i), b = corner(ring, i), c = corner(ring, i + 1),
-                          d = corner(ring - 1, i + 1);
-      out.triangles.push_back({{a, b, c}, 0}), out.triangles.push_back({{a, c, d}, 0});
+      const std::uint32_t a = corner(ring - 1, i);
+      const std::uint32_t b = corner(ring, i);
+      const std::uint32_t c = corner(ring, i + 1);
+      const std::uint32_t d = corner(ring - 1, i + 1);
+      out.triangles.push_back({{a, b, c}, 0});
+      out.triangles.push_back({{a, c, d}, 0});
     }
   }
   return out;
@@ -206,7 +222,8 @@ using Places = Eigen::Matrix3Xd;
 
 // Those that are not within the octagon of the farthest in eight directions, as seen from above (Akl & Toussaint 1978).
 std::vector<Eigen::Index> outside_octagon(const Eigen::MatrixX3d& places) {
-  const auto x = places.col(0).array(), y = places.col(1).array();
+  const auto x = places.col(0).array();
+  const auto y = places.col(1).array();
   Eigen::Index corner[8];
   x.maxCoeff(&corner[0]), (x + y).maxCoeff(&corner[1]), y.maxCoeff(&corner[2]), (y - x).maxCoeff(&corner[3]);
   x.minCoeff(&corner[4]), (x + y).minCoeff(&corner[5]), y.minCoeff(&corner[6]), (y - x).minCoeff(&corner[7]);
@@ -251,7 +268,8 @@ Eigen::Affine3d lying(const Places& shape, const Eigen::Matrix3d& turned) {
   const auto farthest = [](const Eigen::MatrixX3d& places, const Vec3& along) -> std::pair<Vec3, Vec3> {
     const Eigen::VectorXd reach = places * along;
     Eigen::Index ahead = 0, behind = 0;
-    reach.maxCoeff(&ahead), reach.minCoeff(&behind);
+    reach.maxCoeff(&ahead);
+    reach.minCoeff(&behind);
     return {places.row(ahead), places.row(behind)};
   };
   // The largest of the extents in some directions, and of those along the lines between the corners that these found.
@@ -262,13 +280,19 @@ Eigen::Affine3d lying(const Places& shape, const Eigen::Matrix3d& turned) {
     for (double before = 0;;) {
       const auto [a, b] = farthest(around, along);
       const Vec3 chord(a.x() - b.x(), a.y() - b.y(), 0);
-      if (chord.norm() > across.norm()) across = chord, middle = (a + b) / 2;
+      if (chord.norm() > across.norm()) {
+        across = chord;
+        middle = (a + b) / 2;
+      }
       if (chord.norm() <= before) break;
-      before = chord.norm(), along = chord / before;
+      before = chord.norm();
+      along = chord / before;
     }
   }
   const auto [top, bottom] = farthest(all, Vec3::UnitZ());
-  const double low = bottom.z(), high = top.z(), wide = across.norm();
+  const double low = bottom.z();
+  const double high = top.z();
+  const double wide = across.norm();
   Eigen::Affine3d out = Eigen::Affine3d::Identity();
   out.linear() = Vec3(1 / wide, 1 / wide, 1 / (high - low)).asDiagonal() *
                  Eigen::AngleAxisd(-std::atan2(across.y(), across.x()), Vec3::UnitZ()).toRotationMatrix() * turned;
@@ -316,8 +340,11 @@ struct Look {
     dem::Draws draws(rock.form, 1, 0, 0);
     const double round = rock.worn + 0.6 * (draws.uniform() - 0.5);
     rounding = static_cast<std::size_t>(std::clamp(round * kRoundings, 0.0, kRoundings - 1.0));
-    attitude = draws.bits() % (kStones * kAttitudes), fillet = draws.bits();
-    turn = 2 * pi * draws.uniform(), narrow = 0.6 + 0.4 * draws.uniform(), reach = 1.3 + 0.2 * draws.uniform();
+    attitude = draws.bits() % (kStones * kAttitudes);
+    fillet = draws.bits();
+    turn = 2 * pi * draws.uniform();
+    narrow = 0.6 + 0.4 * draws.uniform();
+    reach = 1.3 + 0.2 * draws.uniform();
   }
 };
 

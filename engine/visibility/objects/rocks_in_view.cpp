@@ -33,7 +33,8 @@ class Finder {
       : terrain_(terrain), views_(views), survey_(terrain, std::move(memory)), stop_(stop) {
     if (!sun) return;
     constexpr double kFlattest = 0.03;  // sine of the Sun's elevation, below which shadows aren't followed
-    toward_sun_ = sun->direction, flattest_ = kFlattest;
+    toward_sun_ = sun->direction;
+    flattest_ = kFlattest;
   }
 
   // Where they may be that are at least so large; answers about how many there are.
@@ -121,7 +122,8 @@ class Finder {
     stop_.check();
     const dem::RockField& field = survey_.field();
     const NodeBounds bounds = bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m));
-    const double sharpest = pixels_per_metre(bounds), smallest_m = least_px_ / sharpest;
+    const double sharpest = pixels_per_metre(bounds);
+    const double smallest_m = least_px_ / sharpest;
     if (!(field.law().largest_m >= smallest_m)) return;
     const auto near_view = [&](double largest_m) {
       return may_see(bounds.points, bounds.bulge_m + 2 * largest_m + shadow_m(bounds.centre, largest_m));

@@ -29,16 +29,18 @@ double lowest_at(const RayCone& ray) { return -ray.origin_m.dot(ray.direction); 
 
 // Squared; from there to where it is at a height. Negative: it never is.
 double half_chord2(const RayCone& ray, double height_m) {
-  const double radius = kMoonRadius_m + height_m, along = lowest_at(ray);
+  const double radius = kMoonRadius_m + height_m;
+  const double along = lowest_at(ray);
   return radius * radius - (ray.origin_m + along * ray.direction).squaredNorm();
 }
 
 // Within the ball around a block, where the ray is no higher than its terrain, or so far above that.
 std::optional<Stretch> stretch_over(const RayCone& ray, const NodeBounds& b, double above_m) {
   const Vec3 to = b.centre - ray.origin_m;
-  const double along = to.dot(ray.direction), reach = b.radius_m + above_m,
-               ball = reach * reach - (to - along * ray.direction).squaredNorm(),
-               low = half_chord2(ray, b.high_m + b.bulge_m + 1 + above_m);
+  const double along = to.dot(ray.direction);
+  const double reach = b.radius_m + above_m;
+  const double ball = reach * reach - (to - along * ray.direction).squaredNorm();
+  const double low = half_chord2(ray, b.high_m + b.bulge_m + 1 + above_m);
   if (ball < 0 || low < 0) return std::nullopt;
   const Stretch found{std::max({0.0, along - std::sqrt(ball), lowest_at(ray) - std::sqrt(low)}),
                       std::min(along + std::sqrt(ball), lowest_at(ray) + std::sqrt(low))};
@@ -69,7 +71,8 @@ std::vector<Stretch> parts_of(const Stretch& stretch, double longest_m) {
 std::optional<dem::Footprint> beneath(const RayCone& ray, const Stretch& stretch, double margin_m) {
   const Vec3 from = ray.origin_m + stretch.from_m * ray.direction, to = ray.origin_m + stretch.to_m * ray.direction;
   const Geographic a = to_geographic(from), b = to_geographic(to);
-  const double length_m = stretch.to_m - stretch.from_m, to_axis_m = std::hypot(from.x(), from.y());
+  const double length_m = stretch.to_m - stretch.from_m;
+  const double to_axis_m = std::hypot(from.x(), from.y());
   if (to_axis_m < 20 * (length_m + margin_m)) return std::nullopt;
   double west = a.lon_deg, east = b.lon_deg;
   if (west > east) std::swap(west, east);
@@ -119,7 +122,10 @@ std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const
             break;
           }
           const auto here = common(*box, reaching);
-          if (here) found.strips.push_back({k, *here}), expected += expected_of(field, k, *here, 0);
+          if (here) {
+            found.strips.push_back({k, *here});
+            expected += expected_of(field, k, *here, 0);
+          }
         }
       }
     }
@@ -154,7 +160,10 @@ std::optional<std::vector<dem::RockFeature>> RocksNearRays::along(std::span<cons
 
 bool RocksNearRays::find(const std::vector<Piece>& pieces, const StopToken& stop) {
   const dem::RockField& field = survey_.field();
-  if (remembered_ > kMostRememberedRocks - kMostNewRocks) found_.clear(), remembered_ = 0;
+  if (remembered_ > kMostRememberedRocks - kMostNewRocks) {
+    found_.clear();
+    remembered_ = 0;
+  }
   std::vector<Piece> unknown;
   std::copy_if(pieces.begin(), pieces.end(), std::back_inserter(unknown),
                [&](const Piece& piece) { return !found_.contains(piece); });

@@ -33,16 +33,24 @@ void LookAt(const SurfacePoints& p, const double* top, DiscLanes& lanes, std::in
   const double sx = top[0], sy = top[1], sz = top[2];
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const double x = p.x[i], y = p.y[i], z = p.z[i], along = x * sx + y * sy + z * sz;
+    const double x = p.x[i];
+    const double y = p.y[i];
+    const double z = p.z[i];
+    const double along = x * sx + y * sy + z * sz;
     const double off_axis2 = x * x + y * y + z * z - along * along, behind2 = along < 0 ? off_axis2 : kCore2;
-    const float a = lanes.facet.across[i], b = lanes.facet.upward[i], c = lanes.shading.across[i],
-                d = lanes.shading.upward[i];
-    const float facet = std::sqrt(a * a + b * b), shading = std::sqrt(c * c + d * d), m = lanes.facet.middle[i],
-                n = lanes.shading.middle[i];
-    const std::int32_t whole = m > facet && n > shading ? kWhole : kSome,
-                       some = m <= -facet || n <= -shading || behind2 < kCore2 ? kNone : whole;
+    const float a = lanes.facet.across[i];
+    const float b = lanes.facet.upward[i];
+    const float c = lanes.shading.across[i];
+    const float d = lanes.shading.upward[i];
+    const float facet = std::sqrt(a * a + b * b);
+    const float shading = std::sqrt(c * c + d * d);
+    const float m = lanes.facet.middle[i];
+    const float n = lanes.shading.middle[i];
+    const std::int32_t whole = m > facet && n > shading ? kWhole : kSome;
+    const std::int32_t some = m <= -facet || n <= -shading || behind2 < kCore2 ? kNone : whole;
     how[i] = some;
-    lanes.tilt_across[i] = c / n, lanes.tilt_upward[i] = d / n;
+    lanes.tilt_across[i] = c / n;
+    lanes.tilt_upward[i] = d / n;
   }
 }
 
@@ -80,10 +88,14 @@ HWY_INLINE float looked_up(const float* table, float place) {
 template <bool kEven>
 HWY_INLINE void left_of_whole(const DiscLight::Table& table, const float* columns, const float (*horizons)[kPacket],
                               const DiscLanes& turned, float* of_share, float* of_cosine) {
-  alignas(64) float share[kPacket] = {}, cosine[kPacket] = {};
+  alignas(64) float share[kPacket] = {};
+  alignas(64) float cosine[kPacket] = {};
   for (int j = 0; j < DiscLight::kColumns; ++j) {
-    const float x = columns[j], half = table.half[j], weight = table.weight[j],
-                steps = 0.5F * DiscLight::Table::kSteps / half, per_length = 0.5F / half;
+    const float x = columns[j];
+    const float half = table.half[j];
+    const float weight = table.weight[j];
+    const float steps = 0.5F * DiscLight::Table::kSteps / half;
+    const float per_length = 0.5F / half;
     const float *above = table.above[j], *moment = table.moment[j];
     SELENOGRAPH_INDEPENDENT_LANES
     for (int i = 0; i < kPacket; ++i) {
@@ -91,8 +103,10 @@ HWY_INLINE void left_of_whole(const DiscLight::Table& table, const float* column
       float light = 0, lever = 0;
       if constexpr (kEven)
         light = (half - low) * per_length, lever = 0.5F * (half * half - low * low) * per_length;
-      else
-        light = looked_up(above, (low + half) * steps), lever = looked_up(moment, (low + half) * steps);
+      else {
+        light = looked_up(above, (low + half) * steps);
+        lever = looked_up(moment, (low + half) * steps);
+      }
       share[i] += weight * light;
       cosine[i] += weight * (light + (turned.tilt_across[i] * x * light + turned.tilt_upward[i] * lever));
     }
@@ -113,10 +127,15 @@ void LeftOfWhole(const DiscLight::Table& table, const float* columns, const floa
 void LeftOf(const DiscLight::Table& table, const float* columns, const float (*horizons)[kPacket],
             const DiscLanes& turned, float* of_share, float* of_cosine) {
   const DiscPlanes &facet = turned.facet, &shading = turned.shading;
-  alignas(64) float share[kPacket] = {}, cosine[kPacket] = {}, all_share[kPacket] = {}, all_cosine[kPacket] = {};
+  alignas(64) float share[kPacket] = {};
+  alignas(64) float cosine[kPacket] = {};
+  alignas(64) float all_share[kPacket] = {};
+  alignas(64) float all_cosine[kPacket] = {};
   for (int j = 0; j < DiscLight::kColumns; ++j) {
-    const float x = columns[j], half = table.half[j], weight = table.weight[j],
-                steps = 0.5F * DiscLight::Table::kSteps / half;
+    const float x = columns[j];
+    const float half = table.half[j];
+    const float weight = table.weight[j];
+    const float steps = 0.5F * DiscLight::Table::kSteps / half;
     const float *above = table.above[j], *moment = table.moment[j];
     SELENOGRAPH_INDEPENDENT_LANES
     for (int i = 0; i < kPacket; ++i) {
@@ -141,9 +160,10 @@ void LeftOf(const DiscLight::Table& table, const float* columns, const float (*h
   }
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const float s = share[i] / (all_share[i] > 1e-6F ? all_share[i] : 1e-6F),
-                c = cosine[i] / (all_cosine[i] > 1e-9F ? all_cosine[i] : 1e-9F);
-    of_share[i] = least(1, most(0, s)), of_cosine[i] = least(1, most(0, c));
+    const float s = share[i] / (all_share[i] > 1e-6F ? all_share[i] : 1e-6F);
+    const float c = cosine[i] / (all_cosine[i] > 1e-9F ? all_cosine[i] : 1e-9F);
+    of_share[i] = least(1, most(0, s));
+    of_cosine[i] = least(1, most(0, c));
   }
 }
 
@@ -180,14 +200,17 @@ struct Segment {
 Segment above_chord(double h, double u) {
   if (h <= -1) return {1, 0};
   if (h >= 1) return {0, 0};
-  const double q2 = 1 - h * h, q = std::sqrt(q2), all = kPi * (1 - u / 3);
+  const double q2 = 1 - h * h;
+  const double q = std::sqrt(q2);
+  const double all = kPi * (1 - u / 3);
   return {((1 - u) * (std::acos(h) - h * q) + u * kPi / 2 * (2.0 / 3 - h + h * h * h / 3)) / all,
           ((1 - u) * 2.0 / 3 * q2 * q + u * kPi / 8 * q2 * q2) / all};
 }
 
 // In a column of half the length c: light and moment above y, not normalised.
 Segment above_in_column(double y, double c, double u) {
-  const double q2 = std::max(0.0, c * c - y * y), q = std::sqrt(q2);
+  const double q2 = std::max(0.0, c * c - y * y);
+  const double q = std::sqrt(q2);
   if (u == 0) return {c - y, q2 / 2};
   return {(1 - u) * (c - y) + u * 0.5 * (c * c * std::acos(std::clamp(y / c, -1.0, 1.0)) - y * q),
           (1 - u) * q2 / 2 + u * q2 * q / 3};
@@ -211,13 +234,17 @@ DiscLight::DiscLight(const Sun& sun, const Vec3& up)
   double sum = 0;
   std::array<double, kColumns> weights{};
   for (std::size_t j = 0; j < kColumns; ++j) {
-    const double turn = (static_cast<double>(j) + 1) * kPi / (kColumns + 1), x = -std::cos(turn), c = std::sin(turn);
-    columns_[j] = static_cast<float>(x), table_.half[j] = static_cast<float>(c);
+    const double turn = (static_cast<double>(j) + 1) * kPi / (kColumns + 1);
+    const double x = -std::cos(turn);
+    const double c = std::sin(turn);
+    columns_[j] = static_cast<float>(x);
+    table_.half[j] = static_cast<float>(c);
     const double all = above_in_column(-c, c, darkening_).light;
     sum += weights[j] = c * all;
     for (std::size_t k = 0; k <= Table::kSteps; ++k) {
       const Segment s = above_in_column(c * (2.0 * static_cast<double>(k) / Table::kSteps - 1), c, darkening_);
-      table_.above[j][k] = static_cast<float>(s.light / all), table_.moment[j][k] = static_cast<float>(s.moment / all);
+      table_.above[j][k] = static_cast<float>(s.light / all);
+      table_.moment[j][k] = static_cast<float>(s.moment / all);
     }
     table_.above[j][Table::kSteps + 1] = table_.moment[j][Table::kSteps + 1] = 0;
   }
@@ -227,7 +254,8 @@ DiscLight::DiscLight(const Sun& sun, const Vec3& up)
 
   double fine = 0;
   for (std::size_t j = 0; j < kFine; ++j) {
-    const double turn = (static_cast<double>(j) + 1) * kPi / (kFine + 1), c = std::sin(turn);
+    const double turn = (static_cast<double>(j) + 1) * kPi / (kFine + 1);
+    const double c = std::sin(turn);
     fine_[j] = {std::cos(turn), c, c};
     fine += c * above_in_column(-c, c, darkening_).light;
   }
@@ -238,8 +266,8 @@ DiscLight::DiscLight(const Sun& sun, const Vec3& up)
   for (std::size_t k = 0; k < kDirections; ++k) {
     constexpr std::size_t kRim = kScouts - 1;
     const std::size_t n = k == 0 ? 0 : k <= kRim ? kDirections - k : k - kRim;
-    const double r = std::sqrt(radius2_of((static_cast<double>(n) + 0.5) / kDirections, darkening_)),
-                 turn = static_cast<double>(n) * kPi * (3 - std::sqrt(5.0));
+    const double r = std::sqrt(radius2_of((static_cast<double>(n) + 0.5) / kDirections, darkening_));
+    const double turn = static_cast<double>(n) * kPi * (3 - std::sqrt(5.0));
     places_[k] = {r * std::cos(turn), r * std::sin(turn)};
     directions_[k] = direction(places_[k].across, places_[k].upward);
   }
@@ -256,8 +284,9 @@ DiscShare DiscLight::alone(const DiscPlane& facet, const DiscPlane& shading) con
   const double reach = length(facet.across, facet.upward);
   if (facet.middle <= -reach) return {};
   // The facet's horizon is a chord at height h along the direction (x, y) in which the facet faces the disc more.
-  const double h = reach > 0 ? -facet.middle / reach : -1, x = reach > 0 ? facet.across / reach : 0,
-               y = reach > 0 ? facet.upward / reach : 0;
+  const double h = reach > 0 ? -facet.middle / reach : -1;
+  const double x = reach > 0 ? facet.across / reach : 0;
+  const double y = reach > 0 ? facet.upward / reach : 0;
   const Segment s = above_chord(h, darkening_);
   const double along = shading.across * x + shading.upward * y;
   const double bright = length(shading.across, shading.upward);
@@ -277,7 +306,8 @@ DiscShare DiscLight::alone(const DiscPlane& facet, const DiscPlane& shading) con
   const double aside = shading.upward * x - shading.across * y;  // across the direction (x, y)
   for (const FineColumn& column : fine_) {
     const double here = shading.middle + aside * column.across, c = column.half;
-    double low = std::clamp(h, -c, c), high = c;
+    double low = std::clamp(h, -c, c);
+    double high = c;
     if (along > 0)
       low = std::max(low, -here / along);
     else if (along < 0)
@@ -294,8 +324,12 @@ DiscShare DiscLight::alone(const DiscPlane& facet, const DiscPlane& shading) con
 std::uint32_t DiscLight::alone(const SurfacePoints& points, Shading& shading, DiscLanes& out, float* lit) const {
   double axes[3][3], top[3];
   const Vec3 upper = direction(0, 1);
-  for (int k = 0; k < 3; ++k)
-    axes[0][k] = toward_[k], axes[1][k] = radius_ * across_[k], axes[2][k] = radius_ * upward_[k], top[k] = upper[k];
+  for (int k = 0; k < 3; ++k) {
+    axes[0][k] = toward_[k];
+    axes[1][k] = radius_ * across_[k];
+    axes[2][k] = radius_ * upward_[k];
+    top[k] = upper[k];
+  }
   HWY_DYNAMIC_DISPATCH(PlanesOf)(points.nx, points.ny, points.nz, axes, out.facet);
   HWY_DYNAMIC_DISPATCH(PlanesOf)(shading.nx, shading.ny, shading.nz, axes, out.shading);
   alignas(64) std::int32_t how[kPacket];
@@ -309,7 +343,8 @@ std::uint32_t DiscLight::alone(const SurfacePoints& points, Shading& shading, Di
     if (!points.hit[i] || how[i] != kSome) continue;
     const DiscShare share = alone(plane(points.facet_normal(i)), plane(shading.normal(i)));
     if (!(share.share > 0 && share.cosine > 0)) continue;
-    lit[i] = static_cast<float>(share.share), shading.incident[i] = share.cosine / share.share;
+    lit[i] = static_cast<float>(share.share);
+    shading.incident[i] = share.cosine / share.share;
     some |= 1U << i;
   }
   return some;
@@ -344,8 +379,9 @@ DiscShare DiscLight::left_of(const Free& free, const float* horizons, std::size_
     const auto x = static_cast<float>(places_[k].across);
     std::size_t j = 0;
     while (j + 2 < kColumns && columns_[j + 1] < x) ++j;
-    const float t = std::clamp((x - columns_[j]) / (columns_[j + 1] - columns_[j]), 0.F, 1.F),
-                low = std::max(horizons[j * stride], -2.F), high = std::max(horizons[(j + 1) * stride], -2.F);
+    const float t = std::clamp((x - columns_[j]) / (columns_[j + 1] - columns_[j]), 0.F, 1.F);
+    const float low = std::max(horizons[j * stride], -2.F);
+    const float high = std::max(horizons[(j + 1) * stride], -2.F);
     open.set(k, places_[k].upward > static_cast<double>(low + t * (high - low)));
   }
   return open.any() ? ratio(open, free, turned, lane) : DiscShare{};

@@ -31,7 +31,9 @@ struct DiscShare {
 
 // Sixteen planes in float.
 struct DiscPlanes {
-  alignas(64) float middle[kPacket], across[kPacket], upward[kPacket];
+  alignas(64) float middle[kPacket];
+  alignas(64) float across[kPacket];
+  alignas(64) float upward[kPacket];
   DiscPlane lane(std::size_t i) const {
     return {static_cast<double>(middle[i]), static_cast<double>(across[i]), static_cast<double>(upward[i])};
   }
@@ -43,7 +45,8 @@ struct DiscLanes {
   // Lanes that face the whole disc, one bit each, and for these the gradient of the cosine across and upward, relative
   // to its value at the middle.
   std::uint32_t whole;
-  alignas(64) float tilt_across[kPacket], tilt_upward[kPacket];
+  alignas(64) float tilt_across[kPacket];
+  alignas(64) float tilt_upward[kPacket];
 };
 
 class DiscLight {
@@ -98,7 +101,10 @@ class DiscLight {
         if (of >> i & 1 && turned.facet.lane(i).at(places_[k].across, places_[k].upward) > 0) asking |= 1U << i;
       const std::uint32_t closed = asking ? blocked(asking, directions_[k]) : 0;
       for (std::uint32_t i = 0; i < kPacket; ++i)
-        if (asking >> i & 1) faced[i].set(k), open[i].set(k, !(closed >> i & 1));
+        if (asking >> i & 1) {
+          faced[i].set(k);
+          open[i].set(k, !(closed >> i & 1));
+        }
     };
     for (std::size_t k = 0; k < kScouts; ++k) ask(k, lanes);
     std::uint32_t doubtful = lanes & ~turned.whole;

@@ -50,19 +50,25 @@ HWY_INLINE void place_vertices(const RawFacets& raw, Facets& out) {
     const auto upper = hn::Ne(hn::Load(d, raw.upper + i), hn::Zero(d));
     for (V* ends : {sin_lat, cos_lat, sin_lon, cos_lon}) {
       const V first = ends[0];
-      ends[0] = hn::IfThenElse(upper, ends[1], first), ends[1] = hn::IfThenElse(upper, first, ends[1]);
+      ends[0] = hn::IfThenElse(upper, ends[1], first);
+      ends[1] = hn::IfThenElse(upper, first, ends[1]);
     }
     const auto place = [&](int corner, int row, int column, double(*at)[kPacket], float(*normal)[kPacket]) {
       hn::Vec<decltype(f)> height, x, y, z;
       hn::LoadInterleaved4(f, &raw.vertex[corner][i].height_m, height, x, y, z);
-      hn::Store(x, f, normal[0] + i), hn::Store(y, f, normal[1] + i), hn::Store(z, f, normal[2] + i);
+      hn::Store(x, f, normal[0] + i);
+      hn::Store(y, f, normal[1] + i);
+      hn::Store(z, f, normal[2] + i);
       // In the order of dem::Block::position.
-      const V radius = hn::Add(moon, hn::PromoteTo(d, height)), level = hn::Mul(radius, cos_lat[row]);
+      const V radius = hn::Add(moon, hn::PromoteTo(d, height));
+      const V level = hn::Mul(radius, cos_lat[row]);
       hn::Store(hn::Mul(level, cos_lon[column]), d, at[0] + i);
       hn::Store(hn::Mul(level, sin_lon[column]), d, at[1] + i);
       hn::Store(hn::Mul(radius, sin_lat[row]), d, at[2] + i);
     };
-    place(0, 0, 0, out.a, out.normal_a), place(1, 0, 1, out.b, out.normal_b), place(2, 1, 0, out.c, out.normal_c);
+    place(0, 0, 0, out.a, out.normal_a);
+    place(1, 0, 1, out.b, out.normal_b);
+    place(2, 1, 0, out.c, out.normal_c);
   }
 }
 
@@ -72,10 +78,17 @@ HWY_INLINE void find_places(const TriangleId* ids, std::uint32_t side, Places& o
   for (int i = 0; i < kPacket; ++i) {
     const std::uint32_t id = ids[i].packed();
     const std::uint32_t upper = id & 1, r = id >> 7 & 63, c = id >> 1 & 63;
-    const std::uint32_t r0 = r + upper, r1 = r + 1 - upper, c0 = c + upper, c1 = c + 1 - upper;
-    constexpr std::uint32_t kTurn = sizeof(MeshBlock::Turn), kVertex = sizeof(dem::Vertex);
-    upper_half[i] = static_cast<double>(upper), out.row[i] = kTurn * r, out.column[i] = kTurn * c;
-    out.vertex[0][i] = kVertex * (r0 * side + c0), out.vertex[1][i] = kVertex * (r0 * side + c1);
+    const std::uint32_t r0 = r + upper;
+    const std::uint32_t r1 = r + 1 - upper;
+    const std::uint32_t c0 = c + upper;
+    const std::uint32_t c1 = c + 1 - upper;
+    constexpr std::uint32_t kTurn = sizeof(MeshBlock::Turn);
+    constexpr std::uint32_t kVertex = sizeof(dem::Vertex);
+    upper_half[i] = static_cast<double>(upper);
+    out.row[i] = kTurn * r;
+    out.column[i] = kTurn * c;
+    out.vertex[0][i] = kVertex * (r0 * side + c0);
+    out.vertex[1][i] = kVertex * (r0 * side + c1);
     out.vertex[2][i] = kVertex * (r1 * side + c0);
   }
 }
@@ -133,7 +146,11 @@ void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
   for (int i = 0; collapsed != 0; ++i, collapsed >>= 1) {
     if (!(collapsed & 1)) continue;
     const dem::Triangle t = mesh.triangle(ids[i]);
-    for (int k = 0; k < 3; ++k) out.a[k][i] = t.a[k], out.b[k][i] = t.b[k], out.c[k][i] = t.c[k];
+    for (int k = 0; k < 3; ++k) {
+      out.a[k][i] = t.a[k];
+      out.b[k][i] = t.b[k];
+      out.c[k][i] = t.c[k];
+    }
   }
 }
 

@@ -35,7 +35,8 @@ namespace selenograph::engine::HWY_NAMESPACE {
 // take in the plane itself, and as good to 1e-14 unless the axis is within a degree of that plane.
 template <int axis>
 std::int64_t MeetPlanes(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
-  constexpr int i0 = (axis + 1) % 3, i1 = (axis + 2) % 3;
+  constexpr int i0 = (axis + 1) % 3;
+  constexpr int i1 = (axis + 2) % 3;
   constexpr double kSteepest = 2500;  // squares of tangents
   const double* origin[3] = {rays.ox, rays.oy, rays.oz};
   const double* direction[3] = {rays.dx, rays.dy, rays.dz};
@@ -55,9 +56,14 @@ std::int64_t MeetPlanes(const Facets& t, const Rays& rays, SurfacePoints& p, std
     const double at[3] = {origin[0][i] + distance * d[0], origin[1][i] + distance * d[1],
                           origin[2][i] + distance * d[2]};
     const double from_a0 = at[i0] - t.a[i0][i], from_a1 = at[i1] - t.a[i1][i], scale = 1 / n[axis];
-    const double v = (from_a0 * c[i1] - from_a1 * c[i0]) * scale, w = (b[i0] * from_a1 - b[i1] * from_a0) * scale;
-    for (int k = 0; k < 3; ++k) position[k][i] = at[k], normal[k][i] = n[k];
-    p.v[i] = v, p.w[i] = w;
+    const double v = (from_a0 * c[i1] - from_a1 * c[i0]) * scale;
+    const double w = (b[i0] * from_a1 - b[i1] * from_a0) * scale;
+    for (int k = 0; k < 3; ++k) {
+      position[k][i] = at[k];
+      normal[k][i] = n[k];
+    }
+    p.v[i] = v;
+    p.w[i] = w;
     const double seen = toward < 0 ? distance : -1;
     p.distance[i] = seen;
     const bool on = seen > 0 && v >= -kOnEdge && w >= -kOnEdge && v + w <= 1 + kOnEdge;
@@ -151,12 +157,13 @@ class Search {
   void blocks_around(const Vec3& place, std::uint32_t except) {
     const dem::BlockExtent& e = mesh_.blocks()[except].posts->extent;
     const Geographic g = to_geographic(place);
-    const auto lat = static_cast<std::int64_t>((g.lat_deg + 90) * dem::kTicksPerDegree),
-               lon = static_cast<std::int64_t>((g.lon_deg + 180) * dem::kTicksPerDegree);
+    const auto lat = static_cast<std::int64_t>((g.lat_deg + 90) * dem::kTicksPerDegree);
+    const auto lon = static_cast<std::int64_t>((g.lon_deg + 180) * dem::kTicksPerDegree);
     for (const int dy : {-1, 0, 1})
       for (const int dx : {-1, 0, 1}) {
         // A quarter of a quad: into the first quad of a neighbour, be it finer.
-        const std::int64_t y = lat + dy * (e.lat_step / 4), x = lon + dx * std::int64_t{e.lon_step / 4};
+        const std::int64_t y = lat + dy * (e.lat_step / 4);
+        const std::int64_t x = lon + dx * std::int64_t{e.lon_step / 4};
         const auto found = mesh_.block_at(y, x);
         if (!found || *found == except) continue;
         const dem::BlockExtent& n = mesh_.blocks()[*found].posts->extent;
@@ -197,9 +204,15 @@ class Search {
 
 void store(const Candidate& c, int i, SurfacePoints& p) {
   p.triangle[i] = c.triangle;
-  p.x[i] = c.position.x(), p.y[i] = c.position.y(), p.z[i] = c.position.z();
-  p.nx[i] = c.facing.x(), p.ny[i] = c.facing.y(), p.nz[i] = c.facing.z();
-  p.distance[i] = c.distance, p.v[i] = c.v, p.w[i] = c.w;
+  p.x[i] = c.position.x();
+  p.y[i] = c.position.y();
+  p.z[i] = c.position.z();
+  p.nx[i] = c.facing.x();
+  p.ny[i] = c.facing.y();
+  p.nz[i] = c.facing.z();
+  p.distance[i] = c.distance;
+  p.v[i] = c.v;
+  p.w[i] = c.w;
 }
 
 // Off its triangle, or the quad's other half was meant.
@@ -240,9 +253,14 @@ std::int64_t meet_along_own(const Mesh& mesh, const Facets& facets, const Rays& 
     alignas(64) std::int64_t off_along[kPacket];
     meet_along(axis, facets, rays, points, off_along);
     for (int i = 0; i < kPacket; ++i)
-      if (lanes[axis] >> i & 1) v[i] = points.v[i], w[i] = points.w[i], any |= off[i] = off_along[i];
+      if (lanes[axis] >> i & 1) {
+        v[i] = points.v[i];
+        w[i] = points.w[i];
+        any |= off[i] = off_along[i];
+      }
   }
-  std::copy_n(v, kPacket, points.v), std::copy_n(w, kPacket, points.w);
+  std::copy_n(v, kPacket, points.v);
+  std::copy_n(w, kPacket, points.w);
   return any;
 }
 
@@ -250,7 +268,8 @@ std::int64_t meet_along_own(const Mesh& mesh, const Facets& facets, const Rays& 
 void weigh(const Facets& t, SurfacePoints& p, int i, std::int64_t& off) {
   const Vec3 a(t.a[0][i], t.a[1][i], t.a[2][i]), b(t.b[0][i], t.b[1][i], t.b[2][i]), c(t.c[0][i], t.c[1][i], t.c[2][i]);
   const Vec3 n = p.facet_normal(i), from_a = p.position(i) - a;
-  p.v[i] = n.dot(from_a.cross(c - a)) / n.squaredNorm(), p.w[i] = n.dot((b - a).cross(from_a)) / n.squaredNorm();
+  p.v[i] = n.dot(from_a.cross(c - a)) / n.squaredNorm();
+  p.w[i] = n.dot((b - a).cross(from_a)) / n.squaredNorm();
   const bool on = p.distance[i] > 0 && p.v[i] >= -kOnEdge && p.w[i] >= -kOnEdge && p.v[i] + p.w[i] <= 1 + kOnEdge;
   off = on ? kOn : kOff;
 }

@@ -64,8 +64,10 @@ struct Scene {
   static double core_of(const Mesh& mesh) {
     float lowest = 0;
     int coarsest = dem::kMaxLevel;
-    for (const MeshBlock& b : mesh.blocks())
-      lowest = std::min(lowest, b.posts->min_m), coarsest = std::min(coarsest, b.posts->id.level);
+    for (const MeshBlock& b : mesh.blocks()) {
+      lowest = std::min(lowest, b.posts->min_m);
+      coarsest = std::min(coarsest, b.posts->id.level);
+    }
     return kMoonRadius_m + static_cast<double>(lowest) - dem::chord_sag_m(coarsest);
   }
 

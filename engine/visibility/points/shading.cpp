@@ -17,7 +17,9 @@ namespace selenograph::engine::HWY_NAMESPACE {
 
 // Returns, a bit each, the lanes whose normal faces away from the camera.
 unsigned ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, const Vec3& sun, Shading& out) {
-  const double sx = sun.x(), sy = sun.y(), sz = sun.z();
+  const double sx = sun.x();
+  const double sy = sun.y();
+  const double sz = sun.z();
   alignas(64) std::int64_t away[kPacket];
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
@@ -28,12 +30,19 @@ unsigned ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, c
                      w * static_cast<double>(n.normal_c[1][i]);
     const double z = u * static_cast<double>(n.normal_a[2][i]) + v * static_cast<double>(n.normal_b[2][i]) +
                      w * static_cast<double>(n.normal_c[2][i]);
-    const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i], along = x * dx + y * dy + z * dz;
+    const double dx = rays.dx[i];
+    const double dy = rays.dy[i];
+    const double dz = rays.dz[i];
+    const double along = x * dx + y * dy + z * dz;
     away[i] = along >= 0 ? 1 : 0;
-    const double unit = 1 / std::sqrt(x * x + y * y + z * z), back = -1 / std::sqrt(dx * dx + dy * dy + dz * dz);
-    out.nx[i] = x * unit, out.ny[i] = y * unit, out.nz[i] = z * unit;
+    const double unit = 1 / std::sqrt(x * x + y * y + z * z);
+    const double back = -1 / std::sqrt(dx * dx + dy * dy + dz * dz);
+    out.nx[i] = x * unit;
+    out.ny[i] = y * unit;
+    out.nz[i] = z * unit;
     const double mu0 = (x * sx + y * sy + z * sz) * unit;
-    out.mu0[i] = mu0, out.incident[i] = mu0;
+    out.mu0[i] = mu0;
+    out.incident[i] = mu0;
     out.mu[i] = along * unit * back;
   }
   unsigned some = 0;
@@ -56,7 +65,9 @@ void RadiancesOf(const BrdfTerms& terms, double irradiance, const Shading& shadi
 
 // `mu`: of emission, not below 0.
 void Cosines(const Rays& rays, const Shading& shading, const Vec3& sun, double* cos_phase, double* mu) {
-  const double sx = sun.x(), sy = sun.y(), sz = sun.z();
+  const double sx = sun.x();
+  const double sy = sun.y();
+  const double sz = sun.z();
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
@@ -120,7 +131,9 @@ void PacketShader::shade(const Facets& facets, const SurfacePoints& points, cons
   for (unsigned away = HWY_DYNAMIC_DISPATCH(ShadeLanes)(facets, points, rays, sun, out); away; away &= away - 1) {
     const int i = std::countr_zero(away);
     const Vec3 normal = points.facet_normal(i).normalized();
-    out.nx[i] = normal.x(), out.ny[i] = normal.y(), out.nz[i] = normal.z();
+    out.nx[i] = normal.x();
+    out.ny[i] = normal.y();
+    out.nz[i] = normal.z();
     out.mu0[i] = out.incident[i] = normal.dot(sun);
     out.mu[i] = -normal.dot(rays.direction(i)) / rays.direction(i).norm();
   }
@@ -133,7 +146,9 @@ void PacketShader::radiances(const SurfacePoints& points, const Shading& shading
   if (const BrdfTerms* terms = brdf_.terms()) {
     HWY_DYNAMIC_DISPATCH(RadiancesOf)(*terms, irradiance_, shading, mapped_ ? albedo : nullptr, lit, out);
   } else {
-    alignas(64) double cos_phase[kPacket], mu[kPacket], mu0_brdf[kPacket];
+    alignas(64) double cos_phase[kPacket];
+    alignas(64) double mu[kPacket];
+    alignas(64) double mu0_brdf[kPacket];
     HWY_DYNAMIC_DISPATCH(Cosines)(rays, shading, request_.sun.direction, cos_phase, mu);
     const bool hapke = request_.reflectance.model == ReflectanceModel::hapke;
     brdf_.times_mu0(shading.incident, mu, cos_phase, mapped_ && hapke ? albedo : nullptr, mu0_brdf);

@@ -36,7 +36,10 @@ constexpr float kRounding = 0x1p-22F;
 // loops over lanes: one number chosen by another becomes vectors, `and` doesn't.
 inline double toward_sun(const SurfacePoints& p, int i, double sx, double sy, double sz) {
   constexpr double kCore2 = dem::kCoreRadius_m * dem::kCoreRadius_m;
-  const double x = p.x[i], y = p.y[i], z = p.z[i], along = x * sx + y * sy + z * sz;
+  const double x = p.x[i];
+  const double y = p.y[i];
+  const double z = p.z[i];
+  const double along = x * sx + y * sy + z * sz;
   const double off_axis2 = x * x + y * y + z * z - along * along, behind2 = along < 0 ? off_axis2 : kCore2;
   const double toward = p.nx[i] * sx + p.ny[i] * sy + p.nz[i] * sz;
   return behind2 < kCore2 ? 0 : toward;
@@ -46,20 +49,37 @@ inline double toward_sun(const SurfacePoints& p, int i, double sx, double sy, do
 // is one.
 void StartRays(const Rays& rays, double radius, double lowest, const Vec3& anchor, RayPacket& packet,
                std::int32_t* toward_moon) {
-  const double radius2 = radius * radius, lowest2 = lowest * lowest, ax = anchor.x(), ay = anchor.y(), az = anchor.z();
+  const double radius2 = radius * radius;
+  const double lowest2 = lowest * lowest;
+  const double ax = anchor.x();
+  const double ay = anchor.y();
+  const double az = anchor.z();
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const double ox = rays.ox[i], oy = rays.oy[i], oz = rays.oz[i], dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
-    const double origin2 = ox * ox + oy * oy + oz * oz, a = dx * dx + dy * dy + dz * dz,
-                 closest = -(ox * dx + oy * dy + oz * dz) / a;
+    const double ox = rays.ox[i];
+    const double oy = rays.oy[i];
+    const double oz = rays.oz[i];
+    const double dx = rays.dx[i];
+    const double dy = rays.dy[i];
+    const double dz = rays.dz[i];
+    const double origin2 = ox * ox + oy * oy + oz * oz;
+    const double a = dx * dx + dy * dy + dz * dz;
+    const double closest = -(ox * dx + oy * dy + oz * dz) / a;
     // From there, not from the origin: of that the square may be too large to tell spheres apart.
-    const double x = ox + closest * dx, y = oy + closest * dy, z = oz + closest * dz, passing2 = x * x + y * y + z * z,
-                 half2 = (radius2 - passing2) / a;
-    const bool inside = origin2 <= radius2, meets = inside || (closest > 0 && half2 >= 0);
+    const double x = ox + closest * dx;
+    const double y = oy + closest * dy;
+    const double z = oz + closest * dz;
+    const double passing2 = x * x + y * y + z * z;
+    const double half2 = (radius2 - passing2) / a;
+    const bool inside = origin2 <= radius2;
+    const bool meets = inside || (closest > 0 && half2 >= 0);
     const double t = inside || !meets ? 0 : closest - std::sqrt(half2 > 0 ? half2 : 0);
-    packet.ox[i] = static_cast<float>(ox + t * dx - ax), packet.oy[i] = static_cast<float>(oy + t * dy - ay),
+    packet.ox[i] = static_cast<float>(ox + t * dx - ax);
+    packet.oy[i] = static_cast<float>(oy + t * dy - ay);
     packet.oz[i] = static_cast<float>(oz + t * dz - az);
-    packet.dx[i] = static_cast<float>(dx), packet.dy[i] = static_cast<float>(dy), packet.dz[i] = static_cast<float>(dz);
+    packet.dx[i] = static_cast<float>(dx);
+    packet.dy[i] = static_cast<float>(dy);
+    packet.dz[i] = static_cast<float>(dz);
     packet.active[i] = meets ? -1 : 0;
     toward_moon[i] = meets_sphere(lowest2, origin2, passing2, closest > 0) ? 1 : 0;
   }
@@ -72,19 +92,36 @@ void StartRays(const Rays& rays, double radius, double lowest, const Vec3& ancho
 // may be in the ground, as its rounded start is.
 void StartShadowRays(const SurfacePoints& p, const Vec3& anchor, const Vec3& sun, RayPacket& packet, float* rounding_m,
                      float* way_m) {
-  const double ax = anchor.x(), ay = anchor.y(), az = anchor.z(), sx = sun.x(), sy = sun.y(), sz = sun.z();
+  const double ax = anchor.x();
+  const double ay = anchor.y();
+  const double az = anchor.z();
+  const double sx = sun.x();
+  const double sy = sun.y();
+  const double sz = sun.z();
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const double x = p.x[i], y = p.y[i], z = p.z[i], nx = p.nx[i], ny = p.ny[i], nz = p.nz[i];
-    const double area = std::sqrt(nx * nx + ny * ny + nz * nz), facing = nx * sx + ny * sy + nz * sz;
+    const double x = p.x[i];
+    const double y = p.y[i];
+    const double z = p.z[i];
+    const double nx = p.nx[i];
+    const double ny = p.ny[i];
+    const double nz = p.nz[i];
+    const double area = std::sqrt(nx * nx + ny * ny + nz * nz);
+    const double facing = nx * sx + ny * sy + nz * sz;
     const double steepness = facing / area;
     // Next to the anchor the triangle's vertices are farther from it than the point.
-    const double rx = x - ax, ry = y - ay, rz = z - az,
-                 size = std::abs(rx) + std::abs(ry) + std::abs(rz) + 4 * std::sqrt(area),
-                 rounding = size * static_cast<double>(kRounding);
+    const double rx = x - ax;
+    const double ry = y - ay;
+    const double rz = z - az;
+    const double size = std::abs(rx) + std::abs(ry) + std::abs(rz) + 4 * std::sqrt(area);
+    const double rounding = size * static_cast<double>(kRounding);
     rounding_m[i] = static_cast<float>(rounding);
-    packet.ox[i] = static_cast<float>(rx), packet.oy[i] = static_cast<float>(ry), packet.oz[i] = static_cast<float>(rz);
-    packet.dx[i] = static_cast<float>(sx), packet.dy[i] = static_cast<float>(sy), packet.dz[i] = static_cast<float>(sz);
+    packet.ox[i] = static_cast<float>(rx);
+    packet.oy[i] = static_cast<float>(ry);
+    packet.oz[i] = static_cast<float>(rz);
+    packet.dx[i] = static_cast<float>(sx);
+    packet.dy[i] = static_cast<float>(sy);
+    packet.dz[i] = static_cast<float>(sz);
     packet.near[i] = static_cast<float>(rounding / (steepness > 1.0 / 64 ? steepness : 1.0 / 64));
     const double ex = rx - static_cast<double>(packet.ox[i]), ey = ry - static_cast<double>(packet.oy[i]),
                  ez = rz - static_cast<double>(packet.oz[i]), beneath = (nx * ex + ny * ey + nz * ez) / area,
@@ -96,7 +133,9 @@ void StartShadowRays(const SurfacePoints& p, const Vec3& anchor, const Vec3& sun
 
 // Per lane: 1 where the point's facet faces the Sun and the solid inside of the Moon doesn't stand between.
 void FaceTheSun(const SurfacePoints& p, const Vec3& sun, std::int32_t* facing) {
-  const double sx = sun.x(), sy = sun.y(), sz = sun.z();
+  const double sx = sun.x();
+  const double sy = sun.y();
+  const double sz = sun.z();
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) facing[i] = toward_sun(p, i, sx, sy, sz) > 0 ? 1 : 0;
 }
@@ -130,8 +169,9 @@ void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, S
       const Vec3 d = rays.direction(i).normalized(), across = any_across(d);
       const Vec3 shift =
           static_cast<double>(farthest) * 0x1p-21 * (k < 2 ? across : d.cross(across)) * (k % 2 ? -1 : 1);
-      aside.ox[i] += static_cast<float>(shift.x()), aside.oy[i] += static_cast<float>(shift.y()),
-          aside.oz[i] += static_cast<float>(shift.z());
+      aside.ox[i] += static_cast<float>(shift.x());
+      aside.oy[i] += static_cast<float>(shift.y());
+      aside.oz[i] += static_cast<float>(shift.z());
     }
     if (!any) break;
     SurfacePoints again;
@@ -141,11 +181,18 @@ void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, S
     for (int i = 0; i < kPacket; ++i) {
       if (!aside.active[i] || !again.hit[i]) continue;
       found = true;
-      points.x[i] = again.x[i], points.y[i] = again.y[i], points.z[i] = again.z[i],
+      points.x[i] = again.x[i];
+      points.y[i] = again.y[i];
+      points.z[i] = again.z[i];
       points.distance[i] = again.distance[i];
-      points.v[i] = again.v[i], points.w[i] = again.w[i], points.nx[i] = again.nx[i], points.ny[i] = again.ny[i],
+      points.v[i] = again.v[i];
+      points.w[i] = again.w[i];
+      points.nx[i] = again.nx[i];
+      points.ny[i] = again.ny[i];
       points.nz[i] = again.nz[i];
-      points.triangle[i] = again.triangle[i], points.hit[i] = true, points.toward_moon[i] = false;
+      points.triangle[i] = again.triangle[i];
+      points.hit[i] = true;
+      points.toward_moon[i] = false;
     }
   }
   if (found) gather(scene.mesh, points.triangle, facets);
@@ -168,7 +215,8 @@ void trace(const Scene& scene, const Rays& rays, SurfacePoints& points, Facets& 
   }
   int hits = 0, misses = 0, active = 0;
   for (int i = 0; i < kPacket; ++i) {
-    active += packet.active[i] != 0, hits += points.hit[i];
+    active += packet.active[i] != 0;
+    hits += points.hit[i];
     if (!rays.valid[i] || points.hit[i]) continue;
     points.toward_moon[i] = toward_moon[i] != 0;
     misses += points.toward_moon[i];
@@ -194,7 +242,8 @@ void facing_sun(const SurfacePoints& points, const Vec3& sun, std::int32_t* faci
 
 void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun, float* lit) {
   RayPacket packet;
-  alignas(64) float rounding_m[kPacket], way_m[kPacket];
+  alignas(64) float rounding_m[kPacket];
+  alignas(64) float way_m[kPacket];
   HWY_DYNAMIC_DISPATCH(StartShadowRays)(points, scene.anchor, sun, packet, rounding_m, way_m);
   bool any = false;
   float largest_m = 0;

@@ -66,7 +66,8 @@ class RayPass {
   template <typename Stages>
   void for_samples(const std::vector<SubpixelSample>& samples, const Stages& stages) {
     const Camera& camera = job_.request.camera;
-    const int across = (camera.width + kTile - 1) / kTile, along = (camera.height + kTile - 1) / kTile;
+    const int across = (camera.width + kTile - 1) / kTile;
+    const int along = (camera.height + kTile - 1) / kTile;
     in_parallel_pieces(static_cast<std::size_t>(across * along), 1, [&](std::size_t first, std::size_t past_last) {
       Task task{{}, shader_.sampler(job_.stop)};
       unsigned packets = 0;

@@ -24,7 +24,9 @@ namespace selenograph::engine {
 // none: not a number.
 struct HorizonRow {
   static constexpr int kBefore = 16, kMost = 112;
-  alignas(64) float u[kMost], v[kMost], d[kMost];
+  alignas(64) float u[kMost];
+  alignas(64) float v[kMost];
+  alignas(64) float d[kMost];
 };
 
 // Of its length, how far an edge is from a sample at least that sees it. Float knows the ends of an edge to kUnsure of
@@ -114,7 +116,10 @@ std::size_t FindEdges(const HorizonRow& south, const HorizonRow& here, const Hor
       const ToFront to_front(which);
       for (int k = 0; k < 6; ++k) hn::Store(to_front(from[k]), f, ends[k]);
       for (std::size_t i = 0; i < found; ++i, ++n)
-        for (int k = 0; k < 3; ++k) out[n].from[k] = ends[k][i], out[n].to[k] = ends[3 + k][i];
+        for (int k = 0; k < 3; ++k) {
+          out[n].from[k] = ends[k][i];
+          out[n].to[k] = ends[3 + k][i];
+        }
     };
     put(edges(upper, bd, in_diagonal), b, nw);
     put(edges(west, aw, in_west), a, nw);
@@ -127,8 +132,12 @@ std::size_t FindEdges(const HorizonRow& south, const HorizonRow& here, const Hor
 HWY_INLINE void raise(const float* p, const float* q, const DiscReach& reach, HorizonGroup& group) {
   const int lanes = static_cast<int>(hn::Lanes(f));
   const VF zero = hn::Zero(f);
-  const float du = q[0] - p[0], dv = q[1] - p[1], dd = q[2] - p[2], length = std::sqrt(du * du + (dv * dv + dd * dd)),
-              nearest = kNearest * length, near = kNear * length;
+  const float du = q[0] - p[0];
+  const float dv = q[1] - p[1];
+  const float dd = q[2] - p[2];
+  const float length = std::sqrt(du * du + (dv * dv + dd * dd));
+  const float nearest = kNearest * length;
+  const float near = kNear * length;
   for (int i = 0; i < HorizonGroup::kSize; i += lanes) {
     const VF u = hn::Load(f, group.u + i), v = hn::Load(f, group.v + i), d = hn::Load(f, group.d + i);
     const VF d1 = hn::Sub(all(p[2]), d), d2 = hn::Sub(all(q[2]), d), u1 = hn::Sub(all(p[0]), u),
@@ -170,14 +179,16 @@ void RaiseAll(const Horizons::Edge& edge, const double* origin, const DiscReach&
     float p[3], q[3];
     for (int k = 0; k < 3; ++k) {
       const auto shift = static_cast<float>(origin[k] - group.origin[k]);
-      p[k] = edge.from[k] + shift, q[k] = edge.to[k] + shift;
+      p[k] = edge.from[k] + shift;
+      q[k] = edge.to[k] + shift;
     }
     raise(p, q, reach, group);
   }
 }
 
 void BeforeDisc(const HorizonGroup& group, const DiscReach& reach, float (*out)[HorizonGroup::kSize]) {
-  const float per_radius = 1 / reach.radius, top = (reach.aim + reach.above) * per_radius;
+  const float per_radius = 1 / reach.radius;
+  const float top = (reach.aim + reach.above) * per_radius;
   for (int j = 0; j < DiscLight::kColumns; ++j) {
     SELENOGRAPH_INDEPENDENT_LANES
     for (int i = 0; i < HorizonGroup::kSize; ++i) out[j][i] = (group.horizon[j][i] + reach.aim) * per_radius;
@@ -209,14 +220,18 @@ HWY_EXPORT(BeforeDisc);
 
 void Horizons::begin(const DiscLight& disc, double aim, const Axes& axes, const LightBand& band, std::size_t count,
                      Rest rest) {
-  axes_ = axes, band_ = &band, count_ = count, rest_ = std::move(rest);
+  axes_ = axes;
+  band_ = &band;
+  count_ = count;
+  rest_ = std::move(rest);
   const double radius = disc.radius();
   reach_.aside = 0;
   for (int j = 0; j < DiscLight::kColumns; ++j) {
     reach_.columns[j] = static_cast<float>(radius) * disc.column(j);
     reach_.aside = std::max(reach_.aside, std::abs(reach_.columns[j]));
   }
-  reach_.below = static_cast<float>(radius * (aim + 1)), reach_.aim = static_cast<float>(radius * aim);
+  reach_.below = static_cast<float>(radius * (aim + 1));
+  reach_.aim = static_cast<float>(radius * aim);
   reach_.above = static_cast<float>(radius * kAbove);
   reach_.radius = static_cast<float>(radius);
   lowest_ = *std::min_element(band.least.begin(), band.least.end());
@@ -238,12 +253,15 @@ bool Horizons::look_below(const LightBox& b, float lowest, Window& out) const {
   for (int k = 0; k < 2; ++k) {
     const float height = b.d_high - out.lowest;
     if (!(height > 0)) return false;
-    const float aside = reach_.aside * height + band.margin_m, below = reach_.below * height + band.margin_m,
-                above = reach_.above * height + band.margin_m;
+    const float aside = reach_.aside * height + band.margin_m;
+    const float below = reach_.below * height + band.margin_m;
+    const float above = reach_.above * height + band.margin_m;
     if (b.v_high + aside < band.v0 || b.v_low - aside > band.v_end()) return false;
     if (b.u_high + above < band.u0 || b.u_low - below > band.u_end()) return false;
-    out.c0 = column(b.u_low - below), out.c1 = column(b.u_high + above);
-    out.r0 = row(b.v_low - aside), out.r1 = row(b.v_high + aside);
+    out.c0 = column(b.u_low - below);
+    out.c1 = column(b.u_high + above);
+    out.r0 = row(b.v_low - aside);
+    out.r1 = row(b.v_high + aside);
     out.lowest = std::numeric_limits<float>::infinity();
     for (int r = out.r0; r <= out.r1; ++r)
       for (int q = out.c0 / LightBand::kCoarse; q <= out.c1 / LightBand::kCoarse; ++q)
@@ -257,7 +275,8 @@ std::int32_t Horizons::slot_of(std::size_t group) {
   slots_[group] = static_cast<std::int32_t>(used_);
   if (used_ == groups_.size()) groups_.resize(std::max<std::size_t>(64, 2 * used_));
   HorizonGroup& out = groups_[used_++];
-  const std::size_t first = group * HorizonGroup::kSize, past = std::min(count_, first + HorizonGroup::kSize);
+  const std::size_t first = group * HorizonGroup::kSize;
+  const std::size_t past = std::min(count_, first + HorizonGroup::kSize);
   constexpr float kInfinite = std::numeric_limits<float>::infinity();
   // One of the samples: differences between neighbours' coordinates are exact.
   float middle[3] = {band_->u[first], band_->v[first], 0};
@@ -288,8 +307,8 @@ void Horizons::test(const Edge& edge, const double* origin, float lowest) {
   std::size_t done = 0;  // groups before this one were looked at in the row before
   for (int r = window.r0; r <= window.r1; ++r) {
     const std::size_t row = static_cast<std::size_t>(r) * static_cast<std::size_t>(band_->columns);
-    const std::size_t first = band_->start[row + static_cast<std::size_t>(window.c0)],
-                      past = band_->start[row + static_cast<std::size_t>(window.c1) + 1];
+    const std::size_t first = band_->start[row + static_cast<std::size_t>(window.c0)];
+    const std::size_t past = band_->start[row + static_cast<std::size_t>(window.c1) + 1];
     if (first == past) continue;
     for (std::size_t g = std::max(first / HorizonGroup::kSize, done); g * HorizonGroup::kSize < past; ++g) {
       done = g + 1;
@@ -326,7 +345,8 @@ void Horizons::add(const RasterMesh& mesh, const Strip& strip, const LightBox& b
       local.set(c, {axes_.u.dot(vertex), axes_.v.dot(vertex), axes_.d.dot(vertex)});
     };
     if (block.collapses) {
-      put(0), put(quads);
+      put(0);
+      put(quads);
       if (r == 0 || r == quads)
         for (int c = 1; c < quads; ++c) put(c);
     }
@@ -337,9 +357,11 @@ void Horizons::add(const RasterMesh& mesh, const Strip& strip, const LightBox& b
 
   const float aside = reach_.aside * (bounds.d_high - window.lowest) + 2 * band_->margin_m;
   const auto shift = static_cast<float>(origin[1]);
-  const float v_low = band_->v0 - aside - shift, v_high = band_->v_end() + aside - shift;
+  const float v_low = band_->v0 - aside - shift;
+  const float v_high = band_->v_end() + aside - shift;
   edges_.resize(kMostEdges);
-  place(strip.first_row - 1, rows[(strip.first_row + 2) % 3]), place(strip.first_row, rows[strip.first_row % 3]);
+  place(strip.first_row - 1, rows[(strip.first_row + 2) % 3]);
+  place(strip.first_row, rows[strip.first_row % 3]);
   // The row above the last has the edges of the block's northern border.
   const int last = strip.first_row + strip.rows == quads ? quads : strip.first_row + strip.rows - 1;
   for (int r = strip.first_row; r <= last; ++r) {

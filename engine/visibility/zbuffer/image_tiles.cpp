@@ -38,13 +38,20 @@ Corner corner_of(const Strip& s, int corner, const TileView& view) {
 
 // Whether a strip's box lies beyond one side of the tile, wherever the eye is.
 bool beside(const Strip& s, const TileView& t) {
-  int left = 0, right = 0, above = 0, below = 0;
-  const float before_x = -1 - t.slack[0], past_x = static_cast<float>(t.width) + t.slack[0], before_y = -1 - t.slack[1],
-              past_y = static_cast<float>(t.height) + t.slack[1];
+  int left = 0;
+  int right = 0;
+  int above = 0;
+  int below = 0;
+  const float before_x = -1 - t.slack[0];
+  const float past_x = static_cast<float>(t.width) + t.slack[0];
+  const float before_y = -1 - t.slack[1];
+  const float past_y = static_cast<float>(t.height) + t.slack[1];
   for (int corner = 0; corner < 8; ++corner) {
     const auto [x, y, z] = corner_of(s, corner, t);
-    left += x < before_x * z ? 1 : 0, right += x > past_x * z ? 1 : 0;
-    above += y < before_y * z ? 1 : 0, below += y > past_y * z ? 1 : 0;
+    left += x < before_x * z ? 1 : 0;
+    right += x > past_x * z ? 1 : 0;
+    above += y < before_y * z ? 1 : 0;
+    below += y > past_y * z ? 1 : 0;
   }
   return left == 8 || right == 8 || above == 8 || below == 8;
 }
@@ -80,8 +87,11 @@ TileView ImageTiling::tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d&
     for (int i = 0; i < 3; ++i) t.row[k][i] = static_cast<float>(rows[k][i]);
   }
   for (int k = 0; k < 3; ++k) t.offset[k] = static_cast<float>(rows[k].dot(pivot - eye));
-  t.near0 = far ? 0.F : 1.F, t.near1 = far ? 1.F : 0.F;
-  t.width = width, t.height = height, t.least_depth = kNear_m;
+  t.near0 = far ? 0.F : 1.F;
+  t.near1 = far ? 1.F : 0.F;
+  t.width = width;
+  t.height = height;
+  t.least_depth = kNear_m;
   return t;
 }
 
@@ -97,15 +107,22 @@ TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, Ti
            static_cast<std::size_t>(tile.x0 + x);
   };
   // The valid pixel nearest to the middle.
-  int best_x = -1, best_y = -1, least = std::numeric_limits<int>::max();
+  int best_x = -1;
+  int best_y = -1;
+  int least = std::numeric_limits<int>::max();
   for (int y = 0; y < tile.height; ++y)
     for (int x = 0; x < tile.width; ++x) {
       const int from_middle = std::abs(2 * x - tile.width) + std::abs(2 * y - tile.height);
-      if (from_middle < least && !std::isnan(rays.x[at(x, y)])) best_x = x, best_y = y, least = from_middle;
+      if (from_middle < least && !std::isnan(rays.x[at(x, y)])) {
+        best_x = x;
+        best_y = y;
+        least = from_middle;
+      }
     }
   const std::size_t n = static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height);
   constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
-  buffer.sample_x.assign(n + kTilePadding, kNone), buffer.sample_y.assign(n + kTilePadding, kNone);
+  buffer.sample_x.assign(n + kTilePadding, kNone);
+  buffer.sample_y.assign(n + kTilePadding, kNone);
   if (best_x < 0) return tile_view(Eigen::Matrix2d::Zero(), {0, 0}, 0, 0);
   const Eigen::Vector2d middle(rays.x[at(best_x, best_y)], rays.y[at(best_x, best_y)]);
   const Eigen::Matrix2d a =
@@ -118,11 +135,13 @@ TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, Ti
       if (std::isnan(p.x())) continue;
       const std::size_t k =
           static_cast<std::size_t>(y) * static_cast<std::size_t>(tile.width) + static_cast<std::size_t>(x);
-      buffer.sample_x[k] = static_cast<float>(p.x()), buffer.sample_y[k] = static_cast<float>(p.y());
+      buffer.sample_x[k] = static_cast<float>(p.x());
+      buffer.sample_y[k] = static_cast<float>(p.y());
       view.slack[0] = std::max(view.slack[0], std::abs(buffer.sample_x[k] - static_cast<float>(x)));
       view.slack[1] = std::max(view.slack[1], std::abs(buffer.sample_y[k] - static_cast<float>(y)));
     }
-  view.sample_x = buffer.sample_x.data(), view.sample_y = buffer.sample_y.data();
+  view.sample_x = buffer.sample_x.data();
+  view.sample_y = buffer.sample_y.data();
   return view;
 }
 
@@ -137,24 +156,34 @@ StripBox ImageTiling::box_of(const Strip& s, const TileView& whole) const {
       continue;
     }
     const float px[2] = {c.x / c.z, c.y / c.z};
-    for (int k = 0; k < 2; ++k) box.low[k] = std::min(box.low[k], px[k]), box.high[k] = std::max(box.high[k], px[k]);
+    for (int k = 0; k < 2; ++k) {
+      box.low[k] = std::min(box.low[k], px[k]);
+      box.high[k] = std::max(box.high[k], px[k]);
+    }
   }
   if (behind == 8) return box;
   // Tiles have pixels of their own, up to an image's size away from the image's.
   const float most = 0.9F * kGuardBand_px - static_cast<float>(std::max(camera_.width, camera_.height));
   box.leaves_guard_band = behind > 0 || std::max({-box.low[0], -box.low[1], box.high[0], box.high[1]}) > most;
   for (int k = 0; k < 2; ++k) {
-    if (behind > 0) box.low[k] = -kAnywhere, box.high[k] = kAnywhere;
-    box.low[k] -= kSlack_px, box.high[k] += kSlack_px;
+    if (behind > 0) {
+      box.low[k] = -kAnywhere;
+      box.high[k] = kAnywhere;
+    }
+    box.low[k] -= kSlack_px;
+    box.high[k] += kSlack_px;
   }
   return box;
 }
 
 void ImageTiling::bound(ImageTile& tile, const PixelRays& rays) const {
-  tile.low[0] = static_cast<float>(tile.x0), tile.high[0] = static_cast<float>(tile.x0 + tile.width - 1);
-  tile.low[1] = static_cast<float>(tile.y0), tile.high[1] = static_cast<float>(tile.y0 + tile.height - 1);
+  tile.low[0] = static_cast<float>(tile.x0);
+  tile.high[0] = static_cast<float>(tile.x0 + tile.width - 1);
+  tile.low[1] = static_cast<float>(tile.y0);
+  tile.high[1] = static_cast<float>(tile.y0 + tile.height - 1);
   if (!bends_) return;
-  tile.low[0] = tile.low[1] = std::numeric_limits<float>::infinity(), tile.high[0] = tile.high[1] = -tile.low[0];
+  tile.low[0] = tile.low[1] = std::numeric_limits<float>::infinity();
+  tile.high[0] = tile.high[1] = -tile.low[0];
   for (int y = tile.y0; y < tile.y0 + tile.height; ++y)
     for (int x = tile.x0; x < tile.x0 + tile.width; ++x) {
       const std::size_t at =
@@ -162,8 +191,10 @@ void ImageTiling::bound(ImageTile& tile, const PixelRays& rays) const {
       if (std::isnan(rays.x[at])) continue;
       const float p[2] = {static_cast<float>(rays.x[at] * camera_.fx + camera_.cx),
                           static_cast<float>(rays.y[at] * camera_.fy + camera_.cy)};
-      for (int k = 0; k < 2; ++k)
-        tile.low[k] = std::min(tile.low[k], p[k]), tile.high[k] = std::max(tile.high[k], p[k]);
+      for (int k = 0; k < 2; ++k) {
+        tile.low[k] = std::min(tile.low[k], p[k]);
+        tile.high[k] = std::max(tile.high[k], p[k]);
+      }
     }
 }
 
@@ -171,7 +202,8 @@ void ImageTiling::lay(double dx, double dy, const PixelRays& rays, std::vector<S
                       std::vector<ImageTile>& tiles) const {
   const int width = camera_.width, height = camera_.height;
   const int tile_width = bends_ ? kLensTileSide : kTileWidth, tile_height = bends_ ? kLensTileSide : kTileHeight;
-  const int across = (width + tile_width - 1) / tile_width, along = (height + tile_height - 1) / tile_height;
+  const int across = (width + tile_width - 1) / tile_width;
+  const int along = (height + tile_height - 1) / tile_height;
   const TileView whole = undistorted_view(dx, dy, width, height);
   boxes.resize(mesh_.strips().size());
   in_parallel_pieces(boxes.size(), 256, [&](std::size_t first, std::size_t past_last) {
@@ -181,14 +213,18 @@ void ImageTiling::lay(double dx, double dy, const PixelRays& rays, std::vector<S
   in_parallel(static_cast<std::size_t>(along), [&](std::size_t row) {
     const auto row_tiles =
         std::span(tiles).subspan(row * static_cast<std::size_t>(across), static_cast<std::size_t>(across));
-    float low = std::numeric_limits<float>::infinity(), high_end = -low;
+    float low = std::numeric_limits<float>::infinity();
+    float high_end = -low;
     for (std::size_t column = 0; column < row_tiles.size(); ++column) {
       ImageTile& tile = row_tiles[column];
-      tile.x0 = static_cast<int>(column) * tile_width, tile.y0 = static_cast<int>(row) * tile_height;
-      tile.width = std::min(tile_width, width - tile.x0), tile.height = std::min(tile_height, height - tile.y0);
+      tile.x0 = static_cast<int>(column) * tile_width;
+      tile.y0 = static_cast<int>(row) * tile_height;
+      tile.width = std::min(tile_width, width - tile.x0);
+      tile.height = std::min(tile_height, height - tile.y0);
       tile.strips.clear();
       bound(tile, rays);
-      low = std::min(low, tile.low[1]), high_end = std::max(high_end, tile.high[1]);
+      low = std::min(low, tile.low[1]);
+      high_end = std::max(high_end, tile.high[1]);
     }
     for (std::size_t i = 0; i < boxes.size(); ++i) {
       const StripBox& b = boxes[i];

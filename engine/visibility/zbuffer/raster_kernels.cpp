@@ -80,13 +80,28 @@ HWY_INLINE Triangles set_up(bool upper, VF ax, VF ay, VF a, VF bx, VF by, VF b, 
   Triangles t;
   // lower: a -> b, a -> c, b -> c; upper: c -> a, b -> a, b -> c.
   if (!upper) {
-    t.ox[0] = ax, t.oy[0] = ay, t.ex[0] = hn::Sub(bx, ax), t.ey[0] = hn::Sub(by, ay);
-    t.ox[1] = ax, t.oy[1] = ay, t.ex[1] = hn::Sub(cx, ax), t.ey[1] = hn::Sub(cy, ay);
+    t.ox[0] = ax;
+    t.oy[0] = ay;
+    t.ex[0] = hn::Sub(bx, ax);
+    t.ey[0] = hn::Sub(by, ay);
+    t.ox[1] = ax;
+    t.oy[1] = ay;
+    t.ex[1] = hn::Sub(cx, ax);
+    t.ey[1] = hn::Sub(cy, ay);
   } else {
-    t.ox[0] = cx, t.oy[0] = cy, t.ex[0] = hn::Sub(ax, cx), t.ey[0] = hn::Sub(ay, cy);
-    t.ox[1] = bx, t.oy[1] = by, t.ex[1] = hn::Sub(ax, bx), t.ey[1] = hn::Sub(ay, by);
+    t.ox[0] = cx;
+    t.oy[0] = cy;
+    t.ex[0] = hn::Sub(ax, cx);
+    t.ey[0] = hn::Sub(ay, cy);
+    t.ox[1] = bx;
+    t.oy[1] = by;
+    t.ex[1] = hn::Sub(ax, bx);
+    t.ey[1] = hn::Sub(ay, by);
   }
-  t.ox[2] = bx, t.oy[2] = by, t.ex[2] = hn::Sub(cx, bx), t.ey[2] = hn::Sub(cy, by);
+  t.ox[2] = bx;
+  t.oy[2] = by;
+  t.ex[2] = hn::Sub(cx, bx);
+  t.ey[2] = hn::Sub(cy, by);
   area = area_of(upper, ax, ay, bx, by, cx, cy);
   // Differences from the corner where the first two edges meet.
   const VF d1 = upper ? hn::Sub(c, a) : hn::Sub(b, a), d2 = upper ? hn::Sub(b, a) : hn::Sub(c, a);
@@ -95,7 +110,9 @@ HWY_INLINE Triangles set_up(bool upper, VF ax, VF ay, VF a, VF bx, VF by, VF b, 
   const VF scale = hn::Div(all(1.F), area);
   t.gx = hn::Mul(hn::Sub(hn::Mul(d1, y2), hn::Mul(d2, y1)), scale);
   t.gy = hn::Mul(hn::Sub(hn::Mul(d2, x1), hn::Mul(d1, x2)), scale);
-  t.px = ax, t.py = ay, t.p = a;
+  t.px = ax;
+  t.py = ay;
+  t.p = a;
   // Which side is inside, seen from outside counter-clockwise: left of the first edge of the lower half, right of the
   // second, left of the third; the other way round for the upper one.
   return t;
@@ -126,22 +143,35 @@ HWY_INLINE VF value(const Triangles& t, VF x, VF y) {
 // A vector of triangles, and one of them, broadcast: its plane is fetched where it is needed.
 HWY_INLINE void store(const Triangles& t, float* out, std::size_t lanes) {
   for (int k = 0; k < 3; ++k) {
-    hn::StoreU(t.ox[k], f, out + (4 * k + 0) * lanes), hn::StoreU(t.oy[k], f, out + (4 * k + 1) * lanes);
-    hn::StoreU(t.ex[k], f, out + (4 * k + 2) * lanes), hn::StoreU(t.ey[k], f, out + (4 * k + 3) * lanes);
+    hn::StoreU(t.ox[k], f, out + (4 * k + 0) * lanes);
+    hn::StoreU(t.oy[k], f, out + (4 * k + 1) * lanes);
+    hn::StoreU(t.ex[k], f, out + (4 * k + 2) * lanes);
+    hn::StoreU(t.ey[k], f, out + (4 * k + 3) * lanes);
   }
-  hn::StoreU(t.px, f, out + 12 * lanes), hn::StoreU(t.py, f, out + 13 * lanes), hn::StoreU(t.p, f, out + 14 * lanes);
-  hn::StoreU(t.gx, f, out + 15 * lanes), hn::StoreU(t.gy, f, out + 16 * lanes);
+  hn::StoreU(t.px, f, out + 12 * lanes);
+  hn::StoreU(t.py, f, out + 13 * lanes);
+  hn::StoreU(t.p, f, out + 14 * lanes);
+  hn::StoreU(t.gx, f, out + 15 * lanes);
+  hn::StoreU(t.gy, f, out + 16 * lanes);
 }
 struct Stored {
   const float* in;
   std::size_t lanes, lane;
   HWY_INLINE VF at(int k) const { return all(in[static_cast<std::size_t>(k) * lanes + lane]); }
   HWY_INLINE void edges(Triangles& t) const {
-    for (int k = 0; k < 3; ++k)
-      t.ox[k] = at(4 * k), t.oy[k] = at(4 * k + 1), t.ex[k] = at(4 * k + 2), t.ey[k] = at(4 * k + 3);
+    for (int k = 0; k < 3; ++k) {
+      t.ox[k] = at(4 * k);
+      t.oy[k] = at(4 * k + 1);
+      t.ex[k] = at(4 * k + 2);
+      t.ey[k] = at(4 * k + 3);
+    }
   }
   HWY_INLINE void plane(Triangles& t) const {
-    t.px = at(12), t.py = at(13), t.p = at(14), t.gx = at(15), t.gy = at(16);
+    t.px = at(12);
+    t.py = at(13);
+    t.p = at(14);
+    t.gx = at(15);
+    t.gy = at(16);
   }
 };
 
@@ -192,7 +222,8 @@ HWY_INLINE MF precede(VI id, VI drawn) {
 HWY_NOINLINE void fill(const Stored& one, int x0, int x1, int y0, int y1, std::uint32_t id, const TileView& view,
                        TileBuffer& out) {
   Triangles t;
-  one.edges(t), one.plane(t);
+  one.edges(t);
+  one.plane(t);
   const int width = view.width;
   const int lanes = static_cast<int>(hn::Lanes(f));
   const VF ramp = hn::Iota(f, 0.F);
@@ -224,7 +255,8 @@ template <bool kSamples>
 HWY_INLINE void walk(const Triangles& t, MF active, VF x0, VF x1, VF y0, VF y1, VI ids, const TileView& view,
                      TileBuffer& out) {
   VF x = x0, y = y0;
-  alignas(64) std::int32_t at[16] = {}, id[16] = {};
+  alignas(64) std::int32_t at[16] = {};
+  alignas(64) std::int32_t id[16] = {};
   alignas(64) float w[16] = {};
   const VF one = all(1.F), columns = all(static_cast<float>(view.width));
   while (!hn::AllFalse(f, active)) {
@@ -232,20 +264,23 @@ HWY_INLINE void walk(const Triangles& t, MF active, VF x0, VF x1, VF y0, VF y1, 
     VF sx = x, sy = y;
     if constexpr (kSamples) {
       const VI at_sample = place();
-      sx = hn::GatherIndex(f, view.sample_x, at_sample), sy = hn::GatherIndex(f, view.sample_y, at_sample);
+      sx = hn::GatherIndex(f, view.sample_x, at_sample);
+      sy = hn::GatherIndex(f, view.sample_y, at_sample);
     }
     const MF hit = hn::And(active, inside(t, sx, sy));
     if (!hn::AllFalse(f, hit)) {
       const ToFront to_front(hit);
-      hn::Store(to_front(place()), i32, at), hn::Store(to_front(ids), i32, id);
+      hn::Store(to_front(place()), i32, at);
+      hn::Store(to_front(ids), i32, id);
       hn::Store(to_front(value(t, sx, sy)), f, w);
       const std::size_t n = hn::CountTrue(f, hit);
       for (std::size_t k = 0; k < n; ++k) {
         const auto p = static_cast<std::size_t>(at[k]);
         const auto name = static_cast<std::uint32_t>(id[k]);
-        if (w[k] > out.nearness[p])
-          out.nearness[p] = w[k], out.triangle[p] = name;
-        else if (HWY_UNLIKELY(w[k] == out.nearness[p]) && precedes(name, out.triangle[p]))
+        if (w[k] > out.nearness[p]) {
+          out.nearness[p] = w[k];
+          out.triangle[p] = name;
+        } else if (HWY_UNLIKELY(w[k] == out.nearness[p]) && precedes(name, out.triangle[p]))
           out.triangle[p] = name;
       }
     }
@@ -279,10 +314,15 @@ HWY_NOINLINE void draw(const VF* x, const VF* y, const VF* w, VI ids, MF valid, 
   const MF large = hn::And(active, hn::Gt(pixels, all(kSmall)));
   if (!hn::AllFalse(f, large)) {
     const std::size_t lanes = hn::Lanes(f);
-    alignas(64) float stored[17 * 16], box[4][16];
-    alignas(64) std::int32_t id[16], mask[16];
+    alignas(64) float stored[17 * 16];
+    alignas(64) float box[4][16];
+    alignas(64) std::int32_t id[16];
+    alignas(64) std::int32_t mask[16];
     store(t, stored, lanes);
-    hn::Store(x0, f, box[0]), hn::Store(x1, f, box[1]), hn::Store(y0, f, box[2]), hn::Store(y1, f, box[3]);
+    hn::Store(x0, f, box[0]);
+    hn::Store(x1, f, box[1]);
+    hn::Store(y0, f, box[2]);
+    hn::Store(y1, f, box[3]);
     hn::Store(ids, i32, id);
     hn::Store(hn::IfThenElse(hn::RebindMask(i32, large), hn::Set(i32, 1), hn::Zero(i32)), i32, mask);
     for (std::size_t k = 0; k < lanes; ++k)
@@ -316,7 +356,11 @@ class Waiting {
     if (hn::AllTrue(f, mask)) return work(more, mask);
     const ToFront to_front(mask);
     const auto append = [&](int k, VF values) { hn::StoreU(to_front(values), f, values_[k] + count_); };
-    for (int k = 0; k < 3; ++k) append(k, more.x[k]), append(3 + k, more.y[k]), append(6 + k, more.w[k]);
+    for (int k = 0; k < 3; ++k) {
+      append(k, more.x[k]);
+      append(3 + k, more.y[k]);
+      append(6 + k, more.w[k]);
+    }
     hn::StoreU(to_front(more.name), i32, names_ + count_);
     count_ += hn::CountTrue(f, mask);
     if (count_ < lanes) return;
@@ -335,9 +379,11 @@ class Waiting {
  private:
   HWY_INLINE Corners corners() const {
     Corners out;
-    for (int k = 0; k < 3; ++k)
-      out.x[k] = hn::Load(f, values_[k]), out.y[k] = hn::Load(f, values_[3 + k]),
+    for (int k = 0; k < 3; ++k) {
+      out.x[k] = hn::Load(f, values_[k]);
+      out.y[k] = hn::Load(f, values_[3 + k]);
       out.w[k] = hn::Load(f, values_[6 + k]);
+    }
     out.name = hn::Load(i32, names_);
     return out;
   }
@@ -357,12 +403,16 @@ struct Quads {
 // From column c on. Whether any of them may have a pixel of the tile.
 HWY_INLINE bool load(const Projected& south, const Projected& north, int c, const TileView& view, Quads& q) {
   const auto corners = [&](const float* a, const float* b, VF* out) {
-    out[0] = hn::Load(f, a + c), out[1] = hn::LoadU(f, a + c + 1);
-    out[2] = hn::Load(f, b + c), out[3] = hn::LoadU(f, b + c + 1);
+    out[0] = hn::Load(f, a + c);
+    out[1] = hn::LoadU(f, a + c + 1);
+    out[2] = hn::Load(f, b + c);
+    out[3] = hn::LoadU(f, b + c + 1);
   };
-  corners(south.x, north.x, q.x), corners(south.y, north.y, q.y);
+  corners(south.x, north.x, q.x);
+  corners(south.y, north.y, q.y);
   const MF diagonal = hn::And(number(q.x[1]), number(q.x[2]));
-  q.lower = hn::And(diagonal, number(q.x[0])), q.upper = hn::And(diagonal, number(q.x[3]));
+  q.lower = hn::And(diagonal, number(q.x[0]));
+  q.upper = hn::And(diagonal, number(q.x[3]));
   // As `draw` has the boxes.
   const auto some = [&](const VF* v, float slack, int last, MF& lower, MF& upper) {
     const VF aside = all(slack), end = all(static_cast<float>(last)), least = hn::Min(v[1], v[2]),
@@ -372,7 +422,8 @@ HWY_INLINE bool load(const Projected& south, const Projected& north, int c, cons
                high = hn::Min(hn::Floor(hn::Add(hn::Max(corner, most), aside)), end);
       return hn::Le(low, high);
     };
-    lower = hn::And(lower, within(v[0])), upper = hn::And(upper, within(v[3]));
+    lower = hn::And(lower, within(v[0]));
+    upper = hn::And(upper, within(v[3]));
   };
   some(q.x, view.slack[0], view.width - 1, q.lower, q.upper);
   some(q.y, view.slack[1], view.height - 1, q.lower, q.upper);
@@ -400,20 +451,30 @@ void DrawStrip(const RasterBlock& b, const Strip& strip, const TileView& view, T
       Waiting::Corners t;
       t.name = hn::Add(hn::Set(i32, static_cast<std::int32_t>(TriangleId(strip.block, r, c, false).packed())),
                        hn::ShiftLeft<1>(hn::Iota(i32, 0)));
-      for (int k = 0; k < 3; ++k) t.x[k] = q.x[k], t.y[k] = q.y[k], t.w[k] = q.w[k];
+      for (int k = 0; k < 3; ++k) {
+        t.x[k] = q.x[k];
+        t.y[k] = q.y[k];
+        t.w[k] = q.w[k];
+      }
       if (!hn::AllFalse(f, q.lower)) lower.add(t, q.lower, draw_lower);
       if (hn::AllFalse(f, q.upper)) continue;
-      t.x[0] = q.x[3], t.y[0] = q.y[3], t.w[0] = q.w[3], t.name = hn::Add(t.name, hn::Set(i32, 1));
+      t.x[0] = q.x[3];
+      t.y[0] = q.y[3];
+      t.w[0] = q.w[3];
+      t.name = hn::Add(t.name, hn::Set(i32, 1));
       upper.add(t, q.upper, draw_upper);
     }
   }
-  lower.finish(draw_lower), upper.finish(draw_upper);
+  lower.finish(draw_lower);
+  upper.finish(draw_upper);
 }
 
 // ---- the Sun -------------------------------------------------------------------------------------------------------
 
 struct Lighted {
-  alignas(64) float u[kMostColumns], v[kMostColumns], d[kMostColumns];
+  alignas(64) float u[kMostColumns];
+  alignas(64) float v[kMostColumns];
+  alignas(64) float d[kMostColumns];
 };
 
 HWY_INLINE void light_row(const RasterBlock& b, int row, const LightAxes& axes, Lighted& out) {
@@ -424,7 +485,9 @@ HWY_INLINE void light_row(const RasterBlock& b, int row, const LightAxes& axes, 
     const auto dot = [&](const float* a) {
       return hn::Add(hn::Mul(all(a[0]), x), hn::Add(hn::Mul(all(a[1]), y), hn::Mul(all(a[2]), z)));
     };
-    hn::Store(dot(axes.u), f, out.u + c), hn::Store(dot(axes.v), f, out.v + c), hn::Store(dot(axes.d), f, out.d + c);
+    hn::Store(dot(axes.u), f, out.u + c);
+    hn::Store(dot(axes.v), f, out.v + c);
+    hn::Store(dot(axes.d), f, out.d + c);
   }
 }
 
@@ -441,8 +504,8 @@ HWY_INLINE void shade(const Stored& one, int c0, int c1, int r0, int r1, LightBa
   const VF dark = all(std::numeric_limits<float>::infinity());
   for (int r = r0; r <= r1; ++r) {
     const std::size_t row = static_cast<std::size_t>(r) * static_cast<std::size_t>(band.columns);
-    const std::size_t first = band.start[row + static_cast<std::size_t>(c0)],
-                      past_last = band.start[row + static_cast<std::size_t>(c1) + 1];
+    const std::size_t first = band.start[row + static_cast<std::size_t>(c0)];
+    const std::size_t past_last = band.start[row + static_cast<std::size_t>(c1) + 1];
     for (std::size_t k = first; k < past_last; k += lanes) {
       const VF u = hn::LoadU(f, band.u.data() + k), v = hn::LoadU(f, band.v.data() + k);
       MF m = inside(t, u, v);
@@ -479,8 +542,13 @@ HWY_NOINLINE void cast(const VF* u, const VF* v, const VF* d, MF active, LightBa
   Triangles t = set_up(upper, u[0], v[0], d[0], u[1], v[1], d[1], u[2], v[2], d[2], area);
   turn(t, upper, hn::Gt(area, hn::Zero(f)));
   const std::size_t lanes = hn::Lanes(f);
-  alignas(64) std::int32_t c0[16], c1[16], r0[16], r1[16], mask[16];
-  alignas(64) float stored[17 * 16], highest[16];
+  alignas(64) std::int32_t c0[16];
+  alignas(64) std::int32_t c1[16];
+  alignas(64) std::int32_t r0[16];
+  alignas(64) std::int32_t r1[16];
+  alignas(64) std::int32_t mask[16];
+  alignas(64) float stored[17 * 16];
+  alignas(64) float highest[16];
   hn::Store(cells(u_low, band.u0, band.per_u, band.columns - 1), i32, c0);
   hn::Store(cells(u_high, band.u0, band.per_u, band.columns - 1), i32, c1);
   hn::Store(cells(v_low, band.v0, band.per_v, band.rows - 1), i32, r0);
@@ -511,13 +579,17 @@ void CastStrip(const RasterBlock& b, const Strip& strip, const LightAxes& axes, 
       Waiting::Corners t;
       t.name = hn::Zero(i32);
       const auto corners = [&](const float* s, const float* n, VF* at) HWY_ATTR {
-        at[0] = hn::Load(f, s + c), at[1] = hn::LoadU(f, s + c + 1), at[2] = hn::Load(f, n + c);
+        at[0] = hn::Load(f, s + c);
+        at[1] = hn::LoadU(f, s + c + 1);
+        at[2] = hn::Load(f, n + c);
       };
-      corners(south.u, north.u, t.x), corners(south.v, north.v, t.y);
+      corners(south.u, north.u, t.x);
+      corners(south.v, north.v, t.y);
       const MF diagonal = hn::And(number(t.x[1]), number(t.x[2]));
       const MF low = casting(t.x, t.y, false, hn::And(diagonal, number(t.x[0])), band);
       const VF south_west_u = t.x[0], south_west_v = t.y[0];
-      t.x[0] = hn::LoadU(f, north.u + c + 1), t.y[0] = hn::LoadU(f, north.v + c + 1);
+      t.x[0] = hn::LoadU(f, north.u + c + 1);
+      t.y[0] = hn::LoadU(f, north.v + c + 1);
       const MF up = casting(t.x, t.y, true, hn::And(diagonal, number(t.x[0])), band);
       if (hn::AllFalse(f, hn::Or(low, up))) continue;
       corners(south.d, north.d, t.w);
@@ -525,17 +597,23 @@ void CastStrip(const RasterBlock& b, const Strip& strip, const LightAxes& axes, 
       t.w[0] = hn::LoadU(f, north.d + c + 1);
       if (!hn::AllFalse(f, up)) upper.add(t, up, cast_upper);
       if (hn::AllFalse(f, low)) continue;
-      t.x[0] = south_west_u, t.y[0] = south_west_v, t.w[0] = south_west_d;
+      t.x[0] = south_west_u;
+      t.y[0] = south_west_v;
+      t.w[0] = south_west_d;
       lower.add(t, low, cast_lower);
     }
   }
-  lower.finish(cast_lower), upper.finish(cast_upper);
+  lower.finish(cast_lower);
+  upper.finish(cast_upper);
 }
 
 // Bounds of the triangles that face away from the Sun, per column of quads.
 struct ColumnBounds {
-  alignas(64) float u_low[kMostColumns], u_high[kMostColumns], v_low[kMostColumns], v_high[kMostColumns],
-      d_high[kMostColumns];
+  alignas(64) float u_low[kMostColumns];
+  alignas(64) float u_high[kMostColumns];
+  alignas(64) float v_low[kMostColumns];
+  alignas(64) float v_high[kMostColumns];
+  alignas(64) float d_high[kMostColumns];
 
   ColumnBounds() {
     constexpr float kInfinite = std::numeric_limits<float>::infinity();
@@ -628,10 +706,15 @@ void RangeOf(const float* x, std::size_t n, float& low, float& high) {
   std::size_t k = 0;
   for (; k + lanes <= n; k += lanes) {
     const VF v = hn::LoadU(f, x + k);
-    least = hn::Min(least, v), most = hn::Max(most, v);
+    least = hn::Min(least, v);
+    most = hn::Max(most, v);
   }
-  low = hn::GetLane(hn::MinOfLanes(f, least)), high = hn::GetLane(hn::MaxOfLanes(f, most));
-  for (; k < n; ++k) low = std::min(low, x[k]), high = std::max(high, x[k]);
+  low = hn::GetLane(hn::MinOfLanes(f, least));
+  high = hn::GetLane(hn::MaxOfLanes(f, most));
+  for (; k < n; ++k) {
+    low = std::min(low, x[k]);
+    high = std::max(high, x[k]);
+  }
 }
 
 void FindLeast(LightBand& band, int c0, int c1, int r0, int r1) {
@@ -639,8 +722,8 @@ void FindLeast(LightBand& band, int c0, int c1, int r0, int r1) {
   for (int r = r0; r <= r1; ++r) {
     const std::uint32_t* start = &band.start[static_cast<std::size_t>(r) * static_cast<std::size_t>(band.columns)];
     for (int q = c0 / LightBand::kCoarse; q <= c1 / LightBand::kCoarse; ++q) {
-      const std::size_t first = start[q * LightBand::kCoarse],
-                        past_last = start[std::min(band.columns, (q + 1) * LightBand::kCoarse)];
+      const std::size_t first = start[q * LightBand::kCoarse];
+      const std::size_t past_last = start[std::min(band.columns, (q + 1) * LightBand::kCoarse)];
       VF least = all(std::numeric_limits<float>::infinity());
       std::size_t k = first;
       for (; k + lanes <= past_last; k += lanes) least = hn::Min(least, hn::LoadU(f, band.d.data() + k));
@@ -660,18 +743,29 @@ void DrawHomogeneous(const HomogeneousTriangle& t, const float* HWY_RESTRICT sx,
   std::fill_n(in, n, 1);
   for (const HomogeneousTriangle::Edge& edge : t.edges) {
     if (edge.in_guard_band) {
-      const float ox = edge.ox, oy = edge.oy, ex = edge.ex, ey = edge.ey, turn = edge.flip ? -1 : 1;
+      const float ox = edge.ox;
+      const float oy = edge.oy;
+      const float ex = edge.ex;
+      const float ey = edge.ey;
+      const float turn = edge.flip ? -1 : 1;
       SELENOGRAPH_INDEPENDENT_LANES
       for (std::size_t i = 0; i < n; ++i) in[i] = turn * (ex * (sy[i] - oy) - ey * (sx[i] - ox)) >= 0 ? in[i] : 0;
     } else {
-      const double x = edge.plane.x, y = edge.plane.y, one = edge.plane.one, turn = edge.flip ? -1 : 1;
+      const double x = edge.plane.x;
+      const double y = edge.plane.y;
+      const double one = edge.plane.one;
+      const double turn = edge.flip ? -1 : 1;
       SELENOGRAPH_INDEPENDENT_LANES
       for (std::size_t i = 0; i < n; ++i)
         in[i] = turn * (x * static_cast<double>(sx[i]) + y * static_cast<double>(sy[i]) + one) >= 0 ? in[i] : 0;
     }
   }
-  const double ix = t.inverse.x, iy = t.inverse.y, i1 = t.inverse.one, near0 = t.near0, near1 = t.near1,
-               offset = t.offset;
+  const double ix = t.inverse.x;
+  const double iy = t.inverse.y;
+  const double i1 = t.inverse.one;
+  const double near0 = t.near0;
+  const double near1 = t.near1;
+  const double offset = t.offset;
   const std::uint32_t name = t.name;
   SELENOGRAPH_INDEPENDENT_LANES
   for (std::size_t i = 0; i < n; ++i) {
@@ -762,7 +856,10 @@ class HomogeneousDrawer {
                                        static_cast<double>(view_.near1),
                                        static_cast<double>(view_.offset[2]),
                                        id.packed()};
-    int x0 = 0, x1 = view_.width - 1, y0 = 0, y1 = view_.height - 1;
+    int x0 = 0;
+    int x1 = view_.width - 1;
+    int y0 = 0;
+    int y1 = view_.height - 1;
     if (a.in_guard_band && b.in_guard_band && c.in_guard_band) {
       const auto [aside, above] = view_.slack;
       x0 = std::max(x0, static_cast<int>(std::ceil(std::min({a.px, b.px, c.px}) - aside)));
@@ -781,8 +878,10 @@ class HomogeneousDrawer {
           static_cast<std::size_t>(y) * static_cast<std::size_t>(view_.width) + static_cast<std::size_t>(x);
       float sx[kMost], sy[kMost];
       if (!view_.sample_x)
-        for (std::size_t i = 0; i < n; ++i)
-          sx[i] = static_cast<float>(x + static_cast<int>(i)), sy[i] = static_cast<float>(y);
+        for (std::size_t i = 0; i < n; ++i) {
+          sx[i] = static_cast<float>(x + static_cast<int>(i));
+          sy[i] = static_cast<float>(y);
+        }
       HWY_DYNAMIC_DISPATCH(DrawHomogeneous)
       (triangle, view_.sample_x ? view_.sample_x + at : sx, view_.sample_y ? view_.sample_y + at : sy, n,
        out_.nearness.data() + at, out_.triangle.data() + at);
@@ -797,11 +896,16 @@ class HomogeneousDrawer {
       return (view_.row[k][0] * x + (view_.row[k][1] * y + view_.row[k][2] * z)) + view_.offset[k];
     };
     Corner out{};
-    const float h[3] = {dot(0), dot(1), dot(2)}, inverse = 1 / h[2];
-    out.x = static_cast<double>(h[0]), out.y = static_cast<double>(h[1]), out.z = static_cast<double>(h[2]);
-    out.px = h[0] * inverse, out.py = h[1] * inverse;
+    const float h[3] = {dot(0), dot(1), dot(2)};
+    const float inverse = 1 / h[2];
+    out.x = static_cast<double>(h[0]);
+    out.y = static_cast<double>(h[1]);
+    out.z = static_cast<double>(h[2]);
+    out.px = h[0] * inverse;
+    out.py = h[1] * inverse;
     out.in_guard_band = engine::in_guard_band(h[2], out.px, out.py, view_.least_depth);
-    const double aside = static_cast<double>(view_.slack[0]), above = static_cast<double>(view_.slack[1]);
+    const double aside = static_cast<double>(view_.slack[0]);
+    const double above = static_cast<double>(view_.slack[1]);
     const bool beyond[]{out.z <= 0, out.x<-(1 + aside) * out.z, out.x>(view_.width + aside) * out.z,
                         out.y<-(1 + above) * out.z, out.y>(view_.height + above) * out.z};
     for (unsigned k = 0; k < std::size(beyond); ++k) out.beyond |= unsigned{beyond[k]} << k;
@@ -814,8 +918,12 @@ class HomogeneousDrawer {
 
   static Edge edge(const Corner& p, const Corner& q, bool flip) {
     Edge e{};
-    e.in_guard_band = p.in_guard_band && q.in_guard_band, e.flip = flip;
-    e.ox = p.px, e.oy = p.py, e.ex = q.px - p.px, e.ey = q.py - p.py;
+    e.in_guard_band = p.in_guard_band && q.in_guard_band;
+    e.flip = flip;
+    e.ox = p.px;
+    e.oy = p.py;
+    e.ex = q.px - p.px;
+    e.ey = q.py - p.py;
     e.plane = plane(p, q);
     return e;
   }

@@ -74,10 +74,13 @@ void RasterPass::find_points(Pixels& pixels) {
     }
     if (sample.count) writer_.merge(counts);
     const std::lock_guard lock(mutex);
-    draw_ms += draws_ms, resolve_ms += resolves_ms;
+    draw_ms += draws_ms;
+    resolve_ms += resolves_ms;
   });
-  const double tiles_ms = pixels.watch.lap_ms(), work_ms = std::max(draw_ms + resolve_ms, 1e-9);
-  times_.draw_ms += tiles_ms * draw_ms / work_ms, times_.resolve_ms += tiles_ms * resolve_ms / work_ms;
+  const double tiles_ms = pixels.watch.lap_ms();
+  const double work_ms = std::max(draw_ms + resolve_ms, 1e-9);
+  times_.draw_ms += tiles_ms * draw_ms / work_ms;
+  times_.resolve_ms += tiles_ms * resolve_ms / work_ms;
 }
 
 void RasterPass::resolve_tile(const ImageTile& tile, const TileBuffer& buffer, const SubpixelSample& sample,
@@ -130,7 +133,9 @@ void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& point
   if (sample.count && writer_.marked(row.y, 1)) mark(row, points);
   Shading shading;
   row.shader.shade(facets, points, rays, shading);
-  alignas(64) float lit[kPacket] = {}, radiance[kPacket], base[kPacket];
+  alignas(64) float lit[kPacket] = {};
+  alignas(64) float radiance[kPacket];
+  alignas(64) float base[kPacket];
   if (sample.light) place_under_sun(points, nullptr, row.first, shading, lit, samples);
   if (sample.weight > 0) row.shader.radiances(points, shading, rays, lit, sampler, radiance, base);
   const bool bases = sample.weight > 0 && row.shader.bases_vary();
@@ -164,13 +169,18 @@ void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& point
   const SubpixelSample& sample = row.sample;
   ObjectLanes lanes;
   if (job_.objects.meet(rays, points, lanes) == 0) return;
-  alignas(64) float lit[kPacket] = {}, radiance[kPacket], base[kPacket];
+  alignas(64) float lit[kPacket] = {};
+  alignas(64) float radiance[kPacket];
+  alignas(64) float base[kPacket];
   if (sample.light) place_under_sun(lanes.points, lanes.object, row.first, lanes.shading, lit, samples);
   if (sample.weight > 0) job_.objects.radiances(lanes, rays, lit, job_.indirect, radiance, base);
   for (int i = 0; i < kPacket; ++i) {
     if (!lanes.points.hit[i]) continue;
     const std::size_t at = row.first + static_cast<std::size_t>(i);
-    if (sample.weight > 0) row.radiance[i] = radiance[i], row.bases[i] = base[i];
+    if (sample.weight > 0) {
+      row.radiance[i] = radiance[i];
+      row.bases[i] = base[i];
+    }
     if (sample.count) writer_.count_object(lanes, i, counts);
     if (sample.store) writer_.store_object(lanes, i, rays.direction(i), lit[i], at);
   }
@@ -184,7 +194,8 @@ void RasterPass::prefetch(const std::uint32_t* triangles) const {
     const TriangleId id(triangles[i]);
     const MeshBlock& block = job_.scene.mesh.blocks()[id.block()];
     const dem::Vertex* corner = block.vertices.data() + id.r() * block.side + id.c();
-    __builtin_prefetch(corner), __builtin_prefetch(corner + block.side);
+    __builtin_prefetch(corner);
+    __builtin_prefetch(corner + block.side);
   }
 }
 
@@ -260,7 +271,8 @@ void RasterPass::add_samples(const SurfacePoints& p, std::uint32_t first_pixel, 
     }
     if (disc.turned) {
       const auto lane = static_cast<std::size_t>(i);
-      samples.disc.add(samples.count, lanes, *disc.turned, lane), add_free(samples.count, lane);
+      samples.disc.add(samples.count, lanes, *disc.turned, lane);
+      add_free(samples.count, lane);
     }
     samples.add(lanes.u[i], lanes.v[i], lanes.d[i] + up, first_pixel + static_cast<std::uint32_t>(i));
   }
@@ -343,10 +355,13 @@ void RasterPass::refine_edges(Pixels& pixels) {
 
 void RasterPass::refine_tiles(const EdgeTiles& batch, Pixels& pixels) {
   EdgeScratch& own = scratch_.edges;
-  const std::size_t tiles = batch.past_last - batch.first, room = own.first.back() + kPacket;
-  own.radiance.assign(room, 0.F), own.bases.clear();
+  const std::size_t tiles = batch.past_last - batch.first;
+  const std::size_t room = own.first.back() + kPacket;
+  own.radiance.assign(room, 0.F);
+  own.bases.clear();
   if (!scratch_.bases.empty()) own.bases.assign(room, shader_.base_radiance());
-  own.samples.clear(), own.samples.resize(tiles);
+  own.samples.clear();
+  own.samples.resize(tiles);
   in_parallel(tiles, [&](std::size_t i) {
     job_.stop.check();
     const std::size_t count = own.first[i + 1] - own.first[i];

@@ -56,10 +56,15 @@ void IntoLightExactly(const SurfacePoints& p, const double* anchor, const double
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double x = p.x[i] - anchor[0], y = p.y[i] - anchor[1], z = p.z[i] - anchor[2];
-    const double at_u = u[0] * x + u[1] * y + u[2] * z, at_v = v[0] * x + v[1] * y + v[2] * z,
-                 at_d = d[0] * x + d[1] * y + d[2] * z;
-    const auto near_u = static_cast<float>(at_u), near_v = static_cast<float>(at_v), near_d = static_cast<float>(at_d);
-    out.u[i] = near_u, out.v[i] = near_v, out.d[i] = near_d;
+    const double at_u = u[0] * x + u[1] * y + u[2] * z;
+    const double at_v = v[0] * x + v[1] * y + v[2] * z;
+    const double at_d = d[0] * x + d[1] * y + d[2] * z;
+    const auto near_u = static_cast<float>(at_u);
+    const auto near_v = static_cast<float>(at_v);
+    const auto near_d = static_cast<float>(at_d);
+    out.u[i] = near_u;
+    out.v[i] = near_v;
+    out.d[i] = near_d;
     out.rest_u[i] = static_cast<float>(at_u - static_cast<double>(near_u));
     out.rest_v[i] = static_cast<float>(at_v - static_cast<double>(near_v));
     out.rest_d[i] = static_cast<float>(at_d - static_cast<double>(near_d));
@@ -68,7 +73,8 @@ void IntoLightExactly(const SurfacePoints& p, const double* anchor, const double
 
 // Which band a sample is in. Rounding may put one that is on a border into either: the bands' margin allows for that.
 HWY_INLINE std::uint32_t band_of(float v, float v0, float bands_per_v, float last) {
-  const float at = (v - v0) * bands_per_v, low = at > 0 ? at : 0;
+  const float at = (v - v0) * bands_per_v;
+  const float low = at > 0 ? at : 0;
   // Towards zero, which is down.
   return static_cast<std::uint32_t>(static_cast<std::int32_t>(low < last ? low : last));
 }
@@ -80,7 +86,8 @@ void BandsOf(const float* v, std::size_t groups, float v0, float bands_per_v, in
     std::uint32_t low = ~0U, high = 0;
     for (int i = 0; i < kPacket; ++i) {
       const std::uint32_t band = band_of(v[i], v0, bands_per_v, last);
-      low = band < low ? band : low, high = band > high ? band : high;
+      low = band < low ? band : low;
+      high = band > high ? band : high;
     }
     out[g] = low | (high - low) << 16;
   }
@@ -89,10 +96,15 @@ void BandsOf(const float* v, std::size_t groups, float v0, float bands_per_v, in
 // Cells of the samples of n groups of sixteen, or the one beyond all cells for those that are in another band.
 void CellsOf(const LightSamples& tile, const std::uint32_t* groups, std::size_t n, const LightBand& band,
              const BandOf& where, std::uint32_t* out) {
-  const float u0 = band.u0, v0 = band.v0, per_u = band.per_u, per_v = band.per_v;
+  const float u0 = band.u0;
+  const float v0 = band.v0;
+  const float per_u = band.per_u;
+  const float per_v = band.per_v;
   const int columns = band.columns;
-  const auto last_column = static_cast<float>(columns - 1), last_row = static_cast<float>(kBandRows - 1);
-  const std::uint32_t own = where.index, none = static_cast<std::uint32_t>(columns) * kBandRows;
+  const auto last_column = static_cast<float>(columns - 1);
+  const auto last_row = static_cast<float>(kBandRows - 1);
+  const std::uint32_t own = where.index;
+  const std::uint32_t none = static_cast<std::uint32_t>(columns) * kBandRows;
   const float first_v = where.v0, bands_per_v = where.bands_per_v, last = where.last;
   for (std::size_t g = 0; g < n; ++g, out += kPacket) {
     const std::size_t first = std::size_t{groups[g]} * kPacket, left = tile.count - first;
@@ -100,9 +112,12 @@ void CellsOf(const LightSamples& tile, const std::uint32_t* groups, std::size_t 
     const float *u = &tile.u[first], *v = &tile.v[first];
     SELENOGRAPH_INDEPENDENT_LANES
     for (int i = 0; i < kPacket; ++i) {
-      float column = (u[i] - u0) * per_u, row = (v[i] - v0) * per_v;
-      column = column > 0 ? column : 0, row = row > 0 ? row : 0;
-      column = column < last_column ? column : last_column, row = row < last_row ? row : last_row;
+      float column = (u[i] - u0) * per_u;
+      float row = (v[i] - v0) * per_v;
+      column = column > 0 ? column : 0;
+      row = row > 0 ? row : 0;
+      column = column < last_column ? column : last_column;
+      row = row < last_row ? row : last_row;
       const std::int32_t cell = static_cast<std::int32_t>(row) * columns + static_cast<std::int32_t>(column);
       const bool in_band = (band_of(v[i], first_v, bands_per_v, last) == own) & (i < here);
       out[i] = in_band ? static_cast<std::uint32_t>(cell) : none;
@@ -144,18 +159,24 @@ constexpr float kFlatness = 2;
 
 ShadowMap::Grid ShadowMap::grid_over(const std::vector<LightSamples>& tiles) {
   constexpr float kInfinite = std::numeric_limits<float>::infinity();
-  float u0 = kInfinite, u1 = -kInfinite, v0 = kInfinite, v1 = -kInfinite;
+  float u0 = kInfinite;
+  float u1 = -kInfinite;
+  float v0 = kInfinite;
+  float v1 = -kInfinite;
   std::size_t n = 0;
   for (const LightSamples& t : tiles) {
     n += t.count;
-    u0 = std::min(u0, t.low[0]), u1 = std::max(u1, t.high[0]), v0 = std::min(v0, t.low[1]),
+    u0 = std::min(u0, t.low[0]);
+    u1 = std::max(u1, t.high[0]);
+    v0 = std::min(v0, t.low[1]);
     v1 = std::max(v1, t.high[1]);
   }
   Grid g{u0, v0, 1, 1, 1, 0};
   if (n == 0) return g;
   // A little room, and no axis shorter than a thousandth of the other.
   const float least = std::max(1e-3F * std::max(u1 - u0, v1 - v0), 1e-3F);
-  const float across = std::max(u1 - u0, least) * 1.001F, along = std::max(v1 - v0, least) * 1.001F;
+  const float across = std::max(u1 - u0, least) * 1.001F;
+  const float along = std::max(v1 - v0, least) * 1.001F;
   const float cell = std::sqrt(across * along / static_cast<float>(n));
   g.columns = std::max(1, static_cast<int>(std::ceil(across / cell * kFlatness)));
   const int rows = std::max(1, static_cast<int>(std::ceil(along / cell / kFlatness)));
@@ -196,9 +217,11 @@ ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& aim, const DiscLight* d
   const Vec3 up = mesh.anchor().normalized(), across = up.cross(aim);
   v_ = across.norm() > 1e-6 ? across.normalized() : any_across(aim);
   u_ = v_.cross(aim).normalized();
-  for (int k = 0; k < 3; ++k)
-    axes_.u[k] = static_cast<float>(u_[k]), axes_.v[k] = static_cast<float>(v_[k]),
+  for (int k = 0; k < 3; ++k) {
+    axes_.u[k] = static_cast<float>(u_[k]);
+    axes_.v[k] = static_cast<float>(v_[k]);
     axes_.d[k] = static_cast<float>(d_[k]);
+  }
   casters_.resize(mesh.strips().size());
   in_parallel(casters_.size(), [&](std::size_t i) { casters_[i] = caster_of(mesh.strips()[i]); });
   order_casters();
@@ -207,7 +230,9 @@ ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& aim, const DiscLight* d
       const auto at = [&](const float* p) { return axis[0] * p[0] + axis[1] * p[1] + axis[2] * p[2]; };
       return std::minmax({at(skirt.a), at(skirt.b), at(skirt.c)});
     };
-    const auto u = along(axes_.u), v = along(axes_.v), d = along(axes_.d);
+    const auto u = along(axes_.u);
+    const auto v = along(axes_.v);
+    const auto d = along(axes_.d);
     skirts_.push_back(raised({u.first, u.second, v.first, v.second, d.second}));
   }
 }
@@ -218,11 +243,14 @@ ShadowMap::Caster ShadowMap::caster_of(const Strip& s) const {
     for (int k = 0; k < 3; ++k) middle += axis[k] * s.centre[k];
     for (const auto& half : s.half) reach += std::abs(axis[0] * half[0] + axis[1] * half[1] + axis[2] * half[2]);
     reach += 1e-6F * std::abs(middle);  // several times what float rounds off
-    low = middle - reach, high = middle + reach;
+    low = middle - reach;
+    high = middle + reach;
   };
   Caster c{};
   float unused;
-  range(axes_.u, c.u_low, c.u_high), range(axes_.v, c.v_low, c.v_high), range(axes_.d, unused, c.d_high);
+  range(axes_.u, c.u_low, c.u_high);
+  range(axes_.v, c.v_low, c.v_high);
+  range(axes_.d, unused, c.d_high);
   c.casts = may_face_away(s, d_, 0);
   c.horizon = disc_ && may_face_away(s, disc_->direction(0, 0), disc_->radius());
   return c;
@@ -233,7 +261,8 @@ ShadowMap::Caster ShadowMap::caster_of(const Strip& s) const {
 // steepest toward the two of eight directions that the Sun's lies between can't be. What triangles have as float is
 // close enough to turn those that are nearly edge-on, no others.
 bool ShadowMap::may_face_away(const Strip& s, const Vec3& from, double radius) const {
-  double toward[3], shortest = std::numeric_limits<double>::infinity();
+  double toward[3];
+  double shortest = std::numeric_limits<double>::infinity();
   for (int k = 0; k < 3; ++k) {
     const Vec3 half(static_cast<double>(s.half[k][0]), static_cast<double>(s.half[k][1]),
                     static_cast<double>(s.half[k][2]));
@@ -243,15 +272,18 @@ bool ShadowMap::may_face_away(const Strip& s, const Vec3& from, double radius) c
     if (k < 2) shortest = std::min(shortest, 2 * length / quads);
   }
   const auto [east, north, up] = toward;
-  const double along = std::abs(east), across = std::abs(north);
+  const double along = std::abs(east);
+  const double across = std::abs(north);
   const int axis = along >= across ? (east < 0 ? 4 : 0) : (north < 0 ? 6 : 2);
   const int diagonal = north < 0 ? (east < 0 ? 5 : 7) : (east < 0 ? 3 : 1);
-  const auto first = static_cast<double>(s.steepest[axis]), second = static_cast<double>(s.steepest[diagonal]);
+  const auto first = static_cast<double>(s.steepest[axis]);
+  const auto second = static_cast<double>(s.steepest[diagonal]);
   const double rise = std::abs(along - across) * first + std::numbers::sqrt2 * std::min(along, across) * second;
   const double distance =
       Vec3(static_cast<double>(s.centre[0]), static_cast<double>(s.centre[1]), static_cast<double>(s.centre[2])).norm();
-  const double margin = 2e-4 + 0x1p-19 * distance / shortest, steepest = std::max(std::abs(first), std::abs(second)),
-               edge = radius * (1 + std::numbers::sqrt2 * std::max(steepest, static_cast<double>(steepest_of(s))));
+  const double margin = 2e-4 + 0x1p-19 * distance / shortest;
+  const double steepest = std::max(std::abs(first), std::abs(second));
+  const double edge = radius * (1 + std::numbers::sqrt2 * std::max(steepest, static_cast<double>(steepest_of(s))));
   return !(rise + margin * (1 + steepest) + edge < up);
 }
 
@@ -278,18 +310,26 @@ void grow(std::vector<T>& values, std::size_t capacity) {
 }  // namespace
 
 void LightSamples::make_room(std::size_t capacity) {
-  grow(u, capacity), grow(v, capacity), grow(d, capacity), grow(pixel, capacity);
+  grow(u, capacity);
+  grow(v, capacity);
+  grow(d, capacity);
+  grow(pixel, capacity);
 }
 
 void DiscSamples::clear(std::size_t capacity, bool objects) {
   for (auto* array : {&rest_u, &rest_v, &rest_d, &tilt_across, &tilt_upward}) grow(*array, capacity);
-  grazed.clear(), of_objects.clear(), free.clear();
+  grazed.clear();
+  of_objects.clear();
+  free.clear();
   if (objects) free.assign(capacity, kAllFree);
 }
 
 void DiscSamples::add(std::size_t at, const LightLanes& lanes, const DiscLanes& turned, std::size_t lane) {
-  rest_u[at] = lanes.rest_u[lane], rest_v[at] = lanes.rest_v[lane], rest_d[at] = lanes.rest_d[lane];
-  tilt_across[at] = turned.tilt_across[lane], tilt_upward[at] = turned.tilt_upward[lane];
+  rest_u[at] = lanes.rest_u[lane];
+  rest_v[at] = lanes.rest_v[lane];
+  rest_d[at] = lanes.rest_d[lane];
+  tilt_across[at] = turned.tilt_across[lane];
+  tilt_upward[at] = turned.tilt_upward[lane];
   if (turned.whole >> lane & 1) return;
   tilt_across[at] = std::numeric_limits<float>::quiet_NaN();
   tilt_upward[at] = std::bit_cast<float>(static_cast<std::uint32_t>(grazed.size()));
@@ -299,8 +339,8 @@ void DiscSamples::add(std::size_t at, const LightLanes& lanes, const DiscLanes& 
 }
 
 void DiscSamples::add_all(std::size_t at, const LightLanes& lanes, const DiscLanes& turned) {
-  std::memcpy(&rest_u[at], lanes.rest_u, sizeof lanes.rest_u),
-      std::memcpy(&rest_v[at], lanes.rest_v, sizeof lanes.rest_v);
+  std::memcpy(&rest_u[at], lanes.rest_u, sizeof lanes.rest_u);
+  std::memcpy(&rest_v[at], lanes.rest_v, sizeof lanes.rest_v);
   std::memcpy(&rest_d[at], lanes.rest_d, sizeof lanes.rest_d);
   std::memcpy(&tilt_across[at], turned.tilt_across, sizeof turned.tilt_across);
   std::memcpy(&tilt_upward[at], turned.tilt_upward, sizeof turned.tilt_upward);
@@ -310,11 +350,14 @@ void DiscSamples::get(std::size_t at, DiscLanes& turned, std::size_t lane) const
   const float across = tilt_across[at], upward = tilt_upward[at];
   const bool whole = !std::isnan(across);
   const Grazed of = whole ? Grazed{{1, 0, 0}, {1, across, upward}} : grazed[std::bit_cast<std::uint32_t>(upward)];
-  turned.facet.middle[lane] = of.facet[0], turned.facet.across[lane] = of.facet[1],
+  turned.facet.middle[lane] = of.facet[0];
+  turned.facet.across[lane] = of.facet[1];
   turned.facet.upward[lane] = of.facet[2];
-  turned.shading.middle[lane] = of.shading[0], turned.shading.across[lane] = of.shading[1],
+  turned.shading.middle[lane] = of.shading[0];
+  turned.shading.across[lane] = of.shading[1];
   turned.shading.upward[lane] = of.shading[2];
-  turned.tilt_across[lane] = across, turned.tilt_upward[lane] = upward;
+  turned.tilt_across[lane] = across;
+  turned.tilt_upward[lane] = upward;
   turned.whole = (turned.whole & ~(1U << lane)) | (whole ? 1U << lane : 0);
 }
 
@@ -338,7 +381,8 @@ std::size_t LightScratch::bytes() const {
 }
 
 void LightSamples::bound() {
-  low[0] = low[1] = std::numeric_limits<float>::infinity(), high[0] = high[1] = -low[0];
+  low[0] = low[1] = std::numeric_limits<float>::infinity();
+  high[0] = high[1] = -low[0];
   if (count == 0) return;
   range_of(u.data(), count, low[0], high[0]);
   range_of(v.data(), count, low[1], high[1]);
@@ -383,7 +427,8 @@ std::vector<LightBox> ShadowMap::parts_of_casters() const {
 
 void ShadowMap::find_bands(const Grid& grid, const LightSamples& tile, const ShadowReach* reach, BandGroups& out) {
   const auto bands = static_cast<std::size_t>(grid.bands);
-  const std::size_t whole = tile.count / kPacket, groups = (tile.count + kPacket - 1) / kPacket;
+  const std::size_t whole = tile.count / kPacket;
+  const std::size_t groups = (tile.count + kPacket - 1) / kPacket;
   out.bands.resize(groups);
   HWY_DYNAMIC_DISPATCH(BandsOf)(tile.v.data(), whole, grid.v0, grid.bands_per_v(), grid.bands, out.bands.data());
   if (groups > whole) out.bands[whole] = static_cast<std::uint32_t>(bands - 1) << 16;  // any: its samples are looked at
@@ -408,9 +453,12 @@ void ShadowMap::find_bands(const Grid& grid, const LightSamples& tile, const Sha
 std::size_t ShadowMap::sort_by_cell(const Grid& grid, std::size_t band_index, const std::vector<LightSamples>& tiles,
                                     const std::vector<BandGroups>& groups, BandScratch& own) const {
   LightBand& band = own.band;
-  band.u0 = grid.u0, band.v0 = grid.band_start(static_cast<int>(band_index));
-  band.per_u = grid.per_u, band.per_v = grid.per_v;
-  band.columns = grid.columns, band.rows = kBandRows;
+  band.u0 = grid.u0;
+  band.v0 = grid.band_start(static_cast<int>(band_index));
+  band.per_u = grid.per_u;
+  band.per_v = grid.per_v;
+  band.columns = grid.columns;
+  band.rows = kBandRows;
   // Eight units in the last place of the largest coordinate.
   band.margin_m =
       0x1p-20F * std::max({std::abs(band.u0), std::abs(band.u_end()), std::abs(band.v0), std::abs(band.v_end())});
@@ -437,8 +485,13 @@ std::size_t ShadowMap::sort_by_cell(const Grid& grid, std::size_t band_index, co
   start[cells] = end;
   const std::size_t count = end;
   own.pixel.resize(count);
-  band.u.resize(count + kBandPadding), band.v.resize(count + kBandPadding), band.d.resize(count + kBandPadding);
-  for (std::size_t i = count; i < count + kBandPadding; ++i) band.u[i] = band.v[i] = 0, band.d[i] = kDark;
+  band.u.resize(count + kBandPadding);
+  band.v.resize(count + kBandPadding);
+  band.d.resize(count + kBandPadding);
+  for (std::size_t i = count; i < count + kBandPadding; ++i) {
+    band.u[i] = band.v[i] = 0;
+    band.d[i] = kDark;
+  }
   float *u = band.u.data(), *v = band.v.data(), *d = band.d.data();
   std::uint32_t* pixel = own.pixel.data();
   if (disc_) own.from.resize(count);
@@ -450,7 +503,10 @@ std::size_t ShadowMap::sort_by_cell(const Grid& grid, std::size_t band_index, co
       for (std::size_t from = first; from < first + kPacket; ++from, ++cell) {
         if (*cell == cells) continue;
         const std::uint32_t to = --start[*cell];
-        u[to] = tiles[i].u[from], v[to] = tiles[i].v[from], d[to] = tiles[i].d[from], pixel[to] = tiles[i].pixel[from];
+        u[to] = tiles[i].u[from];
+        v[to] = tiles[i].v[from];
+        d[to] = tiles[i].d[from];
+        pixel[to] = tiles[i].pixel[from];
         if (from_where)
           from_where[to] = static_cast<std::uint32_t>(i) << BandScratch::kPlaceBits | static_cast<std::uint32_t>(from);
       }
@@ -463,8 +519,10 @@ std::size_t ShadowMap::sort_by_cell(const Grid& grid, std::size_t band_index, co
 
 void ShadowMap::cast_strips(const Grid& grid, int band_index, LightBand& band) const {
   const float lowest = *std::min_element(band.least.begin(), band.least.end());
-  const float u_first = band.u0 - band.margin_m, u_last = band.u_end() + band.margin_m;
-  const float v_first = band.v0 - band.margin_m, v_last = band.v_end() + band.margin_m;
+  const float u_first = band.u0 - band.margin_m;
+  const float u_last = band.u_end() + band.margin_m;
+  const float v_first = band.v0 - band.margin_m;
+  const float v_last = band.v_end() + band.margin_m;
   for (const std::uint32_t s : order_) {
     const Caster& c = casters_[s];
     if (!(c.d_high > lowest)) {
@@ -472,8 +530,10 @@ void ShadowMap::cast_strips(const Grid& grid, int band_index, LightBand& band) c
       continue;
     }
     if (c.v_high < v_first || c.v_low > v_last || c.u_high < u_first || c.u_low > u_last) continue;
-    const int c0 = grid.column_of(c.u_low), c1 = grid.column_of(c.u_high), r0 = grid.row_in(band_index, c.v_low),
-              r1 = grid.row_in(band_index, c.v_high);
+    const int c0 = grid.column_of(c.u_low);
+    const int c1 = grid.column_of(c.u_high);
+    const int r0 = grid.row_in(band_index, c.v_low);
+    const int r1 = grid.row_in(band_index, c.v_high);
     if (!band.any_below(c0, c1, r0, r1, c.d_high)) continue;
     const Strip& strip = mesh_.strips()[s];
     cast_strip(mesh_.blocks()[strip.block], strip, axes_, band);
@@ -482,8 +542,10 @@ void ShadowMap::cast_strips(const Grid& grid, int band_index, LightBand& band) c
 }
 
 void ShadowMap::cast_skirts(LightBand& band) const {
-  const float u_first = band.u0 - band.margin_m, u_last = band.u_end() + band.margin_m;
-  const float v_first = band.v0 - band.margin_m, v_last = band.v_end() + band.margin_m;
+  const float u_first = band.u0 - band.margin_m;
+  const float u_last = band.u_end() + band.margin_m;
+  const float v_first = band.v0 - band.margin_m;
+  const float v_last = band.v_end() + band.margin_m;
   for (std::size_t k = 0; k < skirts_.size(); ++k) {
     const LightBox& s = skirts_[k];
     if (s.v_high < v_first || s.v_low > v_last || s.u_high < u_first || s.u_low > u_last) continue;
@@ -514,7 +576,9 @@ void ShadowMap::find_horizons(const std::vector<LightSamples>& tiles, BandScratc
   }
   constexpr std::size_t kGroup = HorizonGroup::kSize;
   static_assert(kGroup == kPacket);
-  alignas(64) float horizons[DiscLight::kColumns][kGroup], share[kGroup], cosine[kGroup];
+  alignas(64) float horizons[DiscLight::kColumns][kGroup];
+  alignas(64) float share[kGroup];
+  alignas(64) float cosine[kGroup];
   DiscLanes turned{};
   for (std::size_t first = 0; first < count; first += kGroup) {
     if (!own.horizons.of_group(first / kGroup, horizons)) continue;
@@ -530,7 +594,8 @@ void ShadowMap::find_horizons(const std::vector<LightSamples>& tiles, BandScratc
       if (!tile.free.empty() && tile.free[at] != DiscSamples::kAllFree) {
         const DiscShare left = disc_->left_of(tile.of_objects[tile.free[at]], &horizons[0][i], kGroup, turned,
                                               static_cast<std::uint32_t>(i));
-        share[i] = static_cast<float>(left.share), cosine[i] = static_cast<float>(left.cosine);
+        share[i] = static_cast<float>(left.share);
+        cosine[i] = static_cast<float>(left.cosine);
       }
       if (share[i] < 1 || cosine[i] < 1) out.push_back({own.pixel[first + i], share[i], cosine[i]});
     }

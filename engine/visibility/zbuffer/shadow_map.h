@@ -24,8 +24,12 @@ namespace selenograph::engine {
 
 // Sixteen surface points in light space; for a solar disc with the part of the coordinates that float rounds off.
 struct LightLanes {
-  alignas(64) float u[kPacket], v[kPacket], d[kPacket];
-  alignas(64) float rest_u[kPacket], rest_v[kPacket], rest_d[kPacket];
+  alignas(64) float u[kPacket];
+  alignas(64) float v[kPacket];
+  alignas(64) float d[kPacket];
+  alignas(64) float rest_u[kPacket];
+  alignas(64) float rest_v[kPacket];
+  alignas(64) float rest_d[kPacket];
 };
 
 // Samples with respect to the solar disc; structure of arrays like LightSamples, empty for a point Sun.
@@ -66,11 +70,15 @@ struct LightSamples {
   void make_room(std::size_t capacity);
   void clear(std::size_t capacity) { make_room(capacity), count = 0; }
   void add(float su, float sv, float sd, std::uint32_t at) {
-    u[count] = su, v[count] = sv, d[count] = sd, pixel[count++] = at;
+    u[count] = su;
+    v[count] = sv;
+    d[count] = sd;
+    pixel[count++] = at;
   }
   // Adds pixels of a row.
   void add_all(const LightLanes& lanes, std::uint32_t first) {
-    std::memcpy(&u[count], lanes.u, sizeof lanes.u), std::memcpy(&v[count], lanes.v, sizeof lanes.v);
+    std::memcpy(&u[count], lanes.u, sizeof lanes.u);
+    std::memcpy(&v[count], lanes.v, sizeof lanes.v);
     std::memcpy(&d[count], lanes.d, sizeof lanes.d);
     std::uint32_t* p = &pixel[count];
     for (std::uint32_t i = 0; i < kPacket; ++i) p[i] = first + i;
