@@ -234,7 +234,7 @@ void Horizons::begin(const DiscLight& disc, double aim, const Axes& axes, const 
   reach_.aim = static_cast<float>(radius * aim);
   reach_.above = static_cast<float>(radius * kAbove);
   reach_.radius = static_cast<float>(radius);
-  lowest_ = *std::min_element(band.least.begin(), band.least.end());
+  lowest_ = *std::min_element(band.min_d.begin(), band.min_d.end());
   slots_.assign((count_ + HorizonGroup::kSize - 1) / HorizonGroup::kSize, -1);
   used_ = 0;
 }
@@ -265,7 +265,7 @@ bool Horizons::look_below(const LightBox& b, float lowest, Window& out) const {
     out.lowest = std::numeric_limits<float>::infinity();
     for (int r = out.r0; r <= out.r1; ++r)
       for (int q = out.c0 / LightBand::kCoarse; q <= out.c1 / LightBand::kCoarse; ++q)
-        out.lowest = std::min(out.lowest, band_->least_of(r, q));
+        out.lowest = std::min(out.lowest, band_->coarse_min_d(r, q));
   }
   return out.lowest < b.d_high;
 }

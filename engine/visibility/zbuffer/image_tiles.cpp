@@ -91,7 +91,7 @@ TileView ImageTiling::tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d&
   t.near1 = far ? 1.F : 0.F;
   t.width = width;
   t.height = height;
-  t.least_depth = kNear_m;
+  t.min_depth_m = kNear_m;
   return t;
 }
 

@@ -367,7 +367,7 @@ std::size_t DiscSamples::bytes() const {
 }
 
 std::size_t BandScratch::bytes() const {
-  return bytes_of(band.start) + bytes_of(band.u) + bytes_of(band.v) + bytes_of(band.d) + bytes_of(band.least) +
+  return bytes_of(band.start) + bytes_of(band.u) + bytes_of(band.v) + bytes_of(band.d) + bytes_of(band.min_d) +
          bytes_of(cell) + bytes_of(pixel) + bytes_of(from) + horizons.bytes();
 }
 
@@ -419,8 +419,8 @@ ShadowReach ShadowMap::reach_over(const Grid& grid) const {
 std::vector<LightBox> ShadowMap::parts_of_casters() const {
   return gathered_in_parallel<LightBox>(order_.size(), 16, [&](std::size_t i, std::vector<LightBox>& parts) {
     const Strip& strip = mesh_.strips()[order_[i]];
-    LightBox boxes[kMaxParts];
-    const std::size_t count = bound_casters(mesh_.blocks()[strip.block], strip, axes_, boxes);
+    LightBox boxes[kMaxOccluderBoxes];
+    const std::size_t count = bound_occluders(mesh_.blocks()[strip.block], strip, axes_, boxes);
     for (const LightBox& box : std::span(boxes, count)) parts.push_back(raised(box));
   });
 }
@@ -512,13 +512,13 @@ std::size_t ShadowMap::sort_by_cell(const Grid& grid, std::size_t band_index, co
       }
     }
   band.coarse_columns = (grid.columns + LightBand::kCoarse - 1) / LightBand::kCoarse;
-  band.least.resize(static_cast<std::size_t>(band.coarse_columns) * kBandRows);
-  find_least(band, 0, grid.columns - 1, 0, kBandRows - 1);
+  band.min_d.resize(static_cast<std::size_t>(band.coarse_columns) * kBandRows);
+  update_coarse_min(band, 0, grid.columns - 1, 0, kBandRows - 1);
   return count;
 }
 
 void ShadowMap::cast_strips(const Grid& grid, int band_index, LightBand& band) const {
-  const float lowest = *std::min_element(band.least.begin(), band.least.end());
+  const float lowest = *std::min_element(band.min_d.begin(), band.min_d.end());
   const float u_first = band.u0 - band.margin_m;
   const float u_last = band.u_end() + band.margin_m;
   const float v_first = band.v0 - band.margin_m;
@@ -537,7 +537,7 @@ void ShadowMap::cast_strips(const Grid& grid, int band_index, LightBand& band) c
     if (!band.any_below(c0, c1, r0, r1, c.d_high)) continue;
     const Strip& strip = mesh_.strips()[s];
     cast_strip(mesh_.blocks()[strip.block], strip, axes_, band);
-    if (descending_) find_least(band, c0, c1, r0, r1);
+    if (descending_) update_coarse_min(band, c0, c1, r0, r1);
   }
 }
 
@@ -565,7 +565,7 @@ void ShadowMap::find_horizons(const std::vector<LightSamples>& tiles, BandScratc
     constexpr std::uint32_t kMask = (1U << BandScratch::kPlaceBits) - 1;
     return {tiles[own.from[sample] >> BandScratch::kPlaceBits].disc, own.from[sample] & kMask};
   };
-  if (!descending_) find_least(band, 0, band.columns - 1, 0, band.rows - 1);
+  if (!descending_) update_coarse_min(band, 0, band.columns - 1, 0, band.rows - 1);
   own.horizons.begin(*disc_, aim_radii_, {u_, v_, d_}, band, count, [&](std::size_t sample) -> LightResidual {
     const auto [tile, at] = place(sample);
     return {tile.rest_u[at], tile.rest_v[at], tile.rest_d[at]};
