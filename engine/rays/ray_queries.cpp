@@ -160,8 +160,8 @@ class RayCaster {
       };
       if (disc) {
         DiscLanes turned;
-        asking &= disc->alone(points, shading, turned, lit);
-        disc->take_out(blocked, asking, turned, lit, shading.incident);
+        asking &= disc->unoccluded(points, shading, turned, lit);
+        disc->remove_blocked(blocked, asking, turned, lit, shading.incident);
       } else {
         const std::uint32_t dark = blocked(asking, sun.direction);
         for (int i = 0; i < kPacket; ++i) lit[i] = asking & ~dark & 1U << i ? 1.F : 0.F;

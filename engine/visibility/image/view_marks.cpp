@@ -21,7 +21,10 @@ std::optional<Vec3> sight(const RowViews& views, double x_px, double y_px) {
 std::optional<double> distance_to(const Mesh& mesh, const TriangleId& id, const Vec3& from, const Vec3& direction) {
   constexpr double kEdge = 1e-9;  // a line through an edge meets one of the two at least
   const dem::Triangle t = mesh.triangle(id);
-  const Vec3 ab = t.b - t.a, ac = t.c - t.a, normal = ab.cross(ac), to = t.a - from;
+  const Vec3 ab = t.b - t.a;
+  const Vec3 ac = t.c - t.a;
+  const Vec3 normal = ab.cross(ac);
+  const Vec3 to = t.a - from;
   const double toward = normal.dot(direction);
   if (!(toward < 0)) return std::nullopt;
   const double distance = normal.dot(to) / toward;

@@ -322,7 +322,10 @@ void ObjectsInFrame::store(const Placed& object, std::uint32_t triangle, const R
                            ObjectLanes& out) const {
   const ObjectShape& shape = object.mesh->shape();
   const ObjectTriangle& t = shape.triangles[triangle];
-  const Vec3 a = shape.place(t, 0), ab = shape.place(t, 1) - a, ac = shape.place(t, 2) - a, normal = ab.cross(ac);
+  const Vec3 a = shape.place(t, 0);
+  const Vec3 ab = shape.place(t, 1) - a;
+  const Vec3 ac = shape.place(t, 2) - a;
+  const Vec3 normal = ab.cross(ac);
   const Vec3 direction = object.object_from_moon * rays.direction(i), from_a = object.inside(rays.origin(i)) - a;
   const double toward = normal.dot(direction);
   if (toward == 0) return;  // edge-on: there is nothing of it to be seen

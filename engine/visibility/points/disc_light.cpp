@@ -335,8 +335,8 @@ std::uint32_t DiscLight::alone(const SurfacePoints& points, Shading& shading, Di
   alignas(64) std::int32_t how[kPacket];
   HWY_DYNAMIC_DISPATCH(LookAt)(points, top, out, how);
   std::uint32_t some = 0;
-  out.whole = 0;
-  for (int i = 0; i < kPacket; ++i) out.whole |= how[i] == kWhole ? 1U << i : 0U;
+  out.facing_all = 0;
+  for (int i = 0; i < kPacket; ++i) out.facing_all |= how[i] == kWhole ? 1U << i : 0U;
   for (int i = 0; i < kPacket; ++i) {
     lit[i] = points.hit[i] && how[i] == kWhole ? 1.F : 0.F;
     some |= lit[i] > 0 ? 1U << i : 0U;
@@ -352,7 +352,8 @@ std::uint32_t DiscLight::alone(const SurfacePoints& points, Shading& shading, Di
 
 void DiscLight::left(const float (*horizons)[kPacket], const DiscLanes& turned, float* of_share,
                      float* of_cosine) const {
-  const auto left_of = turned.whole == kAllLanes ? HWY_DYNAMIC_DISPATCH(LeftOfWhole) : HWY_DYNAMIC_DISPATCH(LeftOf);
+  const auto left_of =
+      turned.facing_all == kAllLanes ? HWY_DYNAMIC_DISPATCH(LeftOfWhole) : HWY_DYNAMIC_DISPATCH(LeftOf);
   left_of(table_, columns_.data(), horizons, turned, of_share, of_cosine);
 }
 

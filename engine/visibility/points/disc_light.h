@@ -44,7 +44,7 @@ struct DiscLanes {
   DiscPlanes facet, shading;
   // Lanes that face the whole disc, one bit each, and for these the gradient of the cosine across and upward, relative
   // to its value at the middle.
-  std::uint32_t whole;
+  std::uint32_t facing_all;
   alignas(64) float tilt_across[kPacket];
   alignas(64) float tilt_upward[kPacket];
 };
@@ -107,7 +107,7 @@ class DiscLight {
         }
     };
     for (std::size_t k = 0; k < kScouts; ++k) ask(k, lanes);
-    std::uint32_t doubtful = lanes & ~turned.whole;
+    std::uint32_t doubtful = lanes & ~turned.facing_all;
     for (std::uint32_t i = 0; i < kPacket; ++i)
       if (lanes >> i & 1 && open[i].any() && open[i] != faced[i]) doubtful |= 1U << i;
     for (std::size_t k = kScouts; doubtful && k < kDirections; ++k) ask(k, doubtful);

@@ -67,8 +67,8 @@ void RayPass::light(const SurfacePoints& points, const std::uint16_t* own, Shadi
   };
   if (disc_) {
     DiscLanes turned;
-    const std::uint32_t some = disc_->alone(points, shading, turned, lit);
-    disc_->take_out(blocked, some, turned, lit, shading.incident);
+    const std::uint32_t some = disc_->unoccluded(points, shading, turned, lit);
+    disc_->remove_blocked(blocked, some, turned, lit, shading.incident);
     return;
   }
   std::uint32_t asking = 0;

@@ -12,7 +12,8 @@
 namespace selenograph::engine {
 namespace {
 
-// Pixels of a tile. A lens's are smaller: the nearer to affine, the fewer samples a triangle is tested at in vain.
+// Sizes of a tile in pixels. Tiles of a lens are smaller: the closer the lens is to an affine map, the fewer samples
+// lie in the box of a triangle but not on it.
 constexpr int kTileWidth = 128, kTileHeight = 64, kLensTileSide = 32;
 static_assert(kTileWidth % kPacket == 0 && kLensTileSide % kPacket == 0, "lanes beyond a tile are beyond the image");
 
@@ -20,7 +21,7 @@ constexpr float kNear_m = 0.01F;
 constexpr double kFar_m = 500e3;
 constexpr float kSlack_px = 0.05F;
 
-// A corner of a strip's box: x / z and y / z are its pixels.
+// A corner of the box of a strip, homogeneous: x / z and y / z are its pixel.
 struct Corner {
   float x, y, z;
 };
@@ -36,8 +37,9 @@ Corner corner_of(const Strip& s, int corner, const TileView& view) {
   return {dot(0), dot(1), dot(2)};
 }
 
-// Whether a strip's box lies beyond one side of the tile, wherever the eye is.
-bool beside(const Strip& s, const TileView& t) {
+// Returns whether the box of a strip lies outside one side of the tile. The comparisons are multiplied by z, so they
+// hold for corners behind the eye.
+bool outside_one_side(const Strip& s, const TileView& t) {
   int left = 0;
   int right = 0;
   int above = 0;
@@ -56,13 +58,13 @@ bool beside(const Strip& s, const TileView& t) {
   return left == 8 || right == 8 || above == 8 || below == 8;
 }
 
-// Whether some of a strip's vertices may lie outside of a tile's guard band. A tenth of it and half of the depth are
-// left for what float rounds off.
+// Returns whether vertices of a strip may lie outside the guard band of a tile. A tenth of the band and half of the
+// minimum depth are reserved for rounding.
 bool leaves_guard_band(const Strip& s, const TileView& t) {
-  constexpr float kMost = 0.9F * kGuardBand_px;
+  constexpr float kMax_px = 0.9F * kGuardBand_px;
   for (int corner = 0; corner < 8; ++corner) {
     const auto [x, y, z] = corner_of(s, corner, t);
-    if (!(z > 2 * kNear_m && std::abs(x) <= kMost * z && std::abs(y) <= kMost * z)) return true;
+    if (!(z > 2 * kNear_m && std::abs(x) <= kMax_px * z && std::abs(y) <= kMax_px * z)) return true;
   }
   return false;
 }
@@ -72,7 +74,8 @@ bool leaves_guard_band(const Strip& s, const TileView& t) {
 ImageTiling::ImageTiling(const RasterMesh& mesh, const View& view)
     : mesh_(mesh), view_(view), camera_(view.camera()), bends_(!view.camera().rectilinear()) {}
 
-// From places relative to the anchor to a tile's pixels: pixel = a (x / z, y / z) + b, in the camera's axes.
+// Returns the projection from points relative to the anchor to the pixels of a tile: pixel = a (x / z, y / z) + b, in
+// camera axes.
 TileView ImageTiling::tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d& b, int width, int height) const {
   TileView t{};
   const Eigen::Matrix3d m = view_.moon_from_camera().transpose();
@@ -100,23 +103,24 @@ TileView ImageTiling::undistorted_view(double x0, double y0, int width, int heig
                    height);
 }
 
-// Through the lens: the affine map that fits at the tile's middle, and where each pixel's sample is then.
+// Returns the affine map that fits the lens at the middle of the tile, with the position of the sample of each pixel
+// under that map.
 TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, TileBuffer& buffer) const {
   const auto at = [&](int x, int y) {
     return static_cast<std::size_t>(tile.y0 + y) * static_cast<std::size_t>(camera_.width) +
            static_cast<std::size_t>(tile.x0 + x);
   };
-  // The valid pixel nearest to the middle.
+  // Find the valid pixel nearest to the middle.
   int best_x = -1;
   int best_y = -1;
-  int least = std::numeric_limits<int>::max();
+  int min_from_centre = std::numeric_limits<int>::max();
   for (int y = 0; y < tile.height; ++y)
     for (int x = 0; x < tile.width; ++x) {
-      const int from_middle = std::abs(2 * x - tile.width) + std::abs(2 * y - tile.height);
-      if (from_middle < least && !std::isnan(rays.x[at(x, y)])) {
+      const int from_centre = std::abs(2 * x - tile.width) + std::abs(2 * y - tile.height);
+      if (from_centre < min_from_centre && !std::isnan(rays.x[at(x, y)])) {
         best_x = x;
         best_y = y;
-        least = from_middle;
+        min_from_centre = from_centre;
       }
     }
   const std::size_t n = static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height);
@@ -145,12 +149,12 @@ TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, Ti
   return view;
 }
 
-StripBox ImageTiling::box_of(const Strip& s, const TileView& whole) const {
+StripBox ImageTiling::box_of(const Strip& s, const TileView& image_view) const {
   constexpr float kAnywhere = std::numeric_limits<float>::infinity();
   StripBox box{{kAnywhere, kAnywhere}, {-kAnywhere, -kAnywhere}, false};
   int behind = 0;
   for (int corner = 0; corner < 8; ++corner) {
-    const Corner c = corner_of(s, corner, whole);
+    const Corner c = corner_of(s, corner, image_view);
     if (!(c.z > 2 * kNear_m)) {
       ++behind;
       continue;
@@ -162,9 +166,9 @@ StripBox ImageTiling::box_of(const Strip& s, const TileView& whole) const {
     }
   }
   if (behind == 8) return box;
-  // Tiles have pixels of their own, up to an image's size away from the image's.
-  const float most = 0.9F * kGuardBand_px - static_cast<float>(std::max(camera_.width, camera_.height));
-  box.leaves_guard_band = behind > 0 || std::max({-box.low[0], -box.low[1], box.high[0], box.high[1]}) > most;
+  // Subtract the size of the image: a tile counts pixels from its own corner.
+  const float max_px = 0.9F * kGuardBand_px - static_cast<float>(std::max(camera_.width, camera_.height));
+  box.leaves_guard_band = behind > 0 || std::max({-box.low[0], -box.low[1], box.high[0], box.high[1]}) > max_px;
   for (int k = 0; k < 2; ++k) {
     if (behind > 0) {
       box.low[k] = -kAnywhere;
@@ -204,10 +208,10 @@ void ImageTiling::lay(double dx, double dy, const PixelRays& rays, std::vector<S
   const int tile_width = bends_ ? kLensTileSide : kTileWidth, tile_height = bends_ ? kLensTileSide : kTileHeight;
   const int across = (width + tile_width - 1) / tile_width;
   const int along = (height + tile_height - 1) / tile_height;
-  const TileView whole = undistorted_view(dx, dy, width, height);
+  const TileView image_view = undistorted_view(dx, dy, width, height);
   boxes.resize(mesh_.strips().size());
   in_parallel_pieces(boxes.size(), 256, [&](std::size_t first, std::size_t past_last) {
-    for (std::size_t i = first; i < past_last; ++i) boxes[i] = box_of(mesh_.strips()[i], whole);
+    for (std::size_t i = first; i < past_last; ++i) boxes[i] = box_of(mesh_.strips()[i], image_view);
   });
   tiles.resize(static_cast<std::size_t>(across) * static_cast<std::size_t>(along));
   in_parallel(static_cast<std::size_t>(along), [&](std::size_t row) {
@@ -245,7 +249,7 @@ void ImageTiling::draw(const ImageTile& tile, double dx, double dy, const PixelR
   for (const std::uint32_t s : tile.strips) {
     const Strip& strip = mesh_.strips()[s];
     const bool leaves = bends_ ? leaves_guard_band(strip, view) : boxes[s].leaves_guard_band;
-    if ((leaves || bends_) && beside(strip, view)) continue;
+    if ((leaves || bends_) && outside_one_side(strip, view)) continue;
     draw_strip(mesh_.blocks()[strip.block], strip, view, leaves, buffer);
   }
 }

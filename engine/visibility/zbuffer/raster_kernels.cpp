@@ -186,7 +186,9 @@ struct StoredTriangle {
 // ---- the view ------------------------------------------------------------------------------------------------------
 
 struct ProjectedRow {
-  alignas(64) float x[kMaxColumns], y[kMaxColumns], w[kMaxColumns];  // pixels, pixels, nearness
+  alignas(64) float x[kMaxColumns];  // pixels
+  alignas(64) float y[kMaxColumns];  // pixels
+  alignas(64) float w[kMaxColumns];  // nearness
 };
 
 HWY_INLINE void project_row(const RasterBlock& b, int row, const TileView& view, ProjectedRow& out) {
@@ -198,9 +200,9 @@ HWY_INLINE void project_row(const RasterBlock& b, int row, const TileView& view,
   const VF near0 = broadcast(view.near0), near1 = broadcast(view.near1);
   for (int c = 0; c < b.stride; c += static_cast<int>(hn::Lanes(float_tag))) {
     const std::size_t at = first + static_cast<std::size_t>(c);
-    const VF x = hn::Sub(hn::LoadU(float_tag, b.x + at), broadcast(view.pivot[0])),
-             y = hn::Sub(hn::LoadU(float_tag, b.y + at), broadcast(view.pivot[1])),
-             z = hn::Sub(hn::LoadU(float_tag, b.z + at), broadcast(view.pivot[2]));
+    const VF x = hn::Sub(hn::LoadU(float_tag, b.x + at), broadcast(view.pivot[0]));
+    const VF y = hn::Sub(hn::LoadU(float_tag, b.y + at), broadcast(view.pivot[1]));
+    const VF z = hn::Sub(hn::LoadU(float_tag, b.z + at), broadcast(view.pivot[2]));
     const VF along = dot(2, x, y, z), inverse = hn::Div(broadcast(1.F), hn::Add(along, broadcast(view.offset[2])));
     hn::Store(hn::Mul(hn::Add(dot(0, x, y, z), broadcast(view.offset[0])), inverse), float_tag, out.x + c);
     hn::Store(hn::Mul(hn::Add(dot(1, x, y, z), broadcast(view.offset[1])), inverse), float_tag, out.y + c);
@@ -219,8 +221,8 @@ HWY_INLINE bool precedes(std::uint32_t id, std::uint32_t drawn) {
 HWY_INLINE MF precede(VI id, VI drawn) {
   // Flip the top bits: a signed comparison then orders unsigned keys.
   const auto key = [](VI id) {
-    const VI column_in_group = hn::And(hn::ShiftRight<1>(id), hn::Set(int_tag, 15)),
-             half = hn::ShiftLeft<4>(hn::And(id, hn::Set(int_tag, 1)));
+    const VI column_in_group = hn::And(hn::ShiftRight<1>(id), hn::Set(int_tag, 15));
+    const VI half = hn::ShiftLeft<4>(hn::And(id, hn::Set(int_tag, 1)));
     const VI rest = hn::AndNot(hn::Set(int_tag, 31), id);
     return hn::Xor(hn::Or(rest, hn::Or(half, column_in_group)),
                    hn::Set(int_tag, std::numeric_limits<std::int32_t>::min()));
@@ -244,8 +246,8 @@ HWY_NOINLINE void fill_row_by_row(const StoredTriangle& triangle, int x0, int x1
       const VF px = hn::Add(broadcast(static_cast<float>(x)), ramp);
       const std::size_t at =
           static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
-      const VF vx = view.sample_x ? hn::LoadU(float_tag, view.sample_x + at) : px,
-               vy = view.sample_y ? hn::LoadU(float_tag, view.sample_y + at) : py;
+      const VF vx = view.sample_x ? hn::LoadU(float_tag, view.sample_x + at) : px;
+      const VF vy = view.sample_y ? hn::LoadU(float_tag, view.sample_y + at) : py;
       MF m = hn::And(inside(t, vx, vy), hn::Le(px, broadcast(static_cast<float>(x1))));
       if (hn::AllFalse(float_tag, m)) continue;
       float* depth = out.nearness.data() + at;
@@ -312,13 +314,13 @@ template <bool upper>
 HWY_NOINLINE void draw_triangles(const VF* x, const VF* y, const VF* w, VI ids, MF valid, const TileView& view,
                                  TileBuffer& out) {
   // Clip the boxes of the triangles to the tile.
-  const VF right = broadcast(static_cast<float>(view.width - 1)),
-           bottom = broadcast(static_cast<float>(view.height - 1));
+  const VF right = broadcast(static_cast<float>(view.width - 1));
+  const VF bottom = broadcast(static_cast<float>(view.height - 1));
   const VF aside = broadcast(view.slack[0]), above = broadcast(view.slack[1]);
-  const VF x0 = hn::Max(hn::Ceil(hn::Sub(hn::Min(x[0], hn::Min(x[1], x[2])), aside)), hn::Zero(float_tag)),
-           x1 = hn::Min(hn::Floor(hn::Add(hn::Max(x[0], hn::Max(x[1], x[2])), aside)), right),
-           y0 = hn::Max(hn::Ceil(hn::Sub(hn::Min(y[0], hn::Min(y[1], y[2])), above)), hn::Zero(float_tag)),
-           y1 = hn::Min(hn::Floor(hn::Add(hn::Max(y[0], hn::Max(y[1], y[2])), above)), bottom);
+  const VF x0 = hn::Max(hn::Ceil(hn::Sub(hn::Min(x[0], hn::Min(x[1], x[2])), aside)), hn::Zero(float_tag));
+  const VF x1 = hn::Min(hn::Floor(hn::Add(hn::Max(x[0], hn::Max(x[1], x[2])), aside)), right);
+  const VF y0 = hn::Max(hn::Ceil(hn::Sub(hn::Min(y[0], hn::Min(y[1], y[2])), above)), hn::Zero(float_tag));
+  const VF y1 = hn::Min(hn::Floor(hn::Add(hn::Max(y[0], hn::Max(y[1], y[2])), above)), bottom);
   MF active = hn::And(valid, hn::And(hn::Le(x0, x1), hn::Le(y0, y1)));
   if (hn::AllFalse(float_tag, active)) return;
   VF area;
@@ -435,11 +437,13 @@ HWY_INLINE bool load_quads(const ProjectedRow& south, const ProjectedRow& north,
   q.upper = hn::And(diagonal, is_number(q.x[3]));
   // Bound the pixels of both halves exactly as draw_triangles does.
   const auto cull_by_axis = [&](const VF* v, float slack, int last, MF& lower, MF& upper) {
-    const VF reach = broadcast(slack), end = broadcast(static_cast<float>(last)), diagonal_low = hn::Min(v[1], v[2]),
-             diagonal_high = hn::Max(v[1], v[2]);
+    const VF reach = broadcast(slack);
+    const VF end = broadcast(static_cast<float>(last));
+    const VF diagonal_low = hn::Min(v[1], v[2]);
+    const VF diagonal_high = hn::Max(v[1], v[2]);
     const auto covers_pixel = [&](VF corner) {
-      const VF low = hn::Max(hn::Ceil(hn::Sub(hn::Min(corner, diagonal_low), reach)), hn::Zero(float_tag)),
-               high = hn::Min(hn::Floor(hn::Add(hn::Max(corner, diagonal_high), reach)), end);
+      const VF low = hn::Max(hn::Ceil(hn::Sub(hn::Min(corner, diagonal_low), reach)), hn::Zero(float_tag));
+      const VF high = hn::Min(hn::Floor(hn::Add(hn::Max(corner, diagonal_high), reach)), end);
       return hn::Le(low, high);
     };
     lower = hn::And(lower, covers_pixel(v[0]));
@@ -556,8 +560,10 @@ HWY_INLINE MF may_cast(const VF* u, const VF* v, bool upper, MF valid, const Lig
 // Casts a vector of triangles that passed may_cast.
 template <bool upper>
 HWY_NOINLINE void cast_triangles(const VF* u, const VF* v, const VF* d, MF active, LightBand& band) {
-  const VF u_low = hn::Min(u[0], hn::Min(u[1], u[2])), u_high = hn::Max(u[0], hn::Max(u[1], u[2])),
-           v_low = hn::Min(v[0], hn::Min(v[1], v[2])), v_high = hn::Max(v[0], hn::Max(v[1], v[2]));
+  const VF u_low = hn::Min(u[0], hn::Min(u[1], u[2]));
+  const VF u_high = hn::Max(u[0], hn::Max(u[1], u[2]));
+  const VF v_low = hn::Min(v[0], hn::Min(v[1], v[2]));
+  const VF v_high = hn::Max(v[0], hn::Max(v[1], v[2]));
   VF area;
   Triangles t = set_up(upper, u, v, d, area);
   orient_edges(t, upper, hn::Gt(area, hn::Zero(float_tag)));
@@ -667,20 +673,20 @@ HWY_INLINE void extend_bounds(const LightRow& south, const LightRow& north, int 
   corners(south.v, north.v, v);
   const MF diagonal = hn::And(is_number(u[1]), is_number(u[2]));
   const VF upper_u[3] = {u[3], u[1], u[2]}, upper_v[3] = {v[3], v[1], v[2]};
-  const MF low = faces_away(u, v, false, hn::And(diagonal, is_number(u[0]))),
-           up = faces_away(upper_u, upper_v, true, hn::And(diagonal, is_number(u[3])));
+  const MF low = faces_away(u, v, false, hn::And(diagonal, is_number(u[0])));
+  const MF up = faces_away(upper_u, upper_v, true, hn::And(diagonal, is_number(u[3])));
   if (hn::AllFalse(float_tag, hn::Or(low, up))) return;
   corners(south.d, north.d, d);
   const auto extend_low = [&](const VF* x, float* out) HWY_ATTR {
     const VF shared = hn::Min(x[1], x[2]), neutral = broadcast(std::numeric_limits<float>::infinity());
-    const VF lower = hn::IfThenElse(low, hn::Min(x[0], shared), neutral),
-             upper = hn::IfThenElse(up, hn::Min(x[3], shared), neutral);
+    const VF lower = hn::IfThenElse(low, hn::Min(x[0], shared), neutral);
+    const VF upper = hn::IfThenElse(up, hn::Min(x[3], shared), neutral);
     hn::Store(hn::Min(hn::Load(float_tag, out + c), hn::Min(lower, upper)), float_tag, out + c);
   };
   const auto extend_high = [&](const VF* x, float* out) HWY_ATTR {
     const VF shared = hn::Max(x[1], x[2]), neutral = broadcast(-std::numeric_limits<float>::infinity());
-    const VF lower = hn::IfThenElse(low, hn::Max(x[0], shared), neutral),
-             upper = hn::IfThenElse(up, hn::Max(x[3], shared), neutral);
+    const VF lower = hn::IfThenElse(low, hn::Max(x[0], shared), neutral);
+    const VF upper = hn::IfThenElse(up, hn::Max(x[3], shared), neutral);
     hn::Store(hn::Max(hn::Load(float_tag, out + c), hn::Max(lower, upper)), float_tag, out + c);
   };
   extend_low(u, bounds.u_low);
@@ -713,9 +719,9 @@ std::size_t BoundOccluders(const RasterBlock& b, const Strip& strip, const Light
 
 void CastSkirt(const Skirt& skirt, const LightAxes& axes, LightBand& band) {
   const auto dot = [](const float* a, const float* p) { return broadcast(a[0] * p[0] + a[1] * p[1] + a[2] * p[2]); };
-  const VF u[3] = {dot(axes.u, skirt.a), dot(axes.u, skirt.b), dot(axes.u, skirt.c)},
-           v[3] = {dot(axes.v, skirt.a), dot(axes.v, skirt.b), dot(axes.v, skirt.c)},
-           d[3] = {dot(axes.d, skirt.a), dot(axes.d, skirt.b), dot(axes.d, skirt.c)};
+  const VF u[3] = {dot(axes.u, skirt.a), dot(axes.u, skirt.b), dot(axes.u, skirt.c)};
+  const VF v[3] = {dot(axes.v, skirt.a), dot(axes.v, skirt.b), dot(axes.v, skirt.c)};
+  const VF d[3] = {dot(axes.d, skirt.a), dot(axes.d, skirt.b), dot(axes.d, skirt.c)};
   const MF active = may_cast(u, v, false, hn::FirstN(float_tag, 1), band);
   if (!hn::AllFalse(float_tag, active)) cast_triangles<false>(u, v, d, active, band);
 }

@@ -49,9 +49,9 @@ void FindReached(const ReachCells& cells, const float* u, const float* v, const 
       row = row < last_row ? row : last_row;
       cell[i] = static_cast<std::int32_t>(row) * columns + static_cast<std::int32_t>(column);
     }
-    int some = 0;
-    for (int i = 0; i < kPacket; ++i) some |= d[i] > cells.top_m[cell[i]] ? 0 : 1;
-    reached[g] = static_cast<std::uint8_t>(some);
+    int reached_any = 0;
+    for (int i = 0; i < kPacket; ++i) reached_any |= d[i] > cells.top_m[cell[i]] ? 0 : 1;
+    reached[g] = static_cast<std::uint8_t>(reached_any);
   }
 }
 
@@ -69,19 +69,19 @@ ShadowReach::ShadowReach(float u0, float v0, float per_u, float per_v, int colum
                 -std::numeric_limits<float>::infinity());
 }
 
-void ShadowReach::add(const LightBox& caster) {
-  // A cell more on either side is far more than coordinates are rounded by.
-  const auto cell = [](float at, float origin, float per_m, int beside, int cells) {
-    const float whole = std::floor((at - origin) * per_m) + static_cast<float>(beside);
-    return static_cast<int>(std::clamp(whole, 0.F, static_cast<float>(cells - 1)));
+void ShadowReach::add(const LightBox& occluder) {
+  // Add a cell on either side: far more than the rounding error of coordinates.
+  const auto cell = [](float at, float origin, float per_m, int margin, int cells) {
+    const float index = std::floor((at - origin) * per_m) + static_cast<float>(margin);
+    return static_cast<int>(std::clamp(index, 0.F, static_cast<float>(cells - 1)));
   };
-  const int left = cell(caster.u_low, u0_, per_u_, -1, columns_);
-  const int right = cell(caster.u_high, u0_, per_u_, 1, columns_);
-  const int low = cell(caster.v_low, v0_, per_v_, -1, rows_);
-  const int high = cell(caster.v_high, v0_, per_v_, 1, rows_);
+  const int left = cell(occluder.u_low, u0_, per_u_, -1, columns_);
+  const int right = cell(occluder.u_high, u0_, per_u_, 1, columns_);
+  const int low = cell(occluder.v_low, v0_, per_v_, -1, rows_);
+  const int high = cell(occluder.v_high, v0_, per_v_, 1, rows_);
   for (int row = low; row <= high; ++row) {
     float* top_m = top_m_.data() + static_cast<std::ptrdiff_t>(row) * columns_;
-    for (int column = left; column <= right; ++column) top_m[column] = std::max(top_m[column], caster.d_high);
+    for (int column = left; column <= right; ++column) top_m[column] = std::max(top_m[column], occluder.d_high);
   }
 }
 
