@@ -164,7 +164,7 @@ TEST(DiscLight, DirectionsHaveEqualLight) {
     const DiscLight disc(sun(u), Vec3::UnitZ());
     std::array<double, DiscLight::kDirections> within{};
     for (std::size_t k = 0; k < within.size(); ++k) {
-      const auto [x, y] = disc.places()[k];
+      const auto [x, y] = disc.disc_points()[k];
       const double r2 = x * x + y * y;
       // The integral of 1 - u (1 - sqrt(1 - r^2)) over the disc within r, over that of the whole.
       within[k] = ((1 - u) * r2 + u * 2 / 3 * (1 - std::pow(1 - r2, 1.5))) / (1 - u / 3);
@@ -236,8 +236,8 @@ TEST(DiscLight, OfASliverHalfIsLeft) {
   double incident[kPacket] = {1e-6};
   turned.facet.middle[0] = 0.5F, turned.shading.middle[0] = -1e-3F;
   const Vec3 middle = disc.direction(0, 0), across = disc.direction(1, 0) - middle;
-  disc.remove_blocked([&](std::uint32_t, const Vec3& d) { return (d - middle).dot(across) > 0 ? 1U : 0U; }, 1, turned, lit,
-                incident);
+  disc.remove_blocked([&](std::uint32_t, const Vec3& d) { return (d - middle).dot(across) > 0 ? 1U : 0U; }, 1, turned,
+                      lit, incident);
   EXPECT_NEAR(lit[0], 0.5F, 0.01F);
   EXPECT_DOUBLE_EQ(incident[0], 1e-6);
 }

@@ -15,7 +15,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// Returns, a bit each, the lanes whose normal faces away from the camera.
+// Sets normals and cosines. Returns the lanes, one bit each, whose normal faces away from the camera.
 unsigned ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, const Vec3& sun, Shading& out) {
   const double sx = sun.x();
   const double sy = sun.y();
@@ -45,14 +45,14 @@ unsigned ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, c
     out.incident[i] = mu0;
     out.mu[i] = along * unit * back;
   }
-  unsigned some = 0;
+  unsigned away_lanes = 0;
   std::int64_t any = 0;
   for (int i = 0; i < kPacket; ++i) any |= away[i] & static_cast<std::int64_t>(p.hit[i]);
-  for (unsigned i = 0; any != 0 && i < kPacket; ++i) some |= away[i] && p.hit[i] ? 1U << i : 0U;
-  return some;
+  for (unsigned i = 0; any != 0 && i < kPacket; ++i) away_lanes |= away[i] && p.hit[i] ? 1U << i : 0U;
+  return away_lanes;
 }
 
-// `albedo`: none, or what to multiply by.
+// Computes the radiance of a model with closed terms. `albedo`: factor per lane, or null.
 void RadiancesOf(const BrdfTerms& terms, double irradiance, const Shading& shading, const double* albedo,
                  const float* lit, float* out) {
   double factor[kPacket];
@@ -63,7 +63,7 @@ void RadiancesOf(const BrdfTerms& terms, double irradiance, const Shading& shadi
         direct_radiance(terms, factor[i], shading.incident[i], shading.mu[i], static_cast<double>(lit[i])));
 }
 
-// `mu`: of emission, not below 0.
+// Computes the cosines of the phase angle and of emission; the latter is at least 0.
 void Cosines(const Rays& rays, const Shading& shading, const Vec3& sun, double* cos_phase, double* mu) {
   const double sx = sun.x();
   const double sy = sun.y();
@@ -76,7 +76,8 @@ void Cosines(const Rays& rays, const Shading& shading, const Vec3& sun, double* 
   }
 }
 
-// What direct_radiance does, of a model that was evaluated before; `albedo`: none, or what to multiply by.
+// Computes radiance as direct_radiance does, for reflectances that were evaluated before. `albedo`: factor per lane, or
+// null.
 void ReflectedBy(double irradiance, const Shading& shading, const double* mu0_brdf, const double* albedo,
                  const float* lit, float* out) {
   double factor[kPacket];
@@ -106,7 +107,7 @@ bool mapped(const FrameRequest& request) {
 }
 
 // All models that have a rho are proportional to it: a map's multiplies what 1 would reflect, eq. (2).
-Reflectance evaluated(const FrameRequest& request) {
+Reflectance evaluated_reflectance(const FrameRequest& request) {
   Reflectance reflectance = request.reflectance;
   if (mapped(request)) reflectance.rho = 1;
   return reflectance;
@@ -119,13 +120,13 @@ PacketShader::PacketShader(const FrameRequest& request, const RowViews& views, c
     : request_(request),
       irradiance_(terms.direct_w_m2),
       base_(static_cast<float>(terms.base_w_m2_sr())),
-      brdf_(evaluated(request), band_of(request)),
+      brdf_(evaluated_reflectance(request), band_of(request)),
       indirect_(indirect) {
   if (engine::mapped(request)) mapped_.emplace(request, views);
 }
 
-// What is seen faces the camera. Where the smooth normal doesn't, the facet's own does: otherwise slopes seen at
-// grazing angles had black specks at opposition.
+// Use the normal of the facet if the interpolated one faces away from the camera: visible facets face it, and otherwise
+// slopes at grazing angles have black specks at opposition.
 void PacketShader::shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const {
   const Vec3& sun = request_.sun.direction;
   for (unsigned away = HWY_DYNAMIC_DISPATCH(ShadeLanes)(facets, points, rays, sun, out); away; away &= away - 1) {
