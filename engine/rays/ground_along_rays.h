@@ -53,7 +53,7 @@ class SceneryOnGround {
   // As ObjectsInFrame::meet; `out` is written where a lane meets something.
   std::uint32_t meet(Rays& rays, SurfacePoints& terrain, ObjectLanes& out) const {
     const bool rocks_alone = without_.empty() && cells_;
-    return rocks_alone && !cells_->may_meet(rays, terrain) ? 0 : objects().meet(rays, terrain, out);
+    return rocks_alone && !cells_->may_meet(rays, terrain) ? 0 : objects().intersect(rays, terrain, out);
   }
   const ObjectsInFrame& objects() const { return with_ ? *with_ : without_; }
   std::optional<std::uint16_t> object(std::uint16_t index) const {

@@ -97,7 +97,7 @@ class RayCaster {
         behind.hit[i] = std::isfinite(range_m[at]), behind.distance[i] = range_m[at];
       }
       ObjectLanes lanes;
-      const std::uint32_t hit = ground_.objects().meet(packet, behind, lanes);
+      const std::uint32_t hit = ground_.objects().intersect(packet, behind, lanes);
       for (int i = 0; i < count; ++i)
         if (hit >> i & 1) met[first + static_cast<std::size_t>(i)] = lanes.object[i];
     });

@@ -58,7 +58,7 @@ std::uint32_t Flow::hidden(const SurfacePoints& points, std::uint32_t asking, co
   else
     for (int i = 0; i < kPacket; ++i) met.hit[i] = met.toward_moon[i] = false;
   ObjectLanes objects;
-  const std::uint32_t on_objects = job_.objects.empty() ? 0 : job_.objects.meet(rays, met, objects, false);
+  const std::uint32_t on_objects = job_.objects.empty() ? 0 : job_.objects.intersect(rays, met, objects, false);
   std::uint32_t out = 0;
   for (int i = 0; i < kPacket; ++i) {
     if (!(asking >> i & 1)) continue;

@@ -48,7 +48,7 @@ void RayPass::meet(Packet& p, const PacketShader& shader) const {
 
 // The packet's pixels that see objects; those are no longer terrain's.
 [[gnu::noinline]] void RayPass::find_objects(Packet& p) const {
-  p.on_object = job_.objects.meet(p.rays, p.points, p.objects);
+  p.on_object = job_.objects.intersect(p.rays, p.points, p.objects);
 }
 
 void RayPass::find_light(Packet& p) const {

@@ -168,7 +168,7 @@ void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& point
                                                    PixelCounts& counts, LightSamples& samples) {
   const SubpixelSample& sample = row.sample;
   ObjectLanes lanes;
-  if (job_.objects.meet(rays, points, lanes) == 0) return;
+  if (job_.objects.intersect(rays, points, lanes) == 0) return;
   alignas(64) float lit[kPacket] = {};
   alignas(64) float radiance[kPacket];
   alignas(64) float base[kPacket];
