@@ -66,11 +66,11 @@ RocksInView select_rocks(const FrameRequest& request, const RowViews& views, con
 // `job` is what the writer's pixels were drawn from.
 Drawn drawn_by(const FrameWriter& writer, const FrameJob& job, FrameProducts& out) {
   Drawn drawn;
-  drawn.sources = writer.sources().settle(out.source);
+  drawn.sources = writer.sources().resolve(out.source);
   drawn.counts = writer.counts();
   drawn.pixels = static_cast<double>(job.request.camera.width) * job.request.camera.height;
   for (std::size_t mark = 0; mark < drawn.met.size(); ++mark)
-    drawn.met[mark] = writer.marks().met(mark, job.views, job.scene.mesh);
+    drawn.met[mark] = writer.marks().hit_of(mark, job.views, job.scene.mesh);
   return drawn;
 }
 
@@ -149,7 +149,7 @@ Drawn FrameMoment::draw(int margin_px, const EachSample& each, FrameProducts& ou
 
 Drawn FrameMoment::draw_centres(const FrameJob& job, const ViewMarks& marks, FrameProducts& out) {
   FrameWriter writer(job.request, views_, job.scene.mesh, catalogue_size(), out, stop_);
-  writer.look_at(marks);
+  writer.set_marks(marks);
   writer.set_light({radiance_.direct_w_m2, job.indirect});
   draw_pixels(job, writer);
   return drawn_by(writer, job, out);
@@ -166,7 +166,7 @@ Drawn FrameMoment::draw_dense(const FrameJob& job, const ViewMarks& marks, Frame
         marks, out);
   const std::shared_ptr<const PixelRays> lens = kept_.lens(dense_camera(job.request.camera), stop_);
   DenseSamples samples(job, *lens, catalogue_size());
-  samples.writer().look_at(marks.dense());
+  samples.writer().set_marks(marks.dense());
   draw_pixels(samples.job(), samples.writer());
   out.radiance = samples.radiance();
   return drawn ? *std::move(drawn) : drawn_by(samples.writer(), samples.job(), out);

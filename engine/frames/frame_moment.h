@@ -38,7 +38,7 @@ struct Drawn {
   std::vector<dem::SourceIndex> sources;  // the product `source` holds indices into it
   PixelCounts counts;
   double pixels = 0;  // number of counted pixels
-  std::array<std::optional<ViewMarks::Met>, ViewMarks::kCount> met;
+  std::array<std::optional<ViewMarks::MarkHit>, ViewMarks::kCount> met;
   std::size_t triangles = 0, scene_bytes = 0;
   double ground_view = 0;
 };

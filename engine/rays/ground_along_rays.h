@@ -50,7 +50,7 @@ class SceneryOnGround {
     with_.emplace(request, rocks_, stop);
     cells_.emplace(rocks_);
   }
-  // As ObjectsInFrame::meet; `out` is written where a lane meets something.
+  // As ObjectsInFrame::intersect; `out` is written where a lane meets something.
   std::uint32_t meet(Rays& rays, SurfacePoints& terrain, ObjectLanes& out) const {
     const bool rocks_alone = without_.empty() && cells_;
     return rocks_alone && !cells_->may_meet(rays, terrain) ? 0 : objects().intersect(rays, terrain, out);

@@ -1,6 +1,6 @@
 #include "engine/visibility/embree/embree.h"
 
-// CMakeLists.txt looks for 4 first, too.
+// Look for version 4 first, as CMakeLists.txt does.
 #if __has_include(<embree4/rtcore.h>)
 #include <embree4/rtcore.h>
 #else
@@ -23,8 +23,7 @@ namespace {
 using Filter = EmbreeScene::Filter;
 using Bundles = EmbreeScene::Bundles;
 
-// One call of Embree for a packet. What it passes on to filters is `Query`: Embree hands out its first member's
-// address.
+// The context of one query. Embree passes the address of its first member to filters, which cast it back to `Query`.
 #if RTC_VERSION_MAJOR >= 4
 struct Query {
   RTCRayQueryContext embree;
@@ -82,7 +81,7 @@ void call_filter(const RTCFilterFunctionNArguments* args) {
                                                             &RTCRayN_id(args->ray, args->N, 0), args->valid});
 }
 
-// One device per number of threads for the whole process: a device owns worker threads.
+// Returns the device for a number of threads. There is one for the whole process, because a device owns worker threads.
 RTCDevice device_for(int threads) {
   static std::mutex mutex;
   static std::unordered_map<int, RTCDevice> devices;
@@ -94,14 +93,15 @@ RTCDevice device_for(int threads) {
   return d;
 }
 
-// Embree 3.13's bundles lose hits when a direction's component is (next to) zero for some rays and not for others, so a
-// bundle must keep clear of zero in every component.
+// Returns whether all direction components are clear of zero: bundles of Embree 3.13 lose hits if a component is
+// (nearly) zero for some rays and not for others.
 bool safe_as_bundle(const RayPacket& rays) {
   constexpr float kClear = 0x1p-10F;
   const float* const axes[3] = {rays.dx, rays.dy, rays.dz};
   float low[3], high[3];
   for (int k = 0; k < 3; ++k) {
-    // Four running bounds: one would be a chain of dependent instructions, some 1 % of a frame by rays.
+    // Keep four running bounds: a single one would be a chain of dependent instructions, about 1 % of a ray-traced
+    // frame.
     float lows[4], highs[4];
     std::copy_n(axes[k], 4, lows);
     std::copy_n(axes[k], 4, highs);
@@ -144,7 +144,7 @@ void set_rays(const RayPacket& in, RTCRay16& out) {
   std::iota(out.id, out.id + kPacket, 0U);
 }
 
-// By this name in tests/tsan.supp.
+// Returns whether building should go on. tests/tsan.supp contains the name of this function.
 bool goes_on_building(void* stop, double) { return !static_cast<const StopToken*>(stop)->stopped(); }
 
 }  // namespace
@@ -183,7 +183,7 @@ struct EmbreeScene::Impl {
   const Filters filters;
   const RTCDevice device;
   const RTCScene scene;
-  std::vector<RTCGeometry> geometries;  // until they are the scene's
+  std::vector<RTCGeometry> geometries;  // owned until build() attaches them to the scene
 };
 
 EmbreeScene::EmbreeScene(std::size_t geometries, int threads, Filters filters)
@@ -191,29 +191,30 @@ EmbreeScene::EmbreeScene(std::size_t geometries, int threads, Filters filters)
 EmbreeScene::~EmbreeScene() = default;
 
 void EmbreeScene::set_grid(std::size_t geometry, int side, const std::function<void(std::span<float>)>& vertices) {
-  RTCGeometry one = impl_->start(geometry, RTC_GEOMETRY_TYPE_GRID);
+  RTCGeometry new_geometry = impl_->start(geometry, RTC_GEOMETRY_TYPE_GRID);
   const auto count = static_cast<std::size_t>(side);
-  vertices(impl_->buffer<float>(one, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, 3, count * count));
-  impl_->buffer<RTCGrid>(one, RTC_BUFFER_TYPE_GRID, RTC_FORMAT_GRID, 1, 1)[0] = {
+  vertices(impl_->buffer<float>(new_geometry, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, 3, count * count));
+  impl_->buffer<RTCGrid>(new_geometry, RTC_BUFFER_TYPE_GRID, RTC_FORMAT_GRID, 1, 1)[0] = {
       0, static_cast<unsigned>(side), static_cast<std::uint16_t>(side), static_cast<std::uint16_t>(side)};
-  rtcCommitGeometry(one);
+  rtcCommitGeometry(new_geometry);
 }
 
 void EmbreeScene::set_triangles(std::size_t geometry, std::size_t vertex_count, std::size_t triangle_count,
                                 const std::function<void(std::span<float>)>& vertices,
                                 const std::function<void(std::span<std::uint32_t>)>& triangles) {
-  RTCGeometry one = impl_->start(geometry, RTC_GEOMETRY_TYPE_TRIANGLE);
-  vertices(impl_->buffer<float>(one, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, 3, vertex_count));
-  triangles(impl_->buffer<std::uint32_t>(one, RTC_BUFFER_TYPE_INDEX, RTC_FORMAT_UINT3, 3, triangle_count));
-  rtcCommitGeometry(one);
+  RTCGeometry new_geometry = impl_->start(geometry, RTC_GEOMETRY_TYPE_TRIANGLE);
+  vertices(impl_->buffer<float>(new_geometry, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, 3, vertex_count));
+  triangles(impl_->buffer<std::uint32_t>(new_geometry, RTC_BUFFER_TYPE_INDEX, RTC_FORMAT_UINT3, 3, triangle_count));
+  rtcCommitGeometry(new_geometry);
 }
 
-void EmbreeScene::set_instance(std::size_t geometry, const EmbreeScene& of, const Eigen::Affine3f& place) {
-  RTCGeometry one = impl_->start(geometry, RTC_GEOMETRY_TYPE_INSTANCE);
-  rtcSetGeometryInstancedScene(one, of.impl_->scene);
-  const Eigen::Matrix<float, 3, 4> columns = place.affine();
-  rtcSetGeometryTransform(one, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns.data());
-  rtcCommitGeometry(one);
+void EmbreeScene::set_instance(std::size_t geometry, const EmbreeScene& of,
+                               const Eigen::Affine3f& scene_from_instance) {
+  RTCGeometry new_geometry = impl_->start(geometry, RTC_GEOMETRY_TYPE_INSTANCE);
+  rtcSetGeometryInstancedScene(new_geometry, of.impl_->scene);
+  const Eigen::Matrix<float, 3, 4> columns = scene_from_instance.affine();
+  rtcSetGeometryTransform(new_geometry, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns.data());
+  rtcCommitGeometry(new_geometry);
 }
 
 void EmbreeScene::build(const StopToken& stop) {
@@ -224,11 +225,11 @@ void EmbreeScene::build(const StopToken& stop) {
     rtcReleaseGeometry(geometry);
     geometry = nullptr;
   }
-  // Asked every now and then while it builds.
+  // Embree calls the monitor repeatedly during the build.
   rtcSetSceneProgressMonitorFunction(impl_->scene, goes_on_building, const_cast<StopToken*>(&stop));
   rtcCommitScene(impl_->scene);
   const RTCError error = rtcGetDeviceError(impl_->device);
-  stop.check();  // a build that was stopped is an error, too
+  stop.check();  // throw Cancelled first: a stopped build also reports an error
   impl_->check(error);
   rtcSetSceneProgressMonitorFunction(impl_->scene, nullptr, nullptr);
 }

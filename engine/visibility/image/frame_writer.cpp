@@ -20,7 +20,7 @@ struct SourceAt {
   bool filled, blended;
 };
 
-// The tile of the nearest vertex; filled or blended when any vertex of the triangle is.
+// Returns the tile of the nearest vertex; filled or blended if any vertex of the triangle is.
 SourceAt source_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
   const TriangleId& t = p.triangle[lane];
   const dem::Block& block = *mesh.blocks()[t.block()].posts;
@@ -42,7 +42,7 @@ SourceAt source_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
   return at;
 }
 
-// What the nearest vertex shows.
+// Returns what the nearest vertex shows: DEM, crater, relief or rock.
 dem::Ground ground_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
   const TriangleId& t = p.triangle[lane];
   const dem::QuadVertices q = t.vertices();
@@ -55,28 +55,29 @@ double angle_deg(double cosine) { return std::acos(std::clamp(cosine, -1.0, 1.0)
 
 }  // namespace
 
-void allocate_products(FrameProducts& out, ProductSet want, std::size_t pixels, std::size_t n, const StopToken& stop) {
-  const auto allocate = [&](auto& array, bool wanted, std::size_t size, auto value) {
-    if (wanted) assign(array, size, value, stop);
+void allocate_products(FrameProducts& out, ProductSet requested, std::size_t pixels, std::size_t n,
+                       const StopToken& stop) {
+  const auto allocate = [&](auto& array, bool is_requested, std::size_t size, auto value) {
+    if (is_requested) assign(array, size, value, stop);
   };
-  allocate(out.radiance, want & (kRadiance | kImage), pixels, 0.F);
-  allocate(out.depth, want & kDepth, n, kNaN64);
-  allocate(out.range, want & kRange, n, kNaN64);
-  allocate(out.position, want & kPosition, 3 * n, kNaN64);
-  allocate(out.geodetic, want & kGeodetic, 3 * n, kNaN64);
-  allocate(out.normal, want & kNormal, 3 * n, kNaN32);
-  allocate(out.angles, want & kAngles, 3 * n, kNaN32);
-  allocate(out.lit, want & kLit, n, kNaN32);
-  allocate(out.irradiance, want & kIrradiance, 3 * n, kNaN32);
-  allocate(out.flow, want & kFlow, 2 * n, kNaN64);
-  allocate(out.gsd, want & kGsd, n, kNaN32);
-  allocate(out.source, want & kSource, n, FrameSources::kNone);
-  allocate(out.object_id, want & kObjectId, n, kNoObject);
-  allocate(out.detail, want & kDetail, n, kNoGround);
-  allocate(out.rock, want & kRock, n, kNoObject);
-  allocate(out.height, want & kHeight, n, kNaN64);
-  allocate(out.slope, want & kSlope, n, kNaN32);
-  allocate(out.rock_height, want & kRockHeight, n, kNaN32);
+  allocate(out.radiance, requested & (kRadiance | kImage), pixels, 0.F);
+  allocate(out.depth, requested & kDepth, n, kNaN64);
+  allocate(out.range, requested & kRange, n, kNaN64);
+  allocate(out.position, requested & kPosition, 3 * n, kNaN64);
+  allocate(out.geodetic, requested & kGeodetic, 3 * n, kNaN64);
+  allocate(out.normal, requested & kNormal, 3 * n, kNaN32);
+  allocate(out.angles, requested & kAngles, 3 * n, kNaN32);
+  allocate(out.lit, requested & kLit, n, kNaN32);
+  allocate(out.irradiance, requested & kIrradiance, 3 * n, kNaN32);
+  allocate(out.flow, requested & kFlow, 2 * n, kNaN64);
+  allocate(out.gsd, requested & kGsd, n, kNaN32);
+  allocate(out.source, requested & kSource, n, FrameSources::kNone);
+  allocate(out.object_id, requested & kObjectId, n, kNoObject);
+  allocate(out.detail, requested & kDetail, n, kNoGround);
+  allocate(out.rock, requested & kRock, n, kNoObject);
+  allocate(out.height, requested & kHeight, n, kNaN64);
+  allocate(out.slope, requested & kSlope, n, kNaN32);
+  allocate(out.rock_height, requested & kRockHeight, n, kNaN32);
 }
 
 FrameWriter::FrameWriter(const FrameRequest& request, const RowViews& views, const Mesh& mesh,
@@ -99,23 +100,23 @@ std::uint32_t FrameWriter::account_all(const SurfacePoints& points, std::uint32_
     if (dem::is_blended(block.source)) counts.blended += lanes;
     if (const dem::SourceIndex index = dem::source_of(block.source); index != dem::kNoSource) sources_.number(index);
   };
-  // Most packets are in one block of one source.
+  // Handle packets in one block of one source separately: this is the common case.
   const MeshBlock& first = mesh_.blocks()[points.triangle[0].block()];
   if (hits == kAllLanes && first.mixed.empty() && in_one_block(points.triangle)) {
     add(first, kPacket);
     return 0;
   }
-  std::uint32_t left = 0;
+  std::uint32_t mixed_lanes = 0;
   for (int i = 0; i < kPacket; ++i) {
     if (!(hits >> i & 1)) continue;
     const TriangleId id = points.triangle[i];
     const MeshBlock& block = mesh_.blocks()[id.block()];
     if (!block.mixed.empty() && block.mixed[static_cast<std::size_t>(id.r())] >> id.c() & 1)
-      left |= 1U << i;
+      mixed_lanes |= 1U << i;
     else
       add(block, 1);
   }
-  return left;
+  return mixed_lanes;
 }
 
 void FrameWriter::account(const SurfacePoints& points, int i, std::size_t at, PixelCounts& counts) {
@@ -205,7 +206,7 @@ void FrameWriter::store_irradiance(const Irradiance& indirect, double incident, 
 }
 
 void FrameWriter::mark(int x, int y, const SurfacePoints& points, int lane) {
-  marks_.meet(x, y, points, lane, source_at(mesh_, points, lane).index);
+  marks_.record(x, y, points, lane, source_at(mesh_, points, lane).index);
 }
 
 void FrameWriter::merge(const PixelCounts& counts) {

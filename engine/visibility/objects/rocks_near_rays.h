@@ -1,4 +1,4 @@
-// Finds the rocks of blocks and caches them. Returns false if they are more than kMostNewRocks.
+// Finds the rocks of a detail that rays may hit.
 #pragma once
 
 #include <map>
@@ -40,7 +40,7 @@ class RocksNearRays {
   };
   std::optional<SearchRegions> regions_along(std::span<const RayCone> rays, std::span<const BlockOnRays> blocks,
                                              double omitted_m, const StopToken& stop) const;
-  // Finds the rocks of pieces and remembers them; false: more than kMostNewRocks.
+  // Finds the rocks of blocks and caches them. Returns false if they are more than kMostNewRocks.
   bool fill_cache(const std::vector<OctaveBlock>& octave_blocks, const StopToken& stop);
 
   dem::RockSurvey survey_;

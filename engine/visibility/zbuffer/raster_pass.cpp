@@ -309,10 +309,10 @@ void RasterPass::find_radiance(Pixels& pixels) {
   const SubpixelSample& sample = pixels.sample;
   if (sample.weight > 0 && sample.light) shade(radiance_of(sample), scratch_.bases);
   times_.shadow_ms += pixels.watch.lap_ms();
-  if (sample.weight > 0 && EdgeSamples::wanted(job_)) refine_edges(pixels);
+  if (sample.weight > 0 && EdgeSamples::applies_to(job_)) refine_edges(pixels);
 }
 
-// Replaces radiance by what shadows leave of it.
+// Redense_pixels radiance by what shadows leave of it.
 void RasterPass::shade(std::vector<float>& radiance, const std::vector<float>& bases) const {
   const float everywhere = shader_.base_radiance();
   for_shaded([&](const PartlyLit& left) {
@@ -404,14 +404,14 @@ void RasterPass::resolve_edges(const EdgeTiles& batch, std::size_t i, const Tile
   PacketShader::Sampler sampler = batch.edges.shader().sampler(job_.stop);
   PixelCounts uncounted;
   for (std::size_t at = 0; at < pixels.size() * EdgeSamples::kPerPixel; at += kPacket) {
-    EdgeSamples::Places places;
+    EdgeSamples::DensePixels dense_pixels;
     Rays rays;
-    const int count = batch.edges.get(pixels, at, places, rays);
+    const int count = batch.edges.aim(pixels, at, dense_pixels, rays);
     std::uint32_t triangles[kPacket];
     for (int k = 0; k < count; ++k)
       triangles[k] =
-          buffer.triangle[static_cast<std::size_t>(places.y[k] - tile.y0) * static_cast<std::size_t>(tile.width) +
-                          static_cast<std::size_t>(places.x[k] - tile.x0)];
+          buffer.triangle[static_cast<std::size_t>(dense_pixels.y[k] - tile.y0) * static_cast<std::size_t>(tile.width) +
+                          static_cast<std::size_t>(dense_pixels.x[k] - tile.x0)];
     SurfacePoints points;
     take_triangles(triangles, count, points);
     Facets facets;
