@@ -38,8 +38,9 @@ namespace selenograph::engine::HWY_NAMESPACE {
 void IgnoreOwnSurface16(const Occluders& o, const SunContext& context) {
   const float *nx = o.nx, *ny = o.ny, *nz = o.nz, *distance = o.distance;
   int* valid = o.valid;
-  const float sx = context.sun[0], sy = context.sun[1], sz = context.sun[2],
-              rounding2 = context.rounding_m * context.rounding_m, *burial = context.burial_m;
+  const float sx = context.sun[0], sy = context.sun[1], sz = context.sun[2];
+  const float rounding2 = context.rounding_m * context.rounding_m;
+  const float* burial = context.burial_m;
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i)
     valid[i] = is_own_surface(nx[i], ny[i], nz[i], sx, sy, sz, distance[i], rounding2, burial[i]) ? 0 : valid[i];

@@ -156,7 +156,11 @@ struct ShadowMap::Grid {
   }
 };
 
+namespace {
+
 std::size_t cells_of(const LightBand& band) { return static_cast<std::size_t>(band.columns) * kBandRows; }
+
+}  // namespace
 
 // Square root of the height of a cell relative to its width. Cells are four times as high as wide: a triangle then
 // covers fewer rows of cells and more samples in each.
