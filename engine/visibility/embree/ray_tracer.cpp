@@ -74,11 +74,13 @@ void fill_vertices(const MeshBlock& block, const Vec3& anchor, std::span<float> 
     }
 }
 
+// Returns whether a block has no voids.
 bool is_complete(const MeshBlock& block) {
   return std::none_of(block.vertices.begin(), block.vertices.end(),
                       [](const dem::Vertex& v) { return std::isnan(v.height_m); });
 }
 
+// Returns the triangles of a block whose three vertices have data.
 std::vector<TriangleId> valid_triangles(const MeshBlock& block, std::uint32_t index) {
   std::vector<TriangleId> valid;
   const int quads = block.posts->extent.quads;

@@ -19,6 +19,7 @@
 
 namespace selenograph::engine {
 
+// Numbers of pixels by what they see.
 struct PixelCounts {
   std::uint64_t hit = 0;
   std::uint64_t missing = 0;
@@ -79,6 +80,7 @@ class FrameWriter {
   // Returns whether these rows contain marks. If so, mark() must be called for each of their pixels that sees terrain,
   // in the counted sample.
   bool marked(int first_row, int rows) const { return marks_.in_rows(first_row, rows); }
+  // Records the hit of a pixel if it has a mark.
   void mark(int x, int y, const SurfacePoints& points, int lane);
 
   // Adds the counts of a task. Thread-safe.

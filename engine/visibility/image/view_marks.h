@@ -44,6 +44,7 @@ class ViewMarks {
       }
   }
 
+  // Point of the terrain on the line of sight of a mark.
   struct MarkHit {
     Vec3 position_m, direction;  // direction: unit vector of the line of sight
     dem::SourceIndex source = dem::kNoSource;

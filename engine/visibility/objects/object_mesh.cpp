@@ -53,6 +53,7 @@ ObjectShape ObjectMesh::without_strays(ObjectShape shape, Median& m, std::vector
   const double max_reach = kStray * m.distance;
   if (m.distance == 0) return shape;
   double farthest = 0;
+  // A triangle is stray if any of its corners is.
   const auto stray = [&](const ObjectTriangle& t) {
     double reach = 0;
     for (int k = 0; k < 3; ++k) reach = std::max(reach, (shape.place(t, k) - m.position).norm());

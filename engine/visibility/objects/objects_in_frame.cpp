@@ -23,6 +23,7 @@ struct BallEntry {
   double distance;  // in lengths of the direction; 0 if the ray starts inside
 };
 
+// Returns where a ray enters a ball.
 BallEntry enter_ball(const Vec3& from_centre, const Vec3& direction, double radius) {
   const double a = direction.squaredNorm();
   const double closest = -from_centre.dot(direction) / a;
@@ -261,6 +262,7 @@ std::uint32_t ObjectsInFrame::intersect(Rays& rays, SurfacePoints& terrain, Obje
     nearest[i] = terrain.hit[i] ? terrain.distance[i] : std::numeric_limits<double>::infinity();
     out.object[i] = kNoObject;
   }
+  // Intersect the objects of the request one by one, then all rocks at once.
   const std::size_t object_count = std::min(placed_.size(), first_rock_);
   std::optional<Cone> cone;
   if (from_camera && single_origin_ && object_count > 0) cone.emplace(rays);
@@ -299,6 +301,7 @@ std::uint32_t ObjectsInFrame::intersect(Rays& rays, SurfacePoints& terrain, Obje
   return lanes;
 }
 
+// Intersects the rays that enter the ball of an object before their nearest hit.
 void ObjectsInFrame::intersect_object(const Placed& object, const Rays& rays, double* nearest, ObjectLanes& out) const {
   RayPacket packet;
   std::uint32_t active = 0;
@@ -385,6 +388,7 @@ std::uint32_t ObjectsInFrame::blocked(const SurfacePoints& points, const std::ui
       const BallEntry entry = enter_ball(point - object.ball.centre_m, sun, object.ball.radius_m);
       if (!entry.enters) continue;
       set_lane(packet, i, object.to_tracer(point + entry.distance * sun), object.object_from_moon * sun);
+      // Skip the facet that the ray leaves. The flatter the ray, the farther its rounded start may be inside.
       if (own_object && own_object[i] == k)
         packet.near[i] = static_cast<float>(object.scale * object.mesh->rounding_at(object.to_object(point)) /
                                             std::max(1.0 / 64, points.facet_normal(i).dot(sun)));
@@ -404,6 +408,7 @@ std::uint32_t ObjectsInFrame::blocked(const SurfacePoints& points, const std::ui
   return blocked;
 }
 
+// Intersects the rays whose cell of the image contains a rock.
 void ObjectsInFrame::intersect_rocks(const Rays& rays, bool from_camera, double* nearest, ObjectLanes& out) const {
   const std::uint32_t candidates =
       in_image_ && from_camera ? in_image_->may_hit(rays.dx, rays.dy, rays.dz, kAllLanes) : kAllLanes;

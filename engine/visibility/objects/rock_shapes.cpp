@@ -69,6 +69,7 @@ Sphere subdivided_icosahedron(int cuts) {
   return s;
 }
 
+// Returns a direction, uniform on the sphere.
 Vec3 random_direction(dem::Draws& draws) {
   const double z = 2 * draws.uniform() - 1;
   const double turn = 2 * pi * draws.uniform();
@@ -130,6 +131,7 @@ ObjectShape with_edge_normals(const std::vector<Vec3>& points, const std::vector
   return out;
 }
 
+// Returns a stone: a ball cut by random planes at 0.5 to 0.9 of its radius, with a rough surface.
 ObjectShape stone(std::size_t number, std::size_t rounding) {
   constexpr std::uint64_t kRockShapes = 0x726f636b;
   dem::Draws draws(kRockShapes, 0, static_cast<int>(number), 0);
@@ -168,6 +170,7 @@ double fillet_height(double share) {
   return 0.5 * share - 100 * std::pow(std::min(0.0, share - kGentleShare), 2);
 }
 
+// Returns a mound of soil with a slightly irregular outline and height.
 ObjectShape fillet(int number) {
   constexpr std::uint64_t kFilletShapes = 0x66696c6c;
   constexpr int kAround = 40;
@@ -272,6 +275,7 @@ Eigen::MatrixX3d hull_from_above(const Eigen::MatrixX3d& points) {
   return points(hull, Eigen::all);
 }
 
+// Returns the transformation that rotates and scales a shape as described at Points.
 Eigen::Affine3d lying_attitude(const Points& shape, const Eigen::Matrix3d& rotation) {
   const Eigen::MatrixX3d rotated = (rotation * shape).transpose(), around = hull_from_above(rotated);
   // Returns the farthest points forward and backward.
@@ -326,6 +330,7 @@ Points distinct_points(const ObjectShape& shape) {
   return points;
 }
 
+// Returns the attitudes of all shapes, kAttitudes for each. Made once.
 const std::vector<Eigen::Affine3d>& attitudes() {
   static const auto table = [] {
     constexpr std::uint64_t kSeed = 0x7475726e;
@@ -359,6 +364,7 @@ struct RockAppearance {
   }
 };
 
+// Returns the rotation from ground axes (z up), rotated by `turn` about the vertical, to MOON_ME.
 Eigen::Quaterniond moon_from_ground(const Vec3& up, double turn) {
   return Eigen::Quaterniond::FromTwoVectors(Vec3::UnitZ(), up) * Eigen::AngleAxisd(turn, Vec3::UnitZ());
 }

@@ -101,12 +101,14 @@ class RayPass {
 
   void meet(Packet& packet, const PacketShader& shader) const;
   void find_radiance(Packet& packet, const PacketShader& shader) const;
+  // Replaces pixels at edges by the mean of four samples; see edge_samples.h.
   void refine_edges(std::vector<float>& radiance) const;
   void find_objects(Packet& packet) const;
   void write_objects(Packet& packet) const;
   void write_flow(const Packet& packet) const;
   void light(const SurfacePoints& points, const std::uint16_t* own_object, Shading& shading, float* lit) const;
   std::size_t pixel_of(const Packet& packet, int lane) const;
+  // Adds weighted radiance to the product, or stores it if the sample has an array of its own.
   void add_radiance(std::size_t at, float weight, float radiance) const {
     if (sample_radiance_.empty())
       writer_.out().radiance[at] += weight * radiance;

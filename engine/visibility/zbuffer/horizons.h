@@ -3,9 +3,16 @@
 //
 // Terrain is a height field: in a column of the disc it hides everything below a horizon, and horizons consist of edges
 // between a triangle that faces part of the disc and one that is turned away from part of it. One pass takes these
-// edges from the mesh and raises the horizons of the samples behind them, all columns at once. Terrain more than `kAim`
-// disc radii above the disc's middle is not examined here: the shadow map itself is aimed there, and what is dark in it
-// is dark.
+// edges from the mesh and raises the horizons of the samples behind them, all columns at once. Terrain more than
+// `kAim` + `kAbove` radii above the middle of the disc is not examined here: the shadow map is aimed at `kAim`, and
+// samples that are dark in it are dark.
+//
+//          aim  x                    the disc as a sample sees it, with its columns
+//             .----.
+//           / | |  | \__            the silhouette edges of terrain; in each column, the light below the
+//     _____|__|_|__|_|  \__          highest edge is blocked
+//     terrain \ |  | /
+//              `--'
 //
 // At ten metres the disc covers nine centimetres. Coordinates are therefore relative to an origin near the samples, and
 // the mesh's vertices are recomputed from their posts, relative to their block.

@@ -17,6 +17,8 @@ namespace {
 constexpr int kTileWidth = 128, kTileHeight = 64, kLensTileSide = 32;
 static_assert(kTileWidth % kPacket == 0 && kLensTileSide % kPacket == 0, "lanes beyond a tile are beyond the image");
 
+// Depth of the near border of the guard band; distance of the eye from the anchor above which the anchor is the pivot;
+// margin of the boxes of strips for rounding.
 constexpr float kNear_m = 0.01F;
 constexpr double kFar_m = 500e3;
 constexpr float kSlack_px = 0.05F;
@@ -149,6 +151,7 @@ TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, Ti
   return view;
 }
 
+// Returns the box of a strip in the image. Corners behind the eye make it unbounded.
 StripBox ImageTiling::box_of(const Strip& s, const TileView& image_view) const {
   constexpr float kAnywhere = std::numeric_limits<float>::infinity();
   StripBox box{{kAnywhere, kAnywhere}, {-kAnywhere, -kAnywhere}, false};
@@ -180,6 +183,7 @@ StripBox ImageTiling::box_of(const Strip& s, const TileView& image_view) const {
   return box;
 }
 
+// Sets the bounds of the samples of a tile in pixels of the undistorted camera.
 void ImageTiling::bound(ImageTile& tile, const PixelRays& rays) const {
   tile.low[0] = static_cast<float>(tile.x0);
   tile.high[0] = static_cast<float>(tile.x0 + tile.width - 1);
@@ -230,6 +234,7 @@ void ImageTiling::lay(double dx, double dy, const PixelRays& rays, std::vector<S
       low = std::min(low, tile.low[1]);
       high_end = std::max(high_end, tile.high[1]);
     }
+    // Assign each strip to the tiles of this row that its box overlaps.
     for (std::size_t i = 0; i < boxes.size(); ++i) {
       const StripBox& b = boxes[i];
       if (b.empty() || b.high[1] < low || b.low[1] > high_end) continue;

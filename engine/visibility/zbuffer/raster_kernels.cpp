@@ -136,6 +136,7 @@ HWY_INLINE void orient_edges(Triangles& t, bool upper, MF positive) {
   t.ey[2] = hn::IfThenElse(flip_first, hn::Neg(t.ey[2]), t.ey[2]);
 }
 
+// Returns the lanes whose sample is on the left of all three oriented edges or on them.
 HWY_INLINE MF inside(const Triangles& t, VF x, VF y) {
   const auto edge = [&](int k) {
     return hn::Ge(hn::Sub(hn::Mul(t.ex[k], hn::Sub(y, t.oy[k])), hn::Mul(t.ey[k], hn::Sub(x, t.ox[k]))),
@@ -144,6 +145,7 @@ HWY_INLINE MF inside(const Triangles& t, VF x, VF y) {
   return hn::And(edge(0), hn::And(edge(1), edge(2)));
 }
 
+// Returns the value of the plane at the samples.
 HWY_INLINE VF value(const Triangles& t, VF x, VF y) {
   return hn::Add(t.p, hn::Add(hn::Mul(t.gx, hn::Sub(x, t.px)), hn::Mul(t.gy, hn::Sub(y, t.py))));
 }
@@ -162,6 +164,7 @@ HWY_INLINE void store_triangles(const Triangles& t, float* out, std::size_t lane
   hn::StoreU(t.gx, float_tag, out + 15 * lanes);
   hn::StoreU(t.gy, float_tag, out + 16 * lanes);
 }
+// One triangle of such a vector, whose members are broadcast to all lanes when they are needed.
 struct StoredTriangle {
   const float* in;
   std::size_t lanes, lane;
@@ -185,6 +188,7 @@ struct StoredTriangle {
 
 // ---- the view ------------------------------------------------------------------------------------------------------
 
+// A row of vertices of a block in pixels of the tile.
 struct ProjectedRow {
   alignas(64) float x[kMaxColumns];  // pixels
   alignas(64) float y[kMaxColumns];  // pixels
@@ -357,6 +361,7 @@ HWY_NOINLINE void draw_triangles(const VF* x, const VF* y, const VF* w, VI ids, 
     walk_boxes<false>(t, active, x0, x1, y0, y1, ids, view, out);
 }
 
+// Returns false for NaN: missing vertices are NaN.
 HWY_INLINE MF is_number(VF x) { return hn::Eq(x, x); }
 
 // Collects triangles until there is a full vector of them: in most vectors of quads few lanes have pixels or face away
@@ -495,6 +500,7 @@ void DrawStrip(const RasterBlock& b, const Strip& strip, const TileView& view, T
 
 // ---- the Sun -------------------------------------------------------------------------------------------------------
 
+// A row of vertices of a block in light space.
 struct LightRow {
   alignas(64) float u[kMaxColumns];
   alignas(64) float v[kMaxColumns];
@@ -515,6 +521,7 @@ HWY_INLINE void to_light_space(const RasterBlock& b, int row, const LightAxes& a
   }
 }
 
+// Returns the column or row of cells of a coordinate, clamped to the grid.
 HWY_INLINE VI cell_index(VF x, float first, float per_metre, int last) {
   const VF at = hn::Floor(hn::Mul(hn::Sub(x, broadcast(first)), broadcast(per_metre)));
   return hn::ConvertTo(int_tag, hn::Min(hn::Max(at, hn::Zero(float_tag)), broadcast(static_cast<float>(last))));
@@ -826,6 +833,7 @@ void TileBuffer::clear(int width, int height) {
 
 namespace {
 
+// Draws the triangles of a strip that leaves the guard band one by one.
 class HomogeneousDrawer {
   using Plane = HomogeneousTriangle::Plane;
   using Edge = HomogeneousTriangle::Edge;
@@ -884,6 +892,7 @@ class HomogeneousDrawer {
                                        static_cast<double>(view_.near1),
                                        static_cast<double>(view_.offset[2]),
                                        id.packed()};
+    // Visit the whole tile unless pixel positions bound the triangle.
     int x0 = 0;
     int x1 = view_.width - 1;
     int y0 = 0;

@@ -77,6 +77,7 @@ void RasterPass::find_points(Pixels& pixels) {
     draw_ms += draws_ms;
     resolve_ms += resolves_ms;
   });
+  // Distribute the wall-clock time of the loop by the work of all threads.
   const double tiles_ms = pixels.watch.lap_ms();
   const double work_ms = std::max(draw_ms + resolve_ms, 1e-9);
   times_.draw_ms += tiles_ms * draw_ms / work_ms;

@@ -77,18 +77,22 @@ class RasterPass {
  private:
   struct Row;  // sixteen pixels of a tile
 
+  // Resolves the pixels of a tile that has been drawn into `buffer`.
   void resolve_tile(const ImageTile& tile, const TileBuffer& buffer, const SubpixelSample& sample,
                     const PixelRays& lens, PixelCounts& counts, LightSamples& samples);
+  // Resolves sixteen pixels from the ids of their triangles: aims their rays and refines their points.
   void resolve(const Row& row, const std::uint32_t* triangles, PixelCounts& counts, LightSamples& samples,
                PacketShader::Sampler& sampler);
   void resolve_points(const Row& row, Rays& rays, SurfacePoints& points, const Facets& facets, PixelCounts& counts,
                       LightSamples& samples, PacketShader::Sampler& sampler);
+  // Replaces pixels at edges by the mean of four samples; see edge_samples.h.
   void refine_edges(Pixels& pixels);
   struct EdgeTiles;  // a batch of tiles
   void refine_tiles(const EdgeTiles& batch, Pixels& pixels);
   void resolve_edges(const EdgeTiles& batch, std::size_t i, const TileBuffer& buffer);
   void shade(std::vector<float>& radiance, const std::vector<float>& bases) const;
   void resolve_objects(const Row& row, Rays& rays, SurfacePoints& points, PixelCounts& counts, LightSamples& samples);
+  // Records the hits of the boresight and the corners of the image.
   void mark(const Row& row, const SurfacePoints& points);
   void prefetch(const std::uint32_t* triangles) const;
   void light_packet(const SurfacePoints& points, const std::uint16_t* own_object, std::size_t first_pixel,
@@ -106,8 +110,10 @@ class RasterPass {
                                       DiscLight::FreeDirections* free) const;
   void add_samples(const SurfacePoints& points, std::uint32_t first_pixel, const DiscState& disc, bool all_inside,
                    float* lit, LightSamples& samples) const;
+  // Calls visit for each pixel that loses light to terrain.
   template <typename Work>
   void for_shaded(const Work& visit) const;
+  // Returns the array for the radiance of a sample: the product itself if it is the only sample.
   std::vector<float>& radiance_of(const SubpixelSample& sample) {
     return sample.store ? writer_.out().radiance : scratch_.radiance;
   }

@@ -247,6 +247,7 @@ ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& aim, const DiscLight* d
   }
 }
 
+// Returns the bounding box of a strip in light space, from its oriented box, and the ways in which it occludes.
 ShadowMap::Occluder ShadowMap::occluder_of(const Strip& s) const {
   const auto range = [&](const float* axis, float& low, float& high) {
     float middle = 0, reach = 0;
@@ -437,6 +438,7 @@ std::vector<LightBox> ShadowMap::occluder_boxes() const {
   });
 }
 
+// Lists the groups per band by a counting sort, as sort_by_cell does for samples and cells.
 void ShadowMap::find_bands(const Grid& grid, const LightSamples& tile, const ShadowReach* reach, BandGroups& out) {
   const auto bands = static_cast<std::size_t>(grid.bands);
   const std::size_t full_groups = tile.count / kPacket;
@@ -558,6 +560,7 @@ void ShadowMap::scatter_into_cells(std::size_t band_index, const std::vector<Lig
     }
 }
 
+// Casts the strips whose box may be above a sample of the band that is not yet dark.
 void ShadowMap::cast_strips(const Grid& grid, int band_index, LightBand& band) const {
   const float lowest = *std::min_element(band.min_d.begin(), band.min_d.end());
   const float u_first = band.u0 - band.margin_m;
@@ -566,6 +569,7 @@ void ShadowMap::cast_strips(const Grid& grid, int band_index, LightBand& band) c
   const float v_last = band.v_end() + band.margin_m;
   for (const std::uint32_t s : order_) {
     const Occluder& c = occluders_[s];
+    // Skip occluders below every sample; in descending order, all later ones are lower still.
     if (!(c.d_high > lowest)) {
       if (descending_) break;
       continue;
@@ -578,6 +582,7 @@ void ShadowMap::cast_strips(const Grid& grid, int band_index, LightBand& band) c
     if (!band.any_below(c0, c1, r0, r1, c.d_high)) continue;
     const Strip& strip = mesh_.strips()[s];
     cast_strip(mesh_.blocks()[strip.block], strip, axes_, band);
+    // Let later, lower strips be rejected by the samples that are still lit.
     if (descending_) update_coarse_min(band, c0, c1, r0, r1);
   }
 }

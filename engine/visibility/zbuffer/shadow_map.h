@@ -6,8 +6,8 @@
 // Light space, seen from the Sun (d points at the reader). Samples are sorted into cells; each band is a task:
 //
 //     v                                  /\           occluder: its box of cells is tested against the
-//     ^  +----+----+----+----+----+     /  \          lowest sample of each run of kCoarse cells first
-//     |  |  . |.   |    | .  |    |    /____\
+//     ^  +----+----+----+----+----+     /  \          lowest sample of each run of kCoarse
+//     |  |  . |.   |    | .  |    |    /____\         cells before its triangles are cast
 //     |  | .  |    | .. |    |  . |   band 1: kBandRows rows of cells, about one sample (.) per cell,
 //     |  +====+====+====+====+====+           each four times as high as wide
 //     |  |    | .  |    |.   |    |   band 0: samples contiguous per row and per cell
