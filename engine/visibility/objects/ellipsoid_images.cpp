@@ -64,8 +64,8 @@ float rounded_up(double value) {
 double reach_along(const Vec3& n, const Eigen::Matrix3d& squares) { return std::sqrt(n.dot(squares * n)); }
 
 // Returns the slopes of the silhouette of an ellipsoid along an axis of the image: of the planes through the origin
-// that touch it. Arguments are its centre across and forward, and its matrix entries for across, both, and forward.
-// Infinite if the ellipsoid encloses or surrounds the origin sideways.
+// that touch it. Arguments are its centre across and forward, and its matrix entries for across, both, and forward. A
+// slope is infinite on a side where the ellipsoid reaches beside the origin; both are if it encloses the origin.
 std::pair<double, double> silhouette_slopes(double across, double forward, double across2, double both,
                                             double forward2) {
   constexpr double kInfinite = std::numeric_limits<double>::infinity();

@@ -237,7 +237,8 @@ std::vector<Ball> ObjectsInFrame::balls_around_rocks() const {
   return out;
 }
 
-// Builds the group of rocks. Relative to the camera, float resolves a small fraction of a pixel.
+// Builds the group of rocks around the anchor. With the camera as the anchor, float resolves a small fraction of a
+// pixel.
 void ObjectsInFrame::build_rock_group(const Vec3& anchor_m, const StopToken& stop) {
   anchor_m_ = anchor_m;
   for (std::size_t i = first_rock_; i < placed_.size(); ++i)
