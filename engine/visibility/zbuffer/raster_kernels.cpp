@@ -109,8 +109,8 @@ HWY_INLINE Triangles set_up(bool upper, const VF* x, const VF* y, const VF* corn
   t.ex[2] = hn::Sub(cx, bx);
   t.ey[2] = hn::Sub(cy, by);
   area = area_of(upper, x, y);
-  // Differences of the value along the eastward and the northward edge, and these edges, from their common corner a in
-  // the lower half; to it, d, in the upper half.
+  // Take the differences of value and position along the eastward and the northward edge, away from the corner that
+  // they share: a in the lower half, d (passed as a) in the upper half.
   const VF d1 = upper ? hn::Sub(c, a) : hn::Sub(b, a), d2 = upper ? hn::Sub(b, a) : hn::Sub(c, a);
   const VF x1 = upper ? hn::Neg(t.ex[0]) : t.ex[0], y1 = upper ? hn::Neg(t.ey[0]) : t.ey[0];
   const VF x2 = upper ? hn::Neg(t.ex[1]) : t.ex[1], y2 = upper ? hn::Neg(t.ey[1]) : t.ey[1];
