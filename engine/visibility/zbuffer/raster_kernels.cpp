@@ -219,15 +219,15 @@ HWY_INLINE void project_row(const RasterBlock& b, int row, const TileView& view,
 // and column in the group. The last five bits of TriangleId::packed() are column and half; the key rotates them so that
 // the half comes first.
 HWY_INLINE bool precedes(std::uint32_t id, std::uint32_t drawn) {
-  const auto key = [](std::uint32_t of) { return (of & ~31U) | (of & 1) << 4 | (of >> 1 & 15); };
+  const auto key = [](std::uint32_t packed) { return (packed & ~31U) | (packed & 1) << 4 | (packed >> 1 & 15); };
   return key(id) < key(drawn);
 }
 HWY_INLINE MF precede(VI id, VI drawn) {
   // Flip the top bits: a signed comparison then orders unsigned keys.
-  const auto key = [](VI id) {
-    const VI column_in_group = hn::And(hn::ShiftRight<1>(id), hn::Set(int_tag, 15));
-    const VI half = hn::ShiftLeft<4>(hn::And(id, hn::Set(int_tag, 1)));
-    const VI rest = hn::AndNot(hn::Set(int_tag, 31), id);
+  const auto key = [](VI packed) {
+    const VI column_in_group = hn::And(hn::ShiftRight<1>(packed), hn::Set(int_tag, 15));
+    const VI half = hn::ShiftLeft<4>(hn::And(packed, hn::Set(int_tag, 1)));
+    const VI rest = hn::AndNot(hn::Set(int_tag, 31), packed);
     return hn::Xor(hn::Or(rest, hn::Or(half, column_in_group)),
                    hn::Set(int_tag, std::numeric_limits<std::int32_t>::min()));
   };
