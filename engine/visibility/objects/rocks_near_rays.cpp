@@ -104,7 +104,7 @@ std::optional<RocksNearRays::SearchRegions> RocksNearRays::regions_along(std::sp
     };
     const NodeBounds bounds = bounds_of(block.id, block.low_m, block.high_m);
     const bool bundles =
-        !std::add_block(block.rays.begin(), block.rays.end(), [&](std::size_t i) { return rays[i].one(); });
+        !std::all_of(block.rays.begin(), block.rays.end(), [&](std::size_t i) { return rays[i].one(); });
     const dem::Footprint footprint = dem::footprint_of(block.id);
     for (int k = field.smallest_octave(); k <= field.largest_octave() && expected <= kMostRocksOfRays; ++k) {
       if (field.largest_m(k) <= omitted_m) continue;
