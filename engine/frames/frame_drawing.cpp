@@ -25,11 +25,11 @@ constexpr auto kPixelStages = [](auto& algorithm, auto& pixels) {
 FrameDrawing summarise_pixels(const FrameWriter& writer, const FrameJob& job, FrameProducts products) {
   FrameDrawing drawing;
   drawing.products = std::move(products);
-  drawing.sources = writer.sources().settle(drawing.products.source);
+  drawing.sources = writer.sources().resolve(drawing.products.source);
   drawing.counts = writer.counts();
   drawing.pixels = static_cast<double>(job.request.camera.width) * job.request.camera.height;
   for (std::size_t mark = 0; mark < drawing.marks.size(); ++mark)
-    drawing.marks[mark] = writer.marks().met(mark, job.views, job.scene.mesh);
+    drawing.marks[mark] = writer.marks().hit_of(mark, job.views, job.scene.mesh);
   return drawing;
 }
 
@@ -48,7 +48,7 @@ FrameDrawing draw_centres(const FrameJob& job, const ViewMarks& marks, const Ren
                           StageTimes& times) {
   FrameProducts products;
   FrameWriter writer(job.request, job.views, job.scene.mesh, catalogue_size(context), products, job.stop);
-  writer.look_at(marks);
+  writer.set_marks(marks);
   writer.set_light({job.radiance.direct_w_m2, job.indirect});
   draw_pixels(job, writer, context.cache, times);
   return summarise_pixels(writer, job, std::move(products));
@@ -66,7 +66,7 @@ FrameDrawing draw_dense(const FrameJob& job, const ViewMarks& marks, const Rende
   }
   const std::shared_ptr<const PixelRays> rays = context.cache.lens(dense_camera(job.request.camera), job.stop);
   DenseSamples samples(job, *rays, catalogue_size(context));
-  samples.writer().look_at(marks.dense());
+  samples.writer().set_marks(marks.dense());
   draw_pixels(samples.job(), samples.writer(), context.cache, times);
   FrameDrawing drawing = centres ? *std::move(centres) : summarise_pixels(samples.writer(), samples.job(), {});
   drawing.products.radiance = samples.radiance();

@@ -42,8 +42,8 @@ struct FrameDrawing {
   FrameProducts products;
   std::vector<dem::SourceIndex> sources;  // the product `source` holds indices into it
   PixelCounts counts;
-  double pixels = 0;                                                   // number of counted pixels
-  std::array<std::optional<ViewMarks::Met>, ViewMarks::kCount> marks;  // terrain at the boresight and the corners
+  double pixels = 0;                                                       // number of counted pixels
+  std::array<std::optional<ViewMarks::MarkHit>, ViewMarks::kCount> marks;  // terrain at the boresight and the corners
   std::size_t triangles = 0, scene_bytes = 0;
   double ground_view = 0;  // TerrainLight::max_ground_view
   StageTimes times;

@@ -77,8 +77,8 @@ std::optional<std::array<double, 2>> phases_deg(const View& view, const Vec3& su
   return range;
 }
 
-void report_boresight(const ViewMarks::Met& mark, const View& view, const Vec3& sun, const dem::Catalogue& catalogue,
-                      ViewReport& report) {
+void report_boresight(const ViewMarks::MarkHit& mark, const View& view, const Vec3& sun,
+                      const dem::Catalogue& catalogue, ViewReport& report) {
   report.boresight = to_geographic(mark.position_m);
   const EastNorthUp local = local_axes(mark.position_m);
   // Project the image's up direction along the line of sight onto the horizontal plane.

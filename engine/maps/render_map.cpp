@@ -293,7 +293,7 @@ class MapDrawing {
     missing_ += writer.counts().missing;
     filled_ += writer.counts().filled;
     blended_ += writer.counts().blended;
-    const std::vector<dem::SourceIndex> sources = writer.sources().settle(drawn.source);
+    const std::vector<dem::SourceIndex> sources = writer.sources().resolve(drawn.source);
     drawn.rock_height = std::move(rock_height);
     copy(patch, directions, drawn, numbers_of(sources));
     if (!sag_m.empty()) lift(patch, sag_m);

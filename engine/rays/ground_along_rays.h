@@ -60,7 +60,7 @@ class SceneryOnGround {
   // Intersects as ObjectsInFrame::meet does. `out` is written in the lanes that hit an object.
   std::uint32_t intersect(Rays& rays, SurfacePoints& terrain, ObjectLanes& out) const {
     const bool rocks_only = objects_only_.empty() && cells_;
-    return rocks_only && !cells_->may_hit(rays, terrain) ? 0 : objects().meet(rays, terrain, out);
+    return rocks_only && !cells_->may_hit(rays, terrain) ? 0 : objects().intersect(rays, terrain, out);
   }
   const ObjectsInFrame& objects() const { return objects_and_rocks_ ? *objects_and_rocks_ : objects_only_; }
   std::optional<std::uint16_t> object(std::uint16_t index) const {

@@ -104,7 +104,7 @@ class RayCaster {
         behind.distance[i] = range_m[at];
       }
       ObjectLanes lanes;
-      const std::uint32_t hit = ground_.objects().meet(packet, behind, lanes);
+      const std::uint32_t hit = ground_.objects().intersect(packet, behind, lanes);
       for (int i = 0; i < count; ++i)
         if (hit >> i & 1) nearest[first + static_cast<std::size_t>(i)] = lanes.object[i];
     });
@@ -177,8 +177,8 @@ class RayCaster {
       };
       if (disc) {
         DiscLanes turned;
-        query_lanes &= disc->alone(points, shading, turned, lit);
-        disc->take_out(blocked, query_lanes, turned, lit, shading.incident);
+        query_lanes &= disc->unoccluded(points, shading, turned, lit);
+        disc->remove_blocked(blocked, query_lanes, turned, lit, shading.incident);
       } else {
         const std::uint32_t dark = blocked(query_lanes, sun.direction);
         for (int i = 0; i < kPacket; ++i) lit[i] = query_lanes & ~dark & 1U << i ? 1.F : 0.F;

@@ -75,7 +75,7 @@ TEST(DiscLight, AFacetAloneReceivesTheClosedForm) {
         shading = {1.3 * r * any(random), r * std::cos(other), r * std::sin(other)};
       }
       const DiscShare expected = summed(u, facet, shading, [](double, double) { return true; });
-      const DiscShare found = disc.alone(facet, shading);
+      const DiscShare found = disc.unoccluded(facet, shading);
       worst_share = std::max(worst_share, std::abs(found.share - expected.share));
       worst_cosine = std::max(worst_cosine, std::abs(found.cosine - expected.cosine) / r);
     }
@@ -89,10 +89,10 @@ TEST(DiscLight, LevelGroundAtSunset) {
   const DiscLight disc(sun(0), Vec3::UnitZ());
   const double r = disc.radius();
   const DiscPlane level{0, 0, r};
-  EXPECT_NEAR(disc.alone(level, level).share, 0.5, 1e-12);
-  EXPECT_NEAR(disc.alone(level, level).cosine, 2 / (3 * std::numbers::pi) * r, 1e-12);
+  EXPECT_NEAR(disc.unoccluded(level, level).share, 0.5, 1e-12);
+  EXPECT_NEAR(disc.unoccluded(level, level).cosine, 2 / (3 * std::numbers::pi) * r, 1e-12);
   const DiscPlane above{r, 0, r};
-  EXPECT_NEAR(disc.alone(above, above).cosine, r, 1e-12) << "its lower rim on the horizon: the middle's cosine";
+  EXPECT_NEAR(disc.unoccluded(above, above).cosine, r, 1e-12) << "its lower rim on the horizon: the middle's cosine";
 }
 
 // A horizon that is straight in the sky, at every height and up to 45 degrees steep.
@@ -115,13 +115,13 @@ TEST(DiscLight, StraightHorizonsLeaveWhatIsAboveThem) {
             p->middle[i] = static_cast<float>(high.middle), p->across[i] = static_cast<float>(high.across),
             p->upward[i] = static_cast<float>(high.upward);
         }
-        disc.left(horizons, turned, share, cosine);
+        disc.remaining(horizons, turned, share, cosine);
         // The same by the shorter way of points that face all of the disc.
         float whole_share[kPacket], whole_cosine[kPacket];
-        turned.whole = kAllLanes;
+        turned.facing_all = kAllLanes;
         std::fill_n(turned.tilt_across, kPacket, static_cast<float>(high.across / high.middle));
         std::fill_n(turned.tilt_upward, kPacket, static_cast<float>(high.upward / high.middle));
-        disc.left(horizons, turned, whole_share, whole_cosine);
+        disc.remaining(horizons, turned, whole_share, whole_cosine);
         EXPECT_NEAR(whole_share[5], share[5], 1e-4);
         EXPECT_NEAR(whole_cosine[5], cosine[5], 1e-4);
         const DiscShare expected = summed(u, high, high, [&](double x, double y) { return y > height + slope * x; });
@@ -150,8 +150,8 @@ TEST(DiscLight, AGrazedFacetUnderAHorizon) {
       p->middle[i] = static_cast<float>(facet.middle), p->across[i] = static_cast<float>(facet.across),
       p->upward[i] = static_cast<float>(facet.upward);
   }
-  disc.left(horizons, turned, share, cosine);
-  const DiscShare alone = disc.alone(facet, facet);
+  disc.remaining(horizons, turned, share, cosine);
+  const DiscShare alone = disc.unoccluded(facet, facet);
   for (int i = 0; i < kPacket; ++i) {
     const DiscShare expected = summed(0, facet, facet, [&](double, double y) { return y > 0.1 * (i - 8); });
     EXPECT_NEAR(alone.share * static_cast<double>(share[i]), expected.share, 0.01) << i;
@@ -164,7 +164,7 @@ TEST(DiscLight, DirectionsHaveEqualLight) {
     const DiscLight disc(sun(u), Vec3::UnitZ());
     std::array<double, DiscLight::kDirections> within{};
     for (std::size_t k = 0; k < within.size(); ++k) {
-      const auto [x, y] = disc.places()[k];
+      const auto [x, y] = disc.disc_points()[k];
       const double r2 = x * x + y * y;
       // The integral of 1 - u (1 - sqrt(1 - r^2)) over the disc within r, over that of the whole.
       within[k] = ((1 - u) * r2 + u * 2 / 3 * (1 - std::pow(1 - r2, 1.5))) / (1 - u / 3);
@@ -196,7 +196,7 @@ TEST(DiscLight, DirectionsPastAStraightEdge) {
                    y = (disc.direction(0, 1) - disc.direction(0, 0)) / disc.radius();
         return std::cos(turn) * off.dot(x) + std::sin(turn) * off.dot(y) < height ? asking : 0;
       };
-      disc.take_out(blocked, 0xffff, turned, lit, incident);
+      disc.remove_blocked(blocked, 0xffff, turned, lit, incident);
       const double h = std::clamp(height, -1.0, 1.0),
                    expected = (std::acos(h) - h * std::sqrt(1 - h * h)) / std::numbers::pi;
       const double error = std::abs(static_cast<double>(lit[3]) - expected);
@@ -220,9 +220,9 @@ TEST(DiscLight, UnobstructedSunNeedsOnlyScoutRays) {
   // Of a facet that faces a part of the disc, a few scouts may agree by chance.
   for (const std::uint32_t whole : {0xffffU, 0xfffeU})
     for (const std::uint32_t answer : {0U, 0xffffU}) {
-      turned.whole = whole, lit[0] = 1;
+      turned.facing_all = whole, lit[0] = 1;
       int asked = 0;
-      disc.take_out([&](std::uint32_t, const Vec3&) { return ++asked, answer; }, 0xffff, turned, lit, incident);
+      disc.remove_blocked([&](std::uint32_t, const Vec3&) { return ++asked, answer; }, 0xffff, turned, lit, incident);
       EXPECT_EQ(asked, whole == 0xffff ? DiscLight::kScouts : DiscLight::kDirections);
       EXPECT_EQ(lit[0], answer ? 0 : 1);
     }
@@ -236,8 +236,8 @@ TEST(DiscLight, OfASliverHalfIsLeft) {
   double incident[kPacket] = {1e-6};
   turned.facet.middle[0] = 0.5F, turned.shading.middle[0] = -1e-3F;
   const Vec3 middle = disc.direction(0, 0), across = disc.direction(1, 0) - middle;
-  disc.take_out([&](std::uint32_t, const Vec3& d) { return (d - middle).dot(across) > 0 ? 1U : 0U; }, 1, turned, lit,
-                incident);
+  disc.remove_blocked([&](std::uint32_t, const Vec3& d) { return (d - middle).dot(across) > 0 ? 1U : 0U; }, 1, turned,
+                      lit, incident);
   EXPECT_NEAR(lit[0], 0.5F, 0.01F);
   EXPECT_DOUBLE_EQ(incident[0], 1e-6);
 }

@@ -76,7 +76,7 @@ TEST_F(EllipsoidImagesTest, ParallelRays) {
           from[i] = near(all[static_cast<std::size_t>(packet * kPacket + i) % all.size()]) - any(-1, 5) * toward;
         lanes.set(i, from[i]);
       }
-      const std::uint32_t told = images.may_meet(lanes.x, lanes.y, lanes.z, kAllLanes);
+      const std::uint32_t told = images.may_hit(lanes.x, lanes.y, lanes.z, kAllLanes);
       for (int i = 0; i < kPacket; ++i) {
         bool any_met = false;
         for (const Ellipsoid& e : all) any_met |= meets(from[i], toward, e);
@@ -98,7 +98,7 @@ TEST_F(EllipsoidImagesTest, RaysFromBeyondMeetNothing) {
     Lanes lanes;
     const double reach_m = (e.axes_m.transpose() * toward).norm();
     for (int i = 0; i < kPacket; ++i) lanes.set(i, e.centre_m + (i % 2 ? 1.1 : -1.1) * reach_m * toward);
-    const std::uint32_t told = images.may_meet(lanes.x, lanes.y, lanes.z, kAllLanes);
+    const std::uint32_t told = images.may_hit(lanes.x, lanes.y, lanes.z, kAllLanes);
     before += (told & 1) != 0, beyond += (told & 2) != 0;
   }
   EXPECT_EQ(before, 200);
@@ -124,7 +124,7 @@ TEST_F(EllipsoidImagesTest, RaysFromOnePlace) {
         if (i == 6) rays[i] = axes * Vec3(any(-9, 9), any(-9, 9), 1);  // beyond the cells
         lanes.set(i, rays[i]);
       }
-      const std::uint32_t told = images.may_meet(lanes.x, lanes.y, lanes.z, kAllLanes);
+      const std::uint32_t told = images.may_hit(lanes.x, lanes.y, lanes.z, kAllLanes);
       for (int i = 0; i < kPacket; ++i) {
         bool any_met = false;
         for (const Ellipsoid& e : all) any_met |= meets(kPlace, rays[i], e);
@@ -143,7 +143,7 @@ TEST_F(EllipsoidImagesTest, APlaceWithinAnEllipsoidMeetsItAlways) {
   const EllipsoidImages images = EllipsoidImages::from(kPlace, axes, 0.7, all);
   Lanes lanes;
   for (int i = 0; i < kPacket; ++i) lanes.set(i, Vec3(any(-0.7, 0.7), any(-0.7, 0.7), 1));
-  EXPECT_EQ(images.may_meet(lanes.x, lanes.y, lanes.z, kAllLanes), kAllLanes);
+  EXPECT_EQ(images.may_hit(lanes.x, lanes.y, lanes.z, kAllLanes), kAllLanes);
 }
 
 TEST_F(EllipsoidImagesTest, LanesThatDontAskAndThoseWithoutNumbers) {
@@ -153,11 +153,11 @@ TEST_F(EllipsoidImagesTest, LanesThatDontAskAndThoseWithoutNumbers) {
   for (int i = 0; i < kPacket; ++i) lanes.set(i, Vec3(0, 0, 1));
   const double nan = std::numeric_limits<double>::quiet_NaN();
   lanes.set(3, Vec3(nan, nan, nan));
-  EXPECT_EQ(images.may_meet(lanes.x, lanes.y, lanes.z, 0x00f0U), 0x00f0U);
-  EXPECT_EQ(images.may_meet(lanes.x, lanes.y, lanes.z, 0x0008U), 0U);
+  EXPECT_EQ(images.may_hit(lanes.x, lanes.y, lanes.z, 0x00f0U), 0x00f0U);
+  EXPECT_EQ(images.may_hit(lanes.x, lanes.y, lanes.z, 0x0008U), 0U);
   const std::vector<Ellipsoid> behind{ball(kPlace - Vec3(0, 0, 100), 1)};
   const EllipsoidImages none = EllipsoidImages::from(kPlace, Eigen::Matrix3d::Identity(), 0.7, behind);
-  EXPECT_EQ(none.may_meet(lanes.x, lanes.y, lanes.z, kAllLanes), 0U);
+  EXPECT_EQ(none.may_hit(lanes.x, lanes.y, lanes.z, kAllLanes), 0U);
 }
 
 }  // namespace

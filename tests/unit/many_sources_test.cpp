@@ -82,7 +82,7 @@ TEST(FrameSources, NumbersFollowTheCatalogueWhateverTheOrder) {
   std::vector<std::uint16_t> product = {sources.product_number(99999), sources.product_number(7),
                                         engine::FrameSources::kNone, sources.product_number(70000),
                                         sources.product_number(7)};
-  EXPECT_EQ(sources.settle(product), (std::vector<dem::SourceIndex>{7, 70000, 99999}));
+  EXPECT_EQ(sources.resolve(product), (std::vector<dem::SourceIndex>{7, 70000, 99999}));
   EXPECT_EQ(product, (std::vector<std::uint16_t>{2, 0, engine::FrameSources::kNone, 1, 0}));
 }
 
@@ -91,7 +91,7 @@ TEST(FrameSources, TooManySourcesThrow) {
   for (dem::SourceIndex i = 0; i < 65535; ++i) ASSERT_EQ(sources.product_number(i), i);
   EXPECT_THROW(sources.product_number(65535), TooMuchTerrain);
   std::vector<std::uint16_t> product;
-  EXPECT_EQ(sources.settle(product).size(), 65536U);
+  EXPECT_EQ(sources.resolve(product).size(), 65536U);
 }
 
 }  // namespace

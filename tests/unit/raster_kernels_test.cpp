@@ -70,7 +70,7 @@ class Grid {
 TileView square_view(int side) {
   TileView v{};
   for (int k = 0; k < 3; ++k) v.row[k][k] = 1;
-  v.near0 = 1, v.width = v.height = side, v.least_depth = 0.01F;
+  v.near0 = 1, v.width = v.height = side, v.min_depth_m = 0.01F;
   return v;
 }
 
@@ -208,8 +208,8 @@ LightBand band_of(const std::vector<Point>& samples) {
   b.start = {0, static_cast<std::uint32_t>(samples.size())};
   for (const Point& p : samples) b.u.push_back(p.x), b.v.push_back(p.y), b.d.push_back(p.z);
   for (int i = 0; i < 16; ++i) b.u.push_back(0), b.v.push_back(0), b.d.push_back(kDark);
-  b.coarse_columns = 1, b.least.resize(1);
-  find_least(b, 0, 0, 0, 0);
+  b.coarse_columns = 1, b.min_d.resize(1);
+  update_coarse_min(b, 0, 0, 0, 0);
   return b;
 }
 
@@ -243,7 +243,7 @@ TEST(CastStrip, ASlantedTriangleShadowsUpToItsPlane) {
   });
 }
 
-// What bound_casters() finds, triangle by triangle.
+// What bound_occluders() finds, triangle by triangle.
 std::vector<LightBox> bounds_by_triangle(const Grid& grid, const LightAxes& axes) {
   const RasterBlock& b = grid.block();
   const int rows = grid.strip().rows;
@@ -253,11 +253,11 @@ std::vector<LightBox> bounds_by_triangle(const Grid& grid, const LightAxes& axes
     return {along(axes.u), along(axes.v), along(axes.d)};
   };
   std::vector<LightBox> boxes;
-  for (int r0 = 0; r0 < rows; r0 += kPartQuads)
-    for (int c0 = 0; c0 < b.quads; c0 += kPartQuads) {
+  for (int r0 = 0; r0 < rows; r0 += kOccluderBoxQuads)
+    for (int c0 = 0; c0 < b.quads; c0 += kOccluderBoxQuads) {
       LightBox box{kDark, -kDark, kDark, -kDark, -kDark};
-      for (int r = r0; r < std::min(r0 + kPartQuads, rows); ++r)
-        for (int c = c0; c < std::min(c0 + kPartQuads, b.quads); ++c)
+      for (int r = r0; r < std::min(r0 + kOccluderBoxQuads, rows); ++r)
+        for (int c = c0; c < std::min(c0 + kOccluderBoxQuads, b.quads); ++c)
           for (const bool upper : {false, true}) {
             const Point south_east = at(r, c + 1), north_west = at(r + 1, c);
             const Point p = upper ? at(r + 1, c + 1) : at(r, c), q = upper ? north_west : south_east,
@@ -281,8 +281,8 @@ void expect_bounds_as_by_triangle(const Grid& grid, const LightAxes& axes, std::
   const std::vector<LightBox> expected = bounds_by_triangle(grid, axes);
   EXPECT_EQ(expected.size(), parts);
   at_every_width([&](const char* name) {
-    LightBox found[kMaxParts];
-    ASSERT_EQ(bound_casters(grid.block(), grid.strip(), axes, found), expected.size()) << name;
+    LightBox found[kMaxOccluderBoxes];
+    ASSERT_EQ(bound_occluders(grid.block(), grid.strip(), axes, found), expected.size()) << name;
     for (std::size_t i = 0; i < expected.size(); ++i) {
       EXPECT_EQ(found[i].u_low, expected[i].u_low) << name;
       EXPECT_EQ(found[i].u_high, expected[i].u_high) << name;
@@ -296,21 +296,21 @@ void expect_bounds_as_by_triangle(const Grid& grid, const LightAxes& axes, std::
 // The Sun is in the east, 36.9 degrees up.
 constexpr LightAxes kSunInTheEast{{0.6F, 0, -0.8F}, {0, 1, 0}, {0.8F, 0, 0.6F}};
 
-TEST(BoundCasters, OnlyThePartWithATriangleThatFacesAwayHasABox) {
+TEST(BoundOccluders, OnlyThePartWithATriangleThatFacesAwayHasABox) {
   // A post of 8 m, north of the first row of parts, in the second column of them.
   const auto ground = [](int r, int c) {
     return Point{static_cast<float>(c), static_cast<float>(r), r == 11 && c == 12 ? 8.F : 0.F};
   };
   expect_bounds_as_by_triangle({64, 16, ground}, kSunInTheEast, 1);
-  LightBox box[kMaxParts];
+  LightBox box[kMaxOccluderBoxes];
   const Grid grid(64, 16, ground);
-  ASSERT_EQ(bound_casters(grid.block(), grid.strip(), kSunInTheEast, box), 1U);
+  ASSERT_EQ(bound_occluders(grid.block(), grid.strip(), kSunInTheEast, box), 1U);
   EXPECT_EQ(box[0].v_low, 10);
   EXPECT_EQ(box[0].v_high, 12);
   EXPECT_FLOAT_EQ(box[0].d_high, 0.8F * 12 + 0.6F * 8);
 }
 
-TEST(BoundCasters, PartsAreBoundedByTheirTrianglesThatFaceAway) {
+TEST(BoundOccluders, PartsAreBoundedByTheirTrianglesThatFaceAway) {
   std::mt19937 random(2);
   std::uniform_real_distribution<float> height(0, 2);
   for (const auto& [quads, rows, parts] : {std::tuple(64, 16, 16U), {61, 13, 16U}, {5, 3, 1U}, {16, 9, 4U}}) {
@@ -347,7 +347,7 @@ TEST(LightBand, KnowsTheLeastOfItsSamples) {
       EXPECT_EQ(low, least) << name << ", " << n;
       EXPECT_EQ(high, most) << name << ", " << n;
       LightBand band = band_of(samples);
-      EXPECT_EQ(band.least[0], least) << name << ", " << n;
+      EXPECT_EQ(band.min_d[0], least) << name << ", " << n;
       EXPECT_TRUE(band.any_below(0, 0, 0, 0, least + 1));
       EXPECT_FALSE(band.any_below(0, 0, 0, 0, least));
     });

@@ -58,7 +58,7 @@ class ShadowMapTest : public ::testing::Test {
     map.place(points, lanes);
     std::vector<LightSamples> samples(1);
     samples[0].clear(kPacket);
-    samples[0].add_all(lanes, 0);
+    samples[0].add_packet(lanes, 0);
     samples[0].bound();
     LightScratch scratch;
     map.cast(samples, scratch, {});
@@ -104,7 +104,7 @@ TEST_F(ShadowMapTest, AHighSunOrOneFromBehindLeavesNone) {
 TEST_F(ShadowMapTest, RoomThatWasLeftUnfinished) {
   LightSamples samples;
   samples.u.resize(1000);
-  samples.make_room(1000);
+  samples.reserve(1000);
   for (const std::size_t size : {samples.v.size(), samples.d.size(), samples.pixel.size()}) EXPECT_GE(size, 1000U);
 }
 
@@ -129,10 +129,10 @@ TEST_F(ShadowMapTest, DiscIsPartlyVisibleBehindAnEdge) {
     samples[0].clear(kPacket);
     samples[0].disc.clear(kPacket, false);
     DiscLanes turned{};
-    turned.whole = kAllLanes;
+    turned.facing_all = kAllLanes;
     std::fill_n(turned.tilt_upward, kPacket, static_cast<float>(disc.radius() / from.direction.x()));
-    samples[0].disc.add_all(0, lanes, turned);
-    samples[0].add_all(lanes, 0);
+    samples[0].disc.add_packet(0, lanes, turned);
+    samples[0].add_packet(lanes, 0);
     samples[0].bound();
     LightScratch scratch;
     map.cast(samples, scratch, {});

@@ -1,6 +1,6 @@
 #include "engine/visibility/embree/embree.h"
 
-// CMakeLists.txt looks for 4 first, too.
+// Look for version 4 first, as CMakeLists.txt does.
 #if __has_include(<embree4/rtcore.h>)
 #include <embree4/rtcore.h>
 #else
@@ -23,8 +23,7 @@ namespace {
 using Filter = EmbreeScene::Filter;
 using Bundles = EmbreeScene::Bundles;
 
-// One call of Embree for a packet. What it passes on to filters is `Query`: Embree hands out its first member's
-// address.
+// The context of one query. Embree passes the address of its first member to filters, which cast it back to `Query`.
 #if RTC_VERSION_MAJOR >= 4
 struct Query {
   RTCRayQueryContext embree;
@@ -37,7 +36,8 @@ void intersect16(const int* active, RTCScene scene, RTCRayQueryFlags flags, RTCR
   rtcInitRayQueryContext(&context);
   RTCIntersectArguments arguments;
   rtcInitIntersectArguments(&arguments);
-  arguments.flags = flags, arguments.context = &context;
+  arguments.flags = flags;
+  arguments.context = &context;
   rtcIntersect16(active, scene, &ray_hit, &arguments);
 }
 
@@ -46,7 +46,8 @@ void occluded16(const int* active, RTCScene scene, RTCRayQueryFlags flags, const
   rtcInitRayQueryContext(&query.embree);
   RTCOccludedArguments arguments;
   rtcInitOccludedArguments(&arguments);
-  arguments.flags = flags, arguments.context = &query.embree;
+  arguments.flags = flags;
+  arguments.context = &query.embree;
   rtcOccluded16(active, scene, &ray, &arguments);
 }
 #else
@@ -80,7 +81,7 @@ void call_filter(const RTCFilterFunctionNArguments* args) {
                                                             &RTCRayN_id(args->ray, args->N, 0), args->valid});
 }
 
-// One device per number of threads for the whole process: a device owns worker threads.
+// Returns the device for a number of threads. There is one for the whole process, because a device owns worker threads.
 RTCDevice device_for(int threads) {
   static std::mutex mutex;
   static std::unordered_map<int, RTCDevice> devices;
@@ -92,20 +93,25 @@ RTCDevice device_for(int threads) {
   return d;
 }
 
-// Embree 3.13's bundles lose hits when a direction's component is (next to) zero for some rays and not for others, so a
-// bundle must keep clear of zero in every component.
+// Returns whether all direction components are clear of zero: bundles of Embree 3.13 lose hits if a component is
+// (nearly) zero for some rays and not for others.
 bool safe_as_bundle(const RayPacket& rays) {
   constexpr float kClear = 0x1p-10F;
   const float* const axes[3] = {rays.dx, rays.dy, rays.dz};
   float low[3], high[3];
   for (int k = 0; k < 3; ++k) {
-    // Four running bounds: one would be a chain of dependent instructions, some 1 % of a frame by rays.
+    // Keep four running bounds: a single one would be a chain of dependent instructions, about 1 % of a ray-traced
+    // frame.
     float lows[4], highs[4];
-    std::copy_n(axes[k], 4, lows), std::copy_n(axes[k], 4, highs);
+    std::copy_n(axes[k], 4, lows);
+    std::copy_n(axes[k], 4, highs);
     for (int i = 4; i < kPacket; i += 4)
-      for (int j = 0; j < 4; ++j)
-        lows[j] = std::min(axes[k][i + j], lows[j]), highs[j] = std::max(axes[k][i + j], highs[j]);
-    low[k] = *std::min_element(lows, lows + 4), high[k] = *std::max_element(highs, highs + 4);
+      for (int j = 0; j < 4; ++j) {
+        lows[j] = std::min(axes[k][i + j], lows[j]);
+        highs[j] = std::max(axes[k][i + j], highs[j]);
+      }
+    low[k] = *std::min_element(lows, lows + 4);
+    high[k] = *std::max_element(highs, highs + 4);
   }
   const float size = std::max({-low[0], -low[1], -low[2], high[0], high[1], high[2]});
   for (int k = 0; k < 3; ++k)
@@ -124,15 +130,21 @@ void copy(const T (&from)[kPacket], T (&to)[kPacket]) {
 }
 
 void set_rays(const RayPacket& in, RTCRay16& out) {
-  copy(in.ox, out.org_x), copy(in.oy, out.org_y), copy(in.oz, out.org_z);
-  copy(in.dx, out.dir_x), copy(in.dy, out.dir_y), copy(in.dz, out.dir_z);
+  copy(in.ox, out.org_x);
+  copy(in.oy, out.org_y);
+  copy(in.oz, out.org_z);
+  copy(in.dx, out.dir_x);
+  copy(in.dy, out.dir_y);
+  copy(in.dz, out.dir_z);
   std::fill_n(out.tfar, kPacket, std::numeric_limits<float>::infinity());
-  copy(in.near, out.tnear), std::fill_n(out.time, kPacket, 0.F);
-  std::fill_n(out.mask, kPacket, ~0U), std::fill_n(out.flags, kPacket, 0U);
+  copy(in.near, out.tnear);
+  std::fill_n(out.time, kPacket, 0.F);
+  std::fill_n(out.mask, kPacket, ~0U);
+  std::fill_n(out.flags, kPacket, 0U);
   std::iota(out.id, out.id + kPacket, 0U);
 }
 
-// By this name in tests/tsan.supp.
+// Returns whether building should go on. tests/tsan.supp contains the name of this function.
 bool goes_on_building(void* stop, double) { return !static_cast<const StopToken*>(stop)->stopped(); }
 
 }  // namespace
@@ -171,7 +183,7 @@ struct EmbreeScene::Impl {
   const Filters filters;
   const RTCDevice device;
   const RTCScene scene;
-  std::vector<RTCGeometry> geometries;  // until they are the scene's
+  std::vector<RTCGeometry> geometries;  // owned until build() attaches them to the scene
 };
 
 EmbreeScene::EmbreeScene(std::size_t geometries, int threads, Filters filters)
@@ -179,29 +191,30 @@ EmbreeScene::EmbreeScene(std::size_t geometries, int threads, Filters filters)
 EmbreeScene::~EmbreeScene() = default;
 
 void EmbreeScene::set_grid(std::size_t geometry, int side, const std::function<void(std::span<float>)>& vertices) {
-  RTCGeometry one = impl_->start(geometry, RTC_GEOMETRY_TYPE_GRID);
+  RTCGeometry new_geometry = impl_->start(geometry, RTC_GEOMETRY_TYPE_GRID);
   const auto count = static_cast<std::size_t>(side);
-  vertices(impl_->buffer<float>(one, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, 3, count * count));
-  impl_->buffer<RTCGrid>(one, RTC_BUFFER_TYPE_GRID, RTC_FORMAT_GRID, 1, 1)[0] = {
+  vertices(impl_->buffer<float>(new_geometry, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, 3, count * count));
+  impl_->buffer<RTCGrid>(new_geometry, RTC_BUFFER_TYPE_GRID, RTC_FORMAT_GRID, 1, 1)[0] = {
       0, static_cast<unsigned>(side), static_cast<std::uint16_t>(side), static_cast<std::uint16_t>(side)};
-  rtcCommitGeometry(one);
+  rtcCommitGeometry(new_geometry);
 }
 
 void EmbreeScene::set_triangles(std::size_t geometry, std::size_t vertex_count, std::size_t triangle_count,
                                 const std::function<void(std::span<float>)>& vertices,
                                 const std::function<void(std::span<std::uint32_t>)>& triangles) {
-  RTCGeometry one = impl_->start(geometry, RTC_GEOMETRY_TYPE_TRIANGLE);
-  vertices(impl_->buffer<float>(one, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, 3, vertex_count));
-  triangles(impl_->buffer<std::uint32_t>(one, RTC_BUFFER_TYPE_INDEX, RTC_FORMAT_UINT3, 3, triangle_count));
-  rtcCommitGeometry(one);
+  RTCGeometry new_geometry = impl_->start(geometry, RTC_GEOMETRY_TYPE_TRIANGLE);
+  vertices(impl_->buffer<float>(new_geometry, RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, 3, vertex_count));
+  triangles(impl_->buffer<std::uint32_t>(new_geometry, RTC_BUFFER_TYPE_INDEX, RTC_FORMAT_UINT3, 3, triangle_count));
+  rtcCommitGeometry(new_geometry);
 }
 
-void EmbreeScene::set_instance(std::size_t geometry, const EmbreeScene& of, const Eigen::Affine3f& place) {
-  RTCGeometry one = impl_->start(geometry, RTC_GEOMETRY_TYPE_INSTANCE);
-  rtcSetGeometryInstancedScene(one, of.impl_->scene);
-  const Eigen::Matrix<float, 3, 4> columns = place.affine();
-  rtcSetGeometryTransform(one, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns.data());
-  rtcCommitGeometry(one);
+void EmbreeScene::set_instance(std::size_t geometry, const EmbreeScene& of,
+                               const Eigen::Affine3f& scene_from_instance) {
+  RTCGeometry new_geometry = impl_->start(geometry, RTC_GEOMETRY_TYPE_INSTANCE);
+  rtcSetGeometryInstancedScene(new_geometry, of.impl_->scene);
+  const Eigen::Matrix<float, 3, 4> columns = scene_from_instance.affine();
+  rtcSetGeometryTransform(new_geometry, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns.data());
+  rtcCommitGeometry(new_geometry);
 }
 
 void EmbreeScene::build(const StopToken& stop) {
@@ -212,11 +225,11 @@ void EmbreeScene::build(const StopToken& stop) {
     rtcReleaseGeometry(geometry);
     geometry = nullptr;
   }
-  // Asked every now and then while it builds.
+  // Embree calls the monitor repeatedly during the build.
   rtcSetSceneProgressMonitorFunction(impl_->scene, goes_on_building, const_cast<StopToken*>(&stop));
   rtcCommitScene(impl_->scene);
   const RTCError error = rtcGetDeviceError(impl_->device);
-  stop.check();  // a build that was stopped is an error, too
+  stop.check();  // throw Cancelled first: a stopped build also reports an error
   impl_->check(error);
   rtcSetSceneProgressMonitorFunction(impl_->scene, nullptr, nullptr);
 }
@@ -228,10 +241,15 @@ void EmbreeScene::intersect(const RayPacket& rays, RayHits& hits, Bundles bundle
   std::fill_n(found.hit.geomID, kPacket, RTC_INVALID_GEOMETRY_ID);
   std::fill_n(found.hit.instID[0], kPacket, RTC_INVALID_GEOMETRY_ID);
   intersect16(rays.active, impl_->scene, flags_for(rays, bundles), found);
-  copy(found.hit.geomID, hits.geometry), copy(found.hit.primID, hits.primitive);
+  copy(found.hit.geomID, hits.geometry);
+  copy(found.hit.primID, hits.primitive);
   copy(found.hit.instID[0], hits.instance);
-  copy(found.hit.u, hits.u), copy(found.hit.v, hits.v), copy(found.ray.tfar, hits.distance);
-  copy(found.hit.Ng_x, hits.nx), copy(found.hit.Ng_y, hits.ny), copy(found.hit.Ng_z, hits.nz);
+  copy(found.hit.u, hits.u);
+  copy(found.hit.v, hits.v);
+  copy(found.ray.tfar, hits.distance);
+  copy(found.hit.Ng_x, hits.nx);
+  copy(found.hit.Ng_y, hits.ny);
+  copy(found.hit.Ng_z, hits.nz);
 }
 
 void EmbreeScene::occluded(const RayPacket& rays, bool blocked[kPacket], const Filter& filter, Bundles bundles) const {

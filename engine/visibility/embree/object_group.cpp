@@ -4,12 +4,12 @@
 
 namespace selenograph::engine {
 
-// On the device of the tracers: a scene's instances are of its own.
+// Use the device of the tracers: Embree requires it for instances.
 ObjectGroup::ObjectGroup(std::size_t count, const std::function<Instance(std::size_t)>& instance, const StopToken& stop)
     : scene_(count, ObjectTracer::kThreads, EmbreeScene::Filters::none) {
   for (std::size_t i = 0; i < count; ++i) {
-    const Instance one = instance(i);
-    scene_.set_instance(i, one.of->scene(), one.place);
+    const Instance current = instance(i);
+    scene_.set_instance(i, current.tracer->scene(), current.group_from_tracer);
   }
   tbb::task_arena(1).execute([&] { scene_.build(stop); });
 }
@@ -23,8 +23,8 @@ void ObjectGroup::intersect(const RayPacket& rays, std::uint32_t instance[kPacke
   RayHits hits;
   scene_.intersect(rays, hits, EmbreeScene::Bundles::never);
   for (int i = 0; i < kPacket; ++i) {
-    const bool met = rays.active[i] && hits.geometry[i] != RayHits::kNone;
-    instance[i] = met ? hits.instance[i] : kNone;
+    const bool hit = rays.active[i] && hits.geometry[i] != RayHits::kNone;
+    instance[i] = hit ? hits.instance[i] : kNone;
     triangle[i] = hits.primitive[i];
   }
 }

@@ -15,14 +15,14 @@ class ObjectGroup {
  public:
   static constexpr std::uint32_t kNone = ~0U;
   struct Instance {
-    const ObjectTracer* of;
-    Eigen::Affine3f place;  // group from tracer coordinates
+    const ObjectTracer* tracer;
+    Eigen::Affine3f group_from_tracer;  // transforms tracer coordinates to those of the group
   };
 
   // Calls `instance` for each index below `count`; the instances' tracers must outlive the group.
   ObjectGroup(std::size_t count, const std::function<Instance(std::size_t)>& instance, const StopToken& stop = {});
 
-  // First instance that each active ray hits, or kNone, and which of its triangles.
+  // Finds the first instance that each active ray hits, or kNone, and the triangle of it.
   void intersect(const RayPacket& rays, std::uint32_t instance[kPacket], std::uint32_t triangle[kPacket]) const;
   void occluded(const RayPacket& rays, bool blocked[kPacket]) const;
 

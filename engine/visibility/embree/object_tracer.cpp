@@ -11,17 +11,17 @@ ObjectTracer::ObjectTracer(const ObjectShape& shape, const Vec3& middle, const S
   scene_->set_triangles(
       0, shape.corners.size(), shape.triangles.size(),
       [&](std::span<float> out) {
-        float* place = out.data();
+        float* vertex = out.data();
         for (const ObjectCorner& corner : shape.corners) {
           const Eigen::Vector3f relative = (corner.place.cast<double>() - middle).cast<float>();
-          place = std::copy_n(relative.data(), 3, place);
+          vertex = std::copy_n(relative.data(), 3, vertex);
         }
       },
       [&](std::span<std::uint32_t> out) {
         std::uint32_t* corners = out.data();
         for (const ObjectTriangle& t : shape.triangles) corners = std::copy_n(t.corner.data(), 3, corners);
       });
-  // By the thread that reads the file, alone: once per file, and frames in work keep theirs.
+  // Build on the calling thread alone: this happens once per file, and frames in progress keep their threads.
   tbb::task_arena(1).execute([&] { scene_->build(stop); });
 }
 

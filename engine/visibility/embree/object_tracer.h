@@ -16,7 +16,7 @@ namespace selenograph::engine {
 class ObjectTracer {
  public:
   static constexpr std::uint32_t kNone = ~0U;
-  static constexpr int kThreads = 0;  // for its device: all cores
+  static constexpr int kThreads = 0;  // number of threads of its device: all cores
 
   // `middle`: in the shape's coordinates; rays are relative to it. Throws Cancelled when `stop` says so.
   ObjectTracer(const ObjectShape& shape, const Vec3& middle, const StopToken& stop = {});
@@ -26,9 +26,9 @@ class ObjectTracer {
     return shape.corners.size() * 12 + shape.triangles.size() * (12 + 83);
   }
 
-  // Index of the first triangle that each active ray hits, or kNone.
+  // Sets the index of the first triangle that each active ray hits, or kNone.
   void intersect(const RayPacket& rays, std::uint32_t triangle[kPacket]) const;
-  // Whether each active ray hits any triangle.
+  // Sets blocked[i] if the active ray hits any triangle.
   void occluded(const RayPacket& rays, bool blocked[kPacket]) const;
   const EmbreeScene& scene() const { return *scene_; }
 

@@ -18,15 +18,15 @@ namespace selenograph::engine {
 struct SunContext {
   float sun[3];
   float rounding_m;
-  const float* way_m;
+  const float* burial_m;
 };
 
-// Whether a candidate is the surface that the ray leaves: it faces the Sun, and its plane or its distance is within the
-// rounding.
-inline bool is_left(float nx, float ny, float nz, float sx, float sy, float sz, float distance, float rounding2,
-                    float way) {
+// Returns whether a candidate is the surface that the ray leaves: it faces the Sun, and its plane or its distance is
+// within the rounding error.
+inline bool is_own_surface(float nx, float ny, float nz, float sx, float sy, float sz, float distance, float rounding2,
+                           float burial) {
   const float facing = nx * sx + ny * sy + nz * sz, beneath = distance * facing;
-  return (facing >= 0) & ((beneath * beneath <= rounding2 * (nx * nx + ny * ny + nz * nz)) | (distance <= way));
+  return (facing >= 0) & ((beneath * beneath <= rounding2 * (nx * nx + ny * ny + nz * nz)) | (distance <= burial));
 }
 
 }  // namespace selenograph::engine
@@ -35,14 +35,15 @@ inline bool is_left(float nx, float ny, float nz, float sx, float sy, float sz, 
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-void IgnoreLeftSide16(const Occluders& o, const SunContext& context) {
+void IgnoreOwnSurface16(const Occluders& o, const SunContext& context) {
   const float *nx = o.nx, *ny = o.ny, *nz = o.nz, *distance = o.distance;
   int* valid = o.valid;
-  const float sx = context.sun[0], sy = context.sun[1], sz = context.sun[2],
-              rounding2 = context.rounding_m * context.rounding_m, *way = context.way_m;
+  const float sx = context.sun[0], sy = context.sun[1], sz = context.sun[2];
+  const float rounding2 = context.rounding_m * context.rounding_m;
+  const float* burial = context.burial_m;
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i)
-    valid[i] = is_left(nx[i], ny[i], nz[i], sx, sy, sz, distance[i], rounding2, way[i]) ? 0 : valid[i];
+    valid[i] = is_own_surface(nx[i], ny[i], nz[i], sx, sy, sz, distance[i], rounding2, burial[i]) ? 0 : valid[i];
 }
 
 }  // namespace selenograph::engine::HWY_NAMESPACE
@@ -51,15 +52,16 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace selenograph::engine {
 
-HWY_EXPORT(IgnoreLeftSide16);
+HWY_EXPORT(IgnoreOwnSurface16);
 
 namespace {
 
-void ignore_left_side(const Occluders& o, const SunContext& context) {
-  if (o.count == kPacket) return HWY_DYNAMIC_DISPATCH(IgnoreLeftSide16)(o, context);
+void ignore_own_surface(const Occluders& o, const SunContext& context) {
+  if (o.count == kPacket) return HWY_DYNAMIC_DISPATCH(IgnoreOwnSurface16)(o, context);
   for (std::size_t i = 0; i < o.count; ++i)
-    if (o.valid[i] == -1 && is_left(o.nx[i], o.ny[i], o.nz[i], context.sun[0], context.sun[1], context.sun[2],
-                                    o.distance[i], context.rounding_m * context.rounding_m, context.way_m[o.ray[i]]))
+    if (o.valid[i] == -1 &&
+        is_own_surface(o.nx[i], o.ny[i], o.nz[i], context.sun[0], context.sun[1], context.sun[2], o.distance[i],
+                       context.rounding_m * context.rounding_m, context.burial_m[o.ray[i]]))
       o.valid[i] = 0;
 }
 
@@ -72,11 +74,13 @@ void fill_vertices(const MeshBlock& block, const Vec3& anchor, std::span<float> 
     }
 }
 
-bool complete(const MeshBlock& block) {
+// Returns whether a block has no voids.
+bool is_complete(const MeshBlock& block) {
   return std::none_of(block.vertices.begin(), block.vertices.end(),
                       [](const dem::Vertex& v) { return std::isnan(v.height_m); });
 }
 
+// Returns the triangles of a block whose three vertices have data.
 std::vector<TriangleId> valid_triangles(const MeshBlock& block, std::uint32_t index) {
   std::vector<TriangleId> valid;
   const int quads = block.posts->extent.quads;
@@ -94,10 +98,10 @@ std::vector<TriangleId> valid_triangles(const MeshBlock& block, std::uint32_t in
 }  // namespace
 
 struct RayTracer::Impl {
-  // How a hit on a geometry becomes a triangle of the mesh.
+  // Maps a hit on a geometry to a triangle of the mesh.
   struct Numbering {
-    int quads = 0;                      // a whole grid: the quad follows from u, v
-    std::vector<TriangleId> triangles;  // a block with voids: by primitive
+    int quads = 0;                      // grid without voids: the quad follows from u, v
+    std::vector<TriangleId> triangles;  // block with voids: triangle of each primitive
   };
 
   Impl(const Mesh& mesh, int threads)
@@ -106,11 +110,11 @@ struct RayTracer::Impl {
   void set_block(const MeshBlock& block, std::size_t index, const Vec3& anchor) {
     const auto vertices = [&](std::span<float> out) { fill_vertices(block, anchor, out); };
     Numbering& n = numbering[index];
-    if (complete(block)) {
+    if (is_complete(block)) {
       n.quads = block.posts->extent.quads;
       return scene.set_grid(index, block.posts->side(), vertices);
     }
-    // Embree drops a whole grid for one vertex that isn't finite: the valid triangles one by one, then.
+    // Set the valid triangles one by one: Embree drops a whole grid for one vertex that is not finite.
     n.triangles = valid_triangles(block, static_cast<std::uint32_t>(index));
     if (n.triangles.empty()) return;
     scene.set_triangles(index, block.vertices.size(), n.triangles.size(), vertices, [&](std::span<std::uint32_t> out) {
@@ -125,14 +129,16 @@ struct RayTracer::Impl {
   TriangleId triangle_of(const RayHits& hits, int i) const {
     const Numbering& n = numbering[hits.geometry[i]];
     if (n.quads == 0) return n.triangles[hits.primitive[i]];
-    // A grid's u and v run over the whole grid. Rounding at a quad's border is for refine.h.
-    const float u = hits.u[i] * static_cast<float>(n.quads), v = hits.v[i] * static_cast<float>(n.quads);
-    const int c = std::clamp(static_cast<int>(u), 0, n.quads - 1), r = std::clamp(static_cast<int>(v), 0, n.quads - 1);
+    // u and v run over the whole grid. Rounding at the border of a quad is corrected in refine.cpp.
+    const float u = hits.u[i] * static_cast<float>(n.quads);
+    const float v = hits.v[i] * static_cast<float>(n.quads);
+    const int c = std::clamp(static_cast<int>(u), 0, n.quads - 1);
+    const int r = std::clamp(static_cast<int>(v), 0, n.quads - 1);
     return {hits.geometry[i], r, c, (u - static_cast<float>(c)) + (v - static_cast<float>(r)) > 1.F};
   }
 
   EmbreeScene scene;
-  std::vector<Numbering> numbering;  // per geometry, which is per block
+  std::vector<Numbering> numbering;  // per geometry, that is, per block
 };
 
 RayTracer::RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads, const StopToken& stop)
@@ -143,11 +149,12 @@ RayTracer::RayTracer(const Mesh& mesh, const Vec3& anchor_m, int threads, const 
     impl_->set_block(mesh.blocks()[i], i, anchor_);
   });
   for (std::size_t i = 0; i < blocks; ++i) {
-    // Measured (Embree 3.13): 15 bytes a triangle in a grid, 83 by itself.
-    const std::size_t by_itself = impl_->numbering[i].triangles.size(),
-                      quads = static_cast<std::size_t>(impl_->numbering[i].quads);
-    if (by_itself + quads == 0) continue;
-    bytes_ += mesh.blocks()[i].vertices.size() * 12 + 2 * quads * quads * 15 + by_itself * (83 + sizeof(TriangleId));
+    // Measured (Embree 3.13): 15 bytes per triangle in a grid, 83 per single triangle.
+    const std::size_t single_triangles = impl_->numbering[i].triangles.size();
+    const std::size_t quads = static_cast<std::size_t>(impl_->numbering[i].quads);
+    if (single_triangles + quads == 0) continue;
+    bytes_ +=
+        mesh.blocks()[i].vertices.size() * 12 + 2 * quads * quads * 15 + single_triangles * (83 + sizeof(TriangleId));
   }
   where_loops_run([&] { impl_->scene.build(stop); });
 }
@@ -163,12 +170,13 @@ void RayTracer::intersect(const RayPacket& rays, SurfacePoints& points) const {
   }
 }
 
-void RayTracer::occluded(const RayPacket& rays, const Vec3& sun_direction, float rounding_m, const float* way_m,
+void RayTracer::occluded(const RayPacket& rays, const Vec3& sun_direction, float rounding_m, const float* burial_m,
                          bool blocked[kPacket]) const {
   SunContext context;
   for (int k = 0; k < 3; ++k) context.sun[k] = static_cast<float>(sun_direction[k]);
-  context.rounding_m = rounding_m, context.way_m = way_m;
-  impl_->scene.occluded(rays, blocked, [&](const Occluders& occluders) { ignore_left_side(occluders, context); });
+  context.rounding_m = rounding_m;
+  context.burial_m = burial_m;
+  impl_->scene.occluded(rays, blocked, [&](const Occluders& occluders) { ignore_own_surface(occluders, context); });
 }
 
 }  // namespace selenograph::engine

@@ -28,12 +28,13 @@ class RayTracer {
   // of the points.
   void intersect(const RayPacket& rays, SurfacePoints& points) const;
 
-  // blocked[i]: the ray along the (common, unit) direction toward the Sun is blocked. A triangle that faces the Sun is
-  // ignored when the ray starts less than `rounding_m` below its plane: it is the surface that the ray leaves, so no
-  // offset is needed. A ray that starts deeper below comes out of the ground, so it is blocked, even by a triangle next
-  // to its start, as in a crease. But within way_m[i] of its start a flat ray may be in the ground by rounding alone,
-  // and come out of a triangle beside its own: that blocks nothing either.
-  void occluded(const RayPacket& rays, const Vec3& sun_direction, float rounding_m, const float* way_m,
+  // Sets blocked[i] if the ray along the (common, unit) direction toward the Sun is blocked.
+  //
+  // A triangle that faces the Sun is ignored if the ray starts less than `rounding_m` below its plane: it is the
+  // surface that the ray leaves, so no offset is needed. A ray that starts deeper comes out of the ground and is
+  // blocked, even by a triangle next to its start, as in a crease. Within burial_m[i] of its start, though, a flat ray
+  // may be below ground by rounding alone and come out of a neighbouring triangle: that blocks nothing either.
+  void occluded(const RayPacket& rays, const Vec3& sun_direction, float rounding_m, const float* burial_m,
                 bool blocked[kPacket]) const;
 
   std::size_t bytes() const { return bytes_; }

@@ -1,5 +1,5 @@
 // Draws four samples of each pixel at once, as the pixels of a frame twice as wide and high. Bounds, triangle setup and
-// shadow casting are then done once for all four; as separate frames they took 3 to 3.7 times one frame's time.
+// shadow casting are then done once for all four; four separate frames took 3 to 3.7 times as long as one.
 #pragma once
 
 #include <vector>
@@ -9,7 +9,7 @@
 
 namespace selenograph::engine {
 
-// The camera with pixels half as wide and high.
+// Returns the camera with pixels half as wide and high.
 Camera dense_camera(const Camera& camera);
 
 class DenseSamples {
@@ -20,16 +20,16 @@ class DenseSamples {
   DenseSamples(const DenseSamples&) = delete;
   DenseSamples& operator=(const DenseSamples&) = delete;
 
-  // The job to draw instead. Its samples reach the frame's `each` as the frame's own.
+  // The job to draw instead. Its samples reach the `each` of the frame as samples of the frame.
   const FrameJob& job() const { return job_; }
   FrameWriter& writer() { return writer_; }
-  // Radiance of the frame's pixels; call it after all are drawn.
+  // Returns the radiance of the pixels of the frame; call it after all samples are drawn.
   std::vector<float> radiance() const;
 
  private:
   void split(const SubpixelSample& sample, const std::vector<float>& radiance) const;
 
-  const FrameJob& asked_;
+  const FrameJob& frame_job_;
   FrameRequest request_;
   RowViews views_;
   EachSample each_;

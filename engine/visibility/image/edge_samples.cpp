@@ -15,7 +15,7 @@ FrameRequest edge_request(FrameRequest request) {
 
 }  // namespace
 
-bool EdgeSamples::wanted(const FrameJob& job) {
+bool EdgeSamples::applies_to(const FrameJob& job) {
   const Accuracy& accuracy = job.request.accuracy;
   return accuracy.edge_samples > 1 && accuracy.samples_per_pixel == 1 && wants_radiance(job.request) &&
          !job.views.vary();
@@ -39,25 +39,28 @@ std::vector<std::uint32_t> EdgeSamples::find(const std::vector<float>& radiance,
     const float* row = &radiance[first];
     const float *above = y > 0 ? row - camera.width : row, *below = y + 1 < camera.height ? row + camera.width : row;
     for (int x = x0; x < x0 + width; ++x) {
-      const float own = row[x], left = row[std::max(x - 1, 0)], right = row[std::min(x + 1, camera.width - 1)];
-      if (differ(own, left) || differ(own, right) || differ(own, above[x]) || differ(own, below[x]))
+      const float centre = row[x];
+      const float left = row[std::max(x - 1, 0)];
+      const float right = row[std::min(x + 1, camera.width - 1)];
+      if (differ(centre, left) || differ(centre, right) || differ(centre, above[x]) || differ(centre, below[x]))
         found.push_back(static_cast<std::uint32_t>(first) + static_cast<std::uint32_t>(x));
     }
   }
   return found;
 }
 
-int EdgeSamples::get(std::span<const std::uint32_t> pixels, std::size_t first, Places& places, Rays& rays) const {
+int EdgeSamples::aim(std::span<const std::uint32_t> pixels, std::size_t first, DensePixels& dense_pixels,
+                     Rays& rays) const {
   const auto width = static_cast<std::uint32_t>(job_.request.camera.width);
   const std::size_t count = std::min<std::size_t>(kPacket, pixels.size() * kPerPixel - first);
   for (std::size_t i = 0; i < kPacket; ++i) {
     const std::size_t sample = first + std::min(i, count - 1);
     const std::uint32_t pixel = pixels[sample / kPerPixel];
-    const int part = static_cast<int>(sample % kPerPixel);
-    places.x[i] = kSide * static_cast<int>(pixel % width) + part % kSide;
-    places.y[i] = kSide * static_cast<int>(pixel / width) + part / kSide;
+    const int quarter = static_cast<int>(sample % kPerPixel);
+    dense_pixels.x[i] = kSide * static_cast<int>(pixel % width) + quarter % kSide;
+    dense_pixels.y[i] = kSide * static_cast<int>(pixel / width) + quarter / kSide;
   }
-  rays_.aim_at(places.x, places.y, lens_.x.empty() ? nullptr : &lens_, rays);
+  rays_.aim_at(dense_pixels.x, dense_pixels.y, lens_.x.empty() ? nullptr : &lens_, rays);
   std::fill(rays.valid + count, rays.valid + kPacket, false);
   return static_cast<int>(count);
 }

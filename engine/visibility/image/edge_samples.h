@@ -1,5 +1,6 @@
-// Adaptive supersampling: where the radiance of neighbouring pixels differs much, as at shadow edges and silhouettes, a
-// pixel becomes the mean of its four quarters, which are pixels of the frame's dense camera (dense_samples.h).
+// Adaptive supersampling: a pixel whose radiance differs much from that of a neighbour, as at shadow edges and
+// silhouettes, becomes the mean of its four quarters, which are pixels of the dense camera of the frame
+// (dense_samples.h).
 #pragma once
 
 #include <cstdint>
@@ -20,8 +21,8 @@ class EdgeSamples {
   static constexpr int kSide = 2;
   static constexpr std::size_t kPerPixel = kSide * kSide;
 
-  // Whether a job uses edge samples. Its pixels then have one sample each, at their centres.
-  static bool wanted(const FrameJob& job);
+  // Returns whether a job uses edge samples. Its pixels then have one sample each, at their centres.
+  static bool applies_to(const FrameJob& job);
 
   // `job` must outlive this object.
   explicit EdgeSamples(const FrameJob& job);
@@ -32,19 +33,21 @@ class EdgeSamples {
   const PixelRays& dense_lens() const { return lens_; }
   const PacketShader& shader() const { return shader_; }
 
-  // Edge pixels of the frame within a rectangle from (x0, y0): pixels with a neighbour beside, above or below whose
-  // radiance, or their own relative to it, is below kContrast.
+  // Returns the edge pixels of the frame in a rectangle from (x0, y0): those whose radiance is less than kContrast
+  // times that of a neighbour in the row or column, or the reverse.
   std::vector<std::uint32_t> find(const std::vector<float>& radiance, int x0, int y0, int width, int height) const;
 
-  // Makes the rays of up to sixteen of their samples from `first` on, with the dense frame's pixels that they are.
-  // Returns their number.
+  // Returns the radiance of a pixel from that of its four samples.
   static float mean(const float* of_samples) {
     return ((of_samples[0] + of_samples[1]) + (of_samples[2] + of_samples[3])) / kPerPixel;
   }
-  struct Places {
+  // Pixels of the dense frame, one per lane.
+  struct DensePixels {
     int x[kPacket], y[kPacket];
   };
-  int get(std::span<const std::uint32_t> pixels, std::size_t first, Places& places, Rays& rays) const;
+  // Makes the rays of up to sixteen samples of edge pixels, from sample `first` on, and lists their dense pixels.
+  // Returns the number of samples.
+  int aim(std::span<const std::uint32_t> pixels, std::size_t first, DensePixels& dense_pixels, Rays& rays) const;
 
  private:
   static constexpr float kContrast = 0.75F;

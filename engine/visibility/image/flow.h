@@ -1,4 +1,4 @@
-// Optical flow: where what a frame's pixels see is in another image of the same scene.
+// Optical flow: the positions in another image of the same scene of the points that the pixels of a frame see.
 #pragma once
 
 #include <cstdint>
@@ -11,19 +11,21 @@ namespace selenograph::engine {
 
 class Flow {
  public:
-  // `to`: of the other image. Both must outlive this object; the job's scene must hold what either image sees.
+  // `to`: views of the other image. Both arguments must outlive this object; the scene of the job must contain what
+  // either image sees.
   Flow(const RowViews& to, const FrameJob& job) : to_(to), job_(job) {}
 
-  // Pixel coordinates in the other image, inside it or beside it; NaN where the point is hidden there or not imaged.
-  struct Places {
+  // Pixel coordinates in the other image, inside or outside its borders; NaN if the point is hidden there or not
+  // imaged.
+  struct PixelPositions {
     double x[kPacket], y[kPacket];
   };
-  // Of these lanes, a bit each. A point is hidden where the ray to it from the other image's camera meets something
-  // nearer.
-  void find(const SurfacePoints& points, std::uint32_t lanes, Places& out) const;
+  // Sets the positions of these lanes, a bit each. A point is hidden if the ray to it from the other camera hits
+  // something nearer.
+  void find(const SurfacePoints& points, std::uint32_t lanes, PixelPositions& out) const;
 
  private:
-  std::uint32_t hidden(const SurfacePoints& points, std::uint32_t asking, const Vec3 (&camera_m)[kPacket]) const;
+  std::uint32_t hidden(const SurfacePoints& points, std::uint32_t requested, const Vec3 (&camera_m)[kPacket]) const;
 
   const RowViews& to_;
   const FrameJob& job_;

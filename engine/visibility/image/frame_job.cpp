@@ -7,7 +7,8 @@
 namespace selenograph::engine {
 
 std::vector<SubpixelSample> samples_of(const FrameRequest& request) {
-  const bool radiance = wants_radiance(request), geometry = wants_geometry(request);
+  const bool radiance = wants_radiance(request);
+  const bool geometry = wants_geometry(request);
   const int side = static_cast<int>(std::lround(std::sqrt(request.accuracy.samples_per_pixel)));
   if (side == 1) return {{0, 0, true, radiance ? 1.F : 0.F, wants_light(request), true}};
   std::vector<SubpixelSample> samples;

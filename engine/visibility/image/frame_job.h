@@ -15,15 +15,15 @@
 
 namespace selenograph::engine {
 
-// One sample of every pixel, at an offset from its centre: whether geometry is stored, the weight of its radiance,
-// whether light is needed, whether hits are counted.
+// One sample of every pixel, at the offset (dx, dy) from its centre. store: geometry products are written; weight: of
+// its radiance; light: sunlight is needed; count: hits are counted.
 struct SubpixelSample {
   double dx, dy;
   bool store;
   float weight;
   bool light, count;
 };
-// Called with all pixels' radiance for each sample that has a weight, one sample after the other.
+// Called for each sample with a weight, one after the other, with the radiance of all pixels.
 using EachSample = std::function<void(const SubpixelSample& sample, const std::vector<float>& radiance)>;
 
 struct FrameJob {
@@ -31,11 +31,11 @@ struct FrameJob {
   const RowViews& views;
   const Scene& scene;
   const ObjectsInFrame& objects;
-  const RadianceTerms& radiance;  // of the terrain
+  const RadianceTerms& radiance;  // terms of the terrain
   const PixelRays& centres;       // rays of the pixel centres, for a camera with distortion
   const StopToken& stop;
   const EachSample& each;                  // may be empty
-  const TerrainLight* indirect = nullptr;  // null: none
+  const TerrainLight* indirect = nullptr;  // null: no indirect light
   const RowViews* flow_to = nullptr;       // the other image of the product `flow`
 };
 

@@ -22,13 +22,13 @@ std::uint32_t FrameSources::add(dem::SourceIndex source) {
   const std::lock_guard lock(mutex_);
   std::atomic<Page*>& page = pages_[source / kPage];
   if (!page.load(std::memory_order_relaxed)) {
-    made_.push_back(std::make_unique<Page>());
-    page.store(made_.back().get(), std::memory_order_release);
+    owned_pages_.push_back(std::make_unique<Page>());
+    page.store(owned_pages_.back().get(), std::memory_order_release);
   }
   std::atomic<std::uint32_t>& number = (*page.load(std::memory_order_relaxed))[source % kPage];
   if (number.load(std::memory_order_relaxed) == 0) {
-    seen_.push_back(source);
-    number.store(static_cast<std::uint32_t>(seen_.size()), std::memory_order_relaxed);
+    sources_.push_back(source);
+    number.store(static_cast<std::uint32_t>(sources_.size()), std::memory_order_relaxed);
   }
   return number.load(std::memory_order_relaxed);
 }
@@ -39,14 +39,15 @@ std::uint16_t FrameSources::product_number(dem::SourceIndex source) {
   return static_cast<std::uint16_t>(number);
 }
 
-std::vector<dem::SourceIndex> FrameSources::settle(std::vector<std::uint16_t>& product) const {
-  std::vector<dem::SourceIndex> sorted = seen_;
+std::vector<dem::SourceIndex> FrameSources::resolve(std::vector<std::uint16_t>& product) const {
+  std::vector<dem::SourceIndex> sorted = sources_;
   std::sort(sorted.begin(), sorted.end());
-  std::vector<std::uint16_t> place(seen_.size());
-  for (std::size_t i = 0; i < seen_.size(); ++i)
-    place[i] = static_cast<std::uint16_t>(std::lower_bound(sorted.begin(), sorted.end(), seen_[i]) - sorted.begin());
+  std::vector<std::uint16_t> index_of_number(sources_.size());
+  for (std::size_t i = 0; i < sources_.size(); ++i)
+    index_of_number[i] =
+        static_cast<std::uint16_t>(std::lower_bound(sorted.begin(), sorted.end(), sources_[i]) - sorted.begin());
   for (std::uint16_t& number : product)
-    if (number != kNone) number = place[number];
+    if (number != kNone) number = index_of_number[number];
   return sorted;
 }
 

@@ -20,7 +20,7 @@ struct SourceAt {
   bool filled, blended;
 };
 
-// The tile of the nearest vertex; filled or blended when any vertex of the triangle is.
+// Returns the tile of the nearest vertex; filled or blended if any vertex of the triangle is.
 SourceAt source_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
   const TriangleId& t = p.triangle[lane];
   const dem::Block& block = *mesh.blocks()[t.block()].posts;
@@ -32,13 +32,17 @@ SourceAt source_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
   double heaviest = -1;
   for (int i = 0; i < 3; ++i) {
     const dem::SourceMark s = block.source(q.r[i], q.c[i]);
-    at.filled |= dem::is_filled(s), at.blended |= dem::is_blended(s);
-    if (weights[i] > heaviest) heaviest = weights[i], at.index = dem::source_of(s);
+    at.filled |= dem::is_filled(s);
+    at.blended |= dem::is_blended(s);
+    if (weights[i] > heaviest) {
+      heaviest = weights[i];
+      at.index = dem::source_of(s);
+    }
   }
   return at;
 }
 
-// What the nearest vertex shows.
+// Returns what the nearest vertex shows: DEM, crater, relief or rock.
 dem::Ground ground_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
   const TriangleId& t = p.triangle[lane];
   const dem::QuadVertices q = t.vertices();
@@ -51,28 +55,29 @@ double angle_deg(double cosine) { return std::acos(std::clamp(cosine, -1.0, 1.0)
 
 }  // namespace
 
-void allocate_products(FrameProducts& out, ProductSet want, std::size_t pixels, std::size_t n, const StopToken& stop) {
-  const auto allocate = [&](auto& array, bool wanted, std::size_t size, auto value) {
-    if (wanted) assign(array, size, value, stop);
+void allocate_products(FrameProducts& out, ProductSet requested, std::size_t pixels, std::size_t n,
+                       const StopToken& stop) {
+  const auto allocate = [&](auto& array, bool is_requested, std::size_t size, auto value) {
+    if (is_requested) assign(array, size, value, stop);
   };
-  allocate(out.radiance, want & (kRadiance | kImage), pixels, 0.F);
-  allocate(out.depth, want & kDepth, n, kNaN64);
-  allocate(out.range, want & kRange, n, kNaN64);
-  allocate(out.position, want & kPosition, 3 * n, kNaN64);
-  allocate(out.geodetic, want & kGeodetic, 3 * n, kNaN64);
-  allocate(out.normal, want & kNormal, 3 * n, kNaN32);
-  allocate(out.angles, want & kAngles, 3 * n, kNaN32);
-  allocate(out.lit, want & kLit, n, kNaN32);
-  allocate(out.irradiance, want & kIrradiance, 3 * n, kNaN32);
-  allocate(out.flow, want & kFlow, 2 * n, kNaN64);
-  allocate(out.gsd, want & kGsd, n, kNaN32);
-  allocate(out.source, want & kSource, n, FrameSources::kNone);
-  allocate(out.object_id, want & kObjectId, n, kNoObject);
-  allocate(out.detail, want & kDetail, n, kNoGround);
-  allocate(out.rock, want & kRock, n, kNoObject);
-  allocate(out.height, want & kHeight, n, kNaN64);
-  allocate(out.slope, want & kSlope, n, kNaN32);
-  allocate(out.rock_height, want & kRockHeight, n, kNaN32);
+  allocate(out.radiance, requested & (kRadiance | kImage), pixels, 0.F);
+  allocate(out.depth, requested & kDepth, n, kNaN64);
+  allocate(out.range, requested & kRange, n, kNaN64);
+  allocate(out.position, requested & kPosition, 3 * n, kNaN64);
+  allocate(out.geodetic, requested & kGeodetic, 3 * n, kNaN64);
+  allocate(out.normal, requested & kNormal, 3 * n, kNaN32);
+  allocate(out.angles, requested & kAngles, 3 * n, kNaN32);
+  allocate(out.lit, requested & kLit, n, kNaN32);
+  allocate(out.irradiance, requested & kIrradiance, 3 * n, kNaN32);
+  allocate(out.flow, requested & kFlow, 2 * n, kNaN64);
+  allocate(out.gsd, requested & kGsd, n, kNaN32);
+  allocate(out.source, requested & kSource, n, FrameSources::kNone);
+  allocate(out.object_id, requested & kObjectId, n, kNoObject);
+  allocate(out.detail, requested & kDetail, n, kNoGround);
+  allocate(out.rock, requested & kRock, n, kNoObject);
+  allocate(out.height, requested & kHeight, n, kNaN64);
+  allocate(out.slope, requested & kSlope, n, kNaN32);
+  allocate(out.rock_height, requested & kRockHeight, n, kNaN32);
 }
 
 FrameWriter::FrameWriter(const FrameRequest& request, const RowViews& views, const Mesh& mesh,
@@ -95,23 +100,23 @@ std::uint32_t FrameWriter::account_all(const SurfacePoints& points, std::uint32_
     if (dem::is_blended(block.source)) counts.blended += lanes;
     if (const dem::SourceIndex index = dem::source_of(block.source); index != dem::kNoSource) sources_.number(index);
   };
-  // Most packets are in one block of one source.
+  // Handle packets in one block of one source separately: this is the common case.
   const MeshBlock& first = mesh_.blocks()[points.triangle[0].block()];
   if (hits == kAllLanes && first.mixed.empty() && in_one_block(points.triangle)) {
     add(first, kPacket);
     return 0;
   }
-  std::uint32_t left = 0;
+  std::uint32_t mixed_lanes = 0;
   for (int i = 0; i < kPacket; ++i) {
     if (!(hits >> i & 1)) continue;
     const TriangleId id = points.triangle[i];
     const MeshBlock& block = mesh_.blocks()[id.block()];
     if (!block.mixed.empty() && block.mixed[static_cast<std::size_t>(id.r())] >> id.c() & 1)
-      left |= 1U << i;
+      mixed_lanes |= 1U << i;
     else
       add(block, 1);
   }
-  return left;
+  return mixed_lanes;
 }
 
 void FrameWriter::account(const SurfacePoints& points, int i, std::size_t at, PixelCounts& counts) {
@@ -124,7 +129,8 @@ void FrameWriter::account(const SurfacePoints& points, int i, std::size_t at, Pi
       sources_.number(source.index);
   }
   ++counts.hit;
-  counts.filled += source.filled, counts.blended += source.blended;
+  counts.filled += source.filled;
+  counts.blended += source.blended;
 }
 
 void FrameWriter::store_geometry(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading,
@@ -144,7 +150,8 @@ void FrameWriter::store_object(const ObjectLanes& lanes, int i, const Vec3& dire
   if (!wants_geometry_) return;
   const auto to = slot(at);
   if (!to) return;
-  const bool on_rock = is_rock(lanes.object[i]), rock = on_rock && !lanes.on_soil[i];
+  const bool on_rock = is_rock(lanes.object[i]);
+  const bool rock = on_rock && !lanes.on_soil[i];
   if (!out_.object_id.empty() && !on_rock) out_.object_id[*to] = lanes.object[i];
   if (!out_.rock.empty() && rock)
     out_.rock[*to] = static_cast<std::uint16_t>(lanes.object[i] - request_.objects.size());
@@ -168,7 +175,9 @@ void FrameWriter::store_point(const SurfacePoints& p, int i, const Vec3& directi
   if (!out_.position.empty()) std::copy_n(position.data(), 3, &out_.position[3 * at]);
   if (!out_.geodetic.empty()) {
     const Geographic g = to_geographic(position);
-    out_.geodetic[3 * at] = g.lat_deg, out_.geodetic[3 * at + 1] = g.lon_deg, out_.geodetic[3 * at + 2] = g.height_m;
+    out_.geodetic[3 * at] = g.lat_deg;
+    out_.geodetic[3 * at + 1] = g.lon_deg;
+    out_.geodetic[3 * at + 2] = g.height_m;
   }
   if (!out_.normal.empty())
     for (int k = 0; k < 3; ++k) out_.normal[3 * at + static_cast<std::size_t>(k)] = static_cast<float>(normal[k]);
@@ -183,24 +192,31 @@ void FrameWriter::store_point(const SurfacePoints& p, int i, const Vec3& directi
 }
 
 void FrameWriter::store_flow(double right_px, double down_px, std::size_t pixel) const {
-  if (const auto to = slot(pixel)) out_.flow[2 * *to] = right_px, out_.flow[2 * *to + 1] = down_px;
+  if (const auto to = slot(pixel)) {
+    out_.flow[2 * *to] = right_px;
+    out_.flow[2 * *to + 1] = down_px;
+  }
 }
 
 void FrameWriter::store_irradiance(const Irradiance& indirect, double incident, float lit, std::size_t at) const {
   float* of_pixel = &out_.irradiance[3 * at];
   of_pixel[0] = static_cast<float>(light_.direct_w_m2 * std::max(incident, 0.0)) * lit;
-  of_pixel[1] = static_cast<float>(indirect.terrain_w_m2), of_pixel[2] = static_cast<float>(indirect.earth_w_m2);
+  of_pixel[1] = static_cast<float>(indirect.terrain_w_m2);
+  of_pixel[2] = static_cast<float>(indirect.earth_w_m2);
 }
 
 void FrameWriter::mark(int x, int y, const SurfacePoints& points, int lane) {
-  marks_.meet(x, y, points, lane, source_at(mesh_, points, lane).index);
+  marks_.record(x, y, points, lane, source_at(mesh_, points, lane).index);
 }
 
 void FrameWriter::merge(const PixelCounts& counts) {
   const std::lock_guard lock(mutex_);
-  total_.hit += counts.hit, total_.missing += counts.missing, total_.filled += counts.filled;
+  total_.hit += counts.hit;
+  total_.missing += counts.missing;
+  total_.filled += counts.filled;
   total_.blended += counts.blended;
-  total_.on_object += counts.on_object, total_.on_rock += counts.on_rock;
+  total_.on_object += counts.on_object;
+  total_.on_rock += counts.on_rock;
 }
 
 }  // namespace selenograph::engine

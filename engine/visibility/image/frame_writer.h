@@ -19,13 +19,20 @@
 
 namespace selenograph::engine {
 
+// Numbers of pixels by what they see.
 struct PixelCounts {
-  std::uint64_t hit = 0, missing = 0, filled = 0, blended = 0, on_object = 0, on_rock = 0;
+  std::uint64_t hit = 0;
+  std::uint64_t missing = 0;
+  std::uint64_t filled = 0;
+  std::uint64_t blended = 0;
+  std::uint64_t on_object = 0;
+  std::uint64_t on_rock = 0;
 };
 
-// Allocates the wanted products, filled with the value for no hit. `pixels`: of radiance, which covers the whole image;
-// `n`: of the others.
-void allocate_products(FrameProducts& out, ProductSet wanted, std::size_t pixels, std::size_t n, const StopToken& stop);
+// Allocates the requested products, filled with the value for no hit. `pixels`: size of radiance, which covers the
+// whole image; `n`: size of the other products.
+void allocate_products(FrameProducts& out, ProductSet requested, std::size_t pixels, std::size_t n,
+                       const StopToken& stop);
 
 class FrameWriter {
  public:
@@ -36,22 +43,22 @@ class FrameWriter {
 
   FrameProducts& out() const { return out_; }
   bool wants_geometry() const { return wants_geometry_; }
-  // Whether ground-truth products are wanted for a row of pixels.
+  // Returns whether ground-truth products are requested for a row of pixels.
   bool wants_geometry_of(int y) const { return wants_geometry_ && (!request_.truth || request_.truth->has_row(y)); }
-  // Index of a pixel in the ground-truth products; empty: not wanted.
+  // Returns the index of a pixel in the ground-truth products; empty: not requested.
   std::optional<std::size_t> slot(std::size_t pixel) const {
     if (!request_.truth) return pixel;
     const auto width = static_cast<std::size_t>(request_.camera.width);
     return request_.truth->slot(static_cast<int>(pixel % width), static_cast<int>(pixel / width));
   }
 
-  // Counts all lanes that hit at once, except those on quads with several sources, which are returned, one bit each.
+  // Counts all hit lanes at once, except those on quads with several sources, which it returns, one bit each.
   std::uint32_t account_all(const SurfacePoints& points, std::uint32_t hits, PixelCounts& counts);
   // Counts one lane and its source.
   void account(const SurfacePoints& points, int lane, std::size_t pixel, PixelCounts& counts);
   void store_geometry(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,
                       std::size_t pixel) const;
-  // Whether an object index is a rock: rocks are numbered after the request's objects.
+  // Returns whether an object index is a rock: rocks are numbered after the objects of the request.
   bool is_rock(std::uint16_t object) const { return object != kNoObject && object >= request_.objects.size(); }
   void count_object(const ObjectLanes& lanes, int lane, PixelCounts& counts) const {
     ++counts.hit;
@@ -60,7 +67,7 @@ class FrameWriter {
   void store_flow(double right_px, double down_px, std::size_t pixel) const;
   void store_object(const ObjectLanes& lanes, int lane, const Vec3& direction, float lit, std::size_t pixel) const;
 
-  // Light of the product `irradiance`; without, there is none.
+  // Light of the product `irradiance`; by default none.
   struct Light {
     double direct_w_m2 = 0;
     const TerrainLight* indirect = nullptr;
@@ -68,21 +75,22 @@ class FrameWriter {
   void set_light(const Light& light) { light_ = light; }
 
   // Sets the marks: pixels whose hits are recorded.
-  void look_at(const ViewMarks& marks) { marks_ = marks; }
+  void set_marks(const ViewMarks& marks) { marks_ = marks; }
   const ViewMarks& marks() const { return marks_; }
-  // Whether marks are in these rows: then each of their pixels that sees terrain must be reported, for the counted
-  // sample.
+  // Returns whether these rows contain marks. If so, mark() must be called for each of their pixels that sees terrain,
+  // in the counted sample.
   bool marked(int first_row, int rows) const { return marks_.in_rows(first_row, rows); }
+  // Records the hit of a pixel if it has a mark.
   void mark(int x, int y, const SurfacePoints& points, int lane);
 
-  // Thread-safe.
+  // Adds the counts of a task. Thread-safe.
   void merge(const PixelCounts& counts);
 
   const PixelCounts& counts() const { return total_; }
   const FrameSources& sources() const { return sources_; }
 
  private:
-  // Stores the products of a lane on terrain or on an object; `spacing_m`: NaN on an object.
+  // Stores the products of a lane on terrain or on an object. `spacing_m`: NaN on an object.
   void store_point(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,
                    float spacing_m, std::size_t pixel, std::size_t slot) const;
 

@@ -11,29 +11,34 @@ int row_at(const RowViews& views, double y_px) {
   return std::clamp(static_cast<int>(std::lround(y_px)), 0, views.height() - 1);
 }
 
-// The line of sight of a place in the image.
-std::optional<Vec3> sight(const RowViews& views, double x_px, double y_px) {
+// Returns the line of sight of a position in the image.
+std::optional<Vec3> line_of_sight(const RowViews& views, double x_px, double y_px) {
   const int row = row_at(views, y_px);
   return views.of(row).ray(x_px, views.vary() ? views.line(row) : y_px);
 }
 
-// Where the line meets a triangle in front of it.
+// Returns the distance along the line to a triangle that faces it.
 std::optional<double> distance_to(const Mesh& mesh, const TriangleId& id, const Vec3& from, const Vec3& direction) {
-  constexpr double kEdge = 1e-9;  // a line through an edge meets one of the two at least
+  constexpr double kEdge = 1e-9;  // tolerance: a line through an edge hits at least one of its triangles
   const dem::Triangle t = mesh.triangle(id);
-  const Vec3 ab = t.b - t.a, ac = t.c - t.a, normal = ab.cross(ac), to = t.a - from;
+  const Vec3 ab = t.b - t.a;
+  const Vec3 ac = t.c - t.a;
+  const Vec3 normal = ab.cross(ac);
+  const Vec3 to = t.a - from;
   const double toward = normal.dot(direction);
   if (!(toward < 0)) return std::nullopt;
   const double distance = normal.dot(to) / toward;
   const Vec3 at = distance * direction - to;
-  const double v = at.cross(ac).dot(normal), w = ab.cross(at).dot(normal), whole = normal.squaredNorm();
-  if (!(distance > 0 && v >= -kEdge * whole && w >= -kEdge * whole && v + w <= (1 + kEdge) * whole))
+  const double v = at.cross(ac).dot(normal);
+  const double w = ab.cross(at).dot(normal);
+  const double area2 = normal.squaredNorm();
+  if (!(distance > 0 && v >= -kEdge * area2 && w >= -kEdge * area2 && v + w <= (1 + kEdge) * area2))
     return std::nullopt;
   return distance;
 }
 
-// The nearest such place on the triangles of the block that are a few quads away at most.
-std::optional<Vec3> place_near(const Mesh& mesh, const TriangleId& id, const Vec3& from, const Vec3& direction) {
+// Returns the nearest intersection with the triangles of the block within a few quads.
+std::optional<Vec3> intersection_near(const Mesh& mesh, const TriangleId& id, const Vec3& from, const Vec3& direction) {
   constexpr int kReach = 8;
   const int last = mesh.blocks()[id.block()].side - 2;
   double nearest = std::numeric_limits<double>::infinity();
@@ -50,36 +55,42 @@ std::optional<Vec3> place_near(const Mesh& mesh, const TriangleId& id, const Vec
 
 ViewMarks::ViewMarks(const RowViews& views, int margin_px) {
   const Camera& camera = views.camera();
-  const double left = margin_px, top = margin_px, right = camera.width - 1 - margin_px,
-               bottom = views.height() - 1 - margin_px;
+  const double left = margin_px;
+  const double top = margin_px;
+  const double right = camera.width - 1 - margin_px;
+  const double bottom = views.height() - 1 - margin_px;
   const double cy = views.vary() ? (top + bottom) / 2 : camera.cy;
   if (camera.cx >= left - 0.5 && camera.cx <= right + 0.5 && cy >= top - 0.5 && cy <= bottom + 0.5)
-    put(kBoresight, camera.cx, cy);
-  put(kFirstCorner, left, top), put(kFirstCorner + 1, right, top);
-  put(kFirstCorner + 2, right, bottom), put(kFirstCorner + 3, left, bottom);
+    set_mark(kBoresight, camera.cx, cy);
+  set_mark(kFirstCorner, left, top);
+  set_mark(kFirstCorner + 1, right, top);
+  set_mark(kFirstCorner + 2, right, bottom);
+  set_mark(kFirstCorner + 3, left, bottom);
 }
 
-void ViewMarks::put(std::size_t mark, double x_px, double y_px) {
+void ViewMarks::set_mark(std::size_t mark, double x_px, double y_px) {
   Mark& m = marks_[mark];
-  m.x_px = x_px, m.y_px = y_px;
-  m.column = static_cast<int>(std::floor(x_px + 0.5)), m.row = static_cast<int>(std::floor(y_px + 0.5));
+  m.x_px = x_px;
+  m.y_px = y_px;
+  m.column = static_cast<int>(std::floor(x_px + 0.5));
+  m.row = static_cast<int>(std::floor(y_px + 0.5));
 }
 
 ViewMarks ViewMarks::dense() const {
   ViewMarks out;
   for (std::size_t i = 0; i < kCount; ++i)
-    if (marks_[i].row >= 0) out.put(i, 2 * marks_[i].x_px + 0.5, 2 * marks_[i].y_px + 0.5);
+    if (marks_[i].row >= 0) out.set_mark(i, 2 * marks_[i].x_px + 0.5, 2 * marks_[i].y_px + 0.5);
   return out;
 }
 
-std::optional<ViewMarks::Met> ViewMarks::met(std::size_t mark, const RowViews& views, const Mesh& mesh) const {
+std::optional<ViewMarks::MarkHit> ViewMarks::hit_of(std::size_t mark, const RowViews& views, const Mesh& mesh) const {
   const Mark& m = marks_[mark];
-  if (!m.met) return std::nullopt;
-  const std::optional<Vec3> line = sight(views, m.x_px, m.y_px);
+  if (!m.hit) return std::nullopt;
+  const std::optional<Vec3> line = line_of_sight(views, m.x_px, m.y_px);
   if (!line) return std::nullopt;
   const Vec3 direction = line->normalized(), from = views.of(row_at(views, m.y_px)).position();
-  // At a silhouette there may be none: then the pixel's own point stands.
-  return Met{place_near(mesh, m.triangle, from, direction).value_or(m.point), direction, m.source};
+  // Use the point of the pixel if there is no intersection, as at a silhouette.
+  return MarkHit{intersection_near(mesh, m.triangle, from, direction).value_or(m.point), direction, m.source};
 }
 
 }  // namespace selenograph::engine

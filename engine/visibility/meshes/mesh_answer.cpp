@@ -9,7 +9,7 @@
 
 namespace selenograph::engine {
 
-// Both ends are the same executable: numbers are as they lie in memory.
+// Both ends are the same executable, so numbers are transferred as they lie in memory.
 static_assert(std::endian::native == std::endian::little);
 static_assert(sizeof(ObjectCorner) == 24 && sizeof(ObjectTriangle) == 16);
 
@@ -25,16 +25,16 @@ void append(std::string& to, const void* from, std::size_t bytes) { to.append(st
 
 void append_number(std::string& to, std::uint32_t number) { append(to, &number, sizeof number); }
 
-// What is no list.
-struct Whole {
+// Fixed-size head of an answer: the counts of the lists that follow.
+struct Header {
   std::uint32_t kind, corners, triangles, parts;
   std::uint32_t textured, unused;
 };
-static_assert(sizeof(Whole) == 24);
+static_assert(sizeof(Header) == 24);
 
-class Bytes {
+class ByteReader {
  public:
-  explicit Bytes(std::string_view bytes) : left_(bytes) {}
+  explicit ByteReader(std::string_view bytes) : unread_(bytes) {}
 
   template <typename T>
   T item() {
@@ -43,10 +43,10 @@ class Bytes {
     return value;
   }
   std::uint32_t number() { return item<std::uint32_t>(); }
-  // The count is the answer's own word: no room is made for what isn't there.
+  // The count comes from the untrusted answer: check it before memory is allocated.
   template <typename T>
   std::vector<T> list(std::size_t count) {
-    if (count > left_.size() / sizeof(T)) fail("too short");
+    if (count > unread_.size() / sizeof(T)) fail("too short");
     std::vector<T> items(count);
     copy(items.data(), count * sizeof(T));
     return items;
@@ -55,15 +55,15 @@ class Bytes {
     const std::vector<char> characters = list<char>(size);
     return {characters.begin(), characters.end()};
   }
-  bool empty() const { return left_.empty(); }
+  bool empty() const { return unread_.empty(); }
 
  private:
   void copy(void* to, std::size_t bytes) {
-    if (bytes > left_.size()) fail("too short");
-    if (bytes > 0) std::memcpy(to, left_.data(), bytes);
-    left_.remove_prefix(bytes);
+    if (bytes > unread_.size()) fail("too short");
+    if (bytes > 0) std::memcpy(to, unread_.data(), bytes);
+    unread_.remove_prefix(bytes);
   }
-  std::string_view left_;
+  std::string_view unread_;
 };
 
 void check(const ObjectShape& shape) {
@@ -85,21 +85,23 @@ void check(const ObjectShape& shape) {
 }  // namespace
 
 std::string shape_answer(const ObjectShape& shape) {
-  const std::size_t corner_bytes = shape.corners.size() * sizeof(ObjectCorner),
-                    triangle_bytes = shape.triangles.size() * sizeof(ObjectTriangle);
+  const std::size_t corner_bytes = shape.corners.size() * sizeof(ObjectCorner);
+  const std::size_t triangle_bytes = shape.triangles.size() * sizeof(ObjectTriangle);
   std::string answer;
-  const Whole whole{kShape,
-                    static_cast<std::uint32_t>(shape.corners.size()),
-                    static_cast<std::uint32_t>(shape.triangles.size()),
-                    static_cast<std::uint32_t>(shape.parts.size()),
-                    shape.textured,
-                    0};
-  answer.reserve(sizeof whole + corner_bytes + triangle_bytes);
-  append(answer, &whole, sizeof whole);
+  const Header header{kShape,
+                      static_cast<std::uint32_t>(shape.corners.size()),
+                      static_cast<std::uint32_t>(shape.triangles.size()),
+                      static_cast<std::uint32_t>(shape.parts.size()),
+                      shape.textured,
+                      0};
+  answer.reserve(sizeof header + corner_bytes + triangle_bytes);
+  append(answer, &header, sizeof header);
   append(answer, shape.corners.data(), corner_bytes);
   append(answer, shape.triangles.data(), triangle_bytes);
-  for (const std::string& part : shape.parts)
-    append_number(answer, static_cast<std::uint32_t>(part.size())), answer += part;
+  for (const std::string& part : shape.parts) {
+    append_number(answer, static_cast<std::uint32_t>(part.size()));
+    answer += part;
+  }
   return answer;
 }
 
@@ -110,17 +112,17 @@ std::string refusal_answer(std::string_view why) {
 }
 
 ObjectShape shape_of_answer(std::string_view answer) {
-  const auto kind = Bytes(answer).number();
+  const auto kind = ByteReader(answer).number();
   if (kind == kRefusal) throw std::runtime_error(std::string(answer.substr(sizeof kind, kMaxRefusalBytes)));
   if (kind != kShape) fail("neither a mesh nor a refusal");
-  Bytes in(answer);
-  const auto whole = in.item<Whole>();
-  if (whole.textured > 1 || whole.unused != 0) fail("neither yes nor no");
+  ByteReader in(answer);
+  const auto header = in.item<Header>();
+  if (header.textured > 1 || header.unused != 0) fail("neither yes nor no");
   ObjectShape shape;
-  shape.corners = in.list<ObjectCorner>(whole.corners);
-  shape.triangles = in.list<ObjectTriangle>(whole.triangles);
-  for (std::uint32_t i = 0; i < whole.parts; ++i) shape.parts.push_back(in.text(in.number()));
-  shape.textured = whole.textured != 0;
+  shape.corners = in.list<ObjectCorner>(header.corners);
+  shape.triangles = in.list<ObjectTriangle>(header.triangles);
+  for (std::uint32_t i = 0; i < header.parts; ++i) shape.parts.push_back(in.text(in.number()));
+  shape.textured = header.textured != 0;
   if (!in.empty()) fail("too long");
   check(shape);
   return shape;

@@ -20,8 +20,8 @@
 namespace selenograph::engine {
 namespace {
 
-// Assimp's readers of some formats (PLY's header, 5.2) wait for more at the end of a file, forever. A stream that has
-// been asked in vain so often says so by an exception, which Assimp makes an error of.
+// A stream over memory. The readers of some formats (the header of PLY in 5.2) retry forever at the end of a file.
+// After many reads without data the stream therefore throws, which Assimp turns into an error.
 class MemoryStream : public Assimp::IOStream {
  public:
   explicit MemoryStream(std::string_view content) : content_(content) {}
@@ -30,14 +30,14 @@ class MemoryStream : public Assimp::IOStream {
     const std::size_t items = std::min(count, (content_.size() - at_) / size);
     std::memcpy(to, content_.data() + at_, items * size);
     at_ += items * size;
-    in_vain_ = items == 0 ? in_vain_ + 1 : 0;
-    if (in_vain_ > 100) throw std::runtime_error("the file ends too early");
+    empty_reads_ = items == 0 ? empty_reads_ + 1 : 0;
+    if (empty_reads_ > 100) throw std::runtime_error("the file ends too early");
     return items;
   }
   std::size_t Write(const void*, std::size_t, std::size_t) override { return 0; }
   aiReturn Seek(std::size_t offset, aiOrigin origin) override {
     const std::size_t from = origin == aiOrigin_SET ? 0 : origin == aiOrigin_CUR ? at_ : content_.size();
-    const std::size_t to = from + offset;  // may count backwards, modulo 2^64
+    const std::size_t to = from + offset;  // a negative offset wraps modulo 2^64
     if (to > content_.size()) return aiReturn_FAILURE;
     at_ = to;
     return aiReturn_SUCCESS;
@@ -49,19 +49,19 @@ class MemoryStream : public Assimp::IOStream {
  private:
   const std::string_view content_;
   std::size_t at_ = 0;
-  int in_vain_ = 0;
+  int empty_reads_ = 0;
 };
 
-// A file system of one file.
+// A file system that contains one file.
 class OneFile : public Assimp::IOSystem {
  public:
-  OneFile(std::string name, std::string_view content, std::string& refused)
-      : name_(std::move(name)), content_(content), refused_(refused) {}
+  OneFile(std::string name, std::string_view content, std::string& refused_path)
+      : name_(std::move(name)), content_(content), refused_path_(refused_path) {}
   bool Exists(const char* path) const override { return path == name_; }
   char getOsSeparator() const override { return '/'; }
   Assimp::IOStream* Open(const char* path, const char* mode) override {
     if (path == name_ && mode[0] == 'r') return new MemoryStream(content_);
-    refused_ = path;
+    refused_path_ = path;
     return nullptr;
   }
   void Close(Assimp::IOStream* stream) override { delete stream; }
@@ -69,14 +69,14 @@ class OneFile : public Assimp::IOSystem {
  private:
   const std::string name_;
   const std::string_view content_;
-  std::string& refused_;  // the last other file that was asked for
+  std::string& refused_path_;  // path of the last other file that Assimp tried to open
 };
 
-// Those that the extension leads to. Assimp would try all of its sixty on a file that they don't know.
+// Keeps only the readers for the extension. Assimp would try all of its sixty readers on a file that these reject.
 void keep_readers_of(const std::string& extension, Assimp::Importer& importer) {
   for (std::size_t i = importer.GetImporterCount(); i-- > 0;) {
-    const std::string known = fmt::format(" {} ", importer.GetImporterInfo(i)->mFileExtensions);
-    if (known.find(" " + extension + " ") != std::string::npos) continue;
+    const std::string extensions = fmt::format(" {} ", importer.GetImporterInfo(i)->mFileExtensions);
+    if (extensions.find(" " + extension + " ") != std::string::npos) continue;
     Assimp::BaseImporter* const reader = importer.GetImporter(i);
     importer.UnregisterLoader(reader);
     delete reader;
@@ -88,7 +88,7 @@ void keep_readers_of(const std::string& extension, Assimp::Importer& importer) {
                                        static_cast<double>(max_bytes) / 0x1p20));
 }
 
-// Nodes are instances: what they come to is counted before it is made.
+// Throws if all instances together take too much memory, before they are made: nodes are instances.
 void check_instances(const aiScene& scene, std::size_t max_bytes) {
   std::vector<double> bytes_of_mesh;
   for (unsigned i = 0; i < scene.mNumMeshes; ++i) {
@@ -113,11 +113,11 @@ Eigen::Vector3f vector_of(const aiVector3D& v) { return {v.x, v.y, v.z}; }
 
 void add_corners(const aiMesh& mesh, ObjectShape& out) {
   for (unsigned i = 0; i < mesh.mNumVertices; ++i) {
-    const Eigen::Vector3f place = vector_of(mesh.mVertices[i]);
+    const Eigen::Vector3f position = vector_of(mesh.mVertices[i]);
     const Eigen::Vector3f normal = mesh.HasNormals() ? vector_of(mesh.mNormals[i]) : Eigen::Vector3f::Zero();
-    if (!place.allFinite()) throw std::runtime_error("has a corner that is not finite");
+    if (!position.allFinite()) throw std::runtime_error("has a corner that is not finite");
     const bool usable = normal.allFinite() && normal.norm() > 0;
-    out.corners.push_back({place, usable ? Eigen::Vector3f(normal.normalized()) : Eigen::Vector3f::Zero()});
+    out.corners.push_back({position, usable ? Eigen::Vector3f(normal.normalized()) : Eigen::Vector3f::Zero()});
   }
 }
 
@@ -135,7 +135,7 @@ void add_triangles(const aiMesh& mesh, std::uint32_t first_corner, ObjectShape& 
   }
 }
 
-// Where a name stands in a file of lines; empty elsewhere.
+// Returns the line number of a name in a text file, as a prefix of a message; empty if the name is not found.
 std::string line_of(const std::string& name, std::string_view content) {
   const std::size_t at = content.find(name);
   if (at == std::string_view::npos) return {};
@@ -143,7 +143,7 @@ std::string line_of(const std::string& name, std::string_view content) {
                      1 + std::count(content.begin(), content.begin() + static_cast<std::ptrdiff_t>(at), '\n'));
 }
 
-// Assimp adds a material of its own that nothing may be made of.
+// Drops materials that no triangle uses: Assimp adds one of its own.
 void keep_used_parts(ObjectShape& shape) {
   std::vector<std::uint32_t> number(shape.parts.size(), ~0U);
   std::vector<std::string> used;
@@ -166,12 +166,12 @@ bool has_textures(const aiScene& scene) {
   return false;
 }
 
-// Required extensions of glTF that leave the shape as it is.
-constexpr std::string_view kOfAppearance[] = {"KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_",
-                                              "KHR_xmp"};
+// Required extensions of glTF that do not change the shape.
+constexpr std::string_view kAppearanceExtensions[] = {"KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_",
+                                                      "KHR_xmp"};
 
-// Refuses a glTF that requires an extension of its geometry: Assimp reads quantised or compressed numbers as others.
-// The list of strings is found in the text of .gltf, and of .glb, which begins with it.
+// Refuses a glTF that requires an extension of its geometry: Assimp misreads quantised or compressed numbers. The list
+// of names is found in the text of .gltf, and of .glb, which starts with such text.
 void refuse_extensions(std::string_view content, const std::string& extension) {
   if (extension != "glb" && extension != "gltf") return;
   const std::size_t key = content.find("\"extensionsRequired\"");
@@ -183,7 +183,7 @@ void refuse_extensions(std::string_view content, const std::string& extension) {
     const std::string_view name = list.substr(0, list.find('"'));
     list.remove_prefix(std::min(name.size() + 1, list.size()));
     const auto begins_name = [&](std::string_view beginning) { return name.starts_with(beginning); };
-    if (std::ranges::none_of(kOfAppearance, begins_name))
+    if (std::ranges::none_of(kAppearanceExtensions, begins_name))
       throw std::runtime_error(fmt::format(
           "requires the glTF extension {}, which is not read: write it without extensions of geometry, e.g. "
           "gltf-transform dequantize in.glb out.glb, or as OBJ, PLY or STL",
@@ -191,12 +191,12 @@ void refuse_extensions(std::string_view content, const std::string& extension) {
   }
 }
 
-// An OBJ is a mesh without the materials that it names.
-std::string why_not(const Assimp::Importer& importer, const std::string& extension, const std::string& refused) {
-  if (!refused.empty() && extension != "obj")
+// Returns the reason why a file cannot be read. References of an OBJ to material files are not an error.
+std::string why_not(const Assimp::Importer& importer, const std::string& extension, const std::string& refused_path) {
+  if (!refused_path.empty() && extension != "obj")
     return fmt::format(
         "names another file, \"{}\", which is not read: a mesh must be one file (.glb, or .gltf with data: URIs)",
-        refused);
+        refused_path);
   return fmt::format("cannot be read as a mesh: {}", importer.GetErrorString());
 }
 
@@ -205,17 +205,17 @@ std::string why_not(const Assimp::Importer& importer, const std::string& extensi
 ObjectShape read_mesh_file(std::string_view content, const std::string& extension, std::size_t max_bytes) {
   refuse_extensions(content, extension);
   const std::string name = "mesh." + extension;
-  std::string refused;
+  std::string refused_path;
   Assimp::Importer importer;
   keep_readers_of(extension, importer);
-  importer.SetIOHandler(new OneFile(name, content, refused));  // the importer's own from now on
+  importer.SetIOHandler(new OneFile(name, content, refused_path));  // the importer owns it from now on
   const aiScene* scene = importer.ReadFile(name, aiProcess_ValidateDataStructure);
-  if (!scene || !scene->mRootNode) throw std::runtime_error(why_not(importer, extension, refused));
+  if (!scene || !scene->mRootNode) throw std::runtime_error(why_not(importer, extension, refused_path));
   check_instances(*scene, max_bytes);
-  // What isn't a triangle by then is a point or a line.
+  // After these steps, all faces that are not triangles are points or lines.
   scene = importer.ApplyPostProcessing(aiProcess_Triangulate | aiProcess_JoinIdenticalVertices | aiProcess_SortByPType |
                                        aiProcess_PreTransformVertices);
-  if (!scene) throw std::runtime_error(why_not(importer, extension, refused));
+  if (!scene) throw std::runtime_error(why_not(importer, extension, refused_path));
 
   ObjectShape shape;
   shape.textured = has_textures(*scene);

@@ -24,7 +24,7 @@ namespace {
 
 constexpr double kMiB = 0x1p20;
 
-// An ordinary file that fits. Opening a FIFO would wait for its writer.
+// Opens an ordinary file of limited size. It must not block: opening a FIFO would wait for its writer.
 class MeshFile {
  public:
   MeshFile(const std::string& path, std::size_t max_bytes)
@@ -57,27 +57,27 @@ void lock_until(std::unique_lock<std::timed_mutex>& lock, const StopToken& stop)
   while (!lock.try_lock_for(std::chrono::milliseconds(20))) stop.check();
 }
 
-// --- the child
+// --- the child process
 
-// Told when memory ends: made while there is some.
-std::string& want_of_memory() {
+// The answer for the case that memory runs out, built while there is some.
+std::string& out_of_memory_answer() {
   static std::string answer;
   return answer;
 }
 
-// Without destructors and what libraries do at exit: there is nothing to tidy.
+// Ends the process without destructors and exit handlers: there is nothing to clean up.
 [[noreturn]] void answer(const std::string& text) { ::_exit(write_to_parent(text) ? EXIT_SUCCESS : EXIT_FAILURE); }
 
 std::string read_input() {
-  // By seeking, which the process may: it may not ask about files.
+  // Find the size by seeking: the confinement forbids stat().
   const off_t size = ::lseek(STDIN_FILENO, 0, SEEK_END);
   if (size < 0 || ::lseek(STDIN_FILENO, 0, SEEK_SET) != 0) throw std::runtime_error("cannot be read");
   std::string content(static_cast<std::size_t>(size), '\0');
-  for (std::size_t have = 0; have < content.size();) {
-    const ssize_t got = ::read(STDIN_FILENO, content.data() + have, content.size() - have);
-    if (got < 0 && errno == EINTR) continue;
-    if (got <= 0) throw std::runtime_error("has become shorter while it was read");
-    have += static_cast<std::size_t>(got);
+  for (std::size_t bytes_read = 0; bytes_read < content.size();) {
+    const ssize_t result = ::read(STDIN_FILENO, content.data() + bytes_read, content.size() - bytes_read);
+    if (result < 0 && errno == EINTR) continue;
+    if (result <= 0) throw std::runtime_error("has become shorter while it was read");
+    bytes_read += static_cast<std::size_t>(result);
   }
   return content;
 }
@@ -87,7 +87,7 @@ std::string read_input() {
 ObjectShape MeshReader::read(const std::string& path, const StopToken& stop) const {
   if (options_.program.empty()) throw DataError(path, "no program is set up to read meshes");
   const MeshFile file(path, options_.max_bytes);
-  std::unique_lock lock(one_, std::defer_lock);
+  std::unique_lock lock(reader_mutex_, std::defer_lock);
   lock_until(lock, stop);
   ObjectShape shape;
   try {
@@ -115,9 +115,9 @@ int read_mesh_as_child(int argc, char** argv) {
   const std::string extension = argv[2];
   const std::size_t max_bytes = std::strtoull(argv[3], nullptr, 10);
   const auto seconds = static_cast<unsigned>(std::strtoul(argv[4], nullptr, 10));
-  want_of_memory() = refusal_answer(
+  out_of_memory_answer() = refusal_answer(
       fmt::format("takes more than {:.0f} MiB to read as a mesh", static_cast<double>(max_bytes) / kMiB));
-  std::set_new_handler([] { answer(want_of_memory()); });
+  std::set_new_handler([] { answer(out_of_memory_answer()); });
   try {
     confine(max_bytes, seconds);
     answer(shape_answer(read_mesh_file(read_input(), extension, max_bytes)));

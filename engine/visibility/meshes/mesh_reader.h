@@ -39,7 +39,7 @@ class MeshReader {
 
  private:
   const MeshReaderOptions options_;
-  mutable std::timed_mutex one_;
+  mutable std::timed_mutex reader_mutex_;
 };
 
 // First argument of the reading process.

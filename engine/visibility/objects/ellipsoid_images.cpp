@@ -15,20 +15,24 @@
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// `maps`: of places to two coordinates in cells and what divides them, each a vector and a number. `touched`: a lane's
-// own bit, or none.
-void LookUp(const double (*maps)[4], double last, const std::uint32_t* bits, std::int32_t words, const double* x,
-            const double* y, const double* z, std::int32_t* HWY_RESTRICT column, std::int32_t* HWY_RESTRICT row,
-            std::uint32_t* HWY_RESTRICT touched) {
+// Finds the cell of each lane. `maps`: as EllipsoidImages::maps_. `touched`: the bit of the lane if its cell is marked,
+// else 0.
+void FindCells(const double (*maps)[4], double last, const std::uint32_t* bits, std::int32_t words, const double* x,
+               const double* y, const double* z, std::int32_t* HWY_RESTRICT column, std::int32_t* HWY_RESTRICT row,
+               std::uint32_t* HWY_RESTRICT touched) {
   const double *u = maps[0], *v = maps[1], *w = maps[2];
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const double px = x[i], py = y[i], pz = z[i], scale = 1 / (w[3] + w[0] * px + w[1] * py + w[2] * pz);
-    const double across = scale * (u[3] + u[0] * px + u[1] * py + u[2] * pz),
-                 down = scale * (v[3] + v[0] * px + v[1] * py + v[2] * pz);
-    // So written a lane without a ray, whose numbers may be none, gets cell 0.
+    const double px = x[i];
+    const double py = y[i];
+    const double pz = z[i];
+    const double scale = 1 / (w[3] + w[0] * px + w[1] * py + w[2] * pz);
+    const double across = scale * (u[3] + u[0] * px + u[1] * py + u[2] * pz);
+    const double down = scale * (v[3] + v[0] * px + v[1] * py + v[2] * pz);
+    // Compare in this order: a lane without a ray may be NaN, and then gets cell 0.
     const double c = across > 0 ? across : 0, r = down > 0 ? down : 0;
-    column[i] = static_cast<std::int32_t>(c < last ? c : last), row[i] = static_cast<std::int32_t>(r < last ? r : last);
+    column[i] = static_cast<std::int32_t>(c < last ? c : last);
+    row[i] = static_cast<std::int32_t>(r < last ? r : last);
   }
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) touched[i] = (bits[row[i] * words + (column[i] >> 5)] >> (column[i] & 31) & 1) << i;
@@ -42,10 +46,10 @@ HWY_AFTER_NAMESPACE();
 namespace selenograph::engine {
 namespace {
 
-HWY_EXPORT(LookUp);
+HWY_EXPORT(FindCells);
 
-// What ellipsoids and rays are compared by: half the ellipsoid's extent along a vector n is the root of n' squares n.
-// Which triangle a ray meets is said in float, relative to an anchor: they are larger by what that may be off.
+// Returns a matrix S such that half the extent of the ellipsoid along a vector n is sqrt(n' S n). The ellipsoid is
+// enlarged by the rounding error of float relative to the anchor, since float decides which triangle a ray hits.
 Eigen::Matrix3d squares_of(const Ellipsoid& e, const Vec3& anchor_m) {
   constexpr double kLarger = 0x1p-8;  // (a + b)^2 <= (1 + k) a^2 + (1 + 1 / k) b^2
   const double off = 0x1p-20 * ((e.centre_m - anchor_m).norm() + e.axes_m.norm());
@@ -59,16 +63,19 @@ float rounded_up(double value) {
 
 double reach_along(const Vec3& n, const Eigen::Matrix3d& squares) { return std::sqrt(n.dot(squares * n)); }
 
-// Slopes of its border along an axis of the image: of the planes through the place that touch it. Of its centre and its
-// squares: across, forward, and the two together. Infinite where it lies beside the place, and around it.
-std::pair<double, double> slopes(double across, double forward, double across2, double both, double forward2) {
+// Returns the slopes of the silhouette of an ellipsoid along an axis of the image: of the planes through the origin
+// that touch it. Arguments are its centre across and forward, and its matrix entries for across, both, and forward. A
+// slope is infinite on a side where the ellipsoid reaches beside the origin; both are if it encloses the origin.
+std::pair<double, double> silhouette_slopes(double across, double forward, double across2, double both,
+                                            double forward2) {
   constexpr double kInfinite = std::numeric_limits<double>::infinity();
   const double a = forward * forward - forward2, b = across * forward - both, c = across * across - across2;
   const double root2 = b * b - a * c;
   if (!(root2 > 0) || a == 0) return {-kInfinite, kInfinite};
   const double root = std::sqrt(root2);
   if (a > 0) return {(b - root) / a, (b + root) / a};
-  const bool to_the_right = across * forward2 > forward * both;  // where the plane of no slope cuts it
+  // side on which the plane of slope 0 cuts the ellipsoid
+  const bool to_the_right = across * forward2 > forward * both;
   return to_the_right ? std::pair((b - root) / a, kInfinite) : std::pair(-kInfinite, (b + root) / a);
 }
 
@@ -78,24 +85,31 @@ EllipsoidImages EllipsoidImages::along(const Vec3& direction, const Vec3& anchor
                                        std::span<const Ellipsoid> ellipsoids) {
   EllipsoidImages images;
   const Vec3 right = direction.unitOrthogonal(), down = direction.cross(right);
-  for (int k = 0; k < 3; ++k)
-    images.maps_[0][k] = right[k], images.maps_[1][k] = down[k], images.height_[k] = direction[k];
-  images.maps_[2][3] = 1, images.parallel_ = true, images.height_[3] = -direction.dot(anchor_m);
-  constexpr double kAll = std::numeric_limits<double>::infinity();
+  for (int k = 0; k < 3; ++k) {
+    images.maps_[0][k] = right[k];
+    images.maps_[1][k] = down[k];
+    images.height_[k] = direction[k];
+  }
+  images.maps_[2][3] = 1;
+  images.parallel_ = true;
+  images.height_[3] = -direction.dot(anchor_m);
+  constexpr double kInfinite = std::numeric_limits<double>::infinity();
   std::vector<Box> boxes;
   boxes.reserve(ellipsoids.size());
   for (const Ellipsoid& e : ellipsoids) {
     const Eigen::Matrix3d squares = squares_of(e, anchor_m);
-    const double x = right.dot(e.centre_m), y = down.dot(e.centre_m), wide = reach_along(right, squares),
-                 high = reach_along(down, squares);
+    const double x = right.dot(e.centre_m);
+    const double y = down.dot(e.centre_m);
+    const double wide = reach_along(right, squares);
+    const double high = reach_along(down, squares);
     const double top = direction.dot(e.centre_m - anchor_m) + reach_along(direction, squares);
     boxes.push_back({{x - wide, y - high}, {x + wide, y + high}, rounded_up(top)});
   }
-  images.mark(boxes, {{-kAll, -kAll}, {kAll, kAll}, 0});
+  images.mark(boxes, {{-kInfinite, -kInfinite}, {kInfinite, kInfinite}, 0});
   return images;
 }
 
-EllipsoidImages EllipsoidImages::from(const Vec3& place_m, const Eigen::Matrix3d& axes, double widest_slope,
+EllipsoidImages EllipsoidImages::from(const Vec3& origin_m, const Eigen::Matrix3d& axes, double widest_slope,
                                       std::span<const Ellipsoid> ellipsoids) {
   EllipsoidImages images;
   for (int k = 0; k < 3; ++k)
@@ -103,30 +117,33 @@ EllipsoidImages EllipsoidImages::from(const Vec3& place_m, const Eigen::Matrix3d
   std::vector<Box> boxes;
   boxes.reserve(ellipsoids.size());
   for (const Ellipsoid& e : ellipsoids) {
-    const Vec3 c = axes.transpose() * (e.centre_m - place_m);
-    const Eigen::Matrix3d squares = axes.transpose() * squares_of(e, place_m) * axes;
+    const Vec3 c = axes.transpose() * (e.centre_m - origin_m);
+    const Eigen::Matrix3d squares = axes.transpose() * squares_of(e, origin_m) * axes;
     if (c.z() <= -std::sqrt(squares(2, 2))) continue;  // behind
-    const auto [left, right] = slopes(c.x(), c.z(), squares(0, 0), squares(0, 2), squares(2, 2));
-    const auto [top, bottom] = slopes(c.y(), c.z(), squares(1, 1), squares(1, 2), squares(2, 2));
+    const auto [left, right] = silhouette_slopes(c.x(), c.z(), squares(0, 0), squares(0, 2), squares(2, 2));
+    const auto [top, bottom] = silhouette_slopes(c.y(), c.z(), squares(1, 1), squares(1, 2), squares(2, 2));
     boxes.push_back({{left, top}, {right, bottom}, 0});
   }
   images.mark(boxes, {{-widest_slope, -widest_slope}, {widest_slope, widest_slope}, 0});
   return images;
 }
 
-void EllipsoidImages::mark(std::span<const Box> boxes, const Box& room) {
+void EllipsoidImages::mark(std::span<const Box> boxes, const Box& limits) {
   constexpr double kInfinite = std::numeric_limits<double>::infinity();
-  Box all{{kInfinite, kInfinite}, {-kInfinite, -kInfinite}, 0};
-  bool beyond = false;
+  Box covered{{kInfinite, kInfinite}, {-kInfinite, -kInfinite}, 0};
+  bool crosses_limits = false;
   for (const Box& box : boxes)
     for (int k = 0; k < 2; ++k) {
-      all.low[k] = std::min(all.low[k], std::max(box.low[k], room.low[k]));
-      all.high[k] = std::max(all.high[k], std::min(box.high[k], room.high[k]));
-      beyond |= box.low[k] < room.low[k] || box.high[k] > room.high[k];
+      covered.low[k] = std::min(covered.low[k], std::max(box.low[k], limits.low[k]));
+      covered.high[k] = std::max(covered.high[k], std::min(box.high[k], limits.high[k]));
+      crosses_limits |= box.low[k] < limits.low[k] || box.high[k] > limits.high[k];
     }
   for (int k = 0; k < 2; ++k)
-    if (!(all.high[k] > all.low[k])) all.low[k] = 0, all.high[k] = 1;  // no image is within the room
-  constexpr double kPerEllipsoid = 32;  // cells along an axis, of the square root of the number
+    if (!(covered.high[k] > covered.low[k])) {  // no image within the limits
+      covered.low[k] = 0;
+      covered.high[k] = 1;
+    }
+  constexpr double kPerEllipsoid = 32;  // cells along an axis per square root of the number of ellipsoids
   side_ = 2 + std::clamp(static_cast<int>(kPerEllipsoid * std::sqrt(static_cast<double>(boxes.size()))), 62, 2046);
   words_ = (side_ + 31) / 32;
   bits_.assign(static_cast<std::size_t>(side_) * static_cast<std::size_t>(words_), 0);
@@ -134,27 +151,29 @@ void EllipsoidImages::mark(std::span<const Box> boxes, const Box& room) {
   if (parallel_)
     tops_.assign(static_cast<std::size_t>(squares_) * static_cast<std::size_t>(squares_),
                  -std::numeric_limits<float>::infinity());
-  // Cells of the border are touched by what is beyond the room alone.
+  // Reserve the border cells for images outside the limits.
   constexpr double kSure = 1e-3, kFirst = 1 + 2 * kSure;  // cells
   double per_unit[2];
   for (int k = 0; k < 2; ++k) {
-    per_unit[k] = (side_ - 2 * kFirst) / (all.high[k] - all.low[k]);
+    per_unit[k] = (side_ - 2 * kFirst) / (covered.high[k] - covered.low[k]);
     for (int c = 0; c < 4; ++c)
-      maps_[k][c] = per_unit[k] * maps_[k][c] + (kFirst - per_unit[k] * all.low[k]) * maps_[2][c];
+      maps_[k][c] = per_unit[k] * maps_[k][c] + (kFirst - per_unit[k] * covered.low[k]) * maps_[2][c];
   }
   const auto cell = [&](double at, int k) {
-    return static_cast<int>(std::clamp(kFirst + (at - all.low[k]) * per_unit[k], 0.0, side_ - 1.0));
+    return static_cast<int>(std::clamp(kFirst + (at - covered.low[k]) * per_unit[k], 0.0, side_ - 1.0));
   };
   for (const Box& box : boxes) {
-    if (box.high[0] < all.low[0] || box.low[0] > all.high[0] || box.high[1] < all.low[1] || box.low[1] > all.high[1])
+    if (box.high[0] < covered.low[0] || box.low[0] > covered.high[0] || box.high[1] < covered.low[1] ||
+        box.low[1] > covered.high[1])
       continue;
     Range cells;
-    for (int k = 0; k < 2; ++k)
-      cells.first[k] = cell(box.low[k] - kSure / per_unit[k], k),
+    for (int k = 0; k < 2; ++k) {
+      cells.first[k] = cell(box.low[k] - kSure / per_unit[k], k);
       cells.last[k] = cell(box.high[k] + kSure / per_unit[k], k);
+    }
     set(cells, box.top);
   }
-  if (!beyond) return;
+  if (!crosses_limits) return;
   const int last = side_ - 1;
   for (const Range& border : {Range{{0, 0}, {last, 0}}, Range{{0, last}, {last, last}}, Range{{0, 0}, {0, last}},
                               Range{{last, 0}, {last, last}}})
@@ -173,14 +192,15 @@ void EllipsoidImages::set(const Range& cells, float top) {
     }
 }
 
-std::uint32_t EllipsoidImages::may_meet(const double x[kPacket], const double y[kPacket], const double z[kPacket],
-                                        std::uint32_t asking) const {
-  alignas(64) std::int32_t column[kPacket], row[kPacket];
+std::uint32_t EllipsoidImages::may_hit(const double x[kPacket], const double y[kPacket], const double z[kPacket],
+                                       std::uint32_t requested) const {
+  alignas(64) std::int32_t column[kPacket];
+  alignas(64) std::int32_t row[kPacket];
   alignas(64) std::uint32_t touched[kPacket];
-  HWY_DYNAMIC_DISPATCH(LookUp)(maps_, side_ - 1, bits_.data(), words_, x, y, z, column, row, touched);
+  HWY_DYNAMIC_DISPATCH(FindCells)(maps_, side_ - 1, bits_.data(), words_, x, y, z, column, row, touched);
   std::uint32_t lanes = 0;
   for (const std::uint32_t lane : touched) lanes |= lane;
-  return parallel_ ? before_tops(x, y, z, column, row, lanes & asking) : lanes & asking;
+  return parallel_ ? before_tops(x, y, z, column, row, lanes & requested) : lanes & requested;
 }
 
 std::uint32_t EllipsoidImages::before_tops(const double* x, const double* y, const double* z,

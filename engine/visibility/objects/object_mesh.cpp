@@ -16,19 +16,21 @@ std::uint64_t fingerprint_of(const ObjectShape& shape) {
   const auto add = [&](const auto& list) {
     hash = dem::hash_of(list.data(), list.size() * sizeof list[0], hash ^ list.size());
   };
-  add(shape.corners), add(shape.triangles);
+  add(shape.corners);
+  add(shape.triangles);
   for (const std::string& part : shape.parts) add(part);
   return hash;
 }
 
-// The file's coordinates are read as float.
+// Returns the largest rounding error of the coordinates, which are read as float.
 double rounding_of(const ObjectShape& shape) {
   float largest = 0;
   for (const ObjectCorner& corner : shape.corners) largest = std::max(largest, corner.place.cwiseAbs().maxCoeff());
   return static_cast<double>(largest) * 0x1p-24;
 }
 
-// Float has 24 bits; what of it a ray is surer of than of its neighbours: 20.
+// Rounding error of ray tracing relative to a coordinate: of the 24 bits of float, 20 separate a facet from its
+// neighbours.
 constexpr double kRounding = 0x1p-20;
 
 }  // namespace
@@ -41,38 +43,41 @@ ObjectMesh::Median ObjectMesh::median_of(const ObjectShape& shape) {
     return ranked(values, values.size() / 2);
   };
   Median m{};
-  for (int axis = 0; axis < 3; ++axis) m.place[axis] = median([axis](const Vec3& p) { return p[axis]; });
-  m.distance = median([&](const Vec3& p) { return (p - m.place).norm(); });
+  for (int axis = 0; axis < 3; ++axis) m.position[axis] = median([axis](const Vec3& p) { return p[axis]; });
+  m.distance = median([&](const Vec3& p) { return (p - m.position).norm(); });
   return m;
 }
 
 ObjectShape ObjectMesh::without_strays(ObjectShape shape, Median& m, std::vector<std::string>& notes) {
   m = median_of(shape);
-  const double most = kStray * m.distance;
+  const double max_reach = kStray * m.distance;
   if (m.distance == 0) return shape;
   double farthest = 0;
+  // A triangle is stray if any of its corners is.
   const auto stray = [&](const ObjectTriangle& t) {
     double reach = 0;
-    for (int k = 0; k < 3; ++k) reach = std::max(reach, (shape.place(t, k) - m.place).norm());
-    if (reach > most) farthest = std::max(farthest, reach);
-    return reach > most;
+    for (int k = 0; k < 3; ++k) reach = std::max(reach, (shape.place(t, k) - m.position).norm());
+    if (reach > max_reach) farthest = std::max(farthest, reach);
+    return reach > max_reach;
   };
-  const auto gone = std::count_if(shape.triangles.begin(), shape.triangles.end(), stray);
-  if (gone == 0 || gone == std::ssize(shape.triangles)) return shape;
+  const auto stray_count = std::count_if(shape.triangles.begin(), shape.triangles.end(), stray);
+  if (stray_count == 0 || stray_count == std::ssize(shape.triangles)) return shape;
   std::erase_if(shape.triangles, stray);
   notes.push_back(fmt::format(
       "{} triangle{} left out, which reach{} as far as {:.3g} from the middle; half of all corners are within {:.3g}",
-      gone, gone == 1 ? " is" : "s are", gone == 1 ? "es" : "", farthest, m.distance));
-  // Of the corners only those that are left: float would have to hold the others, too.
+      stray_count, stray_count == 1 ? " is" : "s are", stray_count == 1 ? "es" : "", farthest, m.distance));
+  // Keep only the corners in use: the tracer would have to represent the stray ones in float, too.
   std::vector<std::uint32_t> number(shape.corners.size(), ~0U);
-  std::vector<ObjectCorner> kept;
+  std::vector<ObjectCorner> used_corners;
   for (ObjectTriangle& t : shape.triangles)
     for (std::uint32_t& corner : t.corner) {
-      if (number[corner] == ~0U)
-        number[corner] = static_cast<std::uint32_t>(kept.size()), kept.push_back(shape.corners[corner]);
+      if (number[corner] == ~0U) {
+        number[corner] = static_cast<std::uint32_t>(used_corners.size());
+        used_corners.push_back(shape.corners[corner]);
+      }
       corner = number[corner];
     }
-  shape.corners = std::move(kept);
+  shape.corners = std::move(used_corners);
   m = median_of(shape);
   return shape;
 }
@@ -84,7 +89,7 @@ ObjectMesh::Bounds ObjectMesh::bounds_of() const {
   Bounds b{box.center(), box.center(), 0};
   for (const ObjectTriangle& t : shape_.triangles)
     for (int k = 0; k < 3; ++k) b.radius = std::max(b.radius, (shape_.place(t, k) - b.centre).norm());
-  if (b.radius > median_.core()) b.middle = median_.place;
+  if (b.radius > median_.core()) b.middle = median_.position;
   return b;
 }
 
@@ -93,8 +98,8 @@ ObjectMesh::ObjectMesh(ObjectShape shape, const StopToken& stop)
       bounds_(bounds_of()),
       tracer_(shape_, bounds_.middle, stop),
       fingerprint_(fingerprint_of(shape_)) {
-  constexpr double kMuch = 1e-4;
-  if (const double rounding = rounding_of(shape_); rounding > kMuch * bounds_.radius)
+  constexpr double kNoticeable = 1e-4;
+  if (const double rounding = rounding_of(shape_); rounding > kNoticeable * bounds_.radius)
     notes_.push_back(
         fmt::format("its coordinates are so far from their origin that float rounds them by {:.2g}; the object's "
                     "radius is {:.3g}",
@@ -102,8 +107,8 @@ ObjectMesh::ObjectMesh(ObjectShape shape, const StopToken& stop)
   if (shape_.textured) notes_.emplace_back("its textures are not used: its parts are of the materials in the request");
 }
 
-double ObjectMesh::rounding_at(const Vec3& place) const {
-  return kRounding * std::min(bounds_.radius, std::max(median_.core(), (place - bounds_.middle).norm()));
+double ObjectMesh::rounding_at(const Vec3& point) const {
+  return kRounding * std::min(bounds_.radius, std::max(median_.core(), (point - bounds_.middle).norm()));
 }
 
 }  // namespace selenograph::engine

@@ -15,11 +15,11 @@ namespace selenograph::engine {
 // Immutable; shared between frames.
 class ObjectMesh {
  public:
-  // Triangles that reach farther than kStray times the median distance of the corners from their median position are
-  // dropped: such a file is damaged, and float would not resolve the rest of the object. Builds the ray-tracing
-  // structure: a second for every few million triangles. Throws Cancelled when `stop` says so.
+  // Drops triangles that reach farther than kStray times the median distance of the corners from their median position:
+  // such a file is damaged, and float could not resolve the rest of the object. Builds the ray-tracing structure, which
+  // takes a second for every few million triangles. Throws Cancelled when `stop` says so.
   explicit ObjectMesh(ObjectShape shape, const StopToken& stop = {});
-  // Memory of a shape with its ray-tracing structure.
+  // Returns the memory of a shape with its ray-tracing structure.
   static std::size_t bytes_for(const ObjectShape& shape) { return shape.bytes() + ObjectTracer::bytes_for(shape); }
 
   const ObjectShape& shape() const { return shape_; }
@@ -28,25 +28,25 @@ class ObjectMesh {
 
   // Warnings about the file: dropped triangles, coordinates rounded by float, textures. Usually empty.
   const std::vector<std::string>& notes() const { return notes_; }
-  // Bounding sphere of all corners, in the file's coordinates and units.
+  // Bounding sphere of all corners, in the coordinates and units of the file.
   const Vec3& centre() const { return bounds_.centre; }
   double radius() const { return bounds_.radius; }
-  // Origin of the tracer's coordinates: the centre of the bounding sphere or, if few corners are far away from the
-  // others, the middle of the others.
+  // Origin of the coordinates of the tracer: the centre of the bounding sphere or, if a few corners are far from the
+  // others, the median position.
   const Vec3& middle() const { return bounds_.middle; }
-  // Rounding error of a place on the mesh, a length in the file's units: the facet that a shadow ray leaves, and its
-  // neighbours in the same plane, are nearer than this along the normal.
-  double rounding_at(const Vec3& place) const;
+  // Returns the rounding error of a point on the mesh, a length in the units of the file: the facet that a shadow ray
+  // leaves, and its neighbours in the same plane, are nearer than this along the normal.
+  double rounding_at(const Vec3& point) const;
   std::size_t bytes() const { return sizeof(ObjectMesh) + bytes_for(shape_); }
-  // Hash of everything that a frame can depend on.
+  // Hash of all members that a frame can depend on.
   std::uint64_t fingerprint() const { return fingerprint_; }
 
  private:
   // The median position of the corners in use, and the median distance from it.
   struct Median {
-    Vec3 place = Vec3::Zero();
+    Vec3 position = Vec3::Zero();
     double distance = 0;
-    double core() const { return 16 * distance; }  // a well-formed object is within this
+    double core() const { return 16 * distance; }  // radius that contains a well-formed object
   };
   static Median median_of(const ObjectShape& shape);
   static ObjectShape without_strays(ObjectShape shape, Median& median, std::vector<std::string>& notes);

@@ -18,16 +18,16 @@ namespace {
 
 using std::numbers::pi;
 
-// Where a fillet meets its rock, in radii of the fillet.
-constexpr double kSide = 0.7;
+// Radius at which a fillet touches its rock, in radii of the fillet.
+constexpr double kContactRadius = 0.7;
 
 struct Sphere {
   std::vector<Vec3> corners;
   std::vector<ObjectTriangle> triangles;
 };
 
-// An icosahedron, each of whose triangles is cut into four, and so on.
-Sphere sphere(int cuts) {
+// Returns an icosahedron on the unit sphere whose triangles are cut into four, `cuts` times.
+Sphere subdivided_icosahedron(int cuts) {
   const double phi = std::numbers::phi;
   Sphere s{{{-1, phi, 0},
             {1, phi, 0},
@@ -48,16 +48,18 @@ Sphere sphere(int cuts) {
        {3, 8, 9},   {4, 9, 5},  {2, 4, 11}, {6, 2, 10}, {8, 6, 7},   {9, 8, 1}}};
   for (const auto& face : kFaces) s.triangles.push_back({face, 0});
   for (int i = 0; i < cuts; ++i) {
-    std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> middles;
+    std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> midpoints;
     const auto middle = [&](std::uint32_t a, std::uint32_t b) {
-      const auto [at, is_new] = middles.try_emplace(std::minmax(a, b), static_cast<std::uint32_t>(s.corners.size()));
+      const auto [at, is_new] = midpoints.try_emplace(std::minmax(a, b), static_cast<std::uint32_t>(s.corners.size()));
       if (is_new) s.corners.push_back(s.corners[a] + s.corners[b]);
       return at->second;
     };
     std::vector<ObjectTriangle> finer;
     for (const ObjectTriangle& t : s.triangles) {
       const auto [a, b, c] = t.corner;
-      const std::uint32_t ab = middle(a, b), bc = middle(b, c), ca = middle(c, a);
+      const std::uint32_t ab = middle(a, b);
+      const std::uint32_t bc = middle(b, c);
+      const std::uint32_t ca = middle(c, a);
       for (const auto& face : {std::array{a, ab, ca}, {ab, b, bc}, {ca, bc, c}, {ab, bc, ca}})
         finer.push_back({face, 0});
     }
@@ -67,21 +69,26 @@ Sphere sphere(int cuts) {
   return s;
 }
 
-Vec3 any_direction(dem::Draws& draws) {
-  const double z = 2 * draws.uniform() - 1, turn = 2 * pi * draws.uniform(), around = std::sqrt(1 - z * z);
+// Returns a direction, uniform on the sphere.
+Vec3 random_direction(dem::Draws& draws) {
+  const double z = 2 * draws.uniform() - 1;
+  const double turn = 2 * pi * draws.uniform();
+  const double around = std::sqrt(1 - z * z);
   return {around * std::cos(turn), around * std::sin(turn), z};
 }
 
-// How sharply a stone's planes meet: the minimum of their distances, or its smooth approximation by a mean of such a
-// power (0: the minimum itself).
+// Power of the mean that joins the planes of a stone: 0 takes the minimum of their distances, a power its smooth
+// approximation; the lower the power, the rounder. Then the roughness of each state.
 constexpr std::array<double, kRoundings> kPowers{0, 16, 8}, kRoughness{0.02, 0.035, 0.04};
 
-// Roughness of a stone's surface: a few waves across it.
+// Roughness of the surface of a stone: a few waves across it.
 class Waves {
  public:
   explicit Waves(dem::Draws& draws) {
-    for (std::size_t i = 0; i < kWaves; ++i)
-      along_[i] = (4 + 3 * static_cast<double>(i)) * any_direction(draws), phase_[i] = 2 * pi * draws.uniform();
+    for (std::size_t i = 0; i < kWaves; ++i) {
+      along_[i] = (4 + 3 * static_cast<double>(i)) * random_direction(draws);
+      phase_[i] = 2 * pi * draws.uniform();
+    }
   }
   double at(const Vec3& direction) const {
     double sum = 0;
@@ -96,81 +103,92 @@ class Waves {
   std::array<double, kWaves> phase_;
 };
 
-// Normals for shading: for each corner of a triangle the mean of the facets around it that are nearly in its plane, so
-// that faces are smooth and edges are edges. Each triangle gets corners of its own.
-ObjectShape with_edges(const std::vector<Vec3>& places, const std::vector<ObjectTriangle>& triangles) {
-  const double least_cosine = std::cos(30 * kRadiansPerDegree);
+// Adds normals for shading: per corner of a triangle, the mean of the facets around it that are within 30 degrees of
+// the triangle. Faces are then smooth, and edges stay sharp. Each triangle gets corners of its own.
+ObjectShape with_edge_normals(const std::vector<Vec3>& points, const std::vector<ObjectTriangle>& triangles) {
+  const double min_cosine = std::cos(30 * kRadiansPerDegree);
   std::vector<Vec3> facets;
-  std::vector<std::vector<std::size_t>> around(places.size());
+  std::vector<std::vector<std::size_t>> around(points.size());
   for (const ObjectTriangle& t : triangles) {
     for (const std::uint32_t corner : t.corner) around[corner].push_back(facets.size());
     const auto [a, b, c] = t.corner;
-    facets.push_back((places[b] - places[a]).cross(places[c] - places[a]));
+    facets.push_back((points[b] - points[a]).cross(points[c] - points[a]));
   }
   ObjectShape out;
   for (std::size_t i = 0; i < triangles.size(); ++i) {
-    ObjectTriangle own{{}, 0};
+    ObjectTriangle split_triangle{{}, 0};
     for (std::size_t k = 0; k < 3; ++k) {
       const std::uint32_t corner = triangles[i].corner[k];
       Vec3 normal = Vec3::Zero();
-      for (const std::size_t other : around[corner])
-        if (facets[i].dot(facets[other]) >= least_cosine * facets[i].norm() * facets[other].norm())
-          normal += facets[other];
-      own.corner[k] = static_cast<std::uint32_t>(out.corners.size());
-      out.corners.push_back({places[corner].cast<float>(), normal.normalized().cast<float>()});
+      for (const std::size_t neighbour : around[corner])
+        if (facets[i].dot(facets[neighbour]) >= min_cosine * facets[i].norm() * facets[neighbour].norm())
+          normal += facets[neighbour];
+      split_triangle.corner[k] = static_cast<std::uint32_t>(out.corners.size());
+      out.corners.push_back({points[corner].cast<float>(), normal.normalized().cast<float>()});
     }
-    out.triangles.push_back(own);
+    out.triangles.push_back(split_triangle);
   }
   return out;
 }
 
+// Returns a stone: a ball cut by random planes at 0.5 to 0.9 of its radius, with a rough surface.
 ObjectShape stone(std::size_t number, std::size_t rounding) {
   constexpr std::uint64_t kRockShapes = 0x726f636b;
   dem::Draws draws(kRockShapes, 0, static_cast<int>(number), 0);
-  Sphere s = sphere(3);
+  Sphere s = subdivided_icosahedron(3);
   constexpr int kPlanes = 14;
   std::array<std::pair<Vec3, double>, kPlanes> planes;
-  for (auto& [normal, distance] : planes) normal = any_direction(draws), distance = 0.5 + 0.4 * draws.uniform();
+  for (auto& [normal, distance] : planes) {
+    normal = random_direction(draws);
+    distance = 0.5 + 0.4 * draws.uniform();
+  }
   const Waves waves(draws);
   const double power = kPowers[rounding], rough = kRoughness[rounding];
-  std::vector<Vec3> places;
+  std::vector<Vec3> points;
   for (const Vec3& direction : s.corners) {
-    double sum = 1, nearest = 1;  // of the sphere around it
+    double sum = 1, nearest = 1;  // of the unit sphere around the planes
     for (const auto& [normal, distance] : planes) {
       const double along = normal.dot(direction) / distance;
       if (along <= 0) continue;
-      nearest = std::min(nearest, 1 / along), sum += std::pow(along, power);
+      nearest = std::min(nearest, 1 / along);
+      sum += std::pow(along, power);
     }
     const double reach = (power > 0 ? std::pow(sum, -1 / power) : nearest) * (1 + rough * waves.at(direction));
-    places.emplace_back(reach * direction);
+    points.emplace_back(reach * direction);
   }
-  ObjectShape out = with_edges(places, s.triangles);
+  ObjectShape out = with_edge_normals(points, s.triangles);
   out.parts = {"rock"};
   return out;
 }
 
-// Heights over the distance from the side to the ground, 1 to 0 and below, in heights at the side.
+// Returns the height of a fillet, in heights at the rock, for the share of the way from the ground (0) to the rock (1);
+// negative shares are beyond the edge on the ground.
 double fillet_height(double share) {
   if (share > 0) return std::min(1.6, share * (0.12 + 0.88 * share));
-  constexpr double kGentle = -0.4;  // the ground isn't a plane: so far at an angle that most Suns light
-  return 0.5 * share - 100 * std::pow(std::min(0.0, share - kGentle), 2);
+  // down to this share the slope stays gentle and most Suns light it: real ground is not a plane
+  constexpr double kGentleShare = -0.4;
+  return 0.5 * share - 100 * std::pow(std::min(0.0, share - kGentleShare), 2);
 }
 
+// Returns a mound of soil with a slightly irregular outline and height.
 ObjectShape fillet(int number) {
   constexpr std::uint64_t kFilletShapes = 0x66696c6c;
   constexpr int kAround = 40;
-  // Dense where the slope changes.
+  // Radii of the rings of corners, dense where the slope changes.
   constexpr std::array kRings{0.3, 0.45, 0.55, 0.62, 0.7, 0.78, 0.86, 0.92, 0.97, 1.0, 1.04, 1.08, 1.12, 1.14, 1.16};
   dem::Draws draws(kFilletShapes, 0, number, 0);
-  const double two = 2 * pi * draws.uniform(), three = 2 * pi * draws.uniform(), higher = 2 * pi * draws.uniform();
+  const double two = 2 * pi * draws.uniform();
+  const double three = 2 * pi * draws.uniform();
+  const double higher = 2 * pi * draws.uniform();
   ObjectShape out;
   out.parts = {"soil"};
   const auto add = [&](double ring, double angle) {
-    const double wide = 0.04 * std::cos(2 * angle + two) + 0.04 * std::cos(3 * angle + three),
-                 radius = ring * (1 + wide * std::clamp((ring - kSide) / (1 - kSide), 0.0, 1.0)),
-                 high = 1 + 0.25 * std::cos(angle + higher), step = 1e-3;
-    const auto height = [&](double at) { return high * fillet_height((1 - at) / (1 - kSide)); };
-    // Where it meets the ground, and from there on, it is shaded as the ground is: no seam is seen.
+    const double wide = 0.04 * std::cos(2 * angle + two) + 0.04 * std::cos(3 * angle + three);
+    const double radius = ring * (1 + wide * std::clamp((ring - kContactRadius) / (1 - kContactRadius), 0.0, 1.0));
+    const double high = 1 + 0.25 * std::cos(angle + higher);
+    const double step = 1e-3;
+    const auto height = [&](double at) { return high * fillet_height((1 - at) / (1 - kContactRadius)); };
+    // Shade the edge, and the part below ground, like the ground: no seam is then visible.
     const double slope = ring < 1 ? (height(ring - step) - height(ring + step)) / (2 * step) : 0;
     const Vec3 outward(std::cos(angle), std::sin(angle), 0);
     out.corners.push_back({Vec3(radius * outward + height(ring) * Vec3::UnitZ()).cast<float>(),
@@ -185,76 +203,91 @@ ObjectShape fillet(int number) {
   for (int i = 0; i < kAround; ++i) {
     out.triangles.push_back({{0, corner(0, i), corner(0, i + 1)}, 0});
     for (std::size_t ring = 1; ring < kRings.size(); ++ring) {
-      const std::uint32_t a = corner(ring - 1, i), b = corner(ring, i), c = corner(ring, i + 1),
-                          d = corner(ring - 1, i + 1);
-      out.triangles.push_back({{a, b, c}, 0}), out.triangles.push_back({{a, c, d}, 0});
+      const std::uint32_t a = corner(ring - 1, i);
+      const std::uint32_t b = corner(ring, i);
+      const std::uint32_t c = corner(ring, i + 1);
+      const std::uint32_t d = corner(ring - 1, i + 1);
+      out.triangles.push_back({{a, b, c}, 0});
+      out.triangles.push_back({{a, c, d}, 0});
     }
   }
   return out;
 }
 
 template <typename Make>
-std::vector<std::shared_ptr<const ObjectMesh>> meshes(std::size_t count, const Make& make) {
-  std::vector<std::shared_ptr<const ObjectMesh>> all(count);
-  in_parallel(count, [&](std::size_t i) { all[i] = std::make_shared<const ObjectMesh>(make(i)); });
-  return all;
+std::vector<std::shared_ptr<const ObjectMesh>> make_meshes(std::size_t count, const Make& make) {
+  std::vector<std::shared_ptr<const ObjectMesh>> result(count);
+  in_parallel(count, [&](std::size_t i) { result[i] = std::make_shared<const ObjectMesh>(make(i)); });
+  return result;
 }
 
-// A shape turned so that it lies with its largest horizontal extent along x, from -1/2 to 1/2, and from 0 to 1 in z.
-// Whatever it is narrowed by along y, and stretched along z, its largest horizontal extent stays that one.
-using Places = Eigen::Matrix3Xd;
+// Corners of a shape, one per column. lying_attitude() rotates a shape so that its largest horizontal extent is along
+// x, from -1/2 to 1/2, and z is from 0 to 1. Narrowing along y and stretching along z preserve the largest horizontal
+// extent.
+using Points = Eigen::Matrix3Xd;
 
-// Those that are not within the octagon of the farthest in eight directions, as seen from above (Akl & Toussaint 1978).
-std::vector<Eigen::Index> outside_octagon(const Eigen::MatrixX3d& places) {
-  const auto x = places.col(0).array(), y = places.col(1).array();
+// Returns the points outside the octagon of the farthest points in eight directions, seen from above (Akl & Toussaint
+// 1978).
+std::vector<Eigen::Index> outside_octagon(const Eigen::MatrixX3d& points) {
+  const auto x = points.col(0).array();
+  const auto y = points.col(1).array();
   Eigen::Index corner[8];
-  x.maxCoeff(&corner[0]), (x + y).maxCoeff(&corner[1]), y.maxCoeff(&corner[2]), (y - x).maxCoeff(&corner[3]);
-  x.minCoeff(&corner[4]), (x + y).minCoeff(&corner[5]), y.minCoeff(&corner[6]), (y - x).minCoeff(&corner[7]);
-  Eigen::Array<bool, Eigen::Dynamic, 1> within = Eigen::Array<bool, Eigen::Dynamic, 1>::Constant(places.rows(), true);
+  x.maxCoeff(&corner[0]);
+  (x + y).maxCoeff(&corner[1]);
+  y.maxCoeff(&corner[2]);
+  (y - x).maxCoeff(&corner[3]);
+  x.minCoeff(&corner[4]);
+  (x + y).minCoeff(&corner[5]);
+  y.minCoeff(&corner[6]);
+  (y - x).minCoeff(&corner[7]);
+  Eigen::Array<bool, Eigen::Dynamic, 1> inside = Eigen::Array<bool, Eigen::Dynamic, 1>::Constant(points.rows(), true);
   for (int k = 0; k < 8; ++k) {
     const Eigen::Index a = corner[k], b = corner[(k + 1) % 8];
-    if (a != b) within = within && (x[b] - x[a]) * (y - y[a]) - (y[b] - y[a]) * (x - x[a]) > 0;
+    if (a != b) inside = inside && (x[b] - x[a]) * (y - y[a]) - (y[b] - y[a]) * (x - x[a]) > 0;
   }
   std::vector<Eigen::Index> outside;
-  for (Eigen::Index i = 0; i < places.rows(); ++i)
-    if (!within[i]) outside.push_back(i);
+  for (Eigen::Index i = 0; i < points.rows(); ++i)
+    if (!inside[i]) outside.push_back(i);
   return outside;
 }
 
-// The corners of the convex hull as seen from above, and those on its sides: the farthest in any horizontal direction
-// is one of them.
-Eigen::MatrixX3d seen_around(const Eigen::MatrixX3d& places) {
-  std::vector<Eigen::Index> by_x = outside_octagon(places), kept;
+// Returns the corners of the convex hull seen from above, and points on its sides: the farthest point in any horizontal
+// direction is one of them.
+Eigen::MatrixX3d hull_from_above(const Eigen::MatrixX3d& points) {
+  std::vector<Eigen::Index> by_x = outside_octagon(points), hull;
   std::sort(by_x.begin(), by_x.end(), [&](Eigen::Index a, Eigen::Index b) {
-    return std::pair(places(a, 0), places(a, 1)) < std::pair(places(b, 0), places(b, 1));
+    return std::pair(points(a, 0), points(a, 1)) < std::pair(points(b, 0), points(b, 1));
   });
-  // Andrew's monotone chain, there and back.
+  // Run the monotone chain of Andrew in both directions.
   for (int side = 0; side < 2; ++side, std::reverse(by_x.begin(), by_x.end())) {
-    const std::size_t first = kept.size();
+    const std::size_t first = hull.size();
     for (const Eigen::Index next : by_x) {
       const auto turns_in = [&] {
-        const Eigen::RowVector3d from = places.row(kept[kept.size() - 2]), a = places.row(kept.back()) - from,
-                                 b = places.row(next) - from;
+        const Eigen::RowVector3d from = points.row(hull[hull.size() - 2]), a = points.row(hull.back()) - from,
+                                 b = points.row(next) - from;
         return a.x() * b.y() - a.y() * b.x() < 0;
       };
-      while (kept.size() >= first + 2 && turns_in()) kept.pop_back();
-      kept.push_back(next);
+      while (hull.size() >= first + 2 && turns_in()) hull.pop_back();
+      hull.push_back(next);
     }
   }
-  std::sort(kept.begin(), kept.end());
-  return places(kept, Eigen::all);
+  std::sort(hull.begin(), hull.end());
+  return points(hull, Eigen::all);
 }
 
-Eigen::Affine3d lying(const Places& shape, const Eigen::Matrix3d& turned) {
-  const Eigen::MatrixX3d all = (turned * shape).transpose(), around = seen_around(all);
-  // Forward and back.
-  const auto farthest = [](const Eigen::MatrixX3d& places, const Vec3& along) -> std::pair<Vec3, Vec3> {
-    const Eigen::VectorXd reach = places * along;
+// Returns the transformation that rotates and scales a shape as described at Points.
+Eigen::Affine3d lying_attitude(const Points& shape, const Eigen::Matrix3d& rotation) {
+  const Eigen::MatrixX3d rotated = (rotation * shape).transpose(), around = hull_from_above(rotated);
+  // Returns the farthest points forward and backward.
+  const auto farthest = [](const Eigen::MatrixX3d& points, const Vec3& along) -> std::pair<Vec3, Vec3> {
+    const Eigen::VectorXd reach = points * along;
     Eigen::Index ahead = 0, behind = 0;
-    reach.maxCoeff(&ahead), reach.minCoeff(&behind);
-    return {places.row(ahead), places.row(behind)};
+    reach.maxCoeff(&ahead);
+    reach.minCoeff(&behind);
+    return {points.row(ahead), points.row(behind)};
   };
-  // The largest of the extents in some directions, and of those along the lines between the corners that these found.
+  // Take the largest extent over some directions. From each, follow the line between the farthest corners while the
+  // extent grows.
   constexpr int kDirections = 30;
   Vec3 across = Vec3::Zero(), middle = Vec3::Zero();
   for (int i = 0; i < kDirections; ++i) {
@@ -262,65 +295,76 @@ Eigen::Affine3d lying(const Places& shape, const Eigen::Matrix3d& turned) {
     for (double before = 0;;) {
       const auto [a, b] = farthest(around, along);
       const Vec3 chord(a.x() - b.x(), a.y() - b.y(), 0);
-      if (chord.norm() > across.norm()) across = chord, middle = (a + b) / 2;
+      if (chord.norm() > across.norm()) {
+        across = chord;
+        middle = (a + b) / 2;
+      }
       if (chord.norm() <= before) break;
-      before = chord.norm(), along = chord / before;
+      before = chord.norm();
+      along = chord / before;
     }
   }
-  const auto [top, bottom] = farthest(all, Vec3::UnitZ());
-  const double low = bottom.z(), high = top.z(), wide = across.norm();
+  const auto [top, bottom] = farthest(rotated, Vec3::UnitZ());
+  const double low = bottom.z();
+  const double high = top.z();
+  const double wide = across.norm();
   Eigen::Affine3d out = Eigen::Affine3d::Identity();
   out.linear() = Vec3(1 / wide, 1 / wide, 1 / (high - low)).asDiagonal() *
-                 Eigen::AngleAxisd(-std::atan2(across.y(), across.x()), Vec3::UnitZ()).toRotationMatrix() * turned;
-  out.translation() = -out.linear() * (turned.transpose() * Vec3(middle.x(), middle.y(), low));
+                 Eigen::AngleAxisd(-std::atan2(across.y(), across.x()), Vec3::UnitZ()).toRotationMatrix() * rotation;
+  out.translation() = -out.linear() * (rotation.transpose() * Vec3(middle.x(), middle.y(), low));
   return out;
 }
 
-constexpr std::size_t kAttitudes = 24;  // of each shape
+constexpr std::size_t kAttitudes = 24;  // attitudes per shape
 
-// Each once: triangles have corners of their own.
-Places places_of(const ObjectShape& shape) {
+// Returns each corner once: triangles have corners of their own.
+Points distinct_points(const ObjectShape& shape) {
   const auto less = [](const Eigen::Vector3f& a, const Eigen::Vector3f& b) {
     return std::lexicographical_compare(a.data(), a.data() + 3, b.data(), b.data() + 3);
   };
-  std::set<Eigen::Vector3f, decltype(less)> once(less);
-  for (const ObjectCorner& corner : shape.corners) once.insert(corner.place);
-  Places places(3, static_cast<Eigen::Index>(once.size()));
+  std::set<Eigen::Vector3f, decltype(less)> distinct(less);
+  for (const ObjectCorner& corner : shape.corners) distinct.insert(corner.place);
+  Points points(3, static_cast<Eigen::Index>(distinct.size()));
   Eigen::Index i = 0;
-  for (const Eigen::Vector3f& place : once) places.col(i++) = place.cast<double>();
-  return places;
+  for (const Eigen::Vector3f& point : distinct) points.col(i++) = point.cast<double>();
+  return points;
 }
 
+// Returns the attitudes of all shapes, kAttitudes for each. Made once.
 const std::vector<Eigen::Affine3d>& attitudes() {
-  static const auto all = [] {
+  static const auto table = [] {
     constexpr std::uint64_t kSeed = 0x7475726e;
-    std::vector<Eigen::Affine3d> some(rock_shapes().size() * kAttitudes);
+    std::vector<Eigen::Affine3d> out(rock_shapes().size() * kAttitudes);
     in_parallel(rock_shapes().size(), [&](std::size_t shape) {
-      const Places places = places_of(rock_shapes()[shape]->shape());
+      const Points points = distinct_points(rock_shapes()[shape]->shape());
       for (std::size_t i = shape * kAttitudes; i < (shape + 1) * kAttitudes; ++i) {
         dem::Draws draws(kSeed, 0, static_cast<int>(i), 0);
-        const Vec3 up = any_direction(draws);
-        some[i] = lying(places, Eigen::Quaterniond::FromTwoVectors(up, Vec3::UnitZ()).toRotationMatrix());
+        const Vec3 up = random_direction(draws);
+        out[i] = lying_attitude(points, Eigen::Quaterniond::FromTwoVectors(up, Vec3::UnitZ()).toRotationMatrix());
       }
     });
-    return some;
+    return out;
   }();
-  return all;
+  return table;
 }
 
-// What of a rock's look is drawn from its form.
-struct Look {
+// Properties of the appearance of a rock that are drawn from its form.
+struct RockAppearance {
   std::size_t rounding, attitude, fillet;
   double turn, narrow, reach;
-  explicit Look(const dem::Rock& rock) {
+  explicit RockAppearance(const dem::Rock& rock) {
     dem::Draws draws(rock.form, 1, 0, 0);
     const double round = rock.worn + 0.6 * (draws.uniform() - 0.5);
     rounding = static_cast<std::size_t>(std::clamp(round * kRoundings, 0.0, kRoundings - 1.0));
-    attitude = draws.bits() % (kStones * kAttitudes), fillet = draws.bits();
-    turn = 2 * pi * draws.uniform(), narrow = 0.6 + 0.4 * draws.uniform(), reach = 1.3 + 0.2 * draws.uniform();
+    attitude = draws.bits() % (kStones * kAttitudes);
+    fillet = draws.bits();
+    turn = 2 * pi * draws.uniform();
+    narrow = 0.6 + 0.4 * draws.uniform();
+    reach = 1.3 + 0.2 * draws.uniform();
   }
 };
 
+// Returns the rotation from ground axes (z up), rotated by `turn` about the vertical, to MOON_ME.
 Eigen::Quaterniond moon_from_ground(const Vec3& up, double turn) {
   return Eigen::Quaterniond::FromTwoVectors(Vec3::UnitZ(), up) * Eigen::AngleAxisd(turn, Vec3::UnitZ());
 }
@@ -329,36 +373,37 @@ Eigen::Quaterniond moon_from_ground(const Vec3& up, double turn) {
 
 const std::vector<std::shared_ptr<const ObjectMesh>>& rock_shapes() {
   static const auto shapes =
-      meshes(kStones * kRoundings, [](std::size_t i) { return stone(i / kRoundings, i % kRoundings); });
+      make_meshes(kStones * kRoundings, [](std::size_t i) { return stone(i / kRoundings, i % kRoundings); });
   return shapes;
 }
 
 const std::vector<std::shared_ptr<const ObjectMesh>>& fillet_shapes() {
   constexpr std::size_t kFillets = 4;
-  static const auto shapes = meshes(kFillets, [](std::size_t i) { return fillet(static_cast<int>(i)); });
+  static const auto shapes = make_meshes(kFillets, [](std::size_t i) { return fillet(static_cast<int>(i)); });
   return shapes;
 }
 
 PlacedShape placed_rock(const dem::Rock& rock, const Vec3& up) {
-  const Look look(rock);
-  const std::size_t shape = look.attitude / kAttitudes * kRoundings + look.rounding;
+  const RockAppearance appearance(rock);
+  const std::size_t shape = appearance.attitude / kAttitudes * kRoundings + appearance.rounding;
   const double high_m = rock.height_m / (1 - rock.buried);
-  Eigen::Affine3d place = Eigen::Affine3d::Identity();
-  place.linear() = moon_from_ground(up, look.turn).toRotationMatrix() *
-                   Vec3(rock.diameter_m, look.narrow * rock.diameter_m, high_m).asDiagonal();
-  place.translation() = (rock.height_m - high_m) * up;
-  return {rock_shapes()[shape].get(), place * attitudes()[shape * kAttitudes + look.attitude % kAttitudes]};
+  Eigen::Affine3d rock_from_shape = Eigen::Affine3d::Identity();
+  rock_from_shape.linear() = moon_from_ground(up, appearance.turn).toRotationMatrix() *
+                             Vec3(rock.diameter_m, appearance.narrow * rock.diameter_m, high_m).asDiagonal();
+  rock_from_shape.translation() = (rock.height_m - high_m) * up;
+  return {rock_shapes()[shape].get(),
+          rock_from_shape * attitudes()[shape * kAttitudes + appearance.attitude % kAttitudes]};
 }
 
 std::optional<PlacedShape> placed_fillet(const dem::Rock& rock, const Vec3& up) {
-  constexpr double kLowest = 0.02;  // diameters; the ground differs from a plane by as much
-  if (!(rock.fillet_m > kLowest * rock.diameter_m)) return std::nullopt;
-  const Look look(rock);
-  const double radius_m = look.reach * rock.diameter_m / 2;
-  Eigen::Affine3d place = Eigen::Affine3d::Identity();
-  place.linear() = moon_from_ground(up, look.turn).toRotationMatrix() *
-                   Vec3(radius_m, look.narrow * radius_m, rock.fillet_m).asDiagonal();
-  return PlacedShape{fillet_shapes()[look.fillet % fillet_shapes().size()].get(), place};
+  constexpr double kMinFilletHeight = 0.02;  // in diameters; the ground deviates from a plane by as much
+  if (!(rock.fillet_m > kMinFilletHeight * rock.diameter_m)) return std::nullopt;
+  const RockAppearance appearance(rock);
+  const double radius_m = appearance.reach * rock.diameter_m / 2;
+  Eigen::Affine3d rock_from_shape = Eigen::Affine3d::Identity();
+  rock_from_shape.linear() = moon_from_ground(up, appearance.turn).toRotationMatrix() *
+                             Vec3(radius_m, appearance.narrow * radius_m, rock.fillet_m).asDiagonal();
+  return PlacedShape{fillet_shapes()[appearance.fillet % fillet_shapes().size()].get(), rock_from_shape};
 }
 
 }  // namespace selenograph::engine

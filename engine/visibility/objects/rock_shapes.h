@@ -1,4 +1,5 @@
-// Shapes of rocks and of the soil against them: a few meshes, turned, stretched and sunk into the ground rock by rock.
+// Shapes of rocks and of the soil against them: a few meshes, rotated, stretched and sunk into the ground for each
+// rock.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -13,27 +14,27 @@
 
 namespace selenograph::engine {
 
-// kStones stones in kRoundings states each, stone by stone: cut by planes with sharp edges, with chipped ones, and
-// rounded. Their size is arbitrary, z is not up. Made once.
+// Returns the stones: kStones shapes in kRoundings states each, stone by stone: cut by planes with sharp edges, with
+// chipped edges, and rounded. Their size is arbitrary, and z is not up. Made once.
 inline constexpr std::size_t kStones = 8, kRoundings = 3;
 const std::vector<std::shared_ptr<const ObjectMesh>>& rock_shapes();
-// Mounds of soil around a rock, which hides their middle: z is up, 0 is the ground. Their height is about 1 at 0.7 from
-// the axis. They meet the ground at a small angle at about 1, and continue below it to 1.16: where the ground falls
-// away they still reach it. Made once.
+// Returns the mounds of soil around a rock, which hides their middle. z is up, 0 is the ground; the height is about 1
+// at a radius of 0.7. They reach the ground at a small angle at a radius of about 1, and continue below it to 1.16, so
+// that they also reach ground that falls away. Made once.
 const std::vector<std::shared_ptr<const ObjectMesh>>& fillet_shapes();
 
 // A mesh on the ground.
 struct PlacedShape {
   const ObjectMesh* mesh;
-  Eigen::Affine3d from_mesh;  // axes of MOON_ME, relative to the rock's position, metres
+  Eigen::Affine3d from_mesh;  // in axes of MOON_ME, relative to the position of the rock, metres
 };
 
-// Where the ground's normal is `up`. Its largest horizontal extent is the rock's diameter, its top is height_m above
-// the ground. Any of some hundred attitudes of the shapes is chosen, older rocks are rounder; all are stretched
-// vertically, by the height, narrowed to 0.6 to 1 of the width across the largest extent, and turned about the
-// vertical. All of it is within a diameter of the rock's position, and so is its fillet.
+// Places a rock on ground with the normal `up`. Its largest horizontal extent is the diameter of the rock, its top is
+// height_m above the ground. The form of the rock selects one of some hundred attitudes of the shapes; older rocks are
+// rounder. The shape is stretched vertically to the height, narrowed to 0.6 to 1 of the width across its largest
+// extent, and rotated about the vertical. The rock and its fillet lie within a diameter of the position of the rock.
 PlacedShape placed_rock(const dem::Rock& rock, const Vec3& up);
-// The soil against it, 1.3 to 1.5 times as wide; none where it is lower than 2 % of the diameter.
+// Places the soil against a rock, 1.3 to 1.5 times as wide; none if it is lower than 2 % of the diameter.
 std::optional<PlacedShape> placed_fillet(const dem::Rock& rock, const Vec3& up);
 
 }  // namespace selenograph::engine

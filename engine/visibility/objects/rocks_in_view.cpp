@@ -19,134 +19,154 @@ namespace selenograph::engine {
 
 int level_of_rocks(int octave) { return std::min(15 - octave, dem::kMaxLevel); }
 
-double expected_of(const dem::RockField& field, int octave, const dem::Footprint& region, double smallest_m) {
-  const double least_m = std::max({smallest_m, std::ldexp(1.0, octave), field.law().smallest_m});
-  return dem::area_m2(region) * field.law().frequency.between(least_m, field.largest_m(octave));
+double expected_rocks(const dem::RockField& field, int octave, const dem::Footprint& region, double smallest_m) {
+  const double min_diameter_m = std::max({smallest_m, std::ldexp(1.0, octave), field.law().smallest_m});
+  return dem::area_m2(region) * field.law().frequency.between(min_diameter_m, field.largest_m(octave));
 }
 
 namespace {
 
-class Finder {
+class RockSearch {
  public:
-  Finder(const dem::Terrain& terrain, std::shared_ptr<dem::RockMemory> memory, const RowViews& views, const Sun* sun,
-         const StopToken& stop)
+  RockSearch(const dem::Terrain& terrain, std::shared_ptr<dem::RockMemory> memory, const RowViews& views,
+             const Sun* sun, const StopToken& stop)
       : terrain_(terrain), views_(views), survey_(terrain, std::move(memory)), stop_(stop) {
     if (!sun) return;
-    constexpr double kFlattest = 0.03;  // sine of the Sun's elevation, below which shadows aren't followed
-    toward_sun_ = sun->direction, flattest_ = kFlattest;
+    constexpr double kMinElevationSine = 0.03;  // sine of the elevation of the Sun below which shadows are not followed
+    toward_sun_ = sun->direction;
+    min_elevation_sine_ = kMinElevationSine;
   }
 
-  // Where they may be that are at least so large; answers about how many there are.
-  double look_for(const std::vector<dem::BlockId>& blocks, double least_px) {
-    least_px_ = least_px;
+  // Chooses the blocks of each octave in which rocks of at least min_px may be visible. Returns the expected number of
+  // rocks in them.
+  double choose_blocks(const std::vector<dem::BlockId>& blocks, double min_px) {
+    min_px_ = min_px;
     chosen_ = {blocks.begin(), blocks.end()};
-    auto pieces = gathered_in_parallel<Piece>(blocks.size(), 64, [&](std::size_t i, std::vector<Piece>& some) {
-      stop_.check();
-      const dem::NodeInfo info = terrain_.node(blocks[i], stop_);
-      if (!info.empty) look_into(blocks[i], blocks[i].level, info, some);
-    });
-    std::sort(pieces.begin(), pieces.end(), [](const Piece& a, const Piece& b) {
+    auto octave_blocks =
+        gathered_in_parallel<OctaveBlock>(blocks.size(), 64, [&](std::size_t i, std::vector<OctaveBlock>& out) {
+          stop_.check();
+          const dem::NodeInfo info = terrain_.node(blocks[i], stop_);
+          if (!info.empty) add_octave_blocks(blocks[i], blocks[i].level, info, out);
+        });
+    std::sort(octave_blocks.begin(), octave_blocks.end(), [](const OctaveBlock& a, const OctaveBlock& b) {
       return std::tie(a.octave, a.block, a.smallest_m) < std::tie(b.octave, b.block, b.smallest_m);
     });
-    pieces.erase(std::unique(pieces.begin(), pieces.end(), [](const Piece& a, const Piece& b) { return same(a, b); }),
-                 pieces.end());
-    pieces_ = std::move(pieces);
+    octave_blocks.erase(std::unique(octave_blocks.begin(), octave_blocks.end(),
+                                    [](const OctaveBlock& a, const OctaveBlock& b) { return same(a, b); }),
+                        octave_blocks.end());
+    octave_blocks_ = std::move(octave_blocks);
     const dem::RockField& field = survey_.field();
     double expected = 0;
-    for (const Piece& piece : pieces_)
-      expected += expected_of(field, piece.octave, dem::footprint_of(piece.block), piece.smallest_m);
+    for (const OctaveBlock& octave_block : octave_blocks_)
+      expected +=
+          expected_rocks(field, octave_block.octave, dem::footprint_of(octave_block.block), octave_block.smallest_m);
     return expected;
   }
 
-  // The largest first; nothing where they are more than kMaxRocks.
-  std::optional<std::vector<dem::RockFeature>> found() const {
-    auto rocks = gathered_in_parallel<dem::RockFeature>(pieces_.size(), 4, kMaxRocks, [&](std::size_t i, auto& some) {
-      stop_.check();
-      const auto before = static_cast<std::ptrdiff_t>(some.size());
-      survey_.add(pieces_[i].octave, pieces_[i].block, pieces_[i].smallest_m, some, stop_);
-      some.erase(std::remove_if(some.begin() + before, some.end(), [&](const auto& rock) { return !shown(rock); }),
-                 some.end());
-    });
+  // Returns the rocks in the chosen blocks, largest first; empty if they are more than kMaxRocks.
+  std::optional<std::vector<dem::RockFeature>> find_rocks() const {
+    auto rocks =
+        gathered_in_parallel<dem::RockFeature>(octave_blocks_.size(), 4, kMaxRocks, [&](std::size_t i, auto& out) {
+          stop_.check();
+          const auto before = static_cast<std::ptrdiff_t>(out.size());
+          survey_.add(octave_blocks_[i].octave, octave_blocks_[i].block, octave_blocks_[i].smallest_m, out, stop_);
+          out.erase(std::remove_if(out.begin() + before, out.end(), [&](const auto& rock) { return !is_shown(rock); }),
+                    out.end());
+        });
     if (rocks) rocks = dem::largest_first(std::move(*rocks));
     return rocks;
   }
 
  private:
-  // May be wider than the blocks in view: rocks are few, and of them those in such blocks are taken.
-  struct Piece {
+  // Block in which the rocks of an octave are searched. It may be wider than the blocks in view; rocks outside them are
+  // dropped.
+  struct OctaveBlock {
     int octave;
     dem::BlockId block;
     double smallest_m;
   };
-  static bool same(const Piece& a, const Piece& b) { return a.octave == b.octave && a.block == b.block; }
+  static bool same(const OctaveBlock& a, const OctaveBlock& b) { return a.octave == b.octave && a.block == b.block; }
 
-  // Of a part of a block: its terrain is a column, which may be much higher than wide.
+  // Returns an upper bound of pixels per metre in a sub-block, over all views. A sub-block has the height range of its
+  // parent, so it is bounded as a tall, narrow column, not only by its sphere.
   double pixels_per_metre(const NodeBounds& bounds) const {
-    double most = 0;
+    double max_px_per_m = 0;
     for (const ViewBundle& bundle : views_.bundles()) {
       const Vec3& camera = bundle.view.position();
-      const Vec3 axis = bounds.centre.normalized(), toward = camera.normalized();
-      double wide = 0;  // of directions from the Moon's centre
-      for (const Vec3& p : bounds.points) wide = std::max(wide, (p.normalized() - axis).norm());
-      // No nearer than the column is beside the camera, nor than it is beneath it.
-      const double beside = std::max(0.0, std::min(1.0, (toward - axis).norm()) - 1.01 * wide);
-      const double nearest_m = std::max(camera.norm() * beside * (1 - beside * beside / 4),
+      const Vec3 axis = bounds.centre.normalized(), camera_direction = camera.normalized();
+      double half_width = 0;  // radius of the sub-block as a chord of directions from the centre of the Moon
+      for (const Vec3& p : bounds.points) half_width = std::max(half_width, (p.normalized() - axis).norm());
+      // Bound the distance from the camera to the column from below: by the distance to its nearest radial line, and by
+      // the altitude of the camera above its top.
+      //
+      //        |column|         o camera
+      //        |______|       .
+      //          \    \     .         distance >= |camera| chord (1 - chord^2 / 4), where `chord` on the unit
+      //           \    \  .           sphere is from the direction of the camera to the nearest of the column
+      //            Moon centre
+      const double chord = std::max(0.0, std::min(1.0, (camera_direction - axis).norm()) - 1.01 * half_width);
+      const double nearest_m = std::max(camera.norm() * chord * (1 - chord * chord / 4),
                                         camera.norm() - kMoonRadius_m - bounds.high_m - bounds.bulge_m);
-      most = std::max(most, std::min(bundle.pixels_per_metre_from(nearest_m),
-                                     bundle.pixels_per_metre(bounds.centre, bounds.radius_m)));
+      max_px_per_m = std::max(max_px_per_m, std::min(bundle.pixels_per_metre_from(nearest_m),
+                                                     bundle.pixels_per_metre(bounds.centre, bounds.radius_m)));
     }
-    return most;
+    return max_px_per_m;
   }
 
-  double pixels_per_metre(const Vec3& place) const {
-    double most = 0;
-    for (const ViewBundle& view : views_.bundles()) most = std::max(most, view.pixels_per_metre(place, 0));
-    return most;
+  double pixels_per_metre(const Vec3& position) const {
+    double max_px_per_m = 0;
+    for (const ViewBundle& view : views_.bundles())
+      max_px_per_m = std::max(max_px_per_m, view.pixels_per_metre(position, 0));
+    return max_px_per_m;
   }
 
-  bool may_see(std::span<const Vec3> points, double margin_m) const {
+  bool may_be_in_view(std::span<const Vec3> points, double margin_m) const {
     return std::any_of(views_.bundles().begin(), views_.bundles().end(),
                        [&](const ViewBundle& view) { return view.may_see(points, margin_m); });
   }
 
-  // How far a rock's shadow reaches on ground that isn't steep.
-  double shadow_m(const Vec3& place, double diameter_m) const {
-    if (flattest_ == 0) return 0;
-    const double sine = toward_sun_.dot(place.normalized());
-    return sine <= -flattest_ ? 0 : diameter_m / std::max(flattest_, sine);
+  // Returns the length of the shadow of a rock on gently sloping ground.
+  double shadow_m(const Vec3& position, double diameter_m) const {
+    if (min_elevation_sine_ == 0) return 0;
+    const double sine = toward_sun_.dot(position.normalized());
+    return sine <= -min_elevation_sine_ ? 0 : diameter_m / std::max(min_elevation_sine_, sine);
   }
 
-  // A part of a chosen block, or all of it: its terrain lies between the block's heights.
-  void look_into(const dem::BlockId& id, int chosen_level, const dem::NodeInfo& info, std::vector<Piece>& pieces) {
+  // Adds the octave blocks for a chosen block or a sub-block of it, whose terrain lies between the heights of the
+  // block.
+  void add_octave_blocks(const dem::BlockId& id, int chosen_level, const dem::NodeInfo& info,
+                         std::vector<OctaveBlock>& octave_blocks) {
     stop_.check();
     const dem::RockField& field = survey_.field();
     const NodeBounds bounds = bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m));
-    const double sharpest = pixels_per_metre(bounds), smallest_m = least_px_ / sharpest;
+    const double sharpest = pixels_per_metre(bounds);
+    const double smallest_m = min_px_ / sharpest;
     if (!(field.law().largest_m >= smallest_m)) return;
-    const auto near_view = [&](double largest_m) {
-      return may_see(bounds.points, bounds.bulge_m + 2 * largest_m + shadow_m(bounds.centre, largest_m));
+    const auto may_show = [&](double largest_m) {
+      return may_be_in_view(bounds.points, bounds.bulge_m + 2 * largest_m + shadow_m(bounds.centre, largest_m));
     };
-    if (!near_view(field.law().largest_m)) return;
+    if (!may_show(field.law().largest_m)) return;
     bool finer = false;
     for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k) {
       if (field.largest_m(k) < smallest_m) continue;
       const int level = level_of_rocks(k);
       if (level == id.level || (level < id.level && id.level == chosen_level)) {
-        if (near_view(field.largest_m(k))) pieces.push_back({k, dem::ancestor_of(id, level), smallest_m});
+        if (may_show(field.largest_m(k))) octave_blocks.push_back({k, dem::ancestor_of(id, level), smallest_m});
       }
       finer |= level > id.level;
     }
     if (!finer) return;
-    for (const dem::BlockId& child : dem::children_of(id)) look_into(child, chosen_level, info, pieces);
+    for (const dem::BlockId& child : dem::children_of(id)) add_octave_blocks(child, chosen_level, info, octave_blocks);
   }
 
-  bool shown(const dem::RockFeature& rock) const {
+  bool is_shown(const dem::RockFeature& rock) const {
     const double diameter_m = rock.rock.diameter_m;
-    return diameter_m * pixels_per_metre(rock.position_m) >= least_px_ &&
-           may_see({&rock.position_m, 1}, diameter_m + shadow_m(rock.position_m, diameter_m)) && on_chosen(rock);
+    return diameter_m * pixels_per_metre(rock.position_m) >= min_px_ &&
+           may_be_in_view({&rock.position_m, 1}, diameter_m + shadow_m(rock.position_m, diameter_m)) &&
+           is_on_chosen_block(rock);
   }
 
-  bool on_chosen(const dem::RockFeature& rock) const {
+  bool is_on_chosen_block(const dem::RockFeature& rock) const {
     const dem::Ticks at = dem::ticks_of(rock.location.lat_deg, rock.location.lon_deg);
     for (int level = dem::kMaxLevel; level >= 0; --level)
       if (chosen_.contains(at.block(level))) return true;
@@ -158,10 +178,10 @@ class Finder {
   const dem::RockSurvey survey_;
   const StopToken& stop_;
   Vec3 toward_sun_ = Vec3::Zero();
-  double flattest_ = 0;  // 0: no shadows
-  double least_px_ = 0;
+  double min_elevation_sine_ = 0;  // 0: shadows are ignored
+  double min_px_ = 0;
   std::unordered_set<dem::BlockId, dem::BlockIdHash> chosen_;
-  std::vector<Piece> pieces_;
+  std::vector<OctaveBlock> octave_blocks_;
 };
 
 }  // namespace
@@ -171,12 +191,13 @@ RocksInView rocks_in_view(const dem::Terrain& terrain, std::shared_ptr<dem::Rock
                           const StopToken& stop) {
   RocksInView found;
   if (!terrain.detail() || terrain.detail()->rocks().empty()) return found;
-  Finder finder(terrain, std::move(memory), views, sun, stop);
-  for (found.least_px = std::max(kLeastRock_px, 2 * max_error_px);; found.least_px *= 2) {
-    // Pieces reach beyond the view: far too many of theirs aren't put onto the ground to be counted.
-    constexpr double kFarTooMany = 8;
-    if (finder.look_for(blocks, found.least_px) > kFarTooMany * kMaxRocks) continue;
-    auto rocks = finder.found();
+  RockSearch search(terrain, std::move(memory), views, sun, stop);
+  for (found.least_px = std::max(kMinRock_px, 2 * max_error_px);; found.least_px *= 2) {
+    // Skip placing rocks on the ground if their expected number is far too large. The factor allows for octave blocks
+    // that reach out of view.
+    constexpr double kMaxExpectedFactor = 8;
+    if (search.choose_blocks(blocks, found.least_px) > kMaxExpectedFactor * kMaxRocks) continue;
+    auto rocks = search.find_rocks();
     if (!rocks) continue;
     found.rocks = std::move(*rocks);
     return found;

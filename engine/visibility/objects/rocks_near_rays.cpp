@@ -15,61 +15,65 @@
 namespace selenograph::engine {
 namespace {
 
-// Where more rays than that pass a block, all of its rocks are looked for at once.
-constexpr std::size_t kFewRays = 16;
-constexpr double kLength = 4;  // of the parts of a ray that are looked around at once, in diameters
+// Number of rays through a block above which all of its rocks are searched at once.
+constexpr std::size_t kMaxRaysSearchedSingly = 16;
+constexpr double kSectionDiameters = 4;  // length of the sections of a ray that are searched at once, in diameters
 
-// From where to where along a ray.
-struct Stretch {
+// An interval of distances along a ray.
+struct RayInterval {
   double from_m, to_m;
 };
 
-// Where the straight line of a ray is nearest to the Moon's middle.
-double lowest_at(const RayCone& ray) { return -ray.origin_m.dot(ray.direction); }
+// Returns the distance along the line of a ray at which it is nearest to the centre of the Moon.
+double closest_to_centre_m(const RayCone& ray) { return -ray.origin_m.dot(ray.direction); }
 
-// Squared; from there to where it is at a height. Negative: it never is.
+// Returns the square of the distance along the ray from that point to where it is at a height; negative if it never is.
 double half_chord2(const RayCone& ray, double height_m) {
-  const double radius = kMoonRadius_m + height_m, along = lowest_at(ray);
+  const double radius = kMoonRadius_m + height_m;
+  const double along = closest_to_centre_m(ray);
   return radius * radius - (ray.origin_m + along * ray.direction).squaredNorm();
 }
 
-// Within the ball around a block, where the ray is no higher than its terrain, or so far above that.
-std::optional<Stretch> stretch_over(const RayCone& ray, const NodeBounds& b, double above_m) {
+// Returns the interval of a ray inside the ball around a block in which it is at most `above_m` above the terrain of
+// the block; both are enlarged by above_m.
+std::optional<RayInterval> interval_over(const RayCone& ray, const NodeBounds& b, double above_m) {
   const Vec3 to = b.centre - ray.origin_m;
-  const double along = to.dot(ray.direction), reach = b.radius_m + above_m,
-               ball = reach * reach - (to - along * ray.direction).squaredNorm(),
-               low = half_chord2(ray, b.high_m + b.bulge_m + 1 + above_m);
+  const double along = to.dot(ray.direction);
+  const double reach = b.radius_m + above_m;
+  const double ball = reach * reach - (to - along * ray.direction).squaredNorm();
+  const double low = half_chord2(ray, b.high_m + b.bulge_m + 1 + above_m);
   if (ball < 0 || low < 0) return std::nullopt;
-  const Stretch found{std::max({0.0, along - std::sqrt(ball), lowest_at(ray) - std::sqrt(low)}),
-                      std::min(along + std::sqrt(ball), lowest_at(ray) + std::sqrt(low))};
+  const RayInterval found{std::max({0.0, along - std::sqrt(ball), closest_to_centre_m(ray) - std::sqrt(low)}),
+                          std::min(along + std::sqrt(ball), closest_to_centre_m(ray) + std::sqrt(low))};
   return found.from_m <= found.to_m ? std::optional(found) : std::nullopt;
 }
 
-// What is left of it where the ray doesn't come back from below a height.
-Stretch until_below(const RayCone& ray, Stretch stretch, double height_m) {
+// Ends an interval where the ray passes below a height for good.
+RayInterval clip_below(const RayCone& ray, RayInterval interval, double height_m) {
   if (const double below = half_chord2(ray, height_m); below > 0)
-    if (const double enters = lowest_at(ray) - std::sqrt(below); enters >= stretch.from_m)
-      stretch.to_m = std::min(stretch.to_m, enters);
-  return stretch;
+    if (const double enters = closest_to_centre_m(ray) - std::sqrt(below); enters >= interval.from_m)
+      interval.to_m = std::min(interval.to_m, enters);
+  return interval;
 }
 
-// No longer than so much: the box around a slanting stretch is as wide as it is long.
-std::vector<Stretch> parts_of(const Stretch& stretch, double longest_m) {
-  std::vector<Stretch> parts;
-  const double length_m = stretch.to_m - stretch.from_m;
+// Cuts an interval into sections of at most `longest_m`: the box around a slanting section is as wide as the section is
+// long.
+std::vector<RayInterval> sections_of(const RayInterval& interval, double longest_m) {
+  std::vector<RayInterval> sections;
+  const double length_m = interval.to_m - interval.from_m;
   const int count = static_cast<int>(std::max(1.0, std::ceil(length_m / longest_m)));
-  const auto at = [&](int i) { return stretch.from_m + static_cast<double>(i) / count * length_m; };
-  parts.reserve(static_cast<std::size_t>(count));
-  for (int i = 0; i < count; ++i) parts.push_back({at(i), at(i + 1)});
-  return parts;
+  const auto at = [&](int i) { return interval.from_m + static_cast<double>(i) / count * length_m; };
+  sections.reserve(static_cast<std::size_t>(count));
+  for (int i = 0; i < count; ++i) sections.push_back({at(i), at(i + 1)});
+  return sections;
 }
 
-// What lies below a stretch, or so near to it; nothing where meridians are too close to each other for a box of degrees
-// to be a small one.
-std::optional<dem::Footprint> beneath(const RayCone& ray, const Stretch& stretch, double margin_m) {
-  const Vec3 from = ray.origin_m + stretch.from_m * ray.direction, to = ray.origin_m + stretch.to_m * ray.direction;
+// Returns the footprint of an interval with a margin; empty near a pole, where a box in degrees would be large.
+std::optional<dem::Footprint> footprint_below(const RayCone& ray, const RayInterval& interval, double margin_m) {
+  const Vec3 from = ray.origin_m + interval.from_m * ray.direction, to = ray.origin_m + interval.to_m * ray.direction;
   const Geographic a = to_geographic(from), b = to_geographic(to);
-  const double length_m = stretch.to_m - stretch.from_m, to_axis_m = std::hypot(from.x(), from.y());
+  const double length_m = interval.to_m - interval.from_m;
+  const double to_axis_m = std::hypot(from.x(), from.y());
   if (to_axis_m < 20 * (length_m + margin_m)) return std::nullopt;
   double west = a.lon_deg, east = b.lon_deg;
   if (west > east) std::swap(west, east);
@@ -77,100 +81,111 @@ std::optional<dem::Footprint> beneath(const RayCone& ray, const Stretch& stretch
     std::swap(west, east);
     east += 360;
   }
-  // A straight way leaves the box of its ends by no more than this.
+  // A straight line leaves the box of its ends by at most this bend.
   const double bend_m = length_m * length_m / to_axis_m;
   return dem::around({std::min(a.lat_deg, b.lat_deg), std::max(a.lat_deg, b.lat_deg), west, east}, margin_m + bend_m);
 }
 
 }  // namespace
 
-// Where rocks are looked for: their expected number is no more than kMaxRocksOfRays, or there is nothing.
-std::optional<RocksNearRays::Places> RocksNearRays::places_along(std::span<const RayCone> rays,
-                                                                 std::span<const BlockOnRays> blocks, double left_out_m,
-                                                                 const StopToken& stop) const {
-  constexpr std::size_t kMostStrips = std::size_t{1} << 19;  // 20 MB; where they were more, whole blocks are searched
+// Returns the regions to search. Empty if more than kMaxRocksOfRays rocks are expected in them.
+std::optional<RocksNearRays::SearchRegions> RocksNearRays::regions_along(std::span<const RayCone> rays,
+                                                                         std::span<const BlockOnRays> blocks,
+                                                                         double omitted_m,
+                                                                         const StopToken& stop) const {
+  constexpr std::size_t kMaxStrips = std::size_t{1} << 19;  // 20 MB; with more strips, blocks are searched instead
   const dem::RockField& field = survey_.field();
-  Places found;
+  SearchRegions regions;
   double expected = 0;
   for (const BlockOnRays& block : blocks) {
-    const auto all_of = [&](int octave) {
-      found.pieces.emplace_back(octave, ancestor_of(block.id, std::min(block.id.level, level_of_rocks(octave))));
+    const auto add_block = [&](int octave) {
+      regions.octave_blocks.emplace_back(octave,
+                                         ancestor_of(block.id, std::min(block.id.level, level_of_rocks(octave))));
     };
     const NodeBounds bounds = bounds_of(block.id, block.low_m, block.high_m);
     const bool bundles =
         !std::all_of(block.rays.begin(), block.rays.end(), [&](std::size_t i) { return rays[i].is_single_ray(); });
     const dem::Footprint footprint = dem::footprint_of(block.id);
     for (int k = field.smallest_octave(); k <= field.largest_octave() && expected <= kMaxRocksOfRays; ++k) {
-      if (field.largest_m(k) <= left_out_m) continue;
-      if (bundles || block.rays.size() > kFewRays || found.strips.size() > kMostStrips) {
-        all_of(k);
+      if (field.largest_m(k) <= omitted_m) continue;
+      if (bundles || block.rays.size() > kMaxRaysSearchedSingly || regions.strips.size() > kMaxStrips) {
+        add_block(k);
         continue;
       }
-      const dem::Footprint reaching = dem::around(footprint, field.largest_m(k));
+      const dem::Footprint padded_footprint = dem::around(footprint, field.largest_m(k));
       for (const std::size_t i : block.rays) {
         stop.check();
-        const auto stretch = stretch_over(rays[i], bounds, field.largest_m(k));
-        if (!stretch) continue;
+        const auto interval = interval_over(rays[i], bounds, field.largest_m(k));
+        if (!interval) continue;
         const double lowest_m = bounds.low_m - bounds.bulge_m - 1 - field.largest_m(k);
-        for (const Stretch& part : parts_of(until_below(rays[i], *stretch, lowest_m), kLength * field.largest_m(k))) {
-          const auto box = beneath(rays[i], part, field.largest_m(k));
+        for (const RayInterval& section :
+             sections_of(clip_below(rays[i], *interval, lowest_m), kSectionDiameters * field.largest_m(k))) {
+          const auto box = footprint_below(rays[i], section, field.largest_m(k));
           if (!box) {
-            all_of(k);
+            add_block(k);
             break;
           }
-          const auto here = common(*box, reaching);
-          if (here) found.strips.push_back({k, *here}), expected += expected_of(field, k, *here, 0);
+          const auto overlap = common(*box, padded_footprint);
+          if (overlap) {
+            regions.strips.push_back({k, *overlap});
+            expected += expected_rocks(field, k, *overlap, 0);
+          }
         }
       }
     }
   }
-  std::sort(found.pieces.begin(), found.pieces.end());
-  found.pieces.erase(std::unique(found.pieces.begin(), found.pieces.end()), found.pieces.end());
-  for (const auto& [octave, id] : found.pieces) expected += expected_of(field, octave, dem::footprint_of(id), 0);
+  std::sort(regions.octave_blocks.begin(), regions.octave_blocks.end());
+  regions.octave_blocks.erase(std::unique(regions.octave_blocks.begin(), regions.octave_blocks.end()),
+                              regions.octave_blocks.end());
+  for (const auto& [octave, id] : regions.octave_blocks)
+    expected += expected_rocks(field, octave, dem::footprint_of(id), 0);
   if (expected > kMaxRocksOfRays) return std::nullopt;
-  return found;
+  return regions;
 }
 
 std::optional<std::vector<dem::RockFeature>> RocksNearRays::along(std::span<const RayCone> rays,
-                                                                  std::span<const BlockOnRays> blocks,
-                                                                  double left_out_m, const StopToken& stop) {
-  const auto places = places_along(rays, blocks, left_out_m, stop);
-  if (!places || !find(places->pieces, stop)) return std::nullopt;
-  // Strips overlap: a rock may be found several times.
+                                                                  std::span<const BlockOnRays> blocks, double omitted_m,
+                                                                  const StopToken& stop) {
+  const auto regions = regions_along(rays, blocks, omitted_m, stop);
+  if (!regions || !fill_cache(regions->octave_blocks, stop)) return std::nullopt;
+  // Strips overlap, so a rock may be found several times; largest_first() drops duplicates.
   auto rocks =
-      gathered_in_parallel<dem::RockFeature>(places->strips.size(), 64, kMaxNewRocks, [&](std::size_t i, auto& some) {
+      gathered_in_parallel<dem::RockFeature>(regions->strips.size(), 64, kMaxNewRocks, [&](std::size_t i, auto& out) {
         stop.check();
-        survey_.add(places->strips[i].octave, places->strips[i].box, survey_.field().law().smallest_m, some, stop);
+        survey_.add(regions->strips[i].octave, regions->strips[i].box, survey_.field().law().smallest_m, out, stop);
       });
   if (!rocks) return std::nullopt;
-  for (const Piece& piece : places->pieces) {
-    const std::vector<dem::RockFeature>& some = found_.at(piece);
-    rocks->insert(rocks->end(), some.begin(), some.end());
+  for (const OctaveBlock& octave_block : regions->octave_blocks) {
+    const std::vector<dem::RockFeature>& cached = cache_.at(octave_block);
+    rocks->insert(rocks->end(), cached.begin(), cached.end());
   }
   rocks = dem::largest_first(std::move(*rocks));
   if (rocks->size() > kMaxRocksOfRays) return std::nullopt;
   return rocks;
 }
 
-bool RocksNearRays::find(const std::vector<Piece>& pieces, const StopToken& stop) {
+bool RocksNearRays::fill_cache(const std::vector<OctaveBlock>& octave_blocks, const StopToken& stop) {
   const dem::RockField& field = survey_.field();
-  if (remembered_ > kMaxCachedRocks - kMaxNewRocks) found_.clear(), remembered_ = 0;
-  std::vector<Piece> unknown;
-  std::copy_if(pieces.begin(), pieces.end(), std::back_inserter(unknown),
-               [&](const Piece& piece) { return !found_.contains(piece); });
-  std::vector<std::vector<dem::RockFeature>> new_ones(unknown.size());
-  std::atomic<std::size_t> number{0};
-  in_parallel(unknown.size(), [&](std::size_t i) {
+  if (cached_entries_ > kMaxCachedRocks - kMaxNewRocks) {
+    cache_.clear();
+    cached_entries_ = 0;
+  }
+  std::vector<OctaveBlock> missing;
+  std::copy_if(octave_blocks.begin(), octave_blocks.end(), std::back_inserter(missing),
+               [&](const OctaveBlock& octave_block) { return !cache_.contains(octave_block); });
+  std::vector<std::vector<dem::RockFeature>> new_rocks(missing.size());
+  std::atomic<std::size_t> new_entries{0};
+  in_parallel(missing.size(), [&](std::size_t i) {
     stop.check();
-    if (number > kMaxNewRocks) return;
-    const auto& [octave, id] = unknown[i];
-    const dem::Footprint reaching = dem::around(dem::footprint_of(id), field.largest_m(octave));
-    survey_.add(octave, reaching, field.law().smallest_m, new_ones[i], stop);
-    number += new_ones[i].size() + 1;  // an empty piece takes memory, too
+    if (new_entries > kMaxNewRocks) return;
+    const auto& [octave, id] = missing[i];
+    const dem::Footprint padded_footprint = dem::around(dem::footprint_of(id), field.largest_m(octave));
+    survey_.add(octave, padded_footprint, field.law().smallest_m, new_rocks[i], stop);
+    new_entries += new_rocks[i].size() + 1;  // a block without rocks takes memory, too
   });
-  if (number > kMaxNewRocks) return false;
-  for (std::size_t i = 0; i < unknown.size(); ++i) found_.emplace(unknown[i], std::move(new_ones[i]));
-  remembered_ += number;
+  if (new_entries > kMaxNewRocks) return false;
+  for (std::size_t i = 0; i < missing.size(); ++i) cache_.emplace(missing[i], std::move(new_rocks[i]));
+  cached_entries_ += new_entries;
   return true;
 }
 

@@ -16,36 +16,36 @@
 
 namespace selenograph::engine {
 
-// For terrain with rocks. If few rays pass a block, it finds the rocks along each of them; otherwise, and where bundles
-// of rays pass, all rocks in the block or reaching into it, which it remembers.
+// Searches terrain with rocks. If few rays pass a block, it searches along each of them. If many rays or bundles pass,
+// it finds all rocks in the block or reaching into it, and caches them.
 class RocksNearRays {
  public:
   explicit RocksNearRays(const dem::Terrain& terrain) : survey_(terrain) {}
 
   double largest_m() const { return survey_.field().law().largest_m; }
-  // Returns the rocks, the largest first; empty when there are more than kMaxRocksOfRays. `blocks`: the blocks that
-  // the rays may hit (select_for_rays). Octaves of diameters up to `left_out_m` are left out.
+  // Returns the rocks, largest first; empty if there are more than kMaxRocksOfRays. `blocks`: the blocks that the rays
+  // may hit (select_for_rays). Octaves with diameters up to `omitted_m` are omitted.
   std::optional<std::vector<dem::RockFeature>> along(std::span<const RayCone> rays, std::span<const BlockOnRays> blocks,
-                                                     double left_out_m, const StopToken& stop);
+                                                     double omitted_m, const StopToken& stop);
 
  private:
-  using Piece = std::pair<int, dem::BlockId>;  // octave and block
-  struct Strip {                               // ground below a part of a ray
+  using OctaveBlock = std::pair<int, dem::BlockId>;  // octave and block
+  struct Strip {                                     // ground below a section of a ray
     int octave;
     dem::Footprint box;
   };
-  struct Places {
-    std::vector<Piece> pieces;
+  struct SearchRegions {
+    std::vector<OctaveBlock> octave_blocks;
     std::vector<Strip> strips;
   };
-  std::optional<Places> places_along(std::span<const RayCone> rays, std::span<const BlockOnRays> blocks,
-                                     double left_out_m, const StopToken& stop) const;
-  // Finds the rocks of pieces and remembers them; false: more than kMaxNewRocks.
-  bool find(const std::vector<Piece>& pieces, const StopToken& stop);
+  std::optional<SearchRegions> regions_along(std::span<const RayCone> rays, std::span<const BlockOnRays> blocks,
+                                             double omitted_m, const StopToken& stop) const;
+  // Finds the rocks of blocks and caches them. Returns false if they are more than kMaxNewRocks.
+  bool fill_cache(const std::vector<OctaveBlock>& octave_blocks, const StopToken& stop);
 
   dem::RockSurvey survey_;
-  std::map<Piece, std::vector<dem::RockFeature>> found_;
-  std::size_t remembered_ = 0;
+  std::map<OctaveBlock, std::vector<dem::RockFeature>> cache_;
+  std::size_t cached_entries_ = 0;
 };
 
 }  // namespace selenograph::engine

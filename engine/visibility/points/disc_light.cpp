@@ -18,8 +18,8 @@
 #define SELENOGRAPH_ENGINE_DISC_LIGHT_SHARED
 namespace selenograph::engine {
 
-// How much of the disc a point's planes face.
-constexpr std::int32_t kNone = 0, kSome = 1, kWhole = 2;
+// State of a lane: its planes face none, part or all of the disc.
+constexpr std::int32_t kFacesNone = 0, kFacesPart = 1, kFacesAll = 2;
 
 }  // namespace selenograph::engine
 #endif
@@ -27,26 +27,34 @@ constexpr std::int32_t kNone = 0, kSome = 1, kWhole = 2;
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// top: toward the disc's upper end. Sets how[i].
-void LookAt(const SurfacePoints& p, const double* top, DiscLanes& lanes, std::int32_t* how) {
+// Classifies sixteen lanes. top: direction toward the upper end of the disc.
+void ClassifyFacing(const SurfacePoints& p, const double* top, DiscLanes& lanes, std::int32_t* facing) {
   constexpr double kCore2 = dem::kCoreRadius_m * dem::kCoreRadius_m;
   const double sx = top[0], sy = top[1], sz = top[2];
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const double x = p.x[i], y = p.y[i], z = p.z[i], along = x * sx + y * sy + z * sz;
+    const double x = p.x[i];
+    const double y = p.y[i];
+    const double z = p.z[i];
+    const double along = x * sx + y * sy + z * sz;
     const double off_axis2 = x * x + y * y + z * z - along * along, behind2 = along < 0 ? off_axis2 : kCore2;
-    const float a = lanes.facet.across[i], b = lanes.facet.upward[i], c = lanes.shading.across[i],
-                d = lanes.shading.upward[i];
-    const float facet = std::sqrt(a * a + b * b), shading = std::sqrt(c * c + d * d), m = lanes.facet.middle[i],
-                n = lanes.shading.middle[i];
-    const std::int32_t whole = m > facet && n > shading ? kWhole : kSome,
-                       some = m <= -facet || n <= -shading || behind2 < kCore2 ? kNone : whole;
-    how[i] = some;
-    lanes.tilt_across[i] = c / n, lanes.tilt_upward[i] = d / n;
+    const float a = lanes.facet.across[i];
+    const float b = lanes.facet.upward[i];
+    const float c = lanes.shading.across[i];
+    const float d = lanes.shading.upward[i];
+    const float facet = std::sqrt(a * a + b * b);
+    const float shading = std::sqrt(c * c + d * d);
+    const float m = lanes.facet.middle[i];
+    const float n = lanes.shading.middle[i];
+    const std::int32_t all_or_part = m > facet && n > shading ? kFacesAll : kFacesPart;
+    const std::int32_t state = m <= -facet || n <= -shading || behind2 < kCore2 ? kFacesNone : all_or_part;
+    facing[i] = state;
+    lanes.tilt_across[i] = c / n;
+    lanes.tilt_upward[i] = d / n;
   }
 }
 
-// axes: toward, across, upward; radius included.
+// Computes the planes of sixteen normals. axes: toward the Sun; across and upward, multiplied by the radius.
 void PlanesOf(const double* nx, const double* ny, const double* nz, const double (*axes)[3], DiscPlanes& out) {
   const double *t = axes[0], *a = axes[1], *u = axes[2];
   SELENOGRAPH_INDEPENDENT_LANES
@@ -58,82 +66,96 @@ void PlanesOf(const double* nx, const double* ny, const double* nz, const double
   }
 }
 
-// Least and most with the second where the first is not a number.
-HWY_INLINE float least(float a, float b) { return a < b ? a : b; }
-HWY_INLINE float most(float a, float b) { return a > b ? a : b; }
+// Minimum and maximum; the second argument if the first is NaN.
+HWY_INLINE float min_number(float a, float b) { return a < b ? a : b; }
+HWY_INLINE float max_number(float a, float b) { return a > b ? a : b; }
 
-// Where a plane is positive along a column: from low to high.
-HWY_INLINE void bound(float middle, float slope, float& low, float& high) {
+// Clips the range low to high of a column to the part where a plane is positive.
+HWY_INLINE void clip_to_positive(float middle, float slope, float& low, float& high) {
   constexpr float kFlat = 1e-12F;
   const float root = -middle / (slope > kFlat || slope < -kFlat ? slope : -kFlat);
-  low = slope > 0 ? most(low, root) : low;
-  high = slope > 0 ? high : least(high, root);
+  low = slope > 0 ? max_number(low, root) : low;
+  high = slope > 0 ? high : min_number(high, root);
 }
 
-HWY_INLINE float looked_up(const float* table, float place) {
-  const float low = place > 0 ? place : 0, at = low < DiscLight::Table::kSteps ? low : DiscLight::Table::kSteps;
+HWY_INLINE float interpolated(const float* table, float position) {
+  const float low = position > 0 ? position : 0, at = low < DiscLight::Table::kSteps ? low : DiscLight::Table::kSteps;
   const auto i = static_cast<std::int32_t>(at);
   return table[i] + (at - static_cast<float>(i)) * (table[i + 1] - table[i]);
 }
 
-// Of points that face all of the disc.
+// Computes the remaining factors of points that all face the whole disc.
 template <bool kEven>
-HWY_INLINE void left_of_whole(const DiscLight::Table& table, const float* columns, const float (*horizons)[kPacket],
-                              const DiscLanes& turned, float* of_share, float* of_cosine) {
-  alignas(64) float share[kPacket] = {}, cosine[kPacket] = {};
+HWY_INLINE void remaining_of_full(const DiscLight::Table& table, const float* columns, const float (*horizons)[kPacket],
+                                  const DiscLanes& turned, float* share_factor, float* cosine_factor) {
+  alignas(64) float share[kPacket] = {};
+  alignas(64) float cosine[kPacket] = {};
   for (int j = 0; j < DiscLight::kColumns; ++j) {
-    const float x = columns[j], half = table.half[j], weight = table.weight[j],
-                steps = 0.5F * DiscLight::Table::kSteps / half, per_length = 0.5F / half;
+    const float x = columns[j];
+    const float half = table.half[j];
+    const float weight = table.weight[j];
+    const float steps = 0.5F * DiscLight::Table::kSteps / half;
+    const float per_length = 0.5F / half;
     const float *above = table.above[j], *moment = table.moment[j];
     SELENOGRAPH_INDEPENDENT_LANES
     for (int i = 0; i < kPacket; ++i) {
-      const float low = most(-half, least(half, horizons[j][i]));
+      const float low = max_number(-half, min_number(half, horizons[j][i]));
       float light = 0, lever = 0;
-      if constexpr (kEven)
-        light = (half - low) * per_length, lever = 0.5F * (half * half - low * low) * per_length;
-      else
-        light = looked_up(above, (low + half) * steps), lever = looked_up(moment, (low + half) * steps);
+      if constexpr (kEven) {
+        light = (half - low) * per_length;
+        lever = 0.5F * (half * half - low * low) * per_length;
+      } else {
+        light = interpolated(above, (low + half) * steps);
+        lever = interpolated(moment, (low + half) * steps);
+      }
       share[i] += weight * light;
       cosine[i] += weight * (light + (turned.tilt_across[i] * x * light + turned.tilt_upward[i] * lever));
     }
   }
   SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i)
-    of_share[i] = least(1, most(0, share[i])), of_cosine[i] = least(1, most(0, cosine[i]));
+  for (int i = 0; i < kPacket; ++i) {
+    share_factor[i] = min_number(1, max_number(0, share[i]));
+    cosine_factor[i] = min_number(1, max_number(0, cosine[i]));
+  }
 }
 
-void LeftOfWhole(const DiscLight::Table& table, const float* columns, const float (*horizons)[kPacket],
-                 const DiscLanes& turned, float* of_share, float* of_cosine) {
+void RemainingOfFull(const DiscLight::Table& table, const float* columns, const float (*horizons)[kPacket],
+                     const DiscLanes& turned, float* share_factor, float* cosine_factor) {
   if (table.even)
-    left_of_whole<true>(table, columns, horizons, turned, of_share, of_cosine);
+    remaining_of_full<true>(table, columns, horizons, turned, share_factor, cosine_factor);
   else
-    left_of_whole<false>(table, columns, horizons, turned, of_share, of_cosine);
+    remaining_of_full<false>(table, columns, horizons, turned, share_factor, cosine_factor);
 }
 
-void LeftOf(const DiscLight::Table& table, const float* columns, const float (*horizons)[kPacket],
-            const DiscLanes& turned, float* of_share, float* of_cosine) {
+void RemainingOf(const DiscLight::Table& table, const float* columns, const float (*horizons)[kPacket],
+                 const DiscLanes& turned, float* share_factor, float* cosine_factor) {
   const DiscPlanes &facet = turned.facet, &shading = turned.shading;
-  alignas(64) float share[kPacket] = {}, cosine[kPacket] = {}, all_share[kPacket] = {}, all_cosine[kPacket] = {};
+  alignas(64) float share[kPacket] = {};
+  alignas(64) float cosine[kPacket] = {};
+  alignas(64) float all_share[kPacket] = {};
+  alignas(64) float all_cosine[kPacket] = {};
   for (int j = 0; j < DiscLight::kColumns; ++j) {
-    const float x = columns[j], half = table.half[j], weight = table.weight[j],
-                steps = 0.5F * DiscLight::Table::kSteps / half;
+    const float x = columns[j];
+    const float half = table.half[j];
+    const float weight = table.weight[j];
+    const float steps = 0.5F * DiscLight::Table::kSteps / half;
     const float *above = table.above[j], *moment = table.moment[j];
     SELENOGRAPH_INDEPENDENT_LANES
     for (int i = 0; i < kPacket; ++i) {
       float low = -half, high = half;
-      bound(facet.middle[i] + facet.across[i] * x, facet.upward[i], low, high);
+      clip_to_positive(facet.middle[i] + facet.across[i] * x, facet.upward[i], low, high);
       float bright_low = low, bright_high = high;
       const float here = shading.middle[i] + shading.across[i] * x, slope = shading.upward[i];
-      bound(here, slope, bright_low, bright_high);
-      // Light between two places of the column: what is above the one less what is above the other.
-      const auto between = [&](const float* of, float from, float to) {
+      clip_to_positive(here, slope, bright_low, bright_high);
+      // Light between two positions of the column: the light above the lower one minus the light above the upper one.
+      const auto between = [&](const float* table_row, float from, float to) {
         const float first = from < to ? from : to;
-        return looked_up(of, (first + half) * steps) - looked_up(of, (to + half) * steps);
+        return interpolated(table_row, (first + half) * steps) - interpolated(table_row, (to + half) * steps);
       };
       const float horizon = horizons[j][i];
-      share[i] += weight * between(above, most(low, horizon), high);
+      share[i] += weight * between(above, max_number(low, horizon), high);
       all_share[i] += weight * between(above, low, high);
-      const float free = most(bright_low, horizon);
+      const float free = max_number(bright_low, horizon);
       cosine[i] += weight * (here * between(above, free, bright_high) + slope * between(moment, free, bright_high));
       all_cosine[i] +=
           weight * (here * between(above, bright_low, bright_high) + slope * between(moment, bright_low, bright_high));
@@ -141,9 +163,10 @@ void LeftOf(const DiscLight::Table& table, const float* columns, const float (*h
   }
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const float s = share[i] / (all_share[i] > 1e-6F ? all_share[i] : 1e-6F),
-                c = cosine[i] / (all_cosine[i] > 1e-9F ? all_cosine[i] : 1e-9F);
-    of_share[i] = least(1, most(0, s)), of_cosine[i] = least(1, most(0, c));
+    const float s = share[i] / (all_share[i] > 1e-6F ? all_share[i] : 1e-6F);
+    const float c = cosine[i] / (all_cosine[i] > 1e-9F ? all_cosine[i] : 1e-9F);
+    share_factor[i] = min_number(1, max_number(0, s));
+    cosine_factor[i] = min_number(1, max_number(0, c));
   }
 }
 
@@ -153,41 +176,45 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace selenograph::engine {
 
-HWY_EXPORT(LookAt);
+HWY_EXPORT(ClassifyFacing);
 HWY_EXPORT(PlanesOf);
-HWY_EXPORT(LeftOfWhole);
-HWY_EXPORT(LeftOf);
+HWY_EXPORT(RemainingOfFull);
+HWY_EXPORT(RemainingOf);
 
 namespace {
 
 constexpr double kPi = std::numbers::pi;
 
-// (r / R)^2 within which lies a share of a disc's light, whose brightness is 1 - u (1 - sqrt(1 - (r / R)^2)).
+// Returns the square of the radius, relative to that of the disc, that contains a share of its light. Brightness at r
+// is 1 - u (1 - sqrt(1 - r^2)).
 double radius2_of(double share, double u) {
   if (u == 0) return share;
-  const auto light_within = [u](double s) { return (1 - u) * s + u * (2.0 / 3) * (1 - std::pow(1 - s, 1.5)); };
-  const double wanted = share * (1 - u / 3);
+  const auto light_inside = [u](double s) { return (1 - u) * s + u * (2.0 / 3) * (1 - std::pow(1 - s, 1.5)); };
+  const double target = share * (1 - u / 3);
   double low = 0, high = 1;
-  for (int i = 0; i < 60; ++i) (light_within((low + high) / 2) < wanted ? low : high) = (low + high) / 2;
+  for (int i = 0; i < 60; ++i) (light_inside((low + high) / 2) < target ? low : high) = (low + high) / 2;
   return (low + high) / 2;
 }
 
-// Above a chord at height h of the disc: of its light, and of the light's moment about the disc's middle. A chord at
-// height y holds (1 - u) 2 sqrt(1 - y^2) + u pi / 2 (1 - y^2) of pi (1 - u / 3).
+// Light above a chord at height h of the disc, and the moment of that light about the middle, both as shares of the
+// total light. A chord at height y holds (1 - u) 2 sqrt(1 - y^2) + u pi / 2 (1 - y^2) of pi (1 - u / 3).
 struct Segment {
   double light, moment;
 };
 Segment above_chord(double h, double u) {
   if (h <= -1) return {1, 0};
   if (h >= 1) return {0, 0};
-  const double q2 = 1 - h * h, q = std::sqrt(q2), all = kPi * (1 - u / 3);
-  return {((1 - u) * (std::acos(h) - h * q) + u * kPi / 2 * (2.0 / 3 - h + h * h * h / 3)) / all,
-          ((1 - u) * 2.0 / 3 * q2 * q + u * kPi / 8 * q2 * q2) / all};
+  const double q2 = 1 - h * h;
+  const double q = std::sqrt(q2);
+  const double total = kPi * (1 - u / 3);
+  return {((1 - u) * (std::acos(h) - h * q) + u * kPi / 2 * (2.0 / 3 - h + h * h * h / 3)) / total,
+          ((1 - u) * 2.0 / 3 * q2 * q + u * kPi / 8 * q2 * q2) / total};
 }
 
-// In a column of half the length c: light and moment above y, not normalised.
+// Returns light and moment above y in a column of half the length c, not normalised.
 Segment above_in_column(double y, double c, double u) {
-  const double q2 = std::max(0.0, c * c - y * y), q = std::sqrt(q2);
+  const double q2 = std::max(0.0, c * c - y * y);
+  const double q = std::sqrt(q2);
   if (u == 0) return {c - y, q2 / 2};
   return {(1 - u) * (c - y) + u * 0.5 * (c * c * std::acos(std::clamp(y / c, -1.0, 1.0)) - y * q),
           (1 - u) * q2 / 2 + u * q2 * q / 3};
@@ -202,7 +229,7 @@ DiscLight::DiscLight(const Sun& sun, const Vec3& up)
       columns_(),
       table_(),
       fine_(),
-      places_(),
+      disc_points_(),
       directions_() {
   const Vec3 level = up.cross(toward_);
   across_ = level.norm() > 1e-6 * up.norm() ? level.normalized() : any_across(toward_);
@@ -211,13 +238,17 @@ DiscLight::DiscLight(const Sun& sun, const Vec3& up)
   double sum = 0;
   std::array<double, kColumns> weights{};
   for (std::size_t j = 0; j < kColumns; ++j) {
-    const double turn = (static_cast<double>(j) + 1) * kPi / (kColumns + 1), x = -std::cos(turn), c = std::sin(turn);
-    columns_[j] = static_cast<float>(x), table_.half[j] = static_cast<float>(c);
-    const double all = above_in_column(-c, c, darkening_).light;
-    sum += weights[j] = c * all;
+    const double angle = (static_cast<double>(j) + 1) * kPi / (kColumns + 1);
+    const double x = -std::cos(angle);
+    const double c = std::sin(angle);
+    columns_[j] = static_cast<float>(x);
+    table_.half[j] = static_cast<float>(c);
+    const double column_light = above_in_column(-c, c, darkening_).light;
+    sum += weights[j] = c * column_light;
     for (std::size_t k = 0; k <= Table::kSteps; ++k) {
       const Segment s = above_in_column(c * (2.0 * static_cast<double>(k) / Table::kSteps - 1), c, darkening_);
-      table_.above[j][k] = static_cast<float>(s.light / all), table_.moment[j][k] = static_cast<float>(s.moment / all);
+      table_.above[j][k] = static_cast<float>(s.light / column_light);
+      table_.moment[j][k] = static_cast<float>(s.moment / column_light);
     }
     table_.above[j][Table::kSteps + 1] = table_.moment[j][Table::kSteps + 1] = 0;
   }
@@ -227,21 +258,23 @@ DiscLight::DiscLight(const Sun& sun, const Vec3& up)
 
   double fine = 0;
   for (std::size_t j = 0; j < kFine; ++j) {
-    const double turn = (static_cast<double>(j) + 1) * kPi / (kFine + 1), c = std::sin(turn);
-    fine_[j] = {std::cos(turn), c, c};
+    const double angle = (static_cast<double>(j) + 1) * kPi / (kFine + 1);
+    const double c = std::sin(angle);
+    fine_[j] = {std::cos(angle), c, c};
     fine += c * above_in_column(-c, c, darkening_).light;
   }
   for (FineColumn& column : fine_) column.weight /= fine;
 
-  // Vogel's sunflower (1979): equal light, no two places in line with a straight shadow edge. The last thirteen are
-  // around the rim: successive ones are 137.5 degrees apart, the largest gap between thirteen of them is 34.
+  // Vogel's sunflower (1979): equal light per point, and no two points in line with a straight shadow edge. Put the
+  // thirteen outermost points, the rim, directly after the middle: successive ones are 137.5 degrees apart, and the
+  // largest gap between thirteen of them is 34 degrees.
   for (std::size_t k = 0; k < kDirections; ++k) {
     constexpr std::size_t kRim = kScouts - 1;
     const std::size_t n = k == 0 ? 0 : k <= kRim ? kDirections - k : k - kRim;
-    const double r = std::sqrt(radius2_of((static_cast<double>(n) + 0.5) / kDirections, darkening_)),
-                 turn = static_cast<double>(n) * kPi * (3 - std::sqrt(5.0));
-    places_[k] = {r * std::cos(turn), r * std::sin(turn)};
-    directions_[k] = direction(places_[k].across, places_[k].upward);
+    const double r = std::sqrt(radius2_of((static_cast<double>(n) + 0.5) / kDirections, darkening_));
+    const double angle = static_cast<double>(n) * kPi * (3 - std::sqrt(5.0));
+    disc_points_[k] = {r * std::cos(angle), r * std::sin(angle)};
+    directions_[k] = direction(disc_points_[k].across, disc_points_[k].upward);
   }
 }
 
@@ -249,35 +282,37 @@ Vec3 DiscLight::direction(double across, double upward) const {
   return (toward_ + radius_ * (across * across_ + upward * upward_)).normalized();
 }
 
-// (std::hypot takes care of overflow, and its time.)
+// Faster than std::hypot, which guards against overflow.
 static double length(double x, double y) { return std::sqrt(x * x + y * y); }
 
-DiscShare DiscLight::alone(const DiscPlane& facet, const DiscPlane& shading) const {
+DiscShare DiscLight::unoccluded(const DiscPlane& facet, const DiscPlane& shading) const {
   const double reach = length(facet.across, facet.upward);
   if (facet.middle <= -reach) return {};
-  // The facet's horizon is a chord at height h along the direction (x, y) in which the facet faces the disc more.
-  const double h = reach > 0 ? -facet.middle / reach : -1, x = reach > 0 ? facet.across / reach : 0,
-               y = reach > 0 ? facet.upward / reach : 0;
+  // The horizon of the facet is a chord at height h along the direction (x, y) in which the facet faces the disc more.
+  const double h = reach > 0 ? -facet.middle / reach : -1;
+  const double x = reach > 0 ? facet.across / reach : 0;
+  const double y = reach > 0 ? facet.upward / reach : 0;
   const Segment s = above_chord(h, darkening_);
   const double along = shading.across * x + shading.upward * y;
   const double bright = length(shading.across, shading.upward);
-  if (shading.middle >= bright)  // the normal faces all of the disc
+  if (shading.middle >= bright)  // the shading normal faces the whole disc
     return {s.light, shading.middle * s.light + along * s.moment};
   if (shading.middle <= -bright) return {s.light, 0};
   if (h <= -1 || std::abs(shading.across * y - shading.upward * x) <= 1e-9 * bright) {
-    // One chord bounds both.
+    // One chord bounds the light of both normals.
     const double own = -shading.middle / bright;
     if (h <= -1 || along > 0) {
       const Segment b = above_chord(std::max(h, own), darkening_);
       return {s.light, shading.middle * b.light + bright * b.moment};
     }
   }
-  // Two chords: by columns along the facet's.
+  // Integrate over columns along (x, y) if two chords bound the light.
   double cosine = 0;
-  const double aside = shading.upward * x - shading.across * y;  // across the direction (x, y)
+  const double aside = shading.upward * x - shading.across * y;  // component across the direction (x, y)
   for (const FineColumn& column : fine_) {
     const double here = shading.middle + aside * column.across, c = column.half;
-    double low = std::clamp(h, -c, c), high = c;
+    double low = std::clamp(h, -c, c);
+    double high = c;
     if (along > 0)
       low = std::max(low, -here / along);
     else if (along < 0)
@@ -291,62 +326,70 @@ DiscShare DiscLight::alone(const DiscPlane& facet, const DiscPlane& shading) con
   return {s.light, cosine};
 }
 
-std::uint32_t DiscLight::alone(const SurfacePoints& points, Shading& shading, DiscLanes& out, float* lit) const {
+std::uint32_t DiscLight::unoccluded(const SurfacePoints& points, Shading& shading, DiscLanes& out, float* lit) const {
   double axes[3][3], top[3];
   const Vec3 upper = direction(0, 1);
-  for (int k = 0; k < 3; ++k)
-    axes[0][k] = toward_[k], axes[1][k] = radius_ * across_[k], axes[2][k] = radius_ * upward_[k], top[k] = upper[k];
+  for (int k = 0; k < 3; ++k) {
+    axes[0][k] = toward_[k];
+    axes[1][k] = radius_ * across_[k];
+    axes[2][k] = radius_ * upward_[k];
+    top[k] = upper[k];
+  }
   HWY_DYNAMIC_DISPATCH(PlanesOf)(points.nx, points.ny, points.nz, axes, out.facet);
   HWY_DYNAMIC_DISPATCH(PlanesOf)(shading.nx, shading.ny, shading.nz, axes, out.shading);
-  alignas(64) std::int32_t how[kPacket];
-  HWY_DYNAMIC_DISPATCH(LookAt)(points, top, out, how);
-  std::uint32_t some = 0;
-  out.whole = 0;
-  for (int i = 0; i < kPacket; ++i) out.whole |= how[i] == kWhole ? 1U << i : 0U;
+  alignas(64) std::int32_t facing[kPacket];
+  HWY_DYNAMIC_DISPATCH(ClassifyFacing)(points, top, out, facing);
+  std::uint32_t lit_lanes = 0;
+  out.facing_all = 0;
+  for (int i = 0; i < kPacket; ++i) out.facing_all |= facing[i] == kFacesAll ? 1U << i : 0U;
   for (int i = 0; i < kPacket; ++i) {
-    lit[i] = points.hit[i] && how[i] == kWhole ? 1.F : 0.F;
-    some |= lit[i] > 0 ? 1U << i : 0U;
-    if (!points.hit[i] || how[i] != kSome) continue;
-    const DiscShare share = alone(plane(points.facet_normal(i)), plane(shading.normal(i)));
+    lit[i] = points.hit[i] && facing[i] == kFacesAll ? 1.F : 0.F;
+    lit_lanes |= lit[i] > 0 ? 1U << i : 0U;
+    if (!points.hit[i] || facing[i] != kFacesPart) continue;
+    const DiscShare share = unoccluded(plane(points.facet_normal(i)), plane(shading.normal(i)));
     if (!(share.share > 0 && share.cosine > 0)) continue;
-    lit[i] = static_cast<float>(share.share), shading.incident[i] = share.cosine / share.share;
-    some |= 1U << i;
+    lit[i] = static_cast<float>(share.share);
+    shading.incident[i] = share.cosine / share.share;
+    lit_lanes |= 1U << i;
   }
-  return some;
+  return lit_lanes;
 }
 
-void DiscLight::left(const float (*horizons)[kPacket], const DiscLanes& turned, float* of_share,
-                     float* of_cosine) const {
-  const auto left_of = turned.whole == kAllLanes ? HWY_DYNAMIC_DISPATCH(LeftOfWhole) : HWY_DYNAMIC_DISPATCH(LeftOf);
-  left_of(table_, columns_.data(), horizons, turned, of_share, of_cosine);
+void DiscLight::remaining(const float (*horizons)[kPacket], const DiscLanes& turned, float* share_factor,
+                          float* cosine_factor) const {
+  const auto kernel =
+      turned.facing_all == kAllLanes ? HWY_DYNAMIC_DISPATCH(RemainingOfFull) : HWY_DYNAMIC_DISPATCH(RemainingOf);
+  kernel(table_, columns_.data(), horizons, turned, share_factor, cosine_factor);
 }
 
-DiscShare DiscLight::ratio(const Free& open, const Free& faced, const DiscLanes& turned, std::uint32_t lane) const {
+DiscShare DiscLight::ratio(const FreeDirections& open, const FreeDirections& faced, const DiscLanes& turned,
+                           std::uint32_t lane) const {
   const DiscPlane shading = turned.shading.lane(lane);
-  double all = 0, left = 0;
+  double faced_cosine = 0, open_cosine = 0;
   for (std::size_t k = 0; k < kDirections; ++k) {
     if (!faced[k]) continue;
-    const double cosine = std::max(0.0, shading.at(places_[k].across, places_[k].upward));
-    all += cosine;
-    if (open[k]) left += cosine;
+    const double cosine = std::max(0.0, shading.at(disc_points_[k].across, disc_points_[k].upward));
+    faced_cosine += cosine;
+    if (open[k]) open_cosine += cosine;
   }
   const double share = static_cast<double>(open.count()) / static_cast<double>(faced.count());
-  // Of a normal that faces less of the disc than is between places, nothing is known.
-  return {share, all > 0 ? left / all : share};
+  // A normal that faces less of the disc than the spacing of directions sees none of them: use the share.
+  return {share, faced_cosine > 0 ? open_cosine / faced_cosine : share};
 }
 
-DiscShare DiscLight::left_of(const Free& free, const float* horizons, std::size_t stride, const DiscLanes& turned,
-                             std::uint32_t lane) const {
-  Free open;
+DiscShare DiscLight::remaining_with_objects(const FreeDirections& free, const float* horizons, std::size_t stride,
+                                            const DiscLanes& turned, std::uint32_t lane) const {
+  FreeDirections open;
   for (std::size_t k = 0; k < kDirections; ++k) {
     if (!free[k]) continue;
-    // Between columns a horizon is straight; beyond the last it is as there.
-    const auto x = static_cast<float>(places_[k].across);
+    // Interpolate the horizon between columns; outside the outermost columns it is constant.
+    const auto x = static_cast<float>(disc_points_[k].across);
     std::size_t j = 0;
     while (j + 2 < kColumns && columns_[j + 1] < x) ++j;
-    const float t = std::clamp((x - columns_[j]) / (columns_[j + 1] - columns_[j]), 0.F, 1.F),
-                low = std::max(horizons[j * stride], -2.F), high = std::max(horizons[(j + 1) * stride], -2.F);
-    open.set(k, places_[k].upward > static_cast<double>(low + t * (high - low)));
+    const float t = std::clamp((x - columns_[j]) / (columns_[j + 1] - columns_[j]), 0.F, 1.F);
+    const float low = std::max(horizons[j * stride], -2.F);
+    const float high = std::max(horizons[(j + 1) * stride], -2.F);
+    open.set(k, disc_points_[k].upward > static_cast<double>(low + t * (high - low)));
   }
   return open.any() ? ratio(open, free, turned, lane) : DiscShare{};
 }

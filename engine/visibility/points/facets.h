@@ -13,7 +13,7 @@ struct alignas(64) Facets {
   float normal_a[3][kPacket], normal_b[3][kPacket], normal_c[3][kPacket];  // vertex normals, for shading
 };
 
-// For a mesh with triangles. The vertices equal those of Mesh::triangle, bit for bit.
+// Gathers the vertices of sixteen triangles. They equal those of Mesh::triangle bit for bit.
 void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out);
 
 }  // namespace selenograph::engine

@@ -17,11 +17,12 @@
 #define SELENOGRAPH_ENGINE_REFINE_SHARED
 namespace selenograph::engine {
 
-// Fraction of a triangle by which a point may lie outside of it and still be taken as on it: micrometres.
+// Barycentric distance up to which a point outside a triangle counts as on it: micrometres.
 constexpr double kOnEdge = 1e-9;
 
-// Of a lane: its point is on its triangle; not; its weights are not known.
-enum LaneState : std::int64_t { kOn = 0, kOff = 1, kSteep = 2 };
+// State of a lane: the point is on its triangle, is not, or its weights must be recomputed because the triangle is too
+// steep to the axis.
+enum LaneState : std::int64_t { kOnTriangle = 0, kOffTriangle = 1, kUnknownWeights = 2 };
 
 }  // namespace selenograph::engine
 #endif
@@ -29,14 +30,15 @@ enum LaneState : std::int64_t { kOn = 0, kOff = 1, kSteep = 2 };
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// Plane and ray, per lane: P = o + t d, weights v and w of b and c. A ray from below gets a distance of -1. off: kOff
-// where that isn't on the triangle though the lane has one, kSteep where the weights are not known. Returns the sum of
-// what lanes that hit say. Weights are those of the triangle as seen along an axis: half of the arithmetic that they
-// take in the plane itself, and as good to 1e-14 unless the axis is within a degree of that plane.
+// Intersects the plane of each triangle with its ray: P = o + t d, with the weights v and w of the vertices b and c.
+// Weights are those of the triangle projected along an axis: half the arithmetic of weights in the plane itself, and as
+// accurate to 1e-14 unless the axis is within a degree of the plane. A ray from below gets the distance -1. off: the
+// state of each hit lane. Returns the bitwise or of all states.
 template <int axis>
-std::int64_t MeetPlanes(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
-  constexpr int i0 = (axis + 1) % 3, i1 = (axis + 2) % 3;
-  constexpr double kSteepest = 2500;  // squares of tangents
+std::int64_t IntersectPlanes(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
+  constexpr int i0 = (axis + 1) % 3;
+  constexpr int i1 = (axis + 2) % 3;
+  constexpr double kSteepest = 2500;  // square of the tangent of the angle between normal and axis
   const double* origin[3] = {rays.ox, rays.oy, rays.oz};
   const double* direction[3] = {rays.dx, rays.dy, rays.dz};
   double* position[3] = {p.x, p.y, p.z};
@@ -55,28 +57,33 @@ std::int64_t MeetPlanes(const Facets& t, const Rays& rays, SurfacePoints& p, std
     const double at[3] = {origin[0][i] + distance * d[0], origin[1][i] + distance * d[1],
                           origin[2][i] + distance * d[2]};
     const double from_a0 = at[i0] - t.a[i0][i], from_a1 = at[i1] - t.a[i1][i], scale = 1 / n[axis];
-    const double v = (from_a0 * c[i1] - from_a1 * c[i0]) * scale, w = (b[i0] * from_a1 - b[i1] * from_a0) * scale;
-    for (int k = 0; k < 3; ++k) position[k][i] = at[k], normal[k][i] = n[k];
-    p.v[i] = v, p.w[i] = w;
-    const double seen = toward < 0 ? distance : -1;
-    p.distance[i] = seen;
-    const bool on = seen > 0 && v >= -kOnEdge && w >= -kOnEdge && v + w <= 1 + kOnEdge;
+    const double v = (from_a0 * c[i1] - from_a1 * c[i0]) * scale;
+    const double w = (b[i0] * from_a1 - b[i1] * from_a0) * scale;
+    for (int k = 0; k < 3; ++k) {
+      position[k][i] = at[k];
+      normal[k][i] = n[k];
+    }
+    p.v[i] = v;
+    p.w[i] = w;
+    const double distance_from_above = toward < 0 ? distance : -1;
+    p.distance[i] = distance_from_above;
+    const bool on = distance_from_above > 0 && v >= -kOnEdge && w >= -kOnEdge && v + w <= 1 + kOnEdge;
     const bool steep = !(n[i0] * n[i0] + n[i1] * n[i1] <= kSteepest * (n[axis] * n[axis]));
-    off[i] = (on ? kOn : kOff) | (steep ? kSteep : kOn);
+    off[i] = (on ? kOnTriangle : kOffTriangle) | (steep ? kUnknownWeights : kOnTriangle);
   }
   std::int64_t any = 0;
   for (int i = 0; i < kPacket; ++i) any |= off[i] &= -static_cast<std::int64_t>(p.hit[i]);
   return any;
 }
 
-std::int64_t MeetAlongX(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
-  return MeetPlanes<0>(t, rays, p, off);
+std::int64_t IntersectAlongX(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
+  return IntersectPlanes<0>(t, rays, p, off);
 }
-std::int64_t MeetAlongY(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
-  return MeetPlanes<1>(t, rays, p, off);
+std::int64_t IntersectAlongY(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
+  return IntersectPlanes<1>(t, rays, p, off);
 }
-std::int64_t MeetAlongZ(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
-  return MeetPlanes<2>(t, rays, p, off);
+std::int64_t IntersectAlongZ(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
+  return IntersectPlanes<2>(t, rays, p, off);
 }
 
 }  // namespace selenograph::engine::HWY_NAMESPACE
@@ -85,30 +92,30 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace selenograph::engine {
 
-HWY_EXPORT(MeetAlongX);
-HWY_EXPORT(MeetAlongY);
-HWY_EXPORT(MeetAlongZ);
+HWY_EXPORT(IntersectAlongX);
+HWY_EXPORT(IntersectAlongY);
+HWY_EXPORT(IntersectAlongZ);
 
 namespace {
 
-// The same for float, which may take a ray to hit a triangle that it passes by millimetres.
+// Barycentric distance up to which float may take a ray to hit a triangle: millimetres.
 constexpr double kBlur = 1e-3;
 
 struct Candidate {
   TriangleId triangle;
   Vec3 position, facing;
   double distance, v, w;
-  // How far outside of its triangle, in barycentric terms; negative inside.
+  // Returns the barycentric distance from the triangle; negative inside.
   double outside() const { return std::max({-v, -w, v + w - 1}); }
 };
 
-// Where the ray meets the triangle's plane, if it comes from above (toward < 0) or if it comes from below.
-std::optional<Candidate> cross(const Mesh& mesh, const TriangleId& id, const Vec3& origin, const Vec3& direction,
-                               bool from_below) {
+// Intersects the ray with the plane of a triangle that it reaches from above (toward < 0) or from below.
+std::optional<Candidate> intersect_plane(const Mesh& mesh, const TriangleId& id, const Vec3& origin,
+                                         const Vec3& direction, bool from_below) {
   const dem::Triangle t = mesh.triangle(id);
   const Vec3 ab = t.b - t.a, ac = t.c - t.a, normal = ab.cross(ac);
   const double toward = normal.dot(direction);
-  if (!(from_below ? toward > 0 : toward < 0)) return std::nullopt;  // or along it, degenerate or without data
+  if (!(from_below ? toward > 0 : toward < 0)) return std::nullopt;  // parallel, degenerate or without data
   const double distance = normal.dot(t.a - origin) / toward;
   const Vec3 position = origin + distance * direction, from_a = position - t.a;
   const double area2 = normal.squaredNorm();
@@ -116,29 +123,30 @@ std::optional<Candidate> cross(const Mesh& mesh, const TriangleId& id, const Vec
       id, position, normal, distance, normal.dot(from_a.cross(ac)) / area2, normal.dot(ab.cross(from_a)) / area2};
 }
 
-std::optional<Candidate> meet(const Mesh& mesh, const TriangleId& id, const Vec3& origin, const Vec3& direction) {
-  return cross(mesh, id, origin, direction, false);
+std::optional<Candidate> intersect_from_above(const Mesh& mesh, const TriangleId& id, const Vec3& origin,
+                                              const Vec3& direction) {
+  return intersect_plane(mesh, id, origin, direction, false);
 }
 
-// How far a ray can see at most: where it crosses the triangle that float found from below, if it does. Over an outline
-// it has met the surface's other side just before; else it came through a hole in the data, and whatever lies behind
-// isn't to be seen.
-double end_of_sight(const Mesh& mesh, const TriangleId& id, const Vec3& origin, const Vec3& direction) {
-  const auto below = cross(mesh, id, origin, direction, true);
+// Returns the largest distance at which the ray can see: where it reaches, from below, the triangle that float found.
+// At an outline the ray has hit the other side of the surface just before; otherwise it came through a hole in the
+// data, and nothing behind may be visible.
+double visible_distance(const Mesh& mesh, const TriangleId& id, const Vec3& origin, const Vec3& direction) {
+  const auto below = intersect_plane(mesh, id, origin, direction, true);
   if (!below || !(below->outside() <= 0)) return std::numeric_limits<double>::infinity();
-  return below->distance + 1e-6 + 1e-14 * below->distance;  // more than double rounds
+  return below->distance + 1e-6 + 1e-14 * below->distance;  // more than the rounding error of double
 }
 
-// Searches around a guess that is off its triangle; the answer nearest to `near` along the ray wins. None is farther
-// than `farthest`.
+// Searches the triangles around a guess that is off its triangle. Of the intersections up to `farthest`, the one
+// nearest to `near` along the ray wins.
 class Search {
  public:
   Search(const Mesh& mesh, const Vec3& origin, const Vec3& direction, double near, double farthest)
       : mesh_(mesh), origin_(origin), direction_(direction), near_(near), farthest_(farthest) {}
 
   const std::optional<Candidate>& best() const { return best_; }
-  // Failing that, the triangle that the ray misses by the least, if that is within float's rounding.
-  const std::optional<Candidate>& nearly() const { return nearly_; }
+  // Returns the triangle that the ray misses by the least, within the rounding of float; for rays without a best one.
+  const std::optional<Candidate>& near_miss() const { return near_miss_; }
 
   void quads_around(std::uint32_t block, int row, int col) {
     const int quads = mesh_.blocks()[block].posts->extent.quads;
@@ -147,16 +155,17 @@ class Search {
         for (const bool upper : {false, true}) consider({block, r, c, upper});
   }
 
-  // Blocks beside the place, and the quads of theirs that are nearest.
-  void blocks_around(const Vec3& place, std::uint32_t except) {
+  // Searches the blocks next to the point, in their nearest quads.
+  void blocks_around(const Vec3& point, std::uint32_t except) {
     const dem::BlockExtent& e = mesh_.blocks()[except].posts->extent;
-    const Geographic g = to_geographic(place);
-    const auto lat = static_cast<std::int64_t>((g.lat_deg + 90) * dem::kTicksPerDegree),
-               lon = static_cast<std::int64_t>((g.lon_deg + 180) * dem::kTicksPerDegree);
+    const Geographic g = to_geographic(point);
+    const auto lat = static_cast<std::int64_t>((g.lat_deg + 90) * dem::kTicksPerDegree);
+    const auto lon = static_cast<std::int64_t>((g.lon_deg + 180) * dem::kTicksPerDegree);
     for (const int dy : {-1, 0, 1})
       for (const int dx : {-1, 0, 1}) {
-        // A quarter of a quad: into the first quad of a neighbour, be it finer.
-        const std::int64_t y = lat + dy * (e.lat_step / 4), x = lon + dx * std::int64_t{e.lon_step / 4};
+        // Step a quarter of a quad: into the first quad of a neighbour, even of a finer one.
+        const std::int64_t y = lat + dy * (e.lat_step / 4);
+        const std::int64_t x = lon + dx * std::int64_t{e.lon_step / 4};
         const auto found = mesh_.block_at(y, x);
         if (!found || *found == except) continue;
         const dem::BlockExtent& n = mesh_.blocks()[*found].posts->extent;
@@ -166,7 +175,7 @@ class Search {
   }
 
  private:
-  // Around a pole every block's last row meets in one vertex.
+  // Searches the rows at a pole, where the last row of every block collapses to one vertex.
   void quads_at_pole(bool north) {
     for (std::uint32_t b = 0; b < mesh_.blocks().size(); ++b) {
       const dem::BlockExtent& e = mesh_.blocks()[b].posts->extent;
@@ -181,10 +190,10 @@ class Search {
   }
 
   void consider(const TriangleId& id) {
-    const auto p = meet(mesh_, id, origin_, direction_);
+    const auto p = intersect_from_above(mesh_, id, origin_, direction_);
     if (!p || p->distance > farthest_) return;
     const double outside = p->outside();
-    if (outside <= kBlur && (!nearly_ || outside < nearly_->outside())) nearly_ = p;
+    if (outside <= kBlur && (!near_miss_ || outside < near_miss_->outside())) near_miss_ = p;
     if (!(outside <= kOnEdge)) return;
     if (!best_ || std::abs(p->distance - near_) < std::abs(best_->distance - near_)) best_ = p;
   }
@@ -192,80 +201,95 @@ class Search {
   const Mesh& mesh_;
   Vec3 origin_, direction_;
   double near_, farthest_;
-  std::optional<Candidate> best_, nearly_;
+  std::optional<Candidate> best_, near_miss_;
 };
 
 void store(const Candidate& c, int i, SurfacePoints& p) {
   p.triangle[i] = c.triangle;
-  p.x[i] = c.position.x(), p.y[i] = c.position.y(), p.z[i] = c.position.z();
-  p.nx[i] = c.facing.x(), p.ny[i] = c.facing.y(), p.nz[i] = c.facing.z();
-  p.distance[i] = c.distance, p.v[i] = c.v, p.w[i] = c.w;
+  p.x[i] = c.position.x();
+  p.y[i] = c.position.y();
+  p.z[i] = c.position.z();
+  p.nx[i] = c.facing.x();
+  p.ny[i] = c.facing.y();
+  p.nz[i] = c.facing.z();
+  p.distance[i] = c.distance;
+  p.v[i] = c.v;
+  p.w[i] = c.w;
 }
 
-// Off its triangle, or the quad's other half was meant.
-void correct(const Mesh& mesh, const Rays& rays, int i, SurfacePoints& points) {
+// Finds the triangle of a lane whose point is off its triangle: the other half of the quad, or a neighbour.
+void search_triangle(const Mesh& mesh, const Rays& rays, int i, SurfacePoints& points) {
   const Vec3 origin = rays.origin(i), direction = rays.direction(i);
   TriangleId id = points.triangle[i];
-  auto guess = meet(mesh, id, origin, direction);
+  auto guess = intersect_from_above(mesh, id, origin, direction);
   if (!guess) {
     id = id.other_half();
-    guess = meet(mesh, id, origin, direction);
+    guess = intersect_from_above(mesh, id, origin, direction);
   }
-  // Neither half: an outline seen edge-on or a quad that has collapsed. What the ray meets is beside it.
-  const Vec3 place = guess ? guess->position : mesh.triangle(id).a;
-  const double distance = guess ? guess->distance : (place - origin).dot(direction) / direction.squaredNorm();
-  Search search(mesh, origin, direction, distance, end_of_sight(mesh, points.triangle[i], origin, direction));
+  // The ray meets neither half: an outline seen edge-on, or a collapsed quad. The triangle that the ray hits is next to
+  // it.
+  const Vec3 point = guess ? guess->position : mesh.triangle(id).a;
+  const double distance = guess ? guess->distance : (point - origin).dot(direction) / direction.squaredNorm();
+  Search search(mesh, origin, direction, distance, visible_distance(mesh, points.triangle[i], origin, direction));
   search.quads_around(id.block(), id.r(), id.c());
-  if (!search.best()) search.blocks_around(place, id.block());
-  const std::optional<Candidate>& found = search.best() ? search.best() : search.nearly();
+  if (!search.best()) search.blocks_around(point, id.block());
+  const std::optional<Candidate>& found = search.best() ? search.best() : search.near_miss();
   points.hit[i] = found && found->distance > 0;
   if (found) store(*found, i, points);
 }
 
-std::int64_t meet_along(int axis, const Facets& facets, const Rays& rays, SurfacePoints& points, std::int64_t* off) {
-  if (axis == 0) return HWY_DYNAMIC_DISPATCH(MeetAlongX)(facets, rays, points, off);
-  if (axis == 1) return HWY_DYNAMIC_DISPATCH(MeetAlongY)(facets, rays, points, off);
-  return HWY_DYNAMIC_DISPATCH(MeetAlongZ)(facets, rays, points, off);
+std::int64_t intersect_along(int axis, const Facets& facets, const Rays& rays, SurfacePoints& points,
+                             std::int64_t* off) {
+  if (axis == 0) return HWY_DYNAMIC_DISPATCH(IntersectAlongX)(facets, rays, points, off);
+  if (axis == 1) return HWY_DYNAMIC_DISPATCH(IntersectAlongY)(facets, rays, points, off);
+  return HWY_DYNAMIC_DISPATCH(IntersectAlongZ)(facets, rays, points, off);
 }
 
-// Each lane along its block's axis, so that a triangle's weights never depend on the packet.
-std::int64_t meet_along_own(const Mesh& mesh, const Facets& facets, const Rays& rays, SurfacePoints& points,
-                            std::int64_t* off) {
-  std::uint32_t lanes[3] = {};  // by axis, a bit each
+// Intersects each lane along the axis of its block, so that the weights of a point never depend on the other lanes of
+// the packet.
+std::int64_t intersect_along_block_axes(const Mesh& mesh, const Facets& facets, const Rays& rays, SurfacePoints& points,
+                                        std::int64_t* off) {
+  std::uint32_t lanes[3] = {};  // lanes of each axis, one bit each
   for (std::uint32_t i = 0; i < kPacket; ++i) lanes[mesh.blocks()[points.triangle[i].block()].axis] |= 1U << i;
-  std::int64_t any = kOn;
-  double v[kPacket], w[kPacket];  // nothing else depends on the axis
+  std::int64_t any = kOnTriangle;
+  double v[kPacket], w[kPacket];  // only the weights depend on the axis
   for (int axis = 0; axis < 3; ++axis) {
     if (lanes[axis] == 0) continue;
     alignas(64) std::int64_t off_along[kPacket];
-    meet_along(axis, facets, rays, points, off_along);
+    intersect_along(axis, facets, rays, points, off_along);
     for (int i = 0; i < kPacket; ++i)
-      if (lanes[axis] >> i & 1) v[i] = points.v[i], w[i] = points.w[i], any |= off[i] = off_along[i];
+      if (lanes[axis] >> i & 1) {
+        v[i] = points.v[i];
+        w[i] = points.w[i];
+        any |= off[i] = off_along[i];
+      }
   }
-  std::copy_n(v, kPacket, points.v), std::copy_n(w, kPacket, points.w);
+  std::copy_n(v, kPacket, points.v);
+  std::copy_n(w, kPacket, points.w);
   return any;
 }
 
-// Weights in the triangle's own plane.
-void weigh(const Facets& t, SurfacePoints& p, int i, std::int64_t& off) {
+// Recomputes the weights in the plane of the triangle.
+void recompute_weights(const Facets& t, SurfacePoints& p, int i, std::int64_t& off) {
   const Vec3 a(t.a[0][i], t.a[1][i], t.a[2][i]), b(t.b[0][i], t.b[1][i], t.b[2][i]), c(t.c[0][i], t.c[1][i], t.c[2][i]);
   const Vec3 n = p.facet_normal(i), from_a = p.position(i) - a;
-  p.v[i] = n.dot(from_a.cross(c - a)) / n.squaredNorm(), p.w[i] = n.dot((b - a).cross(from_a)) / n.squaredNorm();
+  p.v[i] = n.dot(from_a.cross(c - a)) / n.squaredNorm();
+  p.w[i] = n.dot((b - a).cross(from_a)) / n.squaredNorm();
   const bool on = p.distance[i] > 0 && p.v[i] >= -kOnEdge && p.w[i] >= -kOnEdge && p.v[i] + p.w[i] <= 1 + kOnEdge;
-  off = on ? kOn : kOff;
+  off = on ? kOnTriangle : kOffTriangle;
 }
 
-// Meets the lanes' own triangles. Returns the sum of the lanes' states.
-std::int64_t meet_own_triangles(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& facets,
-                                std::int64_t* off) {
+// Intersects each lane with its own triangle. Returns the bitwise or of the states.
+std::int64_t intersect_own_triangles(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& facets,
+                                     std::int64_t* off) {
   gather(mesh, points.triangle, facets);
   std::int64_t any = in_one_block(points.triangle)
-                         ? meet_along(mesh.blocks()[points.triangle[0].block()].axis, facets, rays, points, off)
-                         : meet_along_own(mesh, facets, rays, points, off);
-  if (!(any & kSteep)) return any;
-  any = kOn;
+                         ? intersect_along(mesh.blocks()[points.triangle[0].block()].axis, facets, rays, points, off)
+                         : intersect_along_block_axes(mesh, facets, rays, points, off);
+  if (!(any & kUnknownWeights)) return any;
+  any = kOnTriangle;
   for (int i = 0; i < kPacket; ++i) {
-    if (off[i] & kSteep) weigh(facets, points, i, off[i]);
+    if (off[i] & kUnknownWeights) recompute_weights(facets, points, i, off[i]);
     any |= off[i];
   }
   return any;
@@ -274,23 +298,23 @@ std::int64_t meet_own_triangles(const Mesh& mesh, const Rays& rays, SurfacePoint
 }  // namespace
 
 void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& facets) {
-  // An empty mesh has not even a triangle for the lanes without a hit.
+  // Return early: an empty mesh has no triangle to gather for lanes without a hit.
   if (hit_bits(points) == 0) return;
   alignas(64) std::int64_t off[kPacket];
-  if (meet_own_triangles(mesh, rays, points, facets, off) == kOn) return;
+  if (intersect_own_triangles(mesh, rays, points, facets, off) == kOnTriangle) return;
   for (int i = 0; i < kPacket; ++i)
-    if (off[i]) correct(mesh, rays, i, points);
-  // The search found the triangles by other sums. A point must not depend on the triangle that float proposed.
-  meet_own_triangles(mesh, rays, points, facets, off);
+    if (off[i]) search_triangle(mesh, rays, i, points);
+  // Recompute the points: the search used other sums, and a point must not depend on the triangle that float proposed.
+  intersect_own_triangles(mesh, rays, points, facets, off);
 }
 
-bool buried(const Mesh& mesh, const TriangleId& beside, const Vec3& place) {
-  // Looking down from a kilometre above: how far is it to the surface?
+bool buried(const Mesh& mesh, const TriangleId& nearby, const Vec3& point) {
+  // Measure the distance to the surface from a kilometre above the point.
   constexpr double kAbove_m = 1000;
-  const Vec3 down = -place.normalized(), origin = place - kAbove_m * down;
+  const Vec3 down = -point.normalized(), origin = point - kAbove_m * down;
   Search search(mesh, origin, down, kAbove_m, std::numeric_limits<double>::infinity());
-  search.quads_around(beside.block(), beside.r(), beside.c());
-  if (!search.best()) search.blocks_around(place, beside.block());
+  search.quads_around(nearby.block(), nearby.r(), nearby.c());
+  if (!search.best()) search.blocks_around(point, nearby.block());
   return search.best() && search.best()->distance < kAbove_m - 1e-9;
 }
 

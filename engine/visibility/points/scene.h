@@ -12,7 +12,7 @@
 
 namespace selenograph::engine {
 
-// Everything that a scene depends on: the key of the scene cache.
+// All that a scene depends on: the key of the scene cache.
 struct SceneContent {
   std::vector<dem::BlockId> blocks;  // as selected, sorted
   Vec3 anchor_m = Vec3::Zero();      // origin of its float coordinates
@@ -21,15 +21,15 @@ struct SceneContent {
   std::vector<Corners> beside_coarser{};  // as selected; empty: normals stay as they are
 };
 
-// Parts of a scene that another one may reuse.
+// Parts of a scene that another scene may reuse.
 struct SceneParts {
   std::shared_ptr<const Mesh> mesh;  // may be null
   RasterParts raster;
 };
 
 struct Scene {
-  // Builds the structure of one visibility algorithm only. `before`: parts of a scene that may have blocks in common,
-  // with the same anchor. Throws Cancelled when stopped.
+  // Builds the structure of one visibility algorithm only. `before`: parts of a scene with the same anchor that may
+  // have blocks in common. Throws Cancelled when stopped.
   Scene(const dem::Terrain& terrain, const SceneContent& content, int threads, const SceneParts& before = {},
         const StopToken& stop = {})
       : shared_mesh(std::make_shared<Mesh>(terrain, content.blocks, before.mesh.get(), stop, content.beside_coarser)),
@@ -43,40 +43,45 @@ struct Scene {
     else
       tracer = std::make_unique<RayTracer>(mesh, anchor, threads, stop);
     bytes = mesh.bytes() + (tracer ? tracer->bytes() : 0) + (raster ? raster->bytes() : 0);
-    for (const MeshBlock& b : mesh.blocks())  // those without any data are not in the mesh
+    for (const MeshBlock& b : mesh.blocks())  // blocks without data are not in the mesh
       triangles += static_cast<std::size_t>(dem::triangles_of_block(b.posts->id.level));
   }
 
-  // For another anchor this keeps less than the whole scene alive.
+  // Returns the parts that a scene with another anchor can reuse: keeping them holds less memory than keeping this
+  // scene.
   SceneParts parts_for(const Vec3& anchor_m) const {
     return {shared_mesh, raster ? raster->parts_for(anchor_m) : RasterParts{}};
   }
 
-  // Computed from the blocks only, not from their selection: scenes of the same blocks are identical.
+  // Returns the largest height. It depends on the blocks only, not on their selection: scenes of the same blocks are
+  // identical.
   static double highest_m(const Mesh& mesh) {
     float highest = dem::kLowestRelief_m;
     for (const MeshBlock& b : mesh.blocks()) highest = std::max(highest, b.posts->max_m);
     return static_cast<double>(highest);
   }
 
-  // Where there are no data the ground counts as at height 0, or as the lowest of the mesh: whoever looks past that at
-  // lower ground sees the sky.
+  // Returns the radius of a sphere below the scene. Ground without data counts as at height 0 or as high as the lowest
+  // post of the mesh, whichever is lower: a ray that passes above this sphere sees the sky.
   static double core_of(const Mesh& mesh) {
     float lowest = 0;
     int coarsest = dem::kMaxLevel;
-    for (const MeshBlock& b : mesh.blocks())
-      lowest = std::min(lowest, b.posts->min_m), coarsest = std::min(coarsest, b.posts->id.level);
+    for (const MeshBlock& b : mesh.blocks()) {
+      lowest = std::min(lowest, b.posts->min_m);
+      coarsest = std::min(coarsest, b.posts->id.level);
+    }
     return kMoonRadius_m + static_cast<double>(lowest) - dem::chord_sag_m(coarsest);
   }
 
-  // Visits the parts that may be shared with other scenes as part(address, bytes); and the bytes of the rest.
-  template <typename Part>
-  void for_each_part(const Part& part) const {
-    for (const MeshBlock& block : mesh.blocks()) part(static_cast<const void*>(&block), block.bytes());
+  // Calls visit(address, bytes) for the parts that may be shared with other scenes. own_bytes() are the bytes of the
+  // rest.
+  template <typename Visit>
+  void for_each_part(const Visit& visit) const {
+    for (const MeshBlock& block : mesh.blocks()) visit(static_cast<const void*>(&block), block.bytes());
     if (!raster) return;
     for (const auto& piece : raster->pieces()) {
-      part(static_cast<const void*>(piece.get()), piece->bytes());
-      part(static_cast<const void*>(piece->shape.get()), piece->shape->bytes());
+      visit(static_cast<const void*>(piece.get()), piece->bytes());
+      visit(static_cast<const void*>(piece->shape.get()), piece->shape->bytes());
     }
   }
   std::size_t own_bytes() const {
@@ -89,10 +94,10 @@ struct Scene {
   std::unique_ptr<RayTracer> tracer;
   std::unique_ptr<RasterMesh> raster;
   double shell_m;  // radius of a sphere around the scene
-  double core_m;   // of one below the scene and the datum
+  double core_m;   // radius of a sphere below the scene and the datum
   Vec3 anchor;     // origin of both structures' float coordinates
   int detail;      // dem::Terrain::detail_number()
-  // Bytes of all parts, counted once: visiting every block takes milliseconds.
+  // Bytes of all parts. They are summed once: visiting every block takes milliseconds.
   std::size_t bytes = 0, triangles = 0;
 };
 

@@ -15,9 +15,11 @@
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// Returns, a bit each, the lanes whose normal faces away from the camera.
+// Sets normals and cosines. Returns the lanes, one bit each, whose normal faces away from the camera.
 unsigned ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, const Vec3& sun, Shading& out) {
-  const double sx = sun.x(), sy = sun.y(), sz = sun.z();
+  const double sx = sun.x();
+  const double sy = sun.y();
+  const double sz = sun.z();
   alignas(64) std::int64_t away[kPacket];
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
@@ -28,22 +30,29 @@ unsigned ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, c
                      w * static_cast<double>(n.normal_c[1][i]);
     const double z = u * static_cast<double>(n.normal_a[2][i]) + v * static_cast<double>(n.normal_b[2][i]) +
                      w * static_cast<double>(n.normal_c[2][i]);
-    const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i], along = x * dx + y * dy + z * dz;
+    const double dx = rays.dx[i];
+    const double dy = rays.dy[i];
+    const double dz = rays.dz[i];
+    const double along = x * dx + y * dy + z * dz;
     away[i] = along >= 0 ? 1 : 0;
-    const double unit = 1 / std::sqrt(x * x + y * y + z * z), back = -1 / std::sqrt(dx * dx + dy * dy + dz * dz);
-    out.nx[i] = x * unit, out.ny[i] = y * unit, out.nz[i] = z * unit;
+    const double unit = 1 / std::sqrt(x * x + y * y + z * z);
+    const double back = -1 / std::sqrt(dx * dx + dy * dy + dz * dz);
+    out.nx[i] = x * unit;
+    out.ny[i] = y * unit;
+    out.nz[i] = z * unit;
     const double mu0 = (x * sx + y * sy + z * sz) * unit;
-    out.mu0[i] = mu0, out.incident[i] = mu0;
+    out.mu0[i] = mu0;
+    out.incident[i] = mu0;
     out.mu[i] = along * unit * back;
   }
-  unsigned some = 0;
+  unsigned away_lanes = 0;
   std::int64_t any = 0;
   for (int i = 0; i < kPacket; ++i) any |= away[i] & static_cast<std::int64_t>(p.hit[i]);
-  for (unsigned i = 0; any != 0 && i < kPacket; ++i) some |= away[i] && p.hit[i] ? 1U << i : 0U;
-  return some;
+  for (unsigned i = 0; any != 0 && i < kPacket; ++i) away_lanes |= away[i] && p.hit[i] ? 1U << i : 0U;
+  return away_lanes;
 }
 
-// `albedo`: none, or what to multiply by.
+// Computes the radiance of a model with closed terms. `albedo`: factor per lane, or null.
 void RadiancesOf(const BrdfTerms& terms, double irradiance, const Shading& shading, const double* albedo,
                  const float* lit, float* out) {
   double factor[kPacket];
@@ -54,9 +63,11 @@ void RadiancesOf(const BrdfTerms& terms, double irradiance, const Shading& shadi
         direct_radiance(terms, factor[i], shading.incident[i], shading.mu[i], static_cast<double>(lit[i])));
 }
 
-// `mu`: of emission, not below 0.
+// Computes the cosines of the phase angle and of emission; the latter is at least 0.
 void Cosines(const Rays& rays, const Shading& shading, const Vec3& sun, double* cos_phase, double* mu) {
-  const double sx = sun.x(), sy = sun.y(), sz = sun.z();
+  const double sx = sun.x();
+  const double sy = sun.y();
+  const double sz = sun.z();
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
@@ -65,7 +76,8 @@ void Cosines(const Rays& rays, const Shading& shading, const Vec3& sun, double* 
   }
 }
 
-// What direct_radiance does, of a model that was evaluated before; `albedo`: none, or what to multiply by.
+// Computes radiance as direct_radiance does, for reflectances that were evaluated before. `albedo`: factor per lane, or
+// null.
 void ReflectedBy(double irradiance, const Shading& shading, const double* mu0_brdf, const double* albedo,
                  const float* lit, float* out) {
   double factor[kPacket];
@@ -95,7 +107,7 @@ bool mapped(const FrameRequest& request) {
 }
 
 // All models that have a rho are proportional to it: a map's multiplies what 1 would reflect, eq. (2).
-Reflectance evaluated(const FrameRequest& request) {
+Reflectance evaluated_reflectance(const FrameRequest& request) {
   Reflectance reflectance = request.reflectance;
   if (mapped(request)) reflectance.rho = 1;
   return reflectance;
@@ -108,19 +120,21 @@ PacketShader::PacketShader(const FrameRequest& request, const RowViews& views, c
     : request_(request),
       irradiance_(terms.direct_w_m2),
       base_(static_cast<float>(terms.base_w_m2_sr())),
-      brdf_(evaluated(request), band_of(request)),
+      brdf_(evaluated_reflectance(request), band_of(request)),
       indirect_(indirect) {
   if (engine::mapped(request)) mapped_.emplace(request, views);
 }
 
-// What is seen faces the camera. Where the smooth normal doesn't, the facet's own does: otherwise slopes seen at
-// grazing angles had black specks at opposition.
+// Use the normal of the facet if the interpolated one faces away from the camera: visible facets face it, and otherwise
+// slopes at grazing angles have black specks at opposition.
 void PacketShader::shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const {
   const Vec3& sun = request_.sun.direction;
   for (unsigned away = HWY_DYNAMIC_DISPATCH(ShadeLanes)(facets, points, rays, sun, out); away; away &= away - 1) {
     const int i = std::countr_zero(away);
     const Vec3 normal = points.facet_normal(i).normalized();
-    out.nx[i] = normal.x(), out.ny[i] = normal.y(), out.nz[i] = normal.z();
+    out.nx[i] = normal.x();
+    out.ny[i] = normal.y();
+    out.nz[i] = normal.z();
     out.mu0[i] = out.incident[i] = normal.dot(sun);
     out.mu[i] = -normal.dot(rays.direction(i)) / rays.direction(i).norm();
   }
@@ -133,7 +147,9 @@ void PacketShader::radiances(const SurfacePoints& points, const Shading& shading
   if (const BrdfTerms* terms = brdf_.terms()) {
     HWY_DYNAMIC_DISPATCH(RadiancesOf)(*terms, irradiance_, shading, mapped_ ? albedo : nullptr, lit, out);
   } else {
-    alignas(64) double cos_phase[kPacket], mu[kPacket], mu0_brdf[kPacket];
+    alignas(64) double cos_phase[kPacket];
+    alignas(64) double mu[kPacket];
+    alignas(64) double mu0_brdf[kPacket];
     HWY_DYNAMIC_DISPATCH(Cosines)(rays, shading, request_.sun.direction, cos_phase, mu);
     const bool hapke = request_.reflectance.model == ReflectanceModel::hapke;
     brdf_.times_mu0(shading.incident, mu, cos_phase, mapped_ && hapke ? albedo : nullptr, mu0_brdf);

@@ -16,21 +16,21 @@ namespace selenograph::engine {
 
 class PacketShader {
  public:
-  // The arguments must outlive this object, but for the terms. `indirect`: null if there is none.
+  // The arguments except `terms` must outlive this object. `indirect`: null if there is no indirect light.
   PacketShader(const FrameRequest& request, const RowViews& views, const RadianceTerms& terms,
                const TerrainLight* indirect = nullptr);
 
-  // Unit normals and cosines to Sun and camera.
+  // Sets the unit normals and the cosines to Sun and camera.
   void shade(const Facets& facets, const SurfacePoints& points, const Rays& rays, Shading& out) const;
 
-  // Radiance per lane, W m-2 sr-1, eq. (1). `lit`: share of the Sun that each point sees. `base`: radiance without the
-  // Sun; written where it varies, otherwise it is base_radiance() everywhere. `sampler`: the calling task's own.
-  // `first_row`: of a square packet, when rows have their own views.
+  // Sets `out` to the radiance per lane, W m-2 sr-1, eq. (1). `lit`: share of the Sun that each point sees. `base`:
+  // radiance without the Sun, written if it varies; otherwise it is base_radiance() everywhere. `sampler`: that of the
+  // calling task. `first_row`: first row of a square packet, for rows with their own views.
   using Sampler = MappedSurface::Sampler;
   void radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
                  Sampler& sampler, float* out, float* base, int first_row = 0) const;
   Sampler sampler(const StopToken& stop) const { return mapped_ ? mapped_->sampler(stop) : Sampler(); }
-  // Whether base radiance varies from place to place.
+  // Returns whether the radiance without the Sun varies between pixels.
   bool bases_vary() const { return indirect_ || (mapped_ && mapped_->emits()); }
   float base_radiance() const { return base_; }
 

@@ -17,9 +17,9 @@
 #define SELENOGRAPH_ENGINE_TRACE_SHARED
 namespace selenograph::engine {
 
-// Whether a ray meets a sphere, or looks down within it; squares of the radius and of how far from the centre the ray
-// begins and passes; ahead: it passes there after its beginning.
-inline bool meets_sphere(double radius2, double origin2, double passing2, bool ahead) {
+// Returns whether a ray enters a sphere or points down inside it. Arguments are squares: of the radius, and of the
+// distances from the centre at which the ray starts and passes. ahead: it passes the centre after its start.
+inline bool aims_into_sphere(double radius2, double origin2, double passing2, bool ahead) {
   return ahead && (origin2 <= radius2 || passing2 <= radius2);
 }
 
@@ -29,74 +29,116 @@ inline bool meets_sphere(double radius2, double origin2, double passing2, bool a
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// What float leaves open of a point and of the plane it lies on, as a share of the largest coordinates.
+// Rounding error of a point and of the plane of its triangle in float, as a share of the largest coordinate.
 constexpr float kRounding = 0x1p-22F;
 
-// More than 0 where a triangle faces the Sun and the solid inside of the Moon (below all relief) isn't in between; for
-// loops over lanes: one number chosen by another becomes vectors, `and` doesn't.
+// Returns a positive number if a triangle faces the Sun and the interior of the Moon (below all relief) is not in
+// between. A selected number lets the compiler vectorise loops over lanes; a logical `and` does not.
 inline double toward_sun(const SurfacePoints& p, int i, double sx, double sy, double sz) {
   constexpr double kCore2 = dem::kCoreRadius_m * dem::kCoreRadius_m;
-  const double x = p.x[i], y = p.y[i], z = p.z[i], along = x * sx + y * sy + z * sz;
+  const double x = p.x[i];
+  const double y = p.y[i];
+  const double z = p.z[i];
+  const double along = x * sx + y * sy + z * sz;
   const double off_axis2 = x * x + y * y + z * z - along * along, behind2 = along < 0 ? off_axis2 : kCore2;
   const double toward = p.nx[i] * sx + p.ny[i] * sy + p.nz[i] * sz;
   return behind2 < kCore2 ? 0 : toward;
 }
 
-// Per lane: entry into the sphere (or the start, inside of it), relative to the anchor, in float. `active` where there
+// Sets, per lane, the entry into the sphere (or the start, if inside) relative to the anchor, in float. `active`: there
 // is one.
 void StartRays(const Rays& rays, double radius, double lowest, const Vec3& anchor, RayPacket& packet,
                std::int32_t* toward_moon) {
-  const double radius2 = radius * radius, lowest2 = lowest * lowest, ax = anchor.x(), ay = anchor.y(), az = anchor.z();
+  const double radius2 = radius * radius;
+  const double lowest2 = lowest * lowest;
+  const double ax = anchor.x();
+  const double ay = anchor.y();
+  const double az = anchor.z();
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const double ox = rays.ox[i], oy = rays.oy[i], oz = rays.oz[i], dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
-    const double origin2 = ox * ox + oy * oy + oz * oz, a = dx * dx + dy * dy + dz * dz,
-                 closest = -(ox * dx + oy * dy + oz * dz) / a;
-    // From there, not from the origin: of that the square may be too large to tell spheres apart.
-    const double x = ox + closest * dx, y = oy + closest * dy, z = oz + closest * dz, passing2 = x * x + y * y + z * z,
-                 half2 = (radius2 - passing2) / a;
-    const bool inside = origin2 <= radius2, meets = inside || (closest > 0 && half2 >= 0);
-    const double t = inside || !meets ? 0 : closest - std::sqrt(half2 > 0 ? half2 : 0);
-    packet.ox[i] = static_cast<float>(ox + t * dx - ax), packet.oy[i] = static_cast<float>(oy + t * dy - ay),
+    const double ox = rays.ox[i];
+    const double oy = rays.oy[i];
+    const double oz = rays.oz[i];
+    const double dx = rays.dx[i];
+    const double dy = rays.dy[i];
+    const double dz = rays.dz[i];
+    const double origin2 = ox * ox + oy * oy + oz * oz;
+    const double a = dx * dx + dy * dy + dz * dz;
+    const double closest = -(ox * dx + oy * dy + oz * dz) / a;
+    // Measure from the closest point: the square of the distance to the origin may be too large to tell spheres apart.
+    const double x = ox + closest * dx;
+    const double y = oy + closest * dy;
+    const double z = oz + closest * dz;
+    const double passing2 = x * x + y * y + z * z;
+    const double half2 = (radius2 - passing2) / a;
+    const bool inside = origin2 <= radius2;
+    const bool enters = inside || (closest > 0 && half2 >= 0);
+    const double t = inside || !enters ? 0 : closest - std::sqrt(half2 > 0 ? half2 : 0);
+    packet.ox[i] = static_cast<float>(ox + t * dx - ax);
+    packet.oy[i] = static_cast<float>(oy + t * dy - ay);
     packet.oz[i] = static_cast<float>(oz + t * dz - az);
-    packet.dx[i] = static_cast<float>(dx), packet.dy[i] = static_cast<float>(dy), packet.dz[i] = static_cast<float>(dz);
-    packet.active[i] = meets ? -1 : 0;
-    toward_moon[i] = meets_sphere(lowest2, origin2, passing2, closest > 0) ? 1 : 0;
+    packet.dx[i] = static_cast<float>(dx);
+    packet.dy[i] = static_cast<float>(dy);
+    packet.dz[i] = static_cast<float>(dz);
+    packet.active[i] = enters ? -1 : 0;
+    toward_moon[i] = aims_into_sphere(lowest2, origin2, passing2, closest > 0) ? 1 : 0;
   }
 }
 
-// Per lane: the point, toward the Sun. `active` where the facet faces the Sun and the solid inside of the Moon (below
-// all relief) doesn't stand between. Within the coordinates' own rounding lies the surface that the ray leaves; found
-// there and dropped, it would keep Embree's packets from looking at the quad's other half. The flatter the ray, the
-// longer the way: `near`. (What rises within that way is met where the ray comes out of it.) way_m: until then the ray
-// may be in the ground, as its rounded start is.
+// Sets, per lane, a ray from the point toward the Sun. `active`: the facet faces the Sun, and the interior of the Moon
+// (below all relief) is not in between.
+//
+// `near` skips the surface that the ray leaves, which lies within the rounding error of the start. If Embree found and
+// then dropped that surface, its packets would not test the other half of the quad. The flatter the ray, the longer
+// `near`. Terrain that rises within `near` is hit where the ray leaves it. burial_m: distance along the ray up to which
+// it may be below ground, since its rounded start may be.
 void StartShadowRays(const SurfacePoints& p, const Vec3& anchor, const Vec3& sun, RayPacket& packet, float* rounding_m,
-                     float* way_m) {
-  const double ax = anchor.x(), ay = anchor.y(), az = anchor.z(), sx = sun.x(), sy = sun.y(), sz = sun.z();
+                     float* burial_m) {
+  const double ax = anchor.x();
+  const double ay = anchor.y();
+  const double az = anchor.z();
+  const double sx = sun.x();
+  const double sy = sun.y();
+  const double sz = sun.z();
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const double x = p.x[i], y = p.y[i], z = p.z[i], nx = p.nx[i], ny = p.ny[i], nz = p.nz[i];
-    const double area = std::sqrt(nx * nx + ny * ny + nz * nz), facing = nx * sx + ny * sy + nz * sz;
+    const double x = p.x[i];
+    const double y = p.y[i];
+    const double z = p.z[i];
+    const double nx = p.nx[i];
+    const double ny = p.ny[i];
+    const double nz = p.nz[i];
+    const double area = std::sqrt(nx * nx + ny * ny + nz * nz);
+    const double facing = nx * sx + ny * sy + nz * sz;
     const double steepness = facing / area;
-    // Next to the anchor the triangle's vertices are farther from it than the point.
-    const double rx = x - ax, ry = y - ay, rz = z - az,
-                 size = std::abs(rx) + std::abs(ry) + std::abs(rz) + 4 * std::sqrt(area),
-                 rounding = size * static_cast<double>(kRounding);
+    // Add the size of the triangle: near the anchor its vertices are farther from the anchor than the point.
+    const double rx = x - ax;
+    const double ry = y - ay;
+    const double rz = z - az;
+    const double size = std::abs(rx) + std::abs(ry) + std::abs(rz) + 4 * std::sqrt(area);
+    const double rounding = size * static_cast<double>(kRounding);
     rounding_m[i] = static_cast<float>(rounding);
-    packet.ox[i] = static_cast<float>(rx), packet.oy[i] = static_cast<float>(ry), packet.oz[i] = static_cast<float>(rz);
-    packet.dx[i] = static_cast<float>(sx), packet.dy[i] = static_cast<float>(sy), packet.dz[i] = static_cast<float>(sz);
+    packet.ox[i] = static_cast<float>(rx);
+    packet.oy[i] = static_cast<float>(ry);
+    packet.oz[i] = static_cast<float>(rz);
+    packet.dx[i] = static_cast<float>(sx);
+    packet.dy[i] = static_cast<float>(sy);
+    packet.dz[i] = static_cast<float>(sz);
     packet.near[i] = static_cast<float>(rounding / (steepness > 1.0 / 64 ? steepness : 1.0 / 64));
     const double ex = rx - static_cast<double>(packet.ox[i]), ey = ry - static_cast<double>(packet.oy[i]),
                  ez = rz - static_cast<double>(packet.oz[i]), beneath = (nx * ex + ny * ey + nz * ez) / area,
-                 depth = (beneath > 0 ? beneath : 0) + rounding / 8;  // and the triangle's own rounding
-    way_m[i] = static_cast<float>(depth / (steepness > 1e-9 ? steepness : 1e-9));
+                 // an eighth of the rounding for the vertices of the triangle
+        depth = (beneath > 0 ? beneath : 0) + rounding / 8;
+    burial_m[i] = static_cast<float>(depth / (steepness > 1e-9 ? steepness : 1e-9));
     packet.active[i] = toward_sun(p, i, sx, sy, sz) > 0 ? -1 : 0;
   }
 }
 
-// Per lane: 1 where the point's facet faces the Sun and the solid inside of the Moon doesn't stand between.
+// Sets facing[i] to 1 if the facet faces the Sun and the interior of the Moon is not in between.
 void FaceTheSun(const SurfacePoints& p, const Vec3& sun, std::int32_t* facing) {
-  const double sx = sun.x(), sy = sun.y(), sz = sun.z();
+  const double sx = sun.x();
+  const double sy = sun.y();
+  const double sz = sun.z();
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) facing[i] = toward_sun(p, i, sx, sy, sz) > 0 ? 1 : 0;
 }
@@ -111,10 +153,11 @@ HWY_EXPORT(StartRays);
 HWY_EXPORT(StartShadowRays);
 HWY_EXPORT(FaceTheSun);
 
-// Embree's ROBUST grids lose about one in 3000 rays that pass exactly through an edge or a vertex. Aside by its own
-// rounding they don't: rays that are lost though they head for the Moon get four more looks. Where exactly they meet is
-// up to the ray itself, in double.
-void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, SurfacePoints& points, Facets& facets) {
+// Retries rays that are lost although they point at the Moon: the ROBUST grids of Embree lose about one in 3000 rays
+// that pass exactly through an edge or a vertex. Each gets four attempts, shifted by its own rounding error. The point
+// itself is computed in double from the unshifted ray.
+void retry_lost_rays(const Scene& scene, const Rays& rays, const RayPacket& packet, SurfacePoints& points,
+                     Facets& facets) {
   float farthest = 0;
   for (int i = 0; i < kPacket; ++i)
     if (packet.active[i])
@@ -130,22 +173,30 @@ void look_again(const Scene& scene, const Rays& rays, const RayPacket& packet, S
       const Vec3 d = rays.direction(i).normalized(), across = any_across(d);
       const Vec3 shift =
           static_cast<double>(farthest) * 0x1p-21 * (k < 2 ? across : d.cross(across)) * (k % 2 ? -1 : 1);
-      aside.ox[i] += static_cast<float>(shift.x()), aside.oy[i] += static_cast<float>(shift.y()),
-          aside.oz[i] += static_cast<float>(shift.z());
+      aside.ox[i] += static_cast<float>(shift.x());
+      aside.oy[i] += static_cast<float>(shift.y());
+      aside.oz[i] += static_cast<float>(shift.z());
     }
     if (!any) break;
-    SurfacePoints again;
-    Facets of_these;
-    scene.tracer->intersect(aside, again);
-    refine(scene.mesh, rays, again, of_these);
+    SurfacePoints retry_points;
+    Facets retry_facets;
+    scene.tracer->intersect(aside, retry_points);
+    refine(scene.mesh, rays, retry_points, retry_facets);
     for (int i = 0; i < kPacket; ++i) {
-      if (!aside.active[i] || !again.hit[i]) continue;
+      if (!aside.active[i] || !retry_points.hit[i]) continue;
       found = true;
-      points.x[i] = again.x[i], points.y[i] = again.y[i], points.z[i] = again.z[i],
-      points.distance[i] = again.distance[i];
-      points.v[i] = again.v[i], points.w[i] = again.w[i], points.nx[i] = again.nx[i], points.ny[i] = again.ny[i],
-      points.nz[i] = again.nz[i];
-      points.triangle[i] = again.triangle[i], points.hit[i] = true, points.toward_moon[i] = false;
+      points.x[i] = retry_points.x[i];
+      points.y[i] = retry_points.y[i];
+      points.z[i] = retry_points.z[i];
+      points.distance[i] = retry_points.distance[i];
+      points.v[i] = retry_points.v[i];
+      points.w[i] = retry_points.w[i];
+      points.nx[i] = retry_points.nx[i];
+      points.ny[i] = retry_points.ny[i];
+      points.nz[i] = retry_points.nz[i];
+      points.triangle[i] = retry_points.triangle[i];
+      points.hit[i] = true;
+      points.toward_moon[i] = false;
     }
   }
   if (found) gather(scene.mesh, points.triangle, facets);
@@ -168,13 +219,14 @@ void trace(const Scene& scene, const Rays& rays, SurfacePoints& points, Facets& 
   }
   int hits = 0, misses = 0, active = 0;
   for (int i = 0; i < kPacket; ++i) {
-    active += packet.active[i] != 0, hits += points.hit[i];
+    active += packet.active[i] != 0;
+    hits += points.hit[i];
     if (!rays.valid[i] || points.hit[i]) continue;
     points.toward_moon[i] = toward_moon[i] != 0;
     misses += points.toward_moon[i];
   }
-  // A whole packet that sees nothing looks at a place without data.
-  if (misses > 0 && active > 0 && (hits > 0 || active < kPacket)) look_again(scene, rays, packet, points, facets);
+  // A packet without any hit most likely looks at a void: do not retry it.
+  if (misses > 0 && active > 0 && (hits > 0 || active < kPacket)) retry_lost_rays(scene, rays, packet, points, facets);
 }
 
 void find_missing(const Scene& scene, const Rays& rays, SurfacePoints& points) {
@@ -184,7 +236,7 @@ void find_missing(const Scene& scene, const Rays& rays, SurfacePoints& points) {
     const Vec3 o = rays.origin(i), d = rays.direction(i);
     const double closest = -o.dot(d) / d.squaredNorm();
     points.toward_moon[i] =
-        meets_sphere(scene.core_m * scene.core_m, o.squaredNorm(), (o + closest * d).squaredNorm(), closest > 0);
+        aims_into_sphere(scene.core_m * scene.core_m, o.squaredNorm(), (o + closest * d).squaredNorm(), closest > 0);
   }
 }
 
@@ -192,32 +244,33 @@ void facing_sun(const SurfacePoints& points, const Vec3& sun, std::int32_t* faci
   HWY_DYNAMIC_DISPATCH(FaceTheSun)(points, sun, facing);
 }
 
-void sunlit(const Scene& scene, const SurfacePoints& points, const bool* wanted, const Vec3& sun, float* lit) {
+void sunlit(const Scene& scene, const SurfacePoints& points, const bool* requested, const Vec3& sun, float* lit) {
   RayPacket packet;
-  alignas(64) float rounding_m[kPacket], way_m[kPacket];
-  HWY_DYNAMIC_DISPATCH(StartShadowRays)(points, scene.anchor, sun, packet, rounding_m, way_m);
+  alignas(64) float rounding_m[kPacket];
+  alignas(64) float burial_m[kPacket];
+  HWY_DYNAMIC_DISPATCH(StartShadowRays)(points, scene.anchor, sun, packet, rounding_m, burial_m);
   bool any = false;
   float largest_m = 0;
   for (int i = 0; i < kPacket; ++i) {
     lit[i] = 0;
-    if (!wanted[i]) packet.active[i] = 0;
+    if (!requested[i]) packet.active[i] = 0;
     if (!packet.active[i]) continue;
     any = true;
     largest_m = std::max(largest_m, rounding_m[i]);
   }
   if (!any) return;
   bool blocked[kPacket];
-  scene.tracer->occluded(packet, sun, largest_m, way_m, blocked);
+  scene.tracer->occluded(packet, sun, largest_m, burial_m, blocked);
   for (int i = 0; i < kPacket; ++i) lit[i] = packet.active[i] && !blocked[i] ? 1.F : 0.F;
 }
 
-std::uint32_t shaded(const Scene& scene, const SurfacePoints& points, std::uint32_t asking, const Vec3& sun) {
-  bool wanted[kPacket];
+std::uint32_t shaded(const Scene& scene, const SurfacePoints& points, std::uint32_t requested_lanes, const Vec3& sun) {
+  bool requested[kPacket];
   float lit[kPacket];
-  for (int i = 0; i < kPacket; ++i) wanted[i] = asking >> i & 1;
-  sunlit(scene, points, wanted, sun, lit);
+  for (int i = 0; i < kPacket; ++i) requested[i] = requested_lanes >> i & 1;
+  sunlit(scene, points, requested, sun, lit);
   std::uint32_t out = 0;
-  for (int i = 0; i < kPacket; ++i) out |= wanted[i] && !(lit[i] > 0) ? 1U << i : 0U;
+  for (int i = 0; i < kPacket; ++i) out |= requested[i] && !(lit[i] > 0) ? 1U << i : 0U;
   return out;
 }
 

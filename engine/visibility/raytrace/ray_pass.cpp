@@ -20,7 +20,7 @@ std::size_t RayPass::pixel_of(const Packet& p, int i) const {
 }
 
 void RayPass::aim(Packet& p) const {
-  if (p.sample.weight > 0)  // memory fetches the rows while rays are traced
+  if (p.sample.weight > 0)  // prefetch the rows of the output while rays are traced
     for (int row = p.y; row < std::min(p.y + kPacketSide, request_.camera.height); ++row)
       __builtin_prefetch(
           &writer_.out().radiance[static_cast<std::size_t>(row) * static_cast<std::size_t>(request_.camera.width) +
@@ -46,9 +46,9 @@ void RayPass::meet(Packet& p, const PacketShader& shader) const {
   if (p.on_terrain) shader.shade(facets, p.points, p.rays, p.shading);
 }
 
-// The packet's pixels that see objects; those are no longer terrain's.
+// Finds the pixels that see objects, and removes them from the terrain.
 [[gnu::noinline]] void RayPass::find_objects(Packet& p) const {
-  p.on_object = job_.objects.meet(p.rays, p.points, p.objects);
+  p.on_object = job_.objects.intersect(p.rays, p.points, p.objects);
 }
 
 void RayPass::find_light(Packet& p) const {
@@ -59,34 +59,34 @@ void RayPass::find_light(Packet& p) const {
   if (p.sample.light) light(p.objects.points, p.objects.object, p.objects.shading, p.object_lit);
 }
 
-// `own`: objects that the points are on; null on terrain.
-void RayPass::light(const SurfacePoints& points, const std::uint16_t* own, Shading& shading, float* lit) const {
-  const auto blocked = [&](std::uint32_t asking, const Vec3& toward) {
-    const std::uint32_t dark = request_.terrain ? shaded(job_.scene, points, asking, toward) : 0;
-    return dark | (job_.objects.empty() ? 0 : job_.objects.blocked(points, own, asking & ~dark, toward));
+// Sets the light of sixteen points. `own_object`: objects that the points are on; null on terrain.
+void RayPass::light(const SurfacePoints& points, const std::uint16_t* own_object, Shading& shading, float* lit) const {
+  const auto blocked = [&](std::uint32_t requested, const Vec3& toward) {
+    const std::uint32_t dark = request_.terrain ? shaded(job_.scene, points, requested, toward) : 0;
+    return dark | (job_.objects.empty() ? 0 : job_.objects.blocked(points, own_object, requested & ~dark, toward));
   };
   if (disc_) {
     DiscLanes turned;
-    const std::uint32_t some = disc_->alone(points, shading, turned, lit);
-    disc_->take_out(blocked, some, turned, lit, shading.incident);
+    const std::uint32_t lit_lanes = disc_->unoccluded(points, shading, turned, lit);
+    disc_->remove_blocked(blocked, lit_lanes, turned, lit, shading.incident);
     return;
   }
-  std::uint32_t asking = 0;
+  std::uint32_t requested = 0;
   for (int i = 0; i < kPacket; ++i)
     if (points.hit[i] && shading.mu0[i] > 0 && points.facet_normal(i).dot(request_.sun.direction) > 0)
-      asking |= 1U << i;
-  const std::uint32_t dark = blocked(asking, request_.sun.direction);
-  for (int i = 0; i < kPacket; ++i) lit[i] = asking & ~dark & 1U << i ? 1.F : 0.F;
+      requested |= 1U << i;
+  const std::uint32_t dark = blocked(requested, request_.sun.direction);
+  for (int i = 0; i < kPacket; ++i) lit[i] = requested & ~dark & 1U << i ? 1.F : 0.F;
 }
 
 void RayPass::find_radiance(Packet& p, const PacketShader& shader) const {
   if (!(p.sample.weight > 0)) return;
-  float base[kPacket];  // what is left without the Sun is of no use here: its light is known
+  float base[kPacket];  // radiance without the Sun: not needed, because the light is known already
   if (p.on_terrain) shader.radiances(p.points, p.shading, p.rays, p.lit, p.task.sampler, p.radiance, base, p.y);
   if (p.on_object) job_.objects.radiances(p.objects, p.rays, p.object_lit, job_.indirect, p.object_radiance, base);
 }
 
-// The same stages for samples at edges.
+// Runs the stages for the samples at edges.
 void RayPass::refine_edges(std::vector<float>& radiance) const {
   constexpr SubpixelSample kSample{0, 0, false, 1, true, false};
   const EdgeSamples edges(job_);
@@ -102,8 +102,8 @@ void RayPass::refine_edges(std::vector<float>& radiance) const {
     for (std::size_t first = 0; first < bands[i].size() * EdgeSamples::kPerPixel; first += kPacket) {
       if (first % (16 * kPacket) == 0) job_.stop.check();
       Packet p(0, 0, kSample, task);
-      EdgeSamples::Places places;
-      const int count = edges.get(bands[i], first, places, p.rays);
+      EdgeSamples::DensePixels dense_pixels;
+      const int count = edges.aim(bands[i], first, dense_pixels, p.rays);
       meet(p, edges.shader());
       find_light(p);
       find_radiance(p, edges.shader());
@@ -133,12 +133,12 @@ void RayPass::write_products(Packet& p) const {
 }
 
 [[gnu::noinline]] void RayPass::write_flow(const Packet& p) const {
-  Flow::Places places;
+  Flow::PixelPositions positions;
   const auto write = [&](const SurfacePoints& points, std::uint32_t lanes) {
-    flow_->find(points, lanes, places);
+    flow_->find(points, lanes, positions);
     for (int i = 0; i < kPacket; ++i) {
       const int x = p.x + i % kPacketSide, y = p.y + i / kPacketSide;
-      if (lanes >> i & 1) writer_.store_flow(places.x[i] - x, places.y[i] - y, pixel_of(p, i));
+      if (lanes >> i & 1) writer_.store_flow(positions.x[i] - x, positions.y[i] - y, pixel_of(p, i));
     }
   };
   if (p.on_terrain) write(p.points, p.on_terrain);

@@ -27,10 +27,10 @@ class RayPass {
     PacketShader::Sampler sampler;
   };
 
-  // One sample of 4 x 4 pixels, from (x, y). It goes through all stages in turn; each stage uses what the former ones
-  // found.
+  // One sample of 4 x 4 pixels from (x, y) on, on its way through the stages; each stage uses the results of the
+  // earlier ones.
   struct Packet {
-    // (A constructor, so that the arrays are not zeroed.)
+    // A constructor, so that the arrays are not zeroed.
     Packet(int x0, int y0, const SubpixelSample& of, Task& by) : x(x0), y(y0), sample(of), task(by) {}
 
     int x, y;
@@ -46,11 +46,11 @@ class RayPass {
     float object_lit[kPacket], object_radiance[kPacket];
   };
 
-  // Calls stages(*this, packet) for all packets of all samples. Parallel; stops after a few packets.
+  // Calls stages(*this, packet) for all packets of all samples. Parallel; checks the stop token every sixteen packets.
   template <typename Stages>
   void for_pixels(const Stages& stages) {
     const std::vector<SubpixelSample> samples = samples_of(job_.request);
-    const bool at_edges = EdgeSamples::wanted(job_);
+    const bool at_edges = EdgeSamples::applies_to(job_);
     if (!job_.each && !at_edges) return for_samples(samples, stages);
     for (const SubpixelSample& sample : samples) {
       if (sample.weight > 0) sample_radiance_.assign(writer_.out().radiance.size(), 0.F);
@@ -66,7 +66,8 @@ class RayPass {
   template <typename Stages>
   void for_samples(const std::vector<SubpixelSample>& samples, const Stages& stages) {
     const Camera& camera = job_.request.camera;
-    const int across = (camera.width + kTile - 1) / kTile, along = (camera.height + kTile - 1) / kTile;
+    const int across = (camera.width + kTile - 1) / kTile;
+    const int along = (camera.height + kTile - 1) / kTile;
     in_parallel_pieces(static_cast<std::size_t>(across * along), 1, [&](std::size_t first, std::size_t past_last) {
       Task task{{}, shader_.sampler(job_.stop)};
       unsigned packets = 0;
@@ -100,12 +101,14 @@ class RayPass {
 
   void meet(Packet& packet, const PacketShader& shader) const;
   void find_radiance(Packet& packet, const PacketShader& shader) const;
+  // Replaces pixels at edges by the mean of four samples; see edge_samples.h.
   void refine_edges(std::vector<float>& radiance) const;
   void find_objects(Packet& packet) const;
   void write_objects(Packet& packet) const;
   void write_flow(const Packet& packet) const;
-  void light(const SurfacePoints& points, const std::uint16_t* own, Shading& shading, float* lit) const;
+  void light(const SurfacePoints& points, const std::uint16_t* own_object, Shading& shading, float* lit) const;
   std::size_t pixel_of(const Packet& packet, int lane) const;
+  // Adds weighted radiance to the product, or stores it if the sample has an array of its own.
   void add_radiance(std::size_t at, float weight, float radiance) const {
     if (sample_radiance_.empty())
       writer_.out().radiance[at] += weight * radiance;
@@ -120,7 +123,8 @@ class RayPass {
   PacketShader shader_;
   std::optional<DiscLight> disc_;
   std::optional<Flow> flow_;
-  mutable std::vector<float> sample_radiance_;  // of one sample, if `each` needs it; otherwise empty
+  // radiance of the current sample if `each` or edge samples need it; otherwise empty
+  mutable std::vector<float> sample_radiance_;
 };
 
 }  // namespace selenograph::engine

@@ -20,18 +20,21 @@
 #define SELENOGRAPH_ENGINE_HORIZONS_SHARED
 namespace selenograph::engine {
 
-// A row of a block's vertices in light space, relative to the block's origin. Before the first and behind the last are
-// none: not a number.
+// A row of vertices of a block in light space, relative to the origin of the block. Entries before the first and after
+// the last vertex are NaN.
 struct HorizonRow {
-  static constexpr int kBefore = 16, kMost = 112;
-  alignas(64) float u[kMost], v[kMost], d[kMost];
+  static constexpr int kBefore = 16, kCapacity = 112;
+  alignas(64) float u[kCapacity];
+  alignas(64) float v[kCapacity];
+  alignas(64) float d[kCapacity];
 };
 
-// Of its length, how far an edge is from a sample at least that sees it. Float knows the ends of an edge to kUnsure of
-// its length, and near the sample that is much of the disc: so nearer than kNear an edge is taken to be lower by that
-// much. Or those of the sample's own facet, whose line in the sky is known, would darken level ground here and there.
-constexpr float kNearest = 1.0F / 1024, kNear = 1.0F / 16, kUnsure = 4e-6F;
-constexpr std::size_t kMostEdges = 3 * 96;  // of a row
+// Distances of a sample from an edge, as a share of the edge length. Nearer than kNearest, the sample does not see the
+// edge. Float resolves the ends of an edge to kEndError of its length, which is much of the disc as seen from nearby:
+// nearer than kNear, the edge therefore counts as lower by that error. Otherwise edges of the facet that the sample
+// lies on would darken scattered samples of level ground.
+constexpr float kNearest = 1.0F / 1024, kNear = 1.0F / 16, kEndError = 4e-6F;
+constexpr std::size_t kMaxEdges = 3 * 96;  // of a row of quads: three per quad
 
 }  // namespace selenograph::engine
 #endif
@@ -44,9 +47,9 @@ namespace hn = hwy::HWY_NAMESPACE;
 using F = hn::CappedTag<float, 16>;
 using VF = hn::Vec<F>;
 using MF = hn::Mask<F>;
-constexpr F f;
+constexpr F float_tag;
 
-HWY_INLINE VF all(float x) { return hn::Set(f, x); }
+HWY_INLINE VF broadcast(float x) { return hn::Set(float_tag, x); }
 
 struct Point {
   VF u, v, d;
@@ -62,59 +65,71 @@ HWY_INLINE VF dot(const Point& a, const Point& b) {
   return hn::Add(hn::Mul(a.u, b.u), hn::Add(hn::Mul(a.v, b.v), hn::Mul(a.d, b.d)));
 }
 
-// How a triangle is turned: toward some of the disc, away from some of it; neither where it is no triangle.
-struct Turned {
-  MF toward, away, known;
+// Sides of a triangle that face the disc: some of it (toward), not all of it (away). A degenerate triangle is not
+// valid.
+struct Facing {
+  MF toward, away, valid;
 };
-HWY_INLINE Turned turned(const Point& n, const DiscReach& reach) {
-  const VF middle = hn::Add(hn::Mul(all(reach.aim), n.u), n.d), across2 = hn::Add(hn::Mul(n.u, n.u), hn::Mul(n.v, n.v)),
-           limit = hn::Mul(all(reach.radius * reach.radius), across2), signed2 = hn::Mul(middle, hn::Abs(middle));
+HWY_INLINE Facing facing_of(const Point& n, const DiscReach& reach) {
+  const VF middle = hn::Add(hn::Mul(broadcast(reach.aim), n.u), n.d);
+  const VF across2 = hn::Add(hn::Mul(n.u, n.u), hn::Mul(n.v, n.v));
+  const VF limit = hn::Mul(broadcast(reach.radius * reach.radius), across2);
+  const VF signed2 = hn::Mul(middle, hn::Abs(middle));
   const VF size = hn::Add(across2, hn::Mul(n.d, n.d));
-  return {hn::Gt(signed2, hn::Neg(limit)), hn::Lt(signed2, limit), hn::Gt(size, hn::Zero(f))};
+  return {hn::Gt(signed2, hn::Neg(limit)), hn::Lt(signed2, limit), hn::Gt(size, hn::Zero(float_tag))};
 }
 
-// The edges of the quads between `here` and `north` that may be a horizon: diagonals, western and southern edges. The
-// quads' neighbours there are between `south` and `here`. A triangle that has none beside it (at the block's border,
-// beside voids and collapsed triangles) counts as beside one of every kind. Within v_low to v_high. Returns how many.
+// Finds the edges of the quads between `here` and `north` that may be a horizon: diagonals, western and southern edges.
+// `south` has the triangles on the other side of the southern edges. An edge without a valid neighbour (at the border
+// of the block, next to voids and collapsed triangles) counts as if its neighbour faced both ways. Only edges that
+// reach v_low to v_high. Returns their number.
 std::size_t FindEdges(const HorizonRow& south, const HorizonRow& here, const HorizonRow& north, int quads,
                       const DiscReach& reach, float v_low, float v_high, Horizons::Edge* out) {
-  const int lanes = static_cast<int>(hn::Lanes(f));
+  const int lanes = static_cast<int>(hn::Lanes(float_tag));
   std::size_t n = 0;
   const auto load = [](const HorizonRow& row, int c) HWY_ATTR {
     const int at = HorizonRow::kBefore + c;
-    return Point{hn::LoadU(f, row.u + at), hn::LoadU(f, row.v + at), hn::LoadU(f, row.d + at)};
+    return Point{hn::LoadU(float_tag, row.u + at), hn::LoadU(float_tag, row.v + at), hn::LoadU(float_tag, row.d + at)};
   };
-  const VF low = all(v_low), high = all(v_high), zero = hn::Zero(f);
+  const VF low = broadcast(v_low), high = broadcast(v_high), zero = hn::Zero(float_tag);
   for (int c = 0; c <= quads; c += lanes) {
-    const Point a = load(here, c), b = load(here, c + 1), nw = load(north, c), ne = load(north, c + 1);
-    const auto within = [&](const Point& p, const Point& q) HWY_ATTR {
+    const Point a = load(here, c);
+    const Point b = load(here, c + 1);
+    const Point nw = load(north, c);
+    const Point ne = load(north, c + 1);
+    const auto in_rows = [&](const Point& p, const Point& q) HWY_ATTR {
       return hn::And(hn::Le(hn::Min(p.v, q.v), high), hn::Ge(hn::Max(p.v, q.v), low));
     };
-    const MF in_diagonal = within(b, nw), in_west = within(a, nw), in_south = within(a, b);
-    if (hn::AllFalse(f, hn::Or(in_diagonal, hn::Or(in_west, in_south)))) continue;
+    const MF in_diagonal = in_rows(b, nw), in_west = in_rows(a, nw), in_south = in_rows(a, b);
+    if (hn::AllFalse(float_tag, hn::Or(in_diagonal, hn::Or(in_west, in_south)))) continue;
     const Point w = load(north, c - 1), s = load(south, c + 1);
     const Point ab = b - a, ac = nw - a, bc = nw - b, bd = ne - b, aw = w - a, as = s - a;
     const Point lower = cross(ab, ac);
-    const Turned own = turned(lower, reach), upper = turned(cross(bd, bc), reach), west = turned(cross(ac, aw), reach),
-                 below = turned(cross(as, ab), reach);
-    // Convex: `beyond`, a vertex of the other triangle, lies under the plane of the first.
-    const auto edges = [&](const Turned& other, const Point& beyond, MF in) HWY_ATTR {
-      const MF both = hn::And(own.known, other.known);
-      const MF differ = hn::Or(hn::And(own.toward, other.away), hn::And(own.away, other.toward));
-      const MF convex = hn::Lt(dot(lower, beyond), zero);
-      const MF alone = hn::Or(hn::And(hn::Not(other.known), hn::And(own.known, own.away)),
-                              hn::And(hn::Not(own.known), hn::And(other.known, other.away)));
+    const Facing own = facing_of(lower, reach);
+    const Facing upper = facing_of(cross(bd, bc), reach);
+    const Facing west = facing_of(cross(ac, aw), reach);
+    const Facing below = facing_of(cross(as, ab), reach);
+    // An edge is convex if the opposite vertex of the neighbouring triangle lies below the plane of the first.
+    const auto edges = [&](const Facing& neighbour, const Point& to_opposite, MF in) HWY_ATTR {
+      const MF both = hn::And(own.valid, neighbour.valid);
+      const MF differ = hn::Or(hn::And(own.toward, neighbour.away), hn::And(own.away, neighbour.toward));
+      const MF convex = hn::Lt(dot(lower, to_opposite), zero);
+      const MF alone = hn::Or(hn::And(hn::Not(neighbour.valid), hn::And(own.valid, own.away)),
+                              hn::And(hn::Not(own.valid), hn::And(neighbour.valid, neighbour.away)));
       return hn::And(in, hn::Or(hn::And(both, hn::And(differ, convex)), alone));
     };
-    const auto put = [&](MF which, const Point& p, const Point& q) HWY_ATTR {
-      if (hn::AllFalse(f, which)) return;
+    const auto put = [&](MF selected, const Point& p, const Point& q) HWY_ATTR {
+      if (hn::AllFalse(float_tag, selected)) return;
       alignas(64) float ends[6][16] = {};
       const VF from[6] = {p.u, p.v, p.d, q.u, q.v, q.d};
-      const std::size_t found = hn::CountTrue(f, which);
-      const ToFront to_front(which);
-      for (int k = 0; k < 6; ++k) hn::Store(to_front(from[k]), f, ends[k]);
+      const std::size_t found = hn::CountTrue(float_tag, selected);
+      const ToFront to_front(selected);
+      for (int k = 0; k < 6; ++k) hn::Store(to_front(from[k]), float_tag, ends[k]);
       for (std::size_t i = 0; i < found; ++i, ++n)
-        for (int k = 0; k < 3; ++k) out[n].from[k] = ends[k][i], out[n].to[k] = ends[3 + k][i];
+        for (int k = 0; k < 3; ++k) {
+          out[n].from[k] = ends[k][i];
+          out[n].to[k] = ends[3 + k][i];
+        }
     };
     put(edges(upper, bd, in_diagonal), b, nw);
     put(edges(west, aw, in_west), a, nw);
@@ -123,61 +138,78 @@ std::size_t FindEdges(const HorizonRow& south, const HorizonRow& here, const Hor
   return n;
 }
 
-// One edge before sixteen samples. p, q: its ends relative to the group's origin.
-HWY_INLINE void raise(const float* p, const float* q, const DiscReach& reach, HorizonGroup& group) {
-  const int lanes = static_cast<int>(hn::Lanes(f));
-  const VF zero = hn::Zero(f);
-  const float du = q[0] - p[0], dv = q[1] - p[1], dd = q[2] - p[2], length = std::sqrt(du * du + (dv * dv + dd * dd)),
-              nearest = kNearest * length, near = kNear * length;
+// Raises the horizons of sixteen samples by one edge with the ends p and q, relative to the origin of the group.
+HWY_INLINE void raise_horizons(const float* p, const float* q, const DiscReach& reach, HorizonGroup& group) {
+  const int lanes = static_cast<int>(hn::Lanes(float_tag));
+  const VF zero = hn::Zero(float_tag);
+  const float du = q[0] - p[0];
+  const float dv = q[1] - p[1];
+  const float dd = q[2] - p[2];
+  const float length = std::sqrt(du * du + (dv * dv + dd * dd));
+  const float nearest = kNearest * length;
+  const float near = kNear * length;
   for (int i = 0; i < HorizonGroup::kSize; i += lanes) {
-    const VF u = hn::Load(f, group.u + i), v = hn::Load(f, group.v + i), d = hn::Load(f, group.d + i);
-    const VF d1 = hn::Sub(all(p[2]), d), d2 = hn::Sub(all(q[2]), d), u1 = hn::Sub(all(p[0]), u),
-             u2 = hn::Sub(all(q[0]), u), v1 = hn::Sub(all(p[1]), v), v2 = hn::Sub(all(q[1]), v);
-    const VF height = hn::Max(d1, d2), aside = hn::Mul(all(reach.aside), height),
-             below = hn::Mul(all(reach.below), height), above = hn::Mul(all(-reach.above), height);
-    MF may = hn::Gt(height, all(nearest));
-    may = hn::And(may, hn::And(hn::Le(hn::Min(v1, v2), aside), hn::Ge(hn::Max(v1, v2), hn::Neg(aside))));
-    may = hn::And(may, hn::And(hn::Le(hn::Min(u1, u2), below), hn::Ge(hn::Max(u1, u2), above)));
-    if (hn::AllFalse(f, may)) continue;
-    group.met = true;
+    const VF u = hn::Load(float_tag, group.u + i);
+    const VF v = hn::Load(float_tag, group.v + i);
+    const VF d = hn::Load(float_tag, group.d + i);
+    const VF d1 = hn::Sub(broadcast(p[2]), d);
+    const VF d2 = hn::Sub(broadcast(q[2]), d);
+    const VF u1 = hn::Sub(broadcast(p[0]), u);
+    const VF u2 = hn::Sub(broadcast(q[0]), u);
+    const VF v1 = hn::Sub(broadcast(p[1]), v);
+    const VF v2 = hn::Sub(broadcast(q[1]), v);
+    const VF height = hn::Max(d1, d2);
+    const VF aside = hn::Mul(broadcast(reach.aside), height);
+    const VF below = hn::Mul(broadcast(reach.below), height);
+    const VF above = hn::Mul(broadcast(-reach.above), height);
+    MF may_see = hn::Gt(height, broadcast(nearest));
+    may_see = hn::And(may_see, hn::And(hn::Le(hn::Min(v1, v2), aside), hn::Ge(hn::Max(v1, v2), hn::Neg(aside))));
+    may_see = hn::And(may_see, hn::And(hn::Le(hn::Min(u1, u2), below), hn::Ge(hn::Max(u1, u2), above)));
+    if (hn::AllFalse(float_tag, may_see)) continue;
+    group.raised = true;
     for (int j = 0; j < DiscLight::kColumns; ++j) {
-      // Where the edge crosses the column: watertight, since of either edge a common end says on which side it is.
-      const VF x = all(reach.columns[j]), g1 = hn::Sub(v1, hn::Mul(x, d1)), g2 = hn::Sub(v2, hn::Mul(x, d2));
-      const MF crosses = hn::And(may, hn::Xor(hn::Lt(g1, zero), hn::Lt(g2, zero)));
-      if (hn::AllFalse(f, crosses)) continue;
+      // Find where the edge crosses the column. This is watertight: two edges with a common end compute the same sign
+      // for it.
+      const VF x = broadcast(reach.columns[j]), g1 = hn::Sub(v1, hn::Mul(x, d1)), g2 = hn::Sub(v2, hn::Mul(x, d2));
+      const MF crosses = hn::And(may_see, hn::Xor(hn::Lt(g1, zero), hn::Lt(g2, zero)));
+      if (hn::AllFalse(float_tag, crosses)) continue;
       const VF along = difference(u2, g1, u1, g2), toward = difference(d1, g2, d2, g1);
-      // toward / (g2 - g1): how far away.
+      // The distance of the crossing is toward / (g2 - g1).
       const VF span = hn::Sub(g2, g1);
       const MF same = hn::Not(hn::Xor(hn::Lt(toward, zero), hn::Lt(span, zero)));
-      const MF before = hn::And(crosses, hn::And(same, hn::Gt(hn::Abs(toward), hn::Mul(all(nearest), hn::Abs(span)))));
+      const MF before =
+          hn::And(crosses, hn::And(same, hn::Gt(hn::Abs(toward), hn::Mul(broadcast(nearest), hn::Abs(span)))));
       float* horizon = group.horizon[j] + i;
-      const VF old = hn::Load(f, horizon);
+      const VF old = hn::Load(float_tag, horizon);
       VF here = hn::Div(along, toward);
-      const MF close = hn::And(before, hn::Lt(hn::Abs(toward), hn::Mul(all(near), hn::Abs(span))));
-      if (!hn::AllFalse(f, close)) {
-        const VF nearer = hn::Sub(hn::Div(span, toward), all(1 / near));  // 1 / distance, less that
-        here = hn::Sub(here, hn::Mul(all(kUnsure * length), hn::Max(nearer, zero)));
+      const MF close = hn::And(before, hn::Lt(hn::Abs(toward), hn::Mul(broadcast(near), hn::Abs(span))));
+      if (!hn::AllFalse(float_tag, close)) {
+        // excess of 1 / distance over that at kNear
+        const VF nearer = hn::Sub(hn::Div(span, toward), broadcast(1 / near));
+        here = hn::Sub(here, hn::Mul(broadcast(kEndError * length), hn::Max(nearer, zero)));
       }
-      hn::Store(hn::IfThenElse(hn::And(before, hn::Gt(here, old)), here, old), f, horizon);
+      hn::Store(hn::IfThenElse(hn::And(before, hn::Gt(here, old)), here, old), float_tag, horizon);
     }
   }
 }
 
-void RaiseAll(const Horizons::Edge& edge, const double* origin, const DiscReach& reach, const std::int32_t* slots,
-              std::size_t n, HorizonGroup* groups) {
+void RaiseHorizons(const Horizons::Edge& edge, const double* origin, const DiscReach& reach, const std::int32_t* slots,
+                   std::size_t n, HorizonGroup* groups) {
   for (std::size_t i = 0; i < n; ++i) {
     HorizonGroup& group = groups[slots[i]];
     float p[3], q[3];
     for (int k = 0; k < 3; ++k) {
       const auto shift = static_cast<float>(origin[k] - group.origin[k]);
-      p[k] = edge.from[k] + shift, q[k] = edge.to[k] + shift;
+      p[k] = edge.from[k] + shift;
+      q[k] = edge.to[k] + shift;
     }
-    raise(p, q, reach, group);
+    raise_horizons(p, q, reach, group);
   }
 }
 
-void BeforeDisc(const HorizonGroup& group, const DiscReach& reach, float (*out)[HorizonGroup::kSize]) {
-  const float per_radius = 1 / reach.radius, top = (reach.aim + reach.above) * per_radius;
+void RelativeToDisc(const HorizonGroup& group, const DiscReach& reach, float (*out)[HorizonGroup::kSize]) {
+  const float per_radius = 1 / reach.radius;
+  const float top = (reach.aim + reach.above) * per_radius;
   for (int j = 0; j < DiscLight::kColumns; ++j) {
     SELENOGRAPH_INDEPENDENT_LANES
     for (int i = 0; i < HorizonGroup::kSize; ++i) out[j][i] = (group.horizon[j][i] + reach.aim) * per_radius;
@@ -187,10 +219,13 @@ void BeforeDisc(const HorizonGroup& group, const DiscReach& reach, float (*out)[
     const float rise = Horizons::kSteepest * std::abs(reach.columns[to] - reach.columns[from]) * per_radius;
     SELENOGRAPH_INDEPENDENT_LANES
     for (int i = 0; i < HorizonGroup::kSize; ++i) {
-      const float beside = out[from][i] < top ? out[from][i] : top, least = beside - rise, here = out[to][i];
-      // Beside a horizon at the top one that is far below was not looked at: it is above.
-      const bool above = (beside >= top - rise) & (here < least);
-      out[to][i] = above ? beside : here;
+      const float neighbour = out[from][i] < top ? out[from][i] : top;
+      const float lowest = neighbour - rise;
+      const float here = out[to][i];
+      // A horizon far below its neighbour, which is at the top of the range, has only left the examined range: treat it
+      // as above.
+      const bool above = (neighbour >= top - rise) & (here < lowest);
+      out[to][i] = above ? neighbour : here;
     }
   };
   for (int j = kMiddle; j + 1 < DiscLight::kColumns; ++j) follow(j, j + 1);
@@ -204,28 +239,32 @@ HWY_AFTER_NAMESPACE();
 namespace selenograph::engine {
 
 HWY_EXPORT(FindEdges);
-HWY_EXPORT(RaiseAll);
-HWY_EXPORT(BeforeDisc);
+HWY_EXPORT(RaiseHorizons);
+HWY_EXPORT(RelativeToDisc);
 
 void Horizons::begin(const DiscLight& disc, double aim, const Axes& axes, const LightBand& band, std::size_t count,
-                     Rest rest) {
-  axes_ = axes, band_ = &band, count_ = count, rest_ = std::move(rest);
+                     ResidualOf residual_of) {
+  axes_ = axes;
+  band_ = &band;
+  count_ = count;
+  residual_of_ = std::move(residual_of);
   const double radius = disc.radius();
   reach_.aside = 0;
   for (int j = 0; j < DiscLight::kColumns; ++j) {
     reach_.columns[j] = static_cast<float>(radius) * disc.column(j);
     reach_.aside = std::max(reach_.aside, std::abs(reach_.columns[j]));
   }
-  reach_.below = static_cast<float>(radius * (aim + 1)), reach_.aim = static_cast<float>(radius * aim);
+  reach_.below = static_cast<float>(radius * (aim + 1));
+  reach_.aim = static_cast<float>(radius * aim);
   reach_.above = static_cast<float>(radius * kAbove);
   reach_.radius = static_cast<float>(radius);
-  lowest_ = *std::min_element(band.least.begin(), band.least.end());
+  lowest_ = *std::min_element(band.min_d.begin(), band.min_d.end());
   slots_.assign((count_ + HorizonGroup::kSize - 1) / HorizonGroup::kSize, -1);
   used_ = 0;
 }
 
-// The lowest sample around decides how far to look; what is looked at then, again.
-bool Horizons::look_below(const LightBox& b, float lowest, Window& out) const {
+// Bound the cells twice: first with the given lowest sample, then with the lowest sample of the cells found.
+bool Horizons::find_window(const LightBox& b, float lowest, Window& out) const {
   const LightBand& band = *band_;
   const auto column = [&](float u) {
     return static_cast<int>(
@@ -238,16 +277,19 @@ bool Horizons::look_below(const LightBox& b, float lowest, Window& out) const {
   for (int k = 0; k < 2; ++k) {
     const float height = b.d_high - out.lowest;
     if (!(height > 0)) return false;
-    const float aside = reach_.aside * height + band.margin_m, below = reach_.below * height + band.margin_m,
-                above = reach_.above * height + band.margin_m;
+    const float aside = reach_.aside * height + band.margin_m;
+    const float below = reach_.below * height + band.margin_m;
+    const float above = reach_.above * height + band.margin_m;
     if (b.v_high + aside < band.v0 || b.v_low - aside > band.v_end()) return false;
     if (b.u_high + above < band.u0 || b.u_low - below > band.u_end()) return false;
-    out.c0 = column(b.u_low - below), out.c1 = column(b.u_high + above);
-    out.r0 = row(b.v_low - aside), out.r1 = row(b.v_high + aside);
+    out.c0 = column(b.u_low - below);
+    out.c1 = column(b.u_high + above);
+    out.r0 = row(b.v_low - aside);
+    out.r1 = row(b.v_high + aside);
     out.lowest = std::numeric_limits<float>::infinity();
     for (int r = out.r0; r <= out.r1; ++r)
       for (int q = out.c0 / LightBand::kCoarse; q <= out.c1 / LightBand::kCoarse; ++q)
-        out.lowest = std::min(out.lowest, band_->least_of(r, q));
+        out.lowest = std::min(out.lowest, band_->coarse_min_d(r, q));
   }
   return out.lowest < b.d_high;
 }
@@ -257,9 +299,10 @@ std::int32_t Horizons::slot_of(std::size_t group) {
   slots_[group] = static_cast<std::int32_t>(used_);
   if (used_ == groups_.size()) groups_.resize(std::max<std::size_t>(64, 2 * used_));
   HorizonGroup& out = groups_[used_++];
-  const std::size_t first = group * HorizonGroup::kSize, past = std::min(count_, first + HorizonGroup::kSize);
+  const std::size_t first = group * HorizonGroup::kSize;
+  const std::size_t past = std::min(count_, first + HorizonGroup::kSize);
   constexpr float kInfinite = std::numeric_limits<float>::infinity();
-  // One of the samples: differences between neighbours' coordinates are exact.
+  // Take one of the samples as the origin: differences between coordinates of neighbours are exact.
   float middle[3] = {band_->u[first], band_->v[first], 0};
   for (std::size_t i = first; i < past; ++i)
     if (band_->d[i] < kInfinite) middle[2] = band_->d[i];
@@ -267,56 +310,58 @@ std::int32_t Horizons::slot_of(std::size_t group) {
   for (std::size_t i = 0; i < HorizonGroup::kSize; ++i) {
     const std::size_t at = first + i;
     const bool here = at < past && band_->d[at] < kInfinite;
-    const LightResidual rest = here ? rest_(at) : LightResidual{};
+    const LightResidual rest = here ? residual_of_(at) : LightResidual{};
     out.u[i] = here ? (band_->u[at] - middle[0]) + rest.u : 0;
     out.v[i] = here ? (band_->v[at] - middle[1]) + rest.v : 0;
     out.d[i] = here ? (band_->d[at] - middle[2]) + rest.d : kInfinite;
   }
   for (auto& column : out.horizon) std::fill_n(column, HorizonGroup::kSize, DiscLight::kNoHorizon);
-  out.met = false;
+  out.raised = false;
   return slots_[group];
 }
 
 void Horizons::test(const Edge& edge, const double* origin, float lowest) {
-  const auto place = [&](const float* end, int k) { return end[k] + static_cast<float>(origin[k]); };
-  const auto [u_low, u_high] = std::minmax({place(edge.from, 0), place(edge.to, 0)});
-  const auto [v_low, v_high] = std::minmax({place(edge.from, 1), place(edge.to, 1)});
+  const auto coordinate = [&](const float* end, int k) { return end[k] + static_cast<float>(origin[k]); };
+  const auto [u_low, u_high] = std::minmax({coordinate(edge.from, 0), coordinate(edge.to, 0)});
+  const auto [v_low, v_high] = std::minmax({coordinate(edge.from, 1), coordinate(edge.to, 1)});
   Window window;
-  if (!look_below({u_low, u_high, v_low, v_high, std::max(place(edge.from, 2), place(edge.to, 2))}, lowest, window))
+  if (!find_window({u_low, u_high, v_low, v_high, std::max(coordinate(edge.from, 2), coordinate(edge.to, 2))}, lowest,
+                   window))
     return;
-  some_.clear();
-  std::size_t done = 0;  // groups before this one were looked at in the row before
+  group_slots_.clear();
+  std::size_t done = 0;  // groups before this index are listed already
   for (int r = window.r0; r <= window.r1; ++r) {
     const std::size_t row = static_cast<std::size_t>(r) * static_cast<std::size_t>(band_->columns);
-    const std::size_t first = band_->start[row + static_cast<std::size_t>(window.c0)],
-                      past = band_->start[row + static_cast<std::size_t>(window.c1) + 1];
+    const std::size_t first = band_->start[row + static_cast<std::size_t>(window.c0)];
+    const std::size_t past = band_->start[row + static_cast<std::size_t>(window.c1) + 1];
     if (first == past) continue;
     for (std::size_t g = std::max(first / HorizonGroup::kSize, done); g * HorizonGroup::kSize < past; ++g) {
       done = g + 1;
-      some_.push_back(slot_of(g));
+      group_slots_.push_back(slot_of(g));
     }
   }
-  HWY_DYNAMIC_DISPATCH(RaiseAll)(edge, origin, reach_, some_.data(), some_.size(), groups_.data());
+  HWY_DYNAMIC_DISPATCH(RaiseHorizons)(edge, origin, reach_, group_slots_.data(), group_slots_.size(), groups_.data());
 }
 
 void Horizons::add(const RasterMesh& mesh, const Strip& strip, const LightBox& bounds) {
   Window window;
-  if (!look_below(bounds, lowest_, window)) return;
+  if (!find_window(bounds, lowest_, window)) return;
   const MeshBlock& block = *mesh.pieces()[strip.block]->shape->of;
   const dem::Block& posts = *block.posts;
   const int quads = block.side - 1;
-  // At the height of the ground: from the datum, float would not know a horizon next to a sample.
+  // Place the origin at the height of the ground: relative to the datum, float could not resolve a horizon next to a
+  // sample.
   const Vec3 middle = posts.position(strip.first_row + strip.rows / 2, quads / 2,
-                                     (static_cast<double>(posts.min_m) + static_cast<double>(posts.max_m)) / 2),
-             from_anchor = middle - mesh.anchor();
+                                     (static_cast<double>(posts.min_m) + static_cast<double>(posts.max_m)) / 2);
+  const Vec3 from_anchor = middle - mesh.anchor();
   const double origin[3] = {axes_.u.dot(from_anchor), axes_.v.dot(from_anchor), axes_.d.dot(from_anchor)};
   const EastNorthUp axes{axes_.u, axes_.v, axes_.d};
 
   HorizonRow rows[3];
   LocalRow local;
-  const auto place = [&](int r, HorizonRow& out) {
+  const auto load_row = [&](int r, HorizonRow& out) {
     constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-    for (float* line : {out.u, out.v, out.d}) std::fill_n(line, HorizonRow::kMost, kNaN);
+    for (float* line : {out.u, out.v, out.d}) std::fill_n(line, HorizonRow::kCapacity, kNaN);
     if (r < 0 || r > quads) return;
     const auto at = static_cast<std::size_t>(r);
     local_row(&block.vertices[posts.index(r, 0)], block.side,
@@ -326,7 +371,8 @@ void Horizons::add(const RasterMesh& mesh, const Strip& strip, const LightBox& b
       local.set(c, {axes_.u.dot(vertex), axes_.v.dot(vertex), axes_.d.dot(vertex)});
     };
     if (block.collapses) {
-      put(0), put(quads);
+      put(0);
+      put(quads);
       if (r == 0 || r == quads)
         for (int c = 1; c < quads; ++c) put(c);
     }
@@ -337,13 +383,15 @@ void Horizons::add(const RasterMesh& mesh, const Strip& strip, const LightBox& b
 
   const float aside = reach_.aside * (bounds.d_high - window.lowest) + 2 * band_->margin_m;
   const auto shift = static_cast<float>(origin[1]);
-  const float v_low = band_->v0 - aside - shift, v_high = band_->v_end() + aside - shift;
-  edges_.resize(kMostEdges);
-  place(strip.first_row - 1, rows[(strip.first_row + 2) % 3]), place(strip.first_row, rows[strip.first_row % 3]);
-  // The row above the last has the edges of the block's northern border.
+  const float v_low = band_->v0 - aside - shift;
+  const float v_high = band_->v_end() + aside - shift;
+  edges_.resize(kMaxEdges);
+  load_row(strip.first_row - 1, rows[(strip.first_row + 2) % 3]);
+  load_row(strip.first_row, rows[strip.first_row % 3]);
+  // Include the row beyond the northernmost quads: it yields the edges of the northern border.
   const int last = strip.first_row + strip.rows == quads ? quads : strip.first_row + strip.rows - 1;
   for (int r = strip.first_row; r <= last; ++r) {
-    place(r + 1, rows[(r + 1) % 3]);
+    load_row(r + 1, rows[(r + 1) % 3]);
     const std::size_t n = HWY_DYNAMIC_DISPATCH(FindEdges)(rows[(r + 2) % 3], rows[r % 3], rows[(r + 1) % 3], quads,
                                                           reach_, v_low, v_high, edges_.data());
     for (std::size_t i = 0; i < n; ++i) test(edges_[i], origin, window.lowest);
@@ -353,13 +401,13 @@ void Horizons::add(const RasterMesh& mesh, const Strip& strip, const LightBox& b
 bool Horizons::of_group(std::size_t group, float (*out)[HorizonGroup::kSize]) const {
   if (slots_[group] < 0) return false;
   const HorizonGroup& from = groups_[static_cast<std::size_t>(slots_[group])];
-  if (!from.met) return false;
-  HWY_DYNAMIC_DISPATCH(BeforeDisc)(from, reach_, out);
+  if (!from.raised) return false;
+  HWY_DYNAMIC_DISPATCH(RelativeToDisc)(from, reach_, out);
   return true;
 }
 
 std::size_t Horizons::bytes() const {
-  return bytes_of(slots_) + bytes_of(groups_) + bytes_of(edges_) + bytes_of(some_);
+  return bytes_of(slots_) + bytes_of(groups_) + bytes_of(edges_) + bytes_of(group_slots_);
 }
 
 }  // namespace selenograph::engine

@@ -12,15 +12,18 @@
 namespace selenograph::engine {
 namespace {
 
-// Pixels of a tile. A lens's are smaller: the nearer to affine, the fewer samples a triangle is tested at in vain.
+// Sizes of a tile in pixels. Tiles of a lens are smaller: the closer the lens is to an affine map, the fewer samples
+// lie in the box of a triangle but not on it.
 constexpr int kTileWidth = 128, kTileHeight = 64, kLensTileSide = 32;
 static_assert(kTileWidth % kPacket == 0 && kLensTileSide % kPacket == 0, "lanes beyond a tile are beyond the image");
 
+// Depth of the near border of the guard band; distance of the eye from the anchor above which the anchor is the pivot;
+// margin of the boxes of strips for rounding.
 constexpr float kNear_m = 0.01F;
 constexpr double kFar_m = 500e3;
 constexpr float kSlack_px = 0.05F;
 
-// A corner of a strip's box: x / z and y / z are its pixels.
+// A corner of the box of a strip, homogeneous: x / z and y / z are its pixel.
 struct Corner {
   float x, y, z;
 };
@@ -36,26 +39,34 @@ Corner corner_of(const Strip& s, int corner, const TileView& view) {
   return {dot(0), dot(1), dot(2)};
 }
 
-// Whether a strip's box lies beyond one side of the tile, wherever the eye is.
-bool beside(const Strip& s, const TileView& t) {
-  int left = 0, right = 0, above = 0, below = 0;
-  const float before_x = -1 - t.slack[0], past_x = static_cast<float>(t.width) + t.slack[0], before_y = -1 - t.slack[1],
-              past_y = static_cast<float>(t.height) + t.slack[1];
+// Returns whether the box of a strip lies outside one side of the tile. The comparisons are multiplied by z, so they
+// hold for corners behind the eye.
+bool outside_one_side(const Strip& s, const TileView& t) {
+  int left = 0;
+  int right = 0;
+  int above = 0;
+  int below = 0;
+  const float before_x = -1 - t.slack[0];
+  const float past_x = static_cast<float>(t.width) + t.slack[0];
+  const float before_y = -1 - t.slack[1];
+  const float past_y = static_cast<float>(t.height) + t.slack[1];
   for (int corner = 0; corner < 8; ++corner) {
     const auto [x, y, z] = corner_of(s, corner, t);
-    left += x < before_x * z ? 1 : 0, right += x > past_x * z ? 1 : 0;
-    above += y < before_y * z ? 1 : 0, below += y > past_y * z ? 1 : 0;
+    left += x < before_x * z ? 1 : 0;
+    right += x > past_x * z ? 1 : 0;
+    above += y < before_y * z ? 1 : 0;
+    below += y > past_y * z ? 1 : 0;
   }
   return left == 8 || right == 8 || above == 8 || below == 8;
 }
 
-// Whether some of a strip's vertices may lie outside of a tile's guard band. A tenth of it and half of the depth are
-// left for what float rounds off.
+// Returns whether vertices of a strip may lie outside the guard band of a tile. A tenth of the band and half of the
+// minimum depth are reserved for rounding.
 bool leaves_guard_band(const Strip& s, const TileView& t) {
-  constexpr float kMost = 0.9F * kGuardBand_px;
+  constexpr float kMax_px = 0.9F * kGuardBand_px;
   for (int corner = 0; corner < 8; ++corner) {
     const auto [x, y, z] = corner_of(s, corner, t);
-    if (!(z > 2 * kNear_m && std::abs(x) <= kMost * z && std::abs(y) <= kMost * z)) return true;
+    if (!(z > 2 * kNear_m && std::abs(x) <= kMax_px * z && std::abs(y) <= kMax_px * z)) return true;
   }
   return false;
 }
@@ -65,7 +76,8 @@ bool leaves_guard_band(const Strip& s, const TileView& t) {
 ImageTiling::ImageTiling(const RasterMesh& mesh, const View& view)
     : mesh_(mesh), view_(view), camera_(view.camera()), bends_(!view.camera().rectilinear()) {}
 
-// From places relative to the anchor to a tile's pixels: pixel = a (x / z, y / z) + b, in the camera's axes.
+// Returns the projection from points relative to the anchor to the pixels of a tile: pixel = a (x / z, y / z) + b, in
+// camera axes.
 TileView ImageTiling::tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d& b, int width, int height) const {
   TileView t{};
   const Eigen::Matrix3d m = view_.moon_from_camera().transpose();
@@ -80,8 +92,11 @@ TileView ImageTiling::tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d&
     for (int i = 0; i < 3; ++i) t.row[k][i] = static_cast<float>(rows[k][i]);
   }
   for (int k = 0; k < 3; ++k) t.offset[k] = static_cast<float>(rows[k].dot(pivot - eye));
-  t.near0 = far ? 0.F : 1.F, t.near1 = far ? 1.F : 0.F;
-  t.width = width, t.height = height, t.least_depth = kNear_m;
+  t.near0 = far ? 0.F : 1.F;
+  t.near1 = far ? 1.F : 0.F;
+  t.width = width;
+  t.height = height;
+  t.min_depth_m = kNear_m;
   return t;
 }
 
@@ -90,22 +105,30 @@ TileView ImageTiling::undistorted_view(double x0, double y0, int width, int heig
                    height);
 }
 
-// Through the lens: the affine map that fits at the tile's middle, and where each pixel's sample is then.
+// Returns the affine map that fits the lens at the middle of the tile, with the position of the sample of each pixel
+// under that map.
 TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, TileBuffer& buffer) const {
   const auto at = [&](int x, int y) {
     return static_cast<std::size_t>(tile.y0 + y) * static_cast<std::size_t>(camera_.width) +
            static_cast<std::size_t>(tile.x0 + x);
   };
-  // The valid pixel nearest to the middle.
-  int best_x = -1, best_y = -1, least = std::numeric_limits<int>::max();
+  // Find the valid pixel nearest to the middle.
+  int best_x = -1;
+  int best_y = -1;
+  int min_from_centre = std::numeric_limits<int>::max();
   for (int y = 0; y < tile.height; ++y)
     for (int x = 0; x < tile.width; ++x) {
-      const int from_middle = std::abs(2 * x - tile.width) + std::abs(2 * y - tile.height);
-      if (from_middle < least && !std::isnan(rays.x[at(x, y)])) best_x = x, best_y = y, least = from_middle;
+      const int from_centre = std::abs(2 * x - tile.width) + std::abs(2 * y - tile.height);
+      if (from_centre < min_from_centre && !std::isnan(rays.x[at(x, y)])) {
+        best_x = x;
+        best_y = y;
+        min_from_centre = from_centre;
+      }
     }
   const std::size_t n = static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height);
   constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
-  buffer.sample_x.assign(n + kTilePadding, kNone), buffer.sample_y.assign(n + kTilePadding, kNone);
+  buffer.sample_x.assign(n + kTilePadding, kNone);
+  buffer.sample_y.assign(n + kTilePadding, kNone);
   if (best_x < 0) return tile_view(Eigen::Matrix2d::Zero(), {0, 0}, 0, 0);
   const Eigen::Vector2d middle(rays.x[at(best_x, best_y)], rays.y[at(best_x, best_y)]);
   const Eigen::Matrix2d a =
@@ -118,43 +141,57 @@ TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, Ti
       if (std::isnan(p.x())) continue;
       const std::size_t k =
           static_cast<std::size_t>(y) * static_cast<std::size_t>(tile.width) + static_cast<std::size_t>(x);
-      buffer.sample_x[k] = static_cast<float>(p.x()), buffer.sample_y[k] = static_cast<float>(p.y());
+      buffer.sample_x[k] = static_cast<float>(p.x());
+      buffer.sample_y[k] = static_cast<float>(p.y());
       view.slack[0] = std::max(view.slack[0], std::abs(buffer.sample_x[k] - static_cast<float>(x)));
       view.slack[1] = std::max(view.slack[1], std::abs(buffer.sample_y[k] - static_cast<float>(y)));
     }
-  view.sample_x = buffer.sample_x.data(), view.sample_y = buffer.sample_y.data();
+  view.sample_x = buffer.sample_x.data();
+  view.sample_y = buffer.sample_y.data();
   return view;
 }
 
-StripBox ImageTiling::box_of(const Strip& s, const TileView& whole) const {
+// Returns the box of a strip in the image. Corners behind the eye make it unbounded.
+StripBox ImageTiling::box_of(const Strip& s, const TileView& image_view) const {
   constexpr float kAnywhere = std::numeric_limits<float>::infinity();
   StripBox box{{kAnywhere, kAnywhere}, {-kAnywhere, -kAnywhere}, false};
   int behind = 0;
   for (int corner = 0; corner < 8; ++corner) {
-    const Corner c = corner_of(s, corner, whole);
+    const Corner c = corner_of(s, corner, image_view);
     if (!(c.z > 2 * kNear_m)) {
       ++behind;
       continue;
     }
     const float px[2] = {c.x / c.z, c.y / c.z};
-    for (int k = 0; k < 2; ++k) box.low[k] = std::min(box.low[k], px[k]), box.high[k] = std::max(box.high[k], px[k]);
+    for (int k = 0; k < 2; ++k) {
+      box.low[k] = std::min(box.low[k], px[k]);
+      box.high[k] = std::max(box.high[k], px[k]);
+    }
   }
   if (behind == 8) return box;
-  // Tiles have pixels of their own, up to an image's size away from the image's.
-  const float most = 0.9F * kGuardBand_px - static_cast<float>(std::max(camera_.width, camera_.height));
-  box.leaves_guard_band = behind > 0 || std::max({-box.low[0], -box.low[1], box.high[0], box.high[1]}) > most;
+  // Subtract the size of the image: a tile counts pixels from its own corner.
+  const float max_px = 0.9F * kGuardBand_px - static_cast<float>(std::max(camera_.width, camera_.height));
+  box.leaves_guard_band = behind > 0 || std::max({-box.low[0], -box.low[1], box.high[0], box.high[1]}) > max_px;
   for (int k = 0; k < 2; ++k) {
-    if (behind > 0) box.low[k] = -kAnywhere, box.high[k] = kAnywhere;
-    box.low[k] -= kSlack_px, box.high[k] += kSlack_px;
+    if (behind > 0) {
+      box.low[k] = -kAnywhere;
+      box.high[k] = kAnywhere;
+    }
+    box.low[k] -= kSlack_px;
+    box.high[k] += kSlack_px;
   }
   return box;
 }
 
+// Sets the bounds of the samples of a tile in pixels of the undistorted camera.
 void ImageTiling::bound(ImageTile& tile, const PixelRays& rays) const {
-  tile.low[0] = static_cast<float>(tile.x0), tile.high[0] = static_cast<float>(tile.x0 + tile.width - 1);
-  tile.low[1] = static_cast<float>(tile.y0), tile.high[1] = static_cast<float>(tile.y0 + tile.height - 1);
+  tile.low[0] = static_cast<float>(tile.x0);
+  tile.high[0] = static_cast<float>(tile.x0 + tile.width - 1);
+  tile.low[1] = static_cast<float>(tile.y0);
+  tile.high[1] = static_cast<float>(tile.y0 + tile.height - 1);
   if (!bends_) return;
-  tile.low[0] = tile.low[1] = std::numeric_limits<float>::infinity(), tile.high[0] = tile.high[1] = -tile.low[0];
+  tile.low[0] = tile.low[1] = std::numeric_limits<float>::infinity();
+  tile.high[0] = tile.high[1] = -tile.low[0];
   for (int y = tile.y0; y < tile.y0 + tile.height; ++y)
     for (int x = tile.x0; x < tile.x0 + tile.width; ++x) {
       const std::size_t at =
@@ -162,8 +199,10 @@ void ImageTiling::bound(ImageTile& tile, const PixelRays& rays) const {
       if (std::isnan(rays.x[at])) continue;
       const float p[2] = {static_cast<float>(rays.x[at] * camera_.fx + camera_.cx),
                           static_cast<float>(rays.y[at] * camera_.fy + camera_.cy)};
-      for (int k = 0; k < 2; ++k)
-        tile.low[k] = std::min(tile.low[k], p[k]), tile.high[k] = std::max(tile.high[k], p[k]);
+      for (int k = 0; k < 2; ++k) {
+        tile.low[k] = std::min(tile.low[k], p[k]);
+        tile.high[k] = std::max(tile.high[k], p[k]);
+      }
     }
 }
 
@@ -171,25 +210,31 @@ void ImageTiling::lay(double dx, double dy, const PixelRays& rays, std::vector<S
                       std::vector<ImageTile>& tiles) const {
   const int width = camera_.width, height = camera_.height;
   const int tile_width = bends_ ? kLensTileSide : kTileWidth, tile_height = bends_ ? kLensTileSide : kTileHeight;
-  const int across = (width + tile_width - 1) / tile_width, along = (height + tile_height - 1) / tile_height;
-  const TileView whole = undistorted_view(dx, dy, width, height);
+  const int across = (width + tile_width - 1) / tile_width;
+  const int along = (height + tile_height - 1) / tile_height;
+  const TileView image_view = undistorted_view(dx, dy, width, height);
   boxes.resize(mesh_.strips().size());
   in_parallel_pieces(boxes.size(), 256, [&](std::size_t first, std::size_t past_last) {
-    for (std::size_t i = first; i < past_last; ++i) boxes[i] = box_of(mesh_.strips()[i], whole);
+    for (std::size_t i = first; i < past_last; ++i) boxes[i] = box_of(mesh_.strips()[i], image_view);
   });
   tiles.resize(static_cast<std::size_t>(across) * static_cast<std::size_t>(along));
   in_parallel(static_cast<std::size_t>(along), [&](std::size_t row) {
     const auto row_tiles =
         std::span(tiles).subspan(row * static_cast<std::size_t>(across), static_cast<std::size_t>(across));
-    float low = std::numeric_limits<float>::infinity(), high_end = -low;
+    float low = std::numeric_limits<float>::infinity();
+    float high_end = -low;
     for (std::size_t column = 0; column < row_tiles.size(); ++column) {
       ImageTile& tile = row_tiles[column];
-      tile.x0 = static_cast<int>(column) * tile_width, tile.y0 = static_cast<int>(row) * tile_height;
-      tile.width = std::min(tile_width, width - tile.x0), tile.height = std::min(tile_height, height - tile.y0);
+      tile.x0 = static_cast<int>(column) * tile_width;
+      tile.y0 = static_cast<int>(row) * tile_height;
+      tile.width = std::min(tile_width, width - tile.x0);
+      tile.height = std::min(tile_height, height - tile.y0);
       tile.strips.clear();
       bound(tile, rays);
-      low = std::min(low, tile.low[1]), high_end = std::max(high_end, tile.high[1]);
+      low = std::min(low, tile.low[1]);
+      high_end = std::max(high_end, tile.high[1]);
     }
+    // Assign each strip to the tiles of this row that its box overlaps.
     for (std::size_t i = 0; i < boxes.size(); ++i) {
       const StripBox& b = boxes[i];
       if (b.empty() || b.high[1] < low || b.low[1] > high_end) continue;
@@ -209,7 +254,7 @@ void ImageTiling::draw(const ImageTile& tile, double dx, double dy, const PixelR
   for (const std::uint32_t s : tile.strips) {
     const Strip& strip = mesh_.strips()[s];
     const bool leaves = bends_ ? leaves_guard_band(strip, view) : boxes[s].leaves_guard_band;
-    if ((leaves || bends_) && beside(strip, view)) continue;
+    if ((leaves || bends_) && outside_one_side(strip, view)) continue;
     draw_strip(mesh_.blocks()[strip.block], strip, view, leaves, buffer);
   }
 }

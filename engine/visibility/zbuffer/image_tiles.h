@@ -16,10 +16,10 @@
 
 namespace selenograph::engine {
 
-// Bounding box of a strip in the image, in pixels of the undistorted camera; empty when it is out of view.
+// Bounding box of a strip in the image, in pixels of the undistorted camera; empty if the strip is out of view.
 struct StripBox {
   float low[2], high[2];
-  bool leaves_guard_band;  // some vertices may leave it in some tile: see in_guard_band
+  bool leaves_guard_band;  // vertices may leave the guard band of a tile; see in_guard_band
   bool empty() const { return !(low[0] <= high[0] && low[1] <= high[1]); }
 };
 
@@ -35,10 +35,10 @@ class ImageTiling {
   // Both arguments must outlive this object.
   ImageTiling(const RasterMesh& mesh, const View& view);
 
-  bool bends() const { return bends_; }  // whether there is distortion
+  bool bends() const { return bends_; }  // true for a camera with distortion
 
-  // Makes the tiles of the image for samples at offsets (dx, dy) from the pixel centres. `rays`: of these samples, for
-  // a camera with distortion. Parallel.
+  // Makes the tiles of the image, for samples at the offsets (dx, dy) from the pixel centres. `rays`: rays of these
+  // samples, for a camera with distortion. Parallel.
   void lay(double dx, double dy, const PixelRays& rays, std::vector<StripBox>& boxes,
            std::vector<ImageTile>& tiles) const;
 
@@ -50,7 +50,7 @@ class ImageTiling {
   TileView tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d& b, int width, int height) const;
   TileView undistorted_view(double x0, double y0, int width, int height) const;
   TileView lens_view(const ImageTile& tile, const PixelRays& rays, TileBuffer& buffer) const;
-  StripBox box_of(const Strip& strip, const TileView& whole) const;
+  StripBox box_of(const Strip& strip, const TileView& image_view) const;
   void bound(ImageTile& tile, const PixelRays& rays) const;
 
   const RasterMesh& mesh_;

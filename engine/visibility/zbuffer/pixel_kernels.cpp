@@ -13,18 +13,18 @@
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// In whole vectors: what is stored in pieces and then loaded whole waits until all stores before it are through.
+// Store full vectors only: a vector load from narrower pending stores waits until they have reached the cache.
 void TakeTriangles(const std::uint32_t* ids, int inside, SurfacePoints& points) {
   static_assert(sizeof(TriangleId) == sizeof(std::uint32_t) && sizeof(bool) == 1);
-  alignas(64) std::uint32_t taken[kPacket];
+  alignas(64) std::uint32_t ids_or_none[kPacket];
   alignas(16) std::uint8_t hit[kPacket];
   SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) taken[i] = i < inside ? ids[i] : kNoTriangle;
+  for (int i = 0; i < kPacket; ++i) ids_or_none[i] = i < inside ? ids[i] : kNoTriangle;
   SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) hit[i] = taken[i] != kNoTriangle ? 1 : 0;
+  for (int i = 0; i < kPacket; ++i) hit[i] = ids_or_none[i] != kNoTriangle ? 1 : 0;
   SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) taken[i] = taken[i] != kNoTriangle ? taken[i] : 0;
-  std::memcpy(static_cast<void*>(points.triangle), taken, sizeof taken);
+  for (int i = 0; i < kPacket; ++i) ids_or_none[i] = ids_or_none[i] != kNoTriangle ? ids_or_none[i] : 0;
+  std::memcpy(static_cast<void*>(points.triangle), ids_or_none, sizeof ids_or_none);
   std::memcpy(points.hit, hit, sizeof hit);
 }
 
@@ -34,11 +34,11 @@ void LitLanes(const SurfacePoints& p, const Shading& shading, const std::int32_t
 }
 
 bool AllLitInside(const SurfacePoints& p, const float* lit) {
-  int some = 0;
+  int excluded = 0;
   for (int i = 0; i < kPacket; ++i)
-    some |= (lit[i] > 0 ? 0 : 1) | (p.v[i] <= kEdge ? 1 : 0) | (p.w[i] <= kEdge ? 1 : 0) |
-            (1 - p.v[i] - p.w[i] <= kEdge ? 1 : 0);
-  return some == 0;
+    excluded |= (lit[i] > 0 ? 0 : 1) | (p.v[i] <= kEdge ? 1 : 0) | (p.w[i] <= kEdge ? 1 : 0) |
+                (1 - p.v[i] - p.w[i] <= kEdge ? 1 : 0);
+  return excluded == 0;
 }
 
 }  // namespace selenograph::engine::HWY_NAMESPACE

@@ -18,13 +18,14 @@
 #ifndef SELENOGRAPH_HOMOGENEOUS_TRIANGLE
 #define SELENOGRAPH_HOMOGENEOUS_TRIANGLE
 namespace selenograph::engine {
-// Triangles too large, too near or partly behind the eye for pixels in float: homogeneous edges in double (Olano and
-// Greer, Triangle scan conversion using 2D homogeneous coordinates, 1997), without any clipping. An edge between two
-// vertices inside the guard band is tested in float as whole strips test it, so that both meet bit for bit.
+// A triangle that is too large, too near or partly behind the eye for pixel positions in float. It has homogeneous
+// edges in double (Olano and Greer, Triangle scan conversion using 2D homogeneous coordinates, 1997) and is never
+// clipped. An edge between two vertices inside the guard band is tested in float exactly as whole strips test it, so
+// that strips and single triangles join without gaps.
 struct HomogeneousTriangle {
-  // e(x, y) = x . x + y . y + one
+  // e(x, y) = x . x + y . y + constant
   struct Plane {
-    double x, y, one;
+    double x, y, constant;
   };
   struct Edge {
     bool in_guard_band;  // both ends
@@ -32,11 +33,11 @@ struct HomogeneousTriangle {
     float ox, oy, ex, ey;
     Plane plane;
   };
-  static constexpr int kMostPixels = 128;
+  static constexpr int kMaxPixels = 128;
   Edge edges[3];
   Plane inverse;                // 1 / depth
-  double near0, near1, offset;  // nearness from it
-  std::uint32_t name;
+  double near0, near1, offset;  // nearness = near0 / depth - near1 (1 - offset / depth)
+  std::uint32_t id;
 };
 }  // namespace selenograph::engine
 #endif
@@ -52,57 +53,80 @@ using VF = hn::Vec<F>;
 using VI = hn::Vec<I>;
 using MF = hn::Mask<F>;
 
-constexpr F f;
-constexpr I i32;
-constexpr int kMostColumns = 96;  // of a row of vertices, padding included
+constexpr F float_tag;
+constexpr I int_tag;
+constexpr int kMaxColumns = 96;  // a row of vertices, padding included
 
-HWY_INLINE VF all(float x) { return hn::Set(f, x); }
+HWY_INLINE VF broadcast(float x) { return hn::Set(float_tag, x); }
 
-// Three edges of a triangle, each from an end of its own, turned so that inside is where all are positive or zero; and
-// a plane over them.
+// A vector of triangles. Each has three edges: origin (ox, oy) and extent (ex, ey). After orient_edges a sample is
+// inside if it is on the left of all three or on them. The plane is that of a value over the triangle: nearness in a
+// tile, d in light space.
 struct Triangles {
-  // Written here so that it's compiled for the target, as the compiler's own wouldn't be.
+  // A defaulted constructor would not be compiled for Highway's target.
   HWY_INLINE Triangles() {}  // NOLINT(modernize-use-equals-default)
   VF ox[3], oy[3], ex[3], ey[3];
   VF px, py, p, gx, gy;  // value p at (px, py), and its gradient
 };
 
-// Corners a, b, c of the quad's lower half (south-west, south-east, north-west) or, for the upper half, north-east d in
-// place of a: edges run eastward, northward and along the diagonal from b to c, in either.
-// Twice a triangle's area, positive if its corners (the upper half's d, c, b) are counter-clockwise.
-HWY_INLINE VF area_of(bool upper, VF ax, VF ay, VF bx, VF by, VF cx, VF cy) {
-  const VF x0 = upper ? hn::Sub(ax, cx) : hn::Sub(bx, ax), y0 = upper ? hn::Sub(ay, cy) : hn::Sub(by, ay);
-  const VF x1 = upper ? hn::Sub(ax, bx) : hn::Sub(cx, ax), y1 = upper ? hn::Sub(ay, by) : hn::Sub(cy, ay);
+// Returns twice the signed area of a triangle from the coordinates of its corners {a, b, c} or, in the upper half,
+// {d, b, c}: positive if a, b, c or d, c, b run counter-clockwise.
+HWY_INLINE VF area_of(bool upper, const VF* x, const VF* y) {
+  const VF x0 = upper ? hn::Sub(x[0], x[2]) : hn::Sub(x[1], x[0]);
+  const VF y0 = upper ? hn::Sub(y[0], y[2]) : hn::Sub(y[1], y[0]);
+  const VF x1 = upper ? hn::Sub(x[0], x[1]) : hn::Sub(x[2], x[0]);
+  const VF y1 = upper ? hn::Sub(y[0], y[1]) : hn::Sub(y[2], y[0]);
   return hn::Sub(hn::Mul(x0, y1), hn::Mul(y0, x1));
 }
 
-HWY_INLINE Triangles set_up(bool upper, VF ax, VF ay, VF a, VF bx, VF by, VF b, VF cx, VF cy, VF c, VF& area) {
+// Returns the edges, not yet oriented, and the plane of a value over the corners {a, b, c} or, in the upper half,
+// {d, b, c}. The edges start and end as in the drawing in raster_kernels.h.
+HWY_INLINE Triangles set_up(bool upper, const VF* x, const VF* y, const VF* corner_value, VF& area) {
+  const VF ax = x[0], ay = y[0], bx = x[1], by = y[1], cx = x[2], cy = y[2];
+  const VF a = corner_value[0], b = corner_value[1], c = corner_value[2];
   Triangles t;
-  // lower: a -> b, a -> c, b -> c; upper: c -> a, b -> a, b -> c.
   if (!upper) {
-    t.ox[0] = ax, t.oy[0] = ay, t.ex[0] = hn::Sub(bx, ax), t.ey[0] = hn::Sub(by, ay);
-    t.ox[1] = ax, t.oy[1] = ay, t.ex[1] = hn::Sub(cx, ax), t.ey[1] = hn::Sub(cy, ay);
+    t.ox[0] = ax;
+    t.oy[0] = ay;
+    t.ex[0] = hn::Sub(bx, ax);
+    t.ey[0] = hn::Sub(by, ay);
+    t.ox[1] = ax;
+    t.oy[1] = ay;
+    t.ex[1] = hn::Sub(cx, ax);
+    t.ey[1] = hn::Sub(cy, ay);
   } else {
-    t.ox[0] = cx, t.oy[0] = cy, t.ex[0] = hn::Sub(ax, cx), t.ey[0] = hn::Sub(ay, cy);
-    t.ox[1] = bx, t.oy[1] = by, t.ex[1] = hn::Sub(ax, bx), t.ey[1] = hn::Sub(ay, by);
+    t.ox[0] = cx;
+    t.oy[0] = cy;
+    t.ex[0] = hn::Sub(ax, cx);
+    t.ey[0] = hn::Sub(ay, cy);
+    t.ox[1] = bx;
+    t.oy[1] = by;
+    t.ex[1] = hn::Sub(ax, bx);
+    t.ey[1] = hn::Sub(ay, by);
   }
-  t.ox[2] = bx, t.oy[2] = by, t.ex[2] = hn::Sub(cx, bx), t.ey[2] = hn::Sub(cy, by);
-  area = area_of(upper, ax, ay, bx, by, cx, cy);
-  // Differences from the corner where the first two edges meet.
+  t.ox[2] = bx;
+  t.oy[2] = by;
+  t.ex[2] = hn::Sub(cx, bx);
+  t.ey[2] = hn::Sub(cy, by);
+  area = area_of(upper, x, y);
+  // Take the differences of value and position along the eastward and the northward edge, away from the corner that
+  // they share: a in the lower half, d (passed as a) in the upper half.
   const VF d1 = upper ? hn::Sub(c, a) : hn::Sub(b, a), d2 = upper ? hn::Sub(b, a) : hn::Sub(c, a);
   const VF x1 = upper ? hn::Neg(t.ex[0]) : t.ex[0], y1 = upper ? hn::Neg(t.ey[0]) : t.ey[0];
   const VF x2 = upper ? hn::Neg(t.ex[1]) : t.ex[1], y2 = upper ? hn::Neg(t.ey[1]) : t.ey[1];
-  const VF scale = hn::Div(all(1.F), area);
+  const VF scale = hn::Div(broadcast(1.F), area);
   t.gx = hn::Mul(hn::Sub(hn::Mul(d1, y2), hn::Mul(d2, y1)), scale);
   t.gy = hn::Mul(hn::Sub(hn::Mul(d2, x1), hn::Mul(d1, x2)), scale);
-  t.px = ax, t.py = ay, t.p = a;
-  // Which side is inside, seen from outside counter-clockwise: left of the first edge of the lower half, right of the
-  // second, left of the third; the other way round for the upper one.
+  t.px = ax;
+  t.py = ay;
+  t.p = a;
   return t;
 }
 
-// Turns the edges: `positive` where the triangle's area is.
-HWY_INLINE void turn(Triangles& t, bool upper, MF positive) {
+// Reverses edges so that the inside is on the left of all three. `positive`: the triangle's area is positive. Then the
+// inside of the lower half is left of its eastward edge, right of its northward edge and left of its diagonal; in the
+// upper half the sides are exchanged.
+HWY_INLINE void orient_edges(Triangles& t, bool upper, MF positive) {
   const MF flip_first = upper ? positive : hn::Not(positive), flip_second = upper ? hn::Not(positive) : positive;
   t.ex[0] = hn::IfThenElse(flip_first, hn::Neg(t.ex[0]), t.ex[0]);
   t.ey[0] = hn::IfThenElse(flip_first, hn::Neg(t.ey[0]), t.ey[0]);
@@ -112,437 +136,524 @@ HWY_INLINE void turn(Triangles& t, bool upper, MF positive) {
   t.ey[2] = hn::IfThenElse(flip_first, hn::Neg(t.ey[2]), t.ey[2]);
 }
 
+// Returns the lanes whose sample is on the left of all three oriented edges or on them.
 HWY_INLINE MF inside(const Triangles& t, VF x, VF y) {
   const auto edge = [&](int k) {
-    return hn::Ge(hn::Sub(hn::Mul(t.ex[k], hn::Sub(y, t.oy[k])), hn::Mul(t.ey[k], hn::Sub(x, t.ox[k]))), hn::Zero(f));
+    return hn::Ge(hn::Sub(hn::Mul(t.ex[k], hn::Sub(y, t.oy[k])), hn::Mul(t.ey[k], hn::Sub(x, t.ox[k]))),
+                  hn::Zero(float_tag));
   };
   return hn::And(edge(0), hn::And(edge(1), edge(2)));
 }
 
+// Returns the value of the plane at the samples.
 HWY_INLINE VF value(const Triangles& t, VF x, VF y) {
   return hn::Add(t.p, hn::Add(hn::Mul(t.gx, hn::Sub(x, t.px)), hn::Mul(t.gy, hn::Sub(y, t.py))));
 }
 
-// A vector of triangles, and one of them, broadcast: its plane is fetched where it is needed.
-HWY_INLINE void store(const Triangles& t, float* out, std::size_t lanes) {
+// Stores a vector of triangles, member by member.
+HWY_INLINE void store_triangles(const Triangles& t, float* out, std::size_t lanes) {
   for (int k = 0; k < 3; ++k) {
-    hn::StoreU(t.ox[k], f, out + (4 * k + 0) * lanes), hn::StoreU(t.oy[k], f, out + (4 * k + 1) * lanes);
-    hn::StoreU(t.ex[k], f, out + (4 * k + 2) * lanes), hn::StoreU(t.ey[k], f, out + (4 * k + 3) * lanes);
+    hn::StoreU(t.ox[k], float_tag, out + (4 * k + 0) * lanes);
+    hn::StoreU(t.oy[k], float_tag, out + (4 * k + 1) * lanes);
+    hn::StoreU(t.ex[k], float_tag, out + (4 * k + 2) * lanes);
+    hn::StoreU(t.ey[k], float_tag, out + (4 * k + 3) * lanes);
   }
-  hn::StoreU(t.px, f, out + 12 * lanes), hn::StoreU(t.py, f, out + 13 * lanes), hn::StoreU(t.p, f, out + 14 * lanes);
-  hn::StoreU(t.gx, f, out + 15 * lanes), hn::StoreU(t.gy, f, out + 16 * lanes);
+  hn::StoreU(t.px, float_tag, out + 12 * lanes);
+  hn::StoreU(t.py, float_tag, out + 13 * lanes);
+  hn::StoreU(t.p, float_tag, out + 14 * lanes);
+  hn::StoreU(t.gx, float_tag, out + 15 * lanes);
+  hn::StoreU(t.gy, float_tag, out + 16 * lanes);
 }
-struct Stored {
+// One triangle of such a vector, whose members are broadcast to all lanes when they are needed.
+struct StoredTriangle {
   const float* in;
   std::size_t lanes, lane;
-  HWY_INLINE VF at(int k) const { return all(in[static_cast<std::size_t>(k) * lanes + lane]); }
-  HWY_INLINE void edges(Triangles& t) const {
-    for (int k = 0; k < 3; ++k)
-      t.ox[k] = at(4 * k), t.oy[k] = at(4 * k + 1), t.ex[k] = at(4 * k + 2), t.ey[k] = at(4 * k + 3);
+  HWY_INLINE VF at(int k) const { return broadcast(in[static_cast<std::size_t>(k) * lanes + lane]); }
+  HWY_INLINE void load_edges(Triangles& t) const {
+    for (int k = 0; k < 3; ++k) {
+      t.ox[k] = at(4 * k);
+      t.oy[k] = at(4 * k + 1);
+      t.ex[k] = at(4 * k + 2);
+      t.ey[k] = at(4 * k + 3);
+    }
   }
-  HWY_INLINE void plane(Triangles& t) const {
-    t.px = at(12), t.py = at(13), t.p = at(14), t.gx = at(15), t.gy = at(16);
+  HWY_INLINE void load_plane(Triangles& t) const {
+    t.px = at(12);
+    t.py = at(13);
+    t.p = at(14);
+    t.gx = at(15);
+    t.gy = at(16);
   }
 };
 
 // ---- the view ------------------------------------------------------------------------------------------------------
 
-struct Projected {
-  alignas(64) float x[kMostColumns], y[kMostColumns], w[kMostColumns];  // pixels, pixels, nearness
+// A row of vertices of a block in pixels of the tile.
+struct ProjectedRow {
+  alignas(64) float x[kMaxColumns];  // pixels
+  alignas(64) float y[kMaxColumns];  // pixels
+  alignas(64) float w[kMaxColumns];  // nearness
 };
 
-HWY_INLINE void project_row(const RasterBlock& b, int row, const TileView& view, Projected& out) {
+HWY_INLINE void project_row(const RasterBlock& b, int row, const TileView& view, ProjectedRow& out) {
   const std::size_t first = static_cast<std::size_t>(row) * static_cast<std::size_t>(b.stride);
   const auto dot = [&](int k, VF x, VF y, VF z) {
-    return hn::Add(hn::Mul(all(view.row[k][0]), x),
-                   hn::Add(hn::Mul(all(view.row[k][1]), y), hn::Mul(all(view.row[k][2]), z)));
+    return hn::Add(hn::Mul(broadcast(view.row[k][0]), x),
+                   hn::Add(hn::Mul(broadcast(view.row[k][1]), y), hn::Mul(broadcast(view.row[k][2]), z)));
   };
-  const VF near0 = all(view.near0), near1 = all(view.near1);
-  for (int c = 0; c < b.stride; c += static_cast<int>(hn::Lanes(f))) {
+  const VF near0 = broadcast(view.near0), near1 = broadcast(view.near1);
+  for (int c = 0; c < b.stride; c += static_cast<int>(hn::Lanes(float_tag))) {
     const std::size_t at = first + static_cast<std::size_t>(c);
-    const VF x = hn::Sub(hn::LoadU(f, b.x + at), all(view.pivot[0])),
-             y = hn::Sub(hn::LoadU(f, b.y + at), all(view.pivot[1])),
-             z = hn::Sub(hn::LoadU(f, b.z + at), all(view.pivot[2]));
-    const VF along = dot(2, x, y, z), inverse = hn::Div(all(1.F), hn::Add(along, all(view.offset[2])));
-    hn::Store(hn::Mul(hn::Add(dot(0, x, y, z), all(view.offset[0])), inverse), f, out.x + c);
-    hn::Store(hn::Mul(hn::Add(dot(1, x, y, z), all(view.offset[1])), inverse), f, out.y + c);
-    hn::Store(hn::Mul(hn::Sub(near0, hn::Mul(near1, along)), inverse), f, out.w + c);
+    const VF x = hn::Sub(hn::LoadU(float_tag, b.x + at), broadcast(view.pivot[0]));
+    const VF y = hn::Sub(hn::LoadU(float_tag, b.y + at), broadcast(view.pivot[1]));
+    const VF z = hn::Sub(hn::LoadU(float_tag, b.z + at), broadcast(view.pivot[2]));
+    const VF along = dot(2, x, y, z), inverse = hn::Div(broadcast(1.F), hn::Add(along, broadcast(view.offset[2])));
+    hn::Store(hn::Mul(hn::Add(dot(0, x, y, z), broadcast(view.offset[0])), inverse), float_tag, out.x + c);
+    hn::Store(hn::Mul(hn::Add(dot(1, x, y, z), broadcast(view.offset[1])), inverse), float_tag, out.y + c);
+    hn::Store(hn::Mul(hn::Sub(near0, hn::Mul(near1, along)), inverse), float_tag, out.w + c);
   }
 }
 
-// Of equally near triangles the first wins, whichever is drawn first, so that it is the same at every width: by block,
-// row, group of sixteen quads, half, and place in the group. Of TriangleId::packed(), that is to turn the last five
-// bits by one.
+// Returns whether triangle `id` wins over the triangle `drawn` of the same nearness. The order is that in which vectors
+// of sixteen quads draw, so the image is the same at every vector width: by block, row, group of sixteen quads, half,
+// and column in the group. The last five bits of TriangleId::packed() are column and half; the key rotates them so that
+// the half comes first.
 HWY_INLINE bool precedes(std::uint32_t id, std::uint32_t drawn) {
-  const auto key = [](std::uint32_t of) { return (of & ~31U) | (of & 1) << 4 | (of >> 1 & 15); };
+  const auto key = [](std::uint32_t packed) { return (packed & ~31U) | (packed & 1) << 4 | (packed >> 1 & 15); };
   return key(id) < key(drawn);
 }
 HWY_INLINE MF precede(VI id, VI drawn) {
-  // Unsigned, by signed comparison.
-  const auto key = [](VI of) {
-    const VI place = hn::And(hn::ShiftRight<1>(of), hn::Set(i32, 15)),
-             half = hn::ShiftLeft<4>(hn::And(of, hn::Set(i32, 1)));
-    const VI rest = hn::AndNot(hn::Set(i32, 31), of);
-    return hn::Xor(hn::Or(rest, hn::Or(half, place)), hn::Set(i32, std::numeric_limits<std::int32_t>::min()));
+  // Flip the top bits: a signed comparison then orders unsigned keys.
+  const auto key = [](VI packed) {
+    const VI column_in_group = hn::And(hn::ShiftRight<1>(packed), hn::Set(int_tag, 15));
+    const VI half = hn::ShiftLeft<4>(hn::And(packed, hn::Set(int_tag, 1)));
+    const VI rest = hn::AndNot(hn::Set(int_tag, 31), packed);
+    return hn::Xor(hn::Or(rest, hn::Or(half, column_in_group)),
+                   hn::Set(int_tag, std::numeric_limits<std::int32_t>::min()));
   };
-  return hn::RebindMask(f, hn::Lt(key(id), key(drawn)));
+  return hn::RebindMask(float_tag, hn::Lt(key(id), key(drawn)));
 }
 
-// A large triangle: its box row by row.
-HWY_NOINLINE void fill(const Stored& one, int x0, int x1, int y0, int y1, std::uint32_t id, const TileView& view,
-                       TileBuffer& out) {
+// Draws one large triangle row by row, a vector of pixels at a time.
+HWY_NOINLINE void fill_row_by_row(const StoredTriangle& triangle, int x0, int x1, int y0, int y1, std::uint32_t id,
+                                  const TileView& view, TileBuffer& out) {
   Triangles t;
-  one.edges(t), one.plane(t);
+  triangle.load_edges(t);
+  triangle.load_plane(t);
   const int width = view.width;
-  const int lanes = static_cast<int>(hn::Lanes(f));
-  const VF ramp = hn::Iota(f, 0.F);
-  const VI name = hn::Set(i32, static_cast<std::int32_t>(id));
+  const int lanes = static_cast<int>(hn::Lanes(float_tag));
+  const VF ramp = hn::Iota(float_tag, 0.F);
+  const VI triangle_id = hn::Set(int_tag, static_cast<std::int32_t>(id));
   for (int y = y0; y <= y1; ++y) {
-    const VF py = all(static_cast<float>(y));
+    const VF py = broadcast(static_cast<float>(y));
     for (int x = x0; x <= x1; x += lanes) {
-      const VF px = hn::Add(all(static_cast<float>(x)), ramp);
+      const VF px = hn::Add(broadcast(static_cast<float>(x)), ramp);
       const std::size_t at =
           static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
-      const VF vx = view.sample_x ? hn::LoadU(f, view.sample_x + at) : px,
-               vy = view.sample_y ? hn::LoadU(f, view.sample_y + at) : py;
-      MF m = hn::And(inside(t, vx, vy), hn::Le(px, all(static_cast<float>(x1))));
-      if (hn::AllFalse(f, m)) continue;
+      const VF vx = view.sample_x ? hn::LoadU(float_tag, view.sample_x + at) : px;
+      const VF vy = view.sample_y ? hn::LoadU(float_tag, view.sample_y + at) : py;
+      MF m = hn::And(inside(t, vx, vy), hn::Le(px, broadcast(static_cast<float>(x1))));
+      if (hn::AllFalse(float_tag, m)) continue;
       float* depth = out.nearness.data() + at;
       auto* ids = reinterpret_cast<std::int32_t*>(out.triangle.data() + (depth - out.nearness.data()));
-      const VF w = value(t, vx, vy), old = hn::LoadU(f, depth);
+      const VF w = value(t, vx, vy), old = hn::LoadU(float_tag, depth);
       const MF equal = hn::And(m, hn::Eq(w, old));
       m = hn::And(m, hn::Gt(w, old));
-      if (HWY_UNLIKELY(!hn::AllFalse(f, equal))) m = hn::Or(m, hn::And(equal, precede(name, hn::LoadU(i32, ids))));
-      hn::BlendedStore(w, m, f, depth);
-      hn::BlendedStore(name, hn::RebindMask(i32, m), i32, ids);
+      if (HWY_UNLIKELY(!hn::AllFalse(float_tag, equal)))
+        m = hn::Or(m, hn::And(equal, precede(triangle_id, hn::LoadU(int_tag, ids))));
+      hn::BlendedStore(w, m, float_tag, depth);
+      hn::BlendedStore(triangle_id, hn::RebindMask(int_tag, m), int_tag, ids);
     }
   }
 }
 
-// Sixteen small triangles at once, each walking through its own box.
+// Draws a vector of small triangles at once: each lane steps through the pixels of its own box. kSamples: pixels have
+// samples off their centres.
 template <bool kSamples>
-HWY_INLINE void walk(const Triangles& t, MF active, VF x0, VF x1, VF y0, VF y1, VI ids, const TileView& view,
-                     TileBuffer& out) {
+HWY_INLINE void walk_boxes(const Triangles& t, MF active, VF x0, VF x1, VF y0, VF y1, VI ids, const TileView& view,
+                           TileBuffer& out) {
   VF x = x0, y = y0;
-  alignas(64) std::int32_t at[16] = {}, id[16] = {};
+  alignas(64) std::int32_t at[16] = {};
+  alignas(64) std::int32_t id[16] = {};
   alignas(64) float w[16] = {};
-  const VF one = all(1.F), columns = all(static_cast<float>(view.width));
-  while (!hn::AllFalse(f, active)) {
-    const auto place = [&] { return hn::ConvertTo(i32, hn::IfThenElseZero(active, hn::Add(hn::Mul(y, columns), x))); };
+  const VF step = broadcast(1.F), columns = broadcast(static_cast<float>(view.width));
+  while (!hn::AllFalse(float_tag, active)) {
+    const auto pixel_index = [&] {
+      return hn::ConvertTo(int_tag, hn::IfThenElseZero(active, hn::Add(hn::Mul(y, columns), x)));
+    };
     VF sx = x, sy = y;
     if constexpr (kSamples) {
-      const VI at_sample = place();
-      sx = hn::GatherIndex(f, view.sample_x, at_sample), sy = hn::GatherIndex(f, view.sample_y, at_sample);
+      const VI at_sample = pixel_index();
+      sx = hn::GatherIndex(float_tag, view.sample_x, at_sample);
+      sy = hn::GatherIndex(float_tag, view.sample_y, at_sample);
     }
     const MF hit = hn::And(active, inside(t, sx, sy));
-    if (!hn::AllFalse(f, hit)) {
+    if (!hn::AllFalse(float_tag, hit)) {
       const ToFront to_front(hit);
-      hn::Store(to_front(place()), i32, at), hn::Store(to_front(ids), i32, id);
-      hn::Store(to_front(value(t, sx, sy)), f, w);
-      const std::size_t n = hn::CountTrue(f, hit);
+      hn::Store(to_front(pixel_index()), int_tag, at);
+      hn::Store(to_front(ids), int_tag, id);
+      hn::Store(to_front(value(t, sx, sy)), float_tag, w);
+      const std::size_t n = hn::CountTrue(float_tag, hit);
       for (std::size_t k = 0; k < n; ++k) {
         const auto p = static_cast<std::size_t>(at[k]);
-        const auto name = static_cast<std::uint32_t>(id[k]);
-        if (w[k] > out.nearness[p])
-          out.nearness[p] = w[k], out.triangle[p] = name;
-        else if (HWY_UNLIKELY(w[k] == out.nearness[p]) && precedes(name, out.triangle[p]))
-          out.triangle[p] = name;
+        const auto triangle_id = static_cast<std::uint32_t>(id[k]);
+        if (w[k] > out.nearness[p]) {
+          out.nearness[p] = w[k];
+          out.triangle[p] = triangle_id;
+        } else if (HWY_UNLIKELY(w[k] == out.nearness[p]) && precedes(triangle_id, out.triangle[p]))
+          out.triangle[p] = triangle_id;
       }
     }
-    x = hn::Add(x, one);
+    x = hn::Add(x, step);
     const MF next = hn::Gt(x, x1);
     x = hn::IfThenElse(next, x0, x);
-    y = hn::IfThenElse(next, hn::Add(y, one), y);
+    y = hn::IfThenElse(next, hn::Add(y, step), y);
     active = hn::And(active, hn::Le(y, y1));
   }
 }
 
-constexpr float kSmall = 24;  // pixels of a box that is walked through
+constexpr float kMaxWalkedPixels = 24;  // pixels; larger boxes are filled row by row
 
 template <bool upper>
-HWY_NOINLINE void draw(const VF* x, const VF* y, const VF* w, VI ids, MF valid, const TileView& view, TileBuffer& out) {
-  // x[0]: a or d; 1: b; 2: c
-  const VF right = all(static_cast<float>(view.width - 1)), bottom = all(static_cast<float>(view.height - 1));
-  const VF aside = all(view.slack[0]), above = all(view.slack[1]);
-  const VF x0 = hn::Max(hn::Ceil(hn::Sub(hn::Min(x[0], hn::Min(x[1], x[2])), aside)), hn::Zero(f)),
-           x1 = hn::Min(hn::Floor(hn::Add(hn::Max(x[0], hn::Max(x[1], x[2])), aside)), right),
-           y0 = hn::Max(hn::Ceil(hn::Sub(hn::Min(y[0], hn::Min(y[1], y[2])), above)), hn::Zero(f)),
-           y1 = hn::Min(hn::Floor(hn::Add(hn::Max(y[0], hn::Max(y[1], y[2])), above)), bottom);
+HWY_NOINLINE void draw_triangles(const VF* x, const VF* y, const VF* w, VI ids, MF valid, const TileView& view,
+                                 TileBuffer& out) {
+  // Clip the boxes of the triangles to the tile.
+  const VF right = broadcast(static_cast<float>(view.width - 1));
+  const VF bottom = broadcast(static_cast<float>(view.height - 1));
+  const VF aside = broadcast(view.slack[0]), above = broadcast(view.slack[1]);
+  const VF x0 = hn::Max(hn::Ceil(hn::Sub(hn::Min(x[0], hn::Min(x[1], x[2])), aside)), hn::Zero(float_tag));
+  const VF x1 = hn::Min(hn::Floor(hn::Add(hn::Max(x[0], hn::Max(x[1], x[2])), aside)), right);
+  const VF y0 = hn::Max(hn::Ceil(hn::Sub(hn::Min(y[0], hn::Min(y[1], y[2])), above)), hn::Zero(float_tag));
+  const VF y1 = hn::Min(hn::Floor(hn::Add(hn::Max(y[0], hn::Max(y[1], y[2])), above)), bottom);
   MF active = hn::And(valid, hn::And(hn::Le(x0, x1), hn::Le(y0, y1)));
-  if (hn::AllFalse(f, active)) return;
+  if (hn::AllFalse(float_tag, active)) return;
   VF area;
-  Triangles t = set_up(upper, x[0], y[0], w[0], x[1], y[1], w[1], x[2], y[2], w[2], area);
-  active = hn::And(active, hn::Ne(area, hn::Zero(f)));
-  // Pixels' rows run down, so what is counter-clockwise from outside is clockwise here; `turn` asks for the sign alone.
-  turn(t, upper, hn::Gt(area, hn::Zero(f)));
-  const VF pixels = hn::Mul(hn::Add(hn::Sub(x1, x0), all(1.F)), hn::Add(hn::Sub(y1, y0), all(1.F)));
-  const MF large = hn::And(active, hn::Gt(pixels, all(kSmall)));
-  if (!hn::AllFalse(f, large)) {
-    const std::size_t lanes = hn::Lanes(f);
-    alignas(64) float stored[17 * 16], box[4][16];
-    alignas(64) std::int32_t id[16], mask[16];
-    store(t, stored, lanes);
-    hn::Store(x0, f, box[0]), hn::Store(x1, f, box[1]), hn::Store(y0, f, box[2]), hn::Store(y1, f, box[3]);
-    hn::Store(ids, i32, id);
-    hn::Store(hn::IfThenElse(hn::RebindMask(i32, large), hn::Set(i32, 1), hn::Zero(i32)), i32, mask);
+  Triangles t = set_up(upper, x, y, w, area);
+  active = hn::And(active, hn::Ne(area, hn::Zero(float_tag)));
+  // Rows of pixels run down, so a triangle that is counter-clockwise on the ground is clockwise here. orient_edges
+  // needs only the sign in the image: triangles are two-sided.
+  orient_edges(t, upper, hn::Gt(area, hn::Zero(float_tag)));
+  const VF pixels = hn::Mul(hn::Add(hn::Sub(x1, x0), broadcast(1.F)), hn::Add(hn::Sub(y1, y0), broadcast(1.F)));
+  const MF large = hn::And(active, hn::Gt(pixels, broadcast(kMaxWalkedPixels)));
+  if (!hn::AllFalse(float_tag, large)) {
+    const std::size_t lanes = hn::Lanes(float_tag);
+    alignas(64) float stored[17 * 16];
+    alignas(64) float box[4][16];
+    alignas(64) std::int32_t id[16];
+    alignas(64) std::int32_t mask[16];
+    store_triangles(t, stored, lanes);
+    hn::Store(x0, float_tag, box[0]);
+    hn::Store(x1, float_tag, box[1]);
+    hn::Store(y0, float_tag, box[2]);
+    hn::Store(y1, float_tag, box[3]);
+    hn::Store(ids, int_tag, id);
+    hn::Store(hn::IfThenElse(hn::RebindMask(int_tag, large), hn::Set(int_tag, 1), hn::Zero(int_tag)), int_tag, mask);
     for (std::size_t k = 0; k < lanes; ++k)
       if (mask[k])
-        fill({stored, lanes, k}, static_cast<int>(box[0][k]), static_cast<int>(box[1][k]), static_cast<int>(box[2][k]),
-             static_cast<int>(box[3][k]), static_cast<std::uint32_t>(id[k]), view, out);
+        fill_row_by_row({stored, lanes, k}, static_cast<int>(box[0][k]), static_cast<int>(box[1][k]),
+                        static_cast<int>(box[2][k]), static_cast<int>(box[3][k]), static_cast<std::uint32_t>(id[k]),
+                        view, out);
     active = hn::AndNot(large, active);
   }
   if (view.sample_x)
-    walk<true>(t, active, x0, x1, y0, y1, ids, view, out);
+    walk_boxes<true>(t, active, x0, x1, y0, y1, ids, view, out);
   else
-    walk<false>(t, active, x0, x1, y0, y1, ids, view, out);
+    walk_boxes<false>(t, active, x0, x1, y0, y1, ids, view, out);
 }
 
-HWY_INLINE MF number(VF x) { return hn::Eq(x, x); }
+// Returns false for NaN: missing vertices are NaN.
+HWY_INLINE MF is_number(VF x) { return hn::Eq(x, x); }
 
-// Triangles that wait until there is a vector of them: of most vectors few lanes have anything to draw or to cast.
-class Waiting {
+// Collects triangles until there is a full vector of them: in most vectors of quads few lanes have pixels or face away
+// from the Sun.
+class TriangleBatch {
  public:
-  // Three corners, three values of each.
+  // A vector of triangles: three corners with two coordinates and a value each.
   struct Corners {
     HWY_INLINE Corners() {}  // NOLINT(modernize-use-equals-default): as Triangles'
     VF x[3], y[3], w[3];
-    VI name;
+    VI id;
   };
 
-  // For each vector that is full: work(corners, mask of all lanes).
-  template <typename Work>
-  HWY_INLINE void add(const Corners& more, MF mask, const Work& work) {
-    const std::size_t lanes = hn::Lanes(f);
-    if (hn::AllTrue(f, mask)) return work(more, mask);
+  // Adds the lanes in the mask. Calls process(corners, full mask) when a vector is full.
+  template <typename Process>
+  HWY_INLINE void add(const Corners& more, MF mask, const Process& process) {
+    const std::size_t lanes = hn::Lanes(float_tag);
+    if (hn::AllTrue(float_tag, mask)) return process(more, mask);
     const ToFront to_front(mask);
-    const auto append = [&](int k, VF values) { hn::StoreU(to_front(values), f, values_[k] + count_); };
-    for (int k = 0; k < 3; ++k) append(k, more.x[k]), append(3 + k, more.y[k]), append(6 + k, more.w[k]);
-    hn::StoreU(to_front(more.name), i32, names_ + count_);
-    count_ += hn::CountTrue(f, mask);
+    const auto append = [&](int k, VF values) { hn::StoreU(to_front(values), float_tag, values_[k] + count_); };
+    for (int k = 0; k < 3; ++k) {
+      append(k, more.x[k]);
+      append(3 + k, more.y[k]);
+      append(6 + k, more.w[k]);
+    }
+    hn::StoreU(to_front(more.id), int_tag, ids_ + count_);
+    count_ += hn::CountTrue(float_tag, mask);
     if (count_ < lanes) return;
-    work(corners(), hn::Eq(hn::Zero(f), hn::Zero(f)));
+    process(corners(), hn::Eq(hn::Zero(float_tag), hn::Zero(float_tag)));
     count_ -= lanes;
-    for (float* values : values_) hn::Store(hn::Load(f, values + lanes), f, values);
-    hn::Store(hn::Load(i32, names_ + lanes), i32, names_);
+    for (float* values : values_) hn::Store(hn::Load(float_tag, values + lanes), float_tag, values);
+    hn::Store(hn::Load(int_tag, ids_ + lanes), int_tag, ids_);
   }
-  // For those that are left.
-  template <typename Work>
-  HWY_INLINE void finish(const Work& work) {
-    if (count_ > 0) work(corners(), hn::FirstN(f, count_));
+  // Calls process for the triangles that remain, fewer than a vector.
+  template <typename Process>
+  HWY_INLINE void flush(const Process& process) {
+    if (count_ > 0) process(corners(), hn::FirstN(float_tag, count_));
     count_ = 0;
   }
 
  private:
   HWY_INLINE Corners corners() const {
     Corners out;
-    for (int k = 0; k < 3; ++k)
-      out.x[k] = hn::Load(f, values_[k]), out.y[k] = hn::Load(f, values_[3 + k]),
-      out.w[k] = hn::Load(f, values_[6 + k]);
-    out.name = hn::Load(i32, names_);
+    for (int k = 0; k < 3; ++k) {
+      out.x[k] = hn::Load(float_tag, values_[k]);
+      out.y[k] = hn::Load(float_tag, values_[3 + k]);
+      out.w[k] = hn::Load(float_tag, values_[6 + k]);
+    }
+    out.id = hn::Load(int_tag, ids_);
     return out;
   }
 
   alignas(64) float values_[9][32] = {};
-  alignas(64) std::int32_t names_[32] = {};
+  alignas(64) std::int32_t ids_[32] = {};
   std::size_t count_ = 0;
 };
 
-// A vector of quads: corners a (south-west), b (south-east), c (north-west), d (north-east).
+// A vector of quads with corners a, b, c, d as in raster_kernels.h.
 struct Quads {
   HWY_INLINE Quads() {}  // NOLINT(modernize-use-equals-default): as Triangles'
   VF x[4], y[4], w[4];   // pixels, pixels, nearness
-  MF lower, upper;       // whether their triangles have all vertices, and some pixel may be on them
+  MF lower, upper;       // triangles with all vertices present whose box contains a pixel of the tile
 };
 
-// From column c on. Whether any of them may have a pixel of the tile.
-HWY_INLINE bool load(const Projected& south, const Projected& north, int c, const TileView& view, Quads& q) {
+// Loads a vector of quads from column c on. Returns false, without nearness, if none may have a pixel of the tile.
+HWY_INLINE bool load_quads(const ProjectedRow& south, const ProjectedRow& north, int c, const TileView& view,
+                           Quads& q) {
   const auto corners = [&](const float* a, const float* b, VF* out) {
-    out[0] = hn::Load(f, a + c), out[1] = hn::LoadU(f, a + c + 1);
-    out[2] = hn::Load(f, b + c), out[3] = hn::LoadU(f, b + c + 1);
+    out[0] = hn::Load(float_tag, a + c);
+    out[1] = hn::LoadU(float_tag, a + c + 1);
+    out[2] = hn::Load(float_tag, b + c);
+    out[3] = hn::LoadU(float_tag, b + c + 1);
   };
-  corners(south.x, north.x, q.x), corners(south.y, north.y, q.y);
-  const MF diagonal = hn::And(number(q.x[1]), number(q.x[2]));
-  q.lower = hn::And(diagonal, number(q.x[0])), q.upper = hn::And(diagonal, number(q.x[3]));
-  // As `draw` has the boxes.
-  const auto some = [&](const VF* v, float slack, int last, MF& lower, MF& upper) {
-    const VF aside = all(slack), end = all(static_cast<float>(last)), least = hn::Min(v[1], v[2]),
-             most = hn::Max(v[1], v[2]);
-    const auto within = [&](VF corner) {
-      const VF low = hn::Max(hn::Ceil(hn::Sub(hn::Min(corner, least), aside)), hn::Zero(f)),
-               high = hn::Min(hn::Floor(hn::Add(hn::Max(corner, most), aside)), end);
+  corners(south.x, north.x, q.x);
+  corners(south.y, north.y, q.y);
+  const MF diagonal = hn::And(is_number(q.x[1]), is_number(q.x[2]));
+  q.lower = hn::And(diagonal, is_number(q.x[0]));
+  q.upper = hn::And(diagonal, is_number(q.x[3]));
+  // Bound the pixels of both halves exactly as draw_triangles does.
+  const auto cull_by_axis = [&](const VF* v, float slack, int last, MF& lower, MF& upper) {
+    const VF reach = broadcast(slack);
+    const VF end = broadcast(static_cast<float>(last));
+    const VF diagonal_low = hn::Min(v[1], v[2]);
+    const VF diagonal_high = hn::Max(v[1], v[2]);
+    const auto covers_pixel = [&](VF corner) {
+      const VF low = hn::Max(hn::Ceil(hn::Sub(hn::Min(corner, diagonal_low), reach)), hn::Zero(float_tag));
+      const VF high = hn::Min(hn::Floor(hn::Add(hn::Max(corner, diagonal_high), reach)), end);
       return hn::Le(low, high);
     };
-    lower = hn::And(lower, within(v[0])), upper = hn::And(upper, within(v[3]));
+    lower = hn::And(lower, covers_pixel(v[0]));
+    upper = hn::And(upper, covers_pixel(v[3]));
   };
-  some(q.x, view.slack[0], view.width - 1, q.lower, q.upper);
-  some(q.y, view.slack[1], view.height - 1, q.lower, q.upper);
-  if (hn::AllFalse(f, hn::Or(q.lower, q.upper))) return false;
+  cull_by_axis(q.x, view.slack[0], view.width - 1, q.lower, q.upper);
+  cull_by_axis(q.y, view.slack[1], view.height - 1, q.lower, q.upper);
+  if (hn::AllFalse(float_tag, hn::Or(q.lower, q.upper))) return false;
   corners(south.w, north.w, q.w);
   return true;
 }
 
 void DrawStrip(const RasterBlock& b, const Strip& strip, const TileView& view, TileBuffer& out) {
-  Projected rows[2];
-  Waiting lower, upper;
-  const int lanes = static_cast<int>(hn::Lanes(f));
-  const auto draw_lower = [&](const Waiting::Corners& t, MF valid)
-                              HWY_ATTR { draw<false>(t.x, t.y, t.w, t.name, valid, view, out); };
-  const auto draw_upper = [&](const Waiting::Corners& t, MF valid)
-                              HWY_ATTR { draw<true>(t.x, t.y, t.w, t.name, valid, view, out); };
+  ProjectedRow rows[2];
+  TriangleBatch lower, upper;
+  const int lanes = static_cast<int>(hn::Lanes(float_tag));
+  const auto draw_lower = [&](const TriangleBatch::Corners& t, MF valid)
+                              HWY_ATTR { draw_triangles<false>(t.x, t.y, t.w, t.id, valid, view, out); };
+  const auto draw_upper = [&](const TriangleBatch::Corners& t, MF valid)
+                              HWY_ATTR { draw_triangles<true>(t.x, t.y, t.w, t.id, valid, view, out); };
   project_row(b, strip.first_row, view, rows[0]);
   for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r) {
-    const Projected &south = rows[(r - strip.first_row) & 1], &north = rows[(r + 1 - strip.first_row) & 1];
+    const ProjectedRow &south = rows[(r - strip.first_row) & 1], &north = rows[(r + 1 - strip.first_row) & 1];
     project_row(b, r + 1, view, rows[(r + 1 - strip.first_row) & 1]);
     for (int c = 0; c < b.quads; c += lanes) {
       Quads q;
-      if (!load(south, north, c, view, q)) continue;
+      if (!load_quads(south, north, c, view, q)) continue;
       for (int i = 0; i < lanes; i += 4) __builtin_prefetch(b.vertices + (r + 1) * (b.quads + 1) + c + i, 0, 3);
-      Waiting::Corners t;
-      t.name = hn::Add(hn::Set(i32, static_cast<std::int32_t>(TriangleId(strip.block, r, c, false).packed())),
-                       hn::ShiftLeft<1>(hn::Iota(i32, 0)));
-      for (int k = 0; k < 3; ++k) t.x[k] = q.x[k], t.y[k] = q.y[k], t.w[k] = q.w[k];
-      if (!hn::AllFalse(f, q.lower)) lower.add(t, q.lower, draw_lower);
-      if (hn::AllFalse(f, q.upper)) continue;
-      t.x[0] = q.x[3], t.y[0] = q.y[3], t.w[0] = q.w[3], t.name = hn::Add(t.name, hn::Set(i32, 1));
+      TriangleBatch::Corners t;
+      t.id = hn::Add(hn::Set(int_tag, static_cast<std::int32_t>(TriangleId(strip.block, r, c, false).packed())),
+                     hn::ShiftLeft<1>(hn::Iota(int_tag, 0)));
+      for (int k = 0; k < 3; ++k) {
+        t.x[k] = q.x[k];
+        t.y[k] = q.y[k];
+        t.w[k] = q.w[k];
+      }
+      if (!hn::AllFalse(float_tag, q.lower)) lower.add(t, q.lower, draw_lower);
+      if (hn::AllFalse(float_tag, q.upper)) continue;
+      t.x[0] = q.x[3];
+      t.y[0] = q.y[3];
+      t.w[0] = q.w[3];
+      t.id = hn::Add(t.id, hn::Set(int_tag, 1));
       upper.add(t, q.upper, draw_upper);
     }
   }
-  lower.finish(draw_lower), upper.finish(draw_upper);
+  lower.flush(draw_lower);
+  upper.flush(draw_upper);
 }
 
 // ---- the Sun -------------------------------------------------------------------------------------------------------
 
-struct Lighted {
-  alignas(64) float u[kMostColumns], v[kMostColumns], d[kMostColumns];
+// A row of vertices of a block in light space.
+struct LightRow {
+  alignas(64) float u[kMaxColumns];
+  alignas(64) float v[kMaxColumns];
+  alignas(64) float d[kMaxColumns];
 };
 
-HWY_INLINE void light_row(const RasterBlock& b, int row, const LightAxes& axes, Lighted& out) {
+HWY_INLINE void to_light_space(const RasterBlock& b, int row, const LightAxes& axes, LightRow& out) {
   const std::size_t first = static_cast<std::size_t>(row) * static_cast<std::size_t>(b.stride);
-  for (int c = 0; c < b.stride; c += static_cast<int>(hn::Lanes(f))) {
+  for (int c = 0; c < b.stride; c += static_cast<int>(hn::Lanes(float_tag))) {
     const std::size_t at = first + static_cast<std::size_t>(c);
-    const VF x = hn::LoadU(f, b.x + at), y = hn::LoadU(f, b.y + at), z = hn::LoadU(f, b.z + at);
+    const VF x = hn::LoadU(float_tag, b.x + at), y = hn::LoadU(float_tag, b.y + at), z = hn::LoadU(float_tag, b.z + at);
     const auto dot = [&](const float* a) {
-      return hn::Add(hn::Mul(all(a[0]), x), hn::Add(hn::Mul(all(a[1]), y), hn::Mul(all(a[2]), z)));
+      return hn::Add(hn::Mul(broadcast(a[0]), x), hn::Add(hn::Mul(broadcast(a[1]), y), hn::Mul(broadcast(a[2]), z)));
     };
-    hn::Store(dot(axes.u), f, out.u + c), hn::Store(dot(axes.v), f, out.v + c), hn::Store(dot(axes.d), f, out.d + c);
+    hn::Store(dot(axes.u), float_tag, out.u + c);
+    hn::Store(dot(axes.v), float_tag, out.v + c);
+    hn::Store(dot(axes.d), float_tag, out.d + c);
   }
 }
 
-HWY_INLINE VI cells(VF x, float first, float per_metre, int last) {
-  const VF at = hn::Floor(hn::Mul(hn::Sub(x, all(first)), all(per_metre)));
-  return hn::ConvertTo(i32, hn::Min(hn::Max(at, hn::Zero(f)), all(static_cast<float>(last))));
+// Returns the column or row of cells of a coordinate, clamped to the grid.
+HWY_INLINE VI cell_index(VF x, float first, float per_metre, int last) {
+  const VF at = hn::Floor(hn::Mul(hn::Sub(x, broadcast(first)), broadcast(per_metre)));
+  return hn::ConvertTo(int_tag, hn::Min(hn::Max(at, hn::Zero(float_tag)), broadcast(static_cast<float>(last))));
 }
 
-// The samples under one triangle.
-HWY_INLINE void shade(const Stored& one, int c0, int c1, int r0, int r1, LightBand& band) {
+// Marks the samples below one triangle as shadowed.
+HWY_INLINE void shadow_samples(const StoredTriangle& triangle, int c0, int c1, int r0, int r1, LightBand& band) {
   Triangles t;
-  one.edges(t);
-  const std::size_t lanes = hn::Lanes(f);
-  const VF dark = all(std::numeric_limits<float>::infinity());
+  triangle.load_edges(t);
+  const std::size_t lanes = hn::Lanes(float_tag);
+  const VF dark = broadcast(std::numeric_limits<float>::infinity());
   for (int r = r0; r <= r1; ++r) {
     const std::size_t row = static_cast<std::size_t>(r) * static_cast<std::size_t>(band.columns);
-    const std::size_t first = band.start[row + static_cast<std::size_t>(c0)],
-                      past_last = band.start[row + static_cast<std::size_t>(c1) + 1];
+    const std::size_t first = band.start[row + static_cast<std::size_t>(c0)];
+    const std::size_t past_last = band.start[row + static_cast<std::size_t>(c1) + 1];
     for (std::size_t k = first; k < past_last; k += lanes) {
-      const VF u = hn::LoadU(f, band.u.data() + k), v = hn::LoadU(f, band.v.data() + k);
+      const VF u = hn::LoadU(float_tag, band.u.data() + k), v = hn::LoadU(float_tag, band.v.data() + k);
       MF m = inside(t, u, v);
-      if (hn::AllFalse(f, m)) continue;  // nine of ten, where triangles are smaller than pixels
-      one.plane(t);
-      m = hn::And(m, hn::Gt(value(t, u, v), hn::LoadU(f, band.d.data() + k)));
-      hn::BlendedStore(dark, m, f, band.d.data() + k);
+      if (hn::AllFalse(float_tag, m)) continue;  // nine of ten vectors, where triangles are smaller than pixels
+      triangle.load_plane(t);
+      m = hn::And(m, hn::Gt(value(t, u, v), hn::LoadU(float_tag, band.d.data() + k)));
+      hn::BlendedStore(dark, m, float_tag, band.d.data() + k);
     }
   }
 }
 
-// Triangles that face away from the Sun: their area is negative.
+// Returns the triangles that face away from the Sun: those with a negative area in light space.
 HWY_INLINE MF faces_away(const VF* u, const VF* v, bool upper, MF valid) {
-  return hn::And(valid, hn::Lt(area_of(upper, u[0], v[0], u[1], v[1], u[2], v[2]), hn::Zero(f)));
+  return hn::And(valid, hn::Lt(area_of(upper, u, v), hn::Zero(float_tag)));
 }
 
-// Triangles that face away from the Sun and may have samples of the band below them.
-HWY_INLINE MF casting(const VF* u, const VF* v, bool upper, MF valid, const LightBand& band) {
-  const auto within = [](const VF* at, float first, float last) {
-    return hn::And(hn::Ge(hn::Max(at[0], hn::Max(at[1], at[2])), all(first)),
-                   hn::Le(hn::Min(at[0], hn::Min(at[1], at[2])), all(last)));
+// Returns the triangles that face away from the Sun and overlap the band.
+HWY_INLINE MF may_cast(const VF* u, const VF* v, bool upper, MF valid, const LightBand& band) {
+  const auto overlaps = [](const VF* at, float first, float last) {
+    return hn::And(hn::Ge(hn::Max(at[0], hn::Max(at[1], at[2])), broadcast(first)),
+                   hn::Le(hn::Min(at[0], hn::Min(at[1], at[2])), broadcast(last)));
   };
   return hn::And(faces_away(u, v, upper, valid),
-                 hn::And(within(v, band.v0 - band.margin_m, band.v_end() + band.margin_m),
-                         within(u, band.u0 - band.margin_m, band.u_end() + band.margin_m)));
+                 hn::And(overlaps(v, band.v0 - band.margin_m, band.v_end() + band.margin_m),
+                         overlaps(u, band.u0 - band.margin_m, band.u_end() + band.margin_m)));
 }
 
-// Casts a vector of those.
+// Casts a vector of triangles that passed may_cast.
 template <bool upper>
-HWY_NOINLINE void cast(const VF* u, const VF* v, const VF* d, MF active, LightBand& band) {
-  const VF u_low = hn::Min(u[0], hn::Min(u[1], u[2])), u_high = hn::Max(u[0], hn::Max(u[1], u[2])),
-           v_low = hn::Min(v[0], hn::Min(v[1], v[2])), v_high = hn::Max(v[0], hn::Max(v[1], v[2]));
+HWY_NOINLINE void cast_triangles(const VF* u, const VF* v, const VF* d, MF active, LightBand& band) {
+  const VF u_low = hn::Min(u[0], hn::Min(u[1], u[2]));
+  const VF u_high = hn::Max(u[0], hn::Max(u[1], u[2]));
+  const VF v_low = hn::Min(v[0], hn::Min(v[1], v[2]));
+  const VF v_high = hn::Max(v[0], hn::Max(v[1], v[2]));
   VF area;
-  Triangles t = set_up(upper, u[0], v[0], d[0], u[1], v[1], d[1], u[2], v[2], d[2], area);
-  turn(t, upper, hn::Gt(area, hn::Zero(f)));
-  const std::size_t lanes = hn::Lanes(f);
-  alignas(64) std::int32_t c0[16], c1[16], r0[16], r1[16], mask[16];
-  alignas(64) float stored[17 * 16], highest[16];
-  hn::Store(cells(u_low, band.u0, band.per_u, band.columns - 1), i32, c0);
-  hn::Store(cells(u_high, band.u0, band.per_u, band.columns - 1), i32, c1);
-  hn::Store(cells(v_low, band.v0, band.per_v, band.rows - 1), i32, r0);
-  hn::Store(cells(v_high, band.v0, band.per_v, band.rows - 1), i32, r1);
-  hn::Store(hn::IfThenElse(hn::RebindMask(i32, active), hn::Set(i32, 1), hn::Zero(i32)), i32, mask);
-  hn::Store(hn::Max(d[0], hn::Max(d[1], d[2])), f, highest);
-  store(t, stored, lanes);
+  Triangles t = set_up(upper, u, v, d, area);
+  orient_edges(t, upper, hn::Gt(area, hn::Zero(float_tag)));
+  const std::size_t lanes = hn::Lanes(float_tag);
+  alignas(64) std::int32_t c0[16];
+  alignas(64) std::int32_t c1[16];
+  alignas(64) std::int32_t r0[16];
+  alignas(64) std::int32_t r1[16];
+  alignas(64) std::int32_t mask[16];
+  alignas(64) float stored[17 * 16];
+  alignas(64) float highest[16];
+  hn::Store(cell_index(u_low, band.u0, band.per_u, band.columns - 1), int_tag, c0);
+  hn::Store(cell_index(u_high, band.u0, band.per_u, band.columns - 1), int_tag, c1);
+  hn::Store(cell_index(v_low, band.v0, band.per_v, band.rows - 1), int_tag, r0);
+  hn::Store(cell_index(v_high, band.v0, band.per_v, band.rows - 1), int_tag, r1);
+  hn::Store(hn::IfThenElse(hn::RebindMask(int_tag, active), hn::Set(int_tag, 1), hn::Zero(int_tag)), int_tag, mask);
+  hn::Store(hn::Max(d[0], hn::Max(d[1], d[2])), float_tag, highest);
+  store_triangles(t, stored, lanes);
   for (std::size_t k = 0; k < lanes; ++k) {
     if (!mask[k]) continue;
     if (band.any_below(c0[k], c1[k], r0[k], r1[k], highest[k]))
-      shade({stored, lanes, k}, c0[k], c1[k], r0[k], r1[k], band);
+      shadow_samples({stored, lanes, k}, c0[k], c1[k], r0[k], r1[k], band);
   }
 }
 
 void CastStrip(const RasterBlock& b, const Strip& strip, const LightAxes& axes, LightBand& band) {
-  Lighted rows[2];
-  Waiting lower, upper;
-  const int lanes = static_cast<int>(hn::Lanes(f));
-  const auto cast_lower = [&](const Waiting::Corners& t, MF active)
-                              HWY_ATTR { cast<false>(t.x, t.y, t.w, active, band); };
-  const auto cast_upper = [&](const Waiting::Corners& t, MF active)
-                              HWY_ATTR { cast<true>(t.x, t.y, t.w, active, band); };
-  light_row(b, strip.first_row, axes, rows[0]);
+  LightRow rows[2];
+  TriangleBatch lower, upper;
+  const int lanes = static_cast<int>(hn::Lanes(float_tag));
+  const auto cast_lower = [&](const TriangleBatch::Corners& t, MF active)
+                              HWY_ATTR { cast_triangles<false>(t.x, t.y, t.w, active, band); };
+  const auto cast_upper = [&](const TriangleBatch::Corners& t, MF active)
+                              HWY_ATTR { cast_triangles<true>(t.x, t.y, t.w, active, band); };
+  to_light_space(b, strip.first_row, axes, rows[0]);
   for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r) {
-    const Lighted &south = rows[(r - strip.first_row) & 1], &north = rows[(r + 1 - strip.first_row) & 1];
-    light_row(b, r + 1, axes, rows[(r + 1 - strip.first_row) & 1]);
+    const LightRow &south = rows[(r - strip.first_row) & 1], &north = rows[(r + 1 - strip.first_row) & 1];
+    to_light_space(b, r + 1, axes, rows[(r + 1 - strip.first_row) & 1]);
     for (int c = 0; c < b.quads; c += lanes) {
-      Waiting::Corners t;
-      t.name = hn::Zero(i32);
+      TriangleBatch::Corners t;
+      t.id = hn::Zero(int_tag);
       const auto corners = [&](const float* s, const float* n, VF* at) HWY_ATTR {
-        at[0] = hn::Load(f, s + c), at[1] = hn::LoadU(f, s + c + 1), at[2] = hn::Load(f, n + c);
+        at[0] = hn::Load(float_tag, s + c);
+        at[1] = hn::LoadU(float_tag, s + c + 1);
+        at[2] = hn::Load(float_tag, n + c);
       };
-      corners(south.u, north.u, t.x), corners(south.v, north.v, t.y);
-      const MF diagonal = hn::And(number(t.x[1]), number(t.x[2]));
-      const MF low = casting(t.x, t.y, false, hn::And(diagonal, number(t.x[0])), band);
+      corners(south.u, north.u, t.x);
+      corners(south.v, north.v, t.y);
+      const MF diagonal = hn::And(is_number(t.x[1]), is_number(t.x[2]));
+      const MF low = may_cast(t.x, t.y, false, hn::And(diagonal, is_number(t.x[0])), band);
       const VF south_west_u = t.x[0], south_west_v = t.y[0];
-      t.x[0] = hn::LoadU(f, north.u + c + 1), t.y[0] = hn::LoadU(f, north.v + c + 1);
-      const MF up = casting(t.x, t.y, true, hn::And(diagonal, number(t.x[0])), band);
-      if (hn::AllFalse(f, hn::Or(low, up))) continue;
+      t.x[0] = hn::LoadU(float_tag, north.u + c + 1);
+      t.y[0] = hn::LoadU(float_tag, north.v + c + 1);
+      const MF up = may_cast(t.x, t.y, true, hn::And(diagonal, is_number(t.x[0])), band);
+      if (hn::AllFalse(float_tag, hn::Or(low, up))) continue;
       corners(south.d, north.d, t.w);
       const VF south_west_d = t.w[0];
-      t.w[0] = hn::LoadU(f, north.d + c + 1);
-      if (!hn::AllFalse(f, up)) upper.add(t, up, cast_upper);
-      if (hn::AllFalse(f, low)) continue;
-      t.x[0] = south_west_u, t.y[0] = south_west_v, t.w[0] = south_west_d;
+      t.w[0] = hn::LoadU(float_tag, north.d + c + 1);
+      if (!hn::AllFalse(float_tag, up)) upper.add(t, up, cast_upper);
+      if (hn::AllFalse(float_tag, low)) continue;
+      t.x[0] = south_west_u;
+      t.y[0] = south_west_v;
+      t.w[0] = south_west_d;
       lower.add(t, low, cast_lower);
     }
   }
-  lower.finish(cast_lower), upper.finish(cast_upper);
+  lower.flush(cast_lower);
+  upper.flush(cast_upper);
 }
 
 // Bounds of the triangles that face away from the Sun, per column of quads.
 struct ColumnBounds {
-  alignas(64) float u_low[kMostColumns], u_high[kMostColumns], v_low[kMostColumns], v_high[kMostColumns],
-      d_high[kMostColumns];
+  alignas(64) float u_low[kMaxColumns];
+  alignas(64) float u_high[kMaxColumns];
+  alignas(64) float v_low[kMaxColumns];
+  alignas(64) float v_high[kMaxColumns];
+  alignas(64) float d_high[kMaxColumns];
 
   ColumnBounds() {
     constexpr float kInfinite = std::numeric_limits<float>::infinity();
-    for (float* low : {u_low, v_low}) std::fill_n(low, kMostColumns, kInfinite);
-    for (float* high : {u_high, v_high, d_high}) std::fill_n(high, kMostColumns, -kInfinite);
+    for (float* low : {u_low, v_low}) std::fill_n(low, kMaxColumns, kInfinite);
+    for (float* high : {u_high, v_high, d_high}) std::fill_n(high, kMaxColumns, -kInfinite);
   }
-  // d_high is -infinity if there are none.
+  // Returns the box of some columns. Its u_low exceeds its u_high if no triangle there faces away.
   LightBox over(int first, int past_last) const {
     LightBox box{u_low[first], u_high[first], v_low[first], v_high[first], d_high[first]};
     for (int c = first + 1; c < past_last; ++c) {
@@ -556,34 +667,34 @@ struct ColumnBounds {
   }
 };
 
-// From column c on.
-HWY_INLINE void extend(const Lighted& south, const Lighted& north, int c, ColumnBounds& bounds) {
+// Extends the bounds of a vector of columns by the triangles between two rows, from column c on.
+HWY_INLINE void extend_bounds(const LightRow& south, const LightRow& north, int c, ColumnBounds& bounds) {
   const auto corners = [&](const float* s, const float* n, VF* at) HWY_ATTR {
-    at[0] = hn::Load(f, s + c);
-    at[1] = hn::LoadU(f, s + c + 1);
-    at[2] = hn::Load(f, n + c);
-    at[3] = hn::LoadU(f, n + c + 1);
+    at[0] = hn::Load(float_tag, s + c);
+    at[1] = hn::LoadU(float_tag, s + c + 1);
+    at[2] = hn::Load(float_tag, n + c);
+    at[3] = hn::LoadU(float_tag, n + c + 1);
   };
   VF u[4], v[4], d[4];
   corners(south.u, north.u, u);
   corners(south.v, north.v, v);
-  const MF diagonal = hn::And(number(u[1]), number(u[2]));
+  const MF diagonal = hn::And(is_number(u[1]), is_number(u[2]));
   const VF upper_u[3] = {u[3], u[1], u[2]}, upper_v[3] = {v[3], v[1], v[2]};
-  const MF low = faces_away(u, v, false, hn::And(diagonal, number(u[0]))),
-           up = faces_away(upper_u, upper_v, true, hn::And(diagonal, number(u[3])));
-  if (hn::AllFalse(f, hn::Or(low, up))) return;
+  const MF low = faces_away(u, v, false, hn::And(diagonal, is_number(u[0])));
+  const MF up = faces_away(upper_u, upper_v, true, hn::And(diagonal, is_number(u[3])));
+  if (hn::AllFalse(float_tag, hn::Or(low, up))) return;
   corners(south.d, north.d, d);
   const auto extend_low = [&](const VF* x, float* out) HWY_ATTR {
-    const VF shared = hn::Min(x[1], x[2]), of_none = all(std::numeric_limits<float>::infinity());
-    const VF lower = hn::IfThenElse(low, hn::Min(x[0], shared), of_none),
-             upper = hn::IfThenElse(up, hn::Min(x[3], shared), of_none);
-    hn::Store(hn::Min(hn::Load(f, out + c), hn::Min(lower, upper)), f, out + c);
+    const VF shared = hn::Min(x[1], x[2]), neutral = broadcast(std::numeric_limits<float>::infinity());
+    const VF lower = hn::IfThenElse(low, hn::Min(x[0], shared), neutral);
+    const VF upper = hn::IfThenElse(up, hn::Min(x[3], shared), neutral);
+    hn::Store(hn::Min(hn::Load(float_tag, out + c), hn::Min(lower, upper)), float_tag, out + c);
   };
   const auto extend_high = [&](const VF* x, float* out) HWY_ATTR {
-    const VF shared = hn::Max(x[1], x[2]), of_none = all(-std::numeric_limits<float>::infinity());
-    const VF lower = hn::IfThenElse(low, hn::Max(x[0], shared), of_none),
-             upper = hn::IfThenElse(up, hn::Max(x[3], shared), of_none);
-    hn::Store(hn::Max(hn::Load(f, out + c), hn::Max(lower, upper)), f, out + c);
+    const VF shared = hn::Max(x[1], x[2]), neutral = broadcast(-std::numeric_limits<float>::infinity());
+    const VF lower = hn::IfThenElse(low, hn::Max(x[0], shared), neutral);
+    const VF upper = hn::IfThenElse(up, hn::Max(x[3], shared), neutral);
+    hn::Store(hn::Max(hn::Load(float_tag, out + c), hn::Max(lower, upper)), float_tag, out + c);
   };
   extend_low(u, bounds.u_low);
   extend_high(u, bounds.u_high);
@@ -592,21 +703,21 @@ HWY_INLINE void extend(const Lighted& south, const Lighted& north, int c, Column
   extend_high(d, bounds.d_high);
 }
 
-std::size_t BoundCasters(const RasterBlock& b, const Strip& strip, const LightAxes& axes, LightBox* parts) {
-  const int lanes = static_cast<int>(hn::Lanes(f));
-  Lighted rows[2];
-  light_row(b, strip.first_row, axes, rows[0]);
+std::size_t BoundOccluders(const RasterBlock& b, const Strip& strip, const LightAxes& axes, LightBox* parts) {
+  const int lanes = static_cast<int>(hn::Lanes(float_tag));
+  LightRow rows[2];
+  to_light_space(b, strip.first_row, axes, rows[0]);
   std::size_t count = 0;
-  for (int first = 0; first < strip.rows; first += kPartQuads) {
+  for (int first = 0; first < strip.rows; first += kOccluderBoxQuads) {
     ColumnBounds bounds;
-    for (int r = first; r < std::min(first + kPartQuads, strip.rows); ++r) {
-      const Lighted& south = rows[r & 1];
-      Lighted& north = rows[(r + 1) & 1];
-      light_row(b, strip.first_row + r + 1, axes, north);
-      for (int c = 0; c < b.quads; c += lanes) extend(south, north, c, bounds);
+    for (int r = first; r < std::min(first + kOccluderBoxQuads, strip.rows); ++r) {
+      const LightRow& south = rows[r & 1];
+      LightRow& north = rows[(r + 1) & 1];
+      to_light_space(b, strip.first_row + r + 1, axes, north);
+      for (int c = 0; c < b.quads; c += lanes) extend_bounds(south, north, c, bounds);
     }
-    for (int c = 0; c < b.quads; c += kPartQuads) {
-      const LightBox box = bounds.over(c, std::min(c + kPartQuads, b.quads));
+    for (int c = 0; c < b.quads; c += kOccluderBoxQuads) {
+      const LightBox box = bounds.over(c, std::min(c + kOccluderBoxQuads, b.quads));
       if (box.u_low <= box.u_high) parts[count++] = box;
     }
   }
@@ -614,72 +725,89 @@ std::size_t BoundCasters(const RasterBlock& b, const Strip& strip, const LightAx
 }
 
 void CastSkirt(const Skirt& skirt, const LightAxes& axes, LightBand& band) {
-  const auto dot = [](const float* a, const float* p) { return all(a[0] * p[0] + a[1] * p[1] + a[2] * p[2]); };
-  const VF u[3] = {dot(axes.u, skirt.a), dot(axes.u, skirt.b), dot(axes.u, skirt.c)},
-           v[3] = {dot(axes.v, skirt.a), dot(axes.v, skirt.b), dot(axes.v, skirt.c)},
-           d[3] = {dot(axes.d, skirt.a), dot(axes.d, skirt.b), dot(axes.d, skirt.c)};
-  const MF active = casting(u, v, false, hn::FirstN(f, 1), band);
-  if (!hn::AllFalse(f, active)) cast<false>(u, v, d, active, band);
+  const auto dot = [](const float* a, const float* p) { return broadcast(a[0] * p[0] + a[1] * p[1] + a[2] * p[2]); };
+  const VF u[3] = {dot(axes.u, skirt.a), dot(axes.u, skirt.b), dot(axes.u, skirt.c)};
+  const VF v[3] = {dot(axes.v, skirt.a), dot(axes.v, skirt.b), dot(axes.v, skirt.c)};
+  const VF d[3] = {dot(axes.d, skirt.a), dot(axes.d, skirt.b), dot(axes.d, skirt.c)};
+  const MF active = may_cast(u, v, false, hn::FirstN(float_tag, 1), band);
+  if (!hn::AllFalse(float_tag, active)) cast_triangles<false>(u, v, d, active, band);
 }
 
 void RangeOf(const float* x, std::size_t n, float& low, float& high) {
-  const std::size_t lanes = hn::Lanes(f);
-  VF least = all(x[0]), most = least;
+  const std::size_t lanes = hn::Lanes(float_tag);
+  VF lowest = broadcast(x[0]), highest = lowest;
   std::size_t k = 0;
   for (; k + lanes <= n; k += lanes) {
-    const VF v = hn::LoadU(f, x + k);
-    least = hn::Min(least, v), most = hn::Max(most, v);
+    const VF v = hn::LoadU(float_tag, x + k);
+    lowest = hn::Min(lowest, v);
+    highest = hn::Max(highest, v);
   }
-  low = hn::GetLane(hn::MinOfLanes(f, least)), high = hn::GetLane(hn::MaxOfLanes(f, most));
-  for (; k < n; ++k) low = std::min(low, x[k]), high = std::max(high, x[k]);
+  low = hn::GetLane(hn::MinOfLanes(float_tag, lowest));
+  high = hn::GetLane(hn::MaxOfLanes(float_tag, highest));
+  for (; k < n; ++k) {
+    low = std::min(low, x[k]);
+    high = std::max(high, x[k]);
+  }
 }
 
-void FindLeast(LightBand& band, int c0, int c1, int r0, int r1) {
-  const std::size_t lanes = hn::Lanes(f);
+void UpdateCoarseMin(LightBand& band, int c0, int c1, int r0, int r1) {
+  const std::size_t lanes = hn::Lanes(float_tag);
   for (int r = r0; r <= r1; ++r) {
     const std::uint32_t* start = &band.start[static_cast<std::size_t>(r) * static_cast<std::size_t>(band.columns)];
     for (int q = c0 / LightBand::kCoarse; q <= c1 / LightBand::kCoarse; ++q) {
-      const std::size_t first = start[q * LightBand::kCoarse],
-                        past_last = start[std::min(band.columns, (q + 1) * LightBand::kCoarse)];
-      VF least = all(std::numeric_limits<float>::infinity());
+      const std::size_t first = start[q * LightBand::kCoarse];
+      const std::size_t past_last = start[std::min(band.columns, (q + 1) * LightBand::kCoarse)];
+      VF lowest = broadcast(std::numeric_limits<float>::infinity());
       std::size_t k = first;
-      for (; k + lanes <= past_last; k += lanes) least = hn::Min(least, hn::LoadU(f, band.d.data() + k));
+      for (; k + lanes <= past_last; k += lanes) lowest = hn::Min(lowest, hn::LoadU(float_tag, band.d.data() + k));
       if (k < past_last)
-        least = hn::Min(least, hn::IfThenElse(hn::FirstN(f, past_last - k), hn::LoadU(f, band.d.data() + k), least));
-      band.least_of(r, q) = hn::GetLane(hn::MinOfLanes(f, least));
+        lowest = hn::Min(lowest, hn::IfThenElse(hn::FirstN(float_tag, past_last - k),
+                                                hn::LoadU(float_tag, band.d.data() + k), lowest));
+      band.coarse_min_d(r, q) = hn::GetLane(hn::MinOfLanes(float_tag, lowest));
     }
   }
 }
 
 // ---- triangles with homogeneous edges -----------------------------------------------------------------------------
 
-// n pixels of a row; sx, sy: their samples.
+// Draws a triangle into n pixels of a row, whose samples are (sx, sy).
 void DrawHomogeneous(const HomogeneousTriangle& t, const float* HWY_RESTRICT sx, const float* HWY_RESTRICT sy,
                      std::size_t n, float* HWY_RESTRICT nearness, std::uint32_t* HWY_RESTRICT triangle) {
-  std::int32_t in[HomogeneousTriangle::kMostPixels];
+  std::int32_t in[HomogeneousTriangle::kMaxPixels];
   std::fill_n(in, n, 1);
   for (const HomogeneousTriangle::Edge& edge : t.edges) {
     if (edge.in_guard_band) {
-      const float ox = edge.ox, oy = edge.oy, ex = edge.ex, ey = edge.ey, turn = edge.flip ? -1 : 1;
+      const float ox = edge.ox;
+      const float oy = edge.oy;
+      const float ex = edge.ex;
+      const float ey = edge.ey;
+      const float sign = edge.flip ? -1 : 1;
       SELENOGRAPH_INDEPENDENT_LANES
-      for (std::size_t i = 0; i < n; ++i) in[i] = turn * (ex * (sy[i] - oy) - ey * (sx[i] - ox)) >= 0 ? in[i] : 0;
+      for (std::size_t i = 0; i < n; ++i) in[i] = sign * (ex * (sy[i] - oy) - ey * (sx[i] - ox)) >= 0 ? in[i] : 0;
     } else {
-      const double x = edge.plane.x, y = edge.plane.y, one = edge.plane.one, turn = edge.flip ? -1 : 1;
+      const double x = edge.plane.x;
+      const double y = edge.plane.y;
+      const double constant = edge.plane.constant;
+      const double sign = edge.flip ? -1 : 1;
       SELENOGRAPH_INDEPENDENT_LANES
       for (std::size_t i = 0; i < n; ++i)
-        in[i] = turn * (x * static_cast<double>(sx[i]) + y * static_cast<double>(sy[i]) + one) >= 0 ? in[i] : 0;
+        in[i] = sign * (x * static_cast<double>(sx[i]) + y * static_cast<double>(sy[i]) + constant) >= 0 ? in[i] : 0;
     }
   }
-  const double ix = t.inverse.x, iy = t.inverse.y, i1 = t.inverse.one, near0 = t.near0, near1 = t.near1,
-               offset = t.offset;
-  const std::uint32_t name = t.name;
+  const double ix = t.inverse.x;
+  const double iy = t.inverse.y;
+  const double i1 = t.inverse.constant;
+  const double near0 = t.near0;
+  const double near1 = t.near1;
+  const double offset = t.offset;
+  const std::uint32_t id = t.id;
   SELENOGRAPH_INDEPENDENT_LANES
   for (std::size_t i = 0; i < n; ++i) {
     const double inverse = ix * static_cast<double>(sx[i]) + iy * static_cast<double>(sy[i]) + i1;
     const auto here = static_cast<float>(near0 * inverse - near1 * (1 - offset * inverse));
     const bool nearer = in[i] != 0 && inverse > 0 && here > nearness[i];
     nearness[i] = nearer ? here : nearness[i];
-    triangle[i] = nearer ? name : triangle[i];
+    triangle[i] = nearer ? id : triangle[i];
   }
 }
 
@@ -693,18 +821,19 @@ HWY_EXPORT(DrawStrip);
 HWY_EXPORT(DrawHomogeneous);
 HWY_EXPORT(CastStrip);
 HWY_EXPORT(CastSkirt);
-HWY_EXPORT(BoundCasters);
-HWY_EXPORT(FindLeast);
+HWY_EXPORT(BoundOccluders);
+HWY_EXPORT(UpdateCoarseMin);
 HWY_EXPORT(RangeOf);
 
 void TileBuffer::clear(int width, int height) {
   const std::size_t n = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
-  nearness.assign(n + kTilePadding, kFarthest);  // vectors reach beyond the last pixel
+  nearness.assign(n + kTilePadding, kFarthest);  // vectors of pixels are stored past the last
   triangle.assign(n + kTilePadding, kNoTriangle);
 }
 
 namespace {
 
+// Draws the triangles of a strip that leaves the guard band one by one.
 class HomogeneousDrawer {
   using Plane = HomogeneousTriangle::Plane;
   using Edge = HomogeneousTriangle::Edge;
@@ -713,18 +842,18 @@ class HomogeneousDrawer {
   HomogeneousDrawer(const RasterBlock& block, const TileView& view, TileBuffer& out)
       : block_(block), view_(view), out_(out) {}
 
-  // Two rows of corners at a time: of most rows and triangles no more is looked at than on which sides of the tile they
-  // are.
+  // Projects two rows of corners at a time. Most rows and triangles are rejected because all their corners lie outside
+  // the same side of the tile.
   void draw_all(const Strip& strip) {
-    unsigned south_beyond = 0, north_beyond = 0;
+    unsigned south_outside = 0, north_outside = 0;
     for (int r = strip.first_row; r <= strip.first_row + strip.rows; ++r) {
       std::swap(south_, north_);
-      south_beyond = std::exchange(north_beyond, ~0U);
+      south_outside = std::exchange(north_outside, ~0U);
       for (int c = 0; c <= block_.quads; ++c) {
         const Corner& here = north_[static_cast<std::size_t>(c)] = corner(r, c);
-        if (!std::isnan(here.z)) north_beyond &= here.beyond;
+        if (!std::isnan(here.z)) north_outside &= here.outside;
       }
-      if (r == strip.first_row || (south_beyond & north_beyond) != 0) continue;
+      if (r == strip.first_row || (south_outside & north_outside) != 0) continue;
       for (int c = 0; c < block_.quads; ++c)
         for (const bool upper : {false, true}) draw({strip.block, r - 1, c, upper});
     }
@@ -732,10 +861,10 @@ class HomogeneousDrawer {
 
  private:
   struct Corner {
-    double x, y, z;  // x / z and y / z are pixels
+    double x, y, z;  // homogeneous: x / z and y / z are the pixel
     float px, py;
-    bool in_guard_band;  // only then px and py are of use
-    unsigned beyond;     // behind the eye, left, right, above, below of the tile: a bit each
+    bool in_guard_band;  // otherwise px and py are meaningless
+    unsigned outside;    // a bit each: behind the eye, left of, right of, above, below the tile
   };
 
   void draw(const TriangleId& id) {
@@ -743,18 +872,19 @@ class HomogeneousDrawer {
     const auto at = [&](int k) -> const Corner& {
       return (q.r[k] == id.r() ? south_ : north_)[static_cast<std::size_t>(q.c[k])];
     };
-    // Corners a (or d), b, c as in whole strips.
+    // Name the corners as in raster_kernels.h: a (or d), b, c.
     const Corner &a = at(0), &b = at(id.upper() ? 2 : 1), &c = at(id.upper() ? 1 : 2);
-    if (a.beyond & b.beyond & c.beyond || std::isnan(a.z) || std::isnan(b.z) || std::isnan(c.z)) return;
-    // Twice the volume over the triangle, and the edges' signs inside: as `turn` has them.
+    if (a.outside & b.outside & c.outside || std::isnan(a.z) || std::isnan(b.z) || std::isnan(c.z)) return;
+    // Compute six times the volume of the tetrahedron from the eye to the triangle: the homogeneous equivalent of the
+    // area, with the same sign. The edges are oriented by it as in orient_edges.
     const double volume = a.x * (b.y * c.z - b.z * c.y) - a.y * (b.x * c.z - b.z * c.x) + a.z * (b.x * c.y - b.y * c.x);
     if (volume == 0) return;
-    const bool positive = (volume > 0) != id.upper();  // of a, b, c; of d, c, b
+    const bool positive = (volume > 0) != id.upper();  // counter-clockwise are a, b, c or, in the upper half, d, c, b
     const bool flip = id.upper() == positive;
-    // 1 / depth at a pixel: the sum of the three weights.
+    // The sum of the three barycentric weights is 1 / depth at a pixel.
     const Plane n[3] = {plane(b, c), plane(c, a), plane(a, b)};
     const Plane inverse{(n[0].x + n[1].x + n[2].x) / volume, (n[0].y + n[1].y + n[2].y) / volume,
-                        (n[0].one + n[1].one + n[2].one) / volume};
+                        (n[0].constant + n[1].constant + n[2].constant) / volume};
     const HomogeneousTriangle triangle{{id.upper() ? edge(c, a, flip) : edge(a, b, flip),
                                         id.upper() ? edge(b, a, !flip) : edge(a, c, !flip), edge(b, c, flip)},
                                        inverse,
@@ -762,7 +892,11 @@ class HomogeneousDrawer {
                                        static_cast<double>(view_.near1),
                                        static_cast<double>(view_.offset[2]),
                                        id.packed()};
-    int x0 = 0, x1 = view_.width - 1, y0 = 0, y1 = view_.height - 1;
+    // Visit the whole tile unless pixel positions bound the triangle.
+    int x0 = 0;
+    int x1 = view_.width - 1;
+    int y0 = 0;
+    int y1 = view_.height - 1;
     if (a.in_guard_band && b.in_guard_band && c.in_guard_band) {
       const auto [aside, above] = view_.slack;
       x0 = std::max(x0, static_cast<int>(std::ceil(std::min({a.px, b.px, c.px}) - aside)));
@@ -774,15 +908,17 @@ class HomogeneousDrawer {
   }
 
   void draw_row(const HomogeneousTriangle& triangle, int x0, int x1, int y) {
-    constexpr int kMost = HomogeneousTriangle::kMostPixels;
-    for (int x = x0; x <= x1; x += kMost) {
-      const auto n = static_cast<std::size_t>(std::min(kMost, x1 + 1 - x));
+    constexpr int kMaxPixels = HomogeneousTriangle::kMaxPixels;
+    for (int x = x0; x <= x1; x += kMaxPixels) {
+      const auto n = static_cast<std::size_t>(std::min(kMaxPixels, x1 + 1 - x));
       const std::size_t at =
           static_cast<std::size_t>(y) * static_cast<std::size_t>(view_.width) + static_cast<std::size_t>(x);
-      float sx[kMost], sy[kMost];
+      float sx[kMaxPixels], sy[kMaxPixels];
       if (!view_.sample_x)
-        for (std::size_t i = 0; i < n; ++i)
-          sx[i] = static_cast<float>(x + static_cast<int>(i)), sy[i] = static_cast<float>(y);
+        for (std::size_t i = 0; i < n; ++i) {
+          sx[i] = static_cast<float>(x + static_cast<int>(i));
+          sy[i] = static_cast<float>(y);
+        }
       HWY_DYNAMIC_DISPATCH(DrawHomogeneous)
       (triangle, view_.sample_x ? view_.sample_x + at : sx, view_.sample_y ? view_.sample_y + at : sy, n,
        out_.nearness.data() + at, out_.triangle.data() + at);
@@ -797,14 +933,19 @@ class HomogeneousDrawer {
       return (view_.row[k][0] * x + (view_.row[k][1] * y + view_.row[k][2] * z)) + view_.offset[k];
     };
     Corner out{};
-    const float h[3] = {dot(0), dot(1), dot(2)}, inverse = 1 / h[2];
-    out.x = static_cast<double>(h[0]), out.y = static_cast<double>(h[1]), out.z = static_cast<double>(h[2]);
-    out.px = h[0] * inverse, out.py = h[1] * inverse;
-    out.in_guard_band = engine::in_guard_band(h[2], out.px, out.py, view_.least_depth);
-    const double aside = static_cast<double>(view_.slack[0]), above = static_cast<double>(view_.slack[1]);
-    const bool beyond[]{out.z <= 0, out.x<-(1 + aside) * out.z, out.x>(view_.width + aside) * out.z,
-                        out.y<-(1 + above) * out.z, out.y>(view_.height + above) * out.z};
-    for (unsigned k = 0; k < std::size(beyond); ++k) out.beyond |= unsigned{beyond[k]} << k;
+    const float h[3] = {dot(0), dot(1), dot(2)};
+    const float inverse = 1 / h[2];
+    out.x = static_cast<double>(h[0]);
+    out.y = static_cast<double>(h[1]);
+    out.z = static_cast<double>(h[2]);
+    out.px = h[0] * inverse;
+    out.py = h[1] * inverse;
+    out.in_guard_band = engine::in_guard_band(h[2], out.px, out.py, view_.min_depth_m);
+    const double aside = static_cast<double>(view_.slack[0]);
+    const double above = static_cast<double>(view_.slack[1]);
+    const bool outside[]{out.z <= 0, out.x<-(1 + aside) * out.z, out.x>(view_.width + aside) * out.z,
+                         out.y<-(1 + above) * out.z, out.y>(view_.height + above) * out.z};
+    for (unsigned k = 0; k < std::size(outside); ++k) out.outside |= unsigned{outside[k]} << k;
     return out;
   }
 
@@ -814,8 +955,12 @@ class HomogeneousDrawer {
 
   static Edge edge(const Corner& p, const Corner& q, bool flip) {
     Edge e{};
-    e.in_guard_band = p.in_guard_band && q.in_guard_band, e.flip = flip;
-    e.ox = p.px, e.oy = p.py, e.ex = q.px - p.px, e.ey = q.py - p.py;
+    e.in_guard_band = p.in_guard_band && q.in_guard_band;
+    e.flip = flip;
+    e.ox = p.px;
+    e.oy = p.py;
+    e.ex = q.px - p.px;
+    e.ey = q.py - p.py;
     e.plane = plane(p, q);
     return e;
   }
@@ -823,7 +968,7 @@ class HomogeneousDrawer {
   const RasterBlock& block_;
   const TileView& view_;
   TileBuffer& out_;
-  std::array<Corner, 65> south_, north_;  // as many quads as TriangleId tells apart
+  std::array<Corner, 65> south_, north_;  // 65: TriangleId has 64 quads per row
 };
 
 }  // namespace
@@ -841,16 +986,16 @@ void cast_strip(const RasterBlock& block, const Strip& strip, const LightAxes& a
   HWY_DYNAMIC_DISPATCH(CastStrip)(block, strip, axes, band);
 }
 
-std::size_t bound_casters(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBox* parts) {
-  return HWY_DYNAMIC_DISPATCH(BoundCasters)(block, strip, axes, parts);
+std::size_t bound_occluders(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBox* parts) {
+  return HWY_DYNAMIC_DISPATCH(BoundOccluders)(block, strip, axes, parts);
 }
 
 void range_of(const float* x, std::size_t n, float& low, float& high) {
   HWY_DYNAMIC_DISPATCH(RangeOf)(x, n, low, high);
 }
 
-void find_least(LightBand& band, int c0, int c1, int r0, int r1) {
-  HWY_DYNAMIC_DISPATCH(FindLeast)(band, c0, c1, r0, r1);
+void update_coarse_min(LightBand& band, int c0, int c1, int r0, int r1) {
+  HWY_DYNAMIC_DISPATCH(UpdateCoarseMin)(band, c0, c1, r0, r1);
 }
 
 void cast_skirt(const Skirt& skirt, const LightAxes& axes, LightBand& band) {

@@ -12,14 +12,14 @@
 
 namespace selenograph::engine {
 
-// Sixteen pixels of a tile from (x, y) of the image, `inside` of which are in the tile.
+// Sixteen pixels of a tile, from (x, y) of the image on; the first `inside` of them are in the tile.
 struct RasterPass::Row {
   int x, y, inside;
-  std::size_t first;  // pixel
+  std::size_t first;  // index of the first pixel in the image
   const SubpixelSample& sample;
   const PixelRays& lens;
   const PacketShader& shader;
-  float *radiance, *bases;  // of the sixteen; null: none are wanted, or they are the same everywhere
+  float *radiance, *bases;  // outputs for the sixteen pixels; null: not requested, or the same for all pixels
 };
 
 RasterPass::RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& scratch, StageTimes& times)
@@ -41,14 +41,14 @@ RasterPass::RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& s
   }
 }
 
-// Draws each tile and resolves its pixels: refined, shaded as if nothing stood between them and the Sun, and placed
-// under it.
+// Draws each tile and resolves its pixels: refines the point, shades it as if nothing hid the Sun, and adds it to the
+// samples of the shadow map.
 void RasterPass::find_points(Pixels& pixels) {
   const SubpixelSample& sample = pixels.sample;
   const bool centre = sample.dx == 0 && sample.dy == 0;
-  const PixelRays own =
+  const PixelRays own_lens =
       tiling_.bends() && !centre ? PixelRays(request_.camera, sample.dx, sample.dy, job_.stop) : PixelRays();
-  const PixelRays& lens = centre ? job_.centres : own;
+  const PixelRays& lens = centre ? job_.centres : own_lens;
   tiling_.lay(sample.dx, sample.dy, lens, scratch_.boxes, scratch_.tiles);
   const auto size = static_cast<std::size_t>(request_.camera.width) * static_cast<std::size_t>(request_.camera.height);
   scratch_.samples.resize(scratch_.tiles.size());
@@ -59,7 +59,7 @@ void RasterPass::find_points(Pixels& pixels) {
 
   pixels.watch.lap_ms();
   std::mutex mutex;
-  double draw_ms = 0, resolve_ms = 0;  // of all threads
+  double draw_ms = 0, resolve_ms = 0;  // sum over threads
   in_parallel_pieces(scratch_.tiles.size(), 1, [&](std::size_t first, std::size_t past_last) {
     PixelCounts counts;
     double draws_ms = 0, resolves_ms = 0;
@@ -74,17 +74,21 @@ void RasterPass::find_points(Pixels& pixels) {
     }
     if (sample.count) writer_.merge(counts);
     const std::lock_guard lock(mutex);
-    draw_ms += draws_ms, resolve_ms += resolves_ms;
+    draw_ms += draws_ms;
+    resolve_ms += resolves_ms;
   });
-  const double tiles_ms = pixels.watch.lap_ms(), work_ms = std::max(draw_ms + resolve_ms, 1e-9);
-  times_.draw_ms += tiles_ms * draw_ms / work_ms, times_.resolve_ms += tiles_ms * resolve_ms / work_ms;
+  // Distribute the wall-clock time of the loop by the work of all threads.
+  const double tiles_ms = pixels.watch.lap_ms();
+  const double work_ms = std::max(draw_ms + resolve_ms, 1e-9);
+  times_.draw_ms += tiles_ms * draw_ms / work_ms;
+  times_.resolve_ms += tiles_ms * resolve_ms / work_ms;
 }
 
 void RasterPass::resolve_tile(const ImageTile& tile, const TileBuffer& buffer, const SubpixelSample& sample,
                               const PixelRays& lens, PixelCounts& counts, LightSamples& samples) {
-  const std::size_t most = static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height) + kPacket;
-  samples.clear(most);
-  if (disc_) samples.disc.clear(most, !job_.objects.empty());
+  const std::size_t capacity = static_cast<std::size_t>(tile.width) * static_cast<std::size_t>(tile.height) + kPacket;
+  samples.clear(capacity);
+  if (disc_) samples.disc.clear(capacity, !job_.objects.empty());
   PacketShader::Sampler sampler = shader_.sampler(job_.stop);
   for (int y = 0; y < tile.height; ++y)
     for (int x = 0; x < tile.width; x += kPacket) {
@@ -115,14 +119,14 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
   resolve_points(row, rays, points, facets, counts, samples, sampler);
 }
 
-// Once it is known what of the terrain the row's rays meet.
+// Resolves sixteen pixels whose terrain points are known.
 void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& points, const Facets& facets,
                                 PixelCounts& counts, LightSamples& samples, PacketShader::Sampler& sampler) {
   const SubpixelSample& sample = row.sample;
   if (!job_.objects.empty()) resolve_objects(row, rays, points, counts, samples);
   const std::uint32_t hits = hit_bits(points);
-  const bool all = hits == kAllLanes;
-  if (sample.count && !all) {
+  const bool all_hit = hits == kAllLanes;
+  if (sample.count && !all_hit) {
     find_missing(job_.scene, rays, points);
     counts.missing += static_cast<std::uint64_t>(std::count(points.toward_moon, points.toward_moon + kPacket, true));
   }
@@ -130,14 +134,16 @@ void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& point
   if (sample.count && writer_.marked(row.y, 1)) mark(row, points);
   Shading shading;
   row.shader.shade(facets, points, rays, shading);
-  alignas(64) float lit[kPacket] = {}, radiance[kPacket], base[kPacket];
-  if (sample.light) place_under_sun(points, nullptr, row.first, shading, lit, samples);
+  alignas(64) float lit[kPacket] = {};
+  alignas(64) float radiance[kPacket];
+  alignas(64) float base[kPacket];
+  if (sample.light) light_packet(points, nullptr, row.first, shading, lit, samples);
   if (sample.weight > 0) row.shader.radiances(points, shading, rays, lit, sampler, radiance, base);
   const bool bases = sample.weight > 0 && row.shader.bases_vary();
-  std::uint32_t left = hits;  // to be accounted for
+  std::uint32_t left = hits;  // lanes whose source is still to be counted
   if (writer_.out().source.empty()) left = sample.count ? writer_.account_all(points, hits, counts) : 0;
   const bool stores = sample.store && writer_.wants_geometry_of(row.y);
-  if (all && left == 0 && !stores && !bases) {
+  if (all_hit && left == 0 && !stores && !bases) {
     if (sample.weight > 0) std::memcpy(row.radiance, radiance, sizeof radiance);
     return;
   }
@@ -156,96 +162,104 @@ void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& point
     if (points.hit[i]) writer_.mark(row.x + i, row.y, points, i);
 }
 
-// Those of the row's pixels that see objects; they are no longer terrain's. Their points are samples of the shadow map
-// like any others.
-// Never inlined, nor is shade_by_objects: frames without objects have the same code as ever.
+// Resolves the pixels of the row that see objects, and removes them from the terrain. Their points are samples of the
+// shadow map, too. Neither this function nor shade_by_objects is inlined, so that frames without objects run the same
+// code as before objects existed.
 [[gnu::noinline]] void RasterPass::resolve_objects(const Row& row, Rays& rays, SurfacePoints& points,
                                                    PixelCounts& counts, LightSamples& samples) {
   const SubpixelSample& sample = row.sample;
   ObjectLanes lanes;
-  if (job_.objects.meet(rays, points, lanes) == 0) return;
-  alignas(64) float lit[kPacket] = {}, radiance[kPacket], base[kPacket];
-  if (sample.light) place_under_sun(lanes.points, lanes.object, row.first, lanes.shading, lit, samples);
+  if (job_.objects.intersect(rays, points, lanes) == 0) return;
+  alignas(64) float lit[kPacket] = {};
+  alignas(64) float radiance[kPacket];
+  alignas(64) float base[kPacket];
+  if (sample.light) light_packet(lanes.points, lanes.object, row.first, lanes.shading, lit, samples);
   if (sample.weight > 0) job_.objects.radiances(lanes, rays, lit, job_.indirect, radiance, base);
   for (int i = 0; i < kPacket; ++i) {
     if (!lanes.points.hit[i]) continue;
     const std::size_t at = row.first + static_cast<std::size_t>(i);
-    if (sample.weight > 0) row.radiance[i] = radiance[i], row.bases[i] = base[i];
+    if (sample.weight > 0) {
+      row.radiance[i] = radiance[i];
+      row.bases[i] = base[i];
+    }
     if (sample.count) writer_.count_object(lanes, i, counts);
     if (sample.store) writer_.store_object(lanes, i, rays.direction(i), lit[i], at);
   }
 }
 
-// Asks memory for what the next pixels' triangles are made of: a third of the time would go by waiting for it. Every
-// second one will do, neighbours share cache lines.
+// Prefetches the vertices of the triangles of the next pixels: a third of the time would be spent waiting for them.
+// Every second pixel suffices, because neighbours share cache lines.
 void RasterPass::prefetch(const std::uint32_t* triangles) const {
   for (int i = 0; i < kPacket; i += 2) {
     if (triangles[i] == kNoTriangle) continue;
     const TriangleId id(triangles[i]);
     const MeshBlock& block = job_.scene.mesh.blocks()[id.block()];
     const dem::Vertex* corner = block.vertices.data() + id.r() * block.side + id.c();
-    __builtin_prefetch(corner), __builtin_prefetch(corner + block.side);
+    __builtin_prefetch(corner);
+    __builtin_prefetch(corner + block.side);
   }
 }
 
-// Sets lit: how much of the Sun a point sees as far as it is alone with it; such points are samples of the shadow map.
-// `own`: objects that the points are on; null on terrain.
-void RasterPass::place_under_sun(const SurfacePoints& points, const std::uint16_t* own, std::size_t first_pixel,
-                                 Shading& shading, float* lit, LightSamples& samples) const {
+// Sets `lit` to the share of the Sun that each point receives without terrain in between; lit points become samples of
+// the shadow map. `own_object`: objects that the points are on; null on terrain.
+void RasterPass::light_packet(const SurfacePoints& points, const std::uint16_t* own_object, std::size_t first_pixel,
+                              Shading& shading, float* lit, LightSamples& samples) const {
   const auto first = static_cast<std::uint32_t>(first_pixel);
   if (disc_) {
     DiscLanes turned;
-    const std::uint32_t some = disc_->alone(points, shading, turned, lit);
-    if (some == 0) return;
-    DiscLight::Free free[kPacket];
+    const std::uint32_t facing = disc_->unoccluded(points, shading, turned, lit);
+    if (facing == 0) return;
+    DiscLight::FreeDirections free[kPacket];
     const std::uint32_t partly =
-        job_.objects.empty() ? 0 : disc_past_objects(points, own, some, turned, shading, lit, free);
+        job_.objects.empty() ? 0 : remove_object_shadows(points, own_object, facing, turned, shading, lit, free);
     add_samples(points, first, {&turned, partly, free}, all_lit_inside(points, lit), lit, samples);
     return;
   }
   alignas(64) std::int32_t facing[kPacket];
   facing_sun(points, request_.sun.direction, facing);
-  if (!job_.objects.empty()) shade_by_objects(points, own, facing);
+  if (!job_.objects.empty()) shade_by_objects(points, own_object, facing);
   lit_lanes(points, shading, facing, lit);
   add_samples(points, first, {}, all_lit_inside(points, lit), lit, samples);
 }
 
-[[gnu::noinline]] std::uint32_t RasterPass::disc_past_objects(const SurfacePoints& points, const std::uint16_t* own,
-                                                              std::uint32_t lanes, const DiscLanes& turned,
-                                                              Shading& shading, float* lit,
-                                                              DiscLight::Free* free) const {
-  return disc_->take_out(
-      [&](std::uint32_t asking, const Vec3& toward) { return job_.objects.blocked(points, own, asking, toward); },
+[[gnu::noinline]] std::uint32_t RasterPass::remove_object_shadows(const SurfacePoints& points,
+                                                                  const std::uint16_t* own_object, std::uint32_t lanes,
+                                                                  const DiscLanes& turned, Shading& shading, float* lit,
+                                                                  DiscLight::FreeDirections* free) const {
+  return disc_->remove_blocked(
+      [&](std::uint32_t facing_lanes, const Vec3& toward) {
+        return job_.objects.blocked(points, own_object, facing_lanes, toward);
+      },
       lanes, turned, lit, shading.incident, free);
 }
 
-// What an object blocks counts as not faced.
-[[gnu::noinline]] void RasterPass::shade_by_objects(const SurfacePoints& points, const std::uint16_t* own,
+// Clears `facing` for the lanes whose sunlight an object blocks.
+[[gnu::noinline]] void RasterPass::shade_by_objects(const SurfacePoints& points, const std::uint16_t* own_object,
                                                     std::int32_t* facing) const {
-  std::uint32_t asking = 0;
-  for (int i = 0; i < kPacket; ++i) asking |= points.hit[i] && facing[i] ? 1U << i : 0U;
-  const std::uint32_t blocked = job_.objects.blocked(points, own, asking, request_.sun.direction);
+  std::uint32_t facing_lanes = 0;
+  for (int i = 0; i < kPacket; ++i) facing_lanes |= points.hit[i] && facing[i] ? 1U << i : 0U;
+  const std::uint32_t blocked = job_.objects.blocked(points, own_object, facing_lanes, request_.sun.direction);
   for (int i = 0; i < kPacket; ++i)
     if (blocked >> i & 1) facing[i] = 0;
 }
 
-// Samples of the lit lanes. `all_inside`: all are lit, none is on an edge of its triangle. There float can't tell a
-// ridge, whose far side lies beneath the point, from a crease, where it rises above it: double looks whether the Sun's
-// ray goes into the ground at once, and the sample is taken that little way up the ray.
-void RasterPass::add_samples(const SurfacePoints& p, std::uint32_t first_pixel, const BeforeDisc& disc, bool all_inside,
+// Adds the lit lanes as samples. `all_inside`: all lanes are lit and none is on an edge of its triangle. On an edge
+// float cannot tell a ridge, where the far side lies below the point, from a crease, where it rises above it. There,
+// test in double whether a point 1 cm up the ray to the Sun is buried, and place the sample at that point.
+void RasterPass::add_samples(const SurfacePoints& p, std::uint32_t first_pixel, const DiscState& disc, bool all_inside,
                              float* lit, LightSamples& samples) const {
   constexpr float kStep_m = 0.01F;
   LightLanes lanes;
   shadows_->place(p, lanes);
   const auto add_free = [&](std::size_t at, std::size_t i) {
     if (!(disc.partly >> i & 1)) return;
-    samples.disc.free[at] = static_cast<std::uint32_t>(samples.disc.of_objects.size());
-    samples.disc.of_objects.push_back(disc.free[i]);
+    samples.disc.free[at] = static_cast<std::uint32_t>(samples.disc.free_of_objects.size());
+    samples.disc.free_of_objects.push_back(disc.free[i]);
   };
-  if (all_inside && (!disc.turned || disc.turned->whole == kAllLanes)) {
-    if (disc.turned) samples.disc.add_all(samples.count, lanes, *disc.turned);
+  if (all_inside && (!disc.turned || disc.turned->facing_all == kAllLanes)) {
+    if (disc.turned) samples.disc.add_packet(samples.count, lanes, *disc.turned);
     for (std::size_t i = 0; disc.partly && i < kPacket; ++i) add_free(samples.count + i, i);
-    samples.add_all(lanes, first_pixel);
+    samples.add_packet(lanes, first_pixel);
     return;
   }
   for (int i = 0; i < kPacket; ++i) {
@@ -260,13 +274,14 @@ void RasterPass::add_samples(const SurfacePoints& p, std::uint32_t first_pixel, 
     }
     if (disc.turned) {
       const auto lane = static_cast<std::size_t>(i);
-      samples.disc.add(samples.count, lanes, *disc.turned, lane), add_free(samples.count, lane);
+      samples.disc.add(samples.count, lanes, *disc.turned, lane);
+      add_free(samples.count, lane);
     }
     samples.add(lanes.u[i], lanes.v[i], lanes.d[i] + up, first_pixel + static_cast<std::uint32_t>(i));
   }
 }
 
-// Casts the shadows: for_shaded says of what.
+// Casts the shadows, and reduces the stored products of the shadowed pixels.
 void RasterPass::find_light(Pixels& pixels) {
   const SubpixelSample& sample = pixels.sample;
   if (!sample.light) return;
@@ -281,13 +296,13 @@ void RasterPass::find_light(Pixels& pixels) {
   });
 }
 
-// work(what is left of the light of a pixel whose point has some as far as it is alone with the Sun). Parallel.
+// Calls visit(remaining light) for each pixel that loses light to terrain between it and the Sun. Parallel over bands.
 template <typename Work>
-void RasterPass::for_shaded(const Work& work) const {
+void RasterPass::for_shaded(const Work& visit) const {
   in_parallel(scratch_.light.shadowed.size(), [&](std::size_t band) {
-    for (const std::uint32_t at : scratch_.light.shadowed[band]) work({at, 0, 0});
+    for (const std::uint32_t at : scratch_.light.shadowed[band]) visit({at, 0, 0});
     if (!disc_) return;
-    for (const PartlyLit& partly : scratch_.light.partly[band]) work(partly);
+    for (const PartlyLit& partly : scratch_.light.partly[band]) visit(partly);
   });
 }
 
@@ -295,10 +310,10 @@ void RasterPass::find_radiance(Pixels& pixels) {
   const SubpixelSample& sample = pixels.sample;
   if (sample.weight > 0 && sample.light) shade(radiance_of(sample), scratch_.bases);
   times_.shadow_ms += pixels.watch.lap_ms();
-  if (sample.weight > 0 && EdgeSamples::wanted(job_)) refine_edges(pixels);
+  if (sample.weight > 0 && EdgeSamples::applies_to(job_)) refine_edges(pixels);
 }
 
-// What shadows leave of radiance.
+// Redense_pixels radiance by what shadows leave of it.
 void RasterPass::shade(std::vector<float>& radiance, const std::vector<float>& bases) const {
   const float everywhere = shader_.base_radiance();
   for_shaded([&](const PartlyLit& left) {
@@ -307,67 +322,73 @@ void RasterPass::shade(std::vector<float>& radiance, const std::vector<float>& b
   });
 }
 
-// Tiles from first to past_last of the dense frame.
+// A batch of tiles of the dense frame: from first to past_last.
 struct RasterPass::EdgeTiles {
   const EdgeSamples& edges;
   const ImageTiling& tiling;
   std::size_t first, past_last;
 };
 
-// The same stages for samples at edges.
+// Runs the stages for the samples at edges, in batches of tiles.
 void RasterPass::refine_edges(Pixels& pixels) {
-  EdgeScratch& own = scratch_.edges;
+  EdgeScratch& edge_scratch = scratch_.edges;
   const std::vector<float>& radiance = radiance_of(pixels.sample);
   const EdgeSamples edges(job_);
   const ImageTiling tiling(mesh_, edges.dense_view());
-  tiling.lay(0, 0, edges.dense_lens(), scratch_.boxes, own.tiles);
-  own.pixels.resize(own.tiles.size());
-  in_parallel(own.tiles.size(), [&](std::size_t i) {
+  tiling.lay(0, 0, edges.dense_lens(), scratch_.boxes, edge_scratch.tiles);
+  edge_scratch.pixels.resize(edge_scratch.tiles.size());
+  in_parallel(edge_scratch.tiles.size(), [&](std::size_t i) {
     constexpr int kSide = EdgeSamples::kSide;
     job_.stop.check();
-    const ImageTile& tile = own.tiles[i];
-    own.pixels[i] = edges.find(radiance, tile.x0 / kSide, tile.y0 / kSide, tile.width / kSide, tile.height / kSide);
+    const ImageTile& tile = edge_scratch.tiles[i];
+    edge_scratch.pixels[i] =
+        edges.find(radiance, tile.x0 / kSide, tile.y0 / kSide, tile.width / kSide, tile.height / kSide);
   });
-  // Batches bound the memory: frame/needs.h.
-  const std::size_t most = radiance.size() / 2;
-  for (EdgeTiles batch{edges, tiling, 0, 0}; batch.first < own.tiles.size(); batch.first = batch.past_last) {
-    own.first.assign(1, 0);
+  // Bound the memory by batches; see frame/needs.h.
+  const std::size_t max_samples = radiance.size() / 2;
+  for (EdgeTiles batch{edges, tiling, 0, 0}; batch.first < edge_scratch.tiles.size(); batch.first = batch.past_last) {
+    edge_scratch.first.assign(1, 0);
     do {
-      own.first.push_back(own.first.back() + own.pixels[batch.past_last].size() * EdgeSamples::kPerPixel);
+      edge_scratch.first.push_back(edge_scratch.first.back() +
+                                   edge_scratch.pixels[batch.past_last].size() * EdgeSamples::kPerPixel);
       ++batch.past_last;
-    } while (batch.past_last < own.tiles.size() &&
-             own.first.back() + own.pixels[batch.past_last].size() * EdgeSamples::kPerPixel <= most);
+    } while (batch.past_last < edge_scratch.tiles.size() &&
+             edge_scratch.first.back() + edge_scratch.pixels[batch.past_last].size() * EdgeSamples::kPerPixel <=
+                 max_samples);
     refine_tiles(batch, pixels);
   }
 }
 
 void RasterPass::refine_tiles(const EdgeTiles& batch, Pixels& pixels) {
-  EdgeScratch& own = scratch_.edges;
-  const std::size_t tiles = batch.past_last - batch.first, room = own.first.back() + kPacket;
-  own.radiance.assign(room, 0.F), own.bases.clear();
-  if (!scratch_.bases.empty()) own.bases.assign(room, shader_.base_radiance());
-  own.samples.clear(), own.samples.resize(tiles);
+  EdgeScratch& edge_scratch = scratch_.edges;
+  const std::size_t tiles = batch.past_last - batch.first;
+  const std::size_t capacity = edge_scratch.first.back() + kPacket;
+  edge_scratch.radiance.assign(capacity, 0.F);
+  edge_scratch.bases.clear();
+  if (!scratch_.bases.empty()) edge_scratch.bases.assign(capacity, shader_.base_radiance());
+  edge_scratch.samples.clear();
+  edge_scratch.samples.resize(tiles);
   in_parallel(tiles, [&](std::size_t i) {
     job_.stop.check();
-    const std::size_t count = own.first[i + 1] - own.first[i];
+    const std::size_t count = edge_scratch.first[i + 1] - edge_scratch.first[i];
     if (count > 0) {
-      own.samples[i].clear(count + kPacket);
-      if (disc_) own.samples[i].disc.clear(count + kPacket, !job_.objects.empty());
+      edge_scratch.samples[i].clear(count + kPacket);
+      if (disc_) edge_scratch.samples[i].disc.clear(count + kPacket, !job_.objects.empty());
       const Pool<TileBuffer>::Lease buffer(scratch_.buffers);
-      batch.tiling.draw(own.tiles[batch.first + i], 0, 0, batch.edges.dense_lens(), scratch_.boxes, *buffer);
+      batch.tiling.draw(edge_scratch.tiles[batch.first + i], 0, 0, batch.edges.dense_lens(), scratch_.boxes, *buffer);
       resolve_edges(batch, i, *buffer);
     }
-    own.samples[i].bound();
+    edge_scratch.samples[i].bound();
   });
   times_.resolve_ms += pixels.watch.lap_ms();
   if (pixels.sample.light) {
-    shadows_->cast(own.samples, scratch_.light, job_.stop);
-    shade(own.radiance, own.bases);
+    shadows_->cast(edge_scratch.samples, scratch_.light, job_.stop);
+    shade(edge_scratch.radiance, edge_scratch.bases);
   }
   std::vector<float>& radiance = radiance_of(pixels.sample);
   in_parallel(tiles, [&](std::size_t i) {
-    const float* of_sample = own.radiance.data() + own.first[i];
-    for (const std::uint32_t pixel : own.pixels[batch.first + i]) {
+    const float* of_sample = edge_scratch.radiance.data() + edge_scratch.first[i];
+    for (const std::uint32_t pixel : edge_scratch.pixels[batch.first + i]) {
       radiance[pixel] = EdgeSamples::mean(of_sample);
       of_sample += EdgeSamples::kPerPixel;
     }
@@ -375,28 +396,28 @@ void RasterPass::refine_tiles(const EdgeTiles& batch, Pixels& pixels) {
   times_.shadow_ms += pixels.watch.lap_ms();
 }
 
-// Of one tile, drawn.
+// Resolves the edge samples of a tile that has been drawn.
 void RasterPass::resolve_edges(const EdgeTiles& batch, std::size_t i, const TileBuffer& buffer) {
   constexpr SubpixelSample kSample{0, 0, false, 1, true, false};
-  EdgeScratch& own = scratch_.edges;
-  const ImageTile& tile = own.tiles[batch.first + i];
-  const std::vector<std::uint32_t>& pixels = own.pixels[batch.first + i];
+  EdgeScratch& edge_scratch = scratch_.edges;
+  const ImageTile& tile = edge_scratch.tiles[batch.first + i];
+  const std::vector<std::uint32_t>& pixels = edge_scratch.pixels[batch.first + i];
   PacketShader::Sampler sampler = batch.edges.shader().sampler(job_.stop);
   PixelCounts uncounted;
   for (std::size_t at = 0; at < pixels.size() * EdgeSamples::kPerPixel; at += kPacket) {
-    EdgeSamples::Places places;
+    EdgeSamples::DensePixels dense_pixels;
     Rays rays;
-    const int count = batch.edges.get(pixels, at, places, rays);
+    const int count = batch.edges.aim(pixels, at, dense_pixels, rays);
     std::uint32_t triangles[kPacket];
     for (int k = 0; k < count; ++k)
       triangles[k] =
-          buffer.triangle[static_cast<std::size_t>(places.y[k] - tile.y0) * static_cast<std::size_t>(tile.width) +
-                          static_cast<std::size_t>(places.x[k] - tile.x0)];
+          buffer.triangle[static_cast<std::size_t>(dense_pixels.y[k] - tile.y0) * static_cast<std::size_t>(tile.width) +
+                          static_cast<std::size_t>(dense_pixels.x[k] - tile.x0)];
     SurfacePoints points;
     take_triangles(triangles, count, points);
     Facets facets;
     refine(job_.scene.mesh, rays, points, facets);
-    const std::size_t first = own.first[i] + at;
+    const std::size_t first = edge_scratch.first[i] + at;
     const Row row{0,
                   0,
                   count,
@@ -404,13 +425,13 @@ void RasterPass::resolve_edges(const EdgeTiles& batch, std::size_t i, const Tile
                   kSample,
                   batch.edges.dense_lens(),
                   batch.edges.shader(),
-                  own.radiance.data() + first,
-                  own.bases.empty() ? nullptr : own.bases.data() + first};
-    resolve_points(row, rays, points, facets, uncounted, own.samples[i], sampler);
+                  edge_scratch.radiance.data() + first,
+                  edge_scratch.bases.empty() ? nullptr : edge_scratch.bases.data() + first};
+    resolve_points(row, rays, points, facets, uncounted, edge_scratch.samples[i], sampler);
   }
 }
 
-// Of geometry, what the points' places say is written when they are found.
+// Adds the sample to the radiance of the frame. Geometry products are written earlier, by find_points.
 void RasterPass::write_products(Pixels& pixels) {
   const SubpixelSample& sample = pixels.sample;
   FrameProducts& out = writer_.out();

@@ -20,11 +20,12 @@
 
 namespace selenograph::engine {
 
-// Scratch memory of edge samples (edge_samples.h).
+// Scratch memory of edge samples; see edge_samples.h.
 struct EdgeScratch {
-  std::vector<ImageTile> tiles;                    // of the dense frame
+  std::vector<ImageTile> tiles;                    // tiles of the dense frame
   std::vector<std::vector<std::uint32_t>> pixels;  // edge pixels of the frame, per tile
-  // For a batch of tiles: index of each tile's first sample, plus the end. Radiance and bases: per sample.
+  // For a batch of tiles: the index of the first sample of each tile, and the end; radiance and base radiance per
+  // sample.
   std::vector<std::size_t> first;
   std::vector<LightSamples> samples;
   std::vector<float> radiance, bases;
@@ -36,8 +37,8 @@ struct FrameScratch {
   std::vector<StripBox> boxes;
   std::vector<ImageTile> tiles;
   std::vector<LightSamples> samples;  // per tile
-  std::vector<float> radiance;        // of one sub-pixel sample
-  std::vector<float> bases;           // radiance without the Sun per pixel; empty: the same everywhere
+  std::vector<float> radiance;        // radiance of the current sub-pixel sample
+  std::vector<float> bases;           // radiance without the Sun, per pixel; empty: the same for all pixels
   EdgeScratch edges;
   LightScratch light;
   Pool<TileBuffer> buffers;  // one per thread
@@ -48,9 +49,9 @@ class RasterPass {
  public:
   RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& scratch, StageTimes& times);
 
-  // One sample of all pixels. It goes through all stages in turn. Between stages a point is only its place in light
-  // space (FrameScratch::samples) and its radiance with and without the Sun: the shadow map needs all points before it
-  // can answer for any.
+  // One sample of all pixels, on its way through the stages. Between stages a point is only its position in light space
+  // (FrameScratch::samples) and its radiance with and without the Sun: the shadow map needs all points before it can
+  // answer for any.
   struct Pixels {
     explicit Pixels(const SubpixelSample& of) : sample(of) {}
     const SubpixelSample& sample;
@@ -66,8 +67,8 @@ class RasterPass {
     }
   }
 
-  // The stages, in order. Parallel over tiles in the caller's task arena; stops between tiles and between bands of the
-  // shadow map.
+  // The stages, in order. Parallel over tiles in the task arena of the caller; they check the stop token between tiles
+  // and between bands of the shadow map.
   void find_points(Pixels& pixels);
   void find_light(Pixels& pixels);
   void find_radiance(Pixels& pixels);
@@ -76,36 +77,43 @@ class RasterPass {
  private:
   struct Row;  // sixteen pixels of a tile
 
+  // Resolves the pixels of a tile that has been drawn into `buffer`.
   void resolve_tile(const ImageTile& tile, const TileBuffer& buffer, const SubpixelSample& sample,
                     const PixelRays& lens, PixelCounts& counts, LightSamples& samples);
+  // Resolves sixteen pixels from the ids of their triangles: aims their rays and refines their points.
   void resolve(const Row& row, const std::uint32_t* triangles, PixelCounts& counts, LightSamples& samples,
                PacketShader::Sampler& sampler);
   void resolve_points(const Row& row, Rays& rays, SurfacePoints& points, const Facets& facets, PixelCounts& counts,
                       LightSamples& samples, PacketShader::Sampler& sampler);
+  // Replaces pixels at edges by the mean of four samples; see edge_samples.h.
   void refine_edges(Pixels& pixels);
   struct EdgeTiles;  // a batch of tiles
   void refine_tiles(const EdgeTiles& batch, Pixels& pixels);
   void resolve_edges(const EdgeTiles& batch, std::size_t i, const TileBuffer& buffer);
   void shade(std::vector<float>& radiance, const std::vector<float>& bases) const;
   void resolve_objects(const Row& row, Rays& rays, SurfacePoints& points, PixelCounts& counts, LightSamples& samples);
+  // Records the hits of the boresight and the corners of the image.
   void mark(const Row& row, const SurfacePoints& points);
   void prefetch(const std::uint32_t* triangles) const;
-  void place_under_sun(const SurfacePoints& points, const std::uint16_t* own, std::size_t first_pixel, Shading& shading,
-                       float* lit, LightSamples& samples) const;
-  void shade_by_objects(const SurfacePoints& points, const std::uint16_t* own, std::int32_t* facing) const;
-  // Sixteen points and the solar disc, if the Sun has one. partly: lanes for which objects hide part of it; free: which
-  // directions remain.
-  struct BeforeDisc {
+  void light_packet(const SurfacePoints& points, const std::uint16_t* own_object, std::size_t first_pixel,
+                    Shading& shading, float* lit, LightSamples& samples) const;
+  void shade_by_objects(const SurfacePoints& points, const std::uint16_t* own_object, std::int32_t* facing) const;
+  // A packet and the solar disc; empty for a point Sun. partly: lanes for which objects hide part of the disc; free:
+  // the directions that they leave free.
+  struct DiscState {
     const DiscLanes* turned = nullptr;
     std::uint32_t partly = 0;
-    const DiscLight::Free* free = nullptr;
+    const DiscLight::FreeDirections* free = nullptr;
   };
-  std::uint32_t disc_past_objects(const SurfacePoints& points, const std::uint16_t* own, std::uint32_t lanes,
-                                  const DiscLanes& turned, Shading& shading, float* lit, DiscLight::Free* free) const;
-  void add_samples(const SurfacePoints& points, std::uint32_t first_pixel, const BeforeDisc& disc, bool all_inside,
+  std::uint32_t remove_object_shadows(const SurfacePoints& points, const std::uint16_t* own_object, std::uint32_t lanes,
+                                      const DiscLanes& turned, Shading& shading, float* lit,
+                                      DiscLight::FreeDirections* free) const;
+  void add_samples(const SurfacePoints& points, std::uint32_t first_pixel, const DiscState& disc, bool all_inside,
                    float* lit, LightSamples& samples) const;
+  // Calls visit for each pixel that loses light to terrain.
   template <typename Work>
-  void for_shaded(const Work& work) const;
+  void for_shaded(const Work& visit) const;
+  // Returns the array for the radiance of a sample: the product itself if it is the only sample.
   std::vector<float>& radiance_of(const SubpixelSample& sample) {
     return sample.store ? writer_.out().radiance : scratch_.radiance;
   }

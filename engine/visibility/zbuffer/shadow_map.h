@@ -3,8 +3,18 @@
 // resolution and no bias: under a closed surface only facets that face away from the Sun need to cast, and a sunlit
 // point never lies on such a facet.
 //
-// Samples are sorted into cells of bands of light space; each band is a task. For a solar disc the map is aimed
-// slightly above the disc, and each band then finds the horizons in front of it: see horizons.h.
+// Light space, seen from the Sun (d points at the reader). Samples are sorted into cells; each band is a task:
+//
+//     v                                  /\           occluder: its box of cells is tested against the
+//     ^  +----+----+----+----+----+     /  \          lowest sample of each run of kCoarse
+//     |  |  . |.   |    | .  |    |    /____\         cells before its triangles are cast
+//     |  | .  |    | .. |    |  . |   band 1: kBandRows rows of cells, about one sample (.) per cell,
+//     |  +====+====+====+====+====+           each four times as high as wide
+//     |  |    | .  |    |.   |    |   band 0: samples contiguous per row and per cell
+//     +--+----+----+----+----+----+--> u
+//
+// For a solar disc the map is aimed slightly above the disc, and each band then finds the horizons in front of it: see
+// horizons.h.
 #pragma once
 
 #include <algorithm>
@@ -22,37 +32,44 @@
 
 namespace selenograph::engine {
 
-// Sixteen surface points in light space; for a solar disc with the part of the coordinates that float rounds off.
+// Sixteen surface points in light space, metres. rest_*: what float rounds off the coordinates; set only for a solar
+// disc.
 struct LightLanes {
-  alignas(64) float u[kPacket], v[kPacket], d[kPacket];
-  alignas(64) float rest_u[kPacket], rest_v[kPacket], rest_d[kPacket];
+  alignas(64) float u[kPacket];
+  alignas(64) float v[kPacket];
+  alignas(64) float d[kPacket];
+  alignas(64) float rest_u[kPacket];
+  alignas(64) float rest_v[kPacket];
+  alignas(64) float rest_d[kPacket];
 };
 
-// Samples with respect to the solar disc; structure of arrays like LightSamples, empty for a point Sun.
+// Data that samples need besides their position if the Sun is a disc; structure of arrays parallel to LightSamples,
+// empty for a point Sun.
 struct DiscSamples {
-  std::vector<float> rest_u, rest_v, rest_d;    // as in LightLanes
-  std::vector<float> tilt_across, tilt_upward;  // as in DiscLanes; of one that doesn't face all of the disc: not a
-                                                // number, and its place in `grazed`
+  std::vector<float> rest_u, rest_v, rest_d;  // rounding residuals, as in LightLanes
+  // as in DiscLanes. For a sample that does not face the whole disc, tilt_across is NaN and the bits of tilt_upward are
+  // its index in `grazed`.
+  std::vector<float> tilt_across, tilt_upward;
   struct Grazed {
-    float facet[3], shading[3];  // DiscPlane of either: middle, across, upward
+    float facet[3], shading[3];  // a DiscPlane each: middle, across, upward
   };
   std::vector<Grazed> grazed;
-  std::vector<std::uint32_t> free;  // directions that objects leave free, in of_objects; kAllFree: all.
-                                    // Empty: all
+  // index in free_of_objects; kAllFree: no object hides a direction. Empty: no objects
+  std::vector<std::uint32_t> free;
   static constexpr std::uint32_t kAllFree = ~0U;
-  std::vector<DiscLight::Free> of_objects;
+  std::vector<DiscLight::FreeDirections> free_of_objects;
 
   void clear(std::size_t capacity, bool objects);
   void add(std::size_t at, const LightLanes& lanes, const DiscLanes& turned, std::size_t lane);
-  // Adds lanes that face the whole disc.
-  void add_all(std::size_t at, const LightLanes& lanes, const DiscLanes& turned);
+  // Adds a packet whose lanes all face the whole disc.
+  void add_packet(std::size_t at, const LightLanes& lanes, const DiscLanes& turned);
   void get(std::size_t at, DiscLanes& turned, std::size_t lane) const;
   std::size_t bytes() const;
 };
-// Remaining part of the light that a pixel's point would receive alone.
+// Share of its unoccluded light that reaches the point of a pixel.
 struct PartlyLit {
   std::uint32_t pixel;
-  float share, cosine;  // as in DiscLight::left
+  float share, cosine;  // as in DiscLight::remaining
 };
 
 // Surface points that face the Sun, in light space, and the pixels that see them; structure of arrays, `count` entries.
@@ -61,16 +78,23 @@ struct LightSamples {
   std::vector<std::uint32_t> pixel;
   DiscSamples disc;
   std::size_t count = 0;
-  float low[2], high[2];  // u, v: see bound()
+  float low[2], high[2];  // bounds of u and v, set by bound()
 
-  void make_room(std::size_t capacity);
-  void clear(std::size_t capacity) { make_room(capacity), count = 0; }
-  void add(float su, float sv, float sd, std::uint32_t at) {
-    u[count] = su, v[count] = sv, d[count] = sd, pixel[count++] = at;
+  void reserve(std::size_t capacity);
+  void clear(std::size_t capacity) {
+    reserve(capacity);
+    count = 0;
   }
-  // Adds pixels of a row.
-  void add_all(const LightLanes& lanes, std::uint32_t first) {
-    std::memcpy(&u[count], lanes.u, sizeof lanes.u), std::memcpy(&v[count], lanes.v, sizeof lanes.v);
+  void add(float su, float sv, float sd, std::uint32_t at) {
+    u[count] = su;
+    v[count] = sv;
+    d[count] = sd;
+    pixel[count++] = at;
+  }
+  // Adds a packet: sixteen pixels of a row from `first` on.
+  void add_packet(const LightLanes& lanes, std::uint32_t first) {
+    std::memcpy(&u[count], lanes.u, sizeof lanes.u);
+    std::memcpy(&v[count], lanes.v, sizeof lanes.v);
     std::memcpy(&d[count], lanes.d, sizeof lanes.d);
     std::uint32_t* p = &pixel[count];
     for (std::uint32_t i = 0; i < kPacket; ++i) p[i] = first + i;
@@ -85,19 +109,20 @@ struct LightSamples {
 struct BandScratch {
   LightBand band;
   std::vector<std::uint32_t> cell, pixel;
-  // Origin of each sample: its tile and its place there. For a solar disc.
-  static constexpr int kPlaceBits = 14;
-  std::vector<std::uint32_t> from;
+  // For a solar disc, the origin of each sample: its tile, and its index there in the low bits.
+  static constexpr int kIndexBits = 14;
+  std::vector<std::uint32_t> origin;
   Horizons horizons;
   std::size_t bytes() const;
 };
 
-// A tile's samples in groups of sixteen, listed by the bands that they touch: neighbours in the image, so nearly all
-// groups are in one band.
+// Lists a tile's samples, in groups of sixteen, by the bands that they touch. A group's samples are neighbours in the
+// image, so nearly every group is in a single band.
 struct BandGroups {
-  std::vector<std::uint32_t> group;  // samples from 16 * group on
-  std::vector<std::uint32_t> first;  // start of each band in `group`, plus the end
-  // Temporary, per group: the first band and the number of further ones; whether a sample may be in shadow.
+  std::vector<std::uint32_t> group;  // index g: samples from 16 * g on
+  std::vector<std::uint32_t> first;  // start of each band in `group`, and the end
+  // Temporary, per group: the first band and, from bit 16 on, the number of further bands; 1 if a sample may be in
+  // shadow.
   std::vector<std::uint32_t> bands;
   std::vector<std::uint8_t> reached;
 };
@@ -106,32 +131,33 @@ struct BandGroups {
 struct LightScratch {
   Pool<BandScratch> bands;                           // one per thread
   std::vector<BandGroups> groups;                    // per tile
-  std::vector<std::vector<std::uint32_t>> shadowed;  // pixels, per band
-  std::vector<std::vector<PartlyLit>> partly;        // partly lit pixels, per band: for a solar disc
+  std::vector<std::vector<std::uint32_t>> shadowed;  // shadowed pixels, per band
+  std::vector<std::vector<PartlyLit>> partly;        // partly lit pixels, per band; only for a solar disc
   std::size_t bytes() const;
 };
 
 class ShadowMap {
  public:
-  // `sun`: unit vector toward it.
+  // For a point Sun. `sun`: unit vector toward it.
   ShadowMap(const RasterMesh& mesh, const Vec3& sun);
-  // For a solar disc, which must outlive this object.
+  // For a solar disc. `disc` must outlive this object.
   ShadowMap(const RasterMesh& mesh, const DiscLight& disc);
 
-  // Direction that the map is aimed at: shadowed samples are shadowed from there.
+  // Direction from which shadows are cast.
   const Vec3& aim() const { return d_; }
 
+  // Transforms points into light space, for a disc with rounding residuals.
   void place(const SurfacePoints& points, LightLanes& lanes) const;
 
   // Writes the pixels of all shadowed samples, in any order, to scratch.shadowed; for a disc, the partly lit ones to
-  // scratch.partly. Parallel; stops between bands.
+  // scratch.partly. Parallel; checks `stop` before each band.
   void cast(const std::vector<LightSamples>& samples, LightScratch& scratch, const StopToken& stop) const;
 
  private:
-  // A strip in light space.
-  struct Caster : LightBox {
-    bool casts;    // some triangle may face away from the Sun and so cast
-    bool horizon;  // some triangle may be turned away from some of the disc
+  // The bounding box of a strip in light space.
+  struct Occluder : LightBox {
+    bool may_cast;  // a triangle may face away from the aim, and so cast a shadow
+    bool horizon;   // a triangle may face away from part of the disc
   };
   struct Grid;
 
@@ -140,27 +166,33 @@ class ShadowMap {
 
   static Grid grid_over(const std::vector<LightSamples>& tiles);
   ShadowReach reach_over(const Grid& grid) const;
-  std::vector<LightBox> parts_of_casters() const;
-  // Of the groups that may be in shadow; `reach`: null, all may be.
+  std::vector<LightBox> occluder_boxes() const;
+  // Lists the groups that may be in shadow. `reach`: null if all groups may be.
   static void find_bands(const Grid& grid, const LightSamples& tile, const ShadowReach* reach, BandGroups& out);
-  std::size_t sort_by_cell(const Grid& grid, std::size_t band, const std::vector<LightSamples>& tiles,
-                           const std::vector<BandGroups>& groups, BandScratch& own) const;
-  Caster caster_of(const Strip& strip) const;
+  std::size_t sort_by_cell(const Grid& grid, std::size_t band_index, const std::vector<LightSamples>& tiles,
+                           const std::vector<BandGroups>& groups, BandScratch& scratch) const;
+  static void lay_band(const Grid& grid, std::size_t band_index, LightBand& band);
+  static bool count_per_cell(const Grid& grid, std::size_t band_index, const std::vector<LightSamples>& tiles,
+                             const std::vector<BandGroups>& groups, BandScratch& scratch);
+  static std::size_t sum_cell_counts(LightBand& band);
+  void scatter_into_cells(std::size_t band_index, const std::vector<LightSamples>& tiles,
+                          const std::vector<BandGroups>& groups, std::size_t count, BandScratch& scratch) const;
+  Occluder occluder_of(const Strip& strip) const;
   bool may_face_away(const Strip& strip, const Vec3& from, double radius) const;
-  void order_casters();
+  void order_occluders();
   void cast_strips(const Grid& grid, int band_index, LightBand& band) const;
   void cast_skirts(LightBand& band) const;
-  void find_horizons(const std::vector<LightSamples>& tiles, BandScratch& own, std::size_t count,
+  void find_horizons(const std::vector<LightSamples>& tiles, BandScratch& scratch, std::size_t count,
                      std::vector<PartlyLit>& out) const;
 
   const RasterMesh& mesh_;
-  const DiscLight* disc_;  // null: a point
-  double aim_radii_;       // aim above the disc's middle, in radii
+  const DiscLight* disc_;  // null: point Sun
+  double aim_radii_;       // aim above the middle of the disc, in its radii
   Vec3 u_, v_, d_;
   LightAxes axes_;
-  std::vector<Caster> casters_;       // per strip
-  std::vector<std::uint32_t> order_;  // casting strips, in casting order
-  bool descending_ = false;           // in descending height toward the Sun
+  std::vector<Occluder> occluders_;   // per strip
+  std::vector<std::uint32_t> order_;  // strips that may cast, in casting order
+  bool descending_ = false;           // order_ is by descending d_high
   std::vector<LightBox> skirts_;
 };
 

@@ -30,21 +30,28 @@ namespace selenograph::engine::HWY_NAMESPACE {
 
 void FindReached(const ReachCells& cells, const float* u, const float* v, const float* d, std::size_t groups,
                  std::uint8_t* reached) {
-  const float u0 = cells.u0, v0 = cells.v0, per_u = cells.per_u, per_v = cells.per_v;
-  const auto last_column = static_cast<float>(cells.columns - 1), last_row = static_cast<float>(cells.rows - 1);
+  const float u0 = cells.u0;
+  const float v0 = cells.v0;
+  const float per_u = cells.per_u;
+  const float per_v = cells.per_v;
+  const auto last_column = static_cast<float>(cells.columns - 1);
+  const auto last_row = static_cast<float>(cells.rows - 1);
   const int columns = cells.columns;
   for (std::size_t g = 0; g < groups; ++g, u += kPacket, v += kPacket, d += kPacket) {
     alignas(64) std::int32_t cell[kPacket];
     SELENOGRAPH_INDEPENDENT_LANES
     for (int i = 0; i < kPacket; ++i) {
-      float column = (u[i] - u0) * per_u, row = (v[i] - v0) * per_v;
-      column = column > 0 ? column : 0, row = row > 0 ? row : 0;
-      column = column < last_column ? column : last_column, row = row < last_row ? row : last_row;
+      float column = (u[i] - u0) * per_u;
+      float row = (v[i] - v0) * per_v;
+      column = column > 0 ? column : 0;
+      row = row > 0 ? row : 0;
+      column = column < last_column ? column : last_column;
+      row = row < last_row ? row : last_row;
       cell[i] = static_cast<std::int32_t>(row) * columns + static_cast<std::int32_t>(column);
     }
-    int some = 0;
-    for (int i = 0; i < kPacket; ++i) some |= d[i] > cells.top_m[cell[i]] ? 0 : 1;
-    reached[g] = static_cast<std::uint8_t>(some);
+    int reached_any = 0;
+    for (int i = 0; i < kPacket; ++i) reached_any |= d[i] > cells.top_m[cell[i]] ? 0 : 1;
+    reached[g] = static_cast<std::uint8_t>(reached_any);
   }
 }
 
@@ -62,17 +69,19 @@ ShadowReach::ShadowReach(float u0, float v0, float per_u, float per_v, int colum
                 -std::numeric_limits<float>::infinity());
 }
 
-void ShadowReach::add(const LightBox& caster) {
-  // A cell more on either side is far more than coordinates are rounded by.
-  const auto cell = [](float at, float origin, float per_m, int beside, int cells) {
-    const float whole = std::floor((at - origin) * per_m) + static_cast<float>(beside);
-    return static_cast<int>(std::clamp(whole, 0.F, static_cast<float>(cells - 1)));
+void ShadowReach::add(const LightBox& occluder) {
+  // Add a cell on either side: far more than the rounding error of coordinates.
+  const auto cell = [](float at, float origin, float per_m, int margin, int cells) {
+    const float index = std::floor((at - origin) * per_m) + static_cast<float>(margin);
+    return static_cast<int>(std::clamp(index, 0.F, static_cast<float>(cells - 1)));
   };
-  const int left = cell(caster.u_low, u0_, per_u_, -1, columns_), right = cell(caster.u_high, u0_, per_u_, 1, columns_);
-  const int low = cell(caster.v_low, v0_, per_v_, -1, rows_), high = cell(caster.v_high, v0_, per_v_, 1, rows_);
+  const int left = cell(occluder.u_low, u0_, per_u_, -1, columns_);
+  const int right = cell(occluder.u_high, u0_, per_u_, 1, columns_);
+  const int low = cell(occluder.v_low, v0_, per_v_, -1, rows_);
+  const int high = cell(occluder.v_high, v0_, per_v_, 1, rows_);
   for (int row = low; row <= high; ++row) {
     float* top_m = top_m_.data() + static_cast<std::ptrdiff_t>(row) * columns_;
-    for (int column = left; column <= right; ++column) top_m[column] = std::max(top_m[column], caster.d_high);
+    for (int column = left; column <= right; ++column) top_m[column] = std::max(top_m[column], occluder.d_high);
   }
 }
 

@@ -1,5 +1,5 @@
-// How high casters reach toward the Sun, over coarse cells of light space: a sample above all casters of its cell is
-// lit.
+// Height to which occluders reach toward the Sun, over coarse cells of light space: a sample above all occluders of its
+// cell is lit.
 #pragma once
 
 #include <cstddef>
@@ -12,19 +12,19 @@ namespace selenograph::engine {
 
 class ShadowReach {
  public:
-  // Cells of per_u by per_v a metre, from (u0, v0) on. What is beside them counts as in the nearest.
+  // Cells of per_u by per_v per metre, from (u0, v0) on. Points outside count in the nearest cell.
   ShadowReach(float u0, float v0, float per_u, float per_v, int columns, int rows);
 
-  // A caster; it counts in the cells beside its box, too.
-  void add(const LightBox& caster);
+  // Adds an occluder. It also counts in the cells next to its box.
+  void add(const LightBox& occluder);
 
-  // For groups of sixteen samples: whether one of them may be in shadow.
+  // Sets reached[g] to 1 if a sample of the group g of sixteen may be in shadow, else to 0.
   void find_reached(const float* u, const float* v, const float* d, std::size_t groups, std::uint8_t* reached) const;
 
  private:
   float u0_, v0_, per_u_, per_v_;
   int columns_, rows_;
-  std::vector<float> top_m_;  // d; -infinity: no caster
+  std::vector<float> top_m_;  // highest d of occluders per cell; -infinity: none
 };
 
 }  // namespace selenograph::engine

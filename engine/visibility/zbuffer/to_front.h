@@ -1,8 +1,8 @@
-// Moves the lanes of a float vector that a mask sets to the front, in their order. For kernels, which include it for
-// each of Highway's targets.
+// Moves the lanes of a float vector that a mask sets to the front, in their order. Kernels include this file once for
+// each Highway target.
 //
-// In registers: compressing into memory takes Zen 4 a hundred times as long. By a table of our own where vectors are
-// short: for each vector GCC would copy Highway's, a kilobyte, onto the stack.
+// The lanes move in registers: compressing into memory takes Zen 4 a hundred times as long. Short vectors use a table
+// of our own: GCC would copy the table of Highway, a kilobyte, onto the stack for each vector.
 #if defined(SELENOGRAPH_ENGINE_TO_FRONT) == defined(HWY_TARGET_TOGGLE)
 #ifdef SELENOGRAPH_ENGINE_TO_FRONT
 #undef SELENOGRAPH_ENGINE_TO_FRONT
@@ -18,7 +18,8 @@
 #define SELENOGRAPH_ENGINE_SET_LANES
 namespace selenograph::engine {
 
-// By a mask of eight lanes: those that are set, then the others. Its first half is that of four lanes.
+// Permutation for each mask of eight lanes: set lanes first, then the others. Its first half serves vectors of four
+// lanes.
 struct alignas(64) SetLanesFirst {
   std::int32_t lane[256][8];
 };
@@ -26,9 +27,9 @@ constexpr SetLanesFirst set_lanes_first() {
   SetLanesFirst out{};
   for (int mask = 0; mask < 256; ++mask) {
     int at = 0;
-    for (const int wanted : {1, 0})
+    for (const int is_set : {1, 0})
       for (int i = 0; i < 8; ++i)
-        if ((mask >> i & 1) == wanted) out.lane[mask][at++] = i;
+        if ((mask >> i & 1) == is_set) out.lane[mask][at++] = i;
   }
   return out;
 }
