@@ -25,19 +25,21 @@ struct CampaignOptions {
   int in_work = 2;                   // frames at once
 };
 
-// Outcome of a shard's lines.
+// Numbers of a shard's lines by outcome.
 struct CampaignTally {
-  std::size_t rendered = 0, kept = 0;           // kept: existed already
+  std::size_t rendered = 0;
+  std::size_t existing = 0;                     // finished by an earlier run
   std::size_t bad = 0;                          // can never become a frame
   std::size_t failed = 0;                       // temporary failure: an unreadable file, no memory
-  std::size_t outside = 0;                      // frames with pixels on the Moon outside the data
-  std::map<std::string, std::size_t> warnings;  // how many frames have each
+  std::size_t incomplete = 0;                   // frames with pixels on the Moon outside the data
+  std::map<std::string, std::size_t> warnings;  // number of frames with each
   bool interrupted = false;
 };
 
-// Renders missing frames. `stop` cancels active frames; files being written are finished. Throws std::runtime_error
-// naming the file when the folder holds files that are not this campaign's, or cannot be written.
-CampaignTally run_campaign(const Manifest& manifest, const api::Service& service, const Run& run,
+// Renders missing frames; `made_by`: see Journal. `stop` cancels active frames; files being written are finished.
+// Throws std::runtime_error naming the file when the folder holds files that are not this campaign's, or cannot be
+// written.
+CampaignTally run_campaign(const Manifest& manifest, const api::Service& service, const std::string& made_by,
                            const CampaignOptions& options, std::atomic<bool>& stop);
 
 }  // namespace selenograph::server

@@ -1,7 +1,6 @@
 #include "server/campaign/durable_files.h"
 
 #include <fcntl.h>
-#include <fmt/format.h>
 #include <spdlog/spdlog.h>
 #include <sys/file.h>
 #include <sys/stat.h>
@@ -19,7 +18,7 @@ namespace {
 namespace fs = std::filesystem;
 
 [[noreturn]] void fail_at(const std::string& path, int error) {
-  throw std::runtime_error(fmt::format("{}: {}", path, std::generic_category().message(error)));
+  throw std::system_error(error, std::generic_category(), path);
 }
 
 class Descriptor {
@@ -47,10 +46,12 @@ int write_all(int file, std::string_view bytes) {
 }
 
 void sync_folder_of(const std::string& path) {
-  const fs::path folder = fs::path(path).parent_path();
-  const Descriptor opened(folder.empty() ? "." : folder.string(), O_RDONLY | O_DIRECTORY);
-  // Some file systems can't, and have nothing to sync then.
-  if (::fsync(opened.get()) != 0 && errno != EINVAL) fail_at(folder.string(), errno);
+  const fs::path parent = fs::path(path).parent_path();
+  const std::string folder = parent.empty() ? "." : parent.string();
+  if (::access(folder.c_str(), R_OK) != 0) return;  // a folder that may only be written into cannot be opened
+  const Descriptor opened(folder, O_RDONLY | O_DIRECTORY);
+  // EINVAL: this file system cannot sync folders.
+  if (::fsync(opened.get()) != 0 && errno != EINVAL) fail_at(folder, errno);
 }
 
 }  // namespace
@@ -70,6 +71,17 @@ void write_to_disk(const std::string& path, std::string_view bytes) {
 void rename_on_disk(const std::string& from, const std::string& to) {
   if (::rename(from.c_str(), to.c_str()) != 0) fail_at(to, errno);
   sync_folder_of(to);
+}
+
+void replace_on_disk(const std::string& path, std::string_view bytes) {
+  const std::string temporary = path + ".part-" + std::to_string(::getpid());
+  write_to_disk(temporary, bytes);
+  try {
+    rename_on_disk(temporary, path);
+  } catch (...) {
+    ::unlink(temporary.c_str());
+    throw;
+  }
 }
 
 void remove_on_disk(const std::string& path) {

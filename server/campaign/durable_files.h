@@ -1,5 +1,5 @@
-// Crash-safe files: written atomically, and a journal whose written lines are never lost. All functions throw
-// std::runtime_error naming the file and the system's reason.
+// Crash-safe files: written as a whole or not at all, and a journal whose written lines are never lost. All functions
+// throw std::system_error naming the file and the system's reason.
 #pragma once
 
 #include <cstdint>
@@ -13,6 +13,10 @@ void write_to_disk(const std::string& path, std::string_view bytes);
 
 // Renames `from` to `to`, which it replaces; on disk when this returns.
 void rename_on_disk(const std::string& from, const std::string& to);
+
+// Writes a file under a temporary name beside it, and then renames it: after a crash, too, the path names the old file
+// or the new one.
+void replace_on_disk(const std::string& path, std::string_view bytes);
 
 // Removes a file; it stays removed after a crash.
 void remove_on_disk(const std::string& path);

@@ -4,16 +4,13 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <functional>
-#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <thread>
 #include <utility>
 
 #include "api/answers/metadata.h"
-#include "api/message/json_text.h"
 #include "engine/support/heap.h"
 #include "server/commands/commands.h"
 #include "server/commands/start.h"
@@ -79,43 +76,12 @@ int places_in_work(const ServeSettings& s) {
   return s.max_frames > 0 ? s.max_frames : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
-double rounded(double ms) { return std::round(ms * 1e3) / 1e3; }
-double round_ms(double seconds) { return rounded(1e3 * seconds); }
-
-// deploy/operation/log.md lists the members.
-std::string members_of(const AccessRecord& e) {
-  const auto text_or_null = [](const std::string& text) {
-    return text.empty() ? nlohmann::ordered_json() : nlohmann::ordered_json(text);
-  };
-  nlohmann::ordered_json line{{"request_id", e.request_id},
-                              {"token", text_or_null(e.token)},
-                              {"client", text_or_null(e.host)},
-                              {"method", text_or_null(e.method)},
-                              {"target", text_or_null(e.target)},
-                              {"status", e.status},
-                              {"error", text_or_null(e.error_code)},
-                              {"request_bytes", e.request_bytes},
-                              {"bytes", e.bytes},
-                              {"duration_ms", round_ms(e.seconds)},
-                              {"queued_ms", round_ms(e.queued_s)},
-                              {"work_ms", round_ms(e.work_s)},
-                              {"stages_ms", nlohmann::ordered_json::object()}};
-  for (const auto& [stage, ms] : e.stages) line["stages_ms"][stage] = rounded(ms);  // as in Server-Timing
-  const std::string text = api::json_text(line);
-  return text.substr(1, text.size() - 2);
-}
-
-void note(Metrics& metrics, const AccessRecord& e, LogFormat format) {
-  const std::string_view route = route_label(e.path);
-  metrics.count_answer(route, method_label(e.method), e.status, e.seconds, e.bytes);
-  if (!e.error_code.empty()) metrics.count_error(e.error_code);
-  const bool probe = route.substr(0, 8) == "/health/" || route == "/metrics";
-  const spdlog::level::level_enum level = probe ? spdlog::level::debug : spdlog::level::info;
-  if (!spdlog::should_log(level)) return;
-  if (format == LogFormat::json) return AsyncLog::log_members(level, members_of(e));
-  spdlog::log(level, "{} {} {} {:.1f} ms {} B {} {}", e.method.empty() ? "-" : e.method,
-              e.target.empty() ? "-" : e.target.substr(0, 200), e.status, e.seconds * 1000.0, e.bytes, e.request_id,
-              e.error_code);
+void note(Metrics& metrics, const AsyncLog& log, const AccessRecord& request) {
+  const std::string_view route = route_label(request.path);
+  metrics.count_answer(route, method_label(request.method), request.status, request.seconds, request.bytes);
+  if (!request.error_code.empty()) metrics.count_error(request.error_code);
+  const bool is_probe = route.starts_with("/health/") || route == "/metrics";
+  log.log_request(is_probe ? spdlog::level::debug : spdlog::level::info, request);
 }
 
 // A proxy has time to see that this node goes, before it refuses anything.
@@ -189,7 +155,7 @@ int run_service(const ServeSettings& settings, ShutdownSignals& signals, const A
       [&](const api::Request& request, const Peer& peer, Admission::Clock::duration& queued) {
         return front.handle(request, peer, queued);
       },
-      [&](const AccessRecord& record) { note(metrics, record, settings.log_format); });
+      [&](const AccessRecord& request) { note(metrics, log, request); });
   http = &server;
   const std::chrono::milliseconds at_most = milliseconds(settings.shutdown_s);
   signals.arm(at_most);

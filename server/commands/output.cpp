@@ -13,6 +13,7 @@
 #include <system_error>
 
 #include "api/message/json_text.h"
+#include "server/campaign/durable_files.h"
 
 namespace selenograph::server {
 
@@ -20,9 +21,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-std::error_code error_of(int number) { return {number != 0 ? number : EIO, std::generic_category()}; }
-
-void refuse(const std::string& path, const std::error_code& error) {
+[[noreturn]] void refuse(const std::string& path, const std::error_code& error) {
   throw std::runtime_error(path + ": cannot be written: " + error.message());
 }
 
@@ -33,9 +32,12 @@ bool is_standard_output(const std::string& path) {
          named.st_dev == standard.st_dev && named.st_ino == standard.st_ino;
 }
 
+std::error_code error_of(int number) { return {number != 0 ? number : EIO, std::generic_category()}; }
+
+// Writes into a device, a pipe or standard output. Opening standard output by its name would truncate what it holds.
 std::error_code write_into(const std::string& path, const std::string& bytes) {
   errno = 0;
-  if (is_standard_output(path)) {  // opened by its name, it would begin anew
+  if (is_standard_output(path)) {
     const bool written = std::fwrite(bytes.data(), 1, bytes.size(), stdout) == bytes.size();
     return written && std::fflush(stdout) == 0 ? std::error_code() : error_of(errno);
   }
@@ -72,12 +74,11 @@ void write_whole(const std::string& path, const std::string& bytes) {
     if (const std::error_code error = write_into(path, bytes)) refuse(path, error);
     return;
   }
-  const std::string target = target_of(path).string(), temporary = target + ".part-" + std::to_string(::getpid());
-  std::error_code error = write_into(temporary, bytes), ignored;
-  if (!error) fs::rename(temporary, target, error);
-  if (!error) return;
-  fs::remove(temporary, ignored);
-  refuse(path, error);
+  try {
+    replace_on_disk(target_of(path).string(), bytes);
+  } catch (const std::system_error& error) {
+    refuse(path, error.code());
+  }
 }
 
 std::FILE* said_beside(const std::string& path) { return is_standard_output(path) ? stderr : stdout; }
