@@ -87,7 +87,6 @@ struct VerifyAccuracySettings {
 
 struct VerifyMoonSettings {
   TerrainSettings terrain;
-  api::Limits limits;
   std::vector<std::string> albedo_maps;  // names in the assets folder
   std::string images;                    // folder with views.json and NAME.npy; empty: none
   std::string center;                    // "LAT,LON": relief there in the place of the whole disc; empty: the disc

@@ -20,15 +20,6 @@ namespace {
 namespace fs = std::filesystem;
 using api::Json;
 
-// Whoever asks here waits as long as it takes.
-api::Limits limits_of_patience() {
-  api::Limits limits;
-  limits.max_rays = 1 << 24;
-  limits.max_image_pixels = std::int64_t{1} << 28;
-  limits.max_image_side = 65535;
-  return limits;
-}
-
 // A region's request as text; empty: neither a file nor an option says one.
 std::string region_request(const FeaturesSettings& s) {
   const bool by_options = !s.detail.empty() || !s.region.empty() || s.smallest_m;
@@ -103,7 +94,7 @@ int features(const FeaturesSettings& settings) {
   if (region.empty() && frame.empty()) throw std::runtime_error("a REQUEST.json, --region or --coco is needed");
   check_outputs(settings, !region.empty(), !frame.empty());
   const api::Assets assets(settings.terrain.assets_dir, mesh_options(settings.terrain));
-  const api::Limits limits = limits_of_patience();
+  const api::Limits limits = command_limits();
   const auto renderer = make_renderer(settings.terrain);
   std::vector<Written> all;
   const api::Response answer = api::answer_or_problem({}, [&] {

@@ -246,9 +246,7 @@ int map(const MapSettings& settings) {
   const std::string_view media_type = media_type_for(settings.output);
   const std::vector<Epoch> epochs = epochs_of(settings.utc);
   const std::string text = read_request(settings.request);
-  // Whoever asks here waits as long as it takes.
-  api::Limits limits;
-  limits.max_map_pixels = std::int64_t{1} << 28;
+  const api::Limits limits = command_limits();
   const api::Assets assets(settings.terrain.assets_dir, mesh_options(settings.terrain));
   const auto renderer = make_renderer(settings.terrain);
   ProgressBar bar;

@@ -60,7 +60,7 @@ engine::FrameRequest read_request(json request, const VerifyMoonSettings& settin
                                   const std::string& what) {
   request["surface"] = surface_json(settings);
   try {
-    return api::read_frame(request, settings.limits, assets).request;
+    return api::read_frame(request, command_limits(), assets).request;
   } catch (const api::RequestError& e) {
     std::string why = what + ": " + e.what();
     for (const api::Finding& f : e.findings()) why += fmt::format("\n  {}: {}", f.pointer, f.detail);

@@ -39,7 +39,6 @@ void add_options(CLI::App& command, RenderSettings& s) {
       ->required()
       ->type_name("OUT");
   add_options(command, s.terrain);
-  add_options(command, s.limits);
 }
 
 void add_options(CLI::App& command, LidarSettings& s) {
@@ -48,7 +47,6 @@ void add_options(CLI::App& command, LidarSettings& s) {
       ->type_name("REQUEST.json");
   command.add_option("-o,--output", s.output, "Returns to write: .npz .json")->required()->type_name("OUT");
   add_options(command, s.terrain);
-  add_options(command, s.limits);
 }
 
 void add_options(CLI::App& command, MapSettings& s) {
