@@ -16,7 +16,7 @@ constexpr std::string_view kMethods[] = {"GET",     "HEAD",    "POST",  "PUT",  
 
 Refusal malformed(std::string detail) { return {"malformed_request", std::move(detail)}; }
 
-// The header's value; null unless there is exactly one.
+// Returns the header's value, and null unless there is exactly one.
 const std::string* only(const RequestHead& head, const std::string& name) {
   return head.headers.count(name) == 1 ? &head.headers.find(name)->second : nullptr;
 }

@@ -7,9 +7,9 @@
 namespace selenograph::server {
 namespace {
 
-// A client that leaves sets a flag and notifies no condition variable: its request polls the flag.
+// A client that leaves only sets a flag, which its waiting request polls.
 constexpr auto kPollInterval = std::chrono::milliseconds(50);
-constexpr double kNewestWeight = 0.2;  // of the latest duration in the moving average
+constexpr double kNewestWeight = 0.2;  // weight of the latest duration in the moving average
 
 }  // namespace
 
@@ -36,8 +36,8 @@ Admission::Entry Admission::enter(const std::string& client, Clock::time_point d
 
 Admission::Outcome Admission::wait(const std::string& client, Clock::time_point deadline,
                                    const std::atomic<bool>* abandoned, std::unique_lock<std::mutex>& lock) {
-  const auto place = clients_.try_emplace(client).first;
-  Client& mine = place->second;
+  const auto entry = clients_.try_emplace(client).first;
+  Client& mine = entry->second;
   if (mine.waiting.empty()) mine.turn = ++turns_;
   const auto request = mine.waiting.insert(mine.waiting.end(), &lock);  // any address of this call identifies it
   ++waiting_;
@@ -51,13 +51,13 @@ Admission::Outcome Admission::wait(const std::string& client, Clock::time_point 
   mine.waiting.erase(request);
   --waiting_;
   if (outcome == Outcome::admitted) mine.turn = ++turns_;
-  if (mine.waiting.empty()) clients_.erase(place);
+  if (mine.waiting.empty()) clients_.erase(entry);
   return outcome;
 }
 
 bool Admission::fits_queue(const std::string& client) const {
-  const auto known = clients_.find(client);
-  const auto waiting = known == clients_.end() ? 0 : static_cast<int>(known->second.waiting.size());
+  const auto entry = clients_.find(client);
+  const auto waiting = entry == clients_.end() ? 0 : static_cast<int>(entry->second.waiting.size());
   return waiting < limits_.max_waiting - waiting_;
 }
 

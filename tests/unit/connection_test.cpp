@@ -143,10 +143,10 @@ TEST_F(ConnectionTest, OnlyAWaitingConnectionIsGivenUp) {
 TEST_F(ConnectionTest, TheEndOfTheStreamMeansDepartureDuringWork) {
   Connection connection = served();
   ASSERT_TRUE(connection.begin_work());
-  connection.look_for_departure();
+  connection.detect_disconnect();
   EXPECT_FALSE(connection.abandoned());
   ::shutdown(client(), SHUT_WR);
-  connection.look_for_departure();
+  connection.detect_disconnect();
   EXPECT_TRUE(connection.abandoned());
 }
 
