@@ -13,7 +13,7 @@
 
 namespace selenograph::server {
 
-// The format that is a tar of .npz files; the others are the extensions of api::representations().
+// Format of tars of .npz files. The other formats are extensions of api::representations().
 inline constexpr const char* kWebDataset = "webdataset";
 
 struct CampaignOptions {
@@ -22,7 +22,7 @@ struct CampaignOptions {
   Shard shard;
   std::size_t frames_per_tar = 256;  // for kWebDataset
   bool replace = false;              // replace frames of other requests with the manifest's names
-  int in_work = 2;                   // frames at once
+  int in_work = 2;                   // frames rendered at once
 };
 
 // Numbers of a shard's lines by outcome.

@@ -35,7 +35,7 @@ class Descriptor {
   int file_;
 };
 
-// 0, or an errno.
+// Returns 0 or an errno.
 int write_all(int file, std::string_view bytes) {
   while (!bytes.empty()) {
     const ssize_t written = ::write(file, bytes.data(), bytes.size());
@@ -96,10 +96,10 @@ GrowingFile::GrowingFile(std::string path) : path_(std::move(path)) {
     const int error = errno;
     if (error == EWOULDBLOCK) {
       ::close(file_);
-      throw std::runtime_error(path_ + ": another process writes it");
+      throw std::runtime_error(path_ + ": another process writes to it");
     }
-    // Some network file systems know no locks.
-    spdlog::warn("{}: cannot be locked ({}): let no two processes work at the same shard", path_,
+    // Some network file systems have no locks.
+    spdlog::warn("{}: not locked ({}): two processes must not work on the same shard", path_,
                  std::generic_category().message(error));
   }
   struct stat status {};
@@ -115,7 +115,7 @@ GrowingFile::~GrowingFile() { ::close(file_); }
 
 void GrowingFile::fail(int error) const { fail_at(path_, error); }
 
-bool GrowingFile::has_its_name() const {
+bool GrowingFile::is_at_its_path() const {
   struct stat opened {};
   struct stat named {};
   return ::fstat(file_, &opened) == 0 && ::stat(path_.c_str(), &named) == 0 && opened.st_dev == named.st_dev &&
@@ -126,7 +126,8 @@ void GrowingFile::append(std::string_view bytes) {
   if (::lseek(file_, static_cast<off_t>(size_), SEEK_SET) < 0) fail(errno);
   int error = write_all(file_, bytes);
   if (error == 0 && ::fdatasync(file_) != 0) error = errno;
-  if (error == 0 && !has_its_name()) throw std::runtime_error(path_ + ": was removed or replaced while it was written");
+  if (error == 0 && !is_at_its_path())
+    throw std::runtime_error(path_ + ": was removed or replaced while it was written");
   if (error != 0) {
     [[maybe_unused]] const int cut = ::ftruncate(file_, static_cast<off_t>(size_));
     fail(error);
@@ -141,14 +142,14 @@ void GrowingFile::cut(std::uint64_t size) {
 
 std::string GrowingFile::read(std::uint64_t offset, std::size_t count) const {
   std::string bytes(count, '\0');
-  std::size_t have = 0;
-  while (have < count) {
-    const ssize_t got = ::pread(file_, bytes.data() + have, count - have, static_cast<off_t>(offset + have));
-    if (got < 0 && errno != EINTR) fail(errno);
-    if (got == 0) break;
-    if (got > 0) have += static_cast<std::size_t>(got);
+  std::size_t size = 0;
+  while (size < count) {
+    const ssize_t n = ::pread(file_, bytes.data() + size, count - size, static_cast<off_t>(offset + size));
+    if (n < 0 && errno != EINTR) fail(errno);
+    if (n == 0) break;
+    if (n > 0) size += static_cast<std::size_t>(n);
   }
-  bytes.resize(have);
+  bytes.resize(size);
   return bytes;
 }
 

@@ -317,7 +317,7 @@ class Interrupted(Batch):
             fcntl.flock(journal_file, fcntl.LOCK_EX)
             refused = batch(self.path, "out", "--shard", "1/2")
             self.assert_status(refused, AGAIN)
-            self.assertIn("another process writes it", refused.stderr)
+            self.assertIn("another process writes to it", refused.stderr)
             self.assert_status(batch(self.path, "out", "--shard", "0/2"), DONE)
         self.assertEqual(len(contents("out", ".npz")), 30)
 
