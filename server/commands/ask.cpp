@@ -40,7 +40,7 @@ std::optional<api::Response> answer_file(const RequestSettings& settings, const 
     return std::nullopt;
   }
   write_whole(settings.output, answer.body);
-  fmt::print(said_beside(settings.output), "{}: {} bytes\n", settings.output, answer.body.size());
+  fmt::print(stream_for_messages(settings.output), "{}: {} bytes\n", settings.output, answer.body.size());
   return answer;
 }
 

@@ -146,7 +146,7 @@ int batch_verify(const BatchVerifySettings& settings) {
   }
   if (!settings.rerun.empty()) write_rerun(manifest, result, settings);
   const std::size_t open = result.not_done.size() - bad;
-  fmt::print(said_beside(settings.rerun), "{}: {} frames done, {} not done, {} bad lines\n", settings.output,
+  fmt::print(stream_for_messages(settings.rerun), "{}: {} frames done, {} not done, {} bad lines\n", settings.output,
              result.done, open, bad);
   if (open > 0) return kRunAgain;
   return bad > 0 ? kBadLines : kAllDone;

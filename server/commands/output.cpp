@@ -47,22 +47,22 @@ std::error_code write_into(const std::string& path, const std::string& bytes) {
   return file ? std::error_code() : error_of(errno);
 }
 
-// Or nothing yet.
+// Returns true for a regular file, or one that does not exist yet.
 bool is_file(const std::string& path) {
   std::error_code ignored;
   const fs::file_type type = fs::status(path, ignored).type();
   return type == fs::file_type::regular || type == fs::file_type::not_found;
 }
 
-// Whether a new file takes the path's place. A device or a pipe is written into: a file in its place would remove it.
-// In the place of standard output it would remove what else is written there.
+// Returns true if write_whole() replaces the file. Replacing a device or a pipe would remove it, and replacing the file
+// behind standard output would remove all other output.
 bool is_replaced(const std::string& path) { return is_file(path) && !is_standard_output(path); }
 
-// What symbolic links name, whether or not there is something yet.
+// Follows symbolic links; the target need not exist.
 fs::path target_of(fs::path path) {
-  constexpr int kMostLinks = 40;  // as Linux
+  constexpr int kMaxLinks = 40;  // the limit of Linux
   std::error_code ignored;
-  for (int i = 0; i < kMostLinks && fs::is_symlink(fs::symlink_status(path, ignored)); ++i)
+  for (int i = 0; i < kMaxLinks && fs::is_symlink(fs::symlink_status(path, ignored)); ++i)
     path = path.parent_path() / fs::read_symlink(path, ignored);
   return path;
 }
@@ -81,18 +81,18 @@ void write_whole(const std::string& path, const std::string& bytes) {
   }
 }
 
-std::FILE* said_beside(const std::string& path) { return is_standard_output(path) ? stderr : stdout; }
+std::FILE* stream_for_messages(const std::string& path) { return is_standard_output(path) ? stderr : stdout; }
 
 void check_can_be_written(const std::string& path) {
-  if (is_standard_output(path)) return;  // is open, whatever its name allows
+  if (is_standard_output(path)) return;  // already open, whatever the permissions of its name
   const fs::path place = is_replaced(path) ? target_of(path).parent_path() / "." : fs::path(path);
   if (std::error_code ignored; fs::is_directory(path, ignored)) refuse(path, error_of(EISDIR));
   if (::access(place.c_str(), W_OK) != 0) refuse(path, error_of(errno));
 }
 
 bool is_same_file(const std::string& a, const std::string& b) {
-  const auto of = [](const std::string& path) { return fs::weakly_canonical(fs::absolute(target_of(path))); };
-  return is_file(a) && of(a) == of(b);
+  const auto canonical = [](const std::string& path) { return fs::weakly_canonical(fs::absolute(target_of(path))); };
+  return is_file(a) && canonical(a) == canonical(b);
 }
 
 void write_json(const std::string& path, const nlohmann::ordered_json& json) {
