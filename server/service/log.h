@@ -1,7 +1,7 @@
 // The log on stderr: synchronous for commands, asynchronous for the service.
 #pragma once
 
-#include <spdlog/common.h>
+#include <spdlog/fwd.h>
 
 #include <cstddef>
 #include <cstdint>
