@@ -25,6 +25,7 @@ using Clock = std::chrono::steady_clock;
 
 enum class Outcome { frame, bad, failed, cancelled };
 
+// Answer to one line, and its rendering time.
 struct Answer {
   Outcome outcome = Outcome::cancelled;
   api::Response response;
@@ -235,10 +236,10 @@ class Campaign {
   }
 
   std::size_t write_tars() {
-    const std::vector<TarPlan> all = tars_of(manifest_, options_.shard, options_.frames_per_tar);
+    const std::vector<TarPlan> plans = tars_of(manifest_, options_.shard, options_.frames_per_tar);
     std::vector<const TarPlan*> tars;
     std::size_t lines = 0, missing = 0;
-    for (const TarPlan& tar : all) {
+    for (const TarPlan& tar : plans) {
       lines += tar.lines.size();
       if (TarWriter::has(options_.folder, tar, record_)) {
         count_existing(tar);
@@ -253,6 +254,7 @@ class Campaign {
     return lines;
   }
 
+  // Renders a tar's frames in parallel, and appends them in the plan's order.
   void write(const TarPlan& plan, CampaignProgress& progress) {
     TarWriter tar(options_.folder, "npz", plan, journal_);
     InTurn turn(stop_);

@@ -19,6 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// Size and hash of a member's content.
 struct Digest {
   std::uint64_t bytes = 0;
   std::string sha256;
@@ -117,6 +118,7 @@ class Check {
     return std::nullopt;
   }
 
+  // Explains why the journals have no frame of a line.
   LineNotDone without_record(const ManifestLine& line) const {
     if (const LineWithoutFrame* without = record_.without_frame(line)) {
       const bool is_bad = without->problem.value("status", 0) < 500;

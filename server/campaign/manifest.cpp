@@ -34,6 +34,7 @@ std::string read_name(const Json& name) {
                           kMaxFrameNameBytes));
 }
 
+// Returns the non-empty lines with their numbers and text.
 std::vector<ManifestLine> split(std::string_view text) {
   std::vector<ManifestLine> lines;
   for (std::size_t number = 1; !text.empty(); ++number) {
@@ -56,6 +57,7 @@ Problem problem_of(const std::string& body, int status) {
   return problem;
 }
 
+// answer_or_problem() turns the exceptions of reading a line into the problem that the service would answer.
 Manifest::Manifest(const std::string& path, int max_json_depth)
     : path_(path), text_(dem::read_whole(path)), sha256_(server::sha256(text_)), max_json_depth_(max_json_depth) {
   lines_ = split(text_);

@@ -1,5 +1,9 @@
 // Storage of a campaign's frames: files in a folder, or tars. A finished file is intact at any moment, also after a
-// crash.
+// crash, because each write is on disk before the next begins:
+//
+//   1. NAME.part-..: the bytes     after a crash: an unfinished file, which the shard's next run removes
+//   2. the frame's journal line    after a crash: a line without a file, so that the frame is rendered again
+//   3. rename to NAME              the frame is done
 #pragma once
 
 #include <memory>

@@ -29,6 +29,7 @@ std::string steps_text(const dem::Steps& s) {
   return fmt::format("mean {:+.2f} m, rms {:.2f} m, worst {:+.2f} m", s.mean_m, s.rms_m, s.worst_m);
 }
 
+// Returns the warning about a layer that lies above or below its neighbour.
 std::string displacement_text(const dem::Catalogue& catalogue, const dem::LayerBorder& b) {
   const auto name = [&](int i) { return catalogue.rasters()[static_cast<std::size_t>(i)].name; };
   return fmt::format(

@@ -91,6 +91,7 @@ std::string with_name(const std::string& output, const std::string& name, const 
 
 // --- maps
 
+// Returns the request with the Sun at an epoch. Throws RequestError if the request positions the Sun itself.
 api::Json at_epoch(api::Json body, Epoch epoch) {
   if (!body.is_object()) return body;  // read_map() refuses it
   api::Json& sun = body["sun"];
@@ -105,6 +106,7 @@ api::Json at_epoch(api::Json body, Epoch epoch) {
   return body;
 }
 
+// A map and its request as read.
 struct DrawnMap {
   api::MapQuery query;
   engine::Map map;
@@ -167,6 +169,7 @@ struct Atlas {
   }
 };
 
+// Adds a map's lit fractions to the sum over the series.
 void add_lit(const std::vector<float>& lit, std::vector<double>& sum) {
   sum.resize(lit.size());
   for (std::size_t i = 0; i < lit.size(); ++i) sum[i] += static_cast<double>(lit[i]);  // NaN (no data) stays NaN

@@ -94,6 +94,12 @@ void drain(Front& front, std::chrono::milliseconds time) {
   std::this_thread::sleep_for(time);
 }
 
+// Ends the service after a signal:
+//
+//   signal          --drain-s                       cut         --shutdown-s
+//   |  not ready, but  |  new requests get 503, active  |  exit as soon  |
+//   |  all is served   |  and queued ones finish        |  as possible   |  exit status 1
+//
 // Finishes active and queued requests; health and metrics are answered until then. Shortly before the time limit it
 // cuts the remaining connections, which cancels their requests.
 void finish(Front& front, Admission& admission, HttpServer& server, const dem::PyramidTerrain& terrain,

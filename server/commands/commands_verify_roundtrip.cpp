@@ -18,6 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// A round trip in one mode, its statistics and its time.
 struct Verified {
   engine::RoundTripRequest request;
   engine::RoundTrip trip;
@@ -59,6 +60,7 @@ void print_row(const char* what, const std::vector<Verified>& modes, Value&& val
   fmt::print("\n");
 }
 
+// Returns the z of the quadrant whose mean deviates most; NaN if any is NaN.
 double largest_z(const Verified& v) {
   double largest = 0;
   for (const engine::Quadrant& q : v.statistics.quadrants)

@@ -37,6 +37,7 @@ std::string scalar_text(const toml::node& node, const std::string& where) {
   throw CLI::ValidationError(where, "must be a string, a number, true, false, or a list of these");
 }
 
+// Reads the members of a TOML file as text. Throws CLI::ValidationError naming the file and the member.
 Values read_file(const std::string& path, const std::set<std::string>& all_options) {
   if (std::error_code ignored; std::filesystem::is_directory(path, ignored))
     throw CLI::ValidationError(path, "is a folder");
@@ -102,6 +103,7 @@ std::string error_text(const CLI::Option& option, const std::string& value, cons
   return is_integer && number != std::floor(number) ? value + " is not a whole number" : error.what();
 }
 
+// Sets an option from the environment or a file; `origin` names the source in errors.
 void set_option(CLI::Option& option, const std::vector<std::string>& values, const std::string& origin) {
   if (values.size() != 1 && !is_list(option)) throw CLI::ValidationError(origin, "takes one value");
   if (values.empty()) return;
@@ -117,6 +119,7 @@ std::string long_name(const CLI::Option& option) {
   return option.get_lnames().empty() ? std::string() : option.get_lnames().front();
 }
 
+// Returns the path of the configuration file; empty: none.
 std::string config_path(CLI::App& command, const ReadVariable& variable) {
   const CLI::Option* option = command.get_option_no_throw("--config");
   if (!option) return {};

@@ -28,6 +28,7 @@ namespace fs = std::filesystem;
 // bytes).
 constexpr const char* kComplete = "complete";
 
+// Throws DataError for a folder of --dem without a usable DEM file, with the most likely reason.
 void refuse_folder_without_dems(const std::string& path, const dem::Catalogue& catalogue) {
   if (dem::is_remote(path) || !fs::is_directory(path)) return;
   const std::string folder = path.ends_with('/') ? path : path + "/";

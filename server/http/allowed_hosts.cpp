@@ -109,6 +109,7 @@ std::optional<Refusal> AllowedHosts::refusal(const RequestHead& head, std::strin
                                        "--allowed-host"};
 }
 
+// Compares ports as well: another port of the same host is another origin, which its own program serves.
 bool AllowedHosts::is_own_page(std::string_view origin_text, const RequestHead& head) const {
   const auto origin = read_origin(origin_text);
   if (!origin) return false;

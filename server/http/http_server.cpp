@@ -27,6 +27,22 @@
 #include "server/http/connections.h"
 #include "server/http/request_head.h"
 
+// A request's way, all on its connection's thread. Indented calls are made by the line above them:
+//
+//   serve_request
+//     Connection::begin_request          waits for the first byte
+//     process
+//       httplib process_request          reads request line and headers from LibraryStream
+//         take_head                      checks them, and hides headers from the library
+//         pre-routing handler            a refused request, or one without a body: respond
+//         POST handler                   receive_body, then respond
+//         error handler                  the library refused the request, or has no route
+//         (library)                      writes head and body to LibraryStream, which gathers them
+//     Connection::flush                  sends the rest
+//     observe                            log and metrics
+//
+// respond calls work, which calls the service's handler; hand_over passes the answer to the library.
+
 namespace selenograph::server {
 namespace {
 
@@ -153,6 +169,7 @@ struct HttpServer::Impl : private httplib::Server {
 
 namespace {
 
+// Records the answer, and moves it into the library's response.
 void hand_over(Exchange& exchange, api::Response&& answer, httplib::Response& out) {
   exchange.answered = true;
   exchange.record.status = answer.status;
@@ -290,6 +307,7 @@ bool HttpServer::Impl::process_and_close_socket(socket_t socket) {
   return true;
 }
 
+// Refuses the connection if all connections are at work.
 void HttpServer::Impl::serve_or_refuse(Connection& connection) {
   bool is_added = false;
   try {
@@ -340,6 +358,7 @@ bool HttpServer::Impl::serve_request(Connection& connection) {
   return false;
 }
 
+// Lets the library read, route and answer one request. Returns false if the answer could not be written.
 bool HttpServer::Impl::process(Exchange& exchange) {
   current_exchange = &exchange;
   LibraryStream stream(exchange);
@@ -424,6 +443,7 @@ void HttpServer::Impl::receive_body(Exchange& exchange, const httplib::ContentRe
   if (!exchange.refusal) exchange.refusal = Refusal{"malformed_request", "the body could not be read"};
 }
 
+// Runs the service's handler, and measures its times.
 api::Response HttpServer::Impl::work(Exchange& exchange) {
   AccessRecord& record = exchange.record;
   exchange.request.received = Clock::now();

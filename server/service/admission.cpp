@@ -7,7 +7,7 @@
 namespace selenograph::server {
 namespace {
 
-// A client that leaves only sets a flag, which its waiting request polls.
+// A disconnect only sets a flag and notifies no condition variable, so that waiting requests poll the flag.
 constexpr auto kPollInterval = std::chrono::milliseconds(50);
 constexpr double kNewestWeight = 0.2;  // weight of the latest duration in the moving average
 
@@ -34,6 +34,7 @@ Admission::Entry Admission::enter(const std::string& client, Clock::time_point d
   return {Outcome::admitted, Slot(this)};
 }
 
+// Queues the request until it has a slot to take or gives up.
 Admission::Outcome Admission::wait(const std::string& client, Clock::time_point deadline,
                                    const std::atomic<bool>* abandoned, std::unique_lock<std::mutex>& lock) {
   const auto entry = clients_.try_emplace(client).first;
@@ -55,12 +56,14 @@ Admission::Outcome Admission::wait(const std::string& client, Clock::time_point 
   return outcome;
 }
 
+// Returns true if the client has fewer waiting requests than the queue has free places.
 bool Admission::fits_queue(const std::string& client) const {
   const auto entry = clients_.find(client);
   const auto waiting = entry == clients_.end() ? 0 : static_cast<int>(entry->second.waiting.size());
   return waiting < limits_.max_waiting - waiting_;
 }
 
+// Returns true for the oldest request of the client with the lowest turn.
 bool Admission::is_next(const void* request) const {
   const auto next = std::min_element(clients_.begin(), clients_.end(),
                                      [](const auto& a, const auto& b) { return a.second.turn < b.second.turn; });

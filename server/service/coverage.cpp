@@ -54,6 +54,10 @@ bool is_covered(const dem::Catalogue& catalogue, int row, int column) {
 }
 
 // Extends the box below a run of holes if both span the same columns; else adds a box.
+//
+//   row 2  . # # .      two boxes: columns 1 to 2 of rows 1 and 2,
+//   row 1  . # # .      and column 3 of row 0
+//   row 0  . . . #
 void add_run(std::vector<Box>& boxes, const Box& run) {
   for (Box& box : boxes) {
     if (box.north == run.south && box.west == run.west && box.east == run.east) {

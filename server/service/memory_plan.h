@@ -1,4 +1,8 @@
 // Division of the process's memory: caches, scenes, requests.
+//
+//   |<----------------------------- total_mb ----------------------------->|
+//   | own_mb | cache_mb | scene_mb | mesh_mb | requests, 7/8 | bodies, 1/8 |
+//     program  terrain                         work, answers   being received
 #pragma once
 
 #include <cstddef>

@@ -19,6 +19,7 @@
 namespace selenograph::server {
 namespace {
 
+// Escapes a label's value for the exposition format.
 std::string escaped(std::string_view label) {
   std::string out;
   for (const char c : label) {
@@ -28,6 +29,7 @@ std::string escaped(std::string_view label) {
   return out;
 }
 
+// Text of metric families in the order in which they are added.
 class Exposition {
  public:
   void family(std::string_view name, std::string_view type, std::string_view help) {
