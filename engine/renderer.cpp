@@ -42,7 +42,7 @@ struct Renderer::Impl {
         preparation(
             [this](const FrameRequest& request, const StopToken& stop) {
               const auto detailed = terrain_with(request.detail);
-              return in_arena(arena_of_preparation, [&] { return prepare_frame(request, *detailed, kept, stop); });
+              return in_arena(arena_of_preparation, [&] { return prepare_frame(request, {*detailed, kept, stop}); });
             },
             kPreparation / threads) {
     start_threads();
@@ -101,7 +101,7 @@ Renderer::~Renderer() = default;
 Frame Renderer::render(const FrameRequest& request, const StopToken& stop) const {
   const Preparation::Work work(impl_->preparation, &request);
   const auto terrain = impl_->terrain_with(request.detail);
-  return in_arena(impl_->arena, [&] { return render_frame(request, *terrain, impl_->kept, stop); });
+  return in_arena(impl_->arena, [&] { return render_frame(request, {*terrain, impl_->kept, stop}); });
 }
 
 Map Renderer::map(const MapRequest& request, const StopToken& stop,
@@ -115,14 +115,15 @@ BudgetChoice Renderer::choose(const FrameRequest& request, double budget_ms, int
                               const StopToken& stop) const {
   const Preparation::Work work(impl_->preparation, &request);
   const auto terrain = impl_->terrain_with(request.detail);
-  return in_arena(impl_->arena,
-                  [&] { return choose_accuracy(request, budget_ms, max_samples, *terrain, impl_->kept, stop); });
+  return in_arena(impl_->arena, [&] {
+    return choose_accuracy(request, budget_ms, max_samples, {*terrain, impl_->kept, stop});
+  });
 }
 
 std::vector<double> Renderer::shadow_limits_px(const FrameRequest& request, const StopToken& stop) const {
   const Preparation::Work work(impl_->preparation, &request);
   const auto terrain = impl_->terrain_with(request.detail);
-  return in_arena(impl_->arena, [&] { return engine::shadow_limits_px(request, *terrain, impl_->kept, stop); });
+  return in_arena(impl_->arena, [&] { return engine::shadow_limits_px(request, {*terrain, impl_->kept, stop}); });
 }
 
 std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop,

@@ -1,10 +1,9 @@
 // Chooses the accuracy of a frame with a time budget.
 #pragma once
 
-#include "dem/base/stop_token.h"
-#include "dem/terrain/terrain.h"
 #include "engine/cache/budget.h"
-#include "engine/cache/render_cache.h"
+#include "engine/cache/render_context.h"
+#include "engine/frame/request.h"
 
 namespace selenograph::engine {
 
@@ -12,6 +11,6 @@ namespace selenograph::engine {
 // max_samples per pixel; the coarsest setting if none fits. The time spent on choosing counts. Runs in the caller's
 // task arena; throws as Renderer::choose does.
 BudgetChoice choose_accuracy(const FrameRequest& request, double budget_ms, int max_samples,
-                             const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop);
+                             const RenderContext& context);
 
 }  // namespace selenograph::engine

@@ -27,10 +27,10 @@ using std::numbers::pi;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-// The first level that shows an octave of craters; its blocks are 64 of the octave's smallest diameters wide.
+// Returns the first level that shows an octave of craters. Its blocks are 64 of the octave's smallest diameters wide.
 int level_of_craters(int octave) { return dem::Detail::smallest_octave(0) - octave; }
 
-// The frame's blocks that may be in view.
+// Blocks with detail that may be in view, of all that a frame has selected.
 class BlocksInView {
  public:
   struct InView {
@@ -42,29 +42,31 @@ class BlocksInView {
   BlocksInView(const Selection& selection, const RowViews& views, const dem::Terrain& terrain, const StopToken& stop) {
     std::vector<std::optional<InView>> found(selection.blocks.size());
     in_parallel_pieces(found.size(), 8, [&](std::size_t first, std::size_t past_last) {
-      for (std::size_t i = first; i < past_last; ++i) found[i] = look_at(selection.blocks[i], views, terrain, stop);
+      for (std::size_t i = first; i < past_last; ++i) found[i] = if_in_view(selection.blocks[i], views, terrain, stop);
     });
     for (std::size_t i = 0; i < found.size(); ++i) {
       if (!found[i]) continue;
       const int level = selection.blocks[i].level;
-      coarsest_ = std::min(coarsest_, level), finest_ = std::max(finest_, level);
+      coarsest_ = std::min(coarsest_, level);
+      finest_ = std::max(finest_, level);
       blocks_.emplace(selection.blocks[i], std::move(*found[i]));
     }
   }
 
-  const auto& all() const { return blocks_; }
-  // The block at a place; null: none that may be in view.
-  const dem::Block* at(const Geographic& place) const {
+  const auto& by_id() const { return blocks_; }
+  // Returns the finest block at a position; null if none may be in view.
+  const dem::Block* at(const Geographic& position) const {
     for (int level = finest_; level >= coarsest_; --level)
-      if (const auto found = blocks_.find(dem::block_at_place(level, place.lat_deg, place.lon_deg));
+      if (const auto found = blocks_.find(dem::block_at_place(level, position.lat_deg, position.lon_deg));
           found != blocks_.end())
         return found->second.block.get();
     return nullptr;
   }
 
  private:
-  static std::optional<InView> look_at(const dem::BlockId& id, const RowViews& views, const dem::Terrain& terrain,
-                                       const StopToken& stop) {
+  // Returns a block with detail; empty if all views cull it.
+  static std::optional<InView> if_in_view(const dem::BlockId& id, const RowViews& views, const dem::Terrain& terrain,
+                                          const StopToken& stop) {
     stop.check();
     if (!terrain.has_detail(id)) return std::nullopt;
     const dem::NodeInfo info = terrain.node(id, stop);
@@ -104,46 +106,46 @@ class RimFinder {
     in_parallel_pieces(features.size(), 16, [&](std::size_t first, std::size_t past_last) {
       for (std::size_t i = first; i < past_last; ++i) {
         stop_.check();
-        bool whole = true;
-        rims[i] = rim_of(features[i], whole);
-        cut_off[i] = !whole;
+        bool is_complete = true;
+        rims[i] = rim_of(features[i], is_complete);
+        cut_off[i] = !is_complete;
       }
     });
-    CraterRims all;
+    CraterRims found;
     for (auto& rim : rims)
-      if (rim) all.rims.push_back(std::move(*rim));
-    all.cut_off = static_cast<std::size_t>(std::count(cut_off.begin(), cut_off.end(), 1));
-    return all;
+      if (rim) found.rims.push_back(std::move(*rim));
+    found.cut_off = static_cast<std::size_t>(std::count(cut_off.begin(), cut_off.end(), 1));
+    return found;
   }
 
  private:
-  // Ground to be searched for craters of an octave: a block of level_of_craters(octave), and between which heights its
-  // terrain is in view.
-  struct Piece {
+  // Ground to search for craters of an octave: a block of level_of_craters(octave).
+  struct SearchBlock {
     int octave;
     dem::BlockId id;
-    auto operator<=>(const Piece&) const = default;
+    auto operator<=>(const SearchBlock&) const = default;
   };
+  // Range of heights of the terrain in view.
   struct Heights {
     double low_m = std::numeric_limits<double>::infinity(), high_m = -std::numeric_limits<double>::infinity();
   };
 
-  std::map<Piece, Heights> pieces() const {
-    std::map<Piece, Heights> pieces;
+  std::map<SearchBlock, Heights> search_blocks() const {
+    std::map<SearchBlock, Heights> search_blocks;
     const dem::CraterField& field = survey_.field();
-    for (const auto& [id, in_view] : blocks_.all())
+    for (const auto& [id, in_view] : blocks_.by_id())
       for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k) {
         const int level = level_of_craters(k);
         if (level < dem::kRootLevel || level > id.level || field.largest_m(k) * in_view.px_per_m < options_.least_px)
           continue;
-        Heights& heights = pieces[{k, dem::ancestor_of(id, level)}];
-        heights.low_m = std::min(heights.low_m, in_view.low_m),
+        Heights& heights = search_blocks[{k, dem::ancestor_of(id, level)}];
+        heights.low_m = std::min(heights.low_m, in_view.low_m);
         heights.high_m = std::max(heights.high_m, in_view.high_m);
       }
-    return pieces;
+    return search_blocks;
   }
 
-  // Whether a crater on such ground may touch the image and be large enough.
+  // Returns whether a crater on ground of these heights may touch the image and be large enough in it.
   bool may_show(const dem::Crater& crater, const Heights& heights) const {
     const Vec3 centre = crater.centre * (kMoonRadius_m + (heights.low_m + heights.high_m) / 2);
     const double radius_m = crater.diameter_m + (heights.high_m - heights.low_m) / 2;
@@ -154,56 +156,59 @@ class RimFinder {
   }
 
   std::vector<dem::CraterFeature> in_view() const {
-    const std::map<Piece, Heights> map = pieces();
-    const std::vector<std::pair<Piece, Heights>> all(map.begin(), map.end());
-    auto found = gathered_in_parallel<dem::CraterFeature>(all.size(), 1, kMostCraters, [&](std::size_t i, auto& some) {
-      const Piece& piece = all[i].first;
-      const Heights& heights = all[i].second;
-      // With those beside it that reach into it.
-      const dem::Footprint box = dem::around(dem::footprint_of(piece.id), std::ldexp(1.0, piece.octave));
-      survey_.within(
-          piece.octave, box, options_.least_depth, [&](const dem::Crater& crater) { return may_show(crater, heights); },
-          some, stop_);
-    });
+    const std::map<SearchBlock, Heights> ordered = search_blocks();
+    const std::vector<std::pair<SearchBlock, Heights>> searches(ordered.begin(), ordered.end());
+    const auto search = [&](std::size_t i, auto& craters) {
+      const auto& [block, heights] = searches[i];
+      // Include craters whose centres are outside the block and that reach into it.
+      const dem::Footprint box = dem::around(dem::footprint_of(block.id), std::ldexp(1.0, block.octave));
+      const auto is_shown = [&, &heights = heights](const dem::Crater& crater) { return may_show(crater, heights); };
+      survey_.within(block.octave, box, options_.least_depth, is_shown, craters, stop_);
+    };
+    auto found = gathered_in_parallel<dem::CraterFeature>(searches.size(), 1, kMostCraters, search);
     if (!found)
       throw ImpossibleRequest(
           fmt::format("more than {} craters are in view: ask for a larger smallest_px", kMostCraters), "craters");
     return dem::largest_first(std::move(*found));
   }
 
-  struct Seen {
+  // Image of a point on the ground: NaN where no row sees it.
+  struct ImagePoint {
     RimPoint pixel{kNaN, kNaN};
     bool visible = false;
   };
-  Seen look(const Vec3& direction, int octave) const {
+  // Projects the ground in a direction from the Moon's centre; it is visible only on a level that shows the octave.
+  ImagePoint project_ground(const Vec3& direction, int octave) const {
     const Geographic at = to_geographic(direction * kMoonRadius_m);
     const dem::Block* block = blocks_.at(at);
     const int level = level_of_craters(octave);
-    // Beside the image a level that shows the crater.
+    // Outside the image no block was selected: take a level that shows the crater.
     const auto ground = block ? dem::surface_on(*block, at.lat_deg, at.lon_deg)
                               : dem::surface_at(terrain_, at.lat_deg, at.lon_deg, level, stop_);
-    Seen seen;
-    if (!ground) return seen;
-    const Vec3 place = direction * (kMoonRadius_m + ground->height_m);
+    ImagePoint image;
+    if (!ground) return image;
+    const Vec3 point_m = direction * (kMoonRadius_m + ground->height_m);
     Vec3 camera_m = views_.reference().position();
     if (views_.vary()) {
-      const auto sighting = views_.find(place);
-      if (!sighting) return seen;
-      seen.pixel = {sighting->pixel.x, sighting->pixel.y}, camera_m = sighting->camera_m;
-    } else if (const auto pixel = views_.reference().project(place)) {
-      seen.pixel = {pixel->x, pixel->y};
+      const auto sighting = views_.find(point_m);
+      if (!sighting) return image;
+      image.pixel = {sighting->pixel.x, sighting->pixel.y};
+      camera_m = sighting->camera_m;
+    } else if (const auto pixel = views_.reference().project(point_m)) {
+      image.pixel = {pixel->x, pixel->y};
     }
-    const double range_m = (place - camera_m).norm();
-    seen.visible = block && block->id.level >= level &&
-                   visible(seen.pixel, range_m - 1 / views_.reference().pixels_per_metre(place, 0));
-    return seen;
+    const double range_m = (point_m - camera_m).norm();
+    image.visible = block && block->id.level >= level &&
+                    is_unobstructed(image.pixel, range_m - 1 / views_.reference().pixels_per_metre(point_m, 0));
+    return image;
   }
 
-  // Not farther, by more than a pixel's width, than what the pixel or one beside it sees: at the frame's own resolution
-  // nothing stands before it.
-  bool visible(const RimPoint& at, double range_m) const {
+  // Returns whether a point is no farther than what its pixel or one of the eight around it sees: at the frame's own
+  // resolution nothing stands in front of it.
+  bool is_unobstructed(const RimPoint& at, double range_m) const {
     if (!(at.x_px >= -0.5 && at.y_px >= -0.5 && at.x_px < width_ - 0.5 && at.y_px < height_ - 0.5)) return false;
-    const int column = static_cast<int>(std::lround(at.x_px)), row = static_cast<int>(std::lround(at.y_px));
+    const int column = static_cast<int>(std::lround(at.x_px));
+    const int row = static_cast<int>(std::lround(at.y_px));
     double farthest_m = 0;
     for (int y = std::max(0, row - 1); y <= std::min(height_ - 1, row + 1); ++y)
       for (int x = std::max(0, column - 1); x <= std::min(width_ - 1, column + 1); ++x) {
@@ -215,7 +220,9 @@ class RimFinder {
     return range_m <= farthest_m;
   }
 
-  std::optional<CraterRim> rim_of(const dem::CraterFeature& feature, bool& whole) const {
+  // Returns the rim in the image; empty if it is too small, hidden or cut off (`is_complete` false) by the image's
+  // edge.
+  std::optional<CraterRim> rim_of(const dem::CraterFeature& feature, bool& is_complete) const {
     const Vec3 centre = feature.crater.centre * (kMoonRadius_m + feature.place.height_m);
     const double radius_m = feature.crater.diameter_m / 2;
     double px_per_m = 0;
@@ -223,25 +230,28 @@ class RimFinder {
       px_per_m = std::max(px_per_m, bundle.pixels_per_metre(centre, radius_m));
     const double radius_px = std::min(radius_m * px_per_m, 1e4);
     if (2 * radius_px < options_.least_px) return std::nullopt;
-    // Chords within a tenth of a pixel.
+    // So many points keep the chords within a tenth of a pixel of the rim.
     const int points = std::clamp(static_cast<int>(std::ceil(pi * std::sqrt(5 * radius_px))), 24, 256);
     CraterRim rim{feature, {kNaN, kNaN}, false, {}, 0};
-    const Seen middle = look(feature.crater.centre, feature.octave);
-    rim.centre = middle.pixel, rim.centre_visible = middle.visible;
-    int seen = 0;
+    const ImagePoint centre_image = project_ground(feature.crater.centre, feature.octave);
+    rim.centre = centre_image.pixel;
+    rim.centre_visible = centre_image.visible;
+    int visible_points = 0;
     for (int i = 0; i < points; ++i) {
-      const Seen point = look(dem::CraterSurvey::on_rim(feature.crater, 2 * pi * i / points), feature.octave);
-      seen += point.visible;
+      const Vec3 direction = dem::CraterSurvey::on_rim(feature.crater, 2 * pi * i / points);
+      const ImagePoint point = project_ground(direction, feature.octave);
+      visible_points += point.visible;
       rim.outline.push_back(point.pixel);
     }
-    rim.rim_visible = static_cast<double>(seen) / points;
-    if (seen == 0 && !rim.centre_visible) return std::nullopt;
-    whole = std::none_of(rim.outline.begin(), rim.outline.end(), [](const RimPoint& p) { return std::isnan(p.x_px); });
-    if (!whole || diameter_px(rim.outline) < options_.least_px) return std::nullopt;
+    rim.rim_visible = static_cast<double>(visible_points) / points;
+    if (visible_points == 0 && !rim.centre_visible) return std::nullopt;
+    is_complete =
+        std::none_of(rim.outline.begin(), rim.outline.end(), [](const RimPoint& p) { return std::isnan(p.x_px); });
+    if (!is_complete || diameter_px(rim.outline) < options_.least_px) return std::nullopt;
     return rim;
   }
 
-  // Of a circle of its area.
+  // Returns the diameter of the circle with the outline's area.
   static double diameter_px(const std::vector<RimPoint>& outline) {
     double twice = 0;
     for (std::size_t i = 0; i < outline.size(); ++i) {
@@ -266,15 +276,21 @@ class RimFinder {
 RimEllipse ellipse_of(const std::vector<RimPoint>& outline) {
   const auto n = static_cast<double>(outline.size());
   RimPoint mean{0, 0};
-  for (const RimPoint& p : outline) mean.x_px += p.x_px / n, mean.y_px += p.y_px / n;
+  for (const RimPoint& p : outline) {
+    mean.x_px += p.x_px / n;
+    mean.y_px += p.y_px / n;
+  }
   double xx = 0, xy = 0, yy = 0;
   for (const RimPoint& p : outline) {
     const double x = p.x_px - mean.x_px, y = p.y_px - mean.y_px;
-    xx += x * x / n, xy += x * y / n, yy += y * y / n;
+    xx += x * x / n;
+    xy += x * y / n;
+    yy += y * y / n;
   }
-  // Along a principal axis the mean square is half the semi-axis squared.
-  const double middle = (xx + yy) / 2, apart = std::hypot((xx - yy) / 2, xy);
-  return {mean, std::sqrt(2 * (middle + apart)), std::sqrt(2 * std::max(0.0, middle - apart)),
+  // Along a principal axis of an ellipse the mean square over its circumference is half the squared semi-axis.
+  const double mean_square = (xx + yy) / 2;
+  const double difference = std::hypot((xx - yy) / 2, xy);
+  return {mean, std::sqrt(2 * (mean_square + difference)), std::sqrt(2 * std::max(0.0, mean_square - difference)),
           std::atan2(2 * xy, xx - yy) / 2 * kDegreesPerRadian};
 }
 

@@ -3,171 +3,274 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <optional>
 #include <utility>
+#include <vector>
 
 #include "engine/frame/needs.h"
+#include "engine/frames/frame_drawing.h"
 #include "engine/frames/motion_blur.h"
 #include "engine/radiometry/spectrum.h"
 #include "engine/rays/ray_queries.h"
 #include "engine/sky/earth_figure.h"
 #include "engine/sky/sky_discs.h"
+#include "engine/sky/sky_image.h"
+#include "engine/support/stopwatch.h"
 
 namespace selenograph::engine {
+namespace {
 
-// For the samples of a moment that is such a share of the exposure.
-EachSample FrameExposure::each(float share) const {
-  if (share == 0 || !plan_.sensor || !plan_.sensor->wants_samples()) return {};
-  return [this, share](const SubpixelSample& sample, const std::vector<float>& radiance) {
-    plan_.sensor->add_sample(middle_.views().camera(), middle_.lens(), sample, share, radiance, stop_);
+// Arguments that all steps of an exposure share.
+struct Exposing {
+  const FramePlan& plan;
+  const ExposureMiddle& middle;
+  std::optional<Sensor>& sensor;
+  const RenderContext& context;
+
+  const Camera& camera() const { return middle.selected.views.camera(); }
+};
+
+// Share of the exposure that the drawn middle stands for, if the sensor takes its samples one by one.
+float share_of_middle(const FramePlan& plan) { return plan.moving || plan.photon_request ? 0.F : 1.F; }
+
+// Returns what hands the samples of pixels to the sensor, weighted by their share of the exposure; empty for share 0.
+EachSample samples_with_share(const ExposureMiddle& middle, std::optional<Sensor>& sensor, float share,
+                              const StopToken& stop) {
+  if (share == 0 || !sensor || !sensor->wants_samples()) return {};
+  return [&middle, &sensor, &stop, share](const SubpixelSample& sample, const std::vector<float>& radiance) {
+    sensor->add_sample(middle.selected.views.camera(), middle.pixel_rays, sample, share, radiance, stop);
   };
 }
 
-EachSample FrameExposure::each_of_middle() const { return each(share_of_middle()); }
-
-void FrameExposure::show_discs(const FrameRequest& request, const std::vector<double>& range_m, float share,
-                               std::vector<float>& radiance) {
+// Adds the discs of the Sun and the Earth to the radiance of a request's frame.
+void show_discs(const Exposing& exposing, const FrameRequest& request, const std::vector<double>& range_m, float share,
+                std::vector<float>& radiance) {
   if (!wants_discs(request)) return;
+  const auto& [plan, middle, sensor, context] = exposing;
   std::vector<float> discs(radiance.size(), 0.F);
-  add_discs(request, range_m, terrain_, kept_, stop_, discs);
+  add_discs(request, range_m, context.terrain, context.cache, context.stop, discs);
   std::transform(discs.begin(), discs.end(), radiance.begin(), radiance.begin(), std::plus<>());
-  // Their pixels are means already: to the sensor they are one sample at the pixels' centres.
-  if (share > 0 && plan_.sensor && plan_.sensor->wants_samples())
-    plan_.sensor->add_sample(middle_.views().camera(), middle_.lens(),
-                             {.dx = 0, .dy = 0, .store = false, .weight = 1, .light = true, .count = false}, share,
-                             std::move(discs), stop_);
+  // Pixels of discs are means already: to the sensor they are one sample at the pixels' centres.
+  if (share > 0 && sensor && sensor->wants_samples())
+    sensor->add_sample(exposing.camera(), middle.pixel_rays,
+                       {.dx = 0, .dy = 0, .store = false, .weight = 1, .light = true, .count = false}, share,
+                       std::move(discs), context.stop);
 }
 
-FrameProducts FrameExposure::draw(const FrameRequest& request, float share, Frame& frame, bool other_moment) {
-  FrameMoment moment(request, terrain_, kept_, stop_);
-  moment.make_scene(1);
+// Products of one exposure sample beside the middle.
+struct ExposureSample {
   FrameProducts products;
-  moment.draw(0, each(share), products);
-  show_discs(request, products.range, share, products.radiance);
-  frame.times += moment.times();
-  if (other_moment) frame.report.shadow_limits_px.push_back(moment.selection().shadow_limit_px);
-  return products;
+  double shadow_limit_px;
+  StageTimes times;
+};
+
+// Draws the request's radiance at its pose, with the discs of Sun and Earth.
+ExposureSample draw_exposure_sample(const Exposing& exposing, const FrameRequest& request, float share) {
+  const RenderContext& context = exposing.context;
+  const FrameSelection selected = select_frame(request, context);
+  FrameScene scene = make_scene(request, selected, 1, context);
+  FrameDrawing drawing = draw_frame(request, selected, std::move(scene), 0,
+                                    samples_with_share(exposing.middle, exposing.sensor, share, context.stop), context);
+  show_discs(exposing, request, drawing.products.range, share, drawing.products.radiance);
+  ExposureSample sample{std::move(drawing.products), selected.terrain.shadow_limit_px, selected.times};
+  sample.times += drawing.times;
+  return sample;
 }
 
-SkyImage FrameExposure::sky_of(const FrameRequest& request, const std::vector<double>& range_m) const {
-  return {request, plan_.margin_px(), range_m, terrain_, kept_, stop_};
+SkyImage sky_of(const Exposing& exposing, const FrameRequest& request, const std::vector<double>& range_m) {
+  const RenderContext& context = exposing.context;
+  return {request, exposing.plan.margin_px, range_m, context.terrain, context.cache, context.stop};
 }
 
-void FrameExposure::add_points(const SkyImage& sky, double share) {
-  sky.for_points(plan_.margin_px(),
-                 [&](std::span<const LightPoint> some) { plan_.sensor->add_points(some, share, stop_); });
+void add_points(const Exposing& exposing, const SkyImage& sky, double share) {
+  sky.for_points(exposing.plan.margin_px, [&](std::span<const LightPoint> points) {
+    exposing.sensor->add_points(points, share, exposing.context.stop);
+  });
 }
 
-// Of the part of the Sun's disc that is beside the frame and that nothing hides, in the middle of the exposure.
-void FrameExposure::add_glare() {
-  const FrameRequest& request = plan_.request;
-  const View& view = middle_.views().reference();
+// Returns rays toward those of the places on the Sun's disc that are beside the image and not behind the Earth.
+std::vector<Ray> rays_to_sun_beside_image(const Exposing& exposing, std::span<const Vec3> places) {
+  const FrameRequest& request = exposing.plan.request;
+  const RowViews& views = exposing.middle.selected.views;
+  const View& view = views.reference();
+  const std::optional<EarthFigure> earth = request.sky ? std::optional(earth_of(request, views)) : std::nullopt;
+  std::vector<Ray> rays;
+  for (const Vec3& direction : places) {
+    const auto pixel = view.projection().image(view.moon_from_camera().transpose() * direction);
+    const bool in_image = pixel && pixel->x >= -0.5 && pixel->y >= -0.5 && pixel->x < request.camera.width - 0.5 &&
+                          pixel->y < request.camera.height - 0.5;
+    const bool covered = earth && earth->hides(direction, request.sun.distance_au * kAstronomicalUnit_m);
+    if (!in_image && !covered) rays.push_back({view.position(), direction});
+  }
+  return rays;
+}
+
+// Adds what the optics scatter of the Sun, of the part of its disc that is beside the image and that nothing hides in
+// the middle of the exposure.
+void add_glare(const Exposing& exposing) {
+  const FrameRequest& request = exposing.plan.request;
+  const RenderContext& context = exposing.context;
+  const View& view = exposing.middle.selected.views.reference();
   const Vec3 toward_sun = view.moon_from_camera().transpose() * request.sun.direction;
   const double within_deg = request.sensor->optics.stray_light.sun_within_deg;
   if (!(toward_sun.z() > std::cos(within_deg * kRadiansPerDegree))) return;
   constexpr int kAcross = 9;
   const auto places = places_on_sun(request.sun.direction, sun_radius_deg(request.sun.distance_au), kAcross);
-  std::vector<Ray> rays;
-  const std::optional<EarthFigure> earth =
-      request.sky ? std::optional(earth_of(request, middle_.views())) : std::nullopt;
-  for (const Vec3& direction : places) {
-    const auto pixel = view.projection().image(view.moon_from_camera().transpose() * direction);
-    const bool drawn = pixel && pixel->x >= -0.5 && pixel->y >= -0.5 && pixel->x < request.camera.width - 0.5 &&
-                       pixel->y < request.camera.height - 0.5;
-    const bool covered = earth && earth->hides(direction, request.sun.distance_au * kAstronomicalUnit_m);
-    if (!drawn && !covered) rays.push_back({view.position(), direction});
-  }
-  constexpr double kDetailWithin_m = 300;  // as wide as the Sun is 3 m there
+  const std::vector<Ray> rays = rays_to_sun_beside_image(exposing, places);
+  constexpr double kDetailWithin_m = 300;  // at 300 m, the Sun's disc is 3 m wide
   const std::vector<HiddenBy> hidden =
-      what_hides(rays, request.objects, request.terrain, terrain_, kept_, stop_, kDetailWithin_m);
+      what_hides(rays, request.objects, request.terrain, context.terrain, context.cache, context.stop, kDetailWithin_m);
   const auto free = std::count(hidden.begin(), hidden.end(), HiddenBy::none);
   if (free == 0) return;
   const Band counted = in_photons(*request.band, request.sensor->detector.efficiency);
   const double irradiance_w_m2 = solar_irradiance_w_m2(counted) / (request.sun.distance_au * request.sun.distance_au);
-  const auto all = static_cast<double>(places.size());
-  plan_.sensor->add_glare(toward_sun, irradiance_w_m2 * static_cast<double>(free) / all, stop_);
+  const auto place_count = static_cast<double>(places.size());
+  exposing.sensor->add_glare(toward_sun, irradiance_w_m2 * static_cast<double>(free) / place_count, context.stop);
 }
 
-// Radiance as a mean over the exposure, whose middle is drawn already.
-std::vector<float> FrameExposure::mean_of_moments(int moments, const std::vector<float>& in_the_middle, Frame& frame) {
-  FrameRequest request = plan_.counted ? *plan_.counted : plan_.request;
-  FrameRequest of_points = plan_.request;  // in the band from which the sensor derives its own
-  const Pose middle = request.pose;
+// Radiance as the mean over an exposure in motion.
+struct ExposureMean {
+  std::vector<float> radiance;
+  std::vector<double> shadow_limits_px;  // of the samples that were drawn for it
+  StageTimes times;
+};
+
+// `radiance`, `range_m`: of the middle, which is drawn already. The other samples see their own ground.
+ExposureMean mean_over_exposure(const Exposing& exposing, std::span<const double> times_s,
+                                const std::vector<float>& radiance, const std::vector<double>& range_m) {
+  const auto& [plan, middle, sensor, context] = exposing;
+  FrameRequest request = plan.photon_request ? *plan.photon_request : plan.request;
+  FrameRequest sky_request = plan.request;  // in the band from which the sensor derives its own
+  const Pose pose = request.pose;
   request.products = for_radiance(request);
-  std::vector<float> mean(in_the_middle.size(), 0.F);
-  const float share = 1.F / static_cast<float>(moments);
-  const auto add = [&](const std::vector<float>& radiance) {
-    for (std::size_t i = 0; i < mean.size(); ++i) mean[i] += share * radiance[i];
-  };
-  for (const double moment : moments_of(moments, plan_.sensor->integration_time_s())) {
-    stop_.check();
-    of_points.pose = request.pose = moved(middle, request.sensor->motion, moment);
-    const bool drawn = moment == 0 && !plan_.sensor->wants_samples();
-    const FrameProducts products = drawn ? FrameProducts() : draw(request, share, frame, true);
-    add_points(sky_of(of_points, drawn ? frame.products.range : products.range), static_cast<double>(share));
-    add(drawn ? in_the_middle : products.radiance);
+  ExposureMean mean;
+  mean.radiance.assign(radiance.size(), 0.F);
+  const float share = 1.F / static_cast<float>(times_s.size());
+  for (const double time_s : times_s) {
+    context.stop.check();
+    request.pose = moved(pose, request.sensor->motion, time_s);
+    sky_request.pose = request.pose;
+    std::optional<ExposureSample> sample;
+    if (time_s != 0 || sensor->wants_samples()) sample = draw_exposure_sample(exposing, request, share);
+    add_points(exposing, sky_of(exposing, sky_request, sample ? sample->products.range : range_m),
+               static_cast<double>(share));
+    const std::vector<float>& at_time = sample ? sample->products.radiance : radiance;
+    for (std::size_t i = 0; i < mean.radiance.size(); ++i) mean.radiance[i] += share * at_time[i];
+    if (!sample) continue;
+    mean.shadow_limits_px.push_back(sample->shadow_limit_px);
+    mean.times += sample->times;
   }
   return mean;
 }
 
-void FrameExposure::draw_moments(Frame& frame) {
-  std::vector<float>& radiance = frame.products.radiance;
-  if (radiance.empty()) return;
-  frame.report.lit = any_lit(radiance);
-  const std::size_t brightest = plan_.sensor ? brightest_pixel(radiance) : 0;
-  brightest_w_m2_sr_ = static_cast<double>(radiance[brightest]);
-  show_discs(plan_.request, frame.products.range, share_of_middle(), radiance);
-  const SkyImage sky = sky_of(plan_.request, frame.products.range);
-  if (!plan_.sensor) return sky.add_to(radiance);
-  captured_ = plan_.request.products & kRadiance ? radiance : std::exchange(radiance, {});
-  if (plan_.counted) {
-    captured_ = draw(*plan_.counted, plan_.moving() ? 0.F : 1.F, frame, false).radiance;
-    const auto counted_w_m2_sr = static_cast<double>(captured_[brightest]);
-    const bool lit = brightest_w_m2_sr_ > 0 && counted_w_m2_sr > 0;
-    counted_over_radiance_ = lit ? counted_w_m2_sr / brightest_w_m2_sr_ : plan_.sensor->counted_of_sunlight();
-  }
-  if (!radiance.empty()) sky.add_to(radiance);
-  Sensor& sensor = *plan_.sensor;
-  if (const StrayLight& law = plan_.request.sensor->optics.stray_light; law.any())
-    sensor.scatter_by(kept_.scattered(law, sensor.camera(), stop_));
-  add_points(sky, 1);
-  add_glare();
-  sensor.choose_integration_time(middle_.views().camera(), middle_.lens(), captured_, stop_);
-  if (!plan_.moving()) return;
-  sensor.forget_points();
-  const double exposure_s = sensor.integration_time_s();
-  frame.report.longest_streak_px = plan_.streak_px(exposure_s, middle_.selection(), terrain_, stop_);
-  frame.report.motion_samples = motion_samples(plan_.request.sensor->motion, frame.report.longest_streak_px);
-  captured_ = mean_of_moments(frame.report.motion_samples, captured_, frame);
+// Radiance in the band that the sensor counts, and its ratio to the radiance in the request's band in the brightest
+// pixel, whose spectrum stands for all.
+struct CountedRadiance {
+  std::vector<float> radiance;
+  double over_requested = 1;
+  StageTimes times;
+};
+
+// Draws the frame in the band in which the sensor counts photons. `brightest`: pixel, and its radiance in the request's
+// band.
+CountedRadiance draw_in_photons(const Exposing& exposing, std::size_t brightest, double brightest_w_m2_sr) {
+  const FramePlan& plan = exposing.plan;
+  ExposureSample sample = draw_exposure_sample(exposing, *plan.photon_request, plan.moving ? 0.F : 1.F);
+  CountedRadiance counted{std::move(sample.products.radiance), 1, sample.times};
+  const auto counted_w_m2_sr = static_cast<double>(counted.radiance[brightest]);
+  const bool lit = brightest_w_m2_sr > 0 && counted_w_m2_sr > 0;
+  counted.over_requested = lit ? counted_w_m2_sr / brightest_w_m2_sr : exposing.sensor->counted_of_sunlight();
+  return counted;
 }
 
-void FrameExposure::make_image(Frame& frame) {
-  const FrameRequest& request = plan_.request;
-  FrameReport& report = frame.report;
-  std::vector<float>& radiance = frame.products.radiance;
-  if (plan_.sensor) {
-    capture(frame);
-  } else if (request.products & kImage) {
-    report.full_scale_radiance_w_m2_sr = expose(request.image, radiance, frame.products.image);
-    report.saturated_fraction = share_above(radiance, report.full_scale_radiance_w_m2_sr);
-  }
-  if (!(request.products & kRadiance)) radiance = {};
+// Replaces the radiance of a moving exposure by its mean, of as many samples as the image needs.
+void average_over_exposure(const Exposing& exposing, CountedRadiance& counted, ExposedFrame& exposed) {
+  const auto& [plan, middle, sensor, context] = exposing;
+  sensor->forget_points();
+  const double exposure_s = sensor->integration_time_s();
+  FrameReport& report = exposed.report;
+  report.longest_streak_px = longest_streak_px(plan, exposure_s, middle.selected.terrain, context);
+  report.motion_samples = exposure_sample_count(plan.request.sensor->motion, report.longest_streak_px);
+  ExposureMean mean = mean_over_exposure(exposing, exposure_sample_times_s(report.motion_samples, exposure_s),
+                                         counted.radiance, exposed.products.range);
+  counted.radiance = std::move(mean.radiance);
+  report.shadow_limits_px = std::move(mean.shadow_limits_px);
+  exposed.times += mean.times;
 }
 
-// The frame was drawn with the sensor's margin, which all products lose.
-void FrameExposure::capture(Frame& frame) {
-  Sensor& sensor = *plan_.sensor;
-  sensor.image(middle_.views().camera(), middle_.lens(), std::move(captured_), frame.products.image, stop_);
-  crop(frame.products, plan_.request.camera, sensor.margin_px(), plan_.request.truth.has_value());
-  FrameReport& report = frame.report;
+void report_sensor(const FramePlan& plan, const Sensor& sensor, double counted_over_requested, FrameReport& report) {
   report.integration_time_s = sensor.integration_time_s();
   report.saturated_fraction = sensor.saturated_fraction();
   report.smear_fill = sensor.smear_fill();
   report.brightest_signal_e = sensor.brightest_signal_e();
-  report.full_scale_radiance_w_m2_sr = sensor.full_scale_counted_w_m2_sr() / counted_over_radiance_;
-  report.margin_px = sensor.margin_px(), report.captured_fraction = sensor.captured();
-  if (const StrayLight& law = plan_.request.sensor->optics.stray_light; law.any())
-    report.scattered_fraction = ScatteredLight::share(law), report.glare_w_m2_sr = sensor.glare_w_m2_sr();
+  report.full_scale_radiance_w_m2_sr = sensor.full_scale_counted_w_m2_sr() / counted_over_requested;
+  report.margin_px = plan.margin_px;
+  report.captured_fraction = sensor.captured();
+  const StrayLight& law = plan.request.sensor->optics.stray_light;
+  if (!law.any()) return;
+  report.scattered_fraction = ScatteredLight::share(law);
+  report.glare_w_m2_sr = sensor.glare_w_m2_sr();
+}
+
+// Makes the image by the sensor model (SENSOR++ eqs. 8 and 9) and removes its margin from all products.
+void image_by_sensor(const Exposing& exposing, ExposedFrame& exposed) {
+  const auto& [plan, middle, sensor, context] = exposing;
+  FrameProducts& products = exposed.products;
+  std::vector<float>& radiance = products.radiance;
+  const std::size_t brightest = brightest_pixel(radiance);
+  const auto brightest_w_m2_sr = static_cast<double>(radiance[brightest]);  // without discs and sky
+  show_discs(exposing, plan.request, products.range, share_of_middle(plan), radiance);
+  const SkyImage sky = sky_of(exposing, plan.request, products.range);
+  CountedRadiance counted;
+  counted.radiance = plan.request.products & kRadiance ? radiance : std::exchange(radiance, {});
+  if (plan.photon_request) {
+    counted = draw_in_photons(exposing, brightest, brightest_w_m2_sr);
+    exposed.times += counted.times;
+  }
+  if (!radiance.empty()) sky.add_to(radiance);
+  if (const StrayLight& law = plan.request.sensor->optics.stray_light; law.any())
+    sensor->scatter_by(context.cache.scattered(law, sensor->camera(), context.stop));
+  add_points(exposing, sky, 1);
+  add_glare(exposing);
+  sensor->choose_integration_time(exposing.camera(), middle.pixel_rays, counted.radiance, context.stop);
+  if (plan.moving) average_over_exposure(exposing, counted, exposed);
+  sensor->image(exposing.camera(), middle.pixel_rays, std::move(counted.radiance), products.image, context.stop);
+  crop(products, plan.request.camera, plan.margin_px, plan.request.truth.has_value());
+  report_sensor(plan, *sensor, counted.over_requested, exposed.report);
+}
+
+// Makes the image by gain and quantisation alone, if it is requested.
+void image_by_gain(const Exposing& exposing, ExposedFrame& exposed) {
+  const FrameRequest& request = exposing.plan.request;
+  FrameProducts& products = exposed.products;
+  show_discs(exposing, request, products.range, share_of_middle(exposing.plan), products.radiance);
+  sky_of(exposing, request, products.range).add_to(products.radiance);
+  if (!(request.products & kImage)) return;
+  FrameReport& report = exposed.report;
+  report.full_scale_radiance_w_m2_sr = expose(request.image, products.radiance, products.image);
+  report.saturated_fraction = share_above(products.radiance, report.full_scale_radiance_w_m2_sr);
+}
+
+}  // namespace
+
+EachSample samples_for_sensor(const FramePlan& plan, const ExposureMiddle& middle, std::optional<Sensor>& sensor,
+                              const StopToken& stop) {
+  return samples_with_share(middle, sensor, share_of_middle(plan), stop);
+}
+
+ExposedFrame expose_frame(const FramePlan& plan, const ExposureMiddle& middle, FrameProducts drawn,
+                          std::optional<Sensor>& sensor, const RenderContext& context) {
+  Stopwatch watch;
+  const Exposing exposing{plan, middle, sensor, context};
+  ExposedFrame exposed;
+  exposed.products = std::move(drawn);
+  if (std::vector<float>& radiance = exposed.products.radiance; !radiance.empty()) {
+    exposed.report.lit = any_lit(radiance);
+    sensor ? image_by_sensor(exposing, exposed) : image_by_gain(exposing, exposed);
+    if (!(plan.request.products & kRadiance)) radiance = {};
+  }
+  // The other exposure samples have stages of their own, which are not counted twice.
+  exposed.times.sensor_ms += watch.lap_ms() - exposed.times.sum_ms();
+  return exposed;
 }
 
 }  // namespace selenograph::engine

@@ -1,45 +1,33 @@
-// Plan of a frame: what is drawn, what its sensor counts, and how many moments of the exposure there are.
+// Plan stage: derives from a request what is drawn.
 #pragma once
 
 #include <optional>
-#include <vector>
 
 #include "dem/base/stop_token.h"
-#include "dem/terrain/terrain.h"
 #include "engine/frame/request.h"
-#include "engine/scene/selection.h"
 #include "engine/sensor/sensor.h"
 
 namespace selenograph::engine {
 
 struct FramePlan {
-  // `asked` must outlive this object. Throws as Sensor does.
-  FramePlan(const FrameRequest& asked, const StopToken& stop);
-  FramePlan(const FramePlan&) = delete;
-  FramePlan& operator=(const FramePlan&) = delete;
-
-  // For an exposure time and the selected terrain: how far a point in view moves in the image, and the number of
-  // moments of the exposure, as few as the image needs, including the middle.
-  double streak_px(double exposure_s, const Selection& selection, const dem::Terrain& terrain,
-                   const StopToken& stop) const;
-  int moments(double exposure_s, const Selection& selection, const dem::Terrain& terrain, const StopToken& stop) const;
-  // Number of scenes like the frame's that are drawn. Unknown, and counted as one moment, when the frame chooses its
-  // exposure time.
-  std::size_t draws(const Selection& selection, const dem::Terrain& terrain, const StopToken& stop) const;
-
-  int margin_px() const { return sensor ? sensor->margin_px() : 0; }
-  bool moving() const { return sensor && !request.sensor->motion.none(); }
-
-  std::optional<Sensor> sensor;  // if it makes an image
-  // The request to draw: as asked, with the sensor's margin and, for craters and the sky, the range of every pixel.
+  // The request to draw: with the sensor's margin and, for craters and the sky, the range of every pixel.
   FrameRequest request;
-  RadianceTerms radiance;
-  bool emits_elsewhere;  // an object emits, or the ground by a temperature map
+  int margin_px = 0;             // of the sensor around the image
+  bool moving = false;           // the sensor's exposure is a mean over several poses
+  RadianceTerms radiance;        // terms of SENSOR++ eq. (1) that all pixels share
+  bool emits_elsewhere = false;  // an object emits, or the ground by a temperature map
   // Request for radiance in the band in which the sensor counts photons, if that differs from the request's band.
-  std::optional<FrameRequest> counted;
+  std::optional<FrameRequest> photon_request;
 };
 
-// Removes what was drawn for craters and the sky alone.
-void thin(FrameProducts& products, const FrameRequest& asked);
+// Returns the sensor that makes the image, if one does. `request` must outlive it. Throws as Sensor does.
+std::optional<Sensor> make_sensor(const FrameRequest& request, const StopToken& stop);
+
+// Returns the plan of a frame. `sensor` is told whether one spectrum stands for all light (Sensor::photon_band).
+FramePlan plan_frame(const FrameRequest& request, std::optional<Sensor>& sensor);
+
+// Reduces the products of the plan's request to those that the frame's request asks for: removes ranges that only
+// craters and the sky needed, and keeps the pixels of a truth grid.
+void keep_requested(FrameProducts& products, const FrameRequest& request);
 
 }  // namespace selenograph::engine

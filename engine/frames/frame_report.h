@@ -1,14 +1,15 @@
-// Writes the metadata of a drawn frame.
+// Report stage: what is known about a frame besides its pixels.
 #pragma once
 
 #include "engine/frame/frame.h"
-#include "engine/frames/frame_moment.h"
+#include "engine/frames/frame_drawing.h"
 #include "engine/frames/frame_plan.h"
+#include "engine/frames/frame_selection.h"
 
 namespace selenograph::engine {
 
-// `moment`: the one shown by the products.
-void report_frame(const FramePlan& plan, const FrameMoment& moment, const Drawn& drawn, const dem::Terrain& terrain,
-                  Frame& frame);
+// Completes the report of an exposed frame. `selected`, `drawing`: of the instant that the products show.
+FrameReport report_frame(const FramePlan& plan, const FrameSelection& selected, const FrameDrawing& drawing,
+                         const dem::Terrain& terrain, FrameReport exposed);
 
 }  // namespace selenograph::engine

@@ -5,40 +5,64 @@
 
 #include "engine/camera/view.h"
 #include "engine/sensor/sensor.h"
+#include "engine/visibility/objects/objects_in_frame.h"
 
 namespace selenograph::engine {
 namespace {
 
-// What only turns.
+// Range at which translation no longer moves a point in the image.
 constexpr double kFar_m = 1e9;
 
-// Along a unit direction from outside of the sphere, or from below it: none.
+// Returns the range to a sphere around the origin along a unit direction; kFar_m if it is missed or left from inside.
 double range_to_sphere(const Vec3& from, const Vec3& direction, double radius) {
-  const double closest = -from.dot(direction), inside = radius * radius - (from + closest * direction).squaredNorm();
+  const double closest = -from.dot(direction);
+  const double inside = radius * radius - (from + closest * direction).squaredNorm();
   const double range = closest - std::sqrt(std::max(0.0, inside));
   return inside > 0 && range > 0 ? range : kFar_m;
+}
+
+// Follows points through the image from the beginning of an exposure over its middle to its end.
+class PointTracker {
+ public:
+  PointTracker(const FrameRequest& request, double integration_time_s)
+      : diagonal_px_(std::hypot(request.camera.width, request.camera.height)) {
+    for (const double share : {-0.5, 0.0, 0.5})
+      views_.emplace_back(request.camera, moved(request.pose, request.sensor->motion, share * integration_time_s));
+  }
+  const View& middle() const { return views_[1]; }
+  double longest_px() const { return longest_px_; }
+  void follow(const Vec3& point_m) {
+    double length_px = 0;
+    for (std::size_t i = 0; i < 2; ++i) {
+      const auto from = views_[i].project(point_m);
+      const auto to = views_[i + 1].project(point_m);
+      length_px += from && to ? std::hypot(to->x - from->x, to->y - from->y) : diagonal_px_;
+    }
+    longest_px_ = std::max(longest_px_, std::min(length_px, diagonal_px_));
+  }
+
+ private:
+  double diagonal_px_;
+  double longest_px_ = 0;
+  std::vector<View> views_;
+};
+
+// Height above the datum of the ground below the plan's camera, m; of the highest terrain for a camera above all of it.
+double height_below_camera_m(const FramePlan& plan, const Selection& selection, const RenderContext& context) {
+  const Vec3& camera_m = plan.request.pose.position_m;
+  if (!plan.request.terrain || camera_m.norm() >= kMoonRadius_m + selection.highest_m) return selection.highest_m;
+  const Geographic below = to_geographic(camera_m);
+  const double height_m = context.terrain.height(below.lat_deg, below.lon_deg, context.stop).height_m;
+  return std::isnan(height_m) ? double{dem::kLowestRelief_m} : height_m;
 }
 
 }  // namespace
 
 double longest_streak_px(const FrameRequest& request, double integration_time_s, double ground_m,
                          std::span<const Ball> objects) {
-  const Motion& motion = request.sensor->motion;
-  std::vector<View> views;
-  for (const double share : {-0.5, 0.0, 0.5})
-    views.emplace_back(request.camera, moved(request.pose, motion, share * integration_time_s));
-  const View& middle = views[1];
+  PointTracker tracker(request, integration_time_s);
+  const View& middle = tracker.middle();
   const Camera& camera = request.camera;
-  const double diagonal = std::hypot(camera.width, camera.height);
-  double longest = 0;
-  const auto follow = [&](const Vec3& place) {
-    double way = 0;
-    for (std::size_t i = 0; i < 2; ++i) {
-      const auto from = views[i].project(place), to = views[i + 1].project(place);
-      way += from && to ? std::hypot(to->x - from->x, to->y - from->y) : diagonal;
-    }
-    longest = std::max(longest, std::min(way, diagonal));
-  };
   constexpr int kGrid = 8;
   for (int y = 0; y <= kGrid; ++y)
     for (int x = 0; x <= kGrid; ++x) {
@@ -48,28 +72,42 @@ double longest_streak_px(const FrameRequest& request, double integration_time_s,
       const Vec3 direction = ray->normalized();
       const double range =
           request.terrain ? range_to_sphere(middle.position(), direction, kMoonRadius_m + ground_m) : kFar_m;
-      follow(middle.position() + range * direction);
+      tracker.follow(middle.position() + range * direction);
     }
   for (const Ball& ball : objects) {
     if (!middle.may_see(ball.centre_m, ball.radius_m)) continue;
     const Vec3 toward = ball.centre_m - middle.position();
-    const double distance = toward.norm(), nearest = std::max(distance - ball.radius_m, 0.01 * distance);
-    if (distance > 0) follow(middle.position() + toward * (nearest / distance));
+    const double distance = toward.norm();
+    const double nearest = std::max(distance - ball.radius_m, 0.01 * distance);
+    if (distance > 0) tracker.follow(middle.position() + toward * (nearest / distance));
   }
-  return longest;
+  return tracker.longest_px();
 }
 
-int motion_samples(const Motion& motion, double longest_streak_px) {
+double longest_streak_px(const FramePlan& plan, double integration_time_s, const Selection& selection,
+                         const RenderContext& context) {
+  return longest_streak_px(plan.request, integration_time_s, height_below_camera_m(plan, selection, context),
+                           balls_around(plan.request.objects));
+}
+
+int exposure_sample_count(const Motion& motion, double longest_streak_px) {
   if (motion.samples) return *motion.samples;
   const int pixels = static_cast<int>(std::ceil(std::min(longest_streak_px, double{Motion::kMostMoments})));
   return std::clamp(pixels | 1, 1, Motion::kMostMoments);
 }
 
-std::vector<double> moments_of(int samples, double integration_time_s) {
-  std::vector<double> moments;
-  moments.reserve(static_cast<std::size_t>(samples));
-  for (int k = 0; k < samples; ++k) moments.push_back(((k + 0.5) / samples - 0.5) * integration_time_s);
-  return moments;
+std::vector<double> exposure_sample_times_s(int count, double integration_time_s) {
+  std::vector<double> times_s;
+  times_s.reserve(static_cast<std::size_t>(count));
+  for (int k = 0; k < count; ++k) times_s.push_back(((k + 0.5) / count - 0.5) * integration_time_s);
+  return times_s;
+}
+
+std::vector<double> exposure_sample_times_s(const FramePlan& plan, double integration_time_s,
+                                            const Selection& selection, const RenderContext& context) {
+  if (!plan.moving) return {0};
+  const double streak_px = longest_streak_px(plan, integration_time_s, selection, context);
+  return exposure_sample_times_s(exposure_sample_count(plan.request.sensor->motion, streak_px), integration_time_s);
 }
 
 }  // namespace selenograph::engine

@@ -1,10 +1,13 @@
-// Moments that sample an exposure in motion.
+// Samples in time of an exposure in motion: how many, and when.
 #pragma once
 
+#include <cstddef>
 #include <span>
 #include <vector>
 
+#include "engine/cache/render_context.h"
 #include "engine/frame/request.h"
+#include "engine/frames/frame_plan.h"
 #include "engine/scene/selection.h"
 
 namespace selenograph::engine {
@@ -15,10 +18,18 @@ namespace selenograph::engine {
 double longest_streak_px(const FrameRequest& request, double integration_time_s, double ground_m,
                          std::span<const Ball> objects);
 
-// Number of moments: as requested, or the streak's length in pixels, odd, at most Motion::kMostMoments.
-int motion_samples(const Motion& motion, double longest_streak_px);
+// The same for the plan's request, with the ground below its camera.
+double longest_streak_px(const FramePlan& plan, double integration_time_s, const Selection& selection,
+                         const RenderContext& context);
 
-// Times of the moments, seconds from the exposure's middle.
-std::vector<double> moments_of(int samples, double integration_time_s);
+// Number of exposure samples: as requested, or the streak's length in pixels, odd, at most Motion::kMostMoments.
+int exposure_sample_count(const Motion& motion, double longest_streak_px);
+
+// Times of the exposure samples, seconds from the exposure's middle.
+std::vector<double> exposure_sample_times_s(int count, double integration_time_s);
+
+// Times of the exposure samples of a plan: 0 alone without motion.
+std::vector<double> exposure_sample_times_s(const FramePlan& plan, double integration_time_s,
+                                            const Selection& selection, const RenderContext& context);
 
 }  // namespace selenograph::engine

@@ -1,98 +1,127 @@
+// Makes a frame: plan, select, scene, draw, expose, report.
+//
+//   FrameRequest --plan_frame--> FramePlan
+//                                   |        once for the middle, and again for each sample of a moving exposure
+//                                   v        +------------------------------------------------------------+
+//                                            | select_frame ----> make_scene ----------> draw_frame       |
+//                                            |  blocks, rocks      one mesh, light        points, light,  |
+//                                            |  and objects        from terrain           radiance        |
+//                                            +------------------------------------------------------------+
+//                                   |        eqs. (2), (3)                               eq. (1)
+//                                   v
+//                             expose_frame (sky, optics, detector: eqs. 8, 9) --> report_frame --> Frame
+//
+// Equations are those of the SENSOR++ paper (Paproth et al.).
 #include "engine/frames/render_frame.h"
+
+#include <optional>
+#include <span>
+#include <utility>
 
 #include "engine/frame/needs.h"
 #include "engine/frames/crater_rims.h"
+#include "engine/frames/frame_drawing.h"
 #include "engine/frames/frame_exposure.h"
-#include "engine/frames/frame_moment.h"
 #include "engine/frames/frame_plan.h"
 #include "engine/frames/frame_report.h"
+#include "engine/frames/frame_selection.h"
 #include "engine/frames/motion_blur.h"
 #include "engine/support/stopwatch.h"
 
 namespace selenograph::engine {
 namespace {
 
-RowViews views_of(const FrameRequest& request, const StopToken& stop) {
-  return {request.camera, request.pose, request.shutter, stop};
+// Returns the number of scenes like the middle's that the frame draws. A frame that chooses its exposure time counts as
+// one exposure sample: its streaks are not known yet.
+std::size_t scenes_to_draw(const FramePlan& plan, const std::optional<Sensor>& sensor, const Selection& selection,
+                           const RenderContext& context) {
+  const double exposure_s = sensor ? sensor->integration_time_s() : 0;
+  return exposure_sample_times_s(plan, exposure_s, selection, context).size() + (plan.photon_request ? 1 : 0);
 }
 
-void list_craters(const FrameRequest& asked, const Selection& selection, const dem::Terrain& terrain, RenderCache& kept,
-                  const StopToken& stop, Frame& frame) {
-  Stopwatch watch;
-  frame.report.craters =
-      crater_rims(asked, selection, frame.products.range, terrain, kept.roughness(terrain, stop), stop);
-  frame.times.craters_ms = watch.lap_ms();
+CraterRims find_craters(const FrameRequest& request, const Selection& selection, std::span<const double> range_m,
+                        const RenderContext& context) {
+  return crater_rims(request, selection, range_m, context.terrain,
+                     context.cache.roughness(context.terrain, context.stop), context.stop);
 }
 
-// Exposes the drawn frame. The exposure's other moments have stages of their own, which are not counted twice.
-void expose(FrameExposure& exposure, Frame& frame) {
-  Stopwatch watch;
-  const double drawn_ms = frame.times.sum_ms();
-  exposure.draw_moments(frame);
-  exposure.make_image(frame);
-  frame.times.sensor_ms = watch.lap_ms() - (frame.times.sum_ms() - drawn_ms);
-}
-
-// Where the frame decides, what it may decide at most.
+// Returns the longest exposure that automatic exposure may choose, or the fixed integration time.
 double longest_exposure_s(const SensorModel& sensor) {
   return sensor.exposure.target_fill > 0 ? sensor.exposure.longest_s : sensor.detector.integration_time_s;
 }
 
 }  // namespace
 
-Frame render_frame(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept, const StopToken& stop) {
-  Frame frame;
-  // Plan: what is drawn, what the sensor counts, which terms radiance has.
+Frame render_frame(const FrameRequest& request, const RenderContext& context) {
   Stopwatch watch;
-  FramePlan plan(asked, stop);
+  // Plan: pixels with the sensor's margin, the band in which photons are counted, the terms of radiance.
+  std::optional<Sensor> sensor = make_sensor(request, context.stop);
+  const FramePlan plan = plan_frame(request, sensor);
   const double plan_ms = watch.lap_ms();
-  // Select: which blocks of the terrain, how fine; what may shade them; rocks and objects.
-  FrameMoment middle(plan.request, terrain, kept, stop);
-  // Scene: the blocks as one mesh, with what the visibility algorithm needs of it.
-  middle.make_scene(plan.draws(middle.selection(), terrain, stop));
-  // Draw: visible points, light, radiance and products; then the other moments of the exposure, in the same way.
-  FrameExposure exposure(plan, middle, terrain, kept, stop);
-  const Drawn drawn = middle.draw(plan.margin_px(), exposure.each_of_middle(), frame.products);
-  frame.times = middle.times();
-  // Expose: from radiance to digital numbers.
-  expose(exposure, frame);
-  frame.times.sensor_ms += plan_ms;
-  // Craters: where those of the detail are in the image.
-  if (wants_craters(asked)) list_craters(asked, middle.selection(), terrain, kept, stop, frame);
-  if (wants_ranges(asked)) thin(frame.products, asked);
+
+  // All ground truth belongs to the middle of the exposure. Select: the blocks of terrain that are in view or may shade
+  // it, and their levels of detail; rocks; objects.
+  const FrameSelection selected = select_frame(plan.request, context);
+
+  // Scene: the blocks as one mesh without gaps, with an acceleration structure and light from terrain.
+  const std::size_t draws = scenes_to_draw(plan, sensor, selected.terrain, context);
+  FrameScene scene = make_scene(plan.request, selected, draws, context);
+
+  // Draw: for each pixel the visible point, its sunlight, its radiance (eq. 1), its products.
+  const std::shared_ptr<const PixelRays> pixel_rays = scene.pixel_rays;
+  const ExposureMiddle middle{selected, *pixel_rays};
+  FrameDrawing drawing = draw_frame(plan.request, selected, std::move(scene), plan.margin_px,
+                                    samples_for_sensor(plan, middle, sensor, context.stop), context);
+
+  // Expose: the other samples of the exposure, the sky, optics and detector; from radiance to digital numbers.
+  ExposedFrame exposed = expose_frame(plan, middle, std::move(drawing.products), sensor, context);
+
   // Report: what is known of the frame besides its pixels.
-  report_frame(plan, middle, drawn, terrain, frame);
+  Frame frame;
+  frame.report = report_frame(plan, selected, drawing, context.terrain, std::move(exposed.report));
+  frame.products = std::move(exposed.products);
+  frame.times = selected.times;
+  frame.times += drawing.times;
+  frame.times += exposed.times;
+  frame.times.sensor_ms += plan_ms;
+  if (plan.request.products & kRock) frame.rocks = selected.rocks.rocks;
+  watch.lap_ms();
+  if (wants_craters(request)) {
+    frame.report.craters = find_craters(request, selected.terrain, frame.products.range, context);
+    frame.times.craters_ms = watch.lap_ms();
+  }
+  if (wants_ranges(request)) keep_requested(frame.products, request);
   return frame;
 }
 
-std::vector<double> shadow_limits_px(const FrameRequest& asked, const dem::Terrain& terrain, const RenderCache& kept,
-                                     const StopToken& stop) {
-  const FramePlan plan(asked, stop);
-  FrameRequest request = plan.request;
-  const auto selected = [&](const Pose& pose) {
-    request.pose = pose;
-    return select_blocks(request, views_of(request, stop), request.accuracy, terrain, kept, stop);
+std::vector<double> shadow_limits_px(const FrameRequest& request, const RenderContext& context) {
+  std::optional<Sensor> sensor = make_sensor(request, context.stop);
+  const FramePlan plan = plan_frame(request, sensor);
+  FrameRequest drawn = plan.request;
+  const auto select_at = [&](const Pose& pose) {
+    drawn.pose = pose;
+    const RowViews views(drawn.camera, drawn.pose, drawn.shutter, context.stop);
+    return select_blocks(drawn, views, drawn.accuracy, context);
   };
-  const Selection middle = selected(asked.pose);
+  const Selection middle = select_at(request.pose);
   std::vector<double> limits{middle.shadow_limit_px};
-  if (!plan.moving()) return limits;
-  const double exposure_s = longest_exposure_s(*asked.sensor);
-  for (const double moment : moments_of(plan.moments(exposure_s, middle, terrain, stop), exposure_s))
-    if (moment != 0) limits.push_back(selected(moved(asked.pose, asked.sensor->motion, moment)).shadow_limit_px);
+  if (!plan.moving) return limits;
+  for (const double time_s : exposure_sample_times_s(plan, longest_exposure_s(*request.sensor), middle, context))
+    if (time_s != 0) limits.push_back(select_at(moved(request.pose, request.sensor->motion, time_s)).shadow_limit_px);
   return limits;
 }
 
-std::function<bool()> prepare_frame(const FrameRequest& asked, const dem::Terrain& terrain, RenderCache& kept,
-                                    const StopToken& stop) {
-  const FramePlan plan(asked, stop);
-  const RowViews views = views_of(plan.request, stop);
-  const Selection selection = select_blocks(plan.request, views, plan.request.accuracy, terrain, kept, stop);
-  const SceneContent content = content_of(plan.request, views, selection, terrain);
-  const auto scene = kept.scene(content, stop, RenderCache::Purpose::preparation);
+std::function<bool()> prepare_frame(const FrameRequest& request, const RenderContext& context) {
+  std::optional<Sensor> sensor = make_sensor(request, context.stop);
+  const FramePlan plan = plan_frame(request, sensor);
+  const RowViews views(plan.request.camera, plan.request.pose, plan.request.shutter, context.stop);
+  const Selection selection = select_blocks(plan.request, views, plan.request.accuracy, context);
+  const SceneContent content = content_of(plan.request, views, selection, context.terrain);
+  const auto scene = context.cache.scene(content, context.stop, RenderCache::Purpose::preparation);
   if (wants_indirect(plan.request))
-    TerrainLight(plan.request, {views, scene->mesh, balls_around(plan.request.objects), {}}, std::nullopt, terrain,
-                 plan.radiance.direct_w_m2, kept.light_tiles(), stop);
-  return kept.use_of(content);
+    TerrainLight(plan.request, {views, scene->mesh, balls_around(plan.request.objects), {}}, std::nullopt,
+                 context.terrain, plan.radiance.direct_w_m2, context.cache.light_tiles(), context.stop);
+  return context.cache.use_of(content);
 }
 
 }  // namespace selenograph::engine

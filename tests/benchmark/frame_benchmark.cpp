@@ -100,7 +100,7 @@ void compare(benchmark::State& state, const std::shared_ptr<dem::PyramidTerrain>
     engine::FrameRequest asked = r;
     asked.visibility = visibility;
     if (setting.build) kept.forget(content_of(visibility));
-    return milliseconds([&] { benchmark::DoNotOptimize(engine::render_frame(asked, *terrain, kept, {})); });
+    return milliseconds([&] { benchmark::DoNotOptimize(engine::render_frame(asked, {*terrain, kept, {}})); });
   };
   const bool plain = !setting.build && !setting.lens && setting.angular_radius_deg == 0;
   const engine::BareKernel kernel(ray_scene->mesh, anchor, threads);

@@ -7,7 +7,7 @@
 #include "dem/terrain/pyramid_terrain.h"
 #include "engine/cache/render_cache.h"
 #include "engine/frame/needs.h"
-#include "engine/frames/frame_moment.h"
+#include "engine/frames/frame_selection.h"
 #include "engine/frames/render_frame.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
@@ -39,13 +39,13 @@ class FrameMemory : public ::testing::Test {
     return q;
   }
 
-  engine::SceneContent content_at(double lon_deg, const engine::RenderCache& kept) const {
+  engine::SceneContent content_at(double lon_deg, engine::RenderCache& kept) const {
     engine::FrameRequest q = request_at(45, 0);
     const Vec3 eye = to_cartesian({10, lon_deg, 200000});
     q.pose = looking(eye, -eye, local_axes(eye).north);
     q.accuracy.max_error_px = 1;
     const engine::RowViews views(q.camera, q.pose, q.shutter);
-    return content_of(q, views, select_blocks(q, views, q.accuracy, *terrain_, kept, {}), *terrain_);
+    return content_of(q, views, select_blocks(q, views, q.accuracy, {*terrain_, kept, {}}), *terrain_);
   }
 
   TemporaryFolder folder_;
@@ -59,7 +59,7 @@ TEST_F(FrameMemory, ScratchStaysBelowTheEstimate) {
       engine::RenderCache kept(terrain_, kScenes, 2);
       engine::FrameRequest q = request_at(elevation_deg, disc_deg);
       q.accuracy.samples_per_pixel = samples, q.accuracy.edge_samples = at_edges;
-      render_frame(q, *terrain_, kept, {});
+      render_frame(q, {*terrain_, kept, {}});
       const double per_pixel =
           static_cast<double>(kept.scratch().bytes()) / static_cast<double>(engine::rendered_pixels(q));
       RecordProperty("bytes_per_pixel", std::to_string(per_pixel));

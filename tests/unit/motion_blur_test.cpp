@@ -53,15 +53,15 @@ TEST(MotionBlur, AsManyMomentsAsPixels) {
   Motion motion;
   for (const auto& [streak_px, samples] :
        {std::pair{0.0, 1}, {0.9, 1}, {1.5, 3}, {3.0, 3}, {3.1, 5}, {40.0, 41}, {64.5, 65}, {1e9, 65}})
-    EXPECT_EQ(motion_samples(motion, streak_px), samples) << streak_px;
-  EXPECT_EQ(motion_samples(motion, INFINITY), 65);
+    EXPECT_EQ(exposure_sample_count(motion, streak_px), samples) << streak_px;
+  EXPECT_EQ(exposure_sample_count(motion, INFINITY), 65);
   motion.samples = 4;
-  EXPECT_EQ(motion_samples(motion, 40), 4);
-  const auto moments = moments_of(4, 0.8);
+  EXPECT_EQ(exposure_sample_count(motion, 40), 4);
+  const auto moments = exposure_sample_times_s(4, 0.8);
   ASSERT_EQ(moments.size(), 4U);
   EXPECT_NEAR(moments[0], -0.3, 1e-15);
   EXPECT_NEAR(moments[3], 0.3, 1e-15);
-  EXPECT_EQ(moments_of(3, 1)[1], 0);
+  EXPECT_EQ(exposure_sample_times_s(3, 1)[1], 0);
 }
 
 }  // namespace

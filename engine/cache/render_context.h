@@ -1,0 +1,16 @@
+// Surroundings of a request's work, which every stage may use besides its arguments.
+#pragma once
+
+#include "dem/base/stop_token.h"
+#include "dem/terrain/terrain.h"
+#include "engine/cache/render_cache.h"
+
+namespace selenograph::engine {
+
+struct RenderContext {
+  const dem::Terrain& terrain;  // with the request's detail
+  RenderCache& cache;           // no answer depends on what it holds
+  StopToken stop;               // deadline, and whether the client has left
+};
+
+}  // namespace selenograph::engine
