@@ -14,6 +14,7 @@
 #include <chrono>
 #include <cmath>
 #include <exception>
+#include <new>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string_view>
@@ -105,8 +106,14 @@ void set_up_log(const std::string& level) {
              level);
 }
 
-// The queue between the logging threads and the writing one. As spdlog's sink it only enqueues, and the queue locks, so
-// the sink needs no mutex.
+// The queue between the logging threads and the writing one:
+//
+//   spdlog::warn() ...  --sink_it_-->  +-------------------------------+
+//   log_request()       --add------->  | queue of LogRecord, kMaxLines | --run, on its thread--> write(2)
+//                                      +-------------------------------+
+//                                        full: drops and counts the oldest
+//
+// The queue has its own lock, so that the sink needs none.
 class AsyncLog::Writer : public spdlog::sinks::base_sink<spdlog::details::null_mutex> {
  public:
   Writer(int fd, LogFormat format) : fd_(fd), format_(format) {}
@@ -170,14 +177,19 @@ AsyncLog::AsyncLog(const std::string& level, int fd, LogFormat format) : writer_
   }).detach();
 }
 
-// A thread that waits for a reader of stderr may never end, so it is detached and joined only for a while.
+// Waits for a limited time: the thread never ends while stderr is full and has no reader.
 AsyncLog::~AsyncLog() {
   writer_->end();
   finished_.wait_for(kMaxWaitAtEnd);
 }
 
 void AsyncLog::log_request(spdlog::level::level_enum level, const AccessRecord& request) const {
-  if (spdlog::should_log(level)) writer_->add({spdlog::log_clock::now(), level, request});
+  if (!spdlog::should_log(level)) return;
+  try {
+    writer_->add({spdlog::log_clock::now(), level, request});
+  } catch (const std::bad_alloc&) {
+    writer_->count_lost();
+  }
 }
 
 std::uint64_t AsyncLog::dropped() const { return writer_->dropped(); }
