@@ -175,7 +175,7 @@ std::vector<dem::CraterFeature> Renderer::craters(const std::shared_ptr<const de
                                                   const StopToken& stop) const {
   return impl_->query(detail, [&](const dem::Terrain& terrain) {
     const dem::CraterSurvey survey(terrain, impl_->kept.roughness(terrain, stop));
-    return survey.within(region, smallest_m, least_depth, stop);
+    return survey.craters_in(region, smallest_m, least_depth, stop);
   });
 }
 
@@ -183,7 +183,7 @@ std::vector<dem::RockFeature> Renderer::rocks(const std::shared_ptr<const dem::D
                                               const dem::Footprint& region, double smallest_m,
                                               const StopToken& stop) const {
   return impl_->query(
-      detail, [&](const dem::Terrain& terrain) { return dem::RockSurvey(terrain).within(region, smallest_m, stop); });
+      detail, [&](const dem::Terrain& terrain) { return dem::RockSurvey(terrain).rocks_in(region, smallest_m, stop); });
 }
 
 void Renderer::expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name) const {

@@ -145,7 +145,7 @@ std::shared_ptr<const engine::StarCatalogue> Assets::stars(std::string_view name
   const auto read = [&](const std::string& path) {
     // One catalogue at a time, so that the memory for reading is used once.
     std::unique_lock lock(reading_stars_, std::defer_lock);
-    while (!lock.try_lock_for(dem::kLookUp)) stop.check();
+    while (!lock.try_lock_for(dem::kPollInterval)) stop.check();
     return engine::StarCatalogue::read(path, files_.capacity(), stop);
   };
   return find<engine::StarCatalogue>("stars", *file, stop, read,

@@ -26,12 +26,13 @@ constexpr Range kDiameter_m{0.01, 1e7};
 constexpr double kCellsPerCrater = 40;
 
 constexpr FeatureColumn<CraterFeature> kCraterColumns[] = {
-    {"lat_deg", "planetocentric latitude of the centre", [](const CraterFeature& f) { return f.place.lat_deg; }},
-    {"lon_deg", "east longitude of the centre, in [-180, 180)", [](const CraterFeature& f) { return f.place.lon_deg; }},
+    {"lat_deg", "planetocentric latitude of the centre", [](const CraterFeature& f) { return f.location.lat_deg; }},
+    {"lon_deg", "east longitude of the centre, in [-180, 180)",
+     [](const CraterFeature& f) { return f.location.lon_deg; }},
     {"height_m",
      "of the terrain without detail at the centre, above the sphere of 1 737 400 m: of the ground before all impacts. "
      "POST /v1/heights with `detail` has that of the floor",
-     [](const CraterFeature& f) { return f.place.height_m; }},
+     [](const CraterFeature& f) { return f.location.height_m; }},
     {"diameter_m",
      "from rim to rim when it was fresh. With age the highest ring moves outward and sinks: it is 1.2 of these wide "
      "when 60 % of the depth is left, and 1.5 when a third is",
@@ -53,10 +54,11 @@ constexpr FeatureColumn<CraterFeature> kCraterColumns[] = {
      [](const CraterFeature& f) { return f.rim_share; }}};
 
 constexpr FeatureColumn<RockFeature> kRockColumns[] = {
-    {"lat_deg", "planetocentric latitude of the middle", [](const RockFeature& f) { return f.place.lat_deg; }},
-    {"lon_deg", "east longitude of the middle, in [-180, 180)", [](const RockFeature& f) { return f.place.lon_deg; }},
+    {"lat_deg", "planetocentric latitude of the middle", [](const RockFeature& f) { return f.location.lat_deg; }},
+    {"lon_deg", "east longitude of the middle, in [-180, 180)",
+     [](const RockFeature& f) { return f.location.lon_deg; }},
     {"height_m", "of the ground that it stands on, with detail, above the sphere of 1 737 400 m",
-     [](const RockFeature& f) { return f.place.height_m; }},
+     [](const RockFeature& f) { return f.location.height_m; }},
     {"diameter_m",
      "its largest extent along the ground, of which it is 0.2 to 0.9 high, 0.55 on average. Partly buried, it covers "
      "0.59 "
@@ -82,7 +84,7 @@ Population population_of(const FeaturesQuery& query) {
 // How many there may be from a diameter on, and in how many cells they are looked for.
 double expected(const FeaturesQuery& query, double diameter_m) {
   return query.kind == FeatureKind::rocks
-             ? dem::most_rocks(query.detail.content->rocks(), query.region(), diameter_m)
+             ? dem::max_expected_rocks(query.detail.content->rocks(), query.region(), diameter_m)
              : dem::expected_craters(query.detail.content->craters(), query.region(), diameter_m);
 }
 double cells(const FeaturesQuery& query, double diameter_m) {

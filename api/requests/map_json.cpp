@@ -122,7 +122,7 @@ Extent extent_about(const MapArea& area, dem::MapPlane& plane) {
   }
   const bool at_origin = plane.projection == MapProjection::orthographic;
   const dem::MapPoint middle =
-      at_origin ? dem::MapPoint() : dem::MapTransform(plane).place(center.lat_deg, center.lon_deg).value();
+      at_origin ? dem::MapPoint() : dem::MapTransform(plane).project(center.lat_deg, center.lon_deg).value();
   const double width_px = std::max(1.0, std::round(*area.width_m / area.gsd_m)),
                height_px = std::max(1.0, std::round(*area.height_m / area.gsd_m));
   return {middle.x_m - width_px * area.gsd_m / 2, middle.y_m + height_px * area.gsd_m / 2, width_px, height_px};

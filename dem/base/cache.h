@@ -1,4 +1,10 @@
-// A single-flight LRU cache with a budget in bytes: of several callers who miss the same key, one loads.
+// A single-flight LRU cache with a budget in bytes: if several callers miss the same key, one loads it.
+//
+//   get(key): entry? --yes--> return      flight of another caller? --yes--> sleep until it lands, or until `stop`
+//                | no                                   | no
+//                +--------------------------------------+--> start a flight, load() without the lock, land: new entry
+//
+//   LRU lists:   recent_ (newest ... oldest) --spill, above recent_bytes--> older_ (newest ... oldest) --> evicted
 #pragma once
 
 #include <algorithm>
@@ -20,7 +26,7 @@
 namespace selenograph::dem {
 
 // Interval at which waiting callers check whether to stop.
-inline constexpr std::chrono::milliseconds kLookUp{20};
+inline constexpr std::chrono::milliseconds kPollInterval{20};
 
 // Values are shared and immutable; an evicted value lives until its last user releases it. A load that throws is not
 // remembered: the next caller tries again. Thread-safe.
@@ -29,24 +35,24 @@ class Cache {
  public:
   using Pointer = std::shared_ptr<const Value>;
   struct Loaded {
-    Pointer value;  // may be null: that there is nothing is cached, too
+    Pointer value;  // may be null: the absence of a value is cached, too
     std::size_t bytes;
   };
 
-  // Memory of values with shared parts: how many bytes a value adds, and how many are freed with it.
+  // Memory of values that share data: the bytes that a value adds to the cache, and those that its removal frees.
   struct Count {
     std::function<std::size_t(const Value&)> add{}, remove{};
   };
 
-  // Without a `count`, a value takes the bytes that its load returns. `recent_bytes`: so much of what was used last
-  // stays even where values in use take all of the budget: else what a task needs again and again would be loaded each
-  // time.
+  // Without a `count`, a value takes the bytes that its load returns. `recent_bytes`: bytes of the latest entries that
+  // eviction spares even if values in use fill the budget. Without it a task would reload the values that it repeatedly
+  // needs.
   explicit Cache(std::size_t capacity_bytes, Count count = {}, std::size_t recent_bytes = 0)
-      : capacity_(capacity_bytes), most_recent_bytes_(recent_bytes), count_(std::move(count)) {}
+      : capacity_(capacity_bytes), max_recent_bytes_(recent_bytes), count_(std::move(count)) {}
 
-  // Returns the value for `key`, loading it by `load() -> Loaded` if needed. Of concurrent callers, one loads and the
-  // others wait, each until its own `stop`: then Cancelled. If the load throws Cancelled, one of the waiting callers
-  // loads instead.
+  // Returns the value for `key`, loading it by `load() -> Loaded` if needed. One of several concurrent callers loads.
+  // The others wait, each until its own `stop`, and then throw Cancelled. If the load throws Cancelled, one of the
+  // waiting callers loads instead.
   template <typename Load>
   Pointer get(const Key& key, Load&& load, const StopToken& stop = {}) {
     std::shared_ptr<Flight> flight;
@@ -59,7 +65,7 @@ class Cache {
         flight = flying->second;
         while (!flight->done) {
           stop.check();
-          landed_.wait_for(lock, kLookUp);
+          landed_.wait_for(lock, kPollInterval);
         }
         if (flight->given_up) continue;
         if (flight->error) std::rethrow_exception(flight->error);
@@ -92,20 +98,20 @@ class Cache {
     return std::min(sum, bytes_);
   }
 
-  // Whether a key is cached; does not count as a use.
+  // Returns whether a key is cached. Does not count as a use.
   bool holds(const Key& key) const {
     std::lock_guard lock(mutex_);
     return entries_.count(key) > 0;
   }
 
-  // The cached value, possibly a null pointer; nullopt if not cached. Counts as a use.
+  // Returns the cached value, possibly a null pointer; nullopt if not cached. Counts as a use.
   std::optional<Pointer> find(const Key& key) {
     std::lock_guard lock(mutex_);
     const auto found = entries_.find(key);
     return found == entries_.end() ? std::nullopt : std::optional(used(found));
   }
 
-  // The cached value, or null. Does not count as a use.
+  // Returns the cached value, or null. Does not count as a use.
   Pointer peek(const Key& key) const {
     std::lock_guard lock(mutex_);
     const auto found = entries_.find(key);
@@ -119,7 +125,8 @@ class Cache {
     if (found == entries_.end() || found->second.value != before) return;
     bytes_ += bytes - found->second.bytes;
     if (found->second.recent) recent_bytes_ += bytes - found->second.bytes;
-    found->second.value = std::move(value), found->second.bytes = bytes;
+    found->second.value = std::move(value);
+    found->second.bytes = bytes;
   }
 
   void erase(const Key& key) {
@@ -127,7 +134,7 @@ class Cache {
     if (const auto found = entries_.find(key); found != entries_.end()) drop(found);
   }
 
-  // Reserves bytes that are held elsewhere on the same budget.
+  // Reserves bytes of the budget for memory outside the cache; replaces the previous reservation.
   void reserve(std::size_t bytes) {
     std::lock_guard lock(mutex_);
     reserved_ = bytes;
@@ -142,16 +149,17 @@ class Cache {
 
  private:
   struct Entry;
-  // A map's elements stay where they are.
-  using Places = std::list<std::pair<const Key, Entry>*>;
+  // Points to the map's elements, whose addresses are stable.
+  using LruList = std::list<std::pair<const Key, Entry>*>;
   struct Entry {
     Pointer value;
     std::size_t bytes = 0;
-    bool recent = true;
-    typename Places::iterator place{};
+    bool recent = true;  // in recent_, else in older_
+    typename LruList::iterator lru_position{};
   };
+  // A load in progress, shared by its waiting callers.
   struct Flight {
-    bool done = false, given_up = false;
+    bool done = false, given_up = false;  // given_up: the loading caller was cancelled
     Pointer value;
     std::exception_ptr error;
   };
@@ -163,21 +171,22 @@ class Cache {
     return value;
   }
 
+  // Marks an entry as used now and returns its value.
   Pointer used(typename Entries::iterator found) {
     ++hits_;
     Entry& entry = found->second;
-    recent_.splice(recent_.begin(), entry.recent ? recent_ : older_, entry.place);
+    recent_.splice(recent_.begin(), entry.recent ? recent_ : older_, entry.lru_position);
     if (!entry.recent) recent_bytes_ += entry.bytes;
     entry.recent = true;
     spill();
     return entry.value;
   }
 
-  // From the recent ones to the older ones.
+  // Moves the least recent entries from recent_ to older_ until recent_ is within its limit.
   void spill() {
-    while (recent_bytes_ > most_recent_bytes_) {
+    while (recent_bytes_ > max_recent_bytes_) {
       Entry& last = recent_.back()->second;
-      older_.splice(older_.begin(), recent_, last.place);
+      older_.splice(older_.begin(), recent_, last.lru_position);
       last.recent = false;
       recent_bytes_ -= last.bytes;
     }
@@ -191,11 +200,11 @@ class Cache {
     flights_.erase(key);
     const auto entry = entries_.insert_or_assign(key, Entry{std::move(loaded.value), loaded.bytes}).first;
     recent_.push_front(&*entry);
-    entry->second.place = recent_.begin();
+    entry->second.lru_position = recent_.begin();
     recent_bytes_ += loaded.bytes;
     spill();
     bytes_ += bytes;
-    evict(kLooks);
+    evict(kMaxSkips);
     landed_.notify_all();
   }
 
@@ -207,16 +216,17 @@ class Cache {
     landed_.notify_all();
   }
 
-  // Entries in use are skipped: they stay in memory anyway, and dropping them would only hide them from the budget.
-  // They count as used now, so that the next eviction finds others; after so many of them it is left to that.
-  void evict(std::size_t looks) {
+  // Evicts entries until the budget holds. Skips entries in use: they stay in memory anyway, and dropping them would
+  // only hide them from the budget. A skipped entry moves to the front, so that the next eviction starts at others;
+  // after `max_skips` of them this one gives up.
+  void evict(std::size_t max_skips) {
     while (bytes_ + reserved_ > capacity_ && !older_.empty()) {
       auto& [key, entry] = *older_.back();
       if (entry.value.use_count() <= 1) {
         drop(entries_.find(key));
         ++evictions_;
-      } else if (looks-- > 0) {
-        older_.splice(older_.begin(), older_, entry.place);
+      } else if (max_skips-- > 0) {
+        older_.splice(older_.begin(), older_, entry.lru_position);
       } else {
         return;
       }
@@ -227,17 +237,17 @@ class Cache {
     const Entry& entry = found->second;
     bytes_ -= count_.remove && entry.value ? count_.remove(*entry.value) : entry.bytes;
     if (entry.recent) recent_bytes_ -= entry.bytes;
-    (entry.recent ? recent_ : older_).erase(entry.place);
+    (entry.recent ? recent_ : older_).erase(entry.lru_position);
     entries_.erase(found);
   }
 
   mutable std::mutex mutex_;
   std::condition_variable landed_;
   Entries entries_;
-  Places recent_, older_;  // most recently used first
+  LruList recent_, older_;  // most recently used first
   std::unordered_map<Key, std::shared_ptr<Flight>, Hash> flights_;
-  static constexpr std::size_t kLooks = 256;
-  std::size_t capacity_, most_recent_bytes_, bytes_ = 0, recent_bytes_ = 0, reserved_ = 0;
+  static constexpr std::size_t kMaxSkips = 256;
+  std::size_t capacity_, max_recent_bytes_, bytes_ = 0, recent_bytes_ = 0, reserved_ = 0;
   Count count_;
   std::uint64_t hits_ = 0, misses_ = 0, evictions_ = 0;
 };

@@ -29,7 +29,7 @@ class NotHeights : public DataError {
 // or full disk, no permission, a lost connection. The file is intact; retrying may help.
 class SystemFault : public std::runtime_error {
  public:
-  // `code`: as in errno.
+  // `code`: value of errno.
   SystemFault(const std::string& file, int code) : SystemFault(file, code, std::generic_category().message(code)) {}
   SystemFault(std::string file, int code, const std::string& what_happened)
       : std::runtime_error(file + ": " + what_happened), file_(std::move(file)), code_(code) {}

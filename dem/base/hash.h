@@ -14,12 +14,12 @@
 
 namespace selenograph::dem {
 
-// XXH3 of 64 bits.
+// Returns the 64-bit XXH3 hash.
 inline std::uint64_t hash_of(const void* bytes, std::size_t count, std::uint64_t seed = 0) {
   return XXH3_64bits_withSeed(bytes, count, seed);
 }
 
-// XXH64, which fingerprints of catalogues began with.
+// Returns the XXH64 hash. Fingerprints of catalogues use it: another hash would invalidate saved catalogues.
 inline std::uint64_t xxh64_of(const void* bytes, std::size_t count, std::uint64_t seed) {
   return XXH64(bytes, count, seed);
 }
@@ -28,7 +28,7 @@ struct Hash128 {
   std::uint64_t low, high;
 };
 
-// XXH3 of all that is added, in this order.
+// XXH3 hash of a sequence of values.
 class StreamedHash {
  public:
   StreamedHash() : state_(XXH3_createState(), XXH3_freeState) { XXH3_64bits_reset(state_.get()); }
@@ -36,7 +36,7 @@ class StreamedHash {
   void add(const auto& without_padding) { add(&without_padding, sizeof without_padding); }
   void add_text(std::string_view text) { add(text.data(), text.size()); }
   std::uint64_t digest() const { return XXH3_64bits_digest(state_.get()); }
-  // Of the same state: updates are those of 64 bits (xxhash.h).
+  // Returns the 128-bit hash of the same values: both sizes share their state and updates (xxhash.h).
   Hash128 digest_128() const {
     const XXH128_hash_t hash = XXH3_128bits_digest(state_.get());
     return {hash.low64, hash.high64};

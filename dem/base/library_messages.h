@@ -1,6 +1,7 @@
-// Messages that libraries would print to stderr: they go to the log instead.
+// Redirects messages that libraries would print to stderr to the log.
 //
-// A library prints from the thread of a request. When nobody reads stderr, that thread would wait for ever.
+// A library prints from the thread of a request. If stderr is a pipe that no process reads, that thread would block
+// forever.
 #pragma once
 
 #include <atomic>

@@ -17,7 +17,7 @@ struct LengthUnit {
 };
 
 constexpr double kFoot_m = 0.3048, kUsSurveyFoot_m = 1200.0 / 3937;
-// Names that GDAL, PROJ and PDS write.
+// Names of units in files by GDAL, PROJ and PDS.
 constexpr LengthUnit kUnits[] = {{"m", 1},
                                  {"metre", 1},
                                  {"metres", 1},
@@ -55,9 +55,9 @@ bool same_text(std::string_view a, std::string_view b) {
   return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](char x, char y) { return lower_of(x) == lower_of(y); });
 }
 
-bool consists_of(std::string_view text, std::string_view others) {
+bool consists_of(std::string_view text, std::string_view punctuation) {
   return !text.empty() && std::all_of(text.begin(), text.end(), [&](unsigned char c) {
-    return (c < 128 && std::isalnum(c)) || others.find(static_cast<char>(c)) != std::string_view::npos;
+    return (c < 128 && std::isalnum(c)) || punctuation.find(static_cast<char>(c)) != std::string_view::npos;
   });
 }
 

@@ -1,4 +1,8 @@
-// Pseudo-random numbers as functions of place and seed: the same on every machine.
+// Pseudo-random numbers and gradient noise as functions of position and seed: the same on every machine.
+//
+//   (0,1,.) o-------o (1,1,.)     Each lattice point has one of twelve gradients, selected by its hash. The noise at P
+//           |    P  |             blends gradient . (P - corner) over the cell's eight corners, along x, then y, then
+//   (0,0,.) o-------o (1,0,.)     z, with the weights noise_fade.
 #pragma once
 
 #include <cstdint>
@@ -16,9 +20,10 @@ inline constexpr std::uint64_t split_mix(std::uint64_t state) {
   return state ^ (state >> 31);
 }
 
-// Hash of a lattice point; cheap, since only the top bits are used.
-inline constexpr std::uint32_t kLatticeX = 0x8DA6B343u, kLatticeY = 0xD8163841u, kLatticeZ = 0xCB1AB31Fu,
-                               kLatticeFirst = 0x2C1B3C6Du, kLatticeThen = 0x297A2D39u;
+// Factors of lattice_hash.
+inline constexpr std::uint32_t kLatticeX = 0x8DA6B343u, kLatticeY = 0xD8163841u, kLatticeZ = 0xCB1AB31Fu;  // per axis
+inline constexpr std::uint32_t kLatticeFirst = 0x2C1B3C6Du, kLatticeThen = 0x297A2D39u;  // in the two mixing steps
+// Returns the hash of a lattice point. It is cheap: only its top four bits are used.
 SELENOGRAPH_INTO_LANES inline std::uint32_t lattice_hash(std::int32_t x, std::int32_t y, std::int32_t z,
                                                          std::uint32_t seed) {
   std::uint32_t h = seed ^ (static_cast<std::uint32_t>(x) * kLatticeX) ^ (static_cast<std::uint32_t>(y) * kLatticeY) ^
@@ -28,8 +33,8 @@ SELENOGRAPH_INTO_LANES inline std::uint32_t lattice_hash(std::int32_t x, std::in
   return h ^ (h >> 15);
 }
 
-// Dot product with the direction to one of a cube's twelve edges, four of which have two numbers (Perlin 2002). Without
-// a table, so that loops over lanes are vectorised.
+// Returns the dot product with the direction to one of a cube's twelve edges, four of which have two numbers (Perlin
+// 2002). It uses no table, so that compilers vectorise loops over lanes.
 template <typename Real>
 SELENOGRAPH_INTO_LANES inline Real along_gradient(std::uint32_t number, Real x, Real y, Real z) {
   number = number == 14 ? 9 : number;
@@ -38,16 +43,16 @@ SELENOGRAPH_INTO_LANES inline Real along_gradient(std::uint32_t number, Real x, 
   return (number & 1 ? -a : a) + (number & 2 ? -b : b);
 }
 
-// std::lerp handles cases that do not occur here, at several times the cost.
+// Interpolates linearly. std::lerp handles cases that do not occur here, at several times the cost.
 template <typename Real>
 SELENOGRAPH_INTO_LANES inline Real blend(Real a, Real b, Real t) {
   return a + t * (b - a);
 }
 
-// std::floor handles cases that do not occur here, at several times the cost.
+// Rounds down. std::floor handles cases that do not occur here, at several times the cost.
 SELENOGRAPH_INTO_LANES inline std::int32_t lattice_floor(double v) {
-  const auto whole = static_cast<std::int32_t>(v);
-  return whole - (v < whole ? 1 : 0);
+  const auto truncated = static_cast<std::int32_t>(v);
+  return truncated - (v < truncated ? 1 : 0);
 }
 
 template <typename Real>
@@ -55,7 +60,7 @@ SELENOGRAPH_INTO_LANES inline Real noise_fade(Real t) {
   return t * t * t * (t * (t * 6 - 15) + 10);
 }
 
-// Gradient noise in three dimensions (Perlin 2002), of unit wavelength, within +-1.0364.
+// Returns gradient noise in three dimensions (Perlin 2002), of unit wavelength, within +-1.0364.
 template <typename Real>
 SELENOGRAPH_INTO_LANES inline Real perlin_noise(double x, double y, double z, std::uint32_t seed) {
   const std::int32_t i = lattice_floor(x), j = lattice_floor(y), k = lattice_floor(z);
@@ -70,7 +75,7 @@ SELENOGRAPH_INTO_LANES inline Real perlin_noise(double x, double y, double z, st
   return blend(blend(along_x(0, 0), along_x(1, 0), v), blend(along_x(0, 1), along_x(1, 1), v), w);
 }
 
-// The gradients at the corners of a cell of that noise: corner di + 2 dj + 4 dk has components x, y, z of 0 or +-1.
+// Gradients at the corners of a cell of perlin_noise: corner di + 2 dj + 4 dk has components x, y, z of 0 or +-1.
 struct NoiseCell {
   NoiseCell(std::int32_t i_, std::int32_t j_, std::int32_t k_, std::uint32_t seed) : i(i_), j(j_), k(k_) {
     for (int c = 0; c < 8; ++c) {

@@ -6,8 +6,8 @@
 
 namespace selenograph::dem {
 
-// Like std::call_once, for functions that may throw: then the next caller tries again. (With std::call_once the next
-// caller would wait forever where pthread_once does not let exceptions through: GCC's bug 66146, ThreadSanitizer.)
+// Runs a function once, like std::call_once. If the function throws, the next caller runs it again. With std::call_once
+// that caller would wait forever where pthread_once does not propagate exceptions (GCC bug 66146, ThreadSanitizer).
 class Once {
  public:
   bool done() const { return done_.load(std::memory_order_acquire); }

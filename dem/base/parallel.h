@@ -1,7 +1,10 @@
 // Loops over all cores of the caller's task arena (in_arena), or on their own threads (on_own_threads).
 //
-// Loops are isolated: a thread that waits for the end of a loop does not start unrelated work meanwhile, which could be
-// another client's frame or wait for the data that this thread is loading.
+//   caller --in_arena(arena)--> body --in_parallel--> [ slot | slot | slot ]  TBB workers and callers that execute()
+//   caller --on_own_threads(n)-> body --in_parallel--> n std::threads: may sleep for a network without holding a slot
+//
+// Loops are isolated: a thread that waits for the end of a loop does not start unrelated work meanwhile. Such work
+// could be another client's frame, or could wait for the data that this very thread is loading: a deadlock.
 //
 // Under ThreadSanitizer the loops run on plain threads. Debian's oneTBB is not instrumented: with it every hand-over
 // between tasks looks like a race, and suppressing those would hide the races of the loops' bodies with them.
@@ -27,14 +30,15 @@
 namespace selenograph {
 
 #ifdef __SANITIZE_THREAD__
-inline constexpr std::size_t kThreadsWithin = 4;  // threads of a nested loop
+inline constexpr std::size_t kNestedThreads = 4;  // threads of a nested loop
 inline thread_local std::size_t threads_of_loops = 4;
 #else
-inline constexpr std::size_t kThreadsWithin = 1;
-// Number of own threads of this thread's loops; 0: they run in an arena.
+inline constexpr std::size_t kNestedThreads = 1;
+// Number of own threads of the calling thread's loops; 0: its loops run in an arena.
 inline thread_local std::size_t threads_of_loops = 0;
 #endif
 
+// Sets threads_of_loops during its lifetime.
 class ThreadsOfLoops {
  public:
   explicit ThreadsOfLoops(std::size_t threads) : before_(std::exchange(threads_of_loops, threads)) {}
@@ -49,8 +53,8 @@ class ThreadsOfLoops {
 // Maximum number of concurrent reads from a network.
 inline constexpr std::size_t kConnections = 16;
 
-// Calls body() with its loops on their own threads: for work that waits for a network. Meanwhile it occupies no place
-// in an arena and none of its threads, which other loops need. Nested loops have one thread.
+// Calls body() with its loops on their own threads: for work that waits for a network. Such work occupies neither a
+// slot nor a thread of an arena, which other loops need. Nested loops have one thread.
 template <typename Body>
 auto on_own_threads(std::size_t threads, const Body& body) {
   const ThreadsOfLoops own(threads_of_loops > 0 ? threads_of_loops : threads);
@@ -63,9 +67,9 @@ void pieces_on_threads(std::size_t threads, std::size_t count, std::size_t grain
   std::mutex mutex;
   std::exception_ptr thrown;
   const auto work = [&] {
-    const ThreadsOfLoops within(kThreadsWithin);
+    const ThreadsOfLoops nested(kNestedThreads);
     try {
-      // Relaxed: pieces of one loop must not order each other.
+      // Take the next piece with relaxed order: the pieces of a loop are independent of each other.
       for (std::size_t first; (first = next.fetch_add(grain, std::memory_order_relaxed)) < count;)
         body(first, std::min(first + grain, count));
     } catch (...) {
@@ -79,7 +83,7 @@ void pieces_on_threads(std::size_t threads, std::size_t count, std::size_t grain
   try {
     for (std::size_t i = 1; i < std::min(threads, (count + grain - 1) / grain); ++i) helpers.emplace_back(work);
   } catch (const std::exception&) {
-    // The system has no more threads or memory: the existing ones do all the work.
+    // The system has no more threads or memory: the threads started so far do all the work.
   }
   work();
   for (std::thread& helper : helpers) helper.join();
@@ -102,9 +106,10 @@ void where_loops_run(const Body& body) {
   body();
 }
 #else
-// Arena of this thread's loops; null: the current one.
+// Arena of the calling thread's loops; null: the arena that it is in.
 inline thread_local tbb::task_arena* arena_of_loops = nullptr;
 
+// Sets arena_of_loops during its lifetime.
 class ArenaOfLoops {
  public:
   explicit ArenaOfLoops(tbb::task_arena* arena) : before_(std::exchange(arena_of_loops, arena)) {}
@@ -117,37 +122,38 @@ class ArenaOfLoops {
   tbb::task_arena* before_;
 };
 
-// Calls body() with its loops in the arena. They enter it one by one: an arena has one place reserved for callers;
-// another caller would take a worker's place, and the arena would lack that worker meanwhile.
+// Calls body() with its loops in the arena; each loop enters it by itself, not the whole body. An arena reserves one
+// slot for callers. A second caller in the arena takes a worker's slot, and the arena lacks that worker meanwhile.
 template <typename Body>
 auto in_arena(tbb::task_arena& arena, const Body& body) {
   const ArenaOfLoops loops(&arena);
   return body();
 }
 
-// Calls body() as one loop, possibly on another thread: for libraries that have their own loops.
+// Calls body() as a loop would run: in the caller's arena, isolated, possibly on another thread. For libraries that
+// have loops of their own, and for work that must own a slot before it starts.
 template <typename Body>
 void where_loops_run(const Body& body) {
   if (threads_of_loops > 0) return body();
-  const ArenaOfLoops here(nullptr);
-  const auto alone = [&] { tbb::this_task_arena::isolate(body); };
-  if (here.before())
-    here.before()->execute(alone);
+  const ArenaOfLoops current(nullptr);
+  const auto isolated = [&] { tbb::this_task_arena::isolate(body); };
+  if (current.before())
+    current.before()->execute(isolated);
   else
-    alone();
+    isolated();
 }
 
-// Calls body(first, past_last) for pieces of 0 .. count of at least `grain`. Returns when all are done, or throws one
-// of their exceptions. The loop has its own context: with a shared one, oneTBB would skip pieces of a nested loop in a
-// body that has thrown, and return as if they were done.
+// Calls body(first, past_last) for pieces of 0 .. count of at least `grain`. Returns when all pieces are done, or
+// throws an exception of one of them. The loop has its own context: with a shared one, oneTBB would skip pieces of a
+// nested loop in a body that has thrown, and return as if they were done.
 template <typename Body>
 void in_parallel_pieces(std::size_t count, std::size_t grain, const Body& body) {
   if (threads_of_loops > 0) return pieces_on_threads(threads_of_loops, count, grain, body);
   where_loops_run([&] {
-    tbb::task_group_context whole(tbb::task_group_context::isolated);
+    tbb::task_group_context context(tbb::task_group_context::isolated);
     tbb::parallel_for(
         tbb::blocked_range<std::size_t>(0, count, grain),
-        [&](const tbb::blocked_range<std::size_t>& piece) { body(piece.begin(), piece.end()); }, whole);
+        [&](const tbb::blocked_range<std::size_t>& piece) { body(piece.begin(), piece.end()); }, context);
   });
 }
 #endif
@@ -163,29 +169,30 @@ void in_parallel(std::size_t count, const Body& body) {
 // Collects what make(i, list) appends for every i below count, in pieces of at least `grain`, in no particular order.
 template <typename T, typename Make>
 std::vector<T> gathered_in_parallel(std::size_t count, std::size_t grain, const Make& make) {
-  std::vector<T> all;
+  std::vector<T> gathered;
   std::mutex mutex;
   in_parallel_pieces(count, grain, [&](std::size_t first, std::size_t past_last) {
-    std::vector<T> some;
-    for (std::size_t i = first; i < past_last; ++i) make(i, some);
+    std::vector<T> piece;
+    for (std::size_t i = first; i < past_last; ++i) make(i, piece);
     const std::lock_guard lock(mutex);
-    all.insert(all.end(), some.begin(), some.end());
+    gathered.insert(gathered.end(), piece.begin(), piece.end());
   });
-  return all;
+  return gathered;
 }
 
-// The same, but empty if there are more than `most`; hardly more than that are ever held.
+// Collects likewise, but returns empty if there are more than `max_count` results. Stops soon after exceeding it, so
+// that hardly more results are ever in memory.
 template <typename T, typename Make>
-std::optional<std::vector<T>> gathered_in_parallel(std::size_t count, std::size_t grain, std::size_t most,
+std::optional<std::vector<T>> gathered_in_parallel(std::size_t count, std::size_t grain, std::size_t max_count,
                                                    const Make& make) {
   std::atomic<std::size_t> number{0};
-  auto all = gathered_in_parallel<T>(count, grain, [&](std::size_t i, std::vector<T>& some) {
-    if (number > most) return;
-    const std::size_t before = some.size();
-    make(i, some);
-    number += some.size() - before;
+  auto gathered = gathered_in_parallel<T>(count, grain, [&](std::size_t i, std::vector<T>& piece) {
+    if (number > max_count) return;
+    const std::size_t before = piece.size();
+    make(i, piece);
+    number += piece.size() - before;
   });
-  return number > most ? std::nullopt : std::optional(std::move(all));
+  return number > max_count ? std::nullopt : std::optional(std::move(gathered));
 }
 
 }  // namespace selenograph

@@ -7,7 +7,7 @@
 
 namespace selenograph {
 
-// The value that `rank` others precede in ascending order; sorts the vector partly.
+// Returns the value with index `rank` in ascending order. Partly sorts the vector.
 template <typename T>
 T ranked(std::vector<T>& values, std::size_t rank) {
   const auto at = values.begin() + static_cast<std::ptrdiff_t>(rank);
@@ -15,7 +15,7 @@ T ranked(std::vector<T>& values, std::size_t rank) {
   return *at;
 }
 
-// For an even number of values the mean of the middle two. There must be one.
+// Returns the median, for an even number of values the mean of the middle two. There must be at least one value.
 inline double median(std::vector<double> values) {
   const std::size_t half = values.size() / 2;
   const double upper = ranked(values, half);

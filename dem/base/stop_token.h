@@ -1,4 +1,4 @@
-// Cancellation of work: by a deadline, or when nobody waits for it any more.
+// Cancellation of work: by a deadline, or by a flag when no caller waits for the result any more.
 #pragma once
 
 #include <atomic>
@@ -10,7 +10,7 @@
 
 namespace selenograph {
 
-// Polled wherever a loop's length depends on a request: check() throws Cancelled once it is time.
+// Work polls it in every loop whose length depends on a request: check() throws Cancelled after the deadline.
 class StopToken {
  public:
   using Clock = std::chrono::steady_clock;
@@ -22,7 +22,7 @@ class StopToken {
     return (abandoned_ && abandoned_->load(std::memory_order_relaxed)) ||
            (deadline_ != Clock::time_point::max() && Clock::now() >= deadline_);
   }
-  // Infinite without a deadline, negative when it has passed.
+  // Returns the time to the deadline: infinite without one, negative after it.
   double remaining_ms() const {
     if (deadline_ == Clock::time_point::max()) return std::numeric_limits<double>::infinity();
     return std::chrono::duration<double, std::milli>(deadline_ - Clock::now()).count();
@@ -31,7 +31,7 @@ class StopToken {
     if (stopped()) throw Cancelled();
   }
 
-  // A copy that counts waits.
+  // Returns a copy that adds waiting times to `waits`.
   StopToken counting(Waits& waits) const {
     StopToken token = *this;
     token.waits_ = &waits;

@@ -14,12 +14,12 @@ struct UninitialisedAllocator : std::allocator<T> {
     using other = UninitialisedAllocator<U>;
   };
   template <typename U>
-  void construct(U* place) noexcept {
-    ::new (static_cast<void*>(place)) U;
+  void construct(U* object) noexcept {
+    ::new (static_cast<void*>(object)) U;
   }
   template <typename U, typename... Arguments>
-  void construct(U* place, Arguments&&... arguments) {
-    ::new (static_cast<void*>(place)) U(std::forward<Arguments>(arguments)...);
+  void construct(U* object, Arguments&&... arguments) {
+    ::new (static_cast<void*>(object)) U(std::forward<Arguments>(arguments)...);
   }
 };
 

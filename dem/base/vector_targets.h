@@ -5,8 +5,8 @@
 // is contracted to fused multiply-add (-ffp-contract=off), so every width gives the same bits.
 #pragma once
 
-// Vectors without a size at compile time (SVE, RVV) can't be members of structures or of arrays, as they are here: such
-// machines use NEON, or none.
+// Disable vectors without a size at compile time (SVE, RVV): they cannot be members of structures or arrays, as the
+// kernels need. Such machines use NEON, or scalar code.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 
 // Precedes a loop over lanes whose iterations do not access each other's memory.

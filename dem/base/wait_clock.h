@@ -1,4 +1,4 @@
-// Clocks of a request's waits.
+// Clocks of the times that a request waits.
 #pragma once
 
 #include <chrono>
@@ -6,7 +6,7 @@
 
 namespace selenograph {
 
-// Time that any of a request's threads has waited for one thing; simultaneous waits count once.
+// Time during which at least one of a request's threads waits for a resource; simultaneous waits count once.
 class WaitClock {
  public:
   using Clock = std::chrono::steady_clock;
@@ -33,8 +33,8 @@ class WaitClock {
 };
 
 struct Waits {
-  WaitClock pyramid;  // for chunks to be read or built
-  WaitClock load;     // for blocks to be loaded
+  WaitClock pyramid;  // waits for chunks to be read or built
+  WaitClock load;     // waits for blocks to be loaded
 };
 
 // Counts its thread as waiting during its lifetime; `waits` may be null.

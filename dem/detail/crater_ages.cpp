@@ -21,12 +21,13 @@ double chronology(double age_Ga) { return 5.44e-14 * std::expm1(6.93 * age_Ga) +
 }  // namespace
 
 double production_per_m2(double diameter_m) {
-  constexpr double kSmallest = -2, kLargest = 3, kAside = 1e-3;  // log10 of km
-  const double log_km = std::log10(diameter_m / 1000), within = std::clamp(log_km, kSmallest, kLargest);
-  double log_number = log_production(within);
-  if (within != log_km) {
-    const double inward = within == kSmallest ? kAside : -kAside;
-    log_number += (log_km - within) * (log_production(within + inward) - log_number) / inward;
+  constexpr double kSmallest = -2, kLargest = 3, kSlopeStep = 1e-3;  // log10 of km
+  const double log_km = std::log10(diameter_m / 1000), clamped = std::clamp(log_km, kSmallest, kLargest);
+  double log_number = log_production(clamped);
+  if (clamped != log_km) {
+    // Continue with the slope at the end of the polynomial's range.
+    const double inward = clamped == kSmallest ? kSlopeStep : -kSlopeStep;
+    log_number += (log_km - clamped) * (log_production(clamped + inward) - log_number) / inward;
   }
   return std::pow(10, log_number) / 1e6;
 }
@@ -35,7 +36,7 @@ double production_times(double age_Ma) { return chronology(age_Ma / 1000) / chro
 
 double age_Ma_of(double production_times) {
   const double number = production_times * chronology(1);
-  // Newton's steps from above: the number is convex in the age.
+  // Newton's method converges monotonically from above, because the number is convex in the age.
   double age_Ga = std::min(number / kLinear, 5.0);
   for (int i = 0; i < 60; ++i) {
     const double slope = 6.93 * 5.44e-14 * std::exp(6.93 * age_Ga) + kLinear;
@@ -51,7 +52,7 @@ CraterAges::CraterAges(const SizeFrequency& visible, double smallest_m, double l
       first_(std::log(smallest_m)),
       step_(std::max(1e-9, std::log(largest_m / smallest_m) / static_cast<double>(log_times_.size() - 1))),
       formed_(production_times(surface_age_Ma)) {
-  constexpr double kWide = 1.05;  // of the interval that stands for a diameter
+  constexpr double kWide = 1.05;  // factor to both ends of the interval of diameters that stands for one diameter
   for (std::size_t i = 0; i < log_times_.size(); ++i) {
     const double diameter_m = std::exp(first_ + static_cast<double>(i) * step_);
     const double low = diameter_m / kWide, high = diameter_m * kWide;
@@ -61,19 +62,21 @@ CraterAges::CraterAges(const SizeFrequency& visible, double smallest_m, double l
 
 CraterAges::Life CraterAges::life(double diameter_m) const {
   const double last = static_cast<double>(log_times_.size() - 1);
-  const double place = std::clamp((std::log(diameter_m) - first_) / step_, 0.0, last);
-  const auto i = std::min(static_cast<std::size_t>(place), log_times_.size() - 2);
-  const double f = place - static_cast<double>(i);
+  const double index = std::clamp((std::log(diameter_m) - first_) / step_, 0.0, last);
+  const auto i = std::min(static_cast<std::size_t>(index), log_times_.size() - 2);
+  const double f = index - static_cast<double>(i);
   const double times = std::exp(log_times_[i] + f * (log_times_[i + 1] - log_times_[i]));
   return {std::min(1.0, formed_ / times), times, std::min(times, formed_)};
 }
 
 double CraterAges::number_per_m2(double smallest_m, double largest_m) const {
-  constexpr int kParts = 64;
+  constexpr int kIntervals = 64;
   double sum = 0;
-  for (int i = 0; i < kParts; ++i) {
-    const auto at = [&](double part) { return smallest_m * std::pow(largest_m / smallest_m, part / kParts); };
-    sum += visible_.between(at(i), at(i + 1)) * life(at(i + 0.5)).share;
+  for (int i = 0; i < kIntervals; ++i) {
+    const auto diameter_at = [&](double interval) {
+      return smallest_m * std::pow(largest_m / smallest_m, interval / kIntervals);
+    };
+    sum += visible_.between(diameter_at(i), diameter_at(i + 1)) * life(diameter_at(i + 0.5)).share;
   }
   return sum;
 }

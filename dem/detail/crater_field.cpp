@@ -19,7 +19,7 @@ double fresh_depth_over_diameter(double diameter_m) {
   const auto above =
       std::find_if(kMedians.begin(), kMedians.end(), [&](const Median& m) { return m.diameter_m > diameter_m; });
   if (above == kMedians.end()) return kMedians.back().ratio;
-  // "less below": by the slope between 10 and 40 m, and no less than 0.08.
+  // Continue below 10 m with the slope between 10 and 40 m, down to 0.08: the table says only that the ratio is less.
   const Median& high = above == kMedians.begin() ? kMedians[1] : *above;
   const Median& low = above == kMedians.begin() ? kMedians[0] : *(above - 1);
   const double share = std::log(diameter_m / low.diameter_m) / std::log(high.diameter_m / low.diameter_m);
@@ -28,18 +28,18 @@ double fresh_depth_over_diameter(double diameter_m) {
 
 namespace {
 
-std::uint64_t next_number() {
+std::uint64_t next_field_id() {
   static std::atomic<std::uint64_t> next{1};
   return next++;
 }
 
 }  // namespace
 
-CraterField::CraterField(const CraterLaw& law, const Region& of_centres)
-    : number_(next_number()),
+CraterField::CraterField(const CraterLaw& law, const Region& region_of_centres)
+    : id_(next_field_id()),
       law_(law),
       ages_(law.frequency, law.smallest_m, law.largest_m, law.oldest_Ma),
-      region_(of_centres),
+      region_(region_of_centres),
       cells_(law.seed, law.frequency, law.smallest_m, law.largest_m) {}
 
 double CraterField::number_per_m2(double smallest_m) const {
@@ -47,17 +47,17 @@ double CraterField::number_per_m2(double smallest_m) const {
   return from_m < law_.largest_m ? ages_.number_per_m2(from_m, law_.largest_m) : 0;
 }
 
-std::optional<Crater> CraterField::made(Draws& draws, const Vec3& centre, double diameter_m) const {
+std::optional<Crater> CraterField::draw_crater(Draws& draws, const Vec3& centre, double diameter_m) const {
   const CraterAges::Life life = ages_.life(diameter_m);
-  const double formed = draws.uniform(), when = draws.uniform();
-  // Within three standard deviations: what is reported as the deepest is. All are visible at first.
+  const double formation_rank = draws.uniform(), age_share = draws.uniform();
+  // Clamp the scatter to three standard deviations, which deepest_m() relies on, and make every new crater visible.
   constexpr double kShallowest = 1.2 * kVisible;
   const double ratio = std::max(
       kShallowest, fresh_depth_over_diameter(diameter_m) + kDepthScatter * std::clamp(draws.normal(), -3.0, 3.0));
   const std::uint64_t id = draws.bits();
-  if (formed > life.share) return std::nullopt;
+  if (formation_rank > life.share) return std::nullopt;
   Crater crater{centre, diameter_m, 0, 0, 0, diameter_m * ratio / CraterShape::kFreshDepth, id};
-  const double formed_since = when * life.oldest;
+  const double formed_since = age_share * life.oldest;  // craters formed since this one, by production_times()
   crater.age_Ma = age_Ma_of(formed_since);
   crater.age = formed_since / life.worn_out * shape().age_of(kVisible / ratio);
   crater.depth_m = diameter_m * ratio * shape().depth_left(crater.age);
@@ -65,24 +65,29 @@ std::optional<Crater> CraterField::made(Draws& draws, const Vec3& centre, double
 }
 
 const std::vector<Crater>& CraterField::in_cell(const SizeCells::Cell& cell) const {
-  struct Kept {
-    std::uint64_t number = 0;
+  // A direct-mapped cache of 48 x 48 entries, indexed by row and column modulo 48: up to that many adjacent cells do
+  // not collide. Octaves are shifted against each other.
+  struct CachedCell {
+    std::uint64_t field_id = 0;  // 0: invalid
     SizeCells::Cell cell{};
     std::vector<Crater> craters;
   };
-  constexpr std::size_t kSide = 48;  // cells around a place have places of their own
-  static thread_local std::array<Kept, kSide * kSide> all;
+  constexpr std::size_t kSide = 48;
+  static thread_local std::array<CachedCell, kSide * kSide> cache;
   const auto [octave, row, column] = cell;
-  const auto place = [](int index) { return static_cast<std::size_t>(index) % kSide; };
-  Kept& kept = all[place(row + 5 * octave) * kSide + place(column + 7 * octave)];
-  if (kept.number == number_ && kept.cell == cell) return kept.craters;
-  kept.number = 0, kept.craters.clear();
-  cells_.within(cell, [&](Draws& draws, const Vec3& centre, double diameter_m) {
-    if (const auto crater = made(draws, centre, diameter_m); crater && region_.holds(centre))
-      kept.craters.push_back(*crater);
+  const auto slot = [](int index) { return static_cast<std::size_t>(index) % kSide; };
+  CachedCell& entry = cache[slot(row + 5 * octave) * kSide + slot(column + 7 * octave)];
+  if (entry.field_id == id_ && entry.cell == cell) return entry.craters;
+  // Invalidate the entry until it is complete: drawing may throw.
+  entry.field_id = 0;
+  entry.craters.clear();
+  cells_.draw_cell(cell, [&](Draws& draws, const Vec3& centre, double diameter_m) {
+    if (const auto crater = draw_crater(draws, centre, diameter_m); crater && region_.holds(centre))
+      entry.craters.push_back(*crater);
   });
-  kept.number = number_, kept.cell = cell;
-  return kept.craters;
+  entry.field_id = id_;
+  entry.cell = cell;
+  return entry.craters;
 }
 
 void CraterField::near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out,
@@ -94,10 +99,10 @@ void CraterField::near(int octave, const Vec3& direction, double radius_m, std::
   });
 }
 
-std::vector<Crater> CraterField::within(int octave, const Footprint& box, const StopToken& stop) const {
+std::vector<Crater> CraterField::in_box(int octave, const Footprint& box, const StopToken& stop) const {
   std::vector<Crater> out;
   cells_.in_box(octave, box, stop, [&](Draws& draws, const Vec3& centre, double diameter_m) {
-    const auto crater = made(draws, centre, diameter_m);
+    const auto crater = draw_crater(draws, centre, diameter_m);
     if (crater && holds(box, to_geographic(centre * kMoonRadius_m)) && region_.holds(centre)) out.push_back(*crater);
   });
   return out;

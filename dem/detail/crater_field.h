@@ -1,4 +1,11 @@
-// A population of craters as a function of place, seed and law only (size_cells.h).
+// A population of craters as a function of position, seed and law only (size_cells.h).
+//
+//   octave k (large)      octave k - 1           A crater belongs to the cell of its centre, but reaches into others.
+//   +-------+-------+     +---+---+---+---+      A query for a ball visits the cells within the ball's radius plus the
+//   |   ( ) |       |     | o |   |  o|   |      octave's largest reach, draws each cell's craters, and keeps those
+//   |       |   ( ) |     +---+---+---+---+      that reach the ball. Cells are 8 smallest diameters wide.
+//   +-------+-------+     |   | o |   | o |
+//                         +---+---+---+---+
 #pragma once
 
 #include <cstdint>
@@ -14,23 +21,23 @@
 
 namespace selenograph::dem {
 
-// Equilibrium (Trask 1966): cumulative 10^-1.1 D^-2 per m^2. Like all such counts it has the craters that people see.
+// Equilibrium (Trask 1966): cumulative 10^-1.1 D^-2 per m^2. Like all such counts it counts visible craters.
 SizeFrequency equilibrium();
 
-// A crater is visible while its depth from rim to floor is this share of its diameter or more. What is older is part of
-// the relief.
+// A crater is visible while its depth from rim to floor is this share of its diameter or more. Shallower, older ones
+// are part of the relief.
 inline constexpr double kVisible = 0.03;
 
 struct CraterLaw {
   std::uint64_t seed = 0;
-  SizeFrequency frequency = equilibrium();  // of visible craters
+  SizeFrequency frequency = equilibrium();  // law of visible craters
   double largest_m = 1, smallest_m = 1;     // diameters; equal: no craters
-  // Age of the surface. Of sizes that have not reached the law by then, there are as many as have formed.
+  // Age of the surface. Sizes that have not reached the law by then have as many craters as have formed.
   double oldest_Ma = 3500;
 };
 
-// Depth from rim to floor over the diameter of fresh craters (Stopar et al. 2017, table of medians by size),
-// interpolated in the logarithm of the diameter.
+// Returns the depth from rim to floor over the diameter of fresh craters (Stopar et al. 2017, table of medians by
+// size), interpolated in the logarithm of the diameter.
 double fresh_depth_over_diameter(double diameter_m);
 inline constexpr double kDepthScatter = 0.02;  // standard deviation
 
@@ -39,7 +46,7 @@ struct Crater {
   double diameter_m;
   double depth_m;  // present depth, from rim to floor
   double age_Ma;
-  double age;    // as CraterShape takes it: kVisible is reached when as many have formed as the law has
+  double age;    // kappa t / R^2 for CraterShape, scaled so that kVisible is reached at the end of the crater's life
   double scale;  // factor of the shape's height, m
   std::uint64_t id;
   double reach_m() const { return CraterShape::reach(age) * diameter_m / 2; }
@@ -53,23 +60,24 @@ inline bool formed_before(const Crater& a, const Crater& b) {
 // Thread-safe: const functions may be called concurrently.
 class CraterField {
  public:
-  explicit CraterField(const CraterLaw& law, const Region& of_centres = {});
+  explicit CraterField(const CraterLaw& law, const Region& region_of_centres = {});
 
   // Octaves that have craters: diameters from 2^k to 2^(k+1) m, limited to the law's.
   int smallest_octave() const { return cells_.smallest_octave(); }
   int largest_octave() const { return cells_.largest_octave(); }
 
-  // Finds the craters of an octave whose reach may touch a sphere around a place; each once, in no particular order.
+  // Appends the craters of an octave that may reach into a ball around a direction; each once, in no particular order.
   void near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out,
             const StopToken& stop = {}) const;
-  // Craters whose centre is in a box. `east_deg` may exceed 180.
-  std::vector<Crater> within(int octave, const Footprint& box, const StopToken& stop = {}) const;
+  // Returns the craters whose centre is in a box. `east_deg` may exceed 180.
+  std::vector<Crater> in_box(int octave, const Footprint& box, const StopToken& stop = {}) const;
 
-  // Expected number from a diameter on, of a place within the region: by the law, or as many as have formed.
+  // Returns the expected number of craters of at least a diameter, inside the region: by the law, or as many as have
+  // formed if that is fewer.
   double number_per_m2(double smallest_m) const;
 
   double largest_m(int octave) const { return cells_.largest_m(octave); }
-  // Bounds on what an octave's craters add to heights.
+  // Bounds on the heights of an octave's craters: between -deepest_m and highest_m.
   double deepest_m(int octave) const;
   double highest_m(int octave) const;
 
@@ -77,13 +85,13 @@ class CraterField {
   const CraterShape& shape() const { return CraterShape::of_all(); }
 
  private:
-  // All craters of a cell, by their centres: blocks that adjoin have the same large ones. Each thread keeps those that
-  // it was asked for last.
+  // Returns all craters whose centre is in a cell. Each thread caches the latest cells, because adjacent blocks share
+  // their large craters. The reference is valid until the thread's next call.
   const std::vector<Crater>& in_cell(const SizeCells::Cell& cell) const;
-  // Empty: it has not formed yet.
-  std::optional<Crater> made(Draws& draws, const Vec3& centre, double diameter_m) const;
+  // Draws a crater's depth and age. Empty: it has not formed yet.
+  std::optional<Crater> draw_crater(Draws& draws, const Vec3& centre, double diameter_m) const;
 
-  std::uint64_t number_;  // of this population in this process
+  std::uint64_t id_;  // distinguishes this population from others of the process in the threads' caches
   CraterLaw law_;
   CraterAges ages_;
   Region region_;

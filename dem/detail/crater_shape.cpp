@@ -8,7 +8,7 @@ namespace {
 
 constexpr int kAges = 48;
 constexpr double kStep = 1.0 / CraterShape::kStepsPerRadius;
-// The equation's own lattice: annuli out to where nothing arrives.
+// Lattice on which the equation is solved, in crater radii: annuli of this width, out to where the height stays 0.
 constexpr double kBorder = 14, kAnnulus = 0.01;
 
 double fresh(double r) {
@@ -18,24 +18,26 @@ double fresh(double r) {
   return 0;
 }
 
-// Heights of annuli a while later: implicit, finite volumes, no flow through the centre and the border.
+// Solves the diffusion equation on annuli: finite volumes, backward Euler, no flow through the centre and the border.
 class Diffusion {
  public:
   Diffusion() : heights(static_cast<std::size_t>(kBorder / kAnnulus)) {
     for (std::size_t i = 0; i < heights.size(); ++i) heights[i] = fresh((static_cast<double>(i) + 0.5) * kAnnulus);
   }
 
-  // In so many equal steps, of which the matrix is the same.
-  void go_on(double age, int steps) {
+  // Advances by `age` in equal steps, so that one factorisation of the tridiagonal matrix serves all steps.
+  void advance(double age, int steps) {
     const std::size_t n = heights.size();
-    // Of the matrix without its diagonal: what is taken from the neighbours, and by what the right side is multiplied.
+    // Eliminate along the annuli (Thomas algorithm): `own` is the inverse pivot, `inward` and `outward` are the
+    // normalised couplings to the neighbours, `right` is the right side after elimination.
     std::vector<double> outward(n), inward(n), own(n), right(n);
     for (std::size_t i = 0; i < n; ++i) {
       const double middle = static_cast<double>(i) + 0.5, scale = age / steps / (kAnnulus * kAnnulus * middle);
       const double in = i == 0 ? 0 : scale * static_cast<double>(i),
                    out = i + 1 == n ? 0 : scale * static_cast<double>(i + 1);
       own[i] = 1 / (1 + in + out - (i == 0 ? 0 : in * outward[i - 1]));
-      inward[i] = own[i] * in, outward[i] = own[i] * out;
+      inward[i] = own[i] * in;
+      outward[i] = own[i] * out;
     }
     for (int step = 0; step < steps; ++step) {
       double before = 0;
@@ -49,9 +51,9 @@ class Diffusion {
 };
 
 double at(const std::vector<double>& annuli, double r) {
-  const double place = std::max(0.0, r / kAnnulus - 0.5);
-  const auto i = std::min(static_cast<std::size_t>(place), annuli.size() - 2);
-  const double f = std::min(1.0, place - static_cast<double>(i));
+  const double index = std::max(0.0, r / kAnnulus - 0.5);
+  const auto i = std::min(static_cast<std::size_t>(index), annuli.size() - 2);
+  const double f = std::min(1.0, index - static_cast<double>(i));
   return annuli[i] + f * (annuli[i + 1] - annuli[i]);
 }
 
@@ -67,10 +69,11 @@ CraterShape::Row CraterShape::row_of(const std::vector<double>& annuli, double a
   const double end = reach(age), from = std::max(1.5, end * 2 / 3);
   double highest = 0, r = 0;
   while (r < end) {
-    // What is beyond the reach is taken off smoothly.
+    // Fade the height to 0 towards the reach, where the diffused profile would go on.
     const double h = scale * at(annuli, r) * replaced((end - r) / (end - from));
     row.heights.push_back(static_cast<float>(h));
-    highest = std::max(highest, h), r += kStep;
+    highest = std::max(highest, h);
+    r += kStep;
   }
   row.heights.resize(static_cast<std::size_t>(reach(kOldest) / kStep) + 3);
   row.depth = highest - static_cast<double>(row.heights[0]);
@@ -80,16 +83,17 @@ CraterShape::Row CraterShape::row_of(const std::vector<double>& annuli, double a
 CraterShape::CraterShape() {
   Diffusion ageing;
   constexpr int kSteps = 24;  // from row to row
-  ageing.go_on(kRounding, kSteps);
+  ageing.advance(kRounding, kSteps);
   const double scale = kFreshDepth / row_of(ageing.heights, 0, 1).depth;
   for (int i = 0; i < kAges; ++i) {
-    if (i > 0) ageing.go_on(age_of_row(i) - age_of_row(i - 1), kSteps);
+    if (i > 0) ageing.advance(age_of_row(i) - age_of_row(i - 1), kSteps);
     rows_.push_back(row_of(ageing.heights, age_of_row(i), scale));
   }
   for (int i = 0; i < kAges; ++i)
     for (double r = 0; r + kStep < reach(age_of_row(i)); r += kStep) {
       const double h = height(r, age_of_row(i)) / replaced_at(r, age_of_row(i));
-      deepest_ = std::max(deepest_, -h), highest_ = std::max(highest_, h);
+      deepest_ = std::max(deepest_, -h);
+      highest_ = std::max(highest_, h);
     }
 }
 
@@ -98,24 +102,24 @@ const CraterShape& CraterShape::of_all() {
   return shape;
 }
 
-CraterShape::Between CraterShape::rows_at(double age) const {
+CraterShape::RowPair CraterShape::rows_at(double age) const {
   const double root = std::sqrt(std::clamp(age / kOldest, 0.0, 1.0)) * (kAges - 1);
   const int row = std::min(static_cast<int>(root), kAges - 2);
   return {rows_[static_cast<std::size_t>(row)], rows_[static_cast<std::size_t>(row) + 1], root - row};
 }
 
 CraterShape::Profile CraterShape::profile(double age) const {
-  const Between rows = rows_at(age);
+  const RowPair rows = rows_at(age);
   return {rows.younger.heights.data(), rows.older.heights.data(), rows.share};
 }
 
 double CraterShape::height(double r, double age) const {
-  const Between rows = rows_at(age);
-  const double place = r * kStepsPerRadius;
+  const RowPair rows = rows_at(age);
+  const double step = r * kStepsPerRadius;
   const std::vector<float>&a = rows.younger.heights, &b = rows.older.heights;
-  const auto i = static_cast<std::size_t>(place);
+  const auto i = static_cast<std::size_t>(step);
   if (i + 1 >= a.size()) return 0;
-  const double f = place - static_cast<double>(i);
+  const double f = step - static_cast<double>(i);
   const auto along = [&](const std::vector<float>& h) {
     const double low = static_cast<double>(h[i]);
     return low + f * (static_cast<double>(h[i + 1]) - low);
@@ -127,14 +131,14 @@ double CraterShape::age_of(double depth_left) const {
   const double depth = depth_left * rows_[0].depth;
   std::size_t i = 0;
   while (i + 2 < rows_.size() && rows_[i + 1].depth > depth) ++i;
-  // Linear from row to row, as depth_left() has it.
+  // Interpolate linearly between the rows: this is the inverse of depth_left().
   const double f = std::clamp((rows_[i].depth - depth) / (rows_[i].depth - rows_[i + 1].depth), 0.0, 1.0);
   const double root = std::sqrt(kOldest) * (static_cast<double>(i) + f) / (kAges - 1);
   return root * root;
 }
 
 double CraterShape::depth_left(double age) const {
-  const Between rows = rows_at(age);
+  const RowPair rows = rows_at(age);
   return ((1 - rows.share) * rows.younger.depth + rows.share * rows.older.depth) / rows_[0].depth;
 }
 

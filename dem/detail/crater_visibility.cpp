@@ -14,17 +14,17 @@ namespace {
 
 using std::numbers::pi;
 
-// Squares of ground: their side, and steps, in smallest diameters of the octave. A circle of the smallest diameter has
-// a radius of four steps.
+// Side of a square of ground and steps, in smallest diameters of the octave. A circle of the smallest diameter has a
+// radius of four steps.
 constexpr int kSquareDiameters = 32, kStepsPerDiameter = 8, kSquarePosts = kSquareDiameters * kStepsPerDiameter + 1;
-// Middles of squares, degrees: away from the planes in which the relief's lattice repeats.
+// Middles of the squares, degrees, away from the coordinate planes of the relief's lattice.
 struct Middle {
   double lat_deg, lon_deg;
 };
 constexpr std::array<Middle, 4> kMiddles{{{-41.3, -117.7}, {-13.9, 31.1}, {17.3, 101.9}, {37.1, -51.7}}};
-constexpr int kOnCircle = 16, kMiddlePost = kSquarePosts / 2;
+constexpr int kRingSamples = 16, kMiddlePost = kSquarePosts / 2;
 
-// Heights of an octave alone on a square, row by row, its sides in steps.
+// Returns the heights of one octave alone on a square, row by row.
 std::vector<double> heights_of(const Detail& detail, int octave, const Middle& middle, const StopToken& stop) {
   const double step = std::ldexp(1.0, octave) / kStepsPerDiameter / kMoonRadius_m,
                south = middle.lat_deg * kRadiansPerDegree - step * kMiddlePost,
@@ -35,34 +35,37 @@ std::vector<double> heights_of(const Detail& detail, int octave, const Middle& m
   return heights;
 }
 
-double between(const std::vector<double>& heights, double row, double column) {
+double bilinear(const std::vector<double>& heights, double row, double column) {
   const auto r = static_cast<std::size_t>(row), c = static_cast<std::size_t>(column);
   const double y = row - static_cast<double>(r), x = column - static_cast<double>(c);
   const double* at = &heights[r * kSquarePosts + c];
   return std::lerp(std::lerp(at[0], at[1], x), std::lerp(at[kSquarePosts], at[kSquarePosts + 1], x), y);
 }
 
-// Mean square over places, half a diameter apart, of the mean on a circle minus the middle.
+// Returns the mean square of (mean height on a ring - height at its centre) over a grid of ring centres, spaced half
+// the octave's smallest diameter. `radius` is in steps.
 double mean_square(const std::vector<double>& heights, int radius) {
-  std::array<double, kOnCircle> up{}, right{};
-  for (std::size_t i = 0; i < kOnCircle; ++i) {
-    const double angle = 2 * pi * (static_cast<double>(i) + 0.5) / kOnCircle;
-    up[i] = radius * std::cos(angle), right[i] = radius * std::sin(angle);
+  std::array<double, kRingSamples> row_offset{}, column_offset{};
+  for (std::size_t i = 0; i < kRingSamples; ++i) {
+    const double angle = 2 * pi * (static_cast<double>(i) + 0.5) / kRingSamples;
+    row_offset[i] = radius * std::cos(angle);
+    column_offset[i] = radius * std::sin(angle);
   }
   double sum = 0;
-  int places = 0;
+  int rings = 0;
   for (int r = radius; r < kSquarePosts - radius; r += kStepsPerDiameter / 2)
-    for (int c = radius; c < kSquarePosts - radius; c += kStepsPerDiameter / 2, ++places) {
-      double around = 0;
-      for (std::size_t i = 0; i < kOnCircle; ++i) around += between(heights, r + up[i], c + right[i]);
-      const double over =
-          around / kOnCircle - heights[static_cast<std::size_t>(r) * kSquarePosts + static_cast<std::size_t>(c)];
-      sum += over * over;
+    for (int c = radius; c < kSquarePosts - radius; c += kStepsPerDiameter / 2, ++rings) {
+      double ring_sum_m = 0;
+      for (std::size_t i = 0; i < kRingSamples; ++i)
+        ring_sum_m += bilinear(heights, r + row_offset[i], c + column_offset[i]);
+      const double ring_minus_centre_m =
+          ring_sum_m / kRingSamples - heights[static_cast<std::size_t>(r) * kSquarePosts + static_cast<std::size_t>(c)];
+      sum += ring_minus_centre_m * ring_minus_centre_m;
     }
-  return sum / places;
+  return sum / rings;
 }
 
-// The same laws everywhere, at the places above, too.
+// Returns a detail with the same laws everywhere, since the squares above may lie outside the detail's region.
 std::unique_ptr<const Detail> everywhere(const Detail& detail) {
   DetailPreset preset = detail.preset();
   preset.region = {};
@@ -101,10 +104,10 @@ double CraterRoughness::mean_square_m2(int octave, double diameter_m) const {
   const Squares& squares = octaves_[static_cast<std::size_t>(octave - smallest_)];
   const double ratio = diameter_m / std::ldexp(0.5, octave);
   if (ratio <= 1) return squares.front() * std::pow(ratio, 4);
-  const double place = std::log2(ratio);
-  const auto below = static_cast<std::size_t>(place);
+  const double index = std::log2(ratio);
+  const auto below = static_cast<std::size_t>(index);
   if (below + 1 >= squares.size()) return squares.back();
-  return std::lerp(squares[below], squares[below + 1], place - static_cast<double>(below));
+  return std::lerp(squares[below], squares[below + 1], index - static_cast<double>(below));
 }
 
 }  // namespace selenograph::dem

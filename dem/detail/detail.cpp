@@ -15,24 +15,30 @@ namespace {
 
 constexpr double kPostsPerFeature = 4;
 
-// The ball around a grid's places.
-struct Around {
+// The ball that bounds a grid's positions on the sphere.
+struct BoundingBall {
   Vec3 direction;
   double radius_m;
 };
-Around around(const DirectionGrid& grid) {
-  const auto place = [&](std::size_t r, std::size_t c) {
+BoundingBall ball_around(const DirectionGrid& grid) {
+  const auto position = [&](std::size_t r, std::size_t c) {
     return Vec3(grid.cos_lat[r] * grid.cos_lon[c], grid.cos_lat[r] * grid.sin_lon[c], grid.sin_lat[r]);
   };
   const std::size_t rows = grid.rows(), columns = grid.columns();
-  Around out{place(rows / 2, columns / 2), 0};
-  // Of a grid that is no wider than a quarter of the globe the farthest is on its border.
-  const auto reach = [&](std::size_t r, std::size_t c) {
-    out.radius_m = std::max(out.radius_m, (place(r, c) - out.direction).norm() * kMoonRadius_m);
+  BoundingBall ball{position(rows / 2, columns / 2), 0};
+  // Visit the grid's border only: a grid is at most a quarter of the globe wide, so its farthest position lies there.
+  const auto include = [&](std::size_t r, std::size_t c) {
+    ball.radius_m = std::max(ball.radius_m, (position(r, c) - ball.direction).norm() * kMoonRadius_m);
   };
-  for (std::size_t r = 0; r < rows; ++r) reach(r, 0), reach(r, columns - 1);
-  for (std::size_t c = 0; c < columns; ++c) reach(0, c), reach(rows - 1, c);
-  return out;
+  for (std::size_t r = 0; r < rows; ++r) {
+    include(r, 0);
+    include(r, columns - 1);
+  }
+  for (std::size_t c = 0; c < columns; ++c) {
+    include(0, c);
+    include(rows - 1, c);
+  }
+  return ball;
 }
 
 // Returns the 99th percentile of the absolute differences from `height_m`.
@@ -59,8 +65,8 @@ Detail::Detail(const DetailPreset& preset)
       relief_(preset.relief),
       rocks_(preset.rocks, preset.region),
       fade_m_(std::max(preset.craters.largest_m, preset.relief.longest_m)) {
-  // The mean over many places, whatever the region, of the octave alone. Places by an additive recurrence: the same on
-  // every machine.
+  // Measure the mean and the 99th percentile of each octave alone on a square of ground. The crater field has no region
+  // yet, so that the square is full of craters; the field with the region replaces it below.
   constexpr int kSide = 192;
   means_m_.assign(static_cast<std::size_t>(std::max(0, craters_.largest_octave() - craters_.smallest_octave() + 1)), 0);
   crater_p99_m_.resize(means_m_.size());
@@ -100,13 +106,14 @@ double Detail::expected_left_out_m(double size_m) const {
   return std::sqrt(square_m2);
 }
 
-int Detail::places_in_cell(int octave, int posts_level) {
-  constexpr int kFewest = 8;
-  constexpr double kApart = 0.6;
-  return std::max(kFewest, static_cast<int>(std::ceil(post_spacing_m(posts_level) / std::ldexp(kApart, octave))));
+int Detail::samples_per_cell(int octave, int posts_level) {
+  constexpr int kMinSamples = 8;
+  constexpr double kDiametersApart = 0.6;
+  return std::max(kMinSamples,
+                  static_cast<int>(std::ceil(post_spacing_m(posts_level) / std::ldexp(kDiametersApart, octave))));
 }
 
-// Found once: each block of each frame asks for it.
+// The constructor stores the result, because every block of every frame needs it.
 int Detail::find_finest_level() const {
   int level = 0;
   const auto shows = [&](int smallest, int largest) {
@@ -127,36 +134,39 @@ double Detail::left_out_m(int level, int posts_level) const {
   const int shown = std::min(smallest_octave(level), past_largest_octave(posts_level));
   for (int k = craters_.smallest_octave(); k <= std::min(shown - 1, craters_.largest_octave()); ++k)
     sum += std::max({craters_.deepest_m(k) + mean_m(k), craters_.highest_m(k) - mean_m(k),
-                     preset_.region.everywhere() ? 0 : craters_.deepest_m(k)});  // where the mean has faded
+                     preset_.region.everywhere() ? 0 : craters_.deepest_m(k)});  // beside the border the mean has faded
   for (int k = relief_.shortest_octave(); k <= std::min(shown - 1, relief_.longest_octave()); ++k)
-    sum += relief_.most_m(k);
+    sum += relief_.max_height_m(k);
   return sum;
 }
 
 double Detail::left_out_size_m(int octave) const {
-  const bool any = craters_.smallest_octave() < std::min(octave, craters_.largest_octave() + 1) ||
-                   relief_.shortest_octave() < std::min(octave, relief_.longest_octave() + 1);
-  return any ? std::min(std::ldexp(1.0, octave), widest_m()) : 0;
+  const bool has_smaller = craters_.smallest_octave() < std::min(octave, craters_.largest_octave() + 1) ||
+                           relief_.shortest_octave() < std::min(octave, relief_.longest_octave() + 1);
+  return has_smaller ? std::min(std::ldexp(1.0, octave), widest_m()) : 0;
 }
 
-double Detail::beyond_posts_m(int posts_level) const {
-  // Detail lies within a range; so do its means over cells. Sharpened (DetailedTerrain::make_taken) these leave the
-  // middle of the range by 2.557 times as much at most: that is what the weights' absolute values add up to. Between
-  // posts it may be 1.5625 times as much, which are Catmull-Rom's.
-  constexpr double kFarthest = (1 + 1.5625 * 2.557) / 2;  // of the range, with the detail itself
-  const int in_means = smallest_octave(posts_level + kCellLevels), past = past_largest_octave(posts_level);
+double Detail::max_detail_m(int posts_level) const {
+  // Detail lies within a range, and so do its means over cells. Sharpening (mean_correction.h) can amplify a mean's
+  // distance from the middle of the range by 2.557, the sum of its weights' absolute values over both axes.
+  // Interpolation between posts can amplify it by 1.5625 more, the sum of Catmull-Rom's.
+  constexpr double kMaxOverRange = (1 + 1.5625 * 2.557) / 2;  // |detail - correction| over the range
+  const int first_in_means = smallest_octave(posts_level + kCellLevels), past = past_largest_octave(posts_level);
   double range = 0;
-  for (int k = std::max(in_means, craters_.smallest_octave()); k <= std::min(past - 1, craters_.largest_octave()); ++k)
+  for (int k = std::max(first_in_means, craters_.smallest_octave()); k <= std::min(past - 1, craters_.largest_octave());
+       ++k)
     range += craters_.deepest_m(k) + craters_.highest_m(k) +
-             (preset_.region.everywhere() ? 0 : std::abs(mean_m(k)));  // which fades
-  for (int k = std::max(in_means, relief_.shortest_octave()); k <= std::min(past - 1, relief_.longest_octave()); ++k)
-    range += 2 * relief_.most_m(k);
-  return kFarthest * range + left_out_m(posts_level + kCellLevels, posts_level);
+             (preset_.region.everywhere() ? 0 : std::abs(mean_m(k)));  // the mean fades, the craters do not
+  for (int k = std::max(first_in_means, relief_.shortest_octave()); k <= std::min(past - 1, relief_.longest_octave());
+       ++k)
+    range += 2 * relief_.max_height_m(k);
+  return kMaxOverRange * range + left_out_m(posts_level + kCellLevels, posts_level);
 }
 
 namespace {
 
-// The rows that a crater may reach: first and past the last. Past a pole sines fall again.
+// Returns the rows that a crater may reach: the first and the one past the last. All rows of a grid that extends past a
+// pole, whose sines are not ascending.
 std::pair<std::size_t, std::size_t> rows_of(const DirectionGrid& grid, const Crater& crater, double reach) {
   if (grid.cos_lat.front() < 0 || grid.cos_lat.back() < 0) return {0, grid.rows()};
   const auto first = std::lower_bound(grid.sin_lat.begin(), grid.sin_lat.end(), crater.centre.z() - reach);
@@ -164,62 +174,71 @@ std::pair<std::size_t, std::size_t> rows_of(const DirectionGrid& grid, const Cra
   return {first - grid.sin_lat.begin(), past - grid.sin_lat.begin()};
 }
 
-// The columns that a crater may reach: first and past the last.
+// Returns the columns that a crater may reach: the first and the one past the last.
 std::pair<std::size_t, std::size_t> columns_of(const DirectionGrid& grid, const Crater& crater, double reach) {
-  constexpr double kSure = 1 + 1e-6;  // chords for angles, and rounding
+  constexpr double kMarginFactor = 1 + 1e-6;  // covers the use of chords for angles, and rounding
   const std::size_t n = grid.columns();
-  const double around = std::hypot(crater.centre.x(), crater.centre.y()), sine = kSure * reach / around;
+  const double axis_distance = std::hypot(crater.centre.x(), crater.centre.y()),
+               sine = kMarginFactor * reach / axis_distance;
   if (!(sine < 1)) return {0, n};
   const double half = std::asin(sine) / grid.lon_step, middle = static_cast<double>(n - 1) / 2;
   const double longitude = std::atan2(crater.centre.y(), crater.centre.x());
   const double at =
       middle + std::remainder(longitude - (grid.west + middle * grid.lon_step), 2 * std::numbers::pi) / grid.lon_step;
-  const auto whole = [&](double column) {
+  const auto clamped = [&](double column) {
     return static_cast<std::size_t>(std::clamp(column, 0.0, static_cast<double>(n)));
   };
-  return {whole(std::floor(at - half)), whole(std::ceil(at + half) + 1)};
+  return {clamped(std::floor(at - half)), clamped(std::ceil(at + half) + 1)};
 }
 
 }  // namespace
 
-// `shares`: of the mean; empty: all of it.
+// Evaluates an octave from the oldest crater to the youngest, each row by row:
+//
+//     heights   ___          ____     each crater replaces what the older ones left (cast_crater):
+//   1st crater     \__    __/         wholly inside its rim, less and less towards its reach
+//   2nd crater    __  \_/ \_/
+//
+// The octave's mean is subtracted in the end, weighted by `shares` (empty: 1 everywhere).
 void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const double> shares,
                          std::span<double> heights_m, std::span<float> in_crater, const StopToken& stop) const {
   const std::size_t rows = grid.rows(), columns = grid.columns();
-  const Around all = around(grid);
+  const BoundingBall ball = ball_around(grid);
   std::vector<Crater> craters;
-  craters_.near(octave, all.direction, all.radius_m, craters, stop);
+  craters_.near(octave, ball.direction, ball.radius_m, craters, stop);
   std::sort(craters.begin(), craters.end(), formed_before);
   std::vector<float> heights(rows * columns, 0.F);
   for (const Crater& crater : craters) {
     stop.check();
     const double reach = crater.reach_m() / kMoonRadius_m;
     const CraterShape::Profile profile = craters_.shape().profile(crater.age);
-    CraterOverRow over{crater.centre.x(),
-                       crater.centre.y(),
-                       0,
-                       reach * reach,
-                       kMoonRadius_m / (crater.diameter_m / 2) * CraterShape::kStepsPerRadius,
-                       CraterShape::reach(crater.age) * CraterShape::kStepsPerRadius,
-                       1 / ((CraterShape::reach(crater.age) - CraterShape::kReplaces) * CraterShape::kStepsPerRadius),
-                       profile.younger,
-                       profile.older,
-                       static_cast<float>(profile.share),
-                       static_cast<float>(crater.scale)};
+    CraterOverRow crater_over_row{
+        crater.centre.x(),
+        crater.centre.y(),
+        0,  // set for each row below
+        reach * reach,
+        kMoonRadius_m / (crater.diameter_m / 2) * CraterShape::kStepsPerRadius,
+        CraterShape::reach(crater.age) * CraterShape::kStepsPerRadius,
+        1 / ((CraterShape::reach(crater.age) - CraterShape::kReplaces) * CraterShape::kStepsPerRadius),
+        profile.younger,
+        profile.older,
+        static_cast<float>(profile.share),
+        static_cast<float>(crater.scale)};
     const bool marked = !in_crater.empty() && crater.depth_m >= kWorn * crater.diameter_m;
     const double rim = crater.diameter_m / 2 / kMoonRadius_m, rim2 = rim * rim;
     const auto [first, past_last] = columns_of(grid, crater, reach);
     const auto [first_row, past_row] = rows_of(grid, crater, reach);
     for (std::size_t r = first_row; r < past_row; ++r) {
       const double dz = grid.sin_lat[r] - crater.centre.z();
-      // A chord is at least as long as its part along the axis.
-      if (dz * dz > over.reach2) continue;
-      over.along_axis2 = dz * dz;
+      // Skip the row if its distance along the axis alone exceeds the reach.
+      if (dz * dz > crater_over_row.reach2) continue;
+      crater_over_row.along_axis2 = dz * dz;
       const bool past_pole = grid.cos_lat[r] < 0;
-      const RowUnderCrater places{grid.cos_lat[r], grid.sin_lon.data(), grid.cos_lon.data(), past_pole ? 0 : first,
-                                  past_pole ? columns : past_last};
-      cast_crater(over, places, heights.data() + r * columns);
-      if (marked && over.along_axis2 < rim2) mark_crater(over, places, rim2, in_crater.data() + r * columns);
+      const RowUnderCrater row{grid.cos_lat[r], grid.sin_lon.data(), grid.cos_lon.data(), past_pole ? 0 : first,
+                               past_pole ? columns : past_last};
+      cast_crater(crater_over_row, row, heights.data() + r * columns);
+      if (marked && crater_over_row.along_axis2 < rim2)
+        mark_crater(crater_over_row, row, rim2, in_crater.data() + r * columns);
     }
   }
   const double mean = mean_m(octave);
@@ -254,28 +273,28 @@ void Detail::add_octave(const DirectionGrid& grid, int octave, std::span<double>
 
 void Detail::add_relief(const DirectionGrid& grid, int octave, std::span<const double> shares,
                         std::span<double> heights_m, const StopToken& stop) const {
-  std::vector<double> alone(shares.empty() ? 0 : grid.columns());
+  std::vector<double> row_m(shares.empty() ? 0 : grid.columns());
   for (std::size_t r = 0; r < grid.rows(); stop.check(), ++r) {
     const auto row = heights_m.subspan(r * grid.columns(), grid.columns());
     if (shares.empty()) {
       relief_.add_row(octave, grid, r, row);
       continue;
     }
-    // Added the same way wherever it is, so that blocks agree to the bit.
-    std::fill(alone.begin(), alone.end(), 0.0);
-    relief_.add_row(octave, grid, r, alone);
-    for (std::size_t c = 0; c < row.size(); ++c) row[c] += shares[r * grid.columns() + c] * alone[c];
+    // Weight every position the same way, also where the share is 1, so that adjacent blocks agree to the bit.
+    std::fill(row_m.begin(), row_m.end(), 0.0);
+    relief_.add_row(octave, grid, r, row_m);
+    for (std::size_t c = 0; c < row.size(); ++c) row[c] += shares[r * grid.columns() + c] * row_m[c];
   }
 }
 
 std::vector<double> Detail::shares_of(const DirectionGrid& grid) const {
   std::vector<double> shares;
   if (preset_.region.everywhere()) return shares;
-  const Around all = around(grid);
-  const double inside_m = preset_.region.inside_m(all.direction.normalized());
-  constexpr double kSure = 1.01;  // chords for arcs, and rounding
-  // The very numbers that each place by itself would have.
-  if (std::abs(inside_m) > kSure * all.radius_m + fade_m_) {
+  const BoundingBall ball = ball_around(grid);
+  const double inside_m = preset_.region.inside_m(ball.direction.normalized());
+  constexpr double kMarginFactor = 1.01;  // covers the use of chords for arcs, and rounding
+  // Skip the evaluation per position for a ball away from the border: it would give exactly 0 or 1 everywhere.
+  if (std::abs(inside_m) > kMarginFactor * ball.radius_m + fade_m_) {
     shares.assign(grid.rows() * grid.columns(), inside_m > 0 ? 1 : 0);
     return shares;
   }

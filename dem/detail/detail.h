@@ -1,9 +1,16 @@
 // Terrain detail finer than the posts: craters and relief added to heights, level by level.
 //
 // A level shows an octave of craters when the spacing of its posts is at most a quarter of the octave's smallest
-// diameter, and an octave of relief when it is at most a quarter of its wavelength. What a level shows is exact: the
-// height at a vertex is a function of place, preset and level. Posts of a DEM get octaves of up to about twice their
-// spacing; larger features are in the posts themselves.
+// diameter, and an octave of relief when it is at most a quarter of its wavelength. A level shows its octaves exactly:
+// the height at a vertex is a function of position, preset and level. Posts of a DEM get octaves of up to about twice
+// their spacing; larger features are in the posts themselves:
+//
+//   level   post spacing   octaves k of sizes [2^k, 2^(k+1)) m, over posts of level 8
+//     8        118 m       posts                   32    64   128   256 m   ... resolved by the posts
+//     9         59 m       none                     |     |     |     |
+//    10         30 m       7                        |     |     |==7==|
+//    11         15 m       6, 7                     |     |==6==|==7==|
+//    12        7.4 m       5, 6, 7                  |==5==|==6==|==7==|
 //
 // Craters of one octave are not summed: in the order of their ages each replaces the ground that older ones left,
 // wholly inside, smoothly less towards its reach. The contribution of an octave is therefore bounded for any
@@ -24,7 +31,8 @@
 
 namespace selenograph::dem {
 
-// Slopes that were measured on the ground that a preset is for: the median over a baseline, and how deviations grow.
+// Published slopes of the ground that a preset imitates: the median over a baseline, and the Hurst exponent by which
+// deviations grow with the baseline.
 struct PublishedSlopes {
   double median_slope_deg = 0, baseline_m = 0, hurst = 0;
   // Median slope over another baseline, degrees.
@@ -32,11 +40,11 @@ struct PublishedSlopes {
 };
 
 struct DetailPreset {
-  std::uint64_t fingerprint = 0;  // of its source
+  std::uint64_t fingerprint = 0;  // hash of the preset's source text
   CraterLaw craters;
   ReliefLaw relief;
   RockLaw rocks;
-  Region region;  // where the detail is
+  Region region;  // area that has the detail
   std::optional<PublishedSlopes> published;
 };
 
@@ -46,47 +54,49 @@ class Detail {
   explicit Detail(const DetailPreset& preset);
 
   const DetailPreset& preset() const { return preset_; }
-  // The first level that shows everything.
+  // The coarsest level that shows all octaves.
   int finest_level() const { return finest_level_; }
   // Smallest octave of craters, and of relief, that a level shows.
   static int smallest_octave(int level);
 
-  // Adds to heights in metres, row by row, what a level shows and the posts' level does not. The result at a place does
-  // not depend on the grid, to the bit. `in_crater`, if not empty, is set to 1 inside the rim of a crater that is not
-  // worn away (kWorn), else to 0.
+  // Adds to heights in metres, row by row, the octaves that a level shows and the posts' level does not. The result at
+  // a position does not depend on the grid, to the bit. `in_crater`, if not empty, is set to 1 inside the rim of a
+  // crater that is not worn away (kWorn), else to 0.
   void add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m,
            std::span<float> in_crater = {}, const StopToken& stop = {}) const;
-  // Depth over diameter below which it is no longer recognised as a crater.
+  // Depth over diameter below which a crater is no longer recognised.
   static constexpr double kWorn = 0.02;
-  // Adds one octave, which must be none that the posts' level shows.
+  // Adds one octave; it must not be among those that the posts' level shows.
   void add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m, const StopToken& stop = {}) const;
-  // Whether a level shows relief that the posts' level doesn't.
+  // Returns whether a level shows relief that the posts' level does not.
   bool has_relief(int level, int posts_level) const;
 
-  // Bound on the absolute value of what finer levels add to a level's heights; the level is finer than the posts.
+  // Returns a bound on the absolute height that finer levels add to a level's heights; the level is finer than the
+  // posts.
   double left_out_m(int level, int posts_level) const;
-  // The same for all levels finer than the posts, after the mean over each post's cell has been subtracted
-  // (DetailedTerrain).
-  double beyond_posts_m(int posts_level) const;
+  // Returns a bound on the absolute height of all detail over posts, after the mean over each post's cell has been
+  // subtracted (DetailedTerrain).
+  double max_detail_m(int posts_level) const;
   // Returns the 99th percentile of the absolute height of all octaves of diameters and wavelengths below `size_m`.
   // Octaves are independent, so their squares add up.
   double expected_left_out_m(double size_m) const;
   // Largest diameter or wavelength below an octave, m; 0: there are none.
   double left_out_size_m(int octave) const;
-  // Means over a post's cell have the octaves that are shown so many levels below the posts (unit.detail measures
-  // what is left).
+  // Means over a post's cell include the octaves that this many levels below the posts show (unit.detail measures the
+  // remaining mean of smaller ones).
   static constexpr int kCellLevels = 5;
-  // Places along a cell's side that stand for an octave: 0.6 of its smallest diameter apart or less.
-  static int places_in_cell(int octave, int posts_level);
+  // Returns the number of samples along a cell's side at which an octave is averaged: their spacing is at most 0.6 of
+  // the octave's smallest diameter.
+  static int samples_per_cell(int octave, int posts_level);
   // Octaves of diameters and of wavelengths, [2^k, 2^(k+1)) m, added to posts are below this one.
   static int past_largest_octave(int posts_level) { return smallest_octave(posts_level) - 1; }
 
-  // Relief and the craters' mean fade to 0 towards the region's border, over the largest crater diameter or the longest
-  // wavelength: their share at a place on the unit sphere.
+  // Returns the share of relief and of the craters' mean at a direction. It fades to 0 towards the region's border,
+  // over the largest crater diameter or the longest wavelength.
   double share(const Vec3& direction) const { return preset_.region.share(direction, fade_m_); }
-  // The largest crater or the longest wavelength.
+  // The larger of the largest crater diameter and the longest wavelength, m.
   double widest_m() const { return fade_m_; }
-  // Whether anything may be added so near to a place.
+  // Returns whether the detail may change heights within `radius_m` of a direction.
   bool reaches(const Vec3& direction, double radius_m) const;
 
   // Mean height of an octave of craters, which is subtracted so that detail does not shift the ground as a whole.
@@ -99,7 +109,7 @@ class Detail {
 
  private:
   int find_finest_level() const;
-  std::vector<double> shares_of(const DirectionGrid& grid) const;  // empty: 1 everywhere
+  std::vector<double> shares_of(const DirectionGrid& grid) const;  // share() per position; empty: 1 everywhere
   void add_relief(const DirectionGrid& grid, int octave, std::span<const double> shares, std::span<double> heights_m,
                   const StopToken& stop) const;
   void add_craters(const DirectionGrid& grid, int octave, std::span<const double> shares, std::span<double> heights_m,
@@ -109,8 +119,8 @@ class Detail {
   CraterField craters_;
   Relief relief_;
   RockField rocks_;
-  std::vector<double> means_m_;  // of craters, by octave, from the smallest
-  // 99th percentile of the absolute difference from the mean height, by octave, from the smallest.
+  std::vector<double> means_m_;  // mean height of the craters, by octave, from the smallest octave
+  // 99th percentile of the absolute difference from the mean height, by octave, from the smallest octave.
   std::vector<double> crater_p99_m_, relief_p99_m_;
   double fade_m_;
   int finest_level_ = 0;

@@ -20,14 +20,20 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 #if HWY_TARGET == HWY_SCALAR
 
-void AddNoise(const NoisePlaces& places, std::uint32_t seed, double amplitude, double* HWY_RESTRICT heights) {
-  for (std::size_t c = 0; c < places.n; ++c)
-    heights[c] += amplitude * static_cast<double>(perlin_noise<float>(places.x[c], places.y[c], places.z, seed));
+void AddNoise(const NoiseRow& row, std::uint32_t seed, double amplitude, double* HWY_RESTRICT heights) {
+  for (std::size_t c = 0; c < row.n; ++c)
+    heights[c] += amplitude * static_cast<double>(perlin_noise<float>(row.x[c], row.y[c], row.z, seed));
 }
 
 #else
 
-// perlin_noise<float> of as many places as a vector of floats has, to the bit. By hand: compilers take twice the time.
+// Evaluates perlin_noise<float> for one vector of positions, to the bit. It is vectorised by hand: compilers' code
+// takes twice the time.
+//
+//      along x: blend by fade(x)      in_plane(dz = 0 and 1): blend four corner gradients
+//      c2 ---- c3                     at: blend the two planes by w_ = fade(z)
+//      |  . P   |   gradient . (P - corner) at each of the eight corners
+//      c0 ---- c1
 class Noise {
   using F32 = hn::ScalableTag<float>;
   using F64 = hn::RepartitionToWide<F32>;
@@ -37,8 +43,8 @@ class Noise {
   using Bits = hn::Vec<U32>;
 
  public:
-  // `close`: most vectors have all their places in one cell of the noise's lattice, whose gradients are then found
-  // once.
+  // `close`: most vectors have all positions in one cell of the noise's lattice. Their eight gradients are then
+  // computed once per cell (in_cell) instead of per position (in_plane).
   Noise(double z, std::uint32_t seed, bool close)
       : k_(lattice_floor(z)), seed_(seed), close_(close), fz_(static_cast<float>(z - k_)), w_(noise_fade(fz_)) {
     for (int d = 0; d < 2; ++d) along_z_[d] = seed ^ (static_cast<std::uint32_t>(k_ + d) * kLatticeZ);
@@ -60,14 +66,15 @@ class Noise {
  private:
   static HWY_INLINE Floats blend(Floats a, Floats b, Floats t) { return hn::Add(a, hn::Mul(t, hn::Sub(b, a))); }
 
-  // Along an axis: how far into their cells places are, and the two cells' parts of the hash.
+  // One coordinate of the positions: their cells, their offsets from both sides of the cell (`into`), the sides' terms
+  // of the lattice hash, and the blending weight.
   struct Axis {
-    HWY_INLINE Axis(const double* HWY_RESTRICT places, std::uint32_t factor) {
+    HWY_INLINE Axis(const double* HWY_RESTRICT coordinates, std::uint32_t factor) {
       const F32 f32;
       const F64 f64;
       const hn::Half<F32> half;
       const hn::RebindToSigned<hn::Half<F32> > half_i32;
-      const auto low = hn::LoadU(f64, places), high = hn::LoadU(f64, places + hn::Lanes(f64));
+      const auto low = hn::LoadU(f64, coordinates), high = hn::LoadU(f64, coordinates + hn::Lanes(f64));
       const auto low_cell = hn::Floor(low), high_cell = hn::Floor(high);
       into[0] =
           hn::Combine(f32, hn::DemoteTo(half, hn::Sub(high, high_cell)), hn::DemoteTo(half, hn::Sub(low, low_cell)));
@@ -108,14 +115,15 @@ class Noise {
     return blend(blend(corner(0, 0), corner(1, 0), x.fade), blend(corner(0, 1), corner(1, 1), x.fade), y.fade);
   }
 
-  // lattice_hash, of which only the four highest bits are used.
+  // Returns lattice_hash (noise.h). Only its four highest bits are used.
   static HWY_INLINE Bits hash(Bits h) {
     h = hn::Mul(hn::Xor(h, hn::ShiftRight<15>(h)), hn::Set(U32(), kLatticeFirst));
     return hn::Mul(hn::Xor(h, hn::ShiftRight<12>(h)), hn::Set(U32(), kLatticeThen));
   }
 
-  // The function of that name in noise.h, by tables: the highest four bits of the hash are looked up in the highest
-  // byte, 0 in the others. Sign bits choose: x or y, y or z; a minus or none.
+  // Implements along_gradient of noise.h by table lookups. The four highest bits of the hash index 16-byte tables,
+  // whose entries become sign bits of the lanes: the two kFirst, kSecond select a coordinate (x or y, y or z), the two
+  // Minus tables negate it.
   static HWY_INLINE Floats along_gradient(Bits h, Floats x, Floats y, Floats z) {
     const F32 f32;
     alignas(16) static constexpr std::uint8_t kFirst[16]{0, 0, 0, 0, 0, 0, 0, 0, M, M, M, M, 0, 0, M, M},
@@ -127,7 +135,7 @@ class Noise {
       const hn::Repartition<std::uint8_t, F32> bytes;
       return hn::TableLookupBytes(hn::LoadDup128(bytes, table), hn::BitCast(bytes, number));
     };
-    // IfNegativeThenElse takes more than the sign with SSSE3 (Highway 1.0.3).
+    // Compare instead of using IfNegativeThenElse, which with SSSE3 tests more than the sign (Highway 1.0.3).
     const auto chosen = [&](const std::uint8_t* table, Floats yes, Floats no) HWY_ATTR {
       const auto negative = hn::Lt(hn::BitCast(I32(), looked_up(table)), hn::Zero(I32()));
       return hn::IfThenElse(hn::RebindMask(f32, negative), yes, no);
@@ -145,28 +153,31 @@ class Noise {
   std::optional<NoiseCell> cell_;
 };
 
-void AddNoise(const NoisePlaces& places, std::uint32_t seed, double amplitude, double* HWY_RESTRICT heights) {
+void AddNoise(const NoiseRow& row, std::uint32_t seed, double amplitude, double* HWY_RESTRICT heights) {
   const hn::ScalableTag<float> f32;
   const hn::RepartitionToWide<decltype(f32)> f64;
   const std::size_t lanes = hn::Lanes(f32), half = hn::Lanes(f64);
-  constexpr double kClose = 1.0 / 24;
-  const double *x0 = places.x, *y0 = places.y;
-  Noise noise(places.z, seed, places.n > 1 && std::abs(x0[1] - x0[0]) + std::abs(y0[1] - y0[0]) < kClose);
+  constexpr double kClose = 1.0 / 24;  // spacing of positions in cells below which `close` pays
+  const double *x0 = row.x, *y0 = row.y;
+  Noise noise(row.z, seed, row.n > 1 && std::abs(x0[1] - x0[0]) + std::abs(y0[1] - y0[0]) < kClose);
   const auto add = [&](const double* x, const double* y, double* to) HWY_ATTR {
-    const auto here = noise.at(x, y);
+    const auto values = noise.at(x, y);
     const auto scaled = [&](auto floats)
                             HWY_ATTR { return hn::Mul(hn::Set(f64, amplitude), hn::PromoteTo(f64, floats)); };
-    hn::StoreU(hn::Add(hn::LoadU(f64, to), scaled(hn::LowerHalf(here))), f64, to);
-    hn::StoreU(hn::Add(hn::LoadU(f64, to + half), scaled(hn::UpperHalf(hn::Half<decltype(f32)>(), here))), f64,
+    hn::StoreU(hn::Add(hn::LoadU(f64, to), scaled(hn::LowerHalf(values))), f64, to);
+    hn::StoreU(hn::Add(hn::LoadU(f64, to + half), scaled(hn::UpperHalf(hn::Half<decltype(f32)>(), values))), f64,
                to + half);
   };
   std::size_t c = 0;
-  for (; c + lanes <= places.n; c += lanes) add(places.x + c, places.y + c, heights + c);
-  if (c == places.n) return;
-  constexpr std::size_t kMost = HWY_MAX_BYTES / sizeof(float);
-  double x[kMost] = {}, y[kMost] = {}, last[kMost] = {};
-  const std::size_t left = places.n - c;
-  std::copy_n(places.x + c, left, x), std::copy_n(places.y + c, left, y), std::copy_n(heights + c, left, last);
+  for (; c + lanes <= row.n; c += lanes) add(row.x + c, row.y + c, heights + c);
+  if (c == row.n) return;
+  // Pad the remaining positions to a full vector.
+  constexpr std::size_t kMaxLanes = HWY_MAX_BYTES / sizeof(float);
+  double x[kMaxLanes] = {}, y[kMaxLanes] = {}, last[kMaxLanes] = {};
+  const std::size_t left = row.n - c;
+  std::copy_n(row.x + c, left, x);
+  std::copy_n(row.y + c, left, y);
+  std::copy_n(heights + c, left, last);
   add(x, y, last);
   std::copy_n(last, left, heights + c);
 }
@@ -178,7 +189,8 @@ HWY_INLINE double distance2(const CraterOverRow& crater, double x, double y) {
   return dx * dx + dy * dy + crater.along_axis2;
 }
 
-// In vectors by hand: compilers don't look up tables in vectors here. The last places are not enough for one.
+// It is vectorised by hand, because compilers do not vectorise the lookups in the profiles. A scalar loop finishes the
+// positions that do not fill a vector; it rounds like the vectors.
 void CastCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* HWY_RESTRICT heights_m) {
   const CraterOverRow k = crater;
   const hn::ScalableTag<double> f64;
@@ -190,12 +202,12 @@ void CastCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* H
     const auto cos_lat = hn::Set(f64, row.cos_lat);
     const auto dx = hn::Sub(hn::Mul(cos_lat, hn::LoadU(f64, row.cos_lon + c)), hn::Set(f64, k.x)),
                dy = hn::Sub(hn::Mul(cos_lat, hn::LoadU(f64, row.sin_lon + c)), hn::Set(f64, k.y));
-    const auto away2 = hn::Add(hn::Add(hn::Mul(dx, dx), hn::Mul(dy, dy)), hn::Set(f64, k.along_axis2));
+    const auto chord2 = hn::Add(hn::Add(hn::Mul(dx, dx), hn::Mul(dy, dy)), hn::Set(f64, k.along_axis2));
     const auto reach2 = hn::Set(f64, k.reach2);
-    if (hn::AllFalse(f64, hn::Lt(away2, reach2))) continue;
-    const auto place = hn::Mul(hn::Sqrt(hn::Min(away2, reach2)), hn::Set(f64, k.steps));
-    const auto i = hn::DemoteTo(i32, place);
-    const auto f = hn::DemoteTo(f32, hn::Sub(place, hn::PromoteTo(f64, i)));
+    if (hn::AllFalse(f64, hn::Lt(chord2, reach2))) continue;
+    const auto step = hn::Mul(hn::Sqrt(hn::Min(chord2, reach2)), hn::Set(f64, k.steps));
+    const auto i = hn::DemoteTo(i32, step);
+    const auto f = hn::DemoteTo(f32, hn::Sub(step, hn::PromoteTo(f64, i)));
     const auto along = [&](const float* profile) HWY_ATTR {
       const auto low = hn::GatherIndex(f32, profile, i), high = hn::GatherIndex(f32, profile + 1, i);
       return hn::Add(low, hn::Mul(f, hn::Sub(high, low)));
@@ -203,36 +215,36 @@ void CastCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* H
     const auto h = hn::Mul(hn::Set(f32, k.scale_m), hn::Add(hn::Mul(hn::Set(f32, 1 - k.share), along(k.younger)),
                                                             hn::Mul(hn::Set(f32, k.share), along(k.older))));
     const auto inside =
-        hn::DemoteTo(f32, hn::Mul(hn::Sub(hn::Set(f64, k.reach_steps), place), hn::Set(f64, k.per_replaced)));
+        hn::DemoteTo(f32, hn::Mul(hn::Sub(hn::Set(f64, k.reach_steps), step), hn::Set(f64, k.per_replaced)));
     const auto t = hn::Min(hn::Max(inside, hn::Zero(f32)), hn::Set(f32, 1));
     const auto replaced = hn::Mul(hn::Mul(t, t), hn::Sub(hn::Set(f32, 3), hn::Mul(hn::Set(f32, 2), t)));
     const auto before = hn::LoadU(f32, heights_m + c);
     const auto after = hn::Add(hn::Mul(before, hn::Sub(hn::Set(f32, 1), replaced)), h);
-    // Beyond the reach the profile was looked up at its end.
-    const auto within = hn::IfThenElseZero(hn::Lt(away2, reach2), hn::Set(f64, 1));
-    const auto there = hn::Gt(hn::DemoteTo(f32, within), hn::Zero(f32));
-    hn::StoreU(hn::IfThenElse(there, after, before), f32, heights_m + c);
+    // Keep the old height in lanes beyond the reach, whose lookup was clamped to the profile's end.
+    const auto reached = hn::IfThenElseZero(hn::Lt(chord2, reach2), hn::Set(f64, 1));
+    const auto is_reached = hn::Gt(hn::DemoteTo(f32, reached), hn::Zero(f32));
+    hn::StoreU(hn::IfThenElse(is_reached, after, before), f32, heights_m + c);
   }
   for (; c < row.past_last; ++c) {
-    const double away2 = distance2(k, row.cos_lat * row.cos_lon[c], row.cos_lat * row.sin_lon[c]);
-    if (!(away2 < k.reach2)) continue;
-    const double place = std::sqrt(away2) * k.steps;
-    const auto i = static_cast<std::int32_t>(place);
-    const auto f = static_cast<float>(place - i);
+    const double chord2 = distance2(k, row.cos_lat * row.cos_lon[c], row.cos_lat * row.sin_lon[c]);
+    if (!(chord2 < k.reach2)) continue;
+    const double step = std::sqrt(chord2) * k.steps;
+    const auto i = static_cast<std::int32_t>(step);
+    const auto f = static_cast<float>(step - i);
     const auto along = [&](const float* profile) { return profile[i] + f * (profile[i + 1] - profile[i]); };
     const float h = k.scale_m * ((1 - k.share) * along(k.younger) + k.share * along(k.older));
-    const float replaced = CraterShape::replaced(static_cast<float>((k.reach_steps - place) * k.per_replaced));
+    const float replaced = CraterShape::replaced(static_cast<float>((k.reach_steps - step) * k.per_replaced));
     heights_m[c] = heights_m[c] * (1 - replaced) + h;
   }
 }
 
-void MarkCrater(const CraterOverRow& crater, const RowUnderCrater& row, double within2, float* HWY_RESTRICT marks) {
+void MarkCrater(const CraterOverRow& crater, const RowUnderCrater& row, double radius2, float* HWY_RESTRICT marks) {
   const CraterOverRow k = crater;
   const double *HWY_RESTRICT sin_lon = row.sin_lon, *HWY_RESTRICT cos_lon = row.cos_lon;
   const double cos_lat = row.cos_lat;
   SELENOGRAPH_INDEPENDENT_LANES
   for (std::size_t c = row.first; c < row.past_last; ++c)
-    marks[c] = distance2(k, cos_lat * cos_lon[c], cos_lat * sin_lon[c]) < within2 ? 1.F : marks[c];
+    marks[c] = distance2(k, cos_lat * cos_lon[c], cos_lat * sin_lon[c]) < radius2 ? 1.F : marks[c];
 }
 
 }  // namespace selenograph::dem::HWY_NAMESPACE
@@ -245,16 +257,16 @@ HWY_EXPORT(AddNoise);
 HWY_EXPORT(CastCrater);
 HWY_EXPORT(MarkCrater);
 
-void add_noise(const NoisePlaces& places, std::uint32_t seed, double amplitude, double* heights) {
-  HWY_DYNAMIC_DISPATCH(AddNoise)(places, seed, amplitude, heights);
+void add_noise(const NoiseRow& row, std::uint32_t seed, double amplitude, double* heights) {
+  HWY_DYNAMIC_DISPATCH(AddNoise)(row, seed, amplitude, heights);
 }
 
 void cast_crater(const CraterOverRow& crater, const RowUnderCrater& row, float* heights_m) {
   HWY_DYNAMIC_DISPATCH(CastCrater)(crater, row, heights_m);
 }
 
-void mark_crater(const CraterOverRow& crater, const RowUnderCrater& row, double within2, float* marks) {
-  HWY_DYNAMIC_DISPATCH(MarkCrater)(crater, row, within2, marks);
+void mark_crater(const CraterOverRow& crater, const RowUnderCrater& row, double radius2, float* marks) {
+  HWY_DYNAMIC_DISPATCH(MarkCrater)(crater, row, radius2, marks);
 }
 
 }  // namespace selenograph::dem

@@ -1,4 +1,5 @@
-// Vectorised inner loops of detail.
+// Vectorised inner loops of detail: one function each for gradient noise, crater profiles and crater marks. Highway
+// compiles them for all instruction sets and chooses at run time; all give the same bits (unit.vector_widths).
 #pragma once
 
 #include <cstddef>
@@ -6,22 +7,23 @@
 
 namespace selenograph::dem {
 
-// Adds `amplitude` times the gradient noise of unit wavelength at places x, y, z to `heights`.
-struct NoisePlaces {
+// Positions of a row at which noise is evaluated, in cells of the noise's lattice; z is the same for all.
+struct NoiseRow {
   const double *x, *y;
   double z;
   std::size_t n;
 };
-void add_noise(const NoisePlaces& places, std::uint32_t seed, double amplitude, double* heights);
+// Adds `amplitude` times the gradient noise of unit wavelength to `heights`.
+void add_noise(const NoiseRow& row, std::uint32_t seed, double amplitude, double* heights);
 
 // A crater over a row of equal latitude. Distances are chords of the unit sphere.
 struct CraterOverRow {
-  double x, y;                   // centre
-  double along_axis2;            // squared distance along the Moon's axis
+  double x, y;                   // centre, in the equatorial plane
+  double along_axis2;            // squared distance from the row along the Moon's axis
   double reach2;                 // squared reach
-  double steps;                  // steps of the profiles per unit
-  double reach_steps;            // to the reach
-  double per_replaced;           // 1 over the steps from CraterShape::kReplaces to the reach
+  double steps;                  // profile steps per unit of distance
+  double reach_steps;            // profile steps from the centre to the reach
+  double per_replaced;           // 1 over the profile steps from CraterShape::kReplaces to the reach
   const float *younger, *older;  // profiles to interpolate between
   float share;                   // weight of the older one
   float scale_m;                 // scale of the profiles' heights
@@ -31,9 +33,9 @@ struct RowUnderCrater {
   const double *sin_lon, *cos_lon;
   std::size_t first, past_last;
 };
-// Replaces the heights so far, which are those of older craters, by the crater's (CraterShape::replaced).
+// Replaces the heights that older craters left by the crater's own, by the share CraterShape::replaced.
 void cast_crater(const CraterOverRow& crater, const RowUnderCrater& row, float* heights_m);
-// Sets marks to 1 at places nearer to the centre than the square root of `within2`.
-void mark_crater(const CraterOverRow& crater, const RowUnderCrater& row, double within2, float* marks);
+// Sets marks to 1 at positions nearer to the centre than the square root of `radius2`.
+void mark_crater(const CraterOverRow& crater, const RowUnderCrater& row, double radius2, float* marks);
 
 }  // namespace selenograph::dem

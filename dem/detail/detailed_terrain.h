@@ -1,12 +1,12 @@
 // Blocks finer than the posts: the surface of the posts, interpolated smoothly, with craters and relief.
 //
 // Between posts the surface is bicubic (Catmull-Rom; linear along the triangles next to no-data), so that it has no
-// facets. It is a function of place and level only: blocks agree on their borders to the bit. Only detail below the
+// facets. It is a function of position and level only: blocks agree on their borders to the bit. Only detail below the
 // resolution of the posts is added (detail.h), and the posts' information is preserved: the detail's mean over each
 // post's cell, interpolated as the posts are, is subtracted, so that means over cells are the same with and without
 // detail (unit.detail has the accuracy). Posts may be closer than what they resolve (resolved_posts.h): then cells are
 // as wide as that, and blocks of the posts' own level and coarser ones have detail, too. Where a finer layer overlaps a
-// coarser one, each place has the ground of its own layer's posts (layered_posts.h).
+// coarser one, each position has the ground of its own layer's posts (layered_posts.h).
 #pragma once
 
 #include <memory>
@@ -47,60 +47,67 @@ class DetailedTerrain final : public Terrain {
   bool has_replacements() const override { return plain_->has_replacements(); }
 
  private:
-  class PostsAround;
-  // Whether a block has detail, and finer posts are near that it is not made of: the plain terrain's block is then not
-  // needed.
-  bool of_coarse_posts_alone(const BlockId& id) const;
-  // Whether the detail's region, or a crater at its border, reaches a block: decided for whole blocks of posts, so that
-  // heights, frames and rays agree on the finest level of a place.
-  bool reached(const BlockId& id) const;
-  double left_out_size_m(const BlockId& id) const;
-  // Posts of a layer and of the coarser layers only, at a block's vertices: heights and sources. Null if there are
-  // none.
-  std::shared_ptr<Block> posts_beneath(const BlockId& id, const StopToken& stop) const;
+  class PostReader;
+  struct SubBlock;
   struct Surface;
-  // At an extent's posts, which are some of a block or lie around it: of one layer; one over those beneath; of all.
-  // What is at a post does not depend on the extent.
-  Surface surface_of(const BlockId& id, const BlockExtent& e, const LayeredPosts::Layer& layer,
-                     const StopToken& stop) const;
-  void blend(Surface& below, const Surface& above, const BlockExtent& e, const LayeredPosts::Layer& layer) const;
-  Surface composed(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
-  std::shared_ptr<const Block> made(const BlockId& id, const StopToken& stop) const;
-  // From the cache folder, or made and put there.
-  std::shared_ptr<const Block> read_or_made(const BlockId& id, const StopToken& stop) const;
-  // Heights alone, of a part of a block.
-  std::shared_ptr<const Block> quad(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
-  // The block, if it is in memory, or what is made.
-  template <typename Make>
-  std::shared_ptr<const Block> known_or(const BlockId& id, const StopToken& stop, const Make& make) const;
-  // What is made of a block's posts: waits for them first.
-  template <typename Make>
-  std::shared_ptr<const Block> once_posts_are_there(const BlockId& id, const StopToken& stop, const Make& make) const;
+  enum class Kind { block, mean_correction, layer_posts, outline };
+
+  // Returns whether a block has detail, only coarse posts enter it, and finer posts lie near. Such a block does not
+  // need the plain terrain's block.
+  bool uses_coarse_posts_only(const BlockId& id) const;
+  // Returns whether the detail's region, or a crater at its border, reaches a block. The block of posts decides for all
+  // its descendants, so that heights, frames and rays agree on the finest level at a position.
+  bool detail_reaches(const BlockId& id) const;
+  double left_out_size_m(const BlockId& id) const;
+
   // Posts of a layer's level; null if there are none.
   std::shared_ptr<const Block> posts_of_layer(const BlockId& id, const StopToken& stop) const;
-  // 16 x 16 quads of a block's posts: what is taken from posts is made by parts, since a lander sees few posts.
-  struct Part;
-  // What is taken from the posts for detail that they don't resolve, at places as far apart as heights that they do.
-  std::shared_ptr<const Block> taken(const Part& part, const StopToken& stop) const;
-  // Means of the detail over the cells of such places in a part and of so many around it, row by row.
-  std::vector<double> cell_means(const Part& part, int around, const StopToken& stop) const;
-  std::shared_ptr<Block> make_taken(const Part& part, const StopToken& stop) const;
-  // Bounds on a block's heights, from the posts; none where there are voids.
-  std::optional<HeightRange> heights_of_posts(const BlockId& id, const LayeredPosts::Layer& layer,
-                                              const StopToken& stop) const;
-  // Heights are those bounds alone; null where there are voids.
-  std::shared_ptr<const Block> outline_of_posts(const BlockId& id, const LayeredPosts::Layer& layer,
-                                                const StopToken& stop) const;
-  // From a block of a coarser level.
-  std::optional<HeightRange> heights_within(const BlockId& id, int level, const StopToken& stop) const;
-  enum class Kind { made, taken, beneath, outline };
+  // Composes heights and sources of a layer and of all coarser layers at a block's vertices. Null if there are none.
+  std::shared_ptr<Block> compose_layer_posts(const BlockId& id, const StopToken& stop) const;
+
+  // Ground at the posts of an extent, which is a section of the block or its surroundings. The value at a post does not
+  // depend on the extent. The three functions evaluate one layer, blend one layer over those below, and combine all.
+  Surface layer_surface(const BlockId& id, const BlockExtent& e, const LayeredPosts::Layer& layer,
+                        const StopToken& stop) const;
+  void blend(Surface& below, const Surface& above, const BlockExtent& e, const LayeredPosts::Layer& layer) const;
+  Surface composed_surface(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
+
+  std::shared_ptr<const Block> make_block(const BlockId& id, const StopToken& stop) const;
+  // Reads the block from the cache folder, or makes it and stores it there.
+  std::shared_ptr<const Block> read_or_make_block(const BlockId& id, const StopToken& stop) const;
+  // Makes the heights of one quad; no normals, sources or bounds.
+  std::shared_ptr<const Block> make_quad(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
+
+  // Returns the block if it is in memory, else the result of make().
   template <typename Make>
-  std::shared_ptr<const Block> kept(Kind kind, const BlockId& id, const StopToken& stop, const Make& make) const;
+  std::shared_ptr<const Block> cached_block_or(const BlockId& id, const StopToken& stop, const Make& make) const;
+  // Waits for the pyramid of a block's posts, then runs make() in the arena (deadlocks: detailed_terrain.cpp).
+  template <typename Make>
+  std::shared_ptr<const Block> make_in_arena(const BlockId& id, const StopToken& stop, const Make& make) const;
+  // Returns the cached object of a kind; the first of concurrent callers makes it.
+  template <typename Make>
+  std::shared_ptr<const Block> cached(Kind kind, const BlockId& id, const StopToken& stop, const Make& make) const;
+
+  // Heights to subtract at a sub-block's posts: the means of unresolved detail over the posts' cells. Posts and cells
+  // are those of the layer's detail level.
+  std::shared_ptr<const Block> mean_correction(const SubBlock& sub_block, const StopToken& stop) const;
+  std::shared_ptr<Block> make_mean_correction(const SubBlock& sub_block, const StopToken& stop) const;
+  // Returns the means of the detail over the cells of a sub-block and of `margin` cells around it, row by row.
+  std::vector<double> cell_means(const SubBlock& sub_block, int margin, const StopToken& stop) const;
+
+  // Bounds on a block's heights, from the layer's posts; empty if posts are missing.
+  std::optional<HeightRange> bounds_from_posts(const BlockId& id, const LayeredPosts::Layer& layer,
+                                               const StopToken& stop) const;
+  // Makes a cache entry of these bounds alone; null if posts are missing.
+  std::shared_ptr<const Block> make_posts_outline(const BlockId& id, const LayeredPosts::Layer& layer,
+                                                  const StopToken& stop) const;
+  // Bounds on a block's heights, from its ancestor of a coarser level.
+  std::optional<HeightRange> bounds_from_ancestor(const BlockId& id, int level, const StopToken& stop) const;
 
   std::shared_ptr<const PyramidTerrain> plain_;
   std::shared_ptr<const Detail> detail_;
-  int number_;         // distinguishes its blocks in the cache
-  std::uint64_t key_;  // and in the cache folder: of terrain, detail and the way in which ground is made
+  int number_;         // distinguishes this terrain's blocks in the memory cache
+  std::uint64_t key_;  // key in the cache folder: hash of terrain, preset and kGroundVersion
   LayeredPosts layers_;
 };
 

@@ -9,7 +9,7 @@
 #include "dem/base/parallel.h"
 #include "dem/detail/detail.h"
 #include "dem/detail/footprints.h"
-#include "dem/detail/means_taken.h"
+#include "dem/detail/mean_correction.h"
 #include "dem/terrain/surface_place.h"
 
 namespace selenograph::dem {
@@ -17,38 +17,42 @@ namespace {
 
 using std::numbers::pi;
 
-double height_m(const CraterField& field, const Crater& crater, const Vec3& place) {
-  const double distance_m = (place - crater.centre).norm() * kMoonRadius_m;
+// Returns the crater's own height at a direction.
+double height_m(const CraterField& field, const Crater& crater, const Vec3& direction) {
+  const double distance_m = (direction - crater.centre).norm() * kMoonRadius_m;
   if (distance_m >= crater.reach_m()) return 0;
   return crater.scale * field.shape().height(distance_m / (crater.diameter_m / 2), crater.age);
 }
 
-// Whether a layer leaves an octave to the detail.
-bool has(const DetailOfPosts& layer, int octave) { return octave < Detail::past_largest_octave(layer.level); }
+// Returns whether a layer's posts leave an octave to the detail.
+bool has_octave(const DetailOfPosts& layer, int octave) { return octave < Detail::past_largest_octave(layer.level); }
 
-double replaced(const Crater& crater, const Vec3& place) {
-  return CraterShape::replaced_at((place - crater.centre).norm() * kMoonRadius_m / (crater.diameter_m / 2), crater.age);
+// Returns the share of the older ground that a crater replaces at a direction.
+double replaced(const Crater& crater, const Vec3& direction) {
+  return CraterShape::replaced_at((direction - crater.centre).norm() * kMoonRadius_m / (crater.diameter_m / 2),
+                                  crater.age);
 }
 
 }  // namespace
 
-// As Detail::add has it: in the order of their ages, on what has been there before.
+// Applies younger craters in the order of their ages, each on the ground that the one before left, as Detail::add does.
 CraterRemains remains_of(const CraterField& field, const Crater& crater, std::span<const Crater> candidates) {
   std::vector<Crater> younger;
-  for (const Crater& other : candidates)
-    if (formed_before(crater, other) &&
-        (other.centre - crater.centre).norm() * kMoonRadius_m < other.reach_m() + crater.diameter_m / 2)
-      younger.push_back(other);
+  for (const Crater& candidate : candidates)
+    if (formed_before(crater, candidate) &&
+        (candidate.centre - crater.centre).norm() * kMoonRadius_m < candidate.reach_m() + crater.diameter_m / 2)
+      younger.push_back(candidate);
   std::sort(younger.begin(), younger.end(), formed_before);
   CraterRemains remains;
   for (int i = 0; i < CraterRemains::kRimPoints; ++i) {
-    const Vec3 place = CraterSurvey::on_rim(crater, 2 * pi * i / CraterRemains::kRimPoints);
-    const double own_m = height_m(field, crater, place);
+    const Vec3 rim_point = CraterSurvey::on_rim(crater, 2 * pi * i / CraterRemains::kRimPoints);
+    const double own_m = height_m(field, crater, rim_point);
     double now_m = own_m;
-    for (const Crater& other : younger) now_m = now_m * (1 - replaced(other, place)) + height_m(field, other, place);
+    for (const Crater& later : younger)
+      now_m = now_m * (1 - replaced(later, rim_point)) + height_m(field, later, rim_point);
     remains.rim[static_cast<std::size_t>(i)] = std::abs(now_m - own_m) <= crater.depth_m / 4;
   }
-  for (const Crater& other : younger) remains.floor *= 1 - replaced(other, crater.centre);
+  for (const Crater& later : younger) remains.floor *= 1 - replaced(later, crater.centre);
   return remains;
 }
 
@@ -62,55 +66,54 @@ CraterSurvey::CraterSurvey(const Terrain& terrain, std::shared_ptr<const CraterR
       field_(terrain.detail()->craters()),
       roughness_(std::move(roughness)) {}
 
-std::vector<CraterSurvey::Piece> CraterSurvey::pieces(const Footprint& region, double smallest_m,
-                                                      const StopToken& stop) const {
-  std::vector<Piece> pieces;
+std::vector<CraterSurvey::OctaveBox> CraterSurvey::octave_boxes(const Footprint& region, double smallest_m,
+                                                                const StopToken& stop) const {
+  std::vector<OctaveBox> boxes;
   for (int k = std::max(field_.smallest_octave(), octave_of(smallest_m)); k <= field_.largest_octave(); ++k)
-    for (const Footprint& box : cut(region, std::ldexp(kBoxDiameters, k), stop)) pieces.push_back({k, box});
-  return pieces;
+    for (const Footprint& box : cut(region, std::ldexp(kBoxDiameters, k), stop)) boxes.push_back({k, box});
+  return boxes;
 }
 
-std::vector<CraterFeature> CraterSurvey::within(const Footprint& region, double smallest_m, double least_depth,
-                                                const StopToken& stop) const {
-  const std::vector<Piece> all = pieces(region, smallest_m, stop);
-  const auto wanted = [&](const Crater& crater) { return crater.diameter_m >= smallest_m; };
-  return largest_first(gathered_in_parallel<CraterFeature>(all.size(), 4, [&](std::size_t i, auto& some) {
+std::vector<CraterFeature> CraterSurvey::craters_in(const Footprint& region, double smallest_m, double min_depth,
+                                                    const StopToken& stop) const {
+  const std::vector<OctaveBox> boxes = octave_boxes(region, smallest_m, stop);
+  const auto is_large = [&](const Crater& crater) { return crater.diameter_m >= smallest_m; };
+  return largest_first(gathered_in_parallel<CraterFeature>(boxes.size(), 4, [&](std::size_t i, auto& found) {
     stop.check();
-    within(all[i].octave, all[i].box, least_depth, wanted, some, stop);
+    craters_in(boxes[i].octave, boxes[i].box, min_depth, is_large, found, stop);
   }));
 }
 
-void CraterSurvey::within(int octave, const Footprint& box, double least_depth,
-                          const std::function<bool(const Crater&)>& wanted, std::vector<CraterFeature>& out,
-                          const StopToken& stop) const {
-  // Those that reach the rim of one with its centre in the box.
+void CraterSurvey::craters_in(int octave, const Footprint& box, double min_depth,
+                              const std::function<bool(const Crater&)>& is_requested, std::vector<CraterFeature>& out,
+                              const StopToken& stop) const {
+  // Find all craters that reach the rim of a crater with its centre in the box: they may replace it.
   const double largest_m = std::ldexp(2.0, octave);
   const double margin_m = (CraterShape::reach(CraterShape::kOldest) + 1) * largest_m / 2;
-  const std::vector<Crater> all = field_.within(octave, around(box, margin_m), stop);
-  for (const Crater& crater : all) {
+  const std::vector<Crater> candidates = field_.in_box(octave, around(box, margin_m), stop);
+  for (const Crater& crater : candidates) {
     stop.check();
-    if (crater.depth_m >= least_depth * crater.diameter_m && wanted(crater) &&
+    if (crater.depth_m >= min_depth * crater.diameter_m && is_requested(crater) &&
         holds(box, to_geographic(crater.centre * kMoonRadius_m)))
-      add_if_shown(crater, octave, least_depth, all, out, stop);
+      add_if_shown(crater, octave, min_depth, candidates, out, stop);
   }
 }
 
-void CraterSurvey::add_if_shown(const Crater& crater, int octave, double least_depth,
-                                std::span<const Crater> candidates, std::vector<CraterFeature>& out,
-                                const StopToken& stop) const {
+void CraterSurvey::add_if_shown(const Crater& crater, int octave, double min_depth, std::span<const Crater> candidates,
+                                std::vector<CraterFeature>& out, const StopToken& stop) const {
   CraterFeature feature{crater, octave, to_geographic(crater.centre * kMoonRadius_m), 0};
-  Geographic& place = feature.place;
-  const std::vector<DetailOfPosts> layers = layers_at(place);
+  Geographic& centre = feature.location;
+  const std::vector<DetailOfPosts> layers = layers_at(centre);
   const double share = this->share(octave, layers);
   if (!(share > 0.5)) return;
-  if (share * crater.depth_m < least_depth * crater.diameter_m) return;
+  if (share * crater.depth_m < min_depth * crater.diameter_m) return;
   for (const DetailOfPosts& layer : layers)
-    if (has(layer, octave)) feature.depth_m += layer.share * depth_left(crater, layer.level) * crater.depth_m;
-  if (feature.depth_over_diameter() < least_depth) return;
-  place.height_m = plain_.height(place.lat_deg, place.lon_deg, stop).height_m;
-  if (std::isnan(place.height_m)) return;
+    if (has_octave(layer, octave)) feature.depth_m += layer.share * depth_left(crater, layer.level) * crater.depth_m;
+  if (feature.depth_over_diameter() < min_depth) return;
+  centre.height_m = plain_.height(centre.lat_deg, centre.lon_deg, stop).height_m;
+  if (std::isnan(centre.height_m)) return;
   feature.visibility =
-      std::min(feature.depth_m / roughness_m(crater.diameter_m, layers), CraterRoughness::kMostVisible);
+      std::min(feature.depth_m / roughness_m(crater.diameter_m, layers), CraterRoughness::kMaxVisibility);
   const CraterRemains remains = remains_of(field_, crater, candidates);
   if (!remains.any()) return;
   int shown = 0;
@@ -123,10 +126,10 @@ void CraterSurvey::add_if_shown(const Crater& crater, int octave, double least_d
   out.push_back(feature);
 }
 
-// In the block of the finest surface: what DetailedTerrain asks.
-std::vector<DetailOfPosts> CraterSurvey::layers_at(const Geographic& place) const {
-  const int level = finest_level_at(detailed_, place.lat_deg, place.lon_deg);
-  std::vector<DetailOfPosts> layers = detailed_.detail_at(place.lat_deg, place.lon_deg);
+// Drops layers with posts as fine as the finest surface: DetailedTerrain adds no detail to them.
+std::vector<DetailOfPosts> CraterSurvey::layers_at(const Geographic& position) const {
+  const int level = finest_level_at(detailed_, position.lat_deg, position.lon_deg);
+  std::vector<DetailOfPosts> layers = detailed_.detail_at(position.lat_deg, position.lon_deg);
   std::erase_if(layers, [&](const DetailOfPosts& layer) { return level <= layer.level; });
   return layers;
 }
@@ -134,24 +137,24 @@ std::vector<DetailOfPosts> CraterSurvey::layers_at(const Geographic& place) cons
 double CraterSurvey::share(int octave, std::span<const DetailOfPosts> layers) {
   double share = 0;
   for (const DetailOfPosts& layer : layers)
-    if (has(layer, octave)) share += layer.share;
+    if (has_octave(layer, octave)) share += layer.share;
   return share;
 }
 
 double CraterSurvey::roughness_m(double diameter_m, std::span<const DetailOfPosts> layers) const {
   double sum = 0;
   for (int k = roughness_->smallest_octave(); k <= roughness_->largest_octave(); ++k) {
-    const double part = share(k, layers);
-    sum += part * part * roughness_->mean_square_m2(k, diameter_m);
+    const double octave_share = share(k, layers);
+    sum += octave_share * octave_share * roughness_->mean_square_m2(k, diameter_m);
   }
   return std::sqrt(sum);
 }
 
 Vec3 CraterSurvey::on_rim(const Crater& crater, double angle) {
   const EastNorthUp axes = local_axes(crater.centre);
-  // The field's distances are chords.
-  const double away = 2 * std::asin(crater.diameter_m / 4 / kMoonRadius_m);
-  return std::cos(away) * axes.up + std::sin(away) * (std::cos(angle) * axes.north + std::sin(angle) * axes.east);
+  // Convert the radius, a chord as all distances of CraterField, to the angle at the Moon's centre.
+  const double arc = 2 * std::asin(crater.diameter_m / 4 / kMoonRadius_m);
+  return std::cos(arc) * axes.up + std::sin(arc) * (std::cos(angle) * axes.north + std::sin(angle) * axes.east);
 }
 
 }  // namespace selenograph::dem

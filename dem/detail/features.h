@@ -24,30 +24,31 @@ struct CraterFeature {
   Crater crater;
   const Crater& member() const { return crater; }
   int octave = 0;
-  Geographic place;  // of the centre; height of the terrain without detail
-  // Share of its rim that the terrain shows: not where posts are finer or missing, nor where younger craters of its
-  // octave change it by more than a quarter of its depth.
+  Geographic location;  // the centre; height of the terrain without detail
+  // Share of its rim that the terrain shows, 0 to 1: not where posts are finer or missing, nor where younger craters of
+  // its octave change it by more than a quarter of its depth.
   double rim_share = 0;
-  // The remaining part of the crater's depth (means_taken.h), weighted by its layer's share at its centre.
+  // The remaining depth of the crater (mean_correction.h), weighted by its layer's share at its centre.
   double depth_m = 0;
-  double visibility = 0;  // that depth over the roughness of the ground that is shown there (crater_visibility.h)
+  double visibility = 0;  // depth_m over the roughness of the ground that is shown there (crater_visibility.h)
   double depth_over_diameter() const { return depth_m / crater.diameter_m; }
 };
 
-// The part of a crater that younger ones of its octave have left.
+// Rim and floor of a crater, as younger craters of its octave have left them.
 struct CraterRemains {
   static constexpr int kRimPoints = 16;
-  std::array<bool, kRimPoints> rim{};  // points from north to east: changed by no more than a quarter of the depth
-  double floor = 1;                    // share of the floor's depth
+  std::array<bool, kRimPoints> rim{};  // points from north to east: true if changed by at most a quarter of the depth
+  double floor = 1;                    // share of the floor's depth that is left, 0 to 1
   bool any() const {
     return floor > 0.5 || std::any_of(rim.begin(), rim.end(), [](bool left) { return left; });
   }
 };
-// `candidates`: craters of its octave, at least all that reach its rim; it may be one of them.
+// Returns the remains of a crater. `candidates`: craters of its octave, at least all that reach its rim; the crater may
+// be one of them.
 CraterRemains remains_of(const CraterField& field, const Crater& crater, std::span<const Crater> candidates);
 
-// Expected number of craters in a region by the law, or of those that have formed if that is fewer, before the terrain
-// is considered.
+// Returns the expected number of craters in a region by the law, or of those that have formed if that is fewer, before
+// the terrain is considered.
 double expected_craters(const CraterField& field, const Footprint& region, double smallest_m);
 
 // Thread-safe: const functions may be called concurrently.
@@ -56,35 +57,37 @@ class CraterSurvey {
   // The terrain must have detail and outlive this object; `roughness` is of that detail.
   CraterSurvey(const Terrain& terrain, std::shared_ptr<const CraterRoughness> roughness);
 
-  // Craters with their centre in a region (borders included), on all cores of the caller's arena, as deep as
-  // `least_depth` of their diameter. Largest first. `east_deg` may exceed 180.
-  std::vector<CraterFeature> within(const Footprint& region, double smallest_m, double least_depth,
-                                    const StopToken& stop) const;
-  // Appends the craters of an octave with their centre in a box that are `wanted`, in no particular order. Those that
-  // the terrain does not show are left out: whose centre has finer posts or none, and whose floor and rim younger
-  // craters of their octave replaced. The box should be some of the octave's diameters wide.
-  void within(int octave, const Footprint& box, double least_depth, const std::function<bool(const Crater&)>& wanted,
-              std::vector<CraterFeature>& out, const StopToken& stop) const;
-  // Such a box's side over the octave's smallest diameter.
+  // Returns the craters with their centre in a region (borders included) whose depth is at least `min_depth` of their
+  // diameter, largest first. Runs on all cores of the caller's arena. `east_deg` may exceed 180.
+  std::vector<CraterFeature> craters_in(const Footprint& region, double smallest_m, double min_depth,
+                                        const StopToken& stop) const;
+  // Appends the craters of an octave with their centre in a box that pass `is_requested`, in no particular order. Omits
+  // craters that the terrain does not show: their centre has finer posts or none, or younger craters of their octave
+  // replaced their floor and rim. The box should be several of the octave's diameters wide.
+  void craters_in(int octave, const Footprint& box, double min_depth,
+                  const std::function<bool(const Crater&)>& is_requested, std::vector<CraterFeature>& out,
+                  const StopToken& stop) const;
+  // Recommended side of such a box over the octave's smallest diameter.
   static constexpr double kBoxDiameters = 32;
 
   const CraterField& field() const { return field_; }
-  // Point of the rim at an angle about the centre, from north to east; a unit vector.
+  // Returns the point of the rim at an angle about the centre, from north to east, as a unit vector.
   static Vec3 on_rim(const Crater& crater, double angle);
 
  private:
-  // A part of the region, for one octave.
-  struct Piece {
+  // A box of the region, to be searched for craters of one octave.
+  struct OctaveBox {
     int octave;
     Footprint box;
   };
-  std::vector<Piece> pieces(const Footprint& region, double smallest_m, const StopToken& stop) const;
-  void add_if_shown(const Crater& crater, int octave, double least_depth, std::span<const Crater> candidates,
+  std::vector<OctaveBox> octave_boxes(const Footprint& region, double smallest_m, const StopToken& stop) const;
+  void add_if_shown(const Crater& crater, int octave, double min_depth, std::span<const Crater> candidates,
                     std::vector<CraterFeature>& out, const StopToken& stop) const;
-  // Layers whose detail is shown at a place.
-  std::vector<DetailOfPosts> layers_at(const Geographic& place) const;
+  // Returns the layers whose detail is shown at a position, with their shares.
+  std::vector<DetailOfPosts> layers_at(const Geographic& position) const;
+  // Returns the summed share of the layers that leave an octave to the detail, 0 to 1.
   static double share(int octave, std::span<const DetailOfPosts> layers);
-  bool shows(int octave, const Geographic& place) const { return share(octave, layers_at(place)) > 0.5; }
+  bool shows(int octave, const Geographic& position) const { return share(octave, layers_at(position)) > 0.5; }
   double roughness_m(double diameter_m, std::span<const DetailOfPosts> layers) const;
 
   const Terrain& plain_;

@@ -23,7 +23,7 @@ bool holds(const Footprint& f, const Geographic& g) {
 }
 
 std::optional<Footprint> common(const Footprint& a, const Footprint& b) {
-  // The first b that ends east of where a begins.
+  // Shift b by whole turns to the first copy that ends east of the western border of a.
   const double turns_deg = 360 * std::ceil((a.west_deg - b.east_deg) / 360);
   const Footprint both{std::max(a.south_deg, b.south_deg), std::min(a.north_deg, b.north_deg),
                        std::max(a.west_deg, b.west_deg + turns_deg), std::min(a.east_deg, b.east_deg + turns_deg)};
@@ -32,18 +32,18 @@ std::optional<Footprint> common(const Footprint& a, const Footprint& b) {
 }
 
 Circle circle_around(const Footprint& f) {
-  const auto place = [](double lat_deg, double lon_deg) -> Vec3 {
+  const auto direction = [](double lat_deg, double lon_deg) -> Vec3 {
     return to_cartesian({lat_deg, lon_deg, 0}) / kMoonRadius_m;
   };
-  const Vec3 middle = place((f.south_deg + f.north_deg) / 2, (f.west_deg + f.east_deg) / 2);
-  // Corners are the farthest, those in the east as far as those in the west.
-  return {middle, kMoonRadius_m * std::max((place(f.south_deg, f.west_deg) - middle).norm(),
-                                           (place(f.north_deg, f.west_deg) - middle).norm())};
+  const Vec3 middle = direction((f.south_deg + f.north_deg) / 2, (f.west_deg + f.east_deg) / 2);
+  // Corners are the farthest points. The eastern ones are as far as the western ones.
+  return {middle, kMoonRadius_m * std::max((direction(f.south_deg, f.west_deg) - middle).norm(),
+                                           (direction(f.north_deg, f.west_deg) - middle).norm())};
 }
 
 std::vector<Footprint> cut(const Footprint& region, double side_m, const StopToken& stop) {
-  constexpr std::size_t kLook = 4096;
-  std::vector<Footprint> pieces;
+  constexpr std::size_t kBoxesPerCheck = 4096;
+  std::vector<Footprint> boxes;
   const double side_deg = side_m / kMetresPerDegree;
   const auto steps = [&](double length_deg) { return std::max(1, static_cast<int>(std::ceil(length_deg / side_deg))); };
   const auto at = [](double low, double high, int i, int n) { return i == n ? high : low + (high - low) * i / n; };
@@ -55,28 +55,30 @@ std::vector<Footprint> cut(const Footprint& region, double side_m, const StopTok
     const double nearest_deg = box.south_deg > 0 ? box.south_deg : std::max(0.0, -box.north_deg);
     const int columns = steps((region.east_deg - region.west_deg) * std::cos(nearest_deg * kRadiansPerDegree));
     for (int c = 0; c < columns; ++c) {
-      if (pieces.size() % kLook == 0) stop.check();
+      if (boxes.size() % kBoxesPerCheck == 0) stop.check();
       box.west_deg = at(region.west_deg, region.east_deg, c, columns);
       box.east_deg = at(region.west_deg, region.east_deg, c + 1, columns);
-      pieces.push_back(box);
+      boxes.push_back(box);
     }
   }
-  return pieces;
+  return boxes;
 }
 
 Footprint around(const Footprint& f, double margin_m) {
   const double angle = margin_m / kMoonRadius_m, margin_deg = angle * kDegreesPerRadian;
   Footprint wide{std::max(-90.0, f.south_deg - margin_deg), std::min(90.0, f.north_deg + margin_deg), -180, 180};
-  const double across = std::cos(std::max(-wide.south_deg, wide.north_deg) * kRadiansPerDegree);
-  if (wide.south_deg <= -90 || wide.north_deg >= 90 || std::sin(angle) >= across) return wide;
-  const double beside_deg = std::asin(std::sin(angle) / across) * kDegreesPerRadian;
-  if (f.east_deg - f.west_deg + 2 * beside_deg >= 360) return wide;
-  wide.west_deg = f.west_deg - beside_deg, wide.east_deg = f.east_deg + beside_deg;
+  const double min_cos_lat = std::cos(std::max(-wide.south_deg, wide.north_deg) * kRadiansPerDegree);
+  if (wide.south_deg <= -90 || wide.north_deg >= 90 || std::sin(angle) >= min_cos_lat) return wide;
+  // A cap of this angular radius reaches farthest in longitude where it touches a meridian.
+  const double lon_margin_deg = std::asin(std::sin(angle) / min_cos_lat) * kDegreesPerRadian;
+  if (f.east_deg - f.west_deg + 2 * lon_margin_deg >= 360) return wide;
+  wide.west_deg = f.west_deg - lon_margin_deg;
+  wide.east_deg = f.east_deg + lon_margin_deg;
   return wide;
 }
 
 double cells_of(int smallest_octave, int largest_octave, const Footprint& region, double smallest_m) {
-  // As a rectangle, with those that are drawn for the pieces' margins.
+  // Treat the region as a rectangle with a margin of one cell on each side.
   const double height_m = (region.north_deg - region.south_deg) * kMetresPerDegree,
                width_m = area_m2(region) / height_m;
   double cells = 0;

@@ -13,28 +13,30 @@ namespace selenograph::dem {
 
 Footprint footprint_of(const BlockId& id);
 
-double area_m2(const Footprint& region);  // on the sphere of 1 737 400 m
+// Returns the area of a region on the sphere of 1 737 400 m.
+double area_m2(const Footprint& region);
 
-// Borders are included.
-bool holds(const Footprint& region, const Geographic& place);
+// Returns whether a region contains a position; borders are included.
+bool holds(const Footprint& region, const Geographic& position);
 
-// Intersection of two regions, one of which is narrower than half the Moon; empty: they do not touch.
+// Returns the intersection of two regions, one of which is narrower than half the Moon; empty: they do not touch.
 std::optional<Footprint> common(const Footprint& a, const Footprint& b);
 
-// Smallest circle around the region's middle that contains it; the region is narrower than half the Moon.
+// Returns the smallest circle around the region's middle that contains it; the region is narrower than half the Moon.
 struct Circle {
   Vec3 middle;      // unit, MOON_ME
-  double radius_m;  // along the chord
+  double radius_m;  // length of the chord from the middle to the circle
 };
 Circle circle_around(const Footprint& region);
 
-// Pieces of a region whose sides are at most this long on the sphere. Throws Cancelled when `stop` says so.
+// Cuts a region into boxes whose sides are at most `side_m` on the sphere. Throws Cancelled when `stop` is set.
 std::vector<Footprint> cut(const Footprint& region, double side_m, const StopToken& stop = {});
 
-// A region that contains everything within a margin, and slightly more.
+// Returns a region that contains everything within a margin of the given one, and slightly more.
 Footprint around(const Footprint& region, double margin_m);
 
-// Number of cells of SizeCells that must be drawn to find what is in a region, for some octaves and a smallest size.
+// Estimates the number of cells of SizeCells that a query of a region draws, for a range of octaves and a smallest
+// size.
 double cells_of(int smallest_octave, int largest_octave, const Footprint& region, double smallest_m);
 
 }  // namespace selenograph::dem

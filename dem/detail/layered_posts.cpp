@@ -12,7 +12,7 @@
 namespace selenograph::dem {
 namespace {
 
-// A layer's ground reaches so far beyond its outermost posts: up to those of the next of its files.
+// Distance in posts by which a layer's ground extends past its outermost posts, up to the posts of its next file.
 constexpr double kReachPosts = 2;
 
 bool inside(const RasterInfo& info, const PostXY& at) {
@@ -20,8 +20,8 @@ bool inside(const RasterInfo& info, const PostXY& at) {
          at.y <= info.height - 0.5;
 }
 
-// How far a place is from a file's posts, less what its ground reaches beyond them.
-double beyond_m(const RasterInfo& info, const PostXY& at, double lat_deg) {
+// Returns the distance of a position from a file's ground (its posts and kReachPosts around them), m; 0 on it.
+double distance_m(const RasterInfo& info, const PostXY& at, double lat_deg) {
   double x = std::max({0.0, -at.x, at.x - (info.width - 1)});
   const double y = std::max({0.0, -at.y, at.y - (info.height - 1)});
   double x_m = info.post_spacing_m;
@@ -32,15 +32,23 @@ double beyond_m(const RasterInfo& info, const PostXY& at, double lat_deg) {
   return std::max(0.0, std::hypot(x * x_m, y * info.post_spacing_m) - kReachPosts * info.post_spacing_m);
 }
 
-// A block with the posts beside it that its surface and normals are made of.
-Footprint with_posts_beside(const BlockId& id) {
+// Returns the footprint of a block, enlarged by the surrounding posts that its surface and normals use.
+Footprint footprint_with_halo(const BlockId& id) {
   const BlockExtent e = extent_of(id);
   Footprint box = footprint_of(id);
   constexpr double kDegreesPerTick = 1.0 / kTicksPerDegree;
   const double lat_deg = kDegreesPerTick * kHalo * e.lat_step, lon_deg = kDegreesPerTick * kHalo * e.lon_step;
-  box.south_deg -= lat_deg, box.north_deg += lat_deg, box.west_deg -= lon_deg, box.east_deg += lon_deg;
-  if (box.south_deg < -90 || box.north_deg > 90) box.west_deg = -180, box.east_deg = 180;
-  box.south_deg = std::max(box.south_deg, -90.0), box.north_deg = std::min(box.north_deg, 90.0);
+  box.south_deg -= lat_deg;
+  box.north_deg += lat_deg;
+  box.west_deg -= lon_deg;
+  box.east_deg += lon_deg;
+  // Around a pole, all longitudes are near.
+  if (box.south_deg < -90 || box.north_deg > 90) {
+    box.west_deg = -180;
+    box.east_deg = 180;
+  }
+  box.south_deg = std::max(box.south_deg, -90.0);
+  box.north_deg = std::min(box.north_deg, 90.0);
   return box;
 }
 
@@ -50,30 +58,30 @@ LayeredPosts::LayeredPosts(const PyramidTerrain& plain, double widest_m) : plain
   const Catalogue& catalogue = plain.catalogue();
   for (std::size_t i = 0; i < catalogue.rasters().size(); ++i) {
     const RasterInfo& info = catalogue.rasters()[i];
-    // Posts are of the roots' level at least, whatever lies over them.
+    // The lattice has no coarser blocks of posts than the roots.
     const int level = std::max(kRootLevel, level_needed(info));
-    // Posts that are no vertices of their level are up to twice as far apart as those that are.
+    // Compare with the level's spacing, which may be up to twice as dense as the file's posts.
     const double resolved_m = catalogue.resolved_posts(static_cast<int>(i)) * info.post_spacing_m;
     const auto octaves = static_cast<int>(std::lround(std::log2(resolved_m / post_spacing_m(level))));
     const int coarser = std::clamp(octaves, 0, std::max(0, level - kRootLevel));
     levels_of_files_.push_back({level, level - coarser});
-    int& most = coarser_by_[static_cast<std::size_t>(level)];
-    most = std::max(most, coarser);
+    int& max_coarser = coarser_by_[static_cast<std::size_t>(level)];
+    max_coarser = std::max(max_coarser, coarser);
   }
 }
 
 LayeredPosts::Layers LayeredPosts::of(const BlockId& id) const {
   if (plain_.catalogue().one_layer())
     return std::make_shared<const std::vector<Layer>>(1, layer_of(plain_.posts_level(id)));
-  constexpr std::size_t kMostKnown = 20000;  // some 5 MB
+  constexpr std::size_t kMaxBlocks = 20000;  // some 5 MB
   {
     const std::lock_guard lock(mutex_);
-    if (const auto known = known_.find(id); known != known_.end()) return known->second;
+    if (const auto hit = layers_of_blocks_.find(id); hit != layers_of_blocks_.end()) return hit->second;
   }
-  auto made = std::make_shared<const std::vector<Layer>>(found(id));
+  auto layers = std::make_shared<const std::vector<Layer>>(find_layers(id));
   const std::lock_guard lock(mutex_);
-  if (known_.size() >= kMostKnown) known_.clear();
-  return known_.try_emplace(id, std::move(made)).first->second;
+  if (layers_of_blocks_.size() >= kMaxBlocks) layers_of_blocks_.clear();
+  return layers_of_blocks_.try_emplace(id, std::move(layers)).first->second;
 }
 
 int LayeredPosts::coarsest(const BlockId& id) const {
@@ -88,13 +96,13 @@ int LayeredPosts::coarsest_detail(const BlockId& id) const {
       ->detail_level;
 }
 
-std::vector<LayeredPosts::Layer> LayeredPosts::found(const BlockId& id) const {
+std::vector<LayeredPosts::Layer> LayeredPosts::find_layers(const BlockId& id) const {
   const Catalogue& catalogue = plain_.catalogue();
-  // What lies beside the block is asked for, too: a bicubic surface and normals.
-  constexpr double kPostsBeside = 4;
-  const Footprint asked = around(footprint_of(id), widest_m_ + kPostsBeside * post_spacing_m(id.level));
+  // Include posts around the block, which the bicubic surface and the normals use.
+  constexpr double kMarginPosts = 4;
+  const Footprint box = around(footprint_of(id), widest_m_ + kMarginPosts * post_spacing_m(id.level));
   const auto levels_of = [&](int file) { return levels_of_files_[static_cast<std::size_t>(file)]; };
-  const std::vector<int> near = catalogue.touching(asked.south_deg, asked.north_deg, asked.west_deg, asked.east_deg);
+  const std::vector<int> near = catalogue.touching(box.south_deg, box.north_deg, box.west_deg, box.east_deg);
   if (near.empty()) return {layer_of(plain_.posts_level(id))};
   std::vector<Levels> levels;
   levels.reserve(near.size());
@@ -102,21 +110,24 @@ std::vector<LayeredPosts::Layer> LayeredPosts::found(const BlockId& id) const {
   std::sort(levels.begin(), levels.end());
   levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
 
-  const Footprint wide = with_posts_beside(id);
+  const Footprint wide = footprint_with_halo(id);
   std::vector<Layer> layers{{levels.front().posts, levels.front().detail}};
   for (std::size_t k = 1; k < levels.size(); ++k) {
     Layer layer{levels[k].posts, levels[k].detail};
     layer.band_m = std::min(widest_m_, 2 * post_spacing_m(levels[k - 1].detail));
     for (const int file : near)
       if (levels_of(file) >= levels[k]) layer.files.push_back(file);
-    // At places of the block, borders included, and beside them.
-    constexpr int kAlong = 9;
-    bool all = true;
-    for (int r = 0; r < kAlong && all; ++r)
-      for (int c = 0; c < kAlong && all; ++c)
-        all = share(layer, wide.south_deg + r * (wide.north_deg - wide.south_deg) / (kAlong - 1),
-                    wide.west_deg + c * (wide.east_deg - wide.west_deg) / (kAlong - 1)) == 1;
-    if (all) layers.clear(), layer.files.clear();
+    // Drop the coarser layers if this one covers the block and its halo, sampled on 9 x 9 positions, borders included.
+    constexpr int kSamples = 9;
+    bool covers = true;
+    for (int r = 0; r < kSamples && covers; ++r)
+      for (int c = 0; c < kSamples && covers; ++c)
+        covers = share(layer, wide.south_deg + r * (wide.north_deg - wide.south_deg) / (kSamples - 1),
+                       wide.west_deg + c * (wide.east_deg - wide.west_deg) / (kSamples - 1)) == 1;
+    if (covers) {
+      layers.clear();
+      layer.files.clear();
+    }
     layers.push_back(std::move(layer));
   }
   return layers;
@@ -128,14 +139,14 @@ double LayeredPosts::share(const Layer& layer, double lat_deg, double lon_deg) c
     const RasterInfo& info = plain_.catalogue().rasters()[static_cast<std::size_t>(file)];
     const PostXY at = locate(info, lat_deg, lon_deg);
     if (inside(info, at)) return 1;
-    nearest_m = std::min(nearest_m, beyond_m(info, at, lat_deg));
+    nearest_m = std::min(nearest_m, distance_m(info, at, lat_deg));
   }
   const double t = 1 - nearest_m / layer.band_m;
   return t * t * (3 - 2 * t);
 }
 
 int LayeredPosts::files_up_to(int level) const {
-  // Files are in the order of their spacing, and so are the levels that they need.
+  // The catalogue sorts files from coarse to fine spacing, hence by the levels that they need.
   const auto& files = plain_.catalogue().rasters();
   const auto past = std::partition_point(files.begin(), files.end(),
                                          [&](const RasterInfo& file) { return level_needed(file) <= level; });
@@ -145,7 +156,7 @@ int LayeredPosts::files_up_to(int level) const {
 std::vector<DetailOfPosts> LayeredPosts::at(double lat_deg, double lon_deg) const {
   const BlockId id = block_at_place(plain_.posts_level(block_at_place(kMaxLevel, lat_deg, lon_deg)), lat_deg, lon_deg);
   std::vector<DetailOfPosts> found;
-  const Layers layers = of(id);  // which others may meanwhile forget
+  const Layers layers = of(id);  // keeps the list alive if another thread clears the cache
   for (const Layer& layer : *layers) {
     const double share = found.empty() ? 1 : this->share(layer, lat_deg, lon_deg);
     for (DetailOfPosts& below : found) below.share *= 1 - share;

@@ -11,12 +11,19 @@ namespace {
 
 using Eigen::Vector2d;
 
+// Returns a positive value left of the line from a to b, a negative one right of it, 0 on it.
 double side_of(const Vector2d& p, const Vector2d& a, const Vector2d& b) {
   return (b.x() - a.x()) * (p.y() - a.y()) - (b.y() - a.y()) * (p.x() - a.x());
 }
 
-// Touching is meeting.
-bool meet(const Vector2d& a, const Vector2d& b, const Vector2d& c, const Vector2d& d) {
+// Returns whether the edges ab and cd intersect: each has its ends on both sides of the other. Touching counts.
+//
+//      a    d
+//       \  /
+//        \/        a and b lie on different sides of cd, c and d on different sides of ab
+//        /\        .
+//       c  b
+bool intersect(const Vector2d& a, const Vector2d& b, const Vector2d& c, const Vector2d& d) {
   return side_of(a, c, d) * side_of(b, c, d) <= 0 && side_of(c, a, b) * side_of(d, a, b) <= 0;
 }
 
@@ -24,13 +31,14 @@ double arc_m(const Vec3& a, const Vec3& b) { return 2 * std::asin(std::min(1.0, 
 
 }  // namespace
 
-// On the gnomonic plane about the corners' middle great circles are straight.
+// The polygon on the sphere and on the gnomonic plane, which touches the sphere at the corners' middle. There great
+// circles are straight lines, so that plane geometry decides on intersections and on containment.
 struct Region::Polygon {
   Vec3 middle, right, up;
   std::vector<Vec3> corners;
   std::vector<Vector2d> flat;
 
-  // Only of what is less than a quarter turn from the middle.
+  // Projects a direction, which must be less than 90 degrees from the middle.
   Vector2d onto_plane(const Vec3& p) const { return Vector2d(p.dot(right), p.dot(up)) / p.dot(middle); }
 };
 
@@ -47,20 +55,22 @@ Region::Region(const std::vector<Geographic>& corners) {
   for (const Vec3& corner : polygon.corners)
     if (!(corner.dot(polygon.middle) > std::cos(kWidest_deg * kRadiansPerDegree)))
       throw std::invalid_argument("has a corner more than 60 degrees from the middle of all");
-  polygon.right = polygon.middle.unitOrthogonal(), polygon.up = polygon.middle.cross(polygon.right);
+  polygon.right = polygon.middle.unitOrthogonal();
+  polygon.up = polygon.middle.cross(polygon.right);
   for (const Vec3& corner : polygon.corners) polygon.flat.push_back(polygon.onto_plane(corner));
   const std::size_t n = corners.size();
   const auto at = [&](std::size_t i) -> const Vector2d& { return polygon.flat[i % n]; };
   for (std::size_t i = 0; i < n; ++i) {
     if (at(i) == at(i + 1)) throw std::invalid_argument("has the same corner twice in a row");
     for (std::size_t k = i + 2; k < n; ++k)
-      if ((k + 1) % n != i && meet(at(i), at(i + 1), at(k), at(k + 1)))
+      if ((k + 1) % n != i && intersect(at(i), at(i + 1), at(k), at(k + 1)))
         throw std::invalid_argument("has edges that meet");
   }
   polygon_ = std::make_shared<const Polygon>(std::move(polygon));
 }
 
-bool Region::within(const Vec3& direction) const {
+// Counts the edges that a ray from the position in +x crosses: an odd number means inside.
+bool Region::polygon_holds(const Vec3& direction) const {
   if (!(direction.dot(polygon_->middle) > std::cos(kWidest_deg * kRadiansPerDegree))) return false;
   const Vector2d p = polygon_->onto_plane(direction);
   bool inside = false;
@@ -78,11 +88,12 @@ double Region::inside_m(const Vec3& direction) const {
   double nearest_m = std::numeric_limits<double>::infinity();
   for (std::size_t i = 0, before = corners.size() - 1; i < corners.size(); before = i++) {
     const Vec3 &a = corners[before], &b = corners[i], normal = a.cross(b).normalized();
-    const bool beside = normal.cross(a).dot(direction) >= 0 && b.cross(normal).dot(direction) >= 0;
-    nearest_m = std::min(nearest_m, beside ? std::asin(std::min(1.0, std::abs(normal.dot(direction)))) * kMoonRadius_m
-                                           : std::min(arc_m(a, direction), arc_m(b, direction)));
+    // The nearest point of the edge is the foot of the perpendicular if that lies between its ends, else an end.
+    const bool has_foot = normal.cross(a).dot(direction) >= 0 && b.cross(normal).dot(direction) >= 0;
+    nearest_m = std::min(nearest_m, has_foot ? std::asin(std::min(1.0, std::abs(normal.dot(direction)))) * kMoonRadius_m
+                                             : std::min(arc_m(a, direction), arc_m(b, direction)));
   }
-  return within(direction) ? nearest_m : -nearest_m;
+  return polygon_holds(direction) ? nearest_m : -nearest_m;
 }
 
 double Region::share(const Vec3& direction, double fade_m) const {

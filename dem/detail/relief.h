@@ -1,5 +1,11 @@
-// Self-affine relief between posts as a function of place and seed: gradient noise (Perlin, SIGGRAPH 2002) in the
-// Moon's body axes, one octave of wavelengths after the other, without seams or poles.
+// Self-affine relief between posts as a function of position and seed: a sum of octaves of gradient noise (Perlin,
+// SIGGRAPH 2002), evaluated on the sphere in the Moon's body axes, hence without seams or poles.
+//
+//   octave k: wavelength 2^k m, amplitude unit_m * 2^(k H), H the Hurst exponent
+//
+//   log amplitude       ____ k+1     Steps of one octave of wavelength scale the amplitude by 2^H: the RMS difference
+//               ____ k               of heights at distance d grows as d^H. Octaves between the law's shortest and
+//      ____ k-1                      longest wavelength are made.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +20,7 @@ namespace selenograph::dem {
 struct ReliefLaw {
   std::uint64_t seed = 0;
   double hurst = 0.9;  // 0.8 to 0.95 over metres to kilometres on old highlands (Rosenburg et al. 2011)
-  // RMS difference of height between places this far apart (the Allan deviation; Shepard et al. 2001, JGR 106).
+  // RMS difference of height between points a baseline apart (the Allan deviation; Shepard et al. 2001, JGR 106).
   double deviation_m = 0, baseline_m = 1;
   double longest_m = 1, shortest_m = 2;  // wavelengths; longest below shortest: no relief
 };
@@ -28,15 +34,15 @@ class Relief {
 
   int shortest_octave() const { return shortest_; }
   int longest_octave() const { return longest_; }
-  // Adds one of these octaves, at most most_m(octave) in size, to a row of a grid.
+  // Adds the heights of one octave, at most max_height_m(octave) in absolute value, to a row of a grid.
   void add_row(int octave, const DirectionGrid& grid, std::size_t row, std::span<double> heights_m) const;
-  double most_m(int octave) const;
+  double max_height_m(int octave) const;
 
  private:
   double amplitude_m(int octave) const;
   std::uint64_t seed_;
   int shortest_, longest_;
-  std::vector<double> amplitudes_m_;  // per octave, from the shortest
+  std::vector<double> amplitudes_m_;  // factor of the unit noise, by octave, from the shortest
 };
 
 }  // namespace selenograph::dem

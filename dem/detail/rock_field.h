@@ -1,7 +1,12 @@
-// A population of rocks as a function of place, seed and law only (size_cells.h), denser around fresh craters.
+// A population of rocks as a function of position, seed and law only (size_cells.h), denser around fresh craters.
 //
-// Rocks between craters and those of ejecta are two populations, each drawn by itself: where no fresh crater is near,
-// the second takes no time.
+// Rocks between craters and rocks of ejecta are two populations, each drawn by itself. Far from fresh craters the
+// second is not drawn at all. The second is drawn at its largest density and thinned by the enrichment at each rock:
+//
+//   enrichment  1 ___              1 inside a new crater's rim, then falling with the cube of the distance from the
+//                    \             centre, halved every half_life_Ma, cut off at 8 radii
+//                     `-._____
+//             rim: r = 1      8
 #pragma once
 
 #include <cstdint>
@@ -13,7 +18,8 @@
 
 namespace selenograph::dem {
 
-// Size-frequency law counted between craters in the area of VIPER's mission, and in the rocky parts of Haworth.
+// Return the size-frequency laws counted between craters in the area of VIPER's mission, and in the rocky parts of
+// Haworth.
 SizeFrequency rocks_of_viper();
 SizeFrequency rocks_of_haworth();
 
@@ -26,7 +32,7 @@ struct RockLaw {
   // (Bandfield et al. 2011) and, of the rockiest ejecta, 0.27 (age / Ma)^-0.46 (Ghent et al. 2014): 23 times as much
   // after 10 Ma and 8 times after 100 Ma, where 25 and the half life below give 22 and 8.6 times.
   double on_ejecta = 25;
-  // Time after which half of a crater's rocks are left: 40 to 80 Ma (Basilevsky et al. 2013).
+  // Time after which half of a crater's rocks remain: 40 to 80 Ma (Basilevsky et al. 2013).
   double half_life_Ma = 60;
   // Smaller craters do not penetrate the regolith and excavate no rocks.
   double smallest_crater_m = 30;
@@ -35,12 +41,12 @@ struct RockLaw {
 struct Rock {
   Vec3 centre;  // unit, MOON_ME
   double diameter_m;
-  double age_Ma;  // age of its crater, or a survival time of rocks
+  double age_Ma;  // age of the crater that ejected it; between craters, drawn from the rocks' survival times
   std::uint64_t id;
   std::uint64_t form;  // hash that selects shape and orientation
-  // How it has settled (RockField::settle).
-  double worn = 0;      // share of such rocks that are destroyed by its age: 0 for a new one, towards 1
-  double height_m = 0;  // of its top above the ground
+  // State set by RockField::settle.
+  double worn = 0;      // share of rocks destroyed by its age: 0 for a new one, towards 1 for old ones
+  double height_m = 0;  // height of its top above the ground
   double buried = 0;    // share of its own height that is below the ground
   double fillet_m = 0;  // height of the soil banked against its sides
 };
@@ -54,7 +60,7 @@ struct FreshCrater {
 // Thread-safe: const functions may be called concurrently.
 class RockField {
  public:
-  explicit RockField(const RockLaw& law, const Region& of_centres = {});
+  explicit RockField(const RockLaw& law, const Region& region_of_centres = {});
 
   bool empty() const { return law_.smallest_m >= law_.largest_m || law_.frequency.laws.empty(); }
   int smallest_octave() const { return cells_.smallest_octave(); }
@@ -62,31 +68,36 @@ class RockField {
   double largest_m(int octave) const { return cells_.largest_m(octave); }
   const RockLaw& law() const { return law_; }
 
-  // Craters that enrich rocks within a distance of a direction. `past_largest_crater`: the ground shows craters of
-  // smaller octaves (Detail).
+  // Returns the craters that enrich rocks within a distance of a direction. `past_largest_crater`: the octave past the
+  // largest that the ground shows (Detail::past_largest_octave).
   std::vector<FreshCrater> fresh(const CraterField& craters, int past_largest_crater, const Vec3& direction,
                                  double radius_m, const StopToken& stop = {}) const;
   // Appends the rocks of an octave of diameters whose centre is in a box (borders included). `fresh`: the fresh craters
-  // for the whole box.
-  void within(int octave, const Footprint& box, std::span<const FreshCrater> fresh, std::vector<Rock>& out,
+  // of the box.
+  void in_box(int octave, const Footprint& box, std::span<const FreshCrater> fresh, std::vector<Rock>& out,
               const StopToken& stop = {}) const;
 
-  // Sets `worn` and what follows from it and from the rock's form. Whole rocks are 0.6 to 1 diameters high. A new one
-  // is buried by 5 to 35 % of that, as it landed; up to 40 % are added with age, most for some rocks, a little for
-  // others. Above the ground are 0.64 diameters of new rocks, 0.55 of those between craters (0.6 on average, Demidov &
-  // Basilevsky 2014). Soil is banked against old ones, up to 18 to 30 % of their height above ground and a tenth of
-  // their diameter, which is the angle of repose: fillets grow by abrasion of the rock and by ejecta, as the square
-  // root of time to begin with, like all that spreads by diffusion (Ruesch et al. 2024 and Apollo's preliminary
-  // science reports describe the processes; the numbers are ours).
+  // Sets a rock's state from its age and its form.
+  //
+  //        ____      height_m above the ground     Rocks are 0.6 to 1 diameters high. A new one is buried by 5 to 35 %
+  //      /      \                                  of that on landing; age adds up to 40 %, drawn for each rock. Above
+  //    /|        |\  fillet_m of banked soil       the ground are 0.64 diameters of new rocks and 0.55 of rocks between
+  //  ___|        |___ ground                       craters (0.6 on average, Demidov & Basilevsky 2014).
+  //      \______/    buried share of the height
+  //
+  // A fillet reaches at most 18 to 30 % of the height above ground and a tenth of the diameter, the angle of repose. It
+  // grows by abrasion of the rock and by ejecta, first as the square root of time, as in diffusion. Ruesch et al.
+  // (2024) and Apollo's preliminary science reports describe the processes; the numbers are assumed.
   void settle(Rock& rock) const;
 
-  // Enrichment at a distance from a crater's centre, in radii: 0 for none, 1 for the full factor on_ejecta.
+  // Returns the enrichment at a distance from a crater's centre, in radii: 0 for none, 1 for the full factor on_ejecta.
   double enriched(double age_Ma, double radii) const;
 
  private:
   RockLaw law_;
   Region region_;
-  SizeCells cells_, ejecta_;  // between craters; what fresh craters add at most
+  SizeCells cells_;   // rocks between craters
+  SizeCells ejecta_;  // the largest number of rocks that fresh craters add anywhere
 };
 
 }  // namespace selenograph::dem

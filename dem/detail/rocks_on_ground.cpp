@@ -14,14 +14,15 @@
 namespace selenograph::dem {
 namespace {
 
-// Where a rock's height is found: posts are half of an octave's smallest diameter apart, or less.
+// Returns the level on which rocks of an octave stand: its posts are at most half the octave's smallest diameter apart.
 int level_under(int octave) {
   int level = 0;
   while (level < kMaxLevel && post_spacing_m(level) > std::ldexp(0.5, octave)) ++level;
   return level;
 }
 
-// Of blocks 950 m wide, or 32 of the smallest craters that have rocks: never more than some thousands surround one.
+// Returns the level of block_around(): its blocks are 950 m wide, or at most 32 of the smallest craters that have
+// rocks. So never more than some thousands of fresh craters surround a block.
 int level_of_surroundings(const RockLaw& law) {
   constexpr double kQuads = 64, kCraters = 32;
   int level = 11;
@@ -29,7 +30,7 @@ int level_of_surroundings(const RockLaw& law) {
   return level;
 }
 
-// Diameters from which on a block's rocks are kept: a quarter of an octave apart, or a little less.
+// Smallest diameters of cached lists: four per octave, equally spaced.
 constexpr int kSteps = 4;
 int step_of(int octave, double diameter_m) {
   const double above = std::ldexp(diameter_m, -octave) - 1;
@@ -45,14 +46,14 @@ std::size_t bytes_of(const std::vector<T>& list) {
 
 }  // namespace
 
-std::size_t RockMemory::PlaceHash::operator()(const Place& place) const {
-  const std::size_t numbers = static_cast<std::size_t>((place.detail * 64 + place.octave) * kSteps + place.least);
-  return BlockIdHash()(place.block) ^ numbers * 0x9e3779b97f4a7c15;
+std::size_t RockMemory::KeyHash::operator()(const Key& key) const {
+  const std::size_t numbers = static_cast<std::size_t>((key.detail * 64 + key.octave) * kSteps + key.min_step);
+  return BlockIdHash()(key.block) ^ numbers * 0x9e3779b97f4a7c15;
 }
 
-double most_rocks(const RockField& field, const Footprint& region, double smallest_m) {
+double max_expected_rocks(const RockField& field, const Footprint& region, double smallest_m) {
   const RockLaw& law = field.law();
-  // Mean of the enrichment over a disc as large as the region, by the cube law.
+  // Average the enrichment by the cube law over a disc as large as the region.
   constexpr double kLargestRadius_m = 250;
   const double area = area_m2(region), radii = std::sqrt(area / std::numbers::pi) / kLargestRadius_m,
                mean = radii <= 1 ? 1 : (3 - 2 / radii) / (radii * radii);
@@ -79,8 +80,7 @@ std::shared_ptr<const RockSurvey::FreshCraters> RockSurvey::fresh_around(const B
     const int posts = std::max_element(layers.begin(), layers.end(), [](const auto& a, const auto& b) {
                         return a.share < b.share;
                       })->level;
-    // On the ground, where degrees of longitude are short near a pole.
-    const Circle reach = circle_around(box);
+    const Circle reach = circle_around(box);  // in metres: degrees of longitude are short near a pole
     auto found = std::make_shared<const FreshCraters>(
         field_.fresh(detail_.craters(), Detail::past_largest_octave(posts), reach.middle, reach.radius_m, stop));
     const std::size_t bytes = bytes_of(*found);
@@ -91,21 +91,22 @@ std::shared_ptr<const RockSurvey::FreshCraters> RockSurvey::fresh_around(const B
 
 void RockSurvey::add(int octave, const BlockId& block, double smallest_m, std::vector<RockFeature>& out,
                      const StopToken& stop) const {
-  const int least = step_of(octave, smallest_m);
+  const int min_step = step_of(octave, smallest_m);
   const auto find = [&] {
     std::vector<RockFeature> rocks;
-    add(octave, footprint_of(block), diameter_of(octave, least), rocks, stop);
+    add(octave, footprint_of(block), diameter_of(octave, min_step), rocks, stop);
     rocks.shrink_to_fit();
     const std::size_t bytes = bytes_of(rocks);
     return decltype(memory_->rocks_)::Loaded{std::make_shared<const std::vector<RockFeature>>(std::move(rocks)), bytes};
   };
-  const auto known = memory_->rocks_.get({block, terrain_.detail_number(), octave, least}, find, stop);
-  std::copy_if(known->begin(), known->end(), std::back_inserter(out),
+  const auto cached = memory_->rocks_.get({block, terrain_.detail_number(), octave, min_step}, find, stop);
+  std::copy_if(cached->begin(), cached->end(), std::back_inserter(out),
                [&](const RockFeature& rock) { return rock.rock.diameter_m >= smallest_m; });
 }
 
 void RockSurvey::add(int octave, const Footprint& box, double smallest_m, std::vector<RockFeature>& out,
                      const StopToken& stop) const {
+  // Walk the blocks of block_around() under the box, and query each with its own fresh craters.
   std::vector<Rock> rocks;
   double south = box.south_deg;
   while (south < box.north_deg) {
@@ -115,7 +116,7 @@ void RockSurvey::add(int octave, const Footprint& box, double smallest_m, std::v
       const BlockId id = block_around(south, west);
       double east = std::min(box.east_deg, west + (lon_deg_of(extent_of(id).lon1()) - wrap_lon_deg(west)));
       if (!(east > west)) east = std::nextafter(west, 1000);
-      field_.within(octave, {south, north, west, east}, *fresh_around(id, stop), rocks, stop);
+      field_.in_box(octave, {south, north, west, east}, *fresh_around(id, stop), rocks, stop);
       west = east;
     }
     if (!(north > south)) north = std::nextafter(south, 1000);
@@ -124,34 +125,34 @@ void RockSurvey::add(int octave, const Footprint& box, double smallest_m, std::v
   for (const Rock& rock : rocks) {
     if (rock.diameter_m < smallest_m) continue;
     stop.check();
-    Geographic place = to_geographic(rock.centre * kMoonRadius_m);
-    // Few lie in a block.
-    const int level = std::min(level_under(octave), finest_level_at(terrain_, place.lat_deg, place.lon_deg));
-    const Ticks at = ticks_of(place.lat_deg, place.lon_deg);
+    Geographic position = to_geographic(rock.centre * kMoonRadius_m);
+    // Make single quads where the block is not cached: few rocks lie in a block.
+    const int level = std::min(level_under(octave), finest_level_at(terrain_, position.lat_deg, position.lon_deg));
+    const Ticks at = ticks_of(position.lat_deg, position.lon_deg);
     const auto block = terrain_.block_or_quad(at.block(level), at.whole_lat, at.whole_lon, stop);
-    const auto ground = block ? surface_on(*block, place.lat_deg, place.lon_deg) : std::nullopt;
+    const auto ground = block ? surface_on(*block, position.lat_deg, position.lon_deg) : std::nullopt;
     if (!ground) continue;
-    place.height_m = ground->height_m;
-    out.push_back({rock, place, rock.centre * (kMoonRadius_m + ground->height_m), ground->up});
+    position.height_m = ground->height_m;
+    out.push_back({rock, position, rock.centre * (kMoonRadius_m + ground->height_m), ground->up});
   }
 }
 
-std::vector<RockFeature> RockSurvey::within(const Footprint& region, double smallest_m, const StopToken& stop) const {
-  struct Piece {
+std::vector<RockFeature> RockSurvey::rocks_in(const Footprint& region, double smallest_m, const StopToken& stop) const {
+  struct OctaveBox {
     int octave;
     Footprint box;
   };
-  // Cut so that a piece's fresh craters are few.
-  constexpr double kPieceDiameters = 64;
-  std::vector<Piece> pieces;
+  // Cut the region into boxes small enough to have few fresh craters.
+  constexpr double kBoxDiameters = 64;
+  std::vector<OctaveBox> boxes;
   if (field_.empty()) return {};
   for (int k = std::max(field_.smallest_octave(), octave_of(smallest_m)); k <= field_.largest_octave(); ++k) {
     stop.check();
-    for (const Footprint& box : cut(region, std::ldexp(kPieceDiameters, k), stop)) pieces.push_back({k, box});
+    for (const Footprint& box : cut(region, std::ldexp(kBoxDiameters, k), stop)) boxes.push_back({k, box});
   }
-  return largest_first(gathered_in_parallel<RockFeature>(pieces.size(), 4, [&](std::size_t i, auto& some) {
+  return largest_first(gathered_in_parallel<RockFeature>(boxes.size(), 4, [&](std::size_t i, auto& found) {
     stop.check();
-    add(pieces[i].octave, pieces[i].box, smallest_m, some, stop);
+    add(boxes[i].octave, boxes[i].box, smallest_m, found, stop);
   }));
 }
 

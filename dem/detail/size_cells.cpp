@@ -9,15 +9,16 @@ namespace {
 
 using std::numbers::pi;
 
-// Beyond what a Poisson number of a cell's mean ever is: at the densest laws some 4 are expected.
-constexpr int kMostInCell = 4096;
+// Limit of a cell's Poisson deviate, which it never reaches: even the densest laws expect some 4 members per cell. It
+// ends the loop if rounding leaves a remainder.
+constexpr int kMaxInCell = 4096;
 
 }  // namespace
 
 double SizeFrequency::above(double diameter_m) const {
-  double fewest = std::numeric_limits<double>::infinity();
-  for (const Power& law : laws) fewest = std::min(fewest, law.per_m2 * std::pow(diameter_m, -law.exponent));
-  return laws.empty() ? 0 : fewest;
+  double minimum = std::numeric_limits<double>::infinity();
+  for (const Power& law : laws) minimum = std::min(minimum, law.per_m2 * std::pow(diameter_m, -law.exponent));
+  return laws.empty() ? 0 : minimum;
 }
 
 std::uint64_t Draws::bits() {
@@ -33,7 +34,7 @@ double Draws::normal() {
 int Draws::poisson(double mean) {
   double left = uniform(), probability = std::exp(-mean);
   int n = 0;
-  while (left > probability && n < kMostInCell) {
+  while (left > probability && n < kMaxInCell) {
     left -= probability;
     probability *= mean / ++n;
   }
@@ -41,8 +42,8 @@ int Draws::poisson(double mean) {
 }
 
 int SizeCells::Cells::columns(int row) const {
-  const double widest = std::cos(std::min(std::abs(south(row)), std::abs(south(row + 1))));
-  return std::max(1, static_cast<int>(std::lround(2.0 * rows * widest)));
+  const double max_cos_lat = std::cos(std::min(std::abs(south(row)), std::abs(south(row + 1))));
+  return std::max(1, static_cast<int>(std::lround(2.0 * rows * max_cos_lat)));
 }
 
 int SizeCells::Cells::row_at(double latitude) const {
@@ -59,12 +60,13 @@ double SizeCells::Cells::expected(int row) const {
   return per_m2 * kMoonRadius_m * kMoonRadius_m * width * (high - low);
 }
 
-SizeCells::SizeCells(std::uint64_t seed, SizeFrequency frequency, double smallest_m, double largest_m, double times)
+SizeCells::SizeCells(std::uint64_t seed, SizeFrequency frequency, double smallest_m, double largest_m,
+                     double density_factor)
     : seed_(seed),
       frequency_(std::move(frequency)),
       smallest_m_(smallest_m),
       largest_m_(largest_m),
-      times_(times),
+      density_factor_(density_factor),
       smallest_octave_(octave_of(smallest_m)),
       largest_octave_(static_cast<int>(std::ceil(std::log2(largest_m))) - 1) {}
 
@@ -75,9 +77,9 @@ SizeCells::Cells SizeCells::cells_of(int octave) const {
   cells.smallest_m = std::max(smallest_m_, std::ldexp(1.0, octave));
   cells.largest_m = largest_m(octave);
   if (cells.smallest_m >= cells.largest_m) return cells;
-  const double more = frequency_.above(cells.smallest_m), fewer = frequency_.above(cells.largest_m);
-  cells.per_m2 = times_ * (more - fewer);
-  cells.exponent = std::log(more / fewer) / std::log(cells.largest_m / cells.smallest_m);
+  const double above_smallest = frequency_.above(cells.smallest_m), above_largest = frequency_.above(cells.largest_m);
+  cells.per_m2 = density_factor_ * (above_smallest - above_largest);
+  cells.exponent = std::log(above_smallest / above_largest) / std::log(cells.largest_m / cells.smallest_m);
   return cells;
 }
 

@@ -212,7 +212,7 @@ PostXY locate(const RasterInfo& info, double lat_deg, double lon_deg) {
 }
 
 Geographic place_of_post(const RasterInfo& info, int x, int y) {
-  if (const auto* g = std::get_if<PlaneGrid>(&info.grid)) return PlanePosts(*g, info.width, info.height).place(x, y);
+  if (const auto* g = std::get_if<PlaneGrid>(&info.grid)) return PlanePosts(*g, info.width, info.height).position(x, y);
   const auto& g = std::get<GeographicGrid>(info.grid);
   return {g.first_lat_deg - y / g.lat_posts_per_degree, wrap_lon_deg(g.first_lon_deg + x / g.lon_posts_per_degree), 0};
 }

@@ -9,7 +9,8 @@ void fill_trigonometry(Block& block) {
   const auto n = static_cast<std::size_t>(e.quads) + 1;
   for (auto* table : {&block.sin_lat, &block.cos_lat, &block.sin_lon, &block.cos_lon}) table->resize(n);
   for (std::size_t i = 0; i < n; ++i) {
-    // Multiples of 90 degrees are exact, and ticks make the same place the same number in every block.
+    // Convert ticks to degrees without rounding, so that all blocks have the same bits at a common position. Sines and
+    // cosines of multiples of 90 degrees are exact.
     const auto [sin_lat, cos_lat] = sine_cosine_of_deg(lat_deg_of(e.lat0 + static_cast<std::int32_t>(i) * e.lat_step));
     const auto [sin_lon, cos_lon] =
         sine_cosine_of_deg(lon_deg_of(wrap_lon(e.lon0 + static_cast<std::int64_t>(i) * e.lon_step)));

@@ -29,7 +29,7 @@ inline constexpr bool is_blended(SourceMark mark) { return (mark & kBlendedBit) 
 
 // Bounds of lunar heights (relief: +10 786 m to -9 120 m); a post outside counts as no-data.
 inline constexpr float kLowestRelief_m = -12000.F, kHighestRelief_m = 13000.F;
-// Within, the Moon is solid.
+// Radius of a ball that lies below all terrain.
 inline constexpr double kCoreRadius_m = kMoonRadius_m + double{kLowestRelief_m};
 
 // Range of heights; low > high if there are none.
@@ -37,8 +37,8 @@ struct HeightRange {
   float low, high;
 };
 
-// What a vertex shows: the DEM, including interpolation between its posts, or detail below them. Values of the product
-// `detail`, which also has rocks.
+// Content that a vertex shows: the DEM, including interpolation between its posts, or detail finer than the posts.
+// These are values of the product `detail`, which also has rocks.
 enum class Ground : std::uint8_t { dem = 0, crater = 1, relief = 2, rock = 3 };
 
 // Data of a vertex that do not follow from the lattice: sixteen bytes, as rendering fetches them.
@@ -53,9 +53,10 @@ struct Block {
   BlockId id;
   BlockExtent extent{};
   std::vector<Vertex> vertices;
-  std::vector<SourceMark> sources;  // one for the whole block, or one per post
-  std::vector<Ground> ground;       // empty: DEM only; otherwise as `sources`
-  double error_m = 0;               // as in NodeInfo, as are the next two
+  std::vector<SourceMark> sources;  // one element for all posts, or one per post
+  std::vector<Ground> ground;       // empty: DEM only; otherwise one element for all posts, or one per post
+  // The same quantities as in NodeInfo.
+  double error_m = 0;
   double detail_error_m = 0, left_out_size_m = 0;
   float min_m = 0, max_m = 0;  // range of these heights and of the finest surface
   // Separable sines and cosines of rows and columns, for fast conversion to Cartesian coordinates.
@@ -77,7 +78,8 @@ struct Block {
       if (!of_vertices.empty()) of_vertices.erase(of_vertices.begin() + 1, of_vertices.end());
       of_vertices.shrink_to_fit();
     };
-    packed(sources), packed(ground);
+    packed(sources);
+    packed(ground);
   }
   Vec3 position(int r, int c, double height_m) const {
     const auto row = static_cast<std::size_t>(r), col = static_cast<std::size_t>(c);
@@ -85,18 +87,18 @@ struct Block {
     return {radius * cos_lat[row] * cos_lon[col], radius * cos_lat[row] * sin_lon[col], radius * sin_lat[row]};
   }
   std::size_t bytes() const {
-    // Vertices as allocated: the heap rounds arrays of their size up by a fifth.
+    // Count vertices as allocated: the heap rounds arrays of their size up by a fifth.
     return sizeof(Block) + ::malloc_usable_size(const_cast<Vertex*>(vertices.data())) +
            sources.size() * sizeof(SourceMark) + ground.size() + 8 * 2 * (sin_lat.size() + sin_lon.size());
   }
 };
 
-// The post of a block at a place (ticks), if its lattice has one there and it is valid.
+// Returns the post of a block at a position in ticks, if the block's lattice has a valid one there.
 inline std::optional<float> post_at(const Block& block, std::int64_t lat, std::int64_t lon) {
   const BlockExtent& e = block.extent;
   const std::int64_t dy = lat - e.lat0;
   std::int64_t dx = wrap_lon(lon) - e.lon0;
-  if (dx < 0) dx += kLonTicks;  // the eastern edge of a block that ends at 180 degrees
+  if (dx < 0) dx += kLonTicks;  // longitude 180 wraps to -180, but it is the eastern edge of the last block
   if (dy < 0 || dy > std::int64_t{e.quads} * e.lat_step || dx > std::int64_t{e.quads} * e.lon_step || dy % e.lat_step ||
       dx % e.lon_step)
     return std::nullopt;

@@ -1,7 +1,7 @@
 // Trigonometry in degrees, exact at multiples of 90 degrees.
 //
-// The formulas are those of GeographicLib 2.1. They are here because another version of that library gives other last
-// bits at 30 and 45 degrees, and so other terrain and other answers. Tests compare coordinates with the library's.
+// The formulas are those of GeographicLib 2.1. They are copied because versions of that library differ in the last bits
+// at 30 and 45 degrees, hence in terrain and answers. Tests compare coordinates with the library's.
 #pragma once
 
 #include <cmath>
@@ -38,7 +38,7 @@ inline SineCosine sine_cosine_of_deg(double angle_deg) {
   return out;
 }
 
-// Polar angle of a point, in [-180, 180] degrees.
+// Returns the polar angle of a point, in [-180, 180] degrees.
 inline double atan2_deg(double y, double x) {
   // Take the arc tangent of a ratio of at most 1, from the nearest axis.
   enum { east, west, north, south } side = x < 0 ? west : east;

@@ -25,11 +25,15 @@ Geographic to_geographic(const Vec3& p_m) {
 }
 
 double wrap_lon_deg(double lon_deg) {
-  if (lon_deg >= -180 && lon_deg < 180) return lon_deg;  // a division less
+  if (lon_deg >= -180 && lon_deg < 180) return lon_deg;  // saves a division in the usual case
   const double wrapped = std::remainder(lon_deg, 360.0);
   return wrapped >= 180.0 ? -180.0 : wrapped;
 }
 
+// Solves for the first intersection from the triangle of the centre, the nearest point of the ray, and an intersection:
+//
+//   from ----------- o ======= x ======= o        x  nearest point of the ray's line to the centre
+//   |<------- along ---------->|<- half ->|       half^2 = R^2 - |centre - x|^2
 std::optional<Vec3> on_sphere(const Vec3& from_m, const Vec3& direction) {
   const double along = -from_m.dot(direction), off_axis2 = from_m.squaredNorm() - along * along,
                half2 = kMoonRadius_m * kMoonRadius_m - off_axis2;

@@ -1,7 +1,7 @@
 // The Moon as a sphere: MOON_ME geographic coordinates <-> MOON_ME Cartesian metres.
 //
-// Latitude is planetocentric, longitude east-positive, height above the sphere of 1 737 400 m. Degrees at this border.
-// Everything is double: float has 0.125 m resolution at this radius.
+// Latitude is planetocentric, longitude east-positive, height above the sphere of 1 737 400 m; interfaces use degrees.
+// All coordinates are double: float has a resolution of 0.125 m at this radius.
 #pragma once
 
 #include <Eigen/Core>
@@ -29,28 +29,29 @@ struct Geographic {
   double height_m = 0;
 };
 
-// Exact at multiples of 90 degrees: at a pole x and y are zero whatever the longitude.
+// Returns Cartesian coordinates, exact at multiples of 90 degrees: at a pole x and y are zero for any longitude.
 Vec3 to_cartesian(const Geographic& g);
 
-// Longitude in [-180, 180). The centre gives latitude and longitude 0.
+// Returns geographic coordinates, the longitude in [-180, 180). The Moon's centre has latitude and longitude 0.
 Geographic to_geographic(const Vec3& p_m);
 
-// Wraps into [-180, 180).
+// Wraps a longitude into [-180, 180).
 double wrap_lon_deg(double lon_deg);
 
-// Of two directions of any length, rad.
+// Returns the angle between two directions of any length, rad.
 inline double angle_between(const Vec3& a, const Vec3& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
 
-// Where a ray from outside meets the sphere of height 0; `direction`: unit.
+// Returns the first intersection of a ray from outside with the sphere of height 0; empty if it misses. `direction` is
+// a unit vector.
 std::optional<Vec3> on_sphere(const Vec3& from_m, const Vec3& direction);
 
 struct EastNorthUp {
   Vec3 east, north, up;
 };
 
-// Local axes at a place. At a pole they are those of the meridian `lon_deg`, as next to the pole.
+// Returns the local axes at a position. At a pole they are those of the meridian `lon_deg`, as next to the pole.
 EastNorthUp local_axes(double lat_deg, double lon_deg);
-// Local axes at a direction from the Moon's centre. At a pole, which has no longitude, longitude 0 is used.
+// Returns the local axes at a direction from the Moon's centre; at a pole, those of longitude 0.
 EastNorthUp local_axes(const Vec3& p_m);
 
 }  // namespace selenograph

@@ -4,19 +4,19 @@
 
 namespace selenograph::dem {
 
-std::optional<std::pair<std::int64_t, std::int64_t>> shift_between(const PostGrid& grid, const PostGrid& other) {
-  constexpr double kTolerance = 1e-3;  // of a post
+std::optional<std::pair<std::int64_t, std::int64_t>> shift_between(const PostGrid& grid, const PostGrid& shifted) {
+  constexpr double kTolerance = 1e-3;  // share of the post spacing
   const auto same = [](double a, double b) { return std::abs(a / b - 1) <= 1e-9; };
   double dx = 0, dy = 0;
-  if (grid.index() != other.index()) return std::nullopt;
+  if (grid.index() != shifted.index()) return std::nullopt;
   if (const auto* a = std::get_if<PlaneGrid>(&grid)) {
-    const auto& b = std::get<PlaneGrid>(other);
+    const auto& b = std::get<PlaneGrid>(shifted);
     if (a->plane != b.plane || !same(a->spacing_m, b.spacing_m)) return std::nullopt;
     dx = (b.first_x_m - a->first_x_m) / a->spacing_m;
     dy = (a->first_y_m - b.first_y_m) / a->spacing_m;
   } else {
     const auto& g = std::get<GeographicGrid>(grid);
-    const auto& b = std::get<GeographicGrid>(other);
+    const auto& b = std::get<GeographicGrid>(shifted);
     if (!same(g.lat_posts_per_degree, b.lat_posts_per_degree) || !same(g.lon_posts_per_degree, b.lon_posts_per_degree))
       return std::nullopt;
     dx = (b.first_lon_deg - g.first_lon_deg) * g.lon_posts_per_degree;

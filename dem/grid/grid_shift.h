@@ -1,4 +1,4 @@
-// Grids whose posts coincide.
+// Offset between two grids whose posts coincide.
 #pragma once
 
 #include <cstdint>
@@ -9,7 +9,8 @@
 
 namespace selenograph::dem {
 
-// Column and row in `grid` of the first post of `other`; empty: the posts of `other` are not on this grid.
-std::optional<std::pair<std::int64_t, std::int64_t>> shift_between(const PostGrid& grid, const PostGrid& other);
+// Returns the column and row in `grid` of the first post of `shifted`; empty if posts of `shifted` do not coincide with
+// posts of `grid`.
+std::optional<std::pair<std::int64_t, std::int64_t>> shift_between(const PostGrid& grid, const PostGrid& shifted);
 
 }  // namespace selenograph::dem

@@ -28,8 +28,8 @@ int lon_shift(int level, int row) {
   const double south = std::abs(lat_deg_of(row * side)), north = std::abs(lat_deg_of((row + 1) * side));
   const double nearest_equator =
       (row * side <= kLatTicks / 2 && (row + 1) * side >= kLatTicks / 2) ? 0 : std::min(south, north);
-  if (nearest_equator < 75)
-    return 0;  // cos > 1/4: no need to compute it, and this is called for every block all the time
+  // Return early where cos > 1/4: this function is called for every block of every frame.
+  if (nearest_equator < 75) return 0;
   const double aspect = std::cos(nearest_equator * kRadiansPerDegree);
   const int cap = std::max(0, level - kRootLevel) + 1;  // blocks of 8 degrees: 45 around the globe
   int shift = 0;
@@ -89,7 +89,12 @@ double parallel_shift_m(const BlockId& id) {
   const double equatorward = std::min(south, north) * kRadiansPerDegree,
                poleward = std::max(south, north) * kRadiansPerDegree,
                half_step = static_cast<double>(e.lon_step) / kTicksPerDegree / 2 * kRadiansPerDegree;
-  // A chord is nearer to the axis than its parallel: some of it downward, the sag, some toward the pole.
+  // A chord lies nearer to the axis than its parallel. The offset has a component downward, the sag, and one toward the
+  // pole, this shift:
+  //
+  //        axis |        o parallel
+  //             |  <--- o  chord's middle, nearer to the axis by R cos(lat) (1 - cos(half_step))
+  //             |      the component along the meridian is that times sin(lat)
   return kMoonRadius_m * std::cos(equatorward) * (1 - std::cos(half_step)) * std::sin(poleward);
 }
 

@@ -7,7 +7,14 @@
 // block of 8 degrees.
 //
 // Positions are exact integers ("ticks" of 2^-20 degree): latitude from the south pole, longitude from -180 eastward.
-// The same place has the same tick at every level, hence the same sine and cosine, bit for bit.
+// A position has the same tick at every level, hence the same sine and cosine, bit for bit.
+//
+//   level 4, one block          level 5, its four children        posts of both levels: x, of level 5 only: +
+//   +-----------------+         +--------+--------+               x  +  x  +  x
+//   |                 |         | row 2r+1        |               +  +  +  +  +
+//   |  64 x 64 quads  |         +--------+--------+               x  +  x  +  x
+//   |  row r, col c   |         | row 2r | 2r     |
+//   +-----------------+         +--------+--------+   (columns 2c and 2c + 1 where lon_shift does not change)
 #pragma once
 
 #include <compare>
@@ -26,7 +33,7 @@ inline constexpr std::int32_t kTicksPerDegree = 1 << kTickLevel;
 inline constexpr std::int32_t kLatTicks = 180 * kTicksPerDegree;
 inline constexpr std::int32_t kLonTicks = 360 * kTicksPerDegree;
 
-// Rounded down; b > 0.
+// Returns a / b rounded down; b > 0.
 inline std::int64_t floor_div(std::int64_t a, std::int64_t b) { return a / b - (a % b < 0); }
 
 struct BlockId {
@@ -36,7 +43,7 @@ struct BlockId {
 
 std::string to_string(const BlockId& id);  // "L08 r123 c456"
 
-// Ticks of a block's south-west vertex, of one quad, and quads per side.
+// A block's area: its south-west vertex and the size of a quad, in ticks, and its quads per side.
 struct BlockExtent {
   std::int32_t lat0, lon0, lat_step, lon_step;
   int quads;
@@ -45,7 +52,7 @@ struct BlockExtent {
 };
 
 int quads_per_side(int level);
-// Triangles of a block: two per quad.
+// Returns the number of triangles of a block: two per quad.
 inline std::int64_t triangles_of_block(int level) {
   return std::int64_t{2} * quads_per_side(level) * quads_per_side(level);
 }
@@ -54,7 +61,7 @@ int lon_shift(int level, int row);
 int columns_of(int level, int row);
 BlockExtent extent_of(const BlockId& id);
 
-// From south to north and west to east: one child if id.level < kRootLevel, else 2 to 4.
+// Returns the children from south to north and west to east: one if id.level < kRootLevel, else 2 to 4.
 std::vector<BlockId> children_of(const BlockId& id);
 BlockId ancestor_of(const BlockId& id, int level);                          // level <= id.level
 BlockId block_at(int level, std::int32_t lat_tick, std::int32_t lon_tick);  // the pole belongs to the last row
@@ -63,18 +70,18 @@ std::int32_t wrap_lon(std::int64_t lon_tick);  // into [0, kLonTicks)
 inline double lat_deg_of(std::int32_t lat_tick) { return -90.0 + static_cast<double>(lat_tick) / kTicksPerDegree; }
 inline double lon_deg_of(std::int32_t lon_tick) { return -180.0 + static_cast<double>(lon_tick) / kTicksPerDegree; }
 
-// Post spacing along a meridian on the sphere, m.
+// Returns the post spacing along a meridian on the sphere, m.
 double post_spacing_m(int level);
 
-// Largest distance between a level's chords and the sphere below them, m: half a quad's diagonal, squared, over 2 R.
+// Returns the largest distance between a level's chords and the sphere above them, m: half a quad's diagonal, squared,
+// over 2 R.
 double chord_sag_m(int level);
 
-// Chords of this level stay within 2 mm of the sphere: coarser layers are subdivided to it where finest posts are asked
-// for.
+// Level whose chords stay within 2 mm of the sphere. The finest surface of coarser posts is subdivided to it.
 inline constexpr int kSmoothLevel = 8;
 
-// Largest distance, along the meridian, between parallels through a block and the chords of its quads, m: heights along
-// a chord are those of its parallel. 0 at the equator, large beside a pole.
+// Returns the largest distance, along the meridian, between parallels through a block and the chords of its quads, m:
+// the surface shows a parallel's heights along its chord. 0 at the equator, large beside a pole.
 double parallel_shift_m(const BlockId& id);
 
 struct BlockIdHash {

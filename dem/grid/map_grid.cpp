@@ -36,8 +36,8 @@ std::optional<Vec3> MapTransform::from_orthographic(const MapPoint& p) const {
   return x * axes_.east + y * axes_.north + std::sqrt(up2) * axes_.up;
 }
 
-// Snyder (7-4), (7-5) and, with its axis on the equator, (8-6), (8-7), as a vector: on the cylinder around `axis`,
-// which touches the sphere at the origin.
+// Snyder (7-4), (7-5) and, with its axis on the equator, (8-6), (8-7), as a vector: from the cylinder around `axis`
+// that touches the sphere at the origin.
 Vec3 MapTransform::from_cylinder(double around_m, double along_m, const Vec3& east, const Vec3& axis) const {
   const double around = around_m / radius_m_, along = along_m / radius_m_;
   return (std::sin(around) * east + std::cos(around) * axes_.up) / std::cosh(along) + std::tanh(along) * axis;
@@ -59,12 +59,12 @@ std::optional<Vec3> MapTransform::direction(const MapPoint& p) const {
   return std::nullopt;
 }
 
-std::optional<MapPoint> MapTransform::place(const Vec3& direction) const {
+std::optional<MapPoint> MapTransform::project(const Vec3& direction) const {
   const double east = direction.dot(axes_.east), north = direction.dot(axes_.north), up = direction.dot(axes_.up);
   switch (plane_.projection) {
     case MapProjection::equirectangular: {
       const Geographic g = to_geographic(direction * kMoonRadius_m);
-      return place(g.lat_deg, g.lon_deg);
+      return project(g.lat_deg, g.lon_deg);
     }
     case MapProjection::stereographic:  // Snyder (21-2) to (21-4)
       if (!(1 + up > 0)) break;
@@ -82,10 +82,10 @@ std::optional<MapPoint> MapTransform::place(const Vec3& direction) const {
   return std::nullopt;
 }
 
-std::optional<MapPoint> MapTransform::place(double lat_deg, double lon_deg) const {
+std::optional<MapPoint> MapTransform::project(double lat_deg, double lon_deg) const {
   if (plane_.projection == MapProjection::equirectangular)  // Snyder (12-1), (12-2)
     return MapPoint{wrap_lon_deg(lon_deg - plane_.lon_deg) * metres_per_degree_, lat_deg * kMetresPerDegree};
-  return place(unit(lat_deg, lon_deg));
+  return project(unit(lat_deg, lon_deg));
 }
 
 }  // namespace selenograph::dem

@@ -1,5 +1,5 @@
 // Map projections of the Moon's sphere. The formulas are Snyder's (Map Projections: A Working Manual, USGS Professional
-// Paper 1395, 1987) on the sphere of 1 737 400 m; dem/gdal gives GDAL the same definitions, and takes them from it.
+// Paper 1395, 1987) on the sphere of 1 737 400 m; dem/gdal translates the definitions to and from GDAL's.
 #pragma once
 
 #include <optional>
@@ -25,9 +25,9 @@ struct MapPlane {
   MapProjection projection = MapProjection::equirectangular;
   // The projection's origin. Equirectangular and Mercator: latitude 0 and the central meridian.
   double lat_deg = 0, lon_deg = 0;
-  double standard_parallel_deg = 0;  // for equirectangular
-  // k0, lengths on the plane over lengths on the ground: of stereographic at the origin, of Mercator at the equator, of
-  // transverse Mercator on the central meridian.
+  double standard_parallel_deg = 0;  // equirectangular only
+  // k0, lengths on the plane over lengths on the ground: at the origin (stereographic), at the equator (Mercator), on
+  // the central meridian (transverse Mercator).
   double scale = 1;
 
   bool operator==(const MapPlane&) const = default;
@@ -38,13 +38,14 @@ class MapTransform {
  public:
   explicit MapTransform(const MapPlane& plane);
 
-  // Empty on the far side of an orthographic map, and where another one would be infinitely large: opposite to a
-  // stereographic one's origin, at the poles of Mercator, 90 degrees east and west of transverse Mercator's origin.
-  std::optional<MapPoint> place(double lat_deg, double lon_deg) const;
-  // The same for a place in the direction of a unit vector from the Moon's centre.
-  std::optional<MapPoint> place(const Vec3& direction) const;
+  // Projects a position. Empty on the far side of an orthographic map, and where the map would be infinitely large:
+  // opposite to the origin of a stereographic one, at the poles of Mercator, 90 degrees east and west of the origin of
+  // transverse Mercator.
+  std::optional<MapPoint> project(double lat_deg, double lon_deg) const;
+  // Projects a direction, a unit vector from the Moon's centre.
+  std::optional<MapPoint> project(const Vec3& direction) const;
 
-  // Unit vector from the Moon's centre; empty where the plane has no point of the Moon.
+  // Returns the unit vector from the Moon's centre to a point; empty where the plane has no point of the Moon.
   std::optional<Vec3> direction(const MapPoint& point) const;
 
  private:
@@ -55,7 +56,7 @@ class MapTransform {
 
   MapPlane plane_;
   double metres_per_degree_;  // metres per degree of longitude
-  double radius_m_;           // of the sphere, times k0
+  double radius_m_;           // radius of the sphere times k0
   EastNorthUp axes_;          // axes at the projection's origin; at a pole along its central meridian
 };
 
@@ -66,7 +67,7 @@ struct MapGrid {
   double gsd_m = 1;                // side of a pixel
   int width = 0, height = 0;
 
-  // Position of a pixel's centre.
+  // Returns the position of a pixel's centre.
   MapPoint point(int column, int row) const { return {west_m + (column + 0.5) * gsd_m, north_m - (row + 0.5) * gsd_m}; }
 };
 

@@ -17,6 +17,7 @@ struct PlaneSlopes {
   double along_row, along_column;  // m per post
 };
 
+// Returns the slopes at a post. Without voids, the least-squares plane needs only the sums of dx h and dy h.
 template <SlopeStencil kStencil>
 HWY_INLINE PlaneSlopes SlopesAt(const float* centre, int stride) {
   if constexpr (kStencil == SlopeStencil::sharpened) {
@@ -28,7 +29,8 @@ HWY_INLINE PlaneSlopes SlopesAt(const float* centre, int stride) {
     for (int dy = -kReach; dy <= kReach; ++dy)
       for (int dx = -kReach; dx <= kReach; ++dx) {
         const float h = centre[dy * stride + dx] - *centre;
-        along_row += static_cast<float>(dx) * h, along_column += static_cast<float>(dy) * h;
+        along_row += static_cast<float>(dx) * h;
+        along_column += static_cast<float>(dy) * h;
       }
     return {static_cast<double>(along_row) / kSum, static_cast<double>(along_column) / kSum};
   }
@@ -50,7 +52,8 @@ void NormalsBy(const float* centre, int stride, int n, const NormalRow& row, flo
                  ny = cos_lat * sin_lon - cos_lon * to_east + sin_lat * sin_lon * to_north,
                  nz = sin_lat - cos_lat * to_north;
     const double length = std::sqrt(nx * nx + (ny * ny + nz * nz));
-    x[c] = static_cast<float>(nx / length), y[c] = static_cast<float>(ny / length),
+    x[c] = static_cast<float>(nx / length);
+    y[c] = static_cast<float>(ny / length);
     z[c] = static_cast<float>(nz / length);
   }
 }

@@ -10,10 +10,10 @@
 namespace selenograph::dem {
 
 std::optional<int> lattice_level_of(const GeographicGrid& g, int posts_along) {
-  constexpr double kTolerance = 1e-9;  // of a post: rounding of labels' decimals in double, far below what shows
+  constexpr double kTolerance = 1e-9;  // share of a post: covers the rounding of decimals in labels
   const double ppd = std::round(g.lat_posts_per_degree);
   if (ppd < 1 || ppd > 1 << 24 || !std::has_single_bit(static_cast<std::uint32_t>(ppd))) return std::nullopt;
-  // A resolution that is a little wrong adds up along the raster.
+  // Multiply the error of the resolution by the number of posts: it adds up along the raster.
   for (const double p : {g.lat_posts_per_degree, g.lon_posts_per_degree})
     if (std::abs(p / ppd - 1) * posts_along > kTolerance) return std::nullopt;
   for (const double first : {g.first_lat_deg, g.first_lon_deg})
@@ -24,11 +24,11 @@ std::optional<int> lattice_level_of(const GeographicGrid& g, int posts_along) {
 namespace {
 
 constexpr double kNowhere = -1e9;
-// Longitudes have a step of 180 degrees where the border runs over a pole, which is therefore taken as outside. (2 um
-// of the plane.)
+// Radius of an orthographic map's disc, less 2 um. A pole on the limb is thus outside: the border's longitude would
+// have a step of 180 degrees at it.
 constexpr double kLimb_m = kMoonRadius_m * (1 - 1e-12);
 
-bool cylindrical(const MapPlane& plane) {
+bool is_cylindrical(const MapPlane& plane) {
   return plane.projection == MapProjection::mercator || plane.projection == MapProjection::transverse_mercator;
 }
 
@@ -39,12 +39,14 @@ MapPoint period_of(const MapPlane& plane) {
   return {};
 }
 
-// As near to `middle` as the period allows.
-double turned(double v, double middle, double period) {
+// Returns v shifted by whole periods to the value nearest to `middle`.
+double nearest_to(double v, double middle, double period) {
   return period > 0 ? v + period * std::round((middle - v) / period) : v;
 }
 
-// The largest value of a function of the border's samples' numbers, which is smooth or has one corner between samples.
+// Returns the largest value of a function along the closed border, to better than its samples: a golden-section search
+// around each sample that may be near the maximum. f(i, t): value at position t, close to sample i. The function must
+// be smooth, or have one corner, between adjacent samples.
 template <typename Function>
 double highest(int samples, const Function& f) {
   std::vector<double> values(static_cast<std::size_t>(samples));
@@ -52,7 +54,8 @@ double highest(int samples, const Function& f) {
   double best = *std::max_element(values.begin(), values.end());
   for (int i = 0; i < samples; ++i) {
     const auto value = [&](int k) { return values[static_cast<std::size_t>((k + samples) % samples)]; };
-    // Around the sample it rises by no more than it falls to both of its neighbours.
+    // Skip a sample whose surroundings cannot exceed the best value: the function rises beside it by no more than it
+    // falls to both of its neighbours.
     const double rise = 2 * value(i) - value(i - 1) - value(i + 1);
     if (value(i) < value(i - 1) || value(i) < value(i + 1) || value(i) + rise <= best + 1e-10) continue;
     constexpr double kGolden = std::numbers::phi - 1;
@@ -77,8 +80,8 @@ PlanePosts::PlanePosts(const PlaneGrid& grid, int width, int height)
 PostXY PlanePosts::posts_at(const std::optional<MapPoint>& p) const {
   if (!p) return {kNowhere, kNowhere};
   const MapPoint middle = at(columns_ / 2, rows_ / 2);
-  const double x_m = turned(p->x_m, middle.x_m, period_.x_m), y_m = turned(p->y_m, middle.y_m, period_.y_m);
-  // Opposite to a stereographic plane's origin places are nearly infinitely far.
+  const double x_m = nearest_to(p->x_m, middle.x_m, period_.x_m), y_m = nearest_to(p->y_m, middle.y_m, period_.y_m);
+  // Clamp positions opposite to a stereographic plane's origin, which are nearly infinitely far away.
   const auto bounded = [](double v) { return std::clamp(v, kNowhere, -kNowhere); };
   return {bounded((x_m - grid_.first_x_m) / grid_.spacing_m), bounded((grid_.first_y_m - y_m) / grid_.spacing_m)};
 }
@@ -87,39 +90,45 @@ bool PlanePosts::within_limb(const MapPoint& p) const {
   return grid_.plane.projection != MapProjection::orthographic || std::hypot(p.x_m, p.y_m) <= kLimb_m;
 }
 
-Geographic PlanePosts::place_at(const MapPoint& p) const {
+Geographic PlanePosts::position_at(const MapPoint& p) const {
   const double shrink = within_limb(p) ? 1 : kLimb_m / std::hypot(p.x_m, p.y_m);
   Geographic g = to_geographic(*transform_.direction({p.x_m * shrink, p.y_m * shrink}) * kMoonRadius_m);
   g.height_m = 0;
   return g;
 }
 
-Geographic PlanePosts::place(double x, double y) const { return place_at(at(x, y)); }
+Geographic PlanePosts::position(double x, double y) const { return position_at(at(x, y)); }
 
 double PlanePosts::posts_per_degree() const {
   const MapPlane& plane = grid_.plane;
   const MapPoint middle = at(columns_ / 2, rows_ / 2);
-  // Snyder (7-3), (8-4): the scale is k0 cosh(v / (R k0)), v being the distance from where the cylinder touches.
+  // By Snyder (7-3), (8-4) the scale is k0 cosh(v / (R k0)), v being the distance from the line where the cylinder
+  // touches the sphere.
   const double v_m = plane.projection == MapProjection::mercator ? middle.y_m : middle.x_m;
-  const double stretch = cylindrical(plane) ? std::cosh(v_m / (kMoonRadius_m * plane.scale)) : 1;
+  const double stretch = is_cylindrical(plane) ? std::cosh(v_m / (kMoonRadius_m * plane.scale)) : 1;
   return kMetresPerDegree * plane.scale * stretch / grid_.spacing_m;
 }
 
-// Once around the posts that are on the Moon, while t goes from 0 to 4: by one for each side of the raster. What lies
-// beyond the limb is replaced by the limb, as seen from the post that is nearest to the origin. (Both the raster and
-// the disc are convex.)
+// Returns a point of the border of the posts on the Moon; t from 0 to 4 runs once around, by 1 along each side of the
+// raster. A point beyond the limb is moved onto the limb, toward the post nearest to the origin: raster and disc are
+// convex, so the border stays one closed curve.
+//
+//   t=0 ______ t=1
+//      |  .--.|        . limb; raster corners beyond it are cut off
+//      | /    |
+//   t=3 |_____| t=2
 Geographic PlanePosts::border(double t) const {
   const double along = t - 4 * std::floor(t / 4);
   const auto ramp = [](double v) { return std::clamp(v, 0.0, 1.0); };
   const MapPoint p = at(columns_ * (ramp(along) - ramp(along - 2)), rows_ * (ramp(along - 1) - ramp(along - 3)));
-  if (within_limb(p)) return place_at(p);
+  if (within_limb(p)) return position_at(p);
   const MapPoint first = at(0, 0), last = at(columns_, rows_);
   const double x_m = std::clamp(0.0, first.x_m, last.x_m), y_m = std::clamp(0.0, last.y_m, first.y_m);
-  // |middle + s (p - middle)| = limb, by the quadratic formula.
+  // Solve |q + s (p - q)| = limb for s, q being the post nearest to the origin, by the quadratic formula.
   const double dx = p.x_m - x_m, dy = p.y_m - y_m, a = dx * dx + dy * dy, b = x_m * dx + y_m * dy,
                c = std::min(0.0, x_m * x_m + y_m * y_m - kLimb_m * kLimb_m);
   const double s = (std::sqrt(b * b - a * c) - b) / a;
-  return place_at({x_m + s * dx, y_m + s * dy});
+  return position_at({x_m + s * dx, y_m + s * dy});
 }
 
 bool PlanePosts::contains(double x, double y) const {
@@ -127,7 +136,7 @@ bool PlanePosts::contains(double x, double y) const {
   return x >= -kRounding && x <= columns_ + kRounding && y >= -kRounding && y <= rows_ + kRounding;
 }
 
-// Latitude and longitude are highest and lowest on the border, but for the poles.
+// Searches the border, where latitude and longitude have their extremes, unless a pole lies inside.
 Footprint PlanePosts::footprint() const {
   constexpr int kSamples = 128;
   std::vector<Geographic> samples;
@@ -147,7 +156,7 @@ Footprint PlanePosts::footprint() const {
   Footprint f{lowest(lat_deg), highest(kSamples, lat_deg), -180, 180};
   bool pole = false;
   for (const double lat : {-90.0, 90.0}) {
-    const std::optional<MapPoint> p = transform_.place(lat, 0);
+    const std::optional<MapPoint> p = transform_.project(lat, 0);
     const PostXY at = locate(lat, 0);
     if (!p || !within_limb(*p) || !contains(at.x, at.y)) continue;
     pole = true;
@@ -156,7 +165,8 @@ Footprint PlanePosts::footprint() const {
   if (pole) return f;
   const double west_deg = lowest(lon_deg), across_deg = highest(kSamples, lon_deg) - west_deg;
   if (across_deg >= 360) return f;
-  f.west_deg = wrap_lon_deg(west_deg), f.east_deg = f.west_deg + across_deg;
+  f.west_deg = wrap_lon_deg(west_deg);
+  f.east_deg = f.west_deg + across_deg;
   return f;
 }
 

@@ -8,7 +8,7 @@
 
 namespace selenograph::dem {
 
-// Column and row of a post; fractional for a place between posts. Post (0, 0) is the first one of the file.
+// Column and row of a post; fractional for a position between posts. Post (0, 0) is the first one of the file.
 struct PostXY {
   double x, y;
 };
@@ -33,8 +33,8 @@ struct PlaneGrid {
 
 using PostGrid = std::variant<GeographicGrid, PlaneGrid>;
 
-// n of the 2^-n degree lattice on which all posts lie exactly, if there is one; `posts_along`: posts of the longer
-// side.
+// Returns n of the 2^-n degree lattice on which all posts lie exactly, if there is one. `posts_along`: posts of the
+// longer side.
 std::optional<int> lattice_level_of(const GeographicGrid& grid, int posts_along);
 
 // The posts of a raster on a plane.
@@ -42,22 +42,23 @@ class PlanePosts {
  public:
   PlanePosts(const PlaneGrid& grid, int width, int height);
 
-  // Where the plane does not show the place: far outside of any raster (-1e9).
-  PostXY locate(double lat_deg, double lon_deg) const { return posts_at(transform_.place(lat_deg, lon_deg)); }
-  // The same for a place in the direction of a unit vector from the Moon's centre.
-  PostXY locate(const Vec3& direction) const { return posts_at(transform_.place(direction)); }
+  // Returns the column and row of a position. A position that the plane does not show is far outside any raster (-1e9).
+  PostXY locate(double lat_deg, double lon_deg) const { return posts_at(transform_.project(lat_deg, lon_deg)); }
+  // Returns the column and row of a direction, a unit vector from the Moon's centre.
+  PostXY locate(const Vec3& direction) const { return posts_at(transform_.project(direction)); }
 
-  // Inverse; height_m is 0. Beyond the limb of an orthographic plane: the place on the limb next to it.
-  Geographic place(double x, double y) const;
+  // Inverse of locate(); height_m is 0. Beyond the limb of an orthographic plane, it returns the nearest point of the
+  // limb.
+  Geographic position(double x, double y) const;
 
-  // Whether a post is a place on the Moon. Those in the corners of an orthographic map of a hemisphere are not.
+  // Returns whether a post is on the Moon. Posts in the corners of an orthographic map of a hemisphere are not.
   bool on_moon(double x, double y) const { return within_limb(at(x, y)); }
 
-  // At the origin of an azimuthal projection; of a cylindrical one (Mercator, transverse Mercator) in the raster's
-  // middle, since it may lie far from where the cylinder touches the sphere.
+  // Returns the density of posts at the origin of an azimuthal projection. For a cylindrical one (Mercator, transverse
+  // Mercator) it is that in the raster's middle, which may lie far from the line where the cylinder touches the sphere.
   double posts_per_degree() const;
 
-  // Of the posts that are on the Moon, at least one.
+  // Returns the footprint of the posts on the Moon; there must be at least one.
   Footprint footprint() const;
 
  private:
@@ -66,14 +67,14 @@ class PlanePosts {
   }
   PostXY posts_at(const std::optional<MapPoint>& p) const;
   bool within_limb(const MapPoint& p) const;
-  Geographic place_at(const MapPoint& p) const;
+  Geographic position_at(const MapPoint& p) const;
   Geographic border(double t) const;
   bool contains(double x, double y) const;
 
   PlaneGrid grid_;
-  double columns_, rows_;  // from the first post to the last
+  double columns_, rows_;  // number of steps from the first post to the last
   MapTransform transform_;
-  MapPoint period_;  // the plane shows a place again after so many m; 0: once
+  MapPoint period_;  // distance in m after which the plane repeats; 0: it does not
 };
 
 }  // namespace selenograph::dem

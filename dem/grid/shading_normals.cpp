@@ -21,7 +21,15 @@ Slope fit_plane(const float* centre, int stride, int reach) {
     for (int x = -reach; x <= reach; ++x) {
       const double h = static_cast<double>(centre[y * stride + x]) - origin;
       if (std::isnan(h)) continue;
-      n += 1, sx += x, sy += y, sxx += x * x, syy += y * y, sxy += x * y, sh += h, sxh += x * h, syh += y * h;
+      n += 1;
+      sx += x;
+      sy += y;
+      sxx += x * x;
+      syy += y * y;
+      sxy += x * y;
+      sh += h;
+      sxh += x * h;
+      syh += y * h;
     }
   const double cxx = sxx - sx * sx / n, cyy = syy - sy * sy / n, cxy = sxy - sx * sy / n;
   const double cxh = sxh - sx * sh / n, cyh = syh - sy * sh / n;
@@ -30,7 +38,7 @@ Slope fit_plane(const float* centre, int stride, int reach) {
   return {(cxh * cyy - cyh * cxy) / det, (cyh * cxx - cxh * cxy) / det};
 }
 
-// The slope at a post, near voids.
+// Returns the slope at a post that may have voids around it.
 Slope slope_at(const float* centre, int stride, SlopeStencil stencil) {
   if (stencil == SlopeStencil::plane_5) return fit_plane(centre, stride, 2);
   if (stencil == SlopeStencil::sharpened) {
@@ -42,7 +50,8 @@ Slope slope_at(const float* centre, int stride, SlopeStencil stencil) {
 
 SlopeStencil stencil_for(const HeightsKind& kind, double spacing_m) {
   if (kind.filtered) return SlopeStencil::sharpened;
-  // Rounding is uniform noise of q / sqrt(12); the 3 x 3 plane's slope has that over sqrt(6) posts.
+  // Rounding to steps of q is noise with a standard deviation of q / sqrt(12). The slope of a 3 x 3 plane divides it by
+  // sqrt(6) post spacings.
   const double noise = kind.quantisation_m / std::sqrt(12.0) / (std::sqrt(6.0) * spacing_m);
   return noise > kQuantisationSlope ? SlopeStencil::plane_5 : SlopeStencil::plane_3;
 }
@@ -55,13 +64,13 @@ void fill_shading_normals(Block& block, std::span<const float> heights, const He
   const double radians_per_tick = kRadiansPerDegree / kTicksPerDegree;
   const double dlat = block.extent.lat_step * radians_per_tick, dlon = block.extent.lon_step * radians_per_tick;
   const bool full = std::none_of(heights.begin(), heights.end(), [](float h) { return std::isnan(h); });
-  std::vector<float> of_row(3 * static_cast<std::size_t>(side));
-  float *x = of_row.data(), *y = x + side, *z = y + side;
+  std::vector<float> row_normals(3 * static_cast<std::size_t>(side));  // structure of arrays
+  float *x = row_normals.data(), *y = x + side, *z = y + side;
   for (int r = 0; r < side; ++r) {
     const auto row = static_cast<std::size_t>(r);
     const double cos_lat = block.cos_lat[row], sin_lat = block.sin_lat[row];
     const float* centres = heights.data() + (r + kHalo) * stride + kHalo;
-    const bool pole = cos_lat <= 1e-9;  // there east has no meaning: the vertical stands
+    const bool pole = cos_lat <= 1e-9;  // without an eastward direction: use the vertical
     if (full && !pole) {
       normals_of_row(centres, stride, side, stencil,
                      {cos_lat, sin_lat, block.cos_lon.data(), block.sin_lon.data(), dlat, dlon}, x, y, z);

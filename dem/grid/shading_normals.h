@@ -2,8 +2,8 @@
 //
 // Integer metres quantise slopes: 1 m in 7.4 m is 7.7 degrees, and normals from raw neighbour differences show
 // terraces. The slope at a post is therefore the least-squares plane through the posts around it (Savitzky & Golay
-// 1964): 3 x 3, or 5 x 5 where quantisation would still leave more than kQuantisationSlope of noise (standard
-// deviation) in the small one. Positions stay on the posts as they are: only shading is smoothed.
+// 1964): 3 x 3, or 5 x 5 where quantisation would leave more than kQuantisationSlope of noise (standard deviation) in
+// the 3 x 3 plane. Vertices keep the posts' heights: only shading is smoothed.
 //
 // This applies where vertices are posts. Heights of a filtered level are already smoothed by the pyramid's low-pass,
 // and normals are smoothed again by interpolation between vertices. A plane through 3 x 3 vertices would smooth a third
@@ -20,7 +20,7 @@
 
 namespace selenograph::dem {
 
-inline constexpr int kHalo = 2;                     // posts beyond the block on each side that the stencil may need
+inline constexpr int kHalo = 2;                     // posts around the block that stencils may read
 inline constexpr double kQuantisationSlope = 0.01;  // 0.6 degrees
 
 // Kind of a block's heights: posts as in their files, in steps of `quantisation_m`, or a filtered level.
@@ -29,10 +29,10 @@ struct HeightsKind {
   double quantisation_m = 0;
 };
 
-// `heights` are (quads + 1 + 2 kHalo)^2 posts, row-major from the south-west, around the block whose extent,
-// trigonometry and heights are already filled. NaN posts are left out: where a filtered level lacks one of those that
-// its differences need, a plane through 3 x 3 posts stands in. A post without enough valid neighbours gets the local
-// vertical.
+// Fills the normals of a block whose extent, trigonometry and heights are set. `heights` are the posts of the block and
+// its halo, (quads + 1 + 2 kHalo)^2, row-major from the south-west. Voids are omitted from the planes. Where a filtered
+// level lacks a post of its differences, a plane through 3 x 3 posts replaces them. A post without enough valid
+// neighbours gets the local vertical.
 void fill_shading_normals(Block& block, std::span<const float> heights, const HeightsKind& kind);
 
 }  // namespace selenograph::dem

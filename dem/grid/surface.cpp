@@ -5,7 +5,7 @@
 namespace selenograph::dem {
 
 std::optional<double> radial_distance(const Triangle& t, const Vec3& direction, double slack) {
-  // Scaled to the sphere so that `slack` is a fraction of the triangle's own area.
+  // Compute the barycentric coordinates v and w of the intersection with the triangle's plane.
   const Vec3 ab = t.b - t.a, ac = t.c - t.a;
   const Vec3 normal = ab.cross(ac);
   const double through = normal.dot(direction);

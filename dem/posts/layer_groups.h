@@ -33,7 +33,7 @@ struct LayerSheet {
   // Not wrapped: there is nothing at latitudes beyond a pole.
   Geographic place(double x, double y) const {
     if (const auto* g = std::get_if<PlaneGrid>(&reference->grid))
-      return PlanePosts(*g, reference->width, reference->height).place(x, y);
+      return PlanePosts(*g, reference->width, reference->height).position(x, y);
     const auto& g = std::get<GeographicGrid>(reference->grid);
     return {g.first_lat_deg - y / g.lat_posts_per_degree, g.first_lon_deg + x / g.lon_posts_per_degree, 0};
   }

@@ -39,13 +39,13 @@ struct Header {
   }
 };
 static_assert(std::is_trivially_copyable_v<Header> && sizeof(Vertex) == 4 * sizeof(float));
-constexpr std::size_t kMostBytes = std::size_t{16} << 20;
+constexpr std::size_t kMaxFileBytes = std::size_t{16} << 20;
 
 // Shares of the limit, as divisors: a scan leaves a quarter free, and each process scans again after a 32nd. So the
 // files of eight processes stay within the limit.
 constexpr std::size_t kShareFreed = 4, kShareBetweenScans = 32;
 
-// Bytes that a file takes in blocks of 4 KiB.
+// Returns the bytes that a file occupies on disk, in blocks of 4 KiB.
 std::size_t disk_bytes(std::size_t file_bytes) {
   constexpr std::size_t kDiskBlock_bytes = 4096;
   return (file_bytes + kDiskBlock_bytes - 1) / kDiskBlock_bytes * kDiskBlock_bytes;
@@ -75,38 +75,45 @@ std::string bytes_of(std::uint64_t key, const Block& block) {
   head.vertices = static_cast<std::uint32_t>(block.vertices.size());
   head.sources = static_cast<std::uint32_t>(block.sources.size());
   head.ground = static_cast<std::uint32_t>(block.ground.size());
-  head.error_m = block.error_m, head.detail_error_m = block.detail_error_m;
+  head.error_m = block.error_m;
+  head.detail_error_m = block.detail_error_m;
   head.left_out_size_m = block.left_out_size_m;
-  head.min_m = block.min_m, head.max_m = block.max_m;
+  head.min_m = block.min_m;
+  head.max_m = block.max_m;
   std::string file(reinterpret_cast<const char*>(&head), sizeof head);
   file.reserve(head.bytes());
-  append(file, block.vertices), append(file, block.sources), append(file, block.ground);
+  append(file, block.vertices);
+  append(file, block.sources);
+  append(file, block.ground);
   head.checksum = checksum_of(file);
   std::memcpy(file.data(), &head, sizeof head);
   return file;
 }
 
-// Null: it is not a whole block of that key and place.
+// Returns the block in a file, or null unless the file is complete and has that key and id.
 std::shared_ptr<Block> block_of(std::string file, std::uint64_t key, const BlockId& id) {
   Header head;
   if (file.size() < sizeof head) return nullptr;
   std::memcpy(&head, file.data(), sizeof head);
   auto block = std::make_shared<Block>();
-  block->id = id, block->extent = extent_of(id);
+  block->id = id;
+  block->extent = extent_of(id);
   const auto side = static_cast<std::size_t>(block->side());
-  const bool of_vertices = head.vertices == side * side && (head.sources == 1 || head.sources == head.vertices) &&
-                           (head.ground <= 1 || head.ground == head.vertices);
+  const bool counts_fit = head.vertices == side * side && (head.sources == 1 || head.sources == head.vertices) &&
+                          (head.ground <= 1 || head.ground == head.vertices);
   if (std::memcmp(head.magic, Header().magic, sizeof head.magic) != 0 || head.key != key || head.level != id.level ||
-      head.row != id.row || head.col != id.col || !of_vertices || file.size() != head.bytes() ||
+      head.row != id.row || head.col != id.col || !counts_fit || file.size() != head.bytes() ||
       checksum_of(file) != head.checksum)
     return nullptr;
   const char* from = file.data() + sizeof head;
   from = take(from, head.vertices, block->vertices);
   from = take(from, head.sources, block->sources);
   take(from, head.ground, block->ground);
-  block->error_m = head.error_m, block->detail_error_m = head.detail_error_m;
+  block->error_m = head.error_m;
+  block->detail_error_m = head.detail_error_m;
   block->left_out_size_m = head.left_out_size_m;
-  block->min_m = head.min_m, block->max_m = head.max_m;
+  block->min_m = head.min_m;
+  block->max_m = head.max_m;
   fill_trigonometry(*block);
   return block;
 }
@@ -120,10 +127,10 @@ BlockStore::BlockStore(std::string folder, std::size_t bytes, const TroubleLog& 
 }
 
 std::string BlockStore::path_of(std::uint64_t key, const BlockId& id) const {
-  // Some hundred files a folder.
-  constexpr int kTogether = 4;
-  return fmt::format("{}/{:016x}/L{:02}/r{}c{}/r{}c{}{}", folder_, key, id.level, id.row >> kTogether,
-                     id.col >> kTogether, id.row, id.col, kSuffix);
+  // Divide rows and columns by 16 to name the folder, so that each has at most some hundred files.
+  constexpr int kFolderShift = 4;
+  return fmt::format("{}/{:016x}/L{:02}/r{}c{}/r{}c{}{}", folder_, key, id.level, id.row >> kFolderShift,
+                     id.col >> kFolderShift, id.row, id.col, kSuffix);
 }
 
 std::shared_ptr<const Block> BlockStore::read(std::uint64_t key, const BlockId& id) {
@@ -131,7 +138,7 @@ std::shared_ptr<const Block> BlockStore::read(std::uint64_t key, const BlockId& 
   if (::access(path.c_str(), R_OK) != 0) return nullptr;
   try {
     const OpenFile file(path, O_RDONLY);
-    std::string bytes(std::min<std::uint64_t>(file.state().bytes, kMostBytes), '\0');
+    std::string bytes(std::min<std::uint64_t>(file.state().bytes, kMaxFileBytes), '\0');
     if (!file.read(0, bytes.size(), bytes.data())) return nullptr;
     if (auto block = block_of(std::move(bytes), key, id)) {
       ++read_;

@@ -1,6 +1,6 @@
-// Blocks that took long to make, in the cache folder: ground with detail, which every process that flies over it would
-// make again. One checksummed file each, written without flushing: what a power failure leaves is noticed, and made
-// anew.
+// Stores blocks with detail in the cache folder, because every process that flies over the ground would otherwise make
+// them again. One checksummed file per block, written without flushing to disk: a file that a power failure damaged
+// fails its checksum, and the block is made again.
 #pragma once
 
 #include <atomic>
@@ -15,14 +15,15 @@
 
 namespace selenograph::dem {
 
-// Thread-safe. Up to eight processes may use one folder: together they keep within the limit.
+// Thread-safe. Up to eight processes may use one folder; together they stay within the limit.
 class BlockStore {
  public:
-  // `folder` is created with the first file. At most `bytes` of disk blocks are used, with what other processes wrote
-  // or left there: the oldest files are removed. `trouble` must outlive this object.
+  // The first file creates `folder`. All files in it, those of other processes too, use at most `bytes` of disk blocks:
+  // the oldest files are removed. `trouble` must outlive this object.
   BlockStore(std::string folder, std::size_t bytes, const TroubleLog& trouble);
 
-  // `key`: of all that a block is made from besides its place. Null: it is not there, or not whole, and then removed.
+  // Returns a block, or null if its file is missing or damaged; a damaged file is removed. `key`: hash of everything
+  // from which a block is made, besides its id.
   std::shared_ptr<const Block> read(std::uint64_t key, const BlockId& id);
   // Replaces a file of the same name. Skips the block while another thread removes old files. After a failure, which
   // is logged, nothing is written any more.
@@ -38,10 +39,10 @@ class BlockStore {
   const std::string folder_;
   const std::size_t max_bytes_;
   const TroubleLog& trouble_;
-  std::mutex scanning_;
-  std::atomic<std::size_t> unscanned_bytes_{0};  // written since the last scan
+  std::mutex scanning_;                          // held by the thread that removes old files
+  std::atomic<std::size_t> unscanned_bytes_{0};  // bytes written since the last scan
   std::atomic<std::uint64_t> read_{0};
-  std::atomic<bool> broken_{false};
+  std::atomic<bool> broken_{false};  // a write has failed: write no more
 };
 
 }  // namespace selenograph::dem

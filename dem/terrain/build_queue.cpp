@@ -8,9 +8,9 @@
 
 namespace selenograph::dem {
 
-BuildQueue::BuildQueue(int threads, TakeTurn take_turn, std::function<void()> rest)
+BuildQueue::BuildQueue(int threads, TakeTurn take_turn, std::function<void()> on_idle)
     : take_turn_(std::move(take_turn)),
-      rest_(std::move(rest)),
+      on_idle_(std::move(on_idle)),
       arena_(threads > 0 ? threads : tbb::task_arena::automatic) {}
 
 BuildQueue::~BuildQueue() {
@@ -24,26 +24,26 @@ void BuildQueue::stop() {
     const std::lock_guard lock(mutex_);
     stopping_ = true;
   }
-  added_.notify_all();
-  landed_.notify_all();
+  work_available_.notify_all();
+  job_done_.notify_all();
 }
 
 std::shared_ptr<const Chunk> BuildQueue::get(const ChunkPlan& plan, const StopToken& stop) {
   std::unique_lock lock(mutex_);
   if (stopping_) throw Cancelled();
   const std::shared_ptr<Job> job = find_or_add(plan);
-  ++job->wanted;
+  ++job->waiter_count;
   try {
     while (!job->done) {
       stop.check();
       if (stopping_) throw Cancelled();
-      landed_.wait_for(lock, kLookUp);
+      job_done_.wait_for(lock, kPollInterval);
     }
   } catch (...) {
-    if (--job->wanted == 0) added_.notify_all();  // it can be dropped
+    if (--job->waiter_count == 0) work_available_.notify_all();  // let the builder drop the job
     throw;
   }
-  --job->wanted;
+  --job->waiter_count;
   if (job->error) std::rethrow_exception(job->error);
   return job->chunk;
 }
@@ -57,12 +57,11 @@ std::shared_ptr<BuildQueue::Job> BuildQueue::find_or_add(const ChunkPlan& plan) 
   job->work.plan = plan;
   builder.queue.push_back(job);
   jobs_[plan.node] = job;
-  added_.notify_all();
+  work_available_.notify_all();
   return job;
 }
 
-// Not what waits for another chunk, which may be with the other builder.
-bool BuildQueue::can_go_on(const Job& job) { return job.wanted == 0 || !job.awaited || job.awaited->done; }
+bool BuildQueue::can_go_on(const Job& job) { return job.waiter_count == 0 || !job.awaited || job.awaited->done; }
 
 void BuildQueue::run(bool on_network) {
   std::unique_lock lock(mutex_);
@@ -71,17 +70,17 @@ void BuildQueue::run(bool on_network) {
     return std::find_if(queue.begin(), queue.end(), [](const auto& job) { return can_go_on(*job); });
   };
   for (;;) {
-    const auto something_to_do = [&] { return stopping_ || next() != queue.end(); };
-    if (!added_.wait_for(lock, std::chrono::seconds(1), something_to_do)) {
-      if (rest_ && !on_network) rest_();
-      added_.wait(lock, something_to_do);
+    const auto has_work = [&] { return stopping_ || next() != queue.end(); };
+    if (!work_available_.wait_for(lock, std::chrono::seconds(1), has_work)) {
+      if (on_idle_ && !on_network) on_idle_();
+      work_available_.wait(lock, has_work);
     }
     if (stopping_) return;
-    const auto place = next();
-    const std::shared_ptr<Job> job = std::move(*place);
-    queue.erase(place);
-    if (job->wanted == 0) {
-      let_go(*job);
+    const auto position = next();
+    const std::shared_ptr<Job> job = std::move(*position);
+    queue.erase(position);
+    if (job->waiter_count == 0) {
+      release_awaited(*job);
       jobs_.erase(job->work.plan.node);
     } else {
       advance(job, lock);
@@ -89,12 +88,13 @@ void BuildQueue::run(bool on_network) {
   }
 }
 
+// Takes one turn of a job, without the lock, and finishes the job or queues it behind the finer chunk that it needs.
 void BuildQueue::advance(const std::shared_ptr<Job>& job, std::unique_lock<std::mutex>& lock) {
   if (job->awaited) {
     const std::shared_ptr<Job> finer = job->awaited;
-    let_go(*job);
+    release_awaited(*job);
     if (finer->error) return finish(*job, nullptr, finer->error);
-    job->work.made = finer->chunk;
+    job->work.finer_chunk = finer->chunk;
   }
   Turn turn;
   std::exception_ptr error;
@@ -114,12 +114,12 @@ void BuildQueue::advance(const std::shared_ptr<Job>& job, std::unique_lock<std::
   finish(*job, std::move(turn.chunk), error);
 }
 
-// The finer chunk comes first, then this one again; others in the queue have their turns between.
+// Queues the finer chunk, then this job again; other jobs of the queue have turns in between.
 void BuildQueue::await(const std::shared_ptr<Job>& job, const ChunkPlan& first) {
   job->awaited = find_or_add(first);
-  ++job->awaited->wanted;
-  job->work.asked_for = first;
-  job->work.made.reset();
+  ++job->awaited->waiter_count;
+  job->work.finer_plan = first;
+  job->work.finer_chunk.reset();
   builders_[job->work.plan.on_network].queue.push_back(job);
 }
 
@@ -129,13 +129,13 @@ void BuildQueue::finish(Job& job, std::shared_ptr<const Chunk> chunk, std::excep
   job.error = std::move(error);
   job.done = true;
   job.work.finer = {};
-  landed_.notify_all();
-  added_.notify_all();  // those that it was needed for can go on
+  job_done_.notify_all();
+  work_available_.notify_all();  // jobs that awaited this one can take a turn
 }
 
-void BuildQueue::let_go(Job& job) {
+void BuildQueue::release_awaited(Job& job) {
   if (!job.awaited) return;
-  if (--job.awaited->wanted == 0) added_.notify_all();
+  if (--job.awaited->waiter_count == 0) work_available_.notify_all();
   job.awaited.reset();
 }
 

@@ -11,19 +11,22 @@
 namespace selenograph::dem {
 namespace {
 
-// Raised when the same sources give other files: those in cache folders are then built anew.
+// Version of the chunk files. Increment it when the same sources give different files: old ones are then rebuilt.
+//
+// Every value named after a change of the past (kGapsClosed, kTwistCounted ...) does the same for only those chunks
+// that the change altered, so that all others in users' cache folders stay valid.
 constexpr std::uint64_t kFormatVersion = 7;
 
-// How far beyond its border a chunk's content depends on sources, at most, where its posts are up to 8 times as far
-// apart in longitude as in latitude. Finer chunks look beyond their own borders, too.
-constexpr int kWidestShift = 3, kWidest = 1 << kWidestShift;
+// Bounds of the distance beyond its border within which sources affect a chunk. Its posts may be up to 8 times as far
+// apart in longitude as in latitude. A chunk built from finer chunks adds 2 degrees for those chunks' own margins.
+constexpr int kMaxLonShift = 3, kMaxAspect = 1 << kMaxLonShift;
 double halo_deg(const ChunkPlan& plan) {
   const double halo = 3 * std::ldexp(1.0, plan.base_level - plan.node.level) + kFillReach;
   return halo / std::ldexp(1.0, plan.base_level);
 }
-double margin_deg(const ChunkPlan& plan) { return kWidest * halo_deg(plan) + (plan.direct ? 0 : 2); }
+double margin_deg(const ChunkPlan& plan) { return kMaxAspect * halo_deg(plan) + (plan.direct ? 0 : 2); }
 
-// The block of the root level that a block is in, or is.
+// Returns the ancestor of a block at the root level, or the block of that level with its area.
 BlockId root_of(const BlockId& id) {
   return id.level <= kRootLevel ? BlockId{kRootLevel, id.row, id.col} : ancestor_of(id, kRootLevel);
 }
@@ -46,16 +49,18 @@ ChunkPlan ChunkPlans::plan(const ChunkNode& chunk) const {
     std::lock_guard lock(mutex_);
     if (const auto found = plans_.find(chunk.node); found != plans_.end()) return found->second;
   }
-  const ChunkPlan made = make_plan(chunk);
+  const ChunkPlan plan = make_plan(chunk);
   std::lock_guard lock(mutex_);
-  return plans_.emplace(chunk.node, made).first->second;
+  return plans_.emplace(chunk.node, plan).first->second;
 }
 
 ChunkPlan ChunkPlans::make_plan(const ChunkNode& chunk) const {
   ChunkPlan plan;
   plan.node = chunk.node;
   const ChunkLevels& levels = chunk.levels;
-  plan.exists = levels.exists, plan.direct = levels.direct, plan.base_level = levels.base_level;
+  plan.exists = levels.exists;
+  plan.direct = levels.direct;
+  plan.base_level = levels.base_level;
   plan.on_network = touches_network(chunk.node, halo_deg(plan));
   plan.fingerprint = fingerprint_of(plan);
   return plan;
@@ -67,10 +72,10 @@ std::uint64_t ChunkPlans::fingerprint_of(const ChunkPlan& plan) const {
   f.add(plan.node);
   f.add(plan.base_level);
   f.add(fall_through_);
-  // Of reals without a declared void: earlier versions took heights for radii where most posts were void.
+  // Files of reals without a declared void: earlier versions mistook heights for radii where most posts were void.
   constexpr std::uint64_t kDatumOfValidPosts = 1;
-  // Context beyond the border (filter and void filling) comes from the neighbours.
-  for (const int i : around(plan, margin_deg(plan))) {
+  // Include the files around the chunk: the filter and the filling of voids read posts beyond its border.
+  for (const int i : files_around(plan, margin_deg(plan))) {
     const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(i)];
     f.add_text(info.path);
     f.add(info.stamp);
@@ -78,7 +83,7 @@ std::uint64_t ChunkPlans::fingerprint_of(const ChunkPlan& plan) const {
   }
   if (!catalogue_.joins().offsets_m.empty() || !catalogue_.one_layer()) add_joins(plan, f);
   const std::vector<int> layers = files_touching(catalogue_, plan.node, 0);
-  // Between posts of tiles: earlier versions left the gaps between them open.
+  // Gaps between the posts of adjacent files: earlier versions left them open.
   constexpr std::uint64_t kGapsClosed = 1;
   const auto is_coarser = [&](int i) {
     const auto& level = catalogue_.rasters()[static_cast<std::size_t>(i)].lattice_level;
@@ -86,25 +91,26 @@ std::uint64_t ChunkPlans::fingerprint_of(const ChunkPlan& plan) const {
   };
   if (std::count_if(layers.begin(), layers.end(), is_coarser) > 1) f.add(kGapsClosed);
   if (source_.borders().any()) add_borders(plan, f);
-  // Beside poles: earlier versions took what is finer than such posts for the same surface.
+  // Chunks beside poles: earlier versions assumed the same surface for levels finer than such posts.
   constexpr std::uint64_t kTwistCounted = 1;
   if (plan.base_level < kSmoothLevel) f.add(kTwistCounted);
-  // At a pole that no file holds: earlier versions left it to the filling of voids where one was beside it.
+  // A pole that no file holds: earlier versions filled it with the voids beside it.
   constexpr std::uint64_t kPolesFilled = 1;
   if (const BlockExtent e = extent_of(plan.node); e.lat0 == 0 || e.lat1() == kLatTicks) f.add(kPolesFilled);
   return f.digest();
 }
 
-// The coarser posts beside a chunk, and a mark where there may be such beside the finer chunks that it is made of.
+// Adds the borders with coarser posts around a chunk, and a mark if its finer chunks may have such borders.
 void ChunkPlans::add_borders(const ChunkPlan& plan, StreamedHash& f) const {
-  // Earlier versions left a wall one post wide, then divided coarse posts as finely as fine ones.
+  // Earlier versions left a wall one post wide there; later ones divided coarse posts as finely as fine ones.
   constexpr std::uint64_t kLevelsJoined = 3;
   if (!plan.direct) f.add(kLevelsJoined);
   const BlockExtent e = extent_of(plan.node);
   const auto margin = static_cast<std::int64_t>(margin_deg(plan) * kTicksPerDegree);
   PostWindow w;
   w.lat_step = w.lon_step = 1 << (kTickLevel - plan.base_level);
-  w.lat0 = e.lat0 - margin, w.lon0 = e.lon0 - margin;
+  w.lat0 = e.lat0 - margin;
+  w.lon0 = e.lon0 - margin;
   w.rows = static_cast<int>((e.lat1() - e.lat0 + 2 * margin) / w.lat_step) + 1;
   w.cols = static_cast<int>((e.lon1() - e.lon0 + 2 * margin) / w.lon_step) + 1;
   for (const LevelBorder& b : source_.borders().near(w))
@@ -112,14 +118,14 @@ void ChunkPlans::add_borders(const ChunkPlan& plan, StreamedHash& f) const {
       f.add(number);
 }
 
-// What a chunk that a band reaches, or in which files have an offset, depends on besides: the bands, and the files that
-// determine the steps along their borders. A chunk that none reaches depends on nothing of it.
+// Adds the bands in which coarser layers are bent, the files' offsets, and the files that determine the steps along the
+// bands' borders, for a chunk that a band reaches or whose files have an offset. Other chunks depend on none of these.
 void ChunkPlans::add_joins(const ChunkPlan& plan, StreamedHash& f) const {
   // Earlier versions changed the finer layer's posts.
   constexpr std::uint64_t kCoarserBent = 1;
   const double margin = margin_deg(plan), widest_deg = catalogue_.one_layer() ? 0 : source_.bends().widest_band_deg();
   double band_deg = 0;
-  for (const int i : around(plan, margin + kWidest * widest_deg)) {
+  for (const int i : files_around(plan, margin + kMaxAspect * widest_deg)) {
     const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(i)];
     const double offset_m = catalogue_.offset_m(i), band_posts = source_.bends().band_posts(i);
     if (offset_m == 0 && band_posts == 0) continue;
@@ -131,8 +137,8 @@ void ChunkPlans::add_joins(const ChunkPlan& plan, StreamedHash& f) const {
   }
   if (band_deg == 0) return;
   f.add(kCoarserBent);
-  // A step is measured from coarser layers that are bent themselves.
-  for (const int i : around(plan, margin + 3 * kWidest * band_deg)) {
+  // Look farther for the files from which steps are measured: coarser layers are bent themselves.
+  for (const int i : files_around(plan, margin + 3 * kMaxAspect * band_deg)) {
     const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(i)];
     f.add_text(info.path);
     f.add(info.stamp);
@@ -140,19 +146,20 @@ void ChunkPlans::add_joins(const ChunkPlan& plan, StreamedHash& f) const {
   }
 }
 
-// Those no farther from a chunk than a margin, which is of more longitude next to a pole.
-std::vector<int> ChunkPlans::around(const ChunkPlan& plan, double margin) const {
+// Returns the files within a margin of a chunk. Beside a pole, where posts are farther apart in longitude, the margin
+// is wider in longitude.
+std::vector<int> ChunkPlans::files_around(const ChunkPlan& plan, double margin) const {
   const BlockExtent e = extent_of(plan.node);
   const double poleward_deg = std::max(-lat_deg_of(e.lat0), lat_deg_of(e.lat1())) + margin;
   const BlockId nearest =
       block_at(plan.base_level, static_cast<std::int32_t>((90 + std::min(90.0, poleward_deg)) * kTicksPerDegree), 0);
-  const int more = std::max(0, lon_shift(plan.base_level, nearest.row) - kWidestShift);
-  const double beside_deg = std::ldexp(margin, more) - margin;
-  return catalogue_.touching(lat_deg_of(e.lat0), lat_deg_of(e.lat1()), lon_deg_of(e.lon0) - beside_deg,
-                             lon_deg_of(e.lon1()) + beside_deg, margin);
+  const int extra_shift = std::max(0, lon_shift(plan.base_level, nearest.row) - kMaxLonShift);
+  const double extra_lon_deg = std::ldexp(margin, extra_shift) - margin;
+  return catalogue_.touching(lat_deg_of(e.lat0), lat_deg_of(e.lat1()), lon_deg_of(e.lon0) - extra_lon_deg,
+                             lon_deg_of(e.lon1()) + extra_lon_deg, margin);
 }
 
-// Whether a file that lies within a block and so far around it, in degrees of latitude, is on a network.
+// Returns whether a remote file lies within `around_deg`, in degrees of latitude, of a block.
 bool ChunkPlans::touches_network(const BlockId& id, double around_deg) const {
   if (!any_on_network_) return false;
   const BlockExtent e = extent_of(id);
@@ -176,22 +183,22 @@ bool ChunkPlans::has_data(const BlockId& id) const {
 }
 
 int ChunkPlans::posts_level(const BlockId& id) const {
-  const ChunkLevels here = source_.borders().chunk_of(id).levels;
-  if (!here.exists) return 0;
-  if (here.direct) return here.base_level;
-  int needed = here.base_level;
+  const ChunkLevels levels = source_.borders().chunk_of(id).levels;
+  if (!levels.exists) return 0;
+  if (levels.direct) return levels.base_level;
+  int needed = levels.base_level;
   for (const int i : files_touching(catalogue_, id, 0))
     needed = std::max(needed, source_.borders().level_of_file(static_cast<std::size_t>(i)));
   return needed;
 }
 
-std::vector<ChunkPlan> ChunkPlans::all() const {
+std::vector<ChunkPlan> ChunkPlans::all_plans() const {
   std::vector<ChunkPlan> found;
   for (const BlockId& root : roots_) add_with_finer(root_of(root), found);
   return found;
 }
 
-// The chunks whose nodes are a block or within it.
+// Appends the chunks whose nodes are a block or its descendants, descendants first.
 void ChunkPlans::add_with_finer(const BlockId& id, std::vector<ChunkPlan>& found) const {
   const ChunkNode chunk = source_.borders().chunk_of(id);
   if (!chunk.levels.exists) return;

@@ -1,4 +1,4 @@
-// The chunks of a catalogue's pyramid, which of them holds a block, and their dependencies.
+// Maps blocks of a catalogue's pyramid to the chunks that hold them, and chunks to the files that they depend on.
 #pragma once
 
 #include <cstddef>
@@ -21,28 +21,28 @@ class ChunkPlans {
   // Both must outlive this object. `fall_through` as in TerrainOptions.
   ChunkPlans(const Catalogue& catalogue, const PostSource& source, bool fall_through);
 
-  // The chunk that holds a block; where the block is finer than the posts, the one that holds its finest ancestor.
+  // Returns the chunk that holds a block; for a block finer than the posts, the one that holds its finest ancestor.
   ChunkPlan plan_for(const BlockId& id) const;
-  // Whether a source is near a block.
+  // Returns whether a source is near a block.
   bool has_data(const BlockId& id) const;
-  // The finest level of the posts in a block.
+  // Returns the finest level of the posts in a block.
   int posts_level(const BlockId& id) const;
 
-  // Whether any file is remote, and whether loading a block reads remote posts.
+  // Return whether any file is remote, and whether loading a block reads remote posts.
   bool any_on_network() const { return any_on_network_; }
   bool reads_network(const BlockId& id) const;
 
   // The blocks of level 0 that have data.
   const std::vector<BlockId>& roots() const { return roots_; }
-  // All chunks, each after the finer ones that it is made of.
-  std::vector<ChunkPlan> all() const;
+  // Returns all chunks, each after the finer ones from which it is built.
+  std::vector<ChunkPlan> all_plans() const;
 
  private:
   ChunkPlan plan(const ChunkNode& chunk) const;
   ChunkPlan make_plan(const ChunkNode& chunk) const;
   std::uint64_t fingerprint_of(const ChunkPlan& plan) const;
   bool touches_network(const BlockId& id, double around_deg) const;
-  std::vector<int> around(const ChunkPlan& plan, double margin) const;
+  std::vector<int> files_around(const ChunkPlan& plan, double margin) const;  // margin in degrees of latitude
   void add_with_finer(const BlockId& id, std::vector<ChunkPlan>& found) const;
 
   void add_joins(const ChunkPlan& plan, StreamedHash& fingerprint) const;

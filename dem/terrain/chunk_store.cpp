@@ -16,10 +16,11 @@ namespace {
 
 bool is_forbidden(const SystemFault& fault) { return fault.code() == EACCES || fault.code() == EPERM; }
 
-bool is_of(const Chunk& chunk, const DataError& error) { return error.file() == chunk.name(); }
+// Returns whether an error is about the chunk's own file, not about a file of posts.
+bool concerns(const Chunk& chunk, const DataError& error) { return error.file() == chunk.name(); }
 
 bool is_just_made(const BuildQueue::Work& work, const ChunkPlan& plan) {
-  return work.made && work.asked_for->node == plan.node;
+  return work.finer_chunk && work.finer_plan->node == plan.node;
 }
 
 }  // namespace
@@ -57,10 +58,10 @@ std::shared_ptr<const Chunk> ChunkStore::get(const ChunkPlan& plan, const StopTo
   return chunks_.get(
       plan.node,
       [&] {
-        std::shared_ptr<const Chunk> made = kept(plan);
-        if (!made) made = builds_.get(plan, stop);
-        const std::size_t bytes = made->bytes();
-        return decltype(chunks_)::Loaded{std::move(made), bytes};
+        std::shared_ptr<const Chunk> chunk = stored_chunk(plan);
+        if (!chunk) chunk = builds_.get(plan, stop);
+        const std::size_t bytes = chunk->bytes();
+        return decltype(chunks_)::Loaded{std::move(chunk), bytes};
       },
       stop);
 }
@@ -69,10 +70,9 @@ std::string ChunkStore::path_of(const ChunkPlan& plan) const {
   return fmt::format("{}/pyramid/{:02}/{:06}-{:06}.sgp", cache_dir_, plan.node.level, plan.node.row, plan.node.col);
 }
 
-// From the cache folder; null: it has to be built.
-std::shared_ptr<const Chunk> ChunkStore::kept(const ChunkPlan& plan) {
+std::shared_ptr<const Chunk> ChunkStore::stored_chunk(const ChunkPlan& plan) {
   if (cache_dir_.empty() || is_distrusted(plan.node)) return nullptr;
-  if (auto on_its_way = writer_.find(plan.node)) return on_its_way;
+  if (auto unfinished = writer_.find(plan.node)) return unfinished;
   try {
     auto opened = Chunk::open(path_of(plan), plan, catalogue_);
     if (opened) ++chunks_read_;
@@ -82,27 +82,28 @@ std::shared_ptr<const Chunk> ChunkStore::kept(const ChunkPlan& plan) {
     trouble_.log(fmt::format("{}; it is made again", error.what()));
   } catch (const SystemFault& fault) {
     if (!is_forbidden(fault)) throw;
-    distrust(plan.node);  // neither read nor written: the file stays as it is
+    distrust(plan.node);  // never touch the file again: it may neither be read nor replaced
     trouble_.cache_failed("read", fault);
   }
   return nullptr;
 }
 
-// On a builder's thread, which never waits for another.
+// Runs on a builder's thread. It never waits for another chunk, but returns the one that it needs.
 BuildQueue::Turn ChunkStore::take_turn(BuildQueue::Work& work, const StopToken& stop) {
   if (!work.plan.direct)
     if (const auto first = collect_finer(work, stop)) return {nullptr, first};
   return {build(work.plan, work.finer, stop), {}};
 }
 
-// From a finer chunk, if it is there.
-bool ChunkStore::take_finer(BuildQueue::Work& work, const ChunkPlan& from, const BlockId& id, const StopToken& stop) {
+// Collects a block from a finer chunk; returns false if that chunk has to be built first.
+bool ChunkStore::collect_block(BuildQueue::Work& work, const ChunkPlan& from, const BlockId& id,
+                               const StopToken& stop) {
   const bool just_made = is_just_made(work, from);
-  std::shared_ptr<const Chunk> finer = just_made ? work.made : chunks_.peek(from.node);
-  if (!finer) finer = kept(from);
+  std::shared_ptr<const Chunk> finer = just_made ? work.finer_chunk : chunks_.peek(from.node);
+  if (!finer) finer = stored_chunk(from);
   if (!finer) return false;
   try {
-    // Posts that are farther apart are taken as they are, once.
+    // If the posts are coarser than the block, insert the block of posts once, under both ids.
     const BlockId posts = ancestor_of(id, std::min(id.level, from.finest_level()));
     auto& blocks = work.finer.blocks;
     if (!blocks.contains(posts)) blocks.emplace(posts, finer->load(posts, source_, stop));
@@ -110,13 +111,13 @@ bool ChunkStore::take_finer(BuildQueue::Work& work, const ChunkPlan& from, const
     work.finer.replaced.insert(work.finer.replaced.end(), finer->replaced().begin(), finer->replaced().end());
     return true;
   } catch (const DataError& error) {
-    if (just_made || !is_of(*finer, error)) throw;
+    if (just_made || !concerns(*finer, error)) throw;
     reject(from, *finer, error);
     return false;
   }
 }
 
-// Takes the blocks that are there. Returns the chunk of one that isn't.
+// Collects the finer blocks whose chunks exist already. Returns the chunk of the first missing one.
 std::optional<ChunkPlan> ChunkStore::collect_finer(BuildQueue::Work& work, const StopToken& stop) {
   std::optional<ChunkPlan> missing;
   for (const BlockId& id : Chunk::finer_blocks(work.plan)) {
@@ -127,9 +128,9 @@ std::optional<ChunkPlan> ChunkStore::collect_finer(BuildQueue::Work& work, const
       work.finer.blocks[id] = nullptr;
       continue;
     }
-    // Once one is missing only what was just made is taken: the others are looked for when they are needed.
+    // After the first missing block, collect only from the chunk just built: later turns read the others.
     if (missing && !is_just_made(work, found)) continue;
-    if (!take_finer(work, found, id, stop)) missing = found;
+    if (!collect_block(work, found, id, stop)) missing = found;
   }
   std::sort(work.finer.replaced.begin(), work.finer.replaced.end());
   work.finer.replaced.erase(std::unique(work.finer.replaced.begin(), work.finer.replaced.end()),
@@ -139,15 +140,15 @@ std::optional<ChunkPlan> ChunkStore::collect_finer(BuildQueue::Work& work, const
 
 std::shared_ptr<const Chunk> ChunkStore::build(const ChunkPlan& plan, const Chunk::Finer& finer,
                                                const StopToken& stop) {
-  // The memory that one build leaves to the next is that of one of the two builders.
+  // Give the scratch memory to the local builder only: the two builders may run at the same time.
   Chunk::Built built = Chunk::build(plan, catalogue_, source_, finer, stop, plan.on_network ? nullptr : &scratch_);
   ++chunks_built_;
   if (!built.replaced.empty()) replacements_ = true;
-  // A replacement for an unusable file isn't kept: the next start finds the file back, or warns again.
-  const bool whole = !cache_dir_.empty() && built.replaced.empty(), keep = whole && !is_distrusted(plan.node);
-  if (whole && !keep) note_unwritten(path_of(plan) + ": can be neither used nor replaced");
+  // Do not store a chunk with replacements: the next start may find the file repaired, or else must warn again.
+  const bool storable = !cache_dir_.empty() && built.replaced.empty(), store = storable && !is_distrusted(plan.node);
+  if (storable && !store) note_unwritten(path_of(plan) + ": can be neither used nor replaced");
   const auto chunk = Chunk::from_bytes(std::move(built.bytes), plan, catalogue_, std::move(built.replaced));
-  if (keep) {
+  if (store) {
     try {
       writer_.add({plan, chunk});
     } catch (const std::exception& error) {
@@ -158,7 +159,7 @@ std::shared_ptr<const Chunk> ChunkStore::build(const ChunkPlan& plan, const Chun
   return chunk;
 }
 
-// On the writer's thread.
+// Runs on the writer's thread. Replaces the chunk in memory by the file just written, whose pages the system can drop.
 void ChunkStore::write(const ChunkWriter::Job& job) {
   try {
     write_whole_file(path_of(job.plan), job.chunk->content());
@@ -190,22 +191,22 @@ std::string ChunkStore::unwritten() const {
 }
 
 std::shared_ptr<const Block> ChunkStore::load(const BlockId& id, const ChunkPlan& plan, const StopToken& stop) {
-  // What is damaged may have been replaced meanwhile, by us or another process; then it is made again; then it is
-  // right.
+  // The first retry may find a file that another thread or process has replaced and that is damaged, too. The second
+  // retry builds the chunk, and a chunk in memory has no file to be damaged.
   constexpr int kAttempts = 3;
   for (int attempt = 1;; ++attempt) {
     const std::shared_ptr<const Chunk> opened = get(plan, stop);
     try {
       return opened->load(id, source_, stop);
     } catch (const DataError& error) {
-      if (attempt == kAttempts || !is_of(*opened, error)) throw;
+      if (attempt == kAttempts || !concerns(*opened, error)) throw;
       reject(plan, *opened, error);
     }
   }
 }
 
-// A damaged record: the file is not to be trusted any more. What can be built again is. Where only the sources are
-// others than they were, the file stays: it is right again when they are back.
+// Handles a damaged record: deletes the file, so that the chunk is built again. If only the sources differ from those
+// of the file, the file stays: it is valid again when they are restored.
 void ChunkStore::reject(const ChunkPlan& plan, const Chunk& opened, const DataError& why) {
   ++chunks_rejected_;
   if (dynamic_cast<const Chunk::OtherSources*>(&why)) {
@@ -215,7 +216,7 @@ void ChunkStore::reject(const ChunkPlan& plan, const Chunk& opened, const DataEr
     std::error_code error;
     const bool removed = std::filesystem::remove(path_of(plan), error);
     if (removed) trouble_.log(fmt::format("{}; the file was deleted", why.what()));
-    // Where it can't be (a read-only disk) it must not be opened again.
+    // If the file cannot be deleted (a read-only disk), never open it again.
     if (error) {
       distrust(plan.node);
       trouble_.log(fmt::format("{}; the file cannot be deleted: {}", why.what(), error.message()));

@@ -1,4 +1,15 @@
 // Provides pyramid chunks: from memory, from the cache folder, or built.
+//
+//   get() --> chunks_ (memory) --miss--> writer_ (file not complete) --none--> file --none, damaged--> builds_
+//
+// States of a chunk:
+//
+//   absent --build--> in memory, writer_ has it --written--> in memory from its file <--get() / evict--> file only
+//     ^                     |                                       |
+//     |                write fails                         reject(): a record is damaged
+//     |                     v                                       v
+//     |              in memory only                file deleted ------------> absent: built again
+//     +--evict--------------+                      file cannot be deleted --> distrusted: built again, in memory only
 #pragma once
 
 #include <atomic>
@@ -27,35 +38,37 @@ class ChunkStore {
   ChunkStore(const Catalogue& catalogue, const PostSource& source, const ChunkPlans& plans, TroubleLog& trouble,
              const TerrainOptions& options, std::size_t bytes);
 
-  // Call once, first: removes unfinished files in the cache folder, and checks whether it can be written.
+  // Removes unfinished files from the cache folder. Call it once, before any other member.
   void open_folder();
 
-  // Waits for builds. Throws as Terrain does.
+  // Returns a chunk; waits for its build if necessary. Throws as Terrain does.
   std::shared_ptr<const Chunk> get(const ChunkPlan& plan, const StopToken& stop);
   // Loads a block from its chunk.
   std::shared_ptr<const Block> load(const BlockId& id, const ChunkPlan& plan, const StopToken& stop);
-  // Whether the chunk is in memory or in the cache folder.
+  // Returns whether the chunk is in memory or in the cache folder.
   bool has(const ChunkPlan& plan) const;
 
   // Waiting callers throw Cancelled, and nothing is built any more. Returns at once.
   void stop_building() { builds_.stop(); }
   void wait_until_written() { writer_.wait_until_done(); }
 
-  // Why the first of the built chunks that are not in the cache folder isn't, with its file's name; empty: all are, but
-  // for those with replacements.
+  // Returns the file name and the reason of the first built chunk that could not be stored in the cache folder; empty
+  // if there is none. Chunks with replacements, which are never stored, do not count.
   std::string unwritten() const;
 
-  // Whether any chunk lacks an unusable file.
+  // Returns whether any chunk was built without a file that is unusable.
   bool has_replacements() const { return replacements_; }
   // Statistics of chunks only, without hits and misses.
   CacheStatistics statistics() const;
 
  private:
   std::string path_of(const ChunkPlan& plan) const;
-  std::shared_ptr<const Chunk> kept(const ChunkPlan& plan);
+  // Returns the chunk from the writer or from the cache folder; null: it has to be built.
+  std::shared_ptr<const Chunk> stored_chunk(const ChunkPlan& plan);
+  // Body of a builder's turn: returns the built chunk, or the finer chunk that it needs first.
   BuildQueue::Turn take_turn(BuildQueue::Work& work, const StopToken& stop);
   std::optional<ChunkPlan> collect_finer(BuildQueue::Work& work, const StopToken& stop);
-  bool take_finer(BuildQueue::Work& work, const ChunkPlan& from, const BlockId& id, const StopToken& stop);
+  bool collect_block(BuildQueue::Work& work, const ChunkPlan& from, const BlockId& id, const StopToken& stop);
   std::shared_ptr<const Chunk> build(const ChunkPlan& plan, const Chunk::Finer& finer, const StopToken& stop);
   void write(const ChunkWriter::Job& job);
   void note_unwritten(const std::string& why);
@@ -74,8 +87,8 @@ class ChunkStore {
   mutable std::mutex mutex_;
   // Nodes whose file is damaged and cannot be removed, or may not be read.
   std::unordered_set<BlockId, BlockIdHash> distrusted_;
-  std::string unwritten_;
-  Chunk::Scratch scratch_;  // of the thread that builds from local files
+  std::string unwritten_;   // see unwritten()
+  Chunk::Scratch scratch_;  // memory that builds from local files reuse; used by their thread only
   ChunkWriter writer_;
   BuildQueue builds_;  // declared last: its thread uses all of the above
 };

@@ -18,7 +18,7 @@ ChunkWriter::~ChunkWriter() {
 
 void ChunkWriter::add(Job job) {
   std::unique_lock lock(mutex_);
-  changed_.wait(lock, [&] { return jobs_.size() < kMost; });
+  changed_.wait(lock, [&] { return jobs_.size() < kMaxJobs; });
   if (!thread_.joinable()) thread_ = std::thread([this] { run(); });
   jobs_.push_back(std::move(job));
   changed_.notify_all();
@@ -40,6 +40,7 @@ void ChunkWriter::run() {
   for (;;) {
     changed_.wait(lock, [&] { return stopping_ || !jobs_.empty(); });
     if (jobs_.empty()) return;
+    // Copy the job, so that find() has it until its file is complete.
     const Job job = jobs_.front();
     lock.unlock();
     write_(job);

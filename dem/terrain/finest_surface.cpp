@@ -13,20 +13,21 @@ namespace {
 
 std::pair<int, int> group(int i, int stride) { return {i - i % stride, i - i % stride + stride}; }
 
-// A direction from the Moon's centre that is looked along.
-struct Look {
+// A radial ray from the Moon's centre.
+struct RadialRay {
   const Terrain& terrain;
   Vec3 direction;
   const StopToken& stop;
-  double slack;  // how far beside a triangle, as a share of it
+  double slack;  // tolerance outside a triangle's edges, as a share of the triangle
 };
 
-// Whether the direction meets a quad of the finest surface; then the answer has its height and sources.
-bool meets_quad(const Look& look, const Block& block, const FinestEdges& edges, int r, int c, HeightAnswer& answer) {
+// Returns whether the ray intersects a quad of the finest surface; then sets the answer's height and sources.
+bool intersects_quad(const RadialRay& ray, const Block& block, const FinestEdges& edges, int r, int c,
+                     HeightAnswer& answer) {
   for (const bool upper : {false, true}) {
     const QuadVertices q = vertices_of(r, c, upper);
     const auto vertex = [&](int i) { return edges.vertex(q.r[i], q.c[i]); };
-    const auto distance = radial_distance({vertex(0), vertex(1), vertex(2)}, look.direction, look.slack);
+    const auto distance = radial_distance({vertex(0), vertex(1), vertex(2)}, ray.direction, ray.slack);
     if (!distance) continue;
     answer.height_m = *distance - kMoonRadius_m;
     const SourceIndex from = source_of(block.source(q.r[0], q.c[0]));
@@ -36,25 +37,24 @@ bool meets_quad(const Look& look, const Block& block, const FinestEdges& edges, 
     }
     answer.source = from == kNoSource ? -1 : static_cast<int>(from);
     if (answer.source >= 0)
-      answer.post_spacing_m =
-          look.terrain.catalogue().rasters()[static_cast<std::size_t>(answer.source)].post_spacing_m;
+      answer.post_spacing_m = ray.terrain.catalogue().rasters()[static_cast<std::size_t>(answer.source)].post_spacing_m;
     return true;
   }
   return false;
 }
 
-// The same of the quad with a south-west corner at some ticks, or of those that share what is left of an edge with it.
-bool meets_quad_at(const Look& look, int level, std::int32_t lat, std::int32_t lon, HeightAnswer& answer) {
-  const auto block = look.terrain.block(block_at(level, lat, lon), look.stop);
+// Tests the quad whose south-west corner is at the given ticks, and the quads that share its remaining edge.
+bool intersects_quad_at(const RadialRay& ray, int level, std::int32_t lat, std::int32_t lon, HeightAnswer& answer) {
+  const auto block = ray.terrain.block(block_at(level, lat, lon), ray.stop);
   if (!block) return false;
   const BlockExtent& e = block->extent;
   const int r = (lat - e.lat0) / e.lat_step, c = (lon - e.lon0) / e.lon_step;
-  const FinestEdges edges(look.terrain, *block, {r, r, c, c}, look.stop);
+  const FinestEdges edges(ray.terrain, *block, {r, r, c, c}, ray.stop);
   const auto [first_r, past_r] = edges.rows(r, c);
   const auto [first_c, past_c] = edges.columns(r, c);
   for (int at_r = first_r; at_r < past_r; ++at_r)
     for (int at_c = first_c; at_c < past_c; ++at_c)
-      if (meets_quad(look, *block, edges, at_r, at_c, answer)) return true;
+      if (intersects_quad(ray, *block, edges, at_r, at_c, answer)) return true;
   return false;
 }
 
@@ -70,17 +70,18 @@ FinestEdges::FinestEdges(const Terrain& terrain, const Block& block, const Quads
     const auto at = [&](int level) { return block_at(level, static_cast<std::int32_t>(lat), wrap_lon(lon)); };
     const BlockId probe = at(kMaxLevel), across = at(std::min(terrain.finest_level(probe), block.id.level));
     const bool coarser_posts = terrain.plain().posts_level(probe) < *posts;
-    // As in the mesh: between posts that are twice as far apart in longitude lies another curve.
+    // Rows of blocks with different spacing in longitude interpolate different curves between their posts. As the mesh
+    // does, take one side's heights on their common edge.
     const auto row_of_posts = [&](std::int32_t at_lat) { return block_at(*posts, at_lat, e.lon0).row; };
     const bool other_posts = along_lon && lon_shift(*posts, row_of_posts(static_cast<std::int32_t>(lat))) !=
                                               lon_shift(*posts, row_of_posts(e.lat0)),
-               theirs = coarser_posts || (other_posts && across < block.id);
-    const BlockExtent other = extent_of(across);
-    const int stride = along_lon ? other.lon_step / e.lon_step : other.lat_step / e.lat_step;
-    if (!theirs && stride <= 1) return {};
+               neighbours_heights = coarser_posts || (other_posts && across < block.id);
+    const BlockExtent across_extent = extent_of(across);
+    const int stride = along_lon ? across_extent.lon_step / e.lon_step : across_extent.lat_step / e.lat_step;
+    if (!neighbours_heights && stride <= 1) return {};
     std::shared_ptr<const Block> neighbour = terrain.block(across, stop);
     if (!neighbour) return {};
-    return {std::clamp(stride, 1, e.quads), theirs ? std::move(neighbour) : nullptr};
+    return {std::clamp(stride, 1, e.quads), neighbours_heights ? std::move(neighbour) : nullptr};
   };
   if (quads.first_row == 0) south_ = edge(std::int64_t{e.lat0} - 1, e.lon0, true);
   if (quads.last_row == e.quads - 1) north_ = edge(e.lat1(), e.lon0, true);
@@ -91,15 +92,15 @@ FinestEdges::FinestEdges(const Terrain& terrain, const Block& block, const Quads
 Vec3 FinestEdges::vertex(int r, int c) const {
   const int quads = block_.extent.quads;
   const Edge none;
-  const Edge& across = r == 0 ? south_ : r == quads ? north_ : none;
-  const Edge& beside = c == 0 ? west_ : c == quads ? east_ : none;
-  const int at_r = r - r % beside.stride, at_c = c - c % across.stride;
+  const Edge& along_row = r == 0 ? south_ : r == quads ? north_ : none;
+  const Edge& along_column = c == 0 ? west_ : c == quads ? east_ : none;
+  const int at_r = r - r % along_column.stride, at_c = c - c % along_row.stride;
   float height_m = block_.vertices[block_.index(at_r, at_c)].height_m;
-  for (const Edge* edge : {&across, &beside})
-    if (edge->holds) {
+  for (const Edge* edge : {&along_row, &along_column})
+    if (edge->source) {
       const std::int64_t lat = block_.extent.lat0 + std::int64_t{at_r} * block_.extent.lat_step,
                          lon = block_.extent.lon0 + std::int64_t{at_c} * block_.extent.lon_step;
-      height_m = post_at(*edge->holds, lat, lon).value_or(height_m);
+      height_m = post_at(*edge->source, lat, lon).value_or(height_m);
     }
   return block_.position(at_r, at_c, static_cast<double>(height_m));
 }
@@ -117,28 +118,28 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& st
   const double lat = (lat_deg + 90) * kTicksPerDegree, lon = (answer.lon_deg + 180) * kTicksPerDegree;
   const BlockId probe = block_at(kMaxLevel, static_cast<std::int32_t>(std::clamp(lat, 0.0, kLatTicks - 1.0)),
                                  wrap_lon(static_cast<std::int64_t>(lon)));
-  // More than a block of kSmoothLevel (0.25 degrees), the largest that is looked into below.
+  // Wider than a block of kSmoothLevel (0.25 degrees), the largest block that is loaded below.
   constexpr double kFarFromAnyFile_deg = 0.3;
   if (!has_data(probe) && files_touching(catalogue(), probe, kFarFromAnyFile_deg).empty()) return answer;
   const int level = finest_level(probe);
   const double step = std::ldexp(1.0, kTickLevel - level);
   const double y = lat / step, x = lon / step;
-  // The quad that the place is in; beside an edge the neighbours too, because the mesh's edges are great circles, not
-  // parallels.
-  const auto meets = [&](double slack) {
-    const Look look{*this, to_cartesian({lat_deg, lon_deg, 0}).normalized(), stop, slack};
+  // Test the quad of the position first, then its neighbours: the mesh's edges are great circles, not parallels, so
+  // that a position beside an edge may lie on the next quad's triangle.
+  const auto find_triangle = [&](double slack) {
+    const RadialRay ray{*this, to_cartesian({lat_deg, lon_deg, 0}).normalized(), stop, slack};
     for (const int dy : {0, -1, 1})
       for (const int dx : {0, -1, 1}) {
         const double row = std::floor(y) + dy, col = std::floor(x) + dx;
         if (row < 0 || row * step >= kLatTicks) continue;
-        if (meets_quad_at(look, level, static_cast<std::int32_t>(row * step),
-                          wrap_lon(static_cast<std::int64_t>(col * step)), answer))
+        if (intersects_quad_at(ray, level, static_cast<std::int32_t>(row * step),
+                               wrap_lon(static_cast<std::int64_t>(col * step)), answer))
           return true;
       }
     return false;
   };
-  // The triangles at a pole are slivers a tenth of a millimetre wide, which rounding misses.
-  if (!meets(1e-9)) meets(1e-3);
+  // Repeat with more slack if rounding misses all triangles: at a pole they are slivers a tenth of a millimetre wide.
+  if (!find_triangle(1e-9)) find_triangle(1e-3);
   return answer;
 }
 

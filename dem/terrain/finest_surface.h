@@ -1,5 +1,5 @@
-// The finest surface: a block at its finest beside others at theirs, as a mesh joins them (engine/scene/mesh.h); and
-// its height at a place (Terrain::height).
+// The finest surface: blocks at their finest levels, stitched as a mesh stitches them (engine/scene/mesh.h), and its
+// height at a position (Terrain::height).
 #pragma once
 
 #include <memory>
@@ -9,31 +9,38 @@
 
 namespace selenograph::dem {
 
-// Of the vertices on an edge with a coarser block those are left which that one has, too; the others collapse onto the
-// ones before them. Their heights are the neighbour's where its posts are coarser, or are as far apart but in longitude
-// and it is the southern one.
+// A block's vertices on the finest surface. On an edge with a coarser block only its vertices remain; each other vertex
+// collapses onto the remaining one before it:
+//
+//   coarser neighbour   o-----------o-----------o
+//                       0     1     2     3     4     stride 2: vertices 1 and 3 of the edge collapse onto 0 and 2
+//   this block          o-----x-----o-----x-----o
+//
+// A vertex has the neighbour's height if the neighbour's posts are coarser. It also has it if the posts are as dense
+// along the meridian, differ in their spacing in longitude, and the neighbour's id is smaller (it lies south).
 class FinestEdges {
  public:
-  // Quads of the block whose vertices are asked for; the last ones are included.
+  // Range of the block's quads whose vertices will be used, last ones included.
   struct Quads {
     int first_row, last_row, first_column, last_column;
   };
   FinestEdges(const Terrain& terrain, const Block& block, const Quads& quads, const StopToken& stop);
 
-  // MOON_ME, metres; NaN where there is no data.
+  // Returns a vertex in MOON_ME, metres; NaN where there is no data.
   Vec3 vertex(int r, int c) const;
-  // Whether some vertices may be others than the block's own.
+  // Returns whether any vertex may differ from the block's own.
   bool differ() const { return south_.differs() || north_.differs() || west_.differs() || east_.differs(); }
 
-  // Of the quads whose triangles may have a place in one of them: those that share what is left of an edge.
+  // Return the rows and the columns (first, past the last) of the quads whose triangles may contain a position in a
+  // quad: beside an edge, all quads between two remaining vertices.
   std::pair<int, int> rows(int r, int c) const;
   std::pair<int, int> columns(int r, int c) const;
 
  private:
   struct Edge {
-    int stride = 1;
-    std::shared_ptr<const Block> holds;  // whose heights hold; null: own
-    bool differs() const { return stride > 1 || holds; }
+    int stride = 1;                       // steps between remaining vertices
+    std::shared_ptr<const Block> source;  // the neighbour that defines the heights; null: the block itself
+    bool differs() const { return stride > 1 || source; }
   };
 
   const Block& block_;

@@ -1,4 +1,4 @@
-// Bounds on an area's heights from a scan of its files, so that a pyramid that cannot matter need not be built.
+// Bounds on an area's heights from a scan of its files: selection can cull the area without building its pyramid.
 #pragma once
 
 #include <optional>
@@ -11,14 +11,14 @@
 
 namespace selenograph::dem {
 
-// Bounds of all surfaces of the block: posts, interpolation between them, and filtered levels, its own and finer ones.
-// Wider than NodeInfo's by a few metres on level terrain. Empty where they are hard to find (near a pole, polar or
-// remote files, unreadable files, many layers). Throws Cancelled.
+// Returns bounds of all surfaces of a block: posts, interpolation between them, and filtered levels from its own on.
+// They are wider than NodeInfo's by a few metres on level terrain. Empty where bounds are hard to find (near a pole,
+// polar or remote files, unreadable files, many layers). Throws Cancelled.
 std::optional<HeightRange> survey_heights(const Catalogue& catalogue, const PostSource& source, const BlockId& block,
                                           const StopToken& stop);
 
-// Lowest and highest height of whole rows, evenly spread, of about `posts` posts in all; low > high: none is valid.
-// Throws as Raster does.
+// Returns the lowest and highest height of complete rows, evenly spread, of about `posts` posts in all; low > high: no
+// post is valid. Throws as Raster does.
 HeightRange sampled_heights(const RasterInfo& info, std::size_t posts);
 
 }  // namespace selenograph::dem

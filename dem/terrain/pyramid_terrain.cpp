@@ -26,10 +26,11 @@ struct PyramidTerrain::Impl {
         source(catalogue, options.fall_through,
                [this](const std::string& file, const std::string& text) { trouble.warn(file, text); }),
         plans(catalogue, source, options.fall_through),
-        // Scenes that are kept between frames have blocks in use: a frame's own must not make way for them.
+        // Protect an eighth of the budget for the latest blocks: cached scenes hold blocks in use, which must not evict
+        // those of the current frame.
         blocks(options.cache_bytes / 4 * 3, {}, options.cache_bytes / 8),
         store(catalogue, source, plans, trouble, options, options.cache_bytes / 4) {
-    // What a file that can't even be catalogued holds, and where, is unknown: any answer may lack it.
+    // A file that cannot be catalogued may lie anywhere, so that any answer may lack it: refuse it or warn now.
     for (const CatalogueProblem& problem : catalogue.problems()) {
       if (problem.located || problem.unrelated) continue;
       if (!options.fall_through) throw DataError(problem.path, problem.what);
@@ -45,29 +46,30 @@ struct PyramidTerrain::Impl {
     return blocks.get(
         id,
         [&] {
-          std::shared_ptr<const Block> made =
-              id.level > plan.finest_level() ? finer_than_posts(terrain, id, plan, stop) : store.load(id, plan, stop);
-          const std::size_t bytes = made ? made->bytes() : sizeof(Block);
-          return BlockCache::Loaded{std::move(made), bytes};
+          std::shared_ptr<const Block> block =
+              id.level > plan.finest_level() ? subdivided_posts(terrain, id, plan, stop) : store.load(id, plan, stop);
+          const std::size_t bytes = block ? block->bytes() : sizeof(Block);
+          return BlockCache::Loaded{std::move(block), bytes};
         },
         stop);
   }
 
-  std::shared_ptr<const Block> finer_than_posts(const PyramidTerrain& terrain, const BlockId& id, const ChunkPlan& plan,
+  // Returns a block finer than the posts.
+  std::shared_ptr<const Block> subdivided_posts(const PyramidTerrain& terrain, const BlockId& id, const ChunkPlan& plan,
                                                 const StopToken& stop) {
     const auto posts = terrain.block(ancestor_of(id, plan.base_level), stop);
     return posts ? subdivided(*posts, id) : nullptr;
   }
 
-  std::optional<HeightRange> surveyed(const BlockId& id, const StopToken& stop) {
+  std::optional<HeightRange> survey(const BlockId& id, const StopToken& stop) {
     {
       const std::lock_guard lock(mutex);
-      if (const auto known = surveys.find(id); known != surveys.end()) return known->second;
+      if (const auto hit = surveys.find(id); hit != surveys.end()) return hit->second;
     }
     const Waiting waiting(stop.waits(), &Waits::pyramid);
     const std::optional<HeightRange> range = survey_heights(catalogue, source, id, stop);
     const std::lock_guard lock(mutex);
-    if (surveys.size() >= kMostSurveys) surveys.clear();
+    if (surveys.size() >= kMaxSurveys) surveys.clear();
     surveys[id] = range;
     return range;
   }
@@ -78,11 +80,11 @@ struct PyramidTerrain::Impl {
   ChunkPlans plans;
   BlockCache blocks;
   std::unique_ptr<BlockStore> ground;
-  std::atomic<int> details{0};  // terrains with detail that there were
-  std::mutex mutex;
-  static constexpr std::size_t kMostSurveys = 4096;
+  std::atomic<int> details{0};  // number of terrains with detail created so far
+  std::mutex mutex;             // guards surveys
+  static constexpr std::size_t kMaxSurveys = 4096;
   std::unordered_map<BlockId, std::optional<HeightRange>, BlockIdHash> surveys;
-  ChunkStore store;  // the last: its threads use all of the above
+  ChunkStore store;  // declared last: its threads use all of the above
 };
 
 PyramidTerrain::PyramidTerrain(Catalogue catalogue, const TerrainOptions& options)
@@ -99,20 +101,22 @@ bool PyramidTerrain::node_is_cheap(const BlockId& id) const { return impl_->plan
 NodeInfo PyramidTerrain::node(const BlockId& id, const StopToken& stop) const {
   const ChunkPlan plan = impl_->plans.plan_for(id);
   if (!plan.exists) return {};
-  const bool beyond = id.level > plan.finest_level();
+  const bool finer_than_posts = id.level > plan.finest_level();
   const auto chunk = impl_->store.get(plan, stop);
-  const Chunk::Record* record = chunk->find(beyond ? ancestor_of(id, plan.finest_level()) : id);
+  const Chunk::Record* record = chunk->find(finer_than_posts ? ancestor_of(id, plan.finest_level()) : id);
   if (!record) throw DataError("pyramid " + to_string(plan.node), "block " + to_string(id) + " is missing");
-  // What the finest surface has of a quad's twist halves with each level (block_error.h).
-  const double error_m =
-      id.level >= kSmoothLevel && beyond ? 0 : std::ldexp(record->error_m, std::min(plan.finest_level() - id.level, 0));
+  // The error of a level finer than the posts comes from its quads' twist, which halves with each level
+  // (block_error.h).
+  const double error_m = id.level >= kSmoothLevel && finer_than_posts
+                             ? 0
+                             : std::ldexp(record->error_m, std::min(plan.finest_level() - id.level, 0));
   return {error_m, record->min_m, record->max_m, (record->flags & Chunk::Record::kEmpty) != 0, chunk->replaced()};
 }
 
 std::optional<HeightRange> PyramidTerrain::heights_without_building(const BlockId& id, const StopToken& stop) const {
   const ChunkPlan plan = impl_->plans.plan_for(id);
   if (!plan.exists || !plan.direct || impl_->store.has(plan)) return std::nullopt;
-  return impl_->surveyed(id, stop);
+  return impl_->survey(id, stop);
 }
 
 bool PyramidTerrain::waits_for_network(const BlockId& id) const {
@@ -122,11 +126,12 @@ bool PyramidTerrain::waits_for_network(const BlockId& id) const {
 std::shared_ptr<const Block> PyramidTerrain::block(const BlockId& id, const StopToken& stop) const {
   const ChunkPlan found = impl_->plans.plan_for(id);
   if (!found.exists) return nullptr;
-  if (const auto here = impl_->blocks.find(id)) return *here;
-  // A pyramid that is to be built is waited for out here: that may take seconds, and the arena's places are few.
+  if (const auto hit = impl_->blocks.find(id)) return *hit;
+  // Wait for the pyramid outside the arena: building it may take seconds, and the arena has few slots. Hold the chunk,
+  // so that the cache does not evict it before the block is loaded.
   const std::shared_ptr<const Chunk> ready = impl_->store.get(found, stop);
-  // Loading has loops. Loops' bodies wait for blocks that others load, too, and keep their places in the arena: who
-  // would begin to load and then wait for a place there could wait for those who wait for it.
+  // Enter the arena before the single-flight load, whose loops need a slot. Other loop bodies wait for the same flight
+  // and keep their slots meanwhile. A loader that started its flight first could wait for a slot that they hold.
   std::shared_ptr<const Block> block;
   const auto load = [&] { block = impl_->load_once(*this, id, found, stop); };
   if (waits_for_network(id))
@@ -150,13 +155,16 @@ std::string PyramidTerrain::cache_trouble() const { return impl_->trouble.cache_
 CacheStatistics PyramidTerrain::statistics() const {
   const BlockCache& blocks = impl_->blocks;
   CacheStatistics s = impl_->store.statistics();
-  s.bytes += blocks.bytes(), s.capacity_bytes += blocks.capacity();
-  s.hits = blocks.hits(), s.misses = blocks.misses(), s.evictions += blocks.evictions();
+  s.bytes += blocks.bytes();
+  s.capacity_bytes += blocks.capacity();
+  s.hits = blocks.hits();
+  s.misses = blocks.misses();
+  s.evictions += blocks.evictions();
   return s;
 }
 
 void PyramidTerrain::ingest(const Progress& progress) const {
-  const std::vector<ChunkPlan> chunks = impl_->plans.all();
+  const std::vector<ChunkPlan> chunks = impl_->plans.all_plans();
   for (std::size_t i = 0; i < chunks.size() && impl_->store.unwritten().empty(); ++i) {
     impl_->store.get(chunks[i], {});
     if (!progress(i + 1, chunks.size(), to_string(chunks[i].node))) break;

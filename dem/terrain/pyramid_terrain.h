@@ -39,22 +39,22 @@ class PyramidTerrain final : public Terrain {
   // The cache of blocks. Terrains with detail over this one share it; their blocks have a number of their own.
   BlockCache& blocks() const;
   int new_detail_number() const;
-  // Where blocks with detail are kept between processes; null: nowhere.
+  // The store of blocks with detail in the cache folder; null: none.
   BlockStore* block_store() const;
 
-  // Reduces its budget by memory that is needed elsewhere.
+  // Reduces the cache's budget by memory that is needed elsewhere.
   void keep_less(std::size_t bytes) const;
-  // Waiting callers throw Cancelled, and nothing is built any more: the service is shutting down. Returns at once.
+  // Ends all builds, because the service is shutting down: waiting callers throw Cancelled. Returns at once.
   void stop_building() const;
-  // Warnings since the terrain was opened, one per faulty file, as in the log.
+  // Returns the warnings since the terrain was opened, one per faulty file, as in the log.
   std::vector<std::string> warnings() const;
-  // Why pyramids are kept in memory only; empty: they are in the cache folder, or there is no cache folder.
+  // Returns the reason why pyramids are in memory only; empty: they are in the cache folder, or there is none.
   std::string cache_trouble() const;
   CacheStatistics statistics() const;
 
   // Builds the pyramid of everything in the catalogue that is not yet on disk. Calls progress(done, total, name) after
-  // each chunk; stops when it returns false. Finished chunks are kept. Throws std::runtime_error naming the file and
-  // why once one can't be written: the rest would be built for nothing.
+  // each chunk; stops when it returns false. Finished chunks stay. Throws std::runtime_error with the file and the
+  // reason as soon as a chunk cannot be written: the remaining ones would be built for nothing.
   using Progress = std::function<bool(std::size_t done, std::size_t total, const std::string& name)>;
   void ingest(const Progress& progress) const;
   // Waits until all built chunks have been written to the cache folder, or have failed.

@@ -8,22 +8,32 @@
 namespace selenograph::dem {
 namespace {
 
-// A place in a quad, from its south-west corner, in quads.
-struct InQuad {
+// A position in a quad, from its south-west corner, 0 to 1.
+struct QuadPosition {
   double fx, fy;
 };
 
-// Adds to `sum` the values of the corners of the triangle that the place is in, weighted; corners with weight zero may
-// be void. `at(j, i)`: of the corner in row j, column i.
+// Interpolates on the triangle of a quad that contains a position, starting from `sum`. `at(j, i)` returns the value at
+// the corner in row j, column i; corners of weight 0 may be void.
+//
+//   (1,0) o-----o (1,1)      lower triangle: fx + fy <= 1, corners (0,0), (0,1), (1,0)
+//         | \   |            upper triangle: corners (1,1), (1,0), (0,1)
+//         |   \ |
+//   (0,0) o-----o (0,1)
 template <typename Value, typename At>
-Value on_triangle(const InQuad& p, Value sum, const At& at) {
+Value on_triangle(const QuadPosition& p, Value sum, const At& at) {
   const auto add = [&](double weight, int j, int i) {
     if (weight != 0) sum += weight * at(j, i);
   };
-  if (p.fx + p.fy <= 1)
-    add(1 - p.fx - p.fy, 0, 0), add(p.fx, 0, 1), add(p.fy, 1, 0);
-  else
-    add(p.fx + p.fy - 1, 1, 1), add(1 - p.fx, 1, 0), add(1 - p.fy, 0, 1);
+  if (p.fx + p.fy <= 1) {
+    add(1 - p.fx - p.fy, 0, 0);
+    add(p.fx, 0, 1);
+    add(p.fy, 1, 0);
+  } else {
+    add(p.fx + p.fy - 1, 1, 1);
+    add(1 - p.fx, 1, 0);
+    add(1 - p.fy, 0, 1);
+  }
   return sum;
 }
 
@@ -39,7 +49,7 @@ std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) 
   block->vertices.reserve(block->index(e.quads, e.quads) + 1);
   block->sources.reserve(block->index(e.quads, e.quads) + 1);
   float low = kHighestRelief_m, high = kLowestRelief_m;
-  bool any = false;
+  bool has_data = false;
   for (int r = 0; r <= e.quads; ++r)
     for (int c = 0; c <= e.quads; ++c) {
       const std::int32_t dy = e.lat0 + r * e.lat_step - ce.lat0, dx = e.lon0 + c * e.lon_step - ce.lon0;
@@ -48,18 +58,20 @@ std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) 
       const auto corner = [&](int j, int i) -> const Vertex& { return coarse.vertices[coarse.index(cr + j, cc + i)]; };
       const auto height = [&](int j, int i) { return static_cast<double>(corner(j, i).height_m); };
       const auto normal = [&](int j, int i) -> Vec3 { return corner(j, i).normal.cast<double>(); };
-      const InQuad place{fx, fy};
-      const double h = on_triangle(place, 0.0, height);
-      const Vec3 n = on_triangle(place, Vec3(Vec3::Zero()), normal);
+      const QuadPosition position{fx, fy};
+      const double h = on_triangle(position, 0.0, height);
+      const Vec3 n = on_triangle(position, Vec3(Vec3::Zero()), normal);
       block->vertices.push_back({static_cast<float>(h), n.normalized().cast<float>()});
       block->sources.push_back(coarse.source(cr + (fy > 0.5), cc + (fx > 0.5)));
       if (std::isnan(h)) continue;
-      any = true;
-      low = std::min(low, static_cast<float>(h)), high = std::max(high, static_cast<float>(h));
+      has_data = true;
+      low = std::min(low, static_cast<float>(h));
+      high = std::max(high, static_cast<float>(h));
     }
-  if (!any) return nullptr;
+  if (!has_data) return nullptr;
   block->pack();
-  block->min_m = low, block->max_m = high;
+  block->min_m = low;
+  block->max_m = high;
   return block;
 }
 

@@ -1,4 +1,4 @@
-// Levels finer than the posts.
+// Blocks of levels finer than the posts.
 #pragma once
 
 #include <memory>
@@ -7,9 +7,9 @@
 
 namespace selenograph::dem {
 
-// A block of a finer level, subdivided along the same triangles in latitude, longitude and height: the surface stays
-// the same but follows the sphere. Beside a pole, where steps of longitude do not halve, quads become ruled surfaces.
-// Null if it has no valid post.
+// Returns a block of a finer level, interpolated on the coarse block's triangles in latitude, longitude and height: the
+// surface stays the same but follows the sphere. Beside a pole, where steps of longitude do not halve, quads become
+// ruled surfaces. Null if it has no valid post.
 std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id);
 
 }  // namespace selenograph::dem

@@ -10,7 +10,7 @@ namespace selenograph::dem {
 Ticks ticks_of(double lat_deg, double lon_deg) {
   const double lat = std::clamp((lat_deg + 90) * kTicksPerDegree, 0.0, kLatTicks - 1.0),
                turned = (wrap_lon_deg(lon_deg) + 180) * kTicksPerDegree,
-               lon = turned < kLonTicks ? turned : 0;  // 180 degrees less a rounding
+               lon = turned < kLonTicks ? turned : 0;  // rounding may turn a longitude just below 180 into 180
   return {lat, lon, static_cast<std::int32_t>(lat), static_cast<std::int32_t>(lon)};
 }
 
@@ -33,7 +33,8 @@ std::optional<SurfacePlace> surface_on(const Block& block, double lat_deg, doubl
   const double y = (at.lat - e.lat0) / e.lat_step, x = (at.lon - e.lon0) / e.lon_step;
   const int r = std::clamp(static_cast<int>(y), 0, e.quads - 1), c = std::clamp(static_cast<int>(x), 0, e.quads - 1);
   const Vec3 direction = to_cartesian({lat_deg, lon_deg, 0}).normalized();
-  // The triangles' edges are great circles, not parallels: a place next to one may be a little outside of both.
+  // Repeat with more slack: the triangles' edges are great circles, not parallels, so that a position beside an edge
+  // may lie slightly outside both triangles.
   for (const double slack : {1e-9, 1e-3})
     for (const bool upper : {false, true}) {
       const QuadVertices q = vertices_of(r, c, upper);

@@ -1,4 +1,4 @@
-// The interface of terrain: blocks of posts at any level of detail, and heights at places.
+// The interface of terrain: blocks of posts at any level of detail, and heights at positions.
 #pragma once
 
 #include <cstdint>
@@ -29,7 +29,7 @@ struct TerrainOptions {
   // may be empty.
   std::function<void(const std::string&)> log{};
   int threads = 0;                    // threads that build pyramids; 0: all cores
-  std::size_t ground_disk_bytes = 0;  // of ground with detail in the cache folder; 0: none is kept there
+  std::size_t ground_disk_bytes = 0;  // disk space for blocks with detail in the cache folder; 0: none are stored
 };
 
 // Properties of a block that selection needs before its posts are loaded.
@@ -44,9 +44,9 @@ struct NodeInfo {
   double left_out_size_m = 0;
 };
 
-// Share of a layer's detail at a place: at layer borders, several layers contribute.
+// Share of a layer's detail at a position: at layer borders, several layers contribute.
 struct DetailOfPosts {
-  int level;  // level of posts as far apart as what it resolves
+  int level;  // level whose post spacing is the distance that the layer resolves
   double share;
 };
 
@@ -67,9 +67,9 @@ struct CacheStatistics {
 // Implemented by the pyramid's terrain (pyramid_terrain.h) and by terrain with detail (detailed_terrain.h).
 // Thread-safe: const functions may be called concurrently.
 //
-// Data that are neither in memory nor in the cache folder are built in the background while callers wait, each until
-// its own `stop`: then they throw Cancelled. Started builds are finished and kept (build_queue.h). Callers throw
-// DataError when a file is unusable, SystemFault when the system cannot read it now.
+// Data that are neither in memory nor in the cache folder are built in the background. Callers wait for them until
+// their own `stop`, then throw Cancelled; the build continues (build_queue.h). Members throw DataError when a file is
+// unusable, SystemFault when the system cannot read it now.
 class Terrain {
  public:
   virtual ~Terrain() = default;
@@ -78,9 +78,9 @@ class Terrain {
   // The same terrain without detail.
   virtual const Terrain& plain() const = 0;
   virtual const Detail* detail() const { return nullptr; }
-  // Whether a block has detail: it is finer than what the posts of its ground resolve.
+  // Returns whether a block has detail: it is finer than the distance that its posts resolve.
   virtual bool has_detail(const BlockId&) const { return false; }
-  // With detail: the layers whose detail is shown at a place, from coarse to fine.
+  // Returns the layers whose detail is shown at a position, from coarse to fine; empty without detail.
   virtual std::vector<DetailOfPosts> detail_at(double, double) const { return {}; }  // lat_deg, lon_deg
   // Number of a terrain with detail, unique among those that share a pyramid; 0: without detail.
   virtual int detail_number() const { return 0; }
@@ -89,41 +89,41 @@ class Terrain {
   virtual const std::vector<BlockId>& roots() const = 0;
   // False if no source is near: nothing to load.
   virtual bool has_data(const BlockId& id) const = 0;
-  // Finest useful level in this block's area: its vertices are the posts or, for coarse layers, chords stay within
-  // millimetres of the sphere.
+  // Returns the finest useful level in this block's area: its vertices are the posts or, for coarse layers, its chords
+  // stay within millimetres of the sphere.
   int finest_level(const BlockId& id) const;
   // Level of the posts, or of the finest detail; finer blocks only follow the sphere more closely.
   virtual int posts_level(const BlockId& id) const = 0;
-  // Whether node() needs only sources around the block itself. Otherwise (a coarse block over very fine posts) node()
-  // first builds everything below: call it only if the block is really needed.
+  // Returns whether node() needs only sources around the block itself. Otherwise (a coarse block over very fine posts)
+  // node() first builds everything below: call it only if the block is really needed.
   virtual bool node_is_cheap(const BlockId& id) const = 0;
   virtual NodeInfo node(const BlockId& id, const StopToken& stop = {}) const = 0;
-  // Of a block with detail that need not be made for it: wider bounds on its heights, and a lower bound on its error.
-  // Empty if node() makes no block either, and where nothing is known. Which blocks have one depends on the terrain
-  // only, not on what is in memory.
+  // Returns, without making a block with detail, wider bounds on its heights and a lower bound on its error. Empty if
+  // node() makes no block either, and if no bounds are available. Whether a block has an outline depends on the terrain
+  // only, not on the caches, so that selection is reproducible.
   virtual std::optional<NodeInfo> outline(const BlockId&, const StopToken&) const { return std::nullopt; }
-  // If node() would have to build first: wider bounds on the heights of the block and everything below, from a scan of
-  // the files. Empty if node() need not build, or if a scan gives no bounds.
+  // Returns, if node() would have to build first, wider bounds on the heights of the block and everything below, from a
+  // scan of the files. Empty if node() need not build, or if a scan gives no bounds.
   virtual std::optional<HeightRange> heights_without_building(const BlockId& id, const StopToken& stop = {}) const = 0;
-  // Whether block() reads posts from a network: then do not call it within a loop, whose threads, and all others of
-  // their arena, would wait for the network (on_own_threads).
+  // Returns whether block() reads posts from a network. Then do not call it in a loop of an arena, whose threads would
+  // all wait for the network (on_own_threads).
   virtual bool waits_for_network(const BlockId& id) const = 0;
-  // Null when the block has no valid post.
+  // Returns a block; null if it has no valid post.
   virtual std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const = 0;
-  // The block, or of one that would have to be made the quad at a place (ticks) in it: the same heights to the bit, no
-  // normals, sources or bounds. For callers who need few places of a block.
+  // Returns the block if it is available, else only its quad at a position in ticks: the same heights to the bit, no
+  // normals, sources or bounds. For callers that need few positions of a block.
   virtual std::shared_ptr<const Block> block_or_quad(const BlockId& id, std::int32_t, std::int32_t,
                                                      const StopToken& stop = {}) const {
     return block(id, stop);
   }
 
-  // Height on the finest surface, by the triangles of which frames are made.
+  // Returns the height on the finest surface, on the triangles that frames show.
   HeightAnswer height(double lat_deg, double lon_deg, const StopToken& stop = {}) const;
 
-  // Whether any NodeInfo::replaced may be non-empty.
+  // Returns whether any NodeInfo::replaced may be non-empty.
   virtual bool has_replacements() const = 0;
-  // Warnings for a client about these files, and about files whose place is unknown. They depend on the files only, not
-  // on this machine.
+  // Returns warnings for a client about these files, and about files whose position on the Moon is unknown. The texts
+  // depend on the files only, not on this machine.
   std::vector<std::string> warnings_about(std::span<const SourceIndex> replaced) const;
 };
 

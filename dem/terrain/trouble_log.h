@@ -14,19 +14,19 @@ namespace selenograph::dem {
 // Thread-safe.
 class TroubleLog {
  public:
-  // `log` may be empty. `cache_dir`: where pyramids are kept.
+  // `log` may be empty. `cache_dir`: the cache folder, named in messages.
   TroubleLog(std::function<void(const std::string&)> log, std::string cache_dir);
 
   void log(const std::string& text) const;
   // Reports the first text about each file only.
   void warn(const std::string& file, const std::string& text);
-  // One per file, sorted by name.
+  // Returns one warning per file, sorted by file name.
   std::vector<std::string> warnings() const;
 
   // Reports that the cache folder cannot be read or written (`done`: "read" or "written"), or can be written again.
   void cache_failed(const char* done, const SystemFault& fault);
   void cache_works();
-  // Empty: no trouble.
+  // Returns the last failure of the cache folder; empty: it works.
   std::string cache_trouble() const;
 
  private:

@@ -1,8 +1,14 @@
 // A map of a quantity over the Moon's surface (albedo, temperature), averaged over a pixel's footprint.
 //
-// The map is linear between the centres of its texels. Level 0 of its pyramid is the raster; a texel of level n is the
-// mean of the valid ones among 2 x 2 texels of level n - 1, with their share; or it is from the raster's own overview
-// of that size, which has no shares. Tiles of levels are made on demand.
+// The map is bilinear between the centres of its texels. Level 0 of its pyramid is the raster. A texel of level n is
+// the mean of the valid texels among 2 x 2 of level n - 1, with their share. Where the raster has an overview of a
+// level's size, texels come from it, without shares. Tiles of levels are made on demand.
+//
+//      +-------------+       footprint of a pixel: sides a and b around its centre
+//     / .   .   .   /        .  probes: bilinear values of the level whose texels are at most half the shorter side;
+//    / .   .   .   / b          their mean is the footprint's
+//   +-------------+
+//          a
 #pragma once
 
 #include <array>
@@ -35,42 +41,43 @@ class ValueMap {
   const std::string& path() const;
   // Hash of the file's path and stamp, and of the options.
   std::uint64_t fingerprint() const;
-  // Whether the file is unchanged since it was opened.
+  // Returns whether the file is unchanged since it was opened.
   bool current() const;
   const std::optional<RadianceFactor>& radiance_factor() const;
 
-  // A number that follows from the map: that of the first call to return, for all callers.
+  // Returns a number that follows from the map: the first call computes it, later calls return the same.
   std::optional<double> once(const std::function<std::optional<double>()>& number) const;
 
-  // Footprint of a pixel: a parallelogram around a place, by its sides in metres (east, north).
+  // Footprint of a pixel: a parallelogram around a position, by its sides in metres (east, north).
   struct Footprint2 {
     double lat_deg, lon_deg;
     std::array<double, 2> a_m, b_m;
-    double cos_lat = cosine(lat_deg);  // may be given if known
+    double cos_lat = cosine(lat_deg);  // callers that have it already may pass it
     static double cosine(double lat_deg);
   };
 
-  // For one thread: remembers the tiles used last.
+  // Samples a map for one thread. Caches the latest tiles.
   class Sampler {
    public:
     // `stop` must outlive this object.
     Sampler(const ValueMap& map, const StopToken& stop) : map_(&map), stop_(&stop) {}
-    // Mean of the valid part of the footprint, and the share of that part, 0 to 1. NaN if there is none.
+    // Mean over the valid area of the footprint (NaN if there is none), and the share of that area, 0 to 1.
     struct Mean {
       double value, coverage;
     };
     // Computes the mean with up to 16 probes along the longer side. Throws DataError when the file cannot be read,
-    // Cancelled when `stop` says so.
+    // Cancelled when `stop` is set.
     Mean mean(const Footprint2& footprint);
-    // Computes the means of footprints whose sides are no longer than a texel, between valid texels of one tile, as
-    // most near the ground are: small_means(). Returns one bit per such footprint; other `values` are undefined. The
-    // tile is that of the first `wanted` footprint, of which there must be one.
-    std::uint32_t means_of_small(const Footprints& footprints, std::uint32_t wanted, double* values);
+    // Computes, for the footprints with a bit in `requested` (at least one), the means of those whose sides are no
+    // longer than a texel and that lie between valid texels of one tile, as most near the ground do (small_means).
+    // Returns one bit per computed mean; other `values` are undefined. The tile is that of the first requested
+    // footprint.
+    std::uint32_t means_of_small(const Footprints& footprints, std::uint32_t requested, double* values);
 
    private:
-    std::uint32_t means_in_tile(const Footprints& footprints, std::uint32_t wanted, double* values);
-    std::uint32_t means_between_tiles(const Footprints& footprints, std::uint32_t wanted, double* values);
-    struct Held {
+    std::uint32_t means_in_tile(const Footprints& footprints, std::uint32_t requested, double* values);
+    std::uint32_t means_between_tiles(const Footprints& footprints, std::uint32_t requested, double* values);
+    struct CachedTile {
       int level = -1, tx = 0, ty = 0;
       std::shared_ptr<const std::vector<float>> tile;
     };
@@ -83,7 +90,7 @@ class ValueMap {
 
     const ValueMap* map_;
     const StopToken* stop_;
-    std::array<Held, 16> held_;
+    std::array<CachedTile, 16> cached_tiles_;  // direct-mapped by the low bits of tx, ty and level
   };
 
  private:

@@ -19,15 +19,19 @@ struct Footprints {
 // A tile of a map's level 0: position of its first texel's centre, and its size in texels.
 struct MapTile {
   const float* texels;
-  double west_deg, north_deg;  // of that centre; the longitude is in the same turn as the footprints'
+  double west_deg, north_deg;  // that centre; its longitude is within the same turn as the footprints'
   double per_deg_east, per_deg_south;
   int columns, rows;
 };
 
 // Computes the mean of each footprint whose sides are no longer than a texel and whose probes lie between valid texels
-// of the tile. Between the centres of four texels the map is bilinear, and the mean is the value at the centre plus the
-// xy term; where a wanted footprint is across such squares, four probes are taken. Returns one bit per footprint that
-// has a mean, the first the lowest; other `values` are undefined.
-std::uint32_t small_means(const MapTile& tile, const Footprints& footprints, std::uint32_t wanted, double* values);
+// of the tile. Returns one bit per footprint that has a mean, bit 0 for the first; other `values` are undefined.
+//
+//   +---------+---------+    corners: centres of texels. Within such a square the map is bilinear:
+//   |  /--/   |         |    value = c0 + cx u + cy v + cxy u v. The mean over a parallelogram inside one square is
+//   | /--/    |   /--/  |    the value at its centre plus cxy times the mean of u v about the centre (the twist).
+//   |         |  /--/   |
+//   +---------+-/--/----+    A requested footprint across squares gets the mean of four probes instead.
+std::uint32_t small_means(const MapTile& tile, const Footprints& footprints, std::uint32_t requested, double* values);
 
 }  // namespace selenograph::dem

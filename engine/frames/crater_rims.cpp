@@ -163,7 +163,7 @@ class RimFinder {
       // Include craters whose centres are outside the block and that reach into it.
       const dem::Footprint box = dem::around(dem::footprint_of(block.id), std::ldexp(1.0, block.octave));
       const auto is_shown = [&, &heights = heights](const dem::Crater& crater) { return may_show(crater, heights); };
-      survey_.within(block.octave, box, options_.least_depth, is_shown, craters, stop_);
+      survey_.craters_in(block.octave, box, options_.least_depth, is_shown, craters, stop_);
     };
     auto found = gathered_in_parallel<dem::CraterFeature>(searches.size(), 1, kMostCraters, search);
     if (!found)
@@ -223,7 +223,7 @@ class RimFinder {
   // Returns the rim in the image; empty if it is too small, hidden or cut off (`is_complete` false) by the image's
   // edge.
   std::optional<CraterRim> rim_of(const dem::CraterFeature& feature, bool& is_complete) const {
-    const Vec3 centre = feature.crater.centre * (kMoonRadius_m + feature.place.height_m);
+    const Vec3 centre = feature.crater.centre * (kMoonRadius_m + feature.location.height_m);
     const double radius_m = feature.crater.diameter_m / 2;
     double px_per_m = 0;
     for (const ViewBundle& bundle : views_.bundles())

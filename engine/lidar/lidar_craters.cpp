@@ -87,7 +87,7 @@ std::vector<std::uint64_t> craters_of(const std::vector<Vec3>& places, const Lid
                               "craters");
     const auto pieces = dem::cut(region, std::ldexp(dem::CraterSurvey::kBoxDiameters, octave));
     const auto craters = gathered_in_parallel<dem::CraterFeature>(pieces.size(), 4, [&](std::size_t i, auto& some) {
-      survey.within(octave, pieces[i], options.least_depth, wanted, some, stop);
+      survey.craters_in(octave, pieces[i], options.least_depth, wanted, some, stop);
     });
     CraterCells cells(axes, field.largest_m(octave));
     for (const dem::CraterFeature& feature : craters) cells.add(feature.crater);

@@ -110,7 +110,7 @@ std::vector<CraterRow> ground_craters(const dem::DetailPreset& preset) {
                    lon_deg = lon * kDegreesPerRadian, wide_deg = half_deg / std::cos(lat);
       const dem::Footprint box{lat_deg - half_deg, lat_deg + half_deg, lon_deg - wide_deg, lon_deg + wide_deg};
       area_km2 += dem::area_m2(box) / 1e6;
-      const std::vector<dem::Crater> all = field.within(k, dem::around(box, std::ldexp(5.0, k)), {});
+      const std::vector<dem::Crater> all = field.in_box(k, dem::around(box, std::ldexp(5.0, k)), {});
       for (const dem::Crater& crater : all) {
         if (!dem::holds(box, to_geographic(crater.centre * kMoonRadius_m)) ||
             !dem::remains_of(field, crater, all).any())

@@ -78,7 +78,7 @@ class Works:
                          os.path.join(usr, "share", "selenograph", "assets"))
 
     def check_files(self, usr):
-        for name in ("bin/selenograph", "include/selenograph_client.hpp", "lib/python3/dist-packages/selenograph.py",
+        for name in ("bin/selenograph", "include/selenograph_client.hpp", "lib/python3/dist-packages/selenograph/__init__.py",
                      *(f"share/cmake/selenograph-client/selenograph-client-{part}.cmake"
                        for part in ("config", "config-version", "targets")),
                      "share/man/man1/selenograph.1", "share/bash-completion/completions/selenograph",

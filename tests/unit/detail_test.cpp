@@ -162,7 +162,7 @@ TEST(CraterField, CountsAreThoseOfTheLaw) {
     for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k)
       for (const double lat : {-88.0, 0.0, 61.0}) {
         const double half_deg = std::ldexp(30.0, k) / kMetresPerDegree;
-        const std::vector<Crater> found = field.within(k, {lat - half_deg, lat + half_deg, 20, 20 + 2 * half_deg});
+        const std::vector<Crater> found = field.in_box(k, {lat - half_deg, lat + half_deg, 20, 20 + 2 * half_deg});
         const double radians = 2 * half_deg * kRadiansPerDegree;
         const double area =
             kMoonRadius_m * kMoonRadius_m * radians *
@@ -191,7 +191,7 @@ TEST(CraterField, AsManyAreExpectedAsHaveFormed) {
   for (const double smallest_m : {400.0, 700.0}) {
     int found = 0;
     for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k)
-      for (const Crater& crater : field.within(k, region)) found += crater.diameter_m >= smallest_m;
+      for (const Crater& crater : field.in_box(k, region)) found += crater.diameter_m >= smallest_m;
     const double expected = expected_craters(field, region, smallest_m);
     EXPECT_NEAR(expected, found, 5 * std::sqrt(expected)) << smallest_m;
     // Most have not had the time.
@@ -202,7 +202,7 @@ TEST(CraterField, AsManyAreExpectedAsHaveFormed) {
 
 TEST(CraterField, DiametersAgesAndDepthsAreThoseOfTheLaw) {
   const CraterField field(small_craters(9));
-  std::vector<Crater> all = field.within(3, {0, 0.15, 0, 0.15});
+  std::vector<Crater> all = field.in_box(3, {0, 0.15, 0, 0.15});
   ASSERT_GT(all.size(), 5000u);
   double half_way = 0, age = 0, fresh = 0, fresh_ratio = 0;
   for (const Crater& c : all) {
@@ -295,8 +295,8 @@ TEST(Relief, StaysWithinItsBound) {
     const Vec3 direction = Vec3(any(random), any(random), any(random)).normalized();
     most = std::max(most, std::abs(height_m(relief, 3, direction)));
   }
-  EXPECT_LT(most, relief.most_m(3));
-  EXPECT_GT(most, 0.6 * relief.most_m(3));
+  EXPECT_LT(most, relief.max_height_m(3));
+  EXPECT_GT(most, 0.6 * relief.max_height_m(3));
 }
 
 // --- terrain
@@ -601,7 +601,7 @@ TEST(CraterSurvey, ListsWhatALayerIsTooCoarseFor) {
   const Footprint beside{25.5, 25.55, 3.85, 3.9};
   const auto ids = [&](const Terrain& terrain) {
     std::vector<std::uint64_t> found;
-    for (const CraterFeature& f : survey_of(terrain).within(beside, 30, 0, {})) found.push_back(f.crater.id);
+    for (const CraterFeature& f : survey_of(terrain).craters_in(beside, 30, 0, {})) found.push_back(f.crater.id);
     return found;
   };
   const std::vector<std::uint64_t> listed = ids(layers.both());
@@ -610,8 +610,8 @@ TEST(CraterSurvey, ListsWhatALayerIsTooCoarseFor) {
 
   // Inside the outline there are none of the coarse layer's craters.
   const Footprint inside{25.5, 25.7, 4.01, 4.3};
-  EXPECT_GT(survey_of(layers.coarse()).within(inside, 100, 0, {}).size(), 20U);
-  EXPECT_TRUE(survey_of(layers.both()).within(inside, 100, 0, {}).empty());
+  EXPECT_GT(survey_of(layers.coarse()).craters_in(inside, 100, 0, {}).size(), 20U);
+  EXPECT_TRUE(survey_of(layers.both()).craters_in(inside, 100, 0, {}).empty());
 }
 
 // The larger a crater beside the posts' spacing, the more of it their means take; what other craters add to the heights
@@ -623,14 +623,15 @@ TEST(CraterSurvey, DepthsAreWhatPostsLeave) {
        {std::array{0.5, 0.8, 0.9, 1.0}, {0.8, 1.2, 0.8, 0.95}, {1.2, 1.6, 0.6, 0.8}, {1.6, 2.0, 0.4, 0.6}}) {
     SCOPED_TRACE(to);
     double stated_m = 0, measured_m = 0, law_m = 0;
-    for (const CraterFeature& f : survey_of(*ground.detailed).within({25.8, 26.2, 3.8, 4.2}, from * kPosts_m, 0, {})) {
+    for (const CraterFeature& f :
+         survey_of(*ground.detailed).craters_in({25.8, 26.2, 3.8, 4.2}, from * kPosts_m, 0, {})) {
       if (f.crater.diameter_m >= to * kPosts_m || f.rim_share < 1) continue;
       const auto added_m = [&](const Geographic& g) {
         return ground.detailed->height(g.lat_deg, g.lon_deg).height_m -
                ground.plain->height(g.lat_deg, g.lon_deg).height_m;
       };
       constexpr int kAround = 16;
-      double deep_m = -added_m(f.place);
+      double deep_m = -added_m(f.location);
       for (int i = 0; i < kAround; ++i)
         deep_m +=
             added_m(to_geographic(CraterSurvey::on_rim(f.crater, 2 * pi * i / kAround) * kMoonRadius_m)) / kAround;
@@ -676,7 +677,7 @@ TEST(DetailedTerrain, DetailIsInItsRegion) {
   EXPECT_GT(between, 50);
   const CraterSurvey all = survey_of(*everywhere.detailed), some = survey_of(*within.detailed);
   const Footprint box{25.7, 25.9, 3.7, 3.9};
-  const auto listed = all.within(box, 20, 0, {}), listed_here = some.within(box, 20, 0, {});
+  const auto listed = all.craters_in(box, 20, 0, {}), listed_here = some.craters_in(box, 20, 0, {});
   std::vector<std::uint64_t> expected, found;
   for (const CraterFeature& f : listed)
     if (region.holds(f.crater.centre)) expected.push_back(f.crater.id);
@@ -978,7 +979,7 @@ TEST(DetailedTerrain, CratersAreWhereTheFieldHasThem) {
   const Ground ground(27, 3, level_ground);
   const CraterField& field = ground.detailed->detail()->craters();
   int seen = 0, deep = 0;
-  for (const Crater& c : field.within(6, {25.5, 26.5, 3.75, 4.25})) {
+  for (const Crater& c : field.in_box(6, {25.5, 26.5, 3.75, 4.25})) {
     if (c.age > 0.02 || c.diameter_m < 90) continue;  // fresh and large: nothing hides it
     const Geographic g = to_geographic(c.centre * kMoonRadius_m);
     const double floor_m = ground.detailed->height(g.lat_deg, g.lon_deg).height_m;

@@ -68,7 +68,7 @@ TEST(MapPlane, StereographicFromAnyPlace) {
   EXPECT_LT(off_m(plane, {0, kMoonRadius_m * std::tan(std::numbers::pi / 6)}, 90, 0), kClose_m);
   EXPECT_LT(off_m(plane, {kMoonRadius_m, 0}, 0, 110), kClose_m);
   EXPECT_LT(off_m(plane, {0, -kMoonRadius_m}, -60, 20), kClose_m);
-  EXPECT_FALSE(MapTransform({MapProjection::stereographic, 0, 0}).place(0, 180));
+  EXPECT_FALSE(MapTransform({MapProjection::stereographic, 0, 0}).project(0, 180));
 }
 
 // x = R k0 dlon, y = R k0 ln tan(45 degrees + lat / 2).
@@ -77,7 +77,7 @@ TEST(MapPlane, MercatorIsTrueToAngles) {
   const double y_m = kMoonRadius_m * std::log(std::tan(std::numbers::pi / 4 + std::numbers::pi / 6));
   EXPECT_LT(off_m(mercator(170, 1), {kQuarter_m / 3, y_m}, 60, -160), kClose_m);
   EXPECT_LT(off_m(mercator(0, 0.5), {-kQuarter_m / 6, -y_m / 2}, -60, -30), kClose_m);
-  EXPECT_FALSE(MapTransform(mercator(0, 1)).place(90, 0));
+  EXPECT_FALSE(MapTransform(mercator(0, 1)).project(90, 0));
 }
 
 // On the central meridian y is the distance along it, over the pole and beyond; on the equator x is Mercator's y.
@@ -87,7 +87,7 @@ TEST(MapPlane, TransverseMercatorIsAlongAMeridian) {
   EXPECT_LT(off_m(transverse(60, 20, 1), {0, kQuarter_m / 2}, 75, -160), kClose_m);
   EXPECT_LT(off_m(transverse(0, 170, 1), {kMoonRadius_m * std::atanh(std::sin(std::numbers::pi / 6)), 0}, 0, -160),
             kClose_m);
-  EXPECT_FALSE(MapTransform(transverse(0, 0, 1)).place(0, 90));
+  EXPECT_FALSE(MapTransform(transverse(0, 0, 1)).project(0, 90));
 }
 
 // At a pole y is along the centre's meridian, and x toward the one 90 degrees east of it, as just beside the pole.
@@ -114,7 +114,7 @@ TEST(MapPlane, ProjectionIsInvertible) {
         transverse(0, 0, 1), transverse(-89, 100, 1.2), MapPlane{MapProjection::stereographic, -40, 10, 0, 0.9}})
     for (double lat = -89.5; lat < 90; lat += 12.3)
       for (double lon = -179.5; lon < 180; lon += 17.1) {
-        const auto point = MapTransform(plane).place(lat, lon);
+        const auto point = MapTransform(plane).project(lat, lon);
         const Vec3 up = to_cartesian({plane.lat_deg, plane.lon_deg, 0}) / kMoonRadius_m;
         const double toward = up.dot(to_cartesian({lat, lon, 0})) / kMoonRadius_m;
         if (plane.projection == MapProjection::orthographic && toward < 0.05) {
@@ -127,9 +127,9 @@ TEST(MapPlane, ProjectionIsInvertible) {
 }
 
 TEST(MapPlane, PlacesOutsideTheProjection) {
-  EXPECT_FALSE(MapTransform(polar(90)).place(-90, 0));
-  EXPECT_FALSE(MapTransform(polar(-90)).place(90, 0));
-  EXPECT_FALSE(MapTransform(orthographic(0, 0)).place(0, 91));
+  EXPECT_FALSE(MapTransform(polar(90)).project(-90, 0));
+  EXPECT_FALSE(MapTransform(polar(-90)).project(90, 0));
+  EXPECT_FALSE(MapTransform(orthographic(0, 0)).project(0, 91));
 }
 
 TEST(MapGrid, PixelsFromTheNorthWest) {

@@ -439,7 +439,7 @@ TEST_F(ProjectedRaster, TerrainHasItsHeights) {
     double worst_m = 0;
     for (int y = 1; y < 98; y += 4)
       for (int x = 1; x < 98; x += 4) {
-        const Geographic g = PlanePosts(std::get<PlaneGrid>(info.grid), 100, 100).place(x + 0.4, y + 0.7);
+        const Geographic g = PlanePosts(std::get<PlaneGrid>(info.grid), 100, 100).position(x + 0.4, y + 0.7);
         const HeightAnswer answer = terrain->height(g.lat_deg, g.lon_deg);
         ASSERT_EQ(answer.source, 0) << x << " " << y;
         worst_m = std::max(worst_m, std::abs(answer.height_m - waves(g.lat_deg, g.lon_deg)));

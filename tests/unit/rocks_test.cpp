@@ -55,7 +55,7 @@ TEST(RockField, CountsAreThoseOfTheLaw) {
         for (const double lat : {-88.0, 0.0, 61.0}) {
           const dem::Footprint box = square(lat, 20, std::ldexp(600.0, k));
           std::vector<dem::Rock> found;
-          field.within(k, box, {}, found);
+          field.in_box(k, box, {}, found);
           const double low = std::max(0.1, std::ldexp(1.0, k)), high = std::min(6.0, std::ldexp(2.0, k));
           const auto above = [](double m) { return 0.0003 * std::pow(m, -2.482); };
           const double expected = dem::area_m2(box) * (above(low) - above(high));
@@ -83,8 +83,8 @@ TEST(RockField, TheSameRocksFromPiecesOfARegion) {
       const Geographic middle{(some.south_deg + some.north_deg) / 2, (some.west_deg + some.east_deg) / 2, 0};
       return field.fresh(craters, 100, to_cartesian(middle).normalized(), radius_m);
     };
-    field.within(-1, box, fresh_of(box, 250), whole);
-    for (const dem::Footprint& piece : dem::cut(box, 37)) field.within(-1, piece, fresh_of(piece, 40), pieces);
+    field.in_box(-1, box, fresh_of(box, 250), whole);
+    for (const dem::Footprint& piece : dem::cut(box, 37)) field.in_box(-1, piece, fresh_of(piece, 40), pieces);
     const auto ids = [](const std::vector<dem::Rock>& rocks) {
       std::set<std::uint64_t> all;
       for (const dem::Rock& rock : rocks) all.insert(rock.id);
@@ -113,7 +113,7 @@ TEST(RockField, FreshCratersHaveMore) {
   for (const dem::Crater& c : all)
     if (field.enriched(c.age_Ma, 1) >= 0.01) fresh.push_back(c);
   std::vector<dem::Rock> rocks;
-  field.within(-1, region, field.fresh(craters, 100, to_cartesian({10, 20, 0}).normalized(), 900), rocks);
+  field.in_box(-1, region, field.fresh(craters, 100, to_cartesian({10, 20, 0}).normalized(), 900), rocks);
   // What the law expects of each rock's place: thinned so, they are uniform.
   double expected_fresh = 0, found_fresh = 0;
   const double per_m2 = law.frequency.above(0.5) - law.frequency.above(1);
@@ -200,9 +200,9 @@ TEST(RockField, CellSearchStopsWhenTold) {
     std::vector<dem::Crater> near;
     std::vector<dem::Rock> rocks;
     EXPECT_THROW(craters.near(5, direction, 1000, near, stop), Cancelled) << lat;
-    EXPECT_THROW(craters.within(5, box, stop), Cancelled) << lat;
+    EXPECT_THROW(craters.in_box(5, box, stop), Cancelled) << lat;
     EXPECT_THROW(field.fresh(craters, 100, direction, 1000, stop), Cancelled) << lat;
-    EXPECT_THROW(field.within(0, box, {}, rocks, stop), Cancelled) << lat;
+    EXPECT_THROW(field.in_box(0, box, {}, rocks, stop), Cancelled) << lat;
   }
 }
 
@@ -519,7 +519,7 @@ TEST_F(RocksInFrames, AreWhereTheListHasThem) {
   asked.accuracy.max_error_px = 0.5;
   const auto detailed = renderer_->terrain_with(detail_);
   const std::vector<Placed> rocks =
-      placed_rocks(asked, dem::RockSurvey(*detailed).within(square(kLat, kLon, 260), 0.1, {}));
+      placed_rocks(asked, dem::RockSurvey(*detailed).rocks_in(square(kLat, kLon, 260), 0.1, {}));
   ASSERT_GT(rocks.size(), 300U);
   for (const engine::Visibility visibility : {engine::Visibility::zbuffer, engine::Visibility::raytrace}) {
     asked.visibility = visibility;
@@ -715,7 +715,7 @@ TEST_F(RocksInFrames, GroundForABeamIsTheFinestWithinItsFootprint) {
 
 TEST_F(RocksInFrames, InsideARockThereIsNoCameraAndNoLidar) {
   const auto ground = renderer_->terrain_with(detail_);
-  const std::vector<dem::RockFeature> rocks = dem::RockSurvey(*ground).within(square(kLat, kLon, 200), 1, {});
+  const std::vector<dem::RockFeature> rocks = dem::RockSurvey(*ground).rocks_in(square(kLat, kLon, 200), 1, {});
   ASSERT_GT(rocks.size(), 3U);
   for (std::size_t i = 0; i < 3; ++i) {
     const dem::RockFeature& rock = rocks[i];

@@ -15,7 +15,8 @@ Basilisk's default, IAU_MOON, is off by up to about 150 m. The camera frame C ha
 
 The message is Python's, for Python modules: it holds the array in place of CameraImageMsgPayload's imagePointer, which
 can't be set from Python. Basilisk isn't in Debian: ../tests/adapters_test.py runs this module with stand-ins that have
-the members of Basilisk's published messages; inside Basilisk itself it was not run. Needs selenograph.py (../python) and NumPy.
+the members of Basilisk's published messages; inside Basilisk itself it was not run. Needs the package selenograph
+(../python) and NumPy.
 """
 
 import dataclasses

@@ -1,6 +1,6 @@
 """From a camera's pose to the members of Image and CameraInfo, for selenograph_ros2_node.py.
 
-Needs selenograph.py (../python) and NumPy, and nothing of ROS.
+Needs the package selenograph (../python) and NumPy, and nothing of ROS.
 """
 
 import datetime

@@ -18,9 +18,9 @@ the Sun is computed for the stamp), and which has no "cameras", and in "truth" n
 queue_size (10): poses that wait while a frame is rendered; the oldest is dropped beyond it. A depth image comes from a
 second node: -p product:=depth -r __node:=depth -r image_raw:=depth/image_raw.
 
-Needs rclpy, sensor_msgs and geometry_msgs of a ROS 2, selenograph_ros.py beside it and selenograph.py (../python) in
-PYTHONPATH. Debian has no ROS 2: ../tests/adapters_test.py runs this node with stand-ins for rclpy and its messages; within
-ROS 2 itself it was not run.
+Needs rclpy, sensor_msgs and geometry_msgs of a ROS 2, selenograph_ros.py beside it and the package selenograph
+(../python) in PYTHONPATH. Debian has no ROS 2: ../tests/adapters_test.py runs this node with stand-ins for rclpy and its
+messages; within ROS 2 itself it was not run.
 """
 
 import array

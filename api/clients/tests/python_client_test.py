@@ -9,12 +9,14 @@ import asyncio
 import collections
 import contextlib
 import datetime
+import glob
 import importlib.util
 import io
 import json
 import math
 import multiprocessing
 import os
+import re
 import shutil
 import socket
 import subprocess
@@ -39,6 +41,7 @@ FOLDER = os.path.join(REPOSITORY, "api", "clients", "python")
 sys.path.insert(0, FOLDER)
 import selenograph  # noqa: E402
 from selenograph import AsyncClient, Client, Pose, Refused, Sun, Trajectory  # noqa: E402
+from selenograph.moon import position_of  # noqa: E402
 
 SERVICE = None
 
@@ -427,8 +430,8 @@ class RandomViews(WithClient):
             self.assertTrue(region["west_deg"] - 0.1 < lon_deg < region["east_deg"] + 0.1, lon_deg)
             target = view["pose"]["look_at"]
             camera = np.array(view["pose"]["position_m"])
-            up = selenograph._from_centre({"geodetic": {"lat_deg": target["lat_deg"], "lon_deg": target["lon_deg"],
-                                                        "height_m": target["height_m"]}})
+            up = position_of({"geodetic": {"lat_deg": target["lat_deg"], "lon_deg": target["lon_deg"],
+                                            "height_m": target["height_m"]}})
             way = camera - up
             up = up / np.linalg.norm(up)
             self.assertTrue(3000 <= way @ up <= 20000.001)
@@ -495,7 +498,7 @@ class Async(unittest.TestCase):
         return asyncio.run(all_of_it())
 
     def test_methods_are_the_clients(self):
-        here = {name for name in vars(Client) if not name.startswith("_")}
+        here = {name for name, member in vars(Client).items() if callable(member) and not name.startswith("_")}
         self.assertEqual({name for name in vars(AsyncClient) if not name.startswith("_")}, here)
 
     def test_calls(self):
@@ -553,7 +556,7 @@ class TheService(WithClient):
         service = Service("--idle-timeout-s", "0.1", cache="impatient")
         with Client(f"http://{service.host}:{service.port}") as client:
             client.datasets()
-            connection, = client._idle
+            connection, = client._connections._idle
             # The service's FIN: nothing to read, and no more to come.
             connection.sock.settimeout(PATIENCE_S)
             self.assertEqual(connection.sock.recv(1, socket.MSG_PEEK), b"")
@@ -571,7 +574,7 @@ class TheService(WithClient):
             waits.append(wait_s)
             holding.close()
 
-        with mock.patch.object(selenograph.time, "sleep", let_go):
+        with mock.patch("time.sleep", let_go):
             with Client(f"http://{service.host}:{service.port}", timeout_s=10000) as client:
                 # The place is free some time after the connection was closed: more refusals may follow.
                 self.assertIn("range", client.frame(request_at(0)))
@@ -704,7 +707,7 @@ class Examples(unittest.TestCase):
     def test_one_frame(self):
         radiance, ground, lit, detail, took = self.lines("one_frame.py", "one.npz")
         self.assertRegex(radiance, r"^radiance up to \d+\.\d W m-2 sr-1$")
-        near, far = map(float, selenograph.re.findall(r"[\d.]+", ground))
+        near, far = map(float, re.findall(r"[\d.]+", ground))
         self.assertTrue(38 < near < far < 120, ground)
         self.assertTrue(50 < float(lit.split()[0]) < 100, lit)
         self.assertIn("level of detail within", detail)
@@ -714,7 +717,7 @@ class Examples(unittest.TestCase):
     def test_descent(self):
         lines = self.lines("descent.py")
         self.assertEqual(len(lines), 20)
-        ranges = [float(selenograph.re.search(r"([\d.]+) m to the site", line)[1]) for line in lines]
+        ranges = [float(re.search(r"([\d.]+) m to the site", line)[1]) for line in lines]
         self.assertEqual(ranges, sorted(ranges, reverse=True))
         self.assertTrue(35000 < ranges[0] < 50000 and 2000 < ranges[-1] < 5000, ranges)
 
@@ -722,7 +725,7 @@ class Examples(unittest.TestCase):
         *shots, last = self.lines("lidar_line.py")
         self.assertEqual(len(shots), 20)
         for shot in shots:
-            lat, range_m, height_m = map(float, selenograph.re.findall(r"-?\d+\.\d+", shot))
+            lat, range_m, height_m = map(float, re.findall(r"-?\d+\.\d+", shot))
             self.assertAlmostEqual(range_m + height_m, 15000, 2)
             _, _, body = SERVICE.ask("GET", f"/v1/height?lat_deg={lat}&lon_deg=40")
             self.assertLess(abs(json.loads(body)["height_m"] - height_m), 3)  # four digits of a latitude: 3 m
@@ -746,10 +749,10 @@ class FromSpice(unittest.TestCase):
                       environment={"PYTHONWARNINGS": "ignore::UserWarning", "PYTHONPATH": os.pathsep.join(path)})
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         boresight, sun = done.stdout.splitlines()
-        lat, lon = map(float, selenograph.re.findall(r"-?\d+\.\d+", boresight))
+        lat, lon = map(float, re.findall(r"-?\d+\.\d+", boresight))
         self.assertAlmostEqual(lat, -6.5, 3)
         self.assertAlmostEqual(lon, 40, 3)
-        self.assertAlmostEqual(float(selenograph.re.search(r"[\d.]+", sun)[0]), 30, delta=0.02)
+        self.assertAlmostEqual(float(re.search(r"[\d.]+", sun)[0]), 30, delta=0.02)
         with open(harness.path("spice.png"), "rb") as file:
             self.assertTrue(file.read().startswith(b"\x89PNG"))
 
@@ -799,7 +802,7 @@ class FromOpenCv(unittest.TestCase):
     @unittest.skipUnless(cv2, "python3-opencv is not installed")
     def test_the_pages_block_agrees_with_opencv(self):
         with open(os.path.join(FOLDER, "geometry.md")) as file:
-            block, = selenograph.re.findall(r"^```python\n(.*?)^```", file.read(), selenograph.re.M | selenograph.re.S)
+            block, = re.findall(r"^```python\n(.*?)^```", file.read(), re.M | re.S)
         page = {}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", selenograph.FrameWarning)
@@ -818,7 +821,7 @@ class Readme(unittest.TestCase):
         blocks = []
         for page in ("README.md", "loops.md"):
             with open(os.path.join(FOLDER, page)) as file:
-                blocks += selenograph.re.findall(r"^```python\n(.*?)^```", file.read(), selenograph.re.M | selenograph.re.S)
+                blocks += re.findall(r"^```python\n(.*?)^```", file.read(), re.M | re.S)
         self.assertGreater(len(blocks), 2)
         said = io.StringIO()
         here = os.getcwd()
@@ -838,7 +841,7 @@ class Readme(unittest.TestCase):
         for page in ("README.md", "conventions.md", os.path.join("python", "README.md"),
                      os.path.join("python", "loops.md"), os.path.join("python", "geometry.md")):
             with open(os.path.join(clients, page)) as file:
-                links = selenograph.re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", file.read())
+                links = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", file.read())
             for link in (link for link in links if not link.startswith("https://")):
                 self.assertTrue(os.path.exists(os.path.join(clients, os.path.dirname(page), link)), (page, link))
 
@@ -858,12 +861,24 @@ class Readme(unittest.TestCase):
 
 
 class Package(unittest.TestCase):
+    def test_public_names(self):
+        """Those of `import *`, and those that the guides and other programs import by name."""
+        starred = {}
+        exec("from selenograph import *", starred)
+        self.assertEqual(sorted(set(starred) - {"__builtins__"}), [
+            "Answer", "AsyncClient", "Camera", "Client", "Frame", "FrameWarning", "Pose", "Refused", "Scan", "Sun",
+            "Trajectory", "random_views"])
+        for name in ("DEFAULT_URL", "DIRECTIONS", "FRAMES", "INERTIAL", "MEDIA_TYPES", "MOON_RADIUS_M", "MOST_AHEAD",
+                     "NEED_SUN", "POINTS_AT_ONCE", "REASONS", "REGION_DEG", "ROWS_AT_ONCE", "Request", "Vector",
+                     "__version__", "main"):
+            self.assertTrue(hasattr(selenograph, name), name)
+
     def test_it_is_python_3_9(self):
-        sources = [os.path.join(FOLDER, "selenograph.py")]
-        examples = os.path.join(FOLDER, "examples")
-        sources += [os.path.join(examples, name) for name in os.listdir(examples) if name.endswith(".py")]
-        self.assertEqual(len(sources), 6)
-        for source in sources:
+        package = glob.glob(os.path.join(FOLDER, "selenograph", "*.py"))
+        examples = glob.glob(os.path.join(FOLDER, "examples", "*.py"))
+        self.assertGreater(len(package), 20)
+        self.assertEqual(len(examples), 5)
+        for source in package + examples:
             with open(source, encoding="utf-8") as file:
                 tree = ast.parse(file.read(), feature_version=(3, 9))
             self.assertTrue(ast.get_docstring(tree), source)
@@ -886,7 +901,7 @@ class Package(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stderr + done.stdout)
         done = python("-c", "import selenograph; print(selenograph.__file__)", cwd=harness.path(),
                       environment={"PYTHONPATH": target})
-        self.assertEqual(done.stdout.strip(), os.path.join(target, "selenograph.py"))
+        self.assertEqual(done.stdout.strip(), os.path.join(target, "selenograph", "__init__.py"))
         self.assertTrue(os.path.isdir(os.path.join(target, f"selenograph-{selenograph.__version__}.dist-info")))
 
 

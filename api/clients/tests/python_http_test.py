@@ -30,6 +30,9 @@ from harness import REPOSITORY, frame_request
 sys.path.insert(0, os.path.join(REPOSITORY, "api", "clients", "python"))
 import selenograph  # noqa: E402
 from selenograph import Client, Pose, Refused  # noqa: E402
+from selenograph.connections import Deadline  # noqa: E402
+from selenograph.npz import read_npz  # noqa: E402
+from selenograph.region import region_of  # noqa: E402
 
 
 def setUpModule():
@@ -61,9 +64,9 @@ BUSY = (503, {"Content-Type": "application/problem+json", "Retry-After": "3"},
 
 class Mishaps(unittest.TestCase):
     @contextlib.contextmanager
-    def asking(self, *script, slept=(), **options):
-        with FakeService(*script) as server, mock.patch.object(selenograph.time, "sleep") as sleep:
-            with Client(server.url, **options) as client:
+    def asking(self, *script, slept=(), prefix="", **options):
+        with FakeService(*script) as server, mock.patch("time.sleep") as sleep:
+            with Client(server.url + prefix, **options) as client:
                 yield client, server
             self.assertEqual([call.args[0] for call in sleep.call_args_list], list(slept))
             self.assertEqual(server.answers, [], "not all of the script was asked for")
@@ -105,8 +108,9 @@ class Mishaps(unittest.TestCase):
 
     def test_all_kept_connections_are_given_up_together(self):
         with self.asking(None, FINE) as (client, _):
-            client._idle = [client._connection(selenograph.time.monotonic() + 60) for _ in range(2)]
-            client._idle[0].sock.shutdown(socket.SHUT_RDWR)  # as after a restart of the service
+            connections = client._connections
+            connections._idle = [connections._take_connection(Deadline(60)) for _ in range(2)]
+            connections._idle[0].sock.shutdown(socket.SHUT_RDWR)  # as after a restart of the service
             self.assertEqual(client.heights(0, 0).height_m, 1.5)
 
     def test_an_answer_cut_short(self):
@@ -119,11 +123,22 @@ class Mishaps(unittest.TestCase):
             headers = {"Content-Type": "application/x-npz", "Selenograph-Warnings": json.dumps(texts)}
             return 200, headers, npz(hit=np.ones(2, bool), rock=np.zeros(2, np.uint64))
         with self.asking(piece("dark"), piece("dark", "red"), piece()) as (client, _):
-            with mock.patch.object(selenograph, "ROWS_AT_ONCE", 2), warnings.catch_warnings(record=True) as caught:
+            with mock.patch.object(selenograph.calls, "ROWS_AT_ONCE", 2), warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
                 self.assertTrue(client.rays(np.zeros(3), np.ones((6, 3))).hit.all())
         self.assertEqual([(w.category, str(w.message)) for w in caught],
                          [(selenograph.FrameWarning, text) for text in ("dark", "red")])
+
+    def test_warnings_are_of_the_callers_line(self):
+        """However many functions of the client lie between."""
+        warned = {**FINE[1], "Selenograph-Warnings": '["dark"]'}
+        outlines = b'{"points": [], "terminator": [], "craters": []}'
+        for ask, body in ((lambda client: client.heights(0, 0), FINE[2]), (lambda client: client.limb({}, {}), outlines),
+                          (lambda client: client.terminator({}, {}, {}), outlines),
+                          (lambda client: client.features("", {}), outlines)):
+            with self.asking((200, warned, body)) as (client, _), self.assertWarnsRegex(selenograph.FrameWarning, "dark") as caught:
+                ask(client)
+            self.assertEqual(caught.filename, __file__)
 
     def test_answers_that_are_not_the_services(self):
         """Of the proxy in front of it, or of another program."""
@@ -286,11 +301,11 @@ class Mishaps(unittest.TestCase):
                 ('{"points":[]}', ''),
                 ('{}', '')):
             with self.subTest(text):
-                self.assertEqual(selenograph._region(json.loads(text)) or "", region)
+                self.assertEqual(region_of(json.loads(text)) or "", region)
 
     def test_headers_and_body_of_requests(self):
-        with self.asking(FINE, FINE, token="s3cret", timeout_s=20) as (client, server):
-            client.url, client._prefix = client.url + "/moon", "/moon"  # as behind a proxy
+        with self.asking(FINE, FINE, prefix="/moon/", token="s3cret", timeout_s=20) as (client, server):  # as behind a proxy
+            self.assertEqual((client.url, client.timeout_s), (server.url + "/moon", 20))
             client.heights(1, 2)
             client.datasets()
         (_, path, headers, body), (_, catalogue, _, nothing) = server.requests
@@ -301,7 +316,7 @@ class Mishaps(unittest.TestCase):
         self.assertEqual(json.loads(body), {"points": [{"lat_deg": 1.0, "lon_deg": 2.0}]})
         self.assertTrue(10000 < int(headers["Request-Timeout-Ms"]) < 20000, headers)
         self.assertEqual(nothing, b"")
-        self.assertEqual(Client("https://example.org:444/moon/")._prefix, "/moon")
+        self.assertEqual(Client("https://example.org:444/moon/").url, "https://example.org:444/moon")
         self.assertRaisesRegex(ValueError, "write for example http://", Client, "127.0.0.1:8080")
         for timeout_s in (0, float("inf")):
             self.assertRaisesRegex(ValueError, f"timeout_s is {timeout_s}", Client, "http://127.0.0.1", None, timeout_s)
@@ -342,7 +357,7 @@ class Mishaps(unittest.TestCase):
     def test_deflated_and_column_major_members_are_read(self):
         file = io.BytesIO()
         np.savez_compressed(file, a=np.asfortranarray(np.arange(6).reshape(2, 3)), b=np.float32(4))
-        arrays, meta = selenograph._read_npz(file.getvalue())
+        arrays, meta = read_npz(file.getvalue())
         np.testing.assert_array_equal(arrays["a"], [[0, 1, 2], [3, 4, 5]])
         self.assertEqual((arrays["b"], meta), (4, {}))
 

@@ -17,8 +17,9 @@ import harness
 from harness import REPOSITORY, Service, frame_request
 
 sys.path.insert(0, os.path.join(REPOSITORY, "api", "clients", "python"))
-import selenograph  # noqa: E402
 from selenograph import Camera, Client, Pose, Sun, Trajectory  # noqa: E402
+from selenograph.moon import position_of  # noqa: E402
+from selenograph.rotations import matrix_of, quaternion_of  # noqa: E402
 
 MOON_GM = 4.9028e12  # m^3 s^-2
 SERVICE = None
@@ -77,7 +78,7 @@ class Attitudes(unittest.TestCase):
     def matrix_of(self, pose):
         """What the service makes of a pose: camera_from_moon."""
         q = self.frame_of(pose).meta["request"]["pose"]["camera_from_moon"]
-        return selenograph._matrix_of(np.array([q[c] for c in "wxyz"]))
+        return matrix_of(np.array([q[c] for c in "wxyz"]))
 
     def ways(self, matrix):
         """The same attitude in every form, made without the client. matrix: camera_from_moon."""
@@ -134,7 +135,7 @@ class Attitudes(unittest.TestCase):
         for azimuth in (0, 30, 270):
             pose = Pose.nadir(**self.PLACE, up_azimuth_deg=azimuth)
             np.testing.assert_allclose(self.matrix_of(pose), looking_down(-6.5, 40, azimuth), atol=1e-12)
-        position_m = selenograph._from_centre({"geodetic": self.PLACE})
+        position_m = position_of({"geodetic": self.PLACE})
         cartesian = Pose.nadir(position_m=position_m)
         np.testing.assert_allclose(self.matrix_of(cartesian), looking_down(-6.5, 40), atol=1e-12)
         # "zenith": the local vertical has no component to the right, and points up.
@@ -144,7 +145,7 @@ class Attitudes(unittest.TestCase):
             zenith = position_m / np.linalg.norm(position_m)
             self.assertAlmostEqual(right @ zenith, 0, 12)
             self.assertLess(down @ zenith, 0)
-            target_m = selenograph._from_centre({"geodetic": {"lat_deg": -5.5, "lon_deg": 41.0, "height_m": 0}})
+            target_m = position_of({"geodetic": {"lat_deg": -5.5, "lon_deg": 41.0, "height_m": 0}})
             wanted = target_m - position_m
             np.testing.assert_allclose(boresight, wanted / np.linalg.norm(wanted), atol=1e-12)
         right, down, _ = self.matrix_of(Pose.look_at(**self.PLACE, **target, up=[1, 0, 0]))
@@ -155,9 +156,9 @@ class Attitudes(unittest.TestCase):
         random = np.random.default_rng(1)
         for angle in [0, 1e-9, 90, 180 - 1e-6, 180, *random.uniform(0, 180, 50)]:
             matrix = turned_by(random.normal(size=3), angle)
-            q = selenograph._quaternion_of(matrix)
+            q = quaternion_of(matrix)
             self.assertLess(abs(np.linalg.norm(q) - 1), 1e-15)
-            np.testing.assert_allclose(selenograph._matrix_of(q), matrix, atol=3e-15)
+            np.testing.assert_allclose(matrix_of(q), matrix, atol=3e-15)
 
     def test_errors_say_what_to_write(self):
         place, q = self.PLACE, [1, 0, 0, 0]
@@ -296,7 +297,7 @@ class Orbit:
 
 def camera_from_moon(pose):
     direction, = set(pose) & {"camera_from_moon", "moon_from_camera"}
-    matrix = selenograph._matrix_of(np.array([pose[direction][c] for c in "wxyz"]))
+    matrix = matrix_of(np.array([pose[direction][c] for c in "wxyz"]))
     return matrix if direction == "camera_from_moon" else matrix.T
 
 

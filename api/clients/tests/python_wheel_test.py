@@ -61,9 +61,13 @@ class Wheel(unittest.TestCase):
         name = f"selenograph-{self.version()}-py3-none-any.whl"
         self.assertEqual(os.listdir(folder), [name])
         with zipfile.ZipFile(os.path.join(folder, name)) as wheel:
-            self.assertEqual([file for file in wheel.namelist() if ".dist-info/" not in file], ["selenograph.py"])
-            with open(os.path.join(self.source, "selenograph.py"), "rb") as file:
-                self.assertEqual(wheel.read("selenograph.py"), file.read())
+            modules = sorted(f"selenograph/{name}" for name in os.listdir(os.path.join(self.source, "selenograph"))
+                             if name.endswith(".py"))
+            self.assertIn("selenograph/__main__.py", modules)
+            self.assertEqual(sorted(file for file in wheel.namelist() if ".dist-info/" not in file), modules)
+            for module in modules:
+                with open(os.path.join(self.source, module), "rb") as file:
+                    self.assertEqual(wheel.read(module), file.read(), module)
             metadata = wheel.read(f"selenograph-{self.version()}.dist-info/METADATA").decode()
         self.assertRegex(metadata, r"(?m)^Requires-Dist: numpy")
         # A wheel is enough to install from.

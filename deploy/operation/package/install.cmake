@@ -14,7 +14,8 @@ write_basic_package_version_file(selenograph-client-config-version.cmake COMPATI
 install(FILES api/clients/cpp/selenograph-client-config.cmake
   ${CMAKE_CURRENT_BINARY_DIR}/selenograph-client-config-version.cmake DESTINATION ${client})
 # Debian's Python looks there in /usr; elsewhere PYTHONPATH has to name it.
-install(FILES api/clients/python/selenograph.py DESTINATION lib/python3/dist-packages)
+install(DIRECTORY api/clients/python/selenograph DESTINATION lib/python3/dist-packages
+  FILES_MATCHING PATTERN *.py PATTERN __pycache__ EXCLUDE)
 install(FILES ${package}/completion.bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions
   RENAME selenograph)
 install(DIRECTORY deploy/assets deploy/operation/haproxy deploy/operation/grafana deploy/operation/prometheus

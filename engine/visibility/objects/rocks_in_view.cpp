@@ -147,7 +147,7 @@ class Finder {
   }
 
   bool on_chosen(const dem::RockFeature& rock) const {
-    const dem::Ticks at = dem::ticks_of(rock.place.lat_deg, rock.place.lon_deg);
+    const dem::Ticks at = dem::ticks_of(rock.location.lat_deg, rock.location.lon_deg);
     for (int level = dem::kMaxLevel; level >= 0; --level)
       if (chosen_.contains(at.block(level))) return true;
     return false;

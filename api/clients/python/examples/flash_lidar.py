@@ -12,7 +12,7 @@ import zlib
 
 import numpy as np
 
-sys.path.insert(1, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))  # selenograph.py, if not installed
+sys.path.insert(1, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))  # the package, if not installed
 from selenograph import MOON_RADIUS_M, Client
 
 ABOVE_M = 100

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import spiceypy
 
-sys.path.insert(1, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))  # selenograph.py, if not installed
+sys.path.insert(1, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))  # the package, if not installed
 from selenograph import Camera, Client, Pose, Sun
 
 AU_KM = 149597870.7

@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 
-sys.path.insert(1, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))  # selenograph.py, if not installed
+sys.path.insert(1, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))  # the package, if not installed
 from selenograph import MOON_RADIUS_M, Client
 
 HEIGHT_M = 15000

@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 
-sys.path.insert(1, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))  # selenograph.py, if not installed
+sys.path.insert(1, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))  # the package, if not installed
 from selenograph import Camera, Client, Pose, Sun
 
 url = sys.argv[1] if len(sys.argv) > 1 else "http://127.0.0.1:8080"

@@ -1,0 +1,32 @@
+"""The Moon's reference sphere and its frames."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Mapping, Tuple
+
+import numpy as np
+
+MOON_RADIUS_M = 1737400.0  # radius of the sphere that heights refer to
+INERTIAL = ("ICRF", "J2000")  # frames in which the Moon rotates: their poses need an epoch
+
+
+def zenith(lat_rad: float, lon_rad: float) -> np.ndarray:
+    """Returns the unit vector from the Moon's centre through a place, MOON_ME."""
+    return np.array([math.cos(lat_rad) * math.cos(lon_rad), math.cos(lat_rad) * math.sin(lon_rad), math.sin(lat_rad)])
+
+
+def position_of(position: Mapping[str, Any]) -> np.ndarray:
+    """Returns the vector from the Moon's centre, in metres, of a pose's `position_m` or `geodetic`."""
+    if "position_m" in position:
+        return np.asarray(position["position_m"], float)
+    geodetic = position["geodetic"]
+    lat_rad = math.radians(geodetic["lat_deg"])
+    lon_rad = math.radians(geodetic["lon_deg"])
+    return (MOON_RADIUS_M + geodetic["height_m"]) * zenith(lat_rad, lon_rad)
+
+
+def lat_lon_of(position_m: Any) -> Tuple[float, float]:
+    """Returns latitude and longitude, in degrees, of a vector from the Moon's centre."""
+    x, y, z = (float(c) for c in position_m)
+    return math.degrees(math.atan2(z, math.hypot(x, y))), math.degrees(math.atan2(y, x))

@@ -1,0 +1,210 @@
+"""Poses over time, from arrays or from files."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from typing import Any, Dict, Iterable, Iterator, List, Optional, Tuple
+
+import numpy as np
+
+from .ccsds import FRAMES, Path, Segment, common_value, read_kvn
+from .epochs import datetime_of, utc_text
+from .interpolation import Track, Turns, segment_at
+from .moon import INERTIAL
+from .pose import Pose
+from .request_types import AnyFrameRequest
+from .rotations import Vector
+from .sun import Sun
+from .trajectory_csv import read_trajectory_csv
+
+NEED_SUN = {"image", "radiance", "angles", "lit", "irradiance"}  # products that need a request's "sun"
+
+Azimuths = Tuple[np.ndarray, np.ndarray]  # times, and up_azimuth_deg at them without jumps at 360
+
+
+class Trajectory:
+    """Positions and attitudes over time; `at` gives the pose in between.
+
+    times_s           rising, in seconds from `start` (or from any origin, without `start`)
+    positions_m       (N, 3), MOON_ME or `frame`
+    velocities_m_s    (N, 3); without them those of the parabola through each position and its neighbours
+    attitudes         (N, 4) unit quaternions w, x, y, z in the direction `direction`; or, instead,
+    up_azimuth_deg    of a camera that looks at nadir: a number or (N,), as in Pose.nadir
+    start             the epoch of 0 s, a datetime with its time zone: then `requests` sets the Sun by it
+    method, degree    of positions: "hermite" (cubic by default; from positions and velocities), "lagrange", "linear"
+
+    Attitudes turn at a constant rate from one to the next, through the smaller angle (slerp).
+    """
+
+    times_s: np.ndarray  # times of the positions, where there is also an attitude
+
+    def __init__(self, times_s: Vector, positions_m: Any, *, velocities_m_s: Any = None, attitudes: Any = None,
+                 direction: Optional[str] = None, up_azimuth_deg: Any = None,
+                 start: Optional[datetime.datetime] = None, frame: str = "MOON_ME", method: str = "hermite",
+                 degree: Optional[int] = None) -> None:
+        track = Track(times_s, positions_m, velocities_m_s, method, degree)
+        if (attitudes is None) == (up_azimuth_deg is None):
+            raise ValueError("write either attitudes (quaternions w, x, y, z; with direction=) or up_azimuth_deg (the "
+                             "camera looks at nadir)")
+        if attitudes is None:
+            self._set_segments([track], [], _continuous_azimuths(track.times, up_azimuth_deg), start, frame)
+            return
+        if direction is None:
+            raise ValueError('attitudes need a direction: "camera_from_moon" or "moon_from_camera"')
+        self._set_segments([track], [Turns(times_s, attitudes, direction)], None, start, frame)
+
+    def _set_segments(self, tracks: List[Track], turns: List[Turns], azimuths: Optional[Azimuths],
+                      start: Optional[datetime.datetime], frame: str) -> None:
+        """Sets all members. The camera has either turns or azimuths."""
+        if start is not None and start.tzinfo is None:
+            raise ValueError(f"start = {start!r} has no time zone; write datetime(..., tzinfo=timezone.utc)")
+        self._tracks = tracks
+        self._turns = turns
+        self._azimuths = azimuths
+        self.start = start
+        self.frame = frame
+        times = np.unique(np.concatenate([t.times[(t.times >= t.first) & (t.times <= t.last)] for t in tracks]))
+        if turns:
+            times = np.array([t for t in times if segment_at(turns, float(t))])
+        if not len(times):
+            raise ValueError("positions and attitudes have no time in common")
+        self.times_s = times
+
+    @classmethod
+    def from_csv(cls, path: Path, *, frame: str = "MOON_ME") -> Trajectory:
+        """Reads a file with a line of names, and commas. Columns, in any order:
+
+        time_s, or utc (ISO 8601)
+        x_m, y_m, z_m, and vx_m_s, vy_m_s, vz_m_s if known; or lat_deg, lon_deg, height_m
+        camera_from_moon_w, .._x, .._y, .._z, or moon_from_camera_w, ...; or up_azimuth_deg: the camera looks at nadir
+        """
+        columns = read_trajectory_csv(path, frame)
+        try:
+            return cls(columns.times_s, columns.positions_m, velocities_m_s=columns.velocities_m_s,
+                       attitudes=columns.attitudes, direction=columns.direction,
+                       up_azimuth_deg=columns.up_azimuth_deg, start=columns.start, frame=frame)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+
+    @classmethod
+    def from_ccsds(cls, oem: Path, aem: Optional[Path] = None, *, up_azimuth_deg: Optional[float] = None,
+                   camera_from_body: Any = None, frame: Optional[str] = None) -> Trajectory:
+        """Reads an Orbit Ephemeris Message (CCSDS 502.0) and an Attitude Ephemeris Message (504.0), as KVN text.
+
+        Positions are interpolated by the OEM's INTERPOLATION, or by cubic Hermite polynomials where it says none;
+        attitudes by slerp. An AEM holds quaternions of frame B relative to A; one of the two is the OEM's REF_FRAME,
+        the other the spacecraft's body. camera_from_body is the 3 x 3 matrix that turns body axes into camera axes
+        (+x right, +y down, +z boresight); left out, body and camera are the same. Without an AEM the camera looks at
+        nadir, with up_azimuth_deg.
+
+        frame: name of the files' REF_FRAME in requests, where it is not MOON_ME, MOON_PA_DE421, MOON_PA_DE440 or ICRF;
+        "J2000", of EME2000 say.
+        """
+        if (aem is None) == (up_azimuth_deg is None):
+            raise ValueError("write either aem= (attitudes) or up_azimuth_deg= (the camera looks at nadir)")
+        if camera_from_body is not None and aem is None:
+            raise ValueError("camera_from_body goes with aem=: without attitudes the camera looks at nadir")
+        orbit = read_kvn(oem, "OEM")
+        attitude = [] if aem is None else read_kvn(aem, "AEM")
+        time_system = common_value(oem, orbit + attitude, "TIME_SYSTEM")
+        file_frame = common_value(oem, orbit, "REF_FRAME")
+        request_frame = _request_frame(oem, orbit, frame)
+        epoch = min(segment.epochs[0] for segment in orbit)
+        tracks = [segment.track(epoch) for segment in orbit]
+        mounting = _mounting(camera_from_body)
+        turns = [segment.turns(epoch, file_frame, mounting) for segment in attitude]
+        azimuths = None if aem is not None else (np.zeros(1), np.array([float(up_azimuth_deg or 0)]))
+        start = datetime_of(epoch) if time_system.upper() == "UTC" else None
+        trajectory = cls.__new__(cls)
+        trajectory._set_segments(tracks, turns, azimuths, start, request_frame)
+        if request_frame in INERTIAL and start is None:
+            raise ValueError(f"{oem}: TIME_SYSTEM is {time_system}; with REF_FRAME {file_frame} UTC is needed, since "
+                             "the Moon's rotation depends on it")
+        return trajectory
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    def __iter__(self) -> Iterator[Pose]:
+        """Yields the poses at times_s."""
+        return (self.at(t) for t in self.times_s)
+
+    def position_m(self, time_s: float) -> np.ndarray:
+        """Returns the position at a time, in `frame`."""
+        track = segment_at(self._tracks, time_s)
+        if track is None:
+            raise ValueError(f"no position at {time_s:g} s; there are positions from {_spans(self._tracks)} s")
+        return track.at(time_s)
+
+    def at(self, time_s: float) -> Pose:
+        """Returns the pose at a time, in seconds as in times_s. There is no extrapolation."""
+        position = self.position_m(float(time_s))
+        if self._azimuths is not None:
+            pose = Pose.nadir(position_m=position, frame=self.frame,
+                              up_azimuth_deg=math.remainder(float(np.interp(time_s, *self._azimuths)), 360))
+        else:
+            turns = segment_at(self._turns, float(time_s))
+            if turns is None:
+                raise ValueError(f"no attitude at {time_s:g} s; there are attitudes from {_spans(self._turns)} s")
+            pose = Pose.from_quaternion(turns.at(float(time_s)), order="wxyz", direction=turns.direction,
+                                        position_m=position, frame=self.frame)
+        if self.frame in INERTIAL:
+            pose["utc"] = self.utc(time_s)
+        return pose
+
+    def utc(self, time_s: float) -> str:
+        """Returns the epoch of a time, for Sun.utc."""
+        if self.start is None:
+            raise ValueError("the trajectory has no epoch: its times are not UTC")
+        return utc_text(self.start + datetime.timedelta(seconds=float(time_s)))
+
+    def requests(self, request: AnyFrameRequest, times_s: Optional[Iterable[float]] = None) -> List[Dict[str, Any]]:
+        """Returns `request` with the pose of each time (default: times_s).
+
+        A request without "sun" gets the Sun of each epoch. The result is a list, so that frames() knows all poses
+        ahead.
+        """
+        if "sun" not in request and self.start is None and set(request.get("products", ["radiance"])) & NEED_SUN:
+            raise ValueError('the request has no "sun", and the trajectory no epoch to find it by; add one by Sun')
+        requests = []
+        for time_s in self.times_s if times_s is None else times_s:
+            changes: Dict[str, Any] = {"pose": self.at(time_s)}
+            if "sun" not in request and self.start is not None:
+                changes["sun"] = Sun.utc(self.utc(time_s))
+            requests.append({**request, **changes})
+        return requests
+
+
+def _continuous_azimuths(times: np.ndarray, up_azimuth_deg: Any) -> Azimuths:
+    """Returns azimuths that turn by at most 180 degrees from each time to the next."""
+    azimuths = np.broadcast_to(np.asarray(up_azimuth_deg, float), times.shape)
+    # numpy.unwrap knows degrees from NumPy 1.21 on only.
+    revolutions = np.cumsum(np.round(np.diff(azimuths, prepend=azimuths[:1]) / 360))
+    return times, azimuths - 360 * revolutions
+
+
+def _request_frame(oem: Path, orbit: List[Segment], frame: Optional[str]) -> str:
+    """Returns the pose.frame of an orbit about the Moon: `frame`, or by its REF_FRAME."""
+    file_frame = common_value(oem, orbit, "REF_FRAME")
+    request_frame = frame or FRAMES.get(file_frame.upper())
+    if request_frame is None:
+        raise ValueError(f"{oem}: REF_FRAME is {file_frame}; the service knows "
+                         f"{', '.join(sorted(set(FRAMES.values())))}. If it is one of them by another name, write "
+                         "frame=")
+    center = common_value(oem, orbit, "CENTER_NAME")
+    if center.upper() not in ("MOON", "LUNA"):
+        raise ValueError(f"{oem}: CENTER_NAME is {center}; MOON is needed")
+    return request_frame
+
+
+def _mounting(camera_from_body: Any) -> np.ndarray:
+    """Returns the quaternion of the matrix camera_from_body; the identity without a matrix."""
+    if camera_from_body is None:
+        return np.array([1.0, 0, 0, 0])
+    q = Pose.from_matrix(camera_from_body, direction="camera_from_moon", position_m=[0, 0, 0])["camera_from_moon"]
+    return np.array([q[c] for c in "wxyz"])
+
+
+def _spans(segments: Iterable[Any]) -> str:
+    return ", ".join(f"{s.first:g} to {s.last:g}" for s in segments)

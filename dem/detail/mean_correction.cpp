@@ -1,0 +1,138 @@
+#include "dem/detail/mean_correction.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include "dem/detail/detail.h"
+#include "dem/grid/lattice.h"
+#include "dem/posts/cubic.h"
+#include "dem/terrain/surface_place.h"
+
+namespace selenograph::dem {
+namespace {
+
+using std::numbers::pi;
+
+// A crater on the lattice of posts, the cells around it, and their correction. Coordinates x and y are metres east and
+// north of the crater's centre:
+//
+//        +-----+-----+-----+
+//        |  x  |  x  |  x  |    x  posts, centres of cells; cell size east_m_ by north_m_
+//        +-----+-----+-----+    o  the crater's centre: east_, north_ cells from the post south-west of it
+//        |  x  | xo  |  x  |    (side_ x side_ cells in all, half_ to every side of that post)
+//        +-----+-----+-----+
+class CraterAmongPosts {
+ public:
+  CraterAmongPosts(const Crater& crater, int posts_level) : crater_(crater) {
+    const Geographic g = to_geographic(crater.centre * kMoonRadius_m);
+    const BlockExtent e = extent_of(block_at_place(posts_level, g.lat_deg, g.lon_deg));
+    const double tick_m = pi / 180 / kTicksPerDegree * kMoonRadius_m;
+    north_m_ = e.lat_step * tick_m;
+    // Limit how narrow a cell gets: near a pole, where cells are slivers, the correction is small (correction_weight).
+    east_m_ = std::max(e.lon_step * tick_m * std::cos(g.lat_deg * pi / 180), north_m_ / 4);
+    const double row = (g.lat_deg + 90) * kTicksPerDegree / e.lat_step,
+                 column = (g.lon_deg + 180) * kTicksPerDegree / e.lon_step;
+    north_ = row - std::floor(row);
+    east_ = column - std::floor(column);
+    weight_ = correction_weight(static_cast<std::int32_t>(row * e.lat_step), e.lat_step);
+    samples_ = Detail::samples_per_cell(octave_of(crater.diameter_m), posts_level);
+  }
+
+  double post_spacing_m() const { return north_m_; }
+
+  double depth_left() {
+    compute_correction();
+    constexpr int kRimSamples = 16;
+    double full_depth_m = -height_m(0, 0), left_depth_m = correction_m(0, 0) + full_depth_m;
+    for (int i = 0; i < kRimSamples; ++i) {
+      const double angle = 2 * pi * i / kRimSamples;
+      const double x = std::cos(angle) * crater_.diameter_m / 2, y = std::sin(angle) * crater_.diameter_m / 2;
+      const double rim_m = height_m(x, y);
+      full_depth_m += rim_m / kRimSamples;
+      left_depth_m += (rim_m - correction_m(x, y)) / kRimSamples;
+    }
+    return std::clamp(left_depth_m / full_depth_m, 0.0, 1.0);
+  }
+
+ private:
+  // Returns the crater's own height.
+  double height_m(double x, double y) const {
+    return crater_.scale * CraterShape::of_all().height(std::hypot(x, y) / (crater_.diameter_m / 2), crater_.age);
+  }
+  // Returns the correction, interpolated between posts as DetailedTerrain does.
+  double correction_m(double x, double y) const {
+    const double column = half_ + east_ + x / east_m_, row = half_ + north_ + y / north_m_;
+    const int c = static_cast<int>(column), r = static_cast<int>(row);
+    const std::array<double, 4> along = cubic_weights(column - c), across = cubic_weights(row - r);
+    double sum = 0;
+    for (int j = 0; j < 4; ++j)
+      for (int i = 0; i < 4; ++i)
+        sum += across[static_cast<std::size_t>(j)] * along[static_cast<std::size_t>(i)] *
+               corrections_m_[static_cast<std::size_t>((r + j - 1) * side_ + c + i - 1)];
+    return weight_ * sum;
+  }
+  void compute_correction() {
+    half_ = static_cast<int>(std::ceil(crater_.diameter_m / 2 / std::min(east_m_, north_m_))) + 3 + kCellsAround;
+    side_ = 2 * half_ + 1;
+    std::vector<double> means(static_cast<std::size_t>(side_ * side_));
+    for (int r = 0; r < side_; ++r)
+      for (int c = 0; c < side_; ++c) means[static_cast<std::size_t>(r * side_ + c)] = mean_m(r - half_, c - half_);
+    corrections_m_ = sharpened(means, static_cast<std::size_t>(side_));
+  }
+  // Returns the crater's mean height over a cell, by row and column from the post south-west of its centre.
+  double mean_m(int row, int column) const {
+    const double x = (column - east_) * east_m_, y = (row - north_) * north_m_;
+    if (std::hypot(std::max(std::abs(x) - east_m_ / 2, 0.0), std::max(std::abs(y) - north_m_ / 2, 0.0)) >
+        crater_.reach_m())
+      return 0;
+    double sum = 0;
+    for (int j = 0; j < samples_; ++j)
+      for (int i = 0; i < samples_; ++i)
+        sum += height_m(x + ((i + 0.5) / samples_ - 0.5) * east_m_, y + ((j + 0.5) / samples_ - 0.5) * north_m_);
+    return sum / (samples_ * samples_);
+  }
+
+  const Crater& crater_;
+  double north_m_, east_m_;  // size of a cell
+  double north_, east_;      // the crater's centre, from the post south-west of it, in cells
+  double weight_;            // correction_weight at the crater
+  int samples_;              // per side of a cell
+  int half_ = 0, side_ = 0;  // cells to either side of the middle, and in all
+  std::vector<double> corrections_m_;
+};
+
+}  // namespace
+
+std::vector<double> sharpened(const std::vector<double>& means, std::size_t side) {
+  // Catmull-Rom interpolation of cell means has other means: along each axis, those filtered by
+  // (-2.5, 18, 161, 18, -2.5) / 192, the integral of its weights over a cell. This filter is the inverse, to 1e-3.
+  constexpr std::array kSharpened{1.225297469, -0.143363406, 0.035794135, -0.006376901, 0.001297438};
+  static_assert(kSharpened.size() == kCellsAround + 1);
+  std::vector<double> sharp(means), out(means);  // after the pass along rows, and after that along columns
+  const auto sharpen = [&](const std::vector<double>& from, std::vector<double>& to, std::size_t step) {
+    for (std::size_t at = kCellsAround * step; at + kCellsAround * step < from.size(); ++at) {
+      to[at] = kSharpened[0] * from[at];
+      for (std::size_t k = 1; k < kSharpened.size(); ++k)
+        to[at] += kSharpened[k] * (from[at - k * step] + from[at + k * step]);
+    }
+  };
+  sharpen(means, sharp, 1);
+  sharpen(sharp, out, side);
+  return out;
+}
+
+double correction_weight(std::int32_t lat, std::int32_t lat_step) {
+  const double posts_from_pole = static_cast<double>(std::min(lat, kLatTicks - lat)) / lat_step;
+  return std::clamp((posts_from_pole - 2) / 6, 0.0, 1.0);
+}
+
+double depth_left(const Crater& crater, int posts_level) {
+  CraterAmongPosts among(crater, posts_level);
+  // Skip craters narrower than this share of a post spacing: they would lose a hundredth of their depth.
+  constexpr double kNegligible = 0.25;
+  return crater.diameter_m < kNegligible * among.post_spacing_m() ? 1 : among.depth_left();
+}
+
+}  // namespace selenograph::dem
