@@ -46,21 +46,21 @@ struct Settings {
   VerifyMertisSettings verify_mertis;
 };
 
-// What each command does once its settings are complete.
+// Maps each command to a function that runs it with its complete settings.
 using Work = std::map<const CLI::App*, std::function<int()>>;
 
 template <typename SettingsOfCommand>
 CLI::App& add(CLI::App& parent, Work& work, const char* name, const char* purpose, SettingsOfCommand& settings,
               int (*command)(const SettingsOfCommand&)) {
-  CLI::App* added = parent.add_subcommand(name, purpose);
-  add_options(*added, settings);
-  if (added->get_option_no_throw("--config") == nullptr)
-    added->footer("Every option is also SELENOGRAPH_<OPTION> in the environment, over which the command line wins.");
-  work[added] = [&settings, command] { return command(settings); };
-  return *added;
+  CLI::App* app = parent.add_subcommand(name, purpose);
+  add_options(*app, settings);
+  if (app->get_option_no_throw("--config") == nullptr)
+    app->footer("Every option is also SELENOGRAPH_<OPTION> in the environment; the command line has precedence.");
+  work[app] = [&settings, command] { return command(settings); };
+  return *app;
 }
 
-// An option with several values takes what follows it, the request too: so that comes first.
+// Prints the request file before the options: behind an option with several values, it would be taken as one of them.
 struct RequestFirst : CLI::Formatter {
   std::string make_usage(const CLI::App* command, std::string name) const override {
     std::string usage = CLI::Formatter::make_usage(command, std::move(name)), files;
@@ -74,65 +74,66 @@ struct RequestFirst : CLI::Formatter {
 
 Work add_commands(CLI::App& app, Settings& s) {
   Work work;
-  add(app, work, "serve", "Answers requests over HTTP", s.serve, serve);
-  add(app, work, "render", "Renders one request to a file", s.render, render);
-  add(app, work, "lidar", "Scans the terrain with a lidar", s.lidar, lidar);
-  add(app, work, "map", "Renders a map, or a series of them, to files", s.map, map);
-  add(app, work, "features", "Lists the craters of a detail in a region or frame", s.features, features);
-  CLI::App& campaign = add(app, work, "batch", "Renders a manifest's frames to a folder", s.batch, batch);
-  add(campaign, work, "verify", "Checks that every frame of a manifest exists once and undamaged", s.batch_verify,
+  add(app, work, "serve", "Answer requests over HTTP", s.serve, serve);
+  add(app, work, "render", "Render one request to a file", s.render, render);
+  add(app, work, "lidar", "Scan the terrain with a lidar", s.lidar, lidar);
+  add(app, work, "map", "Draw a map, or a series of them, to files", s.map, map);
+  add(app, work, "features", "List the craters or rocks of a detail in a region or frame", s.features, features);
+  CLI::App& campaign = add(app, work, "batch", "Render a manifest's frames to a folder", s.batch, batch);
+  add(campaign, work, "verify", "Check that every frame of a manifest exists and is undamaged", s.batch_verify,
       batch_verify);
-  add(app, work, "ingest", "Builds the terrain pyramid in advance", s.ingest, ingest);
-  add(app, work, "sample", "Writes sample terrain", s.sample, sample);
-  add(app, work, "info", "Lists the DEM files, their footprints and gaps", s.info, info);
-  CLI::App& verify = *app.add_subcommand("verify", "Measures the accuracy of the answers");
+  add(app, work, "ingest", "Build the terrain pyramid in advance", s.ingest, ingest);
+  add(app, work, "sample", "Write sample terrain", s.sample, sample);
+  add(app, work, "info", "List the DEM files, their footprints and gaps", s.info, info);
+  CLI::App& verify = *app.add_subcommand("verify", "Measure the accuracy of the answers");
   verify.require_subcommand(1);
-  add(verify, work, "roundtrip", "Extracts a DEM from camera views and compares it with the original",
+  add(verify, work, "roundtrip", "Extract a DEM from camera views and compare it with the original",
       s.verify_round_trip, verify_round_trip);
-  add(verify, work, "accuracy", "Measures speed against error on named scenes, for every setting", s.verify_accuracy,
+  add(verify, work, "accuracy", "Measure speed against error on named scenes, for every setting", s.verify_accuracy,
       verify_accuracy);
-  add(verify, work, "moon", "Compares the Moon's brightness with models and images", s.verify_moon, verify_moon);
-  add(verify, work, "ground", "Compares a detail's slopes and craters with published laws", s.verify_ground,
+  add(verify, work, "moon", "Compare the Moon's brightness with models and images", s.verify_moon, verify_moon);
+  add(verify, work, "ground", "Compare a detail's slopes and craters with published laws", s.verify_ground,
       verify_ground);
-  add(verify, work, "mertis", "Computes flux and SNR of a thermal imaging spectrometer", s.verify_mertis,
-      verify_mertis);
+  add(verify, work, "mertis", "Compute flux and SNR of a thermal imaging spectrometer", s.verify_mertis, verify_mertis);
   return work;
 }
 
-std::set<std::string> options_of_all(const Work& work) {
+std::set<std::string> all_option_names(const Work& work) {
   std::set<std::string> names;
   for (const auto& [command, unused] : work) names.merge(option_names(*command));
   return names;
 }
 
-// As std::fputs and not as fmt::print, which throws where standard error can't be written.
-void say(const std::string& text) { std::fputs(text.c_str(), stderr); }
+// Uses std::fputs, because fmt::print throws if standard error cannot be written.
+void print_error(const std::string& text) { std::fputs(text.c_str(), stderr); }
 
-void print_nearest(const std::string& given, const std::vector<std::string>& known) {
-  const std::vector<std::string_view> names(known.begin(), known.end());
-  if (const auto meant = api::did_you_mean(given, names)) say(fmt::format("{}: did you mean {}?\n", given, *meant));
+void print_nearest(const std::string& word, const std::vector<std::string>& candidates) {
+  const std::vector<std::string_view> names(candidates.begin(), candidates.end());
+  if (const auto nearest = api::did_you_mean(word, names))
+    print_error(fmt::format("{}: did you mean {}?\n", word, *nearest));
 }
 
-// After an error of parsing: the command or option that is nearest to the first one that does not exist.
+// After a parse error, prints the command or option nearest to the first word that names none.
 void suggest(const CLI::App& app, int argc, char** argv) {
   const CLI::App* command = &app;
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
-    std::vector<std::string> known;
+    std::vector<std::string> candidates;
     if (word.starts_with("--")) {
       for (const CLI::Option* option : command->get_options())
-        for (const std::string& name : option->get_lnames()) known.push_back("--" + name);
+        for (const std::string& name : option->get_lnames()) candidates.push_back("--" + name);
       const std::string name = word.substr(0, word.find('='));
-      if (std::ranges::find(known, name) != known.end()) continue;
+      if (std::ranges::find(candidates, name) != candidates.end()) continue;
       if (const CLI::App* parent = command->get_parent(); parent && parent->get_option_no_throw(name))
-        return say(fmt::format("{} is an option of {}, not of {}\n", name, parent->get_name(), command->get_name()));
-      return print_nearest(name, known);
+        return print_error(
+            fmt::format("{} is an option of {}, not of {}\n", name, parent->get_name(), command->get_name()));
+      return print_nearest(name, candidates);
     }
     const auto commands = command->get_subcommands([](const CLI::App*) { return true; });
     const auto next = std::ranges::find(commands, word, [](const CLI::App* c) { return c->get_name(); });
     if (next == commands.end() && command->get_require_subcommand_min() == 0) continue;
-    for (const CLI::App* one : commands) known.push_back(one->get_name());
-    if (next == commands.end()) return print_nearest(word, known);
+    for (const CLI::App* candidate : commands) candidates.push_back(candidate->get_name());
+    if (next == commands.end()) return print_nearest(word, candidates);
     command = *next;
   }
 }
@@ -144,25 +145,25 @@ void print_usage(const CLI::App& app) {
     command = command->get_subcommands().front();
     name += " " + command->get_name();
   }
-  say(RequestFirst().make_usage(command, name));
+  print_error(RequestFirst().make_usage(command, name));
 }
 
 int run(CLI::App& app, const Work& work) {
   CLI::App* command = &app;
   while (!command->get_subcommands().empty()) command = command->get_subcommands().front();
-  complete_from_environment_and_file(*command, options_of_all(work), environment_variable);
+  complete_from_environment_and_file(*command, all_option_names(work), environment_variable);
   return work.at(command)();
 }
 
-// A command's status, if all that it has printed can be written: what is short waits in a buffer until here.
+// Returns the status, or 1 if standard output cannot be written: stdio buffers short output until here.
 int with_output_written(int status) {
   if (std::fflush(stdout) == 0 && std::ferror(stdout) == 0) return status;
-  say("error: standard output cannot be written\n");
+  print_error("error: standard output cannot be written\n");
   return status != 0 ? status : 1;
 }
 
-// Standard streams that whoever started this has closed: another file under their number would get what is said. What
-// is lost of standard output stays an error.
+// Opens standard streams that are closed at the start: otherwise the next opened file would get their number, and then
+// messages. Standard output is opened for reading only, so that writing to it still fails.
 void open_standard_streams() {
   for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
     if (::fcntl(stream, F_GETFD) == -1) ::open("/dev/null", stream == STDOUT_FILENO ? O_RDONLY : O_RDWR);
@@ -172,10 +173,10 @@ void open_standard_streams() {
 
 int main(int argc, char** argv) {
   open_standard_streams();
-  // No command for people: this executable's own child.
+  // A hidden command, for a child process of this executable.
   if (argc > 1 && std::string_view(argv[1]) == selenograph::engine::kReadMeshCommand)
     return selenograph::engine::read_mesh_as_child(argc, argv);
-  std::signal(SIGXFSZ, SIG_IGN);  // a file over its limit is an error of writing, as a full disk is
+  std::signal(SIGXFSZ, SIG_IGN);  // a file over the size limit then fails to be written, as on a full disk
   CLI::App app("Images of the Moon for navigation: frames with exact shadows, and ground truth for every pixel.",
                "selenograph");
   app.formatter(std::make_shared<RequestFirst>());
@@ -195,7 +196,7 @@ int main(int argc, char** argv) {
     if (status == static_cast<int>(CLI::ExitCodes::RequiredError)) print_usage(app);
     return with_output_written(status);
   } catch (const std::exception& e) {
-    say(fmt::format("error: {}\n", e.what()));
+    print_error(fmt::format("error: {}\n", e.what()));
     return 1;
   }
 }

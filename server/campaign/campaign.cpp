@@ -5,7 +5,6 @@
 
 #include <chrono>
 #include <condition_variable>
-#include <cstdlib>
 #include <exception>
 #include <filesystem>
 #include <mutex>
@@ -26,6 +25,7 @@ using Clock = std::chrono::steady_clock;
 
 enum class Outcome { frame, bad, failed, cancelled };
 
+// Answer to one line, and its rendering time.
 struct Answer {
   Outcome outcome = Outcome::cancelled;
   api::Response response;
@@ -33,24 +33,24 @@ struct Answer {
 };
 
 std::string header_of(const api::Response& response, std::string_view name) {
-  for (const auto& [known, value] : response.headers)
-    if (known == name) return value;
+  for (const auto& [header, value] : response.headers)
+    if (header == name) return value;
   return {};
 }
 
 RenderedFrame frame_of(const Answer& answer) {
-  RenderedFrame frame{.bytes = answer.response.body, .content_hash = {}, .ms = answer.ms, .missing_fraction = {}};
+  RenderedFrame frame{.bytes = answer.response.body, .content_hash = {}, .ms = answer.ms};
   if (const std::string tag = header_of(answer.response, "ETag"); tag.size() > 2)
     frame.content_hash = tag.substr(1, tag.size() - 2);
-  if (const std::string share = header_of(answer.response, "Selenograph-Missing-Fraction"); !share.empty())
-    frame.missing_fraction = std::strtod(share.c_str(), nullptr);
+  frame.is_incomplete = !header_of(answer.response, "Selenograph-Missing-Fraction").empty();
   return frame;
 }
 
-// Requests one by one, as POST /v1/frames answers them.
-class Frames {
+// Renders lines as POST /v1/frames answers them.
+class FrameSource {
  public:
-  Frames(const Manifest& manifest, const api::Service& service, std::string_view media_type, std::atomic<bool>& stop)
+  FrameSource(const Manifest& manifest, const api::Service& service, std::string_view media_type,
+              std::atomic<bool>& stop)
       : manifest_(manifest), service_(service), media_type_(media_type), stop_(stop) {}
 
   Answer render(const ManifestLine& line) const {
@@ -67,7 +67,7 @@ class Frames {
       answer.response = service_.handle(request);
       answer.ms = std::chrono::duration<double, std::milli>(Clock::now() - request.received).count();
       answer.outcome = outcome_of(answer.response.status);
-      // 503: others may have what is needed.
+      // 503: other requests hold the memory that this one needs. Try again after a second.
       if (answer.response.status != 503) return answer;
       for (int wait = 0; wait < 20 && !stop_; ++wait) std::this_thread::sleep_for(std::chrono::milliseconds(50));
     }
@@ -88,12 +88,12 @@ class Frames {
   std::atomic<bool>& stop_;
 };
 
-// Things done in several threads, taken over in their order.
+// Lets threads that work in parallel hand over their results in order.
 class InTurn {
  public:
   explicit InTurn(std::atomic<bool>& stop) : stop_(stop) {}
 
-  // Waits until all before `number` have had their turn. False: the work is stopped.
+  // Waits until all turns before `number` are done. Returns false if the work is stopped.
   bool wait(std::size_t number) {
     std::unique_lock lock(mutex_);
     while (next_ != number && !stop_) changed_.wait_for(lock, std::chrono::milliseconds(20));
@@ -104,7 +104,7 @@ class InTurn {
     ++next_;
     changed_.notify_all();
   }
-  // How many have had it.
+  // Number of turns that are done. Call it when no thread waits.
   std::size_t count() const { return next_; }
 
  private:
@@ -116,22 +116,25 @@ class InTurn {
 
 class Campaign {
  public:
-  Campaign(const Manifest& manifest, const api::Service& service, const Run& run, const CampaignOptions& options,
-           std::atomic<bool>& stop)
+  Campaign(const Manifest& manifest, const api::Service& service, const std::string& made_by,
+           const CampaignOptions& options, std::atomic<bool>& stop)
       : manifest_(manifest),
         options_(options),
         stop_(stop),
-        journal_(options.folder, run),
-        record_(options.folder, &run),
+        journal_(options.folder, options.shard, made_by),
+        record_(options.folder, made_by),
         frames_(manifest, service, media_type(options.format), stop) {
-    if (!record_.format().empty() && record_.format() != options.format)
-      throw std::runtime_error(fmt::format("{}: holds a campaign's frames as {}: give {} a folder of its own",
-                                           options.folder, record_.format(), options.format));
+    const std::string suffix = options.format == kWebDataset ? ".tar" : "." + options.format;
+    if (const std::string& file = record_.any_file(); !file.empty() && !file.ends_with(suffix))
+      throw std::runtime_error(
+          fmt::format("{}: holds a campaign's frames in another format ({}): give {} a folder of "
+                      "its own",
+                      options.folder, file, options.format));
   }
 
   CampaignTally run() {
     const std::size_t lines = options_.format == kWebDataset ? write_tars() : write_files();
-    tally_.interrupted = tally_.rendered + tally_.kept + tally_.bad + tally_.failed < lines;
+    tally_.interrupted = tally_.rendered + tally_.existing + tally_.bad + tally_.failed < lines;
     return tally_;
   }
 
@@ -139,10 +142,10 @@ class Campaign {
   static std::string_view media_type(const std::string& format) {
     for (const api::Representation& r : api::representations())
       if (r.extension == (format == kWebDataset ? "npz" : format)) return r.media_type;
-    throw std::runtime_error(format + ": there is no such format");
+    throw std::runtime_error(format + ": is not a format of frames");
   }
 
-  // Does work(i) for 0 <= i < count, several at a time; the first thing thrown ends all.
+  // Calls work(i) for 0 <= i < count on in_work threads. The first exception stops the others and is rethrown.
   template <typename Work>
   void in_parallel(std::size_t count, const Work& work) {
     std::atomic<std::size_t> next{0};
@@ -164,17 +167,17 @@ class Campaign {
     if (first) std::rethrow_exception(first);
   }
 
-  // What is no frame.
-  void note(const ManifestLine& line, const Answer& answer) {
+  // Journals, logs and counts a line without a frame.
+  void note_problem(const ManifestLine& line, const Answer& answer) {
     const Problem problem = line.problem ? *line.problem : problem_of(answer.response.body, answer.response.status);
-    const LineWithoutFrame* known = record_.without_frame(line);
-    if (!known || known->problem != problem)
-      journal_.add(LineWithoutFrame{line.name, line.number, line.request_sha256, problem});
-    std::string said = problem.value("detail", std::string("no answer"));
+    const LineWithoutFrame* recorded = record_.without_frame(line);
+    if (!recorded || recorded->problem != problem)
+      journal_.add(LineWithoutFrame{line.name, line.number, line.request_sha256, problem, {}, {}});
+    std::string text = problem.value("detail", std::string("no answer"));
     if (const auto errors = problem.find("errors"); errors != problem.end() && errors->size() > 1)
       for (const auto& error : *errors)
-        said += fmt::format("\n  {}: {}", error.value("pointer", ""), error.value("detail", ""));
-    spdlog::warn("{}, line {} ({}): {}", manifest_.path(), line.number, line.name, said);
+        text += fmt::format("\n  {}: {}", error.value("pointer", ""), error.value("detail", ""));
+    spdlog::warn("{}, line {} ({}): {}", manifest_.path(), line.number, line.name, text);
     const std::lock_guard lock(mutex_);
     answer.outcome == Outcome::failed ? ++tally_.failed : ++tally_.bad;
   }
@@ -187,19 +190,19 @@ class Campaign {
     const api::Json warnings = api::Json::parse(header_of(answer.response, "Selenograph-Warnings"), nullptr, false);
     const std::lock_guard lock(mutex_);
     ++tally_.rendered;
-    tally_.outside += frame.missing_fraction.has_value();
+    if (frame.is_incomplete) ++tally_.incomplete;
     if (warnings.is_array())
       for (const api::Json& text : warnings) ++tally_.warnings[text.get<std::string>()];
   }
 
-  // Both answer how many lines there are.
+  // Both write functions return the number of the shard's lines.
   std::size_t write_files() {
     FrameFolder folder(options_.folder, options_.format, options_.shard, record_, journal_);
     const std::vector<const ManifestLine*> lines = lines_of(manifest_, options_.shard);
     std::vector<const ManifestLine*> missing;
     for (const ManifestLine* line : lines) {
       if (!line->problem && folder.has(*line)) {
-        ++tally_.kept;
+        ++tally_.existing;
         continue;
       }
       if (!line->problem && !options_.replace && folder.is_taken(*line))
@@ -214,29 +217,32 @@ class Campaign {
       const ManifestLine& line = *missing[i];
       const Answer answer = answer_to(line);
       if (answer.outcome == Outcome::cancelled) return;
-      if (answer.outcome != Outcome::frame) return note(line, answer), progress.step(line.name);
-      const RenderedFrame frame = frame_of(answer);
-      folder.put(line, frame);
-      count(frame, answer);
+      if (answer.outcome == Outcome::frame) {
+        const RenderedFrame frame = frame_of(answer);
+        folder.put(line, frame);
+        count(frame, answer);
+      } else {
+        note_problem(line, answer);
+      }
       progress.step(line.name);
     });
     return lines.size();
   }
 
-  // A tar that was finished earlier.
-  void keep(const TarPlan& tar) {
+  // Counts the lines of a tar that was finished earlier.
+  void count_existing(const TarPlan& tar) {
     for (const ManifestLine* line : tar.lines)
-      line->problem || record_.without_frame(*line) ? ++tally_.bad : ++tally_.kept;
+      line->problem || record_.without_frame(*line) ? ++tally_.bad : ++tally_.existing;
   }
 
   std::size_t write_tars() {
-    const std::vector<TarPlan> all = tars_of(manifest_, options_.shard, options_.frames_per_tar);
+    const std::vector<TarPlan> plans = tars_of(manifest_, options_.shard, options_.frames_per_tar);
     std::vector<const TarPlan*> tars;
     std::size_t lines = 0, missing = 0;
-    for (const TarPlan& tar : all) {
+    for (const TarPlan& tar : plans) {
       lines += tar.lines.size();
       if (TarWriter::has(options_.folder, tar, record_)) {
-        keep(tar);
+        count_existing(tar);
       } else {
         tars.push_back(&tar);
         missing += tar.lines.size();
@@ -248,20 +254,21 @@ class Campaign {
     return lines;
   }
 
+  // Renders a tar's frames in parallel, and appends them in the plan's order.
   void write(const TarPlan& plan, CampaignProgress& progress) {
     TarWriter tar(options_.folder, "npz", plan, journal_);
     InTurn turn(stop_);
-    bool whole = true;
+    bool is_complete = true;
     in_parallel(plan.lines.size(), [&](std::size_t i) {
       const ManifestLine& line = *plan.lines[i];
       const Answer answer = answer_to(line);
       if (answer.outcome == Outcome::cancelled || !turn.wait(i)) return;
       if (answer.outcome != Outcome::frame) {
-        note(line, answer);
-        whole &= answer.outcome == Outcome::bad;
-      } else if (whole) {
-        // Behind a frame that is missing none can be put; the rest is tried all the same, so that its problems are
-        // known.
+        note_problem(line, answer);
+        is_complete &= answer.outcome == Outcome::bad;
+      } else if (is_complete) {
+        // A tar is in the plan's order, so frames behind a failed one are not put. They are rendered all the same, so
+        // that the journal has their problems.
         const RenderedFrame frame = frame_of(answer);
         tar.put(line, frame);
         count(frame, answer);
@@ -269,25 +276,25 @@ class Campaign {
       progress.step(line.name);
       turn.done();
     });
-    if (whole && turn.count() == plan.lines.size()) tar.finish();
+    if (is_complete && turn.count() == plan.lines.size()) tar.finish();
   }
 
   const Manifest& manifest_;
   const CampaignOptions& options_;
   std::atomic<bool>& stop_;
-  Journal journal_;  // first: nobody else works at this shard while the record is read
+  Journal journal_;  // before record_: its lock keeps other processes from this shard while the record is read
   const Record record_;
-  const Frames frames_;
+  const FrameSource frames_;
   std::mutex mutex_;
   CampaignTally tally_;
 };
 
 }  // namespace
 
-CampaignTally run_campaign(const Manifest& manifest, const api::Service& service, const Run& run,
+CampaignTally run_campaign(const Manifest& manifest, const api::Service& service, const std::string& made_by,
                            const CampaignOptions& options, std::atomic<bool>& stop) {
   fs::create_directories(options.folder);
-  return Campaign(manifest, service, run, options, stop).run();
+  return Campaign(manifest, service, made_by, options, stop).run();
 }
 
 }  // namespace selenograph::server

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <filesystem>
-#include <optional>
 #include <stdexcept>
 
 #include "api/answers/coco.h"
@@ -19,19 +18,8 @@ namespace {
 namespace fs = std::filesystem;
 using OrderedJson = nlohmann::ordered_json;
 
-// Masks are of uint16: numbers of annotations in a frame are below.
+// A frame's masks have pixels of uint16, so the numbers of its annotations are below this.
 constexpr std::size_t kNumbersPerFrame = 65536;
-
-// Where a frame's .npz is.
-struct Place {
-  std::string file;  // of the folder
-  std::uint64_t offset;
-};
-
-Place place_of(const DoneFrame& frame) {
-  if (frame.tar.empty()) return {frame.name + ".npz", 0};
-  return {frame.tar, frame.offset + kTarHeaderBytes};
-}
 
 class CocoWriter {
  public:
@@ -43,12 +31,12 @@ class CocoWriter {
                         api::json_text(api::coco_categories()));
   }
 
-  // `labels`: a frame's own document.
-  void add(const ManifestLine& line, const Place& place, bool in_tar, OrderedJson labels, CocoTally& tally) {
+  // Appends a frame's own document, `labels`.
+  void add(const ManifestLine& line, const DoneFrame& frame, OrderedJson labels, CocoTally& tally) {
     OrderedJson image = std::move(labels.at("images").at(0));
     image["id"] = line.number;
     image["file_name"] = line.name + ".npz";
-    if (in_tar) image["tar"] = place.file;
+    if (frame.is_in_tar()) image["tar"] = frame.file;
     images_.push_back(std::move(image));
     for (OrderedJson& annotation : labels.at("annotations")) {
       const auto mask_id = annotation.at("id").get<std::size_t>();
@@ -58,8 +46,8 @@ class CocoWriter {
       text_ += (tally.annotations++ > 0 ? ",\n" : "\n") + api::json_text(annotation);
     }
     ++tally.images;
-    constexpr std::size_t kPiece = std::size_t{4} << 20;
-    if (text_.size() > kPiece) flush();
+    constexpr std::size_t kFlushBytes = std::size_t{4} << 20;
+    if (text_.size() > kFlushBytes) flush();
   }
 
   void finish(const std::string& path) {
@@ -90,16 +78,17 @@ CocoTally write_coco(const std::vector<const ManifestLine*>& lines, const Record
     if (stop) throw std::runtime_error(tally.path + ": interrupted");
     const DoneFrame* done = line->problem ? nullptr : record.frame(line->name);
     if (!done || done->request_sha256 != line->request_sha256) continue;
-    const Place place = place_of(*done);
-    const std::string path = (fs::path(folder) / place.file).string();
-    const auto text = api::text_in_npz(path, place.offset, done->bytes, api::kCocoMember);
+    const std::string path = (fs::path(folder) / done->file).string();
+    const std::uint64_t offset = done->is_in_tar() ? done->offset + kTarHeaderBytes : 0;
+    const auto text = api::text_in_npz(path, offset, done->bytes, api::kCocoMember);
     if (!text) {
-      ++tally.without;
+      ++tally.without_labels;
       continue;
     }
     OrderedJson labels = OrderedJson::parse(*text, nullptr, false);
-    if (labels.is_discarded()) throw std::runtime_error(path + ": the labels of " + line->name + " are damaged");
-    writer.add(*line, place, !done->tar.empty(), std::move(labels), tally);
+    if (labels.is_discarded())
+      throw std::runtime_error(path + ": the labels of " + line->name + " are not JSON: run batch verify --rerun");
+    writer.add(*line, *done, std::move(labels), tally);
   }
   writer.finish(tally.path);
   return tally;

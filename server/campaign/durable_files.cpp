@@ -1,7 +1,6 @@
 #include "server/campaign/durable_files.h"
 
 #include <fcntl.h>
-#include <fmt/format.h>
 #include <spdlog/spdlog.h>
 #include <sys/file.h>
 #include <sys/stat.h>
@@ -19,7 +18,7 @@ namespace {
 namespace fs = std::filesystem;
 
 [[noreturn]] void fail_at(const std::string& path, int error) {
-  throw std::runtime_error(fmt::format("{}: {}", path, std::generic_category().message(error)));
+  throw std::system_error(error, std::generic_category(), path);
 }
 
 class Descriptor {
@@ -36,7 +35,7 @@ class Descriptor {
   int file_;
 };
 
-// 0, or an errno.
+// Returns 0 or an errno.
 int write_all(int file, std::string_view bytes) {
   while (!bytes.empty()) {
     const ssize_t written = ::write(file, bytes.data(), bytes.size());
@@ -47,10 +46,12 @@ int write_all(int file, std::string_view bytes) {
 }
 
 void sync_folder_of(const std::string& path) {
-  const fs::path folder = fs::path(path).parent_path();
-  const Descriptor opened(folder.empty() ? "." : folder.string(), O_RDONLY | O_DIRECTORY);
-  // Some file systems can't, and have nothing to sync then.
-  if (::fsync(opened.get()) != 0 && errno != EINVAL) fail_at(folder.string(), errno);
+  const fs::path parent = fs::path(path).parent_path();
+  const std::string folder = parent.empty() ? "." : parent.string();
+  if (::access(folder.c_str(), R_OK) != 0) return;  // a folder that may only be written into cannot be opened
+  const Descriptor opened(folder, O_RDONLY | O_DIRECTORY);
+  // EINVAL: this file system cannot sync folders.
+  if (::fsync(opened.get()) != 0 && errno != EINVAL) fail_at(folder, errno);
 }
 
 }  // namespace
@@ -72,6 +73,17 @@ void rename_on_disk(const std::string& from, const std::string& to) {
   sync_folder_of(to);
 }
 
+void replace_on_disk(const std::string& path, std::string_view bytes) {
+  const std::string temporary = path + ".part-" + std::to_string(::getpid());
+  write_to_disk(temporary, bytes);
+  try {
+    rename_on_disk(temporary, path);
+  } catch (...) {
+    ::unlink(temporary.c_str());
+    throw;
+  }
+}
+
 void remove_on_disk(const std::string& path) {
   if (::unlink(path.c_str()) != 0 && errno != ENOENT) fail_at(path, errno);
   sync_folder_of(path);
@@ -84,10 +96,10 @@ GrowingFile::GrowingFile(std::string path) : path_(std::move(path)) {
     const int error = errno;
     if (error == EWOULDBLOCK) {
       ::close(file_);
-      throw std::runtime_error(path_ + ": another process writes it");
+      throw std::runtime_error(path_ + ": another process writes to it");
     }
-    // Some network file systems know no locks.
-    spdlog::warn("{}: cannot be locked ({}): let no two processes work at the same shard", path_,
+    // Some network file systems have no locks.
+    spdlog::warn("{}: not locked ({}): two processes must not work on the same shard", path_,
                  std::generic_category().message(error));
   }
   struct stat status {};
@@ -103,7 +115,7 @@ GrowingFile::~GrowingFile() { ::close(file_); }
 
 void GrowingFile::fail(int error) const { fail_at(path_, error); }
 
-bool GrowingFile::has_its_name() const {
+bool GrowingFile::is_at_its_path() const {
   struct stat opened {};
   struct stat named {};
   return ::fstat(file_, &opened) == 0 && ::stat(path_.c_str(), &named) == 0 && opened.st_dev == named.st_dev &&
@@ -114,7 +126,8 @@ void GrowingFile::append(std::string_view bytes) {
   if (::lseek(file_, static_cast<off_t>(size_), SEEK_SET) < 0) fail(errno);
   int error = write_all(file_, bytes);
   if (error == 0 && ::fdatasync(file_) != 0) error = errno;
-  if (error == 0 && !has_its_name()) throw std::runtime_error(path_ + ": was removed or replaced while it was written");
+  if (error == 0 && !is_at_its_path())
+    throw std::runtime_error(path_ + ": was removed or replaced while it was written");
   if (error != 0) {
     [[maybe_unused]] const int cut = ::ftruncate(file_, static_cast<off_t>(size_));
     fail(error);
@@ -129,14 +142,14 @@ void GrowingFile::cut(std::uint64_t size) {
 
 std::string GrowingFile::read(std::uint64_t offset, std::size_t count) const {
   std::string bytes(count, '\0');
-  std::size_t have = 0;
-  while (have < count) {
-    const ssize_t got = ::pread(file_, bytes.data() + have, count - have, static_cast<off_t>(offset + have));
-    if (got < 0 && errno != EINTR) fail(errno);
-    if (got == 0) break;
-    if (got > 0) have += static_cast<std::size_t>(got);
+  std::size_t size = 0;
+  while (size < count) {
+    const ssize_t n = ::pread(file_, bytes.data() + size, count - size, static_cast<off_t>(offset + size));
+    if (n < 0 && errno != EINTR) fail(errno);
+    if (n == 0) break;
+    if (n > 0) size += static_cast<std::size_t>(n);
   }
-  bytes.resize(have);
+  bytes.resize(size);
   return bytes;
 }
 

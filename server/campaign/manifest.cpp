@@ -20,7 +20,7 @@ using api::Json;
 constexpr const char* kName = "name";
 
 bool is_frame_name(std::string_view text) {
-  return text.size() <= kLongestFrameName && dem::consists_of(text, "_-.") && text.front() != '.' &&
+  return text.size() <= kMaxFrameNameBytes && dem::consists_of(text, "_-.") && text.front() != '.' &&
          text.front() != '-';
 }
 
@@ -28,12 +28,13 @@ bool is_frame_name(std::string_view text) {
   throw api::RequestError("invalid_request", "/name: " + why, {{"/name", why}});
 }
 
-std::string own_name(const Json& given) {
-  if (given.is_string() && is_frame_name(given.get_ref<const std::string&>())) return given;
+std::string read_name(const Json& name) {
+  if (name.is_string() && is_frame_name(name.get_ref<const std::string&>())) return name;
   refuse_name(fmt::format("must be 1 to {} letters, digits, '.', '_' and '-', beginning with neither '.' nor '-'",
-                          kLongestFrameName));
+                          kMaxFrameNameBytes));
 }
 
+// Returns the non-empty lines with their numbers and text.
 std::vector<ManifestLine> split(std::string_view text) {
   std::vector<ManifestLine> lines;
   for (std::size_t number = 1; !text.empty(); ++number) {
@@ -49,31 +50,32 @@ std::vector<ManifestLine> split(std::string_view text) {
 }  // namespace
 
 Problem problem_of(const std::string& body, int status) {
-  Problem said = Problem::parse(body, nullptr, false);
-  Problem kept{{"status", status}};
+  Problem document = Problem::parse(body, nullptr, false);
+  Problem problem{{"status", status}};
   for (const char* member : {"title", "detail", "errors"})
-    if (said.is_object() && said.contains(member)) kept[member] = std::move(said[member]);
-  return kept;
+    if (document.is_object() && document.contains(member)) problem[member] = std::move(document[member]);
+  return problem;
 }
 
+// answer_or_problem() turns the exceptions of reading a line into the problem that the service would answer.
 Manifest::Manifest(const std::string& path, int max_json_depth)
     : path_(path), text_(dem::read_whole(path)), sha256_(server::sha256(text_)), max_json_depth_(max_json_depth) {
   lines_ = split(text_);
-  if (lines_.empty()) throw std::runtime_error(path + ": has no line");
+  if (lines_.empty()) throw std::runtime_error(path + ": has no lines");
   const std::size_t width = std::max<std::size_t>(6, std::to_string(lines_.back().number).size());
-  std::unordered_map<std::string_view, std::size_t> taken;
-  taken.reserve(lines_.size());
+  std::unordered_map<std::string_view, std::size_t> line_of_name;
+  line_of_name.reserve(lines_.size());
   for (ManifestLine& line : lines_) {
     line.name = fmt::format("{:0{}}", line.number, width);
     line.request_sha256 = server::sha256(line.text);
     const api::Response read = api::answer_or_problem({}, [&] {
       Json request = api::parse_json(line.text, max_json_depth);
       if (request.is_object() && request.contains(kName)) {
-        line.name = own_name(request[kName]);
+        line.name = read_name(request[kName]);
         request.erase(kName);
       }
       line.request_sha256 = server::sha256(api::json_text(request));
-      const auto [first, is_new] = taken.emplace(line.name, line.number);
+      const auto [first, is_new] = line_of_name.emplace(line.name, line.number);
       if (!is_new) refuse_name(fmt::format("\"{}\" is the name of line {}", line.name, first->second));
       return api::Response{};
     });

@@ -13,24 +13,25 @@
 
 namespace selenograph::server {
 
-// Longest name of a frame. With its suffix it fits a plain tar header.
-inline constexpr std::size_t kLongestFrameName = 90;
+// Maximum bytes of a frame's name. With its suffix it fits a plain tar header.
+inline constexpr std::size_t kMaxFrameNameBytes = 90;
 
-// A problem document's members that a journal keeps: status, title, detail, errors.
+// Members of a problem document that a journal keeps: status, title, detail, errors.
 using Problem = nlohmann::ordered_json;
 
 struct ManifestLine {
   std::size_t number = 0;  // in the file, from 1
   std::string name;
   std::string_view text;
-  std::string request_sha256;  // of the request without its name as compact sorted JSON; if invalid, of the text
-  // Reason why it can never become a frame, as far as the manifest tells.
+  // Hash of the request without its name as compact sorted JSON, or of the text of an invalid line.
+  std::string request_sha256;
+  // Reason why the line can never become a frame, if the manifest alone shows one.
   std::optional<Problem> problem;
 };
 
-// Empty lines are ignored. A line without a "name" is named by its number, with leading zeros: six digits, or more if
-// the file has more. Names consist of letters, digits, '.', '_' and '-', and do not begin with '.' or '-'. A repeated
-// name is a problem.
+// The lines of a manifest. Empty ones are ignored. A line without a "name" is named by its number, with leading zeros:
+// six digits, or more if the file has more. Names consist of letters, digits, '.', '_' and '-', and do not begin with
+// '.' or '-'. A repeated name is a problem.
 class Manifest {
  public:
   // Throws std::runtime_error naming the file.
@@ -41,7 +42,7 @@ class Manifest {
   const std::string& path() const { return path_; }
   const std::string& sha256() const { return sha256_; }
   const std::vector<ManifestLine>& lines() const { return lines_; }
-  // Request of a line without a problem.
+  // Returns the request of a line without a problem.
   api::Json request(const ManifestLine& line) const;
 
  private:
@@ -50,7 +51,7 @@ class Manifest {
   std::vector<ManifestLine> lines_;
 };
 
-// Extracts the problem from an answer that is not a frame.
+// Extracts a journal's members from the problem document of an answer.
 Problem problem_of(const std::string& body, int status);
 
 }  // namespace selenograph::server

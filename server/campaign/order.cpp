@@ -14,8 +14,8 @@ namespace {
 
 using api::Json;
 
-// The request's pose as a frame of its own that needs nothing else: what is wrong with the rest is found when it is
-// rendered, and files that it names may be others by then.
+// Reads the request's pose as if it were that of a minimal frame. Errors in the other members are found at rendering,
+// and files that they name may change until then.
 std::optional<engine::Pose> pose_of(const Json& request) {
   if (!request.is_object()) return std::nullopt;
   const Json* body = &request;
@@ -42,11 +42,16 @@ std::optional<engine::Pose> pose_of(const Json& request) {
   }
 }
 
-// Where the boresight meets the sphere; where it doesn't, the point of it that is nearest to the centre.
-Vec3 place_seen(const engine::Pose& pose) {
+// Returns the intersection of the boresight with the sphere, or the boresight's point nearest to the centre.
+//
+//   camera *--------along-------->+       +: the boresight's point nearest to the centre
+//                 (<----back----->| below
+//                                 o       (: the sphere; o: its centre
+Vec3 point_in_view(const engine::Pose& pose) {
   const Vec3 boresight = pose.camera_from_moon.conjugate() * Vec3::UnitZ();
   const double along = -pose.position_m.dot(boresight);
-  const double below2 = pose.position_m.squaredNorm() - along * along;  // of the line's nearest point, squared
+  const double below2 =
+      pose.position_m.squaredNorm() - along * along;  // squared distance of the nearest point from the centre
   const double back2 = kMoonRadius_m * kMoonRadius_m - below2;
   return pose.position_m + std::max(0.0, along - std::sqrt(std::max(0.0, back2))) * boresight;
 }
@@ -59,15 +64,16 @@ double number_or(const Json& object, const char* member, double otherwise) {
 
 double pixels_of(const Json& frame) {
   const Json none;
-  const auto part = [&](const char* name) -> const Json& {
+  const auto member = [&](const char* name) -> const Json& {
     const auto found = frame.is_object() ? frame.find(name) : frame.end();
     return found != frame.end() ? *found : none;
   };
-  // A preset's size isn't known here.
-  const double across = number_or(part("camera"), "width", 1024), down = number_or(part("camera"), "height", 1024);
-  const double samples = number_or(part("accuracy"), "samples_per_pixel", 1);
-  const double edges = number_or(part("accuracy"), "edge_samples", 1) > 1 ? 2 : 1;
-  return edges * std::clamp(across, 1.0, 65535.0) * std::clamp(down, 1.0, 65535.0) * std::clamp(samples, 1.0, 65536.0);
+  // 1024 stands for the size of a camera preset, which is not read here.
+  const double width = number_or(member("camera"), "width", 1024);
+  const double height = number_or(member("camera"), "height", 1024);
+  const double samples = number_or(member("accuracy"), "samples_per_pixel", 1);
+  const double edges = number_or(member("accuracy"), "edge_samples", 1) > 1 ? 2 : 1;
+  return edges * std::clamp(width, 1.0, 65535.0) * std::clamp(height, 1.0, 65535.0) * std::clamp(samples, 1.0, 65536.0);
 }
 
 }  // namespace
@@ -104,16 +110,16 @@ std::uint64_t hilbert_index(const Vec3& point, int bits) {
 
 std::uint64_t terrain_key(const Json& request) {
   const auto pose = pose_of(request);
-  if (!pose) return kNoPlace;
-  // 120 m between cells: frames that are closer to each other than that see the same blocks. No round number is a
-  // border of anything: the last bit of a cosine, which machines don't agree on, must decide nothing.
+  if (!pose) return kNoPose;
+  // Cells of 120 m: frames that are closer to each other see the same blocks. Scale and offset keep borders of cells
+  // away from round coordinates, where the last bit of a cosine, which differs between machines, would decide the cell.
   constexpr int kBits = 15;
-  const Vec3 cube = place_seen(*pose) / (1.1037 * kMoonRadius_m) + Vec3(1.234e-4, 2.345e-4, 3.456e-4);
+  const Vec3 cube = point_in_view(*pose) / (1.1037 * kMoonRadius_m) + Vec3(1.234e-4, 2.345e-4, 3.456e-4);
   return hilbert_index(cube, kBits);
 }
 
 std::uint64_t weight_of(const Json& request) {
-  constexpr double kOfAnyFrame = 1 << 16;  // what a frame takes besides its pixels
+  constexpr double kFrameOverhead = 1 << 16;  // cost of a frame in addition to its pixels
   double pixels = 0;
   const auto cameras = request.is_object() ? request.find("cameras") : request.end();
   if (cameras != request.end() && cameras->is_object()) {
@@ -121,7 +127,7 @@ std::uint64_t weight_of(const Json& request) {
   } else {
     pixels = pixels_of(request);
   }
-  return static_cast<std::uint64_t>(std::min(pixels + kOfAnyFrame, 1e12));
+  return static_cast<std::uint64_t>(std::min(pixels + kFrameOverhead, 1e12));
 }
 
 std::vector<Span> cut_evenly(const std::vector<std::uint64_t>& weights, std::size_t count) {
@@ -131,7 +137,7 @@ std::vector<Span> cut_evenly(const std::vector<std::uint64_t>& weights, std::siz
   std::size_t at = 0;
   for (std::size_t i = 0; i < count; ++i) {
     spans[i].begin = at;
-    // An element belongs to the span that its middle is in.
+    // An element belongs to the span that contains the middle of its weight.
     const long double end = total * static_cast<long double>(i + 1) / static_cast<long double>(count);
     while (at < weights.size() && (i + 1 == count || before + static_cast<long double>(weights[at]) / 2 < end))
       before += static_cast<long double>(weights[at++]);

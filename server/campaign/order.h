@@ -1,4 +1,4 @@
-// Order of a campaign's frames, and their distribution to processes: determined by the manifest only, so that all
+// Order of a campaign's frames, and their distribution to processes. The manifest alone determines both, so that all
 // processes agree.
 #pragma once
 
@@ -11,16 +11,24 @@
 
 namespace selenograph::server {
 
-// Rank of a frame in the order of the terrain: along the Hilbert curve through the places in view. Without a pose:
-// kNoPlace, the last.
-inline constexpr std::uint64_t kNoPlace = ~std::uint64_t{0};
+// Returns the rank of a frame in the order of the terrain: the position of the point in view along a Hilbert curve, so
+// that a frame finds the blocks of the one before it in the cache. kNoPose is the last rank, of a frame without a pose.
+//
+//   +--+  +--+
+//   |  |  |  |     Hilbert curve of 4 x 4 cells:
+//   +  +--+  +     neighbours on the curve are
+//   |        |     neighbours in space
+//   +--+  +--+
+//      |  |
+//   +--+  +--+
+inline constexpr std::uint64_t kNoPose = ~std::uint64_t{0};
 std::uint64_t terrain_key(const api::Json& request);
 
-// Approximate cost of rendering, in pixels.
+// Returns the approximate cost of rendering, in pixels.
 std::uint64_t weight_of(const api::Json& request);
 
-// Position of a point along the Hilbert curve through the cube of +-1; `bits` of each coordinate count, at most 21.
-// Neighbours on the curve are neighbours in space.
+// Returns the position of a point along the Hilbert curve through the cube of +-1, by `bits` of each coordinate, at
+// most 21.
 std::uint64_t hilbert_index(const Vec3& point, int bits);
 
 // A range of a sequence.

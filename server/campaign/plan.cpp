@@ -11,6 +11,7 @@
 namespace selenograph::server {
 namespace {
 
+// All lines in the order of the terrain.
 struct Ordered {
   std::vector<const ManifestLine*> lines;
   std::vector<std::uint64_t> weights;
@@ -28,7 +29,10 @@ Ordered ordered(const Manifest& manifest) {
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return keys[a] < keys[b]; });
   Ordered out;
-  for (const std::size_t i : order) out.lines.push_back(&lines[i]), out.weights.push_back(weights[i]);
+  for (const std::size_t i : order) {
+    out.lines.push_back(&lines[i]);
+    out.weights.push_back(weights[i]);
+  }
   return out;
 }
 
@@ -41,23 +45,23 @@ std::string TarPlan::sha256() const {
 }
 
 std::vector<const ManifestLine*> lines_of(const Manifest& manifest, const Shard& shard) {
-  const Ordered all = ordered(manifest);
-  const Span span = cut_evenly(all.weights, shard.of)[shard.index];
-  return {all.lines.begin() + static_cast<std::ptrdiff_t>(span.begin),
-          all.lines.begin() + static_cast<std::ptrdiff_t>(span.end)};
+  const Ordered order = ordered(manifest);
+  const Span span = cut_evenly(order.weights, shard.of)[shard.index];
+  return {order.lines.begin() + static_cast<std::ptrdiff_t>(span.begin),
+          order.lines.begin() + static_cast<std::ptrdiff_t>(span.end)};
 }
 
 std::vector<TarPlan> tars_of(const Manifest& manifest, const Shard& shard, std::size_t lines_per_tar) {
-  const Ordered all = ordered(manifest);
+  const Ordered order = ordered(manifest);
   std::vector<TarPlan> tars;
   std::vector<std::uint64_t> weights;
-  for (std::size_t at = 0; at < all.lines.size(); at += lines_per_tar) {
-    const std::size_t end = std::min(at + lines_per_tar, all.lines.size());
-    tars.push_back(
-        {fmt::format("frames-{:06}.tar", tars.size()),
-         {all.lines.begin() + static_cast<std::ptrdiff_t>(at), all.lines.begin() + static_cast<std::ptrdiff_t>(end)}});
-    weights.push_back(std::accumulate(all.weights.begin() + static_cast<std::ptrdiff_t>(at),
-                                      all.weights.begin() + static_cast<std::ptrdiff_t>(end), std::uint64_t{0}));
+  for (std::size_t at = 0; at < order.lines.size(); at += lines_per_tar) {
+    const std::size_t end = std::min(at + lines_per_tar, order.lines.size());
+    tars.push_back({fmt::format("frames-{:06}.tar", tars.size()),
+                    {order.lines.begin() + static_cast<std::ptrdiff_t>(at),
+                     order.lines.begin() + static_cast<std::ptrdiff_t>(end)}});
+    weights.push_back(std::accumulate(order.weights.begin() + static_cast<std::ptrdiff_t>(at),
+                                      order.weights.begin() + static_cast<std::ptrdiff_t>(end), std::uint64_t{0}));
   }
   const Span span = cut_evenly(weights, shard.of)[shard.index];
   return {tars.begin() + static_cast<std::ptrdiff_t>(span.begin), tars.begin() + static_cast<std::ptrdiff_t>(span.end)};

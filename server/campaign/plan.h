@@ -10,7 +10,7 @@
 
 namespace selenograph::server {
 
-// One process of a campaign.
+// The part of a campaign that one process renders.
 struct Shard {
   std::size_t index = 0, of = 1;
 };
@@ -18,16 +18,19 @@ struct Shard {
 struct TarPlan {
   std::string name;  // frames-000000.tar
   std::vector<const ManifestLine*> lines;
-  // Hash of names and requests, which determine the tar's bytes together with software and terrain.
+  // Returns the hash of names and requests, which determine the tar's bytes together with software and terrain.
   std::string sha256() const;
 };
 
-// A shard's part of all lines in the order of the terrain; lines of one place keep the manifest's order, and unreadable
-// lines come last. The shards are a partition, contiguous along the order, with about equal work.
+// Returns a shard's lines in the order of the terrain (order.h). Lines of one place keep the manifest's order, and
+// unreadable lines come last. The shards partition this order into contiguous spans of about equal work:
+//
+//   order of the terrain  | 7 2 9 | 4 1 | 3 8 6 5 |     line numbers; a span is shorter where frames are larger
+//                         shard 0   1       2
 std::vector<const ManifestLine*> lines_of(const Manifest& manifest, const Shard& shard);
 
-// A shard's tars, of lines_per_tar lines each. A tar belongs to one shard, and the tars do not depend on the number of
-// shards.
+// Returns a shard's tars, of lines_per_tar lines each. The tars are cut first and then distributed, so that they do not
+// depend on the number of shards.
 std::vector<TarPlan> tars_of(const Manifest& manifest, const Shard& shard, std::size_t lines_per_tar);
 
 }  // namespace selenograph::server

@@ -13,7 +13,7 @@ class CampaignProgress {
  public:
   explicit CampaignProgress(std::size_t frames);
   ~CampaignProgress();
-  // Counts one more finished line.
+  // Counts a finished line, and shows the progress when its interval has passed.
   void step(const std::string& name);
 
  private:

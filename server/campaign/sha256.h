@@ -1,4 +1,4 @@
-// SHA-256 (FIPS 180-4), as sha256sum prints it. All of OpenSSL's digests are behind this pair of files.
+// SHA-256 (FIPS 180-4), in the notation of sha256sum. No other pair of files uses OpenSSL's digests.
 #pragma once
 
 #include <memory>
@@ -15,7 +15,7 @@ class Sha256 {
   Sha256& operator=(const Sha256&) = delete;
 
   void add(std::string_view bytes);
-  // Digest of everything added so far: 64 hexadecimal digits.
+  // Returns the digest of everything added so far: 64 hexadecimal digits.
   std::string hex() const;
 
  private:

@@ -21,9 +21,7 @@ std::optional<std::uint64_t> size_of(const std::string& path) {
   return error ? std::nullopt : std::optional<std::uint64_t>(size);
 }
 
-}  // namespace
-
-DoneFrame done_frame(const ManifestLine& line, const RenderedFrame& frame) {
+DoneFrame done_frame(const ManifestLine& line, const RenderedFrame& frame, const std::string& file) {
   return {.name = line.name,
           .line = line.number,
           .request_sha256 = line.request_sha256,
@@ -31,10 +29,13 @@ DoneFrame done_frame(const ManifestLine& line, const RenderedFrame& frame) {
           .sha256 = sha256(frame.bytes),
           .bytes = frame.bytes.size(),
           .ms = frame.ms,
-          .missing_fraction = frame.missing_fraction,
-          .tar = {},
-          .offset = 0};
+          .file = file,
+          .offset = 0,
+          .time = {},
+          .made_by = {}};
 }
+
+}  // namespace
 
 FrameFolder::FrameFolder(std::string folder, const std::string& suffix, const Shard& shard, const Record& record,
                          Journal& journal)
@@ -51,13 +52,13 @@ std::string FrameFolder::path_of(const ManifestLine& line) const { return in_fol
 
 bool FrameFolder::has(const ManifestLine& line) const {
   const DoneFrame* done = record_.frame(line.name);
-  return done && done->tar.empty() && done->request_sha256 == line.request_sha256 &&
+  return done && !done->is_in_tar() && done->request_sha256 == line.request_sha256 &&
          size_of(path_of(line)) == done->bytes;
 }
 
 bool FrameFolder::is_taken(const ManifestLine& line) const {
   const DoneFrame* done = record_.frame(line.name);
-  if (done && done->request_sha256 == line.request_sha256) return false;  // ours, whatever became of it
+  if (done && done->request_sha256 == line.request_sha256) return false;  // the campaign's own, perhaps damaged
   return fs::exists(path_of(line));
 }
 
@@ -65,9 +66,9 @@ void FrameFolder::put(const ManifestLine& line, const RenderedFrame& frame) {
   const std::string path = path_of(line), temporary = path + temporary_suffix_;
   write_to_disk(temporary, frame.bytes);
   try {
-    // Else a crash behind the journal's line would leave another frame under the name that the line speaks of.
+    // Remove an earlier frame first: after a crash behind the journal's line, the name must not refer to its bytes.
     if (fs::exists(path)) remove_on_disk(path);
-    journal_.add(done_frame(line, frame));
+    journal_.add(done_frame(line, frame, line.name + suffix_));
     rename_on_disk(temporary, path);
   } catch (...) {
     ::unlink(temporary.c_str());
@@ -84,8 +85,8 @@ bool TarWriter::has(const std::string& folder, const TarPlan& plan, const Record
   if (!size) return false;
   if (!same)
     throw std::runtime_error(path +
-                             ": is not what this manifest, this software and this terrain make: give them a "
-                             "folder of their own");
+                             ": was not made from this manifest by this software on this terrain: give them "
+                             "a folder of their own");
   return *size == done->bytes;
 }
 
@@ -99,8 +100,7 @@ TarWriter::TarWriter(const std::string& folder, const std::string& suffix, const
 }
 
 void TarWriter::put(const ManifestLine& line, const RenderedFrame& frame) {
-  DoneFrame done = done_frame(line, frame);
-  done.tar = plan_.name;
+  DoneFrame done = done_frame(line, frame, plan_.name);
   done.offset = file_.size();
   const std::string member = tar_member(line.name + suffix_, frame.bytes);
   file_.append(member);
@@ -112,14 +112,14 @@ void TarWriter::put(const ManifestLine& line, const RenderedFrame& frame) {
 void TarWriter::finish() {
   if (frames_ == 0) {
     remove_on_disk(file_.path());
-    journal_.add(DoneTar{plan_.name, plan_.sha256(), "", 0, 0});
+    journal_.add(DoneTar{plan_.name, plan_.sha256(), "", 0, 0, {}, {}});
     return;
   }
   const std::string end = tar_end();
   file_.append(end);
   digest_.add(end);
   if (fs::exists(path_)) remove_on_disk(path_);
-  journal_.add(DoneTar{plan_.name, plan_.sha256(), digest_.hex(), file_.size(), frames_});
+  journal_.add(DoneTar{plan_.name, plan_.sha256(), digest_.hex(), file_.size(), frames_, {}, {}});
   rename_on_disk(file_.path(), path_);
 }
 

@@ -1,5 +1,9 @@
-// Storage of a campaign's frames: files in a folder, or tars. Finished files are intact at any moment, whatever happens
-// to the process.
+// Storage of a campaign's frames: files in a folder, or tars. A finished file is intact at any moment, also after a
+// crash, because each write is on disk before the next begins:
+//
+//   1. NAME.part-..: the bytes     after a crash: an unfinished file, which the shard's next run removes
+//   2. the frame's journal line    after a crash: a line without a file, so that the frame is rendered again
+//   3. rename to NAME              the frame is done
 #pragma once
 
 #include <memory>
@@ -18,12 +22,10 @@ namespace selenograph::server {
 // A frame as returned by the service.
 struct RenderedFrame {
   std::string_view bytes;
-  std::string content_hash;  // empty: none
-  double ms = 0;
-  std::optional<double> missing_fraction;
+  std::string content_hash;    // empty: none
+  double ms = 0;               // duration of rendering
+  bool is_incomplete = false;  // some pixels look at the Moon outside the data
 };
-
-DoneFrame done_frame(const ManifestLine& line, const RenderedFrame& frame);
 
 // Frames as DIR/NAME.SUFFIX. Thread-safe.
 class FrameFolder {
@@ -33,7 +35,7 @@ class FrameFolder {
               Journal& journal);
 
   bool has(const ManifestLine& line) const;
-  // Whether another file has the line's name.
+  // Returns true if a file of another request has the line's name.
   bool is_taken(const ManifestLine& line) const;
   void put(const ManifestLine& line, const RenderedFrame& frame);
   std::string path_of(const ManifestLine& line) const;
@@ -44,18 +46,19 @@ class FrameFolder {
   Journal& journal_;
 };
 
-// The tar being written: DIR/TAR.part. An unfinished one of an earlier process is started anew.
+// The tar being written: DIR/TAR.part. Overwrites an unfinished tar of an earlier process.
 class TarWriter {
  public:
-  // Not for a finished tar: check has() first.
+  // Requires !has(): a finished tar is not written again.
   TarWriter(const std::string& folder, const std::string& suffix, const TarPlan& plan, Journal& journal);
 
-  // Whether the tar is complete. Throws std::runtime_error naming a file of another manifest, software or terrain.
+  // Returns true if the tar is complete. Throws std::runtime_error naming a file of another manifest, software or
+  // terrain.
   static bool has(const std::string& folder, const TarPlan& plan, const Record& record);
 
-  // In the plan's order.
+  // Appends a frame. Call it in the plan's order.
   void put(const ManifestLine& line, const RenderedFrame& frame);
-  // Call after the last line: renames the tar, or leaves no file if it has no member.
+  // Renames the tar after its last line, or leaves no file if it has no member.
   void finish();
 
  private:

@@ -27,10 +27,10 @@ struct FreeEntry {
 using Archive = std::unique_ptr<::archive, FreeArchive>;
 using Entry = std::unique_ptr<::archive_entry, FreeEntry>;
 
-void need(int result, ::archive* archive, const std::string& what) {
+void require_ok(int result, ::archive* archive, const std::string& what) {
   if (result == ARCHIVE_OK) return;
   const char* why = ::archive_error_string(archive);
-  throw std::runtime_error(fmt::format("{}: {}", what, why ? why : "libarchive refuses it"));
+  throw std::runtime_error(fmt::format("{}: {}", what, why ? why : "libarchive failed"));
 }
 
 la_ssize_t append_to_string(::archive*, void* out, const void* bytes, std::size_t count) {
@@ -38,7 +38,7 @@ la_ssize_t append_to_string(::archive*, void* out, const void* bytes, std::size_
   return static_cast<la_ssize_t>(count);
 }
 
-// A file that is hashed as it is read.
+// A file that is hashed while it is read.
 struct HashedFile {
   std::ifstream file;
   Sha256 digest;
@@ -46,21 +46,21 @@ struct HashedFile {
 
   std::string_view next() {
     file.read(buffer.data(), static_cast<std::streamsize>(buffer.size()));
-    const std::string_view got(buffer.data(), static_cast<std::size_t>(file.gcount()));
-    digest.add(got);
-    return got;
+    const std::string_view block(buffer.data(), static_cast<std::size_t>(file.gcount()));
+    digest.add(block);
+    return block;
   }
 };
 
 la_ssize_t read_hashed(::archive* archive, void* file, const void** bytes) {
   auto& hashed = *static_cast<HashedFile*>(file);
-  const std::string_view got = hashed.next();
+  const std::string_view block = hashed.next();
   if (hashed.file.bad()) {
     ::archive_set_error(archive, EIO, "cannot be read");
     return -1;
   }
-  *bytes = got.data();
-  return static_cast<la_ssize_t>(got.size());
+  *bytes = block.data();
+  return static_cast<la_ssize_t>(block.size());
 }
 
 }  // namespace
@@ -69,7 +69,7 @@ std::string tar_member(const std::string& name, std::string_view content) {
   std::string out;
   out.reserve(content.size() + 4 * kTarBlockBytes);
   const Archive archive(::archive_write_new());
-  const auto good = [&](int result) { need(result, archive.get(), name); };
+  const auto good = [&](int result) { require_ok(result, archive.get(), name); };
   good(::archive_write_set_format_ustar(archive.get()));
   good(::archive_write_set_bytes_per_block(archive.get(), 0));
   good(::archive_write_open(archive.get(), &out, nullptr, append_to_string, nullptr));
@@ -83,9 +83,9 @@ std::string tar_member(const std::string& name, std::string_view content) {
   ::archive_entry_set_size(entry.get(), static_cast<la_int64_t>(content.size()));
   good(::archive_write_header(archive.get(), entry.get()));
   if (::archive_write_data(archive.get(), content.data(), content.size()) != static_cast<la_ssize_t>(content.size()))
-    need(ARCHIVE_FATAL, archive.get(), name);
+    require_ok(ARCHIVE_FATAL, archive.get(), name);
   good(::archive_write_finish_entry(archive.get()));
-  // Without the end that closing writes: it comes once, behind the last member.
+  // Cut off the end that closing writes: a tar has one, behind its last member.
   const std::size_t bytes = out.size();
   good(::archive_write_close(archive.get()));
   out.resize(bytes);
@@ -99,7 +99,7 @@ std::string read_tar(const std::string& path,
   HashedFile file{std::ifstream(path, std::ios::binary), {}};
   if (!file.file) throw std::runtime_error(path + ": cannot be read");
   const Archive archive(::archive_read_new());
-  const auto good = [&](int result) { need(result, archive.get(), path); };
+  const auto good = [&](int result) { require_ok(result, archive.get(), path); };
   good(::archive_read_support_format_tar(archive.get()));
   good(::archive_read_open(archive.get(), &file, nullptr, read_hashed, nullptr));
   ::archive_entry* entry = nullptr;

@@ -1,4 +1,4 @@
-// One request to a service of the command's own, without a socket.
+// One request to a service inside the command, without a socket.
 #pragma once
 
 #include <optional>
@@ -9,19 +9,19 @@
 
 namespace selenograph::server {
 
-// The very answer that a service would give to a POST of JSON.
-api::Response ask_once(const TerrainSettings& terrain, const api::Limits& limits, const std::string& path,
-                       const std::string& accept, std::string body);
+// Returns the limits of a command's own request: those of the formats. A user at the command line waits as long as the
+// work takes.
+api::Limits command_limits();
 
-// A command that answers a request's file with a file.
+// Settings of a command that turns a request file into an answer file.
 struct RequestSettings {
   TerrainSettings terrain;
-  api::Limits limits;
   std::string request;  // path, "-": stdin
   std::string output;   // path; its extension is the format
 };
 
-// Writes the answer, and says so beside it. Empty: a refusal, which is printed.
+// Sends the file's JSON by POST to `path`, writes the answer to the output and prints its size. Prints a refusal to
+// stderr and returns nothing.
 std::optional<api::Response> answer_file(const RequestSettings& settings, const std::string& path,
                                          const std::string& accept);
 

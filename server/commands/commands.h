@@ -1,4 +1,4 @@
-// The commands of the executable. Each returns the exit status and throws what main() reports.
+// The commands of the executable. Each returns the exit status, and throws errors that main() prints.
 #pragma once
 
 #include <optional>
@@ -20,17 +20,17 @@ struct MapSettings {
   TerrainSettings terrain;
   std::string request;           // path, "-": stdin
   std::string output;            // its extension is the format
-  std::vector<std::string> utc;  // FROM, TO, STEP of a series; empty: one map
+  std::vector<std::string> utc;  // FROM, TO, STEP of a series; empty: a single map
 };
 
 struct FeaturesSettings {
   TerrainSettings terrain;
-  std::string request;         // path, "-": stdin; empty: from the three members below
+  std::string request;         // path, "-": stdin; empty: the next three members instead
   std::string detail;          // a preset's name
   std::vector<double> region;  // south, north, west, east, degrees
   std::optional<double> smallest_m;
   std::string output = "-";  // CSV; "-": stdout
-  std::string coco, frame;   // file to write, and the request of its frame; empty: none
+  std::string coco, frame;   // COCO file to write, and the request of its frame; empty: none
   std::string image;         // file name of the frame's image; empty: the frame's name with .png
   engine::RimOptions rims;
 };
@@ -81,16 +81,15 @@ struct VerifyAccuracySettings {
   int size_px = 256;
   int repetitions = 5;
   int reference_samples = 256;
-  bool indirect = false;  // light from terrain instead
+  bool indirect = false;  // measure light from terrain instead
   std::string output;     // folder
 };
 
 struct VerifyMoonSettings {
   TerrainSettings terrain;
-  api::Limits limits;
   std::vector<std::string> albedo_maps;  // names in the assets folder
   std::string images;                    // folder with views.json and NAME.npy; empty: none
-  std::string center;                    // "LAT,LON": relief there in the place of the whole disc; empty: the disc
+  std::string center;                    // "LAT,LON": compare relief there instead of the disc; empty: the disc
   std::optional<double> width_m;         // of the ground at `center`; empty: 20 km
   std::string detail;                    // name in the assets folder; empty: none
   int size_px = 256;

@@ -1,10 +1,8 @@
-// `selenograph batch` and `selenograph batch verify`: a manifest's frames, and whether they are all there.
-#include <fmt/chrono.h>
+// `selenograph batch` renders a manifest's frames, and `selenograph batch verify` checks that all are there.
 #include <fmt/format.h>
 
 #include <atomic>
 #include <charconv>
-#include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
@@ -29,9 +27,9 @@ namespace fs = std::filesystem;
 constexpr int kAllDone = 0, kRunAgain = 1, kBadLines = 2;
 
 std::atomic<bool> stop{false};
-static_assert(std::atomic<bool>::is_always_lock_free);  // it is set by a signal's handler
+static_assert(std::atomic<bool>::is_always_lock_free);  // a signal handler sets it
 
-// After the first signal the default is back: a second one quits at once.
+// Resets the default action after the first signal, so that a second one ends the process at once.
 void stop_on_signal() {
   struct sigaction action {};
   action.sa_handler = [](int) { stop = true; };
@@ -40,55 +38,38 @@ void stop_on_signal() {
   ::sigaction(SIGTERM, &action, nullptr);
 }
 
-// "3/16".
+// Parses "3/16".
 Shard shard_of(const std::string& text) {
   Shard shard;
   const char* const end = text.data() + text.size();
   const auto index = std::from_chars(text.data(), end, shard.index);
   const bool slash = index.ec == std::errc() && index.ptr != end && *index.ptr == '/';
   const auto of = slash ? std::from_chars(index.ptr + 1, end, shard.of) : std::from_chars_result{};
-  constexpr std::size_t kMost = 100000;
-  if (!slash || of.ec != std::errc() || of.ptr != end || shard.of > kMost || shard.index >= shard.of)
+  constexpr std::size_t kMaxShards = 100000;
+  if (!slash || of.ec != std::errc() || of.ptr != end || shard.of > kMaxShards || shard.index >= shard.of)
     throw std::runtime_error(
-        fmt::format("--shard: \"{}\" is not I/N with I from 0 to N - 1 and N up to {}, like 0/16", text, kMost));
+        fmt::format("--shard: \"{}\" is not I/N with I from 0 to N - 1 and N up to {}, like 0/16", text, kMaxShards));
   return shard;
 }
 
-void need(const std::string& value, const char* what) {
-  if (value.empty()) throw std::runtime_error(std::string(what) + " is needed; see --help");
-}
-
-std::string utc_now() {
-  const auto now = std::chrono::time_point_cast<std::chrono::milliseconds>(std::chrono::system_clock::now());
-  const auto seconds = std::chrono::time_point_cast<std::chrono::seconds>(now);
-  return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z", fmt::gmtime(std::chrono::system_clock::to_time_t(seconds)),
-                     (now - seconds).count());
-}
-
-Run run_of(const Manifest& manifest, const CampaignOptions& options, std::uint64_t terrain) {
-  return {.software = std::string(api::software_version()),
-          .terrain = fmt::format("{:016x}", terrain),
-          .format = options.format,
-          .shard = options.shard.index,
-          .of = options.shard.of,
-          .manifest_sha256 = manifest.sha256(),
-          .started = utc_now()};
+void require(const std::string& value, const char* what) {
+  if (value.empty()) throw std::runtime_error(std::string(what) + " is required; see --help");
 }
 
 void print_tally(const CampaignTally& tally, const std::string& folder) {
-  fmt::print("{}: {} frames rendered, {} were there\n", folder, tally.rendered, tally.kept);
-  if (tally.outside > 0)
+  fmt::print("{}: {} frames rendered, {} existed\n", folder, tally.rendered, tally.existing);
+  if (tally.incomplete > 0)
     fmt::print("{} of the frames have pixels that look at the Moon outside the data: black, NaN or 65535 there\n",
-               tally.outside);
+               tally.incomplete);
   for (const auto& [text, frames] : tally.warnings) fmt::print("warning, of {} frames: {}\n", frames, text);
-  if (tally.bad > 0) fmt::print("{} lines can never be a frame: see the journal\n", tally.bad);
+  if (tally.bad > 0) fmt::print("{} lines can never become a frame: see the journal\n", tally.bad);
   if (tally.failed > 0)
-    fmt::print("{} lines could not be rendered now: see the journal, and run again\n", tally.failed);
-  if (tally.interrupted) fmt::print("interrupted: run the same command to go on\n");
+    fmt::print("{} lines failed temporarily: see the journal, and run the same command again\n", tally.failed);
+  if (tally.interrupted) fmt::print("interrupted: run the same command to continue\n");
 }
 
-// Labels of the frames that are there, by an earlier run as well.
-void write_labels(const Manifest& manifest, const CampaignOptions& options, const Run& run) {
+// Writes the labels of all finished frames, those of earlier runs as well.
+void write_labels(const Manifest& manifest, const CampaignOptions& options, const std::string& made_by) {
   std::vector<const ManifestLine*> lines;
   if (options.format == kWebDataset) {
     for (const TarPlan& tar : tars_of(manifest, options.shard, options.frames_per_tar))
@@ -96,38 +77,40 @@ void write_labels(const Manifest& manifest, const CampaignOptions& options, cons
   } else {
     lines = lines_of(manifest, options.shard);
   }
-  const CocoTally tally = write_coco(lines, Record(options.folder, &run), options.shard, options.folder, stop);
+  const CocoTally tally = write_coco(lines, Record(options.folder, made_by), options.shard, options.folder, stop);
   fmt::print("{}: {} annotations of {} frames\n", tally.path, tally.annotations, tally.images);
-  if (tally.without > 0)
-    fmt::print("{} frames are left out: their requests have no \"labels\": true, or several cameras\n", tally.without);
+  if (tally.without_labels > 0)
+    fmt::print("{} frames are left out: their requests have no \"labels\": true, or several cameras\n",
+               tally.without_labels);
 }
 
-// A line with its name, wherever it stands in another manifest.
+// Returns a line that keeps its name in another manifest, where it has another number.
 std::string named(const Manifest& manifest, const ManifestLine& line) {
   api::Json request = manifest.request(line);
   request["name"] = line.name;
   return api::json_line(request);
 }
 
-// What is no frame as it should be makes room for the one that is.
+// Renames a damaged file, so that `batch` can write the frame in its place.
 void put_aside(const std::string& folder, const std::string& file) {
   const std::string path = (fs::path(folder) / file).string();
   if (fs::exists(path)) rename_on_disk(path, path + ".damaged");
 }
 
-// Lines to render again, each once.
-std::string lines_to_rerun(const Manifest& manifest, const CheckResult& result) {
+void write_rerun(const Manifest& manifest, const CheckResult& result, const BatchVerifySettings& settings) {
   std::string text;
-  for (const FoundFault& fault : result.faults)
-    if (fault.line && fault.fault != Fault::bad) text += named(manifest, *fault.line);
-  return text;
+  for (const LineNotDone& finding : result.not_done)
+    if (!finding.is_bad) text += named(manifest, *finding.line);
+  write_whole(settings.rerun, text);
+  for (const LineNotDone& finding : result.not_done)
+    if (!finding.file.empty()) put_aside(settings.output, finding.file);
 }
 
 }  // namespace
 
 int batch(const BatchSettings& settings) {
-  need(settings.manifest, "MANIFEST.jsonl");
-  need(settings.output, "--output DIR");
+  require(settings.manifest, "MANIFEST.jsonl");
+  require(settings.output, "--output DIR");
   if (settings.coco && settings.format != "npz" && settings.format != kWebDataset)
     throw std::runtime_error("--coco: labels are in .npz files: --format npz or webdataset");
   set_up_log(settings.terrain.log_level);
@@ -142,11 +125,12 @@ int batch(const BatchSettings& settings) {
   const Manifest manifest(settings.manifest, settings.limits.max_json_depth);
   const auto renderer = make_renderer(settings.terrain);
   const api::Service service(renderer, settings.limits, settings.terrain.assets_dir, mesh_options(settings.terrain));
-  const Run run = run_of(manifest, options, renderer->terrain().catalogue().fingerprint());
-  const CampaignTally tally = run_campaign(manifest, service, run, options, stop);
+  const std::string made_by =
+      fmt::format("{} {:016x}", api::software_version(), renderer->terrain().catalogue().fingerprint());
+  const CampaignTally tally = run_campaign(manifest, service, made_by, options, stop);
   print_tally(tally, settings.output);
   if (tally.interrupted || tally.failed > 0) return kRunAgain;
-  if (settings.coco) write_labels(manifest, options, run);
+  if (settings.coco) write_labels(manifest, options, made_by);
   return tally.bad > 0 ? kBadLines : kAllDone;
 }
 
@@ -154,22 +138,17 @@ int batch_verify(const BatchVerifySettings& settings) {
   set_up_log("info");
   const Manifest manifest(settings.manifest, api::Limits().max_json_depth);
   const CheckResult result = check_campaign(manifest, settings.output);
-  for (const FoundFault& fault : result.faults) {
-    const std::string what =
-        fault.line ? fmt::format("line {} ({})", fault.line->number, fault.line->name) : fault.file;
-    fmt::print(stderr, "{}: {}: {}\n", fault_name(fault.fault), what, fault.why);
+  std::size_t bad = 0;
+  for (const LineNotDone& finding : result.not_done) {
+    fmt::print(stderr, "{}: line {} ({}): {}\n", finding.is_bad ? "bad" : "not done", finding.line->number,
+               finding.line->name, finding.why);
+    if (finding.is_bad) ++bad;
   }
-  if (!settings.rerun.empty()) {
-    write_whole(settings.rerun, lines_to_rerun(manifest, result));
-    for (const FoundFault& fault : result.faults)
-      if (fault.fault == Fault::damaged || fault.fault == Fault::doubled) put_aside(settings.output, fault.file);
-  }
-  const std::size_t bad = result.count(Fault::bad), extra = result.count(Fault::extra);
-  fmt::print(said_beside(settings.rerun),
-             "{}: {} frames are there once and whole; {} missing, {} damaged, {} doubled, {} bad, {} extra\n",
-             settings.output, result.good, result.count(Fault::missing), result.count(Fault::damaged),
-             result.count(Fault::doubled), bad, extra);
-  if (result.faults.size() > bad + extra) return kRunAgain;  // no run would remove what is extra
+  if (!settings.rerun.empty()) write_rerun(manifest, result, settings);
+  const std::size_t open = result.not_done.size() - bad;
+  fmt::print(stream_for_messages(settings.rerun), "{}: {} frames done, {} not done, {} bad lines\n", settings.output,
+             result.done, open, bad);
+  if (open > 0) return kRunAgain;
   return bad > 0 ? kBadLines : kAllDone;
 }
 

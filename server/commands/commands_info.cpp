@@ -18,7 +18,7 @@
 namespace selenograph::server {
 namespace {
 
-// Of each file in the table, unless --heights says another number.
+// Posts read of each file in the table, unless --heights sets their number.
 constexpr std::size_t kHeightPosts = std::size_t{1} << 20;
 
 std::string box(const dem::Footprint& f) {
@@ -29,11 +29,12 @@ std::string steps_text(const dem::Steps& s) {
   return fmt::format("mean {:+.2f} m, rms {:.2f} m, worst {:+.2f} m", s.mean_m, s.rms_m, s.worst_m);
 }
 
+// Returns the warning about a layer that lies above or below its neighbour.
 std::string displacement_text(const dem::Catalogue& catalogue, const dem::LayerBorder& b) {
   const auto name = [&](int i) { return catalogue.rasters()[static_cast<std::size_t>(i)].name; };
   return fmt::format(
-      "{} lies {:+.1f} m above {} along its border, more than the typical error of such posts, {:.1f} m: "
-      "--layer-offset '{}={:+.1f}' would move it, --layer-offset '{}=fit' by the median",
+      "{} lies {:+.1f} m above {} along its border, more than the typical error of such posts, {:.1f} m: move it by "
+      "--layer-offset '{}={:+.1f}', or by the median with --layer-offset '{}=fit'",
       name(b.sources.front()), b.bent.mean_m, name(b.beneath), b.typical_error_m, name(b.sources.front()),
       b.offset_m - b.bent.mean_m, name(b.sources.front()));
 }
@@ -49,22 +50,22 @@ void print_borders(const dem::Catalogue& catalogue, const std::vector<dem::Layer
   }
 }
 
-// Of files that can be read, and of not so many that this would take minutes.
+// Returns the heights of a readable file; nothing for a catalogue of so many files that reading takes minutes.
 std::optional<dem::HeightRange> heights_of(const dem::Catalogue& catalogue, const dem::RasterInfo& info,
                                            std::size_t posts) {
-  constexpr std::size_t kMostFiles = 4096;
-  if (posts == 0 || catalogue.rasters().size() > kMostFiles || !info.damage.empty()) return {};
+  constexpr std::size_t kMaxFiles = 4096;
+  if (posts == 0 || catalogue.rasters().size() > kMaxFiles || !info.damage.empty()) return {};
   try {
     return dem::sampled_heights(info, posts);
   } catch (const DataError& error) {
-    spdlog::warn("heights of {}", error.what());  // the rest of the list is none the worse
+    spdlog::warn("heights of {}", error.what());  // the rest of the list is not affected
     return {};
   }
 }
 
-std::vector<dem::LayerBorder> borders_of(const dem::Catalogue& catalogue, int most) {
+std::vector<dem::LayerBorder> borders_of(const dem::Catalogue& catalogue, int max_layers) {
   try {
-    return dem::measure_borders(catalogue, static_cast<std::size_t>(most));
+    return dem::measure_borders(catalogue, static_cast<std::size_t>(max_layers));
   } catch (const DataError& error) {
     spdlog::warn("borders of layers: {}", error.what());
     return {};
@@ -74,11 +75,11 @@ std::vector<dem::LayerBorder> borders_of(const dem::Catalogue& catalogue, int mo
 std::string heights_text(const std::optional<dem::HeightRange>& range) {
   if (!range) return {};
   if (range->low > range->high) return ", no valid posts";
-  const bool beyond = range->low < dem::kLowestRelief_m || range->high > dem::kHighestRelief_m;
+  const bool has_voids = range->low < dem::kLowestRelief_m || range->high > dem::kHighestRelief_m;
   return fmt::format(", {:.1f} to {:.1f} m", range->low, range->high) +
-         (beyond ? fmt::format("; posts outside of {} .. {} m are taken as voids", dem::kLowestRelief_m,
-                               dem::kHighestRelief_m)
-                 : "");
+         (has_voids ? fmt::format("; posts outside of {} .. {} m are taken as voids", dem::kLowestRelief_m,
+                                  dem::kHighestRelief_m)
+                    : "");
 }
 
 void print_table(const dem::Catalogue& catalogue, std::size_t posts) {
@@ -90,10 +91,10 @@ void print_table(const dem::Catalogue& catalogue, std::size_t posts) {
                r.lattice_level ? "" : ", resampled", heights_text(heights_of(catalogue, r, posts)));
   }
   const auto gaps = uncovered(catalogue);
-  fmt::print("{} gaps within the area covered (whole degrees)\n", gaps.size());
+  fmt::print("{} gaps within the covered area (whole degrees)\n", gaps.size());
   for (const dem::Footprint& gap : gaps) fmt::print("  {}\n", box(gap));
   if (!catalogue.problems().empty())
-    fmt::print("{} files that cannot be used, or not all of them\n", catalogue.problems().size());
+    fmt::print("{} files that cannot be used, or only in part\n", catalogue.problems().size());
   for (const dem::CatalogueProblem& problem : catalogue.problems())
     fmt::print("  {}: {}\n", problem.path, problem.what);
   for (const dem::SideLayer& side : catalogue.side_layers())
@@ -122,7 +123,7 @@ nlohmann::ordered_json borders_json(const dem::Catalogue& catalogue, const std::
   return list;
 }
 
-// The mesh against the posts of a file that is resampled.
+// Error of the mesh at the posts of a file that is resampled.
 struct Resampled {
   std::string name;
   dem::ResamplingError error;
@@ -132,27 +133,27 @@ std::vector<Resampled> measure_resampling(const InfoSettings& settings) {
   if (settings.resampling == 0) return {};
   const auto terrain = open_terrain(settings.terrain);
   const auto& rasters = terrain->catalogue().rasters();
-  std::vector<Resampled> all;
+  std::vector<Resampled> list;
   for (std::size_t i = 0; i < rasters.size(); ++i)
     if (!rasters[i].lattice_level)
-      all.push_back({rasters[i].name, dem::resampling_error(*terrain, static_cast<int>(i), settings.resampling)});
-  return all;
+      list.push_back({rasters[i].name, dem::resampling_error(*terrain, static_cast<int>(i), settings.resampling)});
+  return list;
 }
 
-void print_resampling(const std::vector<Resampled>& all) {
-  for (const auto& [name, e] : all)
+void print_resampling(const std::vector<Resampled>& files) {
+  for (const auto& [name, e] : files)
     fmt::print("  {:<32} mesh against {} of its posts: rms {:.3f} m, worst {:.3f} m\n", name, e.posts, e.rms_m,
                e.worst_m);
 }
 
-nlohmann::ordered_json resampling_json(const std::vector<Resampled>& all) {
+nlohmann::ordered_json resampling_json(const std::vector<Resampled>& files) {
   auto list = nlohmann::ordered_json::array();
-  for (const auto& [name, e] : all)
+  for (const auto& [name, e] : files)
     list.push_back({{"name", name}, {"posts", e.posts}, {"rms_m", e.rms_m}, {"worst_m", e.worst_m}});
   return list;
 }
 
-// Null: no post is valid. What is not read has neither member.
+// Adds the members of a file whose heights were read: null if no post is valid.
 void add_heights(nlohmann::ordered_json& dataset, const std::optional<dem::HeightRange>& range) {
   if (!range) return;
   const bool valid = range->low <= range->high;
@@ -160,7 +161,7 @@ void add_heights(nlohmann::ordered_json& dataset, const std::optional<dem::Heigh
   dataset["highest_m"] = valid ? nlohmann::ordered_json(range->high) : nullptr;
 }
 
-// What /v1/datasets answers, the gaps and the borders, and what else is asked for.
+// Prints the answer of /v1/datasets with the gaps and borders, and with heights and resampling if requested.
 void print_json(const dem::Catalogue& catalogue, const std::vector<dem::LayerBorder>& borders,
                 const InfoSettings& settings) {
   auto json = nlohmann::ordered_json::parse(api::datasets_text(catalogue));

@@ -1,4 +1,5 @@
-// `selenograph ingest`: builds the pyramid ahead. What is done stays done, so it can be interrupted and resumed.
+// `selenograph ingest`: builds the terrain pyramid in advance. Finished chunks stay on disk, so that it can be
+// interrupted and resumed.
 #include <fmt/format.h>
 
 #include <csignal>
@@ -14,7 +15,7 @@ namespace {
 
 volatile std::sig_atomic_t interrupted = 0;
 
-// After the first signal the default is back: a second one quits at once.
+// Resets the default action after the first signal, so that a second one ends the process at once.
 void finish_chunk_on_signal() {
   struct sigaction action {};
   action.sa_handler = [](int) { interrupted = 1; };
@@ -27,7 +28,7 @@ void finish_chunk_on_signal() {
 
 int ingest(const TerrainSettings& settings) {
   set_up_log(settings.log_level);
-  if (settings.cache_dir.empty()) throw std::runtime_error("--cache-dir DIR is needed: the pyramid is kept there");
+  if (settings.cache_dir.empty()) throw std::runtime_error("--cache-dir DIR is required: it holds the pyramid");
   const auto terrain = open_terrain(settings);
   finish_chunk_on_signal();
   ProgressBar bar;
@@ -41,8 +42,8 @@ int ingest(const TerrainSettings& settings) {
   for (const std::string& warning : terrain->warnings()) fmt::print(stderr, "warning: {}\n", warning);
   if (interrupted && done < total) {
     bar.end_line();
-    fmt::print(stderr, "interrupted: {} of {} chunks are done and stay in {}; run the same command to go on\n", done,
-               total, settings.cache_dir);
+    fmt::print(stderr, "interrupted: {} of {} chunks are in {}; run the same command to continue\n", done, total,
+               settings.cache_dir);
     return 130;
   }
   fmt::print("{}the pyramid in {} is complete\n", terrain->statistics().chunks_built == 0 ? "nothing to do: " : "",

@@ -1,4 +1,4 @@
-// `selenograph lidar`: a scan, the very bytes that POST /v1/lidar would answer.
+// `selenograph lidar`: writes the bytes that POST /v1/lidar answers, without a socket.
 #include <filesystem>
 #include <stdexcept>
 

@@ -1,4 +1,4 @@
-// `selenograph map`: the bytes that POST /v1/maps would answer, or a series of them over time.
+// `selenograph map`: writes the bytes that POST /v1/maps answers, or a series of them over time.
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 
@@ -32,7 +32,7 @@ namespace {
 namespace fs = std::filesystem;
 using Epoch = std::chrono::sys_seconds;
 
-// Those of kMapAnswers, in their order.
+// Extensions of api::kMapAnswers, in the same order.
 constexpr std::string_view kExtensions[] = {".tif", ".npz", ".png"};
 
 std::string_view media_type_for(const std::string& output) {
@@ -43,7 +43,7 @@ std::string_view media_type_for(const std::string& output) {
   throw std::runtime_error(output + ": the name must end in one of .tif, .npz, .png");
 }
 
-// --- times of a series; UTC's leap seconds are not counted
+// --- times of a series, without leap seconds
 
 std::string text_of(Epoch epoch, const char* form) {
   return fmt::format(fmt::runtime(form), fmt::gmtime(std::chrono::system_clock::to_time_t(epoch)));
@@ -54,7 +54,7 @@ Epoch epoch_of(const std::string& text) {
   std::tm time{};
   ::strptime(text.c_str(), "%Y-%m-%dT%H:%M:%S", &time);
   const Epoch epoch{std::chrono::seconds(::timegm(&time))};
-  if (const std::string read = utc_of(epoch); text != read && text + "Z" != read)  // it reads February 30, too
+  if (const std::string read = utc_of(epoch); text != read && text + "Z" != read)  // strptime accepts February 30
     throw std::runtime_error("--utc: \"" + text + "\" is not an epoch like 2026-11-20T00:00:00Z, in whole seconds");
   return epoch;
 }
@@ -76,14 +76,14 @@ std::vector<Epoch> epochs_of(const std::vector<std::string>& utc) {
   const Epoch from = epoch_of(utc[0]), to = epoch_of(utc[1]);
   const std::chrono::seconds step = step_of(utc[2]);
   if (to < from) throw std::runtime_error("--utc: " + utc[1] + " is before " + utc[0]);
-  constexpr std::int64_t kMost = 1000000;
-  if ((to - from) / step >= kMost) throw std::runtime_error(fmt::format("--utc: more than {} epochs", kMost));
+  constexpr std::int64_t kMaxEpochs = 1000000;
+  if ((to - from) / step >= kMaxEpochs) throw std::runtime_error(fmt::format("--utc: more than {} epochs", kMaxEpochs));
   std::vector<Epoch> epochs;
   for (Epoch epoch = from; epoch <= to; epoch += step) epochs.push_back(epoch);
   return epochs;
 }
 
-// site.tif and "20261120T000000Z": site-20261120T000000Z.tif.
+// Returns "site-20261120T000000Z.tif" for "site.tif" and "20261120T000000Z".
 std::string with_name(const std::string& output, const std::string& name, const std::string& extension) {
   const fs::path path(output);
   return (path.parent_path() / (path.stem().string() + "-" + name + extension)).string();
@@ -91,25 +91,28 @@ std::string with_name(const std::string& output, const std::string& name, const 
 
 // --- maps
 
+// Returns the request with the Sun at an epoch. Throws RequestError if the request positions the Sun itself.
 api::Json at_epoch(api::Json body, Epoch epoch) {
-  if (!body.is_object()) return body;  // refused where it is read
+  if (!body.is_object()) return body;  // read_map() refuses it
   api::Json& sun = body["sun"];
   if (sun.is_null()) sun = api::Json::object();
   if (!sun.is_object()) return body;
-  for (const char* other : {"direction", "subsolar", "local", "et_s"})
-    if (sun.contains(other)) {
-      const std::string why = std::string("cannot be combined with --utc, which says where the Sun is");
-      throw api::RequestError("invalid_request", why, {{std::string("/sun/") + other, why}});
+  for (const char* member : {"direction", "subsolar", "local", "et_s"})
+    if (sun.contains(member)) {
+      const std::string why = std::string("cannot be combined with --utc, which sets the Sun's position");
+      throw api::RequestError("invalid_request", why, {{std::string("/sun/") + member, why}});
     }
   sun["utc"] = utc_of(epoch);
   return body;
 }
 
-struct Drawn {
+// A map and its request as read.
+struct DrawnMap {
   api::MapQuery query;
   engine::Map map;
 };
 
+// Everything that the maps of a series have in common.
 struct Atlas {
   const MapSettings& settings;
   const std::string& request;  // as JSON
@@ -119,7 +122,7 @@ struct Atlas {
   std::string_view media_type;
   ProgressBar& bar;
 
-  // The request, at an epoch or, if null, at its own.
+  // Reads the request at an epoch or, if null, at its own.
   api::MapQuery query(const Epoch* epoch) const {
     api::Json body = api::parse_json(request, limits.max_json_depth);
     if (epoch) body = at_epoch(std::move(body), *epoch);
@@ -128,8 +131,8 @@ struct Atlas {
     return query;
   }
 
-  // Whether it can be answered at an epoch, as far as reading it says; else its problem is printed.
-  bool possible(const Epoch& epoch) const {
+  // Returns true if the request is valid at an epoch; else prints its problem.
+  bool is_valid_at(const Epoch& epoch) const {
     const api::Response answer = api::answer_or_problem({}, [&] {
       query(&epoch);
       return api::Response{};
@@ -138,23 +141,23 @@ struct Atlas {
     return answer.status == 200;
   }
 
-  // Writes one map, the number-th of `count`, at an epoch or, if null, at the request's own. `more`: products besides
-  // those that the file is to have. Nothing: the request can't be answered, and its problem is printed.
-  std::optional<Drawn> write(const std::string& path, const Epoch* epoch, engine::ProductSet more, std::size_t number,
-                             std::size_t count) const {
-    std::optional<Drawn> drawn;
+  // Writes one map, the number-th of `count`, at an epoch or, if null, at the request's own. `extra`: products to
+  // compute in addition to those of the file. Prints the problem of an invalid request and returns nothing.
+  std::optional<DrawnMap> write(const std::string& path, const Epoch* epoch, engine::ProductSet extra,
+                                std::size_t number, std::size_t count) const {
+    std::optional<DrawnMap> drawn;
     const api::Response answer = api::answer_or_problem({}, [&] {
       api::MapQuery query = this->query(epoch);
-      engine::MapRequest wanted = query.request;
-      wanted.products |= more;
-      engine::Map map = renderer.map(wanted, {}, [&](double share) {
+      engine::MapRequest map_request = query.request;
+      map_request.products |= extra;
+      engine::Map map = renderer.map(map_request, {}, [&](double share) {
         bar.show((static_cast<double>(number) + share) / static_cast<double>(count), path);
       });
       const std::string hash =
           api::content_hash(query, renderer.scene_bytes(), renderer.terrain().catalogue().fingerprint(), media_type);
       api::Response encoded;
       encoded.body = api::encode_map(query, map, hash, media_type);
-      drawn.emplace(Drawn{std::move(query), std::move(map)});
+      drawn.emplace(DrawnMap{std::move(query), std::move(map)});
       return encoded;
     });
     if (answer.status != 200) {
@@ -166,16 +169,17 @@ struct Atlas {
   }
 };
 
+// Adds a map's lit fractions to the sum over the series.
 void add_lit(const std::vector<float>& lit, std::vector<double>& sum) {
   sum.resize(lit.size());
-  for (std::size_t i = 0; i < lit.size(); ++i) sum[i] += static_cast<double>(lit[i]);  // no data stays NaN
+  for (std::size_t i = 0; i < lit.size(); ++i) sum[i] += static_cast<double>(lit[i]);  // NaN (no data) stays NaN
 }
 
 void write_illumination(const api::MapQuery& query, const std::vector<double>& sum, const std::vector<Epoch>& epochs,
                         const MapSettings& settings, const std::string& path) {
   std::vector<float> fraction(sum.size());
   std::transform(sum.begin(), sum.end(), fraction.begin(),
-                 [&](double all) { return static_cast<float>(all / static_cast<double>(epochs.size())); });
+                 [&](double total) { return static_cast<float>(total / static_cast<double>(epochs.size())); });
   const nlohmann::ordered_json meta{{"software", {{"name", "selenograph"}, {"version", api::software_version()}}},
                                     {"what", "mean of `lit` over the epochs"},
                                     {"from", utc_of(epochs.front())},
@@ -188,28 +192,28 @@ void write_illumination(const api::MapQuery& query, const std::vector<double>& s
 
 constexpr const char* kNoData = "of the pixels has no data: NaN, 65535 in source, 0 in a PNG";
 
-std::vector<std::string> warnings_of(const Drawn& drawn) {
-  nlohmann::ordered_json of_eclipse = nlohmann::ordered_json::array();
-  api::warn_of_eclipse(api::sun_covered(drawn.query), api::kSunCovered, of_eclipse);
+std::vector<std::string> warnings_of(const DrawnMap& drawn) {
+  nlohmann::ordered_json eclipse_warnings = nlohmann::ordered_json::array();
+  api::warn_of_eclipse(api::sun_covered(drawn.query), api::kSunCovered, eclipse_warnings);
   std::vector<std::string> out = drawn.map.report.warnings;
-  out.insert(out.end(), of_eclipse.begin(), of_eclipse.end());
+  out.insert(out.end(), eclipse_warnings.begin(), eclipse_warnings.end());
   return out;
 }
 
-// Both draw functions return whether all is drawn.
+// Both draw functions return true if all maps have been written.
 bool draw_series(const Atlas& atlas, const std::vector<Epoch>& epochs) {
-  // Impossible epochs are before or after all possible ones. A series that can't be finished is not begun.
-  if (!atlas.possible(epochs.front()) || !atlas.possible(epochs.back())) return false;
+  // Invalid epochs are before or after all valid ones, so that the first and the last decide if the series can finish.
+  if (!atlas.is_valid_at(epochs.front()) || !atlas.is_valid_at(epochs.back())) return false;
   std::vector<double> sum;
   std::optional<api::MapQuery> last;
-  std::map<std::string, std::size_t> warnings;  // and how many maps have them
+  std::map<std::string, std::size_t> warnings;  // number of maps with each
   std::size_t incomplete = 0;
   double missing_fraction = 0;
   const std::string extension = fs::path(atlas.settings.output).extension().string();
   for (std::size_t i = 0; i < epochs.size(); ++i) {
     const std::string name = text_of(epochs[i], "{:%Y%m%dT%H%M%SZ}");
     const std::string path = with_name(atlas.settings.output, name, extension);
-    std::optional<Drawn> drawn = atlas.write(path, &epochs[i], engine::kLit, i, epochs.size());
+    std::optional<DrawnMap> drawn = atlas.write(path, &epochs[i], engine::kLit, i, epochs.size());
     if (!drawn) return false;
     add_lit(drawn->map.products.lit, sum);
     const engine::FrameReport& report = drawn->map.report;
@@ -227,15 +231,15 @@ bool draw_series(const Atlas& atlas, const std::vector<Epoch>& epochs) {
 }
 
 bool draw_one(const Atlas& atlas) {
-  const std::optional<Drawn> drawn = atlas.write(atlas.settings.output, nullptr, 0, 0, 1);
+  const std::optional<DrawnMap> drawn = atlas.write(atlas.settings.output, nullptr, 0, 0, 1);
   if (!drawn) return false;
   const dem::MapGrid& grid = drawn->query.request.grid;
   const engine::FrameReport& report = drawn->map.report;
-  std::FILE* said = said_beside(atlas.settings.output);
-  fmt::print(said, "{}: {} x {} pixels of {:g} m\n", atlas.settings.output, grid.width, grid.height, grid.gsd_m);
+  std::FILE* messages = stream_for_messages(atlas.settings.output);
+  fmt::print(messages, "{}: {} x {} pixels of {:g} m\n", atlas.settings.output, grid.width, grid.height, grid.gsd_m);
   if (report.missing_fraction > 0)
-    fmt::print(said, "{}: a share of {:.6g} {}\n", atlas.settings.output, report.missing_fraction, kNoData);
-  for (const std::string& warning : warnings_of(*drawn)) fmt::print(said, "warning: {}\n", warning);
+    fmt::print(messages, "{}: a share of {:.6g} {}\n", atlas.settings.output, report.missing_fraction, kNoData);
+  for (const std::string& warning : warnings_of(*drawn)) fmt::print(messages, "warning: {}\n", warning);
   return true;
 }
 
@@ -246,9 +250,7 @@ int map(const MapSettings& settings) {
   const std::string_view media_type = media_type_for(settings.output);
   const std::vector<Epoch> epochs = epochs_of(settings.utc);
   const std::string text = read_request(settings.request);
-  // Whoever asks here waits as long as it takes.
-  api::Limits limits;
-  limits.max_map_pixels = std::int64_t{1} << 28;
+  const api::Limits limits = command_limits();
   const api::Assets assets(settings.terrain.assets_dir, mesh_options(settings.terrain));
   const auto renderer = make_renderer(settings.terrain);
   ProgressBar bar;

@@ -1,4 +1,4 @@
-// `selenograph render`: the very bytes that the service would answer, without a socket.
+// `selenograph render`: writes the bytes that POST /v1/frames answers, without a socket.
 #include <fmt/format.h>
 
 #include <cstdio>
@@ -21,12 +21,12 @@ std::string media_type_of_frame(const std::string& output) {
   std::string extension = fs::path(output).extension().string();
   if (!extension.empty()) extension.erase(0, 1);
   if (extension == "tif") extension = "tiff";
-  std::string known;
+  std::string extensions;
   for (const api::Representation& r : api::representations()) {
     if (r.extension == extension) return std::string(r.media_type);
-    known += (known.empty() ? "." : ", .") + std::string(r.extension);
+    extensions += (extensions.empty() ? "." : ", .") + std::string(r.extension);
   }
-  throw std::runtime_error(output + ": the name must end in one of " + known);
+  throw std::runtime_error(output + ": the name must end in one of " + extensions);
 }
 
 }  // namespace
@@ -35,13 +35,13 @@ int render(const RenderSettings& settings) {
   set_up_log(settings.terrain.log_level);
   const auto answer = answer_file(settings, "/v1/frames", media_type_of_frame(settings.output));
   if (!answer) return 1;
-  std::FILE* said = said_beside(settings.output);
+  std::FILE* messages = stream_for_messages(settings.output);
   for (const auto& [name, value] : answer->headers) {
     if (name == "Selenograph-Warnings")
       for (const api::Json& text : api::Json::parse(value))
-        fmt::print(said, "{}: warning: {}\n", settings.output, text.get<std::string>());
+        fmt::print(messages, "{}: warning: {}\n", settings.output, text.get<std::string>());
     if (name == "Selenograph-Missing-Fraction")
-      fmt::print(said,
+      fmt::print(messages,
                  "{}: a share of {} of the pixels looks at the Moon outside the data: black, NaN or 65535 there\n",
                  settings.output, value);
   }

@@ -1,19 +1,16 @@
-// `selenograph serve`.
+// `selenograph serve`: from the settings to a running service, and to its orderly shutdown.
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <functional>
-#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <thread>
 #include <utility>
 
 #include "api/answers/metadata.h"
-#include "api/message/json_text.h"
 #include "engine/support/heap.h"
 #include "server/commands/commands.h"
 #include "server/commands/start.h"
@@ -44,105 +41,82 @@ HttpOptions http_options(const ServeSettings& s, std::shared_ptr<api::MemoryBudg
           .allowed_hosts = s.allowed_host};
 }
 
-// Of the program, its libraries and threads (service/memory_test.py).
+// Resident memory of the idle program, its libraries and threads (tests/service/memory_test.py).
 constexpr std::size_t kIdleBytes = std::size_t{160} << 20;
 
 std::size_t budgets_bytes(const MemoryParts& parts) { return (parts.cache_mb + parts.scene_mb) << 20; }
 
-// Both budgets for terrain and scenes and a twentieth, for the program itself and what the heap can't give back; of
-// small budgets as much as leaves most of them to what they are for. Small requests are in that, too; large ones come
-// on top.
+// Limits resident memory to the budgets of terrain and scenes plus a twentieth, for the program itself and for heap
+// fragments. With small budgets the idle program would take most of that, so the limit is then its memory plus 70 % of
+// the budgets. Requests of up to an eighth of the budgets are included; larger ones are added.
 HeapTrim::Plan heap_plan(const MemoryParts& parts, bool keep_free, const engine::Renderer& renderer,
                          std::function<std::size_t()> requests_bytes) {
-  const std::size_t of_terrain = parts.cache_mb << 20, budgets = budgets_bytes(parts);
-  const auto most_bytes = [budgets, of_requests = std::move(requests_bytes)] {
-    const std::size_t requests = of_requests();
+  const std::size_t terrain_bytes = parts.cache_mb << 20;
+  const std::size_t budgets = budgets_bytes(parts);
+  const auto max_resident_bytes = [budgets, requests_bytes = std::move(requests_bytes)] {
+    const std::size_t requests = requests_bytes();
     return std::max(budgets + budgets / 20, kIdleBytes + budgets / 10 * 7) + (requests > budgets / 8 ? requests : 0);
   };
   const auto keep_less = [&renderer](std::size_t bytes) {
-    renderer.terrain().keep_less(bytes), renderer.keep_less(bytes);
+    renderer.terrain().keep_less(bytes);
+    renderer.keep_less(bytes);
   };
   return {.slack_bytes = budgets / 20,
-          .most_less_bytes = of_terrain / 2,
+          .max_cache_cut_bytes = terrain_bytes / 2,
           .keep_free = keep_free,
-          .most_bytes = most_bytes,
+          .max_resident_bytes = max_resident_bytes,
           .keep_less = keep_less};
 }
 
-// What the budgets leave beside the memory that the process has already.
+// Touches as much memory as the budgets exceed the process's resident memory.
 void pretouch(const MemoryParts& parts) {
   const std::size_t bytes = budgets_bytes(parts) - std::min(budgets_bytes(parts), resident_bytes());
-  if (!engine::touch_memory(bytes)) spdlog::warn("--pretouch: the system has no {} MiB to give", bytes >> 20);
+  if (!engine::touch_memory(bytes)) spdlog::warn("--pretouch: the system could not provide {} MiB", bytes >> 20);
 }
 
-int places_in_work(const ServeSettings& s) {
+int slots(const ServeSettings& s) {
   return s.max_frames > 0 ? s.max_frames : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
-double rounded(double ms) { return std::round(ms * 1e3) / 1e3; }
-double round_ms(double seconds) { return rounded(1e3 * seconds); }
-
-// deploy/operation/log.md lists the members.
-std::string members_of(const AccessRecord& e) {
-  const auto text_or_null = [](const std::string& text) {
-    return text.empty() ? nlohmann::ordered_json() : nlohmann::ordered_json(text);
-  };
-  nlohmann::ordered_json line{{"request_id", e.request_id},
-                              {"token", text_or_null(e.token)},
-                              {"client", text_or_null(e.host)},
-                              {"method", text_or_null(e.method)},
-                              {"target", text_or_null(e.target)},
-                              {"status", e.status},
-                              {"error", text_or_null(e.error_code)},
-                              {"request_bytes", e.request_bytes},
-                              {"bytes", e.bytes},
-                              {"duration_ms", round_ms(e.seconds)},
-                              {"queued_ms", round_ms(e.queued_s)},
-                              {"work_ms", round_ms(e.work_s)},
-                              {"stages_ms", nlohmann::ordered_json::object()}};
-  for (const auto& [stage, ms] : e.stages) line["stages_ms"][stage] = rounded(ms);  // as in Server-Timing
-  const std::string text = api::json_text(line);
-  return text.substr(1, text.size() - 2);
+void record_access(Metrics& metrics, const AsyncLog& log, const AccessRecord& request) {
+  const std::string_view route = route_label(request.path);
+  metrics.count_answer(route, method_label(request.method), request.status, request.seconds, request.bytes);
+  if (!request.error_code.empty()) metrics.count_error(request.error_code);
+  const bool is_probe = route.starts_with("/health/") || route == "/metrics";
+  log.log_request(is_probe ? spdlog::level::debug : spdlog::level::info, request);
 }
 
-void note(Metrics& metrics, const AccessRecord& e, LogFormat format) {
-  const std::string_view route = route_label(e.path);
-  metrics.count_answer(route, method_label(e.method), e.status, e.seconds, e.bytes);
-  if (!e.error_code.empty()) metrics.count_error(e.error_code);
-  const bool probe = route.substr(0, 8) == "/health/" || route == "/metrics";
-  const spdlog::level::level_enum level = probe ? spdlog::level::debug : spdlog::level::info;
-  if (!spdlog::should_log(level)) return;
-  if (format == LogFormat::json) return AsyncLog::log_members(level, members_of(e));
-  spdlog::log(level, "{} {} {} {:.1f} ms {} B {} {}", e.method.empty() ? "-" : e.method,
-              e.target.empty() ? "-" : e.target.substr(0, 200), e.status, e.seconds * 1000.0, e.bytes, e.request_id,
-              e.error_code);
-}
-
-// A proxy has time to see that this node goes, before it refuses anything.
+// Gives a proxy the time to notice that this node is not ready, before the node refuses any request.
 void drain(Front& front, std::chrono::milliseconds time) {
   front.begin_drain();
   if (time.count() == 0) return;
-  spdlog::info("not ready any more; refusing work in {:g} s", std::chrono::duration<double>(time).count());
+  spdlog::info("drain began: not ready, requests are refused in {:g} s", std::chrono::duration<double>(time).count());
   std::this_thread::sleep_for(time);
 }
 
-// What runs is finished; health and metrics answer until then. What is not done shortly before the last moment is cut:
-// connections, and with them what is computed for them.
+// Ends the service after a signal:
+//
+//   signal          --drain-s                       cut         --shutdown-s
+//   |  not ready, but  |  new requests get 503, active  |  exit as soon  |
+//   |  all is served   |  and queued ones finish        |  as possible   |  exit status 1
+//
+// Finishes active and queued requests; health and metrics are answered until then. Shortly before the time limit it
+// cuts the remaining connections, which cancels their requests.
 void finish(Front& front, Admission& admission, HttpServer& server, const dem::PyramidTerrain& terrain,
-            std::chrono::milliseconds at_most) {
-  const auto cut = Admission::Clock::now() + at_most - std::min(at_most / 5, std::chrono::milliseconds(1000));
+            std::chrono::milliseconds time_limit) {
+  const auto cut = Admission::Clock::now() + time_limit - std::min(time_limit / 5, std::chrono::milliseconds(1000));
   front.begin_shutdown();
-  spdlog::info("shutting down: {} in work, {} waiting", admission.in_work(), admission.waiting());
-  const bool computed = admission.wait_until_idle(cut);
+  spdlog::info("shutdown began: {} requests in work, {} waiting", admission.in_work(), admission.waiting());
+  const bool is_idle = admission.wait_until_idle(cut);
   server.stop();
-  if (computed && server.wait_until_done(cut)) return;
-  spdlog::warn("cutting off {} connections: {} requests in work, {} waiting", server.connections(), admission.in_work(),
+  if (is_idle && server.wait_until_done(cut)) return;
+  spdlog::warn("cut {} connections: {} requests in work, {} waiting", server.connections(), admission.in_work(),
                admission.waiting());
   server.cut();
   terrain.stop_building();
 }
 
-// What the service holds and has in work, for /metrics and /health/ready.
+// Reads the renderer's, the service's and the budgets' values for /metrics and /health/ready.
 void read_gauges(const engine::Renderer& renderer, const api::Service& service, const api::MemoryBudget& memory,
                  const api::MemoryBudget& bodies, Gauges& gauges) {
   gauges.cache = renderer.terrain().statistics();
@@ -159,24 +133,24 @@ void read_gauges(const engine::Renderer& renderer, const api::Service& service, 
 
 int run_service(const ServeSettings& settings, ShutdownSignals& signals, const AsyncLog& log) {
   if (settings.drain_s >= settings.shutdown_s)
-    throw std::runtime_error(fmt::format("--drain-s {:g} is a part of --shutdown-s {:g}, and must be less",
+    throw std::runtime_error(fmt::format("--drain-s {:g} must be less than --shutdown-s {:g}, of which it is a part",
                                          settings.drain_s, settings.shutdown_s));
   raise_open_files_limit(settings.max_connections);
   const MemoryParts parts = memory_parts(settings.terrain.memory);
   const MemoryPlan plan = plan_memory(parts);
-  spdlog::info("memory: {} MiB, of which terrain has {}, scenes {}, meshes {}, requests {}, bodies {}", parts.total_mb,
+  spdlog::info("memory: {} MiB, of which terrain {}, scenes {}, meshes {}, requests {}, bodies {}", parts.total_mb,
                parts.cache_mb, parts.scene_mb, parts.mesh_mb, plan.requests_bytes >> 20, plan.bodies_bytes >> 20);
-  if (const std::size_t there_mb = machine_memory_mb(); parts.total_mb > there_mb)
-    spdlog::warn("--memory-mb {} is more than the {} MiB that this process may have", parts.total_mb, there_mb);
+  if (const std::size_t machine_mb = machine_memory_mb(); parts.total_mb > machine_mb)
+    spdlog::warn("--memory-mb {} exceeds the {} MiB that this process may use", parts.total_mb, machine_mb);
   const auto renderer = make_renderer(settings.terrain);
-  const auto memory = std::make_shared<api::MemoryBudget>(plan.requests_bytes),
-             bodies = std::make_shared<api::MemoryBudget>(plan.bodies_bytes);
+  const auto memory = std::make_shared<api::MemoryBudget>(plan.requests_bytes);
+  const auto bodies = std::make_shared<api::MemoryBudget>(plan.bodies_bytes);
   if (settings.pretouch) pretouch(parts);
   const HeapTrim trim(
       heap_plan(parts, settings.pretouch, *renderer, [&] { return memory->in_use() + bodies->in_use(); }));
   const api::Limits& limits = settings.limits;
   const api::Service service(renderer, limits, settings.terrain.assets_dir, mesh_options(settings.terrain), memory);
-  Admission admission({.max_in_work = places_in_work(settings), .max_waiting = settings.max_waiting});
+  Admission admission({.max_in_work = slots(settings), .max_waiting = settings.max_waiting});
   Metrics metrics{std::string(api::software_version())};
   const HttpServer* http = nullptr;
   Front front(service, admission, metrics, settings.page, [&](Gauges& gauges) {
@@ -189,27 +163,31 @@ int run_service(const ServeSettings& settings, ShutdownSignals& signals, const A
       [&](const api::Request& request, const Peer& peer, Admission::Clock::duration& queued) {
         return front.handle(request, peer, queued);
       },
-      [&](const AccessRecord& record) { note(metrics, record, settings.log_format); });
+      [&](const AccessRecord& request) { record_access(metrics, log, request); });
   http = &server;
-  const std::chrono::milliseconds at_most = milliseconds(settings.shutdown_s);
-  signals.arm(at_most);
+  const std::chrono::milliseconds time_limit = milliseconds(settings.shutdown_s);
+  signals.arm(time_limit);
   std::thread accepting([&] { server.run(); });
   fmt::print("selenograph: listening on {}\n", server.url());
   std::fflush(stdout);
 
-  bool good = true;
-  settings.trial ? void(good = run_trial(server.url(), renderer->terrain().catalogue())) : signals.wait();
-  if (!settings.trial) drain(front, milliseconds(settings.drain_s));
+  bool is_good = true;
+  if (settings.trial) {
+    is_good = run_trial(server.url(), renderer->terrain().catalogue());
+  } else {
+    signals.wait();
+    drain(front, milliseconds(settings.drain_s));
+  }
   finish(front, admission, server, renderer->terrain(),
-         settings.trial ? at_most : at_most - milliseconds(settings.drain_s));
+         settings.trial ? time_limit : time_limit - milliseconds(settings.drain_s));
   accepting.join();
-  return good ? 0 : 1;
+  return is_good ? 0 : 1;
 }
 
 }  // namespace
 
 int serve(const ServeSettings& settings) {
-  ShutdownSignals signals;  // the last to go: it also ends what won't end
+  ShutdownSignals signals;  // destroyed last: its time limit also covers the other destructors
   const AsyncLog log(settings.terrain.log_level, STDERR_FILENO, settings.log_format);
   try {
     return run_service(settings, signals, log);

@@ -1,4 +1,4 @@
-// `selenograph verify accuracy`: what a frame costs and how true it is, for every setting, as tables.
+// `selenograph verify accuracy`: tabulates time and error of a frame for every setting.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -21,38 +21,50 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Where the scenes are seen when no terrain is given: posts every 15 m under the nearer views, every 474 m out to the
-// horizon of the limb, every 59 m near the south pole.
+// Returns sample terrain for the scenes: posts every 15 m below the nearer views, every 474 m out to the horizon of the
+// limb, every 59 m near the south pole.
 std::vector<std::string> sample_folders(const std::string& cache_dir) {
   dem::SampleOptions near, far, polar;
-  near.south_deg = -7, near.west_deg = 39, near.rows = near.columns = 2, near.posts_per_degree = 2048;
-  far.south_deg = -16, far.west_deg = 30, far.rows = far.columns = 20, far.posts_per_degree = 64;
-  polar.south_deg = -88, polar.west_deg = 30, polar.rows = 2, polar.columns = 24, polar.posts_per_degree = 512;
+  near.south_deg = -7;
+  near.west_deg = 39;
+  near.rows = 2;
+  near.columns = 2;
+  near.posts_per_degree = 2048;
+  far.south_deg = -16;
+  far.west_deg = 30;
+  far.rows = 20;
+  far.columns = 20;
+  far.posts_per_degree = 64;
+  polar.south_deg = -88;
+  polar.west_deg = 30;
+  polar.rows = 2;
+  polar.columns = 24;
+  polar.posts_per_degree = 512;
   return {sample_folder(cache_dir, near), sample_folder(cache_dir, far), sample_folder(cache_dir, polar)};
 }
 constexpr Geographic kSampleCenter{-6, 40, 0}, kSamplePolarCenter{-87, 42, 0};
 
-struct Places {
+struct SceneCenters {
   Geographic center;
   std::optional<Geographic> polar;
 };
 
-Places places_of(const VerifyAccuracySettings& s, const dem::Terrain& terrain) {
-  Places places;
+SceneCenters scene_centers(const VerifyAccuracySettings& s, const dem::Terrain& terrain) {
+  SceneCenters centers;
   if (s.terrain.dem.empty()) {
-    places = {kSampleCenter, kSamplePolarCenter};
+    centers = {kSampleCenter, kSamplePolarCenter};
   } else if (s.center.empty()) {
     const std::vector<dem::RasterInfo>& rasters = terrain.catalogue().rasters();
     const auto finest = std::min_element(rasters.begin(), rasters.end(), [](const auto& a, const auto& b) {
       return a.post_spacing_m < b.post_spacing_m;
     });
-    if (finest == rasters.end()) throw std::runtime_error("no DEM file to measure on");
+    if (finest == rasters.end()) throw std::runtime_error("the catalogue has no DEM file to measure on");
     const dem::Footprint& f = finest->footprint;
-    places.center = {(f.south_deg + f.north_deg) / 2, (f.west_deg + f.east_deg) / 2, 0};
+    centers.center = {(f.south_deg + f.north_deg) / 2, (f.west_deg + f.east_deg) / 2, 0};
   }
-  if (!s.center.empty()) places.center = place_of(s.center).value();
-  if (!s.polar_center.empty()) places.polar = place_of(s.polar_center).value();
-  return places;
+  if (!s.center.empty()) centers.center = place_of(s.center).value();
+  if (!s.polar_center.empty()) centers.polar = place_of(s.polar_center).value();
+  return centers;
 }
 
 std::shared_ptr<const dem::Detail> detail_of(const VerifyAccuracySettings& s) {
@@ -60,7 +72,7 @@ std::shared_ptr<const dem::Detail> detail_of(const VerifyAccuracySettings& s) {
   return detail_of(s.detail, s.terrain);
 }
 
-// "AMD EPYC, 2 cores": what the times belong to.
+// Describes the machine of the measured times: "AMD EPYC, 2 cores".
 std::string machine() {
   std::ifstream info("/proc/cpuinfo");
   std::string name = "an unnamed processor";
@@ -81,14 +93,14 @@ void print_summary(const std::vector<engine::SweepRow>& rows) {
                r.errors.geometric_px.p999, r.errors.shadow_edge_mean_px, 100 * r.errors.radiance_rms);
 }
 
-// Those that are measured, and no fewer than asked for.
+// Returns the scenes to measure. Throws if one of --scenes needs another option.
 std::vector<engine::AccuracyScene> scenes_of(const VerifyAccuracySettings& s, const engine::Renderer& renderer) {
-  const Places places = places_of(s, renderer.terrain());
+  const SceneCenters centers = scene_centers(s, renderer.terrain());
   const double height_m = s.height_m.value_or(
-      s.indirect ? engine::height_over_posts_m(renderer.terrain(), places.center, s.size_px) : 20e3);
-  auto scenes = engine::accuracy_scenes(renderer.terrain(), places.center, places.polar, s.size_px, height_m);
+      s.indirect ? engine::height_over_posts_m(renderer.terrain(), centers.center, s.size_px) : 20e3);
+  auto scenes = engine::accuracy_scenes(renderer.terrain(), centers.center, centers.polar, s.size_px, height_m);
   if (const auto detail = detail_of(s))
-    scenes.push_back(engine::touchdown_scene(*renderer.terrain_with(detail), detail, places.center, s.size_px));
+    scenes.push_back(engine::touchdown_scene(*renderer.terrain_with(detail), detail, centers.center, s.size_px));
   if (s.indirect)
     std::erase_if(scenes, [](const auto& scene) { return scene.name != "nadir" && scene.name != "polar"; });
   for (const std::string& name : s.scenes)
@@ -102,7 +114,7 @@ std::vector<engine::AccuracyScene> scenes_of(const VerifyAccuracySettings& s, co
   return scenes;
 }
 
-// Light from terrain: its error against time. A renderer for each row, that has kept no light.
+// Measures the error of light from terrain against time. Each row has its own renderer, whose light cache is empty.
 int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terrain, const engine::Renderer& renderer,
                     const std::vector<engine::AccuracyScene>& scenes) {
   std::string table;
@@ -139,7 +151,8 @@ int verify_accuracy(const VerifyAccuracySettings& settings) {
   fs::create_directories(settings.output);
   if (settings.indirect) return verify_indirect(settings, terrain, *renderer, scenes);
   engine::SweepOptions options;
-  options.repetitions = settings.repetitions, options.reference_samples = settings.reference_samples;
+  options.repetitions = settings.repetitions;
+  options.reference_samples = settings.reference_samples;
   ProgressBar bar;
   const auto rows =
       engine::sweep(*renderer, scenes, options, [&](std::size_t done, std::size_t total, const auto& next) {

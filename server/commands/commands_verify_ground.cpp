@@ -1,4 +1,4 @@
-// `selenograph verify ground`: slopes and craters of a detail's ground, beside the laws that it was made for.
+// `selenograph verify ground`: compares slopes and craters of a detail's ground with the laws that it follows.
 #include <fmt/format.h>
 
 #include <filesystem>
@@ -28,7 +28,7 @@ int verify_ground(const VerifyGroundSettings& settings) {
   const std::vector<std::string> beyond = api::bound_violations(report);
   for (const std::string& what : beyond) fmt::print("beyond its bound: {}\n", what);
   fmt::print("{0}: slopes.csv, craters.csv; picture: deploy/plot {0}\n", settings.output);
-  return beyond.empty() ? 0 : 1;
+  return violations.empty() ? 0 : 1;
 }
 
 }  // namespace selenograph::server

@@ -1,4 +1,4 @@
-// `selenograph verify mertis`: what a thermal imaging spectrometer measures of blackbodies, as tables.
+// `selenograph verify mertis`: tabulates the signals of a thermal imaging spectrometer for blackbodies.
 #include <fmt/format.h>
 
 #include <filesystem>
@@ -34,12 +34,14 @@ int verify_mertis(const VerifyMertisSettings& settings) {
   fs::create_directories(folder);
   write_whole((folder / "mertis.csv").string(), api::mertis_csv(query));
   write_json((folder / "mertis.json").string(), api::mertis_answer().write({query, {}}));
-  fmt::print("{:>14}{:>12}{:>16}{:>16}\n", "temperature K", "channels", "least SNR", "largest SNR");
+  fmt::print("{:>14}{:>12}{:>16}{:>16}\n", "temperature K", "channels", "smallest SNR", "largest SNR");
   for (const double kelvin : query.temperatures_k) {
-    double least = 1e300, largest = 0;
-    for (const auto& c : engine::look_at_blackbody(query.spectrometer, kelvin))
-      least = std::min(least, c.signal_to_noise), largest = std::max(largest, c.signal_to_noise);
-    fmt::print("{:>14g}{:>12}{:>16.1f}{:>16.1f}\n", kelvin, query.spectrometer.channels, least, largest);
+    double smallest = 1e300, largest = 0;
+    for (const auto& c : engine::look_at_blackbody(query.spectrometer, kelvin)) {
+      smallest = std::min(smallest, c.signal_to_noise);
+      largest = std::max(largest, c.signal_to_noise);
+    }
+    fmt::print("{:>14g}{:>12}{:>16.1f}{:>16.1f}\n", kelvin, query.spectrometer.channels, smallest, largest);
   }
   fmt::print("{0}: mertis.csv, mertis.json; picture: deploy/plot {0}\n", settings.output);
   return 0;

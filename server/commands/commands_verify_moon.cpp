@@ -1,4 +1,4 @@
-// `selenograph verify moon`: the Moon's brightness and real images of it, beside what is rendered.
+// `selenograph verify moon`: compares the Moon's rendered brightness with models and with real images.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -24,19 +24,19 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-// Channels of an image's array, in its order, with their nominal bands: MSG SEVIRI (EUMETSAT).
+// Nominal band of a channel of MSG SEVIRI (EUMETSAT). The array of an image has its channels in the order of kSeviri.
 struct Channel {
   const char* name;
   double center_um, width_um;
 };
 constexpr Channel kSeviri[] = {{"VIS006", 0.635, 0.15}, {"VIS008", 0.81, 0.14}, {"NIR016", 1.64, 0.28}};
 
-// SEVIRI reads three lines in a turn of 0.6 s. They begin in the direction of the Earth, which turns by 43.8 urad
-// meanwhile; the Moon beside it by 5.6 urad, from the satellite's 3.07 km/s and its own 1 km/s the other way. A pixel
-// is 83.9 urad.
+// SEVIRI reads three lines per rotation of 0.6 s. The lines begin in the direction of the Earth, which moves by 43.8
+// urad per rotation; the Moon moves by 5.6 urad, from the satellite's 3.07 km/s and the Moon's 1 km/s in the opposite
+// direction. A pixel is 83.9 urad.
 constexpr engine::SpinScan kSeviriScan{3, 0.455};
 
-// Of NumPy's .npy: [channel, row, column].
+// Reads images from NumPy's .npy: [channel, row, column].
 std::vector<engine::DiscImage> read_images(const fs::path& path) {
   const api::NpzArray array = api::read_npy(dem::read_whole(path), path.string());
   const std::vector<std::size_t>& shape = array.shape;
@@ -60,7 +60,7 @@ engine::FrameRequest read_request(json request, const VerifyMoonSettings& settin
                                   const std::string& what) {
   request["surface"] = surface_json(settings);
   try {
-    return api::read_frame(request, settings.limits, assets).request;
+    return api::read_frame(request, command_limits(), assets).request;
   } catch (const api::RequestError& e) {
     std::string why = what + ": " + e.what();
     for (const api::Finding& f : e.findings()) why += fmt::format("\n  {}: {}", f.pointer, f.detail);
@@ -68,33 +68,37 @@ engine::FrameRequest read_request(json request, const VerifyMoonSettings& settin
   }
 }
 
-// An image, its frame, and the request that the frame was made from.
-struct Pair {
+// An image, the request for its frame, and the frame.
+struct ImagePair {
   std::string image, channel;
   engine::FrameRequest request;
   engine::DiscImage observed, frame;
   engine::SpinScan scan;
 };
 
-// The frame in pixels a quarter as wide, since light is spread and lines are displaced before pixels average it; in W
-// m-2 sr-1 um-1, which the images hold.
+// Renders the frame in W m-2 sr-1 um-1, the images' unit, with pixels a quarter as wide: an instrument spreads light
+// and displaces lines before its pixels average.
 engine::DiscImage fine_frame(engine::FrameRequest request, const engine::Renderer& renderer) {
-  constexpr int kFiner = 4;
+  constexpr int kFactor = 4;
   engine::Camera& camera = request.camera;
-  camera.width *= kFiner, camera.height *= kFiner, camera.fx *= kFiner, camera.fy *= kFiner;
-  camera.cx = (camera.cx + 0.5) * kFiner - 0.5, camera.cy = (camera.cy + 0.5) * kFiner - 0.5;
+  camera.width *= kFactor;
+  camera.height *= kFactor;
+  camera.fx *= kFactor;
+  camera.fy *= kFactor;
+  camera.cx = (camera.cx + 0.5) * kFactor - 0.5;
+  camera.cy = (camera.cy + 0.5) * kFactor - 0.5;
   std::vector<float> radiance = renderer.render(request).products.radiance;
   for (float& value : radiance) value = static_cast<float>(static_cast<double>(value) / request.band->width_um());
-  return {camera.width, camera.height, std::move(radiance), kFiner};
+  return {camera.width, camera.height, std::move(radiance), kFactor};
 }
 
-std::vector<Pair> image_pairs(const VerifyMoonSettings& settings, const engine::Renderer& renderer,
-                              const api::Assets& assets) {
+std::vector<ImagePair> image_pairs(const VerifyMoonSettings& settings, const engine::Renderer& renderer,
+                                   const api::Assets& assets) {
   const fs::path folder = settings.images;
   const json views = json::parse(dem::read_whole(folder / "views.json"), nullptr, false);
   if (!views.is_object()) throw std::runtime_error((folder / "views.json").string() + ": is not a JSON object");
   if (views.empty()) throw std::runtime_error((folder / "views.json").string() + ": names no image");
-  std::vector<Pair> pairs;
+  std::vector<ImagePair> pairs;
   for (const auto& [name, view] : views.items()) {
     const auto images = read_images(folder / (name + ".npy"));
     const engine::SpinScan scan = engine::scan_of(images, kSeviriScan);
@@ -102,8 +106,8 @@ std::vector<Pair> image_pairs(const VerifyMoonSettings& settings, const engine::
       json body = view;
       body["band"] = {{"center_um", kSeviri[k].center_um}, {"width_um", kSeviri[k].width_um}};
       body["products"] = {"radiance"};
-      Pair pair{name, kSeviri[k].name, read_request(body, settings, assets, "views.json: " + name), images[k], {},
-                scan};
+      ImagePair pair{name, kSeviri[k].name, read_request(body, settings, assets, "views.json: " + name), images[k], {},
+                     scan};
       if (pair.request.camera.width != images[k].width || pair.request.camera.height != images[k].height)
         throw std::runtime_error(name + ": views.json and the .npy file have different sizes");
       pair.frame = fine_frame(pair.request, renderer);
@@ -113,40 +117,45 @@ std::vector<Pair> image_pairs(const VerifyMoonSettings& settings, const engine::
   return pairs;
 }
 
-// One point spread for all images: the standard deviation with the best mean correlation, before any is moved.
-double fitted_spread_px(const std::vector<Pair>& pairs) {
+// Returns the point spread's standard deviation with the best mean correlation over all images, before registration.
+double fitted_spread_px(const std::vector<ImagePair>& pairs) {
   double best_px = 0, best = -1;
   for (int k = 6; k < 25; ++k) {
     const double sigma_px = 0.05 * k;
     double sum = 0;
-    for (const Pair& pair : pairs)
+    for (const ImagePair& pair : pairs)
       sum += engine::disc_correlation(pair.observed, engine::spread(pair.frame, {sigma_px, 0, 0, pair.scan}),
                                       engine::View(pair.request.camera, pair.request.pose));
-    if (sum > best) best = sum, best_px = sigma_px;
+    if (sum > best) {
+      best = sum;
+      best_px = sigma_px;
+    }
   }
   return best_px;
 }
 
 void compare_images(const VerifyMoonSettings& settings, const engine::Renderer& renderer, const api::Assets& assets,
                     api::MoonReport& report) {
-  const std::vector<Pair> pairs = image_pairs(settings, renderer, assets);
+  const std::vector<ImagePair> pairs = image_pairs(settings, renderer, assets);
   report.point_spread_px = fitted_spread_px(pairs);
-  for (const Pair& pair : pairs) {
+  for (const ImagePair& pair : pairs) {
     const engine::View view(pair.request.camera, pair.request.pose);
-    const engine::Placement by =
+    const engine::Placement placement =
         engine::registered(pair.observed, pair.frame, view, {report.point_spread_px, 0, 0, pair.scan});
-    const engine::DiscImage frame = engine::spread(pair.frame, by);
+    const engine::DiscImage frame = engine::spread(pair.frame, placement);
     engine::FrameRequest moved = pair.request;
-    moved.camera.cx += by.dx_px, moved.camera.cy += by.dy_px;
+    moved.camera.cx += placement.dx_px;
+    moved.camera.cy += placement.dy_px;
     report.images.push_back({pair.image, pair.channel, pair.request.band->center_um(),
-                             engine::compare_disc(pair.observed, frame, moved), by});
+                             engine::compare_disc(pair.observed, frame, moved), placement});
     const auto write = [&](const char* what, const engine::DiscImage& image) {
       const api::ArrayView array{what, api::ElementType::float32, image.height, image.width, 1, image.radiance.data(),
                                  {}};
       write_whole((fs::path(settings.output) / fmt::format("{}.{}.{}.npy", pair.image, pair.channel, what)).string(),
                   api::encode_npy(array));
     };
-    write("observed", pair.observed), write("frame", frame);
+    write("observed", pair.observed);
+    write("frame", frame);
   }
 }
 
@@ -157,7 +166,7 @@ void check_needs(const VerifyMoonSettings& s) {
     throw std::runtime_error("--detail and --width-m need --center");
 }
 
-// Terrain at a place beside smooth ground.
+// Compares terrain at a place with smooth ground.
 std::vector<engine::ReliefRow> relief_of(const VerifyMoonSettings& s, const engine::Renderer& renderer,
                                          const engine::FrameRequest& surface) {
   const Geographic center = place_of(s.center).value();

@@ -1,4 +1,5 @@
-// `selenograph verify roundtrip`: a DEM's way into images and back, as figures and rasters.
+// `selenograph verify roundtrip`: extracts a DEM from images of it, and writes the difference as statistics and
+// rasters.
 #include <fmt/format.h>
 
 #include <chrono>
@@ -17,6 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// A round trip in one mode, its statistics and its time.
 struct Verified {
   engine::RoundTripRequest request;
   engine::RoundTrip trip;
@@ -45,19 +47,20 @@ Verified verify(const engine::Renderer& renderer, const engine::RoundTripRequest
   fs::create_directories(folder);
   write_rasters(folder, v.trip);
   write_json((folder / "statistics.json").string(), api::round_trip_answer().write({request, v.trip, v.statistics}));
-  // Only figures are wanted from here on.
+  // Free the rasters: the summary needs only statistics.
   v.trip.original_m = {};
   v.trip.difference_m = {};
   return v;
 }
 
 template <typename Value>
-void print_row(const char* what, const std::vector<Verified>& all, Value&& value) {
+void print_row(const char* what, const std::vector<Verified>& modes, Value&& value) {
   fmt::print("{:<28}", what);
-  for (const Verified& v : all) fmt::print("{:>16}", value(v));
+  for (const Verified& v : modes) fmt::print("{:>16}", value(v));
   fmt::print("\n");
 }
 
+// Returns the z of the quadrant whose mean deviates most; NaN if any is NaN.
 double largest_z(const Verified& v) {
   double largest = 0;
   for (const engine::Quadrant& q : v.statistics.quadrants)
@@ -65,25 +68,25 @@ double largest_z(const Verified& v) {
   return largest;
 }
 
-void print_summary(const std::vector<Verified>& all) {
+void print_summary(const std::vector<Verified>& modes) {
   using api::length_text;
-  fmt::print("{}\n", all.front().trip.window.tile.name);
-  print_row("extracted - original", all, [](const Verified& v) { return api::mode_name(v.request.mode); });
-  print_row("posts compared", all, [](const Verified& v) { return v.trip.compared; });
-  print_row("hidden", all, [](const Verified& v) { return v.trip.hidden; });
-  print_row("missed", all, [](const Verified& v) { return v.trip.missed; });
-  print_row("under a finer tile", all, [](const Verified& v) { return v.trip.elsewhere; });
-  print_row("void", all, [](const Verified& v) { return v.trip.voids; });
-  print_row("mean", all, [](const Verified& v) { return length_text(v.statistics.all.mean_m); });
-  print_row("mean of size", all, [](const Verified& v) { return length_text(v.statistics.all.mean_absolute_m); });
-  print_row("median", all, [](const Verified& v) { return length_text(v.statistics.median_m); });
-  print_row("rms", all, [](const Verified& v) { return length_text(v.statistics.all.rms_m); });
-  print_row("99.9 % within", all,
+  fmt::print("{}\n", modes.front().trip.window.tile.name);
+  print_row("extracted - original", modes, [](const Verified& v) { return api::mode_name(v.request.mode); });
+  print_row("posts compared", modes, [](const Verified& v) { return v.trip.compared; });
+  print_row("hidden", modes, [](const Verified& v) { return v.trip.hidden; });
+  print_row("missed", modes, [](const Verified& v) { return v.trip.missed; });
+  print_row("under a finer tile", modes, [](const Verified& v) { return v.trip.elsewhere; });
+  print_row("void", modes, [](const Verified& v) { return v.trip.voids; });
+  print_row("mean", modes, [](const Verified& v) { return length_text(v.statistics.all.mean_m); });
+  print_row("mean of size", modes, [](const Verified& v) { return length_text(v.statistics.all.mean_absolute_m); });
+  print_row("median", modes, [](const Verified& v) { return length_text(v.statistics.median_m); });
+  print_row("rms", modes, [](const Verified& v) { return length_text(v.statistics.all.rms_m); });
+  print_row("99.9 % within", modes,
             [](const Verified& v) { return length_text(v.statistics.absolute_percentiles.back().value_m); });
-  print_row("worst", all, [](const Verified& v) { return length_text(v.statistics.worst_m); });
-  print_row("largest z of a quadrant", all, [](const Verified& v) { return fmt::format("{:.1f}", largest_z(v)); });
-  print_row("camera positions", all, [](const Verified& v) { return v.trip.stations; });
-  print_row("seconds", all, [](const Verified& v) { return fmt::format("{:.1f}", v.seconds); });
+  print_row("worst", modes, [](const Verified& v) { return length_text(v.statistics.worst_m); });
+  print_row("largest z of a quadrant", modes, [](const Verified& v) { return fmt::format("{:.1f}", largest_z(v)); });
+  print_row("camera positions", modes, [](const Verified& v) { return v.trip.stations; });
+  print_row("seconds", modes, [](const Verified& v) { return fmt::format("{:.1f}", v.seconds); });
 }
 
 }  // namespace
@@ -92,16 +95,17 @@ int verify_round_trip(const VerifyRoundTripSettings& settings) {
   set_up_log(settings.terrain.log_level);
   engine::RoundTripRequest request = settings.request;
   const Geographic center = place_of(settings.center).value();
-  request.lat_deg = center.lat_deg, request.lon_deg = center.lon_deg;
+  request.lat_deg = center.lat_deg;
+  request.lon_deg = center.lon_deg;
   const auto renderer = make_renderer(settings.terrain);
   fs::create_directories(settings.output);
-  std::vector<Verified> all;
+  std::vector<Verified> modes;
   for (const auto& [name, mode] : api::kRoundTripModes) {
     if (settings.mode != "both" && settings.mode != name) continue;
     request.mode = mode;
-    all.push_back(verify(*renderer, request, settings.output));
+    modes.push_back(verify(*renderer, request, settings.output));
   }
-  print_summary(all);
+  print_summary(modes);
   fmt::print("{0}: difference.tif, extracted.tif, statistics.json of each mode; pictures: deploy/plot {0}\n",
              settings.output);
   return 0;

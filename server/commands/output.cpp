@@ -13,6 +13,7 @@
 #include <system_error>
 
 #include "api/message/json_text.h"
+#include "server/campaign/durable_files.h"
 
 namespace selenograph::server {
 
@@ -20,9 +21,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-std::error_code error_of(int number) { return {number != 0 ? number : EIO, std::generic_category()}; }
-
-void refuse(const std::string& path, const std::error_code& error) {
+[[noreturn]] void refuse(const std::string& path, const std::error_code& error) {
   throw std::runtime_error(path + ": cannot be written: " + error.message());
 }
 
@@ -33,9 +32,12 @@ bool is_standard_output(const std::string& path) {
          named.st_dev == standard.st_dev && named.st_ino == standard.st_ino;
 }
 
+std::error_code error_of(int number) { return {number != 0 ? number : EIO, std::generic_category()}; }
+
+// Writes into a device, a pipe or standard output. Opening standard output by its name would truncate what it holds.
 std::error_code write_into(const std::string& path, const std::string& bytes) {
   errno = 0;
-  if (is_standard_output(path)) {  // opened by its name, it would begin anew
+  if (is_standard_output(path)) {
     const bool written = std::fwrite(bytes.data(), 1, bytes.size(), stdout) == bytes.size();
     return written && std::fflush(stdout) == 0 ? std::error_code() : error_of(errno);
   }
@@ -45,22 +47,22 @@ std::error_code write_into(const std::string& path, const std::string& bytes) {
   return file ? std::error_code() : error_of(errno);
 }
 
-// Or nothing yet.
+// Returns true for a regular file, or one that does not exist yet.
 bool is_file(const std::string& path) {
   std::error_code ignored;
   const fs::file_type type = fs::status(path, ignored).type();
   return type == fs::file_type::regular || type == fs::file_type::not_found;
 }
 
-// Whether a new file takes the path's place. A device or a pipe is written into: a file in its place would remove it.
-// In the place of standard output it would remove what else is written there.
+// Returns true if write_whole() replaces the file. Replacing a device or a pipe would remove it, and replacing the file
+// behind standard output would remove all other output.
 bool is_replaced(const std::string& path) { return is_file(path) && !is_standard_output(path); }
 
-// What symbolic links name, whether or not there is something yet.
+// Follows symbolic links; the target need not exist.
 fs::path target_of(fs::path path) {
-  constexpr int kMostLinks = 40;  // as Linux
+  constexpr int kMaxLinks = 40;  // the limit of Linux
   std::error_code ignored;
-  for (int i = 0; i < kMostLinks && fs::is_symlink(fs::symlink_status(path, ignored)); ++i)
+  for (int i = 0; i < kMaxLinks && fs::is_symlink(fs::symlink_status(path, ignored)); ++i)
     path = path.parent_path() / fs::read_symlink(path, ignored);
   return path;
 }
@@ -72,26 +74,25 @@ void write_whole(const std::string& path, const std::string& bytes) {
     if (const std::error_code error = write_into(path, bytes)) refuse(path, error);
     return;
   }
-  const std::string target = target_of(path).string(), temporary = target + ".part-" + std::to_string(::getpid());
-  std::error_code error = write_into(temporary, bytes), ignored;
-  if (!error) fs::rename(temporary, target, error);
-  if (!error) return;
-  fs::remove(temporary, ignored);
-  refuse(path, error);
+  try {
+    replace_on_disk(target_of(path).string(), bytes);
+  } catch (const std::system_error& error) {
+    refuse(path, error.code());
+  }
 }
 
-std::FILE* said_beside(const std::string& path) { return is_standard_output(path) ? stderr : stdout; }
+std::FILE* stream_for_messages(const std::string& path) { return is_standard_output(path) ? stderr : stdout; }
 
 void check_can_be_written(const std::string& path) {
-  if (is_standard_output(path)) return;  // is open, whatever its name allows
+  if (is_standard_output(path)) return;  // already open, whatever the permissions of its name
   const fs::path place = is_replaced(path) ? target_of(path).parent_path() / "." : fs::path(path);
   if (std::error_code ignored; fs::is_directory(path, ignored)) refuse(path, error_of(EISDIR));
   if (::access(place.c_str(), W_OK) != 0) refuse(path, error_of(errno));
 }
 
 bool is_same_file(const std::string& a, const std::string& b) {
-  const auto of = [](const std::string& path) { return fs::weakly_canonical(fs::absolute(target_of(path))); };
-  return is_file(a) && of(a) == of(b);
+  const auto canonical = [](const std::string& path) { return fs::weakly_canonical(fs::absolute(target_of(path))); };
+  return is_file(a) && canonical(a) == canonical(b);
 }
 
 void write_json(const std::string& path, const nlohmann::ordered_json& json) {

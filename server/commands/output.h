@@ -8,18 +8,18 @@
 
 namespace selenograph::server {
 
-// Writes a file atomically: of a symbolic link what it names. A device or a pipe is written into, and standard output
-// by whatever name, /dev/stdout say, after what it has. Throws std::runtime_error naming the file and the system's
-// reason.
+// Writes a file atomically and durably (replace_on_disk()); a symbolic link keeps its place, and its target is written.
+// Devices and pipes are written into. Standard output, by any name such as /dev/stdout, is appended to. Throws
+// std::runtime_error naming the file and the system's reason.
 void write_whole(const std::string& path, const std::string& bytes);
 // Writes indented JSON with a final newline, atomically. Invalid UTF-8 is replaced.
 void write_json(const std::string& path, const nlohmann::ordered_json& json);
 
-// Where to say what write_whole() wrote: stdout, or stderr where the file is standard output itself.
-std::FILE* said_beside(const std::string& path);
-// Throws as write_whole() if it could not begin: before work that would be lost.
+// Returns the stream for messages about a file: stdout, or stderr if the file is standard output itself.
+std::FILE* stream_for_messages(const std::string& path);
+// Throws as write_whole() if the file could not be opened for writing. Call it before work that would be lost.
 void check_can_be_written(const std::string& path);
-// Whether both paths are of one file, which need not be there; a device or a pipe is none.
+// Returns true if both paths name one regular file, which need not exist.
 bool is_same_file(const std::string& a, const std::string& b);
 
 // Progress on stderr: one line that is rewritten on a terminal, otherwise a line every five percent.

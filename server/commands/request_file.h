@@ -1,4 +1,4 @@
-// Reads requests from files and prints problems to stderr, for commands that answer like the service.
+// Reads requests from files and prints problems to stderr, for commands with the answers of the service.
 #pragma once
 
 #include <string>

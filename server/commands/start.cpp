@@ -24,22 +24,24 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The last file to appear: an interrupted generation is simply done again (same seed, same bytes).
+// Name of the file that is written last: without it, the generation was interrupted and is repeated (same seed, same
+// bytes).
 constexpr const char* kComplete = "complete";
 
+// Throws DataError for a folder of --dem without a usable DEM file, with the most likely reason.
 void refuse_folder_without_dems(const std::string& path, const dem::Catalogue& catalogue) {
   if (dem::is_remote(path) || !fs::is_directory(path)) return;
   const std::string folder = path.ends_with('/') ? path : path + "/";
-  const auto within = [&](const auto& file) { return file.path.starts_with(folder); };
-  if (std::ranges::any_of(catalogue.rasters(), within)) return;
-  const auto problem = std::ranges::find_if(catalogue.problems(), within);
+  const auto is_in_folder = [&](const auto& file) { return file.path.starts_with(folder); };
+  if (std::ranges::any_of(catalogue.rasters(), is_in_folder)) return;
+  const auto problem = std::ranges::find_if(catalogue.problems(), is_in_folder);
   if (problem != catalogue.problems().end())
-    throw DataError(path, fmt::format("has no DEM file that can be used: {}: {}", problem->path, problem->what));
-  const auto side = std::ranges::find_if(catalogue.side_layers(), within);
+    throw DataError(path, fmt::format("has no usable DEM file: {}: {}", problem->path, problem->what));
+  const auto side = std::ranges::find_if(catalogue.side_layers(), is_in_folder);
   if (side != catalogue.side_layers().end())
     throw DataError(path, fmt::format("has no DEM file, only side layers, e.g. {} ({}). {}", side->path, side->kind,
                                       dem::how_to_override(side->path)));
-  throw DataError(path, "has no DEM file: .img with .lbl, .tif or .vrt are looked for (dem/files/products.md)");
+  throw DataError(path, "has no DEM file: expected .img with .lbl, .tif or .vrt (dem/files/products.md)");
 }
 
 }  // namespace
@@ -52,19 +54,19 @@ std::string sample_folder(const std::string& cache_dir, const dem::SampleOptions
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) throw DataError(folder.string(), "cannot be created: " + error.message());
-  // Of processes that start at once one writes; the others would replace files that it has catalogued.
-  const dem::OpenFile held(folder.string(), O_RDONLY | O_DIRECTORY);
-  held.lock();
+  // Lock the folder: a process that starts at the same time would replace files that this one has catalogued.
+  const dem::OpenFile lock(folder.string(), O_RDONLY | O_DIRECTORY);
+  lock.lock();
   if (fs::exists(folder / kComplete)) return folder.string();
-  spdlog::info("writing sample terrain to {}", folder.string());
   dem::write_sample_terrain(folder.string(), options);
+  spdlog::info("wrote sample terrain to {}", folder.string());
   std::ofstream(folder / kComplete) << "sample terrain, all files written\n";
   return folder.string();
 }
 
 std::vector<std::string> dem_paths(const TerrainSettings& settings) {
   if (!settings.dem.empty()) return settings.dem;
-  spdlog::info("no --dem: sample terrain, which is made up");
+  spdlog::info("used sample terrain, which is synthetic: no --dem was given");
   return {sample_folder(settings.cache_dir, {})};
 }
 
@@ -79,7 +81,7 @@ dem::Catalogue open_catalogue(const TerrainSettings& settings) {
   for (const std::string& pattern : settings.take_as_heights) {
     const auto has_name = [&](const dem::RasterInfo& raster) { return dem::name_matches(raster.path, pattern); };
     if (std::ranges::none_of(catalogue.rasters(), has_name))
-      throw DataError(pattern, "no DEM file has such a name (--take-as-heights)");
+      throw DataError(pattern, "no DEM file has this name (--take-as-heights)");
   }
   for (const std::string& path : paths) refuse_folder_without_dems(path, catalogue);
   if (settings.strict)
@@ -90,18 +92,18 @@ dem::Catalogue open_catalogue(const TerrainSettings& settings) {
   for (const dem::FittedOffset& fit : dem::join_layers(catalogue, settings.blend_posts, offsets)) {
     const std::string& name = catalogue.rasters()[static_cast<std::size_t>(fit.source)].name;
     if (fit.posts == 0)
-      spdlog::warn("{}: no offset can be fitted: it borders on no coarser layer", name);
+      spdlog::warn("{}: offset not fitted: it borders on no coarser layer", name);
     else
-      spdlog::info("{}: offset {:+.3f} m, the median of {} posts along its border", name, fit.offset_m, fit.posts);
+      spdlog::info("{}: offset {:+.3f} m fitted, the median of {} posts along its border", name, fit.offset_m,
+                   fit.posts);
   }
   for (const std::string& text : settings.resolved_posts) resolved.push_back(dem::parse_resolved_posts(text));
   for (const dem::ResolvedLayer& layer : dem::resolve_posts(catalogue, resolved)) {
     const std::string& name = catalogue.rasters()[static_cast<std::size_t>(layer.source)].name;
     if (layer.posts == 0)
-      spdlog::warn(
-          "{}: what it resolves cannot be measured: it has few heights, or their steps hide it; 1 post is taken", name);
+      spdlog::warn("{}: resolution not measured, 1 post assumed: it has few heights, or their steps hide it", name);
     else
-      spdlog::info("{}: resolves {} of its posts", name, layer.posts);
+      spdlog::info("{}: resolution of {} posts measured", name, layer.posts);
   }
   return catalogue;
 }
@@ -134,13 +136,13 @@ std::shared_ptr<const dem::Detail> detail_of(const std::string& name, const Terr
   auto detail = api::Assets(settings.assets_dir).detail(name);
   if (!detail)
     throw std::runtime_error(
-        fmt::format("--detail {0}: there is no details/{0}.json in the assets folder \"{1}\" (--assets-dir)", name,
+        fmt::format("--detail {0}: no file details/{0}.json in the assets folder \"{1}\" (--assets-dir)", name,
                     settings.assets_dir));
   return detail;
 }
 
 engine::MeshReaderOptions mesh_options(const TerrainSettings& settings) {
-  // What runs, even if another file has taken its place by now.
+  // Names the running executable, even if its file has been replaced since the start.
   return {"/proc/self/exe", memory_parts(settings.memory).mesh_mb << 20, milliseconds(settings.mesh_s)};
 }
 

@@ -9,18 +9,18 @@
 namespace selenograph::server {
 namespace {
 
-bool report(const std::string& what, bool good, const std::string& detail) {
-  fmt::print("{:<6} {}{}{}\n", good ? "ok" : "FAILED", what, detail.empty() ? "" : ": ", detail);
+bool report(const std::string& check, bool is_good, const std::string& detail) {
+  fmt::print("{:<6} {}{}{}\n", is_good ? "ok" : "FAILED", check, detail.empty() ? "" : ": ", detail);
   std::fflush(stdout);
-  return good;
+  return is_good;
 }
 
-bool get(const std::string& url, const std::string& path) {
+bool check_get(const std::string& url, const std::string& path) {
   const ClientAnswer answer = http_request(url, "GET", path);
   return report("GET " + path, answer.status == 200 && !answer.body.empty(), fmt::format("status {}", answer.status));
 }
 
-// 16 x 16 pixels from 20 km above the middle of the finest DEM file.
+// Returns a request for 16 x 16 pixels from 20 km above the middle of the finest DEM file.
 std::string small_frame(const dem::Footprint& f) {
   const double lat = (f.south_deg + f.north_deg) / 2, lon = (f.west_deg + f.east_deg) / 2;
   return fmt::format(
@@ -32,7 +32,7 @@ std::string small_frame(const dem::Footprint& f) {
       lat, lon);
 }
 
-bool frame(const std::string& url, const dem::Catalogue& catalogue) {
+bool check_frame(const std::string& url, const dem::Catalogue& catalogue) {
   const ClientAnswer answer =
       http_request(url, "POST", "/v1/frames", small_frame(catalogue.rasters().back().footprint), "application/x-npy");
   constexpr std::size_t kPixelBytes = 16 * 16 * sizeof(float);
@@ -46,14 +46,14 @@ bool frame(const std::string& url, const dem::Catalogue& catalogue) {
 }  // namespace
 
 bool run_trial(const std::string& url, const dem::Catalogue& catalogue) {
-  bool good =
+  bool is_good =
       report("catalogue", !catalogue.rasters().empty(), fmt::format("{} DEM files", catalogue.rasters().size()));
   for (const dem::CatalogueProblem& problem : catalogue.problems())
-    good &= report(problem.path, problem.unrelated, problem.what);
+    is_good &= report(problem.path, problem.unrelated, problem.what);
   for (const char* path : {"/health/live", "/health/ready", "/metrics", "/openapi.json", "/v1/datasets"})
-    good &= get(url, path);
-  if (!catalogue.rasters().empty()) good &= frame(url, catalogue);
-  return good;
+    is_good &= check_get(url, path);
+  if (!catalogue.rasters().empty()) is_good &= check_frame(url, catalogue);
+  return is_good;
 }
 
 }  // namespace selenograph::server

@@ -7,7 +7,7 @@
 
 namespace selenograph::server {
 
-// Prints one line per check to stdout. True when all passed.
+// Prints one line per check to stdout. Returns true if all passed.
 bool run_trial(const std::string& url, const dem::Catalogue& catalogue);
 
 }  // namespace selenograph::server

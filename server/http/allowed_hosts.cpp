@@ -12,10 +12,10 @@
 namespace selenograph::server {
 namespace {
 
-constexpr std::size_t kMostQuotedBytes = 100;
+constexpr std::size_t kMaxQuotedBytes = 100;
 
-// A numeric address as the system writes it, IPv4 in IPv6 as IPv4; empty: it is none.
-std::string written_address(const std::string& text) {
+// Returns a numeric address in the system's notation, IPv4 in IPv6 as IPv4; empty if the text is not an address.
+std::string canonical_address(const std::string& text) {
   in6_addr v6{};
   in_addr v4{};
   std::array<char, INET6_ADDRSTRLEN> out{};
@@ -28,20 +28,20 @@ std::string written_address(const std::string& text) {
   return ::inet_ntop(AF_INET, &v4, out.data(), out.size());
 }
 
-// What is equal for equal hosts: lower case, no brackets, no final dot, addresses as the system writes them.
+// Returns a text that is equal for equal hosts: lower case, no brackets, no final dot, canonical addresses.
 std::string comparable(std::string_view host) {
   if (host.size() > 2 && host.front() == '[' && host.back() == ']') host = host.substr(1, host.size() - 2);
   if (host.size() > 1 && host.back() == '.') host.remove_suffix(1);
-  const std::string text = dem::lower(host), address = written_address(text);
+  const std::string text = dem::lower(host), address = canonical_address(text);
   return address.empty() ? text : address;
 }
 
-// RFC 3986 3.2.2; percent-encoded names are not those of any host.
+// Returns true for a name by RFC 3986 3.2.2 without percent-encoding, which no host's name needs.
 bool is_name(std::string_view s) { return dem::consists_of(s, "-._~!$&'()*+,;="); }
 
 bool is_bracketed_address(std::string_view s) {
   return s.size() > 2 && s.front() == '[' && s.back() == ']' &&
-         !written_address(std::string(s.substr(1, s.size() - 2))).empty();
+         !canonical_address(std::string(s.substr(1, s.size() - 2))).empty();
 }
 
 struct Authority {
@@ -49,9 +49,10 @@ struct Authority {
   std::optional<int> port;
 };
 
-// uri-host [":" port], RFC 9110 7.2; a port may be empty. Nothing where it isn't that.
+// Parses uri-host [":" port] (RFC 9110 7.2), of which the port may be empty. Returns nothing for other text.
 std::optional<Authority> read_authority(std::string_view text) {
-  const std::size_t bracket = text.rfind(']'), colon = text.find(':', bracket == std::string_view::npos ? 0 : bracket);
+  const std::size_t bracket = text.rfind(']');
+  const std::size_t colon = text.find(':', bracket == std::string_view::npos ? 0 : bracket);
   const std::string_view host = text.substr(0, colon);
   if (!is_name(host) && !is_bracketed_address(host)) return std::nullopt;
   Authority authority{comparable(host), std::nullopt};
@@ -69,7 +70,7 @@ struct Origin {
   int default_port;
 };
 
-// RFC 6454 7. Nothing for "null", other schemes, and what is no origin.
+// Parses an origin (RFC 6454 7). Returns nothing for "null", other schemes, and text that is not an origin.
 std::optional<Origin> read_origin(std::string_view text) {
   for (const auto& [scheme, port] : {std::pair(std::string_view("http://"), 80), {"https://", 443}}) {
     if (!text.starts_with(scheme)) continue;
@@ -78,18 +79,18 @@ std::optional<Origin> read_origin(std::string_view text) {
   return std::nullopt;
 }
 
-std::string shown(std::string_view text) { return '"' + std::string(text.substr(0, kMostQuotedBytes)) + '"'; }
+std::string quoted(std::string_view text) { return '"' + std::string(text.substr(0, kMaxQuotedBytes)) + '"'; }
 
 }  // namespace
 
 bool is_host(std::string_view text) {
-  return is_name(text) || is_bracketed_address(text) || !written_address(std::string(text)).empty();
+  return is_name(text) || is_bracketed_address(text) || !canonical_address(std::string(text)).empty();
 }
 
-AllowedHosts::AllowedHosts(const std::string& listens_on, const std::vector<std::string>& given)
+AllowedHosts::AllowedHosts(const std::string& listens_on, const std::vector<std::string>& allowed)
     : served_{"localhost", "127.0.0.1", "::1", comparable(listens_on)} {
-  for (const std::string& host : given) given_.insert(comparable(host));
-  served_.insert(given_.begin(), given_.end());
+  for (const std::string& host : allowed) allowed_.insert(comparable(host));
+  served_.insert(allowed_.begin(), allowed_.end());
 }
 
 std::optional<Refusal> AllowedHosts::refusal(const RequestHead& head, std::string_view local_address) const {
@@ -97,21 +98,22 @@ std::optional<Refusal> AllowedHosts::refusal(const RequestHead& head, std::strin
     const auto authority = read_authority(*head.authority);
     if (!authority) return Refusal{"malformed_request", "Host is not a name or address with an optional port"};
     if (!served_.contains(authority->host) && authority->host != comparable(local_address))
-      return Refusal{"misdirected_request", "this service is not known as " + shown(authority->host) +
+      return Refusal{"misdirected_request", "this service is not known as " + quoted(authority->host) +
                                                 "; its operator can add a name with --allowed-host"};
   }
   const auto [first, last] = head.headers.equal_range("origin");
   const auto foreign = std::find_if(first, last, [&](const auto& h) { return !is_own_page(h.second, head); });
   if (foreign == last) return std::nullopt;
-  return Refusal{"foreign_origin", "pages of the origin " + shown(foreign->second) +
+  return Refusal{"foreign_origin", "pages of the origin " + quoted(foreign->second) +
                                        " may not ask this service; its operator can allow a page's host with "
                                        "--allowed-host"};
 }
 
+// Compares ports as well: another port of the same host is another origin, which its own program serves.
 bool AllowedHosts::is_own_page(std::string_view origin_text, const RequestHead& head) const {
   const auto origin = read_origin(origin_text);
   if (!origin) return false;
-  if (given_.contains(origin->authority.host)) return true;
+  if (allowed_.contains(origin->authority.host)) return true;
   const auto own = head.authority ? read_authority(*head.authority) : std::nullopt;
   return own && own->host == origin->authority.host &&
          own->port.value_or(origin->default_port) == origin->authority.port.value_or(origin->default_port);

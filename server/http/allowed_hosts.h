@@ -15,16 +15,16 @@
 
 namespace selenograph::server {
 
-// A host name or a numeric address (IPv6 with or without brackets), without scheme, port and path.
+// Returns true for a host name or a numeric address (IPv6 with or without brackets), without scheme, port and path.
 bool is_host(std::string_view text);
 
 class AllowedHosts {
  public:
-  // `listens_on`: --host. `given`: --allowed-host, each of which is_host().
-  AllowedHosts(const std::string& listens_on, const std::vector<std::string>& given);
+  // `listens_on`: --host. `allowed`: --allowed-host, each of which is_host().
+  AllowedHosts(const std::string& listens_on, const std::vector<std::string>& allowed);
 
-  // Empty: the request is accepted. Names are compared without case and without a final dot, addresses by value; ports
-  // of hosts are not compared, because a forwarded port differs and a rebound page has the right one.
+  // Returns nothing if the request is accepted. Names are compared without case and without a final dot, addresses by
+  // value; ports of hosts are not compared, because a forwarded port differs and a rebound page has the right one.
   //  - "malformed_request": the authority is not a host with an optional port;
   //  - "misdirected_request": its host is none of localhost, 127.0.0.1, [::1], --host, --allowed-host and
   //    `local_address`, the server's numeric address of this connection. HTTP/1.0 without Host passes: browsers do not
@@ -36,8 +36,8 @@ class AllowedHosts {
  private:
   bool is_own_page(std::string_view origin, const RequestHead& head) const;
 
-  std::set<std::string> served_;  // names and addresses accepted in Host
-  std::set<std::string> given_;   // --allowed-host: also accepted in Origin
+  std::set<std::string> served_;   // names and addresses accepted in Host
+  std::set<std::string> allowed_;  // --allowed-host: also accepted in Origin
 };
 
 }  // namespace selenograph::server

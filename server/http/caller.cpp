@@ -17,19 +17,20 @@
 namespace selenograph::server {
 namespace {
 
-constexpr std::size_t kMostNameBytes = 64;
-constexpr std::string_view kMapped = "::ffff:";  // of an IPv4 address that came to an IPv6 socket
+constexpr std::size_t kMaxNameBytes = 64;
+constexpr std::string_view kMapped = "::ffff:";  // prefix of an IPv4 client of an IPv6 socket
 
 std::string_view without_mapping(std::string_view address) {
   return address.starts_with(kMapped) && address.find('.') != std::string_view::npos ? address.substr(kMapped.size())
                                                                                      : address;
 }
 
+// Returns the header's value, and null unless there is exactly one.
 const std::string* only(const Headers& headers, const std::string& name) {
   return headers.count(name) == 1 ? &headers.find(name)->second : nullptr;
 }
 
-// Copies an address of any family into the struct of its own: reading it in place through another type is undefined.
+// Copies an address into the struct of its family: reading it in place through another type is undefined behaviour.
 template <typename Address>
 Address address_as(const sockaddr_storage& any) {
   static_assert(sizeof(Address) <= sizeof any);
@@ -51,7 +52,7 @@ std::string host_of(const sockaddr_storage& end) {
   return {};
 }
 
-// A client may have all addresses of its IPv6 /64 network, so they count as one. An IPv4 address counts by itself.
+// Returns the address, for IPv6 its /64 network: one client may use all addresses of its network.
 std::string client_of(const sockaddr_storage& end) {
   if (end.ss_family != AF_INET6) return host_of(end);
   in6_addr address = address_as<sockaddr_in6>(end).sin6_addr;
@@ -76,17 +77,17 @@ Peer peer_of(int socket) {
   return {host_of(remote), client_of(remote), host_of(local)};
 }
 
-bool is_plain_name(std::string_view text) { return text.size() <= kMostNameBytes && dem::consists_of(text, "._-"); }
+bool is_plain_name(std::string_view text) { return text.size() <= kMaxNameBytes && dem::consists_of(text, "._-"); }
 
 std::string request_id_of(const Headers& headers) {
-  const std::string* given = only(headers, "x-request-id");
-  return given && is_plain_name(*given) ? *given : new_request_id();
+  const std::string* id = only(headers, "x-request-id");
+  return id && is_plain_name(*id) ? *id : new_request_id();
 }
 
 std::string new_request_id() {
-  static const std::uint64_t of_process = random_number();
+  static const std::uint64_t process_id = random_number();
   static std::atomic<std::uint64_t> count{0};
-  return fmt::format("{:016x}-{:x}", of_process, ++count);
+  return fmt::format("{:016x}-{:x}", process_id, ++count);
 }
 
 std::string token_of(const Headers& headers) {

@@ -1,4 +1,4 @@
-// Identification of a request: its client, its id, and the name of the token that a proxy accepted.
+// Identifies requests: the client, the request id, and the name of the token that a proxy accepted.
 #pragma once
 
 #include <map>
@@ -16,22 +16,22 @@ struct Peer {
 };
 Peer peer_of(int socket);
 
-// 1 to 64 letters, digits, '.', '_' and '-': safe in a header, in a log and in a file's name.
+// Returns true for 1 to 64 letters, digits, '.', '_' and '-': safe in a header, in a log and in a file's name.
 bool is_plain_name(std::string_view text);
 
 // Headers by lower-case name.
 using Headers = std::multimap<std::string, std::string>;
 
-// X-Request-Id if there is exactly one and it is_plain_name(), else a new id.
+// Returns X-Request-Id if there is exactly one and it is_plain_name(), else a new id.
 std::string request_id_of(const Headers& headers);
-// A new id, unique across calls and processes.
+// Returns a new id, unique across calls and processes.
 std::string new_request_id();
 
-// The name of a token from the header Selenograph-Token, which a proxy sets: empty without the header, or if it is not
-// is_plain_name(). Used only for requests from such a proxy.
+// Returns the name of a token from the header Selenograph-Token, which a trusted proxy sets; empty without the header,
+// or if it is not is_plain_name(). Call it only for requests from a trusted proxy: any client can send the header.
 std::string token_of(const Headers& headers);
 
-// All addresses are numeric; loopback is always a trusted proxy.
+// Classify numeric addresses; loopback is always a trusted proxy.
 bool is_loopback(std::string_view address);
 bool is_trusted_proxy(std::string_view address, const std::vector<std::string>& proxies);
 

@@ -15,9 +15,9 @@
 namespace selenograph::server {
 namespace {
 
-constexpr std::size_t kGather = 65536;
+constexpr std::size_t kMaxGatheredBytes = 65536;
 
-// poll(), not select(): a file descriptor above 1023 is an ordinary one.
+// Uses poll(), because select() cannot wait for a file descriptor above 1023.
 bool wait_for(int fd, short events, Connection::Clock::time_point deadline) {
   for (;;) {
     const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - Connection::Clock::now()).count();
@@ -45,6 +45,7 @@ bool Connection::begin_request(std::chrono::milliseconds idle, std::chrono::mill
   receive_deadline_ = Clock::now() + receive;
   head_bytes_ = 0;
   line_bytes_ = 0;
+  head_lines_ = 0;
   in_head_ = true;
   problem_.reset();
   return true;
@@ -52,17 +53,18 @@ bool Connection::begin_request(std::chrono::milliseconds idle, std::chrono::mill
 
 ssize_t Connection::read(char* to, std::size_t size) {
   if (problem_ || (unread_.empty() && !(flush() && fill(receive_deadline_)))) {
-    if (late_ && !problem_) problem_ = Refusal{"request_timeout", "the request did not arrive in time"};
+    if (is_late_ && !problem_) problem_ = Refusal{"request_timeout", "the request did not arrive in time"};
     return -1;
   }
   const std::size_t bytes = unread_.copy(to, size);
   unread_.remove_prefix(bytes);
-  // The library reads lines byte by byte, and everything else in larger pieces.
+  // The library reads lines byte by byte, and bodies in larger blocks.
   if (size == 1 && !count(*to)) return -1;
   return static_cast<ssize_t>(bytes);
 }
 
-// Counts a byte of a line, whose length the library does not bound. False: there are too many.
+// Counts a byte of a line, whose length the library does not bound. Returns false if the line or the head is too long,
+// or the head has too many fields.
 bool Connection::count(char byte) {
   const bool in_first_line = in_head_ && head_bytes_ == line_bytes_;
   ++line_bytes_;
@@ -75,13 +77,17 @@ bool Connection::count(char byte) {
     problem_ = Refusal{"headers_too_large", fmt::format("a header line has more than {} bytes", kMaxLineBytes)};
   else if (in_head_ && head_bytes_ > kMaxHeadBytes)
     problem_ = Refusal{"headers_too_large", fmt::format("the head has more than {} bytes", kMaxHeadBytes)};
-  if (byte == '\n') line_bytes_ = 0;
+  if (byte != '\n') return !problem_;
+  constexpr std::size_t kEmptyLineBytes = 2;
+  if (in_head_ && line_bytes_ > kEmptyLineBytes && ++head_lines_ > 1 + kMaxHeadFields)
+    problem_ = Refusal{"headers_too_large", fmt::format("the head has more than {} fields", kMaxHeadFields)};
+  line_bytes_ = 0;
   return !problem_;
 }
 
-// Waits for at least one byte. False: none came until the deadline, or the client has closed its connection.
+// Waits for at least one byte. Returns false if none arrives until the deadline, or the client closes its connection.
 bool Connection::fill(Clock::time_point deadline) {
-  late_ = false;
+  is_late_ = false;
   for (;;) {
     const ssize_t n = ::recv(fd_, input_.data(), input_.size(), MSG_DONTWAIT);
     if (n > 0) {
@@ -90,14 +96,14 @@ bool Connection::fill(Clock::time_point deadline) {
     }
     if (n == 0 || (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)) return false;
     if (!wait_for(fd_, POLLIN, deadline)) {
-      late_ = true;
+      is_late_ = true;
       return false;
     }
   }
 }
 
 bool Connection::write(std::string_view bytes) {
-  if (output_.size() + bytes.size() <= kGather) {
+  if (output_.size() + bytes.size() <= kMaxGatheredBytes) {
     output_.append(bytes);
     return true;
   }
@@ -119,7 +125,7 @@ bool Connection::write_without_memory(std::string_view answer) {
 
 bool Connection::send_all(std::string_view head, std::string_view body) {
   if (sent_bytes_ == 0) answer_start_ = Clock::now();
-  // The deadline moves on with the bytes that the client takes: one that takes nothing is cut after the grace.
+  // Each byte that the client takes extends its deadline; a client that takes none is cut after the grace.
   const auto deadline = [&] {
     const std::chrono::duration<double> allowed(static_cast<double>(sent_bytes_) / pace_.bytes_per_s);
     return answer_start_ + pace_.grace + std::chrono::duration_cast<Clock::duration>(allowed);
@@ -137,38 +143,38 @@ bool Connection::send_all(std::string_view head, std::string_view body) {
       continue;
     }
     sent_bytes_ += static_cast<std::size_t>(n);
-    const std::size_t of_head = std::min(head.size(), static_cast<std::size_t>(n));
-    head.remove_prefix(of_head);
-    body.remove_prefix(static_cast<std::size_t>(n) - of_head);
+    const std::size_t head_bytes = std::min(head.size(), static_cast<std::size_t>(n));
+    head.remove_prefix(head_bytes);
+    body.remove_prefix(static_cast<std::size_t>(n) - head_bytes);
   }
   return true;
 }
 
-void Connection::linger(std::chrono::milliseconds at_most) {
+void Connection::linger(std::chrono::milliseconds time_limit) {
   ::shutdown(fd_, SHUT_WR);
-  const auto deadline = Clock::now() + at_most;
+  const auto deadline = Clock::now() + time_limit;
   while (Clock::now() < deadline && fill(deadline)) continue;
 }
 
-bool Connection::move_on(State from, State to) { return state_.compare_exchange_strong(from, to); }
+bool Connection::change_state(State from, State to) { return state_.compare_exchange_strong(from, to); }
 
 bool Connection::begin_work() {
   abandoned_ = false;
-  return move_on(State::waiting, State::working);
+  return change_state(State::waiting, State::working);
 }
 
 void Connection::end_work() {
   since_ = Clock::now();
-  move_on(State::working, State::waiting);
+  change_state(State::working, State::waiting);
 }
 
 bool Connection::give_up() {
-  if (!move_on(State::waiting, State::given_up)) return false;
+  if (!change_state(State::waiting, State::given_up)) return false;
   cut();
   return true;
 }
 
-void Connection::look_for_departure() {
+void Connection::detect_disconnect() {
   pollfd event{fd_, POLLRDHUP, 0};
   if (state_ == State::working && ::poll(&event, 1, 0) > 0) abandoned_ = true;
 }

@@ -6,11 +6,12 @@
 namespace selenograph::server {
 namespace {
 
-constexpr auto kDepartureInterval = std::chrono::milliseconds(250);
+constexpr auto kDetectionInterval = std::chrono::milliseconds(250);
 
 }  // namespace
 
-Connections::Connections(int max_connections) : max_connections_(max_connections), watch_([this] { watch(); }) {}
+Connections::Connections(int max_connections)
+    : max_connections_(max_connections), detection_([this] { detect_disconnected_clients(); }) {}
 
 Connections::~Connections() {
   {
@@ -19,7 +20,7 @@ Connections::~Connections() {
     ending_ = true;
     changed_.notify_all();
   }
-  watch_.join();
+  detection_.join();
 }
 
 void Connections::start_thread(std::function<void()> serve) {
@@ -36,7 +37,7 @@ void Connections::start_thread(std::function<void()> serve) {
 
 bool Connections::add(Connection& connection) {
   const std::lock_guard lock(mutex_);
-  if (open() >= max_connections_ && !make_room()) return false;
+  if (open() >= max_connections_ && !close_longest_waiting()) return false;
   connections_.push_back(&connection);
   return true;
 }
@@ -46,13 +47,13 @@ void Connections::remove(Connection& connection) {
   connections_.remove(&connection);
 }
 
-// Gives up the connection that has waited longest. False: none waits.
-bool Connections::make_room() {
+// Returns false if no connection waits.
+bool Connections::close_longest_waiting() {
   for (;;) {
     Connection* longest = nullptr;
     for (Connection* connection : connections_)
       if (connection->waiting() && (!longest || connection->since() < longest->since())) longest = connection;
-    if (!longest || longest->give_up()) return longest;  // else it went to work meanwhile
+    if (!longest || longest->give_up()) return longest;  // else a request arrived on it meanwhile
   }
 }
 
@@ -81,12 +82,12 @@ bool Connections::wait_until_done(Connection::Clock::time_point deadline) {
   return changed_.wait_until(lock, deadline, [this] { return threads_ == 0; });
 }
 
-// Allocates nothing: this thread must outlive a lack of memory.
-void Connections::watch() {
+// Allocates nothing, because this thread must survive a lack of memory.
+void Connections::detect_disconnected_clients() {
   std::unique_lock lock(mutex_);
   while (!ending_) {
-    for (Connection* connection : connections_) connection->look_for_departure();
-    changed_.wait_for(lock, kDepartureInterval, [this] { return ending_; });
+    for (Connection* connection : connections_) connection->detect_disconnect();
+    changed_.wait_for(lock, kDetectionInterval, [this] { return ending_; });
   }
 }
 

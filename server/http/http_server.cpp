@@ -1,7 +1,7 @@
 #include "server/http/http_server.h"
 
-// Debian's cpp-httplib is a compiled library: classes have the layout of the macros it was built with, so ours must
-// agree. `pkg-config --cflags cpp-httplib` gives them.
+// Debian's cpp-httplib is a compiled library, and macros determine the layout of its classes. `pkg-config --cflags
+// cpp-httplib` gives the macros that it was built with.
 #if !defined(CPPHTTPLIB_OPENSSL_SUPPORT) || !defined(CPPHTTPLIB_ZLIB_SUPPORT) || !defined(CPPHTTPLIB_BROTLI_SUPPORT)
 #error "compile with the flags of pkg-config --cflags cpp-httplib"
 #endif
@@ -27,15 +27,32 @@
 #include "server/http/connections.h"
 #include "server/http/request_head.h"
 
+// A request's way, all on its connection's thread. Indented calls are made by the line above them:
+//
+//   serve_request
+//     Connection::begin_request          waits for the first byte
+//     process
+//       httplib process_request          reads request line and headers from LibraryStream
+//         take_head                      checks them, and hides headers from the library
+//         pre-routing handler            a refused request, or one without a body: respond
+//         POST handler                   receive_body, then respond
+//         error handler                  the library refused the request, or has no route
+//         (library)                      writes head and body to LibraryStream, which gathers them
+//     Connection::flush                  sends the rest
+//     observe                            log and metrics
+//
+// respond calls work, which calls the service's handler; hand_over passes the answer to the library.
+
 namespace selenograph::server {
 namespace {
 
 using Clock = Connection::Clock;
-constexpr auto kLinger = std::chrono::milliseconds(2000), kLingerOfAccepting = std::chrono::milliseconds(500);
+constexpr auto kLinger = std::chrono::milliseconds(2000);
+constexpr auto kLingerOfAcceptingThread = std::chrono::milliseconds(500);
 constexpr int kSpareRetryAfter_s = 5;
-constexpr std::size_t kFreeBody_bytes = 65536;  // needs no claim: a connection may hold as much anyway
+constexpr std::size_t kFreeBody_bytes = 65536;  // claims no memory: a connection may hold as much anyway
 constexpr char kRequestId[] = "X-Request-Id";
-// Not offered: ranges, content codings, forms. The library would act on these headers.
+// The library would act on these headers, but ranges, content codings and forms are not offered.
 constexpr const char* kHiddenHeaders[] = {"Range", "If-Range", "Accept-Encoding", "Content-Type"};
 
 double seconds(Clock::duration time) { return std::chrono::duration<double>(time).count(); }
@@ -52,19 +69,19 @@ struct Exchange {
   api::Request request{};
   std::optional<Refusal> refusal{};
   api::MemoryBudget::Claim body_memory{};
-  std::shared_ptr<const api::MemoryBudget::Claim> answer_memory{};  // until it is sent
-  Clock::time_point started = Clock::now();                         // when the request was complete
+  std::shared_ptr<const api::MemoryBudget::Claim> answer_memory{};  // held until the answer is sent
+  Clock::time_point started = Clock::now();                         // time of the complete request
   std::size_t written_bytes = 0;                                    // head and body, sent or not
-  bool answered = false;                                            // by us; else the library refused the request
-  bool close = false;                                               // after the answer
+  bool answered = false;                                            // by hand_over(); else the library refused it
+  bool close = false;                                               // close the connection after the answer
 };
 
-// The exchange of this thread: the library does not tell its handlers whose request they answer.
-thread_local Exchange* exchange_here = nullptr;
-// Set while a connection is handled on the accepting thread, because no other thread could be started.
+// Exchange of this thread's request: the library passes nothing to its handlers that identifies the connection.
+thread_local Exchange* current_exchange = nullptr;
+// True while a connection is handled on the accepting thread, because no other thread could be started.
 thread_local bool is_without_thread = false;
 
-// A connection as the library reads and writes it.
+// Adapts a connection to the library's interface for reading and writing.
 class LibraryStream : public httplib::Stream {
  public:
   explicit LibraryStream(Exchange& exchange) : exchange_(exchange) {}
@@ -87,14 +104,14 @@ class LibraryStream : public httplib::Stream {
 RequestHead head_of(const httplib::Request& request) {
   RequestHead head{request.method, request.target, request.version == "HTTP/1.0", {}};
   for (const auto& [name, value] : request.headers) {
-    // The library adds the connection's addresses by these names.
+    // The library adds the connection's addresses as headers of these names.
     if (name.ends_with("_ADDR") || name.ends_with("_PORT")) continue;
     head.headers.emplace(dem::lower(name), value);
   }
   return head;
 }
 
-// The library's own refusals as rows of our table.
+// Returns the row of the api's error table for a refusal by the library.
 Refusal refusal_for(int status, const httplib::Request& request) {
   if (status == 404) return {"not_found", "no such resource"};
   if (status == 414) return {"uri_too_long", "the request target is too long"};
@@ -104,7 +121,7 @@ Refusal refusal_for(int status, const httplib::Request& request) {
   return {"malformed_request", "not a well-formed HTTP/1.1 request"};
 }
 
-// An answer to a client whose request is not read to its end.
+// Returns the text of an answer to a client whose request is not read to its end.
 std::string last_answer(const api::Response& answer, std::string_view request_id) {
   std::string text = fmt::format("HTTP/1.1 {} {}\r\nAccept-Ranges: none\r\nConnection: close\r\n", answer.status,
                                  api::error_row(answer.error_code).title);
@@ -127,7 +144,7 @@ struct HttpServer::Impl : private httplib::Server {
   const AllowedHosts hosts;
   const HttpServer::Handler handler;
   const Observer observer;
-  const std::string spare_answer;  // when there is no memory to make one
+  const std::string spare_answer;  // sent when there is no memory for another
   int port;
   std::atomic<bool> stopping{false};
   Connections connections;
@@ -152,6 +169,7 @@ struct HttpServer::Impl : private httplib::Server {
 
 namespace {
 
+// Records the answer, and moves it into the library's response.
 void hand_over(Exchange& exchange, api::Response&& answer, httplib::Response& out) {
   exchange.answered = true;
   exchange.record.status = answer.status;
@@ -169,7 +187,7 @@ void hand_over(Exchange& exchange, api::Response&& answer, httplib::Response& ou
 
 }  // namespace
 
-// The library's queue of accepted connections: none waits.
+// Takes the place of the library's queue of accepted connections: none waits.
 class HttpServer::Impl::ThreadPerConnection : public httplib::TaskQueue {
   using Enqueued = decltype(std::declval<httplib::TaskQueue&>().enqueue({}));  // bool since cpp-httplib 0.14
 
@@ -178,7 +196,7 @@ class HttpServer::Impl::ThreadPerConnection : public httplib::TaskQueue {
   Enqueued enqueue(std::function<void()> serve) override {
     try {
       connections_.start_thread(serve);
-    } catch (const std::exception&) {  // no thread or no memory is to be had: this client goes, the service stays
+    } catch (const std::exception&) {  // no thread or no memory: refuse this client on the accepting thread
       is_without_thread = true;
       serve();
       is_without_thread = false;
@@ -202,7 +220,7 @@ HttpServer::Impl::Impl(const HttpOptions& options_in, HttpServer::Handler handle
       port(options.port),
       connections(options.max_connections) {
   new_task_queue = [this] { return new ThreadPerConnection(connections); };
-  // SO_REUSEADDR only: with SO_REUSEPORT, the library's default, a second service could quietly share the port.
+  // Set only SO_REUSEADDR: with SO_REUSEPORT, the library's default, a second service could share the port unnoticed.
   set_socket_options([](socket_t socket) {
     const int on = 1;
     ::setsockopt(socket, SOL_SOCKET, SO_REUSEADDR, &on, sizeof(on));
@@ -217,27 +235,27 @@ void HttpServer::Impl::bind(int at_port) {
   if (port < 0)
     throw std::runtime_error(fmt::format("cannot listen on {} port {}: {}", options.host, at_port,
                                          errno != 0 ? std::strerror(errno) : "unknown host"));
-  ::listen(svr_sock_, SOMAXCONN);  // the library's own backlog is 5
+  ::listen(svr_sock_, SOMAXCONN);  // the library's backlog is only 5
 }
 
-// Paths are the api's matter: its table answers with 405, Allow and the document, too.
+// Routes all paths to one handler: the api's table of routes also decides on 404, 405 and Allow.
 void HttpServer::Impl::set_handlers() {
   set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& out) {
-    Exchange& exchange = *exchange_here;
+    Exchange& exchange = *current_exchange;
     if (request.method == "POST" && !exchange.refusal) return HandlerResponse::Unhandled;  // its body is read first
     hand_over(exchange, respond(exchange, request, nullptr), out);
     return HandlerResponse::Handled;
   });
   Post(R"([\s\S]*)",
        [this](const httplib::Request& request, httplib::Response& out, const httplib::ContentReader& read_body) {
-         hand_over(*exchange_here, respond(*exchange_here, request, &read_body), out);
+         hand_over(*current_exchange, respond(*current_exchange, request, &read_body), out);
        });
-  // Nothing here throws but for lack of memory, and then the library's own answer would not fit, either.
+  // Handlers throw only for lack of memory, when the library's own answer would not fit, either.
   set_exception_handler([](const httplib::Request&, httplib::Response&, const std::exception_ptr& error) {
     std::rethrow_exception(error);
   });
   set_error_handler([this](const httplib::Request& request, httplib::Response& out) {
-    Exchange& exchange = *exchange_here;
+    Exchange& exchange = *current_exchange;
     if (exchange.answered) return;
     exchange.close = true;
     if (exchange.record.method.empty()) {
@@ -248,17 +266,17 @@ void HttpServer::Impl::set_handlers() {
     hand_over(exchange, refuse(problem ? *problem : refusal_for(out.status, request)), out);
   });
   set_post_routing_handler([](const httplib::Request&, httplib::Response& out) {
-    if (out.status == 304) out.headers.erase("Content-Length");  // the library says 0; it would be the representation's
-    out.headers.erase("Keep-Alive");                             // promises a bound on requests that there isn't
+    if (out.status == 304) out.headers.erase("Content-Length");  // 0 would contradict the representation's length
+    out.headers.erase("Keep-Alive");                             // states a limit of requests that does not exist
     out.headers.erase("Connection");
-    if (exchange_here->close) out.set_header("Connection", "close");
+    if (current_exchange->close) out.set_header("Connection", "close");
   });
 }
 
-// Whatever accept() reports about one client must not end the service, so that listening begins again after an error.
+// Listens again after an error of accept(), which may concern a single client and must not end the service.
 void HttpServer::Impl::run() {
   while (!listen_after_bind() && !stopping) {
-    spdlog::warn("accepting connections failed: {}", std::strerror(errno));
+    spdlog::warn("accept() failed, listening again: {}", std::strerror(errno));
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
     bind(port);
   }
@@ -279,27 +297,28 @@ bool HttpServer::Impl::process_and_close_socket(socket_t socket) {
   try {
     Connection connection(socket, peer_of(socket), options.send_pace);
     if (is_without_thread) {
-      // Accepting waits meanwhile: a reset would take the answer from a client that is still sending.
-      if (connection.write_without_memory(spare_answer)) connection.linger(kLingerOfAccepting);
+      // Linger although accepting waits meanwhile: a reset would discard the answer of a client that is still sending.
+      if (connection.write_without_memory(spare_answer)) connection.linger(kLingerOfAcceptingThread);
     } else {
       serve_or_refuse(connection);
     }
-  } catch (const std::bad_alloc&) {  // not even the connection's own memory: it is closed by now
+  } catch (const std::bad_alloc&) {  // no memory even for the Connection, whose destructor has closed the socket
   }
   return true;
 }
 
+// Refuses the connection if all connections are at work.
 void HttpServer::Impl::serve_or_refuse(Connection& connection) {
-  bool has_place = false;
+  bool is_added = false;
   try {
-    has_place = connections.add(connection);
-    if (!has_place && connection.write(last_answer(refuse({"busy", "too many connections"}), new_request_id())) &&
+    is_added = connections.add(connection);
+    if (!is_added && connection.write(last_answer(refuse({"busy", "too many connections"}), new_request_id())) &&
         connection.flush())
       connection.linger(kLinger);
   } catch (const std::bad_alloc&) {
     answer_without_memory(connection);
   }
-  if (!has_place) return;
+  if (!is_added) return;
   serve(connection);
   connections.remove(connection);
 }
@@ -310,7 +329,7 @@ void HttpServer::Impl::serve(Connection& connection) {
   } catch (...) {
     answer_without_memory(connection);
   }
-  exchange_here = nullptr;
+  current_exchange = nullptr;
 }
 
 // Serves one request. Returns false when the connection ends with it.
@@ -328,7 +347,7 @@ bool HttpServer::Impl::serve_request(Connection& connection) {
     delivered = connection.write(last_answer(answer, record.request_id));
   }
   delivered = delivered && connection.flush();
-  if (!delivered)  // the unsent bytes are the end of the body
+  if (!delivered)  // the unsent bytes are the body's last
     record.bytes -=
         std::min(record.bytes, exchange.written_bytes - std::min(exchange.written_bytes, connection.sent_bytes()));
   record.seconds = seconds(Clock::now() - exchange.started);
@@ -339,12 +358,13 @@ bool HttpServer::Impl::serve_request(Connection& connection) {
   return false;
 }
 
+// Lets the library read, route and answer one request. Returns false if the answer could not be written.
 bool HttpServer::Impl::process(Exchange& exchange) {
-  exchange_here = &exchange;
+  current_exchange = &exchange;
   LibraryStream stream(exchange);
   bool closed = false;
   const auto take = [&](httplib::Request& request) { take_head(exchange, request); };
-  // cpp-httplib 0.18 also takes the addresses of both ends, only to pass them on.
+  // cpp-httplib 0.18 also takes the addresses of both ends, which it only passes on.
   const auto process_in = [&](auto& library) {
     if constexpr (requires { library.process_request(stream, false, closed, take); })
       return library.process_request(stream, false, closed, take);
@@ -363,7 +383,7 @@ void HttpServer::Impl::take_head(Exchange& exchange, httplib::Request& request) 
   AccessRecord& record = exchange.record;
   record.method = exchange.request.method = head.method;
   if (!has_control(target)) record.target = target;
-  record.path = record.target.substr(0, record.target.find('?'));  // until it is decoded
+  record.path = record.target.substr(0, record.target.find('?'));  // respond() sets the decoded path
   record.request_id = request_id_of(head.headers);
   if (is_trusted_proxy(record.host, options.trusted_proxies)) record.token = token_of(head.headers);
   exchange.refusal = refusal_of(head, options.max_body_bytes);
@@ -373,7 +393,8 @@ void HttpServer::Impl::take_head(Exchange& exchange, httplib::Request& request) 
   request.ranges.clear();
   const bool is_body_read = head.method == "POST" && !exchange.refusal;
   if (!is_body_read || !announces_body(head) || head.http_1_0) request.headers.erase("Expect");
-  if (is_body_read && !announces_body(head)) request.set_header("Content-Length", "0");  // else it is read to the end
+  if (is_body_read && !announces_body(head))
+    request.set_header("Content-Length", "0");  // else read until the end of stream
   exchange.request.headers = std::move(head.headers);
 }
 
@@ -389,7 +410,7 @@ api::Response HttpServer::Impl::respond(Exchange& exchange, const httplib::Reque
   exchange.record.path = exchange.request.path = request.path;
   exchange.request.query = request.params;
   if (exchange.connection.begin_work()) return work(exchange);
-  exchange.close = true;  // given up a moment ago: nobody to answer
+  exchange.close = true;  // given up meanwhile: the client gets no answer
   return api::problem("busy", "the connection was given up");
 }
 
@@ -398,7 +419,7 @@ api::Response HttpServer::Impl::refuse(const Refusal& why) const {
   return api::problem(why.error_code, why.detail);
 }
 
-// The only place where a body grows.
+// Receives the body within its limits of size and memory; bodies grow nowhere else.
 void HttpServer::Impl::receive_body(Exchange& exchange, const httplib::ContentReader& read_body) const {
   auto claim = options.bodies->try_claim(0);
   if (claim) exchange.body_memory = std::move(*claim);
@@ -408,20 +429,21 @@ void HttpServer::Impl::receive_body(Exchange& exchange, const httplib::ContentRe
     return claim &&
            (body.capacity() <= exchange.body_memory.bytes() || exchange.body_memory.try_resize(body.capacity()));
   };
-  const bool whole = read_body([&](const char* bytes, std::size_t size) {
+  const bool is_complete = read_body([&](const char* bytes, std::size_t size) {
     if (!fits())
-      exchange.refusal = Refusal{"busy", "the memory for requests that are arriving is in use by others"};
+      exchange.refusal = Refusal{"busy", "the memory for request bodies is in use by other requests"};
     else if (size > options.max_body_bytes - body.size())
       exchange.refusal = Refusal{"too_large", fmt::format("the body is longer than {} bytes", options.max_body_bytes)};
     else
       body.append(bytes, size);
     return !exchange.refusal;
   });
-  if (whole || exchange.refusal) return;
+  if (is_complete || exchange.refusal) return;
   exchange.refusal = exchange.connection.problem();
   if (!exchange.refusal) exchange.refusal = Refusal{"malformed_request", "the body could not be read"};
 }
 
+// Runs the service's handler, and measures its times.
 api::Response HttpServer::Impl::work(Exchange& exchange) {
   AccessRecord& record = exchange.record;
   exchange.request.received = Clock::now();
@@ -435,7 +457,7 @@ api::Response HttpServer::Impl::work(Exchange& exchange) {
   record.work_s = total_s - record.queued_s;
   if (!response.stages.empty()) api::complete_timing(response.stages, 1e3 * total_s);
   record.stages = response.stages;
-  exchange.request.body = {};  // a slow reader keeps its answer, and nothing else
+  exchange.request.body = {};  // while a slow client reads its answer, its request holds no memory
   exchange.body_memory = {};
   exchange.close = exchange.close || stopping;
   if (response.error_code == api::kOutOfMemory && response.body.empty()) throw std::bad_alloc();
@@ -459,7 +481,7 @@ void HttpServer::Impl::answer_without_memory(Connection& connection) noexcept {
 void HttpServer::Impl::observe(const AccessRecord& record) noexcept {
   try {
     observer(record);
-  } catch (...) {  // no memory to count with
+  } catch (...) {  // no memory to count or log it
   }
 }
 

@@ -16,11 +16,12 @@ constexpr std::string_view kMethods[] = {"GET",     "HEAD",    "POST",  "PUT",  
 
 Refusal malformed(std::string detail) { return {"malformed_request", std::move(detail)}; }
 
-// The header's value; null unless there is exactly one.
+// Returns the header's value, and null unless there is exactly one.
 const std::string* only(const RequestHead& head, const std::string& name) {
   return head.headers.count(name) == 1 ? &head.headers.find(name)->second : nullptr;
 }
 
+// Checks method, target, header names and Host.
 MaybeRefusal check_names(const RequestHead& head) {
   if (!is_http_method(head.method))
     return Refusal{"not_implemented", "no resource here has the method " + head.method.substr(0, 40)};
@@ -44,6 +45,7 @@ MaybeRefusal check_length(const std::string& length, std::size_t max_body_bytes)
                                   std::to_string(max_body_bytes) + " are taken"};
 }
 
+// Refuses every request whose length two readers could understand differently (request smuggling).
 MaybeRefusal check_framing(const RequestHead& head, std::size_t max_body_bytes) {
   const auto lengths = head.headers.count("content-length");
   const auto codings = head.headers.count("transfer-encoding");

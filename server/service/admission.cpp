@@ -7,9 +7,9 @@
 namespace selenograph::server {
 namespace {
 
-// A client that leaves sets a flag and notifies no condition variable: its request polls the flag.
+// A disconnect only sets a flag and notifies no condition variable, so that waiting requests poll the flag.
 constexpr auto kPollInterval = std::chrono::milliseconds(50);
-constexpr double kNewestWeight = 0.2;  // of the latest duration in the moving average
+constexpr double kNewestWeight = 0.2;  // weight of the latest duration in the moving average
 
 }  // namespace
 
@@ -34,10 +34,11 @@ Admission::Entry Admission::enter(const std::string& client, Clock::time_point d
   return {Outcome::admitted, Slot(this)};
 }
 
+// Queues the request until it has a slot to take or gives up.
 Admission::Outcome Admission::wait(const std::string& client, Clock::time_point deadline,
                                    const std::atomic<bool>* abandoned, std::unique_lock<std::mutex>& lock) {
-  const auto place = clients_.try_emplace(client).first;
-  Client& mine = place->second;
+  const auto entry = clients_.try_emplace(client).first;
+  Client& mine = entry->second;
   if (mine.waiting.empty()) mine.turn = ++turns_;
   const auto request = mine.waiting.insert(mine.waiting.end(), &lock);  // any address of this call identifies it
   ++waiting_;
@@ -51,16 +52,18 @@ Admission::Outcome Admission::wait(const std::string& client, Clock::time_point 
   mine.waiting.erase(request);
   --waiting_;
   if (outcome == Outcome::admitted) mine.turn = ++turns_;
-  if (mine.waiting.empty()) clients_.erase(place);
+  if (mine.waiting.empty()) clients_.erase(entry);
   return outcome;
 }
 
+// Returns true if the client has fewer waiting requests than the queue has free places.
 bool Admission::fits_queue(const std::string& client) const {
-  const auto known = clients_.find(client);
-  const auto waiting = known == clients_.end() ? 0 : static_cast<int>(known->second.waiting.size());
+  const auto entry = clients_.find(client);
+  const auto waiting = entry == clients_.end() ? 0 : static_cast<int>(entry->second.waiting.size());
   return waiting < limits_.max_waiting - waiting_;
 }
 
+// Returns true for the oldest request of the client with the lowest turn.
 bool Admission::is_next(const void* request) const {
   const auto next = std::min_element(clients_.begin(), clients_.end(),
                                      [](const auto& a, const auto& b) { return a.second.turn < b.second.turn; });

@@ -60,18 +60,17 @@ class Admission {
   struct Entry {
     Outcome outcome;
     Slot slot;
-    int retry_after_s = 0;  // of `full` and `closing`
+    int retry_after_s = 0;  // set for `full` and `closing`
   };
 
   explicit Admission(const AdmissionLimits& limits) : limits_(limits) {}
 
-  // Waits in the queue until a slot is free; no longer than the deadline, and not if `*abandoned` (null: never) is
-  // true.
+  // Waits in the queue until a slot is free, the deadline passes or `*abandoned` is set (null: never).
   Entry enter(const std::string& client, Clock::time_point deadline, const std::atomic<bool>* abandoned);
 
   // Refuses new requests from now on; active and queued ones continue.
   void close();
-  // True once no request is active or queued; false if the deadline comes first.
+  // Returns true once no request is active or queued, and false at the deadline.
   bool wait_until_idle(Clock::time_point deadline);
 
   int in_work() const;
@@ -79,7 +78,7 @@ class Admission {
   int max_in_work() const { return limits_.max_in_work; }
   int max_waiting() const { return limits_.max_waiting; }
 
-  // Estimated time until the requests that are waiting now are done. Whole seconds, 1 to 120.
+  // Returns the estimated time until the waiting requests are done. Whole seconds, 1 to 120.
   int retry_after_s() const;
 
  private:

@@ -10,17 +10,21 @@ namespace {
 constexpr double kInset_deg = 0.01;  // a file that only shares a cell's border does not cover it
 constexpr int kLongitudes = 360;
 
-// A box of cells: row 0 at the south pole, columns counted eastward from -180 and not wrapped.
+// Box of one-degree cells, half open: row 0 at the south pole, columns eastward from -180 degrees and not wrapped.
 struct Box {
-  int south, north, west, east;  // half open
+  int south, north, west, east;
 };
 
-// The columns from the first to the last that is in use, around the date line if that is shorter.
+// Returns the shortest range of columns that holds all used ones: the complement of the longest unused run, which may
+// wrap around the date line.
 std::pair<int, int> used_columns(const std::array<bool, kLongitudes>& used) {
   int best_start = 0, best_length = 0, length = 0;
   for (int i = 0; i < 2 * kLongitudes; ++i) {
     length = used[static_cast<std::size_t>(i % kLongitudes)] ? 0 : length + 1;
-    if (length > best_length && length <= kLongitudes) best_length = length, best_start = i - length + 1;
+    if (length > best_length && length <= kLongitudes) {
+      best_length = length;
+      best_start = i - length + 1;
+    }
   }
   const int west = (best_start + best_length) % kLongitudes;
   return {west, west + kLongitudes - best_length};
@@ -43,13 +47,17 @@ Box bounds(const dem::Catalogue& catalogue) {
           west, east};
 }
 
-bool covered(const dem::Catalogue& catalogue, int row, int column) {
+bool is_covered(const dem::Catalogue& catalogue, int row, int column) {
   const double south = row - 90.0, west = column - 180.0;
   return !catalogue.touching(south + kInset_deg, south + 1 - kInset_deg, west + kInset_deg, west + 1 - kInset_deg)
               .empty();
 }
 
-// Joins a run of this row to the box below it when they span the same columns.
+// Extends the box below a run of holes if both span the same columns; else adds a box.
+//
+//   row 2  . # # .      two boxes: columns 1 to 2 of rows 1 and 2,
+//   row 1  . # # .      and column 3 of row 0
+//   row 0  . . . #
 void add_run(std::vector<Box>& boxes, const Box& run) {
   for (Box& box : boxes) {
     if (box.north == run.south && box.west == run.west && box.east == run.east) {
@@ -64,12 +72,12 @@ void add_run(std::vector<Box>& boxes, const Box& run) {
 
 std::vector<dem::Footprint> uncovered(const dem::Catalogue& catalogue) {
   if (catalogue.rasters().empty()) return {};
-  const Box all = bounds(catalogue);
+  const Box extent = bounds(catalogue);
   std::vector<Box> boxes;
-  for (int row = all.south; row < all.north; ++row) {
+  for (int row = extent.south; row < extent.north; ++row) {
     int start = -1;
-    for (int column = all.west; column <= all.east; ++column) {
-      const bool hole = column < all.east && !covered(catalogue, row, column);
+    for (int column = extent.west; column <= extent.east; ++column) {
+      const bool hole = column < extent.east && !is_covered(catalogue, row, column);
       if (hole && start < 0) start = column;
       if (!hole && start >= 0) {
         add_run(boxes, {row, row + 1, start, column});

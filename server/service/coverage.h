@@ -7,8 +7,9 @@
 
 namespace selenograph::server {
 
-// Boxes of whole degrees within the catalogue's bounding box that no file touches, sorted from south to north. Holes
-// smaller than a degree, and voids inside a file, are not detected. West in [-180, 180); east is greater than west.
+// Returns the boxes of whole degrees within the catalogue's bounding box that no file touches, from south to north.
+// Holes smaller than a degree, and voids inside a file, are not detected. West is in [-180, 180), east greater than
+// west.
 std::vector<dem::Footprint> uncovered(const dem::Catalogue& catalogue);
 
 }  // namespace selenograph::server

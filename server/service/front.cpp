@@ -11,7 +11,9 @@ namespace {
 
 using Clock = Admission::Clock;
 
-bool is_own(const std::string& path) { return path == "/metrics" || path == "/health/live" || path == "/health/ready"; }
+bool is_own_path(const std::string& path) {
+  return path == "/metrics" || path == "/health/live" || path == "/health/ready";
+}
 
 api::Response text_answer(int status, std::string body, std::string content_type = "text/plain; charset=utf-8") {
   api::Response answer;
@@ -23,12 +25,12 @@ api::Response text_answer(int status, std::string body, std::string content_type
 }
 
 api::Response get_only() {
-  api::Response answer = api::problem("method_not_allowed", "this path has GET only");
+  api::Response answer = api::problem("method_not_allowed", "this path supports only GET");
   answer.headers.emplace_back("Allow", "GET, HEAD");
   return answer;
 }
 
-// A time limit that cannot be read is left to the service, which refuses it.
+// An invalid time limit counts as the default: the service refuses it later.
 Clock::time_point deadline_of(const api::Request& request, const api::Limits& limits) {
   return request.received + api::time_limit(request, limits).value_or(limits.default_deadline);
 }
@@ -49,21 +51,22 @@ void Front::begin_shutdown() {
 }
 
 api::Response Front::handle(const api::Request& request, const Peer& peer, Clock::duration& queued) const noexcept {
-  return api::answer_or_problem(
-      request, [&] { return is_own(request.path) ? own(request) : for_others(request, peer, queued); });
+  return api::answer_or_problem(request, [&] {
+    return is_own_path(request.path) ? answer_own_path(request) : answer_other_path(request, peer, queued);
+  });
 }
 
-api::Response Front::for_others(const api::Request& request, const Peer& peer, Clock::duration& queued) const {
+api::Response Front::answer_other_path(const api::Request& request, const Peer& peer, Clock::duration& queued) const {
   if (request.method == "HEAD") {
     api::Request get = request;
     get.method = "GET";
-    return for_others(get, peer, queued);
+    return answer_other_path(get, peer, queued);
   }
   if (auto page = page_for(request, peer, pages_)) return request.method == "GET" ? std::move(*page) : get_only();
-  return api::Service::needs_admission(request) ? admitted(request, peer, queued) : service_.handle(request);
+  return api::Service::needs_admission(request) ? handle_admitted(request, peer, queued) : service_.handle(request);
 }
 
-api::Response Front::own(const api::Request& request) const {
+api::Response Front::answer_own_path(const api::Request& request) const {
   if (request.method != "GET" && request.method != "HEAD") return get_only();
   if (request.path == "/metrics") return metrics_answer();
   if (request.path == "/health/live") return text_answer(200, "ok\n");
@@ -87,28 +90,28 @@ api::Response Front::metrics_answer() const {
   return text_answer(200, metrics_.exposition(gauges), "text/plain; version=0.0.4; charset=utf-8");
 }
 
-api::Response Front::admitted(const api::Request& request, const Peer& peer, Clock::duration& queued) const {
+api::Response Front::handle_admitted(const api::Request& request, const Peer& peer, Clock::duration& queued) const {
   const auto arrived = Clock::now();
   const Admission::Entry entry =
       admission_.enter(peer.client, deadline_of(request, service_.limits()), request.abandoned);
   queued = Clock::now() - arrived;
   switch (entry.outcome) {
     case Admission::Outcome::full:
-      return api::retry_problem("busy", "server at capacity: as many requests are active and waiting as it holds",
+      return api::retry_problem("busy", "server at capacity: all slots and queue places are taken",
                                 entry.retry_after_s);
     case Admission::Outcome::closing:
       return api::retry_problem("shutting_down", "the service is about to stop", entry.retry_after_s);
     case Admission::Outcome::expired:
       return api::problem("deadline_exceeded", "timed out in the queue");
     case Admission::Outcome::abandoned:
-      return api::problem("client_gone", "the client left");
+      return api::problem("client_gone", "the client closed its connection");
     case Admission::Outcome::admitted:
       break;
   }
   api::Response answer = service_.handle(request);
   if (!answer.stages.empty())
     answer.stages.insert(answer.stages.begin(), {"queue", std::chrono::duration<double, std::milli>(queued).count()});
-  if (answer.error_code == "busy")  // no memory came free for it
+  if (answer.error_code == "busy")  // no memory became free for it
     answer.headers.emplace_back("Retry-After", std::to_string(admission_.retry_after_s()));
   return answer;
 }

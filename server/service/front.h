@@ -1,4 +1,4 @@
-// Requests between socket and service: health, metrics, admission.
+// Dispatches requests between the HTTP server and the service: health, metrics, admission.
 #pragma once
 
 #include <atomic>
@@ -32,9 +32,11 @@ class Front {
   void begin_shutdown();
 
  private:
-  api::Response own(const api::Request& request) const;
-  api::Response for_others(const api::Request& request, const Peer& peer, Admission::Clock::duration& queued) const;
-  api::Response admitted(const api::Request& request, const Peer& peer, Admission::Clock::duration& queued) const;
+  api::Response answer_own_path(const api::Request& request) const;
+  api::Response answer_other_path(const api::Request& request, const Peer& peer,
+                                  Admission::Clock::duration& queued) const;
+  api::Response handle_admitted(const api::Request& request, const Peer& peer,
+                                Admission::Clock::duration& queued) const;
   api::Response metrics_answer() const;
 
   const api::Service& service_;

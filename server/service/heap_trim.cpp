@@ -16,13 +16,13 @@
 namespace selenograph::server {
 namespace {
 
-// In this time a flight takes some tens of megabytes more.
-constexpr std::chrono::milliseconds kHeapLook{50};
+// A flight allocates some tens of megabytes in this time.
+constexpr std::chrono::milliseconds kTrimInterval{50};
 
 }  // namespace
 
-// proc(5): statm holds pages, the second number those in memory. Read without a stream, which allocates: this must not
-// fail when there is no memory left.
+// Reads the second number of statm, the resident pages (proc(5)). A stream would allocate, and this must work when
+// there is no memory left.
 std::size_t resident_bytes() {
   std::array<char, 128> text{};
   const int fd = ::open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
@@ -47,29 +47,33 @@ HeapTrim::~HeapTrim() {
 
 void HeapTrim::run() {
   std::unique_lock lock(mutex_);
-  while (!stop_.wait_for(lock, kHeapLook, [this] { return stopping_; })) {
+  while (!stop_.wait_for(lock, kTrimInterval, [this] { return stopping_; })) {
     try {
-      look();
-    } catch (const std::exception&) {  // no memory to count with: next time, then
+      trim();
+    } catch (const std::exception&) {  // no memory to count with: try again after the interval
     }
   }
 }
 
-void HeapTrim::look() {
-  const std::size_t most = plan_.most_bytes(), free = engine::heap_statistics().free_bytes;
-  std::size_t resident = resident_bytes(), less = less_;
-  if (resident > most || (!plan_.keep_free && free > plan_.slack_bytes)) {
+void HeapTrim::trim() {
+  const std::size_t max_resident = plan_.max_resident_bytes();
+  const std::size_t free = engine::heap_statistics().free_bytes;
+  std::size_t resident = resident_bytes();
+  if (resident > max_resident || (!plan_.keep_free && free > plan_.slack_bytes)) {
     engine::give_back_free_memory();
     resident = resident_bytes();
   } else if (plan_.keep_free) {
     resident -= std::min(resident, free);
   }
-  if (resident > most) {
-    less = std::min(less + (resident - most), plan_.most_less_bytes);
-  } else if (most - resident > plan_.slack_bytes) {  // by and by
-    less -= std::min(less, (most - resident - plan_.slack_bytes) / 8);
+  std::size_t cut = cache_cut_bytes_;
+  if (resident > max_resident) {
+    cut = std::min(cut + (resident - max_resident), plan_.max_cache_cut_bytes);
+  } else if (max_resident - resident > plan_.slack_bytes) {
+    cut -= std::min(cut, (max_resident - resident - plan_.slack_bytes) / 8);
   }
-  if (less != less_) plan_.keep_less(less_ = less);
+  if (cut == cache_cut_bytes_) return;
+  cache_cut_bytes_ = cut;
+  plan_.keep_less(cut);
 }
 
 }  // namespace selenograph::server

@@ -1,4 +1,4 @@
-// Keeps resident memory near the budgets.
+// Keeps resident memory near the budgets of the caches.
 #pragma once
 
 #include <condition_variable>
@@ -9,19 +9,21 @@
 
 namespace selenograph::server {
 
-// Resident memory of this process.
+// Returns the resident memory of this process.
 std::size_t resident_bytes();
 
-// Turnover of caches leaves free memory in the heap, which keeps it, and holes, which it cannot return. Many times a
-// second this returns free memory when the process is larger than `most_bytes` and, unless `keep_free`, when more than
-// `slack_bytes` are free. If the process is still too large, caches are told to keep less, up to `most_less_bytes`,
-// until it no longer is.
+// Turnover of the caches leaves free pages in the heap, which the allocator keeps, and fragments, which it cannot
+// return. Every 50 ms a thread of this object compares the process with the plan:
+//  - above max_resident_bytes() or, unless `keep_free`, with more than `slack_bytes` free, the heap returns its free
+//    pages to the system;
+//  - if that does not suffice, the caches shrink below their budgets by the excess, up to `max_cache_cut_bytes`, and
+//    grow back by an eighth of the free space each time.
 class HeapTrim {
  public:
   struct Plan {
-    std::size_t slack_bytes, most_less_bytes;
-    bool keep_free;
-    std::function<std::size_t()> most_bytes;           // limit of resident memory
+    std::size_t slack_bytes, max_cache_cut_bytes;
+    bool keep_free;  // free heap is prepared memory (--pretouch): returned only above the limit, and not counted in it
+    std::function<std::size_t()> max_resident_bytes;
     std::function<void(std::size_t bytes)> keep_less;  // makes caches keep `bytes` less than their budget
   };
   // Both functions are called on this object's thread.
@@ -30,10 +32,10 @@ class HeapTrim {
 
  private:
   void run();
-  void look();
+  void trim();
 
   const Plan plan_;
-  std::size_t less_ = 0;
+  std::size_t cache_cut_bytes_ = 0;
   std::mutex mutex_;
   std::condition_variable stop_;
   bool stopping_ = false;

@@ -2,10 +2,9 @@
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
-#include <spdlog/async_logger.h>
+#include <spdlog/common.h>
+#include <spdlog/details/mpmc_blocking_q.h>
 #include <spdlog/details/null_mutex.h>
-#include <spdlog/details/thread_pool.h>
-#include <spdlog/formatter.h>
 #include <spdlog/sinks/base_sink.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
@@ -14,41 +13,76 @@
 #include <atomic>
 #include <cerrno>
 #include <chrono>
-#include <future>
-#include <iterator>
+#include <cmath>
+#include <exception>
 #include <new>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string_view>
-#include <system_error>
 #include <thread>
 #include <utility>
+#include <variant>
 
 #include "api/message/json_text.h"
 #include "dem/base/library_messages.h"
+#include "server/http/http_server.h"
 
 namespace selenograph::server {
 namespace {
 
-constexpr const char* kLogName = "selenograph";
-constexpr auto kLastWait = std::chrono::milliseconds(500);
-constexpr const char* kMembers = "members";  // stands for a line's place in the source: its text is JSON
+using nlohmann::ordered_json;
 
-class JsonLine : public spdlog::formatter {
- public:
-  void format(const spdlog::details::log_msg& message, spdlog::memory_buf_t& line) override {
-    const std::string_view text(message.payload.data(), message.payload.size());
-    const auto level = spdlog::level::to_string_view(message.level);
-    const auto ms = std::chrono::duration_cast<std::chrono::milliseconds>(message.time.time_since_epoch()).count();
-    fmt::format_to(std::back_inserter(line), "{{\"time\":\"{:%Y-%m-%dT%H:%M:%S}.{:03}Z\",\"level\":\"{}\",{}{}}}\n",
-                   fmt::gmtime(std::chrono::system_clock::to_time_t(message.time)), ms % 1000,
-                   std::string_view(level.data(), level.size()),
-                   message.source.funcname == kMembers ? "" : "\"message\":",
-                   message.source.funcname == kMembers ? std::string(text) : api::json_text(nlohmann::json(text)));
-  }
-  std::unique_ptr<spdlog::formatter> clone() const override { return std::make_unique<JsonLine>(); }
+constexpr const char* kLogName = "selenograph";
+constexpr auto kMaxWaitAtEnd = std::chrono::milliseconds(500);
+
+struct LogRecord {
+  spdlog::log_clock::time_point time;
+  spdlog::level::level_enum level = spdlog::level::off;
+  std::variant<std::string, AccessRecord> content;  // a message or a finished request
 };
 
-// False: the rest was not written. What stands behind stderr is full, or closed.
+ordered_json text_or_null(const std::string& text) { return text.empty() ? ordered_json() : ordered_json(text); }
+double rounded(double ms) { return std::round(ms * 1e3) / 1e3; }
+
+// deploy/operation/log.md documents the members.
+void add_members(ordered_json& line, const AccessRecord& request) {
+  line["request_id"] = request.request_id;
+  line["token"] = text_or_null(request.token);
+  line["client"] = text_or_null(request.host);
+  line["method"] = text_or_null(request.method);
+  line["target"] = text_or_null(request.target);
+  line["status"] = request.status;
+  line["error"] = text_or_null(request.error_code);
+  line["request_bytes"] = request.request_bytes;
+  line["bytes"] = request.bytes;
+  line["duration_ms"] = rounded(1e3 * request.seconds);
+  line["queued_ms"] = rounded(1e3 * request.queued_s);
+  line["work_ms"] = rounded(1e3 * request.work_s);
+  line["stages_ms"] = ordered_json::object();
+  for (const auto& [stage, ms] : request.stages) line["stages_ms"][stage] = rounded(ms);  // as in Server-Timing
+}
+
+std::string json_line_of(const LogRecord& record) {
+  const auto ms = std::chrono::duration_cast<std::chrono::milliseconds>(record.time.time_since_epoch()).count();
+  const auto level = spdlog::level::to_string_view(record.level);
+  ordered_json line;
+  line["time"] = fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z",
+                             fmt::gmtime(std::chrono::system_clock::to_time_t(record.time)), ms % 1000);
+  line["level"] = std::string(level.data(), level.size());
+  if (const auto* message = std::get_if<std::string>(&record.content))
+    line["message"] = *message;
+  else
+    add_members(line, std::get<AccessRecord>(record.content));
+  return api::json_line(line);
+}
+
+std::string message_of(const AccessRecord& request) {
+  return fmt::format("{} {} {} {:.1f} ms {} B {} {}", request.method.empty() ? "-" : request.method,
+                     request.target.empty() ? "-" : request.target.substr(0, 200), request.status,
+                     request.seconds * 1000.0, request.bytes, request.request_id, request.error_code);
+}
+
+// Returns false if the rest could not be written: the pipe behind stderr is closed, or its disk is full.
 bool write_all(int fd, std::string_view text) {
   while (!text.empty()) {
     const ssize_t n = ::write(fd, text.data(), text.size());
@@ -73,66 +107,92 @@ void set_up_log(const std::string& level) {
              level);
 }
 
-// Written with write(2), not with stdio, whose lock a writer that can't go on would keep through exit().
-class AsyncLog::Sink : public spdlog::sinks::base_sink<spdlog::details::null_mutex> {
+// The queue between the logging threads and the writing one:
+//
+//   spdlog::warn() ...  --sink_it_-->  +-------------------------------+
+//   log_request()       --add------->  | queue of LogRecord, kMaxLines | --run, on its thread--> write(2)
+//                                      +-------------------------------+
+//                                        full: drops and counts the oldest
+//
+// The queue has its own lock, so that the sink needs none.
+class AsyncLog::Writer : public spdlog::sinks::base_sink<spdlog::details::null_mutex> {
  public:
-  explicit Sink(int fd) : fd_(fd) {}
+  Writer(int fd, LogFormat format) : fd_(fd), format_(format) {}
 
-  std::atomic<std::uint64_t> unwritten = 0;  // for lack of memory, or of room
+  void add(LogRecord&& record) { queue_.enqueue_nowait(std::move(record)); }
+  void count_lost() { ++lost_; }
+  std::uint64_t dropped() { return queue_.overrun_counter() + lost_; }
+
+  // Writes all records up to the call of end().
+  void run() {
+    std::optional<LogRecord> record;
+    for (;;) {
+      if (!queue_.dequeue_for(record, std::chrono::seconds(10))) continue;
+      if (!record) return;
+      write(*record);
+    }
+  }
+  void end() { queue_.enqueue_nowait(std::nullopt); }
 
  private:
-  // Nothing may leave it: spdlog would need memory to say what.
   void sink_it_(const spdlog::details::log_msg& message) override {
-    try {
-      line_.clear();
-      if (torn_) line_.push_back('\n');
-      base_sink::formatter_->format(message, line_);
-      torn_ = !write_all(fd_, {line_.data(), line_.size()});
-      if (torn_) ++unwritten;
-    } catch (const std::bad_alloc&) {
-      ++unwritten;
-    }
+    add({message.time, message.level, std::string(message.payload.data(), message.payload.size())});
   }
   void flush_() override {}
 
+  std::string text_line_of(const LogRecord& record) {
+    const auto* request = std::get_if<AccessRecord>(&record.content);
+    const std::string message = request ? message_of(*request) : std::get<std::string>(record.content);
+    spdlog::memory_buf_t line;
+    base_sink::formatter_->format({record.time, {}, kLogName, record.level, message}, line);
+    return {line.data(), line.size()};
+  }
+
+  // Uses write(2) instead of stdio: a blocked writer would hold stdio's lock, and exit() would wait for it.
+  void write(const LogRecord& record) {
+    try {
+      const std::string line = format_ == LogFormat::json ? json_line_of(record) : text_line_of(record);
+      is_torn_ = !write_all(fd_, is_torn_ ? '\n' + line : line);
+      if (is_torn_) count_lost();
+    } catch (const std::exception&) {  // no memory for the line
+      count_lost();
+    }
+  }
+
   const int fd_;
-  spdlog::memory_buf_t line_;
-  bool torn_ = false;
+  const LogFormat format_;
+  spdlog::details::mpmc_blocking_queue<std::optional<LogRecord>> queue_{kMaxLines};
+  std::atomic<std::uint64_t> lost_ = 0;  // records that could not be enqueued, formatted or written
+  bool is_torn_ = false;                 // the last line has no end
 };
 
-AsyncLog::AsyncLog(const std::string& level, int fd, LogFormat format)
-    : sink_(std::make_shared<Sink>(fd)), thread_(std::make_shared<spdlog::details::thread_pool>(kMostLines, 1)) {
-  use_as_log(
-      std::make_shared<spdlog::async_logger>(kLogName, sink_, thread_, spdlog::async_overflow_policy::overrun_oldest),
-      level);
-  if (format == LogFormat::json) spdlog::default_logger()->set_formatter(std::make_unique<JsonLine>());
-  // Its own one writes to stderr, and waits for the reader there.
-  spdlog::default_logger()->set_error_handler([sink = sink_](const std::string&) { ++sink->unwritten; });
+AsyncLog::AsyncLog(const std::string& level, int fd, LogFormat format) : writer_(std::make_shared<Writer>(fd, format)) {
+  use_as_log(std::make_shared<spdlog::logger>(kLogName, writer_), level);
+  // spdlog's own handler would write to stderr, and wait for its reader.
+  spdlog::default_logger()->set_error_handler([writer = writer_](const std::string&) { writer->count_lost(); });
+  std::promise<void> finished;
+  finished_ = finished.get_future();
+  std::thread([writer = writer_, finished = std::move(finished)]() mutable {
+    writer->run();
+    finished.set_value();
+  }).detach();
 }
 
-// spdlog's thread writes all that waits before it ends, and whoever ends it waits for that: for ever, where nobody
-// reads.
+// Waits for a limited time: the thread never ends while stderr is full and has no reader.
 AsyncLog::~AsyncLog() {
-  // For ever, where its last user never ends.
-  const auto kept = new auto(std::move(thread_));  // NOLINT(bugprone-unhandled-exception-at-new)
+  writer_->end();
+  finished_.wait_for(kMaxWaitAtEnd);
+}
+
+void AsyncLog::log_request(spdlog::level::level_enum level, const AccessRecord& request) const {
+  if (!spdlog::should_log(level)) return;
   try {
-    std::promise<void> ended;
-    const std::future<void> all_written = ended.get_future();
-    std::thread([kept, ended = std::move(ended)]() mutable {
-      delete kept;
-      ended.set_value();
-    }).detach();
-    all_written.wait_for(kLastWait);
-  } catch (const std::system_error&) {  // no thread can be had: spdlog's own has as long
-    std::this_thread::sleep_for(kLastWait);
+    writer_->add({spdlog::log_clock::now(), level, request});
+  } catch (const std::bad_alloc&) {
+    writer_->count_lost();
   }
 }
 
-void AsyncLog::log_members(spdlog::level::level_enum level, std::string_view members) {
-  spdlog::default_logger()->log(spdlog::source_loc{"", 1, kMembers}, level,
-                                spdlog::string_view_t(members.data(), members.size()));
-}
-
-std::uint64_t AsyncLog::dropped() const { return thread_->overrun_counter() + sink_->unwritten; }
+std::uint64_t AsyncLog::dropped() const { return writer_->dropped(); }
 
 }  // namespace selenograph::server

@@ -19,6 +19,7 @@
 namespace selenograph::server {
 namespace {
 
+// Escapes a label's value for the exposition format.
 std::string escaped(std::string_view label) {
   std::string out;
   for (const char c : label) {
@@ -28,6 +29,7 @@ std::string escaped(std::string_view label) {
   return out;
 }
 
+// Text of metric families in the order in which they are added.
 class Exposition {
  public:
   void family(std::string_view name, std::string_view type, std::string_view help) {
@@ -54,8 +56,8 @@ struct Process {
   double cpu_s = 0, start_s = 0;
 };
 
-// Fields of /proc/self/stat by proc(5): 14 utime, 15 stime, 22 starttime (clock ticks). The name in field 2 may hold
-// blanks, so counting starts behind its closing bracket.
+// Reads fields of /proc/self/stat (proc(5)): 14 utime, 15 stime, 22 starttime, in clock ticks. The name in field 2 may
+// hold blanks, so counting starts behind its closing bracket.
 Process read_process() {
   std::ifstream stat("/proc/self/stat"), system("/proc/stat");
   std::string text((std::istreambuf_iterator<char>(stat)), {});
@@ -75,57 +77,59 @@ Process read_process() {
 
 void write_process(Exposition& out) {
   const Process process = read_process();
-  out.single("process_cpu_seconds_total", "counter", "User and system CPU time spent.", process.cpu_s);
-  out.single("process_resident_memory_bytes", "gauge", "Resident memory.", resident_bytes());
-  out.single("process_start_time_seconds", "gauge", "Start of the process since the Unix epoch.", process.start_s);
+  out.single("process_cpu_seconds_total", "counter", "User and system CPU time", process.cpu_s);
+  out.single("process_resident_memory_bytes", "gauge", "Resident memory", resident_bytes());
+  out.single("process_start_time_seconds", "gauge", "Start time of the process since the Unix epoch", process.start_s);
 }
 
 void write_gauges(Exposition& out, const Gauges& g) {
-  out.single("selenograph_ready", "gauge", "1 while the service takes work.", g.ready ? 1 : 0);
-  out.single("selenograph_frames_in_work", "gauge", "Admitted requests that are being computed.", g.frames_in_work);
-  out.single("selenograph_frames_waiting", "gauge", "Requests in the queue for a place.", g.frames_waiting);
-  out.single("selenograph_frames_in_work_limit", "gauge", "Places for requests in work.", g.max_in_work);
-  out.single("selenograph_frames_waiting_limit", "gauge", "Places in the queue.", g.max_waiting);
-  out.single("selenograph_http_connections", "gauge", "Open client connections.", g.connections);
-  out.single("selenograph_log_dropped_total", "counter", "Lines of the log that nobody read in time.",
+  out.single("selenograph_ready", "gauge", "1 while the service accepts work, else 0", g.ready ? 1 : 0);
+  out.single("selenograph_frames_in_work", "gauge", "Requests being computed", g.frames_in_work);
+  out.single("selenograph_frames_waiting", "gauge", "Requests in the queue for a slot", g.frames_waiting);
+  out.single("selenograph_frames_in_work_limit", "gauge", "Slots for requests being computed", g.max_in_work);
+  out.single("selenograph_frames_waiting_limit", "gauge", "Places in the queue", g.max_waiting);
+  out.single("selenograph_http_connections", "gauge", "Open client connections", g.connections);
+  out.single("selenograph_log_dropped_total", "counter", "Log lines dropped because stderr was not read in time",
              g.log_lines_dropped);
   out.single("selenograph_scene_bytes", "gauge",
-             "Bytes of acceleration structures, lenses and scratch memory held between frames.", g.scene_bytes);
-  out.single("selenograph_heap_used_bytes", "gauge", "Bytes of memory that something is in.", g.heap.used_bytes);
-  out.single("selenograph_heap_free_bytes", "gauge", "Bytes kept for what comes next.", g.heap.free_bytes);
-  out.single("selenograph_prefetched_scenes_total", "counter", "Scenes made before a frame asked for them.",
+             "Bytes of acceleration structures, lenses and scratch memory kept between frames", g.scene_bytes);
+  out.single("selenograph_heap_used_bytes", "gauge", "Heap bytes in use", g.heap.used_bytes);
+  out.single("selenograph_heap_free_bytes", "gauge", "Free heap bytes not returned to the system", g.heap.free_bytes);
+  out.single("selenograph_prefetched_scenes_total", "counter", "Scenes prefetched before a frame needed them",
              g.preparation.prepared);
-  out.single("selenograph_prefetched_scenes_used_total", "counter", "Those that a frame has had.", g.preparation.used);
-  out.single("selenograph_prefetched_scenes_wasted_total", "counter", "Those that were dropped without.",
+  out.single("selenograph_prefetched_scenes_used_total", "counter", "Prefetched scenes used by a frame",
+             g.preparation.used);
+  out.single("selenograph_prefetched_scenes_wasted_total", "counter", "Prefetched scenes dropped unused",
              g.preparation.wasted);
-  out.single("selenograph_request_memory_bytes", "gauge", "Bytes that requests in work and answers not yet sent take.",
-             g.request_memory_bytes);
-  out.single("selenograph_request_memory_capacity_bytes", "gauge", "Bytes that they may take.",
+  out.single("selenograph_request_memory_bytes", "gauge",
+             "Bytes of requests being computed and of answers not yet sent", g.request_memory_bytes);
+  out.single("selenograph_request_memory_capacity_bytes", "gauge", "Limit of selenograph_request_memory_bytes",
              g.request_memory_capacity_bytes);
-  out.single("selenograph_body_bytes", "gauge", "Bytes of bodies being received.", g.body_bytes);
+  out.single("selenograph_body_bytes", "gauge", "Bytes of request bodies being received", g.body_bytes);
   out.single("selenograph_mesh_bytes", "gauge",
-             "Bytes of cached assets: meshes with their ray-tracing structures, star catalogues, others.",
+             "Bytes of cached assets: meshes with their acceleration structures, star catalogues, others",
              g.mesh_bytes);
-  out.single("selenograph_cache_trouble", "gauge", "1 while the cache folder cannot be used; /health/ready says why.",
+  out.single("selenograph_cache_trouble", "gauge",
+             "1 while the cache folder is unusable, else 0; /health/ready shows the reason",
              g.cache_trouble.empty() ? 0 : 1);
-  out.single("selenograph_terrain_warnings", "gauge", "Unusable DEM files that a coarser layer replaced.",
+  out.single("selenograph_terrain_warnings", "gauge", "Unusable DEM files replaced by a coarser layer",
              g.terrain_warnings);
 }
 
 void write_cache(Exposition& out, const dem::CacheStatistics& c) {
-  out.single("selenograph_terrain_cache_bytes", "gauge", "Bytes of terrain blocks and pyramids in memory.", c.bytes);
-  out.single("selenograph_terrain_cache_capacity_bytes", "gauge", "Budget of the terrain cache.", c.capacity_bytes);
-  out.single("selenograph_terrain_cache_hits_total", "counter", "Blocks found in memory.", c.hits);
-  out.single("selenograph_terrain_cache_misses_total", "counter", "Blocks not found in memory.", c.misses);
-  out.single("selenograph_terrain_cache_evictions_total", "counter", "Blocks dropped to stay within the budget.",
+  out.single("selenograph_terrain_cache_bytes", "gauge", "Bytes of terrain blocks and pyramids in memory", c.bytes);
+  out.single("selenograph_terrain_cache_capacity_bytes", "gauge", "Budget of the terrain cache", c.capacity_bytes);
+  out.single("selenograph_terrain_cache_hits_total", "counter", "Terrain blocks found in memory", c.hits);
+  out.single("selenograph_terrain_cache_misses_total", "counter", "Terrain blocks not found in memory", c.misses);
+  out.single("selenograph_terrain_cache_evictions_total", "counter", "Terrain blocks dropped to stay within the budget",
              c.evictions);
-  out.single("selenograph_terrain_chunks_built_total", "counter", "Pyramid chunks built from posts.", c.chunks_built);
-  out.single("selenograph_terrain_chunks_read_total", "counter", "Pyramid chunks read from disk.", c.chunks_read);
-  out.single("selenograph_terrain_chunks_rejected_total", "counter",
-             "Pyramid chunks on disk that were damaged or out of date.", c.chunks_rejected);
+  out.single("selenograph_terrain_chunks_built_total", "counter", "Pyramid chunks built from posts", c.chunks_built);
+  out.single("selenograph_terrain_chunks_read_total", "counter", "Pyramid chunks read from disk", c.chunks_read);
+  out.single("selenograph_terrain_chunks_rejected_total", "counter", "Damaged or outdated pyramid chunks on disk",
+             c.chunks_rejected);
 }
 
-// Returns the description of the GNU build ID in a segment of ELF notes, in hexadecimal; empty if it is not there.
+// Returns the GNU build ID from a segment of ELF notes, in hexadecimal; empty if the segment has none.
 std::string build_id_in(std::string_view notes, std::size_t alignment) {
   const auto aligned = [&](std::size_t bytes) { return (bytes + alignment - 1) / alignment * alignment; };
   ElfW(Nhdr) note;
@@ -145,8 +149,8 @@ std::string build_id_in(std::string_view notes, std::size_t alignment) {
   return {};
 }
 
-// Is called for the executable first, and ends the iteration.
-int note_build_id(dl_phdr_info* object, std::size_t, void* id) {
+// Callback of dl_iterate_phdr, which visits the executable first. Returns 1 to end the iteration there.
+int read_build_id(dl_phdr_info* object, std::size_t, void* id) {
   for (const ElfW(Phdr) & segment : std::span(object->dlpi_phdr, object->dlpi_phnum)) {
     if (segment.p_type != PT_NOTE) continue;
     const auto* notes = reinterpret_cast<const char*>(object->dlpi_addr + segment.p_vaddr);
@@ -160,7 +164,7 @@ int note_build_id(dl_phdr_info* object, std::size_t, void* id) {
 
 std::string build_id() {
   std::string id;
-  ::dl_iterate_phdr(note_build_id, &id);
+  ::dl_iterate_phdr(read_build_id, &id);
   return id.substr(0, 16);
 }
 
@@ -177,7 +181,7 @@ void Metrics::count_answer(std::string_view route, std::string_view method, int 
   ++histogram.count;
   histogram.sum_s += seconds;
   const auto bucket = std::lower_bound(kBuckets_s.begin(), kBuckets_s.end(), seconds);
-  if (bucket != kBuckets_s.end()) ++histogram.at_most[static_cast<std::size_t>(bucket - kBuckets_s.begin())];
+  if (bucket != kBuckets_s.end()) ++histogram.buckets[static_cast<std::size_t>(bucket - kBuckets_s.begin())];
 }
 
 void Metrics::count_error(std::string_view code) {
@@ -188,7 +192,7 @@ void Metrics::count_error(std::string_view code) {
 std::string Metrics::answers() const {
   constexpr std::string_view kName = "selenograph_http_requests_total";
   Exposition out;
-  out.family(kName, "counter", "Requests answered.");
+  out.family(kName, "counter", "Answered requests");
   for (const auto& [key, count] : answers_) {
     const auto& [route, method, status] = key;
     out.sample(kName, fmt::format("route=\"{}\",method=\"{}\",status=\"{}\"", escaped(route), escaped(method), status),
@@ -200,12 +204,12 @@ std::string Metrics::answers() const {
 std::string Metrics::durations() const {
   const std::string name = "selenograph_http_request_duration_seconds";
   Exposition out;
-  out.family(name, "histogram", "From the complete request to the last byte of its answer.");
+  out.family(name, "histogram", "Time from the complete request to the last byte of its answer");
   for (const auto& [route, histogram] : durations_) {
     const std::string label = fmt::format("route=\"{}\"", escaped(route));
     std::uint64_t cumulative = 0;
     for (std::size_t i = 0; i < kBuckets_s.size(); ++i) {
-      cumulative += histogram.at_most[i];
+      cumulative += histogram.buckets[i];
       out.sample(name + "_bucket", fmt::format("{},le=\"{}\"", label, kBuckets_s[i]), cumulative);
     }
     out.sample(name + "_bucket", label + ",le=\"+Inf\"", histogram.count);
@@ -217,12 +221,11 @@ std::string Metrics::durations() const {
 
 std::string Metrics::bytes_and_errors() const {
   Exposition out;
-  out.family("selenograph_http_response_bytes_total", "counter", "Bytes of answers' bodies.");
+  out.family("selenograph_http_response_bytes_total", "counter", "Bytes of response bodies");
   for (const auto& [route, bytes] : bytes_) {
     out.sample("selenograph_http_response_bytes_total", fmt::format("route=\"{}\"", escaped(route)), bytes);
   }
-  out.family("selenograph_errors_total", "counter",
-             "Answers that were errors, by code; busy and shutting_down are rejections.");
+  out.family("selenograph_errors_total", "counter", "Error responses by code; busy and shutting_down are rejections");
   for (const auto& [code, count] : errors_)
     out.sample("selenograph_errors_total", fmt::format("code=\"{}\"", escaped(code)), count);
   return std::move(out).text();
@@ -230,7 +233,7 @@ std::string Metrics::bytes_and_errors() const {
 
 std::string Metrics::exposition(const Gauges& gauges) const {
   Exposition out;
-  out.family("selenograph_build_info", "gauge", "Version of the running software, and build ID of the executable.");
+  out.family("selenograph_build_info", "gauge", "Version of the software and build ID of the executable");
   out.sample("selenograph_build_info", fmt::format("version=\"{}\",build=\"{}\"", escaped(version_), build_id()), 1);
   write_gauges(out, gauges);
   write_cache(out, gauges.cache);
@@ -250,8 +253,8 @@ std::string_view route_label(std::string_view path) {
 }
 
 std::string_view method_label(std::string_view method) {
-  for (const std::string_view known : {"GET", "HEAD", "POST"}) {
-    if (known == method) return known;
+  for (const std::string_view label : {"GET", "HEAD", "POST"}) {
+    if (label == method) return label;
   }
   return "other";
 }

@@ -16,14 +16,14 @@
 
 namespace selenograph::server {
 
-// Gauges read at the time of scraping.
+// Values read at the time of scraping.
 struct Gauges {
   bool ready = false;
   int frames_in_work = 0, frames_waiting = 0, max_in_work = 0, max_waiting = 0;
   int connections = 0;
   dem::CacheStatistics cache;
   std::size_t terrain_warnings = 0;
-  std::string cache_trouble;  // text of /health/ready; the metric is 0 or 1; empty: none
+  std::string cache_trouble;  // shown by /health/ready; empty: none
   std::size_t scene_bytes = 0;
   engine::HeapStatistics heap;
   engine::PreparationStatistics preparation;
@@ -32,8 +32,8 @@ struct Gauges {
   std::uint64_t log_lines_dropped = 0;
 };
 
-// Returns the start of the executable's build ID, which another compiler or another source changes; empty if the linker
-// wrote none. Nodes with different ones may give the same request other bytes.
+// Returns the start of the executable's build ID; empty if the linker wrote none. Nodes with different IDs have another
+// compiler or another source, and may answer the same request with other bytes.
 std::string build_id();
 
 class Metrics {
@@ -43,18 +43,18 @@ class Metrics {
 
   explicit Metrics(std::string version);
 
-  // `route` must come from route_label(): a label may have few values only, never client input.
+  // `route` must come from route_label(): Prometheus keeps a series for each value, so it must never be client input.
   void count_answer(std::string_view route, std::string_view method, int status, double seconds, std::size_t bytes);
-  // `code` is in the api's error table. All codes are exported from the start: Prometheus sees no increase of a counter
-  // that first appears as 1.
+  // `code` is in the api's error table. All codes are exported from the start, because Prometheus sees no increase in a
+  // counter that first appears as 1.
   void count_error(std::string_view code);
 
-  // HELP and TYPE before each family, each family in one piece; process_* are read from /proc.
+  // Returns the text for a scrape: HELP and TYPE before each family, each family's samples together.
   std::string exposition(const Gauges& gauges) const;
 
  private:
   struct Histogram {
-    std::array<std::uint64_t, kBuckets_s.size()> at_most{};  // not cumulative
+    std::array<std::uint64_t, kBuckets_s.size()> buckets{};  // not cumulative
     std::uint64_t count = 0;
     double sum_s = 0;
   };
@@ -69,7 +69,7 @@ class Metrics {
   std::map<std::string, std::uint64_t, std::less<>> bytes_, errors_;            // by route; by code
 };
 
-// The path itself if the service has it, else "other". The same for methods.
+// Return the path or method itself if the service has it, else "other".
 std::string_view route_label(std::string_view path);
 std::string_view method_label(std::string_view method);
 

@@ -12,7 +12,7 @@
 namespace selenograph::server {
 namespace {
 
-constexpr long kOtherFiles = 256;  // DEM files and pyramids that are read at once, the log, epoll, libraries
+constexpr long kOtherFiles = 256;  // DEM files and pyramids being read, the log, pipes, libraries
 
 }  // namespace
 
@@ -22,7 +22,7 @@ void raise_open_files_limit(int max_connections) {
   const auto needed = static_cast<rlim_t>(open_files_needed(max_connections));
   rlimit limit{};
   if (::getrlimit(RLIMIT_NOFILE, &limit) != 0)
-    throw std::runtime_error(fmt::format("the limit of open files cannot be read: {}", std::strerror(errno)));
+    throw std::runtime_error(fmt::format("cannot read the limit of open files: {}", std::strerror(errno)));
   if (limit.rlim_cur >= needed) return;
   if (limit.rlim_max < needed) {
     throw std::runtime_error(fmt::format(
@@ -33,7 +33,7 @@ void raise_open_files_limit(int max_connections) {
   limit.rlim_cur = needed;
   if (::setrlimit(RLIMIT_NOFILE, &limit) != 0)
     throw std::runtime_error(
-        fmt::format("the limit of open files cannot be raised to {}: {}", needed, std::strerror(errno)));
+        fmt::format("cannot raise the limit of open files to {}: {}", needed, std::strerror(errno)));
 }
 
 }  // namespace selenograph::server

@@ -10,7 +10,7 @@
 namespace selenograph::server {
 namespace {
 
-// All that a page loads is in it, or this service's; nobody frames it.
+// A page loads only what it embeds or this service serves, and no other page may frame it.
 constexpr char kPolicy[] =
     "default-src 'none'; script-src 'self' 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'; "
     "img-src 'self' blob: data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
@@ -26,7 +26,7 @@ std::optional<api::Response> page_for(const api::Request& request, const Peer& p
   };
   const auto page = kPages.find(request.path);
   if (page == kPages.end()) return std::nullopt;
-  // A proxy on this machine is local, too: with one in front, --page off.
+  // Requests through a proxy on this machine count as local: behind one, use --page off.
   if (access == PageAccess::off || (access == PageAccess::local && !is_loopback(peer.host))) return std::nullopt;
   api::Response answer;
   answer.headers = {{"Content-Security-Policy", kPolicy},

@@ -10,17 +10,20 @@
 
 namespace selenograph::server {
 
-// Who may open them: nobody, loopback peers, everybody.
-enum class PageAccess { off, local, on };
+enum class PageAccess {
+  off,    // nobody may open the pages
+  local,  // loopback peers only
+  on,     // everybody
+};
 
-// page/page.html, page/docs.html, and Debian's marked.js, which renders the Markdown of the document's descriptions;
-// made by deploy/support/embed.cmake.
+// Contents of page/page.html, page/docs.html, and Debian's marked.js, which renders the Markdown of the API document's
+// descriptions. deploy/support/embed.cmake generates these functions.
 std::string_view page_html();
 std::string_view docs_html();
 std::string_view marked_js();
 
-// Empty if the request's path, whatever its method, is no page, or the peer may not open it: it is then answered like
-// any other path.
+// Returns nothing if the request's path is not a page, or the peer may not open it: the request is then answered like
+// one for any other path.
 std::optional<api::Response> page_for(const api::Request& request, const Peer& peer, PageAccess access);
 
 }  // namespace selenograph::server

@@ -16,9 +16,9 @@ namespace {
 constexpr char kNoSignal = 0;
 
 std::atomic<int> pipe_of_handler{-1};
-static_assert(std::atomic<int>::is_always_lock_free);  // it is read by a signal's handler
+static_assert(std::atomic<int>::is_always_lock_free);  // the signal handler reads it
 
-void pass_on(int signal) {
+void write_to_pipe(int signal) {
   const int error = errno;
   const char byte = static_cast<char>(signal);
   [[maybe_unused]] const ssize_t written = ::write(pipe_of_handler, &byte, 1);
@@ -27,10 +27,10 @@ void pass_on(int signal) {
 
 constexpr std::array kHandled{SIGTERM, SIGINT, SIGHUP};
 
-// A hangup that is ignored (nohup) stays so.
+// An ignored hangup (nohup) stays ignored.
 bool is_ignored_hangup(int signal) {
-  struct sigaction now {};
-  return signal == SIGHUP && ::sigaction(signal, nullptr, &now) == 0 && now.sa_handler == SIG_IGN;
+  struct sigaction current {};
+  return signal == SIGHUP && ::sigaction(signal, nullptr, &current) == 0 && current.sa_handler == SIG_IGN;
 }
 
 void set_handler(void (*handler)(int)) {
@@ -50,12 +50,13 @@ void mask(int how) {
 
 }  // namespace
 
-// A handler beside the mask: a library's thread from before main() (OpenBLAS has some) doesn't block the signals.
+// Installs a handler in addition to the mask: threads that a library started before main() (OpenBLAS does) do not block
+// the signals, and sigwait() in this object's thread would miss what they receive.
 ShutdownSignals::ShutdownSignals() {
   if (::pipe2(pipe_.data(), O_CLOEXEC | O_NONBLOCK) != 0)
-    throw std::system_error(errno, std::generic_category(), "a pipe for signals");
+    throw std::system_error(errno, std::generic_category(), "cannot create a pipe for signals");
   pipe_of_handler = pipe_[1];
-  set_handler(pass_on);
+  set_handler(write_to_pipe);
   mask(SIG_BLOCK);
   thread_ = std::thread([this] {
     mask(SIG_UNBLOCK);
@@ -63,7 +64,7 @@ ShutdownSignals::ShutdownSignals() {
   });
 }
 
-// All is done: from here on a signal changes nothing.
+// Ignores signals from here on: the work is finished.
 ShutdownSignals::~ShutdownSignals() {
   set_handler(SIG_IGN);
   [[maybe_unused]] const ssize_t written = ::write(pipe_[1], &kNoSignal, 1);
@@ -74,23 +75,22 @@ ShutdownSignals::~ShutdownSignals() {
 
 void ShutdownSignals::run() {
   using Clock = std::chrono::steady_clock;
-  auto last_moment = Clock::time_point::max();
-  const auto left_ms = [&] {
-    if (last_moment == Clock::time_point::max()) return -1;  // forever
-    return std::max(0,
-                    static_cast<int>(std::chrono::ceil<std::chrono::milliseconds>(last_moment - Clock::now()).count()));
+  auto deadline = Clock::time_point::max();
+  const auto poll_timeout_ms = [&] {
+    if (deadline == Clock::time_point::max()) return -1;  // no limit
+    return std::max(0, static_cast<int>(std::chrono::ceil<std::chrono::milliseconds>(deadline - Clock::now()).count()));
   };
   for (;;) {
     pollfd waiting{pipe_[0], POLLIN, 0};
-    const int ready = ::poll(&waiting, 1, left_ms());
+    const int ready = ::poll(&waiting, 1, poll_timeout_ms());
     if (ready == 0) ::_exit(1);
     char signal = kNoSignal;
     if (ready < 0 || ::read(pipe_[0], &signal, 1) != 1) continue;
     if (signal == kNoSignal) return;
-    const bool first = last_moment == Clock::time_point::max();
-    if (signal == SIGHUP && !first) continue;  // a terminal that closes sends several
-    if (!armed_ || !first) ::_exit(128 + signal);
-    last_moment = Clock::now() + at_most_.load();
+    const bool is_first = deadline == Clock::time_point::max();
+    if (signal == SIGHUP && !is_first) continue;  // a closing terminal sends several
+    if (!armed_ || !is_first) ::_exit(128 + signal);
+    deadline = Clock::now() + time_limit_.load();
     first_.set_value();
   }
 }

@@ -593,7 +593,7 @@ class CommandLine(WithFeatures):
 
     def test_refusals(self):
         request = harness.write("wrong.json", {"detail": "nowhere", "region": square(LAT, LON, 1000)})
-        for options, words in (((), "is needed"), (("--detail", "large"), "--region"), ((request,), "/detail"),
+        for options, words in (((), "is required"), (("--detail", "large"), "--region"), ((request,), "/detail"),
                                ((request, "--detail", "large"), "REQUEST.json"), (("--coco", "x.json"), "--frame"),
                                (("--coco", harness.path("x.json"), "--frame", harness.write("plain.json", frame_request())), "/detail")):
             done = self.features(*options)

@@ -168,7 +168,7 @@ class IndexedJob(unittest.TestCase):
                 self.assertTrue(1 <= len(frames) <= 4, frames)
         checked = run("batch", "verify", here("/campaign/manifest.jsonl"), "-o", here("/campaign/frames"))
         self.assertEqual(checked.returncode, 0, checked.stderr)
-        self.assertIn(f"{count} frames are there once and whole", checked.stdout)
+        self.assertIn(f"{count} frames done, 0 not done", checked.stdout)
 
 
 if __name__ == "__main__":

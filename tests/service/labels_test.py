@@ -237,7 +237,7 @@ class Labels(harness.WithService):
             self.assertEqual(glob.glob(os.path.join(folder, "*.part")), [])
             verified = run("batch", "verify", manifest, "-o", folder)
             self.assertEqual(verified.returncode, 2, verified.stdout)  # the bad line alone
-            self.assertIn("6 frames are there once and whole; 0 missing, 0 damaged, 0 doubled, 1 bad, 0 extra", verified.stdout)
+            self.assertIn("6 frames done, 0 not done, 1 bad lines", verified.stdout)
         refused = run("batch", manifest, "-o", harness.path("png"), "--format", "png", "--coco", "--dem", DEM)
         self.assertIn("--coco", refused.stderr)
         self.assertFalse(os.path.exists(harness.path("png")))

@@ -222,7 +222,7 @@ class Interrupted(Recovery):
                     if status == 0:
                         continue
                     self.assertEqual(status, 130, said)
-                    self.assertIn("run the same command to go on", said)
+                    self.assertIn("run the same command to continue", said)
                     self.assert_resumes(cache)
                     break
             else:

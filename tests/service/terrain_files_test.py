@@ -51,7 +51,7 @@ class CommandLine(unittest.TestCase):
             self.assertEqual(done.returncode, 1, done.stdout)
             self.assertIn(f"{harness.path('nothing')}: has no DEM file", done.stderr)
         harness.write(os.path.join("nothing", "a.lbl"), "not a label")
-        self.assertIn("has no DEM file that can be used: ", self.run_it("info", "--dem", harness.path("nothing")).stderr)
+        self.assertIn("has no usable DEM file: ", self.run_it("info", "--dem", harness.path("nothing")).stderr)
 
     def test_info_has_lowest_and_highest_height(self):
         for line in self.run_it("info", "--dem", harness.path("dem")).stdout.splitlines()[1:5]:

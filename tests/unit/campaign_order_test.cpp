@@ -63,7 +63,7 @@ TEST(CampaignOrder, AcceptsEveryFormOfAPose) {
 TEST(CampaignOrder, RequestsWithoutAPlaceComeLast) {
   for (const Json& request : {Json(), Json(17), Json::object(), Json{{"pose", 5}}, Json{{"pose", Json::object()}},
                               Json{{"shutter", {{"poses", Json::array()}}}}, Json{{"cameras", Json::array()}}})
-    EXPECT_EQ(terrain_key(request), kNoPlace) << request;
+    EXPECT_EQ(terrain_key(request), kNoPose) << request;
 }
 
 TEST(CampaignOrder, WeightGrowsWithPixels) {

@@ -107,6 +107,8 @@ struct LongText {
 class LongTexts : public ConnectionTest, public ::testing::WithParamInterface<LongText> {};
 INSTANTIATE_TEST_SUITE_P(Connection, LongTexts,
                          ::testing::Values(LongText{"a", 8001, true, "uri_too_long"},
+                                           LongText{"a: b\r\n", 101, true, "request_timeout"},  // 100 fields
+                                           LongText{"a: b\r\n", 102, true, "headers_too_large"},
                                            LongText{"a: b\r\n", 3000, true, "headers_too_large"},
                                            LongText{"0", 8001, false, "malformed_request"}));
 
@@ -143,10 +145,10 @@ TEST_F(ConnectionTest, OnlyAWaitingConnectionIsGivenUp) {
 TEST_F(ConnectionTest, TheEndOfTheStreamMeansDepartureDuringWork) {
   Connection connection = served();
   ASSERT_TRUE(connection.begin_work());
-  connection.look_for_departure();
+  connection.detect_disconnect();
   EXPECT_FALSE(connection.abandoned());
   ::shutdown(client(), SHUT_WR);
-  connection.look_for_departure();
+  connection.detect_disconnect();
   EXPECT_TRUE(connection.abandoned());
 }
 

@@ -15,6 +15,8 @@
 #include <thread>
 #include <vector>
 
+#include "server/http/http_server.h"
+
 namespace selenograph::server {
 namespace {
 
@@ -56,8 +58,11 @@ TEST_F(AsyncLogTest, JsonLinesHoldWhatever) {
   {
     const AsyncLog log("info", pipe_[1], LogFormat::json);
     spdlog::warn("a \"quoted\"\nline, and \xff");
-    AsyncLog::log_members(spdlog::level::info, "\"status\":200,\"token\":null");
-    AsyncLog::log_members(spdlog::level::debug, "\"not\":\"asked for\"");
+    AccessRecord request;
+    request.status = 200;
+    request.stages = {{"render", 1.23456}};
+    log.log_request(spdlog::level::info, request);
+    log.log_request(spdlog::level::debug, request);
   }
   std::istringstream text(read_some());
   std::vector<nlohmann::json> lines;
@@ -67,20 +72,37 @@ TEST_F(AsyncLogTest, JsonLinesHoldWhatever) {
   EXPECT_EQ(lines[0]["message"], "a \"quoted\"\nline, and \xef\xbf\xbd");
   EXPECT_EQ(lines[1]["status"], 200);
   EXPECT_EQ(lines[1]["token"], nullptr);
+  EXPECT_EQ(lines[1]["stages_ms"], (nlohmann::json{{"render", 1.235}}));
+  EXPECT_FALSE(lines[1].contains("message"));
   EXPECT_TRUE(
       std::regex_match(lines[1]["time"].get<std::string>(), std::regex(R"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z)")));
 }
 
+TEST_F(AsyncLogTest, ARequestIsOneLineOfText) {
+  {
+    const AsyncLog log("info", pipe_[1]);
+    AccessRecord request;
+    request.method = "GET";
+    request.target = "/metrics?x";
+    request.status = 200;
+    request.bytes = 17;
+    request.seconds = 0.0123;
+    request.request_id = "id";
+    log.log_request(spdlog::level::info, request);
+  }
+  EXPECT_TRUE(read_some().ends_with(" info GET /metrics?x 200 12.3 ms 17 B id \n"));
+}
+
 TEST_F(AsyncLogTest, AReaderThatDoesNotReadDelaysNobody) {
   const auto start = std::chrono::steady_clock::now();
-  constexpr std::size_t kLines = 2 * AsyncLog::kMostLines;
+  constexpr std::size_t kLines = 2 * AsyncLog::kMaxLines;
   const std::string line(1000, 'x');
   {
     const AsyncLog log("info", pipe_[1]);
     for (std::size_t i = 0; i < kLines; ++i) spdlog::info("line {} {}", i, line);
     // The pipe holds 64 KiB, and one line is being written.
-    EXPECT_GE(log.dropped(), kLines - AsyncLog::kMostLines - (1 << 16) / line.size() - 1);
-    EXPECT_LE(log.dropped(), kLines - AsyncLog::kMostLines);
+    EXPECT_GE(log.dropped(), kLines - AsyncLog::kMaxLines - (1 << 16) / line.size() - 1);
+    EXPECT_LE(log.dropped(), kLines - AsyncLog::kMaxLines);
   }
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
   EXPECT_LT(took.count(), 5);
@@ -94,7 +116,7 @@ TEST_F(AsyncLogTest, AReaderThatDoesNotReadDelaysNobody) {
     if (!more.empty()) quiet_ms = 0;
     if (more.empty()) std::this_thread::sleep_for(std::chrono::milliseconds(1)), ++quiet_ms;
   }
-  EXPECT_GT(received.size(), AsyncLog::kMostLines * line.size());
+  EXPECT_GT(received.size(), AsyncLog::kMaxLines * line.size());
   EXPECT_NE(received.find(fmt::format(" line {} ", kLines - 1)), std::string::npos);  // the oldest were dropped
 }
 

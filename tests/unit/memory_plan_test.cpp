@@ -49,7 +49,7 @@ TEST(MemoryPlan, WithoutOptionsItFollowsTheMachine) {
               std::min((plan.total_bytes - (kOwnMb << 20)) / 2, std::size_t{1} << 30));
     EXPECT_GE(parts.scene_mb, parts.cache_mb);
     EXPECT_GE(parts.cache_mb, parts.mesh_mb);
-    EXPECT_GE(parts.mesh_mb, kLeastPartMb);
+    EXPECT_GE(parts.mesh_mb, kMinPartMb);
   }
 }
 
