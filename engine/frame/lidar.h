@@ -31,7 +31,7 @@ struct LidarPattern {
   bool serpentine = false;              // raster
   int beams = 0;                        // cone: pulses per turn
   double half_angle_deg = 0;            // cone
-  std::vector<Vec3> directions;         // beams: unit
+  std::vector<Vec3> directions{};       // beams: unit
   double rate_hz = 0;                   // rate of pulses, or of the shots of `flash` and `beams`; 0: all at time 0
   int repeats = 1;
 };

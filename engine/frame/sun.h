@@ -16,7 +16,7 @@ struct Sun {
   double angular_radius_deg = 0.0;  // 0: a point Sun, hard shadows
   // Coefficient u of the disc's limb darkening, 1 - u (1 - mu), mu: cosine of the angle from the Sun's own vertical; 0:
   // uniform. About 0.6 in the visible. Empty: uniform for the light of the ground, 0.6 in view.
-  std::optional<double> limb_darkening;
+  std::optional<double> limb_darkening{};
 };
 
 // Returns the angular radius of the Sun at a distance. Solar radius 695 700 km: IAU 2015 resolution B3.

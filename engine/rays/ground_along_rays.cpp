@@ -28,7 +28,8 @@ bool are_far_apart(const std::vector<dem::RockFeature>& rocks) {
 std::vector<RayCone> bundle(const std::vector<RayCone>& rays) {
   constexpr std::size_t kRun = 64, kMinRays = 1024;
   constexpr double kMaxSlope = 0.02, kMaxRadius_m = 10;
-  if (rays.size() < kMinRays || !std::all_of(rays.begin(), rays.end(), [](const RayCone& ray) { return ray.is_single_ray(); }))
+  if (rays.size() < kMinRays ||
+      !std::all_of(rays.begin(), rays.end(), [](const RayCone& ray) { return ray.is_single_ray(); }))
     return rays;
   std::vector<RayCone> out;
   for (std::size_t first = 0; first < rays.size(); first += kRun) {

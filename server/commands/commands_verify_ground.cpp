@@ -25,8 +25,8 @@ int verify_ground(const VerifyGroundSettings& settings) {
   write_whole((folder / "slopes.csv").string(), api::slopes_csv(report));
   write_whole((folder / "craters.csv").string(), api::craters_csv(report));
   fmt::print("{}", api::ground_markdown(report));
-  const std::vector<std::string> beyond = api::bound_violations(report);
-  for (const std::string& what : beyond) fmt::print("beyond its bound: {}\n", what);
+  const std::vector<std::string> violations = api::bound_violations(report);
+  for (const std::string& what : violations) fmt::print("beyond its bound: {}\n", what);
   fmt::print("{0}: slopes.csv, craters.csv; picture: deploy/plot {0}\n", settings.output);
   return violations.empty() ? 0 : 1;
 }

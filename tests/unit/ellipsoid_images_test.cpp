@@ -55,7 +55,9 @@ struct Lanes {
 struct Seen {
   int meeting = 0, missing = 0, missing_but_told = 0;
   void look(bool meets, bool told) {
-    if (meets) EXPECT_TRUE(told);
+    if (meets) {
+      EXPECT_TRUE(told);
+    }
     meeting += meets, missing += !meets, missing_but_told += !meets && told;
   }
 };

@@ -35,7 +35,9 @@ TEST(ExpectedMeshError, SineOfEmissionBoundsEveryPointOfTheBall) {
       for (const Vec3& offset : {Vec3(1, 0, 0), Vec3(-1, 0, 0), Vec3(0, 1, 0), Vec3(0, -1, 0), Vec3(0, 0, 1)}) {
         const Vec3 point_m = centre_m + radius_m * offset;
         const double emission = angle_between(camera_m - point_m, point_m);
-        if (emission < std::numbers::pi / 2) EXPECT_GE(bound, std::sin(emission) - 1e-12);
+        if (emission < std::numbers::pi / 2) {
+          EXPECT_GE(bound, std::sin(emission) - 1e-12);
+        }
       }
       EXPECT_LE(bound, 1);
     }

@@ -89,7 +89,9 @@ TEST(ParseJson, TakesNoMoreMemoryThanExpected) {
     const Json json = parse_json(text, 16);
     const std::size_t taken_bytes = engine::heap_statistics().used_bytes - before_bytes;
     EXPECT_LE(taken_bytes, document_bytes(text)) << text.substr(0, 20);
-    if (taken_bytes > 0) EXPECT_GE(taken_bytes, document_bytes(text) / 8) << text.substr(0, 20);
+    if (taken_bytes > 0) {
+      EXPECT_GE(taken_bytes, document_bytes(text) / 8) << text.substr(0, 20);
+    }
   }
 }
 

@@ -83,11 +83,11 @@ TEST(VectorWidths, DetailIsTheSame) {
   preset.craters.smallest_m = 2, preset.craters.largest_m = 500;
   preset.relief.shortest_m = 2, preset.relief.longest_m = 500, preset.relief.deviation_m = 0.6;
   const dem::Detail detail(preset);
-  constexpr std::size_t kSide = 61;  // not whole vectors
-  const dem::SquareGrid grid(-0.7, 1e-6, 2, 1e-6, kSide);
+  constexpr std::size_t kPostsAlong = 61;  // not whole vectors
+  const dem::SquareGrid grid(-0.7, 1e-6, 2, 1e-6, kPostsAlong);
   expect_same_at_every_width<double>([&] {
-    std::vector<double> heights(kSide * kSide);
-    std::vector<float> in_crater(kSide * kSide);
+    std::vector<double> heights(kPostsAlong * kPostsAlong);
+    std::vector<float> in_crater(kPostsAlong * kPostsAlong);
     detail.add(grid.grid(), dem::kMaxLevel, 8, heights, in_crater);
     heights.insert(heights.end(), in_crater.begin(), in_crater.end());
     return heights;

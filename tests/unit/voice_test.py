@@ -17,10 +17,20 @@ FRAGMENT = re.compile(r"(Of|What|Where|Whether|Who|Whose|Which|Those|That|How|Wh
 # Names that tell neither what a thing is nor what a function does.
 EMPTY = set("kept asked met some look looked meet most least seen known all go way place one other many few beside beyond "
             "within told said taken given wanted whole part".split())
-# Such names that are words of the field, by file: why.
-WORDS_OF_THE_FIELD = {}
-# Folders that are not yet written so. None is added.
-UNREAD = []
+# Such names that are words of the field or of C++, by file.
+WORDS_OF_THE_FIELD = {
+    # The other operand of a comparison, of a move.
+    "engine/cache/preparation.cpp": {"other"}, "engine/cache/preparation.h": {"other"},
+    "server/service/admission.cpp": {"other"}, "server/service/admission.h": {"other"},
+    "engine/limb/limb_in_view.cpp": {"other"},
+    # Parts of a mesh, which have materials of their own.
+    "engine/scene/object_shape.h": {"part", "place"}, "engine/visibility/objects/objects_in_frame.h": {"part"},
+    # A search around a position, as in databases.
+    "engine/sky/star_catalogue.h": {"within"},
+    # Members that api/ and many tests use.
+    "engine/frame/limb.h": {"known"}, "engine/frame/map.h": {"look"}, "engine/frame/queries.h": {"place"},
+    "engine/verify/difference_statistics.h": {"all"}, "engine/verify/round_trip.h": {"place"},
+}
 
 COMMENT_LINE = re.compile(r"^\s*//(?!/)\s?(.*)$")
 TRAILING_COMMENT = re.compile(r"[;{,)]\s+// (.*)$")
@@ -79,7 +89,6 @@ def faults_of(path, text):
 
 def faults(root):
     return [fault for room in ROOMS for file in sorted((root / room).rglob("*")) if file.suffix in (".h", ".cpp", ".hpp")
-            if not any(file.is_relative_to(root / folder) for folder in UNREAD)
             for fault in faults_of(file.relative_to(root).as_posix(), file.read_text(encoding="utf-8"))]
 
 

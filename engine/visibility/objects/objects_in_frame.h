@@ -43,7 +43,8 @@ bool objects_emit(const std::vector<SceneObject>& objects);
 class ObjectsInFrame {
  public:
   // `request` must outlive this object. Rocks and the soil against them have the material of the terrain. Soil is shown
-  // if it is at least max_error_px / 2 pixels high, and only against the kMaxRocksWithSoil largest rocks (frame/needs.h).
+  // if it is at least max_error_px / 2 pixels high, and only against the kMaxRocksWithSoil largest rocks
+  // (frame/needs.h).
   ObjectsInFrame(const FrameRequest& request, const RowViews& views, std::span<const dem::RockFeature> rocks = {},
                  const StopToken& stop = {});
   // For rays with arbitrary origins; radiances() then does not apply.
