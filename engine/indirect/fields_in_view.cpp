@@ -58,7 +58,9 @@ struct BlockLevel {
 };
 
 // Levels differ by a factor of two in spacing: posts are 0.57 to 1.15 times as far apart as requested.
-double level_of(double posts_per_m) { return std::floor(std::log2(dem::post_spacing_m(0) * posts_per_m) + 0.8); }
+double level_of_light_posts(double posts_per_m) {
+  return std::floor(std::log2(dem::post_spacing_m(0) * posts_per_m) + 0.8);
+}
 
 // Returns the level of a block's posts of light, from the view in which it needs most.
 BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<const dem::Ticks> below, const Fade& fade,
@@ -81,8 +83,8 @@ BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<co
   }
   if (nearest_m > fade.ends_m) return {};
   const int finest = posts.id.level + (spacing_px < 1 ? kCloser : 0);
-  return {std::max(kCoarsest,
-                   static_cast<int>(std::clamp<double>(level_of(posts_per_m), posts.id.level - kCoarser, finest))),
+  return {std::max(kCoarsest, static_cast<int>(std::clamp<double>(level_of_light_posts(posts_per_m),
+                                                                  posts.id.level - kCoarser, finest))),
           farthest_m > fade.begins_m};
 }
 
@@ -97,7 +99,7 @@ std::optional<LightField> field_below(const Ball& object, const RowViews& views,
     posts_per_m = std::max(posts_per_m, view.pixels_per_metre(object.centre_m, 0) / spacing_px);
   const Geographic g = to_geographic(object.centre_m);
   const int finest = terrain.posts_level(dem::block_at_place(dem::kMaxLevel, g.lat_deg, g.lon_deg));
-  const double level = level_of(std::min(posts_per_m, kPostsPerRadius / object.radius_m));
+  const double level = level_of_light_posts(std::min(posts_per_m, kPostsPerRadius / object.radius_m));
   const int post_level = std::max(kCoarsest, static_cast<int>(std::clamp<double>(level, 0, finest)));
   return light_field_at(post_level, std::clamp(finest, post_level, post_level + kFiner), false, g.lat_deg, g.lon_deg);
 }
