@@ -18,7 +18,7 @@ constexpr std::pair<std::string_view, LidarScan> kScans[] = {
     {"flash", LidarScan::flash}, {"raster", LidarScan::raster}, {"cone", LidarScan::cone}, {"beams", LidarScan::beams}};
 constexpr std::pair<std::string_view, LidarSignal> kSignals[] = {{"photon_counting", LidarSignal::photon_counting},
                                                                  {"snr", LidarSignal::snr}};
-constexpr std::int64_t kMaxSide = 65536, kMaxRepeats = std::int64_t{1} << 24;
+constexpr std::int64_t kMaxBeamsAlongSide = 65536, kMaxRepeats = std::int64_t{1} << 24;
 constexpr std::size_t kMaxDirections = 4096;
 constexpr Range kPositive{0, 1e9, true, false};
 
@@ -82,10 +82,10 @@ const Members<LidarPattern>& lidar_pattern_members() {
       [](auto& m) {
         m.add("scan", &LidarPattern::scan, Word{kScans}, "kind of scan").required();
         m.set_model("scan");
-        m.add("columns", &LidarPattern::columns, Integer{1, kMaxSide}, "beams of a row")
+        m.add("columns", &LidarPattern::columns, Integer{1, kMaxBeamsAlongSide}, "beams of a row")
             .required()
             .only_for({"flash", "raster"});
-        m.add("rows", &LidarPattern::rows, Integer{1, kMaxSide}, "rows, the first at -y")
+        m.add("rows", &LidarPattern::rows, Integer{1, kMaxBeamsAlongSide}, "rows, the first at -y")
             .required()
             .only_for({"flash", "raster"});
         m.add("fov_x_deg", &LidarPattern::fov_x_deg, Number{{0, 179, true, false}, "deg"},
