@@ -79,7 +79,7 @@ std::optional<Origin> read_origin(std::string_view text) {
   return std::nullopt;
 }
 
-std::string quoted(std::string_view text) { return '"' + std::string(text.substr(0, kMaxQuotedBytes)) + '"'; }
+std::string in_quotes(std::string_view text) { return '"' + std::string(text.substr(0, kMaxQuotedBytes)) + '"'; }
 
 }  // namespace
 
@@ -98,13 +98,13 @@ std::optional<Refusal> AllowedHosts::refusal(const RequestHead& head, std::strin
     const auto authority = read_authority(*head.authority);
     if (!authority) return Refusal{"malformed_request", "Host is not a name or address with an optional port"};
     if (!served_.contains(authority->host) && authority->host != comparable(local_address))
-      return Refusal{"misdirected_request", "this service is not known as " + quoted(authority->host) +
+      return Refusal{"misdirected_request", "this service is not known as " + in_quotes(authority->host) +
                                                 "; its operator can add a name with --allowed-host"};
   }
   const auto [first, last] = head.headers.equal_range("origin");
   const auto foreign = std::find_if(first, last, [&](const auto& h) { return !is_own_page(h.second, head); });
   if (foreign == last) return std::nullopt;
-  return Refusal{"foreign_origin", "pages of the origin " + quoted(foreign->second) +
+  return Refusal{"foreign_origin", "pages of the origin " + in_quotes(foreign->second) +
                                        " may not ask this service; its operator can allow a page's host with "
                                        "--allowed-host"};
 }
