@@ -17,10 +17,11 @@
 namespace selenograph::api {
 
 // Returns 32 hexadecimal digits that identify a response's bytes. The hash covers the resolved request, the terrain
-// (Catalogue::fingerprint), the versions of the assets in the request, the software version and the representation. If
-// they differ from their defaults, it also covers FrameReport::shadow_limits_px, the eclipsed share of the Sun
-// (sun_covered) and the sky's lag (sky_turned_deg). All inputs are known before rendering: If-None-Match costs no
-// frame.
+// (Catalogue::fingerprint), the versions of the assets in the request, the software version and the representation. It
+// also covers `shadow_limits_px`, where the target for shadows was relaxed to fit into memory; the share of the Sun
+// that the Earth covers, where it covers some (sun_covered); and the time by which the sky's epoch lags behind that of
+// the Sun, where that turns the stars visibly (sky_turned_deg). All of it is known before drawing: If-None-Match costs
+// no frame.
 std::string content_hash(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
                          std::uint64_t terrain_fingerprint, const Representation& representation);
 

@@ -146,12 +146,17 @@ std::string_view choose(const std::string& accept, std::span<const Alternative> 
                         const std::function<bool(std::string_view)>& holds) {
   const Accept allowed(accept);
   const Alternative* best = nullptr;
-  std::pair best_rank{false, 0.0};  // can hold the answer, weight
+  struct Rank {
+    bool can_hold_answer = false;
+    double weight = 0;
+    auto operator<=>(const Rank&) const = default;
+  };
+  Rank best_rank;
   std::string list;
   for (const Alternative& a : alternatives) {
     list += (list.empty() ? "" : ", ") + std::string(a.media_type);
     const double q = allowed.q(a.media_type);
-    const std::pair rank{q > 0 && (!holds || holds(a.media_type)), q};
+    const Rank rank{q > 0 && (!holds || holds(a.media_type)), q};
     if (rank > best_rank) {
       best = &a;
       best_rank = rank;

@@ -109,8 +109,7 @@ struct Extent {
 };
 
 // Returns the extent of an equirectangular map by its bounds, and sets the plane's central meridian.
-
-Extent extent_of(const MapBounds& b, double gsd_m, dem::MapPlane& plane) {
+Extent place_by_bounds(const MapBounds& b, double gsd_m, dem::MapPlane& plane) {
   const auto [south_deg, north_deg, west_deg, east_deg] = footprint_of(b);
   // Take a central meridian from which no edge is farther than 180 degrees.
   plane.lon_deg = west_deg >= -180 && east_deg <= 180 ? 0
@@ -123,7 +122,7 @@ Extent extent_of(const MapBounds& b, double gsd_m, dem::MapPlane& plane) {
 }
 
 // Returns the extent of a map about its centre, in whole pixels, and sets the plane's origin.
-Extent extent_about(const MapArea& area, dem::MapPlane& plane) {
+Extent place_about_center(const MapArea& area, dem::MapPlane& plane) {
   const Geographic& center = *area.center;
   if (plane.projection == MapProjection::stereographic) {
     plane.lat_deg = center.lat_deg >= 0 ? 90 : -90;
@@ -146,6 +145,7 @@ std::optional<dem::MapGrid> grid_of(const JsonReader& in, const MapArea& area, c
   grid.gsd_m = area.gsd_m;
   if (area.projection == MapProjection::equirectangular)
     grid.plane.standard_parallel_deg = area.standard_parallel_deg.value_or(area.bounds ? 0 : area.center->lat_deg);
+  // A centre's latitude alone can be out of range: a given parallel was checked when it was read.
   if (!kStandardParallel_deg.contains(grid.plane.standard_parallel_deg)) {
     in.at("center").fail(
         "lat_deg", fmt::format("is not a valid standard parallel of an equirectangular map, which is at most {:g} "
@@ -154,7 +154,8 @@ std::optional<dem::MapGrid> grid_of(const JsonReader& in, const MapArea& area, c
                                kStandardParallel_deg.max));
     return std::nullopt;
   }
-  const Extent extent = area.bounds ? extent_of(*area.bounds, area.gsd_m, grid.plane) : extent_about(area, grid.plane);
+  const Extent extent =
+      area.bounds ? place_by_bounds(*area.bounds, area.gsd_m, grid.plane) : place_about_center(area, grid.plane);
   constexpr double kMaxSide_px = 65500;  // the longest side of a PNG that common libraries read
   const auto max_pixels = static_cast<double>(limits.max_map_pixels);
   if (extent.width_px > kMaxSide_px || extent.height_px > kMaxSide_px ||

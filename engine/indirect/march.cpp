@@ -233,7 +233,8 @@ bool NeedsSubsteps(const RunningHorizon& running, const float* tangent_here) {
   return false;
 }
 
-// Returns true if the step's ground rises above the horizon of any lane.
+// Returns true if the step's ground rises above the horizon of any lane that has one. A lane's first ground only begins
+// its horizon: ground nearer than a step is not seen.
 bool RisesAboveHorizon(const RunningHorizon& running, const float* tangent_here) {
   const Sixteen d;
   for (int i = 0; i < kPacket; i += kLanes) {
@@ -319,6 +320,7 @@ void IntegrateElevation(const float* from, const float* to, VisibleSegment& segm
   }
 }
 
+// Implements find_visible_segments().
 void FindSegments(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
                   std::vector<VisibleSegment>& segments, float* horizon) {
   const RayMarch march = MakeRayMarch(grids, sphere, lanes, stride);

@@ -56,7 +56,7 @@ struct alignas(64) MarchLanes {
 
 struct MarchSphere {
   float reference_radius_m;  // radius of height 0
-  float datum_radius_m;      // radius of the plane of the coordinates
+  float datum_radius_m;      // distance of the plane of the coordinates (gnomonic projection) from the Moon's centre
   float farthest_m;
 };
 

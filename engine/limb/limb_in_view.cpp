@@ -290,11 +290,13 @@ LimbPoint limb_of_sphere(const Viewpoint& viewpoint, const View& view, double az
   return point;
 }
 
-// Returns the terminator of the sphere at an azimuth.
+// Returns the terminator of the sphere at an azimuth about the subsolar point, from north to east.
 TerminatorPoint terminator_of_sphere(const Viewpoint& sun, const View& view, double azimuth_rad) {
   TerminatorPoint point;
   point.azimuth_deg = azimuth_rad * kDegreesPerRadian;
   const double angle = sun.limb_rad(kMoonRadius_m);
+  // A sunray that touches the sphere is perpendicular to the radius there: the radius leans toward the Sun (away from
+  // `center`) by the angle at the Sun.
   const Vec3 ground_m = kMoonRadius_m * (std::cos(angle) * sun.aside(azimuth_rad) - std::sin(angle) * sun.center);
   if (const auto pixel = view.project(ground_m)) {
     point.sphere_x_px = pixel->x;

@@ -154,16 +154,16 @@ class MapDrawing {
   }
 
   Map draw() {
-    const int across = (request_.grid.width + kLargestPatch_px - 1) / kLargestPatch_px,
-              along = (request_.grid.height + kLargestPatch_px - 1) / kLargestPatch_px;
-    drops_scenes_ = across * along > kMaxCachedPatches;
-    for (int j = 0; j < along; ++j)
-      for (int i = 0; i < across; ++i) {
+    const int patch_columns = (request_.grid.width + kLargestPatch_px - 1) / kLargestPatch_px;
+    const int patch_rows = (request_.grid.height + kLargestPatch_px - 1) / kLargestPatch_px;
+    drops_scenes_ = patch_columns * patch_rows > kMaxCachedPatches;
+    for (int j = 0; j < patch_rows; ++j)
+      for (int i = 0; i < patch_columns; ++i) {
         const int x = i * kLargestPatch_px, y = j * kLargestPatch_px;
         draw({x, y, std::min(kLargestPatch_px, request_.grid.width - x),
               std::min(kLargestPatch_px, request_.grid.height - y)});
       }
-    cache_.settle();
+    cache_.settle();  // evicts what the scratch memory of drawing displaced
     return finish();
   }
 

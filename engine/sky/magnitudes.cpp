@@ -71,6 +71,7 @@ double uranus(double a, const ApparentBody& body) {
     const double centric = std::asin(std::clamp(sine, -1.0, 1.0));
     return std::abs(std::atan(std::tan(centric) / ((1 - 0.0229) * (1 - 0.0229)))) * kDegreesPerRadian;
   };
+  // Below 3.1 degrees, the phase angles seen from the Earth, the paper has no phase term.
   const double mean_deg = (latitude_deg(sub.sun) + latitude_deg(sub.observer)) / 2;
   return -7.110 - 8.4e-4 * mean_deg + (a > 3.1 ? polynomial({0, 6.587e-3, 1.045e-4}, std::min(a, 154.0)) : 0);
 }
@@ -94,6 +95,7 @@ double at_one_au(Planet planet, const ApparentBody& body) {
     case Planet::uranus:
       return uranus(a, body);
     case Planet::neptune:
+      // Below 1.9 degrees, the phase angles seen from the Earth, the paper has no phase term.
       return -7.00 + (a > 1.9 ? polynomial({0, 7.944e-3, 9.617e-5}, std::min(a, 133.0)) : 0);
   }
   return 0;

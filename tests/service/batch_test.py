@@ -486,7 +486,7 @@ class Verified(Batch):
         os.makedirs(harness.path("out"))
         done = verify(self.path, "out")
         self.assert_status(done, AGAIN)
-        self.assertIn("12 missing", done.stdout)
+        self.assertIn("12 not done", done.stdout)
         self.assert_status(verify(self.path, "nowhere"), AGAIN)
 
 

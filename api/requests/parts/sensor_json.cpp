@@ -385,8 +385,8 @@ void check_stray_light(const JsonReader& in, const engine::FrameRequest& request
   model.at("optics").fail("stray_light", "is not modelled for a fisheye's image");
 }
 
-// Reports effects that are computed on the whole image as if all rows had been exposed at once; with a shutter they
-// were not.
+// Reports effects of the sensor that are computed on a whole image, as if all rows were exposed at once. A `shutter`
+// (times per row: rolling shutter or line camera) exposes them one after the other.
 void check_sensor_of_rows(const JsonReader& in, const engine::SensorModel& sensor, const engine::Shutter& shutter) {
   const JsonReader model = in.at("sensor");
   if (!sensor.motion.none())
@@ -394,10 +394,10 @@ void check_sensor_of_rows(const JsonReader& in, const engine::SensorModel& senso
   if (sensor.detector.smear_time_s > 0)
     model.at("detector").fail("smear_time_s", "is of frame transfer: a \"shutter\" reads row by row");
   if (!shutter.pushbroom) return;
-  const std::string line = "with a pushbroom: neighbouring rows of its image are not neighbours on the detector";
+  const std::string reason = "with a pushbroom: neighbouring rows of its image are not neighbours on the detector";
   if (sensor.optics.point_spread.model != engine::PointSpread::Model::none)
-    model.at("optics").fail("point_spread", "must be left out " + line);
-  if (sensor.optics.stray_light.any()) model.at("optics").fail("stray_light", "must be left out " + line);
+    model.at("optics").fail("point_spread", "must be left out " + reason);
+  if (sensor.optics.stray_light.any()) model.at("optics").fail("stray_light", "must be left out " + reason);
 }
 
 }  // namespace

@@ -15,7 +15,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// Sets normals and cosines. Returns the lanes, one bit each, whose normal faces away from the camera.
+// Sets normals and cosines. Returns the lanes with a hit, one bit each, whose normal faces away from the camera.
 unsigned ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, const Vec3& sun, Shading& out) {
   const double sx = sun.x();
   const double sy = sun.y();
@@ -33,22 +33,23 @@ unsigned ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, c
     const double dx = rays.dx[i];
     const double dy = rays.dy[i];
     const double dz = rays.dz[i];
-    const double along = x * dx + y * dy + z * dz;
-    away[i] = along >= 0 ? 1 : 0;
-    const double unit = 1 / std::sqrt(x * x + y * y + z * z);
-    const double back = -1 / std::sqrt(dx * dx + dy * dy + dz * dz);
-    out.nx[i] = x * unit;
-    out.ny[i] = y * unit;
-    out.nz[i] = z * unit;
-    const double mu0 = (x * sx + y * sy + z * sz) * unit;
+    const double normal_dot_ray = x * dx + y * dy + z * dz;
+    away[i] = normal_dot_ray >= 0 ? 1 : 0;
+    const double per_normal = 1 / std::sqrt(x * x + y * y + z * z);
+    const double minus_per_ray = -1 / std::sqrt(dx * dx + dy * dy + dz * dz);
+    out.nx[i] = x * per_normal;
+    out.ny[i] = y * per_normal;
+    out.nz[i] = z * per_normal;
+    const double mu0 = (x * sx + y * sy + z * sz) * per_normal;
     out.mu0[i] = mu0;
-    out.incident[i] = mu0;
-    out.mu[i] = along * unit * back;
+    out.incident[i] = mu0;  // a Sun with a disc replaces it by the mean over the disc (DiscLight)
+    out.mu[i] = normal_dot_ray * per_normal * minus_per_ray;
   }
   unsigned away_lanes = 0;
   std::int64_t any = 0;
   for (int i = 0; i < kPacket; ++i) any |= away[i] & static_cast<std::int64_t>(p.hit[i]);
-  for (unsigned i = 0; any != 0 && i < kPacket; ++i) away_lanes |= away[i] && p.hit[i] ? 1U << i : 0U;
+  if (any == 0) return 0;  // nearly always
+  for (unsigned i = 0; i < kPacket; ++i) away_lanes |= away[i] && p.hit[i] ? 1U << i : 0U;
   return away_lanes;
 }
 
