@@ -108,6 +108,7 @@ void add_http_problems(OrderedJson& responses) {
   }
 }
 
+// Adds the paths that server/ answers itself: health and metrics.
 void add_operator_paths(OrderedJson& paths) {
   const auto add = [&](const char* path, const char* id, const char* summary, OrderedJson answer) {
     OrderedJson operation{{"operationId", id}, {"summary", summary}, {"tags", {"service"}}};
@@ -117,6 +118,7 @@ void add_operator_paths(OrderedJson& paths) {
   };
   add("/health/live", "isLive", "Whether the process runs", text_answer("It does", "text/plain"));
   add("/health/ready", "isReady", "Whether requests are taken", text_answer("They are", "text/plain"));
+  // Here 503 is a regular answer, too, as text: the service shuts down.
   OrderedJson not_now = text_answer("Shutting down, or too many connections", "text/plain");
   not_now["content"]["application/problem+json"] = {{"schema", schema::ref("Problem")}};
   paths["/health/ready"]["get"]["responses"]["503"] = not_now;

@@ -114,6 +114,7 @@ LimbQuery read_limb(const Json& body, const Limits& limits, const Assets& assets
   return std::move(*query);
 }
 
+// Members of the answer for one point: what, and in the last argument when.
 const Answer<LimbPoint>& limb_answer() {
   using namespace schema;
   static const auto answer = make_answer<LimbPoint>("The limb at an azimuth.", [](auto& a) {

@@ -143,18 +143,20 @@ void order_by_names(std::vector<RasterInfo*>& order, const std::vector<std::stri
 }  // namespace
 
 void Catalogue::find_layers(const std::vector<std::string>& paths) {
-  // Tiles of one product are one layer, even if the user names each tile.
+  // Rasters are one layer if one path names them, or if their posts are on one grid, as those of a product's tiles are
+  // even if the user names each tile.
   const auto are_one_layer = [&](const RasterInfo& a, const RasterInfo& b) {
     return paths.size() < 2 || naming_path(a, paths) == naming_path(b, paths) || shift_between(a.grid, b.grid);
   };
   layer_begin_.clear();
-  double coarsest_m = 0;  // coarsest post spacing of the current run of equal resolution
+  double coarsest_m = 0;  // of the run of equal resolution so far; within a run the order is by naming path
   for (const RasterInfo& raster : rasters_) {
-    const int begin = layer_begin_.empty() ? 0 : layer_begin_.back();
-    const RasterInfo& first = rasters_[static_cast<std::size_t>(begin)];
+    const int index = static_cast<int>(layer_begin_.size());  // of this raster
+    const int layer = layer_begin_.empty() ? 0 : layer_begin_.back();
+    const RasterInfo& first = rasters_[static_cast<std::size_t>(layer)];
     const bool same_run = !layer_begin_.empty() && coarsest_m < kSameSpacing * raster.post_spacing_m;
     coarsest_m = same_run ? std::max(coarsest_m, raster.post_spacing_m) : raster.post_spacing_m;
-    layer_begin_.push_back(same_run && are_one_layer(first, raster) ? begin : static_cast<int>(layer_begin_.size()));
+    layer_begin_.push_back(same_run && are_one_layer(first, raster) ? layer : index);
   }
 }
 

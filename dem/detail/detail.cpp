@@ -291,11 +291,12 @@ std::vector<double> Detail::shares_of(const DirectionGrid& grid) const {
   std::vector<double> shares;
   if (preset_.region.everywhere()) return shares;
   const BoundingBall ball = ball_around(grid);
-  const double inside_m = preset_.region.inside_m(ball.direction.normalized());
+  const double depth_inside_m = preset_.region.inside_m(ball.direction.normalized());  // negative outside
   constexpr double kMarginFactor = 1.01;  // covers the use of chords for arcs, and rounding
-  // Skip the evaluation per position for a ball away from the border: it would give exactly 0 or 1 everywhere.
-  if (std::abs(inside_m) > kMarginFactor * ball.radius_m + fade_m_) {
-    shares.assign(grid.rows() * grid.columns(), inside_m > 0 ? 1 : 0);
+  // Skip the evaluation per position for a ball clear of the border and of the fade inside it: it would give exactly 0
+  // or 1 everywhere.
+  if (std::abs(depth_inside_m) > kMarginFactor * ball.radius_m + fade_m_) {
+    shares.assign(grid.rows() * grid.columns(), depth_inside_m > 0 ? 1 : 0);
     return shares;
   }
   for (std::size_t r = 0; r < grid.rows(); ++r)

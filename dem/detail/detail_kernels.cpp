@@ -121,15 +121,20 @@ class Noise {
     return hn::Mul(hn::Xor(h, hn::ShiftRight<12>(h)), hn::Set(U32(), kLatticeThen));
   }
 
-  // Implements along_gradient of noise.h by table lookups. The four highest bits of the hash index 16-byte tables,
-  // whose entries become sign bits of the lanes: the two kFirst, kSecond select a coordinate (x or y, y or z), the two
-  // Minus tables negate it.
+  // Returns (x, y, z) . g, where g is the one of Perlin's twelve gradients (two components +-1, one 0) that the four
+  // highest bits of the hash number; to the bit along_gradient of noise.h. By number:
+  //
+  //   0-3: +-x +-y    4-7: +-x +-z    8-11: +-y +-z    12-15: x + y, -x + y, -y + z, -y - z (again)
+  //
+  // The bits index 16-byte tables, whose entries become sign bits of the lanes: kFirst and kSecond select a coordinate
+  // (x or y, y or z), the two Minus tables negate it. M: the sign bit.
   static HWY_INLINE Floats along_gradient(Bits h, Floats x, Floats y, Floats z) {
     const F32 f32;
     alignas(16) static constexpr std::uint8_t kFirst[16]{0, 0, 0, 0, 0, 0, 0, 0, M, M, M, M, 0, 0, M, M},
         kSecond[16]{0, 0, 0, 0, M, M, M, M, M, M, M, M, 0, 0, M, M},
         kFirstMinus[16]{0, M, 0, M, 0, M, 0, M, 0, M, 0, M, 0, M, M, M},
         kSecondMinus[16]{0, 0, M, M, 0, 0, M, M, 0, 0, M, M, 0, 0, 0, M};
+    // The number comes into the highest byte of each lane. The other bytes look up entry 0, which is 0 in every table.
     const Bits number = hn::And(hn::ShiftRight<4>(h), hn::Set(U32(), 0x0F000000U));
     const auto looked_up = [&](const std::uint8_t* table) HWY_ATTR {
       const hn::Repartition<std::uint8_t, F32> bytes;

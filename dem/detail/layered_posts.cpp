@@ -100,9 +100,10 @@ std::vector<LayeredPosts::Layer> LayeredPosts::find_layers(const BlockId& id) co
   const Catalogue& catalogue = plain_.catalogue();
   // Include posts around the block, which the bicubic surface and the normals use.
   constexpr double kMarginPosts = 4;
-  const Footprint box = around(footprint_of(id), widest_m_ + kMarginPosts * post_spacing_m(id.level));
+  const Footprint search_box = around(footprint_of(id), widest_m_ + kMarginPosts * post_spacing_m(id.level));
   const auto levels_of = [&](int file) { return levels_of_files_[static_cast<std::size_t>(file)]; };
-  const std::vector<int> near = catalogue.touching(box.south_deg, box.north_deg, box.west_deg, box.east_deg);
+  const std::vector<int> near =
+      catalogue.touching(search_box.south_deg, search_box.north_deg, search_box.west_deg, search_box.east_deg);
   if (near.empty()) return {layer_of(plain_.posts_level(id))};
   std::vector<Levels> levels;
   levels.reserve(near.size());
@@ -110,23 +111,24 @@ std::vector<LayeredPosts::Layer> LayeredPosts::find_layers(const BlockId& id) co
   std::sort(levels.begin(), levels.end());
   levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
 
-  const Footprint wide = footprint_with_halo(id);
+  const Footprint halo = footprint_with_halo(id);
   std::vector<Layer> layers{{levels.front().posts, levels.front().detail}};
   for (std::size_t k = 1; k < levels.size(); ++k) {
     Layer layer{levels[k].posts, levels[k].detail};
     layer.band_m = std::min(widest_m_, 2 * post_spacing_m(levels[k - 1].detail));
     for (const int file : near)
       if (levels_of(file) >= levels[k]) layer.files.push_back(file);
-    // Drop the coarser layers if this one covers the block and its halo, sampled on 9 x 9 positions, borders included.
+    // Drop the coarser layers if this one and the finer ones cover the block and its halo, sampled on 9 x 9 positions,
+    // borders included.
     constexpr int kSamples = 9;
     bool covers = true;
     for (int r = 0; r < kSamples && covers; ++r)
       for (int c = 0; c < kSamples && covers; ++c)
-        covers = share(layer, wide.south_deg + r * (wide.north_deg - wide.south_deg) / (kSamples - 1),
-                       wide.west_deg + c * (wide.east_deg - wide.west_deg) / (kSamples - 1)) == 1;
+        covers = share(layer, halo.south_deg + r * (halo.north_deg - halo.south_deg) / (kSamples - 1),
+                       halo.west_deg + c * (halo.east_deg - halo.west_deg) / (kSamples - 1)) == 1;
     if (covers) {
       layers.clear();
-      layer.files.clear();
+      layer.files.clear();  // the coarsest layer has a share everywhere
     }
     layers.push_back(std::move(layer));
   }

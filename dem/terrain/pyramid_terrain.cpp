@@ -41,6 +41,7 @@ struct PyramidTerrain::Impl {
       ground = std::make_unique<BlockStore>(options.cache_dir + "/ground", options.ground_disk_bytes, trouble);
   }
 
+  // Returns a block from the cache. On a miss one caller loads it, and the others wait for its flight.
   std::shared_ptr<const Block> load_once(const PyramidTerrain& terrain, const BlockId& id, const ChunkPlan& plan,
                                          const StopToken& stop) {
     return blocks.get(
@@ -48,7 +49,7 @@ struct PyramidTerrain::Impl {
         [&] {
           std::shared_ptr<const Block> block =
               id.level > plan.finest_level() ? subdivided_posts(terrain, id, plan, stop) : store.load(id, plan, stop);
-          const std::size_t bytes = block ? block->bytes() : sizeof(Block);
+          const std::size_t bytes = block ? block->bytes() : sizeof(Block);  // null is cached, too: without data
           return BlockCache::Loaded{std::move(block), bytes};
         },
         stop);

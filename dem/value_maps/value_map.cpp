@@ -232,19 +232,21 @@ std::uint64_t ValueMap::fingerprint() const {
   // Hash numbers by their bits: versions of libraries print the same number differently.
   StreamedHash hash;
   hash.add_text(o.path);
-  const auto numbers = [&](const std::vector<double>& values) {
+  // With their count: an absent option cannot look like the next one.
+  const auto add_numbers = [&](const std::vector<double>& values) {
     hash.add(values.size());
     for (const double value : values) hash.add(value);
   };
   hash.add(stamp_of(impl_->file.state()));
   hash.add(impl_->file.bands().size());
   for (const int band : impl_->file.bands()) hash.add(band);
-  numbers({o.scale, o.offset, o.low, o.high, o.exponent, o.fourth_power ? 4.0 : 1.0});
+  add_numbers({o.scale, o.offset, o.low, o.high, o.exponent, o.fourth_power ? 4.0 : 1.0});
   const auto& r = o.radiance_factor;
   const auto& e = o.extent;
-  numbers(r ? std::vector{r->incidence_deg, r->emission_deg, r->phase_deg, r->wavelength_um} : std::vector<double>());
-  numbers(o.no_data ? std::vector{*o.no_data} : std::vector<double>());
-  numbers(e ? std::vector{e->west_deg, e->east_deg, e->south_deg, e->north_deg} : std::vector<double>());
+  add_numbers(r ? std::vector{r->incidence_deg, r->emission_deg, r->phase_deg, r->wavelength_um}
+                : std::vector<double>());
+  add_numbers(o.no_data ? std::vector{*o.no_data} : std::vector<double>());
+  add_numbers(e ? std::vector{e->west_deg, e->east_deg, e->south_deg, e->north_deg} : std::vector<double>());
   return hash.digest();
 }
 

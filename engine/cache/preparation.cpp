@@ -142,9 +142,11 @@ std::vector<Preparation::PoseAndSun> Preparation::predict(const FrameRequest& be
   std::vector<PoseAndSun> upcoming;
   for (const Pose& pose : ahead) upcoming.push_back({pose, sun(static_cast<int>(upcoming.size()) + 1)});
   if (!ahead.empty()) return upcoming;
-  // A hovering camera needs no scene but its present one.
+  // A hovering camera needs no other scene if the light stays, too: the Sun moves too little to matter, or it is not
+  // extrapolated at all, being at rest or set by hand.
   const bool same_light = (before.sun.direction - now.sun.direction).norm() <= kSlowSun_rad && !now.indirect.terrain;
-  if (same(before.pose, now.pose) && (same_light || sun(1) == now.sun.direction)) return upcoming;
+  const bool sun_stays = sun(1) == now.sun.direction;
+  if (same(before.pose, now.pose) && (same_light || sun_stays)) return upcoming;
   const std::span<const int> steps = now.detail || now.indirect.terrain ? std::span<const int>(kExtrapolatedFarther)
                                                                         : std::span<const int>(kExtrapolated);
   for (const int step : steps) upcoming.push_back({extrapolated(before.pose, now.pose, step), sun(step)});

@@ -81,10 +81,11 @@ void report_boresight(const ViewMarks::MarkHit& mark, const View& view, const Ve
                       const dem::Catalogue& catalogue, ViewReport& report) {
   report.boresight = to_geographic(mark.position_m);
   const EastNorthUp local = local_axes(mark.position_m);
-  // Project the image's up direction along the line of sight onto the horizontal plane.
+  // Slide the image's up direction along the line of sight, which does not move it in the image, until it is
+  // horizontal.
   const Vec3 up = -view.moon_from_camera().col(1);
-  const double descent = mark.direction.dot(local.up);
-  if (descent != 0) report.up_azimuth_deg = azimuth_deg(local, up - up.dot(local.up) / descent * mark.direction);
+  const double climb = mark.direction.dot(local.up);
+  if (climb != 0) report.up_azimuth_deg = azimuth_deg(local, up - up.dot(local.up) / climb * mark.direction);
   report.sun_azimuth_deg = azimuth_deg(local, sun);
   report.sun_elevation_deg = std::asin(std::clamp(sun.dot(local.up), -1.0, 1.0)) * kDegreesPerRadian;
   const double pixel_m = pixel_rad(view) * (mark.position_m - view.position()).norm();

@@ -17,12 +17,12 @@ namespace selenograph::engine {
 
 struct FrameSelection {
   RowViews views;
-  std::optional<RowViews> flow_views;  // of the second image of the product "flow"
-  Selection terrain;                   // blocks and their levels
-  RocksInView rocks;
-  std::unique_ptr<const ObjectsInFrame> objects;  // the request's objects and the rocks
-  SceneContent content;                           // key of the scene in the cache
-  StageTimes times;
+  std::optional<RowViews> flow_views{};  // of the second image of the product "flow"
+  Selection terrain{};                   // blocks and their levels
+  RocksInView rocks{};
+  std::unique_ptr<const ObjectsInFrame> objects{};  // the request's objects and the rocks
+  SceneContent content{};                           // key of the scene in the cache
+  StageTimes times{};
 };
 
 // Selects for the request's pose. The result refers to `request`. Throws as Renderer::render does.

@@ -38,7 +38,8 @@ std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const 
   for (auto& [field, places_in_field] : fields) {
     stop.check();
     const FieldPlane plane(field);
-    std::map<int, std::uint16_t> rows;  // per tile
+    // Per tile, bit r: row r of its posts is needed. A place lies between rows post.row and post.row + 1.
+    std::map<int, std::uint16_t> rows;
     for (PlaceInField& p : places_in_field) {
       p.post = plane.post_at(places[p.index].position_m);
       rows[p.post.tile] |= static_cast<std::uint16_t>(3U << p.post.row);
@@ -48,12 +49,12 @@ std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const 
     for (const auto& [tile, rows_of_tile] : rows) tile_rows.push_back({tile, rows_of_tile});
     const auto light_tiles = tiles.get(field, plane, tile_rows, {terrain, request}, stop);
     for (const PlaceInField& p : places_in_field) {
-      const auto tile =
+      const auto tile_index =
           std::lower_bound(tile_rows.begin(), tile_rows.end(), p.post.tile,
                            [](const TileRows& rows_of_tile, int number) { return rows_of_tile.tile < number; }) -
           tile_rows.begin();
       const std::size_t south_west = LightTile::first_of(p.post.row) + static_cast<std::size_t>(p.post.column);
-      const LightTile& light = *light_tiles[static_cast<std::size_t>(tile)];
+      const LightTile& light = *light_tiles[static_cast<std::size_t>(tile_index)];
       const Irradiance indirect =
           irradiance_at({&light.posts[south_west], static_cast<float>(p.post.east), static_cast<float>(p.post.north)},
                         places[p.index].normal, sources);

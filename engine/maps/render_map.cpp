@@ -229,6 +229,7 @@ class MapDrawing {
 
   // Builds the scene of a patch and traces it.
   void draw(const Patch& patch, const PatchDirections& directions, const RowViews& above, const Selection& selection) {
+    // The products have the size of the patch. Its rays are vertical ones (trace), not those of a camera.
     frame_.camera.width = patch.width;
     frame_.camera.height = patch.height;
     const View& view = above.reference();
@@ -236,12 +237,14 @@ class MapDrawing {
                                Visibility::raytrace, &terrain_};
     const FrameWork work = work_of(frame_, frame_.accuracy, Visibility::raytrace, triangles_of(selection),
                                    /*build=*/!cache_.holds(content));
-    const std::size_t times = (pixel_count() - drawn_) / patch.pixels();
+    // Throws if the rest of the map, all patches taken to be like this one, cannot end before the deadline.
+    const std::size_t patches_left = (pixel_count() - drawn_) / patch.pixels();
     cache_.speed(Visibility::raytrace)
-        .refuse_hopeless(work, std::max<std::size_t>(times, 1), "a larger gsd_m or a smaller area takes less", stop_);
+        .refuse_hopeless(work, std::max<std::size_t>(patches_left, 1), "a larger gsd_m or a smaller area takes less",
+                         stop_);
     Stopwatch watch;
     StageTimes spent;
-    {
+    {  // releases the scene before it is forgotten
       const std::shared_ptr<const Scene> scene = cache_.scene(content, stop_);
       spent.build_ms = watch.lap_ms();
       trace(patch, directions, above, selection, *scene);

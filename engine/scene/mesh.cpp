@@ -247,7 +247,12 @@ void Mesh::stitch_edge(const dem::Block& own, int edge, BlockBorder& out) const 
   }
 }
 
-// Returns the height of a corner, from the first of all blocks that contain it with data.
+// Returns the height of a corner, from the block that precedes all others by is_before() among those that contain it
+// with data; NaN if none has any. A block owns its south and west edge, so that a tick less finds the others:
+//
+//      (-1, 0) | ( 0, 0)
+//      --------+--------   (dx, dy)
+//      (-1,-1) | ( 0,-1)
 float Mesh::corner_height(const BlockId& own, std::int64_t lat, std::int64_t lon) const {
   std::optional<std::uint32_t> first;
   float height = std::numeric_limits<float>::quiet_NaN();
@@ -262,7 +267,8 @@ float Mesh::corner_height(const BlockId& own, std::int64_t lat, std::int64_t lon
   };
   for (const int dy : {-1, 0})
     for (const int dx : {-1, 0}) consider(lat + dy, lon + dx);
-  if (lat == 0 || lat == dem::kLatTicks) {  // at a pole, all blocks around it hold the same raw post
+  // At a pole, the loop meets only the blocks beside one meridian. All blocks around the pole hold the same post.
+  if (lat == 0 || lat == dem::kLatTicks) {
     const auto at = index_.find(own);
     height = dem::post_at(*posts_[at->second], lat, lon).value_or(height);
   }

@@ -128,7 +128,8 @@ std::string config_path(CLI::App& command, const ReadVariable& variable) {
 }
 
 void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
-  const std::string by_default = "; default: 1024, or less if that does not fit";
+  // MemoryPlan decides (memory_plan.h).
+  const std::string memory_default = "; default: 1024, or less if that does not fit";
   s.cache_dir = default_cache_dir();
   command.add_option("--config", "Read options from this TOML file, e.g. cache-mb = 2048")->type_name("FILE");
   command.add_option("--dem", s.dem, "Use these DEM files and folders; default: sample terrain")
@@ -151,7 +152,7 @@ void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
       .add_option(
           "--mesh-mb", s.memory.mesh_mb,
           "Limit the memory for reading one object mesh, and for cached meshes, star catalogues and other assets, MiB" +
-              by_default)
+              memory_default)
       ->check(CLI::Range(16, 1 << 24));
   command.add_option("--mesh-s", s.mesh_s, "Limit the time for reading one mesh")
       ->check(number_in(0.1, 86400.0))
@@ -165,11 +166,11 @@ void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
                   "processes; 0: none")
       ->check(CLI::Range(0, 1 << 24))
       ->capture_default_str();
-  command.add_option("--cache-mb", s.memory.cache_mb, "Limit the memory for terrain, MiB" + by_default)
+  command.add_option("--cache-mb", s.memory.cache_mb, "Limit the memory for terrain, MiB" + memory_default)
       ->check(CLI::Range(16, 1 << 24));
   command
       .add_option("--scene-mb", s.memory.scene_mb,
-                  "Limit the memory for acceleration structures and rendering buffers, MiB" + by_default)
+                  "Limit the memory for acceleration structures and rendering buffers, MiB" + memory_default)
       ->check(CLI::Range(16, 1 << 24));
 }
 

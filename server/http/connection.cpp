@@ -107,8 +107,8 @@ bool Connection::write(std::string_view bytes) {
     output_.append(bytes);
     return true;
   }
-  const std::string head = std::exchange(output_, {});
-  return send_all(head, bytes);
+  const std::string gathered = std::exchange(output_, {});
+  return send_all(gathered, bytes);
 }
 
 bool Connection::flush() {
@@ -123,16 +123,17 @@ bool Connection::write_without_memory(std::string_view answer) {
   return send_all(answer, {});
 }
 
-bool Connection::send_all(std::string_view head, std::string_view body) {
+// Sends both, as if joined.
+bool Connection::send_all(std::string_view gathered, std::string_view rest) {
   if (sent_bytes_ == 0) answer_start_ = Clock::now();
   // Each byte that the client takes extends its deadline; a client that takes none is cut after the grace.
   const auto deadline = [&] {
     const std::chrono::duration<double> allowed(static_cast<double>(sent_bytes_) / pace_.bytes_per_s);
     return answer_start_ + pace_.grace + std::chrono::duration_cast<Clock::duration>(allowed);
   };
-  while (!head.empty() || !body.empty()) {
-    std::array<iovec, 2> parts{iovec{const_cast<char*>(head.data()), head.size()},
-                               iovec{const_cast<char*>(body.data()), body.size()}};
+  while (!gathered.empty() || !rest.empty()) {
+    std::array<iovec, 2> parts{iovec{const_cast<char*>(gathered.data()), gathered.size()},
+                               iovec{const_cast<char*>(rest.data()), rest.size()}};
     msghdr message{};
     message.msg_iov = parts.data();
     message.msg_iovlen = parts.size();
@@ -143,9 +144,9 @@ bool Connection::send_all(std::string_view head, std::string_view body) {
       continue;
     }
     sent_bytes_ += static_cast<std::size_t>(n);
-    const std::size_t head_bytes = std::min(head.size(), static_cast<std::size_t>(n));
-    head.remove_prefix(head_bytes);
-    body.remove_prefix(static_cast<std::size_t>(n) - head_bytes);
+    const std::size_t gathered_bytes = std::min(gathered.size(), static_cast<std::size_t>(n));
+    gathered.remove_prefix(gathered_bytes);
+    rest.remove_prefix(static_cast<std::size_t>(n) - gathered_bytes);
   }
   return true;
 }

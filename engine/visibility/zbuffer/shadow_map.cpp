@@ -438,14 +438,15 @@ std::vector<LightBox> ShadowMap::occluder_boxes() const {
   });
 }
 
-// Lists the groups per band by a counting sort, as sort_by_cell does for samples and cells.
+// Lists, per band, the groups that touch it and that an occluder may reach, by a counting sort.
 void ShadowMap::find_bands(const Grid& grid, const LightSamples& tile, const ShadowReach* reach, BandGroups& out) {
   const auto bands = static_cast<std::size_t>(grid.bands);
   const std::size_t full_groups = tile.count / kPacket;
   const std::size_t groups = (tile.count + kPacket - 1) / kPacket;
   out.bands.resize(groups);
   HWY_DYNAMIC_DISPATCH(BandsOf)(tile.v.data(), full_groups, grid.v0, grid.bands_per_v(), grid.bands, out.bands.data());
-  // Assign the incomplete last group to all bands: CellsOf tests each of its samples.
+  // BandsOf takes only full groups. Assign the incomplete last one to all bands (the first and bands - 1 more): CellsOf
+  // leaves out samples of other bands.
   if (groups > full_groups) out.bands[full_groups] = static_cast<std::uint32_t>(bands - 1) << 16;
   out.reached.assign(groups, 1);
   if (reach) reach->find_reached(tile.u.data(), tile.v.data(), tile.d.data(), full_groups, out.reached.data());
@@ -457,7 +458,10 @@ void ShadowMap::find_bands(const Grid& grid, const LightSamples& tile, const Sha
   };
   for (std::size_t g = 0; g < groups; ++g) for_bands_of(g, [&](std::uint32_t b) { ++out.first[b]; });
   std::uint32_t end = 0;
-  for (std::uint32_t& first : out.first) first = end += first;
+  for (std::uint32_t& count_then_end : out.first) {
+    end += count_then_end;
+    count_then_end = end;
+  }
   out.group.resize(end);
   // Fill each band from its end down, so that out.first ends up at its first group.
   for (std::size_t g = groups; g-- > 0;)
