@@ -9,7 +9,7 @@ namespace selenograph::engine {
 
 struct RenderContext {
   const dem::Terrain& terrain;  // with the request's detail
-  RenderCache& cache;           // no answer depends on what it holds
+  RenderCache& cache;           // no pixel depends on what it holds
   StopToken stop;               // deadline, and whether the client has left
 };
 

@@ -86,11 +86,13 @@ FrameScene make_scene(const FrameRequest& request, const FrameSelection& selecte
   scene.work = work_of(request, request.accuracy, content.visibility, triangles_of(selected.terrain),
                        /*build=*/!cache.holds(content));
   cache.speed(content.visibility).refuse_hopeless(scene.work, draws, "fewer pixels or samples take less", stop);
+  // Before the scene, which the cache cannot evict while this frame waits for its lens.
+  scene.pixel_rays = cache.lens(selected.views.camera(), stop);
+  scene.times.visibility_ms = watch.lap_ms();
   scene.cached = cache.scene(content, stop);
   scene.times.build_ms = watch.lap_ms();
   scene.times.pyramid_ms = waits.pyramid.ms();
   scene.times.load_ms = waits.load.ms();
-  scene.pixel_rays = cache.lens(selected.views.camera(), stop);
   scene.radiance = radiance_terms(request);
   if (!wants_indirect(request)) return scene;
   const std::vector<Ball> objects = balls_around(request.objects);
@@ -123,8 +125,8 @@ FrameDrawing draw_frame(const FrameRequest& request, const FrameSelection& selec
   drawing.triangles = scene.cached->triangles;
   drawing.scene_bytes = scene.cached->bytes;
   if (scene.terrain_light) drawing.ground_view = scene.terrain_light->max_ground_view();
-  // Release this scene first: the next exposure sample reserves its own, and two samples that each hold one and wait
-  // for another would deadlock.
+  // Release the scene here, not with the argument, which may live to the end of the caller's expression: the next
+  // exposure sample reserves its own, and two samples that each hold one and wait for another would deadlock.
   scene.terrain_light.reset();
   scene.cached.reset();
   context.cache.settle();

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -36,7 +37,7 @@ float share_of_middle(const FramePlan& plan) { return plan.moving || plan.photon
 EachSample samples_with_share(const ExposureMiddle& middle, std::optional<Sensor>& sensor, float share,
                               const StopToken& stop) {
   if (share == 0 || !sensor || !sensor->wants_samples()) return {};
-  return [&middle, &sensor, &stop, share](const SubpixelSample& sample, const std::vector<float>& radiance) {
+  return [&middle, &sensor, stop, share](const SubpixelSample& sample, const std::vector<float>& radiance) {
     sensor->add_sample(middle.selected.views.camera(), middle.pixel_rays, sample, share, radiance, stop);
   };
 }
@@ -219,17 +220,19 @@ void image_by_sensor(const Exposing& exposing, ExposedFrame& exposed) {
   const std::size_t brightest = brightest_pixel(radiance);
   const auto brightest_w_m2_sr = static_cast<double>(radiance[brightest]);  // without discs and sky
   show_discs(exposing, plan.request, products.range, share_of_middle(plan), radiance);
-  const SkyImage sky = sky_of(exposing, plan.request, products.range);
   CountedRadiance counted;
-  counted.radiance = plan.request.products & kRadiance ? radiance : std::exchange(radiance, {});
-  if (plan.photon_request) {
-    counted = draw_in_photons(exposing, brightest, brightest_w_m2_sr);
-    exposed.times += counted.times;
+  {
+    const SkyImage sky = sky_of(exposing, plan.request, products.range);
+    counted.radiance = plan.request.products & kRadiance ? radiance : std::exchange(radiance, {});
+    if (plan.photon_request) {
+      counted = draw_in_photons(exposing, brightest, brightest_w_m2_sr);
+      exposed.times += counted.times;
+    }
+    if (!radiance.empty()) sky.add_to(radiance);
+    if (const StrayLight& law = plan.request.sensor->optics.stray_light; law.any())
+      sensor->scatter_by(context.cache.scattered(law, sensor->camera(), context.stop));
+    add_points(exposing, sky, 1);
   }
-  if (!radiance.empty()) sky.add_to(radiance);
-  if (const StrayLight& law = plan.request.sensor->optics.stray_light; law.any())
-    sensor->scatter_by(context.cache.scattered(law, sensor->camera(), context.stop));
-  add_points(exposing, sky, 1);
   add_glare(exposing);
   sensor->choose_integration_time(exposing.camera(), middle.pixel_rays, counted.radiance, context.stop);
   if (plan.moving) average_over_exposure(exposing, counted, exposed);

@@ -1,7 +1,10 @@
 #include "engine/frames/frame_report.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdint>
+#include <optional>
 #include <utility>
 
 #include "engine/visibility/image/frame_sources.h"

@@ -87,7 +87,7 @@ FrameSelection select_frame(const FrameRequest& request, const RenderContext& co
                                 request.accuracy, counted);
   selected.rocks = select_rocks(request, selected, counted);
   selected.objects =
-      std::make_unique<const ObjectsInFrame>(request, selected.views, selected.rocks.rocks, context.stop);
+      std::make_unique<const ObjectsInFrame>(request, selected.views, selected.rocks.rocks, counted.stop);
   selected.content = content_of(request, selected.views, selected.terrain, context.terrain);
   selected.times.select_ms = watch.lap_ms();
   selected.times.pyramid_ms = waits.pyramid.ms();

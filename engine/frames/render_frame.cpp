@@ -14,6 +14,7 @@
 // Equations are those of the SENSOR++ paper (Paproth et al.).
 #include "engine/frames/render_frame.h"
 
+#include <memory>
 #include <optional>
 #include <span>
 #include <utility>
@@ -31,8 +32,8 @@
 namespace selenograph::engine {
 namespace {
 
-// Returns the number of scenes like the middle's that the frame draws. A frame that chooses its exposure time counts as
-// one exposure sample: its streaks are not known yet.
+// Returns the number of scenes like the middle's that the frame draws, for the estimate of its work. Where the frame
+// chooses its exposure time and the number of samples, it counts as one sample: its streaks are not known yet.
 std::size_t scenes_to_draw(const FramePlan& plan, const std::optional<Sensor>& sensor, const Selection& selection,
                            const RenderContext& context) {
   const double exposure_s = sensor ? sensor->integration_time_s() : 0;
@@ -54,16 +55,18 @@ double longest_exposure_s(const SensorModel& sensor) {
 
 Frame render_frame(const FrameRequest& request, const RenderContext& context) {
   Stopwatch watch;
-  // Plan: pixels with the sensor's margin, the band in which photons are counted, the terms of radiance.
+  // Plan: pixels with the sensor's margin, the band in which photons are counted, the terms of radiance. The sensor
+  // gathers light from here to the exposure; nothing else in this function has state.
   std::optional<Sensor> sensor = make_sensor(request, context.stop);
   const FramePlan plan = plan_frame(request, sensor);
   const double plan_ms = watch.lap_ms();
 
-  // All ground truth belongs to the middle of the exposure. Select: the blocks of terrain that are in view or may shade
-  // it, and their levels of detail; rocks; objects.
+  // All ground truth belongs to the middle of the exposure.
+  // Select: the blocks of terrain that are in view or may shade it, and their levels of detail; rocks; objects.
   const FrameSelection selected = select_frame(plan.request, context);
 
-  // Scene: the blocks as one mesh without gaps, with an acceleration structure and light from terrain.
+  // Scene: the blocks as one mesh without gaps, with an acceleration structure and light from terrain. A frame that
+  // draws too many of them for its deadline is refused.
   const std::size_t draws = scenes_to_draw(plan, sensor, selected.terrain, context);
   FrameScene scene = make_scene(plan.request, selected, draws, context);
 
@@ -73,7 +76,7 @@ Frame render_frame(const FrameRequest& request, const RenderContext& context) {
   FrameDrawing drawing = draw_frame(plan.request, selected, std::move(scene), plan.margin_px,
                                     samples_for_sensor(plan, middle, sensor, context.stop), context);
 
-  // Expose: the other samples of the exposure, the sky, optics and detector; from radiance to digital numbers.
+  // Expose: the other samples of the exposure, the sky, optics and detector (eq. 8); from radiance to digital numbers.
   ExposedFrame exposed = expose_frame(plan, middle, std::move(drawing.products), sensor, context);
 
   // Report: what is known of the frame besides its pixels.
@@ -85,11 +88,12 @@ Frame render_frame(const FrameRequest& request, const RenderContext& context) {
   frame.times += exposed.times;
   frame.times.sensor_ms += plan_ms;
   if (plan.request.products & kRock) frame.rocks = selected.rocks.rocks;
-  watch.lap_ms();
   if (wants_craters(request)) {
+    Stopwatch crater_watch;
     frame.report.craters = find_craters(request, selected.terrain, frame.products.range, context);
-    frame.times.craters_ms = watch.lap_ms();
+    frame.times.craters_ms = crater_watch.lap_ms();
   }
+  // Drop the ranges that only craters and the sky needed.
   if (wants_ranges(request)) keep_requested(frame.products, request);
   return frame;
 }
@@ -107,7 +111,8 @@ std::vector<double> shadow_limits_px(const FrameRequest& request, const RenderCo
   std::vector<double> limits{middle.shadow_limit_px};
   if (!plan.moving) return limits;
   for (const double time_s : exposure_sample_times_s(plan, longest_exposure_s(*request.sensor), middle, context))
-    if (time_s != 0) limits.push_back(select_at(moved(request.pose, request.sensor->motion, time_s)).shadow_limit_px);
+    if (time_s != 0 || sensor->wants_samples())
+      limits.push_back(select_at(moved(request.pose, request.sensor->motion, time_s)).shadow_limit_px);
   return limits;
 }
 
