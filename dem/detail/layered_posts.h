@@ -30,7 +30,7 @@ namespace selenograph::dem {
 class LayeredPosts {
  public:
   // `plain` must outlive this object. `widest_m`: width of the widest feature of the detail, m. A band is as wide as
-  // that, or as two posts of the coarser layer if that is less.
+  // that, or as twice the distance that the coarser layer resolves if that is less.
   LayeredPosts(const PyramidTerrain& plain, double widest_m);
 
   struct Layer {

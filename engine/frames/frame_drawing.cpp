@@ -21,7 +21,7 @@ constexpr auto kPixelStages = [](auto& algorithm, auto& pixels) {
   algorithm.write_products(pixels);
 };
 
-// Returns what the writer knows of the pixels that it wrote for `job`.
+// Summarises the pixels that the writer wrote for `job`: sources, counts, marks.
 FrameDrawing summarise_pixels(const FrameWriter& writer, const FrameJob& job, FrameProducts products) {
   FrameDrawing drawing;
   drawing.products = std::move(products);
@@ -86,7 +86,7 @@ FrameScene make_scene(const FrameRequest& request, const FrameSelection& selecte
   scene.work = work_of(request, request.accuracy, content.visibility, triangles_of(selected.terrain),
                        /*build=*/!cache.holds(content));
   cache.speed(content.visibility).refuse_hopeless(scene.work, draws, "fewer pixels or samples take less", stop);
-  // Before the scene, which the cache cannot evict while this frame waits for its lens.
+  // Get the lens before the scene, which the cache cannot evict while this frame waits.
   scene.pixel_rays = cache.lens(selected.views.camera(), stop);
   scene.times.visibility_ms = watch.lap_ms();
   scene.cached = cache.scene(content, stop);

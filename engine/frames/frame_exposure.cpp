@@ -30,10 +30,11 @@ struct Exposing {
   const Camera& camera() const { return middle.selected.views.camera(); }
 };
 
-// Share of the exposure that the drawn middle stands for, if the sensor takes its samples one by one.
+// Returns the share of the exposure that the drawn middle stands for, if the sensor takes its samples one by one.
 float share_of_middle(const FramePlan& plan) { return plan.moving || plan.photon_request ? 0.F : 1.F; }
 
-// Returns what hands the samples of pixels to the sensor, weighted by their share of the exposure; empty for share 0.
+// Returns a callback that adds each sample of the pixels to the sensor, weighted by its share of the exposure; empty
+// for share 0.
 EachSample samples_with_share(const ExposureMiddle& middle, std::optional<Sensor>& sensor, float share,
                               const StopToken& stop) {
   if (share == 0 || !sensor || !sensor->wants_samples()) return {};
@@ -105,8 +106,8 @@ std::vector<Ray> rays_to_sun_beside_image(const Exposing& exposing, std::span<co
   return rays;
 }
 
-// Adds what the optics scatter of the Sun, of the part of its disc that is beside the image and that nothing hides in
-// the middle of the exposure.
+// Adds the glare of the Sun: light that the optics scatter from the part of its disc that is beside the image and not
+// hidden in the middle of the exposure.
 void add_glare(const Exposing& exposing) {
   const FrameRequest& request = exposing.plan.request;
   const RenderContext& context = exposing.context;
@@ -135,7 +136,8 @@ struct ExposureMean {
   StageTimes times;
 };
 
-// `radiance`, `range_m`: of the middle, which is drawn already. The other samples see their own ground.
+// Averages the exposure samples. `radiance`, `range_m`: arrays of the middle, which is drawn already; the other samples
+// see their own ground.
 ExposureMean mean_over_exposure(const Exposing& exposing, std::span<const double> times_s,
                                 const std::vector<float>& radiance, const std::vector<double>& range_m) {
   const auto& [plan, middle, sensor, context] = exposing;

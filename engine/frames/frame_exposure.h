@@ -18,7 +18,8 @@ struct ExposureMiddle {
   const PixelRays& pixel_rays;  // of all exposure samples: they differ in pose only
 };
 
-// Returns what hands the samples of the middle's pixels to the sensor; empty if the sensor takes none of them.
+// Returns a callback that adds the samples of the middle's pixels to the sensor; empty if the sensor takes none of
+// them.
 EachSample samples_for_sensor(const FramePlan& plan, const ExposureMiddle& middle, std::optional<Sensor>& sensor,
                               const StopToken& stop);
 

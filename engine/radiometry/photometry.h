@@ -12,8 +12,8 @@ struct BrdfTerms {
   double lommel_seeliger = 0;  // w rho / (2 pi), eq. (10)
   double lambert = 0;          // (1 - w) rho / pi, eq. (4)
 
-  // Returns mu0 f_r, sr-1. mu0 = cos(incidence) > 0, mu = cos(emission) >= 0: n.omega_i and n.omega_o of the paper. At
-  // the limb and the terminator (mu, mu0 -> 0) Lommel-Seeliger grows without bound, but mu0 f_r, the factor in
+  // Returns mu0 f_r, sr-1. mu0 = cos(incidence) > 0, mu = cos(emission) >= 0: n.omega_i and n.omega_o of the paper.
+  // Where mu0 and mu both go to 0, Lommel-Seeliger grows without bound, but mu0 f_r, the factor in
   // radiance, stays finite: mu0 / (mu0 + mu) is formed first and is at most 1, however small both are.
   double times_mu0(double mu0, double mu, double = 1) const {
     return lommel_seeliger * (mu0 / (mu0 + mu)) + lambert * mu0;

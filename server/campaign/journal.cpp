@@ -1,6 +1,5 @@
 #include "server/campaign/journal.h"
 
-#include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
@@ -12,6 +11,7 @@
 
 #include "api/message/json_text.h"
 #include "dem/files/files.h"
+#include "server/service/log.h"
 
 namespace selenograph::server {
 namespace {
@@ -24,14 +24,6 @@ constexpr std::string_view kPrefix = "journal-", kSuffix = ".jsonl";
 bool is_journal(const std::string& name) { return name.starts_with(kPrefix) && name.ends_with(kSuffix); }
 
 std::string in_folder(const std::string& folder, const std::string& name) { return (fs::path(folder) / name).string(); }
-
-// Current UTC, such that texts sort as times do.
-std::string utc_now() {
-  const auto now = std::chrono::time_point_cast<std::chrono::milliseconds>(std::chrono::system_clock::now());
-  const auto seconds = std::chrono::time_point_cast<std::chrono::seconds>(now);
-  return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z", fmt::gmtime(std::chrono::system_clock::to_time_t(seconds)),
-                     (now - seconds).count());
-}
 
 std::string key_of(const std::string& name, const std::string& request_sha256) { return name + " " + request_sha256; }
 
@@ -134,7 +126,7 @@ Journal::Journal(const std::string& folder, const Shard& shard, std::string made
 
 void Journal::add_line(const OrderedJson& members) {
   const std::lock_guard lock(mutex_);
-  OrderedJson line{{"time", utc_now()}, {"made_by", made_by_}};
+  OrderedJson line{{"time", utc_text(std::chrono::system_clock::now())}, {"made_by", made_by_}};
   line.update(members);
   file_.append(api::json_line(line));
 }

@@ -86,7 +86,7 @@ class Connection {
   enum class State { waiting, working, given_up };
   bool fill(Clock::time_point deadline);
   bool count(char byte);
-  bool send_all(std::string_view head, std::string_view body);
+  bool send_all(std::string_view gathered, std::string_view rest);
   bool change_state(State from, State to);
 
   const int fd_;

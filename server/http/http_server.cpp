@@ -173,7 +173,7 @@ namespace {
 void hand_over(Exchange& exchange, api::Response&& answer, httplib::Response& out) {
   exchange.answered = true;
   exchange.record.status = answer.status;
-  exchange.record.bytes = answer.body.size();  // a client that leaves early reduces it
+  exchange.record.bytes = answer.body.size();  // less what a client that leaves does not take (below)
   exchange.record.error_code = answer.error_code;
   exchange.answer_memory = std::move(answer.memory);
   out.status = answer.status;

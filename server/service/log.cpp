@@ -63,11 +63,9 @@ void add_members(ordered_json& line, const AccessRecord& request) {
 }
 
 std::string json_line_of(const LogRecord& record) {
-  const auto ms = std::chrono::duration_cast<std::chrono::milliseconds>(record.time.time_since_epoch()).count();
   const auto level = spdlog::level::to_string_view(record.level);
   ordered_json line;
-  line["time"] = fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z",
-                             fmt::gmtime(std::chrono::system_clock::to_time_t(record.time)), ms % 1000);
+  line["time"] = utc_text(record.time);
   line["level"] = std::string(level.data(), level.size());
   if (const auto* message = std::get_if<std::string>(&record.content))
     line["message"] = *message;
@@ -101,6 +99,13 @@ void use_as_log(std::shared_ptr<spdlog::logger> log, const std::string& level) {
 }
 
 }  // namespace
+
+std::string utc_text(std::chrono::system_clock::time_point time) {
+  const auto seconds = std::chrono::floor<std::chrono::seconds>(time);
+  const auto ms = std::chrono::floor<std::chrono::milliseconds>(time - seconds);
+  return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z", fmt::gmtime(std::chrono::system_clock::to_time_t(seconds)),
+                     ms.count());
+}
 
 void set_up_log(const std::string& level) {
   use_as_log(std::make_shared<spdlog::logger>(kLogName, std::make_shared<spdlog::sinks::stderr_color_sink_mt>()),

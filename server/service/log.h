@@ -3,6 +3,7 @@
 
 #include <spdlog/fwd.h>
 
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <future>
@@ -17,6 +18,9 @@ enum class LogFormat {
   text,  // 2026-11-20T12:00:00.000 info message
   json,  // JSON lines: {"time": .., "level": .., "message": ..}; a request has the members of deploy/operation/log.md
 };
+
+// Returns a time as 2026-11-20T12:00:00.000Z: such texts sort as times do.
+std::string utc_text(std::chrono::system_clock::time_point time);
 
 // Makes spdlog's default logger write to stderr, so that stdout stays for results.
 void set_up_log(const std::string& level);
