@@ -3,9 +3,12 @@
 #include <fmt/format.h>
 
 #include <cstdint>
+#include <exception>
 #include <utility>
 
 #include "dem/base/error.h"
+#include "dem/base/parallel.h"
+#include "dem/gdal/gate.h"
 #include "dem/gdal/remote_names.h"
 #include "dem/gdal/vrt_sources.h"
 
@@ -46,6 +49,50 @@ void check_blocks(GDALDataset& dataset, CheckScope scope, const std::string& pat
   }
 }
 
+std::string owner_of(const std::string& source) { return "the source " + source + "'s "; }
+
+std::vector<BandValues> bands_of(GDALDataset& source) {
+  std::vector<BandValues> bands;
+  for (int b = 1; b <= source.GetRasterCount(); ++b) bands.push_back(values_of(source, b));
+  return bands;
+}
+
+// Returns the bands of a VRT's source on a network; none if its server has no such file.
+std::vector<BandValues> bands_on_server(const std::string& file, const std::string& vrt) {
+  const OpenOptions options(true);
+  const QuietGdal quiet;
+  const DatasetPtr source = try_to_open(file, kRemoteSourceDrivers);
+  if (!source) {
+    if (remote_trouble() && remote_trouble()->gone) return {};
+    quiet.fail(vrt, "its source " + file + " cannot be opened");
+  }
+  check_blocks(*source, CheckScope::again, vrt, owner_of(file));
+  return bands_of(*source);
+}
+
+// Opens all sources of a VRT on a network, several at a time. Throws the DataError of the first of them in order, or
+// any SystemFault, which ends the loop.
+void open_remote_sources(const std::set<std::string>& names, const std::string& vrt, OpenDataset& open) {
+  const std::vector<std::string> files(names.begin(), names.end());
+  std::vector<std::vector<BandValues>> bands(files.size());
+  std::vector<std::exception_ptr> thrown(files.size());
+  const auto open_source = [&](std::size_t i) {
+    try {
+      bands[i] = bands_on_server(files[i], vrt);
+    } catch (const DataError&) {
+      thrown[i] = std::current_exception();
+    }
+  };
+  on_own_threads(kConnections, [&] { in_parallel(files.size(), open_source); });
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    if (thrown[i]) std::rethrow_exception(thrown[i]);
+    if (bands[i].empty())
+      open.missing.insert(files[i]);
+    else
+      open.sources[files[i]] = std::move(bands[i]);
+  }
+}
+
 }  // namespace
 
 std::string BandValues::unit_name() const { return unit.empty() ? fmt::format("{:.9g} m", *vertical_m) : unit; }
@@ -71,17 +118,18 @@ OpenDataset open_dataset(const std::string& path, const char* const* drivers, Ch
   open.dataset = try_to_open(path, drivers);
   if (!open.dataset) quiet.fail(path, "cannot be opened");
   // Check a file on a network less: reading its overviews and masks now would take requests.
-  check_blocks(*open.dataset, open.remote || sources.remote ? CheckScope::again : scope, path, "its ");
-  if (scope == CheckScope::first)
-    for (const std::string& file : sources.files)
-      // Skip a source that cannot be opened: reading it later reports the error.
-      if (const DatasetPtr source = try_to_open(file, drivers)) {
-        check_blocks(*source, scope, path, "the source " + file + "'s ");
-        for (int b = 1; b <= source->GetRasterCount(); ++b) open.sources[file].push_back(values_of(*source, b));
-      }
-  open.remote |= sources.remote;
+  open.remote |= !sources.remote.empty();
+  check_blocks(*open.dataset, open.remote ? CheckScope::again : scope, path, "its ");
   open.rescales = sources.rescales;
   open.missing = std::move(sources.missing);
+  if (scope == CheckScope::again) return open;
+  for (const std::string& file : sources.files)
+    // Skip a source that cannot be opened: reading it later reports the error. GDAL reads it with any driver.
+    if (const DatasetPtr source = try_to_open(file, kMapDrivers)) {
+      check_blocks(*source, scope, path, owner_of(file));
+      open.sources[file] = bands_of(*source);
+    }
+  open_remote_sources(sources.remote, path, open);
   return open;
 }
 

@@ -49,7 +49,7 @@ struct OpenDataset {
   DatasetPtr dataset;
   bool remote = false;            // the file, or a source of it, is on a network
   std::set<std::string> missing;  // sources of a VRT that do not exist
-  // Bands of a VRT's sources on this machine; filled by CheckScope::first only.
+  // Bands of a VRT's sources; filled by CheckScope::first only.
   std::map<std::string, std::vector<BandValues>> sources;
   bool rescales = false;  // a VRT with elements that compute values from its sources' samples
 };

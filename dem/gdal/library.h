@@ -14,8 +14,9 @@ namespace selenograph::dem {
 // sources are restricted to these, too. None of them accesses a network.
 inline constexpr const char* kMapDrivers[] = {"GTiff", "VRT", "AAIGrid", "PNG", "JPEG", "PDS", "ISIS3", nullptr};
 inline constexpr const char* kDemDrivers[] = {"GTiff", "VRT", nullptr};
-// Drivers of remote DEMs: a remote VRT could name local files.
+// Drivers of remote DEMs, and of remote sources of a VRT: a remote VRT could name local files.
 inline constexpr const char* kRemoteDrivers[] = {"GTiff", nullptr};
+inline constexpr const char* kRemoteSourceDrivers[] = {"GTiff", "AAIGrid", "PNG", "JPEG", "PDS", "ISIS3", nullptr};
 
 // Size of GDAL's cache of decoded blocks, for all files together.
 inline constexpr std::uint64_t kBlockCache_bytes = std::uint64_t{64} << 20;

@@ -93,7 +93,7 @@ class VrtScan {
     if (++sources_ > kMaxSources)
       refuse(fmt::format("has more than {} sources: make several of it, or one GeoTIFF", kMaxSources));
     if (is_allowed(name)) {
-      result_.remote = true;
+      result_.remote.insert(name);
       return;
     }
     std::string file = name;

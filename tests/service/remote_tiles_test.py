@@ -290,13 +290,16 @@ class RemoteTiles(AsksForHeights):
         second = self.info(prefixes=[self.server.prefix])
         self.assertNotEqual(json.loads(second.stdout)["fingerprint"], json.loads(first.stdout)["fingerprint"])
 
-    def test_a_vrt_may_name_them(self):
+    def write_vrt(self, url):
         with open(harness.path("v.vrt"), "w") as f:
             f.write(f'<VRTDataset rasterXSize="{SIDE}" rasterYSize="{SIDE}"><SRS>GEOGCS["Moon",DATUM["Moon",SPHEROID["Moon",1737400,0]],'
                     f'PRIMEM["0",0],UNIT["degree",0.0174532925199433]]</SRS><GeoTransform>30, {1 / SIDE}, 0, 1, 0, {-1 / SIDE}</GeoTransform>'
-                    '<VRTRasterBand dataType="Int16" band="1"><SimpleSource><SourceFilename relativeToVRT="0">' + self.url +
+                    '<VRTRasterBand dataType="Int16" band="1"><SimpleSource><SourceFilename relativeToVRT="0">' + url +
                     f'</SourceFilename><SourceBand>1</SourceBand><SourceProperties RasterXSize="{SIDE}" RasterYSize="{SIDE}" '
                     f'DataType="Int16" BlockXSize="{TILED}" BlockYSize="{TILED}"/></SimpleSource></VRTRasterBand></VRTDataset>')
+
+    def test_a_vrt_may_name_them(self):
+        self.write_vrt(self.url)
         self.start(harness.path("v.vrt"))
         self.server.go_wrong("hang up")
         self.check_fault()
@@ -305,6 +308,12 @@ class RemoteTiles(AsksForHeights):
         self.server.go_wrong(None)
         self.check_heights()
         self.assertEqual({r[1] for r in self.server.asked()}, {"/dem/moon.tif"})
+
+    def test_a_source_that_is_not_there_is_a_gap(self):
+        self.write_vrt(self.server.prefix + "dem/none.tif")
+        done = self.info(harness.path("v.vrt"), prefixes=[self.server.prefix])
+        self.assertIn("none.tif is missing", done.stdout)
+        self.assertEqual([d["name"] for d in json.loads(done.stdout)["datasets"]], ["v"])
 
     def test_passing_faults_are_tried_again(self):
         self.start()

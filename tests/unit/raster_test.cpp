@@ -16,6 +16,7 @@
 
 #include "dem/base/error.h"
 #include "dem/files/quantity.h"
+#include "dem/gdal/remote_names.h"
 #include "dem/grid/block.h"
 #include "dem/grid/geodesy.h"
 #include "dem/posts/layer_joins.h"
@@ -687,19 +688,23 @@ TEST_F(RasterTest, TypesScaleOffsetAndUnits) {
 
 // A VRT of 4 x 4 posts: elements of its band, elements of its source, and a coordinate system.
 void write_vrt(const std::string& path, const std::string& source, const std::string& of_band,
-               const std::string& of_source, const OGRSpatialReference& srs) {
+               const std::string& of_source, const OGRSpatialReference& srs, bool relative = true) {
   char* wkt = nullptr;
   ASSERT_EQ(srs.exportToWkt(&wkt), OGRERR_NONE);
   char* escaped = CPLEscapeString(wkt, -1, CPLES_XML);
   std::ofstream(path) << "<VRTDataset rasterXSize=\"4\" rasterYSize=\"4\"><SRS dataAxisToSRSAxisMapping=\"2,1\">"
                       << escaped << "</SRS><GeoTransform>0, 1, 0, 4, 0, -1</GeoTransform>"
                       << "<VRTRasterBand dataType=\"Float64\" band=\"1\">" << of_band
-                      << "<ComplexSource><SourceFilename relativeToVRT=\"1\">" << source
+                      << "<ComplexSource><SourceFilename relativeToVRT=\"" << relative << "\">" << source
                       << "</SourceFilename><SourceBand>1</SourceBand>" << of_source
                       << "</ComplexSource></VRTRasterBand></VRTDataset>";
   CPLFree(escaped);
   CPLFree(wkt);
 }
+
+// GDAL opens a source that has no such properties with the VRT.
+constexpr const char* kSourceOfInt16 =
+    "<SourceProperties RasterXSize=\"4\" RasterYSize=\"4\" DataType=\"Int16\" BlockXSize=\"4\" BlockYSize=\"1\"/>";
 
 // A VRT that says nothing of its values' unit or scale hands on numbers whose meaning only its source knows.
 TEST_F(RasterTest, UnitsAndScalesBehindAVrt) {
@@ -736,6 +741,50 @@ TEST_F(RasterTest, UnitsAndScalesBehindAVrt) {
   EXPECT_EQ(height("scaled.tif", "", "<ScaleOffset>100</ScaleOffset><ScaleRatio>0.5</ScaleRatio>", moon), 251);
   EXPECT_EQ(height("scaled.tif", "<Offset>100</Offset><Scale>0.5</Scale>", "", moon), 251);
   EXPECT_EQ(height("plain.tif", "<Offset>100</Offset><Scale>0.5</Scale>", "", moon), 251);
+}
+
+// GDAL reads a source with any of its drivers.
+TEST_F(RasterTest, ScalesBehindAVrtOfAnotherFormat) {
+  Tif cube;
+  cube.driver = "ISIS3";
+  cube.scale = 0.5;
+  write(file("cube.cub"), cube);
+  write_vrt(file("v.vrt"), "cube.cub", "", "", srs_of(kMoon));
+  EXPECT_DATA_ERROR(inspect_raster(file("v.vrt")), "scale 1 and offset 0");
+}
+
+// Names of files as on a network, read from this machine by GDAL's file system of parts of files.
+class RemoteSources : public RasterTest {
+ protected:
+  void SetUp() override { allow_remote_files({"/vsisubfile/"}); }
+  void TearDown() override { allow_remote_files({}); }
+  std::string remote(const char* name) const { return "/vsisubfile/0," + file(name); }
+  RasterInfo vrt_of(const std::string& source, const char* of_band, const char* of_source) const {
+    write_vrt(file("v.vrt"), source, of_band, of_source, srs_of(kMoon), false);
+    return inspect_raster(file("v.vrt"));
+  }
+};
+
+TEST_F(RemoteSources, TheirUnitsAndScalesCount) {
+  Tif km, scaled;
+  km.type = scaled.type = GDT_Float64;
+  km.unit = "km";
+  km.values.assign(16, 2.5);
+  scaled.scale = 0.5;
+  write(file("km.tif"), km);
+  write(file("scaled.tif"), scaled);
+  write(file("plain.tif"), Tif{});
+  EXPECT_DATA_ERROR(vrt_of(remote("km.tif"), "", ""), "km.tif is in km: declare the unit");
+  EXPECT_DATA_ERROR(vrt_of(remote("scaled.tif"), "", ""), "scale 1 and offset 0");
+  Raster in_km(vrt_of(remote("km.tif"), "<UnitType>km</UnitType>", ""));
+  EXPECT_EQ(post(in_km, 2, 3), 2500);
+  EXPECT_TRUE(vrt_of(remote("plain.tif"), "", "").on_network);
+}
+
+TEST_F(RemoteSources, AVrtIsRefused) {
+  write(file("plain.tif"), Tif{});
+  write_vrt(file("inner.vrt"), file("plain.tif"), "", "", srs_of(kMoon), false);
+  EXPECT_DATA_ERROR(vrt_of(remote("inner.vrt"), "", kSourceOfInt16), "inner.vrt cannot be opened");
 }
 
 TEST_F(RasterTest, VoidsReadAsNan) {
