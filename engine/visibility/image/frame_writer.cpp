@@ -93,7 +93,7 @@ FrameWriter::FrameWriter(const FrameRequest& request, const RowViews& views, con
   allocate_products(out, request.products, pixels, request.truth ? request.truth->size() : pixels, stop);
 }
 
-std::uint32_t FrameWriter::account_all(const SurfacePoints& points, std::uint32_t hits, PixelCounts& counts) {
+bool FrameWriter::account_all(const TriangleId triangles[kPacket], std::uint32_t hits, PixelCounts& counts) {
   const auto add = [&](const MeshBlock& block, std::uint64_t lanes) {
     counts.hit += lanes;
     if (dem::is_filled(block.source)) counts.filled += lanes;
@@ -101,22 +101,20 @@ std::uint32_t FrameWriter::account_all(const SurfacePoints& points, std::uint32_
     if (const dem::SourceIndex index = dem::source_of(block.source); index != dem::kNoSource) sources_.number(index);
   };
   // Handle packets in one block of one source separately: this is the common case.
-  const MeshBlock& first = mesh_.blocks()[points.triangle[0].block()];
-  if (hits == kAllLanes && first.mixed.empty() && in_one_block(points.triangle)) {
+  const MeshBlock& first = mesh_.blocks()[triangles[0].block()];
+  if (hits == kAllLanes && first.mixed.empty() && in_one_block(triangles)) {
     add(first, kPacket);
-    return 0;
+    return true;
   }
-  std::uint32_t mixed_lanes = 0;
   for (int i = 0; i < kPacket; ++i) {
-    if (!(hits >> i & 1)) continue;
-    const TriangleId id = points.triangle[i];
+    const TriangleId id = triangles[i];
     const MeshBlock& block = mesh_.blocks()[id.block()];
-    if (!block.mixed.empty() && block.mixed[static_cast<std::size_t>(id.r())] >> id.c() & 1)
-      mixed_lanes |= 1U << i;
-    else
-      add(block, 1);
+    if (hits >> i & 1 && !block.mixed.empty() && block.mixed[static_cast<std::size_t>(id.r())] >> id.c() & 1)
+      return false;
   }
-  return mixed_lanes;
+  for (int i = 0; i < kPacket; ++i)
+    if (hits >> i & 1) add(mesh_.blocks()[triangles[i].block()], 1);
+  return true;
 }
 
 void FrameWriter::account(const SurfacePoints& points, int i, std::size_t at, PixelCounts& counts) {

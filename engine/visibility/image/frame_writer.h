@@ -52,8 +52,9 @@ class FrameWriter {
     return request_.truth->slot(static_cast<int>(pixel % width), static_cast<int>(pixel / width));
   }
 
-  // Counts all hit lanes at once, except those on quads with several sources, which it returns, one bit each.
-  std::uint32_t account_all(const SurfacePoints& points, std::uint32_t hits, PixelCounts& counts);
+  // Counts all hit lanes and their sources at once and returns true; or counts none and returns false, if a lane is on
+  // a quad with several sources.
+  bool account_all(const TriangleId triangles[kPacket], std::uint32_t hits, PixelCounts& counts);
   // Counts one lane and its source.
   void account(const SurfacePoints& points, int lane, std::size_t pixel, PixelCounts& counts);
   void store_geometry(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,

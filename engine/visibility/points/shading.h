@@ -33,6 +33,9 @@ class PacketShader {
   // Returns whether the radiance without the Sun varies between pixels.
   bool bases_vary() const { return indirect_ || (mapped_ && mapped_->emits()); }
   float base_radiance() const { return base_; }
+  // Returns the reflectance of all terrain if it is the same everywhere and no light but the Sun's varies; else null.
+  const Brdf* uniform_brdf() const { return mapped_ || indirect_ ? nullptr : &brdf_; }
+  double irradiance_w_m2() const { return irradiance_; }
 
  private:
   const FrameRequest& request_;

@@ -1,6 +1,7 @@
 #include "engine/visibility/zbuffer/raster_pass.h"
 
 #include <algorithm>
+#include <bit>
 #include <cstring>
 #include <mutex>
 
@@ -38,6 +39,10 @@ RasterPass::RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& s
     shadows_.emplace(mesh_, *disc_);
   } else {
     shadows_.emplace(mesh_, request_.sun.direction);
+    const Brdf* brdf = shader_.uniform_brdf();
+    if (brdf && request_.camera.rectilinear() && job_.objects.empty())
+      row_terms_.emplace(job.views.reference(), mesh_.anchor(), shadows_->axes(), *brdf, shader_.irradiance_w_m2(),
+                         shader_.base_radiance());
   }
 }
 
@@ -109,19 +114,51 @@ void RasterPass::resolve_tile(const ImageTile& tile, const TileBuffer& buffer, c
 void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCounts& counts, LightSamples& samples,
                          PacketShader::Sampler& sampler) {
   const SubpixelSample& sample = row.sample;
-  Rays rays;
-  rays_.aim(PacketShape::row, row.x, row.y, sample.dx, sample.dy, tiling_.bends() ? &row.lens : nullptr, rays);
   SurfacePoints points;
   take_triangles(triangles, row.inside, points);
   prefetch(triangles + kPacket);
+  ResolvedRow resolved;
+  const bool by_kernel = resolve_by_kernel(row, points, resolved, samples);
+  if (by_kernel && !wants_points(row, points, counts)) return;
+  Rays rays;
+  rays_.aim(PacketShape::row, row.x, row.y, sample.dx, sample.dy, tiling_.bends() ? &row.lens : nullptr, rays);
   Facets facets;
   refine(job_.scene.mesh, rays, points, facets);
-  resolve_points(row, rays, points, facets, counts, samples, sampler);
+  resolve_points(row, rays, points, facets, by_kernel ? &resolved : nullptr, counts, samples, sampler);
+}
+
+bool RasterPass::resolve_by_kernel(const Row& row, const SurfacePoints& points, ResolvedRow& out,
+                                   LightSamples& samples) const {
+  const SubpixelSample& sample = row.sample;
+  if (!row_terms_ || !sample.light || sample.weight == 0 || hit_bits(points) != kAllLanes) return false;
+  if (!resolve_row(job_.scene.mesh, *row_terms_, row.x + sample.dx, row.y + sample.dy, points.triangle, out))
+    return false;
+  std::memcpy(row.radiance, out.radiance, sizeof out.radiance);
+  const auto first = static_cast<std::uint32_t>(row.first);
+  if (out.lit == kAllLanes) {
+    samples.add_packet(out.light, first);
+    return true;
+  }
+  for (std::uint32_t lanes = out.lit; lanes != 0; lanes &= lanes - 1) {
+    const auto i = static_cast<std::uint32_t>(std::countr_zero(lanes));
+    samples.add(out.light.u[i], out.light.v[i], out.light.d[i], first + i);
+  }
+  return true;
+}
+
+// Counts the pixels of a row whose light and radiance are known. Returns whether their points are needed nevertheless:
+// for ground truth, marks or sources that vary within a quad.
+bool RasterPass::wants_points(const Row& row, const SurfacePoints& points, PixelCounts& counts) {
+  const SubpixelSample& sample = row.sample;
+  if (sample.store && writer_.wants_geometry_of(row.y)) return true;
+  if (!sample.count) return false;
+  return writer_.marked(row.y, 1) || !writer_.account_all(points.triangle, kAllLanes, counts);
 }
 
 // Resolves sixteen pixels whose terrain points are known.
 void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& points, const Facets& facets,
-                                PixelCounts& counts, LightSamples& samples, PacketShader::Sampler& sampler) {
+                                const ResolvedRow* by_kernel, PixelCounts& counts, LightSamples& samples,
+                                PacketShader::Sampler& sampler) {
   const SubpixelSample& sample = row.sample;
   if (!job_.objects.empty()) resolve_objects(row, rays, points, counts, samples);
   const std::uint32_t hits = hit_bits(points);
@@ -137,22 +174,26 @@ void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& point
   alignas(64) float lit[kPacket] = {};
   alignas(64) float radiance[kPacket];
   alignas(64) float base[kPacket];
-  if (sample.light) light_packet(points, nullptr, row.first, shading, lit, samples);
-  if (sample.weight > 0) row.shader.radiances(points, shading, rays, lit, sampler, radiance, base);
-  const bool bases = sample.weight > 0 && row.shader.bases_vary();
-  std::uint32_t left = hits;  // lanes whose source is still to be counted
-  if (writer_.out().source.empty()) left = sample.count ? writer_.account_all(points, hits, counts) : 0;
+  const bool shades = sample.weight > 0 && !by_kernel;
+  if (by_kernel)
+    for (int i = 0; i < kPacket; ++i) lit[i] = by_kernel->lit >> i & 1 ? 1.F : 0.F;
+  else if (sample.light)
+    light_packet(points, nullptr, row.first, shading, lit, samples);
+  if (shades) row.shader.radiances(points, shading, rays, lit, sampler, radiance, base);
+  const bool bases = shades && row.shader.bases_vary();
+  const bool counted =
+      !sample.count || (writer_.out().source.empty() && writer_.account_all(points.triangle, hits, counts));
   const bool stores = sample.store && writer_.wants_geometry_of(row.y);
-  if (all_hit && left == 0 && !stores && !bases) {
-    if (sample.weight > 0) std::memcpy(row.radiance, radiance, sizeof radiance);
+  if (all_hit && counted && !stores && !bases) {
+    if (shades) std::memcpy(row.radiance, radiance, sizeof radiance);
     return;
   }
   for (int i = 0; i < kPacket; ++i) {
     if (!points.hit[i]) continue;
     const std::size_t at = row.first + static_cast<std::size_t>(i);
-    if (sample.weight > 0) row.radiance[i] = radiance[i];
+    if (shades) row.radiance[i] = radiance[i];
     if (bases) row.bases[i] = base[i];
-    if (left >> i & 1 && sample.count) writer_.account(points, i, at, counts);
+    if (!counted) writer_.account(points, i, at, counts);
     if (stores) writer_.store_geometry(points, i, rays.direction(i), shading, lit[i], at);
   }
 }
@@ -427,7 +468,7 @@ void RasterPass::resolve_edges(const EdgeTiles& batch, std::size_t i, const Tile
                   batch.edges.shader(),
                   edge_scratch.radiance.data() + first,
                   edge_scratch.bases.empty() ? nullptr : edge_scratch.bases.data() + first};
-    resolve_points(row, rays, points, facets, uncounted, edge_scratch.samples[i], sampler);
+    resolve_points(row, rays, points, facets, nullptr, uncounted, edge_scratch.samples[i], sampler);
   }
 }
 

@@ -16,6 +16,7 @@
 #include "engine/visibility/points/shading.h"
 #include "engine/visibility/zbuffer/image_tiles.h"
 #include "engine/visibility/zbuffer/raster_kernels.h"
+#include "engine/visibility/zbuffer/row_kernel.h"
 #include "engine/visibility/zbuffer/shadow_map.h"
 
 namespace selenograph::engine {
@@ -83,8 +84,13 @@ class RasterPass {
   // Resolves sixteen pixels from the ids of their triangles: aims their rays and refines their points.
   void resolve(const Row& row, const std::uint32_t* triangles, PixelCounts& counts, LightSamples& samples,
                PacketShader::Sampler& sampler);
-  void resolve_points(const Row& row, Rays& rays, SurfacePoints& points, const Facets& facets, PixelCounts& counts,
-                      LightSamples& samples, PacketShader::Sampler& sampler);
+  // `by_kernel`: light and radiance of the row, if resolve_row() found them; else null.
+  void resolve_points(const Row& row, Rays& rays, SurfacePoints& points, const Facets& facets,
+                      const ResolvedRow* by_kernel, PixelCounts& counts, LightSamples& samples,
+                      PacketShader::Sampler& sampler);
+  // Resolves light and radiance of the row by resolve_row(). Returns false, and has no effect, if that cannot.
+  bool resolve_by_kernel(const Row& row, const SurfacePoints& points, ResolvedRow& out, LightSamples& samples) const;
+  bool wants_points(const Row& row, const SurfacePoints& points, PixelCounts& counts);
   // Replaces pixels at edges by the mean of four samples; see edge_samples.h.
   void refine_edges(Pixels& pixels);
   struct EdgeTiles;  // a batch of tiles
@@ -129,6 +135,7 @@ class RasterPass {
   PacketShader shader_;
   std::optional<DiscLight> disc_;
   std::optional<ShadowMap> shadows_;
+  std::optional<RowTerms> row_terms_;  // empty: the frame needs more than row_kernel.h resolves
 };
 
 }  // namespace selenograph::engine

@@ -18,6 +18,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <cstring>
 #include <vector>
@@ -145,6 +146,8 @@ class ShadowMap {
 
   // Direction from which shadows are cast.
   const Vec3& aim() const { return d_; }
+  // Axes of light space: u, v and d.
+  std::array<Vec3, 3> axes() const { return {u_, v_, d_}; }
 
   // Transforms points into light space, for a disc with rounding residuals.
   void place(const SurfacePoints& points, LightLanes& lanes) const;
