@@ -108,12 +108,16 @@ bool FrameWriter::account_all(const TriangleId triangles[kPacket], std::uint32_t
   }
   for (int i = 0; i < kPacket; ++i) {
     const TriangleId id = triangles[i];
-    const MeshBlock& block = mesh_.blocks()[id.block()];
-    if (hits >> i & 1 && !block.mixed.empty() && block.mixed[static_cast<std::size_t>(id.r())] >> id.c() & 1)
-      return false;
+    if (!(hits >> i & 1)) continue;
+    const std::vector<std::uint64_t>& mixed = mesh_.blocks()[id.block()].mixed;
+    if (!mixed.empty() && mixed[static_cast<std::size_t>(id.r())] >> id.c() & 1) return false;
   }
-  for (int i = 0; i < kPacket; ++i)
-    if (hits >> i & 1) add(mesh_.blocks()[triangles[i].block()], 1);
+  for (int i = 0, next = 0; i < kPacket; i = next) {
+    const std::uint32_t block = triangles[i].block();
+    std::uint64_t lanes = 0;  // of the run of pixels that see this block
+    for (next = i; next < kPacket && triangles[next].block() == block; ++next) lanes += hits >> next & 1;
+    if (lanes > 0) add(mesh_.blocks()[block], lanes);
+  }
   return true;
 }
 

@@ -180,6 +180,8 @@ unsigned Gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
   const auto side = static_cast<std::uint32_t>(first.side);
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) find_offsets(ids[i], side, i, at);
+  // Have the offsets loaded from memory: compilers would extract them from vectors, which takes longer.
+  asm volatile("" ::: "memory");
   // Handle packets in one block separately: this is the common case.
   if (in_one_block(ids)) {
     for (int i = 0; i < kPacket && first.collapses; ++i) mark_if_on_border(first, i);

@@ -134,6 +134,20 @@ void StartShadowRays(const SurfacePoints& p, const Vec3& anchor, const Vec3& sun
   }
 }
 
+// Sets toward_moon[i] to 1 if the ray meets a sphere of this radius around the Moon's centre.
+void AimAtMoon(const Rays& rays, double radius, std::int64_t* toward_moon) {
+  const double radius2 = radius * radius;
+  SELENOGRAPH_INDEPENDENT_LANES
+  for (int i = 0; i < kPacket; ++i) {
+    const double ox = rays.ox[i], oy = rays.oy[i], oz = rays.oz[i];
+    const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
+    const double closest = -(ox * dx + oy * dy + oz * dz) / (dx * dx + dy * dy + dz * dz);
+    const double px = ox + closest * dx, py = oy + closest * dy, pz = oz + closest * dz;
+    toward_moon[i] =
+        aims_into_sphere(radius2, ox * ox + oy * oy + oz * oz, px * px + py * py + pz * pz, closest > 0) ? 1 : 0;
+  }
+}
+
 // Sets facing[i] to 1 if the facet faces the Sun and the interior of the Moon is not in between.
 void FaceTheSun(const SurfacePoints& p, const Vec3& sun, std::int32_t* facing) {
   const double sx = sun.x();
@@ -151,6 +165,7 @@ namespace selenograph::engine {
 
 HWY_EXPORT(StartRays);
 HWY_EXPORT(StartShadowRays);
+HWY_EXPORT(AimAtMoon);
 HWY_EXPORT(FaceTheSun);
 
 // Retries rays that are lost although they point at the Moon: the ROBUST grids of Embree lose about one in 3000 rays
@@ -230,14 +245,9 @@ void trace(const Scene& scene, const Rays& rays, SurfacePoints& points, Facets& 
 }
 
 void find_missing(const Scene& scene, const Rays& rays, SurfacePoints& points) {
-  for (int i = 0; i < kPacket; ++i) {
-    points.toward_moon[i] = false;
-    if (!rays.valid[i] || points.hit[i]) continue;
-    const Vec3 o = rays.origin(i), d = rays.direction(i);
-    const double closest = -o.dot(d) / d.squaredNorm();
-    points.toward_moon[i] =
-        aims_into_sphere(scene.core_m * scene.core_m, o.squaredNorm(), (o + closest * d).squaredNorm(), closest > 0);
-  }
+  alignas(64) std::int64_t toward_moon[kPacket];
+  HWY_DYNAMIC_DISPATCH(AimAtMoon)(rays, scene.core_m, toward_moon);
+  for (int i = 0; i < kPacket; ++i) points.toward_moon[i] = rays.valid[i] && !points.hit[i] && toward_moon[i];
 }
 
 void facing_sun(const SurfacePoints& points, const Vec3& sun, std::int32_t* facing) {
