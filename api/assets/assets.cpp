@@ -343,7 +343,6 @@ dem::DetailPreset read_detail_file(const std::string& path) {
   const JsonReader in(json, findings);
   dem::DetailPreset preset;
   if (in.object({"seed", "region", "craters", "relief", "rocks", "published", "description"})) {
-    constexpr std::int64_t kMaxSeed = std::int64_t{1} << 53;
     const auto seed = in.has("seed") ? in.at("seed").integer(0, kMaxSeed) : std::optional<std::int64_t>(0);
     preset.craters.seed = static_cast<std::uint64_t>(seed.value_or(0));
     preset.relief.seed = preset.rocks.seed = preset.craters.seed;

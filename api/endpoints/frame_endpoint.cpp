@@ -207,25 +207,30 @@ Response with_echo(const FrameQuery& query, Response response) {
   return response;
 }
 
+std::string hash_of(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
+                    const Representation& representation, const EndpointContext& context) {
+  return content_hash(query, shadow_limits_px, context.renderer.terrain().catalogue().fingerprint(), representation);
+}
+
 Response answer(const FrameQuery& query, const engine::Frame& frame, const Representation& representation,
-                const dem::Catalogue& catalogue, const std::string& hash, LongMetadata& long_metadata,
-                const StopToken& stop) {
+                const EndpointContext& context) {
+  const std::string hash = hash_of(query, frame.report.shadow_limits_px, representation, context);
   Response response;
   response.content_type = representation.media_type;
   response.headers.emplace_back("Vary", "Accept");
   // Send no ETag if a coarser layer replaced an unusable file: the hash assumes that every file is usable.
   if (frame.report.warnings.empty()) response.headers.emplace_back("ETag", "\"" + hash + "\"");
-  const nlohmann::ordered_json meta = metadata(query, frame.report, catalogue, hash);
+  const nlohmann::ordered_json meta = metadata(query, frame.report, context.renderer.terrain().catalogue(), hash);
   Narrowed narrowed;
   std::vector<ArrayView> arrays = arrays_of(frame, query.request, query.request.products, narrowed);
   NpzExtras extras{.deflated = query.compression == Compression::deflate};
   LabelMembers labels;
-  labels.add(query, frame, "", stop, arrays, extras);
+  labels.add(query, frame, "", context.stop, arrays, extras);
   std::string text = metadata_text(meta, query.request.craters.has_value());
-  response.body = encode(arrays, representation.format, text, extras, stop);
+  response.body = encode(arrays, representation.format, text, extras, context.stop);
   if (representation.format == Format::npy || representation.format == Format::raw) {
     MetadataHeader header = metadata_header(meta);
-    if (!header.complete) remember(hash, std::move(text), long_metadata);
+    if (!header.complete) remember(hash, std::move(text), context.long_metadata);
     add_array_headers(response, arrays.front(), std::move(header));
   }
   // Tell the share without data in a header, too: in the image its black pixels look like sky.
@@ -249,12 +254,7 @@ std::string choose_within_budget(FrameQuery& query, const EndpointContext& conte
                      choice.accuracy.samples_per_pixel);
 }
 
-std::string hash_of(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
-                    const Representation& representation, const EndpointContext& context) {
-  return content_hash(query, shadow_limits_px, context.renderer.terrain().catalogue().fingerprint(), representation);
-}
-
-// Returns the same hash before the frame is rendered; errors of the engine point at `pointer`.
+// Returns hash_of() before the frame is rendered; errors of the engine point at `pointer`.
 std::string hash_beforehand(const FrameQuery& query, std::string_view pointer, const Representation& representation,
                             const EndpointContext& context) {
   const auto limits = with_refusals_at(kRefusable, pointer,
@@ -375,9 +375,7 @@ Response answer_frame(const EndpointContext& context, const Json& body, engine::
   context.stop.check();
 
   watch.lap_ms();
-  Response response = answer(query, frame, representation, context.renderer.terrain().catalogue(),
-                             hash_of(query, frame.report.shadow_limits_px, representation, context),
-                             context.long_metadata, context.stop);
+  Response response = answer(query, frame, representation, context);
   if (!budget.empty()) response.headers.emplace_back("Selenograph-Budget", budget);
   response.stages = stages_of(parse_ms, frame.times, watch.lap_ms(), kernel_ms() - kernel_before_ms);
   context.renderer.expect(query.request, query.ahead);

@@ -217,20 +217,6 @@ bool JsonReader::has(std::string_view name) const { return value_->is_object() &
 
 JsonReader JsonReader::at(std::string_view name) const { return JsonReader(value_->find(name).value(), this, name, 0); }
 
-std::string_view JsonReader::alternative(std::span<const std::string_view> names, bool required) const {
-  std::vector<std::string_view> present;
-  for (const std::string_view name : names) {
-    if (has(name)) present.push_back(name);
-  }
-  if (present.size() == 1) return present.front();
-  if (present.size() > 1) {
-    fail(present[1], quoted_list(present, " and ") + " exclude each other: give one of them");
-  } else if (required) {
-    fail("needs one of " + quoted_list(names, " or "));
-  }
-  return "";
-}
-
 std::optional<double> JsonReader::number(const Range& range) const {
   const double x = value_->is_number() ? value_->get<double>() : 0.0;
   if (!value_->is_number()) {
@@ -289,15 +275,16 @@ std::optional<std::pair<double, double>> JsonReader::pair(const Range& first, co
   return std::pair(numbers[0], numbers[1]);
 }
 
-Vec3 JsonReader::vector(const Range& range) const {
-  Vec3 v = Vec3::Zero();
+std::optional<Vec3> JsonReader::vector(const Range& range) const {
   if (!value_->is_array() || value_->size() != 3) {
     fail("must be an array of three numbers");
-    return v;
+    return std::nullopt;
   }
+  const std::size_t before = faults();
+  Vec3 v = Vec3::Zero();
   Eigen::Index i = 0;
   elements(3, 3, [&](const JsonReader& element) { v[i++] = element.number(range).value_or(0); });
-  return v;
+  return faults() == before ? std::optional(v) : std::nullopt;
 }
 
 bool JsonReader::array(std::size_t min, std::size_t max) const {
@@ -313,19 +300,15 @@ bool JsonReader::array(std::size_t min, std::size_t max) const {
   return false;
 }
 
-int JsonReader::word_index(const std::vector<std::string_view>& names, WordHints hints) const {
-  const std::optional<std::string> given_word = text();
-  if (!given_word) return -1;
-  const auto found = std::find(names.begin(), names.end(), *given_word);
-  if (found != names.end()) return static_cast<int>(found - names.begin());
-  const auto hint = std::find_if(hints.begin(), hints.end(), [&](const auto& h) { return h.first == *given_word; });
+void JsonReader::fail_word(std::string_view given_word, const std::vector<std::string_view>& words,
+                           WordHints hints) const {
+  const auto hint = std::find_if(hints.begin(), hints.end(), [&](const auto& h) { return h.first == given_word; });
   std::string advice;
   if (hint != hints.end())
     advice = "; " + std::string(hint->second);
-  else if (const auto nearest = did_you_mean(*given_word, names))
+  else if (const auto nearest = did_you_mean(given_word, words))
     advice = "; did you mean \"" + std::string(*nearest) + "\"?";
-  fail("must be " + quoted_list(names, " or ") + advice);
-  return -1;
+  fail("must be " + quoted_list(words, " or ") + advice);
 }
 
 std::optional<Vec3> direction_of(const Vec3& v) {

@@ -49,6 +49,14 @@ constexpr std::string_view word_of(const Table& table, const T& value) {
   return {};
 }
 
+// Returns the words of such a table.
+template <typename Table>
+std::vector<std::string_view> names_of(const Table& table) {
+  std::vector<std::string_view> names;
+  for (const auto& [word, meaning] : table) names.push_back(word);
+  return names;
+}
+
 // Returns the names in quotation marks: "a", "b" or "c", for the last separator " or ".
 std::string quoted_list(std::span<const std::string_view> names, std::string_view last_separator);
 
@@ -86,13 +94,6 @@ class JsonReader {
   bool has(std::string_view name) const;
   JsonReader at(std::string_view name) const;  // the member must exist; `name` must outlive the reader
 
-  // Returns the name of the only member that is given of mutually exclusive ones. Two members are a fault that names
-  // both; none is a fault if `required`. Then "" is returned.
-  std::string_view alternative(std::span<const std::string_view> names, bool required) const;
-  std::string_view alternative(std::initializer_list<std::string_view> names, bool required) const {
-    return alternative(std::span<const std::string_view>(names.begin(), names.size()), required);
-  }
-
   // Return the value; empty, and reported, if it has another type or is out of range.
   std::optional<double> number(const Range& range) const;
   std::optional<std::int64_t> integer(std::int64_t min, std::int64_t max) const;
@@ -102,16 +103,18 @@ class JsonReader {
   std::optional<std::string> text() const;
   // Returns [a, b], each within its range; empty, and reported, for anything else.
   std::optional<std::pair<double, double>> pair(const Range& first, const Range& second) const;
-  // Returns [x, y, z], each within range; faulty components are reported and 0.
-  Vec3 vector(const Range& range) const;
+  // Returns [x, y, z], each within range; empty, and reported, for anything else.
+  std::optional<Vec3> vector(const Range& range) const;
 
   // Returns the word's value; empty, and reported, if the word is unknown.
   template <typename T>
   std::optional<T> word(Words<T> words, WordHints hints = {}) const {
-    std::vector<std::string_view> names;
-    for (const auto& [name, meaning] : words) names.push_back(name);
-    const int found = word_index(names, hints);
-    return found < 0 ? std::nullopt : std::optional<T>(words[static_cast<std::size_t>(found)].second);
+    const std::optional<std::string> given_word = text();
+    if (!given_word) return std::nullopt;
+    for (const auto& [word, meaning] : words)
+      if (word == *given_word) return meaning;
+    fail_word(*given_word, names_of(words), hints);
+    return std::nullopt;
   }
 
   // Calls each(reader) for the elements of an array of min to max elements; reports anything else without a call. Stops
@@ -126,7 +129,7 @@ class JsonReader {
   JsonReader(const Json& value, const JsonReader* parent, std::string_view key, std::size_t index)
       : value_(&value), findings_(parent->findings_), parent_(parent), key_(key), index_(index) {}
   bool array(std::size_t min, std::size_t max) const;
-  int word_index(const std::vector<std::string_view>& names, WordHints hints) const;
+  void fail_word(std::string_view given_word, const std::vector<std::string_view>& words, WordHints hints) const;
 
   const Json* value_;
   Findings* findings_;

@@ -2,6 +2,8 @@
 // members' rows.
 #pragma once
 
+#include <cstdint>
+
 #include "api/json/json_reader.h"
 
 namespace selenograph::api {
@@ -34,6 +36,8 @@ inline constexpr Range kMaxError_px{0, 100};
 // Height of a round trip's cameras above the ground, from 1 m to beyond the Earth.
 inline constexpr Range kStationHeight_m{1, 1e9};
 inline constexpr Range kFootprintRatio{0.1, 10};
+
+inline constexpr std::int64_t kMaxSeed = std::int64_t{1} << 53;  // every integer up to here is exact in a JSON number
 
 // Tolerance of a quaternion's length. It admits rounding, also to float32, but not a missing normalisation.
 inline constexpr double kQuaternionTolerance = 1e-3;

@@ -193,10 +193,7 @@ const Members<FeaturesQuery>& features_members() {
 }
 
 FeaturesQuery read_features(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
-  Findings findings;
-  auto value = features_members().read(JsonReader(body, findings), {limits, assets, stop});
-  findings.throw_if_any();
-  return std::move(*value);
+  return features_members().read_body(body, {limits, assets, stop});
 }
 
 std::span<const FeatureColumn<CraterFeature>> crater_columns() { return kCraterColumns; }

@@ -23,6 +23,8 @@
 namespace selenograph::api {
 namespace {
 
+using engine::FrameRequest;
+
 // --- objects within a frame's request
 
 // "accuracy" as a client writes it: settings, or a time budget from which the endpoint chooses them.
@@ -270,52 +272,44 @@ bool has_image_without_sensor(const FrameQuery& q) { return q.request.products &
 void add_scene(Members<FrameQuery>& m) {
   add_camera_and_pose(m).written_if(
       [](const FrameQuery& q) { return !q.request.shutter || q.request.shutter->poses.empty(); });
-  m.add(
-      "shutter", [](auto& q) -> auto& { return q.request.shutter; }, Object{shutter_members()},
-      "times of the rows: a rolling shutter or a line camera; left out: all rows are exposed at once");
+  m.add("shutter", nested(&FrameQuery::request, &FrameRequest::shutter), Object{shutter_members()},
+        "times of the rows: a rolling shutter or a line camera; left out: all rows are exposed at once");
   add_scenery(m);
-  m.add(
-      "band", [](auto& q) -> auto& { return q.request.band; }, Object{band_members()},
-      "spectral channel; left out: all wavelengths");
-  m.add(
-      "sky", [](auto& q) -> auto& { return q.request.sky; }, Object{sky_members()},
-      "stars, Sun, Earth and planets in view; left out: a black sky");
+  m.add("band", nested(&FrameQuery::request, &FrameRequest::band), Object{band_members()},
+        "spectral channel; left out: all wavelengths");
+  m.add("sky", nested(&FrameQuery::request, &FrameRequest::sky), Object{sky_members()},
+        "stars, Sun, Earth and planets in view; left out: a black sky");
   m.add("atmosphere", atmosphere_field, Object{atmosphere_members()}, "left out: none");
   m.add("objects", objects_field, List{Object{object_members()}, 1, kMaxObjects},
         "triangle meshes besides the terrain; `object_id` holds indices into this list");
-  m.add(
-       "terrain", [](auto& q) -> auto& { return q.request.terrain; }, Flag{}, "false: objects only, without the Moon")
+  m.add("terrain", nested(&FrameQuery::request, &FrameRequest::terrain), Flag{},
+        "false: objects only, without the Moon")
       .written_if([](const FrameQuery& q) { return !q.request.terrain; });
 }
 
 void add_rendering(Members<FrameQuery>& m) {
-  m.add(
-      "visibility", [](auto& q) -> auto& { return q.request.visibility; }, Word{kVisibilities},
-      "visibility algorithm: zbuffer (z-buffer and irregular shadow map, several times as fast except for tiny "
-      "images), raytrace, or auto, the faster of the two, chosen from the request and the terrain alone. Both are "
-      "exact for a point Sun; for its disc they are a few hundredths off at worst (engine/verify/errors.md). The "
-      "metadata names the one used");
+  m.add("visibility", nested(&FrameQuery::request, &FrameRequest::visibility), Word{kVisibilities},
+        "visibility algorithm: zbuffer (z-buffer and irregular shadow map, several times as fast except for tiny "
+        "images), raytrace, or auto, the faster of the two, chosen from the request and the terrain alone. Both are "
+        "exact for a point Sun; for its disc they are a few hundredths off at worst (engine/verify/errors.md). The "
+        "metadata names the one used");
   m.add("accuracy", accuracy_field, Object{accuracy_members()}, "level of detail and samples");
-  m.add(
-       "sensor", [](auto& q) -> auto& { return q.request.sensor; }, Object{sensor_members()},
-       "sensor model that produces `image`")
+  m.add("sensor", nested(&FrameQuery::request, &FrameRequest::sensor), Object{sensor_members()},
+        "sensor model that produces `image`")
       .written_if(has_image_by_sensor);
-  m.add(
-       "image", [](auto& q) -> auto& { return q.request.image; }, Object{image_members()},
-       "produces `image` without a sensor model")
+  m.add("image", nested(&FrameQuery::request, &FrameRequest::image), Object{image_members()},
+        "produces `image` without a sensor model")
       .written_if(has_image_without_sensor);
-  m.add("camera_preset", camera_preset_field<FrameQuery>(), Text{},
+  m.add("camera_preset", no_field<FrameQuery, std::string>(), Text{},
         std::string(kCameraPresetMeaning) + ". The request in the metadata shows the result");
-  m.add(
-      "products", [](auto& q) -> auto& { return q.request.products; }, Products{products()},
-      "what to render: arrays of height x width, row 0 on top");
-  m.add(
-       "flow_to", [](auto& q) -> auto& { return q.request.flow_to; }, Object{pose_members()},
-       "camera pose of the other image of the product `flow`, e.g. the next frame's; the scene is static. Frames with "
-       "it are ray traced")
+  m.add("products", nested(&FrameQuery::request, &FrameRequest::products), Products{products()},
+        "what to render: arrays of height x width, row 0 on top");
+  m.add("flow_to", nested(&FrameQuery::request, &FrameRequest::flow_to), Object{pose_members()},
+        "camera pose of the other image of the product `flow`, e.g. the next frame's; the scene is static. Frames with "
+        "it are ray traced")
       .written_if([](const FrameQuery& q) { return engine::wants_flow(q.request); });
   m.add(
-      "craters", [](auto& q) -> auto& { return q.request.craters; }, FlagOrObject{craters_members()},
+      "craters", nested(&FrameQuery::request, &FrameRequest::craters), FlagOrObject{craters_members()},
       "lists the craters of `detail` that the frame shows, with their rims in the image, as `craters` of the metadata; "
       "changes no pixel. true: with all defaults; left out or false: no list");
   m.add("labels", &FrameQuery::labels, Flag{},
@@ -324,9 +318,8 @@ void add_rendering(Members<FrameQuery>& m) {
         "`craters` selects the craters, which are then not in the metadata; rocks are listed if they cover as many "
         "pixels as a circle of `smallest_px`")
       .written_if([](const FrameQuery& q) { return q.labels; });
-  m.add(
-       "truth", [](auto& q) -> auto& { return q.request.truth; }, Object{truth_members()},
-       "subset of pixels for ground truth; left out: every pixel of every product, positions as float64")
+  m.add("truth", nested(&FrameQuery::request, &FrameRequest::truth), Object{truth_members()},
+        "subset of pixels for ground truth; left out: every pixel of every product, positions as float64")
       .written_if([](const FrameQuery& q) { return q.request.truth && q.request.products & engine::kTruth; });
   m.add("ahead", ahead_field, List{Object{pose_members()}, 1, kMaxAhead},
         "expected poses of this camera's next frames, soonest first: their scenes are prepared while no request is in "
@@ -334,12 +327,11 @@ void add_rendering(Members<FrameQuery>& m) {
         "extrapolated, as the Sun's always is. Changes no byte of any answer");
   m.add("echo", &FrameQuery::echo, Echo{},
         "any object of at most 1024 bytes (a time tag, the frame's number, the camera's name): returned unchanged in "
-        "the header Selenograph-Echo. Changes no byte of any answer")
-      .written_if([](const FrameQuery&) { return false; });
+        "the header Selenograph-Echo. Changes no byte of any answer");
   m.add("compression", &FrameQuery::compression, Word{kCompressions},
         "compression of an .npz: deflate is smaller but slower; PNG is always compressed, TIFF and OpenEXR never")
       .written_if([](const FrameQuery& q) { return q.compression != Compression::none; });
-  m.add("cameras", no_field<FrameQuery>(), CamerasByName{},
+  m.add("cameras", no_field<FrameQuery, std::monostate>(), CamerasByName{},
         "several cameras at one instant, by name: each is an object of members of this table, which replace the "
         "request's own. The answer is one .npz with arrays NAME/PRODUCT, and its meta.json has the metadata of each "
         "camera; only the request itself can have `echo`");
@@ -374,10 +366,7 @@ const Members<FrameQuery>& frame_members() {
 FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
   const ReadContext context{limits, assets, stop, utc_of_sun(body)};
   if (const auto merged = with_camera_preset(body, context)) return read_frame(*merged, limits, assets, stop);
-  Findings findings;
-  std::optional<FrameQuery> query = frame_members().read(JsonReader(body, findings), context);
-  findings.throw_if_any();
-  return std::move(*query);
+  return frame_members().read_body(body, context);
 }
 
 OrderedJson resolved_json(const FrameQuery& query) { return frame_members().write(query); }

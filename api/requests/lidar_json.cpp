@@ -15,8 +15,6 @@ namespace {
 
 using engine::LidarRequest;
 
-constexpr std::int64_t kMaxSeed = std::int64_t{1} << 53;  // every integer up to here is exact in a JSON number
-
 std::int64_t max_pulses(const Limits& limits) { return limits.max_rays; }
 
 struct LidarMotion {
@@ -118,20 +116,11 @@ void check_lidar(const JsonReader& in, LidarQuery& query, const ReadContext& con
 Json with_lidar_preset(const Json& body, const ReadContext& context) {
   Findings findings;
   const JsonReader in(body, findings);
-  const JsonReader named = in.at("instrument_preset");
-  const std::string name = named.text().value_or("");
-  const std::shared_ptr<const Json> preset = context.assets.lidar(name, context.stop);
-  if (!preset && findings.empty())
-    named.fail("no such preset; the service has " + listed(context.assets.names("lidars")));
+  const auto preset = Asset{&Assets::lidar, "preset", "lidars"}.read(in.at("instrument_preset"), context);
   findings.throw_if_any();
-  Json instrument = *preset;
+  Json instrument = *preset->content;
   instrument.erase("description");
-  Findings faults;
-  lidar_instrument_members().read(JsonReader(instrument, faults), context);
-  if (!faults.empty()) {
-    const Finding& first = faults.entries().front();
-    throw RequestError("asset_error", fmt::format("lidars/{}.json: {}: {}", name, first.pointer, first.detail));
-  }
+  lidar_instrument_members().check_file(instrument, fmt::format("lidars/{}.json", preset->name), context);
   Json merged = body;
   merged.erase("instrument_preset");
   if (merged.contains("instrument")) instrument.merge_patch(merged["instrument"]);
@@ -139,20 +128,15 @@ Json with_lidar_preset(const Json& body, const ReadContext& context) {
   return merged;
 }
 
-// "instrument_preset" is replaced by with_lidar_preset() before the request is read: the row is for the API document.
-const auto no_preset = Property{[](const LidarQuery&) -> std::optional<std::string> { return std::nullopt; },
-                                [](LidarQuery&, const std::string&) {}};
-
 void add_lidar_members(Members<LidarQuery>& m) {
-  m.add(
-      "instrument", [](auto& q) -> auto& { return q.request.instrument; }, Object{lidar_instrument_members()},
-      "the lidar; required unless `instrument_preset` is complete");
-  m.add("instrument_preset", no_preset, Text{},
+  m.add("instrument", nested(&LidarQuery::request, &LidarRequest::instrument), Object{lidar_instrument_members()},
+        "the lidar; required unless `instrument_preset` is complete");
+  m.add("instrument_preset", no_field<LidarQuery, std::string>(), Text{},
         "lidars/NAME.json of the assets folder: an instrument; members of `instrument` override it");
   m.any_of({"instrument", "instrument_preset"});
-  m.add(
-       "pulses", [](auto& q) -> auto& { return q.request.pulses; }, List{Object{lidar_pulse_members()}, 1, max_pulses},
-       "single pulses in any order; as arrays (see the call) there may be more")
+  m.add("pulses", nested(&LidarQuery::request, &LidarRequest::pulses),
+        List{Object{lidar_pulse_members()}, 1, max_pulses},
+        "single pulses in any order; as arrays (see the call) there may be more")
       .written_if([](const LidarQuery&) { return false; });
   m.add("pattern",
         Property{[](const LidarQuery& q) {
@@ -161,9 +145,8 @@ void add_lidar_members(Members<LidarQuery>& m) {
                  [](LidarQuery& q, const engine::LidarPattern& pattern) { q.request.pattern = pattern; }},
         Object{lidar_pattern_members()}, "a pattern of beams; left out: the instrument's own");
   m.excludes("pulses", {"pattern"}, "each says where the beams go");
-  m.add(
-      "pose", [](auto& q) -> auto& { return q.request.pose; }, Object{pose_members()},
-      "position and attitude at the time 0; required unless `motion.poses` is given");
+  m.add("pose", nested(&LidarQuery::request, &LidarRequest::pose), Object{pose_members()},
+        "position and attitude at the time 0; required unless `motion.poses` is given");
   m.add("motion",
         Property{[](const LidarQuery& q) {
                    const LidarMotion motion{q.request.rates, q.request.poses};
@@ -174,16 +157,12 @@ void add_lidar_members(Members<LidarQuery>& m) {
                    q.request.poses = motion.poses;
                  }},
         Object{lidar_motion_members()}, "motion during the scan; left out: none");
-  m.add(
-      "seed", [](auto& q) -> auto& { return q.request.seed; }, Integer{0, kMaxSeed},
-      "identifies the instrument's noise");
-  m.add(
-      "scan", [](auto& q) -> auto& { return q.request.scan; }, Integer{0, kMaxSeed},
-      "number of the scan: each has its own noise");
-  m.add(
-       "craters", [](auto& q) -> auto& { return q.request.craters; }, FlagOrObject{lidar_craters_members()},
-       "ground truth of the detail's craters: `crater` in the answer; true: with the defaults; left out: none")
-      .written_if([](const LidarQuery& q) { return q.request.craters.has_value(); });
+  m.add("seed", nested(&LidarQuery::request, &LidarRequest::seed), Integer{0, kMaxSeed},
+        "identifies the instrument's noise");
+  m.add("scan", nested(&LidarQuery::request, &LidarRequest::scan), Integer{0, kMaxSeed},
+        "number of the scan: each has its own noise");
+  m.add("craters", nested(&LidarQuery::request, &LidarRequest::craters), FlagOrObject{lidar_craters_members()},
+        "ground truth of the detail's craters: `crater` in the answer; true: with the defaults; left out: none");
   add_ground(m);
   m.add("objects", &LidarQuery::objects, List{Object{object_members()}, 1, kMaxObjects}, "as in a frame");
   m.check(check_lidar);
@@ -235,17 +214,16 @@ LidarQuery read_lidar(const Json& body, const NpzArrays& arrays, const Limits& l
     findings.add("/time_s", "needs direction");
   }
   findings.throw_if_any();
-  auto query = lidar_members().read(JsonReader(merged, findings), context);
-  findings.throw_if_any();
+  LidarQuery query = lidar_members().read_body(merged, context);
   if (!pulses.empty()) {
-    query->request.pulses = std::move(pulses);
+    query.request.pulses = std::move(pulses);
     // Check again with all pulses: the first check saw the stand-in.
     const JsonReader in(merged, findings);
-    check_beams(in, *query, limits);
-    check_pose_of_lidar(in, *query);
+    check_beams(in, query, limits);
+    check_pose_of_lidar(in, query);
     findings.throw_if_any();
   }
-  return std::move(*query);
+  return query;
 }
 
 std::vector<std::size_t> shape_of(const LidarQuery& query) {

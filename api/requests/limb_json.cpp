@@ -13,6 +13,7 @@ namespace selenograph::api {
 namespace {
 
 using engine::LimbPoint;
+using engine::LimbRequest;
 using engine::TerminatorPoint;
 
 constexpr int kMinPoints = 3, kMaxPoints = 10000;
@@ -87,31 +88,23 @@ const char* why_no_point(const LimbPoint& p) {
 const Members<LimbQuery>& limb_request_members() {
   static const auto table = make_table<Members<LimbQuery>>(
       "LimbRequest", "The Moon's limb and terminator in a camera's image, from its pose.", [](auto& m) {
-        m.add(
-             "camera", [](auto& q) -> auto& { return q.request.camera; }, Object{camera_members()},
-             "projection and image size")
+        m.add("camera", nested(&LimbQuery::request, &LimbRequest::camera), Object{camera_members()},
+              "projection and image size")
             .required();
-        m.add(
-             "pose", [](auto& q) -> auto& { return q.request.pose; }, Object{pose_members()},
-             "position and attitude of the camera")
+        m.add("pose", nested(&LimbQuery::request, &LimbRequest::pose), Object{pose_members()},
+              "position and attitude of the camera")
             .required();
-        m.add(
-            "points", [](auto& q) -> auto& { return q.request.points; }, Integer{kMinPoints, kMaxPoints},
-            "number of azimuths, from 0 in equal steps, of the limb and of the terminator");
-        m.add("sun",
-              Property{[](const LimbQuery& q) { return q.request.sun; },
-                       [](LimbQuery& q, const engine::Sun& sun) { q.request.sun = sun; }},
-              Object{sun_members()}, "Sun of the terminator, as a point; left out: none");
+        m.add("points", nested(&LimbQuery::request, &LimbRequest::points), Integer{kMinPoints, kMaxPoints},
+              "number of azimuths, from 0 in equal steps, of the limb and of the terminator");
+        m.add("sun", nested(&LimbQuery::request, &LimbRequest::sun), Object{sun_members()},
+              "Sun of the terminator, as a point; left out: none");
         m.add("detail", &LimbQuery::detail, DetailName{}, kDetailMeaning);
       });
   return *table;
 }
 
 LimbQuery read_limb(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
-  Findings findings;
-  auto query = limb_request_members().read(JsonReader(body, findings), {limits, assets, stop, utc_of_sun(body)});
-  findings.throw_if_any();
-  return std::move(*query);
+  return limb_request_members().read_body(body, {limits, assets, stop, utc_of_sun(body)});
 }
 
 // Members of the answer for one point: what, and in the last argument when.

@@ -23,6 +23,8 @@ namespace selenograph::api {
 namespace {
 
 using dem::MapProjection;
+using engine::FrameRequest;
+using engine::MapRequest;
 
 constexpr std::pair<std::string_view, MapProjection> kProjections[] = {
     {"equirectangular", MapProjection::equirectangular},
@@ -194,18 +196,15 @@ const Members<MapView>& view_members() {
 // "view": the word "nadir", or an object with a direction; empty for nadir.
 struct NadirOr {
   using Value = std::optional<MapView>;
-  static constexpr std::string_view kNadir = "nadir";
+  static constexpr Constant kNadir{"nadir"};
   std::optional<Value> read(const JsonReader& in, const ReadContext& context) const {
-    if (in.value().is_string()) {
-      const std::pair<std::string_view, std::monostate> words[] = {{kNadir, {}}};
-      return in.word(Words<std::monostate>(words)) ? std::optional<Value>(Value()) : std::nullopt;
-    }
+    if (in.value().is_string()) return kNadir.read(in, context) ? std::optional<Value>(Value()) : std::nullopt;
     const auto view = view_members().read(in, context);
     return view ? std::optional<Value>(view) : std::nullopt;
   }
-  OrderedJson write(const Value& value) const { return value ? view_members().write(*value) : OrderedJson(kNadir); }
-  OrderedJson schema(const Limits&) const {
-    return {{"anyOf", {{{"type", "string"}, {"const", kNadir}}, reference_to(view_members())}}};
+  OrderedJson write(const Value& value) const { return value ? view_members().write(*value) : kNadir.write({}); }
+  OrderedJson schema(const Limits& limits) const {
+    return {{"anyOf", {kNadir.schema(limits), reference_to(view_members())}}};
   }
   std::vector<const MemberTable*> objects() const { return {&view_members()}; }
 };
@@ -333,28 +332,22 @@ const Members<MapQuery>& map_members() {
         // Add rows in the order of the resolved request, whose text the ETag is made from.
         m.add("map", &MapQuery::area, Object{area_members()}, "projection, extent and pixels").required();
         add_scenery(m);
-        m.add(
-            "band", [](auto& q) -> auto& { return q.request.look.band; }, Object{band_members()},
-            "spectral channel of the radiance; left out: all wavelengths");
+        m.add("band", nested(&MapQuery::request, nested(&MapRequest::look, &FrameRequest::band)),
+              Object{band_members()}, "spectral channel of the radiance; left out: all wavelengths");
         m.add(
             "view", view_field, NadirOr{},
             "viewing direction of the radiance: nadir, from straight above each pixel, or from a direction. The map's "
             "geometry does not change; ground that terrain hides from the viewer has no radiance. Left out: nadir");
-        m.add(
-            "accuracy", [](auto& q) -> auto& { return q.request.look.accuracy; }, Object{map_accuracy_members()},
-            "level of detail");
-        m.add(
-             "rocks", [](auto& q) -> auto& { return q.request.rocks; }, Flag{},
-             "true: the rocks of `detail` are on the ground, as in frames; seen from straight above")
+        m.add("accuracy", nested(&MapQuery::request, nested(&MapRequest::look, &FrameRequest::accuracy)),
+              Object{map_accuracy_members()}, "level of detail");
+        m.add("rocks", nested(&MapQuery::request, &MapRequest::rocks), Flag{},
+              "true: the rocks of `detail` are on the ground, as in frames; seen from straight above")
             .written_if([](const MapQuery& q) { return q.request.rocks; });
-        m.add(
-             "footprint", [](auto& q) -> auto& { return q.request.footprint; }, Object{footprint_members()},
-             "footprint of `slope`, `roughness`, `rock_cover` and `hazard`")
-            .written_if([](const MapQuery& q) { return q.request.footprint.has_value(); });
+        m.add("footprint", nested(&MapQuery::request, &MapRequest::footprint), Object{footprint_members()},
+              "footprint of `slope`, `roughness`, `rock_cover` and `hazard`");
         m.add("hazard", hazard_field, Object{hazard_members()}, "limits of the product `hazard`");
-        m.add(
-            "products", [](auto& q) -> auto& { return q.request.products; }, Products{map_products()},
-            "arrays of height x width, row 0 in the north; NaN where there is no data or no Moon");
+        m.add("products", nested(&MapQuery::request, &MapRequest::products), Products{map_products()},
+              "arrays of height x width, row 0 in the north; NaN where there is no data or no Moon");
         m.check(check_map);
         m.add_condition([](const Limits&) { return sun_where_needed(map_products()); });
       });
@@ -362,11 +355,7 @@ const Members<MapQuery>& map_members() {
 }
 
 MapQuery read_map(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
-  Findings findings;
-  std::optional<MapQuery> query =
-      map_members().read(JsonReader(body, findings), {limits, assets, stop, utc_of_sun(body)});
-  findings.throw_if_any();
-  return std::move(*query);
+  return map_members().read_body(body, {limits, assets, stop, utc_of_sun(body)});
 }
 
 OrderedJson resolved_json(const MapQuery& query) { return map_members().write(query); }

@@ -96,13 +96,8 @@ const Members<MertisQuery>& mertis_members() {
       "assumptions: the answer lists them.",
       [](auto& m) {
         using engine::Spectrometer;
-        const auto of = [](auto Spectrometer::*field) {
-          return [field](auto& query) -> auto& { return query.spectrometer.*field; };
-        };
-        m.add("description",
-              Property{[](const MertisQuery&) { return std::optional<std::string>(); },
-                       [](MertisQuery&, const std::string&) {}},
-              Text{}, "description in a file; ignored");
+        const auto of = [](auto Spectrometer::*field) { return nested(&MertisQuery::spectrometer, field); };
+        m.add("description", no_field<MertisQuery, std::string>(), Text{}, "description in a file; ignored");
         m.add("first_um", of(&Spectrometer::first_um), Number{kWavelength_um, "um"}, "lower end of the first channel");
         m.add("last_um", of(&Spectrometer::last_um), Number{kWavelength_um, "um"}, "upper end of the last channel");
         m.add("channels", of(&Spectrometer::channels), Integer{1, kMaxChannels}, "number of channels of equal width");
@@ -119,22 +114,15 @@ const Members<MertisQuery>& mertis_members() {
   return *table;
 }
 
-MertisQuery read_mertis(const Json& body) {
-  const Limits limits;
-  const Assets none;
-  Findings findings;
-  auto query = mertis_members().read(JsonReader(body, findings), {limits, none});
-  findings.throw_if_any();
-  return std::move(*query);
-}
+MertisQuery read_mertis(const Json& body) { return mertis_members().read_body(body, {Limits{}, Assets{}}); }
 
 const Answer<SpectraSource>& mertis_answer() {
   using S = SpectraSource;
   using namespace schema;
-  const OrderedJson channel = free_object(
-      "center_um, width_um, radiance_w_m2_sr_um (B(T)), flux_w (eq. 9), noise_equivalent_power_w, signal_to_noise "
-      "(eq. 12), width_error: of L Delta lambda against the integral, relative");
-  static const auto answer = make_answer<S>("Per temperature and channel.", [&](auto& a) {
+  static const auto answer = make_answer<S>("Per temperature and channel.", [](auto& a) {
+    const OrderedJson channel = free_object(
+        "center_um, width_um, radiance_w_m2_sr_um (B(T)), flux_w (eq. 9), noise_equivalent_power_w, signal_to_noise "
+        "(eq. 12), width_error: of L Delta lambda against the integral, relative");
     a.add("instrument", with_keyword(ref("MertisRequest"), "description", "as understood"),
           [](const S& s) { return mertis_members().write(s.query); });
     a.add("assumptions_of_the_defaults", array(text("an assumption")),

@@ -51,21 +51,10 @@ const Members<engine::LandmarkQuery>& landmark_members() {
 template <typename Query>
 void add_point_scenery(Members<Query>& m, const char* of_objects) {
   add_scenery(m);
-  m.add(
-      "band", [](auto& q) -> auto& { return q.request.band; }, Object{band_members()},
-      "spectral channel of the irradiance; left out: all wavelengths");
+  m.add("band", nested(&Query::request, &engine::FrameRequest::band), Object{band_members()},
+        "spectral channel of the irradiance; left out: all wavelengths");
   m.add("objects", &Query::objects, List{Object{object_members()}, 1, kMaxObjects}, of_objects);
   m.needs("indirect", {"sun"}, "whose light it is");
-}
-
-// Reads a body by a table and throws if there are findings.
-template <typename M>
-auto read_or_throw(const M& members, const Json& body, const Limits& limits, const Assets& assets = Assets(),
-                   const StopToken& stop = {}) {
-  Findings findings;
-  auto value = members.read(JsonReader(body, findings), {limits, assets, stop, utc_of_sun(body)});
-  findings.throw_if_any();
-  return std::move(*value);
 }
 
 // Returns a query parameter as a JSON value: a number if the whole text is one, else the text.
@@ -110,19 +99,13 @@ const Members<ProjectQuery>& project_members() {
   return *table;
 }
 
-namespace {
-
-const Members<HeightsQuery>& heights_form() {
+const Members<HeightsQuery>& heights_members() {
   static const auto table = make_table<Members<HeightsQuery>>("HeightsRequest", "Points on the terrain.", [](auto& m) {
     m.add("points", &HeightsQuery::points, List{Object{place_members()}, 1, max_rays}, "the places").required();
     m.add("detail", &HeightsQuery::detail, DetailName{}, kDetailMeaning);
   });
   return *table;
 }
-
-}  // namespace
-
-const MemberTable& heights_members() { return heights_form(); }
 
 namespace {
 
@@ -194,13 +177,14 @@ void set_points(const NpzArrays& arrays, const Limits& limits, ProjectQuery& que
 
 RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop,
                     const NpzArrays& arrays) {
-  if (arrays.empty()) return read_or_throw(rays_members(), body, limits, assets, stop);
+  const ReadContext context{limits, assets, stop, utc_of_sun(body)};
+  if (arrays.empty()) return rays_members().read_body(body, context);
   Findings findings;
   reject_unknown_arrays(arrays, {"origin_m", "direction"}, findings);
   const Json request = with_stand_in(body, "rays", "the array direction",
                                      {{"origin_m", {2e6, 0, 0}}, {"direction", {-1, 0, 0}}}, findings);
   findings.throw_if_any();
-  RaysQuery query = read_or_throw(rays_members(), request, limits, assets, stop);
+  RaysQuery query = rays_members().read_body(request, context);
   set_rays(arrays, limits, query, findings);
   findings.throw_if_any();
   return query;
@@ -208,19 +192,20 @@ RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets
 
 ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop,
                           const NpzArrays& arrays) {
-  if (arrays.empty()) return read_or_throw(project_members(), body, limits, assets, stop);
+  const ReadContext context{limits, assets, stop, utc_of_sun(body)};
+  if (arrays.empty()) return project_members().read_body(body, context);
   Findings findings;
   reject_unknown_arrays(arrays, {"points"}, findings);
   const Json request = with_stand_in(body, "points", "the array points", {{"lat_deg", 0}, {"lon_deg", 0}}, findings);
   findings.throw_if_any();
-  ProjectQuery query = read_or_throw(project_members(), request, limits, assets, stop);
+  ProjectQuery query = project_members().read_body(request, context);
   set_points(arrays, limits, query, findings);
   findings.throw_if_any();
   return query;
 }
 
 HeightsQuery read_heights(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
-  return read_or_throw(heights_form(), body, limits, assets, stop);
+  return heights_members().read_body(body, {limits, assets, stop});
 }
 
 Geographic read_height_query(const std::multimap<std::string, std::string>& query) {
@@ -230,7 +215,7 @@ Geographic read_height_query(const std::multimap<std::string, std::string>& quer
       throw RequestError("invalid_request", "a query parameter is given twice", {{"/" + name, "given twice"}});
     object[name] = number_or_text(text);
   }
-  return read_or_throw(place_members(), object, Limits{});
+  return place_members().read_body(object, {Limits{}, Assets{}});
 }
 
 }  // namespace selenograph::api

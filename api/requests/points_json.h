@@ -48,7 +48,7 @@ struct HeightsQuery {
 
 const Members<RaysQuery>& rays_members();
 const Members<ProjectQuery>& project_members();
-const MemberTable& heights_members();
+const Members<HeightsQuery>& heights_members();
 
 // Parse requests. Throw RequestError("invalid_request") with the faults found. Arrays, if there are any, replace lists:
 // - `rays`: `origin_m` and `direction` (..., 3); either may have a single row that is used with all rows of the other;

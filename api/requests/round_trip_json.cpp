@@ -50,11 +50,7 @@ const Members<engine::RoundTripRequest>& round_trip_members() {
 }
 
 engine::RoundTripRequest read_round_trip(const Json& body, const Limits& limits) {
-  const Assets none;
-  Findings findings;
-  const auto request = round_trip_members().read(JsonReader(body, findings), {limits, none});
-  findings.throw_if_any();
-  return *request;
+  return round_trip_members().read_body(body, {limits, Assets{}});
 }
 
 }  // namespace selenograph::api

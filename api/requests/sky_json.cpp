@@ -20,6 +20,7 @@
 namespace selenograph::api {
 namespace {
 
+using engine::FrameRequest;
 using engine::HiddenBy;
 using engine::SkyKind;
 using engine::SkyObject;
@@ -73,23 +74,19 @@ const Members<SkyQuery>& sky_request_members() {
   static const auto table = make_table<Members<SkyQuery>>(
       "SkyRequest", "The sky that a camera sees, from its pose and an epoch.", [](auto& m) {
         add_camera_and_pose(m);
-        m.add(
-            "shutter", [](auto& q) -> auto& { return q.request.shutter; }, Object{shutter_members()},
-            "row times: each object is placed by the row that sees it. All rows have the sky of the epoch; left out: "
-            "all rows are exposed at once");
+        m.add("shutter", nested(&SkyQuery::request, &FrameRequest::shutter), Object{shutter_members()},
+              "row times: each object is placed by the row that sees it. All rows have the sky of the epoch; left out: "
+              "all rows are exposed at once");
         m.add("utc", &SkyQuery::utc, Text{}, "epoch, ISO 8601");
         m.add("et_s", &SkyQuery::et_s, Number{kAnyNumber, "s"}, std::string(kEtMeaning));
-        m.add(
-             "sky", [](auto& q) -> auto& { return q.request.sky; }, Object{sky_members()},
-             "what is listed, as in a frame")
+        m.add("sky", nested(&SkyQuery::request, &FrameRequest::sky), Object{sky_members()},
+              "what is listed, as in a frame")
             .required();
-        m.add(
-            "band", [](auto& q) -> auto& { return q.request.band; }, Object{band_members()},
-            "spectral channel of irradiance_w_m2; left out: all wavelengths");
-        m.add(
-            "sensor", [](auto& q) -> auto& { return q.request.sensor; }, Object{sensor_members()},
-            "for `electrons`; left out: none in the answer");
-        m.add("camera_preset", camera_preset_field<SkyQuery>(), Text{}, kCameraPresetMeaning);
+        m.add("band", nested(&SkyQuery::request, &FrameRequest::band), Object{band_members()},
+              "spectral channel of irradiance_w_m2; left out: all wavelengths");
+        m.add("sensor", nested(&SkyQuery::request, &FrameRequest::sensor), Object{sensor_members()},
+              "for `electrons`; left out: none in the answer");
+        m.add("camera_preset", no_field<SkyQuery, std::string>(), Text{}, kCameraPresetMeaning);
         m.add("detail", &SkyQuery::detail, DetailName{}, kDetailMeaning);
         m.add("objects", objects_of_sky, List{Object{object_members()}, 1, kMaxObjects},
               "as in a frame: they hide objects behind them");
@@ -105,10 +102,7 @@ const Members<SkyQuery>& sky_request_members() {
 SkyQuery read_sky(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
   const ReadContext context{limits, assets, stop, utc_of(body)};
   if (const auto merged = with_camera_preset(body, context)) return read_sky(*merged, limits, assets, stop);
-  Findings findings;
-  auto query = sky_request_members().read(JsonReader(body, findings), context);
-  findings.throw_if_any();
-  return std::move(*query);
+  return sky_request_members().read_body(body, context);
 }
 
 const Answer<SkySource>& sky_answer() {
@@ -127,8 +121,7 @@ const Answer<SkySource>& sky_answer() {
     a.add("in_frame", boolean("the object's centre is within the image"), [](const S& s) { return s.object.in_frame; });
     a.add("visible", boolean("in_frame, and nothing hides the object"), [](const S& s) { return visible(s.object); });
     a.add("hidden_by",
-          words(kHiddenBy,
-                "what a ray to the object's centre meets, if the object has a position in the image plane"),
+          words(kHiddenBy, "what a ray to the object's centre meets, if the object has a position in the image plane"),
           [](const S& s) { return word_of(kHiddenBy, s.object.hidden_by); });
     a.add("direction_icrf", schema::vector("apparent direction to the object, unit vector, ICRF axes"),
           [](const S& s) { return s.object.direction_icrf; });

@@ -42,9 +42,7 @@ OrderedJson object(const char* description, OrderedJson properties, std::initial
 
 template <typename Table>
 OrderedJson words(const Table& table, const char* description) {
-  OrderedJson json{{"type", "string"}, {"enum", OrderedJson::array()}, {"description", description}};
-  for (const auto& [name, meaning] : table) json["enum"].push_back(name);
-  return json;
+  return {{"type", "string"}, {"enum", names_of(table)}, {"description", description}};
 }
 
 }  // namespace schema

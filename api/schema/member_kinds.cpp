@@ -22,8 +22,6 @@ OrderedJson reference_to(const MemberTable& table) {
   return {{"$ref", "#/components/schemas/" + std::string(table.name())}};
 }
 
-OrderedJson words_schema(const std::vector<std::string_view>& words) { return {{"type", "string"}, {"enum", words}}; }
-
 OrderedJson Integer::schema(const Limits& limits) const {
   return {{"type", "integer"}, {"minimum", min(limits)}, {"maximum", max(limits)}};
 }
@@ -45,12 +43,6 @@ std::optional<std::string> Text::read(const JsonReader& in, const ReadContext& c
   std::optional<std::string> text = in.text();
   if (text && check) check(in, *text, context);
   return text;
-}
-
-std::optional<Vec3> Vector::read(const JsonReader& in, const ReadContext&) const {
-  const std::size_t before = in.faults();
-  const Vec3 v = in.vector(range);
-  return in.faults() == before ? std::optional(v) : std::nullopt;
 }
 
 std::optional<NumberOr::Value> NumberOr::read(const JsonReader& in, const ReadContext&) const {

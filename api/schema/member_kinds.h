@@ -81,8 +81,6 @@ struct Flag {
   OrderedJson schema(const Limits&) const { return {{"type", "boolean"}}; }
 };
 
-OrderedJson words_schema(const std::vector<std::string_view>& words);
-
 // A word from a table, read into the value that the table gives it.
 template <typename T>
 struct Word {
@@ -91,11 +89,7 @@ struct Word {
   WordHints hints{};
   std::optional<T> read(const JsonReader& in, const ReadContext&) const { return in.word(words, hints); }
   OrderedJson write(const T& value) const { return word_of(words, value); }
-  OrderedJson schema(const Limits&) const {
-    std::vector<std::string_view> names;
-    for (const auto& [name, meaning] : words) names.push_back(name);
-    return words_schema(names);
-  }
+  OrderedJson schema(const Limits&) const { return {{"type", "string"}, {"enum", names_of(words)}}; }
 };
 template <typename T, std::size_t N>
 Word(const std::pair<std::string_view, T> (&)[N]) -> Word<T>;
@@ -109,11 +103,6 @@ struct Constant {
   OrderedJson schema(const Limits&) const { return {{"type", "string"}, {"const", word}}; }
   OrderedJson fallback() const { return {}; }
 };
-// Returns a field for a Constant, which stores nothing.
-template <typename Form>
-auto no_field() {
-  return Property{[](const Form&) { return std::optional(std::monostate()); }, [](Form&, std::monostate) {}};
-}
 
 struct Text {
   using Value = std::string;
@@ -128,7 +117,7 @@ struct Vector {
   using Value = Vec3;
   Range range;
   std::string_view unit{};
-  std::optional<Vec3> read(const JsonReader& in, const ReadContext&) const;
+  std::optional<Vec3> read(const JsonReader& in, const ReadContext&) const { return in.vector(range); }
   OrderedJson write(const Vec3& value) const { return vector_json(value); }
   OrderedJson schema(const Limits&) const { return array_schema(number_schema(range), 3, 3); }
 };

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <iterator>
 
 namespace selenograph::api {
 namespace {
@@ -164,8 +165,14 @@ bool MemberTable::Rule::check(const JsonReader& in) const {
   const auto is_present = [&](std::string_view member) { return in.has(member); };
   const auto first = std::find_if(others.begin(), others.end(), is_present);
   switch (kind) {
-    case Kind::exactly_one:
-      return !in.alternative(others, true).empty();
+    case Kind::exactly_one: {
+      std::vector<std::string_view> present;
+      std::copy_if(others.begin(), others.end(), std::back_inserter(present), is_present);
+      if (present.empty()) in.fail("needs one of " + quoted_list(others, " or "));
+      if (present.size() > 1)
+        in.fail(present[1], quoted_list(present, " and ") + " exclude each other: give one of them");
+      return present.size() == 1;
+    }
     case Kind::any_of:
       if (first != others.end()) return true;
       in.fail(others.front(), "is required");
@@ -186,16 +193,20 @@ bool MemberTable::Rule::check(const JsonReader& in) const {
   return true;
 }
 
-const MemberRow* MemberTable::find_row(std::string_view name) const {
-  const auto row = std::find_if(rows_.begin(), rows_.end(), [&](const MemberRow& r) { return r.name == name; });
-  return row == rows_.end() ? nullptr : &*row;
+void MemberTable::add_row(MemberRow row) {
+  names_.push_back(row.name);
+  rows_.push_back(std::move(row));
+}
+
+void MemberTable::set_model(std::string_view name) {
+  const MemberRow& row = *std::find_if(rows_.begin(), rows_.end(), [&](const MemberRow& r) { return r.name == name; });
+  model_ = name;
+  row.schema(Limits{})["enum"].get_to(model_words_);
+  if (!row.required) row.fallback(Limits{}).get_to(default_model_);
 }
 
 bool MemberTable::check_names(const JsonReader& in) const {
-  std::vector<std::string_view> names;
-  names.reserve(rows_.size());
-  for (const MemberRow& row : rows_) names.push_back(row.name);
-  if (!in.object(names)) return false;
+  if (!in.object(names_)) return false;
   for (const MemberRow& row : rows_)
     if (row.required && row.models.empty() && !in.has(row.name)) in.fail(row.name, "is required");
   check_models(in);
@@ -212,56 +223,40 @@ void MemberTable::check_rules(const JsonReader& in) const {
   }
 }
 
-// Returns the word of the object's model, or its default; empty if it is missing or not a string, which the model's own
-// row reports.
-std::optional<std::string> MemberTable::model_of(const JsonReader& in) const {
-  if (in.has(model_)) {
-    const Json& model = in.at(model_).value();
-    return model.is_string() ? std::optional(model.get<std::string>()) : std::nullopt;
-  }
-  const MemberRow* row = find_row(model_);
-  return row->required ? std::nullopt : std::optional(row->fallback(Limits{}).get<std::string>());
+bool MemberRow::is_of(std::string_view model) const {
+  return models.empty() || std::find(models.begin(), models.end(), model) != models.end();
 }
 
 void MemberTable::check_models(const JsonReader& in) const {
   if (model_.empty()) return;
-  const std::optional<std::string> model = model_of(in);
-  if (!model) return;
-  const OrderedJson words = find_row(model_)->schema(Limits{})["enum"];
-  if (std::find(words.begin(), words.end(), *model) == words.end()) return;
+  const Json* word = in.has(model_) ? &in.at(model_).value() : nullptr;
+  const std::string model = !word ? default_model_ : word->is_string() ? word->get<std::string>() : "";
+  // Do nothing for a word that is missing, unknown or not a string: the model's own row reports it.
+  if (std::find(model_words_.begin(), model_words_.end(), model) == model_words_.end()) return;
   for (const MemberRow& row : rows_) {
     if (row.models.empty()) continue;
-    const bool applies = std::find(row.models.begin(), row.models.end(), *model) != row.models.end();
+    const bool applies = row.is_of(model);
     if (!applies && in.has(row.name))
-      in.fail(row.name, fmt::format("belongs to {}, not to \"{}\"", quoted_list(row.models, ", "), *model));
-    if (applies && row.required && !in.has(row.name)) in.fail(row.name, fmt::format("is required for \"{}\"", *model));
+      in.fail(row.name, fmt::format("belongs to {}, not to \"{}\"", quoted_list(row.models, ", "), model));
+    if (applies && row.required && !in.has(row.name)) in.fail(row.name, fmt::format("is required for \"{}\"", model));
   }
 }
 
 bool MemberTable::belongs(const MemberRow& row, const OrderedJson& written) const {
-  if (row.models.empty()) return true;
-  const std::string model = written.at(std::string(model_)).get<std::string>();
-  return std::find(row.models.begin(), row.models.end(), model) != row.models.end();
+  return row.models.empty() || row.is_of(written.at(std::string(model_)).get_ref<const std::string&>());
 }
 
 // Returns one "if ... then" schema per word of the model: it forbids the members of other words and requires its own.
-std::vector<OrderedJson> MemberTable::model_schemas(const Limits& limits) const {
+std::vector<OrderedJson> MemberTable::model_schemas() const {
   std::vector<OrderedJson> list;
-  if (model_.empty()) return list;
-  const MemberRow* row = find_row(model_);
-  const OrderedJson fallback = row->required ? OrderedJson() : row->fallback(limits);
-  const OrderedJson words = row->schema(limits)["enum"];
-  for (const OrderedJson& word : words) {
+  for (const std::string& word : model_words_) {
     // A missing model satisfies "const": require the member except for the default word.
     OrderedJson has_word{{"properties", {{std::string(model_), {{"const", word}}}}}};
-    if (word != fallback) has_word["required"] = {model_};
+    if (word != default_model_) has_word["required"] = {model_};
     std::vector<std::string_view> foreign, own;
-    for (const MemberRow& member : rows_) {
-      if (member.models.empty()) continue;
-      const bool applies =
-          std::find(member.models.begin(), member.models.end(), word.get<std::string>()) != member.models.end();
-      if (!applies) foreign.push_back(member.name);
-      if (applies && member.required) own.push_back(member.name);
+    for (const MemberRow& row : rows_) {
+      if (!row.is_of(word)) foreign.push_back(row.name);
+      if (row.required && !row.models.empty() && row.is_of(word)) own.push_back(row.name);
     }
     OrderedJson then = foreign.empty() ? OrderedJson::object() : require_none(foreign);
     if (!own.empty()) then["required"] = own;
@@ -280,7 +275,7 @@ OrderedJson MemberTable::schema(const Limits& limits) const {
     if (row.required && row.models.empty()) json["required"].push_back(row.name);
   }
   for (const Rule& rule : rules_) json["allOf"].push_back(rule.schema());
-  for (const OrderedJson& model : model_schemas(limits)) json["allOf"].push_back(model);
+  for (const OrderedJson& model : model_schemas()) json["allOf"].push_back(model);
   for (const auto& condition : conditions_) json["allOf"].push_back(condition(limits));
   return json;
 }

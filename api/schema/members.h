@@ -51,6 +51,9 @@ struct MemberRow {
   std::function<OrderedJson(const Limits&)> schema{};    // schema of its values, without description and default
   std::function<OrderedJson(const Limits&)> fallback{};  // the default; null: none
   std::vector<const MemberTable*> objects{};             // tables of the objects in its values
+
+  // Returns true if objects with this word as their model have the member.
+  bool is_of(std::string_view model) const;
 };
 
 // Description of an object, independent of its C++ type.
@@ -61,7 +64,6 @@ class MemberTable {
   MemberTable& operator=(const MemberTable&) = delete;
 
   std::string_view name() const { return name_; }  // name of the component in the API document
-  const std::string& description() const { return description_; }
   std::span<const MemberRow> rows() const { return rows_; }
 
   // Add rules across members. Violations are reported at the members, and the schema has the same rules.
@@ -73,8 +75,9 @@ class MemberTable {
   // Requires one of `others` together with `name`; the error asks for the first. `why` is part of the error if there
   // are several.
   void needs(std::string_view name, std::vector<std::string_view> others, std::string why = {});
-  // Sets the member whose word decides which rows apply (MemberRow::models).
-  void set_model(std::string_view name) { model_ = name; }
+  // Sets the member whose word decides which rows apply (MemberRow::models). Its row must be complete: its words and
+  // its default are taken from there.
+  void set_model(std::string_view name);
   // Adds a condition to the schema's "allOf" for a check outside the table.
   void add_condition(std::function<OrderedJson(const Limits&)> condition) {
     conditions_.push_back(std::move(condition));
@@ -91,6 +94,7 @@ class MemberTable {
   void check_rules(const JsonReader& in) const;
   // Returns true if the model in the object being written has this member.
   bool belongs(const MemberRow& row, const OrderedJson& written) const;
+  void add_row(MemberRow row);
 
   std::vector<MemberRow> rows_;
 
@@ -105,14 +109,15 @@ class MemberTable {
     std::string text() const;                // the rule in words, for requests.md
     bool check(const JsonReader& in) const;  // returns false for a violation, which it reports
   };
-  std::optional<std::string> model_of(const JsonReader& in) const;
   void check_models(const JsonReader& in) const;
-  std::vector<OrderedJson> model_schemas(const Limits& limits) const;
-  const MemberRow* find_row(std::string_view name) const;
+  std::vector<OrderedJson> model_schemas() const;
 
   std::string_view name_;
   std::string description_;
-  std::string_view model_;
+  std::vector<std::string_view> names_;  // names of the rows
+  std::string_view model_;               // name of the model's row; empty: none
+  std::vector<std::string> model_words_;
+  std::string default_model_;  // empty: the model is required
   std::vector<Rule> rules_;
   std::vector<std::function<OrderedJson(const Limits&)>> conditions_;
 };
@@ -129,6 +134,18 @@ struct Property {
 template <typename Get, typename Set>
 Property(Get, Set) -> Property<Get, Set>;
 
+// Returns the field `inner` of the form's member `outer`.
+template <typename Outer, typename Inner>
+auto nested(Outer outer, Inner inner) {
+  return [=](auto& form) -> auto& { return std::invoke(inner, std::invoke(outer, form)); };
+}
+
+// Returns a field that stores and writes nothing: other code reads the member, or it is only documented.
+template <typename Form, typename Value>
+auto no_field() {
+  return Property{[](const Form&) { return std::optional<Value>(); }, [](Form&, const Value&) {}};
+}
+
 namespace detail {
 template <typename T>
 inline constexpr bool is_optional = false;
@@ -144,7 +161,6 @@ inline constexpr bool is_property<Property<Get, Set>> = true;
 template <typename Form, typename Value = Form>
 class Members : public MemberTable {
  public:
-  using FormType = Form;
   using ValueType = Value;
   using MemberTable::MemberTable;
 
@@ -183,7 +199,7 @@ class Members : public MemberTable {
     if constexpr (requires { kind.objects(); }) row.objects = kind.objects();
     row.schema = [kind](const Limits& limits) { return kind.schema(limits); };
     row.fallback = [this, field, kind](const Limits& limits) { return fallback(field, kind, initial(limits)); };
-    rows_.push_back(std::move(row));
+    add_row(std::move(row));
     access_.push_back({[field, kind](const JsonReader& in, Form& form, const ReadContext& context) {
                          if (auto value = kind.read(in, context)) assign(field, form, std::move(*value));
                        },
@@ -216,6 +232,23 @@ class Members : public MemberTable {
     if (resolve_) return resolve_(in, form, context);
     if constexpr (std::is_same_v<Form, Value>) return form;
     return std::nullopt;
+  }
+
+  // Reads the body of a request. Throws RequestError("invalid_request") with all faults found.
+  Value read_body(const Json& body, const ReadContext& context) const {
+    Findings findings;
+    std::optional<Value> value = read(JsonReader(body, findings), context);
+    findings.throw_if_any();
+    return std::move(*value);
+  }
+
+  // Checks the content of a file of the operator's. Throws RequestError("asset_error") with its first fault.
+  void check_file(const Json& content, const std::string& file, const ReadContext& context) const {
+    Findings findings;
+    read(JsonReader(content, findings), context);
+    if (findings.empty()) return;
+    const Finding& first = findings.entries().front();
+    throw RequestError("asset_error", file + ": " + first.pointer + ": " + first.detail);
   }
 
   // Writes the resolved members, which give this value when read, in the order of the table.

@@ -138,13 +138,6 @@ TEST(JsonReader, NonFiniteNumbersOfABuiltDocumentAreRefused) {
   EXPECT_EQ(findings.entries()[1].pointer, "/b");
 }
 
-TEST(JsonReader, AlternativesExcludeEachOther) {
-  const auto read = [](const JsonReader& in) { in.alternative({"a", "b", "c"}, true); };
-  EXPECT_EQ(findings_of(R"({"b": 1})", read), "");
-  EXPECT_EQ(findings_of(R"({"c": 1, "a": 1})", read), "/c: \"a\" and \"c\" exclude each other: give one of them\n");
-  EXPECT_EQ(findings_of(R"({})", read), ": needs one of \"a\", \"b\" or \"c\"\n");
-}
-
 TEST(JsonReader, WordsGetASuggestion) {
   static constexpr std::pair<std::string_view, int> kWords[] = {{"opencv", 1}, {"opengl", 2}};
   int meaning = 0;

@@ -138,6 +138,34 @@ TEST(Members, MembersOfAModelAreRefusedByTheOthers) {
       R"({"if":{"properties":{"colour":{"const":"red"}},"required":["colour"]},"then":{"required":["power_w"]}}])");
 }
 
+TEST(Members, AModelThatIsNoneIsReportedOnce) {
+  const auto members = lamp_members([](auto& m) {
+    m.add("power_w", &Lamp::power_w, Number{{0, 100}, "W"}, "radiant flux").required().only_for({"red"});
+  });
+  EXPECT_EQ(read(*members, R"({"count": 1, "colour": "blue"})").findings, "/colour: must be \"white\" or \"red\"\n");
+  EXPECT_EQ(read(*members, R"({"count": 1, "colour": 3, "power_w": 1})").findings, "/colour: must be a string\n");
+}
+
+TEST(Members, ReadingBuildsNoSchema) {
+  struct CountedWord : Word<Colour> {
+    int* schemas;
+    OrderedJson schema(const Limits& limits) const {
+      ++*schemas;
+      return Word::schema(limits);
+    }
+  };
+  int schemas = 0;
+  const auto members = make_table<Members<Lamp>>("Lamp", "A light.", [&](auto& m) {
+    m.add("colour", &Lamp::colour, CountedWord{{kColours}, &schemas}, "of the light");
+    m.set_model("colour");
+    m.add("power_w", &Lamp::power_w, Number{{0, 100}, "W"}, "radiant flux").only_for({"red"});
+  });
+  const int schemas_of_table = schemas;
+  read(*members, R"({"colour": "red", "power_w": 1})");
+  read(*members, "{}");
+  EXPECT_EQ(schemas, schemas_of_table);
+}
+
 TEST(Members, RulesAreReportedAndInTheSchema) {
   const auto members = lamp_members([](auto& m) {
     m.add("power_w", &Lamp::power_w, Number{{0, 100}, "W"}, "radiant flux");

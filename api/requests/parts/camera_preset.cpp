@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include "api/message/problem.h"
 #include "api/requests/parts/band_json.h"
 #include "api/requests/parts/camera_json.h"
 #include "api/requests/parts/sensor_json.h"
@@ -31,15 +30,6 @@ const Members<Preset>& preset_members() {
   return *table;
 }
 
-// Throws "asset_error" with the file's name if the preset has faults: they are the operator's, not the client's.
-void check_preset(const Json& preset, const std::string& name, const ReadContext& context) {
-  Findings findings;
-  preset_members().read(JsonReader(preset, findings), context);
-  if (findings.empty()) return;
-  const Finding& first = findings.entries().front();
-  throw RequestError("asset_error", fmt::format("cameras/{}.json: {}: {}", name, first.pointer, first.detail));
-}
-
 }  // namespace
 
 std::optional<Json> with_camera_preset(const Json& body, const ReadContext& context) {
@@ -47,19 +37,16 @@ std::optional<Json> with_camera_preset(const Json& body, const ReadContext& cont
     return std::nullopt;
   Findings findings;
   const JsonReader in(body, findings);
-  const JsonReader named = in.at("camera_preset");
-  const std::string name = named.text().value_or("");
-  const std::shared_ptr<const Json> preset = context.assets.camera(name, context.stop);
-  if (!preset && findings.empty())
-    named.fail("no such preset; the service has " + listed(context.assets.names("cameras")));
+  const auto named = Asset{&Assets::camera, "preset", "cameras"}.read(in.at("camera_preset"), context);
   findings.throw_if_any();
-  check_preset(*preset, name, context);
+  const Json& preset = *named->content;
+  preset_members().check_file(preset, fmt::format("cameras/{}.json", named->name), context);
   Json merged = body;
   merged.erase("camera_preset");
   for (const char* member : {"camera", "band"})
-    if (preset->contains(member) && !merged.contains(member)) merged[member] = preset->at(member);
-  if (preset->contains("sensor")) {
-    Json sensor = preset->at("sensor");
+    if (preset.contains(member) && !merged.contains(member)) merged[member] = preset.at(member);
+  if (preset.contains("sensor")) {
+    Json sensor = preset.at("sensor");
     if (merged.contains("sensor")) sensor.merge_patch(merged["sensor"]);
     merged["sensor"] = sensor;
   }

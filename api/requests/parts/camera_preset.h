@@ -17,11 +17,4 @@ inline constexpr const char* kCameraPresetMeaning =
 // "asset_error" for an unusable file.
 std::optional<Json> with_camera_preset(const Json& body, const ReadContext& context);
 
-// Returns the field of the request's row, for the API document only: with_camera_preset() replaces the name before the
-// request is read.
-template <typename Query>
-auto camera_preset_field() {
-  return Property{[](const Query&) { return std::optional<std::string>(); }, [](Query&, const std::string&) {}};
-}
-
 }  // namespace selenograph::api

@@ -51,10 +51,9 @@ struct Up {
       in.fail("must be \"north\", \"zenith\" or a vector [x, y, z] in MOON_ME");
       return std::nullopt;
     }
-    const std::size_t before = in.faults();
-    const std::optional<Vec3> up = direction_of(in.vector(kAnyNumber));
-    if (in.faults() != before) return std::nullopt;
-    if (up) return Value{Value::Kind::direction, *up};
+    const std::optional<Vec3> vector = in.vector(kAnyNumber);
+    if (!vector) return std::nullopt;
+    if (const auto up = direction_of(*vector)) return Value{Value::Kind::direction, *up};
     in.fail("is zero: not a direction");
     return std::nullopt;
   }
@@ -78,7 +77,8 @@ struct RotationMatrix {
     const std::size_t before = in.faults();
     Value m = Value::Zero();
     Eigen::Index row = 0;
-    in.elements(3, 3, [&](const JsonReader& element) { m.row(row++) = element.vector(kAnyNumber); });
+    in.elements(3, 3,
+                [&](const JsonReader& element) { m.row(row++) = element.vector(kAnyNumber).value_or(Vec3::Zero()); });
     if (in.faults() != before) return std::nullopt;
     const double error = (m * m.transpose() - Value::Identity()).cwiseAbs().maxCoeff();
     if (!(error <= kTolerance)) {

@@ -3,22 +3,16 @@
 #include <fmt/format.h>
 
 namespace selenograph::api {
-namespace {
 
-std::vector<std::pair<std::string_view, engine::Product>> names_of(std::span<const ProductRow> rows) {
-  std::vector<std::pair<std::string_view, engine::Product>> list;
-  for (const ProductRow& row : rows) list.emplace_back(row.name, row.product);
-  return list;
+Products::Products(std::span<const ProductRow> table) : rows(table) {
+  for (const ProductRow& row : rows) words.emplace_back(row.name, row.product);
 }
 
-}  // namespace
-
 std::optional<engine::ProductSet> Products::read(const JsonReader& in, const ReadContext&) const {
-  const auto names = names_of(rows);
   const std::size_t before = in.faults();
   engine::ProductSet set = 0;
   in.elements(1, rows.size(), [&](const JsonReader& element) {
-    const auto product = element.word(Words<engine::Product>(names));
+    const auto product = element.word(Words<engine::Product>(words));
     if (!product) return;
     if (set & *product) element.fail("is listed twice");
     set |= *product;
@@ -34,8 +28,7 @@ OrderedJson Products::write(engine::ProductSet set) const {
 }
 
 OrderedJson Products::schema(const Limits& limits) const {
-  const auto names = names_of(rows);
-  OrderedJson json = array_schema(Word<engine::Product>{Words<engine::Product>(names)}.schema(limits), 1, rows.size());
+  OrderedJson json = array_schema(Word<engine::Product>{words}.schema(limits), 1, rows.size());
   json["uniqueItems"] = true;
   std::string each;
   for (const ProductRow& row : rows) each += fmt::format("\n- `{}` {}: {}", row.name, type_text(row), row.meaning);

@@ -2,6 +2,9 @@
 #pragma once
 
 #include <span>
+#include <string_view>
+#include <utility>
+#include <vector>
 
 #include "api/encode/arrays.h"
 #include "api/schema/member_kinds.h"
@@ -11,7 +14,9 @@ namespace selenograph::api {
 // Kind of the member "products": a list of names from a table of products, each at most once.
 struct Products {
   using Value = engine::ProductSet;
+  explicit Products(std::span<const ProductRow> table);
   std::span<const ProductRow> rows;
+  std::vector<std::pair<std::string_view, engine::Product>> words;  // names of the rows
   std::optional<Value> read(const JsonReader& in, const ReadContext&) const;
   OrderedJson write(Value set) const;
   OrderedJson schema(const Limits& limits) const;

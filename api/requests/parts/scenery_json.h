@@ -31,8 +31,7 @@ void add_ground(Members<Query>& m) {
               q.scenery().detail = detail.content;
               q.detail = detail.name;
             }},
-        DetailName{}, kDetailMeaning)
-      .written_if([](const Query& q) { return q.scenery().detail != nullptr; });
+        DetailName{}, kDetailMeaning);
   m.add("surface",
         Property{[](const Query& q) { return std::optional(ground_of(q.scenery(), q.surface)); },
                  [](Query& q, const Ground& ground) { set_ground(q.scenery(), q.surface, ground); }},

@@ -25,7 +25,6 @@ using engine::Vignetting;
 
 constexpr Range kAboveZero{0, 1e9, true, false};
 constexpr Range kNotNegative{0, 1e9};
-constexpr std::int64_t kMaxSeed = std::int64_t{1} << 53;  // every integer up to here is exact in a JSON number
 constexpr std::size_t kMaxKernelSide = 65;
 
 constexpr std::pair<std::string_view, PointSpread::Model> kPointSpreads[] = {

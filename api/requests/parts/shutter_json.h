@@ -34,12 +34,10 @@ void check_times(const JsonReader& in, const std::vector<engine::PoseAtTime>& po
 template <typename Form>
 void add_motion(Members<Form>& m, const char* velocity, const char* poses) {
   const auto is_at_rates = [](const Form& form) { return form.poses.empty(); };
-  m.add(
-       "angular_rate_deg_s", [](auto& f) -> auto& { return f.rates.angular_rate_deg_s; }, kAngularRate_deg_s,
-       "angular rate about the camera's own axes (opencv)")
+  m.add("angular_rate_deg_s", nested(&Form::rates, &engine::Rates::angular_rate_deg_s), kAngularRate_deg_s,
+        "angular rate about the camera's own axes (opencv)")
       .written_if(is_at_rates);
-  m.add(
-       "velocity_m_s", [](auto& f) -> auto& { return f.rates.velocity_m_s; }, kVelocity_m_s, velocity)
+  m.add("velocity_m_s", nested(&Form::rates, &engine::Rates::velocity_m_s), kVelocity_m_s, velocity)
       .written_if(is_at_rates);
   m.add("poses", &Form::poses, List{TimedPose{{pose_at_time_members()}}, 2, kMaxPoses}, poses)
       .written_if(std::not_fn(is_at_rates));
@@ -51,12 +49,10 @@ void add_motion(Members<Form>& m, const char* velocity, const char* poses) {
 // pose. Returns the pose's row.
 template <typename Query>
 auto add_camera_and_pose(Members<Query>& m) {
-  m.add(
-      "camera", [](auto& q) -> auto& { return q.request.camera; }, Object{camera_members()},
-      "projection and image size; required unless `camera_preset` has one");
-  return m.add(
-      "pose", [](auto& q) -> auto& { return q.request.pose; }, Object{pose_members()},
-      "position and attitude of the camera; required unless `shutter.poses` is given");
+  m.add("camera", nested(&Query::request, &engine::FrameRequest::camera), Object{camera_members()},
+        "projection and image size; required unless `camera_preset` has one");
+  return m.add("pose", nested(&Query::request, &engine::FrameRequest::pose), Object{pose_members()},
+               "position and attitude of the camera; required unless `shutter.poses` is given");
 }
 
 // Requires either a pose or a shutter with poses. With the latter, sets `pose` to the interpolated pose of row 0.

@@ -68,11 +68,6 @@ SkyForm form_of(const SkyOptions& options) {
   return form;
 }
 
-template <typename Field>
-auto option(Field field) {
-  return [field](auto& form) -> auto& { return form.options.*field; };
-}
-
 }  // namespace
 
 const Members<SkyForm, SkyOptions>& sky_members() {
@@ -85,17 +80,17 @@ const Members<SkyForm, SkyOptions>& sky_members() {
       [](auto& m) {
         m.add("utc", &SkyForm::utc, Text{}, "epoch, ISO 8601; left out: the Sun's, or that of POST /v1/sky");
         m.add("et_s", &SkyForm::et_s, Number{kAnyNumber, "s"}, std::string(kEtMeaning));
-        m.add("stars", option(&SkyOptions::stars), Stars{},
+        m.add("stars", nested(&SkyForm::options, &SkyOptions::stars), Stars{},
               "name of stars/NAME.csv in the operator's assets folder; true: the catalogue `bright`");
-        m.add("magnitude_limit", option(&SkyOptions::magnitude_limit), Number{kMagnitude},
+        m.add("magnitude_limit", nested(&SkyForm::options, &SkyOptions::magnitude_limit), Number{kMagnitude},
               "V magnitude of the faintest stars; at most 100 000 stars may be in view");
-        m.add("sun", option(&SkyOptions::sun), Flag{}, "the Sun");
-        m.add("earth", option(&SkyOptions::earth), Flag{}, "the Earth");
+        m.add("sun", nested(&SkyForm::options, &SkyOptions::sun), Flag{}, "the Sun");
+        m.add("earth", nested(&SkyForm::options, &SkyOptions::earth), Flag{}, "the Earth");
         m.add("earth_map", &SkyForm::earth_map, Asset{&Assets::map, "map", "maps"},
               "name of maps/NAME.json in the operator's assets folder, a map of the Earth's reflectance without "
               "georeferencing, by geodetic latitude: it modulates the brightness of the disc in frames, and the whole "
               "keeps its magnitude; left out: a uniform Earth");
-        m.add("planets", option(&SkyOptions::planets), Flag{}, "the seven other planets, as points");
+        m.add("planets", nested(&SkyForm::options, &SkyOptions::planets), Flag{}, "the seven other planets, as points");
         m.add("velocity_m_s", &SkyForm::velocity_m_s, kVelocity_m_s,
               "velocity of the camera relative to the Moon's centre, in inertial space, without the Moon's rotation: "
               "1.5 km/s move the stars by 1 arcsec. Left out: that of the Moon");

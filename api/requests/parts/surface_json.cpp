@@ -151,10 +151,7 @@ const Members<Reflectance>& reflectance_members() {
         .written_if([](const Reflectance& r) { return r.phase != engine::PhaseLaw::none; });
     const auto of_hapke = [&m](std::string_view name, auto engine::HapkeParameters::*field, auto kind,
                                std::string text) {
-      return m
-          .add(
-              name, [field](auto& r) -> auto& { return r.hapke.*field; }, kind, std::move(text))
-          .only_for({"hapke"});
+      return m.add(name, nested(&Reflectance::hapke, field), kind, std::move(text)).only_for({"hapke"});
     };
     using Hapke = engine::HapkeParameters;
     of_hapke("w", &Hapke::w, Number{kUnitInterval}, "single-scattering albedo");
@@ -308,8 +305,7 @@ const Members<Ground>& ground_members() {
               "absolute units, by phase and wavelength, from its irradiance by LIME and ROLO, with McEwen's limb "
               "darkening; maps vary it from place to place. `sato2014`, `sato2014-mare`, `sato2014-highlands`: Hapke's "
               "parameters from images of the LROC WAC in the band (Sato et al. 2014; 0.321 to 0.689 um), written as "
-              "`reflectance` in the resolved request")
-            .written_if([](const Ground& ground) { return ground.preset.has_value(); });
+              "`reflectance` in the resolved request");
         m.excludes("preset", {"reflectance"});
         add_material(m);
         m.add("albedo_maps", &Ground::albedo_maps, List{kMap, 1, kMaxMaps},
