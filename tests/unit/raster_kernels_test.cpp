@@ -14,6 +14,8 @@
 #include <tuple>
 #include <vector>
 
+#include "dem/grid/geodesy.h"
+
 namespace selenograph::engine {
 namespace {
 
@@ -240,6 +242,81 @@ TEST(CastStrip, ASlantedTriangleShadowsUpToItsPlane) {
   at_every_width([&](const char* name) {
     EXPECT_TRUE(shadows(slope, {2, 1, 1.499F})) << name;
     EXPECT_FALSE(shadows(slope, {2, 1, 1.501F})) << name;
+  });
+}
+
+// Ground 8 km above the anchor, where float resolves half a millimetre. The Sun is in the east, 3 degrees up. Eastward
+// the ground rises by 2 degrees, by 3.2 degrees from the foot at 100 m to the crest at 200 m, and then falls.
+class ValleyAndRidge {
+ public:
+  static constexpr double kFoot_m = 100, kCrest_m = 200;
+
+  ValleyAndRidge()
+      : grid_(3, 3, [](int r, int c) {
+          const double x = 100 * c;
+          const double y = 100 * r;
+          return Point{static_cast<float>(x), static_cast<float>(y), static_cast<float>(height(x) + rise(y))};
+        }) {
+    const double sun = kSun_deg * kRadiansPerDegree;
+    east_ = std::cos(sun);
+    up_ = std::sin(sun);
+    axes_ = {{static_cast<float>(-up_), 0, static_cast<float>(east_)},
+             {0, -1, 0},
+             {static_cast<float>(east_), 0, static_cast<float>(up_)}};
+  }
+  static double height(double x) {
+    const auto slope = [](double degrees) { return std::tan(degrees * kRadiansPerDegree); };
+    if (x <= kFoot_m) return kBase_m + slope(2) * (x - kFoot_m);
+    if (x <= kCrest_m) return kBase_m + slope(3.2) * (x - kFoot_m);
+    return kBase_m + slope(3.2) * (kCrest_m - kFoot_m) - slope(2) * (x - kCrest_m);
+  }
+  // The ground rises northward, too: in light space no edge runs along an axis.
+  static double rise(double y) { return 0.07 * y; }
+  // Returns the number of points in shadow among 1000 at (x, y, z + rise(y)), spread along y.
+  std::size_t shadowed(double x, double z) const {
+    std::vector<Point> samples;
+    for (int i = 0; i < 1000; ++i) {
+      const double y = 100.01 + 0.09 * i;
+      const double up_m = z + rise(y);
+      samples.push_back({static_cast<float>(east_ * up_m - up_ * x), static_cast<float>(-y),
+                         static_cast<float>(east_ * x + up_ * up_m)});
+    }
+    LightBand band = band_of(samples);
+    band.u0 = 7000, band.v0 = -1000, band.per_u = band.per_v = 1 / 2000.F;
+    cast_strip(grid_.block(), grid_.strip(), axes_, band);
+    return static_cast<std::size_t>(std::count(band.d.begin(), band.d.begin() + 1000, kDark));
+  }
+  std::size_t shadowed_on_ground(double x) const { return shadowed(x, height(x)); }
+  // Returns likewise for points on the Sun's ray that passes `above_m` over the crest, `beyond_m` west of it.
+  std::size_t shadowed_behind_crest(double beyond_m, double above_m) const {
+    const double x = kCrest_m - beyond_m;
+    return shadowed(x, height(kCrest_m) + above_m - beyond_m * up_ / east_);
+  }
+
+ private:
+  static constexpr double kSun_deg = 3, kBase_m = 8000;
+  Grid grid_;
+  double east_, up_;
+  LightAxes axes_;
+};
+
+TEST(CastStrip, GroundNextToTheFootOfASlopeIsInShadow) {
+  const ValleyAndRidge ground;
+  at_every_width([&](const char* name) {
+    for (const double from_foot_m : {3e-3, 0.01, 0.03, 0.1, 1.0, 3.0})
+      EXPECT_EQ(ground.shadowed_on_ground(ValleyAndRidge::kFoot_m - from_foot_m), 1000U) << name << ", " << from_foot_m;
+  });
+}
+
+TEST(CastStrip, RoundingAtACrestShadowsNothingElse) {
+  const ValleyAndRidge ground;
+  at_every_width([&](const char* name) {
+    for (const double from_crest_m : {0.003, 0.1, 1.0, 10.0})
+      EXPECT_EQ(ground.shadowed_on_ground(ValleyAndRidge::kCrest_m + from_crest_m), 0U) << name << ", " << from_crest_m;
+    for (const double beyond_m : {120.0, 500.0}) {
+      EXPECT_EQ(ground.shadowed_behind_crest(beyond_m, 0.002), 0U) << name << ", " << beyond_m;
+      EXPECT_EQ(ground.shadowed_behind_crest(beyond_m, -0.002), 1000U) << name << ", " << beyond_m;
+    }
   });
 }
 

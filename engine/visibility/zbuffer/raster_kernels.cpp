@@ -136,12 +136,14 @@ HWY_INLINE void orient_edges(Triangles& t, bool upper, MF positive) {
   t.ey[2] = hn::IfThenElse(flip_first, hn::Neg(t.ey[2]), t.ey[2]);
 }
 
+// Returns the distance of the samples from an oriented edge times its length: positive on its left.
+HWY_INLINE VF edge_value(const Triangles& t, int k, VF x, VF y) {
+  return hn::Sub(hn::Mul(t.ex[k], hn::Sub(y, t.oy[k])), hn::Mul(t.ey[k], hn::Sub(x, t.ox[k])));
+}
+
 // Returns the lanes whose sample is on the left of all three oriented edges or on them.
 HWY_INLINE MF inside(const Triangles& t, VF x, VF y) {
-  const auto edge = [&](int k) {
-    return hn::Ge(hn::Sub(hn::Mul(t.ex[k], hn::Sub(y, t.oy[k])), hn::Mul(t.ey[k], hn::Sub(x, t.ox[k]))),
-                  hn::Zero(float_tag));
-  };
+  const auto edge = [&](int k) HWY_ATTR { return hn::Ge(edge_value(t, k, x, y), hn::Zero(float_tag)); };
   return hn::And(edge(0), hn::And(edge(1), edge(2)));
 }
 
@@ -527,10 +529,59 @@ HWY_INLINE VI cell_index(VF x, float first, float per_metre, int last) {
   return hn::ConvertTo(int_tag, hn::Min(hn::Max(at, hn::Zero(float_tag)), broadcast(static_cast<float>(last))));
 }
 
+// Returns the smallest of a sample's three edge values, which is at least 0 inside the triangle and on its edges.
+HWY_INLINE VF min_edge_value(const Triangles& t, VF u, VF v) {
+  return hn::Min(edge_value(t, 0, u, v), hn::Min(edge_value(t, 1, u, v), edge_value(t, 2, u, v)));
+}
+
+// Rounding of an occluder in light space.
+struct OccluderRounding {
+  float reach_m;         // usual error of a sample's u, v and d relative to the occluder
+  float min_edge_value;  // smallest edge value of a sample within reach, m^2
+  float d[3];            // corners {a, b, c} or {d, b, c}, as in set_up
+};
+
+// Returns those of the samples outside a triangle that rounding has moved across the foot of the slope that it is part
+// of. No other triangle would shadow them. They are within reach of an edge, and slightly below it in d: samples next
+// to a crest are above it, or far below.
+//
+//                       . '  ray toward the Sun
+//    sample         . '  /
+//       *-__    . '     /   slope, nearly edge-on: it rises slightly more steeply than the ray
+//           ``--__     /
+//                 ``--/
+//                    foot
+template <bool upper>
+HWY_NOINLINE MF at_foot(const Triangles& t, const OccluderRounding& rounding, VF u, VF v, VF d, MF samples) {
+  // Corners from which the edges start, and where they end.
+  constexpr int kFirst[3] = {upper ? 2 : 0, upper ? 1 : 0, 1}, kLast[3] = {upper ? 0 : 1, upper ? 0 : 2, 2};
+  constexpr float kMinFacing = 1 / 1024.F;  // sine of the Sun's elevation over the ground at the foot
+  const VF lowest = broadcast(rounding.reach_m), highest = broadcast(rounding.reach_m / kMinFacing);
+  MF within_reach = samples;
+  MF below = hn::FirstN(float_tag, 0);
+  for (int k = 0; k < 3; ++k) {
+    const VF outside = hn::Min(edge_value(t, k, u, v), hn::Zero(float_tag));
+    const VF length2 = hn::Add(hn::Mul(t.ex[k], t.ex[k]), hn::Mul(t.ey[k], t.ey[k]));
+    const VF reach2 = hn::Mul(broadcast(rounding.reach_m * rounding.reach_m), length2);
+    within_reach = hn::And(within_reach, hn::Le(hn::Mul(outside, outside), reach2));
+    // Interpolate d along the edge: next to it, the plane is too steep to be evaluated.
+    const VF along = hn::Add(hn::Mul(t.ex[k], hn::Sub(u, t.ox[k])), hn::Mul(t.ey[k], hn::Sub(v, t.oy[k])));
+    const VF fraction = hn::Min(hn::Div(hn::Abs(along), length2), broadcast(1.F));
+    const float rise = rounding.d[kLast[k]] - rounding.d[kFirst[k]];
+    const VF depth = hn::Sub(hn::Add(broadcast(rounding.d[kFirst[k]]), hn::Mul(broadcast(rise), fraction)), d);
+    const MF is_foot = hn::And(hn::Gt(depth, lowest), hn::Lt(depth, highest));
+    below = hn::Or(below, hn::And(hn::Lt(outside, hn::Zero(float_tag)), is_foot));
+  }
+  return hn::And(within_reach, below);
+}
+
 // Marks the samples below one triangle as shadowed.
-HWY_INLINE void shadow_samples(const StoredTriangle& triangle, int c0, int c1, int r0, int r1, LightBand& band) {
+template <bool upper>
+HWY_INLINE void shadow_samples(const StoredTriangle& triangle, const OccluderRounding& rounding, int c0, int c1, int r0,
+                               int r1, LightBand& band) {
   Triangles t;
   triangle.load_edges(t);
+  const VF threshold = broadcast(rounding.min_edge_value);
   const std::size_t lanes = hn::Lanes(float_tag);
   const VF dark = broadcast(std::numeric_limits<float>::infinity());
   for (int r = r0; r <= r1; ++r) {
@@ -539,11 +590,17 @@ HWY_INLINE void shadow_samples(const StoredTriangle& triangle, int c0, int c1, i
     const std::size_t past_last = band.start[row + static_cast<std::size_t>(c1) + 1];
     for (std::size_t k = first; k < past_last; k += lanes) {
       const VF u = hn::LoadU(float_tag, band.u.data() + k), v = hn::LoadU(float_tag, band.v.data() + k);
-      MF m = inside(t, u, v);
-      if (hn::AllFalse(float_tag, m)) continue;  // nine of ten vectors, where triangles are smaller than pixels
+      const VF from_edge = min_edge_value(t, u, v);
+      // Skip nine of ten vectors, where triangles are smaller than pixels.
+      if (hn::AllFalse(float_tag, hn::Ge(from_edge, threshold))) continue;
       triangle.load_plane(t);
-      m = hn::And(m, hn::Gt(value(t, u, v), hn::LoadU(float_tag, band.d.data() + k)));
-      hn::BlendedStore(dark, m, float_tag, band.d.data() + k);
+      const VF d = hn::LoadU(float_tag, band.d.data() + k);
+      const MF is_inside = hn::Ge(from_edge, hn::Zero(float_tag));
+      MF shadowed = hn::And(is_inside, hn::Gt(value(t, u, v), d));
+      const MF outside = hn::AndNot(is_inside, hn::And(hn::Ge(from_edge, threshold), hn::Lt(d, dark)));
+      if (HWY_UNLIKELY(!hn::AllFalse(float_tag, outside)))
+        shadowed = hn::Or(shadowed, at_foot<upper>(t, rounding, u, v, d, outside));
+      hn::BlendedStore(dark, shadowed, float_tag, band.d.data() + k);
     }
   }
 }
@@ -564,13 +621,19 @@ HWY_INLINE MF may_cast(const VF* u, const VF* v, bool upper, MF valid, const Lig
                          overlaps(u, band.u0 - band.margin_m, band.u_end() + band.margin_m)));
 }
 
-// Casts a vector of triangles that passed may_cast.
+// Twice the usual rounding errors of u, v and d, relative to the distance from the anchor.
+constexpr float kRounding = 0x1p-24F;
+
+// Casts a vector of triangles that passed may_cast. `relative_rounding`: kRounding, or 0 for triangles without a foot.
 template <bool upper>
-HWY_NOINLINE void cast_triangles(const VF* u, const VF* v, const VF* d, MF active, LightBand& band) {
-  const VF u_low = hn::Min(u[0], hn::Min(u[1], u[2]));
-  const VF u_high = hn::Max(u[0], hn::Max(u[1], u[2]));
-  const VF v_low = hn::Min(v[0], hn::Min(v[1], v[2]));
-  const VF v_high = hn::Max(v[0], hn::Max(v[1], v[2]));
+HWY_NOINLINE void cast_triangles(const VF* u, const VF* v, const VF* d, MF active, float relative_rounding,
+                                 LightBand& band) {
+  const VF distance_m = hn::Add(hn::Abs(d[0]), hn::Add(hn::Abs(u[0]), hn::Abs(v[0])));
+  const VF reach_m = hn::Mul(broadcast(relative_rounding), distance_m);
+  const VF u_low = hn::Sub(hn::Min(u[0], hn::Min(u[1], u[2])), reach_m);
+  const VF u_high = hn::Add(hn::Max(u[0], hn::Max(u[1], u[2])), reach_m);
+  const VF v_low = hn::Sub(hn::Min(v[0], hn::Min(v[1], v[2])), reach_m);
+  const VF v_high = hn::Add(hn::Max(v[0], hn::Max(v[1], v[2])), reach_m);
   VF area;
   Triangles t = set_up(upper, u, v, d, area);
   orient_edges(t, upper, hn::Gt(area, hn::Zero(float_tag)));
@@ -581,18 +644,26 @@ HWY_NOINLINE void cast_triangles(const VF* u, const VF* v, const VF* d, MF activ
   alignas(64) std::int32_t r1[16];
   alignas(64) std::int32_t mask[16];
   alignas(64) float stored[17 * 16];
+  alignas(64) float reach[16];
+  alignas(64) float min_value[16];
   alignas(64) float highest[16];
+  alignas(64) float corner_d[3][16];
+  const VF longest = hn::Add(hn::Sub(u_high, u_low), hn::Sub(v_high, v_low));  // bound of |u| + |v| of each edge
+  hn::Store(reach_m, float_tag, reach);
+  hn::Store(hn::Neg(hn::Mul(reach_m, longest)), float_tag, min_value);
   hn::Store(cell_index(u_low, band.u0, band.per_u, band.columns - 1), int_tag, c0);
   hn::Store(cell_index(u_high, band.u0, band.per_u, band.columns - 1), int_tag, c1);
   hn::Store(cell_index(v_low, band.v0, band.per_v, band.rows - 1), int_tag, r0);
   hn::Store(cell_index(v_high, band.v0, band.per_v, band.rows - 1), int_tag, r1);
   hn::Store(hn::IfThenElse(hn::RebindMask(int_tag, active), hn::Set(int_tag, 1), hn::Zero(int_tag)), int_tag, mask);
   hn::Store(hn::Max(d[0], hn::Max(d[1], d[2])), float_tag, highest);
+  for (int k = 0; k < 3; ++k) hn::Store(d[k], float_tag, corner_d[k]);
   store_triangles(t, stored, lanes);
   for (std::size_t k = 0; k < lanes; ++k) {
     if (!mask[k]) continue;
-    if (band.any_below(c0[k], c1[k], r0[k], r1[k], highest[k]))
-      shadow_samples({stored, lanes, k}, c0[k], c1[k], r0[k], r1[k], band);
+    if (!band.any_below(c0[k], c1[k], r0[k], r1[k], highest[k])) continue;
+    const OccluderRounding rounding{reach[k], min_value[k], {corner_d[0][k], corner_d[1][k], corner_d[2][k]}};
+    shadow_samples<upper>({stored, lanes, k}, rounding, c0[k], c1[k], r0[k], r1[k], band);
   }
 }
 
@@ -601,9 +672,9 @@ void CastStrip(const RasterBlock& b, const Strip& strip, const LightAxes& axes, 
   TriangleBatch lower, upper;
   const int lanes = static_cast<int>(hn::Lanes(float_tag));
   const auto cast_lower = [&](const TriangleBatch::Corners& t, MF active)
-                              HWY_ATTR { cast_triangles<false>(t.x, t.y, t.w, active, band); };
+                              HWY_ATTR { cast_triangles<false>(t.x, t.y, t.w, active, kRounding, band); };
   const auto cast_upper = [&](const TriangleBatch::Corners& t, MF active)
-                              HWY_ATTR { cast_triangles<true>(t.x, t.y, t.w, active, band); };
+                              HWY_ATTR { cast_triangles<true>(t.x, t.y, t.w, active, kRounding, band); };
   to_light_space(b, strip.first_row, axes, rows[0]);
   for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r) {
     const LightRow &south = rows[(r - strip.first_row) & 1], &north = rows[(r + 1 - strip.first_row) & 1];
@@ -730,7 +801,7 @@ void CastSkirt(const Skirt& skirt, const LightAxes& axes, LightBand& band) {
   const VF v[3] = {dot(axes.v, skirt.a), dot(axes.v, skirt.b), dot(axes.v, skirt.c)};
   const VF d[3] = {dot(axes.d, skirt.a), dot(axes.d, skirt.b), dot(axes.d, skirt.c)};
   const MF active = may_cast(u, v, false, hn::FirstN(float_tag, 1), band);
-  if (!hn::AllFalse(float_tag, active)) cast_triangles<false>(u, v, d, active, band);
+  if (!hn::AllFalse(float_tag, active)) cast_triangles<false>(u, v, d, active, 0, band);
 }
 
 void RangeOf(const float* x, std::size_t n, float& low, float& high) {
