@@ -12,6 +12,15 @@
 
 namespace selenograph::dem {
 
+int write_all(int descriptor, std::string_view bytes) {
+  while (!bytes.empty()) {
+    const ssize_t written = ::write(descriptor, bytes.data(), bytes.size());
+    if (written < 0 && errno != EINTR) return errno;
+    if (written > 0) bytes.remove_prefix(static_cast<std::size_t>(written));
+  }
+  return 0;
+}
+
 // O_NONBLOCK: opening a FIFO would otherwise wait for its other end.
 OpenFile::OpenFile(std::string path, int flags)
     : path_(std::move(path)), fd_(::open(path_.c_str(), flags | O_CLOEXEC | O_NONBLOCK | O_NOCTTY, 0644)) {
@@ -36,12 +45,7 @@ bool OpenFile::read(std::uint64_t offset, std::size_t bytes, void* out) const {
 }
 
 void OpenFile::write(std::string_view bytes, bool flush) const {
-  for (std::size_t done = 0; done < bytes.size();) {
-    const ssize_t n = ::write(fd_, bytes.data() + done, bytes.size() - done);
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) throw SystemFault(path_, errno);
-    done += static_cast<std::size_t>(n);
-  }
+  if (const int error = write_all(fd_, bytes)) throw SystemFault(path_, error);
   if (flush && ::fsync(fd_) != 0) throw SystemFault(path_, errno);
 }
 

@@ -4,10 +4,15 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <string_view>
 
 #include "dem/files/files.h"
 
 namespace selenograph::dem {
+
+// Writes all bytes to a descriptor, however often it takes only a part of them or a signal interrupts. Returns 0, or
+// the errno of the failure.
+int write_all(int descriptor, std::string_view bytes);
 
 // Owns a file descriptor. Errors of opening, reading and writing are the system's: this class does not check the
 // content. Reading is thread-safe.

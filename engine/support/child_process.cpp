@@ -15,6 +15,8 @@
 #include <optional>
 #include <thread>
 
+#include "dem/files/open_file.h"
+
 namespace selenograph::engine {
 namespace {
 
@@ -183,18 +185,9 @@ std::string run_child(const std::string& program, const std::vector<std::string>
 }
 
 bool write_to_parent(const std::string& answer) {
-  const auto write_all = [](const char* from, std::size_t count) {
-    while (count > 0) {
-      const ssize_t written = ::write(STDOUT_FILENO, from, count);
-      if (written < 0 && errno == EINTR) continue;
-      if (written <= 0) return false;
-      from += written;
-      count -= static_cast<std::size_t>(written);
-    }
-    return true;
-  };
   const std::uint64_t size = answer.size();
-  return write_all(reinterpret_cast<const char*>(&size), sizeof size) && write_all(answer.data(), answer.size());
+  return dem::write_all(STDOUT_FILENO, {reinterpret_cast<const char*>(&size), sizeof size}) == 0 &&
+         dem::write_all(STDOUT_FILENO, answer) == 0;
 }
 
 }  // namespace selenograph::engine

@@ -12,6 +12,8 @@
 #include <stdexcept>
 #include <system_error>
 
+#include "dem/files/open_file.h"
+
 namespace selenograph::server {
 namespace {
 
@@ -35,16 +37,6 @@ class Descriptor {
   int file_;
 };
 
-// Returns 0 or an errno.
-int write_all(int file, std::string_view bytes) {
-  while (!bytes.empty()) {
-    const ssize_t written = ::write(file, bytes.data(), bytes.size());
-    if (written < 0 && errno != EINTR) return errno;
-    if (written > 0) bytes.remove_prefix(static_cast<std::size_t>(written));
-  }
-  return 0;
-}
-
 void sync_folder_of(const std::string& path) {
   const fs::path parent = fs::path(path).parent_path();
   const std::string folder = parent.empty() ? "." : parent.string();
@@ -60,7 +52,7 @@ void write_to_disk(const std::string& path, std::string_view bytes) {
   int error = 0;
   {
     const Descriptor file(path, O_WRONLY | O_CREAT | O_TRUNC);
-    error = write_all(file.get(), bytes);
+    error = dem::write_all(file.get(), bytes);
     if (error == 0 && ::fsync(file.get()) != 0) error = errno;
   }
   if (error == 0) return;
@@ -124,7 +116,7 @@ bool GrowingFile::is_at_its_path() const {
 
 void GrowingFile::append(std::string_view bytes) {
   if (::lseek(file_, static_cast<off_t>(size_), SEEK_SET) < 0) fail(errno);
-  int error = write_all(file_, bytes);
+  int error = dem::write_all(file_, bytes);
   if (error == 0 && ::fdatasync(file_) != 0) error = errno;
   if (error == 0 && !is_at_its_path())
     throw std::runtime_error(path_ + ": was removed or replaced while it was written");

@@ -8,23 +8,21 @@
 #include <spdlog/sinks/base_sink.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
-#include <unistd.h>
 
 #include <atomic>
-#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <exception>
 #include <new>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <string_view>
 #include <thread>
 #include <utility>
 #include <variant>
 
 #include "api/message/json_text.h"
 #include "dem/base/library_messages.h"
+#include "dem/files/open_file.h"
 #include "server/http/http_server.h"
 
 namespace selenograph::server {
@@ -78,17 +76,6 @@ std::string message_of(const AccessRecord& request) {
   return fmt::format("{} {} {} {:.1f} ms {} B {} {}", request.method.empty() ? "-" : request.method,
                      request.target.empty() ? "-" : request.target.substr(0, 200), request.status,
                      request.seconds * 1000.0, request.bytes, request.request_id, request.error_code);
-}
-
-// Returns false if the rest could not be written: the pipe behind stderr is closed, or its disk is full.
-bool write_all(int fd, std::string_view text) {
-  while (!text.empty()) {
-    const ssize_t n = ::write(fd, text.data(), text.size());
-    if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) return false;
-    text.remove_prefix(static_cast<std::size_t>(n));
-  }
-  return true;
 }
 
 void use_as_log(std::shared_ptr<spdlog::logger> log, const std::string& level) {
@@ -157,7 +144,8 @@ class AsyncLog::Writer : public spdlog::sinks::base_sink<spdlog::details::null_m
   void write(const LogRecord& record) {
     try {
       const std::string line = format_ == LogFormat::json ? json_line_of(record) : text_line_of(record);
-      is_torn_ = !write_all(fd_, is_torn_ ? '\n' + line : line);
+      // Writing fails if the pipe behind stderr is closed, or its disk is full.
+      is_torn_ = dem::write_all(fd_, is_torn_ ? '\n' + line : line) != 0;
       if (is_torn_) count_lost();
     } catch (const std::exception&) {  // no memory for the line
       count_lost();
