@@ -149,13 +149,13 @@ void Catalogue::find_layers(const std::vector<std::string>& paths) {
     return paths.size() < 2 || naming_path(a, paths) == naming_path(b, paths) || shift_between(a.grid, b.grid);
   };
   layer_begin_.clear();
-  double coarsest_m = 0;  // of the run of equal resolution so far; within a run the order is by naming path
+  const RasterInfo* coarsest = nullptr;  // of the run of equal resolution so far, whose order is by naming path
   for (const RasterInfo& raster : rasters_) {
     const int index = static_cast<int>(layer_begin_.size());  // of this raster
     const int layer = layer_begin_.empty() ? 0 : layer_begin_.back();
     const RasterInfo& first = rasters_[static_cast<std::size_t>(layer)];
-    const bool same_run = !layer_begin_.empty() && coarsest_m < kSameSpacing * raster.post_spacing_m;
-    coarsest_m = same_run ? std::max(coarsest_m, raster.post_spacing_m) : raster.post_spacing_m;
+    const bool same_run = coarsest && has_spacing_of(*coarsest, raster);
+    if (!same_run || raster.post_spacing_m > coarsest->post_spacing_m) coarsest = &raster;
     layer_begin_.push_back(same_run && are_one_layer(first, raster) ? layer : index);
   }
 }

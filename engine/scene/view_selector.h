@@ -281,7 +281,8 @@ class ViewSelector {
   bool shows_coarser_layer(const BlockId& neighbour, const BlockId& id) const;
 
   bool must_split(const BlockId& neighbour, const BlockId& id, const NeighbourProbe& at) const;
-  bool must_split_any(const BlockId& id) const;
+  // Returns the neighbour at `at` that must be split beside the block; null: none.
+  const BlockId* unbalanced_neighbour(const BlockId& id, const NeighbourProbe& at) const;
 
   void find_coarser_neighbours();
   // Returns the corners of a block with detail at which a coarser block is in view.

@@ -38,14 +38,9 @@ bool ViewSelector::must_split(const BlockId& neighbour, const BlockId& id, const
   return edge_follows(id, neighbour, probe) && exceeds_target(neighbour, errors_of(neighbour), in_view_.at(id));
 }
 
-bool ViewSelector::must_split_any(const BlockId& id) const {
-  bool any = false;
-  for_each_neighbour(id, [&](const NeighbourProbe& probe) {
-    if (any) return;
-    const BlockId* coarser = covering(probe.lat, probe.lon, id.level);
-    any = coarser && must_split(*coarser, id, probe);
-  });
-  return any;
+const BlockId* ViewSelector::unbalanced_neighbour(const BlockId& id, const NeighbourProbe& probe) const {
+  const BlockId* neighbour = covering(probe.lat, probe.lon, id.level);
+  return neighbour && must_split(*neighbour, id, probe) ? neighbour : nullptr;
 }
 
 Corners ViewSelector::corners_at_coarser(const BlockId& id) const {
@@ -81,7 +76,11 @@ void ViewSelector::balance() {
   // Start with the blocks that are out of balance. The others stay balanced: their neighbours only become finer.
   const std::vector<BlockId> blocks(chosen_.begin(), chosen_.end());
   std::vector<BlockId> todo = gathered_in_parallel<BlockId>(blocks.size(), 64, [&](std::size_t i, auto& unbalanced) {
-    if (must_split_any(blocks[i])) unbalanced.push_back(blocks[i]);
+    bool is_balanced = true;
+    for_each_neighbour(blocks[i], [&](const NeighbourProbe& probe) {
+      is_balanced = is_balanced && !unbalanced_neighbour(blocks[i], probe);
+    });
+    if (!is_balanced) unbalanced.push_back(blocks[i]);
   });
   std::sort(todo.begin(), todo.end());
   check(chosen_.size(), stop_);
@@ -90,9 +89,7 @@ void ViewSelector::balance() {
     todo.pop_back();
     if (!chosen_.contains(id)) continue;
     for_each_neighbour(id, [&](const NeighbourProbe& probe) {
-      for (const BlockId* coarser = covering(probe.lat, probe.lon, id.level);
-           coarser && must_split(*coarser, id, probe); coarser = covering(probe.lat, probe.lon, id.level))
-        split(*coarser, todo);
+      while (const BlockId* neighbour = unbalanced_neighbour(id, probe)) split(*neighbour, todo);
     });
     check(chosen_.size(), stop_);
   }
