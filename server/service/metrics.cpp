@@ -3,14 +3,13 @@
 #include <elf.h>
 #include <fmt/format.h>
 #include <link.h>
-#include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstring>
-#include <fstream>
+#include <ctime>
 #include <iterator>
 #include <span>
-#include <sstream>
 
 #include "api/endpoints/routes.h"
 #include "api/message/problem.h"
@@ -19,17 +18,8 @@
 namespace selenograph::server {
 namespace {
 
-// Escapes a label's value for the exposition format.
-std::string escaped(std::string_view label) {
-  std::string out;
-  for (const char c : label) {
-    if (c == '\\' || c == '"') out += '\\';
-    out += c == '\n' ? std::string("\\n") : std::string(1, c);
-  }
-  return out;
-}
-
-// Text of metric families in the order in which they are added.
+// Text of metric families in the order in which they are added. Labels are this program's own names, which need no
+// escapes.
 class Exposition {
  public:
   void family(std::string_view name, std::string_view type, std::string_view help) {
@@ -52,34 +42,17 @@ class Exposition {
   std::string text_;
 };
 
-struct Process {
-  double cpu_s = 0, start_s = 0;
-};
-
-// Reads fields of /proc/self/stat (proc(5)): 14 utime, 15 stime, 22 starttime, in clock ticks. The name in field 2 may
-// hold blanks, so counting starts behind its closing bracket.
-Process read_process() {
-  std::ifstream stat("/proc/self/stat"), system("/proc/stat");
-  std::string text((std::istreambuf_iterator<char>(stat)), {});
-  std::istringstream fields(text.substr(std::min(text.rfind(')') + 1, text.size())));
-  const double tick = static_cast<double>(::sysconf(_SC_CLK_TCK));
-  Process process;
-  std::string field;
-  for (int i = 3; i <= 22 && fields >> field; ++i) {
-    if (i == 14 || i == 15) process.cpu_s += std::stod(field) / tick;
-    if (i == 22) process.start_s = std::stod(field) / tick;
-  }
-  for (std::string line; std::getline(system, line);) {
-    if (line.rfind("btime ", 0) == 0) process.start_s += std::stod(line.substr(6));
-  }
-  return process;
-}
+const auto process_start = std::chrono::system_clock::now();
 
 void write_process(Exposition& out) {
-  const Process process = read_process();
-  out.single("process_cpu_seconds_total", "counter", "User and system CPU time", process.cpu_s);
+  timespec cpu{};
+  ::clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &cpu);
+  const std::chrono::duration<double> since_epoch = process_start.time_since_epoch();
+  out.single("process_cpu_seconds_total", "counter", "User and system CPU time",
+             static_cast<double>(cpu.tv_sec) + 1e-9 * static_cast<double>(cpu.tv_nsec));
   out.single("process_resident_memory_bytes", "gauge", "Resident memory", resident_bytes());
-  out.single("process_start_time_seconds", "gauge", "Start time of the process since the Unix epoch", process.start_s);
+  out.single("process_start_time_seconds", "gauge", "Start time of the process since the Unix epoch",
+             since_epoch.count());
 }
 
 void write_gauges(Exposition& out, const Gauges& g) {
@@ -195,8 +168,7 @@ std::string Metrics::answers() const {
   out.family(kName, "counter", "Answered requests");
   for (const auto& [key, count] : answers_) {
     const auto& [route, method, status] = key;
-    out.sample(kName, fmt::format("route=\"{}\",method=\"{}\",status=\"{}\"", escaped(route), escaped(method), status),
-               count);
+    out.sample(kName, fmt::format("route=\"{}\",method=\"{}\",status=\"{}\"", route, method, status), count);
   }
   return std::move(out).text();
 }
@@ -206,7 +178,7 @@ std::string Metrics::durations() const {
   Exposition out;
   out.family(name, "histogram", "Time from the complete request to the last byte of its answer");
   for (const auto& [route, histogram] : durations_) {
-    const std::string label = fmt::format("route=\"{}\"", escaped(route));
+    const std::string label = fmt::format("route=\"{}\"", route);
     std::uint64_t cumulative = 0;
     for (std::size_t i = 0; i < kBuckets_s.size(); ++i) {
       cumulative += histogram.buckets[i];
@@ -223,18 +195,18 @@ std::string Metrics::bytes_and_errors() const {
   Exposition out;
   out.family("selenograph_http_response_bytes_total", "counter", "Bytes of response bodies");
   for (const auto& [route, bytes] : bytes_) {
-    out.sample("selenograph_http_response_bytes_total", fmt::format("route=\"{}\"", escaped(route)), bytes);
+    out.sample("selenograph_http_response_bytes_total", fmt::format("route=\"{}\"", route), bytes);
   }
   out.family("selenograph_errors_total", "counter", "Error responses by code; busy and shutting_down are rejections");
   for (const auto& [code, count] : errors_)
-    out.sample("selenograph_errors_total", fmt::format("code=\"{}\"", escaped(code)), count);
+    out.sample("selenograph_errors_total", fmt::format("code=\"{}\"", code), count);
   return std::move(out).text();
 }
 
 std::string Metrics::exposition(const Gauges& gauges) const {
   Exposition out;
   out.family("selenograph_build_info", "gauge", "Version of the software and build ID of the executable");
-  out.sample("selenograph_build_info", fmt::format("version=\"{}\",build=\"{}\"", escaped(version_), build_id()), 1);
+  out.sample("selenograph_build_info", fmt::format("version=\"{}\",build=\"{}\"", version_, build_id()), 1);
   write_gauges(out, gauges);
   write_cache(out, gauges.cache);
   write_process(out);
