@@ -52,14 +52,6 @@ std::string host_of(const sockaddr_storage& end) {
   return {};
 }
 
-// Returns the address, for IPv6 its /64 network: one client may use all addresses of its network.
-std::string client_of(const sockaddr_storage& end) {
-  if (end.ss_family != AF_INET6) return host_of(end);
-  in6_addr address = address_as<sockaddr_in6>(end).sin6_addr;
-  if (!IN6_IS_ADDR_V4MAPPED(&address)) std::memset(address.s6_addr + 8, 0, 8);
-  return numeric(AF_INET6, address);
-}
-
 std::uint64_t random_number() {
   std::random_device source;
   return std::uint64_t{source()} << 32 | source();
@@ -74,7 +66,7 @@ Peer peer_of(int socket) {
   socklen_t local_size = sizeof local;
   ::getpeername(socket, reinterpret_cast<sockaddr*>(&remote), &remote_size);
   ::getsockname(socket, reinterpret_cast<sockaddr*>(&local), &local_size);
-  return {host_of(remote), client_of(remote), host_of(local)};
+  return {host_of(remote), host_of(remote), host_of(local)};
 }
 
 bool is_plain_name(std::string_view text) { return text.size() <= kMaxNameBytes && dem::consists_of(text, "._-"); }

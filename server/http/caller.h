@@ -11,7 +11,7 @@ namespace selenograph::server {
 // The two ends of a connection, numeric and without port; empty: unknown.
 struct Peer {
   std::string host;    // address of the client, or of its proxy
-  std::string client;  // identity in the queue: `host`, for IPv6 its /64 network; or "token NAME" as named by a proxy
+  std::string client;  // identity in the queue: `host`, or "token NAME" as named by a proxy
   std::string local;   // address to which the connection was made
 };
 Peer peer_of(int socket);
