@@ -18,6 +18,11 @@ std::size_t resident_bytes();
 //    pages to the system;
 //  - if that does not suffice, the caches shrink below their budgets by the excess, up to `max_cache_cut_bytes`, and
 //    grow back by an eighth of the free space each time.
+//
+// Measured by tests/service/memory_test.py, 1000 frames of 128 x 128 pixels, 64 MiB each for terrain and scenes, three
+// runs: at most 254 MiB resident, without this thread 294. The price is 1.6 to 2.1 times the processor time: smaller
+// caches drop 1.3 times as many blocks, and returned pages are taken from the system again. With jemalloc's
+// background_thread instead, and a decay of 1 s, at most 293 MiB.
 class HeapTrim {
  public:
   struct Plan {

@@ -46,7 +46,8 @@ std::size_t machine_memory_mb();
 // Divides the memory into parts. Without --memory-mb the total is three quarters of the machine's memory, limited to
 // 8192 (enough for a request of the default limits beside small ones) or, if more, to the sum of the options plus
 // own_mb plus 1024. Parts that no option sets get 1024 each if that leaves 1024, or half of the rest, to requests.
-// Otherwise scenes take precedence: frames fail without their memory, whereas small caches only cost time.
+// Otherwise scenes take precedence: frames fail without their memory, whereas small caches only cost time. Of a total
+// of 2048 they get 640, where equal shares would leave them 256.
 MemoryParts memory_parts(const MemorySettings& settings, std::size_t machine_mb = machine_memory_mb());
 
 // Returns the memory left to requests. Throws std::runtime_error naming the options when the parts exceed the total.
