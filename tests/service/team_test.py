@@ -1,5 +1,5 @@
 """deploy/operation/team with the real HAProxy: tokens, limits, slow clients, what stays inside, affinity, and nodes that
-are killed and restarted under load. Needs haproxy and openssl (deploy/install-packages team); skipped without.
+are killed and restarted under load. Needs haproxy, openssl and curl (deploy/install-packages team); skipped without.
 """
 
 import collections
@@ -31,7 +31,7 @@ sys.path.insert(0, os.path.join(REPOSITORY, "api", "clients", "python"))
 AT_ONCE, RATE, RECEIVE_S = 8, 1500, 2
 KILLS = int(os.environ.get("TEAM_KILLS", "3"))
 TOKEN = os.path.join(REPOSITORY, "deploy", "operation", "haproxy", "token")
-MISSING = [tool for tool in ("haproxy", "openssl") if not shutil.which(tool, path=os.environ["PATH"] + ":/usr/sbin")]
+MISSING = [tool for tool in ("haproxy", "openssl", "curl") if not shutil.which(tool, path=os.environ["PATH"] + ":/usr/sbin")]
 
 team = None
 
@@ -52,14 +52,14 @@ def tearDownModule():
 
 
 class Team:
-    def __init__(self):
-        self.folder = harness.path("team")
+    def __init__(self, name="team", receive_s=RECEIVE_S):
+        self.folder = harness.path(name)
         command = [os.path.join(REPOSITORY, "deploy", "operation", "team"), "--dir", self.folder, "--port", "0",
                    "--inside-port", "0",
                    "--binary", BINARY, "--dem", harness.path("dem"), "--", "--cache-mb", "64", "--scene-mb", "64", "--mesh-mb",
                    "16", "--memory-mb", "1000", "--max-frames", "1", "--max-waiting", "12"]
         environment = {**os.environ, "SELENOGRAPH_TOKEN_AT_ONCE": str(AT_ONCE), "SELENOGRAPH_TOKEN_RATE": str(RATE),
-                       "SELENOGRAPH_RECEIVE_TIMEOUT": f"{RECEIVE_S}s"}
+                       "SELENOGRAPH_RECEIVE_TIMEOUT": f"{receive_s}s"}
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
         said = ""
         for line in self.process.stdout:
@@ -70,6 +70,7 @@ class Team:
             raise RuntimeError(f"deploy/operation/team did not start: {said}{self.logs()}")
         self.port = int(re.search(r"ready on https://localhost:(\d+)", said)[1])
         self.inside = re.search(r"inside (http://[^/]+)", said)[1]
+        self.nodes = re.findall(r"(http://[^/]+)/metrics", re.search(r"inside \S+ and (.*)", said)[1])
         self.first = re.search(r"token (\S+)", said)[1]
         self.tls = ssl.create_default_context(cafile=os.path.join(self.folder, "public.pem"))
         self.said = []
@@ -136,6 +137,14 @@ class Team:
         with urllib.request.urlopen(self.inside + "/metrics", timeout=PATIENCE_S) as answer:
             values = re.findall(r"^" + name + r'\{proxy="nodes"[^}]*\} (\S+)$', answer.read().decode(), re.M)
         return sum(map(float, values))
+
+    def in_work(self):
+        """Frames in work on both nodes."""
+        count = 0
+        for node in self.nodes:
+            with urllib.request.urlopen(node + "/metrics", timeout=PATIENCE_S) as answer:
+                count += int(re.search(r"^selenograph_frames_in_work (\d+)$", answer.read().decode(), re.M)[1])
+        return count
 
     def wait_until(self, true, what):
         harness.wait_until(true, lambda: what + self.logs())
@@ -432,6 +441,61 @@ class Network(unittest.TestCase):
         with urllib.request.urlopen(team.inside + "/health", timeout=PATIENCE_S) as answer:
             self.assertEqual(answer.status, 200)
         self.assertEqual(team.proxy_metric("haproxy_backend_active_servers"), 2)
+
+
+class Leaving(unittest.TestCase):
+    def curl(self, version, request, request_id):
+        headers = (f"Authorization: Bearer {team.first}", "Content-Type: application/json", f"X-Request-Id: {request_id}")
+        return subprocess.Popen(
+            ["curl", "--silent", version, "--cacert", os.path.join(team.folder, "public.pem"),
+             *(word for header in headers for word in ("--header", header)), "--data", json.dumps(request),
+             "--output", os.devnull, "--write-out", "%{http_version} %{http_code}", f"https://localhost:{team.port}/v1/frames"],
+            stdout=subprocess.PIPE, text=True)
+
+    def ends_of(self, request_id):
+        """The errors in the nodes' logs of a request."""
+        return [line["error"] for node in ("node1.log", "node2.log") for line in team.lines(node)
+                if line["request_id"] == request_id]
+
+    def test_a_client_that_closes_its_connection_cancels_its_work(self):
+        for version, spoken in (("--http1.1", "1.1"), ("--http2", "2")):
+            with self.subTest(version=version):
+                self.assertEqual(self.curl(version, view(), "stays").communicate(timeout=PATIENCE_S)[0], spoken + " 200")
+                leaving = "leaves-" + spoken
+                client = self.curl(version, view(width=1024, samples=100), leaving)  # many seconds of work
+                team.wait_until(lambda: team.in_work() == 1, "a frame in work")
+                client.kill()
+                closed = time.monotonic()
+                client.communicate()
+                team.wait_until(lambda: self.ends_of(leaving), "the end of its work")
+                print(f"\n  HTTP/{spoken}: cancelled after {time.monotonic() - closed:.2f} s ", end="")
+                self.assertEqual(self.ends_of(leaving), ["client_gone"])  # none, had it been finished
+
+
+class Silence(unittest.TestCase):
+    def test_silent_connections_of_one_address_keep_no_other_out(self):
+        """More than the proxy holds, and none of them is given up within the test's patience."""
+        patient = Team("patient", receive_s=10 * PATIENCE_S)
+        held, refused = 0, 0
+        try:
+            with contextlib.ExitStack() as opened:
+                while held + refused < 2250:
+                    try:
+                        silent = opened.enter_context(
+                            socket.create_connection(("127.0.0.1", patient.port), PATIENCE_S, ("127.0.0.2", 0)))
+                        if not refused:  # behind the handshake a connection is silent for longest
+                            opened.enter_context(patient.tls.wrap_socket(silent, server_hostname="localhost"))
+                            held += 1
+                            continue
+                    except (ssl.SSLError, ConnectionError):
+                        pass
+                    refused += 1
+                self.assertGreater(held, 100)
+                start = time.monotonic()
+                self.assertEqual(patient.frame(view(), patient.first)[0], 200)
+                print(f"\n  {held} silent connections, another address answered after {time.monotonic() - start:.2f} s ", end="")
+        finally:
+            patient.stop()
 
 
 class Monitoring(unittest.TestCase):
