@@ -93,7 +93,7 @@ std::string encode_map_png(const MapQuery& query, const engine::FrameProducts& p
 std::size_t bytes_of(const engine::MapRequest& request) {
   // A map with a footprint is drawn with a margin, and possibly with more products than are in the answer.
   const bool has_margin = engine::wants_footprint(request);
-  const engine::MapRequest drawn = has_margin ? engine::drawn_for(request) : request;
+  const engine::MapRequest drawn = has_margin ? engine::request_with_margin(request) : request;
   const std::size_t pixels = static_cast<std::size_t>(drawn.grid.width) * static_cast<std::size_t>(drawn.grid.height);
   std::size_t arrays = 0;
   std::vector<dem::MapBand> bands;

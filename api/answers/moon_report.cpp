@@ -124,7 +124,7 @@ std::string images_csv(const MoonReport& report) {
   for (const char* region : engine::kDiscRegions) out += fmt::format(",residual_{}", region);
   out += "\n";
   for (const ImageRow& row : report.images) {
-    fmt::format_to(std::back_inserter(out), "{},{},{:.5f},{:.4f},{:.4f},{:g},{:g}", row.image, row.channel,
+    fmt::format_to(std::back_inserter(out), "{},{},{:.5f},{:.4f},{:.4f},{:g},{:g}", quoted(row.image), row.channel,
                    row.comparison.correlation, row.comparison.scale, row.comparison.limb_px, row.registration.dx_px,
                    row.registration.dy_px);
     for (const double residual : row.comparison.residual)
@@ -151,9 +151,9 @@ std::string moon_markdown(const MoonReport& report) {
   out += fmt::format(
       "\nPoint spread: {:.2f} pixels (standard deviation), the same for all. Residuals are RMS over the region's "
       "mean.\n"
-      "\n| image | channel | moved, px | correlation | scale | limb, px | mare | highlands | limb | terminator |\n"
+      "\n| image | channel | moved, px | correlation | scale | limb, px | {} |\n"
       "|---|---|---|---|---|---|---|---|---|---|\n",
-      report.point_spread_px);
+      report.point_spread_px, fmt::join(engine::kDiscRegions, " | "));
   for (const ImageRow& row : report.images) {
     const engine::DiscComparison& c = row.comparison;
     out += fmt::format("| {} | {} | {:.2f}, {:.2f} | {:.4f} | {:.3f} | {:.3f} |", row.image, row.channel,

@@ -25,7 +25,7 @@ struct MoonReport {
   double point_spread_px = 0;  // standard deviation, fitted to all images
 };
 
-// Return CSV: a header line, then one line per row, with empty cells where a model has no value.
+// Return CSV: a header line, then one line per row, with empty cells for NaN.
 std::string disc_csv(const MoonReport& report);
 std::string relief_csv(const MoonReport& report);
 std::string images_csv(const MoonReport& report);

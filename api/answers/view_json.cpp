@@ -197,18 +197,18 @@ const Answer<ViewSource>& view_answer() {
 }
 
 void add_lens_warning(const engine::Camera& camera, OrderedJson& warnings) {
-  constexpr double kMaxUnmapped = 0.5;
+  constexpr double kMaxUnmappedShare = 0.5;
   if (camera.rectilinear()) return;
   const engine::Projection projection(camera);
   const double unmapped =
       share_of_image(camera, [&](double x_px, double y_px) { return !projection.direction(x_px, y_px); });
-  if (unmapped <= kMaxUnmapped) return;
+  if (unmapped <= kMaxUnmappedShare) return;
   warnings.push_back(
       camera.beyond_plane()
           ? "most of the image is beyond what the fisheye images: make fov_deg smaller or fx larger, or width and "
             "height smaller"
           : "most of the image is beyond a fold of the lens distortion, where nothing is imaged: check order and signs "
-            "of its coefficients, and whether fx, cx and cy are of this image size");
+            "of its coefficients, and that fx, cx and cy belong to this image size");
 }
 
 void add_view_warnings(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,

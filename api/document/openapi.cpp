@@ -11,7 +11,7 @@ namespace {
 
 // Returns false for 501, which no documented method gives, and for 499, which is never sent. Both are listed only in
 // the table of errors in info.description.
-bool answered_by_calls(const ErrorRow& row) { return row.status != 499 && row.status != 501; }
+bool is_documented_response(const ErrorRow& row) { return row.status != 499 && row.status != 501; }
 
 // Returns true if a call can be answered with this status: only such statuses are documented for it.
 bool can_answer(const Route& route, int status) {
@@ -33,17 +33,19 @@ bool can_answer(const Route& route, int status) {
 
 std::string response_name(int status) { return "Problem" + std::to_string(status); }
 
-// Returns one response per status; codes that share a status are examples of its response.
+// Returns one response per status, described by the titles of the codes that share it, which are its examples.
 OrderedJson problem_responses() {
   OrderedJson responses = OrderedJson::object();
   for (const ErrorRow& row : error_table()) {
-    if (!answered_by_calls(row)) continue;
+    if (!is_documented_response(row)) continue;
     OrderedJson& response = responses[response_name(row.status)];
     if (response.is_null()) {
       response = {{"description", row.title},
                   {"content", {{"application/problem+json", {{"schema", schema::ref("Problem")}}}}}};
       if (row.status == 503) response["headers"]["Retry-After"] = {{"$ref", "#/components/headers/Retry-After"}};
       if (row.status == 405) response["headers"]["Allow"] = {{"$ref", "#/components/headers/Allow"}};
+    } else {
+      response["description"] = response["description"].get<std::string>() + "; " + std::string(row.title);
     }
     response["content"]["application/problem+json"]["examples"][std::string(row.code)] = {
         {"summary", row.meaning},
@@ -55,7 +57,7 @@ OrderedJson problem_responses() {
 
 void add_problems(OrderedJson& responses, const Route& route) {
   for (const ErrorRow& row : error_table()) {
-    if (!answered_by_calls(row) || !can_answer(route, row.status)) continue;
+    if (!is_documented_response(row) || !can_answer(route, row.status)) continue;
     responses[std::to_string(row.status)] = {{"$ref", "#/components/responses/" + response_name(row.status)}};
   }
 }

@@ -316,7 +316,7 @@ void check_map(const JsonReader& in, MapQuery& query, const ReadContext& context
   // Stop before the margin is computed: with a footprint that was refused, it may span the whole Moon.
   if (!in.good()) return;
   try {
-    if (engine::wants_footprint(query.request)) engine::drawn_for(query.request);
+    if (engine::wants_footprint(query.request)) engine::request_with_margin(query.request);
   } catch (const ImpossibleRequest& e) {
     in.fail("footprint", e.what());
   }

@@ -229,10 +229,10 @@ std::optional<double> ValueMap::once(const std::function<std::optional<double>()
 
 std::uint64_t ValueMap::fingerprint() const {
   const ValueMapOptions& o = impl_->options;
-  // Hash numbers by their bits: versions of libraries print the same number differently.
+  // Hash the bits of numbers, not their text, which differs between versions of libraries.
   StreamedHash hash;
   hash.add_text(o.path);
-  // With their count: an absent option cannot look like the next one.
+  // Hash the count first, so that an absent option differs from any other.
   const auto add_numbers = [&](const std::vector<double>& values) {
     hash.add(values.size());
     for (const double value : values) hash.add(value);

@@ -21,7 +21,7 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr ProductSet kOfFootprint = kRockCover | kRoughness | kHazard;
+constexpr ProductSet kFootprintOnly = kRockCover | kRoughness | kHazard;
 constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
 
 // Returns the map's scale at a pixel with the lowest possible ground, where a footprint covers most pixels; empty off
@@ -30,8 +30,8 @@ std::optional<Eigen::Matrix2d> lowest_scale(const MapRequest& request, int colum
   return metres_per_px(request.grid, column, row, static_cast<double>(dem::kLowestRelief_m));
 }
 
-// Returns the largest reach, up to a limit, of footprints on a map that ends at the limb or contains a pole. Such a map
-// may be stretched without bounds, and its extreme scales need not be at its corners: sample a grid.
+// Returns the largest reach that does not exceed a limit, of footprints on a map that ends at the limb or contains a
+// pole. Such a map may be stretched without bounds, and its extreme scales need not be at its corners: sample a grid.
 double largest_reach_px(const MapRequest& request, double limit_px) {
   constexpr int kSteps = 64;
   double largest_px = 0;
@@ -57,6 +57,7 @@ int margin_px(const MapRequest& request) {
       const auto scale = lowest_scale(request, x, y);
       is_partial = is_partial || !scale;
       if (!scale) continue;
+      // The exact reach takes time in proportion to the footprint: skip it where the bound alone is too large.
       const double reach_px = reach_upper_bound_px(*request.footprint, *scale);
       margin = std::max(
           margin, reach_px > 2 * kMax_px ? reach_px : footprint_on_map(*request.footprint, *scale).reach_px() + 1);
@@ -233,17 +234,17 @@ void cut(std::vector<T>& array, const dem::MapGrid& drawn, const dem::MapGrid& r
 }  // namespace
 
 bool wants_footprint(const MapRequest& request) {
-  return request.products & kOfFootprint || (request.footprint && request.products & kSlope);
+  return request.products & kFootprintOnly || (request.footprint && request.products & kSlope);
 }
 
-MapRequest drawn_for(const MapRequest& request) {
+MapRequest request_with_margin(const MapRequest& request) {
   MapRequest drawn = request;
   const int margin = margin_px(request);
   drawn.grid.width += 2 * margin;
   drawn.grid.height += 2 * margin;
   drawn.grid.west_m -= margin * drawn.grid.gsd_m;
   drawn.grid.north_m += margin * drawn.grid.gsd_m;
-  drawn.products &= ~static_cast<ProductSet>(kOfFootprint | kSlope);
+  drawn.products &= ~static_cast<ProductSet>(kFootprintOnly | kSlope);
   drawn.products |= kHeight | (request.rocks ? ProductSet{kRockHeight} : 0);
   drawn.footprint.reset();
   return drawn;

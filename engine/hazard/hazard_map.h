@@ -18,12 +18,13 @@ namespace selenograph::engine {
 // Returns whether any requested product needs the footprint.
 bool wants_footprint(const MapRequest& request);
 
-// Returns the map to draw for these products: the requested map with heights, and a margin that footprints at its
-// border cover. Throws ImpossibleRequest (member "footprint") if footprints reach too many pixels.
-MapRequest drawn_for(const MapRequest& request);
+// Returns the map to draw before find_hazards(): with heights in place of the footprint's products, and so much larger
+// that footprints at the border are complete. Throws ImpossibleRequest (member "footprint") if footprints reach too
+// many pixels.
+MapRequest request_with_margin(const MapRequest& request);
 
 // Returns an upper bound on the memory that find_hazards() takes in addition to the products. `drawn`: the request that
-// drawn_for() returned.
+// request_with_margin() returned.
 std::size_t bytes_of_footprints(const MapRequest& request, const MapRequest& drawn);
 
 // Adds the footprint's products to a drawn map and cuts its margin off. A pixel gets NaN and kNoHazardNumber if ground

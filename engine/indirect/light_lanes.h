@@ -8,7 +8,7 @@
 
 namespace selenograph::engine {
 
-// Sums over the sectors of a post, and what has no sector.
+// Sums over the sectors of a post, and the two quantities without direction.
 struct LightSum {
   float x = 0, y = 0, z = 0;  // sum of the sectors' vectors
   float fluence = 0;          // sum of their lengths

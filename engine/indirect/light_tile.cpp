@@ -102,10 +102,10 @@ ContentKey key_of(const dem::Terrain& terrain, const LightField& field) {
   return hash.key();
 }
 
-// Stores the sectors of a post, and adds their sums.
-void set_light(const SectorLight& arrives, LightPost& out) {
+// Copies the vectors of the sectors to an empty post, with their sums, which interpolation needs for each pixel.
+void set_light(const SectorLight& sectors, LightPost& out) {
   for (std::size_t k = 0; k < kSectors; ++k) {
-    const Eigen::Vector3f& light = arrives.from[k];
+    const Eigen::Vector3f& light = sectors.from[k];
     out.x[k] = light.x();
     out.y[k] = light.y();
     out.z[k] = light.z();

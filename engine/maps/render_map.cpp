@@ -500,7 +500,7 @@ class MapDrawing {
 Map render_map(const MapRequest& request, const dem::Terrain& terrain, RenderCache& cache, const StopToken& stop,
                const MapProgress& progress) {
   if (!wants_footprint(request)) return MapDrawing(request, terrain, cache, stop, progress).draw();
-  const MapRequest drawn = drawn_for(request);
+  const MapRequest drawn = request_with_margin(request);
   Map map = MapDrawing(drawn, terrain, cache, stop, progress).draw();
   for (std::string& warning : find_hazards(request, drawn, map.products, stop))
     map.report.warnings.push_back(std::move(warning));

@@ -155,7 +155,7 @@ class EdgeFinder {
     RasterShape::Half& half = shape_.along[side][2 * quad < quads_ ? 0 : 1];
     Ends ends;
     if (add(half.edges, r0, c0, r1, c1, ends))
-      half.mark +=
+      half.edge_hash +=
           (dem::hash_of(&ends[0], 24) * 0x9e3779b97f4a7c15) ^ (dem::hash_of(&ends[3], 24) * 0x9e3779b97f4a7c15);
   }
 
@@ -227,8 +227,11 @@ RasterMesh::RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterParts
 }
 
 // Adds skirts below edges that only one triangle has. Inside a block these lie beside voids. On its border they are
-// edges without an equal edge in another block. Most sides equal a neighbour's side, or two neighbours' halves, which
-// their hashes tell; only the rest is compared edge by edge.
+// edges without an equal edge in another block. Most sides equal a neighbour's whole side, or half the side of a
+// coarser neighbour, which hashes tell; only the rest is compared edge by edge.
+//
+//   coarse block   +---- half 0 ----+---- half 1 ----+   hash of the side: sum of its halves
+//   fine blocks    +-- whole side --+-- whole side --+   hash of a whole side = hash of a half
 void RasterMesh::add_skirts() {
   struct Open {
     const RasterShape* shape;
@@ -236,51 +239,53 @@ void RasterMesh::add_skirts() {
   };
   std::vector<Open> open;
   using Count = std::unordered_map<std::uint64_t, int>;
-  const auto in = [](const Count& count, std::uint64_t mark) {
-    const auto found = count.find(mark);
+  const auto count_of = [](std::uint64_t hash, const Count& count) {
+    const auto found = count.find(hash);
     return found == count.end() ? 0 : found->second;
   };
   const auto for_each_side = [&](const auto& visit) {
     for (const auto& piece : pieces_)
       for (const auto& side : piece->shape->along)
-        if (side[0].mark + side[1].mark != 0) visit(*piece->shape, side, side[0].mark + side[1].mark);
+        if (const std::uint64_t hash = side[0].edge_hash + side[1].edge_hash; hash != 0)
+          visit(*piece->shape, side, hash);
   };
   using Side = std::array<RasterShape::Half, 2>;
-  const auto has_halves = [](const Side& side) { return side[0].mark != 0 && side[1].mark != 0; };
+  const auto has_halves = [](const Side& side) { return side[0].edge_hash != 0 && side[1].edge_hash != 0; };
   Count wholes, halves;
   wholes.reserve(4 * pieces_.size());
-  for_each_side([&](const RasterShape&, const Side&, std::uint64_t mark) { ++wholes[mark]; });
-  for_each_side([&](const RasterShape&, const Side& side, std::uint64_t mark) {
-    if (wholes[mark] == 1 && has_halves(side))
-      for (const RasterShape::Half& half : side) ++halves[half.mark];
+  for_each_side([&](const RasterShape&, const Side&, std::uint64_t hash) { ++wholes[hash]; });
+  // Skip sides with an empty half: their hash equals that of the other half, and they would match themselves.
+  for_each_side([&](const RasterShape&, const Side& side, std::uint64_t hash) {
+    if (wholes[hash] == 1 && has_halves(side))
+      for (const RasterShape::Half& half : side) ++halves[half.edge_hash];
   });
-  // A full side of one block equals a half side of another.
-  const auto joined = [&](std::uint64_t mark) { return in(wholes, mark) == 1 && in(halves, mark) == 1; };
-  for_each_side([&](const RasterShape& shape, const Side& side, std::uint64_t mark) {
-    if (wholes[mark] == 2 || joined(mark)) return;
+  // Returns whether a whole side of one block equals a half side of another.
+  const auto joined = [&](std::uint64_t hash) { return count_of(hash, wholes) == 1 && count_of(hash, halves) == 1; };
+  for_each_side([&](const RasterShape& shape, const Side& side, std::uint64_t hash) {
+    if (wholes[hash] == 2 || joined(hash)) return;
     for (const RasterShape::Half& half : side)
-      if (!half.edges.empty() && !(has_halves(side) && joined(half.mark))) open.push_back({&shape, &half.edges});
+      if (!half.edges.empty() && !(has_halves(side) && joined(half.edge_hash))) open.push_back({&shape, &half.edges});
   });
   for (const auto& piece : pieces_)
     if (!piece->shape->inside.empty()) open.push_back({piece->shape.get(), &piece->shape->inside});
   const auto ends = [](const RasterShape& shape, const RasterShape::Edge& e) {
     return ends_of(shape.vertex(e.from), shape.vertex(e.to));
   };
-  std::unordered_map<Ends, int, EndsHash> edges;
+  std::unordered_map<Ends, int, EndsHash> unmatched;  // numbers of directed edges without an opposite one
   for (const auto& [shape, list] : open)
     for (const RasterShape::Edge& edge : *list) {
       const Ends e = ends(*shape, edge), back{e[3], e[4], e[5], e[0], e[1], e[2]};
-      if (const auto found = edges.find(back); found != edges.end()) {
-        if (--found->second == 0) edges.erase(found);
+      if (const auto found = unmatched.find(back); found != unmatched.end()) {
+        if (--found->second == 0) unmatched.erase(found);
       } else {
-        ++edges[e];
+        ++unmatched[e];
       }
     }
   for (const auto& [shape, list] : open)
     for (const RasterShape::Edge& edge : *list) {
-      const auto found = edges.find(ends(*shape, edge));
-      if (found == edges.end()) continue;
-      if (--found->second == 0) edges.erase(found);
+      const auto found = unmatched.find(ends(*shape, edge));
+      if (found == unmatched.end()) continue;
+      if (--found->second == 0) unmatched.erase(found);  // equal edges get one skirt each
       add_skirt(shape->vertex(edge.from), shape->vertex(edge.to));
     }
 }

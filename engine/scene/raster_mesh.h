@@ -66,7 +66,7 @@ struct RasterShape {
   std::vector<Edge> inside;
   struct Half {
     std::vector<Edge> edges;
-    std::uint64_t mark = 0;  // hash of its edges, equal for opposite directions; 0: none
+    std::uint64_t edge_hash = 0;  // equal for opposite directions; 0: no edges
   };
   std::array<std::array<Half, 2>, 4> along;
 

@@ -86,24 +86,24 @@ void ErrorCollector::add_geometry(const View& view, const dem::Terrain& terrain,
   constexpr double kRounding_m = 1e-6, kRounding_px = 1e-6;
   for (const PointError& e : errors) {
     if (std::isnan(e.metres)) continue;
-    metres_.push_back(e.metres);
-    pixels_.push_back(e.pixels);
-    beyond_m_ += e.metres > report.lod_error_m + kRounding_m;
-    beyond_px_ += e.pixels > report.lod_error_px + kRounding_px;
-    beyond_expected_px_ += e.pixels > report.expected_error_px + kRounding_px;
+    errors_m_.push_back(e.metres);
+    if (!std::isnan(e.pixels)) errors_px_.push_back(e.pixels);
+    points_beyond_bound_m_ += e.metres > report.lod_error_m + kRounding_m;
+    points_beyond_bound_px_ += e.pixels > report.lod_error_px + kRounding_px;
+    points_beyond_expected_px_ += e.pixels > report.expected_error_px + kRounding_px;
   }
 }
 
 void ErrorCollector::add_shadows(int width, int height, const std::vector<float>& lit,
                                  const std::vector<float>& reference) {
   edge_length_px_ += edge_length(width, height, reference);
-  pixels_compared_ += lit.size();
+  pixels_ += lit.size();
   for (std::size_t i = 0; i < lit.size(); ++i) {
     wrong_hits_ += std::isnan(lit[i]) != std::isnan(reference[i]);
     if (std::isnan(lit[i]) || std::isnan(reference[i])) continue;
-    ++compared_;
+    ++flags_compared_;
     if (is_lit(lit[i]) == is_lit(reference[i])) continue;
-    ++wrong_;
+    ++wrong_flags_;
     const int x = static_cast<int>(i % static_cast<std::size_t>(width)),
               y = static_cast<int>(i / static_cast<std::size_t>(width));
     displacements_px_.push_back(distance_to_flag(width, height, reference, x, y, is_lit(lit[i])));
@@ -122,17 +122,18 @@ void ErrorCollector::add_radiance(const std::vector<float>& radiance, const std:
 
 ErrorMeasures ErrorCollector::result() const {
   ErrorMeasures out;
-  out.geometric_m = spread_of(metres_);
-  out.geometric_px = spread_of(pixels_);
+  out.geometric_m = spread_of(errors_m_);
+  out.geometric_px = spread_of(errors_px_);
   const auto share = [](std::size_t count, std::size_t total) {
     return total ? static_cast<double>(count) / static_cast<double>(total) : 0.0;
   };
-  out.within_bound_m = 1 - share(beyond_m_, metres_.size());
-  out.within_bound_px = 1 - share(beyond_px_, pixels_.size());
-  out.within_expected_px = 1 - share(beyond_expected_px_, pixels_.size());
-  out.wrong_hits = share(wrong_hits_, pixels_compared_);
-  out.wrong_shadow_flags = share(wrong_, compared_);
-  if (edge_length_px_ > 0) out.shadow_edge_mean_px = static_cast<double>(wrong_) / edge_length_px_;
+  out.within_bound_m = 1 - share(points_beyond_bound_m_, errors_m_.size());
+  out.within_bound_px = 1 - share(points_beyond_bound_px_, errors_px_.size());
+  out.within_expected_px = 1 - share(points_beyond_expected_px_, errors_px_.size());
+  out.wrong_hits = share(wrong_hits_, pixels_);
+  out.wrong_shadow_flags = share(wrong_flags_, flags_compared_);
+  // Each wrong pixel is one square pixel of the area between both edges.
+  if (edge_length_px_ > 0) out.shadow_edge_mean_px = static_cast<double>(wrong_flags_) / edge_length_px_;
   out.shadow_edge_px = spread_of(displacements_px_);
   if (sunlit_ == 0) return out;
   const double mean = reference_radiance_ / static_cast<double>(sunlit_);

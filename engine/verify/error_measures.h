@@ -24,7 +24,7 @@ struct ErrorMeasures {
   Spread geometric_m, geometric_px;
   // Share of points whose error is within the bound that their frame reported, in metres and in pixels.
   double within_bound_m = 1, within_bound_px = 1;
-  // Share of points whose error in the image is within the frame's expected error, which promises 0.99.
+  // Share of points whose error in the image is within the frame's expected error: its 99th percentile.
   double within_expected_px = 1;
   // Share of pixels that see terrain in one frame and sky in the other.
   double wrong_hits = 0;
@@ -50,13 +50,14 @@ class ErrorCollector {
   ErrorMeasures result() const;
 
  private:
-  std::vector<double> metres_, pixels_;
-  std::size_t beyond_m_ = 0, beyond_px_ = 0, beyond_expected_px_ = 0;
+  std::vector<double> errors_m_, errors_px_;  // of points that have a position on the ground and in the image
+  std::size_t points_beyond_bound_m_ = 0, points_beyond_bound_px_ = 0, points_beyond_expected_px_ = 0;
   std::vector<double> radiance_errors_;  // W m-2 sr-1
   double reference_radiance_ = 0;
   std::size_t sunlit_ = 0;
   std::vector<double> displacements_px_;
-  std::size_t compared_ = 0, wrong_ = 0, pixels_compared_ = 0, wrong_hits_ = 0;
+  // Flags are compared where both frames see terrain, hits at all pixels.
+  std::size_t flags_compared_ = 0, wrong_flags_ = 0, pixels_ = 0, wrong_hits_ = 0;
   double edge_length_px_ = 0;
 };
 

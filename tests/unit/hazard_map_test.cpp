@@ -22,7 +22,7 @@ struct HazardsFound {
 // Over ground whose height, m, is given by the place on the map; rocks in the given pixels.
 HazardsFound found(const MapRequest& request, const std::function<double(const dem::MapPoint&)>& height_m,
                    const std::vector<Eigen::Vector2i>& rocks = {}) {
-  const MapRequest drawn = drawn_for(request);
+  const MapRequest drawn = request_with_margin(request);
   const dem::MapTransform map(drawn.grid.plane);
   HazardsFound out;
   for (int y = 0; y < drawn.grid.height; ++y)

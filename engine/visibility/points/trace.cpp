@@ -17,8 +17,9 @@
 #define SELENOGRAPH_ENGINE_TRACE_SHARED
 namespace selenograph::engine {
 
-// Returns whether a ray enters a sphere or points down inside it. Arguments are squares: of the radius, and of the
-// distances from the centre at which the ray starts and passes. ahead: it passes the centre after its start.
+// Returns whether a ray enters a sphere or, from inside, heads toward its centre. origin2 and passing2: squared
+// distances from the centre of the ray's origin and of its closest point. ahead: the closest point lies in front of the
+// origin.
 inline bool aims_into_sphere(double radius2, double origin2, double passing2, bool ahead) {
   return ahead && (origin2 <= radius2 || passing2 <= radius2);
 }
@@ -45,12 +46,19 @@ inline double toward_sun(const SurfacePoints& p, int i, double sx, double sy, do
   return behind2 < kCore2 ? 0 : toward;
 }
 
-// Sets, per lane, the entry into the sphere (or the start, if inside) relative to the anchor, in float. `active`: there
-// is one.
-void StartRays(const Rays& rays, double radius, double lowest, const Vec3& anchor, RayPacket& packet,
-               std::int32_t* toward_moon) {
-  const double radius2 = radius * radius;
-  const double lowest2 = lowest * lowest;
+// Sets each lane's ray in float, relative to the anchor. It starts where the ray enters the scene's shell, or at the
+// origin of a ray from inside. `active`: the ray enters the shell; toward_moon: it also meets the core.
+//
+//             half chord
+//            |<------->|
+//   origin o-+---------+---------+-->  shell: around the scene
+//         entry     closest
+//                      |               passing: from the closest point to the Moon's centre,
+//                      o               at most the radius of the core if the ray meets it
+void ClipToShell(const Rays& rays, double shell_m, double core_m, const Vec3& anchor, RayPacket& packet,
+                 std::int32_t* toward_moon) {
+  const double shell2 = shell_m * shell_m;
+  const double core2 = core_m * core_m;
   const double ax = anchor.x();
   const double ay = anchor.y();
   const double az = anchor.z();
@@ -63,17 +71,17 @@ void StartRays(const Rays& rays, double radius, double lowest, const Vec3& ancho
     const double dy = rays.dy[i];
     const double dz = rays.dz[i];
     const double origin2 = ox * ox + oy * oy + oz * oz;
-    const double a = dx * dx + dy * dy + dz * dz;
-    const double closest = -(ox * dx + oy * dy + oz * dz) / a;
-    // Measure from the closest point: the square of the distance to the origin may be too large to tell spheres apart.
+    const double direction2 = dx * dx + dy * dy + dz * dz;
+    const double closest = -(ox * dx + oy * dy + oz * dz) / direction2;
+    // Compute the passing distance from the closest point: origin2 - closest^2 would cancel for a distant camera.
     const double x = ox + closest * dx;
     const double y = oy + closest * dy;
     const double z = oz + closest * dz;
     const double passing2 = x * x + y * y + z * z;
-    const double half2 = (radius2 - passing2) / a;
-    const bool inside = origin2 <= radius2;
-    const bool enters = inside || (closest > 0 && half2 >= 0);
-    const double t = inside || !enters ? 0 : closest - std::sqrt(half2 > 0 ? half2 : 0);
+    const double half_chord2 = (shell2 - passing2) / direction2;
+    const bool inside = origin2 <= shell2;
+    const bool enters = inside || (closest > 0 && half_chord2 >= 0);
+    const double t = inside || !enters ? 0 : closest - std::sqrt(half_chord2 > 0 ? half_chord2 : 0);
     packet.ox[i] = static_cast<float>(ox + t * dx - ax);
     packet.oy[i] = static_cast<float>(oy + t * dy - ay);
     packet.oz[i] = static_cast<float>(oz + t * dz - az);
@@ -81,7 +89,7 @@ void StartRays(const Rays& rays, double radius, double lowest, const Vec3& ancho
     packet.dy[i] = static_cast<float>(dy);
     packet.dz[i] = static_cast<float>(dz);
     packet.active[i] = enters ? -1 : 0;
-    toward_moon[i] = aims_into_sphere(lowest2, origin2, passing2, closest > 0) ? 1 : 0;
+    toward_moon[i] = aims_into_sphere(core2, origin2, passing2, closest > 0) ? 1 : 0;
   }
 }
 
@@ -163,7 +171,7 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace selenograph::engine {
 
-HWY_EXPORT(StartRays);
+HWY_EXPORT(ClipToShell);
 HWY_EXPORT(StartShadowRays);
 HWY_EXPORT(AimAtMoon);
 HWY_EXPORT(FaceTheSun);
@@ -220,7 +228,7 @@ void retry_lost_rays(const Scene& scene, const Rays& rays, const RayPacket& pack
 void trace(const Scene& scene, const Rays& rays, SurfacePoints& points, Facets& facets) {
   RayPacket packet;
   alignas(64) std::int32_t toward_moon[kPacket];
-  HWY_DYNAMIC_DISPATCH(StartRays)(rays, scene.shell_m, scene.core_m, scene.anchor, packet, toward_moon);
+  HWY_DYNAMIC_DISPATCH(ClipToShell)(rays, scene.shell_m, scene.core_m, scene.anchor, packet, toward_moon);
   bool any = false;
   for (int i = 0; i < kPacket; ++i) {
     if (!rays.valid[i]) packet.active[i] = 0;
