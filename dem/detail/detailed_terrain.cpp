@@ -38,7 +38,7 @@
 #include "dem/detail/mean_correction.h"
 #include "dem/grid/degrees.h"
 #include "dem/grid/shading_normals.h"
-#include "dem/posts/cubic.h"
+#include "dem/posts/post_patch.h"
 #include "dem/posts/post_source.h"
 #include "dem/pyramid/block_posts.h"
 #include "dem/terrain/block_store.h"

@@ -7,7 +7,7 @@
 
 #include "dem/detail/detail.h"
 #include "dem/grid/lattice.h"
-#include "dem/posts/cubic.h"
+#include "dem/posts/post_patch.h"
 #include "dem/terrain/surface_place.h"
 
 namespace selenograph::dem {

@@ -2,8 +2,6 @@
 
 #include <limits>
 
-#include "dem/posts/cubic.h"
-
 namespace selenograph::dem {
 
 namespace {

@@ -1,12 +1,20 @@
-// Posts read from a file, and interpolation between them.
+// Posts read from a file, and interpolation between posts.
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <cstddef>
 
 #include "dem/base/uninitialised.h"
 
 namespace selenograph::dem {
+
+// Returns the Catmull-Rom weights (Catmull & Rom 1974, tension 1/2) of four posts, at fraction t between the middle
+// two.
+inline std::array<double, 4> cubic_weights(double t) {
+  return {t * (-0.5 + t * (1.0 - 0.5 * t)), 1.0 + t * t * (-2.5 + 1.5 * t), t * (0.5 + t * (2.0 - 1.5 * t)),
+          t * t * (-0.5 + 0.5 * t)};
+}
 
 // Rectangle of posts of a file. Column x0 and row y0 come first.
 struct PostPatch {

@@ -1,14 +1,8 @@
 // Composes the finest posts over a window of the lattice from all layers that cover it.
 //
-//   finest layer F          FFFFF   FFF                    F M C  valid posts, copied or interpolated (post_patch.h)
-//   next layer M         MMMMMMMMMMMMMMMM   MM
-//   coarsest layer C  CCCCCCCCCCCCCCCCCCCCCCCCC      CC    m c    bent to meet the finer layer along its border
-//                     ---------------------------------
-//   surface           CCcMmmFFFFFmmmFFFmMcccMMc~~~~~~CC    ~      void, interpolated between valid posts
-//
 // The finest valid layer wins, unchanged; no-data is filled from the next coarser layer, which is bent to meet the
 // finer one along its border (layer_bends.h). Remaining gaps between valid posts are interpolated and flagged. A
-// product whose posts lie on the lattice is copied; any other is interpolated.
+// product whose posts lie on the lattice is copied; any other is interpolated. README.md draws the steps.
 #pragma once
 
 #include <cstdint>

@@ -1,10 +1,10 @@
-#include "dem/posts/source_rows.h"
-
 #include <gtest/gtest.h>
 
 #include <random>
 #include <utility>
 #include <vector>
+
+#include "dem/posts/post_window.h"
 
 namespace selenograph::dem {
 namespace {

@@ -1,4 +1,4 @@
-#include "dem/posts/source_rows.h"
+#include "dem/posts/post_window.h"
 
 #include <algorithm>
 
