@@ -67,7 +67,7 @@ struct Renderer::Impl {
     if (!detail) return terrain;
     const std::lock_guard lock(details_mutex);
     const auto found = std::find_if(details.begin(), details.end(),
-                                    [&](const auto& detailed) { return detailed->detail() == detail.get(); });
+                                    [&](const auto& detailed) { return &detailed->detail() == detail.get(); });
     if (found != details.end()) {
       std::rotate(details.begin(), found, found + 1);
     } else {
@@ -89,7 +89,7 @@ struct Renderer::Impl {
   std::shared_ptr<dem::PyramidTerrain> terrain;
   static constexpr std::size_t kMaxDetails = 16;
   std::mutex details_mutex;
-  std::vector<std::shared_ptr<const dem::Terrain>> details;  // most recently used first
+  std::vector<std::shared_ptr<const dem::DetailedTerrain>> details;  // most recently used first
   int threads;
   tbb::task_arena arena, preparation_arena;
   RenderCache cache;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <filesystem>
 #include <numeric>
 #include <tuple>
 
@@ -222,6 +223,17 @@ std::vector<int> Catalogue::touching(double south_deg, double north_deg, double 
   std::sort(found.begin(), found.end());
   found.erase(std::unique(found.begin(), found.end()), found.end());
   return found;
+}
+
+std::vector<std::string> warnings_about(const Catalogue& catalogue, std::span<const SourceIndex> replaced) {
+  const auto name = [](const std::string& path) { return std::filesystem::path(path).filename().string(); };
+  std::vector<std::string> texts;
+  for (const CatalogueProblem& problem : catalogue.problems())
+    if (!problem.located && !problem.unrelated)
+      texts.push_back(name(problem.path) + ": cannot be used; where it lies is unknown");
+  for (const SourceIndex i : replaced)
+    texts.push_back(name(catalogue.rasters()[i].path) + ": cannot be used; the layer below stands in for it");
+  return texts;
 }
 
 }  // namespace selenograph::dem

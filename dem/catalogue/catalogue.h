@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -89,5 +90,9 @@ class Catalogue {
   // Indices of the rasters that touch each of 180 x 360 cells of one degree, row 0 at the south pole, column 0 at -180.
   std::vector<std::vector<int>> buckets_;
 };
+
+// Returns warnings for a client about files that a coarser layer replaces, and about files whose position on the Moon
+// is unknown. The texts depend on the files only, not on this machine.
+std::vector<std::string> warnings_about(const Catalogue& catalogue, std::span<const SourceIndex> replaced);
 
 }  // namespace selenograph::dem

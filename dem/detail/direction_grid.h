@@ -1,10 +1,15 @@
 // Grid of positions on the sphere at which detail is evaluated.
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <cstddef>
+#include <numbers>
 #include <span>
 #include <vector>
+
+#include "dem/grid/degrees.h"
+#include "dem/grid/lattice.h"
 
 namespace selenograph::dem {
 
@@ -47,6 +52,37 @@ class SquareGrid {
  private:
   std::vector<double> sin_lat_, cos_lat_, sin_lon_, cos_lon_;
   double west_, lon_step_;
+};
+
+// Directions of a square grid relative to a block's posts; it may be denser than the posts and extend past the block.
+// Rows beyond a pole continue on the opposite meridian, where cos(latitude) is negative.
+class BlockDirections {
+ public:
+  // `first_post` and `post_step`: position of the first row and column, and their spacing, in posts of the extent.
+  BlockDirections(const BlockExtent& extent, double first_post, double post_step, int side) {
+    const auto n = static_cast<std::size_t>(side);
+    for (auto& table : tables_) table.resize(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      const double post = first_post + static_cast<double>(i) * post_step;
+      // Ticks convert to degrees without rounding, so both sides of the date line get the same bits.
+      const auto [sin_lat, cos_lat] =
+          sine_cosine_of_deg(-90 + (extent.lat0 + post * extent.lat_step) / kTicksPerDegree);
+      const auto [sin_lon, cos_lon] =
+          sine_cosine_of_deg(-180 + (extent.lon0 + post * extent.lon_step) / kTicksPerDegree);
+      tables_[0][i] = sin_lat;
+      tables_[1][i] = cos_lat;
+      tables_[2][i] = sin_lon;
+      tables_[3][i] = cos_lon;
+    }
+    constexpr double kRadiansPerTick = kRadiansPerDegree / kTicksPerDegree;
+    west_ = -std::numbers::pi + kRadiansPerTick * (extent.lon0 + first_post * extent.lon_step);
+    step_ = kRadiansPerTick * post_step * extent.lon_step;
+  }
+  DirectionGrid grid() const { return {tables_[0], tables_[1], tables_[2], tables_[3], west_, step_}; }
+
+ private:
+  std::array<std::vector<double>, 4> tables_;
+  double west_ = 0, step_ = 0;
 };
 
 }  // namespace selenograph::dem

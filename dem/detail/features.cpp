@@ -62,8 +62,8 @@ double expected_craters(const CraterField& field, const Footprint& region, doubl
 
 CraterSurvey::CraterSurvey(const Terrain& terrain, std::shared_ptr<const CraterRoughness> roughness)
     : plain_(terrain.plain()),
-      detailed_(terrain),
-      field_(terrain.detail()->craters()),
+      detailed_(*terrain.detailed()),
+      field_(detailed_.detail().craters()),
       roughness_(std::move(roughness)) {}
 
 std::vector<CraterSurvey::OctaveBox> CraterSurvey::octave_boxes(const Footprint& region, double smallest_m,

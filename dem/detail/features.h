@@ -16,7 +16,7 @@
 #include "dem/catalogue/catalogue.h"
 #include "dem/detail/crater_field.h"
 #include "dem/detail/crater_visibility.h"
-#include "dem/terrain/terrain.h"
+#include "dem/detail/detailed_terrain.h"
 
 namespace selenograph::dem {
 
@@ -90,8 +90,8 @@ class CraterSurvey {
   bool shows(int octave, const Geographic& position) const { return share(octave, layers_at(position)) > 0.5; }
   double roughness_m(double diameter_m, std::span<const DetailOfPosts> layers) const;
 
-  const Terrain& plain_;
-  const Terrain& detailed_;
+  const PyramidTerrain& plain_;
+  const DetailedTerrain& detailed_;
   const CraterField& field_;
   std::shared_ptr<const CraterRoughness> roughness_;
 };

@@ -26,6 +26,12 @@
 
 namespace selenograph::dem {
 
+// Share of a layer's detail at a position: at layer borders, several layers contribute.
+struct DetailOfPosts {
+  int level;  // level whose post spacing is the distance that the layer resolves
+  double share;
+};
+
 // Thread-safe: const functions may be called concurrently.
 class LayeredPosts {
  public:

@@ -5,7 +5,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "dem/detail/detail.h"
+#include "dem/base/parallel.h"
+#include "dem/detail/direction_grid.h"
 #include "dem/grid/lattice.h"
 #include "dem/posts/post_patch.h"
 #include "dem/terrain/surface_place.h"
@@ -61,7 +62,7 @@ class CraterAmongPosts {
   double height_m(double x, double y) const {
     return crater_.scale * CraterShape::of_all().height(std::hypot(x, y) / (crater_.diameter_m / 2), crater_.age);
   }
-  // Returns the correction, interpolated between posts as DetailedTerrain does.
+  // Returns the correction, interpolated between posts as PostReader does.
   double correction_m(double x, double y) const {
     const double column = half_ + east_ + x / east_m_, row = half_ + north_ + y / north_m_;
     const int c = static_cast<int>(column), r = static_cast<int>(row);
@@ -103,6 +104,47 @@ class CraterAmongPosts {
   std::vector<double> corrections_m_;
 };
 
+// Returns the means of the detail over the cells of a sub-block and of `margin` cells around it, row by row.
+// A cell is centred at its post and as wide as the posts' spacing. Each octave is sampled at n x n positions per cell:
+//
+//   +-------+-------+
+//   | . . . | . . . |     x  post, centre of its cell
+//   | . x . | . x . |     .  samples (n = 3 here; 8 or more, by the octave)
+//   | . . . | . . . |     means of octaves add up to the cell's mean
+//   +-------+-------+
+//
+// The sampling grid is laid out for the whole block, so that a cell's mean is the same to the bit in every sub-block
+// that includes the cell.
+std::vector<double> cell_means(const Detail& detail, const SubBlock& sub_block, int margin, const StopToken& stop) {
+  const BlockExtent e = extent_of(sub_block.block);
+  const auto cells = static_cast<std::size_t>(sub_block.quads() + 1 + 2 * margin);
+  std::vector<double> means(cells * cells);
+  for (int octave = Detail::smallest_octave(sub_block.block.level + Detail::kCellLevels);
+       octave < Detail::past_largest_octave(sub_block.block.level); ++octave) {
+    const int samples = Detail::samples_per_cell(octave, sub_block.block.level);
+    const auto n = static_cast<std::size_t>(samples);
+    const BlockDirections directions(e, 0.5 / samples - 0.5 - margin, 1.0 / samples,
+                                     (e.quads + 1 + 2 * margin) * samples);
+    const auto first = [&](int index) { return static_cast<std::size_t>(index * sub_block.quads()) * n; };
+    // Work in squares of cells, whose samples fit in the processor's caches.
+    constexpr std::size_t kSquare = 9;
+    const std::size_t squares = (cells + kSquare - 1) / kSquare;
+    in_parallel(squares * squares, [&](std::size_t i) {
+      const std::size_t r0 = i / squares * kSquare, c0 = i % squares * kSquare;
+      const std::size_t rows = std::min(kSquare, cells - r0), columns = std::min(kSquare, cells - c0);
+      std::vector<double> heights(rows * n * columns * n);
+      detail.add_octave(sub_grid(directions.grid(), first(sub_block.north) + r0 * n, rows * n,
+                                 first(sub_block.east) + c0 * n, columns * n),
+                        octave, heights, stop);
+      const double* height_m = heights.data();
+      for (std::size_t r = r0 * n; r < (r0 + rows) * n; ++r)
+        for (std::size_t c = c0; c < c0 + columns; ++c)
+          for (std::size_t k = 0; k < n; ++k) means[r / n * cells + c] += *height_m++ / (samples * samples);
+    });
+  }
+  return means;
+}
+
 }  // namespace
 
 std::vector<double> sharpened(const std::vector<double>& means, std::size_t side) {
@@ -126,6 +168,24 @@ std::vector<double> sharpened(const std::vector<double>& means, std::size_t side
 double correction_weight(std::int32_t lat, std::int32_t lat_step) {
   const double posts_from_pole = static_cast<double>(std::min(lat, kLatTicks - lat)) / lat_step;
   return std::clamp((posts_from_pole - 2) / 6, 0.0, 1.0);
+}
+
+std::shared_ptr<const Block> make_mean_correction(const Detail& detail, const SubBlock& sub_block,
+                                                  const StopToken& stop) {
+  const BlockExtent e = sub_block.extent();
+  const auto side = static_cast<std::size_t>(e.quads + 1 + 2 * kCellsAround);
+  const std::vector<double> out = sharpened(cell_means(detail, sub_block, kCellsAround, stop), side);
+  auto block = empty_block(sub_block.block, e);
+  block->vertices.reserve(block->index(e.quads, e.quads) + 1);
+  for (int r = 0; r <= e.quads; ++r) {
+    const double weight = correction_weight(e.lat0 + r * e.lat_step, e.lat_step);
+    for (int c = 0; c <= e.quads; ++c) {
+      const std::size_t at =
+          static_cast<std::size_t>(r + kCellsAround) * side + static_cast<std::size_t>(c + kCellsAround);
+      block->vertices.push_back({static_cast<float>(weight * out[at]), Eigen::Vector3f::Zero()});
+    }
+  }
+  return block;
 }
 
 double depth_left(const Crater& crater, int posts_level) {

@@ -62,8 +62,8 @@ double max_expected_rocks(const RockField& field, const Footprint& region, doubl
 }
 
 RockSurvey::RockSurvey(const Terrain& terrain, std::shared_ptr<RockMemory> memory)
-    : terrain_(terrain),
-      detail_(*terrain.detail()),
+    : terrain_(*terrain.detailed()),
+      detail_(terrain_.detail()),
       field_(detail_.rocks()),
       memory_(memory ? std::move(memory) : std::make_shared<RockMemory>(kKeptBytes)) {}
 

@@ -7,8 +7,8 @@
 #include "dem/base/cache.h"
 #include "dem/base/stop_token.h"
 #include "dem/catalogue/catalogue.h"
+#include "dem/detail/detailed_terrain.h"
 #include "dem/detail/rock_field.h"
-#include "dem/terrain/terrain.h"
 
 namespace selenograph::dem {
 
@@ -16,8 +16,8 @@ struct RockFeature {
   Rock rock;
   const Rock& member() const { return rock; }
   Geographic location;  // position on the ground with detail
-  Vec3 position_m;   // the same position, MOON_ME
-  Vec3 up;           // the ground's normal, unit
+  Vec3 position_m;      // the same position, MOON_ME
+  Vec3 up;              // the ground's normal, unit
 };
 
 // Returns the expected number of rocks in a region by the law, if a new crater of 500 m, the largest of most presets,
@@ -76,7 +76,7 @@ class RockSurvey {
   std::shared_ptr<const FreshCraters> fresh_around(const BlockId& id, const StopToken& stop) const;
 
  private:
-  const Terrain& terrain_;
+  const DetailedTerrain& terrain_;
   const Detail& detail_;
   const RockField& field_;
   std::shared_ptr<RockMemory> memory_;

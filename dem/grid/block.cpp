@@ -21,4 +21,12 @@ void fill_trigonometry(Block& block) {
   }
 }
 
+std::shared_ptr<Block> empty_block(const BlockId& id, const BlockExtent& extent) {
+  auto block = std::make_shared<Block>();
+  block->id = id;
+  block->extent = extent;
+  fill_trigonometry(*block);
+  return block;
+}
+
 }  // namespace selenograph::dem

@@ -110,5 +110,7 @@ inline std::optional<float> post_at(const Block& block, std::int64_t lat, std::i
 
 // Fills the sine and cosine tables from the extent.
 void fill_trigonometry(Block& block);
+// Returns a block without vertices whose tables are filled.
+std::shared_ptr<Block> empty_block(const BlockId& id, const BlockExtent& extent);
 
 }  // namespace selenograph::dem

@@ -202,13 +202,10 @@ std::vector<float> Chunk::read_stored(const Record& record, Block& block) const 
 std::shared_ptr<const Block> Chunk::load(const BlockId& id, const PostSource& source, const StopToken& stop) const {
   const Record* record = find(id);
   if (!record || (record->flags & Record::kEmpty)) return nullptr;
-  auto block = std::make_shared<Block>();
-  block->id = id;
-  block->extent = extent_of(id);
+  auto block = empty_block(id, extent_of(id));
   block->error_m = record->error_m;
   block->min_m = record->min_m;
   block->max_m = record->max_m;
-  fill_trigonometry(*block);
   const bool from_sources = record->flags & Record::kFromSources;
   std::vector<float> heights;
   if (from_sources) {

@@ -6,7 +6,7 @@
 
 #include "dem/grid/surface.h"
 #include "dem/posts/level_borders.h"
-#include "dem/terrain/terrain.h"
+#include "dem/terrain/pyramid_terrain.h"
 
 namespace selenograph::dem {
 namespace {

@@ -24,16 +24,21 @@ class PyramidTerrain final : public Terrain {
   ~PyramidTerrain() override;  // stops building
 
   const Catalogue& catalogue() const override;
-  const Terrain& plain() const override { return *this; }
+  const PyramidTerrain& plain() const override { return *this; }
   const std::vector<BlockId>& roots() const override;
   bool has_data(const BlockId& id) const override;
   int posts_level(const BlockId& id) const override;
-  bool node_is_cheap(const BlockId& id) const override;
   NodeInfo node(const BlockId& id, const StopToken& stop = {}) const override;
-  std::optional<HeightRange> heights_without_building(const BlockId& id, const StopToken& stop = {}) const override;
-  bool waits_for_network(const BlockId& id) const override;
   std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const override;
-  bool has_replacements() const override;
+
+  // As the functions of dem/detail/unloaded_blocks.h, for terrain with and without detail.
+  bool node_is_cheap(const BlockId& id) const;
+  std::optional<HeightRange> heights_without_building(const BlockId& id, const StopToken& stop = {}) const;
+  // Returns whether block() reads posts from a network, also of terrain with detail over this one. Then do not call it
+  // in a loop of an arena, whose threads would all wait for the network (on_own_threads).
+  bool waits_for_network(const BlockId& id) const;
+  // Returns whether any NodeInfo::replaced may be non-empty.
+  bool has_replacements() const;
 
   const PostSource& post_source() const;
   // The cache of blocks. Terrains with detail over this one share it; their blocks have a number of their own.

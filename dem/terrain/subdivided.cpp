@@ -40,11 +40,7 @@ Value on_triangle(const QuadPosition& p, Value sum, const At& at) {
 }  // namespace
 
 std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) {
-  auto block = std::make_shared<Block>();
-  block->id = id;
-  block->extent = extent_of(id);
-  block->error_m = 0;
-  fill_trigonometry(*block);
+  auto block = empty_block(id, extent_of(id));
   const BlockExtent &e = block->extent, &ce = coarse.extent;
   block->vertices.reserve(block->index(e.quads, e.quads) + 1);
   block->sources.reserve(block->index(e.quads, e.quads) + 1);

@@ -1,11 +1,10 @@
-// The interface of terrain: blocks of posts at any level of detail, and heights at positions.
+// The interface of terrain: blocks of posts at any level of detail, their nodes, and heights at positions.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <functional>
 #include <memory>
-#include <optional>
-#include <span>
 #include <string>
 #include <vector>
 
@@ -16,7 +15,8 @@
 
 namespace selenograph::dem {
 
-class Detail;
+class DetailedTerrain;
+class PyramidTerrain;
 
 struct TerrainOptions {
   std::string cache_dir;                           // empty: nothing is written, pyramids are rebuilt when needed
@@ -44,12 +44,6 @@ struct NodeInfo {
   double left_out_size_m = 0;
 };
 
-// Share of a layer's detail at a position: at layer borders, several layers contribute.
-struct DetailOfPosts {
-  int level;  // level whose post spacing is the distance that the layer resolves
-  double share;
-};
-
 struct HeightAnswer {
   double lat_deg = 0, lon_deg = 0;
   double height_m = 0;        // NaN: no data
@@ -64,67 +58,41 @@ struct CacheStatistics {
   std::uint64_t hits = 0, misses = 0, evictions = 0, chunks_built = 0, chunks_read = 0, chunks_rejected = 0;
 };
 
-// Implemented by the pyramid's terrain (pyramid_terrain.h) and by terrain with detail (detailed_terrain.h).
-// Thread-safe: const functions may be called concurrently.
+// The Moon's surface: blocks, nodes (their bounds and errors) and heights. Implemented by the pyramid's terrain
+// (pyramid_terrain.h) and by terrain with detail (detailed_terrain.h). What is known of a block before it is loaded:
+// unloaded_blocks.h.
 //
-// Data that are neither in memory nor in the cache folder are built in the background. Callers wait for them until
-// their own `stop`, then throw Cancelled; the build continues (build_queue.h). Members throw DataError when a file is
-// unusable, SystemFault when the system cannot read it now.
+// Thread-safe: const functions may be called concurrently. Data that are neither in memory nor in the cache folder are
+// built in the background. Callers wait for them until their own `stop`, then throw Cancelled; the build continues
+// (build_queue.h). Members throw DataError when a file is unusable, SystemFault when the system cannot read it now.
 class Terrain {
  public:
   virtual ~Terrain() = default;
 
   virtual const Catalogue& catalogue() const = 0;
   // The same terrain without detail.
-  virtual const Terrain& plain() const = 0;
-  virtual const Detail* detail() const { return nullptr; }
-  // Returns whether a block has detail: it is finer than the distance that its posts resolve.
-  virtual bool has_detail(const BlockId&) const { return false; }
-  // Returns the layers whose detail is shown at a position, from coarse to fine; empty without detail.
-  virtual std::vector<DetailOfPosts> detail_at(double, double) const { return {}; }  // lat_deg, lon_deg
-  // Number of a terrain with detail, unique among those that share a pyramid; 0: without detail.
+  virtual const PyramidTerrain& plain() const = 0;
+  // This terrain, if it has detail; else null.
+  virtual const DetailedTerrain* detailed() const { return nullptr; }
+  // Number of a terrain with detail, unique among those that share a pyramid: caches tell them apart by it. 0: without
+  // detail.
   virtual int detail_number() const { return 0; }
 
   // Blocks of level 0 that have data: the roots of the quadtree.
   virtual const std::vector<BlockId>& roots() const = 0;
   // False if no source is near: nothing to load.
   virtual bool has_data(const BlockId& id) const = 0;
-  // Returns the finest useful level in this block's area: its vertices are the posts or, for coarse layers, its chords
-  // stay within millimetres of the sphere.
-  int finest_level(const BlockId& id) const;
   // Level of the posts, or of the finest detail; finer blocks only follow the sphere more closely.
   virtual int posts_level(const BlockId& id) const = 0;
-  // Returns whether node() needs only sources around the block itself. Otherwise (a coarse block over very fine posts)
-  // node() first builds everything below: call it only if the block is really needed.
-  virtual bool node_is_cheap(const BlockId& id) const = 0;
+  // Returns the finest useful level in this block's area: its vertices are the posts or, for coarse layers, its chords
+  // stay within millimetres of the sphere.
+  int finest_level(const BlockId& id) const { return std::max(kSmoothLevel, posts_level(id)); }
+
   virtual NodeInfo node(const BlockId& id, const StopToken& stop = {}) const = 0;
-  // Returns, without making a block with detail, wider bounds on its heights and a lower bound on its error. Empty if
-  // node() makes no block either, and if no bounds are available. Whether a block has an outline depends on the terrain
-  // only, not on the caches, so that selection is reproducible.
-  virtual std::optional<NodeInfo> outline(const BlockId&, const StopToken&) const { return std::nullopt; }
-  // Returns, if node() would have to build first, wider bounds on the heights of the block and everything below, from a
-  // scan of the files. Empty if node() need not build, or if a scan gives no bounds.
-  virtual std::optional<HeightRange> heights_without_building(const BlockId& id, const StopToken& stop = {}) const = 0;
-  // Returns whether block() reads posts from a network. Then do not call it in a loop of an arena, whose threads would
-  // all wait for the network (on_own_threads).
-  virtual bool waits_for_network(const BlockId& id) const = 0;
   // Returns a block; null if it has no valid post.
   virtual std::shared_ptr<const Block> block(const BlockId& id, const StopToken& stop = {}) const = 0;
-  // Returns the block if it is available, else only its quad at a position in ticks: the same heights to the bit, no
-  // normals, sources or bounds. For callers that need few positions of a block.
-  virtual std::shared_ptr<const Block> block_or_quad(const BlockId& id, std::int32_t, std::int32_t,
-                                                     const StopToken& stop = {}) const {
-    return block(id, stop);
-  }
-
-  // Returns the height on the finest surface, on the triangles that frames show.
+  // Returns the height on the finest surface, on the triangles that frames show (finest_surface.h).
   HeightAnswer height(double lat_deg, double lon_deg, const StopToken& stop = {}) const;
-
-  // Returns whether any NodeInfo::replaced may be non-empty.
-  virtual bool has_replacements() const = 0;
-  // Returns warnings for a client about these files, and about files whose position on the Moon is unknown. The texts
-  // depend on the files only, not on this machine.
-  std::vector<std::string> warnings_about(std::span<const SourceIndex> replaced) const;
 };
 
 }  // namespace selenograph::dem

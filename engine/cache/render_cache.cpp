@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "dem/base/hash.h"
+#include "dem/detail/detailed_terrain.h"
 #include "engine/scene/selection.h"
 
 namespace selenograph::engine {
@@ -232,7 +233,7 @@ std::shared_ptr<const dem::CraterRoughness> RenderCache::roughness(const dem::Te
   return roughnesses_.get(
       terrain.detail_number(),
       [&] {
-        return Roughnesses::Loaded{std::make_shared<const dem::CraterRoughness>(*terrain.detail(), stop), 1};
+        return Roughnesses::Loaded{std::make_shared<const dem::CraterRoughness>(terrain.detailed()->detail(), stop), 1};
       },
       stop);
 }

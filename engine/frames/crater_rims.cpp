@@ -15,6 +15,7 @@
 #include "dem/base/parallel.h"
 #include "dem/detail/detail.h"
 #include "dem/detail/footprints.h"
+#include "dem/detail/unloaded_blocks.h"
 #include "dem/terrain/surface_place.h"
 #include "engine/camera/row_views.h"
 #include "engine/frame/needs.h"
@@ -68,7 +69,7 @@ class BlocksInView {
   static std::optional<InView> if_in_view(const dem::BlockId& id, const RowViews& views, const dem::Terrain& terrain,
                                           const StopToken& stop) {
     stop.check();
-    if (!terrain.has_detail(id)) return std::nullopt;
+    if (!dem::has_detail(terrain, id)) return std::nullopt;
     const dem::NodeInfo info = terrain.node(id, stop);
     if (info.empty) return std::nullopt;
     const NodeBounds bounds = bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m));

@@ -121,7 +121,7 @@ FrameReport report_frame(const FramePlan& plan, const FrameSelection& selected, 
     report.sources.push_back(source_tile(catalogue.rasters()[raster]));
   report.radiance = plan.radiance;
   report.emits_elsewhere = plan.emits_elsewhere;
-  if (plan.request.terrain) report.warnings = terrain.warnings_about(selected.terrain.replaced);
+  if (plan.request.terrain) report.warnings = dem::warnings_about(terrain.catalogue(), selected.terrain.replaced);
   return report;
 }
 

@@ -11,6 +11,7 @@
 #include "dem/base/parallel.h"
 #include "dem/detail/detail.h"
 #include "dem/detail/features.h"
+#include "dem/terrain/pyramid_terrain.h"
 #include "engine/camera/pose_track.h"
 #include "engine/lidar/beam.h"
 #include "engine/lidar/detection.h"
@@ -293,7 +294,7 @@ class LidarScanner {
   // none of them hits.
   bool is_narrow(const RayCone& cone, int finest_detail) const {
     if (!(cone.slope <= std::max(0.02, 20 * theta_) && cone.radius_m < 10)) return false;
-    if (!terrain_.detail()) return true;
+    if (!terrain_.detailed()) return true;
     const double half_block_m = dem::quads_per_side(finest_detail) / 2 * dem::post_spacing_m(finest_detail);
     return cone.radius_m + cone.slope * std::min(cone.to_m, kFarthest_m) <= half_block_m;
   }
@@ -323,7 +324,7 @@ class LidarScanner {
   //   order_:  first ... resolved | level 11 | level 12 ...        | past_last
   //            (final)              cast()     cast()                then partition again
   void cast_beams() {
-    if (!terrain_.detail()) return cast(0, order_.size(), dem::kMaxLevel);
+    if (!terrain_.detailed()) return cast(0, order_.size(), dem::kMaxLevel);
     reach_m_.assign(out_.size(), 0);
     resolved_.assign(out_.size(), 0);
     std::vector<double> posts_m(out_.size());
@@ -392,7 +393,7 @@ class LidarScanner {
 
   // Sets the crater that encloses each beam's strongest true return.
   void find_craters() {
-    if (!terrain_.detail()) {
+    if (!terrain_.detailed()) {
       out_.crater.assign(out_.size(), 0);
       return;
     }

@@ -13,6 +13,7 @@
 #include "dem/grid/surface.h"
 #include "dem/terrain/build_queue.h"
 #include "dem/terrain/finest_surface.h"
+#include "dem/terrain/pyramid_terrain.h"
 #include "dem/terrain/surface_place.h"
 #include "engine/camera/row_views.h"
 #include "engine/rays/ray_queries.h"
@@ -320,7 +321,8 @@ void search_all(const Viewpoint& viewpoint, int azimuths, const dem::Terrain& te
     found(i, azimuth_rad, search);
   };
   const auto run = [&] { in_parallel(static_cast<std::size_t>(azimuths), search_at); };
-  if (std::any_of(roots.begin(), roots.end(), [&](const auto& root) { return terrain.waits_for_network(root.id); }))
+  if (std::any_of(roots.begin(), roots.end(),
+                  [&](const auto& root) { return terrain.plain().waits_for_network(root.id); }))
     on_own_threads(dem::kNetworkReaders, run);
   else
     run();

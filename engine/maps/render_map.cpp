@@ -477,7 +477,7 @@ class MapDrawing {
     r.lit = any_lit(out_.products.radiance);
     std::sort(replaced_.begin(), replaced_.end());
     replaced_.erase(std::unique(replaced_.begin(), replaced_.end()), replaced_.end());
-    r.warnings = terrain_.warnings_about(replaced_);
+    r.warnings = dem::warnings_about(terrain_.catalogue(), replaced_);
     return std::move(out_);
   }
 

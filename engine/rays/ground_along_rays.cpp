@@ -7,7 +7,7 @@
 #include <limits>
 
 #include "dem/base/error.h"
-#include "dem/detail/detail.h"
+#include "dem/detail/detailed_terrain.h"
 #include "engine/scene/anchor.h"
 #include "engine/scene/ray_selection.h"
 #include "engine/scene/selection.h"
@@ -151,7 +151,7 @@ GroundAlongRays::GroundAlongRays(const char* ray_description, FrameRequest scene
       terrain_(terrain),
       cache_(cache),
       stop_(stop) {
-  if (terrain.detail() && !terrain.detail()->rocks().empty()) rocks_.emplace(terrain);
+  if (terrain.detailed() && !terrain.detailed()->detail().rocks().empty()) rocks_.emplace(terrain);
 }
 
 std::unique_ptr<GroundAlongRays::GroundScene> GroundAlongRays::build_scene(const std::vector<RayCone>& single_rays,
@@ -186,7 +186,8 @@ std::optional<std::vector<dem::RockFeature>> GroundAlongRays::rocks_along(const 
                                                                           const std::vector<BlockOnRays>& blocks,
                                                                           int finest_detail) {
   if (!rocks_) return std::vector<dem::RockFeature>();
-  const double left_out_m = finest_detail < terrain_.detail()->finest_level() ? dem::post_spacing_m(finest_detail) : 0;
+  const double left_out_m =
+      finest_detail < terrain_.detailed()->detail().finest_level() ? dem::post_spacing_m(finest_detail) : 0;
   return rocks_->along(rays, blocks, left_out_m, stop_);
 }
 

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "dem/base/parallel.h"
+#include "dem/terrain/pyramid_terrain.h"
 #include "dem/terrain/surface_place.h"
 #include "engine/camera/row_views.h"
 #include "engine/rays/ground_along_rays.h"
@@ -206,7 +207,7 @@ class RayCaster {
     ends_m.resize(rays.size(), std::numeric_limits<double>::infinity());
     for (std::size_t i = 0; i < rays.size(); ++i)
       ends_m[i] = std::min(ends_m[i], range_below_terrain_m({rays[i].origin_m, rays[i].direction}));
-    if (!terrain_.detail()) return in_batches(rays, indices_of(rays), ends_m, intersect);
+    if (!terrain_.detailed()) return in_batches(rays, indices_of(rays), ends_m, intersect);
     const std::vector<RayHit> on_posts = cast_rays(rays, {}, std::nullopt, terrain_.plain(), cache_, stop_);
     std::vector<double> to_m(rays.size(), 0);
     const auto extend = [&](std::size_t i) {
@@ -337,7 +338,7 @@ std::vector<HiddenBy> what_hides(std::span<const Ray> rays, const std::vector<Sc
                                  const dem::Terrain& terrain, RenderCache& cache, const StopToken& stop,
                                  double detail_within_m) {
   RayCaster caster("the line of sight to something in the sky", objects, terrain, cache, stop);
-  if (!terrain.detail()) detail_within_m = std::numeric_limits<double>::infinity();
+  if (!terrain.detailed()) detail_within_m = std::numeric_limits<double>::infinity();
   std::vector<HiddenBy> hidden(rays.size(), HiddenBy::none);
   std::vector<double> range_m(rays.size(), std::numeric_limits<double>::infinity());
   std::vector<Ray> near_limb;

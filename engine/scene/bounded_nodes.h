@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "dem/base/stop_token.h"
+#include "dem/detail/unloaded_blocks.h"
 #include "dem/terrain/terrain.h"
 #include "engine/scene/node_bounds.h"
 
@@ -38,7 +39,7 @@ bool may_matter(const dem::Terrain& terrain, const dem::BlockId& id, const StopT
   // Survey the files only if level ground as low as the maria would not matter.
   constexpr double kMaria_m = -2000;
   if (!terrain.has_data(id) || matters(bounds_of(id, kMaria_m, kMaria_m))) return true;
-  const auto range = terrain.heights_without_building(id, stop);
+  const auto range = dem::heights_without_building(terrain, id, stop);
   return !range || matters(bounds_of_all(id, static_cast<double>(range->low), static_cast<double>(range->high)));
 }
 
@@ -48,7 +49,7 @@ inline std::optional<BoundedNode> bounded_node(const dem::Terrain& terrain, cons
                                                const StopToken& stop) {
   if (!terrain.has_data(id)) return std::nullopt;
   dem::NodeInfo info{0, dem::kLowestRelief_m, dem::kHighestRelief_m, false, {}};
-  const bool cheap = terrain.node_is_cheap(id);
+  const bool cheap = dem::node_is_cheap(terrain, id);
   if (cheap) info = terrain.node(id, stop);
   if (info.empty) return std::nullopt;
   return BoundedNode{info, bounds_within(id, info), !cheap};

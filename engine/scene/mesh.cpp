@@ -13,6 +13,7 @@
 
 #include "dem/base/parallel.h"
 #include "dem/terrain/build_queue.h"
+#include "dem/terrain/pyramid_terrain.h"
 #include "dem/terrain/surface_place.h"
 
 namespace selenograph::engine {
@@ -105,7 +106,7 @@ std::vector<std::shared_ptr<const dem::Block>> load_blocks(const dem::Terrain& t
     if (const auto shared = before ? before->share(ids[i]) : nullptr)
       loaded[i] = shared->posts;
     else
-      (terrain.waits_for_network(ids[i]) ? on_network : local).push_back(i);
+      (terrain.plain().waits_for_network(ids[i]) ? on_network : local).push_back(i);
   }
   const auto load_all = [&](const std::vector<std::size_t>& indices) {
     in_parallel(indices.size(), [&](std::size_t k) {

@@ -54,12 +54,12 @@ class RaySelector {
     stop_.check();
     // Reject a block with detail by bounds that need no block to be made: its parent's heights, then its outline's.
     RayIndices hitting = candidates;
-    const bool detail = terrain_.has_detail(id);
+    const bool detail = dem::has_detail(terrain_, id);
     if (detail && parent && !remove_missing(hitting, id, bounds_within(id, *parent))) return true;
     if (!detail && !may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return any_hits(candidates, id, b); }))
       return true;
     const bool last = id.level >= terrain_.finest_level(id) || (detail && id.level >= finest_detail_);
-    const auto outline = terrain_.outline(id, stop_);
+    const auto outline = dem::outline(terrain_, id, stop_);
     if (outline && !remove_missing(hitting, id, bounds_within(id, *outline))) return true;
     if (outline && !last) return visit_children(id, hitting, *outline);
     const auto node = bounded_node(terrain_, id, stop_);

@@ -58,7 +58,7 @@ Selection select_for_views(const dem::Terrain& terrain, std::span<const ViewBund
         continue;
       }
       selection.shadow_limit_px = targets.max_shadow_error_px;
-      if (terrain.detail()) selection.detail_limit_px = targets.max_detail_error_px;
+      if (terrain.detailed()) selection.detail_limit_px = targets.max_detail_error_px;
       return selection;
     } catch (const TooMuchDetail&) {
       if (!selector.refined_for_shadows()) {

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "dem/base/error.h"
-#include "dem/detail/detail.h"
+#include "dem/detail/detailed_terrain.h"
 
 namespace selenograph::engine {
 namespace {
@@ -31,7 +31,7 @@ void ViewSelector::check(const std::size_t blocks, const StopToken& stop) {
 ViewSelector::ViewSelector(const dem::Terrain& terrain, std::span<const ViewBundle> views, const Accuracy& accuracy,
                            const SceneBudget& budget, const StopToken& stop, const std::vector<Ball>& receivers)
     : terrain_(terrain), views_(views), accuracy_(accuracy), budget_(budget), stop_(stop), receivers_(receivers) {
-  if (!terrain.detail() || !can_relax(accuracy)) return;
+  if (!terrain.detailed() || !can_relax(accuracy)) return;
   double pixels = 0;
   for (const ViewBundle& view : views)
     pixels = std::max(pixels, static_cast<double>(view.view.camera().width) * view.view.camera().height);
@@ -64,7 +64,7 @@ ViewSelector::BlockView ViewSelector::view_block(const BlockId& id) const {
   if (!may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return may_be_visible(b); }))
     return {CullResult::out_of_view};
   // Reject by the outline first: it needs no block to be made.
-  if (const auto outline = terrain_.outline(id, stop_)) {
+  if (const auto outline = dem::outline(terrain_, id, stop_)) {
     const NodeBounds b = bounds_of_all(id, static_cast<double>(outline->min_m), static_cast<double>(outline->max_m));
     if (!may_be_visible(b)) return {CullResult::out_of_view};
     if (must_refine(id, *outline, b))
@@ -156,7 +156,7 @@ void ViewSelector::visit(const BlockId& id, QuadtreeSlice& slice) const {
   }
   const std::vector<BlockId> children = dem::children_of(id);
   const auto visit_child = [&](const BlockId& child, QuadtreeSlice& child_slice) {
-    if (terrain_.has_detail(child))
+    if (dem::has_detail(terrain_, child))
       request_refinement(child, view.visible->info, child_slice);
     else
       visit(child, child_slice);
@@ -212,7 +212,7 @@ void ViewSelector::add_visible(const VisibleBlock& block) {
 }
 
 void ViewSelector::count_detail(const BlockId& id, std::ptrdiff_t change) {
-  if (max_detail_blocks_ == kUnlimited || !terrain_.has_detail(id)) return;
+  if (max_detail_blocks_ == kUnlimited || !dem::has_detail(terrain_, id)) return;
   detail_block_count_ += static_cast<std::size_t>(change);
   if (detail_block_count_ > max_detail_blocks_) throw TooMuchDetail();
 }
@@ -233,7 +233,7 @@ bool ViewSelector::needs_refinement(const VisibleBlock& block) const {
   const double pixels_per_metre = block.pixels_per_metre;
   const double target_px = accuracy_.max_error_px;
   if (target_px == 0) return true;
-  const bool coarser_than_posts = !terrain_.has_detail(id) && id.level < terrain_.plain().posts_level(id);
+  const bool coarser_than_posts = !dem::has_detail(terrain_, id) && id.level < terrain_.plain().posts_level(id);
   if (coarser_than_posts && dem::post_spacing_m(id.level) * pixels_per_metre > 2 * target_px) return true;
   // If the sag alone exceeds the target, refine without the posts' error, which may have to be computed.
   if (dem::chord_sag_m(id.level) * pixels_per_metre > target_px) return true;
@@ -242,7 +242,7 @@ bool ViewSelector::needs_refinement(const VisibleBlock& block) const {
 
 bool ViewSelector::exceeds_target(const BlockId& id, const Errors& errors, double pixels_per_metre) const {
   const double error_px = errors.total_m * pixels_per_metre, target_px = accuracy_.max_error_px;
-  if (error_px <= target_px || !terrain_.detail()) return error_px > target_px;
+  if (error_px <= target_px || !terrain_.detailed()) return error_px > target_px;
   const double detail_px = errors.detail_m * pixels_per_metre;
   return error_px - detail_px > target_px || hides_visible_detail(id, errors, pixels_per_metre);
 }
@@ -286,9 +286,9 @@ void ViewSelector::choose(const BlockId& id, float highest_m) {
 // Returns a block's expected error: the bound for the posts, plus what the detail leaves out on 99 % of the ground.
 BlockError ViewSelector::expected_error_of(const VisibleBlock& block, double bound_m, const Errors& errors) const {
   double error_m = bound_m;
-  if (terrain_.detail() && errors.detail_m > 0)
-    error_m +=
-        std::min(errors.detail_m, terrain_.detail()->expected_left_out_m(errors.left_out_size_m)) - errors.detail_m;
+  if (terrain_.detailed() && errors.detail_m > 0)
+    error_m += std::min(errors.detail_m, terrain_.detailed()->detail().expected_left_out_m(errors.left_out_size_m)) -
+               errors.detail_m;
   const NodeBounds& b = block.bounds;
   double sine = 0, cosine = 0;
   for (const ViewBundle& view : views_) {
@@ -318,7 +318,7 @@ void ViewSelector::report() {
     result_.error_m = std::max(result_.error_m, error);
     result_.error_px = std::max(result_.error_px, error * s.pixels_per_metre);
     expected.push_back(expected_error_of(s, error, split ? Errors{} : errors));
-    if (terrain_.detail())
+    if (terrain_.detailed())
       result_.detail_error_px = std::max(result_.detail_error_px, errors.detail_m * s.pixels_per_metre);
     result_.min_spacing_m = std::min(result_.min_spacing_m, spacing);
     result_.max_spacing_m = std::max(result_.max_spacing_m, spacing);
@@ -349,7 +349,7 @@ void ViewSelector::report() {
 }
 
 void ViewSelector::record_void(const BlockId& id) {
-  if (!terrain_.has_replacements() || !terrain_.has_data(id) || !terrain_.node_is_cheap(id)) return;
+  if (!terrain_.plain().has_replacements() || !terrain_.has_data(id) || !dem::node_is_cheap(terrain_, id)) return;
   if (may_be_visible(loose_bounds(id))) record_replaced(id);
 }
 
@@ -359,7 +359,7 @@ void ViewSelector::record_replaced(const BlockId& id) {
 }
 
 void ViewSelector::record_replacements() {
-  if (!terrain_.has_replacements()) return;
+  if (!terrain_.plain().has_replacements()) return;
   for (const BlockId& id : result_.blocks) record_replaced(id);
   std::sort(result_.replaced.begin(), result_.replaced.end());
   result_.replaced.erase(std::unique(result_.replaced.begin(), result_.replaced.end()), result_.replaced.end());

@@ -27,7 +27,7 @@ bool ViewSelector::edge_follows(const BlockId& id, const BlockId& neighbour, con
 }
 
 bool ViewSelector::shows_coarser_layer(const BlockId& neighbour, const BlockId& id) const {
-  if (terrain_.detail()) return false;
+  if (terrain_.detailed()) return false;
   const int posts = terrain_.posts_level(neighbour);
   return neighbour.level >= posts && posts < terrain_.posts_level(id);
 }
@@ -46,7 +46,7 @@ const BlockId* ViewSelector::unbalanced_neighbour(const BlockId& id, const Neigh
 Corners ViewSelector::corners_at_coarser(const BlockId& id) const {
   // A coarser block beyond a side softens both corners of that side; one beyond a corner only that corner.
   int corners = 0;
-  if (!terrain_.has_detail(id) || !in_view_.contains(id)) return 0;
+  if (!dem::has_detail(terrain_, id) || !in_view_.contains(id)) return 0;
   for_each_neighbour(id, [&](const NeighbourProbe& probe) {
     const BlockId* neighbour = covering(probe.lat, probe.lon, id.level);
     if (!neighbour || neighbour->level == id.level || !in_view_.contains(*neighbour)) return;
@@ -59,7 +59,7 @@ Corners ViewSelector::corners_at_coarser(const BlockId& id) const {
 }
 
 void ViewSelector::find_coarser_neighbours() {
-  if (!terrain_.detail()) return;
+  if (!terrain_.detailed()) return;
   const std::vector<BlockId>& blocks = result_.blocks;
   std::vector<Corners> corners(blocks.size());
   in_parallel_pieces(blocks.size(), 64, [&](std::size_t first, std::size_t past_last) {
@@ -103,7 +103,7 @@ void ViewSelector::split(const BlockId id, std::vector<BlockId>& todo) {
   const std::vector<BlockId> children = dem::children_of(id);
   std::vector<std::optional<BoundedNode>> nodes(children.size());
   const auto find_node = [&](std::size_t i) { nodes[i] = bounded_node(terrain_, children[i], stop_); };
-  if (terrain_.has_detail(children.front()))
+  if (dem::has_detail(terrain_, children.front()))
     in_parallel(children.size(), find_node);
   else
     for (std::size_t i = 0; i < children.size(); ++i) find_node(i);

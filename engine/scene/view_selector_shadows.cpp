@@ -51,9 +51,9 @@ void ViewSelector::refine_for_shadows(const Sun& sun) {
       for_each_root(terrain_, *group, [&](const BlockId& id) { culled.push_back(id); });
   visit_slices(culled.size(), kGrain, [&](std::size_t i, QuadtreeSlice& slice) {
     const BlockId& id = culled[i];
-    if (!terrain_.has_detail(id)) return visit_occluder(id, receivers, slice);
+    if (!dem::has_detail(terrain_, id)) return visit_occluder(id, receivers, slice);
     const BlockId parent = dem::ancestor_of(id, id.level - 1);
-    const auto outline = terrain_.outline(parent, stop_);
+    const auto outline = dem::outline(terrain_, parent, stop_);
     request_occluder(id, outline ? *outline : terrain_.node(parent, stop_), receivers, slice.pending_detail);
   });
   visit_detail_occluders(std::exchange(pending_detail_, {}), receivers);
@@ -94,7 +94,7 @@ void ViewSelector::refine_for_shadows(const VisibleBlock& block, const LightTree
     return;
   }
   for (const BlockId& child : dem::children_of(block.id)) {
-    if (terrain_.has_detail(child)) {
+    if (dem::has_detail(terrain_, child)) {
       request_refinement(child, block.info, slice);
       continue;
     }
@@ -129,7 +129,7 @@ void ViewSelector::refine_detail_for_shadows(const LightTree& receivers) {
 ViewSelector::Occluder ViewSelector::evaluate_occluder(const BlockId& id, const LightTree& receivers) const {
   if (!may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return receivers.shaded_pixels_per_metre(b) > 0; }))
     return {};
-  if (const auto outline = terrain_.outline(id, stop_)) {
+  if (const auto outline = dem::outline(terrain_, id, stop_)) {
     const double displaced = receivers.shaded_pixels_per_metre(
         bounds_of_all(id, static_cast<double>(outline->min_m), static_cast<double>(outline->max_m)));
     if (displaced == 0) return {};
@@ -155,7 +155,7 @@ void ViewSelector::visit_occluder(const BlockId& id, const LightTree& receivers,
   const Occluder evaluation = evaluate_occluder(id, receivers);
   if (!accept_occluder(id, evaluation, slice)) return;
   for (const BlockId& child : dem::children_of(id))
-    if (terrain_.has_detail(child))
+    if (dem::has_detail(terrain_, child))
       request_occluder(child, evaluation.info, receivers, slice.pending_detail);
     else
       visit_occluder(child, receivers, slice);

@@ -23,6 +23,7 @@
 #include "dem/detail/features.h"
 #include "dem/detail/footprints.h"
 #include "dem/detail/region.h"
+#include "dem/detail/unloaded_blocks.h"
 #include "dem/posts/resolved_posts.h"
 #include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"
@@ -323,7 +324,7 @@ struct Ground {
   }
   TemporaryFolder folder;
   std::shared_ptr<const PyramidTerrain> plain;
-  std::shared_ptr<const Terrain> detailed;
+  std::shared_ptr<const DetailedTerrain> detailed;
 };
 
 BlockId block_over(int level, double lat_deg, double lon_deg) {
@@ -394,12 +395,12 @@ struct Layered {
       write_kaguya_tile(folders[2].path(), top, west, degrees, ppd, hills);
     for (const TemporaryFolder& folder : folders) made(folder.path());
   }
-  const Terrain& coarse() const { return *detailed[0]; }
-  const Terrain& fine() const { return *detailed[1]; }
-  const Terrain& both() const { return *detailed[2]; }
+  const DetailedTerrain& coarse() const { return *detailed[0]; }
+  const DetailedTerrain& fine() const { return *detailed[1]; }
+  const DetailedTerrain& both() const { return *detailed[2]; }
   std::array<TemporaryFolder, 3> folders;
   std::vector<std::shared_ptr<const PyramidTerrain>> plain;
-  std::vector<std::shared_ptr<const Terrain>> detailed;
+  std::vector<std::shared_ptr<const DetailedTerrain>> detailed;
 };
 
 TEST(DetailedTerrain, EachLayerHasTheDetailOfItsOwnPosts) {
@@ -436,7 +437,7 @@ TEST(DetailedTerrain, EachLayerHasTheDetailOfItsOwnPosts) {
 // Of posts that lie half a post beside the vertices of their level (pixels are areas) as of others; beside them, posts
 // that are vertices of the same level, half as far apart.
 TEST(DetailedTerrain, BeginsAtTwoPostsOfAnyRegistration) {
-  const auto share_at = [](const Terrain& terrain, int level, double lat, double lon) {
+  const auto share_at = [](const DetailedTerrain& terrain, int level, double lat, double lon) {
     double sum = 0;
     for (const DetailOfPosts& posts : terrain.detail_at(lat, lon)) sum += posts.level == level ? posts.share : 0;
     return sum;
@@ -444,7 +445,7 @@ TEST(DetailedTerrain, BeginsAtTwoPostsOfAnyRegistration) {
   for (const double beside : {0.0, 0.5}) {
     SCOPED_TRACE(beside);
     const std::array<TemporaryFolder, 3> folders;
-    std::vector<std::shared_ptr<const Terrain>> of;
+    std::vector<std::shared_ptr<const DetailedTerrain>> of;
     for (std::size_t i = 0; i < folders.size(); ++i) {
       const std::string folder = folders[i].path();
       if (i != 1) test::write_float_tile(folder, "coarse", {28 - beside / 64, 2 + beside / 64, 64, 256, 256}, hills);
@@ -466,7 +467,7 @@ TEST(DetailedTerrain, BeginsAtTwoPostsOfAnyRegistration) {
 // Posts farther apart than those of the roots' level have the same detail by themselves and beneath finer ones.
 TEST(DetailedTerrain, OfFewPostsADegreeIsTheSameBeneathOthers) {
   const std::array<TemporaryFolder, 2> folders;
-  std::vector<std::shared_ptr<const Terrain>> of;
+  std::vector<std::shared_ptr<const DetailedTerrain>> of;
   for (std::size_t i = 0; i < folders.size(); ++i) {
     test::write_float_tile(folders[i].path(), "coarse", {28, 2, 4, 33, 33}, hills);
     if (i == 1) test::write_float_tile(folders[i].path(), "fine", {27, 3, 128, 65, 65}, hills);
@@ -491,7 +492,7 @@ TEST(DetailedTerrain, BlocksOfLayersAgreeOnTheirBorders) {
 }
 
 // To the bit, whether the block is in memory or not.
-void expect_quads_of_the_block(const Terrain& terrain, const Terrain& again, const BlockId& id) {
+void expect_quads_of_the_block(const DetailedTerrain& terrain, const DetailedTerrain& again, const BlockId& id) {
   const auto block = again.block(id);
   ASSERT_TRUE(block) << to_string(id);
   const BlockExtent& e = block->extent;
@@ -520,7 +521,8 @@ TEST(DetailedTerrain, OutlinesAreBounds) {
   for (int level = 9; level <= 17; ++level)
     for (const auto& [lat, lon] : {std::pair{26.03, 4.02}, {26.4, 4.7}, {25.2, 3.4}}) {
       const BlockId id = block_over(level, lat, lon);
-      const auto outline = ground.detailed->outline(id, {});
+      EXPECT_FALSE(dem::outline(*ground.plain, id, {}));
+      const auto outline = dem::outline(*ground.detailed, id, {});
       if (!outline) continue;
       ++outlines;
       EXPECT_FALSE(ground.plain->blocks().holds(id));
@@ -593,7 +595,7 @@ TEST(DetailedTerrain, TilesOfALayerHaveNoBorderBetweenThem) {
 }
 
 CraterSurvey survey_of(const Terrain& terrain) {
-  return {terrain, std::make_shared<const CraterRoughness>(*terrain.detail())};
+  return {terrain, std::make_shared<const CraterRoughness>(terrain.detailed()->detail())};
 }
 
 TEST(CraterSurvey, ListsWhatALayerIsTooCoarseFor) {
@@ -823,7 +825,7 @@ struct GroundOf {
     detailed = std::make_shared<DetailedTerrain>(open_terrain(folder.path()), std::make_shared<Detail>(preset));
   }
   TemporaryFolder folder;
-  std::shared_ptr<const Terrain> detailed;
+  std::shared_ptr<const DetailedTerrain> detailed;
 };
 
 // The DEM stays true: over each post's cell the ground with detail has the mean that it has without, here 0. Cells of
@@ -959,10 +961,11 @@ TEST(DetailedTerrain, BoundsAndBordersHoldBelowThePostsLevel) {
         std::make_shared<Detail>(preset()));
   };
   const auto terrain = made(), again = made();
-  EXPECT_FALSE(terrain->has_detail(block_over(6, 26, 4)));
+  EXPECT_FALSE(has_detail(*terrain, block_over(6, 26, 4)));
   EXPECT_EQ(terrain->detail_at(26, 4).front().level, 6);
   for (const int level : {7, 8, 9, 11}) {
-    EXPECT_TRUE(terrain->has_detail(block_over(level, 26, 4)));
+    EXPECT_TRUE(has_detail(*terrain, block_over(level, 26, 4)));
+    EXPECT_FALSE(has_detail(terrain->plain(), block_over(level, 26, 4)));
     expect_borders_agree(*terrain, *again, block_over(level, 25.98, 4.01));
   }
   std::mt19937 random(4);
@@ -977,7 +980,7 @@ double level_ground(double, double) { return 0; }
 
 TEST(DetailedTerrain, CratersAreWhereTheFieldHasThem) {
   const Ground ground(27, 3, level_ground);
-  const CraterField& field = ground.detailed->detail()->craters();
+  const CraterField& field = ground.detailed->detail().craters();
   int seen = 0, deep = 0;
   for (const Crater& c : field.in_box(6, {25.5, 26.5, 3.75, 4.25})) {
     if (c.age > 0.02 || c.diameter_m < 90) continue;  // fresh and large: nothing hides it

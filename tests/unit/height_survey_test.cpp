@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "dem/terrain/terrain.h"
+#include "dem/terrain/pyramid_terrain.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/shared_data.h"
 
@@ -25,7 +25,8 @@ double relief(double lat, double lon) {
 using Wanted = std::function<bool(const BlockExtent&)>;
 
 // Every node of the direct chunks of an area, from its own root down.
-void visit(const Terrain& terrain, const BlockId& id, int finest, const Wanted& wanted, std::vector<BlockId>& out) {
+void visit(const PyramidTerrain& terrain, const BlockId& id, int finest, const Wanted& wanted,
+           std::vector<BlockId>& out) {
   if (!terrain.has_data(id) || !wanted(extent_of(id))) return;
   if (terrain.node_is_cheap(id)) out.push_back(id);
   if (id.level < finest)

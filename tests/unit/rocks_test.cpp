@@ -168,7 +168,7 @@ TEST(RockSurvey, SearchesAsMuchGroundAtAPoleAsAtTheEquator) {
     EXPECT_GT(found->size(), at_equator / 4) << lat;
     // Whatever is farther away changes nothing.
     const dem::Circle block = dem::circle_around(dem::footprint_of(id));
-    const std::vector<dem::FreshCrater> wide = field.fresh(terrain.detail()->craters(), 100, block.middle, 4000);
+    const std::vector<dem::FreshCrater> wide = field.fresh(terrain.detail().craters(), 100, block.middle, 4000);
     ASSERT_GT(wide.size(), found->size());
     const dem::Footprint box = dem::footprint_of(id);
     for (int i = 0; i < 25; ++i) {

@@ -7,7 +7,7 @@
 #include <optional>
 
 #include "dem/base/error.h"
-#include "dem/detail/detail.h"
+#include "dem/detail/detailed_terrain.h"
 #include "dem/detail/footprints.h"
 #include "dem/detail/rocks_on_ground.h"
 #include "engine/visibility/objects/object_mesh.h"
@@ -25,9 +25,8 @@ bool encloses(const ObjectMesh& mesh, const Vec3& point) {
 
 // Returns the diameter of a rock that encloses a position.
 std::optional<double> rock_around(const dem::Terrain& terrain, const Vec3& position_m, const StopToken& stop) {
-  const dem::Detail* detail = terrain.detail();
-  if (!detail || detail->rocks().empty()) return std::nullopt;
-  const double largest_m = detail->rocks().law().largest_m;
+  if (!terrain.detailed() || terrain.detailed()->detail().rocks().empty()) return std::nullopt;
+  const double largest_m = terrain.detailed()->detail().rocks().law().largest_m;
   const Geographic g = to_geographic(position_m);
   // Return early high above all ground, before the finest ground below is made.
   if (g.height_m > double{dem::kHighestRelief_m} + 2 * largest_m) return std::nullopt;

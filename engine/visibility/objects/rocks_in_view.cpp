@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "dem/base/parallel.h"
-#include "dem/detail/detail.h"
+#include "dem/detail/detailed_terrain.h"
 #include "dem/detail/footprints.h"
 #include "dem/terrain/surface_place.h"
 #include "engine/frame/needs.h"
@@ -190,7 +190,7 @@ RocksInView rocks_in_view(const dem::Terrain& terrain, std::shared_ptr<dem::Rock
                           const Sun* sun, const std::vector<dem::BlockId>& blocks, double max_error_px,
                           const StopToken& stop) {
   RocksInView found;
-  if (!terrain.detail() || terrain.detail()->rocks().empty()) return found;
+  if (!terrain.detailed() || terrain.detailed()->detail().rocks().empty()) return found;
   RockSearch search(terrain, std::move(memory), views, sun, stop);
   for (found.least_px = std::max(kMinRock_px, 2 * max_error_px);; found.least_px *= 2) {
     // Skip placing rocks on the ground if their expected number is far too large. The factor allows for octave blocks

@@ -1,0 +1,139 @@
+#include "dem/detail/ground_maker.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "dem/detail/direction_grid.h"
+#include "dem/grid/shading_normals.h"
+
+namespace selenograph::dem {
+namespace {
+
+// Returns a block's extent, enlarged by the surrounding posts from which normals and second differences are computed.
+BlockExtent with_halo(const BlockExtent& e) {
+  return {e.lat0 - kHalo * e.lat_step, e.lon0 - kHalo * e.lon_step, e.lat_step, e.lon_step, e.quads + 2 * kHalo};
+}
+
+}  // namespace
+
+GroundMaker::Surface GroundMaker::layer_surface(const BlockId& id, const BlockExtent& e,
+                                                const LayeredPosts::Layer& layer, const StopToken& stop) const {
+  const int side = e.quads + 1;
+  const auto n = static_cast<std::size_t>(side);
+  const bool finer = id.level > layer.level, shown = id.level > layer.detail_level;
+  PostReader posts(posts_, finer ? layer.level : id.level,
+                   finer ? GroundPosts::Kind::of_layer : GroundPosts::Kind::filtered, stop);
+  PostReader correction(posts_, layer.detail_level, GroundPosts::Kind::mean_correction, stop);
+  Surface out{{}, std::vector<double>(n * n), std::vector<float>(n * n), {}, {}, 0};
+  out.sources.reserve(n * n);
+  std::vector<std::int64_t> lons;
+  lons.reserve(n);
+  for (int i = 0; i < side; ++i) lons.push_back(e.lon0 + std::int64_t{i} * e.lon_step);
+  std::vector<double> correction_m(n);
+  for (int r = 0; r < side; ++r) {
+    stop.check();
+    const std::int64_t lat = e.lat0 + std::int64_t{r} * e.lat_step;
+    double* const row_m = out.heights_m.data() + static_cast<std::size_t>(r) * n;
+    posts.interpolate_row(lat, lons, row_m);
+    posts.append_sources(lat, lons, out.sources);
+    if (!shown) continue;
+    correction.interpolate_row(lat, lons, correction_m.data());
+    for (std::size_t c = 0; c < n; ++c) row_m[c] -= correction_m[c];
+  }
+  out.posts_m = out.heights_m;
+  if (!finer) out.left_out_m = plain_.node(id, stop).error_m;
+  out.ground.assign(n * n, shown && detail_.has_relief(id.level, layer.detail_level) ? Ground::relief : Ground::dem);
+  if (!shown) return out;
+  detail_.add(BlockDirections(e, 0, 1, side).grid(), id.level, layer.detail_level, out.heights_m, out.in_crater, stop);
+  // A level coarser than the posts omits, besides posts, the bicubic curve between them: double the plain error for it.
+  out.left_out_m = 2 * out.left_out_m + detail_.left_out_m(id.level, layer.detail_level);
+  return out;
+}
+
+// Blends a layer's ground over that of the coarser layers, by the layer's share at each post.
+void GroundMaker::blend(Surface& below, const Surface& above, const BlockExtent& e,
+                        const LayeredPosts::Layer& layer) const {
+  const int side = e.quads + 1;
+  // Return one side's exact bits at shares 0 and 1: blocks outside the band evaluate one layer only and must agree.
+  const auto mixed = [](double share, double a, double b) {
+    return share == 0 ? a : share == 1 ? b : a + share * (b - a);
+  };
+  std::size_t at = 0;
+  for (int r = 0; r < side; ++r)
+    for (int c = 0; c < side; ++c, ++at) {
+      double lat_deg = lat_deg_of(e.lat0 + r * e.lat_step), lon_deg = lon_deg_of(e.lon0 + c * e.lon_step);
+      if (std::abs(lat_deg) > 90) {
+        lat_deg = std::copysign(180, lat_deg) - lat_deg;
+        lon_deg += 180;
+      }
+      const double share = layers_.share(layer, lat_deg, lon_deg);
+      if (share == 0) continue;
+      double &posts_m = below.posts_m[at], &height_m = below.heights_m[at];
+      const double added_m = mixed(share, height_m - posts_m, above.heights_m[at] - above.posts_m[at]);
+      posts_m = mixed(share, posts_m, above.posts_m[at]);
+      height_m = share == 1 ? above.heights_m[at] : posts_m + added_m;
+      if (share <= 0.5) continue;
+      below.sources[at] = above.sources[at];
+      below.in_crater[at] = above.in_crater[at];
+      below.ground[at] = above.ground[at];
+    }
+  below.left_out_m = std::max(below.left_out_m, above.left_out_m);
+}
+
+GroundMaker::Surface GroundMaker::composed_surface(const BlockId& id, const BlockExtent& e,
+                                                   const StopToken& stop) const {
+  const LayeredPosts::Layers layers = layers_.of(id);
+  Surface surface = layer_surface(id, e, layers->front(), stop);
+  for (auto layer = layers->begin() + 1; layer != layers->end(); ++layer)
+    blend(surface, layer_surface(id, e, *layer, stop), e, *layer);
+  return surface;
+}
+
+std::shared_ptr<const Block> GroundMaker::heights(const BlockId& id, const BlockExtent& section,
+                                                  const StopToken& stop) const {
+  auto block = empty_block(id, section);
+  for (const double height_m : composed_surface(id, section, stop).heights_m)
+    block->vertices.push_back({static_cast<float>(height_m), Eigen::Vector3f::Zero()});
+  return block;
+}
+
+std::shared_ptr<Block> GroundMaker::block(const BlockId& id, const StopToken& stop) const {
+  auto block = empty_block(id, extent_of(id));
+  const BlockExtent& e = block->extent;
+  const auto n = static_cast<std::size_t>(e.quads + 1 + 2 * kHalo);
+  const Surface surface = composed_surface(id, with_halo(e), stop);
+  const bool everywhere = detail_.preset().region.everywhere();
+
+  std::vector<float> rounded(surface.heights_m.begin(), surface.heights_m.end());
+  block->vertices.reserve(block->index(e.quads, e.quads) + 1);
+  block->sources.reserve(block->index(e.quads, e.quads) + 1);
+  block->ground.reserve(block->index(e.quads, e.quads) + 1);
+  float low = kHighestRelief_m, high = kLowestRelief_m;
+  double bend = 0;
+  for (int r = 0; r <= e.quads; ++r)
+    for (int c = 0; c <= e.quads; ++c) {
+      const std::size_t at = static_cast<std::size_t>(r + kHalo) * n + static_cast<std::size_t>(c + kHalo);
+      const float* h = rounded.data() + at;
+      block->vertices.push_back({*h, Eigen::Vector3f::Zero()});
+      block->sources.push_back(surface.sources[at]);
+      const bool outside = !everywhere && detail_.share(block->position(r, c, 0).normalized()) == 0;
+      block->ground.push_back(surface.in_crater[at] > 0 ? Ground::crater : outside ? Ground::dem : surface.ground[at]);
+      if (std::isnan(*h)) continue;
+      low = std::min(low, *h);
+      high = std::max(high, *h);
+      for (const std::ptrdiff_t step : {std::ptrdiff_t{1}, static_cast<std::ptrdiff_t>(n)})
+        if (const float second = h[step] - 2 * *h + h[-step]; !std::isnan(second))
+          bend = std::max(bend, static_cast<double>(std::abs(second)));
+    }
+  if (low > high) return nullptr;
+  block->pack();
+  // A kink between two posts deviates from their chord by at most half the nearer post's second difference. Along two
+  // axes, three quarters exceed every error that unit.detail has measured.
+  block->error_m = 0.75 * bend + surface.left_out_m;
+  block->min_m = low;
+  block->max_m = high;
+  fill_shading_normals(*block, rounded, {});
+  return block;
+}
+
+}  // namespace selenograph::dem

@@ -1,0 +1,56 @@
+// Makes the ground of a block: for each layer of posts the bicubic surface between its posts, plus the detail that
+// these cannot resolve, minus that detail's means over the posts' cells; then blends the layers.
+//
+//   layer's posts --PostReader--> surface --Detail::add--> + detail --PostReader--> - means     for each layer
+//                                                                                      |
+//   block <--normals, range-- heights <--blended by the layers' shares (layered_posts.h)
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "dem/base/stop_token.h"
+#include "dem/detail/detail.h"
+#include "dem/detail/ground_posts.h"
+#include "dem/detail/layered_posts.h"
+#include "dem/grid/block.h"
+
+namespace selenograph::dem {
+
+// Thread-safe. Call it inside GroundCache::run_in_arena() only.
+class GroundMaker {
+ public:
+  // All references must outlive this object.
+  GroundMaker(const PyramidTerrain& plain, const Detail& detail, const LayeredPosts& layers, const GroundPosts& posts)
+      : plain_(plain), detail_(detail), layers_(layers), posts_(posts) {}
+
+  // Makes a block; null if it has no valid post. Its error_m bounds the distance to finer levels, its range is that of
+  // its own heights.
+  std::shared_ptr<Block> block(const BlockId& id, const StopToken& stop) const;
+  // Makes the heights of a section of a block; no normals, sources or bounds.
+  std::shared_ptr<const Block> heights(const BlockId& id, const BlockExtent& section, const StopToken& stop) const;
+
+ private:
+  // Ground at the posts of an extent, row by row.
+  struct Surface {
+    std::vector<double> posts_m, heights_m;  // without detail, with it
+    std::vector<float> in_crater;            // 1 inside a crater's rim, else 0
+    std::vector<SourceMark> sources;
+    std::vector<Ground> ground;  // shown outside craters
+    double left_out_m;           // bound on the detail that finer levels add
+  };
+
+  // Ground at the posts of an extent, which is a section of the block or its surroundings. The value at a post does not
+  // depend on the extent. The three functions evaluate one layer, blend one layer over those below, and combine all.
+  Surface layer_surface(const BlockId& id, const BlockExtent& e, const LayeredPosts::Layer& layer,
+                        const StopToken& stop) const;
+  void blend(Surface& below, const Surface& above, const BlockExtent& e, const LayeredPosts::Layer& layer) const;
+  Surface composed_surface(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
+
+  const PyramidTerrain& plain_;
+  const Detail& detail_;
+  const LayeredPosts& layers_;
+  const GroundPosts& posts_;
+};
+
+}  // namespace selenograph::dem
