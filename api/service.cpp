@@ -17,7 +17,7 @@ namespace {
 // Returns the route of a request. Throws "not_found" for an unknown path, "method_not_allowed" for a known path.
 const Route& route_of(const Request& request) {
   bool path_exists = false;
-  for (const Route& route : routes()) {
+  for (const Route& route : kRoutes) {
     if (!segment_of(route, request.path)) continue;
     if (route.method == request.method) return route;
     path_exists = true;
@@ -99,7 +99,7 @@ Response Service::handle(const Request& request) const noexcept {
 }
 
 bool Service::needs_admission(const Request& request) {
-  return std::ranges::any_of(routes(), [&](const Route& route) {
+  return std::ranges::any_of(kRoutes, [&](const Route& route) {
     return route.admission && route.method == request.method && segment_of(route, request.path);
   });
 }

@@ -11,17 +11,12 @@
 
 #include "dem/base/parallel.h"
 #include "dem/detail/detailed_terrain.h"
-#include "dem/detail/features.h"
 #include "engine/cache/preparation.h"
 #include "engine/cache/render_cache.h"
+#include "engine/cache/render_context.h"
 #include "engine/frames/choose_accuracy.h"
+#include "engine/frames/frame_forecast.h"
 #include "engine/frames/render_frame.h"
-#include "engine/indirect/light_at_places.h"
-#include "engine/lidar/lidar_scan.h"
-#include "engine/limb/limb_in_view.h"
-#include "engine/maps/render_map.h"
-#include "engine/rays/ray_queries.h"
-#include "engine/sky/sky_in_view.h"
 
 namespace selenograph::engine {
 
@@ -78,12 +73,13 @@ struct Renderer::Impl {
     return details.front();
   }
 
-  // Runs work(terrain with that detail) in the arena, while preparation is paused.
+  // Runs work(context) in the arena, on terrain with that detail. Preparation is paused, or goes on for `frame`.
   template <typename Work>
-  auto query(const std::shared_ptr<const dem::Detail>& detail, const Work& work) {
-    const Preparation::Work busy(preparation, nullptr);
+  auto in_context(const FrameRequest* frame, const std::shared_ptr<const dem::Detail>& detail, const StopToken& stop,
+                  const Work& work) {
+    const Preparation::Work busy(preparation, frame);
     const auto detailed = terrain_with(detail);
-    return in_arena(arena, [&] { return work(*detailed); });
+    return in_arena(arena, [&] { return work(RenderContext{*detailed, cache, stop}); });
   }
 
   std::shared_ptr<dem::PyramidTerrain> terrain;
@@ -101,91 +97,25 @@ Renderer::Renderer(std::shared_ptr<dem::PyramidTerrain> terrain, const RendererO
 Renderer::~Renderer() = default;
 
 Frame Renderer::render(const FrameRequest& request, const StopToken& stop) const {
-  const Preparation::Work work(impl_->preparation, &request);
-  const auto terrain = impl_->terrain_with(request.detail);
-  return in_arena(impl_->arena, [&] { return render_frame(request, {*terrain, impl_->cache, stop}); });
+  return impl_->in_context(&request, request.detail, stop,
+                           [&](const RenderContext& context) { return render_frame(request, context); });
 }
 
-Map Renderer::map(const MapRequest& request, const StopToken& stop,
-                  const std::function<void(double share)>& progress) const {
-  const Preparation::Work work(impl_->preparation, nullptr);
-  const auto terrain = impl_->terrain_with(request.look.detail);
-  return in_arena(impl_->arena, [&] { return render_map(request, *terrain, impl_->cache, stop, progress); });
+void Renderer::run(const std::shared_ptr<const dem::Detail>& detail, const StopToken& stop,
+                   const std::function<void(const RenderContext& context)>& work) const {
+  impl_->in_context(nullptr, detail, stop, work);
 }
 
 BudgetChoice Renderer::choose(const FrameRequest& request, double budget_ms, int max_samples,
                               const StopToken& stop) const {
-  const Preparation::Work work(impl_->preparation, &request);
-  const auto terrain = impl_->terrain_with(request.detail);
-  return in_arena(impl_->arena, [&] {
-    return choose_accuracy(request, budget_ms, max_samples, {*terrain, impl_->cache, stop});
+  return impl_->in_context(&request, request.detail, stop, [&](const RenderContext& context) {
+    return choose_accuracy(request, budget_ms, max_samples, context);
   });
 }
 
 std::vector<double> Renderer::shadow_limits_px(const FrameRequest& request, const StopToken& stop) const {
-  const Preparation::Work work(impl_->preparation, &request);
-  const auto terrain = impl_->terrain_with(request.detail);
-  return in_arena(impl_->arena, [&] { return engine::shadow_limits_px(request, {*terrain, impl_->cache, stop}); });
-}
-
-std::vector<RayHit> Renderer::cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop,
-                                   const std::vector<SceneObject>& objects,
-                                   const std::shared_ptr<const dem::Detail>& detail) const {
-  return impl_->query(
-      detail, [&](const dem::Terrain& terrain) { return cast_rays(rays, objects, sun, terrain, impl_->cache, stop); });
-}
-
-LidarReturns Renderer::lidar(const LidarRequest& request, const StopToken& stop) const {
-  return impl_->query(request.scenery.detail,
-                      [&](const dem::Terrain& terrain) { return scan_lidar(request, terrain, impl_->cache, stop); });
-}
-
-std::vector<Irradiance> Renderer::light_at(std::span<const LitPlace> places, const FrameRequest& request,
-                                           const StopToken& stop) const {
-  return impl_->query(request.detail, [&](const dem::Terrain& terrain) {
-    return light_at_places(places, request, terrain, impl_->cache.light_tiles(), stop);
-  });
-}
-
-std::vector<Landmark> Renderer::project(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,
-                                        std::span<const LandmarkQuery> points, const std::optional<Sun>& sun,
-                                        const StopToken& stop, const std::vector<SceneObject>& objects,
-                                        const std::shared_ptr<const dem::Detail>& detail) const {
-  return impl_->query(detail, [&](const dem::Terrain& terrain) {
-    return project_landmarks(camera, pose, shutter, points, objects, sun, terrain, impl_->cache, stop);
-  });
-}
-
-std::vector<SkyObject> Renderer::sky(const FrameRequest& request, const StopToken& stop) const {
-  return impl_->query(request.detail,
-                      [&](const dem::Terrain& terrain) { return query_sky(request, terrain, impl_->cache, stop); });
-}
-
-std::vector<LimbPoint> Renderer::limb(const LimbRequest& request, const StopToken& stop,
-                                      const std::shared_ptr<const dem::Detail>& detail) const {
-  return impl_->query(detail, [&](const dem::Terrain& terrain) { return find_limb(request, terrain, stop); });
-}
-
-std::vector<TerminatorPoint> Renderer::terminator(const LimbRequest& request, const StopToken& stop,
-                                                  const std::shared_ptr<const dem::Detail>& detail) const {
-  return impl_->query(
-      detail, [&](const dem::Terrain& terrain) { return find_terminator(request, terrain, impl_->cache, stop); });
-}
-
-std::vector<dem::CraterFeature> Renderer::craters(const std::shared_ptr<const dem::Detail>& detail,
-                                                  const dem::Footprint& region, double smallest_m, double least_depth,
-                                                  const StopToken& stop) const {
-  return impl_->query(detail, [&](const dem::Terrain& terrain) {
-    const dem::CraterSurvey survey(terrain, impl_->cache.roughness(terrain, stop));
-    return survey.craters_in(region, smallest_m, least_depth, stop);
-  });
-}
-
-std::vector<dem::RockFeature> Renderer::rocks(const std::shared_ptr<const dem::Detail>& detail,
-                                              const dem::Footprint& region, double smallest_m,
-                                              const StopToken& stop) const {
-  return impl_->query(
-      detail, [&](const dem::Terrain& terrain) { return dem::RockSurvey(terrain).rocks_in(region, smallest_m, stop); });
+  return impl_->in_context(&request, request.detail, stop,
+                           [&](const RenderContext& context) { return engine::shadow_limits_px(request, context); });
 }
 
 void Renderer::expect(const FrameRequest& frame, std::span<const Pose> ahead, std::string_view name) const {

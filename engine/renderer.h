@@ -1,4 +1,4 @@
-// The render engine: frames, maps, rays, landmarks.
+// The render engine's one door: frames, and all other capabilities through query().
 #pragma once
 
 #include <functional>
@@ -6,21 +6,21 @@
 #include <optional>
 #include <span>
 #include <string_view>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "dem/base/stop_token.h"
-#include "dem/detail/rocks_on_ground.h"
+#include "dem/detail/detail.h"
 #include "dem/terrain/pyramid_terrain.h"
 #include "engine/cache/budget.h"
 #include "engine/cache/preparation.h"
 #include "engine/frame/frame.h"
-#include "engine/frame/lidar.h"
-#include "engine/frame/limb.h"
-#include "engine/frame/map.h"
-#include "engine/frame/queries.h"
 #include "engine/frame/request.h"
 
 namespace selenograph::engine {
+
+struct RenderContext;
 
 struct RendererOptions {
   // Worker threads per renderer; 0: all cores. Answers do not depend on it.
@@ -41,10 +41,18 @@ class Renderer {
   // Cancelled) when its deadline is out of reach. The same request on the same terrain gives the same bytes.
   Frame render(const FrameRequest& request, const StopToken& stop = {}) const;
 
-  // Renders a map-projected product. `progress` receives the finished share from time to time, from one thread at a
-  // time. Throws as render does.
-  Map map(const MapRequest& request, const StopToken& stop = {},
-          const std::function<void(double share)>& progress = {}) const;
+  // Returns work(context), for a capability's entry function, which takes a RenderContext as its last argument:
+  //
+  //   renderer.query(detail, stop, [&](const RenderContext& context) { return find_limb(request, context); });
+  //
+  // The context's terrain has the detail (null: the plain terrain). The work runs in the task arena of this renderer,
+  // while no preparation runs. Throws what the work throws.
+  template <typename Work>
+  auto query(const std::shared_ptr<const dem::Detail>& detail, const StopToken& stop, const Work& work) const {
+    std::optional<std::invoke_result_t<const Work&, const RenderContext&>> result;
+    run(detail, stop, [&](const RenderContext& context) { result.emplace(work(context)); });
+    return *std::move(result);
+  }
 
   // Prepares the scenes of the frames expected after `frame`, while no request is rendered (preparation.h). `ahead`:
   // the poses of its camera's next frames, soonest first; empty: its motion is extrapolated. Takes at most 20 s of
@@ -64,51 +72,6 @@ class Renderer {
   // does.
   std::vector<double> shadow_limits_px(const FrameRequest& request, const StopToken& stop = {}) const;
 
-  // Intersects arbitrary rays with the finest terrain and objects.
-  std::vector<RayHit> cast(std::span<const Ray> rays, const std::optional<Sun>& sun, const StopToken& stop = {},
-                           const std::vector<SceneObject>& objects = {},
-                           const std::shared_ptr<const dem::Detail>& detail = {}) const;
-
-  // Scans with a lidar (engine/lidar/lidar_scan.h).
-  LidarReturns lidar(const LidarRequest& request, const StopToken& stop = {}) const;
-
-  // Returns the light at places, as in a frame of that request (engine/indirect/light_at_places.h): its Sun, ground,
-  // band, detail and indirect light are used.
-  std::vector<Irradiance> light_at(std::span<const LitPlace> places, const FrameRequest& request,
-                                   const StopToken& stop = {}) const;
-
-  // Projects landmarks. in_frame: the pixel coordinates are within [-0.5, width-0.5) x [-0.5, height-0.5) and the point
-  // is in front of the camera; visible: in_frame and nothing stands between. With a shutter a landmark appears in the
-  // row that sees it, in the pose of that row's time (interpolated between rows: y_px is not rounded). If several rows
-  // see it, any of them is returned; if none does, the pixel coordinates are NaN.
-  std::vector<Landmark> project(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,
-                                std::span<const LandmarkQuery> points, const std::optional<Sun>& sun,
-                                const StopToken& stop = {}, const std::vector<SceneObject>& objects = {},
-                                const std::shared_ptr<const dem::Detail>& detail = {}) const;
-
-  // Returns stars, the Sun, the Earth and planets of request.sky in the image of its camera, with their occluders
-  // (engine/sky/sky_in_view.h). Reads the request's camera, pose, shutter, band, objects, detail, terrain, sensor and
-  // sky. Throws ImpossibleRequest for too many stars, and as render does.
-  std::vector<SkyObject> sky(const FrameRequest& request, const StopToken& stop = {}) const;
-
-  // Returns the limb of the finest terrain, without rocks, and that of the sphere, in order of azimuth. A point has no
-  // terrain if its line of sight passes ground without data below the height of the highest terrain. Throws as render
-  // does.
-  std::vector<LimbPoint> limb(const LimbRequest& request, const StopToken& stop = {},
-                              const std::shared_ptr<const dem::Detail>& detail = {}) const;
-  // Returns the terminator of the request's Sun, in order of azimuth; empty without a Sun. Throws as limb() does.
-  std::vector<TerminatorPoint> terminator(const LimbRequest& request, const StopToken& stop = {},
-                                          const std::shared_ptr<const dem::Detail>& detail = {}) const;
-
-  // Returns the craters of a detail that the terrain shows in a region, at least `least_depth` of their diameter deep
-  // (dem/detail/features.h). FrameRequest::craters asks for the craters of a frame.
-  std::vector<dem::CraterFeature> craters(const std::shared_ptr<const dem::Detail>& detail,
-                                          const dem::Footprint& region, double smallest_m, double least_depth,
-                                          const StopToken& stop = {}) const;
-  // Returns the rocks of a detail in a region (dem/detail/rocks_on_ground.h).
-  std::vector<dem::RockFeature> rocks(const std::shared_ptr<const dem::Detail>& detail, const dem::Footprint& region,
-                                      double smallest_m, const StopToken& stop = {}) const;
-
   const dem::PyramidTerrain& terrain() const;
   // Returns the terrain with a detail; for null, terrain() itself.
   std::shared_ptr<const dem::Terrain> terrain_with(const std::shared_ptr<const dem::Detail>& detail) const;
@@ -120,6 +83,9 @@ class Renderer {
 
  private:
   struct Impl;
+  void run(const std::shared_ptr<const dem::Detail>& detail, const StopToken& stop,
+           const std::function<void(const RenderContext& context)>& work) const;
+
   std::unique_ptr<Impl> impl_;
 };
 

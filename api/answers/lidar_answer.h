@@ -6,7 +6,7 @@
 #include "api/encode/negotiate.h"
 #include "api/requests/lidar_json.h"
 #include "api/schema/answers.h"
-#include "engine/frame/lidar.h"
+#include "engine/lidar/lidar.h"
 
 namespace selenograph::api {
 

@@ -8,6 +8,7 @@
 #include "api/requests/points_json.h"
 #include "api/schema/answers.h"
 #include "dem/catalogue/catalogue.h"
+#include "engine/rays/light_at_places.h"
 
 namespace selenograph::api {
 

@@ -181,7 +181,7 @@ OrderedJson components(const Limits& limits, const OrderedJson& answers) {
 // Returns the calls, and adds the components that they name to `schemas`.
 OrderedJson paths_of(const Limits& limits, OrderedJson& schemas) {
   OrderedJson paths = OrderedJson::object();
-  for (const Route& route : routes()) {
+  for (const Route& route : kRoutes) {
     Operation described(limits);
     if (route.admission)
       described.json["parameters"].push_back({{"$ref", "#/components/parameters/Request-Timeout-Ms"}});

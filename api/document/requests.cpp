@@ -18,7 +18,7 @@ struct RequestBody {
 std::vector<RequestBody> bodies() {
   const Limits limits;
   std::vector<RequestBody> list;
-  for (const Route& route : routes()) {
+  for (const Route& route : kRoutes) {
     Operation operation(limits);
     route.describe(operation);
     if (operation.request) list.push_back({route.path, *operation.request});

@@ -49,8 +49,6 @@ class RequestMemory {
   std::size_t body_bytes_ = 0;
 };
 
-class Operation;
-
 // Everything that an endpoint may use to answer one request.
 struct EndpointContext {
   const engine::Renderer& renderer;
@@ -65,38 +63,6 @@ struct EndpointContext {
   const std::string& openapi;
   const std::function<const std::string&()>& datasets;
 };
-
-// Each endpoint's answer and its description in the API document. endpoints/routes.cpp lists them.
-Response answer_frames(const EndpointContext& context);
-void describe_frames(Operation& operation);
-Response answer_frame_metadata(const EndpointContext& context);
-void describe_frame_metadata(Operation& operation);
-Response answer_maps(const EndpointContext& context);
-void describe_maps(Operation& operation);
-Response answer_rays(const EndpointContext& context);
-void describe_rays(Operation& operation);
-Response answer_project(const EndpointContext& context);
-void describe_project(Operation& operation);
-Response answer_sky(const EndpointContext& context);
-void describe_sky(Operation& operation);
-Response answer_lidar(const EndpointContext& context);
-void describe_lidar(Operation& operation);
-Response answer_limb(const EndpointContext& context);
-void describe_limb(Operation& operation);
-Response answer_heights(const EndpointContext& context);
-void describe_heights(Operation& operation);
-Response answer_height(const EndpointContext& context);
-void describe_height(Operation& operation);
-Response answer_features(const EndpointContext& context);
-void describe_features(Operation& operation);
-Response answer_datasets(const EndpointContext& context);
-void describe_datasets(Operation& operation);
-Response answer_verify_round_trip(const EndpointContext& context);
-void describe_verify_round_trip(Operation& operation);
-Response answer_verify_mertis(const EndpointContext& context);
-void describe_verify_mertis(Operation& operation);
-Response answer_openapi(const EndpointContext& context);
-void describe_openapi(Operation& operation);
 
 // Parses the body, which must be JSON within the limits. Throws RequestError.
 Json json_body(const EndpointContext& context);

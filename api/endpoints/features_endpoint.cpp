@@ -1,7 +1,6 @@
 // POST /v1/features.
 #include "api/answers/metadata.h"
-#include "api/endpoints/endpoint.h"
-#include "api/endpoints/operation.h"
+#include "api/endpoints/routes.h"
 #include "api/json/ranges.h"
 #include "api/requests/features_json.h"
 #include "api/requests/parts/detail_json.h"

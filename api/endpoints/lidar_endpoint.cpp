@@ -2,8 +2,7 @@
 #include <fmt/format.h>
 
 #include "api/answers/lidar_answer.h"
-#include "api/endpoints/endpoint.h"
-#include "api/endpoints/operation.h"
+#include "api/endpoints/routes.h"
 #include "engine/frame/needs.h"
 #include "engine/lidar/lidar_scan.h"
 
@@ -27,13 +26,15 @@ Response answer_lidar(const EndpointContext& context) {
   const bool json = media_type == "application/json";
   if (json) reject_long_json(query, context.limits);
   constexpr std::size_t kJsonBytesPerBeam = 8000;  // as JSON values and as text
-  context.memory.claim_work(
-      (engine::kBytesOfBeam + (json ? kJsonBytesPerBeam : engine::kBytesOfBeam)) * query.beams +
-          engine::bytes_of_rocks(query.request.scenery.detail.get(), engine::kMaxCachedRocks),
-      query.request.pulses.empty() ? "/pattern" : "/pulses", context.stop);
+  context.memory.claim_work((engine::kBytesOfBeam + (json ? kJsonBytesPerBeam : engine::kBytesOfBeam)) * query.beams +
+                                engine::bytes_of_rocks(query.request.scenery.detail.get(), engine::kMaxCachedRocks),
+                            query.request.pulses.empty() ? "/pattern" : "/pulses", context.stop);
   constexpr MemberPointer kRefusable[] = {{"pose", "/pose"}, {"poses", "/motion/poses"}, {"craters", "/craters"}};
-  const engine::LidarReturns returns =
-      with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.lidar(query.request, context.stop); });
+  const engine::LidarReturns returns = with_refusals_at(kRefusable, "/pose", [&] {
+    return context.renderer.query(
+        query.request.scenery.detail, context.stop,
+        [&](const engine::RenderContext& rendering) { return engine::scan_lidar(query.request, rendering); });
+  });
   return negotiated(
       context, media_type,
       json ? json_line(lidar_json(returns, query, context.stop)) : lidar_npz(returns, query, context.stop));

@@ -1,6 +1,5 @@
 // POST /v1/limb.
-#include "api/endpoints/endpoint.h"
-#include "api/endpoints/operation.h"
+#include "api/endpoints/routes.h"
 #include "api/requests/limb_json.h"
 
 namespace selenograph::api {
@@ -13,8 +12,9 @@ Response answer_limb(const EndpointContext& context) {
   context.memory.claim_work(kBytesPerLimbPoint * static_cast<std::size_t>(query.request.points), "/points",
                             context.stop);
   const auto limb = with_refusals_at({}, "/pose", [&] {
-    return LimbPoints{context.renderer.limb(query.request, context.stop, query.detail.content),
-                      context.renderer.terminator(query.request, context.stop, query.detail.content)};
+    return context.renderer.query(query.detail.content, context.stop, [&](const engine::RenderContext& rendering) {
+      return LimbPoints{engine::find_limb(query.request, rendering), engine::find_terminator(query.request, rendering)};
+    });
   });
   return negotiated(
       context, media_type,

@@ -3,9 +3,9 @@
 
 #include "api/answers/map_answer.h"
 #include "api/answers/metadata.h"
-#include "api/endpoints/endpoint.h"
-#include "api/endpoints/operation.h"
+#include "api/endpoints/routes.h"
 #include "dem/base/error.h"
+#include "engine/maps/render_map.h"
 #include "engine/support/stopwatch.h"
 
 namespace selenograph::api {
@@ -17,7 +17,11 @@ constexpr MemberPointer kRefusableOfMap[] = {
 // Renders a map; errors of the engine become errors of the request's members.
 engine::Map render_map(const MapQuery& query, const EndpointContext& context) {
   try {
-    return with_refusals_at(kRefusableOfMap, "/map", [&] { return context.renderer.map(query.request, context.stop); });
+    return with_refusals_at(kRefusableOfMap, "/map", [&] {
+      return context.renderer.query(
+          query.request.look.detail, context.stop,
+          [&](const engine::RenderContext& rendering) { return engine::render_map(query.request, rendering); });
+    });
   } catch (const TooMuchWork& e) {
     refuse_work(e, "/map", context.limits);
   }

@@ -2,10 +2,11 @@
 #include "api/answers/eclipse.h"
 #include "api/answers/metadata.h"
 #include "api/answers/points_answer.h"
-#include "api/endpoints/endpoint.h"
-#include "api/endpoints/operation.h"
+#include "api/endpoints/routes.h"
 #include "dem/base/error.h"
 #include "engine/frame/needs.h"
+#include "engine/rays/light_at_places.h"
+#include "engine/rays/ray_queries.h"
 
 namespace selenograph::api {
 namespace {
@@ -30,7 +31,10 @@ std::vector<std::optional<engine::Irradiance>> light_of(const EndpointContext& c
   std::vector<engine::LitPlace> present;
   for (const auto& place : places)
     if (place) present.push_back(*place);
-  const auto light = context.renderer.light_at(present, scenery.request, context.stop);
+  const auto light =
+      context.renderer.query(scenery.request.detail, context.stop, [&](const engine::RenderContext& rendering) {
+        return engine::light_at_places(present, scenery.request, rendering);
+      });
   auto next = light.begin();
   for (std::size_t i = 0; i < places.size(); ++i)
     if (places[i]) out[i] = *next++;
@@ -65,8 +69,9 @@ Response answer_rays(const EndpointContext& context) {
   const RaysQuery query = read_rays(body.json, context.limits, context.assets, context.stop, body.arrays);
   claim_memory(context, query.rays.size(), "/rays", bytes_of_rocks(query));
   const auto hits = with_refusals_at({}, "/rays", [&] {
-    return context.renderer.cast(query.rays, query.sun(), context.stop, scene_objects(query.objects),
-                                 query.request.detail);
+    return context.renderer.query(query.request.detail, context.stop, [&](const engine::RenderContext& rendering) {
+      return engine::cast_rays(query.rays, scene_objects(query.objects), query.sun(), rendering);
+    });
   });
   std::vector<std::optional<engine::LitPlace>> places;
   places.reserve(hits.size());
@@ -87,8 +92,10 @@ Response answer_project(const EndpointContext& context) {
                engine::bytes_of_rows(query.camera, query.shutter) + bytes_of_rocks(query));
   constexpr MemberPointer kRefusable[] = {{"shutter", "/shutter"}, {"rays", "/points"}};
   const auto landmarks = with_refusals_at(kRefusable, "/pose", [&] {
-    return context.renderer.project(query.camera, query.pose, query.shutter, query.points, query.sun(), context.stop,
-                                    scene_objects(query.objects), query.request.detail);
+    return context.renderer.query(query.request.detail, context.stop, [&](const engine::RenderContext& rendering) {
+      return engine::project_landmarks(query.camera, query.pose, query.shutter, query.points,
+                                       scene_objects(query.objects), query.sun(), rendering);
+    });
   });
   std::vector<std::optional<engine::LitPlace>> places;
   places.reserve(landmarks.size());

@@ -3,8 +3,7 @@
 
 #include "api/answers/metadata.h"
 #include "api/answers/turned_sky.h"
-#include "api/endpoints/endpoint.h"
-#include "api/endpoints/operation.h"
+#include "api/endpoints/routes.h"
 #include "api/requests/sky_json.h"
 #include "engine/frame/needs.h"
 #include "engine/sky/sky_in_view.h"
@@ -23,8 +22,11 @@ Response answer_sky(const EndpointContext& context) {
                                 engine::bytes_of_rows(query.request.camera, query.request.shutter),
                             "/sky", context.stop);
   constexpr MemberPointer kRefusable[] = {{"magnitude_limit", "/sky/magnitude_limit"}, {"shutter", "/shutter"}};
-  const auto sky =
-      with_refusals_at(kRefusable, "/pose", [&] { return context.renderer.sky(query.request, context.stop); });
+  const auto sky = with_refusals_at(kRefusable, "/pose", [&] {
+    return context.renderer.query(query.request.detail, context.stop, [&](const engine::RenderContext& rendering) {
+      return engine::query_sky(query.request, rendering);
+    });
+  });
   Response response = negotiated(
       context, media_type,
       media_type == kSkyAnswers[1].media_type ? sky_npz(sky, query, context.stop) : json_line(sky_json(sky, query)));

@@ -1,7 +1,6 @@
 // GET /v1/datasets and /openapi.json: texts that are generated once.
 #include "api/answers/datasets_answer.h"
-#include "api/endpoints/endpoint.h"
-#include "api/endpoints/operation.h"
+#include "api/endpoints/routes.h"
 
 namespace selenograph::api {
 namespace {

@@ -2,8 +2,7 @@
 #include <algorithm>
 
 #include "api/answers/round_trip_answer.h"
-#include "api/endpoints/endpoint.h"
-#include "api/endpoints/operation.h"
+#include "api/endpoints/routes.h"
 #include "api/requests/mertis_json.h"
 #include "dem/base/error.h"
 

@@ -10,6 +10,7 @@
 #include "api/json/ranges.h"
 #include "api/message/json_text.h"
 #include "dem/detail/footprints.h"
+#include "engine/cache/render_context.h"
 
 namespace selenograph::api {
 namespace {
@@ -204,10 +205,14 @@ std::string id_text(std::uint64_t id) { return fmt::format("{:016x}", id); }
 FeatureList::FeatureList(const FeaturesQuery& query, const engine::Renderer& renderer, const StopToken& stop)
     : query_(query), stop_(stop) {
   if (query.kind == FeatureKind::rocks)
-    rocks_ = renderer.rocks(query.detail.content, query.region(), query.min_diameter_m(), stop);
+    rocks_ = renderer.query(query.detail.content, stop, [&](const engine::RenderContext& context) {
+      return dem::RockSurvey(context.terrain).rocks_in(query.region(), query.min_diameter_m(), stop);
+    });
   else
-    craters_ = renderer.craters(query.detail.content, query.region(), query.min_diameter_m(),
-                                query.min_depth_over_diameter, stop);
+    craters_ = renderer.query(query.detail.content, stop, [&](const engine::RenderContext& context) {
+      const dem::CraterSurvey survey(context.terrain, context.cache.roughness(context.terrain, stop));
+      return survey.craters_in(query.region(), query.min_diameter_m(), query.min_depth_over_diameter, stop);
+    });
 }
 
 std::string FeatureList::json() const {

@@ -8,7 +8,7 @@
 #include "api/requests/parts/objects_json.h"
 #include "api/requests/parts/scenery_json.h"
 #include "api/requests/parts/shutter_json.h"
-#include "engine/frame/lidar.h"
+#include "engine/lidar/lidar.h"
 
 namespace selenograph::api {
 

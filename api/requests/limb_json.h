@@ -7,7 +7,7 @@
 #include "api/encode/negotiate.h"
 #include "api/requests/parts/detail_json.h"
 #include "api/schema/answers.h"
-#include "engine/frame/limb.h"
+#include "engine/limb/limb_in_view.h"
 
 namespace selenograph::api {
 

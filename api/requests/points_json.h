@@ -15,9 +15,9 @@
 #include "dem/terrain/terrain.h"
 #include "engine/frame/camera.h"
 #include "engine/frame/pose.h"
-#include "engine/frame/queries.h"
 #include "engine/frame/shutter.h"
 #include "engine/frame/sun.h"
+#include "engine/rays/ray_queries.h"
 
 namespace selenograph::api {
 

@@ -154,8 +154,8 @@ class RenderCache::SceneReservation {
 std::shared_ptr<const Scene> RenderCache::find_most_similar(const SceneContent& content) {
   std::vector<std::shared_ptr<const Scene>> candidates;
   {
-    const std::lock_guard lock(latest_mutex_);
-    for (const auto& weak_scene : latest_)
+    const std::lock_guard lock(scenes_mutex_);
+    for (const auto& weak_scene : latest_scenes_)
       if (auto scene = weak_scene.lock()) candidates.push_back(std::move(scene));
   }
   std::shared_ptr<const Scene> best;
@@ -182,9 +182,9 @@ std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, con
     reserve();
     auto made =
         std::make_shared<const Scene>(content.terrain ? *content.terrain : *terrain_, content, threads_, before, stop);
-    const std::lock_guard lock(latest_mutex_);
-    latest_.push_front(made);
-    if (latest_.size() > kLatest) latest_.pop_back();
+    const std::lock_guard lock(scenes_mutex_);
+    latest_scenes_.push_front(made);
+    if (latest_scenes_.size() > kLatestScenes) latest_scenes_.pop_back();
     if (purpose == Purpose::preparation) {
       prepared_.insert(key);
       prepared_bytes_ += reservation.bytes();
@@ -194,7 +194,7 @@ std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, con
   };
   std::shared_ptr<const Scene> scene = scenes_.get(key, make, stop);
   if (purpose == Purpose::frame) {
-    const std::lock_guard lock(latest_mutex_);
+    const std::lock_guard lock(scenes_mutex_);
     statistics_.used += prepared_.erase(key);
     prepared_bytes_ = 0;
   }
@@ -206,12 +206,12 @@ std::shared_ptr<const Scene> RenderCache::scene(const SceneContent& content, con
 // needed sooner.
 bool RenderCache::fits_for_preparation(std::size_t bytes) {
   if (latest_scene_bytes() + bytes > scenes_.capacity()) return false;
-  const std::lock_guard lock(latest_mutex_);
+  const std::lock_guard lock(scenes_mutex_);
   return prepared_bytes_ == 0 || prepared_bytes_ + bytes <= scenes_.capacity() / 2;
 }
 
 PreparationStatistics RenderCache::preparation_statistics() {
-  const std::lock_guard lock(latest_mutex_);
+  const std::lock_guard lock(scenes_mutex_);
   statistics_.wasted += std::erase_if(prepared_, [&](const ContentKey& key) { return !scenes_.holds(key); });
   return statistics_;
 }
@@ -224,8 +224,8 @@ std::function<bool()> RenderCache::use_of(const SceneContent& content) {
 
 void RenderCache::forget(const SceneContent& content) {
   scenes_.erase(key_of(content));
-  const std::lock_guard lock(latest_mutex_);
-  latest_.clear();
+  const std::lock_guard lock(scenes_mutex_);
+  latest_scenes_.clear();
 }
 
 std::shared_ptr<const dem::CraterRoughness> RenderCache::roughness(const dem::Terrain& terrain, const StopToken& stop) {
@@ -289,8 +289,8 @@ void RenderCache::reserve() {
 }
 
 std::size_t RenderCache::latest_scene_bytes() {
-  const std::lock_guard lock(latest_mutex_);
-  const auto scene = latest_.empty() ? nullptr : latest_.front().lock();
+  const std::lock_guard lock(scenes_mutex_);
+  const auto scene = latest_scenes_.empty() ? nullptr : latest_scenes_.front().lock();
   return scene ? scene->bytes + scene->bytes / 16 : 0;  // 1/16: allowance for entries that come with a scene
 }
 

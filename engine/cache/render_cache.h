@@ -115,11 +115,11 @@ class RenderCache {
   std::mutex reservation_mutex_;
   std::size_t reserved_bytes_ = 0;              // by scenes that are being built
   std::atomic<std::size_t> withheld_bytes_{0};  // keep_less()
-  // The most recent scenes, newest first, if still in use or cached: a moving camera's next scene shares most blocks
-  // with one of them.
-  static constexpr std::size_t kLatest = 4;
-  std::mutex latest_mutex_;
-  std::deque<std::weak_ptr<const Scene>> latest_;
+  // The most recent scenes, drawn or prepared, newest first, if still in use or cached: a moving camera's next scene
+  // shares most blocks with one of them.
+  static constexpr std::size_t kLatestScenes = 4;
+  std::mutex scenes_mutex_;
+  std::deque<std::weak_ptr<const Scene>> latest_scenes_;
   std::unordered_set<ContentKey, ContentKeyHash> prepared_;  // scenes that no frame has used yet
   PreparationStatistics statistics_;
   SpeedGauge speed_of_rays_, speed_of_zbuffer_;

@@ -13,4 +13,9 @@ struct RenderContext {
   StopToken stop;               // deadline, and whether the client has left
 };
 
+// Returns the same surroundings, with terrain down to the posts only.
+inline RenderContext without_detail(const RenderContext& context) {
+  return {context.terrain.plain(), context.cache, context.stop};
+}
+
 }  // namespace selenograph::engine

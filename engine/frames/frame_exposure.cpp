@@ -49,7 +49,7 @@ void show_discs(const Exposing& exposing, const FrameRequest& request, const std
   if (!wants_discs(request)) return;
   const auto& [plan, middle, sensor, context] = exposing;
   std::vector<float> discs(radiance.size(), 0.F);
-  add_discs(request, range_m, context.terrain, context.cache, context.stop, discs);
+  add_discs(request, range_m, context, discs);
   std::transform(discs.begin(), discs.end(), radiance.begin(), radiance.begin(), std::plus<>());
   // Pixels of discs are means already: to the sensor they are one sample at the pixels' centres.
   if (share > 0 && sensor && sensor->wants_samples())
@@ -79,8 +79,7 @@ ExposureSample draw_exposure_sample(const Exposing& exposing, const FrameRequest
 }
 
 SkyImage sky_of(const Exposing& exposing, const FrameRequest& request, const std::vector<double>& range_m) {
-  const RenderContext& context = exposing.context;
-  return {request, exposing.plan.margin_px, range_m, context.terrain, context.cache, context.stop};
+  return {request, exposing.plan.margin_px, range_m, exposing.context};
 }
 
 void add_points(const Exposing& exposing, const SkyImage& sky, double share) {
@@ -119,8 +118,7 @@ void add_glare(const Exposing& exposing) {
   const auto places = places_on_sun(request.sun.direction, sun_radius_deg(request.sun.distance_au), kAcross);
   const std::vector<Ray> rays = rays_to_sun_beside_image(exposing, places);
   constexpr double kDetailWithin_m = 300;  // at 300 m, the Sun's disc is 3 m wide
-  const std::vector<HiddenBy> hidden =
-      what_hides(rays, request.objects, request.terrain, context.terrain, context.cache, context.stop, kDetailWithin_m);
+  const std::vector<HiddenBy> hidden = what_hides(rays, request.objects, request.terrain, context, kDetailWithin_m);
   const auto free = std::count(hidden.begin(), hidden.end(), HiddenBy::none);
   if (free == 0) return;
   const Band counted = in_photons(*request.band, request.sensor->detector.efficiency);

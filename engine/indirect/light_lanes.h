@@ -1,12 +1,16 @@
 // Indirect light at sixteen pixels, interpolated between posts.
 #pragma once
 
-#include "engine/frame/queries.h"
 #include "engine/indirect/light_field.h"
 #include "engine/indirect/slope_light.h"
 #include "engine/support/packet.h"
 
 namespace selenograph::engine {
+
+// Irradiance of a surface: from the Sun directly, reflected by terrain, from the Earth.
+struct Irradiance {
+  double direct_w_m2 = 0, terrain_w_m2 = 0, earth_w_m2 = 0;
+};
 
 // Sums over the sectors of a post, and the two quantities without direction.
 struct LightSum {

@@ -13,7 +13,6 @@
 #include <optional>
 #include <vector>
 
-#include "engine/frame/queries.h"
 #include "engine/frame/request.h"
 #include "engine/indirect/fields_in_view.h"
 #include "engine/indirect/light_field.h"

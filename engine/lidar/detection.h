@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <span>
 
-#include "engine/frame/lidar.h"
 #include "engine/lidar/echo.h"
+#include "engine/lidar/lidar.h"
 
 namespace selenograph::engine {
 

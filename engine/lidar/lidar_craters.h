@@ -6,7 +6,7 @@
 
 #include "dem/base/stop_token.h"
 #include "dem/detail/features.h"
-#include "engine/frame/lidar.h"
+#include "engine/lidar/lidar.h"
 
 namespace selenograph::engine {
 

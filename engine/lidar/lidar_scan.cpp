@@ -12,6 +12,7 @@
 #include "dem/detail/detail.h"
 #include "dem/detail/features.h"
 #include "dem/terrain/pyramid_terrain.h"
+#include "engine/cache/render_context.h"
 #include "engine/camera/pose_track.h"
 #include "engine/lidar/beam.h"
 #include "engine/lidar/detection.h"
@@ -133,12 +134,10 @@ std::vector<std::uint32_t> sorted_order(const std::vector<std::uint32_t>& keys) 
 
 class LidarScanner {
  public:
-  LidarScanner(const LidarRequest& request, const dem::Terrain& terrain, RenderCache& cache, const StopToken& stop)
+  LidarScanner(const LidarRequest& request, const RenderContext& context)
       : request_(request),
-        terrain_(terrain),
-        cache_(cache),
-        stop_(stop),
-        ground_("a beam", scenery_of(request), terrain, cache, stop),
+        context_(context),
+        ground_("a beam", scenery_of(request), context),
         reflectance_(request.scenery),
         sub_rays_(request.instrument.sub_rays),
         receiver_(request.instrument),
@@ -166,7 +165,7 @@ class LidarScanner {
     const PoseTrack track(request_.pose, request_.rates, request_.poses);
     resize(out_, beams.size());
     in_parallel_pieces(beams.size(), 4096, [&](std::size_t first, std::size_t past_last) {
-      stop_.check();
+      context_.stop.check();
       double time_s = kNaN;
       Eigen::Matrix3d moon_from_camera = Eigen::Matrix3d::Identity();
       Vec3 from = Vec3::Zero(), velocity = Vec3::Zero();
@@ -206,8 +205,8 @@ class LidarScanner {
       const std::size_t i = tested == 1 ? 0 : k * (out_.size() - 1) / (tested - 1);
       if (at3(out_.origin_m, i) == tested_m) continue;
       tested_m = at3(out_.origin_m, i);
-      refuse_enclosed(request_.scenery.terrain ? &terrain_ : nullptr, request_.scenery.objects, tested_m,
-                      aperture_at(out_.time_s[i]), stop_);
+      refuse_enclosed(request_.scenery.terrain ? &context_.terrain : nullptr, request_.scenery.objects, tested_m,
+                      aperture_at(out_.time_s[i]), context_.stop);
     }
   }
 
@@ -217,14 +216,14 @@ class LidarScanner {
     const std::size_t length = (out_.size() + kMaxIntervals - 1) / kMaxIntervals;
     Vec3 tested_m = Vec3::Constant(kNaN);
     for (std::size_t first = 0; first < out_.size(); first += length) {
-      stop_.check();
+      context_.stop.check();
       std::size_t lowest = first;
       for (std::size_t i = first + 1; i < std::min(first + length, out_.size()); ++i)
         if (at3(out_.origin_m, i).squaredNorm() < at3(out_.origin_m, lowest).squaredNorm()) lowest = i;
       if (at3(out_.origin_m, lowest) == tested_m) continue;  // a flash has one origin
       tested_m = at3(out_.origin_m, lowest);
-      refuse_buried(terrain_, tested_m, aperture_at(out_.time_s[lowest]), request_.poses.empty() ? "pose" : "poses",
-                    stop_);
+      refuse_buried(context_.terrain, tested_m, aperture_at(out_.time_s[lowest]),
+                    request_.poses.empty() ? "pose" : "poses", context_.stop);
     }
   }
 
@@ -234,7 +233,7 @@ class LidarScanner {
     const Vec3 middle = at3(out_.origin_m, out_.size() / 2);
     const EastNorthUp local = local_axes(middle);
     const Geographic below = to_geographic(middle);
-    const double height_m = terrain_.height(below.lat_deg, below.lon_deg, stop_).height_m;
+    const double height_m = context_.terrain.height(below.lat_deg, below.lon_deg, context_.stop).height_m;
     const double radius = kMoonRadius_m + (std::isnan(height_m) ? 0 : height_m);
     std::vector<float> east(out_.size()), north(out_.size());
     in_parallel_pieces(out_.size(), 4096, [&](std::size_t first, std::size_t past_last) {
@@ -294,7 +293,7 @@ class LidarScanner {
   // none of them hits.
   bool is_narrow(const RayCone& cone, int finest_detail) const {
     if (!(cone.slope <= std::max(0.02, 20 * theta_) && cone.radius_m < 10)) return false;
-    if (!terrain_.detailed()) return true;
+    if (!context_.terrain.detailed()) return true;
     const double half_block_m = dem::quads_per_side(finest_detail) / 2 * dem::post_spacing_m(finest_detail);
     return cone.radius_m + cone.slope * std::min(cone.to_m, kFarthest_m) <= half_block_m;
   }
@@ -324,7 +323,7 @@ class LidarScanner {
   //   order_:  first ... resolved | level 11 | level 12 ...        | past_last
   //            (final)              cast()     cast()                then partition again
   void cast_beams() {
-    if (!terrain_.detailed()) return cast(0, order_.size(), dem::kMaxLevel);
+    if (!context_.terrain.detailed()) return cast(0, order_.size(), dem::kMaxLevel);
     reach_m_.assign(out_.size(), 0);
     resolved_.assign(out_.size(), 0);
     std::vector<double> posts_m(out_.size());
@@ -335,7 +334,7 @@ class LidarScanner {
       std::vector<Ray> axes;
       for (std::size_t k = first; k < past_last; k += kGroup)  // one beam stands for its group of neighbours
         axes.push_back({at3(out_.origin_m, order_[k]), at3(out_.direction, order_[k])});
-      const std::vector<RayHit> on_posts = cast_rays(axes, {}, std::nullopt, terrain_.plain(), cache_, stop_);
+      const std::vector<RayHit> on_posts = cast_rays(axes, {}, std::nullopt, without_detail(context_));
       for (std::size_t k = first; k < past_last; ++k) posts_m[order_[k]] = on_posts[(k - first) / kGroup].range_m;
       const auto at = [&](std::size_t k) { return order_.begin() + static_cast<std::ptrdiff_t>(k); };
       for (std::size_t unresolved = first; unresolved < past_last;) {
@@ -382,8 +381,8 @@ class LidarScanner {
     if (ground->empty && std::none_of(&order_[first], &order_[first] + (past_last - first), ends)) return;
     const std::size_t groups = (past_last - first + kGroup - 1) / kGroup;
     in_parallel_pieces(groups, 16, [&](std::size_t g, std::size_t past_last_group) {
-      stop_.check();
-      Work work{reflectance_.sampled(stop_), {}, {}, {}};
+      context_.stop.check();
+      Work work{reflectance_.sampled(context_.stop), {}, {}, {}};
       for (; g < past_last_group; ++g) {
         const std::size_t k = first + g * kGroup;
         cast_group(*ground, k, std::min(past_last - k, kGroup), work);
@@ -393,15 +392,15 @@ class LidarScanner {
 
   // Sets the crater that encloses each beam's strongest true return.
   void find_craters() {
-    if (!terrain_.detailed()) {
+    if (!context_.terrain.detailed()) {
       out_.crater.assign(out_.size(), 0);
       return;
     }
     std::vector<Vec3> points_m(out_.size());
     for (std::size_t i = 0; i < points_m.size(); ++i)
       points_m[i] = at3(out_.origin_m, i) + out_.true_range_m[i] * at3(out_.direction, i);
-    const dem::CraterSurvey survey(terrain_, cache_.roughness(terrain_, stop_));
-    out_.crater = find_enclosing_craters(points_m, *request_.craters, survey, stop_);
+    const dem::CraterSurvey survey(context_.terrain, context_.cache.roughness(context_.terrain, context_.stop));
+    out_.crater = find_enclosing_craters(points_m, *request_.craters, survey, context_.stop);
   }
 
   // Scratch memory of one thread: the echo parts of a group's beams.
@@ -531,9 +530,7 @@ class LidarScanner {
   }
 
   const LidarRequest& request_;
-  const dem::Terrain& terrain_;
-  RenderCache& cache_;
-  const StopToken& stop_;
+  const RenderContext& context_;
   GroundAlongRays ground_;
   const GroundReflectance reflectance_;
   const SubRays sub_rays_;
@@ -547,9 +544,8 @@ class LidarScanner {
 
 }  // namespace
 
-LidarReturns scan_lidar(const LidarRequest& request, const dem::Terrain& terrain, RenderCache& cache,
-                        const StopToken& stop) {
-  return LidarScanner(request, terrain, cache, stop).scan();
+LidarReturns scan_lidar(const LidarRequest& request, const RenderContext& context) {
+  return LidarScanner(request, context).scan();
 }
 
 }  // namespace selenograph::engine

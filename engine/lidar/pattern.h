@@ -3,7 +3,7 @@
 
 #include <cstddef>
 
-#include "engine/frame/lidar.h"
+#include "engine/lidar/lidar.h"
 
 namespace selenograph::engine {
 

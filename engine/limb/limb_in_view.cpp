@@ -15,6 +15,7 @@
 #include "dem/terrain/finest_surface.h"
 #include "dem/terrain/pyramid_terrain.h"
 #include "dem/terrain/surface_place.h"
+#include "engine/cache/render_context.h"
 #include "engine/camera/row_views.h"
 #include "engine/rays/ray_queries.h"
 #include "engine/scene/bounded_nodes.h"
@@ -330,13 +331,13 @@ void search_all(const Viewpoint& viewpoint, int azimuths, const dem::Terrain& te
 
 }  // namespace
 
-std::vector<LimbPoint> find_limb(const LimbRequest& request, const dem::Terrain& terrain, const StopToken& stop) {
-  const RowViews views(request.camera, request.pose, std::nullopt, stop);
-  refuse_underground(terrain, views, stop);
+std::vector<LimbPoint> find_limb(const LimbRequest& request, const RenderContext& context) {
+  const RowViews views(request.camera, request.pose, std::nullopt, context.stop);
+  refuse_underground(context.terrain, views, context.stop);
   const View& view = views.reference();
   const Viewpoint viewpoint(view);
   std::vector<LimbPoint> points(static_cast<std::size_t>(request.points));
-  search_all(viewpoint, request.points, terrain, stop,
+  search_all(viewpoint, request.points, context.terrain, context.stop,
              [&](std::size_t i, double azimuth_rad, const LimbSearch& search) {
                LimbPoint& point = points[i] = limb_of_sphere(viewpoint, view, azimuth_rad);
                if (!search.found()) return;
@@ -352,16 +353,16 @@ std::vector<LimbPoint> find_limb(const LimbRequest& request, const dem::Terrain&
   return points;
 }
 
-std::vector<TerminatorPoint> find_terminator(const LimbRequest& request, const dem::Terrain& terrain,
-                                             RenderCache& cache, const StopToken& stop) {
+std::vector<TerminatorPoint> find_terminator(const LimbRequest& request, const RenderContext& context) {
   if (!request.sun) return {};
   const View view(request.camera, request.pose);
   const Viewpoint sun(*request.sun);
   std::vector<TerminatorPoint> points(static_cast<std::size_t>(request.points));
-  search_all(sun, request.points, terrain, stop, [&](std::size_t i, double azimuth_rad, const LimbSearch& search) {
-    points[i] = terminator_of_sphere(sun, view, azimuth_rad);
-    if (search.found()) points[i].position_m = search.position_m();
-  });
+  search_all(sun, request.points, context.terrain, context.stop,
+             [&](std::size_t i, double azimuth_rad, const LimbSearch& search) {
+               points[i] = terminator_of_sphere(sun, view, azimuth_rad);
+               if (search.found()) points[i].position_m = search.position_m();
+             });
   std::vector<LandmarkQuery> landmarks;
   std::vector<TerminatorPoint*> landmark_points;
   for (TerminatorPoint& point : points) {
@@ -371,7 +372,7 @@ std::vector<TerminatorPoint> find_terminator(const LimbRequest& request, const d
     landmark_points.push_back(&point);
   }
   const std::vector<Landmark> sightings =
-      project_landmarks(request.camera, request.pose, std::nullopt, landmarks, {}, std::nullopt, terrain, cache, stop);
+      project_landmarks(request.camera, request.pose, std::nullopt, landmarks, {}, std::nullopt, context);
   for (std::size_t k = 0; k < sightings.size(); ++k) {
     TerminatorPoint& point = *landmark_points[k];
     point.x_px = sightings[k].x_px;

@@ -13,6 +13,7 @@
 #include "dem/base/error.h"
 #include "dem/base/parallel.h"
 #include "engine/cache/budget.h"
+#include "engine/cache/render_context.h"
 #include "engine/frame/needs.h"
 #include "engine/hazard/hazard_map.h"
 #include "engine/radiometry/radiometry.h"
@@ -134,9 +135,8 @@ ProductSet products_of_patch(ProductSet requested) {
 // Draws a map patch by patch into one set of products.
 class MapDrawing {
  public:
-  MapDrawing(const MapRequest& request, const dem::Terrain& terrain, RenderCache& cache, const StopToken& stop,
-             const MapProgress& progress)
-      : request_(request), terrain_(terrain), cache_(cache), stop_(stop), progress_(progress), frame_(request.look) {
+  MapDrawing(const MapRequest& request, const RenderContext& context, const MapProgress& progress)
+      : request_(request), context_(context), progress_(progress), frame_(request.look) {
     frame_.camera = {};
     frame_.shutter.reset();
     frame_.sensor.reset();
@@ -147,7 +147,7 @@ class MapDrawing {
     frame_.visibility = Visibility::raytrace;
     radiance_ = radiance_terms(frame_);
     const std::size_t n = pixel_count();
-    allocate_products(out_.products, request.products, n, n, stop_);
+    allocate_products(out_.products, request.products, n, n, context_.stop);
     std::fill(out_.products.radiance.begin(), out_.products.radiance.end(), kNaN32);
     out_.report.min_post_spacing_m = std::numeric_limits<double>::infinity();
     out_.report.shadow_limits_px = {frame_.accuracy.max_shadow_error_px};
@@ -163,7 +163,7 @@ class MapDrawing {
         draw({x, y, std::min(kLargestPatch_px, request_.grid.width - x),
               std::min(kLargestPatch_px, request_.grid.height - y)});
       }
-    cache_.settle();  // evicts what the scratch memory of drawing displaced
+    context_.cache.settle();  // evicts what the scratch memory of drawing displaced
     return finish();
   }
 
@@ -175,15 +175,15 @@ class MapDrawing {
   // Draws a patch, or its halves if it is too wide or its terrain too much.
   void draw(const Patch& patch) {
     Stopwatch watch;
-    const PatchDirections directions = directions_of(request_.grid, patch, stop_);
+    const PatchDirections directions = directions_of(request_.grid, patch, context_.stop);
     if (directions.middle.isZero()) return done(patch);
     if (directions.cosine < kWidestPatchCosine && patch.pixels() > 1) return draw_halves(patch);
     // Select for two views: from above, and from the viewer, whose line of sight other terrain may occlude.
-    const RowViews above = view_from(directions.middle, directions, request_.grid.gsd_m, stop_);
+    const RowViews above = view_from(directions.middle, directions, request_.grid.gsd_m, context_.stop);
     std::vector<ViewBundle> views(above.bundles().begin(), above.bundles().end());
     if (const auto& toward = request_.toward_viewer;
         toward && wants_radiance(frame_) && toward->dot(directions.middle) > kLowestView)
-      views.push_back(view_from(*toward, directions, request_.grid.gsd_m, stop_).bundles().front());
+      views.push_back(view_from(*toward, directions, request_.grid.gsd_m, context_.stop).bundles().front());
     const auto selection = select(patch, views);
     if (!selection) return draw_halves(patch);
     out_.times.select_ms += watch.lap_ms();
@@ -211,8 +211,9 @@ class MapDrawing {
   // Returns the blocks of a patch; empty if the patch must be halved.
   std::optional<Selection> select(const Patch& patch, const std::vector<ViewBundle>& views) const {
     try {
-      Selection selection = select_for_views(terrain_, views, wants_light(frame_) ? &frame_.sun : nullptr,
-                                             frame_.accuracy, stop_, {cache_.capacity(), Visibility::raytrace});
+      Selection selection =
+          select_for_views(context_.terrain, views, wants_light(frame_) ? &frame_.sun : nullptr, frame_.accuracy,
+                           context_.stop, {context_.cache.capacity(), Visibility::raytrace});
       const bool was_relaxed = selection.shadow_limit_px > frame_.accuracy.max_shadow_error_px;
       if (was_relaxed && std::max(patch.width, patch.height) > kSmallPatch_px) return std::nullopt;
       return selection;
@@ -221,7 +222,7 @@ class MapDrawing {
         throw TooMuchTerrain(
             fmt::format("one pixel of the map needs more terrain than the {} MB for scenes hold: ask for a larger "
                         "gsd_m or max_error_px",
-                        cache_.capacity() >> 20),
+                        context_.cache.capacity() >> 20),
             "gsd_m");
       return std::nullopt;
     }
@@ -234,34 +235,34 @@ class MapDrawing {
     frame_.camera.height = patch.height;
     const View& view = above.reference();
     const SceneContent content{selection.blocks, anchor_for(view.position(), view.middle(), kFarAway_m),
-                               Visibility::raytrace, &terrain_};
+                               Visibility::raytrace, &context_.terrain};
     const FrameWork work = work_of(frame_, frame_.accuracy, Visibility::raytrace, triangles_of(selection),
-                                   /*build=*/!cache_.holds(content));
+                                   /*build=*/!context_.cache.holds(content));
     // Throws if the rest of the map, all patches taken to be like this one, cannot end before the deadline.
     const std::size_t patches_left = (pixel_count() - drawn_) / patch.pixels();
-    cache_.speed(Visibility::raytrace)
+    context_.cache.speed(Visibility::raytrace)
         .refuse_hopeless(work, std::max<std::size_t>(patches_left, 1), "a larger gsd_m or a smaller area takes less",
-                         stop_);
+                         context_.stop);
     Stopwatch watch;
     StageTimes spent;
     {  // releases the scene before it is forgotten
-      const std::shared_ptr<const Scene> scene = cache_.scene(content, stop_);
+      const std::shared_ptr<const Scene> scene = context_.cache.scene(content, context_.stop);
       spent.build_ms = watch.lap_ms();
       trace(patch, directions, above, selection, *scene);
       report(selection, *scene);
     }
     spent.visibility_ms = watch.lap_ms();
-    cache_.speed(Visibility::raytrace).learn(work, spent);
+    context_.cache.speed(Visibility::raytrace).learn(work, spent);
     out_.times.build_ms += spent.build_ms;
     out_.times.visibility_ms += spent.visibility_ms;
-    if (drops_scenes_) cache_.forget(content);
+    if (drops_scenes_) context_.cache.forget(content);
   }
 
   // Traces the vertical rays of a patch and copies its products to the map.
   void trace(const Patch& patch, const PatchDirections& directions, const RowViews& above, const Selection& selection,
              const Scene& scene) {
     const RocksInView rocks = rocks_on(above, selection);
-    const ObjectsInFrame objects(frame_, rocks.rocks, stop_);
+    const ObjectsInFrame objects(frame_, rocks.rocks, context_.stop);
     std::vector<float> rock_height;
     if (request_.products & kRockHeight) rock_height.assign(patch.pixels(), 0);
     std::vector<double> sag_m(request_.products & kHeight ? patch.pixels() : 0, 0);
@@ -273,12 +274,13 @@ class MapDrawing {
       if (request_.toward_viewer) viewer_m = directions.middle * kMoonRadius_m + *request_.toward_viewer * kFarAway_m;
       indirect.emplace(frame_,
                        ViewOfGround{above, scene.mesh, balls_around(frame_.objects), objects.balls_around_rocks()},
-                       viewer_m, terrain_, radiance_.direct_w_m2, cache_.light_tiles(), stop_);
+                       viewer_m, context_.terrain, radiance_.direct_w_m2, context_.cache.light_tiles(), context_.stop);
       out_.report.ground_view = std::max(out_.report.ground_view, indirect->max_ground_view());
     }
-    const FrameJob job{frame_, above, scene, objects, radiance_, lens, stop_, each, indirect ? &*indirect : nullptr};
+    const FrameJob job{
+        frame_, above, scene, objects, radiance_, lens, context_.stop, each, indirect ? &*indirect : nullptr};
     FrameProducts drawn;
-    FrameWriter writer(frame_, above, scene.mesh, terrain_.catalogue().rasters().size(), drawn, stop_);
+    FrameWriter writer(frame_, above, scene.mesh, context_.terrain.catalogue().rasters().size(), drawn, context_.stop);
     writer.set_light({radiance_.direct_w_m2, job.indirect});
     RayPass(job, writer).for_pixels([&](RayPass& pass, RayPass::Packet& packet) {
       aim(patch, directions, packet);
@@ -305,8 +307,9 @@ class MapDrawing {
   // Returns the rocks in view of a patch, none unless the request has rocks.
   RocksInView rocks_on(const RowViews& above, const Selection& selection) {
     if (!request_.rocks) return {};
-    RocksInView rocks = rocks_in_view(terrain_, cache_.rocks(), above, wants_light(frame_) ? &frame_.sun : nullptr,
-                                      selection.blocks, frame_.accuracy.max_error_px, stop_);
+    RocksInView rocks =
+        rocks_in_view(context_.terrain, context_.cache.rocks(), above, wants_light(frame_) ? &frame_.sun : nullptr,
+                      selection.blocks, frame_.accuracy.max_error_px, context_.stop);
     out_.report.rocks += rocks.rocks.size();
     out_.report.least_rock_px = std::max(out_.report.least_rock_px, rocks.least_px);
     return rocks;
@@ -458,7 +461,7 @@ class MapDrawing {
     for (std::uint16_t& number : out_.products.source)
       if (number != FrameSources::kNone) number = rank[number];
     for (const dem::SourceIndex source : sorted)
-      out_.report.sources.push_back(source_tile(terrain_.catalogue().rasters()[source]));
+      out_.report.sources.push_back(source_tile(context_.terrain.catalogue().rasters()[source]));
   }
 
   // Completes the report from the sums over all patches.
@@ -477,14 +480,12 @@ class MapDrawing {
     r.lit = any_lit(out_.products.radiance);
     std::sort(replaced_.begin(), replaced_.end());
     replaced_.erase(std::unique(replaced_.begin(), replaced_.end()), replaced_.end());
-    r.warnings = dem::warnings_about(terrain_.catalogue(), replaced_);
+    r.warnings = dem::warnings_about(context_.terrain.catalogue(), replaced_);
     return std::move(out_);
   }
 
   const MapRequest& request_;
-  const dem::Terrain& terrain_;
-  RenderCache& cache_;
-  const StopToken& stop_;
+  const RenderContext& context_;
   const MapProgress& progress_;
   FrameRequest frame_;  // request of the frame that a patch is drawn as
   RadianceTerms radiance_;
@@ -497,12 +498,11 @@ class MapDrawing {
 
 }  // namespace
 
-Map render_map(const MapRequest& request, const dem::Terrain& terrain, RenderCache& cache, const StopToken& stop,
-               const MapProgress& progress) {
-  if (!wants_footprint(request)) return MapDrawing(request, terrain, cache, stop, progress).draw();
+Map render_map(const MapRequest& request, const RenderContext& context, const MapProgress& progress) {
+  if (!wants_footprint(request)) return MapDrawing(request, context, progress).draw();
   const MapRequest drawn = request_with_margin(request);
-  Map map = MapDrawing(drawn, terrain, cache, stop, progress).draw();
-  for (std::string& warning : find_hazards(request, drawn, map.products, stop))
+  Map map = MapDrawing(drawn, context, progress).draw();
+  for (std::string& warning : find_hazards(request, drawn, map.products, context.stop))
     map.report.warnings.push_back(std::move(warning));
   return map;
 }

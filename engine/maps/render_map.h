@@ -11,18 +11,16 @@
 
 #include <functional>
 
-#include "dem/base/stop_token.h"
-#include "dem/terrain/terrain.h"
-#include "engine/cache/render_cache.h"
 #include "engine/frame/map.h"
 
 namespace selenograph::engine {
 
-// Receives the finished share of the map, 0 to 1; may be empty.
+struct RenderContext;
+
+// Receives the finished share of the map, 0 to 1, from time to time, from one thread at a time; may be empty.
 using MapProgress = std::function<void(double share)>;
 
-// Implements Renderer::map. Runs in the caller's task arena.
-Map render_map(const MapRequest& request, const dem::Terrain& terrain, RenderCache& cache, const StopToken& stop,
-               const MapProgress& progress = {});
+// Renders a map. Throws as Renderer::render does.
+Map render_map(const MapRequest& request, const RenderContext& context, const MapProgress& progress = {});
 
 }  // namespace selenograph::engine

@@ -143,15 +143,9 @@ bool RockCells::may_hit(const Rays& rays, const SurfacePoints& terrain) const {
                                 cell(north + kRounding_m)) > 0;
 }
 
-GroundAlongRays::GroundAlongRays(const char* ray_description, FrameRequest scenery, const dem::Terrain& terrain,
-                                 RenderCache& cache, const StopToken& stop)
-    : ray_description_(ray_description),
-      scenery_(std::move(scenery)),
-      objects_(scenery_),
-      terrain_(terrain),
-      cache_(cache),
-      stop_(stop) {
-  if (terrain.detailed() && !terrain.detailed()->detail().rocks().empty()) rocks_.emplace(terrain);
+GroundAlongRays::GroundAlongRays(const char* ray_description, FrameRequest scenery, const RenderContext& context)
+    : ray_description_(ray_description), scenery_(std::move(scenery)), objects_(scenery_), context_(context) {
+  if (context.terrain.detailed() && !context.terrain.detailed()->detail().rocks().empty()) rocks_.emplace(context.terrain);
 }
 
 std::unique_ptr<GroundAlongRays::GroundScene> GroundAlongRays::build_scene(const std::vector<RayCone>& single_rays,
@@ -159,26 +153,27 @@ std::unique_ptr<GroundAlongRays::GroundScene> GroundAlongRays::build_scene(const
   const std::vector<RayCone> rays = bundle(single_rays);
   // A scene in use cannot be evicted, so refuse one that alone exceeds the budget before it is built.
   const std::size_t block_bytes = scene_bytes_of({.level = dem::kMaxLevel}, Visibility::raytrace);
-  const std::size_t max_blocks = std::min(kMaxBlocks, cache_.capacity() / block_bytes);
+  const std::size_t max_blocks = std::min(kMaxBlocks, context_.cache.capacity() / block_bytes);
   // The rays that share a scene share its anchor, which decides how float rounds. A constant limit makes results
   // independent of the service's memory, unless that holds fewer blocks.
   constexpr std::size_t kBlocksOfScene = 900;
   const double above_m = rocks_ ? rocks_->largest_m() : 0;
-  const auto selected = select_for_rays(terrain_, rays, indivisible ? max_blocks : std::min(kBlocksOfScene, max_blocks),
-                                        stop_, above_m, finest_detail);
+  const auto selected =
+      select_for_rays(context_.terrain, rays, indivisible ? max_blocks : std::min(kBlocksOfScene, max_blocks),
+                      context_.stop, above_m, finest_detail);
   auto rocks = selected ? rocks_along(rays, *selected, finest_detail) : std::nullopt;
   if (!rocks && indivisible)
     throw TooMuchTerrain(fmt::format("{} runs along more terrain than the {} MB for scenes hold", ray_description_,
-                                     cache_.capacity() >> 20),
+                                     context_.cache.capacity() >> 20),
                          "rays");
   if (!rocks || (!indivisible && are_far_apart(*rocks))) return nullptr;
   std::vector<dem::BlockId> blocks;
   for (const BlockOnRays& block : *selected) blocks.push_back(block.id);
-  const Vec3 anchor_m = anchor_for(rays[0].origin_m, rays[0].direction, 0, fine_ground(blocks, terrain_));
-  const SceneContent content{blocks, anchor_m, Visibility::raytrace, &terrain_};
-  return std::unique_ptr<GroundScene>(new GroundScene{cache_.scene(content, stop_),
-                                                      SceneryOnGround(objects_, scenery_, std::move(*rocks), stop_),
-                                                      blocks.empty() && objects_.empty()});
+  const Vec3 anchor_m = anchor_for(rays[0].origin_m, rays[0].direction, 0, fine_ground(blocks, context_.terrain));
+  const SceneContent content{blocks, anchor_m, Visibility::raytrace, &context_.terrain};
+  return std::unique_ptr<GroundScene>(new GroundScene{
+      context_.cache.scene(content, context_.stop),
+      SceneryOnGround(objects_, scenery_, std::move(*rocks), context_.stop), blocks.empty() && objects_.empty()});
 }
 
 // Returns the rocks that the rays may hit; empty if there are too many.
@@ -187,8 +182,8 @@ std::optional<std::vector<dem::RockFeature>> GroundAlongRays::rocks_along(const 
                                                                           int finest_detail) {
   if (!rocks_) return std::vector<dem::RockFeature>();
   const double left_out_m =
-      finest_detail < terrain_.detailed()->detail().finest_level() ? dem::post_spacing_m(finest_detail) : 0;
-  return rocks_->along(rays, blocks, left_out_m, stop_);
+      finest_detail < context_.terrain.detailed()->detail().finest_level() ? dem::post_spacing_m(finest_detail) : 0;
+  return rocks_->along(rays, blocks, left_out_m, context_.stop);
 }
 
 }  // namespace selenograph::engine

@@ -11,8 +11,7 @@
 
 #include "dem/base/stop_token.h"
 #include "dem/terrain/terrain.h"
-#include "engine/cache/render_cache.h"
-#include "engine/frame/queries.h"
+#include "engine/cache/render_context.h"
 #include "engine/frame/request.h"
 #include "engine/visibility/objects/objects_in_frame.h"
 #include "engine/visibility/objects/rocks_near_rays.h"
@@ -101,9 +100,8 @@ double next_reach_m(double reach_m, double posts_m);
 class GroundAlongRays {
  public:
   // `ray_description`: a ray in the words of the request, the subject of error messages. `scenery`: its objects, and
-  // its ground (for reflected light), are used. The other arguments must outlive this object.
-  GroundAlongRays(const char* ray_description, FrameRequest scenery, const dem::Terrain& terrain, RenderCache& cache,
-                  const StopToken& stop);
+  // its ground (for reflected light), are used. The context must outlive this object.
+  GroundAlongRays(const char* ray_description, FrameRequest scenery, const RenderContext& context);
 
   const ObjectsInFrame& objects() const { return objects_; }  // without rocks
 
@@ -126,9 +124,7 @@ class GroundAlongRays {
   const FrameRequest scenery_;
   const ObjectsInFrame objects_;
   std::optional<RocksNearRays> rocks_;  // empty for terrain without rocks
-  const dem::Terrain& terrain_;
-  RenderCache& cache_;
-  const StopToken& stop_;
+  const RenderContext& context_;
 };
 
 }  // namespace selenograph::engine

@@ -9,6 +9,7 @@
 #include "dem/base/parallel.h"
 #include "dem/terrain/pyramid_terrain.h"
 #include "dem/terrain/surface_place.h"
+#include "engine/cache/render_context.h"
 #include "engine/camera/row_views.h"
 #include "engine/rays/ground_along_rays.h"
 #include "engine/scene/anchor.h"
@@ -36,12 +37,8 @@ void for_packets(std::size_t size, const StopToken& stop, Work&& work) {
 class RayCaster {
  public:
   // `ray_description`: a ray in the words of the request, for errors.
-  RayCaster(const char* ray_description, const std::vector<SceneObject>& objects, const dem::Terrain& terrain,
-            RenderCache& cache, const StopToken& stop)
-      : ground_(ray_description, scenery_of(objects), terrain, cache, stop),
-        terrain_(terrain),
-        cache_(cache),
-        stop_(stop) {}
+  RayCaster(const char* ray_description, const std::vector<SceneObject>& objects, const RenderContext& context)
+      : ground_(ray_description, scenery_of(objects), context), context_(context) {}
 
   enum class Targets { terrain_only, everything };
   // `within_m`: the length to which each ray is cast; empty: all are unlimited.
@@ -94,7 +91,7 @@ class RayCaster {
   std::vector<std::uint16_t> nearest_objects(std::span<const Ray> rays, const std::vector<double>& range_m) const {
     std::vector<std::uint16_t> nearest(rays.size(), kNoObject);
     if (ground_.objects().empty()) return nearest;
-    for_packets(rays.size(), stop_, [&](std::size_t first, int count) {
+    for_packets(rays.size(), context_.stop, [&](std::size_t first, int count) {
       Rays packet;
       SurfacePoints behind{};
       for (int i = 0; i < kPacket; ++i) {
@@ -207,8 +204,8 @@ class RayCaster {
     ends_m.resize(rays.size(), std::numeric_limits<double>::infinity());
     for (std::size_t i = 0; i < rays.size(); ++i)
       ends_m[i] = std::min(ends_m[i], range_below_terrain_m({rays[i].origin_m, rays[i].direction}));
-    if (!terrain_.detailed()) return in_batches(rays, indices_of(rays), ends_m, intersect);
-    const std::vector<RayHit> on_posts = cast_rays(rays, {}, std::nullopt, terrain_.plain(), cache_, stop_);
+    if (!context_.terrain.detailed()) return in_batches(rays, indices_of(rays), ends_m, intersect);
+    const std::vector<RayHit> on_posts = cast_rays(rays, {}, std::nullopt, without_detail(context_));
     std::vector<double> to_m(rays.size(), 0);
     const auto extend = [&](std::size_t i) {
       to_m[i] = std::min(ends_m[i], next_reach_m(to_m[i], on_posts[i].range_m));
@@ -272,7 +269,7 @@ class RayCaster {
     }
     if (ground_scene->empty && toward.empty()) return;
     if (!toward.empty()) ground_scene->scenery.index_rocks();  // rays to the Sun may begin on a rock
-    for_packets(batch.size(), stop_, [&](std::size_t first, int count) {
+    for_packets(batch.size(), context_.stop, [&](std::size_t first, int count) {
       work(*ground_scene->scene, ground_scene->scenery, batch, first, count);
     });
   }
@@ -285,9 +282,7 @@ class RayCaster {
   }
 
   GroundAlongRays ground_;
-  const dem::Terrain& terrain_;
-  RenderCache& cache_;
-  const StopToken& stop_;
+  const RenderContext& context_;
 };
 
 // Returns whether a ray passes below the highest possible terrain.
@@ -328,17 +323,14 @@ Vec3 locate_landmark(const RowViews& views, const Vec3& point_m, Landmark& out) 
 }  // namespace
 
 std::vector<RayHit> cast_rays(std::span<const Ray> rays, const std::vector<SceneObject>& objects,
-                              const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& cache,
-                              const StopToken& stop) {
-  return RayCaster("a ray, or its way to the Sun,", objects, terrain, cache, stop)
-      .cast(rays, sun, RayCaster::Targets::everything);
+                              const std::optional<Sun>& sun, const RenderContext& context) {
+  return RayCaster("a ray, or its way to the Sun,", objects, context).cast(rays, sun, RayCaster::Targets::everything);
 }
 
 std::vector<HiddenBy> what_hides(std::span<const Ray> rays, const std::vector<SceneObject>& objects, bool moon,
-                                 const dem::Terrain& terrain, RenderCache& cache, const StopToken& stop,
-                                 double detail_within_m) {
-  RayCaster caster("the line of sight to something in the sky", objects, terrain, cache, stop);
-  if (!terrain.detailed()) detail_within_m = std::numeric_limits<double>::infinity();
+                                 const RenderContext& context, double detail_within_m) {
+  RayCaster caster("the line of sight to something in the sky", objects, context);
+  if (!context.terrain.detailed()) detail_within_m = std::numeric_limits<double>::infinity();
   std::vector<HiddenBy> hidden(rays.size(), HiddenBy::none);
   std::vector<double> range_m(rays.size(), std::numeric_limits<double>::infinity());
   std::vector<Ray> near_limb;
@@ -361,9 +353,9 @@ std::vector<HiddenBy> what_hides(std::span<const Ray> rays, const std::vector<Sc
     range_m[ray_index[k]] = hits[k].range_m;
   }
   if (std::isfinite(detail_within_m)) {
-    const std::vector<HiddenBy> without_detail = what_hides(near_limb, {}, true, terrain.plain(), cache, stop);
-    for (std::size_t k = 0; k < without_detail.size(); ++k)
-      if (without_detail[k] == HiddenBy::moon) hidden[ray_index[k]] = HiddenBy::moon;
+    const std::vector<HiddenBy> by_posts = what_hides(near_limb, {}, true, without_detail(context));
+    for (std::size_t k = 0; k < by_posts.size(); ++k)
+      if (by_posts[k] == HiddenBy::moon) hidden[ray_index[k]] = HiddenBy::moon;
   }
   const std::vector<std::uint16_t> objects_in_front = caster.nearest_objects(rays, range_m);
   for (std::size_t i = 0; i < rays.size(); ++i)
@@ -373,12 +365,11 @@ std::vector<HiddenBy> what_hides(std::span<const Ray> rays, const std::vector<Sc
 
 std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, const std::optional<Shutter>& shutter,
                                         std::span<const LandmarkQuery> points, const std::vector<SceneObject>& objects,
-                                        const std::optional<Sun>& sun, const dem::Terrain& terrain, RenderCache& cache,
-                                        const StopToken& stop) {
-  const RowViews views(camera, pose, shutter, stop);
-  refuse_underground(terrain, views, stop);
-  refuse_enclosed(&terrain, objects, views, stop);
-  RayCaster caster("the line of sight to a point, or its way to the Sun,", objects, terrain, cache, stop);
+                                        const std::optional<Sun>& sun, const RenderContext& context) {
+  const RowViews views(camera, pose, shutter, context.stop);
+  refuse_underground(context.terrain, views, context.stop);
+  refuse_enclosed(&context.terrain, objects, views, context.stop);
+  RayCaster caster("the line of sight to a point, or its way to the Sun,", objects, context);
   std::vector<Landmark> landmarks(points.size());
   // Three sets of rays, each with the indices of its landmarks: lines of sight, short rays down to landmarks on the
   // ground, and points above the ground.
@@ -387,10 +378,10 @@ std::vector<Landmark> project_landmarks(const Camera& camera, const Pose& pose, 
   std::vector<double> ranges_m;
   std::vector<std::size_t> in_sight, on_ground, over_ground;
   for (std::size_t i = 0; i < points.size(); ++i) {
-    stop.check();
+    context.stop.check();
     const LandmarkQuery& q = points[i];
     Landmark& a = landmarks[i];
-    const double ground = terrain.height(q.lat_deg, q.lon_deg, stop).height_m;
+    const double ground = context.terrain.height(q.lat_deg, q.lon_deg, context.stop).height_m;
     a.height_m = q.height_m.value_or(ground);
     a.x_px = a.y_px = a.range_m = std::nan("");
     if (std::isnan(a.height_m)) continue;

@@ -1,14 +1,25 @@
 // Selects the blocks that rays, or bundles of them, need.
 #pragma once
 
+#include <limits>
 #include <optional>
 #include <vector>
 
 #include "dem/base/stop_token.h"
+#include "dem/grid/geodesy.h"
 #include "dem/terrain/terrain.h"
-#include "engine/frame/queries.h"
 
 namespace selenograph::engine {
+
+// Rays that begin within `radius_m` of a position and lie within an angle of a direction: a single ray, or a bundle.
+struct RayCone {
+  Vec3 origin_m;
+  Vec3 direction;  // unit
+  double radius_m = 0;
+  double slope = 0;                                       // tangent of the angle
+  double to_m = std::numeric_limits<double>::infinity();  // limit along the axis: hits beyond it do not count
+  bool is_single_ray() const { return radius_m == 0 && slope == 0; }
+};
 
 // Returns the distance along a cone's axis at which all of the cone is below any terrain: all hits are nearer. Infinite
 // if there is no such distance, or the cone begins there. Without this limit, a ray into the ground would be followed

@@ -19,7 +19,6 @@
 #include "engine/camera/row_views.h"
 #include "engine/camera/view.h"
 #include "engine/frame/accuracy.h"
-#include "engine/frame/queries.h"
 #include "engine/frame/request.h"
 #include "engine/frame/sun.h"
 #include "engine/scene/selected_blocks.h"

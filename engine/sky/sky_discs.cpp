@@ -11,6 +11,7 @@
 
 #include "dem/base/error.h"
 #include "dem/value_maps/value_map.h"
+#include "engine/cache/render_context.h"
 #include "engine/frame/needs.h"
 #include "engine/rays/ray_queries.h"
 #include "engine/scene/ray_selection.h"
@@ -465,22 +466,22 @@ class DiscPainter {
 
 }  // namespace
 
-void add_discs(const FrameRequest& request, std::span<const double> range_m, const dem::Terrain& terrain,
-               RenderCache& cache, const StopToken& stop, std::vector<float>& radiance) {
+void add_discs(const FrameRequest& request, std::span<const double> range_m, const RenderContext& context,
+               std::vector<float>& radiance) {
   if (!wants_discs(request)) return;
-  const RowViews views(request.camera, request.pose, request.shutter, stop);
-  DiscPainter painter(request, views, range_m, stop);
+  const RowViews views(request.camera, request.pose, request.shutter, context.stop);
+  DiscPainter painter(request, views, range_m, context.stop);
   FrameRequest discs_alone = request;
   discs_alone.sky->stars.reset();
   discs_alone.sky->planets = false;
   const SkyObserver observer(request.sky->utc, views.reference().position(), request.sky->velocity_m_s);
   const EarthFigure earth(observer);
-  for (const SkyObject& object : sky_around(discs_alone, views, 0, stop)) {
+  for (const SkyObject& object : sky_around(discs_alone, views, 0, context.stop)) {
     if (object.kind == SkyKind::sun) painter.paint(SunDisc(object, request.sun.limb_darkening, earth), radiance);
     if (object.kind == SkyKind::earth)
-      painter.paint(EarthDisc(object, earth, observer, request.sky->earth_map, stop), radiance);
+      painter.paint(EarthDisc(object, earth, observer, request.sky->earth_map, context.stop), radiance);
   }
-  painter.add_visible(what_hides(painter.rays(), request.objects, request.terrain, terrain, cache, stop), radiance);
+  painter.add_visible(what_hides(painter.rays(), request.objects, request.terrain, context), radiance);
 }
 
 }  // namespace selenograph::engine

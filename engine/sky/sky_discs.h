@@ -23,7 +23,7 @@ namespace selenograph::engine {
 // magnitude at its phase.
 //
 // Throws as find_hidden does, and ImpossibleRequest for a map that is 0 on the whole visible lit surface.
-void add_discs(const FrameRequest& request, std::span<const double> range_m, const dem::Terrain& terrain,
-               RenderCache& cache, const StopToken& stop, std::vector<float>& radiance);
+void add_discs(const FrameRequest& request, std::span<const double> range_m, const RenderContext& context,
+               std::vector<float>& radiance);
 
 }  // namespace selenograph::engine

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "dem/base/error.h"
+#include "engine/cache/render_context.h"
 #include "engine/frame/needs.h"
 
 namespace selenograph::engine {
@@ -70,18 +71,17 @@ void SkyImage::locate(const FrameRequest& request, double reach_px, std::vector<
 }
 
 SkyImage::SkyImage(const FrameRequest& request, int spread_px, std::span<const double> range_m,
-                   const dem::Terrain& terrain, RenderCache& cache, const StopToken& stop)
+                   const RenderContext& context)
     : camera_(request.camera) {
   if (!request.sky || !request.sky->any()) return;
-  views_.emplace(request.camera, request.pose, request.shutter, stop);
+  views_.emplace(request.camera, request.pose, request.shutter, context.stop);
   const double reach_px = 1 + spread_px;
   constexpr double kSquare_px = 1;  // the square of a point outside the image may reach into it by half
-  std::vector<SkyObject> sky = views_->vary() ? sky_around_rows(request, *views_, reach_px, stop)
-                                              : sky_around(request, *views_, kSquare_px, stop);
+  std::vector<SkyObject> sky = views_->vary() ? sky_around_rows(request, *views_, reach_px, context.stop)
+                                              : sky_around(request, *views_, kSquare_px, context.stop);
   std::erase_if(sky, [](const SkyObject& o) { return o.kind == SkyKind::sun || o.kind == SkyKind::earth; });
-  locate(request, reach_px, sky, stop);
-  find_hidden(request, *views_, hides_by_pixels(request) ? range_m : std::span<const double>(), terrain, cache, stop,
-              sky);
+  locate(request, reach_px, sky, context.stop);
+  find_hidden(request, *views_, hides_by_pixels(request) ? range_m : std::span<const double>(), context, sky);
   for (const SkyObject& object : sky) {
     const auto sr = object.hidden_by == HiddenBy::none ? pixel_sr(*views_, object.x_px, object.y_px) : std::nullopt;
     sources_.push_back({object.direction, sr ? object.irradiance_w_m2 / *sr : 0, sr ? object.counted_w_m2 / *sr : 0});

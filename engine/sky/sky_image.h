@@ -21,8 +21,7 @@ class SkyImage {
   // `request`: its camera includes the margin, its pose is that of the exposure sample. The image is empty without a
   // sky. `spread_px`: radius of the sensor's point spread. `range_m`: range of every pixel, if wants_ranges_for_sky.
   // Throws as sky_around and find_hidden do.
-  SkyImage(const FrameRequest& request, int spread_px, std::span<const double> range_m, const dem::Terrain& terrain,
-           RenderCache& cache, const StopToken& stop);
+  SkyImage(const FrameRequest& request, int spread_px, std::span<const double> range_m, const RenderContext& context);
 
   // Adds each point's irradiance, divided by the solid angle of a pixel, to the frame's radiance, W m-2 sr-1, as a
   // square of one pixel (add_square).

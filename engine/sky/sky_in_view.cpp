@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "dem/base/error.h"
+#include "engine/cache/render_context.h"
 #include "engine/radiometry/earth.h"
 #include "engine/radiometry/photometry.h"
 #include "engine/radiometry/spectrum.h"
@@ -216,7 +217,7 @@ EarthFigure earth_of(const FrameRequest& request, const RowViews& views) {
 }
 
 void find_hidden(const FrameRequest& request, const RowViews& views, std::span<const double> range_m,
-                 const dem::Terrain& terrain, RenderCache& cache, const StopToken& stop, std::vector<SkyObject>& sky) {
+                 const RenderContext& context, std::vector<SkyObject>& sky) {
   std::vector<Ray> rays;
   std::vector<std::size_t> sky_index;
   std::vector<bool> behind_pixel;
@@ -228,7 +229,7 @@ void find_hidden(const FrameRequest& request, const RowViews& views, std::span<c
     if (!range_m.empty()) behind_pixel.push_back(!std::isnan(range_m[pixel_of(request.camera, row, sky[i].x_px)]));
   }
   const bool by_rays = request.terrain && range_m.empty();
-  std::vector<HiddenBy> hidden = what_hides(rays, request.objects, by_rays, terrain, cache, stop);
+  std::vector<HiddenBy> hidden = what_hides(rays, request.objects, by_rays, context);
   // Pixels without data count as sky. The Moon still occludes directions far below its limb, as it does for rays.
   for (std::size_t k = 0; k < behind_pixel.size(); ++k)
     if (hidden[k] == HiddenBy::none &&
@@ -261,15 +262,14 @@ std::optional<double> pixel_sr(const RowViews& views, double x_px, double y_px) 
   return std::abs(area) / std::pow(at->norm(), 3);
 }
 
-std::vector<SkyObject> query_sky(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& cache,
-                                 const StopToken& stop) {
-  const RowViews views(request.camera, request.pose, request.shutter, stop);
-  if (request.terrain) refuse_underground(terrain, views, stop);
-  refuse_enclosed(request.terrain ? &terrain : nullptr, request.objects, views, stop);
-  std::vector<SkyObject> sky = sky_around(request, views, 0, stop);
-  find_hidden(request, views, {}, terrain, cache, stop, sky);
+std::vector<SkyObject> query_sky(const FrameRequest& request, const RenderContext& context) {
+  const RowViews views(request.camera, request.pose, request.shutter, context.stop);
+  if (request.terrain) refuse_underground(context.terrain, views, context.stop);
+  refuse_enclosed(request.terrain ? &context.terrain : nullptr, request.objects, views, context.stop);
+  std::vector<SkyObject> sky = sky_around(request, views, 0, context.stop);
+  find_hidden(request, views, {}, context, sky);
   if (!request.sensor) return sky;
-  const Sensor sensor(request, stop);
+  const Sensor sensor(request, context.stop);
   for (SkyObject& object : sky) {
     if (!object.in_frame) continue;
     const auto sr = pixel_sr(views, object.x_px, object.y_px);

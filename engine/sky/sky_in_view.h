@@ -5,13 +5,13 @@
 #include <vector>
 
 #include "dem/base/stop_token.h"
-#include "dem/terrain/terrain.h"
-#include "engine/cache/render_cache.h"
 #include "engine/camera/row_views.h"
 #include "engine/frame/request.h"
 #include "engine/sky/earth_figure.h"
 
 namespace selenograph::engine {
+
+struct RenderContext;
 
 // Limit on stars of one image.
 inline constexpr std::size_t kMostStars = 100000;
@@ -35,15 +35,16 @@ EarthFigure earth_of(const FrameRequest& request, const RowViews& views);
 
 // Sets `hidden_by` of the imaged objects, by one ray each against the finest terrain, rocks, objects and the Earth.
 // `range_m`: if not empty, the range of every pixel, NaN for the sky; then the pixel nearest to an object decides
-// instead of terrain and rocks (hides_by_pixels). Runs in the caller's task arena. Throws as cast_rays does.
+// instead of terrain and rocks (hides_by_pixels). Throws as cast_rays does.
 void find_hidden(const FrameRequest& request, const RowViews& views, std::span<const double> range_m,
-                 const dem::Terrain& terrain, RenderCache& cache, const StopToken& stop, std::vector<SkyObject>& sky);
+                 const RenderContext& context, std::vector<SkyObject>& sky);
 
 // Returns the solid angle of a pixel-sized square around an image point, sr; empty where the lens images nothing.
 std::optional<double> pixel_sr(const RowViews& views, double x_px, double y_px);
 
-// Results and exceptions are those of Renderer::sky.
-std::vector<SkyObject> query_sky(const FrameRequest& request, const dem::Terrain& terrain, RenderCache& cache,
-                                 const StopToken& stop);
+// Returns stars, the Sun, the Earth and planets of request.sky in the image of its camera, with their occluders. Reads
+// the request's camera, pose, shutter, band, objects, detail, terrain, sensor and sky. Throws ImpossibleRequest for too
+// many stars, and as Renderer::render does.
+std::vector<SkyObject> query_sky(const FrameRequest& request, const RenderContext& context);
 
 }  // namespace selenograph::engine

@@ -8,18 +8,23 @@
 #include "dem/base/quantile.h"
 #include "engine/radiometry/brdf.h"
 #include "engine/radiometry/photometry.h"
+#include "engine/rays/ray_queries.h"
 
 namespace selenograph::engine {
 namespace {
 
 constexpr int kPointsAlong = 12;
 
+std::vector<RayHit> cast(std::span<const Ray> rays, const Renderer& renderer, const Sun& sun) {
+  return renderer.query({}, {}, [&](const RenderContext& context) { return cast_rays(rays, {}, sun, context); });
+}
+
 // Returns the ground at a position as rays hit it: it may be finer than a frame's ground, and above it.
 Vec3 on_ground(const Renderer& renderer, const Vec3& position_m, const FrameRequest& request) {
   constexpr double kAbove_m = 1000;
   const Vec3 up = position_m.normalized();
   const Ray down{position_m + kAbove_m * up, -up};
-  const RayHit hit = renderer.cast({&down, 1}, request.sun).front();
+  const RayHit hit = cast({&down, 1}, renderer, request.sun).front();
   return hit.hit ? hit.position_m : position_m;
 }
 
@@ -50,7 +55,7 @@ double light_by_rays(const Renderer& renderer, const Vec3& position_m, const Vec
       rays.push_back({position_m + 1e-3 * axes.up, direction});
       weights.push_back(cosine * std::cos(elevation) * height * 2 * kPi / kDirections);
     }
-  const std::vector<RayHit> hits = renderer.cast(rays, request.sun);
+  const std::vector<RayHit> hits = cast(rays, renderer, request.sun);
   const Brdf brdf(request.reflectance, band_of(request));
   double sum = 0;
   for (std::size_t i = 0; i < rays.size(); ++i) {

@@ -3,7 +3,6 @@
 
 #include <vector>
 
-#include "engine/frame/queries.h"
 #include "engine/renderer.h"
 
 namespace selenograph::engine {

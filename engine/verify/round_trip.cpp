@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "dem/base/error.h"
+#include "engine/rays/ray_queries.h"
 #include "engine/verify/resample.h"
 
 namespace selenograph::engine {
@@ -199,7 +200,8 @@ class Comparison {
 
   // Casts the queued rays and records their hits.
   void send() {
-    const std::vector<RayHit> hits = renderer_.cast(rays_, std::nullopt, stop_);
+    const std::vector<RayHit> hits = renderer_.query(
+        {}, stop_, [&](const RenderContext& context) { return cast_rays(rays_, {}, std::nullopt, context); });
     for (std::size_t i = 0; i < hits.size(); ++i) {
       if (hits[i].hit)
         note(aims_[i], to_geographic(hits[i].position_m));

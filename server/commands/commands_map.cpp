@@ -21,6 +21,7 @@
 #include "api/answers/metadata.h"
 #include "api/answers/metadata_members.h"
 #include "api/message/problem.h"
+#include "engine/maps/render_map.h"
 #include "server/commands/commands.h"
 #include "server/commands/output.h"
 #include "server/commands/request_file.h"
@@ -150,8 +151,11 @@ struct Atlas {
       api::MapQuery query = this->query(epoch);
       engine::MapRequest map_request = query.request;
       map_request.products |= extra;
-      engine::Map map = renderer.map(map_request, {}, [&](double share) {
+      const auto show_progress = [&](double share) {
         bar.show((static_cast<double>(number) + share) / static_cast<double>(count), path);
+      };
+      engine::Map map = renderer.query(map_request.look.detail, {}, [&](const engine::RenderContext& rendering) {
+        return engine::render_map(map_request, rendering, show_progress);
       });
       const std::string hash =
           api::content_hash(query, renderer.scene_bytes(), renderer.terrain().catalogue().fingerprint(), media_type);

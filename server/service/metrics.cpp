@@ -215,7 +215,7 @@ std::string Metrics::exposition(const Gauges& gauges) const {
 }
 
 std::string_view route_label(std::string_view path) {
-  for (const api::Route& route : api::routes()) {
+  for (const api::Route& route : api::kRoutes) {
     if (api::segment_of(route, path)) return route.path;
   }
   for (const std::string_view own : {"/health/live", "/health/ready", "/metrics"}) {

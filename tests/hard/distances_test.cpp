@@ -17,6 +17,7 @@
 #include "engine/scene/anchor.h"
 #include "engine/scene/selection.h"
 #include "tests/support/judge.h"
+#include "tests/support/queries.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"
 #include "tests/support/views.h"
@@ -212,12 +213,12 @@ TEST_F(Distances, HitsDoNotDependOnTheRayOrigin) {
     ASSERT_EQ(target.hit, Verdict::yes);
     rays.push_back({start - (target.distance_m - 2) * back, -back});
   }
-  const auto nearest = renderer().cast(rays, {});
+  const auto nearest = test::cast_rays(renderer(), rays);
   double worst = 0;
   for (const double height : tile_heights_m()) {
     std::vector<engine::Ray> from = rays;
     for (engine::Ray& r : from) r.origin_m -= (height - 2) * r.direction;
-    const auto hits = renderer().cast(from, {});
+    const auto hits = test::cast_rays(renderer(), from);
     double apart = 0;
     for (std::size_t i = 0; i < hits.size(); ++i) {
       ASSERT_TRUE(hits[i].hit) << height << " m, ray " << i;

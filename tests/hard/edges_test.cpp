@@ -13,6 +13,7 @@
 
 #include "tests/support/frame_judge.h"
 #include "tests/support/hard_views.h"
+#include "tests/support/queries.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"
 
@@ -93,7 +94,7 @@ TEST_F(Edges, RaysHitTheNearestSurfaceOnce) {
     const Vec3 origin = place + far * local_direction(place, between(random, 0, 360), between(random, 3, 90));
     rays.push_back({origin, (place - origin).normalized()});
   }
-  const std::vector<engine::RayHit> hits = renderer().cast(rays, std::nullopt);
+  const std::vector<engine::RayHit> hits = test::cast_rays(renderer(), rays);
   std::size_t aimed = 0, hidden = 0, outlines = 0, passed = 0, before = 0;
   double worst = 0, disagreement = 0;
   for (std::size_t i = 0; i < rays.size(); ++i) {
@@ -140,7 +141,7 @@ TEST_F(Edges, ShadowsAgreeWithTheReference) {
       const Vec3& place = targets.back().place;
       rays.push_back({place * (1 + 3000 / place.norm()), -place.normalized()});
     }
-    const std::vector<engine::RayHit> hits = renderer().cast(rays, engine::Sun{sun, 1, 0});
+    const std::vector<engine::RayHit> hits = test::cast_rays(renderer(), rays, engine::Sun{sun, 1, 0});
     std::size_t lit = 0, dark = 0, either = 0, wrong = 0, grazing = 0;
     for (std::size_t i = 0; i < hits.size(); ++i) {
       ASSERT_TRUE(hits[i].hit);

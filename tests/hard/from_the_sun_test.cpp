@@ -24,6 +24,7 @@
 #include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/judge.h"
+#include "tests/support/queries.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/views.h"
 
@@ -80,7 +81,7 @@ class Sunlight {
       std::vector<engine::Ray> rays;
       for (int i = 0; i < kRaysPerCast; ++i)
         rays.push_back({aim.target + 2e5 * aim.sun + across(random_) * u + across(random_) * v, -aim.sun});
-      for (const engine::RayHit& hit : renderer_.cast(rays, engine::Sun{aim.sun, 1, 0}))
+      for (const engine::RayHit& hit : test::cast_rays(renderer_, rays, engine::Sun{aim.sun, 1, 0}))
         if (hit.hit) count(hit.position_m, -aim.sun, hit.lit == 0, hit.normal.dot(aim.sun) <= 0, 0, c);
     }
     conclude(fmt::format("{}, parallel rays", name), kCasts, c);
@@ -146,7 +147,7 @@ class Sunlight {
       rays.push_back(
           {place - kBefore_m * direction + aside_m * (std::cos(k * 45 * kDegree) * u + std::sin(k * 45 * kDegree) * v),
            direction});
-    const auto hits = renderer_.cast(rays, {});
+    const auto hits = test::cast_rays(renderer_, rays);
     return std::any_of(hits.begin(), hits.end(),
                        [](const engine::RayHit& hit) { return hit.hit && hit.range_m < kBefore_m - 1; });
   }
@@ -215,7 +216,7 @@ TEST(RimFromTheSun, BackFacesAreNotHit) {
     std::vector<engine::Ray> rays;
     for (int i = 0; i < 1000; ++i)
       rays.push_back({target + 1e5 * sun + 2000 * (unit(random) - 0.5) * u + 2000 * (unit(random) - 0.5) * v, -sun});
-    const auto hits = renderer.cast(rays, engine::Sun{sun, 1, 0});
+    const auto hits = test::cast_rays(renderer, rays, engine::Sun{sun, 1, 0});
     for (std::size_t i = 0; i < rays.size(); ++i) {
       const FirstHit truth = judge.first_hit(rays[i].origin_m, rays[i].direction);
       if (truth.hit == Verdict::unknown) continue;  // by a void

@@ -11,6 +11,7 @@
 #include "dem/posts/layer_joins.h"
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"
+#include "tests/support/queries.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::test {
@@ -75,7 +76,7 @@ SeenLayer looked_at(const Site& site, double azimuth_deg) {
         const Vec3 up = to_cartesian(places.back()).normalized();
         rays.push_back({up * (kMoonRadius_m + 5000), -up});
       }
-      const std::vector<RayHit> hits = site.renderer->cast(rays, sun);
+      const std::vector<RayHit> hits = test::cast_rays(*site.renderer, rays, sun);
       double before = 0;
       for (int i = 0; i < kRays; ++i) {
         const auto at = static_cast<std::size_t>(i);

@@ -17,6 +17,7 @@
 #include "tests/support/effort.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/moon_without_relief.h"
+#include "tests/support/queries.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/views.h"
 
@@ -48,7 +49,7 @@ TEST_F(LimbOfASphere, IsACone) {
     const engine::View view(request.camera, request.pose);
     const Vec3 from = view.position(), centre = -from.normalized();
     double worst_px = 0;
-    for (const engine::LimbPoint& p : renderer().limb(request)) {
+    for (const engine::LimbPoint& p : test::find_limb(renderer(), request)) {
       ASSERT_TRUE(p.known());
       EXPECT_NEAR(p.sphere_angle_deg, std::asin(kMoonRadius_m / from.norm()) / kDegree, 1e-12);
       EXPECT_LT(p.position_m.norm(), kMoonRadius_m + 1e-6);
@@ -69,7 +70,7 @@ TEST_F(LimbOfASphere, IsACone) {
 
 TEST_F(LimbOfASphere, FromAFewMetres) {
   engine::LimbRequest request = of_whole_disc(-40, 100, 5, 12);
-  for (const engine::LimbPoint& p : renderer().limb(request)) {
+  for (const engine::LimbPoint& p : test::find_limb(renderer(), request)) {
     ASSERT_TRUE(p.known());
     EXPECT_NEAR(p.angle_deg, p.sphere_angle_deg, 0.01);
   }
@@ -106,7 +107,7 @@ AcrossTheLimb look_across(const engine::Renderer& renderer, const engine::LimbRe
   AcrossTheLimb seen;
   std::vector<engine::Ray> rays;
   const engine::PixelXY centre = *view.project(Vec3::Zero());  // it may be far beside the image
-  for (const engine::LimbPoint& p : renderer.limb(request)) {
+  for (const engine::LimbPoint& p : test::find_limb(renderer, request)) {
     if (!p.known() || !p.in_frame) continue;
     // In the half plane of its azimuth, whose image is a line through that of the centre.
     const Vec3 out = Vec3(p.x_px - centre.x, p.y_px - centre.y, 0).normalized();
@@ -115,7 +116,7 @@ AcrossTheLimb look_across(const engine::Renderer& renderer, const engine::LimbRe
     seen.relief_px = std::max(seen.relief_px, std::hypot(p.x_px - p.sphere_x_px, p.y_px - p.sphere_y_px));
     ++seen.points;
   }
-  const std::vector<engine::RayHit> hits = renderer.cast(rays, std::nullopt);
+  const std::vector<engine::RayHit> hits = test::cast_rays(renderer, rays);
   for (std::size_t i = 0; i < hits.size(); ++i) seen.wrong += hits[i].hit != (offsets_px[i % offsets_px.size()] < 0);
   fmt::print("{} of {} rays on the wrong side; up to {:.3f} px from the sphere\n", seen.wrong, hits.size(),
              seen.relief_px);
@@ -141,9 +142,9 @@ TEST_F(RoughLimb, InAMeridianOfPostsIsThatBesideIt) {
       const Vec3 from = request.pose.position_m;
       const EastNorthUp axes = local_axes(lat_deg, lon_deg);
       request.pose = looking(from, -from, axes.north);
-      const std::vector<engine::LimbPoint> at = renderer_->limb(request);
+      const std::vector<engine::LimbPoint> at = test::find_limb(*renderer_, request);
       request.pose = looking(from, -from, axes.north + 1e-7 * kDegree * axes.east);  // 3 mm on the ground
-      const std::vector<engine::LimbPoint> beside = renderer_->limb(request);
+      const std::vector<engine::LimbPoint> beside = test::find_limb(*renderer_, request);
       for (std::size_t i = 0; i < at.size(); ++i) {
         ASSERT_TRUE(at[i].known() && beside[i].known()) << at[i].azimuth_deg;
         EXPECT_LT(std::abs(at[i].angle_deg - beside[i].angle_deg) * kDegree * at[i].range_m, 0.01) << at[i].azimuth_deg;
@@ -160,7 +161,7 @@ TEST_F(RoughLimb, TheTerminatorIsTheLastLitGround) {
   const Vec3 sun = request.sun->distance_au * engine::kAstronomicalUnit_m * request.sun->direction;
   std::vector<engine::Ray> rays;
   int visible = 0;
-  for (const engine::TerminatorPoint& p : renderer_->terminator(request)) {
+  for (const engine::TerminatorPoint& p : test::find_terminator(*renderer_, request)) {
     ASSERT_TRUE(p.known());
     const Vec3 outward = (p.position_m - p.position_m.dot(sun) / sun.squaredNorm() * sun).normalized();
     // From above all terrain. Float, which finds the triangles, knows a grazing ray to some centimetres.
@@ -169,7 +170,7 @@ TEST_F(RoughLimb, TheTerminatorIsTheLastLitGround) {
     if (p.visible) ++visible;
     EXPECT_NEAR(p.position_m.norm(), kMoonRadius_m, 6e3);
   }
-  const std::vector<engine::RayHit> hits = renderer_->cast(rays, std::nullopt);
+  const std::vector<engine::RayHit> hits = test::cast_rays(*renderer_, rays);
   for (std::size_t i = 0; i < hits.size(); ++i) EXPECT_EQ(hits[i].hit, i % 4 < 2) << i;
   EXPECT_GT(visible, 30);
   EXPECT_LT(visible, 70);
@@ -215,7 +216,7 @@ TEST_F(RealLimb, AStarGoesBehindAMountain) {
   const engine::Renderer renderer(terrain({global()}), {0, std::size_t{1} << 30});
   const std::string utc = "2026-11-25T00:00:00Z";
   const engine::LimbRequest disc = of_whole_disc(-5, 20, 2e6, 360);
-  const std::vector<engine::LimbPoint> points = renderer.limb(disc);
+  const std::vector<engine::LimbPoint> points = test::find_limb(renderer, disc);
   const engine::LimbPoint& mountain = *std::max_element(
       points.begin(), points.end(), [](const auto& a, const auto& b) { return a.angle_deg < b.angle_deg; });
   EXPECT_GT(mountain.position_m.norm(), kMoonRadius_m + 3000);
@@ -232,7 +233,7 @@ TEST_F(RealLimb, AStarGoesBehindAMountain) {
   Vec3 star = toward;  // with aberration, 20 arcsec
   const auto sees = [&](const Vec3& place) {
     frame.pose = looking(place, toward, from);
-    const auto sky = renderer.sky(frame);
+    const auto sky = test::query_sky(renderer, frame);
     EXPECT_EQ(sky.size(), 1U);
     star = sky.at(0).direction;
     return sky.at(0).hidden_by == engine::HiddenBy::none;
@@ -246,7 +247,7 @@ TEST_F(RealLimb, AStarGoesBehindAMountain) {
     (sees(from + middle_m * aside) ? seen_m : hidden_m) = middle_m;
   }
   const auto hit = [&](double at_m) {
-    return renderer.cast(std::vector<engine::Ray>{{from + at_m * aside, star}}, std::nullopt).at(0).hit;
+    return test::cast_rays(renderer, std::vector<engine::Ray>{{from + at_m * aside, star}}).at(0).hit;
   };
   EXPECT_TRUE(hit(hidden_m - 0.002));
   EXPECT_FALSE(hit(seen_m + 0.002));
@@ -255,7 +256,7 @@ TEST_F(RealLimb, AStarGoesBehindAMountain) {
   const Vec3 place = from + seen_m * aside, down = -place.normalized();
   const Vec3 right = (star - star.dot(down) * down).normalized();
   limb.camera = square_camera(256, 60), limb.pose = looking(place, down, right.cross(down)), limb.points = 3;
-  const engine::LimbPoint at_star = renderer.limb(limb).at(0);
+  const engine::LimbPoint at_star = test::find_limb(renderer, limb).at(0);
   const double off_rad = std::atan2(star.cross(down).norm(), star.dot(down)) - at_star.angle_deg * kDegree;
   fmt::print("the star is {:.4f} m above the limb, which is {:.0f} m high\n", off_rad * at_star.range_m,
              at_star.position_m.norm() - kMoonRadius_m);
@@ -269,14 +270,14 @@ TEST(LimbWithVoids, HasNoPointsThere) {
   const engine::Renderer renderer(open_terrain(folder.path()), {1, std::size_t{512} << 20});
   // The northern and southern limb are beyond 60 degrees; the eastern one has data, the western one none.
   engine::LimbRequest request = of_whole_disc(0, 60, 1e7, 40);
-  const auto points = renderer.limb(request);
+  const auto points = test::find_limb(renderer, request);
   EXPECT_TRUE(points[0].known());  // east is right
   EXPECT_FALSE(points[10].known());
   EXPECT_FALSE(points[20].known());
   EXPECT_FALSE(points[30].known());
   EXPECT_TRUE(std::isfinite(points[20].sphere_x_px));
   request.pose.position_m = to_cartesian({0, 60, 50});
-  EXPECT_THROW(renderer.limb(request), std::runtime_error);
+  EXPECT_THROW(test::find_limb(renderer, request), std::runtime_error);
 }
 
 }  // namespace

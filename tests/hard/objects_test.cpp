@@ -10,6 +10,7 @@
 #include "engine/camera/view.h"
 #include "engine/visibility/objects/object_mesh.h"
 #include "tests/support/meshes.h"
+#include "tests/support/queries.h"
 #include "tests/support/sample_scenery.h"
 #include "tests/support/views.h"
 
@@ -129,9 +130,9 @@ class ObjectsOverTerrain : public test::SampleScenery {
       for (double lon = 43.1; lon < 44.9; lon += 0.02) {
         const double ground = scenery().terrain->height(lat, lon).height_m;
         const Vec3 sun = test::local_sun(lat, lon, 75, elevation_deg);
-        const auto hits = scenery().renderer->cast(std::vector<Ray>{{to_cartesian({lat, lon, ground + low_m}), sun},
-                                                                    {to_cartesian({lat, lon, ground + high_m}), sun}},
-                                                   std::nullopt);
+        const auto hits =
+            test::cast_rays(*scenery().renderer, std::vector<Ray>{{to_cartesian({lat, lon, ground + low_m}), sun},
+                                                                  {to_cartesian({lat, lon, ground + high_m}), sun}});
         if (hits[0].hit && !hits[1].hit) return {lat, lon};
       }
     throw std::logic_error("no such shadow");
@@ -181,7 +182,7 @@ TEST_F(ObjectsOverTerrain, PositionsAndShadowsAgreeWithTheReference) {
       }
       // Not where the ray leaves next to an edge of its own facet.
       if (toward_sun.to_border_m < 1e-3 * scale) continue;
-      const auto ground = scenery().renderer->cast(std::vector<Ray>{{point, with.sun.direction}}, std::nullopt);
+      const auto ground = test::cast_rays(*scenery().renderer, std::vector<Ray>{{point, with.sun.direction}});
       ASSERT_EQ(frame.products.lit[i], blocked || ground[0].hit ? 0 : 1) << i;
       shaded_objects += blocked, by_terrain += ground[0].hit;
     }
@@ -334,9 +335,9 @@ TEST_F(ObjectsOverTerrain, RaysAndLandmarksSeeObjects) {
     for (int y = 0; y < 160; ++y)
       for (int x = 0; x < 160; ++x)
         rays.push_back({view.position(), view.ray(static_cast<double>(x), static_cast<double>(y))->normalized()});
-    const auto hits = scenery().renderer->cast(rays, r.sun, {}, r.objects);
+    const auto hits = test::cast_rays(*scenery().renderer, rays, r.sun, r.objects);
     std::size_t on_objects = 0, apart = 0, shaded_by_objects = 0;
-    const auto alone = scenery().renderer->cast(rays, r.sun);
+    const auto alone = test::cast_rays(*scenery().renderer, rays, r.sun);
     for (std::size_t i = 0; i < hits.size(); ++i) {
       ASSERT_EQ(hits[i].object.value_or(65535), p.object_id[i]) << i;
       ASSERT_EQ(hits[i].hit, !std::isnan(p.range[i]));
@@ -358,8 +359,10 @@ TEST_F(ObjectsOverTerrain, RaysAndLandmarksSeeObjects) {
       const Geographic g = to_geographic(alone[i].position_m);
       places.push_back({g.lat_deg, g.lon_deg, {}}), of.push_back(i);
     }
-    const auto seen = scenery().renderer->project(r.camera, r.pose, {}, places, r.sun, {}, r.objects);
-    const auto before = scenery().renderer->project(r.camera, r.pose, {}, places, r.sun);
+    const auto seen = test::project_landmarks(*scenery().renderer, r, places, r.sun);
+    FrameRequest without_objects = r;
+    without_objects.objects.clear();
+    const auto before = test::project_landmarks(*scenery().renderer, without_objects, places, r.sun);
     std::size_t hidden = 0, wrong = 0;
     for (std::size_t k = 0; k < places.size(); ++k) {
       const bool behind = hits[of[k]].object.has_value();

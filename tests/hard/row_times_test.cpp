@@ -12,6 +12,7 @@
 #include "engine/camera/pose_track.h"
 #include "engine/visibility/objects/object_mesh.h"
 #include "tests/support/meshes.h"
+#include "tests/support/queries.h"
 #include "tests/support/same_bytes.h"
 #include "tests/support/sample_scenery.h"
 #include "tests/support/views.h"
@@ -232,7 +233,7 @@ void expect_closure(const Renderer& renderer, const FrameRequest& request) {
     places.push_back({g.x(), g.y(), g.z()}), pixels.push_back(i);
   }
   ASSERT_GT(places.size(), 30000U);
-  const auto marks = renderer.project(request.camera, request.pose, request.shutter, places, request.sun);
+  const auto marks = test::project_landmarks(renderer, request, places, request.sun);
   double off_x = 0, off_y = 0;
   std::size_t visible = 0, of_same_light = 0;
   for (std::size_t k = 0; k < marks.size(); ++k) {

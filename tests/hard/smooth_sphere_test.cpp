@@ -17,6 +17,7 @@
 #include "dem/grid/lattice.h"
 #include "tests/support/effort.h"
 #include "tests/support/moon_without_relief.h"
+#include "tests/support/queries.h"
 #include "tests/support/views.h"
 
 namespace selenograph::test {
@@ -176,7 +177,7 @@ TEST_F(SmoothSphere, NormalsHoldWhereTheLatticeChangesItsStep) {
       rays.push_back({from, -from.normalized()});
     }
   double off = 0;
-  for (const engine::RayHit& hit : renderer().cast(rays, {})) {
+  for (const engine::RayHit& hit : test::cast_rays(renderer(), rays)) {
     ASSERT_TRUE(hit.hit);
     off = std::max(off, (hit.normal - hit.position_m.normalized()).norm());
   }

@@ -17,6 +17,7 @@
 #include "tests/support/float_tiles.h"
 #include "tests/support/frame_judge.h"
 #include "tests/support/hard_views.h"
+#include "tests/support/queries.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/tiles.h"
 
@@ -252,7 +253,7 @@ void expect_exact_posts_around_the_corner(const engine::Renderer& renderer) {
         rays.push_back({from, -from.normalized()}),
             heights.push_back(static_cast<double>(static_cast<float>(resolved_hills(lat, lon))));
       }
-  const auto hits = renderer.cast(rays, std::nullopt);
+  const auto hits = test::cast_rays(renderer, rays);
   double worst = 0;
   for (std::size_t i = 0; i < hits.size(); ++i) {
     ASSERT_TRUE(hits[i].hit);

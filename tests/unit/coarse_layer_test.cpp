@@ -10,6 +10,7 @@
 
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"
+#include "tests/support/queries.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/views.h"
 
@@ -42,7 +43,7 @@ struct Site {
                     kPixels};
     request.look.sun = {sun_direction(local_axes(to_cartesian({kLat, kLon, 0})), azimuth_deg, kElevation_deg), 1, 0, 0};
     request.products = kLit;
-    return renderer->map(request);
+    return test::render_map(*renderer, request);
   }
   test::TemporaryFolder folder;
   std::shared_ptr<dem::PyramidTerrain> terrain;

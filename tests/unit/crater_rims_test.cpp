@@ -10,6 +10,7 @@
 #include "dem/base/error.h"
 #include "dem/detail/detail.h"
 #include "dem/detail/features.h"
+#include "engine/cache/render_context.h"
 #include "engine/camera/view.h"
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"
@@ -74,7 +75,10 @@ class CratersInFrames : public testing::Test {
   }
 
   std::vector<dem::CraterFeature> around() const {
-    return renderer_->craters(detail_, {kLat - 0.09, kLat + 0.09, kLon - 0.09, kLon + 0.09}, 16, 0.03);
+    return renderer_->query(detail_, {}, [&](const RenderContext& context) {
+      const dem::CraterSurvey survey(context.terrain, context.cache.roughness(context.terrain, {}));
+      return survey.craters_in({kLat - 0.09, kLat + 0.09, kLon - 0.09, kLon + 0.09}, 16, 0.03, {});
+    });
   }
 
   test::TemporaryFolder folder_;

@@ -11,22 +11,8 @@ import unittest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
-# Folders with sources, top floor first: a file may include files of its own folder and of the folders below.
-FLOORS = [
-    "server", "server/commands", "server/campaign", "server/service", "server/http",
-    "api", "api/document", "api/endpoints", "api/answers", "api/requests", "api/requests/parts", "api/encode",
-    "api/schema", "api/assets", "api/json", "api/message",
-    "engine/verify", "engine",
-    "engine/frames", "engine/maps", "engine/lidar", "engine/limb", "engine/sky", "engine/hazard", "engine/rays",
-    "engine/cache", "engine/sensor", "engine/visibility/zbuffer", "engine/visibility/raytrace",
-    "engine/visibility/image", "engine/visibility/meshes", "engine/visibility/objects", "engine/visibility/points",
-    "engine/visibility/embree", "engine/indirect", "engine/scene", "engine/radiometry", "engine/camera",
-    "engine/frame", "engine/support",
-    "dem/detail", "dem/terrain", "dem/pyramid", "dem/posts", "dem/catalogue", "dem/value_maps", "dem/sample", "dem/gdal",
-    "dem/files", "dem/grid", "dem/base",
-]
-ROOMS = ["server", "api", "engine", "dem"]
 # Capabilities of the engine: each includes floors below all of them, and another capability only along an arrow here.
+# An arrow leads down this list.
 CAPABILITIES = {
     "engine/frames": {"engine/sky", "engine/rays"},
     "engine/maps": {"engine/hazard"},
@@ -36,6 +22,21 @@ CAPABILITIES = {
     "engine/hazard": set(),
     "engine/rays": set(),
 }
+# Folders with sources, top floor first: a file may include files of its own folder and of the folders below.
+FLOORS = [
+    "server", "server/commands", "server/campaign", "server/service", "server/http",
+    "api", "api/document", "api/endpoints", "api/answers", "api/requests", "api/requests/parts", "api/encode",
+    "api/schema", "api/assets", "api/json", "api/message",
+    "engine/verify", "engine",
+    *CAPABILITIES,
+    "engine/cache", "engine/sensor", "engine/visibility/zbuffer", "engine/visibility/raytrace",
+    "engine/visibility/image", "engine/visibility/meshes", "engine/visibility/objects", "engine/visibility/points",
+    "engine/visibility/embree", "engine/indirect", "engine/scene", "engine/radiometry", "engine/camera",
+    "engine/frame", "engine/support",
+    "dem/detail", "dem/terrain", "dem/pyramid", "dem/posts", "dem/catalogue", "dem/value_maps", "dem/sample", "dem/gdal",
+    "dem/files", "dem/grid", "dem/base",
+]
+ROOMS = ["server", "api", "engine", "dem"]
 # Programs of their own, which use the service as a client does.
 CLIENTS = "api/clients/"
 # File pairs (a header and its source count as one) that a folder may hold.

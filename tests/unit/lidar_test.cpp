@@ -1,5 +1,5 @@
 // Lidars in closed form: widths of echoes, the lidar equation, Poisson statistics, Doppler.
-#include "engine/frame/lidar.h"
+#include "engine/lidar/lidar.h"
 
 #include <gtest/gtest.h>
 
@@ -16,6 +16,7 @@
 #include "engine/lidar/echo.h"
 #include "engine/lidar/pattern.h"
 #include "tests/support/moon_without_relief.h"
+#include "tests/support/queries.h"
 #include "tests/support/views.h"
 
 namespace selenograph::engine {
@@ -353,7 +354,7 @@ LidarRequest looking_down(double height_m, double off_nadir_deg) {
 
 TEST_F(SmoothMoonLidar, SignalIsTheLidarEquation) {
   for (const double height_m : {1000.0, 2000.0, 4000.0}) {
-    const LidarReturns r = renderer().lidar(looking_down(height_m, 0));
+    const LidarReturns r = test::scan_lidar(renderer(), looking_down(height_m, 0));
     ASSERT_EQ(r.size(), 1U);
     EXPECT_NEAR(r.axis_range_m[0], height_m, 0.01);
     const double photons = 1e-5 * 1.064e-6 / (6.62607015e-34 * 299792458),
@@ -368,16 +369,16 @@ TEST_F(SmoothMoonLidar, SignalIsTheLidarEquation) {
 TEST_F(SmoothMoonLidar, OppositionIsInTheSignal) {
   LidarRequest request = looking_down(1000, 0);
   request.scenery.reflectance.model = ReflectanceModel::hapke;
-  const double with = static_cast<double>(renderer().lidar(request).true_intensity[0]);
+  const double with = static_cast<double>(test::scan_lidar(renderer(), request).true_intensity[0]);
   request.scenery.reflectance.hapke.b0 = 0;
-  EXPECT_GT(with, 1.5 * static_cast<double>(renderer().lidar(request).true_intensity[0]));
+  EXPECT_GT(with, 1.5 * static_cast<double>(test::scan_lidar(renderer(), request).true_intensity[0]));
 }
 
 TEST_F(SmoothMoonLidar, WidthAtASlantIsTheClosedForm) {
   for (const int sub_rays : {1, 7, 37}) {
     LidarRequest request = looking_down(2000, 40);
     request.instrument.sub_rays = sub_rays;
-    const LidarReturns r = renderer().lidar(request);
+    const LidarReturns r = test::scan_lidar(renderer(), request);
     const double range_m = r.axis_range_m[0], theta = 1e-3 / 4, pulse_m = pulse_deviation_m(4);
     // Seen from a sphere's surface the beam is as much steeper as the vertical turns on the way.
     const double incidence = 40 * kDegree + std::asin(range_m * std::sin(40 * kDegree) / kMoonRadius_m),
@@ -393,7 +394,7 @@ TEST_F(SmoothMoonLidar, DopplerOfVelocityAndRotation) {
   request.rates.velocity_m_s = Vec3(3, -20, 7), request.rates.angular_rate_deg_s = Vec3(10, 20, 30);
   request.instrument.offset_m = Vec3(0.5, -1, 2);
   request.pulses.push_back({2.0, request.pulses[0].direction});
-  const LidarReturns r = renderer().lidar(request);
+  const LidarReturns r = test::scan_lidar(renderer(), request);
   for (const std::size_t i : {0U, 1U}) {
     // The aperture's own way, by differences.
     const auto aperture = [&](double t) -> Vec3 {
@@ -411,7 +412,7 @@ TEST_F(SmoothMoonLidar, DopplerOfVelocityAndRotation) {
   }
   request.rates.angular_rate_deg_s = Vec3::Zero(), request.instrument.offset_m = Vec3::Zero();
   request.pulses = {{0, Vec3::UnitZ()}, {0.01, Vec3::UnitZ()}};
-  const LidarReturns down = renderer().lidar(request);
+  const LidarReturns down = test::scan_lidar(renderer(), request);
   EXPECT_NEAR(static_cast<double>(down.true_velocity_m_s[0]), (down.axis_range_m[0] - down.axis_range_m[1]) / 0.01,
               0.05);
 }
@@ -421,13 +422,13 @@ TEST_F(SmoothMoonLidar, BeamsDontDependOnEachOther) {
   request.instrument.sub_rays = 7;
   request.pulses.clear();
   request.pattern = {.scan = LidarScan::flash, .columns = 20, .rows = 15, .fov_x_deg = 10};
-  const LidarReturns all = renderer().lidar(request);
+  const LidarReturns all = test::scan_lidar(renderer(), request);
   ASSERT_EQ(all.size(), 300U);
   const std::vector<LidarPulse> none;
   for (const std::size_t i : {0U, 17U, 150U, 299U}) {
     LidarRequest one = request;
     one.pulses = {LidarBeams(none, request.pattern).at(i)};
-    const LidarReturns alone = renderer().lidar(one);
+    const LidarReturns alone = test::scan_lidar(renderer(), one);
     EXPECT_EQ(alone.true_range_m[0], all.true_range_m[i]) << i;
     EXPECT_EQ(alone.true_intensity[0], all.true_intensity[i]);
     EXPECT_EQ(alone.true_width_m[0], all.true_width_m[i]);
@@ -445,11 +446,11 @@ TEST_F(SmoothMoonLidar, ATrackThatDipsBelowTheTerrainIsRefused) {
     for (const double lowest_m : {-5000.0, -2.0, 2.0}) {
       request.poses = {at(0, 1500), at(1, lowest_m), at(2, 1500)};
       if (lowest_m > 0) {
-        EXPECT_NO_THROW(renderer().lidar(request)) << beams;
+        EXPECT_NO_THROW(test::scan_lidar(renderer(), request)) << beams;
         continue;
       }
       try {
-        renderer().lidar(request);
+        test::scan_lidar(renderer(), request);
         FAIL() << beams << " beams, down to " << lowest_m << " m";
       } catch (const ImpossibleRequest& e) {
         EXPECT_NE(std::string(e.what()).find("below the terrain"), std::string::npos) << e.what();
@@ -461,13 +462,13 @@ TEST_F(SmoothMoonLidar, ATrackThatDipsBelowTheTerrainIsRefused) {
 TEST_F(SmoothMoonLidar, AtTheMoonsCentreThereIsNoLidar) {
   LidarRequest request = looking_down(1500, 0);
   request.pose.position_m = Vec3::Zero();
-  EXPECT_THROW(renderer().lidar(request), ImpossibleRequest);
+  EXPECT_THROW(test::scan_lidar(renderer(), request), ImpossibleRequest);
 }
 
 TEST_F(SmoothMoonLidar, NothingComesBackFromTheSky) {
   LidarRequest request = looking_down(1500, 120);
   request.instrument.dark_count_hz = 0;
-  const LidarReturns r = renderer().lidar(request);
+  const LidarReturns r = test::scan_lidar(renderer(), request);
   EXPECT_TRUE(std::isnan(r.range_m[0]) && std::isnan(r.true_range_m[0]) && std::isnan(r.axis_range_m[0]));
   EXPECT_EQ(r.count[0], 0);
   EXPECT_TRUE(std::isnan(r.velocity_m_s[0]));

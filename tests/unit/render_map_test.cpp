@@ -7,6 +7,7 @@
 #include "engine/renderer.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/moon_without_relief.h"
+#include "tests/support/queries.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph::engine {
@@ -27,7 +28,7 @@ TEST_F(LevelMap, EachPixelIsTheGroundBelowIt) {
   MapRequest request;
   request.grid = about(10, 20, 1000, 40, 30);
   request.products = kHeight | kNormal | kSlope | kSource;
-  const Map map = renderer().map(request);
+  const Map map = test::render_map(renderer(), request);
   const dem::MapTransform map_of(request.grid.plane);
   ASSERT_EQ(map.products.height.size(), 1200U);
   for (int y = 0; y < 30; ++y)
@@ -56,11 +57,11 @@ TEST_F(LevelMap, RadianceAndItsViewer) {
   request.look.sun.direction = (up + axes.east).normalized();
   for (const double lean : {0.0, 1.0, 5.0}) {
     request.toward_viewer = (up + lean * axes.north).normalized();
-    for (const float radiance : renderer().map(request).products.radiance)
+    for (const float radiance : test::render_map(renderer(), request).products.radiance)
       EXPECT_NEAR(static_cast<double>(radiance), 1361 * std::sqrt(0.5) * 0.3 / std::numbers::pi, 1.2);
   }
   request.toward_viewer = -up;  // from behind the Moon
-  const Map hidden = renderer().map(request);
+  const Map hidden = test::render_map(renderer(), request);
   for (const float radiance : hidden.products.radiance) EXPECT_TRUE(std::isnan(radiance));
   EXPECT_EQ(hidden.report.hit_fraction, 1);
   EXPECT_FALSE(hidden.report.lit);
@@ -71,11 +72,11 @@ TEST_F(LevelMap, ProgressRisesToOneAndWorkStops) {
   request.grid = about(0, 0, 100, 1100, 600);
   request.products = kHeight;
   std::vector<double> shares;
-  renderer().map(request, {}, [&](double share) { shares.push_back(share); });
+  test::render_map(renderer(), request, {}, [&](double share) { shares.push_back(share); });
   EXPECT_EQ(shares.size(), 6U);
   EXPECT_TRUE(std::is_sorted(shares.begin(), shares.end()));
   EXPECT_EQ(shares.back(), 1);
-  EXPECT_THROW(renderer().map(request, StopToken(StopToken::Clock::now())), Cancelled);
+  EXPECT_THROW(test::render_map(renderer(), request, StopToken(StopToken::Clock::now())), Cancelled);
 }
 
 double wave_m(double lat_deg, double lon_deg) {
@@ -121,7 +122,7 @@ TEST(MapPatches, OutsideTheDataIsNone) {
                   30,
                   30};
   request.products = kRadiance | kLit | kHeight | kSource;
-  const Map map = renderer.map(request);
+  const Map map = test::render_map(renderer, request);
   for (int y = 0; y < 30; ++y)
     for (int x = 0; x < 30; ++x) {
       const auto at = static_cast<std::size_t>(30 * y + x);

@@ -14,6 +14,7 @@
 #include "engine/radiometry/photometry.h"
 #include "tests/support/float_tiles.h"
 #include "tests/support/moon_without_relief.h"
+#include "tests/support/queries.h"
 #include "tests/support/same_bytes.h"
 #include "tests/support/shared_data.h"
 #include "tests/support/views.h"
@@ -187,7 +188,7 @@ TEST_F(SmoothMoon, RaysMeetTheSphere) {
         {from, (-from.normalized() + 0.1 * Vec3(normal(random), normal(random), normal(random))).normalized()});
   }
   rays.push_back({to_cartesian({0, 0, 1000}), Vec3::UnitX()});  // into space
-  const auto hits = renderer().cast(rays, Sun{local_sun(-12, 77, 0, 30), 1, 0});
+  const auto hits = test::cast_rays(renderer(), rays, Sun{local_sun(-12, 77, 0, 30), 1, 0});
   for (std::size_t i = 0; i + 1 < rays.size(); ++i) {
     const double b = rays[i].origin_m.dot(rays[i].direction),
                  c = rays[i].origin_m.squaredNorm() - kMoonRadius_m * kMoonRadius_m;
@@ -207,7 +208,7 @@ TEST_F(SmoothMoon, RaysFromFarAwayMeetTheSphere) {
     const Vec3 from = to_cartesian({-12, 77, from_m});
     rays.push_back({from, (place - from).normalized()});
   }
-  const auto hits = renderer().cast(rays, Sun{local_sun(-12, 77, 0, 30), 1, 0});
+  const auto hits = test::cast_rays(renderer(), rays, Sun{local_sun(-12, 77, 0, 30), 1, 0});
   EXPECT_FALSE(hits[0].hit);
   for (std::size_t i = 1; i < rays.size(); ++i) {
     ASSERT_TRUE(hits[i].hit) << i;
@@ -228,7 +229,7 @@ Differences heights_and_rays(const Renderer& renderer, const std::vector<Geograp
     const Vec3 from = to_cartesian({place.lat_deg, place.lon_deg, 20000});
     rays.push_back({from, -from.normalized()});
   }
-  const auto hits = renderer.cast(rays, std::nullopt);
+  const auto hits = test::cast_rays(renderer, rays);
   Differences found;
   for (std::size_t i = 0; i < rays.size(); ++i) {
     const double height_m = renderer.terrain().height(places[i].lat_deg, places[i].lon_deg).height_m;
@@ -280,7 +281,7 @@ TEST_F(SmoothMoon, LandmarksAreWhereTheyProject) {
   const View view(r.camera, r.pose);
   std::vector<LandmarkQuery> queries{{12, 40, {}},         {12.2, 40.1, 0.0}, {12.2, 40.1, 500.0},
                                      {12.1, 39.9, -500.0}, {12, 60, {}},      {-12, -140, {}}};
-  const auto marks = renderer().project(r.camera, r.pose, {}, queries, Sun{local_sun(12, 40, 90, 30), 1, 0});
+  const auto marks = test::project_landmarks(renderer(), r, queries, Sun{local_sun(12, 40, 90, 30), 1, 0});
   EXPECT_NEAR(marks[0].x_px, 99.5, 1e-6);
   EXPECT_NEAR(marks[0].y_px, 99.5, 1e-6);
   EXPECT_NEAR(marks[0].range_m, 30000, 0.003);
@@ -423,7 +424,7 @@ TEST_F(Mountain, ALandmarkWithoutDataBelow) {
   const std::vector<LandmarkQuery> queries{{12.5, 30, 50000.0}, {11.5, 30, 50000.0}, {12.5, 30, {}}, {11.5, 30, -50.0}};
   for (const double angular_radius_deg : {0.0, 0.25}) {
     const auto marks =
-        renderer.project(r.camera, r.pose, {}, queries, Sun{local_sun(12, 30, 0, 80), 1, angular_radius_deg});
+        test::project_landmarks(renderer, r, queries, Sun{local_sun(12, 30, 0, 80), 1, angular_radius_deg});
     EXPECT_TRUE(marks[0].visible && marks[1].visible);
     EXPECT_EQ(marks[0].lit, 1) << "no data below it";
     EXPECT_EQ(marks[1].lit, 1);

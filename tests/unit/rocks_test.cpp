@@ -24,6 +24,7 @@
 #include "engine/visibility/objects/objects_in_frame.h"
 #include "engine/visibility/objects/rock_shapes.h"
 #include "tests/support/float_tiles.h"
+#include "tests/support/queries.h"
 #include "tests/support/shared_data.h"
 
 namespace selenograph {
@@ -616,10 +617,10 @@ TEST_F(RocksInFrames, RaysMeetTheSameOnesAloneAndTogether) {
       rays.push_back({from, (std::cos(down) * ahead - std::sin(down) * axes.up).normalized()});
     }
     const engine::Sun sun{(std::sin(0.2) * axes.up + std::cos(0.2) * axes.east).normalized(), 1, 0.27};
-    const std::vector<engine::RayHit> together = renderer_->cast(rays, sun, {}, {}, detail_);
+    const std::vector<engine::RayHit> together = test::cast_rays(*renderer_, rays, sun, {}, detail_);
     int on_rocks = 0, asked = 0, other = 0, other_light = 0;
     for (std::size_t i = 0; i < rays.size(); i += 7, ++asked) {
-      const engine::RayHit alone = renderer_->cast({&rays[i], 1}, sun, {}, {}, detail_).front();
+      const engine::RayHit alone = test::cast_rays(*renderer_, {&rays[i], 1}, sun, {}, detail_).front();
       on_rocks += alone.rock.has_value();
       other += alone.hit != together[i].hit || alone.rock != together[i].rock ||
                std::abs(alone.range_m - together[i].range_m) > 1e-6;
@@ -649,7 +650,7 @@ TEST_F(RocksInFrames, RaysAreFollowedNoFartherThanTheyGo) {
     const double below = down(random) * kRadiansPerDegree, azimuth = around(random) * kRadiansPerDegree;
     const Vec3 ahead = std::sin(azimuth) * axes.east + std::cos(azimuth) * axes.north;
     const engine::Ray ray{from, (std::cos(below) * ahead - std::sin(below) * axes.up).normalized()};
-    const engine::RayHit hit = renderer_->cast({&ray, 1}, {}, {}, {}, detail_).front();
+    const engine::RayHit hit = test::cast_rays(*renderer_, {&ray, 1}, {}, {}, detail_).front();
     if (!hit.hit || hit.range_m > 1500) continue;
     ++asked, near += hit.range_m<16, far += hit.range_m> 64;
     for (const double part : {0.0, share(random), 0.99}) {
@@ -679,7 +680,7 @@ engine::LidarRequest flash_over(const engine::FrameRequest& ground, int side, do
 TEST_F(RocksInFrames, ALidarMeasuresTheSameWithLessMemory) {
   const engine::Renderer small(terrain_, {1, std::size_t{16} << 20});
   const engine::LidarRequest request = flash_over(this->request(60, 64), 96, 30);
-  const engine::LidarReturns a = renderer_->lidar(request), b = small.lidar(request);
+  const engine::LidarReturns a = test::scan_lidar(*renderer_, request), b = test::scan_lidar(small, request);
   EXPECT_GT(std::count_if(a.rock.begin(), a.rock.end(), [](std::uint64_t rock) { return rock != 0; }), 20);
   for (const auto column :
        {&engine::LidarReturns::range_m, &engine::LidarReturns::true_range_m, &engine::LidarReturns::axis_range_m})
@@ -690,7 +691,7 @@ TEST_F(RocksInFrames, ALidarMeasuresTheSameWithLessMemory) {
 // A beam needs ground as fine as what it lights up: 256 beams of 4 m, 66 m apart, need a few blocks each.
 TEST_F(RocksInFrames, BeamsThatAreFarApartMakeTheGroundBelowThemAlone) {
   const std::uint64_t before = terrain_->statistics().misses;
-  const engine::LidarReturns scan = renderer_->lidar(flash_over(request(4000, 64), 16, 15));
+  const engine::LidarReturns scan = test::scan_lidar(*renderer_, flash_over(request(4000, 64), 16, 15));
   for (const double range_m : scan.true_range_m) EXPECT_NEAR(range_m, 4200, 300);
   EXPECT_LT(terrain_->statistics().misses - before, 256U * 24);
 }
@@ -699,13 +700,13 @@ TEST_F(RocksInFrames, BeamsThatAreFarApartMakeTheGroundBelowThemAlone) {
 TEST_F(RocksInFrames, GroundForABeamIsTheFinestWithinItsFootprint) {
   engine::LidarRequest request = flash_over(this->request(1000, 64), 8, 4);
   request.instrument.sub_rays = 61;
-  const engine::LidarReturns beams = renderer_->lidar(request);
+  const engine::LidarReturns beams = test::scan_lidar(*renderer_, request);
   std::vector<engine::Ray> rays;
   const auto at3 = [](const std::vector<double>& v, std::size_t i) {
     return Vec3(v[3 * i], v[3 * i + 1], v[3 * i + 2]);
   };
   for (std::size_t i = 0; i < beams.size(); ++i) rays.push_back({at3(beams.origin_m, i), at3(beams.direction, i)});
-  const std::vector<engine::RayHit> finest = renderer_->cast(rays, {}, {}, {}, detail_);
+  const std::vector<engine::RayHit> finest = test::cast_rays(*renderer_, rays, {}, {}, detail_);
   double square = 0;
   for (std::size_t i = 0; i < beams.size(); ++i) square += std::pow(beams.axis_range_m[i] - finest[i].range_m, 2);
   const double rms_m = std::sqrt(square / static_cast<double>(beams.size()));
@@ -725,12 +726,12 @@ TEST_F(RocksInFrames, InsideARockThereIsNoCameraAndNoLidar) {
       engine::LidarRequest scan = flash_over(frame, 2, 1);
       if (height > 1) {
         EXPECT_NO_THROW(renderer_->render(frame));
-        EXPECT_NO_THROW(renderer_->lidar(scan));
+        EXPECT_NO_THROW(test::scan_lidar(*renderer_, scan));
         continue;
       }
       EXPECT_THROW(renderer_->render(frame), ImpossibleRequest) << rock.rock.diameter_m;
-      EXPECT_THROW(renderer_->lidar(scan), ImpossibleRequest);
-      EXPECT_THROW(renderer_->project(frame.camera, frame.pose, {}, {}, {}, {}, {}, detail_), ImpossibleRequest);
+      EXPECT_THROW(test::scan_lidar(*renderer_, scan), ImpossibleRequest);
+      EXPECT_THROW(test::project_landmarks(*renderer_, frame, {}), ImpossibleRequest);
     }
   }
 }

@@ -13,6 +13,7 @@
 #include "engine/sky/ephemeris.h"
 #include "engine/sky/star_catalogue.h"
 #include "tests/support/moon_without_relief.h"
+#include "tests/support/queries.h"
 #include "tests/support/views.h"
 
 namespace selenograph::engine {
@@ -116,7 +117,7 @@ TEST_F(SkyOfAMoonWithoutRelief, StarsAreWhereTheListSaysThroughALens) {
   const View view(request.camera, request.pose);
   int compared = 0;
   const std::vector<float> radiance = renderer().render(request).products.radiance;
-  for (const SkyObject& o : renderer().sky(request)) {
+  for (const SkyObject& o : test::query_sky(renderer(), request)) {
     if (!well_inside(o, request.camera, 5)) continue;
     ++compared;
     const Blob b = blob(radiance, request.camera.width, o.x_px, o.y_px, 3);
@@ -151,7 +152,7 @@ TEST_F(SkyOfAMoonWithoutRelief, SensorsCountStarsAtTheirPlaces) {
     const double focal_m = request.camera.fx * d.pixel_pitch_um * 1e-6,
                  aperture_m = focal_m / request.sensor->optics.f_number;
     int compared = 0;
-    for (const SkyObject& o : renderer().sky(request)) {
+    for (const SkyObject& o : test::query_sky(renderer(), request)) {
       if (!well_inside(o, request.camera, 24)) continue;
       ++compared;
       const Blob b = blob(image, request.camera.width, o.x_px, o.y_px, airy ? 23 : 12);
@@ -181,7 +182,7 @@ TEST_F(SkyOfAMoonWithoutRelief, MotionSmearsStarsAndKeepsTheirLight) {
   const auto still = renderer().render(request).products.image;
   request.sensor->motion.angular_rate_deg_s = {0, 0.05, 0};  // a degree: 6.3 pixels
   const Frame moving = renderer().render(request);
-  const SkyObject star = renderer().sky(request).at(0);
+  const SkyObject star = test::query_sky(renderer(), request).at(0);
   const Blob before = blob(still, 128, star.x_px, star.y_px, 12),
              after = blob(moving.products.image, 128, star.x_px, star.y_px, 12);
   EXPECT_GT(moving.report.motion_samples, 5);
@@ -200,7 +201,7 @@ TEST_F(SkyOfAMoonWithoutRelief, TheMoonHidesWhatIsBehindItsLimb) {
   request.pose = test::looking(place, std::cos(limb) * down + std::sin(limb) * across, Vec3::UnitZ());
   request.camera = test::square_camera(256, 1);
   request.sky->stars = grid_of_stars(View(request.camera, request.pose).middle(), 0.02, 20);
-  const auto sky = renderer().sky(request);
+  const auto sky = test::query_sky(renderer(), request);
   const std::vector<float> radiance = renderer().render(request).products.radiance;
   int hidden = 0, seen = 0;
   for (const SkyObject& o : sky) {
@@ -216,12 +217,12 @@ TEST_F(SkyOfAMoonWithoutRelief, TheMoonHidesWhatIsBehindItsLimb) {
 // Its radius along a line of sight is between the polar and the equatorial one. Seen or not, it hides.
 TEST_F(SkyOfAMoonWithoutRelief, TheEarthHidesWhatIsBehindIt) {
   FrameRequest request = looking_beside(SkyKind::earth, kUtc, test::square_camera(256, 3), 0.1);
-  const SkyObject earth = renderer().sky(request).at(0);
+  const SkyObject earth = test::query_sky(renderer(), request).at(0);
   EXPECT_EQ(earth.hidden_by, HiddenBy::none);
   request.sky->stars = grid_of_stars(earth.direction, 0.1, 12), request.sky->earth = false;
   const std::vector<float> radiance = renderer().render(request).products.radiance;
   int hidden = 0, seen = 0;
-  for (const SkyObject& o : renderer().sky(request)) {
+  for (const SkyObject& o : test::query_sky(renderer(), request)) {
     if (!well_inside(o, request.camera, 2)) continue;
     const double beside_m = std::sin(std::acos(o.direction.dot(earth.direction))) * *earth.distance_m;
     if (beside_m > 6.355e6 && beside_m < 6.38e6) continue;
@@ -242,7 +243,8 @@ TEST_F(SkyOfAMoonWithoutRelief, TheNearerOfMoonAndEarthHides) {
     const Vec3 ahead = toward_earth_m < 0 ? earth.direction : Vec3(-earth.direction);
     request.pose = test::looking(toward_earth_m * earth.direction, ahead, Vec3::UnitZ());
     request.sky->stars = grid_of_stars(ahead, 1, 0);
-    EXPECT_EQ(renderer().sky(request).at(0).hidden_by, toward_earth_m < 0 ? HiddenBy::moon : HiddenBy::earth);
+    EXPECT_EQ(test::query_sky(renderer(), request).at(0).hidden_by,
+              toward_earth_m < 0 ? HiddenBy::moon : HiddenBy::earth);
   }
 }
 
@@ -256,7 +258,7 @@ TEST_F(SkyOfAMoonWithoutRelief, TheEarthCoversItsPartOfTheSun) {
       request.sun.limb_darkening = 0;
       const double seen = irradiance(request);
       request.sky->earth = true;
-      const auto sky = renderer().sky(request);
+      const auto sky = test::query_sky(renderer(), request);
       const double sun = sun_radius_deg(*sky.at(0).distance_m / kAstronomicalUnit_m) * kRadiansPerDegree,
                    earth = std::asin(6.372e6 / *sky.at(1).distance_m),
                    apart = std::acos(sky.at(0).direction.dot(sky.at(1).direction));
@@ -288,9 +290,9 @@ TEST_F(SkyOfAMoonWithoutRelief, ACoveredSunScattersNothingIntoTheImage) {
 TEST_F(SkyOfAMoonWithoutRelief, TooManyStarsAreRefused) {
   FrameRequest request = looking_up();
   request.sky->magnitude_limit = 1.9;
-  EXPECT_TRUE(renderer().sky(request).empty());
+  EXPECT_TRUE(test::query_sky(renderer(), request).empty());
   request.sky->magnitude_limit = 2;
-  EXPECT_EQ(renderer().sky(request).size(), 25u);
+  EXPECT_EQ(test::query_sky(renderer(), request).size(), 25u);
 }
 
 // The Sun beside the Moon: irradiance and centroid; half behind the limb: half of the light.
@@ -304,7 +306,7 @@ TEST_F(SkyOfAMoonWithoutRelief, TheSunIsItsDisc) {
   request.pose = test::looking(place, sun.direction, Vec3::UnitZ());
   const double flux = solar_irradiance_w_m2(*request.band) / (sun.distance_au * sun.distance_au);
   const double f = request.camera.fx, pixel_sr = 1 / (f * f);
-  const SkyObject listed = renderer().sky(request).at(0);
+  const SkyObject listed = test::query_sky(renderer(), request).at(0);
   const Blob b = blob(renderer().render(request).products.radiance, 128, listed.x_px, listed.y_px, 30);
   EXPECT_NEAR(b.sum * pixel_sr / flux, 1, 2e-3);
   EXPECT_NEAR(b.x_px, listed.x_px, 0.01);
@@ -327,7 +329,7 @@ TEST_F(SkyOfAMoonWithoutRelief, TheEarthHasItsPhaseAndIrradiance) {
     const Earth earth = earth_at(utc);
     const Vec3 place = 5e6 * earth.direction, sun = sun_at(utc).direction;
     request.pose = test::looking(place, earth.direction, Vec3::UnitZ());
-    const SkyObject listed = renderer().sky(request).at(0);
+    const SkyObject listed = test::query_sky(renderer(), request).at(0);
     const Blob b = blob(renderer().render(request).products.radiance, 256, listed.x_px, listed.y_px, 100);
     const double f = request.camera.fx;
     EXPECT_NEAR(b.sum / (f * f) / listed.irradiance_w_m2, 1, tolerance) << utc;
@@ -351,7 +353,7 @@ TEST_F(SkyOfAMoonWithoutRelief, AThinCrescentKeepsItsLight) {
       for (int i = 0; i < 6; ++i) {
         const FrameRequest request =
             looking_beside(SkyKind::earth, utc, test::square_camera(128, fov_deg), 0.011 * i * fov_deg, 0.004 * i);
-        EXPECT_NEAR(irradiance(request) / renderer().sky(request).at(0).irradiance_w_m2, 1, tolerance)
+        EXPECT_NEAR(irradiance(request) / test::query_sky(renderer(), request).at(0).irradiance_w_m2, 1, tolerance)
             << utc << ", " << fov_deg << " degrees, pointing " << i;
       }
 }
@@ -366,7 +368,7 @@ TEST_F(SkyOfAMoonWithoutRelief, WideLensesImageWholeDiscs) {
          {std::pair{pinhole, 0.0}, {pinhole, 73.0}, {fisheye, 90.0}, {fisheye, 160.0}}) {
       FrameRequest request = looking_beside(kind, "2026-11-10T00:00:00Z", camera, off_deg);
       request.terrain = false;  // the fisheye would see the Moon, too
-      EXPECT_NEAR(irradiance(request) / renderer().sky(request).at(0).irradiance_w_m2, 1, 0.002)
+      EXPECT_NEAR(irradiance(request) / test::query_sky(renderer(), request).at(0).irradiance_w_m2, 1, 0.002)
           << static_cast<int>(kind) << ", " << off_deg << " degrees off";
     }
 }
@@ -398,7 +400,7 @@ TEST_F(SkyOfAMoonWithoutRelief, ASlowScanShowsTheWholeDisc) {
     double sum = 0;
     for (const float value : radiance) sum += static_cast<double>(value);
     const double pixel_sr = std::pow(kPixel_deg * kRadiansPerDegree, 2) * std::abs(step_px);
-    EXPECT_NEAR(sum * pixel_sr / renderer().sky(request).at(0).irradiance_w_m2, 1, 0.005) << step_px;
+    EXPECT_NEAR(sum * pixel_sr / test::query_sky(renderer(), request).at(0).irradiance_w_m2, 1, 0.005) << step_px;
   }
 }
 
@@ -412,7 +414,7 @@ TEST_F(SkyOfAMoonWithoutRelief, ASlowScanShowsAStarAsOften) {
     const Eigen::AngleAxisd turn(-px * kPixel_deg * kRadiansPerDegree, Vec3::UnitX());
     return Eigen::Quaterniond(turn) * middle;
   };
-  const double off_px = renderer().sky(request).at(0).y_px - request.camera.cy;  // by aberration
+  const double off_px = test::query_sky(renderer(), request).at(0).y_px - request.camera.cy;  // by aberration
   const auto times_shown = [&] {
     const std::vector<float> radiance = renderer().render(request).products.radiance;
     double sum = 0;

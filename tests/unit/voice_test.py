@@ -28,7 +28,8 @@ WORDS_OF_THE_FIELD = {
     # A search around a position, as in databases.
     "engine/sky/star_catalogue.h": {"within"},
     # Members that api/ and many tests use.
-    "engine/frame/limb.h": {"known"}, "engine/frame/map.h": {"look"}, "engine/frame/queries.h": {"place"},
+    "engine/limb/limb_in_view.h": {"known"},
+    "engine/frame/map.h": {"look"}, "engine/rays/ray_queries.h": {"place"},
     "engine/verify/difference_statistics.h": {"all"}, "engine/verify/round_trip.h": {"place"},
 }
 

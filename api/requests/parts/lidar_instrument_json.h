@@ -2,7 +2,7 @@
 #pragma once
 
 #include "api/schema/member_kinds.h"
-#include "engine/frame/lidar.h"
+#include "engine/lidar/lidar.h"
 
 namespace selenograph::api {
 

@@ -10,7 +10,6 @@
 #include "dem/base/stop_token.h"
 #include "dem/detail/rocks_on_ground.h"
 #include "dem/terrain/terrain.h"
-#include "engine/frame/queries.h"
 #include "engine/scene/ray_selection.h"
 #include "engine/scene/selection.h"
 

@@ -1,4 +1,4 @@
-#include "engine/indirect/light_at_places.h"
+#include "engine/rays/light_at_places.h"
 
 #include <algorithm>
 #include <cstdint>
@@ -6,6 +6,7 @@
 
 #include "dem/grid/lattice.h"
 #include "dem/terrain/surface_place.h"
+#include "engine/cache/render_context.h"
 #include "engine/radiometry/radiometry.h"
 
 namespace selenograph::engine {
@@ -26,17 +27,17 @@ struct PlaceInField {
 }  // namespace
 
 std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const FrameRequest& request,
-                                        const dem::Terrain& terrain, LightTiles& tiles, const StopToken& stop) {
+                                        const RenderContext& context) {
   const double direct_w_m2 = radiance_terms(request).direct_w_m2;
   const LightSources sources = light_sources(request, direct_w_m2);
   std::vector<Irradiance> out(places.size());
   std::map<LightField, std::vector<PlaceInField>> fields;
   for (std::size_t i = 0; i < places.size(); ++i) {
     out[i].direct_w_m2 = direct_w_m2 * places[i].incident;
-    fields[field_at(places[i].position_m, terrain)].push_back({i, {}});
+    fields[field_at(places[i].position_m, context.terrain)].push_back({i, {}});
   }
   for (auto& [field, places_in_field] : fields) {
-    stop.check();
+    context.stop.check();
     const FieldPlane plane(field);
     // Per tile, bit r: row r of its posts is needed. A place lies between rows post.row and post.row + 1.
     std::map<int, std::uint16_t> rows;
@@ -47,7 +48,8 @@ std::vector<Irradiance> light_at_places(std::span<const LitPlace> places, const 
     std::vector<TileRows> tile_rows;
     tile_rows.reserve(rows.size());
     for (const auto& [tile, rows_of_tile] : rows) tile_rows.push_back({tile, rows_of_tile});
-    const auto light_tiles = tiles.get(field, plane, tile_rows, {terrain, request}, stop);
+    const auto light_tiles =
+        context.cache.light_tiles().get(field, plane, tile_rows, {context.terrain, request}, context.stop);
     for (const PlaceInField& p : places_in_field) {
       const auto tile_index =
           std::lower_bound(tile_rows.begin(), tile_rows.end(), p.post.tile,
