@@ -8,7 +8,7 @@
 #include <variant>
 
 #include "api/answers/metadata_members.h"
-#include "api/encode/encode.h"
+#include "api/encode/columns.h"
 #include "api/message/json_text.h"
 #include "api/requests/features_json.h"
 #include "engine/lidar/detection.h"
@@ -68,12 +68,6 @@ constexpr LidarColumn kLidarColumns[] = {
      "truth, with `craters`: id of the smallest crater in whose rim the strongest return lies, in hexadecimal that of "
      "POST /v1/features; 0: none"},
 };
-
-ElementType element_type(const std::vector<double>&) { return ElementType::float64; }
-ElementType element_type(const std::vector<float>&) { return ElementType::float32; }
-ElementType element_type(const std::vector<std::uint8_t>&) { return ElementType::uint8; }
-ElementType element_type(const std::vector<std::uint16_t>&) { return ElementType::uint16; }
-ElementType element_type(const std::vector<std::uint64_t>&) { return ElementType::uint64; }
 
 template <typename T>
 OrderedJson element_json(const LidarColumn& column, T value) {
@@ -172,7 +166,8 @@ std::string lidar_npz(const LidarReturns& returns, const LidarQuery& query, cons
         [&](auto elements) {
           const auto& values = returns.*elements;
           if (values.empty()) return;
-          const auto type = c.kind == Meaning::flag ? ElementType::boolean : element_type(values);
+          using Element = typename std::decay_t<decltype(values)>::value_type;
+          const auto type = c.kind == Meaning::flag ? ElementType::boolean : element_type_of<Element>();
           std::vector<std::size_t> shape{returns.size()};
           if (c.components > 1) shape.push_back(c.components);
           arrays.push_back({c.name,

@@ -3,11 +3,11 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <memory>
-#include <type_traits>
+#include <ranges>
 #include <utility>
+#include <vector>
 
-#include "api/encode/encode.h"
+#include "api/encode/columns.h"
 #include "api/json/ranges.h"
 #include "api/requests/features_json.h"
 
@@ -90,45 +90,18 @@ OrderedJson rays_json(std::span<const engine::RayHit> hits, std::span<const Ligh
 
 namespace {
 
-// Arrays of an answer, all with the shape of the request's arrays.
-class PointArrays {
- public:
-  PointArrays(const std::vector<std::size_t>& shape, std::size_t count)
-      : shape_(shape.empty() ? std::vector<std::size_t>{count} : shape), count_(count) {}
-
-  // Adds an array of value(i), a number or a vector, which adds a last dimension of 3.
-  template <typename T, typename Value>
-  void add(const char* name, ElementType type, Value value) {
-    auto values = std::make_shared<std::vector<T>>();
-    std::vector<std::size_t> shape = shape_;
-    constexpr bool kVector = std::is_same_v<std::invoke_result_t<Value, std::size_t>, Vec3>;
-    if constexpr (kVector) shape.push_back(3);
-    values->reserve(count_ * (kVector ? 3 : 1));
-    for (std::size_t i = 0; i < count_; ++i) {
-      const auto element = value(i);
-      if constexpr (kVector)
-        values->insert(values->end(), element.begin(), element.end());
-      else
-        values->push_back(static_cast<T>(element));
-    }
-    arrays_.push_back({name, type, static_cast<int>(values->size()), 1, 1, values->data(), {}, std::move(shape)});
-    storage_.push_back(std::move(values));
-  }
-  std::string npz(const StopToken& stop) const { return encode_npz(arrays_, "{}", stop); }
-
- private:
-  const std::vector<std::size_t> shape_;
-  const std::size_t count_;
-  std::vector<ArrayView> arrays_;
-  std::vector<std::shared_ptr<const void>> storage_;  // elements to which arrays_ points
-};
+// Returns the shape of the request's arrays; without arrays that of a list.
+template <typename Query>
+std::vector<std::size_t> shape_of(const Query& query, std::size_t count) {
+  return query.shape.empty() ? std::vector<std::size_t>{count} : query.shape;
+}
 
 constexpr double kMissing = std::numeric_limits<double>::quiet_NaN();
 
-void add_irradiances(PointArrays& arrays, std::span<const LightOfPoint> light) {
-  arrays.add<double>("irradiance", ElementType::float64, [&](std::size_t i) -> Vec3 {
-    if (!light[i]) return Vec3::Constant(kMissing);
-    return {light[i]->direct_w_m2, light[i]->terrain_w_m2, light[i]->earth_w_m2};
+void add_irradiances(ColumnArrays& arrays, std::span<const LightOfPoint> light) {
+  arrays.add("irradiance", light, [](const LightOfPoint& at) -> Vec3 {
+    if (!at) return Vec3::Constant(kMissing);
+    return {at->direct_w_m2, at->terrain_w_m2, at->earth_w_m2};
   });
 }
 
@@ -136,24 +109,21 @@ void add_irradiances(PointArrays& arrays, std::span<const LightOfPoint> light) {
 
 std::string rays_npz(std::span<const engine::RayHit> hits, std::span<const LightOfPoint> light, const RaysQuery& query,
                      const StopToken& stop) {
-  PointArrays arrays(query.shape, hits.size());
-  const auto vector = [&](Vec3 engine::RayHit::*member) {
-    return [&hits, member](std::size_t i) -> Vec3 { return hits[i].hit ? hits[i].*member : Vec3::Constant(kMissing); };
+  using engine::RayHit;
+  ColumnArrays arrays(shape_of(query, hits.size()), ElementType::boolean, stop);
+  const auto vector = [&](const char* name, Vec3 RayHit::*member) {
+    arrays.add(name, hits, [&](const RayHit& h) -> Vec3 { return h.hit ? h.*member : Vec3::Constant(kMissing); });
   };
-  arrays.add<std::uint8_t>("hit", ElementType::boolean, [&](std::size_t i) { return hits[i].hit; });
-  arrays.add<double>("range_m", ElementType::float64,
-                     [&](std::size_t i) { return hits[i].hit ? hits[i].range_m : kMissing; });
-  arrays.add<double>("position_m", ElementType::float64, vector(&engine::RayHit::position_m));
-  arrays.add<double>("normal", ElementType::float64, vector(&engine::RayHit::normal));
-  arrays.add<std::uint64_t>("rock", ElementType::uint64, [&](std::size_t i) { return hits[i].rock.value_or(0); });
+  arrays.add("hit", hits, &RayHit::hit);
+  arrays.add("range_m", hits, [](const RayHit& h) { return h.hit ? h.range_m : kMissing; });
+  vector("position_m", &RayHit::position_m);
+  vector("normal", &RayHit::normal);
+  arrays.add("rock", hits, [](const RayHit& h) { return h.rock.value_or(0); });
   if (!query.objects.empty())
-    arrays.add<std::uint16_t>("object", ElementType::uint16,
-                              [&](std::size_t i) { return hits[i].object.value_or(std::uint16_t{65535}); });
-  if (query.sun_given)
-    arrays.add<double>("lit", ElementType::float64,
-                       [&](std::size_t i) { return hits[i].hit ? hits[i].lit : kMissing; });
+    arrays.add("object", hits, [](const RayHit& h) { return h.object.value_or(std::uint16_t{65535}); });
+  if (query.sun_given) arrays.add("lit", hits, [](const RayHit& h) { return h.hit ? h.lit : kMissing; });
   if (query.request.indirect.any()) add_irradiances(arrays, light);
-  return arrays.npz(stop);
+  return arrays.npz("{}");
 }
 
 const Answer<LandmarkSource>& landmark_answer() {
@@ -201,26 +171,20 @@ OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, std::spa
 std::string landmarks_npz(std::span<const engine::Landmark> landmarks, std::span<const LightOfPoint> light,
                           const ProjectQuery& query, const dem::Catalogue& catalogue, const StopToken& stop) {
   using engine::Landmark;
-  PointArrays arrays(query.shape, landmarks.size());
-  const auto number = [&](const char* name, double Landmark::*member) {
-    arrays.add<double>(name, ElementType::float64, [&](std::size_t i) { return landmarks[i].*member; });
-  };
-  const auto flag = [&](const char* name, bool Landmark::*member) {
-    arrays.add<std::uint8_t>(name, ElementType::boolean, [&](std::size_t i) { return landmarks[i].*member; });
-  };
-  number("x_px", &Landmark::x_px);
-  number("y_px", &Landmark::y_px);
-  number("range_m", &Landmark::range_m);
-  number("height_m", &Landmark::height_m);
-  flag("in_frame", &Landmark::in_frame);
-  flag("visible", &Landmark::visible);
-  if (query.shutter) number("time_s", &Landmark::time_s);
-  if (query.sun_given) number("lit", &Landmark::lit);
+  ColumnArrays arrays(shape_of(query, landmarks.size()), ElementType::boolean, stop);
+  arrays.add("x_px", landmarks, &Landmark::x_px);
+  arrays.add("y_px", landmarks, &Landmark::y_px);
+  arrays.add("range_m", landmarks, &Landmark::range_m);
+  arrays.add("height_m", landmarks, &Landmark::height_m);
+  arrays.add("in_frame", landmarks, &Landmark::in_frame);
+  arrays.add("visible", landmarks, &Landmark::visible);
+  if (query.shutter) arrays.add("time_s", landmarks, &Landmark::time_s);
+  if (query.sun_given) arrays.add("lit", landmarks, &Landmark::lit);
   if (query.request.indirect.any()) add_irradiances(arrays, light);
-  arrays.add<std::uint8_t>("reason", ElementType::uint8, [&](std::size_t i) {
+  arrays.add("reason", std::views::iota(std::size_t{0}, landmarks.size()), [&](std::size_t i) {
     return static_cast<std::uint8_t>(reason_of({landmarks[i], light[i], query.points[i], query, catalogue}));
   });
-  return arrays.npz(stop);
+  return arrays.npz("{}");
 }
 
 bool HeightSource::has_height() const { return std::isfinite(height.height_m) && height.source >= 0; }

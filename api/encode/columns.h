@@ -4,8 +4,10 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <memory>
 #include <string>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "api/encode/encode.h"
@@ -13,49 +15,63 @@
 
 namespace selenograph::api {
 
-// Arrays of an .npz, one per column, with a row for each point. Owns the elements to which the views point.
+// Returns the type of a number's elements.
+template <typename T>
+constexpr ElementType element_type_of() {
+  if constexpr (std::is_same_v<T, std::uint8_t>) return ElementType::uint8;
+  if constexpr (std::is_same_v<T, std::uint16_t>) return ElementType::uint16;
+  if constexpr (std::is_same_v<T, std::uint64_t>) return ElementType::uint64;
+  if constexpr (std::is_same_v<T, float>) return ElementType::float32;
+  if constexpr (std::is_same_v<T, double>) return ElementType::float64;
+}
+
+// Arrays of an .npz, one per column. Owns the elements to which the views point.
 class ColumnArrays {
  public:
-  explicit ColumnArrays(const StopToken& stop) : stop_(stop) {}
+  // `shape`: of the arrays, with an element for each point; empty: n x 1. `flags`: type of flags, `boolean` or `uint8`.
+  ColumnArrays(std::vector<std::size_t> shape, ElementType flags, const StopToken& stop)
+      : shape_(std::move(shape)), flags_(flags), stop_(stop) {}
 
-  // Adds an array of value(point): a double (float64, n x 1), a Vec3 (float64, n x 3), or a flag or small number
-  // (uint8, n x 1).
-  template <typename Point, typename Value>
-  void add(const std::string& name, const std::vector<Point>& points, const Value& value) {
-    using Result = std::decay_t<std::invoke_result_t<const Value&, const Point&>>;
+  // Adds an array of value(point): a flag, an integer, a double or a Vec3, which adds a last dimension of 3 (n x 3
+  // without a shape).
+  template <typename Points, typename Value>
+  void add(const std::string& name, const Points& points, const Value& value) {
+    using Result = std::decay_t<decltype(std::invoke(value, *points.begin()))>;
+    constexpr bool kIsVector = std::is_same_v<Result, Vec3>;
+    using Element =
+        std::conditional_t<kIsVector, double, std::conditional_t<std::is_same_v<Result, bool>, std::uint8_t, Result>>;
     stop_.check();
-    if constexpr (std::is_integral_v<Result>) {
-      std::vector<std::uint8_t>& column = bytes_.emplace_back();
-      for (const Point& p : points) column.push_back(static_cast<std::uint8_t>(std::invoke(value, p)));
-      add_view(name, ElementType::uint8, points.size(), 1, column.data());
-    } else {
-      std::vector<double>& column = numbers_.emplace_back();
-      constexpr int kWidth = std::is_same_v<Result, Vec3> ? 3 : 1;
-      for (const Point& p : points) {
-        if constexpr (kWidth == 3) {
-          const Vec3 v = std::invoke(value, p);
-          column.insert(column.end(), v.begin(), v.end());
-        } else {
-          column.push_back(std::invoke(value, p));
-        }
-      }
-      add_view(name, ElementType::float64, points.size(), kWidth, column.data());
+    auto column = std::make_shared<std::vector<Element>>();
+    column->reserve(points.size() * (kIsVector ? 3 : 1));
+    for (const auto& point : points) {
+      const Result result = std::invoke(value, point);
+      if constexpr (kIsVector)
+        column->insert(column->end(), result.begin(), result.end());
+      else
+        column->push_back(result);
     }
+    std::vector<std::size_t> shape = shape_;
+    if (kIsVector && !shape.empty()) shape.push_back(3);
+    arrays_.push_back({names_.emplace_back(name),
+                       std::is_same_v<Result, bool> ? flags_ : element_type_of<Element>(),
+                       static_cast<int>(points.size()),
+                       kIsVector ? 3 : 1,
+                       1,
+                       column->data(),
+                       {},
+                       std::move(shape)});
+    columns_.push_back(std::move(column));
   }
 
   // Returns the archive. Throws Cancelled.
   std::string npz(const std::string& meta_json) const { return encode_npz(arrays_, meta_json, stop_); }
 
  private:
-  void add_view(const std::string& name, ElementType type, std::size_t rows, int width, const void* data) {
-    arrays_.push_back({names_.emplace_back(name), type, static_cast<int>(rows), width, 1, data, {}});
-  }
-
+  const std::vector<std::size_t> shape_;
+  const ElementType flags_;
   const StopToken& stop_;
-  // Deques, whose elements never move: views point to them.
-  std::deque<std::string> names_;
-  std::deque<std::vector<double>> numbers_;
-  std::deque<std::vector<std::uint8_t>> bytes_;
+  std::deque<std::string> names_;  // a deque, whose elements never move: views point to them
+  std::vector<std::shared_ptr<const void>> columns_;
   std::vector<ArrayView> arrays_;
 };
 

@@ -157,7 +157,7 @@ void add_columns(ColumnArrays& arrays, const std::string& prefix, const std::vec
 }  // namespace
 
 std::string limb_npz(const LimbPoints& limb, const StopToken& stop) {
-  ColumnArrays arrays(stop);
+  ColumnArrays arrays({}, ElementType::uint8, stop);
   add_columns(arrays, "", limb.points, kLimbColumns);
   arrays.add("in_frame", limb.points, &LimbPoint::in_frame);
   if (!limb.terminator.empty()) {

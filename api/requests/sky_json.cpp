@@ -160,7 +160,7 @@ OrderedJson sky_json(const std::vector<SkyObject>& sky, const SkyQuery& query) {
 }
 
 std::string sky_npz(const std::vector<SkyObject>& sky, const SkyQuery& query, const StopToken& stop) {
-  ColumnArrays arrays(stop);
+  ColumnArrays arrays({}, ElementType::uint8, stop);
   arrays.add("x_px", sky, &SkyObject::x_px);
   arrays.add("y_px", sky, &SkyObject::y_px);
   arrays.add("direction_icrf", sky, &SkyObject::direction_icrf);
