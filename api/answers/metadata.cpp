@@ -109,6 +109,7 @@ std::string content_hash(const FrameQuery& query, const std::vector<double>& sha
   if (query.request.sky && query.request.sky->earth_map.content)
     hashed["earth_map"] = hex(query.request.sky->earth_map.content->fingerprint());
   if (query.request.detail) hashed["detail"] = detail_metadata(query.detail, *query.request.detail);
+  // Add what follows from epochs and memory, which the resolved request does not hold.
   if (shadows_were_relaxed(query.request.accuracy, shadow_limits_px)) hashed["shadow_limits_px"] = shadow_limits_px;
   if (const double share = sun_covered(query); share > 0) hashed[kSunCovered] = share;
   if (sky_turned_deg(query.request, query.icrf_lag_s) > 0) hashed["icrf_lag_s"] = query.icrf_lag_s;
@@ -140,6 +141,7 @@ void warn_of_relaxed_targets(const engine::Accuracy& requested, const engine::Fr
     warnings.push_back(
         fmt::format("max_detail_error_px was relaxed (detail_limit_px): it would take more than {:g} triangles a pixel",
                     engine::Accuracy::kDetailTrianglesPerPixel));
+  // Add what follows from epochs and memory, which the resolved request does not hold.
   if (shadows_were_relaxed(requested, report.shadow_limits_px))
     warnings.push_back(
         has_detail ? fmt::format("max_shadow_error_px was relaxed (shadow_limit_px): it would take more than {:g} "

@@ -19,9 +19,9 @@ namespace selenograph::api {
 // Returns 32 hexadecimal digits that identify a response's bytes. The hash covers the resolved request, the terrain
 // (Catalogue::fingerprint), the versions of the assets in the request, the software version and the representation. It
 // also covers `shadow_limits_px`, where the target for shadows was relaxed to fit into memory; the share of the Sun
-// that the Earth covers, where it covers some (sun_covered); and the time by which the sky's epoch lags behind that of
-// the Sun, where that turns the stars visibly (sky_turned_deg). All of it is known before drawing: If-None-Match costs
-// no frame.
+// that the Earth covers, where it covers some (sun_covered); and the time from the sky's epoch to that of the poses in
+// ICRF, where that turns the stars visibly (sky_turned_deg). All of it is known before drawing: If-None-Match costs no
+// frame. shadow_limits_px: those of the frame and of each further exposure sample (FrameReport).
 std::string content_hash(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
                          std::uint64_t terrain_fingerprint, const Representation& representation);
 

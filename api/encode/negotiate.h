@@ -37,8 +37,9 @@ inline constexpr Alternative kRoundTripAnswers[] = {
     {"image/tiff", "the differences as GeoTIFF: float32 metres, NaN where nothing was compared"},
 };
 // Returns the representation with the highest weight in `accept`; the first among equals. Representations for which
-// holds(media_type) is false come last: such a one is returned only if no other is accepted, and the caller rejects it.
-// An empty `holds` means that all can hold the answer. Throws RequestError("not_acceptable").
+// holds(media_type) is false come last: one of them is returned only if `accept` allows none that can hold the answer,
+// and the caller rejects the request. An empty `holds` means that all can hold the answer. Throws
+// RequestError("not_acceptable").
 std::string_view choose(const std::string& accept, std::span<const Alternative> alternatives,
                         const std::function<bool(std::string_view)>& holds = {});
 

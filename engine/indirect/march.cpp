@@ -289,16 +289,16 @@ void FindHorizons(std::span<const GridView> grids, const MarchSphere& sphere, co
                   const float* sufficient_tangent, float* tangent) {
   const RayMarch march = MakeRayMarch(grids, sphere, lanes, stride);
   RunningHorizon running;
-  RunMarch(
-      march, sphere.farthest_m, running, [](std::size_t, float, const float*) {},
-      [&](const GridView& grid, float at_m) {
-        alignas(64) float relevant[kPacket];
-        for (int i = 0; i < kPacket; ++i) {
-          const float horizon = running.tangent[i];
-          relevant[i] = horizon > sufficient_tangent[i] ? std::numeric_limits<float>::infinity() : horizon;
-        }
-        return NothingHigherAhead(march, grid, at_m, relevant);
-      });
+  const auto ignore_step = [](std::size_t, float, const float*) {};  // only the horizon is needed, not its segments
+  RunMarch(march, sphere.farthest_m, running, ignore_step, [&](const GridView& grid, float at_m) {
+    // An infinite horizon makes NothingHigherAhead() ignore a lane whose horizon is high enough.
+    alignas(64) float to_exceed[kPacket];
+    for (int i = 0; i < kPacket; ++i) {
+      const float horizon = running.tangent[i];
+      to_exceed[i] = horizon > sufficient_tangent[i] ? std::numeric_limits<float>::infinity() : horizon;
+    }
+    return NothingHigherAhead(march, grid, at_m, to_exceed);
+  });
   for (int i = 0; i < kPacket; ++i) tangent[i] = running.tangent[i];
 }
 

@@ -61,8 +61,8 @@ struct MarchSphere {
 };
 
 // Sets tangent[i] to the tangent of the horizon's elevation at each lane; -infinity without any ground. A march may end
-// once each horizon is above sufficient_tangent[i]. `stride`: distance of the points in columns of the finest grid, a
-// power of two.
+// once each horizon is above sufficient_tangent[i]. Lanes i and i + 1 are `stride` columns of
+// the finest grid apart, a power of two.
 void find_horizons(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
                    const float* sufficient_tangent, float* tangent);
 

@@ -257,7 +257,8 @@ class LimbSearch {
   Vec3 position_m_ = Vec3::Zero();
 };
 
-// Returns the root blocks that may reach the limb: that of the sphere below all terrain, or anything farther out.
+// Returns the root blocks that may reach the limb. Terrain hides nothing nearer than the limb of the sphere below all
+// terrain, and the highest peak shows up to a certain angle beyond it.
 std::vector<LimbSearch::Root> roots_at_limb(const Viewpoint& viewpoint, const dem::Terrain& terrain) {
   const double reach_rad =
       std::acos(std::min(1.0, dem::kCoreRadius_m / viewpoint.distance_m)) + std::acos(dem::kCoreRadius_m / kHighest_m);
@@ -309,19 +310,19 @@ TerminatorPoint terminator_of_sphere(const Viewpoint& sun, const View& view, dou
   return point;
 }
 
-// Searches the limb at evenly spaced azimuths, in parallel, and calls found(i, azimuth_rad, search) for each. If posts
-// come over the network, the loop runs on threads of its own: it must not block the arena.
-template <typename Found>
-void search_all(const Viewpoint& viewpoint, int azimuths, const dem::Terrain& terrain, const StopToken& stop,
-                const Found& found) {
+// Searches the limb at evenly spaced azimuths, in parallel, and calls on_searched(i, azimuth_rad, search) for each, also
+// without a limb. If posts come over the network, the loop runs on threads of its own: it must not block the arena.
+template <typename OnSearched>
+void search_all(const Viewpoint& viewpoint, int azimuth_count, const dem::Terrain& terrain, const StopToken& stop,
+                const OnSearched& on_searched) {
   const std::vector<LimbSearch::Root> roots = roots_at_limb(viewpoint, terrain);
   const auto search_at = [&](std::size_t i) {
-    const double azimuth_rad = 2 * std::numbers::pi * static_cast<double>(i) / azimuths;
+    const double azimuth_rad = 2 * std::numbers::pi * static_cast<double>(i) / azimuth_count;
     LimbSearch search(viewpoint, azimuth_rad, terrain, stop);
     search.search(roots);
-    found(i, azimuth_rad, search);
+    on_searched(i, azimuth_rad, search);
   };
-  const auto run = [&] { in_parallel(static_cast<std::size_t>(azimuths), search_at); };
+  const auto run = [&] { in_parallel(static_cast<std::size_t>(azimuth_count), search_at); };
   if (std::any_of(roots.begin(), roots.end(),
                   [&](const auto& root) { return terrain.plain().waits_for_network(root.id); }))
     on_own_threads(dem::kNetworkReaders, run);

@@ -65,7 +65,7 @@ struct Patch {
 struct PatchDirections {
   std::vector<Vec3> up;        // row by row; NaN where the map is off the Moon
   Vec3 middle = Vec3::Zero();  // mean direction; zero: no pixel is on the Moon
-  double cosine = 1;           // cosine of the angle from `middle` to the farthest pixel
+  double min_cosine = 1;       // cosine of the angle from `middle` to the farthest pixel
 };
 
 PatchDirections directions_of(const dem::MapGrid& grid, const Patch& patch, const StopToken& stop) {
@@ -86,9 +86,10 @@ PatchDirections directions_of(const dem::MapGrid& grid, const Patch& patch, cons
       out.middle = d;
     }
   if (out.middle.isZero()) return out;
+  // The mean of a patch around the whole Moon may vanish: keep any direction, from which the patch is too wide.
   if (sum.norm() > 1e-6) out.middle = sum.normalized();
   for (const Vec3& d : out.up)
-    if (!d.hasNaN()) out.cosine = std::min(out.cosine, d.dot(out.middle));
+    if (!d.hasNaN()) out.min_cosine = std::min(out.min_cosine, d.dot(out.middle));
   return out;
 }
 
@@ -177,7 +178,7 @@ class MapDrawing {
     Stopwatch watch;
     const PatchDirections directions = directions_of(request_.grid, patch, context_.stop);
     if (directions.middle.isZero()) return done(patch);
-    if (directions.cosine < kWidestPatchCosine && patch.pixels() > 1) return draw_halves(patch);
+    if (directions.min_cosine < kWidestPatchCosine && patch.pixels() > 1) return draw_halves(patch);
     // Select for two views: from above, and from the viewer, whose line of sight other terrain may occlude.
     const RowViews above = view_from(directions.middle, directions, request_.grid.gsd_m, context_.stop);
     std::vector<ViewBundle> views(above.bundles().begin(), above.bundles().end());

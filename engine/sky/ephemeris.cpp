@@ -283,11 +283,12 @@ Eigen::Matrix3d moon_me_from_icrf(const std::string& utc, double later_s) {
 std::string utc_of_et(double et_s) {
   load_leap_seconds();
   const double days = std::floor(et_s / ERFA_DAYSEC);
-  int year = 0, month = 0, day = 0, time[4] = {};
+  int year = 0, month = 0, day = 0;
+  int time[4] = {};  // hour, minute, second, microseconds
   // Convert only days that ERFA can handle: a larger number leaves year 0, which is refused below.
   if (std::abs(days) < 1e6) {
     const JulianDate utc = utc_from_tdb({ERFA_DJ00 + days, (et_s - days * ERFA_DAYSEC) / ERFA_DAYSEC});
-    // Round to microseconds. A double holds present-day seconds to 0.1 microseconds, so whole seconds stay whole.
+    // Round to microseconds: a double resolves present-day values of et_s to 0.1 microseconds.
     eraD2dtf("UTC", 6, utc.day, utc.fraction, &year, &month, &day, time);
   }
   if (year < 1960 || year > 2099)

@@ -59,14 +59,14 @@ ssize_t Connection::read(char* to, std::size_t size) {
   const std::size_t bytes = unread_.copy(to, size);
   unread_.remove_prefix(bytes);
   // The library reads lines byte by byte, and bodies in larger blocks.
-  if (size == 1 && !count(*to)) return -1;
+  if (size == 1 && !check_line_limits(*to)) return -1;
   return static_cast<ssize_t>(bytes);
 }
 
 // Counts a byte of a line, whose length the library does not bound. Returns false if the line or the head is too long,
 // or the head has too many fields.
-bool Connection::count(char byte) {
-  const bool in_first_line = in_head_ && head_bytes_ == line_bytes_;
+bool Connection::check_line_limits(char byte) {
+  const bool in_first_line = in_head_ && head_bytes_ == line_bytes_;  // no line has ended
   ++line_bytes_;
   ++head_bytes_;
   if (line_bytes_ > kMaxLineBytes && in_first_line)
@@ -78,8 +78,9 @@ bool Connection::count(char byte) {
   else if (in_head_ && head_bytes_ > kMaxHeadBytes)
     problem_ = Refusal{"headers_too_large", fmt::format("the head has more than {} bytes", kMaxHeadBytes)};
   if (byte != '\n') return !problem_;
-  constexpr std::size_t kEmptyLineBytes = 2;
-  if (in_head_ && line_bytes_ > kEmptyLineBytes && ++head_lines_ > 1 + kMaxHeadFields)
+  constexpr std::size_t kEmptyLineBytes = 2, kRequestLines = 1;
+  if (in_head_ && line_bytes_ > kEmptyLineBytes) ++head_lines_;
+  if (head_lines_ > kRequestLines + kMaxHeadFields)
     problem_ = Refusal{"headers_too_large", fmt::format("the head has more than {} fields", kMaxHeadFields)};
   line_bytes_ = 0;
   return !problem_;

@@ -85,7 +85,7 @@ class Connection {
  private:
   enum class State { waiting, working, given_up };
   bool fill(Clock::time_point deadline);
-  bool count(char byte);
+  bool check_line_limits(char byte);
   bool send_all(std::string_view gathered, std::string_view rest);
   bool change_state(State from, State to);
 

@@ -386,7 +386,8 @@ void check_stray_light(const JsonReader& in, const engine::FrameRequest& request
 
 // Reports effects of the sensor that are computed on a whole image, as if all rows were exposed at once. A `shutter`
 // (times per row: rolling shutter or line camera) exposes them one after the other.
-void check_sensor_of_rows(const JsonReader& in, const engine::SensorModel& sensor, const engine::Shutter& shutter) {
+void check_sensor_with_shutter(const JsonReader& in, const engine::SensorModel& sensor,
+                               const engine::Shutter& shutter) {
   const JsonReader model = in.at("sensor");
   if (!sensor.motion.none())
     model.fail("motion", "cannot be combined with \"shutter\": motion blur is not modelled for rows with times");
@@ -403,7 +404,7 @@ void check_sensor_of_rows(const JsonReader& in, const engine::SensorModel& senso
 
 void check_sensor(const JsonReader& in, const engine::FrameRequest& request) {
   const engine::SensorModel& sensor = *request.sensor;
-  if (request.shutter) check_sensor_of_rows(in, sensor, *request.shutter);
+  if (request.shutter) check_sensor_with_shutter(in, sensor, *request.shutter);
   check_pitch(in, sensor);
   check_stray_light(in, request);
   if (!request.band) return;

@@ -15,7 +15,8 @@
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// Sets normals and cosines. Returns the lanes with a hit, one bit each, whose normal faces away from the camera.
+// Sets the normal, interpolated between the vertices, and the cosines of incidence and emission. Returns the lanes with
+// a hit, one bit each, whose normal faces away from the camera.
 unsigned ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, const Vec3& sun, Shading& out) {
   const double sx = sun.x();
   const double sy = sun.y();
@@ -48,7 +49,7 @@ unsigned ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, c
   unsigned away_lanes = 0;
   std::int64_t any = 0;
   for (int i = 0; i < kPacket; ++i) any |= away[i] & static_cast<std::int64_t>(p.hit[i]);
-  if (any == 0) return 0;  // nearly always
+  if (any == 0) return 0;  // skip the scalar loop: nearly all normals face the camera
   for (unsigned i = 0; i < kPacket; ++i) away_lanes |= away[i] && p.hit[i] ? 1U << i : 0U;
   return away_lanes;
 }
