@@ -180,7 +180,7 @@ PostXY SheetPosts::locate(const Geographic& position) const {
 PostXY SheetPosts::locate_behind_limb(const Geographic& position) const {
   const auto& g = std::get<PlaneGrid>(sheet_.reference->grid);
   const PostXY middle{-g.first_x_m / g.spacing_m, g.first_y_m / g.spacing_m};
-const Vec3 axis = to_cartesian(plane_->position(middle.x, middle.y)).normalized();
+  const Vec3 axis = to_cartesian(plane_->position(middle.x, middle.y)).normalized();
   const Vec3 behind = to_cartesian(position).normalized();
   const PostXY before = plane_->locate(Vec3(behind - 2 * behind.dot(axis) * axis));
   const double radius = kMoonRadius_m * g.plane.scale / g.spacing_m;

@@ -310,8 +310,9 @@ TerminatorPoint terminator_of_sphere(const Viewpoint& sun, const View& view, dou
   return point;
 }
 
-// Searches the limb at evenly spaced azimuths, in parallel, and calls on_searched(i, azimuth_rad, search) for each, also
-// without a limb. If posts come over the network, the loop runs on threads of its own: it must not block the arena.
+// Searches the limb at evenly spaced azimuths, in parallel, and calls on_searched(i, azimuth_rad, search) for each,
+// also without a limb. If posts come over the network, the loop runs on threads of its own: it must not block the
+// arena.
 template <typename OnSearched>
 void search_all(const Viewpoint& viewpoint, int azimuth_count, const dem::Terrain& terrain, const StopToken& stop,
                 const OnSearched& on_searched) {

@@ -145,7 +145,8 @@ bool RockCells::may_hit(const Rays& rays, const SurfacePoints& terrain) const {
 
 GroundAlongRays::GroundAlongRays(const char* ray_description, FrameRequest scenery, const RenderContext& context)
     : ray_description_(ray_description), scenery_(std::move(scenery)), objects_(scenery_), context_(context) {
-  if (context.terrain.detailed() && !context.terrain.detailed()->detail().rocks().empty()) rocks_.emplace(context.terrain);
+  if (context.terrain.detailed() && !context.terrain.detailed()->detail().rocks().empty())
+    rocks_.emplace(context.terrain);
 }
 
 std::unique_ptr<GroundAlongRays::GroundScene> GroundAlongRays::build_scene(const std::vector<RayCone>& single_rays,

@@ -21,9 +21,8 @@ inline std::vector<engine::RayHit> cast_rays(const engine::Renderer& renderer, s
                                              const std::optional<engine::Sun>& sun = {},
                                              const std::vector<engine::SceneObject>& objects = {},
                                              const DetailPointer& detail = {}) {
-  return renderer.query(detail, {}, [&](const engine::RenderContext& context) {
-    return engine::cast_rays(rays, objects, sun, context);
-  });
+  return renderer.query(
+      detail, {}, [&](const engine::RenderContext& context) { return engine::cast_rays(rays, objects, sun, context); });
 }
 
 // Projects landmarks into the image of a request's camera, with its objects and detail.

@@ -96,8 +96,8 @@ TEST(MapPatches, LittleMemoryMakesMorePatches) {
   const Vec3 up = to_cartesian({1, 11, 0}).normalized();
   request.look.sun.direction = (0.1 * up + local_axes(up).east).normalized();
   int patches = 0, smaller = 0;
-  const Map whole = roomy.map(request, {}, [&](double) { ++patches; });
-  const Map parts = tight.map(request, {}, [&](double) { ++smaller; });
+  const Map whole = test::render_map(roomy, request, {}, [&](double) { ++patches; });
+  const Map parts = test::render_map(tight, request, {}, [&](double) { ++smaller; });
   EXPECT_EQ(patches, 1);
   EXPECT_GT(smaller, 1);
   std::size_t dark = 0, differing = 0;

@@ -655,7 +655,7 @@ TEST_F(RocksInFrames, RaysAreFollowedNoFartherThanTheyGo) {
     ++asked, near += hit.range_m<16, far += hit.range_m> 64;
     for (const double part : {0.0, share(random), 0.99}) {
       const engine::Ray later{ray.origin_m + part * hit.range_m * ray.direction, ray.direction};
-      const engine::RayHit again = small.cast({&later, 1}, {}, {}, {}, detail_).front();
+      const engine::RayHit again = test::cast_rays(small, {&later, 1}, {}, {}, detail_).front();
       other += !again.hit || again.rock != hit.rock || (again.position_m - hit.position_m).norm() > 1e-6;
     }
   }
