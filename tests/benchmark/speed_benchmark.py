@@ -5,12 +5,10 @@
 
 Prints a table per vector target, in Markdown: the median time that a client waits for the answer of each binary, their ratio
 with the quartiles of the ratios of single rounds, the ratio of processor times, and the share of each stage in the new
-binary's time (`Server-Timing`). Ground and pyramids are warm unless the row says otherwise. A row that a binary refuses is
-printed without figures. `deploy/check speed` builds two commits and calls this.
+binary's time (`Server-Timing`). Ground and pyramids are warm. A row that a binary refuses is printed without figures. `deploy/check speed` builds two commits and calls this.
 """
 
 import argparse
-import copy
 import json
 import os
 import re
@@ -28,8 +26,9 @@ ARRAY, PNG, NPZ = "application/octet-stream", "image/png", "application/x-npz"
 # Disables every vector target above AVX2 (a lower bit is a better target). Embree chooses its own.
 NARROW = "#include <hwy/targets.h>\n__attribute__((constructor)) static void narrow() { hwy::DisableTargets(HWY_AVX2 - 1); }\n"
 
+
 class Row:
-    """Requests of one kind. `steps` documents are sent in turn, so that a row may move or change its Sun."""
+    """Requests of one kind: the documents are sent in turn, each `repeats` times, so that a row may change its Sun."""
 
     def __init__(self, name, documents, path="/v1/frames", accept=ARRAY, terrain="sample", repeats=1):
         self.name, self.documents, self.path, self.accept = name, documents, path, accept
@@ -98,11 +97,9 @@ class Side:
         for terrain, folder in terrains.items():
             options = ["--port", "0", "--cache-dir", harness.path("cache", name, terrain), "--dem", folder, "--assets-dir",
                        os.path.join(harness.REPOSITORY, "deploy", "assets")]
-            saved = dict(os.environ)
-            os.environ.update(environment)
-            self.services[terrain] = harness.Service(binary=binary, options=options)
-            os.environ.clear()
-            os.environ.update(saved)
+            # `limits` runs in the service's process, whose environment it may change.
+            self.services[terrain] = harness.Service(binary=binary, options=options,
+                                                     limits=lambda: os.environ.update(environment))
             self.connections[terrain] = self.services[terrain].connect(timeout=900)
 
     def ask(self, row, document):
@@ -132,7 +129,7 @@ def measure(row, sides, rounds):
     for k in range(rounds + 2):
         document = row.documents[k % len(row.documents)]
         for i in ((0, 1) if k % 2 == 0 else (1, 0)):
-            answer = sides[i].ask(row, copy.deepcopy(document))
+            answer = sides[i].ask(row, document)
             if answer is None:
                 return None
             if k >= 2:
@@ -157,7 +154,8 @@ def table_row(row, taken):
             f"| {processor[1] / processor[0]:.2f} | {', '.join(stages)} |")
 
 
-def processor_name():
+def processor():
+    """Returns the processor's name and whether it has AVX-512."""
     with open("/proc/cpuinfo") as file:
         text = file.read()
     return re.search(r"model name\s*: (.*)", text)[1], " avx512f " in text
@@ -193,8 +191,8 @@ def main():
             terrains["hadley"] = harness.shared_data("hadley")
         narrow = harness.path("narrow.so")
         subprocess.run(["c++", "-shared", "-fPIC", "-x", "c++", "-", "-o", narrow, "-lhwy"], input=NARROW, text=True, check=True)
-        name, wide = processor_name()
-        for target, environment in (("AVX-512", {}), ("AVX2", {"LD_PRELOAD": narrow}))[0 if wide else 1:]:
+        name, has_avx512 = processor()
+        for target, environment in (("AVX-512", {}), ("AVX2", {"LD_PRELOAD": narrow}))[0 if has_avx512 else 1:]:
             print(f"\n{target}: {name}, {os.cpu_count()} cores, medians of {options.rounds} rounds\n", flush=True)
             compare(binaries, terrains, environment, options)
     finally:

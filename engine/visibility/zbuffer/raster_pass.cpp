@@ -354,7 +354,7 @@ void RasterPass::find_radiance(Pixels& pixels) {
   if (sample.weight > 0 && EdgeSamples::applies_to(job_)) refine_edges(pixels);
 }
 
-// Redense_pixels radiance by what shadows leave of it.
+// Reduces radiance to what shadows leave of it.
 void RasterPass::shade(std::vector<float>& radiance, const std::vector<float>& bases) const {
   const float everywhere = shader_.base_radiance();
   for_shaded([&](const PartlyLit& left) {

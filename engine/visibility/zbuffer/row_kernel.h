@@ -43,8 +43,8 @@ struct ResolvedRow {
 };
 
 // Resolves the pixels from (x, y) on, in pixels of the image. `triangles`: one for each pixel. Returns false, with
-// `out` unspecified, unless each of these holds for all pixels: the ray meets the triangle from above, farther than
-// kEdge from its edges; the shading normal faces the camera; the interior of the Moon does not hide the Sun.
+// `out` unspecified, unless each of these holds for all pixels: the ray meets the triangle from above and not at an
+// edge (kRowEdge); the shading normal faces the camera; the interior of the Moon does not hide the Sun.
 bool resolve_row(const Mesh& mesh, const RowTerms& terms, double x, double y, const TriangleId* triangles,
                  ResolvedRow& out);
 
