@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <random>
 
 #include "engine/camera/packet_rays.h"
@@ -55,12 +56,15 @@ class RowKernel : public test::SphereMesh {
     c.cy = kRow;
     return c;
   }
-  static bool resolve(const Scenery& s, const Brdf& brdf, ResolvedRow& out) {
+  // Returns whether the lane of the point is resolved. `others`: the triangle of all other lanes.
+  static bool resolve(const Scenery& s, const Brdf& brdf, ResolvedRow& out, std::optional<TriangleId> others = {}) {
     const std::array<Vec3, 3> axes{across(s.sun), s.sun.cross(across(s.sun)), s.sun};
     const RowTerms terms(s.view, anchor(s), axes, brdf, kSunlight, kBase);
     TriangleId ids[kPacket];
-    std::fill_n(ids, kPacket, s.triangle);
-    return resolve_row(mesh(), terms, 300 - s.lane, kRow, ids, out);
+    std::fill_n(ids, kPacket, others.value_or(s.triangle));
+    ids[s.lane] = s.triangle;
+    resolve_row(mesh(), terms, 300 - s.lane, kRow, ids, out);
+    return out.resolved >> s.lane & 1;
   }
   static Vec3 across(const Vec3& sun) { return sun.cross(Vec3::UnitZ()).normalized(); }
   static Vec3 anchor(const Scenery& s) { return s.point.normalized() * kMoonRadius_m + Vec3(300, -200, 100); }
@@ -95,7 +99,7 @@ TEST_F(RowKernel, FindsPlaceInLightAndRadianceOfAKnownPoint) {
     }
 }
 
-TEST_F(RowKernel, LeavesRowsAtEdgesAndBeyondToOthers) {
+TEST_F(RowKernel, LeavesPixelsAtEdgesAndBeyondUnresolved) {
   std::mt19937 random(11);
   const Brdf brdf{Reflectance()};
   const double inside[][2] = {{0.3, 0.3}, {0.2, 0.6}}, outside[][2] = {{5e-6, 0.3}, {0.3, -1e-3}, {0.4, 0.6 + 1e-5}};
@@ -106,7 +110,7 @@ TEST_F(RowKernel, LeavesRowsAtEdgesAndBeyondToOthers) {
   }
 }
 
-TEST_F(RowKernel, LeavesRaysFromBelowToOthers) {
+TEST_F(RowKernel, LeavesRaysFromBelowUnresolved) {
   std::mt19937 random(13);
   Scenery s = scenery(random, 2e4, 0.3, 0.3);
   const Vec3 below = s.point * 0.98;
@@ -115,7 +119,25 @@ TEST_F(RowKernel, LeavesRaysFromBelowToOthers) {
   EXPECT_FALSE(resolve(s, Brdf(Reflectance()), row));
 }
 
-TEST_F(RowKernel, LeavesTheDarkSideOfTheMoonToOthers) {
+TEST_F(RowKernel, ResolvesAPixelWhateverItsNeighboursAre) {
+  std::mt19937 random(19);
+  const Brdf brdf{Reflectance()};
+  for (int i = 0; i < 50; ++i) {
+    const Scenery s = scenery(random, 2e4, 0.3, 0.3);
+    ResolvedRow alone, among_others;
+    ASSERT_TRUE(resolve(s, brdf, alone));
+    ASSERT_TRUE(resolve(s, brdf, among_others, s.triangle.other_half()));
+    EXPECT_EQ(alone.resolved, kAllLanes);
+    EXPECT_EQ(among_others.resolved, 1U << s.lane) << "the neighbours' rays miss the other half";
+    EXPECT_EQ(among_others.lit & ~among_others.resolved, 0U);
+    EXPECT_EQ(among_others.lit >> s.lane & 1, alone.lit >> s.lane & 1);
+    EXPECT_EQ(among_others.radiance[s.lane], alone.radiance[s.lane]);
+    EXPECT_EQ(among_others.light.u[s.lane], alone.light.u[s.lane]);
+    EXPECT_EQ(among_others.light.d[s.lane], alone.light.d[s.lane]);
+  }
+}
+
+TEST_F(RowKernel, LeavesTheDarkSideOfTheMoonUnresolved) {
   // With the Sun below the horizon a slope may face it that the Moon's interior hides.
   std::mt19937 random(17);
   Scenery s = scenery(random, 2e4, 0.3, 0.3);

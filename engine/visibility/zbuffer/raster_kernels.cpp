@@ -534,11 +534,15 @@ HWY_INLINE VF min_edge_value(const Triangles& t, VF u, VF v) {
   return hn::Min(edge_value(t, 0, u, v), hn::Min(edge_value(t, 1, u, v), edge_value(t, 2, u, v)));
 }
 
-// Rounding of an occluder in light space.
-struct OccluderRounding {
-  float reach_m;         // usual error of a sample's u, v and d relative to the occluder
-  float min_edge_value;  // smallest edge value of a sample within reach, m^2
-  float d[3];            // corners {a, b, c} or {d, b, c}, as in set_up
+// An occluder in light space; store_triangles() stores the first kMembers - 4 members.
+struct StoredOccluder : StoredTriangle {
+  static constexpr std::size_t kMembers = 21;
+  // Returns the smallest edge value of a sample within reach, m^2.
+  HWY_INLINE VF min_edge_value() const { return at(17); }
+  // Returns the usual error of a sample's u, v and d relative to the occluder, m.
+  HWY_INLINE VF reach_m() const { return at(18); }
+  // Returns d of corner k of {a, b, c} or {d, b, c}, as in set_up.
+  HWY_INLINE VF corner_d(int k) const { return at(k == 0 ? 14 : 18 + k); }
 };
 
 // Returns those of the samples outside a triangle that rounding has moved across the foot of the slope that it is part
@@ -552,36 +556,38 @@ struct OccluderRounding {
 //                 ``--/
 //                    foot
 template <bool upper>
-HWY_NOINLINE MF at_foot(const Triangles& t, const OccluderRounding& rounding, VF u, VF v, VF d, MF samples) {
+HWY_NOINLINE MF at_foot(const StoredOccluder& occluder, VF u, VF v, VF d, MF samples) {
   // Corners from which the edges start, and where they end.
   constexpr int kFirst[3] = {upper ? 2 : 0, upper ? 1 : 0, 1}, kLast[3] = {upper ? 0 : 1, upper ? 0 : 2, 2};
   constexpr float kMinFacing = 1 / 1024.F;  // sine of the Sun's elevation over the ground at the foot
-  const VF lowest = broadcast(rounding.reach_m), highest = broadcast(rounding.reach_m / kMinFacing);
+  Triangles t;
+  occluder.load_edges(t);
+  const VF lowest = occluder.reach_m(), highest = hn::Mul(lowest, broadcast(1 / kMinFacing));
   MF within_reach = samples;
   MF below = hn::FirstN(float_tag, 0);
   for (int k = 0; k < 3; ++k) {
     const VF outside = hn::Min(edge_value(t, k, u, v), hn::Zero(float_tag));
     const VF length2 = hn::Add(hn::Mul(t.ex[k], t.ex[k]), hn::Mul(t.ey[k], t.ey[k]));
-    const VF reach2 = hn::Mul(broadcast(rounding.reach_m * rounding.reach_m), length2);
+    const VF reach2 = hn::Mul(hn::Mul(lowest, lowest), length2);
     within_reach = hn::And(within_reach, hn::Le(hn::Mul(outside, outside), reach2));
     // Interpolate d along the edge: next to it, the plane is too steep to be evaluated.
     const VF along = hn::Add(hn::Mul(t.ex[k], hn::Sub(u, t.ox[k])), hn::Mul(t.ey[k], hn::Sub(v, t.oy[k])));
     const VF fraction = hn::Min(hn::Div(hn::Abs(along), length2), broadcast(1.F));
-    const float rise = rounding.d[kLast[k]] - rounding.d[kFirst[k]];
-    const VF depth = hn::Sub(hn::Add(broadcast(rounding.d[kFirst[k]]), hn::Mul(broadcast(rise), fraction)), d);
+    const VF first_d = occluder.corner_d(kFirst[k]);
+    const VF rise = hn::Sub(occluder.corner_d(kLast[k]), first_d);
+    const VF depth = hn::Sub(hn::Add(first_d, hn::Mul(rise, fraction)), d);
     const MF is_foot = hn::And(hn::Gt(depth, lowest), hn::Lt(depth, highest));
     below = hn::Or(below, hn::And(hn::Lt(outside, hn::Zero(float_tag)), is_foot));
   }
   return hn::And(within_reach, below);
 }
 
-// Marks the samples below one triangle as shadowed.
-template <bool upper>
-HWY_INLINE void shadow_samples(const StoredTriangle& triangle, const OccluderRounding& rounding, int c0, int c1, int r0,
-                               int r1, LightBand& band) {
+// Marks the samples below one triangle as shadowed. `foot`: also those at its foot.
+template <bool upper, bool foot>
+HWY_INLINE void shadow_samples(const StoredOccluder& occluder, int c0, int c1, int r0, int r1, LightBand& band) {
   Triangles t;
-  triangle.load_edges(t);
-  const VF threshold = broadcast(rounding.min_edge_value);
+  occluder.load_edges(t);
+  const VF threshold = foot ? occluder.min_edge_value() : hn::Zero(float_tag);
   const std::size_t lanes = hn::Lanes(float_tag);
   const VF dark = broadcast(std::numeric_limits<float>::infinity());
   for (int r = r0; r <= r1; ++r) {
@@ -591,15 +597,16 @@ HWY_INLINE void shadow_samples(const StoredTriangle& triangle, const OccluderRou
     for (std::size_t k = first; k < past_last; k += lanes) {
       const VF u = hn::LoadU(float_tag, band.u.data() + k), v = hn::LoadU(float_tag, band.v.data() + k);
       const VF from_edge = min_edge_value(t, u, v);
-      // Skip nine of ten vectors, where triangles are smaller than pixels.
-      if (hn::AllFalse(float_tag, hn::Ge(from_edge, threshold))) continue;
-      triangle.load_plane(t);
+      const MF near = hn::Ge(from_edge, threshold);
+      if (hn::AllFalse(float_tag, near)) continue;  // nine of ten vectors, where triangles are smaller than pixels
+      occluder.load_plane(t);
       const VF d = hn::LoadU(float_tag, band.d.data() + k);
-      const MF is_inside = hn::Ge(from_edge, hn::Zero(float_tag));
+      const MF is_inside = foot ? hn::Ge(from_edge, hn::Zero(float_tag)) : near;
       MF shadowed = hn::And(is_inside, hn::Gt(value(t, u, v), d));
-      const MF outside = hn::AndNot(is_inside, hn::And(hn::Ge(from_edge, threshold), hn::Lt(d, dark)));
-      if (HWY_UNLIKELY(!hn::AllFalse(float_tag, outside)))
-        shadowed = hn::Or(shadowed, at_foot<upper>(t, rounding, u, v, d, outside));
+      if constexpr (foot) {
+        const MF outside = hn::AndNot(is_inside, hn::And(near, hn::Lt(d, dark)));
+        if (!hn::AllFalse(float_tag, outside)) shadowed = hn::Or(shadowed, at_foot<upper>(occluder, u, v, d, outside));
+      }
       hn::BlendedStore(dark, shadowed, float_tag, band.d.data() + k);
     }
   }
@@ -623,6 +630,9 @@ HWY_INLINE MF may_cast(const VF* u, const VF* v, bool upper, MF valid, const Lig
 
 // Twice the usual rounding errors of u, v and d, relative to the distance from the anchor.
 constexpr float kRounding = 0x1p-24F;
+// Width of an occluder, in reaches of rounding, up to which samples at its foot are tested: where sunlight grazes the
+// ground before a slope, it nearly grazes the slope, too.
+constexpr float kThin = 1024;
 
 // Casts a vector of triangles that passed may_cast. `relative_rounding`: kRounding, or 0 for triangles without a foot.
 template <bool upper>
@@ -642,28 +652,34 @@ HWY_NOINLINE void cast_triangles(const VF* u, const VF* v, const VF* d, MF activ
   alignas(64) std::int32_t c1[16];
   alignas(64) std::int32_t r0[16];
   alignas(64) std::int32_t r1[16];
-  alignas(64) std::int32_t mask[16];
-  alignas(64) float stored[17 * 16];
-  alignas(64) float reach[16];
-  alignas(64) float min_value[16];
+  alignas(64) std::int32_t kind[16];  // 0: does not cast; 1: casts; 2: has a foot, too
+  alignas(64) float stored[StoredOccluder::kMembers * 16];
   alignas(64) float highest[16];
-  alignas(64) float corner_d[3][16];
-  const VF longest = hn::Add(hn::Sub(u_high, u_low), hn::Sub(v_high, v_low));  // bound of |u| + |v| of each edge
-  hn::Store(reach_m, float_tag, reach);
-  hn::Store(hn::Neg(hn::Mul(reach_m, longest)), float_tag, min_value);
   hn::Store(cell_index(u_low, band.u0, band.per_u, band.columns - 1), int_tag, c0);
   hn::Store(cell_index(u_high, band.u0, band.per_u, band.columns - 1), int_tag, c1);
   hn::Store(cell_index(v_low, band.v0, band.per_v, band.rows - 1), int_tag, r0);
   hn::Store(cell_index(v_high, band.v0, band.per_v, band.rows - 1), int_tag, r1);
-  hn::Store(hn::IfThenElse(hn::RebindMask(int_tag, active), hn::Set(int_tag, 1), hn::Zero(int_tag)), int_tag, mask);
   hn::Store(hn::Max(d[0], hn::Max(d[1], d[2])), float_tag, highest);
-  for (int k = 0; k < 3; ++k) hn::Store(d[k], float_tag, corner_d[k]);
   store_triangles(t, stored, lanes);
+  // Edge values are distances times |u| + |v| of the edge, at most.
+  const VF within_reach = hn::Mul(reach_m, hn::Add(hn::Sub(u_high, u_low), hn::Sub(v_high, v_low)));
+  const MF thin = hn::Lt(hn::Abs(area), hn::Mul(within_reach, broadcast(kThin)));
+  if (!hn::AllFalse(float_tag, hn::And(active, thin))) {
+    float* of_occluder = stored + 17 * lanes;
+    for (const VF values : {hn::Neg(within_reach), reach_m, d[1], d[2]}) {
+      hn::StoreU(values, float_tag, of_occluder);
+      of_occluder += lanes;
+    }
+  }
+  const VI casts = hn::IfThenElse(hn::RebindMask(int_tag, thin), hn::Set(int_tag, 2), hn::Set(int_tag, 1));
+  hn::Store(hn::IfThenElse(hn::RebindMask(int_tag, active), casts, hn::Zero(int_tag)), int_tag, kind);
   for (std::size_t k = 0; k < lanes; ++k) {
-    if (!mask[k]) continue;
-    if (!band.any_below(c0[k], c1[k], r0[k], r1[k], highest[k])) continue;
-    const OccluderRounding rounding{reach[k], min_value[k], {corner_d[0][k], corner_d[1][k], corner_d[2][k]}};
-    shadow_samples<upper>({stored, lanes, k}, rounding, c0[k], c1[k], r0[k], r1[k], band);
+    if (!kind[k] || !band.any_below(c0[k], c1[k], r0[k], r1[k], highest[k])) continue;
+    const StoredOccluder occluder{{stored, lanes, k}};
+    if (kind[k] == 2)
+      shadow_samples<upper, true>(occluder, c0[k], c1[k], r0[k], r1[k], band);
+    else
+      shadow_samples<upper, false>(occluder, c0[k], c1[k], r0[k], r1[k], band);
   }
 }
 

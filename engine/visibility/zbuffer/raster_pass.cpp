@@ -117,33 +117,49 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
   SurfacePoints points;
   take_triangles(triangles, row.inside, points);
   prefetch(triangles + kPacket);
-  ResolvedRow resolved;
-  const bool by_kernel = resolve_by_kernel(row, points, resolved, samples);
-  if (by_kernel && !wants_points(row, points, counts)) return;
+  ResolvedRow by_kernel;
+  resolve_by_kernel(row, points, by_kernel);
+  if (by_kernel.resolved == kAllLanes && !wants_points(row, points, counts)) {
+    keep_row(row, by_kernel, samples);
+    return;
+  }
   Rays rays;
   rays_.aim(PacketShape::row, row.x, row.y, sample.dx, sample.dy, tiling_.bends() ? &row.lens : nullptr, rays);
   Facets facets;
   refine(job_.scene.mesh, rays, points, facets);
-  resolve_points(row, rays, points, facets, by_kernel ? &resolved : nullptr, counts, samples, sampler);
+  // Resolve again by the refined triangles: a pixel must not depend on the triangles that float proposed for its row.
+  if (by_kernel.resolved != kAllLanes) resolve_by_kernel(row, points, by_kernel);
+  keep_row(row, by_kernel, samples);
+  resolve_points(row, rays, points, facets, by_kernel, counts, samples, sampler);
 }
 
-bool RasterPass::resolve_by_kernel(const Row& row, const SurfacePoints& points, ResolvedRow& out,
-                                   LightSamples& samples) const {
+void RasterPass::resolve_by_kernel(const Row& row, const SurfacePoints& points, ResolvedRow& out) const {
   const SubpixelSample& sample = row.sample;
-  if (!row_terms_ || !sample.light || sample.weight == 0 || hit_bits(points) != kAllLanes) return false;
-  if (!resolve_row(job_.scene.mesh, *row_terms_, row.x + sample.dx, row.y + sample.dy, points.triangle, out))
-    return false;
-  std::memcpy(row.radiance, out.radiance, sizeof out.radiance);
+  const std::uint32_t hits = hit_bits(points);
+  if (!row_terms_ || !sample.light || sample.weight == 0 || hits == 0) return;
+  resolve_row(job_.scene.mesh, *row_terms_, row.x + sample.dx, row.y + sample.dy, points.triangle, out);
+  out.resolved &= hits;
+  out.lit &= hits;
+}
+
+// Stores the radiance of the resolved pixels, and adds the lit ones to the samples of the shadow map.
+void RasterPass::keep_row(const Row& row, const ResolvedRow& resolved, LightSamples& samples) {
+  if (resolved.resolved == kAllLanes)
+    std::memcpy(row.radiance, resolved.radiance, sizeof resolved.radiance);
+  else
+    for (std::uint32_t lanes = resolved.resolved; lanes != 0; lanes &= lanes - 1) {
+      const int i = std::countr_zero(lanes);
+      row.radiance[i] = resolved.radiance[i];
+    }
   const auto first = static_cast<std::uint32_t>(row.first);
-  if (out.lit == kAllLanes) {
-    samples.add_packet(out.light, first);
-    return true;
+  if (resolved.lit == kAllLanes) {
+    samples.add_packet(resolved.light, first);
+    return;
   }
-  for (std::uint32_t lanes = out.lit; lanes != 0; lanes &= lanes - 1) {
+  for (std::uint32_t lanes = resolved.lit; lanes != 0; lanes &= lanes - 1) {
     const auto i = static_cast<std::uint32_t>(std::countr_zero(lanes));
-    samples.add(out.light.u[i], out.light.v[i], out.light.d[i], first + i);
+    samples.add(resolved.light.u[i], resolved.light.v[i], resolved.light.d[i], first + i);
   }
-  return true;
 }
 
 // Counts the pixels of a row whose light and radiance are known. Returns whether their points are needed nevertheless:
@@ -155,9 +171,18 @@ bool RasterPass::wants_points(const Row& row, const SurfacePoints& points, Pixel
   return writer_.marked(row.y, 1) || !writer_.account_all(points.triangle, kAllLanes, counts);
 }
 
-// Resolves sixteen pixels whose terrain points are known.
+namespace {
+
+SurfacePoints with_hits(SurfacePoints points, std::uint32_t lanes) {
+  for (int i = 0; i < kPacket; ++i) points.hit[i] = lanes >> i & 1;
+  return points;
+}
+
+}  // namespace
+
+// Resolves sixteen pixels whose terrain points are known. The kernel has resolved light and radiance of some of them.
 void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& points, const Facets& facets,
-                                const ResolvedRow* by_kernel, PixelCounts& counts, LightSamples& samples,
+                                const ResolvedRow& by_kernel, PixelCounts& counts, LightSamples& samples,
                                 PacketShader::Sampler& sampler) {
   const SubpixelSample& sample = row.sample;
   if (!job_.objects.empty()) resolve_objects(row, rays, points, counts, samples);
@@ -174,25 +199,27 @@ void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& point
   alignas(64) float lit[kPacket] = {};
   alignas(64) float radiance[kPacket];
   alignas(64) float base[kPacket];
-  const bool shades = sample.weight > 0 && !by_kernel;
-  if (by_kernel)
-    for (int i = 0; i < kPacket; ++i) lit[i] = by_kernel->lit >> i & 1 ? 1.F : 0.F;
-  else if (sample.light)
-    light_packet(points, nullptr, row.first, shading, lit, samples);
+  const std::uint32_t left = hits & ~by_kernel.resolved;
+  const bool shades = sample.weight > 0 && left != 0;
+  if (sample.light && left != 0)
+    light_packet(left == hits ? points : with_hits(points, left), nullptr, row.first, shading, lit, samples);
   if (shades) row.shader.radiances(points, shading, rays, lit, sampler, radiance, base);
   const bool bases = shades && row.shader.bases_vary();
   const bool counted =
       !sample.count || (writer_.out().source.empty() && writer_.account_all(points.triangle, hits, counts));
   const bool stores = sample.store && writer_.wants_geometry_of(row.y);
-  if (all_hit && counted && !stores && !bases) {
+  if (left == kAllLanes && counted && !stores && !bases) {
     if (shades) std::memcpy(row.radiance, radiance, sizeof radiance);
     return;
   }
   for (int i = 0; i < kPacket; ++i) {
     if (!points.hit[i]) continue;
     const std::size_t at = row.first + static_cast<std::size_t>(i);
-    if (shades) row.radiance[i] = radiance[i];
-    if (bases) row.bases[i] = base[i];
+    if (left >> i & 1) {
+      if (shades) row.radiance[i] = radiance[i];
+      if (bases) row.bases[i] = base[i];
+    } else if (by_kernel.lit >> i & 1)
+      lit[i] = 1;
     if (!counted) writer_.account(points, i, at, counts);
     if (stores) writer_.store_geometry(points, i, rays.direction(i), shading, lit[i], at);
   }
@@ -468,7 +495,7 @@ void RasterPass::resolve_edges(const EdgeTiles& batch, std::size_t i, const Tile
                   batch.edges.shader(),
                   edge_scratch.radiance.data() + first,
                   edge_scratch.bases.empty() ? nullptr : edge_scratch.bases.data() + first};
-    resolve_points(row, rays, points, facets, nullptr, uncounted, edge_scratch.samples[i], sampler);
+    resolve_points(row, rays, points, facets, {}, uncounted, edge_scratch.samples[i], sampler);
   }
 }
 

@@ -84,12 +84,12 @@ class RasterPass {
   // Resolves sixteen pixels from the ids of their triangles: aims their rays and refines their points.
   void resolve(const Row& row, const std::uint32_t* triangles, PixelCounts& counts, LightSamples& samples,
                PacketShader::Sampler& sampler);
-  // `by_kernel`: light and radiance of the row, if resolve_row() found them; else null.
   void resolve_points(const Row& row, Rays& rays, SurfacePoints& points, const Facets& facets,
-                      const ResolvedRow* by_kernel, PixelCounts& counts, LightSamples& samples,
+                      const ResolvedRow& by_kernel, PixelCounts& counts, LightSamples& samples,
                       PacketShader::Sampler& sampler);
-  // Resolves light and radiance of the row by resolve_row(). Returns false, and has no effect, if that cannot.
-  bool resolve_by_kernel(const Row& row, const SurfacePoints& points, ResolvedRow& out, LightSamples& samples) const;
+  // Resolves light and radiance of the pixels that row_kernel.h can resolve.
+  void resolve_by_kernel(const Row& row, const SurfacePoints& points, ResolvedRow& out) const;
+  static void keep_row(const Row& row, const ResolvedRow& resolved, LightSamples& samples);
   bool wants_points(const Row& row, const SurfacePoints& points, PixelCounts& counts);
   // Replaces pixels at edges by the mean of four samples; see edge_samples.h.
   void refine_edges(Pixels& pixels);

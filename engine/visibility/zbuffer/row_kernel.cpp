@@ -74,8 +74,8 @@ void FindRowPoints(const RowTerms& g, const Facets& t, double x, double y, RowPo
   }
 }
 
-// Shades the points. Returns whether all lanes are resolved.
-bool ShadeRow(const RowTerms& terms, RowPoints& p, const Facets& t, ResolvedRow& out) {
+// Shades the points.
+void ShadeRow(const RowTerms& terms, RowPoints& p, const Facets& t, ResolvedRow& out) {
   const float sx = terms.sun[0];
   const float sy = terms.sun[1];
   const float sz = terms.sun[2];
@@ -83,7 +83,7 @@ bool ShadeRow(const RowTerms& terms, RowPoints& p, const Facets& t, ResolvedRow&
   const float lommel_seeliger = terms.lommel_seeliger;
   const float lambert = terms.lambert;
   const float base = terms.base;
-  std::uint32_t unresolved = 0, lit = 0;
+  std::uint32_t all_resolved = 0, lit = 0;
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const float v = p.v[i], w = p.w[i];
@@ -105,10 +105,10 @@ bool ShadeRow(const RowTerms& terms, RowPoints& p, const Facets& t, ResolvedRow&
         (p.inside[i] > kRowEdge) & (p.above[i] > 0) & (along < 0) & (!(p.facing[i] > 0) | (out.light.d[i] > horizon_m));
     out.radiance[i] = (faces_sun ? radiance : 0.F) + base;
     lit |= faces_sun ? 1U << i : 0U;
-    unresolved |= resolved ? 0U : 1U << i;
+    all_resolved |= resolved ? 1U << i : 0U;
   }
-  out.lit = lit;
-  return unresolved == 0;
+  out.lit = lit & all_resolved;  // combined here: GCC 12 would not vectorize the loop
+  out.resolved = all_resolved;
 }
 
 // Computes the cosines of the shaded points; that of the phase angle from double, which the opposition surge needs: the
@@ -169,15 +169,14 @@ RowTerms::RowTerms(const View& view, const Vec3& anchor, const std::array<Vec3, 
   }
 }
 
-bool resolve_row(const Mesh& mesh, const RowTerms& terms, double x, double y, const TriangleId* triangles,
+void resolve_row(const Mesh& mesh, const RowTerms& terms, double x, double y, const TriangleId* triangles,
                  ResolvedRow& out) {
   Facets facets;
   gather(mesh, triangles, facets);
   RowPoints points;
   HWY_DYNAMIC_DISPATCH(FindRowPoints)(terms, facets, x, y, points, out);
-  if (!HWY_DYNAMIC_DISPATCH(ShadeRow)(terms, points, facets, out)) return false;
-  if (terms.open_brdf) reflect_row(terms, points, out);
-  return true;
+  HWY_DYNAMIC_DISPATCH(ShadeRow)(terms, points, facets, out);
+  if (terms.open_brdf && out.resolved) reflect_row(terms, points, out);
 }
 
 }  // namespace selenograph::engine

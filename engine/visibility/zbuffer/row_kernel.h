@@ -39,13 +39,14 @@ struct RowTerms {
 struct ResolvedRow {
   alignas(64) float radiance[kPacket];  // W m-2 sr-1, eq. (1), as if nothing hid the Sun
   LightLanes light;                     // the points in light space, without rest_*
-  std::uint32_t lit;                    // lanes that face the Sun, one bit each
+  std::uint32_t resolved = 0;           // lanes whose values are set, one bit each
+  std::uint32_t lit = 0;                // those of them that face the Sun
 };
 
-// Resolves the pixels from (x, y) on, in pixels of the image. `triangles`: one for each pixel. Returns false, with
-// `out` unspecified, unless each of these holds for all pixels: the ray meets the triangle from above and not at an
-// edge (kRowEdge); the shading normal faces the camera; the interior of the Moon does not hide the Sun.
-bool resolve_row(const Mesh& mesh, const RowTerms& terms, double x, double y, const TriangleId* triangles,
+// Resolves the pixels from (x, y) on, in pixels of the image. `triangles`: one for each pixel. A pixel is resolved if
+// its ray meets its triangle from above and not at an edge (kRowEdge), if its shading normal faces the camera, and if
+// the interior of the Moon does not hide the Sun. That and its values depend on no other pixel of the row.
+void resolve_row(const Mesh& mesh, const RowTerms& terms, double x, double y, const TriangleId* triangles,
                  ResolvedRow& out);
 
 }  // namespace selenograph::engine
