@@ -35,7 +35,7 @@ ViewSelector::ViewSelector(const dem::Terrain& terrain, std::span<const ViewBund
   double pixels = 0;
   for (const ViewBundle& view : views)
     pixels = std::max(pixels, static_cast<double>(view.view.camera().width) * view.view.camera().height);
-  constexpr double kMin = 256, kMax = 0.5 * kMaxBlocks;  // limits for tiny and for huge images
+  constexpr double kMin = 256, kMax = 3000;  // limits for tiny and for huge images
   max_detail_blocks_ = static_cast<std::size_t>(std::clamp(
       pixels * Accuracy::kDetailTrianglesPerPixel / static_cast<double>(dem::triangles_of_block(dem::kMaxLevel)), kMin,
       kMax));
