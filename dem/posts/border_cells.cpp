@@ -104,7 +104,9 @@ void BorderCells::read_samples(int source, SampleGrid& s, std::vector<SourceInde
   // Test the file's position shifted by a turn, too: a tile may lie across the date line.
   for (const std::int64_t turn : {-1, 0, 1}) {
     if (turn != 0 && (s.sheet.globe == 0 || wraps)) continue;
+    // Column and row, in the file, of the first sample. Sample i lies at first + i * stride.
     const std::int64_t first_x = s.x0 - shift_x + turn * s.sheet.globe, first_y = s.y0 - shift_y;
+    // Return the range of samples, first and past the last, that lie in a file of `size` posts along an axis.
     const auto from = [&](std::int64_t first) { return std::max<std::int64_t>(0, -floor_div(first, s.stride)); };
     const auto to = [&](std::int64_t first, std::int64_t size) {
       return std::clamp<std::int64_t>(floor_div(size - 1 - first, s.stride) + 1, 0, s.side);
@@ -125,9 +127,9 @@ void BorderCells::read_samples(int source, SampleGrid& s, std::vector<SourceInde
                                         : heights_m[static_cast<std::size_t>(r) * static_cast<std::size_t>(w) +
                                                     static_cast<std::size_t>((x - x_from) * s.stride)];
           if (!is_valid(height_m)) continue;
-          const std::size_t at = s.index(static_cast<int>(y) + r, static_cast<int>(x));
-          s.heights_m[at] = height_m;
-          s.sources[at] = source;
+          const std::size_t sample = s.index(static_cast<int>(y) + r, static_cast<int>(x));
+          s.heights_m[sample] = height_m;
+          s.sources[sample] = source;
         }
     }
   }
@@ -154,7 +156,7 @@ std::vector<BorderCells::BorderSample> BorderCells::border_samples(const Key& ke
   SampleGrid s(sheet, octave, column, row);
   for (const int source : sheet.sources) read_samples(source, s, unusable);
   std::vector<BorderSample> found;
-  for (int r = 1; r + 1 < s.side; ++r)
+  for (int r = 1; r + 1 < s.side; ++r)  // without the margin
     for (int c = 1; c + 1 < s.side; ++c)
       if (s.is_border(r, c)) found.push_back({s.sources[s.index(r, c)], s.x(c), s.y(r), s.heights_m[s.index(r, c)]});
   read_remote(found, unusable);
@@ -195,6 +197,7 @@ namespace {
 // Sums of steps per cell. Sums round differently in another order, so callers add samples in a fixed order.
 class CellSums {
  public:
+  // Adds the mean step of `samples` samples to cell (x, y).
   void add(std::int64_t x, std::int64_t y, double step_m, double samples) {
     Sum& sum = sums_[{y, x}];
     sum.step_m += step_m * samples;
@@ -202,9 +205,9 @@ class CellSums {
   }
   std::vector<BorderCell> cells() const {
     std::vector<BorderCell> cells;
-    for (const auto& [at, sum] : sums_)
-      cells.push_back(
-          {at.second, at.first, static_cast<float>(sum.step_m / sum.samples), static_cast<float>(sum.samples)});
+    for (const auto& [row_column, sum] : sums_)
+      cells.push_back({row_column.second, row_column.first, static_cast<float>(sum.step_m / sum.samples),
+                       static_cast<float>(sum.samples)});
     return cells;
   }
 
@@ -212,7 +215,7 @@ class CellSums {
   struct Sum {
     double step_m = 0, samples = 0;
   };
-  std::map<std::pair<std::int64_t, std::int64_t>, Sum> sums_;
+  std::map<std::pair<std::int64_t, std::int64_t>, Sum> sums_;  // by row and column
 };
 
 }  // namespace
@@ -229,9 +232,9 @@ std::shared_ptr<const BorderCells::Tile> BorderCells::make_tile(const Key& key) 
       sums.add(floor_div(post.x, cell), floor_div(post.y, cell),
                static_cast<double>(post.height_m) - static_cast<double>(post.beneath_m), 1);
   } else {
-    for (const int down : {0, 1})
-      for (const int along : {0, 1}) {
-        const std::shared_ptr<const Tile> quarter = tile({sheet, octave - 1, 2 * column + along, 2 * row + down});
+    for (const int dy : {0, 1})
+      for (const int dx : {0, 1}) {
+        const std::shared_ptr<const Tile> quarter = tile({sheet, octave - 1, 2 * column + dx, 2 * row + dy});
         made->unusable.insert(made->unusable.end(), quarter->unusable.begin(), quarter->unusable.end());
         for (const BorderCell& c : quarter->cells)
           sums.add(floor_div(c.x, 2), floor_div(c.y, 2), static_cast<double>(c.step_m), static_cast<double>(c.samples));

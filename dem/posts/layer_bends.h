@@ -56,6 +56,7 @@ struct PositionBox {
   bool empty() const { return south_deg > north_deg; }
 };
 
+// Bends at the positions of a grid, in its order.
 struct Bends {
   std::vector<float> added_m;           // c, m, per position; empty: nothing is bent
   std::vector<float> finer_distance_m;  // distance to finer layers, m; infinite beyond the bands
@@ -73,11 +74,11 @@ class LayerBends {
   double band_posts(int source) const;
   // Returns the widest band of any group, degrees of latitude.
   double widest_band_deg() const { return grouping().groups.widest_band_deg; }
-  // Returns the files of the file's group, ascending.
+  // Returns the files of the group that contains a file, ascending.
   const std::vector<int>& group_of(int source) const;
 
-  // Returns what finer layers add to the heights of coarser sources at the grid's positions. Only layers that begin
-  // before file `past_file` count.
+  // Returns the bends at the grid's positions: what is added to heights of coarser sources so that they meet finer
+  // layers. Only the first `past_file` files of the catalogue are considered.
   Bends bends_at(const PositionGrid& grid, int past_file) const;
 
   // Returns the border posts of a file's group: about one for each half post of the coarser layer along the border,
@@ -95,6 +96,7 @@ class LayerBends {
     BorderCells cells;
   };
   const Grouping& grouping() const;
+  // Returns whether a post comes from a coarser layer than the one that begins with file `layer_begin`.
   bool can_bend(SourceMark mark, int layer_begin) const {
     const SourceIndex source = source_of(mark);
     return source != kNoSource && catalogue_.layer_begin(static_cast<int>(source)) < layer_begin;
@@ -106,7 +108,7 @@ class LayerBends {
                       std::vector<SourceIndex>& unusable) const;
   void add_group(const LayerGroup& group, const PositionGrid& grid, BendMixture& mixture,
                  std::vector<SourceIndex>& unusable) const;
-  void add_block(const LayerGroup& group, const std::vector<std::size_t>& indices, const std::vector<PostXY>& bends_at,
+  void add_block(const LayerGroup& group, const std::vector<std::size_t>& indices, const std::vector<PostXY>& positions,
                  BendMixture& mixture, std::vector<SourceIndex>& unusable) const;
 
   const Catalogue& catalogue_;

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <limits>
-#include <utility>
 #include <vector>
 
 #include "dem/posts/tile_of_voids.h"
@@ -23,6 +22,7 @@ double lon_deg_at(const RasterInfo& info, const PostWindow& window, int c, bool 
               : lon_deg_of(wrap_lon(window.lon0 + static_cast<std::int64_t>(c) * window.lon_step));
 }
 
+// Returns the position in a file of the post in row `r` and column `c` of a window.
 PostXY located(const RasterInfo& info, const PostWindow& window, int r, int c, bool pole) {
   return locate(info, lat_deg_at(window, r), lon_deg_at(info, window, c, pole));
 }
@@ -35,9 +35,11 @@ class InterpolatedRows {
     rows_.fill(std::numeric_limits<int>::min());
   }
 
-  const double* at(int y) {
+  // Returns the interpolated heights of row `y` of the file, one per column of the window.
+  const double* row_heights(int y) {
     const auto slot = static_cast<std::size_t>(y & 3);
-    if (std::exchange(rows_[slot], y) != y) {
+    if (rows_[slot] != y) {
+      rows_[slot] = y;
       values_[slot].resize(columns_.span->positions.size());
       interpolate_row(&patch_.posts[patch_.index(patch_.x0, y)], patch_.w, columns_.row_taps(),
                       static_cast<int>(values_[slot].size()), values_[slot].data());
@@ -56,6 +58,7 @@ class InterpolatedRows {
 
 std::optional<AxisSpan> PostRange::well_inside(const std::vector<double>& window_positions) const {
   if (empty()) return std::nullopt;
+  // The kernel at v reads posts v - 1 to v + 2.
   const auto inside = [&](double v) { return v >= first() + 1 && v <= past_last() - 3; };
   const auto from = std::find_if(window_positions.begin(), window_positions.end(), inside),
              to = std::find_if_not(from, window_positions.end(), inside);
@@ -73,6 +76,7 @@ std::optional<AxisSpan> PostRange::well_inside(const std::vector<double>& window
 FileColumns::FileColumns(const RasterInfo& info, const PostWindow& window, bool pole) {
   xs.reserve(static_cast<std::size_t>(window.cols));
   for (int c = 0; c < (pole ? 1 : window.cols); ++c) xs.push_back(located(info, window, 0, c, pole).x);
+  // Make the columns of a global file ascend where the window crosses its last column.
   if (info.wraps_longitude)
     for (std::size_t c = 1; c < xs.size(); ++c)
       while (xs[c] < xs[c - 1] - 0.5) xs[c] += info.width;
@@ -124,7 +128,7 @@ void fill_rows(const PostPatch& patch, const FileColumns& all_columns, const Axi
   const bool copied = columns.on_posts && rows.on_posts;
   const bool is_contiguous = columns.is_contiguous();
   std::vector<float> heights(count);
-  InterpolatedRows along(patch, all_columns);
+  InterpolatedRows interpolated(patch, all_columns);
   for (int r = rows.first; r < rows.past_last; ++r) {
     const PostPosition& y = rows.positions[static_cast<std::size_t>(r - rows.first)];
     // Copy without a temporary where the window's columns are consecutive posts of the file.
@@ -136,8 +140,10 @@ void fill_rows(const PostPatch& patch, const FileColumns& all_columns, const Axi
       for (std::size_t i = 0; i < count; ++i) heights[i] = patch.at(columns.positions[i].post, y.post);
     } else {
       const int first = y.post - 1;
-      add_four_rows({along.at(first), along.at(first + 1), along.at(first + 2), along.at(first + 3)},
+      add_four_rows({interpolated.row_heights(first), interpolated.row_heights(first + 1),
+                     interpolated.row_heights(first + 2), interpolated.row_heights(first + 3)},
                     cubic_weights(y.fraction), n, heights.data());
+      // Repeat posts next to a void one by one: they are interpolated bilinearly where that has no void.
       if (any_void(heights.data(), n))
         for (std::size_t i = 0; i < count; ++i)
           if (std::isnan(heights[i])) heights[i] = interpolate(patch, columns.positions[i], y);

@@ -1,5 +1,6 @@
-// Fills a window with the valid posts of one file: positions of the window's posts in the file, then their heights. In
-// a geographic file columns and rows are separable: a column's position does not depend on the row.
+// Fills a window with the valid posts of one file: WindowMapping finds the positions of the window's posts in the file,
+// LayerFilling stores their heights. In a geographic file columns and rows are separable: a column's position does not
+// depend on the row.
 #pragma once
 
 #include <array>
@@ -33,10 +34,11 @@ struct AxisSpan {
   }
 };
 
-// Range of a window's columns or rows that lie in a file or next to it. Also gives the posts that these need, with the
-// kernel's margin.
+// Range of the positions, along one axis of a file, of those columns or rows of a window that lie in the file or next
+// to it. Also gives the posts that these need, with the kernel's margin.
 struct PostRange {
   double low = 1e300, high = -1e300;
+  // Adds a position unless it is too far outside a file with `size` posts along the axis to use any of them.
   void add(double v, double size) {
     if (!(v > -2 && v < size + 1)) return;
     low = std::min(low, v);
@@ -46,8 +48,8 @@ struct PostRange {
   int first() const { return static_cast<int>(std::floor(low)) - 2; }
   int past_last() const { return static_cast<int>(std::ceil(high)) + 4; }
 
-  // Returns the window's columns or rows well inside the range, of a geographic file, if they are contiguous. Empty
-  // otherwise: then each post must be examined.
+  // Returns the window's columns or rows (of a geographic file) whose kernels lie inside the range, if they are
+  // contiguous. Empty otherwise: then each post must be examined.
   std::optional<AxisSpan> well_inside(const std::vector<double>& window_positions) const;
 };
 
@@ -56,7 +58,7 @@ class FileColumns {
  public:
   FileColumns(const RasterInfo& info, const PostWindow& window, bool pole);
 
-  // Returns the taps of the span's columns in a row of the range, for interpolate_row().
+  // Returns the taps of the span's columns, counted from the range's first column, for interpolate_row().
   RowTaps row_taps() const {
     return {first_.data(), {weights_[0].data(), weights_[1].data(), weights_[2].data(), weights_[3].data()}};
   }
@@ -66,11 +68,12 @@ class FileColumns {
   std::optional<AxisSpan> span;  // columns well inside the file
 
  private:
-  std::vector<std::int32_t> first_;
-  std::array<std::vector<double>, 4> weights_;
+  std::vector<std::int32_t> first_;             // RowTaps::first
+  std::array<std::vector<double>, 4> weights_;  // RowTaps::weights
 };
 
-// Cache of the columns, shared by a window's strips: one entry per file and row type.
+// Cache of the columns, shared by a window's strips: one entry per file, first longitude (rows beyond a pole begin on
+// the opposite meridian), and kind of row (a pole has one column).
 class ColumnsOfFiles {
  public:
   std::shared_ptr<const FileColumns> find_or_create(const RasterInfo& info, int source, const PostWindow& window,
@@ -98,6 +101,7 @@ class WindowMapping {
   const FileColumns* columns() const { return columns_ && columns_->span ? columns_.get() : nullptr; }
   std::optional<AxisSpan> rows() const { return y_.well_inside(ys_); }
 
+  // Returns the position in the file of the post in row `r` and column `c` of the window.
   PostXY at(int r, int c) const {
     if (columns_) return {columns_->xs[static_cast<std::size_t>(c)], ys_[static_cast<std::size_t>(r)]};
     return positions_[static_cast<std::size_t>(r) * static_cast<std::size_t>(cols()) + static_cast<std::size_t>(c)];
@@ -112,6 +116,7 @@ class WindowMapping {
     if (x_.empty() || y_.empty()) return {0, 0, 0, 0};
     return {x_.first(), y_.first(), x_.past_last() - x_.first(), y_.past_last() - y_.first()};
   }
+  // Returns a patch of that rectangle, whose posts are still to be read.
   PostPatch patch() const {
     const Box b = box();
     PostPatch patch{b.x0, b.y0, b.w, b.h, {}};
@@ -124,8 +129,8 @@ class WindowMapping {
   const PostWindow& window_;
   bool pole_;
   std::shared_ptr<const FileColumns> columns_;  // null for a file on a plane
-  std::vector<double> ys_;
-  std::vector<PostXY> positions_;  // per post, for a file on a plane
+  std::vector<double> ys_;                      // row in the file, per row of the window, for a geographic file
+  std::vector<PostXY> positions_;               // per post, for a file on a plane
   PostRange x_, y_;
 };
 

@@ -22,11 +22,14 @@ void find_sheets(const Catalogue& catalogue, LayerGroups& result) {
   for (std::size_t i = 0; i < n; ++i) {
     const int begin = catalogue.layer_begin(static_cast<int>(i));
     if (begin == 0) continue;
+    // Search the layer's sheets, which are the last ones: files come layer by layer. `s`: sheet after the one tried.
     std::optional<std::pair<std::int64_t, std::int64_t>> shift;
     std::size_t s = result.sheets.size();
-    while (s > 0 && result.sheets[s - 1].layer_begin == begin &&
-           !(shift = shift_between(result.sheets[s - 1].reference->grid, rasters[i].grid)))
+    while (s > 0 && result.sheets[s - 1].layer_begin == begin) {
+      shift = shift_between(result.sheets[s - 1].reference->grid, rasters[i].grid);
+      if (shift) break;
       --s;
+    }
     if (!shift) {
       LayerSheet sheet{&rasters[i], begin, 0, {}};
       const double around = posts_around(rasters[i].grid);
@@ -48,6 +51,7 @@ std::vector<int> find_touching(const Catalogue& catalogue, const LayerGroups& re
   std::vector<int> root(n);
   std::iota(root.begin(), root.end(), 0);
   const auto root_of = [&](int i) {
+    // Halve the path to the root while walking along it.
     while (root[static_cast<std::size_t>(i)] != i)
       i = root[static_cast<std::size_t>(i)] = root[static_cast<std::size_t>(root[static_cast<std::size_t>(i)])];
     return i;
@@ -66,7 +70,7 @@ std::vector<int> find_touching(const Catalogue& catalogue, const LayerGroups& re
   return root;
 }
 
-// Creates the groups from `first_of` and extends each group's box by its files.
+// Creates the groups and extends each group's box by its files. `first_of`: result of find_touching().
 void gather_groups(const std::vector<RasterInfo>& rasters, const std::vector<int>& first_of, LayerGroups& result) {
   for (std::size_t i = 0; i < rasters.size(); ++i) {
     if (result.sheet[i] < 0) continue;
@@ -90,12 +94,12 @@ void gather_groups(const std::vector<RasterInfo>& rasters, const std::vector<int
     group.sources.push_back(static_cast<int>(i));
     // A group across the date line is one box: count each file's columns from its first file on.
     const std::int64_t globe = result.sheets[static_cast<std::size_t>(group.sheet)].globe;
-    const std::int64_t turn =
+    const std::int64_t turn_posts =
         globe == 0
             ? 0
             : globe * std::llround(static_cast<double>(result.shift[first].first - x) / static_cast<double>(globe));
-    group.x0 = std::min(group.x0, x + turn);
-    group.x1 = std::max(group.x1, x + turn + info.width);
+    group.x0 = std::min(group.x0, x + turn_posts);
+    group.x1 = std::max(group.x1, x + turn_posts + info.width);
     group.y0 = std::min(group.y0, y);
     group.y1 = std::max(group.y1, y + info.height);
   }
@@ -107,7 +111,7 @@ int finest_beneath(const Catalogue& catalogue, int source, int begin) {
   const Footprint& f = catalogue.rasters()[static_cast<std::size_t>(source)].footprint;
   const std::vector<int> overlapping =
       catalogue.touching(f.south_deg, f.north_deg, f.west_deg, f.east_deg, -kBorder_deg);
-  const auto past = std::lower_bound(overlapping.begin(), overlapping.end(), begin);
+  const auto past = std::lower_bound(overlapping.begin(), overlapping.end(), begin);  // files ascend, so layers do
   return past == overlapping.begin() ? -1 : *std::prev(past);
 }
 
@@ -182,12 +186,13 @@ PostXY SheetPosts::locate_behind_limb(const Geographic& position) const {
   const PostXY middle{-g.first_x_m / g.spacing_m, g.first_y_m / g.spacing_m};
   const Vec3 axis = to_cartesian(plane_->position(middle.x, middle.y)).normalized();
   const Vec3 behind = to_cartesian(position).normalized();
-  const PostXY before = plane_->locate(Vec3(behind - 2 * behind.dot(axis) * axis));
-  const double radius = kMoonRadius_m * g.plane.scale / g.spacing_m;
-  const double away = std::hypot(before.x - middle.x, before.y - middle.y);
-  if (away < radius / 2) return {kNotOnPlane, kNotOnPlane};
-  const double outward = (2 * radius - away) / away;
-  return {middle.x + outward * (before.x - middle.x), middle.y + outward * (before.y - middle.y)};
+  const PostXY mirrored = plane_->locate(Vec3(behind - 2 * behind.dot(axis) * axis));
+  const double radius_posts = kMoonRadius_m * g.plane.scale / g.spacing_m;
+  const double distance_posts = std::hypot(mirrored.x - middle.x, mirrored.y - middle.y);
+  // Give up far behind the limb, where the reflection would be stretched without bound.
+  if (distance_posts < radius_posts / 2) return {kNotOnPlane, kNotOnPlane};
+  const double outward = (2 * radius_posts - distance_posts) / distance_posts;
+  return {middle.x + outward * (mirrored.x - middle.x), middle.y + outward * (mirrored.y - middle.y)};
 }
 
 double SheetPosts::distance_from_box(const PostXY& p) const {

@@ -29,10 +29,10 @@ inline constexpr double kMinColumnScale =
 // the equator, or at the origin of an orthographic projection.
 double widest_post_deg(const RasterInfo& info);
 
-// Grid common to several files of a layer; its post (0, 0) is the first post of the first file.
+// Grid common to several files of a layer; its post (0, 0) is the first post of the first file, `reference`.
 struct LayerSheet {
   const RasterInfo* reference = nullptr;
-  int layer_begin = 0;
+  int layer_begin = 0;     // first file of the layer
   std::int64_t globe = 0;  // posts per turn around the globe if that is a whole number; else 0
   std::vector<int> sources;
 
@@ -67,11 +67,11 @@ struct LayerSheet {
 
 // Files of a sheet that touch each other.
 struct LayerGroup {
-  int sheet = 0;
-  std::vector<int> sources;
+  int sheet = 0;                                // index in LayerGroups::sheets
+  std::vector<int> sources;                     // files, ascending
   std::int64_t x0 = 0, y0 = 0, x1 = 0, y1 = 0;  // box in posts of the sheet; x1 and y1 are exclusive
-  int layer_begin = 0;
-  int beneath = -1;  // finest file of a coarser layer below the group; -1: none
+  int layer_begin = 0;                          // first file of the group's layer
+  int beneath = -1;                             // finest file of a coarser layer below the group; -1: none
   double post_spacing_m = 0;
   double spacing_ratio = 1;  // post spacing of `beneath` over the group's own
   double band_posts = 0;     // width of the band outside the group in which coarser layers are bent; 0: none

@@ -19,11 +19,12 @@ namespace {
 constexpr std::size_t kMaxPosts =
     4096;  // maximum per border: the median's error is then about 1/50 of the steps' spread
 constexpr double kMaxOffset_m = 20000;  // with a larger offset no height is possible on the Moon
-constexpr double kFitStep_m = 0.001;
+constexpr double kFitStep_m = 0.001;    // fitted offsets are multiples of it
 // Global models' stated errors are 3 to 4 m at 60 m posts (SLDEM2015) and 10 to 20 m at 118 m (GLD100).
 constexpr double kTypicalError = 0.1;  // ratio of a model's height error to its post spacing
 constexpr double kMinTypicalError_m = 3;
 
+// Returns the statistics of step_m(post) over posts, of which there is at least one.
 Steps steps_of(const std::vector<BorderPost>& posts, const std::function<double(const BorderPost&)>& step_m) {
   Steps s;
   for (const BorderPost& post : posts) {
@@ -81,8 +82,8 @@ std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
     if (!has_match) throw DataError(offset.pattern, "no DEM file has such a name (--layer-offset)");
   }
   catalogue.join_layers(joins);
-  std::vector<FittedOffset> found;
-  std::vector<char> done(rasters.size());
+  std::vector<FittedOffset> fits;
+  std::vector<char> done(rasters.size());  // files whose group has its offset
   for (std::size_t i = 0; i < rasters.size(); ++i) {
     if (!fitted[i] || done[i]) continue;
     const int file = static_cast<int>(i);
@@ -94,6 +95,7 @@ std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
       group = source.bends().group_of(file);
       std::vector<double> steps;
       for (const BorderPost& post : source.bends().border_posts(file, kMaxPosts))
+        // The step of the files as they are, with the sign of the offset that removes it.
         steps.push_back(catalogue.offset_m(post.source) - static_cast<double>(post.step_m));
       fit.posts = steps.size();
       if (!steps.empty()) fit.offset_m = std::round(median(std::move(steps)) / kFitStep_m) * kFitStep_m;
@@ -105,9 +107,9 @@ std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
       joins.offsets_m[o] = fit.offset_m;
     }
     catalogue.join_layers(joins);
-    found.push_back(fit);
+    fits.push_back(fit);
   }
-  return found;
+  return fits;
 }
 
 std::vector<LayerBorder> measure_borders(const Catalogue& catalogue, std::size_t max_groups) {
@@ -127,12 +129,10 @@ std::vector<LayerBorder> measure_borders(const Catalogue& catalogue, std::size_t
     border.posts = posts.size();
     border.offset_m = catalogue.offset_m(group.front());
     border.band_m = source.bends().band_posts(file) * catalogue.rasters()[i].post_spacing_m;
-    std::map<SourceIndex, std::size_t> beneath;
-    for (const BorderPost& post : posts) ++beneath[post.beneath];
-    border.beneath =
-        static_cast<int>(std::max_element(beneath.begin(), beneath.end(), [](const auto& a, const auto& b) {
-                           return a.second < b.second;
-                         })->first);
+    std::map<SourceIndex, std::size_t> posts_above;  // number of border posts above each file
+    for (const BorderPost& post : posts) ++posts_above[post.beneath];
+    const auto has_fewer_posts = [](const auto& a, const auto& b) { return a.second < b.second; };
+    border.beneath = static_cast<int>(std::max_element(posts_above.begin(), posts_above.end(), has_fewer_posts)->first);
     border.in_files = steps_of(posts, [&](const BorderPost& post) {
       return static_cast<double>(post.step_m) - catalogue.offset_m(post.source);
     });

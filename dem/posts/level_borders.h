@@ -53,7 +53,7 @@ bool any_file_within(const Catalogue& catalogue, const BlockId& id);
 // Levels of a node's chunk: see ChunkPlan.
 struct ChunkLevels {
   bool exists = false;  // a file covers the node
-  bool direct = true;   // the chunk reaches down to the posts; else it is made of the chunks at `base_level`
+  bool direct = true;   // the chunk is made from the posts; else from the finer chunks that start at `base_level`
   int base_level = 0;   // finest level of the chunk
 };
 
@@ -66,7 +66,7 @@ struct ChunkNode {
 // coarser side.
 struct LevelBorder {
   bool along_parallel = false;
-  std::int64_t at = 0;    // tick of the parallel or meridian
+  std::int64_t at = 0;    // latitude tick of the parallel, or longitude tick of the meridian
   std::int64_t from = 0;  // first and last tick along the border
   std::int64_t to = 0;
   int level = 0;           // level of the coarser posts
@@ -79,7 +79,7 @@ class LevelBorders {
  public:
   explicit LevelBorders(const Catalogue& catalogue);
 
-  // Returns true if the files have posts of different levels.
+  // Returns true if the files have posts of different levels: else there are no borders.
   bool any() const { return any_; }
   // Returns the levels of the chunk at `node`, whose level must be one at which chunks start.
   ChunkLevels levels_of(const BlockId& node) const;
@@ -93,13 +93,14 @@ class LevelBorders {
 
  private:
   ChunkLevels compute_levels(const BlockId& node) const;
+  // near() appends to `found` by these two.
   void add_borders_of(const BlockId& node, int level, std::vector<LevelBorder>& found) const;
   void add_finer_along(const LevelBorder& edge, std::int64_t outside, std::vector<LevelBorder>& found) const;
 
   const Catalogue& catalogue_;
   std::vector<int> levels_;  // per file
   bool any_ = false;
-  std::span<const int> strata_ = kStrata;
+  std::span<const int> strata_ = kStrata;  // levels at which chunks start
   // All threads look up every block of every frame at once: the cache has no lock.
   mutable tbb::concurrent_unordered_map<BlockId, ChunkLevels, BlockIdHash> levels_cache_;
 };

@@ -119,7 +119,7 @@ FillCount FillMissing(const float* layer, int n, SourceMark mark, float* heights
     const auto missing = hn::RebindMask(d, hn::Eq(was, none));
     const auto possible = hn::And(hn::Ge(v, lowest), hn::Le(v, highest)), take = hn::And(missing, possible);
     filled += hn::CountTrue(d, take);
-    impossible += hn::CountTrue(d, hn::AndNot(possible, hn::And(missing, hn::Eq(v, v))));
+    impossible += hn::CountTrue(d, hn::AndNot(possible, hn::And(missing, hn::Eq(v, v))));  // v == v: not NaN
     hn::StoreU(hn::IfThenElse(take, v, hn::LoadU(d, heights + i)), d, heights + i);
     hn::StoreU(hn::IfThenElse(hn::RebindMask(m, take), marks, was), m, sources + i);
   }
@@ -137,8 +137,8 @@ FillCount FillMissing(const float* layer, int n, SourceMark mark, float* heights
   return {static_cast<int>(filled), static_cast<int>(impossible)};
 }
 
-// Sums in double, in the same order as the scalar loop. On a finer lattice the taps of a vector's positions all lie
-// within two vectors of the row: then table lookups pick them from these two.
+// Sums in double, in the same order as the scalar loop. Where positions are denser than the row's posts, the taps of a
+// vector's positions all lie within two vectors of the row: then table lookups pick them from these two.
 void InterpolateRow(const float* row, [[maybe_unused]] int row_size, const RowTaps& taps, int n, double* out) {
   const auto scalar_loop = [&](int from, int past_last) {
     for (int i = from; i < past_last; ++i) {
@@ -162,10 +162,10 @@ void InterpolateRow(const float* row, [[maybe_unused]] int row_size, const RowTa
       continue;
     }
     const auto a = hn::LoadU(f, row + base), b = hn::LoadU(f, row + base + lanes);
-    const auto at = hn::Sub(hn::LoadU(s, taps.first + i), hn::Set(s, base));
+    const auto first_tap = hn::Sub(hn::LoadU(s, taps.first + i), hn::Set(s, base));  // index in the two vectors
     auto low = hn::Zero(d), high = hn::Zero(d);
     for (std::size_t k = 0; k < 4; ++k) {
-      const auto tap = hn::Add(at, hn::Set(s, static_cast<std::int32_t>(k)));
+      const auto tap = hn::Add(first_tap, hn::Set(s, static_cast<std::int32_t>(k)));
       const auto index = hn::IndicesFromVec(f, hn::And(tap, hn::Set(s, lanes - 1)));
       const auto in_second = hn::RebindMask(f, hn::Gt(tap, hn::Set(s, lanes - 1)));
       const auto post = hn::IfThenElse(in_second, hn::TableLookupLanes(b, index), hn::TableLookupLanes(a, index));

@@ -9,7 +9,7 @@
 
 namespace selenograph::dem {
 
-// Extends the range by `n` heights.
+// Extends the range by `n` heights. NaN does not change it.
 void extend_range(const float* heights, int n, HeightRange& range);
 
 // Returns the largest distance between two rows of heights, or `worst` if that is larger.

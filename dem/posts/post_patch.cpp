@@ -45,6 +45,7 @@ float extrapolate(const PostPatch& patch, double px, double py) {
       const double dx = px - x, dy = py - y, distance = dx * dx + dy * dy;
       if (std::isnan(h) || distance >= nearest) continue;
       nearest = distance;
+      // Returns the slope along an axis, m per post, from a valid neighbour; 0 if there is none.
       const auto slope = [h](float before, float after) {
         return !std::isnan(before) ? h - before : !std::isnan(after) ? after - h : 0.F;
       };

@@ -48,6 +48,8 @@ class SourceRows {
   void set(int row, const SourceMark* marks);
   // Clears a row, before its runs are appended from the first column on.
   void clear(int row) { at(row).clear(); }
+  // Appends the columns up to `past_last`, exclusive: to the row's last run if that has the same mark, else as a new
+  // run.
   void append(int row, SourceMark mark, int past_last) {
     std::vector<SourceRun>& runs = at(row);
     if (!runs.empty() && runs.back().mark == mark)

@@ -29,10 +29,12 @@ struct Mean {
   double value() const { return count > 0 ? sum / count : 0; }
 };
 
-// Statistics of second differences along meridians, by distance (octave) and by row modulo each spacing.
+// Statistics of second differences h(y - d) - 2 h(y) + h(y + d) along meridians, by distance d = 2^octave posts and,
+// for d = 1, by row modulo each spacing. The two ways to measure are explained at measure_resolved_posts().
 class SecondDifferences {
  public:
-  // Adds a sample square. `first_row` is counted from the same origin in all files of a layer.
+  // Adds a sample square of kSide x kSide heights, m. `first_row`: its first row in the file; it is counted from the
+  // same origin in all files of a layer.
   void add(const std::vector<float>& square, std::int64_t first_row) {
     for (int octave = 0; octave <= kMaxOctaves; ++octave) {
       const int apart = 1 << octave;
@@ -41,6 +43,7 @@ class SecondDifferences {
   }
 
   // Returns the spacing, in posts, of lines between which heights are interpolated linearly; 1 if there are none.
+  // `step_m`: the step to which heights are rounded, here and below.
   // Between such lines second differences over one post come from steps of the heights alone; on the lines they are
   // larger. Finds whole numbers of posts.
   int kink_spacing(double step_m) const {
@@ -64,22 +67,23 @@ class SecondDifferences {
       // 1).
       return m.count < 1000 ? 0 : m.value() - 0.5 * step_m * step_m;
     };
-    int first = 0;
+    int first = 0;  // first octave whose differences exceed the rounding errors
     while (first < kMaxOctaves && !(mean_m2(first) > kSignal * step_m * step_m)) ++first;
-    int last = first;
+    int last = first;  // octave of the widest interpolated distance
     while (last < kMaxOctaves && std::log2(mean_m2(last + 1) / mean_m2(last)) / 2 >= kSteepest) ++last;
     // Octaves below the first are hidden by steps: they are interpolated if the first measurable octave is.
     return last > first || first == 0 ? 1 << last : 0;
   }
 
  private:
+  // Adds the differences centred on row `y` of a square, which is row `row` of the layer.
   void add_row(const std::vector<float>& square, int octave, int y, std::int64_t row) {
     Mean absolute;
     for (int x = 0; x < kSide; ++x) {
-      const auto at = [&](int r) {
-        return static_cast<double>(square[static_cast<std::size_t>((y + r * (1 << octave)) * kSide + x)]);
+      const auto height_m = [&](int steps) {
+        return static_cast<double>(square[static_cast<std::size_t>((y + steps * (1 << octave)) * kSide + x)]);
       };
-      const double d = at(-1) - 2 * at(0) + at(1);
+      const double d = height_m(-1) - 2 * height_m(0) + height_m(1);
       if (std::isnan(d)) continue;
       squares_[static_cast<std::size_t>(octave)].add(d * d);
       absolute.add(std::abs(d));
@@ -102,8 +106,9 @@ class SecondDifferences {
       means.push_back(rows.value());
     }
     std::sort(means.begin(), means.end());
+    // The median row lies between the lines, the row with the largest mean on them.
     const double between = means[(means.size() - 1) / 2], on_lines = means.back() - between;
-    double excess = 0;
+    double excess = 0;  // of all rows: a single line should have most of it
     for (const double mean : means) excess += std::max(mean - between, 0.0);
     // Steps alone give a mean of 0.5 steps, less on gentle ground, where steps form patterns.
     const bool steps_alone = between - 0.6 * step_m < 0.25 * on_lines, gentle = between < 0.45 * step_m;

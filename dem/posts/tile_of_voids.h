@@ -23,25 +23,26 @@ namespace selenograph::dem {
 
 // Returns true if a row has a void.
 inline bool any_void(const float* h, int n) {
-  int any = 0;  // int rather than bool, so that the compiler vectorises the loop
-  for (int i = 0; i < n; ++i) any |= h[i] != h[i];
-  return any != 0;
+  int any_nan = 0;  // int rather than bool, so that the compiler vectorises the loop
+  for (int i = 0; i < n; ++i) any_nan |= h[i] != h[i];
+  return any_nan != 0;
 }
 
+// Returns true if all posts of a row are voids.
 inline bool all_void(const float* h, int n) {
-  int any = 0;
-  for (int i = 0; i < n; ++i) any |= h[i] == h[i];
-  return any == 0;
+  int any_valid = 0;
+  for (int i = 0; i < n; ++i) any_valid |= h[i] == h[i];
+  return any_valid == 0;
 }
 
 // Result for one void: index among the window's heights, interpolated height and source of the nearest valid post.
 struct FilledPost {
-  std::size_t at;
+  std::size_t index;
   float height_m;
-  SourceMark source;
+  SourceMark source;  // with kFilledBit
 };
 
-// Voids of one tile of a window.
+// Voids of one tile of a window: at most kSide x kSide posts from (`row`, `col`) on.
 class TileOfVoids {
  public:
   static constexpr int kSide = 64;
@@ -54,19 +55,19 @@ class TileOfVoids {
         c0_(col),
         c1_(std::min(col + kSide, window.cols)) {}
 
-  // Returns the tile's voids that can be filled. `mark(index)` returns the source mark of a valid post.
+  // Returns the tile's voids that can be filled, row by row. `mark(index)` returns the source mark of a valid post.
   template <typename Mark>
   std::vector<FilledPost> filled(const Mark& mark) const {
     if (!has_voids() || !has_valid_nearby()) return {};
+    // Sweep the tile from each of the four sides, from kFillReach posts outside it on.
     Distances west{}, east{}, south{}, north{};
     for (int r = r0_; r < r1_; ++r) {
-      std::uint8_t since = 0;
+      std::uint8_t since = 0;  // posts since the row's last valid one; 0: more than kFillReach
       for (int c = std::max(c0_ - kFillReach, 0); c < c1_; ++c) advance(r, c, since, west);
       since = 0;
       for (int c = std::min(c1_ + kFillReach, window_.cols) - 1; c >= c0_; --c) advance(r, c, since, east);
     }
-    std::array<std::uint8_t, kSide> below{},
-        above{};  // posts since the column's last valid one; 0: more than kFillReach
+    std::array<std::uint8_t, kSide> below{}, above{};  // the same per column
     for (int r = std::max(r0_ - kFillReach, 0); r < r1_; ++r)
       for (int c = c0_; c < c1_; ++c) advance(r, c, below[static_cast<std::size_t>(c - c0_)], south);
     for (int r = std::min(r1_ + kFillReach, window_.rows) - 1; r >= r0_; --r)
@@ -76,27 +77,31 @@ class TileOfVoids {
     for (int r = r0_; r < r1_; ++r)
       for (int c = c0_; c < c1_; ++c) {
         const std::size_t k = local(r, c);
-        const auto at = static_cast<std::ptrdiff_t>(index(r, c));
-        if (!std::isnan(heights_[static_cast<std::size_t>(at)])) continue;
-        double sum = 0, weight = 0;
+        const auto void_index = static_cast<std::ptrdiff_t>(index(r, c));
+        if (!std::isnan(heights_[static_cast<std::size_t>(void_index)])) continue;
+        double weighted_sum_m = 0, weight_sum = 0;
         int nearest = kFillReach + 1;
         SourceMark source = kNoSource;
-        const auto between = [&](int before, int after, std::ptrdiff_t apart) {
+        // Adds the valid posts on both sides of the void along one axis, whose adjacent posts are `stride` elements
+        // apart. `before`, `after`: their distances in posts; 0: none.
+        const auto add_axis = [&](int before, int after, std::ptrdiff_t stride) {
           if (before == 0 || after == 0) return;
-          for (const auto& [distance, from] : {std::pair{before, at - before * apart}, {after, at + after * apart}}) {
-            const auto there = static_cast<std::size_t>(from);
-            sum += static_cast<double>(heights_[there]) / distance;
-            weight += 1.0 / distance;
+          for (const auto& [distance, valid_index] :
+               {std::pair{before, void_index - before * stride}, {after, void_index + after * stride}}) {
+            const auto valid = static_cast<std::size_t>(valid_index);
+            weighted_sum_m += static_cast<double>(heights_[valid]) / distance;
+            weight_sum += 1.0 / distance;
             if (distance < nearest) {
               nearest = distance;
-              source = mark(there);
+              source = mark(valid);
             }
           }
         };
-        between(west[k], east[k], 1);
-        between(south[k], north[k], window_.cols);
-        if (weight > 0)
-          found.push_back({static_cast<std::size_t>(at), static_cast<float>(sum / weight), source | kFilledBit});
+        add_axis(west[k], east[k], 1);
+        add_axis(south[k], north[k], window_.cols);
+        if (weight_sum > 0)
+          found.push_back({static_cast<std::size_t>(void_index), static_cast<float>(weighted_sum_m / weight_sum),
+                           source | kFilledBit});
       }
     return found;
   }
@@ -140,8 +145,8 @@ class TileOfVoids {
   int r0_, r1_, c0_, c1_;
 };
 
-// Calls use(post), row by row, for each void that can be filled. All tiles are read, in parallel, before the first post
-// is written: a tile reads posts of its neighbours.
+// Calls use(post), row by row, for each void that can be filled. `has_voids`: per row. All tiles are read, in parallel,
+// before the first post is written: a tile reads posts of its neighbours.
 template <typename Mark, typename Use>
 void for_each_filled(const PostWindow& window, const float* heights, const Mark& mark,
                      const std::vector<char>& has_voids, const StopToken& stop, Use&& use) {
@@ -151,13 +156,13 @@ void for_each_filled(const PostWindow& window, const float* heights, const Mark&
   in_parallel(down, [&](std::size_t strip) {
     stop.check();
     const int first = static_cast<int>(strip) * kSide, past_last = std::min(first + kSide, window.rows);
-    if (std::none_of(has_voids.begin() + first, has_voids.begin() + past_last, [](char any) { return any; })) return;
+    if (std::none_of(has_voids.begin() + first, has_voids.begin() + past_last, [](char has) { return has; })) return;
     for (int column = 0; column < window.cols; column += kSide) {
       const std::vector<FilledPost> tile = TileOfVoids(window, heights, first, column).filled(mark);
       filled[strip].insert(filled[strip].end(), tile.begin(), tile.end());
     }
     std::sort(filled[strip].begin(), filled[strip].end(),
-              [](const FilledPost& a, const FilledPost& b) { return a.at < b.at; });
+              [](const FilledPost& a, const FilledPost& b) { return a.index < b.index; });
   });
   for (const std::vector<FilledPost>& strip : filled)
     for (const FilledPost& post : strip) use(post);
