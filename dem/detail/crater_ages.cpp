@@ -8,6 +8,7 @@ namespace {
 
 constexpr double kLinear = 8.38e-4;  // craters of 1 km per km^2 and Ga
 
+// Returns log10 of the cumulative number per km^2 on a surface of 1 Ga, above the diameter 10^log_km km.
 double log_production(double log_km) {
   constexpr std::array<double, 12> kTerms{-3.0876,  -3.557528, 0.781027,  1.021521,  -0.156012, -0.444058,
                                           0.019977, 0.086850,  -0.005874, -0.006809, 8.25e-4,   5.54e-5};
@@ -16,6 +17,7 @@ double log_production(double log_km) {
   return sum;
 }
 
+// Returns the cumulative number of craters of 1 km per km^2 on a surface of the given age.
 double chronology(double age_Ga) { return 5.44e-14 * std::expm1(6.93 * age_Ga) + kLinear * age_Ga; }
 
 }  // namespace
@@ -56,6 +58,7 @@ CraterAges::CraterAges(const SizeFrequency& visible, double smallest_m, double l
   for (std::size_t i = 0; i < log_times_.size(); ++i) {
     const double diameter_m = std::exp(first_ + static_cast<double>(i) * step_);
     const double low = diameter_m / kWide, high = diameter_m * kWide;
+    // A crater lasts until as many have formed as are visible.
     log_times_[i] = std::log(visible.between(low, high) / (production_per_m2(low) - production_per_m2(high)));
   }
 }
@@ -65,12 +68,12 @@ CraterAges::Life CraterAges::life(double diameter_m) const {
   const double index = std::clamp((std::log(diameter_m) - first_) / step_, 0.0, last);
   const auto i = std::min(static_cast<std::size_t>(index), log_times_.size() - 2);
   const double f = index - static_cast<double>(i);
-  const double times = std::exp(log_times_[i] + f * (log_times_[i + 1] - log_times_[i]));
-  return {std::min(1.0, formed_ / times), times, std::min(times, formed_)};
+  const double worn_out = std::exp(log_times_[i] + f * (log_times_[i + 1] - log_times_[i]));
+  return {std::min(1.0, formed_ / worn_out), worn_out, std::min(worn_out, formed_)};
 }
 
 double CraterAges::number_per_m2(double smallest_m, double largest_m) const {
-  constexpr int kIntervals = 64;
+  constexpr int kIntervals = 64;  // equal ratios of diameters, in each of which the share is taken as constant
   double sum = 0;
   for (int i = 0; i < kIntervals; ++i) {
     const auto diameter_at = [&](double interval) {

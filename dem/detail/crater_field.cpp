@@ -47,6 +47,7 @@ double CraterField::number_per_m2(double smallest_m) const {
   return from_m < law_.largest_m ? ages_.number_per_m2(from_m, law_.largest_m) : 0;
 }
 
+// Draws the same numbers in the same order for every crater: later draws of a cell depend on them.
 std::optional<Crater> CraterField::draw_crater(Draws& draws, const Vec3& centre, double diameter_m) const {
   const CraterAges::Life life = ages_.life(diameter_m);
   const double formation_rank = draws.uniform(), age_share = draws.uniform();

@@ -11,6 +11,7 @@ constexpr double kStep = 1.0 / CraterShape::kStepsPerRadius;
 // Lattice on which the equation is solved, in crater radii: annuli of this width, out to where the height stays 0.
 constexpr double kBorder = 14, kAnnulus = 0.01;
 
+// Returns the height of a fresh crater, in diameters, at r crater radii (Fassett & Thomson 2014, eq. 4).
 double fresh(double r) {
   if (r < 0.98) return -0.228809953 + r * (0.227533882 + r * (0.083116795 - r * 0.039499407));
   if (r <= 1.02) return 0.036822095;
@@ -40,23 +41,32 @@ class Diffusion {
       outward[i] = own[i] * out;
     }
     for (int step = 0; step < steps; ++step) {
-      double before = 0;
-      for (std::size_t i = 0; i < n; ++i) right[i] = before = own[i] * heights[i] + inward[i] * before;
-      double after = 0;
-      for (std::size_t i = n; i-- > 0;) heights[i] = after = right[i] + outward[i] * after;
+      // Substitute forward, then backward.
+      double inner = 0;
+      for (std::size_t i = 0; i < n; ++i) {
+        inner = own[i] * heights[i] + inward[i] * inner;
+        right[i] = inner;
+      }
+      double outer = 0;
+      for (std::size_t i = n; i-- > 0;) {
+        outer = right[i] + outward[i] * outer;
+        heights[i] = outer;
+      }
     }
   }
 
   std::vector<double> heights;
 };
 
-double at(const std::vector<double>& annuli, double r) {
+// Interpolates heights at the annuli's middles at r crater radii.
+double height_at(const std::vector<double>& annuli, double r) {
   const double index = std::max(0.0, r / kAnnulus - 0.5);
   const auto i = std::min(static_cast<std::size_t>(index), annuli.size() - 2);
   const double f = std::min(1.0, index - static_cast<double>(i));
   return annuli[i] + f * (annuli[i + 1] - annuli[i]);
 }
 
+// Returns the age of a row of the table. Rows are equally spaced in the square root of the age, by which shapes widen.
 double age_of_row(int row) {
   const double root = std::sqrt(CraterShape::kOldest) * row / (kAges - 1);
   return root * root;
@@ -64,17 +74,19 @@ double age_of_row(int row) {
 
 }  // namespace
 
+// Samples a profile at the table's steps, and measures its depth. `scale`: factor of the heights.
 CraterShape::Row CraterShape::row_of(const std::vector<double>& annuli, double age, double scale) const {
   Row row;
-  const double end = reach(age), from = std::max(1.5, end * 2 / 3);
+  const double end = reach(age), fade_begin = std::max(1.5, end * 2 / 3);
   double highest = 0, r = 0;
   while (r < end) {
     // Fade the height to 0 towards the reach, where the diffused profile would go on.
-    const double h = scale * at(annuli, r) * replaced((end - r) / (end - from));
+    const double h = scale * height_at(annuli, r) * replaced((end - r) / (end - fade_begin));
     row.heights.push_back(static_cast<float>(h));
     highest = std::max(highest, h);
     r += kStep;
   }
+  // Give all rows one length: profiles of different ages are interpolated.
   row.heights.resize(static_cast<std::size_t>(reach(kOldest) / kStep) + 3);
   row.depth = highest - static_cast<double>(row.heights[0]);
   return row;
@@ -89,6 +101,7 @@ CraterShape::CraterShape() {
     if (i > 0) ageing.advance(age_of_row(i) - age_of_row(i - 1), kSteps);
     rows_.push_back(row_of(ageing.heights, age_of_row(i), scale));
   }
+  // Craters that replace each other converge to height / replaced: h = h (1 - replaced) + height.
   for (int i = 0; i < kAges; ++i)
     for (double r = 0; r + kStep < reach(age_of_row(i)); r += kStep) {
       const double h = height(r, age_of_row(i)) / replaced_at(r, age_of_row(i));

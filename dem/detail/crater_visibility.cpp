@@ -35,6 +35,7 @@ std::vector<double> heights_of(const Detail& detail, int octave, const Middle& m
   return heights;
 }
 
+// Interpolates heights at a fractional row and column of a square.
 double bilinear(const std::vector<double>& heights, double row, double column) {
   const auto r = static_cast<std::size_t>(row), c = static_cast<std::size_t>(column);
   const double y = row - static_cast<double>(r), x = column - static_cast<double>(c);
@@ -102,6 +103,8 @@ CraterRoughness::CraterRoughness(const Detail& detail, const StopToken& stop) {
 double CraterRoughness::mean_square_m2(int octave, double diameter_m) const {
   if (octave < smallest_octave() || octave > largest_octave()) return 0;
   const Squares& squares = octaves_[static_cast<std::size_t>(octave - smallest_)];
+  // The table has diameters from half the octave's smallest on, doubling. On smaller rings the ground is a paraboloid,
+  // whose difference from its centre grows with the square of the diameter.
   const double ratio = diameter_m / std::ldexp(0.5, octave);
   if (ratio <= 1) return squares.front() * std::pow(ratio, 4);
   const double index = std::log2(ratio);

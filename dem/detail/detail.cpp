@@ -13,7 +13,7 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr double kPostsPerFeature = 4;
+constexpr double kPostsPerFeature = 4;  // smallest size that a level shows, in spacings of its posts
 
 // The ball that bounds a grid's positions on the sphere.
 struct BoundingBall {
@@ -96,7 +96,7 @@ Detail::Detail(const DetailPreset& preset)
 }
 
 double Detail::expected_left_out_m(double size_m) const {
-  double square_m2 = 0;
+  double square_m2 = 0;  // sum over octaves of the squared percentile
   const auto add = [&](const std::vector<double>& p99_m, int smallest_octave) {
     for (std::size_t i = 0; i < p99_m.size(); ++i)
       if (std::ldexp(1.0, smallest_octave + static_cast<int>(i)) < size_m) square_m2 += p99_m[i] * p99_m[i];
@@ -116,6 +116,7 @@ int Detail::samples_per_cell(int octave, int posts_level) {
 // The constructor stores the result, because every block of every frame needs it.
 int Detail::find_finest_level() const {
   int level = 0;
+  // Returns whether `level` shows all octaves from `smallest` to `largest`, of which there may be none.
   const auto shows = [&](int smallest, int largest) {
     return smallest > largest || smallest_octave(level) <= smallest;
   };
@@ -130,14 +131,17 @@ double Detail::mean_m(int octave) const {
 }
 
 double Detail::left_out_m(int level, int posts_level) const {
-  double sum = 0;
+  double sum_m = 0;
+  // Octaves below this one are missing on the level, and the posts do not have them either.
   const int shown = std::min(smallest_octave(level), past_largest_octave(posts_level));
   for (int k = craters_.smallest_octave(); k <= std::min(shown - 1, craters_.largest_octave()); ++k)
-    sum += std::max({craters_.deepest_m(k) + mean_m(k), craters_.highest_m(k) - mean_m(k),
-                     preset_.region.everywhere() ? 0 : craters_.deepest_m(k)});  // beside the border the mean has faded
+    // An octave's heights, less its mean, lie between -(deepest + mean) and highest - mean.
+    sum_m +=
+        std::max({craters_.deepest_m(k) + mean_m(k), craters_.highest_m(k) - mean_m(k),
+                  preset_.region.everywhere() ? 0 : craters_.deepest_m(k)});  // beside the border the mean has faded
   for (int k = relief_.shortest_octave(); k <= std::min(shown - 1, relief_.longest_octave()); ++k)
-    sum += relief_.max_height_m(k);
-  return sum;
+    sum_m += relief_.max_height_m(k);
+  return sum_m;
 }
 
 double Detail::left_out_size_m(int octave) const {
@@ -152,21 +156,22 @@ double Detail::max_detail_m(int posts_level) const {
   // Interpolation between posts can amplify it by 1.5625 more, the sum of Catmull-Rom's.
   constexpr double kMaxOverRange = (1 + 1.5625 * 2.557) / 2;  // |detail - correction| over the range
   const int first_in_means = smallest_octave(posts_level + kCellLevels), past = past_largest_octave(posts_level);
-  double range = 0;
+  double range_m = 0;
   for (int k = std::max(first_in_means, craters_.smallest_octave()); k <= std::min(past - 1, craters_.largest_octave());
        ++k)
-    range += craters_.deepest_m(k) + craters_.highest_m(k) +
-             (preset_.region.everywhere() ? 0 : std::abs(mean_m(k)));  // the mean fades, the craters do not
+    range_m += craters_.deepest_m(k) + craters_.highest_m(k) +
+               (preset_.region.everywhere() ? 0 : std::abs(mean_m(k)));  // the mean fades, the craters do not
   for (int k = std::max(first_in_means, relief_.shortest_octave()); k <= std::min(past - 1, relief_.longest_octave());
        ++k)
-    range += 2 * relief_.max_height_m(k);
-  return kMaxOverRange * range + left_out_m(posts_level + kCellLevels, posts_level);
+    range_m += 2 * relief_.max_height_m(k);
+  // Add the octaves that are too small for the means: nothing of them is subtracted.
+  return kMaxOverRange * range_m + left_out_m(posts_level + kCellLevels, posts_level);
 }
 
 namespace {
 
-// Returns the rows that a crater may reach: the first and the one past the last. All rows of a grid that extends past a
-// pole, whose sines are not ascending.
+// Returns the rows that a crater may reach, first and past the last. `reach`: a chord of the unit sphere. A grid that
+// extends past a pole has rows whose sines do not ascend: then returns all rows.
 std::pair<std::size_t, std::size_t> rows_of(const DirectionGrid& grid, const Crater& crater, double reach) {
   if (grid.cos_lat.front() < 0 || grid.cos_lat.back() < 0) return {0, grid.rows()};
   const auto first = std::lower_bound(grid.sin_lat.begin(), grid.sin_lat.end(), crater.centre.z() - reach);
@@ -174,21 +179,22 @@ std::pair<std::size_t, std::size_t> rows_of(const DirectionGrid& grid, const Cra
   return {first - grid.sin_lat.begin(), past - grid.sin_lat.begin()};
 }
 
-// Returns the columns that a crater may reach: the first and the one past the last.
+// Returns the columns that a crater may reach, first and past the last: from the right-angled triangle of the pole, the
+// crater's centre and the point where its circle touches a meridian, sin(half width) = reach / distance from the axis.
 std::pair<std::size_t, std::size_t> columns_of(const DirectionGrid& grid, const Crater& crater, double reach) {
   constexpr double kMarginFactor = 1 + 1e-6;  // covers the use of chords for angles, and rounding
   const std::size_t n = grid.columns();
   const double axis_distance = std::hypot(crater.centre.x(), crater.centre.y()),
                sine = kMarginFactor * reach / axis_distance;
   if (!(sine < 1)) return {0, n};
-  const double half = std::asin(sine) / grid.lon_step, middle = static_cast<double>(n - 1) / 2;
+  const double half_columns = std::asin(sine) / grid.lon_step, middle = static_cast<double>(n - 1) / 2;
   const double longitude = std::atan2(crater.centre.y(), crater.centre.x());
-  const double at =
+  const double centre_column =
       middle + std::remainder(longitude - (grid.west + middle * grid.lon_step), 2 * std::numbers::pi) / grid.lon_step;
   const auto clamped = [&](double column) {
     return static_cast<std::size_t>(std::clamp(column, 0.0, static_cast<double>(n)));
   };
-  return {clamped(std::floor(at - half)), clamped(std::ceil(at + half) + 1)};
+  return {clamped(std::floor(centre_column - half_columns)), clamped(std::ceil(centre_column + half_columns) + 1)};
 }
 
 }  // namespace
@@ -210,7 +216,7 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const 
   std::vector<float> heights(rows * columns, 0.F);
   for (const Crater& crater : craters) {
     stop.check();
-    const double reach = crater.reach_m() / kMoonRadius_m;
+    const double reach = crater.reach_m() / kMoonRadius_m;  // a chord of the unit sphere, as all distances here
     const CraterShape::Profile profile = craters_.shape().profile(crater.age);
     CraterOverRow crater_over_row{
         crater.centre.x(),
@@ -226,16 +232,16 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const 
         static_cast<float>(crater.scale)};
     const bool marked = !in_crater.empty() && crater.depth_m >= kWorn * crater.diameter_m;
     const double rim = crater.diameter_m / 2 / kMoonRadius_m, rim2 = rim * rim;
-    const auto [first, past_last] = columns_of(grid, crater, reach);
+    const auto [first_column, past_column] = columns_of(grid, crater, reach);
     const auto [first_row, past_row] = rows_of(grid, crater, reach);
     for (std::size_t r = first_row; r < past_row; ++r) {
       const double dz = grid.sin_lat[r] - crater.centre.z();
       // Skip the row if its distance along the axis alone exceeds the reach.
       if (dz * dz > crater_over_row.reach2) continue;
       crater_over_row.along_axis2 = dz * dz;
-      const bool past_pole = grid.cos_lat[r] < 0;
-      const RowUnderCrater row{grid.cos_lat[r], grid.sin_lon.data(), grid.cos_lon.data(), past_pole ? 0 : first,
-                               past_pole ? columns : past_last};
+      const bool past_pole = grid.cos_lat[r] < 0;  // on the opposite meridian: the range of columns does not hold
+      const RowUnderCrater row{grid.cos_lat[r], grid.sin_lon.data(), grid.cos_lon.data(), past_pole ? 0 : first_column,
+                               past_pole ? columns : past_column};
       cast_crater(crater_over_row, row, heights.data() + r * columns);
       if (marked && crater_over_row.along_axis2 < rim2)
         mark_crater(crater_over_row, row, rim2, in_crater.data() + r * columns);
@@ -306,6 +312,7 @@ std::vector<double> Detail::shares_of(const DirectionGrid& grid) const {
   return shares;
 }
 
+// A crater whose centre lies inside the region may reach beyond its border.
 bool Detail::reaches(const Vec3& direction, double radius_m) const {
   const double beyond_m = CraterShape::reach(CraterShape::kOldest) * preset_.craters.largest_m / 2;
   return preset_.region.inside_m(direction) > -(radius_m + beyond_m);

@@ -56,12 +56,12 @@ class Detail {
   const DetailPreset& preset() const { return preset_; }
   // The coarsest level that shows all octaves.
   int finest_level() const { return finest_level_; }
-  // Smallest octave of craters, and of relief, that a level shows.
+  // Smallest octave of craters, and of relief, that a level shows: octave k has sizes from 2^k to 2^(k+1) m.
   static int smallest_octave(int level);
 
-  // Adds to heights in metres, row by row, the octaves that a level shows and the posts' level does not. The result at
-  // a position does not depend on the grid, to the bit. `in_crater`, if not empty, is set to 1 inside the rim of a
-  // crater that is not worn away (kWorn), else to 0.
+  // Adds to heights in metres, row by row, the octaves that a level shows and `posts_level`, the level of the DEM's
+  // posts there, does not. The result at a position does not depend on the grid, to the bit. `in_crater`, if not empty,
+  // is set to 1 inside the rim of a crater that is not worn away (kWorn), else to 0.
   void add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m,
            std::span<float> in_crater = {}, const StopToken& stop = {}) const;
   // Depth over diameter below which a crater is no longer recognised.

@@ -43,13 +43,15 @@ class Noise {
   using Bits = hn::Vec<U32>;
 
  public:
-  // `close`: most vectors have all positions in one cell of the noise's lattice. Their eight gradients are then
-  // computed once per cell (in_cell) instead of per position (in_plane).
+  // `z`: the coordinate that all positions share, in cells. `close`: most vectors have all positions in one cell of the
+  // noise's lattice. Their eight gradients are then computed once per cell (in_cell) instead of per position
+  // (in_plane).
   Noise(double z, std::uint32_t seed, bool close)
       : k_(lattice_floor(z)), seed_(seed), close_(close), fz_(static_cast<float>(z - k_)), w_(noise_fade(fz_)) {
     for (int d = 0; d < 2; ++d) along_z_[d] = seed ^ (static_cast<std::uint32_t>(k_ + d) * kLatticeZ);
   }
 
+  // Returns the noise at the positions (x[i], y[i], z), in cells.
   HWY_INLINE Floats at(const double* HWY_RESTRICT x, const double* HWY_RESTRICT y) {
     const Axis u(x, kLatticeX), v(y, kLatticeY);
     if (close_) {
@@ -92,6 +94,7 @@ class Noise {
     Bits hash[2];
   };
 
+  // Returns the blend of the four corners in the lattice plane k_ + dz, with gradients computed per position.
   HWY_INLINE Floats in_plane(const Axis& x, const Axis& y, int dz) const {
     const Floats z = hn::Set(F32(), fz_ - static_cast<float>(dz));
     const Bits along_z = hn::Set(U32(), along_z_[dz]);
@@ -103,6 +106,7 @@ class Noise {
     return blend(along_x(0), along_x(1), y.fade);
   }
 
+  // Returns the same blend for positions that all lie in one cell, whose gradients are in cell_.
   HWY_INLINE Floats in_cell(const Axis& x, const Axis& y, int dz) const {
     const F32 f32;
     const auto corner = [&](int dx, int dy) HWY_ATTR {
@@ -151,11 +155,11 @@ class Noise {
   }
   static constexpr std::uint8_t M = 0x80;
 
-  std::int32_t k_;
-  std::uint32_t seed_, along_z_[2];
+  std::int32_t k_;                   // lattice plane below z
+  std::uint32_t seed_, along_z_[2];  // seed; its hash with the planes k_ and k_ + 1
   bool close_;
-  float fz_, w_;
-  std::optional<NoiseCell> cell_;
+  float fz_, w_;                   // z above plane k_, and the weight of plane k_ + 1
+  std::optional<NoiseCell> cell_;  // gradients of the latest cell
 };
 
 void AddNoise(const NoiseRow& row, std::uint32_t seed, double amplitude, double* HWY_RESTRICT heights) {
@@ -189,13 +193,16 @@ void AddNoise(const NoiseRow& row, std::uint32_t seed, double amplitude, double*
 
 #endif
 
+// Returns the squared chord from the crater's centre to a position of the row, (x, y) in the equatorial plane.
 HWY_INLINE double distance2(const CraterOverRow& crater, double x, double y) {
   const double dx = x - crater.x, dy = y - crater.y;
   return dx * dx + dy * dy + crater.along_axis2;
 }
 
-// It is vectorised by hand, because compilers do not vectorise the lookups in the profiles. A scalar loop finishes the
-// positions that do not fill a vector; it rounds like the vectors.
+// Implements cast_crater(). Vectorised by hand, because compilers do not vectorise the lookups in the profiles. For
+// each position: squared chord to the crater's centre, step of the profile with its fraction, height between the
+// younger and the older profile, and the share of older ground that it replaces. A scalar loop finishes the positions
+// that do not fill a vector; it rounds like the vectors.
 void CastCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* HWY_RESTRICT heights_m) {
   const CraterOverRow k = crater;
   const hn::ScalableTag<double> f64;
@@ -211,7 +218,7 @@ void CastCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* H
     const auto reach2 = hn::Set(f64, k.reach2);
     if (hn::AllFalse(f64, hn::Lt(chord2, reach2))) continue;
     const auto step = hn::Mul(hn::Sqrt(hn::Min(chord2, reach2)), hn::Set(f64, k.steps));
-    const auto i = hn::DemoteTo(i32, step);
+    const auto i = hn::DemoteTo(i32, step);  // profile step at or before the position
     const auto f = hn::DemoteTo(f32, hn::Sub(step, hn::PromoteTo(f64, i)));
     const auto along = [&](const float* profile) HWY_ATTR {
       const auto low = hn::GatherIndex(f32, profile, i), high = hn::GatherIndex(f32, profile + 1, i);

@@ -28,12 +28,14 @@ struct CraterOverRow {
   float share;                   // weight of the older one
   float scale_m;                 // scale of the profiles' heights
 };
+// A row of a DirectionGrid, and its columns that the crater may reach.
 struct RowUnderCrater {
   double cos_lat;
   const double *sin_lon, *cos_lon;
   std::size_t first, past_last;
 };
-// Replaces the heights that older craters left by the crater's own, by the share CraterShape::replaced.
+// Replaces the heights that older craters left by the crater's own: heights_m[c] becomes (1 - replaced) * heights_m[c]
+// + the crater's height, for columns within its reach; CraterShape::replaced gives the share.
 void cast_crater(const CraterOverRow& crater, const RowUnderCrater& row, float* heights_m);
 // Sets marks to 1 at positions nearer to the centre than the square root of `radius2`.
 void mark_crater(const CraterOverRow& crater, const RowUnderCrater& row, double radius2, float* marks);

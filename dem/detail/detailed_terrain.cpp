@@ -24,11 +24,11 @@ bool DetailedTerrain::has_data(const BlockId& id) const {
 
 bool DetailedTerrain::detail_reaches(const BlockId& id) const {
   if (detail_->preset().region.everywhere()) return true;
-  const BlockId of_posts = ancestor_of(id, std::min(id.level, plain_->posts_level(id)));
-  const Circle circle = circle_around(footprint_of(of_posts));
+  const BlockId posts_block = ancestor_of(id, std::min(id.level, plain_->posts_level(id)));
+  const Circle circle = circle_around(footprint_of(posts_block));
   // A descendant's circle may stick out of its ancestor's. The mean correction reaches some posts beyond the detail.
   constexpr double kMarginFactor = 1.01, kMarginPosts = 4;
-  const int level = std::min(of_posts.level, layers_.coarsest_detail(id));
+  const int level = std::min(posts_block.level, layers_.coarsest_detail(id));
   return detail_->reaches(circle.middle, kMarginFactor * circle.radius_m + kMarginPosts * post_spacing_m(level));
 }
 
@@ -52,6 +52,8 @@ double DetailedTerrain::left_out_size_m(const BlockId& id) const {
   return detail_->left_out_size_m(std::min(shown, Detail::past_largest_octave(coarsest)));
 }
 
+// Returns a block's bounds: those of the block itself where it has detail; else those of the plain block, widened by
+// the detail and the bicubic curve that finer levels add.
 NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
   const auto info_of = [](const Block& b) {
     return NodeInfo{b.error_m, b.min_m, b.max_m, false, {}, b.detail_error_m, b.left_out_size_m};
@@ -70,17 +72,17 @@ NodeInfo DetailedTerrain::node(const BlockId& id, const StopToken& stop) const {
   }
   NodeInfo info = plain_->node(id, stop);
   if (info.empty || !detail_reaches(id)) return info;
-  const int posts = layers_.coarsest(id);
+  const int posts_level = layers_.coarsest(id);
   // The surface curves between the posts by about as much as posts deviate from the surface through every second one:
   // take that level's error as the bound. For much coarser levels take half of their own error. It is larger than the
   // bend, since rough ground is rougher over longer distances.
   constexpr int kMuchCoarser = 3;
-  double bend = 0;
-  if (id.level + kMuchCoarser <= posts)
-    bend = info.error_m / 2;
-  else if (posts > 0)
-    bend = id.level < posts ? info.error_m : plain_->node(ancestor_of(id, posts - 1), stop).error_m;
-  const double detail_error_m = bend + detail_->max_detail_m(layers_.coarsest_detail(id));
+  double bend_m = 0;
+  if (id.level + kMuchCoarser <= posts_level)
+    bend_m = info.error_m / 2;
+  else if (posts_level > 0)
+    bend_m = id.level < posts_level ? info.error_m : plain_->node(ancestor_of(id, posts_level - 1), stop).error_m;
+  const double detail_error_m = bend_m + detail_->max_detail_m(layers_.coarsest_detail(id));
   info.error_m += detail_error_m;
   info.detail_error_m = detail_error_m;
   info.left_out_size_m = left_out_size_m(id);
@@ -110,12 +112,13 @@ std::optional<NodeInfo> DetailedTerrain::outline(const BlockId& id, const StopTo
   if (!has_detail(id) || plain_->has_replacements() || id.level >= finest_level(id)) return std::nullopt;
   const LayeredPosts::Layers layers = layers_.of(id);
   const LayeredPosts::Layer& layer = layers->front();
-  const int finer = id.level - layer.level;
-  if (layers->size() > 1 || finer <= 0) return std::nullopt;
-  const int past = finer - kLevelsFromPosts - 1;  // levels past the first one that is made; negative: bounds from posts
-  if (past >= 0 && past % kLevelsApart == 0) return std::nullopt;
-  const auto heights =
-      past < 0 ? bounds_from_posts(id, layer, stop) : bounds_from_ancestor(id, id.level - past % kLevelsApart, stop);
+  const int levels_below_posts = id.level - layer.level;
+  if (layers->size() > 1 || levels_below_posts <= 0) return std::nullopt;
+  const int levels_past_made = levels_below_posts - kLevelsFromPosts - 1;  // from the first level that is made on
+  if (levels_past_made >= 0 && levels_past_made % kLevelsApart == 0) return std::nullopt;
+  const auto heights = levels_past_made < 0
+                           ? bounds_from_posts(id, layer, stop)
+                           : bounds_from_ancestor(id, id.level - levels_past_made % kLevelsApart, stop);
   if (!heights) return std::nullopt;
   NodeInfo info{detail_->left_out_m(id.level, layer.detail_level), heights->low, heights->high, false, {}};
   info.detail_error_m = info.error_m;
@@ -155,6 +158,7 @@ std::optional<HeightRange> DetailedTerrain::bounds_from_ancestor(const BlockId& 
                                                                  const StopToken& stop) const {
   const auto coarser = block(ancestor_of(id, level), stop);
   if (!coarser) return std::nullopt;
+  // Read the coarser block's vertices over the block, rounded outward. Its error bounds what lies between them.
   const BlockExtent e = extent_of(id), &outer = coarser->extent;
   HeightRange range{kHighestRelief_m, kLowestRelief_m};
   const auto steps_up = [](std::int32_t length, std::int32_t step) { return (length + step - 1) / step; };
@@ -188,10 +192,11 @@ std::shared_ptr<const Block> DetailedTerrain::block_or_quad(const BlockId& id, s
   if (!has_detail(id)) return plain_->block(id, stop);
   if (const auto hit = cache_.find(GroundCache::Kind::block, id)) return *hit;
   const BlockExtent e = extent_of(id);
-  const auto first = [](std::int32_t tick, std::int32_t origin, std::int32_t step) {
+  const auto vertex_before = [](std::int32_t tick, std::int32_t origin, std::int32_t step) {
     return origin + (tick - origin) / step * step;
   };
-  const BlockExtent quad{first(lat, e.lat0, e.lat_step), first(lon, e.lon0, e.lon_step), e.lat_step, e.lon_step, 1};
+  const BlockExtent quad{vertex_before(lat, e.lat0, e.lat_step), vertex_before(lon, e.lon0, e.lon_step), e.lat_step,
+                         e.lon_step, 1};
   return cache_.run_in_arena(posts_to_await(id), stop, [&] { return maker_.heights(id, quad, stop); });
 }
 

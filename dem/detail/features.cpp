@@ -50,6 +50,7 @@ CraterRemains remains_of(const CraterField& field, const Crater& crater, std::sp
     double now_m = own_m;
     for (const Crater& later : younger)
       now_m = now_m * (1 - replaced(later, rim_point)) + height_m(field, later, rim_point);
+    // The point is left if younger craters changed it by at most a quarter of the depth.
     remains.rim[static_cast<std::size_t>(i)] = std::abs(now_m - own_m) <= crater.depth_m / 4;
   }
   for (const Crater& later : younger) remains.floor *= 1 - replaced(later, crater.centre);
@@ -99,6 +100,8 @@ void CraterSurvey::craters_in(int octave, const Footprint& box, double min_depth
   }
 }
 
+// Appends a crater as a feature, unless finer posts show there instead of the detail, the mean correction leaves less
+// than `min_depth` of it, the terrain has no data at its centre, or younger craters have replaced it.
 void CraterSurvey::add_if_shown(const Crater& crater, int octave, double min_depth, std::span<const Crater> candidates,
                                 std::vector<CraterFeature>& out, const StopToken& stop) const {
   CraterFeature feature{crater, octave, to_geographic(crater.centre * kMoonRadius_m), 0};
@@ -106,6 +109,7 @@ void CraterSurvey::add_if_shown(const Crater& crater, int octave, double min_dep
   const std::vector<DetailOfPosts> layers = layers_at(centre);
   const double share = this->share(octave, layers);
   if (!(share > 0.5)) return;
+  // Test this upper bound first: depth_left() is slow.
   if (share * crater.depth_m < min_depth * crater.diameter_m) return;
   for (const DetailOfPosts& layer : layers)
     if (has_octave(layer, octave)) feature.depth_m += layer.share * depth_left(crater, layer.level) * crater.depth_m;

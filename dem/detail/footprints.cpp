@@ -46,18 +46,21 @@ std::vector<Footprint> cut(const Footprint& region, double side_m, const StopTok
   std::vector<Footprint> boxes;
   const double side_deg = side_m / kMetresPerDegree;
   const auto steps = [&](double length_deg) { return std::max(1, static_cast<int>(std::ceil(length_deg / side_deg))); };
-  const auto at = [](double low, double high, int i, int n) { return i == n ? high : low + (high - low) * i / n; };
+  // Returns border i of n equal parts; the last one without rounding.
+  const auto part_border = [](double low, double high, int i, int n) {
+    return i == n ? high : low + (high - low) * i / n;
+  };
   const int rows = steps(region.north_deg - region.south_deg);
   for (int r = 0; r < rows; ++r) {
     Footprint box = region;
-    box.south_deg = at(region.south_deg, region.north_deg, r, rows);
-    box.north_deg = at(region.south_deg, region.north_deg, r + 1, rows);
-    const double nearest_deg = box.south_deg > 0 ? box.south_deg : std::max(0.0, -box.north_deg);
-    const int columns = steps((region.east_deg - region.west_deg) * std::cos(nearest_deg * kRadiansPerDegree));
+    box.south_deg = part_border(region.south_deg, region.north_deg, r, rows);
+    box.north_deg = part_border(region.south_deg, region.north_deg, r + 1, rows);
+    const double equatorward_deg = box.south_deg > 0 ? box.south_deg : std::max(0.0, -box.north_deg);
+    const int columns = steps((region.east_deg - region.west_deg) * std::cos(equatorward_deg * kRadiansPerDegree));
     for (int c = 0; c < columns; ++c) {
       if (boxes.size() % kBoxesPerCheck == 0) stop.check();
-      box.west_deg = at(region.west_deg, region.east_deg, c, columns);
-      box.east_deg = at(region.west_deg, region.east_deg, c + 1, columns);
+      box.west_deg = part_border(region.west_deg, region.east_deg, c, columns);
+      box.east_deg = part_border(region.west_deg, region.east_deg, c + 1, columns);
       boxes.push_back(box);
     }
   }

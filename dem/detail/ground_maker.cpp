@@ -16,11 +16,13 @@ BlockExtent with_halo(const BlockExtent& e) {
 
 }  // namespace
 
+// Interpolates a layer's posts (or, if the block is no finer than these, takes the pyramid's filtered ones), subtracts
+// the mean correction and adds the detail.
 GroundMaker::Surface GroundMaker::layer_surface(const BlockId& id, const BlockExtent& e,
                                                 const LayeredPosts::Layer& layer, const StopToken& stop) const {
   const int side = e.quads + 1;
   const auto n = static_cast<std::size_t>(side);
-  const bool finer = id.level > layer.level, shown = id.level > layer.detail_level;
+  const bool finer = id.level > layer.level, shows_detail = id.level > layer.detail_level;
   PostReader posts(posts_, finer ? layer.level : id.level,
                    finer ? GroundPosts::Kind::of_layer : GroundPosts::Kind::filtered, stop);
   PostReader correction(posts_, layer.detail_level, GroundPosts::Kind::mean_correction, stop);
@@ -36,14 +38,15 @@ GroundMaker::Surface GroundMaker::layer_surface(const BlockId& id, const BlockEx
     double* const row_m = out.heights_m.data() + static_cast<std::size_t>(r) * n;
     posts.interpolate_row(lat, lons, row_m);
     posts.append_sources(lat, lons, out.sources);
-    if (!shown) continue;
+    if (!shows_detail) continue;
     correction.interpolate_row(lat, lons, correction_m.data());
     for (std::size_t c = 0; c < n; ++c) row_m[c] -= correction_m[c];
   }
   out.posts_m = out.heights_m;
   if (!finer) out.left_out_m = plain_.node(id, stop).error_m;
-  out.ground.assign(n * n, shown && detail_.has_relief(id.level, layer.detail_level) ? Ground::relief : Ground::dem);
-  if (!shown) return out;
+  out.ground.assign(n * n,
+                    shows_detail && detail_.has_relief(id.level, layer.detail_level) ? Ground::relief : Ground::dem);
+  if (!shows_detail) return out;
   detail_.add(BlockDirections(e, 0, 1, side).grid(), id.level, layer.detail_level, out.heights_m, out.in_crater, stop);
   // A level coarser than the posts omits, besides posts, the bicubic curve between them: double the plain error for it.
   out.left_out_m = 2 * out.left_out_m + detail_.left_out_m(id.level, layer.detail_level);
@@ -58,9 +61,10 @@ void GroundMaker::blend(Surface& below, const Surface& above, const BlockExtent&
   const auto mixed = [](double share, double a, double b) {
     return share == 0 ? a : share == 1 ? b : a + share * (b - a);
   };
-  std::size_t at = 0;
+  std::size_t post = 0;
   for (int r = 0; r < side; ++r)
-    for (int c = 0; c < side; ++c, ++at) {
+    for (int c = 0; c < side; ++c, ++post) {
+      // Wrap a position beyond a pole, in the halo, to the opposite meridian.
       double lat_deg = lat_deg_of(e.lat0 + r * e.lat_step), lon_deg = lon_deg_of(e.lon0 + c * e.lon_step);
       if (std::abs(lat_deg) > 90) {
         lat_deg = std::copysign(180, lat_deg) - lat_deg;
@@ -68,14 +72,14 @@ void GroundMaker::blend(Surface& below, const Surface& above, const BlockExtent&
       }
       const double share = layers_.share(layer, lat_deg, lon_deg);
       if (share == 0) continue;
-      double &posts_m = below.posts_m[at], &height_m = below.heights_m[at];
-      const double added_m = mixed(share, height_m - posts_m, above.heights_m[at] - above.posts_m[at]);
-      posts_m = mixed(share, posts_m, above.posts_m[at]);
-      height_m = share == 1 ? above.heights_m[at] : posts_m + added_m;
+      double &posts_m = below.posts_m[post], &height_m = below.heights_m[post];
+      const double detail_m = mixed(share, height_m - posts_m, above.heights_m[post] - above.posts_m[post]);
+      posts_m = mixed(share, posts_m, above.posts_m[post]);
+      height_m = share == 1 ? above.heights_m[post] : posts_m + detail_m;
       if (share <= 0.5) continue;
-      below.sources[at] = above.sources[at];
-      below.in_crater[at] = above.in_crater[at];
-      below.ground[at] = above.ground[at];
+      below.sources[post] = above.sources[post];
+      below.in_crater[post] = above.in_crater[post];
+      below.ground[post] = above.ground[post];
     }
   below.left_out_m = std::max(below.left_out_m, above.left_out_m);
 }
@@ -109,27 +113,29 @@ std::shared_ptr<Block> GroundMaker::block(const BlockId& id, const StopToken& st
   block->sources.reserve(block->index(e.quads, e.quads) + 1);
   block->ground.reserve(block->index(e.quads, e.quads) + 1);
   float low = kHighestRelief_m, high = kLowestRelief_m;
-  double bend = 0;
+  double bend_m = 0;  // largest second difference along rows and columns
   for (int r = 0; r <= e.quads; ++r)
     for (int c = 0; c <= e.quads; ++c) {
-      const std::size_t at = static_cast<std::size_t>(r + kHalo) * n + static_cast<std::size_t>(c + kHalo);
-      const float* h = rounded.data() + at;
+      const std::size_t post = static_cast<std::size_t>(r + kHalo) * n + static_cast<std::size_t>(c + kHalo);
+      const float* h = rounded.data() + post;
       block->vertices.push_back({*h, Eigen::Vector3f::Zero()});
-      block->sources.push_back(surface.sources[at]);
+      block->sources.push_back(surface.sources[post]);
       const bool outside = !everywhere && detail_.share(block->position(r, c, 0).normalized()) == 0;
-      block->ground.push_back(surface.in_crater[at] > 0 ? Ground::crater : outside ? Ground::dem : surface.ground[at]);
+      block->ground.push_back(surface.in_crater[post] > 0 ? Ground::crater
+                              : outside                   ? Ground::dem
+                                                          : surface.ground[post]);
       if (std::isnan(*h)) continue;
       low = std::min(low, *h);
       high = std::max(high, *h);
       for (const std::ptrdiff_t step : {std::ptrdiff_t{1}, static_cast<std::ptrdiff_t>(n)})
         if (const float second = h[step] - 2 * *h + h[-step]; !std::isnan(second))
-          bend = std::max(bend, static_cast<double>(std::abs(second)));
+          bend_m = std::max(bend_m, static_cast<double>(std::abs(second)));
     }
   if (low > high) return nullptr;
   block->pack();
   // A kink between two posts deviates from their chord by at most half the nearer post's second difference. Along two
   // axes, three quarters exceed every error that unit.detail has measured.
-  block->error_m = 0.75 * bend + surface.left_out_m;
+  block->error_m = 0.75 * bend_m + surface.left_out_m;
   block->min_m = low;
   block->max_m = high;
   fill_shading_normals(*block, rounded, {});

@@ -37,29 +37,29 @@ std::shared_ptr<const Block> GroundPosts::compose_layers(const BlockId& id, cons
   PostsOfBlock posts = compose_block(root, id, plain_.post_source(), layers_.files_up_to(id.level), stop);
   auto block = empty_block(id, extent_of(id));
   const int side = block->side(), wide = side + 2 * kHalo;
-  bool any = false;
+  bool has_heights = false;
   for (int r = 0; r < side; ++r)
     for (int c = 0; c < side; ++c) {
       const float height_m = posts.heights[static_cast<std::size_t>((r + kHalo) * wide + c + kHalo)];
       block->vertices.push_back({height_m, Eigen::Vector3f::Zero()});
-      any |= !std::isnan(height_m);
+      has_heights |= !std::isnan(height_m);
     }
-  if (!any) return nullptr;
+  if (!has_heights) return nullptr;
   block->sources = std::move(posts.sources);
   block->pack();
   return block;
 }
 
 std::optional<HeightRange> GroundPosts::range_around(const BlockId& id, int layer_level, const StopToken& stop) const {
-  const BlockExtent e = extent_of(id), of_posts = extent_of(ancestor_of(id, layer_level));
+  const BlockExtent e = extent_of(id), posts_extent = extent_of(ancestor_of(id, layer_level));
   PostReader posts(*this, layer_level, Kind::of_layer, stop);
   HeightRange range{kHighestRelief_m, kLowestRelief_m};
   // Interpolation at a position uses one post before the position's quad and one after it.
   const auto first = [](std::int64_t tick, std::int64_t step) { return floor_to(tick, step) - step; };
-  for (std::int64_t lat = first(e.lat0, of_posts.lat_step); lat <= e.lat1() + 2 * of_posts.lat_step;
-       lat += of_posts.lat_step)
-    for (std::int64_t lon = first(e.lon0, of_posts.lon_step); lon <= e.lon1() + 2 * of_posts.lon_step;
-         lon += of_posts.lon_step) {
+  for (std::int64_t lat = first(e.lat0, posts_extent.lat_step); lat <= e.lat1() + 2 * posts_extent.lat_step;
+       lat += posts_extent.lat_step)
+    for (std::int64_t lon = first(e.lon0, posts_extent.lon_step); lon <= e.lon1() + 2 * posts_extent.lon_step;
+         lon += posts_extent.lon_step) {
       const auto height_m = static_cast<float>(posts.height_on_row(lat, lon));
       if (std::isnan(height_m)) return std::nullopt;
       range.low = std::min(range.low, height_m);
@@ -69,7 +69,7 @@ std::optional<HeightRange> GroundPosts::range_around(const BlockId& id, int laye
 }
 
 double PostReader::height_on_row(std::int64_t lat, std::int64_t lon) {
-  std::int64_t lon_offset = 0;
+  std::int64_t lon_offset = 0;  // half a turn beyond a pole
   if (lat < 0 || lat > kLatTicks) {
     lat = lat < 0 ? -lat : 2 * std::int64_t{kLatTicks} - lat;
     lon_offset = kLonTicks / 2;

@@ -15,6 +15,7 @@ namespace {
 // Distance in posts by which a layer's ground extends past its outermost posts, up to the posts of its next file.
 constexpr double kReachPosts = 2;
 
+// Returns whether a position lies in a file's outline, which runs half a post outside its outermost posts.
 bool inside(const RasterInfo& info, const PostXY& at) {
   return (info.wraps_longitude || (at.x >= -0.5 && at.x <= info.width - 0.5)) && at.y >= -0.5 &&
          at.y <= info.height - 0.5;
@@ -24,7 +25,7 @@ bool inside(const RasterInfo& info, const PostXY& at) {
 double distance_m(const RasterInfo& info, const PostXY& at, double lat_deg) {
   double x = std::max({0.0, -at.x, at.x - (info.width - 1)});
   const double y = std::max({0.0, -at.y, at.y - (info.height - 1)});
-  double x_m = info.post_spacing_m;
+  double x_m = info.post_spacing_m;  // spacing of columns
   if (const auto* g = std::get_if<GeographicGrid>(&info.grid)) {
     if (info.wraps_longitude) x = 0;
     x_m = kMetresPerDegree / g->lon_posts_per_degree * std::cos(lat_deg * kRadiansPerDegree);
@@ -60,7 +61,8 @@ LayeredPosts::LayeredPosts(const PyramidTerrain& plain, double widest_m) : plain
     const RasterInfo& info = catalogue.rasters()[i];
     // The lattice has no coarser blocks of posts than the roots.
     const int level = std::max(kRootLevel, level_needed(info));
-    // Compare with the level's spacing, which may be up to twice as dense as the file's posts.
+    // The detail's level is as many octaves coarser as the file's resolved heights are than the level's posts, which
+    // may be up to twice as dense as the file's.
     const double resolved_m = catalogue.resolved_posts(static_cast<int>(i)) * info.post_spacing_m;
     const auto octaves = static_cast<int>(std::lround(std::log2(resolved_m / post_spacing_m(level))));
     const int coarser = std::clamp(octaves, 0, std::max(0, level - kRootLevel));

@@ -43,6 +43,8 @@ class CraterAmongPosts {
 
   double post_spacing_m() const { return north_m_; }
 
+  // Returns the share of the crater's depth that is left (mean_correction.h): rim minus centre, with and without the
+  // correction.
   double depth_left() {
     compute_correction();
     constexpr int kRimSamples = 16;
@@ -148,16 +150,17 @@ std::vector<double> cell_means(const Detail& detail, const SubBlock& sub_block, 
 }  // namespace
 
 std::vector<double> sharpened(const std::vector<double>& means, std::size_t side) {
-  // Catmull-Rom interpolation of cell means has other means: along each axis, those filtered by
-  // (-2.5, 18, 161, 18, -2.5) / 192, the integral of its weights over a cell. This filter is the inverse, to 1e-3.
+  // A surface interpolated by Catmull-Rom between the cells' means has other means over the cells: along each axis, the
+  // given ones filtered by (-2.5, 18, 161, 18, -2.5) / 192, the integral of its weights over a cell. kSharpened is the
+  // inverse of that symmetric filter, to 1e-3: its middle weight, then those of cells 1 to 4 away.
   constexpr std::array kSharpened{1.225297469, -0.143363406, 0.035794135, -0.006376901, 0.001297438};
   static_assert(kSharpened.size() == kCellsAround + 1);
   std::vector<double> sharp(means), out(means);  // after the pass along rows, and after that along columns
   const auto sharpen = [&](const std::vector<double>& from, std::vector<double>& to, std::size_t step) {
-    for (std::size_t at = kCellsAround * step; at + kCellsAround * step < from.size(); ++at) {
-      to[at] = kSharpened[0] * from[at];
+    for (std::size_t cell = kCellsAround * step; cell + kCellsAround * step < from.size(); ++cell) {
+      to[cell] = kSharpened[0] * from[cell];
       for (std::size_t k = 1; k < kSharpened.size(); ++k)
-        to[at] += kSharpened[k] * (from[at - k * step] + from[at + k * step]);
+        to[cell] += kSharpened[k] * (from[cell - k * step] + from[cell + k * step]);
     }
   };
   sharpen(means, sharp, 1);
@@ -174,25 +177,25 @@ std::shared_ptr<const Block> make_mean_correction(const Detail& detail, const Su
                                                   const StopToken& stop) {
   const BlockExtent e = sub_block.extent();
   const auto side = static_cast<std::size_t>(e.quads + 1 + 2 * kCellsAround);
-  const std::vector<double> out = sharpened(cell_means(detail, sub_block, kCellsAround, stop), side);
+  const std::vector<double> corrections_m = sharpened(cell_means(detail, sub_block, kCellsAround, stop), side);
   auto block = empty_block(sub_block.block, e);
   block->vertices.reserve(block->index(e.quads, e.quads) + 1);
   for (int r = 0; r <= e.quads; ++r) {
     const double weight = correction_weight(e.lat0 + r * e.lat_step, e.lat_step);
     for (int c = 0; c <= e.quads; ++c) {
-      const std::size_t at =
+      const std::size_t cell =
           static_cast<std::size_t>(r + kCellsAround) * side + static_cast<std::size_t>(c + kCellsAround);
-      block->vertices.push_back({static_cast<float>(weight * out[at]), Eigen::Vector3f::Zero()});
+      block->vertices.push_back({static_cast<float>(weight * corrections_m[cell]), Eigen::Vector3f::Zero()});
     }
   }
   return block;
 }
 
 double depth_left(const Crater& crater, int posts_level) {
-  CraterAmongPosts among(crater, posts_level);
+  CraterAmongPosts crater_among_posts(crater, posts_level);
   // Skip craters narrower than this share of a post spacing: they would lose a hundredth of their depth.
   constexpr double kNegligible = 0.25;
-  return crater.diameter_m < kNegligible * among.post_spacing_m() ? 1 : among.depth_left();
+  return crater.diameter_m < kNegligible * crater_among_posts.post_spacing_m() ? 1 : crater_among_posts.depth_left();
 }
 
 }  // namespace selenograph::dem

@@ -71,6 +71,7 @@ void RockField::in_box(int octave, const Footprint& box, std::span<const FreshCr
     out.push_back(rock);
   };
   cells_.in_box(octave, box, stop, [&](Draws& draws, const Vec3& centre, double diameter_m) {
+    // Ages of surviving rocks are distributed exponentially, with the law's half life.
     const double survived = draws.uniform();
     Rock rock{centre, diameter_m, -law_.half_life_Ma * std::log2(survived), draws.bits(), draws.bits()};
     add(rock);

@@ -53,7 +53,8 @@ std::size_t RockMemory::KeyHash::operator()(const Key& key) const {
 
 double max_expected_rocks(const RockField& field, const Footprint& region, double smallest_m) {
   const RockLaw& law = field.law();
-  // Average the enrichment by the cube law over a disc as large as the region.
+  // Average the enrichment, 1 inside the crater's radius and radii^-3 outside, over a disc as large as the region:
+  // (pi + 2 pi (1 - 1 / radii)) / (pi radii^2).
   constexpr double kLargestRadius_m = 250;
   const double area = area_m2(region), radii = std::sqrt(area / std::numbers::pi) / kLargestRadius_m,
                mean = radii <= 1 ? 1 : (3 - 2 / radii) / (radii * radii);

@@ -31,6 +31,7 @@ double Draws::normal() {
   return std::sqrt(-2 * std::log(a)) * std::cos(2 * pi * b);
 }
 
+// Subtracts the probabilities of 0, 1, 2 .. from a uniform deviate until it is used up.
 int Draws::poisson(double mean) {
   double left = uniform(), probability = std::exp(-mean);
   int n = 0;
@@ -50,6 +51,7 @@ int SizeCells::Cells::row_at(double latitude) const {
   return std::clamp(static_cast<int>(std::floor((latitude / pi + 0.5) * rows)), 0, rows - 1);
 }
 
+// Inverts the distribution function of the power law between both diameters.
 double SizeCells::Cells::diameter_m(double uniform) const {
   const double share = 1 - std::pow(smallest_m / largest_m, exponent);
   return smallest_m * std::pow(1 - uniform * share, -1 / exponent);

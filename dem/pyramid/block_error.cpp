@@ -11,18 +11,21 @@ namespace selenograph::dem {
 
 namespace {
 
-// Measures a block quad by quad. Heights are linear in latitude and longitude within a triangle: the chord's sag over
-// the sphere is accounted for separately (lattice.h, chord_sag_m). The diagonal runs from the south-east to the
-// north-west corner, as in the rendered mesh.
+// Measures a block quad by quad: the largest distance of the base's posts from the block's triangles, and the range of
+// both surfaces' heights. Works for any ratio of longitude steps. Heights are linear in latitude and longitude within a
+// triangle: the chord's sag over the sphere is accounted for separately (lattice.h, chord_sag_m). The diagonal runs
+// from the south-east to the north-west corner, as in the rendered mesh.
 Extremes measure_by_quads(const OctaveGrid& grid, const BlockCut& cut, const OctaveGrid& base) {
   const BlockExtent e = extent_of(cut.id);
+  // Base posts per quad, and the base post at the block's south-west corner.
   const int step_r = e.lat_step / base.window.lat_step, step_c = e.lon_step / base.window.lon_step;
   const int base_r0 = static_cast<int>((e.lat0 - base.window.lat0) / base.window.lat_step);
   const int base_c0 = static_cast<int>((e.lon0 - base.window.lon0) / base.window.lon_step);
-  float worst = 0, low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
+  float largest_m = 0, low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
   const float inv_r = 1.F / static_cast<float>(step_r), inv_c = 1.F / static_cast<float>(step_c);
   for (int r = 0; r < e.quads; ++r)
     for (int c = 0; c < e.quads; ++c) {
+      // Corners: h00 south-west, h10 south-east, h01 north-west, h11 north-east.
       const float h00 = grid.at(cut.r0 + r, cut.c0 + c * cut.stride_c),
                   h10 = grid.at(cut.r0 + r, cut.c0 + (c + 1) * cut.stride_c);
       const float h01 = grid.at(cut.r0 + r + 1, cut.c0 + c * cut.stride_c),
@@ -41,13 +44,13 @@ Extremes measure_by_quads(const OctaveGrid& grid, const BlockCut& cut, const Oct
                       upper = h11 + (1 - fx) * (h01 - h11) + (1 - fy) * (h10 - h11);
           const float distance = std::abs(h - (fx + fy <= 1 ? lower : upper));
           // Comparisons with NaN are false: voids do not count.
-          if (distance > worst) worst = distance;
+          if (distance > largest_m) largest_m = distance;
           if (h < low) low = h;
           if (h > high) high = h;
         }
       }
     }
-  return {worst, low, high};
+  return {largest_m, low, high};
 }
 
 // Returns the height range of a square of posts, with an error of 0.
@@ -58,23 +61,23 @@ Extremes range_of(const OctaveGrid& grid, int r0, int c0, int quads) {
   return {0, range.low, range.high};
 }
 
-// Writes the surface of quads x quads quads at the posts of the next finer level: at vertices, and in the middles of
-// edges and diagonals.
+// Writes the heights of a surface of quads x quads quads at the posts of the next finer level: at vertices, and in the
+// middles of edges and diagonals. `stride`: floats from one row of `in` to the next; `out` has no gaps.
 void refine_surface(const float* in, int stride, int quads, float* out) {
-  const int wide = 2 * quads + 1;
-  for (int r = 0; r <= quads; ++r, in += stride, out += 2 * static_cast<std::ptrdiff_t>(wide)) {
+  const int out_side = 2 * quads + 1;
+  for (int r = 0; r <= quads; ++r, in += stride, out += 2 * static_cast<std::ptrdiff_t>(out_side)) {
     refine_row(in, quads, out);
-    if (r < quads) refine_between_rows(in, in + stride, quads, out + wide);
+    if (r < quads) refine_between_rows(in, in + stride, quads, out + out_side);
   }
 }
 
 // Returns the largest distance between a square of base posts and a surface sampled at these posts.
 float largest_distance_in(const OctaveGrid& base, int r0, int c0, int quads, const float* surface) {
-  float worst = 0;
+  float largest_m = 0;
   for (int r = 0; r <= quads; ++r)
-    worst = largest_distance(base.row(r0 + r) + c0, surface + static_cast<std::ptrdiff_t>(r) * (quads + 1), quads + 1,
-                             worst);
-  return worst;
+    largest_m = largest_distance(base.row(r0 + r) + c0, surface + static_cast<std::ptrdiff_t>(r) * (quads + 1),
+                                 quads + 1, largest_m);
+  return largest_m;
 }
 
 // Measures all blocks of a chunk whose grids and blocks halve from level to level: all but those where the longitude
@@ -90,6 +93,7 @@ class TileMeasurement {
     for (const OctaveGrid& grid : levels) starts_.push_back(start_of(grid));
   }
 
+  // Returns whether all grids and all blocks of the chunk halve from level to level.
   static bool is_possible(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels) {
     const OctaveGrid* fine = &base;
     for (const OctaveGrid& grid : levels) {
@@ -104,6 +108,7 @@ class TileMeasurement {
     return true;
   }
 
+  // Measures all tiles in parallel, then merges the tiles of each block.
   BlockExtremes measure(const StopToken& stop) const {
     const int side = (extent_of(node_).lat1() - extent_of(node_).lat0) / base_.window.lat_step / tile_;
     std::vector<TileExtremes> tiles(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
@@ -153,6 +158,7 @@ class TileMeasurement {
     std::vector<float> refined;
   };
 
+  // Finds a level's start; refines the level's posts over the whole node where tiles are too small to begin with them.
   Start start_of(const OctaveGrid& grid) const {
     Start start;
     start.octaves = base_.level - grid.level;
@@ -171,6 +177,7 @@ class TileMeasurement {
     return start;
   }
 
+  // Measures the tile whose south-west corner is base post (row, col), counted from the node's corner.
   TileExtremes measure_tile(int row, int col) const {
     TileExtremes tile;
     tile.lat = extent_of(node_).lat0 + row * base_.window.lat_step;
@@ -210,6 +217,7 @@ class TileMeasurement {
   std::vector<Start> starts_;
 };
 
+// Measures all blocks of a chunk at the base's posts: tile by tile where possible, which is faster, else quad by quad.
 BlockExtremes measure_at_posts(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels,
                                const StopToken& stop) {
   if (TileMeasurement::is_possible(plan, base, levels)) return TileMeasurement(plan, base, levels).measure(stop);
@@ -228,14 +236,15 @@ BlockExtremes measure_at_posts(const ChunkPlan& plan, const OctaveGrid& base, co
   return found;
 }
 
-// Returns the error of a ruled surface over a block's quads. If finer levels divide quads from south to north only,
-// they converge to a ruled surface. In the middle of a quad's diagonal it is a quarter of the quad's twist off the
-// triangles.
+// Returns the error of a block of posts coarser than kSmoothLevel against its own subdivision to that level, m. Where
+// finer levels divide quads in both directions, the triangles stay as they are: no error. If finer levels divide quads
+// from south to north only, they converge to a ruled surface. In the middle of a quad's diagonal it is a quarter of the
+// quad's twist (sum of two opposite corners minus the sum of the others) off the triangles.
 float twist_of(const OctaveGrid& base, const BlockCut& cut) {
   const BlockExtent e = extent_of(cut.id);
   const auto lon_step_at = [&](std::int32_t lat) { return extent_of(block_at(kSmoothLevel, lat, e.lon0)).lon_step; };
-  const int divided = e.lon_step >> (kSmoothLevel - cut.id.level);
-  if (std::max(lon_step_at(e.lat0), lon_step_at(e.lat1() - 1)) == divided) return 0;
+  const int lon_step_if_halved = e.lon_step >> (kSmoothLevel - cut.id.level);
+  if (std::max(lon_step_at(e.lat0), lon_step_at(e.lat1() - 1)) == lon_step_if_halved) return 0;
   float largest_twist = 0;
   for (int r = cut.r0; r < cut.r0 + e.quads; ++r)
     for (int c = cut.c0; c < cut.c0 + e.quads * cut.stride_c; c += cut.stride_c) {
@@ -255,12 +264,12 @@ BlockExtremes measure_blocks(const ChunkPlan& plan, const OctaveGrid& base, cons
   // Add the base's own error to the errors of all coarser blocks above it.
   std::unordered_map<BlockId, float, BlockIdHash> added_m;
   for (const BlockId& id : blocks_of(plan.node, base.level)) {
-    float& own = found.at(id).error_m;
-    const float twist = twist_of(base, cut_of(base, id)), total = own + twist;
-    own = twist;
+    float& own_error_m = found.at(id).error_m;
+    const float twist_m = twist_of(base, cut_of(base, id)), total_m = own_error_m + twist_m;
+    own_error_m = twist_m;
     for (const OctaveGrid& grid : levels) {
       float& largest = added_m[ancestor_of(id, grid.level)];
-      largest = std::max(largest, total);
+      largest = std::max(largest, total_m);
     }
   }
   for (const auto& [id, error_m] : added_m) found.at(id).error_m += error_m;

@@ -10,8 +10,8 @@ namespace selenograph::dem {
 
 std::int32_t grid_lon_step(const BlockId& node, int level) {
   const BlockExtent e = extent_of(node);
-  const std::int32_t nearest = std::clamp(kLatTicks / 2, e.lat0, e.lat1() - 1);
-  return extent_of(block_at(level, nearest, e.lon0)).lon_step;
+  const std::int32_t equatorward_lat = std::clamp(kLatTicks / 2, e.lat0, e.lat1() - 1);
+  return extent_of(block_at(level, equatorward_lat, e.lon0)).lon_step;
 }
 
 PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSource& source, const StopToken& stop) {
@@ -49,10 +49,10 @@ PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSou
   out.replaced = std::move(posts.replaced);
   for (int r = 0; r < side + 2 * kHalo; ++r)
     for (int c = 0; c < side + 2 * kHalo; ++c) {
-      const std::size_t at = static_cast<std::size_t>(r + margin) * static_cast<std::size_t>(window.cols) +
-                             static_cast<std::size_t>(c * stride + margin);
-      out.heights.push_back(posts.heights[at]);
-      if (r >= kHalo && c >= kHalo && r < side + kHalo && c < side + kHalo) out.sources.push_back(posts.sources[at]);
+      const std::size_t post = static_cast<std::size_t>(r + margin) * static_cast<std::size_t>(window.cols) +
+                               static_cast<std::size_t>(c * stride + margin);
+      out.heights.push_back(posts.heights[post]);
+      if (r >= kHalo && c >= kHalo && r < side + kHalo && c < side + kHalo) out.sources.push_back(posts.sources[post]);
     }
   return out;
 }

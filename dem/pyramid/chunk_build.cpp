@@ -39,7 +39,8 @@ Encoded bounds_of(const BlockId& id, const Extremes& extremes) {
   return out;
 }
 
-// Returns the sources of a block's posts as runs, row after row. Most blocks have one run, those along the borders of
+// Returns the sources of a block's posts as runs, row after row; `c` counts the block's columns, which are every
+// cut.stride_c-th column of the grid. Most blocks have one run, those along the borders of
 // tiles a few per row.
 std::vector<format::Run> runs_of(const OctaveGrid& grid, const BlockCut& cut) {
   const int side = quads_per_side(cut.id.level) + 1;
@@ -73,13 +74,13 @@ Encoded encode(const OctaveGrid& grid, const BlockCut& cut, const Extremes& extr
     else
       for (int c = 0; c < wide; ++c) h[c] = row[c * cut.stride_c];
   }
-  bool any = false;
-  for (int r = 0; r < side && !any; ++r) {
+  bool has_heights = false;  // in the block itself, without the halo
+  for (int r = 0; r < side && !has_heights; ++r) {
     const float* row = heights.data() + (r + kHalo) * wide + kHalo;
-    any = std::any_of(row, row + side, [](float v) { return !std::isnan(v); });
+    has_heights = std::any_of(row, row + side, [](float v) { return !std::isnan(v); });
   }
-  out.record.flags = any ? 0 : Chunk::Record::kEmpty;
-  if (!any) return out;
+  out.record.flags = has_heights ? 0 : Chunk::Record::kEmpty;
+  if (!has_heights) return out;
   HeightRange range{std::numeric_limits<float>::max(), std::numeric_limits<float>::lowest()};
   extend_range(heights.data(), static_cast<int>(heights.size()), range);
   const float low = range.low, high = range.high;
@@ -107,10 +108,10 @@ Encoded encode(const OctaveGrid& grid, const BlockCut& cut, const Extremes& extr
 // Returns the files that posts come from, ascending.
 std::vector<SourceIndex> sources_of(const OctaveGrid& grid) {
   std::set<SourceIndex> found;
-  SourceMark before = kNoSource;
+  SourceMark previous = kNoSource;  // mark of the run before: long borders repeat few marks
   for (int r = 0; r < grid.window.rows; ++r)
     for (const SourceRun& run : grid.posts.sources.row(r))
-      if (std::exchange(before, run.mark) != run.mark) found.insert(source_of(run.mark));
+      if (std::exchange(previous, run.mark) != run.mark) found.insert(source_of(run.mark));
   found.erase(kNoSource);
   return {found.begin(), found.end()};
 }
@@ -128,6 +129,8 @@ void localise(SourceRows& rows, const std::vector<SourceIndex>& sources) {
 
 }  // namespace
 
+// Walks the rows of blocks of the base level that the grid of base_from_finer(), with its halo, covers, from south to
+// north. A window beyond the date line wraps.
 std::vector<BlockId> Chunk::finer_blocks(const ChunkPlan& plan) {
   const PostWindow w = window_of(plan.node, plan.base_level, base_halo(plan));
   const std::int32_t side = quads_per_side(plan.base_level) * w.lat_step;
@@ -145,6 +148,8 @@ std::vector<BlockId> Chunk::finer_blocks(const ChunkPlan& plan) {
   return ids;
 }
 
+// Composes the base, filters it octave by octave, measures all blocks against the base, and encodes them from fine to
+// coarse. The base of a direct chunk stays in its files: only its blocks' bounds are stored.
 Chunk::Built Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, const PostSource& source,
                           const Finer& finer, const StopToken& stop, Scratch* shared_scratch) {
   LeftOut left_out;
@@ -152,7 +157,7 @@ Chunk::Built Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, con
   Scratch& scratch = shared_scratch ? *shared_scratch : own;
   OctaveGrid base =
       plan.direct ? direct_base(plan, source, scratch, stop) : base_from_finer(plan, finer, left_out, scratch, stop);
-  const std::vector<SourceIndex> used = sources_of(base);
+  const std::vector<SourceIndex> used = sources_of(base);  // the chunk's own source numbers index this list
   std::vector<const RasterInfo*> sources;
   double quantisation_m = 0;
   for (const SourceIndex i : used) {
@@ -163,6 +168,7 @@ Chunk::Built Chunk::build(const ChunkPlan& plan, const Catalogue& catalogue, con
   levels.reserve(static_cast<std::size_t>(base.level - plan.coarsest_level()));
   for (int n = base.level - 1; n >= plan.coarsest_level(); --n) {
     levels.push_back(coarser(plan.node, levels.empty() ? base : levels.back(), scratch, stop));
+    // Renumber the first filtered level: coarser levels copy its marks.
     if (levels.size() == 1) localise(levels.back().posts.sources, used);
   }
   const BlockExtremes measured = measure_blocks(plan, base, levels, stop);

@@ -51,6 +51,7 @@ std::size_t disk_bytes(std::size_t file_bytes) {
   return (file_bytes + kDiskBlock_bytes - 1) / kDiskBlock_bytes * kDiskBlock_bytes;
 }
 
+// Returns the checksum of a file's content; sets the checksum in its header to 0 first.
 std::uint64_t checksum_of(std::string& file) {
   std::memset(file.data() + offsetof(Header, checksum), 0, sizeof(Header::checksum));
   return hash_of(file.data(), file.size());
@@ -61,6 +62,7 @@ void append(std::string& file, const std::vector<T>& values) {
   file.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
 }
 
+// Copies `count` values from a file's bytes; returns the byte after them.
 template <typename T>
 const char* take(const char* from, std::size_t count, std::vector<T>& values) {
   values.resize(count);
@@ -68,6 +70,7 @@ const char* take(const char* from, std::size_t count, std::vector<T>& values) {
   return from + count * sizeof(T);
 }
 
+// Returns the content of a block's file.
 std::string bytes_of(std::uint64_t key, const Block& block) {
   Header head;
   head.key = key;

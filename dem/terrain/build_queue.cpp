@@ -61,22 +61,25 @@ std::shared_ptr<BuildQueue::Job> BuildQueue::find_or_add(const ChunkPlan& plan) 
   return job;
 }
 
+// Returns whether a builder can take a job: to drop it, or for a turn.
 bool BuildQueue::can_go_on(const Job& job) { return job.waiter_count == 0 || !job.awaited || job.awaited->done; }
 
+// Loop of one builder's thread: takes the first job that can go on, for one turn, until stop(). A second without work
+// counts as idle.
 void BuildQueue::run(bool on_network) {
   std::unique_lock lock(mutex_);
   std::deque<std::shared_ptr<Job>>& queue = builders_[on_network].queue;
-  const auto next = [&] {
+  const auto find_next = [&] {
     return std::find_if(queue.begin(), queue.end(), [](const auto& job) { return can_go_on(*job); });
   };
   for (;;) {
-    const auto has_work = [&] { return stopping_ || next() != queue.end(); };
+    const auto has_work = [&] { return stopping_ || find_next() != queue.end(); };
     if (!work_available_.wait_for(lock, std::chrono::seconds(1), has_work)) {
       if (on_idle_ && !on_network) on_idle_();
       work_available_.wait(lock, has_work);
     }
     if (stopping_) return;
-    const auto position = next();
+    const auto position = find_next();
     const std::shared_ptr<Job> job = std::move(*position);
     queue.erase(position);
     if (job->waiter_count == 0) {

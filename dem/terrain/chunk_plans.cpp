@@ -66,6 +66,7 @@ ChunkPlan ChunkPlans::make_plan(const ChunkNode& chunk) const {
   return plan;
 }
 
+// Hashes everything that determines a chunk's content: a chunk file with another fingerprint is built again.
 std::uint64_t ChunkPlans::fingerprint_of(const ChunkPlan& plan) const {
   StreamedHash f;
   f.add(kFormatVersion);
@@ -82,14 +83,14 @@ std::uint64_t ChunkPlans::fingerprint_of(const ChunkPlan& plan) const {
     if (info.quantisation_m == 0 && !info.void_value) f.add(kDatumOfValidPosts);
   }
   if (!catalogue_.joins().offsets_m.empty() || !catalogue_.one_layer()) add_joins(plan, f);
-  const std::vector<int> layers = files_touching(catalogue_, plan.node, 0);
+  const std::vector<int> files = files_touching(catalogue_, plan.node, 0);
   // Gaps between the posts of adjacent files: earlier versions left them open.
   constexpr std::uint64_t kGapsClosed = 1;
   const auto is_coarser = [&](int i) {
     const auto& level = catalogue_.rasters()[static_cast<std::size_t>(i)].lattice_level;
     return level && *level < plan.base_level;
   };
-  if (std::count_if(layers.begin(), layers.end(), is_coarser) > 1) f.add(kGapsClosed);
+  if (std::count_if(files.begin(), files.end(), is_coarser) > 1) f.add(kGapsClosed);
   if (source_.borders().any()) add_borders(plan, f);
   // Chunks beside poles: earlier versions assumed the same surface for levels finer than such posts.
   constexpr std::uint64_t kTwistCounted = 1;

@@ -19,6 +19,7 @@ bool is_forbidden(const SystemFault& fault) { return fault.code() == EACCES || f
 // Returns whether an error is about the chunk's own file, not about a file of posts.
 bool concerns(const Chunk& chunk, const DataError& error) { return error.file() == chunk.name(); }
 
+// Returns whether a plan's chunk is the one that the job was waiting for.
 bool is_just_made(const BuildQueue::Work& work, const ChunkPlan& plan) {
   return work.finer_chunk && work.finer_plan->node == plan.node;
 }
@@ -70,6 +71,7 @@ std::string ChunkStore::path_of(const ChunkPlan& plan) const {
   return fmt::format("{}/pyramid/{:02}/{:06}-{:06}.sgp", cache_dir_, plan.node.level, plan.node.row, plan.node.col);
 }
 
+// Returns a chunk that is being written or lies in the cache folder; null if it must be built.
 std::shared_ptr<const Chunk> ChunkStore::stored_chunk(const ChunkPlan& plan) {
   if (cache_dir_.empty() || is_distrusted(plan.node)) return nullptr;
   if (auto unfinished = writer_.find(plan.node)) return unfinished;
@@ -88,7 +90,8 @@ std::shared_ptr<const Chunk> ChunkStore::stored_chunk(const ChunkPlan& plan) {
   return nullptr;
 }
 
-// Runs on a builder's thread. It never waits for another chunk, but returns the one that it needs.
+// Takes one turn of a chunk's build, on a builder's thread. Never waits for another chunk, but returns the one that it
+// needs first.
 BuildQueue::Turn ChunkStore::take_turn(BuildQueue::Work& work, const StopToken& stop) {
   if (!work.plan.direct)
     if (const auto first = collect_finer(work, stop)) return {nullptr, first};
@@ -138,6 +141,7 @@ std::optional<ChunkPlan> ChunkStore::collect_finer(BuildQueue::Work& work, const
   return missing;
 }
 
+// Builds a chunk and passes it to the writer of the cache folder.
 std::shared_ptr<const Chunk> ChunkStore::build(const ChunkPlan& plan, const Chunk::Finer& finer,
                                                const StopToken& stop) {
   // Give the scratch memory to the local builder only: the two builders may run at the same time.

@@ -11,6 +11,7 @@
 namespace selenograph::dem {
 namespace {
 
+// Returns the range of quads, first and past the last, that share an edge of the coarser side with quad i.
 std::pair<int, int> group(int i, int stride) { return {i - i % stride, i - i % stride + stride}; }
 
 // A radial ray from the Moon's centre.
@@ -43,7 +44,8 @@ bool intersects_quad(const RadialRay& ray, const Block& block, const FinestEdges
   return false;
 }
 
-// Tests the quad whose south-west corner is at the given ticks, and the quads that share its remaining edge.
+// Tests the quad whose south-west corner is at the given ticks. At a border where the finer side's vertices are
+// dropped, also tests the quads along the same edge of the coarser side: their triangles have stretched.
 bool intersects_quad_at(const RadialRay& ray, int level, std::int32_t lat, std::int32_t lon, HeightAnswer& answer) {
   const auto block = ray.terrain.block(block_at(level, lat, lon), ray.stop);
   if (!block) return false;
@@ -52,9 +54,9 @@ bool intersects_quad_at(const RadialRay& ray, int level, std::int32_t lat, std::
   const FinestEdges edges(ray.terrain, *block, {r, r, c, c}, ray.stop);
   const auto [first_r, past_r] = edges.rows(r, c);
   const auto [first_c, past_c] = edges.columns(r, c);
-  for (int at_r = first_r; at_r < past_r; ++at_r)
-    for (int at_c = first_c; at_c < past_c; ++at_c)
-      if (intersects_quad(ray, *block, edges, at_r, at_c, answer)) return true;
+  for (int quad_r = first_r; quad_r < past_r; ++quad_r)
+    for (int quad_c = first_c; quad_c < past_c; ++quad_c)
+      if (intersects_quad(ray, *block, edges, quad_r, quad_c, answer)) return true;
   return false;
 }
 
@@ -63,25 +65,30 @@ bool intersects_quad_at(const RadialRay& ray, int level, std::int32_t lat, std::
 FinestEdges::FinestEdges(const Terrain& terrain, const Block& block, const Quads& quads, const StopToken& stop)
     : block_(block) {
   const BlockExtent& e = block.extent;
-  std::optional<int> posts;
+  std::optional<int> posts_level;  // of the block, found when needed
+  // Finds the neighbour across an edge of the block. `lat`, `lon`: a tick just beyond the edge; `along_lon`: the edge
+  // is a parallel.
   const auto edge = [&](std::int64_t lat, std::int64_t lon, bool along_lon) -> Edge {
     if (lat < 0 || lat >= kLatTicks) return {};
-    if (!posts) posts = terrain.plain().posts_level(block.id);
-    const auto at = [&](int level) { return block_at(level, static_cast<std::int32_t>(lat), wrap_lon(lon)); };
-    const BlockId probe = at(kMaxLevel), across = at(std::min(terrain.finest_level(probe), block.id.level));
-    const bool coarser_posts = terrain.plain().posts_level(probe) < *posts;
+    if (!posts_level) posts_level = terrain.plain().posts_level(block.id);
+    const auto block_beyond = [&](int level) { return block_at(level, static_cast<std::int32_t>(lat), wrap_lon(lon)); };
+    const BlockId probe = block_beyond(kMaxLevel);
+    const BlockId across = block_beyond(std::min(terrain.finest_level(probe), block.id.level));
+    const bool coarser_posts = terrain.plain().posts_level(probe) < *posts_level;
     // Rows of blocks with different spacing in longitude interpolate different curves between their posts. As the mesh
     // does, take one side's heights on their common edge.
-    const auto row_of_posts = [&](std::int32_t at_lat) { return block_at(*posts, at_lat, e.lon0).row; };
-    const bool other_posts = along_lon && lon_shift(*posts, row_of_posts(static_cast<std::int32_t>(lat))) !=
-                                              lon_shift(*posts, row_of_posts(e.lat0)),
-               neighbours_heights = coarser_posts || (other_posts && across < block.id);
+    const auto lon_shift_of_posts = [&](std::int32_t lat_tick) {
+      return lon_shift(*posts_level, block_at(*posts_level, lat_tick, e.lon0).row);
+    };
+    const bool other_posts =
+        along_lon && lon_shift_of_posts(static_cast<std::int32_t>(lat)) != lon_shift_of_posts(e.lat0);
+    const bool takes_neighbours_heights = coarser_posts || (other_posts && across < block.id);
     const BlockExtent across_extent = extent_of(across);
     const int stride = along_lon ? across_extent.lon_step / e.lon_step : across_extent.lat_step / e.lat_step;
-    if (!neighbours_heights && stride <= 1) return {};
+    if (!takes_neighbours_heights && stride <= 1) return {};
     std::shared_ptr<const Block> neighbour = terrain.block(across, stop);
     if (!neighbour) return {};
-    return {std::clamp(stride, 1, e.quads), neighbours_heights ? std::move(neighbour) : nullptr};
+    return {std::clamp(stride, 1, e.quads), takes_neighbours_heights ? std::move(neighbour) : nullptr};
   };
   if (quads.first_row == 0) south_ = edge(std::int64_t{e.lat0} - 1, e.lon0, true);
   if (quads.last_row == e.quads - 1) north_ = edge(e.lat1(), e.lon0, true);
@@ -89,20 +96,21 @@ FinestEdges::FinestEdges(const Terrain& terrain, const Block& block, const Quads
   if (quads.last_column == e.quads - 1) east_ = edge(e.lat0, e.lon1(), false);
 }
 
+// A vertex on an edge that the coarser side lacks moves to the vertex before it that both have.
 Vec3 FinestEdges::vertex(int r, int c) const {
   const int quads = block_.extent.quads;
   const Edge none;
   const Edge& along_row = r == 0 ? south_ : r == quads ? north_ : none;
   const Edge& along_column = c == 0 ? west_ : c == quads ? east_ : none;
-  const int at_r = r - r % along_column.stride, at_c = c - c % along_row.stride;
-  float height_m = block_.vertices[block_.index(at_r, at_c)].height_m;
+  const int common_r = r - r % along_column.stride, common_c = c - c % along_row.stride;
+  float height_m = block_.vertices[block_.index(common_r, common_c)].height_m;
   for (const Edge* edge : {&along_row, &along_column})
     if (edge->source) {
-      const std::int64_t lat = block_.extent.lat0 + std::int64_t{at_r} * block_.extent.lat_step,
-                         lon = block_.extent.lon0 + std::int64_t{at_c} * block_.extent.lon_step;
+      const std::int64_t lat = block_.extent.lat0 + std::int64_t{common_r} * block_.extent.lat_step,
+                         lon = block_.extent.lon0 + std::int64_t{common_c} * block_.extent.lon_step;
       height_m = post_at(*edge->source, lat, lon).value_or(height_m);
     }
-  return block_.position(at_r, at_c, static_cast<double>(height_m));
+  return block_.position(common_r, common_c, static_cast<double>(height_m));
 }
 
 std::pair<int, int> FinestEdges::rows(int r, int c) const {
@@ -115,7 +123,7 @@ std::pair<int, int> FinestEdges::columns(int r, int c) const {
 HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& stop) const {
   stop.check();
   HeightAnswer answer{lat_deg, wrap_lon_deg(lon_deg), std::nan(""), 0, -1, false};
-  const double lat = (lat_deg + 90) * kTicksPerDegree, lon = (answer.lon_deg + 180) * kTicksPerDegree;
+  const double lat = (lat_deg + 90) * kTicksPerDegree, lon = (answer.lon_deg + 180) * kTicksPerDegree;  // ticks
   const BlockId probe = block_at(kMaxLevel, static_cast<std::int32_t>(std::clamp(lat, 0.0, kLatTicks - 1.0)),
                                  wrap_lon(static_cast<std::int64_t>(lon)));
   // Wider than a block of kSmoothLevel (0.25 degrees), the largest block that is loaded below.
@@ -123,7 +131,7 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& st
   if (!has_data(probe) && files_touching(catalogue(), probe, kFarFromAnyFile_deg).empty()) return answer;
   const int level = finest_level(probe);
   const double step = std::ldexp(1.0, kTickLevel - level);
-  const double y = lat / step, x = lon / step;
+  const double y = lat / step, x = lon / step;  // in posts of the finest level
   // Test the quad of the position first, then its neighbours: the mesh's edges are great circles, not parallels, so
   // that a position beside an edge may lie on the next quad's triangle.
   const auto find_triangle = [&](double slack) {

@@ -34,6 +34,7 @@ struct Survey {
   }
 };
 
+// Columns and rows of a file.
 struct Window {
   int x0 = 0, y0 = 0, columns = 0, rows = 0;
 };
@@ -60,6 +61,7 @@ Window window_of(const RasterInfo& info, const Area& area) {
   return w;
 }
 
+// Surveys a window of one file, in strips of rows, in parallel.
 Survey survey_of(const PostSource& source, int raster, const Window& w, const StopToken& stop) {
   // Bound the rows of a strip, and its memory where rows are long.
   constexpr std::size_t kMaxRows = 64, kMaxPosts = std::size_t{1} << 23;
@@ -101,6 +103,8 @@ bool is_easy(const RasterInfo& info) {
 
 }  // namespace
 
+// Scans all files over the block and its margin; the range of their posts, widened by what interpolation may overshoot,
+// bounds the block and everything below it.
 std::optional<HeightRange> survey_heights(const Catalogue& catalogue, const PostSource& source, const BlockId& block,
                                           const StopToken& stop) {
   const BlockExtent e = extent_of(block);
@@ -114,8 +118,8 @@ std::optional<HeightRange> survey_heights(const Catalogue& catalogue, const Post
   const std::vector<int> layers = catalogue.touching(area.south_deg, area.north_deg, area.west_deg, area.east_deg, 0);
   if (layers.empty() || layers.size() > kMaxLayers) return std::nullopt;
   Survey found;
-  bool resampled = false;
-  int finest = 0;
+  bool resampled = false;  // a file's posts are interpolated at the block's finest posts
+  int finest = 0;          // finest level that a file needs
   for (const int layer : layers)
     finest = std::max(finest, level_needed(catalogue.rasters()[static_cast<std::size_t>(layer)]));
   try {

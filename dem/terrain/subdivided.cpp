@@ -49,16 +49,20 @@ std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) 
   for (int r = 0; r <= e.quads; ++r)
     for (int c = 0; c <= e.quads; ++c) {
       const std::int32_t dy = e.lat0 + r * e.lat_step - ce.lat0, dx = e.lon0 + c * e.lon_step - ce.lon0;
-      const int cr = std::min(dy / ce.lat_step, ce.quads - 1), cc = std::min(dx / ce.lon_step, ce.quads - 1);
-      const double fy = static_cast<double>(dy) / ce.lat_step - cr, fx = static_cast<double>(dx) / ce.lon_step - cc;
-      const auto corner = [&](int j, int i) -> const Vertex& { return coarse.vertices[coarse.index(cr + j, cc + i)]; };
+      // Quad of the coarse block, and the position in it.
+      const int quad_r = std::min(dy / ce.lat_step, ce.quads - 1), quad_c = std::min(dx / ce.lon_step, ce.quads - 1);
+      const double fy = static_cast<double>(dy) / ce.lat_step - quad_r,
+                   fx = static_cast<double>(dx) / ce.lon_step - quad_c;
+      const auto corner = [&](int j, int i) -> const Vertex& {
+        return coarse.vertices[coarse.index(quad_r + j, quad_c + i)];
+      };
       const auto height = [&](int j, int i) { return static_cast<double>(corner(j, i).height_m); };
       const auto normal = [&](int j, int i) -> Vec3 { return corner(j, i).normal.cast<double>(); };
       const QuadPosition position{fx, fy};
       const double h = on_triangle(position, 0.0, height);
       const Vec3 n = on_triangle(position, Vec3(Vec3::Zero()), normal);
       block->vertices.push_back({static_cast<float>(h), n.normalized().cast<float>()});
-      block->sources.push_back(coarse.source(cr + (fy > 0.5), cc + (fx > 0.5)));
+      block->sources.push_back(coarse.source(quad_r + (fy > 0.5), quad_c + (fx > 0.5)));  // nearest corner
       if (std::isnan(h)) continue;
       has_data = true;
       low = std::min(low, static_cast<float>(h));

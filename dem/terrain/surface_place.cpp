@@ -30,7 +30,7 @@ std::optional<SurfacePlace> surface_at(const Terrain& terrain, double lat_deg, d
 std::optional<SurfacePlace> surface_on(const Block& block, double lat_deg, double lon_deg) {
   const Ticks at = ticks_of(lat_deg, lon_deg);
   const BlockExtent& e = block.extent;
-  const double y = (at.lat - e.lat0) / e.lat_step, x = (at.lon - e.lon0) / e.lon_step;
+  const double y = (at.lat - e.lat0) / e.lat_step, x = (at.lon - e.lon0) / e.lon_step;  // in posts of the block
   const int r = std::clamp(static_cast<int>(y), 0, e.quads - 1), c = std::clamp(static_cast<int>(x), 0, e.quads - 1);
   const Vec3 direction = to_cartesian({lat_deg, lon_deg, 0}).normalized();
   // Repeat with more slack: the triangles' edges are great circles, not parallels, so that a position beside an edge
