@@ -14,15 +14,16 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr int kRows = 180, kColumns = 360;
-constexpr double kTouch_deg = 1e-9;  // tolerance of 0.03 mm: borders touch despite rounding
+constexpr int kRows = 180, kColumns = 360;  // cells of the bucket grid, of 1 degree
+constexpr double kTouch_deg = 1e-9;         // tolerance of 0.03 mm: borders touch despite rounding
 
+// Returns an angle in [0, 360).
 double wrap_360(double deg) {
   const double w = std::fmod(deg, 360.0);
   return w < 0 ? w + 360 : w;
 }
 
-// Returns true if two arcs [west, east] share a longitude. East may exceed 180 degrees.
+// Returns true if two arcs [west, east] share a longitude: one begins inside the other. East may exceed 180 degrees.
 bool arcs_overlap(double west_a, double east_a, double west_b, double east_b) {
   return wrap_360(west_b - west_a + kTouch_deg) <= east_a - west_a + 2 * kTouch_deg ||
          wrap_360(west_a - west_b + kTouch_deg) <= east_b - west_b + 2 * kTouch_deg;
@@ -50,6 +51,7 @@ void for_each_cell(const Cells& c, Visit&& visit) {
       visit(static_cast<std::size_t>(row) * kColumns + static_cast<std::size_t>((c.first_column + k) % kColumns));
 }
 
+// Latitudes and longitudes, degrees.
 struct Box {
   double south, north, west, east;
 };
@@ -124,6 +126,7 @@ std::size_t naming_path(const RasterInfo& raster, const std::vector<std::string>
   return static_cast<std::size_t>(std::find_if(paths.begin(), paths.end(), is_named_by) - paths.begin());
 }
 
+// Returns true if a raster has the resolution of the coarsest one of a run, within kSameSpacing.
 bool has_spacing_of(const RasterInfo& coarsest, const RasterInfo& raster) {
   return &coarsest == &raster || coarsest.post_spacing_m < kSameSpacing * raster.post_spacing_m;
 }
@@ -161,6 +164,7 @@ void Catalogue::find_layers(const std::vector<std::string>& paths) {
   }
 }
 
+// Sorts the rasters from coarse to fine, finds their layers, and fills the lookups by path and by cell.
 void Catalogue::index(const std::vector<std::string>& paths) {
   // Sort pointers: exchanging the descriptions themselves would take longer than everything else here.
   std::vector<RasterInfo*> order;

@@ -39,7 +39,7 @@ struct Candidate {
   std::string path;
   const FolderFiles* folder = nullptr;  // folder that lists the file; null for a remote file
   const FolderEntry* entry = nullptr;   // entry of the folder; null if it does not list the file
-  bool named = false;                   // the user named the file, so it must be usable
+  bool named = false;                   // the user named the file itself, not a folder above: it must be usable
 };
 
 // Result of inspecting a candidate.
@@ -68,6 +68,7 @@ bool path_less(const Candidate& a, const Candidate& b) {
                                       [&](char x, char y) { return rank(x) < rank(y); });
 }
 
+// Returns true if a file is a label with an image's name.
 bool is_label_of(const FolderEntry& entry, std::string_view image) {
   return kind_of(entry.name) == FileKind::label && same_text(stem_of(entry.name), stem_of(image));
 }
@@ -95,9 +96,9 @@ class Folders {
     std::vector<std::string> folders{folder};
     int trouble = 0;
     while (!folders.empty()) {
-      const std::string here = std::move(folders.back());
+      const std::string listed_folder = std::move(folders.back());
       folders.pop_back();
-      const FolderFiles& files = *listings_.emplace_back(std::make_unique<FolderFiles>(here, &folders));
+      const FolderFiles& files = *listings_.emplace_back(std::make_unique<FolderFiles>(listed_folder, &folders));
       if (files.trouble() != 0 && files.trouble() != EACCES) trouble = files.trouble();
       for (const FolderEntry& entry : files.entries()) {
         const FileKind kind = kind_of(entry.name);
@@ -144,6 +145,8 @@ std::vector<std::pair<std::string, std::uint64_t>> other_files(const Candidate& 
   return others;
 }
 
+// One opening of a catalogue: lists the files, inspects those that the saved catalogue does not have, and gathers the
+// findings in the order of the user's paths.
 class Opening {
  public:
   Opening(const std::vector<std::string>& paths, const CatalogueOptions& options)
@@ -175,6 +178,7 @@ class Opening {
     std::vector<CatalogueProblem> problems;
   };
 
+  // Finds the candidates of all paths.
   void list() {
     for (const std::string& path : paths_) {
       NamedPath named{candidates_.size(), 0, {}};
@@ -226,6 +230,7 @@ class Opening {
     return same ? saved : nullptr;
   }
 
+  // Inspects a local file, unless its saved result is valid. Throws for an unusable file only if the user named it.
   Finding inspect(const Candidate& file) {
     Finding out;
     std::optional<FileStamp> stamp;
@@ -295,6 +300,7 @@ class Opening {
     return false;
   }
 
+  // Records why a file cannot be used, and where it lies if that can be found out: requests there then name it.
   static void describe_problem(const std::string& path, const DataError& e, Finding& out) {
     // Keep the file's name in the text if another file (a VRT's source) is at fault.
     out.problem = {path, e.file() == path ? e.what_is_wrong() : e.what(), false, false};
@@ -389,6 +395,7 @@ class Opening {
     return found->second.contains(lower(name_of(image.path)));
   }
 
+  // Returns what the saved catalogue shall hold for a finding; null if nothing.
   static const SavedFile* saved_or_new(const Finding& finding) {
     return finding.saved ? finding.saved : finding.to_save ? &*finding.to_save : nullptr;
   }
@@ -415,7 +422,7 @@ class Opening {
   std::vector<Candidate> candidates_;
   std::vector<Finding> findings_;  // by candidate
   std::vector<NamedPath> named_paths_;
-  std::vector<Finding*> usable_;
+  std::vector<Finding*> usable_;  // findings with a raster of the catalogue
   std::unordered_map<std::string, std::string>
       label_of_data_;  // label of each data file with another name than its label
   // Real folder and name of each file found so far. The texts live in real_folders_, linked_names_ and the candidates'

@@ -159,6 +159,7 @@ class Reader {
   std::string_view left_;
 };
 
+// Returns the content of a saved catalogue's file: header, key and readers, then each file's result.
 std::string encode(const std::string& key, const std::vector<const SavedFile*>& files) {
   Writer out;
   out(key, readers());

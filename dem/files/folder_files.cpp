@@ -18,12 +18,13 @@
 namespace selenograph::dem {
 namespace {
 
+// Returns the name of a file's group: the files that differ only in what follows the first dot.
 std::string group_name(std::string_view name) { return lower(name.substr(0, name.find('.'))); }
 
-// Returns the type of a file that the folder does not give; 0 if it is unknown.
-mode_t type_of(const std::string& path, bool follow) {
+// Returns the type of a file that the folder does not give; 0 if it is unknown. `follows_links`: of a link's target.
+mode_t type_of(const std::string& path, bool follows_links) {
   struct stat s {};
-  const int failed = follow ? ::stat(path.c_str(), &s) : ::lstat(path.c_str(), &s);
+  const int failed = follows_links ? ::stat(path.c_str(), &s) : ::lstat(path.c_str(), &s);
   return failed ? 0 : s.st_mode & S_IFMT;
 }
 

@@ -112,6 +112,8 @@ void check_axis(const PdsReader& label, const Axis& axis, double post, double si
   label.fail("its corners and its projection offset contradict each other");
 }
 
+// Returns the grid of a cylindrical map, from its offsets and printed corners. Row numbers grow southward: positions
+// along the rows' axis are negative latitudes.
 GeographicGrid cylindrical_grid(const PdsReader& label, const PdsReader& map, double sphere_m, int width, int height) {
   const double ppd = posts_per_degree(map, sphere_m);
   const double centre_lon = map.number_or("CENTER_LONGITUDE", 0);

@@ -40,12 +40,14 @@ RawSample sample_type(const PdsReader& image) {
   return s;
 }
 
+// Returns the metres of a unit by its name in capitals, as labels spell it; empty if it is none of length.
 std::optional<double> metres(std::string_view unit) {
   if (unit.starts_with("MET")) return 1;
   if (unit.starts_with("KILOMET")) return 1000;
   return metres_in(unit);
 }
 
+// Returns the metres of the image's UNIT; 1 without it.
 double unit_in_metres(const PdsReader& image) {
   const std::string unit = image.word("UNIT");
   if (unit.empty() || unit == "N/A") return 1;
@@ -54,8 +56,8 @@ double unit_in_metres(const PdsReader& image) {
 }
 
 // Returns SCALING_FACTOR or OFFSET in the image's unit; the keyword may have its own unit (km, m/DN).
-double in_unit(const PdsReader& image, const char* keyword, double otherwise, double unit_m) {
-  const double x = image.number_or(keyword, otherwise);
+double in_unit(const PdsReader& image, const char* keyword, double default_value, double unit_m) {
+  const double x = image.number_or(keyword, default_value);
   const PdsValue* value = image.value(keyword);
   if (!value || value->unit.empty()) return x;
   const std::string unit = upper_case(value->unit);

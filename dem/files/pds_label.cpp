@@ -15,6 +15,7 @@ namespace {
 constexpr std::size_t kMaxLabel_bytes = 1 << 20;
 constexpr int kMaxDepth = 32;
 
+// Returns a text without blanks at its ends.
 std::string_view trimmed(std::string_view s) {
   constexpr std::string_view blanks = " \t\r\n\f\v";
   const std::size_t from = s.find_first_not_of(blanks);
@@ -22,7 +23,8 @@ std::string_view trimmed(std::string_view s) {
   return s.substr(from, s.find_last_not_of(blanks) - from + 1);
 }
 
-// Recursive-descent parser of ODL. `at_` is the position of the next character.
+// Recursive-descent parser of ODL, the language of PDS3 labels: statements KEYWORD = VALUE, nested in OBJECT ..
+// END_OBJECT. `at_` is the position of the next character.
 class Parser {
  public:
   Parser(std::string_view text, const std::string& path) : text_(text), path_(path) {}
@@ -41,14 +43,14 @@ class Parser {
   }
 
   bool done() const { return at_ >= text_.size(); }
-  bool looking_at(std::string_view s) const { return text_.substr(at_, s.size()) == s; }
+  bool is_next(std::string_view s) const { return text_.substr(at_, s.size()) == s; }
 
   // Skips blanks and comments. A comment without its end "*/" ends with its line: PDS3 forbids longer ones.
   void skip_blanks() {
     while (!done()) {
       if (std::isspace(static_cast<unsigned char>(text_[at_]))) {
         ++at_;
-      } else if (looking_at("/*")) {
+      } else if (is_next("/*")) {
         const std::size_t line_end = std::min(text_.find('\n', at_), text_.size());
         const std::size_t close = text_.find("*/", at_ + 2);
         at_ = close < line_end ? close + 2 : line_end;
@@ -109,6 +111,7 @@ class Parser {
     while (!done() && (text_[at_] == ' ' || text_[at_] == '\t')) ++at_;
   }
 
+  // Reads the value after '=', with its unit in < >.
   PdsValue read_value() {
     PdsValue value;
     skip_blanks();
@@ -159,7 +162,7 @@ class Parser {
 
   // Reads ( ... ) or { ... }. Nested sequences are flattened: no reader needs their structure.
   void read_sequence(PdsValue& value) {
-    int open = 0;
+    int open = 0;  // brackets that are not closed yet
     do {
       skip_blanks();
       if (done()) fail("a sequence is not closed");
@@ -259,10 +262,10 @@ PdsObject parse_pds_label(std::string_view text, const std::string& path) { retu
 PdsObject read_pds_label(const std::string& path) { return parse_pds_label(read_head(path, kMaxLabel_bytes), path); }
 
 bool begins_with_pds_label(const std::string& path) {
-  constexpr std::size_t kEnough = 256;
+  constexpr std::size_t kHead_bytes = 256;  // the first keyword lies within these
   std::string head;
   try {
-    head = read_head(path, kEnough);
+    head = read_head(path, kHead_bytes);
   } catch (const DataError&) {
     return false;
   }

@@ -81,6 +81,7 @@ constexpr QuantityWord kWords[] = {
     {"hazard", "hazards", Match::prefix},
 };
 
+// Returns the quantity that a word names; empty if it names none.
 std::string_view quantity_of_word(std::string_view word) {
   while (!word.empty() && std::isdigit(static_cast<unsigned char>(word.back()))) word.remove_suffix(1);
   for (const QuantityWord& entry : kWords)
@@ -92,11 +93,11 @@ std::string_view quantity_of_word(std::string_view word) {
 template <typename Visit>
 void for_each_word(std::string_view text, const Visit& visit) {
   const auto in_word = [](char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0; };
-  for (auto at = text.begin(); at != text.end();) {
-    at = std::find_if(at, text.end(), in_word);
-    const auto past = std::find_if_not(at, text.end(), in_word);
-    if (at != past) visit(std::string_view(&*at, static_cast<std::size_t>(past - at)));
-    at = past;
+  for (auto word = text.begin(); word != text.end();) {
+    word = std::find_if(word, text.end(), in_word);
+    const auto past = std::find_if_not(word, text.end(), in_word);
+    if (word != past) visit(std::string_view(&*word, static_cast<std::size_t>(past - word)));
+    word = past;
   }
 }
 

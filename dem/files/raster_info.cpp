@@ -49,6 +49,7 @@ void check_grid(const RasterInfo& info, const GeographicGrid& g) {
 // Returns the limits of a plane's x and y from its origin, m.
 MapPoint farthest_of(const MapPlane& plane) {
   const double radius_m = kMoonRadius_m * plane.scale;
+  // Cylindrical projections: along the cylinder's axis, and around it.
   const double along_m = radius_m * std::atanh(std::sin(kFarthestFromCylinder_deg * kRadiansPerDegree));
   const double around_m = 2 * std::numbers::pi * radius_m;
   switch (plane.projection) {
@@ -107,6 +108,7 @@ void resolve_columns(RasterInfo& info, GeographicGrid& g) {
   g.lon_posts_per_degree = info.width / 360.0;
 }
 
+// Sets grid, footprint and spacing of a file in degrees. Rounds the first post to the lattice if it lies on one.
 void set_geographic(RasterInfo& info, GeographicGrid g) {
   resolve_columns(info, g);
   info.lattice_level = lattice_level_of(g, std::max(info.width, info.height));
@@ -115,7 +117,7 @@ void set_geographic(RasterInfo& info, GeographicGrid g) {
     g = {std::round(g.first_lat_deg * ppd) / ppd, std::round(g.first_lon_deg * ppd) / ppd, ppd, ppd};
   }
   const double south = g.first_lat_deg - (info.height - 1) / g.lat_posts_per_degree;
-  const double slack = 0.05 / g.lat_posts_per_degree;
+  const double slack = 0.05 / g.lat_posts_per_degree;  // rounding in labels, degrees
   if (!(g.first_lat_deg <= 90 + slack && south >= -90 - slack)) throw DataError(info.path, "has rows beyond a pole");
   g.first_lon_deg = wrap_lon_deg(g.first_lon_deg);
   const double across = info.wraps_longitude ? 360 : (info.width - 1) / g.lon_posts_per_degree;
@@ -128,6 +130,8 @@ void set_geographic(RasterInfo& info, GeographicGrid g) {
   info.grid = g;
 }
 
+// Returns the column and row of a position. Columns of a raster that wraps lie in [0, width); of others, on the turn
+// around the globe that is nearest to the raster's middle.
 PostXY locate_geographic(const GeographicGrid& g, const RasterInfo& info, double lat_deg, double lon_deg) {
   PostXY p{0, (g.first_lat_deg - lat_deg) * g.lat_posts_per_degree};
   if (info.wraps_longitude) {
@@ -143,6 +147,7 @@ PostXY locate_geographic(const GeographicGrid& g, const RasterInfo& info, double
   return p;
 }
 
+// Sets grid, footprint and spacing of a file on a projection's plane.
 void set_plane(RasterInfo& info, PlaneGrid g) {
   g.plane.lon_deg = wrap_lon_deg(g.plane.lon_deg);
   const PlanePosts posts(g, info.width, info.height);

@@ -49,6 +49,7 @@ void check_blocks(GDALDataset& dataset, CheckScope scope, const std::string& pat
   }
 }
 
+// Returns the words that say, in an error about a block, whose samples it holds.
 std::string owner_of(const std::string& source) { return "the source " + source + "'s "; }
 
 std::vector<BandValues> bands_of(GDALDataset& source) {

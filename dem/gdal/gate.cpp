@@ -74,8 +74,8 @@ struct HandleCloser {
 };
 using HandlePtr = std::unique_ptr<VSIVirtualHandle, HandleCloser>;
 
-// Sets `trouble` from GDAL's message about a failed request. GDAL's texts are "HTTP response code: 404" after opening,
-// else "HTTP response code on URL: 404".
+// Sets `trouble` from GDAL's message about a failed request of this thread. GDAL's texts are "HTTP response code: 404"
+// after opening, else "HTTP response code on URL: 404".
 void explain(RemoteTrouble& trouble) {
   const int code = VSIGetLastErrorNo();
   std::string text = VSIGetLastErrorMsg();
@@ -107,6 +107,7 @@ std::int64_t seconds_of(const char* date) {
   return CPLYMDHMSToUnixTime(&t);
 }
 
+// Returns a file's state from the headers of a server's answer.
 FileState state_from(const CPLStringList& headers) {
   FileState state;
   // Take the length after the slash if the answer is to a request for the file's first bytes.
@@ -167,21 +168,21 @@ class RemoteFile final : public VSIVirtualHandle {
       : behind_(behind), name_(std::move(name)), bytes_(state.bytes), state_(state), handle_(std::move(handle)) {}
 
   int Seek(vsi_l_offset offset, int whence) override {
-    at_ = whence == SEEK_SET ? offset : whence == SEEK_CUR ? at_ + offset : bytes_ + offset;
+    position_ = whence == SEEK_SET ? offset : whence == SEEK_CUR ? position_ + offset : bytes_ + offset;
     end_ = failed_ = false;
     return 0;
   }
-  vsi_l_offset Tell() override { return at_; }
+  vsi_l_offset Tell() override { return position_; }
   size_t Read(void* buffer, size_t size, size_t count) override {
     if (size == 0 || count == 0) return 0;
-    const vsi_l_offset left = at_ < bytes_ ? bytes_ - at_ : 0;
+    const vsi_l_offset left = position_ < bytes_ ? bytes_ - position_ : 0;
     const auto bytes = static_cast<size_t>(std::min<vsi_l_offset>(left, size * count));
     if (bytes > 0 && !with_retries(name_, [&](RemoteTrouble& t) { return read_once(buffer, bytes, t); })) {
       failed_ = true;
       return 0;
     }
     end_ = bytes < size * count;
-    at_ += bytes;
+    position_ += bytes;
     return bytes / size;
   }
   size_t Write(const void*, size_t, size_t) override { return 0; }
@@ -195,10 +196,11 @@ class RemoteFile final : public VSIVirtualHandle {
   }
 
  private:
+  // Reads at the position, all bytes or none. Drops the handle after a failure.
   bool read_once(void* buffer, size_t bytes, RemoteTrouble& trouble) {
     if (!handle_ && !open_again(trouble)) return false;
     size_t done = 0;
-    if (handle_->Seek(at_, SEEK_SET) == 0) done = handle_->Read(buffer, 1, bytes);
+    if (handle_->Seek(position_, SEEK_SET) == 0) done = handle_->Read(buffer, 1, bytes);
     if (done == bytes) return true;
     explain(trouble);
     trouble.gone = false;  // open_again() finds out whether the file is gone
@@ -207,6 +209,7 @@ class RemoteFile final : public VSIVirtualHandle {
     return false;
   }
 
+  // Opens another handle, if the file is still the one that was opened first.
   bool open_again(RemoteTrouble& trouble) {
     ServedFile file;
     if (!describe_once(*behind_, name_, file, trouble)) return false;
@@ -222,13 +225,14 @@ class RemoteFile final : public VSIVirtualHandle {
 
   VSIFilesystemHandler* behind_;
   std::string name_;
-  vsi_l_offset bytes_, at_ = 0;
+  vsi_l_offset bytes_, position_ = 0;
   FileState state_;  // state when the file was opened
   HandlePtr handle_;
   bool end_ = false, failed_ = false;
 };
 
-// Wraps a file system of GDAL's and lets only allowed names through, for reading.
+// File system through which GDAL opens names such as /vsicurl/..: wraps one of GDAL's own (`behind`) and lets only
+// allowed names through, for reading.
 class Gate final : public VSIFilesystemHandler {
  public:
   explicit Gate(VSIFilesystemHandler* behind) : behind_(behind) {}
@@ -259,6 +263,7 @@ class Gate final : public VSIFilesystemHandler {
     out->st_mode = S_IFREG;
     return 0;
   }
+  // Returns a file's state on its server; empty, with the trouble recorded, if there is none.
   std::optional<FileState> state(const char* name) {
     ServedFile file;
     if (!is_allowed(name)) {

@@ -17,6 +17,7 @@ namespace {
 constexpr std::string_view kWarpIt =
     "warp it to degrees first: gdalwarp -t_srs '+proj=longlat +R=1737400 +no_defs' -r cubic in.tif out.tif";
 
+// Returns the radius of a coordinate system's sphere, m.
 double sphere_of(const OGRSpatialReference& srs, const std::string& path) {
   const double semi_axes_m[] = {srs.GetSemiMajor(), srs.GetSemiMinor()};
   return map_sphere_m(semi_axes_m, path);
@@ -29,13 +30,15 @@ struct Plane {
   bool flip_x = false, flip_y = false;
 };
 
+// Reads the posts' positions from the geotransform: x = t[0] + column * t[1], y = t[3] + row * t[5], at pixel corners.
 Plane find_plane(GDALDataset& dataset, const std::string& path) {
   double t[6];
   if (dataset.GetGeoTransform(t) != CE_None) throw DataError(path, "has no geotransform");
   if (t[2] != 0 || t[4] != 0) throw DataError(path, fmt::format("is rotated or sheared; {}", kWarpIt));
   if (!(std::isfinite(t[0]) && std::isfinite(t[3]) && std::abs(t[1]) > 0 && std::abs(t[5]) > 0))
     throw DataError(path, "has an impossible geotransform");
-  const bool flip_x = t[1]<0, flip_y = t[5]> 0;
+  const bool flip_x = t[1] < 0;
+  const bool flip_y = t[5] > 0;
   // Use pixel centres, the posts: GDAL's transform is that of pixel corners whatever AREA_OR_POINT says (it shifts
   // PixelIsPoint files itself).
   const double column = flip_x ? dataset.GetRasterXSize() - 0.5 : 0.5,
@@ -64,14 +67,15 @@ double unit_on_moon_m(const OGRSpatialReference& srs, double sphere_m) {
   return srs.GetLinearUnits() * (kMoonRadius_m / sphere_m);
 }
 
+// Returns the grid of an equirectangular raster: x and y in metres are proportional to longitude and latitude.
 GeographicGrid grid_in_metres(const OGRSpatialReference& srs, const Plane& p, double unit_m) {
-  const double shrink = std::cos(srs.GetNormProjParm(SRS_PP_STANDARD_PARALLEL_1, 0) * kRadiansPerDegree);
+  const double lon_scale = std::cos(srs.GetNormProjParm(SRS_PP_STANDARD_PARALLEL_1, 0) * kRadiansPerDegree);
   const double lat0 = srs.GetNormProjParm(SRS_PP_LATITUDE_OF_ORIGIN, 0);
   const double lon0 = srs.GetNormProjParm(SRS_PP_CENTRAL_MERIDIAN, 0);
   const double x_m = (p.first_x - srs.GetProjParm(SRS_PP_FALSE_EASTING, 0)) * unit_m;
   const double y_m = (p.first_y - srs.GetProjParm(SRS_PP_FALSE_NORTHING, 0)) * unit_m;
-  GeographicGrid g{lat0 + y_m / kMetresPerDegree, lon0 + x_m / (kMetresPerDegree * shrink),
-                   kMetresPerDegree / (p.dy * unit_m), kMetresPerDegree * shrink / (p.dx * unit_m)};
+  GeographicGrid g{lat0 + y_m / kMetresPerDegree, lon0 + x_m / (kMetresPerDegree * lon_scale),
+                   kMetresPerDegree / (p.dy * unit_m), kMetresPerDegree * lon_scale / (p.dx * unit_m)};
   undo_rounding(g.first_lat_deg, g.lat_posts_per_degree);
   undo_rounding(g.first_lon_deg, g.lon_posts_per_degree);
   return g;
@@ -130,6 +134,7 @@ OGRSpatialReference as_variant_a(const OGRSpatialReference& spherical) {
   return srs;
 }
 
+// Returns the grid of a raster in its coordinate system. Throws DataError for a system that is not supported.
 PostGrid grid_of(const OGRSpatialReference& srs, const Plane& plane, double sphere_m, const std::string& path) {
   const double prime_deg = srs.GetPrimeMeridian();
   if (srs.IsGeographic()) {
@@ -144,7 +149,8 @@ PostGrid grid_of(const OGRSpatialReference& srs, const Plane& plane, double sphe
     return grid_of(as_variant_a(srs), plane, sphere_m, path);
   const double unit_m = unit_on_moon_m(srs, sphere_m);
   if (EQUAL(projection.c_str(), SRS_PT_EQUIRECTANGULAR)) return grid_in_metres(srs, plane, unit_m);
-  if (const std::optional<MapPlane> on = plane_of(srs, projection)) return grid_on_plane(srs, *on, plane, unit_m, path);
+  if (const std::optional<MapPlane> map_plane = plane_of(srs, projection))
+    return grid_on_plane(srs, *map_plane, plane, unit_m, path);
   throw DataError(path, fmt::format("its projection '{}' is not supported; {}", projection, kWarpIt));
 }
 

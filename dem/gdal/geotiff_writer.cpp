@@ -19,6 +19,7 @@
 namespace selenograph::dem {
 namespace {
 
+// Returns GDAL's last message, as the reason why a file cannot be written.
 std::string complaint() {
   const std::string text = CPLGetLastErrorMsg();
   return text.empty() ? "cannot be written" : text;

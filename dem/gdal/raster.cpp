@@ -30,6 +30,7 @@ void wait_for_next_step(const RasterFile& file) {
   if (age > -step && age < step) std::this_thread::sleep_for(step - age);
 }
 
+// Describes a file, again if it changed meanwhile.
 RasterFile inspect(const std::string& path) {
   constexpr int kAttempts = 5;
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
@@ -40,6 +41,7 @@ RasterFile inspect(const std::string& path) {
   throw DataError(path, "is being written: start again when it is complete");
 }
 
+// Returns the error for a file that has changed.
 DataError changed(const std::string& path, const char* when) {
   return DataError(path, std::string("has changed ") + when + ": start again to use what is there now");
 }
@@ -87,6 +89,7 @@ struct Raster::Impl {
 
     bool operator==(const Row&) const = default;
   };
+  // Returns the row of the file that shows at row `y` of posts, which may lie outside the file.
   Row row_at(std::int64_t y) const {
     const std::int64_t height = file.info.height;
     if (y >= 0 && y < height) return {y, false};
@@ -143,7 +146,7 @@ struct Raster::Impl {
   }
 
   RasterFile file;
-  std::optional<std::int64_t> north_mirror, south_mirror;
+  std::optional<std::int64_t> north_mirror, south_mirror;  // find_mirrors(); empty: none
   std::vector<double> scratch;
 };
 

@@ -34,6 +34,7 @@ constexpr double kNoRadiusBelow_m =
 constexpr const char* kHeightDatum = "sphere 1737.4 km, height";
 constexpr const char* kRadiusDatum = "planetary radius, converted";
 
+// Returns a file's state. Throws DataError that names the file `named`, which refers to it, if it is missing.
 FileState must_exist(const std::string& path, const std::string& named) {
   if (const auto state = file_state(path)) return *state;
   throw DataError(named, path == named ? "is missing or not a file" : "its file " + path + " is missing");
@@ -60,11 +61,12 @@ bool may_be_radius(double value_m) { return std::abs(value_m - kMoonRadius_m) <=
 bool is_possible(double value_m) { return may_be_height(value_m) || may_be_radius(value_m); }
 
 // Returns heights of kSamples evenly spread posts, without voids.
-constexpr int kAcross = 6, kSamples = kAcross * kAcross;
+constexpr int kAcross = 6, kSamples = kAcross * kAcross;  // posts per side of a sparse grid, and in all
 std::vector<double> sample_heights(RasterFile& s) {
   open_band(s);
   std::vector<double> heights;
   for (int i = 0; i < kSamples; ++i) {
+    // Returns the middle of part k of kAcross equal parts of n posts.
     const auto pick = [](int n, int k) { return static_cast<int>((2LL * k + 1) * n / (2 * kAcross)); };
     double sample = 0;
     read_samples(s, pick(s.file_width, i % kAcross), pick(s.file_height, i / kAcross), 1, 1, &sample);
@@ -172,6 +174,7 @@ void check_label_is_its_own(const std::string& label_path, const std::string& da
     throw NotHeights(label_path, fmt::format("describes {}, whose own label is {}", name_of(data_path), name_of(*own)));
 }
 
+// Describes a raw image by its label (PDS3).
 RasterFile describe_labelled_file(const std::string& label_path, const RasterReading& reading) {
   const FileState label = must_exist(label_path, label_path);
   const RawImage image = describe_labelled(label_path);
@@ -266,6 +269,7 @@ void check_sources(const BandValues& own, const OpenDataset& open, const std::st
   }
 }
 
+// Sets the band, its mask, the type of its samples, their scale to metres and their declared void.
 void find_samples(RasterFile& s) {
   if (s.dataset->GetRasterCount() != 1)
     throw NotHeights(s.info.path,
@@ -318,6 +322,7 @@ void check_sparse_values(RasterFile& raster) {
   check_values(raster.info, std::move(sparse));
 }
 
+// Describes a file that GDAL opens: a GeoTIFF, a VRT, or a remote file.
 RasterFile describe_gdal(const std::string& path, const RasterReading& reading) {
   const FileState state = is_remote(path) ? remote_state(path) : must_exist(path, path);
   RasterFile s;
@@ -365,6 +370,7 @@ RasterFile describe_gdal(const std::string& path, const RasterReading& reading) 
   return s;
 }
 
+// Describes a file by its label if it has one, else by GDAL.
 RasterFile describe(const std::string& path, const RasterReading& reading) {
   if (is_remote(path)) return describe_gdal(path, reading);
   must_exist(path, path);

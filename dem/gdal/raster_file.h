@@ -29,6 +29,7 @@ struct FileSeen {
   FileState state;
 };
 
+// An open DEM file, and everything that converts its samples to heights.
 struct RasterFile {
   RasterInfo info;
   // All local files that the raster is read from, including a VRT's sources, with their state before anything was read.
@@ -37,7 +38,7 @@ struct RasterFile {
   GDALDataType type = GDT_Unknown;
   // height_m = sample * scale + offset
   double scale = 1, offset_m = 0;
-  std::vector<double> voids;
+  std::vector<double> voids;            // samples that mean no data
   bool flip_x = false, flip_y = false;  // stored east to west, south to north
   int file_width = 0, file_height = 0;
   std::optional<PdsPixels> pds;

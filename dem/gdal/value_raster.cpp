@@ -100,6 +100,7 @@ struct ValueRaster::Impl {
     choose_bands();
   }
 
+  // Sets the grid: by the extent that the user gives, else by the file's georeference.
   void find_grid(const std::optional<Footprint>& extent) {
     double t[6];
     const bool placed = dataset->GetGeoTransform(t) == CE_None;
@@ -118,6 +119,7 @@ struct ValueRaster::Impl {
     grid = {t[0], t[3], t[1], -t[5]};
   }
 
+  // Replaces the dataset by a view of it in degrees, which GDAL warps when it is read.
   void warp(const OGRSpatialReference& srs) {
     const OGRSpatialReference degrees = degrees_like(srs);
     char* wkt = nullptr;
@@ -134,10 +136,10 @@ struct ValueRaster::Impl {
       add("-wo", "XSCALE=1", "-wo", "YSCALE=1");
     }
     const QuietGdal quiet;
-    GDALWarpAppOptions* translate_options = GDALWarpAppOptionsNew(words.List(), nullptr);
+    GDALWarpAppOptions* warp_options = GDALWarpAppOptionsNew(words.List(), nullptr);
     GDALDatasetH source = dataset.get();
-    auto* warped = static_cast<GDALDataset*>(GDALWarp("", nullptr, 1, &source, translate_options, nullptr));
-    GDALWarpAppOptionsFree(translate_options);
+    auto* warped = static_cast<GDALDataset*>(GDALWarp("", nullptr, 1, &source, warp_options, nullptr));
+    GDALWarpAppOptionsFree(warp_options);
     CPLFree(wkt);
     if (!warped) quiet.fail(path, "cannot be warped to degrees");
     unwarped = std::move(dataset);
@@ -199,6 +201,7 @@ int ValueRaster::overview_of_size(int width, int height) const {
   return -1;
 }
 
+// Averages the bands; a texel that is void in one of them is void.
 void ValueRaster::read(int overview, const Window& w, int stride, double* out) const {
   const auto size = static_cast<std::size_t>(w.width) * static_cast<std::size_t>(w.height);
   std::vector<double> samples(size), sum(size, 0);

@@ -38,6 +38,7 @@ constexpr std::string_view kRescaling[] = {"ScaleRatio", "ScaleOffset", "Exponen
 
 bool is(const CPLXMLNode& node, std::string_view name) { return EQUAL(node.pszValue, std::string(name).c_str()); }
 
+// Returns whether a name is of another machine or of a file system of GDAL's that is not allowed.
 bool is_elsewhere(std::string_view name) {
   return !is_allowed(name) && (name.starts_with("/vsi") || name.find("://") != std::string_view::npos);
 }
@@ -47,9 +48,10 @@ class VrtScan {
  public:
   explicit VrtScan(const std::string& root) : root_(root) {}
 
+  // Scans a file: records it as a source unless it is a VRT; then scans its XML. `depth`: number of VRTs around it.
   void scan(const std::string& path, int depth) {
-    constexpr std::size_t kLooksLikeIt = 4096;
-    if (read_head(path, kLooksLikeIt).find("<VRTDataset") == std::string::npos) {
+    constexpr std::size_t kHead_bytes = 4096;  // a VRT's first element lies within these
+    if (read_head(path, kHead_bytes).find("<VRTDataset") == std::string::npos) {
       if (depth > 0) result_.files.insert(path);
       return;
     }
@@ -78,6 +80,7 @@ class VrtScan {
  private:
   [[noreturn]] void refuse(const std::string& why) const { throw DataError(root_, why); }
 
+  // Refuses an unsupported element, and follows one that names a source.
   void check(const CPLXMLNode& node, const std::string& vrt, int depth) {
     if (is(node, "SourceFilename") || is(node, "SourceDataset")) add(node, vrt, depth);
     const auto named = [&](std::string_view name) { return is(node, name); };
@@ -88,6 +91,7 @@ class VrtScan {
       refuse(fmt::format("its WarpMemoryLimit is more than {:.0f} MB", kWarpMemory_bytes / 1e6));
   }
 
+  // Records the source that an element names, and scans it if it is a local file.
   void add(const CPLXMLNode& node, const std::string& vrt, int depth) {
     const std::string name = CPLGetXMLValue(&node, nullptr, "");
     if (++sources_ > kMaxSources)

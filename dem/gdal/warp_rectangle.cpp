@@ -26,6 +26,7 @@ class RasterPositions {
   double width() const { return width_; }
   double height() const { return height_; }
 
+  // Returns the position on the sphere of a point of the raster; empty where its plane has no point of the sphere.
   std::optional<Geographic> position(double column, double row) const {
     double x = pixel_[0] + column * pixel_[1] + row * pixel_[2], y = pixel_[3] + column * pixel_[4] + row * pixel_[5];
     if (!to_degrees_->Transform(1, &x, &y) || !std::isfinite(x) || !std::isfinite(y)) return std::nullopt;
@@ -35,9 +36,10 @@ class RasterPositions {
   // Returns true if a pole of the sphere is one point of the raster, where all meridians meet, or of its border.
   bool holds_pole(double lat_deg) const {
     constexpr double kBorder_px = 0.5;
-    const auto at = pixel(lat_deg, 0), opposite = pixel(lat_deg, 180);
-    if (!at || !opposite || std::hypot((*at)[0] - (*opposite)[0], (*at)[1] - (*opposite)[1]) > kBorder_px) return false;
-    const auto [column, row] = *at;
+    const auto pole = pixel(lat_deg, 0), opposite = pixel(lat_deg, 180);
+    if (!pole || !opposite) return false;
+    if (std::hypot((*pole)[0] - (*opposite)[0], (*pole)[1] - (*opposite)[1]) > kBorder_px) return false;
+    const auto [column, row] = *pole;
     return column > -kBorder_px && column < width_ + kBorder_px && row > -kBorder_px && row < height_ + kBorder_px;
   }
 
@@ -139,17 +141,17 @@ std::optional<WarpRectangle> warp_rectangle(GDALDataset& raster, const OGRSpatia
   const double step_deg = positions.pixel_deg();
   const bool north = positions.holds_pole(90), south = positions.holds_pole(-90);
   const auto turns = [](double lon_deg) { return std::floor((lon_deg + 180) / 360); };
-  const bool crosses = turns(r->west_deg + step_deg) != turns(r->east_deg - step_deg);
-  if (!north && !south && !crosses && !beyond_limb) return std::nullopt;
+  const bool crosses_date_line = turns(r->west_deg + step_deg) != turns(r->east_deg - step_deg);
+  if (!north && !south && !crosses_date_line && !beyond_limb) return std::nullopt;
   if (north) r->north_deg = 90;
   if (south) r->south_deg = -90;
   if (north || south || r->east_deg - r->west_deg > 360) {
     r->west_deg = -180;
     r->east_deg = 180;
   }
-  const double nearest_deg = std::max({0.0, r->south_deg, -r->north_deg});  // latitude nearest to the equator
-  r->width =
-      static_cast<int>(std::ceil((r->east_deg - r->west_deg) * std::cos(nearest_deg * kRadiansPerDegree) / step_deg));
+  const double equatorward_deg = std::max({0.0, r->south_deg, -r->north_deg});
+  r->width = static_cast<int>(
+      std::ceil((r->east_deg - r->west_deg) * std::cos(equatorward_deg * kRadiansPerDegree) / step_deg));
   r->height = static_cast<int>(std::ceil((r->north_deg - r->south_deg) / step_deg));
   return r;
 }

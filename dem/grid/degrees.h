@@ -14,6 +14,7 @@ struct SineCosine {
   double sine, cosine;
 };
 
+// Returns the sine and cosine of an angle.
 inline SineCosine sine_cosine_of_deg(double angle_deg) {
   // Reduce to at most 45 degrees, without rounding.
   int quarters = 0;

@@ -9,11 +9,11 @@ std::optional<std::pair<std::int64_t, std::int64_t>> shift_between(const PostGri
   const auto same = [](double a, double b) { return std::abs(a / b - 1) <= 1e-9; };
   double dx = 0, dy = 0;
   if (grid.index() != shifted.index()) return std::nullopt;
-  if (const auto* a = std::get_if<PlaneGrid>(&grid)) {
+  if (const auto* g = std::get_if<PlaneGrid>(&grid)) {
     const auto& b = std::get<PlaneGrid>(shifted);
-    if (a->plane != b.plane || !same(a->spacing_m, b.spacing_m)) return std::nullopt;
-    dx = (b.first_x_m - a->first_x_m) / a->spacing_m;
-    dy = (a->first_y_m - b.first_y_m) / a->spacing_m;
+    if (g->plane != b.plane || !same(g->spacing_m, b.spacing_m)) return std::nullopt;
+    dx = (b.first_x_m - g->first_x_m) / g->spacing_m;
+    dy = (g->first_y_m - b.first_y_m) / g->spacing_m;
   } else {
     const auto& g = std::get<GeographicGrid>(grid);
     const auto& b = std::get<GeographicGrid>(shifted);

@@ -23,17 +23,18 @@ int quads_per_side(int level) { return level >= kRootLevel ? kBlockQuads : kBloc
 
 int rows_of(int level) { return kLatTicks / (quads_per_side(level) * lat_step_of(level)); }
 
+// Doubles the step while quads, at the row's edge nearest to the equator, stay at most half as wide as high.
 int lon_shift(int level, int row) {
   const std::int32_t side = quads_per_side(level) * lat_step_of(level);
   const double south = std::abs(lat_deg_of(row * side)), north = std::abs(lat_deg_of((row + 1) * side));
-  const double nearest_equator =
+  const double equatorward_deg =
       (row * side <= kLatTicks / 2 && (row + 1) * side >= kLatTicks / 2) ? 0 : std::min(south, north);
   // Return early where cos > 1/4: this function is called for every block of every frame.
-  if (nearest_equator < 75) return 0;
-  const double aspect = std::cos(nearest_equator * kRadiansPerDegree);
-  const int cap = std::max(0, level - kRootLevel) + 1;  // blocks of 8 degrees: 45 around the globe
+  if (equatorward_deg < 75) return 0;
+  const double aspect = std::cos(equatorward_deg * kRadiansPerDegree);
+  const int max_shift = std::max(0, level - kRootLevel) + 1;  // blocks of 8 degrees: 45 around the globe
   int shift = 0;
-  while (shift < cap && std::ldexp(aspect, shift + 1) <= 0.5) ++shift;
+  while (shift < max_shift && std::ldexp(aspect, shift + 1) <= 0.5) ++shift;
   return shift;
 }
 

@@ -51,6 +51,8 @@ struct BlockExtent {
   std::int32_t lon1() const { return lon0 + quads * lon_step; }  // may equal kLonTicks, never exceeds it
 };
 
+// Return the quads along a side of a level's blocks, the number of rows of blocks, the shift by which a row's longitude
+// step exceeds its latitude step (step << shift), its number of blocks, and a block's area.
 int quads_per_side(int level);
 // Returns the number of triangles of a block: two per quad.
 inline std::int64_t triangles_of_block(int level) {

@@ -24,7 +24,7 @@ HWY_INLINE PlaneSlopes SlopesAt(const float* centre, int stride) {
     return {sharpened_slope(centre, 1), sharpened_slope(centre, stride)};
   } else {
     constexpr int kReach = kStencil == SlopeStencil::plane_3 ? 1 : 2;
-    constexpr double kSum = kReach == 1 ? 6 : 50;
+    constexpr double kSum = kReach == 1 ? 6 : 50;  // sum of dx^2 over the posts
     float along_row = 0, along_column = 0;
     for (int dy = -kReach; dy <= kReach; ++dy)
       for (int dx = -kReach; dx <= kReach; ++dx) {
@@ -36,6 +36,7 @@ HWY_INLINE PlaneSlopes SlopesAt(const float* centre, int stride) {
   }
 }
 
+// Computes normals by one stencil: up - slope to the east * east - slope to the north * north, normalised.
 template <SlopeStencil kStencil>
 void NormalsBy(const float* centre, int stride, int n, const NormalRow& row, float* HWY_RESTRICT x,
                float* HWY_RESTRICT y, float* HWY_RESTRICT z) {
@@ -45,6 +46,7 @@ void NormalsBy(const float* centre, int stride, int n, const NormalRow& row, flo
   for (int c = 0; c < n; ++c) {
     const PlaneSlopes slopes = SlopesAt<kStencil>(centre + c, stride);
     const double radius = kMoonRadius_m + static_cast<double>(centre[c]);
+    // Slopes on the ground, m per m: divide by the length of a post's spacing.
     const double to_east = slopes.along_row / (radius * cos_lat * lon_step),
                  to_north = slopes.along_column / (radius * lat_step);
     const double cos_lon = cos_lons[c], sin_lon = sin_lons[c];

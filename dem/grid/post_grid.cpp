@@ -56,8 +56,8 @@ double highest(int samples, const Function& f) {
     const auto value = [&](int k) { return values[static_cast<std::size_t>((k + samples) % samples)]; };
     // Skip a sample whose surroundings cannot exceed the best value: the function rises beside it by no more than it
     // falls to both of its neighbours.
-    const double rise = 2 * value(i) - value(i - 1) - value(i + 1);
-    if (value(i) < value(i - 1) || value(i) < value(i + 1) || value(i) + rise <= best + 1e-10) continue;
+    const double max_rise = 2 * value(i) - value(i - 1) - value(i + 1);
+    if (value(i) < value(i - 1) || value(i) < value(i + 1) || value(i) + max_rise <= best + 1e-10) continue;
     constexpr double kGolden = std::numbers::phi - 1;
     double low = i - 1, high = i + 1;
     for (int step = 0; step < 50; ++step) {
@@ -102,10 +102,10 @@ Geographic PlanePosts::position(double x, double y) const { return position_at(a
 double PlanePosts::posts_per_degree() const {
   const MapPlane& plane = grid_.plane;
   const MapPoint middle = at(columns_ / 2, rows_ / 2);
-  // By Snyder (7-3), (8-4) the scale is k0 cosh(v / (R k0)), v being the distance from the line where the cylinder
-  // touches the sphere.
-  const double v_m = plane.projection == MapProjection::mercator ? middle.y_m : middle.x_m;
-  const double stretch = is_cylindrical(plane) ? std::cosh(v_m / (kMoonRadius_m * plane.scale)) : 1;
+  // By Snyder (7-3), (8-4) the scale is k0 cosh(v / (R k0)), v (from_contact_m) being the distance from the line where
+  // the cylinder touches the sphere.
+  const double from_contact_m = plane.projection == MapProjection::mercator ? middle.y_m : middle.x_m;
+  const double stretch = is_cylindrical(plane) ? std::cosh(from_contact_m / (kMoonRadius_m * plane.scale)) : 1;
   return kMetresPerDegree * plane.scale * stretch / grid_.spacing_m;
 }
 
@@ -119,6 +119,7 @@ double PlanePosts::posts_per_degree() const {
 //   t=3 |_____| t=2
 Geographic PlanePosts::border(double t) const {
   const double along = t - 4 * std::floor(t / 4);
+  // The column rises along side 0 and falls along side 2; the row rises along side 1 and falls along side 3.
   const auto ramp = [](double v) { return std::clamp(v, 0.0, 1.0); };
   const MapPoint p = at(columns_ * (ramp(along) - ramp(along - 2)), rows_ * (ramp(along - 1) - ramp(along - 3)));
   if (within_limb(p)) return position_at(p);
@@ -142,6 +143,7 @@ Footprint PlanePosts::footprint() const {
   std::vector<Geographic> samples;
   for (int i = 0; i < kSamples; ++i) {
     samples.push_back(border(4.0 * i / kSamples));
+    // Make longitudes continuous along the border, without steps of 360 degrees.
     if (i > 0)
       samples[static_cast<std::size_t>(i)].lon_deg =
           samples[static_cast<std::size_t>(i) - 1].lon_deg +
@@ -154,15 +156,15 @@ Footprint PlanePosts::footprint() const {
   };
   const auto lowest = [&](const auto& f) { return -highest(kSamples, [&](int i, double t) { return -f(i, t); }); };
   Footprint f{lowest(lat_deg), highest(kSamples, lat_deg), -180, 180};
-  bool pole = false;
-  for (const double lat : {-90.0, 90.0}) {
-    const std::optional<MapPoint> p = transform_.project(lat, 0);
-    const PostXY at = locate(lat, 0);
-    if (!p || !within_limb(*p) || !contains(at.x, at.y)) continue;
-    pole = true;
-    (lat < 0 ? f.south_deg : f.north_deg) = lat;
+  bool holds_pole = false;  // then all longitudes are inside
+  for (const double pole_lat_deg : {-90.0, 90.0}) {
+    const std::optional<MapPoint> p = transform_.project(pole_lat_deg, 0);
+    const PostXY pole_post = locate(pole_lat_deg, 0);
+    if (!p || !within_limb(*p) || !contains(pole_post.x, pole_post.y)) continue;
+    holds_pole = true;
+    (pole_lat_deg < 0 ? f.south_deg : f.north_deg) = pole_lat_deg;
   }
-  if (pole) return f;
+  if (holds_pole) return f;
   const double west_deg = lowest(lon_deg), across_deg = highest(kSamples, lon_deg) - west_deg;
   if (across_deg >= 360) return f;
   f.west_deg = wrap_lon_deg(west_deg);

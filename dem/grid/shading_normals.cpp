@@ -11,8 +11,8 @@ struct Slope {
   double along_row = 0, along_column = 0;  // m per post
 };
 
-// Least-squares plane through the valid posts of a (2 reach + 1)^2 window. Without voids the normal equations are
-// diagonal.
+// Returns the slopes of the least-squares plane through the valid posts of a (2 reach + 1)^2 window; 0 if these lie on
+// a line. Solves the normal equations of the centred sums (cxx = sum of (x - mean x)^2 ..) by Cramer's rule.
 Slope fit_plane(const float* centre, int stride, int reach) {
   double sx = 0, sy = 0, n = 0, sxx = 0, syy = 0, sxh = 0, syh = 0;
   const double origin = static_cast<double>(*centre);
@@ -48,6 +48,7 @@ Slope slope_at(const float* centre, int stride, SlopeStencil stencil) {
   return fit_plane(centre, stride, 1);
 }
 
+// Returns the stencil for posts `spacing_m` apart.
 SlopeStencil stencil_for(const HeightsKind& kind, double spacing_m) {
   if (kind.filtered) return SlopeStencil::sharpened;
   // Rounding to steps of q is noise with a standard deviation of q / sqrt(12). The slope of a 3 x 3 plane divides it by
@@ -62,8 +63,9 @@ void fill_shading_normals(Block& block, std::span<const float> heights, const He
   const int side = block.side(), stride = side + 2 * kHalo;
   const SlopeStencil stencil = stencil_for(kind, post_spacing_m(block.id.level));
   const double radians_per_tick = kRadiansPerDegree / kTicksPerDegree;
+  // Spacing of posts, radians.
   const double dlat = block.extent.lat_step * radians_per_tick, dlon = block.extent.lon_step * radians_per_tick;
-  const bool full = std::none_of(heights.begin(), heights.end(), [](float h) { return std::isnan(h); });
+  const bool has_no_voids = std::none_of(heights.begin(), heights.end(), [](float h) { return std::isnan(h); });
   std::vector<float> row_normals(3 * static_cast<std::size_t>(side));  // structure of arrays
   float *x = row_normals.data(), *y = x + side, *z = y + side;
   for (int r = 0; r < side; ++r) {
@@ -71,7 +73,7 @@ void fill_shading_normals(Block& block, std::span<const float> heights, const He
     const double cos_lat = block.cos_lat[row], sin_lat = block.sin_lat[row];
     const float* centres = heights.data() + (r + kHalo) * stride + kHalo;
     const bool pole = cos_lat <= 1e-9;  // without an eastward direction: use the vertical
-    if (full && !pole) {
+    if (has_no_voids && !pole) {
       normals_of_row(centres, stride, side, stencil,
                      {cos_lat, sin_lat, block.cos_lon.data(), block.sin_lon.data(), dlat, dlon}, x, y, z);
       for (int c = 0; c < side; ++c) block.vertices[block.index(r, c)].normal = {x[c], y[c], z[c]};

@@ -330,15 +330,16 @@ void LayerBends::add_block(const LayerGroup& group, const std::vector<std::size_
                            const std::vector<PostXY>& positions, BendMixture& mixture,
                            std::vector<SourceIndex>& unusable) const {
   constexpr double kMaxCellsPerPosition = 16;
-  const auto whole = [](double v) { return static_cast<std::int64_t>(std::floor(v)); };
+  const auto index_below = [](double v) { return static_cast<std::int64_t>(std::floor(v)); };
   // Returns the posts around positions that bilinear sampling needs.
   const auto region_of = [&](std::span<const PostXY> points) {
-    CellRegion r{whole(points[0].x), whole(points[0].y), whole(points[0].x) + 2, whole(points[0].y) + 2};
+    CellRegion r{index_below(points[0].x), index_below(points[0].y), index_below(points[0].x) + 2,
+                 index_below(points[0].y) + 2};
     for (const PostXY& p : points) {
-      r.x0 = std::min(r.x0, whole(p.x));
-      r.x1 = std::max(r.x1, whole(p.x) + 2);
-      r.y0 = std::min(r.y0, whole(p.y));
-      r.y1 = std::max(r.y1, whole(p.y) + 2);
+      r.x0 = std::min(r.x0, index_below(p.x));
+      r.x1 = std::max(r.x1, index_below(p.x) + 2);
+      r.y0 = std::min(r.y0, index_below(p.y));
+      r.y1 = std::max(r.y1, index_below(p.y) + 2);
     }
     return r;
   };

@@ -180,19 +180,21 @@ void PostSource::compose_zone(const PostWindow& zone, std::size_t first_post, co
 
 namespace {
 
-// Returns the position of a file's first post in columns and rows of the file `other`; empty if their posts do not
+// Returns the position of a file's first post in columns and rows of `grid_file`; empty if their posts do not
 // coincide. Unlike shift_between() it takes the shorter way around the globe, so that tiles on both sides of the date
 // line count as neighbours.
-std::optional<std::pair<std::int64_t, std::int64_t>> first_post_in(const RasterInfo& file, const RasterInfo& other) {
-  const auto* grid = std::get_if<GeographicGrid>(&other.grid);
-  if (!grid) return shift_between(other.grid, file.grid);
+std::optional<std::pair<std::int64_t, std::int64_t>> first_post_in(const RasterInfo& file,
+                                                                   const RasterInfo& grid_file) {
+  const auto* grid = std::get_if<GeographicGrid>(&grid_file.grid);
+  if (!grid) return shift_between(grid_file.grid, file.grid);
   const auto* own_grid = std::get_if<GeographicGrid>(&file.grid);
   if (!own_grid || std::abs(own_grid->lat_posts_per_degree / grid->lat_posts_per_degree - 1) > 1e-9 ||
       std::abs(own_grid->lon_posts_per_degree / grid->lon_posts_per_degree - 1) > 1e-9)
     return std::nullopt;
-  const double dx = std::remainder((file.footprint.west_deg - other.footprint.west_deg) * grid->lon_posts_per_degree,
-                                   360 * grid->lon_posts_per_degree);
-  const double dy = (other.footprint.north_deg - file.footprint.north_deg) * grid->lat_posts_per_degree;
+  const double dx =
+      std::remainder((file.footprint.west_deg - grid_file.footprint.west_deg) * grid->lon_posts_per_degree,
+                     360 * grid->lon_posts_per_degree);
+  const double dy = (grid_file.footprint.north_deg - file.footprint.north_deg) * grid->lat_posts_per_degree;
   if (std::abs(dx - std::round(dx)) > 1e-3 || std::abs(dy - std::round(dy)) > 1e-3) return std::nullopt;
   return std::pair{std::llround(dx), std::llround(dy)};
 }

@@ -35,6 +35,7 @@ void paste(const Block& block, OctaveGrid& grid, std::vector<SourceMark>& marks)
   const std::int64_t row0 = (e.lat0 - w.lat0) / w.lat_step;
   const std::int64_t first_row = std::max<std::int64_t>(0, row0),
                      last_row = std::min<std::int64_t>(w.rows - 1, row0 + std::int64_t{e.quads} * rows_per_post);
+  // Try all copies of the block around the globe that may lie in the window.
   const std::int64_t turn = std::llround(static_cast<double>(w.lon0 - e.lon0) / kLonTicks);
   for (const std::int64_t shift : {turn - 1, turn, turn + 1}) {
     const std::int64_t col0 = (e.lon0 + shift * kLonTicks - w.lon0) / w.lon_step;
@@ -46,16 +47,16 @@ void paste(const Block& block, OctaveGrid& grid, std::vector<SourceMark>& marks)
       for (std::int64_t col = first_col; col <= last_col; ++col) {
         const auto c = static_cast<int>(col - col0);
         const float t = static_cast<float>(c % columns_per_post) / static_cast<float>(columns_per_post);
-        const std::size_t at = grid.index(static_cast<int>(row), static_cast<int>(col));
-        grid.posts.heights[at] = height_in_quad(block, r / rows_per_post, c / columns_per_post, t, u);
-        marks[at] = block.source(r / rows_per_post, c / columns_per_post);
+        const std::size_t post = grid.index(static_cast<int>(row), static_cast<int>(col));
+        grid.posts.heights[post] = height_in_quad(block, r / rows_per_post, c / columns_per_post, t, u);
+        marks[post] = block.source(r / rows_per_post, c / columns_per_post);
       }
     }
   }
 }
 
-// Returns the weighted mean of the valid posts under the 3 x 3 binomial, or under its middle column. A void position
-// stays void.
+// Returns the weighted mean of the valid posts under the 3 x 3 binomial (weights 1, 2, 1 along each axis), or, without
+// `along_row`, under its middle column. A void position stays void.
 float filter_near_void(const OctaveGrid& fine, int r, int c, bool along_row) {
   if (std::isnan(fine.at(r, c))) return kNoHeight_m;
   float sum = 0, weight = 0;
@@ -70,29 +71,32 @@ float filter_near_void(const OctaveGrid& fine, int r, int c, bool along_row) {
   return sum / weight;
 }
 
-// Filters one row of the next coarser level from row `fr` of the finer one. `buffer` is reused from row to row.
+// Filters one row of the next coarser level from row `fr` of the finer one, by the binomial 1, 2, 1 along columns and,
+// where the longitude step doubles (step_c = 2), along rows. Rounds to the level's height step. `buffer` is reused from
+// row to row.
 void filter_row(const OctaveGrid& fine, int fr, int step_c, bool pole, const OctaveGrid& grid,
                 std::vector<float>& buffer, float* out) {
   constexpr int kPad = 4;  // columns that the kernel reaches outside the finer grid, whose outermost column is repeated
   const int cols = fine.window.cols, n = grid.window.cols;
   buffer.resize(static_cast<std::size_t>(cols) + 2 * kPad);
-  float* column = buffer.data() + kPad;
+  float* column = buffer.data() + kPad;  // per column of the finer grid: the row filtered along columns
   if (pole)
     std::copy_n(fine.row(fr), cols, column);
   else
     add_three_rows(fine.row(fr - 1), fine.row(fr), fine.row(fr + 1), cols, column);
   std::fill_n(buffer.data(), kPad, column[0]);
   std::fill_n(column + cols, kPad, column[cols - 1]);
-  const float* at = column + fine.halo - step_c * grid.halo;
+  const float* first = column + fine.halo - step_c * grid.halo;  // finer column at the coarser grid's first one
   const auto step = static_cast<float>(format::height_step_m(grid.level));
   if (pole) {  // a pole is one point: keep its height unfiltered, so that all blocks around it agree
-    for (int c = 0; c < n; ++c) out[c] = at[static_cast<std::ptrdiff_t>(step_c) * c];
+    for (int c = 0; c < n; ++c) out[c] = first[static_cast<std::ptrdiff_t>(step_c) * c];
     return;
   }
   if (step_c == 1)
-    quantise_row(at, n, 0.25F, step, out);
+    quantise_row(first, n, 0.25F, step, out);  // divides by the sum of the weights, 1 + 2 + 1
   else
-    halve_row(at, n, step, out);
+    halve_row(first, n, step, out);
+  // A void made its neighbours NaN: repeat those with the valid posts alone.
   for (int c = 0; c < n; ++c) {
     if (!std::isnan(out[c])) continue;
     const float h = filter_near_void(fine, fr, fine.halo + step_c * (c - grid.halo), step_c == 2);

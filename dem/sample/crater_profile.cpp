@@ -84,8 +84,9 @@ constexpr double kSteepBelow_km = 1.5;
 constexpr double kEquilibrium = 0.12;
 constexpr double kHighlandProduction = 0.12, kMareProduction = 0.006;
 
-double density(double production, double d) {
-  return std::min(production * std::max(1.0, kSteepBelow_km / d), kEquilibrium) / (d * d);
+// Returns the cumulative number of craters per km^2 above a diameter.
+double density(double production, double diameter_km) {
+  return std::min(production * std::max(1.0, kSteepBelow_km / diameter_km), kEquilibrium) / (diameter_km * diameter_km);
 }
 
 // Returns kappa t / R^2 of a crater as old as the maria. Fassett & Thomson 2014 find kappa t near 17 000 m2 after 3.5
@@ -134,6 +135,7 @@ struct Cell {
   }
 };
 
+// Diameters of one octave: number 0 ends at the largest crater, each further one is half as large.
 struct OctaveOfSizes {
   int octave;
   double low_km, high_km;
@@ -241,7 +243,10 @@ std::vector<Crater> craters_reaching(const GeographicBox& box, std::uint64_t see
 
 namespace {
 
-constexpr int kCells = 1024;
+constexpr int kCells = 1024;  // intervals of a profile's table
+
+// The functions below take x, the distance from the centre over the crater's radius; depth, rim height and results are
+// in radii, too.
 
 // Returns the height of ejecta, which thin out as (r/R)^-3 (McGetchin et al. 1973), brought to zero at the profile's
 // reach.
@@ -270,8 +275,8 @@ double complex_bowl(double x, double depth, double rim, double diameter_km) {
   return rim - depth + depth * std::lerp(stepped, stepped * stepped, 0.25 * terracing);
 }
 
-// Diffuses a profile by the given kappa t / R^2: implicit axisymmetric steps of dh/dt = 1/x d/dx (x dh/dx) (Fassett &
-// Thomson 2014), each a tridiagonal system solved by the Thomas algorithm.
+// Diffuses a profile, heights `dx` apart from the centre on, by the given kappa t / R^2: implicit axisymmetric steps of
+// dh/dt = 1/x d/dx (x dh/dx) (Fassett & Thomson 2014), each a tridiagonal system solved by the Thomas algorithm.
 void diffuse(std::vector<double>& h, double dx, double amount) {
   const int n = static_cast<int>(h.size()) - 1;
   std::vector<double> upper(h.size());
@@ -303,10 +308,10 @@ RadialProfile::RadialProfile(std::vector<double> heights, double reach, double d
 }
 
 double RadialProfile::height(double distance) const {
-  const double at = distance * cells_per_radius_;
-  if (at >= kCells) return 0;
-  const auto i = static_cast<std::size_t>(at);
-  return blend(static_cast<double>(heights_[i]), static_cast<double>(heights_[i + 1]), at - static_cast<double>(i));
+  const double cell = distance * cells_per_radius_;
+  if (cell >= kCells) return 0;
+  const auto i = static_cast<std::size_t>(cell);
+  return blend(static_cast<double>(heights_[i]), static_cast<double>(heights_[i + 1]), cell - static_cast<double>(i));
 }
 
 std::shared_ptr<const RadialProfile> RadialProfile::simple(double degradation) {

@@ -4,6 +4,7 @@
 
 namespace selenograph::dem::sample {
 
+// Sets a post's layers to the highlands: basins, and noise whose octaves go to the layers of craters of their size.
 void Landscape::lay_highlands(const Vec3& p_m, Layers& layers) const {
   constexpr double kHighland_m = 1000, kBasinDepth_m = 3300;
   const double basin = smoothstep(0.0, 0.3, basin_field(p_m));
@@ -32,6 +33,7 @@ double Landscape::wrinkle_ridges_m(const Vec3& p_m) const {
   return strength * (arch_m + crest_m);
 }
 
+// Fills basins with lava up to a level that depends on the position.
 void Landscape::flood_maria(const Vec3& p_m, Layers& layers) const {
   constexpr double kMare_m = -1500, kShore_m = 10;
   const double field = basin_field(p_m);

@@ -63,6 +63,7 @@ std::string big_endian_bytes(const std::vector<std::int16_t>& posts) {
   return bytes;
 }
 
+// Throws std::invalid_argument for options out of range.
 void check(const SampleOptions& o) {
   if (o.posts_per_degree < 16 || o.posts_per_degree > 16384 ||
       !std::has_single_bit(static_cast<unsigned>(o.posts_per_degree))) {
@@ -74,6 +75,7 @@ void check(const SampleOptions& o) {
   if (o.columns < 1 || o.columns > 360) throw std::invalid_argument("the sample's columns must be from 1 to 360");
 }
 
+// Returns the tiles of the sample, from north to south; each once, even if columns run around the globe.
 std::vector<Tile> tiles_of(const SampleOptions& o) {
   std::vector<Tile> tiles;
   const auto add = [&](int south, int west) {

@@ -53,11 +53,12 @@ TileTerrain::Window TileTerrain::window_of(const Crater& crater, double reach_m)
   return w;
 }
 
+// Lists, for each block of posts, the craters that may reach it, oldest first.
 void TileTerrain::bin_craters() {
   in_block_.resize(static_cast<std::size_t>(blocks_ * blocks_));
   for (int i = 0; i < static_cast<int>(craters_.size()); ++i) {
-    const auto at = static_cast<std::size_t>(i);
-    const Window w = window_of(craters_[at], shapes_[at].reach_m());
+    const auto crater = static_cast<std::size_t>(i);
+    const Window w = window_of(craters_[crater], shapes_[crater].reach_m());
     for (int r = w.row0 / kBlock; r * kBlock < w.row1; ++r) {
       for (int c = w.column0 / kBlock; c * kBlock < w.column1; ++c) {
         in_block_[static_cast<std::size_t>(r * blocks_ + c)].push_back(i);
@@ -113,9 +114,9 @@ void TileTerrain::evaluate_block(const Window& block, const std::vector<int>& cr
     flooded = true;
   };
   for (const int i : craters) {
-    const auto at = static_cast<std::size_t>(i);
-    if (!flooded && craters_[at].age < 1) flood();
-    stamp({&craters_[at], &shapes_[at]}, block, layers);
+    const auto crater = static_cast<std::size_t>(i);
+    if (!flooded && craters_[crater].age < 1) flood();  // craters of age below 1 are younger than the maria
+    stamp({&craters_[crater], &shapes_[crater]}, block, layers);
   }
   if (!flooded) flood();
 }

@@ -146,6 +146,7 @@ struct ValueMap::Impl {
     return tiles->tiles.get({number, level, tx, ty}, make, stop);
   }
 
+  // Reads a tile from the file or its overview, and converts samples to values. Texels without data keep kNone.
   void read(int level, int tx, int ty, std::vector<float>& out) const {
     const int x0 = tx * kTile, y0 = ty * kTile, w = std::min(kTile, level_width(level) - x0),
               h = std::min(kTile, level_height(level) - y0);
@@ -153,16 +154,17 @@ struct ValueMap::Impl {
     file.read(overviews[static_cast<std::size_t>(level)], {x0, y0, w, h}, kTile, samples.data());
     for (int y = 0; y < h; ++y)
       for (int x = 0; x < w; ++x) {
-        const auto at = static_cast<std::size_t>(y * kTile + x);
-        double value = options.scale * samples[at] + options.offset;
+        const auto texel = static_cast<std::size_t>(y * kTile + x);
+        double value = options.scale * samples[texel] + options.offset;
         if (options.exponent != 1) value = std::pow(value, options.exponent);
         if (std::isnan(value)) continue;
         value = std::clamp(value, options.low, options.high);
-        out[at] = static_cast<float>(options.fourth_power ? std::pow(std::max(value, 0.0), 4) : value);
+        out[texel] = static_cast<float>(options.fourth_power ? std::pow(std::max(value, 0.0), 4) : value);
       }
   }
 
-  // Averages 2 x 2 texels of the level below. Texels beyond the raster's last row and column do not count.
+  // Averages 2 x 2 texels of the level below, weighted by the share of each that has data. Texels beyond the raster's
+  // last row and column do not count. Shares follow the values in `out`, unless all are 0 or 1.
   void shrink(int level, int tx, int ty, std::vector<float>& out, const StopToken& stop) const {
     constexpr int kHalf = kTile / 2;
     out.resize(2 * kTexels, 0.F);
@@ -172,7 +174,7 @@ struct ValueMap::Impl {
         const int x = 2 * tx + dx, y = 2 * ty + dy;
         const int w = level_width(level - 1) - x * kTile, h = level_height(level - 1) - y * kTile;
         if (w <= 0 || h <= 0) continue;
-        const Tile from = tile(level - 1, x, y, stop);
+        const Tile finer = tile(level - 1, x, y, stop);
         for (int v = 0; 2 * v < std::min(kTile, h); ++v)
           for (int u = 0; 2 * u < std::min(kTile, w); ++u) {
             double sum = 0, covered = 0;
@@ -180,11 +182,11 @@ struct ValueMap::Impl {
             for (const int j : {2 * v, 2 * v + 1})
               for (const int i : {2 * u, 2 * u + 1}) {
                 if (i >= w || j >= h) continue;
-                const auto at = static_cast<std::size_t>(j * kTile + i);
-                const double coverage = coverage_of(*from, at);
+                const auto texel = static_cast<std::size_t>(j * kTile + i);
+                const double coverage = coverage_of(*finer, texel);
                 ++count;
                 covered += coverage;
-                if (coverage > 0) sum += coverage * static_cast<double>((*from)[at]);
+                if (coverage > 0) sum += coverage * static_cast<double>((*finer)[texel]);
               }
             const auto to = static_cast<std::size_t>((dy * kHalf + v) * kTile + dx * kHalf + u);
             if (covered > 0) out[to] = static_cast<float>(sum / covered);
@@ -257,6 +259,7 @@ const std::vector<float>& ValueMap::Sampler::tile(int tx, int ty, int level) {
   return *entry.tile;
 }
 
+// Returns a texel's value times the share of it that has data, and that share.
 ValueMap::Sampler::Sum ValueMap::Sampler::texel(int x, int y, int level) {
   const Impl& map = *map_->impl_;
   const int w = map.level_width(level);
@@ -268,9 +271,9 @@ ValueMap::Sampler::Sum ValueMap::Sampler::texel(int x, int y, int level) {
   if (y == h && map.file.grid().north_deg - map.height * map.file.grid().dy_deg < -90 + 1e-9) y = h - 1;
   if (y < 0 || y >= h) return {0, 0};
   const std::vector<float>& texels = tile(x / kTile, y / kTile, level);
-  const auto at = static_cast<std::size_t>((y % kTile) * kTile + x % kTile);
-  const double coverage = coverage_of(texels, at);
-  return {coverage > 0 ? coverage * static_cast<double>(texels[at]) : 0, coverage};
+  const auto index = static_cast<std::size_t>((y % kTile) * kTile + x % kTile);
+  const double coverage = coverage_of(texels, index);
+  return {coverage > 0 ? coverage * static_cast<double>(texels[index]) : 0, coverage};
 }
 
 // Returns the bilinear value of a level at x, y in texels of level 0, weighted by the share that has data.
@@ -310,6 +313,7 @@ std::uint32_t ValueMap::Sampler::means_of_small(const Footprints& footprints, st
   return found;
 }
 
+// Samples footprints in the full-resolution tile of the first requested one, then those that cross its border.
 std::uint32_t ValueMap::Sampler::means_in_tile(const Footprints& footprints, std::uint32_t requested, double* values) {
   const Impl& map = *map_->impl_;
   const auto first = static_cast<std::size_t>(std::countr_zero(requested));
@@ -359,6 +363,7 @@ std::uint32_t ValueMap::Sampler::means_between_tiles(const Footprints& f, std::u
   return found;
 }
 
+// Averages bilinear probes, spread over the footprint's parallelogram, on the level that suits its size.
 ValueMap::Sampler::Mean ValueMap::Sampler::mean(const Footprint2& f) {
   const Impl& map = *map_->impl_;
   const bool polar = std::abs(f.lat_deg) > kPolar_deg;

@@ -108,6 +108,8 @@ void MeansOfProbes(const MapTile& tile, const Footprints& f, std::int64_t* has_m
   }
 }
 
+// Implements small_means(). A footprint that lies in one square of four texels has a closed form: the bilinear value at
+// its middle plus the covariance of its x and y times the square's xy term. Others are probed.
 std::uint32_t SmallMeans(const MapTile& tile, const Footprints& f, std::uint32_t requested, double* values) {
   constexpr double kMaxSize = 0.7;  // extent of a footprint in texels for which one square may be enough
   alignas(64) double twist[kFootprints];
@@ -125,14 +127,15 @@ std::uint32_t SmallMeans(const MapTile& tile, const Footprints& f, std::uint32_t
     twist[i] = (t.ax * t.ay + t.bx * t.by) / 12;
   }
   Values(tile.texels, positions, twist, values);
+  // Returns a bit per footprint that has a mean which is not NaN (no data).
   const auto found = [&] {
     std::uint32_t bits = 0;
     for (std::size_t i = 0; i < kFootprints; ++i)
       bits |= static_cast<std::uint32_t>(has_mean[i] != 0 && values[i] == values[i]) << i;
     return bits;
   };
-  const std::uint32_t simple = found();
-  if ((simple & requested) == requested) return simple;
+  const std::uint32_t in_one_square = found();
+  if ((in_one_square & requested) == requested) return in_one_square;
   MeansOfProbes(tile, f, has_mean, values);
   return found();
 }
