@@ -118,7 +118,7 @@ class Cache {
     return found == entries_.end() ? nullptr : found->second.value;
   }
 
-  // Replaces a value that is still cached.
+  // Replaces a value by another with the same content, if `before` is still cached.
   void replace(const Key& key, const Pointer& before, Pointer value, std::size_t bytes) {
     std::lock_guard lock(mutex_);
     const auto found = entries_.find(key);
@@ -192,6 +192,7 @@ class Cache {
     }
   }
 
+  // Ends a flight with its value: caches it as the most recent entry, and wakes the waiting callers.
   void land(const Key& key, Flight& flight, Loaded loaded) {
     std::lock_guard lock(mutex_);
     const std::size_t bytes = count_.add && loaded.value ? count_.add(*loaded.value) : loaded.bytes;
@@ -208,6 +209,7 @@ class Cache {
     landed_.notify_all();
   }
 
+  // Ends a flight without a value; waiting callers throw the error, or try themselves if there is none.
   void fail(const Key& key, Flight& flight, const std::exception_ptr& error) {
     std::lock_guard lock(mutex_);
     flight.error = error;

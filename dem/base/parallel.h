@@ -61,6 +61,8 @@ auto on_own_threads(std::size_t threads, const Body& body) {
   return body();
 }
 
+// Calls body(first, past_last) for pieces of `grain` indices up to `count`, on the calling thread and threads - 1
+// others. Rethrows an exception of a body after all threads have ended; the remaining pieces are then skipped.
 template <typename Body>
 void pieces_on_threads(std::size_t threads, std::size_t count, std::size_t grain, const Body& body) {
   std::atomic<std::size_t> next{0};

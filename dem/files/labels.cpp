@@ -14,7 +14,7 @@ namespace {
 // Label format: extensions, recognition and parsers.
 struct LabelFormat {
   std::string_view extension, image_extension;
-  bool (*begins)(const std::string& path);
+  bool (*begins)(const std::string& path);  // returns true if a file begins like such a label
   // Parsers of a label; they throw DataError if it is illegible.
   bool (*describes_map)(const std::string& path);
   std::vector<std::string> (*files_named)(const std::string& path);
@@ -28,6 +28,7 @@ constexpr LabelFormat kFormats[] = {
 };
 constexpr std::string_view kGeoreferenced[] = {".tif", ".tiff", ".vrt"};
 
+// Returns the extension of a path's file name, with its dot.
 std::string_view extension_of(std::string_view path) {
   const std::string_view name = name_of(path);
   return name.substr(stem_of(name).size());
@@ -59,6 +60,7 @@ bool begins_with_label(const std::string& path) {
   return std::ranges::any_of(kFormats, [&](const LabelFormat& format) { return format.begins(path); });
 }
 
+// Looks for a label with the image's name and an extension in small letters, in capitals, or with one capital.
 std::optional<std::string> label_of(const std::string& path) {
   if (kind_of(path) == FileKind::label || begins_with_label(path)) return path;
   if (kind_of(path) != FileKind::labelled_image) return std::nullopt;

@@ -19,6 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// Returns a name for a temporary file next to a file, with this process's number: stale ones are recognised by it.
 std::string temporary_name(const std::string& path) {
   static std::atomic<int> counter{0};
   return fmt::format("{}.tmp-{}-{}", path, ::getpid(), counter++);
@@ -67,9 +68,9 @@ void remove_stale_temporaries(const std::string& folder, std::string_view mark) 
   std::error_code error;
   for (fs::recursive_directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
     const std::string name = it->path().filename().string();
-    const std::size_t at = name.find(mark);
-    if (at == std::string::npos) continue;
-    const pid_t owner = static_cast<pid_t>(std::strtol(name.c_str() + at + mark.size(), nullptr, 10));
+    const std::size_t mark_begin = name.find(mark);
+    if (mark_begin == std::string::npos) continue;
+    const pid_t owner = static_cast<pid_t>(std::strtol(name.c_str() + mark_begin + mark.size(), nullptr, 10));
     std::error_code ignored;
     // Files with our own number are stale, too: this process has not written yet, so an earlier one with this number
     // did (in a container each is process 1).

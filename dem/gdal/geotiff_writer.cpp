@@ -35,6 +35,7 @@ OGRSpatialReference moon() {
   return srs;
 }
 
+// Sets georeference, void value, name and unit of a grid of heights.
 void describe(GDALDataset& dataset, const GeotiffGrid& g, const std::string& name, const std::string& path) {
   // Start at the outer corner of the first pixel.
   double transform[] = {
@@ -48,6 +49,7 @@ void describe(GDALDataset& dataset, const GeotiffGrid& g, const std::string& nam
   band->SetUnitType("m");
 }
 
+// Writes a grid of heights in degrees to a file of GDAL's.
 void create(const std::string& path, const GeotiffGrid& g, std::span<const float> values, const std::string& name) {
   if (g.width < 1 || g.height < 1 ||
       values.size() != static_cast<std::size_t>(g.width) * static_cast<std::size_t>(g.height))
@@ -110,6 +112,7 @@ OGRSpatialReference moon(const MapPlane& plane) {
   return srs;
 }
 
+// Returns the type of a file's samples, which can hold the elements of all bands.
 GDALDataType type_of(std::span<const MapBand> bands) {
   GDALDataType widest = GDT_UInt16;
   for (const MapBand& band : bands) {
@@ -119,6 +122,7 @@ GDALDataType type_of(std::span<const MapBand> bands) {
   return widest;
 }
 
+// Sets georeference and metadata of a map, and void value, name and unit of its bands.
 void describe(GDALDataset& dataset, const MapGrid& grid, std::span<const MapBand> bands, const std::string& metadata,
               const std::string& path) {
   std::array<double, 6> transform = geotransform_of(grid);
@@ -167,6 +171,7 @@ void for_each_window(const MapGrid& grid, const Visit& visit) {
       visit(Window{column, row, std::min(kColumns, grid.width - column), std::min(kTile, grid.height - row)});
 }
 
+// Writes the bands of a map to a file of GDAL's, window by window.
 void create(const std::string& path, const MapGrid& grid, std::span<const MapBand> bands, const std::string& metadata,
             const StopToken& stop) {
   register_gdal();

@@ -24,7 +24,7 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr std::uint64_t kLargestHead = std::uint64_t{64} << 20;
+constexpr std::uint64_t kMaxHead_bytes = std::uint64_t{64} << 20;
 
 std::string read_bytes(const OpenFile& file, std::uint64_t offset, std::uint64_t size) {
   std::string bytes(size, '\0');
@@ -42,10 +42,11 @@ std::uint64_t head_bytes(const format::Header& header, std::uint64_t available, 
     throw DataError(name, fmt::format("truncated pyramid file: {} of {} bytes", available, header.total_bytes));
   const std::uint64_t head =
       sizeof(format::Header) + std::uint64_t{header.records} * sizeof(Chunk::Record) + header.names_bytes;
-  if (head > available || head > kLargestHead) throw DataError(name, "damaged pyramid file: impossible index");
+  if (head > available || head > kMaxHead_bytes) throw DataError(name, "damaged pyramid file: impossible index");
   return head;
 }
 
+// Returns the header at the beginning of a file.
 format::Header header_from(const std::string& bytes, const std::string& name) {
   if (bytes.size() < sizeof(format::Header)) throw DataError(name, "truncated pyramid file");
   format::Header header;
@@ -104,6 +105,7 @@ std::shared_ptr<const Chunk> Chunk::from_bytes(std::string bytes, const ChunkPla
   return chunk;
 }
 
+// Reads the index and the names of the source files. Throws DataError if the file is damaged or was made from others.
 void Chunk::parse(const std::string& head, const ChunkPlan& plan, const Catalogue& catalogue) {
   node_ = plan.node;
   const std::string name = this->name();
@@ -138,6 +140,7 @@ const Chunk::Record* Chunk::find(const BlockId& id) const {
   return found == records_.end() ? nullptr : &found->second;
 }
 
+// Returns bytes of the chunk, from memory or from its file, which is opened for each read.
 std::string Chunk::read(std::uint64_t offset, std::uint64_t size) const {
   if (path_.empty()) return bytes_.substr(offset, size);
   try {
@@ -199,6 +202,7 @@ std::vector<float> Chunk::read_stored(const Record& record, Block& block) const 
   return heights;
 }
 
+// Composes a block of posts from its files, or decodes a filtered one; then computes its normals.
 std::shared_ptr<const Block> Chunk::load(const BlockId& id, const PostSource& source, const StopToken& stop) const {
   const Record* record = find(id);
   if (!record || (record->flags & Record::kEmpty)) return nullptr;

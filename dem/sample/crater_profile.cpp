@@ -314,6 +314,7 @@ double RadialProfile::height(double distance) const {
   return blend(static_cast<double>(heights_[i]), static_cast<double>(heights_[i + 1]), cell - static_cast<double>(i));
 }
 
+// Returns the precomputed profile of a simple crater whose degradation is nearest.
 std::shared_ptr<const RadialProfile> RadialProfile::simple(double degradation) {
   // Number of precomputed states of degradation. Eight states per doubling are finer than the eye can see; craters
   // between two states use the nearer.
@@ -392,10 +393,10 @@ void CraterShape::draw_peaks(const Crater& crater) {
   peaks_.push_back({0, 0, height, 0.075 * diameter_m_});
   const int minor_peaks = 2 + static_cast<int>(random.uniform(0, 4));
   for (int i = 0; i < minor_peaks; ++i) {
-    const double angle = random.uniform(0, 2 * kPi), away = random.uniform(0.03, 0.085) * diameter_m_;
+    const double angle = random.uniform(0, 2 * kPi), distance_m = random.uniform(0.03, 0.085) * diameter_m_;
     const double share = random.uniform(0.25, 0.75);
-    peaks_.push_back(
-        {away * std::cos(angle), away * std::sin(angle), share * height, (0.03 + 0.04 * share) * diameter_m_});
+    peaks_.push_back({distance_m * std::cos(angle), distance_m * std::sin(angle), share * height,
+                      (0.03 + 0.04 * share) * diameter_m_});
   }
 }
 
@@ -404,11 +405,12 @@ void CraterShape::draw_peaks(const Crater& crater) {
 double CraterShape::outline(double x, double cosine, double sine) const {
   constexpr int kOvalHarmonics = 4;
   const bool at_crest = x > 0.6 && x < 1.7;
+  // c and s: cosine and sine of k times the azimuth, by the addition theorem.
   double c = cosine, s = sine, oval = 0, scallops = 0;
   for (int k = 2; k <= (at_crest ? harmonics_ : std::min(harmonics_, kOvalHarmonics)); ++k) {
-    const double next = c * cosine - s * sine;
+    const double next_c = c * cosine - s * sine;
     s = s * cosine + c * sine;
-    c = next;
+    c = next_c;
     (k <= kOvalHarmonics ? oval : scallops) += cosine_[k] * c + sine_[k] * s;
   }
   if (at_crest) scallops *= smoothstep(0.6, 0.95, x) * (1 - smoothstep(1.05, 1.7, x));
@@ -418,7 +420,7 @@ double CraterShape::outline(double x, double cosine, double sine) const {
 // Returns the height of the central peaks. Summits merge by a power mean near their maximum: their sum would be one
 // smooth dome, and their maximum has creases.
 double CraterShape::peaks_m(double east_m, double north_m) const {
-  double fourth_powers = 0;
+  double fourth_powers = 0;  // sum over the peaks
   for (const Peak& p : peaks_) {
     const double d = std::hypot(east_m - p.east_m, north_m - p.north_m) / p.radius_m;
     if (d >= 1.6) continue;
@@ -452,10 +454,12 @@ double CraterShape::texture_m(double x, double cosine, double sine) const {
   return texture_m_ * (outside * (0.22 * lobes + 0.20 * hummocks) + (0.08 * wall + 0.05 * floor) * hummocks);
 }
 
+// Returns what a crater does to the ground at an offset from its centre: the height it adds, and the share of older
+// relief that it leaves.
 CraterShape::Trace CraterShape::trace(double east_m, double north_m) const {
   const double r = std::sqrt(east_m * east_m + north_m * north_m);
   const double cosine = r > 0 ? east_m / r : 1, sine = r > 0 ? north_m / r : 0;
-  double x = r / radius_m_;
+  double x = r / radius_m_;  // distance in radii of the irregular outline
   x /= outline(x, cosine, sine);
   if (x >= profile_->reach()) return {};
   // Displace terraces and the foot of the wall by noise, so that they do not follow circles.

@@ -11,7 +11,7 @@ ResamplingError resampling_error(const Terrain& terrain, int source, int posts) 
   const RasterInfo& info = terrain.catalogue().rasters()[static_cast<std::size_t>(source)];
   Raster raster(info);
   ResamplingError error;
-  double sum2 = 0;
+  double sum2 = 0;  // of squared differences, m^2
   for (int k = 0; k < posts; ++k) {
     // Use the additive recurrence of the plastic number (Roberts 2018): even cover, no alignment with rows or tiles.
     const double u = std::fmod(0.5 + 0.7548776662466927 * k, 1.0), v = std::fmod(0.5 + 0.5698402909980532 * k, 1.0);

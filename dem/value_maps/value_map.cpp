@@ -17,12 +17,13 @@
 namespace selenograph::dem {
 namespace {
 
-constexpr int kTile = kMapTile;
+constexpr int kTile = kMapTile;  // texels along a side of a tile
 constexpr std::size_t kTexels = static_cast<std::size_t>(kTile) * kTile;
 constexpr int kMaxProbes = 16;     // along a side
 constexpr double kPolar_deg = 75;  // latitude from which a texel is about a quarter as wide as high, or less
 constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 
+// Level 0 has the raster's own texels, each further level half as many along a side; tx and ty count tiles.
 struct TileKey {
   std::uint64_t map;
   std::int64_t level, tx, ty;
@@ -38,7 +39,7 @@ double fourth_root(double value) { return std::sqrt(std::sqrt(value)); }
 
 double length_of(const std::array<double, 2>& v) { return std::sqrt(v[0] * v[0] + v[1] * v[1]); }
 
-// Probes along one side of a footprint.
+// Probes along one side of a footprint: offsets from its middle, in texels of level 0.
 struct Probes {
   int count;
   std::array<double, 2> step, first;
@@ -51,10 +52,11 @@ struct Probes {
 Probes probes_along(const std::array<double, 2>& side, int level) {
   constexpr double kPoint = 0.05;  // sides shorter than this share of a texel have one probe
   const double texel = std::ldexp(1.0, level), length = length_of(side);
-  const double left = length * length - 3 * (texel * texel - 1);
-  if (length < kPoint || left <= 0) return {1, {0, 0}, {0, 0}};
+  // Squared side whose variance is what the texels' own leave to the spread of the probes.
+  const double squared_spread = length * length - 3 * (texel * texel - 1);
+  if (length < kPoint || squared_spread <= 0) return {1, {0, 0}, {0, 0}};
   const int count = std::clamp(static_cast<int>(std::ceil(length / texel)) + (level == 0), 2, kMaxProbes);
-  const double spread = std::sqrt(left / (1 - 1.0 / (count * count))) / length, step = spread / count;
+  const double spread = std::sqrt(squared_spread / (1 - 1.0 / (count * count))) / length, step = spread / count;
   const double first = 0.5 * (step - spread);
   return {count, {side[0] * step, side[1] * step}, {side[0] * first, side[1] * first}};
 }
@@ -114,6 +116,7 @@ struct ValueMap::Impl {
       overviews.push_back(o.fourth_power ? -1 : file.overview_of_size(level_width(n), level_height(n)));
   }
 
+  // Returns the position in texels of level 0, on the turn around the globe that begins at the raster's western border.
   Texel texel_of(double lat_deg, double lon_deg) const {
     const double east_deg = lon_deg - file.grid().west_deg;
     return {(east_deg - 360 * std::floor(east_deg / 360)) * texels_per_deg[0] - 0.5,
