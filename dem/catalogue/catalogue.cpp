@@ -77,6 +77,7 @@ bool touches(const Footprint& f, const Box& b) {
 
 constexpr double kSameSpacing = 1.01;  // ratio of post spacings within one layer: labels round the spacing
 
+// Hashes everything about the files that a frame depends on.
 std::uint64_t fingerprint_of(const std::vector<RasterInfo>& rasters) {
   // Hash names without folders: the same tiles give the same frames wherever they are mounted.
   std::uint64_t hash = xxh64_of(nullptr, 0, rasters.size());
@@ -146,6 +147,7 @@ void order_by_names(std::vector<RasterInfo*>& order, const std::vector<std::stri
 
 }  // namespace
 
+// Divides the rasters, which are sorted from coarse to fine, into layers: sets the first file of each file's layer.
 void Catalogue::find_layers(const std::vector<std::string>& paths) {
   // Rasters are one layer if one path names them, or if their posts are on one grid, as those of a product's tiles are
   // even if the user names each tile.
@@ -216,6 +218,7 @@ std::optional<SourceIndex> Catalogue::find(const std::string& path) const {
   return *found;
 }
 
+// Looks up the cells of the bucket grid that the grown box touches, then tests the footprints in them.
 std::vector<int> Catalogue::touching(double south_deg, double north_deg, double west_deg, double east_deg,
                                      double margin_deg) const {
   std::vector<int> found;

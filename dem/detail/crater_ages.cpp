@@ -49,6 +49,7 @@ double age_Ma_of(double production_times) {
   return 1000 * age_Ga;
 }
 
+// Tabulates, by diameter, how often the production of 1 Ga yields as many craters as the law counts as visible.
 CraterAges::CraterAges(const SizeFrequency& visible, double smallest_m, double largest_m, double surface_age_Ma)
     : visible_(visible),
       first_(std::log(smallest_m)),

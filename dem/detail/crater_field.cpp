@@ -28,6 +28,7 @@ double fresh_depth_over_diameter(double diameter_m) {
 
 namespace {
 
+// Returns a number that no other field of the process has.
 std::uint64_t next_field_id() {
   static std::atomic<std::uint64_t> next{1};
   return next++;

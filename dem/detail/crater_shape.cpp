@@ -92,6 +92,7 @@ CraterShape::Row CraterShape::row_of(const std::vector<double>& annuli, double a
   return row;
 }
 
+// Ages the fresh shape step by step, samples a row of the table after each step, and measures the bounds of all rows.
 CraterShape::CraterShape() {
   Diffusion ageing;
   constexpr int kSteps = 24;  // from row to row
@@ -126,6 +127,7 @@ CraterShape::Profile CraterShape::profile(double age) const {
   return {rows.younger.heights.data(), rows.older.heights.data(), rows.share};
 }
 
+// Interpolates bilinearly in the table, by age and by distance.
 double CraterShape::height(double r, double age) const {
   const RowPair rows = rows_at(age);
   const double step = r * kStepsPerRadius;

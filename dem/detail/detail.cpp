@@ -20,6 +20,7 @@ struct BoundingBall {
   Vec3 direction;
   double radius_m;
 };
+// Returns a ball around the grid's middle; its radius is a chord, m.
 BoundingBall ball_around(const DirectionGrid& grid) {
   const auto position = [&](std::size_t r, std::size_t c) {
     return Vec3(grid.cos_lat[r] * grid.cos_lon[c], grid.cos_lat[r] * grid.sin_lon[c], grid.sin_lat[r]);
@@ -150,6 +151,7 @@ double Detail::left_out_size_m(int octave) const {
   return has_smaller ? std::min(std::ldexp(1.0, octave), widest_m()) : 0;
 }
 
+// Adds up the ranges of all octaves that detail may have.
 double Detail::max_detail_m(int posts_level) const {
   // Detail lies within a range, and so do its means over cells. Sharpening (mean_correction.h) can amplify a mean's
   // distance from the middle of the range by 2.557, the sum of its weights' absolute values over both axes.
@@ -277,6 +279,7 @@ void Detail::add_octave(const DirectionGrid& grid, int octave, std::span<double>
     add_relief(grid, octave, shares, heights_m, stop);
 }
 
+// Adds an octave of relief, weighted by `shares` (empty: 1 everywhere).
 void Detail::add_relief(const DirectionGrid& grid, int octave, std::span<const double> shares,
                         std::span<double> heights_m, const StopToken& stop) const {
   std::vector<double> row_m(shares.empty() ? 0 : grid.columns());

@@ -138,6 +138,7 @@ std::optional<HeightRange> DetailedTerrain::bounds_from_posts(const BlockId& id,
   return HeightRange{(*outline)->min_m, (*outline)->max_m};
 }
 
+// Widens the range of the posts around a block by what interpolation and detail may add.
 std::shared_ptr<const Block> DetailedTerrain::make_posts_outline(const BlockId& id, const LayeredPosts::Layer& layer,
                                                                  const StopToken& stop) const {
   const std::optional<HeightRange> range = posts_.range_around(id, layer.level, stop);
@@ -154,6 +155,7 @@ std::shared_ptr<const Block> DetailedTerrain::make_posts_outline(const BlockId& 
   return outline;
 }
 
+// Takes the range of the ancestor's vertices over the block, widened by the ancestor's error.
 std::optional<HeightRange> DetailedTerrain::bounds_from_ancestor(const BlockId& id, int level,
                                                                  const StopToken& stop) const {
   const auto coarser = block(ancestor_of(id, level), stop);
@@ -200,6 +202,7 @@ std::shared_ptr<const Block> DetailedTerrain::block_or_quad(const BlockId& id, s
   return cache_.run_in_arena(posts_to_await(id), stop, [&] { return maker_.heights(id, quad, stop); });
 }
 
+// Makes a block's ground, and widens its height range by its error: the range then bounds the finest surface, too.
 std::shared_ptr<const Block> DetailedTerrain::make_block(const BlockId& id, const StopToken& stop) const {
   auto block = maker_.block(id, stop);
   if (!block) return nullptr;

@@ -41,6 +41,7 @@ Circle circle_around(const Footprint& f) {
                                            (direction(f.north_deg, f.west_deg) - middle).norm())};
 }
 
+// Cuts the region into rows of equal height, and each row into boxes about as wide as high.
 std::vector<Footprint> cut(const Footprint& region, double side_m, const StopToken& stop) {
   constexpr std::size_t kBoxesPerCheck = 4096;
   std::vector<Footprint> boxes;
@@ -67,6 +68,7 @@ std::vector<Footprint> cut(const Footprint& region, double side_m, const StopTok
   return boxes;
 }
 
+// Returns all longitudes for a box that reaches a pole or runs around the globe.
 Footprint around(const Footprint& f, double margin_m) {
   const double angle = margin_m / kMoonRadius_m, margin_deg = angle * kDegreesPerRadian;
   Footprint wide{std::max(-90.0, f.south_deg - margin_deg), std::min(90.0, f.north_deg + margin_deg), -180, 180};

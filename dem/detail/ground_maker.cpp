@@ -101,6 +101,7 @@ std::shared_ptr<const Block> GroundMaker::heights(const BlockId& id, const Block
   return block;
 }
 
+// Evaluates the block with its halo; copies vertices, sources and ground; bounds the error by second differences.
 std::shared_ptr<Block> GroundMaker::block(const BlockId& id, const StopToken& stop) const {
   auto block = empty_block(id, extent_of(id));
   const BlockExtent& e = block->extent;

@@ -68,6 +68,7 @@ std::optional<HeightRange> GroundPosts::range_around(const BlockId& id, int laye
   return range;
 }
 
+// Continues a row beyond a pole on the opposite meridian. Keeps the four posts of the latest quad of a row.
 double PostReader::height_on_row(std::int64_t lat, std::int64_t lon) {
   std::int64_t lon_offset = 0;  // half a turn beyond a pole
   if (lat < 0 || lat > kLatTicks) {
@@ -92,6 +93,7 @@ double PostReader::height_on_row(std::int64_t lat, std::int64_t lon) {
   return (1 - t) * cached_posts_m_[1] + t * cached_posts_m_[2];
 }
 
+// Interpolates along the four rows of posts around the latitude, then between these rows.
 void PostReader::interpolate_row(std::int64_t lat, std::span<const std::int64_t> lons, double* out) {
   const std::int64_t step = lat_step(), first = floor_to(lat, step);
   const std::size_t n = lons.size();

@@ -55,6 +55,7 @@ Footprint footprint_with_halo(const BlockId& id) {
 
 }  // namespace
 
+// Finds, for each file, the level of its posts and the coarser level that its heights resolve.
 LayeredPosts::LayeredPosts(const PyramidTerrain& plain, double widest_m) : plain_(plain), widest_m_(widest_m) {
   const Catalogue& catalogue = plain.catalogue();
   for (std::size_t i = 0; i < catalogue.rasters().size(); ++i) {
@@ -98,6 +99,7 @@ int LayeredPosts::coarsest_detail(const BlockId& id) const {
       ->detail_level;
 }
 
+// Groups the files near a block by their levels, from coarse to fine; drops layers that finer ones cover entirely.
 std::vector<LayeredPosts::Layer> LayeredPosts::find_layers(const BlockId& id) const {
   const Catalogue& catalogue = plain_.catalogue();
   // Include posts around the block, which the bicubic surface and the normals use.

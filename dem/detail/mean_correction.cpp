@@ -173,6 +173,7 @@ double correction_weight(std::int32_t lat, std::int32_t lat_step) {
   return std::clamp((posts_from_pole - 2) / 6, 0.0, 1.0);
 }
 
+// Averages the detail over the cells, and sharpens the means. The block's heights are the corrections, m.
 std::shared_ptr<const Block> make_mean_correction(const Detail& detail, const SubBlock& sub_block,
                                                   const StopToken& stop) {
   const BlockExtent e = sub_block.extent();

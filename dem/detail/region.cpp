@@ -82,6 +82,7 @@ bool Region::polygon_holds(const Vec3& direction) const {
   return inside;
 }
 
+// Returns the distance to the nearest edge, an arc between two corners; negative outside.
 double Region::inside_m(const Vec3& direction) const {
   if (everywhere()) return std::numeric_limits<double>::infinity();
   const std::vector<Vec3>& corners = polygon_->corners;

@@ -75,6 +75,7 @@ double Relief::amplitude_m(int octave) const { return amplitudes_m_[static_cast<
 
 double Relief::max_height_m(int octave) const { return kMaxNoise * amplitude_m(octave); }
 
+// Evaluates noise in the Moon's body axes, scaled so that a cell of its lattice is one wavelength wide.
 void Relief::add_row(int octave, const DirectionGrid& grid, std::size_t row, std::span<double> heights_m) const {
   constexpr std::size_t kChunk = 128;  // columns per call of the kernel
   std::array<double, kChunk> x, y;

@@ -62,6 +62,7 @@ std::vector<FreshCrater> RockField::fresh(const CraterField& craters, int past_l
   return fresh;
 }
 
+// Draws two populations: rocks between craters everywhere, and rocks of ejecta near fresh craters.
 void RockField::in_box(int octave, const Footprint& box, std::span<const FreshCrater> fresh, std::vector<Rock>& out,
                        const StopToken& stop) const {
   if (empty()) return;

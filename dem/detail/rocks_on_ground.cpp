@@ -72,6 +72,7 @@ BlockId RockSurvey::block_around(double lat_deg, double lon_deg) const {
   return block_at_place(level_of_surroundings(field_.law()), lat_deg, lon_deg);
 }
 
+// The layer with the largest share at the block's middle decides which craters its ground shows.
 std::shared_ptr<const RockSurvey::FreshCraters> RockSurvey::fresh_around(const BlockId& id,
                                                                          const StopToken& stop) const {
   const auto find = [&] {

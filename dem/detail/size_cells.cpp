@@ -72,6 +72,7 @@ SizeCells::SizeCells(std::uint64_t seed, SizeFrequency frequency, double smalles
       smallest_octave_(octave_of(smallest_m)),
       largest_octave_(static_cast<int>(std::ceil(std::log2(largest_m))) - 1) {}
 
+// Lays out an octave's cells. A power law through the numbers above both diameters stands for the law in between.
 SizeCells::Cells SizeCells::cells_of(int octave) const {
   Cells cells;
   cells.octave = octave;

@@ -201,6 +201,7 @@ std::string upper_case(std::string_view s) {
   return out;
 }
 
+// Parses BASE#DIGITS#.
 std::optional<std::uint64_t> parse_pds_based(std::string_view s) {
   const std::size_t hash = s.find('#');
   if (hash == std::string_view::npos || s.size() <= hash + 2 || s.back() != '#') return std::nullopt;

@@ -85,6 +85,7 @@ std::string_view check_words(const std::string& path, std::initializer_list<Samp
   return {};
 }
 
+// Tests relief, flatness and steepness; the first problem is reported.
 void check_values(const RasterInfo& info, SparseHeights sparse) {
   // Accept a plain, or a raster of a few values: it is no evidence.
   constexpr std::size_t kFewestValues = 8;

@@ -166,6 +166,7 @@ Raster& Raster::operator=(Raster&&) noexcept = default;
 
 const RasterInfo& Raster::info() const { return impl_->file.info; }
 
+// Fills the rectangle with NaN, then reads the parts of it that the file has, in runs of consecutive rows.
 void Raster::read(int x0, int y0, int w, int h, float* heights_m) {
   if (w <= 0 || h <= 0) return;
   const auto width = static_cast<std::size_t>(w);

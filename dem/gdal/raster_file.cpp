@@ -458,6 +458,7 @@ void heights_of(const RasterFile& s, std::int16_t* samples, std::size_t n, float
 
 }  // namespace
 
+// Reads samples directly from the file, as many rows at once as fit kBytesAtOnce.
 void read_posts(const RasterFile& s, int x, int y, int w, int h, float* out, std::size_t stride) {
   check_still_there(s);
   const auto width = static_cast<std::size_t>(w);
@@ -485,6 +486,7 @@ void read_posts(const RasterFile& s, int x, int y, int w, int h, float* out, std
   }
 }
 
+// Reads samples by GDAL, then sets those to NaN that the mask marks.
 void read_samples(RasterFile& s, int x, int y, int w, int h, double* out) {
   check_still_there(s);
   const OpenOptions options(s.info.on_network);

@@ -9,11 +9,11 @@ std::optional<std::pair<std::int64_t, std::int64_t>> shift_between(const PostGri
   const auto same = [](double a, double b) { return std::abs(a / b - 1) <= 1e-9; };
   double dx = 0, dy = 0;  // columns east and rows south from the first post of `grid` to that of `shifted`
   if (grid.index() != shifted.index()) return std::nullopt;
-  if (const auto* plane = std::get_if<PlaneGrid>(&grid)) {
+  if (const auto* plane_grid = std::get_if<PlaneGrid>(&grid)) {
     const auto& b = std::get<PlaneGrid>(shifted);
-    if (plane->plane != b.plane || !same(plane->spacing_m, b.spacing_m)) return std::nullopt;
-    dx = (b.first_x_m - plane->first_x_m) / plane->spacing_m;
-    dy = (plane->first_y_m - b.first_y_m) / plane->spacing_m;
+    if (plane_grid->plane != b.plane || !same(plane_grid->spacing_m, b.spacing_m)) return std::nullopt;
+    dx = (b.first_x_m - plane_grid->first_x_m) / plane_grid->spacing_m;
+    dy = (plane_grid->first_y_m - b.first_y_m) / plane_grid->spacing_m;
   } else {
     const auto& a = std::get<GeographicGrid>(grid);
     const auto& b = std::get<GeographicGrid>(shifted);

@@ -48,6 +48,7 @@ BlockExtent extent_of(const BlockId& id) {
   return {id.row * quads * lat_step, id.col * quads * lon_step, lat_step, lon_step, quads};
 }
 
+// A child row with a larger longitude shift than its parent's has one child, else two.
 std::vector<BlockId> children_of(const BlockId& id) {
   if (id.level < kRootLevel) return {{id.level + 1, id.row, id.col}};
   const BlockExtent e = extent_of(id);

@@ -175,6 +175,7 @@ std::vector<BorderCells::BorderSample> BorderCells::border_samples(const Key& ke
   return found;
 }
 
+// Returns a tile from the cache, or makes it.
 std::shared_ptr<const BorderCells::Tile> BorderCells::tile(const Key& key) const {
   {
     const std::lock_guard lock(mutex_);

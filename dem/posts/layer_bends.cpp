@@ -280,6 +280,7 @@ std::vector<const LayerGroup*> LayerBends::groups_near(const PositionGrid& grid,
   return near;
 }
 
+// Adds the bends layer by layer, from coarse to fine.
 Bends LayerBends::bends_at(const PositionGrid& grid, int past_file) const {
   Bends bends;
   if (!(catalogue_.joins().blend_posts > 0) || catalogue_.one_layer()) return bends;
@@ -360,6 +361,7 @@ void LayerBends::add_block(const LayerGroup& group, const std::vector<std::size_
   for (std::size_t i = 0; i < positions.size(); ++i) add_range(i, i + 1);
 }
 
+// Takes the border samples of cells of a suitable octave over the group's box, thinned to `max_posts`.
 std::vector<BorderPost> LayerBends::border_posts(int source, std::size_t max_posts) const {
   if (catalogue_.layer_begin(source) == 0) return {};
   const LayerGroups& grouped = grouping().groups;

@@ -90,6 +90,7 @@ FileColumns::FileColumns(const RasterInfo& info, const PostWindow& window, bool 
   }
 }
 
+// Locates columns and rows separately in a geographic file, every post in a file on a plane.
 WindowMapping::WindowMapping(const RasterInfo& info, int source, const PostWindow& window, ColumnsOfFiles& files)
     : info_(info), window_(window), pole_(window.lat0 == 0 || window.lat0 == kLatTicks) {
   if (info.projection() == Projection::geographic) {
@@ -121,6 +122,7 @@ WindowMapping::WindowMapping(const RasterInfo& info, int source, const PostWindo
   }
 }
 
+// Copies rows where the window's posts are posts of the file, interpolates them elsewhere.
 void fill_rows(const PostPatch& patch, const FileColumns& all_columns, const AxisSpan& rows, LayerFilling& filling) {
   const AxisSpan& columns = *all_columns.span;
   const int n = columns.past_last - columns.first;

@@ -161,6 +161,7 @@ SheetPosts::SheetPosts(const LayerSheet& sheet, const LayerGroup& group)
     plane_.emplace(*g, sheet.reference->width, sheet.reference->height);
 }
 
+// Locates a position on the infinite grid of the sheet: it may lie outside all files.
 PostXY SheetPosts::locate(const Geographic& position) const {
   PostXY p;
   if (plane_) {
@@ -202,6 +203,8 @@ double SheetPosts::distance_from_box(const PostXY& p) const {
   return std::hypot(kMinColumnScale * outside(p.x, group_.x0, group_.x1), outside(p.y, group_.y0, group_.y1));
 }
 
+// Divides by the smallest scale in the file: towards an orthographic limb posts get wider on the ground, and towards a
+// pole wider in degrees of longitude.
 double widest_post_deg(const RasterInfo& info) {
   if (const auto* g = std::get_if<GeographicGrid>(&info.grid))
     return 1 / std::min(g->lat_posts_per_degree, g->lon_posts_per_degree);

@@ -65,6 +65,7 @@ NamedNumber parse_layer_offset(const std::string& text) {
   return parse_named_number(text, {"METRES", -kMaxOffset_m, kMaxOffset_m});
 }
 
+// Sets the given offsets first, then fits the others group by group, from coarse to fine.
 std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
                                       const std::vector<NamedNumber>& offsets) {
   const std::vector<RasterInfo>& rasters = catalogue.rasters();
@@ -112,6 +113,7 @@ std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
   return fits;
 }
 
+// Visits each group once, at its first file.
 std::vector<LayerBorder> measure_borders(const Catalogue& catalogue, std::size_t max_groups) {
   std::vector<LayerBorder> found;
   if (catalogue.one_layer()) return found;

@@ -17,6 +17,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 using Floats = hn::ScalableTag<float>;
 using Marks = hn::ScalableTag<std::uint32_t>;
 
+// These functions implement those of post_kernels.h, for one vector target each. NaN lanes fail every comparison.
 void ExtendRange(const float* h, int n, HeightRange& range) {
   const Floats d;
   const int lanes = static_cast<int>(hn::Lanes(d));

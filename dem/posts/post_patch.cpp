@@ -20,6 +20,7 @@ float bilinear(const PostPatch& patch, int x, int y, double fx, double fy) {
 
 }  // namespace
 
+// Interpolates along the four rows around the position, then between them.
 float interpolate(const PostPatch& patch, const PostPosition& px, const PostPosition& py) {
   const int x = px.post, y = py.post;
   const double fx = px.fraction, fy = py.fraction;
@@ -35,6 +36,7 @@ float interpolate(const PostPatch& patch, const PostPosition& px, const PostPosi
   return std::isnan(sum) ? bilinear(patch, x, y, fx, fy) : static_cast<float>(sum);
 }
 
+// Takes the nearest valid post of the four around the position.
 float extrapolate(const PostPatch& patch, double px, double py) {
   const int x0 = static_cast<int>(std::floor(px)), y0 = static_cast<int>(std::floor(py));
   float best = std::numeric_limits<float>::quiet_NaN();

@@ -439,6 +439,7 @@ Posts PostSource::compose(const PostWindow& window, int file_count, const StopTo
   return posts;
 }
 
+// Composes strips into the grid, compressing their source marks, then fills the voids of all strips.
 void PostSource::compose_filled(const PostWindow& window, PostGridRows& grid, const StopToken& stop) const {
   const auto columns = static_cast<std::size_t>(window.cols);
   grid.heights.resize(window.size());

@@ -136,6 +136,7 @@ NamedNumber parse_resolved_posts(const std::string& text) {
   return parse_named_number(text, {"POSTS", 1, kMaxSpacing});
 }
 
+// Samples squares of posts, spread over the files. Kinks of linear interpolation decide if there are any, else growth.
 int measure_resolved_posts(const Catalogue& catalogue, const std::vector<int>& files) {
   SecondDifferences differences;
   double step_m = 0;

@@ -257,6 +257,7 @@ float twist_of(const OctaveGrid& base, const BlockCut& cut) {
 
 }  // namespace
 
+// Measures at the posts; for a base coarser than kSmoothLevel, adds the error of the base itself.
 BlockExtremes measure_blocks(const ChunkPlan& plan, const OctaveGrid& base, const std::vector<OctaveGrid>& levels,
                              const StopToken& stop) {
   BlockExtremes found = measure_at_posts(plan, base, levels, stop);

@@ -153,6 +153,7 @@ OctaveGrid direct_base(const ChunkPlan& plan, const PostSource& source, Chunk::S
   return grid;
 }
 
+// Pastes the blocks of the finer chunks into a grid, and collects what they leave out.
 OctaveGrid base_from_finer(const ChunkPlan& plan, const Chunk::Finer& finer, LeftOut& left_out, Chunk::Scratch& scratch,
                            const StopToken& stop) {
   OctaveGrid grid{plan.base_level, base_halo(plan), {}, scratch.take()};
@@ -174,6 +175,7 @@ OctaveGrid base_from_finer(const ChunkPlan& plan, const Chunk::Finer& finer, Lef
   return grid;
 }
 
+// Filters and halves the finer grid, in pieces of rows. Row r of the result lies on row `fr` of the finer grid.
 OctaveGrid coarser(const BlockId& node, const OctaveGrid& fine, Chunk::Scratch& scratch, const StopToken& stop) {
   OctaveGrid grid{fine.level - 1, std::max(kHalo, (fine.halo - 1) / 2), {}, scratch.take()};
   grid.window = window_of(node, grid.level, grid.halo);

@@ -121,6 +121,7 @@ void TileTerrain::evaluate_block(const Window& block, const std::vector<int>& cr
   if (!flooded) flood();
 }
 
+// Evaluates a row of blocks in parallel, and rounds the sums of their layers to whole metres.
 void TileTerrain::evaluate_strip(int strip, std::vector<std::int16_t>& posts) const {
   in_parallel(static_cast<std::size_t>(blocks_), [&](std::size_t index) {
     const int b = static_cast<int>(index);

@@ -136,6 +136,7 @@ std::string BlockStore::path_of(std::uint64_t key, const BlockId& id) const {
                      id.col >> kFolderShift, id.row, id.col, kSuffix);
 }
 
+// Removes a file that is damaged.
 std::shared_ptr<const Block> BlockStore::read(std::uint64_t key, const BlockId& id) {
   const std::string path = path_of(key, id);
   if (::access(path.c_str(), R_OK) != 0) return nullptr;
@@ -156,6 +157,7 @@ std::shared_ptr<const Block> BlockStore::read(std::uint64_t key, const BlockId& 
   return nullptr;
 }
 
+// Stops writing for good after the first failure: the blocks then stay in memory only.
 void BlockStore::write(std::uint64_t key, const Block& block) {
   if (broken_) return;
   const std::string path = path_of(key, block.id), bytes = bytes_of(key, block);

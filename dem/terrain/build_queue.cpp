@@ -28,6 +28,7 @@ void BuildQueue::stop() {
   job_done_.notify_all();
 }
 
+// Waits for the chunk's job. A job without waiting callers is dropped by its builder.
 std::shared_ptr<const Chunk> BuildQueue::get(const ChunkPlan& plan, const StopToken& stop) {
   std::unique_lock lock(mutex_);
   if (stopping_) throw Cancelled();
@@ -48,6 +49,8 @@ std::shared_ptr<const Chunk> BuildQueue::get(const ChunkPlan& plan, const StopTo
   return job->chunk;
 }
 
+// Returns the job that builds a chunk; adds it to its builder's queue, and starts that builder's thread, if there is
+// none. The caller holds the lock.
 std::shared_ptr<BuildQueue::Job> BuildQueue::find_or_add(const ChunkPlan& plan) {
   if (const auto found = jobs_.find(plan.node); found != jobs_.end()) return found->second;
   Builder& builder = builders_[plan.on_network];

@@ -54,6 +54,7 @@ CacheStatistics ChunkStore::statistics() const {
           chunks_read_,    chunks_rejected_};
 }
 
+// Looks in memory, then in the cache folder, then builds. One of several concurrent callers does so.
 std::shared_ptr<const Chunk> ChunkStore::get(const ChunkPlan& plan, const StopToken& stop) {
   const Waiting waiting(stop.waits(), &Waits::pyramid);
   return chunks_.get(
@@ -194,6 +195,7 @@ std::string ChunkStore::unwritten() const {
   return unwritten_;
 }
 
+// Loads a block from its chunk; a damaged chunk is rejected and made again.
 std::shared_ptr<const Block> ChunkStore::load(const BlockId& id, const ChunkPlan& plan, const StopToken& stop) {
   // The first retry may find a file that another thread or process has replaced and that is damaged, too. The second
   // retry builds the chunk, and a chunk in memory has no file to be damaged.

@@ -120,6 +120,7 @@ std::pair<int, int> FinestEdges::columns(int r, int c) const {
   return group(c, r == 0 ? south_.stride : r == block_.extent.quads - 1 ? north_.stride : 1);
 }
 
+// Intersects the radial ray at the position with the triangles of the finest surface around it.
 HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& stop) const {
   stop.check();
   HeightAnswer answer{lat_deg, wrap_lon_deg(lon_deg), std::nan(""), 0, -1, false};

@@ -62,6 +62,7 @@ struct PyramidTerrain::Impl {
     return posts ? subdivided(*posts, id) : nullptr;
   }
 
+  // Returns the bounds of a survey of the files, cached.
   std::optional<HeightRange> survey(const BlockId& id, const StopToken& stop) {
     {
       const std::lock_guard lock(mutex);
@@ -99,6 +100,7 @@ bool PyramidTerrain::has_data(const BlockId& id) const { return impl_->plans.has
 int PyramidTerrain::posts_level(const BlockId& id) const { return impl_->plans.posts_level(id); }
 bool PyramidTerrain::node_is_cheap(const BlockId& id) const { return impl_->plans.plan_for(id).direct; }
 
+// Reads the bounds from the index of the node's chunk. A block finer than the posts has those of the block of posts.
 NodeInfo PyramidTerrain::node(const BlockId& id, const StopToken& stop) const {
   const ChunkPlan plan = impl_->plans.plan_for(id);
   if (!plan.exists) return {};

@@ -39,6 +39,7 @@ Value on_triangle(const QuadPosition& p, Value sum, const At& at) {
 
 }  // namespace
 
+// Samples the coarse block's triangles at the finer block's vertices.
 std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) {
   auto block = empty_block(id, extent_of(id));
   const BlockExtent &e = block->extent, &ce = coarse.extent;

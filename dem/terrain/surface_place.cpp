@@ -27,6 +27,7 @@ std::optional<SurfacePlace> surface_at(const Terrain& terrain, double lat_deg, d
   return block ? surface_on(*block, lat_deg, lon_deg) : std::nullopt;
 }
 
+// Intersects the radial ray at the position with the two triangles of its quad.
 std::optional<SurfacePlace> surface_on(const Block& block, double lat_deg, double lon_deg) {
   const Ticks at = ticks_of(lat_deg, lon_deg);
   const BlockExtent& e = block.extent;

@@ -232,6 +232,7 @@ std::optional<double> ValueMap::once(const std::function<std::optional<double>()
   return impl_->once;
 }
 
+// Hashes the file's state and all options that change a value.
 std::uint64_t ValueMap::fingerprint() const {
   const ValueMapOptions& o = impl_->options;
   // Hash the bits of numbers, not their text, which differs between versions of libraries.
