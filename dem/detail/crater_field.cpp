@@ -51,6 +51,7 @@ double CraterField::number_per_m2(double smallest_m) const {
 // Draws the same numbers in the same order for every crater: later draws of a cell depend on them.
 std::optional<Crater> CraterField::draw_crater(Draws& draws, const Vec3& centre, double diameter_m) const {
   const CraterAges::Life life = ages_.life(diameter_m);
+  // The law counts the craters of a size in equilibrium. Of larger ones only a share has formed: drop the others.
   const double formation_rank = draws.uniform(), age_share = draws.uniform();
   // Clamp the scatter to three standard deviations, which deepest_m() relies on, and make every new crater visible.
   constexpr double kShallowest = 1.2 * kVisible;
@@ -67,8 +68,8 @@ std::optional<Crater> CraterField::draw_crater(Draws& draws, const Vec3& centre,
 }
 
 const std::vector<Crater>& CraterField::in_cell(const SizeCells::Cell& cell) const {
-  // A direct-mapped cache of 48 x 48 entries, indexed by row and column modulo 48: up to that many adjacent cells do
-  // not collide. Octaves are shifted against each other.
+  // The thread's direct-mapped cache of 48 x 48 entries, indexed by row and column modulo 48: up to that many adjacent
+  // cells do not collide. Octaves are shifted against each other.
   struct CachedCell {
     std::uint64_t field_id = 0;  // 0: invalid
     SizeCells::Cell cell{};

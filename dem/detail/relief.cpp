@@ -27,6 +27,7 @@ std::vector<double> structure_function(const std::vector<double>& distances) {
   std::vector<Pair> pairs;
   pairs.reserve(kPairs);
   for (std::size_t i = 0; i < kPairs; ++i) {
+    // Returns number i of an additive recurrence in [0, 1).
     const auto fraction = [&](double step) {
       const double sum = 0.5 + static_cast<double>(i) * step;
       return sum - std::floor(sum);

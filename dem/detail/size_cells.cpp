@@ -57,6 +57,7 @@ double SizeCells::Cells::diameter_m(double uniform) const {
   return smallest_m * std::pow(1 - uniform * share, -1 / exponent);
 }
 
+// A cell's area on the unit sphere is its width in longitude times the difference of its sines of latitude.
 double SizeCells::Cells::expected(int row) const {
   const double low = std::sin(south(row)), high = std::sin(south(row + 1)), width = 2 * pi / columns(row);
   return per_m2 * kMoonRadius_m * kMoonRadius_m * width * (high - low);

@@ -152,6 +152,7 @@ void find_pixels(const PdsReader& label, const std::string& label_path, RawImage
   out.first_byte = before * record;
 }
 
+// Throws DataError if the data file is shorter than the rows that its label describes.
 void check_data_size(const std::string& label_path, const RawImage& image) {
   std::error_code error;
   const std::uint64_t have = fs::file_size(image.data_path, error);

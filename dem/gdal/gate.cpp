@@ -120,7 +120,7 @@ FileState state_from(const CPLStringList& headers) {
   return state;
 }
 
-// Describes a file in a file system without HTTP headers.
+// Describes a file in a file system of GDAL's that has no HTTP headers. Sets `trouble` and returns false on failure.
 bool stat_once(VSIFilesystemHandler& behind, const std::string& name, FileState& state, RemoteTrouble& trouble) {
   VSIStatBufL found{};
   constexpr int kAll = VSI_STAT_EXISTS_FLAG | VSI_STAT_NATURE_FLAG | VSI_STAT_SIZE_FLAG | VSI_STAT_SET_ERROR_FLAG;

@@ -102,8 +102,8 @@ struct ValueRaster::Impl {
 
   // Sets the grid: by the extent that the user gives, else by the file's georeference.
   void find_grid(const std::optional<Footprint>& extent) {
-    double t[6];
-    const bool placed = dataset->GetGeoTransform(t) == CE_None;
+    double t[6];  // west, pixel width, row rotation, north, column rotation, minus the pixel height
+    const bool has_transform = dataset->GetGeoTransform(t) == CE_None;
     if (extent) {
       const int w = dataset->GetRasterXSize(), h = dataset->GetRasterYSize();
       grid = {extent->west_deg, extent->north_deg, (extent->east_deg - extent->west_deg) / w,
@@ -111,7 +111,7 @@ struct ValueRaster::Impl {
       return;
     }
     const OGRSpatialReference* srs = dataset->GetSpatialRef();
-    if (!placed || !srs) throw DataError(path, "does not say where it lies: give its extent");
+    if (!has_transform || !srs) throw DataError(path, "does not say where it lies: give its extent");
     const double semi_axes_m[] = {srs->GetSemiMajor(), srs->GetSemiMinor()};
     map_sphere_m(semi_axes_m, path);
     if (!srs->IsGeographic() || t[1] <= 0 || t[5] >= 0 || t[2] != 0 || t[4] != 0) warp(*srs);

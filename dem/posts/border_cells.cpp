@@ -101,7 +101,7 @@ void BorderCells::read_samples(int source, SampleGrid& s, std::vector<SourceInde
   const auto [shift_x, shift_y] = groups_.shift[static_cast<std::size_t>(source)];
   const bool wraps = info.wraps_longitude, remote = is_remote(info.path);
   std::vector<float> heights_m;
-  // Test the file's position shifted by a turn, too: a tile may lie across the date line.
+  // Test the file's position shifted by a turn around the globe, too: a tile may lie across the date line.
   for (const std::int64_t turn : {-1, 0, 1}) {
     if (turn != 0 && (s.sheet.globe == 0 || wraps)) continue;
     // Column and row, in the file, of the first sample. Sample i lies at first + i * stride.

@@ -70,7 +70,7 @@ std::vector<FittedOffset> join_layers(Catalogue& catalogue, double blend_posts,
                                       const std::vector<NamedNumber>& offsets) {
   const std::vector<RasterInfo>& rasters = catalogue.rasters();
   LayerJoins joins{blend_posts, {}};
-  std::vector<char> fitted(rasters.size());
+  std::vector<char> fitted(rasters.size());  // files whose offset is to be fitted
   if (!offsets.empty()) joins.offsets_m.resize(rasters.size());
   for (const NamedNumber& offset : offsets) {
     bool has_match = false;

@@ -18,11 +18,13 @@ namespace {
 // of the quad's sides east and north of the corner.
 float height_in_quad(const Block& block, int r, int c, float t, float u) {
   const int quads = block.extent.quads, north = std::min(r + 1, quads), east = std::min(c + 1, quads);
-  const auto at = [&](int row, int col) { return block.vertices[block.index(row, col)].height_m; };
-  if (u == 0) return t == 0 ? at(r, c) : at(r, c) + t * (at(r, east) - at(r, c));
-  if (t == 0) return at(r, c) + u * (at(north, c) - at(r, c));
-  if (t + u <= 1) return at(r, c) + t * (at(r, east) - at(r, c)) + u * (at(north, c) - at(r, c));
-  return at(north, east) + (1 - t) * (at(north, c) - at(north, east)) + (1 - u) * (at(r, east) - at(north, east));
+  const auto height = [&](int row, int col) { return block.vertices[block.index(row, col)].height_m; };
+  // Read only the corners that a position on an edge needs: others may be void.
+  if (u == 0) return t == 0 ? height(r, c) : height(r, c) + t * (height(r, east) - height(r, c));
+  if (t == 0) return height(r, c) + u * (height(north, c) - height(r, c));
+  if (t + u <= 1) return height(r, c) + t * (height(r, east) - height(r, c)) + u * (height(north, c) - height(r, c));
+  return height(north, east) + (1 - t) * (height(north, c) - height(north, east)) +
+         (1 - u) * (height(r, east) - height(north, east));
 }
 
 // Copies a finer chunk's block into the grid. If the block's posts are farther apart than the grid's (a coarser layer,
@@ -32,13 +34,13 @@ void paste(const Block& block, OctaveGrid& grid, std::vector<SourceMark>& marks)
   const PostWindow& w = grid.window;
   const int rows_per_post = std::max(e.lat_step / w.lat_step, 1),
             columns_per_post = std::max(e.lon_step / w.lon_step, 1);  // grid posts per block post, at least 1
-  const std::int64_t row0 = (e.lat0 - w.lat0) / w.lat_step;
+  const std::int64_t row0 = (e.lat0 - w.lat0) / w.lat_step;           // grid row of the block's southern edge
   const std::int64_t first_row = std::max<std::int64_t>(0, row0),
                      last_row = std::min<std::int64_t>(w.rows - 1, row0 + std::int64_t{e.quads} * rows_per_post);
   // Try all copies of the block around the globe that may lie in the window.
   const std::int64_t turn = std::llround(static_cast<double>(w.lon0 - e.lon0) / kLonTicks);
   for (const std::int64_t shift : {turn - 1, turn, turn + 1}) {
-    const std::int64_t col0 = (e.lon0 + shift * kLonTicks - w.lon0) / w.lon_step;
+    const std::int64_t col0 = (e.lon0 + shift * kLonTicks - w.lon0) / w.lon_step;  // of its western edge
     const std::int64_t first_col = std::max<std::int64_t>(0, col0),
                        last_col = std::min<std::int64_t>(w.cols - 1, col0 + std::int64_t{e.quads} * columns_per_post);
     for (std::int64_t row = first_row; row <= last_row; ++row) {

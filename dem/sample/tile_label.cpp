@@ -27,7 +27,7 @@ Statistics statistics_of(const std::vector<std::int16_t>& posts) {
     ++valid;
   }
   Statistics s{32767, -32768, 0, 0, 0};
-  double sum = 0, squares = 0;
+  double sum = 0, squares = 0;  // of heights, and of their squares
   std::int64_t mode_count = 0;
   for (int h = -32768; h <= 32767; ++h) {
     const std::int64_t n = count[static_cast<std::size_t>(h + 32768)];
@@ -69,9 +69,12 @@ std::string label_of(const Tile& tile, const std::vector<std::int16_t>& posts) {
       arg("sample_offset", 0.0 - tile.west_deg * ppd),  // subtract from 0.0, so that 0 is not printed as minus zero
       arg("minimum", s.minimum), arg("maximum", s.maximum), arg("average", s.average), arg("deviation", s.deviation),
       arg("mode", s.mode));
-  std::string out;
-  for (const char c : text) (out += c == '\n' ? "\r" : "") += c;
-  return out;
+  std::string with_crlf;  // PDS3 ends lines with CR LF
+  for (const char c : text) {
+    if (c == '\n') with_crlf += '\r';
+    with_crlf += c;
+  }
+  return with_crlf;
 }
 
 }  // namespace selenograph::dem::sample

@@ -138,7 +138,7 @@ void ChunkPlans::add_joins(const ChunkPlan& plan, StreamedHash& f) const {
   }
   if (band_deg == 0) return;
   f.add(kCoarserBent);
-  // Look farther for the files from which steps are measured: coarser layers are bent themselves.
+  // Search farther for the files from which steps are measured: coarser layers are bent themselves.
   for (const int i : files_around(plan, margin + 3 * kMaxAspect * band_deg)) {
     const RasterInfo& info = catalogue_.rasters()[static_cast<std::size_t>(i)];
     f.add_text(info.path);
