@@ -36,7 +36,7 @@ class PostSource {
   ~PostSource();
 
   // Reads the rectangle of w x h posts whose first one is column x0, row y0 of the file `source`: heights in metres row
-  // by row, with the layer's offset, NaN for no data and outside the file.
+  // by row, with the layer's offset, NaN for no data; outside the file as Raster::read().
   void read(int source, int x0, int y0, int w, int h, float* heights_m) const;
 
   // Returns the number of files in the catalogue.
