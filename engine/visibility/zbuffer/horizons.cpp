@@ -51,25 +51,31 @@ constexpr F float_tag;
 
 HWY_INLINE VF broadcast(float x) { return hn::Set(float_tag, x); }
 
+// A vector of points or of differences in light space, m.
 struct Point {
   VF u, v, d;
 };
 HWY_INLINE Point operator-(const Point& a, const Point& b) {
   return {hn::Sub(a.u, b.u), hn::Sub(a.v, b.v), hn::Sub(a.d, b.d)};
 }
-HWY_INLINE VF difference(VF a, VF b, VF c, VF e) { return hn::Sub(hn::Mul(a, b), hn::Mul(c, e)); }
+// Returns a b - c e.
+HWY_INLINE VF product_difference(VF a, VF b, VF c, VF e) { return hn::Sub(hn::Mul(a, b), hn::Mul(c, e)); }
 HWY_INLINE Point cross(const Point& a, const Point& b) {
-  return {difference(a.v, b.d, a.d, b.v), difference(a.d, b.u, a.u, b.d), difference(a.u, b.v, a.v, b.u)};
+  return {product_difference(a.v, b.d, a.d, b.v), product_difference(a.d, b.u, a.u, b.d),
+          product_difference(a.u, b.v, a.v, b.u)};
 }
 HWY_INLINE VF dot(const Point& a, const Point& b) {
   return hn::Add(hn::Mul(a.u, b.u), hn::Add(hn::Mul(a.v, b.v), hn::Mul(a.d, b.d)));
 }
 
-// Sides of a triangle that face the disc: some of it (toward), not all of it (away). A degenerate triangle is not
-// valid.
+// How triangles are turned: `toward` at least one point of the disc, `away` from at least one; both if the disc's edge
+// crosses their plane. A degenerate triangle is not `valid`.
 struct Facing {
   MF toward, away, valid;
 };
+// Returns it from a normal n of any length. The disc's middle is in the direction (aim, 0, 1) and its edge a radius
+// from there, so n . direction is between middle - radius |(n.u, n.v)| and middle + radius |(n.u, n.v)|. The signs are
+// compared by squares that keep the sign.
 HWY_INLINE Facing facing_of(const Point& n, const DiscReach& reach) {
   const VF middle = hn::Add(hn::Mul(broadcast(reach.aim), n.u), n.d);
   const VF across2 = hn::Add(hn::Mul(n.u, n.u), hn::Mul(n.v, n.v));
@@ -79,10 +85,17 @@ HWY_INLINE Facing facing_of(const Point& n, const DiscReach& reach) {
   return {hn::Gt(signed2, hn::Neg(limit)), hn::Lt(signed2, limit), hn::Gt(size, hn::Zero(float_tag))};
 }
 
-// Finds the edges of the quads between `here` and `north` that may be a horizon: diagonals, western and southern edges.
-// `south` has the triangles on the other side of the southern edges. An edge without a valid neighbour (at the border
-// of the block, next to voids and collapsed triangles) counts as if its neighbour faced both ways. Only edges that
-// reach v_low to v_high. Returns their number.
+// Writes to `out` the edges of the quads between `here` and `north` that may be a horizon: diagonals, western and
+// southern edges that overlap v_low to v_high. `south` has the triangles on the other side of the southern edges. An
+// edge without a valid neighbour (at the border of the block, next to voids and collapsed triangles) counts as if its
+// neighbour faced both ways. Returns the number of edges.
+//
+//    w ---- nw ---- ne     row `north`
+//      \    |  \    |      Each edge is tested for the triangle a, b, nw of the quad and its neighbour: the one with ne
+//        \  |    \  |      across the diagonal, with w across the western edge, with s across the southern edge.
+//           a ----- b      row `here`
+//             \     |
+//                \  s      row `south`
 std::size_t FindEdges(const HorizonRow& south, const HorizonRow& here, const HorizonRow& north, int quads,
                       const DiscReach& reach, float v_low, float v_high, Horizons::Edge* out) {
   const int lanes = static_cast<int>(hn::Lanes(float_tag));
@@ -109,7 +122,8 @@ std::size_t FindEdges(const HorizonRow& south, const HorizonRow& here, const Hor
     const Facing upper = facing_of(cross(bd, bc), reach);
     const Facing west = facing_of(cross(ac, aw), reach);
     const Facing below = facing_of(cross(as, ab), reach);
-    // An edge is convex if the opposite vertex of the neighbouring triangle lies below the plane of the first.
+    // An edge is convex if the opposite vertex of the neighbouring triangle lies below the plane of the first. A convex
+    // edge between a triangle turned toward part of the disc and one turned away from part of it may be a horizon.
     const auto edges = [&](const Facing& neighbour, const Point& to_opposite, MF in) HWY_ATTR {
       const MF both = hn::And(own.valid, neighbour.valid);
       const MF differ = hn::Or(hn::And(own.toward, neighbour.away), hn::And(own.away, neighbour.toward));
@@ -118,7 +132,7 @@ std::size_t FindEdges(const HorizonRow& south, const HorizonRow& here, const Hor
                               hn::And(hn::Not(own.valid), hn::And(neighbour.valid, neighbour.away)));
       return hn::And(in, hn::Or(hn::And(both, hn::And(differ, convex)), alone));
     };
-    const auto put = [&](MF selected, const Point& p, const Point& q) HWY_ATTR {
+    const auto append_edges = [&](MF selected, const Point& p, const Point& q) HWY_ATTR {
       if (hn::AllFalse(float_tag, selected)) return;
       alignas(64) float ends[6][16] = {};
       const VF from[6] = {p.u, p.v, p.d, q.u, q.v, q.d};
@@ -131,14 +145,15 @@ std::size_t FindEdges(const HorizonRow& south, const HorizonRow& here, const Hor
           out[n].to[k] = ends[3 + k][i];
         }
     };
-    put(edges(upper, bd, in_diagonal), b, nw);
-    put(edges(west, aw, in_west), a, nw);
-    put(edges(below, as, in_south), a, b);
+    append_edges(edges(upper, bd, in_diagonal), b, nw);
+    append_edges(edges(west, aw, in_west), a, nw);
+    append_edges(edges(below, as, in_south), a, b);
   }
   return n;
 }
 
-// Raises the horizons of sixteen samples by one edge with the ends p and q, relative to the origin of the group.
+// Raises the horizons of sixteen samples by one edge with the ends p and q, in light space relative to the origin of
+// the group. 1 and 2 in names are the ends p and q, relative to a sample.
 HWY_INLINE void raise_horizons(const float* p, const float* q, const DiscReach& reach, HorizonGroup& group) {
   const int lanes = static_cast<int>(hn::Lanes(float_tag));
   const VF zero = hn::Zero(float_tag);
@@ -168,31 +183,33 @@ HWY_INLINE void raise_horizons(const float* p, const float* q, const DiscReach& 
     if (hn::AllFalse(float_tag, may_see)) continue;
     group.raised = true;
     for (int j = 0; j < DiscLight::kColumns; ++j) {
-      // Find where the edge crosses the column. This is watertight: two edges with a common end compute the same sign
-      // for it.
+      // Find where the edge crosses the column, the line v = x d; g1 and g2 are the ends' distances from it in v. This
+      // is watertight: two edges with a common end compute the same sign for it.
       const VF x = broadcast(reach.columns[j]), g1 = hn::Sub(v1, hn::Mul(x, d1)), g2 = hn::Sub(v2, hn::Mul(x, d2));
       const MF crosses = hn::And(may_see, hn::Xor(hn::Lt(g1, zero), hn::Lt(g2, zero)));
       if (hn::AllFalse(float_tag, crosses)) continue;
-      const VF along = difference(u2, g1, u1, g2), toward = difference(d1, g2, d2, g1);
-      // The distance of the crossing is toward / (g2 - g1).
+      const VF along = product_difference(u2, g1, u1, g2), toward = product_difference(d1, g2, d2, g1);
+      // By linear interpolation to g = 0, the crossing has d = toward / span and u = -along / span, so its slope -u / d
+      // is along / toward.
       const VF span = hn::Sub(g2, g1);
       const MF same = hn::Not(hn::Xor(hn::Lt(toward, zero), hn::Lt(span, zero)));
       const MF before =
           hn::And(crosses, hn::And(same, hn::Gt(hn::Abs(toward), hn::Mul(broadcast(nearest), hn::Abs(span)))));
       float* horizon = group.horizon[j] + i;
-      const VF old = hn::Load(float_tag, horizon);
-      VF here = hn::Div(along, toward);
-      const MF close = hn::And(before, hn::Lt(hn::Abs(toward), hn::Mul(broadcast(near), hn::Abs(span))));
-      if (!hn::AllFalse(float_tag, close)) {
-        // excess of 1 / distance over that at kNear
+      const VF old_slope = hn::Load(float_tag, horizon);
+      VF slope = hn::Div(along, toward);
+      const MF is_near = hn::And(before, hn::Lt(hn::Abs(toward), hn::Mul(broadcast(near), hn::Abs(span))));
+      if (!hn::AllFalse(float_tag, is_near)) {
+        // Excess of 1 / distance over that at kNear.
         const VF nearer = hn::Sub(hn::Div(span, toward), broadcast(1 / near));
-        here = hn::Sub(here, hn::Mul(broadcast(kEndError * length), hn::Max(nearer, zero)));
+        slope = hn::Sub(slope, hn::Mul(broadcast(kEndError * length), hn::Max(nearer, zero)));
       }
-      hn::Store(hn::IfThenElse(hn::And(before, hn::Gt(here, old)), here, old), float_tag, horizon);
+      hn::Store(hn::IfThenElse(hn::And(before, hn::Gt(slope, old_slope)), slope, old_slope), float_tag, horizon);
     }
   }
 }
 
+// Raises the horizons of the groups in n slots by an edge. `origin`: of the edge's coordinates, in light space.
 void RaiseHorizons(const Horizons::Edge& edge, const double* origin, const DiscReach& reach, const std::int32_t* slots,
                    std::size_t n, HorizonGroup* groups) {
   for (std::size_t i = 0; i < n; ++i) {
@@ -207,6 +224,8 @@ void RaiseHorizons(const Horizons::Edge& edge, const double* origin, const DiscR
   }
 }
 
+// Sets `out`, per column and sample, to the horizons in radii above the middle of the disc. From the middle column
+// outward it then mends the columns whose horizon has left the examined range.
 void RelativeToDisc(const HorizonGroup& group, const DiscReach& reach, float (*out)[HorizonGroup::kSize]) {
   const float per_radius = 1 / reach.radius;
   const float top = (reach.aim + reach.above) * per_radius;
@@ -263,7 +282,9 @@ void Horizons::begin(const DiscLight& disc, double aim, const Axes& axes, const 
   used_ = 0;
 }
 
-// Bound the cells twice: first with the given lowest sample, then with the lowest sample of the cells found.
+// Sets `out` to the window of samples before whose disc the box `b` may stand; false if there is none. The lower a
+// sample, the farther from the box its disc may be hidden. So the cells are bounded twice: first with `lowest`, a lower
+// bound of d of all samples, then with the lowest sample of the cells found.
 bool Horizons::find_window(const LightBox& b, float lowest, Window& out) const {
   const LightBand& band = *band_;
   const auto column = [&](float u) {
@@ -294,33 +315,35 @@ bool Horizons::find_window(const LightBox& b, float lowest, Window& out) const {
   return out.lowest < b.d_high;
 }
 
+// Returns the slot of a group of samples. On first use, fills it with the samples and no horizon.
 std::int32_t Horizons::slot_of(std::size_t group) {
   if (slots_[group] >= 0) return slots_[group];
   slots_[group] = static_cast<std::int32_t>(used_);
   if (used_ == groups_.size()) groups_.resize(std::max<std::size_t>(64, 2 * used_));
-  HorizonGroup& out = groups_[used_++];
+  HorizonGroup& new_group = groups_[used_++];
   const std::size_t first = group * HorizonGroup::kSize;
-  const std::size_t past = std::min(count_, first + HorizonGroup::kSize);
+  const std::size_t past_last = std::min(count_, first + HorizonGroup::kSize);
   constexpr float kInfinite = std::numeric_limits<float>::infinity();
   // Take one of the samples as the origin: differences between coordinates of neighbours are exact.
-  float middle[3] = {band_->u[first], band_->v[first], 0};
-  for (std::size_t i = first; i < past; ++i)
-    if (band_->d[i] < kInfinite) middle[2] = band_->d[i];
-  for (int k = 0; k < 3; ++k) out.origin[k] = static_cast<double>(middle[k]);
+  float origin[3] = {band_->u[first], band_->v[first], 0};
+  for (std::size_t i = first; i < past_last; ++i)
+    if (band_->d[i] < kInfinite) origin[2] = band_->d[i];
+  for (int k = 0; k < 3; ++k) new_group.origin[k] = static_cast<double>(origin[k]);
   for (std::size_t i = 0; i < HorizonGroup::kSize; ++i) {
-    const std::size_t at = first + i;
-    const bool here = at < past && band_->d[at] < kInfinite;
-    const LightResidual rest = here ? residual_of_(at) : LightResidual{};
-    out.u[i] = here ? (band_->u[at] - middle[0]) + rest.u : 0;
-    out.v[i] = here ? (band_->v[at] - middle[1]) + rest.v : 0;
-    out.d[i] = here ? (band_->d[at] - middle[2]) + rest.d : kInfinite;
+    const std::size_t sample = first + i;
+    const bool is_lit = sample < past_last && band_->d[sample] < kInfinite;
+    const LightResidual residual = is_lit ? residual_of_(sample) : LightResidual{};
+    new_group.u[i] = is_lit ? (band_->u[sample] - origin[0]) + residual.u : 0;
+    new_group.v[i] = is_lit ? (band_->v[sample] - origin[1]) + residual.v : 0;
+    new_group.d[i] = is_lit ? (band_->d[sample] - origin[2]) + residual.d : kInfinite;
   }
-  for (auto& column : out.horizon) std::fill_n(column, HorizonGroup::kSize, DiscLight::kNoHorizon);
-  out.raised = false;
+  for (auto& column : new_group.horizon) std::fill_n(column, HorizonGroup::kSize, DiscLight::kNoHorizon);
+  new_group.raised = false;
   return slots_[group];
 }
 
-void Horizons::test(const Edge& edge, const double* origin, float lowest) {
+// Finds the groups of samples before whose disc the edge may stand, and raises their horizons.
+void Horizons::raise_behind(const Edge& edge, const double* origin, float lowest) {
   const auto coordinate = [&](const float* end, int k) { return end[k] + static_cast<float>(origin[k]); };
   const auto [u_low, u_high] = std::minmax({coordinate(edge.from, 0), coordinate(edge.to, 0)});
   const auto [v_low, v_high] = std::minmax({coordinate(edge.from, 1), coordinate(edge.to, 1)});
@@ -357,7 +380,7 @@ void Horizons::add(const RasterMesh& mesh, const Strip& strip, const LightBox& b
   const double origin[3] = {axes_.u.dot(from_anchor), axes_.v.dot(from_anchor), axes_.d.dot(from_anchor)};
   const EastNorthUp axes{axes_.u, axes_.v, axes_.d};
 
-  HorizonRow rows[3];
+  HorizonRow rows[3];  // row r of the block is rows[r % 3]
   LocalRow local;
   const auto load_row = [&](int r, HorizonRow& out) {
     constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
@@ -366,15 +389,16 @@ void Horizons::add(const RasterMesh& mesh, const Strip& strip, const LightBox& b
     const auto at = static_cast<std::size_t>(r);
     local_row(&block.vertices[posts.index(r, 0)], block.side,
               {posts.cos_lat[at], posts.sin_lat[at], posts.cos_lon.data(), posts.sin_lon.data()}, middle, axes, local);
-    const auto put = [&](int c) {
+    const auto place_vertex = [&](int c) {
       const Vec3 vertex = block.vertex(r, c) - middle;
       local.set(c, {axes_.u.dot(vertex), axes_.v.dot(vertex), axes_.d.dot(vertex)});
     };
+    // Vertices of the border that have collapsed onto others are not where local_row() puts them.
     if (block.collapses) {
-      put(0);
-      put(quads);
+      place_vertex(0);
+      place_vertex(quads);
       if (r == 0 || r == quads)
-        for (int c = 1; c < quads; ++c) put(c);
+        for (int c = 1; c < quads; ++c) place_vertex(c);
     }
     std::copy_n(local.east, block.side, out.u + HorizonRow::kBefore);
     std::copy_n(local.north, block.side, out.v + HorizonRow::kBefore);
@@ -394,7 +418,7 @@ void Horizons::add(const RasterMesh& mesh, const Strip& strip, const LightBox& b
     load_row(r + 1, rows[(r + 1) % 3]);
     const std::size_t n = HWY_DYNAMIC_DISPATCH(FindEdges)(rows[(r + 2) % 3], rows[r % 3], rows[(r + 1) % 3], quads,
                                                           reach_, v_low, v_high, edges_.data());
-    for (std::size_t i = 0; i < n; ++i) test(edges_[i], origin, window.lowest);
+    for (std::size_t i = 0; i < n; ++i) raise_behind(edges_[i], origin, window.lowest);
   }
 }
 

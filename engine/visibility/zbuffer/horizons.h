@@ -93,14 +93,15 @@ class Horizons {
   std::size_t bytes() const;
 
  private:
-  // Cells of samples before whose disc something within the bounds may stand, and the lowest d of these samples.
+  // Cells (columns c0 to c1, rows r0 to r1 of the band) of samples before whose disc something within the bounds may
+  // stand, and the lowest d of these samples.
   struct Window {
     int c0, c1, r0, r1;
     float lowest;
   };
   bool find_window(const LightBox& bounds, float lowest, Window& out) const;
   std::int32_t slot_of(std::size_t group);
-  void test(const Edge& edge, const double* origin, float lowest);
+  void raise_behind(const Edge& edge, const double* origin, float lowest);
 
   Axes axes_;
   const LightBand* band_ = nullptr;

@@ -23,21 +23,21 @@ namespace selenograph::engine {
 // clipped. An edge between two vertices inside the guard band is tested in float exactly as whole strips test it, so
 // that strips and single triangles join without gaps.
 struct HomogeneousTriangle {
-  // e(x, y) = x . x + y . y + constant
+  // Coefficients of a function of the pixel (px, py): x * px + y * py + constant.
   struct Plane {
     double x, y, constant;
   };
   struct Edge {
-    bool in_guard_band;  // both ends
-    bool flip;           // inside is where it is negative
-    float ox, oy, ex, ey;
+    bool in_guard_band;    // both ends are: use the float members, otherwise `plane`
+    bool flip;             // the edge function is negative inside
+    float ox, oy, ex, ey;  // origin and extent in pixels
     Plane plane;
   };
-  static constexpr int kMaxPixels = 128;
+  static constexpr int kMaxPixels = 128;  // pixels that DrawHomogeneous takes at a time
   Edge edges[3];
-  Plane inverse;                // 1 / depth
-  double near0, near1, offset;  // nearness = near0 / depth - near1 (1 - offset / depth)
-  std::uint32_t id;
+  Plane inverse;                // 1 / depth, per metre
+  double near0, near1, offset;  // nearness as in TileView: near0 / depth - near1 (1 - offset / depth)
+  std::uint32_t id;             // TriangleId::packed()
 };
 }  // namespace selenograph::engine
 #endif
@@ -55,7 +55,7 @@ using MF = hn::Mask<F>;
 
 constexpr F float_tag;
 constexpr I int_tag;
-constexpr int kMaxColumns = 96;  // a row of vertices, padding included
+constexpr int kMaxColumns = 96;  // vertices of a row, padding included
 
 HWY_INLINE VF broadcast(float x) { return hn::Set(float_tag, x); }
 
@@ -70,17 +70,18 @@ struct Triangles {
 };
 
 // Returns twice the signed area of a triangle from the coordinates of its corners {a, b, c} or, in the upper half,
-// {d, b, c}: positive if a, b, c or d, c, b run counter-clockwise.
+// {d, b, c}: positive if a, b, c or d, c, b run counter-clockwise. It is the cross product of the eastward and the
+// northward edge.
 HWY_INLINE VF area_of(bool upper, const VF* x, const VF* y) {
-  const VF x0 = upper ? hn::Sub(x[0], x[2]) : hn::Sub(x[1], x[0]);
-  const VF y0 = upper ? hn::Sub(y[0], y[2]) : hn::Sub(y[1], y[0]);
-  const VF x1 = upper ? hn::Sub(x[0], x[1]) : hn::Sub(x[2], x[0]);
-  const VF y1 = upper ? hn::Sub(y[0], y[1]) : hn::Sub(y[2], y[0]);
-  return hn::Sub(hn::Mul(x0, y1), hn::Mul(y0, x1));
+  const VF east_x = upper ? hn::Sub(x[0], x[2]) : hn::Sub(x[1], x[0]);
+  const VF east_y = upper ? hn::Sub(y[0], y[2]) : hn::Sub(y[1], y[0]);
+  const VF north_x = upper ? hn::Sub(x[0], x[1]) : hn::Sub(x[2], x[0]);
+  const VF north_y = upper ? hn::Sub(y[0], y[1]) : hn::Sub(y[2], y[0]);
+  return hn::Sub(hn::Mul(east_x, north_y), hn::Mul(east_y, north_x));
 }
 
 // Returns the edges, not yet oriented, and the plane of a value over the corners {a, b, c} or, in the upper half,
-// {d, b, c}. The edges start and end as in the drawing in raster_kernels.h.
+// {d, b, c}. The edges start and end as in the drawing in raster_kernels.h. Sets `area` as area_of does.
 HWY_INLINE Triangles set_up(bool upper, const VF* x, const VF* y, const VF* corner_value, VF& area) {
   const VF ax = x[0], ay = y[0], bx = x[1], by = y[1], cx = x[2], cy = y[2];
   const VF a = corner_value[0], b = corner_value[1], c = corner_value[2];
@@ -109,14 +110,15 @@ HWY_INLINE Triangles set_up(bool upper, const VF* x, const VF* y, const VF* corn
   t.ex[2] = hn::Sub(cx, bx);
   t.ey[2] = hn::Sub(cy, by);
   area = area_of(upper, x, y);
-  // Take the differences of value and position along the eastward and the northward edge, away from the corner that
-  // they share: a in the lower half, d (passed as a) in the upper half.
-  const VF d1 = upper ? hn::Sub(c, a) : hn::Sub(b, a), d2 = upper ? hn::Sub(b, a) : hn::Sub(c, a);
+  // Take the differences of value and position along the eastward (1) and the northward (2) edge, away from the corner
+  // that they share: a in the lower half, d (passed as a) in the upper half. The gradient solves gx x1 + gy y1 =
+  // value_1 and gx x2 + gy y2 = value_2, by Cramer's rule.
+  const VF value_1 = upper ? hn::Sub(c, a) : hn::Sub(b, a), value_2 = upper ? hn::Sub(b, a) : hn::Sub(c, a);
   const VF x1 = upper ? hn::Neg(t.ex[0]) : t.ex[0], y1 = upper ? hn::Neg(t.ey[0]) : t.ey[0];
   const VF x2 = upper ? hn::Neg(t.ex[1]) : t.ex[1], y2 = upper ? hn::Neg(t.ey[1]) : t.ey[1];
   const VF scale = hn::Div(broadcast(1.F), area);
-  t.gx = hn::Mul(hn::Sub(hn::Mul(d1, y2), hn::Mul(d2, y1)), scale);
-  t.gy = hn::Mul(hn::Sub(hn::Mul(d2, x1), hn::Mul(d1, x2)), scale);
+  t.gx = hn::Mul(hn::Sub(hn::Mul(value_1, y2), hn::Mul(value_2, y1)), scale);
+  t.gy = hn::Mul(hn::Sub(hn::Mul(value_2, x1), hn::Mul(value_1, x2)), scale);
   t.px = ax;
   t.py = ay;
   t.p = a;
@@ -152,7 +154,10 @@ HWY_INLINE VF value(const Triangles& t, VF x, VF y) {
   return hn::Add(t.p, hn::Add(hn::Mul(t.gx, hn::Sub(x, t.px)), hn::Mul(t.gy, hn::Sub(y, t.py))));
 }
 
-// Stores a vector of triangles, member by member.
+// Number of members of Triangles.
+constexpr std::size_t kTriangleMembers = 17;
+
+// Stores a vector of triangles, member by member: first ox, oy, ex, ey of each edge, then the plane.
 HWY_INLINE void store_triangles(const Triangles& t, float* out, std::size_t lanes) {
   for (int k = 0; k < 3; ++k) {
     hn::StoreU(t.ox[k], float_tag, out + (4 * k + 0) * lanes);
@@ -166,25 +171,25 @@ HWY_INLINE void store_triangles(const Triangles& t, float* out, std::size_t lane
   hn::StoreU(t.gx, float_tag, out + 15 * lanes);
   hn::StoreU(t.gy, float_tag, out + 16 * lanes);
 }
-// One triangle of such a vector, whose members are broadcast to all lanes when they are needed.
+// One triangle of a vector that store_triangles() stored. Its members are broadcast to all lanes when they are needed.
 struct StoredTriangle {
-  const float* in;
-  std::size_t lanes, lane;
-  HWY_INLINE VF at(int k) const { return broadcast(in[static_cast<std::size_t>(k) * lanes + lane]); }
+  const float* stored;      // member k of lane l is stored[k * lanes + l]
+  std::size_t lanes, lane;  // lanes of the vector; lane of this triangle
+  HWY_INLINE VF member(int k) const { return broadcast(stored[static_cast<std::size_t>(k) * lanes + lane]); }
   HWY_INLINE void load_edges(Triangles& t) const {
     for (int k = 0; k < 3; ++k) {
-      t.ox[k] = at(4 * k);
-      t.oy[k] = at(4 * k + 1);
-      t.ex[k] = at(4 * k + 2);
-      t.ey[k] = at(4 * k + 3);
+      t.ox[k] = member(4 * k);
+      t.oy[k] = member(4 * k + 1);
+      t.ex[k] = member(4 * k + 2);
+      t.ey[k] = member(4 * k + 3);
     }
   }
   HWY_INLINE void load_plane(Triangles& t) const {
-    t.px = at(12);
-    t.py = at(13);
-    t.p = at(14);
-    t.gx = at(15);
-    t.gy = at(16);
+    t.px = member(12);
+    t.py = member(13);
+    t.p = member(14);
+    t.gx = member(15);
+    t.gy = member(16);
   }
 };
 
@@ -197,9 +202,11 @@ struct ProjectedRow {
   alignas(64) float w[kMaxColumns];  // nearness
 };
 
+// Projects a row of vertices, padding included, by the formulas at TileView. HomogeneousDrawer::corner repeats these
+// operations in this order, so that strips and single triangles get the same pixels.
 HWY_INLINE void project_row(const RasterBlock& b, int row, const TileView& view, ProjectedRow& out) {
   const std::size_t first = static_cast<std::size_t>(row) * static_cast<std::size_t>(b.stride);
-  const auto dot = [&](int k, VF x, VF y, VF z) {
+  const auto dot_view_row = [&](int k, VF x, VF y, VF z) {
     return hn::Add(hn::Mul(broadcast(view.row[k][0]), x),
                    hn::Add(hn::Mul(broadcast(view.row[k][1]), y), hn::Mul(broadcast(view.row[k][2]), z)));
   };
@@ -209,10 +216,13 @@ HWY_INLINE void project_row(const RasterBlock& b, int row, const TileView& view,
     const VF x = hn::Sub(hn::LoadU(float_tag, b.x + at), broadcast(view.pivot[0]));
     const VF y = hn::Sub(hn::LoadU(float_tag, b.y + at), broadcast(view.pivot[1]));
     const VF z = hn::Sub(hn::LoadU(float_tag, b.z + at), broadcast(view.pivot[2]));
-    const VF along = dot(2, x, y, z), inverse = hn::Div(broadcast(1.F), hn::Add(along, broadcast(view.offset[2])));
-    hn::Store(hn::Mul(hn::Add(dot(0, x, y, z), broadcast(view.offset[0])), inverse), float_tag, out.x + c);
-    hn::Store(hn::Mul(hn::Add(dot(1, x, y, z), broadcast(view.offset[1])), inverse), float_tag, out.y + c);
-    hn::Store(hn::Mul(hn::Sub(near0, hn::Mul(near1, along)), inverse), float_tag, out.w + c);
+    const VF beyond_pivot = dot_view_row(2, x, y, z);  // metres along the boresight
+    const VF inverse_depth = hn::Div(broadcast(1.F), hn::Add(beyond_pivot, broadcast(view.offset[2])));
+    const VF column = hn::Mul(hn::Add(dot_view_row(0, x, y, z), broadcast(view.offset[0])), inverse_depth);
+    const VF line = hn::Mul(hn::Add(dot_view_row(1, x, y, z), broadcast(view.offset[1])), inverse_depth);
+    hn::Store(column, float_tag, out.x + c);
+    hn::Store(line, float_tag, out.y + c);
+    hn::Store(hn::Mul(hn::Sub(near0, hn::Mul(near1, beyond_pivot)), inverse_depth), float_tag, out.w + c);
   }
 }
 
@@ -236,7 +246,7 @@ HWY_INLINE MF precede(VI id, VI drawn) {
   return hn::RebindMask(float_tag, hn::Lt(key(id), key(drawn)));
 }
 
-// Draws one large triangle row by row, a vector of pixels at a time.
+// Draws one large triangle row by row, a vector of pixels at a time. Its box is the pixels (x0, y0) to (x1, y1).
 HWY_NOINLINE void fill_row_by_row(const StoredTriangle& triangle, int x0, int x1, int y0, int y1, std::uint32_t id,
                                   const TileView& view, TileBuffer& out) {
   Triangles t;
@@ -250,34 +260,36 @@ HWY_NOINLINE void fill_row_by_row(const StoredTriangle& triangle, int x0, int x1
     const VF py = broadcast(static_cast<float>(y));
     for (int x = x0; x <= x1; x += lanes) {
       const VF px = hn::Add(broadcast(static_cast<float>(x)), ramp);
-      const std::size_t at =
+      const std::size_t first_pixel =
           static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
-      const VF vx = view.sample_x ? hn::LoadU(float_tag, view.sample_x + at) : px;
-      const VF vy = view.sample_y ? hn::LoadU(float_tag, view.sample_y + at) : py;
-      MF m = hn::And(inside(t, vx, vy), hn::Le(px, broadcast(static_cast<float>(x1))));
-      if (hn::AllFalse(float_tag, m)) continue;
-      float* depth = out.nearness.data() + at;
-      auto* ids = reinterpret_cast<std::int32_t*>(out.triangle.data() + (depth - out.nearness.data()));
-      const VF w = value(t, vx, vy), old = hn::LoadU(float_tag, depth);
-      const MF equal = hn::And(m, hn::Eq(w, old));
-      m = hn::And(m, hn::Gt(w, old));
+      const VF vx = view.sample_x ? hn::LoadU(float_tag, view.sample_x + first_pixel) : px;
+      const VF vy = view.sample_y ? hn::LoadU(float_tag, view.sample_y + first_pixel) : py;
+      // The last vector of a row extends beyond the box, and perhaps beyond the tile.
+      MF wins = hn::And(inside(t, vx, vy), hn::Le(px, broadcast(static_cast<float>(x1))));
+      if (hn::AllFalse(float_tag, wins)) continue;
+      float* nearest = out.nearness.data() + first_pixel;
+      auto* ids = reinterpret_cast<std::int32_t*>(out.triangle.data() + first_pixel);
+      const VF nearness = value(t, vx, vy), drawn_nearness = hn::LoadU(float_tag, nearest);
+      const MF equal = hn::And(wins, hn::Eq(nearness, drawn_nearness));
+      wins = hn::And(wins, hn::Gt(nearness, drawn_nearness));
       if (HWY_UNLIKELY(!hn::AllFalse(float_tag, equal)))
-        m = hn::Or(m, hn::And(equal, precede(triangle_id, hn::LoadU(int_tag, ids))));
-      hn::BlendedStore(w, m, float_tag, depth);
-      hn::BlendedStore(triangle_id, hn::RebindMask(int_tag, m), int_tag, ids);
+        wins = hn::Or(wins, hn::And(equal, precede(triangle_id, hn::LoadU(int_tag, ids))));
+      hn::BlendedStore(nearness, wins, float_tag, nearest);
+      hn::BlendedStore(triangle_id, hn::RebindMask(int_tag, wins), int_tag, ids);
     }
   }
 }
 
-// Draws a vector of small triangles at once: each lane steps through the pixels of its own box. kSamples: pixels have
-// samples off their centres.
+// Draws a vector of small triangles at once: each lane steps through the pixels of its own box, row by row. kSamples:
+// pixels have samples off their centres. Hits are written one after the other, because two lanes may hit the same
+// pixel.
 template <bool kSamples>
 HWY_INLINE void walk_boxes(const Triangles& t, MF active, VF x0, VF x1, VF y0, VF y1, VI ids, const TileView& view,
                            TileBuffer& out) {
   VF x = x0, y = y0;
-  alignas(64) std::int32_t at[16] = {};
-  alignas(64) std::int32_t id[16] = {};
-  alignas(64) float w[16] = {};
+  alignas(64) std::int32_t pixel[16] = {};
+  alignas(64) std::int32_t triangle[16] = {};
+  alignas(64) float nearness[16] = {};
   const VF step = broadcast(1.F), columns = broadcast(static_cast<float>(view.width));
   while (!hn::AllFalse(float_tag, active)) {
     const auto pixel_index = [&] {
@@ -292,18 +304,18 @@ HWY_INLINE void walk_boxes(const Triangles& t, MF active, VF x0, VF x1, VF y0, V
     const MF hit = hn::And(active, inside(t, sx, sy));
     if (!hn::AllFalse(float_tag, hit)) {
       const ToFront to_front(hit);
-      hn::Store(to_front(pixel_index()), int_tag, at);
-      hn::Store(to_front(ids), int_tag, id);
-      hn::Store(to_front(value(t, sx, sy)), float_tag, w);
+      hn::Store(to_front(pixel_index()), int_tag, pixel);
+      hn::Store(to_front(ids), int_tag, triangle);
+      hn::Store(to_front(value(t, sx, sy)), float_tag, nearness);
       const std::size_t n = hn::CountTrue(float_tag, hit);
       for (std::size_t k = 0; k < n; ++k) {
-        const auto p = static_cast<std::size_t>(at[k]);
-        const auto triangle_id = static_cast<std::uint32_t>(id[k]);
-        if (w[k] > out.nearness[p]) {
-          out.nearness[p] = w[k];
-          out.triangle[p] = triangle_id;
-        } else if (HWY_UNLIKELY(w[k] == out.nearness[p]) && precedes(triangle_id, out.triangle[p]))
-          out.triangle[p] = triangle_id;
+        const auto index = static_cast<std::size_t>(pixel[k]);
+        const auto triangle_id = static_cast<std::uint32_t>(triangle[k]);
+        if (nearness[k] > out.nearness[index]) {
+          out.nearness[index] = nearness[k];
+          out.triangle[index] = triangle_id;
+        } else if (HWY_UNLIKELY(nearness[k] == out.nearness[index]) && precedes(triangle_id, out.triangle[index]))
+          out.triangle[index] = triangle_id;
       }
     }
     x = hn::Add(x, step);
@@ -316,17 +328,19 @@ HWY_INLINE void walk_boxes(const Triangles& t, MF active, VF x0, VF x1, VF y0, V
 
 constexpr float kMaxWalkedPixels = 24;  // pixels; larger boxes are filled row by row
 
+// Draws a vector of triangles with corners at the pixels (x, y) and nearness w: large ones row by row, all others
+// together. `upper`: the corners are {d, b, c}, otherwise {a, b, c}. `valid`: the lanes that have a triangle.
 template <bool upper>
 HWY_NOINLINE void draw_triangles(const VF* x, const VF* y, const VF* w, VI ids, MF valid, const TileView& view,
                                  TileBuffer& out) {
   // Clip the boxes of the triangles to the tile.
   const VF right = broadcast(static_cast<float>(view.width - 1));
   const VF bottom = broadcast(static_cast<float>(view.height - 1));
-  const VF aside = broadcast(view.slack[0]), above = broadcast(view.slack[1]);
-  const VF x0 = hn::Max(hn::Ceil(hn::Sub(hn::Min(x[0], hn::Min(x[1], x[2])), aside)), hn::Zero(float_tag));
-  const VF x1 = hn::Min(hn::Floor(hn::Add(hn::Max(x[0], hn::Max(x[1], x[2])), aside)), right);
-  const VF y0 = hn::Max(hn::Ceil(hn::Sub(hn::Min(y[0], hn::Min(y[1], y[2])), above)), hn::Zero(float_tag));
-  const VF y1 = hn::Min(hn::Floor(hn::Add(hn::Max(y[0], hn::Max(y[1], y[2])), above)), bottom);
+  const VF slack_x = broadcast(view.slack[0]), slack_y = broadcast(view.slack[1]);
+  const VF x0 = hn::Max(hn::Ceil(hn::Sub(hn::Min(x[0], hn::Min(x[1], x[2])), slack_x)), hn::Zero(float_tag));
+  const VF x1 = hn::Min(hn::Floor(hn::Add(hn::Max(x[0], hn::Max(x[1], x[2])), slack_x)), right);
+  const VF y0 = hn::Max(hn::Ceil(hn::Sub(hn::Min(y[0], hn::Min(y[1], y[2])), slack_y)), hn::Zero(float_tag));
+  const VF y1 = hn::Min(hn::Floor(hn::Add(hn::Max(y[0], hn::Max(y[1], y[2])), slack_y)), bottom);
   MF active = hn::And(valid, hn::And(hn::Le(x0, x1), hn::Le(y0, y1)));
   if (hn::AllFalse(float_tag, active)) return;
   VF area;
@@ -339,8 +353,8 @@ HWY_NOINLINE void draw_triangles(const VF* x, const VF* y, const VF* w, VI ids, 
   const MF large = hn::And(active, hn::Gt(pixels, broadcast(kMaxWalkedPixels)));
   if (!hn::AllFalse(float_tag, large)) {
     const std::size_t lanes = hn::Lanes(float_tag);
-    alignas(64) float stored[17 * 16];
-    alignas(64) float box[4][16];
+    alignas(64) float stored[kTriangleMembers * 16];
+    alignas(64) float box[4][16];  // x0, x1, y0, y1
     alignas(64) std::int32_t id[16];
     alignas(64) std::int32_t mask[16];
     store_triangles(t, stored, lanes);
@@ -370,29 +384,31 @@ HWY_INLINE MF is_number(VF x) { return hn::Eq(x, x); }
 // from the Sun.
 class TriangleBatch {
  public:
-  // A vector of triangles: three corners with two coordinates and a value each.
+  // A vector of triangles: three corners with two coordinates and a value each. For the image, x, y and w are pixels
+  // and nearness; for the shadow map, u, v and d.
   struct Corners {
     HWY_INLINE Corners() {}  // NOLINT(modernize-use-equals-default): as Triangles'
     VF x[3], y[3], w[3];
-    VI id;
+    VI id;  // TriangleId::packed()
   };
 
   // Adds the lanes in the mask. Calls process(corners, full mask) when a vector is full.
   template <typename Process>
-  HWY_INLINE void add(const Corners& more, MF mask, const Process& process) {
+  HWY_INLINE void add(const Corners& added, MF mask, const Process& process) {
     const std::size_t lanes = hn::Lanes(float_tag);
-    if (hn::AllTrue(float_tag, mask)) return process(more, mask);
+    if (hn::AllTrue(float_tag, mask)) return process(added, mask);
     const ToFront to_front(mask);
     const auto append = [&](int k, VF values) { hn::StoreU(to_front(values), float_tag, values_[k] + count_); };
     for (int k = 0; k < 3; ++k) {
-      append(k, more.x[k]);
-      append(3 + k, more.y[k]);
-      append(6 + k, more.w[k]);
+      append(k, added.x[k]);
+      append(3 + k, added.y[k]);
+      append(6 + k, added.w[k]);
     }
-    hn::StoreU(to_front(more.id), int_tag, ids_ + count_);
+    hn::StoreU(to_front(added.id), int_tag, ids_ + count_);
     count_ += hn::CountTrue(float_tag, mask);
     if (count_ < lanes) return;
-    process(corners(), hn::Eq(hn::Zero(float_tag), hn::Zero(float_tag)));
+    const MF all_lanes = hn::Eq(hn::Zero(float_tag), hn::Zero(float_tag));
+    process(corners(), all_lanes);
     count_ -= lanes;
     for (float* values : values_) hn::Store(hn::Load(float_tag, values + lanes), float_tag, values);
     hn::Store(hn::Load(int_tag, ids_ + lanes), int_tag, ids_);
@@ -416,6 +432,8 @@ class TriangleBatch {
     return out;
   }
 
+  // The triangles, by member: x, y and w of the three corners. There are fewer than a vector of them before add(), and
+  // two vectors at most in it.
   alignas(64) float values_[9][32] = {};
   alignas(64) std::int32_t ids_[32] = {};
   std::size_t count_ = 0;
@@ -431,18 +449,19 @@ struct Quads {
 // Loads a vector of quads from column c on. Returns false, without nearness, if none may have a pixel of the tile.
 HWY_INLINE bool load_quads(const ProjectedRow& south, const ProjectedRow& north, int c, const TileView& view,
                            Quads& q) {
-  const auto corners = [&](const float* a, const float* b, VF* out) {
-    out[0] = hn::Load(float_tag, a + c);
-    out[1] = hn::LoadU(float_tag, a + c + 1);
-    out[2] = hn::Load(float_tag, b + c);
-    out[3] = hn::LoadU(float_tag, b + c + 1);
+  const auto corners = [&](const float* south_row, const float* north_row, VF* abcd) {
+    abcd[0] = hn::Load(float_tag, south_row + c);
+    abcd[1] = hn::LoadU(float_tag, south_row + c + 1);
+    abcd[2] = hn::Load(float_tag, north_row + c);
+    abcd[3] = hn::LoadU(float_tag, north_row + c + 1);
   };
   corners(south.x, north.x, q.x);
   corners(south.y, north.y, q.y);
   const MF diagonal = hn::And(is_number(q.x[1]), is_number(q.x[2]));
   q.lower = hn::And(diagonal, is_number(q.x[0]));
   q.upper = hn::And(diagonal, is_number(q.x[3]));
-  // Bound the pixels of both halves exactly as draw_triangles does.
+  // Bound the pixels of both halves exactly as draw_triangles does. `v`: x or y of the corners; `last`: the tile's last
+  // column or row.
   const auto cull_by_axis = [&](const VF* v, float slack, int last, MF& lower, MF& upper) {
     const VF reach = broadcast(slack);
     const VF end = broadcast(static_cast<float>(last));
@@ -463,8 +482,10 @@ HWY_INLINE bool load_quads(const ProjectedRow& south, const ProjectedRow& north,
   return true;
 }
 
+// Draws a strip inside the guard band. Both halves of the quads are batched separately, because `upper` is a template
+// parameter of what draws them.
 void DrawStrip(const RasterBlock& b, const Strip& strip, const TileView& view, TileBuffer& out) {
-  ProjectedRow rows[2];
+  ProjectedRow rows[2];  // in turns: the northern row of one step is the southern row of the next
   TriangleBatch lower, upper;
   const int lanes = static_cast<int>(hn::Lanes(float_tag));
   const auto draw_lower = [&](const TriangleBatch::Corners& t, MF valid)
@@ -478,8 +499,10 @@ void DrawStrip(const RasterBlock& b, const Strip& strip, const TileView& view, T
     for (int c = 0; c < b.quads; c += lanes) {
       Quads q;
       if (!load_quads(south, north, c, view, q)) continue;
+      // Resolving the drawn pixels will read these vertices next; a cache line holds four.
       for (int i = 0; i < lanes; i += 4) __builtin_prefetch(b.vertices + (r + 1) * (b.quads + 1) + c + i, 0, 3);
       TriangleBatch::Corners t;
+      // In packed ids the last bit is the half, and the column follows: neighbours in a row are two apart.
       t.id = hn::Add(hn::Set(int_tag, static_cast<std::int32_t>(TriangleId(strip.block, r, c, false).packed())),
                      hn::ShiftLeft<1>(hn::Iota(int_tag, 0)));
       for (int k = 0; k < 3; ++k) {
@@ -534,15 +557,16 @@ HWY_INLINE VF min_edge_value(const Triangles& t, VF u, VF v) {
   return hn::Min(edge_value(t, 0, u, v), hn::Min(edge_value(t, 1, u, v), edge_value(t, 2, u, v)));
 }
 
-// An occluder in light space; store_triangles() stores the first kMembers - 4 members.
+// An occluder in light space: a StoredTriangle, followed by four members that only a triangle with a foot (see at_foot)
+// has.
 struct StoredOccluder : StoredTriangle {
-  static constexpr std::size_t kMembers = 21;
+  static constexpr std::size_t kMembers = kTriangleMembers + 4;
   // Returns the smallest edge value of a sample within reach, m^2.
-  HWY_INLINE VF min_edge_value() const { return at(17); }
+  HWY_INLINE VF min_edge_value() const { return member(17); }
   // Returns the usual error of a sample's u, v and d relative to the occluder, m.
-  HWY_INLINE VF reach_m() const { return at(18); }
-  // Returns d of corner k of {a, b, c} or {d, b, c}, as in set_up.
-  HWY_INLINE VF corner_d(int k) const { return at(k == 0 ? 14 : 18 + k); }
+  HWY_INLINE VF reach_m() const { return member(18); }
+  // Returns d of corner k of {a, b, c} or {d, b, c}, as in set_up: the plane's value p is that of the first.
+  HWY_INLINE VF corner_d(int k) const { return member(k == 0 ? 14 : 18 + k); }
 };
 
 // Returns those of the samples outside a triangle that rounding has moved across the foot of the slope that it is part
@@ -562,13 +586,13 @@ HWY_NOINLINE MF at_foot(const StoredOccluder& occluder, VF u, VF v, VF d, MF sam
   constexpr float kMinFacing = 1 / 1024.F;  // sine of the Sun's elevation over the ground at the foot
   Triangles t;
   occluder.load_edges(t);
-  const VF lowest = occluder.reach_m(), highest = hn::Mul(lowest, broadcast(1 / kMinFacing));
+  const VF reach_m = occluder.reach_m(), max_depth_m = hn::Mul(reach_m, broadcast(1 / kMinFacing));
   MF within_reach = samples;
   MF below = hn::FirstN(float_tag, 0);
   for (int k = 0; k < 3; ++k) {
     const VF outside = hn::Min(edge_value(t, k, u, v), hn::Zero(float_tag));
     const VF length2 = hn::Add(hn::Mul(t.ex[k], t.ex[k]), hn::Mul(t.ey[k], t.ey[k]));
-    const VF reach2 = hn::Mul(hn::Mul(lowest, lowest), length2);
+    const VF reach2 = hn::Mul(hn::Mul(reach_m, reach_m), length2);
     within_reach = hn::And(within_reach, hn::Le(hn::Mul(outside, outside), reach2));
     // Interpolate d along the edge: next to it, the plane is too steep to be evaluated.
     const VF along = hn::Add(hn::Mul(t.ex[k], hn::Sub(u, t.ox[k])), hn::Mul(t.ey[k], hn::Sub(v, t.oy[k])));
@@ -576,13 +600,14 @@ HWY_NOINLINE MF at_foot(const StoredOccluder& occluder, VF u, VF v, VF d, MF sam
     const VF first_d = occluder.corner_d(kFirst[k]);
     const VF rise = hn::Sub(occluder.corner_d(kLast[k]), first_d);
     const VF depth = hn::Sub(hn::Add(first_d, hn::Mul(rise, fraction)), d);
-    const MF is_foot = hn::And(hn::Gt(depth, lowest), hn::Lt(depth, highest));
+    const MF is_foot = hn::And(hn::Gt(depth, reach_m), hn::Lt(depth, max_depth_m));
     below = hn::Or(below, hn::And(hn::Lt(outside, hn::Zero(float_tag)), is_foot));
   }
   return hn::And(within_reach, below);
 }
 
-// Marks the samples below one triangle as shadowed. `foot`: also those at its foot.
+// Marks the samples below one triangle as shadowed, in cells of columns c0 to c1 and rows r0 to r1 of the band. `foot`:
+// also those at its foot.
 template <bool upper, bool foot>
 HWY_INLINE void shadow_samples(const StoredOccluder& occluder, int c0, int c1, int r0, int r1, LightBand& band) {
   Triangles t;
@@ -628,13 +653,15 @@ HWY_INLINE MF may_cast(const VF* u, const VF* v, bool upper, MF valid, const Lig
                          overlaps(u, band.u0 - band.margin_m, band.u_end() + band.margin_m)));
 }
 
-// Twice the usual rounding errors of u, v and d, relative to the distance from the anchor.
+// Twice the usual rounding errors of u, v and d, relative to the distance from the anchor. Their product is the reach
+// of rounding, m.
 constexpr float kRounding = 0x1p-24F;
 // Width of an occluder, in reaches of rounding, up to which samples at its foot are tested: where sunlight grazes the
 // ground before a slope, it nearly grazes the slope, too.
 constexpr float kThin = 1024;
 
-// Casts a vector of triangles that passed may_cast. `relative_rounding`: kRounding, or 0 for triangles without a foot.
+// Shadows the samples of a band below a vector of triangles that passed may_cast. `relative_rounding`: kRounding, or 0
+// for triangles without a foot.
 template <bool upper>
 HWY_NOINLINE void cast_triangles(const VF* u, const VF* v, const VF* d, MF active, float relative_rounding,
                                  LightBand& band) {
@@ -652,7 +679,8 @@ HWY_NOINLINE void cast_triangles(const VF* u, const VF* v, const VF* d, MF activ
   alignas(64) std::int32_t c1[16];
   alignas(64) std::int32_t r0[16];
   alignas(64) std::int32_t r1[16];
-  alignas(64) std::int32_t kind[16];  // 0: does not cast; 1: casts; 2: has a foot, too
+  constexpr std::int32_t kInactive = 0, kCasts = 1, kHasFoot = 2;
+  alignas(64) std::int32_t kind[16];
   alignas(64) float stored[StoredOccluder::kMembers * 16];
   alignas(64) float highest[16];
   hn::Store(cell_index(u_low, band.u0, band.per_u, band.columns - 1), int_tag, c0);
@@ -661,30 +689,32 @@ HWY_NOINLINE void cast_triangles(const VF* u, const VF* v, const VF* d, MF activ
   hn::Store(cell_index(v_high, band.v0, band.per_v, band.rows - 1), int_tag, r1);
   hn::Store(hn::Max(d[0], hn::Max(d[1], d[2])), float_tag, highest);
   store_triangles(t, stored, lanes);
-  // Edge values are distances times |u| + |v| of the edge, at most.
+  // Bound the edge values of samples within reach of an edge: their distance from it times its length, which is at most
+  // the width plus the height of the box.
   const VF within_reach = hn::Mul(reach_m, hn::Add(hn::Sub(u_high, u_low), hn::Sub(v_high, v_low)));
   const MF thin = hn::Lt(hn::Abs(area), hn::Mul(within_reach, broadcast(kThin)));
   if (!hn::AllFalse(float_tag, hn::And(active, thin))) {
-    float* of_occluder = stored + 17 * lanes;
+    float* occluder_member = stored + kTriangleMembers * lanes;
     for (const VF values : {hn::Neg(within_reach), reach_m, d[1], d[2]}) {
-      hn::StoreU(values, float_tag, of_occluder);
-      of_occluder += lanes;
+      hn::StoreU(values, float_tag, occluder_member);
+      occluder_member += lanes;
     }
   }
-  const VI casts = hn::IfThenElse(hn::RebindMask(int_tag, thin), hn::Set(int_tag, 2), hn::Set(int_tag, 1));
-  hn::Store(hn::IfThenElse(hn::RebindMask(int_tag, active), casts, hn::Zero(int_tag)), int_tag, kind);
+  const VI casts = hn::IfThenElse(hn::RebindMask(int_tag, thin), hn::Set(int_tag, kHasFoot), hn::Set(int_tag, kCasts));
+  hn::Store(hn::IfThenElse(hn::RebindMask(int_tag, active), casts, hn::Set(int_tag, kInactive)), int_tag, kind);
   for (std::size_t k = 0; k < lanes; ++k) {
-    if (!kind[k] || !band.any_below(c0[k], c1[k], r0[k], r1[k], highest[k])) continue;
+    if (kind[k] == kInactive || !band.any_below(c0[k], c1[k], r0[k], r1[k], highest[k])) continue;
     const StoredOccluder occluder{{stored, lanes, k}};
-    if (kind[k] == 2)
+    if (kind[k] == kHasFoot)
       shadow_samples<upper, true>(occluder, c0[k], c1[k], r0[k], r1[k], band);
     else
       shadow_samples<upper, false>(occluder, c0[k], c1[k], r0[k], r1[k], band);
   }
 }
 
+// Casts a strip as cast_strip() says. Batches keep u, v and d of the corners as x, y and w; shadows need no ids.
 void CastStrip(const RasterBlock& b, const Strip& strip, const LightAxes& axes, LightBand& band) {
-  LightRow rows[2];
+  LightRow rows[2];  // in turns: the northern row of one step is the southern row of the next
   TriangleBatch lower, upper;
   const int lanes = static_cast<int>(hn::Lanes(float_tag));
   const auto cast_lower = [&](const TriangleBatch::Corners& t, MF active)
@@ -698,29 +728,30 @@ void CastStrip(const RasterBlock& b, const Strip& strip, const LightAxes& axes, 
     for (int c = 0; c < b.quads; c += lanes) {
       TriangleBatch::Corners t;
       t.id = hn::Zero(int_tag);
-      const auto corners = [&](const float* s, const float* n, VF* at) HWY_ATTR {
-        at[0] = hn::Load(float_tag, s + c);
-        at[1] = hn::LoadU(float_tag, s + c + 1);
-        at[2] = hn::Load(float_tag, n + c);
+      const auto corners = [&](const float* south_row, const float* north_row, VF* abc) HWY_ATTR {
+        abc[0] = hn::Load(float_tag, south_row + c);
+        abc[1] = hn::LoadU(float_tag, south_row + c + 1);
+        abc[2] = hn::Load(float_tag, north_row + c);
       };
       corners(south.u, north.u, t.x);
       corners(south.v, north.v, t.y);
       const MF diagonal = hn::And(is_number(t.x[1]), is_number(t.x[2]));
-      const MF low = may_cast(t.x, t.y, false, hn::And(diagonal, is_number(t.x[0])), band);
+      const MF lower_casts = may_cast(t.x, t.y, false, hn::And(diagonal, is_number(t.x[0])), band);
+      // Replace corner a by d for the upper half, and keep a for the lower one.
       const VF south_west_u = t.x[0], south_west_v = t.y[0];
       t.x[0] = hn::LoadU(float_tag, north.u + c + 1);
       t.y[0] = hn::LoadU(float_tag, north.v + c + 1);
-      const MF up = may_cast(t.x, t.y, true, hn::And(diagonal, is_number(t.x[0])), band);
-      if (hn::AllFalse(float_tag, hn::Or(low, up))) continue;
+      const MF upper_casts = may_cast(t.x, t.y, true, hn::And(diagonal, is_number(t.x[0])), band);
+      if (hn::AllFalse(float_tag, hn::Or(lower_casts, upper_casts))) continue;
       corners(south.d, north.d, t.w);
       const VF south_west_d = t.w[0];
       t.w[0] = hn::LoadU(float_tag, north.d + c + 1);
-      if (!hn::AllFalse(float_tag, up)) upper.add(t, up, cast_upper);
-      if (hn::AllFalse(float_tag, low)) continue;
+      if (!hn::AllFalse(float_tag, upper_casts)) upper.add(t, upper_casts, cast_upper);
+      if (hn::AllFalse(float_tag, lower_casts)) continue;
       t.x[0] = south_west_u;
       t.y[0] = south_west_v;
       t.w[0] = south_west_d;
-      lower.add(t, low, cast_lower);
+      lower.add(t, lower_casts, cast_lower);
     }
   }
   lower.flush(cast_lower);
@@ -756,31 +787,31 @@ struct ColumnBounds {
 
 // Extends the bounds of a vector of columns by the triangles between two rows, from column c on.
 HWY_INLINE void extend_bounds(const LightRow& south, const LightRow& north, int c, ColumnBounds& bounds) {
-  const auto corners = [&](const float* s, const float* n, VF* at) HWY_ATTR {
-    at[0] = hn::Load(float_tag, s + c);
-    at[1] = hn::LoadU(float_tag, s + c + 1);
-    at[2] = hn::Load(float_tag, n + c);
-    at[3] = hn::LoadU(float_tag, n + c + 1);
+  const auto corners = [&](const float* south_row, const float* north_row, VF* abcd) HWY_ATTR {
+    abcd[0] = hn::Load(float_tag, south_row + c);
+    abcd[1] = hn::LoadU(float_tag, south_row + c + 1);
+    abcd[2] = hn::Load(float_tag, north_row + c);
+    abcd[3] = hn::LoadU(float_tag, north_row + c + 1);
   };
   VF u[4], v[4], d[4];
   corners(south.u, north.u, u);
   corners(south.v, north.v, v);
   const MF diagonal = hn::And(is_number(u[1]), is_number(u[2]));
   const VF upper_u[3] = {u[3], u[1], u[2]}, upper_v[3] = {v[3], v[1], v[2]};
-  const MF low = faces_away(u, v, false, hn::And(diagonal, is_number(u[0])));
-  const MF up = faces_away(upper_u, upper_v, true, hn::And(diagonal, is_number(u[3])));
-  if (hn::AllFalse(float_tag, hn::Or(low, up))) return;
+  const MF lower_faces_away = faces_away(u, v, false, hn::And(diagonal, is_number(u[0])));
+  const MF upper_faces_away = faces_away(upper_u, upper_v, true, hn::And(diagonal, is_number(u[3])));
+  if (hn::AllFalse(float_tag, hn::Or(lower_faces_away, upper_faces_away))) return;
   corners(south.d, north.d, d);
   const auto extend_low = [&](const VF* x, float* out) HWY_ATTR {
     const VF shared = hn::Min(x[1], x[2]), neutral = broadcast(std::numeric_limits<float>::infinity());
-    const VF lower = hn::IfThenElse(low, hn::Min(x[0], shared), neutral);
-    const VF upper = hn::IfThenElse(up, hn::Min(x[3], shared), neutral);
+    const VF lower = hn::IfThenElse(lower_faces_away, hn::Min(x[0], shared), neutral);
+    const VF upper = hn::IfThenElse(upper_faces_away, hn::Min(x[3], shared), neutral);
     hn::Store(hn::Min(hn::Load(float_tag, out + c), hn::Min(lower, upper)), float_tag, out + c);
   };
   const auto extend_high = [&](const VF* x, float* out) HWY_ATTR {
     const VF shared = hn::Max(x[1], x[2]), neutral = broadcast(-std::numeric_limits<float>::infinity());
-    const VF lower = hn::IfThenElse(low, hn::Max(x[0], shared), neutral);
-    const VF upper = hn::IfThenElse(up, hn::Max(x[3], shared), neutral);
+    const VF lower = hn::IfThenElse(lower_faces_away, hn::Max(x[0], shared), neutral);
+    const VF upper = hn::IfThenElse(upper_faces_away, hn::Max(x[3], shared), neutral);
     hn::Store(hn::Max(hn::Load(float_tag, out + c), hn::Max(lower, upper)), float_tag, out + c);
   };
   extend_low(u, bounds.u_low);
@@ -790,7 +821,8 @@ HWY_INLINE void extend_bounds(const LightRow& south, const LightRow& north, int 
   extend_high(d, bounds.d_high);
 }
 
-std::size_t BoundOccluders(const RasterBlock& b, const Strip& strip, const LightAxes& axes, LightBox* parts) {
+// Bounds groups of quads as bound_occluders() says: rows of groups from south to north, and in each from west to east.
+std::size_t BoundOccluders(const RasterBlock& b, const Strip& strip, const LightAxes& axes, LightBox* boxes) {
   const int lanes = static_cast<int>(hn::Lanes(float_tag));
   LightRow rows[2];
   to_light_space(b, strip.first_row, axes, rows[0]);
@@ -805,12 +837,13 @@ std::size_t BoundOccluders(const RasterBlock& b, const Strip& strip, const Light
     }
     for (int c = 0; c < b.quads; c += kOccluderBoxQuads) {
       const LightBox box = bounds.over(c, std::min(c + kOccluderBoxQuads, b.quads));
-      if (box.u_low <= box.u_high) parts[count++] = box;
+      if (box.u_low <= box.u_high) boxes[count++] = box;
     }
   }
   return count;
 }
 
+// Casts one skirt, in the first lane, without a test of samples at its foot.
 void CastSkirt(const Skirt& skirt, const LightAxes& axes, LightBand& band) {
   const auto dot = [](const float* a, const float* p) { return broadcast(a[0] * p[0] + a[1] * p[1] + a[2] * p[2]); };
   const VF u[3] = {dot(axes.u, skirt.a), dot(axes.u, skirt.b), dot(axes.u, skirt.c)};
@@ -820,6 +853,7 @@ void CastSkirt(const Skirt& skirt, const LightAxes& axes, LightBand& band) {
   if (!hn::AllFalse(float_tag, active)) cast_triangles<false>(u, v, d, active, 0, band);
 }
 
+// Sets low and high to the range of n values: whole vectors first, the rest one by one.
 void RangeOf(const float* x, std::size_t n, float& low, float& high) {
   const std::size_t lanes = hn::Lanes(float_tag);
   VF lowest = broadcast(x[0]), highest = lowest;
@@ -837,6 +871,7 @@ void RangeOf(const float* x, std::size_t n, float& low, float& high) {
   }
 }
 
+// Updates band.min_d as update_coarse_min() says: the samples of kCoarse cells of a row are contiguous in band.d.
 void UpdateCoarseMin(LightBand& band, int c0, int c1, int r0, int r1) {
   const std::size_t lanes = hn::Lanes(float_tag);
   for (int r = r0; r <= r1; ++r) {
@@ -857,7 +892,8 @@ void UpdateCoarseMin(LightBand& band, int c0, int c1, int r0, int r1) {
 
 // ---- triangles with homogeneous edges -----------------------------------------------------------------------------
 
-// Draws a triangle into n pixels of a row, whose samples are (sx, sy).
+// Draws a triangle into n pixels of a row, whose samples are (sx, sy): the tile's pixels, in the order of `nearness`
+// and `triangle`. Nearness is that of project_row, from 1 / depth instead of the position.
 void DrawHomogeneous(const HomogeneousTriangle& t, const float* HWY_RESTRICT sx, const float* HWY_RESTRICT sy,
                      std::size_t n, float* HWY_RESTRICT nearness, std::uint32_t* HWY_RESTRICT triangle) {
   std::int32_t in[HomogeneousTriangle::kMaxPixels];
@@ -891,9 +927,9 @@ void DrawHomogeneous(const HomogeneousTriangle& t, const float* HWY_RESTRICT sx,
   SELENOGRAPH_INDEPENDENT_LANES
   for (std::size_t i = 0; i < n; ++i) {
     const double inverse = ix * static_cast<double>(sx[i]) + iy * static_cast<double>(sy[i]) + i1;
-    const auto here = static_cast<float>(near0 * inverse - near1 * (1 - offset * inverse));
-    const bool nearer = in[i] != 0 && inverse > 0 && here > nearness[i];
-    nearness[i] = nearer ? here : nearness[i];
+    const auto pixel_nearness = static_cast<float>(near0 * inverse - near1 * (1 - offset * inverse));
+    const bool nearer = in[i] != 0 && inverse > 0 && pixel_nearness > nearness[i];
+    nearness[i] = nearer ? pixel_nearness : nearness[i];
     triangle[i] = nearer ? id : triangle[i];
   }
 }
@@ -954,13 +990,14 @@ class HomogeneousDrawer {
     unsigned outside;    // a bit each: behind the eye, left of, right of, above, below the tile
   };
 
+  // Draws a triangle between the rows south_ and north_.
   void draw(const TriangleId& id) {
     const dem::QuadVertices q = id.vertices();
-    const auto at = [&](int k) -> const Corner& {
+    const auto corner_of = [&](int k) -> const Corner& {
       return (q.r[k] == id.r() ? south_ : north_)[static_cast<std::size_t>(q.c[k])];
     };
     // Name the corners as in raster_kernels.h: a (or d), b, c.
-    const Corner &a = at(0), &b = at(id.upper() ? 2 : 1), &c = at(id.upper() ? 1 : 2);
+    const Corner &a = corner_of(0), &b = corner_of(id.upper() ? 2 : 1), &c = corner_of(id.upper() ? 1 : 2);
     if (a.outside & b.outside & c.outside || std::isnan(a.z) || std::isnan(b.z) || std::isnan(c.z)) return;
     // Compute six times the volume of the tetrahedron from the eye to the triangle: the homogeneous equivalent of the
     // area, with the same sign. The edges are oriented by it as in orient_edges.
@@ -994,6 +1031,7 @@ class HomogeneousDrawer {
     for (int y = y0; y <= y1; ++y) draw_row(triangle, x0, x1, y);
   }
 
+  // Draws the pixels x0 to x1 of row y of the tile.
   void draw_row(const HomogeneousTriangle& triangle, int x0, int x1, int y) {
     constexpr int kMaxPixels = HomogeneousTriangle::kMaxPixels;
     for (int x = x0; x <= x1; x += kMaxPixels) {
@@ -1012,6 +1050,7 @@ class HomogeneousDrawer {
     }
   }
 
+  // Projects the vertex in row r and column c of the block in float, by the operations of project_row.
   Corner corner(int r, int c) const {
     const std::size_t at =
         static_cast<std::size_t>(r) * static_cast<std::size_t>(block_.stride) + static_cast<std::size_t>(c);
@@ -1036,6 +1075,8 @@ class HomogeneousDrawer {
     return out;
   }
 
+  // Returns the edge function through two corners: the cross product of their homogeneous coordinates. It is 0 at the
+  // pixels of the line through both.
   static Plane plane(const Corner& p, const Corner& q) {
     return {p.y * q.z - p.z * q.y, p.z * q.x - p.x * q.z, p.x * q.y - p.y * q.x};
   }
@@ -1055,7 +1096,7 @@ class HomogeneousDrawer {
   const RasterBlock& block_;
   const TileView& view_;
   TileBuffer& out_;
-  std::array<Corner, 65> south_, north_;  // 65: TriangleId has 64 quads per row
+  std::array<Corner, 65> south_, north_;  // rows of corners; TriangleId has at most 64 quads per row
 };
 
 }  // namespace
@@ -1073,8 +1114,8 @@ void cast_strip(const RasterBlock& block, const Strip& strip, const LightAxes& a
   HWY_DYNAMIC_DISPATCH(CastStrip)(block, strip, axes, band);
 }
 
-std::size_t bound_occluders(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBox* parts) {
-  return HWY_DYNAMIC_DISPATCH(BoundOccluders)(block, strip, axes, parts);
+std::size_t bound_occluders(const RasterBlock& block, const Strip& strip, const LightAxes& axes, LightBox* boxes) {
+  return HWY_DYNAMIC_DISPATCH(BoundOccluders)(block, strip, axes, boxes);
 }
 
 void range_of(const float* x, std::size_t n, float& low, float& high) {

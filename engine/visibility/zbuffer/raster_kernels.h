@@ -27,12 +27,12 @@ namespace selenograph::engine {
 // positions by tens of metres. Nearness increases with 1 / depth and is linear in it, and so linear in the image:
 // (near0 - near1 row[2] . (p - pivot)) / depth.
 struct TileView {
-  float pivot[3];   // depths below it lie outside the guard band
+  float pivot[3];   // metres from the anchor
   float row[3][3];  // includes focal lengths and the tile's corner
   float offset[3];
   float near0, near1;
   int width, height;  // pixels
-  float min_depth_m;  // metres
+  float min_depth_m;  // near border of the guard band
   // Positions of the samples in pixels, row by row; null: the pixel centres. NaN: the pixel has no sample.
   const float *sample_x, *sample_y;
   float slack[2];  // largest distance of a sample from its pixel centre: columns, rows

@@ -39,6 +39,7 @@ struct BandLayout {
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
+// Sets the coordinates of sixteen points in light space, whose origin is the anchor. `u`, `v`, `d`: its axes.
 void ToLightSpace(const SurfacePoints& p, const double* anchor, const double* u, const double* v, const double* d,
                   LightLanes& out) {
   SELENOGRAPH_INDEPENDENT_LANES
@@ -107,12 +108,13 @@ void CellsOf(const LightSamples& tile, const std::uint32_t* groups, std::size_t 
   const auto last_column = static_cast<float>(columns - 1);
   const auto last_row = static_cast<float>(kBandRows - 1);
   const std::uint32_t own_band = layout.index;
-  const std::uint32_t none = static_cast<std::uint32_t>(columns) * kBandRows;
+  const std::uint32_t no_cell = static_cast<std::uint32_t>(columns) * kBandRows;
   const float first_v = layout.v0, bands_per_v = layout.bands_per_v, last = layout.last;
   for (std::size_t g = 0; g < n; ++g, out += kPacket) {
-    const std::size_t first = std::size_t{groups[g]} * kPacket, left = tile.count - first;
-    const int here = left < kPacket ? static_cast<int>(left) : kPacket;
+    const std::size_t first = std::size_t{groups[g]} * kPacket, remaining = tile.count - first;
+    const int count = remaining < kPacket ? static_cast<int>(remaining) : kPacket;
     const float *u = &tile.u[first], *v = &tile.v[first];
+    // Compute all lanes, also those beyond the tile's last sample, so that the loop has a constant length.
     SELENOGRAPH_INDEPENDENT_LANES
     for (int i = 0; i < kPacket; ++i) {
       float column = (u[i] - u0) * per_u;
@@ -122,8 +124,8 @@ void CellsOf(const LightSamples& tile, const std::uint32_t* groups, std::size_t 
       column = column < last_column ? column : last_column;
       row = row < last_row ? row : last_row;
       const std::int32_t cell = static_cast<std::int32_t>(row) * columns + static_cast<std::int32_t>(column);
-      const bool in_band = (band_of(v[i], first_v, bands_per_v, last) == own_band) & (i < here);
-      out[i] = in_band ? static_cast<std::uint32_t>(cell) : none;
+      const bool in_band = (band_of(v[i], first_v, bands_per_v, last) == own_band) & (i < count);
+      out[i] = in_band ? static_cast<std::uint32_t>(cell) : no_cell;
     }
   }
 }
@@ -166,6 +168,7 @@ std::size_t cells_of(const LightBand& band) { return static_cast<std::size_t>(ba
 // covers fewer rows of cells and more samples in each.
 constexpr float kFlatness = 2;
 
+// Returns a grid over the samples of all tiles, with about one sample per cell; without bands if there are no samples.
 ShadowMap::Grid ShadowMap::grid_over(const std::vector<LightSamples>& tiles) {
   constexpr float kInfinite = std::numeric_limits<float>::infinity();
   float u0 = kInfinite;
@@ -184,14 +187,14 @@ ShadowMap::Grid ShadowMap::grid_over(const std::vector<LightSamples>& tiles) {
   if (n == 0) return g;
   // Enlarge the grid by a thousandth, and let no axis be shorter than a thousandth of the other.
   const float min_extent = std::max(1e-3F * std::max(u1 - u0, v1 - v0), 1e-3F);
-  const float across = std::max(u1 - u0, min_extent) * 1.001F;
-  const float along = std::max(v1 - v0, min_extent) * 1.001F;
-  const float cell = std::sqrt(across * along / static_cast<float>(n));
-  g.columns = std::max(1, static_cast<int>(std::ceil(across / cell * kFlatness)));
-  const int rows = std::max(1, static_cast<int>(std::ceil(along / cell / kFlatness)));
+  const float extent_u = std::max(u1 - u0, min_extent) * 1.001F;
+  const float extent_v = std::max(v1 - v0, min_extent) * 1.001F;
+  const float cell_side = std::sqrt(extent_u * extent_v / static_cast<float>(n));
+  g.columns = std::max(1, static_cast<int>(std::ceil(extent_u / cell_side * kFlatness)));
+  const int rows = std::max(1, static_cast<int>(std::ceil(extent_v / cell_side / kFlatness)));
   g.bands = (rows + kBandRows - 1) / kBandRows;
-  g.per_u = static_cast<float>(g.columns) / across;
-  g.per_v = static_cast<float>(rows) / along;
+  g.per_u = static_cast<float>(g.columns) / extent_u;
+  g.per_v = static_cast<float>(rows) / extent_v;
   return g;
 }
 
@@ -236,13 +239,13 @@ ShadowMap::ShadowMap(const RasterMesh& mesh, const Vec3& aim, const DiscLight* d
   in_parallel(occluders_.size(), [&](std::size_t i) { occluders_[i] = occluder_of(mesh.strips()[i]); });
   order_occluders();
   for (const Skirt& skirt : mesh.skirts()) {
-    const auto along = [&](const float* axis) {
-      const auto at = [&](const float* p) { return axis[0] * p[0] + axis[1] * p[1] + axis[2] * p[2]; };
-      return std::minmax({at(skirt.a), at(skirt.b), at(skirt.c)});
+    const auto range_along = [&](const float* axis) {
+      const auto dot = [&](const float* p) { return axis[0] * p[0] + axis[1] * p[1] + axis[2] * p[2]; };
+      return std::minmax({dot(skirt.a), dot(skirt.b), dot(skirt.c)});
     };
-    const auto u = along(axes_.u);
-    const auto v = along(axes_.v);
-    const auto d = along(axes_.d);
+    const auto u = range_along(axes_.u);
+    const auto v = range_along(axes_.v);
+    const auto d = range_along(axes_.d);
     skirts_.push_back(with_rounding_margin({u.first, u.second, v.first, v.second, d.second}));
   }
 }
@@ -257,14 +260,14 @@ ShadowMap::Occluder ShadowMap::occluder_of(const Strip& s) const {
     low = middle - reach;
     high = middle + reach;
   };
-  Occluder c{};
+  Occluder occluder{};
   float unused;
-  range(axes_.u, c.u_low, c.u_high);
-  range(axes_.v, c.v_low, c.v_high);
-  range(axes_.d, unused, c.d_high);
-  c.may_cast = may_face_away(s, d_, 0);
-  c.horizon = disc_ && may_face_away(s, disc_->direction(0, 0), disc_->radius());
-  return c;
+  range(axes_.u, occluder.u_low, occluder.u_high);
+  range(axes_.v, occluder.v_low, occluder.v_high);
+  range(axes_.d, unused, occluder.d_high);
+  occluder.may_cast = may_face_away(s, d_, 0);
+  occluder.horizon = disc_ && may_face_away(s, disc_->direction(0, 0), disc_->radius());
+  return occluder;
 }
 
 // Returns false only if no triangle of the strip faces away from any point of a disc with its middle at `from` and a
@@ -272,8 +275,8 @@ ShadowMap::Occluder ShadowMap::occluder_of(const Strip& s) const {
 // high. Strips store the steepest rise in eight directions, and the two that enclose the Sun's azimuth bound the rise
 // toward it. The margin covers triangles whose float vertices turn them away although they are nearly edge-on.
 bool ShadowMap::may_face_away(const Strip& s, const Vec3& from, double radius) const {
-  double toward[3];
-  double shortest = std::numeric_limits<double>::infinity();
+  double toward[3];  // components of `from` along the strip's own axes: east, north, up
+  double shortest = std::numeric_limits<double>::infinity();  // shorter side of its quads, m
   for (int k = 0; k < 3; ++k) {
     const Vec3 half(static_cast<double>(s.half[k][0]), static_cast<double>(s.half[k][1]),
                     static_cast<double>(s.half[k][2]));
@@ -283,19 +286,24 @@ bool ShadowMap::may_face_away(const Strip& s, const Vec3& from, double radius) c
     if (k < 2) shortest = std::min(shortest, 2 * length / quads);
   }
   const auto [east, north, up] = toward;
-  const double along = std::abs(east);
-  const double across = std::abs(north);
-  const int axis = along >= across ? (east < 0 ? 4 : 0) : (north < 0 ? 6 : 2);
+  const double eastward = std::abs(east);
+  const double northward = std::abs(north);
+  // Split the horizontal component into one along an axis and one along a diagonal. Strip::steepest counts directions
+  // counter-clockwise from east, every 45 degrees.
+  const int axis = eastward >= northward ? (east < 0 ? 4 : 0) : (north < 0 ? 6 : 2);
   const int diagonal = north < 0 ? (east < 0 ? 5 : 7) : (east < 0 ? 3 : 1);
-  const auto first = static_cast<double>(s.steepest[axis]);
-  const auto second = static_cast<double>(s.steepest[diagonal]);
-  const double rise = std::abs(along - across) * first + std::numbers::sqrt2 * std::min(along, across) * second;
+  const auto axis_rise = static_cast<double>(s.steepest[axis]);
+  const auto diagonal_rise = static_cast<double>(s.steepest[diagonal]);
+  const double rise =
+      std::abs(eastward - northward) * axis_rise + std::numbers::sqrt2 * std::min(eastward, northward) * diagonal_rise;
   const double distance =
       Vec3(static_cast<double>(s.centre[0]), static_cast<double>(s.centre[1]), static_cast<double>(s.centre[2])).norm();
   const double margin = 2e-4 + 0x1p-19 * distance / shortest;
-  const double steepest = std::max(std::abs(first), std::abs(second));
-  const double edge = radius * (1 + std::numbers::sqrt2 * std::max(steepest, static_cast<double>(steepest_of(s))));
-  return !(rise + margin * (1 + steepest) + edge < up);
+  const double steepest = std::max(std::abs(axis_rise), std::abs(diagonal_rise));
+  // Bound how much more the ground may rise toward another point of the disc, or that point be lower.
+  const double disc_margin =
+      radius * (1 + std::numbers::sqrt2 * std::max(steepest, static_cast<double>(steepest_of(s))));
+  return !(rise + margin * (1 + steepest) + disc_margin < up);
 }
 
 // Orders the occluders. At low Sun they are cast by descending height: the highest darken most samples, and dark
@@ -336,6 +344,7 @@ void DiscSamples::clear(std::size_t capacity, bool objects) {
   if (objects) free.assign(capacity, kAllFree);
 }
 
+// Stores one lane as sample `at`. If it does not face the whole disc, NaN and an index replace its tilt.
 void DiscSamples::add(std::size_t at, const LightLanes& lanes, const DiscLanes& turned, std::size_t lane) {
   rest_u[at] = lanes.rest_u[lane];
   rest_v[at] = lanes.rest_v[lane];
@@ -358,6 +367,7 @@ void DiscSamples::add_packet(std::size_t at, const LightLanes& lanes, const Disc
   std::memcpy(&tilt_upward[at], turned.tilt_upward, sizeof turned.tilt_upward);
 }
 
+// Restores sample `at` to a lane: the inverse of add().
 void DiscSamples::get(std::size_t at, DiscLanes& turned, std::size_t lane) const {
   const float across = tilt_across[at], upward = tilt_upward[at];
   const bool faces_all = !std::isnan(across);
@@ -445,16 +455,16 @@ void ShadowMap::find_bands(const Grid& grid, const LightSamples& tile, const Sha
   const std::size_t groups = (tile.count + kPacket - 1) / kPacket;
   out.bands.resize(groups);
   HWY_DYNAMIC_DISPATCH(BandsOf)(tile.v.data(), full_groups, grid.v0, grid.bands_per_v(), grid.bands, out.bands.data());
-  // BandsOf takes only full groups. Assign the incomplete last one to all bands (the first and bands - 1 more): CellsOf
-  // leaves out samples of other bands.
+  // BandsOf takes only full groups. Assign the incomplete last one to all bands (the first and bands - 1
+  // further_bands): CellsOf leaves out samples of other bands.
   if (groups > full_groups) out.bands[full_groups] = static_cast<std::uint32_t>(bands - 1) << 16;
   out.reached.assign(groups, 1);
   if (reach) reach->find_reached(tile.u.data(), tile.v.data(), tile.d.data(), full_groups, out.reached.data());
   out.first.assign(bands + 1, 0);
   const auto for_bands_of = [&](std::size_t g, const auto& visit) {
     if (!out.reached[g]) return;
-    const std::uint32_t low = out.bands[g] & 0xffff, more = out.bands[g] >> 16;
-    for (std::uint32_t b = low; b <= low + more; ++b) visit(b);
+    const std::uint32_t first_band = out.bands[g] & 0xffff, further_bands = out.bands[g] >> 16;
+    for (std::uint32_t b = first_band; b <= first_band + further_bands; ++b) visit(b);
   };
   for (std::size_t g = 0; g < groups; ++g) for_bands_of(g, [&](std::uint32_t b) { ++out.first[b]; });
   std::uint32_t end = 0;
@@ -564,27 +574,29 @@ void ShadowMap::scatter_into_cells(std::size_t band_index, const std::vector<Lig
     }
 }
 
-// Casts the strips whose box may be above a sample of the band that is not yet dark.
+// Casts the strips whose box may be above a sample of the band that is not yet dark: marks the samples that they
+// shadow.
 void ShadowMap::cast_strips(const Grid& grid, int band_index, LightBand& band) const {
   const float lowest = *std::min_element(band.min_d.begin(), band.min_d.end());
   const float u_first = band.u0 - band.margin_m;
   const float u_last = band.u_end() + band.margin_m;
   const float v_first = band.v0 - band.margin_m;
   const float v_last = band.v_end() + band.margin_m;
-  for (const std::uint32_t s : order_) {
-    const Occluder& c = occluders_[s];
+  for (const std::uint32_t strip_index : order_) {
+    const Occluder& occluder = occluders_[strip_index];
     // Skip occluders below every sample; in descending order, all later ones are lower still.
-    if (!(c.d_high > lowest)) {
+    if (!(occluder.d_high > lowest)) {
       if (descending_) break;
       continue;
     }
-    if (c.v_high < v_first || c.v_low > v_last || c.u_high < u_first || c.u_low > u_last) continue;
-    const int c0 = grid.column_of(c.u_low);
-    const int c1 = grid.column_of(c.u_high);
-    const int r0 = grid.row_in(band_index, c.v_low);
-    const int r1 = grid.row_in(band_index, c.v_high);
-    if (!band.any_below(c0, c1, r0, r1, c.d_high)) continue;
-    const Strip& strip = mesh_.strips()[s];
+    if (occluder.v_high < v_first || occluder.v_low > v_last || occluder.u_high < u_first || occluder.u_low > u_last)
+      continue;
+    const int c0 = grid.column_of(occluder.u_low);
+    const int c1 = grid.column_of(occluder.u_high);
+    const int r0 = grid.row_in(band_index, occluder.v_low);
+    const int r1 = grid.row_in(band_index, occluder.v_high);
+    if (!band.any_below(c0, c1, r0, r1, occluder.d_high)) continue;
+    const Strip& strip = mesh_.strips()[strip_index];
     cast_strip(mesh_.blocks()[strip.block], strip, axes_, band);
     // Let later, lower strips be rejected by the samples that are still lit.
     if (descending_) update_coarse_min(band, c0, c1, r0, r1);
@@ -596,10 +608,10 @@ void ShadowMap::cast_skirts(LightBand& band) const {
   const float u_last = band.u_end() + band.margin_m;
   const float v_first = band.v0 - band.margin_m;
   const float v_last = band.v_end() + band.margin_m;
-  for (std::size_t k = 0; k < skirts_.size(); ++k) {
-    const LightBox& s = skirts_[k];
-    if (s.v_high < v_first || s.v_low > v_last || s.u_high < u_first || s.u_low > u_last) continue;
-    cast_skirt(mesh_.skirts()[k], axes_, band);
+  for (std::size_t i = 0; i < skirts_.size(); ++i) {
+    const LightBox& skirt = skirts_[i];
+    if (skirt.v_high < v_first || skirt.v_low > v_last || skirt.u_high < u_first || skirt.u_low > u_last) continue;
+    cast_skirt(mesh_.skirts()[i], axes_, band);
   }
 }
 
@@ -621,8 +633,8 @@ void ShadowMap::find_horizons(const std::vector<LightSamples>& tiles, BandScratc
     return {tile.rest_u[at], tile.rest_v[at], tile.rest_d[at]};
   });
   for (std::size_t s = 0; s < occluders_.size(); ++s) {
-    const Occluder& c = occluders_[s];
-    if (c.horizon) scratch.horizons.add(mesh_, mesh_.strips()[s], c);
+    const Occluder& occluder = occluders_[s];
+    if (occluder.horizon) scratch.horizons.add(mesh_, mesh_.strips()[s], occluder);
   }
   constexpr std::size_t kGroup = HorizonGroup::kSize;
   static_assert(kGroup == kPacket);
