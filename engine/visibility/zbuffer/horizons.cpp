@@ -68,14 +68,14 @@ HWY_INLINE VF dot(const Point& a, const Point& b) {
   return hn::Add(hn::Mul(a.u, b.u), hn::Add(hn::Mul(a.v, b.v), hn::Mul(a.d, b.d)));
 }
 
-// How triangles are turned: `toward` at least one point of the disc, `away` from at least one; both if the disc's edge
+// Orientation of triangles: `toward` at least one point of the disc, `away` from at least one; both if the disc's edge
 // crosses their plane. A degenerate triangle is not `valid`.
 struct Facing {
   MF toward, away, valid;
 };
-// Returns it from a normal n of any length. The disc's middle is in the direction (aim, 0, 1) and its edge a radius
-// from there, so n . direction is between middle - radius |(n.u, n.v)| and middle + radius |(n.u, n.v)|. The signs are
-// compared by squares that keep the sign.
+// Returns the orientation from a normal n of any length. The disc's middle is in the direction (aim, 0, 1) and its edge
+// a radius from there, so n . direction is between middle - radius |(n.u, n.v)| and middle + radius |(n.u, n.v)|. The
+// numbers are compared by their squares, which keep the sign.
 HWY_INLINE Facing facing_of(const Point& n, const DiscReach& reach) {
   const VF middle = hn::Add(hn::Mul(broadcast(reach.aim), n.u), n.d);
   const VF across2 = hn::Add(hn::Mul(n.u, n.u), hn::Mul(n.v, n.v));
@@ -369,7 +369,7 @@ void Horizons::raise_behind(const Edge& edge, const double* origin, float lowest
 void Horizons::add(const RasterMesh& mesh, const Strip& strip, const LightBox& bounds) {
   Window window;
   if (!find_window(bounds, lowest_, window)) return;
-  const MeshBlock& block = *mesh.pieces()[strip.block]->shape->of;
+  const MeshBlock& block = *mesh.pieces()[strip.block]->shape->mesh_block;
   const dem::Block& posts = *block.posts;
   const int quads = block.side - 1;
   // Place the origin at the height of the ground: relative to the datum, float could not resolve a horizon next to a

@@ -17,16 +17,15 @@ namespace {
 constexpr int kTileWidth = 128, kTileHeight = 64, kLensTileSide = 32;
 static_assert(kTileWidth % kPacket == 0 && kLensTileSide % kPacket == 0, "lanes beyond a tile are beyond the image");
 
-// Depth of the near border of the guard band; distance of the eye from the anchor above which the anchor is the pivot;
-// margin of the boxes of strips for rounding.
-constexpr float kNear_m = 0.01F;
-constexpr double kFar_m = 500e3;
-constexpr float kSlack_px = 0.05F;
+constexpr float kNear_m = 0.01F;    // depth of the near border of the guard band
+constexpr double kFar_m = 500e3;    // distance of the eye from the anchor above which the anchor is the pivot
+constexpr float kSlack_px = 0.05F;  // margin of the boxes of strips for rounding
 
 // A corner of the box of a strip, homogeneous: x / z and y / z are its pixel.
 struct Corner {
   float x, y, z;
 };
+// Returns one of the eight corners: bit e of its number is the sign of the half axis e.
 Corner corner_of(const Strip& s, int corner, const TileView& view) {
   float p[3];
   for (int k = 0; k < 3; ++k) {
@@ -76,14 +75,14 @@ bool leaves_guard_band(const Strip& s, const TileView& t) {
 ImageTiling::ImageTiling(const RasterMesh& mesh, const View& view)
     : mesh_(mesh), view_(view), camera_(view.camera()), bends_(!view.camera().rectilinear()) {}
 
-// Returns the projection from points relative to the anchor to the pixels of a tile: pixel = a (x / z, y / z) + b, in
-// camera axes.
+// Returns the projection from points relative to the anchor to the pixels of a tile: pixel = a (x / z, y / z) + b, with
+// the point (x, y, z) in camera axes. The eye is rounded to float as the pivot, and `offset` holds the difference.
 TileView ImageTiling::tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d& b, int width, int height) const {
   TileView t{};
-  const Eigen::Matrix3d m = view_.moon_from_camera().transpose();
+  const Eigen::Matrix3d camera_from_moon = view_.moon_from_camera().transpose();
   const Vec3 eye = view_.position() - mesh_.anchor();
   const bool far = eye.norm() > kFar_m;
-  const Vec3 x = m.row(0), y = m.row(1), z = m.row(2);
+  const Vec3 x = camera_from_moon.row(0), y = camera_from_moon.row(1), z = camera_from_moon.row(2);
   const Vec3 rows[3] = {x * a(0, 0) + y * a(0, 1) + z * b.x(), x * a(1, 0) + y * a(1, 1) + z * b.y(), z};
   Vec3 pivot = Vec3::Zero();
   for (int k = 0; k < 3; ++k) {
@@ -100,28 +99,29 @@ TileView ImageTiling::tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d&
   return t;
 }
 
+// Returns the view of a tile from (x0, y0) on, in pixels of the undistorted camera.
 TileView ImageTiling::undistorted_view(double x0, double y0, int width, int height) const {
   return tile_view(Eigen::Vector2d(camera_.fx, camera_.fy).asDiagonal(), {camera_.cx - x0, camera_.cy - y0}, width,
                    height);
 }
 
-// Returns the affine map that fits the lens at the middle of the tile, with the position of the sample of each pixel
-// under that map.
+// Returns the view of a tile through a lens: the affine map that fits the lens at the tile's valid pixel nearest to its
+// middle, and the position of each pixel's sample under that map. Without a valid pixel the view is empty.
 TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, TileBuffer& buffer) const {
-  const auto at = [&](int x, int y) {
+  const auto image_index = [&](int x, int y) {
     return static_cast<std::size_t>(tile.y0 + y) * static_cast<std::size_t>(camera_.width) +
            static_cast<std::size_t>(tile.x0 + x);
   };
   // Find the valid pixel nearest to the middle.
-  int best_x = -1;
-  int best_y = -1;
+  int valid_x = -1;
+  int valid_y = -1;
   int min_from_centre = std::numeric_limits<int>::max();
   for (int y = 0; y < tile.height; ++y)
     for (int x = 0; x < tile.width; ++x) {
       const int from_centre = std::abs(2 * x - tile.width) + std::abs(2 * y - tile.height);
-      if (from_centre < min_from_centre && !std::isnan(rays.x[at(x, y)])) {
-        best_x = x;
-        best_y = y;
+      if (from_centre < min_from_centre && !std::isnan(rays.x[image_index(x, y)])) {
+        valid_x = x;
+        valid_y = y;
         min_from_centre = from_centre;
       }
     }
@@ -129,22 +129,23 @@ TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, Ti
   constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
   buffer.sample_x.assign(n + kTilePadding, kNone);
   buffer.sample_y.assign(n + kTilePadding, kNone);
-  if (best_x < 0) return tile_view(Eigen::Matrix2d::Zero(), {0, 0}, 0, 0);
-  const Eigen::Vector2d middle(rays.x[at(best_x, best_y)], rays.y[at(best_x, best_y)]);
-  const Eigen::Matrix2d a =
+  if (valid_x < 0) return tile_view(Eigen::Matrix2d::Zero(), {0, 0}, 0, 0);
+  const Eigen::Vector2d middle(rays.x[image_index(valid_x, valid_y)], rays.y[image_index(valid_x, valid_y)]);
+  const Eigen::Matrix2d pixel_from_slope =
       Eigen::Vector2d(camera_.fx, camera_.fy).asDiagonal() * view_.projection().lens().jacobian(middle.x(), middle.y());
-  const Eigen::Vector2d b = Eigen::Vector2d(best_x, best_y) - a * middle;
-  TileView view = tile_view(a, b, tile.width, tile.height);
+  const Eigen::Vector2d offset = Eigen::Vector2d(valid_x, valid_y) - pixel_from_slope * middle;
+  TileView view = tile_view(pixel_from_slope, offset, tile.width, tile.height);
   for (int y = 0; y < tile.height; ++y)
     for (int x = 0; x < tile.width; ++x) {
-      const Eigen::Vector2d p = a * Eigen::Vector2d(rays.x[at(x, y)], rays.y[at(x, y)]) + b;
+      const Eigen::Vector2d p =
+          pixel_from_slope * Eigen::Vector2d(rays.x[image_index(x, y)], rays.y[image_index(x, y)]) + offset;
       if (std::isnan(p.x())) continue;
-      const std::size_t k =
+      const std::size_t pixel =
           static_cast<std::size_t>(y) * static_cast<std::size_t>(tile.width) + static_cast<std::size_t>(x);
-      buffer.sample_x[k] = static_cast<float>(p.x());
-      buffer.sample_y[k] = static_cast<float>(p.y());
-      view.slack[0] = std::max(view.slack[0], std::abs(buffer.sample_x[k] - static_cast<float>(x)));
-      view.slack[1] = std::max(view.slack[1], std::abs(buffer.sample_y[k] - static_cast<float>(y)));
+      buffer.sample_x[pixel] = static_cast<float>(p.x());
+      buffer.sample_y[pixel] = static_cast<float>(p.y());
+      view.slack[0] = std::max(view.slack[0], std::abs(buffer.sample_x[pixel] - static_cast<float>(x)));
+      view.slack[1] = std::max(view.slack[1], std::abs(buffer.sample_y[pixel] - static_cast<float>(y)));
     }
   view.sample_x = buffer.sample_x.data();
   view.sample_y = buffer.sample_y.data();
@@ -155,11 +156,11 @@ TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, Ti
 StripBox ImageTiling::box_of(const Strip& s, const TileView& image_view) const {
   constexpr float kAnywhere = std::numeric_limits<float>::infinity();
   StripBox box{{kAnywhere, kAnywhere}, {-kAnywhere, -kAnywhere}, false};
-  int behind = 0;
+  int corners_behind = 0;
   for (int corner = 0; corner < 8; ++corner) {
     const Corner c = corner_of(s, corner, image_view);
     if (!(c.z > 2 * kNear_m)) {
-      ++behind;
+      ++corners_behind;
       continue;
     }
     const float px[2] = {c.x / c.z, c.y / c.z};
@@ -168,12 +169,12 @@ StripBox ImageTiling::box_of(const Strip& s, const TileView& image_view) const {
       box.high[k] = std::max(box.high[k], px[k]);
     }
   }
-  if (behind == 8) return box;
+  if (corners_behind == 8) return box;
   // Subtract the size of the image: a tile counts pixels from its own corner.
   const float max_px = 0.9F * kGuardBand_px - static_cast<float>(std::max(camera_.width, camera_.height));
-  box.leaves_guard_band = behind > 0 || std::max({-box.low[0], -box.low[1], box.high[0], box.high[1]}) > max_px;
+  box.leaves_guard_band = corners_behind > 0 || std::max({-box.low[0], -box.low[1], box.high[0], box.high[1]}) > max_px;
   for (int k = 0; k < 2; ++k) {
-    if (behind > 0) {
+    if (corners_behind > 0) {
       box.low[k] = -kAnywhere;
       box.high[k] = kAnywhere;
     }
@@ -206,23 +207,24 @@ void ImageTiling::bound(ImageTile& tile, const PixelRays& rays) const {
     }
 }
 
+// Bounds the strips in the image, then makes the tiles, a row of tiles per task.
 void ImageTiling::lay(double dx, double dy, const PixelRays& rays, std::vector<StripBox>& boxes,
                       std::vector<ImageTile>& tiles) const {
   const int width = camera_.width, height = camera_.height;
   const int tile_width = bends_ ? kLensTileSide : kTileWidth, tile_height = bends_ ? kLensTileSide : kTileHeight;
-  const int across = (width + tile_width - 1) / tile_width;
-  const int along = (height + tile_height - 1) / tile_height;
+  const int tiles_across = (width + tile_width - 1) / tile_width;
+  const int tiles_along = (height + tile_height - 1) / tile_height;
   const TileView image_view = undistorted_view(dx, dy, width, height);
   boxes.resize(mesh_.strips().size());
   in_parallel_pieces(boxes.size(), 256, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t i = first; i < past_last; ++i) boxes[i] = box_of(mesh_.strips()[i], image_view);
   });
-  tiles.resize(static_cast<std::size_t>(across) * static_cast<std::size_t>(along));
-  in_parallel(static_cast<std::size_t>(along), [&](std::size_t row) {
+  tiles.resize(static_cast<std::size_t>(tiles_across) * static_cast<std::size_t>(tiles_along));
+  in_parallel(static_cast<std::size_t>(tiles_along), [&](std::size_t row) {
     const auto row_tiles =
-        std::span(tiles).subspan(row * static_cast<std::size_t>(across), static_cast<std::size_t>(across));
-    float low = std::numeric_limits<float>::infinity();
-    float high_end = -low;
+        std::span(tiles).subspan(row * static_cast<std::size_t>(tiles_across), static_cast<std::size_t>(tiles_across));
+    float row_low = std::numeric_limits<float>::infinity();
+    float row_high = -row_low;
     for (std::size_t column = 0; column < row_tiles.size(); ++column) {
       ImageTile& tile = row_tiles[column];
       tile.x0 = static_cast<int>(column) * tile_width;
@@ -231,21 +233,23 @@ void ImageTiling::lay(double dx, double dy, const PixelRays& rays, std::vector<S
       tile.height = std::min(tile_height, height - tile.y0);
       tile.strips.clear();
       bound(tile, rays);
-      low = std::min(low, tile.low[1]);
-      high_end = std::max(high_end, tile.high[1]);
+      row_low = std::min(row_low, tile.low[1]);
+      row_high = std::max(row_high, tile.high[1]);
     }
     // Assign each strip to the tiles of this row that its box overlaps.
     for (std::size_t i = 0; i < boxes.size(); ++i) {
-      const StripBox& b = boxes[i];
-      if (b.empty() || b.high[1] < low || b.low[1] > high_end) continue;
+      const StripBox& box = boxes[i];
+      if (box.empty() || box.high[1] < row_low || box.low[1] > row_high) continue;
       for (ImageTile& tile : row_tiles)
-        if (b.low[0] <= tile.high[0] && b.high[0] >= tile.low[0] && b.low[1] <= tile.high[1] &&
-            b.high[1] >= tile.low[1])
+        if (box.low[0] <= tile.high[0] && box.high[0] >= tile.low[0] && box.low[1] <= tile.high[1] &&
+            box.high[1] >= tile.low[1])
           tile.strips.push_back(static_cast<std::uint32_t>(i));
     }
   });
 }
 
+// Draws a tile. A box in the image is loose for a strip that leaves the guard band, and through a lens: test the strip
+// against the tile itself there.
 void ImageTiling::draw(const ImageTile& tile, double dx, double dy, const PixelRays& rays,
                        const std::vector<StripBox>& boxes, TileBuffer& buffer) const {
   const TileView view =

@@ -62,25 +62,25 @@ void RasterPass::find_points(Pixels& pixels) {
   if (sample.weight > 0 && (shader_.bases_vary() || !job_.objects.empty()))
     scratch_.bases.assign(size, shader_.base_radiance());
 
-  pixels.watch.lap_ms();
+  pixels.watch.lap_ms();  // restart the watch: the loop's time is shared out below
   std::mutex mutex;
   double draw_ms = 0, resolve_ms = 0;  // sum over threads
   in_parallel_pieces(scratch_.tiles.size(), 1, [&](std::size_t first, std::size_t past_last) {
     PixelCounts counts;
-    double draws_ms = 0, resolves_ms = 0;
+    double thread_draw_ms = 0, thread_resolve_ms = 0;
     const Pool<TileBuffer>::Lease buffer(scratch_.buffers);
     for (std::size_t i = first; i < past_last; ++i) {
       job_.stop.check();
       Stopwatch lap;
       tiling_.draw(scratch_.tiles[i], sample.dx, sample.dy, lens, scratch_.boxes, *buffer);
-      draws_ms += lap.lap_ms();
+      thread_draw_ms += lap.lap_ms();
       resolve_tile(scratch_.tiles[i], *buffer, sample, lens, counts, scratch_.samples[i]);
-      resolves_ms += lap.lap_ms();
+      thread_resolve_ms += lap.lap_ms();
     }
     if (sample.count) writer_.merge(counts);
     const std::lock_guard lock(mutex);
-    draw_ms += draws_ms;
-    resolve_ms += resolves_ms;
+    draw_ms += thread_draw_ms;
+    resolve_ms += thread_resolve_ms;
   });
   // Distribute the wall-clock time of the loop by the work of all threads.
   const double tiles_ms = pixels.watch.lap_ms();
@@ -97,15 +97,15 @@ void RasterPass::resolve_tile(const ImageTile& tile, const TileBuffer& buffer, c
   PacketShader::Sampler sampler = shader_.sampler(job_.stop);
   for (int y = 0; y < tile.height; ++y)
     for (int x = 0; x < tile.width; x += kPacket) {
-      const std::size_t first =
+      const std::size_t first_pixel =
           static_cast<std::size_t>(tile.y0 + y) * static_cast<std::size_t>(request_.camera.width) +
           static_cast<std::size_t>(tile.x0 + x);
       const std::uint32_t* triangles =
           &buffer.triangle[static_cast<std::size_t>(y) * static_cast<std::size_t>(tile.width) +
                            static_cast<std::size_t>(x)];
-      resolve({tile.x0 + x, tile.y0 + y, std::min(kPacket, tile.width - x), first, sample, lens, shader_,
-               sample.weight > 0 ? radiance_of(sample).data() + first : nullptr,
-               scratch_.bases.empty() ? nullptr : scratch_.bases.data() + first},
+      resolve({tile.x0 + x, tile.y0 + y, std::min(kPacket, tile.width - x), first_pixel, sample, lens, shader_,
+               sample.weight > 0 ? radiance_of(sample).data() + first_pixel : nullptr,
+               scratch_.bases.empty() ? nullptr : scratch_.bases.data() + first_pixel},
               triangles, counts, samples, sampler);
     }
   samples.bound();
@@ -119,8 +119,8 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
   prefetch(triangles + kPacket);
   ResolvedRow by_kernel;
   resolve_by_kernel(row, points, by_kernel);
-  if (by_kernel.resolved == kAllLanes && !wants_points(row, points, counts)) {
-    keep_row(row, by_kernel, samples);
+  if (by_kernel.resolved == kAllLanes && !needs_points(row, points, counts)) {
+    store_row(row, by_kernel, samples);
     return;
   }
   Rays rays;
@@ -129,7 +129,7 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
   refine(job_.scene.mesh, rays, points, facets);
   // Resolve again by the refined triangles: a pixel must not depend on the triangles that float proposed for its row.
   if (by_kernel.resolved != kAllLanes) resolve_by_kernel(row, points, by_kernel);
-  keep_row(row, by_kernel, samples);
+  store_row(row, by_kernel, samples);
   resolve_points(row, rays, points, facets, by_kernel, counts, samples, sampler);
 }
 
@@ -143,7 +143,7 @@ void RasterPass::resolve_by_kernel(const Row& row, const SurfacePoints& points, 
 }
 
 // Stores the radiance of the resolved pixels, and adds the lit ones to the samples of the shadow map.
-void RasterPass::keep_row(const Row& row, const ResolvedRow& resolved, LightSamples& samples) {
+void RasterPass::store_row(const Row& row, const ResolvedRow& resolved, LightSamples& samples) {
   if (resolved.resolved == kAllLanes)
     std::memcpy(row.radiance, resolved.radiance, sizeof resolved.radiance);
   else
@@ -164,7 +164,7 @@ void RasterPass::keep_row(const Row& row, const ResolvedRow& resolved, LightSamp
 
 // Counts the pixels of a row whose light and radiance are known. Returns whether their points are needed nevertheless:
 // for ground truth, marks or sources that vary within a quad.
-bool RasterPass::wants_points(const Row& row, const SurfacePoints& points, PixelCounts& counts) {
+bool RasterPass::needs_points(const Row& row, const SurfacePoints& points, PixelCounts& counts) {
   const SubpixelSample& sample = row.sample;
   if (sample.store && writer_.wants_geometry_of(row.y)) return true;
   if (!sample.count) return false;
@@ -180,7 +180,8 @@ SurfacePoints with_hits(SurfacePoints points, std::uint32_t lanes) {
 
 }  // namespace
 
-// Resolves sixteen pixels whose terrain points are known. The kernel has resolved light and radiance of some of them.
+// Resolves sixteen pixels whose terrain points are known: objects in front of the terrain, light and radiance of the
+// lanes that the kernel has not resolved, then counts and ground truth of all lanes.
 void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& points, const Facets& facets,
                                 const ResolvedRow& by_kernel, PixelCounts& counts, LightSamples& samples,
                                 PacketShader::Sampler& sampler) {
@@ -199,29 +200,30 @@ void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& point
   alignas(64) float lit[kPacket] = {};
   alignas(64) float radiance[kPacket];
   alignas(64) float base[kPacket];
-  const std::uint32_t left = hits & ~by_kernel.resolved;
-  const bool shades = sample.weight > 0 && left != 0;
-  if (sample.light && left != 0)
-    light_packet(left == hits ? points : with_hits(points, left), nullptr, row.first, shading, lit, samples);
+  const std::uint32_t unresolved = hits & ~by_kernel.resolved;
+  const bool shades = sample.weight > 0 && unresolved != 0;
+  if (sample.light && unresolved != 0)
+    light_packet(unresolved == hits ? points : with_hits(points, unresolved), nullptr, row.first, shading, lit,
+                 samples);
   if (shades) row.shader.radiances(points, shading, rays, lit, sampler, radiance, base);
-  const bool bases = shades && row.shader.bases_vary();
-  const bool counted =
+  const bool stores_bases = shades && row.shader.bases_vary();
+  const bool is_counted =
       !sample.count || (writer_.out().source.empty() && writer_.account_all(points.triangle, hits, counts));
-  const bool stores = sample.store && writer_.wants_geometry_of(row.y);
-  if (left == kAllLanes && counted && !stores && !bases) {
+  const bool stores_geometry = sample.store && writer_.wants_geometry_of(row.y);
+  if (unresolved == kAllLanes && is_counted && !stores_geometry && !stores_bases) {
     if (shades) std::memcpy(row.radiance, radiance, sizeof radiance);
     return;
   }
   for (int i = 0; i < kPacket; ++i) {
     if (!points.hit[i]) continue;
-    const std::size_t at = row.first + static_cast<std::size_t>(i);
-    if (left >> i & 1) {
+    const std::size_t pixel = row.first + static_cast<std::size_t>(i);
+    if (unresolved >> i & 1) {
       if (shades) row.radiance[i] = radiance[i];
-      if (bases) row.bases[i] = base[i];
+      if (stores_bases) row.bases[i] = base[i];
     } else if (by_kernel.lit >> i & 1)
-      lit[i] = 1;
-    if (!counted) writer_.account(points, i, at, counts);
-    if (stores) writer_.store_geometry(points, i, rays.direction(i), shading, lit[i], at);
+      lit[i] = 1;  // for store_geometry(); light_packet() has not seen this lane
+    if (!is_counted) writer_.account(points, i, pixel, counts);
+    if (stores_geometry) writer_.store_geometry(points, i, rays.direction(i), shading, lit[i], pixel);
   }
 }
 
@@ -274,31 +276,33 @@ void RasterPass::light_packet(const SurfacePoints& points, const std::uint16_t* 
                               Shading& shading, float* lit, LightSamples& samples) const {
   const auto first = static_cast<std::uint32_t>(first_pixel);
   if (disc_) {
-    DiscLanes turned;
-    const std::uint32_t facing = disc_->unoccluded(points, shading, turned, lit);
+    DiscLanes disc_lanes;
+    const std::uint32_t facing = disc_->unoccluded(points, shading, disc_lanes, lit);
     if (facing == 0) return;
     DiscLight::FreeDirections free[kPacket];
     const std::uint32_t partly =
-        job_.objects.empty() ? 0 : remove_object_shadows(points, own_object, facing, turned, shading, lit, free);
-    add_samples(points, first, {&turned, partly, free}, all_lit_inside(points, lit), lit, samples);
+        job_.objects.empty() ? 0 : remove_object_shadows(points, own_object, facing, disc_lanes, shading, lit, free);
+    add_samples(points, first, {&disc_lanes, partly, free}, all_lit_inside(points, lit), lit, samples);
     return;
   }
-  alignas(64) std::int32_t facing[kPacket];
+  alignas(64) std::int32_t facing[kPacket];  // 1: the facet faces a point Sun and no object blocks it
   facing_sun(points, request_.sun.direction, facing);
   if (!job_.objects.empty()) shade_by_objects(points, own_object, facing);
   lit_lanes(points, shading, facing, lit);
   add_samples(points, first, {}, all_lit_inside(points, lit), lit, samples);
 }
 
+// Reduces `lit` and the shading's cosine for the lanes of which objects hide part of the disc, and sets `free` to the
+// directions that they leave free. Returns these lanes.
 [[gnu::noinline]] std::uint32_t RasterPass::remove_object_shadows(const SurfacePoints& points,
                                                                   const std::uint16_t* own_object, std::uint32_t lanes,
-                                                                  const DiscLanes& turned, Shading& shading, float* lit,
-                                                                  DiscLight::FreeDirections* free) const {
+                                                                  const DiscLanes& disc_lanes, Shading& shading,
+                                                                  float* lit, DiscLight::FreeDirections* free) const {
   return disc_->remove_blocked(
       [&](std::uint32_t facing_lanes, const Vec3& toward) {
         return job_.objects.blocked(points, own_object, facing_lanes, toward);
       },
-      lanes, turned, lit, shading.incident, free);
+      lanes, disc_lanes, lit, shading.incident, free);
 }
 
 // Clears `facing` for the lanes whose sunlight an object blocks.
@@ -319,33 +323,34 @@ void RasterPass::add_samples(const SurfacePoints& p, std::uint32_t first_pixel, 
   constexpr float kStep_m = 0.01F;
   LightLanes lanes;
   shadows_->place(p, lanes);
-  const auto add_free = [&](std::size_t at, std::size_t i) {
+  // Records the directions that objects leave free for lane i, if they hide any.
+  const auto add_free = [&](std::size_t sample, std::size_t i) {
     if (!(disc.partly >> i & 1)) return;
-    samples.disc.free[at] = static_cast<std::uint32_t>(samples.disc.free_of_objects.size());
+    samples.disc.free[sample] = static_cast<std::uint32_t>(samples.disc.free_of_objects.size());
     samples.disc.free_of_objects.push_back(disc.free[i]);
   };
-  if (all_inside && (!disc.turned || disc.turned->facing_all == kAllLanes)) {
-    if (disc.turned) samples.disc.add_packet(samples.count, lanes, *disc.turned);
+  if (all_inside && (!disc.disc_lanes || disc.disc_lanes->facing_all == kAllLanes)) {
+    if (disc.disc_lanes) samples.disc.add_packet(samples.count, lanes, *disc.disc_lanes);
     for (std::size_t i = 0; disc.partly && i < kPacket; ++i) add_free(samples.count + i, i);
     samples.add_packet(lanes, first_pixel);
     return;
   }
   for (int i = 0; i < kPacket; ++i) {
     if (!(lit[i] > 0)) continue;
-    float up = 0;
+    float lift_m = 0;
     if (std::min({p.v[i], p.w[i], 1 - p.v[i] - p.w[i]}) <= kEdge) {
-      up = kStep_m;
+      lift_m = kStep_m;
       if (buried(job_.scene.mesh, p.triangle[i], p.position(i) + static_cast<double>(kStep_m) * shadows_->aim())) {
         lit[i] = 0;
         continue;
       }
     }
-    if (disc.turned) {
+    if (disc.disc_lanes) {
       const auto lane = static_cast<std::size_t>(i);
-      samples.disc.add(samples.count, lanes, *disc.turned, lane);
+      samples.disc.add(samples.count, lanes, *disc.disc_lanes, lane);
       add_free(samples.count, lane);
     }
-    samples.add(lanes.u[i], lanes.v[i], lanes.d[i] + up, first_pixel + static_cast<std::uint32_t>(i));
+    samples.add(lanes.u[i], lanes.v[i], lanes.d[i] + lift_m, first_pixel + static_cast<std::uint32_t>(i));
   }
 }
 
@@ -356,17 +361,17 @@ void RasterPass::find_light(Pixels& pixels) {
   shadows_->cast(scratch_.samples, scratch_.light, job_.stop);
   FrameProducts& out = writer_.out();
   if (!sample.store || (out.lit.empty() && out.irradiance.empty())) return;
-  for_shaded([&](const PartlyLit& left) {
-    const auto slot = writer_.slot(left.pixel);
+  for_each_shaded([&](const PartlyLit& remaining) {
+    const auto slot = writer_.slot(remaining.pixel);
     if (!slot) return;
-    if (!out.lit.empty()) out.lit[*slot] *= left.share;
-    if (!out.irradiance.empty()) out.irradiance[3 * *slot] *= left.cosine;
+    if (!out.lit.empty()) out.lit[*slot] *= remaining.share;
+    if (!out.irradiance.empty()) out.irradiance[3 * *slot] *= remaining.cosine;
   });
 }
 
 // Calls visit(remaining light) for each pixel that loses light to terrain between it and the Sun. Parallel over bands.
-template <typename Work>
-void RasterPass::for_shaded(const Work& visit) const {
+template <typename Visit>
+void RasterPass::for_each_shaded(const Visit& visit) const {
   in_parallel(scratch_.light.shadowed.size(), [&](std::size_t band) {
     for (const std::uint32_t at : scratch_.light.shadowed[band]) visit({at, 0, 0});
     if (!disc_) return;
@@ -374,6 +379,7 @@ void RasterPass::for_shaded(const Work& visit) const {
   });
 }
 
+// Takes the direct light away from the radiance of shadowed pixels, then refines edges if requested.
 void RasterPass::find_radiance(Pixels& pixels) {
   const SubpixelSample& sample = pixels.sample;
   if (sample.weight > 0 && sample.light) shade(radiance_of(sample), scratch_.bases);
@@ -384,13 +390,13 @@ void RasterPass::find_radiance(Pixels& pixels) {
 // Reduces radiance to what shadows leave of it.
 void RasterPass::shade(std::vector<float>& radiance, const std::vector<float>& bases) const {
   const float everywhere = shader_.base_radiance();
-  for_shaded([&](const PartlyLit& left) {
-    const float base = bases.empty() ? everywhere : bases[left.pixel];
-    radiance[left.pixel] = base + (radiance[left.pixel] - base) * left.cosine;
+  for_each_shaded([&](const PartlyLit& remaining) {
+    const float base = bases.empty() ? everywhere : bases[remaining.pixel];
+    radiance[remaining.pixel] = base + (radiance[remaining.pixel] - base) * remaining.cosine;
   });
 }
 
-// A batch of tiles of the dense frame: from first to past_last.
+// A batch of tiles of the dense frame (edge_samples.h: four samples per pixel): from first to past_last.
 struct RasterPass::EdgeTiles {
   const EdgeSamples& edges;
   const ImageTiling& tiling;
@@ -412,7 +418,7 @@ void RasterPass::refine_edges(Pixels& pixels) {
     edge_scratch.pixels[i] =
         edges.find(radiance, tile.x0 / kSide, tile.y0 / kSide, tile.width / kSide, tile.height / kSide);
   });
-  // Bound the memory by batches; see frame/needs.h.
+  // Bound the memory by batches of tiles with at most this many samples, or of one tile; see frame/needs.h.
   const std::size_t max_samples = radiance.size() / 2;
   for (EdgeTiles batch{edges, tiling, 0, 0}; batch.first < edge_scratch.tiles.size(); batch.first = batch.past_last) {
     edge_scratch.first.assign(1, 0);
@@ -427,6 +433,7 @@ void RasterPass::refine_edges(Pixels& pixels) {
   }
 }
 
+// Runs the stages for one batch of tiles, and replaces the radiance of its edge pixels by the mean of their samples.
 void RasterPass::refine_tiles(const EdgeTiles& batch, Pixels& pixels) {
   EdgeScratch& edge_scratch = scratch_.edges;
   const std::size_t tiles = batch.past_last - batch.first;
@@ -455,16 +462,17 @@ void RasterPass::refine_tiles(const EdgeTiles& batch, Pixels& pixels) {
   }
   std::vector<float>& radiance = radiance_of(pixels.sample);
   in_parallel(tiles, [&](std::size_t i) {
-    const float* of_sample = edge_scratch.radiance.data() + edge_scratch.first[i];
+    const float* sample_radiance = edge_scratch.radiance.data() + edge_scratch.first[i];
     for (const std::uint32_t pixel : edge_scratch.pixels[batch.first + i]) {
-      radiance[pixel] = EdgeSamples::mean(of_sample);
-      of_sample += EdgeSamples::kPerPixel;
+      radiance[pixel] = EdgeSamples::mean(sample_radiance);
+      sample_radiance += EdgeSamples::kPerPixel;
     }
   });
   times_.shadow_ms += pixels.watch.lap_ms();
 }
 
-// Resolves the edge samples of a tile that has been drawn.
+// Resolves the edge samples of tile i of the batch, which has been drawn into `buffer`, in packets across the tile's
+// rows: a packet is neither at one place of the image nor counted, so its row has no position.
 void RasterPass::resolve_edges(const EdgeTiles& batch, std::size_t i, const TileBuffer& buffer) {
   constexpr SubpixelSample kSample{0, 0, false, 1, true, false};
   EdgeScratch& edge_scratch = scratch_.edges;
@@ -472,10 +480,10 @@ void RasterPass::resolve_edges(const EdgeTiles& batch, std::size_t i, const Tile
   const std::vector<std::uint32_t>& pixels = edge_scratch.pixels[batch.first + i];
   PacketShader::Sampler sampler = batch.edges.shader().sampler(job_.stop);
   PixelCounts uncounted;
-  for (std::size_t at = 0; at < pixels.size() * EdgeSamples::kPerPixel; at += kPacket) {
+  for (std::size_t first_sample = 0; first_sample < pixels.size() * EdgeSamples::kPerPixel; first_sample += kPacket) {
     EdgeSamples::DensePixels dense_pixels;
     Rays rays;
-    const int count = batch.edges.aim(pixels, at, dense_pixels, rays);
+    const int count = batch.edges.aim(pixels, first_sample, dense_pixels, rays);
     std::uint32_t triangles[kPacket];
     for (int k = 0; k < count; ++k)
       triangles[k] =
@@ -485,7 +493,7 @@ void RasterPass::resolve_edges(const EdgeTiles& batch, std::size_t i, const Tile
     take_triangles(triangles, count, points);
     Facets facets;
     refine(job_.scene.mesh, rays, points, facets);
-    const std::size_t first = edge_scratch.first[i] + at;
+    const std::size_t first = edge_scratch.first[i] + first_sample;
     const Row row{0,
                   0,
                   count,

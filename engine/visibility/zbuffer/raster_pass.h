@@ -81,7 +81,8 @@ class RasterPass {
   // Resolves the pixels of a tile that has been drawn into `buffer`.
   void resolve_tile(const ImageTile& tile, const TileBuffer& buffer, const SubpixelSample& sample,
                     const PixelRays& lens, PixelCounts& counts, LightSamples& samples);
-  // Resolves sixteen pixels from the ids of their triangles: aims their rays and refines their points.
+  // Resolves sixteen pixels from the ids of their triangles: by the row kernel where that is enough, else aims their
+  // rays and refines their points.
   void resolve(const Row& row, const std::uint32_t* triangles, PixelCounts& counts, LightSamples& samples,
                PacketShader::Sampler& sampler);
   void resolve_points(const Row& row, Rays& rays, SurfacePoints& points, const Facets& facets,
@@ -89,8 +90,8 @@ class RasterPass {
                       PacketShader::Sampler& sampler);
   // Resolves light and radiance of the pixels that row_kernel.h can resolve.
   void resolve_by_kernel(const Row& row, const SurfacePoints& points, ResolvedRow& out) const;
-  static void keep_row(const Row& row, const ResolvedRow& resolved, LightSamples& samples);
-  bool wants_points(const Row& row, const SurfacePoints& points, PixelCounts& counts);
+  static void store_row(const Row& row, const ResolvedRow& resolved, LightSamples& samples);
+  bool needs_points(const Row& row, const SurfacePoints& points, PixelCounts& counts);
   // Replaces pixels at edges by the mean of four samples; see edge_samples.h.
   void refine_edges(Pixels& pixels);
   struct EdgeTiles;  // a batch of tiles
@@ -107,18 +108,18 @@ class RasterPass {
   // A packet and the solar disc; empty for a point Sun. partly: lanes for which objects hide part of the disc; free:
   // the directions that they leave free.
   struct DiscState {
-    const DiscLanes* turned = nullptr;
+    const DiscLanes* disc_lanes = nullptr;
     std::uint32_t partly = 0;
     const DiscLight::FreeDirections* free = nullptr;
   };
   std::uint32_t remove_object_shadows(const SurfacePoints& points, const std::uint16_t* own_object, std::uint32_t lanes,
-                                      const DiscLanes& turned, Shading& shading, float* lit,
+                                      const DiscLanes& disc_lanes, Shading& shading, float* lit,
                                       DiscLight::FreeDirections* free) const;
   void add_samples(const SurfacePoints& points, std::uint32_t first_pixel, const DiscState& disc, bool all_inside,
                    float* lit, LightSamples& samples) const;
   // Calls visit for each pixel that loses light to terrain.
-  template <typename Work>
-  void for_shaded(const Work& visit) const;
+  template <typename Visit>
+  void for_each_shaded(const Visit& visit) const;
   // Returns the array for the radiance of a sample: the product itself if it is the only sample.
   std::vector<float>& radiance_of(const SubpixelSample& sample) {
     return sample.store ? writer_.out().radiance : scratch_.radiance;

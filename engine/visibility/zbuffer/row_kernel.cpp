@@ -35,47 +35,53 @@ struct alignas(64) RowPoints {
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// Intersects the rays with their triangles and places the points in light space.
-void FindRowPoints(const RowTerms& g, const Facets& t, double x, double y, RowPoints& points, ResolvedRow& out) {
+// Intersects the rays with their triangles, by the equations in row_kernel.h, and places the points in light space.
+// (ax, ay, az) is the vector from the eye to corner a, b and c are the edges e1 and e2, n is the normal.
+void FindRowPoints(const RowTerms& terms, const Facets& facets, double x, double y, RowPoints& points,
+                   ResolvedRow& out) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double px = x + i;
-    const double dx = g.first[0] + g.right[0] * px + g.down[0] * y;
-    const double dy = g.first[1] + g.right[1] * px + g.down[1] * y;
-    const double dz = g.first[2] + g.right[2] * px + g.down[2] * y;
-    const double ax = t.a[0][i] - g.eye[0], ay = t.a[1][i] - g.eye[1], az = t.a[2][i] - g.eye[2];
-    const double bx = t.b[0][i] - t.a[0][i], by = t.b[1][i] - t.a[1][i], bz = t.b[2][i] - t.a[2][i];
-    const double cx = t.c[0][i] - t.a[0][i], cy = t.c[1][i] - t.a[1][i], cz = t.c[2][i] - t.a[2][i];
+    const double dx = terms.first[0] + terms.right[0] * px + terms.down[0] * y;
+    const double dy = terms.first[1] + terms.right[1] * px + terms.down[1] * y;
+    const double dz = terms.first[2] + terms.right[2] * px + terms.down[2] * y;
+    const double ax = facets.a[0][i] - terms.eye[0], ay = facets.a[1][i] - terms.eye[1],
+                 az = facets.a[2][i] - terms.eye[2];
+    const double bx = facets.b[0][i] - facets.a[0][i], by = facets.b[1][i] - facets.a[1][i],
+                 bz = facets.b[2][i] - facets.a[2][i];
+    const double cx = facets.c[0][i] - facets.a[0][i], cy = facets.c[1][i] - facets.a[1][i],
+                 cz = facets.c[2][i] - facets.a[2][i];
     const double nx = by * cz - bz * cy, ny = bz * cx - bx * cz, nz = bx * cy - by * cx;
-    const double toward = nx * dx + ny * dy + nz * dz;
-    const double per_toward = 1 / toward;
-    const double distance = (nx * ax + ny * ay + nz * az) * per_toward;
-    const double v = (dx * (cy * az - cz * ay) + dy * (cz * ax - cx * az) + dz * (cx * ay - cy * ax)) * per_toward;
-    const double w = (dx * (ay * bz - az * by) + dy * (az * bx - ax * bz) + dz * (ax * by - ay * bx)) * per_toward;
+    const double ray_to_normal = nx * dx + ny * dy + nz * dz;
+    const double inverse = 1 / ray_to_normal;
+    const double distance = (nx * ax + ny * ay + nz * az) * inverse;
+    const double v = (dx * (cy * az - cz * ay) + dy * (cz * ax - cx * az) + dz * (cx * ay - cy * ax)) * inverse;
+    const double w = (dx * (ay * bz - az * by) + dy * (az * bx - ax * bz) + dz * (ax * by - ay * bx)) * inverse;
     const double u = 1 - v - w;
-    const double lower = v < w ? v : w;
-    const double inside = lower < u ? lower : u;
-    const double along = g.axis[2][0] * dx + g.axis[2][1] * dy + g.axis[2][2] * dz;
+    const double min_vw = v < w ? v : w;
+    const double inside = min_vw < u ? min_vw : u;
+    const double ray_to_sun = terms.axis[2][0] * dx + terms.axis[2][1] * dy + terms.axis[2][2] * dz;
     points.ray2[i] = dx * dx + dy * dy + dz * dz;
-    points.ray_to_sun[i] = along;
+    points.ray_to_sun[i] = ray_to_sun;
     points.v[i] = static_cast<float>(v);
     points.w[i] = static_cast<float>(w);
     points.inside[i] = static_cast<float>(inside);
-    points.above[i] = static_cast<float>(toward < 0 ? distance : -1);
-    points.facing[i] = static_cast<float>(g.axis[2][0] * nx + g.axis[2][1] * ny + g.axis[2][2] * nz);
+    points.above[i] = static_cast<float>(ray_to_normal < 0 ? distance : -1);
+    points.facing[i] = static_cast<float>(terms.axis[2][0] * nx + terms.axis[2][1] * ny + terms.axis[2][2] * nz);
     points.dx[i] = static_cast<float>(dx);
     points.dy[i] = static_cast<float>(dy);
     points.dz[i] = static_cast<float>(dz);
-    out.light.u[i] =
-        static_cast<float>(g.from_eye[0] + distance * (g.axis[0][0] * dx + g.axis[0][1] * dy + g.axis[0][2] * dz));
-    out.light.v[i] =
-        static_cast<float>(g.from_eye[1] + distance * (g.axis[1][0] * dx + g.axis[1][1] * dy + g.axis[1][2] * dz));
-    out.light.d[i] = static_cast<float>(g.from_eye[2] + distance * along);
+    out.light.u[i] = static_cast<float>(
+        terms.from_eye[0] + distance * (terms.axis[0][0] * dx + terms.axis[0][1] * dy + terms.axis[0][2] * dz));
+    out.light.v[i] = static_cast<float>(
+        terms.from_eye[1] + distance * (terms.axis[1][0] * dx + terms.axis[1][1] * dy + terms.axis[1][2] * dz));
+    out.light.d[i] = static_cast<float>(terms.from_eye[2] + distance * ray_to_sun);
   }
 }
 
-// Shades the points.
-void ShadeRow(const RowTerms& terms, RowPoints& p, const Facets& t, ResolvedRow& out) {
+// Shades the points: interpolates the normal, and evaluates the reflectance with closed terms. Sets the lanes that are
+// resolved, and those of them that are lit. (ax, ay, az) is the normal of vertex a, n the interpolated one.
+void ShadeRow(const RowTerms& terms, RowPoints& points, const Facets& facets, ResolvedRow& out) {
   const float sx = terms.sun[0];
   const float sy = terms.sun[1];
   const float sz = terms.sun[2];
@@ -86,23 +92,23 @@ void ShadeRow(const RowTerms& terms, RowPoints& p, const Facets& t, ResolvedRow&
   std::uint32_t all_resolved = 0, lit = 0;
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const float v = p.v[i], w = p.w[i];
-    const float ax = t.normal_a[0][i], ay = t.normal_a[1][i], az = t.normal_a[2][i];
-    const float nx = ax + v * (t.normal_b[0][i] - ax) + w * (t.normal_c[0][i] - ax);
-    const float ny = ay + v * (t.normal_b[1][i] - ay) + w * (t.normal_c[1][i] - ay);
-    const float nz = az + v * (t.normal_b[2][i] - az) + w * (t.normal_c[2][i] - az);
-    const float dx = p.dx[i], dy = p.dy[i], dz = p.dz[i];
-    const float along = nx * dx + ny * dy + nz * dz;
-    const float toward = nx * sx + ny * sy + nz * sz;
-    const float per_normal = 1 / std::sqrt(nx * nx + ny * ny + nz * nz);
-    const float mu0 = toward * per_normal;
-    const float mu = -along * per_normal / std::sqrt(dx * dx + dy * dy + dz * dz);
+    const float v = points.v[i], w = points.w[i];
+    const float ax = facets.normal_a[0][i], ay = facets.normal_a[1][i], az = facets.normal_a[2][i];
+    const float nx = ax + v * (facets.normal_b[0][i] - ax) + w * (facets.normal_c[0][i] - ax);
+    const float ny = ay + v * (facets.normal_b[1][i] - ay) + w * (facets.normal_c[1][i] - ay);
+    const float nz = az + v * (facets.normal_b[2][i] - az) + w * (facets.normal_c[2][i] - az);
+    const float dx = points.dx[i], dy = points.dy[i], dz = points.dz[i];
+    const float normal_to_ray = nx * dx + ny * dy + nz * dz;
+    const float normal_to_sun = nx * sx + ny * sy + nz * sz;
+    const float inverse_length = 1 / std::sqrt(nx * nx + ny * ny + nz * nz);
+    const float mu0 = normal_to_sun * inverse_length;
+    const float mu = -normal_to_ray * inverse_length / std::sqrt(dx * dx + dy * dy + dz * dz);
     const float radiance = lommel_seeliger * (mu0 / (mu0 + mu)) + lambert * mu0;  // eqs. (2), (4) and (10)
-    p.mu0[i] = mu0;
-    p.mu[i] = mu;
-    const bool faces_sun = (toward > 0) & (p.facing[i] > 0);
-    const bool resolved =
-        (p.inside[i] > kRowEdge) & (p.above[i] > 0) & (along < 0) & (!(p.facing[i] > 0) | (out.light.d[i] > horizon_m));
+    points.mu0[i] = mu0;
+    points.mu[i] = mu;
+    const bool faces_sun = (normal_to_sun > 0) & (points.facing[i] > 0);
+    const bool resolved = (points.inside[i] > kRowEdge) & (points.above[i] > 0) & (normal_to_ray < 0) &
+                          (!(points.facing[i] > 0) | (out.light.d[i] > horizon_m));
     out.radiance[i] = (faces_sun ? radiance : 0.F) + base;
     lit |= faces_sun ? 1U << i : 0U;
     all_resolved |= resolved ? 1U << i : 0U;
@@ -148,6 +154,7 @@ void reflect_row(const RowTerms& terms, const RowPoints& points, ResolvedRow& ou
 
 }  // namespace
 
+// Light space has its origin at the anchor, so the Moon's centre, the origin of MOON_ME, lies at -anchor.
 RowTerms::RowTerms(const View& view, const Vec3& anchor, const std::array<Vec3, 3>& axes, const Brdf& brdf,
                    double sunlight_w_m2, float base_w_m2_sr)
     : horizon_m(static_cast<float>(-axes[2].dot(anchor))),

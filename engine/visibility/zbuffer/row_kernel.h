@@ -30,7 +30,8 @@ struct RowTerms {
 
   double first[3], right[3], down[3], eye[3];  // LinearRays; MOON_ME, m
   double axis[3][3], from_eye[3];              // axes of light space, and the eye in it
-  float sun[3], horizon_m;                     // toward the Sun; light-space d of the Moon's centre
+  float sun[3];                                // toward the Sun
+  float horizon_m;                             // light-space d of the Moon's centre, which may hide the Sun from below
   float lommel_seeliger, lambert, base;        // BrdfTerms times irradiance; W m-2 sr-1
   const Brdf* open_brdf;                       // a reflectance without closed terms, which are then 0; else null
   double irradiance_w_m2;

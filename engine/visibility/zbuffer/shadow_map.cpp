@@ -345,43 +345,43 @@ void DiscSamples::clear(std::size_t capacity, bool objects) {
 }
 
 // Stores one lane as sample `at`. If it does not face the whole disc, NaN and an index replace its tilt.
-void DiscSamples::add(std::size_t at, const LightLanes& lanes, const DiscLanes& turned, std::size_t lane) {
+void DiscSamples::add(std::size_t at, const LightLanes& lanes, const DiscLanes& disc_lanes, std::size_t lane) {
   rest_u[at] = lanes.rest_u[lane];
   rest_v[at] = lanes.rest_v[lane];
   rest_d[at] = lanes.rest_d[lane];
-  tilt_across[at] = turned.tilt_across[lane];
-  tilt_upward[at] = turned.tilt_upward[lane];
-  if (turned.facing_all >> lane & 1) return;
+  tilt_across[at] = disc_lanes.tilt_across[lane];
+  tilt_upward[at] = disc_lanes.tilt_upward[lane];
+  if (disc_lanes.facing_all >> lane & 1) return;
   tilt_across[at] = std::numeric_limits<float>::quiet_NaN();
   tilt_upward[at] = std::bit_cast<float>(static_cast<std::uint32_t>(grazed.size()));
-  const DiscPlanes &f = turned.facet, &s = turned.shading;
+  const DiscPlanes &f = disc_lanes.facet, &s = disc_lanes.shading;
   grazed.push_back(
       {{f.middle[lane], f.across[lane], f.upward[lane]}, {s.middle[lane], s.across[lane], s.upward[lane]}});
 }
 
-void DiscSamples::add_packet(std::size_t at, const LightLanes& lanes, const DiscLanes& turned) {
+void DiscSamples::add_packet(std::size_t at, const LightLanes& lanes, const DiscLanes& disc_lanes) {
   std::memcpy(&rest_u[at], lanes.rest_u, sizeof lanes.rest_u);
   std::memcpy(&rest_v[at], lanes.rest_v, sizeof lanes.rest_v);
   std::memcpy(&rest_d[at], lanes.rest_d, sizeof lanes.rest_d);
-  std::memcpy(&tilt_across[at], turned.tilt_across, sizeof turned.tilt_across);
-  std::memcpy(&tilt_upward[at], turned.tilt_upward, sizeof turned.tilt_upward);
+  std::memcpy(&tilt_across[at], disc_lanes.tilt_across, sizeof disc_lanes.tilt_across);
+  std::memcpy(&tilt_upward[at], disc_lanes.tilt_upward, sizeof disc_lanes.tilt_upward);
 }
 
 // Restores sample `at` to a lane: the inverse of add().
-void DiscSamples::get(std::size_t at, DiscLanes& turned, std::size_t lane) const {
+void DiscSamples::get(std::size_t at, DiscLanes& disc_lanes, std::size_t lane) const {
   const float across = tilt_across[at], upward = tilt_upward[at];
   const bool faces_all = !std::isnan(across);
   const Grazed planes =
       faces_all ? Grazed{{1, 0, 0}, {1, across, upward}} : grazed[std::bit_cast<std::uint32_t>(upward)];
-  turned.facet.middle[lane] = planes.facet[0];
-  turned.facet.across[lane] = planes.facet[1];
-  turned.facet.upward[lane] = planes.facet[2];
-  turned.shading.middle[lane] = planes.shading[0];
-  turned.shading.across[lane] = planes.shading[1];
-  turned.shading.upward[lane] = planes.shading[2];
-  turned.tilt_across[lane] = across;
-  turned.tilt_upward[lane] = upward;
-  turned.facing_all = (turned.facing_all & ~(1U << lane)) | (faces_all ? 1U << lane : 0);
+  disc_lanes.facet.middle[lane] = planes.facet[0];
+  disc_lanes.facet.across[lane] = planes.facet[1];
+  disc_lanes.facet.upward[lane] = planes.facet[2];
+  disc_lanes.shading.middle[lane] = planes.shading[0];
+  disc_lanes.shading.across[lane] = planes.shading[1];
+  disc_lanes.shading.upward[lane] = planes.shading[2];
+  disc_lanes.tilt_across[lane] = across;
+  disc_lanes.tilt_upward[lane] = upward;
+  disc_lanes.facing_all = (disc_lanes.facing_all & ~(1U << lane)) | (faces_all ? 1U << lane : 0);
 }
 
 std::size_t DiscSamples::bytes() const {
@@ -641,21 +641,21 @@ void ShadowMap::find_horizons(const std::vector<LightSamples>& tiles, BandScratc
   alignas(64) float horizons[DiscLight::kColumns][kGroup];
   alignas(64) float share[kGroup];
   alignas(64) float cosine[kGroup];
-  DiscLanes turned{};
+  DiscLanes disc_lanes{};
   for (std::size_t first = 0; first < count; first += kGroup) {
     if (!scratch.horizons.of_group(first / kGroup, horizons)) continue;
     const std::size_t n = std::min(kGroup, count - first);
     for (std::size_t i = 0; i < kGroup; ++i) {
       const auto [tile, at] = origin_of(first + std::min(i, n - 1));
-      tile.get(at, turned, i);
+      tile.get(at, disc_lanes, i);
     }
-    disc_->remaining(horizons, turned, share, cosine);
+    disc_->remaining(horizons, disc_lanes, share, cosine);
     for (std::size_t i = 0; i < n; ++i) {
       if (band.d[first + i] == kDark) continue;
       const auto [tile, at] = origin_of(first + i);
       if (!tile.free.empty() && tile.free[at] != DiscSamples::kAllFree) {
         const DiscShare left = disc_->remaining_with_objects(tile.free_of_objects[tile.free[at]], &horizons[0][i],
-                                                             kGroup, turned, static_cast<std::uint32_t>(i));
+                                                             kGroup, disc_lanes, static_cast<std::uint32_t>(i));
         share[i] = static_cast<float>(left.share);
         cosine[i] = static_cast<float>(left.cosine);
       }

@@ -61,10 +61,10 @@ struct DiscSamples {
   std::vector<DiscLight::FreeDirections> free_of_objects;
 
   void clear(std::size_t capacity, bool objects);
-  void add(std::size_t at, const LightLanes& lanes, const DiscLanes& turned, std::size_t lane);
+  void add(std::size_t at, const LightLanes& lanes, const DiscLanes& disc_lanes, std::size_t lane);
   // Adds a packet whose lanes all face the whole disc.
-  void add_packet(std::size_t at, const LightLanes& lanes, const DiscLanes& turned);
-  void get(std::size_t at, DiscLanes& turned, std::size_t lane) const;
+  void add_packet(std::size_t at, const LightLanes& lanes, const DiscLanes& disc_lanes);
+  void get(std::size_t at, DiscLanes& disc_lanes, std::size_t lane) const;
   std::size_t bytes() const;
 };
 // Share of its unoccluded light that reaches the point of a pixel.

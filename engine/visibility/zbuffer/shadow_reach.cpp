@@ -28,6 +28,8 @@ struct ReachCells {
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
+// Tests groups of samples as ShadowReach::find_reached() says: a group is reached unless each sample is above all
+// occluders of its cell.
 void FindReached(const ReachCells& cells, const float* u, const float* v, const float* d, std::size_t groups,
                  std::uint8_t* reached) {
   const float u0 = cells.u0;
