@@ -15,7 +15,7 @@ static_assert(sizeof(ObjectCorner) == 24 && sizeof(ObjectTriangle) == 16);
 
 namespace {
 
-constexpr std::uint32_t kShape = 0x53474d31, kRefusal = 0x53474d30;
+constexpr std::uint32_t kShape = 0x53474d31, kRefusal = 0x53474d30;  // first number of an answer: its kind
 
 [[noreturn]] void fail(const char* why) {
   throw std::runtime_error(std::string("the answer of its reader is damaged: ") + why);
@@ -32,6 +32,7 @@ struct Header {
 };
 static_assert(sizeof(Header) == 24);
 
+// Takes items off the front of an answer. Throws if it is too short.
 class ByteReader {
  public:
   explicit ByteReader(std::string_view bytes) : unread_(bytes) {}
@@ -66,6 +67,7 @@ class ByteReader {
   std::string_view unread_;
 };
 
+// Throws if the shape is not one that read_mesh_file() returns: the reader, a separate process, is not trusted.
 void check(const ObjectShape& shape) {
   if (shape.triangles.empty() || shape.parts.empty()) fail("no triangle");
   for (const ObjectCorner& corner : shape.corners) {

@@ -145,17 +145,17 @@ std::string line_of(const std::string& name, std::string_view content) {
 
 // Drops materials that no triangle uses: Assimp adds one of its own.
 void keep_used_parts(ObjectShape& shape) {
-  std::vector<std::uint32_t> number(shape.parts.size(), ~0U);
-  std::vector<std::string> used;
+  std::vector<std::uint32_t> new_index(shape.parts.size(), ~0U);
+  std::vector<std::string> used_parts;
   for (ObjectTriangle& t : shape.triangles) {
-    if (t.part >= number.size()) throw std::runtime_error("has a material that is not there");
-    if (number[t.part] == ~0U) {
-      number[t.part] = static_cast<std::uint32_t>(used.size());
-      used.push_back(shape.parts[t.part]);
+    if (t.part >= new_index.size()) throw std::runtime_error("has a material that is not there");
+    if (new_index[t.part] == ~0U) {
+      new_index[t.part] = static_cast<std::uint32_t>(used_parts.size());
+      used_parts.push_back(shape.parts[t.part]);
     }
-    t.part = number[t.part];
+    t.part = new_index[t.part];
   }
-  shape.parts = std::move(used);
+  shape.parts = std::move(used_parts);
 }
 
 bool has_textures(const aiScene& scene) {

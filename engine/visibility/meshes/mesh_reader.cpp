@@ -68,6 +68,7 @@ std::string& out_of_memory_answer() {
 // Ends the process without destructors and exit handlers: there is nothing to clean up.
 [[noreturn]] void answer(const std::string& text) { ::_exit(write_to_parent(text) ? EXIT_SUCCESS : EXIT_FAILURE); }
 
+// Returns the content of the file on standard input.
 std::string read_input() {
   // Find the size by seeking: the confinement forbids stat().
   const off_t size = ::lseek(STDIN_FILENO, 0, SEEK_END);
@@ -110,6 +111,7 @@ ObjectShape MeshReader::read(const std::string& path, const StopToken& stop) con
   return shape;
 }
 
+// Runs in the child process: reads a mesh from standard input, within limits, and answers with it or with a refusal.
 int read_mesh_as_child(int argc, char** argv) {
   if (argc != 5) return EXIT_FAILURE;
   const std::string extension = argv[2];

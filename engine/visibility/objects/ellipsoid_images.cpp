@@ -15,8 +15,8 @@
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// Finds the cell of each lane. `maps`: as EllipsoidImages::maps_. `touched`: the bit of the lane if its cell is marked,
-// else 0.
+// Finds the cell of each lane: column (u) and row (v), from 0 to `last`. `maps`: as EllipsoidImages::maps_. `bits`: the
+// marked cells, `words` words per row. `touched`: the bit of the lane if its cell is marked, else 0.
 void FindCells(const double (*maps)[4], double last, const std::uint32_t* bits, std::int32_t words, const double* x,
                const double* y, const double* z, std::int32_t* HWY_RESTRICT column, std::int32_t* HWY_RESTRICT row,
                std::uint32_t* HWY_RESTRICT touched) {
@@ -48,7 +48,7 @@ namespace {
 
 HWY_EXPORT(FindCells);
 
-// Returns a matrix S such that half the extent of the ellipsoid along a vector n is sqrt(n' S n). The ellipsoid is
+// Returns a matrix S such that half the extent of the ellipsoid along a unit vector n is sqrt(n' S n). The ellipsoid is
 // enlarged by the rounding error of float relative to the anchor, since float decides which triangle a ray hits.
 Eigen::Matrix3d squares_of(const Ellipsoid& e, const Vec3& anchor_m) {
   constexpr double kLarger = 0x1p-8;  // (a + b)^2 <= (1 + k) a^2 + (1 + 1 / k) b^2
@@ -61,6 +61,7 @@ float rounded_up(double value) {
   return std::nextafter(static_cast<float>(value), std::numeric_limits<float>::infinity());
 }
 
+// Returns half the extent along n of the ellipsoid with this matrix.
 double reach_along(const Vec3& n, const Eigen::Matrix3d& squares) { return std::sqrt(n.dot(squares * n)); }
 
 // Returns the slopes of the silhouette of an ellipsoid along an axis of the image: of the planes through the origin
@@ -70,11 +71,12 @@ std::pair<double, double> silhouette_slopes(double across, double forward, doubl
                                             double forward2) {
   constexpr double kInfinite = std::numeric_limits<double>::infinity();
   const double a = forward * forward - forward2, b = across * forward - both, c = across * across - across2;
+  // The slopes s solve a s^2 - 2 b s + c = 0.
   const double root2 = b * b - a * c;
   if (!(root2 > 0) || a == 0) return {-kInfinite, kInfinite};
   const double root = std::sqrt(root2);
   if (a > 0) return {(b - root) / a, (b + root) / a};
-  // side on which the plane of slope 0 cuts the ellipsoid
+  // Beside the origin, a slope bounds only the side on which the plane of slope 0 cuts the ellipsoid.
   const bool to_the_right = across * forward2 > forward * both;
   return to_the_right ? std::pair((b - root) / a, kInfinite) : std::pair(-kInfinite, (b + root) / a);
 }
@@ -96,14 +98,15 @@ EllipsoidImages EllipsoidImages::along(const Vec3& direction, const Vec3& anchor
   constexpr double kInfinite = std::numeric_limits<double>::infinity();
   std::vector<Box> boxes;
   boxes.reserve(ellipsoids.size());
-  for (const Ellipsoid& e : ellipsoids) {
-    const Eigen::Matrix3d squares = squares_of(e, anchor_m);
-    const double x = right.dot(e.centre_m);
-    const double y = down.dot(e.centre_m);
-    const double wide = reach_along(right, squares);
-    const double high = reach_along(down, squares);
-    const double top = direction.dot(e.centre_m - anchor_m) + reach_along(direction, squares);
-    boxes.push_back({{x - wide, y - high}, {x + wide, y + high}, rounded_up(top)});
+  for (const Ellipsoid& ellipsoid : ellipsoids) {
+    const Eigen::Matrix3d squares = squares_of(ellipsoid, anchor_m);
+    const double column_m = right.dot(ellipsoid.centre_m);
+    const double row_m = down.dot(ellipsoid.centre_m);
+    const double half_width = reach_along(right, squares);
+    const double half_height = reach_along(down, squares);
+    const double top = direction.dot(ellipsoid.centre_m - anchor_m) + reach_along(direction, squares);
+    boxes.push_back(
+        {{column_m - half_width, row_m - half_height}, {column_m + half_width, row_m + half_height}, rounded_up(top)});
   }
   images.mark(boxes, {{-kInfinite, -kInfinite}, {kInfinite, kInfinite}, 0});
   return images;
@@ -112,22 +115,24 @@ EllipsoidImages EllipsoidImages::along(const Vec3& direction, const Vec3& anchor
 EllipsoidImages EllipsoidImages::from(const Vec3& origin_m, const Eigen::Matrix3d& axes, double widest_slope,
                                       std::span<const Ellipsoid> ellipsoids) {
   EllipsoidImages images;
-  for (int k = 0; k < 3; ++k)
-    for (int c = 0; c < 3; ++c) images.maps_[k][c] = axes(c, k);
+  for (int axis = 0; axis < 3; ++axis)
+    for (int k = 0; k < 3; ++k) images.maps_[axis][k] = axes(k, axis);
   std::vector<Box> boxes;
   boxes.reserve(ellipsoids.size());
-  for (const Ellipsoid& e : ellipsoids) {
-    const Vec3 c = axes.transpose() * (e.centre_m - origin_m);
-    const Eigen::Matrix3d squares = axes.transpose() * squares_of(e, origin_m) * axes;
-    if (c.z() <= -std::sqrt(squares(2, 2))) continue;  // behind
-    const auto [left, right] = silhouette_slopes(c.x(), c.z(), squares(0, 0), squares(0, 2), squares(2, 2));
-    const auto [top, bottom] = silhouette_slopes(c.y(), c.z(), squares(1, 1), squares(1, 2), squares(2, 2));
+  for (const Ellipsoid& ellipsoid : ellipsoids) {
+    const Vec3 centre = axes.transpose() * (ellipsoid.centre_m - origin_m);
+    const Eigen::Matrix3d squares = axes.transpose() * squares_of(ellipsoid, origin_m) * axes;
+    if (centre.z() <= -std::sqrt(squares(2, 2))) continue;  // behind
+    const auto [left, right] = silhouette_slopes(centre.x(), centre.z(), squares(0, 0), squares(0, 2), squares(2, 2));
+    const auto [top, bottom] = silhouette_slopes(centre.y(), centre.z(), squares(1, 1), squares(1, 2), squares(2, 2));
     boxes.push_back({{left, top}, {right, bottom}, 0});
   }
   images.mark(boxes, {{-widest_slope, -widest_slope}, {widest_slope, widest_slope}, 0});
   return images;
 }
 
+// Lays cells over the part of the boxes within the limits, appends their scale to maps_, and marks the cells that the
+// boxes touch. All border cells are marked if a box crosses the limits.
 void EllipsoidImages::mark(std::span<const Box> boxes, const Box& limits) {
   constexpr double kInfinite = std::numeric_limits<double>::infinity();
   Box covered{{kInfinite, kInfinite}, {-kInfinite, -kInfinite}, 0};
@@ -151,16 +156,17 @@ void EllipsoidImages::mark(std::span<const Box> boxes, const Box& limits) {
   if (parallel_)
     tops_.assign(static_cast<std::size_t>(squares_) * static_cast<std::size_t>(squares_),
                  -std::numeric_limits<float>::infinity());
-  // Reserve the border cells for images outside the limits.
-  constexpr double kSure = 1e-3, kFirst = 1 + 2 * kSure;  // cells
-  double per_unit[2];
+  // Reserve the border cells for images outside the limits. kSure is a margin for rounding, kFirst the position of the
+  // covered part's corner; both in cells.
+  constexpr double kSure = 1e-3, kFirst = 1 + 2 * kSure;
+  double cells_per_unit[2];
   for (int k = 0; k < 2; ++k) {
-    per_unit[k] = (side_ - 2 * kFirst) / (covered.high[k] - covered.low[k]);
+    cells_per_unit[k] = (side_ - 2 * kFirst) / (covered.high[k] - covered.low[k]);
     for (int c = 0; c < 4; ++c)
-      maps_[k][c] = per_unit[k] * maps_[k][c] + (kFirst - per_unit[k] * covered.low[k]) * maps_[2][c];
+      maps_[k][c] = cells_per_unit[k] * maps_[k][c] + (kFirst - cells_per_unit[k] * covered.low[k]) * maps_[2][c];
   }
   const auto cell = [&](double at, int k) {
-    return static_cast<int>(std::clamp(kFirst + (at - covered.low[k]) * per_unit[k], 0.0, side_ - 1.0));
+    return static_cast<int>(std::clamp(kFirst + (at - covered.low[k]) * cells_per_unit[k], 0.0, side_ - 1.0));
   };
   for (const Box& box : boxes) {
     if (box.high[0] < covered.low[0] || box.low[0] > covered.high[0] || box.high[1] < covered.low[1] ||
@@ -168,8 +174,8 @@ void EllipsoidImages::mark(std::span<const Box> boxes, const Box& limits) {
       continue;
     Range cells;
     for (int k = 0; k < 2; ++k) {
-      cells.first[k] = cell(box.low[k] - kSure / per_unit[k], k);
-      cells.last[k] = cell(box.high[k] + kSure / per_unit[k], k);
+      cells.first[k] = cell(box.low[k] - kSure / cells_per_unit[k], k);
+      cells.last[k] = cell(box.high[k] + kSure / cells_per_unit[k], k);
     }
     set(cells, box.top);
   }
@@ -203,6 +209,7 @@ std::uint32_t EllipsoidImages::may_hit(const double x[kPacket], const double y[k
   return parallel_ ? before_tops(x, y, z, column, row, lanes & requested) : lanes & requested;
 }
 
+// Returns the touched lanes whose point is not beyond the highest ellipsoid near its cell, along the rays' direction.
 std::uint32_t EllipsoidImages::before_tops(const double* x, const double* y, const double* z,
                                            const std::int32_t* column, const std::int32_t* row,
                                            std::uint32_t touched) const {

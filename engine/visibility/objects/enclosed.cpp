@@ -50,14 +50,16 @@ std::optional<double> rock_around(const dem::Terrain& terrain, const Vec3& posit
 
 }  // namespace
 
+// Sums the solid angles of the triangles (van Oosterom and Strackee 1983): atan2 gives half of each.
 double winding_number(const ObjectShape& shape, const Vec3& point) {
   double half_angles = 0;
   for (const ObjectTriangle& t : shape.triangles) {
     const Vec3 a = shape.place(t, 0) - point, b = shape.place(t, 1) - point, c = shape.place(t, 2) - point;
-    const double la = a.norm();
-    const double lb = b.norm();
-    const double lc = c.norm();
-    half_angles += std::atan2(a.dot(b.cross(c)), la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
+    const double length_a = a.norm();
+    const double length_b = b.norm();
+    const double length_c = c.norm();
+    half_angles += std::atan2(a.dot(b.cross(c)), length_a * length_b * length_c + a.dot(b) * length_c +
+                                                     b.dot(c) * length_a + c.dot(a) * length_b);
   }
   return half_angles / (2 * std::numbers::pi);
 }

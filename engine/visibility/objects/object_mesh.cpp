@@ -48,37 +48,39 @@ ObjectMesh::Median ObjectMesh::median_of(const ObjectShape& shape) {
   return m;
 }
 
-ObjectShape ObjectMesh::without_strays(ObjectShape shape, Median& m, std::vector<std::string>& notes) {
-  m = median_of(shape);
-  const double max_reach = kStray * m.distance;
-  if (m.distance == 0) return shape;
+// Drops the triangles that reach farther than kStray median distances from the median position, unless all do. Sets
+// `median`, and notes what was dropped.
+ObjectShape ObjectMesh::without_strays(ObjectShape shape, Median& median, std::vector<std::string>& notes) {
+  median = median_of(shape);
+  const double max_reach = kStray * median.distance;
+  if (median.distance == 0) return shape;
   double farthest = 0;
   // A triangle is stray if any of its corners is.
-  const auto stray = [&](const ObjectTriangle& t) {
+  const auto is_stray = [&](const ObjectTriangle& t) {
     double reach = 0;
-    for (int k = 0; k < 3; ++k) reach = std::max(reach, (shape.place(t, k) - m.position).norm());
+    for (int k = 0; k < 3; ++k) reach = std::max(reach, (shape.place(t, k) - median.position).norm());
     if (reach > max_reach) farthest = std::max(farthest, reach);
     return reach > max_reach;
   };
-  const auto stray_count = std::count_if(shape.triangles.begin(), shape.triangles.end(), stray);
+  const auto stray_count = std::count_if(shape.triangles.begin(), shape.triangles.end(), is_stray);
   if (stray_count == 0 || stray_count == std::ssize(shape.triangles)) return shape;
-  std::erase_if(shape.triangles, stray);
+  std::erase_if(shape.triangles, is_stray);
   notes.push_back(fmt::format(
       "{} triangle{} left out, which reach{} as far as {:.3g} from the middle; half of all corners are within {:.3g}",
-      stray_count, stray_count == 1 ? " is" : "s are", stray_count == 1 ? "es" : "", farthest, m.distance));
+      stray_count, stray_count == 1 ? " is" : "s are", stray_count == 1 ? "es" : "", farthest, median.distance));
   // Keep only the corners in use: the tracer would have to represent the stray ones in float, too.
-  std::vector<std::uint32_t> number(shape.corners.size(), ~0U);
+  std::vector<std::uint32_t> new_index(shape.corners.size(), ~0U);
   std::vector<ObjectCorner> used_corners;
   for (ObjectTriangle& t : shape.triangles)
     for (std::uint32_t& corner : t.corner) {
-      if (number[corner] == ~0U) {
-        number[corner] = static_cast<std::uint32_t>(used_corners.size());
+      if (new_index[corner] == ~0U) {
+        new_index[corner] = static_cast<std::uint32_t>(used_corners.size());
         used_corners.push_back(shape.corners[corner]);
       }
-      corner = number[corner];
+      corner = new_index[corner];
     }
   shape.corners = std::move(used_corners);
-  m = median_of(shape);
+  median = median_of(shape);
   return shape;
 }
 
@@ -86,11 +88,11 @@ ObjectMesh::Bounds ObjectMesh::bounds_of() const {
   Eigen::AlignedBox3d box;
   for (const ObjectTriangle& t : shape_.triangles)
     for (int k = 0; k < 3; ++k) box.extend(shape_.place(t, k));
-  Bounds b{box.center(), box.center(), 0};
+  Bounds bounds{box.center(), box.center(), 0};
   for (const ObjectTriangle& t : shape_.triangles)
-    for (int k = 0; k < 3; ++k) b.radius = std::max(b.radius, (shape_.place(t, k) - b.centre).norm());
-  if (b.radius > median_.core()) b.middle = median_.position;
-  return b;
+    for (int k = 0; k < 3; ++k) bounds.radius = std::max(bounds.radius, (shape_.place(t, k) - bounds.centre).norm());
+  if (bounds.radius > median_.core()) bounds.middle = median_.position;
+  return bounds;
 }
 
 ObjectMesh::ObjectMesh(ObjectShape shape, const StopToken& stop)

@@ -26,14 +26,14 @@ struct BallEntry {
 // Returns where a ray enters a ball.
 BallEntry enter_ball(const Vec3& from_centre, const Vec3& direction, double radius) {
   const double a = direction.squaredNorm();
-  const double closest = -from_centre.dot(direction) / a;
+  const double middle = -from_centre.dot(direction) / a;
   // Compute the perpendicular as a vector: the difference of squares would lose it for a ray from afar.
-  const double off2 = (from_centre + closest * direction).squaredNorm();
+  const double off2 = (from_centre + middle * direction).squaredNorm();
   const double inside2 = radius * radius - off2;
   if (inside2 <= 0) return {false, 0};
-  const double half = std::sqrt(inside2 / a);
-  if (closest + half < 0) return {false, 0};
-  return {true, std::max(0.0, closest - half)};
+  const double half_chord = std::sqrt(inside2 / a);
+  if (middle + half_chord < 0) return {false, 0};
+  return {true, std::max(0.0, middle - half_chord)};
 }
 
 // A cone around the rays of a packet. Their origins are equal or, with a view per row, close to each other.
@@ -73,7 +73,8 @@ class Cone {
   static double angle_of_chord(double chord) { return 2 * std::asin(std::min(1.0, chord / 2)); }
 
   Vec3 apex_ = Vec3::Zero(), axis_;
-  double spread_, spread_m_ = 0;  // spread of directions, radians; of origins, metres
+  double spread_;        // largest angle between a ray and the axis, radians
+  double spread_m_ = 0;  // largest distance of a ray's origin from the apex
   bool empty_ = true;
 };
 
@@ -88,11 +89,12 @@ Ball ball_around(const SurfacePoints& points, std::uint32_t lanes) {
 // Returns whether rays in a (unit) direction from inside one ball may hit another ball.
 bool may_block(const Ball& from, const Vec3& toward, const Ball& ball) {
   const Vec3 to = ball.centre_m - from.centre_m;
-  const double along = to.dot(toward);
+  const double distance_along = to.dot(toward);
   const double reach = from.radius_m + ball.radius_m;
-  return along >= -reach && (to - along * toward).squaredNorm() <= reach * reach;
+  return distance_along >= -reach && (to - distance_along * toward).squaredNorm() <= reach * reach;
 }
 
+// Sets lane i to a ray, rounded to float, and activates it (Embree's mask of -1).
 void set_lane(RayPacket& packet, int i, const Vec3& origin, const Vec3& direction) {
   packet.ox[i] = static_cast<float>(origin.x());
   packet.oy[i] = static_cast<float>(origin.y());
@@ -150,42 +152,45 @@ ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, std::span<const dem:
   if (!rocks.empty()) place_rocks(rocks, box.center(), nullptr, stop);
 }
 
+// Adds rocks, then the soil against them, to placed_. Builds the structures that rays find them by: one group around
+// the anchor, and the cells of an image in which rays from the camera, or toward the Sun, may hit one.
 void ObjectsInFrame::place_rocks(std::span<const dem::RockFeature> rocks, const Vec3& anchor_m, const RowViews* views,
                                  const StopToken& stop) {
   if (rocks.empty()) return;
   first_rock_ = placed_.size();
   shadings_.push_back(shadings_of({{request_.reflectance, request_.temperature_k}}));
-  const auto add = [&](const PlacedShape& shape, std::size_t number, bool soil) {
-    const Eigen::Matrix3d stretch = shape.from_mesh.linear();
-    Placed p = placed(*shape.mesh, rocks[number].position_m + shape.from_mesh.translation(), stretch, stretch.inverse(),
-                      stretch.norm());  // an upper bound of the scale
-    p.in_view = true;
-    p.number = static_cast<std::uint16_t>(first_rock_ + number);
-    p.soil = soil;
-    p.part_shadings = &shadings_.back();
-    placed_.push_back(std::move(p));
+  const auto add_shape = [&](const PlacedShape& shape, std::size_t number, bool soil) {
+    const Eigen::Matrix3d stretch = shape.from_mesh.linear();  // with the rotation
+    Placed added =
+        placed(*shape.mesh, rocks[number].position_m + shape.from_mesh.translation(), stretch, stretch.inverse(),
+               stretch.norm());  // an upper bound of the scale
+    added.in_view = true;
+    added.number = static_cast<std::uint16_t>(first_rock_ + number);
+    added.soil = soil;
+    added.part_shadings = &shadings_.back();
+    placed_.push_back(std::move(added));
   };
-  for (std::size_t i = 0; i < rocks.size(); ++i) add(placed_rock(rocks[i].rock, rocks[i].up), i, false);
-  const auto shown = [&](const dem::RockFeature& rock) {
+  for (std::size_t i = 0; i < rocks.size(); ++i) add_shape(placed_rock(rocks[i].rock, rocks[i].up), i, false);
+  const auto has_visible_soil = [&](const dem::RockFeature& rock) {
     return !views || std::any_of(views->bundles().begin(), views->bundles().end(), [&](const ViewBundle& bundle) {
       return bundle.pixels_per_metre(rock.position_m, 0) * rock.rock.fillet_m >= request_.accuracy.max_error_px / 2;
     });
   };
   for (std::size_t i = 0; i < (views ? std::min(rocks.size(), kMaxRocksWithSoil) : rocks.size()); ++i)
-    if (shown(rocks[i]))
-      if (const auto soil = placed_fillet(rocks[i].rock, rocks[i].up)) add(*soil, i, true);
+    if (has_visible_soil(rocks[i]))
+      if (const auto soil = placed_fillet(rocks[i].rock, rocks[i].up)) add_shape(*soil, i, true);
   any_in_view_ = true;
   build_rock_group(anchor_m, stop);
-  std::vector<Ellipsoid> around;
-  around.reserve(placed_.size() - first_rock_);
+  std::vector<Ellipsoid> ellipsoids;
+  ellipsoids.reserve(placed_.size() - first_rock_);
   for (std::size_t i = first_rock_; i < placed_.size(); ++i)
-    around.push_back(
+    ellipsoids.push_back(
         {placed_[i].ball.centre_m, placed_[i].mesh->radius() * (1 + kMargin) * placed_[i].object_from_moon.inverse()});
   if (views && single_origin_ && !views->camera().beyond_plane()) {
     const View& view = views->reference();
-    in_image_ = EllipsoidImages::from(view.position(), view.moon_from_camera(), view.widest_slope(), around);
+    in_image_ = EllipsoidImages::from(view.position(), view.moon_from_camera(), view.widest_slope(), ellipsoids);
   }
-  if (wants_light(request_)) toward_sun_ = EllipsoidImages::along(request_.sun.direction, anchor_m_, around);
+  if (wants_light(request_)) toward_sun_ = EllipsoidImages::along(request_.sun.direction, anchor_m_, ellipsoids);
 }
 
 ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews* views)
@@ -207,6 +212,7 @@ ObjectsInFrame::ObjectsInFrame(const FrameRequest& request, const RowViews* view
   }
 }
 
+// Places a mesh. The caller sets in_view, number, soil and part_shadings.
 ObjectsInFrame::Placed ObjectsInFrame::placed(const ObjectMesh& mesh, const Vec3& position_m,
                                               const Eigen::Matrix3d& moon_from_object,
                                               const Eigen::Matrix3d& object_from_moon, double scale) const {
@@ -302,7 +308,8 @@ std::uint32_t ObjectsInFrame::intersect(Rays& rays, SurfacePoints& terrain, Obje
   return lanes;
 }
 
-// Intersects the rays that enter the ball of an object before their nearest hit.
+// Intersects the rays that enter the ball of an object before their nearest hit. `nearest`: distance of each lane's
+// nearest hit so far, in lengths of its ray's direction.
 void ObjectsInFrame::intersect_object(const Placed& object, const Rays& rays, double* nearest, ObjectLanes& out) const {
   RayPacket packet;
   std::uint32_t active = 0;
@@ -322,7 +329,8 @@ void ObjectsInFrame::intersect_object(const Placed& object, const Rays& rays, do
     if (triangle[i] != ObjectTracer::kNone) store(object, triangle[i], rays, i, nearest, out);
 }
 
-// Stores the hit if it is nearer. Float found the triangle; the point is that of its plane in double.
+// Stores the hit of lane i if it is nearer. Float found the triangle; the point is that of its plane in double. Points,
+// normals and the direction are in the object's coordinates until `facet`.
 void ObjectsInFrame::store(const Placed& object, std::uint32_t triangle, const Rays& rays, int i, double* nearest,
                            ObjectLanes& out) const {
   const ObjectShape& shape = object.mesh->shape();
@@ -331,13 +339,14 @@ void ObjectsInFrame::store(const Placed& object, std::uint32_t triangle, const R
   const Vec3 ab = shape.place(t, 1) - a;
   const Vec3 ac = shape.place(t, 2) - a;
   const Vec3 normal = ab.cross(ac);
-  const Vec3 direction = object.object_from_moon * rays.direction(i), from_a = object.to_object(rays.origin(i)) - a;
+  const Vec3 direction = object.object_from_moon * rays.direction(i),
+             origin_from_a = object.to_object(rays.origin(i)) - a;
   const double toward = normal.dot(direction);
   if (toward == 0) return;  // edge-on: nothing of it is visible
-  const double distance = -normal.dot(from_a) / toward;
+  const double distance = -normal.dot(origin_from_a) / toward;
   if (!(distance > 0 && distance < nearest[i])) return;
   nearest[i] = distance;
-  const Vec3 hit_from_a = from_a + distance * direction;
+  const Vec3 hit_from_a = origin_from_a + distance * direction;
   const double area2 = normal.squaredNorm();
   const double v = normal.dot(hit_from_a.cross(ac)) / area2;
   const double w = normal.dot(ab.cross(hit_from_a)) / area2;
@@ -359,7 +368,7 @@ void ObjectsInFrame::store(const Placed& object, std::uint32_t triangle, const R
   p.nx[i] = facet.x();
   p.ny[i] = facet.y();
   p.nz[i] = facet.z();
-  p.v[i] = p.w[i] = 1.0 / 3;
+  p.v[i] = p.w[i] = 1.0 / 3;  // never on an edge: shadows are not tested as on edges of terrain
   p.distance[i] = distance;
   p.hit[i] = true;
   out.shading.nx[i] = shading.x();
@@ -372,9 +381,10 @@ void ObjectsInFrame::store(const Placed& object, std::uint32_t triangle, const R
   out.on_soil[i] = object.soil;
 }
 
+// Traces the points toward the Sun, against each object of the request and then against all rocks.
 std::uint32_t ObjectsInFrame::blocked(const SurfacePoints& points, const std::uint16_t* own_object,
                                       std::uint32_t requested, const Vec3& sun) const {
-  std::uint32_t blocked = 0;
+  std::uint32_t blocked_lanes = 0;
   if (requested == 0) return 0;
   const std::size_t object_count = std::min(placed_.size(), first_rock_);
   const Ball from = object_count > 0 ? ball_around(points, requested) : Ball{};
@@ -401,12 +411,12 @@ std::uint32_t ObjectsInFrame::blocked(const SurfacePoints& points, const std::ui
     object.mesh->tracer().occluded(packet, hit);
     for (int i = 0; i < kPacket; ++i)
       if (hit[i]) {
-        blocked |= 1U << i;
+        blocked_lanes |= 1U << i;
         requested &= ~(1U << i);
       }
   }
-  if (rocks_ && requested != 0) blocked |= blocked_by_rocks(points, own_object, requested, sun);
-  return blocked;
+  if (rocks_ && requested != 0) blocked_lanes |= blocked_by_rocks(points, own_object, requested, sun);
+  return blocked_lanes;
 }
 
 // Intersects the rays whose cell of the image contains a rock.
@@ -436,12 +446,13 @@ void ObjectsInFrame::intersect_rocks(const Rays& rays, bool from_camera, double*
     if (rock[i] != ObjectGroup::kNone) store(placed_[first_rock_ + rock[i]], triangle[i], rays, i, nearest, out);
 }
 
+// Returns the requested lanes that a rock blocks. A ray from a rock starts beyond the rounding error of its own facet.
 std::uint32_t ObjectsInFrame::blocked_by_rocks(const SurfacePoints& points, const std::uint16_t* own_object,
                                                std::uint32_t requested, const Vec3& sun) const {
   if (toward_sun_ && sun == request_.sun.direction)
     requested = toward_sun_->may_hit(points.x, points.y, points.z, requested);
   if (requested == 0) return 0;
-  constexpr double kFloat = 0x1p-22;  // rounding of a coordinate relative to the anchor, with a margin
+  constexpr double kRelativeRounding = 0x1p-22;  // rounding of a coordinate relative to the anchor, with a margin
   RayPacket packet;
   for (int i = 0; i < kPacket; ++i) {
     if (!(requested >> i & 1)) continue;
@@ -449,18 +460,18 @@ std::uint32_t ObjectsInFrame::blocked_by_rocks(const SurfacePoints& points, cons
     set_lane(packet, i, from, sun);
     if (own_object && is_rock(own_object[i])) {
       const Placed& rock = placed_[own_object[i]];
-      const double rounding_m =
-          rock.scale * rock.mesh->rounding_at(rock.to_object(points.position(i))) + kFloat * (from.norm() + rock.scale);
+      const double rounding_m = rock.scale * rock.mesh->rounding_at(rock.to_object(points.position(i))) +
+                                kRelativeRounding * (from.norm() + rock.scale);
       packet.near[i] = static_cast<float>(rounding_m / std::max(1.0 / 64, points.facet_normal(i).dot(sun)));
     }
   }
   fill_idle(packet, requested);
   bool hit[kPacket];
   rocks_->occluded(packet, hit);
-  std::uint32_t blocked = 0;
+  std::uint32_t blocked_lanes = 0;
   for (int i = 0; i < kPacket; ++i)
-    if (hit[i]) blocked |= 1U << i;
-  return blocked;
+    if (hit[i]) blocked_lanes |= 1U << i;
+  return blocked_lanes;
 }
 
 void ObjectsInFrame::radiances(const ObjectLanes& lanes, const Rays& rays, const float* lit,

@@ -29,33 +29,34 @@ struct Sphere {
 // Returns an icosahedron on the unit sphere whose triangles are cut into four, `cuts` times.
 Sphere subdivided_icosahedron(int cuts) {
   const double phi = std::numbers::phi;
-  Sphere s{{{-1, phi, 0},
-            {1, phi, 0},
-            {-1, -phi, 0},
-            {1, -phi, 0},
-            {0, -1, phi},
-            {0, 1, phi},
-            {0, -1, -phi},
-            {0, 1, -phi},
-            {phi, 0, -1},
-            {phi, 0, 1},
-            {-phi, 0, -1},
-            {-phi, 0, 1}},
-           {}};
+  Sphere sphere{{{-1, phi, 0},
+                 {1, phi, 0},
+                 {-1, -phi, 0},
+                 {1, -phi, 0},
+                 {0, -1, phi},
+                 {0, 1, phi},
+                 {0, -1, -phi},
+                 {0, 1, -phi},
+                 {phi, 0, -1},
+                 {phi, 0, 1},
+                 {-phi, 0, -1},
+                 {-phi, 0, 1}},
+                {}};
   constexpr std::array<std::array<std::uint32_t, 3>, 20> kFaces{
       {{0, 11, 5},  {0, 5, 1},  {0, 1, 7},  {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4},
        {11, 10, 2}, {10, 7, 6}, {7, 1, 8},  {3, 9, 4},  {3, 4, 2},   {3, 2, 6}, {3, 6, 8},
        {3, 8, 9},   {4, 9, 5},  {2, 4, 11}, {6, 2, 10}, {8, 6, 7},   {9, 8, 1}}};
-  for (const auto& face : kFaces) s.triangles.push_back({face, 0});
+  for (const auto& face : kFaces) sphere.triangles.push_back({face, 0});
   for (int i = 0; i < cuts; ++i) {
     std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> midpoints;
     const auto middle = [&](std::uint32_t a, std::uint32_t b) {
-      const auto [at, is_new] = midpoints.try_emplace(std::minmax(a, b), static_cast<std::uint32_t>(s.corners.size()));
-      if (is_new) s.corners.push_back(s.corners[a] + s.corners[b]);
+      const auto [at, is_new] =
+          midpoints.try_emplace(std::minmax(a, b), static_cast<std::uint32_t>(sphere.corners.size()));
+      if (is_new) sphere.corners.push_back(sphere.corners[a] + sphere.corners[b]);
       return at->second;
     };
     std::vector<ObjectTriangle> finer;
-    for (const ObjectTriangle& t : s.triangles) {
+    for (const ObjectTriangle& t : sphere.triangles) {
       const auto [a, b, c] = t.corner;
       const std::uint32_t ab = middle(a, b);
       const std::uint32_t bc = middle(b, c);
@@ -63,10 +64,10 @@ Sphere subdivided_icosahedron(int cuts) {
       for (const auto& face : {std::array{a, ab, ca}, {ab, b, bc}, {ca, bc, c}, {ab, bc, ca}})
         finer.push_back({face, 0});
     }
-    s.triangles = std::move(finer);
-    for (Vec3& corner : s.corners) corner.normalize();
+    sphere.triangles = std::move(finer);
+    for (Vec3& corner : sphere.corners) corner.normalize();
   }
-  return s;
+  return sphere;
 }
 
 // Returns a direction, uniform on the sphere.
@@ -77,11 +78,11 @@ Vec3 random_direction(dem::Draws& draws) {
   return {around * std::cos(turn), around * std::sin(turn), z};
 }
 
-// Power of the mean that joins the planes of a stone: 0 takes the minimum of their distances, a power its smooth
-// approximation; the lower the power, the rounder. Then the roughness of each state.
+// Per rounding (sharp, chipped, rounded edges), the power of the mean that joins the planes of a stone, and the
+// roughness. Power 0 takes the minimum of the planes' distances, others a smooth approximation: the lower, the rounder.
 constexpr std::array<double, kRoundings> kPowers{0, 16, 8}, kRoughness{0.02, 0.035, 0.04};
 
-// Roughness of the surface of a stone: a few waves across it.
+// Roughness of the surface of a stone: a sum of waves in random directions, shorter ones with smaller amplitudes.
 class Waves {
  public:
   explicit Waves(dem::Draws& draws) {
@@ -133,9 +134,9 @@ ObjectShape with_edge_normals(const std::vector<Vec3>& points, const std::vector
 
 // Returns a stone: a ball cut by random planes at 0.5 to 0.9 of its radius, with a rough surface.
 ObjectShape stone(std::size_t number, std::size_t rounding) {
-  constexpr std::uint64_t kRockShapes = 0x726f636b;
+  constexpr std::uint64_t kRockShapes = 0x726f636b;  // seed: "rock" in ASCII
   dem::Draws draws(kRockShapes, 0, static_cast<int>(number), 0);
-  Sphere s = subdivided_icosahedron(3);
+  Sphere sphere = subdivided_icosahedron(3);
   constexpr int kPlanes = 14;
   std::array<std::pair<Vec3, double>, kPlanes> planes;
   for (auto& [normal, distance] : planes) {
@@ -143,20 +144,21 @@ ObjectShape stone(std::size_t number, std::size_t rounding) {
     distance = 0.5 + 0.4 * draws.uniform();
   }
   const Waves waves(draws);
-  const double power = kPowers[rounding], rough = kRoughness[rounding];
+  const double power = kPowers[rounding], roughness = kRoughness[rounding];
   std::vector<Vec3> points;
-  for (const Vec3& direction : s.corners) {
-    double sum = 1, nearest = 1;  // of the unit sphere around the planes
+  for (const Vec3& direction : sphere.corners) {
+    // Both begin with the unit sphere around the planes, whose distance is 1.
+    double sum = 1, nearest = 1;
     for (const auto& [normal, distance] : planes) {
-      const double along = normal.dot(direction) / distance;
-      if (along <= 0) continue;
-      nearest = std::min(nearest, 1 / along);
-      sum += std::pow(along, power);
+      const double inverse_distance = normal.dot(direction) / distance;
+      if (inverse_distance <= 0) continue;
+      nearest = std::min(nearest, 1 / inverse_distance);
+      sum += std::pow(inverse_distance, power);
     }
-    const double reach = (power > 0 ? std::pow(sum, -1 / power) : nearest) * (1 + rough * waves.at(direction));
-    points.emplace_back(reach * direction);
+    const double radius = (power > 0 ? std::pow(sum, -1 / power) : nearest) * (1 + roughness * waves.at(direction));
+    points.emplace_back(radius * direction);
   }
-  ObjectShape out = with_edge_normals(points, s.triangles);
+  ObjectShape out = with_edge_normals(points, sphere.triangles);
   out.parts = {"rock"};
   return out;
 }
@@ -165,38 +167,42 @@ ObjectShape stone(std::size_t number, std::size_t rounding) {
 // negative shares are beyond the edge on the ground.
 double fillet_height(double share) {
   if (share > 0) return std::min(1.6, share * (0.12 + 0.88 * share));
-  // down to this share the slope stays gentle and most Suns light it: real ground is not a plane
+  // Down to this share the slope stays gentle, so that the Sun lights it at most elevations: where real ground falls
+  // away from the plane, this part shows.
   constexpr double kGentleShare = -0.4;
   return 0.5 * share - 100 * std::pow(std::min(0.0, share - kGentleShare), 2);
 }
 
-// Returns a mound of soil with a slightly irregular outline and height.
+// Returns a mound of soil with a slightly irregular outline and height: a fan of triangles around the middle, then
+// rings of kAround corners with two triangles between neighbouring pairs.
 ObjectShape fillet(int number) {
-  constexpr std::uint64_t kFilletShapes = 0x66696c6c;
+  constexpr std::uint64_t kFilletShapes = 0x66696c6c;  // seed: "fill" in ASCII
   constexpr int kAround = 40;
   // Radii of the rings of corners, dense where the slope changes.
   constexpr std::array kRings{0.3, 0.45, 0.55, 0.62, 0.7, 0.78, 0.86, 0.92, 0.97, 1.0, 1.04, 1.08, 1.12, 1.14, 1.16};
   dem::Draws draws(kFilletShapes, 0, number, 0);
-  const double two = 2 * pi * draws.uniform();
-  const double three = 2 * pi * draws.uniform();
-  const double higher = 2 * pi * draws.uniform();
+  const double phase_2 = 2 * pi * draws.uniform();
+  const double phase_3 = 2 * pi * draws.uniform();
+  const double phase_1 = 2 * pi * draws.uniform();
   ObjectShape out;
   out.parts = {"soil"};
-  const auto add = [&](double ring, double angle) {
-    const double wide = 0.04 * std::cos(2 * angle + two) + 0.04 * std::cos(3 * angle + three);
-    const double radius = ring * (1 + wide * std::clamp((ring - kContactRadius) / (1 - kContactRadius), 0.0, 1.0));
-    const double high = 1 + 0.25 * std::cos(angle + higher);
+  const auto add_corner = [&](double ring, double angle) {
+    const double widening = 0.04 * std::cos(2 * angle + phase_2) + 0.04 * std::cos(3 * angle + phase_3);
+    const double radius = ring * (1 + widening * std::clamp((ring - kContactRadius) / (1 - kContactRadius), 0.0, 1.0));
+    const double heightening = 1 + 0.25 * std::cos(angle + phase_1);
     const double step = 1e-3;
-    const auto height = [&](double at) { return high * fillet_height((1 - at) / (1 - kContactRadius)); };
+    const auto height = [&](double radius_at) {
+      return heightening * fillet_height((1 - radius_at) / (1 - kContactRadius));
+    };
     // Shade the edge, and the part below ground, like the ground: no seam is then visible.
     const double slope = ring < 1 ? (height(ring - step) - height(ring + step)) / (2 * step) : 0;
     const Vec3 outward(std::cos(angle), std::sin(angle), 0);
     out.corners.push_back({Vec3(radius * outward + height(ring) * Vec3::UnitZ()).cast<float>(),
                            Vec3(slope * outward + Vec3::UnitZ()).normalized().cast<float>()});
   };
-  add(0, 0);
+  add_corner(0, 0);
   for (const double ring : kRings)
-    for (int i = 0; i < kAround; ++i) add(ring, 2 * pi * i / kAround);
+    for (int i = 0; i < kAround; ++i) add_corner(ring, 2 * pi * i / kAround);
   const auto corner = [](std::size_t ring, int i) {
     return static_cast<std::uint32_t>(1 + ring * kAround + static_cast<std::size_t>(i % kAround));
   };
@@ -214,6 +220,7 @@ ObjectShape fillet(int number) {
   return out;
 }
 
+// Returns the meshes of the shapes make(0) to make(count - 1). Parallel.
 template <typename Make>
 std::vector<std::shared_ptr<const ObjectMesh>> make_meshes(std::size_t count, const Make& make) {
   std::vector<std::shared_ptr<const ObjectMesh>> result(count);
@@ -231,7 +238,7 @@ using Points = Eigen::Matrix3Xd;
 std::vector<Eigen::Index> outside_octagon(const Eigen::MatrixX3d& points) {
   const auto x = points.col(0).array();
   const auto y = points.col(1).array();
-  Eigen::Index corner[8];
+  Eigen::Index corner[8];  // counter-clockwise
   x.maxCoeff(&corner[0]);
   (x + y).maxCoeff(&corner[1]);
   y.maxCoeff(&corner[2]);
@@ -243,6 +250,7 @@ std::vector<Eigen::Index> outside_octagon(const Eigen::MatrixX3d& points) {
   Eigen::Array<bool, Eigen::Dynamic, 1> inside = Eigen::Array<bool, Eigen::Dynamic, 1>::Constant(points.rows(), true);
   for (int k = 0; k < 8; ++k) {
     const Eigen::Index a = corner[k], b = corner[(k + 1) % 8];
+    // Inside are the points to the left of all sides.
     if (a != b) inside = inside && (x[b] - x[a]) * (y - y[a]) - (y[b] - y[a]) * (x - x[a]) > 0;
   }
   std::vector<Eigen::Index> outside;
@@ -262,12 +270,13 @@ Eigen::MatrixX3d hull_from_above(const Eigen::MatrixX3d& points) {
   for (int side = 0; side < 2; ++side, std::reverse(by_x.begin(), by_x.end())) {
     const std::size_t first = hull.size();
     for (const Eigen::Index next : by_x) {
-      const auto turns_in = [&] {
+      // Returns true if the last corner lies inside the hull: the chain turns right there.
+      const auto turns_right = [&] {
         const Eigen::RowVector3d from = points.row(hull[hull.size() - 2]), a = points.row(hull.back()) - from,
                                  b = points.row(next) - from;
         return a.x() * b.y() - a.y() * b.x() < 0;
       };
-      while (hull.size() >= first + 2 && turns_in()) hull.pop_back();
+      while (hull.size() >= first + 2 && turns_right()) hull.pop_back();
       hull.push_back(next);
     }
   }
@@ -277,7 +286,7 @@ Eigen::MatrixX3d hull_from_above(const Eigen::MatrixX3d& points) {
 
 // Returns the transformation that rotates and scales a shape as described at Points.
 Eigen::Affine3d lying_attitude(const Points& shape, const Eigen::Matrix3d& rotation) {
-  const Eigen::MatrixX3d rotated = (rotation * shape).transpose(), around = hull_from_above(rotated);
+  const Eigen::MatrixX3d rotated = (rotation * shape).transpose(), hull = hull_from_above(rotated);
   // Returns the farthest points forward and backward.
   const auto farthest = [](const Eigen::MatrixX3d& points, const Vec3& along) -> std::pair<Vec3, Vec3> {
     const Eigen::VectorXd reach = points * along;
@@ -289,29 +298,30 @@ Eigen::Affine3d lying_attitude(const Points& shape, const Eigen::Matrix3d& rotat
   // Take the largest extent over some directions. From each, follow the line between the farthest corners while the
   // extent grows.
   constexpr int kDirections = 30;
-  Vec3 across = Vec3::Zero(), middle = Vec3::Zero();
+  Vec3 longest = Vec3::Zero(), longest_middle = Vec3::Zero();
   for (int i = 0; i < kDirections; ++i) {
     Vec3 along(std::cos(pi * i / kDirections), std::sin(pi * i / kDirections), 0);
-    for (double before = 0;;) {
-      const auto [a, b] = farthest(around, along);
+    for (double previous_length = 0;;) {
+      const auto [a, b] = farthest(hull, along);
       const Vec3 chord(a.x() - b.x(), a.y() - b.y(), 0);
-      if (chord.norm() > across.norm()) {
-        across = chord;
-        middle = (a + b) / 2;
+      if (chord.norm() > longest.norm()) {
+        longest = chord;
+        longest_middle = (a + b) / 2;
       }
-      if (chord.norm() <= before) break;
-      before = chord.norm();
-      along = chord / before;
+      if (chord.norm() <= previous_length) break;
+      previous_length = chord.norm();
+      along = chord / previous_length;
     }
   }
   const auto [top, bottom] = farthest(rotated, Vec3::UnitZ());
-  const double low = bottom.z();
-  const double high = top.z();
-  const double wide = across.norm();
+  const double bottom_z = bottom.z();
+  const double top_z = top.z();
+  const double width = longest.norm();
+  // Turn the longest extent to the x axis and scale it to 1, and put its middle above the origin.
   Eigen::Affine3d out = Eigen::Affine3d::Identity();
-  out.linear() = Vec3(1 / wide, 1 / wide, 1 / (high - low)).asDiagonal() *
-                 Eigen::AngleAxisd(-std::atan2(across.y(), across.x()), Vec3::UnitZ()).toRotationMatrix() * rotation;
-  out.translation() = -out.linear() * (rotation.transpose() * Vec3(middle.x(), middle.y(), low));
+  out.linear() = Vec3(1 / width, 1 / width, 1 / (top_z - bottom_z)).asDiagonal() *
+                 Eigen::AngleAxisd(-std::atan2(longest.y(), longest.x()), Vec3::UnitZ()).toRotationMatrix() * rotation;
+  out.translation() = -out.linear() * (rotation.transpose() * Vec3(longest_middle.x(), longest_middle.y(), bottom_z));
   return out;
 }
 
@@ -333,7 +343,7 @@ Points distinct_points(const ObjectShape& shape) {
 // Returns the attitudes of all shapes, kAttitudes for each. Made once.
 const std::vector<Eigen::Affine3d>& attitudes() {
   static const auto table = [] {
-    constexpr std::uint64_t kSeed = 0x7475726e;
+    constexpr std::uint64_t kSeed = 0x7475726e;  // "turn" in ASCII
     std::vector<Eigen::Affine3d> out(rock_shapes().size() * kAttitudes);
     in_parallel(rock_shapes().size(), [&](std::size_t shape) {
       const Points points = distinct_points(rock_shapes()[shape]->shape());
@@ -350,8 +360,12 @@ const std::vector<Eigen::Affine3d>& attitudes() {
 
 // Properties of the appearance of a rock that are drawn from its form.
 struct RockAppearance {
-  std::size_t rounding, attitude, fillet;
-  double turn, narrow, reach;
+  std::size_t rounding;  // below kRoundings
+  std::size_t attitude;  // of the stones' kStones * kAttitudes
+  std::size_t fillet;    // any number: selects a mound
+  double turn;           // about the vertical, radians
+  double narrow;         // width across the largest extent, in largest extents
+  double reach;          // width of the mound, in diameters
   explicit RockAppearance(const dem::Rock& rock) {
     dem::Draws draws(rock.form, 1, 0, 0);
     const double round = rock.worn + 0.6 * (draws.uniform() - 0.5);
@@ -386,7 +400,7 @@ const std::vector<std::shared_ptr<const ObjectMesh>>& fillet_shapes() {
 PlacedShape placed_rock(const dem::Rock& rock, const Vec3& up) {
   const RockAppearance appearance(rock);
   const std::size_t shape = appearance.attitude / kAttitudes * kRoundings + appearance.rounding;
-  const double high_m = rock.height_m / (1 - rock.buried);
+  const double high_m = rock.height_m / (1 - rock.buried);  // with the part below the ground
   Eigen::Affine3d rock_from_shape = Eigen::Affine3d::Identity();
   rock_from_shape.linear() = moon_from_ground(up, appearance.turn).toRotationMatrix() *
                              Vec3(rock.diameter_m, appearance.narrow * rock.diameter_m, high_m).asDiagonal();

@@ -26,6 +26,7 @@ double expected_rocks(const dem::RockField& field, int octave, const dem::Footpr
 
 namespace {
 
+// Finds the rocks of a detail that a frame shows: first the blocks to search, then the rocks in them.
 class RockSearch {
  public:
   RockSearch(const dem::Terrain& terrain, std::shared_ptr<dem::RockMemory> memory, const RowViews& views,
@@ -133,29 +134,30 @@ class RockSearch {
   }
 
   // Adds the octave blocks for a chosen block or a sub-block of it, whose terrain lies between the heights of the
-  // block.
+  // chosen block (`info`). Visits the sub-blocks while an octave needs finer ones.
   void add_octave_blocks(const dem::BlockId& id, int chosen_level, const dem::NodeInfo& info,
                          std::vector<OctaveBlock>& octave_blocks) {
     stop_.check();
     const dem::RockField& field = survey_.field();
     const NodeBounds bounds = bounds_of(id, static_cast<double>(info.min_m), static_cast<double>(info.max_m));
-    const double sharpest = pixels_per_metre(bounds);
-    const double smallest_m = min_px_ / sharpest;
+    const double smallest_m = min_px_ / pixels_per_metre(bounds);  // smallest rock that may be min_px_ wide
     if (!(field.law().largest_m >= smallest_m)) return;
     const auto may_show = [&](double largest_m) {
       return may_be_in_view(bounds.points, bounds.bulge_m + 2 * largest_m + shadow_m(bounds.centre, largest_m));
     };
     if (!may_show(field.law().largest_m)) return;
-    bool finer = false;
-    for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k) {
-      if (field.largest_m(k) < smallest_m) continue;
-      const int level = level_of_rocks(k);
+    bool has_finer_octaves = false;
+    for (int octave = field.smallest_octave(); octave <= field.largest_octave(); ++octave) {
+      if (field.largest_m(octave) < smallest_m) continue;
+      const int level = level_of_rocks(octave);
+      // Search an octave in blocks of its own level; a chosen block that is finer stands for its ancestor there.
       if (level == id.level || (level < id.level && id.level == chosen_level)) {
-        if (may_show(field.largest_m(k))) octave_blocks.push_back({k, dem::ancestor_of(id, level), smallest_m});
+        if (may_show(field.largest_m(octave)))
+          octave_blocks.push_back({octave, dem::ancestor_of(id, level), smallest_m});
       }
-      finer |= level > id.level;
+      has_finer_octaves |= level > id.level;
     }
-    if (!finer) return;
+    if (!has_finer_octaves) return;
     for (const dem::BlockId& child : dem::children_of(id)) add_octave_blocks(child, chosen_level, info, octave_blocks);
   }
 

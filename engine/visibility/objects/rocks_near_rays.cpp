@@ -27,25 +27,28 @@ struct RayInterval {
 // Returns the distance along the line of a ray at which it is nearest to the centre of the Moon.
 double closest_to_centre_m(const RayCone& ray) { return -ray.origin_m.dot(ray.direction); }
 
-// Returns the square of the distance along the ray from that point to where it is at a height; negative if it never is.
+// Returns the square of the distance, m, along the ray from closest_to_centre_m() to where it is at a height; negative
+// if it never is.
 double half_chord2(const RayCone& ray, double height_m) {
-  const double radius = kMoonRadius_m + height_m;
-  const double along = closest_to_centre_m(ray);
-  return radius * radius - (ray.origin_m + along * ray.direction).squaredNorm();
+  const double radius_m = kMoonRadius_m + height_m;
+  const double closest_m = closest_to_centre_m(ray);
+  return radius_m * radius_m - (ray.origin_m + closest_m * ray.direction).squaredNorm();
 }
 
 // Returns the interval of a ray inside the ball around a block in which it is at most `above_m` above the terrain of
 // the block; both are enlarged by above_m.
 std::optional<RayInterval> interval_over(const RayCone& ray, const NodeBounds& b, double above_m) {
+  // Intersect the chord through the ball with the one through a sphere above the terrain, which has a margin of 1 m.
   const Vec3 to = b.centre - ray.origin_m;
-  const double along = to.dot(ray.direction);
-  const double reach = b.radius_m + above_m;
-  const double ball = reach * reach - (to - along * ray.direction).squaredNorm();
-  const double low = half_chord2(ray, b.high_m + b.bulge_m + 1 + above_m);
-  if (ball < 0 || low < 0) return std::nullopt;
-  const RayInterval found{std::max({0.0, along - std::sqrt(ball), closest_to_centre_m(ray) - std::sqrt(low)}),
-                          std::min(along + std::sqrt(ball), closest_to_centre_m(ray) + std::sqrt(low))};
-  return found.from_m <= found.to_m ? std::optional(found) : std::nullopt;
+  const double along_m = to.dot(ray.direction);
+  const double reach_m = b.radius_m + above_m;
+  const double ball_half_chord2 = reach_m * reach_m - (to - along_m * ray.direction).squaredNorm();
+  const double height_half_chord2 = half_chord2(ray, b.high_m + b.bulge_m + 1 + above_m);
+  if (ball_half_chord2 < 0 || height_half_chord2 < 0) return std::nullopt;
+  const RayInterval interval{
+      std::max({0.0, along_m - std::sqrt(ball_half_chord2), closest_to_centre_m(ray) - std::sqrt(height_half_chord2)}),
+      std::min(along_m + std::sqrt(ball_half_chord2), closest_to_centre_m(ray) + std::sqrt(height_half_chord2))};
+  return interval.from_m <= interval.to_m ? std::optional(interval) : std::nullopt;
 }
 
 // Ends an interval where the ray passes below a height for good.
@@ -62,9 +65,9 @@ std::vector<RayInterval> sections_of(const RayInterval& interval, double longest
   std::vector<RayInterval> sections;
   const double length_m = interval.to_m - interval.from_m;
   const int count = static_cast<int>(std::max(1.0, std::ceil(length_m / longest_m)));
-  const auto at = [&](int i) { return interval.from_m + static_cast<double>(i) / count * length_m; };
+  const auto section_end_m = [&](int i) { return interval.from_m + static_cast<double>(i) / count * length_m; };
   sections.reserve(static_cast<std::size_t>(count));
-  for (int i = 0; i < count; ++i) sections.push_back({at(i), at(i + 1)});
+  for (int i = 0; i < count; ++i) sections.push_back({section_end_m(i), section_end_m(i + 1)});
   return sections;
 }
 
@@ -88,7 +91,8 @@ std::optional<dem::Footprint> footprint_below(const RayCone& ray, const RayInter
 
 }  // namespace
 
-// Returns the regions to search. Empty if more than kMaxRocksOfRays rocks are expected in them.
+// Returns the regions to search for rocks larger than `omitted_m`, octave by octave: strips of ground below the
+// sections of few single rays, whole blocks otherwise. Empty if more than kMaxRocksOfRays rocks are expected in them.
 std::optional<RocksNearRays::SearchRegions> RocksNearRays::regions_along(std::span<const RayCone> rays,
                                                                          std::span<const BlockOnRays> blocks,
                                                                          double omitted_m,
@@ -103,32 +107,33 @@ std::optional<RocksNearRays::SearchRegions> RocksNearRays::regions_along(std::sp
                                          ancestor_of(block.id, std::min(block.id.level, level_of_rocks(octave))));
     };
     const NodeBounds bounds = bounds_of(block.id, block.low_m, block.high_m);
-    const bool bundles =
+    const bool has_cones =
         !std::all_of(block.rays.begin(), block.rays.end(), [&](std::size_t i) { return rays[i].is_single_ray(); });
     const dem::Footprint footprint = dem::footprint_of(block.id);
-    for (int k = field.smallest_octave(); k <= field.largest_octave() && expected <= kMaxRocksOfRays; ++k) {
-      if (field.largest_m(k) <= omitted_m) continue;
-      if (bundles || block.rays.size() > kMaxRaysSearchedSingly || regions.strips.size() > kMaxStrips) {
-        add_block(k);
+    for (int octave = field.smallest_octave(); octave <= field.largest_octave() && expected <= kMaxRocksOfRays;
+         ++octave) {
+      if (field.largest_m(octave) <= omitted_m) continue;
+      if (has_cones || block.rays.size() > kMaxRaysSearchedSingly || regions.strips.size() > kMaxStrips) {
+        add_block(octave);
         continue;
       }
-      const dem::Footprint padded_footprint = dem::around(footprint, field.largest_m(k));
+      const dem::Footprint padded_footprint = dem::around(footprint, field.largest_m(octave));
       for (const std::size_t i : block.rays) {
         stop.check();
-        const auto interval = interval_over(rays[i], bounds, field.largest_m(k));
+        const auto interval = interval_over(rays[i], bounds, field.largest_m(octave));
         if (!interval) continue;
-        const double lowest_m = bounds.low_m - bounds.bulge_m - 1 - field.largest_m(k);
+        const double lowest_m = bounds.low_m - bounds.bulge_m - 1 - field.largest_m(octave);
         for (const RayInterval& section :
-             sections_of(clip_below(rays[i], *interval, lowest_m), kSectionDiameters * field.largest_m(k))) {
-          const auto box = footprint_below(rays[i], section, field.largest_m(k));
+             sections_of(clip_below(rays[i], *interval, lowest_m), kSectionDiameters * field.largest_m(octave))) {
+          const auto box = footprint_below(rays[i], section, field.largest_m(octave));
           if (!box) {
-            add_block(k);
+            add_block(octave);
             break;
           }
           const auto overlap = common(*box, padded_footprint);
           if (overlap) {
-            regions.strips.push_back({k, *overlap});
-            expected += expected_rocks(field, k, *overlap, 0);
+            regions.strips.push_back({octave, *overlap});
+            expected += expected_rocks(field, octave, *overlap, 0);
           }
         }
       }
@@ -164,6 +169,7 @@ std::optional<std::vector<dem::RockFeature>> RocksNearRays::along(std::span<cons
   return rocks;
 }
 
+// Adds the rocks of the blocks that the cache lacks, in parallel. Returns false if they are too many.
 bool RocksNearRays::fill_cache(const std::vector<OctaveBlock>& octave_blocks, const StopToken& stop) {
   const dem::RockField& field = survey_.field();
   if (cached_entries_ > kMaxCachedRocks - kMaxNewRocks) {
