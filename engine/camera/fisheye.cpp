@@ -5,6 +5,7 @@
 
 namespace selenograph::engine {
 
+// Sets limit_ to the first fold, where the radius stops growing with the angle, found by steps and then bisection.
 Fisheye::Fisheye(const FisheyeDistortion& distortion) : d_(distortion) {
   // Steps of 1/4096 find every fold that matters: a slope that dips below zero for less than a thousandth of the field
   // of view folds less than a pixel.
@@ -51,6 +52,7 @@ std::optional<Vec3> Fisheye::direction(double x, double y) const {
   return Vec3(across * x, across * y, std::cos(*theta));
 }
 
+// Takes the larger of the radial scale, d radius / d theta, and the tangential one, radius / sin(theta).
 double Fisheye::largest_scale(double from_theta, double to_theta) const {
   const double from = std::clamp(from_theta, 0.0, limit_), to = std::clamp(to_theta, 0.0, limit_);
   // Both scales are smooth; a margin of 2 % covers the gaps between samples (tests/unit/fisheye_test.cpp).

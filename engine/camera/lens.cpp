@@ -84,21 +84,21 @@ bool Lens::holds(double x, double y) const {
   return true;
 }
 
-// Newton's method with the exact Jacobian, in steps that stay within the fold. It converges quadratically, so a failure
-// means that the target is beyond the fold.
+// Returns the position whose image is the target, by Newton's method from p with the exact Jacobian, in steps that stay
+// within the fold. It converges quadratically, so a failure means that the target is beyond the fold: then empty.
 std::optional<Eigen::Vector2d> Lens::corrected(Eigen::Vector2d p, const Eigen::Vector2d& target) const {
-  Eigen::Matrix2d slope = jacobian(p.x(), p.y());
+  Eigen::Matrix2d slope_matrix = jacobian(p.x(), p.y());
   for (int i = 0; i < 50; ++i) {
-    Eigen::Vector2d step = slope.inverse() * (distorted(p.x(), p.y()) - target);
-    const double longest = 0.5 * std::max(0.1, p.norm());
-    if (step.norm() > longest) step *= longest / step.norm();
+    Eigen::Vector2d step = slope_matrix.inverse() * (distorted(p.x(), p.y()) - target);
+    const double max_step = 0.5 * std::max(0.1, p.norm());
+    if (step.norm() > max_step) step *= max_step / step.norm();
     constexpr int kMaxHalvings = 8;
-    int halved = 0;
-    for (; halved < kMaxHalvings; ++halved, step /= 2) {
-      slope = jacobian(p.x() - step.x(), p.y() - step.y());
-      if (positive_definite(slope)) break;
+    int halvings = 0;
+    for (; halvings < kMaxHalvings; ++halvings, step /= 2) {
+      slope_matrix = jacobian(p.x() - step.x(), p.y() - step.y());
+      if (positive_definite(slope_matrix)) break;
     }
-    if (halved == kMaxHalvings) return std::nullopt;
+    if (halvings == kMaxHalvings) return std::nullopt;
     p -= step;
     if (step.norm() <= 1e-15 * (1 + p.norm())) break;
   }
@@ -115,7 +115,8 @@ std::optional<Eigen::Vector2d> Lens::continued_from_axis(const Eigen::Vector2d& 
   return p;
 }
 
-// Without tangential terms only the radius changes, and it grows up to the fold: Newton's method between brackets.
+// Returns the position whose image is the target, for a lens without tangential terms; empty beyond the fold. Only the
+// radius changes, and it grows up to the fold: Newton's method between brackets.
 std::optional<Eigen::Vector2d> Lens::radially_undistorted(const Eigen::Vector2d& target) const {
   const double target_radius = target.norm();
   if (target_radius == 0) return target;

@@ -14,7 +14,8 @@
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// Rays of a camera without distortion are linear in the pixel's coordinates.
+// Sets the rays of a camera without distortion, which are linear in the pixel's coordinates; members as in LinearRays.
+// (x, y): position of the first pixel's sample.
 template <PacketShape shape>
 HWY_INLINE void linear_rays(const Vec3& first, const Vec3& right, const Vec3& down, const Vec3& origin, double x,
                             double y, Rays& rays) {
@@ -41,7 +42,7 @@ void LinearSquare(const Vec3& first, const Vec3& right, const Vec3& down, const 
   linear_rays<PacketShape::square>(first, right, down, origin, x, y, rays);
 }
 
-// Rays through positions on a pinhole's plane z = 1. `m`: the matrix moon_from_camera by columns.
+// Sets the rays through positions on a pinhole's plane z = 1. `m`: the matrix moon_from_camera by columns.
 void LensRays(const double* x, const double* y, const double* m, const double* origin, Rays& rays) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
@@ -66,7 +67,7 @@ HWY_EXPORT(LensRays);
 
 namespace {
 
-// Sets one lane from a direction in camera axes.
+// Sets lane i from a direction d in camera axes. `m`: the matrix moon_from_camera by columns.
 void set_rotated_ray(const Vec3& d, const double* m, const double* origin, int i, Rays& rays) {
   rays.ox[i] = origin[0];
   rays.oy[i] = origin[1];
@@ -98,6 +99,8 @@ LinearRays::LinearRays(const View& view) {
 
 PacketRays::PacketRays(const View& view) : view_(view), linear_(view.camera().rectilinear()), rays_(view) {}
 
+// Aims a packet of this shape at the samples (dx, dy) off the pixels from (x, y) on. Lanes beyond the image, and those
+// where the lens images nothing, are not valid.
 template <PacketShape shape>
 void PacketRays::aim_shape(int x, int y, double dx, double dy, const PixelRays* lens, Rays& out) const {
   constexpr int kAcross = pixels_across(shape);

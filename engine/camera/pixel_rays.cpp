@@ -47,6 +47,8 @@ struct Parabola {
 
 }  // namespace
 
+// Interpolates the rays of the dense image, two by two samples per pixel a quarter of a pixel off its centre, by a
+// parabola in each direction.
 PixelRays::PixelRays(const PixelRays& of_pixels, const Camera& camera, const Camera& dense, const StopToken& stop) {
   if (camera.rectilinear()) return;
   if (camera.width < 3 || camera.height < 3) {

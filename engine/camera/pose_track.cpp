@@ -68,6 +68,7 @@ Pose PoseTrack::at(double seconds) const {
   return pose;
 }
 
+// Evaluates the cubic Hermite polynomial of a segment; beyond the ends the camera moves on at constant velocity.
 Vec3 PoseTrack::position_at(std::size_t segment, double seconds) const {
   const PoseAtTime &a = poses_[segment], &b = poses_[segment + 1];
   if (seconds < a.time_s) return a.pose.position_m + (seconds - a.time_s) * velocities_[segment];

@@ -71,8 +71,8 @@ RowViews::RowViews(const Camera& camera, const Pose& pose, const std::optional<S
   bundle(poses, 0, rows_.size());
 }
 
-// Bundles rows whose views differ by less than kLittle_px. Otherwise halves the range, down to 1/256 of the rows, so
-// that a selection can test the bundles one by one.
+// Bundles the rows from first to past_last if their views differ by at most kMaxDifference_px at the ground. Otherwise
+// halves the range, down to 1/256 of the rows, so that a selection can test the bundles one by one.
 void RowViews::bundle(const std::vector<Pose>& poses, std::size_t first, std::size_t past_last) {
   constexpr double kMaxDifference_px = 8, kNear_m = 100;
   const std::size_t middle = (first + past_last) / 2, min_rows = rows_.size() / 256 + 1;
@@ -113,18 +113,18 @@ constexpr double kTolerance_px = 1e-7;
 std::optional<double> RowViews::row_by_secant(const Vec3& point_m) const {
   constexpr int kMaxSteps = 20;
   double previous = (height_ - 1) / 2.0, row = previous + 1;
-  std::optional<double> off_previous = off_row_px(point_m, previous);
+  std::optional<double> previous_off_px = off_row_px(point_m, previous);
   // A rolling shutter moves little during a row's readout: the row that images the point is a first guess.
-  if (off_previous && !pushbroom_) row = previous + *off_previous;
-  for (int step = 0; step < kMaxSteps && off_previous; ++step) {
-    const auto off = std::abs(row) <= 4.0 * (height_ + 1) ? off_row_px(point_m, row) : std::nullopt;
-    if (!off) return std::nullopt;
-    if (std::abs(*off) <= kTolerance_px) return row;
-    const double slope = (*off - *off_previous) / (row - previous);
+  if (previous_off_px && !pushbroom_) row = previous + *previous_off_px;
+  for (int step = 0; step < kMaxSteps && previous_off_px; ++step) {
+    const auto off_px = std::abs(row) <= 4.0 * (height_ + 1) ? off_row_px(point_m, row) : std::nullopt;
+    if (!off_px) return std::nullopt;
+    if (std::abs(*off_px) <= kTolerance_px) return row;
+    const double slope = (*off_px - *previous_off_px) / (row - previous);
     previous = row;
-    off_previous = off;
-    if (row - *off / slope == row || !std::isfinite(*off / slope)) return std::nullopt;
-    row -= *off / slope;
+    previous_off_px = off_px;
+    if (row - *off_px / slope == row || !std::isfinite(*off_px / slope)) return std::nullopt;
+    row -= *off_px / slope;
   }
   return std::nullopt;
 }
@@ -135,10 +135,10 @@ std::optional<double> RowViews::row_between(const Vec3& point_m, double above, d
   for (;;) {
     const double middle = (above + below) / 2;
     if (middle == above || middle == below) return middle;
-    const auto off = off_row_px(point_m, middle);
-    if (!off) return std::nullopt;  // the point leaves the lens's field of view in between
-    if (std::abs(*off) <= kTolerance_px) return middle;
-    ((*off > 0) == positive_above ? above : below) = middle;
+    const auto off_px = off_row_px(point_m, middle);
+    if (!off_px) return std::nullopt;  // the point leaves the lens's field of view in between
+    if (std::abs(*off_px) <= kTolerance_px) return middle;
+    ((*off_px > 0) == positive_above ? above : below) = middle;
   }
 }
 
@@ -149,8 +149,8 @@ std::optional<Sighting> RowViews::sighting(const Vec3& point_m, double row) cons
   return Sighting{{pixel->x, row}, shutter_->time_s(row), view.position()};
 }
 
-// Search down the image. If the point is on different sides of the exposed row at two stops, some row in between images
-// it.
+// Search for a point down the image, in stops at rows. At the time of each stop, the point is off the row then exposed
+// by off_row_px(). If the sign of that differs at two stops, some row in between images the point.
 class RowViews::Search {
  public:
   // `outside`: a sighting outside the image's columns, if there is one.
@@ -195,6 +195,7 @@ class RowViews::Search {
   std::optional<double> off_above_;
 };
 
+// Returns the camera's position when it images the point or, if it never does, that of the nearest bundle.
 Vec3 RowViews::camera_seeing(const Vec3& point_m) const {
   if (!vary()) return reference_.position();
   if (const auto sighted = find(point_m)) return sighted->camera_m;
@@ -211,9 +212,9 @@ Vec3 RowViews::camera_seeing(const Vec3& point_m) const {
 // the point, and in steps of bundles elsewhere.
 std::optional<Sighting> RowViews::find(const Vec3& point_m) const {
   const std::optional<double> row = row_by_secant(point_m);
-  const auto quick = row && in_rows(*row) ? sighting(point_m, *row) : std::nullopt;
-  if (quick && in_columns(quick->pixel.x)) return quick;
-  Search search(*this, point_m, quick);
+  const auto by_secant = row && in_rows(*row) ? sighting(point_m, *row) : std::nullopt;
+  if (by_secant && in_columns(by_secant->pixel.x)) return by_secant;
+  Search search(*this, point_m, by_secant);
   for (const ViewBundle& bundle : bundles_) {
     if (!bundle.may_see(point_m, 0)) {
       if (search.advance(bundle.first_row)) return search.found();

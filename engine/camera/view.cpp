@@ -51,8 +51,8 @@ std::optional<PixelXY> View::project(const Vec3& point_m) const {
 
 // Samples the image to bound the slopes of its rays and the scale of the image.
 void View::bound_image() {
-  // Corners of the image, half a pixel outside the centres of the border's pixels.
-  const double w = camera_.width - 0.5, h = camera_.height - 0.5;
+  // Right and lower end of the image, half a pixel outside the centres of the border's pixels; it begins at -0.5.
+  const double right_end_px = camera_.width - 0.5, bottom_end_px = camera_.height - 0.5;
   constexpr int kSamples = 64;
   // Margins for the gaps between samples. A scale that swings once across the image is at most 1 / cos(2 pi / 128) - 1
   // = 0.12 % larger there: 1 % is ample. A bound moves by less than a step between samples, 1/64 of the image or 1.6 %:
@@ -65,20 +65,21 @@ void View::bound_image() {
   bool folds = false;
   for (int j = 0; j <= kSamples; ++j)
     for (int i = 0; i <= kSamples; ++i) {
-      const double u = -0.5 + (w + 0.5) * i / kSamples, v = -0.5 + (h + 0.5) * j / kSamples;
-      const auto p = lens.undistorted((u - camera_.cx) / camera_.fx, (v - camera_.cy) / camera_.fy);
-      folds |= !p;
-      if (!p) continue;
-      left_ = std::min(left_, p->x());
-      right_ = std::max(right_, p->x());
-      top_ = std::min(top_, p->y());
-      bottom_ = std::max(bottom_, p->y());
+      const double x_px = -0.5 + (right_end_px + 0.5) * i / kSamples,
+                   y_px = -0.5 + (bottom_end_px + 0.5) * j / kSamples;
+      const auto plane_point = lens.undistorted((x_px - camera_.cx) / camera_.fx, (y_px - camera_.cy) / camera_.fy);
+      folds |= !plane_point;
+      if (!plane_point) continue;
+      left_ = std::min(left_, plane_point->x());
+      right_ = std::max(right_, plane_point->x());
+      top_ = std::min(top_, plane_point->y());
+      bottom_ = std::max(bottom_, plane_point->y());
       // Pixels per radian: on the plane z = 1 an angle covers up to (1 + r^2), along the radius. The lens stretches
       // that by at most the larger eigenvalue of its symmetric Jacobian.
-      const Eigen::Matrix2d j2 = lens.jacobian(p->x(), p->y());
-      const double r2 = p->squaredNorm(), half_trace = j2.trace() / 2;
+      const Eigen::Matrix2d jacobian = lens.jacobian(plane_point->x(), plane_point->y());
+      const double r2 = plane_point->squaredNorm(), half_trace = jacobian.trace() / 2;
       const double stretch =
-          std::abs(half_trace) + std::sqrt(std::max(0.0, half_trace * half_trace - j2.determinant()));
+          std::abs(half_trace) + std::sqrt(std::max(0.0, half_trace * half_trace - jacobian.determinant()));
       max_pixels_per_radian = std::max(max_pixels_per_radian, std::max(camera_.fx, camera_.fy) * (1 + r2) * stretch);
       stretched_focal_ = std::max(stretched_focal_, std::max(camera_.fx, camera_.fy) * stretch * kScaleMargin);
       widest_ = std::max(widest_, std::sqrt(r2));
@@ -92,11 +93,13 @@ void View::bound_image() {
     left_ = top_ = -widest_;
     right_ = bottom_ = widest_;
   }
-  const double mx = kBoundMargin * (right_ - left_) + kMinMargin, my = kBoundMargin * (bottom_ - top_) + kMinMargin;
-  left_ -= mx;
-  right_ += mx;
-  top_ -= my;
-  bottom_ += my;
+  const double margin_x = kBoundMargin * (right_ - left_) + kMinMargin,
+               margin_y = kBoundMargin * (bottom_ - top_) + kMinMargin;
+  left_ -= margin_x;
+  right_ += margin_x;
+  top_ -= margin_y;
+  bottom_ += margin_y;
+  // Normalise the planes through the camera and the sides of the image; see outside_image().
   const auto per_length = [](double slope) { return 1 / std::sqrt(1 + slope * slope); };
   per_length_ = {per_length(left_), per_length(right_), per_length(top_), per_length(bottom_)};
 }
@@ -133,6 +136,7 @@ bool View::may_see(const Vec3& centre_m, double radius_m) const {
   return *std::max_element(distances.begin(), distances.end()) <= radius_m;
 }
 
+// The convex hull of the points is outside the image if all of them are outside one side.
 bool View::may_see(std::span<const Vec3> points_m, double margin_m) const {
   if (projection_.fisheye()) return true;
   if (left_ > right_) return false;
@@ -152,14 +156,16 @@ double View::pixels_per_metre_from(double nearest_m) const {
   return per_radian / std::max(nearest_m, 1e-3);
 }
 
+// Bounds the scale by distance and, for a ball in front of a pinhole, also by depth; the smaller bound holds.
 double View::pixels_per_metre(const Vec3& centre_m, double radius_m, double highest_m) const {
   const Vec3 c = camera_from_moon_ * (centre_m - position_);
   // From inside the ball, the nearest distance is still the height above everything in it.
   const double nearest = std::max(c.norm() - radius_m, position_.norm() - kMoonRadius_m - highest_m);
   if (projection_.fisheye()) {
     const double theta = std::atan2(std::hypot(c.x(), c.y()), c.z()),
-                 reach = radius_m < c.norm() ? std::asin(radius_m / c.norm()) : std::numbers::pi;
-    const double scale = projection_.fisheye()->largest_scale(theta - reach, std::min(theta + reach, widest_theta_));
+                 half_angle = radius_m < c.norm() ? std::asin(radius_m / c.norm()) : std::numbers::pi;
+    const double scale =
+        projection_.fisheye()->largest_scale(theta - half_angle, std::min(theta + half_angle, widest_theta_));
     return std::max(camera_.fx, camera_.fy) * scale / std::max(nearest, 1e-3);
   }
   const double by_angle = pixels_per_radian_ / std::max(nearest, 1e-3);
