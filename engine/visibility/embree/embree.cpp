@@ -93,8 +93,8 @@ RTCDevice device_for(int threads) {
   return d;
 }
 
-// Returns whether all direction components are clear of zero: bundles of Embree 3.13 lose hits if a component is
-// (nearly) zero for some rays and not for others.
+// Returns whether each direction component has one sign in all rays and is clear of zero: bundles of Embree 3.13 lose
+// hits if a component is (nearly) zero for some rays and not for others.
 bool safe_as_bundle(const RayPacket& rays) {
   constexpr float kClear = 0x1p-10F;
   const float* const axes[3] = {rays.dx, rays.dy, rays.dz};
@@ -217,6 +217,7 @@ void EmbreeScene::set_instance(std::size_t geometry, const EmbreeScene& of,
   rtcCommitGeometry(new_geometry);
 }
 
+// Hands the geometries over to the scene, and builds its acceleration structure.
 void EmbreeScene::build(const StopToken& stop) {
   for (std::size_t i = 0; i < impl_->geometries.size(); ++i) {
     RTCGeometry& geometry = impl_->geometries[i];

@@ -15,10 +15,11 @@
 #define SELENOGRAPH_ENGINE_RAY_TRACER_SHARED
 namespace selenograph::engine {
 
+// Arguments of RayTracer::occluded() for the filter.
 struct SunContext {
-  float sun[3];
-  float rounding_m;
-  const float* burial_m;
+  float sun[3];           // unit vector toward the Sun
+  float rounding_m;       // of a start and its triangle
+  const float* burial_m;  // per ray; see StartShadowRays
 };
 
 // Returns whether a candidate is the surface that the ray leaves: it faces the Sun, and its plane or its distance is
@@ -35,6 +36,7 @@ inline bool is_own_surface(float nx, float ny, float nz, float sx, float sy, flo
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
+// Clears `valid` of sixteen candidates, lane by lane, where they are the surface that the ray leaves.
 void IgnoreOwnSurface16(const Occluders& o, const SunContext& context) {
   const float *nx = o.nx, *ny = o.ny, *nz = o.nz, *distance = o.distance;
   int* valid = o.valid;
@@ -56,6 +58,7 @@ HWY_EXPORT(IgnoreOwnSurface16);
 
 namespace {
 
+// Does the same for any number of candidates: Embree calls the filter with all lanes or with a few.
 void ignore_own_surface(const Occluders& o, const SunContext& context) {
   if (o.count == kPacket) return HWY_DYNAMIC_DISPATCH(IgnoreOwnSurface16)(o, context);
   for (std::size_t i = 0; i < o.count; ++i)
@@ -65,6 +68,7 @@ void ignore_own_surface(const Occluders& o, const SunContext& context) {
       o.valid[i] = 0;
 }
 
+// Writes the vertices of a block relative to the anchor: x, y, z each, row by row.
 void fill_vertices(const MeshBlock& block, const Vec3& anchor, std::span<float> vertices) {
   float* out = vertices.data();
   for (int r = 0; r < block.posts->side(); ++r)
@@ -107,33 +111,37 @@ struct RayTracer::Impl {
   Impl(const Mesh& mesh, int threads)
       : scene(mesh.blocks().size(), threads, EmbreeScene::Filters::on_occlusion), numbering(mesh.blocks().size()) {}
 
+  // Makes the geometry of a block: a grid, or single triangles if it has voids; none if it has no triangle.
   void set_block(const MeshBlock& block, std::size_t index, const Vec3& anchor) {
     const auto vertices = [&](std::span<float> out) { fill_vertices(block, anchor, out); };
-    Numbering& n = numbering[index];
+    Numbering& block_numbering = numbering[index];
     if (is_complete(block)) {
-      n.quads = block.posts->extent.quads;
+      block_numbering.quads = block.posts->extent.quads;
       return scene.set_grid(index, block.posts->side(), vertices);
     }
     // Set the valid triangles one by one: Embree drops a whole grid for one vertex that is not finite.
-    n.triangles = valid_triangles(block, static_cast<std::uint32_t>(index));
-    if (n.triangles.empty()) return;
-    scene.set_triangles(index, block.vertices.size(), n.triangles.size(), vertices, [&](std::span<std::uint32_t> out) {
-      std::uint32_t* corners = out.data();
-      for (const TriangleId& t : n.triangles) {
-        const dem::QuadVertices q = t.vertices();
-        for (int i = 0; i < 3; ++i) *corners++ = static_cast<std::uint32_t>(block.posts->index(q.r[i], q.c[i]));
-      }
-    });
+    block_numbering.triangles = valid_triangles(block, static_cast<std::uint32_t>(index));
+    if (block_numbering.triangles.empty()) return;
+    scene.set_triangles(index, block.vertices.size(), block_numbering.triangles.size(), vertices,
+                        [&](std::span<std::uint32_t> out) {
+                          std::uint32_t* corners = out.data();
+                          for (const TriangleId& t : block_numbering.triangles) {
+                            const dem::QuadVertices q = t.vertices();
+                            for (int i = 0; i < 3; ++i)
+                              *corners++ = static_cast<std::uint32_t>(block.posts->index(q.r[i], q.c[i]));
+                          }
+                        });
   }
 
+  // Returns the triangle that lane i hits.
   TriangleId triangle_of(const RayHits& hits, int i) const {
-    const Numbering& n = numbering[hits.geometry[i]];
-    if (n.quads == 0) return n.triangles[hits.primitive[i]];
+    const Numbering& block_numbering = numbering[hits.geometry[i]];
+    if (block_numbering.quads == 0) return block_numbering.triangles[hits.primitive[i]];
     // u and v run over the whole grid. Rounding at the border of a quad is corrected in refine.cpp.
-    const float u = hits.u[i] * static_cast<float>(n.quads);
-    const float v = hits.v[i] * static_cast<float>(n.quads);
-    const int c = std::clamp(static_cast<int>(u), 0, n.quads - 1);
-    const int r = std::clamp(static_cast<int>(v), 0, n.quads - 1);
+    const float u = hits.u[i] * static_cast<float>(block_numbering.quads);
+    const float v = hits.v[i] * static_cast<float>(block_numbering.quads);
+    const int c = std::clamp(static_cast<int>(u), 0, block_numbering.quads - 1);
+    const int r = std::clamp(static_cast<int>(v), 0, block_numbering.quads - 1);
     return {hits.geometry[i], r, c, (u - static_cast<float>(c)) + (v - static_cast<float>(r)) > 1.F};
   }
 

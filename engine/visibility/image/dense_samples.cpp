@@ -50,6 +50,7 @@ DenseSamples::DenseSamples(const FrameJob& job, const PixelRays& lens, std::size
     each_ = [this](const SubpixelSample& sample, const std::vector<float>& radiance) { split(sample, radiance); };
 }
 
+// Hands one sample of the dense frame over as kSide x kSide samples of the frame, a quarter of a pixel off its centres.
 void DenseSamples::split(const SubpixelSample& sample, const std::vector<float>& radiance) const {
   const auto row = static_cast<std::size_t>(request_.camera.width);
   std::vector<float> sample_radiance(radiance.size() / (kSide * kSide));

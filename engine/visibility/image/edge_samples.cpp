@@ -29,6 +29,7 @@ EdgeSamples::EdgeSamples(const FrameJob& job)
       rays_(views_.reference()),
       shader_(request_, views_, job.radiance, job.indirect) {}
 
+// Returns the pixels of a rectangle whose radiance differs from that of a neighbour by more than the contrast.
 std::vector<std::uint32_t> EdgeSamples::find(const std::vector<float>& radiance, int x0, int y0, int width,
                                              int height) const {
   const Camera& camera = job_.request.camera;
@@ -49,6 +50,8 @@ std::vector<std::uint32_t> EdgeSamples::find(const std::vector<float>& radiance,
   return found;
 }
 
+// Aims a packet at the samples from `first` on, kPerPixel of each pixel in turn. Returns their number; lanes beyond it
+// repeat the last sample and are not valid.
 int EdgeSamples::aim(std::span<const std::uint32_t> pixels, std::size_t first, DensePixels& dense_pixels,
                      Rays& rays) const {
   const auto width = static_cast<std::uint32_t>(job_.request.camera.width);

@@ -15,6 +15,7 @@ double tolerance_m(double distance_m) { return 1e-6 + 1e-12 * distance_m; }
 
 }  // namespace
 
+// Projects the points of the requested lanes into the second image; NaN where it does not show them.
 void Flow::find(const SurfacePoints& points, std::uint32_t lanes, PixelPositions& out) const {
   Vec3 camera_m[kPacket];
   std::uint32_t imaged = 0;
@@ -42,17 +43,19 @@ void Flow::find(const SurfacePoints& points, std::uint32_t lanes, PixelPositions
     if (hidden_lanes >> i & 1) out.x[i] = out.y[i] = std::numeric_limits<double>::quiet_NaN();
 }
 
+// Returns the requested lanes whose point something nearer hides from its camera. Other lanes get a copy of a valid
+// ray.
 std::uint32_t Flow::hidden(const SurfacePoints& points, std::uint32_t requested,
                            const Vec3 (&camera_m)[kPacket]) const {
   Rays rays;
   double distance_m[kPacket];
   const int source = std::countr_zero(requested);
   for (int i = 0; i < kPacket; ++i) {
-    const int from = requested >> i & 1 ? i : source;
-    const Vec3 to_point = points.position(from) - camera_m[from];
+    const int lane = requested >> i & 1 ? i : source;
+    const Vec3 to_point = points.position(lane) - camera_m[lane];
     distance_m[i] = to_point.norm();
-    rays.set(i, camera_m[from], to_point / distance_m[i]);
-    rays.valid[i] = from == i;
+    rays.set(i, camera_m[lane], to_point / distance_m[i]);
+    rays.valid[i] = lane == i;
   }
   SurfacePoints terrain;
   if (job_.request.terrain)
@@ -61,14 +64,16 @@ std::uint32_t Flow::hidden(const SurfacePoints& points, std::uint32_t requested,
     for (int i = 0; i < kPacket; ++i) terrain.hit[i] = terrain.toward_moon[i] = false;
   ObjectLanes objects;
   const std::uint32_t on_objects = job_.objects.empty() ? 0 : job_.objects.intersect(rays, terrain, objects, false);
-  std::uint32_t out = 0;
+  std::uint32_t hidden_lanes = 0;
   for (int i = 0; i < kPacket; ++i) {
     if (!(requested >> i & 1)) continue;
-    const bool object = on_objects >> i & 1;
-    const double nearest_m = object ? objects.points.distance[i] : terrain.hit[i] ? terrain.distance[i] : distance_m[i];
-    if (nearest_m < distance_m[i] - tolerance_m(distance_m[i])) out |= 1U << i;
+    const bool hits_object = on_objects >> i & 1;
+    const double nearest_m = hits_object      ? objects.points.distance[i]
+                             : terrain.hit[i] ? terrain.distance[i]
+                                              : distance_m[i];
+    if (nearest_m < distance_m[i] - tolerance_m(distance_m[i])) hidden_lanes |= 1U << i;
   }
-  return out;
+  return hidden_lanes;
 }
 
 }  // namespace selenograph::engine

@@ -18,6 +18,8 @@ SourceTile source_tile(const dem::RasterInfo& info) {
 FrameSources::FrameSources(std::size_t catalogue_size)
     : pages_(std::make_unique<std::atomic<Page*>[]>((catalogue_size + kPage - 1) / kPage)) {}
 
+// Returns the number of a source plus one, and gives it the next number if it has none. Readers take no lock: they see
+// a page or a number only once it is stored.
 std::uint32_t FrameSources::add(dem::SourceIndex source) {
   const std::lock_guard lock(mutex_);
   std::atomic<Page*>& page = pages_[source / kPage];

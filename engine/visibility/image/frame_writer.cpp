@@ -12,7 +12,7 @@ namespace selenograph::engine {
 namespace {
 
 constexpr float kNaN32 = std::numeric_limits<float>::quiet_NaN();
-constexpr std::uint16_t kNoGround = 65535;
+constexpr std::uint16_t kNoGround = 65535;  // pixels of `detail` without terrain
 constexpr double kNaN64 = std::numeric_limits<double>::quiet_NaN();
 
 struct SourceAt {
@@ -24,22 +24,22 @@ struct SourceAt {
 SourceAt source_at(const Mesh& mesh, const SurfacePoints& p, int lane) {
   const TriangleId& t = p.triangle[lane];
   const dem::Block& block = *mesh.blocks()[t.block()].posts;
-  if (const dem::SourceMark s = block.sources[0]; block.sources.size() == 1)
-    return {dem::source_of(s), dem::is_filled(s), dem::is_blended(s)};
+  if (const dem::SourceMark mark = block.sources[0]; block.sources.size() == 1)
+    return {dem::source_of(mark), dem::is_filled(mark), dem::is_blended(mark)};
   const dem::QuadVertices q = t.vertices();
   const double weights[3] = {1 - p.v[lane] - p.w[lane], p.v[lane], p.w[lane]};
-  SourceAt at{dem::kNoSource, false, false};
-  double heaviest = -1;
+  SourceAt nearest{dem::kNoSource, false, false};
+  double max_weight = -1;
   for (int i = 0; i < 3; ++i) {
-    const dem::SourceMark s = block.source(q.r[i], q.c[i]);
-    at.filled |= dem::is_filled(s);
-    at.blended |= dem::is_blended(s);
-    if (weights[i] > heaviest) {
-      heaviest = weights[i];
-      at.index = dem::source_of(s);
+    const dem::SourceMark mark = block.source(q.r[i], q.c[i]);
+    nearest.filled |= dem::is_filled(mark);
+    nearest.blended |= dem::is_blended(mark);
+    if (weights[i] > max_weight) {
+      max_weight = weights[i];
+      nearest.index = dem::source_of(mark);
     }
   }
-  return at;
+  return nearest;
 }
 
 // Returns what the nearest vertex shows: DEM, crater, relief or rock.
@@ -93,6 +93,8 @@ FrameWriter::FrameWriter(const FrameRequest& request, const RowViews& views, con
   allocate_products(out, request.products, pixels, request.truth ? request.truth->size() : pixels, stop);
 }
 
+// Counts all lanes at once, by the source of their blocks; returns false, without counting, if a lane hits a quad with
+// several sources.
 bool FrameWriter::account_all(const TriangleId triangles[kPacket], std::uint32_t hits, PixelCounts& counts) {
   const auto add = [&](const MeshBlock& block, std::uint64_t lanes) {
     counts.hit += lanes;
@@ -121,12 +123,12 @@ bool FrameWriter::account_all(const TriangleId triangles[kPacket], std::uint32_t
   return true;
 }
 
-void FrameWriter::account(const SurfacePoints& points, int i, std::size_t at, PixelCounts& counts) {
+void FrameWriter::account(const SurfacePoints& points, int i, std::size_t pixel, PixelCounts& counts) {
   const SourceAt source = source_at(mesh_, points, i);
   if (source.index != dem::kNoSource) {
-    const auto to = out_.source.empty() ? std::nullopt : slot(at);
-    if (to)
-      out_.source[*to] = sources_.product_number(source.index);
+    const auto slot_index = out_.source.empty() ? std::nullopt : slot(pixel);
+    if (slot_index)
+      out_.source[*slot_index] = sources_.product_number(source.index);
     else
       sources_.number(source.index);
   }
@@ -136,75 +138,78 @@ void FrameWriter::account(const SurfacePoints& points, int i, std::size_t at, Pi
 }
 
 void FrameWriter::store_geometry(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading,
-                                 float lit, std::size_t at) const {
-  const auto to = slot(at);
-  if (!to) return;
+                                 float lit, std::size_t pixel) const {
+  const auto slot_index = slot(pixel);
+  if (!slot_index) return;
   const auto spacing_m = static_cast<float>(dem::post_spacing_m(mesh_.blocks()[p.triangle[i].block()].posts->id.level));
-  if (!out_.detail.empty()) out_.detail[*to] = static_cast<std::uint16_t>(ground_at(mesh_, p, i));
-  store_point(p, i, direction, shading, lit, spacing_m, at, *to);
+  if (!out_.detail.empty()) out_.detail[*slot_index] = static_cast<std::uint16_t>(ground_at(mesh_, p, i));
+  store_point(p, i, direction, shading, lit, spacing_m, pixel, *slot_index);
   if (!out_.irradiance.empty())
     store_irradiance(light_.indirect ? light_.indirect->irradiance(p, i, shading.normal(i)) : Irradiance(),
-                     shading.incident[i], lit, *to);
+                     shading.incident[i], lit, *slot_index);
 }
 
+// Writes the ground truth of a pixel that sees an object, a rock or the soil against a rock; soil counts as relief.
 void FrameWriter::store_object(const ObjectLanes& lanes, int i, const Vec3& direction, float lit,
-                               std::size_t at) const {
+                               std::size_t pixel) const {
   if (!wants_geometry_) return;
-  const auto to = slot(at);
-  if (!to) return;
+  const auto slot_index = slot(pixel);
+  if (!slot_index) return;
   const bool on_rock = is_rock(lanes.object[i]);
-  const bool rock = on_rock && !lanes.on_soil[i];
-  if (!out_.object_id.empty() && !on_rock) out_.object_id[*to] = lanes.object[i];
-  if (!out_.rock.empty() && rock)
-    out_.rock[*to] = static_cast<std::uint16_t>(lanes.object[i] - request_.objects.size());
+  const bool shows_rock = on_rock && !lanes.on_soil[i];
+  if (!out_.object_id.empty() && !on_rock) out_.object_id[*slot_index] = lanes.object[i];
+  if (!out_.rock.empty() && shows_rock)
+    out_.rock[*slot_index] = static_cast<std::uint16_t>(lanes.object[i] - request_.objects.size());
   if (!out_.detail.empty() && on_rock)
-    out_.detail[*to] = static_cast<std::uint16_t>(rock ? dem::Ground::rock : dem::Ground::relief);
-  store_point(lanes.points, i, direction, lanes.shading, lit, kNaN32, at, *to);
+    out_.detail[*slot_index] = static_cast<std::uint16_t>(shows_rock ? dem::Ground::rock : dem::Ground::relief);
+  store_point(lanes.points, i, direction, lanes.shading, lit, kNaN32, pixel, *slot_index);
   if (!out_.irradiance.empty())
     store_irradiance(
         light_.indirect
             ? light_.indirect->on_objects(lanes.points.position(i), lanes.object[i]).on(lanes.shading.normal(i))
             : Irradiance(),
-        lanes.shading.incident[i], lit, *to);
+        lanes.shading.incident[i], lit, *slot_index);
 }
 
 void FrameWriter::store_point(const SurfacePoints& p, int i, const Vec3& direction, const Shading& shading, float lit,
-                              float spacing_m, std::size_t pixel, std::size_t at) const {
+                              float spacing_m, std::size_t pixel, std::size_t slot_index) const {
   const double length = direction.norm();
   const Vec3 position = p.position(i), normal = shading.normal(i);
-  if (!out_.depth.empty()) out_.depth[at] = views_.of_pixel(pixel).depth(direction, p.distance[i]);
-  if (!out_.range.empty()) out_.range[at] = p.distance[i] * length;
-  if (!out_.position.empty()) std::copy_n(position.data(), 3, &out_.position[3 * at]);
+  if (!out_.depth.empty()) out_.depth[slot_index] = views_.of_pixel(pixel).depth(direction, p.distance[i]);
+  if (!out_.range.empty()) out_.range[slot_index] = p.distance[i] * length;
+  if (!out_.position.empty()) std::copy_n(position.data(), 3, &out_.position[3 * slot_index]);
   if (!out_.geodetic.empty()) {
     const Geographic g = to_geographic(position);
-    out_.geodetic[3 * at] = g.lat_deg;
-    out_.geodetic[3 * at + 1] = g.lon_deg;
-    out_.geodetic[3 * at + 2] = g.height_m;
+    out_.geodetic[3 * slot_index] = g.lat_deg;
+    out_.geodetic[3 * slot_index + 1] = g.lon_deg;
+    out_.geodetic[3 * slot_index + 2] = g.height_m;
   }
   if (!out_.normal.empty())
-    for (int k = 0; k < 3; ++k) out_.normal[3 * at + static_cast<std::size_t>(k)] = static_cast<float>(normal[k]);
+    for (int k = 0; k < 3; ++k)
+      out_.normal[3 * slot_index + static_cast<std::size_t>(k)] = static_cast<float>(normal[k]);
   if (!out_.angles.empty()) {
     const Vec3 to_camera = -direction / length;
-    out_.angles[3 * at] = static_cast<float>(angle_deg(shading.mu0[i]));
-    out_.angles[3 * at + 1] = static_cast<float>(angle_deg(shading.mu[i]));
-    out_.angles[3 * at + 2] = static_cast<float>(angle_deg(to_camera.dot(request_.sun.direction)));
+    out_.angles[3 * slot_index] = static_cast<float>(angle_deg(shading.mu0[i]));
+    out_.angles[3 * slot_index + 1] = static_cast<float>(angle_deg(shading.mu[i]));
+    out_.angles[3 * slot_index + 2] = static_cast<float>(angle_deg(to_camera.dot(request_.sun.direction)));
   }
-  if (!out_.lit.empty()) out_.lit[at] = lit;
-  if (!out_.gsd.empty()) out_.gsd[at] = spacing_m;
+  if (!out_.lit.empty()) out_.lit[slot_index] = lit;
+  if (!out_.gsd.empty()) out_.gsd[slot_index] = spacing_m;
 }
 
 void FrameWriter::store_flow(double right_px, double down_px, std::size_t pixel) const {
-  if (const auto to = slot(pixel)) {
-    out_.flow[2 * *to] = right_px;
-    out_.flow[2 * *to + 1] = down_px;
+  if (const auto slot_index = slot(pixel)) {
+    out_.flow[2 * *slot_index] = right_px;
+    out_.flow[2 * *slot_index + 1] = down_px;
   }
 }
 
-void FrameWriter::store_irradiance(const Irradiance& indirect, double incident, float lit, std::size_t at) const {
-  float* of_pixel = &out_.irradiance[3 * at];
-  of_pixel[0] = static_cast<float>(light_.direct_w_m2 * std::max(incident, 0.0)) * lit;
-  of_pixel[1] = static_cast<float>(indirect.terrain_w_m2);
-  of_pixel[2] = static_cast<float>(indirect.earth_w_m2);
+void FrameWriter::store_irradiance(const Irradiance& indirect, double incident, float lit,
+                                   std::size_t slot_index) const {
+  float* irradiance = &out_.irradiance[3 * slot_index];
+  irradiance[0] = static_cast<float>(light_.direct_w_m2 * std::max(incident, 0.0)) * lit;
+  irradiance[1] = static_cast<float>(indirect.terrain_w_m2);
+  irradiance[2] = static_cast<float>(indirect.earth_w_m2);
 }
 
 void FrameWriter::mark(int x, int y, const SurfacePoints& points, int lane) {

@@ -21,10 +21,10 @@ namespace selenograph::engine {
 
 // Numbers of pixels by what they see.
 struct PixelCounts {
-  std::uint64_t hit = 0;
-  std::uint64_t missing = 0;
-  std::uint64_t filled = 0;
-  std::uint64_t blended = 0;
+  std::uint64_t hit = 0;      // terrain or an object
+  std::uint64_t missing = 0;  // no hit, although the ray meets the Moon: terrain without data
+  std::uint64_t filled = 0;   // terrain with filled posts
+  std::uint64_t blended = 0;  // terrain where layers are blended
   std::uint64_t on_object = 0;
   std::uint64_t on_rock = 0;
 };
@@ -91,11 +91,12 @@ class FrameWriter {
   const FrameSources& sources() const { return sources_; }
 
  private:
-  // Stores the products of a lane on terrain or on an object. `spacing_m`: NaN on an object.
+  // Stores the products of a lane on terrain or on an object. `spacing_m`: NaN on an object. `slot_index`: as slot()
+  // returns it for `pixel`.
   void store_point(const SurfacePoints& points, int lane, const Vec3& direction, const Shading& shading, float lit,
-                   float spacing_m, std::size_t pixel, std::size_t slot) const;
+                   float spacing_m, std::size_t pixel, std::size_t slot_index) const;
 
-  void store_irradiance(const Irradiance& indirect, double incident, float lit, std::size_t at) const;
+  void store_irradiance(const Irradiance& indirect, double incident, float lit, std::size_t slot_index) const;
 
   const FrameRequest& request_;
   const RowViews& views_;

@@ -24,13 +24,13 @@ std::optional<double> distance_to(const Mesh& mesh, const TriangleId& id, const 
   const Vec3 ab = t.b - t.a;
   const Vec3 ac = t.c - t.a;
   const Vec3 normal = ab.cross(ac);
-  const Vec3 to = t.a - from;
+  const Vec3 to_a = t.a - from;
   const double toward = normal.dot(direction);
   if (!(toward < 0)) return std::nullopt;
-  const double distance = normal.dot(to) / toward;
-  const Vec3 at = distance * direction - to;
-  const double v = at.cross(ac).dot(normal);
-  const double w = ab.cross(at).dot(normal);
+  const double distance = normal.dot(to_a) / toward;
+  const Vec3 from_a = distance * direction - to_a;
+  const double v = from_a.cross(ac).dot(normal);
+  const double w = ab.cross(from_a).dot(normal);
   const double area2 = normal.squaredNorm();
   if (!(distance > 0 && v >= -kEdge * area2 && w >= -kEdge * area2 && v + w <= (1 + kEdge) * area2))
     return std::nullopt;
@@ -53,6 +53,7 @@ std::optional<Vec3> intersection_near(const Mesh& mesh, const TriangleId& id, co
 
 }  // namespace
 
+// Marks the boresight, if it is in the image, and the four corners, clockwise in the image from the upper left.
 ViewMarks::ViewMarks(const RowViews& views, int margin_px) {
   const Camera& camera = views.camera();
   const double left = margin_px;

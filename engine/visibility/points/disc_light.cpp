@@ -27,7 +27,8 @@ constexpr std::int32_t kFacesNone = 0, kFacesPart = 1, kFacesAll = 2;
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// Classifies sixteen lanes. top: direction toward the upper end of the disc.
+// Sets `facing` to the state of each lane, and the tilts of `lanes` from its planes. `top`: unit direction toward the
+// upper end of the disc. A point sees nothing of the disc if the ray toward `top` passes through the Moon's core.
 void ClassifyFacing(const SurfacePoints& p, const double* top, DiscLanes& lanes, std::int32_t* facing) {
   constexpr double kCore2 = dem::kCoreRadius_m * dem::kCoreRadius_m;
   const double sx = top[0], sy = top[1], sz = top[2];
@@ -38,19 +39,22 @@ void ClassifyFacing(const SurfacePoints& p, const double* top, DiscLanes& lanes,
     const double z = p.z[i];
     const double along = x * sx + y * sy + z * sz;
     const double off_axis2 = x * x + y * y + z * z - along * along, behind2 = along < 0 ? off_axis2 : kCore2;
-    const float a = lanes.facet.across[i];
-    const float b = lanes.facet.upward[i];
-    const float c = lanes.shading.across[i];
-    const float d = lanes.shading.upward[i];
-    const float facet = std::sqrt(a * a + b * b);
-    const float shading = std::sqrt(c * c + d * d);
-    const float m = lanes.facet.middle[i];
-    const float n = lanes.shading.middle[i];
-    const std::int32_t all_or_part = m > facet && n > shading ? kFacesAll : kFacesPart;
-    const std::int32_t state = m <= -facet || n <= -shading || behind2 < kCore2 ? kFacesNone : all_or_part;
+    const float facet_across = lanes.facet.across[i];
+    const float facet_upward = lanes.facet.upward[i];
+    const float shading_across = lanes.shading.across[i];
+    const float shading_upward = lanes.shading.upward[i];
+    const float facet_span = std::sqrt(facet_across * facet_across + facet_upward * facet_upward);
+    const float shading_span = std::sqrt(shading_across * shading_across + shading_upward * shading_upward);
+    // A plane varies over the disc by up to its gradient's length, its span, from the middle.
+    const float facet_middle = lanes.facet.middle[i];
+    const float shading_middle = lanes.shading.middle[i];
+    const std::int32_t all_or_part =
+        facet_middle > facet_span && shading_middle > shading_span ? kFacesAll : kFacesPart;
+    const std::int32_t state =
+        facet_middle <= -facet_span || shading_middle <= -shading_span || behind2 < kCore2 ? kFacesNone : all_or_part;
     facing[i] = state;
-    lanes.tilt_across[i] = c / n;
-    lanes.tilt_upward[i] = d / n;
+    lanes.tilt_across[i] = shading_across / shading_middle;
+    lanes.tilt_upward[i] = shading_upward / shading_middle;
   }
 }
 
@@ -70,7 +74,7 @@ void PlanesOf(const double* nx, const double* ny, const double* nz, const double
 HWY_INLINE float min_number(float a, float b) { return a < b ? a : b; }
 HWY_INLINE float max_number(float a, float b) { return a > b ? a : b; }
 
-// Clips the range low to high of a column to the part where a plane is positive.
+// Clips the range low to high of a column to the part where the linear function middle + slope y is positive.
 HWY_INLINE void clip_to_positive(float middle, float slope, float& low, float& high) {
   constexpr float kFlat = 1e-12F;
   const float root = -middle / (slope > kFlat || slope < -kFlat ? slope : -kFlat);
@@ -78,16 +82,18 @@ HWY_INLINE void clip_to_positive(float middle, float slope, float& low, float& h
   high = slope > 0 ? high : min_number(high, root);
 }
 
+// Returns a table's value at a position in steps of the table, clamped to its first and last.
 HWY_INLINE float interpolated(const float* table, float position) {
   const float low = position > 0 ? position : 0, at = low < DiscLight::Table::kSteps ? low : DiscLight::Table::kSteps;
   const auto i = static_cast<std::int32_t>(at);
   return table[i] + (at - static_cast<float>(i)) * (table[i + 1] - table[i]);
 }
 
-// Computes the remaining factors of points that all face the whole disc.
+// Computes the remaining factors of points that all face the whole disc: per column, the light above the horizon and
+// its moment, which the tilt turns into the cosine. kEven: the disc has no limb darkening, so both are closed forms.
 template <bool kEven>
 HWY_INLINE void remaining_of_full(const DiscLight::Table& table, const float* columns, const float (*horizons)[kPacket],
-                                  const DiscLanes& turned, float* share_factor, float* cosine_factor) {
+                                  const DiscLanes& disc_lanes, float* share_factor, float* cosine_factor) {
   alignas(64) float share[kPacket] = {};
   alignas(64) float cosine[kPacket] = {};
   for (int j = 0; j < DiscLight::kColumns; ++j) {
@@ -96,20 +102,21 @@ HWY_INLINE void remaining_of_full(const DiscLight::Table& table, const float* co
     const float weight = table.weight[j];
     const float steps = 0.5F * DiscLight::Table::kSteps / half;
     const float per_length = 0.5F / half;
-    const float *above = table.above[j], *moment = table.moment[j];
+    const float *above_table = table.above[j], *moment_table = table.moment[j];
     SELENOGRAPH_INDEPENDENT_LANES
     for (int i = 0; i < kPacket; ++i) {
       const float low = max_number(-half, min_number(half, horizons[j][i]));
-      float light = 0, lever = 0;
+      float light = 0, moment_above = 0;
       if constexpr (kEven) {
         light = (half - low) * per_length;
-        lever = 0.5F * (half * half - low * low) * per_length;
+        moment_above = 0.5F * (half * half - low * low) * per_length;
       } else {
-        light = interpolated(above, (low + half) * steps);
-        lever = interpolated(moment, (low + half) * steps);
+        light = interpolated(above_table, (low + half) * steps);
+        moment_above = interpolated(moment_table, (low + half) * steps);
       }
       share[i] += weight * light;
-      cosine[i] += weight * (light + (turned.tilt_across[i] * x * light + turned.tilt_upward[i] * lever));
+      cosine[i] +=
+          weight * (light + (disc_lanes.tilt_across[i] * x * light + disc_lanes.tilt_upward[i] * moment_above));
     }
   }
   SELENOGRAPH_INDEPENDENT_LANES
@@ -120,16 +127,19 @@ HWY_INLINE void remaining_of_full(const DiscLight::Table& table, const float* co
 }
 
 void RemainingOfFull(const DiscLight::Table& table, const float* columns, const float (*horizons)[kPacket],
-                     const DiscLanes& turned, float* share_factor, float* cosine_factor) {
+                     const DiscLanes& disc_lanes, float* share_factor, float* cosine_factor) {
   if (table.even)
-    remaining_of_full<true>(table, columns, horizons, turned, share_factor, cosine_factor);
+    remaining_of_full<true>(table, columns, horizons, disc_lanes, share_factor, cosine_factor);
   else
-    remaining_of_full<false>(table, columns, horizons, turned, share_factor, cosine_factor);
+    remaining_of_full<false>(table, columns, horizons, disc_lanes, share_factor, cosine_factor);
 }
 
+// Computes the remaining factors of points that may face only part of the disc: the light above the horizon divided by
+// the light without one (all_share, all_cosine). In each column, light reaches the facet from `low` to `high`, and
+// counts in the cosine from bright_low to bright_high, where the shading normal faces it, too.
 void RemainingOf(const DiscLight::Table& table, const float* columns, const float (*horizons)[kPacket],
-                 const DiscLanes& turned, float* share_factor, float* cosine_factor) {
-  const DiscPlanes &facet = turned.facet, &shading = turned.shading;
+                 const DiscLanes& disc_lanes, float* share_factor, float* cosine_factor) {
+  const DiscPlanes &facet = disc_lanes.facet, &shading = disc_lanes.shading;
   alignas(64) float share[kPacket] = {};
   alignas(64) float cosine[kPacket] = {};
   alignas(64) float all_share[kPacket] = {};
@@ -145,8 +155,8 @@ void RemainingOf(const DiscLight::Table& table, const float* columns, const floa
       float low = -half, high = half;
       clip_to_positive(facet.middle[i] + facet.across[i] * x, facet.upward[i], low, high);
       float bright_low = low, bright_high = high;
-      const float here = shading.middle[i] + shading.across[i] * x, slope = shading.upward[i];
-      clip_to_positive(here, slope, bright_low, bright_high);
+      const float cosine_middle = shading.middle[i] + shading.across[i] * x, cosine_slope = shading.upward[i];
+      clip_to_positive(cosine_middle, cosine_slope, bright_low, bright_high);
       // Light between two positions of the column: the light above the lower one minus the light above the upper one.
       const auto between = [&](const float* table_row, float from, float to) {
         const float first = from < to ? from : to;
@@ -156,9 +166,10 @@ void RemainingOf(const DiscLight::Table& table, const float* columns, const floa
       share[i] += weight * between(above, max_number(low, horizon), high);
       all_share[i] += weight * between(above, low, high);
       const float free = max_number(bright_low, horizon);
-      cosine[i] += weight * (here * between(above, free, bright_high) + slope * between(moment, free, bright_high));
-      all_cosine[i] +=
-          weight * (here * between(above, bright_low, bright_high) + slope * between(moment, bright_low, bright_high));
+      cosine[i] += weight * (cosine_middle * between(above, free, bright_high) +
+                             cosine_slope * between(moment, free, bright_high));
+      all_cosine[i] += weight * (cosine_middle * between(above, bright_low, bright_high) +
+                                 cosine_slope * between(moment, bright_low, bright_high));
     }
   }
   SELENOGRAPH_INDEPENDENT_LANES
@@ -196,11 +207,12 @@ double radius2_of(double share, double u) {
   return (low + high) / 2;
 }
 
-// Light above a chord at height h of the disc, and the moment of that light about the middle, both as shares of the
-// total light. A chord at height y holds (1 - u) 2 sqrt(1 - y^2) + u pi / 2 (1 - y^2) of pi (1 - u / 3).
+// Light of part of the disc, and the moment of that light about the middle (its integral times the height).
 struct Segment {
   double light, moment;
 };
+// Returns the segment above a chord at height h, in shares of the total light. u: limb darkening. A chord at height y
+// holds (1 - u) 2 sqrt(1 - y^2) + u pi / 2 (1 - y^2) of pi (1 - u / 3).
 Segment above_chord(double h, double u) {
   if (h <= -1) return {1, 0};
   if (h >= 1) return {0, 0};
@@ -235,6 +247,8 @@ DiscLight::DiscLight(const Sun& sun, const Vec3& up)
   across_ = level.norm() > 1e-6 * up.norm() ? level.normalized() : any_across(toward_);
   upward_ = toward_.cross(across_);
 
+  // Place the columns by Gauss-Chebyshev quadrature of the second kind: x = -cos(angle), with weights sin(angle)^2. The
+  // light of a column, on an even disc proportional to its half length sin(angle), replaces one of the two sines.
   double sum = 0;
   std::array<double, kColumns> weights{};
   for (std::size_t j = 0; j < kColumns; ++j) {
@@ -256,14 +270,14 @@ DiscLight::DiscLight(const Sun& sun, const Vec3& up)
 
   table_.even = darkening_ == 0;
 
-  double fine = 0;
+  double fine_light = 0;
   for (std::size_t j = 0; j < kFine; ++j) {
     const double angle = (static_cast<double>(j) + 1) * kPi / (kFine + 1);
     const double c = std::sin(angle);
     fine_[j] = {std::cos(angle), c, c};
-    fine += c * above_in_column(-c, c, darkening_).light;
+    fine_light += c * above_in_column(-c, c, darkening_).light;
   }
-  for (FineColumn& column : fine_) column.weight /= fine;
+  for (FineColumn& column : fine_) column.weight /= fine_light;
 
   // Vogel's sunflower (1979): equal light per point, and no two points in line with a straight shadow edge. Put the
   // thirteen outermost points, the rim, directly after the middle: successive ones are 137.5 degrees apart, and the
@@ -286,44 +300,46 @@ Vec3 DiscLight::direction(double across, double upward) const {
 static double length(double x, double y) { return std::sqrt(x * x + y * y); }
 
 DiscShare DiscLight::unoccluded(const DiscPlane& facet, const DiscPlane& shading) const {
-  const double reach = length(facet.across, facet.upward);
-  if (facet.middle <= -reach) return {};
-  // The horizon of the facet is a chord at height h along the direction (x, y) in which the facet faces the disc more.
-  const double h = reach > 0 ? -facet.middle / reach : -1;
-  const double x = reach > 0 ? facet.across / reach : 0;
-  const double y = reach > 0 ? facet.upward / reach : 0;
-  const Segment s = above_chord(h, darkening_);
-  const double along = shading.across * x + shading.upward * y;
-  const double bright = length(shading.across, shading.upward);
-  if (shading.middle >= bright)  // the shading normal faces the whole disc
-    return {s.light, shading.middle * s.light + along * s.moment};
-  if (shading.middle <= -bright) return {s.light, 0};
-  if (h <= -1 || std::abs(shading.across * y - shading.upward * x) <= 1e-9 * bright) {
+  const double facet_span = length(facet.across, facet.upward);
+  if (facet.middle <= -facet_span) return {};
+  // The facet's own plane cuts the disc in a chord, and light reaches it from above: (x, y) is the direction on the
+  // disc in which the facet faces it more, h the height of the chord in that direction.
+  const double h = facet_span > 0 ? -facet.middle / facet_span : -1;
+  const double x = facet_span > 0 ? facet.across / facet_span : 0;
+  const double y = facet_span > 0 ? facet.upward / facet_span : 0;
+  const Segment segment = above_chord(h, darkening_);
+  const double shading_along = shading.across * x + shading.upward * y;
+  const double shading_span = length(shading.across, shading.upward);
+  if (shading.middle >= shading_span)  // the shading normal faces the whole disc
+    return {segment.light, shading.middle * segment.light + shading_along * segment.moment};
+  if (shading.middle <= -shading_span) return {segment.light, 0};
+  if (h <= -1 || std::abs(shading.across * y - shading.upward * x) <= 1e-9 * shading_span) {
     // One chord bounds the light of both normals.
-    const double own = -shading.middle / bright;
-    if (h <= -1 || along > 0) {
-      const Segment b = above_chord(std::max(h, own), darkening_);
-      return {s.light, shading.middle * b.light + bright * b.moment};
+    const double shading_h = -shading.middle / shading_span;
+    if (h <= -1 || shading_along > 0) {
+      const Segment b = above_chord(std::max(h, shading_h), darkening_);
+      return {segment.light, shading.middle * b.light + shading_span * b.moment};
     }
   }
-  // Integrate over columns along (x, y) if two chords bound the light.
+  // Two chords bound the light, the facet's and the shading normal's: integrate over columns in the direction (x, y).
   double cosine = 0;
-  const double aside = shading.upward * x - shading.across * y;  // component across the direction (x, y)
+  const double shading_aside = shading.upward * x - shading.across * y;  // component across the direction (x, y)
   for (const FineColumn& column : fine_) {
-    const double here = shading.middle + aside * column.across, c = column.half;
+    const double cosine_at_column = shading.middle + shading_aside * column.across, c = column.half;
     double low = std::clamp(h, -c, c);
     double high = c;
-    if (along > 0)
-      low = std::max(low, -here / along);
-    else if (along < 0)
-      high = std::min(high, -here / along);
-    else if (here <= 0)
+    // Keep the part where the cosine, cosine_at_column + shading_along y, is positive.
+    if (shading_along > 0)
+      low = std::max(low, -cosine_at_column / shading_along);
+    else if (shading_along < 0)
+      high = std::min(high, -cosine_at_column / shading_along);
+    else if (cosine_at_column <= 0)
       continue;
     if (!(low < high)) continue;
     const Segment from = above_in_column(low, c, darkening_), to = above_in_column(high, c, darkening_);
-    cosine += column.weight * (here * (from.light - to.light) + along * (from.moment - to.moment));
+    cosine += column.weight * (cosine_at_column * (from.light - to.light) + shading_along * (from.moment - to.moment));
   }
-  return {s.light, cosine};
+  return {segment.light, cosine};
 }
 
 std::uint32_t DiscLight::unoccluded(const SurfacePoints& points, Shading& shading, DiscLanes& out, float* lit) const {
@@ -355,16 +371,17 @@ std::uint32_t DiscLight::unoccluded(const SurfacePoints& points, Shading& shadin
   return lit_lanes;
 }
 
-void DiscLight::remaining(const float (*horizons)[kPacket], const DiscLanes& turned, float* share_factor,
+void DiscLight::remaining(const float (*horizons)[kPacket], const DiscLanes& disc_lanes, float* share_factor,
                           float* cosine_factor) const {
   const auto kernel =
-      turned.facing_all == kAllLanes ? HWY_DYNAMIC_DISPATCH(RemainingOfFull) : HWY_DYNAMIC_DISPATCH(RemainingOf);
-  kernel(table_, columns_.data(), horizons, turned, share_factor, cosine_factor);
+      disc_lanes.facing_all == kAllLanes ? HWY_DYNAMIC_DISPATCH(RemainingOfFull) : HWY_DYNAMIC_DISPATCH(RemainingOf);
+  kernel(table_, columns_.data(), horizons, disc_lanes, share_factor, cosine_factor);
 }
 
-DiscShare DiscLight::ratio(const FreeDirections& open, const FreeDirections& faced, const DiscLanes& turned,
+// Returns the light from the open directions as a share of that from all directions that the facet faces.
+DiscShare DiscLight::ratio(const FreeDirections& open, const FreeDirections& faced, const DiscLanes& disc_lanes,
                            std::uint32_t lane) const {
-  const DiscPlane shading = turned.shading.lane(lane);
+  const DiscPlane shading = disc_lanes.shading.lane(lane);
   double faced_cosine = 0, open_cosine = 0;
   for (std::size_t k = 0; k < kDirections; ++k) {
     if (!faced[k]) continue;
@@ -378,7 +395,7 @@ DiscShare DiscLight::ratio(const FreeDirections& open, const FreeDirections& fac
 }
 
 DiscShare DiscLight::remaining_with_objects(const FreeDirections& free, const float* horizons, std::size_t stride,
-                                            const DiscLanes& turned, std::uint32_t lane) const {
+                                            const DiscLanes& disc_lanes, std::uint32_t lane) const {
   FreeDirections open;
   for (std::size_t k = 0; k < kDirections; ++k) {
     if (!free[k]) continue;
@@ -391,7 +408,7 @@ DiscShare DiscLight::remaining_with_objects(const FreeDirections& free, const fl
     const float high = std::max(horizons[(j + 1) * stride], -2.F);
     open.set(k, disc_points_[k].upward > static_cast<double>(low + t * (high - low)));
   }
-  return open.any() ? ratio(open, free, turned, lane) : DiscShare{};
+  return open.any() ? ratio(open, free, disc_lanes, lane) : DiscShare{};
 }
 
 }  // namespace selenograph::engine

@@ -65,8 +65,8 @@ class DiscLight {
   DiscPlane plane(const Vec3& normal) const {
     return {normal.dot(toward_), radius_ * normal.dot(across_), radius_ * normal.dot(upward_)};
   }
-  // Light on a facet without occluders, in hidden form. `shading`: plane of the normal for the cosine; light counts
-  // only where this normal, too, faces the Sun.
+  // Returns the light on a facet without occluders: only the facet itself and its shading normal hide part of the disc.
+  // `shading`: plane of the normal for the cosine; light counts only where this normal, too, faces the Sun.
   DiscShare unoccluded(const DiscPlane& facet, const DiscPlane& shading) const;
 
   // Computes the same for sixteen points that are hit. The interior of the Moon, below all relief, may hide the Sun.
@@ -74,8 +74,8 @@ class DiscLight {
   std::uint32_t unoccluded(const SurfacePoints& points, Shading& shading, DiscLanes& out, float* lit) const;
 
   // Sets the factors by which horizons (upward, per column; kNoHorizon) reduce the share and the cosine of
-  // unoccluded(). Only lanes that do not all face the whole disc need the planes of `turned`.
-  void remaining(const float (*horizons)[kPacket], const DiscLanes& turned, float* share_factor,
+  // unoccluded(). The planes of `disc_lanes` are needed only if some lane does not face the whole disc.
+  void remaining(const float (*horizons)[kPacket], const DiscLanes& disc_lanes, float* share_factor,
                  float* cosine_factor) const;
 
   // Directions of equal light (Vogel's sunflower), for occlusion that is not a horizon: by objects, and in ray tracing.
@@ -93,13 +93,13 @@ class DiscLight {
   // tested only for lanes whose scouts disagree or whose facet does not face the whole disc. free: unblocked directions
   // per lane; may be null. Returns the partly blocked lanes.
   template <typename Blocked>
-  std::uint32_t remove_blocked(const Blocked& blocked, std::uint32_t lanes, const DiscLanes& turned, float* lit,
+  std::uint32_t remove_blocked(const Blocked& blocked, std::uint32_t lanes, const DiscLanes& disc_lanes, float* lit,
                                double* incident, FreeDirections* free = nullptr) const {
     std::array<FreeDirections, kPacket> open, faced;
     const auto test_direction = [&](std::size_t k, std::uint32_t tested) {
       std::uint32_t facing = 0;
       for (std::uint32_t i = 0; i < kPacket; ++i)
-        if (tested >> i & 1 && turned.facet.lane(i).at(disc_points_[k].across, disc_points_[k].upward) > 0)
+        if (tested >> i & 1 && disc_lanes.facet.lane(i).at(disc_points_[k].across, disc_points_[k].upward) > 0)
           facing |= 1U << i;
       const std::uint32_t hidden = facing ? blocked(facing, directions_[k]) : 0;
       for (std::uint32_t i = 0; i < kPacket; ++i)
@@ -109,7 +109,7 @@ class DiscLight {
         }
     };
     for (std::size_t k = 0; k < kScouts; ++k) test_direction(k, lanes);
-    std::uint32_t undecided = lanes & ~turned.facing_all;
+    std::uint32_t undecided = lanes & ~disc_lanes.facing_all;
     for (std::uint32_t i = 0; i < kPacket; ++i)
       if (lanes >> i & 1 && open[i].any() && open[i] != faced[i]) undecided |= 1U << i;
     for (std::size_t k = kScouts; undecided && k < kDirections; ++k) test_direction(k, undecided);
@@ -117,7 +117,7 @@ class DiscLight {
     for (std::uint32_t i = 0; i < kPacket; ++i) {
       if (!(lanes >> i & 1) || (open[i] == faced[i] && faced[i].any())) continue;
       partly |= 1U << i;
-      const DiscShare remaining = open[i].any() ? ratio(open[i], faced[i], turned, i) : DiscShare{};
+      const DiscShare remaining = open[i].any() ? ratio(open[i], faced[i], disc_lanes, i) : DiscShare{};
       reduce(remaining, lit[i], incident[i]);
       if (free) free[i] = open[i];
     }
@@ -126,7 +126,7 @@ class DiscLight {
 
   // Returns the remaining factors, as remaining() does, of a lane with known free directions and horizons.
   DiscShare remaining_with_objects(const FreeDirections& free, const float* horizons, std::size_t stride,
-                                   const DiscLanes& turned, std::uint32_t lane) const;
+                                   const DiscLanes& disc_lanes, std::uint32_t lane) const;
 
   // Applies the remaining factors to the values set by unoccluded().
   static void reduce(const DiscShare& remaining, float& lit, double& incident) {
@@ -151,7 +151,7 @@ class DiscLight {
     double across, half, weight;  // weights sum to 1 over the light of the disc
   };
 
-  DiscShare ratio(const FreeDirections& open, const FreeDirections& faced, const DiscLanes& turned,
+  DiscShare ratio(const FreeDirections& open, const FreeDirections& faced, const DiscLanes& disc_lanes,
                   std::uint32_t lane) const;
 
   Vec3 toward_, across_, upward_;

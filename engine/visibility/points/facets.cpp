@@ -99,8 +99,10 @@ struct BlockPerLane {
   const MeshBlock& operator()(std::size_t i) const { return *blocks[i]; }
 };
 
+// Sets vertices and their normals from the offsets. The tables of a block: `vertices` holds height and normal, `rows`
+// and `columns` sine and cosine of latitude and longitude. `block`: OneBlock or BlockPerLane.
 template <class Blocks>
-HWY_INLINE void compute_vertices(const Blocks& block, const CornerOffsets& at, Facets& out) {
+HWY_INLINE void compute_vertices(const Blocks& block, const CornerOffsets& offsets, Facets& out) {
   constexpr hn::CappedTag<float, kPacket> f;
   constexpr hn::Repartition<double, decltype(f)> d;
   constexpr hn::Half<decltype(f)> half;
@@ -116,7 +118,7 @@ HWY_INLINE void compute_vertices(const Blocks& block, const CornerOffsets& at, F
     for (std::size_t corner = 0; corner < 3; ++corner) {
       hn::Vec<decltype(f)> normal[3];
       const auto vertex = [&](std::size_t i) {
-        return reinterpret_cast<const float*>(entry(block(first + i).vertices, at.vertex[corner][first + i]));
+        return reinterpret_cast<const float*>(entry(block(first + i).vertices, offsets.vertex[corner][first + i]));
       };
       load_vertices(f, vertex, heights[corner], normal);
       for (std::size_t k = 0; k < 3; ++k) hn::Store(normal[k], f, normals[corner][k] + first);
@@ -125,10 +127,10 @@ HWY_INLINE void compute_vertices(const Blocks& block, const CornerOffsets& at, F
       V sin_lat[2], cos_lat[2], sin_lon[2], cos_lon[2];
       for (std::size_t k = 0; k < 2; ++k) {
         const auto row = [&](std::size_t lane) {
-          return reinterpret_cast<const double*>(entry(block(i + lane).rows, at.row[k][i + lane]));
+          return reinterpret_cast<const double*>(entry(block(i + lane).rows, offsets.row[k][i + lane]));
         };
         const auto column = [&](std::size_t lane) {
-          return reinterpret_cast<const double*>(entry(block(i + lane).columns, at.column[k][i + lane]));
+          return reinterpret_cast<const double*>(entry(block(i + lane).columns, offsets.column[k][i + lane]));
         };
         load_turns(d, row, sin_lat[k], cos_lat[k]);
         load_turns(d, column, sin_lon[k], cos_lon[k]);
@@ -171,7 +173,7 @@ HWY_INLINE void find_offsets(const TriangleId& triangle, std::uint32_t side, int
 // Gathers the triangles. Returns the lanes, one bit each, whose vertices may differ from what their row and column say:
 // those on the border of a block with collapsed quads.
 unsigned Gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
-  CornerOffsets at;
+  CornerOffsets offsets;
   unsigned collapsed = 0;
   const auto mark_if_on_border = [&](const MeshBlock& block, int i) {
     if (block.on_border(ids[i].r(), ids[i].c())) collapsed |= 1U << i;
@@ -179,23 +181,23 @@ unsigned Gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
   const MeshBlock& first = mesh.blocks()[ids[0].block()];
   const auto side = static_cast<std::uint32_t>(first.side);
   SELENOGRAPH_INDEPENDENT_LANES
-  for (int i = 0; i < kPacket; ++i) find_offsets(ids[i], side, i, at);
+  for (int i = 0; i < kPacket; ++i) find_offsets(ids[i], side, i, offsets);
   // Have the offsets loaded from memory: compilers would extract them from vectors, which takes longer.
   asm volatile("" ::: "memory");
   // Handle packets in one block separately: this is the common case.
   if (in_one_block(ids)) {
     for (int i = 0; i < kPacket && first.collapses; ++i) mark_if_on_border(first, i);
-    compute_vertices(OneBlock{first}, at, out);
+    compute_vertices(OneBlock{first}, offsets, out);
     return collapsed;
   }
   BlockPerLane blocks;
   for (int i = 0; i < kPacket; ++i) {
     const MeshBlock& block = mesh.blocks()[ids[i].block()];
     blocks.blocks[i] = &block;
-    if (block.side != first.side) find_offsets(ids[i], static_cast<std::uint32_t>(block.side), i, at);
+    if (block.side != first.side) find_offsets(ids[i], static_cast<std::uint32_t>(block.side), i, offsets);
     if (block.collapses) mark_if_on_border(block, i);
   }
-  compute_vertices(blocks, at, out);
+  compute_vertices(blocks, offsets, out);
   return collapsed;
 }
 
@@ -209,6 +211,7 @@ namespace selenograph::engine {
 
 HWY_EXPORT(Gather);
 
+// Gathers the triangles, and then places those with collapsed vertices one by one.
 void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
   unsigned collapsed = HWY_DYNAMIC_DISPATCH(Gather)(mesh, ids, out);
   for (int i = 0; collapsed != 0; ++i, collapsed >>= 1) {

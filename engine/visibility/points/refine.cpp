@@ -32,10 +32,10 @@ namespace selenograph::engine::HWY_NAMESPACE {
 
 // Intersects the plane of each triangle with its ray: P = o + t d, with the weights v and w of the vertices b and c.
 // Weights are those of the triangle projected along an axis: half the arithmetic of weights in the plane itself, and as
-// accurate to 1e-14 unless the axis is within a degree of the plane. A ray from below gets the distance -1. off: the
-// state of each hit lane. Returns the bitwise or of all states.
+// accurate to 1e-14 unless the axis is within a degree of the plane. A ray from below gets the distance -1. `states`:
+// the LaneState of each hit lane, kOnTriangle for all others. Returns the bitwise or of all states.
 template <int axis>
-std::int64_t IntersectPlanes(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
+std::int64_t IntersectPlanes(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* states) {
   constexpr int i0 = (axis + 1) % 3;
   constexpr int i1 = (axis + 2) % 3;
   constexpr double kSteepest = 2500;  // square of the tangent of the angle between normal and axis
@@ -54,36 +54,37 @@ std::int64_t IntersectPlanes(const Facets& t, const Rays& rays, SurfacePoints& p
     const double gap =
         n[0] * (t.a[0][i] - origin[0][i]) + n[1] * (t.a[1][i] - origin[1][i]) + n[2] * (t.a[2][i] - origin[2][i]);
     const double distance = gap / toward;
-    const double at[3] = {origin[0][i] + distance * d[0], origin[1][i] + distance * d[1],
-                          origin[2][i] + distance * d[2]};
-    const double from_a0 = at[i0] - t.a[i0][i], from_a1 = at[i1] - t.a[i1][i], scale = 1 / n[axis];
+    const double point[3] = {origin[0][i] + distance * d[0], origin[1][i] + distance * d[1],
+                             origin[2][i] + distance * d[2]};
+    const double from_a0 = point[i0] - t.a[i0][i], from_a1 = point[i1] - t.a[i1][i], scale = 1 / n[axis];
     const double v = (from_a0 * c[i1] - from_a1 * c[i0]) * scale;
     const double w = (b[i0] * from_a1 - b[i1] * from_a0) * scale;
     for (int k = 0; k < 3; ++k) {
-      position[k][i] = at[k];
+      position[k][i] = point[k];
       normal[k][i] = n[k];
     }
     p.v[i] = v;
     p.w[i] = w;
     const double distance_from_above = toward < 0 ? distance : -1;
     p.distance[i] = distance_from_above;
-    const bool on = distance_from_above > 0 && v >= -kOnEdge && w >= -kOnEdge && v + w <= 1 + kOnEdge;
+    const bool on_triangle = distance_from_above > 0 && v >= -kOnEdge && w >= -kOnEdge && v + w <= 1 + kOnEdge;
     const bool steep = !(n[i0] * n[i0] + n[i1] * n[i1] <= kSteepest * (n[axis] * n[axis]));
-    off[i] = (on ? kOnTriangle : kOffTriangle) | (steep ? kUnknownWeights : kOnTriangle);
+    states[i] = (on_triangle ? kOnTriangle : kOffTriangle) | (steep ? kUnknownWeights : kOnTriangle);
   }
-  std::int64_t any = 0;
-  for (int i = 0; i < kPacket; ++i) any |= off[i] &= -static_cast<std::int64_t>(p.hit[i]);
-  return any;
+  std::int64_t all_states = 0;
+  // The mask is all ones for a hit, else 0.
+  for (int i = 0; i < kPacket; ++i) all_states |= states[i] &= -static_cast<std::int64_t>(p.hit[i]);
+  return all_states;
 }
 
-std::int64_t IntersectAlongX(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
-  return IntersectPlanes<0>(t, rays, p, off);
+std::int64_t IntersectAlongX(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* states) {
+  return IntersectPlanes<0>(t, rays, p, states);
 }
-std::int64_t IntersectAlongY(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
-  return IntersectPlanes<1>(t, rays, p, off);
+std::int64_t IntersectAlongY(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* states) {
+  return IntersectPlanes<1>(t, rays, p, states);
 }
-std::int64_t IntersectAlongZ(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* off) {
-  return IntersectPlanes<2>(t, rays, p, off);
+std::int64_t IntersectAlongZ(const Facets& t, const Rays& rays, SurfacePoints& p, std::int64_t* states) {
+  return IntersectPlanes<2>(t, rays, p, states);
 }
 
 }  // namespace selenograph::engine::HWY_NAMESPACE
@@ -101,6 +102,7 @@ namespace {
 // Barycentric distance up to which float may take a ray to hit a triangle: millimetres.
 constexpr double kBlur = 1e-3;
 
+// Intersection of a ray with the plane of a triangle; members as in SurfacePoints.
 struct Candidate {
   TriangleId triangle;
   Vec3 position, facing;
@@ -109,13 +111,14 @@ struct Candidate {
   double outside() const { return std::max({-v, -w, v + w - 1}); }
 };
 
-// Intersects the ray with the plane of a triangle that it reaches from above (toward < 0) or from below.
+// Intersects the ray with the plane of a triangle that it reaches from above (against its outward normal) or from
+// below; empty if it reaches it from the other side, is parallel to it, or the triangle is degenerate or without data.
 std::optional<Candidate> intersect_plane(const Mesh& mesh, const TriangleId& id, const Vec3& origin,
                                          const Vec3& direction, bool from_below) {
   const dem::Triangle t = mesh.triangle(id);
   const Vec3 ab = t.b - t.a, ac = t.c - t.a, normal = ab.cross(ac);
   const double toward = normal.dot(direction);
-  if (!(from_below ? toward > 0 : toward < 0)) return std::nullopt;  // parallel, degenerate or without data
+  if (!(from_below ? toward > 0 : toward < 0)) return std::nullopt;
   const double distance = normal.dot(t.a - origin) / toward;
   const Vec3 position = origin + distance * direction, from_a = position - t.a;
   const double area2 = normal.squaredNorm();
@@ -148,6 +151,7 @@ class Search {
   // Returns the triangle that the ray misses by the least, within the rounding of float; for rays without a best one.
   const std::optional<Candidate>& near_miss() const { return near_miss_; }
 
+  // Searches a quad of a block and its up to eight neighbours in the block.
   void quads_around(std::uint32_t block, int row, int col) {
     const int quads = mesh_.blocks()[block].posts->extent.quads;
     for (int r = std::max(0, row - 1); r <= std::min(quads - 1, row + 1); ++r)
@@ -155,7 +159,7 @@ class Search {
         for (const bool upper : {false, true}) consider({block, r, c, upper});
   }
 
-  // Searches the blocks next to the point, in their nearest quads.
+  // Searches the blocks next to the point, in their nearest quads, but not the block `except`.
   void blocks_around(const Vec3& point, std::uint32_t except) {
     const dem::BlockExtent& e = mesh_.blocks()[except].posts->extent;
     const Geographic g = to_geographic(point);
@@ -204,17 +208,17 @@ class Search {
   std::optional<Candidate> best_, near_miss_;
 };
 
-void store(const Candidate& c, int i, SurfacePoints& p) {
-  p.triangle[i] = c.triangle;
-  p.x[i] = c.position.x();
-  p.y[i] = c.position.y();
-  p.z[i] = c.position.z();
-  p.nx[i] = c.facing.x();
-  p.ny[i] = c.facing.y();
-  p.nz[i] = c.facing.z();
-  p.distance[i] = c.distance;
-  p.v[i] = c.v;
-  p.w[i] = c.w;
+void store(const Candidate& found, int i, SurfacePoints& points) {
+  points.triangle[i] = found.triangle;
+  points.x[i] = found.position.x();
+  points.y[i] = found.position.y();
+  points.z[i] = found.position.z();
+  points.nx[i] = found.facing.x();
+  points.ny[i] = found.facing.y();
+  points.nz[i] = found.facing.z();
+  points.distance[i] = found.distance;
+  points.v[i] = found.v;
+  points.w[i] = found.w;
 }
 
 // Finds the triangle of a lane whose point is off its triangle: the other half of the quad, or a neighbour.
@@ -226,8 +230,8 @@ void search_triangle(const Mesh& mesh, const Rays& rays, int i, SurfacePoints& p
     id = id.other_half();
     guess = intersect_from_above(mesh, id, origin, direction);
   }
-  // The ray meets neither half: an outline seen edge-on, or a collapsed quad. The triangle that the ray hits is next to
-  // it.
+  // Without a guess the ray meets neither half from above: an outline seen edge-on, or a collapsed quad. The triangle
+  // that the ray hits is next to it, so search around a vertex.
   const Vec3 point = guess ? guess->position : mesh.triangle(id).a;
   const double distance = guess ? guess->distance : (point - origin).dot(direction) / direction.squaredNorm();
   Search search(mesh, origin, direction, distance, visible_distance(mesh, points.triangle[i], origin, direction));
@@ -238,61 +242,65 @@ void search_triangle(const Mesh& mesh, const Rays& rays, int i, SurfacePoints& p
   if (found) store(*found, i, points);
 }
 
+// Calls IntersectPlanes for an axis of MOON_ME.
 std::int64_t intersect_along(int axis, const Facets& facets, const Rays& rays, SurfacePoints& points,
-                             std::int64_t* off) {
-  if (axis == 0) return HWY_DYNAMIC_DISPATCH(IntersectAlongX)(facets, rays, points, off);
-  if (axis == 1) return HWY_DYNAMIC_DISPATCH(IntersectAlongY)(facets, rays, points, off);
-  return HWY_DYNAMIC_DISPATCH(IntersectAlongZ)(facets, rays, points, off);
+                             std::int64_t* states) {
+  if (axis == 0) return HWY_DYNAMIC_DISPATCH(IntersectAlongX)(facets, rays, points, states);
+  if (axis == 1) return HWY_DYNAMIC_DISPATCH(IntersectAlongY)(facets, rays, points, states);
+  return HWY_DYNAMIC_DISPATCH(IntersectAlongZ)(facets, rays, points, states);
 }
 
 // Intersects each lane along the axis of its block, so that the weights of a point never depend on the other lanes of
 // the packet.
 std::int64_t intersect_along_block_axes(const Mesh& mesh, const Facets& facets, const Rays& rays, SurfacePoints& points,
-                                        std::int64_t* off) {
+                                        std::int64_t* states) {
   std::uint32_t lanes[3] = {};  // lanes of each axis, one bit each
   for (std::uint32_t i = 0; i < kPacket; ++i) lanes[mesh.blocks()[points.triangle[i].block()].axis] |= 1U << i;
-  std::int64_t any = kOnTriangle;
+  std::int64_t all_states = kOnTriangle;
   double v[kPacket], w[kPacket];  // only the weights depend on the axis
   for (int axis = 0; axis < 3; ++axis) {
     if (lanes[axis] == 0) continue;
-    alignas(64) std::int64_t off_along[kPacket];
-    intersect_along(axis, facets, rays, points, off_along);
+    alignas(64) std::int64_t states_along[kPacket];
+    intersect_along(axis, facets, rays, points, states_along);
     for (int i = 0; i < kPacket; ++i)
       if (lanes[axis] >> i & 1) {
         v[i] = points.v[i];
         w[i] = points.w[i];
-        any |= off[i] = off_along[i];
+        all_states |= states[i] = states_along[i];
       }
   }
   std::copy_n(v, kPacket, points.v);
   std::copy_n(w, kPacket, points.w);
-  return any;
+  return all_states;
 }
 
-// Recomputes the weights in the plane of the triangle.
-void recompute_weights(const Facets& t, SurfacePoints& p, int i, std::int64_t& off) {
-  const Vec3 a(t.a[0][i], t.a[1][i], t.a[2][i]), b(t.b[0][i], t.b[1][i], t.b[2][i]), c(t.c[0][i], t.c[1][i], t.c[2][i]);
-  const Vec3 n = p.facet_normal(i), from_a = p.position(i) - a;
-  p.v[i] = n.dot(from_a.cross(c - a)) / n.squaredNorm();
-  p.w[i] = n.dot((b - a).cross(from_a)) / n.squaredNorm();
-  const bool on = p.distance[i] > 0 && p.v[i] >= -kOnEdge && p.w[i] >= -kOnEdge && p.v[i] + p.w[i] <= 1 + kOnEdge;
-  off = on ? kOnTriangle : kOffTriangle;
+// Recomputes the weights of lane i in the plane of the triangle itself, and then its state.
+void recompute_weights(const Facets& facets, SurfacePoints& points, int i, std::int64_t& state) {
+  const Vec3 a(facets.a[0][i], facets.a[1][i], facets.a[2][i]), b(facets.b[0][i], facets.b[1][i], facets.b[2][i]),
+      c(facets.c[0][i], facets.c[1][i], facets.c[2][i]);
+  const Vec3 n = points.facet_normal(i), from_a = points.position(i) - a;
+  points.v[i] = n.dot(from_a.cross(c - a)) / n.squaredNorm();
+  points.w[i] = n.dot((b - a).cross(from_a)) / n.squaredNorm();
+  const bool on_triangle = points.distance[i] > 0 && points.v[i] >= -kOnEdge && points.w[i] >= -kOnEdge &&
+                           points.v[i] + points.w[i] <= 1 + kOnEdge;
+  state = on_triangle ? kOnTriangle : kOffTriangle;
 }
 
 // Intersects each lane with its own triangle. Returns the bitwise or of the states.
 std::int64_t intersect_own_triangles(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& facets,
-                                     std::int64_t* off) {
+                                     std::int64_t* states) {
   gather(mesh, points.triangle, facets);
-  std::int64_t any = in_one_block(points.triangle)
-                         ? intersect_along(mesh.blocks()[points.triangle[0].block()].axis, facets, rays, points, off)
-                         : intersect_along_block_axes(mesh, facets, rays, points, off);
-  if (!(any & kUnknownWeights)) return any;
-  any = kOnTriangle;
+  std::int64_t all_states =
+      in_one_block(points.triangle)
+          ? intersect_along(mesh.blocks()[points.triangle[0].block()].axis, facets, rays, points, states)
+          : intersect_along_block_axes(mesh, facets, rays, points, states);
+  if (!(all_states & kUnknownWeights)) return all_states;
+  all_states = kOnTriangle;
   for (int i = 0; i < kPacket; ++i) {
-    if (off[i] & kUnknownWeights) recompute_weights(facets, points, i, off[i]);
-    any |= off[i];
+    if (states[i] & kUnknownWeights) recompute_weights(facets, points, i, states[i]);
+    all_states |= states[i];
   }
-  return any;
+  return all_states;
 }
 
 }  // namespace
@@ -300,12 +308,12 @@ std::int64_t intersect_own_triangles(const Mesh& mesh, const Rays& rays, Surface
 void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& facets) {
   // Return early: an empty mesh has no triangle to gather for lanes without a hit.
   if (hit_bits(points) == 0) return;
-  alignas(64) std::int64_t off[kPacket];
-  if (intersect_own_triangles(mesh, rays, points, facets, off) == kOnTriangle) return;
+  alignas(64) std::int64_t states[kPacket];
+  if (intersect_own_triangles(mesh, rays, points, facets, states) == kOnTriangle) return;
   for (int i = 0; i < kPacket; ++i)
-    if (off[i]) search_triangle(mesh, rays, i, points);
+    if (states[i]) search_triangle(mesh, rays, i, points);
   // Recompute the points: the search used other sums, and a point must not depend on the triangle that float proposed.
-  intersect_own_triangles(mesh, rays, points, facets, off);
+  intersect_own_triangles(mesh, rays, points, facets, states);
 }
 
 bool buried(const Mesh& mesh, const TriangleId& nearby, const Vec3& point) {
@@ -322,9 +330,9 @@ Vec3 shading_normal(const Mesh& mesh, const SurfacePoints& points, int lane, con
   const TriangleId& t = points.triangle[lane];
   const MeshBlock& block = mesh.blocks()[t.block()];
   const dem::QuadVertices q = t.vertices();
-  const auto at = [&](int i) -> Vec3 { return block.normal(q.r[i], q.c[i]).cast<double>(); };
+  const auto vertex_normal = [&](int i) -> Vec3 { return block.normal(q.r[i], q.c[i]).cast<double>(); };
   const double v = points.v[lane], w = points.w[lane];
-  const Vec3 smooth = (1 - v - w) * at(0) + v * at(1) + w * at(2);
+  const Vec3 smooth = (1 - v - w) * vertex_normal(0) + v * vertex_normal(1) + w * vertex_normal(2);
   return (smooth.dot(direction) < 0 ? smooth : points.facet_normal(lane)).normalized();
 }
 

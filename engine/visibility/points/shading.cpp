@@ -17,40 +17,41 @@ namespace selenograph::engine::HWY_NAMESPACE {
 
 // Sets the normal, interpolated between the vertices, and the cosines of incidence and emission. Returns the lanes with
 // a hit, one bit each, whose normal faces away from the camera.
-unsigned ShadeLanes(const Facets& n, const SurfacePoints& p, const Rays& rays, const Vec3& sun, Shading& out) {
+unsigned ShadeLanes(const Facets& facets, const SurfacePoints& points, const Rays& rays, const Vec3& sun,
+                    Shading& out) {
   const double sx = sun.x();
   const double sy = sun.y();
   const double sz = sun.z();
   alignas(64) std::int64_t away[kPacket];
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
-    const double v = p.v[i], w = p.w[i], u = 1 - v - w;
-    const double x = u * static_cast<double>(n.normal_a[0][i]) + v * static_cast<double>(n.normal_b[0][i]) +
-                     w * static_cast<double>(n.normal_c[0][i]);
-    const double y = u * static_cast<double>(n.normal_a[1][i]) + v * static_cast<double>(n.normal_b[1][i]) +
-                     w * static_cast<double>(n.normal_c[1][i]);
-    const double z = u * static_cast<double>(n.normal_a[2][i]) + v * static_cast<double>(n.normal_b[2][i]) +
-                     w * static_cast<double>(n.normal_c[2][i]);
+    const double v = points.v[i], w = points.w[i], u = 1 - v - w;
+    const double x = u * static_cast<double>(facets.normal_a[0][i]) + v * static_cast<double>(facets.normal_b[0][i]) +
+                     w * static_cast<double>(facets.normal_c[0][i]);
+    const double y = u * static_cast<double>(facets.normal_a[1][i]) + v * static_cast<double>(facets.normal_b[1][i]) +
+                     w * static_cast<double>(facets.normal_c[1][i]);
+    const double z = u * static_cast<double>(facets.normal_a[2][i]) + v * static_cast<double>(facets.normal_b[2][i]) +
+                     w * static_cast<double>(facets.normal_c[2][i]);
     const double dx = rays.dx[i];
     const double dy = rays.dy[i];
     const double dz = rays.dz[i];
     const double normal_dot_ray = x * dx + y * dy + z * dz;
     away[i] = normal_dot_ray >= 0 ? 1 : 0;
-    const double per_normal = 1 / std::sqrt(x * x + y * y + z * z);
-    const double minus_per_ray = -1 / std::sqrt(dx * dx + dy * dy + dz * dz);
-    out.nx[i] = x * per_normal;
-    out.ny[i] = y * per_normal;
-    out.nz[i] = z * per_normal;
-    const double mu0 = (x * sx + y * sy + z * sz) * per_normal;
+    const double inverse_normal = 1 / std::sqrt(x * x + y * y + z * z);
+    const double minus_inverse_ray = -1 / std::sqrt(dx * dx + dy * dy + dz * dz);
+    out.nx[i] = x * inverse_normal;
+    out.ny[i] = y * inverse_normal;
+    out.nz[i] = z * inverse_normal;
+    const double mu0 = (x * sx + y * sy + z * sz) * inverse_normal;
     out.mu0[i] = mu0;
     out.incident[i] = mu0;  // a Sun with a disc replaces it by the mean over the disc (DiscLight)
-    out.mu[i] = normal_dot_ray * per_normal * minus_per_ray;
+    out.mu[i] = normal_dot_ray * inverse_normal * minus_inverse_ray;
   }
   unsigned away_lanes = 0;
-  std::int64_t any = 0;
-  for (int i = 0; i < kPacket; ++i) any |= away[i] & static_cast<std::int64_t>(p.hit[i]);
-  if (any == 0) return 0;  // skip the scalar loop: nearly all normals face the camera
-  for (unsigned i = 0; i < kPacket; ++i) away_lanes |= away[i] && p.hit[i] ? 1U << i : 0U;
+  std::int64_t any_away = 0;
+  for (int i = 0; i < kPacket; ++i) any_away |= away[i] & static_cast<std::int64_t>(points.hit[i]);
+  if (any_away == 0) return 0;  // skip the scalar loop: nearly all normals face the camera
+  for (unsigned i = 0; i < kPacket; ++i) away_lanes |= away[i] && points.hit[i] ? 1U << i : 0U;
   return away_lanes;
 }
 
@@ -108,7 +109,8 @@ bool mapped(const FrameRequest& request) {
   return wants_radiance(request) && !(request.albedo_maps.empty() && request.temperature_maps.empty());
 }
 
-// All models that have a rho are proportional to it: a map's multiplies what 1 would reflect, eq. (2).
+// Returns the reflectance with rho = 1 where maps give albedo: all models that have a rho are proportional to it, so a
+// map's albedo multiplies the result, eq. (2).
 Reflectance evaluated_reflectance(const FrameRequest& request) {
   Reflectance reflectance = request.reflectance;
   if (mapped(request)) reflectance.rho = 1;
@@ -142,6 +144,8 @@ void PacketShader::shade(const Facets& facets, const SurfacePoints& points, cons
   }
 }
 
+// Sets the radiance of direct sunlight, then adds the base: emission and indirect light per lane, or one constant. The
+// Hapke model takes the albedo of a map as an argument; all others are multiplied by it.
 void PacketShader::radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
                              Sampler& sampler, float* out, float* base, int first_row) const {
   alignas(64) double albedo[kPacket];

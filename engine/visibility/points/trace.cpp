@@ -118,7 +118,7 @@ void StartShadowRays(const SurfacePoints& p, const Vec3& anchor, const Vec3& sun
     const double nz = p.nz[i];
     const double area = std::sqrt(nx * nx + ny * ny + nz * nz);
     const double facing = nx * sx + ny * sy + nz * sz;
-    const double steepness = facing / area;
+    const double sine = facing / area;
     // Add the size of the triangle: near the anchor its vertices are farther from the anchor than the point.
     const double rx = x - ax;
     const double ry = y - ay;
@@ -132,12 +132,14 @@ void StartShadowRays(const SurfacePoints& p, const Vec3& anchor, const Vec3& sun
     packet.dx[i] = static_cast<float>(sx);
     packet.dy[i] = static_cast<float>(sy);
     packet.dz[i] = static_cast<float>(sz);
-    packet.near[i] = static_cast<float>(rounding / (steepness > 1.0 / 64 ? steepness : 1.0 / 64));
-    const double ex = rx - static_cast<double>(packet.ox[i]), ey = ry - static_cast<double>(packet.oy[i]),
-                 ez = rz - static_cast<double>(packet.oz[i]), beneath = (nx * ex + ny * ey + nz * ez) / area,
-                 // an eighth of the rounding for the vertices of the triangle
-        depth = (beneath > 0 ? beneath : 0) + rounding / 8;
-    burial_m[i] = static_cast<float>(depth / (steepness > 1e-9 ? steepness : 1e-9));
+    packet.near[i] = static_cast<float>(rounding / (sine > 1.0 / 64 ? sine : 1.0 / 64));
+    const double ex = rx - static_cast<double>(packet.ox[i]);
+    const double ey = ry - static_cast<double>(packet.oy[i]);
+    const double ez = rz - static_cast<double>(packet.oz[i]);
+    const double beneath = (nx * ex + ny * ey + nz * ez) / area;
+    // Add an eighth of the rounding for the vertices of the triangle.
+    const double depth = (beneath > 0 ? beneath : 0) + rounding / 8;
+    burial_m[i] = static_cast<float>(depth / (sine > 1e-9 ? sine : 1e-9));
     packet.active[i] = toward_sun(p, i, sx, sy, sz) > 0 ? -1 : 0;
   }
 }
@@ -181,32 +183,32 @@ HWY_EXPORT(FaceTheSun);
 // itself is computed in double from the unshifted ray.
 void retry_lost_rays(const Scene& scene, const Rays& rays, const RayPacket& packet, SurfacePoints& points,
                      Facets& facets) {
-  float farthest = 0;
+  float farthest = 0;  // largest coordinate, m: rounding errors are proportional to it
   for (int i = 0; i < kPacket; ++i)
     if (packet.active[i])
       farthest = std::max({farthest, std::abs(packet.ox[i]), std::abs(packet.oy[i]), std::abs(packet.oz[i])});
   bool found = false;
-  for (int k = 0; k < 4; ++k) {
-    RayPacket aside = packet;
-    bool any = false;
+  for (int attempt = 0; attempt < 4; ++attempt) {
+    RayPacket shifted = packet;
+    bool is_any_lost = false;
     for (int i = 0; i < kPacket; ++i) {
-      aside.active[i] = points.toward_moon[i] && packet.active[i] ? -1 : 0;
-      if (!aside.active[i]) continue;
-      any = true;
-      const Vec3 d = rays.direction(i).normalized(), across = any_across(d);
-      const Vec3 shift =
-          static_cast<double>(farthest) * 0x1p-21 * (k < 2 ? across : d.cross(across)) * (k % 2 ? -1 : 1);
-      aside.ox[i] += static_cast<float>(shift.x());
-      aside.oy[i] += static_cast<float>(shift.y());
-      aside.oz[i] += static_cast<float>(shift.z());
+      shifted.active[i] = points.toward_moon[i] && packet.active[i] ? -1 : 0;
+      if (!shifted.active[i]) continue;
+      is_any_lost = true;
+      const Vec3 d = rays.direction(i).normalized(), sideways = any_across(d);
+      const Vec3 shift = static_cast<double>(farthest) * 0x1p-21 * (attempt < 2 ? sideways : d.cross(sideways)) *
+                         (attempt % 2 ? -1 : 1);
+      shifted.ox[i] += static_cast<float>(shift.x());
+      shifted.oy[i] += static_cast<float>(shift.y());
+      shifted.oz[i] += static_cast<float>(shift.z());
     }
-    if (!any) break;
+    if (!is_any_lost) break;
     SurfacePoints retry_points;
     Facets retry_facets;
-    scene.tracer->intersect(aside, retry_points);
+    scene.tracer->intersect(shifted, retry_points);
     refine(scene.mesh, rays, retry_points, retry_facets);
     for (int i = 0; i < kPacket; ++i) {
-      if (!aside.active[i] || !retry_points.hit[i]) continue;
+      if (!shifted.active[i] || !retry_points.hit[i]) continue;
       found = true;
       points.x[i] = retry_points.x[i];
       points.y[i] = retry_points.y[i];
@@ -225,6 +227,7 @@ void retry_lost_rays(const Scene& scene, const Rays& rays, const RayPacket& pack
   if (found) gather(scene.mesh, points.triangle, facets);
 }
 
+// Clips the rays to the shell, lets Embree find triangles, refines the points, and retries rays that Embree lost.
 void trace(const Scene& scene, const Rays& rays, SurfacePoints& points, Facets& facets) {
   RayPacket packet;
   alignas(64) std::int32_t toward_moon[kPacket];
@@ -268,7 +271,7 @@ void sunlit(const Scene& scene, const SurfacePoints& points, const bool* request
   alignas(64) float burial_m[kPacket];
   HWY_DYNAMIC_DISPATCH(StartShadowRays)(points, scene.anchor, sun, packet, rounding_m, burial_m);
   bool any = false;
-  float largest_m = 0;
+  float largest_m = 0;  // largest rounding error of the packet
   for (int i = 0; i < kPacket; ++i) {
     lit[i] = 0;
     if (!requested[i]) packet.active[i] = 0;

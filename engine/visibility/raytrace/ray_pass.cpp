@@ -19,6 +19,7 @@ std::size_t RayPass::pixel_of(const Packet& p, int i) const {
          static_cast<std::size_t>(p.x + i % kPacketSide);
 }
 
+// Sets the rays of a packet: through the views of its rows, if they differ, else from one camera.
 void RayPass::aim(Packet& p) const {
   if (p.sample.weight > 0)  // prefetch the rows of the output while rays are traced
     for (int row = p.y; row < std::min(p.y + kPacketSide, request_.camera.height); ++row)
@@ -34,7 +35,7 @@ void RayPass::aim(Packet& p) const {
     rays_.aim(PacketShape::square, p.x, p.y, p.sample.dx, p.sample.dy, lens, p.rays);
 }
 
-void RayPass::meet(Packet& p, const PacketShader& shader) const {
+void RayPass::intersect_rays(Packet& p, const PacketShader& shader) const {
   Facets facets;
   trace(job_.scene, p.rays, p.points, facets);
   p.on_object = 0;
@@ -66,9 +67,9 @@ void RayPass::light(const SurfacePoints& points, const std::uint16_t* own_object
     return dark | (job_.objects.empty() ? 0 : job_.objects.blocked(points, own_object, requested & ~dark, toward));
   };
   if (disc_) {
-    DiscLanes turned;
-    const std::uint32_t lit_lanes = disc_->unoccluded(points, shading, turned, lit);
-    disc_->remove_blocked(blocked, lit_lanes, turned, lit, shading.incident);
+    DiscLanes disc_lanes;
+    const std::uint32_t lit_lanes = disc_->unoccluded(points, shading, disc_lanes, lit);
+    disc_->remove_blocked(blocked, lit_lanes, disc_lanes, lit, shading.incident);
     return;
   }
   std::uint32_t requested = 0;
@@ -104,14 +105,14 @@ void RayPass::refine_edges(std::vector<float>& radiance) const {
       Packet p(0, 0, kSample, task);
       EdgeSamples::DensePixels dense_pixels;
       const int count = edges.aim(bands[i], first, dense_pixels, p.rays);
-      meet(p, edges.shader());
+      intersect_rays(p, edges.shader());
       find_light(p);
       find_radiance(p, edges.shader());
-      float of_samples[kPacket];
+      float sample_radiance[kPacket];
       for (int k = 0; k < kPacket; ++k)
-        of_samples[k] = p.on_object >> k & 1 ? p.object_radiance[k] : p.on_terrain >> k & 1 ? p.radiance[k] : 0.F;
+        sample_radiance[k] = p.on_object >> k & 1 ? p.object_radiance[k] : p.on_terrain >> k & 1 ? p.radiance[k] : 0.F;
       for (std::size_t k = 0; k < static_cast<std::size_t>(count); k += EdgeSamples::kPerPixel)
-        radiance[bands[i][(first + k) / EdgeSamples::kPerPixel]] = EdgeSamples::mean(of_samples + k);
+        radiance[bands[i][(first + k) / EdgeSamples::kPerPixel]] = EdgeSamples::mean(sample_radiance + k);
     }
   });
 }
@@ -123,12 +124,12 @@ void RayPass::write_products(Packet& p) const {
   const bool marked = p.sample.count && writer_.marked(p.y, kPacketSide);
   for (int i = 0; i < kPacket; ++i) {
     if (!p.points.hit[i]) continue;
-    const std::size_t at = pixel_of(p, i);
+    const std::size_t pixel = pixel_of(p, i);
     if (marked) writer_.mark(p.x + i % kPacketSide, p.y + i / kPacketSide, p.points, i);
-    if (p.sample.weight > 0) add_radiance(at, p.sample.weight, p.radiance[i]);
-    if (p.sample.count) writer_.account(p.points, i, at, p.task.counts);
+    if (p.sample.weight > 0) add_radiance(pixel, p.sample.weight, p.radiance[i]);
+    if (p.sample.count) writer_.account(p.points, i, pixel, p.task.counts);
     if (p.sample.store && writer_.wants_geometry())
-      writer_.store_geometry(p.points, i, p.rays.direction(i), p.shading, p.lit[i], at);
+      writer_.store_geometry(p.points, i, p.rays.direction(i), p.shading, p.lit[i], pixel);
   }
 }
 
@@ -148,10 +149,10 @@ void RayPass::write_products(Packet& p) const {
 [[gnu::noinline]] void RayPass::write_objects(Packet& p) const {
   for (int i = 0; i < kPacket; ++i) {
     if (!p.objects.points.hit[i]) continue;
-    const std::size_t at = pixel_of(p, i);
-    if (p.sample.weight > 0) add_radiance(at, p.sample.weight, p.object_radiance[i]);
+    const std::size_t pixel = pixel_of(p, i);
+    if (p.sample.weight > 0) add_radiance(pixel, p.sample.weight, p.object_radiance[i]);
     if (p.sample.count) writer_.count_object(p.objects, i, p.task.counts);
-    if (p.sample.store) writer_.store_object(p.objects, i, p.rays.direction(i), p.object_lit[i], at);
+    if (p.sample.store) writer_.store_object(p.objects, i, p.rays.direction(i), p.object_lit[i], pixel);
   }
 }
 

@@ -88,10 +88,10 @@ class RayPass {
   // The stages, in order. The first one makes the rays and finds the visible points.
   void find_points(Packet& packet) const {
     aim(packet);
-    meet(packet);
+    intersect_rays(packet);
   }
   void aim(Packet& packet) const;
-  void meet(Packet& packet) const { meet(packet, shader_); }
+  void intersect_rays(Packet& packet) const { intersect_rays(packet, shader_); }
   void find_light(Packet& packet) const;
   void find_radiance(Packet& packet) const { find_radiance(packet, shader_); }
   void write_products(Packet& packet) const;
@@ -99,7 +99,7 @@ class RayPass {
  private:
   static constexpr int kTile = 32;  // pixels; a tile is one task
 
-  void meet(Packet& packet, const PacketShader& shader) const;
+  void intersect_rays(Packet& packet, const PacketShader& shader) const;
   void find_radiance(Packet& packet, const PacketShader& shader) const;
   // Replaces pixels at edges by the mean of four samples; see edge_samples.h.
   void refine_edges(std::vector<float>& radiance) const;
