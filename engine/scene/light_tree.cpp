@@ -20,23 +20,23 @@ LightTree::LightTree(const Sun& sun, const Vec3& up)
 }
 
 LightTree::Extent LightTree::extent_of(const NodeBounds& b) const {
-  Extent e;
+  Extent extent;
   for (const Vec3& p : b.points) {
     const double u = u_.dot(p), v = v_.dot(p), s = sun_.dot(p);
-    e.u0 = std::min(e.u0, u);
-    e.u1 = std::max(e.u1, u);
-    e.v0 = std::min(e.v0, v);
-    e.v1 = std::max(e.v1, v);
-    e.s0 = std::min(e.s0, s);
-    e.s1 = std::max(e.s1, s);
+    extent.u0 = std::min(extent.u0, u);
+    extent.u1 = std::max(extent.u1, u);
+    extent.v0 = std::min(extent.v0, v);
+    extent.v1 = std::max(extent.v1, v);
+    extent.s0 = std::min(extent.s0, s);
+    extent.s1 = std::max(extent.s1, s);
   }
-  e.u0 -= b.bulge_m;
-  e.v0 -= b.bulge_m;
-  e.s0 -= b.bulge_m;
-  e.u1 += b.bulge_m;
-  e.v1 += b.bulge_m;
-  e.s1 += b.bulge_m;
-  return e;
+  extent.u0 -= b.bulge_m;
+  extent.v0 -= b.bulge_m;
+  extent.s0 -= b.bulge_m;
+  extent.u1 += b.bulge_m;
+  extent.v1 += b.bulge_m;
+  extent.s1 += b.bulge_m;
+  return extent;
 }
 
 void LightTree::Extent::include(const Extent& extent) {
@@ -64,6 +64,8 @@ void LightTree::finish() {
   if (!receivers_.empty()) add_node(0, receivers_.size());
 }
 
+// Adds the node of some receivers and, before any other node, those of its halves: a node's descendants follow it in
+// nodes_ up to `past`.
 void LightTree::add_node(std::size_t first, std::size_t count) {
   constexpr std::size_t kLeaf = 4;
   const std::size_t index = nodes_.size();
@@ -91,21 +93,22 @@ void LightTree::add_node(std::size_t first, std::size_t count) {
   nodes_[index].past = nodes_.size();
 }
 
+// Walks the tree in memory order, and steps over the descendants of a node that the occluder cannot shade.
 double LightTree::shaded_pixels_per_metre(const NodeBounds& bounds) const {
   if (receivers_.empty()) return 0;
-  Extent e = extent_of(bounds);
+  Extent occluder = extent_of(bounds);
   // Widen the box by the shift of the shadow, on the farthest receiver, in light from the disc's rim.
-  const double shift_m = tan_radius_ * std::max(0.0, e.s1 - nodes_.front().extent.s0);
-  e.u0 -= shift_m;
-  e.u1 += shift_m;
-  e.v0 -= shift_m;
-  e.v1 += shift_m;
+  const double shift_m = tan_radius_ * std::max(0.0, occluder.s1 - nodes_.front().extent.s0);
+  occluder.u0 -= shift_m;
+  occluder.u1 += shift_m;
+  occluder.v0 -= shift_m;
+  occluder.v1 += shift_m;
   double max_pixels_per_metre = 0;
   // An occluder shades a receiver only if its sunward end s1 lies sunward of the receiver's far end s0.
   const auto may_be_shaded = [&](const auto& candidate) {
     const Extent& r = candidate.extent;
-    return candidate.pixels_per_metre > max_pixels_per_metre && r.u0 <= e.u1 && r.u1 >= e.u0 && r.v0 <= e.v1 &&
-           r.v1 >= e.v0 && r.s0 < e.s1;
+    return candidate.pixels_per_metre > max_pixels_per_metre && r.u0 <= occluder.u1 && r.u1 >= occluder.u0 &&
+           r.v0 <= occluder.v1 && r.v1 >= occluder.v0 && r.s0 < occluder.s1;
   };
   for (std::size_t i = 0; i < nodes_.size();) {
     const Node& node = nodes_[i];

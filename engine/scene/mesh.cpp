@@ -128,13 +128,14 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const M
   }
   if (ids.size() > TriangleId::kMaxBlocks)
     throw std::length_error(fmt::format("mesh: {} blocks are more than {}", ids.size(), TriangleId::kMaxBlocks));
+  // Index the blocks that have data.
   coarsest_ = dem::kMaxLevel;
   index_.reserve(ids.size());
-  std::vector<Corners> soft_here;
+  std::vector<Corners> soft_corners;
   for (std::size_t i = 0; i < loaded.size(); ++i) {
     auto& posts = loaded[i];
     if (!posts) continue;
-    soft_here.push_back(soft.empty() ? Corners{0} : soft[i]);
+    soft_corners.push_back(soft.empty() ? Corners{0} : soft[i]);
     coarsest_ = std::min(coarsest_, posts->id.level);
     finest_ = std::max(finest_, posts->id.level);
     index_[posts->id] = static_cast<std::uint32_t>(posts_.size());
@@ -145,17 +146,18 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const M
     for (std::size_t i = first; i < past_last; ++i) posts_levels_[i] = terrain.plain().posts_level(posts_[i]->id);
   });
   blocks_.resize(posts_.size());
+  // Stitch the blocks that are new or next to a change; reuse all others as they are.
   const std::vector<BlockExtent> changed = before ? changes_since(*before) : std::vector<BlockExtent>{};
   in_parallel(blocks_.size(), [&](std::size_t i) {
     stop.check();
     const auto previous = before ? before->share(posts_[i]->id) : nullptr;
-    if (previous && previous->border.soft == soft_here[i] && !touches_any(posts_[i]->extent, changed)) {
+    if (previous && previous->border.soft == soft_corners[i] && !touches_any(posts_[i]->extent, changed)) {
       blocks_[i] = previous;
       return;
     }
     // Stitch the border, and still reuse the previous block if the border came out the same.
     BlockBorder border = border_of(*posts_[i]);
-    border.soft = soft_here[i];
+    border.soft = soft_corners[i];
     blocks_[i] = previous && previous->border == border
                      ? previous
                      : std::make_shared<const MeshBlock>(posts_[i], std::move(border));
@@ -205,46 +207,50 @@ BlockBorder Mesh::border_of(const dem::Block& block) const {
   return border;
 }
 
+// Sets the stride and the heights of an edge of the block `own`: as coarse as the neighbour beyond it, with heights by
+// the order of is_before(). Positions are in ticks.
 void Mesh::stitch_edge(const dem::Block& own, int edge, BlockBorder& out) const {
-  const BlockExtent& e = own.extent;
+  const BlockExtent& extent = own.extent;
   const bool along_lon = edge < 2;
-  const std::int32_t step = along_lon ? e.lon_step : e.lat_step;
-  const std::int64_t lat_out = edge == 0 ? std::int64_t{e.lat0} - 1 : edge == 1 ? std::int64_t{e.lat1()} : 0;
-  const std::int64_t lon_out = edge == 2 ? std::int64_t{e.lon0} - 1 : edge == 3 ? std::int64_t{e.lon1()} : 0;
-  const std::int64_t lat_edge = edge == 1 ? e.lat1() : e.lat0, lon_edge = edge == 3 ? e.lon1() : e.lon0;
+  const std::int32_t step = along_lon ? extent.lon_step : extent.lat_step;
+  // lat_out and lon_out lie just outside the edge; lat_edge and lon_edge are on it.
+  const std::int64_t lat_out = edge == 0 ? std::int64_t{extent.lat0} - 1 : edge == 1 ? std::int64_t{extent.lat1()} : 0;
+  const std::int64_t lon_out = edge == 2 ? std::int64_t{extent.lon0} - 1 : edge == 3 ? std::int64_t{extent.lon1()} : 0;
+  const std::int64_t lat_edge = edge == 1 ? extent.lat1() : extent.lat0,
+                     lon_edge = edge == 3 ? extent.lon1() : extent.lon0;
   // At a pole the edge is one point, shared by all blocks around it: only its height is stitched.
-  const bool pole = along_lon && (lat_edge == 0 || lat_edge == dem::kLatTicks);
+  const bool is_pole = along_lon && (lat_edge == 0 || lat_edge == dem::kLatTicks);
   // A neighbour that is at least as coarse spans the whole edge, so one probe across decides. Finer neighbours stitch
   // themselves.
-  std::optional<std::uint32_t> across;
-  if (!pole) across = along_lon ? block_at(lat_out, e.lon0) : block_at(e.lat0, lon_out);
-  const dem::Block* neighbour = across ? posts_[*across].get() : nullptr;
+  std::optional<std::uint32_t> neighbour_index;
+  if (!is_pole) neighbour_index = along_lon ? block_at(lat_out, extent.lon0) : block_at(extent.lat0, lon_out);
+  const dem::Block* neighbour = neighbour_index ? posts_[*neighbour_index].get() : nullptr;
   int stride = 1;
   if (neighbour) stride = std::max(1, (along_lon ? neighbour->extent.lon_step : neighbour->extent.lat_step) / step);
-  out.stride[static_cast<std::size_t>(edge)] = std::min(stride, e.quads);
+  out.stride[static_cast<std::size_t>(edge)] = std::min(stride, extent.quads);
   // If the longitude step halves toward the equator, several neighbours of one level share the edge: resolve each
   // vertex by itself.
-  const bool several =
+  const bool has_several_neighbours =
       neighbour && along_lon &&
       dem::lon_shift(own.id.level, own.id.row + (edge == 1 ? 1 : -1)) < dem::lon_shift(own.id.level, own.id.row);
-  const bool neighbour_first = across && is_before(*across, index_.at(own.id));
-  const int remaining = out.stride[static_cast<std::size_t>(edge)];
+  const bool neighbour_first = neighbour_index && is_before(*neighbour_index, index_.at(own.id));
+  const int remaining_stride = out.stride[static_cast<std::size_t>(edge)];
   std::vector<float>& heights = out.height[static_cast<std::size_t>(edge)];
-  heights.reserve(static_cast<std::size_t>(e.quads) + 1);
-  for (int i = 0; i <= e.quads; ++i) {
-    if (i % remaining != 0) {
+  heights.reserve(static_cast<std::size_t>(extent.quads) + 1);
+  for (int i = 0; i <= extent.quads; ++i) {
+    if (i % remaining_stride != 0) {
       heights.push_back(heights.back());
       continue;
     }
-    const std::int64_t lat = along_lon ? lat_edge : e.lat0 + std::int64_t{i} * e.lat_step;
-    const std::int64_t lon = along_lon ? e.lon0 + std::int64_t{i} * e.lon_step : lon_edge;
-    float h = own.vertices[edge_index(own, edge, i)].height_m;
-    if (i == 0 || i == e.quads || several) {
-      h = corner_height(own.id, lat, lon);
-    } else if (neighbour && (neighbour_first || std::isnan(h))) {
-      h = dem::post_at(*neighbour, lat, lon).value_or(h);
+    const std::int64_t lat = along_lon ? lat_edge : extent.lat0 + std::int64_t{i} * extent.lat_step;
+    const std::int64_t lon = along_lon ? extent.lon0 + std::int64_t{i} * extent.lon_step : lon_edge;
+    float height_m = own.vertices[edge_index(own, edge, i)].height_m;
+    if (i == 0 || i == extent.quads || has_several_neighbours) {
+      height_m = corner_height(own.id, lat, lon);
+    } else if (neighbour && (neighbour_first || std::isnan(height_m))) {
+      height_m = dem::post_at(*neighbour, lat, lon).value_or(height_m);
     }
-    heights.push_back(h);
+    heights.push_back(height_m);
   }
 }
 
@@ -257,21 +263,21 @@ void Mesh::stitch_edge(const dem::Block& own, int edge, BlockBorder& out) const 
 float Mesh::corner_height(const BlockId& own, std::int64_t lat, std::int64_t lon) const {
   std::optional<std::uint32_t> first;
   float height = std::numeric_limits<float>::quiet_NaN();
-  const auto consider = [&](std::int64_t y, std::int64_t x) {
-    if (y < 0 || y >= dem::kLatTicks) return;
-    const auto at = block_at(y, x);
-    if (!at || (first && is_before(*first, *at))) return;
-    if (const auto h = dem::post_at(*posts_[*at], lat, lon)) {
-      first = at;
-      height = *h;
+  const auto consider = [&](std::int64_t probe_lat, std::int64_t probe_lon) {
+    if (probe_lat < 0 || probe_lat >= dem::kLatTicks) return;
+    const auto index = block_at(probe_lat, probe_lon);
+    if (!index || (first && is_before(*first, *index))) return;
+    if (const auto post_height_m = dem::post_at(*posts_[*index], lat, lon)) {
+      first = index;
+      height = *post_height_m;
     }
   };
   for (const int dy : {-1, 0})
     for (const int dx : {-1, 0}) consider(lat + dy, lon + dx);
   // At a pole, the loop meets only the blocks beside one meridian. All blocks around the pole hold the same post.
   if (lat == 0 || lat == dem::kLatTicks) {
-    const auto at = index_.find(own);
-    height = dem::post_at(*posts_[at->second], lat, lon).value_or(height);
+    const auto index = index_.find(own);
+    height = dem::post_at(*posts_[index->second], lat, lon).value_or(height);
   }
   return height;
 }

@@ -26,34 +26,39 @@ RowAngles angles_of(const dem::Block& posts, int row) {
   return {posts.cos_lat[r], posts.sin_lat[r], posts.cos_lon.data(), posts.sin_lon.data()};
 }
 
-// Returns the box of a strip; without vertices, one without rows.
+// Returns the box of a strip in axes east, north and up of its middle, and its steepest rises; without vertices, one
+// without rows.
 RasterShape::Box box_of(const MeshBlock& block, int first_row, int rows) {
   const dem::Block& posts = *block.posts;
   const int side = block.side, last = side - 1;
   const Vec3 middle = posts.position(first_row + rows / 2, last / 2, 0);
   const EastNorthUp axes = local_axes(middle);
   LocalBounds bounds;
-  LocalRow row_pair[2]{};
+  LocalRow row_pair[2]{};  // in turns: the row of one step is the southern one of the next
   for (int r = first_row; r <= first_row + rows; ++r) {
     LocalRow &row = row_pair[r & 1], &south = row_pair[~r & 1];
     local_row(&block.vertices[posts.index(r, 0)], side, angles_of(posts, r), middle, axes, row);
-    const auto put = [&](int c) {
-      const Vec3 at = block.vertex(r, c) - middle;
-      row.set(c, {axes.east.dot(at), axes.north.dot(at), axes.up.dot(at)});
+    const auto place_vertex = [&](int c) {
+      const Vec3 from_middle = block.vertex(r, c) - middle;
+      row.set(c, {axes.east.dot(from_middle), axes.north.dot(from_middle), axes.up.dot(from_middle)});
     };
     if (block.collapses) {
-      put(0);
-      put(last);
+      place_vertex(0);
+      place_vertex(last);
     }
-    for (int c = 1; block.collapses && (r == 0 || r == last) && c < last; ++c) put(c);
+    for (int c = 1; block.collapses && (r == 0 || r == last) && c < last; ++c) place_vertex(c);
     bounds.extend(row, side);
     if (r > first_row) bounds.extend(south, row, last);
   }
   if (bounds.empty()) return {};
   const Vec3 low = Eigen::Vector3f(bounds.low).cast<double>(), high = Eigen::Vector3f(bounds.high).cast<double>();
-  const Vec3 mid = (low + high) / 2, half = (high - low) / 2;
-  RasterShape::Box box{first_row, rows, middle + mid.x() * axes.east + mid.y() * axes.north + mid.z() * axes.up,
-                       axes,      half, {}};
+  const Vec3 box_middle = (low + high) / 2, half_extents = (high - low) / 2;
+  RasterShape::Box box{first_row,
+                       rows,
+                       middle + box_middle.x() * axes.east + box_middle.y() * axes.north + box_middle.z() * axes.up,
+                       axes,
+                       half_extents,
+                       {}};
   std::copy_n(bounds.steepest, box.steepest.size(), box.steepest.begin());
   return box;
 }
@@ -97,8 +102,9 @@ struct EndsHash {
 // Finds the edges along a block's sides and beside its voids, each with its triangle on the left.
 class EdgeFinder {
  public:
-  explicit EdgeFinder(RasterShape& shape) : shape_(shape), block_(*shape.of), quads_(block_.side - 1) {}
+  explicit EdgeFinder(RasterShape& shape) : shape_(shape), block_(*shape.mesh_block), quads_(block_.side - 1) {}
 
+  // Finds the edges of all triangles whose neighbour across the edge is missing; without voids, these are the sides.
   void find() {
     const std::span<const dem::Vertex> vertices = block_.vertices;
     const int last = quads_ - 1;
@@ -128,6 +134,7 @@ class EdgeFinder {
   }
 
  private:
+  // Returns true if all vertices of a triangle have data.
   bool triangle(int r, int c, bool upper) const {
     const dem::QuadVertices q = dem::vertices_of(r, c, upper);
     return block_.present(q.r[0], q.c[0]) && block_.present(q.r[1], q.c[1]) && block_.present(q.r[2], q.c[2]);
@@ -166,45 +173,48 @@ class EdgeFinder {
 
 }  // namespace
 
-RasterShape::RasterShape(std::shared_ptr<const MeshBlock> block) : of(std::move(block)) {
-  const int quads = of->posts->extent.quads;
+RasterShape::RasterShape(std::shared_ptr<const MeshBlock> block) : mesh_block(std::move(block)) {
+  const int quads = mesh_block->posts->extent.quads;
   stride = (quads + kLanes - 1) / kLanes * kLanes + kLanes;
   static_assert((kMaxQuads + 1) * (kMaxQuads + 2 * kLanes) <= 1 << 16, "what an edge's ends hold");
   for (int r = 0; r < quads; r += kStripRows)
-    if (const Box box = box_of(*of, r, std::min(kStripRows, quads - r)); box.rows > 0) boxes.push_back(box);
+    if (const Box box = box_of(*mesh_block, r, std::min(kStripRows, quads - r)); box.rows > 0) boxes.push_back(box);
   EdgeFinder(*this).find();
 }
 
 RasterPiece::RasterPiece(std::shared_ptr<const RasterShape> shape_of_block, const Vec3& anchor)
     : shape(std::move(shape_of_block)) {
-  const MeshBlock& of = *shape->of;
-  const dem::Block& posts = *of.posts;
-  const auto stride = static_cast<std::size_t>(shape->stride), plane = stride * static_cast<std::size_t>(of.side);
+  const MeshBlock& mesh_block = *shape->mesh_block;
+  const dem::Block& posts = *mesh_block.posts;
+  const auto stride = static_cast<std::size_t>(shape->stride),
+             plane = stride * static_cast<std::size_t>(mesh_block.side);
   xyz.resize(3 * plane);
   const auto set_vertex = [&](std::size_t index, int r, int c) {
-    const Vec3 vertex = of.vertex(r, c) - anchor;
+    const Vec3 vertex = mesh_block.vertex(r, c) - anchor;
     for (std::size_t k = 0; k < 3; ++k)
       xyz[k * plane + index] = static_cast<float>(vertex[static_cast<Eigen::Index>(k)]);
   };
-  for (int r = 0; r < of.side; ++r) {
+  for (int r = 0; r < mesh_block.side; ++r) {
     const std::size_t first = static_cast<std::size_t>(r) * stride;
     float* x = &xyz[first];
-    place_row(&of.vertices[posts.index(r, 0)], of.side, angles_of(posts, r), anchor, x, x + plane, x + 2 * plane);
-    for (float* plane_of_row : {x, x + plane, x + 2 * plane})
-      std::fill(plane_of_row + of.side, plane_of_row + stride, std::numeric_limits<float>::quiet_NaN());
+    place_row(&mesh_block.vertices[posts.index(r, 0)], mesh_block.side, angles_of(posts, r), anchor, x, x + plane,
+              x + 2 * plane);
+    for (float* row_start : {x, x + plane, x + 2 * plane})
+      std::fill(row_start + mesh_block.side, row_start + stride, std::numeric_limits<float>::quiet_NaN());
   }
-  if (of.collapses)
-    for (int i = 0, last = of.side - 1; i <= last; ++i)
+  if (mesh_block.collapses)
+    for (int i = 0, last = mesh_block.side - 1; i <= last; ++i)
       for (const auto& [r, c] : {std::pair{0, i}, {last, i}, {i, 0}, {i, last}})
         set_vertex(static_cast<std::size_t>(r) * stride + static_cast<std::size_t>(c), r, c);
-  block = {xyz.data(), xyz.data() + plane, xyz.data() + 2 * plane, of.side - 1, shape->stride, of.vertices.data()};
+  block = {xyz.data(),          xyz.data() + plane, xyz.data() + 2 * plane,
+           mesh_block.side - 1, shape->stride,      mesh_block.vertices.data()};
   for (const RasterShape::Box& box : shape->boxes) strips.push_back(strip_of(box, anchor));
 }
 
 RasterMesh::RasterMesh(const Mesh& mesh, const Vec3& anchor_m, const RasterParts& before, const StopToken& stop)
     : anchor_(anchor_m) {
   std::unordered_map<const MeshBlock*, std::size_t> shape_of_block;
-  for (std::size_t i = 0; i < before.shapes.size(); ++i) shape_of_block.emplace(before.shapes[i]->of.get(), i);
+  for (std::size_t i = 0; i < before.shapes.size(); ++i) shape_of_block.emplace(before.shapes[i]->mesh_block.get(), i);
   pieces_.resize(mesh.blocks().size());
   in_parallel(pieces_.size(), [&](std::size_t i) {
     stop.check();
@@ -237,7 +247,7 @@ void RasterMesh::add_skirts() {
     const RasterShape* shape;
     const std::vector<RasterShape::Edge>* edges;
   };
-  std::vector<Open> open;
+  std::vector<Open> open_lists;  // edges that hashes have not matched
   using Count = std::unordered_map<std::uint64_t, int>;
   const auto count_of = [](std::uint64_t hash, const Count& count) {
     const auto found = count.find(hash);
@@ -251,7 +261,7 @@ void RasterMesh::add_skirts() {
   };
   using Side = std::array<RasterShape::Half, 2>;
   const auto has_halves = [](const Side& side) { return side[0].edge_hash != 0 && side[1].edge_hash != 0; };
-  Count wholes, halves;
+  Count wholes, halves;  // numbers of whole and of half sides, by hash
   wholes.reserve(4 * pieces_.size());
   for_each_side([&](const RasterShape&, const Side&, std::uint64_t hash) { ++wholes[hash]; });
   // Skip sides with an empty half: their hash equals that of the other half, and they would match themselves.
@@ -260,30 +270,32 @@ void RasterMesh::add_skirts() {
       for (const RasterShape::Half& half : side) ++halves[half.edge_hash];
   });
   // Returns whether a whole side of one block equals a half side of another.
-  const auto joined = [&](std::uint64_t hash) { return count_of(hash, wholes) == 1 && count_of(hash, halves) == 1; };
+  const auto is_joined = [&](std::uint64_t hash) { return count_of(hash, wholes) == 1 && count_of(hash, halves) == 1; };
   for_each_side([&](const RasterShape& shape, const Side& side, std::uint64_t hash) {
-    if (wholes[hash] == 2 || joined(hash)) return;
+    if (wholes[hash] == 2 || is_joined(hash)) return;
     for (const RasterShape::Half& half : side)
-      if (!half.edges.empty() && !(has_halves(side) && joined(half.edge_hash))) open.push_back({&shape, &half.edges});
+      if (!half.edges.empty() && !(has_halves(side) && is_joined(half.edge_hash)))
+        open_lists.push_back({&shape, &half.edges});
   });
   for (const auto& piece : pieces_)
-    if (!piece->shape->inside.empty()) open.push_back({piece->shape.get(), &piece->shape->inside});
-  const auto ends = [](const RasterShape& shape, const RasterShape::Edge& e) {
-    return ends_of(shape.vertex(e.from), shape.vertex(e.to));
+    if (!piece->shape->inside.empty()) open_lists.push_back({piece->shape.get(), &piece->shape->inside});
+  const auto ends_of_edge = [](const RasterShape& shape, const RasterShape::Edge& edge) {
+    return ends_of(shape.vertex(edge.from), shape.vertex(edge.to));
   };
   std::unordered_map<Ends, int, EndsHash> unmatched;  // numbers of directed edges without an opposite one
-  for (const auto& [shape, list] : open)
+  for (const auto& [shape, list] : open_lists)
     for (const RasterShape::Edge& edge : *list) {
-      const Ends e = ends(*shape, edge), back{e[3], e[4], e[5], e[0], e[1], e[2]};
-      if (const auto found = unmatched.find(back); found != unmatched.end()) {
+      const Ends edge_ends = ends_of_edge(*shape, edge),
+                 reversed{edge_ends[3], edge_ends[4], edge_ends[5], edge_ends[0], edge_ends[1], edge_ends[2]};
+      if (const auto found = unmatched.find(reversed); found != unmatched.end()) {
         if (--found->second == 0) unmatched.erase(found);
       } else {
-        ++unmatched[e];
+        ++unmatched[edge_ends];
       }
     }
-  for (const auto& [shape, list] : open)
+  for (const auto& [shape, list] : open_lists)
     for (const RasterShape::Edge& edge : *list) {
-      const auto found = unmatched.find(ends(*shape, edge));
+      const auto found = unmatched.find(ends_of_edge(*shape, edge));
       if (found == unmatched.end()) continue;
       if (--found->second == 0) unmatched.erase(found);  // equal edges get one skirt each
       add_skirt(shape->vertex(edge.from), shape->vertex(edge.to));

@@ -58,7 +58,7 @@ struct RasterShape {
     std::uint16_t from, to;
   };
 
-  std::shared_ptr<const MeshBlock> of;
+  std::shared_ptr<const MeshBlock> mesh_block;
   int stride;  // as in RasterBlock
   std::vector<Box> boxes;
   // Edges that only one triangle of the block has: `inside` beside no-data, `along` on the two halves (from west or
@@ -70,7 +70,7 @@ struct RasterShape {
   };
   std::array<std::array<Half, 2>, 4> along;
 
-  Vec3 vertex(std::uint16_t index) const { return of->vertex(index / stride, index % stride); }
+  Vec3 vertex(std::uint16_t index) const { return mesh_block->vertex(index / stride, index % stride); }
   std::size_t bytes() const;
 };
 

@@ -23,12 +23,18 @@ double margin_m(int level) { return 1.5 * dem::post_spacing_m(level); }
 // away, a difference of squares would be rounded to more than a block.
 bool may_hit(const RayCone& ray, const NodeBounds& b, double above_m, int level) {
   const Vec3 to = b.centre - ray.origin_m;
-  const double ball_m = b.radius_m + above_m + margin_m(level), along = to.dot(ray.direction),
-               off2 = (to - along * ray.direction).squaredNorm(), far_m = std::max(0.0, along + ball_m + ray.radius_m),
-               width_m = ray.is_single_ray() ? 0 : ray.radius_m + far_m * ray.slope, reach = ball_m + width_m,
-               reach2 = reach * reach;
-  if (off2 > reach2) return false;
-  const double half = std::sqrt(reach2 - off2), t0 = std::max(0.0, along - half), t1 = std::min(along + half, ray.to_m);
+  const double ball_m = b.radius_m + above_m + margin_m(level);
+  const double along_m = to.dot(ray.direction);
+  const double off_axis2 = (to - along_m * ray.direction).squaredNorm();
+  const double far_m = std::max(0.0, along_m + ball_m + ray.radius_m);
+  const double width_m = ray.is_single_ray() ? 0 : ray.radius_m + far_m * ray.slope;
+  const double reach_m = ball_m + width_m;
+  const double reach2 = reach_m * reach_m;
+  if (off_axis2 > reach2) return false;
+  // The axis is within reach from t0 to t1, and nearest to the Moon's centre at `closest`.
+  const double half_chord_m = std::sqrt(reach2 - off_axis2);
+  const double t0 = std::max(0.0, along_m - half_chord_m);
+  const double t1 = std::min(along_m + half_chord_m, ray.to_m);
   if (t1 < t0) return false;
   const double closest = std::clamp(-ray.origin_m.dot(ray.direction), t0, t1);
   return (ray.origin_m + closest * ray.direction).norm() - width_m <=
@@ -54,17 +60,18 @@ class RaySelector {
     stop_.check();
     // Reject a block with detail by bounds that need no block to be made: its parent's heights, then its outline's.
     RayIndices hitting = candidates;
-    const bool detail = dem::has_detail(terrain_, id);
-    if (detail && parent && !remove_missing(hitting, id, bounds_within(id, *parent))) return true;
-    if (!detail && !may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return any_hits(candidates, id, b); }))
+    const bool has_detail = dem::has_detail(terrain_, id);
+    if (has_detail && parent && !remove_missing(hitting, id, bounds_within(id, *parent))) return true;
+    if (!has_detail &&
+        !may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return any_hits(candidates, id, b); }))
       return true;
-    const bool last = id.level >= terrain_.finest_level(id) || (detail && id.level >= finest_detail_);
+    const bool is_final = id.level >= terrain_.finest_level(id) || (has_detail && id.level >= finest_detail_);
     const auto outline = dem::outline(terrain_, id, stop_);
     if (outline && !remove_missing(hitting, id, bounds_within(id, *outline))) return true;
-    if (outline && !last) return visit_children(id, hitting, *outline);
+    if (outline && !is_final) return visit_children(id, hitting, *outline);
     const auto node = bounded_node(terrain_, id, stop_);
     if (!node || !remove_missing(hitting, id, node->bounds)) return true;
-    if (!last) return visit_children(id, hitting, node->info);
+    if (!is_final) return visit_children(id, hitting, node->info);
     blocks_.push_back(
         {id, static_cast<double>(node->info.min_m), static_cast<double>(node->info.max_m), std::move(hitting)});
     return blocks_.size() <= max_blocks_;
@@ -104,12 +111,14 @@ class RaySelector {
 
 }  // namespace
 
+// Returns the range at which the axis enters a sphere that lies below all terrain by the cone's width there.
 double range_below_terrain_m(const RayCone& ray) {
-  const double closest = -ray.origin_m.dot(ray.direction),
-               width_m = ray.is_single_ray() ? 0 : ray.radius_m + closest * ray.slope,
-               deep_m = dem::kCoreRadius_m - width_m,
-               inside = deep_m * std::abs(deep_m) - (ray.origin_m + closest * ray.direction).squaredNorm();
-  const double range_m = inside > 0 && closest > 0 ? closest - std::sqrt(inside) : -1;
+  const double closest = -ray.origin_m.dot(ray.direction);
+  const double width_m = ray.is_single_ray() ? 0 : ray.radius_m + closest * ray.slope;
+  const double deep_m = dem::kCoreRadius_m - width_m;
+  // Square of half the chord in that sphere; negative if the axis misses it, or the cone is wider than the Moon.
+  const double half_chord2 = deep_m * std::abs(deep_m) - (ray.origin_m + closest * ray.direction).squaredNorm();
+  const double range_m = half_chord2 > 0 && closest > 0 ? closest - std::sqrt(half_chord2) : -1;
   return range_m > 0 ? range_m : std::numeric_limits<double>::infinity();
 }
 
@@ -119,13 +128,13 @@ std::optional<std::vector<BlockOnRays>> select_for_rays(const dem::Terrain& terr
   RaySelector selector(terrain, rays, max_blocks, above_m, finest_detail, stop);
   std::vector<std::size_t> ray_indices(rays.size());
   for (std::size_t i = 0; i < ray_indices.size(); ++i) ray_indices[i] = i;
-  std::vector<BlockId> near;
+  std::vector<BlockId> roots;
   for (const RootGroup& group : root_groups())
     if (std::any_of(rays.begin(), rays.end(),
                     [&](const auto& ray) { return may_hit(ray, group.bounds, above_m, dem::kRootLevel); }))
-      for_each_root(terrain, group, [&](const BlockId& id) { near.push_back(id); });
-  std::sort(near.begin(), near.end());
-  for (const BlockId& id : near)
+      for_each_root(terrain, group, [&](const BlockId& id) { roots.push_back(id); });
+  std::sort(roots.begin(), roots.end());
+  for (const BlockId& id : roots)
     if (!selector.visit(id, ray_indices, nullptr)) return std::nullopt;
   return selector.sorted_blocks();
 }

@@ -5,7 +5,7 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr int kRows = 5, kColumns = 18;  // 20 by 20 degrees
+constexpr int kRows = 5, kColumns = 18;  // rows of roots per group; groups per row: 20 by 20 degrees
 // The sphere around a block of known heights may extend a little beyond the one around all possible heights.
 constexpr double kSlack_m = 30000;
 
@@ -29,6 +29,7 @@ void enclose(RootGroup& group) {
       static_cast<double>(dem::kHighestRelief_m);  // the sphere extends higher, but its content does not
 }
 
+// Returns the groups of all roots, in rows from the south.
 std::vector<RootGroup> make_groups() {
   std::vector<RootGroup> groups;
   const int rows = dem::rows_of(0);

@@ -12,7 +12,7 @@ namespace {
 
 using dem::BlockId;
 
-// Returns the error of a finest block that a finer neighbour has split. Its children follow the sphere more closely
+// Returns the error, m, of a finest block that a finer neighbour has split. Its children follow the sphere more closely
 // than the finest surface does: heights linear in the angle are not linear along the chord. Along a slope m the
 // difference is the chords' sag times 1 + 2 m^2; the factor 7 holds for slopes of up to 60 degrees.
 double subdivision_error_m(int level) { return 7 * dem::chord_sag_m(level); }
@@ -35,20 +35,22 @@ ViewSelector::ViewSelector(const dem::Terrain& terrain, std::span<const ViewBund
   double pixels = 0;
   for (const ViewBundle& view : views)
     pixels = std::max(pixels, static_cast<double>(view.view.camera().width) * view.view.camera().height);
-  constexpr double kMin = 256, kMax = 3000;  // limits for tiny and for huge images
+  constexpr double kMin = 256, kMax = 3000;  // blocks, for tiny and for huge images
   max_detail_blocks_ = static_cast<std::size_t>(std::clamp(
       pixels * Accuracy::kDetailTrianglesPerPixel / static_cast<double>(dem::triangles_of_block(dem::kMaxLevel)), kMin,
       kMax));
   max_detail_in_view_ = max_detail_blocks_ / 5 * 4;
 }
 
+// Runs the stages of level_of_detail.md. The blocks in view stay in visible_blocks_ until shadows have refined them;
+// `choose` then moves them to the selection, which balance() may split.
 Selection ViewSelector::select(const Sun* sun) {
   visit_roots();
   visit_detail();
   if (sun) refine_for_shadows(*sun);
-  for (const VisibleBlock& s : visible_blocks_) {
-    count_detail(s.id, -1);
-    choose(s.id, s.info.max_m);
+  for (const VisibleBlock& block : visible_blocks_) {
+    count_detail(block.id, -1);
+    choose(block.id, block.info.max_m);
   }
   balance();
   report();
@@ -113,6 +115,7 @@ void ViewSelector::merge(QuadtreeSlice&& slice) {
   result_.shadow_error_px = std::max(result_.shadow_error_px, slice.shadow_error_px);
 }
 
+// Returns true unless the bounds are out of the view by their sphere, by their points, or behind the solid Moon.
 bool ViewSelector::may_be_visible(const ViewBundle& view, const NodeBounds& b) {
   return view.may_see(b.centre, b.radius_m) && view.may_see(b.points, b.bulge_m) &&
          !below_horizon(view.view.position(), b, view.shift_m);
@@ -124,6 +127,7 @@ bool ViewSelector::may_be_visible(const NodeBounds& b) const {
 
 double ViewSelector::pixels_per_metre(const NodeBounds& b) const {
   double max_pixels_per_metre = 0;
+  // The caller has found the bounds in view, so a single view needs no test.
   for (const ViewBundle& view : views_)
     if (views_.size() == 1 || may_be_visible(view, b))
       max_pixels_per_metre =
@@ -131,17 +135,18 @@ double ViewSelector::pixels_per_metre(const NodeBounds& b) const {
   return max_pixels_per_metre;
 }
 
+// Visits all roots of the quadtree that may be in view, each by a slice of its own.
 void ViewSelector::visit_roots() {
-  std::vector<BlockId> near;
+  std::vector<BlockId> roots;
   for (const RootGroup& group : root_groups()) {
     const NodeBounds& b = group.bounds;
     if (!may_be_visible(b))
       groups_out_of_view_.push_back(&group);
     else
-      for_each_root(terrain_, group, [&](const BlockId& id) { near.push_back(id); });
+      for_each_root(terrain_, group, [&](const BlockId& id) { roots.push_back(id); });
   }
-  std::sort(near.begin(), near.end());
-  visit_slices(near.size(), 1, [&](std::size_t i, QuadtreeSlice& slice) { visit(near[i], slice); });
+  std::sort(roots.begin(), roots.end());
+  visit_slices(roots.size(), 1, [&](std::size_t i, QuadtreeSlice& slice) { visit(roots[i], slice); });
 }
 
 void ViewSelector::visit(const BlockId& id, QuadtreeSlice& slice) const {
@@ -176,6 +181,7 @@ void ViewSelector::request_refinement(const BlockId& child, const dem::NodeInfo&
   (may_be_visible(bounds_within(child, parent)) ? slice.pending_detail : slice.out_of_view).push_back(child);
 }
 
+// Visits the queued blocks of detail and, wave by wave, those of their descendants that are needed.
 void ViewSelector::visit_detail() {
   struct Evaluation {
     BlockView block;
@@ -217,6 +223,8 @@ void ViewSelector::count_detail(const BlockId& id, std::ptrdiff_t change) {
   if (detail_block_count_ > max_detail_blocks_) throw TooMuchDetail();
 }
 
+// Sums the parts of the error; level_of_detail.md lists them. A block's steepest slope is at most its height range over
+// one post spacing.
 ViewSelector::Errors ViewSelector::errors_of(const BlockId& id, const dem::NodeInfo& info) {
   const double steepest = std::max(static_cast<double>(info.max_m - info.min_m) / dem::post_spacing_m(id.level), 0.0);
   return {info.error_m + dem::chord_sag_m(id.level) + dem::parallel_shift_m(id) * steepest, info.detail_error_m,
@@ -240,6 +248,7 @@ bool ViewSelector::needs_refinement(const VisibleBlock& block) const {
   return exceeds_target(id, errors_of(block), pixels_per_metre);
 }
 
+// Over terrain with detail, an error that comes from detail counts only if the detail is large enough to be visible.
 bool ViewSelector::exceeds_target(const BlockId& id, const Errors& errors, double pixels_per_metre) const {
   const double error_px = errors.total_m * pixels_per_metre, target_px = accuracy_.max_error_px;
   if (error_px <= target_px || !terrain_.detailed()) return error_px > target_px;
@@ -249,6 +258,8 @@ bool ViewSelector::exceeds_target(const BlockId& id, const Errors& errors, doubl
 
 bool ViewSelector::must_refine(const BlockId& id, const dem::NodeInfo& outline, const NodeBounds& bounds) const {
   if (accuracy_.max_error_px == 0) return true;
+  // Take a lower bound of the scale in the most demanding view: if that asks for refinement, so does every block within
+  // the outline.
   double min_pixels_per_metre = 0;
   for (const ViewBundle& view : views_)
     min_pixels_per_metre =
@@ -260,15 +271,15 @@ bool ViewSelector::must_refine(const BlockId& id, const dem::NodeInfo& outline, 
 }
 
 bool ViewSelector::hides_visible_detail(const BlockId& id, const Errors& errors, double pixels_per_metre) const {
-  const double size_px = errors.left_out_size_m * pixels_per_metre,
-               shown_px = Accuracy::kSmallestShown * accuracy_.max_detail_error_px;
-  return size_px > shown_px && size_px * foreshortening(id, errors.highest_m) > shown_px;
+  const double size_px = errors.left_out_size_m * pixels_per_metre;
+  const double min_shown_px = Accuracy::kSmallestShown * accuracy_.max_detail_error_px;
+  return size_px > min_shown_px && size_px * foreshortening(id, errors.highest_m) > min_shown_px;
 }
 
 double ViewSelector::foreshortening(const BlockId& id, double highest_m) const {
-  const dem::BlockExtent e = dem::extent_of(id);
-  const Geographic middle{dem::lat_deg_of(e.lat0 + (e.lat1() - e.lat0) / 2),
-                          dem::lon_deg_of(e.lon0 + (e.lon1() - e.lon0) / 2), highest_m};
+  const dem::BlockExtent extent = dem::extent_of(id);
+  const Geographic middle{dem::lat_deg_of(extent.lat0 + (extent.lat1() - extent.lat0) / 2),
+                          dem::lon_deg_of(extent.lon0 + (extent.lon1() - extent.lon0) / 2), highest_m};
   const Vec3 middle_m = to_cartesian(middle), up = middle_m.normalized();
   // Beyond 87 degrees of emission, slopes face the camera.
   constexpr double kGrazing = 0.05;
@@ -284,42 +295,44 @@ void ViewSelector::choose(const BlockId& id, float highest_m) {
 }
 
 // Returns a block's expected error: the bound for the posts, plus what the detail leaves out on 99 % of the ground.
+// bound_m: upper bound of the whole error, which includes errors.detail_m.
 BlockError ViewSelector::expected_error_of(const VisibleBlock& block, double bound_m, const Errors& errors) const {
   double error_m = bound_m;
   if (terrain_.detailed() && errors.detail_m > 0)
     error_m += std::min(errors.detail_m, terrain_.detailed()->detail().expected_left_out_m(errors.left_out_size_m)) -
                errors.detail_m;
   const NodeBounds& b = block.bounds;
-  double sine = 0, cosine = 0;
+  double max_sine = 0, max_cosine = 0;
   for (const ViewBundle& view : views_) {
     const Vec3& camera_m = view.view.position();
-    sine = std::max(sine, largest_sine_of_emission(camera_m, b.centre, b.radius_m));
-    cosine = std::max(cosine, (camera_m - b.centre).normalized().dot(b.centre.normalized()));
+    max_sine = std::max(max_sine, largest_sine_of_emission(camera_m, b.centre, b.radius_m));
+    max_cosine = std::max(max_cosine, (camera_m - b.centre).normalized().dot(b.centre.normalized()));
   }
   // Approximate the covered image area by the block's area, foreshortened by the emission angle.
   const dem::BlockExtent e = dem::extent_of(block.id);
   const double side_m = e.quads * dem::post_spacing_m(block.id.level),
                area_m2 =
                    side_m * side_m * e.lon_step / e.lat_step * std::hypot(b.centre.x(), b.centre.y()) / b.centre.norm();
-  const double pixels = area_m2 * std::max(cosine, 0.05) * block.pixels_per_metre * block.pixels_per_metre;
-  return {pixels, error_m, error_m * sine * block.pixels_per_metre};
+  const double pixels = area_m2 * std::max(max_cosine, 0.05) * block.pixels_per_metre * block.pixels_per_metre;
+  return {pixels, error_m, error_m * max_sine * block.pixels_per_metre};
 }
 
+// Sets the reported errors and spacings: over the blocks in view, then over coarser neighbours at their edges.
 void ViewSelector::report() {
   std::vector<BlockError> expected;
   expected.reserve(visible_blocks_.size());
   if (!visible_blocks_.empty()) result_.min_spacing_m = std::numeric_limits<double>::infinity();
-  for (const VisibleBlock& s : visible_blocks_) {
+  for (const VisibleBlock& block : visible_blocks_) {
     // A finest block that a neighbour has split has the error of its children.
-    const bool split = s.is_finest && !chosen_.contains(s.id);
-    const Errors errors = errors_of(s);
-    const double error = split ? subdivision_error_m(s.id.level) : errors.total_m,
-                 spacing = dem::post_spacing_m(s.id.level);
+    const bool split = block.is_finest && !chosen_.contains(block.id);
+    const Errors errors = errors_of(block);
+    const double error = split ? subdivision_error_m(block.id.level) : errors.total_m,
+                 spacing = dem::post_spacing_m(block.id.level);
     result_.error_m = std::max(result_.error_m, error);
-    result_.error_px = std::max(result_.error_px, error * s.pixels_per_metre);
-    expected.push_back(expected_error_of(s, error, split ? Errors{} : errors));
+    result_.error_px = std::max(result_.error_px, error * block.pixels_per_metre);
+    expected.push_back(expected_error_of(block, error, split ? Errors{} : errors));
     if (terrain_.detailed())
-      result_.detail_error_px = std::max(result_.detail_error_px, errors.detail_m * s.pixels_per_metre);
+      result_.detail_error_px = std::max(result_.detail_error_px, errors.detail_m * block.pixels_per_metre);
     result_.min_spacing_m = std::min(result_.min_spacing_m, spacing);
     result_.max_spacing_m = std::max(result_.max_spacing_m, spacing);
   }
@@ -332,19 +345,19 @@ void ViewSelector::report() {
   };
   constexpr std::size_t kPiece = 64;
   std::vector<Worst> worst((ids.size() + kPiece - 1) / kPiece);
-  in_parallel(worst.size(), [&](std::size_t p) {
-    for (std::size_t i = p * kPiece; i < std::min((p + 1) * kPiece, ids.size()); ++i)
+  in_parallel(worst.size(), [&](std::size_t piece_index) {
+    for (std::size_t i = piece_index * kPiece; i < std::min((piece_index + 1) * kPiece, ids.size()); ++i)
       if (const auto visible = in_view_.find(ids[i]); visible != in_view_.end())
         for_each_neighbour(ids[i], [&](const NeighbourProbe& probe) {
           const BlockId* neighbour = covering(probe.lat, probe.lon, ids[i].level);
           const double error = neighbour && edge_follows(ids[i], *neighbour, probe) ? errors_of(*neighbour).total_m : 0;
-          worst[p].error_m = std::max(worst[p].error_m, error);
-          worst[p].error_px = std::max(worst[p].error_px, error * visible->second);
+          worst[piece_index].error_m = std::max(worst[piece_index].error_m, error);
+          worst[piece_index].error_px = std::max(worst[piece_index].error_px, error * visible->second);
         });
   });
-  for (const Worst& w : worst) {
-    result_.error_m = std::max(result_.error_m, w.error_m);
-    result_.error_px = std::max(result_.error_px, w.error_px);
+  for (const Worst& piece : worst) {
+    result_.error_m = std::max(result_.error_m, piece.error_m);
+    result_.error_px = std::max(result_.error_px, piece.error_px);
   }
 }
 

@@ -16,6 +16,8 @@ const BlockId* ViewSelector::covering(std::int32_t lat, std::int32_t lon, int le
 
 bool ViewSelector::edge_follows(const BlockId& id, const BlockId& neighbour, const NeighbourProbe& probe) const {
   if (neighbour.level >= id.level || !in_view_.contains(id) || in_view_.contains(neighbour)) return false;
+  // Reduce the block's extent to the row or column of quads along that side, or to the quad at that corner, as one quad
+  // of that size.
   dem::BlockExtent edge = dem::extent_of(id);
   const std::int32_t quads = std::exchange(edge.quads, 1);
   if (probe.north > 0) edge.lat0 += (quads - 1) * edge.lat_step;
@@ -50,6 +52,7 @@ Corners ViewSelector::corners_at_coarser(const BlockId& id) const {
   for_each_neighbour(id, [&](const NeighbourProbe& probe) {
     const BlockId* neighbour = covering(probe.lat, probe.lon, id.level);
     if (!neighbour || neighbour->level == id.level || !in_view_.contains(*neighbour)) return;
+    // Leave out the corners on the opposite side: one of their signs opposes the probe's.
     for (int corner = 0; corner < kCorners; ++corner) {
       const int north = corner / 2 == 0 ? -1 : 1, east = corner % 2 == 0 ? -1 : 1;
       if (probe.north != -north && probe.east != -east) corners |= 1 << corner;
@@ -70,7 +73,7 @@ void ViewSelector::find_coarser_neighbours() {
 }
 
 void ViewSelector::balance() {
-  for (const VisibleBlock& s : visible_blocks_) in_view_[s.id] = s.pixels_per_metre;
+  for (const VisibleBlock& block : visible_blocks_) in_view_[block.id] = block.pixels_per_metre;
   coarsest_level_ = dem::kMaxLevel;
   for (const BlockId& id : chosen_) coarsest_level_ = std::min(coarsest_level_, id.level);
   // Start with the blocks that are out of balance. The others stay balanced: their neighbours only become finer.
@@ -95,6 +98,7 @@ void ViewSelector::balance() {
   }
 }
 
+// Replaces a block by its children, which inherit its pixels per metre, and appends them to `todo`.
 void ViewSelector::split(const BlockId id, std::vector<BlockId>& todo) {
   const auto visible = in_view_.find(id);
   const double pixels_per_metre = visible == in_view_.end() ? 0 : visible->second;

@@ -18,13 +18,15 @@ double shadow_gain(const NodeBounds& b, const Vec3& sun) {
 
 }  // namespace
 
+// Collects the receivers: blocks and objects in view, each with the pixels that a shadow's edge on it moves per metre
+// of height error. Then refines the blocks in view, and last visits the terrain out of view.
 void ViewSelector::refine_for_shadows(const Sun& sun) {
-  Vec3 middle = Vec3::Zero();
-  for (const VisibleBlock& s : visible_blocks_) middle += s.bounds.centre.normalized();
-  LightTree receivers(sun, middle);
-  for (const VisibleBlock& s : visible_blocks_) {
-    receivers.add_receiver(s.bounds, s.pixels_per_metre * shadow_gain(s.bounds, sun.direction));
-    max_receiver_pixels_per_metre_ = std::max(max_receiver_pixels_per_metre_, s.pixels_per_metre);
+  Vec3 mean_vertical = Vec3::Zero();
+  for (const VisibleBlock& block : visible_blocks_) mean_vertical += block.bounds.centre.normalized();
+  LightTree receivers(sun, mean_vertical);
+  for (const VisibleBlock& block : visible_blocks_) {
+    receivers.add_receiver(block.bounds, block.pixels_per_metre * shadow_gain(block.bounds, sun.direction));
+    max_receiver_pixels_per_metre_ = std::max(max_receiver_pixels_per_metre_, block.pixels_per_metre);
   }
   for (const Ball& ball : receivers_) {
     double pixels_per_metre = 0;
@@ -63,6 +65,7 @@ double ViewSelector::shadow_shift_px(double error_m, double shift_px_per_m) cons
   return std::min(error_m * shift_px_per_m, std::sqrt(2 * kMoonRadius_m * error_m) * max_receiver_pixels_per_metre_);
 }
 
+// Inverts shadow_shift_px() for the target: the larger of the errors that either of its two bounds permits.
 double ViewSelector::max_error_for_shadows_m(double shift_px_per_m) const {
   const double at_horizon_m = accuracy_.max_shadow_error_px / max_receiver_pixels_per_metre_;
   return std::max(accuracy_.max_shadow_error_px / shift_px_per_m, at_horizon_m * at_horizon_m / (2 * kMoonRadius_m));
@@ -76,8 +79,8 @@ ViewSelector::ShadowShift ViewSelector::shadow_shift(const VisibleBlock& block, 
   constexpr double kWorthComputing = 16;
   if (!block.errors && dem::post_spacing_m(block.id.level) > kWorthComputing * max_error_for_shadows_m(shift_px_per_m))
     return {true};
-  const double displaced = shadow_shift_px(errors_of(block).total_m, shift_px_per_m);
-  return {displaced > accuracy_.max_shadow_error_px, displaced};
+  const double shift_px = shadow_shift_px(errors_of(block).total_m, shift_px_per_m);
+  return {shift_px > accuracy_.max_shadow_error_px, shift_px};
 }
 
 bool ViewSelector::record_shift(const ShadowShift& shift, QuadtreeSlice& slice) const {
@@ -130,24 +133,24 @@ ViewSelector::Occluder ViewSelector::evaluate_occluder(const BlockId& id, const 
   if (!may_matter(terrain_, id, stop_, [&](const NodeBounds& b) { return receivers.shaded_pixels_per_metre(b) > 0; }))
     return {};
   if (const auto outline = dem::outline(terrain_, id, stop_)) {
-    const double displaced = receivers.shaded_pixels_per_metre(
+    const double shift_px_per_m = receivers.shaded_pixels_per_metre(
         bounds_of_all(id, static_cast<double>(outline->min_m), static_cast<double>(outline->max_m)));
-    if (displaced == 0) return {};
+    if (shift_px_per_m == 0) return {};
     // The outline's bounds are wider than the block and shade more: demand a clear excess.
     constexpr double kClearExcess = 4;
     if (accuracy_.max_error_px == 0 ||
-        shadow_shift_px(outline->error_m, displaced) > kClearExcess * accuracy_.max_shadow_error_px)
-      return {true, false, *outline, ShadowShift{true}};
+        shadow_shift_px(outline->error_m, shift_px_per_m) > kClearExcess * accuracy_.max_shadow_error_px)
+      return {.matters = true, .too_coarse = false, .info = *outline, .shift = {.too_large = true}};
   }
   const auto node = bounded_node(terrain_, id, stop_);
   if (!node) return {};
-  const double displaced = receivers.shaded_pixels_per_metre(node->bounds);
-  if (displaced == 0) return {};
+  const double shift_px_per_m = receivers.shaded_pixels_per_metre(node->bounds);
+  if (shift_px_per_m == 0) return {};
   // Split a large block of unknown heights before its pyramid is built for its error: its bounds overlap much that it
   // does not shade.
   const VisibleBlock occluder = visible_block(id, *node);
-  if (node->loose && id.level < dem::kRootLevel + 1) return {true, true, node->info};
-  return {true, false, node->info, shadow_shift(occluder, displaced)};
+  if (node->loose && id.level < dem::kRootLevel + 1) return {.matters = true, .too_coarse = true, .info = node->info};
+  return {.matters = true, .too_coarse = false, .info = node->info, .shift = shadow_shift(occluder, shift_px_per_m)};
 }
 
 void ViewSelector::visit_occluder(const BlockId& id, const LightTree& receivers, QuadtreeSlice& slice) const {

@@ -137,13 +137,13 @@ class Answer {
     while (count > 0) {
       check();
       // Poll with a timeout, so that cancellation and the time limit are noticed.
-      pollfd waiting{pipe_, POLLIN, 0};
-      if (::poll(&waiting, 1, static_cast<int>(kPollInterval.count())) <= 0) continue;
-      const ssize_t got = ::read(pipe_, to, std::min(count, std::size_t{1} << 20));
-      if (got < 0 && (errno == EINTR || errno == EAGAIN)) continue;
-      if (got <= 0) return false;
-      to += got;
-      count -= static_cast<std::size_t>(got);
+      pollfd readable{pipe_, POLLIN, 0};
+      if (::poll(&readable, 1, static_cast<int>(kPollInterval.count())) <= 0) continue;
+      const ssize_t bytes_read = ::read(pipe_, to, std::min(count, std::size_t{1} << 20));
+      if (bytes_read < 0 && (errno == EINTR || errno == EAGAIN)) continue;
+      if (bytes_read <= 0) return false;
+      to += bytes_read;
+      count -= static_cast<std::size_t>(bytes_read);
     }
     return true;
   }
@@ -166,6 +166,7 @@ std::string how_it_ended(int status) {
 
 }  // namespace
 
+// An answer is its size in eight bytes, then its content: write_to_parent() writes it, Answer reads it.
 std::string run_child(const std::string& program, const std::vector<std::string>& arguments, int input,
                       const ChildLimits& limits, const StopToken& stop) {
   int ends[2];

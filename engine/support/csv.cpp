@@ -48,6 +48,7 @@ std::vector<double> csv_numbers(std::string_view line) {
 
 std::vector<std::vector<double>> csv_rows(std::string_view text) {
   std::vector<std::vector<double>> rows;
+  // Skip the header.
   for (std::size_t at = text.find('\n') + 1; at < text.size();) {
     const std::size_t end = std::min(text.find('\n', at), text.size());
     rows.push_back(csv_numbers(text.substr(at, end - at)));
