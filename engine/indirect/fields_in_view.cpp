@@ -14,12 +14,14 @@
 namespace selenograph::engine {
 namespace {
 
+// Returns false if a block is out of all views or below their horizon.
 bool may_be_visible(const RowViews& views, const NodeBounds& bounds) {
   return std::any_of(views.bundles().begin(), views.bundles().end(), [&](const ViewBundle& view) {
     return view.may_see(bounds.centre, bounds.radius_m) && !below_horizon(view.view.position(), bounds, view.shift_m);
   });
 }
 
+// Returns false if an object or rock is out of all views.
 bool may_be_visible(const RowViews& views, const Ball& ball) {
   return std::any_of(views.bundles().begin(), views.bundles().end(),
                      [&](const ViewBundle& from) { return from.may_see(ball.centre_m, ball.radius_m); });
@@ -35,15 +37,20 @@ std::vector<dem::Ticks> points_below_cameras(const RowViews& views) {
   return out;
 }
 
-// Returns the block's post that is nearest to a position, at the block's greatest height.
-Vec3 nearest_post(const dem::Block& posts, const dem::Ticks& to) {
+// Returns the position (MOON_ME, m) of the block's post that is nearest to `place`, raised to the block's greatest
+// height. If the block is on the opposite meridians, the way there leads over the pole, to its poleward row.
+Vec3 nearest_post(const dem::Block& posts, const dem::Ticks& place) {
   const dem::BlockExtent& e = posts.extent;
-  const double half = e.quads / 2.0, quads = e.quads;
-  const double east = std::remainder(to.lon - (e.lon0 + half * e.lon_step), static_cast<double>(dem::kLonTicks));
+  const double half_quads = e.quads / 2.0, quads = e.quads;
+  // Ticks eastward from the block's middle meridian, -180 to 180 degrees.
+  const double east =
+      std::remainder(place.lon - (e.lon0 + half_quads * e.lon_step), static_cast<double>(dem::kLonTicks));
   const bool over_pole = std::abs(east) > dem::kLonTicks / 4.0;
-  const double row = !over_pole ? (to.lat - e.lat0) / e.lat_step : e.lat0 < dem::kLatTicks / 2 ? 0 : quads;
-  const auto post = [&](double at) { return static_cast<int>(std::lround(std::clamp(at, 0.0, quads))); };
-  return posts.position(post(row), post(half + east / e.lon_step), static_cast<double>(posts.max_m));
+  const double row = !over_pole ? (place.lat - e.lat0) / e.lat_step : e.lat0 < dem::kLatTicks / 2 ? 0 : quads;
+  const auto to_post = [&](double posts_from_corner) {
+    return static_cast<int>(std::lround(std::clamp(posts_from_corner, 0.0, quads)));
+  };
+  return posts.position(to_post(row), to_post(half_quads + east / e.lon_step), static_cast<double>(posts.max_m));
 }
 
 // Returns the distances at which pixels reach half of kLargestLitPixel_m and all of it.
@@ -57,21 +64,23 @@ struct BlockLevel {
   bool fades = false;  // part of it lies beyond Fade::begins_m
 };
 
-// Levels differ by a factor of two in spacing: posts are 0.57 to 1.15 times as far apart as requested.
+// Returns the level of posts of light with about this density. Levels differ by a factor of two in spacing: with the
+// addition of 0.8, posts are 2^-0.8 to 2^0.2 (0.57 to 1.15) times as far apart as requested.
 double level_of_light_posts(double posts_per_m) {
   return std::floor(std::log2(dem::post_spacing_m(0) * posts_per_m) + 0.8);
 }
 
-// Returns the level of a block's posts of light, from the view in which it needs most.
-BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<const dem::Ticks> below, const Fade& fade,
-                     double spacing_px) {
+// Returns the level of a block's posts of light, from the view in which it needs the densest. `below_cameras`: see
+// points_below_cameras(); `spacing_px`: pixels between posts.
+BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<const dem::Ticks> below_cameras,
+                     const Fade& fade, double spacing_px) {
   const dem::Block& posts = *block.posts;
   const NodeBounds bounds = bounds_of(posts.id, static_cast<double>(posts.min_m), static_cast<double>(posts.max_m));
   if (!may_be_visible(views, bounds)) return {};
   double posts_per_m = 0, nearest_m = std::numeric_limits<double>::infinity(), farthest_m = 0;
-  for (std::size_t i = 0; i < below.size(); ++i) {
+  for (std::size_t i = 0; i < below_cameras.size(); ++i) {
     const ViewBundle& view = views.bundles()[i];
-    const Vec3 post_m = nearest_post(posts, below[i]);
+    const Vec3 post_m = nearest_post(posts, below_cameras[i]);
     const double pixels_per_metre = view.pixels_per_metre(post_m, 0);
     const double distance_m = (bounds.centre - view.view.position()).norm(), reach_m = bounds.radius_m + view.shift_m;
     nearest_m = std::min(nearest_m, distance_m - reach_m);
@@ -83,9 +92,8 @@ BlockLevel level_for(const MeshBlock& block, const RowViews& views, std::span<co
   }
   if (nearest_m > fade.ends_m) return {};
   const int finest = posts.id.level + (spacing_px < 1 ? kCloser : 0);
-  return {std::max(kCoarsest, static_cast<int>(std::clamp<double>(level_of_light_posts(posts_per_m),
-                                                                  posts.id.level - kCoarser, finest))),
-          farthest_m > fade.begins_m};
+  const double level = std::clamp<double>(level_of_light_posts(posts_per_m), posts.id.level - kCoarser, finest);
+  return {std::max(kCoarsest, static_cast<int>(level)), farthest_m > fade.begins_m};
 }
 
 // Returns the field that lights an object over ground out of view. Its posts are as far apart as in view at the object,
@@ -112,7 +120,8 @@ class Marks {
         rows_(static_cast<std::size_t>(side_) * static_cast<std::size_t>(side_)),
         covered_(rows_.size()) {}
 
-  // Corners of rectangles of the plane. Rectangles outside the field are clamped to its border.
+  // Corners of rectangles of the plane, in posts from the south-west (FieldPlane::posts_from_south_west). Rectangles
+  // outside the field are clamped to its border.
   using Corner = Eigen::Vector2d;
   // Marks tiles that blocks of this field cover.
   void cover(const Corner& low_corner, const Corner& high_corner) {
@@ -136,19 +145,21 @@ class Marks {
   }
 
  private:
-  template <typename Each>
-  void each_row(const Corner& low_corner, const Corner& high_corner, const Each& for_each) const {
+  // Calls visit(tile, row) for each row of quads that a rectangle touches, in each tile: `row` is counted in the tile.
+  template <typename Visit>
+  void each_row(const Corner& low_corner, const Corner& high_corner, const Visit& visit) const {
     constexpr int kQuads = FieldPlane::kTileQuads;
-    const auto post = [&](double at) { return static_cast<int>(std::clamp<double>(at, 0, side_ * kQuads - 1)); };
-    for (int row = post(low_corner.y()); row <= post(high_corner.y()); ++row)
-      for (int x = post(low_corner.x()) / kQuads; x <= post(high_corner.x()) / kQuads; ++x)
-        for_each(static_cast<std::size_t>(row / kQuads * side_ + x), row % kQuads);
+    const auto quad = [&](double posts) { return static_cast<int>(std::clamp<double>(posts, 0, side_ * kQuads - 1)); };
+    for (int row = quad(low_corner.y()); row <= quad(high_corner.y()); ++row)
+      for (int tile = quad(low_corner.x()) / kQuads; tile <= quad(high_corner.x()) / kQuads; ++tile)
+        visit(static_cast<std::size_t>(row / kQuads * side_ + tile), row % kQuads);
   }
+  // Adds the two rows of posts that bound a row of quads.
   void mark(std::size_t tile, int row) { rows_[tile] |= static_cast<std::uint16_t>(3U << row); }
 
-  int side_;
-  std::vector<std::uint16_t> rows_;
-  std::vector<bool> covered_;
+  int side_;                         // tiles per side of the field
+  std::vector<std::uint16_t> rows_;  // rows of posts per tile, a bit each; see TileRows
+  std::vector<bool> covered_;        // tiles that blocks of this field cover
 };
 
 // A rectangle of a block's quads, culled as one.
@@ -156,7 +167,8 @@ struct QuadRect {
   int south, west, north, east;
 };
 
-// Extends a rectangle to the vertices onto which those of the block's border have collapsed.
+// Extends a rectangle to the vertices onto which those of the block's border have collapsed: stitching moved them to
+// every stride-th vertex of an edge.
 QuadRect with_collapsed_border(QuadRect rect, const MeshBlock& block) {
   const int quads = block.side - 1;
   const auto widen = [](int& first, int& last, int stride) {
@@ -171,7 +183,7 @@ QuadRect with_collapsed_border(QuadRect rect, const MeshBlock& block) {
   return rect;
 }
 
-// Rocks may be in view while the ground below them is not.
+// Margin around ground: rocks up to this height may be in view while the ground below them is not.
 constexpr double kTallestRock_m = 10;
 
 // Returns the height range of a rectangle; low > high without data.
@@ -207,17 +219,19 @@ bool may_be_visible(const RowViews& views, const MeshBlock& block, const QuadRec
   });
 }
 
-// Marks the posts of light around a block's rectangles in view.
+// Marks the posts of light around a block's rectangles in view. A rectangle covers its tiles if it may be in view with
+// the whole block's height range; its posts are added if it is so with its own.
 void mark(const MeshBlock& block, const RowViews& views, const LightField& field, const FieldPlane& plane,
           Marks& marks) {
   const dem::Block& posts = *block.posts;
+  // Rectangles are 4 x 4 posts of light in size, or 4 x 4 quads where posts of light are denser than the block's.
   const int quads = posts.extent.quads, size = std::min(quads, 4 << std::max(posts.id.level - field.level, 0));
-  const dem::HeightRange all{posts.min_m, posts.max_m};
+  const dem::HeightRange block_heights{posts.min_m, posts.max_m};
   const double margin_m = plane.spacing_m();
   for (int r = 0; r < quads; r += size)
     for (int c = 0; c < quads; c += size) {
       const QuadRect rect = with_collapsed_border({r, c, std::min(r + size, quads), std::min(c + size, quads)}, block);
-      if (!may_be_visible(views, block, rect, all, std::max(margin_m, kTallestRock_m))) continue;
+      if (!may_be_visible(views, block, rect, block_heights, std::max(margin_m, kTallestRock_m))) continue;
       Eigen::Vector2d low_corner(1e9, 1e9), high_corner(-1e9, -1e9);
       for (const int row : {rect.south, rect.north})
         for (const int column : {rect.west, (rect.west + rect.east) / 2, rect.east}) {
@@ -229,26 +243,30 @@ void mark(const MeshBlock& block, const RowViews& views, const LightField& field
       low_corner.array() -= 0.5;
       high_corner.array() += 0.5;
       marks.cover(low_corner, high_corner);
-      const dem::HeightRange own = heights_of(block, rect);
-      if (own.low > own.high || !may_be_visible(views, block, rect, own, margin_m)) continue;
+      const dem::HeightRange rect_heights = heights_of(block, rect);
+      const bool has_data = rect_heights.low <= rect_heights.high;
+      if (!has_data || !may_be_visible(views, block, rect, rect_heights, margin_m)) continue;
       marks.add(low_corner, high_corner);
     }
 }
 
 // Marks the posts of light below objects and rocks; for an object larger than many posts, those below its middle.
 void mark_below(const ViewOfGround& view, const FieldPlane& plane, Marks& marks) {
-  const auto for_each = [&](std::span<const Ball> balls, double farthest, const auto& mark) {
+  // Calls mark(low corner, high corner) for the square below each ball in view, at most `max_reach` posts from its
+  // middle to a side.
+  const auto for_each = [&](std::span<const Ball> balls, double max_reach, const auto& mark) {
     for (const Ball& ball : balls) {
-      const double reach = std::min(ball.radius_m / plane.spacing_m() + 1, farthest);
-      const Eigen::Vector2d at = plane.posts_from_south_west(ball.centre_m), from_middle = at.array() - plane.middle();
-      // Skip objects on the Moon's far side and in other fields.
+      const double reach = std::min(ball.radius_m / plane.spacing_m() + 1, max_reach);
+      const Eigen::Vector2d centre = plane.posts_from_south_west(ball.centre_m),
+                            from_middle = centre.array() - plane.middle();
+      // Skip objects on the other side of the Moon, which the plane does not show, and in other fields.
       const bool in_field =
           ball.centre_m.dot(plane.centre()) > 0 && from_middle.cwiseAbs().maxCoeff() - reach < plane.middle();
-      if (in_field && may_be_visible(view.views, ball)) mark(at.array() - reach, at.array() + reach);
+      if (in_field && may_be_visible(view.views, ball)) mark(centre.array() - reach, centre.array() + reach);
     }
   };
-  constexpr double kFarthest = 32;
-  for_each(view.objects, kFarthest,
+  constexpr double kMaxReachOfObject = 32;
+  for_each(view.objects, kMaxReachOfObject,
            [&](const auto& low_corner, const auto& high_corner) { marks.add(low_corner, high_corner); });
   for_each(view.rocks, std::numeric_limits<double>::infinity(),
            [&](const auto& low_corner, const auto& high_corner) { marks.add_covered(low_corner, high_corner); });
@@ -266,14 +284,14 @@ FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrai
   const RowViews& views = view.views;
   const Mesh& mesh = view.mesh;
   constexpr LightField kNone{-1, 0, false, 0, 0};
-  std::vector<LightField> of_blocks(mesh.blocks().size(), kNone);
-  const std::vector<dem::Ticks> below = points_below_cameras(views);
+  std::vector<LightField> of_blocks(mesh.blocks().size(), kNone);  // field of each block of the mesh
+  const std::vector<dem::Ticks> below_cameras = points_below_cameras(views);
   const Fade fade = fade_of(views);
-  std::atomic<bool> fades = false;
+  std::atomic<bool> fades = false;  // set if any ground in view is where light fades
   in_parallel_pieces(of_blocks.size(), 64, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t i = first; i < past_last; ++i) {
       const dem::Block& posts = *mesh.blocks()[i].posts;
-      const auto [level, block_fades] = level_for(mesh.blocks()[i], views, below, fade, spacing_px);
+      const auto [level, block_fades] = level_for(mesh.blocks()[i], views, below_cameras, fade, spacing_px);
       if (level < 0) continue;
       if (block_fades) fades = true;
       const bool closer = level > posts.id.level;
@@ -287,11 +305,13 @@ FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrai
   of_objects.reserve(view.objects.size());
   for (const Ball& object : view.objects) {
     if (fade.share(object.centre_m) < 1) fades = true;
-    const auto below_it = mesh.block_at(object.centre_m);
-    of_objects.push_back(below_it && of_blocks[*below_it] != kNone
-                             ? of_blocks[*below_it]
+    const auto block_below = mesh.block_at(object.centre_m);
+    of_objects.push_back(block_below && of_blocks[*block_below] != kNone
+                             ? of_blocks[*block_below]
                              : field_below(object, views, terrain, fade, spacing_px).value_or(kNone));
   }
+  // Number the different fields in ascending order, so that the result does not depend on threads. kNone, with level
+  // -1, comes first and goes.
   std::vector<LightField> ids(of_blocks);
   ids.insert(ids.end(), of_objects.begin(), of_objects.end());
   std::sort(ids.begin(), ids.end());
@@ -299,15 +319,15 @@ FieldsInView fields_in_view(const ViewOfGround& view, const dem::Terrain& terrai
   if (!ids.empty() && ids.front() == kNone) ids.erase(ids.begin());
   FieldsInView out;
   if (fades) out.fade = fade;
-  std::vector<std::vector<std::size_t>> blocks(ids.size());
-  const auto number = [&](const LightField& field) {
+  std::vector<std::vector<std::size_t>> blocks(ids.size());  // indices of each field's blocks
+  const auto number_of = [&](const LightField& field) {
     return field == kNone ? -1 : static_cast<int>(std::lower_bound(ids.begin(), ids.end(), field) - ids.begin());
   };
   for (std::size_t i = 0; i < of_blocks.size(); ++i) {
-    const int field = out.field_of_block.emplace_back(number(of_blocks[i]));
+    const int field = out.field_of_block.emplace_back(number_of(of_blocks[i]));
     if (field >= 0) blocks[static_cast<std::size_t>(field)].push_back(i);
   }
-  for (const LightField& field : of_objects) out.field_of_object.push_back(number(field));
+  for (const LightField& field : of_objects) out.field_of_object.push_back(number_of(field));
   for (const LightField& id : ids) out.fields.push_back({id, FieldPlane(id), {}});
   in_parallel(ids.size(), [&](std::size_t f) {
     FieldsInView::Field& field = out.fields[f];

@@ -11,8 +11,8 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
-#ifndef SELENOGRAPH_ENGINE_LOOK_LANES
-#define SELENOGRAPH_ENGINE_LOOK_LANES
+#ifndef SELENOGRAPH_ENGINE_VIEW_LANES
+#define SELENOGRAPH_ENGINE_VIEW_LANES
 namespace selenograph::engine {
 
 static_assert(FieldPlane::kTileSide == kPacket && 2 * kSectors == kPacket);
@@ -27,7 +27,8 @@ struct alignas(64) EyeLanes {
   double x[kPacket], y[kPacket], z[kPacket];
 };
 
-// Light at two posts by sector. The fluence is 0 in sectors whose light does not reach the ground.
+// Light at two posts by sector: eight lanes for each post. The fluence is 0 in sectors whose light does not reach the
+// ground.
 struct alignas(64) SectorLanes {
   double mu0[kPacket], mu[kPacket], cos_phase[kPacket], reflected[kPacket];
   float fluence[kPacket];
@@ -50,10 +51,11 @@ namespace selenograph::engine::HWY_NAMESPACE {
 void ViewDirections(const Vec3& first, const Vec3& next, const EyeLanes& eye, const PostGround* ground,
                     ViewLanes& out) {
   const double x = first.x(), y = first.y(), z = first.z(), nx = next.x(), ny = next.y(), nz = next.z();
-  double radius[kPacket];
+  double radius[kPacket];  // of the ground, m
   for (int i = 0; i < kPacket; ++i) radius[i] = kMoonRadius_m + static_cast<double>(ground[i].height_m);
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
+    // Move the post along its radius from the plane to the ground.
     const double px = x + i * nx, py = y + i * ny, pz = z + i * nz;
     const double scale = radius[i] / std::sqrt(px * px + py * py + pz * pz);
     const double dx = eye.x[i] - px * scale, dy = eye.y[i] - py * scale, dz = eye.z[i] - pz * scale,
@@ -70,14 +72,16 @@ void SetSectors(const LightPost& post, const Eigen::Vector3f& normal, const View
   const float *x = post.x, *y = post.y, *z = post.z;
   const float nx = normal.x(), ny = normal.y(), nz = normal.z(), lx = to_viewer.x[i], ly = to_viewer.y[i],
               lz = to_viewer.z[i];
-  const float emission = nx * lx + ny * ly + nz * lz;
-  const double mu = static_cast<double>(emission > 0.05F ? emission : 0.05F);
+  const float cos_emission = nx * lx + ny * ly + nz * lz;
+  // A post's own facet may face away from the viewer while pixels around it do not: it counts as seen obliquely.
+  const double mu = static_cast<double>(cos_emission > 0.05F ? cos_emission : 0.05F);
   SELENOGRAPH_INDEPENDENT_LANES
   for (int k = 0; k < kSectors; ++k) {
     const float length = std::sqrt(x[k] * x[k] + y[k] * y[k] + z[k] * z[k]);
-    const float along = nx * x[k] + ny * y[k] + nz * z[k], back = lx * x[k] + ly * y[k] + lz * z[k];
-    const bool faces = (length > 0) & (along > 1e-9F * length);
-    const float inverse = 1 / length, mu0 = faces ? along * inverse : 1e-9F, cos_phase = faces ? back * inverse : 0;
+    const float along_normal = nx * x[k] + ny * y[k] + nz * z[k], toward_viewer = lx * x[k] + ly * y[k] + lz * z[k];
+    const bool faces = (length > 0) & (along_normal > 1e-9F * length);
+    const float inverse = 1 / length;
+    const float mu0 = faces ? along_normal * inverse : 1e-9F, cos_phase = faces ? toward_viewer * inverse : 0;
     out.mu0[lane + k] = static_cast<double>(mu0);
     out.mu[lane + k] = mu;
     out.cos_phase[lane + k] = static_cast<double>(cos_phase);
@@ -85,7 +89,8 @@ void SetSectors(const LightPost& post, const Eigen::Vector3f& normal, const View
   }
 }
 
-// Sums the reflected light of a post's sectors, and sets the geometry of the single direction that stands for them.
+// Sums the reflected light of the sectors of post `i`, which are the eight lanes from `lane` on, and sets the geometry
+// of the single direction that stands for them.
 void SumSectors(const SectorLanes& lanes, int lane, const LightSum& post, const ViewLanes& to_viewer, int i,
                 SingleDirection& out) {
   alignas(32) float exact[kSectors];
@@ -95,12 +100,12 @@ void SumSectors(const SectorLanes& lanes, int lane, const LightSum& post, const 
     exact[k] = lanes.fluence[lane + k] * static_cast<float>(lanes.reflected[lane + k]);
     arrives[k] = lanes.fluence[lane + k] * static_cast<float>(lanes.mu0[lane + k]);
   }
-  const float sum = sum_of_sectors(arrives), fluence = post.fluence;
-  const float back = post.x * to_viewer.x[i] + post.y * to_viewer.y[i] + post.z * to_viewer.z[i];
+  const float irradiance = sum_of_sectors(arrives), fluence = post.fluence;
+  const float toward_viewer = post.x * to_viewer.x[i] + post.y * to_viewer.y[i] + post.z * to_viewer.z[i];
   out.exact[i] = sum_of_sectors(exact);
   out.mu[i] = lanes.mu[lane];
-  out.mu0[i] = static_cast<double>(sum > 0 ? sum / fluence : 1e-9F);
-  out.cos_phase[i] = static_cast<double>(fluence > 0 ? back / fluence : 0);
+  out.mu0[i] = static_cast<double>(irradiance > 0 ? irradiance / fluence : 1e-9F);
+  out.cos_phase[i] = static_cast<double>(fluence > 0 ? toward_viewer / fluence : 0);
 }
 
 }  // namespace selenograph::engine::HWY_NAMESPACE
@@ -118,9 +123,10 @@ namespace {
 // Sets the viewer's position for each post of a row. `position_m(i)`: position of post i on the plane.
 template <typename Position>
 void set_eyes(const Viewer& viewer, const PostGround* ground, const Position& position_m, EyeLanes& out) {
+  // A viewer that does not vary is the same for all ground, so any position will do.
   Vec3 eye = viewer.varies() ? Vec3::Zero() : viewer.eye_for(Vec3::Zero());
   for (int i = 0; i < kPacket; ++i) {
-    // A post without data has no view of its own.
+    // A post without data has no position on the ground; it takes the eye of the post before.
     if (viewer.varies() && !std::isnan(ground[i].height_m))
       eye = viewer.eye_for(position_m(i).normalized() * (kMoonRadius_m + static_cast<double>(ground[i].height_m)));
     out.x[i] = eye.x();
@@ -158,9 +164,10 @@ void set_factors(const LightTile& light, const FieldPlane& plane, const TileRows
     brdf.times_mu0(row.mu0, row.mu, row.cos_phase, nullptr, row.reflected);
     for (int i = 0; i < kPacket; ++i) {
       const std::size_t post = first + static_cast<std::size_t>(i);
-      const float simple = light.posts[post].sum.fluence * static_cast<float>(row.reflected[i]);
-      const bool lit = simple > 0 && row.exact[i] > 0;
-      factors[post] = lit ? std::clamp(row.exact[i] / simple, 0.25F, 4.F) : 1;
+      // The limits keep nearly dark posts, whose quotient is arbitrary, from dominating the pixels around them.
+      const float from_single_direction = light.posts[post].sum.fluence * static_cast<float>(row.reflected[i]);
+      const bool lit = from_single_direction > 0 && row.exact[i] > 0;
+      factors[post] = lit ? std::clamp(row.exact[i] / from_single_direction, 0.25F, 4.F) : 1;
     }
   }
 }

@@ -13,15 +13,15 @@
 namespace selenograph::engine {
 
 // Posts of light are at most kCoarser levels coarser than the ground in view, and at most kCloser finer where
-// spacing_px is below 1. Their relief is up to kFiner levels finer than they are. At level kCoarsest, fields are 32
-// degrees wide.
+// spacing_px is below 1. Their relief is up to kFiner levels finer than they are. At level kCoarsest, the lowest that
+// posts of light have, fields are 32 degrees wide.
 inline constexpr int kCoarser = 3, kCloser = 1, kFiner = 1, kCoarsest = 3;
 
 struct LightField {
   std::int32_t level, finest;  // level of the posts of light; level of the relief
   bool closer;                 // posts may be up to kCloser levels finer than the ground in view
-  std::int32_t band, cell;
-  int stride() const { return 1 << (finest - level); }  // Posts of the relief from one post of light to the next.
+  std::int32_t band, cell;     // band of latitude, from the south; cell of the band, from 180 W
+  int stride() const { return 1 << (finest - level); }  // posts of the relief from one post of light to the next
   auto operator<=>(const LightField&) const = default;
 };
 
@@ -56,8 +56,8 @@ class FieldPlane {
   const Vec3& centre() const { return centre_; }  // unit vector, MOON_ME
   int tiles() const { return tiles_; }            // tiles per side; even
   double spacing_m() const { return spacing_m_; }
-  int half_posts() const { return tiles_ / 2 * kTileQuads; }  // Posts from the middle to a side.
-  double half_m() const { return half_posts() * spacing_m_; }
+  int half_posts() const { return tiles_ / 2 * kTileQuads; }   // posts from the middle to a side
+  double half_m() const { return half_posts() * spacing_m_; }  // half the side
   // Returns column and row of a position on or near the ground, in posts from the south-west.
   Eigen::Vector2d posts_from_south_west(const Vec3& position_m) const {
     const Vec3 d = posts_ * position_m;
@@ -68,7 +68,7 @@ class FieldPlane {
   // The matrix of posts_from_south_west() for vector loops: divide the first two components by the third, and add
   // middle().
   const double* posts() const { return posts_.data(); }
-  double middle() const { return half_posts(); }
+  double middle() const { return half_posts(); }  // row and column of the middle
   // Returns a post's position on the plane, which touches the datum's sphere at the field's middle; MOON_ME, m.
   Vec3 position_m(int column, int row) const;
 

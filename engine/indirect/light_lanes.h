@@ -70,12 +70,13 @@ void set_field_lanes(const FieldPlane& plane, const SurfacePoints& points, Field
 // Light interpolated between posts, per lane: the irradiance, and the sums that are the same for all normals. Lanes
 // without light are zero.
 struct alignas(64) TerrainLanes {
-  float arrives[kPacket] = {}, x[kPacket] = {}, y[kPacket] = {}, z[kPacket] = {}, fluence[kPacket] = {};
-  float factor[kPacket] = {}, earth[kPacket] = {};
+  float arrives[kPacket] = {};  // irradiance of the pixel's surface
+  float x[kPacket] = {}, y[kPacket] = {}, z[kPacket] = {}, fluence[kPacket] = {}, earth[kPacket] = {};  // see LightSum
+  float factor[kPacket] = {};  // correction of the reflectance, see light_factors.h
 };
 // Sets the lanes in the bit mask `lanes`, which are all in the tile of these posts. Each sector's light counts if the
 // normal faces it. `factors`: of the posts, see light_factors.h.
-void read_posts(const LightPost* posts, const float* factors, const FieldLanes& at, std::uint32_t lanes,
+void read_posts(const LightPost* posts, const float* factors, const FieldLanes& positions, std::uint32_t lanes,
                 const Shading& shading, TerrainLanes& out);
 
 // Light from terrain or from the Earth as from one direction, per lane, for the Brdf.
@@ -84,7 +85,8 @@ struct alignas(64) DiffuseLanes {
   double light[kPacket];  // irradiance at normal incidence, W m-2; 0: none
 };
 
-// Both set mu0 to 1e-9 in lanes without light.
+// Set the light of a packet from terrain and from the Earth. Lanes without light get mu0 1e-9, because the Brdf is
+// undefined at 0.
 void light_from_terrain(const TerrainLanes& lanes, const Rays& rays, double sun_w_m2, DiffuseLanes& out);
 void light_from_earth(const TerrainLanes& lanes, const SurfacePoints& points, const Shading& shading, const Rays& rays,
                       const LightSources& sources, DiffuseLanes& out);

@@ -28,35 +28,36 @@ GroundAlbedo albedo_of(const FrameRequest& request) {
       visit_coverage(
           maps, {position.lat_deg, position.lon_deg, {size_m, 0}, {0, size_m}}, albedo_maps.fallback(),
           [&](double value, double share) { sum += share * std::clamp(value, 0.0, albedo_maps.max_value()); });
-      albedo[i] = static_cast<float>(sum);
+      albedo[i] = static_cast<float>(sum);  // mean over the maps and the fallback that cover the square
     }
   };
 }
 
+// Returns the source for a Sun of 1 W m-2: cached light serves every irradiance of the Sun.
 SlopeLightSource source_of(const FrameRequest& request) {
   Reflectance reflectance = request.reflectance;
   const bool mapped = !request.albedo_maps.empty();
-  if (mapped) reflectance.rho = 1;
-  return {request.sun,
-          1,
-          Brdf(reflectance, band_of(request)),
-          mapped && reflectance.model == ReflectanceModel::hapke,
-          albedo_of(request),
-          request.indirect.bounces};
+  if (mapped) reflectance.rho = 1;  // the map's values replace it
+  return {.sun = request.sun,
+          .irradiance_w_m2 = 1,
+          .brdf = Brdf(reflectance, band_of(request)),
+          .albedo_is_w = mapped && reflectance.model == ReflectanceModel::hapke,
+          .albedo = albedo_of(request),
+          .bounces = request.indirect.bounces};
 }
 
 // Returns a hash of everything except the position that light depends on.
 ContentKey key_of(const TileInputs& inputs) {
-  const FrameRequest& q = inputs.request;
+  const FrameRequest& request = inputs.request;
   ContentHash hash;
   hash.add(inputs.terrain.detail_number());
-  hash.add(q.indirect.terrain);
-  if (q.indirect.terrain) {
-    const Reflectance& r = q.reflectance;
+  hash.add(request.indirect.terrain);
+  if (request.indirect.terrain) {
+    const Reflectance& r = request.reflectance;
     const HapkeParameters& h = r.hapke;
-    hash.add(q.sun.direction);
-    hash.add(q.indirect.bounces);
-    for (const double value : {q.sun.angular_radius_deg, r.lommel_seeliger_weight, r.rho, r.shininess,
+    hash.add(request.sun.direction);
+    hash.add(request.indirect.bounces);
+    for (const double value : {request.sun.angular_radius_deg, r.lommel_seeliger_weight, r.rho, r.shininess,
                                r.limb_darkening.value_or(-1), h.w, h.b0, h.h, h.b, h.c, h.theta_bar_deg, h.bc0, h.hc})
       hash.add(value);
     hash.add(r.model);
@@ -64,21 +65,21 @@ ContentKey key_of(const TileInputs& inputs) {
     hash.add(r.ground);
     hash.add(h.phase_function);
     hash.add(h.terms);
-    if (r.model == ReflectanceModel::moon && q.band)
-      for (const ResponsePoint& p : q.band->response()) {
+    if (r.model == ReflectanceModel::moon && request.band)  // only this model's reflectance depends on the band
+      for (const ResponsePoint& p : request.band->response()) {
         hash.add(p.wavelength_um);
         hash.add(p.response);
       }
-    for (const auto& map : q.albedo_maps) hash.add(map->fingerprint());
+    for (const auto& map : request.albedo_maps) hash.add(map->fingerprint());
   }
-  if (q.indirect.earth) {
-    hash.add(q.indirect.earth->direction);
-    hash.add(q.indirect.earth->distance_m);
+  if (request.indirect.earth) {
+    hash.add(request.indirect.earth->direction);
+    hash.add(request.indirect.earth->distance_m);
   }
   return hash.key();
 }
 
-void add(const LightField& field, ContentHash& hash) {
+void add_to_hash(const LightField& field, ContentHash& hash) {
   hash.add(field.level);
   hash.add(field.finest);
   hash.add(field.closer);
@@ -86,37 +87,40 @@ void add(const LightField& field, ContentHash& hash) {
   hash.add(field.cell);
 }
 
+// Returns the key of a tile, or with tile -1 of the field's patch.
 ContentKey key_of(const ContentKey& light, const LightField& field, int tile) {
   ContentHash hash;
   hash.add(light.low);
   hash.add(light.high);
-  add(field, hash);
+  add_to_hash(field, hash);
   hash.add(tile);
   return hash.key();
 }
 
+// Returns the key of a field's relief, which depends on no light.
 ContentKey key_of(const dem::Terrain& terrain, const LightField& field) {
   ContentHash hash;
   hash.add(terrain.detail_number());
-  add(field, hash);
+  add_to_hash(field, hash);
   return hash.key();
 }
 
 // Copies the vectors of the sectors to an empty post, with their sums, which interpolation needs for each pixel.
-void set_light(const SectorLight& sectors, LightPost& out) {
+void set_light(const SectorLight& sectors, LightPost& post) {
   for (std::size_t k = 0; k < kSectors; ++k) {
     const Eigen::Vector3f& light = sectors.from[k];
-    out.x[k] = light.x();
-    out.y[k] = light.y();
-    out.z[k] = light.z();
-    out.sum.x += light.x();
-    out.sum.y += light.y();
-    out.sum.z += light.z();
-    out.sum.fluence += light.norm();
+    post.x[k] = light.x();
+    post.y[k] = light.y();
+    post.z[k] = light.z();
+    post.sum.x += light.x();
+    post.sum.y += light.y();
+    post.sum.z += light.z();
+    post.sum.fluence += light.norm();
   }
 }
 
-// Returns the step of the lattice of directions, for a source above a position whose vertical is `up`.
+// Returns the step of the lattice of directions, for a source above a position whose vertical is `up`: 0.02 degrees,
+// doubled up to four times while it is at most 1/150 of the source's elevation.
 double lattice_step_deg(const Vec3& direction, const Vec3& up) {
   constexpr double kFinest_deg = 0.02, kShareOfElevation = 1.0 / 150;
   constexpr int kMaxDoublings = 4;
@@ -126,7 +130,7 @@ double lattice_step_deg(const Vec3& direction, const Vec3& up) {
   return step_deg;
 }
 
-// Rounds a direction to the lattice of latitude and longitude.
+// Rounds a direction to the lattice of latitude and longitude. `up`: vertical of the field's middle.
 Vec3 on_lattice(const Vec3& direction, const Vec3& up) {
   const double step = lattice_step_deg(direction, up) * kRadiansPerDegree;
   const auto rounded = [&](double angle) { return std::round(angle / step) * step; };
@@ -158,7 +162,7 @@ LightSources light_sources(const FrameRequest& request, double direct_w_m2) {
   return sources;
 }
 
-// A tile whose rows are made one by one, each by the first thread that needs it.
+// A cached tile. Each row is made once, by the first thread that needs it, so a constant object changes.
 class LightTiles::CachedTile {
  public:
   const LightTile& light() const { return light_; }
@@ -178,56 +182,59 @@ LightTiles::LightTiles(std::size_t bytes) : tiles_(bytes / 3), patches_(bytes - 
 LightTiles::~LightTiles() = default;
 std::size_t LightTiles::bytes_of_tile() { return sizeof(CachedTile); }
 
-// Relief of a field with the sunlight on it: the source of its tiles.
+// Relief of a field with the sunlight on it, from which its tiles are made.
 struct LightTiles::Patch {
-  Patch(std::shared_ptr<const Relief> of_field, const FrameRequest& request)
-      : relief(std::move(of_field)), views(relief->views()) {
+  Patch(std::shared_ptr<const Relief> field_relief, const FrameRequest& request)
+      : relief(std::move(field_relief)), views(relief->views()) {
     if (request.indirect.terrain) slopes.emplace(*relief, source_of(request));
     if (const auto& earth = request.indirect.earth)
-      disc.emplace(*relief, earth->direction, earth_radius_deg(earth->distance_m));
+      earth_disc.emplace(*relief, earth->direction, earth_radius_deg(earth->distance_m));
   }
   Patch(const Patch&) = delete;
   Patch& operator=(const Patch&) = delete;
   std::size_t bytes() const { return sizeof *this + relief->bytes() + (slopes ? slopes->bytes() : 0); }
 
-  // Fills a row of a tile. Its first post is the relief's at `row` and `column`.
-  void fill_row(int row, int column, int stride, std::size_t tile_row, LightTile& out, const StopToken& stop) const {
+  // Fills row `tile_row` of a tile. Its posts are those of the relief's finest grid in `row`, from `column` on,
+  // `stride` columns apart.
+  void fill_row(int row, int column, int stride, std::size_t tile_row, LightTile& tile, const StopToken& stop) const {
     static_assert(FieldPlane::kTileSide == kPacket);
-    const Eigen::Matrix3f back = relief->axes().transpose().cast<float>();
-    std::array<SectorLight, kPacket> light;
-    for (SectorLight& of_post : light) {
-      of_post.from.fill(Eigen::Vector3f::Zero());
-      of_post.sky.setZero();
+    const Eigen::Matrix3f moon_from_grids = relief->axes().transpose().cast<float>();
+    std::array<SectorLight, kPacket> row_light;
+    for (SectorLight& light : row_light) {
+      light.from.fill(Eigen::Vector3f::Zero());
+      light.sky.setZero();
     }
-    if (slopes) slopes->gather(row, column, stride, light, stop);
+    if (slopes) slopes->gather(row, column, stride, row_light, stop);
     MarchLanes lanes = relief->march_lanes(row, column, stride);
-    alignas(64) float share[kPacket] = {};
-    if (disc) disc->shares(views, stride, lanes, share);
-    float& max_ground_view = out.max_ground_view[tile_row];
+    alignas(64) float earth_share[kPacket] = {};
+    if (earth_disc) earth_disc->shares(views, stride, lanes, earth_share);
+    float& max_ground_view = tile.max_ground_view[tile_row];
     for (int i = 0; i < kPacket; ++i) {
-      const int at = column + i * stride;
-      const std::size_t post =
-          static_cast<std::size_t>(row) * static_cast<std::size_t>(relief->side(0)) + static_cast<std::size_t>(at);
-      const SectorLight& arrives = light[static_cast<std::size_t>(i)];
-      const Eigen::Vector3f normal = back * relief->cell(0, post).normal;
-      const std::size_t here = tile_row * kPacket + static_cast<std::size_t>(i);
-      set_light(arrives, out.posts[here]);
-      LightSum& sum = out.posts[here].sum;
-      sum.ground = slopes ? slopes->radiosity(row, at, stop) : 0;
-      sum.earth = share[i];
-      out.ground[here] = {normal, static_cast<float>(static_cast<double>(lanes.height[i]) + relief->reference_m())};
+      const int post_column = column + i * stride;
+      const std::size_t relief_post = static_cast<std::size_t>(row) * static_cast<std::size_t>(relief->side(0)) +
+                                      static_cast<std::size_t>(post_column);
+      const SectorLight& light = row_light[static_cast<std::size_t>(i)];
+      const Eigen::Vector3f normal = moon_from_grids * relief->cell(0, relief_post).normal;
+      const std::size_t tile_post = tile_row * kPacket + static_cast<std::size_t>(i);
+      set_light(light, tile.posts[tile_post]);
+      LightSum& sum = tile.posts[tile_post].sum;
+      sum.ground = slopes ? slopes->radiosity(row, post_column, stop) : 0;
+      sum.earth = earth_share[i];
+      tile.ground[tile_post] = {normal,
+                                static_cast<float>(static_cast<double>(lanes.height[i]) + relief->reference_m())};
       if (slopes && !normal.isZero(0))  // next to missing data there is no normal
-        max_ground_view = std::clamp(1 - normal.dot(arrives.sky) / std::numbers::pi_v<float>, max_ground_view, 1.F);
+        max_ground_view = std::clamp(1 - normal.dot(light.sky) / std::numbers::pi_v<float>, max_ground_view, 1.F);
     }
   }
 
   const std::shared_ptr<const Relief> relief;
   std::vector<GridView> views;
-  std::optional<SlopeLight> slopes;
-  std::optional<SkyDisc> disc;  // the Earth's disc
+  std::optional<SlopeLight> slopes;   // light from terrain, on request
+  std::optional<SkyDisc> earth_disc;  // on request
 };
 
-// Returns the field's relief, which all directions of the Sun share.
+// Returns the field's relief, which all directions of the Sun share. Two threads that miss it at once both make it: the
+// results are equal, and the later one stays.
 std::shared_ptr<const Relief> LightTiles::relief(const LightField& field, const FieldPlane& plane,
                                                  const dem::Terrain& terrain, const StopToken& stop) {
   const ContentKey key = key_of(terrain, field);
@@ -244,6 +251,7 @@ std::shared_ptr<const Relief> LightTiles::relief(const LightField& field, const 
   return made;
 }
 
+// Returns the field's patch for this light, from the cache or new.
 std::shared_ptr<const LightTiles::Patch> LightTiles::patch(const LightField& field, const FieldPlane& plane,
                                                            const ContentKey& light, const TileInputs& inputs,
                                                            const StopToken& stop) {
@@ -262,12 +270,12 @@ std::vector<std::shared_ptr<const LightTile>> LightTiles::get(const LightField& 
   const FrameRequest rounded = on_lattice(inputs.request, plane.centre());
   const TileInputs rounded_inputs{inputs.terrain, rounded};
   const ContentKey light = key_of(rounded_inputs);
-  struct Missing {
+  struct MissingRow {
     const CachedTile* cached;
     int tile, row;
   };
   std::vector<std::shared_ptr<const LightTile>> out;
-  std::vector<Missing> missing;
+  std::vector<MissingRow> missing;
   for (const TileRows& tile : tiles) {
     const std::shared_ptr<const CachedTile> cached = tiles_.get(
         key_of(light, field, tile.tile),
@@ -281,15 +289,16 @@ std::vector<std::shared_ptr<const LightTile>> LightTiles::get(const LightField& 
   }
   if (missing.empty()) return out;
   const std::shared_ptr<const Patch> source_patch = patch(field, plane, light, rounded_inputs, stop);
-  const int stride = field.stride(), half = plane.tiles() / 2;
+  const int stride = field.stride(), half_tiles = plane.tiles() / 2;
+  // Returns the relief's row (or column) of the first post of a row (or column) of tiles.
+  const auto first_post = [&](int tile_index) {
+    return source_patch->relief->middle() + (tile_index - half_tiles) * FieldPlane::kTileQuads * stride;
+  };
   in_parallel(missing.size(), [&](std::size_t i) {
-    const Missing& at = missing[i];
-    const auto first = [&](int of_side) {
-      return source_patch->relief->middle() + (of_side - half) * FieldPlane::kTileQuads * stride;
-    };
-    at.cached->ensure_row(at.row, [&](LightTile& tile) {
-      source_patch->fill_row(first(at.tile / plane.tiles()) + at.row * stride, first(at.tile % plane.tiles()), stride,
-                             static_cast<std::size_t>(at.row), tile, stop);
+    const auto [cached, tile_number, row] = missing[i];
+    const int south = first_post(tile_number / plane.tiles()), west = first_post(tile_number % plane.tiles());
+    cached->ensure_row(row, [&, row = row](LightTile& tile) {
+      source_patch->fill_row(south + row * stride, west, stride, static_cast<std::size_t>(row), tile, stop);
     });
   });
   return out;

@@ -44,8 +44,8 @@ struct TileInputs {
   const FrameRequest& request;
 };
 
-// Cache of tiles with a memory budget. Rows are made on first request, so a hovering camera finds them again; so are
-// reliefs and the sunlight on them.
+// Cache of tiles with a memory budget. Rows of tiles, reliefs and the sunlight on them are made on first request and
+// kept, so a hovering camera finds them again.
 //
 // Directions of Sun and Earth are rounded to a lattice, so that the frames of a loop share the light while the Sun
 // moves. The lattice step grows with the elevation over the field's middle: light changes by 1 % for each hundredth of
@@ -67,17 +67,18 @@ class LightTiles {
   static std::size_t bytes_of_tile();
 
  private:
-  struct Patch;
-  class CachedTile;
+  struct Patch;      // relief of a field with the sunlight on it
+  class CachedTile;  // tile whose rows are made one by one
   std::shared_ptr<const Relief> relief(const LightField& field, const FieldPlane& plane, const dem::Terrain& terrain,
                                        const StopToken& stop);
+  // `light`: key of all that light depends on except the position.
   std::shared_ptr<const Patch> patch(const LightField& field, const FieldPlane& plane, const ContentKey& light,
                                      const TileInputs& inputs, const StopToken& stop);
   dem::Cache<ContentKey, CachedTile, ContentKeyHash> tiles_;
   dem::Cache<ContentKey, Patch, ContentKeyHash> patches_;
-  std::mutex mutex_;
-  std::unordered_map<ContentKey, std::weak_ptr<const Relief>, ContentKeyHash>
-      reliefs_;  // reliefs of the cached patches
+  std::mutex mutex_;  // guards reliefs_
+  // Reliefs of the cached patches.
+  std::unordered_map<ContentKey, std::weak_ptr<const Relief>, ContentKeyHash> reliefs_;
 };
 
 }  // namespace selenograph::engine

@@ -40,7 +40,7 @@ inline constexpr std::size_t kPadding = 4 * kPacket;
 struct GridView {
   const float* heights;      // m above the reference; NaN: no data
   const GroundLight* light;  // light on the cell north-east of each post; may be null
-  float first_m, spacing_m;  // coordinate of row and column 0; spacing
+  float first_m, spacing_m;  // coordinate of row 0 and of column 0; distance between posts
   float posts_per_m;         // 1 / spacing_m
   float coarser;             // spacing_m over the finest grid's: a power of two
   int side;
@@ -57,12 +57,12 @@ struct alignas(64) MarchLanes {
 struct MarchSphere {
   float reference_radius_m;  // radius of height 0
   float datum_radius_m;      // distance of the plane of the coordinates (gnomonic projection) from the Moon's centre
-  float farthest_m;
+  float farthest_m;          // distance at which marches end
 };
 
 // Sets tangent[i] to the tangent of the horizon's elevation at each lane; -infinity without any ground. A march may end
-// once each horizon is above sufficient_tangent[i]. Lanes i and i + 1 are `stride` columns of
-// the finest grid apart, a power of two.
+// once each horizon is above sufficient_tangent[i]. Lanes i and i + 1 are `stride` columns of the finest grid apart, a
+// power of two.
 void find_horizons(std::span<const GridView> grids, const MarchSphere& sphere, const MarchLanes& lanes, int stride,
                    const float* sufficient_tangent, float* tangent);
 
@@ -104,8 +104,9 @@ struct alignas(64) SegmentLight {
 bool light_segment(const VisibleSegment& segment, const GridView& grid, const AzimuthLanes& lanes, bool with_glow,
                    SegmentLight& out);
 
-// Adds the light that a segment sends to the sixteen points: integrals of radiance times direction. `reflected`: mu0
-// f_r of its ground.
+// Adds the light that a segment sends to the sixteen points to their sums, by x, y and z: integrals of radiance times
+// direction. `reflected`: mu0 f_r of its ground; `times_albedo`: multiply it by the segment's albedo, which `reflected`
+// does not yet contain.
 void add_segment(const VisibleSegment& segment, const AzimuthLanes& lanes, const SegmentLight& light,
                  const double* reflected, bool times_albedo, float (*sum)[kPacket]);
 

@@ -18,22 +18,24 @@ Eigen::Matrix3d relief_axes(const Vec3& centre) {
   return axes;
 }
 
-Vec3 Relief::direction(std::size_t grid, std::size_t post, bool middle) const {
+Vec3 Relief::direction(std::size_t grid, std::size_t post, bool cell_middle) const {
   const Grid& g = grids_[grid];
   const auto side = static_cast<std::size_t>(g.side);
   const std::size_t row = post / side, column = post % side;
-  const double add = middle ? 0.5 : 0, x = g.coordinate_m(static_cast<double>(column) + add),
-               y = g.coordinate_m(static_cast<double>(row) + add);
-  return axes_.transpose() * Vec3(x, y, kMoonRadius_m).normalized();
+  const double offset = cell_middle ? 0.5 : 0;  // in posts
+  const double x_m = g.coordinate_m(static_cast<double>(column) + offset),
+               y_m = g.coordinate_m(static_cast<double>(row) + offset);
+  return axes_.transpose() * Vec3(x_m, y_m, kMoonRadius_m).normalized();
 }
 
 Relief::Relief(const ReliefShape& shape, const ReliefHeights& heights, const StopToken& stop)
     : shape_(shape), axes_(relief_axes(shape.centre)) {
-  // End each grid where marches from the farthest point read the next one.
-  for (double spacing = shape.spacing_m;; spacing *= 2) {
-    const double reach_m = std::min(2.0 * kPostsPerStep * kStepsPerDistance * spacing, shape.farthest_m);
-    const int half = static_cast<int>(std::ceil((shape.half_m + reach_m) / spacing)) + 2;
-    Grid& grid = grids_.emplace_back(Grid{.side = 2 * half + 1, .spacing_m = spacing, .heights = {}});
+  // End each grid where marches from the farthest point read the next one: from where a step spans kPostsPerStep posts
+  // of twice the spacing. Two more posts per side are a margin for interpolation.
+  for (double spacing_m = shape.spacing_m;; spacing_m *= 2) {
+    const double reach_m = std::min(2.0 * kPostsPerStep * kStepsPerDistance * spacing_m, shape.farthest_m);
+    const int half_posts = static_cast<int>(std::ceil((shape.half_m + reach_m) / spacing_m)) + 2;
+    Grid& grid = grids_.emplace_back(Grid{.side = 2 * half_posts + 1, .spacing_m = spacing_m, .heights = {}});
     grid.heights.resize(grid.posts() + kPadding);
     if (reach_m >= shape.farthest_m) break;
   }
@@ -52,8 +54,9 @@ Relief::Relief(const ReliefShape& shape, const ReliefHeights& heights, const Sto
     }
   }
   const Grid& finest = grids_.front();
-  const float middle = finest.heights[finest.posts() / 2];
-  reference_m_ = std::isnan(middle) ? 0 : static_cast<double>(middle);
+  // Heights are kept relative to the middle post's: so float resolves them finely near the points that gather light.
+  const float middle_height_m = finest.heights[finest.posts() / 2];
+  reference_m_ = std::isnan(middle_height_m) ? 0 : static_cast<double>(middle_height_m);
   in_parallel(grids_.size(), [&](std::size_t g) {
     Grid& grid = grids_[g];
     for (float& h : std::span(grid.heights).first(grid.posts())) {
@@ -64,17 +67,23 @@ Relief::Relief(const ReliefShape& shape, const ReliefHeights& heights, const Sto
 }
 
 std::vector<GridView> Relief::views() const {
-  std::vector<GridView> out;
+  std::vector<GridView> views;
   for (const Grid& grid : grids_)
-    out.push_back({grid.heights.data(), nullptr, static_cast<float>(grid.coordinate_m(0)),
-                   static_cast<float>(grid.spacing_m), static_cast<float>(1 / grid.spacing_m),
-                   static_cast<float>(1 << out.size()), grid.side, -std::numeric_limits<float>::infinity()});
-  float highest = -std::numeric_limits<float>::infinity();
+    views.push_back({.heights = grid.heights.data(),
+                     .light = nullptr,
+                     .first_m = static_cast<float>(grid.coordinate_m(0)),
+                     .spacing_m = static_cast<float>(grid.spacing_m),
+                     .posts_per_m = static_cast<float>(1 / grid.spacing_m),
+                     .coarser = static_cast<float>(1 << views.size()),
+                     .side = grid.side,
+                     .highest_m = -std::numeric_limits<float>::infinity()});
+  // A view's greatest height includes the coarser grids, which follow it: go from the coarsest to the finest.
+  float highest_m = -std::numeric_limits<float>::infinity();
   for (std::size_t g = grids_.size(); g-- > 0;) {
-    highest = std::max(highest, grids_[g].highest_m);
-    out[g].highest_m = highest;
+    highest_m = std::max(highest_m, grids_[g].highest_m);
+    views[g].highest_m = highest_m;
   }
-  return out;
+  return views;
 }
 
 Vec3 Relief::position_of(const Grid& grid, int row, int column) const {
@@ -89,9 +98,9 @@ Relief::Cell Relief::cell(std::size_t grid, std::size_t post) const {
   const int row = static_cast<int>(post / static_cast<std::size_t>(g.side)),
             column = static_cast<int>(post % static_cast<std::size_t>(g.side));
   if (row + 1 >= g.side || column + 1 >= g.side) return {std::nanf(""), Eigen::Vector3f::Zero()};
-  const Vec3 a = position_of(g, row, column), b = position_of(g, row, column + 1), c = position_of(g, row + 1, column),
-             d = position_of(g, row + 1, column + 1);
-  const Vec3 normal = (d - a).cross(c - b);
+  const Vec3 south_west = position_of(g, row, column), south_east = position_of(g, row, column + 1),
+             north_west = position_of(g, row + 1, column), north_east = position_of(g, row + 1, column + 1);
+  const Vec3 normal = (north_east - south_west).cross(north_west - south_east);  // of the diagonals; points up
   const double length = normal.norm();
   if (!(length > 0)) return {std::nanf(""), Eigen::Vector3f::Zero()};
   const auto side = static_cast<std::size_t>(g.side);
@@ -104,10 +113,10 @@ MarchLanes Relief::march_lanes(int row, int column, int stride) const {
   MarchLanes lanes;
   lanes.y = static_cast<float>(g.coordinate_m(row));
   for (int i = 0; i < kPacket; ++i) {
-    const int at = column + i * stride;
-    lanes.x[i] = static_cast<float>(g.coordinate_m(at));
-    lanes.height[i] =
-        g.heights[static_cast<std::size_t>(row) * static_cast<std::size_t>(g.side) + static_cast<std::size_t>(at)];
+    const int lane_column = column + i * stride;
+    lanes.x[i] = static_cast<float>(g.coordinate_m(lane_column));
+    lanes.height[i] = g.heights[static_cast<std::size_t>(row) * static_cast<std::size_t>(g.side) +
+                                static_cast<std::size_t>(lane_column)];
   }
   return lanes;
 }

@@ -53,9 +53,9 @@ class Relief {
   const Eigen::Matrix3d& axes() const { return axes_; }
   std::size_t grids() const { return grids_.size(); }
   int side(std::size_t grid) const { return grids_[grid].side; }
-  // Returns the direction (unit, MOON_ME) of a post, numbered row by row; with `middle`, of the middle of the cell
+  // Returns the direction (unit, MOON_ME) of a post, numbered row by row; with `cell_middle`, of the middle of the cell
   // north-east of it.
-  Vec3 direction(std::size_t grid, std::size_t post, bool middle = false) const;
+  Vec3 direction(std::size_t grid, std::size_t post, bool cell_middle = false) const;
   // Mean height of a cell above the reference, and its unit normal in the grids' axes, from its four corners. NaN and
   // zero if a corner has no data.
   struct Cell {

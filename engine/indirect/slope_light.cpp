@@ -12,21 +12,24 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
+// Returns the map's albedo on a cell; 1 without a map.
 double albedo_at(const GroundLight& light, std::size_t cell) {
   return light.albedo.empty() ? 1 : static_cast<double>(light.albedo[cell]);
 }
 
-// Turns the lanes to an azimuth of the grids.
-void aim(float ux, float uy, MarchLanes& lanes, AzimuthLanes& out) {
+// Turns the lanes to an azimuth of the grids: the unit vector (ux, uy). Sets `along` of the directions to its part
+// perpendicular to their `up`, which differs from lane to lane.
+void aim(float ux, float uy, MarchLanes& lanes, AzimuthLanes& directions) {
   lanes.ux = ux;
   lanes.uy = uy;
   for (int i = 0; i < kPacket; ++i) {
-    const float dot = ux * out.up[0][i] + uy * out.up[1][i];
-    const float x = ux - dot * out.up[0][i], y = uy - dot * out.up[1][i], z = -dot * out.up[2][i];
-    const float length = 1 / std::sqrt(x * x + y * y + z * z);
-    out.along[0][i] = x * length;
-    out.along[1][i] = y * length;
-    out.along[2][i] = z * length;
+    const float vertical = ux * directions.up[0][i] + uy * directions.up[1][i];
+    const float x = ux - vertical * directions.up[0][i], y = uy - vertical * directions.up[1][i],
+                z = -vertical * directions.up[2][i];
+    const float inverse_length = 1 / std::sqrt(x * x + y * y + z * z);
+    directions.along[0][i] = x * inverse_length;
+    directions.along[1][i] = y * inverse_length;
+    directions.along[2][i] = z * inverse_length;
   }
 }
 
@@ -45,8 +48,8 @@ SkyDisc::SkyDisc(const Relief& relief, const Vec3& direction, double angular_rad
 
 void SkyDisc::shares(std::span<const GridView> grids, int stride, MarchLanes& lanes, float* share) const {
   alignas(64) float sufficient_tangent[kPacket];
-  alignas(64) float horizon[kPacket];
-  double elevation[kPacket];
+  alignas(64) float horizon[kPacket];  // tangents
+  double elevation[kPacket];           // of the disc's middle, rad
   for (int i = 0; i < kPacket; ++i) {
     const Vec3 plane(static_cast<double>(lanes.x[i]), static_cast<double>(lanes.y), kMoonRadius_m);
     elevation[i] = std::asin(std::clamp(plane.normalized().dot(direction_), -1.0, 1.0));
@@ -54,38 +57,44 @@ void SkyDisc::shares(std::span<const GridView> grids, int stride, MarchLanes& la
     sufficient_tangent[i] = static_cast<float>(std::tan(std::min(elevation[i] + radius_, 1.57)));
     if (std::isnan(lanes.height[i])) sufficient_tangent[i] = -std::numeric_limits<float>::infinity();
   }
-  // Direction of the great circle to the source, from the middle lane for all lanes.
+  // Direction of the great circle to the source, from the middle lane for all lanes. In the plane it leads to the
+  // source's gnomonic position, direction.xy * R / direction.z; here multiplied by direction.z / R, which may be 0.
   const double ux = direction_.x() - static_cast<double>(lanes.x[kPacket / 2]) * direction_.z() / kMoonRadius_m,
                uy = direction_.y() - static_cast<double>(lanes.y) * direction_.z() / kMoonRadius_m;
   const double length = std::hypot(ux, uy);
+  // With the source in the zenith any direction does.
   lanes.ux = length > 1e-12 ? static_cast<float>(ux / length) : 1;
   lanes.uy = length > 1e-12 ? static_cast<float>(uy / length) : 0;
   find_horizons(grids, sphere_, lanes, stride, sufficient_tangent, horizon);
   for (int i = 0; i < kPacket; ++i) {
-    const double above = std::atan(static_cast<double>(horizon[i])) - elevation[i];
+    const double horizon_above_middle = std::atan(static_cast<double>(horizon[i])) - elevation[i];
     share[i] = std::isnan(lanes.height[i]) ? 0
-               : radius_ > 0               ? static_cast<float>(share_of_disc_above(above / radius_))
-                                           : (above > 0 ? 0.F : 1.F);
+               : radius_ > 0               ? static_cast<float>(share_of_disc_above(horizon_above_middle / radius_))
+                                           : (horizon_above_middle > 0 ? 0.F : 1.F);
   }
 }
 
 // A square of cells that is lit at once; smaller at a grid's end.
 class SlopeLight::Square {
  public:
-  Square(const Relief& relief, const GridView& view, std::size_t of_grid, int row, int column)
-      : grid(of_grid),
+  // `row`, `column`: those of its south-western cell in the grid with the index `grid_index`.
+  Square(const Relief& relief, const GridView& view, std::size_t grid_index, int row, int column)
+      : grid(grid_index),
         rows(std::min(kSquare, view.side - row)),
         columns(std::min(kSquare, view.side - column)),
         relief_(relief),
         view_(view),
         row_(row),
         column_(column) {}
+  // Returns the number in the grid of the cell in the square's row `r` and column `c`, which is that of its
+  // south-western post.
   std::size_t post(int r, int c) const {
     return static_cast<std::size_t>(row_ + r) * static_cast<std::size_t>(view_.side) +
            static_cast<std::size_t>(column_ + c);
   }
-  // Returns the middles of a row of cells. Lanes beyond the grid's end repeat the last cell at positions of their own.
   using Cells = std::array<Relief::Cell, kPacket>;
+  // Returns the middles of a row of cells as points of a march, and sets the cells. Lanes beyond the grid's end repeat
+  // the last cell at positions of their own.
   MarchLanes march_lanes(int r, Cells& cells) const {
     static_assert(kSquare == kPacket);
     MarchLanes lanes;
@@ -114,11 +123,11 @@ SlopeLight::SlopeLight(const Relief& relief, SlopeLightSource source)
       azimuths_(disc_.direction().z() < std::sin(kLowSun_deg * kRadiansPerDegree) ? kAzimuthsAtLowSun : kAzimuths),
       ground_(relief.grids()),
       grids_(relief.views()) {
-  constexpr int kGlows = 16;
+  constexpr int kGlowSteps = 16;
   if (source_.bounces > 1 && !source_.albedo_is_w) glows_ = {diffuse_albedo(source_.brdf) / kPi};
   if (source_.bounces > 1 && source_.albedo_is_w)
-    for (int k = 0; k <= kGlows; ++k)
-      glows_.push_back(diffuse_albedo(source_.brdf, 1 - std::pow(k / double(kGlows), 2)) / kPi);
+    for (int k = 0; k <= kGlowSteps; ++k)
+      glows_.push_back(diffuse_albedo(source_.brdf, 1 - std::pow(k / double(kGlowSteps), 2)) / kPi);
   for (std::size_t g = 0; g < relief.grids(); ++g) {
     Ground& ground = ground_[g];
     GroundLight& light = ground.light;
@@ -161,13 +170,14 @@ void SlopeLight::light_cells(std::size_t grid, int row, int first_column, int la
   }
 }
 
-// Sets normals, albedo and sunlight of a square. The grid's own heights and the coarser grids' cast shadows on it.
+// The square's own grid and the coarser ones cast shadows on it.
 void SlopeLight::light_in_sun(const Square& square, const StopToken& stop) const {
   stop.check();
   const GridView& view = grids_[square.grid];
   GroundLight& light = ground_[square.grid].light;
   const std::span<const GridView> grids = std::span(grids_).subspan(square.grid);
-  const double lowest = -std::sin(source_.sun.angular_radius_deg * kRadiansPerDegree);
+  // A cell that faces less than this cosine toward the Sun's middle has its whole disc behind it.
+  const double min_cos_incidence = -std::sin(source_.sun.angular_radius_deg * kRadiansPerDegree);
   std::vector<float> albedo;
   if (source_.albedo) {
     albedo.resize(static_cast<std::size_t>(square.rows * square.columns));
@@ -181,23 +191,23 @@ void SlopeLight::light_in_sun(const Square& square, const StopToken& stop) const
     Square::Cells cells;
     MarchLanes lanes = square.march_lanes(r, cells);
     alignas(64) float share[kPacket];
-    // Skip the march for cells that face away from the Sun.
+    // Without a height, a cell that faces away from the Sun needs no march and has share 0.
     for (std::size_t i = 0; i < kPacket; ++i)
-      if (!(cells[i].normal.cast<double>().dot(disc_.direction()) > lowest)) lanes.height[i] = std::nanf("");
+      if (!(cells[i].normal.cast<double>().dot(disc_.direction()) > min_cos_incidence)) lanes.height[i] = std::nanf("");
     disc_.shares(grids, static_cast<int>(view.coarser), lanes, share);
     for (int c = 0; c < square.columns; ++c) {
-      const std::size_t at = square.post(r, c);
+      const std::size_t cell = square.post(r, c);
       const Eigen::Vector3f& normal = cells[static_cast<std::size_t>(c)].normal;
-      light.nx[at] = normal.x();
-      light.ny[at] = normal.y();
-      light.lit[at] = share[c];
-      if (source_.albedo) light.albedo[at] = albedo[static_cast<std::size_t>(r * square.columns + c)];
+      light.nx[cell] = normal.x();
+      light.ny[cell] = normal.y();
+      light.lit[cell] = share[c];
+      if (source_.albedo) light.albedo[cell] = albedo[static_cast<std::size_t>(r * square.columns + c)];
     }
   }
 }
 
-// Sets the light that a square reflects from other ground, as diffuse light. The light is gathered at the cells of the
-// middle row: a square is at most a third as wide as the distance from which a march reads it.
+// The glow counts as diffuse light. The light is gathered at the cells of the middle row only, one for each column: a
+// square is at most a third as wide as the distance from which a march reads it.
 void SlopeLight::light_by_ground(const Square& square, const StopToken& stop) const {
   GroundLight& light = ground_[square.grid].light;
   Square::Cells cells;
@@ -206,35 +216,37 @@ void SlopeLight::light_by_ground(const Square& square, const StopToken& stop) co
   gather(square.grid, lanes, static_cast<int>(grids_[square.grid].coarser), {kAzimuthsOfGround, 0.5}, 1, arriving,
          stop);
   for (int r = 0; r < square.rows; ++r) {
-    const std::size_t first = square.post(r, 0);
     for (int c = 0; c < square.columns; ++c) {
-      const std::size_t at = first + static_cast<std::size_t>(c);
-      const float nx = light.nx[at], ny = light.ny[at], nz = std::sqrt(std::max(1 - nx * nx - ny * ny, 0.F));
-      float arrives = 0;
-      for (const auto& from : arriving.from)
-        arrives += std::max(nx * from[0][c] + ny * from[1][c] + nz * from[2][c], 0.F);
-      light.glow[at] = arrives * static_cast<float>(glow_of(albedo_at(light, at)));
+      const std::size_t cell = square.post(r, c);
+      const float nx = light.nx[cell], ny = light.ny[cell], nz = std::sqrt(std::max(1 - nx * nx - ny * ny, 0.F));
+      float irradiance = 0;
+      for (const auto& sector : arriving.from)
+        irradiance += std::max(nx * sector[0][c] + ny * sector[1][c] + nz * sector[2][c], 0.F);
+      light.glow[cell] = irradiance * static_cast<float>(glow_of(albedo_at(light, cell)));
     }
   }
 }
 
 double SlopeLight::glow_of(double albedo) const {
   if (!source_.albedo_is_w) return glows_.front() * albedo;
-  const auto last = static_cast<double>(glows_.size() - 1), at = last * std::sqrt(std::clamp(1 - albedo, 0.0, 1.0));
-  const auto step = static_cast<std::size_t>(std::min(at, last - 1));
-  return std::lerp(glows_[step], glows_[step + 1], at - static_cast<double>(step));
+  const auto last = static_cast<double>(glows_.size() - 1);
+  const double position = last * std::sqrt(std::clamp(1 - albedo, 0.0, 1.0));
+  const auto step = static_cast<std::size_t>(std::min(position, last - 1));
+  return std::lerp(glows_[step], glows_[step + 1], position - static_cast<double>(step));
 }
 
 double SlopeLight::reflected(double mu0, double mu, double cos_phase, double albedo) const {
   if (!source_.albedo_is_w) return albedo * source_.brdf.times_mu0(mu0, mu, cos_phase);
+  // Only the Brdf's function for packets takes a w: fill all sixteen lanes with the same values.
   struct alignas(64) Lanes {
-    double of[kPacket];
-    explicit Lanes(double value) { std::fill_n(of, kPacket, value); }
+    double values[kPacket];
+    explicit Lanes(double value) { std::fill_n(values, kPacket, value); }
   };
-  const Lanes lanes[] = {Lanes(mu0), Lanes(mu), Lanes(cos_phase), Lanes(albedo)};
-  Lanes out(0);
-  source_.brdf.times_mu0(lanes[0].of, lanes[1].of, lanes[2].of, lanes[3].of, out.of);
-  return out.of[0];
+  const Lanes mu0_lanes(mu0), mu_lanes(mu), cos_phase_lanes(cos_phase), w_lanes(albedo);
+  Lanes reflected_lanes(0);
+  source_.brdf.times_mu0(mu0_lanes.values, mu_lanes.values, cos_phase_lanes.values, w_lanes.values,
+                         reflected_lanes.values);
+  return reflected_lanes.values[0];
 }
 
 float SlopeLight::radiosity(int row, int column, const StopToken& stop) const {
@@ -244,6 +256,7 @@ float SlopeLight::radiosity(int row, int column, const StopToken& stop) const {
       static_cast<std::size_t>(row) * static_cast<std::size_t>(grids_.front().side) + static_cast<std::size_t>(column);
   const Eigen::Vector3d normal = relief_.cell(0, post).normal.cast<double>();
   const double mu0 = normal.dot(disc_.direction());
+  // The relief's z axis stands for the zenith: it is that of the relief's centre.
   const double albedo = albedo_at(light, post), lit = static_cast<double>(light.lit[post]);
   const double direct = mu0 > 0 && lit > 0 ? lit * reflected(mu0, normal.z(), disc_.direction().z(), albedo) : 0,
                glow = light.glow.empty() ? 0 : static_cast<double>(light.glow[post]);
@@ -257,8 +270,8 @@ void SlopeLight::gather(std::size_t grid, MarchLanes& lanes, int stride, const A
   AzimuthLanes directions;
   for (int k = 0; k < 3; ++k) directions.sun[k] = static_cast<float>(disc_.direction()[k]);
   for (int i = 0; i < kPacket; ++i) {
-    const Vec3 d = Vec3(static_cast<double>(lanes.x[i]), static_cast<double>(lanes.y), kMoonRadius_m).normalized();
-    for (int k = 0; k < 3; ++k) directions.up[k][i] = static_cast<float>(d[k]);
+    const Vec3 up = Vec3(static_cast<double>(lanes.x[i]), static_cast<double>(lanes.y), kMoonRadius_m).normalized();
+    for (int k = 0; k < 3; ++k) directions.up[k][i] = static_cast<float>(up[k]);
   }
   std::vector<VisibleSegment> segments;
   SegmentLight light;
@@ -270,44 +283,45 @@ void SlopeLight::gather(std::size_t grid, MarchLanes& lanes, int stride, const A
     segments.clear();
     find_visible_segments(grids, relief_.sphere(), lanes, stride, segments, horizon);
     add_sky(directions, horizon, out.sky);
-    auto& sum = out.from[azimuth / (azimuths.count / kSectors)];
+    auto& sector_sum = out.from[azimuth / (azimuths.count / kSectors)];
     for (const VisibleSegment& segment : segments) {
       const RowOfCells& cells = segment.cells;
       // Light all cells that the vector loads read; for a pitch above 1 also those between the lanes.
-      const float span = cells.pitch > 1 ? static_cast<float>(kPacket) * cells.pitch - 1
-                                         : static_cast<float>(kPacket - 1) * cells.pitch;
-      light_cells(grid + segment.grid, cells.row, static_cast<int>(cells.column), static_cast<int>(cells.column + span),
-                  bounces, stop);
+      const float columns_read = cells.pitch > 1 ? static_cast<float>(kPacket) * cells.pitch - 1
+                                                 : static_cast<float>(kPacket - 1) * cells.pitch;
+      light_cells(grid + segment.grid, cells.row, static_cast<int>(cells.column),
+                  static_cast<int>(cells.column + columns_read), bounces, stop);
       if (!light_segment(segment, grids[segment.grid], directions, bounces > 1, light)) continue;
       source_.brdf.times_mu0(light.mu0, light.mu, light.cos_phase, source_.albedo_is_w ? light.albedo : nullptr,
                              reflected);
-      add_segment(segment, directions, light, reflected, !source_.albedo_is_w, sum);
+      add_segment(segment, directions, light, reflected, !source_.albedo_is_w, sector_sum);
     }
   }
-  // Each azimuth stands for a sector of 2 pi / count.
-  const auto turn = static_cast<float>(2 * kPi / azimuths.count);
-  const auto finish = [&](float(&sum)[3][kPacket]) {
+  // Turn the sums over azimuths into integrals: each azimuth stands for an angle of 2 pi / count.
+  const auto azimuth_step = static_cast<float>(2 * kPi / azimuths.count);
+  const auto scale = [&](float(&sum)[3][kPacket]) {
     for (auto& component : sum)
-      for (int i = 0; i < kPacket; ++i) component[i] = std::isnan(lanes.height[i]) ? 0 : turn * component[i];
+      for (int i = 0; i < kPacket; ++i) component[i] = std::isnan(lanes.height[i]) ? 0 : azimuth_step * component[i];
   };
-  for (auto& sum : out.from) finish(sum);
-  finish(out.sky);
+  for (auto& sum : out.from) scale(sum);
+  scale(out.sky);
 }
 
 void SlopeLight::gather(int row, int column, int stride, std::span<SectorLight, kPacket> out,
                         const StopToken& stop) const {
   MarchLanes lanes = relief_.march_lanes(row, column, stride);
   ArrivingLight arriving;
+  // Rows of posts alternate between azimuths at 1/4 and at 3/4 of the step, halfway between each other.
   gather(0, lanes, stride, {azimuths_, row / stride % 2 ? 0.75 : 0.25}, source_.bounces, arriving, stop);
-  const Eigen::Matrix3f back = relief_.axes().transpose().cast<float>();
+  const Eigen::Matrix3f moon_from_grids = relief_.axes().transpose().cast<float>();
   for (int i = 0; i < kPacket; ++i) {
-    const auto vector = [&](const float(&sum)[3][kPacket]) -> Eigen::Vector3f {
-      return back * Eigen::Vector3f(sum[0][i], sum[1][i], sum[2][i]);
+    const auto in_moon_axes = [&](const float(&sum)[3][kPacket]) -> Eigen::Vector3f {
+      return moon_from_grids * Eigen::Vector3f(sum[0][i], sum[1][i], sum[2][i]);
     };
     SectorLight& light = out[static_cast<std::size_t>(i)];
     for (std::size_t k = 0; k < kSectors; ++k)
-      light.from[k] = vector(arriving.from[k]) * static_cast<float>(source_.irradiance_w_m2);
-    light.sky = vector(arriving.sky);
+      light.from[k] = in_moon_axes(arriving.from[k]) * static_cast<float>(source_.irradiance_w_m2);
+    light.sky = in_moon_axes(arriving.sky);
   }
 }
 

@@ -58,13 +58,13 @@ class SkyDisc {
   SkyDisc(const Relief& relief, const Vec3& direction, double angular_radius_deg);
   const Vec3& direction() const { return direction_; }  // unit vector in the grids' axes
 
-  // Sets the share of the disc that each point sees above its horizon; 0 without a height. Sets the lanes' direction.
-  // `stride`: see find_horizons().
+  // Sets the share of the disc that each point sees above its horizon; 0 without a height. Overwrites the lanes'
+  // direction. `grids`: those that may hide the disc; `stride`: see find_horizons().
   void shares(std::span<const GridView> grids, int stride, MarchLanes& lanes, float* share) const;
 
  private:
   Vec3 direction_;
-  double radius_;
+  double radius_;  // angular, rad
   MarchSphere sphere_;
 };
 
@@ -103,7 +103,7 @@ class SlopeLight {
     int count;
     double first;  // the first azimuth, as a share of the step to the second
   };
-  // Gathers light over the grids from `grid` on.
+  // Gathers light over the grids from `grid` on. `bounces`: 2 counts the ground's glow, too.
   void gather(std::size_t grid, MarchLanes& lanes, int stride, const Azimuths& azimuths, int bounces,
               ArrivingLight& out, const StopToken& stop) const;
   // Returns mu0 f_r of the ground. `albedo`: the map's factor or w; 1 without a map.
@@ -111,16 +111,18 @@ class SlopeLight {
   // Lights the squares that contain cells of a row, unless they are lit.
   void light_cells(std::size_t grid, int row, int first_column, int last_column, int bounces,
                    const StopToken& stop) const;
+  // Sets normals, albedo and visible share of the Sun's disc in a square of cells.
   void light_in_sun(const Square& square, const StopToken& stop) const;
+  // Sets the square's glow: the light of other ground that it reflects.
   void light_by_ground(const Square& square, const StopToken& stop) const;
 
   const Relief& relief_;
   SlopeLightSource source_;
-  SkyDisc disc_;
-  int azimuths_;
+  SkyDisc disc_;  // the Sun's disc
+  int azimuths_;  // number of azimuths per post
   // Returns the ground's radiance in diffuse light of 1 W m-2.
   double glow_of(double albedo) const;
-  // Table of glow_of(): one value per unit of albedo, or for steps of sqrt(1 - w).
+  // Table of glow_of(): a single value, for albedo 1, or if the albedo is w, values at equal steps of sqrt(1 - w).
   std::vector<double> glows_;
   mutable std::vector<Ground> ground_;
   std::vector<GridView> grids_;

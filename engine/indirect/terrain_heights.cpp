@@ -19,67 +19,74 @@ using dem::BlockId;
 
 using dem::Ticks;
 
-// Latitude and longitude, radians. to_geographic() would compute heights, too.
+// Latitude and longitude, radians.
 struct Angles {
   double lat, lon;
 };
+// Returns the angles of a direction. to_geographic() would compute a height, too.
 Angles angles_of(const Vec3& d) {
   return {std::atan2(d.z(), std::sqrt(d.x() * d.x() + d.y() * d.y())), std::atan2(d.y(), d.x())};
 }
 
-// Computes the angles of up to kGroup directions, mostly next to each other: the first by arctangents, the others by a
-// series from there. The group's fixed size lets the loop vectorise.
+// Number of directions whose angles are computed together. Being fixed, it lets the loop vectorise.
 constexpr std::size_t kGroup = 16;
+// Sets the angles of up to kGroup directions, mostly next to each other. The first one's are computed by arctangents;
+// the others' are the first one's plus arctangents of the small differences, by a series.
 void angles_of(std::span<const Vec3> directions, Angles* out) {
   const Vec3& first = directions.front();
-  const Angles from = angles_of(first);
+  const Angles first_angles = angles_of(first);
+  // fr: distance of the first direction from the polar axis.
   const double fx = first.x(), fy = first.y(), fz = first.z(), fr = std::sqrt(fx * fx + fy * fy);
-  double x[kGroup] = {}, y[kGroup] = {}, z[kGroup] = {}, lat[kGroup], lon[kGroup], tangent[kGroup];
+  double x[kGroup] = {}, y[kGroup] = {}, z[kGroup] = {}, lat[kGroup], lon[kGroup], larger_tangent[kGroup];
   for (std::size_t i = 0; i < directions.size(); ++i) {
     x[i] = directions[i].x();
     y[i] = directions[i].y();
     z[i] = directions[i].z();
   }
-  // The series has an error of 1e-16 up to this tangent.
-  constexpr double kLargest = 0.03;
-  const auto angle = [](double t) {
+  // The series of the arctangent has an error of 1e-16 up to this tangent.
+  constexpr double kMaxTangent = 0.03;
+  const auto arctangent = [](double t) {
     const double square = t * t;
     return t - t * square * (1.0 / 3 - square * (1.0 / 5 - square * (1.0 / 7 - square / 9)));
   };
   SELENOGRAPH_INDEPENDENT_LANES
   for (std::size_t i = 0; i < kGroup; ++i) {
     const double r = std::sqrt(x[i] * x[i] + y[i] * y[i]);
-    const double around = fx * x[i] + fy * y[i], up = fr * r + fz * z[i];
-    const double t = (fx * y[i] - fy * x[i]) / around, u = (fr * z[i] - fz * r) / up;
-    const double across = t < 0 ? -t : t, along = u < 0 ? -u : u, larger = across > along ? across : along;
-    lon[i] = from.lon + angle(t);
-    lat[i] = from.lat + angle(u);
-    tangent[i] = (around > 0) & (up > 0) ? larger : 1;
+    // Tangents are sines over cosines: cross and dot products of (x, y) for the longitude, of (r, z) for the latitude.
+    const double lon_dot = fx * x[i] + fy * y[i], lat_dot = fr * r + fz * z[i];
+    const double lon_tangent = (fx * y[i] - fy * x[i]) / lon_dot, lat_tangent = (fr * z[i] - fz * r) / lat_dot;
+    const double lon_size = lon_tangent < 0 ? -lon_tangent : lon_tangent,
+                 lat_size = lat_tangent < 0 ? -lat_tangent : lat_tangent;
+    lon[i] = first_angles.lon + arctangent(lon_tangent);
+    lat[i] = first_angles.lat + arctangent(lat_tangent);
+    // A direction more than 90 degrees away gets 1, beyond the series.
+    larger_tangent[i] = (lon_dot > 0) & (lat_dot > 0) ? (lon_size > lat_size ? lon_size : lat_size) : 1;
   }
   for (std::size_t i = 0; i < directions.size(); ++i)
-    out[i] = tangent[i] < kLargest ? Angles{lat[i], lon[i]} : angles_of(directions[i]);
+    out[i] = larger_tangent[i] < kMaxTangent ? Angles{lat[i], lon[i]} : angles_of(directions[i]);
 }
 
-// Returns a block's height at a position, linear in the triangle of its quad.
-float height_at(const dem::Block& block, const Ticks& at) {
+// Returns a block's height in metres at a position, linear in the triangle of its quad. Quads are cut from the
+// south-eastern to the north-western corner.
+float height_at(const dem::Block& block, const Ticks& position) {
   const dem::BlockExtent& e = block.extent;
-  const auto fraction = [&](double ticks, std::int32_t first, std::int32_t step) {
+  const auto quads_from = [&](double ticks, std::int32_t first, std::int32_t step) {
     return std::clamp((ticks - first) / step, 0.0, static_cast<double>(e.quads));
   };
-  const double y = fraction(at.lat, e.lat0, e.lat_step), x = fraction(at.lon, e.lon0, e.lon_step);
-  const int r = std::min(static_cast<int>(y), e.quads - 1), c = std::min(static_cast<int>(x), e.quads - 1);
-  const auto a = static_cast<float>(x - c), b = static_cast<float>(y - r);
-  const auto post = [&](int row, int column) { return block.vertices[block.index(row, column)].height_m; };
-  const float south_east = post(r, c + 1), north_west = post(r + 1, c);
-  if (a + b <= 1) {
-    const float corner = post(r, c);
-    return corner + a * (south_east - corner) + b * (north_west - corner);
+  const double y = quads_from(position.lat, e.lat0, e.lat_step), x = quads_from(position.lon, e.lon0, e.lon_step);
+  const int row = std::min(static_cast<int>(y), e.quads - 1), column = std::min(static_cast<int>(x), e.quads - 1);
+  const auto east = static_cast<float>(x - column), north = static_cast<float>(y - row);  // shares of the quad
+  const auto height_m = [&](int r, int c) { return block.vertices[block.index(r, c)].height_m; };
+  const float south_east = height_m(row, column + 1), north_west = height_m(row + 1, column);
+  if (east + north <= 1) {
+    const float south_west = height_m(row, column);
+    return south_west + east * (south_east - south_west) + north * (north_west - south_west);
   }
-  const float corner = post(r + 1, c + 1);
-  return corner + (1 - a) * (north_west - corner) + (1 - b) * (south_east - corner);
+  const float north_east = height_m(row + 1, column + 1);
+  return north_east + (1 - east) * (north_west - north_east) + (1 - north) * (south_east - north_east);
 }
 
-// Returns the coarsest level whose posts on a meridian are at most that far apart.
+// Returns the coarsest level whose posts on a meridian are at most that far apart, but for rounding.
 int level_of(double spacing_m) {
   const double level = std::log2(dem::post_spacing_m(0) / spacing_m);
   return std::clamp(static_cast<int>(std::ceil(level - 1e-6)), 0, dem::kMaxLevel);
@@ -104,12 +111,12 @@ class BlocksAtDirections {
         }
       }
     });
-    // Neighbouring directions mostly share a block.
+    // Number the blocks to load. Where posts end at a coarser level, several blocks share one ancestor.
     std::unordered_map<BlockId, std::uint32_t, dem::BlockIdHash> slot_of_id;
     std::unordered_map<BlockId, std::uint32_t, dem::BlockIdHash> slot_of_ancestor;
     std::vector<BlockId> ids_to_load;
     for (std::size_t i = 0; i < ids.size(); ++i) {
-      if (i > 0 && ids[i] == ids[i - 1]) {
+      if (i > 0 && ids[i] == ids[i - 1]) {  // spares a lookup: neighbouring directions mostly share a block
         slots_[i] = slots_[i - 1];
         continue;
       }
@@ -131,15 +138,16 @@ class BlocksAtDirections {
     blocks_ = load_blocks(terrain, ids_to_load, nullptr, stop);
   }
 
-  float height(std::size_t i) const {
+  // Returns the height in metres in the direction with this index; NaN without data.
+  float height_m(std::size_t i) const {
     const auto& block = slots_[i] == kNone ? nullptr : blocks_[slots_[i]];
     return block ? height_at(*block, ticks_[i]) : std::numeric_limits<float>::quiet_NaN();
   }
 
  private:
   static constexpr std::uint32_t kNone = 0xffffffff;
-  std::vector<Ticks> ticks_;
-  std::vector<std::uint32_t> slots_;
+  std::vector<Ticks> ticks_;          // position per direction
+  std::vector<std::uint32_t> slots_;  // index in blocks_ per direction; kNone: no data
   std::vector<std::shared_ptr<const dem::Block>> blocks_;
 };
 
@@ -149,7 +157,7 @@ ReliefHeights heights_of(const dem::Terrain& terrain, const StopToken& stop) {
   return [&terrain, &stop](double spacing_m, std::span<const Vec3> directions, std::span<float> heights) {
     const BlocksAtDirections blocks(terrain, level_of(spacing_m), directions, stop);
     in_parallel_pieces(heights.size(), 4096, [&](std::size_t first, std::size_t past_last) {
-      for (std::size_t i = first; i < past_last; ++i) heights[i] = blocks.height(i);
+      for (std::size_t i = first; i < past_last; ++i) heights[i] = blocks.height_m(i);
     });
   };
 }

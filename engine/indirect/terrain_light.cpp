@@ -29,23 +29,23 @@ TerrainLight::TerrainLight(const FrameRequest& request, const ViewOfGround& view
   tiles_.resize(fields.tiles());
   const Brdf brdf(request.reflectance, band_of(request));
   const Viewer viewer{view.views, viewer_m};
-  std::size_t next = 0;
+  std::size_t next_tile = 0;  // index in tiles_ of the field's first tile
   for (const FieldsInView::Field& field : fields.fields) {
     stop.check();
     auto light_tiles = tiles.get(field.id, field.plane, field.tiles, {terrain, request}, stop);
     const auto side = static_cast<std::size_t>(field.plane.tiles());
-    Field& own = fields_.emplace_back(Field{field.plane, std::vector<const Tile*>(side * side)});
+    Field& new_field = fields_.emplace_back(Field{field.plane, std::vector<const Tile*>(side * side)});
     in_parallel(light_tiles.size(), [&](std::size_t i) {
-      Tile& tile = tiles_[next + i];
+      Tile& tile = tiles_[next_tile + i];
       tile.light = std::move(light_tiles[i]);
       tile.rows = field.tiles[i];
       set_factors(*tile.light, field.plane, tile.rows, viewer, brdf, tile.factors);
     });
-    for (const TileRows& at : field.tiles) {
-      const Tile& tile = tiles_[next++];
-      own.tiles[static_cast<std::size_t>(at.tile)] = &tile;
+    for (const TileRows& rows : field.tiles) {
+      const Tile& tile = tiles_[next_tile++];
+      new_field.tiles[static_cast<std::size_t>(rows.tile)] = &tile;
       for (int row = 0; row < FieldPlane::kTileSide; ++row)
-        if (at.has(row))
+        if (rows.has(row))
           max_ground_view_ = std::max(max_ground_view_,
                                       static_cast<double>(tile.light->max_ground_view[static_cast<std::size_t>(row)]));
     }
@@ -53,32 +53,32 @@ TerrainLight::TerrainLight(const FrameRequest& request, const ViewOfGround& view
 }
 
 void TerrainLight::read(const SurfacePoints& points, const Shading& shading, TerrainLanes& out) const {
-  FieldLanes at;
+  FieldLanes positions;
   const std::uint32_t hits = hit_bits(points);
-  const bool one_block = in_one_block(points.triangle);
-  // Handle the lanes field by field and tile by tile: mostly all share one.
-  for (std::uint32_t left = hits; left;) {
-    const int field_index = field_of_block_[points.triangle[std::countr_zero(left)].block()];
-    std::uint32_t here = left;
-    for (std::uint32_t i = 0; i < kPacket && !one_block; ++i)
-      if (field_of_block_[points.triangle[i].block()] != field_index) here &= ~(1U << i);
-    left &= ~here;
-    if (field_index < 0) {
-      for (std::uint32_t lanes = sources_.earth_w_m2 > 0 ? here : 0; lanes; lanes &= lanes - 1) {
+  const bool share_block = in_one_block(points.triangle);
+  // Handle the lanes field by field and tile by tile: mostly all share one. Sets of lanes are bit masks.
+  for (std::uint32_t remaining = hits; remaining;) {
+    const int field_index = field_of_block_[points.triangle[std::countr_zero(remaining)].block()];
+    std::uint32_t in_field = remaining;
+    for (std::uint32_t i = 0; i < kPacket && !share_block; ++i)
+      if (field_of_block_[points.triangle[i].block()] != field_index) in_field &= ~(1U << i);
+    remaining &= ~in_field;
+    if (field_index < 0) {  // no posts of light: there is only earthlight, as over level ground
+      for (std::uint32_t lanes = sources_.earth_w_m2 > 0 ? in_field : 0; lanes; lanes &= lanes - 1) {
         const int i = std::countr_zero(lanes);
         out.earth[i] = static_cast<float>(sources_.earth_above_level(points.position(i)));
       }
       continue;
     }
     const Field& field = fields_[static_cast<std::size_t>(field_index)];
-    set_field_lanes(field.plane, points, at);
-    while (here) {
-      const int tile = at.tile[std::countr_zero(here)];
+    set_field_lanes(field.plane, points, positions);
+    while (in_field) {
+      const int tile_number = positions.tile[std::countr_zero(in_field)];
       std::uint32_t in_tile = 0;
-      for (std::uint32_t i = 0; i < kPacket; ++i) in_tile |= (at.tile[i] == tile ? 1U : 0U) << i;
-      if (const Tile* posts = field.tiles[static_cast<std::size_t>(tile)])
-        read_posts(posts->light->posts.data(), posts->factors.data(), at, here & in_tile, shading, out);
-      here &= ~in_tile;
+      for (std::uint32_t i = 0; i < kPacket; ++i) in_tile |= (positions.tile[i] == tile_number ? 1U : 0U) << i;
+      if (const Tile* tile = field.tiles[static_cast<std::size_t>(tile_number)])
+        read_posts(tile->light->posts.data(), tile->factors.data(), positions, in_field & in_tile, shading, out);
+      in_field &= ~in_tile;
     }
   }
   // Fade the light from terrain with distance; earthlight does not fade.
@@ -92,11 +92,11 @@ void TerrainLight::read(const SurfacePoints& points, const Shading& shading, Ter
 std::optional<BetweenPosts> TerrainLight::posts_at(int field_index, const Vec3& position_m) const {
   if (field_index < 0) return std::nullopt;
   const Field& field = fields_[static_cast<std::size_t>(field_index)];
-  const FieldPost at = field.plane.post_at(position_m);
-  const Tile* tile = field.tiles[static_cast<std::size_t>(at.tile)];
-  if (!tile || !tile->rows.has(at.row) || !tile->rows.has(at.row + 1)) return std::nullopt;
-  const auto post = static_cast<std::size_t>(at.row * FieldPlane::kTileSide + at.column);
-  return BetweenPosts{&tile->light->posts[post], static_cast<float>(at.east), static_cast<float>(at.north)};
+  const FieldPost position = field.plane.post_at(position_m);
+  const Tile* tile = field.tiles[static_cast<std::size_t>(position.tile)];
+  if (!tile || !tile->rows.has(position.row) || !tile->rows.has(position.row + 1)) return std::nullopt;
+  const auto post = static_cast<std::size_t>(position.row * FieldPlane::kTileSide + position.column);
+  return BetweenPosts{&tile->light->posts[post], static_cast<float>(position.east), static_cast<float>(position.north)};
 }
 
 void TerrainLight::add(const SurfacePoints& points, const Shading& shading, const Rays& rays, const Brdf& brdf,

@@ -65,6 +65,7 @@ class TerrainLight {
   };
   // Interpolates the light of all lanes that hit, field by field and tile by tile.
   void read(const SurfacePoints& points, const Shading& shading, TerrainLanes& out) const;
+  // Returns the posts around a position in the field with this index; empty if they are not in view.
   std::optional<BetweenPosts> posts_at(int field, const Vec3& position_m) const;
   // Returns the posts in view around the point below a position; else those of the object, as far as they reach, or
   // those below its middle.
@@ -76,8 +77,8 @@ class TerrainLight {
   double max_ground_view_ = 0;
   std::vector<Tile> tiles_;
   std::vector<Field> fields_;
-  std::vector<int> field_of_block_,
-      field_of_object_;          // index of the field of each block of the mesh, and below each object; -1: none
+  // Index of the field of each block of the mesh, and of the field below each object; -1: none.
+  std::vector<int> field_of_block_, field_of_object_;
   std::vector<Vec3> objects_m_;  // centres of the objects
   std::optional<Fade> fade_;
 };
