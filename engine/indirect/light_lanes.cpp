@@ -86,7 +86,7 @@ SELENOGRAPH_LANE SplitCoordinate Split(double posts, int tiles) {
   const int quotient = static_cast<int>(inside * (1.0 / kQuads)), tile = quotient < tiles - 1 ? quotient : tiles - 1;
   // The product with 1 / 15 may be rounded up to the next tile: its remainder is then negative.
   const double remainder = inside - tile * kQuads, in_tile = remainder > 0 ? remainder : 0;
-  const int whole = static_cast<int>(in_tile), post = whole < kQuads - 1 ? whole : kQuads - 1;
+  const int quad = static_cast<int>(in_tile), post = quad < kQuads - 1 ? quad : kQuads - 1;
   return {tile, post, static_cast<float>(in_tile - post)};
 }
 

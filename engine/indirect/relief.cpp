@@ -98,8 +98,8 @@ Relief::Cell Relief::cell(std::size_t grid, std::size_t post) const {
   const int row = static_cast<int>(post / static_cast<std::size_t>(g.side)),
             column = static_cast<int>(post % static_cast<std::size_t>(g.side));
   if (row + 1 >= g.side || column + 1 >= g.side) return {std::nanf(""), Eigen::Vector3f::Zero()};
-  const Vec3 south_west = position_of(g, row, column), south_east = position_of(g, row, column + 1),
-             north_west = position_of(g, row + 1, column), north_east = position_of(g, row + 1, column + 1);
+  const Vec3 south_west = position_of(g, row, column), south_east = position_of(g, row, column + 1);
+  const Vec3 north_west = position_of(g, row + 1, column), north_east = position_of(g, row + 1, column + 1);
   const Vec3 normal = (north_east - south_west).cross(north_west - south_east);  // of the diagonals; points up
   const double length = normal.norm();
   if (!(length > 0)) return {std::nanf(""), Eigen::Vector3f::Zero()};

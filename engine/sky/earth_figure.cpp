@@ -33,10 +33,11 @@ EarthFigure::EarthFigure(const SkyObserver& observer)
 double EarthFigure::radius_rad() const { return std::asin(kEquator_m / body_.distance_m); }
 
 std::optional<double> EarthFigure::range(const Vec3& direction) const {
-  const double a = direction.squaredNorm(), b = direction.dot(from_centre_), outside = from_centre_.squaredNorm() - 1,
-               inside = b * b - a * outside;
-  if (inside <= 0 || b > 0 || outside <= 0) return std::nullopt;
-  return (-b - std::sqrt(inside)) / a;
+  // The ray hits the unit sphere where a t^2 + 2 b t + c = 0. It starts inside for c <= 0, and leads away for b > 0.
+  const double a = direction.squaredNorm(), b = direction.dot(from_centre_), c = from_centre_.squaredNorm() - 1;
+  const double discriminant = b * b - a * c;
+  if (discriminant <= 0 || b > 0 || c <= 0) return std::nullopt;
+  return (-b - std::sqrt(discriminant)) / a;
 }
 
 double share_of_sun_covered(const std::string& utc, const Vec3& position_m) {

@@ -16,7 +16,9 @@ class EarthFigure {
  public:
   explicit EarthFigure(const SkyObserver& observer);
 
-  static constexpr double kEquator_m = 6378137, kStretch = 1 / (1 - 1 / 298.257223563);
+  static constexpr double kEquator_m = 6378137;                    // equatorial radius, WGS 84
+  static constexpr double kStretch = 1 / (1 - 1 / 298.257223563);  // equatorial over polar radius
+  // Returns a vector of the Earth's axes in axes in which the ellipsoid is a sphere.
   static Vec3 stretched(const Vec3& v) { return {v.x(), v.y(), v.z() * kStretch}; }
 
   const ApparentBody& body() const { return body_; }

@@ -71,6 +71,7 @@ std::optional<double> take_fraction(std::string_view& text) {
   return value;
 }
 
+// Sets month and day from the day of the year, 1 to 366.
 void set_day_of_year(const std::string& utc, int day_of_year, DateTime& t) {
   JulianDate new_year;
   int year = 0;
@@ -86,6 +87,7 @@ bool names_other_scale(std::string_view rest) {
   return rest == "TDB" || rest == "ET" || rest == "TDT" || rest == "TT" || rest == "TAI";
 }
 
+// Reads a UTC epoch in one of the two forms that the message names; throws ImpossibleRequest for any other text.
 DateTime parse(const std::string& utc) {
   const char* const form =
       "expected YYYY-MM-DDThh:mm:ss or YYYY-DDDThh:mm:ss, a fraction of a second or none, Z, +00:00 or none";
@@ -97,7 +99,7 @@ DateTime parse(const std::string& utc) {
     return *value;
   };
   t.year = read(4, '-');
-  if (rest.find('T') == 3) {
+  if (rest.find('T') == 3) {  // three digits before T: the day of the year
     set_day_of_year(utc, read(3, 'T'), t);
   } else {
     t.month = read(2, '-');
@@ -159,6 +161,7 @@ JulianDate utc_from(const std::string& utc, const DateTime& t) {
   }
 }
 
+// Returns the Julian date in UTC of one in TDB.
 JulianDate utc_from_tdb(const JulianDate& tdb) {
   // Evaluate TDB - TT at the Earth's centre: on the surface it differs by at most 2 microseconds.
   const double tdb_minus_tt_s = eraDtdb(tdb.day, tdb.fraction, 0, 0, 0, 0);
@@ -240,7 +243,7 @@ Eigen::Matrix3d moon_me_from_icrs(const JulianDate& tdb) {
          axes_turned((90.0 + right_ascension_deg) * kRadPerDeg, Vec3::UnitZ());
 }
 
-// ME = Rx(-x) Ry(-y) Rz(-z) PA
+// Returns the rotation from principal axes into the mean Earth frame: ME = Rx(-x) Ry(-y) Rz(-z) PA.
 Eigen::Matrix3d moon_me_from_pa(double x_arcsec, double y_arcsec, double z_arcsec) {
   return axes_turned(-x_arcsec * ERFA_DAS2R, Vec3::UnitX()) * axes_turned(-y_arcsec * ERFA_DAS2R, Vec3::UnitY()) *
          axes_turned(-z_arcsec * ERFA_DAS2R, Vec3::UnitZ());

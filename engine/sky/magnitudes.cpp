@@ -13,8 +13,9 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr double kZeroPoint_w_m2_um = 3.63e-8, kVisual_um = 0.55;
+constexpr double kZeroPoint_w_m2_um = 3.63e-8, kVisual_um = 0.55;  // spectral irradiance of V = 0; its wavelength
 
+// Returns the sum of coefficients[k] x^k.
 template <std::size_t N>
 double polynomial(const double (&coefficients)[N], double x) {
   double sum = 0;
@@ -22,6 +23,8 @@ double polynomial(const double (&coefficients)[N], double x) {
   return sum;
 }
 
+// Functions named after planets return the magnitude at 1 au from both the Sun and the observer, by Mallama & Hilton
+// (2018); a: phase angle in degrees. Phase angles beyond the paper's range count as its end.
 double mercury(double a) {
   return polynomial({-0.613, 6.3280e-2, -1.6336e-3, 3.3644e-5, -3.4265e-7, 1.6893e-9, -3.0334e-12}, std::min(a, 170.0));
 }
@@ -54,13 +57,15 @@ struct SubLatitudes {
       : sun(-north.dot(body.from_sun)), observer(-north.dot(body.from_observer)) {}
 };
 
-// The rings shine only if the Sun and the observer are on the same side of their plane.
+// Within 6.5 degrees, which the Earth sees, the law includes the rings; beyond, it is that of the globe. The rings
+// shine only if the Sun and the observer are on the same side of their plane.
 double saturn(double a, const ApparentBody& body) {
   if (a > 6.5) return polynomial({-8.94, 2.446e-4, 2.672e-4, -1.505e-6, 4.767e-9}, std::min(a, 150.0));
   static const Vec3 kNorth = pole(40.589, 83.537);
   const SubLatitudes sub(kNorth, body);
-  const double open = sub.sun * sub.observer > 0 ? std::sqrt(std::asin(sub.sun) * std::asin(sub.observer)) : 0;
-  return -8.914 - 1.825 * std::sin(open) + 0.026 * a - 0.378 * std::sin(open) * std::exp(-2.25 * a);
+  // Geometric mean of the two latitudes: the angle at which the rings are open, rad.
+  const double tilt = sub.sun * sub.observer > 0 ? std::sqrt(std::asin(sub.sun) * std::asin(sub.observer)) : 0;
+  return -8.914 - 1.825 * std::sin(tilt) + 0.026 * a - 0.378 * std::sin(tilt) * std::exp(-2.25 * a);
 }
 
 double uranus(double a, const ApparentBody& body) {
@@ -132,9 +137,9 @@ Starlight::Starlight(const Band* band) {
 }
 
 double Starlight::of_star(double v_mag, double b_v) const {
-  const double at = (std::clamp(b_v, kBluest, kReddest) - kBluest) / kStep;
-  const auto i = std::min(static_cast<std::size_t>(at), star_.size() - 2);
-  const double share = at - static_cast<double>(i);
+  const double position = (std::clamp(b_v, kBluest, kReddest) - kBluest) / kStep;  // in the table of B - V
+  const auto i = std::min(static_cast<std::size_t>(position), star_.size() - 2);
+  const double share = position - static_cast<double>(i);
   return std::pow(10, -0.4 * v_mag) * ((1 - share) * star_[i] + share * star_[i + 1]);
 }
 

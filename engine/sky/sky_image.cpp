@@ -13,8 +13,8 @@
 
 namespace selenograph::engine {
 
-// Returns an object's position in each row within `reach_px` of it; if it is the same in all of them, only once, for
-// kAllRows.
+// Returns an object's positions in the image, one for each row within `reach_px` of it, because each row has a view of
+// its own. If all these rows see it at the same position, returns that once, for kAllRows.
 std::vector<SkyImage::ImagePoint> SkyImage::image_points_of(const SkyObject& object, double reach_px) const {
   std::vector<ImagePoint> points;
   for (const ViewBundle& bundle : views_->bundles()) {
@@ -23,16 +23,17 @@ std::vector<SkyImage::ImagePoint> SkyImage::image_points_of(const SkyObject& obj
     for (int row = bundle.first_row; row < bundle.past_last_row; ++row) {
       const View& view = views_->of(row);
       const auto pixel = view.project(view.position() + kStarDistance_m * object.direction);
-      const double below = pixel ? pixel->y - views_->line(row) : reach_px;
-      if (std::abs(below) < reach_px && pixel->x > -reach_px && pixel->x < camera_.width - 1 + reach_px)
-        points.push_back({pixel->x, row + below, row, 0});
+      const double below_row_px = pixel ? pixel->y - views_->line(row) : reach_px;
+      if (std::abs(below_row_px) < reach_px && pixel->x > -reach_px && pixel->x < camera_.width - 1 + reach_px)
+        points.push_back({pixel->x, row + below_row_px, row, 0});
     }
   }
-  constexpr double kSame_px = 1e-6;
-  const auto at_first = [&](const ImagePoint& p) {
-    return std::abs(p.x_px - points[0].x_px) < kSame_px && std::abs(p.y_px - points[0].y_px) < kSame_px;
+  constexpr double kTolerance_px = 1e-6;
+  const auto equals_first = [&](const ImagePoint& p) {
+    return std::abs(p.x_px - points[0].x_px) < kTolerance_px && std::abs(p.y_px - points[0].y_px) < kTolerance_px;
   };
-  if (points.empty() || !std::all_of(points.begin(), points.end(), at_first)) return points;
+  if (points.empty() || !std::all_of(points.begin(), points.end(), equals_first)) return points;
+  // kAllRows stands for all rows within reach: it does not fit if any of them lacks a point.
   const int first = std::max(0, static_cast<int>(std::floor(points[0].y_px - reach_px)) + 1),
             last = std::min(views_->height(), static_cast<int>(std::ceil(points[0].y_px + reach_px))) - 1;
   if (points.size() != static_cast<std::size_t>(last - first + 1)) return points;
@@ -53,12 +54,14 @@ void SkyImage::locate(const FrameRequest& request, double reach_px, std::vector<
     else if (object.x_px > -1 && object.x_px < camera_.width && object.y_px > -1 && object.y_px < camera_.height)
       points = {{object.x_px, object.y_px, kAllRows, 0}};
     if (points.empty()) continue;
-    const auto off_row = [](const ImagePoint& p) { return p.row == kAllRows ? 0 : std::abs(p.y_px - p.row); };
-    const ImagePoint& best =
-        *std::min_element(points.begin(), points.end(),
-                          [&](const ImagePoint& a, const ImagePoint& b) { return off_row(a) < off_row(b); });
-    object.x_px = best.x_px;
-    object.y_px = best.y_px;
+    const auto distance_to_row_px = [](const ImagePoint& p) {
+      return p.row == kAllRows ? 0 : std::abs(p.y_px - p.row);
+    };
+    const ImagePoint& nearest_to_row = *std::min_element(
+        points.begin(), points.end(),
+        [&](const ImagePoint& a, const ImagePoint& b) { return distance_to_row_px(a) < distance_to_row_px(b); });
+    object.x_px = nearest_to_row.x_px;
+    object.y_px = nearest_to_row.y_px;
     for (ImagePoint& point : points) point.source = static_cast<std::uint32_t>(imaged.size());
     image_points_.insert(image_points_.end(), points.begin(), points.end());
     imaged.push_back(std::move(object));
@@ -96,7 +99,7 @@ void SkyImage::add_to(std::vector<float>& radiance) const {
 }
 
 void SkyImage::for_points(int margin_px, const std::function<void(std::span<const LightPoint>)>& visit) const {
-  constexpr std::size_t kAtOnce = 4096;
+  constexpr std::size_t kPointsPerVisit = 4096;
   std::vector<LightPoint> points;
   for (const ImagePoint& p : image_points_) {
     const Source& source = sources_[p.source];
@@ -105,7 +108,7 @@ void SkyImage::for_points(int margin_px, const std::function<void(std::span<cons
     points.push_back({p.x_px - margin_px, p.y_px - margin_px,
                       views_->of(row).moon_from_camera().transpose() * source.direction, source.counted_w_m2_sr,
                       p.row == kAllRows ? std::nullopt : std::optional(p.row - margin_px)});
-    if (points.size() == kAtOnce) {
+    if (points.size() == kPointsPerVisit) {
       visit(points);
       points.clear();
     }

@@ -44,7 +44,8 @@ double field_radius_rad(const RowViews& views, double margin_px) {
       }
     }
   }
-  // Between the sampled border points a pinhole's angles grow by less than 2 %; a fisheye's image is round.
+  // Between the sampled border points a pinhole's angles grow by less than 2 %. Beyond 90 degrees from the boresight
+  // the border may not enclose the image: a fisheye sees everything.
   return views.camera().beyond_plane() ? std::numbers::pi : 1.02 * radius;
 }
 
@@ -73,6 +74,8 @@ class SkyLight {
 // Returns the Sun's irradiance at 1 au.
 double sunlight_w_m2(const Band* band) { return band ? solar_irradiance_w_m2(*band) : kSolarConstant_w_m2; }
 
+// Finds the objects of a frame's sky: stars near the view, then Sun, Earth and planets. With `wants_positions` each
+// gets its position in the image, and stars outside the image are dropped.
 class SkyFinder {
  public:
   SkyFinder(const FrameRequest& request, const RowViews& views, double margin_px, bool wants_positions)
@@ -160,9 +163,10 @@ class SkyFinder {
     return object;
   }
 
-  void set_direction(SkyObject& object, const Vec3& icrf) const {
-    object.direction_icrf = icrf;
-    object.direction = observer_.moon_me_from_icrf() * icrf;
+  // Sets an object's direction, given in ICRF axes, and on request its position in the image.
+  void set_direction(SkyObject& object, const Vec3& direction_icrf) const {
+    object.direction_icrf = direction_icrf;
+    object.direction = observer_.moon_me_from_icrf() * direction_icrf;
     if (!wants_positions_) return;
     const View& view = views_.reference();
     const Vec3 far_m = view.position() + kStarDistance_m * object.direction;
@@ -218,6 +222,8 @@ EarthFigure earth_of(const FrameRequest& request, const RowViews& views) {
 
 void find_hidden(const FrameRequest& request, const RowViews& views, std::span<const double> range_m,
                  const RenderContext& context, std::vector<SkyObject>& sky) {
+  // Per object that has a position in the image: its ray, its index in `sky` and, if pixels decide, true if its pixel
+  // shows a surface.
   std::vector<Ray> rays;
   std::vector<std::size_t> sky_index;
   std::vector<bool> behind_pixel;
@@ -254,12 +260,13 @@ std::optional<double> pixel_sr(const RowViews& views, double x_px, double y_px) 
   const int row = std::clamp(static_cast<int>(std::lround(y_px)), 0, views.height() - 1);
   const Projection& projection = views.of(row).projection();
   const double y = views.line(row) + (y_px - row);
-  const auto at = projection.direction(x_px, y), left = projection.direction(x_px - kStep_px, y),
-             right = projection.direction(x_px + kStep_px, y), above = projection.direction(x_px, y - kStep_px),
-             below = projection.direction(x_px, y + kStep_px);
-  if (!at || !left || !right || !above || !below) return std::nullopt;
-  const double area = (*right - *left).cross(*below - *above).dot(*at) / (4 * kStep_px * kStep_px);
-  return std::abs(area) / std::pow(at->norm(), 3);
+  const auto middle = projection.direction(x_px, y);
+  const auto left = projection.direction(x_px - kStep_px, y), right = projection.direction(x_px + kStep_px, y);
+  const auto above = projection.direction(x_px, y - kStep_px), below = projection.direction(x_px, y + kStep_px);
+  if (!middle || !left || !right || !above || !below) return std::nullopt;
+  // A surface element dA at a vector d has the solid angle dA . d / |d|^3. The differences span 2 x 2 steps.
+  const double area_dot_d = (*right - *left).cross(*below - *above).dot(*middle) / (4 * kStep_px * kStep_px);
+  return std::abs(area_dot_d) / std::pow(middle->norm(), 3);
 }
 
 std::vector<SkyObject> query_sky(const FrameRequest& request, const RenderContext& context) {

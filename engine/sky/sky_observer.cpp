@@ -16,11 +16,13 @@ namespace {
 
 constexpr double kLightDaysPerAu = ERFA_AULT / ERFA_DAYSEC;
 
+// The Earth's position and velocity from the Sun and from the solar system's barycentre, ICRS axes, au and au per day.
 struct EarthMotion {
   PositionVelocity from_sun, from_barycentre;
   Vec3 sun_from_barycentre() const { return (from_barycentre - from_sun).row(0).transpose(); }
 };
 
+// Returns the Earth's motion `days_before` a date.
 EarthMotion earth_motion(const JulianDate& date, double days_before = 0) {
   ErfaMotion from_sun, from_barycentre;
   eraEpv00(date.day, date.fraction - days_before, from_sun.rows, from_barycentre.rows);
@@ -79,10 +81,10 @@ struct SkyObserver::Astrometry {
   eraASTROM context{};
   Vec3 position() const { return Vec3(context.eb); }  // of the observer, from the barycentre, au
   // Applies aberration, including the term of the Sun's potential at the observer.
-  Vec3 aberrated(const Vec3& natural) const {
+  // Returns the direction in which the observer sees light that arrives from `natural`, both unit vectors.
+  Vec3 aberrated(Vec3 natural) const {
     Vec3 proper;
-    Vec3 in = natural;
-    eraAb(in.data(), const_cast<double*>(context.v), context.em, context.bm1, proper.data());
+    eraAb(natural.data(), const_cast<double*>(context.v), context.em, context.bm1, proper.data());
     return proper;
   }
 };
@@ -106,7 +108,8 @@ SkyObserver::SkyObserver(const std::string& utc, const Vec3& position_m, const V
 
 SkyObserver::~SkyObserver() = default;
 
-// Does the same as eraPmpx and eraAtciqz, with vectors instead of angles.
+// Applies proper motion and parallax, the Sun's deflection of light, and aberration, as eraPmpx and eraAtciqz do, with
+// vectors instead of angles.
 Vec3 SkyObserver::apparent(const Star& star) const {
   const Vec3 position = astrometry_->position();
   // Add the Roemer delay: the light reaches the observer earlier or later than the barycentre.

@@ -23,6 +23,7 @@ constexpr std::string_view kStarColumns =
     "id,ra_deg,dec_deg,epoch_yr,pm_ra_mas_yr,pm_dec_mas_yr,parallax_mas,v_mag,b_v";
 constexpr double kRadiansPerMas = kRadiansPerDegree / 3.6e6, kJ2000_yr = 2000;
 
+// A column of numbers and the range of its values.
 struct StarColumn {
   const char* name;
   double low, high;
@@ -31,6 +32,7 @@ constexpr StarColumn kStarRanges[] = {
     {"ra_deg", 0, 360},           {"dec_deg", -90, 90},      {"epoch_yr", 1850, 2150}, {"pm_ra_mas_yr", -2e4, 2e4},
     {"pm_dec_mas_yr", -2e4, 2e4}, {"parallax_mas", 0, 1000}, {"v_mag", -5, 30},        {"b_v", -1, 10}};
 
+// Reads a line of the file; throws BadLine with the reason.
 StarRow star_row(std::string_view line) {
   const std::size_t comma = line.find(',');
   if (comma == 0 || comma == std::string_view::npos) throw BadLine("an identifier is expected, then numbers");
@@ -70,7 +72,7 @@ class CellGrid {
       first_.push_back(first_.back() + std::max(1, static_cast<int>(std::lround(2 * kBands * std::cos(middle)))));
     }
   }
-  std::size_t size() const { return static_cast<std::size_t>(first_.back()); }
+  // Returns the number of the cell that contains a unit position, ICRF: cells are numbered band by band.
   std::size_t cell(const Vec3& position) const {
     const double dec = std::atan2(position.z(), std::hypot(position.x(), position.y())),
                  ra = std::atan2(position.y(), position.x());
@@ -82,7 +84,7 @@ class CellGrid {
   }
 
  private:
-  std::vector<int> first_;
+  std::vector<int> first_;  // number of each band's first cell, and of all cells
 };
 
 }  // namespace
@@ -126,6 +128,7 @@ StarCatalogue::StarCatalogue(std::string name, const std::vector<StarRow>& rows)
   std::stable_sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
     return cell[a] != cell[b] ? cell[a] < cell[b] : magnitude(a) < magnitude(b);
   });
+  // Store the stars by cell and magnitude; each cell with its first and past-last star and the sum of their positions.
   std::uint64_t hash = 0;
   stars_.reserve(rows.size());
   id_ends_.reserve(rows.size());
@@ -149,6 +152,7 @@ StarCatalogue::StarCatalogue(std::string name, const std::vector<StarRow>& rows)
     hash = dem::hash_of(numbers, sizeof numbers, hash);
   }
   fingerprint_ = dem::hash_of(ids_.data(), ids_.size(), hash);
+  // The sum's direction is the cell's centre; its radius is that of the circle around its stars.
   for (Cell& c : cells_) {
     c.centre.normalize();
     for (std::uint32_t i = c.first; i < c.past_last; ++i)
