@@ -9,15 +9,18 @@
 namespace selenograph::engine {
 namespace {
 
+// Returns half the diameter, enlarged so that rounding excludes no pixel at the border.
 double half_m(const LanderFootprint& footprint) { return footprint.diameter_m / 2 * (1 + 1e-9); }
 
-// Returns whether the footprint covers a point, given by its offset from the centre.
+// Returns true if the footprint covers a point, given by its offset (east, north) from the centre. Legs cover the disc
+// around their ends.
 bool covers(const LanderFootprint& footprint, const Eigen::Vector2d& offset_m) {
   return (footprint.shape == LanderFootprint::Shape::square ? offset_m.cwiseAbs().maxCoeff() : offset_m.norm()) <=
          half_m(footprint);
 }
 
-// Returns the footprint's reach along rows (x) and columns (y).
+// Returns the largest offsets of a covered pixel along rows (x) and columns (y), rounded up. The matrix takes a point
+// of the footprint to pixels; over a square its components are largest at a corner, over a disc at the row's direction.
 Eigen::Vector2d reach_along_axes_px(const LanderFootprint& footprint, const Eigen::Matrix2d& px_per_metre) {
   const Eigen::Vector2d px_per_half_m = footprint.shape == LanderFootprint::Shape::square
                                             ? Eigen::Vector2d(px_per_metre.cwiseAbs().rowwise().sum())
@@ -41,10 +44,12 @@ std::optional<Eigen::Matrix2d> metres_per_px(const dem::MapGrid& grid, int colum
   const auto above = map.direction(grid.point(column, row - 1)), below = map.direction(grid.point(column, row + 1));
   if (!middle || !left || !right || !above || !below) return std::nullopt;
   const EastNorthUp axes = local_axes(*middle);
-  const Vec3 across = (*right - *left) * (kMoonRadius_m / 2), down = (*below - *above) * (kMoonRadius_m / 2);
-  Eigen::Matrix2d out;
-  out << across.dot(axes.east), down.dot(axes.east), across.dot(axes.north), down.dot(axes.north);
-  return out * ((kMoonRadius_m + height_m) / kMoonRadius_m);
+  // Central differences on the datum, then scaled to the ground's radius.
+  const Vec3 to_right_m = (*right - *left) * (kMoonRadius_m / 2), downward_m = (*below - *above) * (kMoonRadius_m / 2);
+  Eigen::Matrix2d on_datum;
+  on_datum << to_right_m.dot(axes.east), downward_m.dot(axes.east), to_right_m.dot(axes.north),
+      downward_m.dot(axes.north);
+  return on_datum * ((kMoonRadius_m + height_m) / kMoonRadius_m);
 }
 
 double reach_upper_bound_px(const LanderFootprint& footprint, const Eigen::Matrix2d& metres_per_px) {
@@ -56,10 +61,10 @@ FootprintOnMap footprint_on_map(const LanderFootprint& footprint, const Eigen::M
   FootprintOnMap out{metres_per_px, {}, {}};
   const Eigen::Matrix2d px_per_metre = metres_per_px.inverse();
   const Eigen::Vector2i reach_px = reach_along_axes_px(footprint, px_per_metre).cast<int>();
-  const int across = reach_px.x(), along = reach_px.y();
-  for (int y = -along; y <= along; ++y) {
-    FootprintRow covered{y, across + 1, -across};
-    for (int x = -across; x <= across; ++x) {
+  const int max_x = reach_px.x(), max_y = reach_px.y();
+  for (int y = -max_y; y <= max_y; ++y) {
+    FootprintRow covered{.row = y, .first = max_x + 1, .past_last = -max_x};  // empty
+    for (int x = -max_x; x <= max_x; ++x) {
       if (!covers(footprint, out.metres_per_px * Eigen::Vector2d(x, y))) continue;
       covered.first = std::min(covered.first, x);
       covered.past_last = x + 1;

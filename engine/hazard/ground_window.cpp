@@ -8,11 +8,12 @@
 namespace selenograph::engine {
 namespace {
 
-// Returns the inverse of a plane's normal equations for the unknowns height, slope to the right, slope down.
-template <typename Offsets>
-Eigen::Matrix3d inverse_of_normal_equations(const Offsets& offsets) {
+// Returns the inverse of a plane's normal equations for the unknowns height, slope to the right, slope down. Calls
+// visit_offsets(add), which calls add(right, down) for each pixel that the lander stands on.
+template <typename VisitOffsets>
+Eigen::Matrix3d inverse_of_normal_equations(const VisitOffsets& visit_offsets) {
   Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
-  offsets([&](int right, int down) {
+  visit_offsets([&](int right, int down) {
     const Eigen::Vector3d row(1, right, down);
     sum += row * row.transpose();
   });
@@ -57,21 +58,24 @@ GroundWindow::GroundWindow(const FrameProducts& products, int width, int height,
 
 // Computes the trend from the corners of the square, if they have data.
 void GroundWindow::find_trend(const FrameProducts& products, std::size_t map_width) {
-  const auto at = [&](int x, int y) {
+  const auto map_height_m = [&](int x, int y) {
     return products.height[static_cast<std::size_t>(y) * map_width + static_cast<std::size_t>(x)];
   };
-  const int right = square_.x + square_.width - 1, bottom = square_.y + square_.height - 1;
-  const double a = at(square_.x, square_.y), b = at(right, square_.y), c = at(square_.x, bottom), d = at(right, bottom);
-  if (!std::isfinite(a + b + c + d)) return;
-  trend_.right = (b - a + d - c) / (2.0 * std::max(1, square_.width - 1));
-  trend_.down = (c - a + d - b) / (2.0 * std::max(1, square_.height - 1));
-  trend_.height_m = a - trend_.right * (square_.x - left_) - trend_.down * (square_.y - top_);
+  const int left = square_.x, right = square_.x + square_.width - 1;
+  const int top = square_.y, bottom = square_.y + square_.height - 1;
+  const double top_left_m = map_height_m(left, top), top_right_m = map_height_m(right, top);
+  const double bottom_left_m = map_height_m(left, bottom), bottom_right_m = map_height_m(right, bottom);
+  if (!std::isfinite(top_left_m + top_right_m + bottom_left_m + bottom_right_m)) return;
+  trend_.right = (top_right_m - top_left_m + bottom_right_m - bottom_left_m) / (2.0 * std::max(1, square_.width - 1));
+  trend_.down = (bottom_left_m - top_left_m + bottom_right_m - top_right_m) / (2.0 * std::max(1, square_.height - 1));
+  // The trend's height is that at the window's first pixel.
+  trend_.height_m = top_left_m - trend_.right * (left - left_) - trend_.down * (top - top_);
 }
 
 // Stores the heights above the trend and their running sums, and counts of voids and rocks.
 void GroundWindow::sum_rows(const FrameProducts& products, std::size_t map_width, const Limits& limits) {
   const auto stride = static_cast<std::size_t>(width_) + 1, rows = static_cast<std::size_t>(height_);
-  const auto at = [&](int x, int y) {
+  const auto map_index = [&](int x, int y) {
     return static_cast<std::size_t>(top_ + y) * map_width + static_cast<std::size_t>(left_ + x);
   };
   heights_.resize(rows * static_cast<std::size_t>(width_) + kLanes);  // padding: lanes read past the last row
@@ -90,7 +94,7 @@ void GroundWindow::sum_rows(const FrameProducts& products, std::size_t map_width
   for (int y = 0; y < height_; ++y) {
     const std::size_t row = static_cast<std::size_t>(y) * stride;
     for (int x = 0; x < width_; ++x) {
-      const double map_height_m = products.height[at(x, y)];
+      const double map_height_m = products.height[map_index(x, y)];
       const bool is_void = std::isnan(map_height_m);
       const double height_m = is_void ? 0 : map_height_m - trend_.height_m - trend_.right * x - trend_.down * y;
       heights_[index(x, y)] = height_m;
@@ -99,7 +103,7 @@ void GroundWindow::sum_rows(const FrameProducts& products, std::size_t map_width
       moment_.running[next] = moment_.running[next - 1] + x * height_m;
       missing_.running[next] = missing_.running[next - 1] + is_void;
       if (!rocks) continue;
-      const float rock_m = products.rock_height[at(x, y)];
+      const float rock_m = products.rock_height[map_index(x, y)];
       rocks_.running[next] = rocks_.running[next - 1] + (rock_m > 0);
       high_.running[next] =
           high_.running[next - 1] + (limits.rock_height_m && static_cast<double>(rock_m) > *limits.rock_height_m);
@@ -110,6 +114,7 @@ void GroundWindow::sum_rows(const FrameProducts& products, std::size_t map_width
   high_.forget_zeros();
 }
 
+// Divides the window into cells, row by row, and bounds each.
 void GroundWindow::bound_cells() {
   cells_per_row_ = (width_ + kCell - 1) / kCell;
   for (int y = 0; y < height_; y += kCell)
@@ -136,22 +141,26 @@ GroundWindow::Cell GroundWindow::bound_cell(int x0, int y0) const {
   return cell;
 }
 
-// Fits a plane to the whole footprint of each pixel of a row: least squares from sums over the footprint's rows.
+// Fits a plane to the whole footprint of each pixel of a row: least squares from sums over the footprint's rows. The
+// right side of the normal equations are sums of height, of height times offset to the right, and times offset down.
 void GroundWindow::fit_area(int row, std::span<Plane> planes) const {
   const auto width = static_cast<std::size_t>(square_.width);
   std::vector<double> sums(3 * width, 0.0);
   double *sum = sums.data(), *right = sum + width, *down = right + width;
-  const int from = square_.x - left_;
+  const int square_left = square_.x - left_;  // column of the window
   for (const FootprintRow& r : footprint_.rows) {
     const int y = square_.y - top_ + row + r.row;
-    const double *first = sum_.row(y) + from + r.first, *last = sum_.row(y) + from + r.past_last;
-    const double *first_moment = moment_.row(y) + from + r.first, *last_moment = moment_.row(y) + from + r.past_last;
-    const double below = r.row;
+    const double *first = sum_.row(y) + square_left + r.first, *past_last = sum_.row(y) + square_left + r.past_last;
+    const double *first_moment = moment_.row(y) + square_left + r.first,
+                 *past_last_moment = moment_.row(y) + square_left + r.past_last;
+    const double row_offset = r.row;
     for (std::size_t i = 0; i < width; ++i) {
-      const double heights = last[i] - first[i];
-      sum[i] += heights;
-      down[i] += below * heights;
-      right[i] += last_moment[i] - first_moment[i] - static_cast<double>(from + static_cast<int>(i)) * heights;
+      const double height_sum = past_last[i] - first[i];
+      sum[i] += height_sum;
+      down[i] += row_offset * height_sum;
+      // Moments count columns from the window's left; subtracting the pixel's own column makes them offsets.
+      const double column = square_left + static_cast<int>(i);
+      right[i] += past_last_moment[i] - first_moment[i] - column * height_sum;
     }
   }
   for (std::size_t i = 0; i < width; ++i) {
@@ -170,6 +179,7 @@ void GroundWindow::fit_pads(int row, std::span<Plane> planes) const {
       sum += height(x + pad.x(), y + pad.y()) * Eigen::Vector3d(1, pad.x(), pad.y());
     for (const Eigen::Vector2i& pad : footprint_.pads) {
       if (missing_.running.empty()) break;
+      // The running count grows across the pad's pixel if it is a void.
       const int* missing = missing_.row(y + pad.y()) + x + pad.x();
       if (missing[1] > missing[0]) sum.setConstant(std::numeric_limits<double>::quiet_NaN());
     }
@@ -202,7 +212,8 @@ struct GroundWindow::PlaneLanes {
 // far.
 void GroundWindow::find_farthest(PlaneLanes& lanes) const {
   constexpr double kRounding_m = 1e-9;
-  const Lanes at_left = lanes.centre_m - lanes.right * (lanes.x + Lanes::LinSpaced(0, kLanes - 1));
+  // Heights of the planes at the window's left, in the row of the lanes.
+  const Lanes left_planes_m = lanes.centre_m - lanes.right * (lanes.x + Lanes::LinSpaced(0, kLanes - 1));
   const std::span<const FootprintRow> rows(footprint_.rows);
   for (std::size_t first = 0; first < rows.size();) {
     // Collect the footprint's rows in one row of cells.
@@ -213,10 +224,13 @@ void GroundWindow::find_farthest(PlaneLanes& lanes) const {
       from = std::min(from, rows[past_last].first);
       to = std::max(to, rows[past_last].past_last);
     }
-    const Lanes row_planes_m = at_left + lanes.down * (cell_row * kCell + kCellCentre - lanes.y);
+    // Heights of the planes at the window's left, in the middle of the cells' rows.
+    const Lanes row_planes_m = left_planes_m + lanes.down * (cell_row * kCell + kCellCentre - lanes.y);
     const int last = std::min((lanes.x + kLanes - 1 + to - 1) / kCell, cells_per_row_ - 1);
     for (int column = (lanes.x + from) / kCell; column <= last; ++column) {
       const Cell& cell = cells_[static_cast<std::size_t>(cell_row * cells_per_row_ + column)];
+      // Bound: the farther end of the cell's heights from the plane at the cell's centre, and the tilt between the
+      // cell's plane and the lane's over half a cell.
       const Lanes plane_m = row_planes_m + lanes.right * (column * kCell + kCellCentre);
       const Lanes tilt_m =
           ((cell.plane.right - lanes.right).abs() + (cell.plane.down - lanes.down).abs()) * kCellCentre + kRounding_m;
@@ -232,14 +246,14 @@ void GroundWindow::find_farthest(PlaneLanes& lanes) const {
 // Searches the covered pixels of a cell, eight of a row at once. Where the footprint covers only some of the cell's
 // pixels in a row, the eight shift to include other covered pixels: they belong to the footprint, too.
 void GroundWindow::search_cell(int column, std::span<const FootprintRow> rows, int lane, PlaneLanes& lanes) const {
-  const int x = lanes.x + lane, left = column * kCell - x;
-  const Lanes steps = lanes.right[lane] * Lanes::LinSpaced(0, kLanes - 1);
+  const int x = lanes.x + lane, left = column * kCell - x;  // left: the cell's offset from the lane's pixel
+  const Lanes steps_m = lanes.right[lane] * Lanes::LinSpaced(0, kLanes - 1);  // of the plane, from pixel to pixel
   double farthest_m = lanes.farthest_m[lane];
   for (const FootprintRow& r : rows) {
     if (r.past_last <= left || r.first >= left + kCell) continue;
     const int first = std::max(r.first, std::min(left, r.past_last - kLanes)), count_px = r.past_last - first;
     const double plane_m = lanes.centre_m[lane] + lanes.down[lane] * r.row + lanes.right[lane] * first;
-    Lanes off_m = (Eigen::Map<const Lanes>(&heights_[index(x + first, lanes.y + r.row)]) - plane_m - steps).abs();
+    Lanes off_m = (Eigen::Map<const Lanes>(&heights_[index(x + first, lanes.y + r.row)]) - plane_m - steps_m).abs();
     if (count_px < kLanes) off_m = (Lanes::LinSpaced(0, kLanes - 1) < count_px).select(off_m, 0);
     if (!(off_m.maxCoeff() > farthest_m)) continue;
     int pixel = 0;
@@ -264,7 +278,7 @@ void GroundWindow::update_neighbours(const Eigen::Vector2i& pixel, PlaneLanes& l
   }
 }
 
-// Enlarges `farthest_m` to the largest distances from the planes of a row. NaN planes are skipped.
+// Enlarges `farthest_m` to the largest vertical distances of ground from the planes of a row. NaN planes are skipped.
 void GroundWindow::find_roughness(int row, std::span<const Plane> planes, std::span<double> farthest_m) const {
   const int count_px = static_cast<int>(farthest_m.size());
   PlaneLanes lanes{square_.x - left_, square_.y - top_ + row, {}, {}, {}, {}, {0, 0}};
@@ -279,6 +293,7 @@ void GroundWindow::find_roughness(int row, std::span<const Plane> planes, std::s
       lanes.down[i] = plane.down;
       lanes.farthest_m[i] = farthest_m[static_cast<std::size_t>(first + i)];
     }
+    // Begin with the pixel that was farthest from the planes of the eight pixels before.
     update_neighbours(lanes.pixel, lanes);
     find_farthest(lanes);
     for (int i = 0; i < std::min(kLanes, count_px - first); ++i)
@@ -286,7 +301,8 @@ void GroundWindow::find_roughness(int row, std::span<const Plane> planes, std::s
   }
 }
 
-// Vertical distances are compared; dividing by sqrt(1 + gradient^2) makes them perpendicular to the plane.
+// The planes are in metres per pixel. In metres per metre their gradient is the tangent of the slope, and vertical
+// distances divided by sqrt(1 + gradient^2) are perpendicular to the plane.
 void GroundWindow::measure(int row, std::span<FootprintMeasures> out) const {
   std::vector<Plane> planes(out.size());
   std::vector<int> missing(out.size()), rocks(out.size()), high(out.size());
@@ -297,6 +313,7 @@ void GroundWindow::measure(int row, std::span<FootprintMeasures> out) const {
   count(missing_, row, missing);
   count(rocks_, row, rocks);
   count(high_, row, high);
+  // Slopes per pixel are metres_per_px^T times the gradient (east, north).
   const Eigen::Matrix2d to_gradient = footprint_.metres_per_px.transpose().inverse();
   std::vector<double> gradient(out.size()), farthest_m(out.size());
   for (std::size_t i = 0; i < out.size(); ++i) {

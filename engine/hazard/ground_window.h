@@ -1,13 +1,17 @@
 // A window of a map's heights, prepared to measure slope and roughness of the footprints centred on its pixels.
 //
-//   +--------------------------+   Window: the square of pixels to measure, and around it the ground that their
-//   |      +-----------+       |   footprints cover.
+//   +--------------------------+   Window: the square of pixels to measure, and around it
+//   |      +-----------+       |   the ground that their footprints cover.
 //   |      |  square   |       |
-//   |      |    .--.   |       |   A plane is fitted to each footprint from running sums along its rows. Its roughness
-//   is |      |   ( x  )  |       |   the largest distance from that plane: cells of 8 x 8 pixels with bounds about
-//   planes |      +----'--'---+       |   of their own are skipped if they cannot hold a pixel farther away than the
-//   farthest so
-//   +--------------------------+   far.
+//   |      |    .--.   |       |   x: a pixel of the square, with the footprint around it.
+//   |      |   ( x  )  |       |
+//   |      +----'--'---+       |
+//   +--------------------------+
+//
+// A plane is fitted to each footprint from running sums along its rows. The roughness is the largest distance of the
+// footprint's ground from that plane. To find it, cells of 8 x 8 pixels, each with a plane of its own and bounds of
+// heights about it, are skipped if they cannot hold a pixel farther from the footprint's plane than the farthest so
+// far.
 #pragma once
 
 #include <algorithm>
@@ -55,7 +59,8 @@ class GroundWindow {
   template <typename T>
   struct Sums {
     std::vector<T> running;  // empty: 0 everywhere
-    std::size_t stride = 0;
+    std::size_t stride = 0;  // elements per row: one more than pixels
+    // Empties sums that are 0 everywhere, so that count() can skip them.
     void forget_zeros() {
       if (std::all_of(running.begin(), running.end(), [](T sum) { return sum == 0; })) running = {};
     }
@@ -70,6 +75,7 @@ class GroundWindow {
   void find_trend(const FrameProducts& products, std::size_t map_width);
   void sum_rows(const FrameProducts& products, std::size_t map_width, const Limits& limits);
   void bound_cells();
+  // The functions below work on a row of the square, counted from its top.
   void fit_area(int row, std::span<Plane> planes) const;
   void fit_pads(int row, std::span<Plane> planes) const;
   template <typename T>
@@ -93,11 +99,11 @@ class GroundWindow {
   int left_ = 0, top_ = 0, width_ = 0, height_ = 0;  // of the window in the map
   // The window's approximate plane. Heights are stored relative to it: flatter heights give the cells closer bounds.
   Plane trend_{0, 0, 0};
-  std::vector<double> heights_;  // above the trend; 0: no data
-  Sums<double> sum_, moment_;    // sums of heights, and of column times height
-  Sums<int> missing_, rocks_, high_;
-  Eigen::Matrix3d inverse_;  // of the normal equations over the pixels that the lander stands on
-  int covered_ = 0;          // pixels of the footprint
+  std::vector<double> heights_;       // above the trend; 0: no data
+  Sums<double> sum_, moment_;         // sums of heights, and of column times height
+  Sums<int> missing_, rocks_, high_;  // counts of voids, of pixels of rocks, of those higher than the limit
+  Eigen::Matrix3d inverse_;           // of the normal equations over the pixels that the lander stands on
+  int covered_ = 0;                   // pixels of the footprint
   // kCell x kCell pixels of the window: a plane, with its height at the cell's centre, and bounds of heights about it.
   struct Cell {
     Plane plane;

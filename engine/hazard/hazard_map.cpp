@@ -30,8 +30,8 @@ std::optional<Eigen::Matrix2d> lowest_scale(const MapRequest& request, int colum
   return metres_per_px(request.grid, column, row, static_cast<double>(dem::kLowestRelief_m));
 }
 
-// Returns the largest reach that does not exceed a limit, of footprints on a map that ends at the limb or contains a
-// pole. Such a map may be stretched without bounds, and its extreme scales need not be at its corners: sample a grid.
+// Returns the largest footprint reach up to a limit over a map that ends at the limb or contains a pole. Such a map may
+// be stretched without bounds, and its extreme scales need not be at its corners, so a grid of points is sampled.
 double largest_reach_px(const MapRequest& request, double limit_px) {
   constexpr int kSteps = 64;
   double largest_px = 0;
@@ -45,8 +45,8 @@ double largest_reach_px(const MapRequest& request, double limit_px) {
 }
 
 // Returns the margin that footprints cover beyond the map's border, from the map's scale at nine points and, if one of
-// these is off the Moon, at a grid of points. Throws ImpossibleRequest. Slow: once the map is drawn, use the overload
-// below.
+// these is off the Moon, at a grid of points. Throws ImpossibleRequest for footprints that reach too far. Slow: once
+// the map is drawn, use the overload below.
 int margin_px(const MapRequest& request) {
   constexpr double kMax_px = 200, kMaxNearLimb_px = 50;
   const dem::MapGrid& grid = request.grid;
@@ -57,7 +57,8 @@ int margin_px(const MapRequest& request) {
       const auto scale = lowest_scale(request, x, y);
       is_partial = is_partial || !scale;
       if (!scale) continue;
-      // The exact reach takes time in proportion to the footprint: skip it where the bound alone is too large.
+      // The exact reach takes time in proportion to the footprint: skip it where the bound is so large that the request
+      // is refused anyway. One pixel more allows for scales between the sampled points.
       const double reach_px = reach_upper_bound_px(*request.footprint, *scale);
       margin = std::max(
           margin, reach_px > 2 * kMax_px ? reach_px : footprint_on_map(*request.footprint, *scale).reach_px() + 1);
@@ -80,8 +81,8 @@ int margin_px(const MapRequest& request, const MapRequest& drawn) {
 // Side of the squares of pixels that share one footprint. A square is halved until the map's scale is the same all over
 // it: next to a pole or the limb, where north turns or the map is stretched.
 constexpr int kSquare_px = 128;
-// Largest relative error of lengths in a square, and so of slopes.
-constexpr double kSameScale = 0.02;
+// Largest relative error of lengths in a square, and so of slopes, at which its scale counts as the same.
+constexpr double kMaxScaleError = 0.02;
 
 // Computes the footprint's products for all pixels of the requested map, square by square in parallel.
 class HazardMap {
@@ -89,8 +90,9 @@ class HazardMap {
   HazardMap(const MapRequest& request, const MapRequest& drawn, FrameProducts& products, const StopToken& stop)
       : request_(request), drawn_(drawn), products_(products), stop_(stop), margin_(margin_px(request, drawn)) {
     const std::size_t n = static_cast<std::size_t>(drawn.grid.width) * static_cast<std::size_t>(drawn.grid.height);
-    const auto allocate = [&](auto& array, ProductSet product, auto none) {
-      if (request.products & product) assign(array, n, none, stop);
+    // Fills requested products with their value for pixels without data.
+    const auto allocate = [&](auto& array, ProductSet product, auto no_data) {
+      if (request.products & product) assign(array, n, no_data, stop);
     };
     allocate(products.slope, kSlope, kNaN32);
     allocate(products.roughness, kRoughness, kNaN32);
@@ -98,15 +100,16 @@ class HazardMap {
     allocate(products.hazard, kHazard, kNoHazardNumber);
   }
 
-  // Returns how many pixels with ground have no plane because of the map's scale.
-  std::size_t find() {
-    const int across = (request_.grid.width + kSquare_px - 1) / kSquare_px,
-              along = (request_.grid.height + kSquare_px - 1) / kSquare_px;
-    in_parallel(static_cast<std::size_t>(across * along), [&](std::size_t i) {
+  // Measures all pixels. Returns how many pixels with ground have no plane because of the map's scale.
+  std::size_t measure_all() {
+    const int squares_per_row = (request_.grid.width + kSquare_px - 1) / kSquare_px,
+              rows_of_squares = (request_.grid.height + kSquare_px - 1) / kSquare_px;
+    in_parallel(static_cast<std::size_t>(squares_per_row * rows_of_squares), [&](std::size_t i) {
       stop_.check();
-      const int x = static_cast<int>(i) % across * kSquare_px, y = static_cast<int>(i) / across * kSquare_px;
-      find(x + margin_, y + margin_, std::min(kSquare_px, request_.grid.width - x),
-           std::min(kSquare_px, request_.grid.height - y));
+      const int x = static_cast<int>(i) % squares_per_row * kSquare_px,
+                y = static_cast<int>(i) / squares_per_row * kSquare_px;
+      measure_or_divide(x + margin_, y + margin_, std::min(kSquare_px, request_.grid.width - x),
+                        std::min(kSquare_px, request_.grid.height - y));
     });
     return without_plane_;
   }
@@ -130,17 +133,20 @@ class HazardMap {
     return footprint.reach_px() > margin_ ? std::nullopt : std::optional(std::move(footprint));
   }
 
-  // Returns whether the footprint of a square's centre holds at a pixel of it: the scale is the same, and no pixel of
+  // Returns true if the footprint of a square's centre holds at a pixel of it: the scale is the same, and no pixel of
   // the footprint moves by half a pixel. A disc may rotate.
   bool same_at(int x, int y, const FootprintOnMap& middle) const {
     const auto scale = scale_at(x, y);
     if (!scale) return false;
-    const Eigen::Matrix2d one = Eigen::Matrix2d::Identity(), moved = *scale * middle.metres_per_px.inverse(),
-                          stretched = (moved.transpose() * moved - one) / 2;
-    if (!(stretched.norm() < kSameScale)) return false;
-    const double turned = (scale->inverse() * middle.metres_per_px - one).norm();
-    const bool disc = request_.footprint->shape == LanderFootprint::Shape::disc;
-    return (disc ? stretched.norm() : turned) / std::numbers::sqrt2 * middle.reach_px() < 0.5;
+    // `deformation` takes metres at the middle to metres here for equal offsets in pixels. Its strain (Green-Lagrange)
+    // does not count rotation.
+    const Eigen::Matrix2d identity = Eigen::Matrix2d::Identity();
+    const Eigen::Matrix2d deformation = *scale * middle.metres_per_px.inverse();
+    const Eigen::Matrix2d strain = (deformation.transpose() * deformation - identity) / 2;
+    if (!(strain.norm() < kMaxScaleError)) return false;
+    const double shift_per_px = (scale->inverse() * middle.metres_per_px - identity).norm();
+    const bool is_disc = request_.footprint->shape == LanderFootprint::Shape::disc;
+    return (is_disc ? strain.norm() : shift_per_px) / std::numbers::sqrt2 * middle.reach_px() < 0.5;
   }
 
   std::size_t pixels_with_ground(int x0, int y0, int width, int height) const {
@@ -151,22 +157,23 @@ class HazardMap {
   }
 
   // Measures a square of the drawn map, or its quarters if its pixels cannot share one footprint.
-  void find(int x0, int y0, int width, int height) {
+  void measure_or_divide(int x0, int y0, int width, int height) {
     const auto footprint = footprint_at(x0 + width / 2, y0 + height / 2);
     const int x1 = x0 + width - 1, y1 = y0 + height - 1;
-    if (footprint && ((x1 == x0 && y1 == y0) || (same_at(x0, y0, *footprint) && same_at(x1, y0, *footprint) &&
-                                                 same_at(x0, y1, *footprint) && same_at(x1, y1, *footprint))))
+    const bool is_pixel = x1 == x0 && y1 == y0;
+    if (footprint && (is_pixel || (same_at(x0, y0, *footprint) && same_at(x1, y0, *footprint) &&
+                                   same_at(x0, y1, *footprint) && same_at(x1, y1, *footprint))))
       return measure(x0, y0, width, height, *footprint);
     const std::size_t ground = pixels_with_ground(x0, y0, width, height);
     if (ground == 0) return;
-    if (x1 == x0 && y1 == y0) {
+    if (is_pixel) {
       without_plane_ += ground;
       return;
     }
     const int left = (width + 1) / 2, upper = (height + 1) / 2;
     for (const auto& [y, rows] : {std::pair{y0, upper}, {y0 + upper, height - upper}})
       for (const auto& [x, columns] : {std::pair{x0, left}, {x0 + left, width - left}})
-        if (rows > 0 && columns > 0) find(x, y, columns, rows);
+        if (rows > 0 && columns > 0) measure_or_divide(x, y, columns, rows);
   }
 
   // Measures a square whose pixels share one footprint.
@@ -193,11 +200,11 @@ class HazardMap {
   }
 
   // Writes a pixel's products and its mask. Pixels without data keep NaN and kNoHazardNumber.
-  void store(const FootprintMeasures& measures, std::size_t at) {
+  void store(const FootprintMeasures& measures, std::size_t pixel) {
     if (std::isnan(measures.slope_deg)) return;
-    if (!products_.slope.empty()) products_.slope[at] = static_cast<float>(measures.slope_deg);
-    if (!products_.roughness.empty()) products_.roughness[at] = static_cast<float>(measures.roughness_m);
-    if (!products_.rock_cover.empty()) products_.rock_cover[at] = static_cast<float>(measures.rock_cover);
+    if (!products_.slope.empty()) products_.slope[pixel] = static_cast<float>(measures.slope_deg);
+    if (!products_.roughness.empty()) products_.roughness[pixel] = static_cast<float>(measures.roughness_m);
+    if (!products_.rock_cover.empty()) products_.rock_cover[pixel] = static_cast<float>(measures.rock_cover);
     if (products_.hazard.empty()) return;
     const HazardLimits& limits = request_.hazard;
     int hazard = 0;
@@ -205,15 +212,15 @@ class HazardMap {
     if (limits.roughness_m && measures.roughness_m > *limits.roughness_m) hazard |= kTooRough;
     if (limits.rock_height_m && measures.high_rocks > 0) hazard |= kRockTooHigh;
     if (limits.rock_cover && measures.rock_cover > *limits.rock_cover) hazard |= kTooManyRocks;
-    products_.hazard[at] = static_cast<std::uint16_t>(hazard);
+    products_.hazard[pixel] = static_cast<std::uint16_t>(hazard);
   }
 
   const MapRequest& request_;
   const MapRequest& drawn_;
   FrameProducts& products_;
   const StopToken& stop_;
-  int margin_;
-  std::atomic<std::size_t> without_plane_ = 0;
+  int margin_;                                  // of the drawn map on each side, pixels
+  std::atomic<std::size_t> without_plane_ = 0;  // pixels with ground
 };
 
 // Cuts the margin off an array of pixels with one or more channels.
@@ -258,7 +265,7 @@ std::size_t bytes_of_footprints(const MapRequest& request, const MapRequest& dra
 
 std::vector<std::string> find_hazards(const MapRequest& request, const MapRequest& drawn, FrameProducts& products,
                                       const StopToken& stop) {
-  const std::size_t without_plane = HazardMap(request, drawn, products, stop).find();
+  const std::size_t without_plane = HazardMap(request, drawn, products, stop).measure_all();
   if (!(request.products & kHeight)) products.height = {};
   if (!(request.products & kRockHeight)) products.rock_height = {};
   const int margin = margin_px(request, drawn);

@@ -44,8 +44,8 @@ double field_radius_rad(const RowViews& views, double margin_px) {
       }
     }
   }
-  // Between the sampled border points a pinhole's angles grow by less than 2 %. Beyond 90 degrees from the boresight
-  // the border may not enclose the image: a fisheye sees everything.
+  // Between the sampled border points a pinhole's angles grow by less than 2 %. A fisheye may image directions outside
+  // those of its border: it gets the whole sky.
   return views.camera().beyond_plane() ? std::numbers::pi : 1.02 * radius;
 }
 
