@@ -86,6 +86,7 @@ class BlocksInView {
   int coarsest_ = dem::kMaxLevel, finest_ = 0;
 };
 
+// Finds the craters in view, largest first, and the outlines of their rims in the image.
 class RimFinder {
  public:
   RimFinder(const FrameRequest& request, const Selection& selection, std::span<const double> range_m,
@@ -131,6 +132,8 @@ class RimFinder {
     double low_m = std::numeric_limits<double>::infinity(), high_m = -std::numeric_limits<double>::infinity();
   };
 
+  // Returns the ground to search, for each octave whose largest craters are large enough in the image, with the heights
+  // of the blocks in view there. The map is ordered, because the order of the blocks in view is arbitrary.
   std::map<SearchBlock, Heights> search_blocks() const {
     std::map<SearchBlock, Heights> search_blocks;
     const dem::CraterField& field = survey_.field();
@@ -156,6 +159,7 @@ class RimFinder {
     });
   }
 
+  // Returns the craters that may be in view, largest first. Throws ImpossibleRequest if there are too many.
   std::vector<dem::CraterFeature> in_view() const {
     const std::map<SearchBlock, Heights> ordered = search_blocks();
     const std::vector<std::pair<SearchBlock, Heights>> searches(ordered.begin(), ordered.end());
@@ -254,12 +258,12 @@ class RimFinder {
 
   // Returns the diameter of the circle with the outline's area.
   static double diameter_px(const std::vector<RimPoint>& outline) {
-    double twice = 0;
+    double double_area = 0;  // by the shoelace formula
     for (std::size_t i = 0; i < outline.size(); ++i) {
       const RimPoint &a = outline[i], &b = outline[(i + 1) % outline.size()];
-      twice += a.x_px * b.y_px - b.x_px * a.y_px;
+      double_area += a.x_px * b.y_px - b.x_px * a.y_px;
     }
-    return std::sqrt(2 * std::abs(twice) / pi);
+    return std::sqrt(2 * std::abs(double_area) / pi);
   }
 
   const RimOptions options_;
@@ -281,7 +285,7 @@ RimEllipse ellipse_of(const std::vector<RimPoint>& outline) {
     mean.x_px += p.x_px / n;
     mean.y_px += p.y_px / n;
   }
-  double xx = 0, xy = 0, yy = 0;
+  double xx = 0, xy = 0, yy = 0;  // mean squares and product of the offsets from the mean
   for (const RimPoint& p : outline) {
     const double x = p.x_px - mean.x_px, y = p.y_px - mean.y_px;
     xx += x * x / n;
@@ -289,6 +293,7 @@ RimEllipse ellipse_of(const std::vector<RimPoint>& outline) {
     yy += y * y / n;
   }
   // Along a principal axis of an ellipse the mean square over its circumference is half the squared semi-axis.
+  // The mean squares along the axes, eigenvalues of the matrix of xx, xy and yy, are mean_square +- difference.
   const double mean_square = (xx + yy) / 2;
   const double difference = std::hypot((xx - yy) / 2, xy);
   return {mean, std::sqrt(2 * (mean_square + difference)), std::sqrt(2 * std::max(0.0, mean_square - difference)),

@@ -78,10 +78,12 @@ ExposureSample draw_exposure_sample(const Exposing& exposing, const FrameRequest
   return sample;
 }
 
+// Returns the points of the sky in a request's frame, without those that its ground hides.
 SkyImage sky_of(const Exposing& exposing, const FrameRequest& request, const std::vector<double>& range_m) {
   return {request, exposing.plan.margin_px, range_m, exposing.context};
 }
 
+// Adds the points of the sky to the sensor, weighted by their share of the exposure.
 void add_points(const Exposing& exposing, const SkyImage& sky, double share) {
   sky.for_points(exposing.plan.margin_px, [&](std::span<const LightPoint> points) {
     exposing.sensor->add_points(points, share, exposing.context.stop);

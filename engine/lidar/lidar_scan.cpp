@@ -43,6 +43,7 @@ constexpr std::size_t kMaxSubRays = 61;
 constexpr double kFarthest_m = 1e5;  // range at which the footprint stops to decide the level of ground
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
+// Read and write the vector with index i in an array of components x, y, z, x, y, z ...
 Vec3 at3(const std::vector<double>& v, std::size_t i) { return {v[3 * i], v[3 * i + 1], v[3 * i + 2]}; }
 void put3(std::vector<double>& v, std::size_t i, const Vec3& x) {
   v[3 * i] = x.x();
@@ -50,6 +51,7 @@ void put3(std::vector<double>& v, std::size_t i, const Vec3& x) {
   v[3 * i + 2] = x.z();
 }
 
+// Allocates all arrays of a scan of n beams.
 void resize(LidarReturns& r, std::size_t n) {
   for (auto* column : {&r.time_s, &r.range_m, &r.first_m, &r.last_m, &r.true_range_m, &r.axis_range_m})
     column->resize(n);
@@ -73,7 +75,8 @@ class GroundReflectance {
   std::vector<ScaledMap> sampled(const StopToken& stop) const {
     return maps_ ? maps_->sampled(stop) : std::vector<ScaledMap>();
   }
-  // `mu`: cosines of emission. `side_m`: side of the square that each lane's sub-ray illuminates.
+  // Sets mu0 f_r toward the instrument per lane. `mu`: cosines of emission, which equal those of incidence. `side_m`:
+  // side of the square that each lane's sub-ray illuminates.
   void reflected_back(const SurfacePoints& points, const double* mu, const double* side_m, std::vector<ScaledMap>& maps,
                       double* out) const {
     alignas(64) double albedo[kPacket];
@@ -198,6 +201,7 @@ class LidarScanner {
     return moving ? fmt::format("after {:.6g} s the instrument", time_s) : "the instrument";
   }
 
+  // Tests up to kMaxCameraPlaces apertures, evenly spaced over the scan, each once.
   void refuse_enclosed_apertures() const {
     const std::size_t tested = std::min(out_.size(), kMaxCameraPlaces);
     Vec3 tested_m = Vec3::Constant(kNaN);
@@ -239,13 +243,15 @@ class LidarScanner {
     in_parallel_pieces(out_.size(), 4096, [&](std::size_t first, std::size_t past_last) {
       for (std::size_t i = first; i < past_last; ++i) {
         const Vec3 from = at3(out_.origin_m, i), direction = at3(out_.direction, i);
+        // The beam meets the sphere at t^2 - 2 closest t + outside = 0; one that misses it counts where it is closest.
         const double closest = -from.dot(direction), outside = from.squaredNorm() - radius * radius,
-                     root2 = closest * closest - outside;
-        const double along =
-            closest > 0 && root2 > 0 ? std::max(0.0, outside / (closest + std::sqrt(root2))) : std::max(0.0, closest);
-        const Vec3 at = from + along * direction - middle;
-        east[i] = static_cast<float>(at.dot(local.east));
-        north[i] = static_cast<float>(at.dot(local.north));
+                     discriminant = closest * closest - outside;
+        const double range_m = closest > 0 && discriminant > 0
+                                   ? std::max(0.0, outside / (closest + std::sqrt(discriminant)))
+                                   : std::max(0.0, closest);
+        const Vec3 hit = from + range_m * direction - middle;
+        east[i] = static_cast<float>(hit.dot(local.east));
+        north[i] = static_cast<float>(hit.dot(local.north));
       }
     });
     const auto [west, east_end] = std::minmax_element(east.begin(), east.end());
@@ -280,6 +286,7 @@ class LidarScanner {
     constexpr double kWidest_rad = 0.5;
     cone.slope = angle < kWidest_rad ? std::tan(angle) : std::numeric_limits<double>::infinity();
     cone.radius_m += 1e-6;
+    // Follow the cone to below all terrain or, once beams have a reach, as far as the longest of them.
     cone.to_m = range_below_terrain_m(cone);
     double farthest_m = reach_m_.empty() ? cone.to_m : 0;
     for (std::size_t k = first; k < past_last && !reach_m_.empty(); ++k)

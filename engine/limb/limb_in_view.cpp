@@ -129,6 +129,7 @@ class LimbSearch {
   // radius. With the direction it grows up to the limb of the sphere of that radius and falls beyond it.
   double upper_rad(const NodeBounds& b) const {
     if (std::abs(normal_.dot(b.centre)) > b.radius_m || aside_.dot(b.centre) < -b.radius_m) return 0;
+    // Offsets of the points from the half plane, and their angles at the Moon's centre from the viewpoint.
     double before_m = std::numeric_limits<double>::infinity(), behind_m = -before_m;
     double first_rad = std::numbers::pi, last_rad = 0;
     bool reaches_half_plane = false;
@@ -148,7 +149,7 @@ class LimbSearch {
     return viewpoint_.angle_rad(-radius_m * std::cos(rad), radius_m * std::sin(rad));
   }
 
-  // Returns bounds from the block's own heights. Empty without data, and if the block is too low to contain the limb.
+  // Returns bounds from the block's own heights. Empty without data, or if the block is too low to contain the limb.
   std::optional<NodeBounds> measured(const BlockId& id) const {
     const int posts_level = terrain_.posts_level(id);
     if (id.level > posts_level) return bounds_from_posts(id, dem::ancestor_of(id, posts_level));

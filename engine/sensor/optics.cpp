@@ -18,7 +18,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace selenograph::engine::HWY_NAMESPACE {
 
-// out[i] += weight in[i]
+// Adds weight times in[i] to out[i].
 void AddWeighted(const float* in, float weight, std::size_t count, float* out) {
   SELENOGRAPH_INDEPENDENT_LANES
   for (std::size_t i = 0; i < count; ++i) out[i] += weight * in[i];
@@ -45,7 +45,8 @@ constexpr std::size_t kRows = 16;  // rows of a parallel piece
 // quadrature, while the points for integration grow without bound.
 constexpr double kFarAiry_px = 0.005;
 
-// Returns the weights of a Gaussian along one axis, for a point at an offset from its pixel's center.
+// Returns the weights of a Gaussian along one axis, integrated over pixels, for a point at an offset from its pixel's
+// center. Sets `captured` to the share of the light in the square of this radius, for equal weights along both axes.
 std::vector<float> gaussian(double sigma_px, int radius, double& captured, double offset_px = 0) {
   std::vector<float> weights;
   const auto below = [&](double x) { return 0.5 * std::erfc(-(x - offset_px) / (sigma_px * std::numbers::sqrt2)); };
@@ -197,12 +198,14 @@ void SpreadKernel::spread_airy(double dx, double dy, const StopToken& stop) {
   }
   captured_ = std::accumulate(shares.begin(), shares.end(), 0.0);
   // The cut-off light is asymmetric for a shifted disc. Spread it with a slope that keeps the centroid.
-  const double left = (1 - captured_) / (side * side), slope_x = (airy_mean_px(dx, unit_px_) - mean_x) / square,
+  const double rest_per_pixel = (1 - captured_) / (side * side),
+               slope_x = (airy_mean_px(dx, unit_px_) - mean_x) / square,
                slope_y = (airy_mean_px(dy, unit_px_) - mean_y) / square;
   kernel_.clear();
   for (int y = -radius_, i = 0; y <= radius_; ++y)
     for (int x = -radius_; x <= radius_; ++x, ++i)
-      kernel_.push_back(static_cast<float>(shares[static_cast<std::size_t>(i)] + left + slope_x * x + slope_y * y));
+      kernel_.push_back(
+          static_cast<float>(shares[static_cast<std::size_t>(i)] + rest_per_pixel + slope_x * x + slope_y * y));
 }
 
 SpreadKernel SpreadKernel::shifted(const PointSpread& spread, double dx, double dy, const StopToken& stop) const {
@@ -239,6 +242,7 @@ SpreadKernel SpreadKernel::shifted(const PointSpread& spread, double dx, double 
 // 2 / (pi v) cos^2(v - 3 pi / 4), and the rings' mean is u / (pi^2 r^3) for a unit u. The integral of 1 / r^3 over a
 // rectangle is the difference of -r / (x y) at its corners.
 void SpreadKernel::spread_far_airy(double unit_px) {
+  // r / (x y) at corners of the pixels beside and diagonal to the middle: (1/2, 1/2), (3/2, 3/2), (1/2, 3/2).
   const double near = std::numbers::sqrt2 / 0.5, far = std::numbers::sqrt2 / 1.5, mixed = std::sqrt(2.5) / 0.75;
   const double scale = unit_px / (std::numbers::pi * std::numbers::pi);
   const double side = scale * 2 * (near - mixed), corner = scale * (2 * mixed - near - far);

@@ -29,7 +29,7 @@ inline float logarithm(float x) {
   return exponent * 0.693147181F + series;
 }
 
-// Returns the normal deviate at the probability (bits + 1/2) / 2^32.
+// Returns the normal deviate at the probability (bits + 1/2) / 2^32: Wichura's algorithm AS 241, PPND7 (1988).
 inline float normal_of(std::uint32_t bits) {
   const bool high = bits >> 31 != 0;
   const std::uint32_t from_end = high ? ~bits : bits;  // below 2^31: vectors convert signed integers only
@@ -64,6 +64,7 @@ int PoissonOfLargeMeans(const std::uint32_t* bits, const float* mean, float* out
   return any_small;
 }
 
+// Returns the four random words of a pixel: Philox's function of the counter (pixel, frame, source) and the key, seed.
 HWY_INLINE philox4x32_ctr_t words_of(std::uint64_t seed, std::uint64_t frame, RandomSource source,
                                      std::uint32_t pixel) {
   const philox4x32_ctr_t counter{{pixel, static_cast<std::uint32_t>(frame), static_cast<std::uint32_t>(frame >> 32),
