@@ -68,6 +68,7 @@ struct PatchDirections {
   double min_cosine = 1;       // cosine of the angle from `middle` to the farthest pixel
 };
 
+// Returns the directions of a patch's pixels, their mean and their spread.
 PatchDirections directions_of(const dem::MapGrid& grid, const Patch& patch, const StopToken& stop) {
   PatchDirections out;
   out.up.resize(patch.pixels());
@@ -108,6 +109,7 @@ RowViews view_from(const Vec3& toward, const PatchDirections& patch, double gsd_
   axes.row(1) = y;
   axes.row(2) = z;
   pose.camera_from_moon = Eigen::Quaterniond(axes);
+  // Largest slopes x / z and y / z of the patch's ground in the camera.
   double right = 0, down = 0;
   for (const Vec3& d : patch.up) {
     if (d.hasNaN()) continue;
@@ -120,6 +122,7 @@ RowViews view_from(const Vec3& toward, const PatchDirections& patch, double gsd_
   Camera camera;
   camera.fx = camera.fy = kFarAway_m / gsd_m;
   constexpr double kMax_px = 1e9;
+  // Returns the side of an image that reaches this slope on both sides of its middle, with a pixel to spare.
   const auto side = [&](double slope) { return 3 + 2 * static_cast<int>(std::min(slope * camera.fx, kMax_px)); };
   camera.width = side(right);
   camera.height = side(down);

@@ -38,11 +38,13 @@ bool FootprintsBySeries(const ReferencePosition& reference, const Vec3& right, c
   const double nx = reference.north.x(), ny = reference.north.y(), nz = reference.north.z();
   const double ux = reference.up.x(), uy = reference.up.y(), uz = reference.up.z();
   const double sine = reference.sin_lat, cosine = reference.cos_lat;
-  alignas(64) double off[kPacket];
+  alignas(64) double angle_from_reference[kPacket];
   SELENOGRAPH_INDEPENDENT_LANES
   for (int i = 0; i < kPacket; ++i) {
     const double x = p.x[i] * ex + p.y[i] * ey, y = p.x[i] * nx + p.y[i] * ny + p.z[i] * nz,
                  z = p.x[i] * ux + p.y[i] * uy + p.z[i] * uz;
+    // From axes east, north, up at the reference to axes of the globe: `axis` toward the pole, `meridian` in the
+    // reference's meridian. `ring` is the distance from the polar axis.
     const double axis = z * sine + y * cosine, meridian = z * cosine - y * sine;
     // Square roots of 1 + tan^2 by series: the next terms are 1e-14.
     const double tan_lon = x / meridian, lon2 = tan_lon * tan_lon;
@@ -51,8 +53,10 @@ bool FootprintsBySeries(const ReferencePosition& reference, const Vec3& right, c
     out.lon_deg[i] = reference.lon_deg + kDegreesPerRadian * tan_lon * (1 - lon2 / 3);
     out.lat_deg[i] = reference.lat_deg + kDegreesPerRadian * tan_lat * (1 - lat2 / 3);
     out.cos_lat[i] = (cosine - sine * tan_lat) * (1 - lat2 * (0.5 - lat2 * 0.375));
-    off[i] = std::abs(tan_lon) + std::abs(tan_lat);
+    angle_from_reference[i] = std::abs(tan_lon) + std::abs(tan_lat);
 
+    // The same as MappedSurface::footprint(): a step of the ray moves the hit by distance * (step - direction * (facet
+    // . step) / (facet . direction)) on the facet's plane; r: for the step to the right, b: for that down.
     const double dx = rays.dx[i], dy = rays.dy[i], dz = rays.dz[i];
     const double fx = p.nx[i], fy = p.ny[i], fz = p.nz[i], toward = p.distance[i] / (fx * dx + fy * dy + fz * dz);
     const double along_right = toward * (fx * right.x() + fy * right.y() + fz * right.z()),
@@ -68,7 +72,7 @@ bool FootprintsBySeries(const ReferencePosition& reference, const Vec3& right, c
     out.down_m[1][i] = bx * nx + by * ny + bz * nz;
   }
   bool near_all = true;
-  for (int i = 0; i < kPacket; ++i) near_all &= !p.hit[i] || off[i] < kFarthest;
+  for (int i = 0; i < kPacket; ++i) near_all &= !p.hit[i] || angle_from_reference[i] < kFarthest;
   return near_all;
 }
 
@@ -85,6 +89,7 @@ namespace {
 // Range and step (1.5 %) of the table's temperatures: 500 entries.
 constexpr double kColdest_k = 5, kHottest_k = 1e4, kStep = 1.015;
 
+// Returns a material that emits as a blackbody and reflects nothing.
 Material black(double temperature_k) {
   Material material;
   material.reflectance.rho = 0;
@@ -114,7 +119,8 @@ double EmissionTable::operator()(double temperature_k) const {
 
 namespace {
 
-// Returns the factor from a map's values to the parameter of the reflectance.
+// Returns the factor from a map's values to the parameter of the reflectance. A map of radiance factors, pi f_r mu0 in
+// the geometry that it names, is divided by the model's own there; for the model `moon`, by its near-side mean.
 double albedo_scale(const dem::ValueMap& map, const Reflectance& reflectance, const StopToken& stop) {
   if (!map.radiance_factor()) return 1;
   if (reflectance.model == ReflectanceModel::moon)
@@ -129,7 +135,7 @@ double albedo_scale(const dem::ValueMap& map, const Reflectance& reflectance, co
   return 1 / (std::numbers::pi * Brdf(white, &band).times_mu0(mu0, cosine(at.emission_deg), cosine(at.phase_deg)));
 }
 
-// Reports a sample that is no reflectance: the map most likely holds eight bits.
+// Throws ImpossibleRequest for a sample that is no reflectance: the map most likely holds eight bits.
 [[noreturn]] void refuse_brightness(double value, const dem::ValueMap::Footprint2& at, const FrameRequest& request,
                                     std::vector<ScaledMap>& maps) {
   // Find the map whose value here equals this one, except for rounding.
@@ -261,6 +267,7 @@ void MappedSurface::sample(const SurfacePoints& points, const Rays& rays, Sample
   FootprintLanes pixels;
   footprints(points, rays, first_row, sampler.references, pixels);
   alignas(64) double values[kPacket];
+  // Sets `values` of the lanes whose footprints are smaller than a texel, and returns these lanes as bits.
   const auto small_of = [&](std::vector<ScaledMap>& maps) {
     return maps.empty() ? 0 : maps.front().map.means_of_small(pixels.all(), hits, values);
   };
@@ -275,6 +282,7 @@ void MappedSurface::sample(const SurfacePoints& points, const Rays& rays, Sample
         visit_coverage(maps, pixels.at(i), fallback, [&](double value, double share) { visit(value, share, i); });
     }
   };
+  // If all lanes are small, scale them at once; only a value that is too large takes the slow way, which throws.
   const std::uint32_t small = small_of(sampler.albedo);
   if (small != kAllLanes || !scaled_albedo(values, sampler.albedo.front().scale, albedo_.max_value(), albedo))
     for_each_part(sampler.albedo, small, albedo_.fallback(), [&](double value, double share, int i) {

@@ -51,7 +51,7 @@ double node_reflectance(std::size_t node, double phase_deg) {
   return sum / bands * (lime(end, phase_deg) / rolo(joined_um, phase_deg));
 }
 
-// Reflectance A of each node at the knots of TermsByPhase.
+// Disc-equivalent reflectance A of each node at the knots of TermsByPhase.
 using AtKnots = std::array<std::vector<double>, kNodes>;
 const AtKnots& reflectances_at_knots() {
   static const AtKnots table = [] {
@@ -64,7 +64,8 @@ const AtKnots& reflectances_at_knots() {
   return table;
 }
 
-// Returns the brightness of mare or highlands over the mean of the near side.
+// Returns the brightness of mare or highlands over the mean of the near side, by Sato's Hapke parameters at incidence
+// and phase 30 degrees, seen from the zenith.
 double ground_ratio(MoonGround ground, double wavelength_um) {
   if (ground == MoonGround::mean) return 1;
   const auto brightness = [&](SatoRegion region) {
@@ -90,6 +91,7 @@ NodePosition position_of(double wavelength_um) {
   return {node, (clamped_um - kNodes_um[node]) / (kNodes_um[node + 1] - kNodes_um[node])};
 }
 
+// Returns a band of response 1 over the solar spectrum's table.
 const Band& all_wavelengths() {
   static const Band band({{astm_e490().front().wavelength_um, 1}, {astm_e490().back().wavelength_um, 1}});
   return band;
@@ -128,6 +130,7 @@ Weights weights_of(const Band& band) {
   return weights;
 }
 
+// Returns the weights of a band; of all wavelengths without a band.
 Weights weights_of(const Band* band) {
   static const Weights of_all_wavelengths = weights_of(all_wavelengths());
   return band ? weights_of(*band) : of_all_wavelengths;
@@ -205,6 +208,7 @@ std::optional<double> near_side_mean(const dem::ValueMap& map, const StopToken& 
         const double z = 1 - (2 * row + 1.0) / kAcross, y = (2 * column + 1.0) / kAcross - 1, x2 = 1 - y * y - z * z;
         if (!(x2 > 0)) continue;
         const double x = std::sqrt(x2);
+        // Light from both sides, as before and after full Moon, weights east and west equally.
         double weight = 0;
         for (const double side : {1.0, -1.0}) {
           const double mu0 =

@@ -17,7 +17,7 @@ namespace {
 constexpr double kHalfAngle_deg = 15;
 // Largest number of posts along a side of a frame, for frames of ordinary size.
 constexpr int kMaxPostsPerFrame = 1000;
-constexpr std::size_t kRaysAtOnce = 65536;
+constexpr std::size_t kRaysAtOnce = 65536;  // rays of one query
 // Pixels outside the outermost posts, so that these lie between pixels.
 constexpr int kMargin_px = 2;
 constexpr std::int64_t kMaxPixels = std::int64_t{1} << 25;
