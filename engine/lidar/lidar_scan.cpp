@@ -383,9 +383,9 @@ class LidarScanner {
       cast(middle, past_last, finest_detail);
       return;
     }
-    const auto ends = [&](std::uint32_t beam) { return reach_m_.empty() || !std::isfinite(reach_m_[beam]); };
-    // Nothing to hit yet, and all beams will be followed farther.
-    if (ground->empty && std::none_of(&order_[first], &order_[first] + (past_last - first), ends)) return;
+    // Leave an empty scene alone if all its beams will be followed farther.
+    const auto is_final = [&](std::uint32_t beam) { return reach_m_.empty() || !std::isfinite(reach_m_[beam]); };
+    if (ground->empty && std::none_of(&order_[first], &order_[first] + (past_last - first), is_final)) return;
     const std::size_t groups = (past_last - first + kGroup - 1) / kGroup;
     in_parallel_pieces(groups, 16, [&](std::size_t g, std::size_t past_last_group) {
       context_.stop.check();
@@ -542,8 +542,9 @@ class LidarScanner {
   const GroundReflectance reflectance_;
   const SubRays sub_rays_;
   const LidarReceiverModel receiver_;
-  const double theta_, pulse_m_;
-  std::vector<std::uint32_t> order_;
+  const double theta_;                  // standard deviation of the beam's irradiance across its axis, rad
+  const double pulse_m_;                // standard deviation of the pulse, as a range
+  std::vector<std::uint32_t> order_;    // beams in the order in which they are cast
   std::vector<double> reach_m_;         // followed length of each beam; empty over ground without detail
   std::vector<std::uint8_t> resolved_;  // 1 for a beam whose sub-rays all hit something nearer than that
   LidarReturns out_;

@@ -101,6 +101,7 @@ void add_to(std::vector<float>& sum, const std::vector<float>& terms) {
   for (std::size_t i = 0; i < terms.size(); ++i) sum[i] += terms[i];
 }
 
+// Returns the light in a band by which photons are counted: that of the ground with the Moon's spectrum, or sunlight.
 double light_w_m2(const FrameRequest& request, const Band& band) {
   return counts_moonlight(request) ? moonlight_w_m2(request.reflectance.ground, band) : solar_irradiance_w_m2(band);
 }
@@ -229,6 +230,8 @@ void Sensor::add_points(std::span<const LightPoint> points, double share, const 
       add_square(points_, width, height, point.x_px, point.y_px, value, point.row);
       continue;
     }
+    // Kernels are made for sub-pixel positions in steps of 1/8 pixel. The four around the point share its light, which
+    // keeps the centroid.
     constexpr int kSteps = 8;
     const int column = static_cast<int>(std::lround(point.x_px)), row = static_cast<int>(std::lround(point.y_px));
     const double across = (point.x_px - column + 0.5) * kSteps, down = (point.y_px - row + 0.5) * kSteps;

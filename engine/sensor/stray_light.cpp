@@ -130,6 +130,8 @@ ScatteredLight::ScatteredLight(const StrayLight& law, const Camera& camera, cons
       for (std::size_t x = 0; x < w; ++x) quadrant[y * w + x] = weight(static_cast<int>(x), static_cast<int>(y));
     }
   });
+  // Offsets of both signs are laid out cyclically: column columns - dx stands for -dx. A symmetric kernel has a real
+  // transform.
   Frequencies kernel(columns_, rows_);
   const std::size_t rows = kernel.rows, columns = kernel.columns;
   kernel.transform(

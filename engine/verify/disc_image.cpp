@@ -18,7 +18,7 @@ std::optional<Vec3> point_on_sphere(const View& view, double x_px, double y_px) 
   return ray ? on_sphere(view.position(), ray->normalized()) : std::nullopt;
 }
 
-// Interpolates bilinearly.
+// Returns the radiance at a position in pixels, interpolated bilinearly and clamped to the image.
 double sample(const DiscImage& image, double x, double y) {
   const int column = std::clamp(static_cast<int>(std::floor(x)), 0, image.width - 2),
             row = std::clamp(static_cast<int>(std::floor(y)), 0, image.height - 2);
@@ -31,7 +31,8 @@ double sample(const DiscImage& image, double x, double y) {
                    std::lerp(at(column, row + 1), at(column + 1, row + 1), fx), fy);
 }
 
-// Returns the sum of squared second differences along columns, after undoing the scan's displacement of lines.
+// Returns the sum of squared second differences along columns, after undoing the scan's displacement of lines. It is
+// smallest if the displacement is right: adjacent lines then match.
 double roughness(const DiscImage& image, const SpinScan& scan) {
   std::vector<double> above, middle, below;
   double sum = 0;
@@ -116,6 +117,7 @@ std::vector<Pixel> disc_pixels(const DiscImage& frame, const FrameRequest& reque
 
 double SpinScan::displacement_px(int row, int height) const {
   const int turn = (height - 1 - row + first) / lines;
+  // Lines begin at whole pixels, so only the fraction of the movement, -1/2 to 1/2, displaces them.
   const double moved_px = phase_px + step_px * turn;
   return moved_px - std::floor(moved_px + 0.5);
 }
@@ -169,6 +171,7 @@ DiscImage spread(const DiscImage& image, const Placement& by) {
                 bordered.begin() + static_cast<std::ptrdiff_t>(y + border) * width + border);
   DiscImage out{image.width / fine, image.height / fine, {}};
   const double down = fine * by.dy_px;
+  // Shifts are whole fine pixels by copying and the rest by the kernel. Adjacent lines of one displacement go together.
   const int whole_down = static_cast<int>(std::round(down));
   for (int y = 0, past = 0; y < out.height; y = past) {
     const double moved_px = by.scan.displacement_px(y, out.height);
@@ -189,7 +192,7 @@ DiscImage spread(const DiscImage& image, const Placement& by) {
 }
 
 double disc_correlation(const DiscImage& observed, const DiscImage& frame, const View& view) {
-  double n = 0, sa = 0, sb = 0, saa = 0, sbb = 0, sab = 0;
+  double n = 0, sa = 0, sb = 0, saa = 0, sbb = 0, sab = 0;  // sums over the disc; a: observed, b: frame
   for (int y = 0; y < frame.height; ++y)
     for (int x = 0; x < frame.width; ++x) {
       if (!point_on_sphere(view, x, y)) continue;
@@ -206,6 +209,7 @@ double disc_correlation(const DiscImage& observed, const DiscImage& frame, const
 }
 
 Placement registered(const DiscImage& observed, const DiscImage& frame, const View& view, Placement by) {
+  // Climb in four directions, with steps that become finer, while the correlation grows.
   constexpr double kMax_px = 0.5;
   double best = disc_correlation(observed, spread(frame, by), view);
   for (const double step_px : {0.2, 0.1, 0.05})

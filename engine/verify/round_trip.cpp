@@ -229,6 +229,7 @@ class Comparison {
       note(aim, hit.height_m);
   }
 
+  // Records the height that was found at a post.
   void note(const Aim& aim, double height_m) {
     const std::size_t i = out_.window.index(aim.row, aim.col);
     out_.difference_m[i] = static_cast<float>(height_m - static_cast<double>(out_.original_m[i]));
