@@ -86,6 +86,8 @@ Preparation::Work::~Work() {
   preparation_.changed_.notify_all();
 }
 
+// Returns the track that a frame continues, or a new one, as the first of the tracks: the last one is dropped when
+// there are too many. A frame continues a track of the same name and camera if its pose is near the track's last.
 Preparation::Track& Preparation::track_of(const FrameRequest& frame, std::string_view name) {
   const auto continues = [&](const Pose& last) {
     return (last.position_m - frame.pose.position_m).norm() <= kMaxStep_m &&
@@ -103,6 +105,7 @@ Preparation::Track& Preparation::track_of(const FrameRequest& frame, std::string
   return tracks_.front();
 }
 
+// Returns the track of an entry; null if the track was dropped or has had a newer frame since.
 Preparation::Track* Preparation::find_track(const Expected& next) {
   const auto found = std::ranges::find(tracks_, next.track, &Track::number);
   return found == tracks_.end() || found->frame != next.frame ? nullptr : &*found;
@@ -136,6 +139,8 @@ void Preparation::enqueue(Expected next) {
   expected_.insert(later, std::move(next));
 }
 
+// Returns the states of the next frames, soonest first: the poses that the client named in `ahead`, or else the motion
+// between the last two frames continued. The Sun's motion is continued in both cases.
 std::vector<Preparation::PoseAndSun> Preparation::predict(const FrameRequest& before, const FrameRequest& now,
                                                           std::span<const Pose> ahead) {
   const auto sun = [&](int steps) { return extrapolated(before.sun.direction, now.sun.direction, steps); };

@@ -25,7 +25,11 @@ namespace selenograph::engine {
 
 // A detector's parameters in the units of the pixel loops.
 struct PixelModel {
-  float electrons_per_radiance, dark, hot, prnu, dsnu, read_noise, full_well, per_electron, offset, top;
+  float electrons_per_radiance;     // electrons per W m-2 sr-1
+  float dark, hot;                  // mean dark electrons of a pixel; further ones of a hot pixel
+  float prnu, dsnu;                 // standard deviations of the fixed pattern: of the response; of the offset, e-
+  float read_noise, full_well;      // electrons
+  float per_electron, offset, top;  // digital numbers: per electron; offset; largest
 };
 
 // Intermediate values of kDraw pixels on their way through the detector.
@@ -98,6 +102,7 @@ double maximum_without_outliers(std::vector<float> values) {
   return static_cast<double>(ranked(values, values.size() - 1 - values.size() / 1000));
 }
 
+// Takes pixels from radiance to digital numbers, kDraw at a time: electrons, fixed pattern, noise, read-out.
 class PixelChain {
  public:
   PixelChain(const SensorModel& sensor, double wavelength_um, const std::vector<float>& radiance, int width, int height,

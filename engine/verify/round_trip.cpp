@@ -140,6 +140,7 @@ class Comparison {
                                           request_.height_m, out_.pixel_footprint_m),
                               "height_m");
     const Geographic middle = w.place(w.height / 2, w.width / 2);
+    // Posts are closer along a parallel than along a meridian: a square patch has more columns than rows.
     const double narrower = std::max(0.05, std::cos(middle.lat_deg * kRadiansPerDegree));
     const int high = std::max(1, static_cast<int>(rows));
     int wide = std::max(1, static_cast<int>(rows / narrower));
@@ -240,7 +241,7 @@ class Comparison {
   void photograph(const Patch& p) {
     const Pose pose = looking_down(camera_above(p));
     Slopes slopes;
-    bool any = false;
+    bool has_ground = false;  // any of the patch's posts is in front of the camera
     for (int r = p.r0; r < p.r1; ++r)
       for (int c = p.c0; c < p.c1; ++c) {
         if (std::isnan(out_.original_m[out_.window.index(r, c)])) continue;
@@ -248,9 +249,9 @@ class Comparison {
         // Leave out ground close beneath the camera or above it: it would need an unbounded image. It counts as missed.
         if (in_camera.z() < 0.1 * request_.height_m) continue;
         slopes.add(in_camera);
-        any = true;
+        has_ground = true;
       }
-    if (any)
+    if (has_ground)
       compare(p, seen_by(frame_request(pose, slopes), out_.window.x0 + 0.5 * (p.c0 + p.c1 - 1)));
     else
       for (int r = p.r0; r < p.r1; ++r)
