@@ -75,6 +75,7 @@ void SpeedGauge::refuse_hopeless(const FrameWork& work, std::size_t times, std::
                                  const StopToken& stop) {
   const double ms = predicted_ms(work) * static_cast<double>(times);
   if (in_reach(ms, stop.remaining_ms())) return;
+  // A refused frame measures nothing: lower the estimates, so that one that became too high does not refuse for ever.
   for (std::atomic<double>* value : {&ms_per_ray_, &ms_per_triangle_})
     value->store(value->load(std::memory_order_relaxed) * 7 / 8, std::memory_order_relaxed);
   throw TooMuchWork(fmt::format("expected to take about {:.0f} s; {}", ms / 1e3, remedy), ms);

@@ -28,6 +28,7 @@ RandomBits bits_of(std::uint64_t seed, std::uint64_t scan, std::uint64_t purpose
   return draw_one(seed, word_block << 58 | scan << 5 | purpose, RandomSource::lidar, beam);
 }
 
+// Returns the uniform deviate of 32 random bits: above 0 and below 1.
 double unit(std::uint32_t bits) { return (static_cast<double>(bits) + 0.5) * 0x1p-32; }
 
 // Accumulates a beam's detections: their count, the first, the last and the strongest.
@@ -110,6 +111,8 @@ class AlarmCells {
   double cells_, chance_, log_of_none_;  // log_of_none_: log(1 - chance)
 };
 
+// Returns the factor from an echo's sum of weight * mu0 f_r / range^2 to its signal: photons counted or, for `snr`,
+// units of the noise, which follow from the reference target, a Lambertian surface at r.range_m.
 double gain_of(const LidarInstrument& instrument) {
   const LidarReceiver& r = instrument.receiver;
   if (r.signal == LidarSignal::snr) return r.snr * r.range_m * r.range_m * std::numbers::pi / r.reflectance;

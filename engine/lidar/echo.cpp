@@ -24,6 +24,7 @@ double part_deviation_m(double pulse_m, double range_m, double theta_rad, double
   return std::sqrt(pulse_m * pulse_m + range_m * range_m * theta2 * (theta2 + tan2));
 }
 
+// Adds the return of these parts: their signals' sum, mean range and standard deviation, and the source of the largest.
 void Echo::add(std::span<const EchoPart> parts) {
   double sum = 0, mean = 0, square = 0;
   const EchoPart* largest = &parts.front();

@@ -61,6 +61,7 @@ std::vector<RayCone> bundle(const std::vector<RayCone>& rays) {
 
 }  // namespace
 
+// Up to the posts' surface a ray's reach grows by factors of four; within the last quarter it jumps past the surface.
 double next_reach_m(double reach_m, double posts_m) {
   constexpr double kFirst_m = 16, kBeyond_m = 8, kStep = 4, kFar_m = 1e5;
   constexpr double kEnd_m = std::numeric_limits<double>::infinity();
@@ -85,7 +86,8 @@ RockCells::RockCells(std::span<const dem::RockFeature> rocks) {
   constexpr double kCellsPerRock = 16;
   cells_per_side_ =
       static_cast<int>(std::clamp(std::sqrt(kCellsPerRock * static_cast<double>(rocks.size())), 16.0, 1024.0));
-  // Mark the cells that a rock reaches, one row and one column in, then sum up in place.
+  // Mark the cells that a rock reaches, one row and one column in. Summed up in place, an element then holds the marked
+  // cells south-west of it, and the number in a rectangle follows from its four corners.
   const auto row = static_cast<std::size_t>(cells_per_side_) + 1;
   area_sums_.assign(row * row, 0);
   for (const dem::RockFeature& rock : rocks) {
@@ -106,6 +108,7 @@ int RockCells::cell(double m) const {
   return static_cast<int>(std::clamp((m / half_side_m_ + 1) / 2 * cells_per_side_, 0.0, cells_per_side_ - 1.0));
 }
 
+// Counts the marked cells in a rectangle of cells, whose last column and row are x1 and y1.
 std::uint32_t RockCells::count_cells_with_rocks(int x0, int y0, int x1, int y1) const {
   const auto at = [&](int x, int y) {
     return area_sums_[static_cast<std::size_t>(y) * static_cast<std::size_t>(cells_per_side_ + 1) +
@@ -121,10 +124,11 @@ bool RockCells::may_hit(const Rays& rays, const SurfacePoints& terrain) const {
   for (int i = 0; i < kPacket; ++i) {
     if (!rays.valid[i]) continue;
     const Vec3 o = rays.origin(i), d = rays.direction(i);
-    const double a = d.squaredNorm(), b = o.dot(d), outside = o.squaredNorm() - shell_m_ * shell_m_,
-                 root2 = b * b - a * outside;
-    if (root2 < 0) continue;
-    const double root = std::sqrt(root2), enter_m = std::max(0.0, (-b - root) / a),
+    // The ray meets the sphere of radius shell_m_, below which all rocks lie, where a t^2 + 2 b t + c = 0.
+    const double a = d.squaredNorm(), b = o.dot(d), c = o.squaredNorm() - shell_m_ * shell_m_;
+    const double discriminant = b * b - a * c;
+    if (discriminant < 0) continue;
+    const double root = std::sqrt(discriminant), enter_m = std::max(0.0, (-b - root) / a),
                  leave_m = terrain.hit[i] ? terrain.distance[i] : (-b + root) / a;
     if (leave_m < enter_m) continue;
     for (const double t : {enter_m, leave_m}) {
