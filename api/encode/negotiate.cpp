@@ -40,18 +40,20 @@ struct MediaRange {
   }
 };
 
+// Returns the text without blanks at its ends.
 std::string_view trimmed(std::string_view s) {
   const std::size_t first = s.find_first_not_of(" \t");
   return first == std::string_view::npos ? "" : s.substr(first, s.find_last_not_of(" \t") - first + 1);
 }
 
-std::vector<std::string_view> split(std::string_view s, char separator) {
+// Returns the trimmed parts of a text between its separators; at least one.
+std::vector<std::string_view> split(std::string_view rest, char separator) {
   std::vector<std::string_view> parts;
   while (true) {
-    const std::size_t at = s.find(separator);
-    parts.push_back(trimmed(s.substr(0, at)));
-    if (at == std::string_view::npos) return parts;
-    s.remove_prefix(at + 1);
+    const std::size_t part_size = rest.find(separator);
+    parts.push_back(trimmed(rest.substr(0, part_size)));
+    if (part_size == std::string_view::npos) return parts;
+    rest.remove_prefix(part_size + 1);
   }
 }
 
@@ -62,6 +64,7 @@ double weight(std::string_view text) {
   return error == std::errc() && end == text.data() + text.size() && q >= 0 && q <= 1 ? q : 0;
 }
 
+// Parses an element of an Accept header; empty for one without a slash, which is ignored.
 std::optional<MediaRange> read_media_range(std::string_view element) {
   const std::vector<std::string_view> parts = split(element, ';');
   const std::size_t slash = parts[0].find('/');
@@ -99,6 +102,7 @@ class Accept {
   std::vector<MediaRange> ranges_;
 };
 
+// Returns true if one answer in this representation can hold all of the products.
 bool can_hold(const Representation& r, engine::ProductSet products) {
   return (products & ~r.holds) == 0 && (r.holds_several || std::has_single_bit(products));
 }
@@ -109,12 +113,13 @@ bool is_default_for(const Representation& r, engine::ProductSet products) {
   return r.format == (std::has_single_bit(products) ? Format::npy : Format::npz);
 }
 
+// Returns the media types of these representations: "application/x-npz, image/x-exr".
 std::string list_of(bool (*is_listed)(const Representation&)) {
-  std::string out;
+  std::string media_types;
   for (const Representation& r : kRepresentations) {
-    if (is_listed(r)) out += (out.empty() ? "" : ", ") + std::string(r.media_type);
+    if (is_listed(r)) media_types += (media_types.empty() ? "" : ", ") + std::string(r.media_type);
   }
-  return out;
+  return media_types;
 }
 
 // Throws the error for no representation: `unable` is accepted but cannot hold the products, or null if none is
@@ -142,27 +147,29 @@ const Representation& representation(Format format) {
 
 bool accepts(const std::string& accept, std::string_view media_type) { return Accept(accept).q(media_type) > 0; }
 
-std::string_view choose(const std::string& accept, std::span<const Alternative> alternatives,
-                        const std::function<bool(std::string_view)>& holds) {
+std::string_view choose_media_type(const std::string& accept, std::span<const Alternative> alternatives,
+                                   const std::function<bool(std::string_view)>& can_hold) {
   const Accept allowed(accept);
-  const Alternative* best = nullptr;
+  // Ranks compare member by member: a media type that can hold the answer precedes all that cannot, and only then does
+  // the client's weight decide.
   struct Rank {
     bool can_hold_answer = false;
     double weight = 0;
     auto operator<=>(const Rank&) const = default;
   };
-  Rank best_rank;
-  std::string list;
-  for (const Alternative& a : alternatives) {
-    list += (list.empty() ? "" : ", ") + std::string(a.media_type);
-    const double q = allowed.q(a.media_type);
-    const Rank rank{q > 0 && (!holds || holds(a.media_type)), q};
+  const Alternative* best = nullptr;
+  Rank best_rank;  // the lowest rank, that of a media type which Accept does not allow: none of those is chosen
+  std::string media_types;
+  for (const Alternative& alternative : alternatives) {
+    media_types += (media_types.empty() ? "" : ", ") + std::string(alternative.media_type);
+    const double q = allowed.q(alternative.media_type);
+    const Rank rank{q > 0 && (!can_hold || can_hold(alternative.media_type)), q};
     if (rank > best_rank) {
-      best = &a;
+      best = &alternative;
       best_rank = rank;
     }
   }
-  if (!best) throw RequestError("not_acceptable", "there is " + list + "; Accept allows none of them");
+  if (!best) throw RequestError("not_acceptable", "there is " + media_types + "; Accept allows none of them");
   return best->media_type;
 }
 

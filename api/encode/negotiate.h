@@ -36,12 +36,11 @@ inline constexpr Alternative kRoundTripAnswers[] = {
     {"application/json", "the statistics"},
     {"image/tiff", "the differences as GeoTIFF: float32 metres, NaN where nothing was compared"},
 };
-// Returns the representation with the highest weight in `accept`; the first among equals. Representations for which
-// holds(media_type) is false come last: one of them is returned only if `accept` allows none that can hold the answer,
-// and the caller rejects the request. An empty `holds` means that all can hold the answer. Throws
-// RequestError("not_acceptable").
-std::string_view choose(const std::string& accept, std::span<const Alternative> alternatives,
-                        const std::function<bool(std::string_view)>& holds = {});
+// Returns the media type with the highest weight in `accept`, an Accept header; the first among equals. `can_hold`
+// tells which media types can hold the answer; empty: all can. One that cannot is returned only if `accept` allows no
+// other, and the caller then rejects the request. Throws RequestError("not_acceptable").
+std::string_view choose_media_type(const std::string& accept, std::span<const Alternative> alternatives,
+                                   const std::function<bool(std::string_view)>& can_hold = {});
 
 // Returns true if `accept` allows a media type; an empty text allows all.
 bool accepts(const std::string& accept, std::string_view media_type);

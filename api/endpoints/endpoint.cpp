@@ -33,6 +33,7 @@ Json parse_claimed(std::string_view text, const EndpointContext& context) {
 }  // namespace
 
 void refuse_work(const TooMuchWork& e, const std::string& pointer, const Limits& limits) {
+  // Rethrow `e`, which becomes "deadline_exceeded", if the request can succeed with a longer Request-Timeout-Ms.
   const auto longest_ms = static_cast<double>(limits.default_deadline.count());
   if (engine::SpeedGauge::in_reach(e.predicted_ms(), longest_ms)) throw;
   const std::string detail = fmt::format("{}; this service allows {:g} s", e.what(), longest_ms / 1e3);
@@ -102,8 +103,8 @@ MemoryBudget::Claim RequestMemory::release_for_answer(std::size_t answer_bytes) 
 }
 
 std::string_view accepted(const EndpointContext& context, std::span<const Alternative> alternatives,
-                          const std::function<bool(std::string_view)>& holds) {
-  return choose(header(context.request, "accept"), alternatives, holds);
+                          const std::function<bool(std::string_view)>& can_hold) {
+  return choose_media_type(header(context.request, "accept"), alternatives, can_hold);
 }
 
 Response negotiated(const EndpointContext& context, std::string_view media_type, std::string body) {

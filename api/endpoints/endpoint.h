@@ -97,9 +97,9 @@ auto with_refusals_at(std::span<const MemberPointer> members, std::string_view e
 // rethrows `e`; more work is a fault of the member at `pointer`.
 [[noreturn]] void refuse_work(const TooMuchWork& e, const std::string& pointer, const Limits& limits);
 
-// Returns the media type among these that the request accepts, as choose() does.
+// Returns the media type among these that the request accepts, as choose_media_type() does.
 std::string_view accepted(const EndpointContext& context, std::span<const Alternative> alternatives,
-                          const std::function<bool(std::string_view)>& holds = {});
+                          const std::function<bool(std::string_view)>& can_hold = {});
 
 // Returns status 200 with the media type that was accepted. Throws Cancelled if the deadline has passed: a late answer
 // is not sent.

@@ -12,7 +12,7 @@ namespace selenograph::api {
 inline std::size_t document_bytes(std::string_view text) {
   // Element of an array: a full vector doubles its capacity, and holds the old and the new storage meanwhile.
   constexpr std::size_t kElement = 3 * sizeof(nlohmann::json);
-  constexpr std::size_t kObject = 48, kArray = 32, kMember = 80, kString = 32;  // separate allocations
+  constexpr std::size_t kObject = 48, kArray = 32, kMember = 80, kString = 32;  // heap allocation of each
   constexpr std::size_t kCharacter = 3;                                         // strings double their capacity, too
   std::size_t bytes = sizeof(nlohmann::json) + kCharacter * text.size();
   for (const char c : text) {
@@ -30,7 +30,7 @@ inline std::size_t document_bytes(std::string_view text) {
         bytes += kMember;
         break;
       case '"':
-        bytes += kString / 2;
+        bytes += kString / 2;  // each string has two quotation marks
         break;
       default:
         break;

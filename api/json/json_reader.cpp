@@ -119,7 +119,8 @@ class Builder final : public nlohmann::json_sax<Json> {
 
 char lower(char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; }
 
-// Returns the Levenshtein distance, ignoring case. `row` holds one row of the dynamic programming table.
+// Returns the Levenshtein distance, ignoring case. row[j] is the distance of the first i characters of `a` from the
+// first j of `b`; `diagonal` is the entry to the left in the previous row.
 std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);
   std::iota(row.begin(), row.end(), std::size_t{0});
@@ -136,15 +137,16 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
 // Returns "must be at least 1 and less than 3" for the range [1, 3).
 std::string out_of_range_text(const Range& range) {
   const auto bound = [](double x) { return fmt::format("{}", x); };
-  const bool below = range.min > std::numeric_limits<double>::lowest();
-  const bool above = range.max < std::numeric_limits<double>::max();
+  const bool has_min = range.min > std::numeric_limits<double>::lowest();
+  const bool has_max = range.max < std::numeric_limits<double>::max();
   std::string what = "must be";
-  if (below) what += (range.min_open ? " greater than " : " at least ") + bound(range.min);
-  if (below && above) what += " and";
-  if (above) what += (range.max_open ? " less than " : " at most ") + bound(range.max);
+  if (has_min) what += (range.min_open ? " greater than " : " at least ") + bound(range.min);
+  if (has_min && has_max) what += " and";
+  if (has_max) what += (range.max_open ? " less than " : " at most ") + bound(range.max);
   return what;
 }
 
+// Returns `what`, followed by the known name nearest to `name` or, if none is near, by all known names.
 std::string with_suggestion(const std::string& what, std::string_view name,
                             std::span<const std::string_view> known_names) {
   if (const auto nearest = did_you_mean(name, known_names))
@@ -174,7 +176,8 @@ std::optional<std::string_view> did_you_mean(std::string_view name, std::span<co
   std::optional<std::string_view> nearest;
   // Allow two edits, since two swapped letters are two edits, but only one in names of up to three letters, where two
   // edits would reach almost any name.
-  std::size_t min_distance = (name.size() < 4 ? 1 : std::max<std::size_t>(2, name.size() / 3)) + 1;
+  const std::size_t max_distance = name.size() < 4 ? 1 : std::max<std::size_t>(2, name.size() / 3);
+  std::size_t min_distance = max_distance + 1;
   for (const std::string_view candidate : known_names) {
     const std::size_t distance = edit_distance(name, candidate);
     if (distance < min_distance) {

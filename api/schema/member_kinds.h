@@ -133,7 +133,7 @@ struct NumberOr {
   OrderedJson schema(const Limits&) const;
 };
 
-// An array [a, b], read into the two members of a struct.
+// An array [a, b], read into a struct with two members, which may have ranges of their own.
 template <typename T>
 struct Pair {
   using Value = T;

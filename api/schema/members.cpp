@@ -15,10 +15,12 @@ OrderedJson require_each(std::span<const std::string_view> names) {
   return list;
 }
 
+// Returns a schema that an object with any of these members violates.
 OrderedJson require_none(std::span<const std::string_view> names) {
   return {{"not", {{"anyOf", require_each(names)}}}};
 }
 
+// Returns the row's text with its unit: "center of a band (um)".
 std::string with_unit(const MemberRow& row) {
   if (row.unit.empty()) return row.text;
   return row.text.empty() ? std::string(row.unit) : fmt::format("{} ({})", row.text, row.unit);
@@ -29,6 +31,7 @@ bool is_stated(const OrderedJson& fallback) {
   return !fallback.is_null() && !(fallback.is_structured() && fallback.empty());
 }
 
+// Returns the row's entry in the schema's "properties".
 OrderedJson row_schema(const MemberRow& row, const Limits& limits) {
   OrderedJson json = row.schema(limits);
   std::string description = with_unit(row);
@@ -64,6 +67,7 @@ std::string count_text(const OrderedJson& schema) {
 
 std::string quoted_code(const OrderedJson& value) { return fmt::format("`{}`", value.dump()); }
 
+// Returns a Markdown link to the heading `name`, whose anchor is in lower case.
 std::string link_text(std::string_view name) {
   std::string anchor;
   for (const char c : name) anchor += c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
@@ -72,6 +76,7 @@ std::string link_text(std::string_view name) {
 
 std::string type_text(const OrderedJson& schema);
 
+// Returns the texts of the list's items, joined.
 std::string joined(const OrderedJson& list, const char* separator, std::string (*text)(const OrderedJson&)) {
   std::string out;
   for (const OrderedJson& item : list) out += (out.empty() ? "" : separator) + text(item);
@@ -84,8 +89,8 @@ std::string type_text(const OrderedJson& schema) {
     const std::string reference = schema["$ref"].get<std::string>();
     return link_text(std::string_view(reference).substr(reference.rfind('/') + 1));
   }
-  for (const char* either : {"oneOf", "anyOf"})
-    if (schema.contains(either)) return joined(schema[either], " or ", type_text);
+  for (const char* alternatives : {"oneOf", "anyOf"})
+    if (schema.contains(alternatives)) return joined(schema[alternatives], " or ", type_text);
   if (schema.contains("const")) return quoted_code(schema["const"]);
   if (schema.contains("enum")) return joined(schema["enum"], ", ", quoted_code);
   const std::string type = schema["type"].get<std::string>();
@@ -98,6 +103,7 @@ std::string type_text(const OrderedJson& schema) {
   return bounds.empty() ? type : type + " " + bounds;
 }
 
+// Returns the row's default for requests.md: "required", the value, or nothing for a default not worth stating.
 std::string default_text(const MemberRow& row, const Limits& limits) {
   if (row.required) return "required";
   const OrderedJson fallback = row.fallback ? row.fallback(limits) : OrderedJson();
@@ -122,72 +128,72 @@ void MemberTable::any_of(std::vector<std::string_view> names) {
   rules_.push_back({Rule::Kind::any_of, {}, std::move(names), {}});
 }
 
-void MemberTable::excludes(std::string_view name, std::vector<std::string_view> others, std::string why) {
-  rules_.push_back({Rule::Kind::excludes, name, std::move(others), std::move(why)});
+void MemberTable::excludes(std::string_view name, std::vector<std::string_view> excluded, std::string why) {
+  rules_.push_back({Rule::Kind::excludes, name, std::move(excluded), std::move(why)});
 }
 
-void MemberTable::needs(std::string_view name, std::vector<std::string_view> others, std::string why) {
-  rules_.push_back({Rule::Kind::needs, name, std::move(others), std::move(why)});
+void MemberTable::needs(std::string_view name, std::vector<std::string_view> needed, std::string why) {
+  rules_.push_back({Rule::Kind::needs, name, std::move(needed), std::move(why)});
 }
 
 OrderedJson MemberTable::Rule::schema() const {
   switch (kind) {
     case Kind::exactly_one:
-      return {{"oneOf", require_each(others)}};
+      return {{"oneOf", require_each(members)}};
     case Kind::any_of:
-      return {{"anyOf", require_each(others)}};
+      return {{"anyOf", require_each(members)}};
     case Kind::excludes:
-      return {{"dependentSchemas", {{std::string(name), require_none(others)}}}};
+      return {{"dependentSchemas", {{std::string(subject), require_none(members)}}}};
     case Kind::needs:
-      return {{"dependentSchemas", {{std::string(name), {{"anyOf", require_each(others)}}}}}};
+      return {{"dependentSchemas", {{std::string(subject), {{"anyOf", require_each(members)}}}}}};
   }
   return {};
 }
 
 std::string MemberTable::Rule::text() const {
   std::string names;
-  for (const std::string_view other : others) names += fmt::format("{}`{}`", names.empty() ? "" : ", ", other);
-  const bool has_single_other = others.size() == 1;
+  for (const std::string_view member : members) names += fmt::format("{}`{}`", names.empty() ? "" : ", ", member);
+  const bool has_single_member = members.size() == 1;
   switch (kind) {
     case Kind::exactly_one:
       return fmt::format("exactly one of {} is required", names);
     case Kind::any_of:
       return fmt::format("at least one of {} is required", names);
     case Kind::excludes:
-      return fmt::format("`{}` cannot be combined with {}", name, names);
+      return fmt::format("`{}` cannot be combined with {}", subject, names);
     case Kind::needs:
-      return fmt::format("`{}` needs {}{}", name, has_single_other ? "" : "one of ", names);
+      return fmt::format("`{}` needs {}{}", subject, has_single_member ? "" : "one of ", names);
   }
   return {};
 }
 
 bool MemberTable::Rule::check(const JsonReader& in) const {
   const auto is_present = [&](std::string_view member) { return in.has(member); };
-  const auto first = std::find_if(others.begin(), others.end(), is_present);
+  const auto first_present = std::find_if(members.begin(), members.end(), is_present);
   switch (kind) {
     case Kind::exactly_one: {
       std::vector<std::string_view> present;
-      std::copy_if(others.begin(), others.end(), std::back_inserter(present), is_present);
-      if (present.empty()) in.fail("needs one of " + quoted_list(others, " or "));
+      std::copy_if(members.begin(), members.end(), std::back_inserter(present), is_present);
+      if (present.empty()) in.fail("needs one of " + quoted_list(members, " or "));
       if (present.size() > 1)
         in.fail(present[1], quoted_list(present, " and ") + " exclude each other: give one of them");
       return present.size() == 1;
     }
     case Kind::any_of:
-      if (first != others.end()) return true;
-      in.fail(others.front(), "is required");
+      if (first_present != members.end()) return true;
+      in.fail(members.front(), "is required");
       return false;
     case Kind::excludes:
-      if (first == others.end() || !in.has(name)) return true;
-      in.fail(*first,
-              fmt::format("\"{}\" cannot be combined with \"{}\"{}", *first, name, why.empty() ? "" : ": " + why));
+      if (first_present == members.end() || !in.has(subject)) return true;
+      in.fail(*first_present, fmt::format("\"{}\" cannot be combined with \"{}\"{}", *first_present, subject,
+                                          why.empty() ? "" : ": " + why));
       return false;
     case Kind::needs:
-      if (first != others.end() || !in.has(name)) return true;
-      if (others.size() == 1)
-        in.fail(others.front(), fmt::format("is required with \"{}\"", name));
+      if (first_present != members.end() || !in.has(subject)) return true;
+      if (members.size() == 1)
+        in.fail(members.front(), fmt::format("is required with \"{}\"", subject));
       else
-        in.fail(name, fmt::format("needs a \"{}\"{}", others.front(), why.empty() ? "" : ": " + why));
+        in.fail(subject, fmt::format("needs a \"{}\"{}", members.front(), why.empty() ? "" : ": " + why));
       return false;
   }
   return true;
@@ -214,12 +220,13 @@ bool MemberTable::check_names(const JsonReader& in) const {
 }
 
 void MemberTable::check_rules(const JsonReader& in) const {
-  bool alternatives_hold = true;
+  // Tables add exactly_one before the exclusions that belong to it. Skip those once it is violated, or a client that
+  // gives both "fov_deg" and "fx" would get a second error for the "cx" that belongs to "fx".
+  bool exactly_one_holds = true;
   for (const Rule& rule : rules_) {
-    // Report two alternatives only once: without this, each would also be reported for the members that it excludes.
-    if (rule.kind == Rule::Kind::excludes && !alternatives_hold) continue;
+    if (rule.kind == Rule::Kind::excludes && !exactly_one_holds) continue;
     const bool holds = rule.check(in);
-    if (rule.kind == Rule::Kind::exactly_one) alternatives_hold &= holds;
+    if (rule.kind == Rule::Kind::exactly_one) exactly_one_holds &= holds;
   }
 }
 
@@ -229,9 +236,11 @@ bool MemberRow::is_of(std::string_view model) const {
 
 void MemberTable::check_models(const JsonReader& in) const {
   if (model_.empty()) return;
-  const Json* word = in.has(model_) ? &in.at(model_).value() : nullptr;
-  const std::string model = !word ? default_model_ : word->is_string() ? word->get<std::string>() : "";
-  // Do nothing for a word that is missing, unknown or not a string: the model's own row reports it.
+  const Json* given_model = in.has(model_) ? &in.at(model_).value() : nullptr;
+  const std::string model = !given_model               ? default_model_
+                            : given_model->is_string() ? given_model->get<std::string>()
+                                                       : "";
+  // Check nothing for a model that is missing, unknown or not a string: its own row reports it.
   if (std::find(model_words_.begin(), model_words_.end(), model) == model_words_.end()) return;
   for (const MemberRow& row : rows_) {
     if (row.models.empty()) continue;
@@ -246,11 +255,12 @@ bool MemberTable::belongs(const MemberRow& row, const OrderedJson& written) cons
   return row.models.empty() || row.is_of(written.at(std::string(model_)).get_ref<const std::string&>());
 }
 
-// Returns one "if ... then" schema per word of the model: it forbids the members of other words and requires its own.
+// Each schema says: if the model is this word, then members of other models are forbidden and its own are required.
 std::vector<OrderedJson> MemberTable::model_schemas() const {
   std::vector<OrderedJson> list;
   for (const std::string& word : model_words_) {
-    // A missing model satisfies "const": require the member except for the default word.
+    // JSON Schema applies "const" only to a member that is present, so a missing model would satisfy every "if". Only
+    // the default word may do without it.
     OrderedJson has_word{{"properties", {{std::string(model_), {{"const", word}}}}}};
     if (word != default_model_) has_word["required"] = {model_};
     std::vector<std::string_view> foreign, own;

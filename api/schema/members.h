@@ -43,7 +43,7 @@ class MemberTable;
 struct MemberRow {
   std::string_view name;
   std::string_view unit;  // empty: none
-  std::string text;       // one line
+  std::string text;       // what the member means: one line of Markdown
   bool required = false;
   // Words of the table's model (MemberTable::set_model) that have this member; empty: all. With other words the member
   // is a fault.
@@ -66,17 +66,20 @@ class MemberTable {
   std::string_view name() const { return name_; }  // name of the component in the API document
   std::span<const MemberRow> rows() const { return rows_; }
 
-  // Add rules across members. Violations are reported at the members, and the schema has the same rules.
+  // The next four functions add a rule across members. Violations are reported at the members, and the schema has the
+  // same rules.
+  //
+  // Requires exactly one of these members.
   void exactly_one(std::vector<std::string_view> names);
-  // Requires at least one of these; the error asks for the first.
+  // Requires at least one of these members; the error asks for the first.
   void any_of(std::vector<std::string_view> names);
-  // Forbids all of `others` together with `name`. `why` is part of the error.
-  void excludes(std::string_view name, std::vector<std::string_view> others, std::string why = {});
-  // Requires one of `others` together with `name`; the error asks for the first. `why` is part of the error if there
-  // are several.
-  void needs(std::string_view name, std::vector<std::string_view> others, std::string why = {});
-  // Sets the member whose word decides which rows apply (MemberRow::models). Its row must be complete: its words and
-  // its default are taken from there.
+  // Forbids all of `excluded` where the member `name` is present. `why` is part of the error.
+  void excludes(std::string_view name, std::vector<std::string_view> excluded, std::string why = {});
+  // Requires one of `needed` where the member `name` is present; the error asks for the first. `why` is part of the
+  // error if there are several.
+  void needs(std::string_view name, std::vector<std::string_view> needed, std::string why = {});
+  // Declares that the member `name` holds the object's model, a word such as "pinhole" or "fisheye" that decides which
+  // rows apply (MemberRow::models). Its row must be complete: its words and its default are taken from there.
   void set_model(std::string_view name);
   // Adds a condition to the schema's "allOf" for a check outside the table.
   void add_condition(std::function<OrderedJson(const Limits&)> condition) {
@@ -91,35 +94,47 @@ class MemberTable {
   // Reports a value that is not an object (then returns false), unknown members, missing ones, and those of other
   // models.
   bool check_names(const JsonReader& in) const;
+  // Reports violations of the rules across members.
   void check_rules(const JsonReader& in) const;
-  // Returns true if the model in the object being written has this member.
+  // Returns true if the model has this member. `written` is the object as far as it is written: the row of the model
+  // precedes the rows that depend on it.
   bool belongs(const MemberRow& row, const OrderedJson& written) const;
   void add_row(MemberRow row);
 
   std::vector<MemberRow> rows_;
 
  private:
+  // A rule across members:
+  //
+  //   exactly_one, any_of   exactly one, or at least one, of `members` must be present
+  //   excludes              where `subject` is present, none of `members` may be
+  //   needs                 where `subject` is present, one of `members` must be
   struct Rule {
     enum class Kind { exactly_one, any_of, excludes, needs };
     Kind kind;
-    std::string_view name;  // for excludes and needs
-    std::vector<std::string_view> others;
-    std::string why;
+    std::string_view subject;  // empty for exactly_one and any_of
+    std::vector<std::string_view> members;
+    std::string why;  // reason that the error gives; empty: none
+    // Returns the rule as an entry of the schema's "allOf".
     OrderedJson schema() const;
-    std::string text() const;                // the rule in words, for requests.md
-    bool check(const JsonReader& in) const;  // returns false for a violation, which it reports
+    // Returns the rule in words, for requests.md.
+    std::string text() const;
+    // Returns true if the object keeps the rule; reports a violation.
+    bool check(const JsonReader& in) const;
   };
+  // Reports members that the object's model lacks, and missing ones that it requires.
   void check_models(const JsonReader& in) const;
+  // Returns one "if ... then" schema per word of the model.
   std::vector<OrderedJson> model_schemas() const;
 
   std::string_view name_;
   std::string description_;
   std::vector<std::string_view> names_;  // names of the rows
-  std::string_view model_;               // name of the model's row; empty: none
+  std::string_view model_;               // name of the row that holds the model; empty: the object has none
   std::vector<std::string> model_words_;
-  std::string default_model_;  // empty: the model is required
+  std::string default_model_;  // empty: the client must give the model
   std::vector<Rule> rules_;
-  std::vector<std::function<OrderedJson(const Limits&)>> conditions_;
+  std::vector<std::function<OrderedJson(const Limits&)>> conditions_;  // of add_condition()
 };
 
 // Returns a Markdown link to the table's heading in requests.md.
@@ -279,17 +294,17 @@ class Members : public MemberTable {
   }
 
   // Stores a value in the form; numbers are converted to the field's type.
-  template <typename Field, typename V>
-  static void assign(const Field& field, Form& form, V&& value) {
+  template <typename Field, typename NewValue>
+  static void assign(const Field& field, Form& form, NewValue&& value) {
     if constexpr (detail::is_property<Field>) {
-      field.set(form, std::forward<V>(value));
+      field.set(form, std::forward<NewValue>(value));
     } else {
       auto& target = std::invoke(field, form);
       using Target = std::remove_reference_t<decltype(target)>;
       if constexpr (std::is_arithmetic_v<Target>) {
         target = static_cast<Target>(value);
       } else {
-        target = std::forward<V>(value);
+        target = std::forward<NewValue>(value);
       }
     }
   }
@@ -303,6 +318,7 @@ class Members : public MemberTable {
     } else {
       const auto& member = std::invoke(field, form);
       using Member = std::remove_cvref_t<decltype(member)>;
+      // A std::optional may stand for a missing member, or be the kind's own value, as that of NumberOr.
       if constexpr (detail::is_optional<Member> && !std::is_same_v<Member, typename Kind::Value>) {
         return member ? kind.write(*member) : OrderedJson();
       } else {

@@ -73,9 +73,9 @@ TEST(Negotiate, NothingAcceptedIsNotAcceptable) {
 TEST(Negotiate, AlternativesThatCannotHoldTheAnswerArePassedOver) {
   const Alternative all[] = {{"image/tiff", ""}, {"application/x-npz", ""}, {"image/png", ""}};
   const auto chosen_of = [&](const std::string& accept) {
-    return choose(accept, all, [](std::string_view type) { return type != "image/png"; });
+    return choose_media_type(accept, all, [](std::string_view type) { return type != "image/png"; });
   };
-  EXPECT_EQ(choose("image/png, application/x-npz;q=0.9", all), "image/png");
+  EXPECT_EQ(choose_media_type("image/png, application/x-npz;q=0.9", all), "image/png");
   EXPECT_EQ(chosen_of("image/png, application/x-npz;q=0.9"), "application/x-npz");
   EXPECT_EQ(chosen_of("image/png, */*;q=0.5"), "image/tiff");
   EXPECT_EQ(chosen_of("image/png"), "image/png");  // for the caller to refuse: it knows why

@@ -38,12 +38,12 @@ TEST(RoundTripJson, PostsFollowFromTheRaysThatAreAllowed) {
 
 TEST(RoundTripJson, AnswersAreChosenByWeight) {
   const std::span<const Alternative> all(kRoundTripAnswers);
-  EXPECT_EQ(choose("", all), "application/json");
-  EXPECT_EQ(choose("*/*", all), "application/json");
-  EXPECT_EQ(choose("image/*", all), "image/tiff");
-  EXPECT_EQ(choose("application/json;q=0.5, image/tiff", all), "image/tiff");
-  EXPECT_THROW(choose("text/html", all), RequestError);
-  EXPECT_THROW(choose("image/png", all), RequestError);
+  EXPECT_EQ(choose_media_type("", all), "application/json");
+  EXPECT_EQ(choose_media_type("*/*", all), "application/json");
+  EXPECT_EQ(choose_media_type("image/*", all), "image/tiff");
+  EXPECT_EQ(choose_media_type("application/json;q=0.5, image/tiff", all), "image/tiff");
+  EXPECT_THROW(choose_media_type("text/html", all), RequestError);
+  EXPECT_THROW(choose_media_type("image/png", all), RequestError);
 }
 
 TEST(RoundTripJson, LengthsHaveReadableUnits) {
