@@ -120,11 +120,11 @@ std::string content_hash(const MapQuery& query, std::size_t scene_bytes, std::ui
                          std::string_view media_type) {
   OrderedJson hashed{{"map_request", resolved_json(query)},
                      {"terrain", terrain_fingerprint},
-                     {"maps", maps_metadata(query.request.look, query.surface)},
+                     {"maps", maps_metadata(query.request.scenery, query.surface)},
                      {"scene_bytes", scene_bytes},
                      {"version", software_version()},
                      {"representation", media_type}};
-  if (const auto& detail = query.request.look.detail) hashed["detail"] = detail_metadata(query.detail, *detail);
+  if (const auto& detail = query.request.scenery.detail) hashed["detail"] = detail_metadata(query.detail, *detail);
   if (const double share = sun_covered(query); share > 0) hashed[kSunCovered] = share;
   return content_hash(json_text(hashed));
 }

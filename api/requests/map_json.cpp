@@ -332,13 +332,13 @@ const Members<MapQuery>& map_members() {
         // Add rows in the order of the resolved request, whose text the ETag is made from.
         m.add("map", &MapQuery::area, Object{area_members()}, "projection, extent and pixels").required();
         add_scenery(m);
-        m.add("band", nested(&MapQuery::request, nested(&MapRequest::look, &FrameRequest::band)),
+        m.add("band", nested(&MapQuery::request, nested(&MapRequest::scenery, &FrameRequest::band)),
               Object{band_members()}, "spectral channel of the radiance; left out: all wavelengths");
         m.add(
             "view", view_field, NadirOr{},
             "viewing direction of the radiance: nadir, from straight above each pixel, or from a direction. The map's "
             "geometry does not change; ground that terrain hides from the viewer has no radiance. Left out: nadir");
-        m.add("accuracy", nested(&MapQuery::request, nested(&MapRequest::look, &FrameRequest::accuracy)),
+        m.add("accuracy", nested(&MapQuery::request, nested(&MapRequest::scenery, &FrameRequest::accuracy)),
               Object{map_accuracy_members()}, "level of detail");
         m.add("rocks", nested(&MapQuery::request, &MapRequest::rocks), Flag{},
               "true: the rocks of `detail` are on the ground, as in frames; seen from straight above")

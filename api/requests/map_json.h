@@ -29,8 +29,8 @@ struct MapQuery : SceneryQuery {
   engine::MapRequest request;
   MapArea area;
 
-  engine::FrameRequest& scenery() { return request.look; }
-  const engine::FrameRequest& scenery() const { return request.look; }
+  engine::FrameRequest& scenery() { return request.scenery; }
+  const engine::FrameRequest& scenery() const { return request.scenery; }
 };
 
 const Members<MapQuery>& map_members();

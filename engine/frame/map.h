@@ -33,7 +33,7 @@ struct MapRequest {
   dem::MapGrid grid;
   // Sun, surface, band and accuracy. Its camera, products and objects are ignored; one pixel of its `accuracy` is
   // grid.gsd_m wide.
-  FrameRequest look;
+  FrameRequest scenery;
   // Unit vector toward the viewer of the radiance; empty: straight above each pixel.
   std::optional<Vec3> toward_viewer;
   bool rocks = false;                        // rocks of the detail stand on the map's ground

@@ -140,7 +140,7 @@ ProductSet products_of_patch(ProductSet requested) {
 class MapDrawing {
  public:
   MapDrawing(const MapRequest& request, const RenderContext& context, const MapProgress& progress)
-      : request_(request), context_(context), progress_(progress), frame_(request.look) {
+      : request_(request), context_(context), progress_(progress), frame_(request.scenery) {
     frame_.camera = {};
     frame_.shutter.reset();
     frame_.sensor.reset();

@@ -154,7 +154,7 @@ struct Atlas {
       const auto show_progress = [&](double share) {
         bar.show((static_cast<double>(number) + share) / static_cast<double>(count), path);
       };
-      engine::Map map = renderer.query(map_request.look.detail, {}, [&](const engine::RenderContext& rendering) {
+      engine::Map map = renderer.query(map_request.scenery.detail, {}, [&](const engine::RenderContext& rendering) {
         return engine::render_map(map_request, rendering, show_progress);
       });
       const std::string hash =

@@ -163,7 +163,7 @@ void check_map(const Json& document) {
     for (const int row : {0, grid.height - 1})
       if (const auto d = map.direction(grid.point(column, row)))
         require(std::abs(d->norm() - 1) < 1e-12, "a pixel has a direction");
-  if (query.sun_given) check_sun(query.request.look.sun);
+  if (query.sun_given) check_sun(query.request.scenery.sun);
   require(!query.request.toward_viewer || is_unit(*query.request.toward_viewer), "the viewer is in a direction");
   const std::string resolved = api::resolved_json(query).dump();
   require(api::resolved_json(api::read_map(Json::parse(resolved), kLimits, kAssets)).dump() == resolved,

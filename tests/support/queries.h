@@ -59,7 +59,7 @@ inline std::vector<engine::TerminatorPoint> find_terminator(const engine::Render
 
 inline engine::Map render_map(const engine::Renderer& renderer, const engine::MapRequest& request,
                               const StopToken& stop = {}, const engine::MapProgress& progress = {}) {
-  return renderer.query(request.look.detail, stop, [&](const engine::RenderContext& context) {
+  return renderer.query(request.scenery.detail, stop, [&](const engine::RenderContext& context) {
     return engine::render_map(request, context, progress);
   });
 }

@@ -41,7 +41,8 @@ struct Site {
                     kGsd_m,
                     kPixels,
                     kPixels};
-    request.look.sun = {sun_direction(local_axes(to_cartesian({kLat, kLon, 0})), azimuth_deg, kElevation_deg), 1, 0, 0};
+    request.scenery.sun = {sun_direction(local_axes(to_cartesian({kLat, kLon, 0})), azimuth_deg, kElevation_deg), 1, 0,
+                           0};
     request.products = kLit;
     return test::render_map(*renderer, request);
   }

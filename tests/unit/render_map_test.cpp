@@ -51,10 +51,10 @@ TEST_F(LevelMap, EachPixelIsTheGroundBelowIt) {
 TEST_F(LevelMap, RadianceAndItsViewer) {
   MapRequest request;
   request.grid = about(10, 20, 1000, 16, 16);
-  request.look.reflectance = {.model = ReflectanceModel::lambert, .rho = 0.3};
+  request.scenery.reflectance = {.model = ReflectanceModel::lambert, .rho = 0.3};
   const Vec3 up = to_cartesian({10, 20, 0}).normalized();
   const EastNorthUp axes = local_axes(up);
-  request.look.sun.direction = (up + axes.east).normalized();
+  request.scenery.sun.direction = (up + axes.east).normalized();
   for (const double lean : {0.0, 1.0, 5.0}) {
     request.toward_viewer = (up + lean * axes.north).normalized();
     for (const float radiance : test::render_map(renderer(), request).products.radiance)
@@ -92,9 +92,9 @@ TEST(MapPatches, LittleMemoryMakesMorePatches) {
   MapRequest request;
   request.grid = about(1, 11, 250, 120, 120);
   request.products = kHeight | kLit | kSource;
-  request.look.accuracy.max_error_px = 0;
+  request.scenery.accuracy.max_error_px = 0;
   const Vec3 up = to_cartesian({1, 11, 0}).normalized();
-  request.look.sun.direction = (0.1 * up + local_axes(up).east).normalized();
+  request.scenery.sun.direction = (0.1 * up + local_axes(up).east).normalized();
   int patches = 0, smaller = 0;
   const Map whole = test::render_map(roomy, request, {}, [&](double) { ++patches; });
   const Map parts = test::render_map(tight, request, {}, [&](double) { ++smaller; });
