@@ -13,6 +13,7 @@ namespace {
 using engine::SweepRow;
 using OrderedJson = nlohmann::ordered_json;
 
+// A column of the CSV: its name, which ends in its unit, and its value in a row of the sweep.
 struct Column {
   const char* name;
   std::function<double(const SweepRow&)> value;
@@ -56,6 +57,7 @@ const std::vector<Column>& columns() {
   return list;
 }
 
+// Returns a row below kMarkdownHead. Triangles become millions, bytes MiB and shares per cent.
 std::string markdown_row(const SweepRow& r) {
   const engine::ErrorMeasures& e = r.errors;
   std::string target = fmt::format("{:g}", r.setting.max_error_px);

@@ -23,19 +23,21 @@ constexpr int kCraterCategory = 1, kRockCategory = 2;
 // 1974).
 template <typename Distance>
 ImagePolygon clipped(const ImagePolygon& polygon, const Distance& distance) {
-  ImagePolygon out;
+  ImagePolygon inside;
   for (std::size_t i = 0; i < polygon.size(); ++i) {
     const ImageCorner &a = polygon[i], &b = polygon[(i + 1) % polygon.size()];
     const double distance_a = distance(a), distance_b = distance(b);
-    if (distance_a >= 0) out.push_back(a);
+    if (distance_a >= 0) inside.push_back(a);
     if ((distance_a >= 0) == (distance_b >= 0)) continue;
-    const double t = distance_a / (distance_a - distance_b);
-    out.push_back({std::lerp(a.x, b.x, t), std::lerp(a.y, b.y, t)});
+    // The edge from a to b crosses the line at this fraction of its length, where the distance is 0.
+    const double crossing = distance_a / (distance_a - distance_b);
+    inside.push_back({std::lerp(a.x, b.x, crossing), std::lerp(a.y, b.y, crossing)});
   }
-  return out;
+  return inside;
 }
 
-// Returns an outline in COCO's coordinates, clipped at the image's borders and rounded to 0.001 pixels.
+// Returns an outline in COCO's coordinates, clipped at the image's borders and rounded to 0.001 pixels. The engine's
+// pixel centres are at whole numbers, COCO's half a pixel beyond.
 ImagePolygon clip_to_image(const std::vector<engine::RimPoint>& outline, double width, double height) {
   ImagePolygon polygon;
   for (const engine::RimPoint& p : outline) polygon.push_back({p.x_px + 0.5, p.y_px + 0.5});
@@ -105,6 +107,8 @@ OrderedJson coco_categories() {
           {{"id", kRockCategory}, {"name", "rock"}, {"supercategory", "landform"}}};
 }
 
+// Once a pixel has been added, `runs` ends with a count of pixels inside. The next pixel extends it if it is adjacent;
+// else it adds a count of pixels outside and a new one inside.
 void FrameLabels::Mask::add(int x, int y, std::size_t index) {
   if (area == 0) {
     left = right = x;
@@ -128,6 +132,7 @@ std::size_t FrameLabels::pixels() const {
   return static_cast<std::size_t>(camera_.width) * static_cast<std::size_t>(camera_.height);
 }
 
+// Visits the pixels in COCO's order, in which Mask::add() needs them.
 std::vector<FrameLabels::Mask> FrameLabels::masks_of_rocks() const {
   std::vector<Mask> masks(frame_.rocks.size());
   if (masks.empty()) return masks;
@@ -150,6 +155,7 @@ FrameLabels::FrameLabels(const engine::Frame& frame, const engine::Camera& camer
   }
   std::vector<Mask> masks = masks_of_rocks();
   for (std::size_t i = 0; i < masks.size(); ++i)
+    // Compare the mask's area with that of a circle, pi / 4 d^2.
     if (masks[i].area > 0 &&
         4 * static_cast<double>(masks[i].area) >= std::numbers::pi * min_diameter_px * min_diameter_px)
       rocks_.push_back({i, std::move(masks[i])});
@@ -157,14 +163,14 @@ FrameLabels::FrameLabels(const engine::Frame& frame, const engine::Camera& camer
 
 OrderedJson FrameLabels::annotation(const Crater& crater) {
   const engine::CraterRim& rim = crater.rim;
-  OrderedJson flat = OrderedJson::array();
+  OrderedJson coordinates = OrderedJson::array();  // x0, y0, x1, y1, ..
   for (const ImageCorner& c : crater.polygon) {
-    flat.push_back(c.x);
-    flat.push_back(c.y);
+    coordinates.push_back(c.x);
+    coordinates.push_back(c.y);
   }
   OrderedJson json{{"category_id", kCraterCategory},
                    {"bbox", box_of(crater.polygon)},
-                   {"segmentation", OrderedJson::array({std::move(flat)})},
+                   {"segmentation", OrderedJson::array({std::move(coordinates)})},
                    {"area", thousandths(crater.area)},
                    {"iscrowd", 0},
                    {"crater_id", id_text(rim.feature.crater.id)}};
@@ -180,6 +186,7 @@ OrderedJson FrameLabels::annotation(const Crater& crater) {
 OrderedJson FrameLabels::annotation(const Rock& rock) const {
   const Mask& mask = rock.mask;
   const dem::RockFeature& feature = frame_.rocks[rock.number];
+  // The counts of a run-length encoding add up to all pixels: append those behind the last one inside.
   std::vector<std::size_t> runs = mask.runs;
   if (mask.past_last < pixels()) runs.push_back(pixels() - mask.past_last);
   OrderedJson json{{"category_id", kRockCategory},
@@ -233,11 +240,12 @@ std::vector<std::uint16_t> FrameLabels::crater_mask() const {
 
 std::vector<std::uint16_t> FrameLabels::rock_mask() const {
   check_ids();
-  std::vector<std::uint16_t> ids(frame_.rocks.size(), 0), mask(pixels(), 0);
+  // Annotation ids by the rock's number in the frame; 0 for a rock too small to be listed.
+  std::vector<std::uint16_t> id_of_rock(frame_.rocks.size(), 0), mask(pixels(), 0);
   for (std::size_t i = 0; i < rocks_.size(); ++i)
-    ids[rocks_[i].number] = static_cast<std::uint16_t>(craters_.size() + i + 1);
-  for (std::size_t i = 0; i < mask.size() && !ids.empty(); ++i)
-    if (const std::uint16_t rock = frame_.products.rock[i]; rock < ids.size()) mask[i] = ids[rock];
+    id_of_rock[rocks_[i].number] = static_cast<std::uint16_t>(craters_.size() + i + 1);
+  for (std::size_t i = 0; i < mask.size() && !id_of_rock.empty(); ++i)
+    if (const std::uint16_t rock = frame_.products.rock[i]; rock < id_of_rock.size()) mask[i] = id_of_rock[rock];
   return mask;
 }
 

@@ -57,11 +57,11 @@ class FrameLabels {
   };
   // Run-length encoded mask of the pixels that see a rock, in COCO's order: column after column, from the top.
   struct Mask {
-    std::vector<std::size_t> runs{};  // alternating numbers of pixels outside and inside the mask
-    std::size_t past_last = 0;        // index after the last pixel inside
-    std::size_t area = 0;             // number of pixels inside
-    int left = 0, right = 0, top = 0, bottom = 0;
-    // Adds a pixel; indices must rise.
+    std::vector<std::size_t> runs{};               // alternating numbers of pixels outside and inside the mask
+    std::size_t past_last = 0;                     // index after the last pixel inside, in COCO's order
+    std::size_t area = 0;                          // number of pixels inside
+    int left = 0, right = 0, top = 0, bottom = 0;  // outermost columns and rows with pixels inside
+    // Adds the pixel in column x and row y, whose index in COCO's order is x * height + y. Indices must rise.
     void add(int x, int y, std::size_t index);
   };
   struct Rock {

@@ -8,6 +8,7 @@
 namespace selenograph::api {
 namespace {
 
+// Returns [column, row] of a point in the image, pixels.
 OrderedJson point_json(const engine::RimPoint& p) { return {thousandths(p.x_px), thousandths(p.y_px)}; }
 
 OrderedJson rim_json(const std::vector<engine::RimPoint>& outline) {

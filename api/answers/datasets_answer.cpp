@@ -36,33 +36,36 @@ const Answer<DatasetSource>& dataset_answer() {
   using dem::RasterInfo;
   using namespace schema;
   static const auto answer = make_answer<S>("One DEM tile.", [](auto& a) {
-    const auto of = [](auto RasterInfo::*field) { return [field](const S& s) { return s.raster.*field; }; };
-    a.add("name", text("what `source` lists"), of(&RasterInfo::name));
-    a.add("path", text("as opened"), of(&RasterInfo::path));
-    a.add("format", text("e.g. PDS3 Kaguya"), of(&RasterInfo::format));
-    a.add("synthetic", boolean("generated terrain (the sample terrain), not the Moon's"), of(&RasterInfo::synthetic));
+    // Returns the function that reads a field of the tile's RasterInfo.
+    const auto raster_field = [](auto RasterInfo::*field) { return [field](const S& s) { return s.raster.*field; }; };
+    a.add("name", text("what `source` lists"), raster_field(&RasterInfo::name));
+    a.add("path", text("as opened"), raster_field(&RasterInfo::path));
+    a.add("format", text("e.g. PDS3 Kaguya"), raster_field(&RasterInfo::format));
+    a.add("synthetic", boolean("generated terrain (the sample terrain), not the Moon's"),
+          raster_field(&RasterInfo::synthetic));
     a.add("projection",
           {{"type", "string"},
            {"enum",
             {"geographic", "polar_stereographic", "stereographic", "orthographic", "mercator", "transverse_mercator"}}},
           [](const S& s) { return dem::name_of(s.raster.projection()); });
-    a.add("width", integer(1, 1LL << 31, "posts"), of(&RasterInfo::width));
-    a.add("height", integer(1, 1LL << 31, "posts"), of(&RasterInfo::height));
+    a.add("width", integer(1, 1LL << 31, "posts"), raster_field(&RasterInfo::width));
+    a.add("height", integer(1, 1LL << 31, "posts"), raster_field(&RasterInfo::height));
     add_footprint(a);
-    a.add("post_spacing_m", number(kAnyNumber, "along a meridian, m"), of(&RasterInfo::post_spacing_m));
-    a.add("posts_per_degree", number(kAnyNumber, "along a meridian"), of(&RasterInfo::posts_per_degree));
+    a.add("post_spacing_m", number(kAnyNumber, "along a meridian, m"), raster_field(&RasterInfo::post_spacing_m));
+    a.add("posts_per_degree", number(kAnyNumber, "along a meridian"), raster_field(&RasterInfo::posts_per_degree));
     a.add("posts",
           {{"type", "string"},
            {"enum", {"copied", "resampled"}},
            {"description", "copied: the mesh's vertices are the posts"}},
           [](const S& s) { return s.raster.lattice_level ? "copied" : "resampled"; });
-    a.add("datum", text("of the heights"), of(&RasterInfo::datum));
+    a.add("datum", text("of the heights"), raster_field(&RasterInfo::datum));
     a.add("quantisation_m", number(kAnyNumber, "step between heights; 0: floating point"),
-          of(&RasterInfo::quantisation_m));
+          raster_field(&RasterInfo::quantisation_m));
     a.add("gaps", free_object("void_value: value of a missing post, in file units; null: none"), [](const S& s) {
       return OrderedJson{{"void_value", s.raster.void_value ? OrderedJson(*s.raster.void_value) : OrderedJson()}};
     });
-    a.add("bytes", {{"type", "integer"}, {"description", "of the file with the posts"}}, of(&RasterInfo::bytes));
+    a.add("bytes", {{"type", "integer"}, {"description", "of the file with the posts"}},
+          raster_field(&RasterInfo::bytes));
     a.add("offset_m", number(kAnyNumber, "added to its heights (--layer-offset), m"),
           [](const S& s) { return s.offset_m; });
   });

@@ -9,11 +9,14 @@
 namespace selenograph::api {
 namespace {
 
+// Returns the share of the Sun's disc that the Earth covers at the query's epoch, seen from the sphere below a position
+// in MOON_ME; 0 without an epoch.
 double share_covered_over(const SceneryQuery& query, const Vec3& position_m) {
   if (query.sun_utc.empty()) return 0;
   return engine::share_of_sun_covered(query.sun_utc, kMoonRadius_m * position_m.stableNormalized());
 }
 
+// Returns the camera's position; with a pose for each row that of the middle pose.
 Vec3 position_of(const engine::Pose& pose, const std::optional<engine::Shutter>& shutter) {
   const bool has_row_poses = shutter && !shutter->poses.empty();
   return has_row_poses ? shutter->poses[shutter->poses.size() / 2].pose.position_m : pose.position_m;

@@ -32,6 +32,7 @@ std::string ground_markdown(const GroundReport& report) {
     out +=
         fmt::format("| {:g} | {:.2f} | {:.2f} | {} | {} | {:.2f} | {:.2f} |\n", r.baseline_m, r.rms_deg, r.median_deg,
                     cell(r.published_deg, "{:.2f}"), cell(r.hurst, "{:.2f}"), r.craters_share, r.relief_share);
+  // A row's octave ends at the next power of two above its smallest diameter.
   out += "\n| diameters, m | the law's, per km^2 | visible, over the law's |\n|---|---|---|\n";
   for (const engine::CraterRow& r : report.craters)
     out += fmt::format("| {:g} to {:g} | {:.4g} | {:.2f} |\n", r.diameter_m,
@@ -39,22 +40,23 @@ std::string ground_markdown(const GroundReport& report) {
   return out;
 }
 
+// The header lists the bounds.
 std::vector<std::string> bound_violations(const GroundReport& report) {
-  std::vector<std::string> out;
+  std::vector<std::string> violations;
   for (const engine::SlopeRow& r : report.slopes) {
     if (r.baseline_m > 100) continue;
     if (std::abs(r.median_deg / r.published_deg - 1) > 0.2)
-      out.push_back(fmt::format("median slope over {:g} m: {:.2f} degrees, published {:.2f}", r.baseline_m,
-                                r.median_deg, r.published_deg));
+      violations.push_back(fmt::format("median slope over {:g} m: {:.2f} degrees, published {:.2f}", r.baseline_m,
+                                       r.median_deg, r.published_deg));
     if (r.baseline_m > 1 && (r.hurst < 0.65 || r.hurst > 1.05))
-      out.push_back(fmt::format("Hurst exponent up to {:g} m: {:.2f}", r.baseline_m, r.hurst));
+      violations.push_back(fmt::format("Hurst exponent up to {:g} m: {:.2f}", r.baseline_m, r.hurst));
   }
   for (const engine::CraterRow& r : report.craters) {
     const double ratio = r.visible / r.law;
     if (r.diameter_m >= 2 && r.diameter_m < 50 && !(ratio > 0.8 && ratio < 1.25))
-      out.push_back(fmt::format("visible craters from {:g} m: {:.2f} of the law's", r.diameter_m, ratio));
+      violations.push_back(fmt::format("visible craters from {:g} m: {:.2f} of the law's", r.diameter_m, ratio));
   }
-  return out;
+  return violations;
 }
 
 }  // namespace selenograph::api

@@ -27,13 +27,16 @@ void for_each_product(const MapQuery& query, const engine::FrameProducts& produc
       std::visit([&](const auto elements) { visit(row, products.*elements); }, row.elements);
 }
 
+// Returns a GeoTIFF band for each channel of the requested products. The channels of a pixel are adjacent in memory, so
+// a band's values are `channel_count` elements apart.
 std::vector<dem::MapBand> bands_of(const MapQuery& query, const engine::FrameProducts& products) {
   std::vector<dem::MapBand> bands;
   for_each_product(query, products, [&](const ProductRow& row, const auto& values) {
     const std::vector<std::string> names = channel_names(row);
-    const int step = static_cast<int>(names.size());
-    for (int i = 0; i < step; ++i)
-      bands.push_back({names[static_cast<std::size_t>(i)], std::string(row.in_maps.unit), values.data() + i, step});
+    const int channel_count = static_cast<int>(names.size());
+    for (int i = 0; i < channel_count; ++i)
+      bands.push_back(
+          {names[static_cast<std::size_t>(i)], std::string(row.in_maps.unit), values.data() + i, channel_count});
   });
   return bands;
 }
@@ -56,6 +59,7 @@ Scale scale_of(const ProductRow& row, const std::vector<Element>& values) {
     scale.high = std::max(scale.high, value);
   }
   if (row.product != engine::kHeight) scale.low = 0;
+  // Give the scale a positive width where all values are equal, or none is finite.
   if (!(scale.high > scale.low)) scale.high = std::isfinite(scale.low) ? scale.low + 1 : 1;
   if (!std::isfinite(scale.low)) scale.low = 0;
   return scale;
@@ -69,6 +73,8 @@ std::string encode_map_png(const MapQuery& query, const engine::FrameProducts& p
     const ArrayView view{row.name, ElementType::uint16, grid.height, grid.width, 1, numbers.data(), {}};
     png = encode_png(view, {{"selenograph", json_ascii(meta)}}, stop);
   };
+  // check_map_answer() has ensured that exactly one product is requested. One of uint16 is written as it is, without a
+  // scale.
   for_each_product(query, products, [&]<typename Element>(const ProductRow& row, const std::vector<Element>& values) {
     if constexpr (std::is_same_v<Element, std::uint16_t>) {
       encode(row, values);
@@ -104,13 +110,13 @@ std::size_t bytes_of(const engine::MapRequest& request) {
           using Elements = std::remove_cvref_t<decltype(engine::FrameProducts().*elements)>;
           const std::size_t components = std::max<std::size_t>(row.components.size(), 1);
           arrays += components * pixels * sizeof(typename Elements::value_type);
-          const typename Elements::value_type* none = nullptr;
-          bands.insert(bands.end(), components, {"", "", none});
+          const typename Elements::value_type* no_values = nullptr;  // only the element's type counts here
+          bands.insert(bands.end(), components, {"", "", no_values});
         },
         row.elements);
   }
-  // A patch has 512 x 512 pixels with their directions and a frame's arrays. The answer is encoded while the arrays
-  // exist, and a GeoTIFF's bytes are copied once.
+  // A patch has 512 x 512 pixels, each with its direction and a frame's arrays: 96 bytes. The answer is encoded while
+  // the arrays exist, and a GeoTIFF's bytes are copied once.
   constexpr std::size_t kPatchBytes = std::size_t{512} * 512 * 96;
   return arrays + (has_margin ? engine::bytes_of_footprints(request, drawn) : 0) +
          2 * std::max(arrays, dem::geotiff_bytes_at_most(request.grid, bands)) + kPatchBytes;

@@ -26,6 +26,7 @@ bool shadows_were_relaxed(const engine::Accuracy& requested, const std::vector<d
   return largest_limit_px(shadow_limits_px) > requested.max_shadow_error_px;
 }
 
+// Adds the notes of the objects' meshes, and warnings about objects of an implausible size.
 void add_object_warnings(const FrameQuery& query, OrderedJson& warnings) {
   for (std::size_t i = 0; i < query.objects.size(); ++i) {
     const engine::SceneObject& object = query.request.objects[i];
@@ -41,11 +42,13 @@ void add_object_warnings(const FrameQuery& query, OrderedJson& warnings) {
 
 // Adds warnings about an exposure out of reach of its target, gaps in motion blur, and a signal below the noise.
 void add_sensor_warnings(const engine::SensorModel& sensor, const engine::FrameReport& report, OrderedJson& warnings) {
-  const double target = sensor.exposure.target_fill, full_e = engine::saturation_e(sensor.detector);
+  const double target = sensor.exposure.target_fill;  // share of a pixel's capacity; 0: no automatic exposure
+  const double full_e = engine::saturation_e(sensor.detector);
   if (target > 0 && report.smear_fill * full_e >= engine::filled_e(sensor.detector, target))
     warnings.push_back(
         "exposure.target_fill is out of reach: smear alone fills more of a pixel (exposure.smear_fill); shorten "
         "detector.smear_time_s");
+  // Samples more than 1.5 pixels apart leave visible gaps in a streak.
   if (report.motion_samples > 0 && report.longest_streak_px > 1.5 * report.motion_samples)
     warnings.push_back(fmt::format(
         "the longest streak of motion (motion.longest_streak_px) is averaged over too few moments "
@@ -59,6 +62,7 @@ void add_sensor_warnings(const engine::SensorModel& sensor, const engine::FrameR
         "time (s)");
 }
 
+// Returns all warnings of a frame. `covered_share` is the share of the Sun's disc that the Earth covers.
 OrderedJson warnings_json(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
                           double covered_share) {
   OrderedJson warnings = report.warnings;
@@ -141,7 +145,6 @@ void warn_of_relaxed_targets(const engine::Accuracy& requested, const engine::Fr
     warnings.push_back(
         fmt::format("max_detail_error_px was relaxed (detail_limit_px): it would take more than {:g} triangles a pixel",
                     engine::Accuracy::kDetailTrianglesPerPixel));
-  // Add what follows from epochs and memory, which the resolved request does not hold.
   if (shadows_were_relaxed(requested, report.shadow_limits_px))
     warnings.push_back(
         has_detail ? fmt::format("max_shadow_error_px was relaxed (shadow_limit_px): it would take more than {:g} "

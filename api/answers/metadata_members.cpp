@@ -20,7 +20,8 @@ namespace {
 
 using engine::FrameReport;
 
-// Conditions under which members are written.
+// Conditions under which members are written. A member of frames alone has one that needs `frame`; maps share the
+// others.
 bool of_frame(const MetadataSource& s) { return s.frame != nullptr; }
 bool with_terrain(const MetadataSource& s) { return s.frame && s.request.terrain; }
 bool with_detail(const MetadataSource& s) { return s.request.detail != nullptr; }
@@ -129,10 +130,12 @@ void add_further_bounces(Answer<MetadataSource>& a) {
           "higher in the middle of the image, 0.8 from 2 degrees, null below, without ground there and in maps"),
       [](const MetadataSource& s) {
         const double albedo =
-                         s.request.albedo_maps.empty()
-                             ? engine::diffuse_albedo(engine::Brdf(s.request.reflectance, engine::band_of(s.request)))
-                             : 1,
-                     reflected = std::min(albedo * s.report.ground_view, 0.99);
+            s.request.albedo_maps.empty()
+                ? engine::diffuse_albedo(engine::Brdf(s.request.reflectance, engine::band_of(s.request)))
+                : 1;
+        // Each bounce returns at most this share of the light, a V in the description. Below 1 the geometric series of
+        // the further bounces, with sum (a V)^n / (1 - a V), converges.
+        const double reflected = std::min(albedo * s.report.ground_view, 0.99);
         const std::optional<double> sun_deg = s.report.view.sun_elevation_deg;
         return OrderedJson{
             {"ground_view", s.report.ground_view},
@@ -193,6 +196,7 @@ void add_exposure(Answer<MetadataSource>& a) {
 
 void add_geometry(Answer<MetadataSource>& a) {
   using namespace schema;
+  // The schema lists the two algorithms only: a report never names "auto".
   a.add(
       "visibility", with_keyword(words(kVisibilities, "that the frame was made with"), "enum", {"zbuffer", "raytrace"}),
       [](const MetadataSource& s) { return visibility_name(s.report.visibility); }, of_frame);

@@ -14,6 +14,7 @@ namespace {
 
 using engine::DiscRow;
 
+// Returns a text as a cell of CSV: quoted if it contains a comma.
 std::string quoted(const std::string& text) { return text.find(',') == std::string::npos ? text : "\"" + text + "\""; }
 
 // Smallest and largest of the ratios added; NaN is ignored.
@@ -36,7 +37,7 @@ bool in_lime(const DiscRow& row) { return row.wavelength_um > 0.4399 && row.wave
 
 // Returns a table of ratios to a model: a row per preset, a column per phase angle, each with its range over the bands.
 std::string disc_table(const MoonReport& report, const std::string& ground, double DiscRow::*model, const char* name) {
-  constexpr double kShown_deg[] = {2, 5, 7, 15, 30, 45, 60, 75, 90};
+  constexpr double kShown_deg[] = {2, 5, 7, 15, 30, 45, 60, 75, 90};  // phase angles, waxing; waning is negative
   std::map<std::string, std::map<double, RatioRange>> ranges;
   std::vector<std::string> presets;
   for (const DiscRow& row : report.discs) {
@@ -45,60 +46,62 @@ std::string disc_table(const MoonReport& report, const std::string& ground, doub
     ranges[row.preset][row.phase_deg].add(row.reflectance / row.*model);
   }
   if (presets.empty()) return {};
-  std::string out = fmt::format("\n| {}, over {} |", ground, name), line = "\n|---|";
-  std::vector<double> phases;
-  for (const double g : kShown_deg)
-    for (const double side : {g, -g})
-      if (ranges[presets.front()].contains(side)) {
-        phases.push_back(side);
-        out += fmt::format(" {:g} |", side);
-        line += "---|";
+  std::string out = fmt::format("\n| {}, over {} |", ground, name), rule_below_head = "\n|---|";
+  std::vector<double> columns_deg;
+  for (const double shown_deg : kShown_deg)
+    for (const double phase_deg : {shown_deg, -shown_deg})
+      if (ranges[presets.front()].contains(phase_deg)) {
+        columns_deg.push_back(phase_deg);
+        out += fmt::format(" {:g} |", phase_deg);
+        rule_below_head += "---|";
       }
-  out += line + "\n";
+  out += rule_below_head + "\n";
   for (const std::string& preset : presets) {
     out += fmt::format("| {} |", preset);
-    for (const double g : phases) out += fmt::format(" {} |", ranges[preset][g].text());
+    for (const double phase_deg : columns_deg) out += fmt::format(" {} |", ranges[preset][phase_deg].text());
     out += "\n";
   }
   return out;
 }
 
-void check_discs(const MoonReport& report, std::vector<std::string>& out) {
+// Adds a line for each disc outside the bounds, which the header lists.
+void check_discs(const MoonReport& report, std::vector<std::string>& violations) {
   // Sums of the rendered reflectance and LIME's over waxing and waning, by wavelength and phase.
   std::map<std::pair<double, double>, std::pair<double, double>> terrain_sums;
   for (const DiscRow& row : report.discs) {
-    const double g = std::abs(row.phase_deg), ratio = row.reflectance / row.lime;
+    const double phase_deg = std::abs(row.phase_deg), ratio = row.reflectance / row.lime;
     if (row.preset != "moon" || !in_lime(row) || std::isnan(ratio)) continue;
     if (row.ground == "terrain") {
-      auto& [rendered, lime] = terrain_sums[{row.wavelength_um, g}];
+      auto& [rendered, lime] = terrain_sums[{row.wavelength_um, phase_deg}];
       rendered += row.reflectance;
       lime += row.lime;
     }
-    const double bound = g >= 5 ? 0.01 : 0.02;
+    const double bound = phase_deg >= 5 ? 0.01 : 0.02;
     if (row.ground == "sphere" && std::abs(ratio - 1) > bound)
-      out.push_back(fmt::format("moon on a sphere, {:g} um, {:g} degrees: {:.4f} of LIME", row.wavelength_um,
-                                row.phase_deg, ratio));
+      violations.push_back(fmt::format("moon on a sphere, {:g} um, {:g} degrees: {:.4f} of LIME", row.wavelength_um,
+                                       row.phase_deg, ratio));
   }
   for (const auto& [band_and_phase, sums] : terrain_sums)
     if (const double mean = sums.first / sums.second; std::abs(mean - 1) > 0.03)
-      out.push_back(fmt::format("moon on terrain, {:g} um, {:g} degrees: {:.4f} of LIME", band_and_phase.first,
-                                band_and_phase.second, mean));
+      violations.push_back(fmt::format("moon on terrain, {:g} um, {:g} degrees: {:.4f} of LIME", band_and_phase.first,
+                                       band_and_phase.second, mean));
 }
 
-void check_images(const MoonReport& report, std::vector<std::string>& out) {
+// Adds a line for each image outside the bounds. A comparison that fails for NaN counts as a violation.
+void check_images(const MoonReport& report, std::vector<std::string>& violations) {
   std::map<std::string, RatioRange> scales;
   for (const ImageRow& row : report.images) {
     const engine::DiscComparison& c = row.comparison;
     const std::string name = row.image + " " + row.channel;
     if (!(c.correlation >= (row.wavelength_um < 1 ? 0.995 : 0.985)))
-      out.push_back(fmt::format("{}: correlation {:.4f}", name, c.correlation));
-    if (!(std::abs(c.scale - 1) <= 0.1)) out.push_back(fmt::format("{}: scale {:.3f}", name, c.scale));
-    if (!(std::abs(c.limb_px) <= 0.1)) out.push_back(fmt::format("{}: limb off by {:.3f} px", name, c.limb_px));
+      violations.push_back(fmt::format("{}: correlation {:.4f}", name, c.correlation));
+    if (!(std::abs(c.scale - 1) <= 0.1)) violations.push_back(fmt::format("{}: scale {:.3f}", name, c.scale));
+    if (!(std::abs(c.limb_px) <= 0.1)) violations.push_back(fmt::format("{}: limb off by {:.3f} px", name, c.limb_px));
     scales[row.channel].add(c.scale);
   }
   for (const auto& [channel, range] : scales)
     if (range.largest / range.smallest > 1.02)
-      out.push_back(fmt::format("{}: scales from {:.3f} to {:.3f}", channel, range.smallest, range.largest));
+      violations.push_back(fmt::format("{}: scales from {:.3f} to {:.3f}", channel, range.smallest, range.largest));
 }
 
 }  // namespace

@@ -24,10 +24,12 @@ constexpr const char* kReasons[] = {"",
                                     "seen by no row"};
 const char* text_of(Reason reason) { return kReasons[static_cast<std::size_t>(reason)]; }
 
+// Returns why a place has no height: no tile covers it, or no post of the tiles there is valid.
 Reason why_no_height(double lat_deg, double lon_deg, const dem::Catalogue& catalogue) {
   return catalogue.touching(lat_deg, lat_deg, lon_deg, lon_deg).empty() ? Reason::no_dataset : Reason::no_post;
 }
 
+// Returns why a landmark has no height or no position in the image; `none` if it has both.
 Reason reason_of(const LandmarkSource& s) {
   if (!std::isfinite(s.landmark.height_m)) return why_no_height(s.point.lat_deg, s.point.lon_deg, s.catalogue);
   if (std::isfinite(s.landmark.x_px)) return Reason::none;
@@ -35,6 +37,7 @@ Reason reason_of(const LandmarkSource& s) {
   return s.landmark.behind_camera ? Reason::behind_camera : Reason::beyond_lens;
 }
 
+// Returns the function that reads a field of the landmark.
 template <typename Field>
 auto landmark(Field field) {
   return [field](const LandmarkSource& s) { return s.landmark.*field; };
@@ -99,9 +102,9 @@ std::vector<std::size_t> shape_of(const Query& query, std::size_t count) {
 constexpr double kMissing = std::numeric_limits<double>::quiet_NaN();
 
 void add_irradiances(ColumnArrays& arrays, std::span<const LightOfPoint> light) {
-  arrays.add("irradiance", light, [](const LightOfPoint& at) -> Vec3 {
-    if (!at) return Vec3::Constant(kMissing);
-    return {at->direct_w_m2, at->terrain_w_m2, at->earth_w_m2};
+  arrays.add("irradiance", light, [](const LightOfPoint& light_of_point) -> Vec3 {
+    if (!light_of_point) return Vec3::Constant(kMissing);
+    return {light_of_point->direct_w_m2, light_of_point->terrain_w_m2, light_of_point->earth_w_m2};
   });
 }
 
@@ -111,13 +114,13 @@ std::string rays_npz(std::span<const engine::RayHit> hits, std::span<const Light
                      const StopToken& stop) {
   using engine::RayHit;
   ColumnArrays arrays(shape_of(query, hits.size()), ElementType::boolean, stop);
-  const auto vector = [&](const char* name, Vec3 RayHit::*member) {
+  const auto add_vector = [&](const char* name, Vec3 RayHit::*member) {
     arrays.add(name, hits, [&](const RayHit& h) -> Vec3 { return h.hit ? h.*member : Vec3::Constant(kMissing); });
   };
   arrays.add("hit", hits, &RayHit::hit);
   arrays.add("range_m", hits, [](const RayHit& h) { return h.hit ? h.range_m : kMissing; });
-  vector("position_m", &RayHit::position_m);
-  vector("normal", &RayHit::normal);
+  add_vector("position_m", &RayHit::position_m);
+  add_vector("normal", &RayHit::normal);
   arrays.add("rock", hits, [](const RayHit& h) { return h.rock.value_or(0); });
   if (!query.objects.empty())
     arrays.add("object", hits, [](const RayHit& h) { return h.object.value_or(std::uint16_t{65535}); });

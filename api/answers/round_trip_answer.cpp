@@ -16,6 +16,7 @@ using engine::DifferenceStatistics;
 template <typename Source, typename Group>
 void add_group(Answer<Source>& a, Group group) {
   using namespace schema;
+  // Returns the function that reads a field of the group's statistics.
   const auto of = [group](auto engine::GroupStatistics::*field) {
     return [group, field](const Source& s) { return group(s).*field; };
   };
@@ -30,6 +31,7 @@ void add_group(Answer<Source>& a, Group group) {
         of(&GroupStatistics::z));
 }
 
+// Returns the post with the largest difference; null if no post was compared.
 OrderedJson worst_json(const engine::RoundTrip& trip, const DifferenceStatistics& s) {
   if (s.worst_row < 0) return nullptr;
   const Geographic g = trip.window.place(s.worst_row, s.worst_col);
@@ -173,6 +175,7 @@ std::string length_text(double length_m) {
   if (length_m == 0) return "0 m";
   constexpr std::pair<const char*, double> kUnits[] = {
       {"pm", 1e-12}, {"nm", 1e-9}, {"µm", 1e-6}, {"mm", 1e-3}, {"m", 1}};
+  // Take the largest unit of which the length has at least a tenth: 0.1 to 100 of it, as the units are 1000 apart.
   auto unit = kUnits[0];
   for (const auto& larger : kUnits)
     if (std::abs(length_m) >= 0.1 * larger.second) unit = larger;

@@ -14,11 +14,12 @@ double sky_turned_deg(const engine::FrameRequest& request, double icrf_lag_s) {
   constexpr double kMinShift_px = 0.05;
   if (icrf_lag_s == 0 || !request.sky || !request.sky->any() || !engine::wants_radiance(request)) return 0;
   const std::string& utc = request.sky->utc;
+  // The Moon's rotation from the sky's epoch to that of the poses.
   const Eigen::Matrix3d rotation =
       engine::moon_me_from_icrf(utc, icrf_lag_s) * engine::moon_me_from_icrf(utc).transpose();
-  const double angle = Eigen::AngleAxisd(rotation).angle();
-  const double shift_px = angle * std::max(request.camera.fx, request.camera.fy);
-  return shift_px < kMinShift_px ? 0 : angle / kRadiansPerDegree;
+  const double angle_rad = Eigen::AngleAxisd(rotation).angle();
+  const double shift_px = angle_rad * std::max(request.camera.fx, request.camera.fy);
+  return shift_px < kMinShift_px ? 0 : angle_rad / kRadiansPerDegree;
 }
 
 void warn_of_turned_sky(const engine::FrameRequest& request, double icrf_lag_s, nlohmann::ordered_json& warnings) {

@@ -16,6 +16,7 @@
 namespace selenograph::api {
 namespace {
 
+// Limits beyond which a frame gets a warning: size of a post in the image, and share of pixels that see no data.
 constexpr double kMaxPost_px = 8, kMaxMissing = 0.5;
 
 // Returns the angle between the boresight of an attitude and the nadir, radians; empty if the boresight misses the
@@ -45,6 +46,7 @@ double share_of_image(const engine::Camera& camera, const Property& has) {
   return static_cast<double>(count) / (kSamplesPerSide * kSamplesPerSide);
 }
 
+// Returns the share of the image that sees the sphere.
 double share_of_moon(const engine::View& view) {
   return share_of_image(view.camera(), [&](double x_px, double y_px) {
     const auto ray = view.ray(x_px, y_px);
@@ -68,35 +70,39 @@ constexpr std::string_view kInverse = "is it the inverse, camera_from_moon and m
 // Returns questions about the usual mistakes that would turn an attitude that looks at the Moon into this one. Each
 // mistake is undone; those with which the boresight hits the Moon are listed, nearest to the Moon's centre first.
 std::string likely_mistake(const engine::Pose& pose) {
-  const Eigen::Quaterniond q = pose.camera_from_moon, inverse = q.conjugate(),
-                           half_turn(0, 1, 0, 0);  // half_turn: about x
+  // Eigen's constructor takes w, x, y, z.
+  const Eigen::Quaterniond q = pose.camera_from_moon, inverse = q.conjugate();
+  const Eigen::Quaterniond half_turn(0, 1, 0, 0);  // about x: from OpenGL's camera axes to OpenCV's, and back
+  // Returns the quaternion that the client meant with these four numbers: they were written x, y, z, w but read as w,
+  // x, y, z, or the other way round.
   const auto scalar_last = [](const Eigen::Quaterniond& p) { return Eigen::Quaterniond(p.z(), p.w(), p.x(), p.y()); };
   const auto scalar_first = [](const Eigen::Quaterniond& p) { return Eigen::Quaterniond(p.x(), p.y(), p.z(), p.w()); };
   struct Mistake {
     Eigen::Quaterniond intended;  // the attitude without the mistake
     std::string_view question;
   };
-  const char* const last = "are its components in the order x, y, z, w? w is the scalar part";
-  const char* const first = "are its components in the order w, x, y, z, and were taken for x, y, z, w?";
+  const char* const asks_scalar_last = "are its components in the order x, y, z, w? w is the scalar part";
+  const char* const asks_scalar_first = "are its components in the order w, x, y, z, and were taken for x, y, z, w?";
   const Mistake mistakes[] = {
       {inverse, kInverse},
       {half_turn * q, "are its axes OpenGL's (+y up, -z boresight)? Then say \"axes\": \"opengl\""},
       {half_turn * inverse, "is it the inverse, with OpenGL's axes (+y up, -z boresight)?"},
-      {scalar_last(q), last},
-      {scalar_last(inverse).conjugate(), last},
-      {scalar_first(q), first},
-      {scalar_first(inverse).conjugate(), first}};
+      // The client may have given moon_from_camera, whose numbers are those of the inverse: reorder them, then invert.
+      {scalar_last(q), asks_scalar_last},
+      {scalar_last(inverse).conjugate(), asks_scalar_last},
+      {scalar_first(q), asks_scalar_first},
+      {scalar_first(inverse).conjugate(), asks_scalar_first}};
   std::vector<std::pair<double, std::string_view>> found;  // angle in nanoradians; each question once
   for (const Mistake& m : mistakes) {
     const auto angle = off_nadir(pose.position_m, m.intended);
     if (!angle) continue;
     // Round the angle, so that angles equal but for rounding errors stay in the order of the table.
     const double nano_rad = std::round(*angle * 1e9);
-    const auto same = std::ranges::find(found, m.question, &std::pair<double, std::string_view>::second);
-    if (same == found.end())
+    const auto same_question = std::ranges::find(found, m.question, &std::pair<double, std::string_view>::second);
+    if (same_question == found.end())
       found.emplace_back(nano_rad, m.question);
     else
-      same->first = std::min(same->first, nano_rad);
+      same_question->first = std::min(same_question->first, nano_rad);
   }
   if (found.empty()) return {};
   std::ranges::stable_sort(found, {}, &std::pair<double, std::string_view>::first);
@@ -105,7 +111,8 @@ std::string likely_mistake(const engine::Pose& pose) {
   return text;
 }
 
-// Returns the diameter of the Moon's disc in the middle of the image, in pixels.
+// Returns the diameter of the Moon's disc in the middle of the image, in pixels; a huge number for a camera below the
+// sphere.
 double moon_px(const engine::FrameRequest& request) {
   const double distance_m = request.pose.position_m.norm();
   return distance_m > kMoonRadius_m ? 2 * request.camera.fx * std::tan(std::asin(kMoonRadius_m / distance_m)) : 1e9;
@@ -119,6 +126,7 @@ std::string why_nothing(const engine::FrameRequest& request) {
   return text;
 }
 
+// Returns true if a tile of the catalogue covers the place.
 bool has_data(const dem::Catalogue& catalogue, double lat_deg, double lon_deg) {
   return !catalogue.touching(lat_deg, lat_deg, lon_deg, lon_deg).empty();
 }
@@ -203,6 +211,7 @@ void add_lens_warning(const engine::Camera& camera, OrderedJson& warnings) {
   const double unmapped =
       share_of_image(camera, [&](double x_px, double y_px) { return !projection.direction(x_px, y_px); });
   if (unmapped <= kMaxUnmappedShare) return;
+  // A camera beyond the image plane is a fisheye, which images directions up to a largest angle from its boresight.
   warnings.push_back(
       camera.beyond_plane()
           ? "most of the image is beyond what the fisheye images: make fov_deg smaller or fx larger, or width and "

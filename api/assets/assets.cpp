@@ -23,10 +23,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kMaxAssetDepth = 16;
-constexpr int kMaxBands = 1000;
+constexpr int kMaxAssetDepth = 16;  // nesting of JSON
+constexpr int kMaxBands = 1000;     // of a map's raster
 constexpr Range kExponent{0.1, 10};
-constexpr auto kFailureLifetime = std::chrono::minutes(1);
+constexpr auto kFailureLifetime = std::chrono::minutes(1);  // time for which an unusable file is not read again
 constexpr std::size_t kMaxFailures = 1000;
 
 // Returns true for a name that cannot lead out of the folder: names come from clients.
@@ -93,7 +93,7 @@ std::shared_ptr<const T> Assets::find(const char* type, const FileVersion& file,
       return Files::Loaded{std::move(content), bytes};
     };
     const auto content = std::static_pointer_cast<const ContentOf<T>>(files_.get(key, load, stop));
-    return {content, &content->value};
+    return {content, &content->value};  // points to the value and shares ownership of the cache's entry
   } catch (const DataError& e) {
     // Do not remember an error of another file, such as a map's raster: it may be mended without a change of this file.
     if (e.file() == file.path) remember_failure(key, e.what());
@@ -196,7 +196,8 @@ std::optional<dem::RadianceFactor> read_quantity(const JsonReader& in) {
                                      in.number("phase_deg", Range{0, 180, false, true}),
                                      in.number("wavelength_um", Range{0.1, 1000})};
   if (!in.good()) return std::nullopt;
-  // The three directions span a spherical triangle.
+  // The directions to the Sun, to the viewer and along the normal span a spherical triangle, whose sides are the three
+  // angles: none is longer than the other two together.
   if (geometry.phase_deg > geometry.incidence_deg + geometry.emission_deg ||
       geometry.phase_deg < std::abs(geometry.incidence_deg - geometry.emission_deg))
     in.fail("phase_deg", "must lie between the difference and the sum of incidence and emission");
@@ -266,8 +267,10 @@ void read_craters(const JsonReader& in, dem::CraterLaw& craters) {
   if (!in.good()) return;
   if (!(craters.smallest_m < craters.largest_m)) return in.fail("smallest_m", "must be below largest_m");
   // Limit the density to ten times equilibrium: no surface on the Moon is denser, and rendering time grows with it.
-  const auto m = find_denser_diameter(craters.frequency, 10, dem::equilibrium(), craters.smallest_m, craters.largest_m);
-  if (m) in.fail("frequency", fmt::format("has more than ten times equilibrium's craters above {:g} m", *m));
+  const auto too_dense_m =
+      find_denser_diameter(craters.frequency, 10, dem::equilibrium(), craters.smallest_m, craters.largest_m);
+  if (too_dense_m)
+    in.fail("frequency", fmt::format("has more than ten times equilibrium's craters above {:g} m", *too_dense_m));
 }
 
 void read_rocks(const JsonReader& in, dem::RockLaw& rocks) {
@@ -288,10 +291,10 @@ void read_rocks(const JsonReader& in, dem::RockLaw& rocks) {
   };
   // Lower the default for ground as rocky as Haworth's, which is already covered by ejecta.
   if (!in.has("on_ejecta") && find_too_dense_diameter()) rocks.on_ejecta = 5;
-  if (const auto m = find_too_dense_diameter())
+  if (const auto too_dense_m = find_too_dense_diameter())
     in.fail("frequency", fmt::format("has, next to fresh craters, more than ten times the rocks above {:g} m that were "
                                      "counted in Haworth's rocky parts",
-                                     *m));
+                                     *too_dense_m));
 }
 
 dem::Region read_region(const JsonReader& in) {
@@ -355,6 +358,7 @@ dem::DetailPreset read_detail_file(const std::string& path) {
     if (!in.has("craters") && !in.has("relief") && !in.has("rocks"))
       in.fail("has neither craters nor relief nor rocks");
   }
+  // The fingerprint covers the members only: dump() sorts them and drops the file's blanks.
   const std::string text = json.dump();
   preset.fingerprint = dem::hash_of(text.data(), text.size());
   throw_if_faulty(path, findings);

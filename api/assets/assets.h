@@ -112,6 +112,7 @@ class Assets {
   template <typename T, typename Read>
   std::shared_ptr<const T> find_small(const char* type, const std::optional<FileVersion>& file, const StopToken& stop,
                                       const Read& read) const;
+  // Returns maps/NAME.json, whose means are taken as fourth powers if `fourth_power` is true; null for no file.
   std::shared_ptr<const dem::ValueMap> find_map(const char* type, std::string_view name, bool fourth_power,
                                                 const StopToken& stop) const;
 
