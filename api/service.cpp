@@ -61,10 +61,11 @@ struct Service::Impl {
     };
     const auto shared = std::make_shared<const BudgetAndClaim>(
         BudgetAndClaim{memory, request_memory.release_for_answer(response.body.capacity())});
-    response.memory = {shared, &shared->claim};
+    response.memory = {shared, &shared->claim};  // points to the claim and shares ownership of both
     return response;
   }
 
+  // Checks the request's headers and calls its endpoint.
   Response dispatch(const Request& request, RequestMemory& request_memory) const {
     const Route& route = route_of(request);
     if (!route.negotiates && !accepts(header(request, "accept"), "application/json"))

@@ -21,8 +21,8 @@ bool can_answer(const Route& route, int status) {
     case 413:
     case 415:
       return route.has_body();
-    case 422:
-    case 504:
+    case 422:  // calls without admission have no members to be at fault,
+    case 504:  // and take no time
       return route.admission;
     case 500:
       return route.reads_terrain;
@@ -55,6 +55,7 @@ OrderedJson problem_responses() {
   return responses;
 }
 
+// Adds a reference to the response of each status with which the call can fail.
 void add_problems(OrderedJson& responses, const Route& route) {
   for (const ErrorRow& row : error_table()) {
     if (!is_documented_response(row) || !can_answer(route, row.status)) continue;
@@ -92,7 +93,7 @@ OrderedJson headers() {
   list["Selenograph-Meta"] = {{"description",
                                "For npy and raw answers: the frame's metadata, compact ASCII JSON of at most 6000 "
                                "bytes; metadata_at is the path of the complete metadata, if longer"},
-                              {"content", {{"application/json", {{"schema", schema::ref("FrameMetadata")}}}}}};
+                              {"content", {{"application/json", OrderedJson::object()}}}};
   list["Selenograph-Meta"]["content"]["application/json"]["schema"] = {
       {"anyOf", {schema::ref("FrameMetadata"), schema::ref("MetadataElsewhere")}}};
   return list;
@@ -121,9 +122,9 @@ void add_operator_paths(OrderedJson& paths) {
   add("/health/live", "isLive", "Whether the process runs", text_answer("It does", "text/plain"));
   add("/health/ready", "isReady", "Whether requests are taken", text_answer("They are", "text/plain"));
   // Here 503 is a regular answer, too, as text: the service shuts down.
-  OrderedJson not_now = text_answer("Shutting down, or too many connections", "text/plain");
-  not_now["content"]["application/problem+json"] = {{"schema", schema::ref("Problem")}};
-  paths["/health/ready"]["get"]["responses"]["503"] = not_now;
+  OrderedJson unready = text_answer("Shutting down, or too many connections", "text/plain");
+  unready["content"]["application/problem+json"] = {{"schema", schema::ref("Problem")}};
+  paths["/health/ready"]["get"]["responses"]["503"] = unready;
   add("/metrics", "getMetrics", "Metrics for the operator", text_answer("Prometheus text format 0.0.4", "text/plain"));
 }
 

@@ -10,11 +10,13 @@
 namespace selenograph::api {
 namespace {
 
+// The body of a POST: its path, and the table of its members.
 struct RequestBody {
   std::string_view path;
   const MemberTable& members;
 };
 
+// Returns the bodies of all calls that have one, in the order of kRoutes. Each endpoint's description names its table.
 std::vector<RequestBody> bodies() {
   const Limits limits;
   std::vector<RequestBody> list;

@@ -17,6 +17,8 @@ constexpr std::string_view kAngles[] = {"incidence_deg", "emission_deg", "phase_
 constexpr std::string_view kLightSources[] = {"direct", "terrain", "earth"};
 constexpr std::string_view kImageAxes[] = {"x", "y"};
 
+// In each row: bit, name, array, components, whether it needs a Sun, meaning in frames (empty: maps only), and, for
+// maps, order, unit and meaning.
 constexpr ProductRow kTable[] = {
     {engine::kImage,
      "image",
@@ -146,6 +148,7 @@ constexpr ProductRow kTable[] = {
 constexpr std::size_t kFrameProductCount =
     std::ranges::count_if(kTable, [](const ProductRow& row) { return !row.meaning.empty(); });
 
+// Returns the rows of products that maps have, in their own order and with their meaning in maps.
 std::vector<ProductRow> rows_of_maps() {
   std::vector<ProductRow> rows;
   for (const ProductRow& row : kTable)
@@ -169,16 +172,16 @@ ElementType type_of(const std::vector<Eigen::half>&) { return ElementType::float
 ElementType type_of(const std::vector<float>&) { return ElementType::float32; }
 ElementType type_of(const std::vector<double>&) { return ElementType::float64; }
 
-void narrow(double m, float& out) { out = static_cast<float>(m); }
+void narrow(double distance_m, float& narrowed) { narrowed = static_cast<float>(distance_m); }
 // Rounds a double to half only once. Eigen rounds a float to half, so rounding to float first would round ties wrongly.
 // Therefore round to odd: truncate to float and set the last bit if the float is inexact, which keeps it off every tie.
-void narrow(double m, Eigen::half& out) {
-  float to_odd = static_cast<float>(m);
-  if (std::isfinite(to_odd) && static_cast<double>(to_odd) != m) {
-    if (std::abs(static_cast<double>(to_odd)) > std::abs(m)) to_odd = std::nextafter(to_odd, 0.F);
+void narrow(double distance_m, Eigen::half& narrowed) {
+  float to_odd = static_cast<float>(distance_m);
+  if (std::isfinite(to_odd) && static_cast<double>(to_odd) != distance_m) {
+    if (std::abs(static_cast<double>(to_odd)) > std::abs(distance_m)) to_odd = std::nextafter(to_odd, 0.F);
     to_odd = std::bit_cast<float>(std::bit_cast<std::uint32_t>(to_odd) | 1U);
   }
-  out = Eigen::half(to_odd);
+  narrowed = Eigen::half(to_odd);
 }
 
 // Returns a view of a product's elements; throws std::logic_error if there are not height x width of them.
@@ -217,17 +220,17 @@ ArrayView view_of(const ProductRow& row, const engine::Frame& frame, const engin
     const Vec3& origin_m = *request.truth->position_origin_m;
     narrowed.position.resize(position.size());
     for (std::size_t i = 0; i < position.size(); ++i)
-      narrowed.position[i] = static_cast<float>(position[i] - origin_m[static_cast<Eigen::Index>(i % 3)]);
+      narrowed.position[i] = static_cast<float>(position[i] - origin_m[static_cast<Eigen::Index>(i % 3)]);  // x, y, z
     return view(row, narrowed.position, request);
   }
   using Floats = engine::TruthGrid::Floats;
   const bool is_depth = row.product == engine::kDepth;
   if ((is_depth || row.product == engine::kRange) && request.truth && request.truth->distances != Floats::float64) {
     const std::vector<double>& distances_m = is_depth ? frame.products.depth : frame.products.range;
-    const auto narrow_all = [&](auto& out) {
-      out.resize(distances_m.size());
-      for (std::size_t i = 0; i < distances_m.size(); ++i) narrow(distances_m[i], out[i]);
-      return view(row, out, request);
+    const auto narrow_all = [&](auto& narrowed_distances) {
+      narrowed_distances.resize(distances_m.size());
+      for (std::size_t i = 0; i < distances_m.size(); ++i) narrow(distances_m[i], narrowed_distances[i]);
+      return view(row, narrowed_distances, request);
     };
     if (request.truth->distances == Floats::float32) return narrow_all(is_depth ? narrowed.depth : narrowed.range);
     return narrow_all(is_depth ? narrowed.half_depth : narrowed.half_range);

@@ -34,6 +34,7 @@ OIIO::TypeDesc oiio_type(ElementType type) {
   throw std::invalid_argument("unknown element type");
 }
 
+// Throws std::invalid_argument for an array that no image format can hold.
 void check_shape(const ArrayView& array, const char* format) {
   if (array.height <= 0 || array.width <= 0) throw std::invalid_argument(std::string(format) + ": the array is empty");
   if (array.channels < 1 || array.channels > 3) {
@@ -59,6 +60,7 @@ class Destination : public OIIO::Filesystem::IOProxy {
     m_pos += static_cast<std::int64_t>(written);
     return written;
   }
+  // Overwrites what has been written behind `offset`, and appends the rest: OpenImageIO seeks back to complete headers.
   std::size_t pwrite(const void* data, std::size_t size, std::int64_t offset) override {
     const auto position = static_cast<std::size_t>(offset);
     if (bytes_.size() < position) bytes_.resize(position);
@@ -117,6 +119,7 @@ class Writer {
 // One channel of the file: a component of an array, and its conversion to a 32-bit word. A double becomes two channels:
 // the value rounded to float, and the residual.
 struct ExrChannel {
+  // integer: uint8 or uint16 to uint32; half: to float; single: none; rounded and residual: of a double.
   enum class Conversion { integer, half, single, rounded, residual };
   std::string name;
   const ArrayView* array;
@@ -124,6 +127,7 @@ struct ExrChannel {
   Conversion conversion;
 };
 
+// Returns the channels of all arrays, in the order in which a pixel's words are interleaved.
 std::vector<ExrChannel> exr_channels(const std::vector<ArrayView>& arrays) {
   using Conversion = ExrChannel::Conversion;
   std::vector<ExrChannel> channels;
@@ -164,29 +168,30 @@ void interleave(const Element* from, int from_stride, std::uint32_t* to, std::si
     *to = std::bit_cast<std::uint32_t>(convert(*from));
 }
 
-// Writes row `y` of a channel to every `stride`-th word.
+// Writes row `y` of a channel to every `stride`-th word: a pixel's words are the channels' values, one after the other.
 void interleave_row(const ExrChannel& channel, int y, std::uint32_t* to, std::size_t stride) {
   const ArrayView& a = *channel.array;
-  const std::size_t first =
+  const std::size_t first_element =
       std::size_t(y) * std::size_t(a.width) * std::size_t(a.channels) + std::size_t(channel.component);
-  const auto run = [&](const auto* data, auto convert) {
-    interleave(data + first, a.channels, to, stride, a.width, convert);
+  const auto interleave_as = [&](const auto* data, auto convert) {
+    interleave(data + first_element, a.channels, to, stride, a.width, convert);
   };
   switch (channel.conversion) {
     case ExrChannel::Conversion::half:
-      return run(static_cast<const Eigen::half*>(a.data), [](Eigen::half v) { return static_cast<float>(v); });
+      return interleave_as(static_cast<const Eigen::half*>(a.data),
+                           [](Eigen::half v) { return static_cast<float>(v); });
     case ExrChannel::Conversion::single:
-      return run(static_cast<const float*>(a.data), [](float v) { return v; });
+      return interleave_as(static_cast<const float*>(a.data), [](float v) { return v; });
     case ExrChannel::Conversion::rounded:
-      return run(static_cast<const double*>(a.data), [](double v) { return static_cast<float>(v); });
+      return interleave_as(static_cast<const double*>(a.data), [](double v) { return static_cast<float>(v); });
     case ExrChannel::Conversion::residual:
-      return run(static_cast<const double*>(a.data), residual);
+      return interleave_as(static_cast<const double*>(a.data), residual);
     case ExrChannel::Conversion::integer:
       break;
   }
   const auto widen = [](auto v) { return std::uint32_t{v}; };
-  if (a.type == ElementType::uint8) return run(static_cast<const std::uint8_t*>(a.data), widen);
-  run(static_cast<const std::uint16_t*>(a.data), widen);
+  if (a.type == ElementType::uint8) return interleave_as(static_cast<const std::uint8_t*>(a.data), widen);
+  interleave_as(static_cast<const std::uint16_t*>(a.data), widen);
 }
 
 OIIO::ImageSpec exr_spec(const std::vector<ArrayView>& arrays, const std::vector<ExrChannel>& channels) {
@@ -265,7 +270,7 @@ std::string encode_exr(const std::vector<ArrayView>& arrays, const Attributes& a
   Writer writer("exr", spec, stop);
   constexpr int kRows = 16;  // few enough to stay in the processor's cache
   const std::size_t row_words = std::size_t(width) * channels.size();
-  std::vector<std::uint32_t> rows(kRows * row_words);
+  std::vector<std::uint32_t> rows(kRows * row_words);  // interleaved words of up to kRows rows
   for (int y = 0; y < height; y += kRows) {
     const int past_last = std::min(y + kRows, height);
     for (int row = y; row < past_last; ++row) {

@@ -22,6 +22,7 @@ std::size_t array_bytes(const ArrayView& array) {
 
 const char* data_of(const ArrayView& array) { return static_cast<const char*>(array.data); }
 
+// Returns the bytes in front of an array's elements.
 std::string npy_header(const ArrayView& array) {
   std::string shape = std::to_string(array.height) + ", " + std::to_string(array.width);
   if (array.channels > 1) shape += ", " + std::to_string(array.channels);
@@ -34,7 +35,7 @@ std::string npy_header(const ArrayView& array) {
       "{'descr': '" + numpy_descr(array.type) + "', 'fortran_order': False, 'shape': (" + shape + "), }";
   // The preamble is magic, version and length. Aligned data can be mapped into memory.
   constexpr std::size_t kPreamble = 10, kAlignment = 64;
-  const std::size_t unpadded = kPreamble + dictionary.size() + 1;
+  const std::size_t unpadded = kPreamble + dictionary.size() + 1;  // with the final newline
   dictionary.append((kAlignment - unpadded % kAlignment) % kAlignment, ' ');
   dictionary += '\n';
   std::string header("\x93NUMPY\x01\x00", 8);
@@ -217,6 +218,7 @@ std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& 
   std::vector<std::string> headers;  // reserved, since fragments point to its elements
   headers.reserve(arrays.size());
   for (const ArrayView& array : arrays) headers.push_back(npy_header(array));
+  // Reserve the answer's memory in advance: a growing string would copy it, and hold it twice meanwhile.
   std::size_t expected = meta_json.size() + kMemberBytes;
   for (const ArrayView& array : arrays) expected += array_bytes(array) + kMemberBytes;
   for (const auto& [name, text] : extras.texts) expected += text.size() + kMemberBytes;
@@ -237,6 +239,7 @@ std::string encode_npz(const std::vector<ArrayView>& arrays, const std::string& 
   };
   add_text("meta.json", meta_json);
   for (const auto& [name, text] : extras.texts) add_text(name, text);
+  // The archive is written only now. Where `stop` made ZipDestination refuse, report that instead of libzip's error.
   if (zip_close(archive.get()) != 0) {
     stop.check();
     fail(zip_strerror(archive.get()));

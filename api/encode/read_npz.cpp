@@ -22,6 +22,7 @@ namespace {
 
 constexpr std::size_t kMaxArrays = 32, kMaxDimensions = 8, kMaxHeaderBytes = 4096;
 
+// Throws the error about an array, or about the archive if the name is empty.
 [[noreturn]] void refuse_npz(const std::string& name, const std::string& why) {
   const std::string what = name.empty() ? "the archive" : "array \"" + name + "\"";
   throw RequestError("malformed_npz", what + " " + why, {{name.empty() ? "" : "/" + name, why}});
@@ -34,7 +35,7 @@ class NpyHeader {
     descr_ = quoted(after("'descr':"));
     const std::string_view order = after("'fortran_order':");
     fortran_ = order.starts_with("True");
-    if (!fortran_ && !order.starts_with("False")) bad();
+    if (!fortran_ && !order.starts_with("False")) refuse();
     read_shape(after("'shape':"));
   }
   const std::string& descr() const { return descr_; }
@@ -42,37 +43,39 @@ class NpyHeader {
   const std::vector<std::size_t>& shape() const { return shape_; }
 
  private:
-  [[noreturn]] void bad() const { refuse_npz(name_, "has no header that numpy.save would write"); }
+  [[noreturn]] void refuse() const { refuse_npz(name_, "has no header that numpy.save would write"); }
   // Returns the text after a key, which must occur exactly once.
   std::string_view after(std::string_view key) const {
-    const std::size_t at = text_.find(key);
-    if (at == std::string_view::npos || text_.find(key, at + 1) != std::string_view::npos) bad();
-    std::string_view rest = text_.substr(at + key.size());
+    const std::size_t key_begin = text_.find(key);
+    if (key_begin == std::string_view::npos || text_.find(key, key_begin + 1) != std::string_view::npos) refuse();
+    std::string_view rest = text_.substr(key_begin + key.size());
     rest.remove_prefix(std::min(rest.find_first_not_of(' '), rest.size()));
     return rest;
   }
+  // Returns the text in quotation marks with which `rest` begins. A list instead would describe a record's fields.
   std::string quoted(std::string_view rest) const {
     if (rest.starts_with("[")) refuse_npz(name_, "has fields; plain numbers are needed");
     const std::size_t end = rest.starts_with("'") ? rest.find('\'', 1) : std::string_view::npos;
-    if (end == std::string_view::npos) bad();
+    if (end == std::string_view::npos) refuse();
     return std::string(rest.substr(1, end - 1));
   }
+  // Reads the tuple with which `rest` begins: "(3, 2)", "(3,)" or "()".
   void read_shape(std::string_view rest) {
-    if (!rest.starts_with("(")) bad();
+    if (!rest.starts_with("(")) refuse();
     const std::size_t end = rest.find(')');
-    if (end == std::string_view::npos) bad();
+    if (end == std::string_view::npos) refuse();
     std::string_view list = rest.substr(1, end - 1);
     while (true) {
       list.remove_prefix(std::min(list.find_first_not_of(' '), list.size()));
       if (list.empty()) return;
       std::size_t number = 0;
       const auto [past, error] = std::from_chars(list.data(), list.data() + list.size(), number);
-      if (error != std::errc() || shape_.size() == kMaxDimensions) bad();
+      if (error != std::errc() || shape_.size() == kMaxDimensions) refuse();
       shape_.push_back(number);
       list.remove_prefix(static_cast<std::size_t>(past - list.data()));
       if (list.starts_with("L")) list.remove_prefix(1);  // Python 2 writes 3L
       if (list.empty()) return;
-      if (!list.starts_with(",")) bad();
+      if (!list.starts_with(",")) refuse();
       list.remove_prefix(1);
     }
   }
@@ -91,6 +94,7 @@ void each_in_c_order(const std::vector<std::size_t>& shape, std::size_t count, b
     for (std::size_t i = 0; i < count; ++i) visit(i);
     return;
   }
+  // In Fortran order the first subscript varies fastest: index = s0 + n0 (s1 + n1 (s2 + ..)).
   std::vector<std::size_t> subscript(shape.size(), 0);
   for (std::size_t i = 0; i < count; ++i) {
     std::size_t index = 0;
@@ -101,19 +105,21 @@ void each_in_c_order(const std::vector<std::size_t>& shape, std::size_t count, b
   }
 }
 
+// Returns `count` elements of the type T as doubles, in C order.
 template <typename T>
 std::vector<double> converted(std::string_view bytes, const std::vector<std::size_t>& shape, std::size_t count,
                               bool columns_first) {
-  std::vector<double> out;
-  out.reserve(count);
+  std::vector<double> numbers;
+  numbers.reserve(count);
   each_in_c_order(shape, count, columns_first, [&](std::size_t index) {
     T value;
     std::memcpy(&value, bytes.data() + index * sizeof(T), sizeof(T));
-    out.push_back(static_cast<double>(value));
+    numbers.push_back(static_cast<double>(value));
   });
-  return out;
+  return numbers;
 }
 
+// An element type by its code in the header, with the conversion of its elements to double.
 struct NumberType {
   std::string_view descr;
   std::size_t bytes;
@@ -127,7 +133,8 @@ constexpr NumberType kNumberTypes[] = {
     {"|u1", 1, converted<std::uint8_t>},  {"|b1", 1, converted<std::uint8_t>},
 };
 
-// Converts UTF-32, padded with zeros, to UTF-8.
+// Converts UTF-32, padded with zeros, to UTF-8: 1 to 4 bytes a character, the first of which tells their number and the
+// others of which hold six bits each.
 std::string text_of_utf32(std::string_view bytes, const std::string& name) {
   std::string out;
   for (std::size_t i = 0; i + 4 <= bytes.size(); i += 4) {
@@ -192,8 +199,8 @@ std::string unpacked(zip_t* archive, zip_uint64_t index, std::size_t size, const
     // Read once more at the expected end: only then does libzip compare the checksum.
     char extra;
     const bool full = filled == size;
-    const std::size_t chunk = std::min<std::size_t>(size - filled, std::size_t{1} << 20);
-    const zip_int64_t got = zip_fread(file.get(), full ? &extra : content.data() + filled, full ? 1 : chunk);
+    const std::size_t chunk_bytes = std::min<std::size_t>(size - filled, std::size_t{1} << 20);
+    const zip_int64_t got = zip_fread(file.get(), full ? &extra : content.data() + filled, full ? 1 : chunk_bytes);
     if (got < 0) refuse_npz(name, std::string("is damaged: ") + zip_file_strerror(file.get()));
     if (got == 0) break;
     if (full) refuse_npz(name, "is longer than the archive says");
@@ -211,30 +218,33 @@ NpzArray read_npy(std::string_view bytes, const std::string& name) {
   const auto byte = [&](std::size_t i) { return static_cast<std::size_t>(static_cast<unsigned char>(bytes[i])); };
   const std::size_t version = byte(6);
   if (version < 1 || version > 3) refuse_npz(name, "has an unknown version of the format");
+  // The length of the header is little-endian, in the bytes from 8 on.
   const std::size_t header_begin = version == 1 ? 10 : 12;
   const std::size_t length = byte(8) | byte(9) << 8 | (version == 1 ? 0 : byte(10) << 16 | byte(11) << 24);
   if (length > kMaxHeaderBytes || header_begin + length > bytes.size()) refuse_npz(name, "ends within its header");
   const NpyHeader header(bytes.substr(header_begin, length), name);
   const std::string_view data = bytes.substr(header_begin + length);
 
-  NpzArray out{header.shape(), {}, {}};
-  const bool empty = std::find(out.shape.begin(), out.shape.end(), 0U) != out.shape.end();
+  NpzArray array{header.shape(), {}, {}};
+  const bool empty = std::find(array.shape.begin(), array.shape.end(), 0U) != array.shape.end();
   std::size_t count = empty ? 0 : 1;
-  for (const std::size_t n : out.shape) {
+  for (const std::size_t n : array.shape) {
+    // An element has at least one byte. Comparing before the multiplication keeps the product from overflowing.
     if (!empty && count > data.size() / n) refuse_npz(name, "is shorter than its shape");
     count *= n;
   }
+  // "<U5" is a text of up to 5 UTF-32 characters, "|S5" one of 5 bytes; ">" would be big-endian.
   if (header.descr().size() > 2 && (header.descr()[1] == 'U' || header.descr()[1] == 'S') && header.descr()[0] != '>') {
     if (count != 1) refuse_npz(name, "has several texts; one is needed");
-    out.text = header.descr()[1] == 'U' ? text_of_utf32(data, name) : std::string(data.substr(0, data.find('\0')));
-    return out;
+    array.text = header.descr()[1] == 'U' ? text_of_utf32(data, name) : std::string(data.substr(0, data.find('\0')));
+    return array;
   }
   for (const NumberType& type : kNumberTypes) {
     if (type.descr != header.descr()) continue;
     if (data.size() != count * type.bytes)
       refuse_npz(name, fmt::format("has {} bytes of numbers; its shape needs {}", data.size(), count * type.bytes));
-    out.numbers = type.convert(data, out.shape, count, header.fortran());
-    return out;
+    array.numbers = type.convert(data, array.shape, count, header.fortran());
+    return array;
   }
   refuse_npz(name, "has elements of type " + header.descr() + "; little-endian numbers of up to 8 bytes are needed");
 }
@@ -265,6 +275,7 @@ std::vector<NpzMember> list_members(zip_t* archive, std::size_t max_bytes) {
     const std::string name(file.substr(0, file.rfind('.')));
     if (stat.comp_method != ZIP_CM_STORE && stat.comp_method != ZIP_CM_DEFLATE)
       refuse_npz(name, "is packed in a way that numpy.savez_compressed does not use");
+    // Test the size alone first: a false one near 2^64 would make the sum overflow.
     if (stat.size > max_bytes || total + stat.size > max_bytes)
       throw RequestError("too_large", fmt::format("the arrays are larger than {} bytes", max_bytes));
     total += stat.size;

@@ -35,6 +35,8 @@ double kernel_ms() {
   return 1e3 * static_cast<double>(usage.ru_stime.tv_sec) + 1e-3 * static_cast<double>(usage.ru_stime.tv_usec);
 }
 
+// Returns the header's stages. `kernel_ms` is the system's time during the request, most of it for new memory
+// ("touch").
 StageTimes stages_of(double parse_ms, const engine::StageTimes& times, double encode_ms, double kernel_ms) {
   StageTimes stages{{"parse", parse_ms},
                     {"select", times.select_ms},
@@ -81,6 +83,7 @@ class LabelMembers {
   std::list<std::vector<std::uint16_t>> masks_;
 };
 
+// Returns the answer's bytes. Formats that hold one array get one: representation_for() has ensured it.
 std::string encode(const std::vector<ArrayView>& arrays, Format format, const std::string& meta,
                    const NpzExtras& extras, const StopToken& stop) {
   const Attributes attributes{{"selenograph", meta}};
@@ -101,6 +104,7 @@ std::string encode(const std::vector<ArrayView>& arrays, Format format, const st
   throw std::logic_error("no such format");
 }
 
+// Returns the shape for the header: "1024,1024" or "1024,1024,3".
 std::string shape(const ArrayView& array) {
   return fmt::format("{},{}", array.height, array.width) +
          (array.channels > 1 ? fmt::format(",{}", array.channels) : "");
@@ -135,18 +139,25 @@ std::size_t bytes_of_sky(const engine::FrameRequest& request) {
 // Returns an upper bound of the memory of a frame while it is rendered and encoded, its answer included. Caches that
 // outlive frames have budgets of their own.
 std::size_t bytes_of(const engine::FrameRequest& request) {
+  // Arrays that the engine fills, requested or not: an image is made from radiance, craters and the sky from ranges.
   engine::ProductSet arrays = request.products;
   if (arrays & engine::kImage) arrays |= engine::kRadiance;
-  const bool ranges = engine::wants_ranges(request);
-  if (ranges) arrays |= engine::kRange;
-  // Products that have every pixel; the others are subsampled by the truth grid.
-  const engine::ProductSet full_size = request.truth && !ranges ? arrays & ~engine::kTruth : arrays;
-  const std::size_t answer = bytes_per_pixel(request.products & full_size),
-                    working = engine::working_bytes_per_pixel(request);
+  const bool needs_ranges = engine::wants_ranges(request);
+  if (needs_ranges) arrays |= engine::kRange;
+  // Products that have every pixel; the others are subsampled by the truth grid. Ranges for craters and the sky are
+  // taken of every pixel, and the truth grid is then applied only afterwards.
+  const engine::ProductSet full_size = request.truth && !needs_ranges ? arrays & ~engine::kTruth : arrays;
+  // The working memory is free again when the answer is encoded, so that only the larger of the two counts.
+  const std::size_t answer_bytes = bytes_per_pixel(request.products & full_size),
+                    working_bytes = engine::working_bytes_per_pixel(request);
+  // Labels have three arrays of uint16: the rocks' numbers and the two masks.
   const std::size_t bytes_of_masks =
       request.products & engine::kRock ? 3 * sizeof(std::uint16_t) * engine::rendered_pixels(request) : 0;
-  const std::size_t truth = request.truth ? request.truth->size() * 2 * bytes_per_pixel(arrays & engine::kTruth) : 0;
-  return truth + engine::rendered_pixels(request) * (bytes_per_pixel(full_size) + std::max(working, answer)) +
+  // Subsampled products exist twice: as arrays and in the answer.
+  const std::size_t truth_bytes =
+      request.truth ? request.truth->size() * 2 * bytes_per_pixel(arrays & engine::kTruth) : 0;
+  return truth_bytes +
+         engine::rendered_pixels(request) * (bytes_per_pixel(full_size) + std::max(working_bytes, answer_bytes)) +
          engine::bytes_of_rows(request.camera, request.shutter) + engine::bytes_of_rocks(request.detail.get()) +
          engine::bytes_of_craters(request) + bytes_of_sky(request) + bytes_of_masks;
 }
@@ -201,16 +212,19 @@ Response not_modified(const std::string& hash) {
   return response;
 }
 
+// Adds the request's "echo" as a header, if it has one.
 Response with_echo(const FrameQuery& query, Response response) {
   if (!query.echo.empty()) response.headers.emplace_back("Selenograph-Echo", query.echo);
   return response;
 }
 
+// Returns the content hash of the answer. `shadow_limits_px`: FrameReport.
 std::string hash_of(const FrameQuery& query, const std::vector<double>& shadow_limits_px,
                     const Representation& representation, const EndpointContext& context) {
   return content_hash(query, shadow_limits_px, context.renderer.terrain().catalogue().fingerprint(), representation);
 }
 
+// Returns the answer with a rendered frame: metadata, arrays, encoding, headers.
 Response answer(const FrameQuery& query, const engine::Frame& frame, const Representation& representation,
                 const EndpointContext& context) {
   const std::string hash = hash_of(query, frame.report.shadow_limits_px, representation, context);
@@ -271,6 +285,7 @@ struct CameraFrame {
   Narrowed narrowed{};
 };
 
+// Returns the content hash of an answer with several cameras, from their names and the hashes of their frames.
 std::string hash_of_all(const std::vector<CameraFrame>& cameras) {
   std::string text;
   for (const CameraFrame& camera : cameras) text += camera.name + "\n" + camera.hash + "\n";
@@ -299,11 +314,12 @@ std::string encode(std::vector<CameraFrame>& cameras, const std::string& hash, c
     labels.add(camera.query, camera.frame, camera.name + "/", context.stop, arrays, extras);
     extras.deflated |= camera.query.compression == Compression::deflate;
   }
-  const bool craters =
+  const bool has_craters =
       std::ranges::any_of(cameras, [](const CameraFrame& c) { return c.query.request.craters.has_value(); });
-  return encode_npz(arrays, metadata_text(meta, craters), context.stop, extras);
+  return encode_npz(arrays, metadata_text(meta, has_craters), context.stop, extras);
 }
 
+// Answers a request with "cameras". It parses and checks all cameras first, so that a fault of one costs no frame.
 Response answer_cameras(const EndpointContext& context, const Json& body, engine::Stopwatch& watch) {
   const double kernel_before_ms = kernel_ms();
   const Representation& npz = representation(Format::npz);
@@ -336,7 +352,7 @@ Response answer_cameras(const EndpointContext& context, const Json& body, engine
     camera.hash = hash_of(camera.query, camera.frame.report.shadow_limits_px, npz, context);
     has_replaced_files |= !camera.frame.report.warnings.empty();
   }
-  watch.lap_ms();
+  watch.lap_ms();  // the lap of encoding begins here: the renderer has measured its own stages
   const std::string hash = hash_of_all(cameras);
   Response response;
   response.content_type = npz.media_type;
@@ -373,10 +389,11 @@ Response answer_frame(const EndpointContext& context, const Json& body, engine::
   const engine::Frame frame = render(query, context);
   context.stop.check();
 
-  watch.lap_ms();
+  watch.lap_ms();  // the lap of encoding begins here: the renderer has measured its own stages
   Response response = answer(query, frame, representation, context);
   if (!budget.empty()) response.headers.emplace_back("Selenograph-Budget", budget);
   response.stages = stages_of(parse_ms, frame.times, watch.lap_ms(), kernel_ms() - kernel_before_ms);
+  // Let the renderer prepare the camera's next scene while it is idle.
   context.renderer.expect(query.request, query.ahead);
   return with_echo(query, std::move(response));
 }

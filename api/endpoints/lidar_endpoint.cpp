@@ -26,6 +26,7 @@ Response answer_lidar(const EndpointContext& context) {
   const bool json = media_type == "application/json";
   if (json) reject_long_json(query, context.limits);
   constexpr std::size_t kJsonBytesPerBeam = 8000;  // as JSON values and as text
+  // A beam takes the engine's record and, in the answer, at most as much again as arrays, or JSON.
   context.memory.claim_work((engine::kBytesOfBeam + (json ? kJsonBytesPerBeam : engine::kBytesOfBeam)) * query.beams +
                                 engine::bytes_of_rocks(query.request.scenery.detail.get(), engine::kMaxCachedRocks),
                             query.request.pulses.empty() ? "/pattern" : "/pulses", context.stop);

@@ -47,7 +47,7 @@ Response answer_maps(const EndpointContext& context) {
   const double parse_ms = watch.lap_ms();
   const engine::Map map = render_map(query, context);
   context.stop.check();
-  watch.lap_ms();
+  watch.lap_ms();  // the lap of encoding begins here: the renderer has measured its own stages
   response.content_type = media_type;
   response.body = encode_map(query, map, hash, media_type, context.stop);
   // Remove the ETag if a coarser layer replaced an unusable file: the hash assumes that every file is usable.

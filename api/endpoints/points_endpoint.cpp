@@ -14,11 +14,13 @@ namespace {
 // Memory of a ray or point: the engine's records, JSON values and text.
 constexpr std::size_t kBytesPerPoint = 3000;
 
+// Claims the memory of `points` rays or points; a request with too many of them is at fault at `pointer`.
 void claim_memory(const EndpointContext& context, std::size_t points, std::string_view pointer,
                   std::size_t extra_bytes = 0) {
   context.memory.claim_work(kBytesPerPoint * points + extra_bytes, pointer, context.stop);
 }
 
+// Returns the memory of the detail's rocks that rays may meet.
 std::size_t bytes_of_rocks(const PointScenery& scenery) {
   return engine::bytes_of_rocks(scenery.request.detail.get(), engine::kMaxCachedRocks);
 }
@@ -26,8 +28,8 @@ std::size_t bytes_of_rocks(const PointScenery& scenery) {
 // Returns an irradiance for each place; empty for an empty place, and for all without indirect light.
 std::vector<std::optional<engine::Irradiance>> light_of(const EndpointContext& context, const PointScenery& scenery,
                                                         std::span<const std::optional<engine::LitPlace>> places) {
-  std::vector<std::optional<engine::Irradiance>> out(places.size());
-  if (!scenery.request.indirect.any()) return out;
+  std::vector<std::optional<engine::Irradiance>> irradiances(places.size());
+  if (!scenery.request.indirect.any()) return irradiances;
   std::vector<engine::LitPlace> present;
   for (const auto& place : places)
     if (place) present.push_back(*place);
@@ -35,10 +37,10 @@ std::vector<std::optional<engine::Irradiance>> light_of(const EndpointContext& c
       context.renderer.query(scenery.request.detail, context.stop, [&](const engine::RenderContext& rendering) {
         return engine::light_at_places(present, scenery.request, rendering);
       });
-  auto next = light.begin();
+  auto next_light = light.begin();  // `light` has an element for each place that is not empty, in the same order
   for (std::size_t i = 0; i < places.size(); ++i)
-    if (places[i]) out[i] = *next++;
-  return out;
+    if (places[i]) irradiances[i] = *next_light++;
+  return irradiances;
 }
 
 std::vector<engine::SceneObject> scene_objects(const std::vector<PlacedObject>& placed) {
@@ -73,6 +75,7 @@ Response answer_rays(const EndpointContext& context) {
       return engine::cast_rays(query.rays, scene_objects(query.objects), query.sun(), rendering);
     });
   });
+  // Light from terrain is computed for terrain only, not for objects and rocks.
   std::vector<std::optional<engine::LitPlace>> places;
   places.reserve(hits.size());
   for (const engine::RayHit& hit : hits)

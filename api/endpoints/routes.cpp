@@ -3,6 +3,7 @@
 namespace selenograph::api {
 
 std::optional<std::string_view> segment_of(const Route& route, std::string_view path) {
+  // A path with a variable segment is compared before its '{' and behind its '}'.
   const std::size_t open = route.path.find('{');
   if (open == std::string_view::npos) return path == route.path ? std::optional(std::string_view()) : std::nullopt;
   const std::string_view before = route.path.substr(0, open), after = route.path.substr(route.path.find('}') + 1);

@@ -18,7 +18,8 @@ Response answer_sky(const EndpointContext& context) {
   constexpr std::size_t kBytesPerStar = 2000;
   const std::size_t stars =
       query.request.sky->stars ? std::min(query.request.sky->stars->size(), engine::kMostStars) : 0;
-  context.memory.claim_work(kBytesPerStar * (stars + 100) + engine::bytes_of_rocks(query.detail.content.get()) +
+  constexpr std::size_t kMaxBodies = 100;  // more than Sun, Earth and planets
+  context.memory.claim_work(kBytesPerStar * (stars + kMaxBodies) + engine::bytes_of_rocks(query.detail.content.get()) +
                                 engine::bytes_of_rows(query.request.camera, query.request.shutter),
                             "/sky", context.stop);
   constexpr MemberPointer kRefusable[] = {{"magnitude_limit", "/sky/magnitude_limit"}, {"shutter", "/shutter"}};

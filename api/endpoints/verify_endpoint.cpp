@@ -21,9 +21,13 @@ engine::RoundTrip run_round_trip(const EndpointContext& context, const engine::R
 std::size_t bytes_of(const engine::RoundTripRequest& request) {
   constexpr double kBytesPerPost = 24, kBytesPerPixel = 64;
   constexpr double kMaxTilePosts = 10800, kMaxPostsPerFrame = 1000, kMarginFactor = 1.2;
-  const double posts = request.posts > 0 ? request.posts : kMaxTilePosts;
-  const double side = kMarginFactor * std::min(posts, kMaxPostsPerFrame) / request.footprint_ratio;
-  const double pixels = request.mode == engine::RoundTripMode::camera ? std::min(side * side, 0x1p25) : 65536;
+  const double posts = request.posts > 0 ? request.posts : kMaxTilePosts;  // along a side of the window; 0: all
+  // Mode camera covers the window by frames with a margin; mode exact casts rays in groups.
+  const double frame_side_px = kMarginFactor * std::min(posts, kMaxPostsPerFrame) / request.footprint_ratio;
+  constexpr double kMaxFramePixels = 0x1p25, kRaysAtOnce = 65536;
+  const double pixels = request.mode == engine::RoundTripMode::camera
+                            ? std::min(frame_side_px * frame_side_px, kMaxFramePixels)
+                            : kRaysAtOnce;
   return static_cast<std::size_t>(kBytesPerPost * posts * posts + kBytesPerPixel * pixels);
 }
 

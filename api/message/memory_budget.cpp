@@ -45,6 +45,7 @@ bool MemoryBudget::Claim::try_resize(std::size_t bytes) {
   return true;
 }
 
+// Replaces a claim of `from` bytes by one of `to` bytes, free or not.
 void MemoryBudget::resize(std::size_t from, std::size_t to) {
   const std::lock_guard lock(mutex_);
   in_use_ = in_use_ - from + to;

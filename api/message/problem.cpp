@@ -124,6 +124,7 @@ Response retry_problem(const std::string& code, const std::string& detail, int r
 
 Response memory_problem() { return retry_problem(std::string(kOutOfMemory), "not enough memory for this request", 5); }
 
+// Returns the problem of a bug. Its text goes to the log only: it may contain anything.
 Response unexpected(const Request& request, const std::exception& e) {
   spdlog::error("{} {}: {}", request.method, request.path, e.what());
   return problem("internal", "an unexpected error");
