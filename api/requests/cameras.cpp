@@ -19,7 +19,7 @@ std::vector<CameraBody> split_cameras(const Json& body) {
     findings.throw_if_any();
   }
   constexpr std::string_view kRequestOnlyMembers[] = {"cameras", "echo"};
-  std::vector<CameraBody> out;
+  std::vector<CameraBody> requests;
   for (const auto& [name, camera_members] : members_by_name.items()) {
     // The name becomes a folder in the answer's .npz.
     if (name.size() > kMaxCameraNameLength || !dem::consists_of(name, "_-")) {
@@ -36,10 +36,10 @@ std::vector<CameraBody> split_cameras(const Json& body) {
     Json merged = body;
     merged.erase("cameras");
     for (const auto& [member, value] : camera_members.items()) merged[member] = value;
-    out.push_back({name, std::move(merged)});
+    requests.push_back({name, std::move(merged)});
   }
   findings.throw_if_any();
-  return out;
+  return requests;
 }
 
 void with_pointers_of(const Json& body, const std::string& camera, const std::function<void()>& work) {
@@ -52,9 +52,9 @@ void with_pointers_of(const Json& body, const std::string& camera, const std::fu
       // Leave pointers to shared members as they are. A member that neither object has, such as a missing pose, is the
       // camera's.
       const std::size_t end = f.pointer.find('/', 1);
-      const std::string first = f.pointer.substr(0, end);
-      const bool is_shared =
-          !first.empty() && !camera_members.contains(first.substr(1)) && body.contains(first.substr(1));
+      const bool is_of_member = !f.pointer.empty();  // else the fault is that of the whole request
+      const std::string member = is_of_member ? f.pointer.substr(1, end - 1) : std::string();
+      const bool is_shared = is_of_member && !camera_members.contains(member) && body.contains(member);
       if (!is_shared) f.pointer.insert(0, "/cameras/" + camera);
     }
     throw RequestError(e.code(), fmt::format("camera \"{}\": {}", camera, e.what()), findings);

@@ -75,13 +75,15 @@ struct Population {
   double smallest_m, largest_m;
   int smallest_octave, largest_octave;  // octaves of diameter that the detail has cells for
 };
+// Returns the size range of the kind of features that the query asks for.
 Population population_of(const FeaturesQuery& query) {
   const dem::Detail& detail = *query.detail.content;
-  const auto of = [](std::string_view name, const auto& field) {
-    return Population{name, field.law().smallest_m, field.law().largest_m, field.smallest_octave(),
-                      field.largest_octave()};
+  const auto population = [](std::string_view name, const auto& features) {
+    return Population{name, features.law().smallest_m, features.law().largest_m, features.smallest_octave(),
+                      features.largest_octave()};
   };
-  return query.kind == FeatureKind::rocks ? of("rocks", detail.rocks()) : of("craters", detail.craters());
+  return query.kind == FeatureKind::rocks ? population("rocks", detail.rocks())
+                                          : population("craters", detail.craters());
 }
 
 // Returns the mean number of craters of at least this diameter in the region, or an upper bound of the rocks.
@@ -96,6 +98,7 @@ double cell_count(const FeaturesQuery& query, double diameter_m) {
   return dem::cells_of(population.smallest_octave, population.largest_octave, query.region(), diameter_m);
 }
 
+// Appends the features to `text` as JSON, one object a line. (A JSON library would take several times the memory.)
 template <typename Feature>
 void add_json(std::span<const Feature> features, std::span<const FeatureColumn<Feature>> columns, const StopToken& stop,
               std::string& text) {
@@ -109,11 +112,15 @@ void add_json(std::span<const Feature> features, std::span<const FeatureColumn<F
   }
 }
 
+// Returns a line with the columns' names, and one for each feature.
 template <typename Feature>
 std::string csv_of(std::span<const Feature> features, std::span<const FeatureColumn<Feature>> columns,
                    const StopToken& stop) {
   std::string text = "id";
-  for (const auto& column : columns) (text += ',') += column.name;
+  for (const auto& column : columns) {
+    text += ',';
+    text += column.name;
+  }
   text += '\n';
   for (const Feature& feature : features) {
     stop.check();
@@ -139,18 +146,18 @@ void check_count(const JsonReader& in, const FeaturesQuery& query, const Limits&
   double suggested_m = std::max(min_diameter_m, population.smallest_m);
   while (suggested_m < population.largest_m && !fits(suggested_m)) suggested_m *= 1.05;
   // Round up to two significant digits.
-  const double unit = std::pow(10, std::floor(std::log10(suggested_m)) - 1);
-  suggested_m = std::ceil(suggested_m / unit) * unit;
+  const double second_digit_m = std::pow(10, std::floor(std::log10(suggested_m)) - 1);
+  suggested_m = std::ceil(suggested_m / second_digit_m) * second_digit_m;
   const std::string instead = suggested_m < population.largest_m && fits(suggested_m)
                                   ? fmt::format(", or smallest_m of {:g} or more", suggested_m)
                                   : std::string();
-  const double number = expected_count(query, min_diameter_m);
+  const double feature_count = expected_count(query, min_diameter_m);
   in.fail(
       "region",
-      number > max_count
+      feature_count > max_count
           ? fmt::format("holds {} {:.3g} {} of at least {:g} m, at most {} are answered: ask for a smaller region{}",
-                        query.kind == FeatureKind::rocks ? "up to" : "some", number, population.name, min_diameter_m,
-                        limits.max_rays, instead)
+                        query.kind == FeatureKind::rocks ? "up to" : "some", feature_count, population.name,
+                        min_diameter_m, limits.max_rays, instead)
           : fmt::format("is too large to be searched for {} of at least {:g} m: ask for a smaller one{}",
                         population.name, min_diameter_m, instead));
 }

@@ -193,6 +193,7 @@ struct Echo {
   OrderedJson fallback() const { return {}; }
 };
 
+// Checks what a shutter cannot be combined with. With poses of rows, sets the request's pose to that of row 0.
 void check_shutter(const JsonReader& in, FrameQuery& query) {
   engine::FrameRequest& request = query.request;
   check_pose(in, request.camera, request.shutter, request.pose);
@@ -206,6 +207,7 @@ void check_shutter(const JsonReader& in, FrameQuery& query) {
     in.fail("ahead", "would replace a \"pose\", which a shutter with poses has not");
 }
 
+// Checks what optical flow cannot be combined with.
 void check_flow(const JsonReader& in, const engine::FrameRequest& request) {
   if (request.shutter && !request.shutter->poses.empty())
     in.fail("flow_to", "replaces a \"pose\", which a shutter with poses has not");
@@ -222,6 +224,7 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext& con
   resolve_preset(query.request, query.surface);
   if (query.request.truth) resolve_truth(in, request.camera, *query.request.truth);
   if (request.sensor) check_sensor(in, request);
+  // Build the atmosphere's terms once, only to report a band that its table does not cover.
   if (request.atmosphere && request.band) {
     try {
       request.atmosphere->over(*request.band, 0);
@@ -233,6 +236,7 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext& con
     in.fail("terrain", "without terrain and \"objects\" there is nothing to render");
   if (!request.terrain && request.visibility == engine::Visibility::zbuffer)
     in.fail("visibility", "\"zbuffer\" draws terrain, and there is none");
+  // A fisheye images directions beyond 90 degrees from its boresight, which have no place on the z-buffer's plane.
   if (request.camera.beyond_plane() && request.visibility == engine::Visibility::zbuffer)
     in.fail("visibility", "a fisheye is rendered by \"raytrace\": \"zbuffer\" draws onto a plane");
   if (request.products & engine::kFlow && !in.has("flow_to"))
@@ -243,6 +247,7 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext& con
     if (!in.has("detail")) in.fail(name, "requires \"detail\": the craters are its");
     if (!request.terrain) in.fail(name, "craters are terrain's, and \"terrain\" is false");
   }
+  // Labels need the pixels of rocks, and craters by the defaults unless "craters" selects them.
   if (query.labels) {
     query.request.products |= engine::kRock;
     if (!request.craters) query.request.craters.emplace();
@@ -254,14 +259,14 @@ void check_frame(const JsonReader& in, FrameQuery& query, const ReadContext& con
 
 // Returns the rule that "craters" and "labels" require "detail", as a schema condition.
 OrderedJson craters_condition(const Limits&) {
-  const OrderedJson none{{"properties", {{"craters", {{"const", false}}}, {"labels", {{"const", false}}}}}};
-  return {{"anyOf", OrderedJson::array({none, {{"required", {"detail"}}}})}};
+  const OrderedJson without_craters{{"properties", {{"craters", {{"const", false}}}, {"labels", {{"const", false}}}}}};
+  return {{"anyOf", OrderedJson::array({without_craters, {{"required", {"detail"}}}})}};
 }
 
 // Returns the rule that the product "flow" requires "flow_to", as a schema condition.
 OrderedJson flow_condition(const Limits&) {
-  const OrderedJson none{{"properties", {{"products", {{"not", {{"contains", {{"const", "flow"}}}}}}}}}};
-  return {{"anyOf", OrderedJson::array({none, {{"required", {"flow_to"}}}})}};
+  const OrderedJson without_flow{{"properties", {{"products", {{"not", {{"contains", {{"const", "flow"}}}}}}}}}};
+  return {{"anyOf", OrderedJson::array({without_flow, {{"required", {"flow_to"}}}})}};
 }
 
 bool has_image_by_sensor(const FrameQuery& q) { return q.request.products & engine::kImage && q.request.sensor; }

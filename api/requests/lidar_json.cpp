@@ -17,6 +17,7 @@ using engine::LidarRequest;
 
 std::int64_t max_pulses(const Limits& limits) { return limits.max_rays; }
 
+// "motion": constant rates, or poses at times; the other is empty.
 struct LidarMotion {
   engine::Rates rates;
   std::vector<engine::PoseAtTime> poses;
@@ -80,11 +81,12 @@ void check_beams(const JsonReader& in, LidarQuery& query, const Limits& limits) 
 // Requires either "pose" or poses in "motion", and that the poses span the times of all pulses.
 void check_pose_of_lidar(const JsonReader& in, LidarQuery& query) {
   const LidarRequest& request = query.request;
-  const bool poses = !request.poses.empty();
-  if (poses && in.has("pose"))
+  const bool has_poses = !request.poses.empty();
+  if (has_poses && in.has("pose"))
     in.fail("pose", "\"pose\" cannot be combined with \"motion.poses\", which take its place");
-  if (!poses && !in.has("pose")) in.fail("pose", "is required");
-  if (!poses || in.faults() > 0) return;
+  if (!has_poses && !in.has("pose")) in.fail("pose", "is required");
+  if (!has_poses || in.faults() > 0) return;
+  // Times of the first and of the last pulse. A pattern's first pulse is at time 0.
   double first_s = 0, last_s = engine::last_time_s(request.pattern);
   if (!request.pulses.empty()) {
     const auto [first, last] = std::minmax_element(request.pulses.begin(), request.pulses.end(),
@@ -99,6 +101,7 @@ void check_pose_of_lidar(const JsonReader& in, LidarQuery& query) {
     in.at("motion").fail("poses", fmt::format("the last is earlier than the last pulse, whose time is {:g} s", last_s));
 }
 
+// Checks rules between members and completes the query: band, preset and objects of the scenery.
 void check_lidar(const JsonReader& in, LidarQuery& query, const ReadContext& context) {
   if (in.faults() > 0) return;
   check_beams(in, query, context.limits);
@@ -198,8 +201,8 @@ const Members<LidarQuery>& lidar_members() {
 LidarQuery read_lidar(const Json& body, const NpzArrays& arrays, const Limits& limits, const Assets& assets,
                       const StopToken& stop) {
   const ReadContext context{limits, assets, stop, {}};
-  const bool preset = body.is_object() && body.contains("instrument_preset");
-  Json merged = preset ? with_lidar_preset(body, context) : body;
+  const bool has_preset = body.is_object() && body.contains("instrument_preset");
+  Json merged = has_preset ? with_lidar_preset(body, context) : body;
   Findings findings;
   std::vector<engine::LidarPulse> pulses;
   reject_unknown_arrays(arrays, {"direction", "time_s"}, findings);
@@ -228,9 +231,10 @@ LidarQuery read_lidar(const Json& body, const NpzArrays& arrays, const Limits& l
 
 std::vector<std::size_t> shape_of(const LidarQuery& query) {
   const engine::LidarPattern& p = query.request.pattern;
-  const bool image = query.request.pulses.empty() && !p.serpentine &&
-                     (p.scan == engine::LidarScan::flash || p.scan == engine::LidarScan::raster);
-  if (!image) return {query.beams};
+  // A serpentine scan runs every other row backwards: its beams are not in the order of an image.
+  const bool is_image = query.request.pulses.empty() && !p.serpentine &&
+                        (p.scan == engine::LidarScan::flash || p.scan == engine::LidarScan::raster);
+  if (!is_image) return {query.beams};
   std::vector<std::size_t> shape{static_cast<std::size_t>(p.rows), static_cast<std::size_t>(p.columns)};
   if (p.repeats > 1) shape.insert(shape.begin(), static_cast<std::size_t>(p.repeats));
   return shape;

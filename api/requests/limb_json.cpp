@@ -23,6 +23,7 @@ double difference_px(const LimbPoint& p) {
   return std::copysign(std::hypot(p.x_px - p.sphere_x_px, p.y_px - p.sphere_y_px), p.angle_deg - p.sphere_angle_deg);
 }
 
+// Returns the surface point's place; LimbPoint::kNone (NaN) without data.
 template <typename Point>
 Geographic place_of(const Point& p) {
   return p.known() ? to_geographic(p.position_m) : Geographic{LimbPoint::kNone, LimbPoint::kNone, LimbPoint::kNone};
@@ -107,7 +108,7 @@ LimbQuery read_limb(const Json& body, const Limits& limits, const Assets& assets
   return limb_request_members().read_body(body, {limits, assets, stop, utc_of_sun(body)});
 }
 
-// Members of the answer for one point: what, and in the last argument when.
+// In a row with four arguments, the last one tells when the member is written.
 const Answer<LimbPoint>& limb_answer() {
   using namespace schema;
   static const auto answer = make_answer<LimbPoint>("The limb at an azimuth.", [](auto& a) {
@@ -147,6 +148,7 @@ OrderedJson limb_json(const LimbPoints& limb) {
 
 namespace {
 
+// Adds an array for each column and one for the surface points; their names begin with `prefix`.
 template <typename Point, std::size_t N>
 void add_columns(ColumnArrays& arrays, const std::string& prefix, const std::vector<Point>& points,
                  const Column<Point> (&columns)[N]) {

@@ -36,6 +36,7 @@ constexpr std::pair<std::string_view, MapProjection> kProjections[] = {
 // --- projection and extent
 
 dem::Footprint footprint_of(const MapBounds& bounds) {
+  // A western edge at 360 degrees is the meridian 0.
   const double west_deg = bounds.west_deg < 360 ? bounds.west_deg : 0;
   dem::Footprint footprint{bounds.south_deg, bounds.north_deg, west_deg, bounds.east_deg};
   while (footprint.east_deg <= footprint.west_deg) footprint.east_deg += 360;
@@ -132,6 +133,7 @@ Extent place_about_center(const MapArea& area, dem::MapPlane& plane) {
     plane.lon_deg = wrap_lon_deg(center.lon_deg);
     if (plane.projection == MapProjection::orthographic) plane.lat_deg = center.lat_deg;
   }
+  // Only an orthographic plane has its origin at the map's centre: the others have theirs at a pole or on the equator.
   const bool at_origin = plane.projection == MapProjection::orthographic;
   const dem::MapPoint middle =
       at_origin ? dem::MapPoint() : dem::MapTransform(plane).project(center.lat_deg, center.lon_deg).value();
@@ -279,12 +281,17 @@ const auto view_field =
 // footprint has enough pixels to fit a plane and not too many.
 void check_footprint(const JsonReader& in, const MapQuery& query) {
   const engine::MapRequest& request = query.request;
-  const auto requires_member = [&](engine::ProductSet products, const char* member, const char* names) {
-    if (request.products & products && !in.has(member)) in.fail(member, fmt::format("is required for {}", names));
+  // Reports that `member` is missing if one of `products` is requested; `product_names` names these in the error.
+  const auto require_member = [&](engine::ProductSet products, const char* member, const char* product_names) {
+    if (request.products & products && !in.has(member))
+      in.fail(member, fmt::format("is required for {}", product_names));
   };
-  requires_member(engine::kRoughness | engine::kRockCover | engine::kHazard, "footprint",
-                  "the products \"roughness\", \"rock_cover\" and \"hazard\"");
-  requires_member(engine::kHazard, "hazard", "the product \"hazard\"");
+  // These products describe the ground in a lander's footprint around each pixel. "hazard" also needs the limits whose
+  // violations it marks, in the member of the same name.
+  require_member(engine::kRoughness | engine::kRockCover | engine::kHazard, "footprint",
+                 "the products \"roughness\", \"rock_cover\" and \"hazard\"");
+  require_member(engine::kHazard, "hazard", "the product \"hazard\"");
+  // Rocks are part of a detail, and are drawn from above only: their products, and limits on them, need both.
   if (request.products & (engine::kRockHeight | engine::kRockCover) && !request.rocks)
     in.fail("rocks", "must be true for the products \"rock_height\" and \"rock_cover\"");
   if (request.rocks && !in.has("detail")) in.fail("rocks", "requires \"detail\": the rocks are its");
@@ -293,6 +300,7 @@ void check_footprint(const JsonReader& in, const MapQuery& query) {
   if (in.has("hazard") && (request.hazard.rock_height_m || request.hazard.rock_cover) && !request.rocks)
     in.fail("rocks", "must be true for limits on rocks");
   if (!request.footprint) return;
+  // A plane needs at least three pixels, and the work grows with the square of the diameter.
   const double diameter_px = request.footprint->diameter_m / query.area.gsd_m;
   if (diameter_px < 3 || diameter_px > 256)
     in.at("footprint").fail("diameter_m", fmt::format("is {:g} pixels of gsd_m: must be 3 to 256", diameter_px));
@@ -304,6 +312,7 @@ const auto hazard_field =
              },
              [](MapQuery& q, const engine::HazardLimits& limits) { q.request.hazard = limits; }};
 
+// Checks rules between members and completes the query: the grid follows from the area.
 void check_map(const JsonReader& in, MapQuery& query, const ReadContext& context) {
   query.sun_utc = context.sun_utc;
   require_sun(in, map_products(), query.request.products);

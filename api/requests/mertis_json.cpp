@@ -70,6 +70,7 @@ constexpr const char* kAssumptions[] = {
     "blackbodies of 350 and 500 K",
 };
 
+// Returns, for each temperature, the channels' signals for a blackbody.
 OrderedJson spectra_json(const SpectraSource& s) {
   OrderedJson spectra = OrderedJson::array();
   for (const double kelvin : s.query.temperatures_k) {
@@ -96,17 +97,20 @@ const Members<MertisQuery>& mertis_members() {
       "assumptions: the answer lists them.",
       [](auto& m) {
         using engine::Spectrometer;
-        const auto of = [](auto Spectrometer::*field) { return nested(&MertisQuery::spectrometer, field); };
+        const auto spectrometer = [](auto Spectrometer::*field) { return nested(&MertisQuery::spectrometer, field); };
         m.add("description", no_field<MertisQuery, std::string>(), Text{}, "description in a file; ignored");
-        m.add("first_um", of(&Spectrometer::first_um), Number{kWavelength_um, "um"}, "lower end of the first channel");
-        m.add("last_um", of(&Spectrometer::last_um), Number{kWavelength_um, "um"}, "upper end of the last channel");
-        m.add("channels", of(&Spectrometer::channels), Integer{1, kMaxChannels}, "number of channels of equal width");
-        m.add("pixel_pitch_um", of(&Spectrometer::pixel_pitch_um), Number{{0, 1e4, true, false}, "um"}, "p");
-        m.add("f_number", of(&Spectrometer::f_number), Number{kFNumber}, "f_#");
-        m.add("efficiency", of(&Spectrometer::efficiency), SpectrometerEfficiency{},
+        m.add("first_um", spectrometer(&Spectrometer::first_um), Number{kWavelength_um, "um"},
+              "lower end of the first channel");
+        m.add("last_um", spectrometer(&Spectrometer::last_um), Number{kWavelength_um, "um"},
+              "upper end of the last channel");
+        m.add("channels", spectrometer(&Spectrometer::channels), Integer{1, kMaxChannels},
+              "number of channels of equal width");
+        m.add("pixel_pitch_um", spectrometer(&Spectrometer::pixel_pitch_um), Number{{0, 1e4, true, false}, "um"}, "p");
+        m.add("f_number", spectrometer(&Spectrometer::f_number), Number{kFNumber}, "f_#");
+        m.add("efficiency", spectrometer(&Spectrometer::efficiency), SpectrometerEfficiency{},
               "eta of optics and grating: a constant, or [um, eta] at increasing wavelengths");
-        m.add("noise_equivalent_power_w", of(&Spectrometer::noise_equivalent_power_w), Number{{0, 1, true, false}, "W"},
-              "NEP of a pixel");
+        m.add("noise_equivalent_power_w", spectrometer(&Spectrometer::noise_equivalent_power_w),
+              Number{{0, 1, true, false}, "W"}, "NEP of a pixel");
         m.add("temperatures_k", &MertisQuery::temperatures_k, List{Number{{1, 1e4}}, 1, 16, "K"},
               "temperatures of the blackbodies");
         m.check(check_mertis);

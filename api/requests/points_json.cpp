@@ -118,9 +118,10 @@ Json with_stand_in(const Json& body, const char* list, const char* array, Json e
   return request;
 }
 
-bool fits_limit(std::size_t number, const Limits& limits, const char* array, Findings& findings) {
-  if (number <= static_cast<std::size_t>(limits.max_rays)) return true;
-  findings.add(array, fmt::format("has {} rows; up to {} are taken (--max-rays)", number, limits.max_rays));
+// Returns true if an array has no more rows than the service takes; reports it at `pointer` otherwise.
+bool fits_limit(std::size_t row_count, const Limits& limits, const char* pointer, Findings& findings) {
+  if (row_count <= static_cast<std::size_t>(limits.max_rays)) return true;
+  findings.add(pointer, fmt::format("has {} rows; up to {} are taken (--max-rays)", row_count, limits.max_rays));
   return false;
 }
 
@@ -132,14 +133,14 @@ void set_rays(const NpzArrays& arrays, const Limits& limits, RaysQuery& query, F
   const auto origins = rows_of(arrays, "origin_m", {3}, findings),
              directions = rows_of(arrays, "direction", {3}, findings);
   if (!origins || !directions) return;
-  const std::size_t number = std::max(origins->size(), directions->size());
+  const std::size_t ray_count = std::max(origins->size(), directions->size());
   if (std::min(origins->size(), directions->size()) != 1 && origins->size() != directions->size())
     return findings.add("/direction", fmt::format("has {} rows and origin_m {}: as many, or one, are needed",
                                                   directions->size(), origins->size()));
-  if (!fits_limit(number, limits, "/direction", findings)) return;
-  query.shape = shape_of_rows(arrays.at(directions->size() == number ? "direction" : "origin_m"));
+  if (!fits_limit(ray_count, limits, "/direction", findings)) return;
+  query.shape = shape_of_rows(arrays.at(directions->size() == ray_count ? "direction" : "origin_m"));
   query.rays.clear();
-  for (std::size_t i = 0; i < number && !findings.full(); ++i) {
+  for (std::size_t i = 0; i < ray_count && !findings.full(); ++i) {
     const Vec3 origin = origins->vector(i);
     const auto direction = direction_of(directions->vector(i));
     if (!(origin.array().abs() <= kCoordinate_m.max).all())
@@ -156,18 +157,18 @@ void set_points(const NpzArrays& arrays, const Limits& limits, ProjectQuery& que
   query.shape = shape_of_rows(arrays.at("points"));
   query.points.clear();
   for (std::size_t i = 0; i < points->size() && !findings.full(); ++i) {
-    const double* p = points->row(i);
+    const double* lat_lon_height = points->row(i);
     const auto check = [&](double value, const Range& range, const char* what) {
       if (!range.contains(value))
         findings.add(fmt::format("/points/{}", i),
                      fmt::format("has the {} {}; {:g} to {:g} is needed", what, value, range.min, range.max));
     };
-    check(p[0], kLatitude_deg, "latitude");
-    check(p[1], kLongitude_deg, "longitude");
-    engine::LandmarkQuery landmark{p[0], p[1], {}};
-    if (points->columns() == 3 && !std::isnan(p[2])) {
-      check(p[2], kHeight_m, "height");
-      landmark.height_m = p[2];
+    check(lat_lon_height[0], kLatitude_deg, "latitude");
+    check(lat_lon_height[1], kLongitude_deg, "longitude");
+    engine::LandmarkQuery landmark{lat_lon_height[0], lat_lon_height[1], {}};
+    if (points->columns() == 3 && !std::isnan(lat_lon_height[2])) {
+      check(lat_lon_height[2], kHeight_m, "height");
+      landmark.height_m = lat_lon_height[2];
     }
     query.points.push_back(landmark);
   }
@@ -181,6 +182,7 @@ RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets
   if (arrays.empty()) return rays_members().read_body(body, context);
   Findings findings;
   reject_unknown_arrays(arrays, {"origin_m", "direction"}, findings);
+  // This ray stands in for those of the arrays: any valid one will do.
   const Json request = with_stand_in(body, "rays", "the array direction",
                                      {{"origin_m", {2e6, 0, 0}}, {"direction", {-1, 0, 0}}}, findings);
   findings.throw_if_any();

@@ -59,7 +59,7 @@ ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& 
                           const StopToken& stop = {}, const NpzArrays& arrays = {});
 HeightsQuery read_heights(const Json& body, const Limits& limits, const Assets& assets = Assets(),
                           const StopToken& stop = {});
-// Parses the query string of GET /v1/heights. Faults have the parameters' names as pointers: "/lat_deg".
+// Parses the query string of GET /v1/height. Faults have the parameters' names as pointers: "/lat_deg".
 Geographic read_height_query(const std::multimap<std::string, std::string>& query);
 
 }  // namespace selenograph::api

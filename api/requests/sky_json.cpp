@@ -43,14 +43,17 @@ std::optional<double> angular_radius_deg(const SkyObject& object) {
   return object.kind == SkyKind::earth ? std::optional(engine::earth_radius_deg(*object.distance_m)) : std::nullopt;
 }
 
+// Returns the direction to the object in the axes of the camera's pose.
 Vec3 in_camera(const SkySource& s) { return s.query.request.pose.camera_from_moon * s.object.direction; }
 
+// "objects": stored in the engine's request only, and never written.
 const auto objects_of_sky = Property{[](const SkyQuery&) { return std::optional<std::vector<PlacedObject>>(); },
                                      [](SkyQuery& q, const std::vector<PlacedObject>& list) {
                                        for (const PlacedObject& placed : list)
                                          q.request.objects.push_back(placed.object);
                                      }};
 
+// Checks rules between members and completes the query.
 void check_sky(const JsonReader& in, SkyQuery& query, const ReadContext& context) {
   engine::FrameRequest& request = query.request;
   request.detail = query.detail.content;

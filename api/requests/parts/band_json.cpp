@@ -12,6 +12,7 @@ namespace {
 using engine::Band;
 
 std::optional<Band> resolve_band(const JsonReader& in, const BandForm& form, const ReadContext&) {
+  // The upper end of a rectangle is not a member with a range of its own. Band() checks its lower end.
   if (!form.response && !kWavelength_um.contains(*form.center_um + *form.width_um / 2)) {
     in.fail("width_um", fmt::format("the band must end at {} um or before", kWavelength_um.max));
     return std::nullopt;

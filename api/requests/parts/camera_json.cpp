@@ -48,16 +48,19 @@ const Members<DistortionForm>& distortion_members() {
 }
 
 // Returns the focal length for square pixels. fov_deg is the full horizontal angle between the outer edges of the
-// outermost columns.
+// outermost columns, half of which is imaged at half the width: f tan(fov / 2) of a pinhole, f radius(fov / 2) of a
+// fisheye.
 double focal_length_px(const Camera& camera, double fov_deg) {
   if (camera.model == CameraModel::pinhole)
     return 0.5 * camera.width / std::tan(0.5 * fov_deg * std::numbers::pi / 180);
   return 0.5 * camera.width / engine::Fisheye(camera.fisheye).radius(0.5 * fov_deg * kRadiansPerDegree);
 }
 
+// Reports a field of view that the camera's model cannot image.
 void check_field_of_view(const JsonReader& in, const Camera& camera, double fov_deg) {
   if (camera.model == CameraModel::pinhole && !kFieldOfView_deg.contains(fov_deg))
     return in.fail("fov_deg", fmt::format("must be below {} of a pinhole", kFieldOfView_deg.max));
+  // Of a fisheye, the distortion limits the angles that have a radius; the pinhole's plane ends at 180 degrees.
   if (camera.beyond_plane()) {
     const double widest_deg = 2 * kDegreesPerRadian * engine::Fisheye(camera.fisheye).limit();
     if (fov_deg > widest_deg)
@@ -65,6 +68,7 @@ void check_field_of_view(const JsonReader& in, const Camera& camera, double fov_
   }
 }
 
+// Copies the coefficients into the camera; reports a distortion model of the other camera model.
 void set_distortion(const JsonReader& in, const std::optional<DistortionForm>& form, Camera& camera) {
   if (!form) return;
   if (form->model != camera.model)
@@ -87,6 +91,7 @@ std::optional<Camera> resolve_camera(const JsonReader& in, const CameraForm& for
               : form.fx    ? *form.fx
                            : *form.focal_length_mm * 1000 / *form.pixel_pitch_um;
   camera.fy = form.fy.value_or(camera.fx);
+  // The principal point defaults to the image's middle: pixel centres are at whole numbers from 0.
   camera.cx = form.cx.value_or(0.5 * (camera.width - 1));
   camera.cy = form.cy.value_or(0.5 * (camera.height - 1));
   if (!kFocalLength_px.contains(camera.fx))
@@ -103,7 +108,16 @@ CameraForm form_of(const Camera& c) {
   const DistortionForm distortion = c.model == CameraModel::pinhole
                                         ? DistortionForm{c.model, d.k1, d.k2, d.k3, 0, d.p1, d.p2}
                                         : DistortionForm{c.model, f.k1, f.k2, f.k3, f.k4, 0, 0};
-  return {c.model, c.width, c.height, {}, c.fx, c.fy, c.cx, c.cy, {}, {}, distortion};
+  CameraForm form;
+  form.model = c.model;
+  form.width = c.width;
+  form.height = c.height;
+  form.fx = c.fx;
+  form.fy = c.fy;
+  form.cx = c.cx;
+  form.cy = c.cy;
+  form.distortion = distortion;
+  return form;
 }
 
 }  // namespace

@@ -14,6 +14,7 @@ using engine::IndirectLight;
 
 constexpr Range kEarthDistance_m{1e7, 1e12}, kSpacing_px{0.25, 64};
 
+// Returns the Earth by a direction, by its sub-Earth point or at the Sun's epoch; empty, and reported, without any.
 std::optional<Earth> resolve_earth(const JsonReader& in, const EarthForm& form, const ReadContext& context) {
   Earth earth;
   if (form.direction) {

@@ -15,6 +15,7 @@ std::string quoted(const std::vector<std::string>& names) {
   return quoted_list(views, " and ");
 }
 
+// Returns the object with a material for each part of its mesh; reports materials of parts that the mesh lacks.
 std::optional<PlacedObject> resolve_object(const JsonReader& in, const ObjectForm& form, const ReadContext&) {
   const std::size_t before = in.faults();
   const std::vector<std::string>& parts = form.mesh.content->shape().parts;

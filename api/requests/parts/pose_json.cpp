@@ -143,6 +143,8 @@ void add_position(Members<Form, Value>& m) {
 // own uses the Sun's, plus the time of a pose at a time (ReadContext::pose_time_s).
 std::optional<Eigen::Matrix3d> resolve_frame(const JsonReader& in, const PositionForm& form,
                                              const ReadContext& context) {
+  // An epoch ("utc" or "et_s") orients ICRF against the Moon. With a body-fixed frame, which turns with the Moon, it
+  // has no meaning: reject it, since a client that gives one probably meant ICRF. An empty `frame` is ICRF (PoseFrame).
   const bool has_epoch = form.utc || form.et_s;
   if (form.frame) {
     if (!has_epoch) return engine::moon_me_from(*form.frame);
@@ -160,6 +162,7 @@ std::optional<Eigen::Matrix3d> resolve_frame(const JsonReader& in, const Positio
   return std::nullopt;
 }
 
+// Returns the position in MOON_ME; reports a frame that does not fit, and coordinates out of range.
 std::optional<Vec3> resolve_position(const JsonReader& in, const PositionForm& form,
                                      const Eigen::Matrix3d& moon_me_from_frame) {
   if (form.geodetic && form.frame != engine::BodyFrame::moon_me) {
@@ -207,6 +210,7 @@ std::optional<Eigen::Quaterniond> look_at(const JsonReader& in, const LookAt& fo
     in.fail("is where the camera is: not a direction");
     return std::nullopt;
   }
+  // Empty if the up direction is along the boresight, which leaves the roll undefined.
   const auto attitude = [&]() -> std::optional<Eigen::Quaterniond> {
     switch (form.up.kind) {
       case ImageUp::Kind::direction:
@@ -239,8 +243,9 @@ std::optional<EastNorthUp> axes_at(const JsonReader& in, const PositionForm& for
 std::optional<Eigen::Quaterniond> look_down(const JsonReader& in, const PoseForm& pose, const Vec3& position_m) {
   const auto local = axes_at(in, pose, position_m);
   if (!local) return std::nullopt;
-  const double azimuth = pose.nadir->up_azimuth_deg * kRadiansPerDegree;
-  const Vec3 up = std::cos(azimuth) * local->north + std::sin(azimuth) * local->east;
+  const double azimuth_rad = pose.nadir->up_azimuth_deg * kRadiansPerDegree;
+  const Vec3 up = std::cos(azimuth_rad) * local->north + std::sin(azimuth_rad) * local->east;
+  // camera_along() never returns empty here: `up` is horizontal and the boresight vertical.
   return camera_along(-local->up, up).value_or(Eigen::Quaterniond::Identity());
 }
 
@@ -252,6 +257,7 @@ Eigen::Quaterniond camera_from_frame(const PoseForm& form) {
                                                     : Eigen::Matrix3d(form.moon_from_camera_matrix->transpose()));
 }
 
+// Returns the pose in MOON_ME and OpenCV axes: frame first, then position, then the attitude, which may depend on both.
 std::optional<engine::Pose> resolve_pose(const JsonReader& in, const PoseForm& form, const ReadContext& context) {
   const std::optional<Eigen::Matrix3d> moon_me_from_frame = resolve_frame(in, form, context);
   if (!moon_me_from_frame) return std::nullopt;
@@ -293,9 +299,9 @@ std::optional<Eigen::Quaterniond> upright_attitude(const JsonReader& in, const O
                                                    const Vec3& position_m) {
   const auto local = axes_at(in, pose, position_m);
   if (!local) return std::nullopt;
-  const double azimuth = pose.upright->azimuth_deg * kRadiansPerDegree;
-  Eigen::Matrix3d moon_from_object;
-  moon_from_object.col(0) = std::cos(azimuth) * local->north + std::sin(azimuth) * local->east;
+  const double azimuth_rad = pose.upright->azimuth_deg * kRadiansPerDegree;
+  Eigen::Matrix3d moon_from_object;  // its columns are the object's axes in MOON_ME
+  moon_from_object.col(0) = std::cos(azimuth_rad) * local->north + std::sin(azimuth_rad) * local->east;
   moon_from_object.col(2) = local->up;
   moon_from_object.col(1) = local->up.cross(Vec3(moon_from_object.col(0)));
   return Eigen::Quaterniond(moon_from_object).normalized();
@@ -312,9 +318,10 @@ std::optional<ObjectPose> resolve_object_pose(const JsonReader& in, const Object
     if (!attitude) return std::nullopt;
     return ObjectPose{*position_m, canonical(*attitude)};
   }
-  const Eigen::Quaterniond body_from_object =
+  // The attitude is relative to the form's frame, "moon" in the members' names; rotate it into MOON_ME.
+  const Eigen::Quaterniond frame_from_object =
       form.moon_from_object ? *form.moon_from_object : form.object_from_moon->conjugate();
-  return ObjectPose{*position_m, canonical(Eigen::Quaterniond(*moon_me_from_frame) * body_from_object)};
+  return ObjectPose{*position_m, canonical(Eigen::Quaterniond(*moon_me_from_frame) * frame_from_object)};
 }
 
 ObjectPoseForm form_of(const ObjectPose& pose) {

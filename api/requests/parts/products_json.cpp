@@ -30,9 +30,9 @@ OrderedJson Products::write(engine::ProductSet set) const {
 OrderedJson Products::schema(const Limits& limits) const {
   OrderedJson json = array_schema(Word<engine::Product>{words}.schema(limits), 1, rows.size());
   json["uniqueItems"] = true;
-  std::string each;
-  for (const ProductRow& row : rows) each += fmt::format("\n- `{}` {}: {}", row.name, type_text(row), row.meaning);
-  json["description"] = each;
+  std::string list;
+  for (const ProductRow& row : rows) list += fmt::format("\n- `{}` {}: {}", row.name, type_text(row), row.meaning);
+  json["description"] = list;
   return json;
 }
 

@@ -60,6 +60,7 @@ std::optional<Rows> Kernel::read(const JsonReader& in, const ReadContext& contex
     rows = kRows.read(in, context);
   }
   if (!rows || in.faults() != before) return std::nullopt;
+  // A file's rows are not checked by kRows: check all kernels alike.
   double sum = 0;
   bool fits = rows->size() % 2 == 1 && rows->size() <= kMaxKernelSide;
   for (const std::vector<double>& row : *rows) {
@@ -121,6 +122,8 @@ std::optional<Efficiency::Value> Efficiency::read(const JsonReader& in, const Re
   return Value(std::move(*curve));
 }
 
+// Converts between the request's "quantum_efficiency" and the engine's two members: a curve in `efficiency`, or, while
+// that is empty, a constant in `quantum_efficiency`.
 const auto efficiency_field = Property{[](const Detector& d) -> std::optional<Efficiency::Value> {
                                          if (d.efficiency.empty()) return d.quantum_efficiency;
                                          return d.efficiency;
@@ -318,12 +321,15 @@ const Members<SensorModel>& sensor_members() {
         m.add("frame", &SensorModel::frame, Integer{0, kMaxSeed}, "number of the frame: each has its own noise");
         m.check([](const JsonReader& in, SensorModel& sensor, const ReadContext&) {
           if (in.faults() > 0) return;  // the detector may be incomplete
+          // Exactly one of the detector and the automatic exposure gives the integration time.
           const bool is_fixed = sensor.detector.integration_time_s > 0;
           const bool is_automatic = sensor.exposure.target_fill > 0;
           if (is_fixed && is_automatic)
             in.fail("exposure", "chooses the integration time, and so does detector.integration_time_s");
           if (!is_fixed && !is_automatic)
             in.at("detector").fail("integration_time_s", "is required, or the sensor's exposure");
+          // The exposure aims at a share of the largest digital number. If the offset alone exceeds it, no integration
+          // time is short enough.
           const engine::Detector& d = sensor.detector;
           if (const int max_dn = (1 << d.bit_depth) - 1;
               is_automatic && !(sensor.exposure.target_fill * max_dn > d.offset_dn))
@@ -341,6 +347,7 @@ namespace {
 
 // Reports an efficiency curve that is 0 in the whole band.
 void check_efficiency(const JsonReader& in, const engine::SensorModel& sensor, const engine::Band& band) {
+  // A constant efficiency is above 0 by its range; in_photons() rejects a curve without response in the band.
   if (sensor.detector.efficiency.empty()) return;
   try {
     engine::in_photons(band, sensor.detector.efficiency);
@@ -354,6 +361,7 @@ void check_efficiency(const JsonReader& in, const engine::SensorModel& sensor, c
 // may be wrong.
 void check_airy(const JsonReader& in, const engine::SensorModel& sensor, const engine::Band& band) {
   if (sensor.optics.point_spread.model != engine::PointSpread::Model::airy) return;
+  // The disc's width on the detector is proportional to wavelength times f-number.
   constexpr double kMaxWidth_px = engine::SpreadKernel::kMaxAiry_px;
   const double width_px = band.center_um() * sensor.optics.f_number / sensor.detector.pixel_pitch_um;
   if (width_px <= kMaxWidth_px) return;

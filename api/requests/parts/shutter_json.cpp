@@ -16,6 +16,7 @@ using engine::Shutter;
 
 constexpr Range kPoseTime_s{-1e6, 1e6};
 
+// Returns true if a pose's "frame" is one of the names of ICRF, whose frame in the table is empty.
 bool is_in_icrf(const Json& pose) {
   const std::string word = pose.value("frame", std::string());
   return std::any_of(std::begin(kPoseFrames), std::end(kPoseFrames),
@@ -73,9 +74,10 @@ const Members<Shutter>& shutter_members() {
 
 void check_pose(const JsonReader& in, const engine::Camera& camera, const std::optional<Shutter>& shutter,
                 engine::Pose& pose) {
-  const bool poses = in.has("shutter") && in.at("shutter").value().is_object() && in.at("shutter").has("poses");
-  if (!poses && !in.has("pose")) in.fail("pose", "is required");
-  if (poses && in.has("pose"))
+  // Look into the JSON: a shutter with faults has no value, and its poses must not be reported as missing.
+  const bool has_poses = in.has("shutter") && in.at("shutter").value().is_object() && in.at("shutter").has("poses");
+  if (!has_poses && !in.has("pose")) in.fail("pose", "is required");
+  if (has_poses && in.has("pose"))
     in.fail("pose", "\"pose\" cannot be combined with \"shutter.poses\", which take its place");
   if (!shutter || shutter->poses.empty()) return;
   const double last_s = shutter->time_s(camera.height - 1);
@@ -96,26 +98,27 @@ double icrf_lag_s(const JsonReader& in, const engine::Camera& camera, const std:
                   const std::string& utc, const std::string& sky_utc) {
   constexpr double kSecondsPerDay = 86400;
   const engine::JulianDate sky = engine::tt_at(sky_utc);
-  double farthest_s = 0;
-  // `row_s` is the time of the exposed row nearest to the pose's time `time_s`. Without an epoch of its own, the pose's
-  // epoch is that of time 0 (`utc`); else its epoch is that of time_s.
-  const auto add = [&](const Json& pose, double time_s, double row_s) {
+  double largest_lag_s = 0;
+  // Compares the epoch at which a row is exposed with the sky's. `row_s` is the time of the exposed row nearest to the
+  // pose's time `time_s`. A pose without an epoch of its own has the request's `utc`, which belongs to time 0; an epoch
+  // of its own belongs to `time_s`.
+  const auto add_lag_of = [&](const Json& pose, double time_s, double row_s) {
     if (!is_in_icrf(pose)) return;
     const std::string pose_utc = utc_of(pose);
     const engine::JulianDate epoch = engine::tt_at(pose_utc.empty() ? utc : pose_utc);
     const double lag_s = ((epoch.day - sky.day) + (epoch.fraction - sky.fraction)) * kSecondsPerDay +
                          (pose_utc.empty() ? row_s : row_s - time_s);
-    if (std::abs(lag_s) > std::abs(farthest_s)) farthest_s = lag_s;
+    if (std::abs(lag_s) > std::abs(largest_lag_s)) largest_lag_s = lag_s;
   };
-  if (in.has("pose")) add(in.at("pose").value(), 0, 0);
-  if (!shutter || shutter->poses.empty()) return farthest_s;
+  if (in.has("pose")) add_lag_of(in.at("pose").value(), 0, 0);
+  if (!shutter || shutter->poses.empty()) return largest_lag_s;
   const Json& poses = in.at("shutter").at("poses").value();
   const double last_s = shutter->time_s(camera.height - 1);
   for (std::size_t i = 0; i < poses.size(); ++i) {
     const double time_s = shutter->poses[i].time_s;
-    add(poses[i]["pose"], time_s, std::clamp(time_s, 0.0, last_s));
+    add_lag_of(poses[i]["pose"], time_s, std::clamp(time_s, 0.0, last_s));
   }
-  return farthest_s;
+  return largest_lag_s;
 }
 
 OrderedJson pose_condition(const Limits&) {

@@ -35,6 +35,7 @@ struct Stars {
   }
 };
 
+// Returns the options with their epoch, the sky's own or the Sun's, and with the velocity in MOON_ME.
 std::optional<SkyOptions> resolve_sky(const JsonReader& in, const SkyForm& form, const ReadContext& context) {
   SkyOptions options = form.options;
   if (form.earth_map) {

@@ -23,6 +23,8 @@ const Members<SunLocal>& local_members() {
   return *table;
 }
 
+// Returns the Sun by the one direction that the form has. An epoch ("utc" or "et_s") also gives the distance and,
+// unless the form has a size, the size of the disc.
 std::optional<Sun> resolve_sun(const JsonReader& in, const SunForm& form, const ReadContext&) {
   Sun sun;
   if (form.direction) {

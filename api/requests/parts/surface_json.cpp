@@ -108,6 +108,7 @@ void check_reflectance(const JsonReader& in, Reflectance& reflectance, const Rea
   for (const char* name : {"bc0", "hc"})
     if (in.has(name) && reflectance.hapke.terms != engine::HapkeTerms::terms_2002)
       return in.fail(name, "needs \"terms\": \"2002\"");
+  // Sample the phase function at every degree: where it is negative, the ground would absorb more light than arrives.
   for (int phase_deg = 0; phase_deg <= 180; ++phase_deg)
     if (engine::phase_function(reflectance.hapke, std::cos(phase_deg * kRadiansPerDegree)) < 0)
       return in.fail("c", fmt::format("with this b the phase function is negative at {} degrees", phase_deg));
@@ -239,13 +240,13 @@ void check_quantities(const JsonReader& in, const Ground& ground) {
   const ReflectanceModel model = ground.reflectance.model;
   for (std::size_t i = 0; i < ground.albedo_maps.size(); ++i) {
     const auto& [name, map] = ground.albedo_maps[i];
-    const bool factor = map->radiance_factor().has_value();
-    if (model == ReflectanceModel::moon && !factor)
+    const bool has_radiance_factor = map->radiance_factor().has_value();
+    if (model == ReflectanceModel::moon && !has_radiance_factor)
       in.at("albedo_maps")
           .fail(fmt::format(
               "maps/{}.json has no \"quantity\": a preset of the Moon takes maps of \"radiance_factor\", not of rho",
               name));
-    if (model == ReflectanceModel::hapke && factor)
+    if (model == ReflectanceModel::hapke && has_radiance_factor)
       in.at("albedo_maps")
           .fail(fmt::format("maps/{}.json holds \"radiance_factor\"; \"hapke\" takes maps of its w", name));
   }
@@ -254,6 +255,7 @@ void check_quantities(const JsonReader& in, const Ground& ground) {
       in.at("temperature_maps").fail(fmt::format("maps/{}.json holds \"radiance_factor\", not kelvin", name));
 }
 
+// Resolves the preset to a reflectance, then checks temperature and maps against it.
 void check_ground(const JsonReader& in, Ground& ground, const ReadContext&) {
   if (ground.preset) ground.reflectance = reflectance_of(*ground.preset);
   check_material(in, ground);
@@ -376,20 +378,22 @@ bool is_absolute(const engine::FrameRequest& request) {
 }  // namespace
 
 nlohmann::ordered_json reflectance_metadata(const engine::FrameRequest& request, const engine::FrameReport& report) {
-  nlohmann::ordered_json out{{"normalisation", normalisation(request.reflectance.model)}};
-  if (request.reflectance.model != ReflectanceModel::moon) return out;
+  nlohmann::ordered_json members{{"normalisation", normalisation(request.reflectance.model)}};
+  if (request.reflectance.model != ReflectanceModel::moon) return members;
   const engine::MoonTrust trust = engine::moon_trust(engine::band_of(request));
   const auto& phase_deg = report.view.phase_deg;
+  // LIME covers a smaller range of phase angles than ROLO, which is less certain.
   const bool by_lime = !phase_deg || is_inside(*phase_deg, engine::kLimeFirst_deg, engine::kLimeLast_deg);
-  out["uncertainty"] = by_lime ? trust.uncertainty : engine::kRoloUncertainty;
-  out["extrapolated_sunlight"] = trust.extrapolated_share;
-  if (phase_deg) out["phase_deg"] = *phase_deg;
-  return out;
+  members["uncertainty"] = by_lime ? trust.uncertainty : engine::kRoloUncertainty;
+  members["extrapolated_sunlight"] = trust.extrapolated_share;
+  if (phase_deg) members["phase_deg"] = *phase_deg;
+  return members;
 }
 
 void add_reflectance_warnings(const engine::FrameRequest& request, const SurfaceQuery& query,
                               const engine::FrameReport& report, nlohmann::ordered_json& warnings) {
   const ReflectanceModel model = request.reflectance.model;
+  // True also for moon-mare and moon-highlands: Sato et al. give their ratio to the mean Moon.
   const bool by_sato = query.preset && *query.preset != SurfacePreset::moon;
   const double center_um = request.band ? request.band->center_um() : 0;
   if (by_sato && (center_um < engine::kSatoFirst_um || center_um > engine::kSatoLast_um))

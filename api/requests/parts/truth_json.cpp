@@ -70,9 +70,9 @@ void resolve_truth(const JsonReader& in, const engine::Camera& camera, engine::T
   }
   const JsonReader truth_reader = in.at("truth");  // a reader must outlive those made from it
   const JsonReader region = truth_reader.at("region");
-  const auto check = [&](const char* member, int first, int size, int of_image) {
-    if (first + size > of_image)
-      region.fail(member, fmt::format("ends at pixel {}: the image has {}", first + size - 1, of_image));
+  const auto check = [&](const char* member, int first_px, int size_px, int image_px) {
+    if (first_px + size_px > image_px)
+      region.fail(member, fmt::format("ends at pixel {}: the image has {}", first_px + size_px - 1, image_px));
   };
   check("width", truth.x, truth.width, camera.width);
   check("height", truth.y, truth.height, camera.height);
