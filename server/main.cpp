@@ -49,6 +49,7 @@ struct Settings {
 // Maps each command to a function that runs it with its complete settings.
 using Work = std::map<const CLI::App*, std::function<int()>>;
 
+// Adds a command to `parent`, and the call that runs it to `work`.
 template <typename SettingsOfCommand>
 CLI::App& add(CLI::App& parent, Work& work, const char* name, const char* purpose, SettingsOfCommand& settings,
               int (*command)(const SettingsOfCommand&)) {
@@ -72,6 +73,7 @@ struct RequestFirst : CLI::Formatter {
   }
 };
 
+// Adds all commands, which write into the settings, and returns what runs them.
 Work add_commands(CLI::App& app, Settings& s) {
   Work work;
   add(app, work, "serve", "Answer requests over HTTP", s.serve, serve);
@@ -107,6 +109,7 @@ std::set<std::string> all_option_names(const Work& work) {
 // Uses std::fputs, because fmt::print throws if standard error cannot be written.
 void print_error(const std::string& text) { std::fputs(text.c_str(), stderr); }
 
+// Prints the candidate nearest to a misspelt word, if one is near enough.
 void print_nearest(const std::string& word, const std::vector<std::string>& candidates) {
   const std::vector<std::string_view> names(candidates.begin(), candidates.end());
   if (const auto nearest = api::did_you_mean(word, names))
@@ -129,6 +132,7 @@ void suggest(const CLI::App& app, int argc, char** argv) {
             fmt::format("{} is an option of {}, not of {}\n", name, parent->get_name(), command->get_name()));
       return print_nearest(name, candidates);
     }
+    // Follow the command's name. A word that names no command is a file, unless a command must follow here.
     const auto commands = command->get_subcommands([](const CLI::App*) { return true; });
     const auto next = std::ranges::find(commands, word, [](const CLI::App* c) { return c->get_name(); });
     if (next == commands.end() && command->get_require_subcommand_min() == 0) continue;
@@ -138,6 +142,7 @@ void suggest(const CLI::App& app, int argc, char** argv) {
   }
 }
 
+// Prints the usage of the command that was parsed.
 void print_usage(const CLI::App& app) {
   const CLI::App* command = &app;
   std::string name = app.get_name();
@@ -148,6 +153,7 @@ void print_usage(const CLI::App& app) {
   print_error(RequestFirst().make_usage(command, name));
 }
 
+// Completes the settings of the command that was parsed, and runs it. Returns its exit status.
 int run(CLI::App& app, const Work& work) {
   CLI::App* command = &app;
   while (!command->get_subcommands().empty()) command = command->get_subcommands().front();

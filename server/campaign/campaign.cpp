@@ -38,10 +38,11 @@ std::string header_of(const api::Response& response, std::string_view name) {
   return {};
 }
 
+// Returns the answer's frame, which points to the answer's bytes.
 RenderedFrame frame_of(const Answer& answer) {
   RenderedFrame frame{.bytes = answer.response.body, .content_hash = {}, .ms = answer.ms};
   if (const std::string tag = header_of(answer.response, "ETag"); tag.size() > 2)
-    frame.content_hash = tag.substr(1, tag.size() - 2);
+    frame.content_hash = tag.substr(1, tag.size() - 2);  // without its quotation marks
   frame.is_incomplete = !header_of(answer.response, "Selenograph-Missing-Fraction").empty();
   return frame;
 }
@@ -54,7 +55,7 @@ class FrameSource {
       : manifest_(manifest), service_(service), media_type_(media_type), stop_(stop) {}
 
   Answer render(const ManifestLine& line) const {
-    constexpr int kTries = 3;
+    constexpr int kMaxTries = 3;
     api::Request request;
     request.method = "POST";
     request.path = "/v1/frames";
@@ -62,12 +63,12 @@ class FrameSource {
     request.body = api::json_text(manifest_.request(line));
     request.abandoned = &stop_;
     Answer answer;
-    for (int i = 0; i < kTries && !stop_; ++i) {
+    for (int i = 0; i < kMaxTries && !stop_; ++i) {
       request.received = Clock::now();
       answer.response = service_.handle(request);
       answer.ms = std::chrono::duration<double, std::milli>(Clock::now() - request.received).count();
       answer.outcome = outcome_of(answer.response.status);
-      // 503: other requests hold the memory that this one needs. Try again after a second.
+      // 503: other requests hold the memory that this one needs. Try again after a second, which `stop_` cuts short.
       if (answer.response.status != 503) return answer;
       for (int wait = 0; wait < 20 && !stop_; ++wait) std::this_thread::sleep_for(std::chrono::milliseconds(50));
     }
@@ -88,7 +89,8 @@ class FrameSource {
   std::atomic<bool>& stop_;
 };
 
-// Lets threads that work in parallel hand over their results in order.
+// Lets threads that work in parallel hand over their results in order: thread by thread, each waits for the number of
+// its result, hands it over and calls done().
 class InTurn {
  public:
   explicit InTurn(std::atomic<bool>& stop) : stop_(stop) {}
@@ -96,6 +98,7 @@ class InTurn {
   // Waits until all turns before `number` are done. Returns false if the work is stopped.
   bool wait(std::size_t number) {
     std::unique_lock lock(mutex_);
+    // Wake up regularly: setting `stop_` notifies no condition variable.
     while (next_ != number && !stop_) changed_.wait_for(lock, std::chrono::milliseconds(20));
     return next_ == number;
   }
@@ -170,6 +173,7 @@ class Campaign {
   // Journals, logs and counts a line without a frame.
   void note_problem(const ManifestLine& line, const Answer& answer) {
     const Problem problem = line.problem ? *line.problem : problem_of(answer.response.body, answer.response.status);
+    // Journal a problem once: a repeated run finds the same one.
     const LineWithoutFrame* recorded = record_.without_frame(line);
     if (!recorded || recorded->problem != problem)
       journal_.add(LineWithoutFrame{line.name, line.number, line.request_sha256, problem, {}, {}});
@@ -179,13 +183,16 @@ class Campaign {
         text += fmt::format("\n  {}: {}", error.value("pointer", ""), error.value("detail", ""));
     spdlog::warn("{}, line {} ({}): {}", manifest_.path(), line.number, line.name, text);
     const std::lock_guard lock(mutex_);
-    answer.outcome == Outcome::failed ? ++tally_.failed : ++tally_.bad;
+    std::size_t& tally = answer.outcome == Outcome::failed ? tally_.failed : tally_.bad;
+    ++tally;
   }
 
+  // Renders a line; one with a problem in the manifest is bad without a request.
   Answer answer_to(const ManifestLine& line) const {
     return line.problem ? Answer{Outcome::bad, {}, 0} : frames_.render(line);
   }
 
+  // Counts a frame and its warnings.
   void count(const RenderedFrame& frame, const Answer& answer) {
     const api::Json warnings = api::Json::parse(header_of(answer.response, "Selenograph-Warnings"), nullptr, false);
     const std::lock_guard lock(mutex_);
@@ -231,8 +238,11 @@ class Campaign {
 
   // Counts the lines of a tar that was finished earlier.
   void count_existing(const TarPlan& tar) {
-    for (const ManifestLine* line : tar.lines)
-      line->problem || record_.without_frame(*line) ? ++tally_.bad : ++tally_.existing;
+    for (const ManifestLine* line : tar.lines) {
+      const bool is_bad = line->problem || record_.without_frame(*line);
+      std::size_t& tally = is_bad ? tally_.bad : tally_.existing;
+      ++tally;
+    }
   }
 
   std::size_t write_tars() {
@@ -258,7 +268,7 @@ class Campaign {
   void write(const TarPlan& plan, CampaignProgress& progress) {
     TarWriter tar(options_.folder, "npz", plan, journal_);
     InTurn turn(stop_);
-    bool is_complete = true;
+    bool is_complete = true;  // no frame has failed; each thread changes it only in its turn
     in_parallel(plan.lines.size(), [&](std::size_t i) {
       const ManifestLine& line = *plan.lines[i];
       const Answer answer = answer_to(line);

@@ -25,6 +25,7 @@ struct Digest {
   std::string sha256;
 };
 
+// Contents of a tar, by the names of its members, or the reason why it cannot be trusted.
 struct Tar {
   std::unordered_map<std::string, Digest> members;
   std::string damage;  // empty: none
@@ -80,6 +81,7 @@ class Check {
     });
   }
 
+  // Reads a tar whole, and compares its hash with the journal's.
   Tar read(const std::string& file) const {
     Tar tar;
     try {
@@ -100,6 +102,7 @@ class Check {
     if (line.problem) return LineNotDone{&line, "", line.problem->value("detail", ""), true};
     const DoneFrame* done = record_.frame(line.name);
     if (!done) return without_record(line);
+    // Returns the finding about a file that is there but is not the line's frame.
     const auto refuse = [&](const std::string& why) { return LineNotDone{&line, done->file, why}; };
     if (!fs::exists(path_of(done->file))) return LineNotDone{&line, "", "its file is gone"};
     if (done->request_sha256 != line.request_sha256) return refuse("was made from another request");

@@ -21,6 +21,7 @@ using OrderedJson = nlohmann::ordered_json;
 // A frame's masks have pixels of uint16, so the numbers of its annotations are below this.
 constexpr std::size_t kNumbersPerFrame = 65536;
 
+// Writes the document as PATH.part: annotations as they come, images at the end; finish() gives it its name.
 class CocoWriter {
  public:
   explicit CocoWriter(const std::string& path) : file_(path + ".part") {

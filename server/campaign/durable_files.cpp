@@ -23,6 +23,7 @@ namespace fs = std::filesystem;
   throw std::system_error(error, std::generic_category(), path);
 }
 
+// An open file, closed on destruction.
 class Descriptor {
  public:
   Descriptor(const std::string& path, int flags) : file_(::open(path.c_str(), flags | O_CLOEXEC, 0666)) {
@@ -37,6 +38,7 @@ class Descriptor {
   int file_;
 };
 
+// Writes the folder's entry of a file to disk: without it, a new name or a removal may be lost in a crash.
 void sync_folder_of(const std::string& path) {
   const fs::path parent = fs::path(path).parent_path();
   const std::string folder = parent.empty() ? "." : parent.string();
@@ -118,6 +120,7 @@ void GrowingFile::append(std::string_view bytes) {
   if (::lseek(file_, static_cast<off_t>(size_), SEEK_SET) < 0) fail(errno);
   int error = dem::write_all(file_, bytes);
   if (error == 0 && ::fdatasync(file_) != 0) error = errno;
+  // Test this only after writing: the file may be removed at any time.
   if (error == 0 && !is_at_its_path())
     throw std::runtime_error(path_ + ": was removed or replaced while it was written");
   if (error != 0) {

@@ -40,7 +40,7 @@ std::uint64_t size_of_complete_lines(const GrowingFile& file) {
   for (std::uint64_t end = file.size(); end > 0;) {
     const std::uint64_t begin = end > kBlockBytes ? end - kBlockBytes : 0;
     const std::string block = file.read(begin, end - begin);
-    if (const std::size_t at = block.rfind('\n'); at != std::string::npos) return begin + at + 1;
+    if (const std::size_t newline = block.rfind('\n'); newline != std::string::npos) return begin + newline + 1;
     end = begin;
   }
   return 0;
@@ -60,17 +60,22 @@ Record::Record(const std::string& folder, std::string made_by) : made_by_(std::m
   std::sort(journals.begin(), journals.end());
   for (const std::string& name : journals) {
     const std::string path = in_folder(folder, name), text = dem::read_whole(path);
-    std::size_t number = 1;
-    for (std::size_t at = 0, end = 0; (end = text.find('\n', at)) != std::string::npos; at = end + 1, ++number) {
+    // An incomplete last line, without a newline, is not read.
+    std::size_t number = 0, begin = 0;
+    for (std::size_t end = text.find('\n'); end != std::string::npos; end = text.find('\n', begin)) {
+      ++number;
       try {
-        add(OrderedJson::parse(std::string_view(text).substr(at, end - at)));
+        add(OrderedJson::parse(std::string_view(text).substr(begin, end - begin)));
       } catch (const OrderedJson::exception&) {
         spdlog::warn("{}, line {}: skipped, because it is not a journal line", path, number);
       }
+      begin = end + 1;
     }
   }
 }
 
+// Adds a journal line, whose members tell its kind (journal.h): "plan" is a tar's, "problem" that of a line without a
+// frame. Throws OrderedJson::exception for a line that lacks a member.
 void Record::add(const OrderedJson& line) {
   const std::string time = line.at("time"), made_by = line.at("made_by");
   if (line.contains("plan")) {

@@ -61,13 +61,13 @@ class Record {
   // `made_by`: the software and terrain of which frames count as done; empty: any.
   explicit Record(const std::string& folder, std::string made_by = {});
 
-  // Null if unknown.
+  // The next three functions return null if no journal has the entry.
   const DoneFrame* frame(const std::string& name) const;
-  // Found by the request: the line's number may differ between manifests.
+  // Returns the entry of the line's name and request: its number may differ between manifests.
   const LineWithoutFrame* without_frame(const ManifestLine& line) const;
   const DoneTar* tar(const std::string& name) const;
 
-  // The file of any frame; empty: no frame.
+  // Returns the file of any frame, whose extension is the campaign's format; empty if there is no frame.
   const std::string& any_file() const { return any_file_; }
 
  private:

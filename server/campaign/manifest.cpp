@@ -62,13 +62,15 @@ Manifest::Manifest(const std::string& path, int max_json_depth)
     : path_(path), text_(dem::read_whole(path)), sha256_(server::sha256(text_)), max_json_depth_(max_json_depth) {
   lines_ = split(text_);
   if (lines_.empty()) throw std::runtime_error(path + ": has no lines");
-  const std::size_t width = std::max<std::size_t>(6, std::to_string(lines_.back().number).size());
+  // Line numbers as names have as many digits as the last one.
+  const std::size_t digits = std::max<std::size_t>(6, std::to_string(lines_.back().number).size());
   std::unordered_map<std::string_view, std::size_t> line_of_name;
   line_of_name.reserve(lines_.size());
   for (ManifestLine& line : lines_) {
-    line.name = fmt::format("{:0{}}", line.number, width);
+    // Name and hash of a line that turns out to be invalid.
+    line.name = fmt::format("{:0{}}", line.number, digits);
     line.request_sha256 = server::sha256(line.text);
-    const api::Response read = api::answer_or_problem({}, [&] {
+    const api::Response result_of_reading = api::answer_or_problem({}, [&] {
       Json request = api::parse_json(line.text, max_json_depth);
       if (request.is_object() && request.contains(kName)) {
         line.name = read_name(request[kName]);
@@ -79,7 +81,7 @@ Manifest::Manifest(const std::string& path, int max_json_depth)
       if (!is_new) refuse_name(fmt::format("\"{}\" is the name of line {}", line.name, first->second));
       return api::Response{};
     });
-    if (read.status != 200) line.problem = problem_of(read.body, read.status);
+    if (result_of_reading.status != 200) line.problem = problem_of(result_of_reading.body, result_of_reading.status);
   }
 }
 

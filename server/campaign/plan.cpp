@@ -11,13 +11,13 @@
 namespace selenograph::server {
 namespace {
 
-// All lines in the order of the terrain.
-struct Ordered {
+// All lines in the order of the terrain, and the cost of each (weight_of()).
+struct OrderedLines {
   std::vector<const ManifestLine*> lines;
   std::vector<std::uint64_t> weights;
 };
 
-Ordered ordered(const Manifest& manifest) {
+OrderedLines order_lines(const Manifest& manifest) {
   const std::vector<ManifestLine>& lines = manifest.lines();
   std::vector<std::uint64_t> keys(lines.size()), weights(lines.size());
   in_parallel(lines.size(), [&](std::size_t i) {
@@ -28,12 +28,12 @@ Ordered ordered(const Manifest& manifest) {
   std::vector<std::size_t> order(lines.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return keys[a] < keys[b]; });
-  Ordered out;
+  OrderedLines ordered;
   for (const std::size_t i : order) {
-    out.lines.push_back(&lines[i]);
-    out.weights.push_back(weights[i]);
+    ordered.lines.push_back(&lines[i]);
+    ordered.weights.push_back(weights[i]);
   }
-  return out;
+  return ordered;
 }
 
 }  // namespace
@@ -45,22 +45,22 @@ std::string TarPlan::sha256() const {
 }
 
 std::vector<const ManifestLine*> lines_of(const Manifest& manifest, const Shard& shard) {
-  const Ordered order = ordered(manifest);
+  const OrderedLines order = order_lines(manifest);
   const Span span = cut_evenly(order.weights, shard.of)[shard.index];
   return {order.lines.begin() + static_cast<std::ptrdiff_t>(span.begin),
           order.lines.begin() + static_cast<std::ptrdiff_t>(span.end)};
 }
 
 std::vector<TarPlan> tars_of(const Manifest& manifest, const Shard& shard, std::size_t lines_per_tar) {
-  const Ordered order = ordered(manifest);
+  const OrderedLines order = order_lines(manifest);
   std::vector<TarPlan> tars;
   std::vector<std::uint64_t> weights;
-  for (std::size_t at = 0; at < order.lines.size(); at += lines_per_tar) {
-    const std::size_t end = std::min(at + lines_per_tar, order.lines.size());
+  for (std::size_t begin = 0; begin < order.lines.size(); begin += lines_per_tar) {
+    const std::size_t end = std::min(begin + lines_per_tar, order.lines.size());
     tars.push_back({fmt::format("frames-{:06}.tar", tars.size()),
-                    {order.lines.begin() + static_cast<std::ptrdiff_t>(at),
+                    {order.lines.begin() + static_cast<std::ptrdiff_t>(begin),
                      order.lines.begin() + static_cast<std::ptrdiff_t>(end)}});
-    weights.push_back(std::accumulate(order.weights.begin() + static_cast<std::ptrdiff_t>(at),
+    weights.push_back(std::accumulate(order.weights.begin() + static_cast<std::ptrdiff_t>(begin),
                                       order.weights.begin() + static_cast<std::ptrdiff_t>(end), std::uint64_t{0}));
   }
   const Span span = cut_evenly(weights, shard.of)[shard.index];

@@ -79,11 +79,12 @@ void FrameFolder::put(const ManifestLine& line, const RenderedFrame& frame) {
 bool TarWriter::has(const std::string& folder, const TarPlan& plan, const Record& record) {
   const std::string path = in_folder(folder, plan.name);
   const DoneTar* done = record.tar(plan.name);
-  const bool same = done && done->plan == plan.sha256();
-  if (same && done->frames == 0) return true;
+  const bool is_same_plan = done && done->plan == plan.sha256();
+  // A tar none of whose lines has become a frame leaves no file.
+  if (is_same_plan && done->frames == 0) return true;
   const auto size = size_of(path);
   if (!size) return false;
-  if (!same)
+  if (!is_same_plan)
     throw std::runtime_error(path +
                              ": was not made from this manifest by this software on this terrain: give them "
                              "a folder of their own");

@@ -24,6 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// Exit statuses: all frames are done; some may be done by running the command again; some lines can never be a frame.
 constexpr int kAllDone = 0, kRunAgain = 1, kBadLines = 2;
 
 std::atomic<bool> stop{false};
@@ -85,7 +86,7 @@ void write_labels(const Manifest& manifest, const CampaignOptions& options, cons
 }
 
 // Returns a line that keeps its name in another manifest, where it has another number.
-std::string named(const Manifest& manifest, const ManifestLine& line) {
+std::string line_with_name(const Manifest& manifest, const ManifestLine& line) {
   api::Json request = manifest.request(line);
   request["name"] = line.name;
   return api::json_line(request);
@@ -97,10 +98,11 @@ void put_aside(const std::string& folder, const std::string& file) {
   if (fs::exists(path)) rename_on_disk(path, path + ".damaged");
 }
 
+// Writes the manifest of the lines to run again, and renames their damaged files.
 void write_rerun(const Manifest& manifest, const CheckResult& result, const BatchVerifySettings& settings) {
   std::string text;
   for (const LineNotDone& finding : result.not_done)
-    if (!finding.is_bad) text += named(manifest, *finding.line);
+    if (!finding.is_bad) text += line_with_name(manifest, *finding.line);
   write_whole(settings.rerun, text);
   for (const LineNotDone& finding : result.not_done)
     if (!finding.file.empty()) put_aside(settings.output, finding.file);
@@ -145,10 +147,10 @@ int batch_verify(const BatchVerifySettings& settings) {
     if (finding.is_bad) ++bad;
   }
   if (!settings.rerun.empty()) write_rerun(manifest, result, settings);
-  const std::size_t open = result.not_done.size() - bad;
+  const std::size_t not_done = result.not_done.size() - bad;
   fmt::print(stream_for_messages(settings.rerun), "{}: {} frames done, {} not done, {} bad lines\n", settings.output,
-             result.done, open, bad);
-  if (open > 0) return kRunAgain;
+             result.done, not_done, bad);
+  if (not_done > 0) return kRunAgain;
   return bad > 0 ? kBadLines : kAllDone;
 }
 

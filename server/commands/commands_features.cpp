@@ -37,11 +37,13 @@ std::string region_request(const FeaturesSettings& s) {
   return api::json_text(request);
 }
 
+// A file to be written once both lists are complete.
 struct OutputFile {
   std::string path, text;
   std::string message;  // printed after writing
 };
 
+// Returns the CSV of a region's craters or rocks.
 OutputFile list_region(const Json& request, const FeaturesSettings& s, const engine::Renderer& renderer,
                        const api::Assets& assets, const api::Limits& limits) {
   const api::FeaturesQuery query = api::read_features(request, limits, assets);
@@ -51,6 +53,7 @@ OutputFile list_region(const Json& request, const FeaturesSettings& s, const eng
       fmt::format("{}: {} {}\n", s.output, list.size(), query.kind == api::FeatureKind::rocks ? "rocks" : "craters")};
 }
 
+// Throws RequestError for a frame that can have no craters and rocks.
 void refuse_without_features(const api::FrameQuery& query) {
   const auto refuse = [](const std::string& pointer, const std::string& why) {
     throw api::RequestError("invalid_request", "the frame has no craters and no rocks", {{pointer, why}});
@@ -59,6 +62,7 @@ void refuse_without_features(const api::FrameQuery& query) {
   if (!query.request.terrain) refuse("/terrain", "must not be false: craters and rocks are on the terrain");
 }
 
+// Returns the COCO document of the craters and rocks in a frame.
 OutputFile list_frame(const Json& request, const FeaturesSettings& s, const engine::Renderer& renderer,
                       const api::Assets& assets, const api::Limits& limits) {
   api::FrameQuery query = api::read_frame(request, limits, assets);
@@ -66,6 +70,7 @@ OutputFile list_frame(const Json& request, const FeaturesSettings& s, const engi
   // The COCO document describes these limits as its request's, so they must be set before it is made.
   if (!query.request.craters) query.request.craters = s.rims;
   const std::string image = !s.image.empty() ? s.image : fs::path(s.frame).stem().string() + ".png";
+  // Render only the pixels of rocks, all of them: labels need no other product.
   engine::FrameRequest listing = query.request;
   listing.products = engine::kRock;
   listing.truth.reset();

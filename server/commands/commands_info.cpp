@@ -21,6 +21,7 @@ namespace {
 // Posts read of each file in the table, unless --heights sets their number.
 constexpr std::size_t kHeightPosts = std::size_t{1} << 20;
 
+// Returns a footprint as "  -7.000..  -6.000 N    39.000..   40.000 E".
 std::string box(const dem::Footprint& f) {
   return fmt::format("{:8.3f}..{:8.3f} N {:9.3f}..{:9.3f} E", f.south_deg, f.north_deg, f.west_deg, f.east_deg);
 }
@@ -42,9 +43,9 @@ std::string displacement_text(const dem::Catalogue& catalogue, const dem::LayerB
 void print_borders(const dem::Catalogue& catalogue, const std::vector<dem::LayerBorder>& borders) {
   const auto name = [&](int i) { return catalogue.rasters()[static_cast<std::size_t>(i)].name; };
   for (const dem::LayerBorder& b : borders) {
-    const std::string more = b.sources.size() > 1 ? fmt::format(" and {} more", b.sources.size() - 1) : "";
+    const std::string other_sources = b.sources.size() > 1 ? fmt::format(" and {} more", b.sources.size() - 1) : "";
     fmt::print("border of {}{} over {}: {} posts, offset {:+.3f} m, {} bent over {:.0f} m\n", name(b.sources.front()),
-               more, name(b.beneath), b.posts, b.offset_m, name(b.beneath), b.band_m);
+               other_sources, name(b.beneath), b.posts, b.offset_m, name(b.beneath), b.band_m);
     fmt::print("  step in the files: {}\n  bent by:           {}\n", steps_text(b.in_files), steps_text(b.bent));
     if (b.is_displaced()) fmt::print("  warning: {}\n", displacement_text(catalogue, b));
   }
@@ -63,6 +64,7 @@ std::optional<dem::HeightRange> heights_of(const dem::Catalogue& catalogue, cons
   }
 }
 
+// Returns the measured borders; nothing, with a warning in the log, if a file cannot be read.
 std::vector<dem::LayerBorder> borders_of(const dem::Catalogue& catalogue, int max_layers) {
   try {
     return dem::measure_borders(catalogue, static_cast<std::size_t>(max_layers));
@@ -72,9 +74,10 @@ std::vector<dem::LayerBorder> borders_of(const dem::Catalogue& catalogue, int ma
   }
 }
 
+// Returns the part of a file's line about its heights: ", -1200.0 to 3400.0 m".
 std::string heights_text(const std::optional<dem::HeightRange>& range) {
   if (!range) return {};
-  if (range->low > range->high) return ", no valid posts";
+  if (range->low > range->high) return ", no valid posts";  // an empty range: no post has narrowed it
   const bool has_voids = range->low < dem::kLowestRelief_m || range->high > dem::kHighestRelief_m;
   return fmt::format(", {:.1f} to {:.1f} m", range->low, range->high) +
          (has_voids ? fmt::format("; posts outside of {} .. {} m are taken as voids", dem::kLowestRelief_m,

@@ -36,6 +36,7 @@ using Epoch = std::chrono::sys_seconds;
 // Extensions of api::kMapAnswers, in the same order.
 constexpr std::string_view kExtensions[] = {".tif", ".npz", ".png"};
 
+// Returns the media type of a file's extension. Throws std::runtime_error for another one.
 std::string_view media_type_for(const std::string& output) {
   std::string extension = fs::path(output).extension().string();
   if (extension == ".tiff") extension = ".tif";
@@ -46,20 +47,23 @@ std::string_view media_type_for(const std::string& output) {
 
 // --- times of a series, without leap seconds
 
-std::string text_of(Epoch epoch, const char* form) {
-  return fmt::format(fmt::runtime(form), fmt::gmtime(std::chrono::system_clock::to_time_t(epoch)));
+std::string text_of(Epoch epoch, const char* format) {
+  return fmt::format(fmt::runtime(format), fmt::gmtime(std::chrono::system_clock::to_time_t(epoch)));
 }
 std::string utc_of(Epoch epoch) { return text_of(epoch, "{:%Y-%m-%dT%H:%M:%SZ}"); }
 
+// Parses "2026-11-20T00:00:00Z", of which the Z may be missing.
 Epoch epoch_of(const std::string& text) {
   std::tm time{};
   ::strptime(text.c_str(), "%Y-%m-%dT%H:%M:%S", &time);
   const Epoch epoch{std::chrono::seconds(::timegm(&time))};
-  if (const std::string read = utc_of(epoch); text != read && text + "Z" != read)  // strptime accepts February 30
+  // Write the epoch again and compare: strptime accepts February 30, and text behind the seconds.
+  if (const std::string canonical = utc_of(epoch); text != canonical && text + "Z" != canonical)
     throw std::runtime_error("--utc: \"" + text + "\" is not an epoch like 2026-11-20T00:00:00Z, in whole seconds");
   return epoch;
 }
 
+// Parses "30m": a whole number above 0 and a unit, together at most 36600 days.
 std::chrono::seconds step_of(const std::string& text) {
   constexpr std::pair<std::string_view, std::int64_t> kUnits[] = {
       {"s", 1}, {"m", 60}, {"min", 60}, {"h", 3600}, {"d", 86400}};
@@ -72,6 +76,7 @@ std::chrono::seconds step_of(const std::string& text) {
   throw std::runtime_error("--utc: \"" + text + "\" is not a step like 600s, 30m, 6h or 1d");
 }
 
+// Returns the epochs FROM, FROM + STEP, .. up to TO; none without --utc.
 std::vector<Epoch> epochs_of(const std::vector<std::string>& utc) {
   if (utc.empty()) return {};
   const Epoch from = epoch_of(utc[0]), to = epoch_of(utc[1]);

@@ -74,10 +74,12 @@ void pretouch(const MemoryParts& parts) {
   if (!engine::touch_memory(bytes)) spdlog::warn("--pretouch: the system could not provide {} MiB", bytes >> 20);
 }
 
+// Returns the number of requests that are processed at once.
 int slots(const ServeSettings& s) {
   return s.max_frames > 0 ? s.max_frames : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
+// Counts and logs a finished request; probes of health and metrics only at level debug.
 void record_access(Metrics& metrics, const AsyncLog& log, const AccessRecord& request) {
   const std::string_view route = route_label(request.path);
   metrics.count_answer(route, method_label(request.method), request.status, request.seconds, request.bytes);
@@ -152,7 +154,7 @@ int run_service(const ServeSettings& settings, ShutdownSignals& signals, const A
   const api::Service service(renderer, limits, settings.terrain.assets_dir, mesh_options(settings.terrain), memory);
   Admission admission({.max_in_work = slots(settings), .max_waiting = settings.max_waiting});
   Metrics metrics{std::string(api::software_version())};
-  const HttpServer* http = nullptr;
+  const HttpServer* http = nullptr;  // set below: the front end is made first, and is asked for gauges only later
   Front front(service, admission, metrics, settings.page, [&](Gauges& gauges) {
     read_gauges(*renderer, service, *memory, *bodies, gauges);
     gauges.connections = http->connections();

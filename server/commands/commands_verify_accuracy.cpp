@@ -44,11 +44,13 @@ std::vector<std::string> sample_folders(const std::string& cache_dir) {
 }
 constexpr Geographic kSampleCenter{-6, 40, 0}, kSamplePolarCenter{-87, 42, 0};
 
+// Places of the scenes; no polar scene without a place.
 struct SceneCenters {
   Geographic center;
   std::optional<Geographic> polar;
 };
 
+// Returns the places by the options; by default those of the sample terrain, or the middle of the finest DEM file.
 SceneCenters scene_centers(const VerifyAccuracySettings& s, const dem::Terrain& terrain) {
   SceneCenters centers;
   if (s.terrain.dem.empty()) {
@@ -67,6 +69,7 @@ SceneCenters scene_centers(const VerifyAccuracySettings& s, const dem::Terrain& 
   return centers;
 }
 
+// Returns the detail of the scene "touchdown"; null without --detail.
 std::shared_ptr<const dem::Detail> detail_of(const VerifyAccuracySettings& s) {
   if (s.detail.empty()) return nullptr;
   return detail_of(s.detail, s.terrain);
@@ -126,7 +129,9 @@ int verify_indirect(const VerifyAccuracySettings& s, const TerrainSettings& terr
   add("| scene | spacing_px | ratio | median % | RMS % | worst % | without ms | first ms | kept ms |\n"
       "|---|---|---|---|---|---|---|---|---|\n");
   for (const engine::AccuracyScene& scene : scenes) {
-    const engine::IndirectTruth truth(renderer, scene.frames.front(), scene.name == "polar" ? 768 : 256);
+    // Near a pole, ground lit by the low Sun is seen as thin strips: sample low elevations more densely.
+    const int strata = scene.name == "polar" ? 768 : 256;
+    const engine::IndirectTruth truth(renderer, scene.frames.front(), strata);
     for (const double spacing_px : {0.5, 1.0, 2.0, 4.0, 8.0}) {
       const auto row = engine::measure_indirect(*make_renderer(terrain), truth, spacing_px, s.repetitions);
       const auto& error = row.error;

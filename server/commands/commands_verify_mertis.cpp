@@ -14,6 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// Returns the instrument in a file, by default MERTIS. Throws std::runtime_error with all faults of the file.
 api::MertisQuery read_instrument(const std::string& path) {
   if (path.empty()) return {};
   const std::string text = dem::read_whole(path);
@@ -36,12 +37,12 @@ int verify_mertis(const VerifyMertisSettings& settings) {
   write_json((folder / "mertis.json").string(), api::mertis_answer().write({query, {}}));
   fmt::print("{:>14}{:>12}{:>16}{:>16}\n", "temperature K", "channels", "smallest SNR", "largest SNR");
   for (const double kelvin : query.temperatures_k) {
-    double smallest = 1e300, largest = 0;
-    for (const auto& c : engine::look_at_blackbody(query.spectrometer, kelvin)) {
-      smallest = std::min(smallest, c.signal_to_noise);
-      largest = std::max(largest, c.signal_to_noise);
+    double smallest_snr = 1e300, largest_snr = 0;
+    for (const auto& channel : engine::look_at_blackbody(query.spectrometer, kelvin)) {
+      smallest_snr = std::min(smallest_snr, channel.signal_to_noise);
+      largest_snr = std::max(largest_snr, channel.signal_to_noise);
     }
-    fmt::print("{:>14g}{:>12}{:>16.1f}{:>16.1f}\n", kelvin, query.spectrometer.channels, smallest, largest);
+    fmt::print("{:>14g}{:>12}{:>16.1f}{:>16.1f}\n", kelvin, query.spectrometer.channels, smallest_snr, largest_snr);
   }
   fmt::print("{0}: mertis.csv, mertis.json; picture: deploy/plot {0}\n", settings.output);
   return 0;

@@ -44,9 +44,10 @@ std::vector<engine::DiscImage> read_images(const fs::path& path) {
       shape[2] > 8192)
     throw std::runtime_error(path.string() + ": must have three dimensions: channel, row, column");
   std::vector<engine::DiscImage> images;
-  const auto size = static_cast<std::ptrdiff_t>(shape[1] * shape[2]);
-  for (auto from = array.numbers.begin(); from != array.numbers.end(); from += size)
-    images.push_back({static_cast<int>(shape[2]), static_cast<int>(shape[1]), std::vector<float>(from, from + size)});
+  const auto image_pixels = static_cast<std::ptrdiff_t>(shape[1] * shape[2]);
+  for (auto begin = array.numbers.begin(); begin != array.numbers.end(); begin += image_pixels)
+    images.push_back(
+        {static_cast<int>(shape[2]), static_cast<int>(shape[1]), std::vector<float>(begin, begin + image_pixels)});
   return images;
 }
 
@@ -56,6 +57,7 @@ json surface_json(const VerifyMoonSettings& settings) {
   return surface;
 }
 
+// Returns the request with the options' surface. `what` names its origin in errors, std::runtime_error.
 engine::FrameRequest read_request(json request, const VerifyMoonSettings& settings, const api::Assets& assets,
                                   const std::string& what) {
   request["surface"] = surface_json(settings);
@@ -85,6 +87,7 @@ engine::DiscImage fine_frame(engine::FrameRequest request, const engine::Rendere
   camera.height *= kFactor;
   camera.fx *= kFactor;
   camera.fy *= kFactor;
+  // Pixel centres are at whole numbers, so the image begins at -0.5: scale positions from there.
   camera.cx = (camera.cx + 0.5) * kFactor - 0.5;
   camera.cy = (camera.cy + 0.5) * kFactor - 0.5;
   std::vector<float> radiance = renderer.render(request).products.radiance;
@@ -92,6 +95,7 @@ engine::DiscImage fine_frame(engine::FrameRequest request, const engine::Rendere
   return {camera.width, camera.height, std::move(radiance), kFactor};
 }
 
+// Returns each channel of each image in views.json with its frame.
 std::vector<ImagePair> image_pairs(const VerifyMoonSettings& settings, const engine::Renderer& renderer,
                                    const api::Assets& assets) {
   const fs::path folder = settings.images;
@@ -119,21 +123,23 @@ std::vector<ImagePair> image_pairs(const VerifyMoonSettings& settings, const eng
 
 // Returns the point spread's standard deviation with the best mean correlation over all images, before registration.
 double fitted_spread_px(const std::vector<ImagePair>& pairs) {
-  double best_px = 0, best = -1;
+  // Try 0.3 to 1.2 pixels in steps of 0.05. The sum of the correlations has the same maximum as their mean.
+  double best_px = 0, best_sum = -1;
   for (int k = 6; k < 25; ++k) {
     const double sigma_px = 0.05 * k;
     double sum = 0;
     for (const ImagePair& pair : pairs)
       sum += engine::disc_correlation(pair.observed, engine::spread(pair.frame, {sigma_px, 0, 0, pair.scan}),
                                       engine::View(pair.request.camera, pair.request.pose));
-    if (sum > best) {
-      best = sum;
+    if (sum > best_sum) {
+      best_sum = sum;
       best_px = sigma_px;
     }
   }
   return best_px;
 }
 
+// Registers each frame with its image, adds the comparison to the report, and writes both as .npy.
 void compare_images(const VerifyMoonSettings& settings, const engine::Renderer& renderer, const api::Assets& assets,
                     api::MoonReport& report) {
   const std::vector<ImagePair> pairs = image_pairs(settings, renderer, assets);
@@ -143,6 +149,7 @@ void compare_images(const VerifyMoonSettings& settings, const engine::Renderer& 
     const engine::Placement placement =
         engine::registered(pair.observed, pair.frame, view, {report.point_spread_px, 0, 0, pair.scan});
     const engine::DiscImage frame = engine::spread(pair.frame, placement);
+    // The camera as registered: its principal point is moved by the registration.
     engine::FrameRequest moved = pair.request;
     moved.camera.cx += placement.dx_px;
     moved.camera.cy += placement.dy_px;
@@ -159,6 +166,7 @@ void compare_images(const VerifyMoonSettings& settings, const engine::Renderer& 
   }
 }
 
+// Throws std::runtime_error for options that need others.
 void check_needs(const VerifyMoonSettings& s) {
   if (s.terrain.dem.empty() && !(s.images.empty() && s.center.empty() && s.albedo_maps.empty()))
     throw std::runtime_error("--images, --center and --albedo-maps need --dem: a DEM of the whole Moon");
@@ -186,11 +194,12 @@ int verify_moon(const VerifyMoonSettings& settings) {
   if (!settings.terrain.dem.empty()) {
     const auto renderer = make_renderer(settings.terrain);
     const api::Assets assets(settings.terrain.assets_dir);
-    json any{{"camera", {{"width", 64}, {"height", 64}, {"fov_deg", 1}}},
-             {"pose", {{"position_m", {384.4e6, 0, 0}}, {"nadir", json::object()}}},
-             {"sun", {{"direction", {1, 0, 0}}}}};
-    if (!settings.detail.empty()) any["detail"] = settings.detail;
-    const engine::FrameRequest surface = read_request(any, settings, assets, "verify moon");
+    // Only the surface of this request is used; the rest makes it valid.
+    json minimal_request{{"camera", {{"width", 64}, {"height", 64}, {"fov_deg", 1}}},
+                         {"pose", {{"position_m", {384.4e6, 0, 0}}, {"nadir", json::object()}}},
+                         {"sun", {{"direction", {1, 0, 0}}}}};
+    if (!settings.detail.empty()) minimal_request["detail"] = settings.detail;
+    const engine::FrameRequest surface = read_request(minimal_request, settings, assets, "verify moon");
     if (settings.center.empty()) {
       const auto rows = engine::discs_on_terrain(*renderer, surface, settings.size_px);
       report.discs.insert(report.discs.end(), rows.begin(), rows.end());

@@ -26,6 +26,7 @@ struct Verified {
   double seconds = 0;
 };
 
+// Writes the differences and the extracted heights, which are the original ones plus the differences, as GeoTIFFs.
 void write_rasters(const fs::path& folder, const engine::RoundTrip& trip) {
   const dem::GeotiffGrid grid = api::grid_of(trip.window);
   dem::write_geotiff((folder / "difference.tif").string(), grid, trip.difference_m, "extracted - original");
@@ -35,22 +36,24 @@ void write_rasters(const fs::path& folder, const engine::RoundTrip& trip) {
   dem::write_geotiff((folder / "extracted.tif").string(), grid, extracted, "height above 1737.4 km, extracted");
 }
 
+// Runs a round trip, and writes its rasters and statistics to the folder of its mode.
 Verified verify(const engine::Renderer& renderer, const engine::RoundTripRequest& request, const fs::path& output) {
   const std::string mode(api::mode_name(request.mode));
   ProgressBar bar;
   const auto start = std::chrono::steady_clock::now();
-  Verified v{
+  Verified verified{
       request, engine::round_trip(renderer, request, [&](double share) { bar.show(share, "mode " + mode); }), {}};
-  v.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  v.statistics = engine::statistics_of(v.trip);
+  verified.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  verified.statistics = engine::statistics_of(verified.trip);
   const fs::path folder = output / mode;
   fs::create_directories(folder);
-  write_rasters(folder, v.trip);
-  write_json((folder / "statistics.json").string(), api::round_trip_answer().write({request, v.trip, v.statistics}));
+  write_rasters(folder, verified.trip);
+  write_json((folder / "statistics.json").string(),
+             api::round_trip_answer().write({request, verified.trip, verified.statistics}));
   // Free the rasters: the summary needs only statistics.
-  v.trip.original_m = {};
-  v.trip.difference_m = {};
-  return v;
+  verified.trip.original_m = {};
+  verified.trip.difference_m = {};
+  return verified;
 }
 
 template <typename Value>
@@ -60,7 +63,7 @@ void print_row(const char* what, const std::vector<Verified>& modes, Value&& val
   fmt::print("\n");
 }
 
-// Returns the z of the quadrant whose mean deviates most; NaN if any is NaN.
+// Returns the z of the quadrant whose mean deviates most; NaN if the last quadrant has none.
 double largest_z(const Verified& v) {
   double largest = 0;
   for (const engine::Quadrant& q : v.statistics.quadrants)

@@ -22,15 +22,17 @@ namespace {
 
 using Values = std::map<std::string, std::vector<std::string>>;
 
+// Options that neither the environment nor a file can set.
 const std::set<std::string> kNotSettings{"help", "version", "config"};
 
+// Returns a TOML value as text, in which the command line would have it. `where` names it in errors.
 std::string scalar_text(const toml::node& node, const std::string& where) {
   if (const auto* text = node.as_string()) return text->get();
   if (const auto* number = node.as_integer()) return std::to_string(number->get());
   if (const auto* truth = node.as_boolean()) return truth->get() ? "true" : "false";
   if (const auto* number = node.as_floating_point()) {
     std::ostringstream text;
-    text.precision(17);
+    text.precision(17);  // enough digits for every double
     text << number->get();
     return text.str();
   }
@@ -55,7 +57,7 @@ Values read_file(const std::string& path, const std::set<std::string>& all_optio
     const std::string name(key.str()), where = path + ": " + name;
     if (!all_options.count(name)) throw CLI::ValidationError(where, "is not an option of any command");
     if (const toml::array* list = node.as_array()) {
-      values[name];
+      values[name];  // an empty list is a setting, too
       for (const toml::node& item : *list) values[name].push_back(scalar_text(item, where));
     } else {
       values[name] = {scalar_text(node, where)};
@@ -66,7 +68,7 @@ Values read_file(const std::string& path, const std::set<std::string>& all_optio
 
 bool is_list(const CLI::Option& option) { return option.get_items_expected_max() > 1; }
 
-// Returns true if a colon of this list is part of a URL: before "//", or before the port.
+// Returns true if a colon belongs to a URL in the item that begins at `from`: it is before "//", or before the port.
 bool is_in_url(const std::string& text, std::size_t from, std::size_t colon) {
   if (text.compare(colon + 1, 2, "//") == 0) return true;
   const std::size_t host = text.rfind("://", colon);
@@ -74,7 +76,7 @@ bool is_in_url(const std::string& text, std::size_t from, std::size_t colon) {
          std::isdigit(static_cast<unsigned char>(text[colon + 1]));
 }
 
-// Returns true if a colon of this list is part of an address: "[fd00::1]".
+// Returns true if a colon belongs to an address in brackets, with which the item at `from` begins: "[fd00::1]".
 bool is_bracketed(const std::string& text, std::size_t from, std::size_t colon) {
   return text[from] == '[' && text.find(']', from) != std::string::npos && text.find(']', from) > colon;
 }
@@ -115,6 +117,7 @@ void set_option(CLI::Option& option, const std::vector<std::string>& values, con
   }
 }
 
+// Returns an option's name without "--"; empty for a positional one.
 std::string long_name(const CLI::Option& option) {
   return option.get_lnames().empty() ? std::string() : option.get_lnames().front();
 }
@@ -127,6 +130,7 @@ std::string config_path(CLI::App& command, const ReadVariable& variable) {
   return variable("SELENOGRAPH_CONFIG").value_or("");
 }
 
+// Adds options of files, folders and memory.
 void add_files_and_memory(CLI::App& command, TerrainSettings& s) {
   // MemoryPlan decides (memory_plan.h).
   const std::string memory_default = "; default: 1024, or less if that does not fit";
@@ -184,6 +188,7 @@ std::string refusal_of(const std::string& text, dem::NamedNumber (*parse)(const 
   return {};
 }
 
+// Returns the error of a text that is not a numeric address; empty: none.
 std::string refusal_of_address(const std::string& text) {
   in6_addr address{};
   const bool numeric =
@@ -191,6 +196,7 @@ std::string refusal_of_address(const std::string& text) {
   return numeric ? std::string() : text + " is not an IP address";
 }
 
+// Returns the error of a text that is not a host; empty: none.
 std::string refusal_of_host(const std::string& text) {
   return is_host(text) ? std::string() : text + " is not a host name or address (without scheme and port)";
 }

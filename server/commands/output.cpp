@@ -32,6 +32,7 @@ bool is_standard_output(const std::string& path) {
          named.st_dev == standard.st_dev && named.st_ino == standard.st_ino;
 }
 
+// Returns the system's error of this number; EIO if it is 0: the library failed without saying why.
 std::error_code error_of(int number) { return {number != 0 ? number : EIO, std::generic_category()}; }
 
 // Writes into a device, a pipe or standard output. Opening standard output by its name would truncate what it holds.
@@ -85,9 +86,10 @@ std::FILE* stream_for_messages(const std::string& path) { return is_standard_out
 
 void check_can_be_written(const std::string& path) {
   if (is_standard_output(path)) return;  // already open, whatever the permissions of its name
-  const fs::path place = is_replaced(path) ? target_of(path).parent_path() / "." : fs::path(path);
+  // A file is replaced by renaming another one, which needs access to its folder; a device is opened itself.
+  const fs::path must_be_writable = is_replaced(path) ? target_of(path).parent_path() / "." : fs::path(path);
   if (std::error_code ignored; fs::is_directory(path, ignored)) refuse(path, error_of(EISDIR));
-  if (::access(place.c_str(), W_OK) != 0) refuse(path, error_of(errno));
+  if (::access(must_be_writable.c_str(), W_OK) != 0) refuse(path, error_of(errno));
 }
 
 bool is_same_file(const std::string& a, const std::string& b) {
@@ -103,6 +105,7 @@ ProgressBar::ProgressBar() : terminal_(::isatty(STDERR_FILENO) == 1) {}
 
 void ProgressBar::show(double share, const std::string& detail) {
   const int percent = static_cast<int>(100 * share);
+  // A file gets a line every five percent; a terminal's line is rewritten.
   if (!terminal_ && percent < last_percent_ + 5 && share < 1) return;
   last_percent_ = percent;
   constexpr int kWidth = 30;

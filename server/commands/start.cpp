@@ -78,6 +78,7 @@ dem::Catalogue open_catalogue(const TerrainSettings& settings) {
   dem::take_as_heights(settings.take_as_heights);
   const std::vector<std::string> paths = dem_paths(settings);
   dem::Catalogue catalogue(paths, options);
+  // Options about files must name some: a pattern without a match is a mistake.
   for (const std::string& pattern : settings.take_as_heights) {
     const auto has_name = [&](const dem::RasterInfo& raster) { return dem::name_matches(raster.path, pattern); };
     if (std::ranges::none_of(catalogue.rasters(), has_name))
@@ -87,6 +88,7 @@ dem::Catalogue open_catalogue(const TerrainSettings& settings) {
   if (settings.strict)
     for (const dem::CatalogueProblem& problem : catalogue.problems())
       if (problem.unrelated) throw DataError(problem.path, problem.what + " (--strict)");
+  // Join the layers, with offsets as given or fitted, and then set the resolution below which detail is added.
   std::vector<dem::NamedNumber> offsets, resolved;
   for (const std::string& text : settings.layer_offset) offsets.push_back(dem::parse_layer_offset(text));
   for (const dem::FittedOffset& fit : dem::join_layers(catalogue, settings.blend_posts, offsets)) {

@@ -9,12 +9,14 @@
 namespace selenograph::server {
 namespace {
 
+// Prints the result of a check, and returns it.
 bool report(const std::string& check, bool is_good, const std::string& detail) {
   fmt::print("{:<6} {}{}{}\n", is_good ? "ok" : "FAILED", check, detail.empty() ? "" : ": ", detail);
   std::fflush(stdout);
   return is_good;
 }
 
+// Checks that a path is answered with status 200 and a body.
 bool check_get(const std::string& url, const std::string& path) {
   const ClientAnswer answer = http_request(url, "GET", path);
   return report("GET " + path, answer.status == 200 && !answer.body.empty(), fmt::format("status {}", answer.status));
@@ -32,6 +34,7 @@ std::string small_frame(const dem::Footprint& f) {
       lat, lon);
 }
 
+// Checks that a small frame is answered as .npy of the expected size.
 bool check_frame(const std::string& url, const dem::Catalogue& catalogue) {
   const ClientAnswer answer =
       http_request(url, "POST", "/v1/frames", small_frame(catalogue.rasters().back().footprint), "application/x-npy");
