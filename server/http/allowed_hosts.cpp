@@ -12,7 +12,7 @@
 namespace selenograph::server {
 namespace {
 
-constexpr std::size_t kMaxQuotedBytes = 100;
+constexpr std::size_t kMaxQuotedBytes = 100;  // of a client's text in an error
 
 // Returns a numeric address in the system's notation, IPv4 in IPv6 as IPv4; empty if the text is not an address.
 std::string canonical_address(const std::string& text) {
@@ -21,6 +21,7 @@ std::string canonical_address(const std::string& text) {
   std::array<char, INET6_ADDRSTRLEN> out{};
   if (::inet_pton(AF_INET6, text.c_str(), &v6) == 1) {
     if (!IN6_IS_ADDR_V4MAPPED(&v6)) return ::inet_ntop(AF_INET6, &v6, out.data(), out.size());
+    // The IPv4 address is the last four of the sixteen bytes: ::ffff:a.b.c.d.
     std::copy(std::begin(v6.s6_addr) + 12, std::end(v6.s6_addr), reinterpret_cast<unsigned char*>(&v4));
   } else if (::inet_pton(AF_INET, text.c_str(), &v4) != 1) {
     return {};
@@ -44,6 +45,7 @@ bool is_bracketed_address(std::string_view s) {
          !canonical_address(std::string(s.substr(1, s.size() - 2))).empty();
 }
 
+// Host and port of Host or of an origin.
 struct Authority {
   std::string host;  // comparable()
   std::optional<int> port;
@@ -51,6 +53,7 @@ struct Authority {
 
 // Parses uri-host [":" port] (RFC 9110 7.2), of which the port may be empty. Returns nothing for other text.
 std::optional<Authority> read_authority(std::string_view text) {
+  // The port's colon is behind the bracket that ends an IPv6 address.
   const std::size_t bracket = text.rfind(']');
   const std::size_t colon = text.find(':', bracket == std::string_view::npos ? 0 : bracket);
   const std::string_view host = text.substr(0, colon);
@@ -60,11 +63,13 @@ std::optional<Authority> read_authority(std::string_view text) {
   const char *const first = text.data() + colon + 1, *const last = text.data() + text.size();
   int port = 0;
   const auto [end, error] = std::from_chars(first, last, port);
+  // from_chars() accepts a minus sign, also in "-0".
   if (error != std::errc() || end != last || port < 0 || port > 65535 || *first == '-') return std::nullopt;
   authority.port = port;
   return authority;
 }
 
+// Origin of a page, and the port that its scheme has without one.
 struct Origin {
   Authority authority;
   int default_port;
@@ -102,6 +107,7 @@ std::optional<Refusal> AllowedHosts::refusal(const RequestHead& head, std::strin
                                                 "; its operator can add a name with --allowed-host"};
   }
   const auto [first, last] = head.headers.equal_range("origin");
+  // A request may have several Origin headers: each must be the service's own page, or allowed.
   const auto foreign = std::find_if(first, last, [&](const auto& h) { return !is_own_page(h.second, head); });
   if (foreign == last) return std::nullopt;
   return Refusal{"foreign_origin", "pages of the origin " + in_quotes(foreign->second) +

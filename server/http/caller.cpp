@@ -46,6 +46,7 @@ std::string numeric(int family, const Address& address) {
   return text.data();
 }
 
+// Returns the numeric address of an end of a connection; empty for another family than IPv4 and IPv6.
 std::string host_of(const sockaddr_storage& end) {
   if (end.ss_family == AF_INET) return numeric(AF_INET, address_as<sockaddr_in>(end).sin_addr);
   if (end.ss_family == AF_INET6) return numeric(AF_INET6, address_as<sockaddr_in6>(end).sin6_addr);

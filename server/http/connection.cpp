@@ -15,15 +15,16 @@
 namespace selenograph::server {
 namespace {
 
-constexpr std::size_t kMaxGatheredBytes = 65536;
+constexpr std::size_t kMaxGatheredBytes = 65536;  // output that waits for a larger write or for flush()
 
-// Uses poll(), because select() cannot wait for a file descriptor above 1023.
+// Waits until `events` (POLLIN or POLLOUT) are possible. Returns false at the deadline, or if waiting fails. It uses
+// poll(), because select() cannot wait for a file descriptor above 1023.
 bool wait_for(int fd, short events, Connection::Clock::time_point deadline) {
   for (;;) {
     const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - Connection::Clock::now()).count();
     if (left <= 0) return false;
-    pollfd p{fd, events, 0};
-    const int ready = ::poll(&p, 1, static_cast<int>(std::min<long>(left, std::numeric_limits<int>::max())));
+    pollfd socket{fd, events, 0};
+    const int ready = ::poll(&socket, 1, static_cast<int>(std::min<long>(left, std::numeric_limits<int>::max())));
     if (ready > 0) return true;
     if (ready < 0 && errno != EINTR) return false;
   }
@@ -37,8 +38,8 @@ Connection::~Connection() { ::close(fd_); }
 bool Connection::begin_request(std::chrono::milliseconds idle, std::chrono::milliseconds receive) {
   const auto idle_deadline = Clock::now() + idle;
   for (;;) {
-    while (!unread_.empty() && (unread_.front() == '\r' || unread_.front() == '\n'))
-      unread_.remove_prefix(1);  // RFC 9112 2.2
+    // Skip empty lines before a request (RFC 9112 2.2).
+    while (!unread_.empty() && (unread_.front() == '\r' || unread_.front() == '\n')) unread_.remove_prefix(1);
     if (!unread_.empty()) break;
     if (!fill(idle_deadline)) return false;
   }
@@ -52,6 +53,7 @@ bool Connection::begin_request(std::chrono::milliseconds idle, std::chrono::mill
 }
 
 ssize_t Connection::read(char* to, std::size_t size) {
+  // Send what is gathered before waiting: the client may wait for it, as for "100 Continue".
   if (problem_ || (unread_.empty() && !(flush() && fill(receive_deadline_)))) {
     if (is_late_ && !problem_) problem_ = Refusal{"request_timeout", "the request did not arrive in time"};
     return -1;
@@ -104,6 +106,7 @@ bool Connection::fill(Clock::time_point deadline) {
 }
 
 bool Connection::write(std::string_view bytes) {
+  // Gather small writes. A large one is sent at once, behind what has been gathered, and is never copied.
   if (output_.size() + bytes.size() <= kMaxGatheredBytes) {
     output_.append(bytes);
     return true;
@@ -124,7 +127,7 @@ bool Connection::write_without_memory(std::string_view answer) {
   return send_all(answer, {});
 }
 
-// Sends both, as if joined.
+// Sends both texts as if joined. Returns false if the client is too slow or has disconnected.
 bool Connection::send_all(std::string_view gathered, std::string_view rest) {
   if (sent_bytes_ == 0) answer_start_ = Clock::now();
   // Each byte that the client takes extends its deadline; a client that takes none is cut after the grace.
@@ -154,10 +157,13 @@ bool Connection::send_all(std::string_view gathered, std::string_view rest) {
 
 void Connection::linger(std::chrono::milliseconds time_limit) {
   ::shutdown(fd_, SHUT_WR);
+  // Read and discard: fill() overwrites the unread bytes, and fails when the client closes its side.
   const auto deadline = Clock::now() + time_limit;
-  while (Clock::now() < deadline && fill(deadline)) continue;
+  while (Clock::now() < deadline && fill(deadline)) {
+  }
 }
 
+// Returns false, and changes nothing, if the state is not `from`.
 bool Connection::change_state(State from, State to) { return state_.compare_exchange_strong(from, to); }
 
 bool Connection::begin_work() {

@@ -6,6 +6,7 @@
 namespace selenograph::server {
 namespace {
 
+// Interval at which connections at work are tested for clients that have disconnected.
 constexpr auto kDetectionInterval = std::chrono::milliseconds(250);
 
 }  // namespace
@@ -47,13 +48,14 @@ void Connections::remove(Connection& connection) {
   connections_.remove(&connection);
 }
 
-// Returns false if no connection waits.
+// Gives up the connection that has waited longest. Returns false if no connection waits.
 bool Connections::close_longest_waiting() {
   for (;;) {
     Connection* longest = nullptr;
     for (Connection* connection : connections_)
       if (connection->waiting() && (!longest || connection->since() < longest->since())) longest = connection;
-    if (!longest || longest->give_up()) return longest;  // else a request arrived on it meanwhile
+    if (!longest) return false;
+    if (longest->give_up()) return true;  // else a request has arrived on it meanwhile: search again
   }
 }
 

@@ -47,9 +47,9 @@ namespace selenograph::server {
 namespace {
 
 using Clock = Connection::Clock;
-constexpr auto kLinger = std::chrono::milliseconds(2000);
+constexpr auto kLinger = std::chrono::milliseconds(2000);  // see Connection::linger()
 constexpr auto kLingerOfAcceptingThread = std::chrono::milliseconds(500);
-constexpr int kSpareRetryAfter_s = 5;
+constexpr int kSpareRetryAfter_s = 5;           // of the answer that is prepared for a lack of memory
 constexpr std::size_t kFreeBody_bytes = 65536;  // claims no memory: a connection may hold as much anyway
 constexpr char kRequestId[] = "X-Request-Id";
 // The library would act on these headers, but ranges, content codings and forms are not offered.
@@ -101,6 +101,7 @@ class LibraryStream : public httplib::Stream {
   Exchange& exchange_;
 };
 
+// Returns the head as the client sent it, with header names in lower case.
 RequestHead head_of(const httplib::Request& request) {
   RequestHead head{request.method, request.target, request.version == "HTTP/1.0", {}};
   for (const auto& [name, value] : request.headers) {
@@ -173,7 +174,7 @@ namespace {
 void hand_over(Exchange& exchange, api::Response&& answer, httplib::Response& out) {
   exchange.answered = true;
   exchange.record.status = answer.status;
-  exchange.record.bytes = answer.body.size();  // less what a client that leaves does not take (below)
+  exchange.record.bytes = answer.body.size();  // serve_request() subtracts what the client does not take
   exchange.record.error_code = answer.error_code;
   exchange.answer_memory = std::move(answer.memory);
   out.status = answer.status;
@@ -323,6 +324,7 @@ void HttpServer::Impl::serve_or_refuse(Connection& connection) {
   connections.remove(connection);
 }
 
+// Serves the requests of a connection, one after the other, until it ends or the server stops.
 void HttpServer::Impl::serve(Connection& connection) {
   try {
     while (!stopping && serve_request(connection)) connection.end_work();
@@ -347,9 +349,11 @@ bool HttpServer::Impl::serve_request(Connection& connection) {
     delivered = connection.write(last_answer(answer, record.request_id));
   }
   delivered = delivered && connection.flush();
-  if (!delivered)  // the unsent bytes are the body's last
-    record.bytes -=
-        std::min(record.bytes, exchange.written_bytes - std::min(exchange.written_bytes, connection.sent_bytes()));
+  if (!delivered) {
+    // What has not been sent is the end of the body, whose size includes it.
+    const std::size_t unsent_bytes = exchange.written_bytes - std::min(exchange.written_bytes, connection.sent_bytes());
+    record.bytes -= std::min(record.bytes, unsent_bytes);
+  }
   record.seconds = seconds(Clock::now() - exchange.started);
   observe(record);
   if (delivered && !exchange.close) return true;
@@ -398,6 +402,7 @@ void HttpServer::Impl::take_head(Exchange& exchange, httplib::Request& request) 
   exchange.request.headers = std::move(head.headers);
 }
 
+// Returns the answer to a request whose head has been taken. `read_body` reads the body; null: the request has none.
 api::Response HttpServer::Impl::respond(Exchange& exchange, const httplib::Request& request,
                                         const httplib::ContentReader* read_body) {
   if (read_body) receive_body(exchange, *read_body);
@@ -414,6 +419,7 @@ api::Response HttpServer::Impl::respond(Exchange& exchange, const httplib::Reque
   return api::problem("busy", "the connection was given up");
 }
 
+// Returns the problem document of a refusal.
 api::Response HttpServer::Impl::refuse(const Refusal& why) const {
   if (why.error_code == "busy") return api::retry_problem(why.error_code, why.detail, options.retry_after_s());
   return api::problem(why.error_code, why.detail);
@@ -421,9 +427,11 @@ api::Response HttpServer::Impl::refuse(const Refusal& why) const {
 
 // Receives the body within its limits of size and memory; bodies grow nowhere else.
 void HttpServer::Impl::receive_body(Exchange& exchange, const httplib::ContentReader& read_body) const {
+  // Claim nothing at first: the claim grows with the body's capacity. Without a claim, the body is refused.
   auto claim = options.bodies->try_claim(0);
   if (claim) exchange.body_memory = std::move(*claim);
   std::string& body = exchange.request.body;
+  // Returns true if the memory of the body received so far is claimed.
   const auto fits = [&] {
     if (body.size() < kFreeBody_bytes) return claim.has_value();
     return claim &&
@@ -460,6 +468,7 @@ api::Response HttpServer::Impl::work(Exchange& exchange) {
   exchange.request.body = {};  // while a slow client reads its answer, its request holds no memory
   exchange.body_memory = {};
   exchange.close = exchange.close || stopping;
+  // Without memory for a problem document, serve() sends the prepared answer.
   if (response.error_code == api::kOutOfMemory && response.body.empty()) throw std::bad_alloc();
   return response;
 }
@@ -493,8 +502,8 @@ int HttpServer::port() const { return impl_->port; }
 int HttpServer::connections() const { return impl_->connections.size(); }
 std::string HttpServer::url() const {
   const std::string& host = impl_->options.host;
-  const bool v6 = host.find(':') != std::string::npos;
-  return "http://" + (v6 ? '[' + host + ']' : host) + ':' + std::to_string(port());
+  const bool is_ipv6 = host.find(':') != std::string::npos;
+  return "http://" + (is_ipv6 ? '[' + host + ']' : host) + ':' + std::to_string(port());
 }
 void HttpServer::run() { impl_->run(); }
 void HttpServer::stop() { impl_->stop(); }

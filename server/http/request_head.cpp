@@ -35,9 +35,11 @@ MaybeRefusal check_names(const RequestHead& head) {
   return {};
 }
 
+// Checks the value of Content-Length.
 MaybeRefusal check_length(const std::string& length, std::size_t max_body_bytes) {
   if (!std::all_of(length.begin(), length.end(), [](char c) { return c >= '0' && c <= '9'; }))
     return malformed("Content-Length is not a number");
+  // A number beyond 64 bits is an error of from_chars(), and too large as well.
   std::size_t bytes = 0;
   const auto error = std::from_chars(length.data(), length.data() + length.size(), bytes).ec;
   if (error == std::errc{} && bytes <= max_body_bytes) return {};
@@ -63,6 +65,7 @@ MaybeRefusal check_framing(const RequestHead& head, std::size_t max_body_bytes) 
 
 std::string resolve_authority(RequestHead& head) {
   if (const std::string* host = only(head, "host")) head.authority = *host;
+  // An absolute target, as clients send it to a proxy, has precedence over Host.
   for (const std::string_view scheme : {"http://", "https://"}) {
     if (!head.target.starts_with(scheme)) continue;
     const std::size_t path = head.target.find('/', scheme.size());

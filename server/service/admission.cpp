@@ -27,20 +27,23 @@ Admission::Entry Admission::enter(const std::string& client, Clock::time_point d
   if (in_work_ >= limits_.max_in_work || waiting_ > 0) {
     if (!fits_queue(client)) return {Outcome::full, {}, estimate_s()};
     const Outcome outcome = wait(client, deadline, abandoned, lock);
-    changed_.notify_all();  // the next in the queue may find a free slot, or the queue may be empty
+    // Wake the others: one may be next now and find a free slot, and wait_until_idle() waits for an empty queue.
+    changed_.notify_all();
     if (outcome != Outcome::admitted) return {outcome, {}};
   }
   ++in_work_;
   return {Outcome::admitted, Slot(this)};
 }
 
-// Queues the request until it has a slot to take or gives up.
+// Queues the request until it has a slot to take or gives up. Clients take turns: one whose first request arrives, and
+// one that has just been admitted, draws the next turn, behind all others.
 Admission::Outcome Admission::wait(const std::string& client, Clock::time_point deadline,
                                    const std::atomic<bool>* abandoned, std::unique_lock<std::mutex>& lock) {
   const auto entry = clients_.try_emplace(client).first;
-  Client& mine = entry->second;
-  if (mine.waiting.empty()) mine.turn = ++turns_;
-  const auto request = mine.waiting.insert(mine.waiting.end(), &lock);  // any address of this call identifies it
+  Client& own_client = entry->second;
+  if (own_client.waiting.empty()) own_client.turn = ++turns_;
+  // Any address of this call identifies its request: take that of `lock`.
+  const auto own_request = own_client.waiting.insert(own_client.waiting.end(), &lock);
   ++waiting_;
   Outcome outcome = Outcome::admitted;
   while (in_work_ >= limits_.max_in_work || !is_next(&lock)) {
@@ -49,10 +52,10 @@ Admission::Outcome Admission::wait(const std::string& client, Clock::time_point 
     if (outcome != Outcome::admitted) break;
     changed_.wait_until(lock, std::min(deadline, Clock::now() + kPollInterval));
   }
-  mine.waiting.erase(request);
+  own_client.waiting.erase(own_request);
   --waiting_;
-  if (outcome == Outcome::admitted) mine.turn = ++turns_;
-  if (mine.waiting.empty()) clients_.erase(entry);
+  if (outcome == Outcome::admitted) own_client.turn = ++turns_;
+  if (own_client.waiting.empty()) clients_.erase(entry);
   return outcome;
 }
 
@@ -70,6 +73,7 @@ bool Admission::is_next(const void* request) const {
   return next->second.waiting.front() == request;
 }
 
+// Returns the time for the queue and one request more, if all slots work at the mean time per request.
 int Admission::estimate_s() const {
   return static_cast<int>(std::clamp(std::ceil(mean_s_ * (waiting_ + 1) / limits_.max_in_work), 1.0, 120.0));
 }

@@ -18,6 +18,7 @@ struct Box {
 // Returns the shortest range of columns that holds all used ones: the complement of the longest unused run, which may
 // wrap around the date line.
 std::pair<int, int> used_columns(const std::array<bool, kLongitudes>& used) {
+  // Go round twice, so that a run across the date line is counted whole.
   int best_start = 0, best_length = 0, length = 0;
   for (int i = 0; i < 2 * kLongitudes; ++i) {
     length = used[static_cast<std::size_t>(i % kLongitudes)] ? 0 : length + 1;
@@ -30,6 +31,7 @@ std::pair<int, int> used_columns(const std::array<bool, kLongitudes>& used) {
   return {west, west + kLongitudes - best_length};
 }
 
+// Returns the box that contains all files of the catalogue.
 Box bounds(const dem::Catalogue& catalogue) {
   std::array<bool, kLongitudes> used{};
   double south = 90, north = -90;
@@ -39,14 +41,15 @@ Box bounds(const dem::Catalogue& catalogue) {
     north = std::max(north, f.north_deg);
     const int west = static_cast<int>(std::floor(f.west_deg + 180 + kInset_deg));
     const int east = static_cast<int>(std::ceil(f.east_deg + 180 - kInset_deg));
-    for (int c = west; c < std::min(east, west + kLongitudes); ++c)
-      used[static_cast<std::size_t>((c + kLongitudes) % kLongitudes)] = true;
+    for (int column = west; column < std::min(east, west + kLongitudes); ++column)
+      used[static_cast<std::size_t>((column + kLongitudes) % kLongitudes)] = true;
   }
   const auto [west, east] = used_columns(used);
   return {static_cast<int>(std::floor(south + 90 + kInset_deg)), static_cast<int>(std::ceil(north + 90 - kInset_deg)),
           west, east};
 }
 
+// Returns true if a file touches the interior of a cell.
 bool is_covered(const dem::Catalogue& catalogue, int row, int column) {
   const double south = row - 90.0, west = column - 180.0;
   return !catalogue.touching(south + kInset_deg, south + 1 - kInset_deg, west + kInset_deg, west + 1 - kInset_deg)
@@ -75,22 +78,23 @@ std::vector<dem::Footprint> uncovered(const dem::Catalogue& catalogue) {
   const Box extent = bounds(catalogue);
   std::vector<Box> boxes;
   for (int row = extent.south; row < extent.north; ++row) {
-    int start = -1;
+    int run_start = -1;  // first column of the current run of holes; -1: none
+    // The column behind the last one is not a hole: it ends a run at the eastern border.
     for (int column = extent.west; column <= extent.east; ++column) {
-      const bool hole = column < extent.east && !is_covered(catalogue, row, column);
-      if (hole && start < 0) start = column;
-      if (!hole && start >= 0) {
-        add_run(boxes, {row, row + 1, start, column});
-        start = -1;
+      const bool is_hole = column < extent.east && !is_covered(catalogue, row, column);
+      if (is_hole && run_start < 0) run_start = column;
+      if (!is_hole && run_start >= 0) {
+        add_run(boxes, {row, row + 1, run_start, column});
+        run_start = -1;
       }
     }
   }
-  std::vector<dem::Footprint> out;
+  std::vector<dem::Footprint> gaps;
   for (const Box& box : boxes) {
-    const double west = box.west % kLongitudes - 180.0;
-    out.push_back({box.south - 90.0, box.north - 90.0, west, west + (box.east - box.west)});
+    const double west_deg = box.west % kLongitudes - 180.0;
+    gaps.push_back({box.south - 90.0, box.north - 90.0, west_deg, west_deg + (box.east - box.west)});
   }
-  return out;
+  return gaps;
 }
 
 }  // namespace selenograph::server

@@ -11,6 +11,7 @@ namespace {
 
 using Clock = Admission::Clock;
 
+// Returns true for the paths that never queue, and that no endpoint of the service answers.
 bool is_own_path(const std::string& path) {
   return path == "/metrics" || path == "/health/live" || path == "/health/ready";
 }
@@ -24,6 +25,7 @@ api::Response text_answer(int status, std::string body, std::string content_type
   return answer;
 }
 
+// Returns the problem of a method other than GET and HEAD.
 api::Response get_only() {
   api::Response answer = api::problem("method_not_allowed", "this path supports only GET");
   answer.headers.emplace_back("Allow", "GET, HEAD");

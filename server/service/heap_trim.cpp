@@ -55,6 +55,7 @@ void HeapTrim::run() {
   }
 }
 
+// Compares the process with the plan once: first the heap gives back free pages, then the caches shrink or grow.
 void HeapTrim::trim() {
   const std::size_t max_resident = plan_.max_resident_bytes();
   const std::size_t free = engine::heap_statistics().free_bytes;
@@ -63,12 +64,14 @@ void HeapTrim::trim() {
     engine::give_back_free_memory();
     resident = resident_bytes();
   } else if (plan_.keep_free) {
+    // Prepared memory is resident on purpose: do not count it.
     resident -= std::min(resident, free);
   }
-  std::size_t cut = cache_cut_bytes_;
+  std::size_t cut = cache_cut_bytes_;  // bytes that the caches keep less than their budgets
   if (resident > max_resident) {
     cut = std::min(cut + (resident - max_resident), plan_.max_cache_cut_bytes);
   } else if (max_resident - resident > plan_.slack_bytes) {
+    // Grow back slowly: the caches would otherwise exceed the limit before the next comparison.
     cut -= std::min(cut, (max_resident - resident - plan_.slack_bytes) / 8);
   }
   if (cut == cache_cut_bytes_) return;

@@ -33,6 +33,7 @@ using nlohmann::ordered_json;
 constexpr const char* kLogName = "selenograph";
 constexpr auto kMaxWaitAtEnd = std::chrono::milliseconds(500);
 
+// A line of the log before it is formatted.
 struct LogRecord {
   spdlog::log_clock::time_point time;
   spdlog::level::level_enum level = spdlog::level::off;
@@ -40,9 +41,10 @@ struct LogRecord {
 };
 
 ordered_json text_or_null(const std::string& text) { return text.empty() ? ordered_json() : ordered_json(text); }
+// Returns milliseconds rounded to whole microseconds.
 double rounded(double ms) { return std::round(ms * 1e3) / 1e3; }
 
-// deploy/operation/log.md documents the members.
+// Adds the members of a request to its line; deploy/operation/log.md documents them.
 void add_members(ordered_json& line, const AccessRecord& request) {
   line["request_id"] = request.request_id;
   line["token"] = text_or_null(request.token);
@@ -78,6 +80,7 @@ std::string message_of(const AccessRecord& request) {
                      request.seconds * 1000.0, request.bytes, request.request_id, request.error_code);
 }
 
+// Makes a logger spdlog's default, and the library `dem` log to it.
 void use_as_log(std::shared_ptr<spdlog::logger> log, const std::string& level) {
   log->set_pattern("%Y-%m-%dT%H:%M:%S.%e %^%l%$ %v");
   log->set_level(spdlog::level::from_str(level));
@@ -144,7 +147,8 @@ class AsyncLog::Writer : public spdlog::sinks::base_sink<spdlog::details::null_m
   void write(const LogRecord& record) {
     try {
       const std::string line = format_ == LogFormat::json ? json_line_of(record) : text_line_of(record);
-      // Writing fails if the pipe behind stderr is closed, or its disk is full.
+      // Writing fails if the pipe behind stderr is closed, or its disk is full. It may have written a part of the line:
+      // the next line then begins with a newline.
       is_torn_ = dem::write_all(fd_, is_torn_ ? '\n' + line : line) != 0;
       if (is_torn_) count_lost();
     } catch (const std::exception&) {  // no memory for the line

@@ -15,8 +15,8 @@
 namespace selenograph::server {
 namespace {
 
-constexpr std::size_t kMaxByDefaultMb = 8192;
-constexpr std::size_t kEnoughForRequestsMb = 1024;
+constexpr std::size_t kMaxByDefaultMb = 8192;       // of the total without --memory-mb
+constexpr std::size_t kEnoughForRequestsMb = 1024;  // left to requests by parts that no option sets
 // Bodies being received get an eighth of the requests' memory, so that slow senders cannot keep frames from theirs.
 constexpr std::size_t kBodyShare = 8;
 
@@ -31,7 +31,8 @@ std::size_t smallest_limit(const std::string& root, std::string path, const char
   }
 }
 
-// In cgroups(7), "0::/path" names the group of version 2, and "4:memory:/path" the group of version 1.
+// Returns the memory limit of the process's control groups, MiB. In /proc/self/cgroup (cgroups(7)), "0::/path" names
+// the group of version 2, and "4:memory:/path" the group of version 1.
 std::size_t control_group_limit_mb() {
   std::size_t smallest = SIZE_MAX;
   std::ifstream groups("/proc/self/cgroup");
@@ -48,7 +49,7 @@ std::size_t control_group_limit_mb() {
 }
 
 // Returns a - b, and 0 for b > a.
-std::size_t less(std::size_t a, std::size_t b) { return a - std::min(a, b); }
+std::size_t difference_or_0(std::size_t a, std::size_t b) { return a - std::min(a, b); }
 
 }  // namespace
 
@@ -67,14 +68,18 @@ MemoryParts memory_parts(const MemorySettings& s, std::size_t machine_mb) {
   const std::size_t by_default_mb =
       std::min(machine_mb / 4 * 3, std::max(kMaxByDefaultMb, set_mb > 0 ? set_mb + own_mb + kEnoughForRequestsMb : 0));
   MemoryParts parts{.total_mb = s.memory_mb > 0 ? s.memory_mb : by_default_mb, .own_mb = own_mb};
-  const std::size_t rest_mb = less(parts.total_mb, own_mb);
-  std::size_t left_mb = less(rest_mb - std::min(rest_mb / 2, kEnoughForRequestsMb), set_mb);
+  const std::size_t rest_mb = difference_or_0(parts.total_mb, own_mb);
+  // Memory for the parts that no option sets: half of the rest, or all but what is enough for requests.
+  std::size_t left_mb = difference_or_0(rest_mb - std::min(rest_mb / 2, kEnoughForRequestsMb), set_mb);
+  // Returns a part's option or, without one, its share of `available_mb`, which is then taken from `left_mb`.
   const auto share_out = [&](const std::optional<std::size_t>& option, std::size_t max_mb, std::size_t available_mb) {
     if (option) return *option;
     const std::size_t share_mb = std::max(kMinPartMb, std::min(max_mb, available_mb));
-    left_mb = less(left_mb, share_mb);
+    left_mb = difference_or_0(left_mb, share_mb);
     return share_mb;
   };
+  // Scenes come first, but leave to each other part 64 MiB, or a quarter if that is less. Meshes come next, with at most
+  // a quarter of what is left, unless an option sets the terrain's part.
   const std::size_t other_parts = (s.cache_mb ? 0 : 1) + (s.mesh_mb ? 0 : 1);
   const std::size_t for_others_mb = other_parts * std::min<std::size_t>(64, left_mb / 4);
   parts.scene_mb = share_out(s.scene_mb, engine::RendererOptions{}.scene_bytes >> 20, left_mb - for_others_mb);

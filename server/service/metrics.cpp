@@ -108,12 +108,13 @@ std::string build_id_in(std::string_view notes, std::size_t alignment) {
   ElfW(Nhdr) note;
   while (notes.size() >= sizeof note) {
     std::memcpy(&note, notes.data(), sizeof note);
-    const std::size_t description_at = aligned(sizeof note + note.n_namesz),
-                      end = aligned(description_at + note.n_descsz);
+    // A note is a header, its name and its description, each padded to the alignment.
+    const std::size_t description_begin = aligned(sizeof note + note.n_namesz),
+                      end = aligned(description_begin + note.n_descsz);
     if (end > notes.size()) break;
     if (note.n_type == NT_GNU_BUILD_ID && notes.substr(sizeof note, 3) == "GNU") {
       std::string id;
-      for (const char byte : notes.substr(description_at, note.n_descsz))
+      for (const char byte : notes.substr(description_begin, note.n_descsz))
         id += fmt::format("{:02x}", static_cast<unsigned char>(byte));
       return id;
     }
@@ -153,6 +154,7 @@ void Metrics::count_answer(std::string_view route, std::string_view method, int 
   Histogram& histogram = durations_[std::string(route)];
   ++histogram.count;
   histogram.sum_s += seconds;
+  // The first bucket whose upper bound is not below the duration; longer ones are counted in `count` only.
   const auto bucket = std::lower_bound(kBuckets_s.begin(), kBuckets_s.end(), seconds);
   if (bucket != kBuckets_s.end()) ++histogram.buckets[static_cast<std::size_t>(bucket - kBuckets_s.begin())];
 }
@@ -179,7 +181,7 @@ std::string Metrics::durations() const {
   out.family(name, "histogram", "Time from the complete request to the last byte of its answer");
   for (const auto& [route, histogram] : durations_) {
     const std::string label = fmt::format("route=\"{}\"", route);
-    std::uint64_t cumulative = 0;
+    std::uint64_t cumulative = 0;  // Prometheus's buckets count all shorter durations, too
     for (std::size_t i = 0; i < kBuckets_s.size(); ++i) {
       cumulative += histogram.buckets[i];
       out.sample(name + "_bucket", fmt::format("{},le=\"{}\"", label, kBuckets_s[i]), cumulative);

@@ -18,6 +18,8 @@ constexpr char kNoSignal = 0;
 std::atomic<int> pipe_of_handler{-1};
 static_assert(std::atomic<int>::is_always_lock_free);  // the signal handler reads it
 
+// Handler: passes the signal to the thread of ShutdownSignals. Only async-signal-safe functions are allowed here, and
+// errno belongs to the interrupted code.
 void write_to_pipe(int signal) {
   const int error = errno;
   const char byte = static_cast<char>(signal);
@@ -41,6 +43,7 @@ void set_handler(void (*handler)(int)) {
     if (!is_ignored_hangup(signal)) ::sigaction(signal, &action, nullptr);
 }
 
+// Blocks (SIG_BLOCK) or unblocks the signals for the calling thread.
 void mask(int how) {
   sigset_t set;
   sigemptyset(&set);
@@ -73,9 +76,10 @@ ShutdownSignals::~ShutdownSignals() {
   ::close(pipe_[1]);
 }
 
+// Waits for signals from the pipe, and ends the process at the time limit or on the second signal.
 void ShutdownSignals::run() {
   using Clock = std::chrono::steady_clock;
-  auto deadline = Clock::time_point::max();
+  auto deadline = Clock::time_point::max();  // set by the first signal
   const auto poll_timeout_ms = [&] {
     if (deadline == Clock::time_point::max()) return -1;  // no limit
     return std::max(0, static_cast<int>(std::chrono::ceil<std::chrono::milliseconds>(deadline - Clock::now()).count()));
@@ -83,13 +87,13 @@ void ShutdownSignals::run() {
   for (;;) {
     pollfd waiting{pipe_[0], POLLIN, 0};
     const int ready = ::poll(&waiting, 1, poll_timeout_ms());
-    if (ready == 0) ::_exit(1);
+    if (ready == 0) ::_exit(1);  // the time limit has passed
     char signal = kNoSignal;
     if (ready < 0 || ::read(pipe_[0], &signal, 1) != 1) continue;
     if (signal == kNoSignal) return;
     const bool is_first = deadline == Clock::time_point::max();
-    if (signal == SIGHUP && !is_first) continue;  // a closing terminal sends several
-    if (!armed_ || !is_first) ::_exit(128 + signal);
+    if (signal == SIGHUP && !is_first) continue;      // a closing terminal sends several
+    if (!armed_ || !is_first) ::_exit(128 + signal);  // a shell's status of a process that a signal ended
     deadline = Clock::now() + time_limit_.load();
     first_.set_value();
   }
