@@ -350,7 +350,7 @@ bool HttpServer::Impl::serve_request(Connection& connection) {
   }
   delivered = delivered && connection.flush();
   if (!delivered) {
-    // What has not been sent is the end of the body, whose size includes it.
+    // The unsent bytes are the end of the body: subtract them from its size.
     const std::size_t unsent_bytes = exchange.written_bytes - std::min(exchange.written_bytes, connection.sent_bytes());
     record.bytes -= std::min(record.bytes, unsent_bytes);
   }

@@ -13,8 +13,8 @@ constexpr double kNewestWeight = 0.2;  // weight of the latest duration in the m
 
 }  // namespace
 
-Admission::Slot::Slot(Slot&& other) noexcept
-    : admission_(std::exchange(other.admission_, nullptr)), since_(other.since_) {}
+Admission::Slot::Slot(Slot&& source) noexcept
+    : admission_(std::exchange(source.admission_, nullptr)), since_(source.since_) {}
 
 Admission::Slot::~Slot() {
   if (admission_) admission_->leave(Clock::now() - since_);

@@ -46,7 +46,7 @@ class Admission {
   class Slot {
    public:
     Slot() = default;
-    Slot(Slot&& other) noexcept;
+    Slot(Slot&& source) noexcept;
     Slot& operator=(Slot&&) = delete;
     ~Slot();
 

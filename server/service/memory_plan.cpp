@@ -78,8 +78,8 @@ MemoryParts memory_parts(const MemorySettings& s, std::size_t machine_mb) {
     left_mb = difference_or_0(left_mb, share_mb);
     return share_mb;
   };
-  // Scenes come first, but leave to each other part 64 MiB, or a quarter if that is less. Meshes come next, with at most
-  // a quarter of what is left, unless an option sets the terrain's part.
+  // Scenes come first, but leave to each other part 64 MiB, or a quarter if that is less. Meshes come next, with at
+  // most a quarter of what is left, unless an option sets the terrain's part.
   const std::size_t other_parts = (s.cache_mb ? 0 : 1) + (s.mesh_mb ? 0 : 1);
   const std::size_t for_others_mb = other_parts * std::min<std::size_t>(64, left_mb / 4);
   parts.scene_mb = share_out(s.scene_mb, engine::RendererOptions{}.scene_bytes >> 20, left_mb - for_others_mb);

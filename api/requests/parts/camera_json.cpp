@@ -60,7 +60,7 @@ double focal_length_px(const Camera& camera, double fov_deg) {
 void check_field_of_view(const JsonReader& in, const Camera& camera, double fov_deg) {
   if (camera.model == CameraModel::pinhole && !kFieldOfView_deg.contains(fov_deg))
     return in.fail("fov_deg", fmt::format("must be below {} of a pinhole", kFieldOfView_deg.max));
-  // Of a fisheye, the distortion limits the angles that have a radius; the pinhole's plane ends at 180 degrees.
+  // A fisheye (the models beyond the plane z = 1) images only the angles to which its distortion gives a radius.
   if (camera.beyond_plane()) {
     const double widest_deg = 2 * kDegreesPerRadian * engine::Fisheye(camera.fisheye).limit();
     if (fov_deg > widest_deg)
