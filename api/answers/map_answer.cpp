@@ -145,8 +145,16 @@ OrderedJson metadata(const MapQuery& query, const engine::FrameReport& report, c
   warn_of_eclipse(covered_share, kSunCovered, warnings);
   if (report.hit_fraction == 0) warnings.push_back("there is no data anywhere in the map");
   if (query.request.rocks) warn_of_no_rocks(*query.scenery().detail, warnings);
-  return metadata_answer().write({query.scenery(), query.request.products, query, report, hash, resolved_json(query),
-                                  std::move(warnings), covered_share, nullptr, &query});
+  return metadata_answer().write({.request = query.scenery(),
+                                  .products = query.request.products,
+                                  .scenery = query,
+                                  .report = report,
+                                  .hash = hash,
+                                  .resolved = resolved_json(query),
+                                  .warnings = std::move(warnings),
+                                  .sun_covered = covered_share,
+                                  .frame = nullptr,
+                                  .map = &query});
 }
 
 bool holds_map(const MapQuery& query, std::string_view media_type) {

@@ -164,9 +164,16 @@ void warn_of_band(const engine::FrameRequest& request, OrderedJson& warnings) {
 OrderedJson metadata(const FrameQuery& query, const engine::FrameReport& report, const dem::Catalogue& catalogue,
                      const std::string& hash) {
   const double covered_share = sun_covered(query);
-  return metadata_answer().write({query.request, query.request.products, query, report, hash, resolved_json(query),
-                                  warnings_json(query, report, catalogue, covered_share), covered_share, &query,
-                                  nullptr});
+  return metadata_answer().write({.request = query.request,
+                                  .products = query.request.products,
+                                  .scenery = query,
+                                  .report = report,
+                                  .hash = hash,
+                                  .resolved = resolved_json(query),
+                                  .warnings = warnings_json(query, report, catalogue, covered_share),
+                                  .sun_covered = covered_share,
+                                  .frame = &query,
+                                  .map = nullptr});
 }
 
 std::string metadata_text(const OrderedJson& metadata, bool with_craters) {

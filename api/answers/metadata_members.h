@@ -18,11 +18,12 @@ inline constexpr const char* kSunCovered = "sun_covered_fraction";
 struct MetadataSource {
   const engine::FrameRequest& request;  // for a map: its scenery
   engine::ProductSet products;
-  const SceneryQuery& scenery;
+  const SceneryQuery& scenery;  // the part of the query that names assets and the Sun's epoch
   const engine::FrameReport& report;
-  const std::string& hash;
-  OrderedJson resolved, warnings;
-  double sun_covered;  // share of the Sun's disc, 0 to 1
+  const std::string& hash;  // content hash
+  OrderedJson resolved;     // the resolved request
+  OrderedJson warnings;     // array of texts
+  double sun_covered;       // share of the Sun's disc, 0 to 1
   // Exactly one of these is set.
   const FrameQuery* frame = nullptr;
   const MapQuery* map = nullptr;

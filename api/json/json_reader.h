@@ -128,7 +128,9 @@ class JsonReader {
  private:
   JsonReader(const Json& value, const JsonReader* parent, std::string_view key, std::size_t index)
       : value_(&value), findings_(parent->findings_), parent_(parent), key_(key), index_(index) {}
+  // Returns true for an array of `min` to `max` elements; reports anything else.
   bool array(std::size_t min, std::size_t max) const;
+  // Reports an unknown word, with its hint or the nearest of `words`.
   void fail_word(std::string_view given_word, const std::vector<std::string_view>& words, WordHints hints) const;
 
   const Json* value_;

@@ -147,8 +147,9 @@ struct Atlas {
     return answer.status == 200;
   }
 
-  // Writes one map, the number-th of `count`, at an epoch or, if null, at the request's own. `extra`: products to
-  // compute in addition to those of the file. Prints the problem of an invalid request and returns nothing.
+  // Writes one map at an epoch or, if null, at the request's own. `extra`: products to compute in addition to those of
+  // the file. `number`, from 0, and `count` place the map in its series, for the progress bar. Prints the problem of an
+  // invalid request and returns nothing.
   std::optional<DrawnMap> write(const std::string& path, const Epoch* epoch, engine::ProductSet extra,
                                 std::size_t number, std::size_t count) const {
     std::optional<DrawnMap> drawn;

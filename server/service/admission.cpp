@@ -24,6 +24,7 @@ Admission::Entry Admission::enter(const std::string& client, Clock::time_point d
                                   const std::atomic<bool>* abandoned) {
   std::unique_lock lock(mutex_);
   if (closing_) return {Outcome::closing, {}, estimate_s()};
+  // While requests wait, a new one joins the queue even if a slot is free: the slot is for one of them.
   if (in_work_ >= limits_.max_in_work || waiting_ > 0) {
     if (!fits_queue(client)) return {Outcome::full, {}, estimate_s()};
     const Outcome outcome = wait(client, deadline, abandoned, lock);

@@ -8,12 +8,14 @@ namespace {
 
 using namespace selenograph;
 
+// Returns a value as this many little-endian bytes.
 std::string little(std::uint64_t value, int bytes) {
   std::string text;
   for (int i = 0; i < bytes; ++i, value >>= 8) text += static_cast<char>(value & 0xff);
   return text;
 }
 
+// Returns an .npy file: NumPy's code of the element type, the shape as Python writes it, the elements' bytes.
 std::string npy(const std::string& descr, const std::string& shape, const std::string& data,
                 const std::string& order = "False") {
   const std::string dictionary =
@@ -21,10 +23,12 @@ std::string npy(const std::string& descr, const std::string& shape, const std::s
   return std::string("\x93NUMPY\x01\x00", 8) + little(dictionary.size(), 2) + dictionary + data;
 }
 
-// Returns a zip of stored members. The checksums are zero: the reader leaves integrity to TCP.
+// Returns a zip of stored members: for each a local header with its data, then the central directory with an entry for
+// each, then the end record. The checksums are zero: the reader leaves integrity to TCP.
 std::string zip(const std::vector<std::pair<std::string, std::string>>& members, std::uint64_t method = 0) {
   std::string local, directory;
   for (const auto& [name, data] : members) {
+    // Fields that both headers have: method, time, date and checksum, packed and unpacked size, length of the name.
     const std::string common =
         little(method, 2) + little(0, 8) + little(data.size(), 4) + little(data.size(), 4) + little(name.size(), 2);
     directory += "PK\x01\x02" + little(20, 2) + little(20, 2) + little(0, 2) + common + little(0, 12) +
@@ -35,6 +39,7 @@ std::string zip(const std::vector<std::pair<std::string, std::string>>& members,
          little(directory.size(), 4) + little(local.size(), 4) + little(0, 2);
 }
 
+// Returns the values' bytes as they are in memory.
 template <typename T>
 std::string raw(std::initializer_list<T> values) {
   std::string bytes;
@@ -155,8 +160,11 @@ TEST(Attitude, ConvertsMatricesAndMrps) {
   // Make each of the four components the largest once: matrix() has a branch for each.
   for (const Vector3& s : {Vector3{0.1, 0.2, -0.3}, {0.9, 0.1, 0.2}, {-0.1, 0.8, 0.3}, {0.2, 0.1, -0.95}}) {
     const double square = s[0] * s[0] + s[1] * s[1] + s[2] * s[2];
+    // The matrix of the cross product: tilde v = s x v.
     const Matrix3 tilde{{{0, -s[2], s[1]}, {s[2], 0, -s[0]}, {-s[1], s[0], 0}}};
-    Matrix3 bn{};  // Schaub and Junkins, Analytical Mechanics of Space Systems, the direction cosine matrix of sigma
+    // [BN] of Schaub and Junkins, Analytical Mechanics of Space Systems: the direction cosine matrix of the MRP sigma =
+    // s.
+    Matrix3 bn{};
     for (std::size_t i = 0; i < 3; ++i) {
       for (std::size_t j = 0; j < 3; ++j) {
         double tilde_squared = 0;
@@ -302,7 +310,8 @@ TEST(Client, TokensThatNoHeaderTakesAreRefused) {
     EXPECT_THROW(Client("http://127.0.0.1:1", token), Error) << token;
 }
 
-// The same cases are in tests/python_client_test.py.
+// The header is ROW-COLUMN of a cell: rows of 4 degrees from the south pole, columns eastward from longitude 0; empty
+// where the request is about no evident place. The same cases are in tests/python_client_test.py.
 TEST(Client, RegionHeader) {
   for (const auto& [request, region] : std::vector<std::pair<const char*, const char*>>{
            {R"({"pose":{"geodetic":{"lat_deg":0.1,"lon_deg":30.1,"height_m":20000}}})", "22-7"},
@@ -376,6 +385,7 @@ TEST(Client, FramesComeInOrderWithPosesAhead) {
   std::map<int, Json> aheads;
   std::atomic<int> in_work = 0, max_in_work = 0;
   Fake fake([&](const httplib::Request& request, httplib::Response& response) {
+    // Raise max_in_work to in_work, unless another thread has already raised it further.
     const int now = ++in_work;
     for (int previous = max_in_work; now > previous && !max_in_work.compare_exchange_weak(previous, now);) {
     }
@@ -405,7 +415,7 @@ TEST(Client, FramesComeInOrderWithPosesAhead) {
             EXPECT_EQ(index, order.size());
             order.push_back(frame.etag);
           },
-          2, 3);
+          2, 3);  // two frames in flight, three poses ahead
   EXPECT_EQ(order, (std::vector<std::string>{"\"0\"", "\"1\"", "\"2\"", "\"3\"", "\"4\"", "\"5\""}));
   const std::lock_guard lock(mutex);
   EXPECT_LE(max_in_work, 2);

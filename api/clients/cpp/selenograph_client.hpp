@@ -341,11 +341,12 @@ inline std::string region(const Json& request) {
     const auto [lat_deg, lon_deg] = place_of(request);
     const double row = std::min(std::floor((lat_deg + 90) / kCell_deg), 180 / kCell_deg - 1);
     if (!(row >= 0) || !std::isfinite(lon_deg)) return "";
-    const double middle = ((row + 0.5) * kCell_deg - 90) * std::acos(-1.0) / 180;
-    const double columns = std::max(1.0, std::nearbyint(360 / kCell_deg * std::cos(middle)));
-    const double turn = lon_deg / 360 - std::floor(lon_deg / 360);
+    // A row has fewer cells toward the poles, so that all have about the same width.
+    const double middle_lat_rad = ((row + 0.5) * kCell_deg - 90) * std::acos(-1.0) / 180;
+    const double columns = std::max(1.0, std::nearbyint(360 / kCell_deg * std::cos(middle_lat_rad)));
+    const double share_of_turn = lon_deg / 360 - std::floor(lon_deg / 360);
     return std::to_string(static_cast<int>(row)) + "-" +
-           std::to_string(static_cast<int>(std::fmod(std::floor(turn * columns), columns)));
+           std::to_string(static_cast<int>(std::fmod(std::floor(share_of_turn * columns), columns)));
   } catch (const Json::exception&) {
     return "";
   }

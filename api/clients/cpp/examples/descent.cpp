@@ -12,9 +12,10 @@ int main(int argc, char** argv) try {
   int step = 0;
   const auto next = [&]() -> std::optional<selenograph::Json> {
     if (step == steps) return std::nullopt;
-    const double remaining = 1 - double(step++) / steps;  // share of the path: half a degree north, from 30 km to 2 km
+    // The path leads half a degree north, from 30 km to 2 km.
+    const double remaining_share = 1 - double(step++) / steps;
     const auto position =
-        selenograph::pose::geodetic(site.lat_deg - 0.5 * remaining, site.lon_deg, 2000 + 28000 * remaining);
+        selenograph::pose::geodetic(site.lat_deg - 0.5 * remaining_share, site.lon_deg, 2000 + 28000 * remaining_share);
     return selenograph::Json{{"camera", {{"width", 160}, {"height", 120}, {"fov_deg", 60}}},
                              {"pose", selenograph::pose::look_at(position, site)},
                              {"sun", {{"subsolar", {{"lat_deg", 0.0}, {"lon_deg", 100.0}}}}},
@@ -22,9 +23,10 @@ int main(int argc, char** argv) try {
   };
   std::cout.precision(17);
   client.frames(next, [&](std::size_t index, const selenograph::Frame& frame) {
-    double nearest = INFINITY;
-    for (const double range_m : frame["range"].as<double>()) nearest = std::fmin(nearest, range_m);
-    std::cout << "frame " << index << ": nearest ground " << nearest << " m, etag " << frame.etag << "\n";
+    // Ranges of pixels that see no ground are NaN, which fmin() ignores.
+    double nearest_m = INFINITY;
+    for (const double range_m : frame["range"].as<double>()) nearest_m = std::fmin(nearest_m, range_m);
+    std::cout << "frame " << index << ": nearest ground " << nearest_m << " m, etag " << frame.etag << "\n";
   });
   return 0;
 } catch (const selenograph::Refused& refused) {
