@@ -8,6 +8,7 @@
 
 namespace selenograph::api {
 
+// Slopes by baseline and craters by octave of diameter, measured on a detail's ground.
 struct GroundReport {
   std::string detail;  // name of the detail
   std::vector<engine::SlopeRow> slopes;

@@ -49,6 +49,7 @@ std::string metadata_text(const nlohmann::ordered_json& metadata, bool with_crat
 void add_warnings(Response& response, const nlohmann::ordered_json& warnings);
 
 inline constexpr std::size_t kMetaHeaderBytes = 6000;  // HTTP libraries commonly refuse lines beyond 8192
+// Text of the header `Selenograph-Meta`.
 struct MetadataHeader {
   std::string text;
   bool complete;  // nothing was omitted

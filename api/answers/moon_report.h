@@ -18,6 +18,7 @@ struct ImageRow {
   engine::Placement registration;
 };
 
+// Everything that `verify moon` compares: discs with models, terrain with smooth ground, frames with images.
 struct MoonReport {
   std::vector<engine::DiscRow> discs;
   std::vector<engine::ReliefRow> relief;

@@ -15,6 +15,7 @@ namespace selenograph::api {
 // Irradiance of a point; empty without indirect light and where the point is not on terrain.
 using LightOfPoint = std::optional<engine::Irradiance>;
 
+// Input of the answer for one ray.
 struct HitSource {
   const engine::RayHit& hit;
   const LightOfPoint& light;
@@ -47,6 +48,7 @@ inline constexpr Alternative kLandmarkAnswers[] = {
      "no valid post, 3: behind the camera, 4: beyond the lens's field of view, 5: seen by no row)"},
 };
 
+// Input of the answer for one landmark.
 struct LandmarkSource {
   const engine::Landmark& landmark;
   const LightOfPoint& light;
@@ -60,6 +62,7 @@ OrderedJson landmarks_json(std::span<const engine::Landmark> landmarks, std::spa
 std::string landmarks_npz(std::span<const engine::Landmark> landmarks, std::span<const LightOfPoint> light,
                           const ProjectQuery& query, const dem::Catalogue& catalogue, const StopToken& stop);
 
+// Input of the answer for one place.
 struct HeightSource {
   const dem::HeightAnswer& height;
   const dem::Catalogue& catalogue;

@@ -11,6 +11,7 @@
 
 namespace selenograph::api {
 
+// Input of the answer.
 struct RoundTripSource {
   const engine::RoundTripRequest& request;
   const engine::RoundTrip& trip;

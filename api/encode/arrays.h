@@ -27,6 +27,7 @@ struct MapProduct {
   std::string_view meaning{};
 };
 
+// A row of the table of products: an array per pixel, of frames, of maps or of both.
 struct ProductRow {
   engine::Product product;
   std::string_view name;  // name in requests, .npz members and channel names: "radiance"

@@ -11,6 +11,7 @@
 
 namespace selenograph::api {
 
+// Type of an array's elements. A boolean is a byte, 0 or 1.
 enum class ElementType { boolean, uint8, uint16, uint64, float16, float32, float64 };
 
 // One product as an array: height x width (x channels when channels > 1), C order. Non-owning: `data` points into a

@@ -13,13 +13,14 @@ namespace selenograph::api {
 
 enum class Format { npy, npz, png, tiff, exr, raw };
 
+// A representation of a frame: a row of the table from which Accept selects.
 struct Representation {
   Format format;
   std::string_view media_type;
   std::string_view extension;  // extension of a file
   bool holds_several;          // it can hold more than one product
   engine::ProductSet holds;    // products that it can hold
-  std::string_view meaning;
+  std::string_view meaning;    // for the API document
 };
 
 // Returns all representations, in the server's order of preference when a client has none.

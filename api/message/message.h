@@ -34,6 +34,7 @@ struct StageTime {
 };
 using StageTimes = std::vector<StageTime>;
 
+// An answer, or the problem document of a failure.
 struct Response {
   int status = 200;
   std::string content_type;

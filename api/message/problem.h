@@ -13,6 +13,7 @@
 
 namespace selenograph::api {
 
+// A row of the table of errors.
 struct ErrorRow {
   std::string_view code;     // last part of the problem's `type`, and label of the Prometheus counter
   int status;                // HTTP status

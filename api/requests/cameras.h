@@ -14,6 +14,7 @@
 
 namespace selenograph::api {
 
+// One camera's share of a request with several.
 struct CameraBody {
   std::string name;
   Json body;  // request for this camera's frame: the shared members, overridden by the camera's

@@ -19,6 +19,7 @@ namespace selenograph::api {
 
 enum class FeatureKind { craters, rocks };
 
+// A resolved request: the features of one kind in a region, from a minimum diameter.
 struct FeaturesQuery {
   Named<dem::Detail> detail;
   FeatureKind kind = FeatureKind::craters;

@@ -28,6 +28,7 @@ enum class Compression { none, deflate };
 inline constexpr std::pair<std::string_view, Compression> kCompressions[] = {{"none", Compression::none},
                                                                              {"deflate", Compression::deflate}};
 
+// A resolved request for a frame: the engine's request, and what the engine does not know.
 struct FrameQuery : SceneryQuery {
   engine::FrameRequest request;
   // Time budget for choosing the accuracy; empty: `request.accuracy` was given or is the default.

@@ -12,6 +12,7 @@
 
 namespace selenograph::api {
 
+// A resolved request for a scan: the engine's request, and what the engine does not know.
 struct LidarQuery : SceneryQuery {
   engine::LidarRequest request;
   std::vector<PlacedObject> objects;

@@ -11,6 +11,7 @@
 
 namespace selenograph::api {
 
+// A resolved request: the engine's request, and the detail by name.
 struct LimbQuery {
   engine::LimbRequest request;
   Named<dem::Detail> detail{};  // null: none
@@ -26,6 +27,7 @@ inline constexpr Alternative kLimbAnswers[] = {
     {"application/x-npz", "the same as arrays, NaN for null"},
 };
 
+// The answer's points, in order of azimuth.
 struct LimbPoints {
   std::vector<engine::LimbPoint> points;
   std::vector<engine::TerminatorPoint> terminator;  // empty without a Sun

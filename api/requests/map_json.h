@@ -8,6 +8,7 @@
 
 namespace selenograph::api {
 
+// Outer edges of a map or region as a client writes them; west_deg above east_deg: across 180 degrees.
 struct MapBounds {
   double south_deg = 0, north_deg = 0, west_deg = 0, east_deg = 0;
 };
@@ -25,6 +26,7 @@ struct MapArea {
   std::optional<double> standard_parallel_deg;
 };
 
+// A resolved request for a map: the engine's request, and the area from which its grid follows.
 struct MapQuery : SceneryQuery {
   engine::MapRequest request;
   MapArea area;

@@ -13,6 +13,7 @@ namespace selenograph::api {
 
 inline constexpr int kMaxChannels = 10000;
 
+// A resolved request: the instrument, and the temperatures of the blackbodies that it observes.
 struct MertisQuery {
   engine::Spectrometer spectrometer;
   std::vector<double> temperatures_k{350, 500};  // assumed: the paper's text has no numbers for its figure 6

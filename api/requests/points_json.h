@@ -34,6 +34,7 @@ struct RaysQuery : PointScenery {
   std::vector<engine::Ray> rays;
   std::vector<std::size_t> shape{};
 };
+// `points`: the landmarks to project into the camera's image.
 struct ProjectQuery : PointScenery {
   engine::Camera camera;
   engine::Pose pose;
@@ -41,6 +42,7 @@ struct ProjectQuery : PointScenery {
   std::vector<engine::LandmarkQuery> points;
   std::vector<std::size_t> shape{};
 };
+// A resolved request for terrain heights.
 struct HeightsQuery {
   std::vector<Geographic> points;
   Named<dem::Detail> detail{};  // null: none

@@ -14,6 +14,8 @@
 
 namespace selenograph::api {
 
+// A resolved request: the engine's request, and what the engine does not know. The epoch is that of the poses in ICRF
+// and, unless `sky` has its own, of the sky.
 struct SkyQuery : EpochForm {
   engine::FrameRequest request;  // its camera, pose, shutter, band, sensor, sky and objects
   Named<dem::Detail> detail{};   // null: none
@@ -30,6 +32,7 @@ inline constexpr Alternative kSkyAnswers[] = {
     {"application/x-npz", "the same as arrays; identifiers and kinds in meta.json"},
 };
 
+// Input of the answer for one object.
 struct SkySource {
   const engine::SkyObject& object;
   const SkyQuery& query;

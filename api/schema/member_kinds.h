@@ -42,6 +42,7 @@ struct Bound {
   std::int64_t (*limit)(const Limits&) = nullptr;  // null: the bound is `value`
 };
 
+// A number within a range.
 struct Number {
   using Value = double;
   Range range;
@@ -51,6 +52,7 @@ struct Number {
   OrderedJson schema(const Limits&) const { return number_schema(range); }
 };
 
+// A whole number between two bounds.
 struct Integer {
   using Value = std::int64_t;
   Bound min, max;
@@ -74,6 +76,7 @@ struct Choice {
   OrderedJson schema(const Limits&) const { return {{"type", "integer"}, {"enum", choices}}; }
 };
 
+// true or false.
 struct Flag {
   using Value = bool;
   std::optional<bool> read(const JsonReader& in, const ReadContext&) const { return in.boolean(); }
@@ -104,6 +107,7 @@ struct Constant {
   OrderedJson fallback() const { return {}; }
 };
 
+// A string, checked by a function if there is one.
 struct Text {
   using Value = std::string;
   // Reports faults of a text; null: any text is valid.
@@ -113,6 +117,7 @@ struct Text {
   OrderedJson schema(const Limits&) const { return {{"type", "string"}}; }
 };
 
+// An array of three numbers, each within the range.
 struct Vector {
   using Value = Vec3;
   Range range;

@@ -1,4 +1,4 @@
-// How much of a test with many cases a run does: a quarter, or with SELENOGRAPH_TEST_EFFORT=full (slow.full) all.
+// Effort of tests with many cases: a run does a quarter of them, or all with SELENOGRAPH_TEST_EFFORT=full (slow.full).
 #pragma once
 
 #include <cstdlib>

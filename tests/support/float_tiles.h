@@ -12,13 +12,13 @@
 namespace selenograph::test {
 
 struct FloatTile {
-  double north_deg = 0, west_deg = 0;  // of the first post
+  double north_deg = 0, west_deg = 0;  // place of the first post
   double posts_per_degree = 16;
   int rows = 0, columns = 0;
 };
 
-// Posts at (north - r / ppd, west + c / ppd), little-endian float32 under a PDS3 label of Kaguya's kind. Returns the
-// label's path.
+// Writes posts at (north - r / ppd, west + c / ppd) as little-endian float32, with a PDS3 label of Kaguya's kind.
+// Returns the label's path.
 inline std::string write_float_tile(const std::string& folder, const std::string& name, const FloatTile& t,
                                     const HeightFunction& height_m, const VoidFunction& is_void = {}) {
   std::filesystem::create_directories(folder);
@@ -45,7 +45,7 @@ inline std::string write_float_tile(const std::string& folder, const std::string
   return folder + "/" + name + ".lbl";
 }
 
-// The whole Moon from pole to pole. `posts_per_degree` of 4 makes a file of 4 MB.
+// Writes a tile of the whole Moon, from pole to pole. Four posts per degree make a file of 4 MB.
 inline void write_global_tile(const std::string& folder, double posts_per_degree, const HeightFunction& height_m) {
   const int n = static_cast<int>(posts_per_degree);
   write_float_tile(folder, "global", {90, 0, posts_per_degree, 180 * n + 1, 360 * n}, height_m);

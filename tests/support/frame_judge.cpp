@@ -16,7 +16,7 @@ namespace {
 
 Vec3 toward(const Vec3& from, const Vec3& to) { return (to - from).normalized(); }
 
-// One frame, pixel by pixel.
+// Comparison of one frame with the judge, pixel by pixel.
 class Trial {
  public:
   Trial(const Judge& judge, const engine::FrameRequest& request, const engine::Frame& frame)
@@ -40,7 +40,7 @@ class Trial {
   }
 
  private:
-  // Scaled so that its length along the boresight is 1, as in the contract of `depth`.
+  // Returns the ray of a pixel with length 1 along the boresight, in MOON_ME: `depth` counts in this length.
   Vec3 ray(int pixel) const {
     const engine::Camera& c = request_.camera;
     return moon_from_camera_ *
@@ -85,7 +85,7 @@ class Trial {
     found.off_terrain += std::abs(*height) > kJudgeTolerance_m;
   }
 
-  // Whether a face is lit at a point of it.
+  // Tells if a face is lit at a point of it. `mu0` is the cosine of incidence of the engine's normal.
   Verdict lit_on(const Face& face, const Vec3& point, double mu0) const {
     const Vec3& sun = request_.sun.direction;
     if (mu0 <= 0 || judge_.vertices(face)->normal().dot(sun) <= 0) return Verdict::no;
@@ -93,8 +93,8 @@ class Trial {
     return blocked == Verdict::unknown ? blocked : blocked == Verdict::yes ? Verdict::no : Verdict::yes;
   }
 
-  // Whether the point lies on the edge of another face too (within a micrometre), which has the other answer: then
-  // either is right.
+  // Returns true if the point also lies on another face, within a micrometre, for which `other_answer` is right: then
+  // either answer is.
   bool on_edge_to(Verdict other_answer, const Face& face, const Vec3& point, double mu0) const {
     const EastNorthUp axes = local_axes(point);
     for (const double angle : {0.3, 1.9, 3.4, 5.0}) {
@@ -154,12 +154,14 @@ Scenery::Scenery(const std::string& folder, const std::string& cache_dir)
                                                     dem::TerrainOptions{cache_dir})),
       renderer(std::make_unique<engine::Renderer>(terrain, engine::RendererOptions{})) {}
 
-void Findings::add(const Findings& o) {
-  pixels += o.pixels, hits += o.hits, unknown += o.unknown, off_ray += o.off_ray, off_terrain += o.off_terrain;
-  outlines += o.outlines, unexplained += o.unexplained, flags += o.flags, grazing += o.grazing, wrong += o.wrong;
-  wrong_grazing += o.wrong_grazing, lit += o.lit, edges += o.edges;
-  off_ray_m = std::max(off_ray_m, o.off_ray_m), off_terrain_m = std::max(off_terrain_m, o.off_terrain_m),
-  depth_m = std::max(depth_m, o.depth_m);
+void Findings::add(const Findings& findings) {
+  for (const auto count :
+       {&Findings::pixels, &Findings::hits, &Findings::unknown, &Findings::off_ray, &Findings::off_terrain,
+        &Findings::outlines, &Findings::unexplained, &Findings::flags, &Findings::grazing, &Findings::wrong,
+        &Findings::wrong_grazing, &Findings::lit, &Findings::edges})
+    this->*count += findings.*count;
+  for (const auto largest_m : {&Findings::off_ray_m, &Findings::off_terrain_m, &Findings::depth_m})
+    this->*largest_m = std::max(this->*largest_m, findings.*largest_m);
 }
 
 Findings judged(const Judge& judge, const engine::FrameRequest& request, const engine::Frame& frame) {

@@ -1,7 +1,8 @@
-// Whole frames before the judge: every point on its ray and on the terrain, every shadow where it belongs.
+// Compares whole frames with the judge: each point must lie on its ray and on the terrain, and each shadow flag be
+// right.
 //
-// For frames of the finest posts (max_error_px 0), whose mesh is meant to be the judge's triangles exactly. They need
-// depth, position, normal and lit, of a camera without distortion.
+// The frames must be of the finest posts (max_error_px 0), whose mesh is meant to be exactly the judge's triangles,
+// have depth, position, normal and lit, and a camera without distortion.
 #pragma once
 
 #include <cstdint>
@@ -14,12 +15,12 @@
 
 namespace selenograph::test {
 
-// How far a point may be from its ray, from the terrain and from where the judge's ray ends.
+// Greatest allowed distance of a point from its ray, from the terrain, and from the judge's hit.
 inline constexpr double kJudgeTolerance_m = 0.01;
-// Shadow flags whose Sun ray passes this near to changing its verdict are counted apart.
+// Vertical distance within which a ray to the Sun grazes the terrain: its shadow flag is counted apart.
 inline constexpr double kGrazing_m = 1.0;
 
-// A folder of Kaguya tiles: what is rendered, and its judge. `cache_dir` as in dem::TerrainOptions.
+// A folder of Kaguya tiles, with a renderer and a judge. `cache_dir` is that of dem::TerrainOptions.
 struct Scenery {
   std::unique_ptr<Judge> judge;
   std::shared_ptr<dem::PyramidTerrain> terrain;
@@ -27,24 +28,29 @@ struct Scenery {
   explicit Scenery(const std::string& folder, const std::string& cache_dir = {});
 };
 
+// Numbers of pixels by finding, and the largest errors.
 struct Findings {
   std::uint64_t pixels = 0, hits = 0, unknown = 0;
-  std::uint64_t off_ray = 0, off_terrain = 0;   // more than the tolerance
-  std::uint64_t outlines = 0, unexplained = 0;  // another first hit: beyond an outline that float blurs; or not
-  std::uint64_t lit = 0, flags = 0, grazing = 0, wrong = 0, wrong_grazing = 0;
-  std::uint64_t edges = 0;  // lit or not, depending on which of the faces that meet there one asks
-  double off_ray_m = 0, off_terrain_m = 0, depth_m = 0;  // the largest
-  void add(const Findings& o);
+  std::uint64_t off_ray = 0, off_terrain = 0;  // farther than the tolerance
+  std::uint64_t outlines = 0,
+                unexplained = 0;               // with another first hit: at an outline, which float blurs, or elsewhere
+  std::uint64_t flags = 0, grazing = 0;        // shadow flags compared, and those of grazing rays, which are apart
+  std::uint64_t wrong = 0, wrong_grazing = 0;  // the wrong ones of both
+  std::uint64_t lit = 0;
+  std::uint64_t edges = 0;  // on an edge of two triangles, only one of which is lit: either flag is right
+  double off_ray_m = 0, off_terrain_m = 0,
+         depth_m = 0;  // largest distances: from the ray, the terrain, the judge's hit
+  void add(const Findings& findings);
 };
 
+// Returns the findings about all pixels of a frame.
 Findings judged(const Judge& judge, const engine::FrameRequest& request, const engine::Frame& frame);
 
-// Whether a judge and an engine (NaN: nothing) that disagree on a distance see two sides of an outline: of the rays
-// that pass the nearer point 2 cm above and below, one meets the surface (about) where the engine did, and the other
-// one far from there.
+// Returns true if the judge and the engine (NaN: no hit), which disagree on a distance, see two sides of an outline: of
+// the rays 2 cm above and below the nearer point, one hits the surface about where the engine did.
 bool at_outline(const Judge& judge, const Vec3& eye, const Vec3& direction, double truth_m, double engine_m);
 
-// Two lines on standard output.
+// Prints two lines.
 void report(const std::string& name, const Findings& found);
 
 }  // namespace selenograph::test

@@ -7,12 +7,13 @@
 
 namespace selenograph::test {
 
-// A compass azimuth (clockwise from north) and an elevation at a place, as a unit vector: of a Sun or of a boresight.
+// Returns the unit vector with a compass azimuth (clockwise from north) and an elevation at a place, for a Sun or a
+// boresight.
 inline Vec3 local_direction(const Vec3& place_m, double azimuth_deg, double elevation_deg) {
   return engine::sun_direction(local_axes(place_m), azimuth_deg, elevation_deg);
 }
 
-// Of the finest posts, with all that a judge wants to know.
+// Returns a request for a frame of the finest posts, with the products that the judge compares.
 inline engine::FrameRequest square_view(const engine::Pose& pose, int side, double fov_deg, const Vec3& sun) {
   engine::FrameRequest request = blank_request();
   request.camera = square_camera(side, fov_deg);
@@ -23,12 +24,14 @@ inline engine::FrameRequest square_view(const engine::Pose& pose, int side, doub
   return request;
 }
 
+// Returns the same for a camera that looks straight down, north up.
 inline engine::FrameRequest nadir_view(const Geographic& from, int side, double fov_deg, const Vec3& sun) {
   const Vec3 place = to_cartesian(from);
   return square_view(looking(place, -place, local_axes(place).north), side, fov_deg, sun);
 }
 
-// Crags of all sizes that posts of 118 m resolve, a few hundred metres high, slopes up to about 35 degrees.
+// Returns the height of crags of all sizes that posts of 118 m resolve: a few hundred metres high, slopes up to about
+// 35 degrees.
 inline double crags(double lat_deg, double lon_deg) {
   return 250 * std::sin(31 * lat_deg) * std::cos(27 * lon_deg) + 120 * std::sin(83 * lat_deg + 61 * lon_deg) +
          30 * std::sin(331 * lat_deg) * std::sin(307 * lon_deg);

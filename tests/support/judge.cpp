@@ -16,11 +16,13 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::int16_t kAbsent = -32768;  // no tile holds this post
-constexpr std::int16_t kVoid = -32767;    // a tile does, as DUMMY
+constexpr std::int16_t kVoid = -32767;    // a tile holds this post as DUMMY
 constexpr double kDegree = std::numbers::pi / 180;
-// Barycentric slack, so that rays along edges and through vertices meet at least one triangle: 30 nm of a 30 m post.
+// Tolerance of barycentric coordinates, so that rays along edges and through vertices hit at least one triangle: 30 nm
+// at posts 30 m apart.
 constexpr double kSlack = 1e-9;
 
+// A tile by its label.
 struct Tile {
   std::string image;
   int ppd = 0, lines = 0, samples = 0;
@@ -28,6 +30,7 @@ struct Tile {
   double dummy = 0;
 };
 
+// Returns the label's "KEY = value" lines, without quotation marks.
 std::map<std::string, std::string> members_of(const fs::path& label) {
   std::map<std::string, std::string> members;
   std::ifstream file(label);
@@ -44,6 +47,7 @@ std::map<std::string, std::string> members_of(const fs::path& label) {
   return members;
 }
 
+// Returns a whole number of posts. Throws std::runtime_error for another one.
 int whole(double x, const fs::path& label) {
   if (std::abs(x - std::round(x)) > 1e-3) throw std::runtime_error(label.string() + ": posts are off the lattice");
   return static_cast<int>(std::lround(x));
@@ -62,8 +66,9 @@ Tile tile_of(const fs::path& label) {
     throw std::runtime_error(label.string() + ": not whole metres in big-endian int16");
   Tile tile;
   tile.ppd = whole(number("MAP_RESOLUTION"), label);
-  tile.lines = whole(number("LINES"), label), tile.samples = whole(number("LINE_SAMPLES"), label);
-  tile.top = whole(number("UPPER_LEFT_LATITUDE") * tile.ppd, label),
+  tile.lines = whole(number("LINES"), label);
+  tile.samples = whole(number("LINE_SAMPLES"), label);
+  tile.top = whole(number("UPPER_LEFT_LATITUDE") * tile.ppd, label);
   tile.west = whole(number("UPPER_LEFT_LONGITUDE") * tile.ppd, label);
   tile.dummy = number("DUMMY");
   const std::string pointer = text("^IMAGE");
@@ -88,12 +93,13 @@ std::vector<std::int16_t> read_posts(const Tile& tile) {
 
 bool valid(std::int16_t post) { return post > kVoid; }
 
-// Distances along a unit direction at which a ray enters and leaves a sphere about the centre.
-std::optional<std::pair<double, double>> through_sphere(const Vec3& origin, const Vec3& direction, double radius) {
-  const double middle = -origin.dot(direction), off2 = origin.squaredNorm() - middle * middle;
-  if (off2 > radius * radius) return std::nullopt;
-  const double half = std::sqrt(radius * radius - off2);
-  return std::pair(middle - half, middle + half);
+// Returns the distances along a unit direction at which a ray enters and leaves a sphere about the Moon's centre.
+std::optional<std::pair<double, double>> through_sphere(const Vec3& origin, const Vec3& direction, double radius_m) {
+  const double to_nearest_m = -origin.dot(direction);  // distance to the ray's point nearest to the centre
+  const double squared_offset_m2 = origin.squaredNorm() - to_nearest_m * to_nearest_m;
+  if (squared_offset_m2 > radius_m * radius_m) return std::nullopt;
+  const double half_chord_m = std::sqrt(radius_m * radius_m - squared_offset_m2);
+  return std::pair(to_nearest_m - half_chord_m, to_nearest_m + half_chord_m);
 }
 
 }  // namespace
@@ -104,7 +110,8 @@ Judge::Judge(const std::string& folder, double raised_m) : raised_m_(raised_m) {
   const auto trigonometry = [&](int first, int count, std::vector<double>& sines, std::vector<double>& cosines) {
     for (int i = 0; i < count; ++i) {
       const double angle = static_cast<double>(first + i) / ppd_ * kDegree;
-      sines.push_back(std::sin(angle)), cosines.push_back(std::cos(angle));
+      sines.push_back(std::sin(angle));
+      cosines.push_back(std::cos(angle));
     }
   };
   trigonometry(south_, rows_, sin_lat_, cos_lat_);
@@ -112,9 +119,13 @@ Judge::Judge(const std::string& folder, double raised_m) : raised_m_(raised_m) {
   if (std::abs(south_) > 75 * ppd_ || std::abs(south_ + rows_) > 75 * ppd_)
     throw std::runtime_error(folder + ": beyond 75 degrees of latitude");
   std::int16_t low = 32767, high = kVoid;
-  for (const std::int16_t h : posts_)
-    if (valid(h)) low = std::min(low, h), high = std::max(high, h);
-  lowest_m_ = low + raised_m_, highest_m_ = high + raised_m_;
+  for (const std::int16_t h : posts_) {
+    if (!valid(h)) continue;
+    low = std::min(low, h);
+    high = std::max(high, h);
+  }
+  lowest_m_ = low + raised_m_;
+  highest_m_ = high + raised_m_;
   for (std::size_t i = 0; i < maxima_.size(); ++i) maxima_[i] = maxima(std::array{1, 16, 256}[i]);
 }
 
@@ -127,13 +138,18 @@ void Judge::place_tiles(const std::string& folder) {
   int north = -90 * ppd_, south = 90 * ppd_, east = -1000 * ppd_, west = 1000 * ppd_;
   for (Tile& t : tiles) {
     if (t.ppd != ppd_) throw std::runtime_error(folder + ": more than one resolution");
-    // On the same side of the date line and of 0/360 as the first.
+    // Bring the tile to the same side of the date line, and of 0/360, as the first one.
     while (t.west - tiles[0].west > 180 * ppd_) t.west -= 360 * ppd_;
     while (t.west - tiles[0].west < -180 * ppd_) t.west += 360 * ppd_;
-    north = std::max(north, t.top), south = std::min(south, t.top - t.lines + 1);
-    west = std::min(west, t.west), east = std::max(east, t.west + t.samples - 1);
+    north = std::max(north, t.top);
+    south = std::min(south, t.top - t.lines + 1);
+    west = std::min(west, t.west);
+    east = std::max(east, t.west + t.samples - 1);
   }
-  south_ = south, west_ = west, rows_ = north - south + 1, columns_ = east - west + 1;
+  south_ = south;
+  west_ = west;
+  rows_ = north - south + 1;
+  columns_ = east - west + 1;
   posts_.assign(static_cast<std::size_t>(rows_) * static_cast<std::size_t>(columns_), kAbsent);
   for (const Tile& t : tiles) {
     const std::vector<std::int16_t> posts = read_posts(t);
@@ -143,7 +159,7 @@ void Judge::place_tiles(const std::string& folder) {
   }
 }
 
-// Whatever fills a void by interpolation stays below the highest valid post around it.
+// Finds each void by flood fill. Whatever fills it by interpolation stays below the highest valid post around it.
 void Judge::bound_voids() {
   void_highest_.assign(posts_.size(), kVoid);
   std::vector<char> done(posts_.size(), 0);
@@ -157,13 +173,15 @@ void Judge::bound_voids() {
                 c = static_cast<int>(region[k] % static_cast<std::size_t>(columns_));
       for (int y = std::max(0, r - 1); y <= std::min(rows_ - 1, r + 1); ++y)
         for (int x = std::max(0, c - 1); x <= std::min(columns_ - 1, c + 1); ++x) {
-          const std::size_t at =
+          const std::size_t neighbour =
               static_cast<std::size_t>(y) * static_cast<std::size_t>(columns_) + static_cast<std::size_t>(x);
-          if (valid(posts_[at])) highest = std::max(highest, posts_[at]);
-          if (posts_[at] == kVoid && !done[at]) done[at] = 1, region.push_back(at);
+          if (valid(posts_[neighbour])) highest = std::max(highest, posts_[neighbour]);
+          if (posts_[neighbour] != kVoid || done[neighbour]) continue;
+          done[neighbour] = 1;
+          region.push_back(neighbour);
         }
     }
-    for (const std::size_t at : region) void_highest_[at] = highest;
+    for (const std::size_t void_post : region) void_highest_[void_post] = highest;
   }
 }
 
@@ -183,7 +201,9 @@ std::int16_t Judge::highest_of_quad(int row, int column) const {
 Judge::Maxima Judge::maxima(int factor) const {
   Maxima m;
   m.factor = factor;
-  m.rows = (rows_ - 2) / factor + 3, m.columns = (columns_ - 2) / factor + 3;
+  // Cells of the quads, one less than posts, and the rim on both sides.
+  m.rows = (rows_ - 2) / factor + 3;
+  m.columns = (columns_ - 2) / factor + 3;
   m.highest.assign(static_cast<std::size_t>(m.rows) * static_cast<std::size_t>(m.columns), kVoid);
   for (int r = 0; r + 1 < rows_; ++r)
     for (int c = 0; c + 1 < columns_; ++c) {
@@ -224,7 +244,7 @@ std::optional<FaceVertices> Judge::vertices(const Face& f) const {
   return FaceVertices{position(r, c), position(r, c + 1), position(r + 1, c)};
 }
 
-// Möller and Trumbore (1997).
+// Intersects a ray with a triangle (Möller and Trumbore 1997): v and w are the barycentric coordinates of b and c.
 std::optional<Judge::Crossing> Judge::cross(const Face& face, const Vec3& origin, const Vec3& direction) const {
   const auto t = vertices(face);
   if (!t) return std::nullopt;
@@ -239,26 +259,26 @@ std::optional<Judge::Crossing> Judge::cross(const Face& face, const Vec3& origin
 
 Judge::Place Judge::place_of(const Vec3& p) const {
   const double lat = std::atan2(p.z(), std::hypot(p.x(), p.y())) / kDegree;
-  // Measured from the middle of the mosaic, so that the cut lies opposite to it.
+  // Measure the longitude from the mosaic's middle, so that its jump of 360 degrees lies opposite.
   const double middle = west_deg() + 0.5 * (columns_ - 1) / ppd_;
   const double lon = middle + std::remainder(std::atan2(p.y(), p.x()) / kDegree - middle, 360.0);
   return {lat * ppd_ - south_, lon * ppd_ - west_};
 }
 
-// Calls visit(quad row, quad column, from, to) for stretches of the ray, in order, that may meet a triangle: one of the
-// 3 x 3 quads around the given one. Stretches are half a post long, so they never reach further than those. Stretches
-// that pass above all of them are left out, longer ones by the maxima of larger cells. Ends when visit answers true.
+// Calls visit(quad row, quad column, from_m, to_m) for the stretches of the ray, in order, that may hit a triangle of
+// the 3 x 3 quads around the given one. A stretch is half a post long, so that it never reaches beyond these. Stretches
+// above all ground are skipped, longer ones by the maxima of larger cells. Ends when visit returns true.
 template <typename Visit>
 void Judge::march(const Vec3& origin, const Vec3& direction, double from_m, Visit&& visit) const {
   const auto shell = through_sphere(origin, direction, kMoonRadius_m + highest_m_ + 0.01);
   if (!shell) return;
-  // Nothing lies deeper than the lowest chord.
+  // No ground lies deeper than the chords between the lowest posts.
   const double post_m = kMoonRadius_m * kDegree / ppd_, sag_m = post_m * post_m / kMoonRadius_m;
   const auto core = through_sphere(origin, direction, kMoonRadius_m + lowest_m_ - sag_m - 0.01);
   double t = std::max(from_m, shell->first);
   const double closest = -origin.dot(direction);
   while (t < shell->second) {
-    if (core && t >= core->first && t < core->second) t = core->second;
+    if (core && t >= core->first && t < core->second) t = core->second;  // there is no surface inside the core
     const Vec3 p = origin + t * direction;
     const Place place = place_of(p);
     const int row = static_cast<int>(std::floor(place.row)), column = static_cast<int>(std::floor(place.column));
@@ -312,7 +332,7 @@ FirstHit Judge::first_hit_by_brute_force(const Vec3& origin, const Vec3& directi
 }
 
 Verdict Judge::crosses_any(const Vec3& origin, const Vec3& direction, double from_m, const Face* except) const {
-  // A point on an edge is on two triangles: what is met within the rounding of its position is where it starts.
+  // A point on an edge is on two triangles: ignore hits within the rounding of its position.
   constexpr double kStart_m = 1e-6;
   Verdict verdict = Verdict::no;
   march(origin, direction, from_m, [&](int row, int column, double, double) {

@@ -1,12 +1,17 @@
-// The surface and its shadows in double precision, straight from the files: what the engine is judged by.
+// A reference for the surface and its shadows, in double precision and straight from the files. Frame MOON_ME, metres.
 //
-// Shares nothing with engine/ or with the meshes and pyramids of dem/ but the sphere: it reads Kaguya tiles itself and
-// knows the Moon as plane triangles between posts at (row / ppd, column / ppd) degrees, two per quad, the diagonal from
-// the south-east to the north-west post. Rays are marched in steps that are provably shorter than a post, so it is slow
-// and plain. Frame MOON_ME, metres. Within 75 degrees of the equator (towards the poles the lattice of the engine
-// leaves out posts).
+// It shares nothing with engine/ or with the meshes and pyramids of dem/ but the sphere. It reads Kaguya tiles itself,
+// and marches rays in steps that are provably shorter than a post, so it is slow and plain. Its Moon consists of two
+// plane triangles for each quad of posts:
 //
-// Voids: how they are filled is not the judge's business. Wherever the answer could hang on a void it is `unknown`.
+//   north-west +---+ north-east     posts at (row / ppd, column / ppd) degrees from the mosaic's south-west corner
+//              |\  |
+//              | \ |                Face::north_east names the half beyond the diagonal
+//              |  \|
+//   south-west +---+ south-east
+//
+// It covers latitudes up to 75 degrees: poleward, the engine's lattice leaves out posts. It does not fill voids: an
+// answer that could depend on a void is `unknown`.
 #pragma once
 
 #include <array>
@@ -20,67 +25,70 @@
 
 namespace selenograph::test {
 
-// A triangle: the quad's south-west post (rows and columns from the mosaic's south-west corner) and which half.
+// A triangle: its quad's south-west post, and the half of the quad. Rows and columns count from the mosaic's south-west
+// corner.
 struct Face {
   int row = -1, column = -1;
   bool north_east = false;
   bool operator==(const Face&) const = default;
 };
 
-// Counter-clockwise from outside.
+// Vertices of a triangle, counter-clockwise seen from outside.
 struct FaceVertices {
   Vec3 a, b, c;
   Vec3 normal() const { return (b - a).cross(c - a).normalized(); }
 };
 
+// Answer to a yes-or-no question; unknown where it could depend on a void.
 enum class Verdict { no, yes, unknown };
 
+// The first triangle that a ray hits.
 struct FirstHit {
   Verdict hit = Verdict::no;
   double distance_m = std::numeric_limits<double>::infinity();
   Face face;
-  bool from_above = false;
+  bool from_above = false;  // false: from below the surface, as through the mosaic's rim
 };
 
 class Judge {
  public:
-  // All *.lbl files of a folder, one mosaic of equal resolution. `raised_m` falsifies: the whole surface is lifted by
-  // it, for tests of whether the judge notices. Throws std::runtime_error for anything that it doesn't read.
+  // Reads all *.lbl files of a folder as one mosaic of equal resolution. `raised_m` lifts the whole surface, for tests
+  // that the judge notices a wrong one. Throws std::runtime_error for files that it cannot read.
   explicit Judge(const std::string& folder, double raised_m = 0);
 
   int posts_per_degree() const { return ppd_; }
-  int rows() const { return rows_; }        // of posts, south to north
-  int columns() const { return columns_; }  // west to east
+  int rows() const { return rows_; }        // number of rows of posts, from south to north
+  int columns() const { return columns_; }  // number of columns of posts, from west to east
   double south_deg() const { return static_cast<double>(south_) / ppd_; }
   double west_deg() const { return static_cast<double>(west_) / ppd_; }
 
-  // Empty where a post is missing or void.
+  // Returns a triangle's vertices; empty where a post is missing or void.
   std::optional<FaceVertices> vertices(const Face& face) const;
 
-  // The first triangle that a ray (unit direction) meets, from whichever side.
+  // Returns the first triangle that a ray (unit direction) hits, from either side.
   FirstHit first_hit(const Vec3& origin, const Vec3& direction) const;
 
-  // The same by testing every triangle there is: what first_hit is judged by.
+  // Returns the same by testing every triangle, as a reference for first_hit().
   FirstHit first_hit_by_brute_force(const Vec3& origin, const Vec3& direction) const;
 
-  // Whether anything but `face` itself, which the point lies on, stands between the point and the Sun.
+  // Tells if a triangle other than `face`, on which the point lies, is between the point and the Sun.
   Verdict sun_blocked(const Vec3& point, const Face& face, const Vec3& sun) const;
 
-  // Whether the Sun ray passes within `margin_m`, vertically, of changing its verdict: a blocked one is free once it is
-  // lifted by the margin; a free one is blocked once it is lowered by it (from where it has left its own triangle's
-  // plane).
+  // Returns true if the verdict on the ray to the Sun changes when the ray is moved vertically by `margin_m`: a blocked
+  // one is free once lifted; a free one is blocked once lowered, from where it leaves its own triangle's plane.
   bool grazes(const Vec3& point, const Face& face, const Vec3& sun, double margin_m) const;
 
-  // Vertical distance of a point above the triangle that lies in its direction, times the cosine of that triangle's
-  // slope: its distance from the plane. Empty over voids and outside.
+  // Returns a point's distance from the plane of the triangle below or above it: the vertical distance times the cosine
+  // of the triangle's slope. Empty over voids and outside the mosaic.
   std::optional<double> height_above_surface(const Vec3& point) const;
 
  private:
+  // Greatest heights in square cells of quads, by which march() skips stretches of a ray that are above all ground.
   struct Maxima {
     int factor = 1;  // quads per cell side
     int rows = 0, columns = 0;
-    std::vector<std::int16_t>
-        highest;  // of the cell and its eight neighbours; a rim of one cell around the mosaic is included
+    // Height of each cell with its eight neighbours, m. A rim of one cell around the mosaic is included.
+    std::vector<std::int16_t> highest;
     double at(int quad_row, int quad_column) const;
   };
   struct Crossing {
@@ -107,12 +115,13 @@ class Judge {
   void march(const Vec3& origin, const Vec3& direction, double from_m, Visit&& visit) const;
   Verdict crosses_any(const Vec3& origin, const Vec3& direction, double from_m, const Face* except) const;
 
-  int ppd_ = 0, south_ = 0, west_ = 0, rows_ = 0,
-      columns_ = 0;  // south and west in posts from the equator and the meridian
+  int ppd_ = 0;               // posts per degree
+  int south_ = 0, west_ = 0;  // first row and column, in posts from the equator and the prime meridian
+  int rows_ = 0, columns_ = 0;
   double raised_m_ = 0;
   double lowest_m_ = 0, highest_m_ = 0;
   std::vector<std::int16_t> posts_;
-  std::vector<std::int16_t> void_highest_;  // per post: the highest valid post around its void, where it is one
+  std::vector<std::int16_t> void_highest_;  // for a void post: the highest valid post around its void
   std::vector<double> sin_lat_, cos_lat_, sin_lon_, cos_lon_;
   std::array<Maxima, 3> maxima_;
 };

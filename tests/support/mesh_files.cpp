@@ -23,11 +23,13 @@ std::string bytes_of(T number) {
   return {reinterpret_cast<const char*>(&number), sizeof number};
 }
 
+// Reads the file and writes the answer to the descriptor `out`. A crash must end only this process, and quietly.
 [[noreturn]] void read_in_fork(std::string_view content, const std::string& extension, std::size_t max_bytes, int out) {
   ::dup2(::open("/dev/null", O_WRONLY), STDERR_FILENO);
   for (const int fatal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT}) ::signal(fatal, SIG_DFL);
   const rlimit seconds{2, 2}, no_core{0, 0};
-  ::setrlimit(RLIMIT_CPU, &seconds), ::setrlimit(RLIMIT_CORE, &no_core);
+  ::setrlimit(RLIMIT_CPU, &seconds);
+  ::setrlimit(RLIMIT_CORE, &no_core);
   std::string answer;
   try {
     answer = engine::shape_answer(engine::read_mesh_file(content, extension, max_bytes));
@@ -71,11 +73,13 @@ std::string gltf_file(const std::string& uri) {
 }
 
 std::string gltf_of_instances(int nodes, int triangles) {
-  // Corners of bytes: 0, 1, 2 is AAEC.
-  std::string indices, list, numbers;
+  // A triangle's three corners are bytes: 0, 1, 2 in base64 is AAEC.
+  std::string indices, node_list, node_numbers;
   for (int i = 0; i < triangles; ++i) indices += "AAEC";
-  for (int i = 0; i < nodes; ++i)
-    list += i ? R"(,{"mesh":0})" : R"({"mesh":0})", numbers += fmt::format("{}{}", i ? "," : "", i);
+  for (int i = 0; i < nodes; ++i) {
+    node_list += i ? R"(,{"mesh":0})" : R"({"mesh":0})";
+    node_numbers += fmt::format("{}{}", i ? "," : "", i);
+  }
   return fmt::format(
       R"({{"asset": {{"version": "2.0"}}, "scene": 0, "scenes": [{{"nodes": [{}]}}], "nodes": [{}],
     "meshes": [{{"primitives": [{{"attributes": {{"POSITION": 0}}, "indices": 1}}]}}],
@@ -84,7 +88,7 @@ std::string gltf_of_instances(int nodes, int triangles) {
     "bufferViews": [{{"buffer": 0, "byteLength": 36}}, {{"buffer": 1, "byteLength": {}}}],
     "buffers": [{{"byteLength": 36, "uri": "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}},
                 {{"byteLength": {}, "uri": "data:application/octet-stream;base64,{}"}}]}})",
-      numbers, list, 3 * triangles, 3 * triangles, 3 * triangles, indices);
+      node_numbers, node_list, 3 * triangles, 3 * triangles, 3 * triangles, indices);
 }
 
 std::string mesh_answer_of_fork(std::string_view content, const std::string& extension, std::size_t max_bytes) {
@@ -95,8 +99,9 @@ std::string mesh_answer_of_fork(std::string_view content, const std::string& ext
   if (child == 0) read_in_fork(content, extension, max_bytes, ends[1]);
   ::close(ends[1]);
   std::string answer;
-  char some[65536];
-  for (ssize_t got; (got = ::read(ends[0], some, sizeof some)) > 0;) answer.append(some, static_cast<std::size_t>(got));
+  char buffer[65536];
+  for (ssize_t size; (size = ::read(ends[0], buffer, sizeof buffer)) > 0;)
+    answer.append(buffer, static_cast<std::size_t>(size));
   ::close(ends[0]);
   int status;
   ::waitpid(child, &status, 0);

@@ -9,7 +9,7 @@
 
 namespace selenograph::test {
 
-// By the executable that was built with the tests.
+// Returns options with which the executable built with the tests reads meshes.
 inline engine::MeshReaderOptions mesh_options() {
   engine::MeshReaderOptions options;
   options.program = SELENOGRAPH_EXECUTABLE;

@@ -1,4 +1,4 @@
-// The Moon without relief, as tiles and a renderer: what every ray meets has a formula.
+// The Moon without relief, as tiles and a renderer: every hit of a ray has a formula.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -25,8 +25,10 @@ class MoonWithoutRelief : public ::testing::Test {
     renderer_ = new engine::Renderer(open_terrain(folder_->path()), {1, std::size_t{512} << 20});
   }
   static void TearDownTestSuite() {
-    delete renderer_, delete folder_;
-    renderer_ = nullptr, folder_ = nullptr;
+    delete renderer_;
+    delete folder_;
+    renderer_ = nullptr;
+    folder_ = nullptr;
   }
   static const engine::Renderer& renderer() { return *renderer_; }
 
@@ -35,12 +37,12 @@ class MoonWithoutRelief : public ::testing::Test {
   static inline engine::Renderer* renderer_ = nullptr;
 };
 
-// Distance along a unit direction to the sphere that is lowered by `sag_m`; empty where the ray passes it.
+// Returns the distance along a unit direction to a sphere `sag_m` below that of the Moon; empty if the ray misses it.
 inline std::optional<double> meet_sphere(const Vec3& from, const Vec3& direction, double sag_m) {
   const double radius = kMoonRadius_m - sag_m, b = from.dot(direction), c = from.squaredNorm() - radius * radius;
-  const double root2 = b * b - c;
-  if (b >= 0 || root2 < 0) return std::nullopt;
-  return c / (-b + std::sqrt(root2));
+  const double discriminant = b * b - c;
+  if (b >= 0 || discriminant < 0) return std::nullopt;
+  return c / (-b + std::sqrt(discriminant));  // the smaller root without cancellation
 }
 
 }  // namespace selenograph::test

@@ -6,10 +6,10 @@
 
 namespace selenograph::test {
 
-// Processor time that all threads of this process have used, s.
+// Returns the processor time that all threads of this process have used, s.
 inline double processor_s() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
 
-// Processor time that a call takes, s, divided by the machine's cores.
+// Returns the processor time that a call takes, s, divided by the number of the machine's cores.
 template <typename Work>
 double processor_s_per_core(const Work& work) {
   const double before_s = processor_s();

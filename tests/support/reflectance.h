@@ -1,14 +1,14 @@
-// The BRDFs of two constants as closed forms are written: of a reflectance, by the cosines alone.
+// Closed forms of the BRDFs that depend on the cosines of incidence and emission alone.
 #pragma once
 
 #include "engine/radiometry/brdf.h"
 
 namespace selenograph::test {
 
-// Lambert, Lommel-Seeliger and their weighted average only.
+// Returns the two constants of such a BRDF: Lambert, Lommel-Seeliger or their weighted average.
 inline engine::BrdfTerms terms_of(const engine::Reflectance& reflectance) { return *engine::Brdf(reflectance).terms(); }
 
-// f_r in sr-1.
+// Returns f_r, sr-1.
 inline double brdf(const engine::Reflectance& reflectance, double mu0, double mu) {
   const engine::BrdfTerms terms = terms_of(reflectance);
   return terms.lommel_seeliger / (mu0 + mu) + terms.lambert;

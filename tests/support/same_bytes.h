@@ -1,4 +1,4 @@
-// Whether two frames have the same products, every byte of every array.
+// Compares the products of two frames.
 #pragma once
 
 #include <cstring>
@@ -8,6 +8,7 @@
 
 namespace selenograph::test {
 
+// Returns true if both frames have the same products, byte for byte.
 inline bool same_bytes(const engine::FrameProducts& a, const engine::FrameProducts& b) {
   const auto same = [](const auto& x, const auto& y) {
     return x.size() == y.size() && (x.empty() || std::memcmp(x.data(), y.data(), x.size() * sizeof x[0]) == 0);

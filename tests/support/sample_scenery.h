@@ -1,5 +1,5 @@
-// 2 x 2 tiles of the sample terrain at 30 m posts. ctest has them made once for all tests: SELENOGRAPH_TEST_SCENERY
-// names a folder with `dem` and `cache`. Without it each suite makes its own.
+// 2 x 2 tiles of the sample terrain with posts 30 m apart. Under ctest, SELENOGRAPH_TEST_SCENERY names a folder with
+// `dem` and `cache` that is made once for all tests; without it, each suite writes its own tiles.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -23,7 +23,10 @@ class SampleScenery : public ::testing::Test {
     }
     folder_ = new TemporaryFolder;
     dem::SampleOptions options;
-    options.south_deg = -11, options.west_deg = 43, options.rows = 2, options.columns = 2;
+    options.south_deg = -11;
+    options.west_deg = 43;
+    options.rows = 2;
+    options.columns = 2;
     options.posts_per_degree = 1024;
     tiles_ = folder_->path();
     dem::write_sample_terrain(tiles_, options);
@@ -32,7 +35,8 @@ class SampleScenery : public ::testing::Test {
   static void TearDownTestSuite() {
     delete scenery_;
     delete folder_;
-    scenery_ = nullptr, folder_ = nullptr;
+    scenery_ = nullptr;
+    folder_ = nullptr;
   }
   static std::string folder() { return tiles_; }
   static const Scenery& scenery() { return *scenery_; }

@@ -8,10 +8,10 @@
 
 namespace selenograph::test {
 
-// $SELENOGRAPH_SHARED_DATA, else ../shared/data beside the source tree.
+// Returns the path of a file in $SELENOGRAPH_SHARED_DATA, else in ../shared/data beside the source tree.
 std::string shared_data(const std::string& file);
 
-// A folder of its own for a test, removed with its owner.
+// A folder that belongs to one test and is removed on destruction.
 class TemporaryFolder {
  public:
   TemporaryFolder();

@@ -14,6 +14,7 @@
 
 namespace selenograph::test {
 
+// Blocks of level 5 around 4 degrees north, 22 degrees east.
 class SphereMesh : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
@@ -30,12 +31,13 @@ class SphereMesh : public ::testing::Test {
     mesh_ = std::make_unique<engine::Mesh>(*terrain_, blocks);
   }
   static void TearDownTestSuite() {
-    mesh_.reset(), terrain_.reset();
+    mesh_.reset();
+    terrain_.reset();
     delete folder_;
   }
   static const engine::Mesh& mesh() { return *mesh_; }
 
-  // The place of a triangle with weights v and w of its second and third vertex.
+  // Returns the point of a triangle with the weights v and w of its second and third vertex.
   static Vec3 place_on(const engine::TriangleId& id, double v, double w) {
     const dem::Triangle t = mesh().triangle(id);
     return t.a + v * (t.b - t.a) + w * (t.c - t.a);

@@ -15,6 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// A tile to be written, by whole degrees; its west is in 0..359.
 struct Tile {
   int top, west, degrees, ppd;
   int side() const { return degrees * ppd; }
@@ -64,25 +65,34 @@ std::string label_of(const Tile& tile) {
   add("DATA_SET_ID", "\"SYNTHETIC-SELENOGRAPH-TEST-TERRAIN\"");
   add("PRODUCT_ID", '"' + tile.name() + '"');
   add("TARGET_NAME", "\"MOON\"");
-  for (const auto& [corner, lat, lon] : {std::tuple("UPPER_LEFT", north, west), std::tuple("UPPER_RIGHT", north, east),
-                                         std::tuple("LOWER_LEFT", south, west), std::tuple("LOWER_RIGHT", south, east)})
-    number(std::string(corner) + "_LATITUDE", lat, "deg"), number(std::string(corner) + "_LONGITUDE", lon, "deg");
+  for (const auto& [corner, lat, lon] :
+       {std::tuple("UPPER_LEFT", north, west), std::tuple("UPPER_RIGHT", north, east),
+        std::tuple("LOWER_LEFT", south, west), std::tuple("LOWER_RIGHT", south, east)}) {
+    number(std::string(corner) + "_LATITUDE", lat, "deg");
+    number(std::string(corner) + "_LONGITUDE", lon, "deg");
+  }
   add("OBJECT", "IMAGE_MAP_PROJECTION");
   add("MAP_PROJECTION_TYPE", "\"SIMPLE CYLINDRICAL\"");
   for (const char* axis : {"A", "B", "C"}) number(fmt::format("{}_AXIS_RADIUS", axis), 1737.4, "km");
   add("POSITIVE_LONGITUDE_DIRECTION", "\"EAST\"");
-  number("CENTER_LATITUDE", 0, "deg"), number("CENTER_LONGITUDE", 0, "deg");
+  number("CENTER_LATITUDE", 0, "deg");
+  number("CENTER_LONGITUDE", 0, "deg");
   number("MAP_RESOLUTION", tile.ppd, "pixel/deg");
-  number("MAXIMUM_LATITUDE", north, "deg"), number("MINIMUM_LATITUDE", south, "deg");
-  number("EASTERNMOST_LONGITUDE", east, "deg"), number("WESTERNMOST_LONGITUDE", west, "deg");
+  number("MAXIMUM_LATITUDE", north, "deg");
+  number("MINIMUM_LATITUDE", south, "deg");
+  number("EASTERNMOST_LONGITUDE", east, "deg");
+  number("WESTERNMOST_LONGITUDE", west, "deg");
   number("LINE_PROJECTION_OFFSET", north * tile.ppd, "pixel");
   number("SAMPLE_PROJECTION_OFFSET", -west * tile.ppd, "pixel");
   add("END_OBJECT", "IMAGE_MAP_PROJECTION");
   add("OBJECT", "IMAGE");
   add("BANDS", "1");
-  add("LINES", std::to_string(n)), add("LINE_SAMPLES", std::to_string(n));
-  add("SAMPLE_TYPE", "MSB_INTEGER"), add("SAMPLE_BITS", "16");
-  add("OFFSET", "0.000000"), add("SCALING_FACTOR", "1.000000");
+  add("LINES", std::to_string(n));
+  add("LINE_SAMPLES", std::to_string(n));
+  add("SAMPLE_TYPE", "MSB_INTEGER");
+  add("SAMPLE_BITS", "16");
+  add("OFFSET", "0.000000");
+  add("SCALING_FACTOR", "1.000000");
   add("DUMMY", std::to_string(kTileDummy));
   add("UNIT", "\"m\"");
   add("END_OBJECT", "IMAGE");

@@ -9,6 +9,7 @@
 
 namespace selenograph::api {
 
+// "distortion" as a client writes it: coefficients of either model; those that the model lacks stay 0.
 struct DistortionForm {
   engine::CameraModel model = engine::CameraModel::pinhole;  // camera model that the distortion model belongs to
   double k1 = 0, k2 = 0, k3 = 0, k4 = 0, p1 = 0, p2 = 0;

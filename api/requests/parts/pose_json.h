@@ -45,6 +45,7 @@ inline constexpr std::pair<std::string_view, std::string_view> kRejectedFrames[]
 inline constexpr Vector kAngularRate_deg_s{{-3600, 3600}, "deg/s"};
 inline constexpr Vector kVelocity_m_s{{-1e6, 1e6}, "m/s"};
 
+// Camera axes of the client's attitudes: see the drawing above.
 enum class CameraAxes { opencv, opengl };
 inline constexpr std::pair<std::string_view, CameraAxes> kCameraAxes[] = {
     {"opencv", CameraAxes::opencv},
@@ -61,6 +62,7 @@ void add_latitude_and_longitude(Members<Form, Value>& m) {
 const Members<Geographic>& place_members();     // latitude and longitude; height_m stays 0
 const Members<Geographic>& geodetic_members();  // latitude, longitude and height
 
+// A quaternion before it is normalised: w is the scalar part.
 struct QuaternionForm {
   double w = 0, x = 0, y = 0, z = 0;
 };
@@ -112,6 +114,7 @@ const Members<PoseForm, engine::Pose>& pose_members();
 // negative. Thus an attitude has one text and one content hash.
 Eigen::Quaterniond canonical(Eigen::Quaterniond q);
 
+// An object's pose in MOON_ME.
 struct ObjectPose {
   Vec3 position_m = Vec3::Zero();
   Eigen::Quaterniond moon_from_object = Eigen::Quaterniond::Identity();
@@ -120,6 +123,7 @@ struct ObjectPose {
 struct Upright {
   double azimuth_deg = 0;  // compass azimuth of the object's x axis
 };
+// An object's pose as a client writes it: exactly one of the attitudes is given.
 struct ObjectPoseForm : PositionForm {
   std::optional<Eigen::Quaterniond> moon_from_object, object_from_moon;
   std::optional<Upright> upright;

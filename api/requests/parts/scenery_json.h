@@ -12,6 +12,7 @@
 
 namespace selenograph::api {
 
+// Members of a query's scenery that the engine's request does not have.
 struct SceneryQuery {
   std::string detail;  // name of the request's detail
   SurfaceQuery surface;
