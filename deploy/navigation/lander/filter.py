@@ -3,8 +3,8 @@
 The error state has 18 elements: position, velocity, attitude (a rotation vector in camera axes: true = estimate *
 rotation(error)), bias of the accelerometers, bias of the gyros, bias of the map; each is true minus estimated.
 
-The map's bias is what the errors of all matches of a frame have in common: a lander at p sees the map as from p + bias.
-It is a Gauss-Markov process of first order in the distance flown over the ground, since it belongs to the ground.
+The map's bias is the common error of all matches of a frame: a lander at p sees the map as from p + bias. It is a
+first-order Gauss-Markov process in the distance flown over the ground, since it belongs to the ground.
 """
 
 import dataclasses
@@ -20,16 +20,15 @@ SIZE = 18
 
 @dataclasses.dataclass(frozen=True)
 class MapError:
-    """What is known before flight of what the matches of a frame have in common, at distances from the Moon's centre in
-    rising order: the bias's sigmas (east, north, up), the distance on the ground over which it is correlated, and by
-    how much frames scatter more than independent matches would."""
+    """Statistics, known before flight, of the common error of a frame's matches, by distance from the Moon's centre."""
 
-    radii_m: np.ndarray
-    sigmas_m: np.ndarray  # (n, 3)
-    length_m: float
-    excess: np.ndarray  # (n,), a factor of the matches' sigmas
+    radii_m: np.ndarray  # (n,), distances from the Moon's centre, rising
+    sigmas_m: np.ndarray  # (n, 3), standard deviations of the bias: east, north, up
+    length_m: float  # distance on the ground over which the bias is correlated
+    excess: np.ndarray  # (n,), factor by which frames scatter more than independent matches would
 
     def covariance(self, position_m):
+        """Returns the covariance of the bias at a position, in the Moon-fixed frame."""
         axes = east_north_up(position_m)
         radius = np.linalg.norm(position_m)
         sigmas = np.array([np.interp(radius, self.radii_m, column) for column in self.sigmas_m.T])
@@ -63,22 +62,22 @@ class Filter:
 
     @property
     def map_position(self):
-        """Where the lander is in the map."""
+        """Returns the position from which the lander sees the map."""
         return self.position + self.map_bias
 
     def propagate(self, velocity_increment, angle_increment, step):
-        """One interval of the IMU, by the midpoint rule."""
+        """Propagates state and covariance over one interval of the IMU, by the midpoint rule."""
         force = velocity_increment / step - self.accelerometer_bias
         rate = angle_increment / step - self.gyro_bias
         transition = self.transition(force, rate, step)
 
         w, turn = MOON_RATE_RAD_S, cross_matrix(MOON_RATE_RAD_S)
-        half = rotation(-0.5 * step * w) @ self.moon_from_camera @ rotation(0.5 * step * rate)
-        position = self.position + 0.5 * step * self.velocity
-        acceleration = half @ force + gravity(position) - turn @ (turn @ position)
-        # The Coriolis term at the interval's middle.
-        middle = self.velocity + 0.5 * step * (acceleration - 2 * turn @ self.velocity)
-        acceleration -= 2 * turn @ middle
+        # Attitude, position and velocity at the interval's middle give gravity, centrifugal and Coriolis acceleration.
+        middle_attitude = rotation(-0.5 * step * w) @ self.moon_from_camera @ rotation(0.5 * step * rate)
+        middle_position = self.position + 0.5 * step * self.velocity
+        acceleration = middle_attitude @ force + gravity(middle_position) - turn @ (turn @ middle_position)
+        middle_velocity = self.velocity + 0.5 * step * (acceleration - 2 * turn @ self.velocity)
+        acceleration -= 2 * turn @ middle_velocity
         correlation = self.map_correlation(step)
         self.position = self.position + step * self.velocity + 0.5 * step**2 * acceleration
         self.velocity = self.velocity + step * acceleration
@@ -93,11 +92,12 @@ class Filter:
         self.covariance[MAP, MAP] += (1 - correlation**2) * self.map_error.covariance(self.position)
 
     def map_correlation(self, step):
+        """Returns the correlation of the map's bias over the distance that is flown in one interval."""
         distance_m = step * np.linalg.norm(self.velocity) * MOON_RADIUS_M / np.linalg.norm(self.position)
         return np.exp(-distance_m / self.map_error.length_m)
 
     def rates(self, force):
-        """F of d(error)/dt = F error, but for the attitude's own turning, which is taken exactly in transition()."""
+        """Returns F of d(error)/dt = F error, without the attitude's own rotation, which transition() adds exactly."""
         f = np.zeros((SIZE, SIZE))
         w = cross_matrix(MOON_RATE_RAD_S)
         distance = np.linalg.norm(self.position)
@@ -111,6 +111,7 @@ class Filter:
         return f
 
     def transition(self, force, rate, step):
+        """Returns the matrix that takes the error from the beginning of an interval to its end."""
         f = step * self.rates(force)
         transition = np.eye(SIZE) + f + 0.5 * f @ f
         transition[ATTITUDE, ATTITUDE] = rotation(-step * rate)
@@ -118,20 +119,22 @@ class Filter:
         return transition
 
     def corrected(self, error):
-        """The nominal state with an error put in: (position, velocity, attitude, the three biases)."""
+        """Returns the state corrected by an error: (position, velocity, attitude, the three biases)."""
         return (self.position + error[POSITION], self.velocity + error[VELOCITY],
                 self.moon_from_camera @ rotation(error[ATTITUDE]), self.accelerometer_bias + error[ACCELEROMETER],
                 self.gyro_bias + error[GYRO], self.map_bias + error[MAP])
 
     def put(self, error):
+        """Corrects the state by an error."""
         (self.position, self.velocity, self.moon_from_camera, self.accelerometer_bias, self.gyro_bias,
          self.map_bias) = self.corrected(error)
 
     def update(self, camera, points_m, pixels, sigmas_px, iterations=3):
-        """Points of the map seen at pixels; an iterated update (Gauss-Newton: first errors are kilometres).
+        """Updates the state with points of the map that were seen at pixels.
 
-        sigmas_px: of x and y of each pixel, independent. What is inverted is 18 x 18, however many points; nothing of
-        the prior is inverted, so that a map's bias of 0 may be known exactly.
+        The update is iterated (Gauss-Newton), since first errors are kilometres. sigmas_px: independent standard
+        deviations of each pixel's x and y. However many points there are, only an 18 x 18 matrix is inverted, and the
+        prior covariance is not: it may be singular, as for a map whose bias is known to be 0.
         """
         weights = np.tile(1 / np.asarray(sigmas_px), len(pixels))
         error = np.zeros(SIZE)
@@ -150,7 +153,7 @@ class Filter:
         self.put(error)
 
     def pixel_sigmas(self, camera, points_m):
-        """Largest standard deviation of each predicted pixel."""
+        """Returns the largest standard deviation of each predicted pixel."""
         _, jacobian = projected(camera, self.map_position, self.moon_from_camera, points_m)
         rows = jacobian.reshape(-1, 2, SIZE)
         covariance = rows @ self.covariance @ rows.transpose(0, 2, 1)
@@ -158,7 +161,7 @@ class Filter:
 
 
 def projected(camera, map_position, moon_from_camera, points_m):
-    """Pixels of points of the map, (n, 2), and their derivatives to the error state, (2 n, 18)."""
+    """Returns the pixels of points of the map, (n, 2), and their derivatives by the error state, (2 n, 18)."""
     seen = (points_m - map_position) @ moon_from_camera  # in camera axes
     x, y, z = seen.T
     pixels = camera.pixels(seen)

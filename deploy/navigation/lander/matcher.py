@@ -13,31 +13,33 @@ from .camera import averaged
 from .descent import MOON_RADIUS_M
 from .filter import projected
 
-# Pixels between exact ray intersections; between them the warp is bilinear: a plane for each cell. Over the sample
-# terrain cells of 8 pixels make the lander believe to be 1 to 2 m too high, of 4 pixels 0.5 m.
+# Pixels between exact ray intersections; between them the warp is bilinear, a plane for each cell. Over the sample
+# terrain the estimated height is 1 to 2 m too large with cells of 8 pixels, and 0.5 m with cells of 4.
 CELL = 4
-PATCH = 32  # side of the fine patches, at most
-LEAST_CORRELATION = 0.5
-LEAST_MATCHES = 6
-LEAST_POSTS = 4  # that a patch has to cover to each side; of less detail anything can be found
-MANY_MATCHES = 50
-CONFIRMING = 0.25  # of the patches tried have to agree for the fine search to confirm the coarse one
-WIDEST = 12  # pixels that the fine search reaches
-COARSE_SIGMAS = 4.0  # that the coarse search reaches: of 100 flights one begins beyond 3
+PATCH = 32  # greatest side of the fine patches, pixels
+LEAST_CORRELATION = 0.5  # of a fine match
+LEAST_MATCHES = 6  # for an update of the filter
+LEAST_POSTS = 4  # least side of a fine patch in posts of the map: with less detail it matches anywhere
+MANY_MATCHES = 50  # number of matches from which their scatter is taken as the map's
+CONFIRMING = 0.25  # share of the patches tried that must match for the fine search to confirm the coarse one
+WIDEST = 12  # greatest reach of the fine search, pixels
+COARSE_SIGMAS = 4.0  # reach of the coarse search in standard deviations: one in 100 flights begins beyond 3
 
 
 @dataclasses.dataclass
 class Matches:
-    points_m: np.ndarray  # on the map
-    pixels: np.ndarray  # in the full frame
-    sigmas_px: np.ndarray  # of one match, x and y
-    counted_px: np.ndarray  # the same as the filter should take them
-    stage: str
-    tried: int = 0  # patches that had something to see
+    """Points of the map and the pixels of the frame at which they were found."""
+
+    points_m: np.ndarray  # positions on the map, (n, 3)
+    pixels: np.ndarray  # positions in the full frame, (n, 2)
+    sigmas_px: np.ndarray  # standard deviations of one match in x and y
+    counted_px: np.ndarray  # the same as the filter takes them, larger where matches of a frame are not independent
+    stage: str  # "coarse" or "fine"
+    tried: int = 0  # number of patches with enough contrast
 
 
 class View:
-    """The map as a camera at a pose would see it, with a margin of pixels around the frame."""
+    """The map's image as a camera at a pose sees it, with a margin of pixels around the frame."""
 
     def __init__(self, level, camera, position, moon_from_camera, margin):
         self.margin = margin
@@ -58,13 +60,13 @@ class View:
         self.valid = np.full((side, side), True) if inside.all() else spread(inside.astype(np.float32)) > 0.999
 
     def points(self, x, y):
-        """Map points of frame pixels, interpolated between the rays."""
+        """Returns the map's points at pixels of the frame, interpolated between the rays."""
         column, row = ((np.asarray(v, np.float32) + self.margin) / CELL for v in (x, y))
         return np.stack([_interpolated(self._points[..., i], column, row) for i in range(3)], axis=-1)
 
 
 def _interpolated(values, column, row):
-    """Bilinear, in double precision: float32 holds Moon-centred coordinates to 0.1 m only."""
+    """Interpolates bilinearly in double precision: float32 resolves Moon-centred coordinates to 0.1 m only."""
     i = np.clip(np.floor(row).astype(int), 0, values.shape[0] - 2)
     j = np.clip(np.floor(column).astype(int), 0, values.shape[1] - 2)
     a, b = row - i, column - j
@@ -73,7 +75,7 @@ def _interpolated(values, column, row):
 
 
 def peak(scores):
-    """Place of the maximum, to a part of a pixel by a parabola on each axis; its score, or None at the border."""
+    """Returns x, y and score of the maximum, refined by a parabola on each axis; None for a maximum at the border."""
     y, x = np.unravel_index(int(np.argmax(scores)), scores.shape)
     if not (0 < y < scores.shape[0] - 1 and 0 < x < scores.shape[1] - 1):
         return None
@@ -92,7 +94,7 @@ class Matcher:
         self._map_sigmas = None  # of a match, x and y, in pixels of the map; learnt in flight
 
     def working_scale(self, state):
-        """The map's level, and by how much frames are averaged to what detail the map has."""
+        """Returns the level of the map to match with, and the factor by which frames are averaged to its detail."""
         gsd_m = self.altitude_m(state) / self.camera.focal
         margin_px = 3 * self._sigma_px(state, self.map.levels[0])
         level = self.map.level(gsd_m, lambda one: one.holds_view(self.camera, state.map_position,
@@ -101,7 +103,11 @@ class Matcher:
         return level, factor
 
     def update(self, state, image):
-        """Coarse, where the prediction is too uncertain for the fine search, then fine; returns what was used."""
+        """Matches a frame and updates the filter; returns the matches used.
+
+        Where the prediction is too uncertain for the fine search, the coarse search comes first; its update is undone
+        unless the fine search confirms it.
+        """
         used = []
         level, factor = self.working_scale(state)
         sigma_px = self._sigma_px(state, level) / factor
@@ -130,9 +136,9 @@ class Matcher:
     def coarse(self, state, image, level, factor, reach_px):
         """Five large patches of the frame, searched in the map as seen from the predicted pose with a wide margin.
 
-        An uncertain height changes the scale: it is tried in steps of 5 %, to twice its standard deviation. No search
-        reaches farther than the frame is wide, or beyond twice the height: near the ground a doubt of many footprints
-        would take minutes.
+        An uncertain height changes the scale: heights are tried in steps of 5 %, up to twice the standard deviation.
+        No search reaches farther than the frame is wide, or beyond twice the height: near the ground, an uncertainty of
+        many footprints would take minutes.
         """
         more = int(np.clip(np.ceil(reach_px / 40), 1, max(1, self.camera.side // factor // 64)))
         factor *= more
@@ -154,11 +160,16 @@ class Matcher:
         if best is None:
             return None
         _, points_m, pixels, scatter = best
-        # Half a pixel at least: five matches say little about their own scatter.
+        # Assume at least half a pixel: five matches say little about their own scatter.
         sigmas_px = np.full(2, factor * max(scatter, 0.5))
         return Matches(points_m, pixels * factor + 0.5 * (factor - 1), sigmas_px, sigmas_px, "coarse")
 
     def _large_patches(self, view, small, side, reach):
+        """Searches four quadrants and the middle of the frame `small`, of `side` pixels, within `reach` in the view.
+
+        Returns the sum of their scores, the points on the map, the pixels and the scatter; None if fewer than three
+        patches move alike.
+        """
         half, starts = side // 2, ((0, 0), (0, 1), (1, 0), (1, 1), (0.5, 0.5))
         moves, pixels, scores = [], [], []
         for down, right in starts:
@@ -182,13 +193,13 @@ class Matcher:
         return scores[kept].sum(), points_m, pixels, scatter
 
     def fine(self, state, image, level, factor, reach):
-        """Many small patches of the map, searched in the frame."""
+        """Searches many small patches of the map in the frame; returns the matches, or None if there are too few."""
         camera, small = self.camera.reduced(factor), averaged(image, factor)
         view = View(level, camera, state.map_position, state.moon_from_camera, 0)
         patch, gsd_m = min(PATCH, camera.side // 4), self.altitude_m(state) / self.camera.focal
         if patch * factor * gsd_m < LEAST_POSTS * self.map.post_spacing_m:
             return None
-        # Side by side where there is room; else half over each other, which _agreeing() doesn't count as more.
+        # Place patches side by side where there is room for eight; else let neighbours overlap by half.
         spacing = patch if camera.side >= 8 * patch else patch // 2
         starts = np.arange(reach, camera.side - patch - reach + 1, spacing)
         moves, pixels, tried = [], [], 0
@@ -199,7 +210,7 @@ class Matcher:
                 template = view.image[y:y + patch, x:x + patch]
                 mean, deviation = cv2.meanStdDev(template)
                 if not deviation[0, 0] > 1e-3 * mean[0, 0]:
-                    continue  # all shadow
+                    continue  # no contrast: all shadow
                 tried += 1
                 window = small[y - reach:y + patch + reach, x - reach:x + patch + reach]
                 found = peak(cv2.matchTemplate(window, template, cv2.TM_CCOEFF_NORMED))
@@ -217,10 +228,10 @@ class Matcher:
         return found
 
     def reach_px(self, state, sigma_px, level, factor):
-        """Of the fine search: three sigma of the prediction and of the matches themselves.
+        """Returns the reach of the fine search: three sigma of the prediction and of the matches' scatter together.
 
-        A search that cuts the matches' own scatter off finds them about the prediction, wherever it is: the filter
-        would take its own error for a measurement (over Hadley half of it, across the Sun's azimuth, within 4 pixels).
+        A shorter search would find only matches near the prediction, wherever that is, so that the filter would take
+        its own error for a measurement (over Hadley half of it, across the Sun's azimuth, within 4 pixels).
         """
         if self._map_sigmas is None:
             return WIDEST
@@ -228,10 +239,11 @@ class Matcher:
         return int(np.clip(np.ceil(3 * np.hypot(sigma_px, match_px)) + 2, 4, WIDEST))
 
     def _sigmas_of_map(self, found, map_px):
-        """Scatter about the affine field says little when few patches are left: the field follows their errors.
+        """Returns the standard deviations of matches; for few matches at least those learnt from frames with many.
 
-        These are mostly the map's, by the other Sun, and about the same in pixels of the map all along: they are learnt
-        from frames of many matches, and are the least for those of few. map_px: camera pixels of a pixel of the map.
+        With few patches the affine field follows their errors, so that the scatter about it says little. The errors
+        are mostly the map's, which has another Sun, and stay about the same in pixels of the map. map_px: size of a
+        pixel of the map in pixels of the camera.
         """
         if len(found.pixels) >= MANY_MATCHES:
             sigmas = found.sigmas_px / map_px
@@ -241,7 +253,7 @@ class Matcher:
         return found.sigmas_px
 
     def _agreeing(self, view, moves, pixels, factor):
-        """A pose error moves matches by a smooth field: least median of squares finds those that don't follow one."""
+        """Returns the matches that follow one affine field, as a pose error moves them (least median of squares)."""
         cv2.setRNGSeed(1)
         fit, freedom = (cv2.estimateAffine2D, 6) if len(pixels) >= 16 else (cv2.estimateAffinePartial2D, 4)
         model, kept = fit(pixels, pixels + moves, method=cv2.LMEDS, maxIters=1000)
@@ -251,7 +263,7 @@ class Matcher:
         kept = kept.ravel().astype(bool)
         if kept.sum() < LEAST_MATCHES:
             return None
-        # Some of the numbers went into the model. The axes differ: across the Sun's azimuth shading says less.
+        # Correct the variance for the numbers fitted. The axes differ: shading says less across the Sun's azimuth.
         spread = 2 * kept.sum() / (2 * kept.sum() - freedom)
         sigmas_px = factor * np.maximum(np.sqrt(spread * np.mean(residual[kept] ** 2, axis=0)), 0.05)
         points_m = view.points(*pixels[kept].T)
@@ -259,20 +271,24 @@ class Matcher:
         return Matches(points_m, full, sigmas_px, sigmas_px, "fine")
 
     def altitude_m(self, state):
-        """Above the map, straight down."""
+        """Returns the height above the map's ground straight below, at least 50 m."""
         level = self.map.levels[0]
         column, row = level.pixels(state.position[None, None])
         radius = np.linalg.norm(state.position)
         return max(50.0, float(radius - MOON_RADIUS_M - level.height_at(column, row)[0, 0]))
 
     def _sigma_px(self, state, level):
+        """Returns the largest standard deviation of the predicted pixel of the point in the frame's middle."""
         x = np.array([[self.camera.centre]])
         points, _, _ = level.ground(state.map_position, self.camera.rays(x, x) @ state.moon_from_camera.T)
         return float(state.pixel_sigmas(self.camera, points[0])[0])
 
 
 def gated(state, camera, matches):
-    """Without those whose innovation the filter's covariance makes improbable (chi-square of 2, 99.99 %)."""
+    """Returns the matches without those whose innovation is improbable by the filter's covariance, or None for too few.
+
+    The limit is the 99.99 % quantile of the chi-square distribution of two degrees of freedom.
+    """
     predicted, jacobian = projected(camera, state.map_position, state.moon_from_camera, matches.points_m)
     rows = jacobian.reshape(-1, 2, jacobian.shape[1])
     innovation = matches.pixels - predicted
