@@ -1,4 +1,4 @@
-"""The way to the Moon and what the spacecraft knows of it. Axes of ICRF, metres from the Moon's centre.
+"""The cruise to the Moon, and the filter that estimates it. Axes of ICRF, metres from the Moon's centre.
 
 The Moon's point mass alone: neither the Earth nor the Sun pulls, in truth as in the filter, since the subject is what
 the images know."""
@@ -22,8 +22,8 @@ def _after(state, seconds):
 
 
 class Cruise:
-    """A hyperbola with a speed of 900 m/s afar and the perilune 300 km up; seen where the distance is one of `steps`
-    in equal ratios."""
+    """A hyperbola with an excess speed of 900 m/s and a perilune 300 km up, with states at `steps` distances in equal
+    ratios."""
 
     def __init__(self, steps, random):
         axis = np.array([0.62, -0.74, 0.26]) / np.linalg.norm([0.62, -0.74, 0.26])
@@ -49,7 +49,7 @@ class Cruise:
 
 
 class Filter:
-    """Extended Kalman filter of place and velocity."""
+    """Extended Kalman filter of position and velocity."""
 
     def __init__(self, state, sigma):
         self.state, self.covariance = state, np.diag(np.square(sigma))

@@ -7,7 +7,7 @@ from lander.descent import MOON_RADIUS_M as RADIUS_M  # of the sphere that /v1/l
 
 
 def sides(toward):
-    """Unit vectors across a direction, as /v1/limb counts azimuths: from the first to the second. Camera axes."""
+    """Returns two unit vectors across a direction, camera axes. /v1/limb counts azimuths from one to the other."""
     axis = np.cross([0.0, 0.0, 1.0], toward)
     sine, cosine = np.linalg.norm(axis), toward[2]
     if sine < 1e-12:
@@ -17,15 +17,15 @@ def sides(toward):
 
 
 def across(moon_m, azimuths):
-    """The direction to the Moon's centre and, for each azimuth around it, the one across; unit, camera axes."""
+    """Returns unit vectors in camera axes: toward the Moon's centre and, for each azimuth, across that direction."""
     toward = moon_m / np.linalg.norm(moon_m)
     right, down = sides(toward)
     return toward, np.cos(azimuths)[:, None] * right + np.sin(azimuths)[:, None] * down
 
 
 def edges(image, camera, moon_m, sun, azimuths, reach_px=12.0):
-    """Angles from the direction to the Moon's centre, as it is believed to be (camera axes), to the edge that the image
-    shows at each azimuth; NaN where none is lit, in the image and clear. radians
+    """Returns the angles, radians, from the estimated direction to the Moon's centre (camera axes) to the edge in the
+    image at each azimuth; NaN where no edge is lit, in the image and clear.
 
     Along each radius the edge is where the image crosses the brightness that a step there would have after the image's
     blur, which is about half of what is just inside. Toward the limb that rises with falling mu, the cosine of the
@@ -42,7 +42,7 @@ def edges(image, camera, moon_m, sun, azimuths, reach_px=12.0):
     values = cv2.remap(image, seen[..., 0], seen[..., 1], cv2.INTER_LINEAR)
     lit, blur_px = np.flatnonzero(inside & (aside @ sun > 0.15)), 0.75
     places = np.full(len(azimuths), np.nan)
-    # How far the image is blurred is what the steepness of its edges says.
+    # The steepness of the edges gives the image's blur, with which they are located once more.
     for _ in range(2):
         if len(lit) == 0:
             break
@@ -60,13 +60,13 @@ _SHARES = np.exp(-0.5 * _DEPTHS**2) / np.exp(-0.5 * _DEPTHS**2).sum()
 
 
 def _last(flags):
-    """Of each row the index of its last true flag; of none the last index of all."""
+    """Returns the index of the last true flag of each row; the row's last index if there is none."""
     return flags.shape[1] - 1 - np.argmax(flags[:, ::-1], axis=1)
 
 
 def _crossings(along_px, profiles, brightest, radius_px, blur_px):
-    """Where profiles, one a row, cross the edge's brightness, and how steeply, as a share of what is inside, per pixel;
-    NaN where none is clear."""
+    """Returns where profiles, one a row, cross the edge's brightness, and the steepness there, per pixel and relative
+    to the brightness inside; NaN where no edge is clear."""
     def mu(depth_px):
         return np.sqrt(np.clip(1 - (1 - depth_px / radius_px) ** 2, 0, 1))
 
@@ -101,9 +101,10 @@ def _crossings(along_px, profiles, brightest, radius_px, blur_px):
 
 
 def fit(moon_m, azimuths, angles, sigma_rad):
-    """The Moon's centre in camera axes, m, from angles of its limb around a direction that need not be exact; and the
-    covariance of errors of sigma_rad in each angle. Horizon points of a sphere lie in a plane: unit vectors s with
-    n . s = 1 (Christian & Robinson 2016, Noniterative Horizon-Based Optical Navigation by Cholesky Factorization)."""
+    """Returns the Moon's centre in camera axes, m, from angles of its limb around a direction that need not be exact,
+    and its covariance for errors of sigma_rad in each angle. Horizon points of a sphere lie in a plane: unit vectors s
+    with n . s = 1 (Christian & Robinson 2016, Noniterative Horizon-Based Optical Navigation by Cholesky
+    Factorization)."""
     toward, aside = across(moon_m, azimuths)
     points = np.cos(angles)[:, None] * toward + np.sin(angles)[:, None] * aside
     outward = np.cos(angles)[:, None] * aside - np.sin(angles)[:, None] * toward
@@ -115,7 +116,7 @@ def fit(moon_m, azimuths, angles, sigma_rad):
 
 
 def angles_of(moon_m, around_m, azimuths):
-    """Of a sphere's limb around a direction that isn't its centre's: where each radius meets it. radians"""
+    """Returns the angles, radians, at which radii around a direction other than the centre's meet a sphere's limb."""
     toward, aside = across(around_m, azimuths)
     # cos(t) a + sin(t) b = c
     a, b = moon_m @ toward, aside @ moon_m

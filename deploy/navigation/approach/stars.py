@@ -4,14 +4,14 @@ import numpy as np
 
 
 def centroids(image, expected, half=3):
-    """Of stars near where they are expected, (n, 2) pixels; NaN where none stands out."""
+    """Returns the centroids of stars near their expected pixels, (n, 2); NaN where no star stands out."""
     found = np.full((len(expected), 2), np.nan)
     offsets = np.arange(-half, half + 1)
     noise = 1.4826 * np.median(np.abs(image - np.median(image))) + 1e-12
     for i, (x, y) in enumerate(np.round(expected).astype(int)):
         if not (2 * half <= x < image.shape[1] - 2 * half and 2 * half <= y < image.shape[0] - 2 * half):
             continue
-        # The expected place is off by the attitude's error: the brightest pixel near it is the middle.
+        # The expected place is off by the attitude's error: centre the window on the brightest pixel near it.
         near = image[y - half:y + half + 1, x - half:x + half + 1]
         dy, dx = np.unravel_index(np.argmax(near), near.shape)
         x, y = x + dx - half, y + dy - half
@@ -26,17 +26,17 @@ def centroids(image, expected, half=3):
 
 
 def attitude(seen, directions):
-    """The rotation from the directions' axes into the camera's (Markley 1988), of unit vectors in rows."""
+    """Returns the rotation from the directions' axes into the camera's (Markley 1988), for unit vectors in rows."""
     u, _, vt = np.linalg.svd(seen.T @ directions)
     return u @ np.diag([1, 1, np.linalg.det(u) * np.linalg.det(vt)]) @ vt
 
 
 def agreeing(seen, directions, bound):
-    """Which of the stars one rotation fits to `bound` radians, as many as can be: of the rotations that each pair says,
-    the one that most others agree with (Fischler & Bolles 1981, of all pairs, so that nothing is by chance)."""
+    """Returns flags of the stars that one rotation fits to `bound` radians: of the rotations by each pair of stars, the
+    one with which most others agree (Fischler & Bolles 1981; all pairs are tried, so that the result is not random)."""
     best = np.zeros(len(seen), dtype=bool)
     among_seen, among_known = (np.arccos(np.clip(u @ u.T, -1, 1)) for u in (seen, directions))
-    # What isn't a star is at the wrong angle from the stars, however the camera is turned.
+    # A false star is at a wrong angle from the others in any attitude: skip its pairs.
     for i, j in np.argwhere(np.triu(np.abs(among_seen - among_known) < 2 * bound, 1)):
         turn = attitude(seen[[i, j]], directions[[i, j]])
         fits = np.linalg.norm(seen - directions @ turn.T, axis=1) < bound
@@ -46,9 +46,9 @@ def agreeing(seen, directions, bound):
 
 
 def solved(image, camera, objects, camera_from_axes, within_px=0.7, least_sigma_px=0.03):
-    """camera_from_axes, corrected by the stars that /v1/sky lists for it; and how many were used. A bright pixel, or a
-    star that the list lacks, may lie near where one is expected: only stars that agree within `within_px` are used, and
-    of those the ones within 3 sigma of the fit. With fewer than 3 camera_from_axes stays."""
+    """Returns camera_from_axes, corrected by the stars that /v1/sky lists for it, and the number used. A bright pixel,
+    or a star that the list lacks, may lie near where one is expected: only stars that agree within `within_px` are
+    used, and of those the ones within 3 sigma of the fit. With fewer than 3 camera_from_axes stays."""
     places = np.array([[o["x_px"], o["y_px"]] for o in objects], dtype=float).reshape(-1, 2)
     directions = np.array([o["direction_icrf"] for o in objects], dtype=float).reshape(-1, 3)
     found = centroids(image, places)

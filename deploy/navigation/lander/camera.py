@@ -22,21 +22,21 @@ class Camera:
                 "cx": self.centre, "cy": self.centre}
 
     def reduced(self, factor):
-        """The camera of a frame whose blocks of factor x factor pixels have been averaged."""
+        """Returns the camera of a frame whose blocks of factor x factor pixels have been averaged."""
         return Camera(self.side // factor, self.focal / factor, (self.centre - 0.5 * (factor - 1)) / factor)
 
     def pixels(self, seen):
-        """Of points in camera axes, (n, 3)."""
+        """Returns the pixels of points in camera axes, (n, 3)."""
         return self.focal * seen[:, :2] / seen[:, 2:] + self.centre
 
     def rays(self, x, y):
-        """Directions of pixels in camera axes, with z = 1."""
+        """Returns directions of pixels in camera axes, with z = 1."""
         return np.stack([(x - self.centre) / self.focal, (y - self.centre) / self.focal, np.ones_like(x)], axis=-1)
 
 
 @dataclasses.dataclass(frozen=True)
 class Detector:
-    """Shot noise, read noise and quantisation, put on radiance. Exposure: the brightest 0.5 % at 0.8 of full."""
+    """Adds shot noise, read noise and quantisation. The brightest 0.5 % of the pixels reach 0.8 of the full well."""
 
     full_well_e: float = 20000.0
     read_noise_e: float = 20.0
@@ -47,7 +47,7 @@ class Detector:
         return max(float(np.percentile(radiance, 99.5)), 1e-12)
 
     def image(self, radiance, white, random):
-        """white: white(radiance), which is the same for all flights."""
+        """Returns digital numbers. white: the radiance white() of a reference frame, the same for all flights."""
         electrons = radiance * np.float32(0.8 * self.full_well_e / white)
         noise = random.standard_normal(electrons.shape, np.float32)
         electrons = electrons + noise * np.sqrt(np.maximum(electrons, 0) + np.float32(self.read_noise_e**2))

@@ -12,7 +12,7 @@ MOON_RATE_RAD_S = np.array([0.0, 0.0, 2.6617e-6])  # sidereal, about the pole of
 
 
 def gravity(position_m):
-    """Attraction of a point mass, m s-2."""
+    """Returns the attraction of a point mass, m s-2."""
     return -GM_M3_S2 * position_m / np.linalg.norm(position_m) ** 3
 
 
@@ -21,7 +21,7 @@ def cross_matrix(v):
 
 
 def rotation(vector):
-    """The rotation matrix of a rotation vector (Rodrigues)."""
+    """Returns the rotation matrix of a rotation vector (Rodrigues)."""
     angle = np.linalg.norm(vector)
     k = cross_matrix(vector)
     if angle < 1e-8:
@@ -30,7 +30,7 @@ def rotation(vector):
 
 
 def rotation_vector(matrix):
-    """Its inverse, for angles below a half turn."""
+    """Returns the rotation vector of a rotation matrix, for angles below a half turn."""
     axis = 0.5 * np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]])
     sine = np.linalg.norm(axis)
     if sine < 1e-12:
@@ -44,21 +44,21 @@ def unit_vector(lat_deg, lon_deg):
 
 
 def east_north_up(position_m):
-    """The local axes at a point, as columns."""
+    """Returns the local axes at a point, as columns."""
     up = position_m / np.linalg.norm(position_m)
     east = np.array([-up[1], up[0], 0.0]) / np.hypot(up[0], up[1])
     return np.stack([east, np.cross(up, east), up], axis=1)
 
 
 def geodetic(position_m):
-    """Latitude and longitude in degrees, height in metres, of points (.., 3)."""
+    """Returns latitude and longitude in degrees, and height in metres, of points (.., 3)."""
     radius = np.linalg.norm(position_m, axis=-1)
     return (np.degrees(np.arcsin(position_m[..., 2] / radius)),
             np.degrees(np.arctan2(position_m[..., 1], position_m[..., 0])), radius - MOON_RADIUS_M)
 
 
 def _hermite(start, start_rate, end, end_rate, duration):
-    """A cubic polynomial of time with these values and rates at its ends."""
+    """Returns the cubic polynomial of time with these values and rates at its ends."""
     rise, a, b = end - start, start_rate * duration, end_rate * duration
     return np.polynomial.Polynomial([start, a / duration, (3 * rise - 2 * a - b) / duration**2,
                                      (a + b - 2 * rise) / duration**3])
@@ -88,12 +88,12 @@ class Descent:
         return self._radius(t) * self._radial(t)
 
     def velocity(self, t):
-        """In the rotating, Moon-fixed frame."""
+        """Returns the velocity in the rotating, Moon-fixed frame, m/s."""
         r, a = self._radius, self._angle
         return r.deriv()(t) * self._radial(t) + r(t) * a.deriv()(t) * self._tangent(t)
 
     def specific_force(self, t):
-        """What an accelerometer feels, in the Moon-fixed frame."""
+        """Returns the specific force that an accelerometer measures, in the Moon-fixed frame, m s-2."""
         r, a = self._radius, self._angle
         rate, turn = r.deriv()(t), a.deriv()(t)
         acceleration = ((r.deriv(2)(t) - r(t) * turn**2) * self._radial(t)

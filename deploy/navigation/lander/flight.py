@@ -15,7 +15,7 @@ from .matcher import Matcher
 
 @dataclasses.dataclass(frozen=True)
 class InitialError:
-    """RMS lengths of the errors' vectors; each axis has a normal error of 1/sqrt(3) of it."""
+    """RMS lengths of the error vectors. Each axis has a normal error with 1/sqrt(3) of that deviation."""
 
     position_m: float = 3000.0
     velocity_m_s: float = 3.0
@@ -27,13 +27,13 @@ class InitialError:
 
 
 def post_spacing_of(scenario, ground):
-    """Of what frames and map show: of the DEM, or, with detail, as three of the map's pixels are without."""
+    """Returns the spacing of the finest posts shown: the DEM's or, with detail, three of the map's pixels."""
     return 3 * scenario.map_gsd_m if scenario.detail else float(np.median(ground.post_spacing_m))
 
 
 class Truth:
-    """What all flights of a scenario share: times, the IMU's exact increments, frames. Frames depend on the true pose
-    alone, so that sharing them is exact."""
+    """Data that all flights of a scenario share: times, the IMU's exact increments, frames. A frame depends on the true
+    pose alone, so that sharing it is exact."""
 
     def __init__(self, scenario, client, sun=None, accuracy=None, shadows=True):
         self.scenario = scenario

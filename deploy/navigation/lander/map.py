@@ -6,14 +6,14 @@ import numpy as np
 from .descent import MOON_RADIUS_M, geodetic
 from .filter import NO_MAP_ERROR
 
-MOST_PIXELS = 16e6  # the service's --max-map-pixels is a little above
+MOST_PIXELS = 16e6  # of a level, a little below the service's --max-map-pixels
 
 
 class Level:
     """One map of the service, equirectangular about its own centre."""
 
     def __init__(self, frame, gsd_m, shift_m=0.0):
-        """shift_m: to the east, an error of the map."""
+        """shift_m: displacement of the map to the east, to simulate an error."""
         self.gsd_m = gsd_m
         area, transform = frame.meta["request"]["map"], frame.meta["grid"]["geotransform"]
         self._centre_lon_deg = area["center"]["lon_deg"]
@@ -27,7 +27,7 @@ class Level:
         self.height_m = np.where(np.isfinite(height), height, np.float32(self.mean_height_m))
 
     def pixels(self, positions_m):
-        """Column and row of points (.., 3), whatever their height."""
+        """Returns column and row of points (.., 3), whatever their height."""
         lat_deg, lon_deg, _ = geodetic(positions_m)
         lon_deg = (lon_deg - self._centre_lon_deg + 180) % 360 - 180
         return ((lon_deg * self._east_m_per_deg - self._west_m) / self._step_x - 0.5,
@@ -38,7 +38,7 @@ class Level:
                          borderMode=cv2.BORDER_REPLICATE)
 
     def ground(self, origin_m, directions):
-        """Where rays (rows, columns, 3) meet the map's heights; (points, column, row). NaN where they miss the Moon.
+        """Intersects rays (rows, columns, 3) with the map's heights. Returns points, column and row; NaN for a miss.
 
         Fixed-point iteration over the height: it converges where slope times the tangent of the emission angle is below
         1, as it is under a camera that looks down.
@@ -60,7 +60,7 @@ class Level:
         return (column >= 0) & (column <= columns - 1) & (row >= 0) & (row <= rows - 1)
 
     def holds_view(self, camera, position, moon_from_camera, margin_px):
-        """All that the camera sees, and as many pixels around it."""
+        """Tells whether the map covers the camera's view with a margin of pixels around it."""
         side = np.array([-margin_px, camera.centre, camera.side - 1 + margin_px])
         _, column, row = self.ground(position, camera.rays(*np.meshgrid(side, side)) @ moon_from_camera.T)
         return bool(self.holds(column, row).all())
@@ -72,21 +72,21 @@ class Map:
         self.error, self.post_spacing_m = error, post_spacing_m
 
     def level(self, camera_gsd_m, holds):
-        """Of those that hold what is seen, holds(level), the coarsest that is at most half again as coarse as the
-        camera; else the finest of them. The coarsest of all where none does."""
+        """Returns the coarsest level that covers the view, holds(level), and is at most 1.5 times as coarse as the
+        camera; else the finest that covers it. If none covers it, the coarsest of all."""
         large = [level for level in self.levels if holds(level)] or self.levels[:1]
         return next((level for level in large if level.gsd_m <= 1.5 * camera_gsd_m), large[-1])
 
 
 def levels_of(client, requests, shift_m=0.0, **more):
-    """requests: of level_requests(); more: members for each of them."""
+    """Returns the levels of these requests (level_requests()). more: members that each request gets."""
     return [Level(client.map({**request, **more}), request["map"]["gsd_m"], shift_m) for request in requests]
 
 
 def level_requests(scenario, post_spacing_m, position_sigma_m):
-    """Requests for /v1/maps along the nominal track; a level serves all altitudes below its own.
+    """Returns requests for /v1/maps along the nominal track; a level serves all altitudes below its own.
 
-    The finest level has three pixels a post: beyond there is no detail, and interpolation of the map costs nothing.
+    The finest level has three pixels per post: finer pixels would show nothing more.
     """
     descent, camera = scenario.descent, scenario.camera
     times = np.linspace(0, descent.duration_s, 400)
@@ -96,7 +96,7 @@ def level_requests(scenario, post_spacing_m, position_sigma_m):
     view = np.sqrt(2) * 0.5 * camera.side / camera.focal  # half a diagonal, per metre of altitude
     gsd_m, levels = altitude_m[0] / camera.focal, []
     while True:
-        # Before a level is used the error is as at first for the coarsest, and below the footprint for the others.
+        # The coarsest level must cover the initial error. Finer ones are used once the error is below the footprint.
         used = altitude_m <= (1.6 * gsd_m * camera.focal if levels else np.inf)
         doubt_m = 0.3 * altitude_m[used].max() if levels else 3 * position_sigma_m
         centre_lon = lon_deg[used].mean()
