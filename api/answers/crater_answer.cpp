@@ -1,3 +1,5 @@
+// Tables of an answer's members (api/schema/answers.h). A row is a.add(name in JSON, JSON Schema, function that returns
+// the value, condition); a member without a condition is always written.
 #include "api/answers/crater_answer.h"
 
 #include <cmath>

@@ -5,6 +5,9 @@
 //                     |       |         |   pixels of gsd_m x gsd_m, values at their centres
 //                     |       o--> x    |
 //                     +-----------------+   row height - 1
+//
+// Tables of a request's members (api/schema/members.h). A row is m.add(name in JSON, field of the C++ struct, kind,
+// meaning); the kind gives type, range and unit. Rules across members, checks and conversions follow the rows.
 #include "api/requests/map_json.h"
 
 #include <fmt/format.h>

@@ -1,3 +1,8 @@
+// Tables of a request's members (api/schema/members.h). A row is m.add(name in JSON, field of the C++ struct, kind,
+// meaning); the kind gives type, range and unit. Rules across members, checks and conversions follow the rows.
+//
+// Tables of an answer's members (api/schema/answers.h). A row is a.add(name in JSON, JSON Schema, function that returns
+// the value, condition); a member without a condition is always written.
 #include "api/requests/sky_json.h"
 
 #include <cmath>

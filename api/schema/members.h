@@ -275,14 +275,17 @@ class Members : public MemberTable {
   }
 
  private:
+  // The functions of a row that access a form.
   struct Access {
     std::function<void(const JsonReader&, Form&, const ReadContext&)> read;
     std::function<OrderedJson(const Form&)> write;  // returns null if there is nothing to write
     std::function<bool(const Form&)> written_if;    // null: always
   };
 
+  // Returns a form in which every field has its default.
   Form initial(const Limits& limits) const { return initial_ ? initial_(limits) : Form{}; }
 
+  // Writes the members that the form's model has and that have a value.
   OrderedJson write_form(const Form& form) const {
     OrderedJson json = OrderedJson::object();
     for (std::size_t i = 0; i < rows_.size(); ++i) {

@@ -1,3 +1,5 @@
+// Tables of a request's members (api/schema/members.h). A row is m.add(name in JSON, field of the C++ struct, kind,
+// meaning); the kind gives type, range and unit. Rules across members, checks and conversions follow the rows.
 #include "api/requests/parts/camera_preset.h"
 
 #include <fmt/format.h>
