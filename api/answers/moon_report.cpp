@@ -36,9 +36,10 @@ struct RatioRange {
 bool in_lime(const DiscRow& row) { return row.wavelength_um > 0.4399 && row.wavelength_um < 1.6401; }
 
 // Returns a table of ratios to a model: a row per preset, a column per phase angle, each with its range over the bands.
+// `ground` is "sphere" or "terrain", `model` the model's reflectance in a row of the report, `name` the model's name.
 std::string disc_table(const MoonReport& report, const std::string& ground, double DiscRow::*model, const char* name) {
   constexpr double kShown_deg[] = {2, 5, 7, 15, 30, 45, 60, 75, 90};  // phase angles, waxing; waning is negative
-  std::map<std::string, std::map<double, RatioRange>> ranges;
+  std::map<std::string, std::map<double, RatioRange>> ranges;         // by preset and phase angle, degrees
   std::vector<std::string> presets;
   for (const DiscRow& row : report.discs) {
     if (row.ground != ground || !in_lime(row)) continue;

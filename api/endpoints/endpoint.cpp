@@ -59,6 +59,7 @@ Body parse_body(const EndpointContext& context) {
       throw RequestError("unsupported_media_type", "the body must be application/json or application/x-npz");
     return {json_body(context), {}};
   }
+  // The text has the limit of a JSON body. All unpacked arrays together may have four times as many bytes.
   const std::size_t max_text_bytes = context.limits.max_body_bytes;
   const auto claim = [&](std::size_t bytes) { context.memory.claim_body(bytes, context.stop); };
   Body body{Json::object(), read_npz(request.body, 4 * max_text_bytes, claim, context.stop)};

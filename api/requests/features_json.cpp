@@ -138,6 +138,7 @@ std::string csv_of(std::span<const Feature> features, std::span<const FeatureCol
 void check_count(const JsonReader& in, const FeaturesQuery& query, const Limits& limits) {
   const Population population = population_of(query);
   const double max_count = limits.max_rays, min_diameter_m = query.min_diameter_m();
+  // Returns true if a search for features from this diameter can be answered.
   const auto fits = [&](double diameter_m) {
     return expected_count(query, diameter_m) <= max_count &&
            cell_count(query, diameter_m) <= kCellsPerCrater * max_count;

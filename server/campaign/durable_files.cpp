@@ -86,6 +86,7 @@ void remove_on_disk(const std::string& path) {
 GrowingFile::GrowingFile(std::string path) : path_(std::move(path)) {
   file_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
   if (file_ < 0) fail(errno);
+  // Close the file before each throw: the destructor of an object that is not complete does not run.
   if (::flock(file_, LOCK_EX | LOCK_NB) != 0) {
     const int error = errno;
     if (error == EWOULDBLOCK) {

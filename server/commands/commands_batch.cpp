@@ -144,7 +144,7 @@ int batch_verify(const BatchVerifySettings& settings) {
   for (const LineNotDone& finding : result.not_done) {
     fmt::print(stderr, "{}: line {} ({}): {}\n", finding.is_bad ? "bad" : "not done", finding.line->number,
                finding.line->name, finding.why);
-    if (finding.is_bad) ++bad;
+    if (finding.is_bad) ++bad;  // a bad line can never be a frame: it is not counted as open work
   }
   if (!settings.rerun.empty()) write_rerun(manifest, result, settings);
   const std::size_t not_done = result.not_done.size() - bad;

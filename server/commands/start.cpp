@@ -57,7 +57,7 @@ std::string sample_folder(const std::string& cache_dir, const dem::SampleOptions
   // Lock the folder: a process that starts at the same time would replace files that this one has catalogued.
   const dem::OpenFile lock(folder.string(), O_RDONLY | O_DIRECTORY);
   lock.lock();
-  if (fs::exists(folder / kComplete)) return folder.string();
+  if (fs::exists(folder / kComplete)) return folder.string();  // another process has written it while this one waited
   dem::write_sample_terrain(folder.string(), options);
   spdlog::info("wrote sample terrain to {}", folder.string());
   std::ofstream(folder / kComplete) << "sample terrain, all files written\n";
