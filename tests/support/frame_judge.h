@@ -31,15 +31,14 @@ struct Scenery {
 // Numbers of pixels by finding, and the largest errors.
 struct Findings {
   std::uint64_t pixels = 0, hits = 0, unknown = 0;
-  std::uint64_t off_ray = 0, off_terrain = 0;  // farther than the tolerance
-  std::uint64_t outlines = 0,
-                unexplained = 0;               // with another first hit: at an outline, which float blurs, or elsewhere
-  std::uint64_t flags = 0, grazing = 0;        // shadow flags compared, and those of grazing rays, which are apart
-  std::uint64_t wrong = 0, wrong_grazing = 0;  // the wrong ones of both
+  std::uint64_t off_ray = 0, off_terrain = 0;   // farther than the tolerance
+  std::uint64_t outlines = 0, unexplained = 0;  // with another first hit: at an outline (at_outline()), or elsewhere
+  std::uint64_t flags = 0, grazing = 0;         // shadow flags compared, and those of grazing rays, which are apart
+  std::uint64_t wrong = 0, wrong_grazing = 0;   // the wrong ones of both
   std::uint64_t lit = 0;
   std::uint64_t edges = 0;  // on an edge of two triangles, only one of which is lit: either flag is right
-  double off_ray_m = 0, off_terrain_m = 0,
-         depth_m = 0;  // largest distances: from the ray, the terrain, the judge's hit
+  // Largest distances of points from their rays, from the terrain, and from the judge's hits.
+  double off_ray_m = 0, off_terrain_m = 0, depth_m = 0;
   void add(const Findings& findings);
 };
 
