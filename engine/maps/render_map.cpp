@@ -288,7 +288,7 @@ class MapDrawing {
     writer.set_light({radiance_.direct_w_m2, job.indirect});
     RayPass(job, writer).for_pixels([&](RayPass& pass, RayPass::Packet& packet) {
       aim(patch, directions, packet);
-      pass.meet(packet);
+      pass.intersect_rays(packet);
       if (packet.on_object && !rock_height.empty()) note_rocks(patch, packet, rock_height);
       if (!sag_m.empty()) note_sag(patch, scene.mesh, packet, sag_m);
       pass.find_light(packet);
