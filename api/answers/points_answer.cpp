@@ -197,7 +197,7 @@ bool HeightSource::has_height() const { return std::isfinite(height.height_m) &&
 const Answer<HeightSource>& height_answer() {
   using S = HeightSource;
   using namespace schema;
-  static const auto answer = make_answer<S>("Terrain at a point, on the triangles that frames show.", [](auto& a) {
+  static const auto answer = make_answer<S>("Terrain at a point, on the finest surface.", [](auto& a) {
     const auto has_height = [](const S& s) { return s.has_height(); };
     a.add("lat_deg", number(kLatitude_deg, "as asked"), [](const S& s) { return s.height.lat_deg; });
     a.add("lon_deg", number({-180, 180, false, true}, "as asked, in [-180, 180)"),
@@ -214,7 +214,7 @@ const Answer<HeightSource>& height_answer() {
     a.add(
         "filled", boolean("interpolated across a void"), [](const S& s) { return s.height.filled; }, has_height);
     a.add(
-        "blended", boolean("the source is bent here to meet a finer layer"),
+        "blended", boolean("heights were shifted here to meet a finer layer"),
         [](const S& s) { return s.height.blended; }, has_height);
     a.add(
         "reason", text("why height_m is null"),

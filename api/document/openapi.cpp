@@ -121,7 +121,7 @@ void add_operator_paths(OrderedJson& paths) {
   };
   add("/health/live", "isLive", "Whether the process runs", text_answer("It does", "text/plain"));
   add("/health/ready", "isReady", "Whether requests are taken", text_answer("They are", "text/plain"));
-  // Here 503 is a regular answer, too, as text: the service shuts down.
+  // Here 503 has two bodies: text while the service shuts down, a problem if there are too many connections.
   OrderedJson unready = text_answer("Shutting down, or too many connections", "text/plain");
   unready["content"]["application/problem+json"] = {{"schema", schema::ref("Problem")}};
   paths["/health/ready"]["get"]["responses"]["503"] = unready;

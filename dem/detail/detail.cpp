@@ -183,14 +183,16 @@ std::pair<std::size_t, std::size_t> rows_of(const DirectionGrid& grid, const Cra
 
 // Returns the columns that a crater may reach, first and past the last: from the right-angled triangle of the pole, the
 // crater's centre and the point where its circle touches a meridian, sin(half width) = reach / distance from the axis.
+// `reach`: as in rows_of. Does not hold for rows beyond a pole.
 std::pair<std::size_t, std::size_t> columns_of(const DirectionGrid& grid, const Crater& crater, double reach) {
-  constexpr double kMarginFactor = 1 + 1e-6;  // covers the use of chords for angles, and rounding
+  constexpr double kMarginFactor = 1 + 1e-6;  // covers rounding: a chord exceeds the sine of its angle
   const std::size_t n = grid.columns();
   const double axis_distance = std::hypot(crater.centre.x(), crater.centre.y()),
                sine = kMarginFactor * reach / axis_distance;
-  if (!(sine < 1)) return {0, n};
+  if (!(sine < 1)) return {0, n};  // the crater's circle contains the pole
   const double half_columns = std::asin(sine) / grid.lon_step, middle = static_cast<double>(n - 1) / 2;
   const double longitude = std::atan2(crater.centre.y(), crater.centre.x());
+  // Take the turn nearest to the middle of the grid, which is narrower than a turn.
   const double centre_column =
       middle + std::remainder(longitude - (grid.west + middle * grid.lon_step), 2 * std::numbers::pi) / grid.lon_step;
   const auto clamped = [&](double column) {

@@ -166,7 +166,7 @@ void AddNoise(const NoiseRow& row, std::uint32_t seed, double amplitude, double*
   const hn::ScalableTag<float> f32;
   const hn::RepartitionToWide<decltype(f32)> f64;
   const std::size_t lanes = hn::Lanes(f32), half = hn::Lanes(f64);
-  constexpr double kClose = 1.0 / 24;  // spacing of positions in cells below which `close` pays
+  constexpr double kClose = 1.0 / 24;  // spacing in cells below which most vectors lie in one cell (`close`)
   const double *x0 = row.x, *y0 = row.y;
   Noise noise(row.z, seed, row.n > 1 && std::abs(x0[1] - x0[0]) + std::abs(y0[1] - y0[0]) < kClose);
   const auto add = [&](const double* x, const double* y, double* to) HWY_ATTR {
@@ -182,13 +182,13 @@ void AddNoise(const NoiseRow& row, std::uint32_t seed, double amplitude, double*
   if (c == row.n) return;
   // Pad the remaining positions to a full vector.
   constexpr std::size_t kMaxLanes = HWY_MAX_BYTES / sizeof(float);
-  double x[kMaxLanes] = {}, y[kMaxLanes] = {}, last[kMaxLanes] = {};
+  double x[kMaxLanes] = {}, y[kMaxLanes] = {}, rest[kMaxLanes] = {};
   const std::size_t left = row.n - c;
   std::copy_n(row.x + c, left, x);
   std::copy_n(row.y + c, left, y);
-  std::copy_n(heights + c, left, last);
-  add(x, y, last);
-  std::copy_n(last, left, heights + c);
+  std::copy_n(heights + c, left, rest);
+  add(x, y, rest);
+  std::copy_n(rest, left, heights + c);
 }
 
 #endif

@@ -21,20 +21,21 @@ DatasetPtr try_to_open(const std::string& path, const char* const* drivers) {
 }
 
 // Returns the bytes of one block when decoded: of all bands if they are interleaved pixel by pixel.
-std::uint64_t block_bytes(GDALRasterBand& band, int interleaved_bands) {
+std::uint64_t block_bytes(GDALRasterBand& band, int bands_per_block) {
   int width = 0, height = 0;
   band.GetBlockSize(&width, &height);
   return static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height) *
          static_cast<std::uint64_t>(GDALGetDataTypeSizeBytes(band.GetRasterDataType())) *
-         static_cast<std::uint64_t>(interleaved_bands);
+         static_cast<std::uint64_t>(bands_per_block);
 }
 
-// Throws DataError if a block is too large. Each read decodes whole blocks, and such a read cannot be interrupted.
+// Throws DataError if a block is too large: reading one sample decodes its whole block, and nothing can interrupt that.
+// `whose`: owner_of() the source of a VRT, else empty.
 void check_blocks(GDALDataset& dataset, CheckScope scope, const std::string& path, const std::string& whose) {
   const char* interleave = dataset.GetMetadataItem("INTERLEAVE", "IMAGE_STRUCTURE");
-  const int interleaved = interleave && EQUAL(interleave, "PIXEL") ? dataset.GetRasterCount() : 1;
-  const auto check = [&](GDALRasterBand* band, int interleaved_bands) {
-    const std::uint64_t bytes = band ? block_bytes(*band, interleaved_bands) : 0;
+  const int bands_per_block = interleave && EQUAL(interleave, "PIXEL") ? dataset.GetRasterCount() : 1;
+  const auto check = [&](GDALRasterBand* band, int bands) {
+    const std::uint64_t bytes = band ? block_bytes(*band, bands) : 0;
     if (bytes > kBlockCache_bytes)
       throw DataError(path, fmt::format("one block of {}samples takes {} MiB decoded, more than {}: tile it, e.g. with "
                                         "gdal_translate -co TILED=YES",
@@ -42,9 +43,9 @@ void check_blocks(GDALDataset& dataset, CheckScope scope, const std::string& pat
   };
   for (int b = 1; b <= dataset.GetRasterCount(); ++b) {
     GDALRasterBand& band = *dataset.GetRasterBand(b);
-    check(&band, interleaved);
+    check(&band, bands_per_block);
     if (scope == CheckScope::again) continue;
-    for (int i = 0; i < band.GetOverviewCount(); ++i) check(band.GetOverview(i), interleaved);
+    for (int i = 0; i < band.GetOverviewCount(); ++i) check(band.GetOverview(i), bands_per_block);
     check(mask_of(band), 1);
   }
 }

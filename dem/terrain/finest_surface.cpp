@@ -19,10 +19,10 @@ struct RadialRay {
   const Terrain& terrain;
   Vec3 direction;
   const StopToken& stop;
-  double slack;  // tolerance outside a triangle's edges, as a share of the triangle
+  double slack;  // tolerance outside a triangle's edges, in barycentric coordinates
 };
 
-// Returns whether the ray intersects a quad of the finest surface; then sets the answer's height and sources.
+// Returns whether the ray intersects a quad of the finest surface; then sets all of the answer but its place.
 bool intersects_quad(const RadialRay& ray, const Block& block, const FinestEdges& edges, int r, int c,
                      HeightAnswer& answer) {
   for (const bool upper : {false, true}) {
@@ -31,12 +31,13 @@ bool intersects_quad(const RadialRay& ray, const Block& block, const FinestEdges
     const auto distance = radial_distance({vertex(0), vertex(1), vertex(2)}, ray.direction, ray.slack);
     if (!distance) continue;
     answer.height_m = *distance - kMoonRadius_m;
-    const SourceIndex from = source_of(block.source(q.r[0], q.c[0]));
+    // The answer names one source: that of the triangle's first vertex.
+    const SourceIndex source = source_of(block.source(q.r[0], q.c[0]));
     for (int i = 0; i < 3; ++i) {
       answer.filled |= is_filled(block.source(q.r[i], q.c[i]));
       answer.blended |= is_blended(block.source(q.r[i], q.c[i]));
     }
-    answer.source = from == kNoSource ? -1 : static_cast<int>(from);
+    answer.source = source == kNoSource ? -1 : static_cast<int>(source);
     if (answer.source >= 0)
       answer.post_spacing_m = ray.terrain.catalogue().rasters()[static_cast<std::size_t>(answer.source)].post_spacing_m;
     return true;

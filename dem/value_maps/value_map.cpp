@@ -33,6 +33,7 @@ struct TileKeyHash {
   std::size_t operator()(const TileKey& key) const { return hash_of(&key, sizeof key); }
 };
 
+// Values of the texels, then their shares that have data, unless each valid texel is complete.
 using Tile = std::shared_ptr<const std::vector<float>>;
 
 double fourth_root(double value) { return std::sqrt(std::sqrt(value)); }
@@ -263,7 +264,8 @@ const std::vector<float>& ValueMap::Sampler::tile(int tx, int ty, int level) {
   return *entry.tile;
 }
 
-// Returns a texel's value times the share of it that has data, and that share.
+// Returns a texel's value times the share of it that has data, and that share. x, y: column and row in the level; may
+// lie outside the map.
 ValueMap::Sampler::Sum ValueMap::Sampler::texel(int x, int y, int level) {
   const Impl& map = *map_->impl_;
   const int w = map.level_width(level);

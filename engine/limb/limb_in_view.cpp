@@ -374,6 +374,7 @@ std::vector<TerminatorPoint> find_terminator(const LimbRequest& request, const R
     landmarks.push_back({g.lat_deg, g.lon_deg, g.height_m});
     landmark_points.push_back(&point);
   }
+  // Without a shutter, objects and the Sun: only pixel and visibility are needed.
   const std::vector<Landmark> sightings =
       project_landmarks(request.camera, request.pose, std::nullopt, landmarks, {}, std::nullopt, context);
   for (std::size_t k = 0; k < sightings.size(); ++k) {

@@ -40,8 +40,8 @@ struct LimbPoint {
 
 // A point of the terminator. Azimuths are angles around the direction to the Sun's centre, from the Moon's north pole
 // through the east as viewed from the Sun. The terrain's terminator is its limb as viewed from the Sun's centre: in the
-// half plane of an azimuth, the last ground toward the night that a ray from there hits. Positions are imaged even if
-// the camera cannot see them.
+// half plane of an azimuth, the last ground toward the night that a ray from there hits. Pixel coordinates are set
+// even if the camera cannot see the position.
 struct TerminatorPoint {
   static constexpr double kNone = LimbPoint::kNone;
 
@@ -55,7 +55,7 @@ struct TerminatorPoint {
 };
 
 // Returns the limb of the finest terrain, without rocks, and that of the sphere, in order of azimuth. A point has no
-// terrain if its line of sight passes ground without data below the height of the highest terrain. Throws
+// terrain if its line of sight, where it is lower than the highest terrain, passes over ground without data. Throws
 // ImpossibleRequest for a camera below the terrain, DataError and Cancelled.
 std::vector<LimbPoint> find_limb(const LimbRequest& request, const RenderContext& context);
 

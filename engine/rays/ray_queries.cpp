@@ -229,17 +229,19 @@ class RayCaster {
     return hit == hits.end() ? Vec3::UnitZ() : hit->position_m;
   }
 
-  // Calls work(scene, scenery, batch, first, count) on packets of a subset of the rays. The subset is split into
-  // batches whose terrain fits into one scene; rays that enter the terrain near each other share a batch. Terrain is
-  // selected along each ray up to `to_m`. Where `toward` is not empty, terrain is selected along all its directions
-  // instead, also from below the ground.
+  // Calls work(scene, scenery, batch, first, count) on packets of a subset of the rays: those from batch[first] on. The
+  // subset is split into batches whose terrain fits into one scene; rays that enter the terrain near each other share a
+  // batch. Terrain is selected along each ray up to `to_m`. If `toward` is not empty, terrain is instead selected from
+  // the origin of each ray along every direction of `toward`, without limit.
   template <typename Work>
   void in_batches(const std::vector<Ray>& rays, const RayIndices& subset, const std::vector<double>& to_m, Work&& work,
                   const std::vector<Vec3>& toward = {}) {
+    constexpr int kBatchLevel = 6;  // rays that enter one block of this level, a degree wide, share a batch
     std::vector<std::pair<dem::BlockId, std::size_t>> entry_blocks;
     for (const std::size_t i : subset) {
+      // The anchor of a view along the ray is near its origin or, for a distant one, near its entry into the terrain.
       const Geographic g = to_geographic(anchor_for(rays[i].origin_m, rays[i].direction));
-      entry_blocks.emplace_back(dem::block_at_place(6, g.lat_deg, g.lon_deg), i);
+      entry_blocks.emplace_back(dem::block_at_place(kBatchLevel, g.lat_deg, g.lon_deg), i);
     }
     std::sort(entry_blocks.begin(), entry_blocks.end());
     RayIndices order;

@@ -185,8 +185,10 @@ void add_lit(const std::vector<float>& lit, std::vector<double>& sum) {
   for (std::size_t i = 0; i < lit.size(); ++i) sum[i] += static_cast<double>(lit[i]);  // NaN (no data) stays NaN
 }
 
-void write_illumination(const api::MapQuery& query, const std::vector<double>& sum, const std::vector<Epoch>& epochs,
-                        const MapSettings& settings, const std::string& path) {
+// Writes the mean of `lit` over the epochs as GeoTIFF. `sum`: of `lit`, per pixel. `last_query`: that of the last
+// epoch.
+void write_illumination(const api::MapQuery& last_query, const std::vector<double>& sum,
+                        const std::vector<Epoch>& epochs, const MapSettings& settings, const std::string& path) {
   std::vector<float> fraction(sum.size());
   std::transform(sum.begin(), sum.end(), fraction.begin(),
                  [&](double total) { return static_cast<float>(total / static_cast<double>(epochs.size())); });
@@ -196,8 +198,8 @@ void write_illumination(const api::MapQuery& query, const std::vector<double>& s
                                     {"to", utc_of(epochs.back())},
                                     {"step_s", step_of(settings.utc[2]).count()},
                                     {"epochs", epochs.size()},
-                                    {"last_request", api::resolved_json(query)}};
-  write_whole(path, api::encode_illumination(query, fraction, meta));
+                                    {"last_request", api::resolved_json(last_query)}};
+  write_whole(path, api::encode_illumination(last_query, fraction, meta));
 }
 
 constexpr const char* kNoData = "of the pixels has no data: NaN, 65535 in source, 0 in a PNG";
