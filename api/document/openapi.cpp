@@ -164,15 +164,16 @@ OrderedJson problem_schema() {
                 {"type", "title", "status", "detail"});
 }
 
+// Returns the document's `components`. `answers`: schemas of the answers, by name.
 OrderedJson components(const Limits& limits, const OrderedJson& answers) {
   OrderedJson schemas = OrderedJson::object();
   for (const MemberTable* table : request_tables()) schemas[std::string(table->name())] = table->schema(limits);
   schemas.update(answers);
   schemas["Problem"] = problem_schema();
-  const OrderedJson timeout =
-      parameter_json("Request-Timeout-Ms", "header",
-                     "Time limit in milliseconds, after which the answer is 504; at most the service's own deadline",
-                     false, {{"type", "integer"}, {"minimum", 1}, {"default", limits.default_deadline.count()}});
+  const OrderedJson timeout = parameter_json(
+      "Request-Timeout-Ms", "header",
+      "Time limit in milliseconds, after which the answer is 504; at most the service's own deadline",
+      /*required=*/false, {{"type", "integer"}, {"minimum", 1}, {"default", limits.default_deadline.count()}});
   return {{"schemas", schemas},
           {"responses", problem_responses()},
           {"headers", headers()},

@@ -144,22 +144,23 @@ std::size_t bytes_of(const engine::FrameRequest& request) {
   if (arrays & engine::kImage) arrays |= engine::kRadiance;
   const bool needs_ranges = engine::wants_ranges(request);
   if (needs_ranges) arrays |= engine::kRange;
-  // Products that have every pixel; the others are subsampled by the truth grid. Ranges for craters and the sky are
-  // taken of every pixel, and the truth grid is then applied only afterwards.
+  // Products that have every pixel; the others are subsampled by the truth grid. If craters or the sky need ranges, all
+  // are drawn in every pixel and subsampled afterwards.
   const engine::ProductSet full_size = request.truth && !needs_ranges ? arrays & ~engine::kTruth : arrays;
   // The working memory is free again when the answer is encoded, so that only the larger of the two counts.
-  const std::size_t answer_bytes = bytes_per_pixel(request.products & full_size),
-                    working_bytes = engine::working_bytes_per_pixel(request);
-  // Labels have three arrays of uint16: the rocks' numbers and the two masks.
-  const std::size_t bytes_of_masks =
+  const std::size_t answer_bytes_per_pixel = bytes_per_pixel(request.products & full_size),
+                    working_bytes_per_pixel = engine::working_bytes_per_pixel(request);
+  // kRock stands for the labels, three arrays of uint16: the rocks' numbers and the two masks.
+  const std::size_t bytes_of_labels =
       request.products & engine::kRock ? 3 * sizeof(std::uint16_t) * engine::rendered_pixels(request) : 0;
   // Subsampled products exist twice: as arrays and in the answer.
   const std::size_t truth_bytes =
       request.truth ? request.truth->size() * 2 * bytes_per_pixel(arrays & engine::kTruth) : 0;
   return truth_bytes +
-         engine::rendered_pixels(request) * (bytes_per_pixel(full_size) + std::max(working_bytes, answer_bytes)) +
+         engine::rendered_pixels(request) *
+             (bytes_per_pixel(full_size) + std::max(working_bytes_per_pixel, answer_bytes_per_pixel)) +
          engine::bytes_of_rows(request.camera, request.shutter) + engine::bytes_of_rocks(request.detail.get()) +
-         engine::bytes_of_craters(request) + bytes_of_sky(request) + bytes_of_masks;
+         engine::bytes_of_craters(request) + bytes_of_sky(request) + bytes_of_labels;
 }
 
 // Pointers of the members that the engine names in its errors. Errors without a member are about the camera's pose.

@@ -85,8 +85,9 @@ PolarZone polar_zone_of(std::int64_t lat_tick) {
 }
 
 // Fills a pole that no file holds: tiles of one product end a post before the south pole. All columns of the row `pole`
-// are this one point. They get the mean of the valid posts among 16 on the next row, which do not depend on the window.
-// Returns the unusable files that a coarser layer replaced.
+// are this one point. They get the mean of the valid posts among 16 on the next row, which do not depend on the window,
+// and the source of the first of these; if none is valid, the row stays as it is. Returns the unusable files that a
+// coarser layer replaced on the next row.
 std::vector<SourceIndex> fill_pole(const PostSource& source, const PostWindow& pole, float* heights,
                                    SourceMark* sources) {
   PostWindow ring = pole;

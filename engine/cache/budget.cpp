@@ -31,8 +31,9 @@ void approach(std::atomic<double>& value, double measured_to_predicted, double s
 FrameWork work_of(const FrameRequest& request, const Accuracy& accuracy, Visibility visibility, double triangles,
                   bool build) {
   const double pixels = static_cast<double>(request.camera.width) * request.camera.height;
-  const bool centres_too = accuracy.samples_per_pixel > 1 && wants_geometry(request);
-  // Cost per sample when the z-buffer draws four at once: together they take a little more than twice one sample.
+  // With several samples, geometry takes one more ray, through the pixel's centre.
+  const double centre_rays = accuracy.samples_per_pixel > 1 && wants_geometry(request) ? 1 : 0;
+  // Cost per sample when the z-buffer draws several at once: four take a little more than twice the time of one.
   constexpr double kPerSampleAtOnce = 0.55;
   const bool at_once = visibility == Visibility::zbuffer && drawn_at_once(request, accuracy, visibility) > 1;
   // Supersampling edges doubles the time.
@@ -40,12 +41,13 @@ FrameWork work_of(const FrameRequest& request, const Accuracy& accuracy, Visibil
   const double samples =
       !wants_radiance(request)
           ? 1
-          : accuracy.samples_per_pixel * edge_factor * (at_once ? kPerSampleAtOnce : 1) + centres_too;
-  // Shadow rays per sample of an extended Sun. For the z-buffer, horizons cost as much as the shadow map. Ray tracing
-  // casts nine rays to the disc, and 256 in the penumbra, which covers about a tenth of a frame.
+          : accuracy.samples_per_pixel * edge_factor * (at_once ? kPerSampleAtOnce : 1) + centre_rays;
+  // Shadow rays per sample of an extended Sun. For the z-buffer, the shadow map and horizons, which cost as much. Ray
+  // tracing casts nine rays to the disc, and 256 in the penumbra, which covers about a tenth of a frame.
   constexpr double kByHorizons = 2, kByRays = 35;
   const double disc_rays = visibility == Visibility::zbuffer ? kByHorizons : kByRays;
-  const double per_sample = 1 + (!wants_light(request) ? 0 : request.sun.angular_radius_deg > 0 ? disc_rays : 1);
+  const double sun_rays = request.sun.angular_radius_deg > 0 ? disc_rays : 1;
+  const double per_sample = 1 + (wants_light(request) ? sun_rays : 0);
   return {pixels * samples * per_sample, triangles, build};
 }
 

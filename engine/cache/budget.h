@@ -23,7 +23,7 @@ struct BudgetChoice {
 
 // Work of a frame, from which its time is predicted.
 struct FrameWork {
-  double rays = 0;  // primary and shadow rays of all samples
+  double rays = 0;  // primary and shadow rays of all samples, or the cost of what replaces them
   double triangles = 0;
   bool build = false;  // its acceleration structure must be built
 };

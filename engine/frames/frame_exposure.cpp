@@ -107,8 +107,8 @@ std::vector<Ray> rays_to_sun_beside_image(const Exposing& exposing, std::span<co
   return rays;
 }
 
-// Adds the glare of the Sun: light that the optics scatter from the part of its disc that is beside the image and not
-// hidden in the middle of the exposure.
+// Adds the glare of the Sun: light that the optics scatter from the part of its disc that is outside the image and not
+// hidden at mid-exposure.
 void add_glare(const Exposing& exposing) {
   const FrameRequest& request = exposing.plan.request;
   const RenderContext& context = exposing.context;
@@ -116,17 +116,20 @@ void add_glare(const Exposing& exposing) {
   const Vec3 toward_sun = view.moon_from_camera().transpose() * request.sun.direction;
   const double within_deg = request.sensor->optics.stray_light.sun_within_deg;
   if (!(toward_sun.z() > std::cos(within_deg * kRadiansPerDegree))) return;
-  constexpr int kAcross = 9;
-  const auto places = places_on_sun(request.sun.direction, sun_radius_deg(request.sun.distance_au), kAcross);
-  const std::vector<Ray> rays = rays_to_sun_beside_image(exposing, places);
-  constexpr double kDetailWithin_m = 300;  // at 300 m, the Sun's disc is 3 m wide
+  constexpr int kAcross = 9;  // points on the Sun's diameter
+  const auto directions_to_disc =
+      places_on_sun(request.sun.direction, sun_radius_deg(request.sun.distance_au), kAcross);
+  const std::vector<Ray> rays = rays_to_sun_beside_image(exposing, directions_to_disc);
+  constexpr double kDetailWithin_m = 300;  // farther detail is left out: there the Sun's disc is 3 m wide
   const std::vector<HiddenBy> hidden = what_hides(rays, request.objects, request.terrain, context, kDetailWithin_m);
   const auto free = std::count(hidden.begin(), hidden.end(), HiddenBy::none);
   if (free == 0) return;
-  const Band counted = in_photons(*request.band, request.sensor->detector.efficiency);
-  const double irradiance_w_m2 = solar_irradiance_w_m2(counted) / (request.sun.distance_au * request.sun.distance_au);
-  const auto place_count = static_cast<double>(places.size());
-  exposing.sensor->add_glare(toward_sun, irradiance_w_m2 * static_cast<double>(free) / place_count, context.stop);
+  // Weight wavelengths as the detector counts photons; the irradiance stays in W m-2.
+  const Band detector_band = in_photons(*request.band, request.sensor->detector.efficiency);
+  const double irradiance_w_m2 =
+      solar_irradiance_w_m2(detector_band) / (request.sun.distance_au * request.sun.distance_au);
+  const auto direction_count = static_cast<double>(directions_to_disc.size());
+  exposing.sensor->add_glare(toward_sun, irradiance_w_m2 * static_cast<double>(free) / direction_count, context.stop);
 }
 
 // Radiance as the mean over an exposure in motion.

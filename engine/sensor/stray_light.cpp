@@ -138,7 +138,8 @@ ScatteredLight::ScatteredLight(const StrayLight& law, const Camera& camera, cons
       rows,
       [&](std::size_t y, double* out) {
         const std::size_t dy = std::min(y, rows - y);
-        for (std::size_t x = 0; dy < h && x < columns; ++x)
+        if (dy >= h) return;  // padding, which is zero
+        for (std::size_t x = 0; x < columns; ++x)
           if (const std::size_t dx = std::min(x, columns - x); dx < w) out[x] = quadrant[dy * w + dx];
       },
       stop);

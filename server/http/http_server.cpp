@@ -295,17 +295,21 @@ bool HttpServer::Impl::process_and_close_socket(socket_t socket) {
   const int on = 1;
   ::fcntl(socket, F_SETFD, FD_CLOEXEC);
   ::setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof(on));
+  bool has_owner = false;
   try {
     Connection connection(socket, peer_of(socket), options.send_pace);
+    has_owner = true;
     if (is_without_thread) {
-      // Linger although accepting waits meanwhile: a reset would discard the answer of a client that is still sending.
+      // Linger, although this thread accepts nobody meanwhile: a reset would discard the answer of a client that is
+      // still sending.
       if (connection.write_without_memory(spare_answer)) connection.linger(kLingerOfAcceptingThread);
     } else {
       serve_or_refuse(connection);
     }
-  } catch (const std::bad_alloc&) {  // no memory even for the Connection, whose destructor has closed the socket
+  } catch (const std::bad_alloc&) {
+    if (!has_owner) ::close(socket);  // no memory even for the Connection, which would have closed it
   }
-  return true;
+  return true;  // the library ignores it
 }
 
 // Refuses the connection if all connections are at work.

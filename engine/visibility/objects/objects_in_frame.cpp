@@ -341,9 +341,9 @@ void ObjectsInFrame::store(const Placed& object, std::uint32_t triangle, const R
   const Vec3 normal = ab.cross(ac);
   const Vec3 direction = object.object_from_moon * rays.direction(i),
              origin_from_a = object.to_object(rays.origin(i)) - a;
-  const double toward = normal.dot(direction);
-  if (toward == 0) return;  // edge-on: nothing of it is visible
-  const double distance = -normal.dot(origin_from_a) / toward;
+  const double along_normal = normal.dot(direction);
+  if (along_normal == 0) return;                                      // edge-on: nothing of it is visible
+  const double distance = -normal.dot(origin_from_a) / along_normal;  // in lengths of the ray's direction
   if (!(distance > 0 && distance < nearest[i])) return;
   nearest[i] = distance;
   const Vec3 hit_from_a = origin_from_a + distance * direction;
@@ -353,7 +353,7 @@ void ObjectsInFrame::store(const Placed& object, std::uint32_t triangle, const R
   const auto corner = [&](std::size_t k) -> Vec3 { return shape.corners[t.corner[k]].normal.cast<double>(); };
   const Vec3 smooth = (1 - v - w) * corner(0) + v * corner(1) + w * corner(2);
 
-  const Vec3 facet = (object.normals * ((toward > 0 ? -1 : 1) * normal)).normalized();
+  const Vec3 facet = (object.normals * ((along_normal > 0 ? -1 : 1) * normal)).normalized();
   Vec3 shading = object.normals * smooth;
   if (shading.dot(facet) < 0) shading = -shading;  // the ray sees the back of a sheet
   const Vec3 view_direction = rays.direction(i).normalized();

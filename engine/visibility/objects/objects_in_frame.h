@@ -31,7 +31,7 @@ struct ObjectLanes {
   SurfacePoints points;
   Shading shading;
   std::uint16_t object[kPacket];  // index into FrameRequest::objects, then into the rocks; or kNoObject
-  std::uint32_t part[kPacket];
+  std::uint32_t part[kPacket];    // index into the object's materials
   // Lanes that hit a rock, but see the soil against it: they count as ground.
   bool on_soil[kPacket];
 };
@@ -88,7 +88,7 @@ class ObjectsInFrame {
   };
   struct Placed {
     const ObjectMesh* mesh;
-    // rotates vectors; rotates normals from the object, changing their length
+    // Maps vectors to the object, including its scale; `normals` maps its normals to MOON_ME, not to unit length.
     Eigen::Matrix3d object_from_moon, normals;
     Vec3 position, tracer_origin;  // MOON_ME, m; tracer_origin: the origin of the rays of the tracer
     double scale;

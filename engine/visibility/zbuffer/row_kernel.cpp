@@ -85,7 +85,7 @@ void ShadeRow(const RowTerms& terms, RowPoints& points, const Facets& facets, Re
   const float sx = terms.sun[0];
   const float sy = terms.sun[1];
   const float sz = terms.sun[2];
-  const float horizon_m = terms.horizon_m;
+  const float centre_d_m = terms.centre_d_m;
   const float lommel_seeliger = terms.lommel_seeliger;
   const float lambert = terms.lambert;
   const float base = terms.base;
@@ -108,7 +108,7 @@ void ShadeRow(const RowTerms& terms, RowPoints& points, const Facets& facets, Re
     points.mu[i] = mu;
     const bool faces_sun = (normal_to_sun > 0) & (points.facing[i] > 0);
     const bool resolved = (points.inside[i] > kRowEdge) & (points.above[i] > 0) & (normal_to_ray < 0) &
-                          (!(points.facing[i] > 0) | (out.light.d[i] > horizon_m));
+                          (!(points.facing[i] > 0) | (out.light.d[i] > centre_d_m));
     out.radiance[i] = (faces_sun ? radiance : 0.F) + base;
     lit |= faces_sun ? 1U << i : 0U;
     all_resolved |= resolved ? 1U << i : 0U;
@@ -147,7 +147,7 @@ void reflect_row(const RowTerms& terms, const RowPoints& points, ResolvedRow& ou
   alignas(64) double cos_phase[kPacket];
   alignas(64) double mu0_brdf[kPacket];
   HWY_DYNAMIC_DISPATCH(RowCosines)(points, mu0, mu, cos_phase);
-  terms.open_brdf->times_mu0(mu0, mu, cos_phase, nullptr, mu0_brdf);
+  terms.other_brdf->times_mu0(mu0, mu, cos_phase, nullptr, mu0_brdf);
   for (int i = 0; i < kPacket; ++i)
     out.radiance[i] = (out.lit >> i & 1 ? static_cast<float>(terms.irradiance_w_m2 * mu0_brdf[i]) : 0.F) + terms.base;
 }
@@ -157,9 +157,9 @@ void reflect_row(const RowTerms& terms, const RowPoints& points, ResolvedRow& ou
 // Light space has its origin at the anchor, so the Moon's centre, the origin of MOON_ME, lies at -anchor.
 RowTerms::RowTerms(const View& view, const Vec3& anchor, const std::array<Vec3, 3>& axes, const Brdf& brdf,
                    double sunlight_w_m2, float base_w_m2_sr)
-    : horizon_m(static_cast<float>(-axes[2].dot(anchor))),
+    : centre_d_m(static_cast<float>(-axes[2].dot(anchor))),
       base(base_w_m2_sr),
-      open_brdf(brdf.terms() ? nullptr : &brdf),
+      other_brdf(brdf.terms() ? nullptr : &brdf),
       irradiance_w_m2(sunlight_w_m2) {
   const BrdfTerms closed = brdf.terms() ? *brdf.terms() : BrdfTerms();
   lommel_seeliger = static_cast<float>(irradiance_w_m2 * closed.lommel_seeliger);
@@ -183,7 +183,7 @@ void resolve_row(const Mesh& mesh, const RowTerms& terms, double x, double y, co
   RowPoints points;
   HWY_DYNAMIC_DISPATCH(FindRowPoints)(terms, facets, x, y, points, out);
   HWY_DYNAMIC_DISPATCH(ShadeRow)(terms, points, facets, out);
-  if (terms.open_brdf && out.resolved) reflect_row(terms, points, out);
+  if (terms.other_brdf && out.resolved) reflect_row(terms, points, out);
 }
 
 }  // namespace selenograph::engine

@@ -28,12 +28,13 @@ struct RowTerms {
   RowTerms(const View& view, const Vec3& anchor, const std::array<Vec3, 3>& axes, const Brdf& brdf,
            double sunlight_w_m2, float base_w_m2_sr);
 
-  double first[3], right[3], down[3], eye[3];  // LinearRays; MOON_ME, m
+  double first[3], right[3], down[3], eye[3];  // ray of pixel (0, 0), its change per pixel, the eye; MOON_ME, m
   double axis[3][3], from_eye[3];              // axes of light space, and the eye in it
   float sun[3];                                // toward the Sun
-  float horizon_m;                             // light-space d of the Moon's centre, which may hide the Sun from below
-  float lommel_seeliger, lambert, base;        // BrdfTerms times irradiance; W m-2 sr-1
-  const Brdf* open_brdf;                       // a reflectance without closed terms, which are then 0; else null
+  float centre_d_m;                            // light-space d of the Moon's centre: below it is the night side
+  float lommel_seeliger, lambert;              // BrdfTerms times irradiance; W m-2 sr-1
+  float base;                                  // radiance without the Sun, W m-2 sr-1
+  const Brdf* other_brdf;                      // a reflectance that is no sum of these two terms; else null
   double irradiance_w_m2;
 };
 
