@@ -126,9 +126,12 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
   Rays rays;
   rays_.aim(PacketShape::row, row.x, row.y, sample.dx, sample.dy, tiling_.bends() ? &row.lens : nullptr, rays);
   Facets facets;
+  TriangleId drawn[kPacket];
+  std::memcpy(static_cast<void*>(drawn), points.triangle, sizeof drawn);
   refine(job_.scene.mesh, rays, points, facets);
-  // Resolve again by the refined triangles: a pixel must not depend on the triangles that float proposed for its row.
-  if (by_kernel.resolved != kAllLanes) resolve_by_kernel(row, points, by_kernel);
+  // Resolve again by triangles that differ: a pixel must not depend on the triangles that float proposed for its row.
+  if (by_kernel.resolved != kAllLanes && std::memcmp(drawn, points.triangle, sizeof drawn) != 0)
+    resolve_by_kernel(row, points, by_kernel);
   store_row(row, by_kernel, samples);
   resolve_points(row, rays, points, facets, by_kernel, counts, samples, sampler);
 }
