@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <ranges>
 #include <utility>
 #include <vector>
 
@@ -186,8 +185,9 @@ std::string landmarks_npz(std::span<const engine::Landmark> landmarks, std::span
   if (query.shutter) arrays.add("time_s", landmarks, &Landmark::time_s);
   if (query.sun_given) arrays.add("lit", landmarks, &Landmark::lit);
   if (query.request.indirect.any()) add_irradiances(arrays, light);
-  arrays.add("reason", std::views::iota(std::size_t{0}, landmarks.size()), [&](std::size_t i) {
-    return static_cast<std::uint8_t>(reason_of({landmarks[i], light[i], query.points[i], query, catalogue}));
+  arrays.add("reason", landmarks, [&](const Landmark& landmark) {
+    const auto i = static_cast<std::size_t>(&landmark - landmarks.data());
+    return static_cast<std::uint8_t>(reason_of({landmark, light[i], query.points[i], query, catalogue}));
   });
   return arrays.npz("{}");
 }

@@ -163,9 +163,10 @@ std::optional<HeightRange> DetailedTerrain::bounds_from_ancestor(const BlockId& 
   // Read the coarser block's vertices over the block, rounded outward. Its error bounds what lies between them.
   const BlockExtent e = extent_of(id), &outer = coarser->extent;
   HeightRange range{kHighestRelief_m, kLowestRelief_m};
-  const auto steps_up = [](std::int32_t length, std::int32_t step) { return (length + step - 1) / step; };
-  for (int r = (e.lat0 - outer.lat0) / outer.lat_step; r <= steps_up(e.lat1() - outer.lat0, outer.lat_step); ++r)
-    for (int c = (e.lon0 - outer.lon0) / outer.lon_step; c <= steps_up(e.lon1() - outer.lon0, outer.lon_step); ++c) {
+  const auto steps_up = [](Tick length, Tick step) { return steps_in(length + step - 1, step); };
+  for (int r = steps_in(e.lat0 - outer.lat0, outer.lat_step); r <= steps_up(e.lat1() - outer.lat0, outer.lat_step); ++r)
+    for (int c = steps_in(e.lon0 - outer.lon0, outer.lon_step); c <= steps_up(e.lon1() - outer.lon0, outer.lon_step);
+         ++c) {
       const float height_m = coarser->vertices[coarser->index(r, c)].height_m;
       if (std::isnan(height_m)) return std::nullopt;
       range.low = std::min(range.low, height_m);
@@ -189,14 +190,12 @@ std::shared_ptr<const Block> DetailedTerrain::block(const BlockId& id, const Sto
   });
 }
 
-std::shared_ptr<const Block> DetailedTerrain::block_or_quad(const BlockId& id, std::int32_t lat, std::int32_t lon,
+std::shared_ptr<const Block> DetailedTerrain::block_or_quad(const BlockId& id, Tick lat, Tick lon,
                                                             const StopToken& stop) const {
   if (!has_detail(id)) return plain_->block(id, stop);
   if (const auto hit = cache_.find(GroundCache::Kind::block, id)) return *hit;
   const BlockExtent e = extent_of(id);
-  const auto vertex_before = [](std::int32_t tick, std::int32_t origin, std::int32_t step) {
-    return origin + (tick - origin) / step * step;
-  };
+  const auto vertex_before = [](Tick tick, Tick origin, Tick step) { return origin + (tick - origin) / step * step; };
   const BlockExtent quad{vertex_before(lat, e.lat0, e.lat_step), vertex_before(lon, e.lon0, e.lon_step), e.lat_step,
                          e.lon_step, 1};
   return cache_.run_in_arena(posts_to_await(id), stop, [&] { return maker_.heights(id, quad, stop); });

@@ -43,8 +43,7 @@ class DetailedTerrain final : public Terrain {
   std::vector<DetailOfPosts> detail_at(double lat_deg, double lon_deg) const { return layers_.at(lat_deg, lon_deg); }
   // Returns the block if it is available, else only its quad at a position in ticks: the same heights to the bit, no
   // normals, sources or bounds. For callers that need few positions of a block.
-  std::shared_ptr<const Block> block_or_quad(const BlockId& id, std::int32_t lat, std::int32_t lon,
-                                             const StopToken& stop = {}) const;
+  std::shared_ptr<const Block> block_or_quad(const BlockId& id, Tick lat, Tick lon, const StopToken& stop = {}) const;
 
   // As the functions of unloaded_blocks.h.
   std::optional<NodeInfo> outline(const BlockId& id, const StopToken& stop = {}) const;

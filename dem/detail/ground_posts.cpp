@@ -72,19 +72,18 @@ std::optional<HeightRange> GroundPosts::range_around(const BlockId& id, int laye
 double PostReader::height_on_row(std::int64_t lat, std::int64_t lon) {
   std::int64_t lon_offset = 0;  // half a turn beyond a pole
   if (lat < 0 || lat > kLatTicks) {
-    lat = lat < 0 ? -lat : 2 * std::int64_t{kLatTicks} - lat;
+    lat = lat < 0 ? -lat : 2 * kLatTicks - lat;
     lon_offset = kLonTicks / 2;
   }
-  const auto row_lat = static_cast<std::int32_t>(lat);
-  const std::int32_t step = lon_step(row_lat);
+  const Tick step = lon_step(lat);
   const std::int64_t lon_tick = std::int64_t{wrap_lon(lon + lon_offset)}, first = floor_to(lon_tick, step);
-  if (first == lon_tick) return post_m(row_lat, lon_tick);
-  const double t = static_cast<double>(lon_tick - first) / step;
+  if (first == lon_tick) return post_m(lat, lon_tick);
+  const double t = static_cast<double>(lon_tick - first) / static_cast<double>(step);
   const std::array<double, 4> w = cubic_weights(t);
-  if (row_lat != cached_quad_lat_ || first != cached_quad_lon_) {
+  if (lat != cached_quad_lat_ || first != cached_quad_lon_) {
     for (int i = 0; i < 4; ++i)
-      cached_posts_m_[static_cast<std::size_t>(i)] = post_m(row_lat, first + (i - 1) * std::int64_t{step});
-    cached_quad_lat_ = row_lat;
+      cached_posts_m_[static_cast<std::size_t>(i)] = post_m(lat, first + (i - 1) * std::int64_t{step});
+    cached_quad_lat_ = lat;
     cached_quad_lon_ = first;
   }
   double sum = 0;
@@ -118,17 +117,16 @@ void PostReader::append_sources(std::int64_t lat, std::span<const std::int64_t> 
   const std::size_t n = lons.size(), before = out.size();
   // Copy the sources of the row before where the nearest posts are the same, as they are for most rows.
   for (std::size_t c = 0; c < n; ++c)
-    out.push_back(nearest == last_source_lat_ ? out[before - n + c]
-                                              : source(static_cast<std::int32_t>(nearest), lons[c]));
+    out.push_back(nearest == last_source_lat_ ? out[before - n + c] : source(nearest, lons[c]));
   last_source_lat_ = nearest;
 }
 
-SourceMark PostReader::source(std::int32_t row_lat, std::int64_t lon) {
-  const std::int32_t step = lon_step(row_lat);
+SourceMark PostReader::source(Tick lat, std::int64_t lon) {
+  const Tick step = lon_step(lat);
   const std::int64_t nearest_lon = floor_to(std::int64_t{wrap_lon(lon)} + step / 2, step);
-  if (row_lat == marked_lat_ && nearest_lon == marked_lon_) return mark_;
-  const PostRef p = find_post(row_lat, nearest_lon);
-  marked_lat_ = row_lat;
+  if (lat == marked_lat_ && nearest_lon == marked_lon_) return mark_;
+  const PostRef p = find_post(lat, nearest_lon);
+  marked_lat_ = lat;
   marked_lon_ = nearest_lon;
   return mark_ = p.block ? p.block->source(p.r, p.c) : kNoSource;
 }
@@ -145,25 +143,25 @@ const std::vector<double>& PostReader::heights_on_row(std::int64_t lat, std::spa
 
 // Returns the spacing of posts along a row. A row on the border of two rows of blocks with different spacing uses the
 // larger one, whose posts both have.
-std::int32_t PostReader::lon_step(std::int32_t lat) {
+Tick PostReader::lon_step(Tick lat) {
   if (lat == cached_step_lat_) return lon_step_;
-  const auto step_at = [&](std::int32_t block_lat) {
+  const auto step_at = [&](Tick block_lat) {
     const BlockId id = block_at(level_, block_lat, 0);
     return lat_step() << lon_shift(level_, id.row);
   };
   cached_step_lat_ = lat;
-  return lon_step_ =
-             std::max(step_at(std::clamp(lat, 0, kLatTicks - 1)), step_at(std::clamp(lat - 1, 0, kLatTicks - 1)));
+  return lon_step_ = std::max(step_at(std::clamp<Tick>(lat, 0, kLatTicks - 1)),
+                              step_at(std::clamp<Tick>(lat - 1, 0, kLatTicks - 1)));
 }
 
-double PostReader::post_m(std::int32_t lat, std::int64_t lon) {
+double PostReader::post_m(Tick lat, std::int64_t lon) {
   const PostRef p = find_post(lat, lon);
   if (!p.block) return std::numeric_limits<double>::quiet_NaN();
   return static_cast<double>(p.block->vertices[p.block->index(p.r, p.c)].height_m);
 }
 
-PostReader::PostRef PostReader::find_post(std::int32_t lat, std::int64_t lon) {
-  const std::int32_t wrapped = wrap_lon(lon);
+PostReader::PostRef PostReader::find_post(Tick lat, std::int64_t lon) {
+  const Tick wrapped = wrap_lon(lon);
   // A block's last row is the first row of the block to the north. The pole has no block to the north.
   const PostRef p = post_in_block(block_at(level_, std::min(lat, kLatTicks - 1), wrapped), lat, wrapped);
   // If the block to the north has no posts, take the row from the block to the south.
@@ -171,18 +169,18 @@ PostReader::PostRef PostReader::find_post(std::int32_t lat, std::int64_t lon) {
   return post_in_block(block_at(level_, lat - 1, wrapped), lat, wrapped);
 }
 
-PostReader::PostRef PostReader::post_in_block(const BlockId& id, std::int32_t lat, std::int32_t lon) {
+PostReader::PostRef PostReader::post_in_block(const BlockId& id, Tick lat, Tick lon) {
   const Block* block = kind_ == GroundPosts::Kind::mean_correction
                            ? correction_at(id, lat, lon)
                            : find_block(id, [&] { return ground_.block(kind_, id, stop_); });
   if (!block) return {};
   const BlockExtent& e = block->extent;
-  return {block, (lat - e.lat0) / e.lat_step, (lon - e.lon0) / e.lon_step};
+  return {block, steps_in(lat - e.lat0, e.lat_step), steps_in(lon - e.lon0, e.lon_step)};
 }
 
-const Block* PostReader::correction_at(const BlockId& id, std::int32_t lat, std::int32_t lon) {
+const Block* PostReader::correction_at(const BlockId& id, Tick lat, Tick lon) {
   const BlockExtent e = extent_of(id);
-  const SubBlock sub_block = SubBlock::of(id, (lat - e.lat0) / e.lat_step, (lon - e.lon0) / e.lon_step);
+  const SubBlock sub_block = SubBlock::of(id, steps_in(lat - e.lat0, e.lat_step), steps_in(lon - e.lon0, e.lon_step));
   return find_block(sub_block.key(), [&] { return ground_.mean_correction(sub_block, stop_); });
 }
 

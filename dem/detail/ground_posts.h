@@ -70,14 +70,14 @@ class PostReader {
     int r = 0, c = 0;
   };
 
-  std::int32_t lat_step() const { return 1 << (kTickLevel - level_); }
-  std::int32_t lon_step(std::int32_t lat);
-  SourceMark source(std::int32_t row_lat, std::int64_t lon);
+  Tick lat_step() const { return Tick{1} << (kTickLevel - level_); }
+  Tick lon_step(Tick lat);
+  SourceMark source(Tick row_lat, std::int64_t lon);
   const std::vector<double>& heights_on_row(std::int64_t lat, std::span<const std::int64_t> lons);
-  double post_m(std::int32_t lat, std::int64_t lon);
-  PostRef find_post(std::int32_t lat, std::int64_t lon);
-  PostRef post_in_block(const BlockId& id, std::int32_t lat, std::int32_t lon);
-  const Block* correction_at(const BlockId& id, std::int32_t lat, std::int32_t lon);
+  double post_m(Tick lat, std::int64_t lon);
+  PostRef find_post(Tick lat, std::int64_t lon);
+  PostRef post_in_block(const BlockId& id, Tick lat, Tick lon);
+  const Block* correction_at(const BlockId& id, Tick lat, Tick lon);
   template <typename Load>
   const Block* find_block(const BlockId& key, const Load& load);
 
@@ -90,12 +90,12 @@ class PostReader {
   BlockId latest_id_;
   const Block* latest_ = nullptr;
   std::unordered_map<std::int64_t, std::vector<double>> rows_;  // heights_on_row, by latitude in ticks
-  std::int32_t cached_step_lat_ = -1, lon_step_ = 0;
-  std::int32_t cached_quad_lat_ = -1;
+  Tick cached_step_lat_ = -1, lon_step_ = 0;
+  Tick cached_quad_lat_ = -1;
   std::int64_t cached_quad_lon_ = -1;
   std::array<double, 4> cached_posts_m_{};
   std::int64_t last_source_lat_ = -1;
-  std::int32_t marked_lat_ = -1;
+  Tick marked_lat_ = -1;
   std::int64_t marked_lon_ = -1;
   SourceMark mark_ = kNoSource;
 };

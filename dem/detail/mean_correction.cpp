@@ -37,7 +37,7 @@ class CraterAmongPosts {
                  column = (g.lon_deg + 180) * kTicksPerDegree / e.lon_step;
     north_ = row - std::floor(row);
     east_ = column - std::floor(column);
-    weight_ = correction_weight(static_cast<std::int32_t>(row * e.lat_step), e.lat_step);
+    weight_ = correction_weight(static_cast<Tick>(row * e.lat_step), e.lat_step);
     samples_ = Detail::samples_per_cell(octave_of(crater.diameter_m), posts_level);
   }
 
@@ -168,7 +168,7 @@ std::vector<double> sharpened(const std::vector<double>& means, std::size_t side
   return out;
 }
 
-double correction_weight(std::int32_t lat, std::int32_t lat_step) {
+double correction_weight(Tick lat, Tick lat_step) {
   const double posts_from_pole = static_cast<double>(std::min(lat, kLatTicks - lat)) / lat_step;
   return std::clamp((posts_from_pole - 2) / 6, 0.0, 1.0);
 }

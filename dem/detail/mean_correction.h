@@ -28,7 +28,7 @@ std::vector<double> sharpened(const std::vector<double>& means, std::size_t side
 
 // Returns the weight of the correction on a row of posts, 0 to 1. It is 0 beside a pole, where cells are slivers: their
 // means would form rays that meet in the pole.
-double correction_weight(std::int32_t lat, std::int32_t lat_step);
+double correction_weight(Tick lat, Tick lat_step);
 
 // 16 x 16 quads of a block of posts, the unit in which mean corrections are made: a lander sees few posts, and a whole
 // block would correct many that it never uses.

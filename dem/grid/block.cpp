@@ -11,7 +11,7 @@ void fill_trigonometry(Block& block) {
   for (std::size_t i = 0; i < n; ++i) {
     // Convert ticks to degrees without rounding, so that all blocks have the same bits at a common position. Sines and
     // cosines of multiples of 90 degrees are exact.
-    const auto [sin_lat, cos_lat] = sine_cosine_of_deg(lat_deg_of(e.lat0 + static_cast<std::int32_t>(i) * e.lat_step));
+    const auto [sin_lat, cos_lat] = sine_cosine_of_deg(lat_deg_of(e.lat0 + static_cast<Tick>(i) * e.lat_step));
     const auto [sin_lon, cos_lon] =
         sine_cosine_of_deg(lon_deg_of(wrap_lon(e.lon0 + static_cast<std::int64_t>(i) * e.lon_step)));
     block.sin_lat[i] = sin_lat;

@@ -13,7 +13,7 @@ namespace {
 
 constexpr int kBlockQuads = 64;
 
-int lat_step_of(int level) { return 1 << (kTickLevel - level); }
+Tick lat_step_of(int level) { return Tick{1} << (kTickLevel - level); }
 
 }  // namespace
 
@@ -21,11 +21,11 @@ std::string to_string(const BlockId& id) { return fmt::format("L{:02} r{} c{}", 
 
 int quads_per_side(int level) { return level >= kRootLevel ? kBlockQuads : kBlockQuads >> (kRootLevel - level); }
 
-int rows_of(int level) { return kLatTicks / (quads_per_side(level) * lat_step_of(level)); }
+int rows_of(int level) { return static_cast<int>(kLatTicks / (quads_per_side(level) * lat_step_of(level))); }
 
 // Doubles the step while quads, at the row's edge nearest to the equator, stay at most half as wide as high.
 int lon_shift(int level, int row) {
-  const std::int32_t side = quads_per_side(level) * lat_step_of(level);
+  const Tick side = quads_per_side(level) * lat_step_of(level);
   const double south = std::abs(lat_deg_of(row * side)), north = std::abs(lat_deg_of((row + 1) * side));
   const double equatorward_deg =
       (row * side <= kLatTicks / 2 && (row + 1) * side >= kLatTicks / 2) ? 0 : std::min(south, north);
@@ -39,12 +39,12 @@ int lon_shift(int level, int row) {
 }
 
 int columns_of(int level, int row) {
-  return kLonTicks / ((quads_per_side(level) * lat_step_of(level)) << lon_shift(level, row));
+  return static_cast<int>(kLonTicks / ((quads_per_side(level) * lat_step_of(level)) << lon_shift(level, row)));
 }
 
 BlockExtent extent_of(const BlockId& id) {
   const int quads = quads_per_side(id.level);
-  const std::int32_t lat_step = lat_step_of(id.level), lon_step = lat_step << lon_shift(id.level, id.row);
+  const Tick lat_step = lat_step_of(id.level), lon_step = lat_step << lon_shift(id.level, id.row);
   return {id.row * quads * lat_step, id.col * quads * lon_step, lat_step, lon_step, quads};
 }
 
@@ -67,15 +67,15 @@ BlockId ancestor_of(const BlockId& id, int level) {
   return block_at(level, e.lat0, e.lon0);
 }
 
-BlockId block_at(int level, std::int32_t lat_tick, std::int32_t lon_tick) {
-  const std::int32_t side = quads_per_side(level) * lat_step_of(level);
-  const int row = std::min(lat_tick / side, rows_of(level) - 1);
-  return {level, row, lon_tick / (side << lon_shift(level, row))};
+BlockId block_at(int level, Tick lat_tick, Tick lon_tick) {
+  const Tick side = quads_per_side(level) * lat_step_of(level);
+  const int row = std::min(static_cast<int>(lat_tick / side), rows_of(level) - 1);
+  return {level, row, static_cast<int>(lon_tick / (side << lon_shift(level, row)))};
 }
 
-std::int32_t wrap_lon(std::int64_t lon_tick) {
-  const std::int64_t wrapped = lon_tick % kLonTicks;
-  return static_cast<std::int32_t>(wrapped < 0 ? wrapped + kLonTicks : wrapped);
+Tick wrap_lon(Tick lon_tick) {
+  const Tick wrapped = lon_tick % kLonTicks;
+  return wrapped < 0 ? wrapped + kLonTicks : wrapped;
 }
 
 double post_spacing_m(int level) { return kMetresPerDegree / static_cast<double>(std::int64_t{1} << level); }

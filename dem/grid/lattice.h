@@ -6,7 +6,7 @@
 // 1/4 to 1: by 2^lon_shift, constant along a row of blocks, 0 within 75.5 degrees of the equator, and never past a
 // block of 8 degrees.
 //
-// Positions are exact integers ("ticks" of 2^-20 degree): latitude from the south pole, longitude from -180 eastward.
+// Positions are exact integers ("ticks" of 2^-27 degree): latitude from the south pole, longitude from -180 eastward.
 // A position has the same tick at every level, hence the same sine and cosine, bit for bit.
 //
 //   level 4, one block          level 5, its four children        posts of both levels: x, of level 5 only: +
@@ -27,11 +27,16 @@
 namespace selenograph::dem {
 
 inline constexpr int kRootLevel = 4;
-inline constexpr int kMaxLevel = 19;  // 0.06 m posts
-inline constexpr int kTickLevel = 20;
-inline constexpr std::int32_t kTicksPerDegree = 1 << kTickLevel;
-inline constexpr std::int32_t kLatTicks = 180 * kTicksPerDegree;
-inline constexpr std::int32_t kLonTicks = 360 * kTicksPerDegree;
+inline constexpr int kMaxLevel = 24;   // 1.8 mm posts
+inline constexpr int kTickLevel = 27;  // an eighth of the finest quad
+// Latitudes and longitudes of the lattice, and differences of them.
+using Tick = std::int64_t;
+inline constexpr Tick kTicksPerDegree = 1 << kTickLevel;
+inline constexpr Tick kLatTicks = 180 * kTicksPerDegree;
+inline constexpr Tick kLonTicks = 360 * kTicksPerDegree;
+
+// Returns the number of whole steps in a length of a block or less.
+inline int steps_in(Tick length, Tick step) { return static_cast<int>(length / step); }
 
 // Returns a / b rounded down; b > 0.
 inline std::int64_t floor_div(std::int64_t a, std::int64_t b) { return a / b - (a % b < 0); }
@@ -45,10 +50,10 @@ std::string to_string(const BlockId& id);  // "L08 r123 c456"
 
 // A block's area: its south-west vertex and the size of a quad, in ticks, and its quads per side.
 struct BlockExtent {
-  std::int32_t lat0, lon0, lat_step, lon_step;
+  Tick lat0, lon0, lat_step, lon_step;
   int quads;
-  std::int32_t lat1() const { return lat0 + quads * lat_step; }
-  std::int32_t lon1() const { return lon0 + quads * lon_step; }  // may equal kLonTicks, never exceeds it
+  Tick lat1() const { return lat0 + quads * lat_step; }
+  Tick lon1() const { return lon0 + quads * lon_step; }  // may equal kLonTicks, never exceeds it
 };
 
 // Return the quads along a side of a level's blocks, the number of rows of blocks, the shift by which a row's longitude
@@ -65,12 +70,12 @@ BlockExtent extent_of(const BlockId& id);
 
 // Returns the children from south to north and west to east: one if id.level < kRootLevel, else 2 to 4.
 std::vector<BlockId> children_of(const BlockId& id);
-BlockId ancestor_of(const BlockId& id, int level);                          // level <= id.level
-BlockId block_at(int level, std::int32_t lat_tick, std::int32_t lon_tick);  // the pole belongs to the last row
+BlockId ancestor_of(const BlockId& id, int level);          // level <= id.level
+BlockId block_at(int level, Tick lat_tick, Tick lon_tick);  // the pole belongs to the last row
 
-std::int32_t wrap_lon(std::int64_t lon_tick);  // into [0, kLonTicks)
-inline double lat_deg_of(std::int32_t lat_tick) { return -90.0 + static_cast<double>(lat_tick) / kTicksPerDegree; }
-inline double lon_deg_of(std::int32_t lon_tick) { return -180.0 + static_cast<double>(lon_tick) / kTicksPerDegree; }
+Tick wrap_lon(Tick lon_tick);  // into [0, kLonTicks)
+inline double lat_deg_of(Tick lat_tick) { return -90.0 + static_cast<double>(lat_tick) / kTicksPerDegree; }
+inline double lon_deg_of(Tick lon_tick) { return -180.0 + static_cast<double>(lon_tick) / kTicksPerDegree; }
 
 // Returns the post spacing along a meridian on the sphere, m.
 double post_spacing_m(int level);

@@ -11,15 +11,12 @@ namespace selenograph::dem {
 
 namespace {
 
-double lat_deg_at(const PostWindow& window, int r) {
-  return lat_deg_of(static_cast<std::int32_t>(window.lat0 + static_cast<std::int64_t>(r) * window.lat_step));
-}
+double lat_deg_at(const PostWindow& window, int r) { return lat_deg_of(window.lat0 + r * window.lat_step); }
 
 // Returns the longitude of a window's column. A pole is one point, which a tile that touches it holds in each column:
 // use any longitude that the tile covers.
 double lon_deg_at(const RasterInfo& info, const PostWindow& window, int c, bool pole) {
-  return pole ? info.footprint.west_deg
-              : lon_deg_of(wrap_lon(window.lon0 + static_cast<std::int64_t>(c) * window.lon_step));
+  return pole ? info.footprint.west_deg : lon_deg_of(wrap_lon(window.lon0 + c * window.lon_step));
 }
 
 // Returns the position in a file of the post in row `r` and column `c` of a window.

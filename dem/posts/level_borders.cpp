@@ -13,11 +13,11 @@ namespace selenograph::dem {
 namespace {
 
 // Returns the ticks of latitude between posts of a level.
-int lat_step_of(int level) { return 1 << (kTickLevel - level); }
+Tick lat_step_of(int level) { return Tick{1} << (kTickLevel - level); }
 
 // Returns true if a level's posts at a latitude are farther apart than a window's, along meridians or parallels.
 bool is_coarser(const PostWindow& w, int level, std::int64_t lat) {
-  const BlockExtent e = extent_of(block_at(level, static_cast<std::int32_t>(lat), 0));
+  const BlockExtent e = extent_of(block_at(level, lat, 0));
   return e.lat_step > std::abs(w.lat_step) || e.lon_step > w.lon_step;
 }
 
@@ -103,7 +103,7 @@ void LevelBorders::add_finer_along(const LevelBorder& edge, std::int64_t outside
   std::int64_t section_end = -1;  // of the section added last: sections that touch are merged
   for (std::int64_t at = edge.from; at < edge.to;) {
     const std::int64_t lat = edge.along_parallel ? outside : at, lon = edge.along_parallel ? at : outside;
-    const ChunkNode neighbour = chunk_of(block_at(strata_.back(), static_cast<std::int32_t>(lat), wrap_lon(lon)));
+    const ChunkNode neighbour = chunk_of(block_at(strata_.back(), lat, wrap_lon(lon)));
     const BlockExtent e = extent_of(neighbour.node);
     // Round both ends outward to posts of the coarser side.
     const std::int64_t from = edge.from + floor_div(at - edge.from, edge.step) * edge.step;
@@ -121,15 +121,15 @@ void LevelBorders::add_finer_along(const LevelBorder& edge, std::int64_t outside
 // Adds the borders of a node with finer neighbours on any of its four sides. `level`: level of the node's posts.
 void LevelBorders::add_borders_of(const BlockId& node, int level, std::vector<LevelBorder>& found) const {
   const BlockExtent e = extent_of(node);
-  const std::int32_t lat_step = lat_step_of(level);
+  const Tick lat_step = lat_step_of(level);
   // Use the longitude step of the row nearest to the equator, where quads are narrowest in degrees.
-  const std::int32_t equatorward_lat = std::clamp(kLatTicks / 2, e.lat0, e.lat1() - 1);
-  const std::int32_t lon_step = extent_of(block_at(level, equatorward_lat, e.lon0)).lon_step;
+  const Tick equatorward_lat = std::clamp(kLatTicks / 2, e.lat0, e.lat1() - 1);
+  const Tick lon_step = extent_of(block_at(level, equatorward_lat, e.lon0)).lon_step;
   for (const bool east : {false, true})
     add_finer_along({false, east ? e.lon1() : e.lon0, e.lat0, e.lat1(), level, lat_step, lon_step},
                     east ? e.lon1() : std::int64_t{e.lon0} - 1, found);
   for (const bool north : {false, true}) {
-    const std::int32_t at = north ? e.lat1() : e.lat0, inside = north ? at - 1 : at, outside = north ? at : at - 1;
+    const Tick at = north ? e.lat1() : e.lat0, inside = north ? at - 1 : at, outside = north ? at : at - 1;
     if (outside < 0 || outside >= kLatTicks) continue;
     add_finer_along({true, at, e.lon0, e.lon1(), level, extent_of(block_at(level, inside, e.lon0)).lon_step, lat_step},
                     outside, found);
@@ -244,7 +244,7 @@ std::vector<double> gap_along(const LevelBorder& b, const Axis& along, const Com
     PostWindow w;
     w.lat0 = b.along_parallel ? b.at : first;
     w.lon0 = b.along_parallel ? first : b.at;
-    (b.along_parallel ? w.lon_step : w.lat_step) = static_cast<std::int32_t>(step);
+    (b.along_parallel ? w.lon_step : w.lat_step) = step;
     w.rows = b.along_parallel ? 1 : n;
     w.cols = b.along_parallel ? n : 1;
     return compose(w);
@@ -269,7 +269,7 @@ std::vector<double> gap_along(const LevelBorder& b, const Axis& along, const Com
 }
 
 // Returns the weight of the gap: 1 on the border, smoothly down to 0 one quad of the coarser side away from it.
-double transition_weight(std::int64_t distance_ticks, std::int32_t reach_ticks) {
+double transition_weight(std::int64_t distance_ticks, Tick reach_ticks) {
   const double t = std::min(1.0, static_cast<double>(std::abs(distance_ticks)) / reach_ticks);
   return 1 - t * t * (3 - 2 * t);
 }
@@ -288,8 +288,7 @@ LevelBorder turned(LevelBorder b, std::int64_t turns) {
 // Returns metres per tick, measured across a border at a latitude.
 double metres_per_tick_across(const LevelBorder& b, std::int64_t lat) {
   const double along_meridian_m = kMetresPerDegree / kTicksPerDegree;
-  return b.along_parallel ? along_meridian_m
-                          : along_meridian_m * std::cos(lat_deg_of(static_cast<std::int32_t>(lat)) * kRadiansPerDegree);
+  return b.along_parallel ? along_meridian_m : along_meridian_m * std::cos(lat_deg_of(lat) * kRadiansPerDegree);
 }
 
 // Returns the weight of a post by its distances from the border and from finer layers: 1 on the border and far from

@@ -69,9 +69,9 @@ struct LevelBorder {
   std::int64_t at = 0;    // latitude tick of the parallel, or longitude tick of the meridian
   std::int64_t from = 0;  // first and last tick along the border
   std::int64_t to = 0;
-  int level = 0;           // level of the coarser posts
-  std::int32_t step = 0;   // ticks between coarser posts along the border
-  std::int32_t reach = 0;  // ticks between coarser posts across the border: half-width of the transition
+  int level = 0;   // level of the coarser posts
+  Tick step = 0;   // ticks between coarser posts along the border
+  Tick reach = 0;  // ticks between coarser posts across the border: half-width of the transition
 };
 
 // Levels of all chunks and the borders between them. Thread-safe.

@@ -121,7 +121,7 @@ void PostSource::compose_strip(const PostWindow& window, const Strip& strip, con
   const std::size_t count = static_cast<std::size_t>(strip.past_last_row - strip.first_row) * columns;
   std::fill_n(strip.heights, count, kNaN);
   std::fill_n(strip.sources, count, kNoSource);
-  const auto lat_tick_of = [&](int r) { return window.lat0 + static_cast<std::int64_t>(r) * window.lat_step; };
+  const auto lat_tick_of = [&](int r) { return window.lat0 + r * window.lat_step; };
   const auto zone_of = [&](int r) { return polar_zone_of(lat_tick_of(r)); };
   for (int first_row = strip.first_row; first_row < strip.past_last_row;) {
     int past_row = first_row + 1;
@@ -132,8 +132,7 @@ void PostSource::compose_strip(const PostWindow& window, const Strip& strip, con
     const PolarZone polar_zone = zone_of(first_row);
     if (polar_zone == PolarZone::beyond_south || polar_zone == PolarZone::beyond_north) {
       // Reflect latitudes in the pole: rows continue on the opposite meridian, in the opposite direction.
-      zone.lat0 =
-          polar_zone == PolarZone::beyond_south ? -zone.lat0 : 2 * static_cast<std::int64_t>(kLatTicks) - zone.lat0;
+      zone.lat0 = polar_zone == PolarZone::beyond_south ? -zone.lat0 : 2 * kLatTicks - zone.lat0;
       zone.lat_step = -zone.lat_step;
       zone.lon0 += kLonTicks / 2;
     }
@@ -147,10 +146,8 @@ void PostSource::compose_strip(const PostWindow& window, const Strip& strip, con
 void PostSource::compose_zone(const PostWindow& zone, std::size_t first_post, const Strip& strip,
                               const StopToken& stop) const {
   const bool pole = zone.lat0 == 0 || zone.lat0 == kLatTicks;
-  const double south = lat_deg_of(static_cast<std::int32_t>(
-      std::min(zone.lat0, zone.lat0 + static_cast<std::int64_t>(zone.rows - 1) * zone.lat_step)));
-  const double north = lat_deg_of(static_cast<std::int32_t>(
-      std::max(zone.lat0, zone.lat0 + static_cast<std::int64_t>(zone.rows - 1) * zone.lat_step)));
+  const double south = lat_deg_of(std::min(zone.lat0, zone.lat0 + (zone.rows - 1) * zone.lat_step));
+  const double north = lat_deg_of(std::max(zone.lat0, zone.lat0 + (zone.rows - 1) * zone.lat_step));
   const double west = static_cast<double>(zone.lon0) / kTicksPerDegree - 180;
   const double east = west + static_cast<double>(zone.cols - 1) * zone.lon_step / kTicksPerDegree;
   // Include files within a post of the zone: extrapolation reaches a post beyond a file's outermost posts, for example
@@ -316,8 +313,8 @@ std::vector<float> PostSource::bend(const PostWindow& zone, std::size_t first_po
   grid.rows = zone.rows;
   grid.columns = pole ? 1 : zone.cols;
   grid.position = [&](int r, int c) {
-    return Geographic{lat_deg_of(static_cast<std::int32_t>(zone.lat0 + static_cast<std::int64_t>(r) * zone.lat_step)),
-                      lon_deg_of(wrap_lon(zone.lon0 + static_cast<std::int64_t>(c) * zone.lon_step)), 0};
+    return Geographic{lat_deg_of(zone.lat0 + r * zone.lat_step), lon_deg_of(wrap_lon(zone.lon0 + c * zone.lon_step)),
+                      0};
   };
   grid.sources = {strip.sources + first_post, pole ? 1 : zone.size()};
   Bends bends = bends_.bends_at(grid, files());

@@ -14,8 +14,8 @@ namespace selenograph::dem {
 // Window of posts: rows of latitude ticks lat0 + r * lat_step, columns of longitude ticks lon0 + c * lon_step. It may
 // reach past a pole (rows continue on the opposite meridian) and around the globe.
 struct PostWindow {
-  std::int64_t lat0 = 0, lon0 = 0;
-  std::int32_t lat_step = 1, lon_step = 1;
+  Tick lat0 = 0, lon0 = 0;
+  Tick lat_step = 1, lon_step = 1;
   int rows = 0, cols = 0;
   std::size_t size() const { return static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols); }
 };

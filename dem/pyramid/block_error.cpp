@@ -18,9 +18,9 @@ namespace {
 Extremes measure_by_quads(const OctaveGrid& grid, const BlockCut& cut, const OctaveGrid& base) {
   const BlockExtent e = extent_of(cut.id);
   // Base posts per quad, and the base post at the block's south-west corner.
-  const int step_r = e.lat_step / base.window.lat_step, step_c = e.lon_step / base.window.lon_step;
-  const int base_r0 = static_cast<int>((e.lat0 - base.window.lat0) / base.window.lat_step);
-  const int base_c0 = static_cast<int>((e.lon0 - base.window.lon0) / base.window.lon_step);
+  const int step_r = steps_in(e.lat_step, base.window.lat_step), step_c = steps_in(e.lon_step, base.window.lon_step);
+  const int base_r0 = steps_in(e.lat0 - base.window.lat0, base.window.lat_step);
+  const int base_c0 = steps_in(e.lon0 - base.window.lon0, base.window.lon_step);
   float largest_m = 0, low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
   const float inv_r = 1.F / static_cast<float>(step_r), inv_c = 1.F / static_cast<float>(step_c);
   for (int r = 0; r < e.quads; ++r)
@@ -102,7 +102,7 @@ class TileMeasurement {
     }
     // The longitude step of blocks is largest at the northern or southern end.
     for (int level = plan.coarsest_level(); level <= base.level; ++level)
-      for (const std::int32_t lat : {extent_of(plan.node).lat0, extent_of(plan.node).lat1() - 1})
+      for (const Tick lat : {extent_of(plan.node).lat0, extent_of(plan.node).lat1() - 1})
         if (extent_of(block_at(level, lat, extent_of(plan.node).lon0)).lon_step != grid_lon_step(plan.node, level))
           return false;
     return true;
@@ -110,7 +110,7 @@ class TileMeasurement {
 
   // Measures all tiles in parallel, then merges the tiles of each block.
   BlockExtremes measure(const StopToken& stop) const {
-    const int side = (extent_of(node_).lat1() - extent_of(node_).lat0) / base_.window.lat_step / tile_;
+    const int side = steps_in(extent_of(node_).lat1() - extent_of(node_).lat0, base_.window.lat_step) / tile_;
     std::vector<TileExtremes> tiles(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
     in_parallel(tiles.size(), [&](std::size_t i) {
       stop.check();
@@ -144,7 +144,7 @@ class TileMeasurement {
       6;  // most octaves by which a tile's surface is refined; a tile has two quads of the coarsest of these levels
 
   struct TileExtremes {
-    std::int32_t lat = 0, lon = 0;                   // ticks of the tile's south-west corner
+    Tick lat = 0, lon = 0;                           // ticks of the tile's south-west corner
     std::vector<std::pair<BlockId, Extremes>> base;  // extremes of the blocks of base posts
     std::vector<float> error_m;                      // largest distance, per level of `levels_`
   };
@@ -242,8 +242,8 @@ BlockExtremes measure_at_posts(const ChunkPlan& plan, const OctaveGrid& base, co
 // quad's twist (sum of two opposite corners minus the sum of the others) off the triangles.
 float twist_of(const OctaveGrid& base, const BlockCut& cut) {
   const BlockExtent e = extent_of(cut.id);
-  const auto lon_step_at = [&](std::int32_t lat) { return extent_of(block_at(kSmoothLevel, lat, e.lon0)).lon_step; };
-  const int lon_step_if_halved = e.lon_step >> (kSmoothLevel - cut.id.level);
+  const auto lon_step_at = [&](Tick lat) { return extent_of(block_at(kSmoothLevel, lat, e.lon0)).lon_step; };
+  const Tick lon_step_if_halved = e.lon_step >> (kSmoothLevel - cut.id.level);
   if (std::max(lon_step_at(e.lat0), lon_step_at(e.lat1() - 1)) == lon_step_if_halved) return 0;
   float largest_twist = 0;
   for (int r = cut.r0; r < cut.r0 + e.quads; ++r)

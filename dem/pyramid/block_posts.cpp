@@ -8,9 +8,9 @@
 
 namespace selenograph::dem {
 
-std::int32_t grid_lon_step(const BlockId& node, int level) {
+Tick grid_lon_step(const BlockId& node, int level) {
   const BlockExtent e = extent_of(node);
-  const std::int32_t equatorward_lat = std::clamp(kLatTicks / 2, e.lat0, e.lat1() - 1);
+  const Tick equatorward_lat = std::clamp(kLatTicks / 2, e.lat0, e.lat1() - 1);
   return extent_of(block_at(level, equatorward_lat, e.lon0)).lon_step;
 }
 
@@ -23,14 +23,14 @@ PostsOfBlock compose_block(const BlockId& node, const BlockId& id, const PostSou
   const BlockExtent e = extent_of(id);
   // Compose each longitude of the chunk's grid, even if the block uses every second one only: voids are then filled
   // exactly as in the chunk.
-  const std::int32_t lon_step = grid_lon_step(node, id.level);
-  const int stride = e.lon_step / lon_step, side = e.quads + 1;
+  const Tick lon_step = grid_lon_step(node, id.level);
+  const int stride = steps_in(e.lon_step, lon_step), side = e.quads + 1;
   const auto window_with = [&](int margin) {
     PostWindow w;
     w.lat_step = e.lat_step;
     w.lon_step = lon_step;
-    w.lat0 = e.lat0 - static_cast<std::int64_t>(kHalo + margin) * e.lat_step;
-    w.lon0 = e.lon0 - static_cast<std::int64_t>(kHalo * stride + margin) * lon_step;
+    w.lat0 = e.lat0 - (kHalo + margin) * e.lat_step;
+    w.lon0 = e.lon0 - (kHalo * stride + margin) * lon_step;
     w.rows = side + 2 * (kHalo + margin);
     w.cols = e.quads * stride + 1 + 2 * (kHalo * stride + margin);
     return w;

@@ -12,7 +12,7 @@ namespace selenograph::dem {
 
 // Returns the longitude step of a level's grid: that of the chunk's rows nearest to the equator, the finest that any of
 // its blocks needs.
-std::int32_t grid_lon_step(const BlockId& node, int level);
+Tick grid_lon_step(const BlockId& node, int level);
 
 // Posts of one block, with a halo for shading normals.
 struct PostsOfBlock {

@@ -133,15 +133,14 @@ void localise(SourceRows& rows, const std::vector<SourceIndex>& sources) {
 // north. A window beyond the date line wraps.
 std::vector<BlockId> Chunk::finer_blocks(const ChunkPlan& plan) {
   const PostWindow w = window_of(plan.node, plan.base_level, base_halo(plan));
-  const std::int32_t side = quads_per_side(plan.base_level) * w.lat_step;
+  const Tick side = quads_per_side(plan.base_level) * w.lat_step;
   const std::int64_t south = std::max<std::int64_t>(0, w.lat0),
-                     north =
-                         std::min<std::int64_t>(kLatTicks - 1, w.lat0 + static_cast<std::int64_t>(w.rows) * w.lat_step);
+                     north = std::min<std::int64_t>(kLatTicks - 1, w.lat0 + w.rows * w.lat_step);
   std::vector<BlockId> ids;
   for (std::int64_t lat = south / side * side; lat <= north; lat += side) {
-    const std::int64_t east = w.lon0 + static_cast<std::int64_t>(w.cols) * w.lon_step;
+    const std::int64_t east = w.lon0 + w.cols * w.lon_step;
     for (std::int64_t lon = w.lon0; lon < east;) {
-      ids.push_back(block_at(plan.base_level, static_cast<std::int32_t>(lat), wrap_lon(lon)));
+      ids.push_back(block_at(plan.base_level, lat, wrap_lon(lon)));
       lon += extent_of(ids.back()).lon1() - wrap_lon(lon);
     }
   }

@@ -32,9 +32,9 @@ float height_in_quad(const Block& block, int r, int c, float t, float u) {
 void paste(const Block& block, OctaveGrid& grid, std::vector<SourceMark>& marks) {
   const BlockExtent& e = block.extent;
   const PostWindow& w = grid.window;
-  const int rows_per_post = std::max(e.lat_step / w.lat_step, 1),
-            columns_per_post = std::max(e.lon_step / w.lon_step, 1);  // grid posts per block post, at least 1
-  const std::int64_t row0 = (e.lat0 - w.lat0) / w.lat_step;           // grid row of the block's southern edge
+  const int rows_per_post = std::max(steps_in(e.lat_step, w.lat_step), 1),
+            columns_per_post = std::max(steps_in(e.lon_step, w.lon_step), 1);  // grid posts per block post, at least 1
+  const std::int64_t row0 = (e.lat0 - w.lat0) / w.lat_step;                    // grid row of the block's southern edge
   const std::int64_t first_row = std::max<std::int64_t>(0, row0),
                      last_row = std::min<std::int64_t>(w.rows - 1, row0 + std::int64_t{e.quads} * rows_per_post);
   // Try all copies of the block around the globe that may lie in the window.
@@ -124,12 +124,12 @@ void coarser_sources(const OctaveGrid& fine, int fine_row, int step_c, OctaveGri
 PostWindow window_of(const BlockId& node, int level, int halo) {
   const BlockExtent e = extent_of(node);
   PostWindow w;
-  w.lat_step = 1 << (kTickLevel - level);
+  w.lat_step = Tick{1} << (kTickLevel - level);
   w.lon_step = grid_lon_step(node, level);
-  w.lat0 = e.lat0 - static_cast<std::int64_t>(halo) * w.lat_step;
-  w.lon0 = e.lon0 - static_cast<std::int64_t>(halo) * w.lon_step;
-  w.rows = (e.lat1() - e.lat0) / w.lat_step + 1 + 2 * halo;
-  w.cols = (e.lon1() - e.lon0) / w.lon_step + 1 + 2 * halo;
+  w.lat0 = e.lat0 - halo * w.lat_step;
+  w.lon0 = e.lon0 - halo * w.lon_step;
+  w.rows = steps_in(e.lat1() - e.lat0, w.lat_step) + 1 + 2 * halo;
+  w.cols = steps_in(e.lon1() - e.lon0, w.lon_step) + 1 + 2 * halo;
   return w;
 }
 
@@ -181,29 +181,30 @@ OctaveGrid base_from_finer(const ChunkPlan& plan, const Chunk::Finer& finer, Lef
 OctaveGrid coarser(const BlockId& node, const OctaveGrid& fine, Chunk::Scratch& scratch, const StopToken& stop) {
   OctaveGrid grid{fine.level - 1, std::max(kHalo, (fine.halo - 1) / 2), {}, scratch.take()};
   grid.window = window_of(node, grid.level, grid.halo);
-  const int step_c = grid.window.lon_step / fine.window.lon_step;  // 1 if the longitude step is at its cap, else 2
+  const int step_c =
+      steps_in(grid.window.lon_step, fine.window.lon_step);  // 1 if the longitude step is at its cap, else 2
   grid.posts.heights.resize(grid.window.size());
   grid.posts.sources.reset(grid.window.rows, grid.window.cols);
   constexpr std::size_t kRowsAtOnce = 16;
-  in_parallel_pieces(
-      static_cast<std::size_t>(grid.window.rows), kRowsAtOnce, [&](std::size_t first, std::size_t past_last) {
-        std::vector<float> buffer;
-        for (std::size_t row = first; row < past_last; ++row) {
-          stop.check();
-          const int r = static_cast<int>(row), fr = fine.halo + 2 * (r - grid.halo);
-          const std::int64_t lat = grid.window.lat0 + static_cast<std::int64_t>(r) * grid.window.lat_step;
-          const bool pole = lat == 0 || lat == kLatTicks;
-          filter_row(fine, fr, step_c, pole, grid, buffer, grid.posts.heights.data() + grid.index(r, 0));
-          coarser_sources(fine, std::clamp(fr, 0, fine.window.rows - 1), step_c, grid, r);
-        }
-      });
+  in_parallel_pieces(static_cast<std::size_t>(grid.window.rows), kRowsAtOnce,
+                     [&](std::size_t first, std::size_t past_last) {
+                       std::vector<float> buffer;
+                       for (std::size_t row = first; row < past_last; ++row) {
+                         stop.check();
+                         const int r = static_cast<int>(row), fr = fine.halo + 2 * (r - grid.halo);
+                         const std::int64_t lat = grid.window.lat0 + r * grid.window.lat_step;
+                         const bool pole = lat == 0 || lat == kLatTicks;
+                         filter_row(fine, fr, step_c, pole, grid, buffer, grid.posts.heights.data() + grid.index(r, 0));
+                         coarser_sources(fine, std::clamp(fr, 0, fine.window.rows - 1), step_c, grid, r);
+                       }
+                     });
   return grid;
 }
 
 BlockCut cut_of(const OctaveGrid& grid, const BlockId& id) {
   const BlockExtent e = extent_of(id);
-  return {id, static_cast<int>((e.lat0 - grid.window.lat0) / grid.window.lat_step),
-          static_cast<int>((e.lon0 - grid.window.lon0) / grid.window.lon_step), e.lon_step / grid.window.lon_step};
+  return {id, steps_in(e.lat0 - grid.window.lat0, grid.window.lat_step),
+          steps_in(e.lon0 - grid.window.lon0, grid.window.lon_step), steps_in(e.lon_step, grid.window.lon_step)};
 }
 
 std::vector<BlockId> blocks_of(const BlockId& node, int level) {

@@ -153,7 +153,7 @@ std::vector<int> ChunkPlans::files_around(const ChunkPlan& plan, double margin) 
   const BlockExtent e = extent_of(plan.node);
   const double poleward_deg = std::max(-lat_deg_of(e.lat0), lat_deg_of(e.lat1())) + margin;
   const BlockId nearest =
-      block_at(plan.base_level, static_cast<std::int32_t>((90 + std::min(90.0, poleward_deg)) * kTicksPerDegree), 0);
+      block_at(plan.base_level, static_cast<Tick>((90 + std::min(90.0, poleward_deg)) * kTicksPerDegree), 0);
   const int extra_shift = std::max(0, lon_shift(plan.base_level, nearest.row) - kMaxLonShift);
   const double extra_lon_deg = std::ldexp(margin, extra_shift) - margin;
   return catalogue_.touching(lat_deg_of(e.lat0), lat_deg_of(e.lat1()), lon_deg_of(e.lon0) - extra_lon_deg,

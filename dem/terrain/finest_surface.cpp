@@ -47,11 +47,11 @@ bool intersects_quad(const RadialRay& ray, const Block& block, const FinestEdges
 
 // Tests the quad whose south-west corner is at the given ticks. At a border where the finer side's vertices are
 // dropped, also tests the quads along the same edge of the coarser side: their triangles have stretched.
-bool intersects_quad_at(const RadialRay& ray, int level, std::int32_t lat, std::int32_t lon, HeightAnswer& answer) {
+bool intersects_quad_at(const RadialRay& ray, int level, Tick lat, Tick lon, HeightAnswer& answer) {
   const auto block = ray.terrain.block(block_at(level, lat, lon), ray.stop);
   if (!block) return false;
   const BlockExtent& e = block->extent;
-  const int r = (lat - e.lat0) / e.lat_step, c = (lon - e.lon0) / e.lon_step;
+  const int r = steps_in(lat - e.lat0, e.lat_step), c = steps_in(lon - e.lon0, e.lon_step);
   const FinestEdges edges(ray.terrain, *block, {r, r, c, c}, ray.stop);
   const auto [first_r, past_r] = edges.rows(r, c);
   const auto [first_c, past_c] = edges.columns(r, c);
@@ -72,20 +72,20 @@ FinestEdges::FinestEdges(const Terrain& terrain, const Block& block, const Quads
   const auto edge = [&](std::int64_t lat, std::int64_t lon, bool along_lon) -> Edge {
     if (lat < 0 || lat >= kLatTicks) return {};
     if (!posts_level) posts_level = terrain.plain().posts_level(block.id);
-    const auto block_beyond = [&](int level) { return block_at(level, static_cast<std::int32_t>(lat), wrap_lon(lon)); };
+    const auto block_beyond = [&](int level) { return block_at(level, lat, wrap_lon(lon)); };
     const BlockId probe = block_beyond(kMaxLevel);
     const BlockId across = block_beyond(std::min(terrain.finest_level(probe), block.id.level));
     const bool coarser_posts = terrain.plain().posts_level(probe) < *posts_level;
     // Rows of blocks with different spacing in longitude interpolate different curves between their posts. As the mesh
     // does, take one side's heights on their common edge.
-    const auto lon_shift_of_posts = [&](std::int32_t lat_tick) {
+    const auto lon_shift_of_posts = [&](Tick lat_tick) {
       return lon_shift(*posts_level, block_at(*posts_level, lat_tick, e.lon0).row);
     };
-    const bool other_posts =
-        along_lon && lon_shift_of_posts(static_cast<std::int32_t>(lat)) != lon_shift_of_posts(e.lat0);
+    const bool other_posts = along_lon && lon_shift_of_posts(lat) != lon_shift_of_posts(e.lat0);
     const bool takes_neighbours_heights = coarser_posts || (other_posts && across < block.id);
     const BlockExtent across_extent = extent_of(across);
-    const int stride = along_lon ? across_extent.lon_step / e.lon_step : across_extent.lat_step / e.lat_step;
+    const int stride =
+        along_lon ? steps_in(across_extent.lon_step, e.lon_step) : steps_in(across_extent.lat_step, e.lat_step);
     if (!takes_neighbours_heights && stride <= 1) return {};
     std::shared_ptr<const Block> neighbour = terrain.block(across, stop);
     if (!neighbour) return {};
@@ -126,7 +126,7 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& st
   stop.check();
   HeightAnswer answer{lat_deg, wrap_lon_deg(lon_deg), std::nan(""), 0, -1, false};
   const double lat = (lat_deg + 90) * kTicksPerDegree, lon = (answer.lon_deg + 180) * kTicksPerDegree;  // ticks
-  const BlockId probe = block_at(kMaxLevel, static_cast<std::int32_t>(std::clamp(lat, 0.0, kLatTicks - 1.0)),
+  const BlockId probe = block_at(kMaxLevel, static_cast<Tick>(std::clamp(lat, 0.0, kLatTicks - 1.0)),
                                  wrap_lon(static_cast<std::int64_t>(lon)));
   // Wider than a block of kSmoothLevel (0.25 degrees), the largest block that is loaded below.
   constexpr double kFarFromAnyFile_deg = 0.3;
@@ -142,7 +142,7 @@ HeightAnswer Terrain::height(double lat_deg, double lon_deg, const StopToken& st
       for (const int dx : {0, -1, 1}) {
         const double row = std::floor(y) + dy, col = std::floor(x) + dx;
         if (row < 0 || row * step >= kLatTicks) continue;
-        if (intersects_quad_at(ray, level, static_cast<std::int32_t>(row * step),
+        if (intersects_quad_at(ray, level, static_cast<Tick>(row * step),
                                wrap_lon(static_cast<std::int64_t>(col * step)), answer))
           return true;
       }

@@ -49,11 +49,12 @@ std::shared_ptr<const Block> subdivided(const Block& coarse, const BlockId& id) 
   bool has_data = false;
   for (int r = 0; r <= e.quads; ++r)
     for (int c = 0; c <= e.quads; ++c) {
-      const std::int32_t dy = e.lat0 + r * e.lat_step - ce.lat0, dx = e.lon0 + c * e.lon_step - ce.lon0;
+      const Tick dy = e.lat0 + r * e.lat_step - ce.lat0, dx = e.lon0 + c * e.lon_step - ce.lon0;
       // Quad of the coarse block, and the position in it.
-      const int quad_r = std::min(dy / ce.lat_step, ce.quads - 1), quad_c = std::min(dx / ce.lon_step, ce.quads - 1);
-      const double fy = static_cast<double>(dy) / ce.lat_step - quad_r,
-                   fx = static_cast<double>(dx) / ce.lon_step - quad_c;
+      const int quad_r = std::min(steps_in(dy, ce.lat_step), ce.quads - 1),
+                quad_c = std::min(steps_in(dx, ce.lon_step), ce.quads - 1);
+      const double fy = static_cast<double>(dy) / static_cast<double>(ce.lat_step) - quad_r,
+                   fx = static_cast<double>(dx) / static_cast<double>(ce.lon_step) - quad_c;
       const auto corner = [&](int j, int i) -> const Vertex& {
         return coarse.vertices[coarse.index(quad_r + j, quad_c + i)];
       };

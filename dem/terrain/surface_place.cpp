@@ -11,7 +11,7 @@ Ticks ticks_of(double lat_deg, double lon_deg) {
   const double lat = std::clamp((lat_deg + 90) * kTicksPerDegree, 0.0, kLatTicks - 1.0),
                turned = (wrap_lon_deg(lon_deg) + 180) * kTicksPerDegree,
                lon = turned < kLonTicks ? turned : 0;  // rounding may turn a longitude just below 180 into 180
-  return {lat, lon, static_cast<std::int32_t>(lat), static_cast<std::int32_t>(lon)};
+  return {lat, lon, static_cast<Tick>(lat), static_cast<Tick>(lon)};
 }
 
 BlockId block_at_place(int level, double lat_deg, double lon_deg) { return ticks_of(lat_deg, lon_deg).block(level); }

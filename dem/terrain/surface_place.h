@@ -18,7 +18,7 @@ struct SurfacePlace {
 // end.
 struct Ticks {
   double lat, lon;
-  std::int32_t whole_lat, whole_lon;  // rounded down
+  Tick whole_lat, whole_lon;  // rounded down
   BlockId block(int level) const { return block_at(level, whole_lat, whole_lon); }
 };
 

@@ -70,7 +70,7 @@ void angles_of(std::span<const Vec3> directions, Angles* out) {
 // south-eastern to the north-western corner.
 float height_at(const dem::Block& block, const Ticks& position) {
   const dem::BlockExtent& e = block.extent;
-  const auto quads_from = [&](double ticks, std::int32_t first, std::int32_t step) {
+  const auto quads_from = [&](double ticks, dem::Tick first, dem::Tick step) {
     return std::clamp((ticks - first) / step, 0.0, static_cast<double>(e.quads));
   };
   const double y = quads_from(position.lat, e.lat0, e.lat_step), x = quads_from(position.lon, e.lon0, e.lon_step);

@@ -164,11 +164,11 @@ class LimbSearch {
     const auto posts = terrain_.block(posts_id, stop_);
     if (!posts) return std::nullopt;
     const dem::BlockExtent e = dem::extent_of(id), &parent = posts->extent;
-    const int last_r = std::min(parent.quads, (e.lat1() - parent.lat0 - 1) / parent.lat_step + 1),
-              last_c = std::min(parent.quads, (e.lon1() - parent.lon0 - 1) / parent.lon_step + 1);
+    const int last_r = std::min(parent.quads, dem::steps_in(e.lat1() - parent.lat0 - 1, parent.lat_step) + 1),
+              last_c = std::min(parent.quads, dem::steps_in(e.lon1() - parent.lon0 - 1, parent.lon_step) + 1);
     float low = dem::kHighestRelief_m, high = dem::kLowestRelief_m;
-    for (int r = (e.lat0 - parent.lat0) / parent.lat_step; r <= last_r; ++r)
-      for (int c = (e.lon0 - parent.lon0) / parent.lon_step; c <= last_c; ++c) {
+    for (int r = dem::steps_in(e.lat0 - parent.lat0, parent.lat_step); r <= last_r; ++r)
+      for (int c = dem::steps_in(e.lon0 - parent.lon0, parent.lon_step); c <= last_c; ++c) {
         const float h = posts->vertices[posts->index(r, c)].height_m;
         if (std::isnan(h)) continue;
         low = std::min(low, h);

@@ -181,8 +181,8 @@ std::vector<BlockExtent> Mesh::changes_since(const Mesh& before) const {
 
 std::optional<std::uint32_t> Mesh::block_at(std::int64_t lat_tick, std::int64_t lon_tick, int finest_level) const {
   if (lat_tick < 0 || lat_tick > dem::kLatTicks) return std::nullopt;
-  const auto lat = static_cast<std::int32_t>(lat_tick);
-  const std::int32_t lon = dem::wrap_lon(lon_tick);
+  const auto lat = static_cast<dem::Tick>(lat_tick);
+  const dem::Tick lon = dem::wrap_lon(lon_tick);
   for (int level = std::min(finest_, finest_level); level >= coarsest_; --level)
     if (const auto found = index_.find(dem::block_at(level, lat, lon)); found != index_.end()) return found->second;
   return std::nullopt;
@@ -212,7 +212,7 @@ BlockBorder Mesh::border_of(const dem::Block& block) const {
 void Mesh::stitch_edge(const dem::Block& own, int edge, BlockBorder& out) const {
   const BlockExtent& extent = own.extent;
   const bool along_lon = edge < 2;
-  const std::int32_t step = along_lon ? extent.lon_step : extent.lat_step;
+  const dem::Tick step = along_lon ? extent.lon_step : extent.lat_step;
   // lat_out and lon_out lie just outside the edge; lat_edge and lon_edge are on it.
   const std::int64_t lat_out = edge == 0 ? std::int64_t{extent.lat0} - 1 : edge == 1 ? std::int64_t{extent.lat1()} : 0;
   const std::int64_t lon_out = edge == 2 ? std::int64_t{extent.lon0} - 1 : edge == 3 ? std::int64_t{extent.lon1()} : 0;
@@ -226,7 +226,10 @@ void Mesh::stitch_edge(const dem::Block& own, int edge, BlockBorder& out) const 
   if (!is_pole) neighbour_index = along_lon ? block_at(lat_out, extent.lon0) : block_at(extent.lat0, lon_out);
   const dem::Block* neighbour = neighbour_index ? posts_[*neighbour_index].get() : nullptr;
   int stride = 1;
-  if (neighbour) stride = std::max(1, (along_lon ? neighbour->extent.lon_step : neighbour->extent.lat_step) / step);
+  if (neighbour) {
+    const dem::Tick across = along_lon ? neighbour->extent.lon_step : neighbour->extent.lat_step;
+    stride = std::max(1, dem::steps_in(across, step));
+  }
   out.stride[static_cast<std::size_t>(edge)] = std::min(stride, extent.quads);
   // If the longitude step halves toward the equator, several neighbours of one level share the edge: resolve each
   // vertex by itself.

@@ -252,20 +252,20 @@ class ViewSelector {
   void check_size() const;
 
   // Returns the chosen block that contains a position, at `level` or coarser; null if none does.
-  const BlockId* covering(std::int32_t lat, std::int32_t lon, int level) const;
+  const BlockId* covering(dem::Tick lat, dem::Tick lon, int level) const;
 
   // A position just outside the middle of a block's side or its corner; north and east are -1, 0 or 1.
   struct NeighbourProbe {
-    std::int32_t lat, lon;
+    dem::Tick lat, lon;
     int north, east;
   };
   template <typename Visit>
   static void for_each_neighbour(const BlockId& id, const Visit& visit) {
     const dem::BlockExtent e = dem::extent_of(id);
-    const std::int32_t lats[]{e.lat0 - 1, (e.lat0 + e.lat1()) / 2, e.lat1()};
+    const dem::Tick lats[]{e.lat0 - 1, (e.lat0 + e.lat1()) / 2, e.lat1()};
     const std::int64_t lons[]{std::int64_t{e.lon0} - 1, (std::int64_t{e.lon0} + e.lon1()) / 2, e.lon1()};
     for (int north = -1; north <= 1; ++north) {
-      const std::int32_t lat = lats[north + 1];
+      const dem::Tick lat = lats[north + 1];
       if (lat < 0 || lat >= dem::kLatTicks) continue;
       for (int east = -1; east <= 1; ++east)
         if (north != 0 || east != 0) visit(NeighbourProbe{lat, dem::wrap_lon(lons[east + 1]), north, east});

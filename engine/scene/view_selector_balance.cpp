@@ -8,7 +8,7 @@ using dem::BlockId;
 
 }  // namespace
 
-const BlockId* ViewSelector::covering(std::int32_t lat, std::int32_t lon, int level) const {
+const BlockId* ViewSelector::covering(dem::Tick lat, dem::Tick lon, int level) const {
   for (int n = level; n >= coarsest_level_; --n)
     if (const auto found = chosen_.find(dem::block_at(n, lat, lon)); found != chosen_.end()) return &*found;
   return nullptr;
@@ -19,7 +19,7 @@ bool ViewSelector::edge_follows(const BlockId& id, const BlockId& neighbour, con
   // Reduce the block's extent to the row or column of quads along that side, or to the quad at that corner, as one quad
   // of that size.
   dem::BlockExtent edge = dem::extent_of(id);
-  const std::int32_t quads = std::exchange(edge.quads, 1);
+  const dem::Tick quads = std::exchange(edge.quads, 1);
   if (probe.north > 0) edge.lat0 += (quads - 1) * edge.lat_step;
   if (probe.east > 0) edge.lon0 += (quads - 1) * edge.lon_step;
   if (probe.north == 0) edge.lat_step *= quads;

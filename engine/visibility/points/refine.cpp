@@ -163,17 +163,18 @@ class Search {
   void blocks_around(const Vec3& point, std::uint32_t except) {
     const dem::BlockExtent& e = mesh_.blocks()[except].posts->extent;
     const Geographic g = to_geographic(point);
-    const auto lat = static_cast<std::int64_t>((g.lat_deg + 90) * dem::kTicksPerDegree);
-    const auto lon = static_cast<std::int64_t>((g.lon_deg + 180) * dem::kTicksPerDegree);
+    const auto lat = static_cast<dem::Tick>((g.lat_deg + 90) * dem::kTicksPerDegree);
+    const auto lon = static_cast<dem::Tick>((g.lon_deg + 180) * dem::kTicksPerDegree);
     for (const int dy : {-1, 0, 1})
       for (const int dx : {-1, 0, 1}) {
         // Step a quarter of a quad: into the first quad of a neighbour, even of a finer one.
-        const std::int64_t y = lat + dy * (e.lat_step / 4);
-        const std::int64_t x = lon + dx * std::int64_t{e.lon_step / 4};
+        const dem::Tick y = lat + dy * (e.lat_step / 4);
+        const dem::Tick x = lon + dx * (e.lon_step / 4);
         const auto found = mesh_.block_at(y, x);
         if (!found || *found == except) continue;
         const dem::BlockExtent& n = mesh_.blocks()[*found].posts->extent;
-        quads_around(*found, static_cast<int>((y - n.lat0) / n.lat_step), (dem::wrap_lon(x) - n.lon0) / n.lon_step);
+        quads_around(*found, dem::steps_in(y - n.lat0, n.lat_step),
+                     dem::steps_in(dem::wrap_lon(x) - n.lon0, n.lon_step));
       }
     if (lat < e.lat_step || lat > dem::kLatTicks - e.lat_step) quads_at_pole(lat > e.lat_step);
   }
