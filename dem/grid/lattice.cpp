@@ -45,7 +45,7 @@ int columns_of(int level, int row) {
 BlockExtent extent_of(const BlockId& id) {
   const int quads = quads_per_side(id.level);
   const Tick lat_step = lat_step_of(id.level), lon_step = lat_step << lon_shift(id.level, id.row);
-  return {id.row * quads * lat_step, id.col * quads * lon_step, lat_step, lon_step, quads};
+  return {id.row * (quads * lat_step), id.col * (quads * lon_step), lat_step, lon_step, quads};
 }
 
 // A child row with a larger longitude shift than its parent's has one child, else two.
@@ -54,7 +54,7 @@ std::vector<BlockId> children_of(const BlockId& id) {
   const BlockExtent e = extent_of(id);
   std::vector<BlockId> children;
   for (int row = 2 * id.row; row <= 2 * id.row + 1; ++row) {
-    const BlockId first = block_at(id.level + 1, row * e.quads * (e.lat_step / 2), e.lon0);
+    const BlockId first = block_at(id.level + 1, row * (e.quads * e.lat_step / 2), e.lon0);
     const BlockExtent c = extent_of(first);
     for (int i = 0; i < (e.lon1() - e.lon0) / (c.lon1() - c.lon0); ++i)
       children.push_back({first.level, first.row, first.col + i});
