@@ -9,10 +9,12 @@
 namespace selenograph::api {
 
 std::string slopes_csv(const GroundReport& report) {
-  std::string out = "baseline_m,rms_deg,median_deg,hurst,craters_share,relief_share,published_median_deg\n";
+  std::string out =
+      "baseline_m,rms_deg,median_deg,hurst,craters_share,relief_share,published_median_deg,clods_share,steepest_deg\n";
   for (const engine::SlopeRow& r : report.slopes)
-    out += fmt::format("{:g},{:.4f},{:.4f},{},{:.4f},{:.4f},{}\n", r.baseline_m, r.rms_deg, r.median_deg,
-                       cell(r.hurst, "{:.4f}"), r.craters_share, r.relief_share, cell(r.published_deg, "{:.4f}"));
+    out += fmt::format("{:g},{:.4f},{:.4f},{},{:.4f},{:.4f},{},{:.4f},{:.4f}\n", r.baseline_m, r.rms_deg, r.median_deg,
+                       cell(r.hurst, "{:.4f}"), r.craters_share, r.relief_share, cell(r.published_deg, "{:.4f}"),
+                       r.clods_share, r.steepest_deg);
   return out;
 }
 
@@ -26,12 +28,12 @@ std::string craters_csv(const GroundReport& report) {
 std::string ground_markdown(const GroundReport& report) {
   std::string out = fmt::format(
       "| {}: baseline, m | RMS slope, degrees | median | published median | Hurst exponent | craters' share of the "
-      "variance | relief's |\n|---|---|---|---|---|---|---|\n",
+      "variance | relief's | clods' | 99 % of slopes |\n|---|---|---|---|---|---|---|---|---|\n",
       report.detail);
   for (const engine::SlopeRow& r : report.slopes)
-    out +=
-        fmt::format("| {:g} | {:.2f} | {:.2f} | {} | {} | {:.2f} | {:.2f} |\n", r.baseline_m, r.rms_deg, r.median_deg,
-                    cell(r.published_deg, "{:.2f}"), cell(r.hurst, "{:.2f}"), r.craters_share, r.relief_share);
+    out += fmt::format("| {:g} | {:.2f} | {:.2f} | {} | {} | {:.2f} | {:.2f} | {:.2f} | {:.1f} |\n", r.baseline_m,
+                       r.rms_deg, r.median_deg, cell(r.published_deg, "{:.2f}"), cell(r.hurst, "{:.2f}"),
+                       r.craters_share, r.relief_share, r.clods_share, r.steepest_deg);
   // A row's octave ends at the next power of two above its smallest diameter.
   out += "\n| diameters, m | the law's, per km^2 | visible, over the law's |\n|---|---|---|\n";
   for (const engine::CraterRow& r : report.craters)
@@ -44,6 +46,11 @@ std::string ground_markdown(const GroundReport& report) {
 std::vector<std::string> bound_violations(const GroundReport& report) {
   std::vector<std::string> violations;
   for (const engine::SlopeRow& r : report.slopes) {
+    if (r.baseline_m < 0.5 && (r.hurst < 0.55 || r.hurst > 0.85))
+      violations.push_back(fmt::format("Hurst exponent up to {:g} m: {:.2f}", r.baseline_m, r.hurst));
+    if (r.baseline_m == 0.007 && !(r.median_deg > 8 && r.median_deg < 12 && r.steepest_deg > 40))
+      violations.push_back(fmt::format("slopes over 7 mm: median {:.1f}, 99 % {:.1f} degrees; measured: 10, over 40",
+                                       r.median_deg, r.steepest_deg));
     if (r.baseline_m > 100) continue;
     if (std::abs(r.median_deg / r.published_deg - 1) > 0.2)
       violations.push_back(fmt::format("median slope over {:g} m: {:.2f} degrees, published {:.2f}", r.baseline_m,

@@ -23,8 +23,8 @@ std::string craters_csv(const GroundReport& report);
 std::string ground_markdown(const GroundReport& report);
 
 // Returns a line for each value outside its bounds. The bounds: median slopes up to 100 m within 20 % of the published
-// ones, Hurst exponents from 1 to 100 m within 0.65 to 1.05, visible craters of octaves from 2 to 50 m within 0.8
-// to 1.25 of the law.
+// ones, Hurst exponents from 1 to 100 m within 0.65 to 1.05 and below 0.5 m within 0.55 to 0.85, slopes over 7 mm as
+// Chang'e-4 measured them, visible craters of octaves from 2 to 50 m within 0.8 to 1.25 of the law.
 std::vector<std::string> bound_violations(const GroundReport& report);
 
 }  // namespace selenograph::api

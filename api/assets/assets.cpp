@@ -236,7 +236,7 @@ dem::ValueMapOptions read_map_file(const std::string& path) {
 
 namespace {
 
-constexpr Range kFeature_m{0.25, 5000};  // 0.25 m is the smallest size that the finest level of the lattice resolves
+constexpr Range kFeature_m{0.0039, 5000};  // 2^-8 m is the smallest octave that the finest level of the lattice shows
 
 dem::SizeFrequency read_frequency(const JsonReader& in) {
   constexpr std::size_t kMaxLaws = 8;
@@ -313,14 +313,31 @@ dem::Region read_region(const JsonReader& in) {
   }
 }
 
+void read_fine_relief(const JsonReader& in, dem::ReliefLaw::Fine& fine) {
+  if (!in.object({"below_m", "hurst", "slope"})) return;
+  fine.below_m = in.number("below_m", kFeature_m);
+  fine.hurst = in.number("hurst", Range{0.1, 1, false, true}, fine.hurst);
+  fine.slope = in.number("slope", Range{0, 1, true, false});
+}
+
 void read_relief(const JsonReader& in, dem::ReliefLaw& relief) {
-  if (!in.object({"hurst", "deviation_m", "baseline_m", "shortest_m", "longest_m"})) return;
+  if (!in.object({"hurst", "deviation_m", "baseline_m", "shortest_m", "longest_m", "fine"})) return;
   relief.hurst = in.number("hurst", Range{0.1, 1, false, true}, relief.hurst);
   relief.deviation_m = in.number("deviation_m", Range{0, 1000, true, false});
   relief.baseline_m = in.number("baseline_m", Range{0.01, 1e5});
   relief.shortest_m = in.number("shortest_m", kFeature_m);
   relief.longest_m = in.number("longest_m", kFeature_m);
+  if (in.has("fine")) read_fine_relief(in.at("fine"), relief.fine);
   if (in.good() && !(relief.shortest_m < relief.longest_m)) in.fail("shortest_m", "must be below longest_m");
+}
+
+void read_clods(const JsonReader& in, dem::ClodLaw& clods) {
+  if (!in.object({"cover", "smallest_m", "largest_m"})) return;
+  clods.cover = in.number("cover", Range{0, 0.3, true, false});
+  constexpr Range kClod_m{kFeature_m.min, 1};
+  clods.smallest_m = in.number("smallest_m", kClod_m);
+  clods.largest_m = in.number("largest_m", kClod_m);
+  if (in.good() && !(clods.smallest_m < clods.largest_m)) in.fail("smallest_m", "must be below largest_m");
 }
 
 dem::PublishedSlopes read_published(const JsonReader& in) {
@@ -345,18 +362,19 @@ dem::DetailPreset read_detail_file(const std::string& path) {
   Findings findings;
   const JsonReader in(json, findings);
   dem::DetailPreset preset;
-  if (in.object({"seed", "region", "craters", "relief", "rocks", "published", "description"})) {
+  if (in.object({"seed", "region", "craters", "relief", "clods", "rocks", "published", "description"})) {
     const auto seed = in.has("seed") ? in.at("seed").integer(0, kMaxSeed) : std::optional<std::int64_t>(0);
     preset.craters.seed = static_cast<std::uint64_t>(seed.value_or(0));
-    preset.relief.seed = preset.rocks.seed = preset.craters.seed;
+    preset.relief.seed = preset.clods.seed = preset.rocks.seed = preset.craters.seed;
     if (in.has("region")) preset.region = read_region(in.at("region"));
     if (in.has("craters")) read_craters(in.at("craters"), preset.craters);
     if (in.has("relief")) read_relief(in.at("relief"), preset.relief);
+    if (in.has("clods")) read_clods(in.at("clods"), preset.clods);
     if (in.has("rocks")) read_rocks(in.at("rocks"), preset.rocks);
     if (in.has("published")) preset.published = read_published(in.at("published"));
     if (in.has("description")) in.at("description").text();
-    if (!in.has("craters") && !in.has("relief") && !in.has("rocks"))
-      in.fail("has neither craters nor relief nor rocks");
+    if (!in.has("craters") && !in.has("relief") && !in.has("clods") && !in.has("rocks"))
+      in.fail("has neither craters nor relief nor clods nor rocks");
   }
   // The fingerprint covers the members only: dump() sorts them and drops the file's blanks.
   const std::string text = json.dump();

@@ -139,16 +139,18 @@ class Assets {
 // Throws DataError naming the description or the raster.
 dem::ValueMapOptions read_map_file(const std::string& path);
 
-// Reads a detail's description. Any of craters, relief and rocks may be left out, but not all three:
+// Reads a detail's description. Any of craters, relief, clods and rocks may be left out, but not all of them:
 //   {"seed": N,
 //    "region": [[lat_deg, lon_deg], ...],            corners of a polygon in order that contains the centres of craters
 //                                                    and rocks; left out: everywhere (dem::Region)
-//    "craters": {"smallest_m", "largest_m",          diameters; the smallest at least 0.25
+//    "craters": {"smallest_m", "largest_m",          diameters; the smallest at least 0.0039
 //                "frequency": [{"per_m2", "exponent"}, ...],   the minimum of these power laws (cumulative), of the
 //                                                    craters that are visible; left out: equilibrium (Trask 1966)
 //                "oldest_Ma": 3500},             of the surface
-//    "relief": {"hurst": 0.9, "deviation_m", "baseline_m", "shortest_m", "longest_m"},   RMS height difference over
+//    "relief": {"hurst": 0.9, "deviation_m", "baseline_m", "shortest_m", "longest_m",   RMS height difference over
 //                                                    a baseline; wavelengths
+//               "fine": {"below_m", "hurst": 0.52, "slope"}},   law of shorter wavelengths (dem::ReliefLaw::Fine)
+//    "clods": {"cover", "smallest_m", "largest_m"},   share of ground that an octave covers; sizes
 //    "rocks": {"smallest_m", "largest_m",            diameters; the smallest at least 0.02
 //              "frequency": [{"per_m2", "exponent"}, ...],   between craters; left out: dem::rocks_of_viper()
 //              "on_ejecta": 25, "half_life_Ma": 60, "smallest_crater_m": 30},   as in dem::RockLaw; on_ejecta left

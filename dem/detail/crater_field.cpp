@@ -15,15 +15,15 @@ double fresh_depth_over_diameter(double diameter_m) {
   struct Median {
     double diameter_m, ratio;
   };
-  static constexpr std::array<Median, 5> kMedians{{{10, 0.11}, {40, 0.13}, {100, 0.15}, {200, 0.17}, {400, 0.21}}};
+  static constexpr std::array<Median, 6> kMedians{
+      {{3, 0.14}, {10, 0.11}, {40, 0.13}, {100, 0.15}, {200, 0.17}, {400, 0.21}}};
   const auto above =
       std::find_if(kMedians.begin(), kMedians.end(), [&](const Median& m) { return m.diameter_m > diameter_m; });
   if (above == kMedians.end()) return kMedians.back().ratio;
-  // Continue below 10 m with the slope between 10 and 40 m, down to 0.08: the table says only that the ratio is less.
-  const Median& high = above == kMedians.begin() ? kMedians[1] : *above;
-  const Median& low = above == kMedians.begin() ? kMedians[0] : *(above - 1);
+  if (above == kMedians.begin()) return kMedians.front().ratio;
+  const Median &high = *above, &low = *(above - 1);
   const double share = std::log(diameter_m / low.diameter_m) / std::log(high.diameter_m / low.diameter_m);
-  return std::max(0.08, low.ratio + share * (high.ratio - low.ratio));
+  return low.ratio + share * (high.ratio - low.ratio);
 }
 
 namespace {

@@ -1,7 +1,7 @@
 // The contrast of craters with the ground around them.
 //
 // A crater's depth is a difference of heights: the mean on a circle of its diameter minus the height at its centre. The
-// same difference at arbitrary points of the detail's ground, craters and relief, has a root mean square for each
+// same difference at arbitrary points of the detail's ground, craters, relief and clods, has a root mean square for each
 // diameter: the roughness at that size. A crater's visibility is its present depth over this roughness. 5 % of a normal
 // distribution are above 1.64: a crater of a larger visibility is hardly mistaken for chance.
 #pragma once
@@ -21,7 +21,7 @@ class CraterRoughness {
   // tenth of a second and more. The same detail gives the same numbers.
   explicit CraterRoughness(const Detail& detail, const StopToken& stop = {});
 
-  // Returns the mean square, m^2, that an octave's craters and relief contribute at a diameter.
+  // Returns the mean square, m^2, that an octave contributes at a diameter.
   double mean_square_m2(int octave, double diameter_m) const;
 
   // Octaves that may contribute: from the smallest one that the finest level shows up to the largest of the coarsest

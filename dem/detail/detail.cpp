@@ -15,33 +15,6 @@ namespace {
 
 constexpr double kPostsPerFeature = 4;  // smallest size that a level shows, in spacings of its posts
 
-// The ball that bounds a grid's positions on the sphere.
-struct BoundingBall {
-  Vec3 direction;
-  double radius_m;
-};
-// Returns a ball around the grid's middle; its radius is a chord, m.
-BoundingBall ball_around(const DirectionGrid& grid) {
-  const auto position = [&](std::size_t r, std::size_t c) {
-    return Vec3(grid.cos_lat[r] * grid.cos_lon[c], grid.cos_lat[r] * grid.sin_lon[c], grid.sin_lat[r]);
-  };
-  const std::size_t rows = grid.rows(), columns = grid.columns();
-  BoundingBall ball{position(rows / 2, columns / 2), 0};
-  // Visit the grid's border only: a grid is at most a quarter of the globe wide, so its farthest position lies there.
-  const auto include = [&](std::size_t r, std::size_t c) {
-    ball.radius_m = std::max(ball.radius_m, (position(r, c) - ball.direction).norm() * kMoonRadius_m);
-  };
-  for (std::size_t r = 0; r < rows; ++r) {
-    include(r, 0);
-    include(r, columns - 1);
-  }
-  for (std::size_t c = 0; c < columns; ++c) {
-    include(0, c);
-    include(rows - 1, c);
-  }
-  return ball;
-}
-
 // Returns the 99th percentile of the absolute differences from `height_m`.
 double p99_from(double height_m, std::vector<double>& heights_m) {
   for (double& h : heights_m) h = std::abs(h - height_m);
@@ -64,6 +37,7 @@ Detail::Detail(const DetailPreset& preset)
     : preset_(preset),
       craters_(preset.craters),
       relief_(preset.relief),
+      clods_(preset.clods, preset.region),
       rocks_(preset.rocks, preset.region),
       fade_m_(std::max(preset.craters.largest_m, preset.relief.longest_m)) {
   // Measure the mean and the 99th percentile of each octave alone on a square of ground. The crater field has no region
@@ -92,6 +66,14 @@ Detail::Detail(const DetailPreset& preset)
     add_relief(square(octave).grid(), octave, {}, heights, {});
     relief_p99_m_[i] = p99_from(0, heights);
   });
+  clod_p99_m_.resize(static_cast<std::size_t>(std::max(0, clods_.largest_octave() - clods_.smallest_octave() + 1)));
+  const ClodField clods_everywhere(preset.clods);
+  in_parallel(clod_p99_m_.size(), [&](std::size_t i) {
+    const int octave = clods_.smallest_octave() + static_cast<int>(i);
+    std::vector<double> heights(kSide * kSide);
+    clods_everywhere.add(square(octave).grid(), octave, {}, heights, {}, {});
+    clod_p99_m_[i] = p99_from(0, heights);
+  });
   craters_ = CraterField(preset.craters, preset.region);
   finest_level_ = find_finest_level();
 }
@@ -104,6 +86,7 @@ double Detail::expected_left_out_m(double size_m) const {
   };
   add(crater_p99_m_, craters_.smallest_octave());
   add(relief_p99_m_, relief_.shortest_octave());
+  add(clod_p99_m_, clods_.smallest_octave());
   return std::sqrt(square_m2);
 }
 
@@ -122,7 +105,8 @@ int Detail::find_finest_level() const {
     return smallest > largest || smallest_octave(level) <= smallest;
   };
   while (level < kMaxLevel && !(shows(craters_.smallest_octave(), craters_.largest_octave()) &&
-                                shows(relief_.shortest_octave(), relief_.longest_octave())))
+                                shows(relief_.shortest_octave(), relief_.longest_octave()) &&
+                                shows(clods_.smallest_octave(), clods_.largest_octave())))
     ++level;
   return level;
 }
@@ -142,12 +126,15 @@ double Detail::left_out_m(int level, int posts_level) const {
                   preset_.region.everywhere() ? 0 : craters_.deepest_m(k)});  // beside the border the mean has faded
   for (int k = relief_.shortest_octave(); k <= std::min(shown - 1, relief_.longest_octave()); ++k)
     sum_m += relief_.max_height_m(k);
+  for (int k = clods_.smallest_octave(); k <= std::min(shown - 1, clods_.largest_octave()); ++k)
+    sum_m += clods_.highest_m(k);
   return sum_m;
 }
 
 double Detail::left_out_size_m(int octave) const {
   const bool has_smaller = craters_.smallest_octave() < std::min(octave, craters_.largest_octave() + 1) ||
-                           relief_.shortest_octave() < std::min(octave, relief_.longest_octave() + 1);
+                           relief_.shortest_octave() < std::min(octave, relief_.longest_octave() + 1) ||
+                           clods_.smallest_octave() < std::min(octave, clods_.largest_octave() + 1);
   return has_smaller ? std::min(std::ldexp(1.0, octave), widest_m()) : 0;
 }
 
@@ -166,42 +153,12 @@ double Detail::max_detail_m(int posts_level) const {
   for (int k = std::max(first_in_means, relief_.shortest_octave()); k <= std::min(past - 1, relief_.longest_octave());
        ++k)
     range_m += 2 * relief_.max_height_m(k);
+  for (int k = std::max(first_in_means, clods_.smallest_octave()); k <= std::min(past - 1, clods_.largest_octave());
+       ++k)
+    range_m += clods_.highest_m(k);
   // Add the octaves that are too small for the means: nothing of them is subtracted.
   return kMaxOverRange * range_m + left_out_m(posts_level + kCellLevels, posts_level);
 }
-
-namespace {
-
-// Returns the rows that a crater may reach, first and past the last. `reach`: a chord of the unit sphere. A grid that
-// extends past a pole has rows whose sines do not ascend: then returns all rows.
-std::pair<std::size_t, std::size_t> rows_of(const DirectionGrid& grid, const Crater& crater, double reach) {
-  if (grid.cos_lat.front() < 0 || grid.cos_lat.back() < 0) return {0, grid.rows()};
-  const auto first = std::lower_bound(grid.sin_lat.begin(), grid.sin_lat.end(), crater.centre.z() - reach);
-  const auto past = std::upper_bound(first, grid.sin_lat.end(), crater.centre.z() + reach);
-  return {first - grid.sin_lat.begin(), past - grid.sin_lat.begin()};
-}
-
-// Returns the columns that a crater may reach, first and past the last: from the right-angled triangle of the pole, the
-// crater's centre and the point where its circle touches a meridian, sin(half width) = reach / distance from the axis.
-// `reach`: as in rows_of. Does not hold for rows beyond a pole.
-std::pair<std::size_t, std::size_t> columns_of(const DirectionGrid& grid, const Crater& crater, double reach) {
-  constexpr double kMarginFactor = 1 + 1e-6;  // covers rounding: a chord exceeds the sine of its angle
-  const std::size_t n = grid.columns();
-  const double axis_distance = std::hypot(crater.centre.x(), crater.centre.y()),
-               sine = kMarginFactor * reach / axis_distance;
-  if (!(sine < 1)) return {0, n};  // the crater's circle contains the pole
-  const double half_columns = std::asin(sine) / grid.lon_step, middle = static_cast<double>(n - 1) / 2;
-  const double longitude = std::atan2(crater.centre.y(), crater.centre.x());
-  // Take the turn nearest to the middle of the grid, which is narrower than a turn.
-  const double centre_column =
-      middle + std::remainder(longitude - (grid.west + middle * grid.lon_step), 2 * std::numbers::pi) / grid.lon_step;
-  const auto clamped = [&](double column) {
-    return static_cast<std::size_t>(std::clamp(column, 0.0, static_cast<double>(n)));
-  };
-  return {clamped(std::floor(centre_column - half_columns)), clamped(std::ceil(centre_column + half_columns) + 1)};
-}
-
-}  // namespace
 
 // Evaluates an octave from the oldest crater to the youngest, each row by row:
 //
@@ -236,8 +193,8 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const 
         static_cast<float>(crater.scale)};
     const bool marked = !in_crater.empty() && crater.depth_m >= kWorn * crater.diameter_m;
     const double rim = crater.diameter_m / 2 / kMoonRadius_m, rim2 = rim * rim;
-    const auto [first_column, past_column] = columns_of(grid, crater, reach);
-    const auto [first_row, past_row] = rows_of(grid, crater, reach);
+    const auto [first_column, past_column] = columns_within(grid, crater.centre, reach);
+    const auto [first_row, past_row] = rows_within(grid, crater.centre, reach);
     for (std::size_t r = first_row; r < past_row; ++r) {
       const double dz = grid.sin_lat[r] - crater.centre.z();
       // Skip the row if its distance along the axis alone exceeds the reach.
@@ -261,15 +218,18 @@ bool Detail::has_relief(int level, int posts_level) const {
          std::min(relief_.longest_octave(), past_largest_octave(posts_level) - 1);
 }
 
-void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m,
-                 std::span<float> in_crater, const StopToken& stop) const {
-  std::fill(in_crater.begin(), in_crater.end(), 0.F);
+void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m, const Marks& marks,
+                 const StopToken& stop) const {
+  std::fill(marks.in_crater.begin(), marks.in_crater.end(), 0.F);
+  std::fill(marks.on_clod.begin(), marks.on_clod.end(), 0.F);
   const std::vector<double> shares = shares_of(grid);
   const int shown = smallest_octave(level), past = past_largest_octave(posts_level);
   for (int k = std::max(shown, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), past - 1); ++k)
-    add_craters(grid, k, shares, heights_m, in_crater, stop);
+    add_craters(grid, k, shares, heights_m, marks.in_crater, stop);
   for (int k = std::max(shown, relief_.shortest_octave()); k <= std::min(relief_.longest_octave(), past - 1); ++k)
     add_relief(grid, k, shares, heights_m, stop);
+  for (int k = std::max(shown, clods_.smallest_octave()); k <= std::min(clods_.largest_octave(), past - 1); ++k)
+    clods_.add(grid, k, shares, heights_m, marks.on_clod, stop);
 }
 
 void Detail::add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m,
@@ -279,6 +239,8 @@ void Detail::add_octave(const DirectionGrid& grid, int octave, std::span<double>
     add_craters(grid, octave, shares, heights_m, {}, stop);
   if (relief_.shortest_octave() <= octave && octave <= relief_.longest_octave())
     add_relief(grid, octave, shares, heights_m, stop);
+  if (clods_.smallest_octave() <= octave && octave <= clods_.largest_octave())
+    clods_.add(grid, octave, shares, heights_m, {}, stop);
 }
 
 // Adds an octave of relief, weighted by `shares` (empty: 1 everywhere).

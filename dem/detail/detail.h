@@ -1,4 +1,4 @@
-// Terrain detail finer than the posts: craters and relief added to heights, level by level.
+// Terrain detail finer than the posts: craters, relief and clods added to heights, level by level.
 //
 // A level shows an octave of craters when the spacing of its posts is at most a quarter of the octave's smallest
 // diameter, and an octave of relief when it is at most a quarter of its wavelength. A level shows its octaves exactly:
@@ -23,6 +23,7 @@
 #include <vector>
 
 #include "dem/base/stop_token.h"
+#include "dem/detail/clod_field.h"
 #include "dem/detail/crater_field.h"
 #include "dem/detail/direction_grid.h"
 #include "dem/detail/region.h"
@@ -43,6 +44,7 @@ struct DetailPreset {
   std::uint64_t fingerprint = 0;  // hash of the preset's source text
   CraterLaw craters;
   ReliefLaw relief;
+  ClodLaw clods;
   RockLaw rocks;
   Region region;  // area that has the detail
   std::optional<PublishedSlopes> published;
@@ -59,11 +61,15 @@ class Detail {
   // Smallest octave of craters, and of relief, that a level shows: octave k has sizes from 2^k to 2^(k+1) m.
   static int smallest_octave(int level);
 
+  // What shows at each position of a grid, 1 or 0; spans may be empty.
+  struct Marks {
+    std::span<float> in_crater;  // inside the rim of a crater that is not worn away (kWorn)
+    std::span<float> on_clod;
+  };
   // Adds to heights in metres, row by row, the octaves that a level shows and `posts_level`, the level of the DEM's
-  // posts there, does not. The result at a position does not depend on the grid, to the bit. `in_crater`, if not empty,
-  // is set to 1 inside the rim of a crater that is not worn away (kWorn), else to 0.
-  void add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m,
-           std::span<float> in_crater = {}, const StopToken& stop = {}) const;
+  // posts there, does not. The result at a position does not depend on the grid, to the bit.
+  void add(const DirectionGrid& grid, int level, int posts_level, std::span<double> heights_m, const Marks& marks,
+           const StopToken& stop = {}) const;
   // Depth over diameter below which a crater is no longer recognised.
   static constexpr double kWorn = 0.02;
   // Adds one octave; it must not be among those that the posts' level shows.
@@ -104,6 +110,7 @@ class Detail {
 
   const CraterField& craters() const { return craters_; }
   const Relief& relief() const { return relief_; }
+  const ClodField& clods() const { return clods_; }
   // Rocks are not part of the terrain: they lie on it (rocks_on_ground.h).
   const RockField& rocks() const { return rocks_; }
 
@@ -118,10 +125,11 @@ class Detail {
   DetailPreset preset_;
   CraterField craters_;
   Relief relief_;
+  ClodField clods_;
   RockField rocks_;
   std::vector<double> means_m_;  // mean height of the craters, by octave, from the smallest octave
   // 99th percentile of the absolute difference from the mean height, by octave, from the smallest octave.
-  std::vector<double> crater_p99_m_, relief_p99_m_;
+  std::vector<double> crater_p99_m_, relief_p99_m_, clod_p99_m_;
   double fade_m_;
   int finest_level_ = 0;
 };

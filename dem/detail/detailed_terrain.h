@@ -1,6 +1,6 @@
 // The terrain with detail: which blocks have it, and bounds and errors of nodes; how ground is made is ground_maker.h.
 //
-// Between posts the surface is bicubic, so that it has no facets, with craters and relief. Only detail below the
+// Between posts the surface is bicubic, so that it has no facets, with craters, relief and clods. Only detail below the
 // resolution of the posts is added (detail.h), and the posts' information is preserved: the detail's mean over each
 // post's cell, interpolated as the posts are, is subtracted, so that means over cells are the same with and without
 // detail (unit.detail has the accuracy). Posts may be closer than what they resolve (resolved_posts.h): then cells are

@@ -6,9 +6,11 @@
 #include <cstddef>
 #include <numbers>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "dem/grid/degrees.h"
+#include "dem/grid/geodesy.h"
 #include "dem/grid/lattice.h"
 
 namespace selenograph::dem {
@@ -20,7 +22,22 @@ struct DirectionGrid {
   double west, lon_step;  // longitude of the first column and spacing of columns, radians
   std::size_t rows() const { return sin_lat.size(); }
   std::size_t columns() const { return sin_lon.size(); }
+  Vec3 direction(std::size_t r, std::size_t c) const {
+    return {cos_lat[r] * cos_lon[c], cos_lat[r] * sin_lon[c], sin_lat[r]};
+  }
 };
+
+// The ball that bounds a grid's positions on the sphere, around the direction of its middle; its radius is a chord.
+struct BoundingBall {
+  Vec3 direction;
+  double radius_m;
+};
+BoundingBall ball_around(const DirectionGrid& grid);
+
+// Return the rows and the columns, first and past the last, that a circle may reach. `reach`: its radius, a chord of
+// the unit sphere. The columns do not hold for rows beyond a pole.
+std::pair<std::size_t, std::size_t> rows_within(const DirectionGrid& grid, const Vec3& centre, double reach);
+std::pair<std::size_t, std::size_t> columns_within(const DirectionGrid& grid, const Vec3& centre, double reach);
 
 // Returns a rectangle of a grid, without copying its tables.
 inline DirectionGrid sub_grid(const DirectionGrid& grid, std::size_t first_row, std::size_t rows,

@@ -14,6 +14,12 @@ BlockExtent with_halo(const BlockExtent& e) {
   return {e.lat0 - kHalo * e.lat_step, e.lon0 - kHalo * e.lon_step, e.lat_step, e.lon_step, e.quads + 2 * kHalo};
 }
 
+// Interpolates between two layers. Returns one side's exact bits at shares 0 and 1: blocks outside the band of a border
+// evaluate one layer only and must agree.
+double mixed(double share, double below, double above) {
+  return share == 0 ? below : share == 1 ? above : below + share * (above - below);
+}
+
 }  // namespace
 
 // Interpolates a layer's posts (or, if the block is no finer than these, takes the pyramid's filtered ones), subtracts
@@ -26,7 +32,7 @@ GroundMaker::Surface GroundMaker::layer_surface(const BlockId& id, const BlockEx
   PostReader posts(posts_, finer ? layer.level : id.level,
                    finer ? GroundPosts::Kind::of_layer : GroundPosts::Kind::filtered, stop);
   PostReader correction(posts_, layer.detail_level, GroundPosts::Kind::mean_correction, stop);
-  Surface out{{}, std::vector<double>(n * n), std::vector<float>(n * n), {}, {}, 0};
+  Surface out{{}, std::vector<double>(n * n), {}, {}, 0};
   out.sources.reserve(n * n);
   std::vector<std::int64_t> lons;
   lons.reserve(n);
@@ -47,41 +53,68 @@ GroundMaker::Surface GroundMaker::layer_surface(const BlockId& id, const BlockEx
   out.ground.assign(n * n,
                     shows_detail && detail_.has_relief(id.level, layer.detail_level) ? Ground::relief : Ground::dem);
   if (!shows_detail) return out;
-  detail_.add(BlockDirections(e, 0, 1, side).grid(), id.level, layer.detail_level, out.heights_m, out.in_crater, stop);
+  std::vector<float> in_crater(n * n), on_clod(n * n);
+  detail_.add(BlockDirections(e, 0, 1, side).grid(), id.level, layer.detail_level, out.heights_m, {in_crater, on_clod},
+              stop);
+  for (std::size_t post = 0; post < n * n; ++post)
+    if (on_clod[post] > 0 || in_crater[post] > 0) out.ground[post] = on_clod[post] > 0 ? Ground::clod : Ground::crater;
   // A level coarser than the posts omits, besides posts, the bicubic curve between them: double the plain error for it.
   out.left_out_m = 2 * out.left_out_m + detail_.left_out_m(id.level, layer.detail_level);
   return out;
 }
 
-// Blends a layer's ground over that of the coarser layers, by the layer's share at each post.
-void GroundMaker::blend(Surface& below, const Surface& above, const BlockExtent& e,
-                        const LayeredPosts::Layer& layer) const {
-  const int side = e.quads + 1;
-  // Return one side's exact bits at shares 0 and 1: blocks outside the band evaluate one layer only and must agree.
-  const auto mixed = [](double share, double a, double b) {
-    return share == 0 ? a : share == 1 ? b : a + share * (b - a);
-  };
-  std::size_t post = 0;
-  for (int r = 0; r < side; ++r)
-    for (int c = 0; c < side; ++c, ++post) {
+std::vector<double> GroundMaker::shares(const LayeredPosts::Layer& layer, const BlockExtent& e) const {
+  std::vector<double> shares;
+  for (int r = 0; r <= e.quads; ++r)
+    for (int c = 0; c <= e.quads; ++c) {
       // Wrap a position beyond a pole, in the halo, to the opposite meridian.
       double lat_deg = lat_deg_of(e.lat0 + r * e.lat_step), lon_deg = lon_deg_of(e.lon0 + c * e.lon_step);
       if (std::abs(lat_deg) > 90) {
         lat_deg = std::copysign(180, lat_deg) - lat_deg;
         lon_deg += 180;
       }
-      const double share = layers_.share(layer, lat_deg, lon_deg);
-      if (share == 0) continue;
-      double &posts_m = below.posts_m[post], &height_m = below.heights_m[post];
-      const double detail_m = mixed(share, height_m - posts_m, above.heights_m[post] - above.posts_m[post]);
-      posts_m = mixed(share, posts_m, above.posts_m[post]);
-      height_m = share == 1 ? above.heights_m[post] : posts_m + detail_m;
-      if (share <= 0.5) continue;
-      below.sources[post] = above.sources[post];
-      below.in_crater[post] = above.in_crater[post];
-      below.ground[post] = above.ground[post];
+      shares.push_back(layers_.share(layer, lat_deg, lon_deg));
     }
+  return shares;
+}
+
+// Blends a layer's ground over that of the coarser layers, by the layer's share at each post.
+void GroundMaker::blend(Surface& below, const Surface& above, const BlockExtent& e,
+                        const LayeredPosts::Layer& layer) const {
+  const std::vector<double> shares_of_posts = shares(layer, e);
+  for (std::size_t post = 0; post < shares_of_posts.size(); ++post) {
+    const double share = shares_of_posts[post];
+    if (share == 0) continue;
+    double &posts_m = below.posts_m[post], &height_m = below.heights_m[post];
+    const double detail_m = mixed(share, height_m - posts_m, above.heights_m[post] - above.posts_m[post]);
+    posts_m = mixed(share, posts_m, above.posts_m[post]);
+    height_m = share == 1 ? above.heights_m[post] : posts_m + detail_m;
+    if (share <= 0.5) continue;
+    below.sources[post] = above.sources[post];
+    below.ground[post] = above.ground[post];
+  }
   below.left_out_m = std::max(below.left_out_m, above.left_out_m);
+}
+
+std::vector<double> GroundMaker::octave_of_normals(const BlockId& id, const BlockExtent& e,
+                                                   const StopToken& stop) const {
+  const int side = e.quads + 1, octave = Detail::smallest_octave(id.level) - 1;
+  const BlockDirections directions(e, 0, 1, side);
+  const auto n = static_cast<std::size_t>(side) * static_cast<std::size_t>(side);
+  std::vector<double> heights_m(n);
+  const LayeredPosts::Layers layers = layers_.of(id);
+  for (const LayeredPosts::Layer& layer : *layers) {
+    std::vector<double> of_layer_m(n);
+    if (id.level > layer.detail_level) detail_.add_octave(directions.grid(), octave, of_layer_m, stop);
+    if (&layer == &layers->front()) {
+      heights_m = std::move(of_layer_m);
+      continue;
+    }
+    const std::vector<double> shares_of_posts = shares(layer, e);
+    for (std::size_t post = 0; post < n; ++post)
+      heights_m[post] = mixed(shares_of_posts[post], heights_m[post], of_layer_m[post]);
+  }
+  return heights_m;
 }
 
 GroundMaker::Surface GroundMaker::composed_surface(const BlockId& id, const BlockExtent& e,
@@ -121,10 +154,10 @@ std::shared_ptr<Block> GroundMaker::block(const BlockId& id, const StopToken& st
       const float* h = rounded.data() + post;
       block->vertices.push_back({*h, Eigen::Vector3f::Zero()});
       block->sources.push_back(surface.sources[post]);
-      const bool outside = !everywhere && detail_.share(block->position(r, c, 0).normalized()) == 0;
-      block->ground.push_back(surface.in_crater[post] > 0 ? Ground::crater
-                              : outside                   ? Ground::dem
-                                                          : surface.ground[post]);
+      // Relief fades inside the region. Craters and clods have their centres in it and may reach outside.
+      const bool no_relief = !everywhere && surface.ground[post] == Ground::relief &&
+                             detail_.share(block->position(r, c, 0).normalized()) == 0;
+      block->ground.push_back(no_relief ? Ground::dem : surface.ground[post]);
       if (std::isnan(*h)) continue;
       low = std::min(low, *h);
       high = std::max(high, *h);
@@ -139,7 +172,10 @@ std::shared_ptr<Block> GroundMaker::block(const BlockId& id, const StopToken& st
   block->error_m = 0.75 * bend_m + surface.left_out_m;
   block->min_m = low;
   block->max_m = high;
-  fill_shading_normals(*block, rounded, {});
+  const std::vector<double> of_normals_m = octave_of_normals(id, with_halo(e), stop);
+  for (std::size_t post = 0; post < rounded.size(); ++post)
+    rounded[post] = static_cast<float>(surface.heights_m[post] + of_normals_m[post]);
+  fill_shading_normals(*block, rounded, {.filtered = true});
   return block;
 }
 

@@ -34,10 +34,9 @@ class GroundMaker {
   // Ground at the posts of an extent, row by row.
   struct Surface {
     std::vector<double> posts_m, heights_m;  // without detail, with it
-    std::vector<float> in_crater;            // 1 inside a crater's rim, else 0
     std::vector<SourceMark> sources;
-    std::vector<Ground> ground;  // shown outside craters
-    double left_out_m;           // bound on the detail that finer levels add
+    std::vector<Ground> ground;
+    double left_out_m;  // bound on the detail that finer levels add
   };
 
   // Ground at the posts of an extent, which is a section of the block or its surroundings. The value at a post does not
@@ -46,6 +45,11 @@ class GroundMaker {
                         const StopToken& stop) const;
   void blend(Surface& below, const Surface& above, const BlockExtent& e, const LayeredPosts::Layer& layer) const;
   Surface composed_surface(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
+  // Heights of the largest octave that the block's level is too coarse for, relative to all others. Its posts cannot
+  // show the octave's shapes, but its slopes: it tilts shading normals, without shadows.
+  std::vector<double> octave_of_normals(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
+  // Share of a layer's ground at each post of an extent.
+  std::vector<double> shares(const LayeredPosts::Layer& layer, const BlockExtent& e) const;
 
   const PyramidTerrain& plain_;
   const Detail& detail_;

@@ -69,7 +69,18 @@ Relief::Relief(const ReliefLaw& law)
   for (std::size_t i = 0; i < squares.size(); ++i)
     sum += std::pow(4, (at_baseline - kOctavesAround + static_cast<int>(i)) * law.hurst) * squares[i];
   const double unit_m = sum > 0 ? law.deviation_m / std::sqrt(sum) : 0;
-  for (int k = shortest_; k <= longest_; ++k) amplitudes_m_.push_back(unit_m * std::pow(2, k * law.hurst));
+  // The noise's slope is its difference over a distance that is short beside its wavelength.
+  constexpr double kShort = 1e-3;
+  const double unit_slope = std::sqrt(structure_function({kShort}).front()) / kShort;
+  for (int k = shortest_; k <= longest_; ++k) {
+    const double wavelength_m = std::ldexp(1.0, k);
+    if (wavelength_m >= law.fine.below_m) {
+      amplitudes_m_.push_back(unit_m * std::pow(2, k * law.hurst));
+      continue;
+    }
+    const double slope = law.fine.slope * std::pow(wavelength_m / (law.fine.below_m / 2), law.fine.hurst - 1);
+    amplitudes_m_.push_back(slope * wavelength_m / unit_slope);
+  }
 }
 
 double Relief::amplitude_m(int octave) const { return amplitudes_m_[static_cast<std::size_t>(octave - shortest_)]; }

@@ -3,6 +3,8 @@
 //
 //   octave k: wavelength 2^k m, amplitude unit_m * 2^(k H), H the Hurst exponent
 //
+// Ground is rougher below some decimetres than this law continued: there a second one holds (`fine`).
+//
 //   log amplitude       ____ k+1     Steps of one octave of wavelength scale the amplitude by 2^H: the RMS difference
 //               ____ k               of heights at distance d grows as d^H. Octaves between the law's shortest and
 //      ____ k-1                      longest wavelength are made.
@@ -23,13 +25,20 @@ struct ReliefLaw {
   // RMS difference of height between points a baseline apart (the Allan deviation; Shepard et al. 2001, JGR 106).
   double deviation_m = 0, baseline_m = 1;
   double longest_m = 1, shortest_m = 2;  // wavelengths; longest below shortest: no relief
+  // Law of the wavelengths below `below_m`; 0: none. Relief between millimetres and metres has a Hurst exponent of 0.5
+  // to 0.7 (Helfenstein & Shepard 1999, Apollo's close-up stereo pictures).
+  struct Fine {
+    double below_m = 0;
+    double hurst = 0.52;
+    double slope = 0;  // RMS slope along an axis of the octave of the wavelength below_m / 2
+  } fine;
 };
 
 // Thread-safe: const functions may be called concurrently.
 class Relief {
  public:
   // Octaves have wavelengths of 2^k m, from the shortest to the longest of the law. Takes some milliseconds: the
-  // amplitudes are fitted so that the sum has the law's deviation.
+  // amplitudes are fitted so that the sum has the law's deviation; `fine` does not count in it.
   explicit Relief(const ReliefLaw& law);
 
   int shortest_octave() const { return shortest_; }

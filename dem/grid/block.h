@@ -40,7 +40,7 @@ struct HeightRange {
 
 // Content that a vertex shows: the DEM, including interpolation between its posts, or detail finer than the posts.
 // These are values of the product `detail`, which also has rocks.
-enum class Ground : std::uint8_t { dem = 0, crater = 1, relief = 2, rock = 3 };
+enum class Ground : std::uint8_t { dem = 0, crater = 1, relief = 2, rock = 3, clod = 4 };
 
 // Data of a vertex that do not follow from the lattice: sixteen bytes, as rendering fetches them.
 struct alignas(16) Vertex {

@@ -6,7 +6,7 @@
 // 1/4 to 1: by 2^lon_shift, constant along a row of blocks, 0 within 75.5 degrees of the equator, and never past a
 // block of 8 degrees.
 //
-// Positions are exact integers ("ticks" of 2^-27 degree): latitude from the south pole, longitude from -180 eastward.
+// Positions are exact integers ("ticks" of 2^-28 degree): latitude from the south pole, longitude from -180 eastward.
 // A position has the same tick at every level, hence the same sine and cosine, bit for bit.
 //
 //   level 4, one block          level 5, its four children        posts of both levels: x, of level 5 only: +
@@ -27,8 +27,8 @@
 namespace selenograph::dem {
 
 inline constexpr int kRootLevel = 4;
-inline constexpr int kMaxLevel = 24;   // 1.8 mm posts
-inline constexpr int kTickLevel = 27;  // an eighth of the finest quad
+inline constexpr int kMaxLevel = 25;   // 0.9 mm posts
+inline constexpr int kTickLevel = 28;  // an eighth of the finest quad
 // Latitudes and longitudes of the lattice, and differences of them.
 using Tick = std::int64_t;
 inline constexpr Tick kTicksPerDegree = 1 << kTickLevel;

@@ -14,7 +14,8 @@
 namespace selenograph::engine {
 namespace {
 
-constexpr int kPostsOfSquare = 40;  // along each side
+constexpr int kPostsOfSquare = 40;            // along each side
+constexpr double kShortestPublished_m = 0.5;  // published slopes are not continued to shorter baselines
 
 // Returns latitude and longitude of the i-th place, within 45 degrees of the equator. An additive recurrence spreads
 // places evenly, and the same on every machine.
@@ -37,23 +38,30 @@ std::vector<double> square(const dem::Detail& detail, int number, double spacing
   constexpr double kPerBaseline = 8;
   const int level = level_showing(static_cast<int>(std::floor(std::log2(spacing_m / kPerBaseline))));
   std::vector<double> heights(static_cast<std::size_t>(kPostsOfSquare * kPostsOfSquare));
-  detail.add(dem::SquareGrid(lat, lat_step, lon, lon_step, kPostsOfSquare).grid(), level, 0, heights, {}, {});
+  detail.add(dem::SquareGrid(lat, lat_step, lon, lon_step, kPostsOfSquare).grid(), level, 0, heights, {});
   return heights;
 }
 
 struct Sums {
-  double craters = 0, relief = 0;  // sums of squared height differences
-  std::vector<double> slopes{};    // absolute values
+  double craters = 0, relief = 0, clods = 0;  // sums of squared height differences
+  std::vector<double> slopes{};               // absolute values
+};
+
+// Heights of a square's posts by each law alone.
+struct Heights {
+  std::vector<double> craters, relief, clods;
 };
 
 // Sums over all pairs of neighbouring posts of a square.
-Sums sums_of(const std::vector<double>& craters, const std::vector<double>& relief, double baseline_m) {
+Sums sums_of(const Heights& heights, double baseline_m) {
   Sums sums;
   const auto add_pair = [&](std::size_t a, std::size_t b) {
-    const double c = craters[b] - craters[a], r = relief[b] - relief[a];
-    sums.craters += c * c;
-    sums.relief += r * r;
-    sums.slopes.push_back(std::abs(c + r) / baseline_m);
+    const double crater = heights.craters[b] - heights.craters[a], relief = heights.relief[b] - heights.relief[a],
+                 clod = heights.clods[b] - heights.clods[a];
+    sums.craters += crater * crater;
+    sums.relief += relief * relief;
+    sums.clods += clod * clod;
+    sums.slopes.push_back(std::abs(crater + relief + clod) / baseline_m);
   };
   constexpr std::size_t n = kPostsOfSquare;
   for (std::size_t r = 0; r + 1 < n; ++r)
@@ -71,34 +79,45 @@ double slope_deg(double slope) { return std::atan(slope) * kDegreesPerRadian; }
 std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places) {
   dem::DetailPreset single_law = preset;
   single_law.relief = {};
+  single_law.clods = {};
   single_law.rocks = {};
   single_law.region = {};
   const dem::Detail craters(single_law);
   single_law.craters = {};
   single_law.relief = preset.relief;
   const dem::Detail relief(single_law);
+  single_law.relief = {};
+  single_law.clods = preset.clods;
+  const dem::Detail clods(single_law);
   std::vector<SlopeRow> rows;
   double rms_before = 0;
-  for (const double baseline_m : {0.5, 1.0, 2.0, 5.0, 10.0, 17.0, 50.0, 100.0, 200.0}) {
+  for (const double baseline_m :
+       {0.007, 0.014, 0.028, 0.056, 0.112, 0.5, 1.0, 2.0, 5.0, 10.0, 17.0, 50.0, 100.0, 200.0}) {
+    if (baseline_m < kShortestPublished_m && !(preset.clods.cover > 0)) continue;
     std::vector<Sums> squares(static_cast<std::size_t>(places));
     in_parallel(squares.size(), [&](std::size_t i) {
       const int number = static_cast<int>(i);
-      squares[i] = sums_of(square(craters, number, baseline_m), square(relief, number, baseline_m), baseline_m);
+      squares[i] = sums_of(
+          {square(craters, number, baseline_m), square(relief, number, baseline_m), square(clods, number, baseline_m)},
+          baseline_m);
     });
     Sums total;
     for (const Sums& s : squares) {
       total.craters += s.craters;
       total.relief += s.relief;
+      total.clods += s.clods;
       total.slopes.insert(total.slopes.end(), s.slopes.begin(), s.slopes.end());
     }
-    const double variance = total.craters + total.relief,
+    const double variance = total.craters + total.relief + total.clods,
                  rms_m = std::sqrt(variance / static_cast<double>(total.slopes.size()));
     const double hurst = rows.empty() ? std::numeric_limits<double>::quiet_NaN()
                                       : std::log(rms_m / rms_before) / std::log(baseline_m / rows.back().baseline_m);
-    rows.push_back(
-        {baseline_m, slope_deg(rms_m / baseline_m), slope_deg(median(total.slopes)), hurst,
-         variance > 0 ? total.craters / variance : 0, variance > 0 ? total.relief / variance : 0,
-         preset.published ? preset.published->at_deg(baseline_m) : std::numeric_limits<double>::quiet_NaN()});
+    const auto share = [&](double sum) { return variance > 0 ? sum / variance : 0; };
+    const bool published = preset.published && baseline_m >= kShortestPublished_m;
+    rows.push_back({baseline_m, slope_deg(rms_m / baseline_m), slope_deg(median(total.slopes)), hurst,
+                    share(total.craters), share(total.relief), share(total.clods),
+                    slope_deg(ranked(total.slopes, total.slopes.size() * 99 / 100)),
+                    published ? preset.published->at_deg(baseline_m) : std::numeric_limits<double>::quiet_NaN()});
     rms_before = rms_m;
   }
   return rows;

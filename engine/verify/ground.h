@@ -9,10 +9,11 @@ namespace selenograph::engine {
 
 struct SlopeRow {
   double baseline_m;
-  double rms_deg, median_deg;          // of slopes along the baseline, in one direction
-  double hurst;                        // exponent of the RMS height difference since the previous row; NaN: first row
-  double craters_share, relief_share;  // shares of the variance of height differences
-  double published_deg;                // the preset's published median; NaN: it names none
+  double rms_deg, median_deg;  // of slopes along the baseline, in one direction
+  double hurst;                // exponent of the RMS height difference since the previous row; NaN: first row
+  double craters_share, relief_share, clods_share;  // shares of the variance of height differences
+  double steepest_deg;                              // 99th percentile of the slopes
+  double published_deg;  // the preset's published median; NaN: it names none, or for shorter baselines than it holds
 };
 
 struct CraterRow {
@@ -25,7 +26,7 @@ struct CraterRow {
 // Both measure the detail alone, on a sphere, with all of its octaves. This includes octaves so large that even the
 // coarsest posts (kRootLevel) show them, which detail on terrain never adds (Detail::past_largest_octave; in the
 // presets, wavelengths of 4096 m and more). `places`: squares of 40 x 40 baselines for each row. Octaves below an
-// eighth of a baseline are left out.
+// eighth of a baseline are left out. Baselines from 7 to 112 mm are measured where the preset has clods.
 std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places);
 std::vector<CraterRow> ground_craters(const dem::DetailPreset& preset);
 

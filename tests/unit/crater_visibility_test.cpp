@@ -42,7 +42,7 @@ class Square {
       table[2].push_back(std::sin(lon)), table[3].push_back(std::cos(lon));
     }
     detail.add({table[0], table[1], table[2], table[3], kLon - (kPosts / 2) * lon_step, lon_step},
-               detail.finest_level(), kPostsLevel, heights_);
+               detail.finest_level(), kPostsLevel, heights_, {});
   }
 
   // Differences between the mean on a circle and its middle.

@@ -22,7 +22,7 @@ TEST(Ground, SlopesAreThePublishedOnes) {
       if (row.baseline_m == 100) at_100_m = row.rms_deg;
       if (row.baseline_m > 100) continue;
       EXPECT_NEAR(row.median_deg / row.published_deg, 1, 0.2) << name << ' ' << row.baseline_m;
-      EXPECT_NEAR(row.craters_share + row.relief_share, 1, 1e-12);
+      EXPECT_NEAR(row.craters_share + row.relief_share + row.clods_share, 1, 1e-12);
       if (name == std::string("mare") && row.baseline_m == 1) {
         EXPECT_LT(row.relief_share, 0.4);
       }
@@ -33,6 +33,24 @@ TEST(Ground, SlopesAreThePublishedOnes) {
     EXPECT_NEAR(hurst, 0.825, 0.125) << name;
   }
   EXPECT_EQ(shipped("landing").relief.deviation_m, shipped("mare").relief.deviation_m);
+}
+
+// Chang'e-4 (Guo et al. 2021): median slopes of some 10 degrees over 7 mm, the steepest above 40; Hurst exponents of
+// 0.6 to 0.85.
+TEST(Ground, OfTheLastMetresIsAsRoughAsMeasured) {
+  int rows = 0;
+  for (const SlopeRow& row : ground_slopes(shipped("landing"), 60)) {
+    if (row.baseline_m > 0.2) continue;
+    ++rows;
+    if (row.baseline_m == 0.007) {
+      EXPECT_NEAR(row.median_deg, 10, 2);
+      EXPECT_GT(row.steepest_deg, 40);
+      EXPECT_GT(row.clods_share, 0.3);
+    } else {
+      EXPECT_NEAR(row.hurst, 0.7, 0.15) << row.baseline_m;
+    }
+  }
+  EXPECT_EQ(rows, 5);
 }
 
 TEST(Ground, CratersAreAsManyAsTheLawHas) {

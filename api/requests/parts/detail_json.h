@@ -19,7 +19,7 @@ struct DetailName {
 };
 
 inline constexpr const char* kDetailMeaning =
-    "craters and relief finer than the posts: name of details/NAME.json in the operator's assets folder; null or left "
+    "ground finer than the posts: name of details/NAME.json in the operator's assets folder; null or left "
     "out: none";
 
 // Returns the description of Accuracy::max_detail_error_px.
