@@ -76,9 +76,9 @@ MeanShape measure_shapes() {
     const std::array<Vec3, 2> axes = shape.axes({Vec3::UnitX(), Vec3::UnitY(), Vec3::UnitZ()}, 0.5);
     for (int i = 0; i < kSteps; ++i)
       for (int j = 0; j < kSteps; ++j) {
-        const Vec3 place((i + 0.5) / kSteps - 0.5, (j + 0.5) / kSteps - 0.5, 0);
+        const Vec3 sample((i + 0.5) / kSteps - 0.5, (j + 0.5) / kSteps - 0.5, 0);
         const float height =
-            shape.height(static_cast<float>(axes[0].dot(place)), static_cast<float>(axes[1].dot(place)));
+            shape.height(static_cast<float>(axes[0].dot(sample)), static_cast<float>(axes[1].dot(sample)));
         mean.area += height > 0;
         mean.volume += static_cast<double>(height) * shape.height_over_size();
       }

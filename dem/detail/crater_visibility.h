@@ -1,8 +1,8 @@
 // The contrast of craters with the ground around them.
 //
 // A crater's depth is a difference of heights: the mean on a circle of its diameter minus the height at its centre. The
-// same difference at arbitrary points of the detail's ground, craters, relief and clods, has a root mean square for each
-// diameter: the roughness at that size. A crater's visibility is its present depth over this roughness. 5 % of a normal
+// same difference at arbitrary points of the detail's ground has a root mean square for each diameter:
+// the roughness at that size. A crater's visibility is its present depth over this roughness. 5 % of a normal
 // distribution are above 1.64: a crater of a larger visibility is hardly mistaken for chance.
 #pragma once
 

@@ -61,7 +61,7 @@ class Detail {
   // Smallest octave of craters, and of relief, that a level shows: octave k has sizes from 2^k to 2^(k+1) m.
   static int smallest_octave(int level);
 
-  // What shows at each position of a grid, 1 or 0; spans may be empty.
+  // Marks of what shows at each position of a grid: each is 1 or 0. Spans may be empty.
   struct Marks {
     std::span<float> in_crater;  // inside the rim of a crater that is not worn away (kWorn)
     std::span<float> on_clod;
