@@ -93,7 +93,7 @@ void check_terrain(const Catalogue& catalogue, const RasterInfo& info) {
                           post, answer.height_m, answer.blended ? ", bent" : ""));
     }
   const BlockId block =
-      block_at(2, static_cast<std::int32_t>((info.footprint.south_deg + 90) * kTicksPerDegree),
+      block_at(2, static_cast<Tick>((info.footprint.south_deg + 90) * kTicksPerDegree),
                wrap_lon(static_cast<std::int64_t>((info.footprint.west_deg + 180) * kTicksPerDegree)));
   const NodeInfo node = terrain.node(block);
   require(node.empty || (node.min_m <= node.max_m && std::isfinite(node.error_m)), "a block has bounds");

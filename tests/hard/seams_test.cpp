@@ -89,7 +89,7 @@ std::vector<BlockId> blocks_in(int level, double south_deg, double north_deg, do
   const std::int64_t row_step = std::int64_t{probe.quads} * probe.lat_step, column_step = row_step / 2;
   for (std::int64_t lat = tick(south_deg + 90); lat < tick(north_deg + 90); lat += row_step)
     for (std::int64_t lon = tick(west_deg + 180); lon < tick(east_deg + 180); lon += column_step)
-      found.insert(dem::block_at(level, static_cast<std::int32_t>(lat), dem::wrap_lon(lon)));
+      found.insert(dem::block_at(level, static_cast<dem::Tick>(lat), dem::wrap_lon(lon)));
   return {found.begin(), found.end()};
 }
 
@@ -555,8 +555,8 @@ TEST_F(SampleSeams, DetectsMissingBlocks) {
   const Seams seams = seams_of(whole.mesh, kMosaicMargin_m);
   const std::size_t before = selection.blocks.size();
   for (const double lon_deg : {44.05, 44.15})
-    std::erase(selection.blocks, dem::block_at(9, static_cast<std::int32_t>((90 - 9.95) * dem::kTicksPerDegree),
-                                               static_cast<std::int32_t>((180 + lon_deg) * dem::kTicksPerDegree)));
+    std::erase(selection.blocks, dem::block_at(9, static_cast<dem::Tick>((90 - 9.95) * dem::kTicksPerDegree),
+                                               static_cast<dem::Tick>((180 + lon_deg) * dem::kTicksPerDegree)));
   ASSERT_EQ(selection.blocks.size(), before - 2);
   const Scene torn(terrain(), {selection.blocks, whole.anchor}, 0);
   EXPECT_GT(shoot(torn, {&seams.all}, 200'000).passed, 0);

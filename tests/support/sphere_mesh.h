@@ -24,7 +24,7 @@ class SphereMesh : public ::testing::Test {
     std::vector<dem::BlockId> blocks;
     for (const double lat : {3.0, 5.0})
       for (const double lon : {21.0, 23.0})
-        blocks.push_back(dem::block_at(5, static_cast<std::int32_t>(std::lround((lat + 90) * dem::kTicksPerDegree)),
+        blocks.push_back(dem::block_at(5, static_cast<dem::Tick>(std::lround((lat + 90) * dem::kTicksPerDegree)),
                                        dem::wrap_lon(std::llround((lon + 180) * dem::kTicksPerDegree))));
     std::sort(blocks.begin(), blocks.end());
     blocks.erase(std::unique(blocks.begin(), blocks.end()), blocks.end());

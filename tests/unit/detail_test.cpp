@@ -329,8 +329,8 @@ struct Ground {
 };
 
 BlockId block_over(int level, double lat_deg, double lon_deg) {
-  return block_at(level, static_cast<std::int32_t>((lat_deg + 90) * kTicksPerDegree),
-                  static_cast<std::int32_t>((lon_deg + 180) * kTicksPerDegree));
+  return block_at(level, static_cast<Tick>((lat_deg + 90) * kTicksPerDegree),
+                  static_cast<Tick>((lon_deg + 180) * kTicksPerDegree));
 }
 
 // To the bit, whoever is made first: neighbours share their border's heights, and a second service has the same.
@@ -341,7 +341,8 @@ void expect_borders_agree(const Terrain& terrain, const Terrain& again, const Bl
   for (int i = 0; i <= e.quads; ++i)
     for (int k = 0; k <= e.quads; ++k)
       ASSERT_EQ(here->vertices[here->index(i, k)].height_m, same->vertices[same->index(i, k)].height_m);
-  for (const auto& [dlat, dlon] : {std::pair{-1, 0}, {e.quads * e.lat_step, 0}, {0, -1}, {0, e.quads * e.lon_step}}) {
+  for (const auto& [dlat, dlon] :
+       {std::pair<Tick, Tick>{-1, 0}, {e.quads * e.lat_step, 0}, {0, -1}, {0, e.quads * e.lon_step}}) {
     const BlockId other_id = block_at(id.level, e.lat0 + dlat, wrap_lon(std::int64_t{e.lon0} + dlon));
     const auto other = terrain.block(other_id);
     ASSERT_TRUE(other) << to_string(other_id);
@@ -349,7 +350,7 @@ void expect_borders_agree(const Terrain& terrain, const Terrain& again, const Bl
     int shared = 0;
     for (int r = 0; r <= e.quads; ++r)
       for (int c = 0; c <= e.quads; ++c) {
-        const std::int32_t at_lat = e.lat0 + r * e.lat_step - o.lat0, at_lon = e.lon0 + c * e.lon_step - o.lon0;
+        const Tick at_lat = e.lat0 + r * e.lat_step - o.lat0, at_lon = e.lon0 + c * e.lon_step - o.lon0;
         if (at_lat < 0 || at_lon < 0 || at_lat % o.lat_step || at_lon % o.lon_step) continue;
         const int orow = at_lat / o.lat_step, ocol = at_lon / o.lon_step;
         if (orow > o.quads || ocol > o.quads) continue;
@@ -499,7 +500,7 @@ void expect_quads_of_the_block(const DetailedTerrain& terrain, const DetailedTer
   const BlockExtent& e = block->extent;
   for (int i = 0; i < e.quads; i += test::full_effort() ? 9 : 21)  // the last is at the far edge
     for (const auto& [r, c] : {std::pair{i, 0}, {0, i}, {i, e.quads - 1}, {e.quads - 1, i}, {i, (7 * i) % e.quads}}) {
-      const std::int32_t lat = e.lat0 + r * e.lat_step + e.lat_step / 2, lon = e.lon0 + c * e.lon_step + e.lon_step - 1;
+      const Tick lat = e.lat0 + r * e.lat_step + e.lat_step / 2, lon = e.lon0 + c * e.lon_step + e.lon_step - 1;
       const auto quad = terrain.block_or_quad(id, lat, lon);
       ASSERT_TRUE(quad);
       ASSERT_EQ(quad->extent.quads, 1);

@@ -88,7 +88,7 @@ TEST(HeightSurvey, BoundsUnderAGlobalLayerAndAcrossTheDateLine) {
                          {.north_deg = 1, .west_deg = 179, .posts_per_degree = 64, .rows = 65, .columns = 129}, relief);
   // Around the place where the equator crosses the date line: the rest of the globe is more of the same.
   widest(folder.path(), 300, [](const BlockExtent& e) {
-    constexpr std::int32_t kNear = 2 * kTicksPerDegree, kEquator = 90 * kTicksPerDegree;
+    constexpr Tick kNear = 2 * kTicksPerDegree, kEquator = 90 * kTicksPerDegree;
     return e.lat0 < kEquator + kNear && e.lat1() > kEquator - kNear && (e.lon0 < kNear || e.lon1() > kLonTicks - kNear);
   });
 }
@@ -97,8 +97,8 @@ TEST(HeightSurvey, UnknownWhereFilesCannotBeRead) {
   const test::TemporaryFolder folder;
   test::write_kaguya_tile(folder.path(), 12, 20, 2, 256, relief);
   const auto terrain = test::open_terrain(folder.path());
-  const BlockId id = block_at(6, static_cast<std::int32_t>((90 + 11.5) * kTicksPerDegree),
-                              static_cast<std::int32_t>(200.5 * kTicksPerDegree));
+  const BlockId id =
+      block_at(6, static_cast<Tick>((90 + 11.5) * kTicksPerDegree), static_cast<Tick>(200.5 * kTicksPerDegree));
   EXPECT_TRUE(terrain->heights_without_building(id));
   terrain->node(id);
   EXPECT_FALSE(terrain->heights_without_building(id)) << "node() needs no building any more";

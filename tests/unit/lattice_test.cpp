@@ -23,7 +23,7 @@ std::int64_t area(const BlockExtent& e) { return static_cast<std::int64_t>(e.lat
 std::vector<int> rows_to_try(int level) {
   const int rows = rows_of(level);
   std::set<int> some;
-  std::mt19937 random(static_cast<unsigned>(level));
+  std::mt19937_64 random(static_cast<unsigned>(level));
   for (int i = 0; i < std::min(rows, 600); ++i)
     some.insert(i), some.insert(rows - 1 - i), some.insert(static_cast<int>(random() % static_cast<unsigned>(rows)));
   return {some.begin(), some.end()};
@@ -69,10 +69,10 @@ TEST(Lattice, ChildrenTileTheirParent) {
 }
 
 TEST(Lattice, AncestorsAreParentsOfParents) {
-  std::mt19937 random(7);
+  std::mt19937_64 random(7);
   for (int i = 0; i < 2000; ++i) {
-    const BlockId leaf = block_at(kMaxLevel, static_cast<int>(random() % (kLatTicks + 1U)),
-                                  static_cast<int>(random() % static_cast<unsigned>(kLonTicks)));
+    const BlockId leaf = block_at(kMaxLevel, static_cast<Tick>(random() % (kLatTicks + 1UL)),
+                                  static_cast<Tick>(random() % static_cast<std::uint64_t>(kLonTicks)));
     BlockId id = leaf;
     while (id.level > 0) {
       const BlockId parent = ancestor_of(id, id.level - 1);
@@ -127,18 +127,18 @@ TEST(Lattice, PostsOfTwoPowerProductsAreVertices) {
   for (int k = -90 * 4096; k <= 90 * 4096; k += 37) {
     const double lat = k / 4096.0;
     const std::int64_t tick = std::llround((lat + 90) * kTicksPerDegree);
-    ASSERT_EQ(lat_deg_of(static_cast<std::int32_t>(tick)), lat);
+    ASSERT_EQ(lat_deg_of(static_cast<Tick>(tick)), lat);
     ASSERT_EQ(tick % extent_of({12, 0, 0}).lat_step, 0);
   }
   EXPECT_EQ(extent_of({12, rows_of(12) / 2, 0}).lon_step, kTicksPerDegree / 4096);
 }
 
 TEST(Lattice, BlockAtHoldsItsPlace) {
-  std::mt19937 random(11);
+  std::mt19937_64 random(11);
   for (int level = 0; level <= kMaxLevel; ++level)
     for (int i = 0; i < 500; ++i) {
-      const auto lat = static_cast<std::int32_t>(random() % static_cast<unsigned>(kLatTicks)),
-                 lon = static_cast<std::int32_t>(random() % static_cast<unsigned>(kLonTicks));
+      const auto lat = static_cast<Tick>(random() % static_cast<std::uint64_t>(kLatTicks)),
+                 lon = static_cast<Tick>(random() % static_cast<std::uint64_t>(kLonTicks));
       const BlockExtent e = extent_of(block_at(level, lat, lon));
       ASSERT_TRUE(lat >= e.lat0 && lat < e.lat1() && lon >= e.lon0 && lon < e.lon1());
     }
@@ -216,7 +216,7 @@ TEST(Geodesy, ThereAndBack) {
 // Whatever its version: last bits are not compared.
 TEST(Geodesy, AgreesWithGeographicLib) {
   const GeographicLib::Geocentric sphere(kMoonRadius_m, 0);
-  std::mt19937 random(5);
+  std::mt19937_64 random(5);
   std::uniform_real_distribution<double> lat(-90, 90), lon(-360, 360), height(-9000, 1e5);
   for (int i = 0; i < 10000; ++i) {
     const Geographic place{lat(random), lon(random), height(random)};

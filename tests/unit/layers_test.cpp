@@ -23,7 +23,7 @@ using test::TemporaryFolder;
 using test::write_float_tile;
 
 PostWindow window(int level, double south, double west, int rows, int cols) {
-  const std::int32_t step = 1 << (kTickLevel - level);
+  const Tick step = 1 << (kTickLevel - level);
   return {std::llround((south + 90) * kTicksPerDegree),
           std::llround((west + 180) * kTicksPerDegree),
           step,

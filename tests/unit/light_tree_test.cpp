@@ -14,7 +14,7 @@ namespace selenograph::engine {
 namespace {
 
 dem::BlockId block(int level, double lat, double lon) {
-  return dem::block_at(level, static_cast<std::int32_t>((lat + 90) * dem::kTicksPerDegree),
+  return dem::block_at(level, static_cast<dem::Tick>((lat + 90) * dem::kTicksPerDegree),
                        dem::wrap_lon(std::llround((lon + 180) * dem::kTicksPerDegree)));
 }
 

@@ -25,7 +25,7 @@ std::int64_t lat_tick(double deg) { return std::llround((deg + 90) * kTicksPerDe
 std::int64_t lon_tick(double deg) { return std::llround((deg + 180) * kTicksPerDegree); }
 
 PostWindow posts_window(int level, double south, double west, int rows, int cols) {
-  const std::int32_t step = 1 << (kTickLevel - level);
+  const Tick step = 1 << (kTickLevel - level);
   return {lat_tick(south), lon_tick(west), step, step, rows, cols};
 }
 

@@ -518,7 +518,7 @@ TEST_F(ProjectedRaster, TilesOfAGridAreOneLayer) {
       Catalogue catalogue(std::vector<std::string>{folder});
       join_layers(catalogue, 1, {});
       const PostSource source(catalogue, false, [](const std::string&, const std::string&) {});
-      const std::int32_t step = 1 << (kTickLevel - 6);
+      const Tick step = 1 << (kTickLevel - 6);
       return source.compose({std::llround((90 + 57.5) * kTicksPerDegree), std::llround((180 + 95.0) * kTicksPerDegree),
                              step, step, 320, 640});
     };
@@ -576,7 +576,7 @@ TEST_F(WholeDisc, TheCoarserLayerBendsToItsLimb) {
   join_layers(catalogue, 4, {});
   ASSERT_EQ(catalogue.rasters().size(), 2U);
   const PostSource source(catalogue, false, [](const std::string&, const std::string&) {});
-  const std::int32_t step = 1 << (kTickLevel - 4);
+  const Tick step = 1 << (kTickLevel - 4);
   // Along the equator from 0 to 130 degrees east: the plane foreshortens the band, which begins at its limb.
   const Posts posts = source.compose({90LL * kTicksPerDegree, 180LL * kTicksPerDegree, step, step, 1, 130 * 16 + 1});
   EXPECT_EQ(posts.heights.front(), 1000);

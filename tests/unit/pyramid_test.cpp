@@ -85,8 +85,8 @@ TEST(Pyramid, SlopesPassAllFilters) {
   const auto terrain = open_terrain(folder.path());
   for (int level = 2; level <= 8; ++level) {
     // Blocks in the middle: at the border the filter finds posts on one side only.
-    const BlockId id = block_at(level, static_cast<std::int32_t>(105.5 * kTicksPerDegree),
-                                static_cast<std::int32_t>(195.5 * kTicksPerDegree));
+    const BlockId id =
+        block_at(level, static_cast<Tick>(105.5 * kTicksPerDegree), static_cast<Tick>(195.5 * kTicksPerDegree));
     const auto block = terrain->block(id);
     ASSERT_TRUE(block);
     for (int r = 0; r <= block->extent.quads; ++r)
@@ -135,19 +135,17 @@ double surface(const Block& b, double lat_tick, double lon_tick) {
 void expect_honest_bounds(const Terrain& terrain, double lat, double lon, int finest) {
   std::mt19937 random(9);
   for (int level = finest; level >= 1; --level) {
-    const BlockId id = block_at(level, static_cast<std::int32_t>((lat + 90) * kTicksPerDegree),
-                                static_cast<std::int32_t>((lon + 180) * kTicksPerDegree));
+    const BlockId id = block_at(level, static_cast<Tick>((lat + 90) * kTicksPerDegree),
+                                static_cast<Tick>((lon + 180) * kTicksPerDegree));
     const auto block = terrain.block(id);
     ASSERT_TRUE(block);
     const NodeInfo info = terrain.node(id);
     double worst = 0;
     for (int i = 0; i < 20000; ++i) {
-      const auto y =
-          block->extent.lat0 +
-          static_cast<std::int32_t>(random() % static_cast<unsigned>(block->extent.lat1() - block->extent.lat0));
-      const auto x =
-          block->extent.lon0 +
-          static_cast<std::int32_t>(random() % static_cast<unsigned>(block->extent.lon1() - block->extent.lon0));
+      const auto y = block->extent.lat0 +
+                     static_cast<Tick>(random() % static_cast<unsigned>(block->extent.lat1() - block->extent.lat0));
+      const auto x = block->extent.lon0 +
+                     static_cast<Tick>(random() % static_cast<unsigned>(block->extent.lon1() - block->extent.lon0));
       const auto fine = terrain.block(block_at(finest, y, x));
       if (!fine) continue;  // beyond the tile
       const double truth = surface(*fine, y, x), here = surface(*block, y, x);
@@ -195,8 +193,8 @@ void expect_equal_edges(const Terrain& terrain, const BlockId& id) {
     if (!b) return;
     for (int r = 0; r <= e.quads; ++r)
       for (int c = 0; c <= e.quads; ++c) {
-        const std::int32_t dy = e.lat0 + r * e.lat_step - b->extent.lat0;
-        std::int32_t dx = wrap_lon(e.lon0 + std::int64_t{c} * e.lon_step) - b->extent.lon0;
+        const Tick dy = e.lat0 + r * e.lat_step - b->extent.lat0;
+        Tick dx = wrap_lon(e.lon0 + std::int64_t{c} * e.lon_step) - b->extent.lon0;
         if (dx < 0) dx += kLonTicks;
         if (dy < 0 || dx > b->extent.quads * b->extent.lon_step || dy > b->extent.quads * b->extent.lat_step ||
             dx % b->extent.lon_step)
@@ -338,8 +336,7 @@ TEST_F(PyramidFile, EveryRegionIsProtected) {
   const Catalogue catalogue(std::vector<std::string>{folder_ / "dem"});
   const PostSource source(catalogue, false, [](const std::string&, const std::string&) {});
   ChunkPlan plan;
-  plan.node =
-      block_at(4, static_cast<std::int32_t>(101 * kTicksPerDegree), static_cast<std::int32_t>(201 * kTicksPerDegree));
+  plan.node = block_at(4, static_cast<Tick>(101 * kTicksPerDegree), static_cast<Tick>(201 * kTicksPerDegree));
   plan.base_level = 5;
   plan.fingerprint = 12345;
   plan.exists = true;
@@ -410,8 +407,8 @@ TEST_F(PyramidFile, AFifoInAFilesPlaceIsReplaced) {
 }
 
 TEST_F(PyramidFile, DamageWhileServingIsRepaired) {
-  const BlockId id = block_at(4, static_cast<std::int32_t>(101.5 * kTicksPerDegree),
-                              static_cast<std::int32_t>(201.5 * kTicksPerDegree));
+  const BlockId id =
+      block_at(4, static_cast<Tick>(101.5 * kTicksPerDegree), static_cast<Tick>(201.5 * kTicksPerDegree));
   const float right = open()->block(id)->vertices[5 * 65 + 5].height_m;
   const auto terrain = open();
   terrain->node(id);  // the chunk is open, its block not yet read
@@ -449,8 +446,8 @@ TEST(Pyramid, NeighbouringTileChangesTheEdgeNextToAPole) {
     const auto terrain = open_terrain(folder / "dem", folder / cache);
     std::vector<float> heights;
     for (const int level : {9, 10, 12}) {
-      const auto lat = static_cast<std::int32_t>((90 + 89.62) * kTicksPerDegree),
-                 lon = static_cast<std::int32_t>((180 + 7.999) * kTicksPerDegree);
+      const auto lat = static_cast<Tick>((90 + 89.62) * kTicksPerDegree),
+                 lon = static_cast<Tick>((180 + 7.999) * kTicksPerDegree);
       const auto block = terrain->block(block_at(level, lat, lon));
       for (const Vertex& v : block->vertices) heights.push_back(std::isnan(v.height_m) ? -77777 : v.height_m);
     }

@@ -953,7 +953,7 @@ TEST_F(RasterTest, TilesThatAreTrueToScaleAtAHighLatitudeAreOneLayer) {
     Catalogue catalogue(std::vector<std::string>{file(folder)});
     join_layers(catalogue, 2, {});
     const PostSource source(catalogue, false, [](const std::string&, const std::string&) {});
-    const std::int32_t step = 1 << (kTickLevel - 7);
+    const Tick step = 1 << (kTickLevel - 7);
     return source.compose({std::llround((90 + 74.8) * kTicksPerDegree), std::llround((180 + 10.2) * kTicksPerDegree),
                            step, step, 48, 448});
   };

@@ -122,7 +122,7 @@ TEST(RefineWalls, WeightsAreThoseOfThePlaceWhereverItIsAndHoweverSteep) {
                            [&](double, double) { return 9000 * share(random); });
     const auto terrain = test::open_terrain(folder.path());
     const auto tick = [](double from_deg, double deg) {
-      return static_cast<std::int32_t>((deg + from_deg) * dem::kTicksPerDegree);
+      return static_cast<dem::Tick>((deg + from_deg) * dem::kTicksPerDegree);
     };
     const Mesh mesh(*terrain, {dem::block_at(8, tick(90, north_deg - 0.5), tick(180, west_deg + 0.5))});
     ASSERT_FALSE(mesh.blocks().empty());

@@ -157,9 +157,9 @@ TEST_F(SelectionTest, EdgesBesideTheImageAreAsFineAsTheyAreSeen) {
       const auto block = terrain->block(id);
       for (int side = 0; side < 4; ++side) {
         const bool along_row = side < 2;
-        const std::int32_t across[] = {-1, (along_row ? e.lat1() - e.lat0 : e.lon1() - e.lon0)};
-        const std::int32_t lat_beside = along_row ? e.lat0 + across[side % 2] : (e.lat0 + e.lat1()) / 2,
-                           lon_beside = along_row ? (e.lon0 + e.lon1()) / 2 : e.lon0 + across[side % 2];
+        const dem::Tick across[] = {-1, (along_row ? e.lat1() - e.lat0 : e.lon1() - e.lon0)};
+        const dem::Tick lat_beside = along_row ? e.lat0 + across[side % 2] : (e.lat0 + e.lat1()) / 2,
+                        lon_beside = along_row ? (e.lon0 + e.lon1()) / 2 : e.lon0 + across[side % 2];
         const BlockId beside = dem::block_at(id.level - 1, lat_beside, dem::wrap_lon(lon_beside));
         if (!chosen.contains(beside) || in_view(*terrain, view, beside)) continue;
         const NodeBounds b = bounds_in(*terrain, id);
@@ -214,7 +214,7 @@ TEST_F(SelectionTest, NeighboursDifferByOneLevelAndNothingOverlaps) {
         for (const std::int64_t x :
              {std::int64_t{e.lon0} - 1, std::int64_t{e.lon0}, std::int64_t{e.lon1()} - 1, std::int64_t{e.lon1()}})
           for (int level = id.level - 2; level >= 0; --level)
-            ASSERT_FALSE(chosen.contains(dem::block_at(level, static_cast<std::int32_t>(y), dem::wrap_lon(x))))
+            ASSERT_FALSE(chosen.contains(dem::block_at(level, static_cast<dem::Tick>(y), dem::wrap_lon(x))))
                 << to_string(id);
     }
   }
@@ -402,7 +402,7 @@ TEST_F(SelectionTest, CornersBesideACoarserLevelInView) {
       const BlockId& id = s.blocks[i];
       const dem::BlockExtent e = dem::extent_of(id);
       for (int corner = 0; corner < kCorners; ++corner) {
-        const std::int32_t lat = corner / 2 ? e.lat1() : e.lat0, lon = corner % 2 ? e.lon1() : e.lon0;
+        const dem::Tick lat = corner / 2 ? e.lat1() : e.lat0, lon = corner % 2 ? e.lon1() : e.lon0;
         bool coarser = false;
         for (const int north : {-1, 0})
           for (const int east : {-1, 0})

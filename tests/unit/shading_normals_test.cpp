@@ -25,8 +25,8 @@ struct Field {
 Field field(int level, double lat, double lon, const std::function<double(int, int)>& height,
             const HeightsKind& kind = {}) {
   Field f;
-  f.block.id = block_at(level, static_cast<std::int32_t>((lat + 90) * kTicksPerDegree),
-                        static_cast<std::int32_t>((lon + 180) * kTicksPerDegree));
+  f.block.id = block_at(level, static_cast<Tick>((lat + 90) * kTicksPerDegree),
+                        static_cast<Tick>((lon + 180) * kTicksPerDegree));
   f.block.extent = extent_of(f.block.id);
   fill_trigonometry(f.block);
   const int side = f.block.side();

@@ -24,8 +24,8 @@ std::vector<dem::BlockId> around_the_cliff() {
   std::vector<dem::BlockId> blocks;
   for (const double lat : {-0.375, -0.125, 0.125, 0.375})
     for (const double lon : {-0.375, -0.125, 0.125, 0.375})
-      blocks.push_back(dem::block_at(kLevel, static_cast<std::int32_t>((lat + 90) * dem::kTicksPerDegree),
-                                     static_cast<std::int32_t>((lon + 180) * dem::kTicksPerDegree)));
+      blocks.push_back(dem::block_at(kLevel, static_cast<dem::Tick>((lat + 90) * dem::kTicksPerDegree),
+                                     static_cast<dem::Tick>((lon + 180) * dem::kTicksPerDegree)));
   std::sort(blocks.begin(), blocks.end());
   return blocks;
 }

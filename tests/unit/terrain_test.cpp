@@ -100,7 +100,7 @@ TEST(Terrain, LoadersNeverWaitForTheirWaiters) {
   TemporaryFolder folder;
   write_kaguya_tile(folder.path(), 12, 20, 2, 256, bumpy);
   const auto terrain = open_terrain(folder.path());
-  const BlockId id = block_at(8, static_cast<std::int32_t>((90 + 11) * kTicksPerDegree), 201 * kTicksPerDegree);
+  const BlockId id = block_at(8, static_cast<Tick>((90 + 11) * kTicksPerDegree), 201 * kTicksPerDegree);
   ASSERT_FALSE(terrain->node(id).empty);  // the pyramid is there
   using Clock = StopToken::Clock;
   const StopToken stop(Clock::now() + std::chrono::seconds(20));
@@ -165,7 +165,7 @@ TEST(Terrain, BlocksBetweenFarPostsHaveData) {
         EXPECT_NEAR(terrain->height(lat, lon).height_m, 100, 0.01);
         const auto ticks = [](double deg) { return static_cast<std::int64_t>(deg * kTicksPerDegree); };
         const auto at = [&](int l) {
-          return block_at(l, static_cast<std::int32_t>(ticks(lat + 90)), wrap_lon(ticks(lon + 180)));
+          return block_at(l, static_cast<Tick>(ticks(lat + 90)), wrap_lon(ticks(lon + 180)));
         };
         for (int l = 0; l <= terrain->finest_level(at(kMaxLevel)); ++l) EXPECT_TRUE(terrain->has_data(at(l))) << l;
       }
@@ -209,15 +209,15 @@ TEST(Terrain, SubdividedLevelsAreTheSameSurface) {
   write_kaguya_tile(folder.path(), 12, 20, 2, 16, bumpy);  // level 4; the finest asked for is 8
   const auto terrain = open_terrain(folder.path());
   const BlockId coarse_id =
-      block_at(4, static_cast<std::int32_t>(101 * kTicksPerDegree), static_cast<std::int32_t>(201 * kTicksPerDegree));
+      block_at(4, static_cast<Tick>(101 * kTicksPerDegree), static_cast<Tick>(201 * kTicksPerDegree));
   EXPECT_EQ(terrain->posts_level(coarse_id), 4);
   ASSERT_EQ(terrain->finest_level(coarse_id), 8);
   const auto coarse = terrain->block(coarse_id);
   std::size_t compared = 0;
   for (int level = 5; level <= 9; ++level)
     for (double lat = 10.1; lat < 12; lat += 0.37) {
-      const auto fine = terrain->block(block_at(level, static_cast<std::int32_t>((lat + 90) * kTicksPerDegree),
-                                                static_cast<std::int32_t>(201.1 * kTicksPerDegree)));
+      const auto fine = terrain->block(
+          block_at(level, static_cast<Tick>((lat + 90) * kTicksPerDegree), static_cast<Tick>(201.1 * kTicksPerDegree)));
       if (!fine) continue;
       EXPECT_EQ(terrain->node(fine->id).error_m, 0);
       for (int r = 0; r <= 64; ++r)
