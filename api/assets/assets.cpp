@@ -236,7 +236,7 @@ dem::ValueMapOptions read_map_file(const std::string& path) {
 
 namespace {
 
-constexpr Range kFeature_m{0.0039, 5000};  // 2^-8 m is the smallest octave that the finest level of the lattice shows
+constexpr Range kFeature_m{0.00390625, 5000};  // 2^-8 m is the smallest octave that the finest level shows
 
 dem::SizeFrequency read_frequency(const JsonReader& in) {
   constexpr std::size_t kMaxLaws = 8;

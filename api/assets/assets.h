@@ -143,7 +143,7 @@ dem::ValueMapOptions read_map_file(const std::string& path);
 //   {"seed": N,
 //    "region": [[lat_deg, lon_deg], ...],            corners of a polygon in order that contains the centres of craters
 //                                                    and rocks; left out: everywhere (dem::Region)
-//    "craters": {"smallest_m", "largest_m",          diameters; the smallest at least 0.0039
+//    "craters": {"smallest_m", "largest_m",          diameters; the smallest at least 0.00390625
 //                "frequency": [{"per_m2", "exponent"}, ...],   the minimum of these power laws (cumulative), of the
 //                                                    craters that are visible; left out: equilibrium (Trask 1966)
 //                "oldest_Ma": 3500},             of the surface

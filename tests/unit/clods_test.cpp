@@ -30,7 +30,7 @@ Square square_of(const ClodField& field, int octave, std::size_t side, double sp
 
 // Patches are metres wide, so that the cover is measured on many squares far apart.
 TEST(Clods, CoverTheirShareOfGroundAndKeepItsMeanHeight) {
-  const ClodField field({.seed = 3, .cover = 0.1, .largest_m = 0.0625, .smallest_m = 0.0039});
+  const ClodField field({.seed = 3, .cover = 0.1, .largest_m = 0.0625, .smallest_m = 0.00390625});
   EXPECT_EQ(field.smallest_octave(), -8);
   EXPECT_EQ(field.largest_octave(), -5);
   for (const int octave : {-8, -6, -5}) {
@@ -55,7 +55,7 @@ TEST(Clods, CoverTheirShareOfGroundAndKeepItsMeanHeight) {
 
 // A post has the same bits from every grid that contains it, also beside a pole and the date line.
 TEST(Clods, DoNotDependOnTheGrid) {
-  const ClodField field({.seed = 3, .cover = 0.2, .largest_m = 0.0625, .smallest_m = 0.0039});
+  const ClodField field({.seed = 3, .cover = 0.2, .largest_m = 0.0625, .smallest_m = 0.00390625});
   for (const double lat : {0.0, 1.2, std::numbers::pi / 2 - 1e-6})
     for (const double lon : {0.08, std::numbers::pi - 5e-8}) {
       constexpr std::size_t kSide = 40, kPart = 16;
@@ -74,7 +74,7 @@ TEST(Clods, DoNotDependOnTheGrid) {
 
 TEST(Clods, LieInTheirRegion) {
   const Region region({{25, 4, 0}, {25, 5, 0}, {26, 5, 0}, {26, 4, 0}});
-  const ClodField field({.seed = 3, .cover = 0.1, .largest_m = 0.0625, .smallest_m = 0.0039}, region);
+  const ClodField field({.seed = 3, .cover = 0.1, .largest_m = 0.0625, .smallest_m = 0.00390625}, region);
   const auto covered = [&](double lat_deg) {
     const Square square = square_of(field, -5, 96, 0.01, lat_deg * kRadiansPerDegree, 4.5 * kRadiansPerDegree);
     return std::count(square.on_clod.begin(), square.on_clod.end(), 1.F);
@@ -90,7 +90,7 @@ TEST(FineRelief, HasTheSlopesOfItsLaw) {
                        .deviation_m = 0.37,
                        .baseline_m = 10,
                        .longest_m = 64,
-                       .shortest_m = 0.0039,
+                       .shortest_m = 0.00390625,
                        .fine = {.below_m = 0.25, .hurst = 0.52, .slope = 0.042}});
   const Relief without(
       {.seed = 1, .hurst = 0.99, .deviation_m = 0.37, .baseline_m = 10, .longest_m = 64, .shortest_m = 0.25});
