@@ -1,14 +1,13 @@
 // Clods: lumps of soil, millimetres to centimetres wide, as a function of position, seed and law only (size_cells.h).
 // With relief alone, ground seen from a few metres looks like cloth.
 //
-//              .--._          A clod is as high as 0.06 to 0.25 of its size. Its outline is between an ellipse and a
-//      __     /     \         pentagon, its top is tilted, and its edge is steep. Where clods of one octave overlap,
-//      the
-//   __/  \___/       \___     higher one shows, so that an octave's height is bounded.
+//              .--._          A clod's height is 0.06 to 0.25 of its size. Its outline blends an ellipse, which ends
+//      __     /     \         in a vertical step, with a pentagon; its top is tilted. Of overlapping clods of an
+//   __/  \___/       \___     octave the highest counts: this bounds the octave's height.
 //
-// Chang'e-4's close-ups show such lumps; their shapes and the share of ground that they cover are assumed. RMS heights
-// of 1 to 18 mm in windows of 125 mm (Guo et al. 2021, Chang'e-4) ask for patches: the density follows the exponential
-// of noise with wavelengths of 3.1 and 0.7 m.
+// Chang'e-4's close-ups show such lumps. Their shapes and their cover are assumed. Measured RMS heights vary from 1 to
+// 18 mm between windows of 125 mm (Guo et al. 2021, Chang'e-4); uniformly strewn clods would not vary so much. Their
+// density is therefore multiplied by the exponential of noise with wavelengths of 3.1 and 0.7 m.
 #pragma once
 
 #include <cstdint>
@@ -22,8 +21,8 @@ namespace selenograph::dem {
 
 struct ClodLaw {
   std::uint64_t seed = 0;
-  double cover = 0;                      // share of ground that the clods of one octave cover
-  double largest_m = 1, smallest_m = 1;  // sizes; equal: no clods
+  double cover = 0;                      // share of ground under the clods of a whole octave, before overlaps
+  double largest_m = 1, smallest_m = 1;  // lengths of the longer axis; equal: no clods
 };
 
 // Thread-safe: const functions may be called concurrently.
@@ -36,14 +35,14 @@ class ClodField {
   int largest_octave() const { return cells_.largest_octave(); }
   // Mean height of an octave of clods, and a bound on their height, m.
   double mean_m(int octave) const;
-  double highest_m(int octave) const;
-  // Adds an octave to the heights at a grid's positions, row by row, less its mean times `shares` (empty: 1
-  // everywhere). Sets `on_clod`, unless it is empty, to 1 where a clod of this octave shows.
+  double max_height_m(int octave) const;
+  // Adds one octave of clods to the heights at a grid's positions, row by row, and subtracts `shares` (empty: 1
+  // everywhere) times its mean height. Sets `on_clod`, unless it is empty, to 1 where a clod of this octave shows.
   void add(const DirectionGrid& grid, int octave, std::span<const double> shares, std::span<double> heights_m,
            std::span<float> on_clod, const StopToken& stop) const;
 
  private:
-  // Density of clods relative to its mean at a direction, at most kDensest.
+  // Density of clods at a direction relative to its mean, at most kMaxDensity.
   double patchiness(const Vec3& direction) const;
 
   ClodLaw law_;

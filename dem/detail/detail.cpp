@@ -39,7 +39,7 @@ Detail::Detail(const DetailPreset& preset)
       relief_(preset.relief),
       clods_(preset.clods, preset.region),
       rocks_(preset.rocks, preset.region),
-      fade_m_(std::max(preset.craters.largest_m, preset.relief.longest_m)) {
+      fade_m_(std::max({preset.craters.largest_m, preset.relief.longest_m, preset.clods.largest_m})) {
   // Measure the mean and the 99th percentile of each octave alone on a square of ground. The crater field has no region
   // yet, so that the square is full of craters; the field with the region replaces it below.
   constexpr int kSide = 192;
@@ -127,7 +127,7 @@ double Detail::left_out_m(int level, int posts_level) const {
   for (int k = relief_.shortest_octave(); k <= std::min(shown - 1, relief_.longest_octave()); ++k)
     sum_m += relief_.max_height_m(k);
   for (int k = clods_.smallest_octave(); k <= std::min(shown - 1, clods_.largest_octave()); ++k)
-    sum_m += clods_.highest_m(k);
+    sum_m += clods_.max_height_m(k);
   return sum_m;
 }
 
@@ -155,7 +155,7 @@ double Detail::max_detail_m(int posts_level) const {
     range_m += 2 * relief_.max_height_m(k);
   for (int k = std::max(first_in_means, clods_.smallest_octave()); k <= std::min(past - 1, clods_.largest_octave());
        ++k)
-    range_m += clods_.highest_m(k);
+    range_m += clods_.max_height_m(k) + (preset_.region.everywhere() ? 0 : clods_.mean_m(k));
   // Add the octaves that are too small for the means: nothing of them is subtracted.
   return kMaxOverRange * range_m + left_out_m(posts_level + kCellLevels, posts_level);
 }
@@ -200,7 +200,7 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const 
       // Skip the row if its distance along the axis alone exceeds the reach.
       if (dz * dz > crater_over_row.reach2) continue;
       crater_over_row.along_axis2 = dz * dz;
-      const bool past_pole = grid.cos_lat[r] < 0;  // on the opposite meridian: the range of columns does not hold
+      const bool past_pole = grid.cos_lat[r] < 0;  // on the opposite meridian, where the range of columns is not valid
       const RowUnderCrater row{grid.cos_lat[r], grid.sin_lon.data(), grid.cos_lon.data(), past_pole ? 0 : first_column,
                                past_pole ? columns : past_column};
       cast_crater(crater_over_row, row, heights.data() + r * columns);
@@ -279,9 +279,10 @@ std::vector<double> Detail::shares_of(const DirectionGrid& grid) const {
   return shares;
 }
 
-// A crater whose centre lies inside the region may reach beyond its border.
+// A crater or a clod whose centre lies inside the region may reach beyond its border.
 bool Detail::reaches(const Vec3& direction, double radius_m) const {
-  const double beyond_m = CraterShape::reach(CraterShape::kOldest) * preset_.craters.largest_m / 2;
+  const double beyond_m =
+      std::max(CraterShape::reach(CraterShape::kOldest) * preset_.craters.largest_m, preset_.clods.largest_m) / 2;
   return preset_.region.inside_m(direction) > -(radius_m + beyond_m);
 }
 

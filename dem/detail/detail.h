@@ -61,9 +61,9 @@ class Detail {
   // Smallest octave of craters, and of relief, that a level shows: octave k has sizes from 2^k to 2^(k+1) m.
   static int smallest_octave(int level);
 
-  // Marks of what shows at each position of a grid: each is 1 or 0. Spans may be empty.
+  // Flags per position of a grid, 1 or 0. A span may be empty.
   struct Marks {
-    std::span<float> in_crater;  // inside the rim of a crater that is not worn away (kWorn)
+    std::span<float> in_crater;  // inside the rim of a crater at least kWorn deep
     std::span<float> on_clod;
   };
   // Adds to heights in metres, row by row, the octaves that a level shows and `posts_level`, the level of the DEM's
@@ -97,8 +97,8 @@ class Detail {
   // Octaves of diameters and of wavelengths, [2^k, 2^(k+1)) m, added to posts are below this one.
   static int past_largest_octave(int posts_level) { return smallest_octave(posts_level) - 1; }
 
-  // Returns the share of relief and of the craters' mean at a direction. It fades to 0 towards the region's border,
-  // over the largest crater diameter or the longest wavelength.
+  // Returns the share of relief, and of the means of craters and clods, at a direction. It fades to 0 towards the
+  // region's border, over the largest crater diameter or the longest wavelength.
   double share(const Vec3& direction) const { return preset_.region.share(direction, fade_m_); }
   // The larger of the largest crater diameter and the longest wavelength, m.
   double widest_m() const { return fade_m_; }

@@ -33,7 +33,7 @@ std::pair<std::size_t, std::size_t> rows_within(const DirectionGrid& grid, const
 // From the right-angled triangle of the pole, the centre and the point where the circle touches a meridian, sin(half
 // width) = reach / distance from the axis.
 std::pair<std::size_t, std::size_t> columns_within(const DirectionGrid& grid, const Vec3& centre, double reach) {
-  constexpr double kMarginFactor = 1 + 1e-6;  // covers rounding: a chord exceeds the sine of its angle
+  constexpr double kMarginFactor = 1 + 1e-6;  // covers rounding; a chord for a sine only widens the range
   const std::size_t n = grid.columns();
   const double axis_distance = std::hypot(centre.x(), centre.y()), sine = kMarginFactor * reach / axis_distance;
   if (!(sine < 1)) return {0, n};  // the circle contains the pole

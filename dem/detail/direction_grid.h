@@ -35,7 +35,7 @@ struct BoundingBall {
 BoundingBall ball_around(const DirectionGrid& grid);
 
 // Return the rows and the columns, first and past the last, that a circle may reach. `reach`: its radius, a chord of
-// the unit sphere. The columns do not hold for rows beyond a pole.
+// the unit sphere. The columns are not valid for rows beyond a pole: visit all of them there.
 std::pair<std::size_t, std::size_t> rows_within(const DirectionGrid& grid, const Vec3& centre, double reach);
 std::pair<std::size_t, std::size_t> columns_within(const DirectionGrid& grid, const Vec3& centre, double reach);
 

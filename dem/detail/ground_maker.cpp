@@ -96,23 +96,22 @@ void GroundMaker::blend(Surface& below, const Surface& above, const BlockExtent&
   below.left_out_m = std::max(below.left_out_m, above.left_out_m);
 }
 
-std::vector<double> GroundMaker::octave_of_normals(const BlockId& id, const BlockExtent& e,
-                                                   const StopToken& stop) const {
+std::vector<double> GroundMaker::next_octave(const BlockId& id, const BlockExtent& e, const StopToken& stop) const {
   const int side = e.quads + 1, octave = Detail::smallest_octave(id.level) - 1;
   const BlockDirections directions(e, 0, 1, side);
   const auto n = static_cast<std::size_t>(side) * static_cast<std::size_t>(side);
   std::vector<double> heights_m(n);
   const LayeredPosts::Layers layers = layers_.of(id);
   for (const LayeredPosts::Layer& layer : *layers) {
-    std::vector<double> of_layer_m(n);
-    if (id.level > layer.detail_level) detail_.add_octave(directions.grid(), octave, of_layer_m, stop);
+    std::vector<double> layer_octave_m(n);
+    if (id.level > layer.detail_level) detail_.add_octave(directions.grid(), octave, layer_octave_m, stop);
     if (&layer == &layers->front()) {
-      heights_m = std::move(of_layer_m);
+      heights_m = std::move(layer_octave_m);
       continue;
     }
     const std::vector<double> shares_of_posts = shares(layer, e);
     for (std::size_t post = 0; post < n; ++post)
-      heights_m[post] = mixed(shares_of_posts[post], heights_m[post], of_layer_m[post]);
+      heights_m[post] = mixed(shares_of_posts[post], heights_m[post], layer_octave_m[post]);
   }
   return heights_m;
 }
@@ -172,9 +171,9 @@ std::shared_ptr<Block> GroundMaker::block(const BlockId& id, const StopToken& st
   block->error_m = 0.75 * bend_m + surface.left_out_m;
   block->min_m = low;
   block->max_m = high;
-  const std::vector<double> of_normals_m = octave_of_normals(id, with_halo(e), stop);
+  const std::vector<double> next_octave_m = next_octave(id, with_halo(e), stop);
   for (std::size_t post = 0; post < rounded.size(); ++post)
-    rounded[post] = static_cast<float>(surface.heights_m[post] + of_normals_m[post]);
+    rounded[post] = static_cast<float>(surface.heights_m[post] + next_octave_m[post]);
   fill_shading_normals(*block, rounded, {.filtered = true});
   return block;
 }

@@ -45,9 +45,9 @@ class GroundMaker {
                         const StopToken& stop) const;
   void blend(Surface& below, const Surface& above, const BlockExtent& e, const LayeredPosts::Layer& layer) const;
   Surface composed_surface(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
-  // Heights of the largest octave that the block's level is too coarse for, relative to all others. Its posts cannot
-  // show the octave's shapes, but its slopes: it tilts shading normals, without shadows.
-  std::vector<double> octave_of_normals(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
+  // Returns the heights of the next smaller octave, to be added to those of the block before normals are computed. Its
+  // features are 2 to 4 posts wide: too narrow for triangles, wide enough to tilt normals. They cast no shadows.
+  std::vector<double> next_octave(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
   // Share of a layer's ground at each post of an extent.
   std::vector<double> shares(const LayeredPosts::Layer& layer, const BlockExtent& e) const;
 

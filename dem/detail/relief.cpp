@@ -69,7 +69,7 @@ Relief::Relief(const ReliefLaw& law)
   for (std::size_t i = 0; i < squares.size(); ++i)
     sum += std::pow(4, (at_baseline - kOctavesAround + static_cast<int>(i)) * law.hurst) * squares[i];
   const double unit_m = sum > 0 ? law.deviation_m / std::sqrt(sum) : 0;
-  // The noise's slope is its difference over a distance that is short beside its wavelength.
+  // Approximate the noise's RMS slope, per cell, by differences over a thousandth of a cell.
   constexpr double kShort = 1e-3;
   const double unit_slope = std::sqrt(structure_function({kShort}).front()) / kShort;
   for (int k = shortest_; k <= longest_; ++k) {
@@ -78,6 +78,7 @@ Relief::Relief(const ReliefLaw& law)
       amplitudes_m_.push_back(unit_m * std::pow(2, k * law.hurst));
       continue;
     }
+    // The RMS slope of an octave scales as its wavelength to the power of H - 1.
     const double slope = law.fine.slope * std::pow(wavelength_m / (law.fine.below_m / 2), law.fine.hurst - 1);
     amplitudes_m_.push_back(slope * wavelength_m / unit_slope);
   }

@@ -3,7 +3,7 @@
 //
 //   octave k: wavelength 2^k m, amplitude unit_m * 2^(k H), H the Hurst exponent
 //
-// Ground is rougher below some decimetres than this law continued: there a second one holds (`fine`).
+// Below some decimetres, ground is rougher than an extrapolation of this law. `fine` replaces it there.
 //
 //   log amplitude       ____ k+1     Steps of one octave of wavelength scale the amplitude by 2^H: the RMS difference
 //               ____ k               of heights at distance d grows as d^H. Octaves between the law's shortest and
@@ -30,7 +30,7 @@ struct ReliefLaw {
   struct Fine {
     double below_m = 0;
     double hurst = 0.52;
-    double slope = 0;  // RMS slope along an axis of the octave of the wavelength below_m / 2
+    double slope = 0;  // RMS slope along an axis at the wavelength below_m / 2
   } fine;
 };
 
@@ -38,7 +38,7 @@ struct ReliefLaw {
 class Relief {
  public:
   // Octaves have wavelengths of 2^k m, from the shortest to the longest of the law. Takes some milliseconds: the
-  // amplitudes are fitted so that the sum has the law's deviation; `fine` does not count in it.
+  // amplitudes are fitted so that the sum has the law's deviation; the fit ignores `fine`.
   explicit Relief(const ReliefLaw& law);
 
   int shortest_octave() const { return shortest_; }

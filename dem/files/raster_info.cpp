@@ -15,8 +15,8 @@ namespace {
 
 // Limits of a file's grid. A grid beyond them is a mistake or an attack, and numbers of posts computed from it would
 // overflow every integer type.
-constexpr double kMinPerDegree = 1.0 / 30, kMaxPerDegree = kTicksPerDegree;  // posts 900 km to 3 cm apart
-constexpr double kMaxPostAspect = 100;     // ratio of a post's longer side to its shorter one
+constexpr double kMinPerDegree = 1.0 / 30, kMaxPerDegree = 1 << 20;  // posts 900 km to 3 cm apart
+constexpr double kMaxPostAspect = 100;                               // ratio of a post's longer side to its shorter one
 constexpr int kMaxPosts = 1 << 24;         // posts along a side: the whole Moon has as many at 0.65 m
 constexpr double kMaxLongitude_deg = 1e4;  // a few turns are allowed; a double is then precise to far below a post
 constexpr double kFarthestFromOrigin_deg = 135;   // limit of a stereographic raster
