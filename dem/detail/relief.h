@@ -31,7 +31,7 @@ struct ReliefLaw {
     double below_m = 0;
     double hurst = 0.52;
     double slope = 0;  // RMS slope along an axis at the wavelength below_m / 2
-  } fine;
+  } fine{};
 };
 
 // Thread-safe: const functions may be called concurrently.
