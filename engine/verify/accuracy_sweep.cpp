@@ -32,7 +32,7 @@ double milliseconds(const Work& work) {
 // Target for shadows of the reference: the finest posts of all occluders may not fit. Much less than the errors of
 // edges to be measured.
 constexpr double kReferenceShadowError_px = 0.25;
-// Target for detail of the reference, relaxed if its terrain does not fit.
+// Target of the reference over ground with detail, whose finest posts may be a millimetre apart.
 constexpr double kReferenceDetailError_px = 1.0 / 16;
 
 struct Setting {
@@ -81,12 +81,14 @@ class FrameSweep {
         terrain_(renderer.terrain_with(request.detail)),
         view_(request.camera, request.pose) {}
 
-  // Renders the reference: the finest posts, and many samples for radiance. Relaxes the target until its terrain fits.
+  // Renders the reference: the finest posts, or what kReferenceDetailError_px asks for, and many samples for radiance.
+  // Relaxes the target until its terrain fits.
   void prepare() {
     Accuracy setting{0, options_.reference_samples, kReferenceShadowError_px};
-    double& target_px = request_.detail ? setting.max_detail_error_px : setting.max_error_px;
-    if (request_.detail) target_px = kReferenceDetailError_px;
+    double target_px = request_.detail ? kReferenceDetailError_px : 0;
     for (;; target_px = target_px > 0 ? 2 * target_px : 1.0 / 64) {
+      setting.max_error_px = target_px;
+      if (request_.detail) setting.max_detail_error_px = target_px;
       try {
         reference_ = frame({setting, Visibility::raytrace}, kRadiance | kLit).products;
         baseline_ = std::make_unique<EmbreeBaseline>(renderer_, request_, setting);
