@@ -39,7 +39,7 @@ TEST(Ground, SlopesAreThePublishedOnes) {
 // 0.6 to 0.85.
 TEST(Ground, OfTheLastMetresIsAsRoughAsMeasured) {
   int rows = 0;
-  for (const SlopeRow& row : ground_slopes(shipped("landing"), 60)) {
+  for (const SlopeRow& row : ground_slopes(shipped("regolith"), 60)) {
     if (row.baseline_m > 0.2) continue;
     ++rows;
     if (row.baseline_m == 0.007) {
