@@ -25,6 +25,13 @@ std::string craters_csv(const GroundReport& report) {
   return out;
 }
 
+std::string albedo_csv(const GroundReport& report) {
+  std::string out = "pixel_m,mean,deviation,bright_share\n";
+  for (const engine::AlbedoRow& r : report.albedo)
+    out += fmt::format("{:g},{:.4f},{:.4f},{:.4f}\n", r.pixel_m, r.mean, r.deviation, r.bright_share);
+  return out;
+}
+
 std::string ground_markdown(const GroundReport& report) {
   std::string out = fmt::format(
       "| {}: baseline, m | RMS slope, degrees | median | published median | Hurst exponent | craters' share of the "
@@ -39,6 +46,11 @@ std::string ground_markdown(const GroundReport& report) {
   for (const engine::CraterRow& r : report.craters)
     out += fmt::format("| {:g} to {:g} | {:.4g} | {:.2f} |\n", r.diameter_m,
                        std::exp2(std::floor(std::log2(r.diameter_m)) + 1), r.law, r.visible / r.law);
+  if (report.albedo.empty()) return out;
+  out += "\n| pixel, m | albedo over the constant one: mean | standard deviation | 30 % brighter than the median |\n";
+  out += "|---|---|---|---|\n";
+  for (const engine::AlbedoRow& r : report.albedo)
+    out += fmt::format("| {:g} | {:.3f} | {:.3f} | {:.1f} % |\n", r.pixel_m, r.mean, r.deviation, 100 * r.bright_share);
   return out;
 }
 
@@ -63,6 +75,9 @@ std::vector<std::string> bound_violations(const GroundReport& report) {
     if (r.diameter_m >= 2 && r.diameter_m < 50 && !(ratio > 0.8 && ratio < 1.25))
       violations.push_back(fmt::format("visible craters from {:g} m: {:.2f} of the law's", r.diameter_m, ratio));
   }
+  for (const engine::AlbedoRow& r : report.albedo)
+    if (std::abs(r.mean - 1) > 0.03)
+      violations.push_back(fmt::format("mean factor of the albedo in pixels of {:g} m: {:.3f}", r.pixel_m, r.mean));
   return violations;
 }
 

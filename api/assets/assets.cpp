@@ -362,7 +362,8 @@ dem::DetailPreset read_detail_file(const std::string& path) {
   Findings findings;
   const JsonReader in(json, findings);
   dem::DetailPreset preset;
-  if (in.object({"seed", "region", "craters", "relief", "clods", "rocks", "published", "description"})) {
+  if (in.object(
+          {"seed", "region", "craters", "relief", "clods", "rocks", "albedo_variation", "published", "description"})) {
     const auto seed = in.has("seed") ? in.at("seed").integer(0, kMaxSeed) : std::optional<std::int64_t>(0);
     preset.craters.seed = static_cast<std::uint64_t>(seed.value_or(0));
     preset.relief.seed = preset.clods.seed = preset.rocks.seed = preset.craters.seed;
@@ -371,6 +372,8 @@ dem::DetailPreset read_detail_file(const std::string& path) {
     if (in.has("relief")) read_relief(in.at("relief"), preset.relief);
     if (in.has("clods")) read_clods(in.at("clods"), preset.clods);
     if (in.has("rocks")) read_rocks(in.at("rocks"), preset.rocks);
+    if (in.has("albedo_variation"))
+      preset.albedo_variation = preset.rocks.albedo_variation = in.number("albedo_variation", Range{0, 1.5});
     if (in.has("published")) preset.published = read_published(in.at("published"));
     if (in.has("description")) in.at("description").text();
     if (!in.has("craters") && !in.has("relief") && !in.has("clods") && !in.has("rocks"))

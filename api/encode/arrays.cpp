@@ -87,6 +87,16 @@ constexpr ProductRow kTable[] = {
      false,
      "kind of ground: 0 the DEM, including between its posts; 1 inside a crater of the request's detail; 2 its relief; "
      "3 a rock; 4 a clod; 65535 where nothing is hit, or an object of the request"},
+    {engine::kAlbedo,
+     "albedo",
+     &FrameProducts::albedo,
+     {},
+     false,
+     "albedo of the ground as its reflectance has it: rho, w of `hapke`, or the ratio to the mean Moon of `moon`; by "
+     "`albedo_maps` and, with detail, brighter around young craters. NaN where nothing is hit, or an object or a rock",
+     {12, "",
+      "albedo of the ground as its reflectance has it: rho, w of `hapke`, or the ratio to the mean Moon of "
+      "`moon`"}},
     {engine::kIrradiance,
      "irradiance",
      &FrameProducts::irradiance,

@@ -56,7 +56,12 @@ constexpr FeatureColumn<CraterFeature> kCraterColumns[] = {
     {"rim_share",
      "of the rim, 0 to 1, what the terrain shows: not where the DEM's posts are finer or missing, nor where other "
      "craters of its octave of diameters change it by more than a quarter of its depth",
-     [](const CraterFeature& f) { return f.rim_share; }}};
+     [](const CraterFeature& f) { return f.rim_share; }},
+    {"brightness",
+     "factor of the ground's albedo at the rim, averaged over azimuths, by this crater alone: above 1 while it is "
+     "young. "
+     "Of what craters of its octave add on average, frames subtract the mean",
+     [](const CraterFeature& f) { return f.brightness; }}};
 
 constexpr FeatureColumn<RockFeature> kRockColumns[] = {
     {"lat_deg", "planetocentric latitude of the middle", [](const RockFeature& f) { return f.location.lat_deg; }},
@@ -69,7 +74,9 @@ constexpr FeatureColumn<RockFeature> kRockColumns[] = {
      "0.59 "
      "of a circle of that diameter, seen from above: as much as one of 0.77 diameters",
      [](const RockFeature& f) { return f.rock.diameter_m; }},
-    {"age_Ma", "since it lies there", [](const RockFeature& f) { return f.rock.age_Ma; }}};
+    {"age_Ma", "since it lies there", [](const RockFeature& f) { return f.rock.age_Ma; }},
+    {"brightness", "factor of its albedo over the constant albedo of the ground",
+     [](const RockFeature& f) { return f.rock.brightness; }}};
 
 // Size range of the detail's craters or rocks, as its preset defines them.
 struct Population {

@@ -96,6 +96,7 @@ const MeanShape& mean_shape() {
 // mean of D^2 within an octave from d to 2 d is 8/3 ln 2 d^2, and the octave has 3/4 c d^-2 clods per m^2: together
 // they cover 2 ln 2 c times the mean area over D^2.
 SizeFrequency frequency_of(const ClodLaw& law) {
+  if (law.cover == 0) return {};
   return {{{law.cover / (2 * std::numbers::ln2 * mean_shape().area), 2}}};
 }
 
@@ -107,7 +108,7 @@ ClodField::ClodField(const ClodLaw& law, const Region& region_of_centres)
       cells_(law.seed ^ kClods, frequency_of(law), law.smallest_m, law.largest_m, kMaxDensity) {
   // By the same law the sum of D^3 over the clods between two sizes is twice c times the difference of the sizes, per
   // m^2. Overlaps and the cut at kMaxDensity take a tenth of it, some tenths of a millimetre.
-  mean_m_per_m_ = 2 * frequency_of(law).laws[0].per_m2 * mean_shape().volume;
+  if (law.cover > 0) mean_m_per_m_ = 2 * frequency_of(law).laws[0].per_m2 * mean_shape().volume;
 }
 
 double ClodField::mean_m(int octave) const {

@@ -102,6 +102,14 @@ void CraterField::near(int octave, const Vec3& direction, double radius_m, std::
   });
 }
 
+void CraterField::within(int octave, const Vec3& direction, double distance_m, std::vector<Crater>& out,
+                         const StopToken& stop) const {
+  cells_.cells_near(octave, direction, distance_m / kMoonRadius_m, stop, [&](const SizeCells::Cell& cell) {
+    const std::vector<Crater>& craters = in_cell(cell);
+    out.insert(out.end(), craters.begin(), craters.end());
+  });
+}
+
 std::vector<Crater> CraterField::in_box(int octave, const Footprint& box, const StopToken& stop) const {
   std::vector<Crater> out;
   cells_.in_box(octave, box, stop, [&](Draws& draws, const Vec3& centre, double diameter_m) {

@@ -70,6 +70,10 @@ class CraterField {
   // Appends the craters of an octave that may reach into a ball around a direction; each once, in no particular order.
   void near(int octave, const Vec3& direction, double radius_m, std::vector<Crater>& out,
             const StopToken& stop = {}) const;
+  // Appends the craters of an octave with their centres within a distance of a direction, and some beyond it; each
+  // once, in no particular order.
+  void within(int octave, const Vec3& direction, double distance_m, std::vector<Crater>& out,
+              const StopToken& stop = {}) const;
   // Returns the craters whose centre is in a box. `east_deg` may exceed 180.
   std::vector<Crater> in_box(int octave, const Footprint& box, const StopToken& stop = {}) const;
 
@@ -83,6 +87,7 @@ class CraterField {
   double highest_m(int octave) const;
 
   const CraterLaw& law() const { return law_; }
+  const CraterAges& ages() const { return ages_; }
   const CraterShape& shape() const { return CraterShape::of_all(); }
 
  private:

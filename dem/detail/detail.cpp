@@ -36,6 +36,7 @@ int Detail::smallest_octave(int level) {
 Detail::Detail(const DetailPreset& preset)
     : preset_(preset),
       craters_(preset.craters),
+      brightness_(craters_, preset.albedo_variation),
       relief_(preset.relief),
       clods_(preset.clods, preset.region),
       rocks_(preset.rocks, preset.region),
@@ -230,6 +231,15 @@ void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::spa
     add_relief(grid, k, shares, heights_m, stop);
   for (int k = std::max(shown, clods_.smallest_octave()); k <= std::min(clods_.largest_octave(), past - 1); ++k)
     clods_.add(grid, k, shares, heights_m, marks.on_clod, stop);
+}
+
+void Detail::add_brightness(const DirectionGrid& grid, int level, int posts_level, std::span<double> factor,
+                            const StopToken& stop) const {
+  if (brightness_.none()) return;
+  const std::vector<double> shares = shares_of(grid);
+  const int shown = smallest_octave(level) - 1, past = past_largest_octave(posts_level);
+  for (int k = std::max(shown, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), past - 1); ++k)
+    brightness_.add(craters_, grid, k, shares, factor, stop);
 }
 
 void Detail::add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m,

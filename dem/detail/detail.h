@@ -24,6 +24,7 @@
 
 #include "dem/base/stop_token.h"
 #include "dem/detail/clod_field.h"
+#include "dem/detail/crater_brightness.h"
 #include "dem/detail/crater_field.h"
 #include "dem/detail/direction_grid.h"
 #include "dem/detail/region.h"
@@ -46,7 +47,8 @@ struct DetailPreset {
   ReliefLaw relief;
   ClodLaw clods;
   RockLaw rocks;
-  Region region;  // area that has the detail
+  double albedo_variation = 0;  // of craters and rocks; 0: none, 1: as described in crater_brightness.h
+  Region region;                // area that has the detail
   std::optional<PublishedSlopes> published;
 };
 
@@ -74,6 +76,10 @@ class Detail {
   static constexpr double kWorn = 0.02;
   // Adds one octave; it must not be among those that the posts' level shows.
   void add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m, const StopToken& stop = {}) const;
+  // Adds to factors of the albedo, row by row, what the octaves that add() adds to the heights change, and the octave
+  // below them: bright ground around a crater is wider than the crater.
+  void add_brightness(const DirectionGrid& grid, int level, int posts_level, std::span<double> factor,
+                      const StopToken& stop = {}) const;
   // Returns whether a level shows relief that the posts' level does not.
   bool has_relief(int level, int posts_level) const;
 
@@ -109,6 +115,7 @@ class Detail {
   double mean_m(int octave) const;
 
   const CraterField& craters() const { return craters_; }
+  const CraterBrightness& brightness() const { return brightness_; }
   const Relief& relief() const { return relief_; }
   const ClodField& clods() const { return clods_; }
   // Rocks are not part of the terrain: they lie on it (rocks_on_ground.h).
@@ -124,6 +131,7 @@ class Detail {
 
   DetailPreset preset_;
   CraterField craters_;
+  CraterBrightness brightness_;
   Relief relief_;
   ClodField clods_;
   RockField rocks_;

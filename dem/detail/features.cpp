@@ -118,6 +118,7 @@ void CraterSurvey::add_if_shown(const Crater& crater, int octave, double min_dep
   if (std::isnan(centre.height_m)) return;
   feature.visibility =
       std::min(feature.depth_m / roughness_m(crater.diameter_m, layers), CraterRoughness::kMaxVisibility);
+  feature.brightness = 1 + share * detailed_.detail().brightness().at_rim(crater);
   const CraterRemains remains = remains_of(field_, crater, candidates);
   if (!remains.any()) return;
   int shown = 0;

@@ -31,6 +31,7 @@ struct CraterFeature {
   // The remaining depth of the crater (mean_correction.h), weighted by its layer's share at its centre.
   double depth_m = 0;
   double visibility = 0;  // depth_m over the roughness of the ground that is shown there (crater_visibility.h)
+  double brightness = 1;  // factor of the albedo at its rim, averaged over azimuths (crater_brightness.h)
   double depth_over_diameter() const { return depth_m / crater.diameter_m; }
 };
 

@@ -20,6 +20,13 @@ double mixed(double share, double below, double above) {
   return share == 0 ? below : share == 1 ? above : below + share * (above - below);
 }
 
+// Returns a factor of the albedo as Block::brightness has it. The darkest and the brightest ground of the Moon differ
+// from the mean by less than these limits.
+std::uint16_t encoded_brightness(double factor) {
+  constexpr double kDarkest = 0.25, kBrightest = 3.5;
+  return static_cast<std::uint16_t>(std::lround(std::clamp(factor, kDarkest, kBrightest) * double{kBrightnessOfOne}));
+}
+
 }  // namespace
 
 // Interpolates a layer's posts (or, if the block is no finer than these, takes the pyramid's filtered ones), subtracts
@@ -96,24 +103,39 @@ void GroundMaker::blend(Surface& below, const Surface& above, const BlockExtent&
   below.left_out_m = std::max(below.left_out_m, above.left_out_m);
 }
 
-std::vector<double> GroundMaker::next_octave(const BlockId& id, const BlockExtent& e, const StopToken& stop) const {
-  const int side = e.quads + 1, octave = Detail::smallest_octave(id.level) - 1;
+std::vector<double> GroundMaker::blended(const BlockId& id, const BlockExtent& e, double without_detail,
+                                         const AddLayer& add) const {
+  const int side = e.quads + 1;
   const BlockDirections directions(e, 0, 1, side);
   const auto n = static_cast<std::size_t>(side) * static_cast<std::size_t>(side);
-  std::vector<double> heights_m(n);
+  std::vector<double> values;
   const LayeredPosts::Layers layers = layers_.of(id);
   for (const LayeredPosts::Layer& layer : *layers) {
-    std::vector<double> layer_octave_m(n);
-    if (id.level > layer.detail_level) detail_.add_octave(directions.grid(), octave, layer_octave_m, stop);
+    std::vector<double> of_layer(n, without_detail);
+    if (id.level > layer.detail_level) add(layer, directions.grid(), of_layer);
     if (&layer == &layers->front()) {
-      heights_m = std::move(layer_octave_m);
+      values = std::move(of_layer);
       continue;
     }
     const std::vector<double> shares_of_posts = shares(layer, e);
     for (std::size_t post = 0; post < n; ++post)
-      heights_m[post] = mixed(shares_of_posts[post], heights_m[post], layer_octave_m[post]);
+      values[post] = mixed(shares_of_posts[post], values[post], of_layer[post]);
   }
-  return heights_m;
+  return values;
+}
+
+std::vector<double> GroundMaker::next_octave(const BlockId& id, const BlockExtent& e, const StopToken& stop) const {
+  const int octave = Detail::smallest_octave(id.level) - 1;
+  return blended(id, e, 0, [&](const LayeredPosts::Layer&, const DirectionGrid& grid, std::span<double> heights_m) {
+    detail_.add_octave(grid, octave, heights_m, stop);
+  });
+}
+
+std::vector<double> GroundMaker::brightness(const BlockId& id, const BlockExtent& e, const StopToken& stop) const {
+  if (detail_.brightness().none()) return {};
+  return blended(id, e, 1, [&](const LayeredPosts::Layer& layer, const DirectionGrid& grid, std::span<double> factors) {
+    detail_.add_brightness(grid, id.level, layer.detail_level, factors, stop);
+  });
 }
 
 GroundMaker::Surface GroundMaker::composed_surface(const BlockId& id, const BlockExtent& e,
@@ -165,6 +187,7 @@ std::shared_ptr<Block> GroundMaker::block(const BlockId& id, const StopToken& st
           bend_m = std::max(bend_m, static_cast<double>(std::abs(second)));
     }
   if (low > high) return nullptr;
+  for (const double factor : brightness(id, e, stop)) block->brightness.push_back(encoded_brightness(factor));
   block->pack();
   // A kink between two posts deviates from their chord by at most half the nearer post's second difference. Along two
   // axes, three quarters exceed every error that unit.detail has measured.
@@ -172,9 +195,10 @@ std::shared_ptr<Block> GroundMaker::block(const BlockId& id, const StopToken& st
   block->min_m = low;
   block->max_m = high;
   const std::vector<double> next_octave_m = next_octave(id, with_halo(e), stop);
+  const double base_m = std::round((double{low} + double{high}) / 2);
   for (std::size_t post = 0; post < rounded.size(); ++post)
-    rounded[post] = static_cast<float>(surface.heights_m[post] + next_octave_m[post]);
-  fill_shading_normals(*block, rounded, {.filtered = true});
+    rounded[post] = static_cast<float>(surface.heights_m[post] - base_m + next_octave_m[post]);
+  fill_shading_normals(*block, rounded, {.filtered = true, .base_m = base_m});
   return block;
 }
 

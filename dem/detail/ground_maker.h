@@ -6,7 +6,9 @@
 //   block <--normals, range-- heights <--blended by the layers' shares (layered_posts.h)
 #pragma once
 
+#include <functional>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "dem/base/stop_token.h"
@@ -45,9 +47,16 @@ class GroundMaker {
                         const StopToken& stop) const;
   void blend(Surface& below, const Surface& above, const BlockExtent& e, const LayeredPosts::Layer& layer) const;
   Surface composed_surface(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
+  // Blends values at the posts of an extent by the layers' shares. `add`: adds those of a layer's detail to the value
+  // without detail.
+  using AddLayer = std::function<void(const LayeredPosts::Layer&, const DirectionGrid&, std::span<double>)>;
+  std::vector<double> blended(const BlockId& id, const BlockExtent& e, double without_detail,
+                              const AddLayer& add) const;
   // Returns the heights of the next smaller octave, to be added to those of the block before normals are computed. Its
   // features are 2 to 4 posts wide: too narrow for triangles, wide enough to tilt normals. They cast no shadows.
   std::vector<double> next_octave(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
+  // Returns factors of the albedo at the posts of an extent; empty: 1 everywhere.
+  std::vector<double> brightness(const BlockId& id, const BlockExtent& e, const StopToken& stop) const;
   // Share of a layer's ground at each post of an extent.
   std::vector<double> shares(const LayeredPosts::Layer& layer, const BlockExtent& e) const;
 

@@ -71,7 +71,7 @@ Relief::Relief(const ReliefLaw& law)
   const double unit_m = sum > 0 ? law.deviation_m / std::sqrt(sum) : 0;
   // Approximate the noise's RMS slope, per cell, by differences over a thousandth of a cell.
   constexpr double kShort = 1e-3;
-  const double unit_slope = std::sqrt(structure_function({kShort}).front()) / kShort;
+  const double unit_slope = law.fine.below_m > 0 ? std::sqrt(structure_function({kShort}).front()) / kShort : 1;
   for (int k = shortest_; k <= longest_; ++k) {
     const double wavelength_m = std::ldexp(1.0, k);
     if (wavelength_m >= law.fine.below_m) {

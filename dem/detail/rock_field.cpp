@@ -34,6 +34,7 @@ void RockField::settle(Rock& rock) const {
   const double fillet_over_height = 0.18 + 0.12 * draws.uniform();
   rock.buried = buried_on_landing + buried_by_age * rock.worn;
   rock.height_m = rock.diameter_m * height_over_diameter * (1 - rock.buried);
+  rock.brightness = 1 + law_.albedo_variation * (kBrighter + kBrighterScatter * std::clamp(draws.normal(), -2.0, 2.0));
   rock.fillet_m = std::min(rock.height_m * fillet_over_height * std::sqrt(rock.worn), 0.1 * rock.diameter_m);
 }
 

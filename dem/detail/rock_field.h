@@ -36,7 +36,12 @@ struct RockLaw {
   double half_life_Ma = 60;
   // Smaller craters do not penetrate the regolith and excavate no rocks.
   double smallest_crater_m = 30;
+  double albedo_variation = 0;  // factor of kBrighter and its scatter; 0: rocks are as bright as the ground
 };
+
+// Rocks are brighter than mature soil by this share of its albedo, with this standard deviation. Both are chosen to
+// look like images from landers.
+inline constexpr double kBrighter = 0.19, kBrighterScatter = 0.16;
 
 struct Rock {
   Vec3 centre;  // unit, MOON_ME
@@ -45,10 +50,11 @@ struct Rock {
   std::uint64_t id;
   std::uint64_t form;  // hash that selects shape and orientation
   // State set by RockField::settle.
-  double worn = 0;      // share of rocks destroyed by its age: 0 for a new one, towards 1 for old ones
-  double height_m = 0;  // height of its top above the ground
-  double buried = 0;    // share of its own height that is below the ground
-  double fillet_m = 0;  // height of the soil banked against its sides
+  double worn = 0;        // share of rocks destroyed by its age: 0 for a new one, towards 1 for old ones
+  double height_m = 0;    // height of its top above the ground
+  double buried = 0;      // share of its own height that is below the ground
+  double fillet_m = 0;    // height of the soil banked against its sides
+  double brightness = 1;  // factor of the ground's constant albedo
 };
 
 // A crater with enriched rocks around it.

@@ -49,6 +49,9 @@ struct alignas(16) Vertex {
 };
 static_assert(sizeof(Vertex) == 16);
 
+// A factor of 1 as Block::brightness has it.
+inline constexpr std::uint16_t kBrightnessOfOne = 1 << 14;
+
 // Immutable, shared between frames. Arrays are (quads + 1)^2, row 0 in the south, column 0 in the west.
 struct Block {
   BlockId id;
@@ -56,6 +59,8 @@ struct Block {
   std::vector<Vertex> vertices;
   std::vector<SourceMark> sources;  // one element for all posts, or one per post
   std::vector<Ground> ground;       // empty: DEM only; otherwise one element for all posts, or one per post
+  // Factors of the albedo of made ground, one per post, in units of 1 / kBrightnessOfOne; empty: 1 everywhere.
+  std::vector<std::uint16_t> brightness;
   // The same quantities as in NodeInfo.
   double error_m = 0;
   double detail_error_m = 0, left_out_size_m = 0;
@@ -72,8 +77,10 @@ struct Block {
     if (ground.empty()) return Ground::dem;
     return ground.size() == 1 ? ground[0] : ground[index(r, c)];
   }
-  // Reduces `sources` and `ground` to one element where all are the same.
+  // Reduces `sources` and `ground` to one element where all are the same, and `brightness` to none where all are 1.
   void pack() {
+    if (std::all_of(brightness.begin(), brightness.end(), [](std::uint16_t b) { return b == kBrightnessOfOne; }))
+      brightness = {};
     const auto packed = [](auto& of_vertices) {
       if (std::any_of(of_vertices.begin(), of_vertices.end(), [&](auto v) { return v != of_vertices[0]; })) return;
       if (!of_vertices.empty()) of_vertices.erase(of_vertices.begin() + 1, of_vertices.end());
@@ -90,7 +97,8 @@ struct Block {
   std::size_t bytes() const {
     // Count vertices as allocated: the heap rounds arrays of their size up by a fifth.
     return sizeof(Block) + ::malloc_usable_size(const_cast<Vertex*>(vertices.data())) +
-           sources.size() * sizeof(SourceMark) + ground.size() + 8 * 2 * (sin_lat.size() + sin_lon.size());
+           sources.size() * sizeof(SourceMark) + ground.size() + 2 * brightness.size() +
+           8 * 2 * (sin_lat.size() + sin_lon.size());
   }
 };
 

@@ -3,7 +3,6 @@
 #include <cmath>
 
 #include "dem/base/vector_targets.h"
-#include "dem/grid/geodesy.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "dem/grid/normal_kernels.cpp"
@@ -40,12 +39,13 @@ HWY_INLINE PlaneSlopes SlopesAt(const float* centre, int stride) {
 template <SlopeStencil kStencil>
 void NormalsBy(const float* centre, int stride, int n, const NormalRow& row, float* HWY_RESTRICT x,
                float* HWY_RESTRICT y, float* HWY_RESTRICT z) {
-  const double cos_lat = row.cos_lat, sin_lat = row.sin_lat, lat_step = row.lat_step, lon_step = row.lon_step;
+  const double cos_lat = row.cos_lat, sin_lat = row.sin_lat, lat_step = row.lat_step, lon_step = row.lon_step,
+               base_radius_m = row.base_radius_m;
   const double *HWY_RESTRICT cos_lons = row.cos_lon, *HWY_RESTRICT sin_lons = row.sin_lon;
   SELENOGRAPH_INDEPENDENT_LANES
   for (int c = 0; c < n; ++c) {
     const PlaneSlopes slopes = SlopesAt<kStencil>(centre + c, stride);
-    const double radius = kMoonRadius_m + static_cast<double>(centre[c]);
+    const double radius = base_radius_m + static_cast<double>(centre[c]);
     // Slopes on the ground, m per m: divide by the length of a post's spacing.
     const double to_east = slopes.along_row / (radius * cos_lat * lon_step),
                  to_north = slopes.along_column / (radius * lat_step);

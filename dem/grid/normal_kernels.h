@@ -21,6 +21,7 @@ struct NormalRow {
   double cos_lat, sin_lat;
   const double *cos_lon, *sin_lon;  // by column
   double lat_step, lon_step;        // spacing of posts, radians
+  double base_radius_m;             // distance from the Moon's centre at height 0
 };
 // Computes unit normals (MOON_ME) of a row of `n` posts without voids in or around it. `centre`: the row's first
 // height; adjacent rows are `stride` apart.

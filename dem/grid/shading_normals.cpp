@@ -62,6 +62,7 @@ SlopeStencil stencil_for(const HeightsKind& kind, double spacing_m) {
 void fill_shading_normals(Block& block, std::span<const float> heights, const HeightsKind& kind) {
   const int side = block.side(), stride = side + 2 * kHalo;
   const SlopeStencil stencil = stencil_for(kind, post_spacing_m(block.id.level));
+  const double base_radius_m = kMoonRadius_m + kind.base_m;
   const double radians_per_tick = kRadiansPerDegree / kTicksPerDegree;
   // Spacing of posts, radians.
   const double dlat = block.extent.lat_step * radians_per_tick, dlon = block.extent.lon_step * radians_per_tick;
@@ -75,7 +76,8 @@ void fill_shading_normals(Block& block, std::span<const float> heights, const He
     const bool pole = cos_lat <= 1e-9;  // without an eastward direction: use the vertical
     if (has_no_voids && !pole) {
       normals_of_row(centres, stride, side, stencil,
-                     {cos_lat, sin_lat, block.cos_lon.data(), block.sin_lon.data(), dlat, dlon}, x, y, z);
+                     {cos_lat, sin_lat, block.cos_lon.data(), block.sin_lon.data(), dlat, dlon, base_radius_m}, x, y,
+                     z);
       for (int c = 0; c < side; ++c) block.vertices[block.index(r, c)].normal = {x[c], y[c], z[c]};
       continue;
     }
@@ -88,7 +90,7 @@ void fill_shading_normals(Block& block, std::span<const float> heights, const He
       Vec3 normal = up;
       if (!pole && !std::isnan(*centre)) {
         const Slope s = slope_at(centre, stride, stencil);
-        const double radius = kMoonRadius_m + static_cast<double>(*centre);
+        const double radius = base_radius_m + static_cast<double>(*centre);
         normal = (up - east * (s.along_row / (radius * cos_lat * dlon)) - north * (s.along_column / (radius * dlat)))
                      .normalized();
       }

@@ -23,10 +23,12 @@ namespace selenograph::dem {
 inline constexpr int kHalo = 2;                     // posts around the block that stencils may read
 inline constexpr double kQuantisationSlope = 0.01;  // 0.6 degrees
 
-// Kind of a block's heights: posts as in their files, in steps of `quantisation_m`, or a filtered level.
+// Kind of a block's heights: posts as in their files, in steps of `quantisation_m`, or a filtered level. They are above
+// `base_m`: near to it, float resolves the slopes of posts a millimetre apart.
 struct HeightsKind {
   bool filtered = false;
   double quantisation_m = 0;
+  double base_m = 0;
 };
 
 // Fills the normals of a block whose extent, trigonometry and heights are set. `heights` are the posts of the block and

@@ -25,17 +25,19 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kSuffix = ".sgb";
 
-// Everything is little-endian; vertices, sources and ground follow.
+// Everything is little-endian; vertices, sources, ground and brightness follow.
 struct Header {
-  char magic[8] = {'S', 'G', 'B', 'L', 'O', 'C', 'K', '1'};
+  char magic[8] = {'S', 'G', 'B', 'L', 'O', 'C', 'K', '2'};
   std::uint64_t checksum = 0;  // XXH3 of the file with 0 in this place
   std::uint64_t key = 0;
   std::int32_t level = 0, row = 0, col = 0;
-  std::uint32_t vertices = 0, sources = 0, ground = 0;
+  std::uint32_t vertices = 0, sources = 0, ground = 0, brightness = 0;
+  std::uint32_t unused = 0;  // leaves no uninitialised bytes before the doubles
   double error_m = 0, detail_error_m = 0, left_out_size_m = 0;
   float min_m = 0, max_m = 0;
   std::size_t bytes() const {
-    return sizeof(Header) + vertices * sizeof(Vertex) + sources * sizeof(SourceMark) + ground * sizeof(Ground);
+    return sizeof(Header) + vertices * sizeof(Vertex) + sources * sizeof(SourceMark) + ground * sizeof(Ground) +
+           brightness * sizeof(std::uint16_t);
   }
 };
 static_assert(std::is_trivially_copyable_v<Header> && sizeof(Vertex) == 4 * sizeof(float));
@@ -78,6 +80,7 @@ std::string bytes_of(std::uint64_t key, const Block& block) {
   head.vertices = static_cast<std::uint32_t>(block.vertices.size());
   head.sources = static_cast<std::uint32_t>(block.sources.size());
   head.ground = static_cast<std::uint32_t>(block.ground.size());
+  head.brightness = static_cast<std::uint32_t>(block.brightness.size());
   head.error_m = block.error_m;
   head.detail_error_m = block.detail_error_m;
   head.left_out_size_m = block.left_out_size_m;
@@ -88,6 +91,7 @@ std::string bytes_of(std::uint64_t key, const Block& block) {
   append(file, block.vertices);
   append(file, block.sources);
   append(file, block.ground);
+  append(file, block.brightness);
   head.checksum = checksum_of(file);
   std::memcpy(file.data(), &head, sizeof head);
   return file;
@@ -103,7 +107,8 @@ std::shared_ptr<Block> block_of(std::string file, std::uint64_t key, const Block
   block->extent = extent_of(id);
   const auto side = static_cast<std::size_t>(block->side());
   const bool counts_fit = head.vertices == side * side && (head.sources == 1 || head.sources == head.vertices) &&
-                          (head.ground <= 1 || head.ground == head.vertices);
+                          (head.ground <= 1 || head.ground == head.vertices) &&
+                          (head.brightness == 0 || head.brightness == head.vertices);
   if (std::memcmp(head.magic, Header().magic, sizeof head.magic) != 0 || head.key != key || head.level != id.level ||
       head.row != id.row || head.col != id.col || !counts_fit || file.size() != head.bytes() ||
       checksum_of(file) != head.checksum)
@@ -111,7 +116,8 @@ std::shared_ptr<Block> block_of(std::string file, std::uint64_t key, const Block
   const char* from = file.data() + sizeof head;
   from = take(from, head.vertices, block->vertices);
   from = take(from, head.sources, block->sources);
-  take(from, head.ground, block->ground);
+  from = take(from, head.ground, block->ground);
+  take(from, head.brightness, block->brightness);
   block->error_m = head.error_m;
   block->detail_error_m = head.detail_error_m;
   block->left_out_size_m = head.left_out_size_m;

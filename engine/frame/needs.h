@@ -13,6 +13,7 @@
 namespace selenograph::engine {
 
 inline bool wants_radiance(const FrameRequest& request) { return request.products & (kRadiance | kImage); }
+inline bool wants_albedo(const FrameRequest& request) { return wants_radiance(request) || request.products & kAlbedo; }
 inline bool wants_light_at_centres(const FrameRequest& request) { return request.products & (kLit | kIrradiance); }
 inline bool wants_light(const FrameRequest& request) {
   return wants_radiance(request) || wants_light_at_centres(request);

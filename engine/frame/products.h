@@ -22,6 +22,7 @@ enum Product : std::uint32_t {
   kSource = 1u << 10,
   kObjectId = 1u << 11,
   kDetail = 1u << 12,
+  kAlbedo = 1u << 22,
   kIrradiance = 1u << 16,
   kFlow = 1u << 17,
   // Internal: used to list the rocks of a frame.
@@ -54,6 +55,7 @@ struct FrameProducts {
   std::vector<std::uint16_t> source;
   std::vector<std::uint16_t> object_id;  // index into FrameRequest::objects; 65535: terrain, or nothing
   std::vector<std::uint16_t> detail;     // a dem::Ground; 65535: an object, or nothing
+  std::vector<float> albedo;             // of the ground, in the words of its reflectance (radiometry/mapped_surface.h)
   std::vector<std::uint16_t> rock;       // index into Frame::rocks; 65535: none
   std::vector<double> height;            // maps: m above the datum
   std::vector<float> slope;              // maps: degrees between the normal and the datum's vertical
@@ -67,9 +69,9 @@ struct FrameProducts {
 template <typename Products>
 auto all_arrays(Products& products) {
   auto& [image, radiance, depth, range, position, geodetic, normal, angles, lit, irradiance, flow, gsd, source,
-         object_id, detail, rock, height, slope, rock_height, rock_cover, roughness, hazard] = products;
+         object_id, detail, albedo, rock, height, slope, rock_height, rock_cover, roughness, hazard] = products;
   return std::tie(image, radiance, depth, range, position, geodetic, normal, angles, lit, irradiance, flow, gsd, source,
-                  object_id, detail, rock, height, slope, rock_height, rock_cover, roughness, hazard);
+                  object_id, detail, albedo, rock, height, slope, rock_height, rock_cover, roughness, hazard);
 }
 
 }  // namespace selenograph::engine

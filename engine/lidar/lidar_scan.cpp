@@ -64,11 +64,14 @@ void resize(LidarReturns& r, std::size_t n) {
   r.rock.resize(n);
 }
 
-// The ground's reflection back to the instrument, mu0 f_r at zero phase: a BRDF, times maps of albedo if there are any.
+// The ground's reflection back to the instrument, mu0 f_r at zero phase: a BRDF, times maps of albedo if there are any,
+// times the brightness of made ground.
 class GroundReflectance {
  public:
   explicit GroundReflectance(const FrameRequest& request)
-      : hapke_(request.reflectance.model == ReflectanceModel::hapke), brdf_(evaluated(request), band_of(request)) {
+      : hapke_(request.reflectance.model == ReflectanceModel::hapke),
+        constant_(hapke_ ? request.reflectance.hapke.w : 1),
+        brdf_(evaluated(request), band_of(request)) {
     if (!request.albedo_maps.empty()) maps_.emplace(request);
   }
   // Returns new samplers of the maps; none without maps.
@@ -77,15 +80,18 @@ class GroundReflectance {
   }
   // Sets mu0 f_r toward the instrument per lane. `mu`: cosines of emission, which equal those of incidence. `side_m`:
   // side of the square that each lane's sub-ray illuminates.
-  void reflected_back(const SurfacePoints& points, const double* mu, const double* side_m, std::vector<ScaledMap>& maps,
-                      double* out) const {
+  void reflected_back(const Mesh& mesh, const SurfacePoints& points, const double* mu, const double* side_m,
+                      std::vector<ScaledMap>& maps, double* out) const {
     alignas(64) double albedo[kPacket];
     alignas(64) double ones[kPacket];
     std::fill_n(ones, kPacket, 1.0);
+    std::fill_n(albedo, kPacket, constant_);
     if (maps_)
       for (int i = 0; i < kPacket; ++i) albedo[i] = points.hit[i] ? albedo_at(points.position(i), side_m[i], maps) : 0;
-    brdf_.times_mu0(mu, mu, ones, maps_ && hapke_ ? albedo : nullptr, out);
-    if (maps_ && !hapke_)
+    if (mesh.varies_in_brightness()) brighten(mesh, points, albedo);
+    const bool varies = maps_ || mesh.varies_in_brightness();
+    brdf_.times_mu0(mu, mu, ones, varies && hapke_ ? albedo : nullptr, out);
+    if (!hapke_)
       for (int i = 0; i < kPacket; ++i) out[i] *= albedo[i];
   }
 
@@ -96,6 +102,14 @@ class GroundReflectance {
     if (!request.albedo_maps.empty()) reflectance.rho = 1;
     return reflectance;
   }
+  void brighten(const Mesh& mesh, const SurfacePoints& points, double* albedo) const {
+    float brightness[kPacket];
+    interpolate_brightness(mesh, points, brightness);
+    for (int i = 0; i < kPacket; ++i) {
+      albedo[i] *= static_cast<double>(brightness[i]);
+      if (hapke_) albedo[i] = std::min(albedo[i], 1.0);
+    }
+  }
   double albedo_at(const Vec3& point_m, double side_m, std::vector<ScaledMap>& maps) const {
     const Geographic g = to_geographic(point_m);
     double sum = 0;
@@ -105,6 +119,7 @@ class GroundReflectance {
   }
 
   bool hapke_;
+  double constant_;  // w of Hapke, otherwise 1: rho is in the BRDF
   Brdf brdf_;
   std::optional<AlbedoMaps> maps_;
 };
@@ -468,7 +483,7 @@ class LidarScanner {
     if (hit_bits(points) != 0) {
       cosines(points, facets, all_rays, mu, steepness);
       for (int i = 0; i < kPacket; ++i) side_m[i] = 4 * theta_ * sub_rays_.deviation * points.distance[i];
-      reflectance_.reflected_back(points, mu, side_m, work.maps, reflected_back);
+      reflectance_.reflected_back(ground.scene->mesh, points, mu, side_m, work.maps, reflected_back);
       for (int i = 0; i < kPacket; ++i)
         if (points.hit[i]) add(work, i, points.distance[i], steepness[i], weight * reflected_back[i], kNoObject);
     }

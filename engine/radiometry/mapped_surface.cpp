@@ -176,12 +176,14 @@ bool scaled_albedo(const double* values, double scale, double max_value, double*
 
 }  // namespace
 
-AlbedoMaps::AlbedoMaps(const FrameRequest& request) : maps_(request.albedo_maps) {
-  const Reflectance& reflectance = request.reflectance;
+Albedo::Albedo(const Reflectance& reflectance) : is_w(reflectance.model == ReflectanceModel::hapke) {
   const bool moon = reflectance.model == ReflectanceModel::moon;
-  fallback_ = moon ? 1 : reflectance.model == ReflectanceModel::hapke ? reflectance.hapke.w : reflectance.rho;
-  max_value_ = moon ? kMoonMaxRatio : reflectance.model == ReflectanceModel::lunar_lambert ? kLunarLambertMaxRho : 1;
-  for (const auto& map : maps_) scales_.push_back(albedo_scale(*map, reflectance, {}));
+  constant = moon ? 1 : is_w ? reflectance.hapke.w : reflectance.rho;
+  largest = moon ? kMoonMaxRatio : reflectance.model == ReflectanceModel::lunar_lambert ? kLunarLambertMaxRho : 1;
+}
+
+AlbedoMaps::AlbedoMaps(const FrameRequest& request) : maps_(request.albedo_maps), albedo_(request.reflectance) {
+  for (const auto& map : maps_) scales_.push_back(albedo_scale(*map, request.reflectance, {}));
 }
 
 std::vector<ScaledMap> AlbedoMaps::sampled(const StopToken& stop) const {

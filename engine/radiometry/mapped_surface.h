@@ -31,6 +31,14 @@ struct ScaledMap {
   double scale = 1;
 };
 
+// Albedo in the words of a reflectance: rho, w of Hapke, or for `moon` the ratio to the mean Moon. `constant`: its own;
+// `largest`: that of a surface which reflects no more light than arrives.
+struct Albedo {
+  explicit Albedo(const Reflectance& reflectance);
+  double constant, largest;
+  bool is_w;  // it replaces w of Hapke; otherwise the reflectance is proportional to it
+};
+
 // The albedo maps of a request with their factors. Maps of I/F become rho. For `moon` they become ratios to the map's
 // own mean over the near side, so that the disc stays the Moon's, or to the preset's I/F if the map has no such mean.
 class AlbedoMaps {
@@ -39,13 +47,13 @@ class AlbedoMaps {
 
   // Returns samplers for one thread. `stop` must outlive them.
   std::vector<ScaledMap> sampled(const StopToken& stop) const;
-  double fallback() const { return fallback_; }    // value where no map has one
-  double max_value() const { return max_value_; }  // largest value of a reflectance
+  double fallback() const { return albedo_.constant; }  // value where no map has one
+  double max_value() const { return albedo_.largest; }
 
  private:
   std::vector<std::shared_ptr<const dem::ValueMap>> maps_;
   std::vector<double> scales_;
-  double fallback_, max_value_;
+  Albedo albedo_;
 };
 
 // Computes albedo and emission of packets from a request's maps.

@@ -61,6 +61,7 @@ MeshBlock::MeshBlock(std::shared_ptr<const dem::Block> block, BlockBorder joined
   const int quads = posts->extent.quads;
   posts->position(quads / 2, quads / 2, 0).cwiseAbs().maxCoeff(&axis);
   vertices = posts->vertices;
+  brightness = posts->brightness;
   if (!border_is_unchanged()) {
     own_ = posts->vertices;
     if (border.soft != 0) soften_normals(own_, side, border.soft);
@@ -162,6 +163,8 @@ Mesh::Mesh(const dem::Terrain& terrain, const std::vector<BlockId>& ids, const M
                      ? previous
                      : std::make_shared<const MeshBlock>(posts_[i], std::move(border));
   });
+  varies_in_brightness_ =
+      std::any_of(blocks_.begin(), blocks_.end(), [](const auto& block) { return !block->brightness.empty(); });
 }
 
 std::shared_ptr<const MeshBlock> Mesh::share(const BlockId& id) const {

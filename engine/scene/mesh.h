@@ -54,7 +54,8 @@ struct MeshBlock {
   // one that it collapses onto. If the border is unchanged and no corner soft, these are the posts' own vertices.
   std::span<const dem::Vertex> vertices;
   std::vector<Turn> rows, columns;
-  bool collapses;  // some vertices of the border have collapsed
+  std::span<const std::uint16_t> brightness;  // Block::brightness of the posts; a collapsed vertex keeps its own
+  bool collapses;                             // some vertices of the border have collapsed
 
   // The mark of all posts if they have one source and are all filled or all not. Otherwise the mark of the middle post,
   // and `mixed` tells which quads have others, one bit per column.
@@ -154,6 +155,9 @@ class Mesh {
   // Returns the index of the block above or below a position.
   std::optional<std::uint32_t> block_at(const Vec3& position_m) const;
 
+  // Returns whether made ground of the mesh is brighter or darker in places.
+  bool varies_in_brightness() const { return varies_in_brightness_; }
+
   bool holds(const dem::BlockId& id) const { return index_.count(id) > 0; }
 
   std::size_t bytes() const;
@@ -170,6 +174,7 @@ class Mesh {
   std::vector<std::shared_ptr<const MeshBlock>> blocks_;
   std::unordered_map<dem::BlockId, std::uint32_t, dem::BlockIdHash> index_;
   int coarsest_ = 0, finest_ = 0;
+  bool varies_in_brightness_ = false;
 };
 
 }  // namespace selenograph::engine

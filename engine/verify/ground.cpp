@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <span>
 
 #include "dem/base/parallel.h"
 #include "dem/base/quantile.h"
@@ -151,6 +152,39 @@ std::vector<CraterRow> ground_craters(const dem::DetailPreset& preset) {
     const double smallest_m = std::max(std::ldexp(1.0, k), preset.craters.smallest_m);
     rows.push_back(
         {smallest_m, 1e6 * ages.number_per_m2(smallest_m, field.largest_m(k)), listed / area_km2, visible / area_km2});
+  }
+  return rows;
+}
+
+std::vector<AlbedoRow> ground_albedo(const dem::DetailPreset& preset, int places) {
+  if (preset.albedo_variation == 0) return {};
+  constexpr std::size_t kSide = 160;
+  constexpr double kBright = 1.3;
+  dem::DetailPreset craters = preset;
+  craters.relief = {};
+  craters.clods = {};
+  craters.rocks = {};
+  craters.region = {};
+  const dem::Detail detail(craters);
+  std::vector<AlbedoRow> rows;
+  for (const double pixel_m : {0.25, 1.0, 10.0}) {
+    const int level = level_showing(static_cast<int>(std::ceil(std::log2(pixel_m))) + 1);
+    std::vector<double> factors(static_cast<std::size_t>(places) * kSide * kSide, 1.0);
+    in_parallel(static_cast<std::size_t>(places), [&](std::size_t i) {
+      const auto [lat, lon] = place_rad(static_cast<int>(i));
+      const double step = pixel_m / kMoonRadius_m;
+      detail.add_brightness(dem::SquareGrid(lat, step, lon, step / std::cos(lat), kSide).grid(), level, 0,
+                            std::span(factors).subspan(i * kSide * kSide, kSide * kSide));
+    });
+    double sum = 0, squares = 0;
+    for (const double factor : factors) {
+      sum += factor;
+      squares += factor * factor;
+    }
+    const auto n = static_cast<double>(factors.size());
+    const double mean = sum / n, soil = median(factors);
+    const auto bright = std::count_if(factors.begin(), factors.end(), [&](double f) { return f > kBright * soil; });
+    rows.push_back({pixel_m, mean, std::sqrt(squares / n - mean * mean), static_cast<double>(bright) / n});
   }
   return rows;
 }

@@ -23,11 +23,20 @@ struct CraterRow {
   double law, listed, visible;
 };
 
-// Both measure the detail alone, on a sphere, with all of its octaves. This includes octaves so large that even the
+// The factor of the albedo (dem/detail/crater_brightness.h) seen in pixels of one size.
+struct AlbedoRow {
+  double pixel_m;
+  double mean, deviation;
+  double bright_share;  // of the ground, 30 % and more brighter than its median
+};
+
+// All measure the detail alone, on a sphere, with all of its octaves. This includes octaves so large that even the
 // coarsest posts (kRootLevel) show them, which detail on terrain never adds (Detail::past_largest_octave; in the
 // presets, wavelengths of 4096 m and more). `places`: squares of 40 x 40 baselines for each row. Octaves below an
 // eighth of a baseline are left out. Baselines from 7 to 112 mm are measured where the preset has clods.
 std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places);
 std::vector<CraterRow> ground_craters(const dem::DetailPreset& preset);
+// In pixels of 0.25, 1 and 10 m, in squares of 160 x 160 pixels; empty for a preset without albedo_variation.
+std::vector<AlbedoRow> ground_albedo(const dem::DetailPreset& preset, int places);
 
 }  // namespace selenograph::engine

@@ -20,6 +20,7 @@ def setUpModule():
     sample("dem", *harness.PLACE, "--columns", "2", "--ppd", "256")
     os.makedirs(harness.path("assets", "details"))
     write("rough", PRESET)
+    write("bright", {**PRESET, "albedo_variation": 1})
     write("bad", {"craters": {"smallest_m": 20, "largest_m": 10}})
     write("large_rocks", {"rocks": {"smallest_m": 1, "largest_m": 1}})
     write("all_rocks", {"rocks": {"smallest_m": 0.1, "largest_m": 1, "frequency": [{"per_m2": 1, "exponent": 3}]}})
@@ -142,6 +143,69 @@ class Detail(unittest.TestCase):
             self.assertLess((drawn["detail"] != traced["detail"]).mean(), 1e-4)
             self.assertLess((drawn["lit"] != traced["lit"]).mean(), 1e-3)
 
+    def test_young_craters_are_bright(self):
+        """In frames by both algorithms; the ground is the same, and so is the mean albedo."""
+        rho = 0.1
+        surface = {"reflectance": {"model": "lommel_seeliger", "rho": rho}}
+        products = ("radiance", "albedo", "angles", "lit", "position", "detail")
+        changes = {"height_m": 3000.0, "surface": surface, "detail": "bright"}
+        plain, _, _ = self.arrays(self.request(products, **{**changes, "detail": "rough"}))
+        self.assertEqual(set(np.unique(plain["albedo"])), {np.float32(rho)})
+        drawn, _, _ = self.arrays(self.request(products, **changes))
+        for same in ("position", "angles", "lit", "detail"):
+            np.testing.assert_array_equal(drawn[same], plain[same])
+        self.assertGreater(drawn["albedo"].max(), 1.3 * rho)
+        self.assertAlmostEqual(drawn["albedo"].mean() / rho, 1, delta=0.03)
+        lit = plain["lit"] == 1
+        np.testing.assert_allclose(drawn["radiance"][lit] / plain["radiance"][lit], drawn["albedo"][lit] / rho, rtol=1e-5)
+        without_truth, _, _ = self.arrays(self.request(("radiance",), **changes))  # by the short way of the z-buffer
+        np.testing.assert_allclose(without_truth["radiance"], drawn["radiance"], rtol=1e-5)
+        traced, _, _ = self.arrays(self.request(products, visibility="raytrace", **changes))
+        np.testing.assert_allclose(traced["albedo"], drawn["albedo"], rtol=0, atol=1e-5)
+        for surface in ({"reflectance": {"model": "hapke"}}, {"reflectance": {"model": "lunar_lambert", "rho": rho}},
+                        {"preset": "moon"}):
+            with self.subTest(surface):
+                other = {**changes, "surface": surface}
+                truth, _, _ = self.arrays(self.request(("radiance", "albedo"), **other))
+                short, _, _ = self.arrays(self.request(("radiance",), **other))
+                np.testing.assert_allclose(short["radiance"], truth["radiance"], rtol=1e-5)
+                dull, _, _ = self.arrays(self.request(("radiance", "albedo"), **{**other, "detail": "rough"}))
+                brighter = truth["albedo"] > 1.2 * dull["albedo"]
+                self.assertTrue((truth["radiance"][brighter & lit] > 1.1 * dull["radiance"][brighter & lit]).all())
+
+    def test_bright_ground_echoes_more(self):
+        receiver = {"signal": "photon_counting", "energy_j": 1e-3, "aperture_m": 0.1, "efficiency": 0.2}
+        scan = {"instrument": {"divergence_mrad": 0.5, "pulse_length_ns": 4.0, "wavelength_um": 1.064, "threshold": 5,
+                               "range_gate_m": [10, 5000], "receiver": receiver},
+                "pattern": {"scan": "flash", "columns": 24, "rows": 24, "fov_x_deg": 20},
+                "pose": {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": self.ground + 2000.0},
+                         "nadir": {"up_azimuth_deg": 0}}}
+        dull, bright = (self.service.arrays({**scan, "detail": name}, "/v1/lidar") for name in ("rough", "bright"))
+        np.testing.assert_allclose(dull["true_range_m"], bright["true_range_m"], rtol=0, atol=0.01)
+        ratio = bright["true_intensity"] / dull["true_intensity"]
+        self.assertGreater(ratio.max(), 1.15)
+        self.assertAlmostEqual(ratio.mean(), 1, delta=0.05)
+
+    def test_bright_ground_of_maps_and_lists(self):
+        area = {"projection": "orthographic", "center": {"lat_deg": LAT, "lon_deg": LON}, "width_m": 600.0,
+                "height_m": 600.0, "gsd_m": 2.0}
+        arrays = self.service.arrays({"map": area, "products": ["albedo"], "detail": "bright",
+                                      "surface": {"reflectance": {"model": "lommel_seeliger", "rho": 0.1}}}, "/v1/maps")
+        status, _, body = self.service.post("/v1/features", {
+            "kind": "craters", "detail": "bright", "smallest_m": 8,
+            "region": {"south_deg": LAT - 0.009, "north_deg": LAT + 0.009, "west_deg": LON - 0.009,
+                       "east_deg": LON + 0.009}})
+        self.assertEqual(status, 200, body[:500])
+        craters = json.loads(body)["craters"]
+        self.assertTrue(all(c["brightness"] == 1 for c in craters if c["age_Ma"] > 1000))
+        bright = [c for c in craters if c["brightness"] > 1.2 and c["diameter_m"] > 12]
+        self.assertTrue(bright)
+        metres_per_degree = 1737400 * np.pi / 180
+        for crater in bright:
+            column = int(150 + (crater["lon_deg"] - LON) * metres_per_degree / 2)
+            row = int(150 - (crater["lat_deg"] - LAT) * metres_per_degree / 2)
+            self.assertGreater(arrays["albedo"][row, column], 0.1 * (1 + 0.5 * (crater["brightness"] - 1)), crater)
+
     def test_frames_heights_rays_and_maps_have_one_ground(self):
         for preset in ("rough", "patch"):
             with self.subTest(preset):
@@ -187,7 +251,7 @@ class Detail(unittest.TestCase):
 
     def test_ground_on_the_disk_is_the_same(self):
         """As made, when it is put there, and when a later service reads it."""
-        request = self.request(("radiance", "position", "detail"))
+        request = self.request(("radiance", "position", "detail", "albedo"), detail="bright")
         expected = self.service.arrays(request)["body"]
         folder, counts = harness.path("own", "ground"), []
         for _ in range(2):

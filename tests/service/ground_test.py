@@ -42,6 +42,10 @@ class Ground(unittest.TestCase):
             if 2 <= float(row["diameter_m"]) < 50:
                 self.assertAlmostEqual(float(row["visible"]) / float(row["law"]), 1, delta=0.2, msg=row)
         self.assertIn("| mare: baseline, m |", done.stdout)
+        albedo = rows_of(folder, "albedo.csv")
+        self.assertEqual([row["pixel_m"] for row in albedo], ["0.25", "1", "10"])
+        for row in albedo:
+            self.assertAlmostEqual(float(row["mean"]), 1, delta=0.03)
 
     def test_beyond_its_bounds(self):
         """A preset that is rougher than what it names is told so, row by row."""

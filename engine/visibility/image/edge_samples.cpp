@@ -27,7 +27,7 @@ EdgeSamples::EdgeSamples(const FrameJob& job)
       views_(request_.camera, request_.pose, {}, job.stop),
       lens_(job.centres, job.request.camera, request_.camera, job.stop),
       rays_(views_.reference()),
-      shader_(request_, views_, job.radiance, job.indirect) {}
+      shader_(request_, views_, job.scene.mesh, job.radiance, job.indirect) {}
 
 // Returns the pixels of a rectangle whose radiance differs from that of a neighbour by more than the contrast.
 std::vector<std::uint32_t> EdgeSamples::find(const std::vector<float>& radiance, int x0, int y0, int width,

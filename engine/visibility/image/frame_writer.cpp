@@ -74,6 +74,7 @@ void allocate_products(FrameProducts& out, ProductSet requested, std::size_t pix
   allocate(out.source, requested & kSource, n, FrameSources::kNone);
   allocate(out.object_id, requested & kObjectId, n, kNoObject);
   allocate(out.detail, requested & kDetail, n, kNoGround);
+  allocate(out.albedo, requested & kAlbedo, n, kNaN32);
   allocate(out.rock, requested & kRock, n, kNoObject);
   allocate(out.height, requested & kHeight, n, kNaN64);
   allocate(out.slope, requested & kSlope, n, kNaN32);
@@ -195,6 +196,10 @@ void FrameWriter::store_point(const SurfacePoints& p, int i, const Vec3& directi
   }
   if (!out_.lit.empty()) out_.lit[slot_index] = lit;
   if (!out_.gsd.empty()) out_.gsd[slot_index] = spacing_m;
+}
+
+void FrameWriter::store_albedo(double albedo, std::size_t pixel) const {
+  if (const auto slot_index = slot(pixel)) out_.albedo[*slot_index] = static_cast<float>(albedo);
 }
 
 void FrameWriter::store_flow(double right_px, double down_px, std::size_t pixel) const {

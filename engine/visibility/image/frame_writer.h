@@ -65,6 +65,8 @@ class FrameWriter {
     ++counts.hit;
     if (!lanes.on_soil[lane]) ++(is_rock(lanes.object[lane]) ? counts.on_rock : counts.on_object);
   }
+  bool wants_albedo() const { return !out_.albedo.empty(); }
+  void store_albedo(double albedo, std::size_t pixel) const;
   void store_flow(double right_px, double down_px, std::size_t pixel) const;
   void store_object(const ObjectLanes& lanes, int lane, const Vec3& direction, float lit, std::size_t pixel) const;
 

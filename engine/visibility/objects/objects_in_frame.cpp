@@ -167,6 +167,7 @@ void ObjectsInFrame::place_rocks(std::span<const dem::RockFeature> rocks, const 
     added.in_view = true;
     added.number = static_cast<std::uint16_t>(first_rock_ + number);
     added.soil = soil;
+    added.brightness = rocks[number].rock.brightness;
     added.part_shadings = &shadings_.back();
     placed_.push_back(std::move(added));
   };
@@ -490,9 +491,9 @@ void ObjectsInFrame::radiances(const ObjectLanes& lanes, const Rays& rays, const
       base[i] += static_cast<float>((light.terrain_w_m2 + light.earth_w_m2) *
                                     part_shading.brdf(kHalfway, std::max(lanes.shading.mu[i], 0.0), 0));
     }
-    out[i] = base[i] +
-             static_cast<float>(direct_radiance(part_shading.brdf, part_shading.direct_w_m2, lanes.shading.incident[i],
-                                                lanes.shading.mu[i], cos_phase, static_cast<double>(lit[i])));
+    const double direct = direct_radiance(part_shading.brdf, part_shading.direct_w_m2, lanes.shading.incident[i],
+                                          lanes.shading.mu[i], cos_phase, static_cast<double>(lit[i]));
+    out[i] = base[i] + static_cast<float>(brightness_of(lanes, i) * direct);
   }
 }
 
@@ -501,7 +502,7 @@ void ObjectsInFrame::reflected_back(const ObjectLanes& lanes, double* out) const
     if (!lanes.points.hit[i]) continue;
     const PartShading& part_shading = (*placed_[lanes.object[i]].part_shadings)[lanes.part[i]];
     const double mu = lanes.shading.mu[i];
-    out[i] = mu > 0 ? part_shading.brdf.times_mu0(mu, mu, 1) : 0;
+    out[i] = mu > 0 ? brightness_of(lanes, i) * part_shading.brdf.times_mu0(mu, mu, 1) : 0;
   }
 }
 

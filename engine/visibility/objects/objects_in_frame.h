@@ -96,6 +96,7 @@ class ObjectsInFrame {
     bool in_view;
     std::uint16_t number;  // ObjectLanes::object
     bool soil;
+    double brightness = 1;                          // factor of the reflectance; soil against a rock has 1
     const std::vector<PartShading>* part_shadings;  // one per part
     Vec3 to_object(const Vec3& point) const { return object_from_moon * (point - position); }
     Vec3 to_tracer(const Vec3& point) const { return object_from_moon * (point - tracer_origin); }
@@ -113,6 +114,9 @@ class ObjectsInFrame {
   void intersect_rocks(const Rays& rays, bool from_camera, double* nearest, ObjectLanes& out) const;
   std::uint32_t blocked_by_rocks(const SurfacePoints& points, const std::uint16_t* own_object, std::uint32_t requested,
                                  const Vec3& sun) const;
+  double brightness_of(const ObjectLanes& lanes, int i) const {
+    return lanes.on_soil[i] ? 1 : placed_[lanes.object[i]].brightness;
+  }
   bool is_rock(std::uint16_t object) const { return object != kNoObject && object >= first_rock_; }
   void intersect_object(const Placed& object, const Rays& rays, double* nearest, ObjectLanes& out) const;
   void store(const Placed& object, std::uint32_t triangle, const Rays& rays, int lane, double* nearest,

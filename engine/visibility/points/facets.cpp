@@ -225,5 +225,30 @@ void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
   }
 }
 
+void interpolate_brightness(const Mesh& mesh, const TriangleId ids[kPacket], const float* v, const float* w,
+                            float* out) {
+  float corner[3][kPacket];
+  for (int i = 0; i < kPacket; ++i) {
+    const MeshBlock& block = mesh.blocks()[ids[i].block()];
+    const dem::QuadVertices q = ids[i].vertices();
+    for (int k = 0; k < 3; ++k)
+      corner[k][i] =
+          block.brightness.empty()
+              ? 1
+              : static_cast<float>(block.brightness[block.posts->index(q.r[k], q.c[k])]) / float{dem::kBrightnessOfOne};
+  }
+  for (int i = 0; i < kPacket; ++i)
+    out[i] = corner[0][i] + v[i] * (corner[1][i] - corner[0][i]) + w[i] * (corner[2][i] - corner[0][i]);
+}
+
+void interpolate_brightness(const Mesh& mesh, const SurfacePoints& points, float* out) {
+  float v[kPacket], w[kPacket];
+  for (int i = 0; i < kPacket; ++i) {
+    v[i] = static_cast<float>(points.v[i]);
+    w[i] = static_cast<float>(points.w[i]);
+  }
+  interpolate_brightness(mesh, points.triangle, v, w, out);
+}
+
 }  // namespace selenograph::engine
 #endif  // HWY_ONCE

@@ -16,4 +16,10 @@ struct alignas(64) Facets {
 // Gathers the vertices of sixteen triangles. They equal those of Mesh::triangle bit for bit.
 void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out);
 
+// Interpolates the factor of the albedo (Block::brightness) between the vertices of sixteen triangles. `v`, `w`:
+// weights of the second and third vertex.
+void interpolate_brightness(const Mesh& mesh, const TriangleId ids[kPacket], const float* v, const float* w,
+                            float* out);
+void interpolate_brightness(const Mesh& mesh, const SurfacePoints& points, float* out);
+
 }  // namespace selenograph::engine

@@ -106,25 +106,27 @@ HWY_EXPORT(ReflectedBy);
 namespace {
 
 bool mapped(const FrameRequest& request) {
-  return wants_radiance(request) && !(request.albedo_maps.empty() && request.temperature_maps.empty());
+  return wants_albedo(request) && !(request.albedo_maps.empty() && request.temperature_maps.empty());
 }
 
-// Returns the reflectance with rho = 1 where maps give albedo: all models that have a rho are proportional to it, so a
-// map's albedo multiplies the result, eq. (2).
-Reflectance evaluated_reflectance(const FrameRequest& request) {
+// Returns the reflectance with rho = 1 where the albedo varies: all models that have a rho are proportional to it, so
+// the albedo multiplies the result, eq. (2).
+Reflectance evaluated_reflectance(const FrameRequest& request, bool varies) {
   Reflectance reflectance = request.reflectance;
-  if (mapped(request)) reflectance.rho = 1;
+  if (varies) reflectance.rho = 1;
   return reflectance;
 }
 
 }  // namespace
 
-PacketShader::PacketShader(const FrameRequest& request, const RowViews& views, const RadianceTerms& terms,
-                           const TerrainLight* indirect)
+PacketShader::PacketShader(const FrameRequest& request, const RowViews& views, const Mesh& mesh,
+                           const RadianceTerms& terms, const TerrainLight* indirect)
     : request_(request),
       irradiance_(terms.direct_w_m2),
       base_(static_cast<float>(terms.base_w_m2_sr())),
-      brdf_(evaluated_reflectance(request), band_of(request)),
+      albedo_(request.reflectance),
+      varied_(mesh.varies_in_brightness() ? &mesh : nullptr),
+      brdf_(evaluated_reflectance(request, varied_ || engine::mapped(request)), band_of(request)),
       indirect_(indirect) {
   if (engine::mapped(request)) mapped_.emplace(request, views);
 }
@@ -144,27 +146,40 @@ void PacketShader::shade(const Facets& facets, const SurfacePoints& points, cons
   }
 }
 
+void PacketShader::albedos(const SurfacePoints& points, const Rays& rays, Sampler& sampler, double* albedo, float* base,
+                           int first_row) const {
+  if (mapped_)
+    mapped_->sample(points, rays, sampler, albedo, base, first_row);
+  else
+    std::fill_n(albedo, kPacket, albedo_.constant);
+  if (!varied_) return;
+  float brightness[kPacket];
+  interpolate_brightness(*varied_, points, brightness);
+  for (int i = 0; i < kPacket; ++i)
+    albedo[i] = std::min(albedo[i] * static_cast<double>(brightness[i]), albedo_.largest);
+}
+
 // Sets the radiance of direct sunlight, then adds the base: emission and indirect light per lane, or one constant. The
 // Hapke model takes the albedo of a map as an argument; all others are multiplied by it.
 void PacketShader::radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
                              Sampler& sampler, float* out, float* base, int first_row) const {
   alignas(64) double albedo[kPacket];
-  if (mapped_) mapped_->sample(points, rays, sampler, albedo, base, first_row);
+  const bool varies = mapped_ || varied_;
+  if (varies) albedos(points, rays, sampler, albedo, base, first_row);
   if (const BrdfTerms* terms = brdf_.terms()) {
-    HWY_DYNAMIC_DISPATCH(RadiancesOf)(*terms, irradiance_, shading, mapped_ ? albedo : nullptr, lit, out);
+    HWY_DYNAMIC_DISPATCH(RadiancesOf)(*terms, irradiance_, shading, varies ? albedo : nullptr, lit, out);
   } else {
     alignas(64) double cos_phase[kPacket];
     alignas(64) double mu[kPacket];
     alignas(64) double mu0_brdf[kPacket];
     HWY_DYNAMIC_DISPATCH(Cosines)(rays, shading, request_.sun.direction, cos_phase, mu);
-    const bool hapke = request_.reflectance.model == ReflectanceModel::hapke;
-    brdf_.times_mu0(shading.incident, mu, cos_phase, mapped_ && hapke ? albedo : nullptr, mu0_brdf);
+    brdf_.times_mu0(shading.incident, mu, cos_phase, varies && albedo_.is_w ? albedo : nullptr, mu0_brdf);
     HWY_DYNAMIC_DISPATCH(ReflectedBy)
-    (irradiance_, shading, mu0_brdf, mapped_ && !hapke ? albedo : nullptr, lit, out);
+    (irradiance_, shading, mu0_brdf, varies && !albedo_.is_w ? albedo : nullptr, lit, out);
   }
   if (indirect_) {
     if (!(mapped_ && mapped_->emits())) std::fill_n(base, kPacket, base_);
-    indirect_->add(points, shading, rays, brdf_, mapped_ ? albedo : nullptr, base);
+    indirect_->add(points, shading, rays, brdf_, varies ? albedo : nullptr, base);
   }
   if (bases_vary()) {
     for (int i = 0; i < kPacket; ++i) out[i] += points.hit[i] ? base[i] : 0;

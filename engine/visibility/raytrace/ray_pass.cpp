@@ -9,7 +9,7 @@ RayPass::RayPass(const FrameJob& job, FrameWriter& writer)
       request_(job.request),
       writer_(writer),
       rays_(job.views.reference()),
-      shader_(job.request, job.views, job.radiance, job.indirect) {
+      shader_(job.request, job.views, job.scene.mesh, job.radiance, job.indirect) {
   if (request_.sun.angular_radius_deg > 0) disc_.emplace(request_.sun, job.scene.anchor);
   if (job.flow_to && wants_flow(request_)) flow_.emplace(*job.flow_to, job);
 }
@@ -122,6 +122,12 @@ void RayPass::write_products(Packet& p) const {
   if (p.on_object) write_objects(p);
   if (!p.on_terrain) return;
   const bool marked = p.sample.count && writer_.marked(p.y, kPacketSide);
+  alignas(64) double albedo[kPacket];
+  const bool stores_albedo = p.sample.store && writer_.wants_albedo();
+  if (stores_albedo) {
+    float base[kPacket];
+    shader_.albedos(p.points, p.rays, p.task.sampler, albedo, base, p.y);
+  }
   for (int i = 0; i < kPacket; ++i) {
     if (!p.points.hit[i]) continue;
     const std::size_t pixel = pixel_of(p, i);
@@ -130,6 +136,7 @@ void RayPass::write_products(Packet& p) const {
     if (p.sample.count) writer_.account(p.points, i, pixel, p.task.counts);
     if (p.sample.store && writer_.wants_geometry())
       writer_.store_geometry(p.points, i, p.rays.direction(i), p.shading, p.lit[i], pixel);
+    if (stores_albedo) writer_.store_albedo(albedo[i], pixel);
   }
 }
 

@@ -32,7 +32,7 @@ RasterPass::RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& s
       times_(times),
       tiling_(mesh_, job.views.reference()),
       rays_(job.views.reference()),
-      shader_(job.request, job.views, job.radiance, job.indirect) {
+      shader_(job.request, job.views, job.scene.mesh, job.radiance, job.indirect) {
   if (!wants_light(request_)) return;
   if (request_.sun.angular_radius_deg > 0) {
     disc_.emplace(request_.sun, mesh_.anchor());
@@ -42,7 +42,7 @@ RasterPass::RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& s
     const Brdf* brdf = shader_.uniform_brdf();
     if (brdf && request_.camera.rectilinear() && job_.objects.empty())
       row_terms_.emplace(job.views.reference(), mesh_.anchor(), shadows_->axes(), *brdf, shader_.irradiance_w_m2(),
-                         shader_.base_radiance());
+                         shader_.base_radiance(), shader_.missing_albedo());
   }
 }
 
@@ -213,6 +213,7 @@ void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& point
   const bool is_counted =
       !sample.count || (writer_.out().source.empty() && writer_.account_all(points.triangle, hits, counts));
   const bool stores_geometry = sample.store && writer_.wants_geometry_of(row.y);
+  if (stores_geometry && writer_.wants_albedo()) store_albedos(row, points, rays, sampler);
   if (unresolved == kAllLanes && is_counted && !stores_geometry && !stores_bases) {
     if (shades) std::memcpy(row.radiance, radiance, sizeof radiance);
     return;
@@ -228,6 +229,15 @@ void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& point
     if (!is_counted) writer_.account(points, i, pixel, counts);
     if (stores_geometry) writer_.store_geometry(points, i, rays.direction(i), shading, lit[i], pixel);
   }
+}
+
+[[gnu::noinline]] void RasterPass::store_albedos(const Row& row, const SurfacePoints& points, const Rays& rays,
+                                                 PacketShader::Sampler& sampler) {
+  alignas(64) double albedo[kPacket];
+  float base[kPacket];
+  row.shader.albedos(points, rays, sampler, albedo, base);
+  for (int i = 0; i < kPacket; ++i)
+    if (points.hit[i]) writer_.store_albedo(albedo[i], row.first + static_cast<std::size_t>(i));
 }
 
 [[gnu::noinline]] void RasterPass::mark(const Row& row, const SurfacePoints& points) {

@@ -99,6 +99,7 @@ class RasterPass {
   void resolve_edges(const EdgeTiles& batch, std::size_t i, const TileBuffer& buffer);
   void shade(std::vector<float>& radiance, const std::vector<float>& bases) const;
   void resolve_objects(const Row& row, Rays& rays, SurfacePoints& points, PixelCounts& counts, LightSamples& samples);
+  void store_albedos(const Row& row, const SurfacePoints& points, const Rays& rays, PacketShader::Sampler& sampler);
   // Records the hits of the boresight and the corners of the image.
   void mark(const Row& row, const SurfacePoints& points);
   void prefetch(const std::uint32_t* triangles) const;

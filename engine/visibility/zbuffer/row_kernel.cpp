@@ -1,5 +1,6 @@
 #include "engine/visibility/zbuffer/row_kernel.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "dem/base/vector_targets.h"
@@ -27,6 +28,7 @@ struct alignas(64) RowPoints {
   float facing[kPacket];                        // positive if the triangle faces the Sun
   float dx[kPacket], dy[kPacket], dz[kPacket];  // the ray's direction
   float mu0[kPacket], mu[kPacket];              // cosines of incidence and emission
+  float albedo[kPacket];                        // factor of the reflectance, or w of Hapke
 };
 
 }  // namespace selenograph::engine
@@ -103,7 +105,8 @@ void ShadeRow(const RowTerms& terms, RowPoints& points, const Facets& facets, Re
     const float inverse_length = 1 / std::sqrt(nx * nx + ny * ny + nz * nz);
     const float mu0 = normal_to_sun * inverse_length;
     const float mu = -normal_to_ray * inverse_length / std::sqrt(dx * dx + dy * dy + dz * dz);
-    const float radiance = lommel_seeliger * (mu0 / (mu0 + mu)) + lambert * mu0;  // eqs. (2), (4) and (10)
+    const float white = lommel_seeliger * (mu0 / (mu0 + mu)) + lambert * mu0;  // eqs. (2), (4) and (10)
+    const float radiance = white * points.albedo[i];
     points.mu0[i] = mu0;
     points.mu[i] = mu;
     const bool faces_sun = (normal_to_sun > 0) & (points.facing[i] > 0);
@@ -140,6 +143,17 @@ HWY_EXPORT(RowCosines);
 
 namespace {
 
+// Sets the albedos of the points, whose weights are known.
+void set_albedos(const Mesh& mesh, const RowTerms& terms, const TriangleId* triangles, RowPoints& points) {
+  if (!terms.albedo) {
+    std::fill_n(points.albedo, kPacket, 1.F);
+    return;
+  }
+  interpolate_brightness(mesh, triangles, points.v, points.w, points.albedo);
+  const auto constant = static_cast<float>(terms.albedo->constant), largest = static_cast<float>(terms.albedo->largest);
+  for (int i = 0; i < kPacket; ++i) points.albedo[i] = std::min(constant * points.albedo[i], largest);
+}
+
 // Sets the radiance of a reflectance without closed terms.
 void reflect_row(const RowTerms& terms, const RowPoints& points, ResolvedRow& out) {
   alignas(64) double mu0[kPacket];
@@ -147,20 +161,26 @@ void reflect_row(const RowTerms& terms, const RowPoints& points, ResolvedRow& ou
   alignas(64) double cos_phase[kPacket];
   alignas(64) double mu0_brdf[kPacket];
   HWY_DYNAMIC_DISPATCH(RowCosines)(points, mu0, mu, cos_phase);
-  terms.other_brdf->times_mu0(mu0, mu, cos_phase, nullptr, mu0_brdf);
-  for (int i = 0; i < kPacket; ++i)
-    out.radiance[i] = (out.lit >> i & 1 ? static_cast<float>(terms.irradiance_w_m2 * mu0_brdf[i]) : 0.F) + terms.base;
+  alignas(64) double albedo[kPacket];
+  std::copy_n(points.albedo, kPacket, albedo);
+  const bool replaces_w = terms.albedo && terms.albedo->is_w;
+  terms.other_brdf->times_mu0(mu0, mu, cos_phase, replaces_w ? albedo : nullptr, mu0_brdf);
+  for (int i = 0; i < kPacket; ++i) {
+    const double reflected = replaces_w ? mu0_brdf[i] : mu0_brdf[i] * albedo[i];
+    out.radiance[i] = (out.lit >> i & 1 ? static_cast<float>(terms.irradiance_w_m2 * reflected) : 0.F) + terms.base;
+  }
 }
 
 }  // namespace
 
 // Light space has its origin at the anchor, so the Moon's centre, the origin of MOON_ME, lies at -anchor.
 RowTerms::RowTerms(const View& view, const Vec3& anchor, const std::array<Vec3, 3>& axes, const Brdf& brdf,
-                   double sunlight_w_m2, float base_w_m2_sr)
+                   double sunlight_w_m2, float base_w_m2_sr, const std::optional<Albedo>& missing_albedo)
     : centre_d_m(static_cast<float>(-axes[2].dot(anchor))),
       base(base_w_m2_sr),
       other_brdf(brdf.terms() ? nullptr : &brdf),
-      irradiance_w_m2(sunlight_w_m2) {
+      irradiance_w_m2(sunlight_w_m2),
+      albedo(missing_albedo) {
   const BrdfTerms closed = brdf.terms() ? *brdf.terms() : BrdfTerms();
   lommel_seeliger = static_cast<float>(irradiance_w_m2 * closed.lommel_seeliger);
   lambert = static_cast<float>(irradiance_w_m2 * closed.lambert);
@@ -182,6 +202,7 @@ void resolve_row(const Mesh& mesh, const RowTerms& terms, double x, double y, co
   gather(mesh, triangles, facets);
   RowPoints points;
   HWY_DYNAMIC_DISPATCH(FindRowPoints)(terms, facets, x, y, points, out);
+  set_albedos(mesh, terms, triangles, points);
   HWY_DYNAMIC_DISPATCH(ShadeRow)(terms, points, facets, out);
   if (terms.other_brdf && out.resolved) reflect_row(terms, points, out);
 }

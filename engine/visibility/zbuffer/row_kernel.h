@@ -12,9 +12,11 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 
 #include "engine/camera/view.h"
 #include "engine/radiometry/brdf.h"
+#include "engine/radiometry/mapped_surface.h"
 #include "engine/scene/mesh.h"
 #include "engine/support/packet.h"
 #include "engine/visibility/zbuffer/shadow_map.h"
@@ -24,9 +26,10 @@ namespace selenograph::engine {
 // Camera, Sun and reflectance of a frame, as plain numbers, which the loop over lanes keeps in registers.
 struct RowTerms {
   // `axes`: of light space (ShadowMap), the last one toward the Sun. sunlight_w_m2: on a plane that faces the Sun.
-  // base_w_m2_sr: radiance without the Sun. `brdf` must outlive this object.
+  // base_w_m2_sr: radiance without the Sun. `brdf` must outlive this object. `missing_albedo`: of the reflectance,
+  // before the brightness of made ground; empty: the reflectance is the same everywhere.
   RowTerms(const View& view, const Vec3& anchor, const std::array<Vec3, 3>& axes, const Brdf& brdf,
-           double sunlight_w_m2, float base_w_m2_sr);
+           double sunlight_w_m2, float base_w_m2_sr, const std::optional<Albedo>& missing_albedo = {});
 
   double first[3], right[3], down[3], eye[3];  // ray of pixel (0, 0), its change per pixel, the eye; MOON_ME, m
   double axis[3][3], from_eye[3];              // axes of light space, and the eye in it
@@ -36,6 +39,7 @@ struct RowTerms {
   float base;                                  // radiance without the Sun, W m-2 sr-1
   const Brdf* other_brdf;                      // a reflectance that is no sum of these two terms; else null
   double irradiance_w_m2;
+  std::optional<Albedo> albedo;  // missing_albedo
 };
 
 struct ResolvedRow {

@@ -206,7 +206,7 @@ class Client:
         min_depth_over_diameter  of craters: left out, 0.02; 0 gives all
 
         The record array begins with the largest: id, lat_deg, lon_deg, height_m, diameter_m, age_Ma, and for craters
-        depth_m, depth_over_diameter, visibility and rim_share.
+        depth_m, depth_over_diameter, visibility, rim_share and brightness.
         """
         document = without_none(detail=detail, region=region, kind=kind, smallest_m=smallest_m,
                                 min_depth_over_diameter=min_depth_over_diameter)
@@ -214,7 +214,8 @@ class Client:
         fields = [("id", object), ("lat_deg", float), ("lon_deg", float), ("height_m", float), ("diameter_m", float),
                   ("age_Ma", float)]
         if kind == "craters":
-            fields += [("depth_m", float), ("depth_over_diameter", float), ("visibility", float), ("rim_share", float)]
+            fields += [("depth_m", float), ("depth_over_diameter", float), ("visibility", float), ("rim_share", float),
+                       ("brightness", float)]
         return records_of_objects(found, fields, (len(found),))
 
     def sky(self, request: AnySkyRequest) -> np.recarray:

@@ -1,0 +1,277 @@
+#include "dem/detail/crater_brightness.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <optional>
+
+#include "dem/detail/detail_kernels.h"
+
+namespace selenograph::dem {
+namespace {
+
+using std::numbers::pi;
+
+constexpr double kNewRim = 0.7;    // what a new crater adds at its rim where all that it digs up is immature
+constexpr double kDimmest = 0.25;  // largest dimming of the dimmer zone over that
+constexpr double kDimmestPlace = 0.2, kBrightestPlace = 1.2;  // factors, drawn: places differ
+constexpr double kFaintest = 0.006;                           // of what a crater adds; fainter ones add nothing
+
+// Shares of the brightness by position, for craters that are seen as far as `reach_radii`. A table by distance, in
+// steps of 1 / kSteps of a radius; `bright` and `dim` are shares of Zones::bright and dim, `in_rays` is the share of
+// the brightness there that is in rays.
+class Profile {
+ public:
+  static constexpr double kSteps = 32;
+
+  explicit Profile(double reach_radii) : reach(reach_radii) {
+    const auto steps = static_cast<std::size_t>(reach * kSteps) + 2;
+    for (std::size_t i = 0; i < steps; ++i) {
+      const double r = static_cast<double>(i) / kSteps;
+      const double outward = std::max(r, 1.0);
+      const double floor = 0.75 + 0.25 * std::min(1.0, r / 0.5);
+      const double spread = std::pow(std::max(outward / 1.25, 1.0), -2.4);
+      const double edge = std::clamp((reach - r) / (0.4 * reach), 0.0, 1.0);
+      const double from_dimmest = (outward - 3) / 1.2;
+      bright.push_back(static_cast<float>(floor * spread * edge));
+      dim.push_back(static_cast<float>(std::exp(-from_dimmest * from_dimmest) * edge));
+      in_rays.push_back(static_cast<float>(std::clamp(0.8 * (outward - 1), 0.0, 1.0)));
+    }
+    area_bright = area_of(bright);
+    area_dim = area_of(dim);
+  }
+
+  double reach;                             // crater radii
+  std::vector<float> bright, dim, in_rays;  // by distance
+  double area_bright = 0, area_dim = 0;     // integrals over the plane, squared crater radii
+
+ private:
+  // Integrates a table, which is interpolated linearly, over the plane: Simpson's rule, exact for r times a line.
+  static double area_of(const std::vector<float>& table) {
+    double sum = 0;
+    for (std::size_t i = 0; i + 1 < table.size(); ++i) {
+      const double a = static_cast<double>(table[i]), b = static_cast<double>(table[i + 1]);
+      const double r = static_cast<double>(i) / kSteps;
+      const double next = r + 1 / kSteps;
+      sum += (a * r + 4 * (a + b) / 2 * (r + next) / 2 + b * next) / 6;
+    }
+    return 2 * pi * sum / kSteps;
+  }
+};
+
+constexpr std::size_t kReaches = 3;
+const Profile& profile_of(int reach) {
+  static const std::array<Profile, kReaches> profiles{Profile(3), Profile(5), Profile(9)};
+  return profiles[static_cast<std::size_t>(reach)];
+}
+
+// Returns a number that grows with the azimuth of (x, y) from 0 to 4, without trigonometry: the position on the square
+// |x| + |y| = 1.
+float around_square(float x, float y) {
+  const float p = y / std::max(std::abs(x) + std::abs(y), 1e-30F);
+  return x < 0 ? 2 - p : y < 0 ? 4 + p : p;
+}
+
+// Waves of brightness around a crater: noise on circles, with so many wavelengths per radius.
+struct Waves {
+  double per_radius, amplitude;
+};
+constexpr std::array<Waves, 3> kWaves{{{2.3, 3.2}, {6.1, 2.6}, {15, 1}}};
+
+// The azimuths of the tables of rays, equally spaced along the square of around_square().
+struct Azimuths {
+  static constexpr std::size_t kCount = 256;
+  std::array<double, kCount> cosine, sine;
+  std::array<double, kCount> weight;                           // share of the circle: the trapezoidal rule
+  std::array<std::array<double, kCount>, kWaves.size()> x, y;  // on the circles of kWaves
+
+  Azimuths() {
+    const auto azimuth = [](double i) {
+      const double side = std::floor(4 * i / kCount), in_side = 4 * i / kCount - side;
+      return side * pi / 2 + std::atan2(in_side, 1 - in_side);
+    };
+    for (std::size_t i = 0; i < kCount; ++i) {
+      const auto at = static_cast<double>(i);
+      cosine[i] = std::cos(azimuth(at));
+      sine[i] = std::sin(azimuth(at));
+      weight[i] = (azimuth(at + 1) - azimuth(at - 1)) / (4 * pi);
+      for (std::size_t k = 0; k < kWaves.size(); ++k) {
+        x[k][i] = kWaves[k].per_radius * cosine[i];
+        y[k][i] = kWaves[k].per_radius * sine[i];
+      }
+    }
+  }
+  static const Azimuths& shared() {
+    static const Azimuths azimuths;
+    return azimuths;
+  }
+};
+
+// Rays of a crater: brightness by azimuth, with mean 1, near the crater and far from it; in between they are blended,
+// so that rays are not straight.
+class Rays {
+ public:
+  explicit Rays(std::uint64_t crater_id) {
+    Draws draws(crater_id, 1, 0, 0);
+    const auto seed = static_cast<std::uint32_t>(draws.bits());
+    const double downrange = 2 * pi * draws.uniform(), to_x = 0.45 * std::cos(downrange),
+                 to_y = 0.45 * std::sin(downrange);
+    const Azimuths& azimuths = Azimuths::shared();
+    for (std::size_t table = 0; table < value_.size(); ++table) {
+      std::array<double, Azimuths::kCount> broken;
+      broken.fill(1);
+      const double height = 0.3 + 0.9 * static_cast<double>(table);  // each table cuts the noise elsewhere
+      for (std::size_t k = 0; k < kWaves.size(); ++k)
+        add_noise({azimuths.x[k].data(), azimuths.y[k].data(), height, broken.size()},
+                  seed + static_cast<std::uint32_t>(k), kWaves[k].amplitude, broken.data());
+      double mean = 0;
+      for (std::size_t i = 0; i < broken.size(); ++i) {
+        broken[i] = std::clamp(broken[i], 0.0, 3.0) * (1 + to_x * azimuths.cosine[i] + to_y * azimuths.sine[i]);
+        mean += azimuths.weight[i] * broken[i];
+      }
+      for (std::size_t i = 0; i < broken.size(); ++i) value_[table][i] = static_cast<float>(broken[i] / mean);
+      value_[table].back() = value_[table].front();
+    }
+  }
+
+  // Returns the brightness at (east, north) from the centre, at r crater radii.
+  float at(float east, float north, float r) const {
+    const float position = around_square(east, north) * (Azimuths::kCount / 4);
+    const auto i = std::min(static_cast<std::size_t>(position), Azimuths::kCount - 1);
+    const float f = position - static_cast<float>(i);
+    const auto along = [&](const auto& v) { return v[i] + f * (v[i + 1] - v[i]); };
+    constexpr float kFar = 5;  // crater radii
+    const float t = std::min((r - 1) / (kFar - 1), 1.F);
+    return (1 - t) * along(value_[0]) + t * along(value_[1]);
+  }
+
+ private:
+  std::array<std::array<float, Azimuths::kCount + 1>, 2> value_{};
+};
+
+// Returns the share of immature soil in what a crater digs up, from a tenth of its diameter.
+double immature_share(double diameter_m) {
+  constexpr double kMatureDepth_m = 0.3;
+  const double t = std::clamp(0.5 + 0.5 * std::log10(0.1 * diameter_m / kMatureDepth_m), 0.0, 1.0);
+  return 0.2 + 0.8 * t * t * (3 - 2 * t);
+}
+
+}  // namespace
+
+CraterBrightness::CraterBrightness(const CraterField& craters, double variation)
+    : variation_(variation), smallest_octave_(craters.smallest_octave()) {
+  if (none()) return;
+  for (int k = smallest_octave_; k <= craters.largest_octave(); ++k)
+    means_.push_back(
+        mean_of_sizes(craters.ages(), std::max(std::ldexp(1.0, k), craters.law().smallest_m), craters.largest_m(k)));
+}
+
+// Integrates what craters add over diameters, ages and places: the number of craters per m^2 times the integral over
+// the ground of one of them.
+double CraterBrightness::mean_of_sizes(const CraterAges& ages, double smallest_m, double largest_m) const {
+  constexpr int kSizes = 8, kAges = 128, kPlaces = 8;
+  double sum = 0;
+  for (int i = 0; i < kSizes; ++i) {
+    const double low_m = smallest_m * std::pow(largest_m / smallest_m, static_cast<double>(i) / kSizes),
+                 high_m = smallest_m * std::pow(largest_m / smallest_m, (i + 1.0) / kSizes),
+                 diameter_m = std::sqrt(low_m * high_m);
+    const double oldest = ages.life(diameter_m).oldest;
+    double mean_area = 0;  // of what one crater adds, squared radii
+    for (int age = 0; age < kAges; ++age) {
+      // Young craters add most: the midpoints are denser there.
+      const double u = (age + 0.5) / kAges, share = u * u;
+      const double age_Ma = age_Ma_of(share * oldest);
+      for (int p = 0; p < kPlaces; ++p) {
+        const double local_factor = kDimmestPlace + (kBrightestPlace - kDimmestPlace) * (p + 0.5) / kPlaces;
+        const Zones zones = zones_of(diameter_m, age_Ma, local_factor);
+        if (zones.bright == 0) continue;
+        const Profile& profile = profile_of(zones.reach);
+        mean_area += 2 * u * (zones.bright * profile.area_bright - zones.dim * profile.area_dim) / (kAges * kPlaces);
+      }
+    }
+    sum += ages.number_per_m2(low_m, high_m) * mean_area * diameter_m * diameter_m / 4;
+  }
+  return sum;
+}
+
+CraterBrightness::Zones CraterBrightness::zones_of(double diameter_m, double age_Ma, double local_factor) const {
+  constexpr double kFadingAt10m_Ma = 6, kFadingExponent = 1.05;
+  constexpr double kSlowShare = 0.15, kSlowTimes = 5, kDimTimes = 0.3;  // of the fading time
+  const double fading_Ma = kFadingAt10m_Ma * std::pow(diameter_m / 10, kFadingExponent);
+  const double fresh = variation_ * kNewRim * local_factor * immature_share(diameter_m);
+  const double bright = fresh * ((1 - kSlowShare) * std::exp(-age_Ma / fading_Ma) +
+                                 kSlowShare * std::exp(-age_Ma / (kSlowTimes * fading_Ma)));
+  if (bright < kFaintest) return {};
+  return {bright, kDimmest * fresh * std::exp(-age_Ma / (kDimTimes * fading_Ma)),
+          bright > 0.1    ? 2
+          : bright > 0.03 ? 1
+                          : 0};
+}
+
+CraterBrightness::Zones CraterBrightness::zones_of(const Crater& crater) const {
+  const double u = Draws(crater.id, 0, 0, 0).uniform();
+  return zones_of(crater.diameter_m, crater.age_Ma, kDimmestPlace + (kBrightestPlace - kDimmestPlace) * u);
+}
+
+double CraterBrightness::at_rim(const Crater& crater) const {
+  const Zones zones = zones_of(crater);
+  if (zones.bright == 0) return 0;
+  const Profile& profile = profile_of(zones.reach);
+  const auto rim = static_cast<std::size_t>(Profile::kSteps);
+  return zones.bright * static_cast<double>(profile.bright[rim]) - zones.dim * static_cast<double>(profile.dim[rim]);
+}
+
+void CraterBrightness::add_crater(const Crater& crater, const Zones& zones, const DirectionGrid& grid,
+                                  std::span<float> added) {
+  const Profile& profile = profile_of(zones.reach);
+  const double radius = crater.diameter_m / 2 / kMoonRadius_m;  // a chord of the unit sphere, as all distances here
+  const double reach = profile.reach * radius;
+  const EastNorthUp local = local_axes(crater.centre);
+  const Vec3 east = local.east / radius, north = local.north / radius;
+  const auto bright = static_cast<float>(zones.bright), dim = static_cast<float>(zones.dim);
+  const std::optional<Rays> rays = zones.reach > 0 ? std::optional<Rays>(crater.id) : std::nullopt;
+  const auto [first_column, past_column] = columns_within(grid, crater.centre, reach);
+  const auto [first_row, past_row] = rows_within(grid, crater.centre, reach);
+  for (std::size_t r = first_row; r < past_row; ++r) {
+    const bool past_pole = grid.cos_lat[r] < 0;  // on the opposite meridian, where the range of columns is not valid
+    for (std::size_t c = past_pole ? 0 : first_column; c < (past_pole ? grid.columns() : past_column); ++c) {
+      const Vec3 from_centre = grid.direction(r, c) - crater.centre;
+      const auto radii = static_cast<float>(from_centre.norm() / radius);
+      if (radii >= static_cast<float>(profile.reach)) continue;
+      const float step = radii * static_cast<float>(Profile::kSteps);
+      const auto i = static_cast<std::size_t>(step);
+      const float f = step - static_cast<float>(i);
+      const auto along = [&](const std::vector<float>& table) { return table[i] + f * (table[i + 1] - table[i]); };
+      float share = along(profile.bright);
+      if (rays && radii > 1)
+        share *= 1 + along(profile.in_rays) * (rays->at(static_cast<float>(east.dot(from_centre)),
+                                                        static_cast<float>(north.dot(from_centre)), radii) -
+                                               1);
+      added[r * grid.columns() + c] += bright * share - dim * along(profile.dim);
+    }
+  }
+}
+
+void CraterBrightness::add(const CraterField& craters, const DirectionGrid& grid, int octave,
+                           std::span<const double> shares, std::span<double> factor, const StopToken& stop) const {
+  const BoundingBall ball = ball_around(grid);
+  const double widest_m = profile_of(kReaches - 1).reach * craters.largest_m(octave) / 2;
+  std::vector<Crater> near;
+  craters.within(octave, ball.direction, ball.radius_m + widest_m, near, stop);
+  std::sort(near.begin(), near.end(), formed_before);  // sums are rounded: one order for all grids
+  std::vector<float> added(factor.size(), 0.F);
+  for (const Crater& crater : near) {
+    const Zones zones = zones_of(crater);
+    if (zones.bright == 0) continue;
+    const double reach_m = profile_of(zones.reach).reach * crater.diameter_m / 2;
+    if ((crater.centre - ball.direction).norm() * kMoonRadius_m > ball.radius_m + reach_m) continue;
+    stop.check();
+    add_crater(crater, zones, grid, added);
+  }
+  const double octave_mean = mean(octave);
+  for (std::size_t i = 0; i < factor.size(); ++i)
+    factor[i] += static_cast<double>(added[i]) - (shares.empty() ? octave_mean : shares[i] * octave_mean);
+}
+
+}  // namespace selenograph::dem
