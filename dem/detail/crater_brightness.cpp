@@ -254,7 +254,8 @@ void CraterBrightness::add_crater(const Crater& crater, const Zones& zones, cons
 }
 
 void CraterBrightness::add(const CraterField& craters, const DirectionGrid& grid, int octave,
-                           std::span<const double> shares, std::span<double> factor, const StopToken& stop) const {
+                           std::span<const double> shares, std::span<double> factor, const StopToken& stop,
+                           double weight) const {
   const BoundingBall ball = ball_around(grid);
   const double widest_m = profile_of(kReaches - 1).reach * craters.largest_m(octave) / 2;
   std::vector<Crater> near;
@@ -271,7 +272,7 @@ void CraterBrightness::add(const CraterField& craters, const DirectionGrid& grid
   }
   const double octave_mean = mean(octave);
   for (std::size_t i = 0; i < factor.size(); ++i)
-    factor[i] += static_cast<double>(added[i]) - (shares.empty() ? octave_mean : shares[i] * octave_mean);
+    factor[i] += weight * (static_cast<double>(added[i]) - (shares.empty() ? octave_mean : shares[i] * octave_mean));
 }
 
 }  // namespace selenograph::dem

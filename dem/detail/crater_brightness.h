@@ -39,10 +39,11 @@ class CraterBrightness {
   double at_rim(const Crater& crater) const;
   // Mean of what an octave of craters adds; add() subtracts it.
   double mean(int octave) const { return means_[static_cast<std::size_t>(octave - smallest_octave_)]; }
-  // Adds to `factor`, row by row, what the craters of an octave add at a grid's positions, less `shares` (empty: 1
-  // everywhere) times its mean. `craters`: the field, perhaps of a region, with the law given to the constructor.
+  // Adds to `factor`, row by row, `weight` times what the craters of an octave add at a grid's positions, less `shares`
+  // (empty: 1 everywhere) times its mean. `craters`: the field, perhaps of a region, with the law given to the
+  // constructor.
   void add(const CraterField& craters, const DirectionGrid& grid, int octave, std::span<const double> shares,
-           std::span<double> factor, const StopToken& stop) const;
+           std::span<double> factor, const StopToken& stop, double weight = 1) const;
 
  private:
   // A crater adds `bright` next to its rim, less `dim` in the dimmer zone, out to one of the reaches.

@@ -237,9 +237,10 @@ void Detail::add_brightness(const DirectionGrid& grid, int level, int posts_leve
                             const StopToken& stop) const {
   if (brightness_.none()) return;
   const std::vector<double> shares = shares_of(grid);
-  const int shown = smallest_octave(level) - 1, past = past_largest_octave(posts_level);
-  for (int k = std::max(shown, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), past - 1); ++k)
-    brightness_.add(craters_, grid, k, shares, factor, stop);
+  const int shown = smallest_octave(level), past = past_largest_octave(posts_level);
+  constexpr double kUnshownWeight = 0.5;
+  for (int k = std::max(shown - 1, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), past - 1); ++k)
+    brightness_.add(craters_, grid, k, shares, factor, stop, k < shown ? kUnshownWeight : 1);
 }
 
 void Detail::add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m,

@@ -77,7 +77,7 @@ class Detail {
   // Adds one octave; it must not be among those that the posts' level shows.
   void add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m, const StopToken& stop = {}) const;
   // Adds to factors of the albedo, row by row, what the octaves that add() adds to the heights change, and the octave
-  // below them: bright ground around a crater is wider than the crater.
+  // below them by half, as bright ground around a crater is wider than the crater.
   void add_brightness(const DirectionGrid& grid, int level, int posts_level, std::span<double> factor,
                       const StopToken& stop = {}) const;
   // Returns whether a level shows relief that the posts' level does not.
