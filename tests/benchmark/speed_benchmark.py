@@ -89,6 +89,12 @@ def processor_s(process):
     return time.clock_gettime((~process.pid) << 3 | 2)
 
 
+def assets_of(binary):
+    """The assets of the commit in whose build folder the binary is: another commit's may have members that it does not know."""
+    own = os.path.join(os.path.dirname(os.path.abspath(binary)), "..", "deploy", "assets")
+    return own if os.path.isdir(own) else os.path.join(harness.REPOSITORY, "deploy", "assets")
+
+
 class Side:
     """One binary with its services, a connection to each, and what was measured."""
 
@@ -96,7 +102,7 @@ class Side:
         self.services, self.connections = {}, {}
         for terrain, folder in terrains.items():
             options = ["--port", "0", "--cache-dir", harness.path("cache", name, terrain), "--dem", folder, "--assets-dir",
-                       os.path.join(harness.REPOSITORY, "deploy", "assets")]
+                       assets_of(binary)]
             # `limits` runs in the service's process, whose environment it may change.
             self.services[terrain] = harness.Service(binary=binary, options=options,
                                                      limits=lambda: os.environ.update(environment))
