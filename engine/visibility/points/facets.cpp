@@ -227,18 +227,25 @@ void gather(const Mesh& mesh, const TriangleId ids[kPacket], Facets& out) {
 
 void interpolate_brightness(const Mesh& mesh, const TriangleId ids[kPacket], const float* v, const float* w,
                             float* out) {
-  float corner[3][kPacket];
+  std::int32_t corner[3][kPacket];
   for (int i = 0; i < kPacket; ++i) {
     const MeshBlock& block = mesh.blocks()[ids[i].block()];
-    const dem::QuadVertices q = ids[i].vertices();
-    for (int k = 0; k < 3; ++k)
-      corner[k][i] =
-          block.brightness.empty()
-              ? 1
-              : static_cast<float>(block.brightness[block.posts->index(q.r[k], q.c[k])]) / float{dem::kBrightnessOfOne};
+    if (block.brightness.empty()) {
+      corner[0][i] = corner[1][i] = corner[2][i] = dem::kBrightnessOfOne;
+      continue;
+    }
+    // In the upper half of a quad, the second vertex is west of the first one and the third south of it.
+    const int upper = ids[i].upper() ? 1 : 0, step = 1 - 2 * upper;
+    const std::uint16_t* first = &block.brightness[block.posts->index(ids[i].r() + upper, ids[i].c() + upper)];
+    corner[0][i] = *first;
+    corner[1][i] = first[step];
+    corner[2][i] = first[step * block.side];
   }
-  for (int i = 0; i < kPacket; ++i)
-    out[i] = corner[0][i] + v[i] * (corner[1][i] - corner[0][i]) + w[i] * (corner[2][i] - corner[0][i]);
+  for (int i = 0; i < kPacket; ++i) {
+    const auto a = static_cast<float>(corner[0][i]), b = static_cast<float>(corner[1][i]),
+               c = static_cast<float>(corner[2][i]);
+    out[i] = (a + v[i] * (b - a) + w[i] * (c - a)) / float{dem::kBrightnessOfOne};
+  }
 }
 
 void interpolate_brightness(const Mesh& mesh, const SurfacePoints& points, float* out) {
