@@ -66,6 +66,10 @@ RowViews::RowViews(const Camera& camera, const Pose& pose, const std::optional<S
     if (!(poses.back().position_m.array().abs() <= kFarthest_m).all())
       throw ImpossibleRequest("the camera moves more than 2e12 m from the Moon's centre", "shutter");
     rows_.push_back(reference_.at(poses.back()));
+    if (row == 0) continue;
+    const Pose& previous = poses[poses.size() - 2];
+    max_step_.shift_m = std::max(max_step_.shift_m, (poses.back().position_m - previous.position_m).norm());
+    max_step_.turn_rad = std::max(max_step_.turn_rad, turn_between(poses.back(), previous));
   }
   reference_ = rows_[rows_.size() / 2];
   bundle(poses, 0, rows_.size());

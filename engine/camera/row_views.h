@@ -59,6 +59,13 @@ class RowViews {
   Vec3 camera_seeing(const Vec3& point_m) const;
 
   int height() const { return height_; }  // rows of the frame
+  // Returns true if every row is imaged by the same row of the camera.
+  bool pushbroom() const { return pushbroom_; }
+  // Upper bounds of the camera's movement from one row to the next.
+  struct Step {
+    double shift_m = 0, turn_rad = 0;
+  };
+  const Step& max_step() const { return max_step_; }
   // Returns the camera of all views: the frame's camera or, for a line camera, a single-line image on the row of the
   // principal point.
   const Camera& camera() const { return reference_.camera(); }
@@ -92,6 +99,7 @@ class RowViews {
   std::optional<PoseTrack> track_;
   std::vector<View> rows_;
   std::vector<ViewBundle> bundles_;
+  Step max_step_;
 };
 
 }  // namespace selenograph::engine

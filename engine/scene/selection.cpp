@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "dem/base/error.h"
+#include "engine/camera/row_fit.h"
 #include "engine/frame/needs.h"
 #include "engine/scene/anchor.h"
 #include "engine/scene/view_selector.h"
@@ -85,12 +86,41 @@ double triangles_of(const Selection& selection) {
   return triangles;
 }
 
+namespace {
+
+// Returns whether the z-buffer draws rows with times as ray tracing does. It gives each vertex the time of the row that
+// images it and joins vertices by straight edges, so the image must move slowly: a point is then imaged once, and an
+// edge, whose ends are imaged at different times, deviates from its curve by less than a hundredth of a pixel.
+bool suits_zbuffer(const RowViews& views, const Selection& selection) {
+  constexpr double kMaxMotion_px = 256;  // of the nearest ground, while all rows are exposed
+  constexpr double kMaxSpeed_px = 0.3;   // of the nearest ground, from row to row
+  constexpr double kMaxEdgeError_px = 0.01, kMaxFitError_px = 0.002;
+  constexpr double kMaxSpacing_px = 20;  // of posts: triangles reach rows within kBandMargin of a tile
+  const Camera& camera = views.camera();
+  if (views.pushbroom() || !camera.rectilinear() || views.height() < 3) return false;
+  const double focal_px = std::max(camera.fx, camera.fy);
+  const double nearest_m = focal_px / selection.max_pixels_per_metre;
+  const double ray2 = 1 + std::pow(views.reference().widest_slope(), 2);
+  const double turn_rad = views.max_step().turn_rad, shift = views.max_step().shift_m / nearest_m;
+  const double speed_px = focal_px * (turn_rad * ray2 + shift);
+  // From one end of an edge to the other, speeds differ by (turn + shift) times its length, and rows by at most that
+  // length: the middle is off a chord by a quarter of their product, or less.
+  const double edge_error_px = (turn_rad + shift) * std::pow(selection.max_spacing_px, 2) / 4;
+  return speed_px * views.height() <= kMaxMotion_px && speed_px <= kMaxSpeed_px &&
+         selection.max_spacing_px <= kMaxSpacing_px && edge_error_px <= kMaxEdgeError_px &&
+         max_fit_error_px(views, nearest_m) <= kMaxFitError_px;
+}
+
+}  // namespace
+
 Visibility visibility_for(const FrameRequest& request, const RowViews& views, const Selection& selection) {
   if (!request.terrain) return Visibility::raytrace;  // nothing to draw
-  if (request.shutter) {
+  if (request.shutter && (request.visibility == Visibility::raytrace || !suits_zbuffer(views, selection))) {
     if (request.visibility == Visibility::zbuffer)
-      throw ImpossibleRequest("rows with times are rendered by ray tracing: the z-buffer draws all rows from one place",
-                              "visibility");
+      throw ImpossibleRequest(
+          "these rows with times are rendered by ray tracing: the z-buffer draws those of a rolling shutter without "
+          "distortion whose image moves by at most 256 pixels, and less over coarse terrain",
+          "visibility");
     return Visibility::raytrace;
   }
   if (request.camera.beyond_plane()) {

@@ -70,29 +70,82 @@ bool leaves_guard_band(const Strip& s, const TileView& t) {
   return false;
 }
 
+// Returns the greatest value of a quadratic polynomial, or a bound above it, within `reach` of 0.
+float bound_of(float p0, float p1, float p2, float reach) { return p0 + reach * (std::abs(p1) + reach * std::abs(p2)); }
+
+// Returns whether the box of a strip lies outside one side of a tile at all times of its rows. As outside_one_side, but
+// the homogeneous coordinates of a corner are polynomials of the row.
+bool outside_one_side_in_all_rows(const Strip& s, const TileView& t) {
+  const RowMotion& motion = *t.motion;
+  int outside[4] = {};  // corners left of the tile, right of it, above and below
+  for (int corner = 0; corner < 8; ++corner) {
+    float p[3];
+    for (int k = 0; k < 3; ++k) {
+      p[k] = s.centre[k] - t.pivot[k];
+      for (int e = 0; e < 3; ++e) p[k] += corner >> e & 1 ? s.half[e][k] : -s.half[e][k];
+    }
+    float column[3], line[3], depth[3];  // `line` is relative to the middle row
+    for (int power = 0; power < 3; ++power) {
+      const auto dot = [&](const float(&form)[3][4]) {
+        return form[power][0] * p[0] + form[power][1] * p[1] + form[power][2] * p[2] + form[power][3];
+      };
+      column[power] = dot(motion.column);
+      depth[power] = dot(motion.depth);
+      line[power] = dot(motion.off_row) + (power > 0 ? depth[power - 1] : 0);
+    }
+    // Returns whether sign (v - at z) is negative at all times.
+    const auto is_beyond = [&](const float* v, float at, float sign) {
+      return bound_of(sign * (v[0] - at * depth[0]), v[1] - at * depth[1], v[2] - at * depth[2], motion.reach) < 0;
+    };
+    outside[0] += is_beyond(column, -1, 1);
+    outside[1] += is_beyond(column, static_cast<float>(t.width), -1);
+    outside[2] += is_beyond(line, -1 - motion.middle, 1);
+    outside[3] += is_beyond(line, static_cast<float>(t.height) - motion.middle, -1);
+  }
+  return std::any_of(outside, outside + 4, [](int corners) { return corners == 8; });
+}
+
+// Sets the linear forms of a view, from those of homogeneous pixels.
+void set_axes(const RowFit::Axes& pixels, TileView& view) {
+  for (int k = 0; k < 3; ++k) {
+    for (int i = 0; i < 3; ++i) view.row[k][i] = static_cast<float>(pixels(k, i));
+    view.offset[k] = static_cast<float>(pixels(k, 3));
+  }
+}
+
+static_assert(kTileHeight == kRowsOfBand, "each row of tiles has its own fit");
+
 }  // namespace
 
-ImageTiling::ImageTiling(const RasterMesh& mesh, const View& view)
-    : mesh_(mesh), view_(view), camera_(view.camera()), bends_(!view.camera().rectilinear()) {}
+// The eye is rounded to float as the pivot, and TileView::offset holds the difference.
+ImageTiling::ImageTiling(const RasterMesh& mesh, const RowViews& views)
+    : mesh_(mesh),
+      views_(views),
+      view_(views.reference()),
+      camera_(view_.camera()),
+      bends_(!camera_.rectilinear()),
+      eye_(view_.position() - mesh.anchor()),
+      is_far_(eye_.norm() > kFar_m),
+      pivot_(is_far_ ? Vec3(Vec3::Zero()) : Vec3(eye_.cast<float>().cast<double>())) {
+  if (!views.vary()) return;
+  for (int band = 0; band * kTileHeight < views.height(); ++band)
+    fits_.emplace_back(views, middle_of_band(band, views.height()), mesh.anchor() + pivot_);
+}
 
 // Returns the projection from points relative to the anchor to the pixels of a tile: pixel = a (x / z, y / z) + b, with
-// the point (x, y, z) in camera axes. The eye is rounded to float as the pivot, and `offset` holds the difference.
+// the point (x, y, z) in camera axes.
 TileView ImageTiling::tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d& b, int width, int height) const {
   TileView t{};
   const Eigen::Matrix3d camera_from_moon = view_.moon_from_camera().transpose();
-  const Vec3 eye = view_.position() - mesh_.anchor();
-  const bool far = eye.norm() > kFar_m;
   const Vec3 x = camera_from_moon.row(0), y = camera_from_moon.row(1), z = camera_from_moon.row(2);
   const Vec3 rows[3] = {x * a(0, 0) + y * a(0, 1) + z * b.x(), x * a(1, 0) + y * a(1, 1) + z * b.y(), z};
-  Vec3 pivot = Vec3::Zero();
   for (int k = 0; k < 3; ++k) {
-    if (!far) pivot[k] = static_cast<double>(static_cast<float>(eye[k]));
-    t.pivot[k] = static_cast<float>(pivot[k]);
+    t.pivot[k] = static_cast<float>(pivot_[k]);
     for (int i = 0; i < 3; ++i) t.row[k][i] = static_cast<float>(rows[k][i]);
   }
-  for (int k = 0; k < 3; ++k) t.offset[k] = static_cast<float>(rows[k].dot(pivot - eye));
-  t.near0 = far ? 0.F : 1.F;
-  t.near1 = far ? 1.F : 0.F;
+  for (int k = 0; k < 3; ++k) t.offset[k] = static_cast<float>(rows[k].dot(pivot_ - eye_));
+  t.near0 = is_far_ ? 0.F : 1.F;
+  t.near1 = is_far_ ? 1.F : 0.F;
   t.width = width;
   t.height = height;
   t.min_depth_m = kNear_m;
@@ -103,6 +156,38 @@ TileView ImageTiling::tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d&
 TileView ImageTiling::undistorted_view(double x0, double y0, int width, int height) const {
   return tile_view(Eigen::Vector2d(camera_.fx, camera_.fy).asDiagonal(), {camera_.cx - x0, camera_.cy - y0}, width,
                    height);
+}
+
+// Returns the map from camera axes to homogeneous pixels of a tile from (x0, y0) on.
+Eigen::Matrix3d ImageTiling::pixel_from_camera(double x0, double y0) const {
+  Eigen::Matrix3d map;
+  map << camera_.fx, 0, camera_.cx - x0, 0, camera_.fy, camera_.cy - y0, 0, 0, 1;
+  return map;
+}
+
+// Returns the view of a tile whose rows have their own views: that of the tile's middle row, and how it changes from
+// row to row, for samples at the offsets (dx, dy) from the pixel centres.
+TileView ImageTiling::moving_view(const ImageTile& tile, double dx, double dy, RowMotion& motion) const {
+  const RowFit& fit = fits_[static_cast<std::size_t>(tile.y0 / kTileHeight)];
+  const int middle = fit.middle_row - tile.y0;
+  const Eigen::Matrix3d map = pixel_from_camera(tile.x0 + dx, tile.y0 + dy);
+  RowFit::Axes previous = RowFit::Axes::Zero();  // of the power below
+  for (int power = 0; power < 3; ++power) {
+    const RowFit::Axes pixels = map * fit.P[static_cast<std::size_t>(power)];
+    const Eigen::RowVector4d off_row = pixels.row(1) - middle * pixels.row(2) - previous.row(2);
+    for (int i = 0; i < 4; ++i) {
+      motion.column[power][i] = static_cast<float>(pixels(0, i));
+      motion.off_row[power][i] = static_cast<float>(off_row[i]);
+      motion.depth[power][i] = static_cast<float>(pixels(2, i));
+    }
+    previous = pixels;
+  }
+  motion.middle = static_cast<float>(middle);
+  motion.reach = static_cast<float>(std::max(middle, tile.height - middle) + kBandMargin);
+  TileView view = undistorted_view(tile.x0 + dx, tile.y0 + dy, tile.width, tile.height);
+  set_axes(map * fit.P[0], view);
+  view.motion = &motion;
+  return view;
 }
 
 // Returns the view of a tile through a lens: the affine map that fits the lens at the tile's valid pixel nearest to its
@@ -184,6 +269,69 @@ StripBox ImageTiling::box_of(const Strip& s, const TileView& image_view) const {
   return box;
 }
 
+// Returns the row of the image, not rounded, in which a strip's middle is imaged, or the nearest row. It need not be
+// exact: moving_box_of bounds what is left.
+double ImageTiling::row_of(const Strip& strip, double dy) const {
+  constexpr int kSteps = 2;
+  const double last_row = views_.height() - 1;
+  const Vec3 middle = Eigen::Map<const Eigen::Vector3f>(strip.centre).cast<double>() - pivot_;
+  double row = last_row / 2;
+  for (int step = 0; step < kSteps; ++step) {
+    const Vec3 p = fit_of(row).at(row - fit_of(row).middle_row) * middle.homogeneous();
+    if (!(p.z() > 0)) return row;
+    row = std::clamp(p.y() / p.z() * camera_.fy + camera_.cy - dy, 0.0, last_row);
+  }
+  return row;
+}
+
+const RowFit& ImageTiling::fit_of(double row) const {
+  return fits_[static_cast<std::size_t>(row) / static_cast<std::size_t>(kTileHeight)];
+}
+
+// Returns the box of a strip in an image whose rows have their own views: its box at the time of one row, extended by
+// the bound of its movement until the time of any row that images one of its vertices. In camera axes a point P moves
+// by at most u = shift + turn |P| per row, and its image by v = f u sqrt(1 + slope^2) / z. A vertex at a distance D
+// from the row moves to its own row in at most D / (1 - v) rows.
+StripBox ImageTiling::moving_box_of(const Strip& s, double dx, double dy) const {
+  constexpr float kAnywhere = std::numeric_limits<float>::infinity(), kMaxSpeed_px = 0.5F, kMaxMoved_px = 512;
+  const double row = row_of(s, dy);
+  const RowFit& fit = fit_of(row);
+  TileView view = undistorted_view(dx, dy, camera_.width, camera_.height);
+  set_axes(pixel_from_camera(dx, dy) * fit.at(row - fit.middle_row), view);
+  float min_z = kAnywhere, max_z = 0;
+  for (int corner = 0; corner < 8; ++corner) {
+    const float z = corner_of(s, corner, view).z;
+    min_z = std::min(min_z, z);
+    max_z = std::max(max_z, z);
+  }
+  StripBox box = box_of(s, view);
+  if (!(min_z > 2 * kNear_m)) return box;  // out of view or unbounded
+  // Bound the speed at the box's farthest corner from the principal point; a quarter more for its change in time.
+  const auto slope = [&](int k, double centre, double focal) {
+    return std::max(std::abs(box.low[k] - centre), std::abs(box.high[k] - centre)) / focal;
+  };
+  const double slope_x = slope(0, camera_.cx - dx, camera_.fx), slope_y = slope(1, camera_.cy - dy, camera_.fy);
+  const auto ray2 = static_cast<float>(1 + slope_x * slope_x + slope_y * slope_y);
+  const auto focal = static_cast<float>(1.25 * std::max(camera_.fx, camera_.fy));
+  const auto shift_m = static_cast<float>(views_.max_step().shift_m);
+  const auto turn_rad = static_cast<float>(views_.max_step().turn_rad);
+  const float speed_px = focal * (shift_m * std::sqrt(ray2) / min_z + turn_rad * ray2);
+  const auto own_row = static_cast<float>(row);
+  const float rows = std::max(box.high[1] - own_row, own_row - box.low[1]) / (1 - speed_px);
+  // A tile takes vertices outside its rows at the time of a row up to kBandMargin away.
+  const float max_rows = rows + 2 * kTileHeight + kBandMargin;
+  const float depth_change_m = (shift_m + turn_rad * max_z * std::sqrt(ray2)) * max_rows;
+  const bool is_slow =
+      speed_px < kMaxSpeed_px && speed_px * rows < kMaxMoved_px && min_z > 2 * kNear_m + depth_change_m;
+  box.leaves_guard_band = box.leaves_guard_band || !is_slow;
+  for (int k = 0; k < 2; ++k) {
+    const float moved_px = is_slow ? speed_px * rows : kAnywhere;
+    box.low[k] -= moved_px;
+    box.high[k] += moved_px;
+  }
+  return box;
+}
+
 // Sets the bounds of the samples of a tile in pixels of the undistorted camera.
 void ImageTiling::bound(ImageTile& tile, const PixelRays& rays) const {
   tile.low[0] = static_cast<float>(tile.x0);
@@ -217,7 +365,8 @@ void ImageTiling::lay(double dx, double dy, const PixelRays& rays, std::vector<S
   const TileView image_view = undistorted_view(dx, dy, width, height);
   boxes.resize(mesh_.strips().size());
   in_parallel_pieces(boxes.size(), 256, [&](std::size_t first, std::size_t past_last) {
-    for (std::size_t i = first; i < past_last; ++i) boxes[i] = box_of(mesh_.strips()[i], image_view);
+    for (std::size_t i = first; i < past_last; ++i)
+      boxes[i] = moves() ? moving_box_of(mesh_.strips()[i], dx, dy) : box_of(mesh_.strips()[i], image_view);
   });
   tiles.resize(static_cast<std::size_t>(tiles_across) * static_cast<std::size_t>(tiles_along));
   in_parallel(static_cast<std::size_t>(tiles_along), [&](std::size_t row) {
@@ -252,13 +401,16 @@ void ImageTiling::lay(double dx, double dy, const PixelRays& rays, std::vector<S
 // against the tile itself there.
 void ImageTiling::draw(const ImageTile& tile, double dx, double dy, const PixelRays& rays,
                        const std::vector<StripBox>& boxes, TileBuffer& buffer) const {
-  const TileView view =
-      bends_ ? lens_view(tile, rays, buffer) : undistorted_view(tile.x0 + dx, tile.y0 + dy, tile.width, tile.height);
+  RowMotion motion;
+  const TileView view = bends_    ? lens_view(tile, rays, buffer)
+                        : moves() ? moving_view(tile, dx, dy, motion)
+                                  : undistorted_view(tile.x0 + dx, tile.y0 + dy, tile.width, tile.height);
   buffer.clear(tile.width, tile.height);
   for (const std::uint32_t s : tile.strips) {
     const Strip& strip = mesh_.strips()[s];
     const bool leaves = bends_ ? leaves_guard_band(strip, view) : boxes[s].leaves_guard_band;
-    if ((leaves || bends_) && outside_one_side(strip, view)) continue;
+    if ((leaves || bends_) && (moves() ? outside_one_side_in_all_rows(strip, view) : outside_one_side(strip, view)))
+      continue;
     draw_strip(mesh_.blocks()[strip.block], strip, view, leaves, buffer);
   }
 }
