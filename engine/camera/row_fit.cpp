@@ -14,12 +14,12 @@ RowFit::Axes axes_of(const View& view, const Vec3& origin) {
   return axes;
 }
 
-// Returns the distance in the image between the position (x, row) and that of its point in the fit.
-double error_at(const View& view, const RowFit& fit, int row, double x, double distance_m) {
+// Returns the distance in the image between the position (x, row) and that of its point in a fit around `origin`.
+double error_at(const View& view, const RowFit& fit, const Vec3& origin, int row, double x, double distance_m) {
   const Camera& camera = view.camera();
   const Vec3 ray((x - camera.cx) / camera.fx, (row - camera.cy) / camera.fy, 1);
-  const Vec3 from_camera = distance_m * (view.moon_from_camera() * ray);  // the fit's origin is the camera
-  const Vec3 p = fit.at(row - fit.middle_row) * from_camera.homogeneous();
+  const Vec3 from_origin = view.position() - origin + distance_m * (view.moon_from_camera() * ray);
+  const Vec3 p = fit.at(row - fit.middle_row) * from_origin.homogeneous();
   return std::hypot(p.x() / p.z() * camera.fx + camera.cx - x, p.y() / p.z() * camera.fy + camera.cy - row);
 }
 
@@ -46,13 +46,13 @@ double max_fit_error_px(const RowViews& views, double nearest_m) {
   for (int band = 0; band * kRowsOfBand < height; ++band) {
     const int first = std::max(band * kRowsOfBand - kBandMargin, 0);
     const int last = std::min((band + 1) * kRowsOfBand + kBandMargin, height) - 1;
-    for (int row = first; row <= last; row = row == last ? last + 1 : std::min(row + kRowStep, last)) {
-      const View& view = views.of(row);
-      const RowFit fit(views, middle_of_band(band, height), view.position());
+    const int middle = middle_of_band(band, height);
+    const Vec3& origin = views.of(middle).position();
+    const RowFit fit(views, middle, origin);
+    for (int row = first; row <= last; row = row == last ? last + 1 : std::min(row + kRowStep, last))
       for (const double x : {0.0, right})
         for (const double distance_m : {nearest_m, kFar * nearest_m})
-          max_error_px = std::max(max_error_px, error_at(view, fit, row, x, distance_m));
-    }
+          max_error_px = std::max(max_error_px, error_at(views.of(row), fit, origin, row, x, distance_m));
   }
   return max_error_px;
 }

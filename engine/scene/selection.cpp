@@ -90,22 +90,25 @@ namespace {
 
 // Returns whether the z-buffer draws rows with times as ray tracing does. It gives each vertex the time of the row that
 // images it and joins vertices by straight edges, so the image must move slowly: a point is then imaged once, and an
-// edge, whose ends are imaged at different times, deviates from its curve by less than a hundredth of a pixel.
+// edge, whose ends are imaged at different times, stays near its curve. The values limited here are upper bounds:
+// motion by 200 pixels at the end of an image 50 degrees wide is bounded by up to 500, an edge's error over level
+// ground by three times as much.
 bool suits_zbuffer(const RowViews& views, const Selection& selection) {
-  constexpr double kMaxMotion_px = 256;  // of the nearest ground, while all rows are exposed
-  constexpr double kMaxSpeed_px = 0.3;   // of the nearest ground, from row to row
-  constexpr double kMaxEdgeError_px = 0.01, kMaxFitError_px = 0.002;
-  constexpr double kMaxSpacing_px = 20;  // of posts: triangles reach rows within kBandMargin of a tile
+  constexpr double kMaxMotion_px = 600;  // of the nearest ground in a corner, while all rows are exposed
+  constexpr double kMaxSpeed_px = 0.6;   // the same, from row to row
+  constexpr double kMaxEdgeError_px = 0.03, kMaxFitError_px = 0.002;
+  constexpr double kMaxSpacing_px = 20;  // of posts: a tile's triangles reach fewer rows than kBandMargin beyond it
   const Camera& camera = views.camera();
   if (views.pushbroom() || !camera.rectilinear() || views.height() < 3) return false;
   const double focal_px = std::max(camera.fx, camera.fy);
   const double nearest_m = focal_px / selection.max_pixels_per_metre;
-  const double ray2 = 1 + std::pow(views.reference().widest_slope(), 2);
-  const double turn_rad = views.max_step().turn_rad, shift = views.max_step().shift_m / nearest_m;
-  const double speed_px = focal_px * (turn_rad * ray2 + shift);
-  // From one end of an edge to the other, speeds differ by (turn + shift) times its length, and rows by at most that
-  // length: the middle is off a chord by a quarter of their product, or less.
-  const double edge_error_px = (turn_rad + shift) * std::pow(selection.max_spacing_px, 2) / 4;
+  const RowViews::Step& step = views.max_step();
+  const double speed_px = focal_px * step.image_shift(nearest_m, views.reference().widest_slope());
+  // From one end of an edge to the other, speeds differ by at most the step's sum times its length, and rows by at most
+  // that length: the edge's middle is off a chord by a quarter of their product at most.
+  const double sum =
+      (step.shift_along_m + step.shift_across_m) / nearest_m + step.turn_along_rad + step.turn_across_rad;
+  const double edge_error_px = sum * std::pow(selection.max_spacing_px, 2) / 4;
   return speed_px * views.height() <= kMaxMotion_px && speed_px <= kMaxSpeed_px &&
          selection.max_spacing_px <= kMaxSpacing_px && edge_error_px <= kMaxEdgeError_px &&
          max_fit_error_px(views, nearest_m) <= kMaxFitError_px;
@@ -119,7 +122,7 @@ Visibility visibility_for(const FrameRequest& request, const RowViews& views, co
     if (request.visibility == Visibility::zbuffer)
       throw ImpossibleRequest(
           "these rows with times are rendered by ray tracing: the z-buffer draws those of a rolling shutter without "
-          "distortion whose image moves by at most 256 pixels, and less over coarse terrain",
+          "distortion whose image moves by at most some hundred pixels, and less over coarse terrain",
           "visibility");
     return Visibility::raytrace;
   }

@@ -269,19 +269,33 @@ StripBox ImageTiling::box_of(const Strip& s, const TileView& image_view) const {
   return box;
 }
 
-// Returns the row of the image, not rounded, in which a strip's middle is imaged, or the nearest row. It need not be
-// exact: moving_box_of bounds what is left.
-double ImageTiling::row_of(const Strip& strip, double dy) const {
+// Returns the row of the image, not rounded, in which a strip's middle is imaged, or the nearest row; empty if it is
+// behind the camera. It need not be exact: moving_box_of bounds what is left.
+std::optional<double> ImageTiling::row_of(const Strip& strip, double dy) const {
   constexpr int kSteps = 2;
   const double last_row = views_.height() - 1;
   const Vec3 middle = Eigen::Map<const Eigen::Vector3f>(strip.centre).cast<double>() - pivot_;
   double row = last_row / 2;
   for (int step = 0; step < kSteps; ++step) {
     const Vec3 p = fit_of(row).at(row - fit_of(row).middle_row) * middle.homogeneous();
-    if (!(p.z() > 0)) return row;
+    if (!(p.z() > 0)) return std::nullopt;
     row = std::clamp(p.y() / p.z() * camera_.fy + camera_.cy - dy, 0.0, last_row);
   }
   return row;
+}
+
+// Returns whether a strip is behind the camera in all rows, by its depth in the middle row.
+bool ImageTiling::is_behind(const Strip& strip) const {
+  const auto vector = [](const float* v) -> Vec3 { return Eigen::Map<const Eigen::Vector3f>(v).cast<double>(); };
+  double radius_m = 0;
+  for (const auto& half : strip.half) radius_m += vector(half).norm();
+  const Vec3 from_eye = vector(strip.centre) - eye_;
+  const RowViews::Step& step = views_.max_step();
+  const double shift_m = step.shift_along_m + step.shift_across_m,
+               turn_rad = step.turn_along_rad + step.turn_across_rad;
+  const double change_m =
+      views_.height() * (shift_m + turn_rad * (from_eye.norm() + radius_m + views_.height() * shift_m));
+  return view_.moon_from_camera().col(2).dot(from_eye) + radius_m + change_m < 0;
 }
 
 const RowFit& ImageTiling::fit_of(double row) const {
@@ -289,12 +303,15 @@ const RowFit& ImageTiling::fit_of(double row) const {
 }
 
 // Returns the box of a strip in an image whose rows have their own views: its box at the time of one row, extended by
-// the bound of its movement until the time of any row that images one of its vertices. In camera axes a point P moves
-// by at most u = shift + turn |P| per row, and its image by v = f u sqrt(1 + slope^2) / z. A vertex at a distance D
-// from the row moves to its own row in at most D / (1 - v) rows.
+// the bound of its movement until the time of any row that images one of its vertices. If the image moves by v per row,
+// a vertex at a distance D from the row moves to its own row in at most D / (1 - v) rows.
 StripBox ImageTiling::moving_box_of(const Strip& s, double dx, double dy) const {
-  constexpr float kAnywhere = std::numeric_limits<float>::infinity(), kMaxSpeed_px = 0.5F, kMaxMoved_px = 512;
-  const double row = row_of(s, dy);
+  constexpr float kAnywhere = std::numeric_limits<float>::infinity(), kMaxMoved_px = 512;
+  constexpr double kMaxSpeed_px = 0.8;
+  if (is_behind(s)) return {{kAnywhere, kAnywhere}, {-kAnywhere, -kAnywhere}, false};
+  const std::optional<double> own_row = row_of(s, dy);
+  if (!own_row) return {{-kAnywhere, -kAnywhere}, {kAnywhere, kAnywhere}, true};
+  const double row = *own_row;
   const RowFit& fit = fit_of(row);
   TileView view = undistorted_view(dx, dy, camera_.width, camera_.height);
   set_axes(pixel_from_camera(dx, dy) * fit.at(row - fit.middle_row), view);
@@ -307,27 +324,28 @@ StripBox ImageTiling::moving_box_of(const Strip& s, double dx, double dy) const 
   StripBox box = box_of(s, view);
   if (!(min_z > 2 * kNear_m)) return box;  // out of view or unbounded
   // Bound the speed at the box's farthest corner from the principal point; a quarter more for its change in time.
-  const auto slope = [&](int k, double centre, double focal) {
-    return std::max(std::abs(box.low[k] - centre), std::abs(box.high[k] - centre)) / focal;
+  const auto slope_along = [&](int k, double centre, double focal) {
+    const double low = static_cast<double>(box.low[k]) - centre, high = static_cast<double>(box.high[k]) - centre;
+    return std::max(std::abs(low), std::abs(high)) / focal;
   };
-  const double slope_x = slope(0, camera_.cx - dx, camera_.fx), slope_y = slope(1, camera_.cy - dy, camera_.fy);
-  const auto ray2 = static_cast<float>(1 + slope_x * slope_x + slope_y * slope_y);
-  const auto focal = static_cast<float>(1.25 * std::max(camera_.fx, camera_.fy));
-  const auto shift_m = static_cast<float>(views_.max_step().shift_m);
-  const auto turn_rad = static_cast<float>(views_.max_step().turn_rad);
-  const float speed_px = focal * (shift_m * std::sqrt(ray2) / min_z + turn_rad * ray2);
-  const auto own_row = static_cast<float>(row);
-  const float rows = std::max(box.high[1] - own_row, own_row - box.low[1]) / (1 - speed_px);
-  // A tile takes vertices outside its rows at the time of a row up to kBandMargin away.
-  const float max_rows = rows + 2 * kTileHeight + kBandMargin;
-  const float depth_change_m = (shift_m + turn_rad * max_z * std::sqrt(ray2)) * max_rows;
+  const double slope =
+      std::hypot(slope_along(0, camera_.cx - dx, camera_.fx), slope_along(1, camera_.cy - dy, camera_.fy));
+  const RowViews::Step& step = views_.max_step();
+  const double depth_m = static_cast<double>(min_z);
+  const double speed_px = 1.25 * std::max(camera_.fx, camera_.fy) * step.image_shift(depth_m, slope);
+  const double distance_px = std::max(static_cast<double>(box.high[1]) - row, row - static_cast<double>(box.low[1]));
+  const double rows = distance_px / (1 - speed_px);
+  const auto moved_px = static_cast<float>(speed_px * rows);
+  // A tile projects vertices beyond its rows at the time of a row up to kBandMargin away.
+  const double max_rows = rows + 2 * kTileHeight + kBandMargin;
+  const double depth_change_m =
+      (step.shift_along_m + step.turn_across_rad * slope * static_cast<double>(max_z)) * max_rows;
   const bool is_slow =
-      speed_px < kMaxSpeed_px && speed_px * rows < kMaxMoved_px && min_z > 2 * kNear_m + depth_change_m;
+      speed_px < kMaxSpeed_px && moved_px < kMaxMoved_px && depth_m > 2 * static_cast<double>(kNear_m) + depth_change_m;
   box.leaves_guard_band = box.leaves_guard_band || !is_slow;
   for (int k = 0; k < 2; ++k) {
-    const float moved_px = is_slow ? speed_px * rows : kAnywhere;
-    box.low[k] -= moved_px;
-    box.high[k] += moved_px;
+    box.low[k] -= is_slow ? moved_px : kAnywhere;
+    box.high[k] += is_slow ? moved_px : kAnywhere;
   }
   return box;
 }

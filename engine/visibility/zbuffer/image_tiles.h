@@ -7,6 +7,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "engine/camera/pixel_rays.h"
@@ -56,7 +57,8 @@ class ImageTiling {
   TileView moving_view(const ImageTile& tile, double dx, double dy, RowMotion& motion) const;
   StripBox box_of(const Strip& strip, const TileView& image_view) const;
   const RowFit& fit_of(double row) const;
-  double row_of(const Strip& strip, double dy) const;
+  std::optional<double> row_of(const Strip& strip, double dy) const;
+  bool is_behind(const Strip& strip) const;
   StripBox moving_box_of(const Strip& strip, double dx, double dy) const;
   void bound(ImageTile& tile, const PixelRays& rays) const;
 
