@@ -17,7 +17,7 @@ struct RowFit {
   // Fits the views of three rows that are up to kReach rows apart. The frame has at least three rows.
   RowFit(const RowViews& views, int row, const Vec3& origin);
 
-  static constexpr int kReach = 40;  // rows from the middle one at which the fit is exact
+  static constexpr int kReach = 48;  // rows from the middle one at which the fit is exact
 
   int middle_row;
   std::array<Axes, 3> P;
@@ -27,7 +27,7 @@ struct RowFit {
 
 // Rows of the bands that a frame is divided into, each with its own fit; and rows above and below a band up to which
 // its fit is used.
-inline constexpr int kRowsOfBand = 64, kBandMargin = 32;
+inline constexpr int kRowsOfBand = 64, kBandMargin = 48;
 // Returns the middle row of a band.
 inline int middle_of_band(int band, int height) {
   const int first = band * kRowsOfBand;

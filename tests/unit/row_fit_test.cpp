@@ -44,7 +44,7 @@ TEST(RowFit, ProjectsAsTheViewsOfItsRows) {
       const auto exact = views.of(other).project(point);
       ASSERT_TRUE(exact);
       const bool is_fitted = other == fit.middle_row || std::abs(other - fit.middle_row) == RowFit::kReach;
-      const double tolerance_px = is_fitted ? 1e-8 : 2e-4;
+      const double tolerance_px = is_fitted ? 1e-8 : 1e-3;
       const PixelXY fitted = image_by(fit, origin, point, other);
       EXPECT_NEAR(fitted.x, exact->x, tolerance_px) << row << " " << other;
       EXPECT_NEAR(fitted.y, exact->y, tolerance_px) << row << " " << other;
@@ -54,7 +54,7 @@ TEST(RowFit, ProjectsAsTheViewsOfItsRows) {
 
 TEST(RowFit, ErrorIsSmallForSteadyMotionAndLargeForShaking) {
   const RowViews steady(kCamera, above_the_equator(), at_rates({Vec3(12, -5, 8), Vec3(-300, 2000, 1000)}));
-  EXPECT_LT(max_fit_error_px(steady, kHeight_m), 2e-4);
+  EXPECT_LT(max_fit_error_px(steady, kHeight_m), 2e-3);
   Shutter shaking;
   shaking.line_time_s = 0.001;
   for (int i = 0; i <= 20; ++i) {
