@@ -134,7 +134,7 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
   Facets facets;
   TriangleId drawn[kPacket];
   std::memcpy(static_cast<void*>(drawn), points.triangle, sizeof drawn);
-  refine(job_.scene.mesh, rays, points, facets);
+  refine(job_.scene.mesh, rays, points, facets, job_.views.vary() ? kMaxMissOfRows : kMaxMiss);
   // Resolve again by triangles that differ: a pixel must not depend on the triangles that float proposed for its row.
   if (by_kernel.resolved != kAllLanes && std::memcmp(drawn, points.triangle, sizeof drawn) != 0)
     resolve_by_kernel(row, points, by_kernel);
