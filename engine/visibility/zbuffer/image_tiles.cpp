@@ -415,8 +415,8 @@ void ImageTiling::lay(double dx, double dy, const PixelRays& rays, std::vector<S
   });
 }
 
-// Draws a tile. A box in the image is loose for a strip that leaves the guard band, and through a lens: test the strip
-// against the tile itself there.
+// Draws a tile. A box in the image is loose for a strip that leaves the guard band, through a lens, and if rows have
+// their own views: test the strip against the tile itself there.
 void ImageTiling::draw(const ImageTile& tile, double dx, double dy, const PixelRays& rays,
                        const std::vector<StripBox>& boxes, TileBuffer& buffer) const {
   RowMotion motion;
@@ -427,7 +427,7 @@ void ImageTiling::draw(const ImageTile& tile, double dx, double dy, const PixelR
   for (const std::uint32_t s : tile.strips) {
     const Strip& strip = mesh_.strips()[s];
     const bool leaves = bends_ ? leaves_guard_band(strip, view) : boxes[s].leaves_guard_band;
-    if ((leaves || bends_) && (moves() ? outside_one_side_in_all_rows(strip, view) : outside_one_side(strip, view)))
+    if (moves() ? outside_one_side_in_all_rows(strip, view) : (leaves || bends_) && outside_one_side(strip, view))
       continue;
     draw_strip(mesh_.blocks()[strip.block], strip, view, leaves, buffer);
   }
