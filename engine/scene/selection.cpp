@@ -96,7 +96,7 @@ namespace {
 bool suits_zbuffer(const RowViews& views, const Selection& selection) {
   constexpr double kMaxMotion_px = 600;  // of the nearest ground in a corner, while all rows are exposed
   constexpr double kMaxSpeed_px = 0.6;   // the same, from row to row
-  constexpr double kMaxEdgeError_px = 0.03, kMaxFitError_px = 0.002;
+  constexpr double kMaxEdgeError_px = 0.03, kMaxFitError_px = 0.004;
   constexpr double kMaxSpacing_px = 32;  // of posts: a tile's triangles reach fewer rows than kBandMargin beyond it
   const Camera& camera = views.camera();
   if (views.pushbroom() || !camera.rectilinear() || views.height() < 3) return false;
