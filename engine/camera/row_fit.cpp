@@ -37,6 +37,11 @@ RowFit::RowFit(const RowViews& views, int row, const Vec3& origin)
   P[1] = slope_up - rows_up * P[2];
 }
 
+double stretched_focal_px(const View& view) {
+  const Camera& camera = view.camera();
+  return camera.rectilinear() ? std::max(camera.fx, camera.fy) : view.pixels_per_metre_from(1);
+}
+
 double max_fit_error_px(const RowViews& views, double nearest_m) {
   constexpr int kRowStep = 4;
   constexpr double kFar = 100;  // times nearest_m: nothing but rotation moves the image of points that far away

@@ -34,6 +34,9 @@ inline int middle_of_band(int band, int height) {
   return first + (height - first < kRowsOfBand ? height - first : kRowsOfBand) / 2;
 }
 
+// Returns an upper bound of the pixels, through the lens or without it, per unit of slope x / z or y / z.
+double stretched_focal_px(const View& view);
+
 // Returns the largest deviation of the bands' fits from the views of the rows, in pixels: at both ends of the rows, for
 // points at `nearest_m` from the camera and farther.
 double max_fit_error_px(const RowViews& views, double nearest_m);

@@ -159,6 +159,21 @@ TEST_F(RowTimes, TheZBufferSeesWhatRaysSee) {
   EXPECT_LE(all.points * 100000, all.pixels);
 }
 
+TEST_F(RowTimes, TheZBufferSeesThroughALensWhatRaysSee) {
+  FrameRequest r = request(256, 320);
+  r.camera.fx = r.camera.fy = 500;
+  r.camera.distortion = {-0.3, 0.1, 0, 0.001, 0.002};
+  r.shutter.emplace();
+  r.shutter->line_time_s = 0.001;
+  for (const auto& [name, rates] : motions(r, 30000, 6)) {
+    r.shutter->rates = rates;
+    const Differences d = compare_both_ways(renderer(), r);
+    EXPECT_EQ(d.holes, 0U) << name;
+    EXPECT_LE(d.points, 2U) << name;
+    EXPECT_LE(d.light * 10000, d.pixels) << name;
+  }
+}
+
 TEST_F(RowTimes, TheZBufferDrawsSubPixelSamplesAndTheSunsDiscAsRaysDo) {
   FrameRequest r = request(160, 160);
   r.shutter.emplace();
@@ -193,9 +208,9 @@ TEST_F(RowTimes, RowsThatTheZBufferCannotDrawAreRayTraced) {
   EXPECT_EQ(visibility(fast), Visibility::raytrace);
   fast.visibility = Visibility::zbuffer;
   EXPECT_THROW(renderer().render(fast), ImpossibleRequest);
-  FrameRequest lens = slow;
-  lens.camera.distortion = {-0.3, 0.1, 0, 0.001, 0.002};
-  EXPECT_EQ(visibility(lens), Visibility::raytrace);
+  FrameRequest fisheye = slow;
+  fisheye.camera.model = CameraModel::fisheye;
+  EXPECT_EQ(visibility(fisheye), Visibility::raytrace);
   FrameRequest line = slow;
   line.shutter->pushbroom = true;
   EXPECT_EQ(visibility(line), Visibility::raytrace);

@@ -97,10 +97,10 @@ bool outside_one_side_in_all_rows(const Strip& s, const TileView& t) {
     const auto is_beyond = [&](const float* v, float at, float sign) {
       return bound_of(sign * (v[0] - at * depth[0]), v[1] - at * depth[1], v[2] - at * depth[2], motion.reach) < 0;
     };
-    outside[0] += is_beyond(column, -1, 1);
-    outside[1] += is_beyond(column, static_cast<float>(t.width), -1);
-    outside[2] += is_beyond(line, -1 - motion.middle, 1);
-    outside[3] += is_beyond(line, static_cast<float>(t.height) - motion.middle, -1);
+    outside[0] += is_beyond(column, -1 - t.slack[0], 1);
+    outside[1] += is_beyond(column, static_cast<float>(t.width) + t.slack[0], -1);
+    outside[2] += is_beyond(line, -1 - t.slack[1] - motion.middle, 1);
+    outside[3] += is_beyond(line, static_cast<float>(t.height) + t.slack[1] - motion.middle, -1);
   }
   return std::any_of(outside, outside + 4, [](int corners) { return corners == 8; });
 }
@@ -158,19 +158,31 @@ TileView ImageTiling::undistorted_view(double x0, double y0, int width, int heig
                    height);
 }
 
-// Returns the map from camera axes to homogeneous pixels of a tile from (x0, y0) on.
-Eigen::Matrix3d ImageTiling::pixel_from_camera(double x0, double y0) const {
-  Eigen::Matrix3d map;
-  map << camera_.fx, 0, camera_.cx - x0, 0, camera_.fy, camera_.cy - y0, 0, 0, 1;
+namespace {
+
+// Returns the map from camera axes to homogeneous pixels: pixel = a (x / z, y / z) + b.
+Eigen::Matrix3d pixel_map(const Eigen::Matrix2d& a, const Eigen::Vector2d& b) {
+  Eigen::Matrix3d map = Eigen::Matrix3d::Identity();
+  map.topLeftCorner<2, 2>() = a;
+  map.topRightCorner<2, 1>() = b;
   return map;
 }
 
-// Returns the view of a tile whose rows have their own views: that of the tile's middle row, and how it changes from
-// row to row, for samples at the offsets (dx, dy) from the pixel centres.
-TileView ImageTiling::moving_view(const ImageTile& tile, double dx, double dy, RowMotion& motion) const {
+}  // namespace
+
+// Returns the map from camera axes to homogeneous pixels of a tile from (x0, y0) on, in pixels of the undistorted
+// camera.
+Eigen::Matrix3d ImageTiling::undistorted_map(double x0, double y0) const {
+  return pixel_map(Eigen::Vector2d(camera_.fx, camera_.fy).asDiagonal(), {camera_.cx - x0, camera_.cy - y0});
+}
+
+// Sets how the view of a tile changes from row to row, if rows have their own views: to that of the fit's middle row,
+// and its motion. `map`: from camera axes to homogeneous pixels of the tile.
+void ImageTiling::set_motion(const ImageTile& tile, const Eigen::Matrix3d& map, TileView& view,
+                             RowMotion& motion) const {
+  if (!moves()) return;
   const RowFit& fit = fits_[static_cast<std::size_t>(tile.y0 / kTileHeight)];
   const int middle = fit.middle_row - tile.y0;
-  const Eigen::Matrix3d map = pixel_from_camera(tile.x0 + dx, tile.y0 + dy);
   RowFit::Axes previous = RowFit::Axes::Zero();  // of the power below
   for (int power = 0; power < 3; ++power) {
     const RowFit::Axes pixels = map * fit.P[static_cast<std::size_t>(power)];
@@ -183,16 +195,15 @@ TileView ImageTiling::moving_view(const ImageTile& tile, double dx, double dy, R
     previous = pixels;
   }
   motion.middle = static_cast<float>(middle);
-  motion.reach = static_cast<float>(std::max(middle, tile.height - middle) + kBandMargin);
-  TileView view = undistorted_view(tile.x0 + dx, tile.y0 + dy, tile.width, tile.height);
+  motion.reach = static_cast<float>(std::max(std::abs(middle), std::abs(tile.height - middle)) + kBandMargin);
   set_axes(map * fit.P[0], view);
   view.motion = &motion;
-  return view;
 }
 
 // Returns the view of a tile through a lens: the affine map that fits the lens at the tile's valid pixel nearest to its
 // middle, and the position of each pixel's sample under that map. Without a valid pixel the view is empty.
-TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, TileBuffer& buffer) const {
+TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, TileBuffer& buffer,
+                                RowMotion& motion) const {
   const auto image_index = [&](int x, int y) {
     return static_cast<std::size_t>(tile.y0 + y) * static_cast<std::size_t>(camera_.width) +
            static_cast<std::size_t>(tile.x0 + x);
@@ -220,6 +231,7 @@ TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, Ti
       Eigen::Vector2d(camera_.fx, camera_.fy).asDiagonal() * view_.projection().lens().jacobian(middle.x(), middle.y());
   const Eigen::Vector2d offset = Eigen::Vector2d(valid_x, valid_y) - pixel_from_slope * middle;
   TileView view = tile_view(pixel_from_slope, offset, tile.width, tile.height);
+  set_motion(tile, pixel_map(pixel_from_slope, offset), view, motion);
   for (int y = 0; y < tile.height; ++y)
     for (int x = 0; x < tile.width; ++x) {
       const Eigen::Vector2d p =
@@ -304,8 +316,8 @@ const RowFit& ImageTiling::fit_of(double row) const {
 
 // Returns the box of a strip in an image whose rows have their own views: its box at the time of one row, extended by
 // the bound of its movement until the time of any row that images one of its vertices. If the image moves by v per row,
-// a vertex at a distance D from the row moves to its own row in at most D / (1 - v) rows.
-StripBox ImageTiling::moving_box_of(const Strip& s, double dx, double dy) const {
+// a vertex at a distance D from the row moves to its own row in at most D / (1 - v) rows. A lens shifts rows.
+StripBox ImageTiling::moving_box_of(const Strip& s, double dx, double dy, double lens_shift_px) const {
   constexpr float kAnywhere = std::numeric_limits<float>::infinity(), kMaxMoved_px = 512;
   constexpr double kMaxSpeed_px = 0.8;
   if (is_behind(s)) return {{kAnywhere, kAnywhere}, {-kAnywhere, -kAnywhere}, false};
@@ -314,7 +326,7 @@ StripBox ImageTiling::moving_box_of(const Strip& s, double dx, double dy) const 
   const double row = *own_row;
   const RowFit& fit = fit_of(row);
   TileView view = undistorted_view(dx, dy, camera_.width, camera_.height);
-  set_axes(pixel_from_camera(dx, dy) * fit.at(row - fit.middle_row), view);
+  set_axes(undistorted_map(dx, dy) * fit.at(row - fit.middle_row), view);
   float min_z = kAnywhere, max_z = 0;
   for (int corner = 0; corner < 8; ++corner) {
     const float z = corner_of(s, corner, view).z;
@@ -332,9 +344,9 @@ StripBox ImageTiling::moving_box_of(const Strip& s, double dx, double dy) const 
       std::hypot(slope_along(0, camera_.cx - dx, camera_.fx), slope_along(1, camera_.cy - dy, camera_.fy));
   const RowViews::Step& step = views_.max_step();
   const double depth_m = static_cast<double>(min_z);
-  const double speed_px = 1.25 * std::max(camera_.fx, camera_.fy) * step.image_shift(depth_m, slope);
+  const double speed_px = 1.25 * stretched_focal_px(view_) * step.image_shift(depth_m, slope);
   const double distance_px = std::max(static_cast<double>(box.high[1]) - row, row - static_cast<double>(box.low[1]));
-  const double rows = distance_px / (1 - speed_px);
+  const double rows = (distance_px + lens_shift_px) / (1 - speed_px);
   const auto moved_px = static_cast<float>(speed_px * rows);
   // A tile projects vertices beyond its rows at the time of a row up to kBandMargin away.
   const double max_rows = rows + 2 * kTileHeight + kBandMargin;
@@ -348,6 +360,19 @@ StripBox ImageTiling::moving_box_of(const Strip& s, double dx, double dy) const 
     box.high[k] += is_slow ? moved_px : kAnywhere;
   }
   return box;
+}
+
+// Returns the largest distance, in rows, of a sample from its place in the undistorted camera.
+double ImageTiling::max_lens_shift_px(const PixelRays& rays) const {
+  double max_shift_px = 0;
+  for (int y = 0; y < camera_.height; ++y)
+    for (int x = 0; x < camera_.width; ++x) {
+      const std::size_t at =
+          static_cast<std::size_t>(y) * static_cast<std::size_t>(camera_.width) + static_cast<std::size_t>(x);
+      if (!std::isnan(rays.y[at]))
+        max_shift_px = std::max(max_shift_px, std::abs(rays.y[at] * camera_.fy + camera_.cy - y));
+    }
+  return max_shift_px;
 }
 
 // Sets the bounds of the samples of a tile in pixels of the undistorted camera.
@@ -381,10 +406,12 @@ void ImageTiling::lay(double dx, double dy, const PixelRays& rays, std::vector<S
   const int tiles_across = (width + tile_width - 1) / tile_width;
   const int tiles_along = (height + tile_height - 1) / tile_height;
   const TileView image_view = undistorted_view(dx, dy, width, height);
+  const double lens_shift_px = moves() && bends_ ? max_lens_shift_px(rays) : 0;
   boxes.resize(mesh_.strips().size());
   in_parallel_pieces(boxes.size(), 256, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t i = first; i < past_last; ++i)
-      boxes[i] = moves() ? moving_box_of(mesh_.strips()[i], dx, dy) : box_of(mesh_.strips()[i], image_view);
+      boxes[i] =
+          moves() ? moving_box_of(mesh_.strips()[i], dx, dy, lens_shift_px) : box_of(mesh_.strips()[i], image_view);
   });
   tiles.resize(static_cast<std::size_t>(tiles_across) * static_cast<std::size_t>(tiles_along));
   in_parallel(static_cast<std::size_t>(tiles_along), [&](std::size_t row) {
@@ -420,9 +447,9 @@ void ImageTiling::lay(double dx, double dy, const PixelRays& rays, std::vector<S
 void ImageTiling::draw(const ImageTile& tile, double dx, double dy, const PixelRays& rays,
                        const std::vector<StripBox>& boxes, TileBuffer& buffer) const {
   RowMotion motion;
-  const TileView view = bends_    ? lens_view(tile, rays, buffer)
-                        : moves() ? moving_view(tile, dx, dy, motion)
-                                  : undistorted_view(tile.x0 + dx, tile.y0 + dy, tile.width, tile.height);
+  TileView view = bends_ ? lens_view(tile, rays, buffer, motion)
+                         : undistorted_view(tile.x0 + dx, tile.y0 + dy, tile.width, tile.height);
+  if (!bends_) set_motion(tile, undistorted_map(tile.x0 + dx, tile.y0 + dy), view, motion);
   buffer.clear(tile.width, tile.height);
   for (const std::uint32_t s : tile.strips) {
     const Strip& strip = mesh_.strips()[s];

@@ -34,7 +34,7 @@ struct ImageTile {
 
 class ImageTiling {
  public:
-  // Both arguments must outlive this object. Rows with their own views: of a camera without distortion.
+  // Both arguments must outlive this object.
   ImageTiling(const RasterMesh& mesh, const RowViews& views);
 
   bool bends() const { return bends_; }  // true for a camera with distortion
@@ -52,14 +52,15 @@ class ImageTiling {
   bool moves() const { return !fits_.empty(); }  // true if rows have their own views
   TileView tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d& b, int width, int height) const;
   TileView undistorted_view(double x0, double y0, int width, int height) const;
-  Eigen::Matrix3d pixel_from_camera(double x0, double y0) const;
-  TileView lens_view(const ImageTile& tile, const PixelRays& rays, TileBuffer& buffer) const;
-  TileView moving_view(const ImageTile& tile, double dx, double dy, RowMotion& motion) const;
+  Eigen::Matrix3d undistorted_map(double x0, double y0) const;
+  TileView lens_view(const ImageTile& tile, const PixelRays& rays, TileBuffer& buffer, RowMotion& motion) const;
+  void set_motion(const ImageTile& tile, const Eigen::Matrix3d& map, TileView& view, RowMotion& motion) const;
   StripBox box_of(const Strip& strip, const TileView& image_view) const;
   const RowFit& fit_of(double row) const;
   std::optional<double> row_of(const Strip& strip, double dy) const;
   bool is_behind(const Strip& strip) const;
-  StripBox moving_box_of(const Strip& strip, double dx, double dy) const;
+  StripBox moving_box_of(const Strip& strip, double dx, double dy, double lens_shift_px) const;
+  double max_lens_shift_px(const PixelRays& rays) const;
   void bound(ImageTile& tile, const PixelRays& rays) const;
 
   const RasterMesh& mesh_;
