@@ -30,11 +30,11 @@ RowFit::RowFit(const RowViews& views, int row, const Vec3& origin)
     : middle_row(std::clamp(row, 1, views.height() - 2)) {
   const int above = std::max(middle_row - kReach, 0), below = std::min(middle_row + kReach, views.height() - 1);
   const double rows_up = above - middle_row, rows_down = below - middle_row;
-  P[0] = axes_of(views.of(middle_row), origin);
-  const Axes slope_up = (axes_of(views.of(above), origin) - P[0]) / rows_up;
-  const Axes slope_down = (axes_of(views.of(below), origin) - P[0]) / rows_down;
-  P[2] = (slope_down - slope_up) / (rows_down - rows_up);
-  P[1] = slope_up - rows_up * P[2];
+  coefficients[0] = axes_of(views.of(middle_row), origin);
+  const Axes slope_up = (axes_of(views.of(above), origin) - coefficients[0]) / rows_up;
+  const Axes slope_down = (axes_of(views.of(below), origin) - coefficients[0]) / rows_down;
+  coefficients[2] = (slope_down - slope_up) / (rows_down - rows_up);
+  coefficients[1] = slope_up - rows_up * coefficients[2];
 }
 
 double stretched_focal_px(const View& view) {

@@ -10,7 +10,7 @@
 namespace selenograph::engine {
 
 // The poses around a middle row. A point's camera axes in the row r below the middle one are
-//   (P[0] + r P[1] + r^2 P[2]) (point - origin, 1).
+//   (coefficients[0] + r coefficients[1] + r^2 coefficients[2]) (point - origin, 1).
 struct RowFit {
   using Axes = Eigen::Matrix<double, 3, 4>;
 
@@ -20,9 +20,11 @@ struct RowFit {
   static constexpr int kReach = 48;  // rows from the middle one at which the fit is exact
 
   int middle_row;
-  std::array<Axes, 3> P;
+  std::array<Axes, 3> coefficients;
 
-  Axes at(double rows_below_middle) const { return P[0] + rows_below_middle * (P[1] + rows_below_middle * P[2]); }
+  Axes at(double rows_below_middle) const {
+    return coefficients[0] + rows_below_middle * (coefficients[1] + rows_below_middle * coefficients[2]);
+  }
 };
 
 // Rows of the bands that a frame is divided into, each with its own fit; and rows above and below a band up to which

@@ -185,7 +185,7 @@ void ImageTiling::set_motion(const ImageTile& tile, const Eigen::Matrix3d& map, 
   const int middle = fit.middle_row - tile.y0;
   RowFit::Axes previous = RowFit::Axes::Zero();  // of the power below
   for (int power = 0; power < 3; ++power) {
-    const RowFit::Axes pixels = map * fit.P[static_cast<std::size_t>(power)];
+    const RowFit::Axes pixels = map * fit.coefficients[static_cast<std::size_t>(power)];
     const Eigen::RowVector4d off_row = pixels.row(1) - middle * pixels.row(2) - previous.row(2);
     for (int i = 0; i < 4; ++i) {
       motion.column[power][i] = static_cast<float>(pixels(0, i));
@@ -196,7 +196,7 @@ void ImageTiling::set_motion(const ImageTile& tile, const Eigen::Matrix3d& map, 
   }
   motion.middle = static_cast<float>(middle);
   motion.reach = static_cast<float>(std::max(std::abs(middle), std::abs(tile.height - middle)) + kBandMargin);
-  set_axes(map * fit.P[0], view);
+  set_axes(map * fit.coefficients[0], view);
   view.motion = &motion;
 }
 
