@@ -203,8 +203,9 @@ void check_shutter(const JsonReader& in, FrameQuery& query) {
   if (request.accuracy.edge_samples > 1)
     in.at("accuracy")
         .fail("edge_samples", "cannot be combined with \"shutter\": each of its rows has a view of its own");
-  if (request.visibility == engine::Visibility::zbuffer)
-    in.fail("visibility", "rows with times are rendered by \"raytrace\": \"zbuffer\" draws all from one place");
+  if (request.visibility == engine::Visibility::zbuffer && request.shutter->pushbroom)
+    in.fail("visibility",
+            "a line camera's rows are rendered by \"raytrace\": \"zbuffer\" draws them for a rolling shutter");
   if (!request.shutter->poses.empty() && in.has("ahead"))
     in.fail("ahead", "would replace a \"pose\", which a shutter with poses has not");
 }

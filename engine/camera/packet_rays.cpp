@@ -157,18 +157,20 @@ void PacketRays::aim_at(const int* x, const int* y, const PixelRays* lens, Rays&
   }
 }
 
-void aim_rows(const RowViews& views, int x, int y, double dx, double dy, const PixelRays* lens, Rays& out) {
+void aim_rows(const RowViews& views, PacketShape shape, int x, int y, double dx, double dy, const PixelRays* lens,
+              Rays& out) {
+  const int across = pixels_across(shape);
   const int width = views.camera().width;
   const bool linear = views.camera().rectilinear();
-  for (int r = 0; r < kPacketSide; ++r) {
+  for (int r = 0; r < kPacket / across; ++r) {
     const bool inside = y + r < views.height();
     const int row = std::min(y + r, views.height() - 1), line = views.line(row);
     const View& view = views.of(row);
     const double *m = view.moon_from_camera().data(), *origin = view.position().data();
     std::optional<LinearRays> rays;
     if (linear) rays.emplace(view);
-    for (int c = 0; c < kPacketSide; ++c) {
-      const int i = r * kPacketSide + c;
+    for (int c = 0; c < across; ++c) {
+      const int i = r * across + c;
       out.valid[i] = inside && x + c < width;
       if (rays) {
         // Add in the order of PacketRays::aim, so that the bits agree; a line camera has only its own line.

@@ -41,8 +41,16 @@ class PacketRays {
   LinearRays rays_;
 };
 
-// Sets the rays of a square packet if each row has its own view. `lens`: of RowViews::camera(). With identical views
-// the result equals PacketRays::aim, bit for bit.
-void aim_rows(const RowViews& views, int x, int y, double dx, double dy, const PixelRays* lens, Rays& out);
+// Sets the rays of a packet if each row has its own view. `lens`: of RowViews::camera(). With identical views the
+// result equals PacketRays::aim, bit for bit.
+void aim_rows(const RowViews& views, PacketShape shape, int x, int y, double dx, double dy, const PixelRays* lens,
+              Rays& out);
+
+// Rows of the frame that a packet's lanes are in.
+struct PacketRows {
+  int first = 0;
+  PacketShape shape = PacketShape::square;
+  int of(int lane) const { return first + lane / pixels_across(shape); }
+};
 
 }  // namespace selenograph::engine

@@ -66,9 +66,22 @@ RowViews::RowViews(const Camera& camera, const Pose& pose, const std::optional<S
     if (!(poses.back().position_m.array().abs() <= kFarthest_m).all())
       throw ImpossibleRequest("the camera moves more than 2e12 m from the Moon's centre", "shutter");
     rows_.push_back(reference_.at(poses.back()));
+    if (row > 0) extend_max_step(poses[poses.size() - 2], poses.back());
   }
   reference_ = rows_[rows_.size() / 2];
   bundle(poses, 0, rows_.size());
+}
+
+// Extends the bounds of a step to that between two poses. Twice the vector part of the quaternion between them is the
+// turn about each axis, up to a cubic term.
+void RowViews::extend_max_step(const Pose& from, const Pose& to) {
+  const Vec3 shift_m = from.camera_from_moon * (to.position_m - from.position_m);
+  const Vec3 turn_rad = 2 * (to.camera_from_moon * from.camera_from_moon.conjugate()).vec();
+  const auto across = [](const Vec3& v) { return std::hypot(v.x(), v.y()); };
+  max_step_.shift_along_m = std::max(max_step_.shift_along_m, std::abs(shift_m.z()));
+  max_step_.shift_across_m = std::max(max_step_.shift_across_m, across(shift_m));
+  max_step_.turn_along_rad = std::max(max_step_.turn_along_rad, std::abs(turn_rad.z()));
+  max_step_.turn_across_rad = std::max(max_step_.turn_across_rad, across(turn_rad));
 }
 
 // Bundles the rows from first to past_last if their views differ by at most kMaxDifference_px at the ground. Otherwise

@@ -59,6 +59,19 @@ class RowViews {
   Vec3 camera_seeing(const Vec3& point_m) const;
 
   int height() const { return height_; }  // rows of the frame
+  // Returns true if every row is imaged by the same row of the camera.
+  bool pushbroom() const { return pushbroom_; }
+  // Upper bounds of the camera's movement from one row to the next, in its own axes: along the boresight and about it,
+  // and across.
+  struct Step {
+    double shift_along_m = 0, shift_across_m = 0, turn_along_rad = 0, turn_across_rad = 0;
+    // Returns an upper bound of the image's movement, in focal lengths, at a depth and at a slope sqrt(x^2 + y^2) / z.
+    double image_shift(double depth_m, double slope) const {
+      return (shift_across_m + slope * shift_along_m) / depth_m + slope * turn_along_rad +
+             (1 + slope * slope) * turn_across_rad;
+    }
+  };
+  const Step& max_step() const { return max_step_; }
   // Returns the camera of all views: the frame's camera or, for a line camera, a single-line image on the row of the
   // principal point.
   const Camera& camera() const { return reference_.camera(); }
@@ -76,6 +89,7 @@ class RowViews {
  private:
   class Search;
   View at_row(double row) const;
+  void extend_max_step(const Pose& from, const Pose& to);
   void bundle(const std::vector<Pose>& poses, std::size_t first, std::size_t past_last);
   std::optional<double> off_row_px(const Vec3& point_m, double row) const;
   std::optional<double> row_by_secant(const Vec3& point_m) const;
@@ -92,6 +106,7 @@ class RowViews {
   std::optional<PoseTrack> track_;
   std::vector<View> rows_;
   std::vector<ViewBundle> bundles_;
+  Step max_step_;
 };
 
 }  // namespace selenograph::engine

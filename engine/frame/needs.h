@@ -33,7 +33,8 @@ inline bool wants_flow(const FrameRequest& request) { return request.flow_to && 
 inline int drawn_at_once(const FrameRequest& request, const Accuracy& accuracy, Visibility visibility) {
   constexpr int kLargest_px = 2048;  // longest side
   if (!wants_radiance(request)) return 1;
-  if (accuracy.edge_samples > 1 && !request.shutter) return accuracy.samples_per_pixel;
+  if (request.shutter) return 1;  // all samples of a pixel share its row's time
+  if (accuracy.edge_samples > 1) return accuracy.samples_per_pixel;
   const int side = static_cast<int>(std::lround(std::sqrt(accuracy.samples_per_pixel)));
   const bool fits = std::max(request.camera.width, request.camera.height) <= kLargest_px;
   return visibility != Visibility::raytrace && side % 2 == 0 && fits ? 4 : 1;

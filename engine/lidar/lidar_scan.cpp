@@ -37,7 +37,7 @@ namespace {
 //   sub-ray 0 |----packet 0-------|   on the axes
 //   sub-ray 1 |----packet 1-------|
 //   ...
-constexpr std::size_t kGroup = kPacket;
+constexpr std::size_t kBeamGroup = kPacket;
 constexpr std::size_t kBundle = 16;  // groups per cone of terrain selection
 constexpr std::size_t kMaxSubRays = 61;
 constexpr double kFarthest_m = 1e5;  // range at which the footprint stops to decide the level of ground
@@ -354,10 +354,10 @@ class LidarScanner {
     for (std::size_t first = 0; first < order_.size(); first += kBeamsAtOnce) {
       const std::size_t past_last = std::min(first + kBeamsAtOnce, order_.size());
       std::vector<Ray> axes;
-      for (std::size_t k = first; k < past_last; k += kGroup)  // one beam stands for its group of neighbours
+      for (std::size_t k = first; k < past_last; k += kBeamGroup)  // one beam stands for its group of neighbours
         axes.push_back({at3(out_.origin_m, order_[k]), at3(out_.direction, order_[k])});
       const std::vector<RayHit> on_posts = cast_rays(axes, {}, std::nullopt, without_detail(context_));
-      for (std::size_t k = first; k < past_last; ++k) posts_m[order_[k]] = on_posts[(k - first) / kGroup].range_m;
+      for (std::size_t k = first; k < past_last; ++k) posts_m[order_[k]] = on_posts[(k - first) / kBeamGroup].range_m;
       const auto at = [&](std::size_t k) { return order_.begin() + static_cast<std::ptrdiff_t>(k); };
       for (std::size_t unresolved = first; unresolved < past_last;) {
         for (std::size_t k = unresolved; k < past_last; ++k) {
@@ -388,12 +388,12 @@ class LidarScanner {
   // terrain, casts each half. Cut between groups, so that groups stay the same, unless a half is smaller than a group.
   void cast(std::size_t first, std::size_t past_last, int finest_detail) {
     std::vector<RayCone> cones;
-    for (std::size_t k = first; k < past_last; k += kBundle * kGroup)
-      add_cones(k, std::min(past_last, k + kBundle * kGroup), finest_detail, cones);
+    for (std::size_t k = first; k < past_last; k += kBundle * kBeamGroup)
+      add_cones(k, std::min(past_last, k + kBundle * kBeamGroup), finest_detail, cones);
     const auto ground = ground_.build_scene(cones, past_last - first == 1, finest_detail);
     if (!ground) {
       const std::size_t half = (past_last - first) / 2,
-                        middle = first + (half > kGroup ? half / kGroup * kGroup : half);
+                        middle = first + (half > kBeamGroup ? half / kBeamGroup * kBeamGroup : half);
       cast(first, middle, finest_detail);
       cast(middle, past_last, finest_detail);
       return;
@@ -401,13 +401,13 @@ class LidarScanner {
     // Leave an empty scene alone if all its beams will be followed farther.
     const auto is_final = [&](std::uint32_t beam) { return reach_m_.empty() || !std::isfinite(reach_m_[beam]); };
     if (ground->empty && std::none_of(&order_[first], &order_[first] + (past_last - first), is_final)) return;
-    const std::size_t groups = (past_last - first + kGroup - 1) / kGroup;
+    const std::size_t groups = (past_last - first + kBeamGroup - 1) / kBeamGroup;
     in_parallel_pieces(groups, 16, [&](std::size_t g, std::size_t past_last_group) {
       context_.stop.check();
       Work work{reflectance_.sampled(context_.stop), {}, {}, {}};
       for (; g < past_last_group; ++g) {
-        const std::size_t k = first + g * kGroup;
-        cast_group(*ground, k, std::min(past_last - k, kGroup), work);
+        const std::size_t k = first + g * kBeamGroup;
+        cast_group(*ground, k, std::min(past_last - k, kBeamGroup), work);
       }
     });
   }
@@ -428,15 +428,15 @@ class LidarScanner {
   // Scratch memory of one thread: the echo parts of a group's beams.
   struct Work {
     std::vector<ScaledMap> maps;
-    std::array<std::array<EchoPart, kMaxSubRays>, kGroup> parts;
-    std::array<std::size_t, kGroup> part_count;  // per beam
+    std::array<std::array<EchoPart, kMaxSubRays>, kBeamGroup> parts;
+    std::array<std::size_t, kBeamGroup> part_count;  // per beam
     Echo echo;
   };
 
   // Casts all sub-rays of a group of beams, packet by packet, and reports the beams.
   void cast_group(const GroundAlongRays::GroundScene& ground, std::size_t first, std::size_t count, Work& work) {
-    Vec3 from[kGroup], axis[kGroup], x[kGroup], y[kGroup];
-    for (std::size_t i = 0; i < kGroup; ++i) {
+    Vec3 from[kBeamGroup], axis[kBeamGroup], x[kBeamGroup], y[kBeamGroup];
+    for (std::size_t i = 0; i < kBeamGroup; ++i) {
       const std::size_t beam = order_[first + std::min(i, count - 1)];
       from[i] = at3(out_.origin_m, beam);
       axis[i] = at3(out_.direction, beam);
@@ -447,7 +447,7 @@ class LidarScanner {
     }
     for (const SubRay& sub : sub_rays_.rays) {
       Rays rays;
-      for (std::size_t i = 0; i < kGroup; ++i) {
+      for (std::size_t i = 0; i < kBeamGroup; ++i) {
         rays.set(static_cast<int>(i), from[i], (axis[i] + sub.x * x[i] + sub.y * y[i]).normalized());
         rays.valid[i] = i < count;
       }

@@ -246,7 +246,7 @@ dem::ValueMap::Footprint2 MappedSurface::footprint(const Steps& steps, const Sur
           local.cos_lat};
 }
 
-void MappedSurface::footprints(const SurfacePoints& points, const Rays& rays, int first_row,
+void MappedSurface::footprints(const SurfacePoints& points, const Rays& rays, const PacketRows& rows,
                                ReferencePositions& references, FootprintLanes& out) const {
   const int first = std::countr_zero(hit_bits(points));
   if (!steps_.fisheye_boresight && !views_.vary() &&
@@ -256,18 +256,18 @@ void MappedSurface::footprints(const SurfacePoints& points, const Rays& rays, in
   Steps steps = steps_;
   for (int i = first; i < kPacket; ++i) {
     if (!points.hit[i]) continue;
-    if (views_.vary()) steps = steps_of(views_.of(first_row + i / kPacketSide));
+    if (views_.vary()) steps = steps_of(views_.of(rows.of(i)));
     out.set(i, footprint(steps, points, i, rays.direction(i)));
   }
 }
 
 void MappedSurface::sample(const SurfacePoints& points, const Rays& rays, Sampler& sampler, double* albedo, float* base,
-                           int first_row) const {
+                           const PacketRows& rows) const {
   std::fill(albedo, albedo + kPacket, 0.0);
   const std::uint32_t hits = hit_bits(points);
   if (hits == 0) return;
   FootprintLanes pixels;
-  footprints(points, rays, first_row, sampler.references, pixels);
+  footprints(points, rays, rows, sampler.references, pixels);
   alignas(64) double values[kPacket];
   // Sets `values` of the lanes whose footprints are smaller than a texel, and returns these lanes as bits.
   const auto small_of = [&](std::vector<ScaledMap>& maps) {

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "dem/value_maps/value_map.h"
+#include "engine/camera/packet_rays.h"
 #include "engine/camera/row_views.h"
 #include "engine/frame/request.h"
 #include "engine/radiometry/footprint_lanes.h"
@@ -72,10 +73,10 @@ class MappedSurface {
   // Returns true if radiance without the Sun varies over the ground.
   bool emits() const { return emission_ != nullptr; }
   // Sets, in each lane that hits, rho or Hapke's w and, if emits(), the radiance without the Sun, W m-2 sr-1. Throws
-  // ImpossibleRequest if an albedo map has a value above the largest reflectance. `first_row`: of a square packet, if
-  // rows have their own views.
+  // ImpossibleRequest if an albedo map has a value above the largest reflectance. `rows`: of the packet, if rows
+  // have their own views.
   void sample(const SurfacePoints& points, const Rays& rays, Sampler& sampler, double* albedo, float* base,
-              int first_row = 0) const;
+              const PacketRows& rows = {}) const;
 
  private:
   // Differences of the direction from one sample's ray to the next.
@@ -88,7 +89,7 @@ class MappedSurface {
   Steps steps_of(const View& view) const;
   static dem::ValueMap::Footprint2 footprint(const Steps& steps, const SurfacePoints& points, int lane,
                                              const Vec3& direction);
-  void footprints(const SurfacePoints& points, const Rays& rays, int first_row, ReferencePositions& references,
+  void footprints(const SurfacePoints& points, const Rays& rays, const PacketRows& rows, ReferencePositions& references,
                   FootprintLanes& out) const;
 
   const FrameRequest& request_;

@@ -23,6 +23,8 @@ struct Selection {
   double shadow_error_px = 0;  // upper bound for shadow edges on level ground
   double shadow_limit_px = 0;  // Accuracy::max_shadow_error_px as used
   double min_spacing_m = 0, max_spacing_m = 0;
+  // Upper bounds over the blocks in view: pixels per metre, and post spacing in pixels.
+  double max_pixels_per_metre = 0, max_spacing_px = 0;
   double highest_m = 0;                      // upper bound on the height of all blocks
   std::vector<dem::SourceIndex> replaced{};  // unusable files replaced by coarser data; ascending
   // Per block, the corners at which a coarser block is in view beside it; empty if there are none. Only for terrain

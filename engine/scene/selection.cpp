@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "dem/base/error.h"
+#include "engine/camera/row_fit.h"
 #include "engine/frame/needs.h"
 #include "engine/scene/anchor.h"
 #include "engine/scene/view_selector.h"
@@ -85,12 +86,67 @@ double triangles_of(const Selection& selection) {
   return triangles;
 }
 
+namespace {
+
+// Returns the largest distance of a lens from an affine map within a tile of the z-buffer, in pixels: half the second
+// difference, at nine places in the image. A vertex takes the time of a row that is off by as much.
+double lens_bend_px(const View& view) {
+  constexpr int kHalfTile = 16;
+  const Camera& camera = view.camera();
+  if (camera.rectilinear()) return 0;
+  double max_bend = 0;
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i) {
+      const double x = kHalfTile + i / 2.0 * (camera.width - 1 - 2 * kHalfTile);
+      const double y = kHalfTile + j / 2.0 * (camera.height - 1 - 2 * kHalfTile);
+      for (const auto& [right, down] : {std::pair{1, 0}, {0, 1}, {1, 1}, {1, -1}}) {
+        const auto before = view.projection().direction(x - kHalfTile * right, y - kHalfTile * down);
+        const auto middle = view.projection().direction(x, y);
+        const auto after = view.projection().direction(x + kHalfTile * right, y + kHalfTile * down);
+        if (!before || !middle || !after) return std::numeric_limits<double>::infinity();
+        max_bend = std::max(max_bend, (*before + *after - 2 * *middle).norm() / 2);
+      }
+    }
+  return max_bend * stretched_focal_px(view);
+}
+
+// Returns whether the z-buffer draws rows with times as ray tracing does. It gives each vertex the time of the row that
+// images it and joins vertices by straight edges, so the image must move slowly: a point is then imaged once, and an
+// edge, whose ends are imaged at different times, stays near its curve. The values limited here are upper bounds:
+// motion by 200 pixels at the end of an image 50 degrees wide is bounded by up to 500, an edge's error over level
+// ground by three times as much.
+bool suits_zbuffer(const RowViews& views, const Selection& selection) {
+  constexpr double kMaxMotion_px = 600;  // of the nearest ground in a corner, while all rows are exposed
+  constexpr double kMaxSpeed_px = 0.6;   // the same, from row to row
+  constexpr double kMaxEdgeError_px = 0.03, kMaxFitError_px = 0.004;
+  constexpr double kMaxSpacing_px = 32;  // of posts: a tile's triangles reach fewer rows than kBandMargin beyond it
+  const Camera& camera = views.camera();
+  if (views.pushbroom() || camera.beyond_plane() || views.height() < 3) return false;
+  const double focal_px = stretched_focal_px(views.reference());
+  const double nearest_m = focal_px / selection.max_pixels_per_metre;
+  const RowViews::Step& step = views.max_step();
+  const double speed_px = focal_px * step.image_shift(nearest_m, views.reference().widest_slope());
+  // From one end of an edge to the other, speeds differ by at most the step's sum times its length, and rows by at most
+  // that length: the edge's middle is off a chord by a quarter of their product at most.
+  const double sum =
+      (step.shift_along_m + step.shift_across_m) / nearest_m + step.turn_along_rad + step.turn_across_rad;
+  const double edge_error_px =
+      sum * std::pow(selection.max_spacing_px, 2) / 4 + speed_px * lens_bend_px(views.reference());
+  return speed_px * views.height() <= kMaxMotion_px && speed_px <= kMaxSpeed_px &&
+         selection.max_spacing_px <= kMaxSpacing_px && edge_error_px <= kMaxEdgeError_px &&
+         max_fit_error_px(views, nearest_m) <= kMaxFitError_px;
+}
+
+}  // namespace
+
 Visibility visibility_for(const FrameRequest& request, const RowViews& views, const Selection& selection) {
   if (!request.terrain) return Visibility::raytrace;  // nothing to draw
-  if (request.shutter) {
+  if (request.shutter && (request.visibility == Visibility::raytrace || !suits_zbuffer(views, selection))) {
     if (request.visibility == Visibility::zbuffer)
-      throw ImpossibleRequest("rows with times are rendered by ray tracing: the z-buffer draws all rows from one place",
-                              "visibility");
+      throw ImpossibleRequest(
+          "these rows with times are rendered by ray tracing: the z-buffer draws those of a rolling shutter "
+          "whose image moves by at most some hundred pixels, and less over coarse terrain",
+          "visibility");
     return Visibility::raytrace;
   }
   if (request.camera.beyond_plane()) {

@@ -335,6 +335,8 @@ void ViewSelector::report() {
       result_.detail_error_px = std::max(result_.detail_error_px, errors.detail_m * block.pixels_per_metre);
     result_.min_spacing_m = std::min(result_.min_spacing_m, spacing);
     result_.max_spacing_m = std::max(result_.max_spacing_m, spacing);
+    result_.max_pixels_per_metre = std::max(result_.max_pixels_per_metre, block.pixels_per_metre);
+    result_.max_spacing_px = std::max(result_.max_spacing_px, spacing * block.pixels_per_metre);
   }
   result_.expected_error_px = expected_error(expected, &BlockError::error_px);
   result_.expected_error_m = expected_error(std::move(expected), &BlockError::error_m);

@@ -5,6 +5,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "dem/base/error.h"
 #include "dem/gdal/geotiff_writer.h"
@@ -57,7 +60,6 @@ TEST_F(RowTimes, WithoutMotionTheFrameIsThePlainOne) {
       FrameRequest rows = plain;
       rows.shutter.emplace();
       rows.shutter->line_time_s = 0.01;
-      rows.visibility = Visibility::automatic;
       const Frame a = renderer().render(plain), b = renderer().render(rows);
       EXPECT_EQ(b.report.visibility, Visibility::raytrace);
       EXPECT_EQ(a.report.hit_fraction, 1);
@@ -66,6 +68,152 @@ TEST_F(RowTimes, WithoutMotionTheFrameIsThePlainOne) {
       EXPECT_EQ(a.report.lod_error_px, b.report.lod_error_px);
       EXPECT_EQ(a.report.triangles, b.report.triangles);
     }
+}
+
+// --- by z-buffer
+
+// Motions during the readout of a frame, each of about the same number of pixels, and all at once.
+std::vector<std::pair<std::string, Rates>> motions(const FrameRequest& r, double height_m, double motion_px) {
+  const double readout_s = r.shutter->line_time_s * r.camera.height;
+  const double turn_deg_s = motion_px / r.camera.fx / kDegree / readout_s;
+  const double speed_m_s = motion_px / r.camera.fx * height_m / readout_s;
+  const double half_height = r.camera.height / 2.0;
+  const double to_end = r.camera.fx / half_height;  // motion at the end of the image, by its angle
+  const double descent_m_s = height_m * motion_px / (half_height + motion_px) / readout_s;
+  const auto [east, north, up] = local_axes(r.pose.position_m);
+  return {{"pitch", {Vec3(turn_deg_s, 0, 0), Vec3::Zero()}},
+          {"pitch backward", {Vec3(-turn_deg_s, 0, 0), Vec3::Zero()}},
+          {"yaw", {Vec3(0, turn_deg_s, 0), Vec3::Zero()}},
+          {"roll", {Vec3(0, 0, to_end * turn_deg_s), Vec3::Zero()}},
+          {"flight along the rows' order", {Vec3::Zero(), speed_m_s * north}},
+          {"flight across", {Vec3::Zero(), speed_m_s * east}},
+          {"descent", {Vec3::Zero(), -descent_m_s * up}},
+          {"all", {0.3 * turn_deg_s * Vec3(1, -1, to_end), 0.3 * (speed_m_s * (north + east) - descent_m_s * up)}}};
+}
+
+// Renders a request by both algorithms, and counts the pixels whose points or light differ.
+struct Differences {
+  std::size_t pixels = 0, points = 0, light = 0, holes = 0;  // holes: among pixels that rays hit
+};
+// Returns whether the pixel and its eight neighbours have a depth.
+bool hits_around(const std::vector<double>& depth, std::size_t pixel, std::size_t width) {
+  for (const std::size_t row : {pixel - width, pixel, pixel + width})
+    for (const std::size_t i : {row - 1, row, row + 1})
+      if (i < depth.size() && std::isnan(depth[i])) return false;
+  return true;
+}
+Differences compare_both_ways(const Renderer& renderer, FrameRequest request) {
+  request.products = kRadiance | kDepth | kPosition | kLit;
+  request.visibility = Visibility::raytrace;
+  const Frame rays = renderer.render(request);
+  request.visibility = Visibility::automatic;
+  const Frame drawn = renderer.render(request);
+  EXPECT_EQ(rays.report.visibility, Visibility::raytrace);
+  EXPECT_EQ(drawn.report.visibility, Visibility::zbuffer);
+  const FrameProducts &a = rays.products, &b = drawn.products;
+  Differences d;
+  d.pixels = a.depth.size();
+  for (std::size_t i = 0; i < d.pixels; ++i) {
+    if (std::isnan(a.depth[i]) || std::isnan(b.depth[i])) {
+      const bool differs = std::isnan(a.depth[i]) != std::isnan(b.depth[i]);
+      d.points += differs;  // on the terrain's outline, unless it is a hole
+      d.holes += differs && hits_around(a.depth, i, static_cast<std::size_t>(request.camera.width));
+      continue;
+    }
+    const bool same_point = (at3(a.position, i) - at3(b.position, i)).norm() <= 1e-3;
+    d.points += !same_point;
+    d.light += same_point && a.lit[i] != b.lit[i];
+    if (same_point && a.lit[i] == b.lit[i]) {
+      EXPECT_NEAR(a.radiance[i], b.radiance[i], 1e-5F * (1 + a.radiance[i])) << i;
+    }
+  }
+  return d;
+}
+
+// At silhouettes a pixel in some thousands sees the ground before them by one algorithm, that behind them by the other.
+TEST_F(RowTimes, TheZBufferSeesWhatRaysSee) {
+  Differences all;
+  for (const double motion_px : {5.0, 60.0, 200.0})
+    for (const bool oblique : {false, true}) {
+      FrameRequest r = request(320, 1024);
+      r.camera.fx = r.camera.fy = 1000;
+      if (oblique) {
+        const auto [east, north, up] = local_axes(r.pose.position_m);
+        r.pose = test::looking(r.pose.position_m, 1.5 * north - up, up);
+      }
+      r.shutter.emplace();
+      r.shutter->line_time_s = 0.001;
+      for (const auto& [name, rates] : motions(r, 30000, motion_px)) {
+        r.shutter->rates = rates;
+        const Differences d = compare_both_ways(renderer(), r);
+        EXPECT_EQ(d.holes, 0U) << name << " " << motion_px << " " << oblique;
+        EXPECT_LE(d.points, 4U) << name << " " << motion_px << " " << oblique;
+        EXPECT_LE(d.light * 10000, d.pixels) << name << " " << motion_px << " " << oblique;
+        all.pixels += d.pixels;
+        all.points += d.points;
+        all.light += d.light;
+      }
+    }
+  std::printf("z-buffer against rays: %zu pixels, %zu points and %zu light flags differ\n", all.pixels, all.points,
+              all.light);
+  EXPECT_LE(all.points * 100000, all.pixels);
+}
+
+TEST_F(RowTimes, TheZBufferSeesThroughALensWhatRaysSee) {
+  FrameRequest r = request(256, 320);
+  r.camera.fx = r.camera.fy = 500;
+  r.camera.distortion = {-0.3, 0.1, 0, 0.001, 0.002};
+  r.shutter.emplace();
+  r.shutter->line_time_s = 0.001;
+  for (const auto& [name, rates] : motions(r, 30000, 6)) {
+    r.shutter->rates = rates;
+    const Differences d = compare_both_ways(renderer(), r);
+    EXPECT_EQ(d.holes, 0U) << name;
+    EXPECT_LE(d.points, 2U) << name;
+    EXPECT_LE(d.light * 10000, d.pixels) << name;
+  }
+}
+
+TEST_F(RowTimes, TheZBufferDrawsSubPixelSamplesAndTheSunsDiscAsRaysDo) {
+  FrameRequest r = request(160, 160);
+  r.shutter.emplace();
+  r.shutter->line_time_s = 0.001;
+  r.shutter->rates = {Vec3(2, 1, -3), 1600 * north()};
+  for (const int samples : {1, 4, 9})
+    for (const double radius_deg : {0.0, 0.2666}) {
+      r.accuracy.samples_per_pixel = samples;
+      r.sun.angular_radius_deg = radius_deg;
+      r.products = kRadiance;
+      r.visibility = Visibility::raytrace;
+      const std::vector<float> rays = renderer().render(r).products.radiance;
+      r.visibility = Visibility::zbuffer;
+      const std::vector<float> drawn = renderer().render(r).products.radiance;
+      const float max_radiance = *std::max_element(rays.begin(), rays.end());
+      std::size_t differ = 0;
+      for (std::size_t i = 0; i < rays.size(); ++i) differ += std::abs(rays[i] - drawn[i]) > 0.03F * max_radiance;
+      EXPECT_LE(differ * 1000, rays.size()) << samples << " " << radius_deg;
+    }
+}
+
+TEST_F(RowTimes, RowsThatTheZBufferCannotDrawAreRayTraced) {
+  const auto visibility = [](const FrameRequest& r) { return renderer().render(r).report.visibility; };
+  FrameRequest slow = request(96, 96);
+  slow.visibility = Visibility::automatic;
+  slow.shutter.emplace();
+  slow.shutter->line_time_s = 0.001;
+  slow.shutter->rates = {Vec3(0, 0, 3), 1600 * north()};
+  EXPECT_EQ(visibility(slow), Visibility::zbuffer);
+  FrameRequest fast = slow;
+  fast.shutter->line_time_s = 0.1;
+  EXPECT_EQ(visibility(fast), Visibility::raytrace);
+  fast.visibility = Visibility::zbuffer;
+  EXPECT_THROW(renderer().render(fast), ImpossibleRequest);
+  FrameRequest fisheye = slow;
+  fisheye.camera.model = CameraModel::fisheye;
+  EXPECT_EQ(visibility(fisheye), Visibility::raytrace);
+  FrameRequest line = slow;
+  line.shutter->pushbroom = true;
+  EXPECT_EQ(visibility(line), Visibility::raytrace);
 }
 
 // A point spread's margin is rows before the first one and after the last one.
@@ -166,8 +314,7 @@ TEST_F(RowTimes, RollingShutterOverALongFlight) {
 }
 
 // An object that stands in the way of some rows, and a map whose values are means over what each pixel covers.
-TEST_F(RowTimes, ObjectsAndMapsAreSeenFromTheRowsPose) {
-  const test::TemporaryFolder folder;
+FrameRequest with_object_and_map(FrameRequest request, const Vec3& north, const test::TemporaryFolder& folder) {
   constexpr int kSide = 1500;
   std::vector<float> values;
   for (int y = 0; y < kSide; ++y)
@@ -175,19 +322,23 @@ TEST_F(RowTimes, ObjectsAndMapsAreSeenFromTheRowsPose) {
   dem::write_geotiff(folder / "albedo.tif", {-9.2, 43.95, 0.0002, 0.0002, kSide, kSide}, values, "albedo");
   dem::ValueMapOptions options;
   options.path = folder / "albedo.tif";
-
-  FrameRequest moving = request(96, 96);
-  moving.image.full_scale_radiance_w_m2_sr = 30;
-  moving.pose.position_m += 45000 * north();
-  moving.albedo_maps = {
+  request.pose.position_m += 45000 * north;
+  request.albedo_maps = {
       std::make_shared<const dem::ValueMap>(options, dem::make_value_map_tiles(std::size_t{64} << 20))};
   const auto mesh = std::make_shared<const ObjectMesh>(
       test::read_shape(SELENOGRAPH_SOURCE_DIR "/deploy/assets/objects/satellite.obj"));
-  const Vec3 below = moving.pose.position_m.normalized() * (kMoonRadius_m + 28000) + 900 * north();
+  const Vec3 below = request.pose.position_m.normalized() * (kMoonRadius_m + 28000) + 900 * north;
   SceneObject object{mesh, below, Eigen::Quaterniond(0.5, 0.5, 0.5, 0.5), 30, {}};
   object.materials.resize(mesh->shape().parts.size());
-  moving.objects = {object};
-  moving.shutter.emplace();
+  request.objects = {object};
+  request.shutter.emplace();
+  return request;
+}
+
+TEST_F(RowTimes, ObjectsAndMapsAreSeenFromTheRowsPose) {
+  const test::TemporaryFolder folder;
+  FrameRequest moving = with_object_and_map(request(96, 96), north(), folder);
+  moving.image.full_scale_radiance_w_m2_sr = 30;
   moving.shutter->line_time_s = 0.01;
   moving.shutter->rates = {Vec3(0, 0, 8), 1600 * north()};
   std::size_t on_object = 0;
@@ -198,6 +349,21 @@ TEST_F(RowTimes, ObjectsAndMapsAreSeenFromTheRowsPose) {
     expect_rows_of_cameras_at_rest(renderer(), moving, {0, 30, 45, 50, 60, 95});
   }
   EXPECT_GT(on_object, 200U);
+}
+
+TEST_F(RowTimes, ObjectsAndMapsAreTheSameByZBuffer) {
+  const test::TemporaryFolder folder;
+  FrameRequest moving = with_object_and_map(request(96, 96), north(), folder);
+  moving.pose.position_m += 840 * north();
+  moving.shutter->line_time_s = 0.001;
+  moving.shutter->rates = {Vec3(0, 0, 8), 1600 * north()};
+  const Differences d = compare_both_ways(renderer(), moving);
+  EXPECT_EQ(d.holes, 0U);
+  EXPECT_LE(d.points, 2U);
+  EXPECT_LE(d.light, 2U);
+  moving.visibility = Visibility::zbuffer;
+  const std::vector<std::uint16_t> seen = renderer().render(moving).products.object_id;
+  EXPECT_GT(std::count(seen.begin(), seen.end(), 0), 100);
 }
 
 TEST_F(RowTimes, APushbroomsRowsAreThoseOfLineCameras) {

@@ -953,7 +953,9 @@ TEST(ShutterJson, Refusals) {
   EXPECT_EQ(refused(without_pose(line + rate)), "/pose");
   EXPECT_EQ(refused(without_pose(line + rate + ", " + poses("0", "1"))), "/shutter/velocity_m_s");
   EXPECT_EQ(refused(R"({"pose": null})"), "/pose");
-  EXPECT_EQ(refused(R"({"visibility": "zbuffer", "shutter": {)" + line + rate + "}}"), "/visibility");
+  EXPECT_EQ(refused(R"({"visibility": "zbuffer", "shutter": {)" + line + rate + "}}"), "accepted");
+  EXPECT_EQ(refused(R"({"visibility": "zbuffer", "shutter": {"pushbroom": true, )" + line + rate + "}}"),
+            "/visibility");
   EXPECT_EQ(refused(R"({"pose": null, "ahead": [{"position_m": [1757000, 0, 0], "nadir": {}}], "shutter": {)" + line +
                     poses("0", "1") + "}}"),
             "/ahead");

@@ -171,6 +171,88 @@ TEST(DrawStrip, OfEquallyNearTrianglesTheSameWinsAtEveryWidth) {
   }
 }
 
+// Rows exposed one after the other while the image moves to the right and down, and grows: x / z is 0.1 r to the right
+// of column / depth in the row r below the middle one, y / z 0.125 r below, and z decreases by a hundredth per row.
+RowMotion moving_rows(int side) {
+  RowMotion motion{};
+  const float middle = static_cast<float>(side / 2);
+  motion.column[0][0] = motion.depth[0][2] = motion.off_row[0][1] = 1;
+  motion.off_row[0][2] = -middle;
+  motion.column[1][2] = 0.1F;
+  motion.depth[1][3] = -0.01F;
+  motion.off_row[1][2] = 0.125F - 1;  // of y, less one row's depth
+  motion.off_row[1][3] = 0.01F * middle;
+  motion.off_row[2][3] = 0.01F;
+  motion.middle = middle;
+  motion.reach = middle + 8;
+  return motion;
+}
+
+// Returns the pixel at which a point is imaged in the row of that time.
+std::array<double, 2> imaged_at(const Point& p, int side) {
+  const double x = static_cast<double>(p.x), y = static_cast<double>(p.y), z = static_cast<double>(p.z);
+  double r = 0;
+  for (int step = 0; step < 50; ++step) r = (y + 0.125 * r * z) / (z - 0.01 * r) - side / 2;
+  return {(x + 0.1 * r * z) / (z - 0.01 * r), r + side / 2};
+}
+
+TEST(DrawStrip, EachVertexOfMovingRowsHasTheTimeOfItsRow) {
+  constexpr int kSide = 64;
+  const RowMotion motion = moving_rows(kSide);
+  TileView view = square_view(kSide);
+  view.motion = &motion;
+  // One triangle, 10 metres away: compared with the triangle of its corners' own pixels.
+  const Point corners[3] = {{50, 60, 10}, {420, 130, 10}, {140, 480, 10}};
+  std::array<double, 2> at[3];
+  for (int k = 0; k < 3; ++k) at[k] = imaged_at(corners[k], kSide);
+  const Grid one = Grid::triangle(corners[0], corners[1], corners[2]);
+  at_every_width([&](const char* name) {
+    for (const bool in_float : {true, false}) {
+      const TileBuffer out = drawn(one, view, in_float);
+      int covered = 0;
+      for (int y = 0; y < kSide; ++y)
+        for (int x = 0; x < kSide; ++x) {
+          double least = 1e9;  // distance inside the nearest edge, pixels
+          for (int k = 0; k < 3; ++k) {
+            const auto &a = at[k], &b = at[(k + 1) % 3];
+            const double cross = (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0]);
+            least = std::min(least, cross / std::hypot(b[0] - a[0], b[1] - a[1]));
+          }
+          if (std::abs(least) < 2e-3) continue;
+          covered += least > 0;
+          EXPECT_EQ(out.triangle[pixel(view, x, y)], least > 0 ? TriangleId(0, 0, 0, false).packed() : kNoTriangle)
+              << name << " " << in_float << ": " << x << ", " << y;
+        }
+      EXPECT_GT(covered, 500);
+    }
+  });
+}
+
+TEST(DrawStrip, MovingRowsHaveNoHolesBetweenStripsAndSingleTriangles) {
+  constexpr int kSide = 64;
+  const RowMotion motion = moving_rows(kSide);
+  TileView view = square_view(kSide);
+  view.motion = &motion;
+  std::mt19937 random(1);
+  std::uniform_real_distribution<float> offset(-8, 8);
+  const Grid ground(64, 64, [&](int r, int c) {
+    return Point{-200 + 20 * static_cast<float>(c) + offset(random), -200 + 20 * static_cast<float>(r) + offset(random),
+                 10 + offset(random) / 40};
+  });
+  std::vector<std::uint32_t> first;
+  at_every_width([&](const char* name) {
+    for (const bool in_float : {true, false}) {
+      const TileBuffer out = drawn(ground, view, in_float);
+      EXPECT_EQ(std::count(out.triangle.begin(), out.triangle.end(), kNoTriangle), static_cast<int>(kTilePadding))
+          << name << " " << in_float;
+      if (first.empty()) first = out.triangle;
+      if (in_float) {
+        EXPECT_EQ(out.triangle, first) << name;
+      }
+    }
+  });
+}
+
 TEST(DrawStrip, ATrianglePartlyBehindTheEyeIsSeenWhereItIsInFront) {
   // On the plane y = 1 below the eye: x from -8 to 8 at z = 4, to a point at z = -8. The image's middle is (16, 16).
   TileView view = square_view(32);

@@ -333,7 +333,7 @@ TEST(AimRows, WithoutMotionTheyAreThePacketsRaysBitForBit) {
           Rays a, b;
           std::memset(&a, 0, sizeof a), std::memset(&b, 0, sizeof b);
           plain.aim(PacketShape::square, x, y, aside, -aside, lens, a);
-          aim_rows(still, x, y, aside, -aside, lens, b);
+          aim_rows(still, PacketShape::square, x, y, aside, -aside, lens, b);
           ASSERT_EQ(std::memcmp(&a, &b, sizeof a), 0) << x << " " << y;
         }
   }

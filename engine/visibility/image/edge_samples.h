@@ -29,7 +29,7 @@ class EdgeSamples {
   EdgeSamples(const EdgeSamples&) = delete;
   EdgeSamples& operator=(const EdgeSamples&) = delete;
 
-  const View& dense_view() const { return views_.reference(); }
+  const RowViews& dense_views() const { return views_; }
   const PixelRays& dense_lens() const { return lens_; }
   const PacketShader& shader() const { return shader_; }
 

@@ -99,9 +99,6 @@ HWY_EXPORT(IntersectAlongZ);
 
 namespace {
 
-// Barycentric distance up to which float may take a ray to hit a triangle: millimetres.
-constexpr double kBlur = 1e-3;
-
 // Intersection of a ray with the plane of a triangle; members as in SurfacePoints.
 struct Candidate {
   TriangleId triangle;
@@ -144,11 +141,12 @@ double visible_distance(const Mesh& mesh, const TriangleId& id, const Vec3& orig
 // nearest to `near` along the ray wins.
 class Search {
  public:
-  Search(const Mesh& mesh, const Vec3& origin, const Vec3& direction, double near, double farthest)
-      : mesh_(mesh), origin_(origin), direction_(direction), near_(near), farthest_(farthest) {}
+  Search(const Mesh& mesh, const Vec3& origin, const Vec3& direction, double near, double farthest,
+         double max_miss = kMaxMiss)
+      : mesh_(mesh), origin_(origin), direction_(direction), near_(near), farthest_(farthest), max_miss_(max_miss) {}
 
   const std::optional<Candidate>& best() const { return best_; }
-  // Returns the triangle that the ray misses by the least, within the rounding of float; for rays without a best one.
+  // Returns the triangle that the ray misses by the least, within max_miss; for rays without a best one.
   const std::optional<Candidate>& near_miss() const { return near_miss_; }
 
   // Searches a quad of a block and its up to eight neighbours in the block.
@@ -198,14 +196,14 @@ class Search {
     const auto p = intersect_from_above(mesh_, id, origin_, direction_);
     if (!p || p->distance > farthest_) return;
     const double outside = p->outside();
-    if (outside <= kBlur && (!near_miss_ || outside < near_miss_->outside())) near_miss_ = p;
+    if (outside <= max_miss_ && (!near_miss_ || outside < near_miss_->outside())) near_miss_ = p;
     if (!(outside <= kOnEdge)) return;
     if (!best_ || std::abs(p->distance - near_) < std::abs(best_->distance - near_)) best_ = p;
   }
 
   const Mesh& mesh_;
   Vec3 origin_, direction_;
-  double near_, farthest_;
+  double near_, farthest_, max_miss_;
   std::optional<Candidate> best_, near_miss_;
 };
 
@@ -223,7 +221,7 @@ void store(const Candidate& found, int i, SurfacePoints& points) {
 }
 
 // Finds the triangle of a lane whose point is off its triangle: the other half of the quad, or a neighbour.
-void search_triangle(const Mesh& mesh, const Rays& rays, int i, SurfacePoints& points) {
+void search_triangle(const Mesh& mesh, const Rays& rays, int i, double max_miss, SurfacePoints& points) {
   const Vec3 origin = rays.origin(i), direction = rays.direction(i);
   TriangleId id = points.triangle[i];
   auto guess = intersect_from_above(mesh, id, origin, direction);
@@ -235,7 +233,8 @@ void search_triangle(const Mesh& mesh, const Rays& rays, int i, SurfacePoints& p
   // that the ray hits is next to it, so search around a vertex.
   const Vec3 point = guess ? guess->position : mesh.triangle(id).a;
   const double distance = guess ? guess->distance : (point - origin).dot(direction) / direction.squaredNorm();
-  Search search(mesh, origin, direction, distance, visible_distance(mesh, points.triangle[i], origin, direction));
+  Search search(mesh, origin, direction, distance, visible_distance(mesh, points.triangle[i], origin, direction),
+                max_miss);
   search.quads_around(id.block(), id.r(), id.c());
   if (!search.best()) search.blocks_around(point, id.block());
   const std::optional<Candidate>& found = search.best() ? search.best() : search.near_miss();
@@ -306,13 +305,13 @@ std::int64_t intersect_own_triangles(const Mesh& mesh, const Rays& rays, Surface
 
 }  // namespace
 
-void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& facets) {
+void refine(const Mesh& mesh, const Rays& rays, SurfacePoints& points, Facets& facets, double max_miss) {
   // Return early: an empty mesh has no triangle to gather for lanes without a hit.
   if (hit_bits(points) == 0) return;
   alignas(64) std::int64_t states[kPacket];
   if (intersect_own_triangles(mesh, rays, points, facets, states) == kOnTriangle) return;
   for (int i = 0; i < kPacket; ++i)
-    if (states[i]) search_triangle(mesh, rays, i, points);
+    if (states[i]) search_triangle(mesh, rays, i, max_miss, points);
   // Recompute the points: the search used other sums, and a point must not depend on the triangle that float proposed.
   intersect_own_triangles(mesh, rays, points, facets, states);
 }

@@ -147,9 +147,9 @@ void PacketShader::shade(const Facets& facets, const SurfacePoints& points, cons
 }
 
 void PacketShader::albedos(const SurfacePoints& points, const Rays& rays, Sampler& sampler, double* albedo, float* base,
-                           int first_row) const {
+                           const PacketRows& rows) const {
   if (mapped_)
-    mapped_->sample(points, rays, sampler, albedo, base, first_row);
+    mapped_->sample(points, rays, sampler, albedo, base, rows);
   else
     std::fill_n(albedo, kPacket, albedo_.constant);
   if (!varied_) return;
@@ -162,10 +162,10 @@ void PacketShader::albedos(const SurfacePoints& points, const Rays& rays, Sample
 // Sets the radiance of direct sunlight, then adds the base: emission and indirect light per lane, or one constant. The
 // Hapke model takes the albedo of a map as an argument; all others are multiplied by it.
 void PacketShader::radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
-                             Sampler& sampler, float* out, float* base, int first_row) const {
+                             Sampler& sampler, float* out, float* base, const PacketRows& rows) const {
   alignas(64) double albedo[kPacket];
   const bool varies = mapped_ || varied_;
-  if (varies) albedos(points, rays, sampler, albedo, base, first_row);
+  if (varies) albedos(points, rays, sampler, albedo, base, rows);
   if (const BrdfTerms* terms = brdf_.terms()) {
     HWY_DYNAMIC_DISPATCH(RadiancesOf)(*terms, irradiance_, shading, varies ? albedo : nullptr, lit, out);
   } else {

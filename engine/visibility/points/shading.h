@@ -3,6 +3,7 @@
 
 #include <optional>
 
+#include "engine/camera/packet_rays.h"
 #include "engine/camera/row_views.h"
 #include "engine/frame/report.h"
 #include "engine/frame/request.h"
@@ -25,14 +26,14 @@ class PacketShader {
 
   // Sets `out` to the radiance per lane, W m-2 sr-1, eq. (1). `lit`: share of the Sun that each point sees. `base`:
   // radiance without the Sun, written if it varies; otherwise it is base_radiance() everywhere. `sampler`: that of the
-  // calling task. `first_row`: first row of a square packet, for rows with their own views.
+  // calling task. `rows`: rows of the packet, for rows with their own views.
   using Sampler = MappedSurface::Sampler;
   void radiances(const SurfacePoints& points, const Shading& shading, const Rays& rays, const float* lit,
-                 Sampler& sampler, float* out, float* base, int first_row = 0) const;
+                 Sampler& sampler, float* out, float* base, const PacketRows& rows = {}) const;
   // Sets the ground's albedo per lane: that of the maps or the constant one, times the brightness of made ground.
   // `base`: radiance without the Sun, written if maps give temperatures.
   void albedos(const SurfacePoints& points, const Rays& rays, Sampler& sampler, double* albedo, float* base,
-               int first_row = 0) const;
+               const PacketRows& rows = {}) const;
   Sampler sampler(const StopToken& stop) const { return mapped_ ? mapped_->sampler(stop) : Sampler(); }
   // Returns whether the radiance without the Sun varies between pixels.
   bool bases_vary() const { return indirect_ || (mapped_ && mapped_->emits()); }

@@ -30,7 +30,7 @@ void RayPass::aim(Packet& p) const {
   const bool centre = p.sample.dx == 0 && p.sample.dy == 0 && !job_.centres.x.empty();
   const PixelRays* lens = centre ? &job_.centres : nullptr;
   if (job_.views.vary())
-    aim_rows(job_.views, p.x, p.y, p.sample.dx, p.sample.dy, lens, p.rays);
+    aim_rows(job_.views, PacketShape::square, p.x, p.y, p.sample.dx, p.sample.dy, lens, p.rays);
   else
     rays_.aim(PacketShape::square, p.x, p.y, p.sample.dx, p.sample.dy, lens, p.rays);
 }
@@ -83,7 +83,7 @@ void RayPass::light(const SurfacePoints& points, const std::uint16_t* own_object
 void RayPass::find_radiance(Packet& p, const PacketShader& shader) const {
   if (!(p.sample.weight > 0)) return;
   float base[kPacket];  // radiance without the Sun: not needed, because the light is known already
-  if (p.on_terrain) shader.radiances(p.points, p.shading, p.rays, p.lit, p.task.sampler, p.radiance, base, p.y);
+  if (p.on_terrain) shader.radiances(p.points, p.shading, p.rays, p.lit, p.task.sampler, p.radiance, base, {p.y});
   if (p.on_object) job_.objects.radiances(p.objects, p.rays, p.object_lit, job_.indirect, p.object_radiance, base);
 }
 
@@ -126,7 +126,7 @@ void RayPass::write_products(Packet& p) const {
   const bool stores_albedo = p.sample.store && writer_.wants_albedo();
   if (stores_albedo) {
     float base[kPacket];
-    shader_.albedos(p.points, p.rays, p.task.sampler, albedo, base, p.y);
+    shader_.albedos(p.points, p.rays, p.task.sampler, albedo, base, {p.y});
   }
   for (int i = 0; i < kPacket; ++i) {
     if (!p.points.hit[i]) continue;

@@ -70,29 +70,82 @@ bool leaves_guard_band(const Strip& s, const TileView& t) {
   return false;
 }
 
+// Returns the greatest value of a quadratic polynomial, or a bound above it, within `reach` of 0.
+float bound_of(float p0, float p1, float p2, float reach) { return p0 + reach * (std::abs(p1) + reach * std::abs(p2)); }
+
+// Returns whether the box of a strip lies outside one side of a tile at all times of its rows. As outside_one_side, but
+// the homogeneous coordinates of a corner are polynomials of the row.
+bool outside_one_side_in_all_rows(const Strip& s, const TileView& t) {
+  const RowMotion& motion = *t.motion;
+  int outside[4] = {};  // corners left of the tile, right of it, above and below
+  for (int corner = 0; corner < 8; ++corner) {
+    float p[3];
+    for (int k = 0; k < 3; ++k) {
+      p[k] = s.centre[k] - t.pivot[k];
+      for (int e = 0; e < 3; ++e) p[k] += corner >> e & 1 ? s.half[e][k] : -s.half[e][k];
+    }
+    float column[3], line[3], depth[3];  // `line` is relative to the middle row
+    for (int power = 0; power < 3; ++power) {
+      const auto dot = [&](const float(&form)[3][4]) {
+        return form[power][0] * p[0] + form[power][1] * p[1] + form[power][2] * p[2] + form[power][3];
+      };
+      column[power] = dot(motion.column);
+      depth[power] = dot(motion.depth);
+      line[power] = dot(motion.off_row) + (power > 0 ? depth[power - 1] : 0);
+    }
+    // Returns whether sign (v - at z) is negative at all times.
+    const auto is_beyond = [&](const float* v, float at, float sign) {
+      return bound_of(sign * (v[0] - at * depth[0]), v[1] - at * depth[1], v[2] - at * depth[2], motion.reach) < 0;
+    };
+    outside[0] += is_beyond(column, -1 - t.slack[0], 1);
+    outside[1] += is_beyond(column, static_cast<float>(t.width) + t.slack[0], -1);
+    outside[2] += is_beyond(line, -1 - t.slack[1] - motion.middle, 1);
+    outside[3] += is_beyond(line, static_cast<float>(t.height) + t.slack[1] - motion.middle, -1);
+  }
+  return std::any_of(outside, outside + 4, [](int corners) { return corners == 8; });
+}
+
+// Sets the linear forms of a view, from those of homogeneous pixels.
+void set_axes(const RowFit::Axes& pixels, TileView& view) {
+  for (int k = 0; k < 3; ++k) {
+    for (int i = 0; i < 3; ++i) view.row[k][i] = static_cast<float>(pixels(k, i));
+    view.offset[k] = static_cast<float>(pixels(k, 3));
+  }
+}
+
+static_assert(kTileHeight == kRowsOfBand, "each row of tiles has its own fit");
+
 }  // namespace
 
-ImageTiling::ImageTiling(const RasterMesh& mesh, const View& view)
-    : mesh_(mesh), view_(view), camera_(view.camera()), bends_(!view.camera().rectilinear()) {}
+// The eye is rounded to float as the pivot, and TileView::offset holds the difference.
+ImageTiling::ImageTiling(const RasterMesh& mesh, const RowViews& views)
+    : mesh_(mesh),
+      views_(views),
+      view_(views.reference()),
+      camera_(view_.camera()),
+      bends_(!camera_.rectilinear()),
+      eye_(view_.position() - mesh.anchor()),
+      is_far_(eye_.norm() > kFar_m),
+      pivot_(is_far_ ? Vec3(Vec3::Zero()) : Vec3(eye_.cast<float>().cast<double>())) {
+  if (!views.vary()) return;
+  for (int band = 0; band * kTileHeight < views.height(); ++band)
+    fits_.emplace_back(views, middle_of_band(band, views.height()), mesh.anchor() + pivot_);
+}
 
 // Returns the projection from points relative to the anchor to the pixels of a tile: pixel = a (x / z, y / z) + b, with
-// the point (x, y, z) in camera axes. The eye is rounded to float as the pivot, and `offset` holds the difference.
+// the point (x, y, z) in camera axes.
 TileView ImageTiling::tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d& b, int width, int height) const {
   TileView t{};
   const Eigen::Matrix3d camera_from_moon = view_.moon_from_camera().transpose();
-  const Vec3 eye = view_.position() - mesh_.anchor();
-  const bool far = eye.norm() > kFar_m;
   const Vec3 x = camera_from_moon.row(0), y = camera_from_moon.row(1), z = camera_from_moon.row(2);
   const Vec3 rows[3] = {x * a(0, 0) + y * a(0, 1) + z * b.x(), x * a(1, 0) + y * a(1, 1) + z * b.y(), z};
-  Vec3 pivot = Vec3::Zero();
   for (int k = 0; k < 3; ++k) {
-    if (!far) pivot[k] = static_cast<double>(static_cast<float>(eye[k]));
-    t.pivot[k] = static_cast<float>(pivot[k]);
+    t.pivot[k] = static_cast<float>(pivot_[k]);
     for (int i = 0; i < 3; ++i) t.row[k][i] = static_cast<float>(rows[k][i]);
   }
-  for (int k = 0; k < 3; ++k) t.offset[k] = static_cast<float>(rows[k].dot(pivot - eye));
-  t.near0 = far ? 0.F : 1.F;
-  t.near1 = far ? 1.F : 0.F;
+  for (int k = 0; k < 3; ++k) t.offset[k] = static_cast<float>(rows[k].dot(pivot_ - eye_));
+  t.near0 = is_far_ ? 0.F : 1.F;
+  t.near1 = is_far_ ? 1.F : 0.F;
   t.width = width;
   t.height = height;
   t.min_depth_m = kNear_m;
@@ -105,9 +158,52 @@ TileView ImageTiling::undistorted_view(double x0, double y0, int width, int heig
                    height);
 }
 
+namespace {
+
+// Returns the map from camera axes to homogeneous pixels: pixel = a (x / z, y / z) + b.
+Eigen::Matrix3d pixel_map(const Eigen::Matrix2d& a, const Eigen::Vector2d& b) {
+  Eigen::Matrix3d map = Eigen::Matrix3d::Identity();
+  map.topLeftCorner<2, 2>() = a;
+  map.topRightCorner<2, 1>() = b;
+  return map;
+}
+
+}  // namespace
+
+// Returns the map from camera axes to homogeneous pixels of a tile from (x0, y0) on, in pixels of the undistorted
+// camera.
+Eigen::Matrix3d ImageTiling::undistorted_map(double x0, double y0) const {
+  return pixel_map(Eigen::Vector2d(camera_.fx, camera_.fy).asDiagonal(), {camera_.cx - x0, camera_.cy - y0});
+}
+
+// Sets how the view of a tile changes from row to row, if rows have their own views: to that of the fit's middle row,
+// and its motion. `map`: from camera axes to homogeneous pixels of the tile.
+void ImageTiling::set_motion(const ImageTile& tile, const Eigen::Matrix3d& map, TileView& view,
+                             RowMotion& motion) const {
+  if (!moves()) return;
+  const RowFit& fit = fits_[static_cast<std::size_t>(tile.y0 / kTileHeight)];
+  const int middle = fit.middle_row - tile.y0;
+  RowFit::Axes previous = RowFit::Axes::Zero();  // of the power below
+  for (int power = 0; power < 3; ++power) {
+    const RowFit::Axes pixels = map * fit.coefficients[static_cast<std::size_t>(power)];
+    const Eigen::RowVector4d off_row = pixels.row(1) - middle * pixels.row(2) - previous.row(2);
+    for (int i = 0; i < 4; ++i) {
+      motion.column[power][i] = static_cast<float>(pixels(0, i));
+      motion.off_row[power][i] = static_cast<float>(off_row[i]);
+      motion.depth[power][i] = static_cast<float>(pixels(2, i));
+    }
+    previous = pixels;
+  }
+  motion.middle = static_cast<float>(middle);
+  motion.reach = static_cast<float>(std::max(std::abs(middle), std::abs(tile.height - middle)) + kBandMargin);
+  set_axes(map * fit.coefficients[0], view);
+  view.motion = &motion;
+}
+
 // Returns the view of a tile through a lens: the affine map that fits the lens at the tile's valid pixel nearest to its
 // middle, and the position of each pixel's sample under that map. Without a valid pixel the view is empty.
-TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, TileBuffer& buffer) const {
+TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, TileBuffer& buffer,
+                                RowMotion& motion) const {
   const auto image_index = [&](int x, int y) {
     return static_cast<std::size_t>(tile.y0 + y) * static_cast<std::size_t>(camera_.width) +
            static_cast<std::size_t>(tile.x0 + x);
@@ -135,6 +231,7 @@ TileView ImageTiling::lens_view(const ImageTile& tile, const PixelRays& rays, Ti
       Eigen::Vector2d(camera_.fx, camera_.fy).asDiagonal() * view_.projection().lens().jacobian(middle.x(), middle.y());
   const Eigen::Vector2d offset = Eigen::Vector2d(valid_x, valid_y) - pixel_from_slope * middle;
   TileView view = tile_view(pixel_from_slope, offset, tile.width, tile.height);
+  set_motion(tile, pixel_map(pixel_from_slope, offset), view, motion);
   for (int y = 0; y < tile.height; ++y)
     for (int x = 0; x < tile.width; ++x) {
       const Eigen::Vector2d p =
@@ -184,6 +281,100 @@ StripBox ImageTiling::box_of(const Strip& s, const TileView& image_view) const {
   return box;
 }
 
+// Returns the row of the image, not rounded, in which a strip's middle is imaged, or the nearest row; empty if it is
+// behind the camera. It need not be exact: moving_box_of bounds what is left.
+std::optional<double> ImageTiling::row_of(const Strip& strip, double dy) const {
+  constexpr int kSteps = 2;
+  const double last_row = views_.height() - 1;
+  const Vec3 middle = Eigen::Map<const Eigen::Vector3f>(strip.centre).cast<double>() - pivot_;
+  double row = last_row / 2;
+  for (int step = 0; step < kSteps; ++step) {
+    const Vec3 p = fit_of(row).at(row - fit_of(row).middle_row) * middle.homogeneous();
+    if (!(p.z() > 0)) return std::nullopt;
+    row = std::clamp(p.y() / p.z() * camera_.fy + camera_.cy - dy, 0.0, last_row);
+  }
+  return row;
+}
+
+// Returns whether a strip is behind the camera in all rows, by its depth in the middle row.
+bool ImageTiling::is_behind(const Strip& strip) const {
+  const auto vector = [](const float* v) -> Vec3 { return Eigen::Map<const Eigen::Vector3f>(v).cast<double>(); };
+  double radius_m = 0;
+  for (const auto& half : strip.half) radius_m += vector(half).norm();
+  const Vec3 from_eye = vector(strip.centre) - eye_;
+  const RowViews::Step& step = views_.max_step();
+  const double shift_m = step.shift_along_m + step.shift_across_m,
+               turn_rad = step.turn_along_rad + step.turn_across_rad;
+  const double change_m =
+      views_.height() * (shift_m + turn_rad * (from_eye.norm() + radius_m + views_.height() * shift_m));
+  return view_.moon_from_camera().col(2).dot(from_eye) + radius_m + change_m < 0;
+}
+
+const RowFit& ImageTiling::fit_of(double row) const {
+  return fits_[static_cast<std::size_t>(row) / static_cast<std::size_t>(kTileHeight)];
+}
+
+// Returns the box of a strip in an image whose rows have their own views: its box at the time of one row, extended by
+// the bound of its movement until the time of any row that images one of its vertices. If the image moves by v per row,
+// a vertex at a distance D from the row moves to its own row in at most D / (1 - v) rows. A lens shifts rows.
+StripBox ImageTiling::moving_box_of(const Strip& s, double dx, double dy, double lens_shift_px) const {
+  constexpr float kAnywhere = std::numeric_limits<float>::infinity(), kMaxMoved_px = 512;
+  constexpr double kMaxSpeed_px = 0.8;
+  if (is_behind(s)) return {{kAnywhere, kAnywhere}, {-kAnywhere, -kAnywhere}, false};
+  const std::optional<double> own_row = row_of(s, dy);
+  if (!own_row) return {{-kAnywhere, -kAnywhere}, {kAnywhere, kAnywhere}, true};
+  const double row = *own_row;
+  const RowFit& fit = fit_of(row);
+  TileView view = undistorted_view(dx, dy, camera_.width, camera_.height);
+  set_axes(undistorted_map(dx, dy) * fit.at(row - fit.middle_row), view);
+  float min_z = kAnywhere, max_z = 0;
+  for (int corner = 0; corner < 8; ++corner) {
+    const float z = corner_of(s, corner, view).z;
+    min_z = std::min(min_z, z);
+    max_z = std::max(max_z, z);
+  }
+  StripBox box = box_of(s, view);
+  if (!(min_z > 2 * kNear_m)) return box;  // out of view or unbounded
+  // Bound the speed at the box's farthest corner from the principal point; a quarter more for its change in time.
+  const auto slope_along = [&](int k, double centre, double focal) {
+    const double low = static_cast<double>(box.low[k]) - centre, high = static_cast<double>(box.high[k]) - centre;
+    return std::max(std::abs(low), std::abs(high)) / focal;
+  };
+  const double slope =
+      std::hypot(slope_along(0, camera_.cx - dx, camera_.fx), slope_along(1, camera_.cy - dy, camera_.fy));
+  const RowViews::Step& step = views_.max_step();
+  const double depth_m = static_cast<double>(min_z);
+  const double speed_px = 1.25 * stretched_focal_px(view_) * step.image_shift(depth_m, slope);
+  const double distance_px = std::max(static_cast<double>(box.high[1]) - row, row - static_cast<double>(box.low[1]));
+  const double rows = (distance_px + lens_shift_px) / (1 - speed_px);
+  const auto moved_px = static_cast<float>(speed_px * rows);
+  // A tile projects vertices beyond its rows at the time of a row up to kBandMargin away.
+  const double max_rows = rows + 2 * kTileHeight + kBandMargin;
+  const double depth_change_m =
+      (step.shift_along_m + step.turn_across_rad * slope * static_cast<double>(max_z)) * max_rows;
+  const bool is_slow =
+      speed_px < kMaxSpeed_px && moved_px < kMaxMoved_px && depth_m > 2 * static_cast<double>(kNear_m) + depth_change_m;
+  box.leaves_guard_band = box.leaves_guard_band || !is_slow;
+  for (int k = 0; k < 2; ++k) {
+    box.low[k] -= is_slow ? moved_px : kAnywhere;
+    box.high[k] += is_slow ? moved_px : kAnywhere;
+  }
+  return box;
+}
+
+// Returns the largest distance, in rows, of a sample from its place in the undistorted camera.
+double ImageTiling::max_lens_shift_px(const PixelRays& rays) const {
+  double max_shift_px = 0;
+  for (int y = 0; y < camera_.height; ++y)
+    for (int x = 0; x < camera_.width; ++x) {
+      const std::size_t at =
+          static_cast<std::size_t>(y) * static_cast<std::size_t>(camera_.width) + static_cast<std::size_t>(x);
+      if (!std::isnan(rays.y[at]))
+        max_shift_px = std::max(max_shift_px, std::abs(rays.y[at] * camera_.fy + camera_.cy - y));
+    }
+  return max_shift_px;
+}
+
 // Sets the bounds of the samples of a tile in pixels of the undistorted camera.
 void ImageTiling::bound(ImageTile& tile, const PixelRays& rays) const {
   tile.low[0] = static_cast<float>(tile.x0);
@@ -215,9 +406,12 @@ void ImageTiling::lay(double dx, double dy, const PixelRays& rays, std::vector<S
   const int tiles_across = (width + tile_width - 1) / tile_width;
   const int tiles_along = (height + tile_height - 1) / tile_height;
   const TileView image_view = undistorted_view(dx, dy, width, height);
+  const double lens_shift_px = moves() && bends_ ? max_lens_shift_px(rays) : 0;
   boxes.resize(mesh_.strips().size());
   in_parallel_pieces(boxes.size(), 256, [&](std::size_t first, std::size_t past_last) {
-    for (std::size_t i = first; i < past_last; ++i) boxes[i] = box_of(mesh_.strips()[i], image_view);
+    for (std::size_t i = first; i < past_last; ++i)
+      boxes[i] =
+          moves() ? moving_box_of(mesh_.strips()[i], dx, dy, lens_shift_px) : box_of(mesh_.strips()[i], image_view);
   });
   tiles.resize(static_cast<std::size_t>(tiles_across) * static_cast<std::size_t>(tiles_along));
   in_parallel(static_cast<std::size_t>(tiles_along), [&](std::size_t row) {
@@ -248,17 +442,20 @@ void ImageTiling::lay(double dx, double dy, const PixelRays& rays, std::vector<S
   });
 }
 
-// Draws a tile. A box in the image is loose for a strip that leaves the guard band, and through a lens: test the strip
-// against the tile itself there.
+// Draws a tile. A box in the image is loose for a strip that leaves the guard band, through a lens, and if rows have
+// their own views: test the strip against the tile itself there.
 void ImageTiling::draw(const ImageTile& tile, double dx, double dy, const PixelRays& rays,
                        const std::vector<StripBox>& boxes, TileBuffer& buffer) const {
-  const TileView view =
-      bends_ ? lens_view(tile, rays, buffer) : undistorted_view(tile.x0 + dx, tile.y0 + dy, tile.width, tile.height);
+  RowMotion motion;
+  TileView view = bends_ ? lens_view(tile, rays, buffer, motion)
+                         : undistorted_view(tile.x0 + dx, tile.y0 + dy, tile.width, tile.height);
+  if (!bends_) set_motion(tile, undistorted_map(tile.x0 + dx, tile.y0 + dy), view, motion);
   buffer.clear(tile.width, tile.height);
   for (const std::uint32_t s : tile.strips) {
     const Strip& strip = mesh_.strips()[s];
     const bool leaves = bends_ ? leaves_guard_band(strip, view) : boxes[s].leaves_guard_band;
-    if ((leaves || bends_) && outside_one_side(strip, view)) continue;
+    if (moves() ? outside_one_side_in_all_rows(strip, view) : (leaves || bends_) && outside_one_side(strip, view))
+      continue;
     draw_strip(mesh_.blocks()[strip.block], strip, view, leaves, buffer);
   }
 }

@@ -7,10 +7,12 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "engine/camera/pixel_rays.h"
-#include "engine/camera/view.h"
+#include "engine/camera/row_fit.h"
+#include "engine/camera/row_views.h"
 #include "engine/scene/raster_mesh.h"
 #include "engine/visibility/zbuffer/raster_kernels.h"
 
@@ -33,7 +35,7 @@ struct ImageTile {
 class ImageTiling {
  public:
   // Both arguments must outlive this object.
-  ImageTiling(const RasterMesh& mesh, const View& view);
+  ImageTiling(const RasterMesh& mesh, const RowViews& views);
 
   bool bends() const { return bends_; }  // true for a camera with distortion
 
@@ -47,16 +49,29 @@ class ImageTiling {
             TileBuffer& buffer) const;
 
  private:
+  bool moves() const { return !fits_.empty(); }  // true if rows have their own views
   TileView tile_view(const Eigen::Matrix2d& a, const Eigen::Vector2d& b, int width, int height) const;
   TileView undistorted_view(double x0, double y0, int width, int height) const;
-  TileView lens_view(const ImageTile& tile, const PixelRays& rays, TileBuffer& buffer) const;
+  Eigen::Matrix3d undistorted_map(double x0, double y0) const;
+  TileView lens_view(const ImageTile& tile, const PixelRays& rays, TileBuffer& buffer, RowMotion& motion) const;
+  void set_motion(const ImageTile& tile, const Eigen::Matrix3d& map, TileView& view, RowMotion& motion) const;
   StripBox box_of(const Strip& strip, const TileView& image_view) const;
+  const RowFit& fit_of(double row) const;
+  std::optional<double> row_of(const Strip& strip, double dy) const;
+  bool is_behind(const Strip& strip) const;
+  StripBox moving_box_of(const Strip& strip, double dx, double dy, double lens_shift_px) const;
+  double max_lens_shift_px(const PixelRays& rays) const;
   void bound(ImageTile& tile, const PixelRays& rays) const;
 
   const RasterMesh& mesh_;
+  const RowViews& views_;
   const View& view_;
   const Camera& camera_;
   bool bends_;
+  Vec3 eye_;  // of the reference view, m from the anchor
+  bool is_far_;
+  Vec3 pivot_;                // TileView::pivot of all tiles
+  std::vector<RowFit> fits_;  // a fit per row of tiles; empty: all rows have the reference view
 };
 
 }  // namespace selenograph::engine

@@ -226,6 +226,46 @@ HWY_INLINE void project_row(const RasterBlock& b, int row, const TileView& view,
   }
 }
 
+// Projects a row of vertices, each in the row of the image that sees it, by the formulas at RowMotion.
+// HomogeneousDrawer::moving_corner repeats these operations in this order.
+HWY_NOINLINE void project_moving_row(const RasterBlock& b, int row, const TileView& view, ProjectedRow& out) {
+  const RowMotion& motion = *view.motion;
+  const std::size_t first = static_cast<std::size_t>(row) * static_cast<std::size_t>(b.stride);
+  const VF near0 = broadcast(view.near0), near1 = broadcast(view.near1);
+  const VF reach = broadcast(motion.reach), minus_reach = hn::Neg(reach);
+  for (int c = 0; c < b.stride; c += static_cast<int>(hn::Lanes(float_tag))) {
+    const std::size_t at = first + static_cast<std::size_t>(c);
+    const VF x = hn::Sub(hn::LoadU(float_tag, b.x + at), broadcast(view.pivot[0]));
+    const VF y = hn::Sub(hn::LoadU(float_tag, b.y + at), broadcast(view.pivot[1]));
+    const VF z = hn::Sub(hn::LoadU(float_tag, b.z + at), broadcast(view.pivot[2]));
+    const auto dot = [&](const float* form) HWY_ATTR {
+      return hn::Add(hn::Mul(broadcast(form[0]), x),
+                     hn::Add(hn::Mul(broadcast(form[1]), y), hn::Mul(broadcast(form[2]), z)));
+    };
+    const auto constant = [&](const float* form) HWY_ATTR { return broadcast(form[3]); };
+    const auto form = [&](const float* f) HWY_ATTR { return hn::Add(dot(f), constant(f)); };
+    const auto polynomial = [](VF p0, VF p1, VF p2, VF r)
+                                HWY_ATTR { return hn::Add(p0, hn::Mul(r, hn::Add(p1, hn::Mul(r, p2)))); };
+    const auto within_reach = [&](VF r) HWY_ATTR { return hn::Min(hn::Max(r, minus_reach), reach); };
+    const VF f0 = form(motion.off_row[0]), f1 = form(motion.off_row[1]), f2 = form(motion.off_row[2]);
+    const VF d0 = dot(motion.depth[0]), d1 = dot(motion.depth[1]), d2 = dot(motion.depth[2]);
+    const VF f3 = hn::Neg(hn::Add(d2, constant(motion.depth[2])));
+    const auto off_row = [&](VF r) HWY_ATTR { return hn::Add(f0, hn::Mul(r, polynomial(f1, f2, f3, r))); };
+    VF r = within_reach(hn::Neg(hn::Div(f0, f1)));
+    const VF slope = polynomial(f1, hn::Add(f2, f2), hn::Mul(broadcast(3.F), f3), r);
+    r = within_reach(hn::Sub(r, hn::Div(off_row(r), slope)));
+    const VF beyond_pivot = polynomial(d0, d1, d2, r);  // metres along the boresight
+    const VF offset = polynomial(constant(motion.depth[0]), constant(motion.depth[1]), constant(motion.depth[2]), r);
+    const VF inverse_depth = hn::Div(broadcast(1.F), hn::Add(beyond_pivot, offset));
+    const VF column =
+        hn::Mul(polynomial(form(motion.column[0]), form(motion.column[1]), form(motion.column[2]), r), inverse_depth);
+    const VF line = hn::Add(hn::Add(r, broadcast(motion.middle)), hn::Mul(off_row(r), inverse_depth));
+    hn::Store(column, float_tag, out.x + c);
+    hn::Store(line, float_tag, out.y + c);
+    hn::Store(hn::Mul(hn::Sub(near0, hn::Mul(near1, beyond_pivot)), inverse_depth), float_tag, out.w + c);
+  }
+}
+
 // Returns whether triangle `id` wins over the triangle `drawn` of the same nearness. The order is that in which vectors
 // of sixteen quads draw, so the image is the same at every vector width: by block, row, group of sixteen quads, half,
 // and column in the group. The last five bits of TriangleId::packed() are column and half; the key rotates them so that
@@ -492,10 +532,13 @@ void DrawStrip(const RasterBlock& b, const Strip& strip, const TileView& view, T
                               HWY_ATTR { draw_triangles<false>(t.x, t.y, t.w, t.id, valid, view, out); };
   const auto draw_upper = [&](const TriangleBatch::Corners& t, MF valid)
                               HWY_ATTR { draw_triangles<true>(t.x, t.y, t.w, t.id, valid, view, out); };
-  project_row(b, strip.first_row, view, rows[0]);
+  const auto project = [&](int r, ProjectedRow& row) HWY_ATTR {
+    view.motion ? project_moving_row(b, r, view, row) : project_row(b, r, view, row);
+  };
+  project(strip.first_row, rows[0]);
   for (int r = strip.first_row; r < strip.first_row + strip.rows; ++r) {
     const ProjectedRow &south = rows[(r - strip.first_row) & 1], &north = rows[(r + 1 - strip.first_row) & 1];
-    project_row(b, r + 1, view, rows[(r + 1 - strip.first_row) & 1]);
+    project(r + 1, rows[(r + 1 - strip.first_row) & 1]);
     for (int c = 0; c < b.quads; c += lanes) {
       Quads q;
       if (!load_quads(south, north, c, view, q)) continue;
@@ -1054,9 +1097,21 @@ class HomogeneousDrawer {
   Corner corner(int r, int c) const {
     const std::size_t at =
         static_cast<std::size_t>(r) * static_cast<std::size_t>(block_.stride) + static_cast<std::size_t>(c);
-    const float x = block_.x[at] - view_.pivot[0], y = block_.y[at] - view_.pivot[1], z = block_.z[at] - view_.pivot[2];
+    const float p[3] = {block_.x[at] - view_.pivot[0], block_.y[at] - view_.pivot[1], block_.z[at] - view_.pivot[2]};
+    Corner out = view_.motion ? moving_corner(p, *view_.motion) : still_corner(p);
+    out.in_guard_band = engine::in_guard_band(static_cast<float>(out.z), out.px, out.py, view_.min_depth_m);
+    const double aside = static_cast<double>(view_.slack[0]);
+    const double above = static_cast<double>(view_.slack[1]);
+    const bool outside[]{out.z <= 0, out.x<-(1 + aside) * out.z, out.x>(view_.width + aside) * out.z,
+                         out.y<-(1 + above) * out.z, out.y>(view_.height + above) * out.z};
+    for (unsigned k = 0; k < std::size(outside); ++k) out.outside |= unsigned{outside[k]} << k;
+    return out;
+  }
+
+  // Projects a point relative to the pivot, by the operations of project_row.
+  Corner still_corner(const float* p) const {
     const auto dot = [&](int k) {
-      return (view_.row[k][0] * x + (view_.row[k][1] * y + view_.row[k][2] * z)) + view_.offset[k];
+      return (view_.row[k][0] * p[0] + (view_.row[k][1] * p[1] + view_.row[k][2] * p[2])) + view_.offset[k];
     };
     Corner out{};
     const float h[3] = {dot(0), dot(1), dot(2)};
@@ -1066,12 +1121,35 @@ class HomogeneousDrawer {
     out.z = static_cast<double>(h[2]);
     out.px = h[0] * inverse;
     out.py = h[1] * inverse;
-    out.in_guard_band = engine::in_guard_band(h[2], out.px, out.py, view_.min_depth_m);
-    const double aside = static_cast<double>(view_.slack[0]);
-    const double above = static_cast<double>(view_.slack[1]);
-    const bool outside[]{out.z <= 0, out.x<-(1 + aside) * out.z, out.x>(view_.width + aside) * out.z,
-                         out.y<-(1 + above) * out.z, out.y>(view_.height + above) * out.z};
-    for (unsigned k = 0; k < std::size(outside); ++k) out.outside |= unsigned{outside[k]} << k;
+    return out;
+  }
+
+  // Projects a point relative to the pivot, by the operations of project_moving_row.
+  static Corner moving_corner(const float* p, const RowMotion& motion) {
+    const auto dot = [&](const float* form) { return form[0] * p[0] + (form[1] * p[1] + form[2] * p[2]); };
+    const auto form = [&](const float* f) { return dot(f) + f[3]; };
+    const auto polynomial = [](float p0, float p1, float p2, float r) { return p0 + r * (p1 + r * p2); };
+    const auto within_reach = [&](float r) {
+      const float above_end = r > -motion.reach ? r : -motion.reach;  // as vectors treat NaN
+      return above_end < motion.reach ? above_end : motion.reach;
+    };
+    const float f0 = form(motion.off_row[0]), f1 = form(motion.off_row[1]), f2 = form(motion.off_row[2]);
+    const float d0 = dot(motion.depth[0]), d1 = dot(motion.depth[1]), d2 = dot(motion.depth[2]);
+    const float f3 = -(d2 + motion.depth[2][3]);
+    const auto off_row = [&](float r) { return f0 + r * polynomial(f1, f2, f3, r); };
+    float r = within_reach(-(f0 / f1));
+    const float slope = polynomial(f1, f2 + f2, 3.F * f3, r);
+    r = within_reach(r - off_row(r) / slope);
+    const float beyond_pivot = polynomial(d0, d1, d2, r);
+    const float depth = beyond_pivot + polynomial(motion.depth[0][3], motion.depth[1][3], motion.depth[2][3], r);
+    const float column = polynomial(form(motion.column[0]), form(motion.column[1]), form(motion.column[2]), r);
+    const float inverse = 1 / depth, off = off_row(r), row = r + motion.middle;
+    Corner out{};
+    out.x = static_cast<double>(column);
+    out.y = static_cast<double>(row) * static_cast<double>(depth) + static_cast<double>(off);
+    out.z = static_cast<double>(depth);
+    out.px = column * inverse;
+    out.py = row + off * inverse;
     return out;
   }
 

@@ -21,6 +21,21 @@
 
 namespace selenograph::engine {
 
+// Projection to a tile whose rows are exposed one after the other. r: rows below the middle one, at which the tile's
+// rows count from `middle`. Of a point p - pivot, each line holds a linear form and its constant:
+//
+//   X(r) = column[0] + r column[1] + r^2 column[2]                   column x depth
+//   Z(r) = depth[0] + r depth[1] + r^2 depth[2]                      depth
+//   F(r) = off_row[0] + r off_row[1] + r^2 off_row[2] - r^3 depth[2]   (line - r - middle) x depth
+//
+// The row that images the point is the root of F. Two steps of Newton's method from 0, kept within `reach`, find it: F
+// is nearly straight, because the image moves by a fraction of a pixel per row. Time, and so the pixel, depends on the
+// vertex and the tile alone: all triangles of a vertex get the same bits.
+struct RowMotion {
+  float column[3][4], off_row[3][4], depth[3][4];
+  float middle, reach;  // rows
+};
+
 // Projection of points relative to the anchor to pixels of one tile: x / z and y / z of row . (p - pivot) + offset.
 //
 // The pivot is the eye or, for a distant camera, the anchor: relative to an eye 400 000 km away, float would round
@@ -35,7 +50,8 @@ struct TileView {
   float min_depth_m;  // near border of the guard band
   // Positions of the samples in pixels, row by row; null: the pixel centres. NaN: the pixel has no sample.
   const float *sample_x, *sample_y;
-  float slack[2];  // largest distance of a sample from its pixel centre: columns, rows
+  float slack[2];           // largest distance of a sample from its pixel centre: columns, rows
+  const RowMotion* motion;  // null: the projection is the same in all rows
 };
 inline constexpr std::size_t kTilePadding = 32;  // entries after the last pixel, for vector loads and prefetching
 inline constexpr float kFarthest = -2;           // below the nearness of every triangle

@@ -30,7 +30,7 @@ RasterPass::RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& s
       writer_(writer),
       scratch_(scratch),
       times_(times),
-      tiling_(mesh_, job.views.reference()),
+      tiling_(mesh_, job.views),
       rays_(job.views.reference()),
       shader_(job.request, job.views, job.scene.mesh, job.radiance, job.indirect) {
   if (!wants_light(request_)) return;
@@ -40,9 +40,11 @@ RasterPass::RasterPass(const FrameJob& job, FrameWriter& writer, FrameScratch& s
   } else {
     shadows_.emplace(mesh_, request_.sun.direction);
     const Brdf* brdf = shader_.uniform_brdf();
-    if (brdf && request_.camera.rectilinear() && job_.objects.empty())
-      row_terms_.emplace(job.views.reference(), mesh_.anchor(), shadows_->axes(), *brdf, shader_.irradiance_w_m2(),
-                         shader_.base_radiance(), shader_.missing_albedo());
+    if (!brdf || !request_.camera.rectilinear() || !job_.objects.empty()) return;
+    const int views = job.views.vary() ? job.views.height() : 1;
+    for (int row = 0; row < views; ++row)
+      row_terms_.emplace_back(job.views.of(row), mesh_.anchor(), shadows_->axes(), *brdf, shader_.irradiance_w_m2(),
+                              shader_.base_radiance(), shader_.missing_albedo());
   }
 }
 
@@ -124,11 +126,15 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
     return;
   }
   Rays rays;
-  rays_.aim(PacketShape::row, row.x, row.y, sample.dx, sample.dy, tiling_.bends() ? &row.lens : nullptr, rays);
+  const PixelRays* lens = tiling_.bends() ? &row.lens : nullptr;
+  if (job_.views.vary())
+    aim_rows(job_.views, PacketShape::row, row.x, row.y, sample.dx, sample.dy, lens, rays);
+  else
+    rays_.aim(PacketShape::row, row.x, row.y, sample.dx, sample.dy, lens, rays);
   Facets facets;
   TriangleId drawn[kPacket];
   std::memcpy(static_cast<void*>(drawn), points.triangle, sizeof drawn);
-  refine(job_.scene.mesh, rays, points, facets);
+  refine(job_.scene.mesh, rays, points, facets, job_.views.vary() ? kMaxMissOfRows : kMaxMiss);
   // Resolve again by triangles that differ: a pixel must not depend on the triangles that float proposed for its row.
   if (by_kernel.resolved != kAllLanes && std::memcmp(drawn, points.triangle, sizeof drawn) != 0)
     resolve_by_kernel(row, points, by_kernel);
@@ -139,8 +145,9 @@ void RasterPass::resolve(const Row& row, const std::uint32_t* triangles, PixelCo
 void RasterPass::resolve_by_kernel(const Row& row, const SurfacePoints& points, ResolvedRow& out) const {
   const SubpixelSample& sample = row.sample;
   const std::uint32_t hits = hit_bits(points);
-  if (!row_terms_ || !sample.light || sample.weight == 0 || hits == 0) return;
-  resolve_row(job_.scene.mesh, *row_terms_, row.x + sample.dx, row.y + sample.dy, points.triangle, out);
+  if (row_terms_.empty() || !sample.light || sample.weight == 0 || hits == 0) return;
+  const RowTerms& terms = row_terms_[job_.views.vary() ? static_cast<std::size_t>(row.y) : 0];
+  resolve_row(job_.scene.mesh, terms, row.x + sample.dx, row.y + sample.dy, points.triangle, out);
   out.resolved &= hits;
   out.lit &= hits;
 }
@@ -208,7 +215,7 @@ void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& point
   if (sample.light && unresolved != 0)
     light_packet(unresolved == hits ? points : with_hits(points, unresolved), nullptr, row.first, shading, lit,
                  samples);
-  if (shades) row.shader.radiances(points, shading, rays, lit, sampler, radiance, base);
+  if (shades) row.shader.radiances(points, shading, rays, lit, sampler, radiance, base, {row.y, PacketShape::row});
   const bool stores_bases = shades && row.shader.bases_vary();
   const bool is_counted =
       !sample.count || (writer_.out().source.empty() && writer_.account_all(points.triangle, hits, counts));
@@ -235,7 +242,7 @@ void RasterPass::resolve_points(const Row& row, Rays& rays, SurfacePoints& point
                                                  PacketShader::Sampler& sampler) {
   alignas(64) double albedo[kPacket];
   float base[kPacket];
-  row.shader.albedos(points, rays, sampler, albedo, base);
+  row.shader.albedos(points, rays, sampler, albedo, base, {row.y, PacketShape::row});
   for (int i = 0; i < kPacket; ++i)
     if (points.hit[i]) writer_.store_albedo(albedo[i], row.first + static_cast<std::size_t>(i));
 }
@@ -421,7 +428,7 @@ void RasterPass::refine_edges(Pixels& pixels) {
   EdgeScratch& edge_scratch = scratch_.edges;
   const std::vector<float>& radiance = radiance_of(pixels.sample);
   const EdgeSamples edges(job_);
-  const ImageTiling tiling(mesh_, edges.dense_view());
+  const ImageTiling tiling(mesh_, edges.dense_views());
   tiling.lay(0, 0, edges.dense_lens(), scratch_.boxes, edge_scratch.tiles);
   edge_scratch.pixels.resize(edge_scratch.tiles.size());
   in_parallel(edge_scratch.tiles.size(), [&](std::size_t i) {

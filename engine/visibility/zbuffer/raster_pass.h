@@ -137,7 +137,7 @@ class RasterPass {
   PacketShader shader_;
   std::optional<DiscLight> disc_;
   std::optional<ShadowMap> shadows_;
-  std::optional<RowTerms> row_terms_;  // empty: the frame needs more than row_kernel.h resolves
+  std::vector<RowTerms> row_terms_;  // one, or one per row; empty: the frame needs more than row_kernel.h resolves
 };
 
 }  // namespace selenograph::engine
