@@ -130,7 +130,7 @@ TEST(Arrays, NamesAreThoseOfTheContractInItsOrder) {
   }
   EXPECT_EQ(names,
             (std::vector<std::string>{"image", "radiance", "depth", "range", "position", "geodetic", "normal", "angles",
-                                      "lit", "gsd", "source", "object_id", "detail", "irradiance", "flow"}));
+                                      "lit", "gsd", "source", "object_id", "detail", "albedo", "irradiance", "flow"}));
 }
 
 TEST(Arrays, TypesAndShapesAreThoseOfTheContract) {
