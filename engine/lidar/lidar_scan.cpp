@@ -316,7 +316,8 @@ class LidarScanner {
   bool is_narrow(const RayCone& cone, int finest_detail) const {
     if (!(cone.slope <= std::max(0.02, 20 * theta_) && cone.radius_m < 10)) return false;
     if (!context_.terrain.detailed()) return true;
-    const double half_block_m = dem::quads_per_side(finest_detail) / 2 * dem::post_spacing_m(finest_detail);
+    const int finest = ground_.finest_ground(finest_detail);
+    const double half_block_m = dem::quads_per_side(finest) / 2 * dem::post_spacing_m(finest);
     return cone.radius_m + cone.slope * std::min(cone.to_m, kFarthest_m) <= half_block_m;
   }
 

@@ -153,6 +153,15 @@ GroundAlongRays::GroundAlongRays(const char* ray_description, FrameRequest scene
     rocks_.emplace(context.terrain);
 }
 
+// All ground within the largest rock's height of a ray is selected, for rocks that stand beside it: blocks finer than
+// kFinestWithRocks, 4 m wide, would be too many.
+int GroundAlongRays::finest_ground(int finest_detail) const {
+  constexpr int kFinestWithRocks = 19;
+  if (!context_.terrain.detailed()) return finest_detail;
+  const int finest_with_detail = std::min(finest_detail, context_.terrain.detailed()->detail().finest_level());
+  return rocks_ ? std::min(finest_with_detail, kFinestWithRocks) : finest_with_detail;
+}
+
 std::unique_ptr<GroundAlongRays::GroundScene> GroundAlongRays::build_scene(const std::vector<RayCone>& single_rays,
                                                                            bool indivisible, int finest_detail) {
   const std::vector<RayCone> rays = bundle(single_rays);
@@ -162,14 +171,10 @@ std::unique_ptr<GroundAlongRays::GroundScene> GroundAlongRays::build_scene(const
   // The rays that share a scene share its anchor, which decides how float rounds. A constant limit makes results
   // independent of the service's memory, unless that holds fewer blocks.
   constexpr std::size_t kBlocksOfScene = 900;
-  // All ground within the largest rock's height of a ray is selected, for rocks that stand beside it: blocks finer than
-  // these, 4 m wide, would be too many.
-  constexpr int kFinestWithRocks = 19;
   const double above_m = rocks_ ? rocks_->largest_m() : 0;
-  const int finest_ground = rocks_ ? std::min(finest_detail, kFinestWithRocks) : finest_detail;
   const auto selected =
       select_for_rays(context_.terrain, rays, indivisible ? max_blocks : std::min(kBlocksOfScene, max_blocks),
-                      context_.stop, above_m, finest_ground);
+                      context_.stop, above_m, finest_ground(finest_detail));
   auto rocks = selected ? rocks_along(rays, *selected, finest_detail) : std::nullopt;
   if (!rocks && indivisible)
     throw TooMuchTerrain(fmt::format("{} runs along more terrain than the {} MB for scenes hold", ray_description_,

@@ -104,6 +104,8 @@ class GroundAlongRays {
   GroundAlongRays(const char* ray_description, FrameRequest scenery, const RenderContext& context);
 
   const ObjectsInFrame& objects() const { return objects_; }  // without rocks
+  // Returns the finest level of the blocks of scenes with this limit of detail.
+  int finest_ground(int finest_detail) const;
 
   struct GroundScene {
     std::shared_ptr<const Scene> scene;
