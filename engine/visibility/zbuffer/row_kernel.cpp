@@ -28,7 +28,6 @@ struct alignas(64) RowPoints {
   float facing[kPacket];                        // positive if the triangle faces the Sun
   float dx[kPacket], dy[kPacket], dz[kPacket];  // the ray's direction
   float mu0[kPacket], mu[kPacket];              // cosines of incidence and emission
-  float albedo[kPacket];                        // factor of the reflectance, or w of Hapke
 };
 
 }  // namespace selenograph::engine
@@ -82,8 +81,9 @@ void FindRowPoints(const RowTerms& terms, const Facets& facets, double x, double
 }
 
 // Shades the points: interpolates the normal, and evaluates the reflectance with closed terms. Sets the lanes that are
-// resolved, and those of them that are lit. (ax, ay, az) is the normal of vertex a, n the interpolated one.
-void ShadeRow(const RowTerms& terms, RowPoints& points, const Facets& facets, ResolvedRow& out) {
+// resolved, and those of them that are lit. (ax, ay, az) is the normal of vertex a, n the interpolated one. `albedo`:
+// factors of the reflectance.
+void ShadeRow(const RowTerms& terms, RowPoints& points, const Facets& facets, const float* albedo, ResolvedRow& out) {
   const float sx = terms.sun[0];
   const float sy = terms.sun[1];
   const float sz = terms.sun[2];
@@ -106,7 +106,7 @@ void ShadeRow(const RowTerms& terms, RowPoints& points, const Facets& facets, Re
     const float mu0 = normal_to_sun * inverse_length;
     const float mu = -normal_to_ray * inverse_length / std::sqrt(dx * dx + dy * dy + dz * dz);
     const float white = lommel_seeliger * (mu0 / (mu0 + mu)) + lambert * mu0;  // eqs. (2), (4) and (10)
-    const float radiance = white * points.albedo[i];
+    const float radiance = white * albedo[i];
     points.mu0[i] = mu0;
     points.mu[i] = mu;
     const bool faces_sun = (normal_to_sun > 0) & (points.facing[i] > 0);
@@ -143,26 +143,27 @@ HWY_EXPORT(RowCosines);
 
 namespace {
 
-// Sets the albedos of the points, whose weights are known.
-void set_albedos(const Mesh& mesh, const RowTerms& terms, const TriangleId* triangles, RowPoints& points) {
-  if (!terms.albedo) {
-    std::fill_n(points.albedo, kPacket, 1.F);
-    return;
-  }
-  interpolate_brightness(mesh, triangles, points.v, points.w, points.albedo);
-  const auto constant = static_cast<float>(terms.albedo->constant), largest = static_cast<float>(terms.albedo->largest);
-  for (int i = 0; i < kPacket; ++i) points.albedo[i] = std::min(constant * points.albedo[i], largest);
+// Factors of a reflectance that has its albedo. They are constant: written for each row, they would stall its loop,
+// which reads them in wider vectors.
+alignas(64) constexpr float kOnes[kPacket] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
+
+// Sets the albedos of points, whose weights are known: factors of the reflectance, or w of Hapke.
+void find_albedos(const Mesh& mesh, const Albedo& albedo, const TriangleId* triangles, const RowPoints& points,
+                  float* out) {
+  interpolate_brightness(mesh, triangles, points.v, points.w, out);
+  const auto constant = static_cast<float>(albedo.constant), largest = static_cast<float>(albedo.largest);
+  for (int i = 0; i < kPacket; ++i) out[i] = std::min(constant * out[i], largest);
 }
 
 // Sets the radiance of a reflectance without closed terms.
-void reflect_row(const RowTerms& terms, const RowPoints& points, ResolvedRow& out) {
+void reflect_row(const RowTerms& terms, const RowPoints& points, const float* factors, ResolvedRow& out) {
   alignas(64) double mu0[kPacket];
   alignas(64) double mu[kPacket];
   alignas(64) double cos_phase[kPacket];
   alignas(64) double mu0_brdf[kPacket];
   HWY_DYNAMIC_DISPATCH(RowCosines)(points, mu0, mu, cos_phase);
   alignas(64) double albedo[kPacket];
-  std::copy_n(points.albedo, kPacket, albedo);
+  std::copy_n(factors, kPacket, albedo);
   const bool replaces_w = terms.albedo && terms.albedo->is_w;
   terms.other_brdf->times_mu0(mu0, mu, cos_phase, replaces_w ? albedo : nullptr, mu0_brdf);
   for (int i = 0; i < kPacket; ++i) {
@@ -202,9 +203,11 @@ void resolve_row(const Mesh& mesh, const RowTerms& terms, double x, double y, co
   gather(mesh, triangles, facets);
   RowPoints points;
   HWY_DYNAMIC_DISPATCH(FindRowPoints)(terms, facets, x, y, points, out);
-  set_albedos(mesh, terms, triangles, points);
-  HWY_DYNAMIC_DISPATCH(ShadeRow)(terms, points, facets, out);
-  if (terms.other_brdf && out.resolved) reflect_row(terms, points, out);
+  alignas(64) float albedo[kPacket];
+  if (terms.albedo) find_albedos(mesh, *terms.albedo, triangles, points, albedo);
+  const float* factors = terms.albedo ? albedo : kOnes;
+  HWY_DYNAMIC_DISPATCH(ShadeRow)(terms, points, facets, factors, out);
+  if (terms.other_brdf && out.resolved) reflect_row(terms, points, factors, out);
 }
 
 }  // namespace selenograph::engine
