@@ -6,6 +6,7 @@
 #include <numbers>
 #include <optional>
 
+#include "dem/base/parallel.h"
 #include "dem/detail/detail_kernels.h"
 
 namespace selenograph::dem {
@@ -13,10 +14,15 @@ namespace {
 
 using std::numbers::pi;
 
-constexpr double kNewRim = 0.7;    // what a new crater adds at its rim where all that it digs up is immature
-constexpr double kDimmest = 0.25;  // largest dimming of the dimmer zone over that
-constexpr double kDimmestPlace = 0.2, kBrightestPlace = 1.2;  // factors, drawn: places differ
-constexpr double kFaintest = 0.006;                           // of what a crater adds; fainter ones add nothing
+constexpr double kNewRim = 0.7;      // what a new crater adds at its rim where all that it digs up is immature
+constexpr double kDimmest = 0.25;    // largest dimming of the dimmer zone over that
+constexpr double kFaintest = 0.006;  // of what a crater adds; fainter ones add nothing
+
+// Returns the factor of a crater's brightness from a uniform deviate: places differ.
+double local_factor_of(double uniform) {
+  constexpr double kDimmestPlace = 0.2, kBrightestPlace = 1.2;
+  return kDimmestPlace + (kBrightestPlace - kDimmestPlace) * uniform;
+}
 
 // Shares of the brightness by position, for craters that are seen as far as `reach_radii`. A table by distance, in
 // steps of 1 / kSteps of a radius; `bright` and `dim` are shares of Zones::bright and dim, `in_rays` is the share of
@@ -162,9 +168,12 @@ double immature_share(double diameter_m) {
 CraterBrightness::CraterBrightness(const CraterField& craters, double variation)
     : variation_(variation), smallest_octave_(craters.smallest_octave()) {
   if (none()) return;
-  for (int k = smallest_octave_; k <= craters.largest_octave(); ++k)
-    means_.push_back(
-        mean_of_sizes(craters.ages(), std::max(std::ldexp(1.0, k), craters.law().smallest_m), craters.largest_m(k)));
+  means_.resize(static_cast<std::size_t>(std::max(0, craters.largest_octave() - smallest_octave_ + 1)));
+  in_parallel(means_.size(), [&](std::size_t i) {
+    const int octave = smallest_octave_ + static_cast<int>(i);
+    means_[i] = mean_of_sizes(craters.ages(), std::max(std::ldexp(1.0, octave), craters.law().smallest_m),
+                              craters.largest_m(octave));
+  });
 }
 
 // Integrates what craters add over diameters, ages and places: the number of craters per m^2 times the integral over
@@ -183,8 +192,7 @@ double CraterBrightness::mean_of_sizes(const CraterAges& ages, double smallest_m
       const double u = (age + 0.5) / kAges, share = u * u;
       const double age_Ma = age_Ma_of(share * oldest);
       for (int p = 0; p < kPlaces; ++p) {
-        const double local_factor = kDimmestPlace + (kBrightestPlace - kDimmestPlace) * (p + 0.5) / kPlaces;
-        const Zones zones = zones_of(diameter_m, age_Ma, local_factor);
+        const Zones zones = zones_of(diameter_m, age_Ma, local_factor_of((p + 0.5) / kPlaces));
         if (zones.bright == 0) continue;
         const Profile& profile = profile_of(zones.reach);
         mean_area += 2 * u * (zones.bright * profile.area_bright - zones.dim * profile.area_dim) / (kAges * kPlaces);
@@ -210,8 +218,7 @@ CraterBrightness::Zones CraterBrightness::zones_of(double diameter_m, double age
 }
 
 CraterBrightness::Zones CraterBrightness::zones_of(const Crater& crater) const {
-  const double u = Draws(crater.id, 0, 0, 0).uniform();
-  return zones_of(crater.diameter_m, crater.age_Ma, kDimmestPlace + (kBrightestPlace - kDimmestPlace) * u);
+  return zones_of(crater.diameter_m, crater.age_Ma, local_factor_of(Draws(crater.id, 0, 0, 0).uniform()));
 }
 
 double CraterBrightness::at_rim(const Crater& crater) const {

@@ -96,7 +96,7 @@ class ObjectsInFrame {
     bool in_view;
     std::uint16_t number;  // ObjectLanes::object
     bool soil;
-    double brightness = 1;                          // factor of the reflectance; soil against a rock has 1
+    double brightness = 1;                          // factor of the reflectance, except on soil
     const std::vector<PartShading>* part_shadings;  // one per part
     Vec3 to_object(const Vec3& point) const { return object_from_moon * (point - position); }
     Vec3 to_tracer(const Vec3& point) const { return object_from_moon * (point - tracer_origin); }

@@ -25,13 +25,17 @@ constexpr float kSlack_px = 0.05F;  // margin of the boxes of strips for roundin
 struct Corner {
   float x, y, z;
 };
-// Returns one of the eight corners: bit e of its number is the sign of the half axis e.
-Corner corner_of(const Strip& s, int corner, const TileView& view) {
-  float p[3];
+// Sets `p` to one of the eight corners of the box, relative to the pivot: bit e of its number is the sign of the half
+// axis e.
+void place_corner(const Strip& s, int corner, const TileView& view, float* p) {
   for (int k = 0; k < 3; ++k) {
     p[k] = s.centre[k] - view.pivot[k];
     for (int e = 0; e < 3; ++e) p[k] += corner >> e & 1 ? s.half[e][k] : -s.half[e][k];
   }
+}
+Corner corner_of(const Strip& s, int corner, const TileView& view) {
+  float p[3];
+  place_corner(s, corner, view, p);
   const auto dot = [&](int k) {
     return view.row[k][0] * p[0] + view.row[k][1] * p[1] + view.row[k][2] * p[2] + view.offset[k];
   };
@@ -80,10 +84,7 @@ bool outside_one_side_in_all_rows(const Strip& s, const TileView& t) {
   int outside[4] = {};  // corners left of the tile, right of it, above and below
   for (int corner = 0; corner < 8; ++corner) {
     float p[3];
-    for (int k = 0; k < 3; ++k) {
-      p[k] = s.centre[k] - t.pivot[k];
-      for (int e = 0; e < 3; ++e) p[k] += corner >> e & 1 ? s.half[e][k] : -s.half[e][k];
-    }
+    place_corner(s, corner, t, p);
     float column[3], line[3], depth[3];  // `line` is relative to the middle row
     for (int power = 0; power < 3; ++power) {
       const auto dot = [&](const float(&form)[3][4]) {
@@ -364,15 +365,15 @@ StripBox ImageTiling::moving_box_of(const Strip& s, double dx, double dy, double
 
 // Returns the largest distance, in rows, of a sample from its place in the undistorted camera.
 double ImageTiling::max_lens_shift_px(const PixelRays& rays) const {
-  double max_shift_px = 0;
-  for (int y = 0; y < camera_.height; ++y)
-    for (int x = 0; x < camera_.width; ++x) {
-      const std::size_t at =
-          static_cast<std::size_t>(y) * static_cast<std::size_t>(camera_.width) + static_cast<std::size_t>(x);
-      if (!std::isnan(rays.y[at]))
-        max_shift_px = std::max(max_shift_px, std::abs(rays.y[at] * camera_.fy + camera_.cy - y));
-    }
-  return max_shift_px;
+  std::vector<double> of_rows(static_cast<std::size_t>(camera_.height), 0);
+  in_parallel_pieces(of_rows.size(), 64, [&](std::size_t first, std::size_t past_last) {
+    const auto width = static_cast<std::size_t>(camera_.width);
+    for (std::size_t y = first; y < past_last; ++y)
+      for (std::size_t at = y * width; at < (y + 1) * width; ++at)
+        if (!std::isnan(rays.y[at]))
+          of_rows[y] = std::max(of_rows[y], std::abs(rays.y[at] * camera_.fy + camera_.cy - static_cast<double>(y)));
+  });
+  return *std::max_element(of_rows.begin(), of_rows.end());
 }
 
 // Sets the bounds of the samples of a tile in pixels of the undistorted camera.
