@@ -31,7 +31,7 @@ struct TerrainSettings {
   int threads = 0;                         // 0: all cores
   std::string assets_dir;                  // folder of files that requests name; empty: none
   std::vector<std::string> remote_prefix;  // prefixes of remote names that may be read; empty: none
-  std::size_t ground_disk_mb = 0;          // disk space for ground with detail in the cache folder; 0: none
+  std::size_t ground_disk_mb = 4096;       // disk space for ground with detail in the cache folder; 0: none
   double mesh_s = std::chrono::duration<double>(engine::MeshReaderOptions{}.time).count();
   std::string on_data_error = "fail";                  // or "fall-through"
   double blend_posts = dem::LayerJoins{}.blend_posts;  // see LayerJoins

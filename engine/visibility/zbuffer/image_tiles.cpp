@@ -399,20 +399,22 @@ void ImageTiling::bound(ImageTile& tile, const PixelRays& rays) const {
     }
 }
 
-// Bounds the strips in the image, then makes the tiles, a row of tiles per task.
+// Bounds the strips in the image, then makes the tiles, a row of tiles per task. Through a lens, a tile is bounded by
+// its samples' own positions, so that boxes must not be shifted by the samples' offset.
 void ImageTiling::lay(double dx, double dy, const PixelRays& rays, std::vector<StripBox>& boxes,
                       std::vector<ImageTile>& tiles) const {
+  const double box_dx = bends_ ? 0 : dx, box_dy = bends_ ? 0 : dy;
   const int width = camera_.width, height = camera_.height;
   const int tile_width = bends_ ? kLensTileSide : kTileWidth, tile_height = bends_ ? kLensTileSide : kTileHeight;
   const int tiles_across = (width + tile_width - 1) / tile_width;
   const int tiles_along = (height + tile_height - 1) / tile_height;
-  const TileView image_view = undistorted_view(dx, dy, width, height);
+  const TileView image_view = undistorted_view(box_dx, box_dy, width, height);
   const double lens_shift_px = moves() && bends_ ? max_lens_shift_px(rays) : 0;
   boxes.resize(mesh_.strips().size());
   in_parallel_pieces(boxes.size(), 256, [&](std::size_t first, std::size_t past_last) {
     for (std::size_t i = first; i < past_last; ++i)
-      boxes[i] =
-          moves() ? moving_box_of(mesh_.strips()[i], dx, dy, lens_shift_px) : box_of(mesh_.strips()[i], image_view);
+      boxes[i] = moves() ? moving_box_of(mesh_.strips()[i], box_dx, box_dy, lens_shift_px)
+                         : box_of(mesh_.strips()[i], image_view);
   });
   tiles.resize(static_cast<std::size_t>(tiles_across) * static_cast<std::size_t>(tiles_along));
   in_parallel(static_cast<std::size_t>(tiles_along), [&](std::size_t row) {
