@@ -261,7 +261,11 @@ class Detail(unittest.TestCase):
             counts.append(sum(len(files) for _, _, files in os.walk(folder)))
         self.assertGreater(counts[0], 10)
         self.assertEqual(counts[1], counts[0])
-        self.assertFalse(os.path.exists(harness.path("cache", "ground")))  # off by default
+        off = harness.Service("--assets-dir", harness.path("assets"), "--ground-disk-mb", "0", cache="off")
+        self.assertEqual(off.arrays(request)["body"], expected)
+        off.expect_clean_stop()
+        self.assertFalse(os.path.exists(harness.path("off", "ground")))
+        self.assertTrue(os.path.exists(harness.path("cache", "ground")), "on by default")
 
     def test_refusals(self):
         answer = self.service.frame(self.request(("radiance",), detail="none"))
