@@ -52,6 +52,12 @@ Json json_body(const EndpointContext& context) {
   return parse_claimed(request.body, context);
 }
 
+GroundHeights ground_heights(const EndpointContext& context) {
+  return [&context](const std::shared_ptr<const dem::Detail>& detail, double lat_deg, double lon_deg) {
+    return context.renderer.terrain_with(detail)->height(lat_deg, lon_deg, context.stop).height_m;
+  };
+}
+
 Body parse_body(const EndpointContext& context) {
   const Request& request = context.request;
   if (!has_media_type("application/x-npz", header(request, "content-type"))) {

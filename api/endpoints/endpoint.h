@@ -15,6 +15,7 @@
 #include "api/message/memory_budget.h"
 #include "api/message/message.h"
 #include "api/message/problem.h"
+#include "api/requests/parts/detail_json.h"
 #include "dem/base/cache.h"
 #include "dem/base/error.h"
 #include "engine/renderer.h"
@@ -66,6 +67,9 @@ struct EndpointContext {
 
 // Parses the body, which must be JSON within the limits. Throws RequestError.
 Json json_body(const EndpointContext& context);
+
+// Returns the terrain's heights for poses above the ground, as /v1/heights answers them.
+GroundHeights ground_heights(const EndpointContext& context);
 
 // A body of JSON, or an .npz with arrays and the JSON as the text "request" (without it the JSON is an empty object).
 struct Body {

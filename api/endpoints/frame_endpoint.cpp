@@ -331,7 +331,9 @@ Response answer_cameras(const EndpointContext& context, const Json& body, engine
   std::size_t bytes = 0;
   for (CameraBody& split : split_cameras(body)) {
     with_pointers_of(body, split.name, [&] {
-      cameras.push_back({split.name, read_frame(split.body, context.limits, context.assets, context.stop), {}});
+      cameras.push_back({split.name,
+                         read_frame(split.body, context.limits, context.assets, context.stop, ground_heights(context)),
+                         {}});
       cameras.back().budget = choose_within_budget(cameras.back().query, context);
     });
     bytes += bytes_of(cameras.back().query.request);
@@ -375,7 +377,7 @@ Response answer_cameras(const EndpointContext& context, const Json& body, engine
 
 Response answer_frame(const EndpointContext& context, const Json& body, engine::Stopwatch& watch) {
   const double kernel_before_ms = kernel_ms();
-  FrameQuery query = read_frame(body, context.limits, context.assets, context.stop);
+  FrameQuery query = read_frame(body, context.limits, context.assets, context.stop, ground_heights(context));
   const std::string accept = header(context.request, "accept");
   const Representation& representation = representation_for(query, accept);
   reject_mixed_sizes(query.request, representation);

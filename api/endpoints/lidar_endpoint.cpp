@@ -22,7 +22,8 @@ void reject_long_json(const LidarQuery& query, const Limits& limits) {
 Response answer_lidar(const EndpointContext& context) {
   const std::string_view media_type = accepted(context, kLidarAnswers);
   const Body body = parse_body(context);
-  const LidarQuery query = read_lidar(body.json, body.arrays, context.limits, context.assets, context.stop);
+  const LidarQuery query =
+      read_lidar(body.json, body.arrays, context.limits, context.assets, context.stop, ground_heights(context));
   const bool json = media_type == "application/json";
   if (json) reject_long_json(query, context.limits);
   constexpr std::size_t kJsonBytesPerBeam = 8000;  // as JSON values and as text

@@ -6,7 +6,8 @@ namespace selenograph::api {
 
 Response answer_limb(const EndpointContext& context) {
   const std::string_view media_type = accepted(context, kLimbAnswers);
-  const LimbQuery query = read_limb(json_body(context), context.limits, context.assets, context.stop);
+  const LimbQuery query =
+      read_limb(json_body(context), context.limits, context.assets, context.stop, ground_heights(context));
   // A point takes the engine's record, its rays and its text.
   constexpr std::size_t kBytesPerLimbPoint = 3000;
   context.memory.claim_work(kBytesPerLimbPoint * static_cast<std::size_t>(query.request.points), "/points",

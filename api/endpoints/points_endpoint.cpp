@@ -68,7 +68,8 @@ Response lit_answer(const EndpointContext& context, std::string_view media_type,
 Response answer_rays(const EndpointContext& context) {
   const std::string_view media_type = accepted(context, kRaysAnswers);
   const Body body = parse_body(context);
-  const RaysQuery query = read_rays(body.json, context.limits, context.assets, context.stop, body.arrays);
+  const RaysQuery query =
+      read_rays(body.json, context.limits, context.assets, context.stop, body.arrays, ground_heights(context));
   claim_memory(context, query.rays.size(), "/rays", bytes_of_rocks(query));
   const auto hits = with_refusals_at({}, "/rays", [&] {
     return context.renderer.query(query.request.detail, context.stop, [&](const engine::RenderContext& rendering) {
@@ -90,7 +91,8 @@ Response answer_rays(const EndpointContext& context) {
 Response answer_project(const EndpointContext& context) {
   const std::string_view media_type = accepted(context, kLandmarkAnswers);
   const Body body = parse_body(context);
-  const ProjectQuery query = read_project(body.json, context.limits, context.assets, context.stop, body.arrays);
+  const ProjectQuery query =
+      read_project(body.json, context.limits, context.assets, context.stop, body.arrays, ground_heights(context));
   claim_memory(context, query.points.size(), "/points",
                engine::bytes_of_rows(query.camera, query.shutter) + bytes_of_rocks(query));
   constexpr MemberPointer kRefusable[] = {{"shutter", "/shutter"}, {"rays", "/points"}};

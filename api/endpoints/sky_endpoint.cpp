@@ -13,7 +13,8 @@ namespace selenograph::api {
 
 Response answer_sky(const EndpointContext& context) {
   const std::string_view media_type = accepted(context, kSkyAnswers);
-  const SkyQuery query = read_sky(json_body(context), context.limits, context.assets, context.stop);
+  const SkyQuery query =
+      read_sky(json_body(context), context.limits, context.assets, context.stop, ground_heights(context));
   // A star takes the engine's record, its ray and its text.
   constexpr std::size_t kBytesPerStar = 2000;
   const std::size_t stars =

@@ -371,9 +371,11 @@ const Members<FrameQuery>& frame_members() {
   return *table;
 }
 
-FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
-  const ReadContext context{limits, assets, stop, utc_of_sun(body)};
-  if (const auto merged = with_camera_preset(body, context)) return read_frame(*merged, limits, assets, stop);
+FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop,
+                      const GroundHeights& ground) {
+  ReadContext context{limits, assets, stop, utc_of_sun(body)};
+  if (const auto merged = with_camera_preset(body, context)) return read_frame(*merged, limits, assets, stop, ground);
+  context.ground_height = ground_height_of(body, ground, context);
   return frame_members().read_body(body, context);
 }
 

@@ -47,9 +47,9 @@ struct FrameQuery : SceneryQuery {
 const Members<FrameQuery>& frame_members();
 
 // Parses a request. Throws RequestError("invalid_request") with all faults found, and Cancelled when `stop` is
-// requested: reading meshes takes long.
+// requested: reading meshes takes long. `ground`: for heights above it; without it they are refused.
 FrameQuery read_frame(const Json& body, const Limits& limits, const Assets& assets = Assets(),
-                      const StopToken& stop = {});
+                      const StopToken& stop = {}, const GroundHeights& ground = {});
 
 // Returns the resolved request: pose in MOON_ME and OpenCV axes, intrinsics in pixels, a Sun vector. It is a valid
 // request that gives the same frame. Requests with the same meaning have the same text, from which the ETag is made.

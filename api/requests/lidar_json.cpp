@@ -201,8 +201,9 @@ const Members<LidarQuery>& lidar_members() {
 }
 
 LidarQuery read_lidar(const Json& body, const NpzArrays& arrays, const Limits& limits, const Assets& assets,
-                      const StopToken& stop) {
-  const ReadContext context{limits, assets, stop, {}};
+                      const StopToken& stop, const GroundHeights& ground) {
+  ReadContext context{limits, assets, stop, {}};
+  context.ground_height = ground_height_of(body, ground, context);
   const bool has_preset = body.is_object() && body.contains("instrument_preset");
   Json merged = has_preset ? with_lidar_preset(body, context) : body;
   Findings findings;

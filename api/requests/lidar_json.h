@@ -26,7 +26,7 @@ const Members<LidarQuery>& lidar_members();
 // Parses a request. `arrays` may have direction (n, 3) and time_s (n, or one number for all), which then replace
 // `pulses`. Throws RequestError("invalid_request") with the faults found.
 LidarQuery read_lidar(const Json& body, const NpzArrays& arrays, const Limits& limits, const Assets& assets,
-                      const StopToken& stop);
+                      const StopToken& stop, const GroundHeights& ground = {});
 
 // Returns the shape of the answer's arrays: {repeats, rows, columns} of a pattern whose beams are in the order of an
 // image ({rows, columns} if it is fired once), else {beams}.

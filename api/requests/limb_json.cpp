@@ -109,8 +109,11 @@ const Members<LimbQuery>& limb_request_members() {
   return *table;
 }
 
-LimbQuery read_limb(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
-  return limb_request_members().read_body(body, {limits, assets, stop, utc_of_sun(body)});
+LimbQuery read_limb(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop,
+                    const GroundHeights& ground) {
+  ReadContext context{limits, assets, stop, utc_of_sun(body)};
+  context.ground_height = ground_height_of(body, ground, context);
+  return limb_request_members().read_body(body, context);
 }
 
 // In a row with four arguments, the last one tells when the member is written.

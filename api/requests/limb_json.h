@@ -19,7 +19,8 @@ struct LimbQuery {
 
 const Members<LimbQuery>& limb_request_members();
 // Parses a request. Throws RequestError("invalid_request") with the faults found.
-LimbQuery read_limb(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop);
+LimbQuery read_limb(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop,
+                    const GroundHeights& ground = {});
 
 // Media types of the answer, in the order of the server's preference.
 inline constexpr Alternative kLimbAnswers[] = {

@@ -179,8 +179,9 @@ void set_points(const NpzArrays& arrays, const Limits& limits, ProjectQuery& que
 }  // namespace
 
 RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop,
-                    const NpzArrays& arrays) {
-  const ReadContext context{limits, assets, stop, utc_of_sun(body)};
+                    const NpzArrays& arrays, const GroundHeights& ground) {
+  ReadContext context{limits, assets, stop, utc_of_sun(body)};
+  context.ground_height = ground_height_of(body, ground, context);
   if (arrays.empty()) return rays_members().read_body(body, context);
   Findings findings;
   reject_unknown_arrays(arrays, {"origin_m", "direction"}, findings);
@@ -195,8 +196,9 @@ RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets
 }
 
 ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop,
-                          const NpzArrays& arrays) {
-  const ReadContext context{limits, assets, stop, utc_of_sun(body)};
+                          const NpzArrays& arrays, const GroundHeights& ground) {
+  ReadContext context{limits, assets, stop, utc_of_sun(body)};
+  context.ground_height = ground_height_of(body, ground, context);
   if (arrays.empty()) return project_members().read_body(body, context);
   Findings findings;
   reject_unknown_arrays(arrays, {"points"}, findings);

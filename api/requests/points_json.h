@@ -56,9 +56,9 @@ const Members<HeightsQuery>& heights_members();
 // - `rays`: `origin_m` and `direction` (..., 3); either may have a single row that is used with all rows of the other;
 // - `points`: (..., 2) or (..., 3) with lat_deg, lon_deg and height_m, where NaN means on the terrain.
 RaysQuery read_rays(const Json& body, const Limits& limits, const Assets& assets = Assets(), const StopToken& stop = {},
-                    const NpzArrays& arrays = {});
+                    const NpzArrays& arrays = {}, const GroundHeights& ground = {});
 ProjectQuery read_project(const Json& body, const Limits& limits, const Assets& assets = Assets(),
-                          const StopToken& stop = {}, const NpzArrays& arrays = {});
+                          const StopToken& stop = {}, const NpzArrays& arrays = {}, const GroundHeights& ground = {});
 HeightsQuery read_heights(const Json& body, const Limits& limits, const Assets& assets = Assets(),
                           const StopToken& stop = {});
 // Parses the query string of GET /v1/height. Faults have the parameters' names as pointers: "/lat_deg".

@@ -107,9 +107,11 @@ const Members<SkyQuery>& sky_request_members() {
   return *table;
 }
 
-SkyQuery read_sky(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop) {
-  const ReadContext context{limits, assets, stop, utc_of(body)};
-  if (const auto merged = with_camera_preset(body, context)) return read_sky(*merged, limits, assets, stop);
+SkyQuery read_sky(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop,
+                  const GroundHeights& ground) {
+  ReadContext context{limits, assets, stop, utc_of(body)};
+  if (const auto merged = with_camera_preset(body, context)) return read_sky(*merged, limits, assets, stop, ground);
+  context.ground_height = ground_height_of(body, ground, context);
   return sky_request_members().read_body(body, context);
 }
 

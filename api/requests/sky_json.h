@@ -24,7 +24,8 @@ struct SkyQuery : EpochForm {
 
 const Members<SkyQuery>& sky_request_members();
 // Parses a request. Throws RequestError("invalid_request") with the faults found.
-SkyQuery read_sky(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop);
+SkyQuery read_sky(const Json& body, const Limits& limits, const Assets& assets, const StopToken& stop,
+                  const GroundHeights& ground = {});
 
 // Media types of the answer, in the order of the server's preference.
 inline constexpr Alternative kSkyAnswers[] = {

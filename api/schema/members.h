@@ -28,13 +28,17 @@ namespace selenograph::api {
 
 using OrderedJson = nlohmann::ordered_json;
 
+// Returns the terrain's height above the sphere at a place, m; NaN without data.
+using GroundHeight = std::function<double(double lat_deg, double lon_deg)>;
+
 // Context for reading a request.
 struct ReadContext {
   const Limits& limits;
   const Assets& assets;
-  StopToken stop{};        // stops the reading of files
-  std::string sun_utc{};   // epoch of the request's Sun; empty: not given by an epoch
-  double pose_time_s = 0;  // while a pose at a time is read: its time after that epoch
+  StopToken stop{};              // stops the reading of files
+  std::string sun_utc{};         // epoch of the request's Sun; empty: not given by an epoch
+  double pose_time_s = 0;        // while a pose at a time is read: its time after that epoch
+  GroundHeight ground_height{};  // ground with the request's detail; empty: the request is read without terrain
 };
 
 class MemberTable;

@@ -36,8 +36,10 @@ std::optional<engine::Pose> pose_of(const Json& request) {
   }
   // Poses in ICRF may take their epoch from the Sun.
   if (const auto sun = request.find("sun"); sun != request.end()) frame["sun"] = *sun;
+  // For an order, the ground is near enough at the reference sphere.
+  const auto sphere = [](const auto&, double, double) { return 0.0; };
   try {
-    return api::read_frame(frame, {}).request.pose;
+    return api::read_frame(frame, {}, {}, {}, sphere).request.pose;
   } catch (const api::RequestError&) {
     return std::nullopt;
   }

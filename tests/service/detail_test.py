@@ -75,6 +75,24 @@ class Detail(unittest.TestCase):
         self.assertNotIn("detail", meta)
         self.assertNotIn("detail", meta["request"])
 
+    def test_heights_above_the_ground_are_those_of_heights(self):
+        """On ground with detail and without, for position and target, in frames and landmarks."""
+        place, target = {"lat_deg": LAT, "lon_deg": LON}, {"lat_deg": LAT + 0.002, "lon_deg": LON}
+        for detail in (None, "rough"):
+            _, _, body = self.service.post("/v1/heights", {"points": [place, target], "detail": detail})
+            ground, ahead = (p["height_m"] for p in json.loads(body)["points"])
+            above = {"geodetic": {**place, "height_above_ground_m": 50}, "look_at": {**target, "height_above_ground_m": 2}}
+            absolute = {"geodetic": {**place, "height_m": ground + 50}, "look_at": {**target, "height_m": ahead + 2}}
+            by_ground, by_sphere = (self.arrays(self.request(("radiance", "range"), pose=pose, detail=detail))
+                                    for pose in (above, absolute))
+            self.assertEqual(by_ground[0]["body"], by_sphere[0]["body"])
+            self.assertEqual(by_ground[1]["request"]["pose"], by_sphere[1]["request"]["pose"])
+            camera = {"model": "pinhole", "width": 96, "height": 96, "fov_deg": 40}
+            landmarks = [self.service.post("/v1/project", {"pose": pose, "camera": camera, "points": [target], "detail": detail})
+                         for pose in (above, absolute)]
+            self.assertEqual(landmarks[0][0], 200, landmarks[0][2][:300])
+            self.assertEqual(landmarks[0][2], landmarks[1][2])
+
     def test_from_orbit_and_to_the_horizon(self):
         """What leaves out a crater may err by its depth: asked to be less than a pixel, that was more than fits."""
         horizon = {"geodetic": {"lat_deg": LAT, "lon_deg": LON, "height_m": self.detailed + 5},

@@ -177,6 +177,58 @@ TEST(PoseJson, NadirUpAzimuthIsClockwiseFromNorth) {
   EXPECT_NEAR(east.x(), 511.5, 0.1);
 }
 
+TEST(PoseJson, TiltLeavesTheNadirTowardAnAzimuth) {
+  for (const double tilt_deg : {0.0, 1e-9, 30.0, 90.0, 120.0, 180.0})
+    for (const double azimuth_deg : {0.0, 70.0, 250.0}) {
+      const auto request = accepted(
+          fmt::format(R"({{"pose": {{"nadir": {{"tilt_deg": {}, "up_azimuth_deg": {}}}}}}})", tilt_deg, azimuth_deg));
+      const EastNorthUp local = local_axes(26, 3);
+      const double azimuth = azimuth_deg * kRadiansPerDegree, tilt = tilt_deg * kRadiansPerDegree;
+      const Vec3 level = std::cos(azimuth) * local.north + std::sin(azimuth) * local.east;
+      const Eigen::Matrix3d camera_from_moon = request.pose.camera_from_moon.toRotationMatrix();
+      // Boresight and image's up direction, both in the vertical plane of the azimuth.
+      EXPECT_LT((camera_from_moon.row(2).transpose() - (std::sin(tilt) * level - std::cos(tilt) * local.up)).norm(),
+                1e-12);
+      EXPECT_LT((-camera_from_moon.row(1).transpose() - (std::cos(tilt) * level + std::sin(tilt) * local.up)).norm(),
+                1e-12);
+    }
+  // Tilted sideways, the image's up direction stays level.
+  const auto sideways = accepted(R"({"pose": {"nadir": {"up_azimuth_deg": 0, "azimuth_deg": 90, "tilt_deg": 50}}})");
+  const Vec3 up = -sideways.pose.camera_from_moon.toRotationMatrix().row(1).transpose();
+  EXPECT_LT((up - local_axes(26, 3).north).norm(), 1e-12);
+  EXPECT_EQ(refused(R"({"pose": {"nadir": {"azimuth_deg": 90}}})"), "/pose/nadir/tilt_deg");
+  EXPECT_EQ(refused(R"({"pose": {"nadir": {"tilt_deg": 181}}})"), "/pose/nadir/tilt_deg");
+}
+
+TEST(PoseJson, HeightsAboveTheGroundAreAddedToIt) {
+  const GroundHeights ground = [](const auto&, double lat_deg, double lon_deg) {
+    return lat_deg > 80 ? std::nan("") : 100 * lat_deg + lon_deg;
+  };
+  const auto read = [&](const std::string& patch) {
+    return resolved_json(read_frame(patched(patch), Limits(), Assets(), {}, ground)).dump();
+  };
+  EXPECT_EQ(read(R"({"pose": {"geodetic": {"height_m": null, "height_above_ground_m": 50}}})"),
+            read(R"({"pose": {"geodetic": {"height_m": 2653}}})"));
+  EXPECT_EQ(read(R"({"pose": {"nadir": null, "look_at": {"lat_deg": 27, "lon_deg": 4, "height_above_ground_m": -1}}})"),
+            read(R"({"pose": {"nadir": null, "look_at": {"lat_deg": 27, "lon_deg": 4, "height_m": 2703}}})"));
+  const auto refused_at = [&](const std::string& patch, const GroundHeights& heights) {
+    try {
+      read_frame(patched(patch), Limits(), Assets(), {}, heights);
+    } catch (const RequestError& e) {
+      return e.findings().front().pointer;
+    }
+    return std::string();
+  };
+  const std::string above = R"({"pose": {"geodetic": {"height_m": null, "height_above_ground_m": 50}}})";
+  const std::string void_place =
+      R"({"pose": {"geodetic": {"height_m": null, "height_above_ground_m": 50, "lat_deg": 85}}})";
+  EXPECT_EQ(refused_at(above, {}), "/pose/geodetic/height_above_ground_m") << "without terrain";
+  EXPECT_EQ(refused_at(void_place, ground), "/pose/geodetic/height_above_ground_m") << "without data";
+  EXPECT_EQ(refused_at(R"({"pose": {"geodetic": {"height_above_ground_m": 50}}})", ground),
+            "/pose/geodetic/height_above_ground_m")
+      << "both heights";
+}
+
 TEST(PoseJson, LookAtPutsItsTargetAtThePrincipalPoint) {
   const auto request = accepted(R"({"camera": {"fov_deg": null, "fx": 900, "cx": 400, "cy": 100},
     "pose": {"nadir": null, "look_at": {"lat_deg": 26.3, "lon_deg": 3.5, "height_m": -1900}}})");

@@ -51,7 +51,9 @@ WHOLE_REQUESTS = {"frame", "frames", "encoded", "map", "sky"}
 WITHOUT_REQUEST = {"close", "datasets"}
 # The member of a part that each keyword of its constructors becomes, where it has another name or place there.
 POSE_MEMBERS = {"lat_deg": "geodetic/lat_deg", "lon_deg": "geodetic/lon_deg", "height_m": "geodetic/height_m",
-                "up_azimuth_deg": "nadir/up_azimuth_deg", "target_lat_deg": "look_at/lat_deg",
+                "height_above_ground_m": "geodetic/height_above_ground_m", "up_azimuth_deg": "nadir/up_azimuth_deg",
+                "tilt_deg": "nadir/tilt_deg", "azimuth_deg": "nadir/azimuth_deg",
+                "target_height_above_ground_m": "look_at/height_above_ground_m", "target_lat_deg": "look_at/lat_deg",
                 "target_lon_deg": "look_at/lon_deg", "target_height_m": "look_at/height_m", "up": "look_at/up"}
 SUN_MEMBERS = {"subsolar": {"lat_deg": "subsolar/lat_deg", "lon_deg": "subsolar/lon_deg"},
                "local": {name: f"local/{name}" for name in ("lat_deg", "lon_deg", "azimuth_deg", "elevation_deg")},

@@ -1,6 +1,8 @@
 // Terrain detail: the operator's presets, and the member that names one.
 #pragma once
 
+#include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 
@@ -17,6 +19,13 @@ struct DetailName {
   OrderedJson schema(const Limits&) const { return {{"oneOf", {{{"type", "string"}}, {{"type", "null"}}}}}; }
   OrderedJson fallback() const { return {}; }
 };
+
+// Returns the terrain's height above the sphere, with a detail or (null) without; m, NaN without data.
+using GroundHeights =
+    std::function<double(const std::shared_ptr<const dem::Detail>& detail, double lat_deg, double lon_deg)>;
+// Returns the heights of the ground that a request's body asks for by "detail", for ReadContext. An invalid detail is
+// taken as none: its own member reports it. The arguments must outlive the result.
+GroundHeight ground_height_of(const Json& body, const GroundHeights& ground, const ReadContext& context);
 
 inline constexpr const char* kDetailMeaning =
     "ground finer than the posts: name of details/NAME.json in the operator's assets folder; null or left "

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Geometry>
 #include <cmath>
 
 #include "dem/base/error.h"
@@ -181,6 +182,32 @@ std::optional<Vec3> resolve_position(const JsonReader& in, const PositionForm& f
   return std::nullopt;
 }
 
+constexpr const char* kAboveGroundMeaning =
+    "above the terrain at this place, with the request's `detail`, instead of height_m; the request in the metadata "
+    "has the resulting position";
+
+// Returns the height above the sphere of a point above the ground; reports a place without ground.
+std::optional<double> resolve_above_ground(const JsonReader& in, double lat_deg, double lon_deg,
+                                           double height_above_ground_m, const ReadContext& context) {
+  if (!context.ground_height) {
+    in.fail("height_above_ground_m", "is unknown here, where no terrain is at hand: give height_m");
+    return std::nullopt;
+  }
+  const double ground_m = context.ground_height(lat_deg, lon_deg);
+  if (!std::isnan(ground_m)) return ground_m + height_above_ground_m;
+  in.fail("height_above_ground_m",
+          fmt::format("no data at {:.9g}, {:.9g}: the DEM has no ground there; give height_m", lat_deg, lon_deg));
+  return std::nullopt;
+}
+
+std::optional<Geographic> resolve_geodetic(const JsonReader& in, const GeodeticForm& form, const ReadContext& context) {
+  const std::optional<double> height_m =
+      form.height_m ? form.height_m
+                    : resolve_above_ground(in, form.lat_deg, form.lon_deg, *form.height_above_ground_m, context);
+  if (!height_m) return std::nullopt;
+  return Geographic{form.lat_deg, form.lon_deg, *height_m};
+}
+
 // --- cameras
 
 const Members<LookAt>& look_at_members() {
@@ -189,6 +216,8 @@ const Members<LookAt>& look_at_members() {
       [](auto& m) {
         add_latitude_and_longitude(m);
         m.add("height_m", &LookAt::height_m, Number{kHeight_m, "m"}, "above the sphere of 1 737 400 m");
+        m.add("height_above_ground_m", &LookAt::height_above_ground_m, Number{kHeight_m, "m"}, kAboveGroundMeaning);
+        m.excludes("height_m", {"height_above_ground_m"});
         m.add("up", &LookAt::up, Up{},
               "up in the image: the Moon's north (local north where the boresight is vertical); the zenith, the local "
               "vertical at the camera, so that the horizon is level; or a MOON_ME vector");
@@ -197,16 +226,30 @@ const Members<LookAt>& look_at_members() {
 }
 
 const Members<Nadir>& nadir_members() {
-  static const auto table = make_table<Members<Nadir>>("Nadir", "Boresight to the Moon's centre.", [](auto& m) {
-    m.add("up_azimuth_deg", &Nadir::up_azimuth_deg, Number{kAzimuth_deg, "deg"},
-          "compass azimuth, clockwise from north, of the image's up direction (-y)");
-  });
+  static const auto table = make_table<Members<Nadir>>(
+      "Nadir", "Boresight to the Moon's centre, or tilted from there about a level axis.", [](auto& m) {
+        m.add("up_azimuth_deg", &Nadir::up_azimuth_deg, Number{kAzimuth_deg, "deg"},
+              "compass azimuth, clockwise from north, of the image's up direction (-y) before the tilt");
+        m.add("tilt_deg", &Nadir::tilt_deg, Number{{0, 180}, "deg"},
+              "angle between boresight and nadir: 90 looks along the level, 180 to the zenith");
+        m.add("azimuth_deg", &Nadir::azimuth_deg, Number{kAzimuth_deg, "deg"},
+              "compass azimuth toward which `tilt_deg` tilts the boresight; left out: `up_azimuth_deg`, so that the "
+              "horizon is level and up in the image");
+        m.needs("azimuth_deg", {"tilt_deg"});
+      });
   return *table;
 }
 
 // Returns the attitude with the boresight from the camera to the point of the form.
-std::optional<Eigen::Quaterniond> look_at(const JsonReader& in, const LookAt& form, const Vec3& position_m) {
-  const Vec3 target_m = to_cartesian({form.lat_deg, form.lon_deg, form.height_m});
+std::optional<Eigen::Quaterniond> look_at(const JsonReader& in, const LookAt& form, const Vec3& position_m,
+                                          const ReadContext& context) {
+  double height_m = form.height_m;
+  if (form.height_above_ground_m) {
+    const auto resolved = resolve_above_ground(in, form.lat_deg, form.lon_deg, *form.height_above_ground_m, context);
+    if (!resolved) return std::nullopt;
+    height_m = *resolved;
+  }
+  const Vec3 target_m = to_cartesian({form.lat_deg, form.lon_deg, height_m});
   const std::optional<Vec3> boresight = direction_of(target_m - position_m);
   if (!boresight) {
     in.fail("is where the camera is: not a direction");
@@ -241,14 +284,25 @@ std::optional<EastNorthUp> axes_at(const JsonReader& in, const PositionForm& for
   return std::nullopt;
 }
 
-// Returns the attitude with the boresight to the Moon's centre and the form's azimuth up in the image.
+// Returns the attitude with the boresight to the Moon's centre and the form's azimuth up in the image, then tilted.
 std::optional<Eigen::Quaterniond> look_down(const JsonReader& in, const PoseForm& pose, const Vec3& position_m) {
   const auto local = axes_at(in, pose, position_m);
   if (!local) return std::nullopt;
-  const double azimuth_rad = pose.nadir->up_azimuth_deg * kRadiansPerDegree;
-  const Vec3 up = std::cos(azimuth_rad) * local->north + std::sin(azimuth_rad) * local->east;
-  // camera_along() never returns empty here: `up` is horizontal and the boresight vertical.
-  return camera_along(-local->up, up).value_or(Eigen::Quaterniond::Identity());
+  // Returns the level direction at an azimuth.
+  const auto level = [&](double azimuth_deg) -> Vec3 {
+    const double azimuth_rad = azimuth_deg * kRadiansPerDegree;
+    return std::cos(azimuth_rad) * local->north + std::sin(azimuth_rad) * local->east;
+  };
+  const Nadir& nadir = *pose.nadir;
+  Vec3 boresight = -local->up, up = level(nadir.up_azimuth_deg);
+  if (nadir.tilt_deg != 0) {
+    const Vec3 toward = level(nadir.azimuth_deg.value_or(nadir.up_azimuth_deg));
+    const Eigen::AngleAxisd tilt(nadir.tilt_deg * kRadiansPerDegree, boresight.cross(toward));
+    boresight = tilt * boresight;
+    up = tilt * up;
+  }
+  // camera_along() never returns empty here: `up` is perpendicular to the boresight.
+  return camera_along(boresight, up).value_or(Eigen::Quaterniond::Identity());
 }
 
 // Returns the attitude as given, in the client's axes and frame, from any of the four rotations.
@@ -267,7 +321,7 @@ std::optional<engine::Pose> resolve_pose(const JsonReader& in, const PoseForm& f
   if (!position_m) return std::nullopt;
   std::optional<Eigen::Quaterniond> attitude;
   if (form.look_at) {
-    attitude = look_at(in.at("look_at"), *form.look_at, *position_m);
+    attitude = look_at(in.at("look_at"), *form.look_at, *position_m, context);
   } else if (form.nadir) {
     attitude = look_down(in.at("nadir"), form, *position_m);
   } else {
@@ -354,10 +408,17 @@ const Members<Geographic>& place_members() {
   return *table;
 }
 
-const Members<Geographic>& geodetic_members() {
-  static const auto table = make_table<Members<Geographic>>("Geodetic", "A place and its height.", [](auto& m) {
+const Members<GeodeticForm, Geographic>& geodetic_members() {
+  static const auto table = make_table<
+      Members<GeodeticForm, Geographic>>("Geodetic", "A place and its height.", [](auto& m) {
     add_latitude_and_longitude(m);
-    m.add("height_m", &Geographic::height_m, Number{kHeight_m, "m"}, "above the sphere of 1 737 400 m").required();
+    m.add("height_m", &GeodeticForm::height_m, Number{kHeight_m, "m"}, "above the sphere of 1 737 400 m");
+    m.add("height_above_ground_m", &GeodeticForm::height_above_ground_m, Number{kHeight_m, "m"}, kAboveGroundMeaning);
+    m.exactly_one({"height_m", "height_above_ground_m"});
+    m.resolve(resolve_geodetic);
+    m.unresolve([](const Geographic& place) {
+      return GeodeticForm{place.lat_deg, place.lon_deg, place.height_m, std::nullopt};
+    });
   });
   return *table;
 }

@@ -59,8 +59,13 @@ void add_latitude_and_longitude(Members<Form, Value>& m) {
   m.add("lon_deg", &Form::lon_deg, Number{kLongitude_deg, "deg"}, "longitude, east-positive, MOON_ME").required();
 }
 
-const Members<Geographic>& place_members();     // latitude and longitude; height_m stays 0
-const Members<Geographic>& geodetic_members();  // latitude, longitude and height
+const Members<Geographic>& place_members();  // latitude and longitude; height_m stays 0
+// A place with a height above the sphere or above the ground: one of them is given.
+struct GeodeticForm {
+  double lat_deg = 0, lon_deg = 0;
+  std::optional<double> height_m, height_above_ground_m;
+};
+const Members<GeodeticForm, Geographic>& geodetic_members();
 
 // A quaternion before it is normalised: w is the scalar part.
 struct QuaternionForm {
@@ -94,11 +99,14 @@ struct ImageUp {
 // Boresight through a point, which need not lie on the terrain.
 struct LookAt {
   double lat_deg = 0, lon_deg = 0, height_m = 0;
+  std::optional<double> height_above_ground_m;  // instead of height_m
   ImageUp up;
 };
-// Boresight to the Moon's centre.
+// Boresight to the Moon's centre, or tilted from there.
 struct Nadir {
-  double up_azimuth_deg = 0;  // compass azimuth of the image's up direction (-y)
+  double up_azimuth_deg = 0;          // compass azimuth of the image's up direction (-y) before the tilt
+  double tilt_deg = 0;                // angle between boresight and nadir
+  std::optional<double> azimuth_deg;  // compass azimuth toward which the boresight is tilted; empty: up_azimuth_deg
 };
 // A camera's pose as a client writes it: exactly one of the attitudes is given.
 struct PoseForm : PositionForm {

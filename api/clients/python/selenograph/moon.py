@@ -20,10 +20,17 @@ def position_of(position: Mapping[str, Any]) -> np.ndarray:
     """Returns the vector from the Moon's centre, in metres, of a pose's `position_m` or `geodetic`."""
     if "position_m" in position:
         return np.asarray(position["position_m"], float)
+    if "height_m" not in position["geodetic"]:
+        raise ValueError("only the service knows the ground below height_above_ground_m: write height_m")
+    return (MOON_RADIUS_M + position["geodetic"]["height_m"]) * direction_of(position)
+
+
+def direction_of(position: Mapping[str, Any]) -> np.ndarray:
+    """Returns a vector from the Moon's centre toward a pose's `position_m` or `geodetic`."""
+    if "position_m" in position:
+        return np.asarray(position["position_m"], float)
     geodetic = position["geodetic"]
-    lat_rad = math.radians(geodetic["lat_deg"])
-    lon_rad = math.radians(geodetic["lon_deg"])
-    return (MOON_RADIUS_M + geodetic["height_m"]) * zenith(lat_rad, lon_rad)
+    return zenith(math.radians(geodetic["lat_deg"]), math.radians(geodetic["lon_deg"]))
 
 
 def lat_lon_of(position_m: Any) -> Tuple[float, float]:

@@ -6,7 +6,7 @@ from typing import Any, Dict, Optional, Union
 
 import numpy as np
 
-from .moon import position_of
+from .moon import direction_of
 from .request_body import without_none
 from .rotations import (DIRECTIONS, UNIT_QUATERNION_TOLERANCE, Vector, checked_word, finite_vector,
                         quaternion_of)
@@ -21,37 +21,47 @@ class Pose(dict):
     """The "pose" of a request: position and attitude of the camera.
 
     Each constructor takes the position as position_m=[x, y, z] (metres from the Moon's centre, MOON_ME or `frame`), or
-    as lat_deg=, lon_deg=, height_m= (above the sphere of 1 737 400 m, MOON_ME).
+    as lat_deg=, lon_deg= and height_m= (above the sphere of 1 737 400 m, MOON_ME). nadir() and look_at() also take
+    height_above_ground_m= (above the terrain with the request's detail) in place of height_m.
     """
 
     @classmethod
     def nadir(cls, *, position_m: Optional[Vector] = None, lat_deg: Optional[float] = None,
-              lon_deg: Optional[float] = None, height_m: Optional[float] = None, up_azimuth_deg: float = 0.0,
-              frame: str = "MOON_ME") -> Pose:
-        """Looks at the Moon's centre. up_azimuth_deg: compass azimuth, clockwise from north, of up in the image."""
-        return cls({**_position(position_m, lat_deg, lon_deg, height_m, frame),
-                    "nadir": {"up_azimuth_deg": float(up_azimuth_deg)}})
+              lon_deg: Optional[float] = None, height_m: Optional[float] = None,
+              height_above_ground_m: Optional[float] = None, up_azimuth_deg: float = 0.0,
+              tilt_deg: Optional[float] = None, azimuth_deg: Optional[float] = None, frame: str = "MOON_ME") -> Pose:
+        """Looks at the Moon's centre, or tilted from there.
+
+        up_azimuth_deg  compass azimuth, clockwise from north, of up in the image before the tilt
+        tilt_deg        angle between boresight and nadir
+        azimuth_deg     compass azimuth toward which the boresight is tilted; None: up_azimuth_deg
+        """
+        nadir = without_none(up_azimuth_deg=up_azimuth_deg, tilt_deg=tilt_deg, azimuth_deg=azimuth_deg)
+        return cls({**_position(position_m, lat_deg, lon_deg, height_m, frame, height_above_ground_m),
+                    "nadir": {name: float(value) for name, value in nadir.items()}})
 
     @classmethod
     def look_at(cls, *, target_lat_deg: float, target_lon_deg: float, target_height_m: float = 0.0,
-                up: Union[str, Vector] = "north", position_m: Optional[Vector] = None,
-                lat_deg: Optional[float] = None, lon_deg: Optional[float] = None, height_m: Optional[float] = None,
+                target_height_above_ground_m: Optional[float] = None, up: Union[str, Vector] = "north",
+                position_m: Optional[Vector] = None, lat_deg: Optional[float] = None, lon_deg: Optional[float] = None,
+                height_m: Optional[float] = None, height_above_ground_m: Optional[float] = None,
                 frame: str = "MOON_ME") -> Pose:
         """Looks at a target, which then lies at (cx, cy).
 
         up: the direction that is up in the image: "north"; "zenith", away from the Moon's centre, which makes the
         horizon level; or a MOON_ME vector.
         """
-        position = _position(position_m, lat_deg, lon_deg, height_m, frame)
+        position = _position(position_m, lat_deg, lon_deg, height_m, frame, height_above_ground_m)
         if isinstance(up, str):
             checked_word(up, ("north", "zenith"), "up")
             if up == "zenith":
                 # Send the zenith as a vector: older services do not know the word.
                 if frame != "MOON_ME":
                     raise ValueError(f"up=\"zenith\" needs a place in MOON_ME, not in {frame}; write up=[x, y, z]")
-                up = position_of(position)
-        target = {"lat_deg": float(target_lat_deg), "lon_deg": float(target_lon_deg),
-                  "height_m": float(target_height_m),
+                up = direction_of(position)
+        height = ({"height_m": float(target_height_m)} if target_height_above_ground_m is None else
+                  {"height_above_ground_m": float(target_height_above_ground_m)})
+        target = {"lat_deg": float(target_lat_deg), "lon_deg": float(target_lon_deg), **height,
                   "up": up if isinstance(up, str) else finite_vector(up, 3, "up").tolist()}
         return cls({**position, "look_at": target})
 
@@ -133,10 +143,14 @@ class Pose(dict):
 
 
 def _position(position_m: Optional[Vector], lat_deg: Optional[float], lon_deg: Optional[float],
-              height_m: Optional[float], frame: str) -> Dict[str, Any]:
+              height_m: Optional[float], frame: str,
+              height_above_ground_m: Optional[float] = None) -> Dict[str, Any]:
     """Returns the members of a pose that are its position."""
-    geodetic = without_none(lat_deg=lat_deg, lon_deg=lon_deg, height_m=height_m)
+    geodetic = without_none(lat_deg=lat_deg, lon_deg=lon_deg, height_m=height_m,
+                            height_above_ground_m=height_above_ground_m)
     if position_m is None:
+        if len(geodetic) > 3:
+            raise ValueError("write either height_m or height_above_ground_m")
         if len(geodetic) < 3:
             raise ValueError("where is the camera? Write position_m=[x, y, z], or lat_deg=, lon_deg= and height_m=")
         if frame != "MOON_ME":
