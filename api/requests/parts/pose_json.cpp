@@ -416,8 +416,8 @@ const Members<GeodeticForm, Geographic>& geodetic_members() {
     m.add("height_above_ground_m", &GeodeticForm::height_above_ground_m, Number{kHeight_m, "m"}, kAboveGroundMeaning);
     m.exactly_one({"height_m", "height_above_ground_m"});
     m.resolve(resolve_geodetic);
-    m.unresolve([](const Geographic& place) {
-      return GeodeticForm{place.lat_deg, place.lon_deg, place.height_m, std::nullopt};
+    m.unresolve([](const Geographic& geodetic) {
+      return GeodeticForm{geodetic.lat_deg, geodetic.lon_deg, geodetic.height_m, std::nullopt};
     });
   });
   return *table;
