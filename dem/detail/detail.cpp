@@ -180,6 +180,7 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const 
     stop.check();
     const double reach = crater.reach_m() / kMoonRadius_m;  // a chord of the unit sphere, as all distances here
     const CraterShape::Profile profile = craters_.shape().profile(crater.age);
+    const EastNorthUp local = local_axes(crater.centre);
     CraterOverRow crater_over_row{
         crater.centre.x(),
         crater.centre.y(),
@@ -188,12 +189,18 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const 
         kMoonRadius_m / (crater.diameter_m / 2) * CraterShape::kStepsPerRadius,
         CraterShape::reach(crater.age) * CraterShape::kStepsPerRadius,
         1 / ((CraterShape::reach(crater.age) - CraterShape::kReplaces) * CraterShape::kStepsPerRadius),
+        1 / ((CraterShape::reach(crater.age) - 1) * CraterShape::kStepsPerRadius),
+        local.east.x(),
+        local.east.y(),
+        local.north.x(),
+        local.north.y(),
+        0,  // set for each row below
+        &crater.outline,
         profile.younger,
         profile.older,
         static_cast<float>(profile.share),
         static_cast<float>(crater.scale)};
     const bool marked = !in_crater.empty() && crater.depth_m >= kWorn * crater.diameter_m;
-    const double rim = crater.diameter_m / 2 / kMoonRadius_m, rim2 = rim * rim;
     const auto [first_column, past_column] = columns_within(grid, crater.centre, reach);
     const auto [first_row, past_row] = rows_within(grid, crater.centre, reach);
     for (std::size_t r = first_row; r < past_row; ++r) {
@@ -201,12 +208,12 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const 
       // Skip the row if its distance along the axis alone exceeds the reach.
       if (dz * dz > crater_over_row.reach2) continue;
       crater_over_row.along_axis2 = dz * dz;
+      crater_over_row.north_along_axis = dz * local.north.z();
       const bool past_pole = grid.cos_lat[r] < 0;  // on the opposite meridian, where the range of columns is not valid
       const RowUnderCrater row{grid.cos_lat[r], grid.sin_lon.data(), grid.cos_lon.data(), past_pole ? 0 : first_column,
                                past_pole ? columns : past_column};
       cast_crater(crater_over_row, row, heights.data() + r * columns);
-      if (marked && crater_over_row.along_axis2 < rim2)
-        mark_crater(crater_over_row, row, rim2, in_crater.data() + r * columns);
+      if (marked) mark_crater(crater_over_row, row, in_crater.data() + r * columns);
     }
   }
   const double mean = mean_m(octave);
