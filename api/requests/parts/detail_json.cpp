@@ -17,10 +17,8 @@ OrderedJson DetailName::write(const Value& value) const { return value.content ?
 std::string max_detail_error_meaning() {
   return fmt::format(
       "size limit of omitted detail, or max_error_px if larger: craters, relief, clods and fragments of at least {:g} "
-      "times "
-      "as many pixels are shown. It is relaxed when that needs more than {:g} triangles per pixel: `detail_limit_px` "
-      "is the "
-      "value used, `detail_error_px` bounds the height error left",
+      "times as many pixels are shown. It is relaxed when that needs more than {:g} triangles per pixel: "
+      "`detail_limit_px` is the value used, `detail_error_px` bounds the height error left",
       engine::Accuracy::kSmallestShown, engine::Accuracy::kDetailTrianglesPerPixel);
 }
 
