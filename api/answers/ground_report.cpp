@@ -10,18 +10,20 @@ namespace selenograph::api {
 
 std::string slopes_csv(const GroundReport& report) {
   std::string out =
-      "baseline_m,rms_deg,median_deg,hurst,craters_share,relief_share,published_median_deg,clods_share,steepest_deg\n";
+      "baseline_m,rms_deg,median_deg,hurst,craters_share,relief_share,published_median_deg,clods_share,steepest_deg,"
+      "fragments_share\n";
   for (const engine::SlopeRow& r : report.slopes)
-    out += fmt::format("{:g},{:.4f},{:.4f},{},{:.4f},{:.4f},{},{:.4f},{:.4f}\n", r.baseline_m, r.rms_deg, r.median_deg,
-                       cell(r.hurst, "{:.4f}"), r.craters_share, r.relief_share, cell(r.published_deg, "{:.4f}"),
-                       r.clods_share, r.steepest_deg);
+    out += fmt::format("{:g},{:.4f},{:.4f},{},{:.4f},{:.4f},{},{:.4f},{:.4f},{:.4f}\n", r.baseline_m, r.rms_deg,
+                       r.median_deg, cell(r.hurst, "{:.4f}"), r.craters_share, r.relief_share,
+                       cell(r.published_deg, "{:.4f}"), r.clods_share, r.steepest_deg, r.fragments_share);
   return out;
 }
 
 std::string craters_csv(const GroundReport& report) {
-  std::string out = "diameter_m,law,listed,visible\n";
+  std::string out = "diameter_m,law,listed,visible,depth_over_diameter\n";
   for (const engine::CraterRow& r : report.craters)
-    out += fmt::format("{:g},{:.6g},{:.6g},{:.6g}\n", r.diameter_m, r.law, r.listed, r.visible);
+    out += fmt::format("{:g},{:.6g},{:.6g},{:.6g},{}\n", r.diameter_m, r.law, r.listed, r.visible,
+                       cell(r.depth_over_diameter, "{:.4f}"));
   return out;
 }
 
@@ -32,20 +34,52 @@ std::string albedo_csv(const GroundReport& report) {
   return out;
 }
 
+std::string rocks_csv(const GroundReport& report) {
+  std::string out = "diameter_m,law,area,fragments\n";
+  for (const engine::RockRow& r : report.rocks)
+    out += fmt::format("{:g},{:.6g},{:.6g},{:.6g}\n", r.diameter_m, r.law, r.area, r.fragments);
+  return out;
+}
+
+namespace {
+
+// Returns the end of an octave: the next power of two above its smallest diameter.
+double past_octave_m(double smallest_m) { return std::exp2(std::floor(std::log2(smallest_m)) + 1); }
+
+std::string small_ground_markdown(const GroundReport& report) {
+  std::string out;
+  if (!report.rocks.empty())
+    out += "\n| diameters, m | rocks' area, by the law | over the law's | fragments |\n|---|---|---|---|\n";
+  for (const engine::RockRow& r : report.rocks)
+    out += fmt::format("| {:.3g} to {:.3g} | {:.3f} % | {:.2f} | {:.3f} % |\n", r.diameter_m,
+                       past_octave_m(r.diameter_m), 100 * r.law, r.area / r.law, 100 * r.fragments);
+  if (!report.roughness.empty())
+    out +=
+        "\n| window, mm | RMS height about a plane, mm: median | 5 % to 95 % | about the mean: median "
+        "|\n|---|---|---|---|\n";
+  for (const engine::RoughnessRow& r : report.roughness)
+    out += fmt::format("| {:g} | {:.1f} | {:.1f} to {:.1f} | {:.1f} |\n", 1000 * r.window_m, 1000 * r.median_m,
+                       1000 * r.low_m, 1000 * r.high_m, 1000 * r.median_about_mean_m);
+  return out;
+}
+
+}  // namespace
+
 std::string ground_markdown(const GroundReport& report) {
   std::string out = fmt::format(
       "| {}: baseline, m | RMS slope, degrees | median | published median | Hurst exponent | craters' share of the "
-      "variance | relief's | clods' | 99 % of slopes |\n|---|---|---|---|---|---|---|---|---|\n",
+      "variance | relief's | clods' | fragments' | 99 % of slopes |\n|---|---|---|---|---|---|---|---|---|---|\n",
       report.detail);
   for (const engine::SlopeRow& r : report.slopes)
-    out += fmt::format("| {:g} | {:.2f} | {:.2f} | {} | {} | {:.2f} | {:.2f} | {:.2f} | {:.1f} |\n", r.baseline_m,
-                       r.rms_deg, r.median_deg, cell(r.published_deg, "{:.2f}"), cell(r.hurst, "{:.2f}"),
-                       r.craters_share, r.relief_share, r.clods_share, r.steepest_deg);
-  // A row's octave ends at the next power of two above its smallest diameter.
-  out += "\n| diameters, m | the law's, per km^2 | visible, over the law's |\n|---|---|---|\n";
+    out += fmt::format("| {:g} | {:.2f} | {:.2f} | {} | {} | {:.2f} | {:.2f} | {:.2f} | {:.2f} | {:.1f} |\n",
+                       r.baseline_m, r.rms_deg, r.median_deg, cell(r.published_deg, "{:.2f}"), cell(r.hurst, "{:.2f}"),
+                       r.craters_share, r.relief_share, r.clods_share, r.fragments_share, r.steepest_deg);
+  out += "\n| diameters, m | the law's, per km^2 | visible, over the law's | their depth over diameter |\n";
+  out += "|---|---|---|---|\n";
   for (const engine::CraterRow& r : report.craters)
-    out += fmt::format("| {:g} to {:g} | {:.4g} | {:.2f} |\n", r.diameter_m,
-                       std::exp2(std::floor(std::log2(r.diameter_m)) + 1), r.law, r.visible / r.law);
+    out += fmt::format("| {:g} to {:g} | {:.4g} | {:.2f} | {} |\n", r.diameter_m, past_octave_m(r.diameter_m), r.law,
+                       r.visible / r.law, cell(r.depth_over_diameter, "{:.3f}"));
+  out += small_ground_markdown(report);
   if (report.albedo.empty()) return out;
   out += "\n| pixel, m | albedo over the constant one: mean | standard deviation | 30 % brighter than the median |\n";
   out += "|---|---|---|---|\n";
@@ -75,6 +109,14 @@ std::vector<std::string> bound_violations(const GroundReport& report) {
     if (r.diameter_m >= 2 && r.diameter_m < 50 && !(ratio > 0.8 && ratio < 1.25))
       violations.push_back(fmt::format("visible craters from {:g} m: {:.2f} of the law's", r.diameter_m, ratio));
   }
+  for (const engine::RockRow& r : report.rocks)
+    if (const double ratio = r.area / r.law; r.diameter_m < 4 && std::abs(ratio - 1) > 0.15)
+      violations.push_back(fmt::format("area of rocks from {:g} m: {:.2f} of the law's", r.diameter_m, ratio));
+  for (const engine::RoughnessRow& r : report.roughness)
+    // Publications do not say whether the slope of the window is part of the RMS height.
+    if (r.median_about_mean_m < 0.0025 || r.median_m > 0.005)
+      violations.push_back(fmt::format("median RMS height in {:g} mm: {:.1f} to {:.1f} mm; measured: 4",
+                                       1000 * r.window_m, 1000 * r.median_m, 1000 * r.median_about_mean_m));
   for (const engine::AlbedoRow& r : report.albedo)
     if (std::abs(r.mean - 1) > 0.03)
       violations.push_back(fmt::format("mean factor of the albedo in pixels of {:g} m: {:.3f}", r.pixel_m, r.mean));

@@ -254,7 +254,9 @@ void add_craters(Answer<MetadataSource>& a) {
 void add_content(Answer<MetadataSource>& a) {
   using namespace schema;
   a.add(
-      "detail", free_object("for a request with a detail: name, version and the synthetic part of the terrain"),
+      "detail",
+      free_object("for a request with a detail: name, version, the synthetic part of the terrain, and the "
+                  "sources of its laws"),
       [](const MetadataSource& s) { return detail_metadata(s.scenery.detail, *s.request.detail); }, with_detail);
   a.add(
       "rocks",

@@ -274,7 +274,9 @@ void read_craters(const JsonReader& in, dem::CraterLaw& craters) {
 }
 
 void read_rocks(const JsonReader& in, dem::RockLaw& rocks) {
-  if (!in.object({"smallest_m", "largest_m", "frequency", "on_ejecta", "half_life_Ma", "smallest_crater_m"})) return;
+  if (!in.object({"smallest_m", "largest_m", "frequency", "on_ejecta", "half_life_Ma", "smallest_crater_m",
+                  "smallest_fragment_m"}))
+    return;
   constexpr Range kRock_m{0.02, 100};
   rocks.smallest_m = in.number("smallest_m", kRock_m);
   rocks.largest_m = in.number("largest_m", kRock_m);
@@ -282,8 +284,11 @@ void read_rocks(const JsonReader& in, dem::RockLaw& rocks) {
   rocks.on_ejecta = in.number("on_ejecta", Range{1, 100}, rocks.on_ejecta);
   rocks.half_life_Ma = in.number("half_life_Ma", Range{0, 4500, true, false}, rocks.half_life_Ma);
   rocks.smallest_crater_m = in.number("smallest_crater_m", kFeature_m, rocks.smallest_crater_m);
+  if (in.has("smallest_fragment_m")) rocks.smallest_fragment_m = in.number("smallest_fragment_m", kFeature_m);
   if (!in.good()) return;
   if (!(rocks.smallest_m < rocks.largest_m)) return in.fail("smallest_m", "must be below largest_m");
+  if (!(rocks.smallest_fragment_m < rocks.smallest_m))
+    return in.fail("smallest_fragment_m", "must be below smallest_m");
   // Limit the density to ten times Haworth's, also on ejecta next to craters, where it is on_ejecta times as high.
   const auto find_too_dense_diameter = [&] {
     return find_denser_diameter(rocks.frequency, 10 / rocks.on_ejecta, dem::rocks_of_haworth(), rocks.smallest_m,
@@ -295,6 +300,9 @@ void read_rocks(const JsonReader& in, dem::RockLaw& rocks) {
     in.fail("frequency", fmt::format("has, next to fresh craters, more than ten times the rocks above {:g} m that were "
                                      "counted in Haworth's rocky parts",
                                      *too_dense_m));
+  if (rocks.smallest_fragment_m > 0 &&
+      find_denser_diameter(rocks.frequency, 10, dem::rocks_of_haworth(), rocks.smallest_fragment_m, rocks.smallest_m))
+    in.fail("frequency", "has more than ten times the fragments of a continuation of Haworth's rocky parts");
 }
 
 dem::Region read_region(const JsonReader& in) {
@@ -350,6 +358,19 @@ dem::PublishedSlopes read_published(const JsonReader& in) {
   return slopes;
 }
 
+std::vector<dem::LawSource> read_sources(const JsonReader& in) {
+  std::vector<dem::LawSource> sources;
+  if (!in.object({"craters", "relief", "clods", "rocks"})) return sources;
+  for (const char* const law : {"craters", "relief", "clods", "rocks"}) {
+    if (!in.has(law)) continue;
+    const JsonReader source = in.at(law);
+    if (!source.object({"measured", "extrapolated"})) continue;
+    const auto text_of = [&](const char* member) { return source.at(member).text().value_or(""); };
+    sources.push_back({law, text_of("measured"), text_of("extrapolated")});
+  }
+  return sources;
+}
+
 }  // namespace
 
 std::shared_ptr<const dem::Detail> Assets::detail(std::string_view name, const StopToken& stop) const {
@@ -362,8 +383,8 @@ dem::DetailPreset read_detail_file(const std::string& path) {
   Findings findings;
   const JsonReader in(json, findings);
   dem::DetailPreset preset;
-  if (in.object(
-          {"seed", "region", "craters", "relief", "clods", "rocks", "albedo_variation", "published", "description"})) {
+  if (in.object({"seed", "region", "craters", "relief", "clods", "rocks", "albedo_variation", "published", "sources",
+                 "description"})) {
     const auto seed = in.has("seed") ? in.at("seed").integer(0, kMaxSeed) : std::optional<std::int64_t>(0);
     preset.craters.seed = static_cast<std::uint64_t>(seed.value_or(0));
     preset.relief.seed = preset.clods.seed = preset.rocks.seed = preset.craters.seed;
@@ -375,6 +396,7 @@ dem::DetailPreset read_detail_file(const std::string& path) {
     if (in.has("albedo_variation"))
       preset.albedo_variation = preset.rocks.albedo_variation = in.number("albedo_variation", Range{0, 1.5});
     if (in.has("published")) preset.published = read_published(in.at("published"));
+    if (in.has("sources")) preset.sources = read_sources(in.at("sources"));
     if (in.has("description")) in.at("description").text();
     if (!in.has("craters") && !in.has("relief") && !in.has("clods") && !in.has("rocks"))
       in.fail("has neither craters nor relief nor clods nor rocks");

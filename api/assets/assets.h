@@ -153,9 +153,11 @@ dem::ValueMapOptions read_map_file(const std::string& path);
 //    "clods": {"cover", "smallest_m", "largest_m"},   share of ground that an octave covers; sizes
 //    "rocks": {"smallest_m", "largest_m",            diameters; the smallest at least 0.02
 //              "frequency": [{"per_m2", "exponent"}, ...],   between craters; left out: dem::rocks_of_viper()
-//              "on_ejecta": 25, "half_life_Ma": 60, "smallest_crater_m": 30},   as in dem::RockLaw; on_ejecta left
-//                                                    out: 5 where 25 would be more than ten times Haworth's rocks
+//              "on_ejecta": 25, "half_life_Ma": 60, "smallest_crater_m": 30, "smallest_fragment_m"},   as in
+//                                                    dem::RockLaw; on_ejecta left out: 5 where 25 would be more than
+//                                                    ten times Haworth's rocks
 //    "published": {"median_slope_deg", "baseline_m", "hurst", "source"},   measured slopes, for `verify ground`
+//    "sources": {"craters": {"measured", "extrapolated"}, ...},   of craters, relief, clods and rocks: texts
 //    "description": "..."}
 // Throws DataError naming the description and the member.
 dem::DetailPreset read_detail_file(const std::string& path);

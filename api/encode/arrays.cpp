@@ -86,7 +86,7 @@ constexpr ProductRow kTable[] = {
      {},
      false,
      "kind of ground: 0 the DEM, including between its posts; 1 inside a crater of the request's detail; 2 its relief; "
-     "3 a rock; 4 a clod; 65535 where nothing is hit, or an object of the request"},
+     "3 a rock or a fragment; 4 a clod; 65535 where nothing is hit, or an object of the request"},
     {engine::kAlbedo,
      "albedo",
      &FrameProducts::albedo,

@@ -42,7 +42,9 @@ void describe_features(Operation& o) {
   o.describe(
       "Truth for crater matchers and hazard detectors: each crater of a detail that the terrain shows, the largest "
       "first. The DEM's posts at its centre decide whether it is shown; one covered by others of its octave of "
-      "diameters is left out. The same crater has the same id in every answer.");
+      "diameters is left out. The same crater has the same id in every answer. Rocks smaller than `rocks.smallest_m` "
+      "of "
+      "the detail are part of its heights, and not listed.");
   o.body("/v1/features", features_members());
   o.answer_as_accepted(kFeaturesAnswers, "FeaturesAnswer", {"Vary", "Selenograph-Warnings"});
   OrderedJson crater = feature_schema("A crater of the detail.", crater_columns()),
@@ -50,7 +52,8 @@ void describe_features(Operation& o) {
   const OrderedJson detail = object("the detail, as in a frame's metadata",
                                     {{"name", text("as asked")},
                                      {"version", text("changes when the preset changes")},
-                                     {"synthetic", text("what of the terrain is made up")}},
+                                     {"synthetic", text("what of the terrain is made up")},
+                                     {"sources", free_object("where each law was measured, and what is extrapolated")}},
                                     {"name", "version", "synthetic"});
   const OrderedJson region = object("as asked, degrees",
                                     {{"south_deg", number(kLatitude_deg, "")},

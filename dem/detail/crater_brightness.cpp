@@ -16,6 +16,7 @@ using std::numbers::pi;
 
 constexpr double kNewRim = 0.7;      // what a new crater adds at its rim where all that it digs up is immature
 constexpr double kDimmest = 0.25;    // largest dimming of the dimmer zone over that
+constexpr double kSteepWall = 0.3;   // what the steepest walls add
 constexpr double kFaintest = 0.006;  // of what a crater adds; fainter ones add nothing
 
 // Returns the factor of a crater's brightness from a uniform deviate: places differ.
@@ -24,9 +25,36 @@ double local_factor_of(double uniform) {
   return kDimmestPlace + (kBrightestPlace - kDimmestPlace) * uniform;
 }
 
+double smooth_step(double t) {
+  t = std::clamp(t, 0.0, 1.0);
+  return t * t * (3 - 2 * t);
+}
+
+// Returns the steepest slope of a crater's wall, of a shape whose height is one diameter (CraterShape::height), by its
+// age.
+double steepest_wall(double age) {
+  constexpr int kAges = 65;
+  static const auto table = [] {
+    std::array<double, kAges> steepest{};
+    for (int i = 0; i < kAges; ++i)
+      for (double r = 0.4; r < 1; r += 0.02) {
+        const auto height = [&](double at) {
+          return CraterShape::of_all().height(at, CraterShape::kOldest * i / (kAges - 1));
+        };
+        constexpr double kStep = 0.02;  // crater radii: a diameter is two
+        double& slope = steepest[static_cast<std::size_t>(i)];
+        slope = std::max(slope, 2 * (height(r + kStep) - height(r - kStep)) / (2 * kStep));
+      }
+    return steepest;
+  }();
+  const double index = std::clamp(age / CraterShape::kOldest, 0.0, 1.0) * (kAges - 1);
+  const auto i = std::min(static_cast<std::size_t>(index), table.size() - 2);
+  return table[i] + (index - static_cast<double>(i)) * (table[i + 1] - table[i]);
+}
+
 // Shares of the brightness by position, for craters that are seen as far as `reach_radii`. A table by distance, in
-// steps of 1 / kSteps of a radius; `bright` and `dim` are shares of Zones::bright and dim, `in_rays` is the share of
-// the brightness there that is in rays.
+// steps of 1 / kSteps of a radius; `bright`, `dim` and `wall` are shares of the members of Zones, `in_rays` is the
+// share of the brightness there that is in rays.
 class Profile {
  public:
   static constexpr double kSteps = 32;
@@ -43,14 +71,16 @@ class Profile {
       bright.push_back(static_cast<float>(floor * spread * edge));
       dim.push_back(static_cast<float>(std::exp(-from_dimmest * from_dimmest) * edge));
       in_rays.push_back(static_cast<float>(std::clamp(0.8 * (outward - 1), 0.0, 1.0)));
+      wall.push_back(static_cast<float>(smooth_step((r - 0.35) / 0.3) * smooth_step((1.06 - r) / 0.12)));
     }
     area_bright = area_of(bright);
     area_dim = area_of(dim);
+    area_wall = area_of(wall);
   }
 
-  double reach;                             // crater radii
-  std::vector<float> bright, dim, in_rays;  // by distance
-  double area_bright = 0, area_dim = 0;     // integrals over the plane, squared crater radii
+  double reach;                                         // crater radii
+  std::vector<float> bright, dim, in_rays, wall;        // by distance
+  double area_bright = 0, area_dim = 0, area_wall = 0;  // integrals over the plane, squared crater radii
 
  private:
   // Integrates a table, which is interpolated linearly, over the plane: Simpson's rule, exact for r times a line.
@@ -193,14 +223,41 @@ double CraterBrightness::mean_of_sizes(const CraterAges& ages, double smallest_m
       const double age_Ma = age_Ma_of(share * oldest);
       for (int p = 0; p < kPlaces; ++p) {
         const Zones zones = zones_of(diameter_m, age_Ma, local_factor_of((p + 0.5) / kPlaces));
-        if (zones.bright == 0) continue;
+        if (zones.none()) continue;
         const Profile& profile = profile_of(zones.reach);
         mean_area += 2 * u * (zones.bright * profile.area_bright - zones.dim * profile.area_dim) / (kAges * kPlaces);
       }
     }
+    mean_area += mean_wall(ages, diameter_m) * profile_of(0).area_wall;
     sum += ages.number_per_m2(low_m, high_m) * mean_area * diameter_m * diameter_m / 4;
   }
   return sum;
+}
+
+double CraterBrightness::wall_of(double scale_over_diameter, double age) const {
+  constexpr double kLevel_deg = 18, kSteep_deg = 30;
+  const double slope_deg = std::atan(scale_over_diameter * steepest_wall(age)) * kDegreesPerRadian;
+  return variation_ * kSteepWall * smooth_step((slope_deg - kLevel_deg) / (kSteep_deg - kLevel_deg));
+}
+
+// Integrates over the deviates from which CraterField draws depths and ages.
+double CraterBrightness::mean_wall(const CraterAges& ages, double diameter_m) const {
+  constexpr int kDepths = 31, kAges = 64;
+  constexpr double kWidest = 3;  // standard deviations
+  const CraterAges::Life life = ages.life(diameter_m);
+  double sum = 0, weights = 0;
+  for (int i = 0; i < kDepths; ++i) {
+    const double deviate = kWidest * (2.0 * i / (kDepths - 1) - 1), weight = std::exp(-deviate * deviate / 2);
+    const double ratio = fresh_ratio(diameter_m, deviate);
+    const double oldest = life.oldest / life.worn_out * CraterShape::of_all().age_of(kVisible / ratio);
+    weights += weight;
+    for (int age = 0; age < kAges; ++age) {
+      // Young craters are the steepest: the midpoints are denser there.
+      const double u = (age + 0.5) / kAges;
+      sum += weight * 2 * u / kAges * wall_of(ratio / CraterShape::kFreshDepth, u * u * oldest);
+    }
+  }
+  return sum / weights;
 }
 
 CraterBrightness::Zones CraterBrightness::zones_of(double diameter_m, double age_Ma, double local_factor) const {
@@ -211,32 +268,36 @@ CraterBrightness::Zones CraterBrightness::zones_of(double diameter_m, double age
   const double bright = fresh * ((1 - kSlowShare) * std::exp(-age_Ma / fading_Ma) +
                                  kSlowShare * std::exp(-age_Ma / (kSlowTimes * fading_Ma)));
   if (bright < kFaintest) return {};
-  return {bright, kDimmest * fresh * std::exp(-age_Ma / (kDimTimes * fading_Ma)),
+  return {bright, kDimmest * fresh * std::exp(-age_Ma / (kDimTimes * fading_Ma)), 0,
           bright > 0.1    ? 2
           : bright > 0.03 ? 1
                           : 0};
 }
 
 CraterBrightness::Zones CraterBrightness::zones_of(const Crater& crater) const {
-  return zones_of(crater.diameter_m, crater.age_Ma, local_factor_of(Draws(crater.id, 0, 0, 0).uniform()));
+  Zones zones = zones_of(crater.diameter_m, crater.age_Ma, local_factor_of(Draws(crater.id, 0, 0, 0).uniform()));
+  zones.wall = wall_of(crater.scale / crater.diameter_m, crater.age);
+  return zones;
 }
 
 double CraterBrightness::at_rim(const Crater& crater) const {
   const Zones zones = zones_of(crater);
-  if (zones.bright == 0) return 0;
+  if (zones.none()) return 0;
   const Profile& profile = profile_of(zones.reach);
   const auto rim = static_cast<std::size_t>(Profile::kSteps);
-  return zones.bright * static_cast<double>(profile.bright[rim]) - zones.dim * static_cast<double>(profile.dim[rim]);
+  return zones.bright * static_cast<double>(profile.bright[rim]) - zones.dim * static_cast<double>(profile.dim[rim]) +
+         zones.wall * static_cast<double>(profile.wall[rim]);
 }
 
 void CraterBrightness::add_crater(const Crater& crater, const Zones& zones, const DirectionGrid& grid,
                                   std::span<float> added) {
   const Profile& profile = profile_of(zones.reach);
   const double radius = crater.diameter_m / 2 / kMoonRadius_m;  // a chord of the unit sphere, as all distances here
-  const double reach = profile.reach * radius;
+  const double reach = profile.reach * radius, crater_reach = CraterShape::reach(crater.age);
   const EastNorthUp local = local_axes(crater.centre);
   const Vec3 east = local.east / radius, north = local.north / radius;
-  const auto bright = static_cast<float>(zones.bright), dim = static_cast<float>(zones.dim);
+  const auto bright = static_cast<float>(zones.bright), dim = static_cast<float>(zones.dim),
+             wall = static_cast<float>(zones.wall);
   const std::optional<Rays> rays = zones.reach > 0 ? std::optional<Rays>(crater.id) : std::nullopt;
   const auto [first_column, past_column] = columns_within(grid, crater.centre, reach);
   const auto [first_row, past_row] = rows_within(grid, crater.centre, reach);
@@ -244,18 +305,23 @@ void CraterBrightness::add_crater(const Crater& crater, const Zones& zones, cons
     const bool past_pole = grid.cos_lat[r] < 0;  // on the opposite meridian, where the range of columns is not valid
     for (std::size_t c = past_pole ? 0 : first_column; c < (past_pole ? grid.columns() : past_column); ++c) {
       const Vec3 from_centre = grid.direction(r, c) - crater.centre;
-      const auto radii = static_cast<float>(from_centre.norm() / radius);
-      if (radii >= static_cast<float>(profile.reach)) continue;
+      const double distance = from_centre.norm() / radius;
+      if (distance >= profile.reach) continue;
+      const auto along_east = static_cast<float>(east.dot(from_centre));
+      const auto along_north = static_cast<float>(north.dot(from_centre));
+      // Follow the crater's outline, as heights do.
+      const double to_unit = 1 / std::max(distance, 1e-6);
+      const auto radii =
+          static_cast<float>(std::min(crater.outline.round(distance, to_unit * static_cast<double>(along_east),
+                                                           to_unit * static_cast<double>(along_north), crater_reach),
+                                      profile.reach));
       const float step = radii * static_cast<float>(Profile::kSteps);
       const auto i = static_cast<std::size_t>(step);
       const float f = step - static_cast<float>(i);
       const auto along = [&](const std::vector<float>& table) { return table[i] + f * (table[i + 1] - table[i]); };
       float share = along(profile.bright);
-      if (rays && radii > 1)
-        share *= 1 + along(profile.in_rays) * (rays->at(static_cast<float>(east.dot(from_centre)),
-                                                        static_cast<float>(north.dot(from_centre)), radii) -
-                                               1);
-      added[r * grid.columns() + c] += bright * share - dim * along(profile.dim);
+      if (rays && radii > 1) share *= 1 + along(profile.in_rays) * (rays->at(along_east, along_north, radii) - 1);
+      added[r * grid.columns() + c] += bright * share - dim * along(profile.dim) + wall * along(profile.wall);
     }
   }
 }
@@ -271,7 +337,7 @@ void CraterBrightness::add(const CraterField& craters, const DirectionGrid& grid
   std::vector<float> added(factor.size(), 0.F);
   for (const Crater& crater : near) {
     const Zones zones = zones_of(crater);
-    if (zones.bright == 0) continue;
+    if (zones.none()) continue;
     const double reach_m = profile_of(zones.reach).reach * crater.diameter_m / 2;
     if ((crater.centre - ball.direction).norm() * kMoonRadius_m > ball.radius_m + reach_m) continue;
     stop.check();

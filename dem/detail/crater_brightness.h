@@ -12,7 +12,12 @@
 //   centimetres, immature below a metre (Robinson et al. 2015, LROC).
 // - Rays of 1 km craters last 750 Ma, those of small ones fade faster (Werner & Medvedev 2010). With 6 Ma at 10 m,
 //   craters of all sizes are bright for 3 to 6 % of their lives.
-// - The factor at the rim, its scatter, the exponent and the rays are chosen to look like images from orbit.
+// - Steep walls are brighter, as soil creeps off them and bares fresh soil: by up to 0.3 where a crater's steepest
+// slope
+//   is 30 degrees, by nothing below 18. They stay so for as long as they are steep.
+// - The factor at the rim, its scatter, the exponent, the rays and the walls' factor are chosen to look like images
+// from
+//   orbit.
 //
 // The mean of the factor over ground is 1, so that an albedo map stays true: what all craters of an octave add on
 // average is subtracted. It is exact, as craters are strewn independently and what they add is summed.
@@ -46,12 +51,18 @@ class CraterBrightness {
            std::span<double> factor, const StopToken& stop, double weight = 1) const;
 
  private:
-  // A crater adds `bright` next to its rim, less `dim` in the dimmer zone, out to one of the reaches.
+  // A crater adds `bright` next to its rim, less `dim` in the dimmer zone, out to one of the reaches, and `wall` on its
+  // wall.
   struct Zones {
-    double bright = 0, dim = 0;
-    int reach = 0;  // index of a Profile; valid if bright > 0
+    double bright = 0, dim = 0, wall = 0;
+    int reach = 0;  // index of a Profile; valid unless none()
+    bool none() const { return bright == 0 && wall == 0; }
   };
   Zones zones_of(double diameter_m, double age_Ma, double local_factor) const;
+  // Returns what a wall adds. `scale_over_diameter`, `age`: as of a Crater.
+  double wall_of(double scale_over_diameter, double age) const;
+  // Averages wall_of() over the craters of a diameter.
+  double mean_wall(const CraterAges& ages, double diameter_m) const;
   Zones zones_of(const Crater& crater) const;
   static void add_crater(const Crater& crater, const Zones& zones, const DirectionGrid& grid, std::span<float> added);
   double mean_of_sizes(const CraterAges& ages, double smallest_m, double largest_m) const;

@@ -26,6 +26,21 @@ double fresh_depth_over_diameter(double diameter_m) {
   return low.ratio + share * (high.ratio - low.ratio);
 }
 
+double fresh_ratio(double diameter_m, double normal_deviate) {
+  constexpr double kShallowest = 1.2 * kVisible;
+  return std::max(kShallowest,
+                  fresh_depth_over_diameter(diameter_m) + kDepthScatter * std::clamp(normal_deviate, -3.0, 3.0));
+}
+
+double round_radii(const Crater& crater, const Vec3& direction) {
+  const Vec3 from_centre = direction - crater.centre;
+  const double chord = from_centre.norm();
+  if (chord == 0) return 0;
+  const EastNorthUp axes = local_axes(crater.centre);
+  return crater.outline.round(chord * kMoonRadius_m / (crater.diameter_m / 2), axes.east.dot(from_centre) / chord,
+                              axes.north.dot(from_centre) / chord, CraterShape::reach(crater.age));
+}
+
 namespace {
 
 // Returns a number that no other field of the process has.
@@ -53,17 +68,15 @@ std::optional<Crater> CraterField::draw_crater(Draws& draws, const Vec3& centre,
   const CraterAges::Life life = ages_.life(diameter_m);
   // The law counts the craters of a size in equilibrium. Of larger ones only a share has formed: drop the others.
   const double formation_rank = draws.uniform(), age_share = draws.uniform();
-  // Clamp the scatter to three standard deviations, which deepest_m() relies on, and make every new crater visible.
-  constexpr double kShallowest = 1.2 * kVisible;
-  const double ratio = std::max(
-      kShallowest, fresh_depth_over_diameter(diameter_m) + kDepthScatter * std::clamp(draws.normal(), -3.0, 3.0));
+  const double ratio = fresh_ratio(diameter_m, draws.normal());
   const std::uint64_t id = draws.bits();
   if (formation_rank > life.share) return std::nullopt;
-  Crater crater{centre, diameter_m, 0, 0, 0, diameter_m * ratio / CraterShape::kFreshDepth, id};
+  Crater crater{centre, diameter_m, 0, 0, 0, diameter_m * ratio / CraterShape::kFreshDepth, id, {}};
   const double formed_since = age_share * life.oldest;  // craters formed since this one, by production_times()
   crater.age_Ma = age_Ma_of(formed_since);
   crater.age = formed_since / life.worn_out * shape().age_of(kVisible / ratio);
   crater.depth_m = diameter_m * ratio * shape().depth_left(crater.age);
+  crater.outline = CraterOutline(id, diameter_m, crater.age);
   return crater;
 }
 

@@ -41,6 +41,9 @@ struct CraterLaw {
 // deep on average, as Chang'e-4 measured (0.061 for decimetres to metres, Wu et al. 2021).
 double fresh_depth_over_diameter(double diameter_m);
 inline constexpr double kDepthScatter = 0.02;  // standard deviation
+// Returns the fresh depth over the diameter of a crater that differs from the median by a normal deviate, within three
+// standard deviations. Every fresh crater is visible.
+double fresh_ratio(double diameter_m, double normal_deviate);
 
 struct Crater {
   Vec3 centre;  // unit, MOON_ME
@@ -50,8 +53,13 @@ struct Crater {
   double age;    // kappa t / R^2 for CraterShape, scaled so that kVisible is reached at the end of the crater's life
   double scale;  // factor of the shape's height, m
   std::uint64_t id;
+  CraterOutline outline{};  // a circle unless drawn by CraterField
   double reach_m() const { return CraterShape::reach(age) * diameter_m / 2; }
 };
+
+// Returns the distance from a crater's centre, in crater radii, at which a round crater is as high as this one is at a
+// direction: 1 on the rim.
+double round_radii(const Crater& crater, const Vec3& direction);
 
 // The order in which craters replace the ground of their octave.
 inline bool formed_before(const Crater& a, const Crater& b) {

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "dem/base/noise.h"
+
 namespace selenograph::dem {
 namespace {
 
@@ -70,6 +72,15 @@ double height_at(const std::vector<double>& annuli, double r) {
 double age_of_row(int row) {
   const double root = std::sqrt(CraterShape::kOldest) * row / (kAges - 1);
   return root * root;
+}
+
+// Largest amplitudes of waves of 2 to 5 periods along each of two axes, in crater radii.
+constexpr std::array<double, CraterOutline::kWaves> kAmplitudes{0.066, 0.046, 0.03, 0.02};
+
+// Returns the factor of all amplitudes: 1 up to 3 m, 0.5 at 100 m, 0.3 at 1 km.
+double unevenness(double diameter_m) {
+  constexpr double kUneven_m = 3, kExponent = -0.2;
+  return diameter_m <= kUneven_m ? 1 : std::pow(diameter_m / kUneven_m, kExponent);
 }
 
 }  // namespace
@@ -155,6 +166,24 @@ double CraterShape::age_of(double depth_left) const {
 double CraterShape::depth_left(double age) const {
   const RowPair rows = rows_at(age);
   return ((1 - rows.share) * rows.younger.depth + rows.share * rows.older.depth) / rows_[0].depth;
+}
+
+CraterOutline::CraterOutline(std::uint64_t crater_id, double diameter_m, double age) {
+  constexpr std::uint64_t kOutlines = 0x6f75746c696e6573;  // makes these numbers differ from the crater's others
+  // Cut a hash into four deviates of 16 bits, uniform in (-1, 1).
+  const std::uint64_t seed = crater_id ^ kOutlines;
+  const std::uint64_t along_cosine = split_mix(seed + kSplitMixStep), along_sine = split_mix(seed + 2 * kSplitMixStep);
+  const auto deviate = [](std::uint64_t bits, std::size_t n) {
+    return (static_cast<double>(bits >> (16 * n) & 0xffff) + 0.5) / 32768 - 1;
+  };
+  const double uneven = unevenness(diameter_m), faded = std::exp(-age);
+  for (std::size_t n = 0; n < kWaves; ++n) {
+    const auto periods = static_cast<int>(n) + 2;
+    double left = uneven * kAmplitudes[n];
+    for (int i = 0; i < periods * periods; ++i) left *= faded;
+    cosine_[n] = static_cast<float>(left * deviate(along_cosine, n));
+    sine_[n] = static_cast<float>(left * deviate(along_sine, n));
+  }
 }
 
 }  // namespace selenograph::dem

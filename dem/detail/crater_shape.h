@@ -1,4 +1,4 @@
-// The shape of a simple crater and its degradation.
+// The shape of a simple crater and its degradation; the outline of its rim (CraterOutline).
 //
 // Fresh shape: Fassett & Thomson (2014), J. Geophys. Res. Planets 119, eq. 4, fitted to craters of 0.8 to 5 km.
 // Degradation is diffusion of topography, dh/dt = kappa laplace(h), which depends on time as kappa t / R^2 only: one
@@ -15,7 +15,10 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 #include <vector>
 
 namespace selenograph::dem {
@@ -77,6 +80,63 @@ class CraterShape {
   RowPair rows_at(double age) const;
   std::vector<Row> rows_;             // for ages in equal steps of their square root
   double deepest_ = 0, highest_ = 0;  // in diameters, divided by the share that the crater replaces there
+};
+
+// The outline of a crater's rim: no circle, but a circle with waves of two to five periods around it.
+//
+//         .--''-.        A position at r crater radii from the centre has the height that a round crater has at
+//       .'       \       r (1 - fade(r) wave(azimuth)): fade is 1 as far as 1 radius and falls to 0 at the reach, so
+//      (    o     )      that floor, rim and ejecta are uneven, and the ground beyond the reach stays as it is. The
+//       '-._    .'       mean of the wave over all azimuths is 0. Heights stay within the bounds of a round crater.
+//           '--'
+//
+// Waves of n periods fade with age as diffusion has it, as exp(-n^2 kappa t / R^2). The amplitudes are chosen to look
+// like images; larger craters are rounder.
+class CraterOutline {
+ public:
+  static constexpr std::size_t kWaves = 4;  // of 2 to 5 periods
+  // Bound of the wave's absolute value.
+  static constexpr double kMaxWave = 0.23;
+
+  CraterOutline() = default;  // a circle
+  // `age`: kappa t / R^2, as of CraterShape.
+  CraterOutline(std::uint64_t crater_id, double diameter_m, double age);
+
+  // Coefficients of cos(n azimuth) and of -sin(n azimuth), n = 2 to 5, in crater radii; azimuths from east to north.
+  const std::array<float, kWaves>& cosines() const { return cosine_; }
+  const std::array<float, kWaves>& sines() const { return sine_; }
+
+  // Returns the wave in the direction of a horizontal unit vector.
+  float wave(float east, float north) const {
+    // Sum the real parts of c_n z^n by Horner's scheme, z = east + i north.
+    float re = 0, im = 0;
+    for (std::size_t n = kWaves; n-- > 0;) {
+      re += cosine_[n];
+      im += sine_[n];
+      const float turned = re * east - im * north;
+      im = re * north + im * east;
+      re = turned;
+    }
+    return re * east - im * north;
+  }
+  // Returns the distance of the rim from the centre in the direction of a horizontal unit vector, in crater radii.
+  // `reach`: that of the crater, in radii.
+  double rim(double east, double north, double reach) const {
+    const double g = static_cast<double>(wave(static_cast<float>(east), static_cast<float>(north)));
+    if (g <= 0) return 1 / (1 - g);
+    // Solve r (1 - g (reach - r) / (reach - 1)) = 1 for r above 1.
+    const double k = g / (reach - 1), b = 1 - k * reach;
+    return (std::sqrt(b * b + 4 * k) - b) / (2 * k);
+  }
+  // Returns the distance at which a round crater is as high as this one is at r radii in that direction.
+  double round(double r, double east, double north, double reach) const {
+    const double fade = r < 1 ? 1 : (reach - r) / (reach - 1);
+    if (fade <= 0) return r;
+    return r * (1 - fade * static_cast<double>(wave(static_cast<float>(east), static_cast<float>(north))));
+  }
+
+ private:
+  std::array<float, kWaves> cosine_{}, sine_{};
 };
 
 }  // namespace selenograph::dem

@@ -94,6 +94,7 @@ CraterRoughness::CraterRoughness(const Detail& detail, const StopToken& stop) {
   smallest_ = std::min(craters.smallest_octave(), relief.shortest_octave());
   if (const ClodField& clods = measure.clods(); clods.smallest_octave() <= clods.largest_octave())
     smallest_ = std::min(smallest_, clods.smallest_octave());
+  if (!measure.fragments().empty()) smallest_ = std::min(smallest_, measure.fragments().smallest_octave());
   smallest_ = std::max(smallest_, Detail::smallest_octave(kMaxLevel));
   const int largest = std::min(std::max(craters.largest_octave(), relief.longest_octave()),
                                Detail::past_largest_octave(kRootLevel) - 1);

@@ -39,6 +39,7 @@ Detail::Detail(const DetailPreset& preset)
       brightness_(craters_, preset.albedo_variation),
       relief_(preset.relief),
       clods_(preset.clods, preset.region),
+      fragments_(preset.rocks, preset.region),
       rocks_(preset.rocks, preset.region),
       fade_m_(std::max({preset.craters.largest_m, preset.relief.longest_m, preset.clods.largest_m})) {
   // Measure the mean and the 99th percentile of each octave alone on a square of ground. The crater field has no region
@@ -75,6 +76,15 @@ Detail::Detail(const DetailPreset& preset)
     clods_everywhere.add(square(octave).grid(), octave, {}, heights, {}, {});
     clod_p99_m_[i] = p99_from(0, heights);
   });
+  const FragmentField fragments_everywhere(preset.rocks);
+  if (!fragments_.empty())
+    fragment_p99_m_.resize(static_cast<std::size_t>(fragments_.largest_octave() - fragments_.smallest_octave() + 1));
+  in_parallel(fragment_p99_m_.size(), [&](std::size_t i) {
+    const int octave = fragments_.smallest_octave() + static_cast<int>(i);
+    std::vector<double> heights(kSide * kSide);
+    fragments_everywhere.add(square(octave).grid(), octave, {}, heights, {}, {});
+    fragment_p99_m_[i] = p99_from(0, heights);
+  });
   craters_ = CraterField(preset.craters, preset.region);
   finest_level_ = find_finest_level();
 }
@@ -88,6 +98,7 @@ double Detail::expected_left_out_m(double size_m) const {
   add(crater_p99_m_, craters_.smallest_octave());
   add(relief_p99_m_, relief_.shortest_octave());
   add(clod_p99_m_, clods_.smallest_octave());
+  add(fragment_p99_m_, fragments_.smallest_octave());
   return std::sqrt(square_m2);
 }
 
@@ -107,7 +118,8 @@ int Detail::find_finest_level() const {
   };
   while (level < kMaxLevel && !(shows(craters_.smallest_octave(), craters_.largest_octave()) &&
                                 shows(relief_.shortest_octave(), relief_.longest_octave()) &&
-                                shows(clods_.smallest_octave(), clods_.largest_octave())))
+                                shows(clods_.smallest_octave(), clods_.largest_octave()) &&
+                                shows(fragments_.smallest_octave(), fragments_.largest_octave())))
     ++level;
   return level;
 }
@@ -129,13 +141,16 @@ double Detail::left_out_m(int level, int posts_level) const {
     sum_m += relief_.max_height_m(k);
   for (int k = clods_.smallest_octave(); k <= std::min(shown - 1, clods_.largest_octave()); ++k)
     sum_m += clods_.max_height_m(k);
+  for (int k = fragments_.smallest_octave(); k <= std::min(shown - 1, fragments_.largest_octave()); ++k)
+    sum_m += fragments_.max_height_m(k);
   return sum_m;
 }
 
 double Detail::left_out_size_m(int octave) const {
   const bool has_smaller = craters_.smallest_octave() < std::min(octave, craters_.largest_octave() + 1) ||
                            relief_.shortest_octave() < std::min(octave, relief_.longest_octave() + 1) ||
-                           clods_.smallest_octave() < std::min(octave, clods_.largest_octave() + 1);
+                           clods_.smallest_octave() < std::min(octave, clods_.largest_octave() + 1) ||
+                           fragments_.smallest_octave() < std::min(octave, fragments_.largest_octave() + 1);
   return has_smaller ? std::min(std::ldexp(1.0, octave), widest_m()) : 0;
 }
 
@@ -157,6 +172,9 @@ double Detail::max_detail_m(int posts_level) const {
   for (int k = std::max(first_in_means, clods_.smallest_octave()); k <= std::min(past - 1, clods_.largest_octave());
        ++k)
     range_m += clods_.max_height_m(k) + (preset_.region.everywhere() ? 0 : clods_.mean_m(k));
+  for (int k = std::max(first_in_means, fragments_.smallest_octave());
+       k <= std::min(past - 1, fragments_.largest_octave()); ++k)
+    range_m += fragments_.max_height_m(k) + (preset_.region.everywhere() ? 0 : fragments_.mean_m(k));
   // Add the octaves that are too small for the means: nothing of them is subtracted.
   return kMaxOverRange * range_m + left_out_m(posts_level + kCellLevels, posts_level);
 }
@@ -180,6 +198,7 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const 
     stop.check();
     const double reach = crater.reach_m() / kMoonRadius_m;  // a chord of the unit sphere, as all distances here
     const CraterShape::Profile profile = craters_.shape().profile(crater.age);
+    const EastNorthUp local = local_axes(crater.centre);
     CraterOverRow crater_over_row{
         crater.centre.x(),
         crater.centre.y(),
@@ -188,12 +207,18 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const 
         kMoonRadius_m / (crater.diameter_m / 2) * CraterShape::kStepsPerRadius,
         CraterShape::reach(crater.age) * CraterShape::kStepsPerRadius,
         1 / ((CraterShape::reach(crater.age) - CraterShape::kReplaces) * CraterShape::kStepsPerRadius),
+        1 / ((CraterShape::reach(crater.age) - 1) * CraterShape::kStepsPerRadius),
+        local.east.x(),
+        local.east.y(),
+        local.north.x(),
+        local.north.y(),
+        0,  // set for each row below
+        &crater.outline,
         profile.younger,
         profile.older,
         static_cast<float>(profile.share),
         static_cast<float>(crater.scale)};
     const bool marked = !in_crater.empty() && crater.depth_m >= kWorn * crater.diameter_m;
-    const double rim = crater.diameter_m / 2 / kMoonRadius_m, rim2 = rim * rim;
     const auto [first_column, past_column] = columns_within(grid, crater.centre, reach);
     const auto [first_row, past_row] = rows_within(grid, crater.centre, reach);
     for (std::size_t r = first_row; r < past_row; ++r) {
@@ -201,12 +226,12 @@ void Detail::add_craters(const DirectionGrid& grid, int octave, std::span<const 
       // Skip the row if its distance along the axis alone exceeds the reach.
       if (dz * dz > crater_over_row.reach2) continue;
       crater_over_row.along_axis2 = dz * dz;
+      crater_over_row.north_along_axis = dz * local.north.z();
       const bool past_pole = grid.cos_lat[r] < 0;  // on the opposite meridian, where the range of columns is not valid
       const RowUnderCrater row{grid.cos_lat[r], grid.sin_lon.data(), grid.cos_lon.data(), past_pole ? 0 : first_column,
                                past_pole ? columns : past_column};
       cast_crater(crater_over_row, row, heights.data() + r * columns);
-      if (marked && crater_over_row.along_axis2 < rim2)
-        mark_crater(crater_over_row, row, rim2, in_crater.data() + r * columns);
+      if (marked) mark_crater(crater_over_row, row, in_crater.data() + r * columns);
     }
   }
   const double mean = mean_m(octave);
@@ -223,6 +248,7 @@ void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::spa
                  const StopToken& stop) const {
   std::fill(marks.in_crater.begin(), marks.in_crater.end(), 0.F);
   std::fill(marks.on_clod.begin(), marks.on_clod.end(), 0.F);
+  std::fill(marks.on_fragment.begin(), marks.on_fragment.end(), 0.F);
   const std::vector<double> shares = shares_of(grid);
   const int shown = smallest_octave(level), past = past_largest_octave(posts_level);
   for (int k = std::max(shown, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), past - 1); ++k)
@@ -231,6 +257,8 @@ void Detail::add(const DirectionGrid& grid, int level, int posts_level, std::spa
     add_relief(grid, k, shares, heights_m, stop);
   for (int k = std::max(shown, clods_.smallest_octave()); k <= std::min(clods_.largest_octave(), past - 1); ++k)
     clods_.add(grid, k, shares, heights_m, marks.on_clod, stop);
+  for (int k = std::max(shown, fragments_.smallest_octave()); k <= std::min(fragments_.largest_octave(), past - 1); ++k)
+    fragments_.add(grid, k, shares, heights_m, marks.on_fragment, stop);
 }
 
 void Detail::add_brightness(const DirectionGrid& grid, int level, int posts_level, std::span<double> factor,
@@ -241,6 +269,9 @@ void Detail::add_brightness(const DirectionGrid& grid, int level, int posts_leve
   constexpr double kUnshownWeight = 0.5;
   for (int k = std::max(shown - 1, craters_.smallest_octave()); k <= std::min(craters_.largest_octave(), past - 1); ++k)
     brightness_.add(craters_, grid, k, shares, factor, stop, k < shown ? kUnshownWeight : 1);
+  // A fragment is no wider than its brightness: it begins with its heights.
+  for (int k = std::max(shown, fragments_.smallest_octave()); k <= std::min(fragments_.largest_octave(), past - 1); ++k)
+    fragments_.add_brightness(grid, k, shares, factor, stop, 1);
 }
 
 void Detail::add_octave(const DirectionGrid& grid, int octave, std::span<double> heights_m,
@@ -252,6 +283,8 @@ void Detail::add_octave(const DirectionGrid& grid, int octave, std::span<double>
     add_relief(grid, octave, shares, heights_m, stop);
   if (clods_.smallest_octave() <= octave && octave <= clods_.largest_octave())
     clods_.add(grid, octave, shares, heights_m, {}, stop);
+  if (fragments_.smallest_octave() <= octave && octave <= fragments_.largest_octave())
+    fragments_.add(grid, octave, shares, heights_m, {}, stop);
 }
 
 // Adds an octave of relief, weighted by `shares` (empty: 1 everywhere).
@@ -290,10 +323,11 @@ std::vector<double> Detail::shares_of(const DirectionGrid& grid) const {
   return shares;
 }
 
-// A crater or a clod whose centre lies inside the region may reach beyond its border.
+// A crater, a clod or a fragment whose centre lies inside the region may reach beyond its border.
 bool Detail::reaches(const Vec3& direction, double radius_m) const {
-  const double beyond_m =
-      std::max(CraterShape::reach(CraterShape::kOldest) * preset_.craters.largest_m, preset_.clods.largest_m) / 2;
+  const double beyond_m = std::max({CraterShape::reach(CraterShape::kOldest) * preset_.craters.largest_m,
+                                    preset_.clods.largest_m, fragments_.empty() ? 0 : preset_.rocks.smallest_m}) /
+                          2;
   return preset_.region.inside_m(direction) > -(radius_m + beyond_m);
 }
 

@@ -1,4 +1,4 @@
-// Terrain detail finer than the posts: craters, relief and clods added to heights, level by level.
+// Terrain detail finer than the posts: craters, relief, clods and fragments added to heights, level by level.
 //
 // A level shows an octave of craters when the spacing of its posts is at most a quarter of the octave's smallest
 // diameter, and an octave of relief when it is at most a quarter of its wavelength. A level shows its octaves exactly:
@@ -20,6 +20,7 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "dem/base/stop_token.h"
@@ -27,6 +28,7 @@
 #include "dem/detail/crater_brightness.h"
 #include "dem/detail/crater_field.h"
 #include "dem/detail/direction_grid.h"
+#include "dem/detail/fragment_field.h"
 #include "dem/detail/region.h"
 #include "dem/detail/relief.h"
 #include "dem/detail/rock_field.h"
@@ -41,6 +43,12 @@ struct PublishedSlopes {
   double at_deg(double baseline_m) const;
 };
 
+// Says where a law of a preset was measured, and what is extrapolated beyond that.
+struct LawSource {
+  std::string law;  // a member of the preset: "craters", "relief", "clods" or "rocks"
+  std::string measured, extrapolated;
+};
+
 struct DetailPreset {
   std::uint64_t fingerprint = 0;  // hash of the preset's source text
   CraterLaw craters;
@@ -50,6 +58,7 @@ struct DetailPreset {
   double albedo_variation = 0;  // of craters and rocks; 0: none, 1: as described in crater_brightness.h
   Region region;                // area that has the detail
   std::optional<PublishedSlopes> published;
+  std::vector<LawSource> sources;
 };
 
 // Thread-safe: const functions may be called concurrently.
@@ -67,6 +76,7 @@ class Detail {
   struct Marks {
     std::span<float> in_crater;  // inside the rim of a crater at least kWorn deep
     std::span<float> on_clod;
+    std::span<float> on_fragment;
   };
   // Adds to heights in metres, row by row, the octaves that a level shows and `posts_level`, the level of the DEM's
   // posts there, does not. The result at a position does not depend on the grid, to the bit.
@@ -103,8 +113,8 @@ class Detail {
   // Octaves of diameters and of wavelengths, [2^k, 2^(k+1)) m, added to posts are below this one.
   static int past_largest_octave(int posts_level) { return smallest_octave(posts_level) - 1; }
 
-  // Returns the share of relief, and of the means of craters and clods, at a direction. It fades to 0 towards the
-  // region's border, over the largest crater diameter or the longest wavelength.
+  // Returns the share of relief, and of the means of craters, clods and fragments, at a direction. It fades to 0
+  // towards the region's border, over the largest crater diameter or the longest wavelength.
   double share(const Vec3& direction) const { return preset_.region.share(direction, fade_m_); }
   // The larger of the largest crater diameter and the longest wavelength, m.
   double widest_m() const { return fade_m_; }
@@ -118,6 +128,7 @@ class Detail {
   const CraterBrightness& brightness() const { return brightness_; }
   const Relief& relief() const { return relief_; }
   const ClodField& clods() const { return clods_; }
+  const FragmentField& fragments() const { return fragments_; }
   // Rocks are not part of the terrain: they lie on it (rocks_on_ground.h).
   const RockField& rocks() const { return rocks_; }
 
@@ -134,10 +145,11 @@ class Detail {
   CraterBrightness brightness_;
   Relief relief_;
   ClodField clods_;
+  FragmentField fragments_;
   RockField rocks_;
   std::vector<double> means_m_;  // mean height of the craters, by octave, from the smallest octave
   // 99th percentile of the absolute difference from the mean height, by octave, from the smallest octave.
-  std::vector<double> crater_p99_m_, relief_p99_m_, clod_p99_m_;
+  std::vector<double> crater_p99_m_, relief_p99_m_, clod_p99_m_, fragment_p99_m_;
   double fade_m_;
   int finest_level_ = 0;
 };

@@ -199,16 +199,33 @@ HWY_INLINE double distance2(const CraterOverRow& crater, double x, double y) {
   return dx * dx + dy * dy + crater.along_axis2;
 }
 
+// Shortest distance in profile steps by which an offset is divided: the middle of a crater has no direction.
+constexpr float kMinSteps = 1e-6F;
+
+// Returns the profile step of a position (x, y) of the row at `step` from the centre, as the outline has it
+// (CraterOutline::round).
+HWY_INLINE double round_step(const CraterOverRow& crater, double x, double y, double step) {
+  const double dx = x - crater.x, dy = y - crater.y;
+  const float distance = std::max(static_cast<float>(step), kMinSteps);
+  const float east = static_cast<float>((dx * crater.east_x + dy * crater.east_y) * crater.steps) / distance;
+  const float north =
+      static_cast<float>((dx * crater.north_x + dy * crater.north_y + crater.north_along_axis) * crater.steps) /
+      distance;
+  const float fade = std::min(static_cast<float>((crater.reach_steps - step) * crater.per_faded), 1.F);
+  return step * static_cast<double>(1 - fade * crater.outline->wave(east, north));
+}
+
 // Implements cast_crater(). Vectorised by hand, because compilers do not vectorise the lookups in the profiles. For
-// each position: squared chord to the crater's centre, step of the profile with its fraction, height between the
-// younger and the older profile, and the share of older ground that it replaces. A scalar loop finishes the positions
-// that do not fill a vector; it rounds like the vectors.
+// each position: squared chord to the crater's centre, step of the profile by the outline, with its fraction, height
+// between the younger and the older profile, and the share of older ground that it replaces. A scalar loop finishes the
+// positions that do not fill a vector; it rounds like the vectors.
 void CastCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* HWY_RESTRICT heights_m) {
   const CraterOverRow k = crater;
   const hn::ScalableTag<double> f64;
   const hn::Rebind<float, decltype(f64)> f32;
   const hn::Rebind<std::int32_t, decltype(f64)> i32;
   const std::size_t lanes = hn::Lanes(f64);
+  const auto f32_one = hn::Set(f32, 1);
   std::size_t c = row.first;
   for (; c + lanes <= row.past_last; c += lanes) {
     const auto cos_lat = hn::Set(f64, row.cos_lat);
@@ -217,7 +234,31 @@ void CastCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* H
     const auto chord2 = hn::Add(hn::Add(hn::Mul(dx, dx), hn::Mul(dy, dy)), hn::Set(f64, k.along_axis2));
     const auto reach2 = hn::Set(f64, k.reach2);
     if (hn::AllFalse(f64, hn::Lt(chord2, reach2))) continue;
-    const auto step = hn::Mul(hn::Sqrt(hn::Min(chord2, reach2)), hn::Set(f64, k.steps));
+    const auto steps = hn::Set(f64, k.steps);
+    const auto distance = hn::Mul(hn::Sqrt(hn::Min(chord2, reach2)), steps);
+    // Returns the wave of the outline, as CraterOutline::wave does.
+    const auto wave = [&]() HWY_ATTR {
+      const auto along = [&](auto offset) HWY_ATTR {
+        return hn::Div(hn::DemoteTo(f32, hn::Mul(offset, steps)),
+                       hn::Max(hn::DemoteTo(f32, distance), hn::Set(f32, kMinSteps)));
+      };
+      const auto east = along(hn::Add(hn::Mul(dx, hn::Set(f64, k.east_x)), hn::Mul(dy, hn::Set(f64, k.east_y))));
+      const auto north =
+          along(hn::Add(hn::Add(hn::Mul(dx, hn::Set(f64, k.north_x)), hn::Mul(dy, hn::Set(f64, k.north_y))),
+                        hn::Set(f64, k.north_along_axis)));
+      auto re = hn::Zero(f32), im = hn::Zero(f32);
+      for (std::size_t n = CraterOutline::kWaves; n-- > 0;) {
+        re = hn::Add(re, hn::Set(f32, k.outline->cosines()[n]));
+        im = hn::Add(im, hn::Set(f32, k.outline->sines()[n]));
+        const auto turned = hn::Sub(hn::Mul(re, east), hn::Mul(im, north));
+        im = hn::Add(hn::Mul(re, north), hn::Mul(im, east));
+        re = turned;
+      }
+      return hn::Sub(hn::Mul(re, east), hn::Mul(im, north));
+    };
+    const auto to_reach = hn::Sub(hn::Set(f64, k.reach_steps), distance);
+    const auto fade = hn::Min(hn::DemoteTo(f32, hn::Mul(to_reach, hn::Set(f64, k.per_faded))), f32_one);
+    const auto step = hn::Mul(distance, hn::PromoteTo(f64, hn::Sub(f32_one, hn::Mul(fade, wave()))));
     const auto i = hn::DemoteTo(i32, step);  // profile step at or before the position
     const auto f = hn::DemoteTo(f32, hn::Sub(step, hn::PromoteTo(f64, i)));
     const auto along = [&](const float* profile) HWY_ATTR {
@@ -228,19 +269,20 @@ void CastCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* H
                                                             hn::Mul(hn::Set(f32, k.share), along(k.older))));
     const auto inside =
         hn::DemoteTo(f32, hn::Mul(hn::Sub(hn::Set(f64, k.reach_steps), step), hn::Set(f64, k.per_replaced)));
-    const auto t = hn::Min(hn::Max(inside, hn::Zero(f32)), hn::Set(f32, 1));
+    const auto t = hn::Min(hn::Max(inside, hn::Zero(f32)), f32_one);
     const auto replaced = hn::Mul(hn::Mul(t, t), hn::Sub(hn::Set(f32, 3), hn::Mul(hn::Set(f32, 2), t)));
     const auto before = hn::LoadU(f32, heights_m + c);
-    const auto after = hn::Add(hn::Mul(before, hn::Sub(hn::Set(f32, 1), replaced)), h);
+    const auto after = hn::Add(hn::Mul(before, hn::Sub(f32_one, replaced)), h);
     // Keep the old height in lanes beyond the reach, whose lookup was clamped to the profile's end.
     const auto reached = hn::IfThenElseZero(hn::Lt(chord2, reach2), hn::Set(f64, 1));
     const auto is_reached = hn::Gt(hn::DemoteTo(f32, reached), hn::Zero(f32));
     hn::StoreU(hn::IfThenElse(is_reached, after, before), f32, heights_m + c);
   }
   for (; c < row.past_last; ++c) {
-    const double chord2 = distance2(k, row.cos_lat * row.cos_lon[c], row.cos_lat * row.sin_lon[c]);
+    const double x = row.cos_lat * row.cos_lon[c], y = row.cos_lat * row.sin_lon[c];
+    const double chord2 = distance2(k, x, y);
     if (!(chord2 < k.reach2)) continue;
-    const double step = std::sqrt(chord2) * k.steps;
+    const double step = round_step(k, x, y, std::sqrt(chord2) * k.steps);
     const auto i = static_cast<std::int32_t>(step);
     const auto f = static_cast<float>(step - i);
     const auto along = [&](const float* profile) { return profile[i] + f * (profile[i + 1] - profile[i]); };
@@ -250,13 +292,13 @@ void CastCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* H
   }
 }
 
-void MarkCrater(const CraterOverRow& crater, const RowUnderCrater& row, double radius2, float* HWY_RESTRICT marks) {
-  const CraterOverRow k = crater;
-  const double *HWY_RESTRICT sin_lon = row.sin_lon, *HWY_RESTRICT cos_lon = row.cos_lon;
-  const double cos_lat = row.cos_lat;
-  SELENOGRAPH_INDEPENDENT_LANES
-  for (std::size_t c = row.first; c < row.past_last; ++c)
-    marks[c] = distance2(k, cos_lat * cos_lon[c], cos_lat * sin_lon[c]) < radius2 ? 1.F : marks[c];
+void MarkCrater(const CraterOverRow& crater, const RowUnderCrater& row, float* HWY_RESTRICT marks) {
+  constexpr double kRim = CraterShape::kStepsPerRadius;
+  for (std::size_t c = row.first; c < row.past_last; ++c) {
+    const double x = row.cos_lat * row.cos_lon[c], y = row.cos_lat * row.sin_lon[c];
+    const double chord2 = distance2(crater, x, y);
+    if (chord2 < crater.reach2 && round_step(crater, x, y, std::sqrt(chord2) * crater.steps) < kRim) marks[c] = 1;
+  }
 }
 
 }  // namespace selenograph::dem::HWY_NAMESPACE
@@ -277,8 +319,8 @@ void cast_crater(const CraterOverRow& crater, const RowUnderCrater& row, float* 
   HWY_DYNAMIC_DISPATCH(CastCrater)(crater, row, heights_m);
 }
 
-void mark_crater(const CraterOverRow& crater, const RowUnderCrater& row, double radius2, float* marks) {
-  HWY_DYNAMIC_DISPATCH(MarkCrater)(crater, row, radius2, marks);
+void mark_crater(const CraterOverRow& crater, const RowUnderCrater& row, float* marks) {
+  HWY_DYNAMIC_DISPATCH(MarkCrater)(crater, row, marks);
 }
 
 }  // namespace selenograph::dem

@@ -2,8 +2,11 @@
 // compiles them for all instruction sets and chooses at run time; all give the same bits (unit.vector_widths).
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
+
+#include "dem/detail/crater_shape.h"
 
 namespace selenograph::dem {
 
@@ -18,12 +21,17 @@ void add_noise(const NoiseRow& row, std::uint32_t seed, double amplitude, double
 
 // A crater over a row of equal latitude. Distances are chords of the unit sphere.
 struct CraterOverRow {
-  double x, y;                   // centre, in the equatorial plane
-  double along_axis2;            // squared distance from the row along the Moon's axis
-  double reach2;                 // squared reach
-  double steps;                  // profile steps per unit of distance
-  double reach_steps;            // profile steps from the centre to the reach
-  double per_replaced;           // 1 over the profile steps from CraterShape::kReplaces to the reach
+  double x, y;              // centre, in the equatorial plane
+  double along_axis2;       // squared distance from the row along the Moon's axis
+  double reach2;            // squared reach
+  double steps;             // profile steps per unit of distance
+  double reach_steps;       // profile steps from the centre to the reach
+  double per_replaced;      // 1 over the profile steps from CraterShape::kReplaces to the reach
+  double per_faded;         // 1 over the profile steps from the mean rim to the reach
+  double east_x, east_y;    // unit vector to the east
+  double north_x, north_y;  // unit vector to the north
+  double north_along_axis;  // its component along the Moon's axis, times the row's distance along it
+  const CraterOutline* outline;
   const float *younger, *older;  // profiles to interpolate between
   float share;                   // weight of the older one
   float scale_m;                 // scale of the profiles' heights
@@ -37,7 +45,7 @@ struct RowUnderCrater {
 // Replaces the heights that older craters left by the crater's own: heights_m[c] becomes (1 - replaced) * heights_m[c]
 // + the crater's height, for columns within its reach; CraterShape::replaced gives the share.
 void cast_crater(const CraterOverRow& crater, const RowUnderCrater& row, float* heights_m);
-// Sets marks to 1 at positions nearer to the centre than the square root of `radius2`.
-void mark_crater(const CraterOverRow& crater, const RowUnderCrater& row, double radius2, float* marks);
+// Sets marks to 1 at positions inside the rim, which lies within the reach.
+void mark_crater(const CraterOverRow& crater, const RowUnderCrater& row, float* marks);
 
 }  // namespace selenograph::dem

@@ -19,9 +19,8 @@ using std::numbers::pi;
 
 // Returns the crater's own height at a direction.
 double height_m(const CraterField& field, const Crater& crater, const Vec3& direction) {
-  const double distance_m = (direction - crater.centre).norm() * kMoonRadius_m;
-  if (distance_m >= crater.reach_m()) return 0;
-  return crater.scale * field.shape().height(distance_m / (crater.diameter_m / 2), crater.age);
+  const double radii = round_radii(crater, direction);
+  return radii >= CraterShape::reach(crater.age) ? 0 : crater.scale * field.shape().height(radii, crater.age);
 }
 
 // Returns whether a layer's posts leave an octave to the detail.
@@ -29,8 +28,7 @@ bool has_octave(const DetailOfPosts& layer, int octave) { return octave < Detail
 
 // Returns the share of the older ground that a crater replaces at a direction.
 double replaced(const Crater& crater, const Vec3& direction) {
-  return CraterShape::replaced_at((direction - crater.centre).norm() * kMoonRadius_m / (crater.diameter_m / 2),
-                                  crater.age);
+  return CraterShape::replaced_at(round_radii(crater, direction), crater.age);
 }
 
 }  // namespace
@@ -157,9 +155,11 @@ double CraterSurvey::roughness_m(double diameter_m, std::span<const DetailOfPost
 
 Vec3 CraterSurvey::on_rim(const Crater& crater, double angle) {
   const EastNorthUp axes = local_axes(crater.centre);
+  const double east = std::sin(angle), north = std::cos(angle);
+  const double radius_m = crater.diameter_m / 2 * crater.outline.rim(east, north, CraterShape::reach(crater.age));
   // Convert the radius, a chord as all distances of CraterField, to the angle at the Moon's centre.
-  const double arc = 2 * std::asin(crater.diameter_m / 4 / kMoonRadius_m);
-  return std::cos(arc) * axes.up + std::sin(arc) * (std::cos(angle) * axes.north + std::sin(angle) * axes.east);
+  const double arc = 2 * std::asin(radius_m / 2 / kMoonRadius_m);
+  return std::cos(arc) * axes.up + std::sin(arc) * (north * axes.north + east * axes.east);
 }
 
 }  // namespace selenograph::dem

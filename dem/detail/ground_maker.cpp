@@ -60,11 +60,14 @@ GroundMaker::Surface GroundMaker::layer_surface(const BlockId& id, const BlockEx
   out.ground.assign(n * n,
                     shows_detail && detail_.has_relief(id.level, layer.detail_level) ? Ground::relief : Ground::dem);
   if (!shows_detail) return out;
-  std::vector<float> in_crater(n * n), on_clod(n * n);
-  detail_.add(BlockDirections(e, 0, 1, side).grid(), id.level, layer.detail_level, out.heights_m, {in_crater, on_clod},
-              stop);
-  for (std::size_t post = 0; post < n * n; ++post)
-    if (on_clod[post] > 0 || in_crater[post] > 0) out.ground[post] = on_clod[post] > 0 ? Ground::clod : Ground::crater;
+  std::vector<float> in_crater(n * n), on_clod(n * n), on_fragment(n * n);
+  detail_.add(BlockDirections(e, 0, 1, side).grid(), id.level, layer.detail_level, out.heights_m,
+              {in_crater, on_clod, on_fragment}, stop);
+  for (std::size_t post = 0; post < n * n; ++post) {
+    if (in_crater[post] > 0) out.ground[post] = Ground::crater;
+    if (on_clod[post] > 0) out.ground[post] = Ground::clod;
+    if (on_fragment[post] > 0) out.ground[post] = Ground::rock;
+  }
   // A level coarser than the posts omits, besides posts, the bicubic curve between them: double the plain error for it.
   out.left_out_m = 2 * out.left_out_m + detail_.left_out_m(id.level, layer.detail_level);
   return out;
@@ -175,7 +178,7 @@ std::shared_ptr<Block> GroundMaker::block(const BlockId& id, const StopToken& st
       const float* h = rounded.data() + post;
       block->vertices.push_back({*h, Eigen::Vector3f::Zero()});
       block->sources.push_back(surface.sources[post]);
-      // Relief fades inside the region. Craters and clods have their centres in it and may reach outside.
+      // Relief fades inside the region. Craters, clods and fragments have their centres in it and may reach outside.
       const bool no_relief = !everywhere && surface.ground[post] == Ground::relief &&
                              detail_.share(block->position(r, c, 0).normalized()) == 0;
       block->ground.push_back(no_relief ? Ground::dem : surface.ground[post]);

@@ -27,6 +27,8 @@ struct RockLaw {
   std::uint64_t seed = 0;
   SizeFrequency frequency;               // between craters
   double largest_m = 1, smallest_m = 1;  // diameters; equal: no rocks
+  // Rocks from this diameter to smallest_m are part of the heights (fragment_field.h); 0: none.
+  double smallest_fragment_m = 0;
   // Factor of rock density within and at the rim of a newly formed crater. Outward it falls with the cube of the
   // distance, like the thickness of ejecta (McGetchin et al. 1973). 1: no enrichment. Rocks cover 0.4 % of the Moon
   // (Bandfield et al. 2011) and, of the rockiest ejecta, 0.27 (age / Ma)^-0.46 (Ghent et al. 2014): 23 times as much

@@ -40,7 +40,7 @@ std::optional<dem::Footprint> box_around(const std::vector<Vec3>& points_m) {
 // in the 3 x 3 cells around its centre, so that a look-up reads one cell:
 //
 //   +---+---+---+
-//   |   | .-+-. |   o: centre. The rim reaches at most half a cell from it.
+//   |   | .-+-. |   o: centre. The rim reaches at most 0.6 of a cell from it.
 //   +---+-|-o-|-+
 //   |   | '-+-' |
 //   +---+---+---+
@@ -59,7 +59,7 @@ class CraterCells {
     if (found == cells_.end()) return nullptr;
     const dem::Crater* smallest = nullptr;
     for (const dem::Crater& crater : found->second) {
-      const bool inside = (up - crater.centre).norm() * kMoonRadius_m <= crater.diameter_m / 2;
+      const bool inside = dem::round_radii(crater, up) <= 1;
       if (inside && (!smallest || crater.diameter_m < smallest->diameter_m)) smallest = &crater;
     }
     return smallest;

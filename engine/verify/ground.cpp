@@ -44,25 +44,27 @@ std::vector<double> square(const dem::Detail& detail, int number, double spacing
 }
 
 struct Sums {
-  double craters = 0, relief = 0, clods = 0;  // sums of squared height differences
-  std::vector<double> slopes{};               // absolute values
+  double craters = 0, relief = 0, clods = 0, fragments = 0;  // sums of squared height differences
+  std::vector<double> slopes{};                              // absolute values
 };
 
 // Heights of a square's posts by each law alone.
 struct Heights {
-  std::vector<double> craters, relief, clods;
+  std::vector<double> craters, relief, clods, fragments;
 };
 
 // Sums over all pairs of neighbouring posts of a square.
 Sums sums_of(const Heights& heights, double baseline_m) {
   Sums sums;
   const auto add_pair = [&](std::size_t a, std::size_t b) {
-    const double crater = heights.craters[b] - heights.craters[a], relief = heights.relief[b] - heights.relief[a],
-                 clod = heights.clods[b] - heights.clods[a];
+    const auto difference = [&](const std::vector<double>& heights_m) { return heights_m[b] - heights_m[a]; };
+    const double crater = difference(heights.craters), relief = difference(heights.relief);
+    const double clod = difference(heights.clods), fragment = difference(heights.fragments);
     sums.craters += crater * crater;
     sums.relief += relief * relief;
     sums.clods += clod * clod;
-    sums.slopes.push_back(std::abs(crater + relief + clod) / baseline_m);
+    sums.fragments += fragment * fragment;
+    sums.slopes.push_back(std::abs(crater + relief + clod + fragment) / baseline_m);
   };
   constexpr std::size_t n = kPostsOfSquare;
   for (std::size_t r = 0; r + 1 < n; ++r)
@@ -75,21 +77,53 @@ Sums sums_of(const Heights& heights, double baseline_m) {
 
 double slope_deg(double slope) { return std::atan(slope) * kDegreesPerRadian; }
 
+// The laws of a preset, one by one, everywhere.
+struct SingleLaws {
+  explicit SingleLaws(const dem::DetailPreset& preset)
+      : craters(only(preset, &dem::DetailPreset::craters)),
+        relief(only(preset, &dem::DetailPreset::relief)),
+        clods(only(preset, &dem::DetailPreset::clods)),
+        fragments(only(preset, &dem::DetailPreset::rocks)) {}
+  dem::Detail craters, relief, clods, fragments;
+  Heights heights(int number, double spacing_m) const {
+    return {square(craters, number, spacing_m), square(relief, number, spacing_m), square(clods, number, spacing_m),
+            square(fragments, number, spacing_m)};
+  }
+
+ private:
+  template <typename Law>
+  static dem::DetailPreset only(const dem::DetailPreset& preset, Law dem::DetailPreset::*law) {
+    dem::DetailPreset single;
+    single.*law = preset.*law;
+    return single;
+  }
+};
+
+// Returns a square box around place number i, and its area.
+std::pair<dem::Footprint, double> box_at(int i, double side_m) {
+  const auto [lat, lon] = place_rad(i);
+  const double half_deg = side_m / 2 / kMetresPerDegree, wide_deg = half_deg / std::cos(lat);
+  const double lat_deg = lat * kDegreesPerRadian, lon_deg = lon * kDegreesPerRadian;
+  const dem::Footprint box{lat_deg - half_deg, lat_deg + half_deg, lon_deg - wide_deg, lon_deg + wide_deg};
+  return {box, dem::area_m2(box)};
+}
+
+// Returns the area of circles of rocks between two diameters over the ground's, by a law.
+double cover_by(const dem::SizeFrequency& law, double smallest_m, double largest_m) {
+  constexpr int kSizes = 64;
+  const double ratio = std::pow(largest_m / smallest_m, 1.0 / kSizes);
+  double cover = 0;
+  for (int i = 0; i < kSizes; ++i) {
+    const double low_m = smallest_m * std::pow(ratio, i);
+    cover += law.between(low_m, low_m * ratio) * std::numbers::pi / 4 * low_m * low_m * ratio;
+  }
+  return cover;
+}
+
 }  // namespace
 
 std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places) {
-  dem::DetailPreset single_law = preset;
-  single_law.relief = {};
-  single_law.clods = {};
-  single_law.rocks = {};
-  single_law.region = {};
-  const dem::Detail craters(single_law);
-  single_law.craters = {};
-  single_law.relief = preset.relief;
-  const dem::Detail relief(single_law);
-  single_law.relief = {};
-  single_law.clods = preset.clods;
-  const dem::Detail clods(single_law);
+  const SingleLaws laws(preset);
   std::vector<SlopeRow> rows;
   double rms_before = 0;
   for (const double baseline_m :
@@ -97,26 +131,24 @@ std::vector<SlopeRow> ground_slopes(const dem::DetailPreset& preset, int places)
     if (baseline_m < kShortestPublished_m && !(preset.clods.cover > 0)) continue;
     std::vector<Sums> squares(static_cast<std::size_t>(places));
     in_parallel(squares.size(), [&](std::size_t i) {
-      const int number = static_cast<int>(i);
-      squares[i] = sums_of(
-          {square(craters, number, baseline_m), square(relief, number, baseline_m), square(clods, number, baseline_m)},
-          baseline_m);
+      squares[i] = sums_of(laws.heights(static_cast<int>(i), baseline_m), baseline_m);
     });
     Sums total;
     for (const Sums& s : squares) {
       total.craters += s.craters;
       total.relief += s.relief;
       total.clods += s.clods;
+      total.fragments += s.fragments;
       total.slopes.insert(total.slopes.end(), s.slopes.begin(), s.slopes.end());
     }
-    const double variance = total.craters + total.relief + total.clods,
+    const double variance = total.craters + total.relief + total.clods + total.fragments,
                  rms_m = std::sqrt(variance / static_cast<double>(total.slopes.size()));
     const double hurst = rows.empty() ? std::numeric_limits<double>::quiet_NaN()
                                       : std::log(rms_m / rms_before) / std::log(baseline_m / rows.back().baseline_m);
     const auto share = [&](double sum) { return variance > 0 ? sum / variance : 0; };
     const bool published = preset.published && baseline_m >= kShortestPublished_m;
     rows.push_back({baseline_m, slope_deg(rms_m / baseline_m), slope_deg(median(total.slopes)), hurst,
-                    share(total.craters), share(total.relief), share(total.clods),
+                    share(total.craters), share(total.relief), share(total.clods), share(total.fragments),
                     slope_deg(ranked(total.slopes, total.slopes.size() * 99 / 100)),
                     published ? preset.published->at_deg(baseline_m) : std::numeric_limits<double>::quiet_NaN()});
     rms_before = rms_m;
@@ -132,28 +164,88 @@ std::vector<CraterRow> ground_craters(const dem::DetailPreset& preset) {
   for (int k = field.smallest_octave(); k <= field.largest_octave(); ++k) {
     constexpr int kSquares = 12;
     constexpr double kDiameters = 96;
-    double area_km2 = 0;
+    double area_km2 = 0, depths = 0;
     int listed = 0, visible = 0;
     for (int i = 0; i < kSquares; ++i) {
-      const auto [lat, lon] = place_rad(i);
-      const double half_deg = std::ldexp(kDiameters / 2, k) / kMetresPerDegree, wide_deg = half_deg / std::cos(lat);
-      const double lat_deg = lat * kDegreesPerRadian, lon_deg = lon * kDegreesPerRadian;
-      const dem::Footprint box{lat_deg - half_deg, lat_deg + half_deg, lon_deg - wide_deg, lon_deg + wide_deg};
-      area_km2 += dem::area_m2(box) / 1e6;
+      const auto [box, area_m2] = box_at(i, std::ldexp(kDiameters, k));
+      area_km2 += area_m2 / 1e6;
       const std::vector<dem::Crater> nearby = field.in_box(k, dem::around(box, std::ldexp(5.0, k)), {});
       for (const dem::Crater& crater : nearby) {
         if (!dem::holds(box, to_geographic(crater.centre * kMoonRadius_m)) ||
             !dem::remains_of(field, crater, nearby).any())
           continue;
         listed += crater.depth_m >= dem::Detail::kWorn * crater.diameter_m;
-        visible += crater.depth_m >= dem::kVisible * crater.diameter_m;
+        if (crater.depth_m < dem::kVisible * crater.diameter_m) continue;
+        ++visible;
+        depths += crater.depth_m / crater.diameter_m;
       }
     }
     const double smallest_m = std::max(std::ldexp(1.0, k), preset.craters.smallest_m);
-    rows.push_back(
-        {smallest_m, 1e6 * ages.number_per_m2(smallest_m, field.largest_m(k)), listed / area_km2, visible / area_km2});
+    rows.push_back({smallest_m, 1e6 * ages.number_per_m2(smallest_m, field.largest_m(k)), listed / area_km2,
+                    visible / area_km2, depths / visible});
   }
   return rows;
+}
+
+std::vector<RockRow> ground_rocks(const dem::DetailPreset& preset) {
+  dem::RockLaw law = preset.rocks;
+  law.on_ejecta = 1;
+  const dem::RockField rocks(law);
+  if (rocks.empty()) return {};
+  const dem::FragmentField fragments(law);
+  std::vector<RockRow> rows;
+  for (int k = fragments.empty() ? rocks.smallest_octave() : fragments.smallest_octave(); k <= rocks.largest_octave();
+       ++k) {
+    // Some thousand rocks: their area scatters by a twentieth.
+    constexpr int kBoxes = 12;
+    constexpr double kDiameters = 1000;
+    double ground_m2 = 0, rocks_m2 = 0, fragments_m2 = 0;
+    for (int i = 0; i < kBoxes; ++i) {
+      const auto [box, area_m2] = box_at(i, std::ldexp(kDiameters, k));
+      ground_m2 += area_m2;
+      std::vector<dem::Rock> found;
+      if (k >= rocks.smallest_octave()) rocks.in_box(k, box, {}, found);
+      for (const dem::Rock& rock : found) rocks_m2 += std::numbers::pi / 4 * rock.diameter_m * rock.diameter_m;
+      if (k <= fragments.largest_octave()) fragments_m2 += fragments.area_m2(k, box);
+    }
+    const double first_m = law.smallest_fragment_m > 0 ? law.smallest_fragment_m : law.smallest_m;
+    const double smallest_m = std::max(std::ldexp(1.0, k), first_m);
+    rows.push_back({smallest_m, cover_by(law.frequency, smallest_m, rocks.largest_m(k)),
+                    (rocks_m2 + fragments_m2) / ground_m2, fragments_m2 / ground_m2});
+  }
+  return rows;
+}
+
+std::vector<RoughnessRow> ground_roughness(const dem::DetailPreset& preset, int places) {
+  if (!(preset.clods.cover > 0)) return {};
+  constexpr double kWindow_m = 0.125;
+  const SingleLaws laws(preset);
+  std::vector<double> about_mean_m(static_cast<std::size_t>(places)), about_plane_m(about_mean_m.size());
+  in_parallel(about_plane_m.size(), [&](std::size_t window) {
+    const Heights heights = laws.heights(static_cast<int>(window), kWindow_m / kPostsOfSquare);
+    // Sums over the window of heights, of their squares, and of their products with both coordinates.
+    double sum = 0, squares = 0, along_x = 0, along_y = 0, coordinate_squares = 0;
+    for (int r = 0; r < kPostsOfSquare; ++r)
+      for (int c = 0; c < kPostsOfSquare; ++c) {
+        const auto i = static_cast<std::size_t>(r * kPostsOfSquare + c);
+        const double height_m = heights.craters[i] + heights.relief[i] + heights.clods[i] + heights.fragments[i];
+        const double x = c - (kPostsOfSquare - 1) / 2.0, y = r - (kPostsOfSquare - 1) / 2.0;
+        sum += height_m;
+        squares += height_m * height_m;
+        along_x += x * height_m;
+        along_y += y * height_m;
+        coordinate_squares += x * x;
+      }
+    constexpr double kPosts = kPostsOfSquare * kPostsOfSquare;
+    const double variance = squares / kPosts - sum / kPosts * (sum / kPosts);
+    const double of_plane = (along_x * along_x + along_y * along_y) / (coordinate_squares * kPosts);
+    about_mean_m[window] = std::sqrt(std::max(0.0, variance));
+    about_plane_m[window] = std::sqrt(std::max(0.0, variance - of_plane));
+  });
+  const auto percentile = [&](std::size_t percent) {
+    return ranked(about_plane_m, (about_plane_m.size() - 1) * percent / 100);
+  };
+  return {{kWindow_m, percentile(50), percentile(5), percentile(95), median(about_mean_m)}};
 }
 
 std::vector<AlbedoRow> ground_albedo(const dem::DetailPreset& preset, int places) {

@@ -37,7 +37,7 @@ class Ground(unittest.TestCase):
         self.assertAlmostEqual(float(at_17_m["published_median_deg"]), 2.0)
         self.assertAlmostEqual(float(at_17_m["median_deg"]), 2.0, delta=0.4)
         craters = rows_of(folder, "craters.csv")
-        self.assertEqual(list(craters[0]), ["diameter_m", "law", "listed", "visible"])
+        self.assertEqual(list(craters[0]), ["diameter_m", "law", "listed", "visible", "depth_over_diameter"])
         for row in craters:
             if 2 <= float(row["diameter_m"]) < 50:
                 self.assertAlmostEqual(float(row["visible"]) / float(row["law"]), 1, delta=0.2, msg=row)

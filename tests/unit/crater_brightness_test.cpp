@@ -36,7 +36,7 @@ CraterLaw craters(double smallest_m, double largest_m, std::uint64_t seed = 5) {
 // A map's albedo must stay the mean over the ground: exactly what the craters add is subtracted. The scatter between
 // squares of a million positions is 0.0004.
 TEST(CraterBrightness, ItsMeanIsOne) {
-  for (const int octave : {-1, 3, 5}) {
+  for (const int octave : {-1, 3, 5, 8}) {
     const double smallest_m = std::ldexp(1.0, octave);
     double sum = 0;
     constexpr int kSeeds = 4;
@@ -57,7 +57,7 @@ TEST(CraterBrightness, YoungCratersAreBrightAndFade) {
   const CraterBrightness brightness(field, 1);
   double darkest = 1, brightest = 0;
   for (std::uint64_t id = 1; id < 2000; ++id) {
-    Crater crater{Vec3::UnitX(), 40, 5, 0, 0, 1, id * 0x9E3779B97F4A7C15U};
+    Crater crater{Vec3::UnitX(), 40, 5, 0, 0, 0, id * 0x9E3779B97F4A7C15U, {}};  // without height, hence walls
     const double fresh = brightness.at_rim(crater);
     darkest = std::min(darkest, fresh);
     brightest = std::max(brightest, fresh);
@@ -71,6 +71,19 @@ TEST(CraterBrightness, YoungCratersAreBrightAndFade) {
   }
   EXPECT_NEAR(darkest, 0.2 * 0.7, 0.01);
   EXPECT_NEAR(brightest, 1.2 * 0.7, 0.03);
+}
+
+// A crater whose wall is steeper than 30 degrees adds 0.3 there while it is steep; one of 15 degrees adds nothing.
+TEST(CraterBrightness, SteepWallsAreBright) {
+  const CraterField field(craters(64, 512));
+  const CraterBrightness brightness(field, 1);
+  const auto at_rim = [&](double depth_over_diameter, double age) {
+    const double scale = 200 * depth_over_diameter / CraterShape::kFreshDepth;
+    return brightness.at_rim({Vec3::UnitX(), 200, 0, 3000, age, scale, 7, {}});
+  };
+  EXPECT_NEAR(at_rim(0.27, 0), 0.15, 0.02);  // the rim is the middle of the wall's upper edge
+  EXPECT_EQ(at_rim(0.27, 0.1), 0);
+  EXPECT_EQ(at_rim(0.11, 0), 0);
 }
 
 // Blocks are made one by one: a position has the same factor, to the bit, in each grid that contains it.

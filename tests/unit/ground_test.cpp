@@ -15,14 +15,14 @@ dem::DetailPreset shipped(const std::string& name) {
 }
 
 TEST(Ground, SlopesAreThePublishedOnes) {
-  for (const char* const name : {"mare", "highlands", "polar"}) {
+  for (const char* const name : {"mare", "highlands", "polar", "regolith"}) {
     double at_1_m = 0, at_100_m = 0;  // RMS slopes
     for (const SlopeRow& row : ground_slopes(shipped(name), 60)) {
       if (row.baseline_m == 1) at_1_m = row.rms_deg;
       if (row.baseline_m == 100) at_100_m = row.rms_deg;
-      if (row.baseline_m > 100) continue;
+      if (row.baseline_m > 100 || row.baseline_m < 0.5) continue;
       EXPECT_NEAR(row.median_deg / row.published_deg, 1, 0.2) << name << ' ' << row.baseline_m;
-      EXPECT_NEAR(row.craters_share + row.relief_share + row.clods_share, 1, 1e-12);
+      EXPECT_NEAR(row.craters_share + row.relief_share + row.clods_share + row.fragments_share, 1, 1e-12);
       if (name == std::string("mare") && row.baseline_m == 1) {
         EXPECT_LT(row.relief_share, 0.4);
       }
@@ -58,7 +58,55 @@ TEST(Ground, CratersAreAsManyAsTheLawHas) {
     for (const CraterRow& row : ground_craters(shipped(name))) {
       EXPECT_NEAR(row.visible / row.law, 1, 0.15) << name << ' ' << row.diameter_m;
       EXPECT_GE(row.listed, row.visible);
+      if (row.diameter_m < 3) {
+        EXPECT_NEAR(row.depth_over_diameter, 0.06, 0.005) << name << ' ' << row.diameter_m;
+      }
     }
+}
+
+// The area of the rocks of an octave is the law's, from fragments of 4 mm to rocks of 4 m.
+TEST(Ground, RocksCoverAsMuchAsTheLawHas) {
+  for (const char* const name : {"landing", "polar", "polar_rocky", "regolith"}) {
+    const std::vector<RockRow> rows = ground_rocks(shipped(name));
+    EXPECT_EQ(rows.size(), name == std::string("regolith") ? 11U : 8U);
+    for (const RockRow& row : rows) {
+      EXPECT_NEAR(row.area / row.law, 1, row.diameter_m < 4 ? 0.15 : 0.3) << name << ' ' << row.diameter_m;
+      EXPECT_EQ(row.fragments > 0, row.diameter_m < 0.05) << row.diameter_m;
+    }
+  }
+  EXPECT_TRUE(ground_rocks(shipped("mare")).empty());
+}
+
+// Haworth's two grounds: the rocky parts have 20 times the rocks above 1 m, and more of smaller ones.
+TEST(Ground, PolarRocksAreThoseOfHaworth) {
+  const dem::RockLaw between = shipped("polar").rocks, rocky = shipped("polar_rocky").rocks;
+  EXPECT_NEAR(between.frequency.above(1), 0.0001, 1e-9);
+  EXPECT_NEAR(rocky.frequency.above(1), dem::rocks_of_haworth().above(1), 1e-9);
+  EXPECT_NEAR(between.frequency.above(1) * between.on_ejecta, rocky.frequency.above(1), 1e-6);
+}
+
+// Every preset names what its laws were measured on and what it extrapolates.
+TEST(Ground, PresetsNameTheirSources) {
+  for (const char* const name : {"mare", "highlands", "landing", "polar", "polar_rocky", "regolith"}) {
+    const dem::DetailPreset preset = shipped(name);
+    const std::size_t laws = 2U + (preset.clods.cover > 0) + (preset.rocks.smallest_m < preset.rocks.largest_m);
+    ASSERT_EQ(preset.sources.size(), laws) << name;
+    for (const dem::LawSource& source : preset.sources) {
+      EXPECT_FALSE(source.measured.empty()) << name << ' ' << source.law;
+      EXPECT_FALSE(source.extrapolated.empty()) << name << ' ' << source.law;
+    }
+  }
+}
+
+// RMS heights in windows of 125 mm: from 1 to 18 mm, median 4 (Guo et al. 2021).
+TEST(Ground, OfTheLastMetresIsAsHighAsMeasured) {
+  const std::vector<RoughnessRow> rows = ground_roughness(shipped("regolith"), 120);
+  ASSERT_EQ(rows.size(), 1U);
+  EXPECT_LT(rows[0].median_m, 0.005);
+  EXPECT_GT(rows[0].median_about_mean_m, 0.0025);
+  EXPECT_GT(rows[0].low_m, 0.001);
+  EXPECT_LT(rows[0].high_m, 0.018);
+  EXPECT_TRUE(ground_roughness(shipped("mare"), 4).empty());
 }
 
 // What an albedo map's mean is must stay; the deviation and the bright share are those that the law was chosen for.

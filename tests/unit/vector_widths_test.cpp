@@ -88,7 +88,7 @@ TEST(VectorWidths, DetailIsTheSame) {
   expect_same_at_every_width<double>([&] {
     std::vector<double> heights(kPostsAlong * kPostsAlong);
     std::vector<float> in_crater(kPostsAlong * kPostsAlong);
-    detail.add(grid.grid(), dem::kMaxLevel, 8, heights, {in_crater, {}});
+    detail.add(grid.grid(), dem::kMaxLevel, 8, heights, {in_crater, {}, {}});
     heights.insert(heights.end(), in_crater.begin(), in_crater.end());
     return heights;
   });

@@ -27,17 +27,19 @@ GroundHeight ground_height_of(const Json& body, const GroundHeights& ground, con
 
 std::string max_detail_error_meaning() {
   return fmt::format(
-      "size limit of omitted detail, or max_error_px if larger: craters, relief and clods of at least {:g} times "
-      "as many pixels are shown. It is relaxed when that needs more than {:g} triangles per pixel: `detail_limit_px` "
-      "is the "
-      "value used, `detail_error_px` bounds the height error left",
+      "size limit of omitted detail, or max_error_px if larger: craters, relief, clods and fragments of at least {:g} "
+      "times as many pixels are shown. It is relaxed when that needs more than {:g} triangles per pixel: "
+      "`detail_limit_px` is the value used, `detail_error_px` bounds the height error left",
       engine::Accuracy::kSmallestShown, engine::Accuracy::kDetailTrianglesPerPixel);
 }
 
 OrderedJson detail_metadata(const std::string& name, const dem::Detail& detail) {
-  return {{"name", name},
-          {"version", fmt::format("{:016x}", detail.preset().fingerprint)},
-          {"synthetic", "ground finer than the posts: where `gsd` is finer than the source's posts"}};
+  OrderedJson metadata{{"name", name},
+                       {"version", fmt::format("{:016x}", detail.preset().fingerprint)},
+                       {"synthetic", "ground finer than the posts: where `gsd` is finer than the source's posts"}};
+  for (const dem::LawSource& source : detail.preset().sources)
+    metadata["sources"][source.law] = {{"measured", source.measured}, {"extrapolated", source.extrapolated}};
+  return metadata;
 }
 
 void warn_of_no_rocks(const dem::Detail& detail, OrderedJson& warnings) {
