@@ -253,6 +253,16 @@ bool NeedsSubsteps(const RunningHorizon& running, const float* tangent_here) {
   return false;
 }
 
+// Returns true if a lane's ground ends between the last step and this one: at the border of the data or at a void.
+bool LeavesData(const float* tangent_before, const float* tangent_here) {
+  const Sixteen d;
+  for (int i = 0; i < kPacket; i += kLanes) {
+    const auto had_data = hn::Not(hn::IsNaN(hn::Load(d, tangent_before + i)));
+    if (!hn::AllFalse(d, hn::And(had_data, hn::IsNaN(hn::Load(d, tangent_here + i))))) return true;
+  }
+  return false;
+}
+
 // Returns true if the step's ground rises above the horizon of any lane that has one. A lane's first ground only begins
 // its horizon: ground nearer than a step is not seen.
 bool RisesAboveHorizon(const RunningHorizon& running, const float* tangent_here) {
@@ -277,30 +287,39 @@ void RaiseHorizon(const float* tangent_here, RunningHorizon& running) {
 }
 
 // Runs a march. Calls on_step(index of the grid, distance of the step's middle in m, tangents at its end) for each step
-// or substep, before the horizon includes it. At every fourth step, is_done(grid, distance) may end the march.
+// or substep, before the horizon includes it. At every fourth step, is_done(grid, distance) may end the march. Substeps
+// read the finest heights: coarser ones cut crests, and end up to a post before the border of the data.
 template <typename OnStep, typename IsDone>
 void RunMarch(const RayMarch& march, float farthest_m, RunningHorizon& running, const OnStep& on_step,
               const IsDone& is_done) {
+  constexpr std::size_t kFinestGrid = 0;
+  // Shares of a step. Ground that the last substep cuts off at the border is missing in the light; lit ground is often
+  // there, at the upper end of a slope.
+  constexpr float kSubstep = 0.25F, kSubstepAtBorder = 1.F / 16;
   alignas(64) float tangent_here[kPacket];
+  alignas(64) float tangent_before[kPacket];  // of the last step
   alignas(64) float tangent_between[kPacket];
   for (int i = 0; i < kPacket; ++i) {
     running.tangent[i] = kNothing;
     running.rise[i] = 0;
+    tangent_before[i] = std::numeric_limits<float>::quiet_NaN();
   }
   for (Steps steps(march.grids, farthest_m); steps.next();) {
     const std::size_t grid = steps.grid();
     ElevationTangents(march, grid, steps.distance_m(), tangent_here);
-    constexpr float kSubstep = 0.25F;  // share of a step
-    const bool needs_substeps = NeedsSubsteps(running, tangent_here);
+    const bool has_crest_or_wall = NeedsSubsteps(running, tangent_here);
+    const bool leaves_data = LeavesData(tangent_before, tangent_here);
+    const float substep = leaves_data ? kSubstepAtBorder : has_crest_or_wall ? kSubstep : 1;
     // Begin in the step before: the crest may lie before its end. Share 0, its end, has been evaluated.
-    for (float share = -1 + kSubstep; needs_substeps && share < 1; share += kSubstep) {
+    for (float share = has_crest_or_wall ? substep - 1 : substep; share < 1; share += substep) {
       if (share == 0) continue;
-      ElevationTangents(march, grid, steps.distance_at_share_m(share), tangent_between);
-      on_step(grid, steps.distance_at_share_m(share - kSubstep / 2), tangent_between);
+      ElevationTangents(march, kFinestGrid, steps.distance_at_share_m(share), tangent_between);
+      on_step(kFinestGrid, steps.distance_at_share_m(share - substep / 2), tangent_between);
       RaiseHorizon(tangent_between, running);
     }
-    on_step(grid, steps.distance_at_share_m(needs_substeps ? 1 - kSubstep / 2 : 0.5F), tangent_here);
+    on_step(grid, steps.distance_at_share_m(1 - substep / 2), tangent_here);
     RaiseHorizon(tangent_here, running);
+    std::copy_n(tangent_here, kPacket, tangent_before);
     if (steps.is_check_step() && is_done(march.grids[grid], steps.distance_m())) break;
   }
 }

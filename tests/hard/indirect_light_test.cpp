@@ -20,12 +20,13 @@ IndirectTruth::Error compare(const Renderer& renderer, const FrameRequest& reque
   return truth.of(renderer.render(with).products.irradiance);
 }
 
-FrameRequest above(double lat_deg, double lon_deg, double height_m, double sun_elevation_deg) {
+FrameRequest above(double lat_deg, double lon_deg, double height_m, double sun_elevation_deg,
+                   double sun_azimuth_deg = 90) {
   FrameRequest request = test::blank_request();
   request.camera = test::square_camera(216, 43.28);
   const Vec3 eye = to_cartesian({lat_deg, lon_deg, height_m});
   request.pose = test::looking(eye, -eye, Vec3::UnitZ());
-  request.sun.direction = sun_direction(local_axes(lat_deg, lon_deg), 90, sun_elevation_deg);
+  request.sun.direction = sun_direction(local_axes(lat_deg, lon_deg), sun_azimuth_deg, sun_elevation_deg);
   return request;
 }
 
@@ -87,8 +88,20 @@ TEST(IndirectLight, AgreesWithRaysNearThePole) {
     EXPECT_LT(found.worst, c.worst) << c.elevation_deg << " " << c.spacing_px;
     if (c.elevation_deg >= 2) {
       EXPECT_GE(found.shadow_ratio, IndirectLight::shadow_light_at_least(c.elevation_deg).value());
+      EXPECT_NEAR(found.shadow_ratio, 1, 0.03) << c.elevation_deg << " " << c.spacing_px;
     }
   }
+}
+
+// A dark hillside that the ground at its upper edge lights, where the data end.
+TEST(IndirectLight, AgreesWithRaysBelowTheBorderOfTheData) {
+  const std::string file = test::shared_data("real/mesh_2km_5mpix.tif");
+  SELENOGRAPH_SKIP_WITHOUT(file);
+  const Renderer renderer(test::open_terrain(file), RendererOptions{2, std::size_t{1} << 30});
+  const IndirectTruth::Error found =
+      compare(renderer, above(-84.1906, 86.5858, -2650, 5, 30), IndirectLight::kDefaultSpacing_px, strata());
+  say(found, 5);
+  EXPECT_NEAR(found.shadow_ratio, 1, 0.03);
 }
 
 }  // namespace
